@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-HERE = Path(__file__).parents[1]
+THIS_CHECKOUT = Path(__file__).parents[1]
 KERNEL_RUNS = [(options, sample_time) for options in ("bare", "all four") for sample_time in (30, 1)]
 LANES, SECONDS = 1024, 7200
 
@@ -64,16 +64,19 @@ def cases(fc: Any) -> Iterator[tuple[str, Callable[[], Any]]]:
     yield "open loop", lambda: fc.simulate(fc.Loop(), days, command=command, traces=["m_w", "T_sup"], warm_up=0)
     enabled = np.ones(3600)
     enabled[1000:1600] = 0.0
-    off = {n: v[0] for n, v in hour.series.items()} | {"enabled": enabled}
-    yield "disabled", lambda: fc.simulate(fc.Loop(**learner), fc.Boundary(**off), warm_up=300, traces=["u", "T_sup"])
+    disabled_series = {n: v[0] for n, v in hour.series.items()} | {"enabled": enabled}
+    yield (
+        "disabled",
+        lambda: fc.simulate(fc.Loop(**learner), fc.Boundary(**disabled_series), warm_up=300, traces=["u", "T_sup"]),
+    )
     yield "design day", lambda: fc.simulate(fc.Loop.preset("lbnl"), fc.design_day(hours=3))
     yield "constant day", lambda: fc.simulate(fc.Loop(backlash=[0.0, 0.07]), fc.constant_day(hours=3))
     yield "compare", lambda: fc.compare(
         fc.simulate(fc.Loop(estimate_ratio=[0.0, 0.9]), fc.paper_day(hours=2, seed=range(4))),
         baseline={"estimate_ratio": 0.0}, over="day",
     )  # fmt: skip
-    yield "valve fit", lambda: _fitted(fc.fit_valve(_log(fc, hour, ["command", "m_w"])))
-    yield "coil fit", lambda: _fitted(fc.fit_coil(_log(fc, hour, ["m_w", "T_sup", "T_w_out"]), warm_up=600))
+    yield "valve fit", lambda: _fit_values(fc.fit_valve(_log(fc, hour, ["command", "m_w"])))
+    yield "coil fit", lambda: _fit_values(fc.fit_coil(_log(fc, hour, ["m_w", "T_sup", "T_w_out"]), warm_up=600))
     yield "replay", lambda: fc.replay(fc.Loop(**learner), _log(fc, hour, ["T_sup"]))
 
 
@@ -87,19 +90,19 @@ def _log(fc: Any, day: Any, names: list[str]) -> Any:
     return ds[names].merge(boundary).isel(elapsed_time=slice(None, None, 10)).reset_coords(drop=True)
 
 
-def _fitted(fit: Any) -> dict[str, Any]:
+def _fit_values(fit: Any) -> dict[str, Any]:
     return {"parameters": list(fit.parameters.values()), "intervals": list(fit.intervals.values())} | {
         str(name): values.values for name, values in fit.residuals.items() if values.dtype.kind == "f"
     }
 
 
-def digests(found: Any) -> dict[str, str]:
+def digests(dataset: Any) -> dict[str, str]:
     """One hash for the values of each variable and coordinate; how numbers are stored does not matter."""
-    arrays = {str(n): v.values for n, v in found.variables.items()} if hasattr(found, "variables") else found
+    arrays = {str(n): v.values for n, v in dataset.variables.items()} if hasattr(dataset, "variables") else dataset
     numbers = {n: np.asarray(v).astype("<f8") for n, v in arrays.items() if np.asarray(v).dtype.kind in "biuf"}
     # one NaN is as good as another
-    plain = {name: np.where(np.isnan(values), np.nan, values) for name, values in numbers.items()}
-    return {name: hashlib.sha256(values.tobytes()).hexdigest()[:16] for name, values in plain.items()}
+    comparable_arrays = {name: np.where(np.isnan(values), np.nan, values) for name, values in numbers.items()}
+    return {name: hashlib.sha256(values.tobytes()).hexdigest()[:16] for name, values in comparable_arrays.items()}
 
 
 def serve() -> None:
@@ -109,22 +112,22 @@ def serve() -> None:
 
     import fastcoil as fc
 
-    wanted, out = dict(cases(fc)), os.fdopen(os.dup(1), "w")
+    cases_by_name, out = dict(cases(fc)), os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # whatever a library prints is no answer
-    ready: dict[str, Callable[[], Any]] = {}
-    print(json.dumps(list(wanted)), file=out, flush=True)
+    kernel_runs: dict[str, Callable[[], Any]] = {}
+    print(json.dumps(list(cases_by_name)), file=out, flush=True)
     for line in sys.stdin:
         kind, name = json.loads(line)
         if kind == "numbers":
-            answer: Any = digests(wanted[name]())
+            answer: Any = digests(cases_by_name[name]())
         else:
             options, sample_time = name
             key = f"{options} {sample_time}"
-            if key not in ready:
-                ready[key] = suite.kernel(suite.plan(LANES, SECONDS, sample_time, suite.OPTIONS[options]))
-                ready[key]()
+            if key not in kernel_runs:
+                kernel_runs[key] = suite.kernel(suite.plan(LANES, SECONDS, sample_time, suite.OPTIONS[options]))
+                kernel_runs[key]()
             start = time.process_time()
-            ready[key]()
+            kernel_runs[key]()
             answer = (time.process_time() - start) / LANES / SECONDS
         print(json.dumps(answer), file=out, flush=True)
 
@@ -161,45 +164,49 @@ def main() -> None:
     parser.add_argument("other", nargs="?", type=Path, help="the checkout to compare with")
     parser.add_argument("--rounds", type=int, default=15, help="alternating rounds of the kernel; 0: numbers only")
     parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
-    given = parser.parse_args()
-    if given.serve:
+    arguments = parser.parse_args()
+    if arguments.serve:
         serve()
         return
-    if given.other is None or not (given.other / "fastcoil").is_dir():
-        parser.error(f"{given.other}: give the folder of another checkout of fastcoil")
-    ours, theirs = Checkout(HERE), Checkout(given.other.absolute())
-    differing = compare_numbers(ours, theirs)
-    for options, sample_time in KERNEL_RUNS if given.rounds > 0 else []:
+    if arguments.other is None or not (arguments.other / "fastcoil").is_dir():
+        parser.error(f"{arguments.other}: give the folder of another checkout of fastcoil")
+    this_checkout, other_checkout = Checkout(THIS_CHECKOUT), Checkout(arguments.other.absolute())
+    differing = compare_numbers(this_checkout, other_checkout)
+    for options, sample_time in KERNEL_RUNS if arguments.rounds > 0 else []:
         pairs = []
-        for k in range(given.rounds):  # whoever goes first may find the machine in another state
-            order = (ours, theirs) if k % 2 == 0 else (theirs, ours)
+        for k in range(arguments.rounds):  # whoever goes first may find the machine in another state
+            order = (this_checkout, other_checkout) if k % 2 == 0 else (other_checkout, this_checkout)
             seconds = {checkout: checkout.ask("time", [options, sample_time]) for checkout in order}
-            pairs.append((seconds[ours], seconds[theirs]))
-        mine, other = (1e9 * statistics.median(times) for times in zip(*pairs, strict=True))
+            pairs.append((seconds[this_checkout], seconds[other_checkout]))
+        this_ns, other_ns = (1e9 * statistics.median(times) for times in zip(*pairs, strict=True))
         ratio = statistics.median(a / b for a, b in pairs)
-        print(f"{options}, sample time {sample_time} s: {mine:.2f} against {other:.2f} ns per lane-step, × {ratio:.3f}")
+        print(
+            f"{options}, sample time {sample_time} s: {this_ns:.2f} against {other_ns:.2f} ns per lane-step, × {ratio:.3f}"
+        )
     sys.exit(1 if differing else 0)
 
 
-def compare_numbers(ours: Checkout, theirs: Checkout) -> int:
+def compare_numbers(this_checkout: Checkout, other_checkout: Checkout) -> int:
     """Print what differs; returns in how many variables."""
     differing = n = 0
-    for name in (name for name in ours.names if name in theirs.names):
-        mine, other = (_named_as_today(checkout.ask("numbers", name)) for checkout in (ours, theirs))
-        shared = mine.keys() & other.keys()
-        wrong = sorted(v for v in shared if mine[v] != other[v])
-        n, differing = n + len(shared), differing + len(wrong)
-        if wrong:
-            print(f"{name}: {', '.join(wrong)} differ")
+    for name in (name for name in this_checkout.names if name in other_checkout.names):
+        this_digests, other_digests = (
+            _rename_former_metrics(checkout.ask("numbers", name)) for checkout in (this_checkout, other_checkout)
+        )
+        shared = this_digests.keys() & other_digests.keys()
+        differing_variables = sorted(v for v in shared if this_digests[v] != other_digests[v])
+        n, differing = n + len(shared), differing + len(differing_variables)
+        if differing_variables:
+            print(f"{name}: {', '.join(differing_variables)} differ")
     print(f"{n - differing:,} of {n:,} variables are equal to the last bit")
     return differing
 
 
-def _named_as_today(found: dict[str, str]) -> dict[str, str]:
+def _rename_former_metrics(digests_by_name: dict[str, str]) -> dict[str, str]:
     """Digests by the names that metrics have now: the other checkout may be older."""
     from fastcoil.model.metric_table import FORMER_METRICS
 
-    return {FORMER_METRICS.get(name, (name, ""))[0]: digest for name, digest in found.items()}
+    return {FORMER_METRICS.get(name, (name, ""))[0]: digest for name, digest in digests_by_name.items()}
 
 
 if __name__ == "__main__":

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import Timed
-from helpers.browsers import chromium, exploring, settled, why_no_browser
+from helpers.browsers import chromium, explore_page, wait_for_page, why_no_browser
 from suite import QUICK
 
-from fastcoil.deliver.explore.loop import Model, Settings, settings_of
+from fastcoil.deliver.explore.loop import Model, Settings, initial_settings
 
 GAPS, NOISES = 31, 11
 """Steps of two sliders."""
@@ -43,10 +43,10 @@ slider.value = slider.categories[at]
 
 
 @pytest.mark.parametrize("what", ["loop", "explanation", "map", "all"])
-def test_server(timed: Timed, what: str) -> None:
+def test_server(timed: Timed, stage: str) -> None:
     """All that a move makes new, on one thread."""
     model = Model()
-    usual = settings_of(model.first, model.starts[model.first])
+    usual = initial_settings(model.first, model.starts[model.first])
     gaps = itertools.count(1)
 
     def another() -> tuple[tuple[object, ...], dict[str, object]]:
@@ -55,27 +55,27 @@ def test_server(timed: Timed, what: str) -> None:
     def everything(settings: Settings) -> tuple[object, ...]:
         return model.run(settings), model.explain(settings), model.map(replace(settings, kp=0.02))
 
-    asked: dict[str, Callable[..., object]] = {
+    computations: dict[str, Callable[..., object]] = {
         "loop": model.run, "explanation": model.explain, "map": model.map, "all": everything,
     }  # fmt: skip
-    assert timed(asked[what], 20, setup=another)
+    assert timed(computations[stage], 20, setup=another)
 
 
 @pytest.mark.skipif(bool(why_no_browser()), reason=why_no_browser())
 def test_browser(timed: Timed, benchmark: Any) -> None:
     """The same in Chromium, with the server, the wire and the painting; never a loop that was shown before."""
     moves = itertools.product(range(1, NOISES), range(GAPS))
-    within: list[list[float]] = []
-    with exploring() as (_, address), chromium(1920, 1080) as driver:
+    painted_after: list[list[float]] = []
+    with explore_page() as (_, address), chromium(1920, 1080) as driver:
         driver.get(address)
-        settled(driver)
+        wait_for_page(driver)
 
         def move() -> None:
             noise, gap = next(moves)
             if gap == 0:
                 driver.execute_async_script(MOVE, "noise_std", noise)
-            within.append(driver.execute_async_script(MOVE, "backlash", (7 * gap) % GAPS))
+            painted_after.append(driver.execute_async_script(MOVE, "backlash", (7 * gap) % GAPS))
 
         timed(move, ROUNDS)
-    for stage, seconds in zip(STAGES, np.array(within, dtype=float).T / 1000.0, strict=True):
+    for stage, seconds in zip(STAGES, np.array(painted_after, dtype=float).T / 1000.0, strict=True):
         benchmark.extra_info[stage] = {"median": float(np.median(seconds)), "95 %": float(np.quantile(seconds, 0.95))}

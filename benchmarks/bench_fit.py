@@ -21,10 +21,10 @@ def log(hours: float, seed: int) -> xr.Dataset:
     day["m_a"] = day["m_a"] * np.repeat(rng.uniform(0.5, 1.1, n // 600), 600)
     command = np.repeat(rng.uniform(0.1, 0.9, n // 300), 300)
     ds = fc.simulate(fc.Loop(), fc.Boundary(**day), command=command, traces=["command", "m_w", "T_sup"], warm_up=0)
-    found = ds[["command", "m_w", "T_sup"]]
+    signals = ds[["command", "m_w", "T_sup"]]
     for name, unit in (("m_a", "kg/s"), ("T_a_in", "degC"), ("W_a_in", "1"), ("T_w_in", "degC")):
-        found[name] = ("elapsed_time", day[name], {"units": unit})
-    return found
+        signals[name] = ("elapsed_time", day[name], {"units": unit})
+    return signals
 
 
 def noisy(ds: xr.Dataset, name: str) -> xr.Dataset:
@@ -47,7 +47,7 @@ def test_coil_on_seconds(timed: Timed) -> None:
 def test_coil_on_five_days_of_minutes(timed: Timed) -> None:
     """The nights between are gaps."""
     days = [log(HOURS, seed).isel(elapsed_time=slice(None, None, 60)) for seed in range(5)]
-    late = [d.assign_coords(elapsed_time=d["elapsed_time"] + 86400.0 * k) for k, d in enumerate(days)]
-    ds = noisy(xr.concat(late, "elapsed_time", combine_attrs="override"), "T_sup")
+    shifted_days = [d.assign_coords(elapsed_time=d["elapsed_time"] + 86400.0 * k) for k, d in enumerate(days)]
+    ds = noisy(xr.concat(shifted_days, "elapsed_time", combine_attrs="override"), "T_sup")
     ds["elapsed_time"].attrs["units"] = "s"
     timed(lambda: fc.fit_coil(ds, holds=["m_w", "m_a"]), 1)

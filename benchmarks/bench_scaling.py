@@ -33,8 +33,8 @@ except (OSError, KeyError):
 def peak_mib(*arguments: int) -> float:
     """Peak memory of a process of its own that does the work, MiB."""
     command = [sys.executable, "-c", PEAK, *map(str, arguments)]
-    done = subprocess.run(command, cwd=common.__file__.rpartition("/peers/")[0], capture_output=True, check=True)
-    return int(done.stdout) / 1024
+    process = subprocess.run(command, cwd=common.__file__.rpartition("/peers/")[0], capture_output=True, check=True)
+    return int(process.stdout) / 1024
 
 
 @pytest.mark.timeout(7200)

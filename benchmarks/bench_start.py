@@ -33,8 +33,8 @@ NO_DASK = (sys.executable, "-c", "import sys; sys.modules['dask'] = None; from f
 def call(*command: str | Path, cache: Path | None = None) -> None:
     environment = os.environ | ({"XDG_CACHE_HOME": str(cache)} if cache else {})
     environment.pop("PYTHONDONTWRITEBYTECODE", None)  # a user's Python reads its sources once
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    process = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert process.returncode == 0, process.stderr
 
 
 @pytest.fixture

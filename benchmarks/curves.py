@@ -18,9 +18,9 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
 
-HERE = Path(__file__).parent
-MODULE = (sys.executable, "-m", "fastcoil")
-PORT = 8797
+FOLDER = Path(__file__).parent
+FASTCOIL_COMMAND = (sys.executable, "-m", "fastcoil")
+SCHEDULER_PORT = 8797
 
 
 class Case(NamedTuple):
@@ -42,8 +42,8 @@ class Case(NamedTuple):
         threads = f"{self.threads} thread{'s' * (self.threads > 1)}"
         if self.kind == "one":
             return threads
-        one = "dask worker" if self.kind == "dask" else "share"
-        return f"{self.processes} {one}{'s' * (self.processes > 1)} of {threads}"
+        unit = "dask worker" if self.kind == "dask" else "share"
+        return f"{self.processes} {unit}{'s' * (self.processes > 1)} of {threads}"
 
 
 def cases(quick: bool) -> Iterator[Case]:
@@ -61,11 +61,11 @@ def cases(quick: bool) -> Iterator[Case]:
 
 def study(case: Case) -> str:
     days = f"seed = [{', '.join(map(str, range(1, case.days + 1)))}]\n" if case.days > 1 else ""
-    carried = "carry_over = true\n" if case.days > 1 else ""
+    carry_over_line = "carry_over = true\n" if case.days > 1 else ""
     return (
         '[loop]\npreset = "lbnl"\nlearning_step = 0.005\nnoise_std = 0.05\n'
         f'[sample]\nmethod = "random"\nsize = {case.scenarios}\nbacklash = {{ uniform = [0.02, 0.15] }}\n'
-        f"[boundary]\nhours = {case.hours}\n{days}[run]\nwarm_up = 1800\n{carried}"
+        f"[boundary]\nhours = {case.hours}\n{days}[run]\nwarm_up = 1800\n{carry_over_line}"
     )
 
 
@@ -74,13 +74,13 @@ def measure(case: Case) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as name, ExitStack() as ending:
         file, out = Path(name, "study.toml"), Path(name, "out")
         file.write_text(study(case), encoding="utf-8")
-        run = [*MODULE, "run", str(file), "-o", str(out), "--no-figures", "-j", str(case.threads)]
+        run = [*FASTCOIL_COMMAND, "run", str(file), "-o", str(out), "--no-figures", "-j", str(case.threads)]
         if case.kind == "dask":
             run[-2:] = ["--backend", "dask", "--scheduler", cluster(case, ending)]
         start = time.perf_counter()
         if case.kind == "shares":
             shares = [[*run, "--shard", f"{k}/{case.processes}"] for k in range(1, case.processes + 1)]
-            peak = max(wait_for([spawn(words) for words in shares]))
+            peak = max(wait_for([spawn(command) for command in shares]))
             run = [*run[:-1], "1"]
             peak = max(peak, *wait_for([spawn(run)]))
         else:
@@ -91,45 +91,47 @@ def measure(case: Case) -> dict[str, Any]:
             "ns": 1e9 * wall / case.lane_steps}  # fmt: skip
 
 
-def spawn(words: list[str]) -> subprocess.Popen[bytes]:
-    return subprocess.Popen(words, stdout=subprocess.DEVNULL)
+def spawn(command: list[str]) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL)
 
 
 def wait_for(running: list[subprocess.Popen[bytes]]) -> list[int]:
     """Peak memory of each process, KiB."""
     peaks = []
     for process in running:
-        _, status, used = os.wait4(process.pid, 0)
+        _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
         if process.returncode:
             raise subprocess.CalledProcessError(process.returncode, process.args)
-        peaks.append(used.ru_maxrss)
+        peaks.append(usage.ru_maxrss)
     return peaks
 
 
 def cluster(case: Case, ending: ExitStack) -> str:
     """Start a scheduler and its workers; returns the address."""
-    dask, address = shutil.which("dask", path=str(Path(sys.executable).parent)), f"tcp://127.0.0.1:{PORT}"
+    dask, address = shutil.which("dask", path=str(Path(sys.executable).parent)), f"tcp://127.0.0.1:{SCHEDULER_PORT}"
     if dask is None:
         raise FileNotFoundError("dask is not installed")
-    words = [[dask, "scheduler", "--host", "127.0.0.1", "--port", str(PORT), "--no-dashboard"]]
-    words += [[dask, "worker", address, "--nworkers", str(case.processes), "--nthreads", "1", "--no-dashboard"]]
-    for each in words:
-        process = subprocess.Popen(each, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    commands = [[dask, "scheduler", "--host", "127.0.0.1", "--port", str(SCHEDULER_PORT), "--no-dashboard"]]
+    commands += [[dask, "worker", address, "--nworkers", str(case.processes), "--nthreads", "1", "--no-dashboard"]]
+    for command in commands:
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         ending.callback(process.wait)
         ending.callback(process.terminate)
         time.sleep(5.0)
     return address
 
 
-def draw(found: list[dict[str, Any]], path: Path) -> None:
+def draw(measurements: list[dict[str, Any]], path: Path) -> None:
     """Cost of a lane-step, memory and disk over the number of scenarios, and cost over the length."""
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(1, 3, figsize=(10.0, 3.2), layout="constrained")
-    one = [row for row in found if row["kind"] == "one"]
+    single_process_rows = [row for row in measurements if row["kind"] == "one"]
     for threads in (1, 2):
-        rows = [row for row in one if row["threads"] == threads and row["days"] == 1 and row["hours"] == 1]
+        rows = [
+            row for row in single_process_rows if row["threads"] == threads and row["days"] == 1 and row["hours"] == 1
+        ]
         label = f"{threads} thread{'s' * (threads > 1)}"
         axes[0].loglog([r["scenarios"] for r in rows], [r["ns"] for r in rows], "o-", label=label)
         if threads == 2:
@@ -138,33 +140,33 @@ def draw(found: list[dict[str, Any]], path: Path) -> None:
     axes[0].set(xlabel="scenarios × 1 h", ylabel="wall time per lane-step, ns")
     axes[1].set(xlabel="scenarios × 1 h", ylabel="MiB")
     for kind, marker in (("dask", "s-"), ("shares", "o-")):
-        rows = [row for row in found if row["kind"] == kind]
+        rows = [row for row in measurements if row["kind"] == kind]
         axes[2].plot([r["processes"] for r in rows], [r["wall"] for r in rows], marker, label=kind)
     axes[2].set(xlabel="processes of one thread", ylabel="wall time, s", ylim=(0, None))
-    for each in axes:
-        each.legend(frameon=False)
-        each.grid(alpha=0.3)
+    for ax in axes:
+        ax.legend(frameon=False)
+        ax.grid(alpha=0.3)
     figure.savefig(path, dpi=150)
 
 
-def rows(found: list[dict[str, Any]]) -> Iterator[tuple[object, ...]]:
+def rows(measurements: list[dict[str, Any]]) -> Iterator[tuple[object, ...]]:
     """Rows of the table."""
-    for r in found:
+    for r in measurements:
         length = f"{r['hours']} h" if r["days"] == 1 else f"{r['days']} × {r['hours']} h"
         yield (f"{r['scenarios']:,}", length, r["runs_by"], f"{r['wall']:.1f}", f"{r['ns']:.1f}",
                f"{r['peak_mib']:,.0f}", f"{r['disk_mib']:,.0f}")  # fmt: skip
 
 
 def main(quick: bool) -> None:
-    subprocess.run([*MODULE, "demo"], check=True, stdout=subprocess.DEVNULL)  # compiles the kernel, once
-    found: list[dict[str, Any]] = []
+    subprocess.run([*FASTCOIL_COMMAND, "demo"], check=True, stdout=subprocess.DEVNULL)  # compiles the kernel, once
+    measurements: list[dict[str, Any]] = []
     for case in cases(quick):
-        found.append(measure(case))
-        sys.stdout.write(" | ".join(map(str, next(rows(found[-1:])))) + "\n")
+        measurements.append(measure(case))
+        sys.stdout.write(" | ".join(map(str, next(rows(measurements[-1:])))) + "\n")
         sys.stdout.flush()
     if not quick:
-        (HERE / "curves.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-        draw(found, HERE / "curves.png")
+        (FOLDER / "curves.json").write_text(json.dumps(measurements, indent=1) + "\n", encoding="utf-8")
+        draw(measurements, FOLDER / "curves.png")
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from fastcoil.base.machine import private_memory
 
-FASTCOIL = [sys.executable, "-m", "fastcoil"]
+FASTCOIL_COMMAND = [sys.executable, "-m", "fastcoil"]
 SECONDS, TRACES = 3600, ("T_sup", "u")
 STUDY = f"""
 title = "{{title}}"
@@ -33,12 +33,12 @@ hours = {SECONDS / 3600:g}
 traces = {list(TRACES)}
 trace_interval = 1
 """
-READ = """
+READ_PROGRAM = """
 import sys, fastcoil as fc
 ds = fc.open_study(sys.argv[1])
 print(float(ds.T_sup.isel(sample=ds.sizes["sample"] // 2).max()), float(ds.u.isel(elapsed_time=-1).mean()))
 """
-DASK = """
+DASK_PROGRAM = """
 import sys, fastcoil as fc
 ds = fc.open_study(sys.argv[1])
 trace = ds.T_sup.chunk(ds.T_sup.encoding["preferred_chunks"])
@@ -46,16 +46,16 @@ print(float(trace.max("elapsed_time").mean()))
 """
 
 
-def measure(what: str, words: list[str]) -> None:
+def measure(label: str, command: list[str]) -> None:
     """Run a command and print what it took."""
     start, peak = time.perf_counter(), 0
-    process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     while process.poll() is None:
         peak = max(peak, private_memory(str(process.pid)))
         time.sleep(0.01)
     if process.returncode:
-        raise subprocess.CalledProcessError(process.returncode, words)
-    sys.stdout.write(f"| {what} | {peak / 2**20:,.0f} | {time.perf_counter() - start:,.0f} |\n")
+        raise subprocess.CalledProcessError(process.returncode, command)
+    sys.stdout.write(f"| {label} | {peak / 2**20:,.0f} | {time.perf_counter() - start:,.0f} |\n")
     sys.stdout.flush()
 
 
@@ -66,16 +66,16 @@ def main(gib: float = 10.0, folder: str | None = None) -> None:
         size = round(gib * 2**30 / (8 * SECONDS * len(TRACES)))
         text = STUDY.format(title="large", size=size)
         file.write_text(text, encoding="utf-8")
-        subprocess.run([*FASTCOIL, "plan", str(file), "-j", "1"], check=True)
-        run = [*FASTCOIL, "run", str(file), "-o", out, "-j", "1"]
+        subprocess.run([*FASTCOIL_COMMAND, "plan", str(file), "-j", "1"], check=True)
+        run = [*FASTCOIL_COMMAND, "run", str(file), "-o", out, "-j", "1"]
         sys.stdout.write("\n| | private memory, MiB | s |\n|---|---:|---:|\n")
         measure("`run`", run)
         bytes_left = sum(path.stat().st_size for path in Path(out).glob("*.nc"))
         for command in ("verify", "report"):
-            measure(f"`{command}`", [*FASTCOIL, command, out])
-        measure("`export --csv`", [*FASTCOIL, "export", out, "--csv", "-o", str(Path(name, "table.csv"))])
-        measure("`open_study`, one loop and one moment", [sys.executable, "-c", READ, out])
-        measure("the highest value of each loop, with dask", [sys.executable, "-c", DASK, out])
+            measure(f"`{command}`", [*FASTCOIL_COMMAND, command, out])
+        measure("`export --csv`", [*FASTCOIL_COMMAND, "export", out, "--csv", "-o", str(Path(name, "table.csv"))])
+        measure("`open_study`, one loop and one moment", [sys.executable, "-c", READ_PROGRAM, out])
+        measure("the highest value of each loop, with dask", [sys.executable, "-c", DASK_PROGRAM, out])
         file.write_text(text.replace('"large"', '"other words"'), encoding="utf-8")
         measure("`run` with another title", run)
         file.write_text(text.replace(f"size = {size}", f"size = {size + size // 100}"), encoding="utf-8")
@@ -89,10 +89,10 @@ def without_traces(size: float = 1e7, folder: str | None = None) -> None:
         file, out = Path(name, "study.toml"), str(Path(name, "out"))
         text = STUDY.format(title="many", size=round(size)).replace(f"hours = {SECONDS / 3600:g}", "hours = 0.1")
         file.write_text(f"{text.split('[run]')[0]}[run]\nwarm_up = 0\n", encoding="utf-8")
-        subprocess.run([*FASTCOIL, "plan", str(file), "-j", "1"], check=True)
+        subprocess.run([*FASTCOIL_COMMAND, "plan", str(file), "-j", "1"], check=True)
         sys.stdout.write("\n| | private memory, MiB | s |\n|---|---:|---:|\n")
-        measure("`run`", [*FASTCOIL, "run", str(file), "-o", out, "-j", "1"])
-        measure("`report`", [*FASTCOIL, "report", out])
+        measure("`run`", [*FASTCOIL_COMMAND, "run", str(file), "-o", out, "-j", "1"])
+        measure("`report`", [*FASTCOIL_COMMAND, "report", out])
 
 
 if __name__ == "__main__":

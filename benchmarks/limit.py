@@ -22,7 +22,7 @@ from report import alternate, spread
 from suite import LANES, contenders
 
 import fastcoil as fc
-from fastcoil.model.engine.plant import pass_damp, warm_water
+from fastcoil.model.engine.plant import air_step_wet, water_step
 from fastcoil.model.numerics.jit import FLAGS, widest_vectors
 
 BLOCKS, SECONDS, ROUNDS = 8, 7200, 15
@@ -39,17 +39,17 @@ def kernel() -> str:
     """Assembly of the kernel's two loops over a wet volume."""
 
     def water(S, V, i):  # type: ignore[no-untyped-def]
-        warm_water(S, V, i, True)
+        water_step(S, V, i, True)
 
     def air(S, V, i, eps_a, eps_star, m_a, m_a_dt, T_dry):  # type: ignore[no-untyped-def]
-        return pass_damp(S, V, i, True, eps_a, eps_star, m_a, m_a_dt, T_dry)
+        return air_step_wet(S, V, i, True, eps_a, eps_star, m_a, m_a_dt, T_dry)
 
     with widest_vectors():
-        found = [
+        compiled_functions = [
             numba.njit((ROWS, ROWS, types.int64, *n * [NUMBER]), **FLAGS)(f).inspect_asm()
             for f, n in ((water, 0), (air, 5))
         ]
-    return "\n".join(text for each in found for text in each.values())
+    return "\n".join(text for assembly_by_signature in compiled_functions for text in assembly_by_signature.values())
 
 
 def peer() -> str:
@@ -76,9 +76,9 @@ def loops(assembly: str) -> Iterator[Loop]:
 def cycles(loop: Loop) -> tuple[float, float]:
     """Cycles for a vector of the divider, and of the busiest other port, as llvm-mca counts them."""
     code = "\n".join(loop.code)
-    words = ["llvm-mca", "-mcpu=icelake-server", "-iterations=100"]
-    found = subprocess.run(words, input=code, capture_output=True, text=True, check=True).stdout
-    per_iteration = found.split("Resource pressure per iteration:\n")[1].splitlines()[1].split()
+    command = ["llvm-mca", "-mcpu=icelake-server", "-iterations=100"]
+    mca_report = subprocess.run(command, input=code, capture_output=True, text=True, check=True).stdout
+    per_iteration = mca_report.split("Resource pressure per iteration:\n")[1].splitlines()[1].split()
     pressures = [0.0 if p == "-" else float(p) / loop.vectors for p in per_iteration]
     return max(pressures[:2]), max(pressures[2:])
 
@@ -106,11 +106,11 @@ def times(sample_time: int) -> Iterator[str]:
     runs = {c.name: c.ready(scenarios, series) for c in contenders() if c.threads == 1}
     divide = division()
     runs = {"divisions": lambda: divide(wet)} | {n: runs[n] for n in ("C", "fastcoil, kernel")}
-    found = alternate(runs, ROUNDS, time.process_time)
-    for name, seconds in found.items():
-        what = f"{name} of {wet:.1f} wet volumes" if name == "divisions" else name
+    seconds_by_program = alternate(runs, ROUNDS, time.process_time)
+    for name, seconds in seconds_by_program.items():
+        label = f"{name} of {wet:.1f} wet volumes" if name == "divisions" else name
         cost = 1e9 * seconds / BLOCKS / LANES / SECONDS
-        yield f"| {what} | {sample_time} s | {spread(cost, 1)} | {spread(seconds / found['divisions'], 2)} |"
+        yield f"| {label} | {sample_time} s | {spread(cost, 1)} | {spread(seconds / seconds_by_program['divisions'], 2)} |"
 
 
 def main() -> None:

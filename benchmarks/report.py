@@ -63,42 +63,46 @@ def table(head: tuple[str, ...], rows: Iterator[tuple[object, ...]]) -> Iterator
 
 def race(sample_time: int) -> dict[tuple[str, int], np.ndarray]:
     """Seconds of each contender, by name and threads, in alternating rounds."""
-    everybody = list(contenders())
-    for contender in everybody:
+    all_contenders = list(contenders())
+    for contender in all_contenders:
         contender.check(sample_time)
     work = common.work(LANES_IN_ALL, SECONDS, sample_time)
-    return alternate({c[:2]: c.ready(*work) for c in everybody}, ROUNDS)
+    return alternate({c[:2]: c.ready(*work) for c in all_contenders}, ROUNDS)
 
 
-def peers(found: dict[tuple[str, int], np.ndarray]) -> Iterator[tuple[object, ...]]:
+def peer_rows(seconds_by_contender: dict[tuple[str, int], np.ndarray]) -> Iterator[tuple[object, ...]]:
     """One row per contender, compared with the C on as many threads, or with fastcoil where there is no C."""
     lane_steps = LANES_IN_ALL * SECONDS
-    for (name, threads), seconds in found.items():
-        yardstick = found.get(("C", threads), found["fastcoil, kernel", threads])
+    for (name, threads), seconds in seconds_by_contender.items():
+        yardstick = seconds_by_contender.get(("C", threads), seconds_by_contender["fastcoil, kernel", threads])
         rate = lane_steps / np.median(seconds) / 1e6
         yield name, threads, spread(1e9 * seconds / lane_steps, 1), f"{rate:.1f}", spread(seconds / yardstick, 2)
 
 
-def options(sample_time: int) -> Iterator[tuple[object, ...]]:
+def option_rows(sample_time: int) -> Iterator[tuple[object, ...]]:
     """One row per set of options, compared with the bare loop."""
     lanes, seconds = (LANES, 2400) if QUICK else (4 * LANES, 7200)
     works = {name: plan(lanes, seconds, sample_time, option) for name, option in OPTIONS.items()}
-    found = alternate({name: kernel(work) for name, work in works.items()}, ROUNDS)
-    for name, s in found.items():
-        yield name, spread(1e9 * s / (lanes * seconds), 1), spread(s / found["bare"], 2)
+    seconds_by_option = alternate({name: kernel(work) for name, work in works.items()}, ROUNDS)
+    for name, seconds_of_option in seconds_by_option.items():
+        yield (
+            name,
+            spread(1e9 * seconds_of_option / (lanes * seconds), 1),
+            spread(seconds_of_option / seconds_by_option["bare"], 2),
+        )
 
 
-def lanes(sample_time: int) -> Iterator[tuple[object, ...]]:
+def lane_rows(sample_time: int) -> Iterator[tuple[object, ...]]:
     """One row per number of lanes, compared with one block."""
     seconds = 2400 if QUICK else 7200
     counts = (LANES, 4 * LANES, 16 * LANES)
-    found = alternate({n: kernel(plan(n, seconds, sample_time)) for n in counts}, ROUNDS)
-    cost = {n: 1e9 * s / (n * seconds) for n, s in found.items()}
+    seconds_by_lanes = alternate({n: kernel(plan(n, seconds, sample_time)) for n in counts}, ROUNDS)
+    cost = {n: 1e9 * s / (n * seconds) for n, s in seconds_by_lanes.items()}
     for n in counts:
         yield n, spread(cost[n], 1), spread(cost[n] / cost[LANES], 2)
 
 
-def everything(results: dict[str, Any]) -> Iterator[tuple[object, ...]]:
+def benchmark_rows(results: dict[str, Any]) -> Iterator[tuple[object, ...]]:
     """One row per benchmark of the JSON file."""
     for b in results["benchmarks"]:
         info, stats = b["extra_info"], b["stats"]
@@ -159,14 +163,14 @@ def report(results: dict[str, Any]) -> Iterator[str]:
     for sample_time in SAMPLE_TIMES:
         yield f"Sample time {sample_time} s:\n"
         head = ("", "threads", "ns per lane-step, wall", "10⁶ lane-steps/s", "time / C's")
-        yield from table(head, peers(races[sample_time]))
+        yield from table(head, peer_rows(races[sample_time]))
 
     yield "## Kernel\n"
     yield "Alternating runs on one thread, ratios round by round.\n"
     for sample_time in SAMPLE_TIMES:
         yield f"Sample time {sample_time} s:\n"
-        yield from table(("options", "ns per lane-step", "time / bare"), options(sample_time))
-        yield from table(("lanes", "ns per lane-step", f"cost / {LANES} lanes"), lanes(sample_time))
+        yield from table(("options", "ns per lane-step", "time / bare"), option_rows(sample_time))
+        yield from table(("lanes", "ns per lane-step", f"cost / {LANES} lanes"), lane_rows(sample_time))
 
     if CURVES.exists():
         yield "## What a study costs\n"
@@ -182,7 +186,7 @@ def report(results: dict[str, Any]) -> Iterator[str]:
     yield "## Every benchmark\n"
     yield "One after the other, by pytest-benchmark.  A scenario-day has 8 h; peak memory is that of a process alone.\n"
     head = ("", "lanes", "threads", "rounds", "s", "ns per lane-step", "scenario-days/s", "peak, MiB")
-    yield from table(head, everything(results))
+    yield from table(head, benchmark_rows(results))
 
 
 if __name__ == "__main__":

@@ -48,7 +48,7 @@ def narrowing(compiled):
     return narrowed
 
 
-def in_double(compiled, function):
+def compile_in_double(compiled, function):
     """The function for numbers in single precision."""
     return compiled(lambda x: np.float32(function(np.float64(x))))
 
@@ -60,7 +60,7 @@ def narrow():
     )
     elementary.fma = jit.scalar(lambda a, b, c: a * b + c)
     for name in ("exp", "log"):
-        setattr(elementary, name, in_double(jit.exact, getattr(elementary, name)))
+        setattr(elementary, name, compile_in_double(jit.exact, getattr(elementary, name)))
     stages.ROWS = numba.types.CPointer(numba.float32)
     jit.kernel_folder = stages.kernel_folder = lambda _: None
     for name in ("scalar", "section", "exact", "kernel"):
@@ -73,7 +73,7 @@ def narrow():
     )
 
 
-def simulated(work, seed):
+def simulate_work(work, seed):
     """The Dataset of a work: the robustness study on a day, or sizes of gap in a year of noise."""
     import fastcoil as fc
 
@@ -93,31 +93,31 @@ def serve():
     """Answer ``time SAMPLE_TIME`` and ``WORK SEED FILE`` with ns per lane-step; metrics go into the file."""
     import suite
 
-    ready = {t: suite.kernel(suite.plan(LANES, SECONDS, float(t))) for t in ("30", "1")}
+    kernel_runs = {t: suite.kernel(suite.plan(LANES, SECONDS, float(t))) for t in ("30", "1")}
     for line in sys.stdin:
-        what, which, *file = line.split()
+        request, argument, *file = line.split()
         start = time.process_time()
-        if what == "time":
-            ready[which]()
+        if request == "time":
+            kernel_runs[argument]()
         else:
-            ds = simulated(what, int(which))
+            ds = simulate_work(request, int(argument))
             np.savez(file[0], **{n: v.transpose("estimate_ratio", ...).values for n, v in ds.data_vars.items()})
         print(1e9 * (time.process_time() - start) / LANES / SECONDS, flush=True)
 
 
-def compared(double, single, other):
+def comparison_cells(double, single, other_seed):
     """Cells: days; the worst metric by its median deviation; verdicts that single, or another seed, changes."""
     with np.errstate(all="ignore"):
-        off = {n: np.abs(single[n] / double[n] - 1.0) for n in double if n != "status"}
-    middle = {n: np.median(v[np.isfinite(v)]) for n, v in off.items() if np.isfinite(v).any()}
-    worst = max(middle, key=middle.get)
-    yield from (f"{double['rmse'].size:,}", f"{100 * middle[worst]:.2g} % ({worst})")
+        deviation = {n: np.abs(single[n] / double[n] - 1.0) for n in double if n != "status"}
+    median_deviation = {n: np.median(v[np.isfinite(v)]) for n, v in deviation.items() if np.isfinite(v).any()}
+    worst = max(median_deviation, key=median_deviation.get)
+    yield from (f"{double['rmse'].size:,}", f"{100 * median_deviation[worst]:.2g} % ({worst})")
     for verdict in (
         lambda ds: ds["hunts"] == 1.0,
         lambda ds: ds["switch_frequency"][1:] > 2.0 * ds["switch_frequency"][:1],
         lambda ds: ds["rmse"][1:] < ds["rmse"][:1],
     ):
-        one, two, three = map(verdict, (double, single, other))
+        one, two, three = map(verdict, (double, single, other_seed))
         yield f"{100 * np.mean(one != two):.2f} / {100 * np.mean(one != three):.2f} %"
 
 
@@ -142,9 +142,9 @@ def main():
             for name, seed in (("double", 1), ("single", 1), ("double", 2)):
                 files.append(f"{folder}/{work}-{name}-{seed}.npz")
                 ask(name, work, seed, files[-1])
-            print(f"| {work} | {' | '.join(compared(*map(np.load, files)))} |", flush=True)
-    for each in process.values():
-        each.stdin.close()
+            print(f"| {work} | {' | '.join(comparison_cells(*map(np.load, files)))} |", flush=True)
+    for program in process.values():
+        program.stdin.close()
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from peers import c_peer, common, numpy_lanes, scalar_numba
 
 import fastcoil as fc
 from fastcoil.loops.plan import Plan, plan_simulation
-from fastcoil.model.engine.lanes import blocks, parameter_matrix, run_block
+from fastcoil.model.engine.lanes import cut_into_blocks, parameter_matrix, run_block
 from fastcoil.model.engine.rows import LANES
 from fastcoil.model.metric_table import METRICS
 
@@ -68,21 +68,21 @@ def plan(lanes: int, seconds: int, sample_time: float, options: Options = OPTION
 
 def kernel(work: Plan, threads: int = 1) -> Callable[[], common.Arrays]:
     """Return a function that runs all blocks of ``work`` through the kernel, and nothing else."""
-    cut = blocks(parameter_matrix(work.layout.columns(np.arange(work.n_scenarios))))
+    lane_blocks = cut_into_blocks(parameter_matrix(work.layout.columns(np.arange(work.n_scenarios))))
 
-    def one(entry: tuple[np.ndarray, Any]) -> tuple[np.ndarray, np.ndarray]:
+    def run_one(entry: tuple[np.ndarray, Any]) -> tuple[np.ndarray, np.ndarray]:
         return entry[0], run_block(entry[1], work.days[0], work.traces)[0]
 
     def run() -> common.Arrays:
         if threads == 1:
-            done = list(map(one, cut))
+            block_results = list(map(run_one, lane_blocks))
         else:
             with ThreadPoolExecutor(threads) as pool:
-                done = list(pool.map(one, cut))
-        found = np.empty((len(METRICS), work.n_scenarios))
-        for members, metrics in done:
-            found[:, members] = metrics[:, : members.size]
-        return dict(zip(METRICS, found, strict=True))
+                block_results = list(pool.map(run_one, lane_blocks))
+        all_metrics = np.empty((len(METRICS), work.n_scenarios))
+        for members, metrics in block_results:
+            all_metrics[:, members] = metrics[:, : members.size]
+        return dict(zip(METRICS, all_metrics, strict=True))
 
     return run
 
@@ -100,11 +100,11 @@ class Contender(NamedTuple):
         common.check(lambda scenarios, series, _: self.ready(scenarios, series)(), n, seconds, sample_time)
 
 
-def _peer(run: Callable[..., common.Arrays], **options: int) -> Callable[..., Callable[[], common.Arrays]]:
+def _make_peer(run: Callable[..., common.Arrays], **options: int) -> Callable[..., Callable[[], common.Arrays]]:
     return lambda scenarios, series: partial(run, scenarios, series, common.WARM_UP, **options)
 
 
-def _kernel(threads: int) -> Callable[..., Callable[[], common.Arrays]]:
+def _make_kernel(threads: int) -> Callable[..., Callable[[], common.Arrays]]:
     def ready(scenarios: common.Arrays, series: common.Arrays) -> Callable[[], common.Arrays]:
         swept = {{"estimate": "backlash_estimate"}.get(k, k): ("case", v) for k, v in scenarios.items()}
         return kernel(
@@ -123,10 +123,10 @@ def contenders() -> Iterator[Contender]:
         has_c = False
     for n in THREADS:
         if has_c:
-            yield Contender("C", n, _peer(c_peer.run, threads=n))
-        yield Contender("fastcoil, kernel", n, _kernel(n))
-        yield Contender("fastcoil, simulate", n, _peer(common.fastcoil_run, n_jobs=n))
-        yield Contender("scalar Numba", n, _peer(scalar_numba.run, threads=min(n, numba.config.NUMBA_NUM_THREADS)))
-    yield Contender("NumPy", 1, _peer(numpy_lanes.run))
+            yield Contender("C", n, _make_peer(c_peer.run, threads=n))
+        yield Contender("fastcoil, kernel", n, _make_kernel(n))
+        yield Contender("fastcoil, simulate", n, _make_peer(common.fastcoil_run, n_jobs=n))
+        yield Contender("scalar Numba", n, _make_peer(scalar_numba.run, threads=min(n, numba.config.NUMBA_NUM_THREADS)))
+    yield Contender("NumPy", 1, _make_peer(numpy_lanes.run))
     if has_jax:
-        yield Contender("JAX", ALL, _peer(importlib.import_module("peers.jax_scan").run))
+        yield Contender("JAX", ALL, _make_peer(importlib.import_module("peers.jax_scan").run))

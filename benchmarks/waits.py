@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-ASKED_SIMULATE, ASKED_KERNEL = 1.3, 1.15
+MAX_SIMULATE_TO_KERNEL, MAX_KERNEL_TO_C = 1.3, 1.15
 """``simulate`` over its kernel; kernel over C."""
 _COMMANDS = (
     ("import numpy, numba, xarray, netCDF4 and no more", "test_libraries", None),
@@ -23,9 +23,9 @@ _COMMANDS = (
     ("fastcoil run, nothing compiled", "test_run_cold", 11.0),
 )
 """What, benchmark, and the seconds asked for."""
-_ASKED_MOVE = {"median": 0.15, "95 %": 0.2}
+_MOVE_LIMITS_S = {"median": 0.15, "95 %": 0.2}
 """Seconds of a move in ``fastcoil explore`` until its answer is painted."""
-_ANSWERS = {"curves": _ASKED_MOVE, "explanation": _ASKED_MOVE, "map": dict.fromkeys(_ASKED_MOVE)}
+_STAGE_LIMITS_S = {"curves": _MOVE_LIMITS_S, "explanation": _MOVE_LIMITS_S, "map": dict.fromkeys(_MOVE_LIMITS_S)}
 """What follows a move, in this order, and what was asked for; nothing was for the map."""
 
 Rounds = Mapping[tuple[str, int], np.ndarray]
@@ -35,39 +35,39 @@ Rounds = Mapping[tuple[str, int], np.ndarray]
 def waits(results: dict[str, Any], peers: Mapping[int, Rounds]) -> Iterator[tuple[object, ...]]:
     """One row for each wait.  results: of pytest-benchmark.  peers: alternating runs by sample time."""
     timed = {b["name"]: b for b in results["benchmarks"]}
-    for what, name, asked in _COMMANDS:
+    for label, name, limit in _COMMANDS:
         if name in timed:
             s = timed[name]["stats"]
             yield (
-                what,
-                _limit(asked, " s"),
+                label,
+                _limit_text(limit, " s"),
                 f"{s['median']:.3g} s ({s['min']:.3g}–{s['max']:.3g})",
-                _verdict(s["median"], asked),
+                _verdict(s["median"], limit),
             )
     moves = timed.get("test_browser", {}).get("extra_info", {})
-    for stage, limits in _ANSWERS.items() if moves else ():
-        for which, asked in limits.items():
-            reached = moves[stage][which]
-            what = f"a move in fastcoil explore until the {stage}, {which}"
-            yield what, _limit(asked, " s"), f"{reached:.3g} s", _verdict(reached, asked)
-    for sample_time, found in peers.items():
-        for (name, threads), seconds in found.items():
+    for stage, limits in _STAGE_LIMITS_S.items() if moves else ():
+        for statistic, limit in limits.items():
+            reached = moves[stage][statistic]
+            label = f"a move in fastcoil explore until the {stage}, {statistic}"
+            yield label, _limit_text(limit, " s"), f"{reached:.3g} s", _verdict(reached, limit)
+    for sample_time, seconds_by_contender in peers.items():
+        for (name, threads), seconds in seconds_by_contender.items():
             if name == "fastcoil, kernel":
                 at = f"{sample_time} s, {threads} threads" if threads > 1 else f"{sample_time} s, 1 thread"
-                whole = found["fastcoil, simulate", threads]
-                yield _ratio(f"simulate / its kernel, {at}", whole / seconds, ASKED_SIMULATE)
-                if ("C", threads) in found:
-                    yield _ratio(f"kernel / C, {at}", seconds / found["C", threads], ASKED_KERNEL)
+                whole = seconds_by_contender["fastcoil, simulate", threads]
+                yield _ratio_row(f"simulate / its kernel, {at}", whole / seconds, MAX_SIMULATE_TO_KERNEL)
+                if ("C", threads) in seconds_by_contender:
+                    yield _ratio_row(f"kernel / C, {at}", seconds / seconds_by_contender["C", threads], MAX_KERNEL_TO_C)
 
 
-def _ratio(what: str, ratios: np.ndarray, asked: float) -> tuple[object, ...]:
-    middle = float(np.median(ratios))
-    return what, _limit(asked), f"{middle:.2f} ({ratios.min():.2f}–{ratios.max():.2f})", _verdict(middle, asked)
+def _ratio_row(label: str, ratios: np.ndarray, limit: float) -> tuple[object, ...]:
+    median = float(np.median(ratios))
+    return label, _limit_text(limit), f"{median:.2f} ({ratios.min():.2f}–{ratios.max():.2f})", _verdict(median, limit)
 
 
-def _limit(asked: float | None, unit: str = "") -> str:
-    return "" if asked is None else f"≤ {asked:g}{unit}"
+def _limit_text(limit: float | None, unit: str = "") -> str:
+    return "" if limit is None else f"≤ {limit:g}{unit}"
 
 
-def _verdict(reached: float, asked: float | None) -> str:
-    return "" if asked is None else "yes" if reached <= asked else "no"
+def _verdict(reached: float, limit: float | None) -> str:
+    return "" if limit is None else "yes" if reached <= limit else "no"

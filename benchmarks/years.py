@@ -16,13 +16,13 @@ import numpy as np
 
 import fastcoil as fc
 
-STEPS = 86_400
+SECONDS_A_DAY = 86_400
 
 
 def make(label: int) -> dict[str, np.ndarray]:
     """A day: on from 6 to 20 h, with a set-point that moves every hour."""
-    t = np.arange(float(STEPS))
-    swing = np.sin(2 * np.pi * t / STEPS + 0.1 * label)
+    t = np.arange(float(SECONDS_A_DAY))
+    swing = np.sin(2 * np.pi * t / SECONDS_A_DAY + 0.1 * label)
     return {
         "m_a": 1.2 + 0.1 * swing,
         "T_a_in": 25.0 + 2.0 * swing,
@@ -35,7 +35,7 @@ def make(label: int) -> dict[str, np.ndarray]:
 
 def run(lanes: int, days: int, *, carry_over: bool) -> str:
     """Simulate; returns lane-seconds per second of CPU, wall time, s, and peak memory, MiB."""
-    boundary = fc.Boundary.from_days(make, day=range(days), hours=STEPS / 3600)
+    boundary = fc.Boundary.from_days(make, day=range(days), hours=SECONDS_A_DAY / 3600)
     loop = fc.Loop.preset("lbnl").assign(
         backlash=("sample", np.linspace(0.0, 0.15, lanes)), learning_step=0.005, noise_std=0.05
     )
@@ -45,7 +45,7 @@ def run(lanes: int, days: int, *, carry_over: bool) -> str:
     fc.simulate(loop, boundary, carry_over=carry_over, n_jobs=1)
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
     status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
-    return f"{lanes * days * STEPS / cpu:.4g} {wall:.1f} {int(status['VmHWM'].split()[0]) / 1024:.0f}"
+    return f"{lanes * days * SECONDS_A_DAY / cpu:.4g} {wall:.1f} {int(status['VmHWM'].split()[0]) / 1024:.0f}"
 
 
 def main(lanes: int = 256, days: int = 8, rounds: int = 3) -> None:
@@ -53,13 +53,13 @@ def main(lanes: int = 256, days: int = 8, rounds: int = 3) -> None:
     speeds: dict[str, list[float]] = {"in sequence": [], "each by itself": []}
     for k in range(2 * rounds):
         kind = [*speeds][(k + k // 2) % 2]  # A B B A A B …
-        words = [sys.executable, __file__, "--one", kind, str(lanes), str(days)]
-        found = subprocess.run(words, capture_output=True, check=True, text=True).stdout.split()
-        speeds[kind].append(float(found[0]))
-        sys.stdout.write(f"{kind}: {found[0]} lane-seconds per s of CPU, {found[1]} s, {found[2]} MiB\n")
+        command = [sys.executable, __file__, "--one", kind, str(lanes), str(days)]
+        figures = subprocess.run(command, capture_output=True, check=True, text=True).stdout.split()
+        speeds[kind].append(float(figures[0]))
+        sys.stdout.write(f"{kind}: {figures[0]} lane-seconds per s of CPU, {figures[1]} s, {figures[2]} MiB\n")
         sys.stdout.flush()
-    sequence, apart = (statistics.median(of_kind) for of_kind in speeds.values())
-    sys.stdout.write(f"{lanes} lanes x {days} days of 24 h: in sequence at {sequence / apart:.2f} of the speed\n")
+    sequence, separate = (statistics.median(of_kind) for of_kind in speeds.values())
+    sys.stdout.write(f"{lanes} lanes x {days} days of 24 h: in sequence at {sequence / separate:.2f} of the speed\n")
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from sphinx.application import Sphinx
 import fastcoil
 
 ROOT = Path(__file__).resolve().parents[1]
-MADE = ROOT / "build" / "docs"
+BUILD_FOLDER = ROOT / "build" / "docs"
 sys.path.insert(0, str(ROOT / "docs"))
 
 from builder.pages import redirects, shown_file  # noqa: E402
@@ -27,8 +27,8 @@ for (
         module = sys.modules[f"fastcoil.{name}"] = ModuleType(f"fastcoil.{name}", thing.__doc__)
         module.__dict__.update({inner: getattr(thing, inner) for inner in thing.__all__})
 
-stage(ROOT, MADE / "pages")
-stage_scripts(ROOT / "docs" / "gallery", MADE / "scripts")
+stage(ROOT, BUILD_FOLDER / "pages")
+stage_scripts(ROOT / "docs" / "gallery", BUILD_FOLDER / "scripts")
 
 project = "fastcoil"
 author = "The fastcoil authors"
@@ -60,7 +60,7 @@ numpydoc_show_class_members = False
 numpydoc_xref_param_type = False
 
 sphinx_gallery_conf = {
-    "examples_dirs": str(MADE / "scripts"),
+    "examples_dirs": str(BUILD_FOLDER / "scripts"),
     "gallery_dirs": "examples",
     "filename_pattern": r"\.py",
     "within_subsection_order": "FileNameSortKey",
@@ -104,9 +104,11 @@ def linkcode_resolve(domain: str, info: dict[str, str]) -> str:
     return f"../{shown_file(str(path))}.html"
 
 
-def without_signature(app: Sphinx, what: str, name: str, thing: object, options: object, *said: str) -> tuple | None:
+def without_signature(
+    app: Sphinx, kind: str, name: str, documented: object, options: object, *signature: str
+) -> tuple | None:
     """Show no arguments of the classes of results, which are named by their module and which only functions make."""
-    return ("", None) if what == "class" and name.count(".") > 2 else None
+    return ("", None) if kind == "class" and name.count(".") > 2 else None
 
 
 def write_redirects(app: Sphinx, exception: Exception | None) -> None:

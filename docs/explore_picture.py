@@ -6,10 +6,10 @@ from pathlib import Path
 DOCS = Path(__file__).parent
 sys.path.insert(0, str(DOCS.parent / "tests"))
 
-from helpers.browsers import chromium, exploring, settled  # noqa: E402
+from helpers.browsers import chromium, explore_page, wait_for_page  # noqa: E402
 
-with exploring() as (_, address), chromium(1280, 800) as driver:
+with explore_page() as (_, address), chromium(1280, 800) as driver:
     driver.get(address)
-    settled(driver)
+    wait_for_page(driver)
     driver.execute_async_script("requestAnimationFrame(() => requestAnimationFrame(arguments[0]))")
     driver.save_screenshot(str(DOCS / "explore.png"))

@@ -10,7 +10,7 @@ import threading
 from importlib import import_module
 from typing import Any
 
-_HOME = {
+_MODULE_OF_NAME = {
     "Boundary": "loops.boundary",
     "FastcoilError": "base.errors",
     "InputError": "base.errors",
@@ -54,19 +54,21 @@ _HOME = {
     "weather_year": "loops.boundary.weather",
 }
 
-_loading = threading.RLock()
+_import_lock = threading.RLock()
 # a child of a fork inherits a module that another thread is just loading as it is, and would wait for it for ever
 if hasattr(os, "register_at_fork"):  # not on Windows
-    os.register_at_fork(before=_loading.acquire, after_in_parent=_loading.release, after_in_child=_loading.release)
+    os.register_at_fork(
+        before=_import_lock.acquire, after_in_parent=_import_lock.release, after_in_child=_import_lock.release
+    )
 
-__all__ = [*_HOME, "__version__", "parameters", "plot"]  # noqa: PLE0604
+__all__ = [*_MODULE_OF_NAME, "__version__", "parameters", "plot"]  # noqa: PLE0604
 
 
 def parameters() -> dict[str, Any]:
     """Every parameter of a loop by name: unit, bounds, default and meaning; printed as a list."""
-    from fastcoil.model.parameter_table import PARAMETERS, Listing
+    from fastcoil.model.parameter_table import PARAMETERS, ParameterListing
 
-    return Listing(PARAMETERS)
+    return ParameterListing(PARAMETERS)
 
 
 def __getattr__(name: str) -> Any:
@@ -75,11 +77,11 @@ def __getattr__(name: str) -> Any:
 
         value: Any = VERSION
     elif name == "plot":
-        with _loading:
+        with _import_lock:
             value = import_module("fastcoil.deliver.figures")
-    elif name in _HOME:
-        with _loading:
-            value = getattr(import_module(f"fastcoil.{_HOME[name]}"), name)
+    elif name in _MODULE_OF_NAME:
+        with _import_lock:
+            value = getattr(import_module(f"fastcoil.{_MODULE_OF_NAME[name]}"), name)
     else:
         raise AttributeError(f"module 'fastcoil' has no attribute {name!r}")
     globals()[name] = value

@@ -14,7 +14,7 @@ import traceback
 
 from fastcoil.base.errors import EXIT_BUG, EXIT_INTERRUPTED, EXIT_STORAGE, EXIT_TERMINATED
 from fastcoil.cli.main import main
-from fastcoil.cli.terminal import guard_streams, say
+from fastcoil.cli.terminal import echo, guard_streams
 
 
 def run() -> None:
@@ -24,37 +24,37 @@ def run() -> None:
     stdout = guard_streams()
     code = _run_command()
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # nothing is left to undo, and waiting for workers ends without words
-    lost = stdout.loss()
-    if lost is not None:
-        say(f"fastcoil: not all lines could be printed ({lost}); files were written as usual", err=True)
+    loss = stdout.loss_reason()
+    if loss is not None:
+        echo(f"fastcoil: not all lines could be printed ({loss}); files were written as usual", err=True)
     if code in (EXIT_INTERRUPTED, EXIT_TERMINATED):
-        _end_at_once(code)
+        _exit_without_waiting(code)
     netcdf = sys.modules.get("fastcoil.loops.netcdf")
     if netcdf is not None and netcdf.abandoned:  # the library would crash on them at interpreter exit
-        _exit(code)
-    sys.exit(code or (EXIT_STORAGE if lost is not None else 0))
+        _flush_and_exit(code)
+    sys.exit(code or (EXIT_STORAGE if loss is not None else 0))
 
 
 def _run_command() -> int:
     try:
         main()
-    except SystemExit as end:
-        return end.code if isinstance(end.code, int) else 0 if end.code is None else EXIT_BUG
+    except SystemExit as system_exit:
+        return system_exit.code if isinstance(system_exit.code, int) else 0 if system_exit.code is None else EXIT_BUG
     except Exception:
-        say(*traceback.format_exc().rstrip().split("\n"), err=True)
+        echo(*traceback.format_exc().rstrip().split("\n"), err=True)
         return EXIT_BUG
     return 0
 
 
-def _end_at_once(code: int) -> None:
+def _exit_without_waiting(code: int) -> None:
     """After an interrupt, do not wait for a thread in the middle of a shard."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    others = [thread for thread in threading.enumerate() if thread is not threading.main_thread()]
-    if not all(thread.daemon for thread in others):
-        _exit(code)
+    threads = [thread for thread in threading.enumerate() if thread is not threading.main_thread()]
+    if not all(thread.daemon for thread in threads):
+        _flush_and_exit(code)
 
 
-def _exit(code: int) -> None:
+def _flush_and_exit(code: int) -> None:
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code)

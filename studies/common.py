@@ -16,7 +16,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 import fastcoil as fc
-from fastcoil.base.text import percent
+from fastcoil.base.text import format_share
 from fastcoil.study.analysis.compare import interval
 
 STUDIES = Path(__file__).parent
@@ -232,7 +232,7 @@ class Share(NamedTuple):
 
     def written(self, decimals: int) -> str:
         """In per cent."""
-        return percent(*self, decimals=decimals)
+        return format_share(*self, decimals=decimals)
 
 
 def share_of(holds: xr.DataArray, among: xr.DataArray | None = None) -> Share:

@@ -53,14 +53,17 @@ def pytest_collection_modifyitems(config, items):
     from fastcoil.model.numerics.jit import JIT_ENABLED
 
     # while one process compiles the kernel, the others have tests without it; what many tests share is started once
-    shared = ("forked", "two_workers")
+    shared_fixtures = ("forked", "two_workers")
     items.sort(
-        key=lambda item: (bool(item.get_closest_marker("kernel")), *(n not in item.fixturenames for n in shared))
+        key=lambda item: (
+            bool(item.get_closest_marker("kernel")),
+            *(n not in item.fixturenames for n in shared_fixtures),
+        )
     )
     if not os.environ.get("FASTCOIL_FULL"):
-        long = [item for item in items if item.get_closest_marker("full")]
-        config.hook.pytest_deselected(items=long)
-        items[:] = [item for item in items if item not in long]
+        full_items = [item for item in items if item.get_closest_marker("full")]
+        config.hook.pytest_deselected(items=full_items)
+        items[:] = [item for item in items if item not in full_items]
     else:
         for item in items:
             item.add_marker(pytest.mark.timeout(3600))
@@ -75,7 +78,7 @@ def pytest_collection_modifyitems(config, items):
 def pytest_runtest_protocol(item):
     """Compile the kernel in one process of pytest-xdist for all, before the clock and the fixtures of a test start."""
     if item.get_closest_marker("kernel") and not item.get_closest_marker("skip"):
-        compile_once(shared_by_all(item.config._tmp_path_factory))
+        compile_once(shared_folder(item.config._tmp_path_factory))
     return (yield)
 
 
@@ -87,7 +90,7 @@ def compile_once(folder):
         compile_kernel()
 
 
-def shared_by_all(tmp_path_factory):
+def shared_folder(tmp_path_factory):
     """A folder that all processes of pytest-xdist have in common."""
     base = tmp_path_factory.getbasetemp()
     return base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
@@ -99,12 +102,12 @@ def _one_at_a_time(request, tmp_path_factory):
     if not request.node.get_closest_marker("alone"):
         yield
         return
-    with FileLock(shared_by_all(tmp_path_factory) / "alone.lock"):
+    with FileLock(shared_folder(tmp_path_factory) / "alone.lock"):
         yield
 
 
 @pytest.fixture(scope="session")
-def hour():
+def one_hour_day():
     """One hour of the paper's kind of day: one set-point change, coil partly wet."""
     return fc.paper_day(hours=1, seed=1)
 
@@ -116,7 +119,7 @@ def working_day():
 
 
 @pytest.fixture(scope="session")
-def short():
+def half_hour_day():
     """Half an hour of the paper's kind of day."""
     return fc.paper_day(hours=0.5, seed=1)
 
@@ -130,19 +133,19 @@ def run_reference():
     from fastcoil.model.physics import saturation_humidity_ratio
 
     def run(loop, boundary, *, exact=False, **options):
-        given = {"plant_gain": None, "estimator": None} | loop.constants
-        if "rangeability" in given:
-            curve = reference.valve_from_authority(*(given[n] for n in ("rangeability", "authority", "m_full")))
-            given |= zip(("m_max", "valve_a", "valve_b", "valve_c"), curve, strict=True)
-        if "estimate_ratio" in given:
-            given["backlash_estimate"] = given["estimate_ratio"] * given["backlash"]
-        parameters = {name: given.get(name, value) for name, value in reference.PAPER_LIKE.items()}
-        series = {name: values[0].tolist() for name, values in boundary.series.items()}
+        values = {"plant_gain": None, "estimator": None} | loop.constants
+        if "rangeability" in values:
+            curve = reference.valve_from_authority(*(values[n] for n in ("rangeability", "authority", "m_full")))
+            values |= zip(("m_max", "valve_a", "valve_b", "valve_c"), curve, strict=True)
+        if "estimate_ratio" in values:
+            values["backlash_estimate"] = values["estimate_ratio"] * values["backlash"]
+        parameters = {name: values.get(name, value) for name, value in reference.PAPER_LIKE.items()}
+        series = {name: arrays[0].tolist() for name, arrays in boundary.series.items()}
         saturation = None if exact else saturation_humidity_ratio
         traces, metrics = reference.simulate(
             parameters, series, day=int(boundary.day[0]), saturation=saturation, **options
         )
-        return {name: np.array(values, dtype=float).T for name, values in traces.items()}, metrics
+        return {name: np.array(arrays, dtype=float).T for name, arrays in traces.items()}, metrics
 
     return run
 
@@ -175,7 +178,7 @@ def sweep():
 
 
 @pytest.fixture(scope="session")
-def swept(days, sweep):
+def swept_result(days, sweep):
     """A result with dims of every kind."""
     loop = fc.Loop(**sweep, noise_std=0.02, n_volumes=[4, 8])
     names = ["T_sup", "mode", "T_c"]
@@ -183,7 +186,7 @@ def swept(days, sweep):
 
 
 @pytest.fixture(scope="session")
-def refused():
+def simulate_problems():
     """Return a function that gives the sentences with which ``simulate`` refuses its arguments."""
     from helpers.refusals import problems
 
@@ -197,11 +200,11 @@ def blank_figures(monkeypatch):
 
     if not os.environ.get("FASTCOIL_FULL"):
         save = Figure.savefig
-        monkeypatch.setattr(Figure, "savefig", lambda _, *to, **how: save(Figure(figsize=(1, 1)), *to, **how))
+        monkeypatch.setattr(Figure, "savefig", lambda _, *to, **options: save(Figure(figsize=(1, 1)), *to, **options))
 
 
 @pytest.fixture
-def write(tmp_path):
+def write_log(tmp_path):
     """Return a function that writes a CSV file."""
 
     def write_csv(header, rows, name="log.csv"):
@@ -235,7 +238,7 @@ def small_study(tmp_path_factory):
     from helpers import processes
 
     path = tmp_path_factory.mktemp("studies") / "small.toml"
-    path.write_text(processes.STUDY, encoding="utf-8")
+    path.write_text(processes.STUDY_TEXT, encoding="utf-8")
     return path
 
 
@@ -266,21 +269,21 @@ def out(tmp_path):
 
 
 @pytest.fixture
-def broken_off(out):
+def interrupted_folder(out):
     """The folder of a study that was interrupted with one shard to go."""
-    from helpers.studies import DAYS, PLAIN, copied, shards
+    from helpers.studies import DAYS, PLAIN_STUDY, copy_run, shard_files
 
-    copied(PLAIN, out, DAYS - 1)
-    assert len(shards(out)) == DAYS - 1
+    copy_run(PLAIN_STUDY, out, DAYS - 1)
+    assert len(shard_files(out)) == DAYS - 1
     return out
 
 
 @pytest.fixture(scope="session")
-def forked():
+def run_forked():
     """Run a study or a command in a process forked for it, see ``helpers.forks``."""
-    from helpers.forks import COMMANDS, forks
+    from helpers.forks import COMMAND_MODULES, fork_runner
 
-    with forks(*COMMANDS) as run:
+    with fork_runner(*COMMAND_MODULES) as run:
         yield run
 
 
@@ -290,5 +293,5 @@ def two_workers(tmp_path_factory):
     from helpers import processes
 
     pytest.importorskip("distributed")
-    with processes.cluster(tmp_path_factory.mktemp("cluster"), 2, "--no-nanny") as found:
-        yield found
+    with processes.run_cluster(tmp_path_factory.mktemp("cluster"), 2, "--no-nanny") as cluster:
+        yield cluster

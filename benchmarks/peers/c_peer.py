@@ -20,7 +20,7 @@ import numpy as np
 
 from fastcoil.model.engine import metrics
 from fastcoil.model.engine.plant import MILD_T, MILD_W
-from fastcoil.model.metric_table import HUNTING_PERIODS, HUNTING_SWING, OFF, PEAK_BLOCK
+from fastcoil.model.metric_table import HUNTING_SWING_K, LEAST_HUNTING_PERIODS, OFF_SET_POINT_ERROR_K, PEAK_BLOCK_S
 
 from . import common
 from .common import SCENARIO, SERIES, Arrays
@@ -28,7 +28,7 @@ from .common import SCENARIO, SERIES, Arrays
 LANES = 64
 """Scenarios side by side; of 16 to 256 the fastest, by 2 to 40 % at 1-s sampling."""
 SOURCE = Path(__file__).with_name("coil_loop.c")
-FLAGS = (
+COMPILER_FLAGS = (
     "-O3", "-march=native", "-mprefer-vector-width=512",
     "-ffp-contract=fast", "-fno-math-errno", "-fno-trapping-math",
     # comparisons become vminpd and vmaxpd: 7 % (no NaN arises here, and none is looked for)
@@ -40,7 +40,7 @@ MACROS = (
     "PRESSURE", "T_INITIAL", "BUFFER", "VALVE_A", "VALVE_B", "VALVE_C",
 )  # fmt: skip
 
-FLAGGED = (
+SCHEDULE_FLAGS = (
     "COUNTED", "SETTLED", "WINDOW_STARTS", "WINDOW_ENDS", "IN_SWITCH_BLOCK", "IN_PEAK_BLOCK", "PEAK_BLOCK_ENDS",
     "HUNTING_SEEN",
 )  # fmt: skip
@@ -64,8 +64,8 @@ class _Day(ctypes.Structure):
     ]
 
 
-def _output(*words: str) -> str:
-    return subprocess.run(words, capture_output=True, text=True, check=False).stdout
+def _command_output(*arguments: str) -> str:
+    return subprocess.run(arguments, capture_output=True, text=True, check=False).stdout
 
 
 def command(*to: str) -> list[str]:
@@ -80,10 +80,17 @@ def command(*to: str) -> list[str]:
     if gcc is None:
         raise Unavailable("the C peer needs gcc, which is not on the PATH")
     macros = {name: repr(getattr(common, name)) for name in MACROS}
-    macros |= {name: str(getattr(metrics, name)) for name in FLAGGED}
+    macros |= {name: str(getattr(metrics, name)) for name in SCHEDULE_FLAGS}
     macros |= {"LANES": str(LANES), "LOG_M_MAX": repr(math.log(common.M_MAX)), "SUMS": ",".join(SUMS)}
-    macros |= {"MOVED": repr(metrics.MOVED), "OFF_ERROR": repr(OFF)}
-    return [gcc, "-std=gnu11", *FLAGS, *(f"-D{name}={value}" for name, value in macros.items()), str(SOURCE), *to]
+    macros |= {"MOVED": repr(metrics.MIN_STEM_MOVE), "OFF_ERROR": repr(OFF_SET_POINT_ERROR_K)}
+    return [
+        gcc,
+        "-std=gnu11",
+        *COMPILER_FLAGS,
+        *(f"-D{name}={value}" for name, value in macros.items()),
+        str(SOURCE),
+        *to,
+    ]
 
 
 @functools.cache
@@ -96,8 +103,8 @@ def compiled() -> ctypes.CDLL:
         Where there is no gcc, or it fails.
     """
     gcc, *flags = command()
-    native = _output(gcc, "-march=native", "-Q", "--help=target")
-    parts = [SOURCE.read_text(), *flags, _output(gcc, "--version"), native]
+    native = _command_output(gcc, "-march=native", "-Q", "--help=target")
+    parts = [SOURCE.read_text(), *flags, _command_output(gcc, "--version"), native]
     key = hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
     cache = os.environ.get("XDG_CACHE_HOME")
     folder = (Path(cache) if cache else Path.home() / ".cache") / "fastcoil" / "peers"
@@ -105,10 +112,10 @@ def compiled() -> ctypes.CDLL:
     library = folder / f"coil_loop-{key}.so"
     if not library.exists():
         unfinished = library.with_suffix(f".{os.getpid()}")
-        words = command("-shared", "-fPIC", "-o", str(unfinished), "-lm")
-        done = subprocess.run(words, capture_output=True, text=True, check=False)
-        if done.returncode:
-            raise Unavailable(f"the C peer does not compile: {done.stderr.strip()}")
+        compile_command = command("-shared", "-fPIC", "-o", str(unfinished), "-lm")
+        process = subprocess.run(compile_command, capture_output=True, text=True, check=False)
+        if process.returncode:
+            raise Unavailable(f"the C peer does not compile: {process.stderr.strip()}")
         unfinished.replace(library)
     loop = ctypes.CDLL(str(library))
     loop.coil_loop.argtypes = [_Scenarios, ctypes.c_long, _Day, ctypes.c_void_p, ctypes.c_void_p]
@@ -137,14 +144,14 @@ def run(scenarios: Arrays, series: Arrays, warm_up: int, threads: int = 1) -> Ar
     order = np.argsort(scenarios["sample_time"], kind="stable")
     padded = np.concatenate([order, np.full(-order.size % LANES, order[-1])])
     parts = [np.concatenate(p) for p in np.array_split(padded.reshape(-1, LANES), threads) if len(p)]
-    schedule = metrics.schedule(series["T_set"], np.ones(series["T_set"].size), warm_up)
+    schedule = metrics.make_schedule(series["T_set"], np.ones(series["T_set"].size), warm_up)
 
-    def part(at: np.ndarray) -> np.ndarray:
+    def run_part(at: np.ndarray) -> np.ndarray:
         return sums_of({k: scenarios[k][at] for k in SCENARIO}, series, schedule.flags)
 
     compiled()
     with ThreadPoolExecutor(threads) as pool:
-        sorted_sums = np.concatenate(list(pool.map(part, parts)), axis=1)
+        sorted_sums = np.concatenate(list(pool.map(run_part, parts)), axis=1)
     sums = np.empty((len(SUMS), order.size))
     sums[:, order] = sorted_sums[:, : order.size]
     return metrics_of(dict(zip(SUMS, sums, strict=True)), scenarios, schedule)
@@ -155,7 +162,7 @@ def metrics_of(sums: Arrays, scenarios: Arrays, schedule: metrics.Schedule) -> A
     settled, windows = schedule.n_settled or np.nan, schedule.n_windows or np.nan  # a short day has none
     seconds, swing, heat = schedule.n_counted, sums["SWING"] / windows, common.C_W
     peak = sums["PEAK_POWER"] if schedule.n_peak_blocks else np.full(swing.size, np.nan)
-    regular = (sums["PERIODS"] >= HUNTING_PERIODS) & (3.0 * sums["ALIKE"] >= 2.0 * sums["PERIODS"])
+    regular = (sums["PERIODS"] >= LEAST_HUNTING_PERIODS) & (3.0 * sums["ALIKE"] >= 2.0 * sums["PERIODS"])
     return {
         "rmse": np.sqrt(sums["E2"] / seconds),
         "rmse_settled": np.sqrt(sums["E2_SETTLED"] / settled),
@@ -163,7 +170,7 @@ def metrics_of(sums: Arrays, scenarios: Arrays, schedule: metrics.Schedule) -> A
         "share_off": sums["OFF"] / seconds,
         "hunting_swing": swing,
         "hunting_period": settled / np.where(sums["CROSSINGS"] >= 2.0, sums["CROSSINGS"], np.nan),
-        "hunts": np.where(np.isnan(swing), np.nan, regular & (swing > HUNTING_SWING)),
+        "hunts": np.where(np.isnan(swing), np.nan, regular & (swing > HUNTING_SWING_K)),
         "switch_frequency": sums["SWITCHES"] / schedule.n_switch_blocks,
         "stem_travel": sums["STEM_TRAVEL"],
         "motor_travel": sums["MOTOR_TRAVEL"],
@@ -173,7 +180,7 @@ def metrics_of(sums: Arrays, scenarios: Arrays, schedule: metrics.Schedule) -> A
         "size_error": scenarios["estimate"] - scenarios["backlash"],
         "backlash_final": scenarios["backlash"],
         "coil_energy": heat * sums["POWER"] / 3600.0,
-        "coil_peak_power": heat * peak / PEAK_BLOCK,
+        "coil_peak_power": heat * peak / PEAK_BLOCK_S,
         "reheat_energy": -common.CP_A * sums["BELOW"] / 3600.0,
         "recool_energy": common.CP_A * sums["ABOVE"] / 3600.0,
         "water_volume": heat / common.CP_W * sums["FLOW"] / 1000.0,

@@ -78,6 +78,6 @@ def fastcoil_run(scenarios: Arrays, series: Arrays, warm_up: int = WARM_UP, n_jo
 def check(run: Run, n: int = 200, seconds: int = 7200, sample_time: float | list[float] = 30.0) -> None:
     """Raise ``AssertionError`` unless all that ``run`` returns is fastcoil's, to 1e-9; a count is then the same."""
     scenarios, series = work(n, seconds, sample_time)
-    expected, found = fastcoil_run(scenarios, series), run(scenarios, series, WARM_UP)
-    for name, values in found.items():
+    expected, metrics = fastcoil_run(scenarios, series), run(scenarios, series, WARM_UP)
+    for name, values in metrics.items():
         np.testing.assert_allclose(values, expected[name], rtol=1e-9, atol=0.0, err_msg=name)

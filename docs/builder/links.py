@@ -10,9 +10,9 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-LOADS = {"script": "src", "img": "src", "iframe": "src", "source": "src", "link": "href"}
+LOADING_ATTRIBUTES = {"script": "src", "img": "src", "iframe": "src", "source": "src", "link": "href"}
 """Tag → attribute with the address of what a browser loads without a click."""
-STATIC = "_static"
+STATIC_FOLDER = "_static"
 """Folder of the theme; its pages are templates."""
 
 
@@ -27,42 +27,44 @@ class Page(HTMLParser):
         self.feed(text)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        given = dict(attrs)
-        self.anchors |= {name for name in (given.get("id"), given.get("name")) if name}
-        if tag == "a" and given.get("href"):
-            self.links.add(given["href"] or "")
-        address = given.get(LOADS.get(tag, ""))
-        if address and given.get("rel") != "canonical":
+        attributes = dict(attrs)
+        self.anchors |= {name for name in (attributes.get("id"), attributes.get("name")) if name}
+        if tag == "a" and attributes.get("href"):
+            self.links.add(attributes["href"] or "")
+        address = attributes.get(LOADING_ATTRIBUTES.get(tag, ""))
+        if address and attributes.get("rel") != "canonical":
             self.loads.add(address)
 
 
 def problems(folder: Path) -> list[str]:
     """Return a line for each dead link and for each address that is loaded from the network."""
     pages = {
-        path.resolve(): Page(path.read_text()) for path in sorted(folder.rglob("*.html")) if STATIC not in path.parts
+        path.resolve(): Page(path.read_text())
+        for path in sorted(folder.rglob("*.html"))
+        if STATIC_FOLDER not in path.parts
     }
-    found = []
+    lines = []
     for path, page in pages.items():
         name = path.relative_to(folder.resolve())
         outside = {address for address in page.loads if urlsplit(address).netloc}
-        found += [f"{name} loads {address}" for address in sorted(outside)]
+        lines += [f"{name} loads {address}" for address in sorted(outside)]
         for link in sorted((page.links | page.loads) - outside):
-            at = urlsplit(link)
-            if at.scheme or at.netloc:
+            parts = urlsplit(link)
+            if parts.scheme or parts.netloc:
                 continue
-            other = (path.parent / unquote(at.path)).resolve() if at.path else path
-            if not other.exists():
-                found.append(f"{name} links to {link}, which does not exist")
-            elif at.fragment and other in pages and unquote(at.fragment) not in pages[other].anchors:
-                found.append(f"{name} links to {link}: {other.name} has no such heading")
-    return found
+            target_path = (path.parent / unquote(parts.path)).resolve() if parts.path else path
+            if not target_path.exists():
+                lines.append(f"{name} links to {link}, which does not exist")
+            elif parts.fragment and target_path in pages and unquote(parts.fragment) not in pages[target_path].anchors:
+                lines.append(f"{name} links to {link}: {target_path.name} has no such heading")
+    return lines
 
 
 def check(folder: Path) -> int:
     """Print the problems and return the exit code: 1 if there are any, or if there is no page."""
-    found = problems(folder) if any(folder.rglob("*.html")) else [f"{folder} has no pages"]
-    sys.stdout.write("".join(f"{line}\n" for line in found))
-    return int(bool(found))
+    lines = problems(folder) if any(folder.rglob("*.html")) else [f"{folder} has no pages"]
+    sys.stdout.write("".join(f"{line}\n" for line in lines))
+    return int(bool(lines))
 
 
 if __name__ == "__main__":

@@ -15,12 +15,12 @@ from fastcoil.model.metric_table import METRICS, TRACES
 from fastcoil.model.parameter_table import PARAMETERS
 
 LANGUAGES = {".py": "python", ".toml": "toml", ".md": "markdown", ".cff": "yaml", ".json": "json"}
-HEAD = "---\norphan: true\nnosearch: true\n---\n\n"
+FRONT_MATTER = "---\norphan: true\nnosearch: true\n---\n\n"
 
 
 def file_page(root: Path, path: str) -> str:
     """Return a page that shows a file, lists the Python files of a folder, or shows its tables."""
-    title = f"{HEAD}# `{path}`\n\n"
+    title = f"{FRONT_MATTER}# `{path}`\n\n"
     if (root / path).name == "tables":
         tables = sorted((root / path).glob("*.md"))
         return title + "\n\n".join(f"## {table.stem}\n\n{table.read_text()}" for table in tables)
@@ -31,13 +31,13 @@ def file_page(root: Path, path: str) -> str:
         text = (root / path).read_text()
         if path.endswith(".ipynb"):
             download = f"{{download}}`Download this notebook <../../../{path}>`\n\n"
-            return title + download + "\n\n".join(_cells(json.loads(text)))
+            return title + download + "\n\n".join(_notebook_cells(json.loads(text)))
         return f"{title}``````{{code-block}} {language}\n:linenos:\n\n{text.rstrip()}\n``````\n"
     files = sorted((root / path).glob("*.py"))
     return title + "\n".join(f"* [`{f.name}`]({Path(path).name}/{f.name}.md)" for f in files) + "\n"
 
 
-def _cells(notebook: dict[str, Any]) -> Iterator[str]:
+def _notebook_cells(notebook: dict[str, Any]) -> Iterator[str]:
     """Yield the cells of a notebook, headings one level down."""
     for cell in notebook["cells"]:
         text = "".join(cell["source"])
@@ -51,16 +51,16 @@ def with_members(root: Path, paths: Iterable[str]) -> set[str]:
     return paths | members
 
 
-def _cell(text: object) -> str:
+def _escape_cell(text: object) -> str:
     return str(text).replace("|", "\\|").replace("*", "\\*").replace("<", "\\<")
 
 
-def _rows(head: str, rows: Iterable[Iterable[object]]) -> str:
+def _markdown_table(head: str, rows: Iterable[Iterable[object]]) -> str:
     lines = [head, "|" + " --- |" * head.count(" | ") + " --- |"]
-    return "\n".join([*lines, *("| " + " | ".join(map(_cell, row)) + " |" for row in rows)]) + "\n"
+    return "\n".join([*lines, *("| " + " | ".join(map(_escape_cell, row)) + " |" for row in rows)]) + "\n"
 
 
-def _unit(unit: str) -> str:
+def _unit_text(unit: str) -> str:
     """Return the unit; fractions and counts have none."""
     return "" if unit == "1" else unit
 
@@ -74,10 +74,11 @@ def parameter_page() -> str:
     text += "The defaults are those of the preset `paper_like`.\n"
     for group, members in groups.items():
         rows = (
-            (f"`{p.name}`", _unit(p.unit), "" if p.default is None else p.default, p.bounds, p.text) for p in members
+            (f"`{p.name}`", _unit_text(p.unit), "" if p.default is None else p.default, p.bounds, p.text)
+            for p in members
         )
         text += f"\n## {group[0].upper()}{group[1:]}\n\n"
-        text += _rows("| name | unit | default | values | meaning |", rows)
+        text += _markdown_table("| name | unit | default | values | meaning |", rows)
     return text
 
 
@@ -88,22 +89,22 @@ def output_page() -> str:
     text += " that you ask for with `traces=[…]`.  Where no unit is given it is a fraction or a count.  An empty cell"
     text += " (NaN) is never a zero.\n"
     for title, outputs in (("Metrics", METRICS), ("Signals", TRACES)):
-        rows = ((f"`{o.name}`", _unit(o.unit), o.long_name, o.comment) for o in outputs.values())
-        text += f"\n## {title}\n\n" + _rows(head, rows)
+        rows = ((f"`{o.name}`", _unit_text(o.unit), o.long_name, o.comment) for o in outputs.values())
+        text += f"\n## {title}\n\n" + _markdown_table(head, rows)
     return text
 
 
-def _helps(command: click.Command, name: str, parent: click.Context | None = None):
+def _help_texts(command: click.Command, name: str, parent: click.Context | None = None):
     context = click.Context(command, info_name=name, parent=parent, max_content_width=100)
     yield context.command_path, command.get_help(context)
     if isinstance(command, click.Group):
         for member in sorted(command.commands):
-            yield from _helps(command.commands[member], member, context)
+            yield from _help_texts(command.commands[member], member, context)
 
 
 def command_page() -> str:
     """Return a page with the ``--help`` of every command."""
     text = "# Commands\n\nWhat `--help` says of each command.\n"
-    for path, shown in _helps(main, "fastcoil"):
-        text += f"\n## {path}\n\n```text\n{shown}\n```\n"
+    for path, help_text in _help_texts(main, "fastcoil"):
+        text += f"\n## {path}\n\n```text\n{help_text}\n```\n"
     return text

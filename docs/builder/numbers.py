@@ -2,7 +2,7 @@
 
 A page marks each number that it quotes from ``studies/*/tables/NAME.md``; a code host does not show the marks::
 
-    <!-- number hunting_rules | margin | predicted right -->98.9 % (98.4 to 99.3)<!-- /number -->
+    <!-- number hunting_rules | hunting index | predicted right -->98.9 % (98.4 to 99.3)<!-- /number -->
     <!-- table hunting_rules -->  the whole table  <!-- end hunting_rules -->
 
 The parts of a number are the table, the row, the column, and optionally how to write the cell (see ``FORMS``).  A row
@@ -32,10 +32,10 @@ def pages(root: Path) -> list[Path]:
 
 def table_file(root: Path, name: str) -> Path:
     """File of a table, in whichever folder of ``studies/``."""
-    found = [path for path in (root / "studies").rglob("tables/*.md") if path.stem == name]
-    if len(found) != 1:
-        raise ValueError(f"{len(found)} tables are called {name!r}")
-    return found[0]
+    paths = [path for path in (root / "studies").rglob("tables/*.md") if path.stem == name]
+    if len(paths) != 1:
+        raise ValueError(f"{len(paths)} tables are called {name!r}")
+    return paths[0]
 
 
 def rows(text: str) -> Iterator[Row]:
@@ -48,34 +48,36 @@ def rows(text: str) -> Iterator[Row]:
         yield dict(reversed(list(zip(head, above, strict=True))))
 
 
-def _named(name: str, known: Iterable[str]) -> list[str]:
-    """Those of ``known`` that are ``name``; if none is, those that begin with it."""
-    known = list(known)
-    return [one for one in known if one == name] or [one for one in known if one.startswith(name)]
+def _matching_names(name: str, names: Iterable[str]) -> list[str]:
+    """Those of ``names`` that are ``name``; if none is, those that begin with it."""
+    names = list(names)
+    return [candidate for candidate in names if candidate == name] or [
+        candidate for candidate in names if candidate.startswith(name)
+    ]
 
 
-def _fitting(found: list[Row], row: str) -> list[Row]:
+def _matching_rows(rows_left: list[Row], row: str) -> list[Row]:
     for part in row.split(" & "):
-        exact = [cells for cells in found if part in cells.values()]
-        found = exact or [cells for cells in found if _named(part, cells.values())]
-    return found
+        exact_rows = [cells for cells in rows_left if part in cells.values()]
+        rows_left = exact_rows or [cells for cells in rows_left if _matching_names(part, cells.values())]
+    return rows_left
 
 
-def _unsigned(cell: str) -> str:
+def _unsigned_cell(cell: str) -> str:
     """``30 % (25 to 34)`` of ``-30 % (-34 to -25)``."""
-    turned = re.sub(r"\((-[\d.]+) to (-[\d.]+)\)", r"(\2 to \1)", cell)
-    return re.sub(r"[-+](?=\d)", "", turned)
+    swapped = re.sub(r"\((-[\d.]+) to (-[\d.]+)\)", r"(\2 to \1)", cell)
+    return re.sub(r"[-+](?=\d)", "", swapped)
 
 
-def _whole(cell: str) -> str:
+def _rounded_cell(cell: str) -> str:
     """``95 %`` of ``95.4%``."""
     return f"{float(FIRST.findall(cell)[0]):.0f}" + (" %" if "%" in cell else "")
 
 
 FORMS: dict[str, Callable[[str], str]] = {
     "short": lambda cell: cell.split(" (")[0],
-    "unsigned": _unsigned,
-    "whole": _whole,
+    "unsigned": _unsigned_cell,
+    "whole": _rounded_cell,
     "bare": lambda cell: FIRST.findall(cell)[0],
     **{f"part {k}": lambda cell, k=k: cell.split(", ")[k - 1] for k in (1, 2, 3)},  # type: ignore[misc]
 }
@@ -83,11 +85,11 @@ FORMS: dict[str, Callable[[str], str]] = {
 expression takes its group from the cell."""
 
 
-def _group(pattern: str, text: str) -> str:
-    found = re.search(pattern, text)
-    if found is None:
+def _first_group(pattern: str, text: str) -> str:
+    match = re.search(pattern, text)
+    if match is None:
         raise ValueError(f"nothing in {text!r} fits {pattern!r}")
-    return found[1]
+    return match[1]
 
 
 def number(root: Path, mark: str) -> str:
@@ -95,19 +97,19 @@ def number(root: Path, mark: str) -> str:
     name, row, column, *forms = (part.strip() for part in " ".join(mark.split()).split(" | "))
     text = table_file(root, name).read_text(encoding="utf-8")
     if row == "title":
-        return _group(column, text.splitlines()[0])
-    found = _fitting(list(rows(text)), row)
-    columns = _named(column, found[0]) if found else []
+        return _first_group(column, text.splitlines()[0])
+    matching = _matching_rows(list(rows(text)), row)
+    columns = _matching_names(column, matching[0]) if matching else []
     forms = forms[0].split(", ") if forms else []
-    if len(columns) != 1 or (len(found) != 1 and "range" not in forms):
-        raise ValueError(f"{mark!r}: {len(found)} rows and {len(columns)} columns fit")
-    cells = [cells[columns[0]] for cells in found]
+    if len(columns) != 1 or (len(matching) != 1 and "range" not in forms):
+        raise ValueError(f"{mark!r}: {len(matching)} rows and {len(columns)} columns fit")
+    cells = [cells[columns[0]] for cells in matching]
     for form in forms:
         if form == "range":
             ordered = sorted(cells, key=lambda cell: float(FIRST.findall(cell)[0].replace(",", "")))
             cells = [f"{FIRST.findall(ordered[0])[0]} to {ordered[-1]}"]
         elif form.startswith("of "):
-            cells = [_group(form.removeprefix("of "), cell) for cell in cells]
+            cells = [_first_group(form.removeprefix("of "), cell) for cell in cells]
         else:
             cells = [FORMS[form](cell) for cell in cells]
     return cells[0]

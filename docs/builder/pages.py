@@ -15,7 +15,7 @@ from pathlib import Path
 
 from builder.terms import linked, terms
 
-RENAMED = {
+PAGES_OUTSIDE_DOCS = {
     "README.md": "overview.md",
     "CHANGELOG.md": "changelog.md",
     "studies/README.md": "answers.md",
@@ -23,13 +23,13 @@ RENAMED = {
     "benchmarks/RESULTS.md": "benchmark-results.md",
 }
 """Pages outside ``docs/``."""
-TABLES = {
+TABLE_PAGES = {
     "fastcoil/model/parameter_table.py": "parameters.md",
     "fastcoil/model/metric_table.py": "outputs.md",
     "fastcoil/cli/main.py": "commands.md",
 }
 """Files that the reference shows as a table."""
-MOVED = {
+FORMER_PAGES = {
     **dict.fromkeys(("inverse", "conditions", "populations"), "findings/inverse"),
     **dict.fromkeys(("hunting", "limit-cycles"), "findings/hunting"),
     **dict.fromkeys(("remedies", "buffer"), "findings/remedies"),
@@ -45,13 +45,13 @@ GALLERY = "docs/gallery"
 GLOSSARY = "glossary.md"
 WITHOUT_TERMS = {"docs/glossary.md", "docs/index.md", "docs/reference.md", "CHANGELOG.md"}
 """Pages without links to the glossary, because they are lists."""
-MARKS = re.compile(r"<!-- /?number\b.*?-->", re.DOTALL)
+NUMBER_MARKS = re.compile(r"<!-- /?number\b.*?-->", re.DOTALL)
 FENCE = re.compile(r"^```.*?^```$", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"(?<=\]\()[^)\s]+(?=\))|(?<=\]: )\S+$", re.MULTILINE)
 SECTION = re.compile(r"^## (.+?)\n(.*?)(?=^## |\Z)", re.DOTALL | re.MULTILINE)
-LINKED = re.compile(r"\[([^\]]+)\]\(([^)]+)\)")
+LINK_WITH_TITLE = re.compile(r"\[([^\]]+)\]\(([^)]+)\)")
 ITEM = re.compile(r"^\* \[([^\]]+)\]\(([^)#\s]+)\)", re.MULTILINE)
-CODE = re.compile(r"^<!-- code ([\w/.]+): ([\w., ]+) -->$", re.MULTILINE)
+CODE_MARK = re.compile(r"^<!-- code ([\w/.]+): ([\w., ]+) -->$", re.MULTILINE)
 NAMES = re.compile(r"^(?:`(?:fc|fastcoil)\.[\w.]+`[,\s]*)+$", re.MULTILINE)
 
 
@@ -60,19 +60,19 @@ def sources(root: Path) -> dict[str, str]:
     docs = root / "docs"
     paths = [path.relative_to(docs).as_posix() for path in sorted([*docs.glob("*.md"), *docs.glob("findings/*.md")])]
     pages = {f"docs/{path}": path for path in paths}
-    return {there: here for here, there in (pages | RENAMED).items()}
+    return {repository_page: site_page for site_page, repository_page in (pages | PAGES_OUTSIDE_DOCS).items()}
 
 
 def redirects() -> dict[str, str]:
     """Return file of the site → HTML that leads from a former address to its new one."""
     page = '<!doctype html>\n<meta charset="utf-8">\n<title>Moved</title>\n'
     page += '<meta http-equiv="refresh" content="0; url={0}">\n<p>This page is now <a href="{0}">{0}</a>.</p>\n'
-    return {f"{old}.html": page.format(f"{new}.html") for old, new in MOVED.items()}
+    return {f"{old}.html": page.format(f"{new}.html") for old, new in FORMER_PAGES.items()}
 
 
 def outside_fences(text: str, change) -> str:
     """Apply ``change`` to the parts of ``text`` outside fenced blocks."""
-    ends = [0, *(edge for found in FENCE.finditer(text) for edge in found.span()), len(text)]
+    ends = [0, *(edge for fence in FENCE.finditer(text) for edge in fence.span()), len(text)]
     parts = [text[a:b] for a, b in zip(ends, ends[1:], strict=False)]
     return "".join(part if i % 2 else change(part) for i, part in enumerate(parts))
 
@@ -94,49 +94,49 @@ class Staging:
 
     def __init__(self, root: Path) -> None:
         self.root = root
-        self.pages = {here: there for there, here in sources(root).items()}
+        self.pages = {site_page: repository_page for repository_page, site_page in sources(root).items()}
         self.files: set[str] = set()
         self.copied: set[str] = set()
         self.terms = terms((root / "docs" / GLOSSARY).read_text()) if (root / "docs" / GLOSSARY).is_file() else {}
 
     def target(self, link: str, page: str) -> str:
         """Return the target of a link of ``page`` on the site."""
-        found = self._target(link, page)
+        site_path = self._target(link, page)
         if ":" in link or link.startswith("#"):
-            return found
-        return posixpath.relpath(found, posixpath.dirname(self.pages.get(page, "")) or ".")
+            return site_path
+        return posixpath.relpath(site_path, posixpath.dirname(self.pages.get(page, "")) or ".")
 
     def _target(self, link: str, page: str) -> str:
         path, mark, anchor = link.partition("#")
         if not path or ":" in link:
             return link
-        here = posixpath.normpath(posixpath.join(posixpath.dirname(page), path))
-        if here in self.pages:
-            return self.pages[here] + mark + anchor
-        if page == "docs/reference.md" and here in TABLES:
-            return TABLES[here]
-        if here.startswith(GALLERY):
-            return f"examples/{Path(here).stem if here != GALLERY else 'index'}.rst"
-        if not (self.root / here).exists():
+        repository_path = posixpath.normpath(posixpath.join(posixpath.dirname(page), path))
+        if repository_path in self.pages:
+            return self.pages[repository_path] + mark + anchor
+        if page == "docs/reference.md" and repository_path in TABLE_PAGES:
+            return TABLE_PAGES[repository_path]
+        if repository_path.startswith(GALLERY):
+            return f"examples/{Path(repository_path).stem if repository_path != GALLERY else 'index'}.rst"
+        if not (self.root / repository_path).exists():
             raise ValueError(f"{page} links to {link}, which does not exist")
-        if here.endswith(".png"):
-            self.copied.add(here)
-            return here
-        self.files.add(here)
-        if here.endswith(".ipynb"):
-            self.copied.add(here)
-        return shown_file(here) + ".md"
+        if repository_path.endswith(".png"):
+            self.copied.add(repository_path)
+            return repository_path
+        self.files.add(repository_path)
+        if repository_path.endswith(".ipynb"):
+            self.copied.add(repository_path)
+        return shown_file(repository_path) + ".md"
 
     def text(self, page: str) -> str:
         """Return a page as the site has it: fences, links, terms and listings replaced."""
-        text = MARKS.sub("", (self.root / page).read_text())
+        text = NUMBER_MARKS.sub("", (self.root / page).read_text())
         text = text.replace("\n```math\n", "\n```{math}\n")
         text = outside_fences(text, lambda part: LINK.sub(lambda link: self.target(link[0], page), part))
-        known = {term: anchor for term, anchor in self.terms.items() if f"{GLOSSARY}#{anchor})" not in text}
-        known = {} if page in WITHOUT_TERMS else known
+        unlinked_terms = {term: anchor for term, anchor in self.terms.items() if f"{GLOSSARY}#{anchor})" not in text}
+        unlinked_terms = {} if page in WITHOUT_TERMS else unlinked_terms
         glossary = posixpath.relpath(GLOSSARY, posixpath.dirname(self.pages[page]) or ".")
-        text = outside_fences(text, lambda part: linked(part, known, glossary))
-        return NAMES.sub(_summaries, CODE.sub(self._listing, text))
+        text = outside_fences(text, lambda part: linked(part, unlinked_terms, glossary))
+        return NAMES.sub(_summaries, CODE_MARK.sub(self._listing, text))
 
     def _listing(self, marker: re.Match[str]) -> str:
         path, names = marker[1], [name.strip() for name in marker[2].split(",")]
@@ -147,17 +147,17 @@ class Staging:
         """Yield (page, text) of the front page, of each of its sections that is not a page, and of the reference."""
         front, top = self.text("docs/index.md"), []
         for title, body in SECTION.findall(front):
-            if link := LINKED.fullmatch(title):
+            if link := LINK_WITH_TITLE.fullmatch(title):
                 top.append(link.groups())
             else:
                 top.append((title, re.sub(r"\W+", "-", title.lower()).strip("-") + ".md"))
-                yield top[-1][1], f"# {title}\n{body}" + _tree(ITEM.findall(body))
-        yield "index.md", front + _tree(top)
+                yield top[-1][1], f"# {title}\n{body}" + _toctree(ITEM.findall(body))
+        yield "index.md", front + _toctree(top)
         reference = self.text("docs/reference.md")
-        yield "reference.md", reference + _tree(ITEM.findall(reference))
+        yield "reference.md", reference + _toctree(ITEM.findall(reference))
 
 
-def _tree(pages: Iterable[tuple[str, str]]) -> str:
+def _toctree(pages: Iterable[tuple[str, str]]) -> str:
     """Return a hidden toctree of ``pages``, (title, file), in this order."""
     lines = "\n".join(f"{title} <{page.rpartition('.')[0]}>" for title, page in pages)
     return f"\n```{{toctree}}\n:hidden:\n\n{lines}\n```\n"
@@ -165,8 +165,8 @@ def _tree(pages: Iterable[tuple[str, str]]) -> str:
 
 def public(text: str) -> list[str]:
     """Return the dotted names of the functions and classes that a page of reference describes."""
-    named = (name for names in NAMES.findall(text) for name in re.findall(r"`([\w.]+)`", names))
-    return [re.sub(r"^fc\.", "fastcoil.", name) for name in named]
+    names_found = (name for names in NAMES.findall(text) for name in re.findall(r"`([\w.]+)`", names))
+    return [re.sub(r"^fc\.", "fastcoil.", name) for name in names_found]
 
 
 def _summaries(names: re.Match[str]) -> str:

@@ -10,7 +10,7 @@ from pkgutil import resolve_name
 from builder.listings import command_page, file_page, output_page, parameter_page, with_members
 from builder.pages import Staging, public, shown_file
 
-MADE = ("api", "examples")
+SPHINX_FOLDERS = ("api", "examples")
 """Folders that Sphinx fills."""
 
 
@@ -30,12 +30,12 @@ def stage(root: Path, out: Path) -> None:
     for path in sorted(with_members(root, staging.files)):
         texts[f"{shown_file(path)}.md"] = file_page(root, path)
     for page, text in texts.items():
-        written(out / page, text.encode())
+        write_if_changed(out / page, text.encode())
     for path in staging.copied:
-        written(out / path, (root / path).read_bytes())
+        write_if_changed(out / path, (root / path).read_bytes())
     keep = {out / name for name in (*texts, *staging.copied)}
     for path in out.rglob("*"):
-        if path.is_file() and path not in keep and path.relative_to(out).parts[0] not in MADE:
+        if path.is_file() and path not in keep and path.relative_to(out).parts[0] not in SPHINX_FOLDERS:
             path.unlink()
 
 
@@ -45,7 +45,7 @@ def stage_scripts(scripts: Path, out: Path) -> None:
     shutil.copytree(scripts, out, ignore=shutil.ignore_patterns("__pycache__"))
 
 
-def written(path: Path, content: bytes) -> None:
+def write_if_changed(path: Path, content: bytes) -> None:
     """Write a file unless it has this content already."""
     if not path.is_file() or path.read_bytes() != content:
         path.parent.mkdir(parents=True, exist_ok=True)

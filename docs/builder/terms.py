@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-MORE_MEANINGS = {
+EVERYDAY_WORDS = {
     *(
         "boundary",
         "command",
@@ -15,7 +15,7 @@ MORE_MEANINGS = {
         "interval",
         "inverse",
         "kernel",
-        "margin",
+        "hunting_index",
         "metric",
         "pi",
     ),
@@ -23,7 +23,7 @@ MORE_MEANINGS = {
 }
 """Terms that are also everyday words, or too frequent to link."""
 TERM = re.compile(r"^### (.+)$", re.MULTILINE)
-LEFT_ALONE = r"\[[^\]]*\](?:\([^)]*\)|\[[^\]]*\]|: \S+)?|`[^`]*`|\$[^$\n]*\$|^#.*$|^\|.*$|<!--.*?-->|https?://\S+"
+NEVER_LINKED = r"\[[^\]]*\](?:\([^)]*\)|\[[^\]]*\]|: \S+)?|`[^`]*`|\$[^$\n]*\$|^#.*$|^\|.*$|<!--.*?-->|https?://\S+"
 """Links, code, formulas, headings, tables, comments."""
 
 
@@ -33,27 +33,29 @@ def terms(glossary: str) -> dict[str, str]:
         term: re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-")
         for heading in TERM.findall(glossary)
         for term in heading.lower().split(", ")
-        if term not in MORE_MEANINGS
+        if term not in EVERYDAY_WORDS
     }
 
 
-def linked(text: str, known: dict[str, str], glossary: str) -> str:
+def linked(text: str, anchor_by_term: dict[str, str], glossary: str) -> str:
     """Return ``text``, without fenced blocks, with a link to ``glossary`` at the first use of each term.
 
-    Remove linked terms from ``known``, with the other terms of their heading.
+    Remove linked terms from ``anchor_by_term``, with the other terms of their heading.
     """
-    if not known:
+    if not anchor_by_term:
         return text
-    longest_first = sorted(known, key=len, reverse=True)
-    words = "|".join(re.escape(term).replace(r"\ ", r"\s+") for term in longest_first)
-    found = re.compile(rf"(?P<alone>{LEFT_ALONE})|(?<![\w/-])(?P<term>{words})(?P<end>s|es)?(?![\w/-])", re.M | re.I)
+    longest_first = sorted(anchor_by_term, key=len, reverse=True)
+    alternatives = "|".join(re.escape(term).replace(r"\ ", r"\s+") for term in longest_first)
+    pattern = re.compile(
+        rf"(?P<alone>{NEVER_LINKED})|(?<![\w/-])(?P<term>{alternatives})(?P<end>s|es)?(?![\w/-])", re.M | re.I
+    )
 
     def link(match: re.Match[str]) -> str:
-        anchor = known.get(" ".join((match["term"] or "").lower().split()))
+        anchor = anchor_by_term.get(" ".join((match["term"] or "").lower().split()))
         if anchor is None:
             return match[0]
-        for term in [term for term, its in known.items() if its == anchor]:
-            del known[term]
+        for term in [term for term, term_anchor in anchor_by_term.items() if term_anchor == anchor]:
+            del anchor_by_term[term]
         return f"[{match[0]}]({glossary}#{anchor})"
 
-    return found.sub(link, text)
+    return pattern.sub(link, text)

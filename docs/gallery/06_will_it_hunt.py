@@ -41,7 +41,7 @@ seen = fc.simulate(map_of, day, warm_up=3 * 3600, n_jobs=1)
 
 figure, axes = plt.subplots(figsize=(6.4, 4), layout="constrained")
 mesh = axes.pcolormesh(seen.ti, seen.kp, seen.hunting_swing, cmap="viridis", shading="nearest")
-axes.contour(theory.ti, theory.kp, theory.margin.transpose("kp", "ti"), levels=[0.85], colors="#BB5566")
+axes.contour(theory.ti, theory.kp, theory.hunting_index.transpose("kp", "ti"), levels=[0.85], colors="#BB5566")
 axes.set(
     xscale="log", yscale="log", xlabel="ti [s]", ylabel="kp [1/K]", title="red: where hunting is predicted to begin"
 )

@@ -57,10 +57,12 @@ class StandIn:
 
 class Controller:
     def __init__(self, path):
-        described = read_model_description(path)
-        self.number = {one.name: one.valueReference for one in described.modelVariables}
+        description = read_model_description(path)
+        self.number = {variable.name: variable.valueReference for variable in description.modelVariables}
         self.fmu = FMU2Slave(
-            guid=described.guid, modelIdentifier=described.coSimulation.modelIdentifier, unzipDirectory=extract(path)
+            guid=description.guid,
+            modelIdentifier=description.coSimulation.modelIdentifier,
+            unzipDirectory=extract(path),
         )
         self.fmu.instantiate()
         self.fmu.setupExperiment(startTime=0.0)

@@ -13,8 +13,8 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
-from fastcoil.base.errors import InputError, WrongType, nearest, shown
-from fastcoil.base.files import require_usable
+from fastcoil.base.errors import InputError, WrongTypeMessage, did_you_mean, short_repr
+from fastcoil.base.files import require_usable_path
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -23,21 +23,21 @@ P = ParamSpec("P")
 R = TypeVar("R")
 T = TypeVar("T")
 
-MOST_VALUES = 50_000_000
+MAX_ARRAY_VALUES = 50_000_000
 """Upper limit of the size of an array argument, such as 1-s samples over all days."""
-_LARGEST = sys.float_info.max
-_OF_NUMPY: Mapping[str, Callable[[Any], object]] = {"b": bool, "i": int, "u": int, "f": float, "U": str}
+_LARGEST_FLOAT = sys.float_info.max
+_BUILTIN_BY_DTYPE_KIND: Mapping[str, Callable[[Any], object]] = {"b": bool, "i": int, "u": int, "f": float, "U": str}
 """Conversions by the kind of a numpy dtype."""
 
 
-def refuse(problems: Collection[str]) -> None:
+def raise_problems(problems: Collection[str]) -> None:
     """Raise all mistakes found, a sentence each, as one ``InputError``; none of them is no error."""
     if problems:
         raise InputError(problems)
 
 
 @contextmanager
-def collecting(problems: list[str], prefix: str = "") -> Iterator[None]:
+def collect_problems(problems: list[str], prefix: str = "") -> Iterator[None]:
     """Add the sentences of an ``InputError`` to ``problems`` and continue."""
     try:
         yield
@@ -53,7 +53,7 @@ class Checks:
 
     def __call__(self, check: Callable[P, R], *args: P.args, **options: P.kwargs) -> R:
         """The result of ``check``, or None if it fails: the whole call is refused afterwards."""
-        with collecting(self.problems):
+        with collect_problems(self.problems):
             return check(*args, **options)
         return cast(R, None)
 
@@ -63,95 +63,97 @@ class Checks:
 
 
 @contextmanager
-def checking() -> Iterator[Checks]:
+def argument_checks() -> Iterator[Checks]:
     """Collect the errors of all checks in the block and raise them as one `InputError` at its end."""
     checks = Checks()
     yield checks
-    refuse(checks.problems)
+    raise_problems(checks.problems)
 
 
-def plain(value: Any) -> Any:
+def to_builtin(value: Any) -> Any:
     """Convert a numpy scalar or a 0-d array to a plain Python number, bool or str; return anything else unchanged."""
     numpy = sys.modules.get("numpy")
     if numpy is None:
         return value
     if type(value) is numpy.ndarray and value.ndim == 0:
         value = value[()]
-    of_numpy = value.dtype.kind if isinstance(value, numpy.generic) else ""
-    return _OF_NUMPY[of_numpy](value) if of_numpy in _OF_NUMPY else value
+    dtype_kind = value.dtype.kind if isinstance(value, numpy.generic) else ""
+    return _BUILTIN_BY_DTYPE_KIND[dtype_kind](value) if dtype_kind in _BUILTIN_BY_DTYPE_KIND else value
 
 
 def is_number(value: Any) -> bool:
     """Whether ``value`` is one real number, of Python or numpy; booleans are not numbers."""
-    value = plain(value)
+    value = to_builtin(value)
     # a numpy duration is a Real with a dtype
     return isinstance(value, Real) and not isinstance(value, bool) and not hasattr(value, "dtype")
 
 
-def number_of(name: str, value: object, cure: str, *, least: float = -math.inf, most: float = _LARGEST) -> float:
+def require_number(
+    name: str, value: object, cure: str, *, least: float = -math.inf, most: float = _LARGEST_FLOAT
+) -> float:
     """A finite number from ``least`` to ``most``, both included."""
     if not is_number(value):
-        raise InputError(WrongType(f"{name} = {shown(value)}: {cure}"))
-    number = plain(value)
-    if not max(least, -_LARGEST) <= number <= most:
-        raise InputError(f"{name} = {shown(value)}: {cure}")
+        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)}: {cure}"))
+    number = to_builtin(value)
+    if not max(least, -_LARGEST_FLOAT) <= number <= most:
+        raise InputError(f"{name} = {short_repr(value)}: {cure}")
     return float(number)
 
 
-def whole_of(name: str, value: object, least: int, most: int | None = None, cure: str | None = None) -> int:
+def require_integer(name: str, value: object, least: int, most: int | None = None, cure: str | None = None) -> int:
     """A whole number from ``least`` to ``most``."""
-    number = plain(value)
+    number = to_builtin(value)
     if isinstance(number, bool) or not isinstance(number, Integral) or hasattr(number, "dtype"):
-        raise InputError(WrongType(f"{name} = {shown(value)}: {cure or 'give a whole number'}"))
+        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)}: {cure or 'give a whole number'}"))
     if int(number) < least or (most is not None and int(number) > most):
         limits = f"must be at least {least}" + (f" and at most {most}" if most is not None else "")
-        raise InputError(f"{name} = {shown(number)}: {cure or limits}")
+        raise InputError(f"{name} = {short_repr(number)}: {cure or limits}")
     return int(number)
 
 
-def flag_of(name: str, value: object) -> bool:
+def require_flag(name: str, value: object) -> bool:
     """True or False, of Python or numpy."""
-    flag = plain(value)
+    flag = to_builtin(value)
     if not isinstance(flag, bool):
-        raise InputError(WrongType(f"{name} = {shown(value)}: give True or False"))
+        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)}: give True or False"))
     return flag
 
 
-def choice_of(name: str, value: object, choices: Collection[str]) -> str:
+def require_choice(name: str, value: object, choices: Collection[str]) -> str:
     """One of ``choices``."""
-    word = plain(value)
+    word = to_builtin(value)
     cure = f"choose {_alternatives(choices)}" if choices else "leave it out, there is none to choose"
     if not isinstance(word, str):
-        raise InputError(WrongType(f"{name} = {shown(value)}: {cure}"))
+        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)}: {cure}"))
     if word not in choices:
-        raise InputError(f"{name} = {shown(word)}{nearest(word, choices)}: {cure}")
+        raise InputError(f"{name} = {short_repr(word)}{did_you_mean(word, choices)}: {cure}")
     return word
 
 
-def path_of(name: str, value: object, cure: str = "give a path") -> Path:
+def require_path(name: str, value: object, cure: str = "give a path") -> Path:
     """A path that the file system accepts; it need not exist."""
     if not isinstance(value, (str, os.PathLike)):
-        raise InputError(WrongType(f"{name} is a {type(value).__name__}: {cure}"))
+        raise InputError(WrongTypeMessage(f"{name} is a {type(value).__name__}: {cure}"))
     text = os.fspath(value)
     if not isinstance(text, str):
-        raise InputError(WrongType(f"{name} = {shown(value)}: {cure} as text"))
+        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)}: {cure} as text"))
     if not text:
         raise InputError(f"{name} is empty: {cure}")
-    require_usable(Path(text), cure)
+    require_usable_path(Path(text), cure)
     return Path(text)
 
 
-def text_of(name: str, value: object) -> str:
+def require_text(name: str, value: object) -> str:
     """A text that can be stored as UTF-8."""
-    text = plain(value)
+    text = to_builtin(value)
     if not isinstance(text, str):
-        raise InputError(WrongType(f"{name} = {shown(value)}: give a text"))
-    if not is_text(text):
-        raise InputError(f"{name} = {shown(text)}: it has characters that cannot be stored as UTF-8, remove them")
+        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)}: give a text"))
+    if not is_storable_text(text):
+        raise InputError(f"{name} = {short_repr(text)}: it has characters that cannot be stored as UTF-8, remove them")
     return text
 
 
-def is_text(text: str) -> bool:
+def is_storable_text(text: str) -> bool:
     """Whether the text survives storage as UTF-8: no unpaired surrogate, no NUL."""
     try:
         return b"\0" not in text.encode()
@@ -159,22 +161,22 @@ def is_text(text: str) -> bool:
         return False
 
 
-def instance_of(name: str, value: object, kind: type[T], cure: str) -> T:
+def require_instance(name: str, value: object, kind: type[T], cure: str) -> T:
     """An instance of ``kind``."""
     if not isinstance(value, kind):
-        raise InputError(WrongType(f"{name} is a {type(value).__name__}: {cure}"))
+        raise InputError(WrongTypeMessage(f"{name} is a {type(value).__name__}: {cure}"))
     return value
 
 
-def array_of(name: str, value: Any, cure: str, kinds: str = "iuf") -> "NDArray[Any]":
+def require_array(name: str, value: Any, cure: str, kinds: str = "iuf") -> "NDArray[Any]":
     """Convert an array-like to a numpy array whose dtype is one of ``kinds``; masked values become NaN.
 
-    ``InputError`` if it cannot be converted, or is a range of more than ``MOST_VALUES`` values.
+    ``InputError`` if it cannot be converted, or is a range of more than ``MAX_ARRAY_VALUES`` values.
     """
     import numpy as np
 
-    if isinstance(value, range) and len(value) > MOST_VALUES:
-        raise InputError(f"{name} = {shown(value)}: more than {MOST_VALUES:,} values, give fewer")
+    if isinstance(value, range) and len(value) > MAX_ARRAY_VALUES:
+        raise InputError(f"{name} = {short_repr(value)}: more than {MAX_ARRAY_VALUES:,} values, give fewer")
     try:
         if isinstance(value, np.ma.MaskedArray):
             value = np.ma.filled(value.astype(np.float64), np.nan)
@@ -182,43 +184,43 @@ def array_of(name: str, value: Any, cure: str, kinds: str = "iuf") -> "NDArray[A
     except Exception as error:  # a user's class may raise anything
         if isinstance(error, ValueError) and isinstance(value, (list, tuple)):
             raise InputError(f"{name} has rows of different length: give one length") from None
-        raise InputError(WrongType(f"{name} = {shown(value)}: {cure}")) from None
+        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)}: {cure}")) from None
     if array.dtype.kind not in kinds:
         kind = "text" if array.dtype.kind in "US" else array.dtype.name  # the name of text has its length in bits
-        raise InputError(WrongType(f"{name} = {shown(value)} is of type {kind}: {cure}"))
+        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)} is of type {kind}: {cure}"))
     return array
 
 
-def mapping_of(name: str, value: object, cure: str, *, to_text: bool = False) -> Mapping[str, Any]:
+def require_mapping(name: str, value: object, cure: str, *, to_text: bool = False) -> Mapping[str, Any]:
     """A mapping with text keys, and text values if ``to_text``."""
     items = list(value.items()) if isinstance(value, Mapping) else [(None, None)]
-    texts: list[Any] = [text for key, of_key in items for text in ((key, of_key) if to_text else (key,))]
+    texts: list[Any] = [text for key, item in items for text in ((key, item) if to_text else (key,))]
     if not all(isinstance(text, str) for text in texts):
-        raise InputError(WrongType(f"{name} = {shown(value)}: {cure}"))
+        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)}: {cure}"))
     return cast("Mapping[str, Any]", value)
 
 
-def names_of(argument: str, given: object) -> list[str]:
+def require_names(argument: str, value: object) -> list[str]:
     """One name or an iterable of different names, as a list."""
-    given = plain(given)
-    is_0d = getattr(given, "ndim", None) == 0  # of xarray: it has __iter__, which raises
-    several: Iterable[object] = [given] if isinstance(given, str) or is_0d or not isinstance(given, Iterable) else given
+    value = to_builtin(value)
+    is_0d = getattr(value, "ndim", None) == 0  # of xarray: it has __iter__, which raises
+    items: Iterable[object] = [value] if isinstance(value, str) or is_0d or not isinstance(value, Iterable) else value
     names: list[str] = []
-    for name in map(plain, several):
+    for name in map(to_builtin, items):
         if not isinstance(name, str):  # of a range of millions the first is enough
-            raise InputError(WrongType(f"{argument} = {shown(given)}: must be a name or a list of names"))
+            raise InputError(WrongTypeMessage(f"{argument} = {short_repr(value)}: must be a name or a list of names"))
         names.append(name)
     if not names:
         raise InputError(f"{argument} is empty: give at least one name")
-    twice = sorted({name for name in names if names.count(name) > 1})
-    refuse([f"{argument}: {shown(name)} is given more than once: give it once" for name in twice])
+    repeated_names = sorted({name for name in names if names.count(name) > 1})
+    raise_problems([f"{argument}: {short_repr(name)} is given more than once: give it once" for name in repeated_names])
     return names
 
 
-def level_of(level: object) -> float:
+def require_confidence_level(level: object) -> float:
     """The confidence level of an interval, between 0 and 1."""
     cure = "must be a number between 0 and 1, such as 0.95"
-    return number_of("level", level, cure, least=math.nextafter(0.0, 1.0), most=math.nextafter(1.0, 0.0))
+    return require_number("level", level, cure, least=math.nextafter(0.0, 1.0), most=math.nextafter(1.0, 0.0))
 
 
 def _alternatives(choices: Iterable[str]) -> str:

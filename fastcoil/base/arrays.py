@@ -7,26 +7,28 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from fastcoil.base.machine import reserve
+from fastcoil.base.machine import reserve_disk_space
 
 Array: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
 Index: TypeAlias = NDArray[np.int64]
-LARGE = 2**18  # bytes
+MEMMAP_MIN_BYTES = 2**18  # bytes
 
 
-def on_disk(shape: tuple[int, ...], value: Any, dtype: np.dtype[Any], folder: Path | None = None) -> NDArray[Any]:
+def allocate_on_disk(
+    shape: tuple[int, ...], value: Any, dtype: np.dtype[Any], folder: Path | None = None
+) -> NDArray[Any]:
     """Make an array; a large one is in a nameless file, so that results may be larger than the memory.
 
     folder: of that file; ``OSError`` if there is no room.  By default it is in the folder for temporary files, or in
     memory if there is no room.
     """
     size = dtype.itemsize * int(np.prod(shape))
-    if size < LARGE:
+    if size < MEMMAP_MIN_BYTES:
         return np.full(shape, value, dtype)
     try:
         with tempfile.TemporaryFile(dir=folder) as file:
-            reserve(file.fileno(), size)  # on a full disk, a later write to the array would kill the process
+            reserve_disk_space(file.fileno(), size)  # on a full disk, a later write to the array would kill the process
             array: NDArray[Any] = np.memmap(file, dtype, "r+", shape=shape)
     except OSError:
         if folder is not None:

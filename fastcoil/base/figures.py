@@ -14,8 +14,8 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
-from fastcoil.base.arguments import checking, choice_of, whole_of
-from fastcoil.base.files import commit, make_folder, read_bytes, storage_errors
+from fastcoil.base.arguments import argument_checks, require_choice, require_integer
+from fastcoil.base.files import convert_os_errors, make_folder, read_bytes, write_atomically
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,13 +27,13 @@ COLOURS = (BLUE, RED, YELLOW)
 
 Distinct from each other, black and ``GREY`` for deuteranopes and protanopes, and from each other in greyscale print.
 """
-GREY = "0.65"
+LINE_GREY = "0.65"
 """For reference lines.  In greyscale print as light as yellow: there, only line styles distinguish the two."""
-FAINT = "0.9"
+SHADE_GREY = "0.9"
 """For shaded backgrounds."""
 LINE_STYLES = ("-", "--", ":")
 """One for each of ``COLOURS``."""
-DOTTED = (0, (1, 3))
+DOTTED_LINE = (0, (1, 3))
 """Line style of reference lines."""
 STYLE: Mapping[str, Any] = {
     "axes.spines.top": False,
@@ -48,7 +48,9 @@ STYLE: Mapping[str, Any] = {
     "figure.dpi": 150,
 }
 _INCHES_PER_POINT = 1 / 72
-_LETTER = 0.55  # average character width of the default font in font sizes, rounded up so that no line is too long
+_CHARACTER_WIDTH_EM = (
+    0.55  # average character width of the default font in font sizes, rounded up so that no line is too long
+)
 
 
 @contextmanager
@@ -64,16 +66,16 @@ def apply_style(**changes: Any) -> Iterator[None]:
         yield
 
 
-def wrapped(text: str, inches: float, points: float) -> str:
+def wrap_text(text: str, inches: float, points: float) -> str:
     """Wrap text to a width in inches at a font size in points; existing line breaks are kept."""
-    letters = max(int(inches / (_LETTER * points * _INCHES_PER_POINT)), 1)
-    return "\n".join(fill(line, letters, break_long_words=False) for line in text.splitlines())
+    n_characters = max(int(inches / (_CHARACTER_WIDTH_EM * points * _INCHES_PER_POINT)), 1)
+    return "\n".join(fill(line, n_characters, break_long_words=False) for line in text.splitlines())
 
 
-FIGURES = "figures"
+FIGURES_FOLDER = "figures"
 """Name of the figure folder inside a study's folder."""
-FORMATS = ("png", "pdf", "svg")
-DPI = 200
+FIGURE_FORMATS = ("png", "pdf", "svg")
+DEFAULT_DPI = 200
 """Dots per inch of a PNG and of rasterised maps in a PDF or SVG."""
 _DPI_RANGE = (50, 1200)
 _METADATA: Mapping[str, dict[str, Any]] = {
@@ -81,17 +83,17 @@ _METADATA: Mapping[str, dict[str, Any]] = {
     "pdf": {"Creator": "fastcoil", "CreationDate": None},
     "svg": {"Creator": "fastcoil", "Date": None},
 }
-_CARRIER = {"png": "Source", "pdf": "Keywords", "svg": "Source"}
+_ORIGIN_FIELD = {"png": "Source", "pdf": "Keywords", "svg": "Source"}
 """Standard metadata field that holds the origin of a figure; these formats allow no custom names."""
-_ORIGIN = "content_sha256 "
-_HASH = _ORIGIN.encode() + rb"([0-9a-f]{64})"
-_CARRIED = {
-    "png": re.compile(rb"\0\0\0VtEXtSource\0" + _HASH),  # V: the length of this text, 86
-    "pdf": re.compile(rb"/Keywords \(" + _HASH + rb"\)"),
-    "svg": re.compile(rb"<dc:source>" + _HASH + rb"</dc:source>"),
+_ORIGIN_PREFIX = "content_sha256 "
+_ORIGIN_HASH = _ORIGIN_PREFIX.encode() + rb"([0-9a-f]{64})"
+_ORIGIN_IN_FILE = {
+    "png": re.compile(rb"\0\0\0VtEXtSource\0" + _ORIGIN_HASH),  # V: the length of this text, 86
+    "pdf": re.compile(rb"/Keywords \(" + _ORIGIN_HASH + rb"\)"),
+    "svg": re.compile(rb"<dc:source>" + _ORIGIN_HASH + rb"</dc:source>"),
 }
-_LARGEST = 2**26  # maximum size of a figure file in bytes
-_SETTINGS: Any = {"svg.hashsalt": "fastcoil", "svg.fonttype": "none", "pdf.fonttype": 42}
+_MAX_FIGURE_BYTES = 2**26  # maximum size of a figure file in bytes
+_SAVE_SETTINGS: Any = {"svg.hashsalt": "fastcoil", "svg.fonttype": "none", "pdf.fonttype": 42}
 """Text is stored as text, so that it can be searched and edited."""
 
 
@@ -101,12 +103,12 @@ def check_format(format: str, dpi: object) -> None:
     ``InputError`` if ``format`` is none of ``FORMATS`` or ``dpi`` no whole number from 50 to 1200.
     """
     low, high = _DPI_RANGE
-    with checking() as check:
-        check(choice_of, "format", format, FORMATS)
-        check(whole_of, "dpi", dpi, low, high, f"give a whole number from {low} to {high}")
+    with argument_checks() as check:
+        check(require_choice, "format", format, FIGURE_FORMATS)
+        check(require_integer, "dpi", dpi, low, high, f"give a whole number from {low} to {high}")
 
 
-def encode(figure: Figure, format: str = "png", dpi: int = DPI, drawn_from: str | None = None) -> bytes:
+def encode_figure(figure: Figure, format: str = "png", dpi: int = DEFAULT_DPI, drawn_from: str | None = None) -> bytes:
     """Encode a figure as the bytes of a file; ``drawn_from``: ``content_sha256`` of the results it shows."""
     from matplotlib import rc_context
     from matplotlib.text import Text
@@ -115,45 +117,50 @@ def encode(figure: Figure, format: str = "png", dpi: int = DPI, drawn_from: str 
         # a user's label with $ is not mathtext; the tick labels of logarithmic axes are
         if isinstance(text, Text) and "$" in text.get_text() and "mathdefault" not in text.get_text():
             text.set_parse_math(False)
-    origin = {} if drawn_from is None else {_CARRIER[format]: _ORIGIN + drawn_from}
+    origin_metadata = {} if drawn_from is None else {_ORIGIN_FIELD[format]: _ORIGIN_PREFIX + drawn_from}
     data = io.BytesIO()
-    with rc_context(_SETTINGS):
-        figure.savefig(data, format=format, dpi=dpi, metadata={**_METADATA[format], **origin})
+    with rc_context(_SAVE_SETTINGS):
+        figure.savefig(data, format=format, dpi=dpi, metadata={**_METADATA[format], **origin_metadata})
     return data.getvalue()
 
 
-def write(
-    figures: Mapping[str, Figure], folder: Path, *, format: str = "png", dpi: int = DPI, drawn_from: str | None = None
+def write_figures(
+    figures: Mapping[str, Figure],
+    folder: Path,
+    *,
+    format: str = "png",
+    dpi: int = DEFAULT_DPI,
+    drawn_from: str | None = None,
 ) -> list[Path]:
     """Write figures, given by file name without suffix, into a folder, which is made if missing; return their paths.
 
     drawn_from: ``content_sha256`` of the results that they show, stored in their metadata; see ``origin``.
     """
-    with storage_errors(folder, "made"):
+    with convert_os_errors(folder, "made"):
         make_folder(folder, parents=True)
     paths = []
     for name, figure in figures.items():
         paths.append(folder / f"{name}.{format}")
-        commit(paths[-1], encode(figure, format, dpi, drawn_from))
+        write_atomically(paths[-1], encode_figure(figure, format, dpi, drawn_from))
     return paths
 
 
-def origin(path: Path) -> str | None:
+def read_origin(path: Path) -> str | None:
     """The ``content_sha256`` of the results that a PNG, PDF or SVG file was drawn from; None if it contains none.
 
     Only the bytes are searched: no library decodes the untrusted file.
     """
     try:
-        data = read_bytes(path, _LARGEST) if path.is_file() else b""
+        data = read_bytes(path, _MAX_FIGURE_BYTES) if path.is_file() else b""
     except (OSError, ValueError):  # unreadable, too large or not a regular file
         return None
-    found = _CARRIED[path.suffix[1:]].search(data)
-    return found[1].decode() if found else None
+    match = _ORIGIN_IN_FILE[path.suffix[1:]].search(data)
+    return match[1].decode() if match else None
 
 
 def current_figures(folder: Path, content_sha256: str) -> list[Path]:
     """The figures in a study's folder that were drawn from these results."""
-    return [path for path in _figure_files(folder) if origin(path) == content_sha256]
+    return [path for path in _figure_files(folder) if read_origin(path) == content_sha256]
 
 
 def stale_figures(folder: Path, content_sha256: str) -> list[Path]:
@@ -161,8 +168,8 @@ def stale_figures(folder: Path, content_sha256: str) -> list[Path]:
 
     Figures without an origin in their metadata are not included.
     """
-    return [path for path in _figure_files(folder) if origin(path) not in (content_sha256, None)]
+    return [path for path in _figure_files(folder) if read_origin(path) not in (content_sha256, None)]
 
 
 def _figure_files(folder: Path) -> list[Path]:
-    return sorted(path for format in FORMATS for path in (folder / FIGURES).glob(f"*.{format}"))
+    return sorted(path for format in FIGURE_FORMATS for path in (folder / FIGURES_FOLDER).glob(f"*.{format}"))

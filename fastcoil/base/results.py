@@ -5,9 +5,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from fastcoil.base.arguments import path_of
+from fastcoil.base.arguments import require_path
 from fastcoil.base.errors import InputError
-from fastcoil.base.files import commit, may_be_file
+from fastcoil.base.files import is_possible_file, write_atomically
 
 
 class Result(ABC):
@@ -25,7 +25,7 @@ class Result(ABC):
         return "\n".join([f"<fastcoil {type(self).__name__}>", *self.summary()])
 
 
-def as_toml(lines: Iterable[str], path: str | Path | None) -> str:
+def toml_document(lines: Iterable[str], path: str | Path | None) -> str:
     """Join lines of TOML, and write them to ``path`` if given.
 
     ``InputError`` if ``path`` is a folder, or its folder does not exist.  ``StorageError`` if it cannot be written; no
@@ -33,20 +33,20 @@ def as_toml(lines: Iterable[str], path: str | Path | None) -> str:
     """
     text = "\n".join(lines) + "\n"
     if path is not None:
-        path = path_of("path", path)
-        if not may_be_file(path):
+        path = require_path("path", path)
+        if not is_possible_file(path):
             raise InputError(f"{path} cannot be written: give a file in a folder that exists")
-        commit(path, text.encode())
+        write_atomically(path, text.encode())
     return text
 
 
 def toml_table(name: str, values: Mapping[str, object], remark: str = "") -> list[str]:
     """Lines of a table in TOML notation, after an empty one."""
     head = f"[{name}]  # {remark}" if remark else f"[{name}]"
-    return ["", head, *(f"{key} = {in_toml(value)}" for key, value in values.items())]
+    return ["", head, *(f"{key} = {format_toml_value(value)}" for key, value in values.items())]
 
 
-def in_toml(value: object) -> str:
+def format_toml_value(value: object) -> str:
     """A text, a number, a boolean, or a list of these in TOML notation."""
     if isinstance(value, bool):
         return "true" if value else "false"
@@ -55,5 +55,5 @@ def in_toml(value: object) -> str:
     if isinstance(value, (int, float)):
         return repr(float(value)) if isinstance(value, float) else repr(value)
     if isinstance(value, (list, tuple)):
-        return f"[{', '.join(map(in_toml, value))}]"
+        return f"[{', '.join(map(format_toml_value, value))}]"
     raise TypeError(f"{type(value).__name__} in TOML")

@@ -8,8 +8,8 @@ from typing import Any
 
 import click
 
-from fastcoil.base.arguments import path_of, refuse
-from fastcoil.base.errors import shown
+from fastcoil.base.arguments import raise_problems, require_path
+from fastcoil.base.errors import short_repr
 
 
 class UsablePath(click.ParamType):  # type: ignore[type-arg]
@@ -18,10 +18,10 @@ class UsablePath(click.ParamType):  # type: ignore[type-arg]
     name = "path"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        return path_of(param.opts[-1] if param else "path", value, "give a path, such as . for the current folder")
+        return require_path(param.opts[-1] if param else "path", value, "give a path, such as . for the current folder")
 
 
-PATH = UsablePath()
+USABLE_PATH = UsablePath()
 
 with_scenario = click.option(
     "--at",
@@ -29,43 +29,43 @@ with_scenario = click.option(
     metavar="NAME=LABEL",
     help="The scenario, such as backlash=0.07,day=3: a label for every dimension.",
 )
-"""Option of commands on one scenario; see ``labels_of``."""
+"""Option of commands on one scenario; see ``parse_labels``."""
 
 
-def options(*of: Callable[..., Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def combine_options(*decorators: Callable[..., Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """A decorator that adds all of these options of click."""
-    return lambda command: functools.reduce(lambda made, option: option(made), of, command)
+    return lambda command: functools.reduce(lambda decorated, decorate: decorate(decorated), decorators, command)
 
 
-def pairs(option: str, given: Sequence[str]) -> dict[str, str]:
+def parse_pairs(option: str, arguments: Sequence[str]) -> dict[str, str]:
     """Parse ``NAME=VALUE`` arguments into a mapping; each name once."""
-    found: dict[str, str] = {}
+    values: dict[str, str] = {}
     problems: list[str] = []
-    for one in given:
-        name, sign, value = (part.strip() for part in one.partition("="))
+    for argument in arguments:
+        name, sign, value = (part.strip() for part in argument.partition("="))
         if not sign:
-            problems.append(f"{option} {one}: give NAME=VALUE")
-        elif name in found:
-            problems.append(f"{option}: {shown(name)} is given twice: give it once")
-        found[name] = value
-    refuse(problems)
-    return found
+            problems.append(f"{option} {argument}: give NAME=VALUE")
+        elif name in values:
+            problems.append(f"{option}: {short_repr(name)} is given twice: give it once")
+        values[name] = value
+    raise_problems(problems)
+    return values
 
 
-def labels_of(at: Sequence[str]) -> dict[str, str]:
+def parse_labels(at: Sequence[str]) -> dict[str, str]:
     """Parse ``--at backlash=0.07,tuning=fast`` into dimension → label."""
-    return pairs("--at", _split(at))
+    return parse_pairs("--at", _split_pairs(at))
 
 
-def all_labels_of(option: str, at: Sequence[str]) -> dict[str, list[str]]:
-    """As ``labels_of``, into name → list of labels; a name may be given several times."""
-    found: dict[str, list[str]] = {}
-    for one in _split(at):
-        for name, label in pairs(option, [one]).items():
-            found.setdefault(name, []).append(label)
-    return found
+def parse_label_lists(option: str, at: Sequence[str]) -> dict[str, list[str]]:
+    """As ``parse_labels``, into name → list of labels; a name may be given several times."""
+    labels: dict[str, list[str]] = {}
+    for pair in _split_pairs(at):
+        for name, label in parse_pairs(option, [pair]).items():
+            labels.setdefault(name, []).append(label)
+    return labels
 
 
-def _split(at: Sequence[str]) -> list[str]:
+def _split_pairs(at: Sequence[str]) -> list[str]:
     """The arguments, split at commas that begin another ``NAME=``."""
-    return [item for item in re.split(",(?=[^,=]+=)", ",".join(at)) if item]
+    return [pair for pair in re.split(",(?=[^,=]+=)", ",".join(at)) if pair]

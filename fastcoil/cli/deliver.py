@@ -9,58 +9,67 @@ from typing import Any
 import click
 
 import fastcoil as fc
-from fastcoil.base.arguments import checking, choice_of
+from fastcoil.base.arguments import argument_checks, require_choice
 from fastcoil.base.errors import InputError
-from fastcoil.base.files import exists, has_mark, is_folder, require_file
-from fastcoil.cli.arguments import PATH, all_labels_of
-from fastcoil.cli.terminal import announce_compilation, say
+from fastcoil.base.files import exists, has_mark, is_folder, require_output_file
+from fastcoil.cli.arguments import USABLE_PATH, parse_label_lists
+from fastcoil.cli.terminal import announce_compilation, echo
 from fastcoil.model.metric_table import STATUS_NOT_RUN
 
-OPTION = "--report"
+REPORT_OPTION = "--report"
 
 
 @click.command()
-@click.argument("folder", type=PATH)
-@click.option("-o", "--out", type=PATH, metavar="FILE.html", help="File to write; FOLDER/report.html by default.")
+@click.argument("folder", type=USABLE_PATH)
+@click.option(
+    "-o", "--out", type=USABLE_PATH, metavar="FILE.html", help="File to write; FOLDER/report.html by default."
+)
 def report(folder: Path, out: Path | None) -> None:
     """Write a self-contained HTML report of the finished study in FOLDER.
 
     diagnose, explain, fit and tune have an option --report instead.
     """
-    say(f"Report:  {fc.report(folder, out)}")
+    echo(f"Report:  {fc.report(folder, out)}")
 
 
 def with_report(command: Callable[..., None]) -> Callable[..., None]:
     """Add the option ``--report``; its path is checked before the command runs."""
     return click.option(
-        OPTION, "report", type=PATH, metavar="FILE.html", callback=_checked, help="Self-contained HTML report to write."
+        REPORT_OPTION,
+        "report",
+        type=USABLE_PATH,
+        metavar="FILE.html",
+        callback=_check_report_path,
+        help="Self-contained HTML report to write.",
     )(command)
 
 
-def write_found(found: Any, out: Path | None, report: Path | None = None, *, word: str = "Written") -> None:
-    """Write what is asked for: TOML, called ``word``, with a figure beside it, or the figure alone; the report."""
+def write_result(result: Any, out: Path | None, report: Path | None = None, *, label: str = "Written") -> None:
+    """Write what is asked for: TOML, called ``label``, with a figure beside it, or the figure alone; the report."""
     if out is not None:
-        from fastcoil.base.figures import write
+        from fastcoil.base.figures import write_figures
 
         if out.suffix.lower() == ".toml":
-            found.to_toml(out)
-            say(f'{word + ":":<9}{out} (in a study: [loop] include = ["{out.name}"])')
-        form = out.suffix.lower().removeprefix(".").replace("toml", "png")
-        say(*(f"Figure:  {path}" for path in write({out.stem: found.plot()}, out.parent, format=form)))
+            result.to_toml(out)
+            echo(f'{label + ":":<9}{out} (in a study: [loop] include = ["{out.name}"])')
+        figure_format = out.suffix.lower().removeprefix(".").replace("toml", "png")
+        echo(
+            *(f"Figure:  {path}" for path in write_figures({out.stem: result.plot()}, out.parent, format=figure_format))
+        )
     if report is not None:
-        say(f"Report:  {fc.report(found, report)}")
+        echo(f"Report:  {fc.report(result, report)}")
 
 
-def _checked(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:
+def _check_report_path(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:
     from fastcoil.deliver.report.page import require_page
 
     if value is not None:
-        require_page(value, OPTION)
+        require_page(value, REPORT_OPTION)
     return value
 
 
 @click.command()
-@click.argument("folder", type=PATH, required=False)
+@click.argument("folder", type=USABLE_PATH, required=False)
 @click.option("--bibtex", "as_bibtex", is_flag=True, help="BibTeX instead of plain text.")
 def cite(folder: Path | None, as_bibtex: bool) -> None:
     """Print how to cite fastcoil and the paper, and with FOLDER its results and the version that made them."""
@@ -71,36 +80,38 @@ def cite(folder: Path | None, as_bibtex: bool) -> None:
         from fastcoil.study.folder.results import open_finished
 
         results = open_finished(folder).attrs
-    say(*(bibtex if as_bibtex else citation)(results))
+    echo(*(bibtex if as_bibtex else citation)(results))
 
 
 @click.command()
-@click.argument("folder", type=PATH)
-@click.option("-o", "--out", type=PATH, metavar="FILE.zip", help="File to write; FOLDER.zip beside it by default.")
+@click.argument("folder", type=USABLE_PATH)
+@click.option(
+    "-o", "--out", type=USABLE_PATH, metavar="FILE.zip", help="File to write; FOLDER.zip beside it by default."
+)
 def archive(folder: Path, out: Path | None) -> None:
     """Pack the finished study in FOLDER into one file that `fastcoil verify` checks on any machine.
 
     It contains the study file, results and traces, the environment that made them, hashes, and every file that the
     study reads: weather, logs, fitted parameters, its own code.  Check the list before you share it.
     """
-    from fastcoil.study.archive import pack
+    from fastcoil.study.archive import write_archive
 
-    written = pack(folder, out)
-    size = written.path.stat().st_size / 1e6
-    say(f"Archive: {written.path} ({size:,.1f} MB), content_sha256 {written.content_sha256}")
-    say(*(f"Input:   {name}" for name in written.inputs))
-    for path, member in written.elsewhere.items():
-        say(f"Note:    the study reads {path}, which other machines do not have; packed as {member}", err=True)
+    packed = write_archive(folder, out)
+    size = packed.path.stat().st_size / 1e6
+    echo(f"Archive: {packed.path} ({size:,.1f} MB), content_sha256 {packed.content_sha256}")
+    echo(*(f"Input:   {name}" for name in packed.inputs))
+    for path, member in packed.elsewhere.items():
+        echo(f"Note:    the study reads {path}, which other machines do not have; packed as {member}", err=True)
 
 
 @click.command()
-@click.argument("path", type=PATH)
+@click.argument("path", type=USABLE_PATH)
 @click.option("--language", help="Controller as c, st, python, fmu or plcopen.  [default: by -o, else c]")
 @click.option("--test", "has_test", is_flag=True, help="Include a valve test, which the input start_test starts.")
 @click.option("--csv", is_flag=True, help="A row for each scenario-day.")
 @click.option("--metric", "metrics", multiple=True, help="Metric to have in the table; may be repeated.")
 @click.option("--at", multiple=True, metavar="NAME=LABEL", help="Only scenarios with this label; may be repeated.")
-@click.option("-o", "--out", type=PATH, metavar="FILE",
+@click.option("-o", "--out", type=USABLE_PATH, metavar="FILE",
               help="File to write; by default NAME with the matching suffix in the current folder.")  # fmt: skip
 def export(
     path: Path, language: str | None, has_test: bool, csv: bool, metrics: tuple[str, ...], at: tuple[str, ...],
@@ -118,10 +129,12 @@ def export(
     """  # noqa: D301 — click reads the backspace
     if path.suffix == ".toml" and not is_folder(path):
         options = {"--csv": csv, "--metric": metrics, "--at": at}
-        tables = [option for option, given in options.items() if given]
-        if tables:
-            only = f"{' and '.join(tables)} work{'s' * (len(tables) == 1)} only for tables of results"
-            raise InputError(f"{only}, but {path} is a TOML file: give the folder of a study")
+        table_options = [option for option, value in options.items() if value]
+        if table_options:
+            restriction = (
+                f"{' and '.join(table_options)} work{'s' * (len(table_options) == 1)} only for tables of results"
+            )
+            raise InputError(f"{restriction}, but {path} is a TOML file: give the folder of a study")
         export_code(path, language, out, has_test)
         return
     if language or has_test:
@@ -135,54 +148,54 @@ def export(
 def export_code(path: Path, language: str | None, out: Path | None, has_test: bool) -> None:
     """Write the code of the controller in a study file, with a valve test if asked; only the loop counts."""
     from fastcoil.deliver.export.export import SUFFIXES
-    from fastcoil.study.file.own_code import load_rules
     from fastcoil.study.file.spec import read_study
+    from fastcoil.study.file.user_code import load_rules
 
     by_suffix = {suffix: name for name, suffix in SUFFIXES.items()}
-    found = by_suffix.get(out.suffix.lower(), "c") if out else "c"
-    language = choice_of("language", language or found, SUFFIXES)
+    default_language = by_suffix.get(out.suffix.lower(), "c") if out else "c"
+    language = require_choice("language", language or default_language, SUFFIXES)
     study = read_study(path)
     loop = study.plan.layout.loop
     load_rules(loop.rules, study.rules)
     announce_compilation()
-    made = fc.ValveTest.heating if loop["action"] == "heating" else fc.ValveTest
-    test = made() if has_test and loop["test_start"] is None else None
-    for written in fc.export_controller(loop, out or Path(path.stem + SUFFIXES[language]), language, test=test):
-        say(f"Written: {written}")
+    make_test = fc.ValveTest.heating if loop["action"] == "heating" else fc.ValveTest
+    test = make_test() if has_test and loop["test_start"] is None else None
+    for path_written in fc.export_controller(loop, out or Path(path.stem + SUFFIXES[language]), language, test=test):
+        echo(f"Written: {path_written}")
 
 
-_SAID_WITHIN = 2**16  # bytes searched for the version at the start of a file
+_VERSION_SEARCH_BYTES = 2**16  # bytes searched for the version at the start of a file
 
 
 def export_table(path: Path, metrics: tuple[str, ...], at: Sequence[str], out: Path | None) -> None:
     """Write the results at ``path``, the folder of a study or a NetCDF file, as a table."""
-    from fastcoil.deliver.tables import Tidy, check_metrics, write_csv
-    from fastcoil.study.analysis.selected import in_words, selected
+    from fastcoil.deliver.tables import TidyTable, check_metrics, write_csv
+    from fastcoil.study.analysis.selected import describe_labels, select_labels
     from fastcoil.study.folder.results import open_results
 
-    labels = all_labels_of("--at", at)
-    target = _target(path, out)
+    labels = parse_label_lists("--at", at)
+    target = _table_path(path, out)
     ds = open_results(path)
-    with checking() as check:
+    with argument_checks() as check:
         check(check_metrics, ds, metrics)
-        part = check(selected, ds, labels)
+        part = check(select_labels, ds, labels)
     if labels:
-        part = part.assign_attrs(title=f"{ds.attrs.get('title', '')} at {in_words(part, labels)}".strip())
-    left = int((part["status"].values == STATUS_NOT_RUN).sum())
-    if left:
-        say(f"Unfinished: {left:,} of {part['status'].size:,} scenarios have not run (status not_run).", err=True)
-    table = Tidy(part, metrics)
+        part = part.assign_attrs(title=f"{ds.attrs.get('title', '')} at {describe_labels(part, labels)}".strip())
+    n_not_run = int((part["status"].values == STATUS_NOT_RUN).sum())
+    if n_not_run:
+        echo(f"Unfinished: {n_not_run:,} of {part['status'].size:,} scenarios have not run (status not_run).", err=True)
+    table = TidyTable(part, metrics)
     write_csv(table, target)
     rows = f"{table.n_rows:,} scenario-day{'s' * (table.n_rows != 1)}"
-    say(f"Written: {target} ({rows}, {len(table.columns)} columns)")
+    echo(f"Written: {target} ({rows}, {len(table.columns)} columns)")
 
 
-def _target(path: Path, out: Path | None) -> Path:
+def _table_path(path: Path, out: Path | None) -> Path:
     """The file to write: ``out``, or a default name in the folder ``out`` or the current one."""
     if out is None or is_folder(out):
         target = (out or Path()) / f"{path.resolve().name.removesuffix('.nc') or 'results'}.csv"
-        if exists(target) and not has_mark(target, b"fastcoil_version", _SAID_WITHIN):
+        if exists(target) and not has_mark(target, b"fastcoil_version", _VERSION_SEARCH_BYTES):
             raise InputError(f"{target} exists, and fastcoil did not write it: name another file with -o, or delete it")
         return target
-    require_file("-o", out, ".csv")
+    require_output_file("-o", out, ".csv")
     return out

@@ -9,12 +9,12 @@ import click
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError
-from fastcoil.base.files import commit, entries, make_folder, storage_errors
-from fastcoil.cli.arguments import PATH
-from fastcoil.cli.terminal import announce_compilation, say
+from fastcoil.base.files import convert_os_errors, list_folder, make_folder, write_atomically
+from fastcoil.cli.arguments import USABLE_PATH
+from fastcoil.cli.terminal import announce_compilation, echo
 
-_LOOP = {"backlash": 0.09, "kp": 0.03, "ti": 15.0}
-_COMMANDS = (
+_LOOP_PARAMETERS = {"backlash": 0.09, "kp": 0.03, "ti": 15.0}
+_DEMO_COMMANDS = (
     ("A loop hunts.  Is it the valve?", "fastcoil diagnose log.csv --stroke-time 90"),
     (
         "Why does it hunt, and what would cure it?",
@@ -25,38 +25,38 @@ _COMMANDS = (
 
 
 @click.command()
-@click.argument("folder", type=PATH, required=False)
+@click.argument("folder", type=USABLE_PATH, required=False)
 @click.pass_context
 def demo(context: click.Context, folder: Path | None) -> None:
     """Show a diagnosis, an explanation and a sweep in about a minute.
 
     The log, the study file and the results stay in FOLDER, if it is given.
     """
-    if folder is not None and entries(folder):
+    if folder is not None and list_folder(folder):
         raise InputError(f"{folder} has files in it: give the name of a new folder")
     with ExitStack() as stack:
-        place = folder or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="fastcoil-")))
-        with storage_errors(place, "made"):
-            make_folder(place, parents=True)
-            stack.enter_context(chdir(place))
+        working_folder = folder or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="fastcoil-")))
+        with convert_os_errors(working_folder, "made"):
+            make_folder(working_folder, parents=True)
+            stack.enter_context(chdir(working_folder))
         announce_compilation()
-        commit(Path("log.csv"), _log().encode())
-        commit(Path("sweep.toml"), Path(__file__).with_name("demo.toml").read_bytes())
+        write_atomically(Path("log.csv"), _simulate_log().encode())
+        write_atomically(Path("sweep.toml"), Path(__file__).with_name("demo.toml").read_bytes())
         main = context.find_root().command
-        for question, command in _COMMANDS:
-            say("", f"# {question}", f"$ {command}")
-            with main.make_context("fastcoil", shlex.split(command)[1:]) as inner:
-                main.invoke(inner)
-    kept = f"The files are in {folder}." if folder else "To keep the files: fastcoil demo FOLDER"
-    say("", f"Next, with a log of your own: fastcoil diagnose LOG.csv.  {kept}")
+        for question, command in _DEMO_COMMANDS:
+            echo("", f"# {question}", f"$ {command}")
+            with main.make_context("fastcoil", shlex.split(command)[1:]) as command_context:
+                main.invoke(command_context)
+    files_note = f"The files are in {folder}." if folder else "To keep the files: fastcoil demo FOLDER"
+    echo("", f"Next, with a log of your own: fastcoil diagnose LOG.csv.  {files_note}")
 
 
-def _log() -> str:
+def _simulate_log() -> str:
     """Six hours of a loop that hunts, as a building logs it."""
     day = fc.paper_day(hours=6, seed=2)
-    loop = fc.Loop.preset("lbnl").assign(**_LOOP, noise_std=0.01)
+    loop = fc.Loop.preset("lbnl").assign(**_LOOP_PARAMETERS, noise_std=0.01)
     ds = fc.simulate(loop, day, traces=["command", "T_measured"], trace_interval=10, progress=False)
     T_set = day.to_dataset().T_set.sel(elapsed_time=ds.elapsed_time)
     rows = zip(ds.elapsed_time.values, ds.command.values, ds.T_measured.values, T_set.values, strict=True)
-    lines = [f"{t:.0f},{command:.3f},{T_sup:.3f},{wanted:.3f}" for t, command, T_sup, wanted in rows]
+    lines = [f"{t:.0f},{command:.3f},{T_sup:.3f},{set_point:.3f}" for t, command, T_sup, set_point in rows]
     return "\n".join(["elapsed_time [s],command [1],T_sup [degC],T_set [degC]", *lines, ""])

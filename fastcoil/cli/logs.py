@@ -10,41 +10,43 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import fastcoil as fc
-from fastcoil.base.arguments import refuse
-from fastcoil.base.errors import InputError, shown
-from fastcoil.base.files import commit, exists, has_mark, require_file
-from fastcoil.base.text import aligned, number_or_word
-from fastcoil.cli.arguments import PATH, options, pairs
-from fastcoil.cli.deliver import with_report, write_found
-from fastcoil.cli.terminal import announce_compilation, say
+from fastcoil.base.arguments import raise_problems
+from fastcoil.base.errors import InputError, short_repr
+from fastcoil.base.files import exists, has_mark, require_output_file, write_atomically
+from fastcoil.base.text import align_columns, parse_number_or_word
+from fastcoil.cli.arguments import USABLE_PATH, combine_options, parse_pairs
+from fastcoil.cli.deliver import with_report, write_result
+from fastcoil.cli.terminal import announce_compilation, echo
 
 if TYPE_CHECKING:
     from fastcoil.measured.fit import Fit
 
 
-_FOUND = 1  # exit code of ``diagnose --fail``
-_MOST_SHOWN = 10  # valves, and logs that could not be read
+_EXIT_FAULT_FOUND = 1  # exit code of ``diagnose --fail``
+_MAX_LISTED = 10  # valves, and logs that could not be read
 
 
-def _as_pairs(ctx: click.Context, param: click.Parameter, value: Sequence[str]) -> dict[str, str] | None:
-    return pairs(param.opts[-1], value) or None
+def _parse_pairs_option(ctx: click.Context, param: click.Parameter, value: Sequence[str]) -> dict[str, str] | None:
+    return parse_pairs(param.opts[-1], value) or None
 
 
-_TIME_FORMAT = "Format of the timestamps: '%d/%m/%Y %H:%M', excel or epoch; recognised by default."
-with_reading_options = options(
+_TIME_FORMAT_HELP = "Format of the timestamps: '%d/%m/%Y %H:%M', excel or epoch; recognised by default."
+with_reading_options = combine_options(
     click.option("--drop", is_flag=True, help="Drop bad values and count them, or bridge a single one."),
     click.option("--jumps", default="refuse", show_default=True,
                  help="Where time runs backwards: refuse the file, or split it there."),
     click.option("--max-gap", type=float, help="Longest gap to bridge, s; three median steps by default."),
-    click.option("--time-format", metavar="PATTERN", help=_TIME_FORMAT),
-    click.option("--unit", "units", multiple=True, callback=_as_pairs, metavar="NAME=UNIT",
+    click.option("--time-format", metavar="PATTERN", help=_TIME_FORMAT_HELP),
+    click.option("--unit", "units", multiple=True, callback=_parse_pairs_option, metavar="NAME=UNIT",
                  help="Unit of a column whose header has none."),
-    click.option("--column", "columns", multiple=True, callback=_as_pairs, metavar="NAME=HEADER",
+    click.option("--column", "columns", multiple=True, callback=_parse_pairs_option, metavar="NAME=HEADER",
                  help="Header of the column for NAME, if it differs."),
-    click.argument("data", type=PATH),
+    click.argument("data", type=USABLE_PATH),
 )  # fmt: skip
 """The argument DATA and the options of the log reader, named as the keywords of ``fc.diagnose``."""
-with_toml = click.option("-o", "--out", type=PATH, help="TOML file to write, and a figure beside it; none by default.")
+with_toml = click.option(
+    "-o", "--out", type=USABLE_PATH, help="TOML file to write, and a figure beside it; none by default."
+)
 with_stroke_time = click.option(
     "--stroke-time", type=float, help="Seconds the motor takes from closed to open; 90 by default."
 )
@@ -53,9 +55,9 @@ with_warm_up = click.option(
 )
 
 
-def require_writable(out: Path) -> None:
+def require_fit_file(out: Path) -> None:
     """Raise, before any work, unless ``out`` can be written and is new or an earlier fit."""
-    require_file("-o", out, ".toml")
+    require_output_file("-o", out, ".toml")
     if exists(out) and not has_mark(out, b" fitted to ", 300):
         raise InputError(f"-o {out}: this file exists and is not a fit: choose another name, or delete it")
     figure = out.with_suffix(".png")
@@ -65,7 +67,7 @@ def require_writable(out: Path) -> None:
 
 @click.command()
 @with_reading_options
-@click.argument("more", type=PATH, nargs=-1, metavar="[DATA]...")
+@click.argument("more", type=USABLE_PATH, nargs=-1, metavar="[DATA]...")
 @with_report
 @with_toml
 @click.option("--fleet", is_flag=True, help="DATA are logs of many valves, or folders of logs: rank the valves.")
@@ -89,51 +91,51 @@ def diagnose(
 
     With --fleet, DATA are files of many valves, or folders of them; -o then names FILE.html, FILE.csv or a folder.
     """
-    from fastcoil.measured.identify import GOOD
+    from fastcoil.measured.identify import GOOD_BACKLASH
 
     if fleet:
-        _survey([data, *more], out, report, jobs, fail, options)
+        _diagnose_fleet([data, *more], out, report, jobs, fail, options)
         return
     if jobs is not None:
         raise InputError("--jobs works only with --fleet: leave it out")
     if out is not None:
-        require_writable(out)
+        require_fit_file(out)
     announce_compilation("mean_openings")
-    found = fc.diagnose([data, *more] if more else data, **options)
-    say(*found.summary())
-    write_found(found, out, report)
-    if fail and (found.hunts or (found.identified and found.backlash > GOOD)):
-        sys.exit(_FOUND)
+    diagnosis = fc.diagnose([data, *more] if more else data, **options)
+    echo(*diagnosis.summary())
+    write_result(diagnosis, out, report)
+    if fail and (diagnosis.hunts or (diagnosis.identified and diagnosis.backlash > GOOD_BACKLASH)):
+        sys.exit(_EXIT_FAULT_FOUND)
 
 
-def _survey(
+def _diagnose_fleet(
     logs: Sequence[Path], out: Path | None, report: Path | None, jobs: int | None, fail: bool, options: dict[str, Any]
 ) -> None:
-    from fastcoil.deliver.report.survey import AT_FAULT, HEAD, cells, headline, states
+    from fastcoil.deliver.report.survey import AT_FAULT, TABLE_HEAD, headline, ranked_rows, state_counts
 
     if report is not None:
         raise InputError("--report does not work with --fleet: write the page with -o FILE.html")
     announce_compilation("mean_openings")
     ds = fc.survey(logs, out, n_jobs=jobs, **options)
-    rows = cells(ds)[:_MOST_SHOWN]
-    say(headline(ds), *(aligned([HEAD, *rows], right=(1, 2)) if rows else ()))
-    warned = zip(ds["valve"].values, ds["warnings"].values[: len(rows)], strict=False)
-    say(*(f"{valve}: {warning}" for valve, warning in warned if warning))
-    alike: dict[str, list[str]] = {}
+    rows = ranked_rows(ds)[:_MAX_LISTED]
+    echo(headline(ds), *(align_columns([TABLE_HEAD, *rows], right=(1, 2)) if rows else ()))
+    warnings = zip(ds["valve"].values, ds["warnings"].values[: len(rows)], strict=False)
+    echo(*(f"{valve}: {warning}" for valve, warning in warnings if warning))
+    valves_by_problem: dict[str, list[str]] = {}
     for valve, log, problem in zip(ds["valve"].values, ds["log"].values, ds["problem"].values, strict=True):
         if problem:
-            alike.setdefault(problem.replace(f"{Path(log).name}: ", ""), []).append(valve)
+            valves_by_problem.setdefault(problem.replace(f"{Path(log).name}: ", ""), []).append(valve)
     failed = [
         f"Not read: {valves[0]}{f' and {len(valves) - 1:,} more' if valves[1:] else ''}: {problem}"
-        for problem, valves in alike.items()
+        for problem, valves in valves_by_problem.items()
     ]
-    say(*failed[:_MOST_SHOWN], *[f"… and {len(failed) - _MOST_SHOWN:,} more"] * (len(failed) > _MOST_SHOWN))
+    echo(*failed[:_MAX_LISTED], *[f"… and {len(failed) - _MAX_LISTED:,} more"] * (len(failed) > _MAX_LISTED))
     if out is not None:
-        say(f"Written: {out}")
+        echo(f"Written: {out}")
     if not rows:
         raise InputError("no log could be read: see the reasons above")
-    if fail and states(ds)[AT_FAULT]:
-        sys.exit(_FOUND)
+    if fail and state_counts(ds)[AT_FAULT]:
+        sys.exit(_EXIT_FAULT_FOUND)
 
 
 @click.group("valve-test")
@@ -151,12 +153,12 @@ def valve_test() -> None:
 @click.option("--settle", type=float,
               help="Wait before the first ramp, s; 900 also detects swings from outside the loop.")  # fmt: skip
 @click.option("--hold", type=float, help="Wait after each ramp, s.")
-def plan_test(gentle: bool, heating: bool, **given: float | None) -> None:
+def plan_test(gentle: bool, heating: bool, **settings: float | None) -> None:
     """Print the steps for a technician with a stop-watch."""
     if gentle and heating:
         raise InputError("--gentle and --heating: give one of them")
-    made = fc.ValveTest.gentle if gentle else fc.ValveTest.heating if heating else fc.ValveTest
-    say(*made(**{name: value for name, value in given.items() if value is not None}).instructions())
+    make_test = fc.ValveTest.gentle if gentle else fc.ValveTest.heating if heating else fc.ValveTest
+    echo(*make_test(**{name: value for name, value in settings.items() if value is not None}).instructions())
 
 
 @valve_test.command("read")
@@ -165,31 +167,33 @@ def plan_test(gentle: bool, heating: bool, **given: float | None) -> None:
 @with_stroke_time
 @click.option("--between", type=float, nargs=2, metavar="START END", help="Start and end of the test, s, if the log "
               "has no column test.")  # fmt: skip
-def read(data: Path, out: Path | None, **options: Any) -> None:
+def read_test_command(data: Path, out: Path | None, **options: Any) -> None:
     """Read the backlash of a valve from the log of a valve test, DATA.
 
     DATA is a CSV file with a row every 15 s or faster and the columns command, T_sup and elapsed_time or timestamp;
     test, which is 1 while the test runs; and, where there are any, T_set, m_a, T_a_in, T_w_in and enabled.
     """
     if out is not None:
-        require_writable(out)
+        require_fit_file(out)
     announce_compilation("mean_openings")
-    found = fc.read_test(data, **options)
-    say(*found.summary())
-    write_found(found, out)
+    test_result = fc.read_test(data, **options)
+    echo(*test_result.summary())
+    write_result(test_result, out)
 
 
-_POINT = "File of the point NAME (or header, or FILE:HEADER), if neither header nor file name is NAME."
+_POINT_HELP = "File of the point NAME (or header, or FILE:HEADER), if neither header nor file name is NAME."
 
 
 @click.command()
-@click.argument("files", type=PATH, nargs=-1)
-@click.option("-o", "--out", type=PATH, default="log.csv", show_default=True, help="CSV file to write; a new one.")
-@click.option("--column", "columns", multiple=True, metavar="NAME=FILE", help=_POINT)
+@click.argument("files", type=USABLE_PATH, nargs=-1)
+@click.option(
+    "-o", "--out", type=USABLE_PATH, default="log.csv", show_default=True, help="CSV file to write; a new one."
+)
+@click.option("--column", "columns", multiple=True, metavar="NAME=FILE", help=_POINT_HELP)
 @click.option("--unit", "units", multiple=True, metavar="NAME=UNIT", help="Unit of a point whose header has none.")
 @click.option("--step", type=float, help="Time step of the joined log, s; that of the fastest point by default.")
 @click.option("--max-gap", type=float, help="Longest gap over which a point is held or interpolated, s.")
-@click.option("--time-format", metavar="PATTERN", help=_TIME_FORMAT)
+@click.option("--time-format", metavar="PATTERN", help=_TIME_FORMAT_HELP)
 @click.option("--time-zone", metavar="ZONE", help="Zone of times without a UTC offset, such as America/New_York.")
 def join(
     files: Sequence[Path], out: Path, columns: Sequence[str], units: Sequence[str], step: float | None,
@@ -200,31 +204,33 @@ def join(
     A file has a column of times and one or more columns of values.  The header of a column names the point and its
     unit (command [%]); for a single column the file name may (command.csv).
     """
-    from fastcoil.base.arguments import checking, number_of
-    from fastcoil.logs.columns import max_gap_of
+    from fastcoil.base.arguments import argument_checks, require_number
+    from fastcoil.logs.columns import require_max_gap
     from fastcoil.logs.join import join_points
-    from fastcoil.logs.timestamps import time_format_of
-    from fastcoil.loops.boundary.series import time_zone_of
+    from fastcoil.logs.timestamps import require_time_format
+    from fastcoil.loops.boundary.series import require_time_zone
 
     if not files:
         raise InputError("give the files to join, such as command.csv T_sup.csv")
-    with checking() as check:
-        step = check.unless_none(number_of, "--step", step, "give seconds, from 1 to 86400", least=1.0, most=86400.0)
-        check(max_gap_of, max_gap)
-        time_format = check.unless_none(time_format_of, "--time-format", time_format)
-        time_zone = check.unless_none(time_zone_of, "--time-zone", time_zone)
-        check(_require_new, out)
+    with argument_checks() as check:
+        step = check.unless_none(
+            require_number, "--step", step, "give seconds, from 1 to 86400", least=1.0, most=86400.0
+        )
+        check(require_max_gap, max_gap)
+        time_format = check.unless_none(require_time_format, "--time-format", time_format)
+        time_zone = check.unless_none(require_time_zone, "--time-zone", time_zone)
+        check(_require_new_csv, out)
     text, notes = join_points(
-        files, columns=pairs("--column", columns), units=pairs("--unit", units), time_format=time_format,
+        files, columns=parse_pairs("--column", columns), units=parse_pairs("--unit", units), time_format=time_format,
         time_zone=time_zone, step=step, max_gap=max_gap,
     )  # fmt: skip
-    _require_new(out)
-    commit(out, text.encode())
-    say(*notes, f"Joined:  {out}")
+    _require_new_csv(out)
+    write_atomically(out, text.encode())
+    echo(*notes, f"Joined:  {out}")
 
 
-def _require_new(out: Path) -> None:
-    require_file("-o", out, ".csv")
+def _require_new_csv(out: Path) -> None:
+    require_output_file("-o", out, ".csv")
     if exists(out):
         raise InputError(f"-o {out}: this file exists: choose another name, or delete it")
 
@@ -234,14 +240,14 @@ def fit() -> None:
     """Fit a valve, a coil or a loop to a trend log (CSV); write TOML to include in a study, and a figure."""
 
 
-with_common_options = options(
+with_common_options = combine_options(
     click.option(
         "--split",
         type=float,
         help="Share of the log to fit, in whole batches or pieces if there are four or more; 0.7 by default, 1 "
         "with --validate.",
     ),
-    click.option("--validate", "validation", type=PATH, help="Another CSV file for validation."),
+    click.option("--validate", "validation", type=USABLE_PATH, help="Another CSV file for validation."),
     with_report,
     with_reading_options,
 )
@@ -249,39 +255,39 @@ with_common_options = options(
 
 
 def run_fit(
-    fitted: Callable[..., Fit], kernel: str, out: Path, report: Path | None, *log: object, **options: Any
+    fit_function: Callable[..., Fit], kernel: str, out: Path, report: Path | None, *log: object, **options: Any
 ) -> None:
     """Fit, print the summary, and write TOML, figure and the report asked for."""
-    require_writable(out)
+    require_fit_file(out)
     announce_compilation(kernel)
-    found = fitted(*log, **options)
-    say(*found.summary())
-    write_found(found, out, report, word="Fitted")
+    result = fit_function(*log, **options)
+    echo(*result.summary())
+    write_result(result, out, report, label="Fitted")
 
 
-def _as_numbers(ctx: click.Context, param: click.Parameter, value: Sequence[str]) -> dict[str, float]:
-    found = {}
-    for name, text in pairs("--constant", value).items():
+def _parse_constants_option(ctx: click.Context, param: click.Parameter, value: Sequence[str]) -> dict[str, float]:
+    constants = {}
+    for name, text in parse_pairs("--constant", value).items():
         try:
-            found[name] = float(text)
+            constants[name] = float(text)
         except ValueError:
             raise InputError(f"--constant {name}={text}: give a number") from None
-    return found
+    return constants
 
 
 with_constants = click.option(
-    "--constant", "constants", multiple=True, metavar="NAME=NUMBER", callback=_as_numbers,
+    "--constant", "constants", multiple=True, metavar="NAME=NUMBER", callback=_parse_constants_option,
     help="Constant value of a series not in the log.",
 )  # fmt: skip
 
 
 @fit.command("valve")
 @with_common_options
-@click.option("-o", "--out", type=PATH, default="valve.toml", show_default=True, help="TOML file to write.")
+@click.option("-o", "--out", type=USABLE_PATH, default="valve.toml", show_default=True, help="TOML file to write.")
 @click.option("--m-max", type=float, help="Asymptotic flow, kg/s; fitted by default.")
 @click.option(
     "--lag",
-    type=number_or_word,
+    type=parse_number_or_word,
     default="auto",
     show_default=True,
     metavar="SECONDS",
@@ -304,7 +310,7 @@ def fit_valve_command(data: Path, out: Path, report: Path | None, **options: Any
 
 @fit.command("coil")
 @with_common_options
-@click.option("-o", "--out", type=PATH, default="coil.toml", show_default=True, help="TOML file to write.")
+@click.option("-o", "--out", type=USABLE_PATH, default="coil.toml", show_default=True, help="TOML file to write.")
 @with_constants
 @click.option("--both", is_flag=True, help="Minimise the error of the leaving water as well as that of the supply air.")
 @with_warm_up
@@ -321,7 +327,7 @@ def fit_coil_command(data: Path, out: Path, both: bool, report: Path | None, **o
 
 @fit.command("loop")
 @with_common_options
-@click.option("-o", "--out", type=PATH, default="loop.toml", show_default=True, help="TOML file to write.")
+@click.option("-o", "--out", type=USABLE_PATH, default="loop.toml", show_default=True, help="TOML file to write.")
 @click.option(
     "--loop",
     "parts",
@@ -341,11 +347,13 @@ def fit_loop_command(data: Path, out: Path, parts: Sequence[str], report: Path |
     from fastcoil.loops.presets import PRESETS
     from fastcoil.study.file.loop import read_includes
 
-    names = [part for part in parts if part in PRESETS]
+    preset_names = [part for part in parts if part in PRESETS]
     files = [part for part in parts if part not in PRESETS]
-    wrong = [part for part in files if not part.endswith(".toml")]
-    refuse([f"--loop {shown(part)}: give one of {', '.join(PRESETS)}, or a file NAME.toml" for part in wrong])
-    if len(names) > 1:
-        raise InputError(f"--loop {' --loop '.join(names)}: give one preset")
-    loop = fc.Loop.preset(*names or ["paper_like"]).assign(**read_includes({"include": files}, Path()))
+    unknown = [part for part in files if not part.endswith(".toml")]
+    raise_problems(
+        [f"--loop {short_repr(part)}: give one of {', '.join(PRESETS)}, or a file NAME.toml" for part in unknown]
+    )
+    if len(preset_names) > 1:
+        raise InputError(f"--loop {' --loop '.join(preset_names)}: give one preset")
+    loop = fc.Loop.preset(*preset_names or ["paper_like"]).assign(**read_includes({"include": files}, Path()))
     run_fit(fc.fit_loop, "emulate", out, report, data, loop, **options)

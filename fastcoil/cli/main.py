@@ -7,9 +7,9 @@ from fastcoil.cli.deliver import archive, cite, export, report
 from fastcoil.cli.demo import demo
 from fastcoil.cli.logs import diagnose, fit, join, valve_test
 from fastcoil.cli.study import explain, explore, init, parameters, plan, plot, presets, rerun, run, status, tune, verify
-from fastcoil.cli.terminal import Commands, say
+from fastcoil.cli.terminal import CommandGroup, echo
 
-_FIRST = """fastcoil finds out why the valve of a heating or cooling coil hunts, and what helps.  What do you have?
+_FIRST_STEPS = """fastcoil finds out why the valve of a heating or cooling coil hunts, and what helps.  What do you have?
   a trend log        fastcoil diagnose LOG.csv
   a loop to tune     fastcoil explain lbnl --set kp=0.03 --set ti=10
   a question         fastcoil init study.toml, then fastcoil run study.toml
@@ -18,7 +18,7 @@ All commands: fastcoil --help"""
 
 
 @click.group(
-    cls=Commands,
+    cls=CommandGroup,
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
@@ -34,7 +34,7 @@ def main(context: click.Context) -> None:
       fastcoil run study.toml          runs it: results/study/ with NetCDF and figures
     """  # noqa: D301 — click reads the backspace
     if context.invoked_subcommand is None:
-        say(*_FIRST.split("\n"))
+        echo(*_FIRST_STEPS.split("\n"))
 
 
 for command in (

@@ -19,14 +19,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import fastcoil as fc
-from fastcoil.base.arguments import choice_of
-from fastcoil.base.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError, missing_extra
-from fastcoil.base.files import commit, exists, file_name, is_folder, require_file
+from fastcoil.base.arguments import require_choice
+from fastcoil.base.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError, missing_extra_error
+from fastcoil.base.files import exists, is_folder, portable_file_name, require_output_file, write_atomically
 from fastcoil.base.machine import command_line
-from fastcoil.base.progress import duration
-from fastcoil.cli.arguments import PATH, all_labels_of, labels_of, pairs, with_scenario
-from fastcoil.cli.deliver import with_report, write_found
-from fastcoil.cli.terminal import announce_compilation, interruptible, run_own_code, say
+from fastcoil.base.progress import format_duration
+from fastcoil.cli.arguments import USABLE_PATH, parse_label_lists, parse_labels, parse_pairs, with_scenario
+from fastcoil.cli.deliver import with_report, write_result
+from fastcoil.cli.terminal import announce_compilation, echo, handle_interrupts, load_user_code
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -34,11 +34,11 @@ if TYPE_CHECKING:
 
     from fastcoil.base.progress import Advance
 
-with_folder = click.option("-o", "--out", type=PATH, help="Folder of the results; results/NAME by default.")
+with_folder = click.option("-o", "--out", type=USABLE_PATH, help="Folder of the results; results/NAME by default.")
 
 
 @click.command()
-@click.argument("study", type=PATH)
+@click.argument("study", type=USABLE_PATH)
 @with_folder
 @click.option("-j", "--jobs", type=int, help="Number of workers; all cores by default.  Does not affect results.")
 @click.option("--backend", default="threads", show_default=True, help="threads, loky (processes) or dask.")
@@ -54,111 +54,115 @@ def run(
 
     An interrupted study is resumed; a finished one is not run again.
     """
-    from fastcoil.base.progress import Shown
-    from fastcoil.loops.plan import Share
+    from fastcoil.base.progress import ProgressDisplay
+    from fastcoil.loops.plan import JobSlice
     from fastcoil.model.metric_table import STATUS_OK
     from fastcoil.study.analysis.summary import summary
     from fastcoil.study.file.spec import read_study
-    from fastcoil.study.folder.stored import RESULTS
-    from fastcoil.study.run import SCENARIO_DAYS, Finished, default_folder, execute, execute_share
+    from fastcoil.study.folder.stored import RESULTS_FILE
+    from fastcoil.study.run import SCENARIO_DAYS, FinishedStudy, default_folder, execute, execute_slice
 
     folder = out or default_folder(study)
-    share = Share.parse(shard) if shard is not None else None
+    share = JobSlice.parse(shard) if shard is not None else None
     if share and extend:
         raise InputError("--shard and --extend: an extension is one run, leave one of them out")
-    asked = read_study(study, prepare=run_own_code)
+    spec = read_study(study, prepare=load_user_code)
 
-    def progress(n_todo: int, n: int, what: str) -> Advance:
+    def progress(n_todo: int, n: int, items: str) -> Advance:
         announce_compilation()
         if n_todo < n:
-            begun = "Resuming" if what == SCENARIO_DAYS else "Drawing on"
-            say(f"{begun}: {n - n_todo:,} of {n:,} {what} done.", err=True)
-        return shown.start(n, n - n_todo, what)
+            state = "Resuming" if items == SCENARIO_DAYS else "Drawing on"
+            echo(f"{state}: {n - n_todo:,} of {n:,} {items} done.", err=True)
+        return display.start(n, n - n_todo, items)
 
-    def present(finished: Finished) -> None:
+    def present(finished: FinishedStudy) -> None:
         if not finished.is_new:
-            say(f"{folder} holds this study, finished: nothing to do.")
-        say(*summary(finished.results, asked.billing))
-        say(f"Results: {folder / RESULTS}")
+            echo(f"{folder} holds this study, finished: nothing to do.")
+        echo(*summary(finished.results, spec.billing))
+        echo(f"Results: {folder / RESULTS_FILE}")
         if figures:
             for path in draw_standard_figures(folder, finished.results):
-                say(f"Figure:  {path}")
+                echo(f"Figure:  {path}")
 
     if share:
-        with interruptible(study, folder, options=["--shard", str(shard)]), Shown() as shown:
-            n_run = execute_share(
-                asked, folder, share, n_jobs=jobs, backend=backend, scheduler=scheduler, progress=progress
+        with handle_interrupts(study, folder, options=["--shard", str(shard)]), ProgressDisplay() as display:
+            n_run = execute_slice(
+                spec, folder, share, n_jobs=jobs, backend=backend, scheduler=scheduler, progress=progress
             )
         if n_run is None:
-            say(f"{folder} holds this study, finished: nothing to do.")
+            echo(f"{folder} holds this study, finished: nothing to do.")
             return
         merge = command_line(["fastcoil", "run", str(study), "-o", str(folder)])
-        say(f"Share {shard} is finished: {n_run:,} {SCENARIO_DAYS} were run.")
-        say(f"When all shares are finished, merge them with: {merge}")
+        echo(f"Share {shard} is finished: {n_run:,} {SCENARIO_DAYS} were run.")
+        echo(f"When all shares are finished, merge them with: {merge}")
         return
-    with interruptible(study, folder), Shown() as shown:
+    with handle_interrupts(study, folder), ProgressDisplay() as display:
         finished = execute(
-            asked, folder, n_jobs=jobs, backend=backend, scheduler=scheduler, extend=extend, progress=progress,
+            spec, folder, n_jobs=jobs, backend=backend, scheduler=scheduler, extend=extend, progress=progress,
             present=present,
         )  # fmt: skip
     if bool((finished.results["status"].values != STATUS_OK).any()):
         sys.exit(EXIT_FAILED_SCENARIOS)
 
 
-_OF_LIBRARIES = 150 * 2**20  # bytes of memory, where the system does not say what this process has
+_LIBRARY_BYTES = 150 * 2**20  # bytes of memory, where the system does not say what this process has
 
 
 @click.command()
-@click.argument("study", type=PATH)
+@click.argument("study", type=USABLE_PATH)
 @click.option("-j", "--jobs", type=int, help="Workers; all cores by default.")
 def plan(study: Path, jobs: int | None) -> None:
     """Check a STUDY file and show its size and run time; writes nothing."""
-    from fastcoil.base.machine import available_memory, gib, private_memory
+    from fastcoil.base.machine import available_memory, format_bytes, private_memory
     from fastcoil.loops.labels import sizes_in_words
-    from fastcoil.loops.plan import check_disk, shards_of
-    from fastcoil.loops.simulate import estimate, workers
+    from fastcoil.loops.plan import check_disk, cut_into_shards
+    from fastcoil.loops.simulate import estimate, number_of_threads
     from fastcoil.model.engine.lanes import compile_kernel
     from fastcoil.study.file.spec import read_study
     from fastcoil.study.run import default_folder
 
-    n_jobs = workers(jobs)
+    n_jobs = number_of_threads(jobs)
     start = time.perf_counter()
-    asked = read_study(study, prepare=run_own_code)
-    reading = time.perf_counter() - start
-    planned, traces_kept = asked.plan, asked.reduction is None
-    check_disk(planned.disk_bytes(traces_kept=traces_kept)[0], default_folder(study))
+    spec = read_study(study, prepare=load_user_code)
+    reading_seconds = time.perf_counter() - start
+    run_plan, traces_kept = spec.plan, spec.reduction is None
+    check_disk(run_plan.disk_bytes(traces_kept=traces_kept)[0], default_folder(study))
     announce_compilation()
     compile_kernel()
-    alone, each = planned.memory_of_run(n_jobs, "threads", traces_kept=traces_kept)
-    memory = (private_memory() or _OF_LIBRARIES) + alone + n_jobs * each
-    seconds, metrics_left, traces_left = estimate(planned, n_jobs)
-    room = planned.disk_bytes(traces_kept=traces_kept, metrics_left=metrics_left, traces_left=traces_left)
-    sizes = sizes_in_words(planned.layout.sizes) or "a single scenario"
-    say(f"Scenarios:   {planned.n_scenarios:,} ({sizes})")
-    if asked.precision:
-        say(f"Precision:   {asked.precision.how(planned.n_scenarios // asked.batches)}")
-    n_shards = len(shards_of(planned, n_jobs))
-    n_steps = planned.n_scenarios * planned.n_steps
-    say(f"Steps:       {planned.n_steps:,} s each, {n_steps:,} in total, {n_shards} shards")
-    say(f"Boundary:    {planned.layout.boundary.describe()}")
+    shared_bytes, worker_bytes = run_plan.memory_of_run(n_jobs, "threads", traces_kept=traces_kept)
+    memory_bytes = (private_memory() or _LIBRARY_BYTES) + shared_bytes + n_jobs * worker_bytes
+    seconds, metrics_left, traces_left = estimate(run_plan, n_jobs)
+    disk_bytes = run_plan.disk_bytes(traces_kept=traces_kept, metrics_left=metrics_left, traces_left=traces_left)
+    sizes = sizes_in_words(run_plan.layout.sizes) or "a single scenario"
+    echo(f"Scenarios:   {run_plan.n_scenarios:,} ({sizes})")
+    if spec.precision:
+        echo(f"Precision:   {spec.precision.how(run_plan.n_scenarios // spec.batches)}")
+    n_shards = len(cut_into_shards(run_plan, n_jobs))
+    n_steps = run_plan.n_scenarios * run_plan.n_steps
+    echo(f"Steps:       {run_plan.n_steps:,} s each, {n_steps:,} in total, {n_shards} shards")
+    echo(f"Boundary:    {run_plan.layout.boundary.describe()}")
     threads = f"{n_jobs} thread{'s' if n_jobs != 1 else ''} without figures"
-    say(f"Time:        about {duration(reading + seconds)} on {threads} (measured on blocks of this study)")
-    say(f"Memory:      about {gib(memory)} ({gib(available_memory())} available)")
-    without = "" if traces_kept else ", without what reduce returns"
-    say(f"Disk:        about {gib(room[0])} during the merge, {gib(room[1])} afterwards{without}")
+    echo(
+        f"Time:        about {format_duration(reading_seconds + seconds)} on {threads} (measured on blocks of this study)"
+    )
+    echo(f"Memory:      about {format_bytes(memory_bytes)} ({format_bytes(available_memory())} available)")
+    exclusion = "" if traces_kept else ", without what reduce returns"
+    echo(
+        f"Disk:        about {format_bytes(disk_bytes[0])} during the merge, {format_bytes(disk_bytes[1])} afterwards{exclusion}"
+    )
 
 
 @click.command()
-@click.argument("folder", type=PATH)
+@click.argument("folder", type=USABLE_PATH)
 def status(folder: Path) -> None:
     """Show the progress of the study in FOLDER, and how to resume it."""
     from fastcoil.study import maintenance
 
-    say(*maintenance.status(folder))
+    echo(*maintenance.status(folder))
 
 
 @click.command()
-@click.argument("folder", type=PATH, metavar="FOLDER|ARCHIVE.zip")
+@click.argument("folder", type=USABLE_PATH, metavar="FOLDER|ARCHIVE.zip")
 def verify(folder: Path) -> None:
     """Check all files in the FOLDER of a study, or in an archive of one, against their hashes; changes nothing."""
     from fastcoil.study import maintenance
@@ -166,25 +170,25 @@ def verify(folder: Path) -> None:
     problems = maintenance.verify(folder)
     if problems:
         raise IntegrityError("\n".join(problems))
-    say(f"{folder} is sound.")
+    echo(f"{folder} is sound.")
 
 
 @click.command()
-@click.argument("folder", type=PATH)
+@click.argument("folder", type=USABLE_PATH)
 @with_scenario
 def rerun(folder: Path, at: Sequence[str]) -> None:
     """Run one scenario of the study in FOLDER again, with all traces at every second."""
     from fastcoil.study import maintenance
 
-    labels = labels_of(at)
+    labels = parse_labels(at)
     announce_compilation()
-    path, found = maintenance.rerun(folder, labels, run_own_code)
-    say(*found)
-    say(f"Traces:  {path}")
+    path, lines = maintenance.rerun(folder, labels, load_user_code)
+    echo(*lines)
+    echo(f"Traces:  {path}")
 
 
 @click.command()
-@click.argument("study", type=PATH, required=False)
+@click.argument("study", type=USABLE_PATH, required=False)
 @click.option("--from", "name", metavar="NAME", help="Start from an example study.")
 @click.option("--list", "only_list", is_flag=True, help="List the example studies; write nothing.")
 def init(study: Path | None, name: str | None, only_list: bool) -> None:
@@ -193,54 +197,54 @@ def init(study: Path | None, name: str | None, only_list: bool) -> None:
     Its first line names fastcoil.schema.json, written beside it, with which editors complete and check it.
     """
     if only_list:
-        for each, text in shipped_studies().items():
-            say(f"{each:<20}{tomllib.loads(text)['title']}")
+        for study_name, text in shipped_studies().items():
+            echo(f"{study_name:<20}{tomllib.loads(text)['title']}")
         return
-    from fastcoil.study.file.schema import DIRECTIVE, SCHEMA, schema_text
+    from fastcoil.study.file.schema import SCHEMA_DIRECTIVE, SCHEMA_FILE, schema_text
 
     template = files("fastcoil.study.file").joinpath("template.toml").read_text(encoding="utf-8")
     texts = {"study": template} if name is None else shipped_studies()
-    name = choice_of("--from", name or "study", texts)
+    name = require_choice("--from", name or "study", texts)
     path, text = study or Path(f"{name}.toml"), texts[name]
     if exists(path):
         raise InputError(f"{path} exists: choose another name, or delete it")
-    commit(path.with_name(SCHEMA), schema_text().encode())
-    commit(path, (DIRECTIVE + text).encode())
-    then = ", ".join(command_line(["fastcoil", verb, str(path)]) for verb in ("plan", "run"))
-    say(f"{path} written, and {SCHEMA} for editors.  Edit it, then: {then}")
+    write_atomically(path.with_name(SCHEMA_FILE), schema_text().encode())
+    write_atomically(path, (SCHEMA_DIRECTIVE + text).encode())
+    next_commands = ", ".join(command_line(["fastcoil", verb, str(path)]) for verb in ("plan", "run"))
+    echo(f"{path} written, and {SCHEMA_FILE} for editors.  Edit it, then: {next_commands}")
     # the script that does what `fastcoil run` does not
-    say(*(line.removeprefix("# ") for line in text.splitlines() if line.startswith("# Analysis: ")))
+    echo(*(line.removeprefix("# ") for line in text.splitlines() if line.startswith("# Analysis: ")))
 
 
 def shipped_studies() -> dict[str, str]:
     """Name → text of the studies that come with fastcoil, by name."""
     installed, package = files("fastcoil") / "studies", Path(str(files("fastcoil")))
     home: Traversable = installed if installed.is_dir() else package.parent / "studies"  # of the repository
-    found = [file for folder in home.iterdir() if folder.is_dir() for file in folder.iterdir()]
-    found = sorted((file for file in found if file.name.endswith(".toml")), key=lambda file: file.name)
-    return {file.name.removesuffix(".toml"): file.read_text(encoding="utf-8") for file in found}
+    paths = [file for folder in home.iterdir() if folder.is_dir() for file in folder.iterdir()]
+    paths = sorted((file for file in paths if file.name.endswith(".toml")), key=lambda file: file.name)
+    return {file.name.removesuffix(".toml"): file.read_text(encoding="utf-8") for file in paths}
 
 
 @click.command()
 @click.argument("names", nargs=-1)
 def parameters(names: tuple[str, ...]) -> None:
     """List the parameters of a loop, or only NAMES: default, unit, meaning, allowed values."""
-    from fastcoil.model.parameter_table import PARAMETERS, check_name, lines_of
+    from fastcoil.model.parameter_table import PARAMETERS, parameter_lines, require_parameter_name
 
-    say(*lines_of([PARAMETERS[check_name(n)] for n in names] or PARAMETERS.values()))
+    echo(*parameter_lines([PARAMETERS[require_parameter_name(n)] for n in names] or PARAMETERS.values()))
 
 
 @click.command()
 def presets() -> None:
     """List the presets and how they differ from the defaults."""
-    say(*repr(fc.presets()).split("\n"))
+    echo(*repr(fc.presets()).split("\n"))
 
 
-_WIDTHS = 40.0, 500.0  # allowed range in mm
+_WIDTH_RANGE_MM = 40.0, 500.0  # allowed range in mm
 
 
 @click.command()
-@click.argument("folder", type=PATH)
+@click.argument("folder", type=USABLE_PATH)
 @click.option("--metric", "metrics", multiple=True, help="Metric to draw; may be repeated.  rmse, … by default.")
 @click.option("-x", help="Swept or sampled parameter along the x axis; a sampled one in bins of equal counts.")
 @click.option("-y", help="Second parameter: a map instead of a curve.")
@@ -249,7 +253,7 @@ _WIDTHS = 40.0, 500.0  # allowed range in mm
 @click.option(
     "--relative-to", multiple=True, metavar="NAME=LABEL", help="Draw changes against this case, pair by pair, in %."
 )
-@click.option("-o", "--out", type=PATH, help="File or folder to write; the figures of FOLDER by default.")
+@click.option("-o", "--out", type=USABLE_PATH, help="File or folder to write; the figures of FOLDER by default.")
 @click.option("--format", help="png, pdf or svg.  [default: png, or that of the file]")
 @click.option("--dpi", default="200", show_default=True, help="Dots per inch, 50 to 1200.")
 @click.option("--width", metavar="LENGTH", help="Width of the figure, such as 84mm; letters keep their size.")
@@ -258,7 +262,7 @@ def plot(
     y: str | None, by: str | None, at: tuple[str, ...], relative_to: tuple[str, ...], width: str | None,
 ) -> None:  # fmt: skip
     """Draw the standard figures of the finished study in FOLDER, or a custom one with -x."""
-    from fastcoil.base.figures import FIGURES, check_format, write
+    from fastcoil.base.figures import FIGURES_FOLDER, check_format, write_figures
     from fastcoil.deliver.figures.swept import standard_figures
     from fastcoil.study.folder.folder import StudyFolder, hold
     from fastcoil.study.folder.results import open_study
@@ -266,103 +270,117 @@ def plot(
     suffix = out.suffix.removeprefix(".").lower() if out and not is_folder(out) else ""
     if suffix and format and format.lower() != suffix:
         raise InputError(f"-o {out} and --format {format}: they differ, give one of them")
-    chosen, dots = format or suffix or "png", int(dpi) if dpi.isdecimal() else dpi
-    check_format(chosen, dots)
+    file_format, dots_per_inch = format or suffix or "png", int(dpi) if dpi.isdecimal() else dpi
+    check_format(file_format, dots_per_inch)
     StudyFolder(folder).require_manifest()
     if x is None and (metrics or y or by):
         raise InputError("--metric, -y and --by need -x: name the swept parameter along the x axis")
-    inches, fixed, case = _inches(width), all_labels_of("--at", at), all_labels_of("--relative-to", relative_to)
+    inches, labels_at, baseline = (
+        _parse_width(width),
+        parse_label_lists("--at", at),
+        parse_label_lists("--relative-to", relative_to),
+    )
     ds = open_study(folder)
     parts = [*metrics, *filter(None, (y, by, x))]
-    parts += [f"{name}={'+'.join(labels)}" for name, labels in fixed.items()]
-    parts += [f"to-{name}={'+'.join(labels)}" for name, labels in case.items()]
-    part = _part(ds, [name for name in (x, y, by) if name], fixed, case)
-    drawn = standard_figures(part, inches) if x is None else {"": _figure(part, metrics, x, y, by, inches)}
-    figures = {file_name("_".join(filter(None, [name, *parts]))): draw() for name, draw in drawn.items()}
+    parts += [f"{name}={'+'.join(labels)}" for name, labels in labels_at.items()]
+    parts += [f"to-{name}={'+'.join(labels)}" for name, labels in baseline.items()]
+    part = _select_results(ds, [name for name in (x, y, by) if name], labels_at, baseline)
+    drawers = standard_figures(part, inches) if x is None else {"": _figure_drawer(part, metrics, x, y, by, inches)}
+    figures = {portable_file_name("_".join(filter(None, [name, *parts]))): draw() for name, draw in drawers.items()}
     if not figures:
-        say("Nothing is swept in this study, so there is nothing to draw.")
+        echo("Nothing is swept in this study, so there is nothing to draw.")
         return
-    options: Any = {"format": chosen, "dpi": dots, "drawn_from": ds.attrs.get("content_sha256")}
+    options: Any = {"format": file_format, "dpi": dots_per_inch, "drawn_from": ds.attrs.get("content_sha256")}
     if out is None:
         with hold(folder):
-            paths = write(figures, folder / FIGURES, **options)
+            paths = write_figures(figures, folder / FIGURES_FOLDER, **options)
     elif suffix:
-        first, *others = figures
-        paths = write({out.stem: figures[first]}, out.parent, **options)
-        if others:
-            say(f"{out} shows {first}; to write {', '.join(others)} as well, give a folder.", err=True)
+        first, *other_names = figures
+        paths = write_figures({out.stem: figures[first]}, out.parent, **options)
+        if other_names:
+            echo(f"{out} shows {first}; to write {', '.join(other_names)} as well, give a folder.", err=True)
     else:
-        paths = write(figures, out, **options)
-    say(*paths)
+        paths = write_figures(figures, out, **options)
+    echo(*paths)
 
 
-def _figure(
+def _figure_drawer(
     part: xr.Dataset, metrics: Sequence[str], x: str, y: str | None, by: str | None, width: float | None
 ) -> Callable[[], Figure]:
     """What draws the figure of chosen axes."""
     from fastcoil.deliver.figures import swept as plots
 
-    plots.rows_of(part, by)  # refused if there is no such dimension
-    unlike = [d for d in plots.control_dims(part) if d not in (x, y, by)]
-    if by is None and unlike:
-        by, *unlike = unlike
-    if unlike:
-        which = f"select one with --at {unlike[0]}={part[unlike[0]].values[0]}, or give --by {unlike[0]}"
-        raise InputError(f"{unlike[0]}: a plain PI would be pooled with other controllers in one median: {which}")
-    shown = metrics or plots.STANDARD_METRICS[: plots.panels_abreast(width) if by else None]
-    return partial(plots.panels, part, x, y, by, shown, width)
+    plots.panel_rows(part, by)  # refused if there is no such dimension
+    unpooled_dims = [dim for dim in plots.control_dims(part) if dim not in (x, y, by)]
+    if by is None and unpooled_dims:
+        by, *unpooled_dims = unpooled_dims
+    if unpooled_dims:
+        cure = f"select one with --at {unpooled_dims[0]}={part[unpooled_dims[0]].values[0]}, or give --by {unpooled_dims[0]}"
+        raise InputError(f"{unpooled_dims[0]}: a plain PI would be pooled with other controllers in one median: {cure}")
+    drawn_metrics = metrics or plots.STANDARD_METRICS[: plots.panels_abreast(width) if by else None]
+    return partial(plots.draw_panels, part, x, y, by, drawn_metrics, width)
 
 
-def _part(
-    ds: xr.Dataset, axes: Sequence[str], at: Mapping[str, Sequence[str]], to: Mapping[str, Sequence[str]]
+def _select_results(
+    ds: xr.Dataset, axes: Sequence[str], at: Mapping[str, Sequence[str]], baseline: Mapping[str, Sequence[str]]
 ) -> xr.Dataset:
     """The part of the results to draw, with a title that describes it."""
     from fastcoil.study.analysis.compare import relative_to
-    from fastcoil.study.analysis.selected import binned, case_of, drawn_parameters, in_words, selected
+    from fastcoil.study.analysis.selected import (
+        describe_labels,
+        drawn_parameters,
+        find_case,
+        group_by_parameters,
+        select_labels,
+    )
 
-    part, words = selected(ds, at), [str(ds.attrs.get("title", ""))]
+    part, title_parts = select_labels(ds, at), [str(ds.attrs.get("title", ""))]
     if at:
-        words.append(f"at {in_words(part, at)}")
-    if to:
-        case, named = case_of(part, to)
-        part = relative_to(part, case, named)
-        words.append(f"against {named}")
+        title_parts.append(f"at {describe_labels(part, at)}")
+    if baseline:
+        case, baseline_name = find_case(part, baseline)
+        part = relative_to(part, case, baseline_name)
+        title_parts.append(f"against {baseline_name}")
     if len(set(axes)) < len(axes):
         raise InputError(f"{axes[0]} is named twice: choose two different axes")
-    if drawn := [n for n in axes if n in drawn_parameters(part)]:
-        part = binned(part, drawn)
-    return part.assign_attrs(title=", ".join(filter(None, words)))
+    if sampled_axes := [name for name in axes if name in drawn_parameters(part)]:
+        part = group_by_parameters(part, sampled_axes)
+    return part.assign_attrs(title=", ".join(filter(None, title_parts)))
 
 
-def _inches(width: str | None) -> float | None:
+def _parse_width(width: str | None) -> float | None:
     if width is None:
         return None
-    found = re.fullmatch(r"(\d+\.?\d*)\s*mm", width.strip())
-    if found is None or not _WIDTHS[0] <= float(found[1]) <= _WIDTHS[1]:
-        raise InputError(f"--width {width}: give {_WIDTHS[0]:g} to {_WIDTHS[1]:g} mm with the unit, such as 84mm")
-    return float(found[1]) / 25.4
+    match = re.fullmatch(r"(\d+\.?\d*)\s*mm", width.strip())
+    if match is None or not _WIDTH_RANGE_MM[0] <= float(match[1]) <= _WIDTH_RANGE_MM[1]:
+        raise InputError(
+            f"--width {width}: give {_WIDTH_RANGE_MM[0]:g} to {_WIDTH_RANGE_MM[1]:g} mm with the unit, such as 84mm"
+        )
+    return float(match[1]) / 25.4
 
 
 def draw_standard_figures(folder: Path, ds: xr.Dataset) -> list[Path]:
     """Draw standard figures of ``ds`` that a locked folder lacks or has of others; its PNG figures of these results."""
-    from fastcoil.base.figures import FIGURES, current_figures, write
+    from fastcoil.base.figures import FIGURES_FOLDER, current_figures, write_figures
     from fastcoil.deliver.figures import swept as plots
 
     drawn_from = ds.attrs["content_sha256"]
-    there = {path.name for path in current_figures(folder, drawn_from)}
+    existing = {path.name for path in current_figures(folder, drawn_from)}
     for name, draw in plots.standard_figures(ds).items():
-        if f"{name}.png" not in there:
-            write({name: draw()}, folder / FIGURES, drawn_from=drawn_from)
+        if f"{name}.png" not in existing:
+            write_figures({name: draw()}, folder / FIGURES_FOLDER, drawn_from=drawn_from)
     return [path for path in current_figures(folder, drawn_from) if path.suffix == ".png"]
 
 
 @click.command()
-@click.argument("target", type=PATH)
+@click.argument("target", type=USABLE_PATH)
 @with_scenario
 @click.option(
     "--set", "changes", multiple=True, metavar="NAME=VALUE", help="Another value for a parameter, such as kp=0.03."
 )
-@click.option("-o", "--out", type=PATH, metavar="FIGURE", help="Figure to write: .png, .pdf or .svg; none by default.")
+@click.option(
+    "-o", "--out", type=USABLE_PATH, metavar="FIGURE", help="Figure to write: .png, .pdf or .svg; none by default."
+)
 @with_report
 def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path | None, report: Path | None) -> None:
     """Explain whether and why one loop hunts, what would cure it, and what that costs.
@@ -373,23 +391,23 @@ def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path |
       fastcoil explain lbnl --set kp=0.03 --set ti=5
       fastcoil explain results/study --at backlash=0.07 --at day=3 -o explain.png
     """  # noqa: D301 — click reads the backspace
-    from fastcoil.base.figures import FORMATS
-    from fastcoil.study.maintenance import one_scenario
+    from fastcoil.base.figures import FIGURE_FORMATS
+    from fastcoil.study.maintenance import pick_scenario
 
     if out is not None:
-        require_file("-o", out, *(f".{form}" for form in FORMATS))
-    scenario = one_scenario(target, labels_of(at), pairs("--set", changes))
+        require_output_file("-o", out, *(f".{form}" for form in FIGURE_FORMATS))
+    scenario = pick_scenario(target, parse_labels(at), parse_pairs("--set", changes))
     announce_compilation()
-    found = fc.explain(scenario.loop, scenario.boundary, warm_up=scenario.warm_up, seed=scenario.seed)
-    say(scenario.title, *found.text.splitlines())
-    write_found(found, out, report)
+    explanation = fc.explain(scenario.loop, scenario.boundary, warm_up=scenario.warm_up, seed=scenario.seed)
+    echo(scenario.title, *explanation.text.splitlines())
+    write_result(explanation, out, report)
 
 
-CHOSEN = "tuning.toml"
+TUNING_FILE = "tuning.toml"
 
 
 @click.command()
-@click.argument("study", type=PATH)
+@click.argument("study", type=USABLE_PATH)
 @with_folder
 @click.option("-j", "--jobs", type=int, help="Threads; all cores by default.  Results do not depend on it.")
 @with_report
@@ -398,32 +416,34 @@ def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -
 
     The table [tune] of the study file defines the search, the objective and the limits.
     """
-    from fastcoil.base.progress import Shown
+    from fastcoil.base.progress import ProgressDisplay
     from fastcoil.design.tune import run_tuning
-    from fastcoil.loops.simulate import workers
+    from fastcoil.loops.simulate import number_of_threads
     from fastcoil.study.file.spec import read_study
     from fastcoil.study.folder.folder import hold
     from fastcoil.study.run import default_folder
 
-    n_jobs, folder = workers(jobs), out or default_folder(study)
-    asked = read_study(study, prepare=run_own_code).tuning
-    if asked is None:
+    n_jobs, folder = number_of_threads(jobs), out or default_folder(study)
+    request = read_study(study, prepare=load_user_code).tuning
+    if request is None:
         raise InputError(f"{study} has no table [tune]: add one, such as search = {{ kp = [0.005, 0.1] }}")
     announce_compilation()
-    with interruptible(study, folder, "tune"), hold(folder):
-        with Shown() as shown:
-            found = run_tuning(asked._replace(n_jobs=n_jobs), shown)
-        say(*found.summary(), "")
-        write_found(found, folder / CHOSEN, report)
+    with handle_interrupts(study, folder, "tune"), hold(folder):
+        with ProgressDisplay() as display:
+            tuning = run_tuning(request._replace(n_jobs=n_jobs), display)
+        echo(*tuning.summary(), "")
+        write_result(tuning, folder / TUNING_FILE, report)
 
 
-PORT = 5010
+DEFAULT_PORT = 5010
 
 
 @click.command()
-@click.argument("target", type=PATH, default="paper_like")
+@click.argument("target", type=USABLE_PATH, default="paper_like")
 @with_scenario
-@click.option("--port", type=click.IntRange(0, 65535), default=PORT, show_default=True, help="0: any free port.")
+@click.option(
+    "--port", type=click.IntRange(0, 65535), default=DEFAULT_PORT, show_default=True, help="0: any free port."
+)
 @click.option("--browser/--no-browser", default=True, help="Whether to open the page.")
 def explore(target: Path, at: Sequence[str], port: int, browser: bool) -> None:
     """Open an interactive page for one loop: change gap, tuning or day and see the response.
@@ -437,24 +457,24 @@ def explore(target: Path, at: Sequence[str], port: int, browser: bool) -> None:
       fastcoil explore results/study --at backlash=0.07 --at day=3
     """  # noqa: D301 — click reads the backspace
     if importlib.util.find_spec("bokeh") is None:
-        raise missing_extra("explore", "bokeh", "explore")
+        raise missing_extra_error("explore", "bokeh", "explore")
     import asyncio
 
     from fastcoil.deliver.explore.loop import Model
     from fastcoil.deliver.explore.page import serve
     from fastcoil.loops.presets import PRESETS
-    from fastcoil.study.maintenance import one_scenario
+    from fastcoil.study.maintenance import pick_scenario
 
-    name, labels = str(target), labels_of(at)
-    given = None if name in PRESETS and not labels else one_scenario(target, labels, {})
-    model = Model(given, name)
+    name, labels = str(target), parse_labels(at)
+    scenario = None if name in PRESETS and not labels else pick_scenario(target, labels, {})
+    model = Model(scenario, name)
     announce_compilation()
 
-    def ready(address: str) -> None:
-        say(f"Page: {address}  (this machine only; Ctrl-C ends it)")
+    def open_page(address: str) -> None:
+        echo(f"Page: {address}  (this machine only; Ctrl-C ends it)")
         has_screen = sys.platform in ("win32", "darwin") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
         if browser and has_screen:
             webbrowser.open(address)
 
-    asyncio.run(serve(model, port, ready))
-    say("Ended.")
+    asyncio.run(serve(model, port, open_page))
+    echo("Ended.")

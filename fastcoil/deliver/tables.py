@@ -13,24 +13,24 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
-from fastcoil.base.arguments import refuse
-from fastcoil.base.errors import nearest, shown
-from fastcoil.base.files import commit_written
-from fastcoil.base.text import no_formula
-from fastcoil.model.metric_table import metric_meant
+from fastcoil.base.arguments import raise_problems
+from fastcoil.base.errors import did_you_mean, short_repr
+from fastcoil.base.files import replace_atomically
+from fastcoil.base.text import escape_formulas
+from fastcoil.model.metric_table import metric_hint
 from fastcoil.model.parameter_table import RESERVED_DIMS
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
-_ROWS = 50_000  # of a piece
-_FACTS = ("title", "question", "boundary", "fastcoil_version", "study_sha256", "content_sha256")
+_ROWS_PER_PIECE = 50_000  # of a piece
+_STUDY_FACTS = ("title", "question", "boundary", "fastcoil_version", "study_sha256", "content_sha256")
 """What a table says of its study."""
-COMMENT = "#"
+COMMENT_SIGN = "#"
 
 
-class Tidy:
+class TidyTable:
     """A checked result as rows: labels, parameters that differ, ``metrics`` (all that have a number), status."""
 
     def __init__(self, ds: xr.Dataset, metrics: tuple[str, ...] = ()) -> None:
@@ -40,26 +40,26 @@ class Tidy:
         self.columns = list(dict.fromkeys([*dims, *(n for n in per_row if n in ds.coords), *results, "status"]))
         self.ds, self.dims, self.n_rows = ds, dims, ds["status"].size
         labels = {d: ds[d].values for d in dims}  # also of dimensions without labels
-        self._shown = ds.drop_vars([n for n in ds.variables if n not in self.columns]).assign_coords(labels)
+        self._table_data = ds.drop_vars([n for n in ds.variables if n not in self.columns]).assign_coords(labels)
 
     def header(self, name: str) -> str:
         """``rmse [K]``; labels, words and flags have no unit."""
         variable = self.ds[name]
-        is_number = variable.dtype.kind in "iuf" and not _words(variable) and name not in RESERVED_DIMS
+        is_number = variable.dtype.kind in "iuf" and not _flag_words(variable) and name not in RESERVED_DIMS
         unit = str(variable.attrs.get("units", "")) if is_number else ""
-        return no_formula(f"{name} [{unit}]" if unit else name)
+        return escape_formulas(f"{name} [{unit}]" if unit else name)
 
     def pieces(self) -> Iterator[pd.DataFrame]:
         """The rows, with plain names; the last label changes fastest."""
-        ds = self._shown if self.dims else self._shown.expand_dims("row")
+        ds = self._table_data if self.dims else self._table_data.expand_dims("row")
         first = next((d for d in self.dims if ds.sizes[d] > 1), None)
         n = ds.sizes[first] if first else 1
-        step = max(1, _ROWS * n // self.n_rows)
+        step = max(1, _ROWS_PER_PIECE * n // self.n_rows)
         for k in range(0, n, step):
             part = ds.isel({first: slice(k, k + step)}) if first else ds
             frame = part.to_dataframe(dim_order=self.dims or ["row"]).reset_index()[self.columns]
             for name in self.columns:
-                if words := _words(self.ds[name]):
+                if words := _flag_words(self.ds[name]):
                     frame[name] = frame[name].map(dict(enumerate(words)))
             yield frame
 
@@ -69,39 +69,39 @@ def check_metrics(ds: xr.Dataset, metrics: tuple[str, ...]) -> None:
     dims, problems = ds["status"].dims, []
     for name in metrics:
         if name not in ds.data_vars:
-            meant = metric_meant(name) or nearest(name, map(str, ds.data_vars))
-            problems.append(f"--metric {shown(name)} is not in this result{meant}")
-        elif others := [str(d) for d in ds[name].dims if d not in dims]:
-            along = f"has values along {' and '.join(others)}"
-            problems.append(f"--metric {name} {along}: name one that has a value for each scenario-day")
-    refuse(problems)
+            suggestion = metric_hint(name) or did_you_mean(name, map(str, ds.data_vars))
+            problems.append(f"--metric {short_repr(name)} is not in this result{suggestion}")
+        elif extra_dims := [str(d) for d in ds[name].dims if d not in dims]:
+            extra_text = f"has values along {' and '.join(extra_dims)}"
+            problems.append(f"--metric {name} {extra_text}: name one that has a value for each scenario-day")
+    raise_problems(problems)
 
 
-def _words(variable: xr.DataArray) -> list[str]:
+def _flag_words(variable: xr.DataArray) -> list[str]:
     """The meanings of a flag; empty for all else."""
     return str(variable.attrs.get("flag_meanings", "")).split()
 
 
-def write_csv(table: Tidy, path: Path) -> None:
+def write_csv(table: TidyTable, path: Path) -> None:
     """Write a table as CSV: UTF-8, decimal points, an empty cell where there is no value.
 
     Comment lines begin with ``#``.  Should a label have one, all texts are quoted, so that readers do not cut it off.
     An apostrophe stands before a text that a spreadsheet would take as a formula.
     """
     texts = (v.values for v in table.ds.coords.values() if v.dtype.kind in "OU")
-    has_comment = any(COMMENT in str(text) for values in texts for text in values.ravel())
+    has_comment = any(COMMENT_SIGN in str(text) for values in texts for text in values.ravel())
     attrs = table.ds.attrs | {"question": table.ds.attrs.get("summary", "")}
-    facts = {name: " ".join(str(attrs.get(name, "")).split()) for name in _FACTS}
+    facts = {name: " ".join(str(attrs.get(name, "")).split()) for name in _STUDY_FACTS}
 
     def write(unfinished: Path) -> None:
         with unfinished.open("x", encoding="utf-8", newline="") as file:
-            file.writelines(f"{COMMENT} {name}: {no_formula(text)}\n" for name, text in facts.items() if text)
+            file.writelines(f"{COMMENT_SIGN} {name}: {escape_formulas(text)}\n" for name, text in facts.items() if text)
             for k, piece in enumerate(table.pieces()):
                 for name in piece.select_dtypes(["object", "string"]):
-                    piece[name] = piece[name].map(no_formula, na_action="ignore")
+                    piece[name] = piece[name].map(escape_formulas, na_action="ignore")
                 piece.to_csv(
                     file, index=False, header=[table.header(name) for name in piece] if k == 0 else False,
                     quoting=csv.QUOTE_NONNUMERIC if has_comment else csv.QUOTE_MINIMAL, lineterminator="\n",
                 )  # fmt: skip
 
-    commit_written(path, write)
+    replace_atomically(path, write)

@@ -1,4 +1,4 @@
-"""limit_cycle: loops x days x seconds -> margin, and whether, how fast and how far each hunts; its Nyquist plot."""
+"""limit_cycle: loops x days x seconds -> hunting index, and whether, how fast and how far each hunts; its Nyquist plot."""
 
 from __future__ import annotations
 
@@ -14,30 +14,46 @@ import xarray as xr
 
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError
-from fastcoil.base.figures import COLOURS, DOTTED, LINE_STYLES, apply_style, wrapped
-from fastcoil.design.describing_function import Elements, amplitude_of, between, limited, refined, too_smooth, unknown
-from fastcoil.design.linearise import at_180
+from fastcoil.base.figures import COLOURS, DOTTED_LINE, LINE_STYLES, apply_style, wrap_text
+from fastcoil.design.describing_function import (
+    Elements,
+    interpolate,
+    is_too_smooth,
+    limiter_gain,
+    refine_curve,
+    swing_amplitude,
+    unpredictable_loops,
+)
+from fastcoil.design.linearise import phase_crossover
 from fastcoil.design.operating_points import OperatingPoints, require_pi
-from fastcoil.design.plants import Columns, Complex, Plants, distinct, driven_gain, frequency_response, loop_response
+from fastcoil.design.plants import (
+    Columns,
+    Complex,
+    Plants,
+    frequency_response,
+    loop_response,
+    stroke_gain,
+    unique_columns,
+)
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.labels import label_in_words
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.provenance import provenance
-from fastcoil.model.metric_table import HUNTING_SWING
+from fastcoil.model.metric_table import HUNTING_SWING_K
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_HALVINGS = 10
-_FLAT = 0.01  # A rise of the phase, rad, from which a loop has more than one frequency for a phase
+_PHASE_HALVINGS = 10
+_LEAST_PHASE_RISE = 0.01  # A rise of the phase, rad, from which a loop has more than one frequency for a phase
 
 
-Describing = Callable[[Array], Complex]
+DescribingFunction = Callable[[Array], Complex]
 """Frequencies, rad/s, of loops and amplitudes → the describing function there."""
 
 
-class Balance(NamedTuple):
+class HarmonicBalance(NamedTuple):
     """Of each piece of the phase curves, loop and amplitude, (3, n, n_amplitudes).
 
     product: |L| |N| where L and N lag 180° together; 0 where they do nowhere.  place: where between the frequencies
@@ -49,12 +65,14 @@ class Balance(NamedTuple):
     size: Array
 
 
-def frequency(w: Array, place: Array) -> Array:
+def frequency_at(w: Array, place: Array) -> Array:
     """Frequencies at places between those of w, which ascend by equal ratios."""
     return np.asarray(w[0] * np.exp(place * np.log(w[1] / w[0])))
 
 
-def balance(w: Array, L: Complex, N: Callable[[Index], Describing], n_amplitudes: int, lead: Array) -> Balance:
+def harmonic_balance(
+    w: Array, L: Complex, N: Callable[[Index], DescribingFunction], n_amplitudes: int, lead: Array
+) -> HarmonicBalance:
     """Where L and N lag 180° together, for each loop and amplitude.
 
     With fast integral action the phase of L falls, rises and falls again: the three pieces are kept apart.  In a loop
@@ -63,56 +81,65 @@ def balance(w: Array, L: Complex, N: Callable[[Index], Describing], n_amplitudes
     w: rad/s, (n_w,), ascending by equal ratios.  L: linear part of the loops, (n, n_w).  N: which m loops → their
     describing function at frequencies, (m, n_amplitudes).  lead: most that N may lead, rad, (n,).
     """
-    left, log_L, found = np.pi + np.unwrap(np.angle(L), axis=1), np.log(np.abs(L)), []
-    for low, high, turn in _pieces(left, lead):
-        some = np.flatnonzero(high > low)  # the loops that have this piece
+    phase_left, log_L, pieces = np.pi + np.unwrap(np.angle(L), axis=1), np.log(np.abs(L)), []
+    for low, high, turn in _phase_pieces(phase_left, lead):
+        members = np.flatnonzero(high > low)  # the loops that have this piece
         a, b = (np.repeat(end[:, None].astype(float), n_amplitudes, axis=1) for end in (low, high))
         product, place, size = np.zeros(a.shape), a.copy(), np.zeros(a.shape)
-        if some.size:
-            phase, of = left[some], N(some)
+        if members.size:
+            phase, describing = phase_left[members], N(members)
 
-            def excess(at: Array, turn: float = turn, phase: Array = phase, of: Describing = of) -> Array:
-                return turn * (between(phase, at) + np.angle(of(frequency(w, at))))
+            def excess(
+                place: Array, turn: float = turn, phase: Array = phase, describing: DescribingFunction = describing
+            ) -> Array:
+                return turn * (interpolate(phase, place) + np.angle(describing(frequency_at(w, place))))
 
-            at, there = _root(excess, a[some], b[some])
-            place[some], size[some] = at, np.abs(of(frequency(w, at)))
-            product[some] = np.where(there, np.exp(between(log_L[some], at)) * size[some], 0.0)
-        found.append((product, place, size))
-    product, place, size = (np.stack(part) for part in zip(*found, strict=True))
-    return Balance(product, place, size)
+            at, crosses = _find_root(excess, a[members], b[members])
+            place[members], size[members] = at, np.abs(describing(frequency_at(w, at)))
+            product[members] = np.where(crosses, np.exp(interpolate(log_L[members], at)) * size[members], 0.0)
+        pieces.append((product, place, size))
+    product, place, size = (np.stack(part) for part in zip(*pieces, strict=True))
+    return HarmonicBalance(product, place, size)
 
 
-def _root(excess: Callable[[Array], Array], a: Array, b: Array) -> tuple[Array, Mask]:
+def _find_root(excess: Callable[[Array], Array], a: Array, b: Array) -> tuple[Array, Mask]:
     """Where a falling function crosses 0 between a and b, and whether it does."""
     fa, fb = excess(a), excess(b)
-    there = (fa >= 0.0) & (fb <= 0.0) & (b > a)
-    for _ in range(_HALVINGS):
+    crosses = (fa >= 0.0) & (fb <= 0.0) & (b > a)
+    for _ in range(_PHASE_HALVINGS):
         x = 0.5 * (a + b)
         fx = excess(x)
-        right = fx > 0.0
-        a, fa, b, fb = np.where(right, x, a), np.where(right, fx, fa), np.where(right, b, x), np.where(right, fb, fx)
-    steep = np.where(fa > fb, fa - fb, 1.0)
-    return a + (b - a) * np.clip(fa / steep, 0.0, 1.0), there
+        is_positive = fx > 0.0
+        a, fa, b, fb = (
+            np.where(is_positive, x, a),
+            np.where(is_positive, fx, fa),
+            np.where(is_positive, b, x),
+            np.where(is_positive, fb, fx),
+        )
+    drop = np.where(fa > fb, fa - fb, 1.0)
+    return a + (b - a) * np.clip(fa / drop, 0.0, 1.0), crosses
 
 
-def _pieces(left: Array, lead: Array) -> list[tuple[Index, Index, float]]:
+def _phase_pieces(phase_left: Array, lead: Array) -> list[tuple[Index, Index, float]]:
     """First and last index of the last fall of each curve, of a first one and of the rise between; -1 for the rise."""
-    n, n_w = left.shape
+    n, n_w = phase_left.shape
     rows = np.arange(n)
-    over = left < -lead[:, None]
-    last = np.where(over.any(axis=1), over.argmax(axis=1), n_w - 1)
-    seen = np.where(np.arange(n_w) <= last[:, None], left, -np.inf)
-    later = np.maximum.accumulate(seen[:, ::-1], axis=1)[:, ::-1]
-    rise = np.where(np.isfinite(seen), later, 0.0) - np.where(np.isfinite(seen), seen, 0.0)
+    is_over = phase_left < -lead[:, None]
+    last = np.where(is_over.any(axis=1), is_over.argmax(axis=1), n_w - 1)
+    phase_until_last = np.where(np.arange(n_w) <= last[:, None], phase_left, -np.inf)
+    later_maximum = np.maximum.accumulate(phase_until_last[:, ::-1], axis=1)[:, ::-1]
+    rise = np.where(np.isfinite(phase_until_last), later_maximum, 0.0) - np.where(
+        np.isfinite(phase_until_last), phase_until_last, 0.0
+    )
     dip = rise.argmax(axis=1)
-    bumps = rise[rows, dip] > _FLAT
-    dip = np.where(bumps, dip, 0)
-    peak = np.where(np.arange(n_w) >= dip[:, None], seen, -np.inf).argmax(axis=1)
-    peak = np.where(bumps, peak, 0)
+    has_rise = rise[rows, dip] > _LEAST_PHASE_RISE
+    dip = np.where(has_rise, dip, 0)
+    peak = np.where(np.arange(n_w) >= dip[:, None], phase_until_last, -np.inf).argmax(axis=1)
+    peak = np.where(has_rise, peak, 0)
     return [(peak, last, 1.0), (np.zeros_like(dip), dip, 1.0), (dip, peak, -1.0)]
 
 
-class Points(NamedTuple):
+class Swings(NamedTuple):
     """Swings in which the phases of L and N add up to -180°.
 
     product: |L| |N|.  w: rad/s.  u: amplitude of u, fraction of stroke.  T: amplitude of T_sup, K.
@@ -124,7 +151,7 @@ class Points(NamedTuple):
     T: Array
 
 
-def started(points: Points, disturbance: float) -> tuple[Mask, Points]:
+def find_sustained_cycle(swings: Swings, disturbance: float) -> tuple[Mask, Swings]:
     """The cycle at which a swing of T_sup with the amplitude ``disturbance``, K, ends: whether there is one, and it.
 
     Where |L| |N| falls through 1 as the amplitude grows, a larger swing decays and a smaller one grows: that cycle
@@ -133,206 +160,224 @@ def started(points: Points, disturbance: float) -> tuple[Mask, Points]:
 
     points: (3, n, n_amplitudes) each, of the pieces of ``harmonic_balance``.
     """
-    F = points.product
+    F = swings.product
     before, after = F[:, :, :-1], F[:, :, 1:]
     both = (before > 0.0) & (after > 0.0)
     falls, rises = (before >= 1.0) & (after < 1.0), (before < 1.0) & (after >= 1.0)
-    other_way = np.array([False, False, True])[:, None, None]
-    stable, parts = np.where(other_way, rises & both, falls), np.where(other_way, falls, rises)
+    is_rise_piece = np.array([False, False, True])[:, None, None]
+    stable, parting = np.where(is_rise_piece, rises & both, falls), np.where(is_rise_piece, falls, rises)
     log_F = np.log(np.maximum(F, 1e-9))
-    crossing = both & (stable | parts)
+    crossing = both & (stable | parting)
     # where the phases meet no more, the cycle is at the last amplitude at which they do
     share = np.where(crossing, -log_F[:, :, :-1] / np.where(crossing, np.diff(log_F, axis=2), 1.0), 0.0)
 
-    def there(values: Array) -> Array:
-        log = np.log(np.maximum(values, 1e-12))
-        between_them = np.exp(log[:, :, :-1] * (1.0 - share) + log[:, :, 1:] * share)
-        return np.asarray(_in_a_row(between_them))
+    def at_crossing(values: Array) -> Array:
+        log_values = np.log(np.maximum(values, 1e-12))
+        interpolated = np.exp(log_values[:, :, :-1] * (1.0 - share) + log_values[:, :, 1:] * share)
+        return np.asarray(_join_pieces(interpolated))
 
-    at = Points(*map(there, points))
-    is_stable, is_parting, is_above = _in_a_row(stable), _in_a_row(parts), at.T > disturbance
-    above, below = np.where(is_stable & is_above, at.T, np.inf), np.where(is_stable & ~is_above, at.T, -np.inf)
-    parting_above = np.where(is_parting & is_above, at.T, np.inf).min(axis=1)
-    parting_below = np.where(is_parting & ~is_above, at.T, -np.inf).max(axis=1)
+    crossings = Swings(*map(at_crossing, swings))
+    is_stable, is_parting, is_above = _join_pieces(stable), _join_pieces(parting), crossings.T > disturbance
+    above, below = (
+        np.where(is_stable & is_above, crossings.T, np.inf),
+        np.where(is_stable & ~is_above, crossings.T, -np.inf),
+    )
+    parting_above = np.where(is_parting & is_above, crossings.T, np.inf).min(axis=1)
+    parting_below = np.where(is_parting & ~is_above, crossings.T, -np.inf).max(axis=1)
     nearest_above, nearest_below = above.min(axis=1), below.max(axis=1)
     nothing_below = (nearest_below == -np.inf) & (parting_below == -np.inf)
-    grows = (parting_below > nearest_below) | (nothing_below & (nearest_above < parting_above))
-    k = np.where(grows, above.argmin(axis=1), below.argmax(axis=1))
-    goes_on = np.where(grows, nearest_above < np.inf, nearest_below > -np.inf)
-    return goes_on, Points(*(values[np.arange(k.size), k] for values in at))
+    is_growing = (parting_below > nearest_below) | (nothing_below & (nearest_above < parting_above))
+    k = np.where(is_growing, above.argmin(axis=1), below.argmax(axis=1))
+    is_sustained = np.where(is_growing, nearest_above < np.inf, nearest_below > -np.inf)
+    return is_sustained, Swings(*(values[np.arange(k.size), k] for values in crossings))
 
 
-HUNTS_ABOVE = 0.85
-"""Margin from which a gap keeps a loop swinging for hours, though in the end it may come to rest."""
-OF_A_GAP = 1.5
+HUNTING_MARGIN = 0.85
+"""Hunting index from which a gap keeps a loop swinging for hours, though in the end it may come to rest."""
+GAP_SHAPED_RATIO = 1.5
 """Amplitude of u over the gap up to which that is so: there the gap shapes the swing."""
-DISTURBANCE = 2.0
+DISTURBANCE_AMPLITUDE = 2.0
 """Amplitude of T_sup, K, of the disturbance that a cycle is started by."""
-UNSTABLE = 1.02
+UNSTABLE_GAIN = 1.02
 """|L| at 180° above which a loop is unstable without a gap, and a little, by which that may be wrong."""
-NO_GAP = 1e-6
+ROUND_OFF_GAP = 1e-6
 """A gap or a buffer up to this size is round-off."""
-MOST = 30.0
+LARGEST_AMPLITUDE = 30.0
 """Largest amplitude of u that is looked at, before u is limited to 0–1."""
-_AMPLITUDES, _FREQUENCIES = 44, 136
-ROUNDS = 2
+_N_AMPLITUDES, _N_FREQUENCIES = 44, 136
+INTEGRAL_LIMIT_ROUNDS = 2
 """How often a cycle that reaches an end of the integral is computed again."""
-_NEAR_ONE = 0.7
-_SLOWEST = 3e-4  # lowest frequency, rad/s: a period of 6 h
-_AT_ONCE = 512
+_NEAR_CYCLE_PRODUCT = 0.7
+_LOWEST_FREQUENCY = 3e-4  # lowest frequency, rad/s: a period of 6 h
+_LOOPS_PER_CHUNK = 512
 
 
 class Cycles(NamedTuple):
-    """Margin and limit cycle of each loop, (n,).
+    """Hunting index and limit cycle of each loop, (n,).
 
-    margin: largest |L| |N|, where L and N lag 180° together, over the swings of T_sup of up to ``DISTURBANCE``; without
+    hunting index: largest |L| |N|, where L and N lag 180° together, over the swings of T_sup of up to ``DISTURBANCE``; without
     a gap, 1 over the gain margin.  0 where the two never do, or no opening holds the set-point.
     hunts: 1 where a disturbance starts a swing of more than 0.1 K from peak to peak that goes on, else 0.
     period: s.  amplitude: half of peak to peak of true T_sup, K.  NaN where it does not hunt.
-    frequency: of the margin, rad/s.
+    frequency: of the hunting index, rad/s.
     """
 
-    margin: Array
+    hunting_index: Array
     hunts: Array
     period: Array
     amplitude: Array
     frequency: Array
 
 
-def cycles_of(columns: Columns, plants: Plants) -> Cycles:
-    """Predict margin and limit cycle; all NaN where theory says nothing (see ``unknown``), or a plant has no gain.
+def predict_cycles(columns: Columns, plants: Plants) -> Cycles:
+    """Predict hunting index and limit cycle; all NaN where theory says nothing (see ``unknown``), or a plant has no gain.
 
-    columns: parameter name → (n,), see ``columns_of``.  plants: of these loops, see ``plants_of``.
+    columns: parameter name → (n,), see ``parameter_columns``.  plants: of these loops, see ``linearise_plants``.
     """
     n = plants.opening.size
     periods = np.asarray(columns["sample_time"], float)
-    known = ~np.any(list(unknown(columns).values()), axis=0) & np.isfinite(plants.gain)
-    found = Cycles(*(np.full(n, np.nan) for _ in Cycles._fields))
+    is_known = ~np.any(list(unpredictable_loops(columns).values()), axis=0) & np.isfinite(plants.gain)
+    cycles = Cycles(*(np.full(n, np.nan) for _ in Cycles._fields))
     # where no opening holds the set-point, or the loop acts the wrong way round or not at all, the valve stands
-    acts = plants.reachable & (driven_gain(columns, plants) > 0.0) & (np.asarray(columns["kp"], float) > 0.0)
-    found.margin[known & ~acts], found.hunts[known & ~acts] = 0.0, 0.0
+    is_acting = plants.reachable & (stroke_gain(columns, plants) > 0.0) & (np.asarray(columns["kp"], float) > 0.0)
+    cycles.hunting_index[is_known & ~is_acting], cycles.hunts[is_known & ~is_acting] = 0.0, 0.0
     for period in np.unique(periods):
-        members = np.flatnonzero(known & acts & (periods == period))
-        for first in range(0, members.size, _AT_ONCE):
-            some = members[first : first + _AT_ONCE]
-            part = _of_one_period({name: values[some] for name, values in columns.items()}, plants.some(some), period)
-            for values, of_part in zip(found, part, strict=True):
-                values[some] = of_part
-    return found
+        members = np.flatnonzero(is_known & is_acting & (periods == period))
+        for first in range(0, members.size, _LOOPS_PER_CHUNK):
+            chunk = members[first : first + _LOOPS_PER_CHUNK]
+            chunk_cycles = _predict_cycles_at_sample_time(
+                {name: values[chunk] for name, values in columns.items()}, plants.select(chunk), period
+            )
+            for values, chunk_values in zip(cycles, chunk_cycles, strict=True):
+                values[chunk] = chunk_values
+    return cycles
 
 
-def _of_one_period(columns: Columns, plants: Plants, period: float) -> Cycles:
+def _predict_cycles_at_sample_time(columns: Columns, plants: Plants, period: float) -> Cycles:
     """Of loops with one sample time."""
-    w = np.geomspace(_SLOWEST, np.pi / period, _FREQUENCIES)
+    w = np.geomspace(_LOWEST_FREQUENCY, np.pi / period, _N_FREQUENCIES)
     L = loop_response(columns, plants, w)
-    plants = plants._replace(curve=refined(plants.curve))
+    plants = plants._replace(curve=refine_curve(plants.curve))
     elements = Elements.of(columns, plants)
-    A = elements.amplitudes(MOST, _AMPLITUDES)
-    of = _balanced(w, L, elements, A, plants)
-    at = frequency(w, of.place)
-    T = A * of.size * _response(plants, w, of.place) / (1.0 - elements.backlash)
-    T *= np.abs(np.sinc(at * period / (2.0 * np.pi)))
-    whole = Points(of.product, at, np.broadcast_to(A, T.shape), T)
-    points = Points(*map(_in_a_row, whole))
+    A = elements.amplitudes(LARGEST_AMPLITUDE, _N_AMPLITUDES)
+    balance = _balance_with_limits(w, L, elements, A, plants)
+    w_balance = frequency_at(w, balance.place)
+    T = A * balance.size * _plant_gain_at(plants, w, balance.place) / (1.0 - elements.backlash)
+    T *= np.abs(np.sinc(w_balance * period / (2.0 * np.pi)))
+    pieces = Swings(balance.product, w_balance, np.broadcast_to(A, T.shape), T)
+    swings = Swings(*map(_join_pieces, pieces))
     rows = np.arange(A.shape[0])
-    best = np.where(points.T <= DISTURBANCE, points.product, 0.0).argmax(axis=1)
+    best = np.where(swings.T <= DISTURBANCE_AMPLITUDE, swings.product, 0.0).argmax(axis=1)
     # without a gap, that of the smallest swing: the linear loop's
-    has_none = (np.abs(elements.width) <= NO_GAP)[:, 0] & (elements.wait <= NO_GAP)[:, 0]
-    smallest = np.arange(0, points.product.shape[1], _AMPLITUDES)
-    best = np.where(has_none, smallest[points.product[:, smallest].argmax(axis=1)], best)
-    margin, w_margin = points.product[rows, best], points.w[rows, best]
+    has_no_gap = (np.abs(elements.width) <= ROUND_OFF_GAP)[:, 0] & (elements.wait <= ROUND_OFF_GAP)[:, 0]
+    smallest = np.arange(0, swings.product.shape[1], _N_AMPLITUDES)
+    best = np.where(has_no_gap, smallest[swings.product[:, smallest].argmax(axis=1)], best)
+    hunting_index, w_index = swings.product[rows, best], swings.w[rows, best]
     # a gap is crossed the more slowly the smaller the error: a swing that dies away takes hours
-    shaped = (points.u < OF_A_GAP * elements.width) & (points.product > HUNTS_ABOVE)
-    slow = np.where(shaped, points.product, 0.0).argmax(axis=1)
-    lingers = shaped[rows, slow]
-    goes_on, cycle = started(whole, DISTURBANCE)
-    lingering = Points(*(values[rows, slow] for values in points))
-    cycle = Points(*(np.where(goes_on, values, late) for values, late in zip(cycle, lingering, strict=True)))
+    is_gap_shaped = (swings.u < GAP_SHAPED_RATIO * elements.width) & (swings.product > HUNTING_MARGIN)
+    slowest = np.where(is_gap_shaped, swings.product, 0.0).argmax(axis=1)
+    lingers = is_gap_shaped[rows, slowest]
+    is_sustained, cycle = find_sustained_cycle(pieces, DISTURBANCE_AMPLITUDE)
+    lingering = Swings(*(values[rows, slowest] for values in swings))
+    cycle = Swings(
+        *(
+            np.where(is_sustained, values, lingering_values)
+            for values, lingering_values in zip(cycle, lingering, strict=True)
+        )
+    )
     swing = np.full(A.shape[0], np.nan)
 
-    def seen(found: Index) -> Mask:
-        if found.size:
-            u, part = cycle.u[found, None], elements.some(found)
-            swing[found] = amplitude_of(u, part.mean(u), cycle.w[found, None], part, plants.some(found))
-        return 2.0 * swing > HUNTING_SWING
+    def is_visible(members: Index) -> Mask:
+        if members.size:
+            u, part = cycle.u[members, None], elements.select(members)
+            swing[members] = swing_amplitude(u, part.mean(u), cycle.w[members, None], part, plants.select(members))
+        return 2.0 * swing > HUNTING_SWING_K
 
-    hunts = seen(np.flatnonzero(goes_on | lingers))
+    hunts = is_visible(np.flatnonzero(is_sustained | lingers))
     # an unstable loop swings from end to end, also where no balance is found, such as in a cycle of two samples
-    size, w_180 = at_180(L, w)
-    runs_away = ~hunts & (size * elements.slope[:, 0] > UNSTABLE)
-    ends = Points(size, w_180, np.full(size.size, MOST), size)
-    cycle = Points(*(np.where(runs_away, far, values) for values, far in zip(cycle, ends, strict=True)))
-    hunts = seen(np.flatnonzero(runs_away))
+    size, w_180 = phase_crossover(L, w)
+    runs_away = ~hunts & (size * elements.slope[:, 0] > UNSTABLE_GAIN)
+    end_swings = Swings(size, w_180, np.full(size.size, LARGEST_AMPLITUDE), size)
+    cycle = Swings(
+        *(np.where(runs_away, end_values, values) for values, end_values in zip(cycle, end_swings, strict=True))
+    )
+    hunts = is_visible(np.flatnonzero(runs_away))
 
-    seen_u, seen_w = np.where(hunts, cycle.u, points.u[rows, best]), np.where(hunts, cycle.w, w_margin)
-    known = ~too_smooth(columns, seen_u, seen_w)
-    hunts_known = hunts & known
+    checked_u, checked_w = np.where(hunts, cycle.u, swings.u[rows, best]), np.where(hunts, cycle.w, w_index)
+    is_known = ~is_too_smooth(columns, checked_u, checked_w)
+    hunts_known = hunts & is_known
     return Cycles(
-        np.where(known, margin, np.nan), np.where(known, hunts.astype(float), np.nan),
+        np.where(is_known, hunting_index, np.nan), np.where(is_known, hunts.astype(float), np.nan),
         np.where(hunts_known, 2.0 * np.pi / cycle.w, np.nan), np.where(hunts_known, swing, np.nan),
-        np.where(known & (margin > 0.0), w_margin, np.nan),
+        np.where(is_known & (hunting_index > 0.0), w_index, np.nan),
     )  # fmt: skip
 
 
-def _balanced(w: Array, L: Complex, elements: Elements, A: Array, plants: Plants) -> Balance:
+def _balance_with_limits(w: Array, L: Complex, elements: Elements, A: Array, plants: Plants) -> HarmonicBalance:
     """Balance of the loops; where the integral reaches an end, again with what that changes, at the frequency found."""
     mean = elements.mean(A)
-    passed = limited(A, -mean, 1.0 - mean).astype(complex)
+    limit_gain = limiter_gain(A, -mean, 1.0 - mean).astype(complex)
 
-    def of(some: Index) -> Balance:
-        part = elements.some(some)
-        leads = (part.width < part.wait - NO_GAP)[:, 0] | (np.angle(passed[some]).max(axis=1) > 0.0)
+    def balance_loops(loops: Index) -> HarmonicBalance:
+        part = elements.select(loops)
+        leads = (part.width < part.wait - ROUND_OFF_GAP)[:, 0] | (np.angle(limit_gain[loops]).max(axis=1) > 0.0)
         lead = np.where(leads, 0.5 * np.pi, 0.0)
 
-        def N(which: Index) -> Describing:
-            members = some[which]
-            return elements.some(members).described(A[members], passed[members])
+        def N(which: Index) -> DescribingFunction:
+            members = loops[which]
+            return elements.select(members).make_describing_function(A[members], limit_gain[members])
 
-        return balance(w, L[some], N, _AMPLITUDES, lead)
+        return harmonic_balance(w, L[loops], N, _N_AMPLITUDES, lead)
 
-    found = of(np.arange(A.shape[0]))
+    balances = balance_loops(np.arange(A.shape[0]))
     room = np.minimum(mean, 1.0 - mean)
-    reaches = elements.parts(A, frequency(w, found.place[0]))[1] > room
-    ended = np.flatnonzero((reaches & (found.product[0] > _NEAR_ONE)).any(axis=1))
-    for _ in range(ROUNDS if ended.size else 0):
-        at = frequency(w, found.place[0][ended])
-        part = elements.some(ended)
-        reaches = part.parts(A[ended], at)[1] > room[ended]
-        passed[ended] = np.where(reaches, part.passed(A[ended], at, plants.some(ended))[0], passed[ended])
-        for values, again in zip(found, of(ended), strict=True):
-            values[:, ended] = again
-    return found
+    reaches = elements.parts(A, frequency_at(w, balances.place[0]))[1] > room
+    limited_loops = np.flatnonzero((reaches & (balances.product[0] > _NEAR_CYCLE_PRODUCT)).any(axis=1))
+    for _ in range(INTEGRAL_LIMIT_ROUNDS if limited_loops.size else 0):
+        w_balance = frequency_at(w, balances.place[0][limited_loops])
+        limited_elements = elements.select(limited_loops)
+        reaches = limited_elements.parts(A[limited_loops], w_balance)[1] > room[limited_loops]
+        limit_gain[limited_loops] = np.where(
+            reaches,
+            limited_elements.pi_limit_gain(A[limited_loops], w_balance, plants.select(limited_loops))[0],
+            limit_gain[limited_loops],
+        )
+        for values, new_values in zip(balances, balance_loops(limited_loops), strict=True):
+            values[:, limited_loops] = new_values
+    return balances
 
 
-def _response(plants: Plants, w: Array, place: Array) -> Array:
+def _plant_gain_at(plants: Plants, w: Array, place: Array) -> Array:
     """|T_sup| per opening at places between frequencies w; smooth, so that every fifth of them is enough."""
-    first, which = distinct(plants.same)
-    some = np.linspace(0.0, w.size - 1.0, (w.size + 4) // 5)
-    G = np.abs(frequency_response(plants.response[first], frequency(w, some)))
-    log_G = np.log(np.maximum(G, 1e-300))[which]
-    return np.exp(np.stack([between(log_G, piece * (some.size - 1.0) / (w.size - 1.0)) for piece in place]))
+    first, kind = unique_columns(plants.same)
+    coarse_places = np.linspace(0.0, w.size - 1.0, (w.size + 4) // 5)
+    G = np.abs(frequency_response(plants.response[first], frequency_at(w, coarse_places)))
+    log_G = np.log(np.maximum(G, 1e-300))[kind]
+    return np.exp(
+        np.stack([interpolate(log_G, piece * (coarse_places.size - 1.0) / (w.size - 1.0)) for piece in place])
+    )
 
 
-def _in_a_row(values: np.ndarray) -> np.ndarray:
+def _join_pieces(values: np.ndarray) -> np.ndarray:
     return values.transpose(1, 0, 2).reshape(values.shape[1], -1)
 
 
-_NAMES: Mapping[str, Mapping[str, str]] = {
-    "margin": {
-        "long_name": "margin of the describing function", "units": "1",
-        "comment": f"largest |L| |N| where L and N lag 180 degrees together, over swings up to {DISTURBANCE:g} K; from "
-        f"{HUNTS_ABOVE:g} on a gap keeps the loop swinging; without a gap 1/gain margin; 0 if T_set is out of reach",
+_VARIABLE_ATTRS: Mapping[str, Mapping[str, str]] = {
+    "hunting_index": {
+        "long_name": "hunting index of the describing function", "units": "1",
+        "comment": f"largest |L| |N| where L and N lag 180 degrees together, over swings up to {DISTURBANCE_AMPLITUDE:g} K; from "
+        f"{HUNTING_MARGIN:g} on a gap keeps the loop swinging; without a gap 1/gain margin; 0 if T_set is out of reach",
     },
     "hunts": {
         "long_name": "whether the loop is predicted to hunt", "units": "1",
-        "comment": f"1 if a swing of {DISTURBANCE:g} K ends in one that goes on, by more than 0.1 K from peak to peak",
+        "comment": f"1 if a swing of {DISTURBANCE_AMPLITUDE:g} K ends in one that goes on, by more than 0.1 K from peak to peak",
     },
     "period": {"long_name": "period of the predicted cycle", "units": "s", "comment": "NaN where it does not hunt"},
     "amplitude": {
         "long_name": "amplitude of T_sup in the predicted cycle", "units": "K",
         "comment": "half of peak to peak; NaN where it does not hunt",
     },
-    "frequency": {"long_name": "angular frequency of the margin", "units": "rad s-1"},
+    "frequency": {"long_name": "angular frequency of the hunting index", "units": "rad s-1"},
 }  # fmt: skip
 
 
@@ -355,7 +400,7 @@ def limit_cycle(loop: Loop, boundary: Boundary, *, at: Any = None) -> xr.Dataset
     Returns
     -------
     xarray.Dataset
-        margin, hunts (0 or 1), period [s], amplitude [K, half of peak to peak, of true T_sup], frequency of the margin
+        hunting index, hunts (0 or 1), period [s], amplitude [K, half of peak to peak, of true T_sup], frequency of the hunting index
         [rad/s].  The attributes of each say what it is.  All are NaN, with a warning that says why, in scenarios about
         which theory says nothing: a law of your own, an estimator that changes the estimate, stick-slip, an error dead
         band, a smooth compensation slower than the cycle.
@@ -368,40 +413,50 @@ def limit_cycle(loop: Loop, boundary: Boundary, *, at: Any = None) -> xr.Dataset
     points = OperatingPoints(loop, boundary, at)
     reasons: Counter[str] = Counter()
 
-    def cycles(columns: Columns, _: Mapping[str, Array], plants: Plants) -> Iterable[tuple[str, Array]]:
-        found, why = cycles_of(columns, plants), unknown(columns)
-        why |= {"T_sup jumps past the set-point, from dry to wet: there is nothing to linearise": np.isnan(plants.gain)}
-        slow = np.isnan(found.hunts) & ~np.any(list(why.values()), axis=0)
+    def evaluate(columns: Columns, _: Mapping[str, Array], plants: Plants) -> Iterable[tuple[str, Array]]:
+        cycles, reasons_by_loop = predict_cycles(columns, plants), unpredictable_loops(columns)
+        reasons_by_loop |= {
+            "T_sup jumps past the set-point, from dry to wet: there is nothing to linearise": np.isnan(plants.gain)
+        }
+        slow = np.isnan(cycles.hunts) & ~np.any(list(reasons_by_loop.values()), axis=0)
         slower = "the smooth compensation crosses the gap more slowly than u reverses"
-        why[f"{slower}: lower smooth_rate, or simulate it"] = slow
-        reasons.update({reason: int(where.sum()) for reason, where in why.items()})
-        return found._asdict().items()
+        reasons_by_loop[f"{slower}: lower smooth_rate, or simulate it"] = slow
+        reasons.update({reason: int(where.sum()) for reason, where in reasons_by_loop.items()})
+        return cycles._asdict().items()
 
-    found = points.evaluated(cycles)
-    why, nothing = {reason: count for reason, count in reasons.items() if count}, np.isnan(found["hunts"])
-    if nothing.all():
-        raise InputError([f"limit_cycle says nothing about these loops: {reason}" for reason in why])
-    note = "; ".join(f"NaN in {count:,} of {nothing.size:,} scenarios: {reason}" for reason, count in why.items())
+    variables = points.evaluate(evaluate)
+    reason_counts, is_unpredicted = (
+        {reason: count for reason, count in reasons.items() if count},
+        np.isnan(variables["hunts"]),
+    )
+    if is_unpredicted.all():
+        raise InputError([f"limit_cycle says nothing about these loops: {reason}" for reason in reason_counts])
+    note = "; ".join(
+        f"NaN in {count:,} of {is_unpredicted.size:,} scenarios: {reason}" for reason, count in reason_counts.items()
+    )
     if note:
         warnings.warn(note, stacklevel=2)
-    ds = points.dataset({name: (values, _NAMES[name]) for name, values in found.items()})
-    about = {"parameters": json.dumps(points.loop.constants)} | ({"note": note} if note else {})
-    return ds.assign_attrs(title="fastcoil limit cycles, predicted", **about, **provenance())
+    ds = points.dataset({name: (values, _VARIABLE_ATTRS[name]) for name, values in variables.items()})
+    attrs = {"parameters": json.dumps(points.loop.constants)} | ({"note": note} if note else {})
+    return ds.assign_attrs(title="fastcoil limit cycles, predicted", **attrs, **provenance())
 
 
-_LOWEST, _OF_CURVES = 1e-6, 4000  # frequencies of the curves: the lowest, rad/s, and their number
-_REACH = 3.0  # A Nyquist plot shows this much of the plane to the left and below
-_READING = (
+_LOWEST_CURVE_FREQUENCY, _N_CURVE_FREQUENCIES = (
+    1e-6,
+    4000,
+)  # frequencies of the curves: the lowest, rad/s, and their number
+_PLANE_REACH = 3.0  # A Nyquist plot shows this much of the plane to the left and below
+_HOW_TO_READ = (
     "Thick: L. Thin: -1/N. A loop hunts where L reaches -1/N, or nearly. One dot: the cycle. Two dots: the frequency "
     "at which a loop that does not hunt comes nearest to one."
 )
-_OF_ELEMENT, _SMALLEST = 400, 1e-3  # number of amplitudes, and least |N| that is drawn
+_N_CURVE_AMPLITUDES, _SMALLEST_DRAWN_N = 400, 1e-3  # number of amplitudes, and least |N| that is drawn
 _WIDTH = 6.5  # inches
 
 
 @apply_style()
 def nyquist(loop: Loop, boundary: Boundary, *, at: Any = None) -> Figure:
-    """Draw the open loop L in the complex plane, with -1/N(A) and the margin between the two.
+    """Draw the open loop L in the complex plane, with -1/N(A) and the hunting index between the two.
 
     N(A) is the describing function, for an input that swings by A, of all that lies between the controller and the
     supply temperature and is not linear: see ``limit_cycle``.  Up to three loops.
@@ -423,32 +478,40 @@ def nyquist(loop: Loop, boundary: Boundary, *, at: Any = None) -> Figure:
     axes.axhline(0.0, color="black", lw=0.6)
     axes.axvline(0.0, color="black", lw=0.6)
     turn = np.linspace(0.0, 2.0 * math.pi, 200)
-    axes.plot(np.cos(turn), np.sin(turn), color="black", lw=0.8, ls=DOTTED)
+    axes.plot(np.cos(turn), np.sin(turn), color="black", lw=0.8, ls=DOTTED_LINE)
     axes.plot(-1.0, 0.0, "+", color="black", ms=9)
-    for (words, columns, plant), colour, line in zip(_loops(loop, boundary, at), COLOURS, LINE_STYLES, strict=False):
+    for (words, columns, plant), colour, line in zip(
+        _labelled_loops(loop, boundary, at), COLOURS, LINE_STYLES, strict=False
+    ):
         # up to the highest frequency that the controller can make
-        w = np.geomspace(_LOWEST, math.pi / float(columns["sample_time"][0]), _OF_CURVES)
+        w = np.geomspace(_LOWEST_CURVE_FREQUENCY, math.pi / float(columns["sample_time"][0]), _N_CURVE_FREQUENCIES)
         L = loop_response(columns, plant, w)[0]
-        cycles = cycles_of(columns, plant)
-        margin, hunts = float(cycles.margin[0]), bool(cycles.hunts[0] > 0.0)
+        cycles = predict_cycles(columns, plant)
+        hunting_index, hunts = float(cycles.hunting_index[0]), bool(cycles.hunts[0] > 0.0)
         critical = float(2.0 * math.pi / cycles.period[0] if hunts else cycles.frequency[0])
         minus_1_over_N = _minus_1_over_N(columns, plant, critical)
-        answer = f"margin {margin:.2g}, {'hunts' if hunts else 'does not hunt'}"
-        near = np.abs(L) < 3.0 * _REACH
+        answer = f"hunting index {hunting_index:.2g}, {'hunts' if hunts else 'does not hunt'}"
+        is_near = np.abs(L) < 3.0 * _PLANE_REACH
         label = f"{words}{answer if minus_1_over_N.size else 'not predicted'}"
-        axes.plot(L.real[near], L.imag[near], color=colour, ls=line, label=label)
+        axes.plot(L.real[is_near], L.imag[is_near], color=colour, ls=line, label=label)
         axes.plot(minus_1_over_N.real, minus_1_over_N.imag, color=colour, lw=0.7, label="_-1/N")
-        if margin > 0.0:
+        if hunting_index > 0.0:
             on_L = complex(np.interp(critical, w, L))  # where the loop hunts, or comes nearest to it
-            pair = np.array([on_L] if hunts else [on_L, on_L / margin])
-            axes.plot(pair.real, pair.imag, color=colour, lw=0.8, ls=DOTTED, marker="o", ms=3.5)
-    axes.set(xlim=(-_REACH, 1.2), ylim=(-_REACH, 1.2), aspect="equal", xlabel="real part", ylabel="imaginary part")
+            pair = np.array([on_L] if hunts else [on_L, on_L / hunting_index])
+            axes.plot(pair.real, pair.imag, color=colour, lw=0.8, ls=DOTTED_LINE, marker="o", ms=3.5)
+    axes.set(
+        xlim=(-_PLANE_REACH, 1.2),
+        ylim=(-_PLANE_REACH, 1.2),
+        aspect="equal",
+        xlabel="real part",
+        ylabel="imaginary part",
+    )
     axes.legend(loc="upper left", framealpha=0.8, edgecolor="none")
-    axes.set_title(wrapped(_READING, 0.75 * _WIDTH, 9), loc="left")
+    axes.set_title(wrap_text(_HOW_TO_READ, 0.75 * _WIDTH, 9), loc="left")
     return figure
 
 
-def _loops(loop: Loop, boundary: Boundary, at: Any) -> Iterator[tuple[str, Columns, Plants]]:
+def _labelled_loops(loop: Loop, boundary: Boundary, at: Any) -> Iterator[tuple[str, Columns, Plants]]:
     """What the legend calls each loop, with a colon behind, its parameters and its plant."""
     points = OperatingPoints(loop, boundary, at)
     require_pi(points.loop)
@@ -460,8 +523,8 @@ def _loops(loop: Loop, boundary: Boundary, at: Any) -> Iterator[tuple[str, Colum
     for k, place in enumerate(np.ndindex(*points.sizes.values())):
         labels = [label_in_words(labelled, dim, i) for dim, i in zip(points.sizes, place, strict=True)]
         words = ", ".join([*labels, *([] if plants.reachable[k] else ["set-point out of reach"])])
-        one = {name: values[k : k + 1] for name, values in columns.items()}
-        yield f"{words}: " if words else "", one, plants.some(index[k : k + 1])
+        loop_columns = {name: values[k : k + 1] for name, values in columns.items()}
+        yield f"{words}: " if words else "", loop_columns, plants.select(index[k : k + 1])
 
 
 def _minus_1_over_N(columns: Columns, plant: Plants, at: float) -> Complex:
@@ -469,7 +532,7 @@ def _minus_1_over_N(columns: Columns, plant: Plants, at: float) -> Complex:
     if not math.isfinite(at):
         return np.empty(0, complex)
     elements = Elements.of(columns, plant)
-    amplitudes = elements.amplitudes(MOST, _OF_ELEMENT)
+    amplitudes = elements.amplitudes(LARGEST_AMPLITUDE, _N_CURVE_AMPLITUDES)
     mean = elements.mean(amplitudes)
-    N = elements.described(amplitudes, limited(amplitudes, -mean, 1.0 - mean))(np.array(at))[0]
-    return np.asarray(-1.0 / N[np.abs(N) > _SMALLEST])
+    N = elements.make_describing_function(amplitudes, limiter_gain(amplitudes, -mean, 1.0 - mean))(np.array(at))[0]
+    return np.asarray(-1.0 / N[np.abs(N) > _SMALLEST_DRAWN_N])

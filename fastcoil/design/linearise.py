@@ -7,31 +7,31 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import array_of, checking, flag_of
+from fastcoil.base.arguments import argument_checks, require_array, require_flag
 from fastcoil.base.arrays import Array
-from fastcoil.base.errors import InputError, WrongType, shown
+from fastcoil.base.errors import InputError, WrongTypeMessage, short_repr
 from fastcoil.design.operating_points import OperatingPoints, require_pi
 from fastcoil.design.plants import (
     Columns,
     Complex,
     Plants,
-    distinct,
-    driven_gain,
     frequency_response,
     loop_response,
-    sampled_plant,
-    sensed_by,
+    sampled_plant_response,
+    sensor_response,
     state_names,
     state_space_of,
+    stroke_gain,
+    unique_columns,
 )
 from fastcoil.loops.boundary import Boundary
-from fastcoil.loops.labelled import as_labelled, in_our_unit, units_of
+from fastcoil.loops.labelled import accepted_units, as_data_array, convert_units
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.plan import check_memory
 from fastcoil.loops.provenance import provenance
 
-_LOWEST = 1e-6  # lowest frequency, rad/s: any integral has brought L above 1 there
-_MARGIN_FREQUENCIES = 800
+_LOWEST_FREQUENCY = 1e-6  # lowest frequency, rad/s: any integral has brought L above 1 there
+_N_MARGIN_FREQUENCIES = 800
 
 
 class Margins(NamedTuple):
@@ -51,27 +51,27 @@ class Margins(NamedTuple):
 def margins_of(columns: Columns, plants: Plants) -> Margins:
     """Margins of every loop, from the exact transfer function of the loop as it is sampled."""
     n = plants.gain.size
-    found = Margins(*(np.full(n, math.nan) for _ in Margins._fields))
+    margins = Margins(*(np.full(n, math.nan) for _ in Margins._fields))
     periods = np.asarray(columns["sample_time"], float)
-    gain = driven_gain(columns, plants)
+    gain = stroke_gain(columns, plants)
     for period in np.unique(periods[gain > 0.0]):
         members = np.flatnonzero((periods == period) & (gain > 0.0))
-        some = {name: values[members] for name, values in columns.items()}
-        of_some = plants.some(members)
-        w = np.geomspace(_LOWEST, math.pi / period, _MARGIN_FREQUENCIES)
-        P, which = sampled_plant(some, of_some, w)
-        first = np.unique(which, return_index=True)[1]
-        size, at = at_180(np.sign(of_some.gain[first])[:, None] * P, w)
-        unit = gain[members] / np.abs(of_some.gain)
-        found.ultimate_gain[members] = 1.0 / (unit * size[which])
-        found.ultimate_period[members] = 2.0 * math.pi / at[which]
-        L = loop_response(some, of_some, w)
-        found.gain_margin[members] = 1.0 / at_180(L, w)[0]
-        found.phase_margin[members] = _phase_left(L)
-    return found
+        member_columns = {name: values[members] for name, values in columns.items()}
+        member_plants = plants.select(members)
+        w = np.geomspace(_LOWEST_FREQUENCY, math.pi / period, _N_MARGIN_FREQUENCIES)
+        P, kind = sampled_plant_response(member_columns, member_plants, w)
+        first = np.unique(kind, return_index=True)[1]
+        size, w_180 = phase_crossover(np.sign(member_plants.gain[first])[:, None] * P, w)
+        unit = gain[members] / np.abs(member_plants.gain)
+        margins.ultimate_gain[members] = 1.0 / (unit * size[kind])
+        margins.ultimate_period[members] = 2.0 * math.pi / w_180[kind]
+        L = loop_response(member_columns, member_plants, w)
+        margins.gain_margin[members] = 1.0 / phase_crossover(L, w)[0]
+        margins.phase_margin[members] = _phase_margin(L)
+    return margins
 
 
-def at_180(L: Complex, w: Array) -> tuple[Array, Array]:
+def phase_crossover(L: Complex, w: Array) -> tuple[Array, Array]:
     """|L| and ω, (n,) each, where L crosses the negative real axis with the largest |L|; its end at π/ts is on it."""
     before, after = L[:, :-1].imag, L[:, 1:].imag
     crosses = (before < 0.0) & (after >= 0.0) & (L[:, 1:].real < 0.0)
@@ -79,31 +79,34 @@ def at_180(L: Complex, w: Array) -> tuple[Array, Array]:
         share = np.where(crosses, before / (before - after), 0.0)
     real = L[:, :-1].real + share * (L[:, 1:].real - L[:, :-1].real)
     size = np.where(crosses, -real, 0.0)
-    at = w[:-1] + share * np.diff(w)
+    w_crossover = w[:-1] + share * np.diff(w)
     end = np.maximum(-L[:, -1].real, 0.0)
-    size, at = np.column_stack([size, end]), np.column_stack([at, np.full(end.size, w[-1])])
+    size, w_crossover = np.column_stack([size, end]), np.column_stack([w_crossover, np.full(end.size, w[-1])])
     k = np.argmax(size, axis=1)
     rows = np.arange(k.size)
-    return np.where(size[rows, k] > 0.0, size[rows, k], math.nan), at[rows, k]
+    return np.where(size[rows, k] > 0.0, size[rows, k], math.nan), w_crossover[rows, k]
 
 
-def _phase_left(L: Complex) -> Array:
+def _phase_margin(L: Complex) -> Array:
     """Least phase margin over the frequencies at which |L| = 1, degrees."""
-    with np.errstate(divide="ignore"):  # a loop with kp = 0 has a size of 0 and no margin
+    with np.errstate(divide="ignore"):  # a loop with kp = 0 has a size of 0 and no hunting index
         log_size = np.log(np.abs(L))
     phase = np.unwrap(np.angle(L), axis=1)
     before, after = log_size[:, :-1], log_size[:, 1:]
     crosses = before * after <= 0.0
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(crosses, before / (before - after), 0.0)
-    left = 180.0 + np.degrees(phase[:, :-1] + share * np.diff(phase, axis=1))
-    least = np.min(np.where(crosses, left, np.inf), axis=1)
+    hunting_index = 180.0 + np.degrees(phase[:, :-1] + share * np.diff(phase, axis=1))
+    least = np.min(np.where(crosses, hunting_index, np.inf), axis=1)
     return np.where(np.isfinite(least), least, math.nan)
 
 
-_EARLY, _LATE = 0.353, 0.853  # shares of the response at which Sundaresan and Krishnaswamy read the two times
-_LONGER = 36000  # by how much a response that has not come that far is followed, s
-_CALMER = 3.0  # closed-loop time constant of lambda tuning, in lags
+_EARLY_SHARE, _LATE_SHARE = (
+    0.353,
+    0.853,
+)  # shares of the response at which Sundaresan and Krishnaswamy read the two times
+_EXTRA_SECONDS = 36000  # by how much a response that has not come that far is followed, s
+_LAMBDA_LAGS = 3.0  # closed-loop time constant of lambda tuning, in lags
 
 
 class FirstOrder(NamedTuple):
@@ -128,15 +131,15 @@ def first_order(columns: Columns, plants: Plants) -> FirstOrder:
     Laplace domains.  Can. J. Chem. Eng. 56 (1978), 257-262, who round lag = 0.67 (t2 - t1), delay = 1.3 t1 - 0.29 t2.
     """
     tau = np.asarray(columns["sensor_time_constant"], float)
-    first, which = distinct(plants.same, tau)
+    first, kind = unique_columns(plants.same, tau)
     with np.errstate(divide="ignore", invalid="ignore"):
         response, gain = plants.response[first], plants.gain[first][:, None]
-        longer = _LONGER if np.any(response[:, -1:] / gain < _LATE) else 0
-        share = sensed_by(response, tau[first], longer) / gain
-    t1, t2 = _time_at(share, _EARLY), _time_at(share, _LATE)
-    lag = (t2 - t1) / math.log((1.0 - _EARLY) / (1.0 - _LATE))
-    delay = np.maximum(t1 + lag * math.log(1.0 - _EARLY), 0.0)
-    return FirstOrder(lag[which], delay[which])
+        extra_seconds = _EXTRA_SECONDS if np.any(response[:, -1:] / gain < _LATE_SHARE) else 0
+        share = sensor_response(response, tau[first], extra_seconds) / gain
+    t1, t2 = _crossing_time(share, _EARLY_SHARE), _crossing_time(share, _LATE_SHARE)
+    lag = (t2 - t1) / math.log((1.0 - _EARLY_SHARE) / (1.0 - _LATE_SHARE))
+    delay = np.maximum(t1 + lag * math.log(1.0 - _EARLY_SHARE), 0.0)
+    return FirstOrder(lag[kind], delay[kind])
 
 
 def hunting_index(columns: Columns, plants: Plants, model: FirstOrder) -> Array:
@@ -145,7 +148,7 @@ def hunting_index(columns: Columns, plants: Plants, model: FirstOrder) -> Array:
     A fit over loops with a gap, see ``docs/findings/hunting.md``.
     """
     kp, ti = (np.asarray(columns[name], float) for name in ("kp", "ti"))
-    gain = np.maximum(kp * driven_gain(columns, plants), 0.0)
+    gain = np.maximum(kp * stroke_gain(columns, plants), 0.0)
     return np.asarray(gain**0.7 * (model.lag + 2.0 * _dead_time(columns, model)) / ti)
 
 
@@ -155,17 +158,17 @@ def simc(columns: Columns, plants: Plants, model: FirstOrder) -> Gains:
     kp = lag/(2 K θ), ti = min(lag, 8 θ).  S. Skogestad: Simple analytic rules for model reduction and PID controller
     tuning.  J. Process Control 13 (2003), 291-309, eqs 23 and 24.
     """
-    dead = _dead_time(columns, model)
-    return _valid(plants, columns, model.lag / (2.0 * dead), np.minimum(model.lag, 8.0 * dead))
+    dead_time = _dead_time(columns, model)
+    return _valid_gains(plants, columns, model.lag / (2.0 * dead_time), np.minimum(model.lag, 8.0 * dead_time))
 
 
-def calm(columns: Columns, plants: Plants, model: FirstOrder) -> Gains:
+def lambda_tuning(columns: Columns, plants: Plants, model: FirstOrder) -> Gains:
     """Lambda tuning with a closed-loop time constant of three lags, its robust choice.
 
     kp = lag/(K (λ + θ)), ti = lag, λ = 3 lag.  K. J. Åström, T. Hägglund: Advanced PID Control.  ISA (2006).
     """
-    dead = _dead_time(columns, model)
-    return _valid(plants, columns, model.lag / (_CALMER * model.lag + dead), model.lag)
+    dead_time = _dead_time(columns, model)
+    return _valid_gains(plants, columns, model.lag / (_LAMBDA_LAGS * model.lag + dead_time), model.lag)
 
 
 def ziegler_nichols(ultimate_gain: Array, ultimate_period: Array) -> Gains:
@@ -182,29 +185,31 @@ def _dead_time(columns: Columns, model: FirstOrder) -> Array:
     return np.asarray(model.delay + 0.5 * np.asarray(columns["sample_time"], float))
 
 
-def _valid(plants: Plants, columns: Columns, kp_times_gain: Array, ti: Array) -> Gains:
-    gain = driven_gain(columns, plants)
-    acts = (gain > 0.0) & (ti > 0.0)
+def _valid_gains(plants: Plants, columns: Columns, kp_times_gain: Array, ti: Array) -> Gains:
+    gain = stroke_gain(columns, plants)
+    is_acting = (gain > 0.0) & (ti > 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return Gains(np.where(acts, kp_times_gain / gain, np.nan), np.where(acts, ti, np.nan))
+        return Gains(np.where(is_acting, kp_times_gain / gain, np.nan), np.where(is_acting, ti, np.nan))
 
 
-def _time_at(share: Array, level: float) -> Array:
+def _crossing_time(share: Array, level: float) -> Array:
     """Seconds after the step at which each row, from second 1 on, first reaches a level; straight between seconds."""
-    whole = np.concatenate([np.zeros((share.shape[0], 1)), share], axis=1)
-    k = np.maximum(np.argmax(whole >= level, axis=1), 1)
+    from_zero = np.concatenate([np.zeros((share.shape[0], 1)), share], axis=1)
+    k = np.maximum(np.argmax(from_zero >= level, axis=1), 1)
     rows = np.arange(k.size)
-    below, above = whole[rows, k - 1], whole[rows, k]
+    below, above = from_zero[rows, k - 1], from_zero[rows, k]
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(above >= level, k - 1 + (level - below) / (above - below), np.nan)
 
 
 Attributes = Mapping[str, Any]
-_FREQUENCIES = 400  # number of those at which the phase of a response is unwrapped
-_NO_GAP = "without the gap, the motor's stroke time and the inverse"
-_RULE = "for a plain PI; half a sample time counts as dead time; NaN if the valve changes nothing or acts the wrong way"
-_RADIANS = {"dims": ("frequency",), "units": "degree", "comment": "unwrapped from the lowest frequency on"}
-_NAMES: Mapping[str, Attributes] = {
+_N_PHASE_FREQUENCIES = 400  # number of those at which the phase of a response is unwrapped
+_NO_GAP_NOTE = "without the gap, the motor's stroke time and the inverse"
+_RULE_NOTE = (
+    "for a plain PI; half a sample time counts as dead time; NaN if the valve changes nothing or acts the wrong way"
+)
+_PHASE_ATTRS = {"dims": ("frequency",), "units": "degree", "comment": "unwrapped from the lowest frequency on"}
+_VARIABLE_ATTRS: Mapping[str, Attributes] = {
     "opening": {"long_name": "opening at which T_sup rests at T_set", "units": "1"},
     "T_sup": {"long_name": "supply air temperature at rest", "units": "degC"},
     "m_w": {"long_name": "water flow", "units": "kg s-1"},
@@ -225,28 +230,28 @@ _NAMES: Mapping[str, Attributes] = {
         "long_name": "delay of the plant and its sensor", "units": "s",
         "comment": "first order plus delay, as lag; the controller's sample time is not in it",
     },
-    "kp_simc": {"long_name": "kp after SIMC", "units": "K-1", "comment": f"lag/(2 gain dead time), {_RULE}"},
+    "kp_simc": {"long_name": "kp after SIMC", "units": "K-1", "comment": f"lag/(2 gain dead time), {_RULE_NOTE}"},
     "ti_simc": {"long_name": "ti after SIMC", "units": "s", "comment": "min(lag, 8 dead time)"},
-    "kp_lambda": {"long_name": "kp after lambda tuning", "units": "K-1", "comment": f"lambda = 3 lag, {_RULE}"},
+    "kp_lambda": {"long_name": "kp after lambda tuning", "units": "K-1", "comment": f"lambda = 3 lag, {_RULE_NOTE}"},
     "ti_lambda": {"long_name": "ti after lambda tuning", "units": "s", "comment": "lag"},
     "kp_zn": {"long_name": "kp after Ziegler and Nichols", "units": "K-1", "comment": "0.45 ultimate_gain"},
     "ti_zn": {"long_name": "ti after Ziegler and Nichols", "units": "s", "comment": "ultimate_period/1.2"},
     "ultimate_gain": {
-        "long_name": "ultimate gain of a P controller", "units": "K-1", "comment": f"at this sample time, {_NO_GAP}",
+        "long_name": "ultimate gain of a P controller", "units": "K-1", "comment": f"at this sample time, {_NO_GAP_NOTE}",
     },
     "ultimate_period": {"long_name": "ultimate period of a P controller", "units": "s"},
     "gain_margin": {
         "long_name": "gain margin", "units": "1",
-        "comment": f"kp may grow by this factor until the loop swings, {_NO_GAP}; below 1 it is unstable",
+        "comment": f"kp may grow by this factor until the loop swings, {_NO_GAP_NOTE}; below 1 it is unstable",
     },
     "phase_margin": {
         "long_name": "phase margin", "units": "degree",
-        "comment": f"{_NO_GAP}; NaN where |L| is above 1 at every frequency that the controller can make",
+        "comment": f"{_NO_GAP_NOTE}; NaN where |L| is above 1 at every frequency that the controller can make",
     },
     "plant_magnitude": {"dims": ("frequency",), "long_name": "gain from the opening to T_sup", "units": "K"},
-    "plant_phase": {"long_name": "phase from the opening to T_sup", **_RADIANS},
+    "plant_phase": {"long_name": "phase from the opening to T_sup", **_PHASE_ATTRS},
     "loop_magnitude": {"dims": ("frequency",), "long_name": "gain of the open loop L", "units": "1"},
-    "loop_phase": {"long_name": "phase of the open loop L", **_RADIANS},
+    "loop_phase": {"long_name": "phase of the open loop L", **_PHASE_ATTRS},
     "A": {"dims": ("state", "state_before"), "long_name": "from the states of a second to those of the next"},
     "B": {"dims": ("state",), "long_name": "from the opening to the states of the next second"},
 }  # fmt: skip
@@ -286,21 +291,23 @@ def linearise(
         With one sentence for each mistake; for an unstable coil; for a result that does not fit in memory.
     """
     points = OperatingPoints(loop, boundary, at)
-    with checking() as check:
-        w = check.unless_none(_frequencies, "frequency", frequency)
-        wants_states = check(flag_of, "state_space", state_space)
+    with argument_checks() as check:
+        w = check.unless_none(_parse_frequencies, "frequency", frequency)
+        wants_states = check(require_flag, "state_space", state_space)
         if frequency is not None:
             check(require_pi, points.loop)
         if wants_states and np.unique(np.asarray(points.loop["n_volumes"])).size > 1:
             check.problems.append(
                 "n_volumes is swept, and each value has another number of states: ask for the state space one by one"
             )
-    sizes = 22 + (0 if w is None else 4 * w.size)
+    values_per_point = 22 + (0 if w is None else 4 * w.size)
     names = state_names(int(np.max(np.asarray(points.loop["n_volumes"]))))
-    sizes += len(names) ** 2 if wants_states else 0
-    check_memory(2 * 8 * sizes * points.size, points.size)
-    found = points.evaluated(lambda columns, conditions, plants: _of(columns, conditions, plants, w, wants_states))
-    ds = points.dataset({name: (values, _NAMES[name]) for name, values in found.items()})
+    values_per_point += len(names) ** 2 if wants_states else 0
+    check_memory(2 * 8 * values_per_point * points.size, points.size)
+    variables = points.evaluate(
+        lambda columns, conditions, plants: _variables_of_points(columns, conditions, plants, w, wants_states)
+    )
+    ds = points.dataset({name: (values, _VARIABLE_ATTRS[name]) for name, values in variables.items()})
     if w is not None:
         ds = ds.assign_coords(frequency=("frequency", w, {"long_name": "angular frequency", "units": "rad s-1"}))
     if wants_states:
@@ -311,7 +318,7 @@ def linearise(
     return ds.assign_attrs(title="fastcoil linearised loops", **provenance())
 
 
-def _of(
+def _variables_of_points(
     columns: Columns, conditions: Mapping[str, Array], plants: Plants, w: Array | None, wants_states: bool
 ) -> Iterator[tuple[str, Array]]:
     """Every variable of some points by name."""
@@ -322,7 +329,7 @@ def _of(
     yield "delay", model.delay
     gains = {
         "simc": simc(columns, plants, model),
-        "lambda": calm(columns, plants, model),
+        "lambda": lambda_tuning(columns, plants, model),
         "zn": ziegler_nichols(margins.ultimate_gain, margins.ultimate_period),
     }
     for rule, (kp, ti) in gains.items():
@@ -330,31 +337,31 @@ def _of(
         yield f"ti_{rule}", ti
     yield from margins._asdict().items()
     if w is not None:
-        yield from _response("plant", lambda at: frequency_response(plants.response, at), w)
-        yield from _response("loop", lambda at: loop_response(columns, plants, at), w)
+        yield from _magnitude_and_phase("plant", lambda at: frequency_response(plants.response, at), w)
+        yield from _magnitude_and_phase("loop", lambda at: loop_response(columns, plants, at), w)
     if wants_states:
         yield from zip("AB", state_space_of(columns, conditions), strict=True)
 
 
-def _response(name: str, transfer: Callable[[Array], Complex], w: Array) -> Iterator[tuple[str, Array]]:
+def _magnitude_and_phase(name: str, transfer: Callable[[Array], Complex], w: Array) -> Iterator[tuple[str, Array]]:
     """Magnitude, and phase without jumps, which takes frequencies in between."""
-    every = np.union1d(w, np.geomspace(min(_LOWEST, w[0]), w[-1], _FREQUENCIES))
-    G = transfer(every)
-    phase, there = np.angle(G), np.isfinite(G)
-    phase = np.where(there, np.unwrap(np.where(there, phase, 0.0), axis=-1), np.nan)
-    at = np.searchsorted(every, w)
-    yield f"{name}_magnitude", np.abs(G[:, at])
-    yield f"{name}_phase", np.degrees(phase[:, at])
+    frequencies = np.union1d(w, np.geomspace(min(_LOWEST_FREQUENCY, w[0]), w[-1], _N_PHASE_FREQUENCIES))
+    G = transfer(frequencies)
+    phase, is_finite = np.angle(G), np.isfinite(G)
+    phase = np.where(is_finite, np.unwrap(np.where(is_finite, phase, 0.0), axis=-1), np.nan)
+    places = np.searchsorted(frequencies, w)
+    yield f"{name}_magnitude", np.abs(G[:, places])
+    yield f"{name}_phase", np.degrees(phase[:, places])
 
 
-def _frequencies(name: str, value: Any) -> Array:
+def _parse_frequencies(name: str, value: Any) -> Array:
     cure = "give angular frequencies in rad/s, ascending and above 0"
     with np.errstate(over="ignore"):  # what does not fit is infinite, and refused as such
-        labelled = as_labelled(name, value, name)
-        given = value if labelled is None else in_our_unit(name, labelled, units_of("rad s-1"))
-        w = array_of(name, given, cure).astype(float)
+        labelled = as_data_array(name, value, name)
+        frequencies = value if labelled is None else convert_units(name, labelled, accepted_units("rad s-1"))
+        w = require_array(name, frequencies, cure).astype(float)
     if w.ndim != 1:
-        raise InputError(WrongType(f"{name} = {shown(value)}: {cure}"))
+        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)}: {cure}"))
     if not w.size or not (np.isfinite(w).all() and w[0] > 0.0 and (np.diff(w) > 0.0).all()):
-        raise InputError(f"{name} = {shown(value)}: {cure}")
+        raise InputError(f"{name} = {short_repr(value)}: {cure}")
     return w

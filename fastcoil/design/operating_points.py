@@ -7,27 +7,34 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import array_of, checking, instance_of, is_number, plain, refuse
+from fastcoil.base.arguments import (
+    argument_checks,
+    is_number,
+    raise_problems,
+    require_array,
+    require_instance,
+    to_builtin,
+)
 from fastcoil.base.arrays import Array, Index
-from fastcoil.base.errors import InputError, WrongType, shown
-from fastcoil.design.plants import Columns, Plants, plants_of
+from fastcoil.base.errors import InputError, WrongTypeMessage, short_repr
+from fastcoil.design.plants import Columns, Plants, linearise_plants
 from fastcoil.logs.series import TIME
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.clashes import check_clashes, check_stability
-from fastcoil.loops.labelled import as_labelled, in_our_unit
+from fastcoil.loops.labelled import as_data_array, convert_units
 from fastcoil.loops.loop import Loop
-from fastcoil.loops.scenarios import Layout, columns_of, coordinate_attrs
-from fastcoil.model.metric_table import WARM_UP
+from fastcoil.loops.scenarios import Layout, coordinate_attrs, parameter_columns
+from fastcoil.model.metric_table import WARM_UP_S
 
-ENTERING = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")  # series of the boundary that make an operating point
+CONDITION_SERIES = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")  # series of the boundary that make an operating point
 Evaluation = Callable[[Columns, Mapping[str, Array], Plants], Iterable[tuple[str, Array]]]
 """Variables by name, (n, …) each, of n points with these parameters, conditions and plants."""
-_CHUNK = 2048  # points at a time: their responses take up to 60 MB
+_POINTS_PER_CHUNK = 2048  # points at a time: their responses take up to 60 MB
 
 
-def chunks(n: int) -> list[Index]:
+def index_chunks(n: int) -> list[Index]:
     """The numbers 0 to n - 1 in parts that fit into memory."""
-    return [np.arange(first, min(first + _CHUNK, n)) for first in range(0, n, _CHUNK)]
+    return [np.arange(first, min(first + _POINTS_PER_CHUNK, n)) for first in range(0, n, _POINTS_PER_CHUNK)]
 
 
 class OperatingPoints:
@@ -37,13 +44,23 @@ class OperatingPoints:
     for.  loop, boundary, at: see ``linearise``.  warm_up: seconds that the mean of a day leaves out.
     """
 
-    def __init__(self, loop: Loop, boundary: Boundary, at: Any = None, warm_up: int = WARM_UP) -> None:
-        with checking() as check:
-            check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
-            check(instance_of, "boundary", boundary, Boundary, "give a fastcoil.Boundary, such as fastcoil.paper_day()")
-        self.seconds = _seconds_of(at, boundary.n_steps)
-        self.has_times = self.seconds is not None and np.ndim(plain(at)) > 0
-        self._entering = _means(boundary, warm_up) if self.seconds is None else _samples(boundary, self.seconds)
+    def __init__(self, loop: Loop, boundary: Boundary, at: Any = None, warm_up: int = WARM_UP_S) -> None:
+        with argument_checks() as check:
+            check(require_instance, "loop", loop, Loop, "give a fastcoil.Loop")
+            check(
+                require_instance,
+                "boundary",
+                boundary,
+                Boundary,
+                "give a fastcoil.Boundary, such as fastcoil.paper_day()",
+            )
+        self.seconds = _parse_seconds(at, boundary.n_steps)
+        self.has_times = self.seconds is not None and np.ndim(to_builtin(at)) > 0
+        self._entering = (
+            _require_mean_conditions(boundary, warm_up)
+            if self.seconds is None
+            else _sample_conditions(boundary, self.seconds)
+        )
         layout = Layout(loop, boundary)
         check_clashes(layout.loop, np.array(boundary.extremes["T_set"]), boundary.extremes["backlash_scale"][0])
         require_one_gap(boundary)
@@ -56,29 +73,29 @@ class OperatingPoints:
             self.sizes["elapsed_time"] = self.seconds.size
         self.size = math.prod(self.sizes.values())
 
-    def evaluated(self, variables: Evaluation) -> dict[str, Array]:
+    def evaluate(self, variables: Evaluation) -> dict[str, Array]:
         """Variables of all points, (size, …) each, computed in parts that fit into memory."""
         parts = []
-        for index in chunks(self.size):
+        for index in index_chunks(self.size):
             columns, conditions = self.columns(index), self.conditions(index)
-            parts.append(dict(variables(columns, conditions, plants_of(columns, conditions))))
+            parts.append(dict(variables(columns, conditions, linearise_plants(columns, conditions))))
         return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
     def columns(self, index: Index) -> dict[str, np.ndarray]:
-        """Every parameter at the points ``index``, see ``columns_of``."""
-        return columns_of(self.loop, self.sizes, index)
+        """Every parameter at the points ``index``, see ``parameter_columns``."""
+        return parameter_columns(self.loop, self.sizes, index)
 
     def conditions(self, index: Index) -> dict[str, Array]:
         """What enters at the points ``index``, and T_set: (n,) each."""
         places = np.unravel_index(index, tuple(self.sizes.values())) if self.sizes else ()
-        place = dict(zip(self.sizes, places, strict=True))
-        nothing = np.zeros(index.size, np.int64)
-        at = place.get("day", nothing), place.get("elapsed_time", nothing)
-        return {name: values[at] for name, values in self._entering.items()}
+        index_along = dict(zip(self.sizes, places, strict=True))
+        zeros = np.zeros(index.size, np.int64)
+        entering_index = index_along.get("day", zeros), index_along.get("elapsed_time", zeros)
+        return {name: values[entering_index] for name, values in self._entering.items()}
 
     def plants(self, index: Index) -> Plants:
         """The plants at the points ``index``, at rest."""
-        return plants_of(self.columns(index), self.conditions(index))
+        return linearise_plants(self.columns(index), self.conditions(index))
 
     def dataset(self, variables: Mapping[str, tuple[Array, Mapping[str, Any]]]) -> xr.Dataset:
         """Name results, each (size, …) with its attributes; dims behind the first are in ``attrs["dims"]``."""
@@ -89,30 +106,30 @@ class OperatingPoints:
         clash = sorted({*labels, *self.sizes} & variables.keys())
         if clash:
             raise InputError(f"{clash[0]} is swept, and a result has that name: give the dimension another name")
-        shape, found = tuple(self.sizes.values()), {}
+        shape, data_vars = tuple(self.sizes.values()), {}
         for name, (values, attrs) in variables.items():
-            more = tuple(attrs.get("dims", ()))
-            kept = {k: v for k, v in attrs.items() if k != "dims"}
-            found[name] = ((*self.sizes, *more), values.reshape((*shape, *values.shape[1:])), kept)
+            extra_dims = tuple(attrs.get("dims", ()))
+            variable_attrs = {k: v for k, v in attrs.items() if k != "dims"}
+            data_vars[name] = ((*self.sizes, *extra_dims), values.reshape((*shape, *values.shape[1:])), variable_attrs)
         table = self.loop.parameters
-        return xr.Dataset(found, {n: c.assign_attrs(coordinate_attrs(n, table)) for n, c in labels.items()})
+        return xr.Dataset(data_vars, {n: c.assign_attrs(coordinate_attrs(n, table)) for n, c in labels.items()})
 
 
 def require_pi(loop: Loop) -> None:
     """Refuse control laws other than the PI, whose open loop nobody knows."""
-    words = sorted(set(np.unique(np.asarray(loop["law"])).tolist()) - {"pi"})
-    refuse([f"law = {word!r}: the open loop is known for the PI only" for word in words])
+    laws = sorted(set(np.unique(np.asarray(loop["law"])).tolist()) - {"pi"})
+    raise_problems([f"law = {law!r}: the open loop is known for the PI only" for law in laws])
 
 
-def _seconds_of(at: Any, n_steps: int) -> Index | None:
+def _parse_seconds(at: Any, n_steps: int) -> Index | None:
     cure = f"give a second of the boundary, a whole number from 0 to {n_steps - 1}, or a list of them"
     if at is None:
         return None
-    labelled = as_labelled("at", at, "at")
-    at = at if labelled is None else in_our_unit("at", labelled, TIME)
-    values = np.array([float(plain(at))]) if is_number(at) else array_of("at", at, cure)
+    labelled = as_data_array("at", at, "at")
+    at = at if labelled is None else convert_units("at", labelled, TIME)
+    values = np.array([float(to_builtin(at))]) if is_number(at) else require_array("at", at, cure)
     if values.ndim != 1 or not values.size:
-        raise InputError(WrongType(f"at = {shown(at)}: {cure}"))
+        raise InputError(WrongTypeMessage(f"at = {short_repr(at)}: {cure}"))
     wrong = values[~((values >= 0) & (values < n_steps) & (values == np.floor(values)))]
     if wrong.size:
         raise InputError(f"at has {wrong[0]:g}: {cure}")
@@ -123,45 +140,45 @@ def require_one_gap(boundary: Boundary) -> None:
     """Refuse a boundary that changes the backlash: theory knows a gap of one size."""
     low, high = boundary.extremes["backlash_scale"]
     if not low == high == 1.0:
-        found = f"= {low:g}" if low == high else f"goes from {low:g} to {high:g}"
+        scale_text = f"= {low:g}" if low == high else f"goes from {low:g} to {high:g}"
         cure = "give boundary.assign(backlash_scale=1), and the backlash that you mean"
-        raise InputError(f"backlash_scale {found}: theory knows a gap of one size; {cure}")
+        raise InputError(f"backlash_scale {scale_text}: theory knows a gap of one size; {cure}")
 
 
 def mean_conditions(boundary: Boundary, warm_up: int, *, carry_over: bool = False) -> dict[str, Array]:
     """Means of ENTERING over enabled seconds, (n_days,); NaN without any.  carry_over: only day 1 has a warm-up."""
-    found = {name: np.empty(boundary.n_days) for name in ENTERING}
+    conditions = {name: np.empty(boundary.n_days) for name in CONDITION_SERIES}
     for k in range(boundary.n_days):
         rows = boundary.of_day(k)
-        counted = rows["enabled"] != 0.0
-        counted[: 0 if carry_over and k else warm_up] = False
-        n = np.count_nonzero(counted)
-        for name, means in found.items():
-            means[k] = np.where(counted, rows[name], 0.0).sum() / (n or np.nan)
-    return found
+        is_counted = rows["enabled"] != 0.0
+        is_counted[: 0 if carry_over and k else warm_up] = False
+        n = np.count_nonzero(is_counted)
+        for name, means in conditions.items():
+            means[k] = np.where(is_counted, rows[name], 0.0).sum() / (n or np.nan)
+    return conditions
 
 
-def _means(boundary: Boundary, warm_up: int) -> dict[str, Array]:
+def _require_mean_conditions(boundary: Boundary, warm_up: int) -> dict[str, Array]:
     """``mean_conditions``, (n_days, 1); refused where a day has none."""
-    found = mean_conditions(boundary, warm_up)
-    without = np.flatnonzero(np.isnan(found["T_set"]))
-    if without.size:
-        on = f"on day {boundary.day[without[0]]} " if boundary.has_day_dim else ""
+    conditions = mean_conditions(boundary, warm_up)
+    days_without = np.flatnonzero(np.isnan(conditions["T_set"]))
+    if days_without.size:
+        day_text = f"on day {boundary.day[days_without[0]]} " if boundary.has_day_dim else ""
         raise InputError(
-            f"no second {on}is enabled after the warm-up of {warm_up} s: take another day, or a longer one, "
+            f"no second {day_text}is enabled after the warm-up of {warm_up} s: take another day, or a longer one, "
             "or give the second as at="
         )
-    return {name: means[:, None] for name, means in found.items()}
+    return {name: means[:, None] for name, means in conditions.items()}
 
 
-def _samples(boundary: Boundary, seconds: Index) -> dict[str, Array]:
+def _sample_conditions(boundary: Boundary, seconds: Index) -> dict[str, Array]:
     """What enters at some seconds, (n_days, n)."""
-    days = [{n: rows[n][seconds] for n in ENTERING} for rows in map(boundary.of_day, range(boundary.n_days))]
-    return {name: np.stack([day[name] for day in days]) for name in ENTERING}
+    days = [{n: rows[n][seconds] for n in CONDITION_SERIES} for rows in map(boundary.of_day, range(boundary.n_days))]
+    return {name: np.stack([day[name] for day in days]) for name in CONDITION_SERIES}
 
 
 SAME_SET_POINT = 0.5  # set-points of an hour that differ by less may count as one, K
-SHORTEST = 300  # seconds that an hour must spend at a set-point before it counts as an operating point of its own
+SHORTEST_STAY = 300  # seconds that an hour must spend at a set-point before it counts as an operating point of its own
 
 
 class PointsOfDay(NamedTuple):
@@ -170,7 +187,7 @@ class PointsOfDay(NamedTuple):
     start: Index  # first second, (n,)
     seconds: Index  # how many the point stands for, (n,)
     conditions: dict[str, Array]  # means, (n,) each
-    of_second: Index  # number of the point that a second belongs to, -1 for none, (n_steps,)
+    point_of_second: Index  # number of the point that a second belongs to, -1 for none, (n_steps,)
 
     @property
     def size(self) -> int:
@@ -179,27 +196,29 @@ class PointsOfDay(NamedTuple):
 
 def operating_points(boundary: Boundary, warm_up: int, at: int | None = None) -> PointsOfDay:
     """Points of a day: of each hour at each set-point, or of the second ``at``; plant on, after the warm-up."""
-    series = {name: boundary.series[name][0] for name in ENTERING}
-    on = boundary.series["enabled"][0] > 0.0
+    series = {name: boundary.series[name][0] for name in CONDITION_SERIES}
+    is_on = boundary.series["enabled"][0] > 0.0
     if at is not None:
-        if not on[at]:
+        if not is_on[at]:
             raise InputError(f"at = {at}: the plant is off at that second, give one at which it runs")
-        only = np.where(np.arange(on.size) == at, 0, -1)
-        return PointsOfDay(np.array([at]), np.array([1]), {n: v[at : at + 1].copy() for n, v in series.items()}, only)
-    counted = np.flatnonzero(on & (np.arange(on.size) >= warm_up))
-    if not counted.size:
+        only_point = np.where(np.arange(is_on.size) == at, 0, -1)
+        return PointsOfDay(
+            np.array([at]), np.array([1]), {n: v[at : at + 1].copy() for n, v in series.items()}, only_point
+        )
+    counted_seconds = np.flatnonzero(is_on & (np.arange(is_on.size) >= warm_up))
+    if not counted_seconds.size:
         raise InputError("the loop is off all day: take a day on which it is enabled")
-    level = np.round(series["T_set"][counted] / SAME_SET_POINT)
+    level = np.round(series["T_set"][counted_seconds] / SAME_SET_POINT)
     level -= level.min()
-    _, member = np.unique(counted // 3600 * (level.max() + 1.0) + level, return_inverse=True)
+    _, member = np.unique(counted_seconds // 3600 * (level.max() + 1.0) + level, return_inverse=True)
     seconds = np.bincount(member)
-    start = np.full(seconds.size, on.size)
-    np.minimum.at(start, member, counted)
-    means = {n: np.bincount(member, v[counted]) / seconds for n, v in series.items()}
-    long = seconds >= min(SHORTEST, int(seconds.max()))
-    order = np.flatnonzero(long)[np.argsort(start[long])]
-    number = np.full(seconds.size, -1)
-    number[order] = np.arange(order.size)
-    of_second = np.full(on.size, -1)
-    of_second[counted] = number[member]
-    return PointsOfDay(start[order], seconds[order], {n: v[order] for n, v in means.items()}, of_second)
+    start = np.full(seconds.size, is_on.size)
+    np.minimum.at(start, member, counted_seconds)
+    means = {n: np.bincount(member, v[counted_seconds]) / seconds for n, v in series.items()}
+    is_long = seconds >= min(SHORTEST_STAY, int(seconds.max()))
+    order = np.flatnonzero(is_long)[np.argsort(start[is_long])]
+    point_number = np.full(seconds.size, -1)
+    point_number[order] = np.arange(order.size)
+    point_of_second = np.full(is_on.size, -1)
+    point_of_second[counted_seconds] = point_number[member]
+    return PointsOfDay(start[order], seconds[order], {n: v[order] for n, v in means.items()}, point_of_second)

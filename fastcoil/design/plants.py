@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.model.engine import at_rest
-from fastcoil.model.engine.lanes import Block, padded, parameter_matrix, run_sets, work_space
+from fastcoil.model.engine.lanes import Block, pad_members, parameter_matrix, run_sets, work_space
 from fastcoil.model.engine.rows import LANES, PARAMETER_ROWS
 from fastcoil.model.parameter_table import PARAMETERS
 
@@ -28,73 +28,73 @@ def frequency_response(response: Array, w: Array, ratio: Array | None = None) ->
     """
     changes = np.diff(response, axis=1, prepend=0.0)
     n = changes.shape[1]
-    turns = np.exp(-1j * np.outer(np.arange(1, n + 1), w))
+    rotations = np.exp(-1j * np.outer(np.arange(1, n + 1), w))
     ratio = (_last_ratio(changes) if ratio is None else ratio)[:, None]
-    after = np.exp(-1j * w)[None, :]
-    rest = changes[:, -1:] * ratio * turns[-1] * after / (1.0 - ratio * after)
-    found: Complex = changes @ turns.real + 1j * (changes @ turns.imag) + rest
-    return found
+    delay = np.exp(-1j * w)[None, :]
+    tail = changes[:, -1:] * ratio * rotations[-1] * delay / (1.0 - ratio * delay)
+    transfer: Complex = changes @ rotations.real + 1j * (changes @ rotations.imag) + tail
+    return transfer
 
 
 def _last_ratio(changes: Array) -> Array:
     """Ratio of successive changes at the end of a response, (n,), between 0 and ``SLOWEST``."""
-    few = min(at_rest.FEW, changes.shape[1] - 1)
-    last, before = changes[:, -1], changes[:, -1 - few]
+    span = min(at_rest.TAIL_STEPS, changes.shape[1] - 1)
+    last, earlier = changes[:, -1], changes[:, -1 - span]
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.where((last * before > 0.0), np.abs(last / before) ** (1.0 / few), 0.0)
-    return np.minimum(ratio, at_rest.SLOWEST)
+        ratio = np.where((last * earlier > 0.0), np.abs(last / earlier) ** (1.0 / span), 0.0)
+    return np.minimum(ratio, at_rest.MAX_TAIL_RATIO)
 
 
-def _continued(response: Array, more: int) -> tuple[Array, Array]:
-    """The responses and ``more`` seconds behind their end, as a geometric series, and its ratio, (n, 1)."""
+def _extend_response(response: Array, extra_seconds: int) -> tuple[Array, Array]:
+    """The responses and ``extra_seconds`` seconds behind their end, as a geometric series, and its ratio, (n, 1)."""
     changes = np.diff(response, axis=1, prepend=0.0)
     ratio = _last_ratio(changes)[:, None]
-    tail = response[:, -1:] + changes[:, -1:] * ratio * (1.0 - ratio ** np.arange(1, more + 1)) / (1.0 - ratio)
+    tail = response[:, -1:] + changes[:, -1:] * ratio * (1.0 - ratio ** np.arange(1, extra_seconds + 1)) / (1.0 - ratio)
     return np.concatenate([response, tail], axis=1), ratio
 
 
-def _decay(tau: Array) -> Array:
+def _sensor_decay(tau: Array) -> Array:
     """What is left of what a sensor with lag tau, (n,), s, showed a second ago."""
     with np.errstate(divide="ignore"):
         return np.where(tau > 0.0, np.exp(-1.0 / tau), 0.0)
 
 
-def sampled(response: Array, tau: Array, period: int, w: Array) -> Complex:
+def sampled_response(response: Array, tau: Array, period: int, w: Array) -> Complex:
     """``frequency_response`` of every ``period``-th second of what a sensor with lag tau, (n,), s, shows; w in rad/s.
 
     Exact: from sample to sample what the sensor showed decays by d^period, d = e^(-1/tau), and the seconds between
     count by their age.
     """
     # two samples lie behind the end
-    whole, ratio = _continued(response, 3 * period - response.shape[1] % period)
-    decay = _decay(tau)[:, None]
+    extended, ratio = _extend_response(response, 3 * period - response.shape[1] % period)
+    decay = _sensor_decay(tau)[:, None]
     weight = (1.0 - decay) * decay ** np.arange(period - 1, -1, -1)
-    shown = np.einsum("nkp,np->nk", whole.reshape(tau.size, -1, period), weight)
-    found: Complex = frequency_response(shown, w * period, ratio[:, 0] ** period)
-    found /= 1.0 - decay**period * np.exp(-1j * w * period)
-    return found
+    sensor_samples = np.einsum("nkp,np->nk", extended.reshape(tau.size, -1, period), weight)
+    transfer: Complex = frequency_response(sensor_samples, w * period, ratio[:, 0] ** period)
+    transfer /= 1.0 - decay**period * np.exp(-1j * w * period)
+    return transfer
 
 
-def sensed_by(response: Array, tau: Array, longer: int) -> Array:
-    """The responses as a sensor with lag tau, (n,), s, shows them; ``longer``, s, and by what the lag takes."""
-    whole, _ = _continued(response, longer + 10 * math.ceil(tau.max()))
+def sensor_response(response: Array, tau: Array, extra_seconds: int) -> Array:
+    """The responses as a sensor with lag tau, (n,), s, shows them; ``extra_seconds``, s, and by what the lag takes."""
+    extended, _ = _extend_response(response, extra_seconds + 10 * math.ceil(tau.max()))
     if not tau.any():
-        return whole
-    decay, y = _decay(tau), np.zeros(tau.size)
-    sensed = np.empty_like(whole)
-    for t in range(whole.shape[1]):
-        y = whole[:, t] + decay * (y - whole[:, t])
+        return extended
+    decay, y = _sensor_decay(tau), np.zeros(tau.size)
+    sensed = np.empty_like(extended)
+    for t in range(extended.shape[1]):
+        y = extended[:, t] + decay * (y - extended[:, t])
         sensed[:, t] = y
     return sensed
 
 
 Columns = Mapping[str, NDArray[Any]]
 
-PLANT = tuple(p.name for p in PARAMETERS.values() if p.group in ("coil", "valve") and p.name != "T_initial")
+PLANT_PARAMETERS = tuple(p.name for p in PARAMETERS.values() if p.group in ("coil", "valve") and p.name != "T_initial")
 """Parameters on which the plant depends, from the opening to the supply temperature."""
-LONGEST = 3600  # seconds of the longest response; one that goes on does so as a geometric series
+LONGEST_RESPONSE = 3600  # seconds of the longest response; one that goes on does so as a geometric series
 OPENINGS = np.linspace(0.0, 1.0, 17)  # openings of the curve of T_sup
-_TOLERANCE = 1e-4
+_SERIES_TOLERANCE = 1e-4
 """From where it stays this near to its end, as a fraction of the gain, a response is a geometric series."""
 
 
@@ -115,51 +115,57 @@ class Plants(NamedTuple):
     same: Index  # loops with equal numbers have one and the same plant, 0 to the number of plants - 1
     curve: Array  # (n, 17), °C: T_sup at rest at each of OPENINGS
 
-    def some(self, members: Index) -> Plants:
+    def select(self, members: Index) -> Plants:
         """Those of the loops ``members``."""
         return Plants._make(field[members] for field in self)
 
 
-def distinct(*parts: Array | Index) -> tuple[Index, Index]:
+def unique_columns(*parts: Array | Index) -> tuple[Index, Index]:
     """Index of the first of each kind of column, and which kind each column is; parts: (n_rows, n) or (n,)."""
     rows = np.concatenate([np.atleast_2d(part) for part in parts])
     rows = np.where(np.isnan(rows), -1e9, rows) + 0.0
     varying = rows[np.ptp(rows, axis=1) > 0.0]
     if not varying.size:
         return np.zeros(1, np.int64), np.zeros(rows.shape[1], np.int64)
-    _, first, same = np.unique(varying, axis=1, return_index=True, return_inverse=True)
-    return first, same.ravel()
+    _, first, kind = np.unique(varying, axis=1, return_index=True, return_inverse=True)
+    return first, kind.ravel()
 
 
-def plants_of(columns: Columns, conditions: Mapping[str, Array]) -> Plants:
+def linearise_plants(columns: Columns, conditions: Mapping[str, Array]) -> Plants:
     """Find where the plants rest, and how they answer there.  Equal plants are computed once.
 
-    columns: parameter name → (n,), see ``columns_of``.  conditions: (n,) each, m_a, kg/s; T_a_in, T_w_in and T_set, °C;
+    columns: parameter name → (n,), see ``parameter_columns``.  conditions: (n,) each, m_a, kg/s; T_a_in, T_w_in and T_set, °C;
     W_a_in, kg/kg; they are held until all is steady.
     """
     matrix, entering, T_set, same = distinct_plants(columns, conditions)
-    settle = _settled if T_set.size <= LANES else _settled.__wrapped__
-    found, response, ends, curve = settle(*(part.tobytes() for part in (matrix, entering, T_set)))
-    of = {name: found[k][same] for k, name in enumerate(at_rest.STEADY)}
+    settle = _solve_plants if T_set.size <= LANES else _solve_plants.__wrapped__
+    steady, response, ends, curve = settle(*(part.tobytes() for part in (matrix, entering, T_set)))
+    steady_of_loops = {name: steady[k][same] for k, name in enumerate(at_rest.STEADY_ROWS)}
     # the series shows its ratio, however many other responses are longer
-    response = np.ascontiguousarray(response[: int(ends.max()) + at_rest.FEW + 1].T)
+    response = np.ascontiguousarray(response[: int(ends.max()) + at_rest.TAIL_STEPS + 1].T)
     return Plants(
-        of["opening"], of["T_sup"], of["gain"], of["nearest"] == 0.0, of["m_w"], of["wet_volumes"],
+        steady_of_loops["opening"], steady_of_loops["T_sup"], steady_of_loops["gain"], steady_of_loops["nearest"] == 0.0, steady_of_loops["m_w"], steady_of_loops["wet_volumes"],
         np.broadcast_to(response, (same.size, response.shape[1])) if T_set.size == 1 else response[same], same,
         np.ascontiguousarray(curve.T)[same],
     )  # fmt: skip
 
 
 @lru_cache(4)  # of 2 MB each; the gains, the gap and the motor leave the plants as they are
-def _settled(*parts: bytes) -> tuple[np.ndarray, ...]:
+def _solve_plants(*parts: bytes) -> tuple[np.ndarray, ...]:
     """STEADY, responses, their ends and curves of plants; parts: of ``distinct_plants``."""
     T_set = np.frombuffer(parts[2])
     matrix, entering = (np.frombuffer(part).reshape(-1, T_set.size) for part in parts[:2])
 
     def run(block: Block, members: Index) -> list[np.ndarray]:
-        of_lanes, rest, S, V = _rest(block, members, entering, T_set)
-        response, ends, curve = np.empty((LONGEST, LANES)), np.empty(LANES, np.int64), np.empty((OPENINGS.size, LANES))
-        at_rest.respond(block.rows, block.common, of_lanes, rest, V.copy(), S, V, _TOLERANCE, response, ends)
+        of_lanes, rest, S, V = _bring_to_rest(block, members, entering, T_set)
+        response, ends, curve = (
+            np.empty((LONGEST_RESPONSE, LANES)),
+            np.empty(LANES, np.int64),
+            np.empty((OPENINGS.size, LANES)),
+        )
+        at_rest.simulate_step_response(
+            block.rows, block.common, of_lanes, rest, V.copy(), S, V, _SERIES_TOLERANCE, response, ends
+        )
         at_rest.rest_curve(block.rows, block.common, of_lanes, OPENINGS, S, V, curve)
         return [rest, response, ends, curve]
 
@@ -170,13 +176,13 @@ def distinct_plants(columns: Columns, conditions: Mapping[str, Array]) -> tuple[
     """Parameters, (rows, n), what enters, (4, n), T_set, (n,), of the different plants, and the plant of each loop."""
     n = len(columns["C_w"])
     # all at its default that no plant depends on
-    filled = {name: np.full(n, math.nan if p.default is None else p.default) for name, p in PARAMETERS.items()}
-    filled |= {name: np.zeros(n) for name in PARAMETER_ROWS if name not in filled}
-    filled["estimator"] = np.full(n, "none")
-    matrix = parameter_matrix(filled | {name: columns[name] for name in PLANT})
+    values_by_name = {name: np.full(n, math.nan if p.default is None else p.default) for name, p in PARAMETERS.items()}
+    values_by_name |= {name: np.zeros(n) for name in PARAMETER_ROWS if name not in values_by_name}
+    values_by_name["estimator"] = np.full(n, "none")
+    matrix = parameter_matrix(values_by_name | {name: columns[name] for name in PLANT_PARAMETERS})
     entering = np.stack([np.asarray(conditions[name], float) for name in at_rest.CONDITIONS])
     T_set = np.asarray(conditions["T_set"], float)
-    first, same = distinct(matrix, entering, T_set)
+    first, same = unique_columns(matrix, entering, T_set)
     return matrix[:, first], entering[:, first], T_set[first], same
 
 
@@ -193,44 +199,44 @@ def loop_response(columns: Columns, plants: Plants, w: Array) -> Complex:
     """
     w = np.asarray(w, float)
     ts = np.asarray(columns["sample_time"], float)
-    P, which = sampled_plant(columns, plants, w)
+    P, kind = sampled_plant_response(columns, plants, w)
     delayed = np.exp(-1j * np.outer(ts, w))
     kp, ti = np.asarray(columns["kp"], float)[:, None], np.asarray(columns["ti"], float)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         C = kp * (1.0 + ts[:, None] / ti / (1.0 - delayed))
-    L = _turned(columns)[:, None] * C * P[which]
+    L = _opening_per_stroke(columns)[:, None] * C * P[kind]
     return np.where(np.outer(ts, w) <= math.pi * (1.0 + 1e-12), L, np.nan)
 
 
-def driven_gain(columns: Columns, plants: Plants) -> Array:
+def stroke_gain(columns: Columns, plants: Plants) -> Array:
     """Gain of each plant per stroke of a motor that the stem follows, K, above 0 where the loop acts the right way."""
-    return np.asarray(_turned(columns) * plants.gain)
+    return np.asarray(_opening_per_stroke(columns) * plants.gain)
 
 
-def _turned(columns: Columns) -> Array:
+def _opening_per_stroke(columns: Columns) -> Array:
     """From stroke to opening, with the sign that makes a loop of the right action 1 + L."""
     sign = np.where(np.asarray(columns["action"]) == "heating", 1.0, -1.0)
     return np.asarray(sign / (1.0 - np.asarray(columns["backlash"], float)))
 
 
-def sampled_plant(columns: Columns, plants: Plants, w: Array) -> tuple[Complex, Index]:
+def sampled_plant_response(columns: Columns, plants: Plants, w: Array) -> tuple[Complex, Index]:
     """From opening to T as sampled, K per unit opening, (n_kinds, n_w), and each loop's kind of plant and sensor."""
     ts, tau = (np.asarray(columns[name], float) for name in ("sample_time", "sensor_time_constant"))
-    first, which = distinct(plants.same, ts, tau)
+    first, kind = unique_columns(plants.same, ts, tau)
     P = np.empty((first.size, w.size), complex)
     for period in np.unique(ts):
         of_period = np.flatnonzero(ts[first] == period)
         members = first[of_period]
-        P[of_period] = sampled(plants.response[members], tau[members], int(period), w)
-    return P, which
+        P[of_period] = sampled_response(plants.response[members], tau[members], int(period), w)
+    return P, kind
 
 
-def _rest(block: Block, members: Index, entering: Array, T_set: Array) -> tuple[Array, Array, Array, Array]:
+def _bring_to_rest(block: Block, members: Index, entering: Array, T_set: Array) -> tuple[Array, Array, Array, Array]:
     """Bring a block to rest: what enters, STEADY of its lanes, and the work space S and V."""
-    lanes, (S, V, *_) = padded(members), work_space(block)
-    found, of_lanes = np.empty((len(at_rest.STEADY), LANES)), np.ascontiguousarray(entering[:, lanes])
-    at_rest.find_rest(block.rows, block.common, of_lanes, T_set[lanes], S, V, found)
-    return of_lanes, found, S, V
+    lanes, (S, V, *_) = pad_members(members), work_space(block)
+    steady, of_lanes = np.empty((len(at_rest.STEADY_ROWS), LANES)), np.ascontiguousarray(entering[:, lanes])
+    at_rest.find_rest(block.rows, block.common, of_lanes, T_set[lanes], S, V, steady)
+    return of_lanes, steady, S, V
 
 
 def state_names(n_volumes: int) -> tuple[str, ...]:
@@ -244,7 +250,7 @@ def state_space_of(columns: Columns, conditions: Mapping[str, Array]) -> tuple[A
     size = len(at_rest.STATES) * int(columns["n_volumes"][0])
 
     def run(block: Block, members: Index) -> list[np.ndarray]:
-        of_lanes, rest, S, V = _rest(block, members, entering, T_set)
+        of_lanes, rest, S, V = _bring_to_rest(block, members, entering, T_set)
         A, B = np.empty((size, size, LANES)), np.empty((size, LANES))
         at_rest.linearise_step(block.rows, block.common, of_lanes, rest, V.copy(), S, V, A, B)
         return [A, B]

@@ -8,23 +8,23 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arrays import Index
-from fastcoil.design.describing_function import unknown
-from fastcoil.design.limit_cycle import Cycles, cycles_of
+from fastcoil.design.describing_function import unpredictable_loops
+from fastcoil.design.limit_cycle import Cycles, predict_cycles
 from fastcoil.design.linearise import first_order, hunting_index, simc
-from fastcoil.design.operating_points import PointsOfDay, chunks, mean_conditions
-from fastcoil.design.plants import Columns, Plants, loop_response, plants_of
+from fastcoil.design.operating_points import PointsOfDay, index_chunks, mean_conditions
+from fastcoil.design.plants import Columns, Plants, linearise_plants, loop_response
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.plan import Plan
-from fastcoil.loops.scenarios import attributes, columns_of
+from fastcoil.loops.scenarios import cf_attributes, parameter_columns
 from fastcoil.model.metric_table import PREDICTIONS
 
 
 class Prediction(NamedTuple):
     """A loop, a single scenario, at the operating points of a day.
 
-    plants: linear models of valve and coil.  cycles: margin, hunts, period and amplitude, (n_points,) each.
-    reached: the points at which the valve can hold the set-point and theory has a margin.  worst: the one of them with
-    the largest margin; -1 if there is none.
+    plants: linear models of valve and coil.  cycles: hunting index, hunts, period and amplitude, (n_points,) each.
+    reached: the points at which the valve can hold the set-point and theory has a hunting index.  worst: the one of them with
+    the largest hunting index; -1 if there is none.
     """
 
     loop: Loop
@@ -32,12 +32,12 @@ class Prediction(NamedTuple):
     plants: Plants
     cycles: Cycles
     reached: Index
-    worst: int
+    worst_point: int
 
     @property
-    def margin(self) -> float:
-        """Largest margin of the day; NaN if no set-point can be reached."""
-        return float(self.cycles.margin[self.worst]) if self.worst >= 0 else math.nan
+    def hunting_index(self) -> float:
+        """Largest hunting index of the day; NaN if no set-point can be reached."""
+        return float(self.cycles.hunting_index[self.worst_point]) if self.worst_point >= 0 else math.nan
 
     @property
     def hunting(self) -> Index:
@@ -47,73 +47,73 @@ class Prediction(NamedTuple):
     @property
     def columns(self) -> Columns:
         """The parameters, (1,) each."""
-        return _columns(self.loop, 1)
+        return _loop_columns(self.loop, 1)
 
     @property
     def plant(self) -> Plants:
         """The plant at the worst operating point."""
-        return self.plants.some(np.array([self.worst]))
+        return self.plants.select(np.array([self.worst_point]))
 
 
-def _columns(loop: Loop, n: int) -> Columns:
+def _loop_columns(loop: Loop, n: int) -> Columns:
     """The parameters of a loop n times, without a dead band, which theory does not know."""
-    return columns_of(loop.assign(error_dead_band=0.0), {}, np.zeros(n, dtype=np.int64))
+    return parameter_columns(loop.assign(error_dead_band=0.0), {}, np.zeros(n, dtype=np.int64))
 
 
 def predict(loop: Loop, points: PointsOfDay) -> Prediction:
     """Linearise a loop at the operating points of a day and look for its cycles."""
-    columns = _columns(loop, points.size)
-    plants = plants_of(columns, points.conditions)
-    cycles = cycles_of(columns, plants)
-    reached = np.flatnonzero(plants.reachable & np.isfinite(cycles.margin))
-    worst = int(reached[np.argmax(cycles.margin[reached])]) if reached.size else -1
+    columns = _loop_columns(loop, points.size)
+    plants = linearise_plants(columns, points.conditions)
+    cycles = predict_cycles(columns, plants)
+    reached = np.flatnonzero(plants.reachable & np.isfinite(cycles.hunting_index))
+    worst = int(reached[np.argmax(cycles.hunting_index[reached])]) if reached.size else -1
     return Prediction(loop, points, plants, cycles, reached, worst)
 
 
-def predict_any(loop: Loop, points: PointsOfDay) -> tuple[Prediction, tuple[str, ...]]:
+def predict_or_nearest(loop: Loop, points: PointsOfDay) -> tuple[Prediction, tuple[str, ...]]:
     """Predict a loop, or the nearest one for which theory holds; and why it is not the loop itself, a clause each."""
     doubts = why_not_linear(loop)
     prediction = predict(nearest_linear(loop) if doubts else loop, points)
     doubts = doubts or why_no_margin(prediction)
-    if prediction.worst < 0:  # gains are tried whatever compensates
+    if prediction.worst_point < 0:  # gains are tried whatever compensates
         prediction = predict(nearest_linear(loop), points)
-    if acts_wrong_way(prediction):
+    if has_wrong_action(prediction):
         action = "cooling" if loop["action"] == "heating" else "heating"
         prediction = predict(nearest_linear(prediction.loop.assign(action=action)), points)
     return prediction, doubts
 
 
-def cycles_at(loop: Loop, plants: Plants, which: Index) -> Cycles:
+def predict_cycles_at(loop: Loop, plants: Plants, members: Index) -> Cycles:
     """Cycles of every scenario of a sweep at some operating points, (n_scenarios, n_points) each.
 
     The sweep may change the controller and the backlash, which leave the plants as they are.
     """
     n = math.prod(loop.sizes.values())
-    columns = columns_of(loop.assign(error_dead_band=0.0), loop.sizes, np.repeat(np.arange(n), which.size))
-    found = cycles_of(columns, plants.some(np.tile(which, n)))
-    return Cycles(*(values.reshape(n, which.size) for values in found))
+    columns = parameter_columns(loop.assign(error_dead_band=0.0), loop.sizes, np.repeat(np.arange(n), members.size))
+    cycles = predict_cycles(columns, plants.select(np.tile(members, n)))
+    return Cycles(*(values.reshape(n, members.size) for values in cycles))
 
 
 def simc_gains(prediction: Prediction) -> tuple[float, float] | None:
     """kp and ti after SIMC where its kp is least, whatever the gains are now; None where the valve changes nothing."""
-    if prediction.worst < 0:
+    if prediction.worst_point < 0:
         return None
-    plants = prediction.plants.some(prediction.reached)
-    columns = _columns(prediction.loop, prediction.reached.size)
-    found = simc(columns, plants, first_order(columns, plants))
-    known = np.flatnonzero(np.isfinite(found.kp) & np.isfinite(found.ti))
-    k = known[np.argmin(found.kp[known])] if known.size else 0
-    return (float(found.kp[k]), float(found.ti[k])) if known.size else None
+    plants = prediction.plants.select(prediction.reached)
+    columns = _loop_columns(prediction.loop, prediction.reached.size)
+    gains = simc(columns, plants, first_order(columns, plants))
+    usable = np.flatnonzero(np.isfinite(gains.kp) & np.isfinite(gains.ti))
+    k = usable[np.argmin(gains.kp[usable])] if usable.size else 0
+    return (float(gains.kp[k]), float(gains.ti[k])) if usable.size else None
 
 
-HUNTS_WITHOUT, HUNTS_WITH_NOISE = 5.0, 4.0
+HUNTING_INDEX_WITHOUT_NOISE, HUNTING_INDEX_WITH_NOISE = 5.0, 4.0
 """Hunting indices from which a loop with a gap may hunt, without noise of its sensor and with it."""
 
 
-def index_of(prediction: Prediction) -> float:
+def largest_hunting_index(prediction: Prediction) -> float:
     """Largest hunting index of the operating points."""
-    plants = prediction.plants.some(prediction.reached)
-    columns = _columns(prediction.loop, prediction.reached.size)
+    plants = prediction.plants.select(prediction.reached)
+    columns = _loop_columns(prediction.loop, prediction.reached.size)
     return float(np.nanmax(hunting_index(columns, plants, first_order(columns, plants)), initial=0.0))
 
 
@@ -121,8 +121,8 @@ _LONGEST_TI = 3600.0
 _TI_STEPS, _TI_PARTS = 60, 5
 
 
-def shortest_ti(prediction: Prediction, margin: float) -> float:
-    """Shortest integral time that keeps the margin at or below ``margin`` at every operating point, s; NaN if none.
+def shortest_ti(prediction: Prediction, hunting_index: float) -> float:
+    """Shortest integral time that keeps the hunting index at or below ``hunting_index`` at every operating point, s; NaN if none.
 
     All longer ones up to an hour keep it, too.
     """
@@ -131,8 +131,8 @@ def shortest_ti(prediction: Prediction, margin: float) -> float:
     largest = np.empty(_TI_STEPS)
     for part in np.array_split(np.arange(_TI_STEPS), _TI_PARTS)[::-1]:  # the longest decide, and are mostly enough
         swept = prediction.loop.assign(ti=("tuning", grid[part]))
-        largest[part] = cycles_at(swept, prediction.plants, prediction.reached).margin.max(axis=1)
-        above = part[largest[part] > margin]
+        largest[part] = predict_cycles_at(swept, prediction.plants, prediction.reached).hunting_index.max(axis=1)
+        above = part[largest[part] > hunting_index]
         if above.size:
             break
     else:
@@ -140,11 +140,11 @@ def shortest_ti(prediction: Prediction, margin: float) -> float:
     k = int(above[-1])
     if k == grid.size - 1:
         return math.nan
-    share = (largest[k] - margin) / (largest[k] - largest[k + 1])
+    share = (largest[k] - hunting_index) / (largest[k] - largest[k + 1])
     return float(grid[k] * (grid[k + 1] / grid[k]) ** share)
 
 
-PARTS = {
+PHASE_PARTS = {
     "integral": "integral of the PI",
     "coil": "coil",
     "sensor": "sensor",
@@ -152,7 +152,7 @@ PARTS = {
     "backlash": "backlash (and motor)",
 }
 """Parts of a loop that take phase, and what a text calls them."""
-_SLOWEST, _FREQUENCIES = 1e-4, 600  # lowest of the frequencies, rad/s, and their number
+_LOWEST_FREQUENCY, _N_FREQUENCIES = 1e-4, 600  # lowest of the frequencies, rad/s, and their number
 
 
 def phase_shares(prediction: Prediction) -> xr.DataArray:
@@ -162,14 +162,14 @@ def phase_shares(prediction: Prediction) -> xr.DataArray:
     in closed form.  The backlash, with the inverse and the motor, takes what the loop leaves until 180°, the coil all
     the rest.
     """
-    columns, cycles, worst = prediction.columns, prediction.cycles, prediction.worst
+    columns, cycles, worst = prediction.columns, prediction.cycles, prediction.worst_point
     ts, ti, tau = (float(columns[name][0]) for name in ("sample_time", "ti", "sensor_time_constant"))
-    frequencies = np.geomspace(_SLOWEST, math.pi / ts, _FREQUENCIES)
-    left = 180.0 + np.degrees(np.unwrap(np.angle(loop_response(columns, prediction.plant, frequencies)[0])))
-    of_cycle, of_margin = 2.0 * math.pi / cycles.period[worst], cycles.frequency[worst]
-    at = of_cycle if math.isfinite(of_cycle) else of_margin
-    # without any margin, where a gap would have most to add
-    k = np.argmin(np.abs(np.log(frequencies / at)) if math.isfinite(at) else np.abs(left - 45.0))
+    frequencies = np.geomspace(_LOWEST_FREQUENCY, math.pi / ts, _N_FREQUENCIES)
+    phase_left = 180.0 + np.degrees(np.unwrap(np.angle(loop_response(columns, prediction.plant, frequencies)[0])))
+    w_cycle, w_index = 2.0 * math.pi / cycles.period[worst], cycles.frequency[worst]
+    w_critical = w_cycle if math.isfinite(w_cycle) else w_index
+    # without any hunting index, where a gap would have most to add
+    k = np.argmin(np.abs(np.log(frequencies / w_critical)) if math.isfinite(w_critical) else np.abs(phase_left - 45.0))
     w = float(frequencies[k])
     integral = -np.angle(1.0 + ts / ti / (1.0 - np.exp(-1j * w * ts)))
     pole = math.exp(-1.0 / tau) if tau > 0.0 else 0.0
@@ -178,20 +178,22 @@ def phase_shares(prediction: Prediction) -> xr.DataArray:
         "integral": math.degrees(float(integral)),
         "sensor": math.degrees(float(sensor)),
         "sampling": math.degrees(0.5 * w * ts),
-        "backlash": float(left[k]),
+        "backlash": float(phase_left[k]),
     }
     shares["coil"] = 180.0 - sum(shares.values())
     attrs = {"units": "degree", "long_name": "phase that each part of the loop takes", "period": 2.0 * math.pi / w}
-    return xr.DataArray([shares[part] for part in PARTS], dims="part", coords={"part": list(PARTS)}, attrs=attrs)
+    return xr.DataArray(
+        [shares[part] for part in PHASE_PARTS], dims="part", coords={"part": list(PHASE_PARTS)}, attrs=attrs
+    )
 
 
 def nearest_linear(loop: Loop) -> Loop:
     """The plain PI of a loop, for which theory holds whatever the loop has besides."""
-    off = dict.fromkeys(
+    zeros = dict.fromkeys(
         ("learning_step", "backlash_estimate", "neutral_zone", "slip_jump", "sensor_resolution", "command_resolution",
          "wear_rate", "error_dead_band"), 0.0,
     )  # fmt: skip
-    return loop.assign(law="pi", estimator="none", **off)
+    return loop.assign(law="pi", estimator="none", **zeros)
 
 
 def why_not_linear(loop: Loop) -> tuple[str, ...]:
@@ -199,49 +201,53 @@ def why_not_linear(loop: Loop) -> tuple[str, ...]:
     if loop["law"] == "pi" and float(loop["kp"]) <= 0.0:  # type: ignore[arg-type]
         return (f"kp = {loop['kp']:g} does not control: a kp has to be above 0",)
     # behind the colon stands what to do about it in Python
-    return tuple(reason.partition(":")[0] for reason, holds in unknown(_columns(loop, 1)).items() if holds.any())
+    return tuple(
+        reason.partition(":")[0]
+        for reason, is_unpredictable in unpredictable_loops(_loop_columns(loop, 1)).items()
+        if is_unpredictable.any()
+    )
 
 
 def why_no_margin(prediction: Prediction) -> tuple[str, ...]:
-    """Why a prediction has no margin that means anything, a clause; empty where it has."""
-    if prediction.worst < 0:
+    """Why a prediction has no hunting index that means anything, a clause; empty where it has."""
+    if prediction.worst_point < 0:
         if not prediction.plants.reachable.any():
             return ("no set-point of the day can be held: the valve is at its end all the time",)
         return ("its compensation crosses the gap too slowly to count as an inverse",)
-    if not acts_wrong_way(prediction):
+    if not has_wrong_action(prediction):
         return ()
-    does, other = ("cools", "cooling") if prediction.loop["action"] == "heating" else ("warms", "heating")
-    return (f"the valve acts the wrong way round: opening it {does} the air, so give action = {other}",)
+    effect, other_action = ("cools", "cooling") if prediction.loop["action"] == "heating" else ("warms", "heating")
+    return (f"the valve acts the wrong way round: opening it {effect} the air, so give action = {other_action}",)
 
 
-def acts_wrong_way(prediction: Prediction) -> bool:
+def has_wrong_action(prediction: Prediction) -> bool:
     """Whether opening the valve moves the temperature away from the set-point wherever it can be reached."""
     gain = prediction.plants.gain[prediction.reached] * (1.0 if prediction.loop["action"] == "heating" else -1.0)
     return bool(gain.size and not (gain > 0.0).any())
 
 
-def left_out(prediction: Prediction) -> tuple[str, ...]:
-    """What the margin does not see, a clause each."""
-    found, band = [], float(prediction.loop["error_dead_band"])  # type: ignore[arg-type]
-    noise, index = float(prediction.loop["noise_std"]), index_of(prediction)  # type: ignore[arg-type]
+def margin_omissions(prediction: Prediction) -> tuple[str, ...]:
+    """What the hunting index does not see, a clause each."""
+    clauses, dead_band = [], float(prediction.loop["error_dead_band"])  # type: ignore[arg-type]
+    noise, index = float(prediction.loop["noise_std"]), largest_hunting_index(prediction)  # type: ignore[arg-type]
     if noise > 0.0:
-        found.append(
+        clauses.append(
             f"the noise of {noise:.3g} K: with it a loop may hunt where (kp K)^0.7 (T + 2 θ)/ti is above "
-            f"{HUNTS_WITH_NOISE:g}, without it above {HUNTS_WITHOUT:g}; here it is {index:.2g}"
+            f"{HUNTING_INDEX_WITH_NOISE:g}, without it above {HUNTING_INDEX_WITHOUT_NOISE:g}; here it is {index:.2g}"
         )
-    if band > 0.0:
-        found.append(f"the error dead band of {band:g} K, which may hold a loop still, or make it hunt")
+    if dead_band > 0.0:
+        clauses.append(f"the error dead band of {dead_band:g} K, which may hold a loop still, or make it hunt")
     n, missed = prediction.points.size, int(np.count_nonzero(~prediction.plants.reachable))
     if missed:
-        found.append(f"{missed} of {n} operating points, at which the valve is at its end and misses the set-point")
-    return tuple(found)
+        clauses.append(f"{missed} of {n} operating points, at which the valve is at its end and misses the set-point")
+    return tuple(clauses)
 
 
-_DIGITS = "%.6g"  # theory is not more accurate, and the last bits depend on the machine's libraries
+_ROUNDING_FORMAT = "%.6g"  # theory is not more accurate, and the last bits depend on the machine's libraries
 
 
-def predictions(plan: Plan) -> xr.Dataset:
-    """Predict margin and limit cycle of every scenario of a study (``[run] predict``).
+def predict_study(plan: Plan) -> xr.Dataset:
+    """Predict hunting index and limit cycle of every scenario of a study (``[run] predict``).
 
     The mean conditions and the mean set-point of each day's enabled seconds after the warm-up count, as if they were
     held for ever; noise does not, so that all replicates are alike.  All scenarios are predicted together, so that the
@@ -251,27 +257,27 @@ def predictions(plan: Plan) -> xr.Dataset:
     are.
     """
     loop, sizes = plan.layout.loop, plan.layout.sizes
-    alike = {dim: n for dim, n in sizes.items() if dim != "replicate"}
-    n = math.prod(alike.values())
+    predicted_sizes = {dim: n for dim, n in sizes.items() if dim != "replicate"}
+    n = math.prod(predicted_sizes.values())
     entering = mean_conditions(plan.layout.boundary, plan.warm_up, carry_over=plan.carry_over)
-    found = {name: np.full(n, np.nan) for name in PREDICTIONS}
+    variables = {name: np.full(n, np.nan) for name in PREDICTIONS}
     reasons: Counter[str] = Counter()
-    for index in chunks(n):
-        day = columns_of(loop, alike, index)["day"]
-        seen = index[np.isfinite(entering["T_set"][day])]
-        reasons["no second is enabled after the warm-up"] += index.size - seen.size
-        if not seen.size:
+    for index in index_chunks(n):
+        day = parameter_columns(loop, predicted_sizes, index)["day"]
+        usable = index[np.isfinite(entering["T_set"][day])]
+        reasons["no second is enabled after the warm-up"] += index.size - usable.size
+        if not usable.size:
             continue
-        columns = columns_of(loop, alike, seen)
-        reasons.update({reason: int(loops.sum()) for reason, loops in unknown(columns).items()})
+        columns = parameter_columns(loop, predicted_sizes, usable)
+        reasons.update({reason: int(loops.sum()) for reason, loops in unpredictable_loops(columns).items()})
         conditions = {name: means[columns["day"]] for name, means in entering.items()}
-        cycles = cycles_of(columns, plants_of(columns, conditions))
-        predicted = cycles.margin, cycles.hunts, cycles.period, 2.0 * cycles.amplitude
-        for name, value in zip(found, predicted, strict=True):
-            found[name][seen] = np.char.mod(_DIGITS, value).astype(float)
+        cycles = predict_cycles(columns, linearise_plants(columns, conditions))
+        predicted = cycles.hunting_index, cycles.hunts, cycles.period, 2.0 * cycles.amplitude
+        for name, value in zip(variables, predicted, strict=True):
+            variables[name][usable] = np.char.mod(_ROUNDING_FORMAT, value).astype(float)
     ds = xr.Dataset()
-    for name, flat in found.items():
-        whole = np.repeat(flat, sizes.get("replicate", 1)).reshape(tuple(sizes.values()))
-        ds[name] = (tuple(sizes), whole, attributes(PREDICTIONS[name]))
+    for name, flat in variables.items():
+        replicated = np.repeat(flat, sizes.get("replicate", 1)).reshape(tuple(sizes.values()))
+        ds[name] = (tuple(sizes), replicated, cf_attributes(PREDICTIONS[name]))
     note = "; ".join(f"{reason}: {count:,} of {n:,}" for reason, count in reasons.items() if count)
     return ds.assign_attrs({"prediction_note": f"theory says nothing: {note}"} if note else {})

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, instance_of
-from fastcoil.base.errors import InputError, missing_extra
+from fastcoil.base.arguments import argument_checks, require_instance
+from fastcoil.base.errors import InputError, missing_extra_error
 from fastcoil.design.operating_points import require_pi
 from fastcoil.loops.loop import Loop
 
@@ -37,43 +37,46 @@ def to_control(linearised: xr.Dataset, loop: Loop | None = None) -> Any:
     InputError
         Without a state space, for more than one point, for laws other than the PI, and without python-control.
     """
-    with checking() as check:
-        check(instance_of, "linearised", linearised, xr.Dataset, "give a result of fc.linearise")
-        check.unless_none(instance_of, "loop", loop, Loop, "give the fastcoil.Loop that was linearised, or None")
+    with argument_checks() as check:
+        check(require_instance, "linearised", linearised, xr.Dataset, "give a result of fc.linearise")
+        check.unless_none(require_instance, "loop", loop, Loop, "give the fastcoil.Loop that was linearised, or None")
     if not {"A", "B", "state"} <= {*linearised.variables}:
         raise InputError("linearised has no state space: give fc.linearise(…, state_space=True)")
     point = linearised[["A", "B"]].squeeze()
-    more = [str(dim) for dim in point.dims if dim not in ("state", "state_before")]
-    if more:
-        raise InputError(f"linearised has several points along {', '.join(more)}: choose one with .sel or .isel")
+    extra_dims = [str(dim) for dim in point.dims if dim not in ("state", "state_before")]
+    if extra_dims:
+        raise InputError(f"linearised has several points along {', '.join(extra_dims)}: choose one with .sel or .isel")
     try:
         import control
     except ImportError:
-        raise missing_extra("to_control", "control", "control") from None
+        raise missing_extra_error("to_control", "control", "control") from None
     A, B = point["A"].transpose("state", "state_before").values, point["B"].values
-    names = [str(name) for name in point["state"].values]
-    seen = np.array([name == "T_a_1" for name in names], float)
+    states = [str(name) for name in point["state"].values]
+    output_row = np.array([name == "T_a_1" for name in states], float)
     if loop is None:
-        return control.ss(A, B[:, None], seen, 0.0, 1.0, inputs="opening", outputs="T_sup", states=names, name="plant")
+        return control.ss(
+            A, B[:, None], output_row, 0.0, 1.0, inputs="opening", outputs="T_sup", states=states, name="plant"
+        )
     require_pi(loop)
     ts, tau, kp, ti, backlash = (
-        _value(point, loop, name) for name in ("sample_time", "sensor_time_constant", "kp", "ti", "backlash")
+        _parameter_at_point(point, loop, name)
+        for name in ("sample_time", "sensor_time_constant", "kp", "ti", "backlash")
     )
     # what the sensor shows a second later is one state more; the PI holds the opening from sample to sample
     decay = math.exp(-1.0 / tau) if tau > 0.0 else 0.0
-    seen = np.append((1.0 - decay) * seen, decay)
-    second = np.vstack([np.column_stack([A, np.zeros(B.size)]), seen])
-    powers = [np.linalg.matrix_power(second, k) for k in range(int(ts) + 1)]
-    held = sum(power @ np.append(B, 0.0) for power in powers[:-1])
-    turned = (1.0 if _value(point, loop, "action") == "heating" else -1.0) / (1.0 - backlash)
-    plant = control.ss(powers[-1], held[:, None], turned * seen, 0.0, ts)
+    output_row = np.append((1.0 - decay) * output_row, decay)
+    one_second_map = np.vstack([np.column_stack([A, np.zeros(B.size)]), output_row])
+    powers = [np.linalg.matrix_power(one_second_map, k) for k in range(int(ts) + 1)]
+    held_input = sum(power @ np.append(B, 0.0) for power in powers[:-1])
+    opening_per_stroke = (1.0 if _parameter_at_point(point, loop, "action") == "heating" else -1.0) / (1.0 - backlash)
+    plant = control.ss(powers[-1], held_input[:, None], opening_per_stroke * output_row, 0.0, ts)
     pi = control.ss(1.0, 1.0, kp * ts / ti, kp * (1.0 + ts / ti), ts)
     L = plant * pi
     L.update_names(inputs="T_set", outputs="T_measured", name="open_loop")
     return L
 
 
-def _value(point: xr.Dataset, loop: Loop, name: str) -> Any:
+def _parameter_at_point(point: xr.Dataset, loop: Loop, name: str) -> Any:
     """A parameter of the loop at this point."""
     value = np.asarray(point[name] if name in point.coords else loop[name])
     if value.size != 1:

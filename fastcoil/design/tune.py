@@ -8,17 +8,26 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, flag_of
+from fastcoil.base.arguments import argument_checks, require_flag
 from fastcoil.base.arrays import Array, Index
 from fastcoil.base.errors import InputError
-from fastcoil.base.progress import Shown, progress_of_call
-from fastcoil.design.measures import resolved, violation, with_intervals
-from fastcoil.design.tuning_plan import EVALUATIONS, OBJECTIVE, QUANTILE, Asked, Group, own_gains, plan_tuning, tried
-from fastcoil.design.tuning_result import CHOSEN, NOW, SIMC, Tuning, notes_on
+from fastcoil.base.progress import ProgressDisplay, display_for_call
+from fastcoil.design.measures import resolve_limits, violation, with_intervals
+from fastcoil.design.tuning_plan import (
+    DEFAULT_EVALUATIONS,
+    DEFAULT_OBJECTIVE,
+    DEFAULT_QUANTILE,
+    Group,
+    TuningRequest,
+    plan_tuning,
+    simc_gains_of_valves,
+    simulate_group,
+)
+from fastcoil.design.tuning_result import CHOSEN, NOW, SIMC, Tuning, collect_notes
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
-from fastcoil.loops.simulate import workers
-from fastcoil.model.metric_table import WARM_UP
+from fastcoil.loops.simulate import number_of_threads
+from fastcoil.model.metric_table import WARM_UP_S
 
 _MOST_ON_FRONT = 20
 
@@ -28,12 +37,12 @@ def tune(
     boundary: Boundary,
     *,
     search: Mapping[str, Any],
-    objective: str = OBJECTIVE,
-    quantile: float | str = QUANTILE,
+    objective: str = DEFAULT_OBJECTIVE,
+    quantile: float | str = DEFAULT_QUANTILE,
     limits: Mapping[str, Any] | None = None,
     holdout: Any = None,
-    evaluations: int = EVALUATIONS,
-    warm_up: int = WARM_UP,
+    evaluations: int = DEFAULT_EVALUATIONS,
+    warm_up: int = WARM_UP_S,
     seed: int = 0,
     replicates: int = 1,
     n_jobs: int | None = None,
@@ -81,102 +90,135 @@ def tune(
     InputError
         With one sentence for each mistake; where no tuning has a finite objective.
     """
-    with checking() as check:
-        n_threads = check(workers, n_jobs)
-        progress = check.unless_none(flag_of, "progress", progress)
-        asked = check(
+    with argument_checks() as check:
+        n_threads = check(number_of_threads, n_jobs)
+        progress = check.unless_none(require_flag, "progress", progress)
+        request = check(
             plan_tuning, loop, boundary, search=search, objective=objective, quantile=quantile, limits=limits,
             holdout=holdout, evaluations=evaluations, warm_up=warm_up, seed=seed, replicates=replicates,
         )  # fmt: skip
-    with progress_of_call(progress) as on_show:
-        return run_tuning(asked._replace(n_jobs=n_threads), on_show)
+    with display_for_call(progress) as on_show:
+        return run_tuning(request._replace(n_jobs=n_threads), on_show)
 
 
-def run_tuning(asked: Asked, on_show: Shown) -> Tuning:
+def run_tuning(request: TuningRequest, on_show: ProgressDisplay) -> Tuning:
     """Search, choose, and try the choice on the hold-out."""
-    measures, training = asked.measures, asked.training
-    size, *generations = effort(len(asked.axes), asked.evaluations)
-    cases = len(training.members) * training.boundary.n_days * asked.replicates
+    measures, training = request.measures, request.training
+    size, *generations = plan_generations(len(request.axes), request.evaluations)
+    cases = len(training.members) * training.boundary.n_days * request.replicates
     advance = on_show.start(size * sum(generations) * cases)
-    asked = asked._replace(limits=resolved(asked.limits, measured(asked, training, {})))
-    every: list[tuple[Array, dict[str, Array]]] = []
+    request = request._replace(limits=resolve_limits(request.limits, measure_group(request, training, {})))
+    batches: list[tuple[Array, dict[str, Array]]] = []
 
-    def scored(points: Array) -> Scores:
-        values = asked.values(points)
-        found = measured(asked, training, asked.tunings(values))
-        every.append((values, found))
+    def score_points(points: Array) -> Scores:
+        values = request.values(points)
+        measured_values = measure_group(request, training, request.tunings(values))
+        batches.append((values, measured_values))
         advance(len(values) * cases)
-        return scores_of(asked, found)
+        return score_measures(request, measured_values)
 
-    evolve(scored, _beginning(asked), len(asked.axes), asked.evaluations, asked.seed)
-    values = np.concatenate([of for of, _ in every])
-    first = np.sort(np.unique(values, axis=0, return_index=True)[1])  # of each tuning
-    values, found = values[first], {m.name: np.concatenate([of[m.name] for _, of in every])[first] for m in measures}
-    scores = scores_of(asked, found)
-    at = best(scores)
-    if not np.isfinite(scores.goal[at]):
-        what = "with every tuning it is missing on more valves and days than the quantile leaves out"
-        raise InputError(f"objective = {asked.goal.metric!r}: {what}; search other bounds, or another objective")
-    front = on_front(scores)
+    evolve(score_points, _starting_points(request), len(request.axes), request.evaluations, request.seed)
+    values = np.concatenate([batch for batch, _ in batches])
+    first_indices = np.sort(np.unique(values, axis=0, return_index=True)[1])  # of each tuning
+    values, measured_values = (
+        values[first_indices],
+        {m.name: np.concatenate([batch[m.name] for _, batch in batches])[first_indices] for m in measures},
+    )
+    scores = score_measures(request, measured_values)
+    best_index = best_point(scores)
+    if not np.isfinite(scores.goal[best_index]):
+        reason = "with every tuning it is missing on more valves and days than the quantile leaves out"
+        raise InputError(f"objective = {request.goal.metric!r}: {reason}; search other bounds, or another objective")
+    front = pareto_front(scores)
     if front.size > _MOST_ON_FRONT:  # some points of it evenly along, both ends among them
         front = front[np.unique(np.linspace(0, front.size - 1, _MOST_ON_FRONT).round().astype(int))]
     parameters = {
         axis.name: int(value) if axis.parameter.whole else value
-        for axis, value in zip(asked.axes, values[at].tolist(), strict=True)
+        for axis, value in zip(request.axes, values[best_index].tolist(), strict=True)
     }
-    meets_limits = float(scores.violation[at]) == 0.0
-    trained, held_out = (_beside_now(asked, group, values[at]) for group in (training, asked.holdout))
-    of_front = _dataset("point", asked, values[front], {name: each[front] for name, each in found.items()})
-    on_holdout = measured(asked, asked.holdout, asked.tunings(values[front]))
+    meets_limits = float(scores.violation[best_index]) == 0.0
+    trained, held_out = (_compare_with_now(request, group, values[best_index]) for group in (training, request.holdout))
+    front_dataset = _tunings_dataset(
+        "point", request, values[front], {name: column[front] for name, column in measured_values.items()}
+    )
+    on_holdout = measure_group(request, request.holdout, request.tunings(values[front]))
     for measure in measures:
         attrs = measure.attrs | {"long_name": f"{measure.words}, held out"}
-        of_front[f"held_out_{measure.name}"] = ("point", on_holdout[measure.name], attrs)
-    notes = notes_on(asked, parameters, meets_limits, held_out)
-    of_all, axes = _dataset("evaluation", asked, values, found), (asked.error, asked.travel)
-    return Tuning(parameters, meets_limits, held_out, trained, of_front, of_all, asked.goal, asked.limits, notes, axes)
-
-
-def measured(asked: Asked, group: Group, changes: Mapping[str, Any]) -> dict[str, Array]:
-    """The measures (n,) of a group with changes of its loop."""
-    cases = tried(asked, group, changes)
-    return {m.name: m.of(cases[m.metric].reshape(len(cases[m.metric]), -1)) for m in asked.measures}
-
-
-def scores_of(asked: Asked, found: Mapping[str, Array]) -> Scores:
-    """What the search compares, from measures (n,)."""
-    others = [limit for limit in asked.limits if limit.measure != asked.travel]
-    compared = (found[measure.name] for measure in (asked.goal, asked.error, asked.travel))
-    return Scores(violation(asked.limits, found), violation(others, found), *compared)
-
-
-def _beginning(asked: Asked) -> Array:
-    """The loop's own settings and those after SIMC as points (n, d): medians where its valves differ."""
-    own: dict[str, Any] = {name: asked.training.loop[name] for name in asked.names}
-    if any(value is None for value in own.values()):
-        return np.empty((0, len(own)))
-    gains = {name: values for name, (_, values) in own_gains(asked.training, asked.names, asked.warm_up).items()}
-    tunings = [own, own | gains] if gains else [own]
-    return np.array(
-        [[axis.share(float(np.median(np.asarray(of[axis.name])))) for axis in asked.axes] for of in tunings]
+        front_dataset[f"held_out_{measure.name}"] = ("point", on_holdout[measure.name], attrs)
+    notes = collect_notes(request, parameters, meets_limits, held_out)
+    all_dataset, axes = (
+        _tunings_dataset("evaluation", request, values, measured_values),
+        (request.error, request.travel),
+    )
+    return Tuning(
+        parameters,
+        meets_limits,
+        held_out,
+        trained,
+        front_dataset,
+        all_dataset,
+        request.goal,
+        request.limits,
+        notes,
+        axes,
     )
 
 
-def _beside_now(asked: Asked, group: Group, chosen: Array) -> xr.Dataset:
+def measure_group(request: TuningRequest, group: Group, changes: Mapping[str, Any]) -> dict[str, Array]:
+    """The measures (n,) of a group with changes of its loop."""
+    cases = simulate_group(request, group, changes)
+    return {m.name: m.of(cases[m.metric].reshape(len(cases[m.metric]), -1)) for m in request.measures}
+
+
+def score_measures(request: TuningRequest, measured_values: Mapping[str, Array]) -> Scores:
+    """What the search compares, from measures (n,)."""
+    other_limits = [limit for limit in request.limits if limit.measure != request.travel]
+    compared = (measured_values[measure.name] for measure in (request.goal, request.error, request.travel))
+    return Scores(violation(request.limits, measured_values), violation(other_limits, measured_values), *compared)
+
+
+def _starting_points(request: TuningRequest) -> Array:
+    """The loop's own settings and those after SIMC as points (n, d): medians where its valves differ."""
+    current: dict[str, Any] = {name: request.training.loop[name] for name in request.names}
+    if any(value is None for value in current.values()):
+        return np.empty((0, len(current)))
+    gains = {
+        name: values
+        for name, (_, values) in simc_gains_of_valves(request.training, request.names, request.warm_up).items()
+    }
+    tunings = [current, current | gains] if gains else [current]
+    return np.array(
+        [[axis.share(float(np.median(np.asarray(tuning[axis.name])))) for axis in request.axes] for tuning in tunings]
+    )
+
+
+def _compare_with_now(request: TuningRequest, group: Group, chosen: Array) -> xr.Dataset:
     """The chosen settings on a group, and the loop as it came beside."""
-    changes = {NOW: {}, CHOSEN: asked.tunings(chosen[None]), SIMC: own_gains(group, asked.names, asked.warm_up)}
-    of_tunings = {name: tried(asked, group, change) for name, change in changes.items() if change or name == NOW}
-    cases = {metric: np.concatenate([of[metric] for of in of_tunings.values()]) for metric in of_tunings[NOW]}
-    ds = with_intervals(cases, asked.measures, list(of_tunings), asked.seed)
+    changes = {
+        NOW: {},
+        CHOSEN: request.tunings(chosen[None]),
+        SIMC: simc_gains_of_valves(group, request.names, request.warm_up),
+    }
+    cases_by_tuning = {
+        name: simulate_group(request, group, change) for name, change in changes.items() if change or name == NOW
+    }
+    cases = {
+        metric: np.concatenate([tuning_cases[metric] for tuning_cases in cases_by_tuning.values()])
+        for metric in cases_by_tuning[NOW]
+    }
+    ds = with_intervals(cases, request.measures, list(cases_by_tuning), request.seed)
     return ds.assign_attrs(group=group.words)
 
 
-def _dataset(dim: str, asked: Asked, values: Array, found: Mapping[str, Array]) -> xr.Dataset:
+def _tunings_dataset(
+    dim: str, request: TuningRequest, values: Array, measured_values: Mapping[str, Array]
+) -> xr.Dataset:
     """Settings and measures of some tunings."""
     variables: dict[str, Any] = {}
-    for axis, column in zip(asked.axes, values.T, strict=True):
+    for axis, column in zip(request.axes, values.T, strict=True):
         variables[axis.name] = (dim, column, {"long_name": axis.parameter.text, "units": axis.parameter.unit})
-    for measure in asked.measures:
-        variables[measure.name] = (dim, found[measure.name], measure.attrs)
+    for measure in request.measures:
+        variables[measure.name] = (dim, measured_values[measure.name], measure.attrs)
     return xr.Dataset(variables)
 
 
@@ -190,25 +232,25 @@ class Scores(NamedTuple):
     travel: Array
 
 
-_LEAST = 8  # points of the smallest generation
+_SMALLEST_GENERATION = 8  # points of the smallest generation
 
 
-def effort(d: int, evaluations: int) -> tuple[int, int, int]:
+def plan_generations(d: int, evaluations: int) -> tuple[int, int, int]:
     """Points of a generation; generations that seek the goal, the first one among them, and along the front."""
-    size = max(_LEAST, 4 * d)
+    size = max(_SMALLEST_GENERATION, 4 * d)
     generations = max(1, round(evaluations / size))
     return size, generations - generations // 4, generations // 4
 
 
-_SCALE = (0.3, 0.8)  # factor of a difference, drawn anew for each trial
-_MIXED = 0.8  # share of the axes that a trial takes from the new point
-_SMALL, _BEYOND = 0.02, 0.5
+_DIFFERENCE_SCALE = (0.3, 0.8)  # factor of a difference, drawn anew for each trial
+_CROSSOVER_SHARE = 0.8  # share of the axes that a trial takes from the new point
+_FRONT_SPREAD, _FRONT_OVERSHOOT = 0.02, 0.5
 """Spread of the trials around the front, share of an axis; how far they go beyond two neighbours, of their distance."""
-_TINY = 1e-300
+_LEAST_RANGE = 1e-300
 
 
-def evolve(scored: Callable[[Array], Scores], first: Array, d: int, evaluations: int, seed: int) -> None:
-    """Search the unit cube by differential evolution, whole generations at once; ``scored`` keeps what is found.
+def evolve(score: Callable[[Array], Scores], first: Array, d: int, evaluations: int, seed: int) -> None:
+    """Search the unit cube by differential evolution, whole generations at once; ``score`` keeps what is found.
 
     Storn and Price (1997), doi:10.1023/A:1008202821328: a trial point is the best one plus a scaled difference of two
     others, mixed with the point that it may replace.  Of two points the one that breaks the limits less is better, then
@@ -220,63 +262,68 @@ def evolve(scored: Callable[[Array], Scores], first: Array, d: int, evaluations:
     evaluations: see ``effort``.
     """
     rng = np.random.default_rng([seed, 2])
-    size, for_goal, for_front = effort(d, evaluations)
+    size, for_goal, for_front = plan_generations(d, evaluations)
     n = max(size - len(first), 0)  # fill up with a Latin hypercube: each axis is cut into n parts with a point in each
     parts = np.stack([rng.permutation(n) for _ in range(d)], axis=1)
     points = np.concatenate([first, (parts + rng.random(parts.shape)) / max(n, 1)])[:size]
-    scores = scored(points)
-    tried, of_tried = points, scores
+    scores = score(points)
+    all_points, all_scores = points, scores
 
-    def try_more(trials: Array) -> Scores:
-        nonlocal tried, of_tried
-        found = scored(trials)
-        tried = np.concatenate([tried, trials])
-        of_tried = Scores(*map(np.concatenate, zip(of_tried, found, strict=True)))
-        return found
+    def try_trials(trials: Array) -> Scores:
+        nonlocal all_points, all_scores
+        trial_scores = score(trials)
+        all_points = np.concatenate([all_points, trials])
+        all_scores = Scores(*map(np.concatenate, zip(all_scores, trial_scores, strict=True)))
+        return trial_scores
 
     for _ in range(for_goal - 1):
-        trials = _trials(rng, points, best(scores))
-        found = try_more(trials)
-        less, as_much = found.violation < scores.violation, found.violation == scores.violation
-        better = less | (as_much & (found.goal <= scores.goal))
-        points = np.where(better[:, None], trials, points)
-        scores = Scores(*(np.where(better, new, old) for new, old in zip(found, scores, strict=True)))
+        trials = _draw_trials(rng, points, best_point(scores))
+        trial_scores = try_trials(trials)
+        is_less_broken, is_as_broken = (
+            trial_scores.violation < scores.violation,
+            trial_scores.violation == scores.violation,
+        )
+        is_better = is_less_broken | (is_as_broken & (trial_scores.goal <= scores.goal))
+        points = np.where(is_better[:, None], trials, points)
+        scores = Scores(*(np.where(is_better, new, old) for new, old in zip(trial_scores, scores, strict=True)))
     for _ in range(for_front):
-        front = on_front(of_tried)
-        try_more(_along(rng, tried[front], of_tried.error[front], of_tried.travel[front], size))
+        front = pareto_front(all_scores)
+        try_trials(
+            _draw_trials_along_front(rng, all_points[front], all_scores.error[front], all_scores.travel[front], size)
+        )
 
 
-def best(scores: Scores) -> int:
+def best_point(scores: Scores) -> int:
     """The place of the best point."""
     return int(np.lexsort((scores.travel, scores.goal, scores.violation))[0])
 
 
-def on_front(scores: Scores) -> Index:
+def pareto_front(scores: Scores) -> Index:
     """Points that no other beats in travel and error, by travel; of the limits that of the travel does not count."""
-    kept = np.flatnonzero(scores.other_violation == scores.other_violation.min())
-    order = kept[np.lexsort((scores.error[kept], scores.travel[kept]))]
+    allowed = np.flatnonzero(scores.other_violation == scores.other_violation.min())
+    order = allowed[np.lexsort((scores.error[allowed], scores.travel[allowed]))]
     lowest = np.minimum.accumulate(np.concatenate([[np.inf], scores.error[order][:-1]]))
     return np.asarray(order[(scores.error[order] < lowest) & np.isfinite(scores.travel[order])])
 
 
-def _trials(rng: np.random.Generator, points: Array, best_at: int) -> Array:
+def _draw_trials(rng: np.random.Generator, points: Array, best_index: int) -> Array:
     """A trial for each point; one that leaves the cube comes back to its border."""
     n, d = points.shape
     pairs = np.argsort(rng.random((n, n)), axis=1)[:, :2]
-    scale = rng.uniform(*_SCALE, (n, 1))
-    new = points[best_at] + scale * (points[pairs[:, 0]] - points[pairs[:, 1]])
-    mixed = rng.random((n, d)) < _MIXED
-    mixed[np.arange(n), rng.integers(0, d, n)] = True
-    return np.asarray(np.clip(np.where(mixed, new, points), 0.0, 1.0))
+    scale = rng.uniform(*_DIFFERENCE_SCALE, (n, 1))
+    trial_points = points[best_index] + scale * (points[pairs[:, 0]] - points[pairs[:, 1]])
+    is_mixed = rng.random((n, d)) < _CROSSOVER_SHARE
+    is_mixed[np.arange(n), rng.integers(0, d, n)] = True
+    return np.asarray(np.clip(np.where(is_mixed, trial_points, points), 0.0, 1.0))
 
 
-def _along(rng: np.random.Generator, front: Array, error: Array, travel: Array, n: int) -> Array:
+def _draw_trials_along_front(rng: np.random.Generator, front: Array, error: Array, travel: Array, n: int) -> Array:
     """Points between neighbours on the front, most where these lie far apart, a little beyond them and some way off."""
-    at, step = np.zeros(n, dtype=int), np.zeros((n, front.shape[1]))
+    segment, step = np.zeros(n, dtype=int), np.zeros((n, front.shape[1]))
     if len(front) > 1:
-        gaps = sum(np.abs(np.diff(values)) / max(float(np.ptp(values)), _TINY) for values in (error, travel))
-        at = np.minimum(np.searchsorted(np.cumsum(gaps) / np.sum(gaps), rng.random(n)), len(front) - 2)
-        step = front[at + 1] - front[at]
-    way = rng.uniform(-_BEYOND, 1.0 + _BEYOND, (n, 1))
-    new = front[at] + way * step + _SMALL * rng.standard_normal((n, front.shape[1]))
-    return np.asarray(np.clip(new, 0.0, 1.0))
+        gaps = sum(np.abs(np.diff(values)) / max(float(np.ptp(values)), _LEAST_RANGE) for values in (error, travel))
+        segment = np.minimum(np.searchsorted(np.cumsum(gaps) / np.sum(gaps), rng.random(n)), len(front) - 2)
+        step = front[segment + 1] - front[segment]
+    position = rng.uniform(-_FRONT_OVERSHOOT, 1.0 + _FRONT_OVERSHOOT, (n, 1))
+    trial_points = front[segment] + position * step + _FRONT_SPREAD * rng.standard_normal((n, front.shape[1]))
+    return np.asarray(np.clip(trial_points, 0.0, 1.0))

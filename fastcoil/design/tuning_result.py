@@ -12,12 +12,12 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arrays import Array
-from fastcoil.base.figures import BLUE, DOTTED, GREY, RED, YELLOW, apply_style, wrapped
-from fastcoil.base.results import Result, as_toml, toml_table
-from fastcoil.base.text import aligned
+from fastcoil.base.figures import BLUE, DOTTED_LINE, LINE_GREY, RED, YELLOW, apply_style, wrap_text
+from fastcoil.base.results import Result, toml_document, toml_table
+from fastcoil.base.text import align_columns
 from fastcoil.design.advice import Option, advise
 from fastcoil.design.measures import CHANGE, HUNTS, Limit, Measure
-from fastcoil.design.tuning_plan import ONE_OF, Asked
+from fastcoil.design.tuning_plan import HELD_OUT_ONE_IN, TuningRequest
 from fastcoil.loops.labels import quantity
 
 if TYPE_CHECKING:
@@ -26,21 +26,25 @@ if TYPE_CHECKING:
 
 NOW, CHOSEN, SIMC = "now", "chosen", "simc"
 _FEW_VALVES = 20
-_MAY_HUNT = 0.05  # share of valves and days above which a population counts as hunting
-_IN_THE_TAIL = 3  # valves held out that should lie above a quantile, or it is little more than the worst of them
+_HUNTING_SHARE = 0.05  # share of valves and days above which a population counts as hunting
+_LEAST_VALVES_IN_TAIL = (
+    3  # valves held out that should lie above a quantile, or it is little more than the worst of them
+)
 
 
-def _broken(limits: Sequence[Limit], held_out: xr.Dataset) -> Iterator[tuple[Limit, float, float]]:
+def _broken_limits(limits: Sequence[Limit], held_out: xr.Dataset) -> Iterator[tuple[Limit, float, float]]:
     """The limits that the choice breaks on the hold-out, with what it does there and the most that is allowed."""
     for limit in limits:
-        value, now = (float(held_out[limit.measure.name].sel(tuning=t, edge="value")) for t in (CHOSEN, NOW))
-        most = now if limit.as_now else limit.most
+        value, current = (
+            float(held_out[limit.measure.name].sel(tuning=tuning, edge="value")) for tuning in (CHOSEN, NOW)
+        )
+        most = current if limit.as_now else limit.most
         if not value <= most:
             yield limit, value, most
 
 
-def notes_on(
-    asked: Asked, parameters: Mapping[str, float], meets_limits: bool, held_out: xr.Dataset
+def collect_notes(
+    request: TuningRequest, parameters: Mapping[str, float], meets_limits: bool, held_out: xr.Dataset
 ) -> tuple[str, ...]:
     """Failures first, then what the search ran into, then what the population lacks."""
     notes = []
@@ -48,36 +52,38 @@ def notes_on(
         notes.append(
             "No tuning in these ranges keeps every limit: widen the ranges, raise a limit, or mend the valves."
         )
-    for limit, value, most in _broken(asked.limits, held_out):
-        there = f"{limit.measure.shown(value)} there, above {limit.measure.shown(most)}"
-        words = ", what it is there now" * limit.as_now
-        notes.append(f"The hold-out breaks a limit: {limit.measure.words}, is {there}{words}.")
+    for limit, value, most in _broken_limits(request.limits, held_out):
+        excess_text = f"{limit.measure.shown(value)} there, above {limit.measure.shown(most)}"
+        current_text = ", what it is there now" * limit.as_now
+        notes.append(f"The hold-out breaks a limit: {limit.measure.words}, is {excess_text}{current_text}.")
     low, high = (float(held_out[CHANGE].sel(tuning=CHOSEN, edge=edge)) for edge in ("low", "high"))
     if low > 0.0:
         notes.append("On the hold-out the objective is worse than now.")
     elif high >= 0.0:
         notes.append("On the hold-out the objective does not differ from now beyond chance.")
-    for axis in asked.axes:
+    for axis in request.axes:
         value, end = parameters[axis.name], axis.end(parameters[axis.name])
         if end:
             notes.append(f"{axis.name} = {value:g} lies at the {end} end of its range: the best may lie beyond.")
-    training, tried = asked.training, asked.holdout
-    if not any(np.any(np.asarray(group.loop["backlash"]) == 0.0) for group in (training, tried)):
+    training, holdout = request.training, request.holdout
+    if not any(np.any(np.asarray(group.loop["backlash"]) == 0.0) for group in (training, holdout)):
         notes.append(
             "No valve of the population is without backlash: add some with backlash = 0, or what was chosen may make a "
             "good valve worse."
         )
-    n = len(tried.members)
-    quantiles = [measure.quantile for measure in asked.measures if measure.quantile not in (None, 1.0)]
-    needed = max([_FEW_VALVES, *(math.ceil(_IN_THE_TAIL / (1.0 - q) - 1e-9) for q in quantiles if q)])
-    if training.members == tried.members:
+    n = len(holdout.members)
+    quantiles = [measure.quantile for measure in request.measures if measure.quantile not in (None, 1.0)]
+    needed = max([_FEW_VALVES, *(math.ceil(_LEAST_VALVES_IN_TAIL / (1.0 - q) - 1e-9) for q in quantiles if q)])
+    if training.members == holdout.members:
         notes.append(
             f"The population has {n} valve{'s' * (n > 1)}, so none is held out, only days: nothing says how the tuning "
             "does on another valve."
         )
     elif n < needed:
-        notes.append(f"{n} valves held out are few for these quantiles: draw {ONE_OF * needed} or more in all.")
-    if tried.boundary.n_days == 1:
+        notes.append(
+            f"{n} valves held out are few for these quantiles: draw {HELD_OUT_ONE_IN * needed} or more in all."
+        )
+    if holdout.boundary.n_days == 1:
         notes.append(
             "The hold-out has a single day, so that the intervals hold no scatter between days: give more with holdout."
         )
@@ -86,23 +92,23 @@ def notes_on(
 
 def table_rows(ds: xr.Dataset, limits: tuple[Limit, ...]) -> list[list[str]]:
     """Every measure of every tuning and its limit as cells, the heads first."""
-    tunings, limited = ds["tuning"].values.tolist(), {limit.measure.name: limit for limit in limits}
-    rows = [["", *(_LOOKS[name][2] for name in tunings), *["limit"] * bool(limits)]]
+    tunings, limit_by_name = ds["tuning"].values.tolist(), {limit.measure.name: limit for limit in limits}
+    rows = [["", *(_TUNING_LOOKS[name][2] for name in tunings), *["limit"] * bool(limits)]]
     for name, variable in ds.drop_vars(CHANGE).data_vars.items():
         factor = quantity(str(name).rpartition("_")[0]).factor
         cells = [variable.attrs["long_name"]]
         for value, low, high in factor * variable.transpose("tuning", "edge").values:
             cells.append(f"{value:.3g}" + (f" ({low:.3g} to {high:.3g})" if not math.isnan(low) else ""))
-        limit = limited.get(str(name))
+        limit = limit_by_name.get(str(name))
         if limit is not None:
             cells.append(limit.measure.shown(float(variable[0, 0]) if limit.as_now else limit.most))
         rows.append([*cells, *[""] * (len(rows[0]) - len(cells))])
     return rows
 
 
-_SIZE = (6.5, 4.6)
-_TITLE = 5.6  # inches: the axes are narrower than the figure
-_LOOKS = {NOW: ("s", "black", "now"), CHOSEN: ("o", RED, "chosen"), SIMC: ("^", YELLOW, "SIMC")}
+_FIGURE_SIZE = (6.5, 4.6)
+_TITLE_WIDTH = 5.6  # inches: the axes are narrower than the figure
+_TUNING_LOOKS = {NOW: ("s", "black", "now"), CHOSEN: ("o", RED, "chosen"), SIMC: ("^", YELLOW, "SIMC")}
 
 
 @dataclass(frozen=True, repr=False)
@@ -151,15 +157,19 @@ class Tuning(Result):
     def advice(self) -> str:
         """What to do, in a sentence: nothing, unless the choice keeps its limits and is better beyond chance."""
         may_be_chance = float(self.held_out[CHANGE].sel(tuning=CHOSEN, edge="high")) >= 0.0
-        if not self.meets_limits or may_be_chance or any(_broken(self.limits, self.held_out)):
+        if not self.meets_limits or may_be_chance or any(_broken_limits(self.limits, self.held_out)):
             return f"Leave it: {self.notes[0][0].lower()}{self.notes[0][1:]}"
         options = []
         for name, words in ((NOW, "as it is"), (CHOSEN, self._settings)):
-            at = self.held_out.sel(tuning=name, edge="value")
-            error, travel = (float(at[measure.name]) for measure in (self.objective, self.axes[1]))
-            hunts = any(float(at[measure]) > _MAY_HUNT for measure in at.data_vars if str(measure).startswith(HUNTS))
+            measures = self.held_out.sel(tuning=name, edge="value")
+            error, travel = (float(measures[measure.name]) for measure in (self.objective, self.axes[1]))
+            hunts = any(
+                float(measures[measure]) > _HUNTING_SHARE
+                for measure in measures.data_vars
+                if str(measure).startswith(HUNTS)
+            )
             options.append(Option(name, words, error, travel, hunts))
-        return advise(options, error=self.objective.words).text
+        return advise(options, error_name=self.objective.words).text
 
     @property
     def _settings(self) -> str:
@@ -173,7 +183,7 @@ class Tuning(Result):
         head = "Chosen" if self.meets_limits else "No tuning keeps the limits; nearest to them"
         lines = [f"{head}: {self._settings} ({self.evaluations.sizes['evaluation']:,} tunings tried)", ""]
         for title, ds in (("Held out", self.held_out), ("Searched on", self.trained)):
-            rows = aligned(table_rows(ds, self.limits))
+            rows = align_columns(table_rows(ds, self.limits))
             lines += [f"{title}: {ds.attrs['group']}", *(f"  {row}" for row in rows), ""]
         value, low, high = self.held_out[CHANGE].sel(tuning=CHOSEN).values
         goal = next(iter(self.held_out.data_vars.values())).attrs["long_name"]
@@ -186,7 +196,7 @@ class Tuning(Result):
         from matplotlib.figure import Figure
         from matplotlib.ticker import LogLocator
 
-        fig = Figure(figsize=_SIZE, layout="constrained")
+        fig = Figure(figsize=_FIGURE_SIZE, layout="constrained")
         axes = fig.add_subplot()
         measures = self.axes[::-1]  # travel below, error on the left
 
@@ -194,25 +204,29 @@ class Tuning(Result):
             values = values * quantity(measure.metric).factor
             return np.where(np.isfinite(values), values, np.nan)
 
-        found, held = (
+        searched, held_out = (
             [scaled(self.front[prefix + m.name].values, m) for m in measures] for prefix in ("", "held_out_")
         )
-        axes.plot([found[0], held[0]], [found[1], held[1]], color=GREY, lw=0.6, zorder=1)
-        axes.plot(*found, "o-", color=BLUE, ms=3, label="front where it was searched")
-        axes.plot(*held, "o", color=BLUE, ms=4, mfc="white", label="the same tunings, held out")
+        axes.plot([searched[0], held_out[0]], [searched[1], held_out[1]], color=LINE_GREY, lw=0.6, zorder=1)
+        axes.plot(*searched, "o-", color=BLUE, ms=3, label="front where it was searched")
+        axes.plot(*held_out, "o", color=BLUE, ms=4, mfc="white", label="the same tunings, held out")
         for name in self.held_out["tuning"].values:
-            marker, colour, words = _LOOKS[str(name)]
+            marker, colour, words = _TUNING_LOOKS[str(name)]
             edges = [scaled(self.held_out[measure.name].sel(tuning=name).values, measure) for measure in measures]
             if np.isfinite([value for value, *_ in edges]).all():
                 bars = [np.abs([[value - low], [high - value]]) for value, low, high in edges]
-                looks: dict[str, Any] = {"color": colour, "ms": 6, "lw": 1.0, "capsize": 2, "zorder": 3}
-                looks |= {"xerr": bars[0], "yerr": bars[1]} if np.isfinite(bars).all() else {}
-                axes.errorbar(edges[0][0], edges[1][0], fmt=marker, label=f"{words}, held out", **looks)
+                bar_options: dict[str, Any] = {"color": colour, "ms": 6, "lw": 1.0, "capsize": 2, "zorder": 3}
+                bar_options |= {"xerr": bars[0], "yerr": bars[1]} if np.isfinite(bars).all() else {}
+                axes.errorbar(edges[0][0], edges[1][0], fmt=marker, label=f"{words}, held out", **bar_options)
         for limit in self.limits:
             if limit.measure in measures:
-                line = axes.axvline if limit.measure == measures[0] else axes.axhline
-                line(
-                    limit.most * quantity(limit.measure.metric).factor, color="black", lw=1.0, ls=DOTTED, label="limit"
+                draw_line = axes.axvline if limit.measure == measures[0] else axes.axhline
+                draw_line(
+                    limit.most * quantity(limit.measure.metric).factor,
+                    color="black",
+                    lw=1.0,
+                    ls=DOTTED_LINE,
+                    label="limit",
                 )
         axes.set(xlabel=measures[0].words, ylabel=measures[1].words, xscale="log", yscale="log")
         for axis in (axes.xaxis, axes.yaxis):
@@ -220,7 +234,7 @@ class Tuning(Result):
             axis.set_major_formatter("{x:g}")
             axis.set_minor_formatter("")
         groups = f"Searched on {self.trained.attrs['group']}, held out {self.held_out.attrs['group']}."
-        axes.set_title(wrapped(f"{groups}  Bars: 95 % for other valves and days.", _TITLE, 9), loc="left")
+        axes.set_title(wrap_text(f"{groups}  Bars: 95 % for other valves and days.", _TITLE_WIDTH, 9), loc="left")
         axes.legend(frameon=False)
         return fig
 
@@ -232,9 +246,9 @@ class Tuning(Result):
         lines = ["# settings chosen by fastcoil tune", *(f"# {line}".rstrip() for line in self.summary())]
         chosen = self.parameters if self.meets_limits else {}
         lines += toml_table("loop", chosen)
-        about = {"kind": "tuning", "objective": self.objective.name, "meets_limits": self.meets_limits}
-        lines += toml_table("fit", about | {"notes": self.notes})
+        facts = {"kind": "tuning", "objective": self.objective.name, "meets_limits": self.meets_limits}
+        lines += toml_table("fit", facts | {"notes": self.notes})
         for name, ds in (("held_out", self.held_out), ("trained", self.trained)):
             edges = {str(key): variable.values.tolist() for key, variable in ds.sel(tuning=CHOSEN).data_vars.items()}
             lines += toml_table(f"fit.{name}", edges)
-        return as_toml(lines, path)
+        return toml_document(lines, path)

@@ -5,7 +5,7 @@ write them), ``table`` (a file or Dataset as text), ``columns`` (what headers me
 ``readings`` (bad values), ``pieces`` (gaps and jumps), ``join`` (points logged each at its own times), ``log`` (all).
 """
 
-from fastcoil.logs.columns import Reading as Reading
-from fastcoil.logs.log import Log as Log
-from fastcoil.logs.log import read_log as read_log
-from fastcoil.logs.series import warn_of_reading as warn_of_reading
+from fastcoil.logs.columns import ReadingOptions as ReadingOptions
+from fastcoil.logs.log import CheckedLog as CheckedLog
+from fastcoil.logs.log import read_checked_log as read_checked_log
+from fastcoil.logs.series import warn_of_reading_notes as warn_of_reading_notes

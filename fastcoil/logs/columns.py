@@ -14,29 +14,42 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fastcoil.base.arguments import Checks, checking, choice_of, flag_of, is_number, mapping_of, number_of, path_of
-from fastcoil.base.errors import nearest, shown
-from fastcoil.logs.series import COLUMNS, NAMES, TIMES
-from fastcoil.logs.table import TIME_HEADERS, Table, label_and_unit, letters_of
-from fastcoil.logs.timestamps import is_time, time_format_of
+from fastcoil.base.arguments import (
+    Checks,
+    argument_checks,
+    is_number,
+    require_choice,
+    require_flag,
+    require_mapping,
+    require_number,
+    require_path,
+)
+from fastcoil.base.errors import did_you_mean, short_repr
+from fastcoil.logs.series import COLUMNS, TIME_COLUMNS, VOCABULARY
+from fastcoil.logs.table import TIME_HEADERS, Table, normalise_header, split_label_and_unit
+from fastcoil.logs.timestamps import is_time, require_time_format
 
-_EXAMPLES = {"columns": "{'m_w': 'its header'}", "units": "{'m_w': 'kg/s'}", "constants": "{'m_a': 1.2}"}
+_MAPPING_EXAMPLES = {"columns": "{'m_w': 'its header'}", "units": "{'m_w': 'kg/s'}", "constants": "{'m_a': 1.2}"}
 
 
-class Wanted(NamedTuple):
+class ColumnSpec(NamedTuple):
     """The series that a caller reads."""
 
-    needed: Sequence[str | tuple[str, ...]]  # must be in the log; of a tuple exactly one
+    required: Sequence[str | tuple[str, ...]]  # must be in the log; of a tuple exactly one
     optional: Sequence[str] = ()
     measured: Sequence[str] = ()  # outputs of the model: a bad value becomes NaN, and its row stays
 
     @property
     def names(self) -> list[str]:
-        return [name for one in (*self.needed, *self.optional) for name in ((one,) if isinstance(one, str) else one)]
+        return [
+            name
+            for choices in (*self.required, *self.optional)
+            for name in ((choices,) if isinstance(choices, str) else choices)
+        ]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reading:
+class ReadingOptions:
     """How a log is read: what the caller declares besides its header, and what becomes of its flaws.
 
     Parameters
@@ -86,47 +99,47 @@ class Reading:
         return self.cure(f"columns={{{name!r}: {header!r}}}", f"--column {name}={header!r}")
 
 
-def checked_reading(check: Checks, **given: Any) -> Reading:
+def check_reading_options(check: Checks, **arguments: Any) -> ReadingOptions:
     """The arguments of a public function that say how its log is read, checked; it passes those that it offers."""
-    if "drop" in given:
-        check(flag_of, "drop", given["drop"])
-    if "jumps" in given:
-        check(choice_of, "jumps", given["jumps"], ("refuse", "split"))
-    given["max_gap"] = check(max_gap_of, given["max_gap"])
-    check(require_mappings, **{name: given[name] for name in _EXAMPLES if name in given})
-    given["time_format"] = check.unless_none(time_format_of, "time_format", given["time_format"])
-    given |= {name: {} for name in ("units", "constants") if name in given and given[name] is None}
-    return Reading(**given)
+    if "drop" in arguments:
+        check(require_flag, "drop", arguments["drop"])
+    if "jumps" in arguments:
+        check(require_choice, "jumps", arguments["jumps"], ("refuse", "split"))
+    arguments["max_gap"] = check(require_max_gap, arguments["max_gap"])
+    check(require_name_mappings, **{name: arguments[name] for name in _MAPPING_EXAMPLES if name in arguments})
+    arguments["time_format"] = check.unless_none(require_time_format, "time_format", arguments["time_format"])
+    arguments |= {name: {} for name in ("units", "constants") if name in arguments and arguments[name] is None}
+    return ReadingOptions(**arguments)
 
 
-def require_mappings(**given: Any) -> None:
+def require_name_mappings(**arguments: Any) -> None:
     """Raise one `InputError` for all of columns, units and constants that do not map names; None passes."""
-    with checking() as check:
-        for name, value in given.items():
-            cure = f"give a mapping of names, such as {_EXAMPLES[name]}"
-            check.unless_none(mapping_of, name, value, cure, to_text=name != "constants")
+    with argument_checks() as check:
+        for name, value in arguments.items():
+            cure = f"give a mapping of names, such as {_MAPPING_EXAMPLES[name]}"
+            check.unless_none(require_mapping, name, value, cure, to_text=name != "constants")
 
 
-def max_gap_of(max_gap: Any) -> float | None:
+def require_max_gap(max_gap: Any) -> float | None:
     """The longest step to be bridged; None passes."""
-    return None if max_gap is None else number_of("max_gap", max_gap, "give seconds, at least 1", least=1.0)
+    return None if max_gap is None else require_number("max_gap", max_gap, "give seconds, at least 1", least=1.0)
 
 
-def log_of(name: str, source: Any) -> Any:
+def require_log(name: str, source: Any) -> Any:
     """A log as it can be read: the path of a CSV file, a Dataset, or a DataFrame."""
     if hasattr(type(source), "data_vars") or (hasattr(type(source), "iloc") and hasattr(type(source), "columns")):
         return source
-    return path_of(name, source, "give the path of a CSV file, an xarray.Dataset or a pandas.DataFrame")
+    return require_path(name, source, "give the path of a CSV file, an xarray.Dataset or a pandas.DataFrame")
 
 
-_WORDS = {word: known.split() for known, written in NAMES["words"].items() for word in written.split()}
-_ADDRESS = re.compile(r"\b[ab][iov][-_ ]?[0-9]+\b|(?:^|[.:/\\])[a-z](?=[.:/\\])", re.IGNORECASE)
+_WORD_MEANINGS = {word: known.split() for known, written in VOCABULARY["words"].items() for word in written.split()}
+_BACNET_ADDRESS = re.compile(r"\b[ab][iov][-_ ]?[0-9]+\b|(?:^|[.:/\\])[a-z](?=[.:/\\])", re.IGNORECASE)
 """Of a BACnet object; a folder of one letter in a path."""
-_SET_POINT = re.compile(r"set[-_ ]*point", re.IGNORECASE)
-_WORD = re.compile(r"[A-Z]?[a-zà-ÿ]+|[A-ZÀ-Ý]+(?![a-z])|[A-Z]|[0-9]+")
+_SET_POINT_PATTERN = re.compile(r"set[-_ ]*point", re.IGNORECASE)
+_WORD_PATTERN = re.compile(r"[A-Z]?[a-zà-ÿ]+|[A-ZÀ-Ý]+(?![a-z])|[A-Z]|[0-9]+")
 
 
-class Meaning(NamedTuple):
+class HeaderMeaning(NamedTuple):
     """The series that a header means, words that say of which plant, and whether nothing speaks against it."""
 
     name: str
@@ -134,150 +147,182 @@ class Meaning(NamedTuple):
     is_clear: bool
 
 
-def meaning_of(header: str) -> Meaning | None:
+def interpret_header(header: str) -> HeaderMeaning | None:
     """What a header means; None where it means no series, or nothing that is known."""
-    label, unit = label_and_unit(header)
-    written = [word.lower() for word in _WORD.findall(_SET_POINT.sub("setpoint", _ADDRESS.sub(" ", label)))]
-    written += ["cfm"] * (unit is not None and unit.lower() == "cfm")
-    known = [_WORDS.get(word) for word in written]
-    words = {one for meant in known for one in meant or ()} - {"place"}
+    label, unit = split_label_and_unit(header)
+    header_words = [
+        word.lower()
+        for word in _WORD_PATTERN.findall(_SET_POINT_PATTERN.sub("setpoint", _BACNET_ADDRESS.sub(" ", label)))
+    ]
+    header_words += ["cfm"] * (unit is not None and unit.lower() == "cfm")
+    meanings = [_WORD_MEANINGS.get(word) for word in header_words]
+    known_words = {meaning for word_meanings in meanings for meaning in word_meanings or ()} - {"place"}
     place: list[str] = []
-    for k, word in enumerate(written):
-        if word.isdigit() and k and known[k - 1] in (None, ["place"]):
+    for k, word in enumerate(header_words):
+        if word.isdigit() and k and meanings[k - 1] in (None, ["place"]):
             place[-1] += f" {word}"  # AHU-1 is another place than AHU-2, even below NAE-1
-        elif known[k] in (None, ["place"]):
+        elif meanings[k] in (None, ["place"]):
             place.append(word)
-    first = next((k for k, meant in enumerate(known) if meant not in (None, ["place"])), 0)
-    is_clear = all(written[k].isdigit() or known[k] is not None for k in range(first, len(written)))
-    for name, needed, allowed in NAMES["rules"]:
-        rest = words - {*needed.split()}
-        if len(words) - len(rest) == len(needed.split()) and rest <= {*allowed.split(), "position"}:
-            is_clear &= rest <= {*allowed.split()}  # a position that is fed back is no command
+    first = next((k for k, word_meanings in enumerate(meanings) if word_meanings not in (None, ["place"])), 0)
+    is_clear = all(header_words[k].isdigit() or meanings[k] is not None for k in range(first, len(header_words)))
+    for name, required_words, optional_words in VOCABULARY["rules"]:
+        other_words = known_words - {*required_words.split()}
+        if len(known_words) - len(other_words) == len(required_words.split()) and other_words <= {
+            *optional_words.split(),
+            "position",
+        }:
+            is_clear &= other_words <= {*optional_words.split()}  # a position that is fed back is no command
             is_its_unit = unit is None or COLUMNS[name].is_same_unit(unit, unit)
-            return Meaning(name, frozenset(place), is_clear) if is_its_unit else None
+            return HeaderMeaning(name, frozenset(place), is_clear) if is_its_unit else None
     return None
 
 
-_OUTPUTS = ("command", "T_sup", "T_w_out")  # always measured: no message suggests a constant for them
-_MOST_NAMED = 3  # A message names this many unknown columns and counts the rest
-_MOST_HINTS = 200  # unknown columns that get a suggestion of the probable name, which takes a millisecond each
+_MEASURED_COLUMNS = ("command", "T_sup", "T_w_out")  # always measured: no message suggests a constant for them
+_MAX_LISTED_COLUMNS = 3  # A message names this many unknown columns and counts the rest
+_MAX_HINTS = 200  # unknown columns that get a suggestion of the probable name, which takes a millisecond each
 
 
-def find_columns(table: Table, how: Reading, wanted: Wanted) -> dict[str, int]:
+def find_columns(table: Table, options: ReadingOptions, spec: ColumnSpec) -> dict[str, int]:
     """Index of each column to read; unknown, missing or doubled ones, and bad constants, are problems."""
-    names = [*dict.fromkeys([*COLUMNS, *TIMES])]
-    asked, constants = how.columns or {}, how.constants or {}
-    table.check_names("columns", asked, names)
-    table.check_names("units", how.units, [name for name in names if name != "timestamp"])
-    table.check_names("constants", constants, wanted.names)
+    names = [*dict.fromkeys([*COLUMNS, *TIME_COLUMNS])]
+    requested, constants = options.columns or {}, options.constants or {}
+    table.check_names("columns", requested, names)
+    table.check_names("units", options.units, [name for name in names if name != "timestamp"])
+    table.check_names("constants", constants, spec.names)
     for name, series in COLUMNS.items():
         value = constants.get(name, 0.0)
         if name in constants and (not is_number(value) or series.is_bad(np.array([value], dtype=float))[0]):
             bounds = f"{series.lower:g} to {series.upper:g}{'' if series.unit == '1' else f' {series.unit}'}"
-            table.problems.append(f"constants has {name} = {shown(value)}: give a number from {bounds}")
-    found, may_be = _find_headers(table, how, names, wanted)
-    for one in [*wanted.needed, *wanted.optional, TIMES]:
+            table.problems.append(f"constants has {name} = {short_repr(value)}: give a number from {bounds}")
+    column_by_name, candidates = _match_headers(table, options, names, spec)
+    for one in [*spec.required, *spec.optional, TIME_COLUMNS]:
         choices = (one,) if isinstance(one, str) else one
-        standing_in = [f"constant {n}" for n in choices if n in constants]
-        given = [name for name in choices if name in found] + standing_in
-        preferred = [name for name in choices if name in asked]
-        if len(given) > 1 and len(preferred) == 1 and not standing_in:
+        substitutes = [f"constant {n}" for n in choices if n in constants]
+        available = [name for name in choices if name in column_by_name] + substitutes
+        preferred = [name for name in choices if name in requested]
+        if len(available) > 1 and len(preferred) == 1 and not substitutes:
             for name in set(choices) - set(preferred):
-                found.pop(name, None)
-        elif len(given) > 1:
-            which = "" if standing_in else f", or say which to read: {how.column_cure(given[0])}"
-            table.problems.append(f"{' and '.join(given)} are both given: leave one out{which}")
-        elif not given and not preferred:
-            fits = may_be.get(choices[0], [])
-            if len(fits) > 1:
-                which = f"{' or '.join(map(shown, fits[:_MOST_NAMED]))}: say which to read"
-                table.problems.append(f"{choices[0]} may be {which}: {how.column_cure(choices[0], fits[0])}")
-            elif one not in wanted.optional:
-                table.problems.append(_missing(choices, how, *fits))
-    found = {name: column for name, column in found.items() if name in (*wanted.names, *TIMES, "batch")}
+                column_by_name.pop(name, None)
+        elif len(available) > 1:
+            advice = "" if substitutes else f", or say which to read: {options.column_cure(available[0])}"
+            table.problems.append(f"{' and '.join(available)} are both given: leave one out{advice}")
+        elif not available and not preferred:
+            headers = candidates.get(choices[0], [])
+            if len(headers) > 1:
+                advice = f"{' or '.join(map(short_repr, headers[:_MAX_LISTED_COLUMNS]))}: say which to read"
+                table.problems.append(f"{choices[0]} may be {advice}: {options.column_cure(choices[0], headers[0])}")
+            elif one not in spec.optional:
+                table.problems.append(_describe_missing_column(choices, options, *headers))
+    column_by_name = {
+        name: column for name, column in column_by_name.items() if name in (*spec.names, *TIME_COLUMNS, "batch")
+    }
     table.problems += [
-        f"{one} and {other} are both read from the column {shown(table.header[found[one]])}: give each its own"
-        for one, other in combinations(found, 2)
-        if found[one] == found[other]
+        f"{one} and {other} are both read from the column {short_repr(table.header[column_by_name[one]])}: give each its own"
+        for one, other in combinations(column_by_name, 2)
+        if column_by_name[one] == column_by_name[other]
     ]
-    return found
+    return column_by_name
 
 
-def asked_columns(table: Table, columns: Mapping[str, str]) -> dict[str, int]:
+def find_requested_columns(table: Table, columns: Mapping[str, str]) -> dict[str, int]:
     """Index by our name of the columns that ``columns`` (our name: header) names; an absent one is a problem."""
-    found = {name: table.column(header) for name, header in columns.items()}
+    column_by_name = {name: table.column(header) for name, header in columns.items()}
     table.problems += [
-        f"{name}: there is no column {shown(columns[name])}{nearest(columns[name], table.header)}"
-        for name, column in found.items()
+        f"{name}: there is no column {short_repr(columns[name])}{did_you_mean(columns[name], table.header)}"
+        for name, column in column_by_name.items()
         if column is None
     ]
-    return {name: column for name, column in found.items() if column is not None}
+    return {name: column for name, column in column_by_name.items() if column is not None}
 
 
-def _find_headers(
-    table: Table, how: Reading, names: list[str], wanted: Wanted
+def _match_headers(
+    table: Table, options: ReadingOptions, names: list[str], spec: ColumnSpec
 ) -> tuple[dict[str, int], dict[str, list[str]]]:
     """Index of our ``names``, as asked or as headers mean; others are problems; and headers that may mean a name."""
     unknown = []
-    found = asked_columns(table, how.columns or {})
-    labels = [label_and_unit(cell)[0] for cell in table.header]
-    time = table.time_column() if not {*TIMES} & {*labels, *found} else None
+    column_by_name = find_requested_columns(table, options.columns or {})
+    labels = [split_label_and_unit(cell)[0] for cell in table.header]
+    time = table.find_time_column() if not {*TIME_COLUMNS} & {*labels, *column_by_name} else None
     if time is not None and (labels[time].lower() == "timestamp" or is_time(table.rows[0][time])):
-        found["timestamp"] = time
-        if letters_of(table.header[time]) not in TIME_HEADERS:
-            table.notes.append(f"the times are in the column {shown(table.header[time])}")
+        column_by_name["timestamp"] = time
+        if normalise_header(table.header[time]) not in TIME_HEADERS:
+            table.notes.append(f"the times are in the column {short_repr(table.header[time])}")
     for column, cell in enumerate(table.header):
         label = labels[column]
-        if label in names and label in found and label not in (how.columns or {}) and label in (*wanted.names, *TIMES):
-            both = f"{shown(table.header[found[label]])} and {shown(cell)}"
-            which = f"delete one, or say which to read: {how.column_cure(label, cell)}"
-            table.problems.append(f"{label} is in two columns, {both}: {which}")
+        if (
+            label in names
+            and label in column_by_name
+            and label not in (options.columns or {})
+            and label in (*spec.names, *TIME_COLUMNS)
+        ):
+            two_headers = f"{short_repr(table.header[column_by_name[label]])} and {short_repr(cell)}"
+            advice = f"delete one, or say which to read: {options.column_cure(label, cell)}"
+            table.problems.append(f"{label} is in two columns, {two_headers}: {advice}")
         elif label in names:
-            found.setdefault(label, column)
-        elif column not in found.values():
+            column_by_name.setdefault(label, column)
+        elif column not in column_by_name.values():
             unknown.append(column)
-    guessed, may_be = _guess(table, how, wanted, found, unknown)
-    left = list(dict.fromkeys(table.header[k] for k in unknown if k not in guessed.values()))
-    more = f"; and {len(left) - _MOST_NAMED} more" if len(left) > _MOST_NAMED else ""
-    if left and how.columns is None and not guessed and not any(len(fits) > 1 for fits in may_be.values()):
-        hints = {cell: nearest(label_and_unit(cell)[0], names) for cell in left[:_MOST_HINTS]}
-        left.sort(key=lambda cell: not hints.get(cell))  # those that are nearly ours first
-        listed = "; ".join(f"{shown(cell)}{hints.get(cell, '')}" for cell in left[:_MOST_NAMED])
-        example = wanted.names[0]
-        say_which = how.cure(f"columns={{{example!r}: 'its header', ...}}", f"--column {example}='its header'")
-        table.problems.append(f"unknown columns: {listed}{more}: delete them, or say what to read: {say_which}")
-    elif left and (guessed or not how.columns):
-        table.notes.append(f"left alone: {'; '.join(map(shown, left[:_MOST_NAMED]))}{more}")
-    return found | guessed, may_be
+    guesses, candidates = _guess_columns(table, options, spec, column_by_name, unknown)
+    unread_headers = list(dict.fromkeys(table.header[k] for k in unknown if k not in guesses.values()))
+    n_more_text = (
+        f"; and {len(unread_headers) - _MAX_LISTED_COLUMNS} more" if len(unread_headers) > _MAX_LISTED_COLUMNS else ""
+    )
+    if (
+        unread_headers
+        and options.columns is None
+        and not guesses
+        and not any(len(headers) > 1 for headers in candidates.values())
+    ):
+        hints = {cell: did_you_mean(split_label_and_unit(cell)[0], names) for cell in unread_headers[:_MAX_HINTS]}
+        unread_headers.sort(key=lambda cell: not hints.get(cell))  # those that are nearly ours first
+        header_list = "; ".join(
+            f"{short_repr(cell)}{hints.get(cell, '')}" for cell in unread_headers[:_MAX_LISTED_COLUMNS]
+        )
+        example = spec.names[0]
+        column_cure = options.cure(f"columns={{{example!r}: 'its header', ...}}", f"--column {example}='its header'")
+        table.problems.append(
+            f"unknown columns: {header_list}{n_more_text}: delete them, or say what to read: {column_cure}"
+        )
+    elif unread_headers and (guesses or not options.columns):
+        table.notes.append(
+            f"left alone: {'; '.join(map(short_repr, unread_headers[:_MAX_LISTED_COLUMNS]))}{n_more_text}"
+        )
+    return column_by_name | guesses, candidates
 
 
-def _guess(
-    table: Table, how: Reading, wanted: Wanted, found: Mapping[str, int], unknown: Sequence[int]
+def _guess_columns(
+    table: Table, options: ReadingOptions, spec: ColumnSpec, column_by_name: Mapping[str, int], unknown: Sequence[int]
 ) -> tuple[dict[str, int], dict[str, list[str]]]:
-    """The ``unknown`` columns that mean series not ``found``, of one plant, which is said; else what may mean them."""
-    meanings = {k: meaning for k in [*unknown, *found.values()] if (meaning := meaning_of(table.header[k]))}
-    place = next((meanings[k].place for k in found.values() if k in meanings), frozenset[str]())
-    guessed: dict[str, int] = {}
-    may_be: dict[str, list[str]] = {}
-    for name in [name for name in wanted.names if name not in found and name not in (how.constants or {})]:
-        fits = [k for k in unknown if k in meanings and meanings[k].name == name]
-        clear = [k for k in fits if meanings[k].is_clear and (meanings[k].place <= place or place <= meanings[k].place)]
-        if len(clear) == 1:
-            guessed[name] = clear[0]
-            place |= meanings[clear[0]].place
+    """The ``unknown`` columns that mean series not ``column_by_name``, of one plant, which is said; else what may mean them."""
+    meanings = {
+        k: meaning for k in [*unknown, *column_by_name.values()] if (meaning := interpret_header(table.header[k]))
+    }
+    place = next((meanings[k].place for k in column_by_name.values() if k in meanings), frozenset[str]())
+    guesses: dict[str, int] = {}
+    candidates: dict[str, list[str]] = {}
+    for name in [name for name in spec.names if name not in column_by_name and name not in (options.constants or {})]:
+        matching = [k for k in unknown if k in meanings and meanings[k].name == name]
+        clear_matches = [
+            k for k in matching if meanings[k].is_clear and (meanings[k].place <= place or place <= meanings[k].place)
+        ]
+        if len(clear_matches) == 1:
+            guesses[name] = clear_matches[0]
+            place |= meanings[clear_matches[0]].place
         else:
-            may_be[name] = [table.header[k] for k in clear or fits[:1]]
-    if guessed:
-        table.notes.append(", ".join(f"{shown(table.header[k])} is read as {name}" for name, k in guessed.items()))
-    return guessed, may_be
+            candidates[name] = [table.header[k] for k in clear_matches or matching[:1]]
+    if guesses:
+        table.notes.append(", ".join(f"{short_repr(table.header[k])} is read as {name}" for name, k in guesses.items()))
+    return guesses, candidates
 
 
-def _missing(choices: tuple[str, ...], how: Reading, header: str = "") -> str:
+def _describe_missing_column(choices: tuple[str, ...], options: ReadingOptions, header: str = "") -> str:
     """A sentence that none of these columns exists, with every way to give one."""
     name, unit = choices[0], COLUMNS[choices[0]].unit
-    cure = f"add a column '{name} [{unit}]', or say which one it is: {how.column_cure(name, *filter(None, [header]))}"
-    if how.constants is not None and name not in (*TIMES, *_OUTPUTS):
-        constant = how.cure(f"constants={{{name!r}: NUMBER}}", f"--constant {name}=NUMBER")
+    cure = (
+        f"add a column '{name} [{unit}]', or say which one it is: {options.column_cure(name, *filter(None, [header]))}"
+    )
+    if options.constants is not None and name not in (*TIME_COLUMNS, *_MEASURED_COLUMNS):
+        constant = options.cure(f"constants={{{name!r}: NUMBER}}", f"--constant {name}=NUMBER")
         cure += f"; or give a constant: {constant}"
-    unclear = f"{shown(header)} is not clearly it: " if header else ""
+    unclear = f"{short_repr(header)} is not clearly it: " if header else ""
     return f"{' or '.join(choices)} is missing: {unclear}{cure}"

@@ -14,78 +14,82 @@ from typing import TypeAlias
 import numpy as np
 
 from fastcoil.base.arrays import Array, Mask
-from fastcoil.base.errors import InputError, nearest, shown
+from fastcoil.base.errors import InputError, did_you_mean, short_repr
 
 Units: TypeAlias = Mapping[str, tuple[float, float]]
 """Each unit's (scale, offset) into the first of its family, which is the unit used inside fastcoil."""
 
-STANDARD_AIR = 1.2  # density that turns a volume flow of air into a mass flow, kg/m3 (ASHRAE standard air)
-WATER = 1000.0  # density that turns a volume flow of water into a mass flow, kg/m3
+STANDARD_AIR_DENSITY = 1.2  # density that turns a volume flow of air into a mass flow, kg/m3 (ASHRAE standard air)
+WATER_DENSITY = 1000.0  # density that turns a volume flow of water into a mass flow, kg/m3
 
-_POUND, _FOOT, _GALLON = 0.45359237, 0.3048, 3.785411784e-3
+_KG_PER_POUND, _M_PER_FOOT, _L_PER_GALLON = 0.45359237, 0.3048, 3.785411784e-3
 
 
-def _of_one_zero(scales: Mapping[str, float]) -> Units:
+def _units_without_offset(scales: Mapping[str, float]) -> Units:
     return {unit: (scale, 0.0) for unit, scale in scales.items()}
 
 
 TEMPERATURE: Units = {"degC": (1.0, 0.0), "degF": (5 / 9, -160 / 9), "K": (1.0, -273.15)}
-DIFFERENCE = _of_one_zero({"K": 1.0, "degC": 1.0, "degF": 5 / 9})
-_MASS_FLOW = {"kg s-1": 1.0, "kg/s": 1.0, "kg/h": 1 / 3600, "lb/h": _POUND / 3600}
-AIR_FLOW = _of_one_zero(
-    {**_MASS_FLOW, "m3/s": STANDARD_AIR, "m3/h": STANDARD_AIR / 3600, "L/s": STANDARD_AIR / 1000,
-     "cfm": STANDARD_AIR * _FOOT**3 / 60}
+TEMPERATURE_DIFFERENCE = _units_without_offset({"K": 1.0, "degC": 1.0, "degF": 5 / 9})
+_MASS_FLOW = {"kg s-1": 1.0, "kg/s": 1.0, "kg/h": 1 / 3600, "lb/h": _KG_PER_POUND / 3600}
+AIR_FLOW = _units_without_offset(
+    {**_MASS_FLOW, "m3/s": STANDARD_AIR_DENSITY, "m3/h": STANDARD_AIR_DENSITY / 3600, "L/s": STANDARD_AIR_DENSITY / 1000,
+     "cfm": STANDARD_AIR_DENSITY * _M_PER_FOOT**3 / 60}
 )  # fmt: skip
-WATER_FLOW = _of_one_zero(
-    {**_MASS_FLOW, "m3/s": WATER, "m3/h": WATER / 3600, "L/s": WATER / 1000, "L/min": WATER / 60e3,
-     "L/h": WATER / 3600e3, "gpm": WATER * _GALLON / 60}
+WATER_FLOW = _units_without_offset(
+    {**_MASS_FLOW, "m3/s": WATER_DENSITY, "m3/h": WATER_DENSITY / 3600, "L/s": WATER_DENSITY / 1000, "L/min": WATER_DENSITY / 60e3,
+     "L/h": WATER_DENSITY / 3600e3, "gpm": WATER_DENSITY * _L_PER_GALLON / 60}
 )  # fmt: skip
-HUMIDITY_RATIO = _of_one_zero({"1": 1.0, "kg/kg": 1.0, "g/kg": 1e-3})
-FRACTION = _of_one_zero({"1": 1.0, "percent": 0.01, "%": 0.01})
+HUMIDITY_RATIO = _units_without_offset({"1": 1.0, "kg/kg": 1.0, "g/kg": 1e-3})
+FRACTION = _units_without_offset({"1": 1.0, "percent": 0.01, "%": 0.01})
 TRAVEL: Units = {
     **FRACTION,
-    **_of_one_zero({"deg": 1 / 90, "V": 0.1, "V 0-10": 0.1}),
+    **_units_without_offset({"deg": 1 / 90, "V": 0.1, "V 0-10": 0.1}),
     "V 2-10": (1 / 8, -2 / 8),
     "mA 4-20": (1 / 16, -4 / 16),
     "mA 0-20": (1 / 20, 0.0),
 }
 """Travel of a valve; degrees of a quarter turn, volts of 0–10, signals whose lowest value is the closed valve."""
-PRESSURE = _of_one_zero({"Pa": 1.0, "hPa": 100.0, "kPa": 1000.0})
-TIME = _of_one_zero({"s": 1.0, "min": 60.0, "h": 3600.0})
-NUMBER = _of_one_zero({"1": 1.0})
+PRESSURE = _units_without_offset({"Pa": 1.0, "hPa": 100.0, "kPa": 1000.0})
+TIME = _units_without_offset({"s": 1.0, "min": 60.0, "h": 3600.0})
+DIMENSIONLESS = _units_without_offset({"1": 1.0})
 
-NAMES = tomllib.loads(Path(__file__).with_name("names.toml").read_text(encoding="utf-8"))
+VOCABULARY = tomllib.loads(Path(__file__).with_name("names.toml").read_text(encoding="utf-8"))
 """What building systems write, in headers, in cells, for units and for zones, and what it means."""
-_ABBREVIATIONS: Mapping[str, str] = NAMES["abbreviations"]
-_SPELLINGS: Mapping[str, str] = NAMES["spellings"]
-_FAMILIES = (TEMPERATURE, AIR_FLOW, WATER_FLOW, HUMIDITY_RATIO, TRAVEL, PRESSURE, TIME)
-_LONGEST_UNIT = 16  # letters
+_ABBREVIATIONS: Mapping[str, str] = VOCABULARY["abbreviations"]
+_SPELLINGS: Mapping[str, str] = VOCABULARY["spellings"]
+_UNIT_FAMILIES = (TEMPERATURE, AIR_FLOW, WATER_FLOW, HUMIDITY_RATIO, TRAVEL, PRESSURE, TIME)
+_MAX_UNIT_CHARACTERS = 16  # letters
 
 
-def spelled(name: str, unit: str, units: Units) -> str:
+def resolve_unit(name: str, unit: str, units: Units) -> str:
     """``unit`` of the column ``name`` as ``units`` spells it; ``°C``, ``l/s`` and ``GPM`` are understood."""
-    by_folded = {_folded(known): known for known in units}
-    if _folded(unit) in by_folded:
-        return by_folded[_folded(unit)]
-    if (other := _SPELLINGS.get(_folded(unit), "")) in units:
-        return other
-    meant = _ABBREVIATIONS.get(_folded(unit))
-    hint = f", did you mean {meant!r}?" if meant in units else nearest(unit, units)
-    raise InputError(f"{name} is in {shown(unit)}{hint} (known units: {', '.join(units)})")
+    by_folded = {_fold_unit(known_unit): known_unit for known_unit in units}
+    if _fold_unit(unit) in by_folded:
+        return by_folded[_fold_unit(unit)]
+    if (spelling := _SPELLINGS.get(_fold_unit(unit), "")) in units:
+        return spelling
+    full_unit = _ABBREVIATIONS.get(_fold_unit(unit))
+    hint = f", did you mean {full_unit!r}?" if full_unit in units else did_you_mean(unit, units)
+    raise InputError(f"{name} is in {short_repr(unit)}{hint} (known units: {', '.join(units)})")
 
 
 def is_unit(text: str) -> bool:
     """Whether a text is a unit, or an abbreviation of one; a bare number such as the unit 1 is not."""
-    return len(text) <= _LONGEST_UNIT and not text.isdigit() and _folded(text) in _ALL
+    return len(text) <= _MAX_UNIT_CHARACTERS and not text.isdigit() and _fold_unit(text) in _KNOWN_UNITS
 
 
-def _folded(unit: str) -> str:
-    plain = unit.replace("\N{DEGREE CELSIUS}", "degC").replace("\N{DEGREE FAHRENHEIT}", "degF").replace("°", "deg")
-    plain = plain.replace("³", "3").replace("\N{EN DASH}", "-").casefold()
-    return plain if plain[:4] != "deg " else f"deg{plain[4:]}"
+def _fold_unit(unit: str) -> str:
+    ascii_unit = unit.replace("\N{DEGREE CELSIUS}", "degC").replace("\N{DEGREE FAHRENHEIT}", "degF").replace("°", "deg")
+    ascii_unit = ascii_unit.replace("³", "3").replace("\N{EN DASH}", "-").casefold()
+    return ascii_unit if ascii_unit[:4] != "deg " else f"deg{ascii_unit[4:]}"
 
 
-_ALL = frozenset(_folded(unit) for units in _FAMILIES for unit in units) | _ABBREVIATIONS.keys() | _SPELLINGS.keys()
+_KNOWN_UNITS = (
+    frozenset(_fold_unit(unit) for units in _UNIT_FAMILIES for unit in units)
+    | _ABBREVIATIONS.keys()
+    | _SPELLINGS.keys()
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,20 +119,20 @@ class Series:
     def known_units(self) -> str:
         return f"known units: {', '.join(self.units)}"
 
-    def spelled(self, unit: str) -> str:
+    def resolve_unit(self, unit: str) -> str:
         """``unit`` as ``units`` spells it."""
-        return spelled(self.name, unit, self.units)
+        return resolve_unit(self.name, unit, self.units)
 
-    def is_same_unit(self, one: str, other: str) -> bool:
+    def is_same_unit(self, unit: str, other_unit: str) -> bool:
         """Whether two texts are units of this series, of one size and zero."""
         try:
-            return self.units[self.spelled(one)] == self.units[self.spelled(other)]
+            return self.units[self.resolve_unit(unit)] == self.units[self.resolve_unit(other_unit)]
         except InputError:
             return False
 
     def convert(self, values: Array, unit: str) -> Array:
         """``values`` from a declared ``unit`` into ours."""
-        scale, offset = self.units[self.spelled(unit)]
+        scale, offset = self.units[self.resolve_unit(unit)]
         with np.errstate(over="ignore"):  # what overflows is out of bounds
             return values * scale + offset
 
@@ -138,20 +142,20 @@ class Series:
             good = np.isfinite(values) & (values >= self.lower) & (values <= self.upper)
             return ~(good & (values == np.rint(values))) if self.whole else ~good
 
-    def sentence(self, value: float, where: str, n_bad: int, unit: str | None = None) -> str:
+    def describe_bad_value(self, value: float, place: str, n_bad: int, unit: str | None = None) -> str:
         """A sentence on a bad ``value`` (in ``unit``): where it is, the bounds, and the cure."""
         unit = unit or self.unit
         if not math.isfinite(value):
-            return f"{self.name} is {value:g}{where}: fill or cut the gap{in_total(n_bad)}"
-        beside = "" if unit == "1" else f" {unit}"
+            return f"{self.name} is {value:g}{place}: fill or cut the gap{count_suffix(n_bad)}"
+        unit_text = "" if unit == "1" else f" {unit}"
         scale, offset = self.units[unit]
         low, high = (round((bound - offset) / scale, 6) for bound in (self.lower, self.upper))
-        bounds = f"{'whole, ' if self.whole else ''}from {low:g} to {high:g}{beside}"
-        text = f"{self.name} = {value:g}{beside}{where}: must be {bounds}"
-        return f"{text}; check its unit, or fill or cut the gap{in_total(n_bad)}"
+        bounds = f"{'whole, ' if self.whole else ''}from {low:g} to {high:g}{unit_text}"
+        text = f"{self.name} = {value:g}{unit_text}{place}: must be {bounds}"
+        return f"{text}; check its unit, or fill or cut the gap{count_suffix(n_bad)}"
 
 
-def in_total(n_bad: int) -> str:
+def count_suffix(n_bad: int) -> str:
     """The end of a message that names the first of several bad samples."""
     return f" ({n_bad} samples in total)" if n_bad > 1 else ""
 
@@ -164,9 +168,13 @@ COLUMNS: dict[str, Series] = {
         Series("W_a_in", "humidity ratio of the entering air", HUMIDITY_RATIO, 0.0, 0.1),
         Series("T_w_in", "entering water temperature", TEMPERATURE, 0.5, 120.0),
         Series("T_set", "set-point of the supply air temperature", TEMPERATURE, -20.0, 80.0, hold=True),
-        Series("noise", "recorded noise of the measured temperature", DIFFERENCE, -50.0, 50.0, default=0.0),
-        Series("enabled", "whether the loop is in operation", NUMBER, 0.0, 1.0, hold=True, whole=True, default=1.0),
-        Series("backlash_scale", "what the backlash is multiplied by", NUMBER, 0.0, 100.0, hold=True, default=1.0),
+        Series("noise", "recorded noise of the measured temperature", TEMPERATURE_DIFFERENCE, -50.0, 50.0, default=0.0),
+        Series(
+            "enabled", "whether the loop is in operation", DIMENSIONLESS, 0.0, 1.0, hold=True, whole=True, default=1.0
+        ),
+        Series(
+            "backlash_scale", "what the backlash is multiplied by", DIMENSIONLESS, 0.0, 100.0, hold=True, default=1.0
+        ),
         Series("elapsed_time", "time", TIME, -1e10, 1e10),  # three centuries
         Series("RH_a_in", "relative humidity of the entering air", FRACTION, 0.0, 1.0, scatters=True),
         Series("T_dp_in", "dew point of the entering air", TEMPERATURE, -60.0, 50.0),
@@ -174,28 +182,32 @@ COLUMNS: dict[str, Series] = {
         Series("m_w", "water flow", WATER_FLOW, 0.0, 1000.0, scatters=True),
         Series("T_sup", "supply air temperature", TEMPERATURE, -40.0, 100.0),
         Series("T_w_out", "leaving water temperature", TEMPERATURE, 0.1, 150.0),
-        Series("test", "whether the valve test runs", NUMBER, 0.0, 1.0, hold=True, whole=True),
-        Series("batch", "number of the experiment", NUMBER, 0.0, 1e9, hold=True, whole=True),
+        Series("test", "whether the valve test runs", DIMENSIONLESS, 0.0, 1.0, hold=True, whole=True),
+        Series("batch", "number of the experiment", DIMENSIONLESS, 0.0, 1e9, hold=True, whole=True),
     )
 }
 """Every column that a log may have, except ``timestamp``."""
 
-TIMES = ("elapsed_time", "timestamp")  # a log gives its time in one of these columns
-HUMIDITIES = ("W_a_in", "RH_a_in", "T_dp_in")  # a log gives the humidity of the entering air in one of these columns
+TIME_COLUMNS = ("elapsed_time", "timestamp")  # a log gives its time in one of these columns
+HUMIDITY_COLUMNS = (
+    "W_a_in",
+    "RH_a_in",
+    "T_dp_in",
+)  # a log gives the humidity of the entering air in one of these columns
 
 
-def counted(what: Mask | int, noun: str) -> str:
+def format_count(mask_or_count: Mask | int, noun: str) -> str:
     """``1 row``, ``2 rows``; of a mask, how many it marks."""
-    n = int(np.sum(what))
+    n = int(np.sum(mask_or_count))
     return f"{n:,} {noun}{'' if n == 1 else 's'}"
 
 
-def first_row(row_numbers: Sequence[int], where: Mask) -> str:
-    """``first in row 7``: the row number of the first sample that ``where`` marks."""
-    return f"first in row {row_numbers[int(np.argmax(where))]}"
+def describe_first_row(row_numbers: Sequence[int], mask: Mask) -> str:
+    """``first in row 7``: the row number of the first sample that ``mask`` marks."""
+    return f"first in row {row_numbers[int(np.argmax(mask))]}"
 
 
-def warn_of_reading(name: str, notes: Sequence[str]) -> None:
+def warn_of_reading_notes(name: str, notes: Sequence[str]) -> None:
     """Warn, where a result has no place for notes, of what is not self-evident about how a log was read."""
     if notes:
         warnings.warn(f"{name}: {'; '.join(notes)}", UserWarning, stacklevel=3)

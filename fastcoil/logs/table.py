@@ -17,133 +17,139 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fastcoil.base.arguments import choice_of, collecting, refuse
-from fastcoil.base.errors import InputError, shown
+from fastcoil.base.arguments import collect_problems, raise_problems, require_choice
+from fastcoil.base.errors import InputError, short_repr
 from fastcoil.base.files import read_text
-from fastcoil.logs.cells import GOOD, is_datum, is_missing, is_value
-from fastcoil.logs.series import TIME, counted, is_unit
-from fastcoil.logs.timestamps import are_date_and_clock, is_time
+from fastcoil.logs.cells import GOOD_STATUS_WORDS, is_missing_word, is_number_cell, is_number_or_switch_word
+from fastcoil.logs.series import TIME, format_count, is_unit
+from fastcoil.logs.timestamps import is_date_beside_clock, is_time
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
-_LARGEST = 2**30  # bytes
-_MOST_CELLS = 100_000_000
+_MAX_FILE_BYTES = 2**30  # bytes
+_MAX_CELLS = 100_000_000
 """As a table of text, more cells would fill the memory; no building logs so many points in one file."""
-_SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
-_SAMPLE = 200  # rows from the start of a file among which the header is
-_MOST_LOOKED_AT = 50  # cells of a row
-_LAST = 20  # rows at the end of a file among which a footer may be
-_LONGEST_UNIT = 24
-Numbered = list[tuple[int, list[str]]]  # rows that are not blank, with their numbers in the file
+_SEPARATOR_NAMES = {",": "commas", ";": "semicolons", "\t": "tabs"}
+_HEADER_SEARCH_ROWS = 200  # rows from the start of a file among which the header is
+_MAX_CHECKED_CELLS = 50  # cells of a row
+_MAX_FOOTER_ROWS = 20  # rows at the end of a file among which a footer may be
+_MAX_UNIT_CHARACTERS = 24
+NumberedRows = list[tuple[int, list[str]]]  # rows that are not blank, with their numbers in the file
 
 
-def _rows(text: str, separator: str) -> Iterator[list[str]]:
+def _split_rows(text: str, separator: str) -> Iterator[list[str]]:
     return csv.reader(io.StringIO(text, newline=""), delimiter=separator)
 
 
-def _separator_of(text: str) -> str:
+def _detect_separator(text: str) -> str:
     """What separates the columns: commas, unless the header and the data are of one width with something else only."""
-    head = text[: _SAMPLE * 1000]
+    head = text[: _HEADER_SEARCH_ROWS * 1000]
     shares = {",": 0.0}
-    for separator in _SEPARATORS:
+    for separator in _SEPARATOR_NAMES:
         if separator not in head:
             continue
         try:
-            rows = [row for row in islice(_rows(head, separator), _SAMPLE) if any(map(str.strip, row))]
+            rows = [
+                row for row in islice(_split_rows(head, separator), _HEADER_SEARCH_ROWS) if any(map(str.strip, row))
+            ]
         except csv.Error:
             continue
-        top = _header_index(rows)
-        below = [row for row in rows[top + 1 : -1] or rows[top + 1 :] if not _is_unit_row(row)]
-        if below and len(rows[top]) > 1:
-            cells = [cell for row in below if len(row) == len(rows[top]) for cell in row[:_MOST_LOOKED_AT]]
-            whole = len(below) * len(rows[top][:_MOST_LOOKED_AT])
-            shares[separator] = sum(_has_data(cell) or is_missing(cell) for cell in cells) / whole
+        header_index = _header_index(rows)
+        data_rows = [row for row in rows[header_index + 1 : -1] or rows[header_index + 1 :] if not _is_unit_row(row)]
+        if data_rows and len(rows[header_index]) > 1:
+            cells = [
+                cell for row in data_rows if len(row) == len(rows[header_index]) for cell in row[:_MAX_CHECKED_CELLS]
+            ]
+            n_cells = len(data_rows) * len(rows[header_index][:_MAX_CHECKED_CELLS])
+            shares[separator] = sum(_is_data_cell(cell) or is_missing_word(cell) for cell in cells) / n_cells
     best = max(shares, key=lambda separator: shares[separator])
     return best if shares[best] > shares[","] else ","
 
 
 def _header_index(rows: Sequence[list[str]]) -> int:
     """Index of the header: the row of names with most data below it before the next such row; 0 if there is none."""
-    named = [k for k, row in enumerate(rows) if _may_be_header(row) and _has_data_below(rows, k)]
-    for row in rows[: named[0]] if named else ():  # rows of data in another order are no remarks
-        if len(row) > 1 and all(_has_data(cell) or is_missing(cell) for cell in row[:_MOST_LOOKED_AT]):
+    name_rows = [k for k, row in enumerate(rows) if _is_possible_header(row) and _has_data_below(rows, k)]
+    for row in rows[: name_rows[0]] if name_rows else ():  # rows of data in another order are no remarks
+        if len(row) > 1 and all(_is_data_cell(cell) or is_missing_word(cell) for cell in row[:_MAX_CHECKED_CELLS]):
             return 0
-    if not named:
+    if not name_rows:
         return 0
-    ends = [*named[1:], len(rows)]
-    best = max(zip(named, ends, strict=True), key=lambda run: run[1] - run[0])[0]
-    return next(k for k in named if {*filter(None, rows[k])} & {*rows[best]})  # the same header may come again
+    ends = [*name_rows[1:], len(rows)]
+    best = max(zip(name_rows, ends, strict=True), key=lambda section: section[1] - section[0])[0]
+    return next(k for k in name_rows if {*filter(None, rows[k])} & {*rows[best]})  # the same header may come again
 
 
-def _may_be_header(row: Sequence[str]) -> bool:
+def _is_possible_header(row: Sequence[str]) -> bool:
     """Whether a row has names: all different, no numbers, no times, no units alone."""
-    cells = [cell.strip() for cell in _trimmed(row)]
+    cells = [cell.strip() for cell in _trim_blank_end(row)]
     return (
         cells.count("") <= 1
         and len(set(cells)) == len(cells)
         and (len(cells) > 1 or len(row) == 1)
-        and not any(map(_has_data, cells[:_MOST_LOOKED_AT]))
+        and not any(map(_is_data_cell, cells[:_MAX_CHECKED_CELLS]))
         and not _is_unit_row(row)
     )
 
 
 def _has_data_below(rows: Sequence[list[str]], k: int) -> bool:
-    width, below = len(_trimmed(rows[k])), rows[k + 1 : k + 4]
-    if below and _is_unit_row(below[0]):
-        below = below[1:]
-    return bool(below) and all(
-        len(row) >= width and len(_trimmed(row)) <= len(rows[k]) and any(map(_has_data, row[:_MOST_LOOKED_AT]))
-        for row in below[:2]
+    width, rows_below = len(_trim_blank_end(rows[k])), rows[k + 1 : k + 4]
+    if rows_below and _is_unit_row(rows_below[0]):
+        rows_below = rows_below[1:]
+    return bool(rows_below) and all(
+        len(row) >= width
+        and len(_trim_blank_end(row)) <= len(rows[k])
+        and any(map(_is_data_cell, row[:_MAX_CHECKED_CELLS]))
+        for row in rows_below[:2]
     )
 
 
-def _has_data(cell: str) -> bool:
-    return is_datum(cell) or is_time(cell)
+def _is_data_cell(cell: str) -> bool:
+    return is_number_cell(cell) or is_time(cell)
 
 
 def _is_unit_row(row: Sequence[str]) -> bool:
     """Whether a row has units: one at least that is known, and nothing long, no number and no time."""
-    cells = [_bare_unit(cell) for cell in row]
+    cells = [_strip_brackets(cell) for cell in row]
     return (
-        all(len(cell) <= _LONGEST_UNIT for cell in cells)
+        all(len(cell) <= _MAX_UNIT_CHARACTERS for cell in cells)
         and any(map(is_unit, cells))
-        and not any(cell != "1" and _has_data(cell) for cell in cells[:_MOST_LOOKED_AT])
+        and not any(cell != "1" and _is_data_cell(cell) for cell in cells[:_MAX_CHECKED_CELLS])
     )
 
 
-def _bare_unit(cell: str) -> str:
+def _strip_brackets(cell: str) -> str:
     return cell.strip().strip("[]()").strip()
 
 
-def _without_headers(path: Path, header: list[str], data: Numbered, notes: list[str]) -> Numbered:
+def _drop_repeated_headers(path: Path, header: list[str], data: NumberedRows, notes: list[str]) -> NumberedRows:
     """The rows without those that repeat the header; another one, with some of its names, is refused."""
-    names, kept = {*header} - {""}, []
+    names, kept_rows = {*header} - {""}, []
     for number, row in data:
-        if names.isdisjoint(row) or any(map(_has_data, row)):
-            kept.append((number, row))
-        elif [cell.strip() for cell in _trimmed(row)] != header:
-            raise InputError(f"{path}: row {number} is another header, {shown(','.join(row))}: cut the file there")
-    if len(kept) < len(data):
-        notes.append(f"{counted(len(data) - len(kept), 'row')} left out: the header again")
-    return kept
+        if names.isdisjoint(row) or any(map(_is_data_cell, row)):
+            kept_rows.append((number, row))
+        elif [cell.strip() for cell in _trim_blank_end(row)] != header:
+            raise InputError(f"{path}: row {number} is another header, {short_repr(','.join(row))}: cut the file there")
+    if len(kept_rows) < len(data):
+        notes.append(f"{format_count(len(data) - len(kept_rows), 'row')} left out: the header again")
+    return kept_rows
 
 
-def _footer_length(data: Numbered, width: int) -> int:
+def _footer_length(data: NumberedRows, width: int) -> int:
     """How many rows at the end are text, and fill fewer columns than there are: sums, remarks, "End of report"."""
     n = 0
-    while n < min(_LAST, len(data) - 2):
-        cells = _trimmed(data[-1 - n][1])
+    while n < min(_MAX_FOOTER_ROWS, len(data) - 2):
+        cells = _trim_blank_end(data[-1 - n][1])
         filled = [cell for cell in cells if cell.strip()]
         first = cells[0].strip()
-        if len(filled) >= width or first[:1].isdigit() or _has_data(first) or is_missing(first):
+        if len(filled) >= width or first[:1].isdigit() or _is_data_cell(first) or is_missing_word(first):
             break
         n += 1
     return n
 
 
-def _trimmed(row: Sequence[str]) -> Sequence[str]:
+def _trim_blank_end(row: Sequence[str]) -> Sequence[str]:
     """The row up to its last cell that is not blank."""
     end = len(row)
     while end and not row[end - 1].strip():
@@ -151,25 +157,25 @@ def _trimmed(row: Sequence[str]) -> Sequence[str]:
     return row[:end]
 
 
-_DATE_AND_CLOCK = ("date", "datum"), ("time", "time of day", "zeit", "uhrzeit")  # headers, in small letters
-_ROWS_WITH_CLOCK = 3  # rows that are looked at
+_DATE_AND_CLOCK_HEADERS = ("date", "datum"), ("time", "time of day", "zeit", "uhrzeit")  # headers, in small letters
+_CLOCK_SEARCH_ROWS = 3  # rows that are looked at
 TIME_HEADERS = ("timestamp", "ts", "time", "date", "datetime", "zeit", "zeitstempel", "datum")
-"""Headers of a column of times, as ``letters_of`` gives them."""
-_STATUS = ("status", "quality")  # headers of columns that say which values of a row count
-_ROWS_OF_STATUS = 1000  # rows in which some status is good, or the column is none of status
-TURNED = "the newest row is first: turned round"
-_LONGEST_LABEL = 100  # characters of a header that a message repeats
+"""Headers of a column of times, as ``normalise_header`` gives them."""
+_STATUS_HEADERS = ("status", "quality")  # headers of columns that say which values of a row count
+_STATUS_SEARCH_ROWS = 1000  # rows in which some status is good, or the column is none of status
+REVERSED_ROWS_NOTE = "the newest row is first: turned round"
+_MAX_LABEL_CHARACTERS = 100  # characters of a header that a message repeats
 
 
-def letters_of(header: str) -> str:
+def normalise_header(header: str) -> str:
     """The label of a header in small letters, without what separates its words: ``datetime`` of ``Date / Time``."""
-    return "".join(filter(str.isalnum, label_and_unit(header)[0].lower()))
+    return "".join(filter(str.isalnum, split_label_and_unit(header)[0].lower()))
 
 
-_LONGEST_HEADER = 200  # longest header in which a unit without brackets is looked for, letters
+_MAX_HEADER_CHARACTERS = 200  # longest header in which a unit without brackets is looked for, letters
 
 
-def label_and_unit(header: str) -> tuple[str, str | None]:
+def split_label_and_unit(header: str) -> tuple[str, str | None]:
     """``"T_a_in [degF]"`` as ``("T_a_in", "degF")``; known units in round brackets, after comma, slash too; or None."""
     text = header.strip()
     label, bracket, unit = text.partition("[")
@@ -178,21 +184,21 @@ def label_and_unit(header: str) -> tuple[str, str | None]:
         return (header, None) if "\n" in label + unit else (label, unit)
     if "\n" in text:
         return header, None
-    return _without_brackets(text) if len(text) <= _LONGEST_HEADER else (text, None)
+    return _split_unbracketed_unit(text) if len(text) <= _MAX_HEADER_CHARACTERS else (text, None)
 
 
-def _without_brackets(text: str) -> tuple[str, str | None]:
+def _split_unbracketed_unit(text: str) -> tuple[str, str | None]:
     """``Cmd (%)``, ``Flow, L/s`` and ``T / °C`` as label and unit."""
     label, bracket, rest = text.rpartition("(")
     if bracket and rest.endswith(")") and label.strip() and is_unit(rest[:-1].strip()):
         return label.rstrip(), rest[:-1].strip()
     for mark in (",", "/"):
-        label, found, rest = text.partition(mark)
-        while found:
+        label, separator, rest = text.partition(mark)
+        while separator:
             if label.strip() and is_unit(rest.strip()):
                 return label.rstrip(), rest.strip()
-            more, found, rest = rest.partition(mark)
-            label = f"{label}{mark}{more}"
+            label_part, separator, rest = rest.partition(mark)
+            label = f"{label}{mark}{label_part}"
     return text, None
 
 
@@ -209,108 +215,114 @@ class Table:
     units: list[str] | None = None  # cells of a row of units below the header
     separator: str = ","  # of the columns in the file
     notes: list[str] = field(default_factory=list)  # how it was read
-    joined: dict[str, int] = field(default_factory=dict)  # index of the column that has the cells of these headers now
+    column_of_joined_header: dict[str, int] = field(
+        default_factory=dict
+    )  # index of the column that has the cells of these headers now
 
     @classmethod
     def read(cls, path: str | Path) -> Table:
         """Read a CSV file of at least two rows; blank lines are skipped."""
         path = Path(path)
-        text = read_text(path, "a CSV file", _LARGEST, utf_16=True)
+        text = read_text(path, "a CSV file", _MAX_FILE_BYTES, utf_16=True)
         try:
-            separator = _separator_of(text)
-            if text.count(separator) + text.count("\n") > _MOST_CELLS:
-                raise InputError(f"{path} has more than {_MOST_CELLS:,} cells: leave out columns, or cut it into parts")
-            rows = [(i, row) for i, row in enumerate(_rows(text, separator), start=1) if any(map(str.strip, row))]
+            separator = _detect_separator(text)
+            if text.count(separator) + text.count("\n") > _MAX_CELLS:
+                raise InputError(f"{path} has more than {_MAX_CELLS:,} cells: leave out columns, or cut it into parts")
+            rows = [(i, row) for i, row in enumerate(_split_rows(text, separator), start=1) if any(map(str.strip, row))]
         except csv.Error as error:
             raise InputError(f"{path} is not a CSV file ({error}): save it as 'CSV UTF-8'") from None
         if not rows:
             raise InputError(f"{path} is empty: give a header row and at least two rows of data")
-        notes = [] if separator == "," else [f"columns are separated by {_SEPARATORS[separator]}"]
-        top = _header_index([row for _, row in rows[:_SAMPLE]])
-        (first, header), data = rows[top], rows[top + 1 :]
-        if top:
-            notes.append(f"what is above row {first} is not part of the table, from {shown(' '.join(rows[0][1]))} on")
+        notes = [] if separator == "," else [f"columns are separated by {_SEPARATOR_NAMES[separator]}"]
+        header_index = _header_index([row for _, row in rows[:_HEADER_SEARCH_ROWS]])
+        (first, header), data = rows[header_index], rows[header_index + 1 :]
+        if header_index:
+            notes.append(
+                f"what is above row {first} is not part of the table, from {short_repr(' '.join(rows[0][1]))} on"
+            )
         units = None
-        if data and _is_unit_row(data[0][1]) and any(map(_has_data, chain(*(row for _, row in data[1:3])))):
+        if data and _is_unit_row(data[0][1]) and any(map(_is_data_cell, chain(*(row for _, row in data[1:3])))):
             number, cells = data.pop(0)
-            units = [_bare_unit(cell) for cell in cells]
+            units = [_strip_brackets(cell) for cell in cells]
             notes.append(f"row {number} has the units: {', '.join(filter(None, units))[:80]}")
-        header = [cell.strip() for cell in _trimmed(header)]
+        header = [cell.strip() for cell in _trim_blank_end(header)]
         width = len(header)
-        data = _without_headers(path, header, data, notes)
+        data = _drop_repeated_headers(path, header, data, notes)
         for _, row in data:
             if not any(map(str.strip, row[width:])):  # a separator at the end of the line
                 del row[width:]
         if n_footer := _footer_length(data, width):
             (last, footer), data = data[-n_footer], data[:-n_footer]
-            notes.append(f"row {last} and what follows is not part of the table: {shown(' '.join(footer))}")
+            notes.append(f"row {last} and what follows is not part of the table: {short_repr(' '.join(footer))}")
         if len(data) < 2:
-            raise InputError(f"{path} has {counted(len(data), 'row')} of data below its header: give at least two")
+            raise InputError(f"{path} has {format_count(len(data), 'row')} of data below its header: give at least two")
         table = cls(path.name, header, [row for _, row in data], [i for i, _ in data], separator=separator, notes=notes)
         table.units = None if units is None else (units + [""] * width)[:width]
         table._check_header()
-        ragged = [i for i, row in enumerate(table.rows) if len(row) != width]
-        if ragged:
-            row, number = table.rows[ragged[0]], table.row_numbers[ragged[0]]
-            more = f" ({len(ragged)} rows in total)" if len(ragged) > 1 else ""
-            found = f"row {number} has {counted(len(row), 'cell')} where the header has {width}{more}"
+        ragged_rows = [i for i, row in enumerate(table.rows) if len(row) != width]
+        if ragged_rows:
+            row, number = table.rows[ragged_rows[0]], table.row_numbers[ragged_rows[0]]
+            count_text = f" ({len(ragged_rows)} rows in total)" if len(ragged_rows) > 1 else ""
+            problem = f"row {number} has {format_count(len(row), 'cell')} where the header has {width}{count_text}"
             cure = "begin the file with the header, separate its cells as those of the rows, complete the row"
-            table.problems.append(f"{found}: {cure}")
-        table.stop_if_wrong()
+            table.problems.append(f"{problem}: {cure}")
+        table.raise_problems()
         table._join_clock()
         table._merge_status()
         return table
 
     def _check_header(self) -> None:
         self.problems += [
-            f"column {shown(cell)} appears {count} times: begin the file with the header, name every column once"
+            f"column {short_repr(cell)} appears {count} times: begin the file with the header, name every column once"
             for cell, count in Counter(self.header).items()
-            if count > 1 and cell.lower() not in _STATUS
+            if count > 1 and cell.lower() not in _STATUS_HEADERS
         ]
 
     def _join_clock(self) -> None:
         """Make a column timestamp of a date and a time of day in separate columns."""
         columns = [
-            [k for k, cell in enumerate(self.header) if cell.strip().lower() in names] for names in _DATE_AND_CLOCK
+            [k for k, cell in enumerate(self.header) if cell.strip().lower() in names]
+            for names in _DATE_AND_CLOCK_HEADERS
         ]
-        labels = {label_and_unit(cell)[0] for cell in self.header}
-        if [len(one) for one in columns] != [1, 1] or labels & {"timestamp", "elapsed_time"}:
+        labels = {split_label_and_unit(cell)[0] for cell in self.header}
+        if [len(matching) for matching in columns] != [1, 1] or labels & {"timestamp", "elapsed_time"}:
             return
         (date,), (clock,) = columns
-        if not all(are_date_and_clock(row[date], row[clock]) for row in self.rows[:_ROWS_WITH_CLOCK]):
+        if not all(is_date_beside_clock(row[date], row[clock]) for row in self.rows[:_CLOCK_SEARCH_ROWS]):
             return
         names = self.header[date], self.header[clock]
         for row in self.rows:
-            both = row[date].strip(), row[clock].strip()
-            row[date] = " ".join(both) if all(both) else ""
+            date_and_clock = row[date].strip(), row[clock].strip()
+            row[date] = " ".join(date_and_clock) if all(date_and_clock) else ""
         self.header[date] = "timestamp"
         for row in filter(None, (self.header, self.units, *self.rows)):
             del row[clock]
-        self.joined = dict.fromkeys(names, self.header.index("timestamp"))
+        self.column_of_joined_header = dict.fromkeys(names, self.header.index("timestamp"))
         self.notes.append(f"{names[0]} and {names[1]} are read as one timestamp")
 
     def _merge_status(self) -> None:
         """Write what columns of status say, of their row or of the column on the left, behind values, in braces."""
-        labels = [letters_of(header) for header in self.header]
-        found = [
+        labels = [normalise_header(header) for header in self.header]
+        status_columns = [
             k
             for k, label in enumerate(labels)
-            if label in _STATUS and any(row[k].strip().lower() in GOOD for row in self.rows[:_ROWS_OF_STATUS])
+            if label in _STATUS_HEADERS
+            and any(row[k].strip().lower() in GOOD_STATUS_WORDS for row in self.rows[:_STATUS_SEARCH_ROWS])
         ]
-        others = [k for k in range(len(labels)) if k not in found]
-        values = [k for k in others if labels[k] not in (*TIME_HEADERS, "elapsedtime")]
-        for k in found:
-            bad = [i for i, row in enumerate(self.rows) if row[k].strip().lower() not in (*GOOD, "")]
-            for i, column in product(bad, values if len(found) == 1 else [k - 1]):
-                if is_value(self.rows[i][column]):
+        other_columns = [k for k in range(len(labels)) if k not in status_columns]
+        values = [k for k in other_columns if labels[k] not in (*TIME_HEADERS, "elapsedtime")]
+        for k in status_columns:
+            bad = [i for i, row in enumerate(self.rows) if row[k].strip().lower() not in (*GOOD_STATUS_WORDS, "")]
+            for i, column in product(bad, values if len(status_columns) == 1 else [k - 1]):
+                if is_number_or_switch_word(self.rows[i][column]):
                     self.rows[i][column] += f" {{{self.rows[i][k].strip(' {}')}}}"
             if bad:
-                what, first = f"{counted(len(bad), 'row')} marked as bad", self.row_numbers[bad[0]]
-                self.notes.append(f"{what} by the column {self.header[k]!r} (first in row {first})")
-        for row in filter(None, (self.header, self.units, *self.rows) if found else ()):
-            row[:] = [row[k] for k in others]
+                subject, first = f"{format_count(len(bad), 'row')} marked as bad", self.row_numbers[bad[0]]
+                self.notes.append(f"{subject} by the column {self.header[k]!r} (first in row {first})")
+        for row in filter(None, (self.header, self.units, *self.rows) if status_columns else ()):
+            row[:] = [row[k] for k in other_columns]
 
-    def stop_if_wrong(self) -> None:
+    def raise_problems(self) -> None:
         """Raise all problems found so far, if any, as one `InputError`."""
         if self.problems:
             raise InputError([f"{self.name}: {problem}" if self.name else problem for problem in self.problems])
@@ -319,44 +331,44 @@ class Table:
         """Index of the column with this header, given with or without its unit; None if there is none."""
         if header in self.header:
             return self.header.index(header)
-        labels = [label_and_unit(cell)[0] for cell in self.header]
-        return labels.index(header) if header in labels else self.joined.get(header)
+        labels = [split_label_and_unit(cell)[0] for cell in self.header]
+        return labels.index(header) if header in labels else self.column_of_joined_header.get(header)
 
-    def time_column(self) -> int | None:
+    def find_time_column(self) -> int | None:
         """Index of the column of times: by its header, or the first one if it has times; None if there is none."""
         for k, header in enumerate(self.header):
-            if letters_of(header) in TIME_HEADERS:
+            if normalise_header(header) in TIME_HEADERS:
                 return k
         return 0 if is_time(self.rows[0][0]) and not is_time(self.header[0]) else None
 
     def declared_units(self, column: int) -> dict[str, str]:
         """Units of a column by where they are declared: ``by its header`` and ``by the row of units``."""
-        by_header = label_and_unit(self.header[column])[1]
+        by_header = split_label_and_unit(self.header[column])[1]
         below = self.units[column] if self.units else ""
         units = {} if by_header is None else {"by its header": by_header}
         return units | ({"by the row of units": below} if below and (not units or is_unit(below)) else {})
 
-    def cure_of_unit(self, column: int, unit: str) -> str:
+    def unit_declaration_cure(self, column: int, unit: str) -> str:
         """How to declare the unit of a column in the log itself."""
-        label = label_and_unit(self.header[column])[0]
-        return self.unit_cure.format(header=label if len(label) <= _LONGEST_LABEL else "…", unit=unit)
+        label = split_label_and_unit(self.header[column])[0]
+        return self.unit_cure.format(header=label if len(label) <= _MAX_LABEL_CHARACTERS else "…", unit=unit)
 
-    def check_names(self, what: str, given: Iterable[str], known: Iterable[str]) -> None:
-        """Every name ``given`` in the argument ``what`` that is not ``known`` is a problem."""
-        for name in given:
-            with collecting(self.problems):
-                choice_of(what, name, [*known])
+    def check_names(self, argument: str, names: Iterable[str], known_names: Iterable[str]) -> None:
+        """Every name ``names`` in the argument ``argument`` that is not ``known_names`` is a problem."""
+        for name in names:
+            with collect_problems(self.problems):
+                require_choice(argument, name, [*known_names])
 
     def take(self, rows: Iterable[int]) -> None:
         """Keep these rows, in this order."""
-        kept = list(rows)
-        self.rows, self.row_numbers = [self.rows[i] for i in kept], [self.row_numbers[i] for i in kept]
+        row_indices = list(rows)
+        self.rows, self.row_numbers = [self.rows[i] for i in row_indices], [self.row_numbers[i] for i in row_indices]
 
 
-_TIMES = ("elapsed_time", "timestamp", "time")
+_TIME_COORDINATES = ("elapsed_time", "timestamp", "time")
 
 
-def table_of(source: Any, columns: Mapping[str, str] | None, names: Collection[str]) -> Table:
+def table_from_data(source: Any, columns: Mapping[str, str] | None, names: Collection[str]) -> Table:
     """A Dataset or DataFrame as a table whose rows count from 0, as in ``isel`` and ``iloc``.
 
     Of a Dataset the variables with one of our ``names``, and those that ``columns`` (our name: its name) asks for; they
@@ -365,55 +377,66 @@ def table_of(source: Any, columns: Mapping[str, str] | None, names: Collection[s
     """
     if hasattr(source, "iloc"):
         kind, cure = "DataFrame", "name the column '{header} [{unit}]'"
-        header, series = [str(name).strip() for name in source.columns], [one for _, one in source.items()]
+        header, series = [str(name).strip() for name in source.columns], [values for _, values in source.items()]
         if source.index.dtype.kind == "M" or source.index.name is not None:
             header.insert(0, "timestamp" if source.index.dtype.kind == "M" else str(source.index.name))
             series.insert(0, source.index)
     else:
         kind, cure = "Dataset", "give it attrs['units'] = '{unit}'"
-        header, series = _columns_of(source, dict(columns or {}), names)
-    rows = [list(row) for row in zip(*map(_cells, series), strict=True)]
+        header, series = _dataset_columns(source, dict(columns or {}), names)
+    rows = [list(row) for row in zip(*map(_format_cells, series), strict=True)]
     if len(rows) < 2:
         raise InputError(f"the {kind} has fewer than two samples: give a longer log")
     table = Table(kind, header, rows, list(range(len(rows))), unit_cure=cure)
     table._check_header()
-    table.stop_if_wrong()
+    table.raise_problems()
     table._merge_status()
     return table
 
 
-def _columns_of(ds: xr.Dataset, asked: Mapping[str, str], names: Collection[str]) -> tuple[list[str], list[Any]]:
+def _dataset_columns(
+    ds: xr.Dataset, requested: Mapping[str, str], names: Collection[str]
+) -> tuple[list[str], list[Any]]:
     """Header and values of the columns of a Dataset, the time first."""
-    dims = [d for d in (*(asked.get(n, n) for n in _TIMES), *_TIMES) if d in ds.coords and ds[d].dims == (d,)]
+    dims = [
+        d
+        for d in (*(requested.get(n, n) for n in _TIME_COORDINATES), *_TIME_COORDINATES)
+        if d in ds.coords and ds[d].dims == (d,)
+    ]
     if not dims:
         cure = "give every variable one of them as dimension"
         raise InputError(f"the Dataset has no coordinate elapsed_time, nor timestamp: {cure}")
     time = dims[0]
-    wanted = [str(n) for n in ds.data_vars if n in names or n in asked.values()]
-    wrong = [name for name in wanted if ds[name].dims != (time,)]
-    refuse([f"{name} has dims {ds[name].dims}: choose one loop, so that only {time} is left" for name in wrong])
+    read_names = [str(n) for n in ds.data_vars if n in names or n in requested.values()]
+    wrong_dims = [name for name in read_names if ds[name].dims != (time,)]
+    raise_problems(
+        [f"{name} has dims {ds[name].dims}: choose one loop, so that only {time} is left" for name in wrong_dims]
+    )
     scale, _ = TIME.get(str(ds[time].attrs.get("units")), (0.0, 0.0))
     for name in {"timestamp", "time"} & {*ds.coords} if scale else ():  # dates beside the seconds, minutes or hours
         if ds[name].dims == (time,) and ds[name].dtype.kind == "M":
             steps = np.diff(ds[name].values) / np.timedelta64(1, "s")
             if not np.allclose(steps, scale * np.diff(ds[time].values), rtol=0.0, atol=1.0):
                 raise InputError(f"{name} and {time} of the Dataset differ in their steps: drop the one that is wrong")
-    values, label = ds[time].values, time if time in asked.values() else "elapsed_time"
-    if values.dtype.kind == "M" and asked.get("elapsed_time") != time:
-        first = time if asked.get("timestamp") == time else "timestamp"
+    values, label = ds[time].values, time if time in requested.values() else "elapsed_time"
+    if values.dtype.kind == "M" and requested.get("elapsed_time") != time:
+        time_header = time if requested.get("timestamp") == time else "timestamp"
         values = values.astype("datetime64[us]")
     elif values.dtype.kind in "mM":
-        first, values = f"{label} [s]", (values - values[:1]) / np.timedelta64(1, "s")
+        time_header, values = f"{label} [s]", (values - values[:1]) / np.timedelta64(1, "s")
     else:
-        first = _with_unit(label, ds[time])
-    return [first, *(_with_unit(name, ds[name]) for name in wanted)], [values, *(ds[name].values for name in wanted)]
+        time_header = _header_with_unit(label, ds[time])
+    return [time_header, *(_header_with_unit(name, ds[name]) for name in read_names)], [
+        values,
+        *(ds[name].values for name in read_names),
+    ]
 
 
-def _with_unit(name: str, series: xr.DataArray) -> str:
+def _header_with_unit(name: str, series: xr.DataArray) -> str:
     return f"{name} [{series.attrs['units']}]" if "units" in series.attrs else name
 
 
-def _cells(values: Any) -> list[str]:
+def _format_cells(values: Any) -> list[str]:
     """Numbers as text that reads back to the bit; times with the zone that they have."""
     is_number = values.dtype.kind in "iuf"
     return [repr(v) for v in np.asarray(values, float).tolist()] if is_number else [str(v) for v in values]

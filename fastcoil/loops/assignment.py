@@ -8,89 +8,107 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import MOST_VALUES, array_of, collecting, flag_of, is_text, plain, refuse
-from fastcoil.base.errors import InputError, WrongType, shown
-from fastcoil.loops.labelled import as_labelled, in_our_unit, units_of
+from fastcoil.base.arguments import (
+    MAX_ARRAY_VALUES,
+    collect_problems,
+    is_storable_text,
+    raise_problems,
+    require_array,
+    require_flag,
+    to_builtin,
+)
+from fastcoil.base.errors import InputError, WrongTypeMessage, short_repr
+from fastcoil.loops.labelled import accepted_units, as_data_array, convert_units
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
-from fastcoil.model.parameter_table import COUNTS, INSTALLED_VALVE, PARAMETERS, STAND_INS, Parameter, Scalar, check_name
-from fastcoil.model.user_rules import KINDS, Rule
+from fastcoil.model.parameter_table import (
+    INSTALLED_VALVE_PARAMETERS,
+    INTEGER_PARAMETERS,
+    PARAMETERS,
+    STAND_INS,
+    Parameter,
+    Scalar,
+    require_parameter_name,
+)
+from fastcoil.model.user_rules import RULE_KINDS, Rule
 
 FORBIDDEN_DIMS = {"day", "replicate", "volume", "elapsed_time", "status", *METRICS, *PREDICTIONS, *TRACES}
 FORBIDDEN_DIMS |= {"method", "tolerance", "drop", "indexers", "missing_dims"}
 """Names that a swept dimension cannot have: dimensions and variables of a result, and what xarray's ``sel`` takes."""
-SHORTEST_SERIES = 3600  # values, an hour of seconds: a list of that many may be a time series by mistake
+MIN_SERIES_VALUES = 3600  # values, an hour of seconds: a list of that many may be a time series by mistake
 SERIES_HINT = (
     "did you mean a series?  A parameter does not change during a run: a series goes into fc.Boundary(…), an open-loop "
     "command into simulate(…, command=…)"
 )
 
 
-def checked_value(parameter: Parameter, value: Any) -> Scalar | xr.DataArray:
+def check_value(parameter: Parameter, value: Any) -> Scalar | xr.DataArray:
     """A scalar in the parameter's type and unit, or a DataArray of admissible values; ``value`` as of ``Loop``."""
     name = parameter.name
-    array = as_labelled(name, value, name)
+    array = as_data_array(name, value, name)
     if array is not None and array.dtype.kind in "iuf":
-        array = array.copy(data=in_our_unit(name, array, units_of(parameter.unit)))
+        array = array.copy(data=convert_units(name, array, accepted_units(parameter.unit)))
     if isinstance(value, tuple) and len(value) == 2 and isinstance(value[0], str) and not isinstance(value[1], str):
-        array = xr.DataArray(_vector(parameter, value[1]), dims=value[0])
+        array = xr.DataArray(_sweep_values(parameter, value[1]), dims=value[0])
     elif isinstance(value, (list, tuple, range)) or (isinstance(value, np.ndarray) and value.ndim):
-        array = xr.DataArray(_vector(parameter, value), dims=name)
+        array = xr.DataArray(_sweep_values(parameter, value), dims=name)
     if array is not None and array.ndim:
-        return _checked_array(parameter, array)
-    value = plain(value if array is None else array.values)
+        return _check_array(parameter, array)
+    value = to_builtin(value if array is None else array.values)
     if problem := parameter.problem(value):
         raise InputError(problem)
-    return value if parameter.is_word else int(value) if name in COUNTS else float(value)
+    return value if parameter.is_word else int(value) if name in INTEGER_PARAMETERS else float(value)
 
 
-def _vector(parameter: Parameter, values: Any) -> np.ndarray:
+def _sweep_values(parameter: Parameter, values: Any) -> np.ndarray:
     """A sweep along one dim, of values of the right type."""
     name, cure = parameter.name, "give a DataArray with named dims for more dimensions"
-    if as_labelled(name, values, name) is not None:
+    if as_data_array(name, values, name) is not None:
         raise InputError(f"{name} has labels of its own: give it as it is, without the name of a dimension")
     if not isinstance(values, (list, tuple)):
-        values = array_of(name, values, "give a list of values", "iufUbOM")
+        values = require_array(name, values, "give a list of values", "iufUbOM")
         if values.ndim != 1:
             raise InputError(f"{name}: a sweep is a list of values; {cure}")
-    if len(values) > MOST_VALUES:
-        raise InputError(f"{name} has {len(values):,} values: give at most {MOST_VALUES:,}")
+    if len(values) > MAX_ARRAY_VALUES:
+        raise InputError(f"{name} has {len(values):,} values: give at most {MAX_ARRAY_VALUES:,}")
     if isinstance(values, np.ndarray) and values.dtype.kind in "iuf" and not parameter.is_word:
         return values
-    right = (str,) if parameter.is_word else (float, int)
-    for value in (plain(given) for given in values if type(given) not in right):
+    right_types = (str,) if parameter.is_word else (float, int)
+    for value in (to_builtin(item) for item in values if type(item) not in right_types):
         if isinstance(value, (np.ndarray, list, tuple)):
-            raise InputError(f"{name} = {shown(value)} in a list: {cure}")
+            raise InputError(f"{name} = {short_repr(value)} in a list: {cure}")
         if problem := parameter.problem(value):
             raise InputError(problem)
     return np.asarray(values)
 
 
-def _checked_array(parameter: Parameter, array: xr.DataArray) -> xr.DataArray:
+def _check_array(parameter: Parameter, array: xr.DataArray) -> xr.DataArray:
     name = parameter.name
     if array.size == 0:
         raise InputError(f"{name} = []: a sweep needs at least one value")
     for dim in array.dims:
         _check_dim(name, dim, array)
     if not parameter.is_word and array.dtype.kind not in "iuf":
-        raise InputError(WrongType(f"{name} has values of type {array.dtype}: give numbers"))
+        raise InputError(WrongTypeMessage(f"{name} has values of type {array.dtype}: give numbers"))
     flat = array.values.ravel()
-    fine = np.zeros(flat.size, dtype=bool)
+    is_valid = np.zeros(flat.size, dtype=bool)
     if not parameter.is_word:
         with np.errstate(over="ignore"):  # what overflows is out of bounds
             flat = flat.astype(float)
-        fine = np.isfinite(flat) & (flat > parameter.lower) & (flat < parameter.upper)
-        fine &= (flat == np.floor(flat)) | (not parameter.whole)
-    bad = [p for p in map(parameter.problem, flat[~fine].tolist()) if p]
-    if bad:
-        raise InputError(bad[0] if len(bad) == 1 else f"{bad[0]} (and {len(bad) - 1} more of its values)")
+        is_valid = np.isfinite(flat) & (flat > parameter.lower) & (flat < parameter.upper)
+        is_valid &= (flat == np.floor(flat)) | (not parameter.whole)
+    problems = [p for p in map(parameter.problem, flat[~is_valid].tolist()) if p]
+    if problems:
+        raise InputError(
+            problems[0] if len(problems) == 1 else f"{problems[0]} (and {len(problems) - 1} more of its values)"
+        )
     if not parameter.is_word:
-        array = array.copy(data=array.values.astype(int if name in COUNTS else float))
+        array = array.copy(data=array.values.astype(int if name in INTEGER_PARAMETERS else float))
     if array.dims == (name,):
         # a label such as 0.07 must be found on an axis made by linspace
         values = flat if parameter.is_word else np.array([float(f"{v:.12g}") for v in flat], dtype=array.dtype)
         unique, counts = np.unique(values, return_counts=True)
         if unique.size < values.size:
-            hint = f"; {SERIES_HINT}" if values.size >= SHORTEST_SERIES else ""
+            hint = f"; {SERIES_HINT}" if values.size >= MIN_SERIES_VALUES else ""
             raise InputError(f"{name}: {unique[counts > 1][0]} appears twice on its axis: leave one out{hint}")
         array = xr.DataArray(values, dims=name)
     return array
@@ -100,31 +118,33 @@ def _check_dim(name: str, dim: Hashable, array: xr.DataArray) -> None:
     """Refuse names of dims that are taken or unusable, labels that no file can hold, and labels in another unit."""
     if not isinstance(dim, str) or not dim.isidentifier() or dim in FORBIDDEN_DIMS:
         cure = "it is taken, choose another" if dim in FORBIDDEN_DIMS else "use letters, digits and _"
-        raise InputError(f"{name}: {shown(dim)} cannot be the name of a swept dimension: {cure}")
+        raise InputError(f"{name}: {short_repr(dim)} cannot be the name of a swept dimension: {cure}")
     if dim in PARAMETERS and dim == name and array.ndim > 1:
         raise InputError(f"{name}: its own name can only be the dimension of a plain list of its values")
     if dim not in array.coords:
         return
     labels = array.coords[dim]
-    if labels.dtype.kind not in "biuf" and not all(isinstance(one, str) and is_text(one) for one in labels.values):
+    if labels.dtype.kind not in "biuf" and not all(
+        isinstance(label, str) and is_storable_text(label) for label in labels.values
+    ):
         raise InputError(f"{name}: the labels along {dim!r} are of type {labels.dtype}: give numbers or text")
-    ours = labels.values
+    converted = labels.values
     if dim in PARAMETERS and labels.dtype.kind in "iuf":
-        ours = in_our_unit(dim, labels, units_of(PARAMETERS[dim].unit))
-    if not np.array_equal(ours, array.values if dim == name else labels.values):
-        text = f"{name}: the labels along {dim}, {shown(ours.tolist())}, are not its values"
+        converted = convert_units(dim, labels, accepted_units(PARAMETERS[dim].unit))
+    if not np.array_equal(converted, array.values if dim == name else labels.values):
+        text = f"{name}: the labels along {dim}, {short_repr(converted.tolist())}, are not its values"
         raise InputError(f"{text}: give them in our unit, or none")
 
 
 NO_RULES: Mapping[str, Rule] = {}
 
 
-def table_of(rules: Mapping[str, Rule]) -> Mapping[str, Parameter]:
+def all_parameters(rules: Mapping[str, Rule]) -> Mapping[str, Parameter]:
     """Every parameter by name: those of the package, with the rules among the choices, then the rules' own."""
     if not rules:
         return PARAMETERS
     table = dict(PARAMETERS)
-    for kind in KINDS:
+    for kind in RULE_KINDS:
         names = [rule.name for rule in rules.values() if rule.kind == kind]
         table[kind] = replace(table[kind], choices=(*table[kind].choices, *names))
     for rule in rules.values():
@@ -132,103 +152,120 @@ def table_of(rules: Mapping[str, Rule]) -> Mapping[str, Parameter]:
     return table
 
 
-def without_rules(name: str, value: Any) -> tuple[Any, list[Rule]]:
+def extract_rules(name: str, value: Any) -> tuple[Any, list[Rule]]:
     """The value of ``estimator`` or ``law`` with words in place of rules, and these rules."""
     if isinstance(value, tuple) and len(value) == 2 and isinstance(value[1], (list, tuple, np.ndarray)):
-        words, rules = without_rules(name, value[1])
+        words, rules = extract_rules(name, value[1])
         return (value[0], words), rules
     array = value.values if isinstance(value, xr.DataArray) else value
     if isinstance(array, np.ndarray) and array.dtype.kind == "O":
-        words, rules = without_rules(name, array.ravel().tolist())
-        named = np.array(words).reshape(array.shape) if rules else array
-        return (value.copy(data=named) if isinstance(value, xr.DataArray) else named), rules
-    several = value if isinstance(value, (list, tuple)) else [value]
-    rules = [each for each in several if isinstance(each, Rule)]
+        words, rules = extract_rules(name, array.ravel().tolist())
+        names = np.array(words).reshape(array.shape) if rules else array
+        return (value.copy(data=names) if isinstance(value, xr.DataArray) else names), rules
+    items = value if isinstance(value, (list, tuple)) else [value]
+    rules = [item for item in items if isinstance(item, Rule)]
     for rule in rules:
         if rule.kind != name:
             raise InputError(f"{name}: {rule.name} is made with @fc.{rule.kind}: give {rule.kind} = {rule.name}")
-    for function in filter(inspect.isfunction, several):
+    for function in filter(inspect.isfunction, items):
         cure = f"put @fc.{name}(Parameters, Memory) before it"
-        raise InputError(WrongType(f"{name}: {function.__name__} is a plain function: {cure}"))
-    words = [each.name if isinstance(each, Rule) else each for each in several]
-    return (words if several is value else words[0]) if rules else value, rules
+        raise InputError(WrongTypeMessage(f"{name}: {function.__name__} is a plain function: {cure}"))
+    words = [item.name if isinstance(item, Rule) else item for item in items]
+    return (words if items is value else words[0]) if rules else value, rules
 
 
-def taken(known: Mapping[str, Rule], new: Collection[Rule], used: Collection[str]) -> dict[str, Rule]:
-    """The rules known so far with new ones; those not ``used`` give way where names of parameters clash."""
-    found: dict[str, Rule] = {}
-    for rule in new:
-        if found.setdefault(rule.name, rule) != rule:
+def merge_rules(
+    known_rules: Mapping[str, Rule], new_rules: Collection[Rule], used_names: Collection[str]
+) -> dict[str, Rule]:
+    """The rules known so far with new ones; those not ``used_names`` give way where names of parameters clash."""
+    new_by_name: dict[str, Rule] = {}
+    for rule in new_rules:
+        if new_by_name.setdefault(rule.name, rule) != rule:
             raise InputError(f"two rules are called {rule.name}: rename one of them")
-    names = {n for rule in new for n in rule.own}
-    kept = {n: r for n, r in known.items() if n not in found and (n in used or not names & r.own.keys())}
-    rules = kept | found
-    first: dict[str, Rule] = {}
+    new_parameters = {n for rule in new_rules for n in rule.own}
+    kept_rules = {
+        n: r
+        for n, r in known_rules.items()
+        if n not in new_by_name and (n in used_names or not new_parameters & r.own.keys())
+    }
+    rules = kept_rules | new_by_name
+    first_rules: dict[str, Rule] = {}
     for rule in rules.values():
         for name, parameter in rule.own.items():
-            other = first.setdefault(name, rule)
-            if _alike(other.own[name]) != _alike(parameter):
-                raise InputError(f"{name} is a parameter of {other.name} and another one of {rule.name}: rename one")
+            first_rule = first_rules.setdefault(name, rule)
+            if _without_texts(first_rule.own[name]) != _without_texts(parameter):
+                raise InputError(
+                    f"{name} is a parameter of {first_rule.name} and another one of {rule.name}: rename one"
+                )
     return rules
 
 
-def _alike(parameter: Parameter) -> Parameter:
+def _without_texts(parameter: Parameter) -> Parameter:
     """The parameter without what each rule says of it in its own words."""
     return replace(parameter, group="", text="")
 
 
-def with_defaults(values: Mapping[str, Any], before: Mapping[str, Rule], rules: Mapping[str, Rule]) -> dict[str, Any]:
+def values_for_rules(
+    values: Mapping[str, Any], old_rules: Mapping[str, Rule], rules: Mapping[str, Rule]
+) -> dict[str, Any]:
     """The values of a loop whose rules change: without parameters that no rule has any more, with new ones."""
-    old = {n: p for rule in before.values() for n, p in rule.own.items()}
-    new = {n: p for rule in rules.values() for n, p in rule.own.items()}
-    kept = {n: v for n, v in values.items() if n not in old or n in new}
-    for name, parameter in new.items():
-        if name not in kept or (name in old and kept[name] is old[name].default):
-            kept[name] = parameter.default
-    return kept
+    old_parameters = {n: p for rule in old_rules.values() for n, p in rule.own.items()}
+    new_parameters = {n: p for rule in rules.values() for n, p in rule.own.items()}
+    kept_values = {n: v for n, v in values.items() if n not in old_parameters or n in new_parameters}
+    for name, parameter in new_parameters.items():
+        if name not in kept_values or (name in old_parameters and kept_values[name] is old_parameters[name].default):
+            kept_values[name] = parameter.default
+    return kept_values
 
 
-WORD = "converged"
+CONVERGED_KEYWORD = "converged"
 CONVERGED: Mapping[str, Any] = {"air_march": "quasistatic", "substeps": 8}
 """Parameters that the word ``converged`` sets."""
-MEANING = " and ".join(f"{name} = {value!r}" for name, value in CONVERGED.items())
+CONVERGED_TEXT = " and ".join(f"{name} = {value!r}" for name, value in CONVERGED.items())
 
 
-def expanded(changes: Mapping[str, Any]) -> dict[str, Any]:
+def expand_converged(changes: Mapping[str, Any]) -> dict[str, Any]:
     """The changes of a loop with the parameters that ``converged`` stands for; False changes nothing."""
-    rest = {name: value for name, value in changes.items() if name != WORD}
-    if WORD not in changes or not flag_of(WORD, changes[WORD]):
-        return rest
-    given = [name for name in CONVERGED if name in rest]
-    if given:
-        raise InputError(f"converged stands for {MEANING}: leave it out, or leave out {' and '.join(given)}")
-    return rest | dict(CONVERGED)
+    other_changes = {name: value for name, value in changes.items() if name != CONVERGED_KEYWORD}
+    if CONVERGED_KEYWORD not in changes or not require_flag(CONVERGED_KEYWORD, changes[CONVERGED_KEYWORD]):
+        return other_changes
+    conflicting = [name for name in CONVERGED if name in other_changes]
+    if conflicting:
+        raise InputError(
+            f"converged stands for {CONVERGED_TEXT}: leave it out, or leave out {' and '.join(conflicting)}"
+        )
+    return other_changes | dict(CONVERGED)
 
 
-_ALTERNATIVES = ((INSTALLED_VALVE, STAND_INS["rangeability"]), (("estimate_ratio",), STAND_INS["estimate_ratio"]))
+_ALTERNATIVES = (
+    (INSTALLED_VALVE_PARAMETERS, STAND_INS["rangeability"]),
+    (("estimate_ratio",), STAND_INS["estimate_ratio"]),
+)
 
 
-def assigned(
-    values: Mapping[str, Any], known: Mapping[str, Rule], changes: Mapping[str, Any]
+def assign_values(
+    values: Mapping[str, Any], known_rules: Mapping[str, Rule], changes: Mapping[str, Any]
 ) -> tuple[dict[str, Any], Mapping[str, Rule]]:
     """Apply ``changes``; all of their mistakes are reported together.  Returns the values and the rules known."""
     problems: list[str] = []
     checked: dict[str, Any] = {}
-    with collecting(problems):
-        changes, rules = _with_rules(values, known, changes)
-        values, known = with_defaults(values, known, rules), rules
-    refused = {WORD, *(KINDS if problems else ())}
-    with collecting(problems):
-        changes = expanded(changes)
-    table = table_of(known)
+    with collect_problems(problems):
+        changes, rules = _resolve_rules(values, known_rules, changes)
+        values, known_rules = values_for_rules(values, known_rules, rules), rules
+    refused = {CONVERGED_KEYWORD, *(RULE_KINDS if problems else ())}
+    with collect_problems(problems):
+        changes = expand_converged(changes)
+    table = all_parameters(known_rules)
     for name in [name for name in changes if name not in refused]:
-        with collecting(problems):
-            checked[name] = checked_value(table[check_name(name, table)], changes[name])
+        with collect_problems(problems):
+            checked[name] = check_value(table[require_parameter_name(name, table)], changes[name])
     for stand_ins, replaced in _ALTERNATIVES:
-        one, other = [n for n in stand_ins if n in checked], [n for n in replaced if n in checked]
-        if one and other:
-            problems.append(f"{' and '.join(one)} stand in for {' and '.join(other)}: give one or the other")
-    refuse(problems)
+        given_stand_ins, given_replaced = [n for n in stand_ins if n in checked], [n for n in replaced if n in checked]
+        if given_stand_ins and given_replaced:
+            problems.append(
+                f"{' and '.join(given_stand_ins)} stand in for {' and '.join(given_replaced)}: give one or the other"
+            )
+    raise_problems(problems)
 
     result = dict(values)
     for stand_ins, replaced in _ALTERNATIVES:
@@ -243,48 +280,54 @@ def assigned(
             result.pop(name, None)  # dims are in the order in which they were last given
         result[name] = value
     _check_axes(result)
-    return result, known
+    return result, known_rules
 
 
-def _with_rules(
-    values: Mapping[str, Any], known: Mapping[str, Rule], changes: Mapping[str, Any]
+def _resolve_rules(
+    values: Mapping[str, Any], known_rules: Mapping[str, Rule], changes: Mapping[str, Any]
 ) -> tuple[dict[str, Any], Mapping[str, Rule]]:
     """The changes with words in place of rules, and the rules then known."""
-    found = {kind: without_rules(kind, changes[kind]) for kind in KINDS if kind in changes}
-    new = [rule for _, rules in found.values() for rule in rules]
-    if not new:
-        return dict(changes), known
-    changes = {**changes, **{kind: words for kind, (words, _) in found.items()}}
-    used = {str(word) for kind in KINDS for word in np.ravel(np.asarray(values.get(kind))) if kind not in changes}
-    return changes, taken(known, new, used)
+    extracted = {kind: extract_rules(kind, changes[kind]) for kind in RULE_KINDS if kind in changes}
+    new_rules = [rule for _, rules in extracted.values() for rule in rules]
+    if not new_rules:
+        return dict(changes), known_rules
+    changes = {**changes, **{kind: words for kind, (words, _) in extracted.items()}}
+    used_names = {
+        str(word) for kind in RULE_KINDS for word in np.ravel(np.asarray(values.get(kind))) if kind not in changes
+    }
+    return changes, merge_rules(known_rules, new_rules, used_names)
 
 
 def _check_axes(values: Mapping[str, Any]) -> None:
     """Refuse parameters of different lengths or labels along a dimension that they share."""
-    first: dict[str, str] = {}
+    first_names: dict[str, str] = {}
     labelled: dict[str, tuple[str, np.ndarray]] = {}
     problems = []
     for name, value in values.items():
         for dim, size in value.sizes.items() if isinstance(value, xr.DataArray) else ():
-            other = first.setdefault(str(dim), name)
-            expected = values[other].sizes[dim]
+            first_name = first_names.setdefault(str(dim), name)
+            expected = values[first_name].sizes[dim]
             if size != expected:
                 cure = "give all of them in one call, of the same length"
-                problems.append(f"{name} has {size} values along {dim!r}, {other} has {expected}: {cure}")
+                problems.append(f"{name} has {size} values along {dim!r}, {first_name} has {expected}: {cure}")
             elif name == dim or dim in value.coords:
                 labels = value.values if name == dim else value.coords[dim].values
-                one, before = labelled.setdefault(str(dim), (name, labels))
-                is_float = labels.dtype.kind == before.dtype.kind == "f"  # rounded to 12 digits
-                if not (np.allclose(labels, before, 1e-11, 0.0) if is_float else np.array_equal(labels, before)):
+                labelled_name, first_labels = labelled.setdefault(str(dim), (name, labels))
+                is_float = labels.dtype.kind == first_labels.dtype.kind == "f"  # rounded to 12 digits
+                if not (
+                    np.allclose(labels, first_labels, 1e-11, 0.0) if is_float else np.array_equal(labels, first_labels)
+                ):
                     problems.append(
-                        f"{name} has the labels {shown(labels.tolist())} along {dim!r} where {one} has "
-                        f"{shown(before.tolist())}: give the same, in one order"
+                        f"{name} has the labels {short_repr(labels.tolist())} along {dim!r} where {labelled_name} has "
+                        f"{short_repr(first_labels.tolist())}: give the same, in one order"
                     )
     for dim, (name, labels) in labelled.items():
-        bare = [n for n, v in values.items() if isinstance(v, xr.DataArray) and dim in v.dims and dim not in v.coords]
+        unlabelled = [
+            n for n, v in values.items() if isinstance(v, xr.DataArray) and dim in v.dims and dim not in v.coords
+        ]
         numbers = np.arange(labels.size)  # which bare values have as labels in a result
         is_mixed = np.array_equal(np.sort(labels), numbers) and not np.array_equal(labels, numbers)
-        if bare and is_mixed and dim not in PARAMETERS:
-            counted = f"{shown(labels.tolist())} along {dim!r} where {bare[0]} counts from 0"
-            problems.append(f"{name} has the labels {counted}: give {name} in that order, or without labels")
-    refuse(problems)
+        if unlabelled and is_mixed and dim not in PARAMETERS:
+            labels_text = f"{short_repr(labels.tolist())} along {dim!r} where {unlabelled[0]} counts from 0"
+            problems.append(f"{name} has the labels {labels_text}: give {name} in that order, or without labels")
+    raise_problems(problems)

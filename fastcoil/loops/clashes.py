@@ -11,46 +11,46 @@ from collections.abc import Iterator
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import refuse
+from fastcoil.base.arguments import raise_problems
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
 from fastcoil.loops.boundary import Boundary
-from fastcoil.loops.loop import Loop, words_used
-from fastcoil.loops.presets import COOLING
+from fastcoil.loops.loop import Loop, used_choices
+from fastcoil.loops.presets import COOLING_PRESETS
 from fastcoil.loops.scenarios import Layout
 from fastcoil.model import moist_air
 from fastcoil.model.engine.lanes import parameter_matrix
-from fastcoil.model.engine.plant import worst_numbers
+from fastcoil.model.engine.plant import stability_numbers
 from fastcoil.model.estimators.registry import ESTIMATORS
 from fastcoil.model.parameter_table import ESTIMATOR_GROUPS, PARAMETERS, STAND_INS
-from fastcoil.model.valve_test import FASTEST
+from fastcoil.model.valve_test import LARGEST_RATE_RATIO
 
-ONE_SET_POINT = 1.0
+SET_POINT_TOLERANCE_K = 1.0
 """Set-points that lie closer together than this count as one, K: a record of a constant one drifts and has steps."""
-_CAPS = {"learner": "learning_cap", "gradient": "gradient_cap"}
+_CAP_PARAMETERS = {"learner": "learning_cap", "gradient": "gradient_cap"}
 """The parameter that limits the estimate of an estimator."""
 
 
 def check_clashes(loop: Loop, T_set: Array, least_scale: float = 1.0) -> None:
     """Refuse values that only clash together; ``T_set``: all set-points, °C; ``least_scale``: of the backlash."""
-    rules = [rule for rule in loop.rules.values() if rule.name not in words_used(loop, rule.kind)]
+    unused_rules = [rule for rule in loop.rules.values() if rule.name not in used_choices(loop, rule.kind)]
     problems = [
         *_size_clashes(loop, least_scale),
         *_unread_by_estimators(loop).values(),
         *(
             f"{rule.name}, which no scenario has, alone reads {' and '.join(rule.own)}: give {rule.kind} = "
             f"{rule.name!r}, or leave them out"
-            for rule in rules
+            for rule in unused_rules
         ),
         *missing_parameters(loop),
         *controller_clashes(loop, T_set),
     ]
-    refuse(problems)
+    raise_problems(problems)
 
 
 def missing_parameters(loop: Loop) -> list[str]:
     """Parameters that an estimator or a rule reads and that the loop does not give, a sentence each."""
-    used = words_used(loop, "estimator")
+    used = used_choices(loop, "estimator")
     problems = [
         f"estimator = {estimator.name!r} without {name}: give the {PARAMETERS[name].text} "
         f"({PARAMETERS[name].unit}, {PARAMETERS[name].bounds})"
@@ -70,10 +70,13 @@ def missing_parameters(loop: Loop) -> list[str]:
 def controller_clashes(loop: Loop, T_set: Array) -> list[str]:
     """Clashes within the controller, a sentence each.  T_set: all its set-points, °C."""
     problems = [*_unread_by_controller(loop).values(), *_buffer_clashes(loop), *_test_clashes(loop)]
-    widest, width = float(np.max(np.asarray(loop["error_dead_band"]))), float(np.max(T_set) - np.min(T_set))
-    if ONE_SET_POINT <= width <= widest:
-        what = f"set-points within {width:g} K would not move the valve"
-        problems.append(f"error_dead_band = {widest:g} K: {what}, give less")
+    dead_band, set_point_range = (
+        float(np.max(np.asarray(loop["error_dead_band"]))),
+        float(np.max(T_set) - np.min(T_set)),
+    )
+    if SET_POINT_TOLERANCE_K <= set_point_range <= dead_band:
+        effect = f"set-points within {set_point_range:g} K would not move the valve"
+        problems.append(f"error_dead_band = {dead_band:g} K: {effect}, give less")
     return problems
 
 
@@ -82,7 +85,7 @@ def unread_values(loop: Loop) -> dict[str, str]:
     return _unread_by_estimators(loop) | _unread_by_controller(loop)
 
 
-def _values(loop: Loop, *names: str) -> list[xr.DataArray]:
+def _parameter_arrays(loop: Loop, *names: str) -> list[xr.DataArray]:
     """The values of parameters, which then broadcast against each other by their dims."""
     return [xr.DataArray(loop[name]) for name in names]
 
@@ -90,33 +93,35 @@ def _values(loop: Loop, *names: str) -> list[xr.DataArray]:
 def _size_clashes(loop: Loop, least_scale: float) -> Iterator[str]:
     """An estimate of 1 or above its cap, a learner without a step or reference, a jump of the stem above its gap."""
     if loop["estimate_ratio"] is None:
-        (estimate,) = _values(loop, "backlash_estimate")
+        (estimate,) = _parameter_arrays(loop, "backlash_estimate")
     else:
-        ratio, backlash = _values(loop, "estimate_ratio", "backlash")
+        ratio, backlash = _parameter_arrays(loop, "estimate_ratio", "backlash")
         estimate = ratio * backlash
     largest = float(estimate.max())
     if largest >= 1.0:
         yield f"estimate_ratio × backlash reaches {largest:g}: an estimate must stay below 1, lower one of them"
-    used = words_used(loop, "estimator")
-    step, error_ratio, reference = _values(loop, "learning_step", "learning_error_ratio", "learning_reference")
+    used = used_choices(loop, "estimator")
+    step, error_ratio, reference = _parameter_arrays(
+        loop, "learning_step", "learning_error_ratio", "learning_reference"
+    )
     learns = (step > 0.0) if loop["estimator"] is None else xr.DataArray(loop["estimator"]) == "learner"
-    for name, cap in _CAPS.items():
-        has = learns if name == "learner" else xr.DataArray(loop["estimator"]) == name
-        if name in used and (has & (estimate > xr.DataArray(loop[cap]))).any():
-            yield f"backlash_estimate up to {largest:g}: it cannot start above {cap}, lower it or raise {cap}"
+    for name, cap_name in _CAP_PARAMETERS.items():
+        has_estimator = learns if name == "learner" else xr.DataArray(loop["estimator"]) == name
+        if name in used and (has_estimator & (estimate > xr.DataArray(loop[cap_name]))).any():
+            yield f"backlash_estimate up to {largest:g}: it cannot start above {cap_name}, lower it or raise {cap_name}"
     if "learner" in used and (learns & (step == 0.0)).any():
         yield "estimator = 'learner' with learning_step = 0: give the step by which it changes its estimate"
     if (error_ratio > 0.0).any() and ((error_ratio > 0.0) & (reference == 0.0)).any():
         yield "learning_error_ratio without learning_reference: give the number of intervals of which it is the mean"
-    jump, backlash = _values(loop, "slip_jump", "backlash")
-    least = min(least_scale, 1.0)
-    if (jump > 0.0).any() and (excess := float((jump - least * backlash).where(jump > 0.0, 0.0).max())) > 0.0:
-        scaled = "" if least == 1.0 else f", which backlash_scale makes {least:g} times as large"
+    jump, backlash = _parameter_arrays(loop, "slip_jump", "backlash")
+    smallest_scale = min(least_scale, 1.0)
+    if (jump > 0.0).any() and (excess := float((jump - smallest_scale * backlash).where(jump > 0.0, 0.0).max())) > 0.0:
+        scaled = "" if smallest_scale == 1.0 else f", which backlash_scale makes {smallest_scale:g} times as large"
         yield f"slip_jump is up to {excess:g} above the backlash{scaled}: lower slip_jump or raise backlash"
 
 
 def _unread_by_estimators(loop: Loop) -> dict[str, str]:
-    used = {"learner"} if loop["estimator"] is None else words_used(loop, "estimator")
+    used = {"learner"} if loop["estimator"] is None else used_choices(loop, "estimator")
     unread = {
         p.name: f"{p.name} belongs to the estimator {p.group}, which no scenario has: give estimator = {p.group!r}, or "
         f"leave {p.name} out"
@@ -129,39 +134,41 @@ def _unread_by_estimators(loop: Loop) -> dict[str, str]:
 
 
 def _unread_by_controller(loop: Loop) -> dict[str, str]:
-    ratio, noise, swing, law = _values(loop, "buffer_ratio", "buffer_noise", "buffer_swing", "compensation")
-    changed = xr.DataArray(_is_changed(loop, "smooth_rate"))
+    ratio, noise, swing, law = _parameter_arrays(loop, "buffer_ratio", "buffer_noise", "buffer_swing", "compensation")
+    is_rate_changed = xr.DataArray(_is_changed(loop, "smooth_rate"))
     readers = {  # where a value is given, where it is read, and what reads it
         "buffer_noise": (noise == "measured", ratio > 0.0, "buffer_noise = 'measured' without buffer_ratio"),
         "buffer_swing": (swing > 0.0, ratio > 0.0, "buffer_swing without buffer_ratio"),
-        "smooth_rate": (changed, law == "smooth", "smooth_rate without compensation = 'smooth'"),
+        "smooth_rate": (is_rate_changed, law == "smooth", "smooth_rate without compensation = 'smooth'"),
     }
     return {
         name: f"{text}: give {'that word' if name == 'smooth_rate' else 'buffer_ratio'}, or leave {name} out"
-        for name, (given, read, text) in readers.items()
-        if given.any() and not (given & read).any()
+        for name, (is_given, is_read, text) in readers.items()
+        if is_given.any() and not (is_given & is_read).any()
     }
 
 
 def _buffer_clashes(loop: Loop) -> list[str]:
-    ratio, swing, word, kp, noise = _values(loop, "buffer_ratio", "buffer_swing", "buffer_noise", "kp", "noise_std")
+    ratio, swing, noise_source, kp, noise = _parameter_arrays(
+        loop, "buffer_ratio", "buffer_swing", "buffer_noise", "kp", "noise_std"
+    )
     if not (ratio > 0.0).any() and not (swing > 0.0).any():
         return []
-    measures, gain = word == "measured", loop["plant_gain"]
+    is_measured, gain = noise_source == "measured", loop["plant_gain"]
     problems = []
-    if (measures & (ratio > 0.0) & (swing == 0.0)).any():  # a loop that rings looks like noise
+    if (is_measured & (ratio > 0.0) & (swing == 0.0)).any():  # a loop that rings looks like noise
         problems = ["buffer_noise = 'measured' without buffer_swing: give buffer_swing and plant_gain, which limit it"]
     if gain is None and (swing > 0.0).any():
         problems.append("buffer_swing without plant_gain: give plant_gain, by which the swing limits the buffer")
     if problems:
         return problems
     # measured noise has no upper bound: the swing alone limits the buffer
-    buffer = (ratio * abs(kp) * noise.where(~measures, np.inf)).where(ratio > 0.0, 0.0)
+    buffer = (ratio * abs(kp) * noise.where(~is_measured, np.inf)).where(ratio > 0.0, 0.0)
     if gain is not None:
-        highest = swing / xr.DataArray(gain)
-        buffer = buffer.where((swing == 0.0) | (buffer < highest), highest)
-        if (measures & (buffer >= 1.0)).any():
-            largest = float(highest.where(measures).max())
+        buffer_limit = swing / xr.DataArray(gain)
+        buffer = buffer.where((swing == 0.0) | (buffer < buffer_limit), buffer_limit)
+        if (is_measured & (buffer >= 1.0)).any():
+            largest = float(buffer_limit.where(is_measured).max())
             return [f"buffer_swing / plant_gain reaches {largest:g}: a buffer must stay below 1, lower buffer_swing"]
     largest = float(buffer.max())
     text = f"buffer_ratio × kp × noise_std reaches {largest:g}: a buffer must stay below 1, lower one"
@@ -171,16 +178,16 @@ def _buffer_clashes(loop: Loop) -> list[str]:
 def _test_clashes(loop: Loop) -> Iterator[str]:
     """A valve test that never starts, with another law, or with ramps that the motor cannot follow."""
     if loop["test_start"] is None:
-        given = [p.name for p in PARAMETERS.values() if p.group == "test" and _is_changed(loop, p.name)]
-        if given:
-            yield f"{' and '.join(given)} without test_start: give the time at which the valve test starts"
+        changed_names = [p.name for p in PARAMETERS.values() if p.group == "test" and _is_changed(loop, p.name)]
+        if changed_names:
+            yield f"{' and '.join(changed_names)} without test_start: give the time at which the valve test starts"
         return
-    if words_used(loop, "law") != {"pi"}:
+    if used_choices(loop, "law") != {"pi"}:
         yield "test_start with a law of your own: a valve test hands back to the PI, leave one out"
-    rate, stroke_time = _values(loop, "test_rate", "stroke_time")
-    if (FASTEST * rate * stroke_time >= 1.0).any():
+    rate, stroke_time = _parameter_arrays(loop, "test_rate", "stroke_time")
+    if (LARGEST_RATE_RATIO * rate * stroke_time >= 1.0).any():
         yield (
-            f"test_rate = {float(rate.max()):g} 1/s: ramps take up to {FASTEST:g} times that, and a motor of "
+            f"test_rate = {float(rate.max()):g} 1/s: ramps take up to {LARGEST_RATE_RATIO:g} times that, and a motor of "
             f"{float(stroke_time.max()):g} s for its stroke is slower, give a lower rate"
         )
 
@@ -191,17 +198,17 @@ def check_test_times(loop: Loop, seconds: int, *, closed: bool) -> None:
         return
     if not closed:
         raise InputError("test_start with a command: a valve test commands the valve itself, leave one out")
-    starts, minutes = _values(loop, "test_start", "test_minutes")
-    late = starts >= seconds
-    if late.any():
+    starts, minutes = _parameter_arrays(loop, "test_start", "test_minutes")
+    is_late = starts >= seconds
+    if is_late.any():
         warnings.warn(
             f"test_start = {float(starts.max()):g} s: the simulation ends at {seconds:,} s, there is no test",
             stacklevel=5,
         )
-    ends = (starts + 60.0 * minutes).where(~late, 0.0)
+    ends = (starts + 60.0 * minutes).where(~is_late, 0.0)
     if (ends > seconds).any():
-        both = f"the valve test would end at {float(ends.max()):,g} s, the simulation ends at {seconds:,} s"
-        raise InputError(f"{both}: start it earlier, or give a longer day")
+        times_text = f"the valve test would end at {float(ends.max()):,g} s, the simulation ends at {seconds:,} s"
+        raise InputError(f"{times_text}: start it earlier, or give a longer day")
 
 
 def _is_changed(loop: Loop, name: str) -> bool:
@@ -210,68 +217,75 @@ def _is_changed(loop: Loop, name: str) -> bool:
     return value is not None and bool(np.any(np.asarray(value) != PARAMETERS[name].default))
 
 
-FAR = 35.0  # water that much warmer than the air, K, changes it at least twice as much per stroke as chilled water does
-MIST = 1.05  # relative humidity up to which air may be mist, or readings may be rounded
-IDLE = 10.0  # air that is always so much beyond its set-point, K, leaves a loop nothing to do
+HOT_WATER_EXCESS_K = (
+    35.0  # water that much warmer than the air, K, changes it at least twice as much per stroke as chilled water does
+)
+MIST_RELATIVE_HUMIDITY = 1.05  # relative humidity up to which air may be mist, or readings may be rounded
+IDLE_MARGIN_K = 10.0  # air that is always so much beyond its set-point, K, leaves a loop nothing to do
 
 
-def tell_doubts(loop: Loop, boundary: Boundary, *, closed: bool = True) -> None:
+def warn_mismatch(loop: Loop, boundary: Boundary, *, closed: bool = True) -> None:
     """Warn where loop and days do not suit each other.  closed: the controller is on, its action and gains count."""
-    for doubt in _doubts(loop, boundary) if closed else ():
-        warnings.warn(doubt, stacklevel=5)
+    for mismatch in _mismatches(loop, boundary) if closed else ():
+        warnings.warn(mismatch, stacklevel=5)
     pressure = float(np.max(np.asarray(loop["pressure"])))
-    damp, sample = boundary.dampest
-    if damp * pressure > MIST:
+    humidity_per_pressure, sample = boundary.dampest
+    if humidity_per_pressure * pressure > MIST_RELATIVE_HUMIDITY:
         warnings.warn(
-            f"{sample} is a relative humidity of {damp * pressure:.0%} at {pressure:.6g} Pa: check the units of both, "
+            f"{sample} is a relative humidity of {humidity_per_pressure * pressure:.0%} at {pressure:.6g} Pa: check the units of both, "
             "or give the loop the pressure of the place",
             stacklevel=5,
         )
 
 
-def tell_limited(loop: Loop, ds: xr.Dataset) -> None:
+def warn_saturated(loop: Loop, ds: xr.Dataset) -> None:
     """Warn of an own estimator whose estimate ends at its limit, as one in per cent does."""
-    names = [name for name, rule in loop.rules.items() if rule.kind == "estimator"]
-    limited = int((ds["estimate_final"] == 1.0).sum()) if names and "estimate_final" in ds else 0
-    if limited:
+    rule_names = [name for name, rule in loop.rules.items() if rule.kind == "estimator"]
+    n_saturated = int((ds["estimate_final"] == 1.0).sum()) if rule_names and "estimate_final" in ds else 0
+    if n_saturated:
         warnings.warn(
-            f"{' or '.join(names)}: the estimate is at its limit of 1 at the end of {limited} of "
+            f"{' or '.join(rule_names)}: the estimate is at its limit of 1 at the end of {n_saturated} of "
             f"{ds['estimate_final'].size} runs: it is a fraction of the stroke, divide per cent by 100",
             stacklevel=4,
         )
 
 
-def _doubts(loop: Loop, boundary: Boundary) -> Iterator[str]:
+def _mismatches(loop: Loop, boundary: Boundary) -> Iterator[str]:
     """Mismatches of loop and days, a sentence each."""
     actions = np.unique(np.asarray(loop["action"]))
-    turns = bool(np.any(np.asarray(loop["kp"]) < 0.0))
-    if turns or words_used(loop, "law") != {"pi"}:  # the meaning of the action is then unknown
+    has_negative_gain = bool(np.any(np.asarray(loop["kp"]) < 0.0))
+    if has_negative_gain or used_choices(loop, "law") != {"pi"}:  # the meaning of the action is then unknown
         return
-    for action, other, verb, sign in (("heating", "cooling", "warm", 1.0), ("cooling", "heating", "cool", -1.0)):
+    for action, opposite_action, verb, sign in (
+        ("heating", "cooling", "warm", 1.0),
+        ("cooling", "heating", "cool", -1.0),
+    ):
         if action not in actions:
             continue
         # the least and the most, in the direction of the action
         ends = (sorted(sign * end for end in boundary.extremes[name]) for name in ("T_w_in", "T_a_in", "T_set"))
-        (_, water), (least_air, air), (T_set, most) = ends
+        (_, water), (least_air, air), (T_set, highest_set_point) = ends
         if water < least_air:
             yield (
                 f"action = {action!r}, but the water, {sign * water:.3g} degC at best, cannot {verb} air of "
-                f"{sign * least_air:.3g} degC: give action = {other!r}, or days of {action}"
+                f"{sign * least_air:.3g} degC: give action = {opposite_action!r}, or days of {action}"
             )
         elif max(water, air) < T_set:
             yield (
                 f"T_set is {sign * T_set:.3g} degC at best: water and air of {sign * max(water, air):.3g} degC cannot "
                 f"{verb} the air that far, change T_set or the water"
             )
-        elif least_air - most > IDLE:
+        elif least_air - highest_set_point > IDLE_MARGIN_K:
             yield (
-                f"nothing to {verb}: T_set is {sign * most:.3g} degC where the air is {sign * least_air:.3g} degC, and "
+                f"nothing to {verb}: T_set is {sign * highest_set_point:.3g} degC where the air is {sign * least_air:.3g} degC, and "
                 "never closer, give T_set in degC, or exchange T_set and T_a_in"
             )
-        elif action == "heating" and water - least_air > FAR:
+        elif action == "heating" and water - least_air > HOT_WATER_EXCESS_K:
             kp, ti = (loop.constants.get(name) for name in ("kp", "ti"))
-            cooling = [name for name in COOLING if (kp, ti) == (Loop.preset(name)["kp"], Loop.preset(name)["ti"])]
-            for name in cooling[:1]:
+            cooling_presets = [
+                name for name in COOLING_PRESETS if (kp, ti) == (Loop.preset(name)["kp"], Loop.preset(name)["ti"])
+            ]
+            for name in cooling_presets[:1]:
                 yield (
                     f"action = 'heating' with kp = {kp:g} 1/K and ti = {ti:g} s, those of the cooling coil {name}: "
                     "with hot water they may ring, or be slow; begin with the preset heating or heating_45, or give "
@@ -279,8 +293,8 @@ def _doubts(loop: Loop, boundary: Boundary) -> Iterator[str]:
                 )
 
 
-_CHUNK = 65536
-_AIR_FLOWS = 17  # air flows tried between the least and the largest of the boundary: λ need not rise with the flow
+_SCENARIOS_PER_CHUNK = 65536
+_N_AIR_FLOWS = 17  # air flows tried between the least and the largest of the boundary: λ need not rise with the flow
 
 
 def check_stability(layout: Layout) -> None:
@@ -289,43 +303,43 @@ def check_stability(layout: Layout) -> None:
     Flows are the largest that can occur: water at full opening, air over the boundary's series.  The wet λ takes
     dh_s/dT at the largest entering dew point, unless the coil cannot get wet.
     """
-    coil = _coil_and_valve(layout)
+    coil = _coil_and_valve_layout(layout)
     numbers = _stability_numbers(coil)
-    broken = numbers.max(axis=0)
-    if n_bad := int(np.count_nonzero(~(broken <= 1.0))):
-        worst = int(np.nanargmax(broken))
-        raise InputError(_verdict(layout, coil, n_bad, worst, *numbers[:, worst].tolist()))
+    largest_numbers = numbers.max(axis=0)
+    if n_unstable := int(np.count_nonzero(~(largest_numbers <= 1.0))):
+        worst = int(np.nanargmax(largest_numbers))
+        raise InputError(_instability_sentence(layout, coil, n_unstable, worst, *numbers[:, worst].tolist()))
 
 
-def stable(loop: Loop, boundary: Boundary) -> xr.DataArray:
+def is_stable(loop: Loop, boundary: Boundary) -> xr.DataArray:
     """Whether γ ≤ 1 and λ ≤ 1, over the dims of ``loop``: as ``check_stability``, without refusing."""
     layout = Layout(loop, boundary)
-    holds = (_stability_numbers(layout).max(axis=0) <= 1.0).reshape(tuple(loop.sizes.values()))
-    return xr.DataArray(holds, dims=tuple(loop.sizes), coords=layout.coordinates())
+    flags = (_stability_numbers(layout).max(axis=0) <= 1.0).reshape(tuple(loop.sizes.values()))
+    return xr.DataArray(flags, dims=tuple(loop.sizes), coords=layout.coordinates())
 
 
 def _stability_numbers(layout: Layout) -> np.ndarray:
     """γ and λ of every scenario, (2, n)."""
-    found, ends = [], layout.boundary.extremes
-    air_flows = np.linspace(*ends["m_a"], _AIR_FLOWS)
-    for start in range(0, layout.size, _CHUNK):
-        columns = layout.columns(np.arange(start, min(start + _CHUNK, layout.size)))
-        coldest = min(ends["T_w_in"][0], ends["T_a_in"][0], columns["T_initial"].min())
-        slope = wet_slope(ends["W_a_in"][1], coldest, float(columns["pressure"].min()))
-        found.append(worst_numbers(parameter_matrix(columns), air_flows, slope))
-    return np.concatenate(found, axis=1)
+    numbers, extremes = [], layout.boundary.extremes
+    air_flows = np.linspace(*extremes["m_a"], _N_AIR_FLOWS)
+    for start in range(0, layout.size, _SCENARIOS_PER_CHUNK):
+        columns = layout.columns(np.arange(start, min(start + _SCENARIOS_PER_CHUNK, layout.size)))
+        coldest = min(extremes["T_w_in"][0], extremes["T_a_in"][0], columns["T_initial"].min())
+        slope = wet_slope(extremes["W_a_in"][1], coldest, float(columns["pressure"].min()))
+        numbers.append(stability_numbers(parameter_matrix(columns), air_flows, slope))
+    return np.concatenate(numbers, axis=1)
 
 
-def _coil_and_valve(layout: Layout) -> Layout:
+def _coil_and_valve_layout(layout: Layout) -> Layout:
     """The study with only the parameters swept that stability depends on."""
     # whatever a closed valve leaks, fully open it delivers the same
     names = [p.name for p in PARAMETERS.values() if p.group in ("coil", "valve") and p.name != "leakage"]
-    given = {n: v for n, v in layout.loop.items() if n in names}
-    axes = {d for v in given.values() if isinstance(v, xr.DataArray) for d in v.dims}
-    given |= {n: v for n, v in layout.loop.swept.items() if n in axes}
-    if "rangeability" in given:
-        given = {n: v for n, v in given.items() if n not in ("m_max", "valve_a", "valve_b", "valve_c")}
-    return Layout(Loop(**given), layout.boundary)
+    values = {n: v for n, v in layout.loop.items() if n in names}
+    axes = {d for v in values.values() if isinstance(v, xr.DataArray) for d in v.dims}
+    values |= {n: v for n, v in layout.loop.swept.items() if n in axes}
+    if "rangeability" in values:
+        values = {n: v for n, v in values.items() if n not in ("m_max", "valve_a", "valve_b", "valve_c")}
+    return Layout(Loop(**values), layout.boundary)
 
 
 def wet_slope(W: float, coldest: float, pressure: float) -> float:
@@ -334,19 +348,19 @@ def wet_slope(W: float, coldest: float, pressure: float) -> float:
     return 0.0 if coldest >= dew_point else float(moist_air.saturation_enthalpy_slope(dew_point, pressure))
 
 
-def _verdict(layout: Layout, coil: Layout, n_bad: int, worst: int, gamma: float, lam: float) -> str:
+def _instability_sentence(layout: Layout, coil: Layout, n_unstable: int, worst: int, gamma: float, lam: float) -> str:
     """worst: flat index of the least stable scenario, of γ and λ."""
     columns = coil.columns(np.array([worst]))
     n_volumes, substeps = int(columns["n_volumes"][0]), int(columns["substeps"][0])
-    what = [f"γ = m_w cp_w dt/C_w = {gamma:.3g}"] if gamma > 1.0 else []
-    what += [f"λ = dt (G_a + G_w)/C_c = {lam:.3g}"] if lam > 1.0 else []
-    enough = np.ceil(max(gamma, lam) * substeps * (1 - 1e-12))
-    cures = [f"substeps = {enough:.0f} is stable"] if enough <= PARAMETERS["substeps"].upper else []
+    violations = [f"γ = m_w cp_w dt/C_w = {gamma:.3g}"] if gamma > 1.0 else []
+    violations += [f"λ = dt (G_a + G_w)/C_c = {lam:.3g}"] if lam > 1.0 else []
+    stable_substeps = np.ceil(max(gamma, lam) * substeps * (1 - 1e-12))
+    cures = [f"substeps = {stable_substeps:.0f} is stable"] if stable_substeps <= PARAMETERS["substeps"].upper else []
     cures.append("give fewer n_volumes or larger " + " and ".join(["C_w"] * (gamma > 1.0) + ["C_c"] * (lam > 1.0)))
     place = ", ".join(filter(None, [coil.describe(worst), f"n_volumes={n_volumes}"]))
     dt = "1 s" if substeps == 1 else f"1/{substeps} s"
-    share = n_bad * (layout.size // coil.size)
+    n_scenarios = n_unstable * (layout.size // coil.size)
     return (
-        f"unstable at dt = {dt}: {share:,} of {layout.size:,} scenarios have γ or λ above 1; "
-        f"worst: {' and '.join(what)} at {place}; cure: {', or '.join(cures)}"
+        f"unstable at dt = {dt}: {n_scenarios:,} of {layout.size:,} scenarios have γ or λ above 1; "
+        f"worst: {' and '.join(violations)} at {place}; cure: {', or '.join(cures)}"
     )

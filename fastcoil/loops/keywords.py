@@ -7,11 +7,11 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, TypedDict, TypeVar
 
-from fastcoil.loops.assignment import MEANING, WORD
-from fastcoil.model.parameter_table import COUNTS, PARAMETERS
+from fastcoil.loops.assignment import CONVERGED_KEYWORD, CONVERGED_TEXT
+from fastcoil.model.parameter_table import INTEGER_PARAMETERS, PARAMETERS
 
 PresetName = Any
-Keywords = TypedDict("Keywords", dict.fromkeys((WORD, *PARAMETERS), Any), total=False)  # type: ignore[misc]
+Keywords = TypedDict("Keywords", dict.fromkeys((CONVERGED_KEYWORD, *PARAMETERS), Any), total=False)  # type: ignore[misc]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 Class = TypeVar("Class", bound=type)
@@ -31,10 +31,10 @@ def take_parameters(defaults: Mapping[str, object]) -> Callable[[Function], Func
     """Show ``**values`` of a method as one keyword for each parameter, with these defaults."""
 
     def decorate(method: Function) -> Function:
-        plain = inspect.signature(method)
-        positional = [p for p in plain.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
+        signature = inspect.signature(method)
+        positional = [p for p in signature.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
         keywords = [inspect.Parameter(n, inspect.Parameter.KEYWORD_ONLY, default=v) for n, v in defaults.items()]
-        method.__signature__ = plain.replace(parameters=[*positional, *keywords])  # type: ignore[attr-defined]
+        method.__signature__ = signature.replace(parameters=[*positional, *keywords])  # type: ignore[attr-defined]
         return method
 
     return decorate
@@ -47,10 +47,10 @@ def describe_parameters(cls: Class) -> Class:
     text, heading, examples = inspect.cleandoc(cls.__doc__).partition("Examples\n")
     lines = ["Parameters", "----------"]
     for p in PARAMETERS.values():
-        kind = "str" if p.is_word else "int" if p.name in COUNTS else "float"
+        type_name = "str" if p.is_word else "int" if p.name in INTEGER_PARAMETERS else "float"
         default = "optional" if p.default is None else f"default {p.default!r}"
         unit = "" if p.unit in ("", "1") else f" {p.unit}"
-        lines += [f"{p.name} : {kind}, {default}{unit}", f"    {p.text} ({p.bounds})."]
-    lines += [f"{WORD} : bool, default False", f"    True stands for {MEANING}."]
+        lines += [f"{p.name} : {type_name}, {default}{unit}", f"    {p.text} ({p.bounds})."]
+    lines += [f"{CONVERGED_KEYWORD} : bool, default False", f"    True stands for {CONVERGED_TEXT}."]
     cls.__doc__ = "\n".join([text.rstrip(), "", *lines, "", heading + examples])
     return cls

@@ -13,44 +13,56 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from fastcoil.base.arguments import array_of
+from fastcoil.base.arguments import require_array
 from fastcoil.base.arrays import Array
-from fastcoil.base.errors import InputError, WrongType, shown
-from fastcoil.logs.series import COLUMNS, DIFFERENCE, FRACTION, PRESSURE, TEMPERATURE, TIME, WATER_FLOW, Units, spelled
-from fastcoil.logs.timestamps import offset_text
+from fastcoil.base.errors import InputError, WrongTypeMessage, short_repr
+from fastcoil.logs.series import (
+    COLUMNS,
+    FRACTION,
+    PRESSURE,
+    TEMPERATURE,
+    TEMPERATURE_DIFFERENCE,
+    TIME,
+    WATER_FLOW,
+    Units,
+    resolve_unit,
+)
+from fastcoil.logs.timestamps import format_utc_offset
 
-_SCALES = (
+_PARAMETER_SCALES = (
     {"kJ K-1": 1.0, "kJ/K": 1.0, "J K-1": 1e-3, "J/K": 1e-3},
     {"kJ kg-1 K-1": 1.0, "kJ/(kg K)": 1.0, "J kg-1 K-1": 1e-3, "J/(kg K)": 1e-3},
     {"K-1": 1.0, "1/K": 1.0, "%/K": 0.01, "percent/K": 0.01},
     {"s-1": 1.0, "1/s": 1.0, "1/min": 1 / 60, "%/s": 0.01},
     {"rad s-1": 1.0, "rad/s": 1.0, "Hz": 2.0 * np.pi},
 )
-_OF_PARAMETERS = [{unit: (scale, 0.0) for unit, scale in family.items()} for family in _SCALES]
-_FAMILIES = (FRACTION, TIME, TEMPERATURE, DIFFERENCE, WATER_FLOW, PRESSURE, *_OF_PARAMETERS)
-_UNITS = {next(iter(units)): units for units in _FAMILIES}
+_PARAMETER_UNITS = [{unit: (scale, 0.0) for unit, scale in family.items()} for family in _PARAMETER_SCALES]
+_UNIT_FAMILIES = (FRACTION, TIME, TEMPERATURE, TEMPERATURE_DIFFERENCE, WATER_FLOW, PRESSURE, *_PARAMETER_UNITS)
+_ACCEPTED_UNITS = {next(iter(units)): units for units in _UNIT_FAMILIES}
 
 
-def units_of(unit: str) -> Units:
+def accepted_units(unit: str) -> Units:
     """The units that values in ``unit``, one of our tables, may be given in."""
-    return _UNITS.get(unit, {unit: (1.0, 0.0)})
+    return _ACCEPTED_UNITS.get(unit, {unit: (1.0, 0.0)})
 
 
-def as_labelled(name: str, value: Any, dim: str) -> xr.DataArray | None:
+def as_data_array(name: str, value: Any, dim: str) -> xr.DataArray | None:
     """``value`` as a DataArray if it has labels, None if it is bare; ``dim``: of a pandas index without a name."""
     if isinstance(value, xr.DataArray):
         return value
     if isinstance(value, xr.Variable):
         return xr.DataArray(value)
     if isinstance(value, pd.Series):
-        return _of_pandas(name, value, [(value.index, dim)])
+        return _from_pandas(name, value, [(value.index, dim)])
     if isinstance(value, pd.DataFrame):
         axes = [(index, dim if _is_time(index) else None) for index in (value.index, value.columns)]
-        return _of_pandas(name, value, axes)
-    first = value[0] if isinstance(value, (list, tuple)) and value else value
-    if isinstance(first, (xr.DataArray, xr.Variable, pd.Series)) or isinstance(value, xr.Dataset):
-        kind = type(value).__name__
-        raise InputError(WrongType(f"{name} is a {kind} with labels: give one DataArray, Series or bare array"))
+        return _from_pandas(name, value, axes)
+    first_item = value[0] if isinstance(value, (list, tuple)) and value else value
+    if isinstance(first_item, (xr.DataArray, xr.Variable, pd.Series)) or isinstance(value, xr.Dataset):
+        type_name = type(value).__name__
+        raise InputError(
+            WrongTypeMessage(f"{name} is a {type_name} with labels: give one DataArray, Series or bare array")
+        )
     return None
 
 
@@ -58,7 +70,7 @@ def _is_time(index: Any) -> bool:
     return isinstance(index, (pd.DatetimeIndex, pd.TimedeltaIndex))
 
 
-def _of_pandas(name: str, value: Any, axes: list[tuple[Any, str | None]]) -> xr.DataArray:
+def _from_pandas(name: str, value: Any, axes: list[tuple[Any, str | None]]) -> xr.DataArray:
     """Times in an index become seconds since the first, and a coordinate ``start``."""
     dims: list[str] = []
     coords: dict[str, xr.Variable] = {}
@@ -70,12 +82,14 @@ def _of_pandas(name: str, value: Any, axes: list[tuple[Any, str | None]]) -> xr.
         dim = str(default if index.name is None or _is_time(index) else index.name)
         labels = index
         if isinstance(index, pd.DatetimeIndex) and index.size:
-            first, labels = index[0], index - index[0]
+            first_time, labels = index[0], index - index[0]
             zone = {}
-            if first.tzinfo is not None:  # its name, or its offset from UTC
-                named = getattr(first.tzinfo, "key", None) or getattr(first.tzinfo, "zone", None)
-                zone["time_zone"] = str(named or offset_text(round(first.utcoffset().total_seconds() / 60)))
-            coords["start"] = xr.Variable((), np.datetime64(first.tz_localize(None), "ns"), zone)
+            if first_time.tzinfo is not None:  # its name, or its offset from UTC
+                zone_name = getattr(first_time.tzinfo, "key", None) or getattr(first_time.tzinfo, "zone", None)
+                zone["time_zone"] = str(
+                    zone_name or format_utc_offset(round(first_time.utcoffset().total_seconds() / 60))
+                )
+            coords["start"] = xr.Variable((), np.datetime64(first_time.tz_localize(None), "ns"), zone)
         if index.name is not None or not labels.equals(pd.RangeIndex(index.size)):
             coords[dim] = xr.Variable(dim, labels.values)
         if dim in dims:
@@ -84,21 +98,21 @@ def _of_pandas(name: str, value: Any, axes: list[tuple[Any, str | None]]) -> xr.
     return xr.DataArray(value.to_numpy(), coords, dims, attrs=dict(value.attrs))
 
 
-def in_our_unit(name: str, array: xr.DataArray, units: Units) -> NDArray[Any]:
+def convert_units(name: str, array: xr.DataArray, units: Units) -> NDArray[Any]:
     """Numbers in the first of ``units``, from the unit in the attribute ``units``, if it has one."""
     unit = array.attrs.get("units")
     if unit is None:
         return np.asarray(array.values)
     if not isinstance(unit, str):
-        raise InputError(WrongType(f"{name} has units = {shown(unit)}: give a text ({', '.join(units)})"))
-    scale, offset = units[spelled(name, unit or "1", units)]
+        raise InputError(WrongTypeMessage(f"{name} has units = {short_repr(unit)}: give a text ({', '.join(units)})"))
+    scale, offset = units[resolve_unit(name, unit or "1", units)]
     if (scale, offset) == (1.0, 0.0):
         return np.asarray(array.values)
     with np.errstate(over="ignore"):  # what overflows is out of bounds
-        return array_of(name, array.values, "give numbers").astype(float) * scale + offset
+        return require_array(name, array.values, "give numbers").astype(float) * scale + offset
 
 
-class Course(NamedTuple):
+class SeriesLabels(NamedTuple):
     """What the labels of a series of 1-s samples say; None where they say nothing."""
 
     n_steps: int | None = None  # samples of a day
@@ -109,39 +123,41 @@ class Course(NamedTuple):
     time_zone: str | None = None  # of ``start``; blank if that has none
 
 
-def course_of(name: str, array: xr.DataArray) -> Course:
+def read_series_labels(name: str, array: xr.DataArray) -> SeriesLabels:
     """The labels of a series along ``day`` and ``elapsed_time``; refused with other dims or steps than 1 s."""
     if not set(array.dims) <= {"day", "elapsed_time"}:
         raise InputError(f"{name} has dims {array.dims}: name them elapsed_time and, for several days, day")
-    second, start, zone = None, None, None
-    for time in ("elapsed_time", "timestamp", "time"):
-        along = array.coords.get(time)
-        if along is None or "elapsed_time" not in along.dims or not along.size:
+    first_second, start, zone = None, None, None
+    for name_of_time in ("elapsed_time", "timestamp", "time"):
+        time_coord = array.coords.get(name_of_time)
+        if time_coord is None or "elapsed_time" not in time_coord.dims or not time_coord.size:
             continue
-        along = along.transpose(..., "elapsed_time")
-        if along.dtype.kind == "M":
-            _check_steps(time, np.diff(along.values).ravel() / np.timedelta64(1, "s"))
-            start, zone = along.values[..., 0], along.attrs.get("time_zone", "")
-        elif time == "elapsed_time":
-            seconds = _seconds(time, along)
-            _check_steps(time, np.diff(seconds))
-            second = float(seconds[0])
+        time_coord = time_coord.transpose(..., "elapsed_time")
+        if time_coord.dtype.kind == "M":
+            _check_steps(name_of_time, np.diff(time_coord.values).ravel() / np.timedelta64(1, "s"))
+            start, zone = time_coord.values[..., 0], time_coord.attrs.get("time_zone", "")
+        elif name_of_time == "elapsed_time":
+            seconds = _elapsed_seconds(name_of_time, time_coord)
+            _check_steps(name_of_time, np.diff(seconds))
+            first_second = float(seconds[0])
     if "start" in array.coords:
-        of_zero = array.coords["start"]
-        if of_zero.dtype.kind != "M" or not set(of_zero.dims) <= {"day"}:
-            raise InputError(WrongType(f"start is of type {of_zero.dtype}: give dates and times, datetime64"))
-        start = of_zero.values.astype("datetime64[us]") + np.timedelta64(round(1e6 * (second or 0.0)), "us")
-        zone = of_zero.attrs.get("time_zone", "")
+        start_coord = array.coords["start"]
+        if start_coord.dtype.kind != "M" or not set(start_coord.dims) <= {"day"}:
+            raise InputError(
+                WrongTypeMessage(f"start is of type {start_coord.dtype}: give dates and times, datetime64")
+            )
+        start = start_coord.values.astype("datetime64[us]") + np.timedelta64(round(1e6 * (first_second or 0.0)), "us")
+        zone = start_coord.attrs.get("time_zone", "")
     day = array.coords["day"].values if "day" in array.coords else None
-    return Course(array.sizes.get("elapsed_time"), array.sizes.get("day"), day, second, start, zone)
+    return SeriesLabels(array.sizes.get("elapsed_time"), array.sizes.get("day"), day, first_second, start, zone)
 
 
-def _seconds(name: str, along: xr.DataArray) -> Array:
-    if along.dtype.kind == "m":
-        return np.asarray(along.values / np.timedelta64(1, "s"))
-    if along.dtype.kind not in "iuf":
-        raise InputError(f"{name} is of type {along.dtype}: give the seconds 0, 1, ...")
-    return np.asarray(in_our_unit(name, along, COLUMNS["elapsed_time"].units), dtype=float)
+def _elapsed_seconds(name: str, time_coord: xr.DataArray) -> Array:
+    if time_coord.dtype.kind == "m":
+        return np.asarray(time_coord.values / np.timedelta64(1, "s"))
+    if time_coord.dtype.kind not in "iuf":
+        raise InputError(f"{name} is of type {time_coord.dtype}: give the seconds 0, 1, ...")
+    return np.asarray(convert_units(name, time_coord, COLUMNS["elapsed_time"].units), dtype=float)
 
 
 def _check_steps(name: str, steps: Array) -> None:
@@ -150,17 +166,17 @@ def _check_steps(name: str, steps: Array) -> None:
         raise InputError(f"{name} has a step of {steps[wrong[0]]:g} s after sample {wrong[0]}: give 1-s steps")
 
 
-def differing(what: str, found: Mapping[str, Any], cure: str) -> list[str]:
-    """A sentence for each of ``found``, by name, that differs from the first; ``what``: with a place for it."""
-    first = next(iter(found), "")
+def label_mismatches(template: str, labels: Mapping[str, Any], cure: str) -> list[str]:
+    """A sentence for each of ``labels``, by name, that differs from the first; ``template``: with a place for it."""
+    first_name = next(iter(labels), "")
     return [
-        f"{name} has {what.format(_short(one))} where {first} has {_short(found[first])}: {cure}"
-        for name, one in found.items()
-        if not np.array_equal(np.atleast_1d(one), np.atleast_1d(found[first]))
+        f"{name} has {template.format(_short_text(label))} where {first_name} has {_short_text(labels[first_name])}: {cure}"
+        for name, label in labels.items()
+        if not np.array_equal(np.atleast_1d(label), np.atleast_1d(labels[first_name]))
     ]
 
 
-def _short(value: Any) -> str:
+def _short_text(value: Any) -> str:
     array = np.asarray(value)
     text = str(array.astype("M8[s]") if array.dtype.kind == "M" else value) or "unknown"
     return text if len(text) <= 40 else f"{text[:39]}…"

@@ -10,7 +10,7 @@ import xarray as xr
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
 from fastcoil.model.parameter_table import PARAMETERS, RESERVED_DIMS
 
-_UNITS = {
+_UNIT_TEXTS = {
     "1": "",
     "K-1": "1/K",
     "s-1": "1/s",
@@ -21,15 +21,15 @@ _UNITS = {
     "m3": "m³",
     "kJ kg-1 K-1": "kJ/(kg K)",
 }
-_PERCENT = (
+_IN_PERCENT = (
     "backlash", "backlash_estimate", "estimate_ratio", "buffer", "command_resolution", "learning_step",
     "learning_cap", "learning_max_reference", "estimate_final", "estimate_settled", "size_error",
     "estimate_first_down", "share_off", "hunts",
     "u", "integral", "command", "position", "opening", "estimate",
 )  # fmt: skip
 """Shares that are read in per cent."""
-_READ_IN = {
-    **dict.fromkeys(_PERCENT, ("%", 100.0)),
+_DISPLAY_UNITS = {
+    **dict.fromkeys(_IN_PERCENT, ("%", 100.0)),
     **dict.fromkeys(("learn_time_reached", "learn_time_confirmed", "learn_time_first_down"), ("h", 1 / 3600)),
     "learning_interval": ("min", 1 / 60),
 }
@@ -47,8 +47,8 @@ class Quantity(NamedTuple):
     @property
     def axis(self) -> str:
         """Label of an axis."""
-        named = f"{self.text} [{self.unit}]" if self.unit else self.text
-        return f"{named}: {self.meaning}" if self.meaning else named
+        text_with_unit = f"{self.text} [{self.unit}]" if self.unit else self.text
+        return f"{text_with_unit}: {self.meaning}" if self.meaning else text_with_unit
 
     def equals(self, value: float) -> str:
         """``backlash = 7 %``, for legends and headings."""
@@ -64,12 +64,12 @@ def quantity(name: str) -> Quantity:
     entry = METRICS.get(name) or PREDICTIONS.get(name) or TRACES.get(name) or PARAMETERS.get(name)
     if entry is None:
         return Quantity(name.replace("_", " "), "", 1.0)
-    return Quantity(entry.label, *_READ_IN.get(name, (unit_in_words(entry.unit), 1.0)))
+    return Quantity(entry.label, *_DISPLAY_UNITS.get(name, (unit_in_words(entry.unit), 1.0)))
 
 
 def unit_in_words(unit: str) -> str:
     """A unit of the tables as a reader expects it; empty for a plain number."""
-    return _UNITS.get(unit, unit)
+    return _UNIT_TEXTS.get(unit, unit)
 
 
 def is_parameter(ds: xr.Dataset | xr.DataArray, dim: Hashable) -> bool:
@@ -77,10 +77,10 @@ def is_parameter(ds: xr.Dataset | xr.DataArray, dim: Hashable) -> bool:
     return dim in PARAMETERS or (dim in ds.coords and "comment" in ds[dim].attrs)
 
 
-_ROUND_OFF = 1e-9  # the default buffer: it ignores no reversal but that of the last digits
+_ROUND_OFF_BUFFER = 1e-9  # the default buffer: it ignores no reversal but that of the last digits
 
 
-def plain_pi(ds: xr.Dataset | xr.DataArray) -> str:
+def plain_pi_label(ds: xr.Dataset | xr.DataArray) -> str:
     """A loop of this result without estimate: ``plain PI``, or ``PI with a buffer``, which holds back reversals."""
     stored = json.loads(ds.attrs.get("parameters", "{}"))
     values = {
@@ -89,10 +89,10 @@ def plain_pi(ds: xr.Dataset | xr.DataArray) -> str:
     }
     noise = (values["noise_std"] > 0.0).any() or (values["buffer_noise"] == "measured").any()
     follows_noise = (values["buffer_ratio"] > 0.0).any() and noise
-    return "PI with a buffer" if follows_noise or (values["buffer"] > _ROUND_OFF).any() else "plain PI"
+    return "PI with a buffer" if follows_noise or (values["buffer"] > _ROUND_OFF_BUFFER).any() else "plain PI"
 
 
-def quantity_of(ds: xr.Dataset | xr.DataArray, dim: str) -> Quantity:
+def coordinate_quantity(ds: xr.Dataset | xr.DataArray, dim: str) -> Quantity:
     """How a coordinate of a result is shown; that of a rule with the unit and words that it declares."""
     if dim in PARAMETERS or not is_parameter(ds, dim):
         return quantity(dim)
@@ -116,10 +116,10 @@ def label_in_words(ds: xr.Dataset | xr.DataArray, dim: str, k: int) -> str:
     value = ds[dim].values[k]
     if isinstance(value, str):
         return str(value)
-    return quantity_of(ds, dim).equals(float(value)) if is_parameter(ds, dim) else f"{dim} {value}"
+    return coordinate_quantity(ds, dim).equals(float(value)) if is_parameter(ds, dim) else f"{dim} {value}"
 
 
-def quantity_of_values(values: xr.DataArray) -> Quantity:
+def values_quantity(values: xr.DataArray) -> Quantity:
     """How values are shown: as of our tables, or by their attributes; shares of a baseline in per cent."""
     name, attrs = str(values.name or ""), values.attrs
     entry = METRICS.get(name) or PREDICTIONS.get(name) or TRACES.get(name)

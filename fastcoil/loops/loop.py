@@ -14,14 +14,22 @@ from typing import Any, Unpack
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import choice_of, instance_of, refuse
-from fastcoil.base.errors import InputError, WrongType, nearest, shown
-from fastcoil.loops.assignment import NO_RULES, WORD, assigned, checked_value, table_of, taken, with_defaults
+from fastcoil.base.arguments import raise_problems, require_choice, require_instance
+from fastcoil.base.errors import InputError, WrongTypeMessage, did_you_mean, short_repr
+from fastcoil.loops.assignment import (
+    CONVERGED_KEYWORD,
+    NO_RULES,
+    all_parameters,
+    assign_values,
+    check_value,
+    merge_rules,
+    values_for_rules,
+)
 from fastcoil.loops.keywords import UNCHANGED, Keywords, PresetName, describe_parameters, take_parameters
 from fastcoil.loops.presets import PRESETS, Preset
 from fastcoil.model.metric_table import METRICS
-from fastcoil.model.parameter_table import PARAMETERS, STAND_INS, Parameter, Scalar, check_name
-from fastcoil.model.user_rules import KINDS, Rule
+from fastcoil.model.parameter_table import PARAMETERS, STAND_INS, Parameter, Scalar, require_parameter_name
+from fastcoil.model.user_rules import RULE_KINDS, Rule
 
 _DEFAULTS = {p.name: p.default for p in PARAMETERS.values()}
 
@@ -44,9 +52,11 @@ class Loop:
     _values: dict[str, Scalar | xr.DataArray]
     _rules: Mapping[str, Rule]
 
-    @take_parameters(_DEFAULTS | {WORD: False})
+    @take_parameters(_DEFAULTS | {CONVERGED_KEYWORD: False})
     def __init__(self, **values: Unpack[Keywords]) -> None:
-        self._values, self._rules = assigned({n: v for n, v in _DEFAULTS.items() if v is not None}, NO_RULES, values)
+        self._values, self._rules = assign_values(
+            {n: v for n, v in _DEFAULTS.items() if v is not None}, NO_RULES, values
+        )
 
     @classmethod
     def preset(cls, name: PresetName | str, *, converged: bool = False) -> Loop:
@@ -54,7 +64,7 @@ class Loop:
 
         ``fc.presets()`` describes each.  converged: as in ``Loop``.
         """
-        return cls(**PRESETS[choice_of("preset", name, PRESETS)].values, converged=converged)
+        return cls(**PRESETS[require_choice("preset", name, PRESETS)].values, converged=converged)
 
     @classmethod
     def from_dataset(cls, ds: xr.Dataset, rules: Sequence[Rule] = ()) -> Loop:
@@ -69,23 +79,25 @@ class Loop:
         InputError
             If ``ds`` was not made by fastcoil, or has no labels along a dimension named after a parameter.
         """
-        instance_of("ds", ds, xr.Dataset, "give a result, or a part of one such as ds.isel(backlash=3)")
+        require_instance("ds", ds, xr.Dataset, "give a result, or a part of one such as ds.isel(backlash=3)")
         if not isinstance(rules, (list, tuple)) or not all(isinstance(rule, Rule) for rule in rules):
-            raise InputError(WrongType(f"rules = {shown(rules)}: give a list of what @fc.estimator or @fc.law made"))
-        known = taken(NO_RULES, rules, ())
-        table = table_of(known)
+            raise InputError(
+                WrongTypeMessage(f"rules = {short_repr(rules)}: give a list of what @fc.estimator or @fc.law made")
+            )
+        rules_by_name = merge_rules(NO_RULES, rules, ())
+        table = all_parameters(rules_by_name)
         constants = _stored_constants(ds, table)
         dims = next((list(ds[n].dims) for n in ("status", *METRICS) if n in ds), list(ds.dims))
         unlabelled = [d for d in dims if d in table and d not in ds.coords]
-        refuse([f"the Dataset has no values along its dimension {d}: keep that coordinate" for d in unlabelled])
+        raise_problems([f"the Dataset has no values along its dimension {d}: keep that coordinate" for d in unlabelled])
         names = [n for n in ds.coords if n in table and set(ds[n].dims) <= set(dims)]
         names.sort(key=lambda n: [dims.index(d) for d in ds[n].dims])
         swept = {str(n): ds[n].reset_coords(drop=True) for n in names}
-        loop = knowing(cls(), rules)
+        loop = add_rules(cls(), rules)
         loop._values = constants | _defaults_of_missing(constants, swept, table)
         return loop.assign(**swept)
 
-    @take_parameters(dict.fromkeys((*PARAMETERS, WORD), UNCHANGED))
+    @take_parameters(dict.fromkeys((*PARAMETERS, CONVERGED_KEYWORD), UNCHANGED))
     def assign(self, **values: Unpack[Keywords]) -> Loop:
         """Return a copy with parameters changed.
 
@@ -96,7 +108,7 @@ class Loop:
             zipped parameter of another length.
         """
         changed = Loop.__new__(Loop)
-        changed._values, changed._rules = assigned(self._values, self._rules, values)
+        changed._values, changed._rules = assign_values(self._values, self._rules, values)
         return changed
 
     @property
@@ -107,17 +119,17 @@ class Loop:
     @property
     def parameters(self) -> Mapping[str, Parameter]:
         """Every parameter that this loop may have: those of ``fc.parameters()``, then its rules' own."""
-        return table_of(self._rules)
+        return all_parameters(self._rules)
 
     def __getitem__(self, name: str) -> Any:
         """Value of a parameter; ``None`` for one that is not given."""
-        return self._values.get(check_name(name, self.parameters))
+        return self._values.get(require_parameter_name(name, self.parameters))
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_") or name not in self.parameters:
-            near = "" if name.startswith("_") else nearest(name, dir(self))
+            suggestion = "" if name.startswith("_") else did_you_mean(name, dir(self))
             # obj=None, so that Python adds no second suggestion to the traceback
-            raise AttributeError(f"a Loop has no {name}{near}", name=name, obj=None)
+            raise AttributeError(f"a Loop has no {name}{suggestion}", name=name, obj=None)
         return self[name]
 
     def __setattr__(self, name: str, value: object) -> None:
@@ -158,11 +170,13 @@ class Loop:
                 if dim in value.coords and name != dim:
                     labels.setdefault(str(dim), value.coords[dim].reset_coords(drop=True))
         for dim, size in self.sizes.items():
-            own = self._values.get(dim)
-            if own is not None and not (isinstance(own, xr.DataArray) and own.dims == (dim,)):
+            value_of_dim = self._values.get(dim)
+            if value_of_dim is not None and not (
+                isinstance(value_of_dim, xr.DataArray) and value_of_dim.dims == (dim,)
+            ):
                 raise InputError(f"{dim} is a parameter but not swept: give the dimension another name, such as tuning")
-            if isinstance(own, xr.DataArray):
-                labels[dim] = xr.DataArray(own.values, dims=dim)
+            if isinstance(value_of_dim, xr.DataArray):
+                labels[dim] = xr.DataArray(value_of_dim.values, dims=dim)
             labels.setdefault(dim, xr.DataArray(np.arange(size), dims=dim))
         for name, value in self.swept.items():
             labels.setdefault(name, value.drop_vars(list(value.coords)))
@@ -172,15 +186,15 @@ class Loop:
         lines = [f"  {dim}: {size}" for dim, size in self.sizes.items()]
         text = ["<fastcoil.Loop>", *(["Dimensions:", *lines] if lines else [])]
         # the one from which the loop differs in the fewest parameters; the first of them
-        preset = min(PRESETS.values(), key=lambda one: len(_differing(self, one)))
-        differs = []
-        for name in _differing(self, preset):
+        preset = min(PRESETS.values(), key=lambda candidate: len(_changed_names(self, candidate)))
+        differences = []
+        for name in _changed_names(self, preset):
             value = self[name]
             if isinstance(value, xr.DataArray):
-                differs.append(f"  {name} ({', '.join(map(str, value.dims))}): {_in_words(value)}")
+                differences.append(f"  {name} ({', '.join(map(str, value.dims))}): {_summarise_values(value)}")
             else:
-                differs.append(f"  {self.parameters[name].equation(value)}")
-        return "\n".join([*text, *([f"Differs from {preset.name}:", *differs] if differs else [preset.name])])
+                differences.append(f"  {self.parameters[name].equation(value)}")
+        return "\n".join([*text, *([f"Differs from {preset.name}:", *differences] if differences else [preset.name])])
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Loop) or self._values.keys() != other._values.keys() or self._rules != other._rules:
@@ -190,17 +204,17 @@ class Loop:
     __hash__ = None  # type: ignore[assignment]
 
 
-def knowing(loop: Loop, rules: Iterable[Rule]) -> Loop:
+def add_rules(loop: Loop, rules: Iterable[Rule]) -> Loop:
     """The loop with user rules and their parameters added."""
-    return _with_rules(loop, taken(loop.rules, list(rules), loop.rules))
+    return _replace_rules(loop, merge_rules(loop.rules, list(rules), loop.rules))
 
 
-def forgetting(loop: Loop, names: Collection[str]) -> Loop:
+def remove_rules(loop: Loop, rule_names: Collection[str]) -> Loop:
     """The loop without the user rules of these names and without their parameters."""
-    return _with_rules(loop, {n: rule for n, rule in loop.rules.items() if n not in names})
+    return _replace_rules(loop, {n: rule for n, rule in loop.rules.items() if n not in rule_names})
 
 
-def words_used(loop: Loop, kind: str) -> set[str]:
+def used_choices(loop: Loop, kind: str) -> set[str]:
     """The estimators, or the laws, that some scenario has."""
     if loop[kind] is None:
         learns = bool(np.any(np.asarray(loop["learning_step"]) > 0.0))
@@ -208,9 +222,9 @@ def words_used(loop: Loop, kind: str) -> set[str]:
     return set(np.unique(np.asarray(loop[kind])).tolist())
 
 
-def _with_rules(loop: Loop, rules: Mapping[str, Rule]) -> Loop:
+def _replace_rules(loop: Loop, rules: Mapping[str, Rule]) -> Loop:
     changed = Loop.__new__(Loop)
-    changed._rules, changed._values = rules, with_defaults(dict(loop.items()), loop.rules, rules)
+    changed._rules, changed._values = rules, values_for_rules(dict(loop.items()), loop.rules, rules)
     return changed
 
 
@@ -222,42 +236,46 @@ def _stored_constants(ds: xr.Dataset, table: Mapping[str, Parameter]) -> dict[st
         stored = dict(json.loads(ds.attrs["parameters"]))
     except (TypeError, ValueError, RecursionError):
         raise InputError("the attribute 'parameters' of this Dataset is not as fastcoil made it") from None
-    for kind in KINDS:
+    for kind in RULE_KINDS:
         words = {str(word) for word in [stored.get(kind), *np.ravel(ds[kind].values if kind in ds.coords else [])]}
         unknown = sorted(words - {"None", *table[kind].choices})
         if unknown:
             raise InputError(f"the result has the {kind} {unknown[0]}: give its rule, from_dataset(ds, rules=[…])")
-    return {name: checked_value(table[check_name(name, table)], value) for name, value in stored.items()}
+    return {name: check_value(table[require_parameter_name(name, table)], value) for name, value in stored.items()}
 
 
 def _defaults_of_missing(
     constants: Mapping[str, Scalar], swept: Mapping[str, xr.DataArray], table: Mapping[str, Parameter]
 ) -> dict[str, Scalar]:
     """Defaults of the parameters that a result has neither as constant nor as coordinate, with a warning."""
-    known = constants.keys() | swept.keys()
-    replaced = {name for stand_in, names in STAND_INS.items() if stand_in in known for name in names}
-    missing = {p.name: p.default for p in table.values() if p.default is not None and p.name not in known | replaced}
+    given_names = constants.keys() | swept.keys()
+    replaced = {name for stand_in, names in STAND_INS.items() if stand_in in given_names for name in names}
+    missing = {
+        p.name: p.default for p in table.values() if p.default is not None and p.name not in given_names | replaced
+    }
     if missing:
-        used = ", ".join(table[name].equation(value) for name, value in missing.items())
-        warnings.warn(f"the result does not hold these parameters, so their defaults are used: {used}", stacklevel=3)
+        defaults_text = ", ".join(table[name].equation(value) for name, value in missing.items())
+        warnings.warn(
+            f"the result does not hold these parameters, so their defaults are used: {defaults_text}", stacklevel=3
+        )
     return missing
 
 
-_LISTED = 5  # so many values of a sweep are written one by one
+_MAX_LISTED_VALUES = 5  # so many values of a sweep are written one by one
 
 
-def _differing(loop: Loop, preset: Preset) -> list[str]:
+def _changed_names(loop: Loop, preset: Preset) -> list[str]:
     """Parameters of another value than in a preset: those swept, then constants, in the order of the table."""
     constants = {name: loop.constants[name] for name in loop.parameters if name in loop.constants}
     return [*loop.swept, *preset.changed(constants, loop.parameters)]
 
 
-def _in_words(value: xr.DataArray) -> str:
+def _summarise_values(value: xr.DataArray) -> str:
     """A few values one by one; of many the range, and the median unless they rise along an axis."""
     flat = np.ravel(value)
-    if flat.size <= _LISTED or flat.dtype.kind not in "iuf":
+    if flat.size <= _MAX_LISTED_VALUES or flat.dtype.kind not in "iuf":
         words = list(dict.fromkeys(f"{v:.6g}" if isinstance(v, (int, float)) else v for v in flat.tolist()))
-        text = ", ".join(words[:_LISTED]) + (", …" if len(words) > _LISTED else "")
+        text = ", ".join(words[:_MAX_LISTED_VALUES]) + (", …" if len(words) > _MAX_LISTED_VALUES else "")
     else:
         text = f"{flat.min():.4g} to {flat.max():.4g}"
         if not (np.diff(flat) > 0.0).all():

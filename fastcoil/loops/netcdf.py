@@ -31,16 +31,16 @@ from xarray.backends import BackendArray
 from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 from xarray.core import indexing
 
-from fastcoil.base.arrays import on_disk
-from fastcoil.base.errors import FastcoilError, IntegrityError, StorageError, out_of_memory
-from fastcoil.base.files import commit_written, storage_errors
-from fastcoil.base.machine import IS_POSIX, available_memory, gib
+from fastcoil.base.arrays import allocate_on_disk
+from fastcoil.base.errors import FastcoilError, IntegrityError, StorageError, out_of_memory_error
+from fastcoil.base.files import convert_os_errors, replace_atomically
+from fastcoil.base.machine import IS_POSIX, available_memory, format_bytes
 
 COMPRESSION = {"zlib": True, "complevel": 1, "shuffle": True, "fletcher32": True}
-LARGE = 64
+MAX_UNCOMPRESSED_VALUES = 64
 """Values; a variable with more is compressed."""
-AS_STORED: dict[str, Any] = {"decode_times": False, "decode_timedelta": False}
-abandoned: list[netCDF4.Dataset] = []
+WITHOUT_DECODING: dict[str, Any] = {"decode_times": False, "decode_timedelta": False}
+unclosed_files: list[netCDF4.Dataset] = []
 """Files that could not be written or closed, as on a full disk.  Closing them may crash the library, and the garbage
 collector would try: a reference is kept."""
 
@@ -53,18 +53,18 @@ if IS_POSIX:
     )
 
 
-def close(file: netCDF4.Dataset) -> Any:
+def close_file(file: netCDF4.Dataset) -> Any:
     """Close a file, with the lock held.  Returns the bytes of one in memory."""
     try:
         return file.close()
     except BaseException:
-        abandoned.append(file)
+        unclosed_files.append(file)
         raise
 
 
 def netcdf_bytes(ds: xr.Dataset) -> bytes | memoryview:
     """The Dataset as an uncompressed NetCDF file in memory: a killed writer leaves no file that opens."""
-    return _written(ds, "in memory", "w", {}, lambda file: None, memory=0)  # type: ignore[no-any-return]
+    return _write_file(ds, "in memory", "w", {}, lambda file: None, memory=0)  # type: ignore[no-any-return]
 
 
 def save(ds: xr.Dataset, path: Path) -> None:
@@ -72,20 +72,20 @@ def save(ds: xr.Dataset, path: Path) -> None:
 
     ``StorageError`` if the file cannot be written; nothing half-written is left behind.
     """
-    commit_written(path, lambda unfinished: write(ds, unfinished, mode="w"))
+    replace_atomically(path, lambda unfinished: write(ds, unfinished, mode="w"))
 
 
 def write(
     ds: xr.Dataset,
     path: Path,
     mode: Literal["w", "a"],
-    then: Callable[[netCDF4.Dataset], object] = lambda file: None,
+    append_rest: Callable[[netCDF4.Dataset], object] = lambda file: None,
 ) -> None:
-    """Write or append to an unpublished file, without a copy of it in memory; ``then`` goes on writing, unlocked."""
-    large = {n for n, v in ds.variables.items() if v.dtype.kind in "fi" and v.ndim and v.size > LARGE}
-    with_complete_coordinates(ds)
+    """Write or append to an unpublished file, without a copy of it in memory; ``append_rest`` goes on writing, unlocked."""
+    large = {n for n, v in ds.variables.items() if v.dtype.kind in "fi" and v.ndim and v.size > MAX_UNCOMPRESSED_VALUES}
+    without_fill_values(ds)
     encoding = {n: COMPRESSION | {k: v for k, v in ds[n].encoding.items() if k == "_FillValue"} for n in large}
-    _written(ds, str(path), mode, encoding, then)
+    _write_file(ds, str(path), mode, encoding, append_rest)
 
 
 def parse(source: str | Path | bytes) -> netCDF4.Dataset:
@@ -104,7 +104,7 @@ def parse(source: str | Path | bytes) -> netCDF4.Dataset:
 def _small_caches() -> Iterator[None]:
     """Give variables that are opened or made, with the lock held, small caches: each is read or written in one go."""
     size, n, preemption = netCDF4.get_chunk_cache()
-    netCDF4.set_chunk_cache(_CACHE, n, preemption)
+    netCDF4.set_chunk_cache(_CACHE_BYTES, n, preemption)
     try:
         yield
     finally:
@@ -113,13 +113,13 @@ def _small_caches() -> Iterator[None]:
 
 def load(
     source: str | Path | bytes,
-    leave_out: Collection[str] = (),
-    most: float = math.inf,
-    later: "Callable[[TraceLayout], xr.Dataset]" = lambda layout: xr.Dataset(),
+    skipped_names: Collection[str] = (),
+    max_bytes: float = math.inf,
+    open_later: "Callable[[TraceLayout], xr.Dataset]" = lambda layout: xr.Dataset(),
 ) -> xr.Dataset:
-    """Read a file as ``parse`` opens it, without the variables ``leave_out``; damage may raise anything.
+    """Read a file as ``parse`` opens it, without the variables ``skipped_names``; damage may raise anything.
 
-    most, later: of a file with more bytes, the results are those that ``later`` opens by their layout.
+    most, later: of a file with more bytes, the results are those that ``open_later`` opens by their layout.
 
     ``MemoryError`` if it takes more than is available: a small file may hold a large array of one value.
     """
@@ -127,102 +127,106 @@ def load(
         file = parse(source)
         try:
             stored = xr.backends.NetCDF4DataStore(file, lock=False)  # type: ignore[no-untyped-call]
-            ds = xr.open_dataset(stored, drop_variables=list(leave_out), **AS_STORED)
+            ds = xr.open_dataset(stored, drop_variables=list(skipped_names), **WITHOUT_DECODING)
             ds.set_close(None)  # the caller gets it with the file closed
             names = [*ds.data_vars]
-            large = [n for n in names if ds[n].dtype.kind == "f"] if ds.nbytes > most else []
-            layout, ds = layout_of((n, ds.variables[n]) for n in large), ds.drop_vars(large)
+            large = [n for n in names if ds[n].dtype.kind == "f"] if ds.nbytes > max_bytes else []
+            layout, ds = describe_variables((n, ds.variables[n]) for n in large), ds.drop_vars(large)
             if ds.nbytes > available_memory():
-                raise MemoryError(f"its values take {gib(ds.nbytes)}, {gib(available_memory())} are available")
-            ds = with_complete_coordinates(with_times(ds.load()))
-            found = {**ds.variables, **later(layout).variables}
-            return xr.Dataset({n: found[n] for n in names}, ds.coords, ds.attrs)
+                raise MemoryError(
+                    f"its values take {format_bytes(ds.nbytes)}, {format_bytes(available_memory())} are available"
+                )
+            ds = without_fill_values(with_decoded_times(ds.load()))
+            variables = {**ds.variables, **open_later(layout).variables}
+            return xr.Dataset({n: variables[n] for n in names}, ds.coords, ds.attrs)
         finally:
-            close(file)
+            close_file(file)
 
 
-def _written(
+def _write_file(
     ds: xr.Dataset,
     name: str,
     mode: Literal["w", "a"],
     encoding: Any,
-    then: Callable[[netCDF4.Dataset], object],
+    append_rest: Callable[[netCDF4.Dataset], object],
     **options: Any,
 ) -> Any:
-    ds = with_numbers(ds.compute())  # values may be in another file, behind the same lock
+    ds = with_encoded_times(ds.compute())  # values may be in another file, behind the same lock
     with NETCDF4_PYTHON_LOCK:
         file = netCDF4.Dataset(name, mode=mode, format="NETCDF4", **options)
     try:
         with NETCDF4_PYTHON_LOCK, _small_caches():
             stored = xr.backends.NetCDF4DataStore(file, lock=False)  # type: ignore[no-untyped-call]
             ds.dump_to_store(stored, encoding=encoding)
-        then(file)
+        append_rest(file)
         if not options:  # a failing write raises in sync; in close it would crash the library
             with NETCDF4_PYTHON_LOCK:
                 file.sync()
     except (OSError, RuntimeError):
-        abandoned.append(file)
+        unclosed_files.append(file)
         raise
     except BaseException:
         with NETCDF4_PYTHON_LOCK, suppress(RuntimeError):  # the first error is the one to report
-            close(file)
+            close_file(file)
         raise
     with NETCDF4_PYTHON_LOCK:
-        return close(file)
+        return close_file(file)
 
 
-_CACHE = 2**20  # bytes of a variable
-_CHUNK, _ALONG_TIME, _SLAB = 2**17, 2**10, 2**23
+_CACHE_BYTES = 2**20  # bytes of a variable
+_CHUNK_VALUES, _CHUNK_TIMES, _SLAB_VALUES = 2**17, 2**10, 2**23
 """Values of a chunk, and of these along time if there are several scenarios; values written at a time."""
 Slabs = Iterable[tuple[tuple[slice, ...], np.ndarray]]
 """Parts of an array, in C order, and their values."""
 
 
-def pieces_of(shape: tuple[int, ...], most: int) -> Iterator[tuple[slice, ...]]:
-    """Cut an array, in C order, into blocks whose values are neighbours: of ``most`` values, or of a single one."""
+def cut_into_pieces(shape: tuple[int, ...], max_values: int) -> Iterator[tuple[slice, ...]]:
+    """Cut an array, in C order, into blocks whose values are neighbours: of ``max_values`` values, or of a single one."""
     axis, inner = len(shape), 1
-    while axis and inner * shape[axis - 1] <= most:
+    while axis and inner * shape[axis - 1] <= max_values:
         axis -= 1
         inner *= shape[axis]
-    whole = tuple(slice(0, n) for n in shape[axis:])
+    inner_slices = tuple(slice(0, n) for n in shape[axis:])
     if axis == 0:
-        yield whole
+        yield inner_slices
         return
     n = shape[axis - 1]
-    step = -(-n // -(-n // max(1, most // inner)))  # of equal length, as far as they can be
+    step = -(-n // -(-n // max(1, max_values // inner)))  # of equal length, as far as they can be
     for outer in np.ndindex(shape[: axis - 1]):
         for start in range(0, n, step):
-            yield *(slice(k, k + 1) for k in outer), slice(start, min(start + step, n)), *whole
+            yield *(slice(k, k + 1) for k in outer), slice(start, min(start + step, n)), *inner_slices
 
 
-def slabs_of(shape: tuple[int, ...], n_dims: int) -> tuple[list[tuple[slice, ...]], tuple[int, ...]]:
+def trace_slabs(shape: tuple[int, ...], n_dims: int) -> tuple[list[tuple[slice, ...]], tuple[int, ...]]:
     """How a trace is written and compressed: the slabs of scenarios, over the first ``n_dims`` dims; a chunk.
 
     A chunk has neighbouring scenarios over a part of the time, so that neither one scenario at all times nor all
     scenarios at one time need the whole file.
     """
     *volumes, n_points = shape[n_dims:] or (1,)
-    of_point = math.prod(volumes)
-    most = min(_CHUNK // (of_point * min(n_points, _ALONG_TIME)), _SLAB // (of_point * n_points))
-    slabs = list(pieces_of(shape[:n_dims], max(1, most)))
+    values_per_point = math.prod(volumes)
+    max_scenarios = min(
+        _CHUNK_VALUES // (values_per_point * min(n_points, _CHUNK_TIMES)), _SLAB_VALUES // (values_per_point * n_points)
+    )
+    slabs = list(cut_into_pieces(shape[:n_dims], max(1, max_scenarios)))
     sizes = [piece.stop - piece.start for piece in slabs[0]]
-    along_time = min(n_points, max(1, _CHUNK // (of_point * math.prod(sizes))))
+    along_time = min(n_points, max(1, _CHUNK_VALUES // (values_per_point * math.prod(sizes))))
     return slabs, (*sizes, *volumes, along_time)
 
 
-def append_slabs(file: netCDF4.Dataset, name: str, like: xr.Variable, chunk: Sequence[int], slabs: Slabs) -> None:
+def append_slabs(file: netCDF4.Dataset, name: str, template: xr.Variable, chunk: Sequence[int], slabs: Slabs) -> None:
     """Append a variable to an open file, slab by slab; these may come from other files, and no lock may be held.
 
     like: a variable with its dims, shape, type and attributes.
     """
     with NETCDF4_PYTHON_LOCK, _small_caches():
-        for dim, size in like.sizes.items():
+        for dim, size in template.sizes.items():
             if dim not in file.dimensions:
                 file.createDimension(str(dim), size)
-        nothing = np.nan if like.dtype.kind == "f" else None
-        how: Any = COMPRESSION | {"chunksizes": chunk, "fill_value": nothing}
-        variable = file.createVariable(name, like.dtype, map(str, like.dims), **how)
-        variable.setncatts(like.attrs)
+        fill_value = np.nan if template.dtype.kind == "f" else None
+        options: Any = COMPRESSION | {"chunksizes": chunk, "fill_value": fill_value}
+        variable = file.createVariable(name, template.dtype, map(str, template.dims), **options)
+        variable.setncatts(template.attrs)
         variable.set_auto_maskandscale(False)
     for key, values in slabs:
         with NETCDF4_PYTHON_LOCK:
@@ -232,56 +236,56 @@ def append_slabs(file: netCDF4.Dataset, name: str, like: xr.Variable, chunk: Seq
 def compressed_share(arrays: Iterable[np.ndarray]) -> float:
     """Which share of their bytes some values take when they are compressed as in a file; 1 without any."""
     shuffled = [np.ascontiguousarray(a).reshape(-1, 1).view(np.uint8).T.tobytes() for a in arrays]
-    left = sum(len(zlib.compress(one, COMPRESSION["complevel"])) for one in shuffled)
-    return left / sum(map(len, shuffled)) if shuffled else 1.0
+    compressed_size = sum(len(zlib.compress(raw, COMPRESSION["complevel"])) for raw in shuffled)
+    return compressed_size / sum(map(len, shuffled)) if shuffled else 1.0
 
 
-def with_complete_coordinates(ds: xr.Dataset) -> xr.Dataset:
+def without_fill_values(ds: xr.Dataset) -> xr.Dataset:
     """The Dataset, whose coordinates say, also in a file that a user writes, that nothing is missing (CF 2.5.1)."""
     for name in ds.coords:
         ds.variables[name].encoding["_FillValue"] = None
     return ds
 
 
-ALONG_TRACES = ("volume", "elapsed_time")
+TRACE_DIMS = ("volume", "elapsed_time")
 """Dims of a trace after those of scenarios."""
-CLOCK = ("start", "time")
+CLOCK_COORDINATES = ("start", "time")
 """Coordinates of a result whose boundary has a start."""
-_STORED = {"units": "seconds since 1970-01-01 00:00:00", "calendar": "standard"}
+_TIME_ENCODING = {"units": "seconds since 1970-01-01 00:00:00", "calendar": "standard"}
 
 
-def encoded(variable: xr.Variable) -> xr.Variable:
+def encode_times(variable: xr.Variable) -> xr.Variable:
     """A variable as a file holds it: times as numbers."""
     if variable.dtype.kind != "M":
         return variable
     seconds = variable.values.astype("datetime64[s]").astype(np.int64)
-    return xr.Variable(variable.dims, seconds, variable.attrs | _STORED)
+    return xr.Variable(variable.dims, seconds, variable.attrs | _TIME_ENCODING)
 
 
-def with_numbers(ds: xr.Dataset) -> xr.Dataset:
+def with_encoded_times(ds: xr.Dataset) -> xr.Dataset:
     """A Dataset as a file holds it."""
-    return ds.assign({name: encoded(v) for name, v in ds.variables.items() if v.dtype.kind == "M"})
+    return ds.assign({name: encode_times(v) for name, v in ds.variables.items() if v.dtype.kind == "M"})
 
 
-def with_times(ds: xr.Dataset) -> xr.Dataset:
+def with_decoded_times(ds: xr.Dataset) -> xr.Dataset:
     """A Dataset as it was before it was written."""
     times = {}
-    for name in CLOCK:
+    for name in CLOCK_COORDINATES:
         variable = ds.variables.get(name)
-        if variable is None or variable.dtype.kind != "i" or variable.attrs.get("units") != _STORED["units"]:
+        if variable is None or variable.dtype.kind != "i" or variable.attrs.get("units") != _TIME_ENCODING["units"]:
             continue
-        attrs = {key: value for key, value in variable.attrs.items() if key not in _STORED}
+        attrs = {key: value for key, value in variable.attrs.items() if key not in _TIME_ENCODING}
         values = variable.values.astype("datetime64[s]").astype("datetime64[ns]")
         times[name] = xr.Variable(variable.dims, values, attrs)
     return ds.assign(times)
 
 
-_READER = Path(__file__).with_name("netcdf_probe.py")
-_SECONDS, _BYTES_PER_SECOND = 30, 5e6  # limits of the child process, far above what reading takes
-_MEMORY = 2**31
-Identity = tuple[int, ...]
+_PROBE_SCRIPT = Path(__file__).with_name("netcdf_probe.py")
+_PROBE_SECONDS, _PROBE_BYTES_PER_SECOND = 30, 5e6  # limits of the child process, far above what reading takes
+_PROBE_MEMORY_BYTES = 2**31
+FileIdentity = tuple[int, ...]
 """Device, inode, size and times: they change when the file does."""
-_passed: set[Identity] = set()  # files that a child process read to their end
+_readable_files: set[FileIdentity] = set()  # files that a child process read to their end
 TraceLayout = Mapping[str, Mapping[str, Any]]
 """Of each variable in a file: its ``dims``, ``shape``, ``dtype`` and ``attrs``."""
 
@@ -298,44 +302,44 @@ class StoredFile:
     accepted: Collection[str]
     cure: str
 
-    def identity(self) -> Identity:
+    def identity(self) -> FileIdentity:
         """Identity of the file.
 
         ``StorageError`` if it cannot be examined, ``IntegrityError`` if it is missing or no regular file.
         """
-        with storage_errors(self.path, "read"):
+        with convert_os_errors(self.path, "read"):
             try:
-                found = os.stat(self.path)
+                status = os.stat(self.path)
             except FileNotFoundError:
                 raise IntegrityError(f"{self.path} is missing, open the study again or {self.cure}") from None
-        if not stat.S_ISREG(found.st_mode):
+        if not stat.S_ISREG(status.st_mode):
             raise IntegrityError(f"{self.path} is not a regular file; {self.cure}")
-        return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
+        return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns
 
     def sha256(self, *, afresh: bool = False) -> str:
         """SHA-256 of its bytes, computed ``afresh`` or only if the file changed; raises as ``identity``."""
         digest = _sha256_of.__wrapped__ if afresh else _sha256_of
         identity = self.identity()
-        with storage_errors(self.path, "read"):
+        with convert_os_errors(self.path, "read"):
             return str(digest(self.path, identity))
 
     def check(self, *, afresh: bool = False) -> str:
         """Compare ``sha256`` and return it; ``IntegrityError`` if it is not that of what was written."""
-        found = self.sha256(afresh=afresh)
-        if found not in self.accepted:
+        digest = self.sha256(afresh=afresh)
+        if digest not in self.accepted:
             raise IntegrityError(
                 f"{self.path} is damaged, or not of this run (the hash of its bytes differs); {self.cure}"
             )
-        return found
+        return digest
 
-    def load(self, most: float = math.inf) -> xr.Dataset:
-        """Read it; of more than ``most`` bytes, results when their values are needed; raises as ``check``."""
-        with self._readable():
-            return load(self.path, (), most, lambda layout: open_lazily(self, layout))
+    def load(self, max_bytes: float = math.inf) -> xr.Dataset:
+        """Read it; of more than ``max_bytes`` bytes, results when their values are needed; raises as ``check``."""
+        with self._guard_reading():
+            return load(self.path, (), max_bytes, lambda layout: open_lazily(self, layout))
 
     def read(self, name: str, shape: tuple[int, ...], key: Any) -> np.ndarray:
         """Read a part of a variable that has a ``shape``; raises as ``check``."""
-        with self._readable(), NETCDF4_PYTHON_LOCK:
+        with self._guard_reading(), NETCDF4_PYTHON_LOCK:
             file = parse(self.path)
             try:
                 variable = file.variables.get(name)
@@ -344,10 +348,10 @@ class StoredFile:
                 variable.set_auto_maskandscale(False)
                 return np.asarray(variable[key])
             finally:
-                close(file)
+                close_file(file)
 
     @contextmanager
-    def _readable(self) -> Iterator[None]:
+    def _guard_reading(self) -> Iterator[None]:
         """Read the file whose hash was checked: bytes with this hash can be parsed."""
         identity = self.identity()
         self.check()
@@ -356,14 +360,14 @@ class StoredFile:
         except (IndexError, KeyError, FastcoilError):
             raise
         except MemoryError as error:
-            raise out_of_memory(f"{self.path} cannot be read ({error})") from error
+            raise out_of_memory_error(f"{self.path} cannot be read ({error})") from error
         except (OSError, RuntimeError) as error:
-            found = StorageError(
+            storage_error = StorageError(
                 f"{self.path} cannot be read: {getattr(error, 'strerror', None) or error}; its bytes are as they were "
                 "written: repair that and try again"
             )
-            found.errno = getattr(error, "errno", None)
-            raise found from error
+            storage_error.errno = getattr(error, "errno", None)
+            raise storage_error from error
         except Exception as error:
             raise IntegrityError(f"{self.path} cannot be read as NetCDF ({error}); {self.cure}") from error
         if self.identity() != identity:
@@ -371,7 +375,7 @@ class StoredFile:
 
 
 @lru_cache(maxsize=1000)
-def _sha256_of(path: Path, identity: Identity) -> str:
+def _sha256_of(path: Path, identity: FileIdentity) -> str:
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -381,7 +385,7 @@ def file_sha256(path: Path) -> str:
     return StoredFile(path, (), "run the study again").sha256()
 
 
-def try_reading(path: Path, cure: str) -> StoredFile:
+def probe_file(path: Path, cure: str) -> StoredFile:
     """Have a child process read a file to its end, once in each process, and give it with the hash of its bytes.
 
     cure: what to do if it is damaged.
@@ -389,32 +393,37 @@ def try_reading(path: Path, cure: str) -> StoredFile:
     ``IntegrityError`` if that fails, or does not end.  ``StorageError`` if it cannot be tried.
     """
     identity = StoredFile(path, (), cure).identity()
-    if identity not in _passed:
-        seconds = int(_SECONDS + identity[2] / _BYTES_PER_SECOND)
-        words = [path, seconds, _MEMORY, json.dumps([*filter(None, sys.path), str(_READER.parents[2])])]
-        command = [sys.executable, "-I", str(_READER), *map(str, words)]
+    if identity not in _readable_files:
+        seconds = int(_PROBE_SECONDS + identity[2] / _PROBE_BYTES_PER_SECOND)
+        arguments = [
+            path,
+            seconds,
+            _PROBE_MEMORY_BYTES,
+            json.dumps([*filter(None, sys.path), str(_PROBE_SCRIPT.parents[2])]),
+        ]
+        command = [sys.executable, "-I", str(_PROBE_SCRIPT), *map(str, arguments)]
         try:
-            with storage_errors(path, "read by another process"):
+            with convert_os_errors(path, "read by another process"):
                 child = subprocess.run(
                     command, stdin=subprocess.DEVNULL, capture_output=True, timeout=seconds, check=False
                 )
         except subprocess.TimeoutExpired:
             raise IntegrityError(f"{path} is damaged: reading it did not end in {seconds} s; {cure}") from None
         if child.returncode:
-            said = child.stderr.decode(errors="replace").strip().splitlines()
+            error_lines = child.stderr.decode(errors="replace").strip().splitlines()
             # a crash is a signal, on Windows a code without a word
-            end = f"signal {-child.returncode}" if child.returncode < 0 else f"code {child.returncode:#x}"
-            why = said if said and child.returncode > 0 else [f"the library ended with {end}"]
-            raise IntegrityError(f"{path} cannot be read as NetCDF ({why[-1]}); {cure}")
-        _passed.add(identity)
-    with storage_errors(path, "read"):
+            exit_text = f"signal {-child.returncode}" if child.returncode < 0 else f"code {child.returncode:#x}"
+            reasons = error_lines if error_lines and child.returncode > 0 else [f"the library ended with {exit_text}"]
+            raise IntegrityError(f"{path} cannot be read as NetCDF ({reasons[-1]}); {cure}")
+        _readable_files.add(identity)
+    with convert_os_errors(path, "read"):
         return StoredFile(path, (_sha256_of(path, identity),), cure)
 
 
 # ------------------------------------------------------------------------------------------------- traces on demand
 
 
-def layout_of(variables: Iterable[tuple[Any, xr.Variable]]) -> dict[str, Any]:
+def describe_variables(variables: Iterable[tuple[Any, xr.Variable]]) -> dict[str, Any]:
     """Describe variables, so that they can be offered before their file is opened; all of it is valid JSON."""
     return {
         name: {
@@ -430,40 +439,40 @@ def layout_of(variables: Iterable[tuple[Any, xr.Variable]]) -> dict[str, Any]:
 def open_lazily(file: StoredFile, layout: TraceLayout) -> xr.Dataset:
     """The variables of a file, read when their values are needed; the file is not opened before."""
     variables = {}
-    for name, described in layout.items():
-        array = _OnDisk(file, name, described)
+    for name, description in layout.items():
+        array = _LazyVariable(file, name, description)
         # kept once read, and copied before it is changed, as by xarray.open_dataset
         lazy: Any = indexing.LazilyIndexedArray(array)
         lazy = indexing.CopyOnWriteArray(indexing.MemoryCachedArray(lazy))  # type: ignore[no-untyped-call, arg-type]
-        attrs = {k: v if isinstance(v, str) else np.asarray(v) for k, v in described["attrs"].items()}
-        variables[name] = xr.Variable(described["dims"], lazy, attrs, dict(COMPRESSION))
-        slabs, _ = slabs_of(array.shape, sum(dim not in ALONG_TRACES for dim in described["dims"]))
-        whole = dict(zip(variables[name].dims, array.shape, strict=True))
-        slab = {dim: piece.stop - piece.start for dim, piece in zip(whole, slabs[0], strict=False)}
-        variables[name].encoding["preferred_chunks"] = whole | slab
+        attrs = {k: v if isinstance(v, str) else np.asarray(v) for k, v in description["attrs"].items()}
+        variables[name] = xr.Variable(description["dims"], lazy, attrs, dict(COMPRESSION))
+        slabs, _ = trace_slabs(array.shape, sum(dim not in TRACE_DIMS for dim in description["dims"]))
+        full_sizes = dict(zip(variables[name].dims, array.shape, strict=True))
+        slab_sizes = {dim: piece.stop - piece.start for dim, piece in zip(full_sizes, slabs[0], strict=False)}
+        variables[name].encoding["preferred_chunks"] = full_sizes | slab_sizes
     return xr.Dataset(variables)
 
 
-class _OnDisk(BackendArray):
+class _LazyVariable(BackendArray):
     """A variable in a file, as xarray reads it."""
 
-    def __init__(self, file: StoredFile, name: str, described: Mapping[str, Any]) -> None:
+    def __init__(self, file: StoredFile, name: str, description: Mapping[str, Any]) -> None:
         self.file, self.name = file, name
-        self.shape, self.dtype = tuple(described["shape"]), np.dtype(described["dtype"])
-        self.is_trace = not {*described["dims"]}.isdisjoint(ALONG_TRACES)
+        self.shape, self.dtype = tuple(description["shape"]), np.dtype(description["dtype"])
+        self.is_trace = not {*description["dims"]}.isdisjoint(TRACE_DIMS)
 
     def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
         return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._read)
 
     def _read(self, key: Any) -> np.ndarray:
         if not self.is_trace and all(k == slice(None) for k in key):
-            return self._whole()
-        found = self.file.read(self.name, self.shape, key)
-        return found.astype(self.dtype, copy=False)
+            return self._read_all()
+        values = self.file.read(self.name, self.shape, key)
+        return values.astype(self.dtype, copy=False)
 
-    def _whole(self) -> np.ndarray:
+    def _read_all(self) -> np.ndarray:
         """All values, which xarray keeps: in a nameless file, so that those of many scenarios take no memory."""
-        room = on_disk(self.shape, 0, self.dtype)
-        for piece in pieces_of(self.shape, _SLAB):
-            room[piece] = self.file.read(self.name, self.shape, piece)
-        return room
+        values = allocate_on_disk(self.shape, 0, self.dtype)
+        for piece in cut_into_pieces(self.shape, _SLAB_VALUES):
+            values[piece] = self.file.read(self.name, self.shape, piece)
+        return values

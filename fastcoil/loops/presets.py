@@ -8,8 +8,8 @@ from typing import Any
 
 from fastcoil.model.parameter_table import PARAMETERS, Parameter, Scalar
 
-NOT_THE_FIT = "None of them is the fit of the paper, which was not published."
-_POLYNOMIAL = ("m_max", "valve_a", "valve_b", "valve_c")  # the curve of a valve that has no rangeability
+NOT_THE_PAPER_FIT = "None of them is the fit of the paper, which was not published."
+_CURVE_PARAMETERS = ("m_max", "valve_a", "valve_b", "valve_c")  # the curve of a valve that has no rangeability
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class Preset:
 
     def value(self, parameter: Parameter) -> Scalar | None:
         """Its value of a parameter; None where others take the place of it."""
-        if "rangeability" in self.values and parameter.name in _POLYNOMIAL:
+        if "rangeability" in self.values and parameter.name in _CURVE_PARAMETERS:
             return None
         return self.values.get(parameter.name, parameter.default)
 
@@ -48,14 +48,16 @@ class Presets(dict[str, Preset]):
     def __repr__(self) -> str:
         width = max(map(len, self), default=0) + 2
         rows = [f"{name:<{width}}" + str(preset).replace("\n", "\n" + " " * width) for name, preset in self.items()]
-        return "\n".join([*rows, NOT_THE_FIT])
+        return "\n".join([*rows, NOT_THE_PAPER_FIT])
 
 
 _FILE = Path(__file__).with_suffix(".toml")
 PRESETS = Presets(
     (name, Preset(name, **entry)) for name, entry in tomllib.loads(_FILE.read_text(encoding="utf-8")).items()
 )
-COOLING = {name: preset for name, preset in PRESETS.items() if not preset.heats}  # the presets of a cooling coil
+COOLING_PRESETS = {
+    name: preset for name, preset in PRESETS.items() if not preset.heats
+}  # the presets of a cooling coil
 
 
 def presets() -> Presets:

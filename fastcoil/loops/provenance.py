@@ -14,17 +14,17 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.machine import VERSION
-from fastcoil.loops.netcdf import encoded, pieces_of
-from fastcoil.model.numerics.jit import compiled_for
+from fastcoil.loops.netcdf import cut_into_pieces, encode_times
+from fastcoil.model.numerics.jit import numeric_environment
 
-VOLATILE = (
+VOLATILE_ATTRIBUTES = (
     "date_created", "history", "command_line", "wall_time_s", "n_jobs", "scenario_days_per_s", "python_version",
     "package_versions", "platform", "content_sha256", "model_sha256", "fastcoil_version",
     "trace_sha256", "trace_file", "trace_layout", "computed_on", "engine",
-    "own_code",
+    "user_code",
 )  # fmt: skip
 """Attributes that may differ between two runs with the same content."""
-_READ_AT_ONCE, _HASHED_AT_ONCE = 2**23, 2**20  # values; these bound the memory that hashing takes
+_VALUES_PER_READ, _VALUES_PER_UPDATE = 2**23, 2**20  # values; these bound the memory that hashing takes
 
 
 def content_sha256(ds: xr.Dataset) -> str:
@@ -35,20 +35,20 @@ def content_sha256(ds: xr.Dataset) -> str:
 def combined_sha256(ds: xr.Dataset, variables: Mapping[str, str] | None = None) -> str:
     """``content_sha256`` from the hashes of variables, by default those of ``ds`` and of its traces in other files."""
     if variables is None:
-        elsewhere = json.loads(ds.attrs.get("trace_sha256", "{}"))
-        variables = elsewhere | {str(n): variable_sha256(v) for n, v in ds.variables.items()}
+        trace_hashes = json.loads(ds.attrs.get("trace_sha256", "{}"))
+        variables = trace_hashes | {str(n): variable_sha256(v) for n, v in ds.variables.items()}
     digest = hashlib.sha256()
     for name in sorted(variables):
         digest.update(f"{name} {variables[name]}\n".encode())
-    _hash_attrs(digest, {k: v for k, v in ds.attrs.items() if k not in VOLATILE})
+    _hash_attrs(digest, {k: v for k, v in ds.attrs.items() if k not in VOLATILE_ATTRIBUTES})
     return digest.hexdigest()
 
 
 def variable_sha256(variable: xr.Variable) -> str:
     """Hash of a variable's dims, values and attributes; a variable on disk is read piece by piece."""
     digest = VariableHash(variable.dims, variable.shape)
-    for piece in pieces_of(variable.shape, _READ_AT_ONCE):
-        digest.update(encoded(variable[piece]).values)
+    for piece in cut_into_pieces(variable.shape, _VALUES_PER_READ):
+        digest.update(encode_times(variable[piece]).values)
     return digest.hexdigest(variable.attrs)
 
 
@@ -60,13 +60,13 @@ class VariableHash:
 
     def update(self, values: np.ndarray) -> None:
         flat = values.ravel()
-        for start in range(0, flat.size, _HASHED_AT_ONCE):
-            some = flat[start : start + _HASHED_AT_ONCE]
-            if some.dtype.kind in "OUS":
-                self._digest.update("".join(f"{v}\0" for v in some).encode())
+        for start in range(0, flat.size, _VALUES_PER_UPDATE):
+            chunk = flat[start : start + _VALUES_PER_UPDATE]
+            if chunk.dtype.kind in "OUS":
+                self._digest.update("".join(f"{v}\0" for v in chunk).encode())
             else:
                 # one NaN is as good as another, and integers may come back in another width
-                self._digest.update(np.where(np.isnan(some), np.nan, some).astype("<f8").tobytes())
+                self._digest.update(np.where(np.isnan(chunk), np.nan, chunk).astype("<f8").tobytes())
 
     def hexdigest(self, attrs: Mapping[str, Any]) -> str:
         _hash_attrs(self._digest, attrs)
@@ -80,7 +80,7 @@ def _hash_attrs(digest: Any, attrs: Mapping[str, Any]) -> None:
         digest.update(f"{key}={text}\n".encode())
 
 
-FORMAT = 1  # of results on disk; a file of a later one is refused
+RESULT_FORMAT = 1  # of results on disk; a file of a later one is refused
 
 
 PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "xarray", "netCDF4")  # whose versions a result keeps
@@ -88,20 +88,20 @@ PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "xarray", "netCDF4")  # whose
 
 def provenance() -> dict[str, Any]:
     """Attributes that say what made a result: versions and machine, no user and no path."""
-    now, own = datetime.now(UTC).isoformat(timespec="seconds"), VERSION
+    now, fastcoil_version = datetime.now(UTC).isoformat(timespec="seconds"), VERSION
     return {
         "Conventions": "CF-1.11",
-        "fastcoil_format": FORMAT,
+        "fastcoil_format": RESULT_FORMAT,
         "source": "fastcoil: closed-loop emulation of a coil valve with backlash",
         "references": "Cai, J. and Braun, J. E. (2016), Int. Refrigeration and Air Conditioning Conference, Purdue, "
         "paper 1801, https://docs.lib.purdue.edu/iracc/1801",
-        "fastcoil_version": own,
+        "fastcoil_version": fastcoil_version,
         "date_created": now,
-        "history": f"{now} made by fastcoil {own}",
+        "history": f"{now} made by fastcoil {fastcoil_version}",
         "python_version": platform.python_version(),
         "package_versions": json.dumps(package_versions()),
         "platform": f"{sys.platform} {platform.machine()}",
-        "computed_on": json.dumps([compiled_for()]),
+        "computed_on": json.dumps([numeric_environment()]),
     }
 
 
@@ -112,9 +112,9 @@ def package_versions() -> dict[str, str]:
 
 
 def environments_of(ds: xr.Dataset) -> list[dict[str, str]]:
-    """The environments that computed a result, see ``compiled_for``; an empty one if it does not say."""
+    """The environments that computed a result, see ``numeric_environment``; an empty one if it does not say."""
     try:
-        found = json.loads(ds.attrs.get("computed_on", "[{}]"))
-        return [{str(k): str(v) for k, v in each.items()} for each in found]
+        environments = json.loads(ds.attrs.get("computed_on", "[{}]"))
+        return [{str(k): str(v) for k, v in environment.items()} for environment in environments]
     except (ValueError, TypeError, AttributeError):  # not written by fastcoil
         return [{}]

@@ -11,18 +11,18 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import instance_of, refuse
-from fastcoil.base.errors import InputError, IntegrityError, shown
+from fastcoil.base.arguments import raise_problems, require_instance
+from fastcoil.base.errors import InputError, IntegrityError, short_repr
 from fastcoil.loops.boundary import Boundary
-from fastcoil.loops.boundary.series import is_changed, read_series
-from fastcoil.loops.labelled import Course
-from fastcoil.loops.loop import Loop, forgetting, words_used
-from fastcoil.loops.netcdf import CLOCK, with_complete_coordinates
-from fastcoil.model.engine.emulator import DAY_COLUMNS, C, Day
-from fastcoil.model.engine.metrics import NOTHING_BEFORE, Before, after, schedule
+from fastcoil.loops.boundary.series import is_clock_changed, read_series
+from fastcoil.loops.labelled import SeriesLabels
+from fastcoil.loops.loop import Loop, remove_rules, used_choices
+from fastcoil.loops.netcdf import CLOCK_COORDINATES, without_fill_values
+from fastcoil.model.engine.emulator import DAY_COLUMN, DAY_COLUMNS, Day
+from fastcoil.model.engine.metrics import NO_HISTORY, DayHistory, history_after, make_schedule
 from fastcoil.model.metric_table import (
     METRICS,
-    SETTLING_TIME,
+    SETTLING_TIME_S,
     STATUS_CRASHED,
     STATUS_MEANINGS,
     STATUS_NOT_RUN,
@@ -39,15 +39,15 @@ def clock_coordinates(boundary: Boundary, elapsed_time: xr.Variable | None = Non
     start = boundary.start_coordinate
     if start is None or boundary.start is None:
         return {}
-    found = {"start": start}
+    coordinates = {"start": start}
     if elapsed_time is None or boundary.has_day_dim:
-        return found
-    if not is_changed(boundary.time_zone, boundary.start[0], boundary.n_steps):
+        return coordinates
+    if not is_clock_changed(boundary.time_zone, boundary.start[0], boundary.n_steps):
         time = start.values + np.rint(elapsed_time.values).astype(np.int64) * _SECOND
         attrs = {"long_name": "date and time", "standard_name": "time"}
         zone = {"time_zone": boundary.time_zone} if boundary.time_zone else {}
-        found["time"] = xr.DataArray(time.astype("datetime64[ns]"), dims="elapsed_time", attrs=attrs | zone)
-    return found
+        coordinates["time"] = xr.DataArray(time.astype("datetime64[ns]"), dims="elapsed_time", attrs=attrs | zone)
+    return coordinates
 
 
 class Layout:
@@ -58,7 +58,7 @@ class Layout:
     """
 
     def __init__(self, loop: Loop, boundary: Boundary, replicates: int = 1) -> None:
-        if boundary.start is not None and (names := {*loop.sizes, *loop.swept} & set(CLOCK)):
+        if boundary.start is not None and (names := {*loop.sizes, *loop.swept} & set(CLOCK_COORDINATES)):
             raise InputError(
                 [f"{name} is swept, and the boundary has a start: give the dim another name" for name in sorted(names)]
             )
@@ -71,15 +71,15 @@ class Layout:
         self._labels = self.loop.coordinates()
 
     def columns(self, index: np.ndarray) -> dict[str, np.ndarray]:
-        """Every parameter of the scenarios ``index``, see ``columns_of``."""
-        return columns_of(self.loop, self.sizes, index)
+        """Every parameter of the scenarios ``index``, see ``parameter_columns``."""
+        return parameter_columns(self.loop, self.sizes, index)
 
     def describe(self, flat: int) -> str:
         """One scenario in words: its labels in the sweep; empty if there is only one scenario."""
         labels = self.coordinates()
         place = np.unravel_index(flat, tuple(self.sizes.values())) if self.sizes else ()
-        at = {d: labels[d].values[i] for d, i in zip(self.sizes, place, strict=True)}
-        return ", ".join(f"{d}={v}" if isinstance(v, str) else f"{d}={v:g}" for d, v in at.items())
+        labels_here = {d: labels[d].values[i] for d, i in zip(self.sizes, place, strict=True)}
+        return ", ".join(f"{d}={v}" if isinstance(v, str) else f"{d}={v:g}" for d, v in labels_here.items())
 
     def coordinates(self) -> dict[str, xr.DataArray]:
         """Labels of every dimension and the swept parameters along them."""
@@ -93,17 +93,17 @@ class Layout:
 
 def _with_used_rules(loop: Loop) -> Loop:
     """The loop without rules that no scenario has, unless their parameters were changed."""
-    used = [rule for rule in loop.rules.values() if rule.name in words_used(loop, rule.kind)]
-    read = {n for rule in used for n in rule.own}
-    unused = [
+    used_rules = [rule for rule in loop.rules.values() if rule.name in used_choices(loop, rule.kind)]
+    parameters_read = {n for rule in used_rules for n in rule.own}
+    unused_names = [
         rule.name
         for rule in loop.rules.values()
-        if rule not in used and all(n in read or loop[n] is p.default for n, p in rule.own.items())
+        if rule not in used_rules and all(n in parameters_read or loop[n] is p.default for n, p in rule.own.items())
     ]
-    return forgetting(loop, unused) if unused else loop
+    return remove_rules(loop, unused_names) if unused_names else loop
 
 
-def columns_of(loop: Loop, sizes: Mapping[str, int], index: np.ndarray) -> dict[str, np.ndarray]:
+def parameter_columns(loop: Loop, sizes: Mapping[str, int], index: np.ndarray) -> dict[str, np.ndarray]:
     """Every parameter of the scenarios ``index`` of a study with these sizes, (n,) each; NaN where one is not given.
 
     ``day`` is the position along that dimension, ``replicate`` the replicate's number.
@@ -123,7 +123,7 @@ def columns_of(loop: Loop, sizes: Mapping[str, int], index: np.ndarray) -> dict[
     return columns
 
 
-_KEPT = 2  # days; the threads of a run work on neighbours
+_MAX_CACHED_DAYS = 2  # days; the threads of a run work on neighbours
 
 
 class Days:
@@ -142,7 +142,7 @@ class Days:
         self._boundary, self._command, self.carry_over = boundary, command, carry_over
         self._warm_up, self._seed = warm_up, (seed & 0xFFFFFFFF, seed >> 32)
         self._kept: dict[int, Day] = {}
-        self._after: dict[int, Before] = {}
+        self._after: dict[int, DayHistory] = {}
         self._making = threading.Lock()
 
     def __len__(self) -> int:
@@ -151,7 +151,7 @@ class Days:
     def __getitem__(self, k: int) -> Day:
         with self._making:
             if k not in self._kept:
-                while len(self._kept) >= _KEPT:
+                while len(self._kept) >= _MAX_CACHED_DAYS:
                     del self._kept[next(iter(self._kept))]
                 self._kept[k] = self._make(k)
             return self._kept[k]
@@ -171,33 +171,35 @@ class Days:
         hashes = self._boundary.day_sha256 if self._command is None else [self._hash(k) for k in range(len(self))]
         if not self.carry_over:
             return hashes
-        return list(accumulate(hashes, lambda before, one: hashlib.sha256(f"{before} {one}".encode()).hexdigest()))
+        return list(
+            accumulate(hashes, lambda before, day_hash: hashlib.sha256(f"{before} {day_hash}".encode()).hexdigest())
+        )
 
     def _make(self, k: int) -> Day:
-        follows = self.carry_over and k > 0
-        before = self._before(k) if follows else NOTHING_BEFORE
+        is_continued = self.carry_over and k > 0
+        before = self._before(k) if is_continued else NO_HISTORY
         series = self._boundary.of_day(k)
         if self.carry_over:
-            self._after[k] = after(series["T_set"], series["enabled"], before)
+            self._after[k] = history_after(series["T_set"], series["enabled"], before)
         return Day(
             series=np.stack([series[name] for name in DAY_COLUMNS], axis=1),
             command=self._commands(k),
-            schedule=schedule(series["T_set"], series["enabled"], 0 if follows else self._warm_up, before),
+            schedule=make_schedule(series["T_set"], series["enabled"], 0 if is_continued else self._warm_up, before),
             label=int(self._boundary.day[0 if self.carry_over else k]),
             seed=self._seed,
-            start=k * self._boundary.n_steps if follows else 0,
+            start=k * self._boundary.n_steps if is_continued else 0,
             was_enabled=before.enabled,
         )
 
-    def _before(self, k: int) -> Before:
+    def _before(self, k: int) -> DayHistory:
         """Time since the last disturbance before day ``k`` of a sequence, up to the settling time."""
         if k - 1 in self._after:
             return self._after[k - 1]
-        first = max(0, k - -(-SETTLING_TIME // self._boundary.n_steps))
-        before = NOTHING_BEFORE if first == 0 else Before(disturbed_at=-SETTLING_TIME)
-        for day in range(first, k):
+        first_day = max(0, k - -(-SETTLING_TIME_S // self._boundary.n_steps))
+        before = NO_HISTORY if first_day == 0 else DayHistory(disturbed_at=-SETTLING_TIME_S)
+        for day in range(first_day, k):
             series = self._boundary.of_day(day)
-            before = after(series["T_set"], series["enabled"], before)
+            before = history_after(series["T_set"], series["enabled"], before)
         return before
 
     def _commands(self, k: int) -> np.ndarray:
@@ -206,21 +208,21 @@ class Days:
     def _hash(self, k: int) -> str:
         digest = hashlib.sha256(f"{int(self._boundary.day[k])} ".encode())
         table = self[k].series
-        scaled = np.any(table[:, C.backlash_scale] != 1.0)
-        digest.update(table[:, : None if scaled else C.backlash_scale].tobytes())
+        is_scaled = np.any(table[:, DAY_COLUMN.backlash_scale] != 1.0)
+        digest.update(table[:, : None if is_scaled else DAY_COLUMN.backlash_scale].tobytes())
         digest.update(self._commands(k).tobytes())
         return digest.hexdigest()
 
 
-def commands_of(command: Any, boundary: Boundary) -> np.ndarray | None:
+def read_commands(command: Any, boundary: Boundary) -> np.ndarray | None:
     """The open-loop command as (n_days, n_steps), or None in closed loop."""
     if command is None:
         return None
     problems: list[str] = []
-    known = Course(boundary.n_steps, None, boundary.day, 0.0, boundary.start, boundary.clock_zone)
-    given, _ = read_series({"command": command}, problems, known=known)
-    refuse(problems)
-    return given["command"].spread(boundary.n_days, boundary.n_steps)
+    boundary_labels = SeriesLabels(boundary.n_steps, None, boundary.day, 0.0, boundary.start, boundary.clock_zone)
+    series, _ = read_series({"command": command}, problems, known_labels=boundary_labels)
+    raise_problems(problems)
+    return series["command"].broadcast(boundary.n_days, boundary.n_steps)
 
 
 _DIM_ATTRS = {
@@ -242,7 +244,7 @@ def flat_dataset(
     """
     flags = {"flag_values": np.arange(len(STATUS_MEANINGS), dtype=np.int8), "flag_meanings": " ".join(STATUS_MEANINGS)}
     variables: dict[str, Any] = {
-        output.name: ("scenario", metrics[k], attributes(output)) for k, output in enumerate(METRICS.values())
+        output.name: ("scenario", metrics[k], cf_attributes(output)) for k, output in enumerate(METRICS.values())
     }
     variables["status"] = ("scenario", status.astype(np.int8), {"long_name": "status of the scenario", **flags})
     labels = {"scenario": index}
@@ -250,11 +252,13 @@ def flat_dataset(
         output = TRACES[name]
         data = np.nan_to_num(values, nan=0.0).astype(np.int8) if name == "mode" else values
         dims = ("scenario", "volume", "elapsed_time") if output.per_volume else ("scenario", "elapsed_time")
-        variables[name] = (dims, data, attributes(output))
+        variables[name] = (dims, data, cf_attributes(output))
         labels["elapsed_time"] = trace_interval * np.arange(values.shape[-1], dtype=float)
         if output.per_volume:
             labels["volume"] = np.arange(1, values.shape[1] + 1)
-    coords = {d: (d, along, coordinate_attrs(d) if d != "scenario" else {}) for d, along in labels.items()}
+    coords = {
+        d: (d, values_along, coordinate_attrs(d) if d != "scenario" else {}) for d, values_along in labels.items()
+    }
     return xr.Dataset(variables, coords)
 
 
@@ -270,31 +274,33 @@ def join_flat(
 
     ``IntegrityError`` if two parts hold the same scenario.
     """
-    whole: dict[Hashable, tuple[Any, np.ndarray, dict[Any, Any]]] = {}
+    variables: dict[Hashable, tuple[Any, np.ndarray, dict[Any, Any]]] = {}
     coordinates: dict[Hashable, Any] = {}
-    seen = np.zeros(n_scenarios, dtype=bool)
-    first: xr.Dataset | None = None
+    is_joined = np.zeros(n_scenarios, dtype=bool)
+    reference_part: xr.Dataset | None = None
     for part in parts:
         index = part["scenario"].values
         if index.size and index.max() >= n_scenarios:
             raise IntegrityError(f"scenario {index.max()} was found, of {n_scenarios}: delete the folder and run again")
-        if seen[index].any():
-            raise IntegrityError(f"scenario {index[seen[index]][0]} was found twice: delete the folder and run again")
-        seen[index] = True
-        first = check_same_form(first, part)
+        if is_joined[index].any():
+            raise IntegrityError(
+                f"scenario {index[is_joined[index]][0]} was found twice: delete the folder and run again"
+            )
+        is_joined[index] = True
+        reference_part = check_same_form(reference_part, part)
         for name in part.data_vars:
             variable = part.variables[name]
             values = variable.values
-            if name not in whole:
-                nothing = STATUS_NOT_RUN if name == "status" else np.nan if values.dtype.kind == "f" else 0
-                data = allocate((n_scenarios, *values.shape[1:]), nothing, values.dtype)
-                whole[name] = (variable.dims, data, variable.attrs)
+            if name not in variables:
+                missing_value = STATUS_NOT_RUN if name == "status" else np.nan if values.dtype.kind == "f" else 0
+                data = allocate((n_scenarios, *values.shape[1:]), missing_value, values.dtype)
+                variables[name] = (variable.dims, data, variable.attrs)
                 coordinates |= {d: part.variables[d] for d in variable.dims[1:] if d in part.coords}
-            whole[name][1][index] = values
-    return xr.Dataset(whole, coords=coordinates)
+            variables[name][1][index] = values
+    return xr.Dataset(variables, coords=coordinates)
 
 
-def check_same_form(first: xr.Dataset | None, part: xr.Dataset) -> xr.Dataset:
+def check_same_form(reference_part: xr.Dataset | None, part: xr.Dataset) -> xr.Dataset:
     """Refuse to join flat parts whose variables differ in name, type, dims, shape or labels.
 
     first: an earlier part, if there is one.  Crashed scenarios have no answers of a reduction, and are not compared.
@@ -303,24 +309,24 @@ def check_same_form(first: xr.Dataset | None, part: xr.Dataset) -> xr.Dataset:
     ``InputError`` if a reduction answers in another form for some scenarios than for others.  ``IntegrityError`` if
     anything else differs, which no run leaves behind.
     """
-    if first is None or _is_crashed(first):
+    if reference_part is None or _is_crashed(reference_part):
         return part
     if _is_crashed(part):
-        return first
-    one, other = _forms(first), _forms(part)
-    for name in sorted({*one, *other}, key=str) if one != other else ():
-        if one.get(name) != other.get(name):
-            what = f"{name} has another form in some scenarios than in others"
+        return reference_part
+    reference_forms, part_forms = _variable_forms(reference_part), _variable_forms(part)
+    for name in sorted({*reference_forms, *part_forms}, key=str) if reference_forms != part_forms else ():
+        if reference_forms.get(name) != part_forms.get(name):
+            problem = f"{name} has another form in some scenarios than in others"
             if name in METRICS or name in TRACES or name == "status":
-                raise IntegrityError(f"{what}: delete the folder, run again")
+                raise IntegrityError(f"{problem}: delete the folder, run again")
             raise InputError(
-                f"{what}, {shown(other.get(name, ()))} and {shown(one.get(name, ()))}: let the reduction give the same "
+                f"{problem}, {short_repr(part_forms.get(name, ()))} and {short_repr(reference_forms.get(name, ()))}: let the reduction give the same "
                 "variables, types, dims and labels for all"
             )
-    return first
+    return reference_part
 
 
-def _forms(part: xr.Dataset) -> dict[Hashable, tuple[Any, ...]]:
+def _variable_forms(part: xr.Dataset) -> dict[Hashable, tuple[Any, ...]]:
     """Type, sizes and labels of every variable but those of scenarios, the first dim."""
     labels = {d: part.variables[d].values.tolist() for d in part.dims if d in part.coords and d != "scenario"}
     forms = {}
@@ -335,20 +341,20 @@ def _is_crashed(part: xr.Dataset) -> bool:
     return bool((part["status"].values == STATUS_CRASHED).all())
 
 
-def unflatten(whole: xr.Dataset, layout: Layout) -> xr.Dataset:
+def unflatten(flat: xr.Dataset, layout: Layout) -> xr.Dataset:
     """Give the flat results of all scenarios the dims and coordinates of the study."""
     dims, shape = tuple(layout.sizes), tuple(layout.sizes.values())
-    named = {
+    variables = {
         name: ((*dims, *v.dims[1:]), v.values.reshape((*shape, *v.shape[1:])), v.attrs)
-        for name, v in whole.data_vars.items()
+        for name, v in flat.data_vars.items()
     }
     labels = {n: c.assign_attrs(coordinate_attrs(n, layout.loop.parameters)) for n, c in layout.coordinates().items()}
-    labels |= clock_coordinates(layout.boundary, whole.variables.get("elapsed_time"))
-    along = {n: c for n, c in whole.coords.items() if n != "scenario"}
-    return with_complete_coordinates(xr.Dataset(named, coords={**labels, **along}))
+    labels |= clock_coordinates(layout.boundary, flat.variables.get("elapsed_time"))
+    trace_coordinates = {n: c for n, c in flat.coords.items() if n != "scenario"}
+    return without_fill_values(xr.Dataset(variables, coords={**labels, **trace_coordinates}))
 
 
-def attributes(output: Output) -> dict[str, Any]:
+def cf_attributes(output: Output) -> dict[str, Any]:
     """CF attributes of a result variable."""
     attrs: dict[str, Any] = {"long_name": output.long_name, "units": output.unit}
     if output.flags:
@@ -374,17 +380,17 @@ _CURE = "give a Dataset of fastcoil.simulate or open_study"
 
 def check_result(ds: xr.Dataset) -> None:
     """Refuse anything but the result of a simulation or a study."""
-    instance_of("ds", ds, xr.Dataset, _CURE)
+    require_instance("ds", ds, xr.Dataset, _CURE)
     if "status" not in ds:
         raise InputError(f"ds has no status: {_CURE}")
-    odd = [n for n in ("status", *METRICS) if n in ds and ds[n].dtype.kind not in "iuf"]
-    if odd:
-        raise InputError(f"ds has no numbers as {', '.join(odd)}: {_CURE}")
-    require_our_units(ds, PARAMETERS, METRICS)
+    not_numeric = [n for n in ("status", *METRICS) if n in ds and ds[n].dtype.kind not in "iuf"]
+    if not_numeric:
+        raise InputError(f"ds has no numbers as {', '.join(not_numeric)}: {_CURE}")
+    require_table_units(ds, PARAMETERS, METRICS)
 
 
-def require_our_units(ds: xr.Dataset, *tables: Mapping[str, Any]) -> None:
+def require_table_units(ds: xr.Dataset, *tables: Mapping[str, Any]) -> None:
     """Refuse what these tables name, if it is in other units than theirs."""
     units = {name: entry.unit for table in tables for name, entry in table.items() if name in ds}
-    other = [name for name, unit in units.items() if ds[name].attrs.get("units", unit) != unit]
-    refuse([f"ds.{n} is in {shown(ds[n].attrs['units'])}: give it in {units[n]}" for n in other])
+    wrong_names = [name for name, unit in units.items() if ds[name].attrs.get("units", unit) != unit]
+    raise_problems([f"ds.{n} is in {short_repr(ds[n].attrs['units'])}: give it in {units[n]}" for n in wrong_names])

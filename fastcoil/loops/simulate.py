@@ -16,96 +16,104 @@ from typing import Any, TypeVar
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, flag_of, instance_of, whole_of
-from fastcoil.base.progress import Advance, progress_of_call
+from fastcoil.base.arguments import argument_checks, require_flag, require_instance, require_integer
+from fastcoil.base.progress import Advance, display_for_call
 from fastcoil.loops.boundary import Boundary
-from fastcoil.loops.clashes import tell_limited
+from fastcoil.loops.clashes import warn_saturated
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.netcdf import compressed_share
-from fastcoil.loops.plan import PARAMETERS_AT_ONCE, Plan, Shard, plan_simulation, shards_of, simulation_attributes
+from fastcoil.loops.plan import SCENARIOS_AT_ONCE, Plan, Shard, cut_into_shards, plan_simulation, simulation_attributes
 from fastcoil.loops.provenance import content_sha256, provenance
 from fastcoil.loops.scenarios import flat_dataset, unflatten
 from fastcoil.loops.valve_test import ValveTest
 from fastcoil.model.engine.emulator import Day
-from fastcoil.model.engine.lanes import Block, TraceRequest, WorkSpace, blocks, parameter_matrix, run_block, work_space
-from fastcoil.model.metric_table import METRICS, TRACES, WARM_UP
-from fastcoil.model.numerics.jit import compiled_for
+from fastcoil.model.engine.lanes import (
+    Block,
+    TraceRequest,
+    WorkSpace,
+    cut_into_blocks,
+    parameter_matrix,
+    run_block,
+    work_space,
+)
+from fastcoil.model.metric_table import METRICS, TRACES, WARM_UP_S
+from fastcoil.model.numerics.jit import numeric_environment
 from fastcoil.model.user_rules import rules_for_kernels
 
 S = TypeVar("S")
 T = TypeVar("T")
-_PIECE = 0.5  # seconds; a long wait is cut into pieces
+_WAIT_SLICE_S = 0.5  # seconds; a long wait is cut into pieces
 
 
-def within(seconds: float | None, call: Callable[[], T]) -> T:
+def call_with_timeout(seconds: float | None, call: Callable[[], T]) -> T:
     """Make a call, or raise TimeoutError and leave it to a daemon thread if it takes longer; None: no limit."""
-    found = _started(call)
+    future = _start_in_thread(call)
     if seconds is None:
-        _await([found])
-    return found.result(seconds)
+        _wait_for_futures([future])
+    return future.result(seconds)
 
 
 @contextmanager
-def on_threads(n_threads: int, call: Callable[[S], None], items: Sequence[S]) -> Iterator[None]:
+def run_on_threads(n_threads: int, call: Callable[[S], None], items: Sequence[S]) -> Iterator[None]:
     """Call with each item on threads during the body of ``with``, whose end waits; after an error no more begin."""
-    todo = deque(items)
+    queue = deque(items)
 
     def work() -> None:
         while True:
             try:
-                item = todo.popleft()
+                item = queue.popleft()
             except IndexError:
                 return
             call(item)
 
     try:
-        threads = [_started(work) for _ in range(min(n_threads, len(items)))]
+        threads = [_start_in_thread(work) for _ in range(min(n_threads, len(items)))]
         yield
-        for thread in _await(threads):
+        for thread in _wait_for_futures(threads):
             thread.result()
     finally:
-        todo.clear()
+        queue.clear()
 
 
-def _started(call: Callable[[], T]) -> cf.Future[T]:
+def _start_in_thread(call: Callable[[], T]) -> cf.Future[T]:
     """The future result of a call in a daemon thread."""
-    found: cf.Future[T] = cf.Future()
+    future: cf.Future[T] = cf.Future()
 
     def run() -> None:
         try:
-            found.set_result(call())
+            future.set_result(call())
         except BaseException as error:
-            found.set_exception(error)
+            future.set_exception(error)
 
     threading.Thread(target=run, daemon=True).start()
-    return found
+    return future
 
 
-def _await(futures: Sequence[cf.Future[T]]) -> Collection[cf.Future[T]]:
+def _wait_for_futures(futures: Sequence[cf.Future[T]]) -> Collection[cf.Future[T]]:
     """Wait for all of them, or for the first error; returns those that are done."""
     while True:
         # in pieces: a Ctrl-C just before a wait is handled after it
-        done, running = cf.wait(futures, timeout=_PIECE, return_when=cf.FIRST_EXCEPTION)
+        done, running = cf.wait(futures, timeout=_WAIT_SLICE_S, return_when=cf.FIRST_EXCEPTION)
         if not running or any(future.exception() for future in done):
             return done
 
 
 def run_interruptibly(
-    block: Block, day: Day, wanted: TraceRequest, work: WorkSpace | None = None
+    block: Block, day: Day, traces: TraceRequest, work: WorkSpace | None = None
 ) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
     """As ``run_block``: Ctrl-C ends the wait for a rule of the user that loops for ever."""
-    of_user = block.law is not None or (block.estimator is not None and block.estimator.identity)
-    if of_user and threading.current_thread() is threading.main_thread():
-        return within(None, lambda: run_block(block, day, wanted, work))
-    return run_block(block, day, wanted, work)
+    has_user_rule = block.law is not None or (block.estimator is not None and block.estimator.identity)
+    if has_user_rule and threading.current_thread() is threading.main_thread():
+        return call_with_timeout(None, lambda: run_block(block, day, traces, work))
+    return run_block(block, day, traces, work)
 
 
 def run_shard(plan: Plan, shard: Shard) -> xr.Dataset:
     """Run the scenarios of a shard, day by day and block by block.  Returns a flat Dataset, see ``flat_dataset``."""
-    found = Results(plan, shard.size)
-    run_into(found, plan, shard, np.arange(shard.size))
-    part = flat_dataset(shard.index, found.metrics, found.status, found.traces, plan.traces.interval)
-    part.attrs["computed_on"] = json.dumps([compiled_for()])
+    results = Results(plan, shard.size)
+    fill_results(results, plan, shard, np.arange(shard.size))
+    part = flat_dataset(shard.index, results.metrics, results.status, results.traces, plan.traces.interval)
+    part.attrs["computed_on"] = json.dumps([numeric_environment()])
     return part
 
 
@@ -123,46 +131,46 @@ class Results:
 
     def run(self, block: Block, day: Day, members: np.ndarray, work: WorkSpace | None = None) -> None:
         """Run a block through a day.  members: the places of its lanes among the scenarios."""
-        found, flags, signals = run_interruptibly(block, day, self._plan.traces, work)
-        self.metrics[:, members], self.status[members] = found[:, : members.size], flags[: members.size]
+        metrics, flags, signals = run_interruptibly(block, day, self._plan.traces, work)
+        self.metrics[:, members], self.status[members] = metrics[:, : members.size], flags[: members.size]
         for name, signal in signals.items():
             volumes = (slice(block.common.n_volumes),) if TRACES[name].per_volume else ()
             self.traces[name][members, *volumes] = signal[..., : members.size].T
 
 
-def run_into(found: Results, plan: Plan, shard: Shard, places: np.ndarray) -> None:
+def fill_results(results: Results, plan: Plan, shard: Shard, places: np.ndarray) -> None:
     """Run the scenarios of a shard.  places: (n,), where their results go; other threads may fill other places."""
     rules = rules_for_kernels(plan.layout.loop.rules)
     if shard.is_sequence:
-        _run_days_in_sequence(found, plan, shard, places, rules)
+        _run_days_in_sequence(results, plan, shard, places, rules)
         return
-    for start in range(0, shard.size, PARAMETERS_AT_ONCE):
-        columns = plan.layout.columns(shard.lanes[start : start + PARAMETERS_AT_ONCE])
+    for start in range(0, shard.size, SCENARIOS_AT_ONCE):
+        columns = plan.layout.columns(shard.lanes[start : start + SCENARIOS_AT_ONCE])
         matrix = parameter_matrix(columns, rules)
         for k in np.unique(columns["day"]):
-            day, of_day = plan.days[int(k)], np.flatnonzero(columns["day"] == k)
-            for lanes, block in blocks(matrix[:, of_day], rules):
-                found.run(block, day, places[start + of_day[lanes]])
+            day, lanes_of_day = plan.days[int(k)], np.flatnonzero(columns["day"] == k)
+            for lanes, block in cut_into_blocks(matrix[:, lanes_of_day], rules):
+                results.run(block, day, places[start + lanes_of_day[lanes]])
 
 
-def _run_days_in_sequence(found: Results, plan: Plan, shard: Shard, places: np.ndarray, rules: Any) -> None:
+def _run_days_in_sequence(results: Results, plan: Plan, shard: Shard, places: np.ndarray, rules: Any) -> None:
     """Days before the first whose results are kept are run without traces."""
     # parameters do not change from day to day
     matrix = parameter_matrix(plan.layout.columns(shard.lanes), rules)
-    running = [(lanes, block, work_space(block)) for lanes, block in blocks(matrix, rules)]
+    lane_blocks = [(lanes, block, work_space(block)) for lanes, block in cut_into_blocks(matrix, rules)]
     for number in range(shard.end):
         day = plan.days[number]
-        of_day = places[(number - shard.first) * shard.lanes.size :]
-        for lanes, block, work in running:
+        day_places = places[(number - shard.first) * shard.lanes.size :]
+        for lanes, block, work in lane_blocks:
             if number < shard.first:
                 run_interruptibly(block, day, TraceRequest(), work)
             else:
-                found.run(block, day, of_day[lanes], work)
+                results.run(block, day, day_places[lanes], work)
 
 
-_SHARDS_TIMED, _STEPS_TIMED, _LANES_TRIED = 3, 28_800, 8
-_PER_SHARD = 0.06  # seconds to write a shard and to read it in the merge, on a server with two cores
-_PER_TRACE_BYTE, _PER_METRIC_BYTE, _PER_BOUNDARY_BYTE = 32e-9, 12e-9, 1e-9
+_N_TIMED_SHARDS, _MAX_TIMED_STEPS, _N_SAMPLED_LANES = 3, 28_800, 8
+_SECONDS_PER_SHARD = 0.06  # seconds to write a shard and to read it in the merge, on a server with two cores
+_SECONDS_PER_TRACE_BYTE, _SECONDS_PER_METRIC_BYTE, _SECONDS_PER_BOUNDARY_BYTE = 32e-9, 12e-9, 1e-9
 """Seconds to write, merge and compress, or to hash, there."""
 
 
@@ -171,39 +179,41 @@ def estimate(plan: Plan, n_jobs: int) -> tuple[float, float, float]:
 
     Also the shares of the bytes of metrics, and of traces, that are left when these are compressed.
     """
-    shards = shards_of(plan, n_jobs)
-    timed = [shards[k] for k in np.unique(np.linspace(0, len(shards) - 1, _SHARDS_TIMED).astype(int))]
+    shards = cut_into_shards(plan, n_jobs)
+    timed_shards = [shards[k] for k in np.unique(np.linspace(0, len(shards) - 1, _N_TIMED_SHARDS).astype(int))]
     # of a sequence the first day stands for all
-    pieces = [shard.lanes[:PARAMETERS_AT_ONCE] for shard in timed]
-    seconds, metrics, traces = zip(*(_tried(plan, piece) for piece in pieces), strict=True)
-    work = sum(seconds) * plan.n_scenarios / sum(map(len, pieces))
-    shares = compressed_share(np.concatenate(metrics, axis=1)), compressed_share(chain.from_iterable(traces))
-    bytes_written = plan.trace_bytes * _PER_TRACE_BYTE + plan.metric_bytes * _PER_METRIC_BYTE
-    afterwards = len(shards) * _PER_SHARD + bytes_written + plan.boundary_bytes * _PER_BOUNDARY_BYTE
-    return work / min(n_jobs, len(shards)) + afterwards, *shares
+    index_pieces = [shard.lanes[:SCENARIOS_AT_ONCE] for shard in timed_shards]
+    seconds, metrics, traces = zip(*(_time_block(plan, index) for index in index_pieces), strict=True)
+    work_seconds = sum(seconds) * plan.n_scenarios / sum(map(len, index_pieces))
+    compressed_shares = compressed_share(np.concatenate(metrics, axis=1)), compressed_share(chain.from_iterable(traces))
+    bytes_written = plan.trace_bytes * _SECONDS_PER_TRACE_BYTE + plan.metric_bytes * _SECONDS_PER_METRIC_BYTE
+    overhead_seconds = (
+        len(shards) * _SECONDS_PER_SHARD + bytes_written + plan.boundary_bytes * _SECONDS_PER_BOUNDARY_BYTE
+    )
+    return work_seconds / min(n_jobs, len(shards)) + overhead_seconds, *compressed_shares
 
 
-def _tried(plan: Plan, piece: np.ndarray) -> tuple[float, np.ndarray, list[np.ndarray]]:
+def _time_block(plan: Plan, index: np.ndarray) -> tuple[float, np.ndarray, list[np.ndarray]]:
     """Seconds that a thread takes for scenarios on days like their first, by one block; some of its results."""
-    columns, rules = plan.layout.columns(piece), rules_for_kernels(plan.layout.loop.rules)
-    of_day = columns["day"] == columns["day"][0]
-    matrix = parameter_matrix(columns, rules)[:, of_day]
-    blocks(matrix, rules)  # compiles, once, what its blocks call
+    columns, rules = plan.layout.columns(index), rules_for_kernels(plan.layout.loop.rules)
+    is_first_day = columns["day"] == columns["day"][0]
+    matrix = parameter_matrix(columns, rules)[:, is_first_day]
+    cut_into_blocks(matrix, rules)  # compiles, once, what its blocks call
     start = time.perf_counter()
-    made = blocks(matrix, rules)
-    members, block = made[len(made) // 2]
-    day, n_steps = plan.days[int(columns["day"][0])], min(plan.n_steps, _STEPS_TIMED)
-    seconds, of_block = time.perf_counter() - start, np.inf
-    flags = day.schedule._replace(flags=day.schedule.flags[:n_steps])
-    part = day._replace(series=day.series[:n_steps], command=day.command[:n_steps], schedule=flags)
+    lane_blocks = cut_into_blocks(matrix, rules)
+    members, block = lane_blocks[len(lane_blocks) // 2]
+    day, n_steps = plan.days[int(columns["day"][0])], min(plan.n_steps, _MAX_TIMED_STEPS)
+    seconds, block_seconds = time.perf_counter() - start, np.inf
+    part_schedule = day.schedule._replace(flags=day.schedule.flags[:n_steps])
+    day_part = day._replace(series=day.series[:n_steps], command=day.command[:n_steps], schedule=part_schedule)
     for _ in range(2):
         start = time.perf_counter()
-        metrics, _, traces = run_interruptibly(block, part, plan.traces)
-        of_block = min(of_block, time.perf_counter() - start)
-    seconds += len(made) * of_block * plan.n_steps / n_steps
-    stored = [np.nan_to_num(v).astype(np.int8) if n == "mode" else v for n, v in traces.items()]
-    some = [values[..., : members.size][..., :_LANES_TRIED].T for values in stored]
-    return seconds * piece.size / int(np.count_nonzero(of_day)), metrics[:, : members.size], some
+        metrics, _, traces = run_interruptibly(block, day_part, plan.traces)
+        block_seconds = min(block_seconds, time.perf_counter() - start)
+    seconds += len(lane_blocks) * block_seconds * plan.n_steps / n_steps
+    stored_traces = [np.nan_to_num(v).astype(np.int8) if n == "mode" else v for n, v in traces.items()]
+    sampled_traces = [values[..., : members.size][..., :_N_SAMPLED_LANES].T for values in stored_traces]
+    return seconds * index.size / int(np.count_nonzero(is_first_day)), metrics[:, : members.size], sampled_traces
 
 
 def simulate(
@@ -214,7 +224,7 @@ def simulate(
     test: ValveTest | None = None,
     traces: Sequence[str] = (),
     trace_interval: int = 1,
-    warm_up: int = WARM_UP,
+    warm_up: int = WARM_UP_S,
     seed: int = 0,
     replicates: int = 1,
     carry_over: bool = False,
@@ -266,46 +276,48 @@ def simulate(
         With one sentence for each mistake in the arguments; for an unstable coil; for a result that does not fit in
         memory.
     """
-    with checking() as check:
-        n_threads = check(workers, n_jobs)
-        progress = check.unless_none(flag_of, "progress", progress)
-        test = check.unless_none(instance_of, "test", test, ValveTest, "give a fastcoil.ValveTest")
+    with argument_checks() as check:
+        n_threads = check(number_of_threads, n_jobs)
+        progress = check.unless_none(require_flag, "progress", progress)
+        test = check.unless_none(require_instance, "test", test, ValveTest, "give a fastcoil.ValveTest")
         if test is not None and isinstance(loop, Loop):
             loop = loop.assign(**test.parameters())
         plan = check(
             plan_simulation, loop, boundary, command=command, traces=traces, trace_interval=trace_interval,
             warm_up=warm_up, seed=seed, replicates=replicates, carry_over=carry_over,
         )  # fmt: skip
-    with progress_of_call(progress) as shown:
-        return run_plan(plan, n_threads, shown.start(plan.n_scenarios))
+    with display_for_call(progress) as display:
+        return run_plan(plan, n_threads, display.start(plan.n_scenarios))
 
 
 def run_plan(plan: Plan, n_jobs: int, advance: Advance) -> xr.Dataset:
     """Run all shards of a plan on threads; ``advance`` receives the size of each finished one."""
-    found = Results(plan, plan.n_scenarios)
+    results = Results(plan, plan.n_scenarios)
 
     def run(shard: Shard) -> None:
-        run_into(found, plan, shard, shard.index)
+        fill_results(results, plan, shard, shard.index)
         advance(shard.size)
 
-    shards = shards_of(plan, n_jobs)
-    several = min(n_jobs, len(shards)) > 1
-    with on_threads(n_jobs, run, shards) if several else nullcontext():
+    shards = cut_into_shards(plan, n_jobs)
+    is_parallel = min(n_jobs, len(shards)) > 1
+    with run_on_threads(n_jobs, run, shards) if is_parallel else nullcontext():
         attrs = {"title": "fastcoil simulation", **provenance(), **simulation_attributes(plan)}
-    for shard in () if several else shards:
+    for shard in () if is_parallel else shards:
         run(shard)
     index = np.arange(plan.n_scenarios)
-    ds = unflatten(flat_dataset(index, found.metrics, found.status, found.traces, plan.traces.interval), plan.layout)
+    ds = unflatten(
+        flat_dataset(index, results.metrics, results.status, results.traces, plan.traces.interval), plan.layout
+    )
     ds.attrs = attrs
     ds.attrs["content_sha256"] = content_sha256(ds)
-    tell_limited(plan.layout.loop, ds)
+    warn_saturated(plan.layout.loop, ds)
     return ds
 
 
-def workers(n_jobs: int | None) -> int:
+def number_of_threads(n_jobs: int | None) -> int:
     """Number of threads: all cores by default."""
     if n_jobs is None:
         import joblib  # takes 0.1 s, which a study that is only looked at need not wait
 
         return int(joblib.cpu_count())
-    return whole_of("n_jobs", n_jobs, 1, 1024)
+    return require_integer("n_jobs", n_jobs, 1, 1024)

@@ -3,12 +3,12 @@
 from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
-from fastcoil.base.arguments import checking
-from fastcoil.loops.assignment import checked_value
+from fastcoil.base.arguments import argument_checks
+from fastcoil.loops.assignment import check_value
 from fastcoil.model.parameter_table import PARAMETERS
-from fastcoil.model.valve_test import FARTHEST, OF_LIMIT, OVERSHOOT
+from fastcoil.model.valve_test import LARGEST_OVERSHOOT_SHARE, LONGEST_RAMP_STROKE, TARGET_OVERSHOOT_K
 
-_EACH = 30.0  # seconds between two commands of a technician
+_COMMAND_INTERVAL_S = 30.0  # seconds between two commands of a technician
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,10 +65,10 @@ class ValveTest:
     excursion: float = float(PARAMETERS["test_excursion"].default or 0.0)
 
     def __post_init__(self) -> None:
-        with checking() as check:
+        with argument_checks() as check:
             for field in fields(self):
-                known = PARAMETERS[f"test_{field.name}"]
-                check(checked_value, replace(known, name=field.name), getattr(self, field.name))
+                parameter = PARAMETERS[f"test_{field.name}"]
+                check(check_value, replace(parameter, name=field.name), getattr(self, field.name))
 
     @classmethod
     def gentle(cls, **options: Any) -> Self:
@@ -86,7 +86,10 @@ class ValveTest:
 
     def instructions(self) -> list[str]:
         """What a technician does with a stop-watch, step by step."""
-        step, overshoot = 100 * self.rate * _EACH, min(OVERSHOOT, OF_LIMIT * self.excursion)
+        step, overshoot = (
+            100 * self.rate * _COMMAND_INTERVAL_S,
+            min(TARGET_OVERSHOOT_K, LARGEST_OVERSHOOT_SHARE * self.excursion),
+        )
         return [
             "Before: log command, T_sup and, if possible, m_a, T_a_in and T_w_in every 5 s, from an hour before the "
             "test.  Choose an hour in which load and water are steady, the valve neither fully closed nor fully open.",
@@ -94,9 +97,9 @@ class ValveTest:
             "change, stop: give the valve back to the controller.",
             "1. Note the time, the set-point and the command.  Switch the valve to manual and keep its command.",
             f"2. Wait {self.settle:g} s.  If T_sup still moves by more than 0.3 K in a minute, keep waiting, or stop.",
-            f"3. Change the command by {step:.2g} % of the stroke every {_EACH:g} s, in the direction that brings T_sup"
+            f"3. Change the command by {step:.2g} % of the stroke every {_COMMAND_INTERVAL_S:g} s, in the direction that brings T_sup"
             " back to the set-point: open to cool (to heat, if it heats) where that is needed, else close.",
-            f"4. When T_sup has passed the set-point by {self.threshold:g} K, or after {100 * FARTHEST:.0f} % of the "
+            f"4. When T_sup has passed the set-point by {self.threshold:g} K, or after {100 * LONGEST_RAMP_STROKE:.0f} % of the "
             f"stroke, leave the command for {self.hold:g} s.",
             f"5. If T_sup overran by more than {overshoot:.2g} K after step 4, halve the change of step 3; if by less"
             f" than {overshoot / 2:.2g} K, double it.  Then move the command the other way, as in steps 3 and 4.",

@@ -6,29 +6,38 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, instance_of, number_of
+from fastcoil.base.arguments import argument_checks, require_instance, require_number
 from fastcoil.base.errors import InputError
-from fastcoil.logs import Log, read_log
-from fastcoil.logs.columns import Wanted, checked_reading, log_of
-from fastcoil.logs.series import COLUMNS, counted
+from fastcoil.logs import CheckedLog, read_checked_log
+from fastcoil.logs.columns import ColumnSpec, check_reading_options, require_log
+from fastcoil.logs.series import COLUMNS, format_count
 from fastcoil.measured.agreement import require_agreement
-from fastcoil.measured.cause import Known, after_hold, cause_of, dies, predictions_of
-from fastcoil.measured.diagnosis import INDICES, Diagnosis, ValveReading, profile_of
+from fastcoil.measured.cause import PriorEvidence, judge_cause, predict_cases, revise_after_hold, stops_on_hold
+from fastcoil.measured.diagnosis import INDICES, Diagnosis, ValveReading, probability_profile
 from fastcoil.measured.fitted_loop import fit_loop_model
-from fastcoil.measured.grid import Grid, in_a_row, on_grid
-from fastcoil.measured.identify import CANDIDATES, CURE, USUAL_STROKE_TIME, Identification, backlash_of, shown_by
-from fastcoil.measured.measures import Measures, measures_of, triage_of, warnings_of
-from fastcoil.measured.part import runs
+from fastcoil.measured.grid import Grid, join_grids, resample_log
+from fastcoil.measured.identify import (
+    CANDIDATES,
+    MORE_EVIDENCE_CURE,
+    USUAL_STROKE_TIME,
+    Identification,
+    combine_days,
+    gather_evidence,
+)
+from fastcoil.measured.measures import Measures, hourly_summary, measure_loop, write_warnings
+from fastcoil.measured.part import true_runs
 
-_MEASURED = ("T_sup", "T_set", "m_a", "T_a_in")
-WANTED = Wanted(needed=("command", "T_sup"), optional=(*_MEASURED[1:], "enabled"), measured=_MEASURED)
-_LONGEST, _SHORTEST_SAMPLE = 3600.0, 0.1  # of a stroke or of the time between two samples of a controller, s
+_MEASURED_COLUMNS = ("T_sup", "T_set", "m_a", "T_a_in")
+DIAGNOSIS_COLUMNS = ColumnSpec(
+    required=("command", "T_sup"), optional=(*_MEASURED_COLUMNS[1:], "enabled"), measured=_MEASURED_COLUMNS
+)
+_LONGEST_TIME_S, _SHORTEST_SAMPLE_S = 3600.0, 0.1  # of a stroke or of the time between two samples of a controller, s
 _LEAST_KP, _MOST_KP = 1e-5, 10.0  # 1/K
-_WITHOUT_SET_POINT = 600.0  # s; values that are missing for less are held
-WIDE_SWING, LARGEST_INCREMENT = 0.4, 0.06
+_LEAST_OFF_TIME_S = 600.0  # s; values that are missing for less are held
+WIDEST_COMMAND_SWING, LARGEST_INCREMENT_K = 0.4, 0.06
 """Swing of the command, fraction of stroke, and change of a temperature that makes the log write it, K, above which no
 size is claimed."""
-WIDEST = 0.1  # interval of a backlash that may be claimed, fraction of stroke
+WIDEST_INTERVAL = 0.1  # interval of a backlash that may be claimed, fraction of stroke
 
 
 @np.errstate(all="ignore")
@@ -70,7 +79,7 @@ def diagnose(
         What ``fc.read_test`` found of this valve: its gap is taken if identified, and what a held command left of the
         swing counts.
     units, columns, drop, jumps, max_gap, time_format
-        How the log is read: see ``fastcoil.logs.Reading``.
+        How the log is read: see ``fastcoil.logs.ReadingOptions``.
 
     Returns
     -------
@@ -82,42 +91,46 @@ def diagnose(
     InputError
         With one sentence for each mistake in the log or the arguments.
     """
-    with checking() as check:
-        logs = [check(log_of, "log", one) for one in (log if isinstance(log, (list, tuple)) else [log])]
-        stroke_time = check.unless_none(seconds_of, "stroke_time", stroke_time, 0.0)
-        sample_time = check.unless_none(seconds_of, "sample_time", sample_time, _SHORTEST_SAMPLE)
-        lag = check.unless_none(seconds_of, "lag", lag, -_LONGEST)
-        gains = check(_gains_of, kp, ti)
-        test = check.unless_none(instance_of, "test", test, ValveReading, "give what fastcoil.read_test found")
-        how = checked_reading(check, columns=columns, units=units, drop=drop, jumps=jumps,
+    with argument_checks() as check:
+        logs = [check(require_log, "log", source) for source in (log if isinstance(log, (list, tuple)) else [log])]
+        stroke_time = check.unless_none(require_seconds, "stroke_time", stroke_time, 0.0)
+        sample_time = check.unless_none(require_seconds, "sample_time", sample_time, _SHORTEST_SAMPLE_S)
+        lag = check.unless_none(require_seconds, "lag", lag, -_LONGEST_TIME_S)
+        gains = check(_require_gains, kp, ti)
+        test = check.unless_none(require_instance, "test", test, ValveReading, "give what fastcoil.read_test found")
+        reading = check_reading_options(check, columns=columns, units=units, drop=drop, jumps=jumps,
                               max_gap=max_gap, time_format=time_format, has_command=True)  # fmt: skip
     if not logs:
         raise InputError("log = []: give a log, or a list of logs of one valve")
     names, grids, notes, warnings = [], [], [], []
-    for one in logs:
-        data = read_log(as_measured(one) if "T_sup" not in (columns or {}) else one, WANTED, how)
+    for source in logs:
+        data = read_checked_log(
+            use_measured_temperature(source) if "T_sup" not in (columns or {}) else source, DIAGNOSIS_COLUMNS, reading
+        )
         warnings += require_agreement(data)
-        _off_without_set_point(data)
-        grid, of_grid = on_grid(data)
+        _infer_off_times(data)
+        grid, grid_notes = resample_log(data)
         names.append(data.name)
         grids.append(grid)
-        notes += [note for note in (*data.notes, *of_grid) if note not in notes]
-    grid = grids[0] if len(grids) == 1 else in_a_row(grids)
+        notes += [note for note in (*data.notes, *grid_notes) if note not in notes]
+    grid = grids[0] if len(grids) == 1 else join_grids(grids)
     values, interval = grid.values, grid.interval
-    seconds = USUAL_STROKE_TIME if stroke_time is None else stroke_time
-    found, measures = identified(grid, seconds, sample_time, lag)
+    motor_seconds = USUAL_STROKE_TIME if stroke_time is None else stroke_time
+    identification, measures = identify_and_measure(grid, motor_seconds, sample_time, lag)
     if test is not None and test.identified:
         low, high = test.interval
-        of_test = test.profile["probability"].values
-        found = Identification(test.backlash, low, high, True, test.reason, of_test, found.late)
-    backlash = found.backlash if np.isfinite(found.backlash) else 0.0
+        test_probability = test.profile["probability"].values
+        identification = Identification(
+            test.backlash, low, high, True, test.reason, test_probability, identification.late
+        )
+    backlash = identification.backlash if np.isfinite(identification.backlash) else 0.0
     loop = fit_loop_model(
-        values["command"], values["T_sup"], values.get("T_set"), interval, backlash, seconds, sample_time, grid.on,
+        values["command"], values["T_sup"], values.get("T_set"), interval, backlash, motor_seconds, sample_time, grid.on,
         gains,
     )  # fmt: skip
-    held = (np.nan, 0.0) if test is None else (test.held_swing, test.held_for)
-    known = Known(found.identified, own=dies(measures, *held))
-    cause = after_hold(cause_of(measures, loop, known), measures, *held)
+    hold = (np.nan, 0.0) if test is None else (test.held_swing, test.held_for)
+    evidence = PriorEvidence(identification.identified, own=stops_on_hold(measures, *hold))
+    cause = revise_after_hold(judge_cause(measures, loop, evidence), measures, *hold)
     doubt = loop if isinstance(loop, str) else loop.doubt
     attrs = {name: {"units": unit, "long_name": meaning} for name, (unit, meaning) in INDICES.items()}
     indices = dict.fromkeys(INDICES, np.nan) | measures.indices
@@ -125,11 +138,11 @@ def diagnose(
         indices |= {"kp": abs(loop.pi.kp), "ti": loop.pi.ti, "sample_time": loop.pi.sample_time}
         indices |= {} if doubt else {"plant_gain": loop.plant.gain}
     if stroke_time is None:
-        notes.append(f"the motor is assumed to take {seconds:g} s per stroke: give stroke_time if you know it")
-    if lag is None and found.late:
+        notes.append(f"the motor is assumed to take {motor_seconds:g} s per stroke: give stroke_time if you know it")
+    if lag is None and identification.late:
         notes.append(
-            f"judging by the controller's response, T_sup is logged {abs(found.late):g} s "
-            f"{'later' if found.late > 0.0 else 'earlier'} than the command, which was corrected; if that is wrong, "
+            f"judging by the controller's response, T_sup is logged {abs(identification.late):g} s "
+            f"{'later' if identification.late > 0.0 else 'earlier'} than the command, which was corrected; if that is wrong, "
             "give the lag (lag, --lag)"
         )
     if "T_set" not in values:
@@ -141,59 +154,61 @@ def diagnose(
             f"the log has a sample every {interval:.4g} s, the controller one every {sample_time:.4g} s: reversals "
             "of the command between two samples are missed"
         )
-    triage = triage_of(grid)
+    triage = hourly_summary(grid)
     return Diagnosis(
         source=names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more",
-        backlash=found.backlash,
-        interval=(found.low, found.high),
-        identified=found.identified,
-        reason=found.reason,
+        backlash=identification.backlash,
+        interval=(identification.low, identification.high),
+        identified=identification.identified,
+        reason=identification.reason,
         cause=cause.name,
         because=cause.because,
         hunts=measures.swing.is_regular,
-        profile=profile_of(found),
+        profile=probability_profile(identification),
         indices=xr.Dataset({name: ((), value, attrs[name]) for name, value in indices.items()}),
-        predictions=None if doubt or isinstance(loop, str) else predictions_of(loop, cause.name),
+        predictions=None if doubt or isinstance(loop, str) else predict_cases(loop, cause.name),
         signals=_signals(grid, measures),
         triage=triage,
-        warnings=[*warnings_of(triage), *warnings],
+        warnings=[*write_warnings(triage), *warnings],
         notes=notes,
     )
 
 
-def as_measured(log: Any) -> Any:
+def use_measured_temperature(log: Any) -> Any:
     """A Dataset of ``fc.simulate`` with the temperature that its controller read."""
     return log.assign(T_sup=log["T_measured"]) if hasattr(log, "data_vars") and "T_measured" in log else log
 
 
-def _off_without_set_point(log: Log) -> None:
+def _infer_off_times(log: CheckedLog) -> None:
     """Take the plant for off where the set-point is missing for ten minutes or more, if no column says when it is."""
     if "T_set" not in log.values or "enabled" in log.values or log.change_of_value:
         return
     missing = np.isnan(log.values["T_set"])
     off = np.zeros(missing.size, dtype=bool)
-    for first, last in runs(missing):
-        off[first:last] = last - first > 1 and (last - first) * log.step >= _WITHOUT_SET_POINT
+    for first, last in true_runs(missing):
+        off[first:last] = last - first > 1 and (last - first) * log.step >= _LEAST_OFF_TIME_S
     if off.any():
         log.values["enabled"] = np.where(off, 0.0, 1.0)
-        log.notes.append(f"{counted(off, 'row')} without T_set: the plant counts as off there")
+        log.notes.append(f"{format_count(off, 'row')} without T_set: the plant counts as off there")
 
 
-def seconds_of(name: str, value: Any, least: float) -> float:
+def require_seconds(name: str, value: Any, least: float) -> float:
     """A time of the plant or the log, from ``least`` to an hour."""
-    return number_of(name, value, f"give seconds, from {least:g} to {_LONGEST:g}", least=least, most=_LONGEST)
+    return require_number(
+        name, value, f"give seconds, from {least:g} to {_LONGEST_TIME_S:g}", least=least, most=_LONGEST_TIME_S
+    )
 
 
-def _gains_of(kp: Any, ti: Any) -> tuple[float, float] | None:
+def _require_gains(kp: Any, ti: Any) -> tuple[float, float] | None:
     if (kp is None) != (ti is None):
         raise InputError("kp, ti: give both, or leave both out")
     if kp is None:
         return None
     cure = f"give 1/K, from {_LEAST_KP:g} to {_MOST_KP:g}"
-    return number_of("kp", kp, cure, least=_LEAST_KP, most=_MOST_KP), seconds_of("ti", ti, _SHORTEST_SAMPLE)
+    return require_number("kp", kp, cure, least=_LEAST_KP, most=_MOST_KP), require_seconds("ti", ti, _SHORTEST_SAMPLE_S)
 
 
-def identified(
+def identify_and_measure(
     grid: Grid, stroke_time: float, sample_time: float | None = None, lag: float | None = None
 ) -> tuple[Identification, Measures]:
     """The backlash as far as a log may claim it, and what it shows before any model; times in s."""
@@ -202,35 +217,35 @@ def identified(
         values = day.values
         inputs = tuple(values[name] for name in ("m_a", "T_a_in") if name in values)
         days.append(
-            shown_by(values["command"], values["T_sup"], grid.interval, values.get("T_set"), inputs, day.on,
+            gather_evidence(values["command"], values["T_sup"], grid.interval, values.get("T_set"), inputs, day.on,
                      stroke_time, sample_time, lag)
         )  # fmt: skip
-    measures = measures_of(grid, stroke_time)
-    return _doubted(backlash_of(days), grid, measures), measures
+    measures = measure_loop(grid, stroke_time)
+    return _withhold_doubtful(combine_days(days), grid, measures), measures
 
 
-def _doubted(found: Identification, grid: Grid, measures: Measures) -> Identification:
+def _withhold_doubtful(identification: Identification, grid: Grid, measures: Measures) -> Identification:
     """The backlash, not identified where the log holds a trap that the likelihood does not know."""
-    if not found.identified:
-        return found
+    if not identification.identified:
+        return identification
     low, high = 0.0, float(CANDIDATES[-1])
-    if measures.swing.is_regular and measures.command_swing > WIDE_SWING:
+    if measures.swing.is_regular and measures.command_swing > WIDEST_COMMAND_SWING:
         # the squared opening of the model does not follow the curve of a valve over so much of its stroke
         reason = (
             f"the command swings over {100 * measures.command_swing:.0f} % of the stroke, where the valve's curve "
             "hides the gap: raise Ti until the loop is calm, then log again"
         )
-    elif grid.increment > LARGEST_INCREMENT:
+    elif grid.increment > LARGEST_INCREMENT_K:
         reason = (
             f"the temperature is logged when it has changed by {grid.increment:.2g} K, which looks like a gap: log it "
             "at fixed times, or at changes of 0.05 K"
         )
-    elif found.high - found.low > WIDEST:
-        low, high = found.low, found.high
-        reason = f"gaps from {100 * low:.2g} to {100 * high:.2g} % explain the log: {CURE}"
+    elif identification.high - identification.low > WIDEST_INTERVAL:
+        low, high = identification.low, identification.high
+        reason = f"gaps from {100 * low:.2g} to {100 * high:.2g} % explain the log: {MORE_EVIDENCE_CURE}"
     else:
-        return found
-    return found._replace(low=low, high=high, identified=False, reason=reason)
+        return identification
+    return identification._replace(low=low, high=high, identified=False, reason=reason)
 
 
 def _signals(grid: Grid, measures: Measures) -> xr.Dataset:

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.figures import BLUE, DOTTED, FAINT, GREY, RED, YELLOW, apply_style, wrapped
-from fastcoil.base.results import Result, as_toml, toml_table
-from fastcoil.base.text import per_cent
-from fastcoil.design.advice import AS_IS, INVERSE, REPAIRED, SIMC, Option, advise
-from fastcoil.measured.cause import BACKLASH, DISTURBANCE, NONE, TUNING, WORDS
-from fastcoil.measured.identify import CANDIDATES, GOOD, Identification
-from fastcoil.measured.measures import STATES, SWINGS, headline_of
+from fastcoil.base.figures import BLUE, DOTTED_LINE, LINE_GREY, RED, SHADE_GREY, YELLOW, apply_style, wrap_text
+from fastcoil.base.results import Result, toml_document, toml_table
+from fastcoil.base.text import format_percent
+from fastcoil.design.advice import AS_IS, INVERSE, REPAIRED_VALVE, SIMC, Option, advise
+from fastcoil.measured.cause import BACKLASH, CASE_LABELS, DISTURBANCE, NONE, TUNING
+from fastcoil.measured.identify import CANDIDATES, GOOD_BACKLASH, Identification
+from fastcoil.measured.measures import STATES, SWINGING, write_headline
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -73,7 +73,7 @@ class Diagnosis(Result):
     signals
         Dataset over ``elapsed_time``: the log at equal intervals, as it was used.
     triage, warnings
-        Dataset over ``hour``: ``state`` in a word, shares of the hour (``enabled``, ``in_control``, ``saturated``,
+        Dataset over ``hour``: ``state`` in a word, shares of the hour (``enabled``, ``is_in_control``, ``saturated``,
         ``not_responding``), ``error`` and ``swing`` (peak to peak, K), ``period`` (s), and in ``log_limits`` what the
         log of that hour cannot show; and a sentence on each fault that lasts, the worst first.
     advice
@@ -105,55 +105,65 @@ class Diagnosis(Result):
         kp, ti, every = (float(self.indices[name]) for name in ("kp", "ti", "sample_time"))
         controller = "" if np.isnan(kp) else f"Controller: kp {kp:.3g} 1/K, ti {ti:.3g} s, a sample every {every:.3g} s"
         lines += [self.headline, *filter(None, [controller, self.advice.reason])]
-        lines += [*_predicted(self, ("as_found", "simc")), _gap_in_words(self), _hunting(self)]
-        if self.identified and self.backlash > GOOD:
-            lines += _predicted(self, ("no_gap", "half_gap", "inverse"))
+        lines += [*_describe_predictions(self, ("as_found", "simc")), _describe_gap(self), _describe_hunting(self)]
+        if self.identified and self.backlash > GOOD_BACKLASH:
+            lines += _describe_predictions(self, ("no_gap", "half_gap", "inverse"))
         return lines + [f"Note: {note}" for note in self.notes]
 
     @property
     def headline(self) -> str:
         """What matters most in the log, and what to log again, in one or two sentences."""
-        return headline_of(self.triage)
+        return write_headline(self.triage)
 
     @property
-    def advice(self) -> Advised:
+    def advice(self) -> GainAdvice:
         """What to do, by the rule of ``fc.explain``; the reason is empty where the log shows nothing to do."""
         kp, ti = float(self.indices["kp"]), float(self.indices["ti"])
-        by_step_test = Advised(math.nan, math.nan, _BY_STEP_TEST)
+        by_step_test = GainAdvice(math.nan, math.nan, _STEP_TEST_ADVICE)
         if self.cause == DISTURBANCE:
-            return Advised(kp, ti, "Leave the gains: the swing comes from outside the loop.")
+            return GainAdvice(kp, ti, "Leave the gains: the swing comes from outside the loop.")
         if self.predictions is None:
-            return by_step_test if self.hunts else Advised(kp, ti, "")
-        tried = {"as_found": (AS_IS, "present gains"), "simc": (SIMC, _gains_of(self.predictions))}
-        if self.identified and self.backlash > GOOD:
-            tried |= {"inverse": (INVERSE, f"inverse of {per_cent(self.backlash)}"), "no_gap": (REPAIRED, "repair")}
+            return by_step_test if self.hunts else GainAdvice(kp, ti, "")
+        cases = {"as_found": (AS_IS, "present gains"), "simc": (SIMC, _describe_simc_gains(self.predictions))}
+        if self.identified and self.backlash > GOOD_BACKLASH:
+            cases |= {
+                "inverse": (INVERSE, f"inverse of {format_percent(self.backlash)}"),
+                "no_gap": (REPAIRED_VALVE, "repair"),
+            }
         options = []
-        for case, (name, words) in tried.items():
-            one = self.predictions.sel(case=case)
-            hunts = self.hunts if case == "as_found" else bool(one["hunts"] > 0.0)
-            options.append(Option(name, words, float(one["rmse"]), float(one["travel_per_day"]), hunts))
-        found = advise(options)
-        if self.hunts and not found.best:
+        for case, (name, label) in cases.items():
+            prediction = self.predictions.sel(case=case)
+            hunts = self.hunts if case == "as_found" else bool(prediction["hunts"] > 0.0)
+            options.append(Option(name, label, float(prediction["rmse"]), float(prediction["travel_per_day"]), hunts))
+        advice = advise(options)
+        if self.hunts and not advice.best:
             return by_step_test
-        case = list(tried)[found.best]
+        case = list(cases)[advice.best]
         kp, ti = (float(self.predictions[name].sel(case=case)) for name in ("kp", "ti"))
-        return Advised(kp, ti, found.text)
+        return GainAdvice(kp, ti, advice.text)
 
     @apply_style()
     def plot(self) -> Figure:
         """The diagnosis on one page, as a matplotlib ``Figure``."""
         from matplotlib.figure import Figure
 
-        fig = Figure(figsize=_SIZE, layout="constrained")
+        fig = Figure(figsize=_PAGE_SIZE_INCHES, layout="constrained")
         grid = fig.add_gridspec(4, 2, height_ratios=(0.2, 1.0, 0.8, 1.3))
         _draw_hours(fig.add_subplot(grid[0, :]), self.triage)
         temperature = fig.add_subplot(grid[1, :])
-        seen = self.signals.isel(elapsed_time=_telling(self.signals))
-        _draw_log(temperature, fig.add_subplot(grid[2, :], sharex=temperature), seen)
+        excerpt = self.signals.isel(elapsed_time=_find_busiest_hours(self.signals))
+        _draw_log(temperature, fig.add_subplot(grid[2, :], sharex=temperature), excerpt)
         _draw_profile(fig.add_subplot(grid[3, 0]), self)
         _draw_predictions(fig.add_subplot(grid[3, 1]), self)
-        headline = [*self.summary()[:2], _gap_in_words(self), _hunting(self), *filter(None, [self.advice.reason])]
-        fig.suptitle("\n".join(wrapped(line, _SIZE[0], 9) for line in headline), x=0.01, ha="left", fontsize=9)
+        headline = [
+            *self.summary()[:2],
+            _describe_gap(self),
+            _describe_hunting(self),
+            *filter(None, [self.advice.reason]),
+        ]
+        fig.suptitle(
+            "\n".join(wrap_text(line, _PAGE_SIZE_INCHES[0], 9) for line in headline), x=0.01, ha="left", fontsize=9
+        )
         return fig
 
     def to_toml(self, path: str | Path | None = None) -> str:
@@ -164,9 +174,9 @@ class Diagnosis(Result):
         lines = toml_table("fit.indices", {str(name): float(value) for name, value in self.indices.items()})
         if self.predictions is not None:
             for case in self.predictions["case"].values:
-                one = self.predictions.sel(case=case)
-                numbers = {str(name): float(value) for name, value in one.drop_vars("doubt").items()}
-                lines += toml_table(f"fit.predictions.{case}", {"doubt": str(one["doubt"].values), **numbers})
+                prediction = self.predictions.sel(case=case)
+                numbers = {str(name): float(value) for name, value in prediction.drop_vars("doubt").items()}
+                lines += toml_table(f"fit.predictions.{case}", {"doubt": str(prediction["doubt"].values), **numbers})
         return _gap_as_toml(self, "diagnose", "diagnosis", {}, lines, path)
 
 
@@ -226,7 +236,7 @@ class ValveReading(Result):
         """The reading in words, line by line."""
         return [
             f"{self.source}: a valve test of {self.minutes:.0f} min",
-            _gap_in_words(self),
+            _describe_gap(self),
             f"Plant: {self.gain:.3g} K per stroke, lags of {self.lag:.0f} s, dead time {self.dead_time:.0f} s; "
             f"the temperature moved by {self.held_swing:.2g} K while the command was held",
             f"Cause of the swing before the test: {self.cause}: {self.because}",
@@ -245,16 +255,16 @@ class ValveReading(Result):
         above.plot(minutes, ds["T_sup"], color=BLUE, lw=1.0, label="supply air")
         above.plot(minutes, ds["model"], color=YELLOW, lw=1.0, label="model, without drift")
         middle.plot(minutes, 100 * ds["command"], color=RED, lw=1.0, label="command")
-        middle.plot(minutes, 100 * ds["stem"], color=GREY, lw=1.0, label="stem behind the gap")
+        middle.plot(minutes, 100 * ds["stem"], color=LINE_GREY, lw=1.0, label="stem behind the gap")
         for axes in (above, middle):
-            axes.axvspan(0.0, self.minutes, color=FAINT, lw=0)
-            axes.legend(ncols=2, **_ABOVE)
+            axes.axvspan(0.0, self.minutes, color=SHADE_GREY, lw=0)
+            axes.legend(ncols=2, **_LEGEND_ABOVE)
             axes.margins(x=0.01)
         above.set(ylabel="temperature [°C]")
         above.tick_params(labelbottom=False)
         middle.set(xlabel="minutes from the start of the test", ylabel="of the stroke [%]")
         _draw_profile(below, self)
-        lines = [wrapped(line, width, 9) for line in self.summary() if not line.startswith("Note: ")]
+        lines = [wrap_text(line, width, 9) for line in self.summary() if not line.startswith("Note: ")]
         fig.suptitle("\n".join(lines), x=0.01, ha="left", fontsize=9)
         return fig
 
@@ -265,15 +275,19 @@ class ValveReading(Result):
         also for ``fit`` in the ``[sample]`` of a study file.
         """
         names = ("gain", "lag", "dead_time", "held_swing", "held_for", "minutes")
-        more: list[str] = []
+        posterior: list[str] = []
         if self.identified:
-            at = np.flatnonzero(self.profile["probability"].values > _NEGLIGIBLE)
-            seen = self.profile.isel(backlash=slice(at[0], at[-1] + 1))
-            more = toml_table("fit.posterior", {n: seen[n].values.tolist() for n in ("backlash", "probability")})
-        return _gap_as_toml(self, "valve-test", "valve test", {name: getattr(self, name) for name in names}, more, path)
+            likely = np.flatnonzero(self.profile["probability"].values > _NEGLIGIBLE_PROBABILITY)
+            likely_sizes = self.profile.isel(backlash=slice(likely[0], likely[-1] + 1))
+            posterior = toml_table(
+                "fit.posterior", {n: likely_sizes[n].values.tolist() for n in ("backlash", "probability")}
+            )
+        return _gap_as_toml(
+            self, "valve-test", "valve test", {name: getattr(self, name) for name in names}, posterior, path
+        )
 
 
-class Advised(NamedTuple):
+class GainAdvice(NamedTuple):
     """What to do about a loop."""
 
     kp: float  # gain to set, 1/K: that of now where it may stay, NaN where the log shows none
@@ -281,103 +295,115 @@ class Advised(NamedTuple):
     reason: str  # what to do and what it brings, in a sentence
 
 
-def profile_of(found: Identification) -> xr.Dataset:
+def probability_profile(identification: Identification) -> xr.Dataset:
     """The probability of each size."""
     attrs = {"units": "1", "long_name": "backlash, fraction of stroke"}
     return xr.Dataset(
-        {"probability": ("backlash", found.probability, {"long_name": "probability of each size"})},
+        {"probability": ("backlash", identification.probability, {"long_name": "probability of each size"})},
         {"backlash": ("backlash", CANDIDATES, attrs)},
     )
 
 
 def _gap_as_toml(
-    d: Any, command: str, kind: str, numbers: Mapping[str, float], more: Sequence[str], path: str | Path | None
+    result: Any,
+    command: str,
+    kind: str,
+    numbers: Mapping[str, float],
+    extra_tables: Sequence[str],
+    path: str | Path | None,
 ) -> str:
-    """The gap as TOML, with ``numbers`` of the fit; ``more``: tables at the end."""
-    of_fit = {"kind": kind, "source": d.source, "identified": d.identified, "reason": d.reason, "cause": d.cause,
-              "because": d.because, **numbers, "notes": d.notes}  # fmt: skip
-    lines = [f"# backlash fitted to {d.source} by fastcoil {command}", *(f"# {one}" for one in d.summary()[1:])]
-    lines += toml_table("loop", {"backlash": d.backlash} if d.identified else {}) + toml_table("fit", of_fit)
-    return as_toml([*lines, *toml_table("fit.interval_95", {"backlash": list(d.interval)}), *more], path)
+    """The gap as TOML, with ``numbers`` of the fit; ``extra_tables``: tables at the end."""
+    fit_table = {"kind": kind, "source": result.source, "identified": result.identified, "reason": result.reason, "cause": result.cause,
+              "because": result.because, **numbers, "notes": result.notes}  # fmt: skip
+    lines = [
+        f"# backlash fitted to {result.source} by fastcoil {command}",
+        *(f"# {line}" for line in result.summary()[1:]),
+    ]
+    lines += toml_table("loop", {"backlash": result.backlash} if result.identified else {}) + toml_table(
+        "fit", fit_table
+    )
+    return toml_document(
+        [*lines, *toml_table("fit.interval_95", {"backlash": list(result.interval)}), *extra_tables], path
+    )
 
 
-def _gap_in_words(d: Any) -> str:
+def _describe_gap(result: Any) -> str:
     """The gap and its interval, or why it is not identified."""
-    low, high = (100 * bound for bound in d.interval)
-    within = f"{100 * d.backlash:.3g} % of the stroke (95 %: {low:.3g} to {high:.3g} %)"
-    if d.identified:
-        return f"Gap: negligible, {within}" if d.backlash <= GOOD else f"Gap: {within}"
-    probable = "" if np.isnan(d.backlash) else f"; most probable {within.replace(' of the stroke', '')}"
-    return f"Gap: not identified{probable}: {d.reason}"
+    low, high = (100 * bound for bound in result.interval)
+    size = f"{100 * result.backlash:.3g} % of the stroke (95 %: {low:.3g} to {high:.3g} %)"
+    if result.identified:
+        return f"Gap: negligible, {size}" if result.backlash <= GOOD_BACKLASH else f"Gap: {size}"
+    most_probable = "" if np.isnan(result.backlash) else f"; most probable {size.replace(' of the stroke', '')}"
+    return f"Gap: not identified{most_probable}: {result.reason}"
 
 
-def _hunting(d: Diagnosis) -> str:
-    size, period = float(d.indices["peak_to_peak"]) / 2, float(d.indices["period"])
-    if d.cause == NONE:
-        error = float(d.indices["error_rms_settled"])
+def _describe_hunting(diagnosis: Diagnosis) -> str:
+    size, period = float(diagnosis.indices["peak_to_peak"]) / 2, float(diagnosis.indices["period"])
+    if diagnosis.cause == NONE:
+        error = float(diagnosis.indices["error_rms_settled"])
         return f"Hunting: none; the settled RMS error is {error:.2g} K" if np.isfinite(error) else "Hunting: none"
-    if not d.hunts:
-        return f"Hunting: not clear: {d.because}"
-    every = f"{period:.0f} s" if period < 120 else f"{period / 60:.0f} min"
-    swinging = d.triage["swing"].values[d.triage["state"].values == SWINGS]
-    if swinging.size and np.median(swinging) > _MORE * 2 * size:
-        every += " on average over the log"
+    if not diagnosis.hunts:
+        return f"Hunting: not clear: {diagnosis.because}"
+    rhythm = f"{period:.0f} s" if period < 120 else f"{period / 60:.0f} min"
+    swinging = diagnosis.triage["swing"].values[diagnosis.triage["state"].values == SWINGING]
+    if swinging.size and np.median(swinging) > _LARGER_SWING_FACTOR * 2 * size:
+        rhythm += " on average over the log"
     # of the three, the gap is blamed wrongly most often: see the table diagnosis_answers
-    blamed = {
+    blame = {
         BACKLASH: ", probably caused by the gap:",
         TUNING: ", caused by the tuning:",
         DISTURBANCE: ", caused by a disturbance:",
     }
-    return f"Hunting: ± {size:.2g} K every {every}{blamed.get(d.cause, ';')} {d.because}"
+    return f"Hunting: ± {size:.2g} K every {rhythm}{blame.get(diagnosis.cause, ';')} {diagnosis.because}"
 
 
-def _predicted(d: Diagnosis, cases: Sequence[str]) -> list[str]:
+def _describe_predictions(diagnosis: Diagnosis, cases: Sequence[str]) -> list[str]:
     """What the fitted loop would do with other gains, another valve or an inverse."""
-    if d.predictions is None:
+    if diagnosis.predictions is None:
         return []
-    words = {"as_found": "Now", "simc": f"With {_gains_of(d.predictions)}", "no_gap": "Without the gap",
+    labels = {"as_found": "Now", "simc": f"With {_describe_simc_gains(diagnosis.predictions)}", "no_gap": "Without the gap",
              "half_gap": "With half the gap", "inverse": "With a backlash inverse"}  # fmt: skip
-    hunting = float(d.predictions["hunts"].sel(case="as_found"))
+    hunting = float(diagnosis.predictions["hunts"].sel(case="as_found"))
     lines = []
     for case in cases:
-        one = d.predictions.sel(case=case)
-        stops = ", no hunting" if hunting > float(one["hunts"]) else ""
+        prediction = diagnosis.predictions.sel(case=case)
+        stops = ", no hunting" if hunting > float(prediction["hunts"]) else ""
         answer = (
-            f"error {float(one['rmse']):.2g} K, motor {float(one['travel_per_day']):.0f} strokes a day, stem reverses "
-            f"{float(one['reversals_per_day']):.0f} times a day{stops}"
+            f"error {float(prediction['rmse']):.2g} K, motor {float(prediction['travel_per_day']):.0f} strokes a day, stem reverses "
+            f"{float(prediction['reversals_per_day']):.0f} times a day{stops}"
         )
-        doubt = str(one["doubt"].values)
-        lines.append(f"{words[case]}: {f'not predicted: {doubt}' if doubt else answer}")
+        doubt = str(prediction["doubt"].values)
+        lines.append(f"{labels[case]}: {f'not predicted: {doubt}' if doubt else answer}")
     return lines
 
 
-def _gains_of(predictions: xr.Dataset) -> str:
+def _describe_simc_gains(predictions: xr.Dataset) -> str:
     kp, ti = (float(predictions[name].sel(case="simc")) for name in ("kp", "ti"))
     return f"kp {kp:g} 1/K, ti {ti:g} s"
 
 
-_BY_STEP_TEST = (
+_STEP_TEST_ADVICE = (
     "Do this: raise Ti to the time constant T found by one step test (see docs/findings/hunting.md), then log again."
 )
 
 
-_TELLING = 7200.0  # seconds that are drawn
-_SIZE = (7.5, 7.6)
-_NEGLIGIBLE = 1e-6  # probability of a size
-_ROOM = 160.0  # per cent of the longest bar, for the words behind it
-_MORE = 1.3  # a swing of some hours is that much larger than the mean of the log
-_LONG = 48  # hours from which the strip shows days
-_SHADES = (FAINT, "#997700", "#882255", RED, "#EE99AA", YELLOW, "0.45", "0.75", "#EECC66", "#6699CC", BLUE)
-_COLOURS = dict(zip(STATES, _SHADES, strict=True))
-_ABOVE: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "frameon": False, "borderaxespad": 0.2}
+_DRAWN_SECONDS = 7200.0  # seconds that are drawn
+_PAGE_SIZE_INCHES = (7.5, 7.6)
+_NEGLIGIBLE_PROBABILITY = 1e-6  # probability of a size
+_BAR_ROOM_PERCENT = 160.0  # per cent of the longest bar, for the words behind it
+_LARGER_SWING_FACTOR = 1.3  # a swing of some hours is that much larger than the mean of the log
+_LONG_LOG_HOURS = 48  # hours from which the strip shows days
+_STATE_SHADES = (SHADE_GREY, "#997700", "#882255", RED, "#EE99AA", YELLOW, "0.45", "0.75", "#EECC66", "#6699CC", BLUE)
+_STATE_COLOURS = dict(zip(STATES, _STATE_SHADES, strict=True))
+_LEGEND_ABOVE: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "frameon": False, "borderaxespad": 0.2}
 
 
-def _telling(signals: xr.Dataset) -> slice:
+def _find_busiest_hours(signals: xr.Dataset) -> slice:
     """The two hours in which the motor travels most; settled, where the loop ever is."""
-    calm, there = signals["calm"].values, np.isfinite(signals["T_sup"].values + signals["command"].values)
+    calm, is_known = signals["calm"].values, np.isfinite(signals["T_sup"].values + signals["command"].values)
     moves = np.abs(np.diff(signals["position"].values, prepend=signals["position"].values[0]))
-    counts = np.where(there & (calm if calm.any() else there), moves, 0.0)
-    width = min(counts.size, max(2, round(_TELLING / signals.attrs["interval"])))
+    counts = np.where(is_known & (calm if calm.any() else is_known), moves, 0.0)
+    width = min(counts.size, max(2, round(_DRAWN_SECONDS / signals.attrs["interval"])))
     travel = np.cumsum(np.concatenate([[0.0], counts]))
     start = int(np.argmax(travel[width:] - travel[:-width]))
     return slice(start, start + width)
@@ -389,66 +415,69 @@ def _draw_hours(axes: Axes, triage: xr.Dataset) -> None:
 
     hours, state = triage["hour"].values, triage["state"].values
     places = np.arange(hours.size)  # hours without a sample take no room
-    axes.bar(places, 1.0, width=1.0, align="edge", color=[_COLOURS[one] for one in state])
-    if hours.size > _LONG:
+    axes.bar(places, 1.0, width=1.0, align="edge", color=[_STATE_COLOURS[word] for word in state])
+    if hours.size > _LONG_LOG_HOURS:
         ends = np.flatnonzero(np.diff(hours // 24)) + 1
         axes.vlines(ends, 0.0, 1.0, color="black", lw=0.6)
         axes.set_xticks([0, *ends], hours[[0, *ends]])
     axes.set(xlim=(0, hours.size), ylim=(0, 1), yticks=[], xlabel="hour of the log")
     axes.grid(visible=False)
     axes.set_title("Hour by hour", loc="left")
-    occur = [one for one in STATES if one in state]
-    axes.legend(handles=[Patch(color=_COLOURS[one], label=one) for one in occur], ncols=len(occur), handlelength=0.8,
-                columnspacing=1.0, **_ABOVE)  # fmt: skip
+    occurring = [word for word in STATES if word in state]
+    axes.legend(handles=[Patch(color=_STATE_COLOURS[word], label=word) for word in occurring], ncols=len(occurring), handlelength=0.8,
+                columnspacing=1.0, **_LEGEND_ABOVE)  # fmt: skip
 
 
-def _draw_log(above: Axes, below: Axes, seen: xr.Dataset) -> None:
-    hours = seen["elapsed_time"] / 3600.0
-    above.plot(hours, seen["T_sup"], color=BLUE, lw=1.0, label="supply air")
-    if "T_set" in seen:
-        above.step(hours, seen["T_set"], color=YELLOW, ls="--", where="post", label="set-point")
+def _draw_log(above: Axes, below: Axes, excerpt: xr.Dataset) -> None:
+    hours = excerpt["elapsed_time"] / 3600.0
+    above.plot(hours, excerpt["T_sup"], color=BLUE, lw=1.0, label="supply air")
+    if "T_set" in excerpt:
+        above.step(hours, excerpt["T_set"], color=YELLOW, ls="--", where="post", label="set-point")
     above.set_ylabel("temperature [°C]")
     above.tick_params(labelbottom=False)
     above.set_title("The two hours with the most motor travel", loc="left")
-    above.legend(ncols=2, **_ABOVE)
-    below.step(hours, 100 * seen["command"], color=RED, lw=1.0, where="post", label="command")
+    above.legend(ncols=2, **_LEGEND_ABOVE)
+    below.step(hours, 100 * excerpt["command"], color=RED, lw=1.0, where="post", label="command")
     below.set(xlabel="time [h]", ylabel="command [%]")
     below.margins(x=0.01)
 
 
-def _draw_profile(axes: Axes, d: Any) -> None:
-    sizes, probability = 100 * d.profile["backlash"].values, 100 * d.profile["probability"].values
-    low, high = d.interval
-    axes.axvspan(100 * low, 100 * high, color=FAINT, lw=0, label="95 % interval")
-    axes.bar(sizes, probability, width=0.8 * (sizes[1] - sizes[0]), color=BLUE if d.identified else GREY)
+def _draw_profile(axes: Axes, result: Any) -> None:
+    sizes, probability = 100 * result.profile["backlash"].values, 100 * result.profile["probability"].values
+    low, high = result.interval
+    axes.axvspan(100 * low, 100 * high, color=SHADE_GREY, lw=0, label="95 % interval")
+    axes.bar(sizes, probability, width=0.8 * (sizes[1] - sizes[0]), color=BLUE if result.identified else LINE_GREY)
     axes.set(xlabel="backlash [% of stroke]", ylabel="probability [%]")
     axes.set_xlim(-0.5, max(100 * high, 8.0) * 1.15)
-    axes.set_title("Identified" if d.identified else "Not identified", loc="left")
-    axes.legend(**_ABOVE)
+    axes.set_title("Identified" if result.identified else "Not identified", loc="left")
+    axes.legend(**_LEGEND_ABOVE)
 
 
-def _draw_predictions(axes: Axes, d: Diagnosis) -> None:
+def _draw_predictions(axes: Axes, diagnosis: Diagnosis) -> None:
     """Error and travel in every case, as shares of what the model does with the present gains."""
     axes.set_title("What the fitted loop would do", loc="left")
-    if d.predictions is None:
-        words = "no prediction: see the notes"
-        axes.text(0.5, 0.5, words, transform=axes.transAxes, ha="center", va="center", fontsize=8)
+    if diagnosis.predictions is None:
+        notice = "no prediction: see the notes"
+        axes.text(0.5, 0.5, notice, transform=axes.transAxes, ha="center", va="center", fontsize=8)
         axes.set(xticks=[], yticks=[])
         return
-    found, cases = d.predictions, list(d.predictions["case"].values)
+    predictions, cases = diagnosis.predictions, list(diagnosis.predictions["case"].values)
     places = np.arange(len(cases))[::-1]
-    error, travel = found["rmse"].values, found["travel_per_day"].values
-    for values, shift, colour, form in ((error, 0.2, BLUE, "{:.2g} K"), (travel, -0.2, YELLOW, "{:.0f} strokes a day")):
+    error, travel = predictions["rmse"].values, predictions["travel_per_day"].values
+    for values, shift, colour, text_format in (
+        (error, 0.2, BLUE, "{:.2g} K"),
+        (travel, -0.2, YELLOW, "{:.0f} strokes a day"),
+    ):
         share = np.nan_to_num(100 * values / values[0])
         axes.barh(places + shift, share, height=0.38, color=colour)
         for place, value, end in zip(places + shift, values, share, strict=True):
             if np.isfinite(value):
-                axes.text(end + 2, place, form.format(value), va="center", fontsize=7)
+                axes.text(end + 2, place, text_format.format(value), va="center", fontsize=7)
     for place in places[~np.isfinite(error)]:
         axes.text(2, place, "not predicted", va="center", fontsize=7)
-    axes.set_xlim(0, _ROOM * np.nanmax(np.concatenate([error / error[0], travel / travel[0]])))
-    axes.axvline(100, color="black", lw=0.8, ls=DOTTED)
-    hunting = found["hunts"].values > 0
-    axes.set_yticks(places, [WORDS[c] + "\n(hunts)" * bool(h) for c, h in zip(cases, hunting, strict=True)])
+    axes.set_xlim(0, _BAR_ROOM_PERCENT * np.nanmax(np.concatenate([error / error[0], travel / travel[0]])))
+    axes.axvline(100, color="black", lw=0.8, ls=DOTTED_LINE)
+    hunting = predictions["hunts"].values > 0
+    axes.set_yticks(places, [CASE_LABELS[c] + "\n(hunts)" * bool(h) for c, h in zip(cases, hunting, strict=True)])
     axes.set_xlabel("RMS error and motor travel [% of present value]")
     axes.grid(visible=False, axis="y")

@@ -13,9 +13,9 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arrays import Array, Mask
-from fastcoil.base.figures import BLUE, FAINT, RED, YELLOW, apply_style
-from fastcoil.base.results import Result, as_toml, toml_table
-from fastcoil.logs import Log
+from fastcoil.base.figures import BLUE, RED, SHADE_GREY, YELLOW, apply_style
+from fastcoil.base.results import Result, toml_document, toml_table
+from fastcoil.logs import CheckedLog
 from fastcoil.measured.part import FITTING, UNUSED, VALIDATION
 from fastcoil.model.parameter_table import PARAMETERS
 
@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 
 AT_BOUND = "at the bound of its range: the data do not limit it"
 NOT_UNIQUE = "one of many that fit as well: the data do not identify it"
-_TOGETHER = 0.95  # correlation of two parameters that are known only together
-_POOR = 0.8  # a model of the right thing explains at least this share of the variance
-_MUCH, _ROUND_OFF = 2.0, 1e-9
-_SHOWN = {
+_LEAST_LINKED_CORRELATION = 0.95  # correlation of two parameters that are known only together
+_LEAST_EXPLAINED = 0.8  # a model of the right thing explains at least this share of the variance
+_LARGEST_VALIDATION_RATIO, _ROUND_OFF = 2.0, 1e-9
+_SERIES_BY_KIND = {
     "valve": ("m_w", "flow [kg/s]", "", "whether the pump ran"),
     "coil": ("T_sup", "supply air [°C]", "T_sup_", "how the inputs run between samples"),
     "loop": ("T_sup", "supply air [°C]", "", "whether the loop is that of the log"),
@@ -117,24 +117,24 @@ class Fit(Result):
         """Measured and fitted values over time, the residual below, a column for each part of the log."""
         from matplotlib.figure import Figure
 
-        measured, label, prefix, _ = _SHOWN[self.kind]
+        measured, label, prefix, _ = _SERIES_BY_KIND[self.kind]
         ds, parts = self.residuals, [part for part in (FITTING, VALIDATION) if part in self.rmse]
         fig = Figure(figsize=(5.2 * max(len(parts), 1.4), 4.6), layout="constrained")
         rows = fig.subplots(2, len(parts), squeeze=False, sharex="col", sharey="row", height_ratios=(3, 2))
         for part, (above, below) in zip(parts, rows.T, strict=True):
             span = np.flatnonzero(ds["part"].values == part)
-            of_log = ds["log"].values == str(ds["log"][span[0]].values)
+            is_same_log = ds["log"].values == str(ds["log"][span[0]].values)
             # the warm-up before the fitted part is worth a look
-            first = int(span[0]) if part == VALIDATION and of_log[0] else int(np.argmax(of_log))
-            one = ds.isel(elapsed_time=slice(first, int(span[-1]) + 1))
-            _over_hours(above, one, measured, color=YELLOW, lw=2.2, label="measured")
-            _over_hours(above, one, f"{prefix}modelled", color=BLUE, lw=1, ls="--", label="fitted")
-            _over_hours(below, one, f"{prefix}residual", color=RED, lw=1)
+            first = int(span[0]) if part == VALIDATION and is_same_log[0] else int(np.argmax(is_same_log))
+            excerpt = ds.isel(elapsed_time=slice(first, int(span[-1]) + 1))
+            _plot_over_hours(above, excerpt, measured, color=YELLOW, lw=2.2, label="measured")
+            _plot_over_hours(above, excerpt, f"{prefix}modelled", color=BLUE, lw=1, ls="--", label="fitted")
+            _plot_over_hours(below, excerpt, f"{prefix}residual", color=RED, lw=1)
             above.set_title(f"{part}: RMSE {self.rmse[part]:.2g} {self.unit}", loc="left")
             above.legend(ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False)
             below.set_xlabel("time [h]")
             for axes in (above, below):
-                _shade_unused(axes, one)
+                _shade_unused(axes, excerpt)
         rows[0, 0].set_ylabel(label)
         rows[1, 0].set_ylabel(f"measured - fitted [{self.unit}]")
         if (ds["part"] == UNUSED).any():
@@ -143,8 +143,8 @@ class Fit(Result):
 
     def summary(self) -> list[str]:
         """The fit in words, line by line."""
-        worth = f"{self.n_used:,} samples compared, equivalent to {self.n_effective:,.0f} independent ones"
-        lines = [f"{self.source}: {worth}; {self.seconds:.1f} s"]
+        sample_count = f"{self.n_used:,} samples compared, equivalent to {self.n_effective:,.0f} independent ones"
+        lines = [f"{self.source}: {sample_count}; {self.seconds:.1f} s"]
         for name, value in self.parameters.items():
             unit = "" if PARAMETERS[name].unit == "1" else f" {PARAMETERS[name].unit}"
             if name in self.intervals:
@@ -158,12 +158,12 @@ class Fit(Result):
         lines += [
             f"{names[i]} and {names[j]} are identified only in combination (correlation {correlation[i, j]:.3f}): use "
             "them as a pair"
-            for i, j in np.argwhere(np.triu(np.abs(np.nan_to_num(correlation)) > _TOGETHER, 1))
+            for i, j in np.argwhere(np.triu(np.abs(np.nan_to_num(correlation)) > _LEAST_LINKED_CORRELATION, 1))
         ]
         for name, value in self.rmse.items():
-            part, _, what = name.partition("_")
-            what = what if what.startswith("T_") else what.replace("_", " ")
-            lines.append(f"RMSE, {part}{', ' if what else ''}{what}: {value:.4g} {self.unit}")
+            part, _, quantity = name.partition("_")
+            quantity = quantity if quantity.startswith("T_") else quantity.replace("_", " ")
+            lines.append(f"RMSE, {part}{', ' if quantity else ''}{quantity}: {value:.4g} {self.unit}")
         return lines + [f"Note: {note}" for note in self.notes]
 
     def to_toml(self, path: str | Path | None = None) -> str:
@@ -171,7 +171,7 @@ class Fit(Result):
 
         ``[loop]`` holds the parameters; ``[fit]`` and its tables are for readers.
         """
-        of_fit = {
+        fit_table = {
             "kind": self.kind,
             "source": self.source,
             "samples": self.n_used,
@@ -180,33 +180,34 @@ class Fit(Result):
             "notes": self.notes,
         }
         lines = [f"# {self.kind} fitted to {self.source} by fastcoil", *(f"# {line}" for line in self.summary()[1:])]
-        lines += toml_table("loop", self.parameters) + toml_table("fit", of_fit)
+        lines += toml_table("loop", self.parameters) + toml_table("fit", fit_table)
         lines += toml_table("fit.rmse", self.rmse, self.unit) + toml_table("fit.standard_error", self.standard_errors)
         lines += toml_table("fit.interval_95", self.intervals)
-        return as_toml(lines, path)
+        return toml_document(lines, path)
 
 
-def finished(
-    data: Log, started: float, compared: Mask, fitting: Mask, errors: Mapping[str, Array],
+def build_fit(
+    data: CheckedLog, start_time: float, compared: Mask, fitting: Mask, errors: Mapping[str, Array],
     series: Mapping[str, tuple[Array, str]], names: Sequence[str], covariance: Array, *, kind: str, notes: list[str],
-    **others: Any,
+    **fields: Any,
 ) -> Fit:  # fmt: skip
-    """The fit of a log, begun at ``started``; ``errors`` by their ending in ``rmse``, NaN where they do not count."""
-    of_log = np.where(fitting, FITTING, VALIDATION)
-    part, rmse = np.where(compared, of_log, UNUSED), {}
+    """The fit of a log, begun at ``start_time``; ``errors`` by their ending in ``rmse``, NaN where they do not count."""
+    part_of_sample = np.where(fitting, FITTING, VALIDATION)
+    part, rmse = np.where(compared, part_of_sample, UNUSED), {}
     for name in (FITTING, VALIDATION):
         for ending, error in errors.items():
-            here = (of_log == name) & np.isfinite(error)
-            if here.any():
-                rmse[f"{name}{ending}"] = float(np.sqrt(np.mean(error[here] ** 2)))
-    measured, _, _, check = _SHOWN[kind]
+            counts = (part_of_sample == name) & np.isfinite(error)
+            if counts.any():
+                rmse[f"{name}{ending}"] = float(np.sqrt(np.mean(error[counts] ** 2)))
+    measured, _, _, check = _SERIES_BY_KIND[kind]
     columns = {"part": part, "batch": data.batch, "row": data.rows, "log": np.array(data.names)[data.source]}
     return Fit(
         kind=kind,
         source=data.name,
         unit="kg/s" if kind == "valve" else "K",
         rmse=rmse,
-        notes=notes + poor(rmse, series[measured][0][compared & fitting], measured, f"units, columns, and {check}"),
+        notes=notes
+        + fit_warnings(rmse, series[measured][0][compared & fitting], measured, f"units, columns, and {check}"),
         residuals=xr.Dataset(
             {name: ("elapsed_time", values, {"units": unit}) for name, (values, unit) in series.items()}
             | {name: ("elapsed_time", values) for name, values in columns.items()},
@@ -214,8 +215,8 @@ def finished(
         ),
         standard_errors=dict(zip(names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
         covariance=xr.DataArray(covariance, {"parameter": names, "parameter_2": names}, ("parameter", "parameter_2")),
-        seconds=time.perf_counter() - started,
-        **others,
+        seconds=time.perf_counter() - start_time,
+        **fields,
     )
 
 
@@ -225,7 +226,7 @@ def natural_interval(middle: float, half: float, of_logarithm: bool) -> tuple[fl
     return (math.exp(low), math.exp(min(high, 700.0))) if of_logarithm else (low, high)
 
 
-def profile_of(
+def rmse_profile(
     grid: Array, rmse: Array, unit: str, backlash: float, interval: tuple[float, float], **limit: float
 ) -> xr.Dataset:
     """The ``profile`` of a fit: least RMSE with the backlash held at each value of ``grid``; the best, its interval."""
@@ -235,24 +236,26 @@ def profile_of(
     )
 
 
-def poor(rmse: Mapping[str, float], fitted: Array, name: str, check: str) -> list[str]:
+def fit_warnings(rmse: Mapping[str, float], fitted: Array, name: str, check: str) -> list[str]:
     """Notes if the model explains little of the fitted data, if nothing validates it, if the validation fails."""
     notes = []
     if VALIDATION not in rmse:
         notes.append("nothing was held back: the fit is not validated")
-    elif (ratio := rmse[VALIDATION] / max(rmse[FITTING], _ROUND_OFF * float(np.std(fitted)))) > _MUCH:
+    elif (
+        ratio := rmse[VALIDATION] / max(rmse[FITTING], _ROUND_OFF * float(np.std(fitted)))
+    ) > _LARGEST_VALIDATION_RATIO:
         notes.append(
             f"the validation error is {ratio:.1f} times the fitting error: do not rely on the fit under other "
             "operating conditions"
         )
     explained = 1.0 - (rmse[FITTING] / float(np.std(fitted))) ** 2
-    if explained < _POOR:
+    if explained < _LEAST_EXPLAINED:
         share = 100 * max(explained, 0.0)
         notes.append(f"the model explains only {share:.0f} % of the variance of {name}: check {check}")
     return notes
 
 
-def _over_hours(axes: Axes, ds: xr.Dataset, name: str, **style: Any) -> None:
+def _plot_over_hours(axes: Axes, ds: xr.Dataset, name: str, **style: Any) -> None:
     """Plot a series, with a break wherever the record has one."""
     breaks = np.flatnonzero(np.diff(ds["batch"])) + 1
     hours, values = (np.insert(ds[n].values.astype(float), breaks, np.nan) for n in ("elapsed_time", name))
@@ -264,4 +267,4 @@ def _shade_unused(axes: Axes, ds: xr.Dataset) -> None:
     unused = ds["part"].values == UNUSED
     unused[1:] |= unused[:-1]
     hours, across = ds["elapsed_time"].values / 3600, axes.get_xaxis_transform()
-    axes.fill_between(hours, 0.0, 1.0, where=unused, transform=across, color=FAINT, lw=0, zorder=0)
+    axes.fill_between(hours, 0.0, 1.0, where=unused, transform=across, color=SHADE_GREY, lw=0, zorder=0)

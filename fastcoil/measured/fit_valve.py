@@ -15,31 +15,38 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fastcoil.base.arguments import checking, choice_of, number_of, plain, refuse
+from fastcoil.base.arguments import argument_checks, raise_problems, require_choice, require_number, to_builtin
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError
-from fastcoil.logs import Log
-from fastcoil.logs.columns import Wanted, checked_reading, log_of
-from fastcoil.logs.series import counted
-from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, finished, natural_interval, profile_of
+from fastcoil.logs import CheckedLog
+from fastcoil.logs.columns import ColumnSpec, check_reading_options, require_log
+from fastcoil.logs.series import format_count
+from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, build_fit, natural_interval, rmse_profile
 from fastcoil.measured.least_squares import autocorrelation
-from fastcoil.measured.part import ABOVE_0, checked_part, unbroken
-from fastcoil.measured.valve_problem import LOGS, X_BL, ValveProblem, ValveSolution, judged, step_of
+from fastcoil.measured.part import ABOVE_0, check_split, split_segments
+from fastcoil.measured.valve_problem import (
+    IS_LOGARITHMIC,
+    X_BL,
+    ValveProblem,
+    ValveSolution,
+    judge_interval,
+    median_step,
+)
 from fastcoil.model.engine.recorded import VALVE_ROWS, valve_flows
 
-_WANTED = Wanted(needed=("command", "m_w"), optional=("enabled",), measured=("m_w",))
+_VALVE_COLUMNS = ColumnSpec(required=("command", "m_w"), optional=("enabled",), measured=("m_w",))
 _LEAST_REACH = 0.02  # a command that stays below this share of the stroke has the wrong unit
-_LEAST_SHARE = 0.8  # noise may lift readings above the asymptotic flow, but it is at least this share of them
+_LEAST_M_MAX_SHARE = 0.8  # noise may lift readings above the asymptotic flow, but it is at least this share of them
 _FEWEST_ROWS = 3  # rows of a piece, on average: where in its gap a piece starts is one more unknown
-_LONGEST_LAG = 86400.0
+_LONGEST_LAG_S = 86400.0
 
 # what is suspicious about a command
-_INVERTED = -0.5  # its correlation with the flow is below this
-_LIVE_ZERO = (0.185, 0.215)  # where the least command of a 2-10 V signal lies if it is read as 0-10 V
-_FAR = 0.5  # a signal that is never above this says nothing of its range
-_LOWEST, _CLOSED = 0.02, 0.1
+_INVERTED_CORRELATION = -0.5  # its correlation with the flow is below this
+_LIVE_ZERO_RANGE = (0.185, 0.215)  # where the least command of a 2-10 V signal lies if it is read as 0-10 V
+_LEAST_LIVE_ZERO_REACH = 0.5  # a signal that is never above this says nothing of its range
+_LOWEST_COMMAND_BAND, _CLOSED_FLOW_SHARE = 0.02, 0.1
 """At commands this close to the least, a closed valve passes no more than this share of the largest flow."""
-_FEWEST = 3
+_FEWEST_LOWEST_SAMPLES = 3
 
 
 @np.errstate(all="ignore")
@@ -81,7 +88,7 @@ def fit_valve(
         ``command`` if the command holds from row to row, as in a test of the valve; else a controller may move it
         between the rows, and the interval of the backlash allows for that.
     units, columns, drop, jumps, max_gap, time_format
-        How the log is read: see ``fastcoil.logs.Reading``.
+        How the log is read: see ``fastcoil.logs.ReadingOptions``.
 
     Returns
     -------
@@ -99,36 +106,36 @@ def fit_valve(
     estimated.  If the command is held, flows of the first half of a typical hold are not compared.  Only b/(1 - x_BL)
     and (1 - x_BL) c enter Eq (2): α = 1/(1 - x_BL) assumes that a full command opens the valve fully.
     """
-    started = time.perf_counter()
-    with checking() as check:
-        log = check(log_of, "log", log)
-        m_max = check.unless_none(number_of, "m_max", m_max, "give a flow above 0 kg/s", least=ABOVE_0)
-        lag = check(_lag_of, lag)
-        holds = check.unless_none(choice_of, "holds", holds, ("command",))
-        how = checked_reading(check, columns=columns, units=units, drop=drop, jumps=jumps,
+    start_time = time.perf_counter()
+    with argument_checks() as check:
+        log = check(require_log, "log", log)
+        m_max = check.unless_none(require_number, "m_max", m_max, "give a flow above 0 kg/s", least=ABOVE_0)
+        lag = check(_require_lag, lag)
+        holds = check.unless_none(require_choice, "holds", holds, ("command",))
+        reading = check_reading_options(check, columns=columns, units=units, drop=drop, jumps=jumps,
                               max_gap=max_gap, time_format=time_format, has_command=True)  # fmt: skip
-        part = checked_part(check, split, validation)
+        part = check_split(check, split, validation)
 
-    data = part.read(log, _WANTED, how, _in_order)
-    _check(data, m_max)
+    data = part.read(log, _VALVE_COLUMNS, reading, _require_rows_per_piece)
+    _require_movement(data, m_max)
     if isinstance(lag, float) and lag != 0.0:
         note = f"the flow is compared with the command {abs(lag):g} s {'before' if lag > 0.0 else 'after'} it, as given"
-        data = _moved(data, np.full(data.time.size, lag), part.fitted(data), [note])
+        data = _shift_command(data, np.full(data.time.size, lag), part.fitted(data), [note])
     problem = ValveProblem(data, part)
     if lag == "auto":
-        moved = without_lag(data, problem.good, problem.fitting)
-        problem = problem if moved is data else ValveProblem(moved, part)
-    return _fit_of(problem, problem.solve(m_max), holds is not None, started)
+        shifted = remove_lag(data, problem.good, problem.fitting)
+        problem = problem if shifted is data else ValveProblem(shifted, part)
+    return _assemble_fit(problem, problem.solve(m_max), holds is not None, start_time)
 
 
-def _lag_of(lag: Any) -> float | str:
-    if isinstance(lag := plain(lag), str) and lag == "auto":
+def _require_lag(lag: Any) -> float | str:
+    if isinstance(lag := to_builtin(lag), str) and lag == "auto":
         return lag
     cure = "give seconds by which the flow is logged after the command, or 'auto'"
-    return float(number_of("lag", lag, cure, least=-_LONGEST_LAG, most=_LONGEST_LAG))
+    return float(require_number("lag", lag, cure, least=-_LONGEST_LAG_S, most=_LONGEST_LAG_S))
 
 
-def _in_order(data: Log) -> Log:
+def _require_rows_per_piece(data: CheckedLog) -> CheckedLog:
     """Refuse a log that is no record in time, before any work."""
     n_rows, n_pieces = data.time.size, data.n_batches
     if n_rows < _FEWEST_ROWS * n_pieces:
@@ -137,7 +144,7 @@ def _in_order(data: Log) -> Log:
     return data
 
 
-def _check(data: Log, m_max: float | None) -> None:
+def _require_movement(data: CheckedLog, m_max: float | None) -> None:
     """Refuse arguments that do not fit the log, and a log in which the valve does not move."""
     first = data.source == 0
     command, flow = data.values["command"][first], data.values["m_w"][first]
@@ -151,40 +158,44 @@ def _check(data: Log, m_max: float | None) -> None:
     ]
     if reach < _LEAST_REACH:
         problems.append(f"{data.name}: command is never above {reach:.3g} of the stroke: check its unit")
-    if m_max is not None and m_max < _LEAST_SHARE * top:
+    if m_max is not None and m_max < _LEAST_M_MAX_SHARE * top:
         problems.append(f"m_max = {m_max:g} kg/s: {data.name} has flows up to {top:.3g} kg/s, give at least that")
-    refuse(problems)
+    raise_problems(problems)
 
 
 def has_live_zero(command: Array, flow: Array) -> bool:
     """Whether the samples look like a signal of 2-10 V that was read as 0-10 V: closed at 20 %, never below."""
     least = float(command.min())
-    lowest = flow[command <= least + _LOWEST]
-    closed = lowest.size >= _FEWEST and float(np.median(lowest)) <= _CLOSED * float(flow.max())
-    return bool(_LIVE_ZERO[0] <= least <= _LIVE_ZERO[1] and command.max() > _FAR and closed)
+    lowest = flow[command <= least + _LOWEST_COMMAND_BAND]
+    closed = lowest.size >= _FEWEST_LOWEST_SAMPLES and float(np.median(lowest)) <= _CLOSED_FLOW_SHARE * float(
+        flow.max()
+    )
+    return bool(
+        _LIVE_ZERO_RANGE[0] <= least <= _LIVE_ZERO_RANGE[1] and command.max() > _LEAST_LIVE_ZERO_REACH and closed
+    )
 
 
-def _fit_of(problem: ValveProblem, solution: ValveSolution, holds: bool, started: float) -> Fit:
+def _assemble_fit(problem: ValveProblem, solution: ValveSolution, holds: bool, start_time: float) -> Fit:
     """The fit with everything a user may ask of it; ``holds``: the command holds between the rows."""
     best, spread, notes = solution.estimate, solution.uncertainty, problem.notes
     fitted = problem.good & problem.fitting
     command, flow = problem.command[fitted], problem.flow[fitted]
-    natural = np.where(LOGS, np.exp(best.x[:5]), best.x[:5])
-    inverted = bool(np.corrcoef(command, flow)[0, 1] < _INVERTED)
-    found = judged(problem, solution, holds or inverted or problem.data.change_of_value)
-    of_signal = []
-    if inverted:
-        of_signal = ["the flow falls as the command rises: if a full command closes the valve, log 1 - command"]
-        found = found._replace(why=f"not identified: {of_signal[0]}")
+    natural = np.where(IS_LOGARITHMIC, np.exp(best.x[:5]), best.x[:5])
+    is_inverted = bool(np.corrcoef(command, flow)[0, 1] < _INVERTED_CORRELATION)
+    verdict = judge_interval(problem, solution, holds or is_inverted or problem.data.change_of_value)
+    signal_notes = []
+    if is_inverted:
+        signal_notes = ["the flow falls as the command rises: if a full command closes the valve, log 1 - command"]
+        verdict = verdict._replace(why=f"not identified: {signal_notes[0]}")
     elif has_live_zero(command, flow):
-        of_signal = [
+        signal_notes = [
             f"the valve is closed at a command of {command.min():.2g} and the command never falls below that: this "
             "looks like a 2-10 V signal read as 0-10 V, which makes the backlash a fifth too small; declare its unit, "
             "units={'command': 'V 2-10'}, --unit command='V 2-10', or log (command - 0.2) / 0.8"
         ]
 
     variances = np.diag(spread.covariance)[:5]
-    held = {"backlash": found.why} if found.why else {}
+    held = {"backlash": verdict.why} if verdict.why else {}
     if solution.is_m_max_given:
         held["m_max"] = "given"
     for name, variance in list(zip(VALVE_ROWS, variances, strict=True))[1:]:
@@ -192,17 +203,17 @@ def _fit_of(problem: ValveProblem, solution: ValveSolution, holds: bool, started
             held.setdefault(name, AT_BOUND if math.isnan(variance) else NOT_UNIQUE)
     estimated = [k for k, name in enumerate(VALVE_ROWS) if name not in held]
     half = spread.quantile() * np.sqrt(variances)
-    intervals = {VALVE_ROWS[k]: natural_interval(best.x[k], half[k], bool(LOGS[k])) for k in estimated}
-    if not found.why:
-        intervals["backlash"] = found.interval
+    intervals = {VALVE_ROWS[k]: natural_interval(best.x[k], half[k], bool(IS_LOGARITHMIC[k])) for k in estimated}
+    if not verdict.why:
+        intervals["backlash"] = verdict.interval
     # the deviation of the backlash belongs to its interval
-    width = 0.5 * (found.interval[1] - found.interval[0]) / max(half[X_BL], 1e-12)
-    scale = np.where(LOGS, natural, 1.0)
+    width = 0.5 * (verdict.interval[1] - verdict.interval[0]) / max(half[X_BL], 1e-12)
+    scale = np.where(IS_LOGARITHMIC, natural, 1.0)
     scale[X_BL] = max(1.0, width)
     covariance = spread.covariance[:5, :5] * np.outer(scale, scale)
 
     parameters = dict(zip(VALVE_ROWS, natural.tolist(), strict=True))
-    if found.why:
+    if verdict.why:
         x = round(parameters.pop("backlash"), 4)
         notes.append(f"the curve belongs to a backlash of {x:g}, which is not identified: sweep it in a study")
     reach = float(problem.command[: problem.n_fit].max())
@@ -211,30 +222,30 @@ def _fit_of(problem: ValveProblem, solution: ValveSolution, holds: bool, started
     if problem.n_reversals > 1:
         parts = ", ".join(f"{100 * x:.3g}" for x in solution.parts)
         notes.append(f"parts of the log, one after the other, give a backlash of {parts} %")
-    notes += [*of_signal, *filter(None, [found.note])]
-    both = np.stack([best.x, solution.without_backlash.x], axis=1)
+    notes += [*signal_notes, *filter(None, [verdict.note])]
+    parameter_sets = np.stack([best.x, solution.without_backlash.x], axis=1)
     start = np.full((int(problem.batch[-1]) + 1, 2), 0.5)  # unknown for a batch held back
-    start[: both.shape[0] - 5] = both[5:]
-    openings, modelled = problem.flows(both[:5], start, problem.command)
-    with_it, without = modelled.T
+    start[: parameter_sets.shape[0] - 5] = parameter_sets[5:]
+    openings, modelled = problem.flows(parameter_sets[:5], start, problem.command)
+    with_backlash, without = modelled.T
     measured = np.where(problem.good, problem.flow, np.nan)
-    errors = {"": with_it - measured, "_without_backlash": without - measured}
+    errors = {"": with_backlash - measured, "_without_backlash": without - measured}
     n_compared = solution.model.used.sum()
     limit = math.sqrt(solution.limit / n_compared)
     series = {
         "m_w": (problem.flow, "kg s-1"),
-        "modelled": (with_it, "kg s-1"),
+        "modelled": (with_backlash, "kg s-1"),
         "modelled_without_backlash": (without, "kg s-1"),
-        "residual": (problem.flow - with_it, "kg s-1"),
+        "residual": (problem.flow - with_backlash, "kg s-1"),
         "command": (problem.command, "1"),
         "opening": (openings[:, 0], "1"),
     }
-    return finished(
-        problem.data, started, problem.good, problem.fitting, errors, series, [VALVE_ROWS[k] for k in estimated],
+    return build_fit(
+        problem.data, start_time, problem.good, problem.fitting, errors, series, [VALVE_ROWS[k] for k in estimated],
         covariance[np.ix_(estimated, estimated)],
         kind="valve", parameters=parameters, intervals=intervals, held=held, notes=notes,
-        profile=profile_of(
-            solution.grid, np.sqrt(solution.sums / n_compared), "kg s-1", float(natural[X_BL]), found.interval,
+        profile=rmse_profile(
+            solution.grid, np.sqrt(solution.sums / n_compared), "kg s-1", float(natural[X_BL]), verdict.interval,
             limit=limit,
         ),
         n_used=spread.n_used, n_effective=spread.n_effective,
@@ -242,23 +253,23 @@ def _fit_of(problem: ValveProblem, solution: ValveSolution, holds: bool, started
 
 
 N_KNOTS = 11
-_RIDGE, _TINY, _ROUND_OFF, _MOST_MEMORY = 1e-9, 1e-300, 1e-6, 0.98
-BACKLASHES = np.array([0.0, 0.01, 0.02, 0.03, 0.045, 0.06, 0.08, 0.1, 0.125, 0.15, 0.18, 0.22, 0.27, 0.33, 0.4])
-_WORTHWHILE = 0.8  # a shift leaves at most this share of the squared residuals of the rows that it moves
-_ROUNDS = 10
-_NEAR, _AROUND = 6, 2
+_RIDGE, _TINY, _ROUND_OFF, _LARGEST_MEMORY = 1e-9, 1e-300, 1e-6, 0.98
+TRIAL_BACKLASHES = np.array([0.0, 0.01, 0.02, 0.03, 0.045, 0.06, 0.08, 0.1, 0.125, 0.15, 0.18, 0.22, 0.27, 0.33, 0.4])
+_WORTHWHILE_RESIDUAL_SHARE = 0.8  # a shift leaves at most this share of the squared residuals of the rows that it moves
+_MOST_ROUNDS = 10
+_NEAR_SHIFTS, _SHIFTS_AROUND_PEAK = 6, 2
 """Shifts tried: up to so many samples either way, and around the one that the cross-correlation proposes."""
-_FARTHEST = 7200.0  # s, proposed by the cross-correlation: clocks that differ by an hour
-_PRICE = 12.0  # of a shift, and of a piece with another one, in logarithms of likelihood
+_LONGEST_SHIFT_S = 7200.0  # s, proposed by the cross-correlation: clocks that differ by an hour
+_SHIFT_PRICE = 12.0  # of a shift, and of a piece with another one, in logarithms of likelihood
 
 
-def hats(opening: Array) -> Array:
+def knot_weights(opening: Array) -> Array:
     """Weights of the knots, evenly spaced from 0 to 1, at each opening: (…,) → (…, knots)."""
     place = np.clip(opening, 0.0, 1.0) * (N_KNOTS - 1)
     return np.asarray(np.maximum(1.0 - np.abs(place[..., None] - np.arange(N_KNOTS)), 0.0))
 
 
-def openings_of(command: Array, batch: Index, backlashes: Array) -> Array:
+def simulate_openings(command: Array, batch: Index, backlashes: Array) -> Array:
     """Opening behind each backlash, (n, backlashes); each piece starts in the middle of the gap."""
     rows, start = np.ones((5, backlashes.size)), np.full((int(batch[-1]) + 1, backlashes.size), 0.5)
     rows[0] = backlashes
@@ -267,14 +278,14 @@ def openings_of(command: Array, batch: Index, backlashes: Array) -> Array:
     return openings
 
 
-def _solved(products: Array) -> Array:
+def _solve_knot_flows(products: Array) -> Array:
     """Flows at the knots, (…, k - 1), from sums of products of the weights and, last, the flow, (…, k, k)."""
     A, b = products[..., :-1, :-1], products[..., :-1, -1:]
     ridge = _RIDGE * np.trace(A, axis1=-2, axis2=-1) + _TINY
     return np.asarray(np.linalg.solve(A + ridge[..., None, None] * np.eye(A.shape[-1]), b)[..., 0])
 
 
-def _errors_of(products: Array, flows: Array) -> Array:
+def _squared_errors(products: Array, flows: Array) -> Array:
     """Sums of squared residuals, (…,), of a curve, (…, k - 1) or (k - 1,)."""
     v = np.concatenate([flows, np.full((*flows.shape[:-1], 1), -1.0)], axis=-1)
     return np.asarray(np.maximum(np.einsum("...ij,...i,...j", products, v, v), 0.0))
@@ -286,7 +297,7 @@ class _Curve(NamedTuple):
     variance: float  # of a residual, (kg/s)²
 
 
-class _Sums(NamedTuple):
+class _LagSums(NamedTuple):
     """What the search needs of some pieces of a log."""
 
     lags: Array  # that are tried, samples, (lags,)
@@ -297,151 +308,153 @@ class _Sums(NamedTuple):
         """The best curve with each piece at its lag, an index in ``lags``."""
         at = np.arange(chosen.size), chosen
         total, n = self.products[at].sum(axis=0), max(float(self.counts[at].sum()), 1.0)
-        flows = _solved(total)
-        errors = _errors_of(total, flows)
+        flows = _solve_knot_flows(total)
+        errors = _squared_errors(total, flows)
         j = int(np.argmin(errors))
         return _Curve(j, flows[j], max(float(errors[j]) / n, _ROUND_OFF**2 * float(total[j, -1, -1]) / n, _TINY))
 
-    def cheapest(self, curve: _Curve, worth: float) -> Index:
+    def cheapest_lags(self, curve: _Curve, worth: float) -> Index:
         """The lag of each piece with the least errors and prices, an index in ``lags``; worth: samples, of one.
 
         Samples that a lag leaves without a command cost as much as others; they may not be most of a piece.  Where all
         of a piece fits worse than the rest, chance moves it more easily: its own variance counts.
         """
         most = self.counts.max(axis=1, keepdims=True)
-        errors = _errors_of(self.products[:, :, curve.backlash], curve.flows)
+        errors = _squared_errors(self.products[:, :, curve.backlash], curve.flows)
         errors = np.where(self.counts < 0.5 * most, np.inf, errors + curve.variance * (most - self.counts))
-        own = errors.min(axis=1, keepdims=True) / np.maximum(most, 1.0)
-        costs = errors / (2.0 * worth * np.maximum(own, curve.variance))
+        own_variance = errors.min(axis=1, keepdims=True) / np.maximum(most, 1.0)
+        costs = errors / (2.0 * worth * np.maximum(own_variance, curve.variance))
         # of each lag that most pieces may have, (common, pieces, lags)
-        whole = costs + _PRICE * (self.lags != self.lags[:, None])[:, None]
-        common = int(np.argmin(whole.min(axis=2).sum(axis=1) + _PRICE * (self.lags != 0)))
+        whole = costs + _SHIFT_PRICE * (self.lags != self.lags[:, None])[:, None]
+        common = int(np.argmin(whole.min(axis=2).sum(axis=1) + _SHIFT_PRICE * (self.lags != 0)))
         return np.asarray(whole[common].argmin(axis=1))
 
     def search(self, worth: float) -> tuple[Index, _Curve]:
         """The lag of each piece and the curve: from each common lag until neither changes."""
-        ways, n = [], self.counts.sum(axis=0)
+        solutions, n = [], self.counts.sum(axis=0)
         for common in np.flatnonzero(n >= 0.5 * n.max()):
             chosen = np.full(self.counts.shape[0], common)
-            for _ in range(_ROUNDS):
+            for _ in range(_MOST_ROUNDS):
                 before = chosen
-                chosen = self.cheapest(self.curve(before), worth)
+                chosen = self.cheapest_lags(self.curve(before), worth)
                 if (chosen == before).all():
                     break
             curve = self.curve(chosen)
             changes = np.count_nonzero(np.diff(self.lags[chosen], prepend=0))
             cost = 0.5 * self.counts.max(axis=1).sum() / worth * np.log(curve.variance)
-            ways.append((_PRICE * changes + cost, chosen, curve))
-        return min(ways, key=lambda one: float(one[0]))[1:]
+            solutions.append((_SHIFT_PRICE * changes + cost, chosen, curve))
+        return min(solutions, key=lambda solution: float(solution[0]))[1:]
 
-    def worthwhile(self, chosen: Index, curve: _Curve) -> Array:
+    def worthwhile_lags(self, chosen: Index, curve: _Curve) -> Array:
         """The lag of each piece in samples, 0 where a run of pieces with one lag gains little by it."""
-        errors = _errors_of(self.products[:, :, curve.backlash], curve.flows)
-        kept, none = self.lags[chosen], int(np.flatnonzero(self.lags == 0)[0])
-        for run in unbroken(chosen):
-            if errors[run, chosen[run]].sum() > _WORTHWHILE * errors[run, none].sum():
-                kept[run] = 0
-        return kept
+        errors = _squared_errors(self.products[:, :, curve.backlash], curve.flows)
+        lags, no_lag = self.lags[chosen], int(np.flatnonzero(self.lags == 0)[0])
+        for run in split_segments(chosen):
+            if errors[run, chosen[run]].sum() > _WORTHWHILE_RESIDUAL_SHARE * errors[run, no_lag].sum():
+                lags[run] = 0
+        return lags
 
 
-def delayed(log: Log, lag: Array | float) -> tuple[Array, Mask]:
+def delay_command(log: CheckedLog, lag: Array | float) -> tuple[Array, Mask]:
     """The command ``lag`` seconds before each sample, (n,) each, and where no row of its piece gives it."""
-    given, lag = log.values["command"], np.broadcast_to(lag, log.time.shape)
-    command, outside = given.copy(), np.zeros(given.size, dtype=bool)
-    for piece in unbroken(log.batch):
+    logged, lag = log.values["command"], np.broadcast_to(lag, log.time.shape)
+    command, outside = logged.copy(), np.zeros(logged.size, dtype=bool)
+    for piece in split_segments(log.batch):
         time = log.time[piece]
-        wanted = time - lag[piece] + _ROUND_OFF
-        at = np.searchsorted(time, wanted, side="right") - 1
-        command[piece] = given[piece[np.maximum(at, 0)]]
-        outside[piece] = (at < 0) | (wanted > time[-1] + 2.0 * _ROUND_OFF)
+        asked_time = time - lag[piece] + _ROUND_OFF
+        at = np.searchsorted(time, asked_time, side="right") - 1
+        command[piece] = logged[piece[np.maximum(at, 0)]]
+        outside[piece] = (at < 0) | (asked_time > time[-1] + 2.0 * _ROUND_OFF)
     return command, outside
 
 
-def without_lag(log: Log, good: Mask, fitting: Mask) -> Log:
+def remove_lag(log: CheckedLog, good: Mask, fitting: Mask) -> CheckedLog:
     """The log with the shift of each piece taken out, and a note of it; itself if it has none.
 
     good, fitting: (n,), samples that may be compared, and those of the part to fit.  Shifts are found in that part
     alone; what follows it is moved like its last piece.
     """
-    part, used, step = log.where(fitting), good[fitting], step_of(log, fitting)
-    tried, memory, worth = _lags_to_try(part, used, step).astype(float), 0.0, 1.0
+    fitted_log, used, step = log.where(fitting), good[fitting], median_step(log, fitting)
+    lags, memory, worth = _lags_to_try(fitted_log, used, step).astype(float), 0.0, 1.0
     for is_white in (False, True):  # first how the residuals are correlated, then with that taken out
-        sums = _sums(part, used, step, unbroken(part.batch), tried, memory)
+        sums = _sum_products(fitted_log, used, step, split_segments(fitted_log.batch), lags, memory)
         chosen, curve = sums.search(worth)
-        rho = _correlation(part, used, tried[chosen][part.batch] * step, curve, memory)
+        rho = _residual_correlation(fitted_log, used, lags[chosen][fitted_log.batch] * step, curve, memory)
         if is_white:
             worth = max(1.0 + 2.0 * float(rho.sum()), 1.0)
         elif rho.size:
-            memory = min(float(rho[0]), _MOST_MEMORY)
-    shifts = sums.worthwhile(*sums.search(worth))[part.batch]
+            memory = min(float(rho[0]), _LARGEST_MEMORY)
+    shifts = sums.worthwhile_lags(*sums.search(worth))[fitted_log.batch]
     shifts = np.pad(shifts, (0, log.time.size - shifts.size), mode="edge")
-    return _moved(log, shifts * step, fitting, _in_words(log, shifts, step)) if shifts.any() else log
+    return _shift_command(log, shifts * step, fitting, _describe_shifts(log, shifts, step)) if shifts.any() else log
 
 
-def _moved(log: Log, lag: Array, fitting: Mask, notes: list[str]) -> Log:
-    command, outside = delayed(log, lag)
+def _shift_command(log: CheckedLog, lag: Array, fitting: Mask, notes: list[str]) -> CheckedLog:
+    command, outside = delay_command(log, lag)
     # commands of the part held back have no influence on the fit
-    command[fitting], outside[fitting] = delayed(log.where(fitting), lag[fitting])
+    command[fitting], outside[fitting] = delay_command(log.where(fitting), lag[fitting])
     values = log.values | {"command": command, "m_w": np.where(outside, np.nan, log.values["m_w"])}
     return replace(log, values=values, notes=log.notes + notes)
 
 
-def _in_words(log: Log, shifts: Array, step: float) -> list[str]:
+def _describe_shifts(log: CheckedLog, shifts: Array, step: float) -> list[str]:
     notes = []
-    for run in [run for run in unbroken(shifts) if shifts[run[0]]]:
+    for run in [run for run in split_segments(shifts) if shifts[run[0]]]:
         n, first, last = int(shifts[run[0]]), int(run[0]), int(run[-1])
         piece = f" (piece {log.batch[first] + 1} of {log.n_batches})" if log.n_batches > 1 else ""
         where = f"from row {log.rows[first]}{piece} to row {log.rows[last]}" if run.size < shifts.size else "throughout"
-        when = f"{counted(abs(n), 'sample')} ({abs(n) * step:.4g} s) {'after' if n > 0 else 'before'} the command"
+        when = f"{format_count(abs(n), 'sample')} ({abs(n) * step:.4g} s) {'after' if n > 0 else 'before'} the command"
         notes.append(f"{where} the flow is logged {when}: the fit takes this shift out; lag=0, --lag 0 leaves it in")
     return notes
 
 
-def _sums(log: Log, good: Mask, step: float, pieces: list[Index], lags: Array, memory: float) -> _Sums:
+def _sum_products(
+    log: CheckedLog, good: Mask, step: float, pieces: list[Index], lags: Array, memory: float
+) -> _LagSums:
     """Sums of products of the terms and the flow behind each lag and backlash, less ``memory`` of the sample before."""
     starts = [int(piece[0]) for piece in pieces]
-    products = np.zeros((len(pieces), lags.size, BACKLASHES.size, N_KNOTS + 1, N_KNOTS + 1))
+    products = np.zeros((len(pieces), lags.size, TRIAL_BACKLASHES.size, N_KNOTS + 1, N_KNOTS + 1))
     counts = np.zeros((len(pieces), lags.size))
     for i, lag in enumerate(lags):
-        command, outside = delayed(log, lag * step)
-        openings = openings_of(command, log.batch, BACKLASHES)
+        command, outside = delay_command(log, lag * step)
+        openings = simulate_openings(command, log.batch, TRIAL_BACKLASHES)
         used = good & ~outside
         if memory:
             used[1:] &= used[:-1].copy()
             used[starts] = False
         counts[:, i] = np.add.reduceat(used, starts, dtype=float)
-        for j in range(BACKLASHES.size):
-            A = np.column_stack([hats(openings[:, j]), log.values["m_w"]])
+        for j in range(TRIAL_BACKLASHES.size):
+            A = np.column_stack([knot_weights(openings[:, j]), log.values["m_w"]])
             if memory:
                 A[1:] -= memory * A[:-1]
             A = np.where(used[:, None], A, 0.0)
             for k, piece in enumerate(pieces):
                 products[k, i, j] = A[piece].T @ A[piece]
-    return _Sums(lags, products, counts)
+    return _LagSums(lags, products, counts)
 
 
-def _lags_to_try(log: Log, used: Mask, step: float) -> Index:
+def _lags_to_try(log: CheckedLog, used: Mask, step: float) -> Index:
     """Shifts in samples: a few either way, and some around the peak of the cross-correlation of the changes."""
     from scipy.signal import correlate
 
-    lags = np.arange(-_NEAR, _NEAR + 1)
-    most = min(int(_FARTHEST / step), log.time.size // 4)
-    both = used[1:] & used[:-1] & (np.diff(log.batch) == 0)
-    if most <= _NEAR or not both.any():
+    lags = np.arange(-_NEAR_SHIFTS, _NEAR_SHIFTS + 1)
+    most = min(int(_LONGEST_SHIFT_S / step), log.time.size // 4)
+    is_compared = used[1:] & used[:-1] & (np.diff(log.batch) == 0)
+    if most <= _NEAR_SHIFTS or not is_compared.any():
         return lags
-    moves, answers = (np.where(both, np.diff(log.values[name]), 0.0) for name in ("command", "m_w"))
+    moves, answers = (np.where(is_compared, np.diff(log.values[name]), 0.0) for name in ("command", "m_w"))
     product = correlate(answers, moves)  # at lags from 1 - n
-    far = np.concatenate([np.arange(-most, -_NEAR), np.arange(_NEAR + 1, most + 1)])
+    far = np.concatenate([np.arange(-most, -_NEAR_SHIFTS), np.arange(_NEAR_SHIFTS + 1, most + 1)])
     peak = int(far[np.argmax(product[far + moves.size - 1])])
-    return np.union1d(lags, np.arange(peak - _AROUND, peak + _AROUND + 1))
+    return np.union1d(lags, np.arange(peak - _SHIFTS_AROUND_PEAK, peak + _SHIFTS_AROUND_PEAK + 1))
 
 
-def _correlation(log: Log, used: Mask, lag: Array, curve: _Curve, memory: float) -> Array:
+def _residual_correlation(log: CheckedLog, used: Mask, lag: Array, curve: _Curve, memory: float) -> Array:
     """Autocorrelation of the residuals of the fitted part, each less ``memory`` times the one before; lag: (n,), s."""
-    command, outside = delayed(log, lag)
-    opening = openings_of(command, log.batch, BACKLASHES[[curve.backlash]])[:, 0]
+    command, outside = delay_command(log, lag)
+    opening = simulate_openings(command, log.batch, TRIAL_BACKLASHES[[curve.backlash]])[:, 0]
     used = used & ~outside
-    r = np.where(used, hats(opening) @ curve.flows - log.values["m_w"], 0.0)
+    r = np.where(used, knot_weights(opening) @ curve.flows - log.values["m_w"], 0.0)
     r[1:] -= memory * r[:-1]
     n = int(np.flatnonzero(used)[-1]) + 1
     return autocorrelation(r[:n], log.batch[:n], used[:n])

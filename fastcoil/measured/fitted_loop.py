@@ -15,26 +15,26 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.measured.fitted_plant import FittedPlant, RecoveredPI, fit_plant, lagged, recover_pi
-from fastcoil.measured.grid import DAY, held
-from fastcoil.measured.identify import HORIZON
-from fastcoil.measured.part import runs
-from fastcoil.model.metric_table import HUNTING_SAMPLE, SETTLING_TIME, WARM_UP, alike, is_hunting
+from fastcoil.measured.fitted_plant import FittedPlant, RecoveredPI, first_order_lag, fit_plant, recover_pi
+from fastcoil.measured.grid import SECONDS_PER_DAY, forward_fill
+from fastcoil.measured.identify import PREDICTION_HORIZON_S
+from fastcoil.measured.part import true_runs
+from fastcoil.model.metric_table import HUNTING_SAMPLE_S, SETTLING_TIME_S, WARM_UP_S, is_hunting, is_same_period
 
-BUFFER = 1e-9  # least buffer of the inverse, so that round-off is no reversal
+LEAST_BUFFER = 1e-9  # least buffer of the inverse, so that round-off is no reversal
 
 
-class Day(NamedTuple):
+class ReplayInputs(NamedTuple):
     """What a replay takes from the log, at the steps of the simulation, (n_steps,)."""
 
     disturbance: Array  # without noise, K
     noise: Array  # that the controller reads, K
     T_set: Array  # °C
     command: Array  # as logged
-    works: Mask  # whether the controller works; else the logged command acts
+    is_automatic: Mask  # whether the controller works; else the logged command acts
 
 
-class Played(NamedTuple):
+class Replay(NamedTuple):
     """Signals of a replay, (n_steps,): true temperature, °C; command, motor position and opening, fractions."""
 
     temperature: Array
@@ -43,26 +43,26 @@ class Played(NamedTuple):
     opening: Array
 
 
-def _day_of(plant: FittedPlant, command: Array, T_set: Array, good: Mask, period: float) -> Day:
+def _build_inputs(plant: FittedPlant, command: Array, T_set: Array, good: Mask, period: float) -> ReplayInputs:
     """The day of a log; noise and disturbance are separated by how they change from sample to sample.
 
     period: samples to a period of a loop that hunts, else 0.  What is left of the hunting in the disturbance is what
     the plant does not get right, and would go on in a loop that is calm: a mean over whole periods takes it out.
     """
     n = plant.disturbance.size
-    smooth, level = without_noise(plant.disturbance, good)
+    smooth, level = remove_noise(plant.disturbance, good)
     noise_seen = plant.disturbance - smooth
     if period > 0.0:
-        smooth = _mean_over(smooth, period)
+        smooth = _moving_mean(smooth, period)
     at = np.arange((n - 1) * plant.per_sample + 1) / plant.per_sample
     sample = at.astype(int)
     noise = level * np.random.default_rng(0).standard_normal(at.size)  # between samples it is unknown
     noise[:: plant.per_sample] = noise_seen
-    works = good[sample] & good[np.minimum(sample + 1, n - 1)]
-    return Day(np.interp(at, np.arange(n), smooth), noise, T_set[sample], command[sample], works)
+    is_automatic = good[sample] & good[np.minimum(sample + 1, n - 1)]
+    return ReplayInputs(np.interp(at, np.arange(n), smooth), noise, T_set[sample], command[sample], is_automatic)
 
 
-def _mean_over(series: Array, width: float) -> Array:
+def _moving_mean(series: Array, width: float) -> Array:
     """Moving mean over ``width`` samples around each; fewer at the ends."""
     total = np.concatenate([[0.0], np.cumsum(series)])
     k = np.arange(series.size)
@@ -71,7 +71,7 @@ def _mean_over(series: Array, width: float) -> Array:
     return np.asarray((np.interp(k + 0.5 + half, ends, total) - np.interp(k + 0.5 - half, ends, total)) / (2.0 * half))
 
 
-def without_noise(series: Array, good: Mask) -> tuple[Array, float]:
+def remove_noise(series: Array, good: Mask) -> tuple[Array, float]:
     """A random walk seen through white noise, smoothed, and the noise's standard deviation.
 
     Changes from sample to sample have the variance q + 2 r and, one after the other, the covariance -r, with r that of
@@ -79,23 +79,23 @@ def without_noise(series: Array, good: Mask) -> tuple[Array, float]:
     """
     changes = np.diff(series)
     changes = changes[good[1:] & good[:-1]]
-    most = 6.0 * 1.4826 * float(np.median(np.abs(changes)))
-    changes = np.clip(changes, -most, most)
+    largest_change = 6.0 * 1.4826 * float(np.median(np.abs(changes)))
+    changes = np.clip(changes, -largest_change, largest_change)
     variance = float(changes @ changes) / changes.size
     r = min(-float(changes[1:] @ changes[:-1]) / changes.size, 0.499 * variance)
     if r <= 0.0:
         return series, 0.0
     q = variance - 2.0 * r
-    ahead = 0.5 * (q + math.sqrt(q * q + 4.0 * q * r))
-    share = ahead / (ahead + r)
-    once = lagged(series, share)[::-1]
-    return lagged(once, share)[::-1], math.sqrt(r)
+    gain_variance = 0.5 * (q + math.sqrt(q * q + 4.0 * q * r))
+    share = gain_variance / (gain_variance + r)
+    smoothed_forward = first_order_lag(series, share)[::-1]
+    return first_order_lag(smoothed_forward, share)[::-1], math.sqrt(r)
 
 
-def play(
-    plant: FittedPlant, pi: RecoveredPI, day: Day, stroke_time: float, backlash: float, estimate: float = 0.0,
+def replay_day(
+    plant: FittedPlant, pi: RecoveredPI, day: ReplayInputs, stroke_time: float, backlash: float, estimate: float = 0.0,
     buffer: float = 0.0,
-) -> Played:  # fmt: skip
+) -> Replay:  # fmt: skip
     """Replay a day: PI with clamped integral, inverse (none with an estimate of 0), motor, play, plant, disturbance."""
     n, step = day.T_set.size, plant.step
     c_1, c_2 = plant.curve
@@ -105,53 +105,57 @@ def play(
     kp, ki = pi.kp, pi.kp * every * step / pi.ti
     travel = step / stroke_time if stroke_time > 0.0 else 1.0
     stretch = 1.0 / (1.0 - backlash)
-    buffer = max(buffer, BUFFER)
+    buffer = max(buffer, LEAST_BUFFER)
     disturbance, noise, T_set, logged = (s.tolist() for s in (day.disturbance, day.noise, day.T_set, day.command))
-    works = day.works.tolist()
+    is_automatic = day.is_automatic.tolist()
     position = command = u_ext = logged[0]
     mode = 1.0
     q = min(max(position - 0.5 * backlash, 0.0), 1.0 - backlash)
-    inside = min(max(q * stretch, least), most)
-    level = (c_1 + c_2 * inside) * inside + (c_1 + 2.0 * c_2 * inside) * (q * stretch - inside)
+    opening_in_range = min(max(q * stretch, least), most)
+    level = (c_1 + c_2 * opening_in_range) * opening_in_range + (c_1 + 2.0 * c_2 * opening_in_range) * (
+        q * stretch - opening_in_range
+    )
     slow = fast = level
-    waiting = [level] * (plant.delay + 1)
-    integral, worked = 0.0, False
-    temperatures, commands, positions, opens = ([0.0] * n for _ in range(4))
+    delayed_levels = [level] * (plant.delay + 1)
+    integral, was_automatic = 0.0, False
+    temperatures, commands, positions, openings = ([0.0] * n for _ in range(4))
     for k in range(n):
         temperature = fast + disturbance[k]
-        if not works[k]:
+        if not is_automatic[k]:
             command = u_ext = logged[k]
-            worked = False
-        elif k % every == 0 or not worked:
+            was_automatic = False
+        elif k % every == 0 or not was_automatic:
             error = temperature + noise[k] - T_set[k]
-            integral = integral + ki * error if worked else logged[k] - kp * error
+            integral = integral + ki * error if was_automatic else logged[k] - kp * error
             integral = 0.0 if integral < 0.0 else 1.0 if integral > 1.0 else integral
             u = kp * error + integral
             u = 0.0 if u < 0.0 else 1.0 if u > 1.0 else u
-            turned = u < u_ext - buffer if mode > 0.0 else u > u_ext + buffer
-            if turned:
+            is_turning = u < u_ext - buffer if mode > 0.0 else u > u_ext + buffer
+            if is_turning:
                 mode = -mode
-            if turned or (u > u_ext if mode > 0.0 else u < u_ext):
+            if is_turning or (u > u_ext if mode > 0.0 else u < u_ext):
                 u_ext = u
                 command = (1.0 - estimate) * u + (estimate if mode > 0.0 else 0.0)
                 command = 0.0 if command < 0.0 else 1.0 if command > 1.0 else command
-            worked = True
+            was_automatic = True
         ahead = command - position
         position = position + travel if ahead > travel else position - travel if ahead < -travel else command
         q = position - backlash if q < position - backlash else q
         q = position if q > position else q
         opening = q * stretch
-        inside = least if opening < least else most if opening > most else opening
-        level = (c_1 + c_2 * inside) * inside + (c_1 + 2.0 * c_2 * inside) * (opening - inside)
-        temperatures[k], commands[k], positions[k], opens[k] = temperature, command, position, opening
-        waiting[k % len(waiting)] = level
-        slow += (waiting[(k + 1) % len(waiting)] - slow) * (1.0 - a_1)
+        opening_in_range = least if opening < least else most if opening > most else opening
+        level = (c_1 + c_2 * opening_in_range) * opening_in_range + (c_1 + 2.0 * c_2 * opening_in_range) * (
+            opening - opening_in_range
+        )
+        temperatures[k], commands[k], positions[k], openings[k] = temperature, command, position, opening
+        delayed_levels[k % len(delayed_levels)] = level
+        slow += (delayed_levels[(k + 1) % len(delayed_levels)] - slow) * (1.0 - a_1)
         fast += (slow - fast) * (1.0 - a_2)
-    return Played(*map(np.array, (temperatures, commands, positions, opens)))
+    return Replay(*map(np.array, (temperatures, commands, positions, openings)))
 
 
-LARGEST_WARM_UP = 0.125  # share of a short log that is left out at its start in place of ``WARM_UP``
-MOVED = 1e-9  # change of opening that counts as a movement, fraction of stroke
+LARGEST_WARM_UP_SHARE = 0.125  # share of a short log that is left out at its start in place of ``WARM_UP``
+LEAST_MOVEMENT = 1e-9  # change of opening that counts as a movement, fraction of stroke
 
 
 class Outcome(NamedTuple):
@@ -165,50 +169,52 @@ class Outcome(NamedTuple):
     hunts: bool  # as the metric of that name
 
 
-def _counted_steps(day: Day, step: float) -> Mask:
+def _is_counted(day: ReplayInputs, step: float) -> Mask:
     """Steps that count, (n_steps,): the loop works, and the warm-up is over."""
-    counted = day.works.copy()
-    counted[: int(min(WARM_UP, LARGEST_WARM_UP * counted.size * step) / step)] = False
+    counted = day.is_automatic.copy()
+    counted[: int(min(WARM_UP_S, LARGEST_WARM_UP_SHARE * counted.size * step) / step)] = False
     return counted
 
 
-def outcome_of(played: Played, day: Day, step: float) -> Outcome:
+def evaluate_replay(replay: Replay, day: ReplayInputs, step: float) -> Outcome:
     """What a replayed day was like; step: s."""
     n = day.T_set.size
-    counted = _counted_steps(day, step)
-    error = played.temperature - day.T_set
-    changed = np.diff(day.T_set, prepend=day.T_set[:1]) != 0.0
-    changed |= ~day.works
-    last = np.maximum.accumulate(np.where(changed, np.arange(n), 0))
-    settled = counted & ((np.arange(n) - last) * step >= SETTLING_TIME)
-    windows = [slice(first, last) for first, last in runs(settled)]
-    swing = float(np.mean([np.ptp(played.temperature[w]) for w in windows])) if windows else math.nan
-    every = max(1, round(HUNTING_SAMPLE / step))
-    periods = np.concatenate([np.zeros(0), *(np.diff(_upward(error[w][::every])) * every * step for w in windows)])
-    n_alike = sum(alike(period, before) for before, period in pairwise(periods))
-    crossings = sum(_upward(error[w]).size for w in windows)
-    days = max(int(counted.sum()), 1) * step / DAY
-    both = counted[1:] & counted[:-1]
-    turns = np.sign(np.diff(played.opening)[both & (np.abs(np.diff(played.opening)) > MOVED)])
+    counted = _is_counted(day, step)
+    error = replay.temperature - day.T_set
+    is_changed = np.diff(day.T_set, prepend=day.T_set[:1]) != 0.0
+    is_changed |= ~day.is_automatic
+    last_change = np.maximum.accumulate(np.where(is_changed, np.arange(n), 0))
+    is_settled = counted & ((np.arange(n) - last_change) * step >= SETTLING_TIME_S)
+    windows = [slice(first, last_change) for first, last_change in true_runs(is_settled)]
+    swing = float(np.mean([np.ptp(replay.temperature[w]) for w in windows])) if windows else math.nan
+    every = max(1, round(HUNTING_SAMPLE_S / step))
+    periods = np.concatenate(
+        [np.zeros(0), *(np.diff(_find_upward_crossings(error[w][::every])) * every * step for w in windows)]
+    )
+    n_alike = sum(is_same_period(period, before) for before, period in pairwise(periods))
+    crossings = sum(_find_upward_crossings(error[w]).size for w in windows)
+    days = max(int(counted.sum()), 1) * step / SECONDS_PER_DAY
+    is_counted_twice = counted[1:] & counted[:-1]
+    directions = np.sign(np.diff(replay.opening)[is_counted_twice & (np.abs(np.diff(replay.opening)) > LEAST_MOVEMENT)])
     return Outcome(
         rmse=float(np.sqrt(np.mean(error[counted] ** 2))) if counted.any() else math.nan,
         amplitude=0.5 * swing,
-        period=float(settled.sum()) * step / crossings if crossings >= 2 else math.nan,
-        travel_per_day=float(np.sum(np.abs(np.diff(played.position))[both])) / days,
-        reversals_per_day=float(np.sum(np.diff(turns) != 0.0)) / days,
+        period=float(is_settled.sum()) * step / crossings if crossings >= 2 else math.nan,
+        travel_per_day=float(np.sum(np.abs(np.diff(replay.position))[is_counted_twice])) / days,
+        reversals_per_day=float(np.sum(np.diff(directions) != 0.0)) / days,
         hunts=bool(is_hunting(swing, periods.size, n_alike)),
     )
 
 
-def _upward(error: Array) -> Index:
+def _find_upward_crossings(error: Array) -> Index:
     """Where the error comes up through 0."""
     return np.asarray(np.flatnonzero((error[:-1] < 0.0) & (error[1:] >= 0.0)) + 1)
 
 
 MOST_SECONDS = 172800.0  # of a longer log the end is replayed
-LARGEST_ERROR, LARGEST_TRAVEL_ERROR = 0.2, 0.4
+LARGEST_ERROR_LOG_RATIO, LARGEST_TRAVEL_LOG_RATIO = 0.2, 0.4
 """By how much control error and motor travel of the replayed log may differ from the logged ones, as logarithms."""
-GAIN_ERROR, LARGEST_SPREAD = 1.15, 1.5
+GAIN_ERROR_FACTOR, LARGEST_ERROR_RATIO = 1.15, 1.5
 """A what-if is reported if that much more and less loop gain change no verdict, and the error by less than this."""
 LEAST_EXPLAINED = 0.1
 """Share of the changes of the temperature that the command has to explain in a model of the loop that is used."""
@@ -219,16 +225,16 @@ class FittedLoop(NamedTuple):
 
     pi: RecoveredPI
     plant: FittedPlant
-    day: Day
+    day: ReplayInputs
     backlash: float
     stroke_time: float
     doubt: str = ""  # why the loop is not to be trusted; empty if it is
 
-    def played(self, backlash: float, kp: float = 1.0, ti: float = 1.0, *inverse: float) -> Outcome:
+    def replay_with(self, backlash: float, kp_factor: float = 1.0, ti_factor: float = 1.0, *inverse: float) -> Outcome:
         """Its day with another backlash, with kp and ti times as large, with an inverse (estimate, buffer)."""
-        pi = self.pi._replace(kp=kp * self.pi.kp, ti=ti * self.pi.ti)
-        played = play(self.plant, pi, self.day, self.stroke_time, backlash, *inverse)
-        return outcome_of(played, self.day, self.plant.step)
+        pi = self.pi._replace(kp=kp_factor * self.pi.kp, ti=ti_factor * self.pi.ti)
+        replay = replay_day(self.plant, pi, self.day, self.stroke_time, backlash, *inverse)
+        return evaluate_replay(replay, self.day, self.plant.step)
 
 
 def fit_loop_model(
@@ -246,8 +252,8 @@ def fit_loop_model(
     """
     if T_set is None:
         return "the log has no set-point (T_set)"
-    if interval > HORIZON:
-        return f"the log has only one sample every {interval:.4g} s: log every {HORIZON:g} s or faster"
+    if interval > PREDICTION_HORIZON_S:
+        return f"the log has only one sample every {interval:.4g} s: log every {PREDICTION_HORIZON_S:g} s or faster"
     last = slice(-int(MOST_SECONDS / interval), None)
     command, temperature, T_set = (np.asarray(series, float)[last] for series in (command, temperature, T_set))
     good = np.isfinite(command) & np.isfinite(temperature) & np.isfinite(T_set)
@@ -255,23 +261,23 @@ def fit_loop_model(
     controlled = good if by_hand is None else good & ~by_hand[last]
     if not good.any():
         return "no sample has command, temperature and set-point with the plant on"
-    command, temperature, T_set = (held(series) for series in (command, temperature, T_set))
+    command, temperature, T_set = (forward_fill(series) for series in (command, temperature, T_set))
     pi = recover_pi(command, temperature, T_set, interval, controlled, sample_time, gains)
     if isinstance(pi, str):
         return pi
     plant = fit_plant(command, temperature, good, interval, backlash, stroke_time, pi)
     if plant is None:
         return "no plant model that responds to the valve explains the log: the temperature hardly follows the command"
-    nothing = np.zeros(T_set.size)
-    as_played = Played(temperature, nothing, nothing, nothing)
-    seen = outcome_of(as_played, Day(nothing, nothing, T_set, nothing, controlled), interval)
-    period = seen.period / interval if seen.hunts else 0.0  # in samples
-    day = _day_of(plant, command, T_set, controlled, period)
+    zeros = np.zeros(T_set.size)
+    logged_replay = Replay(temperature, zeros, zeros, zeros)
+    logged_outcome = evaluate_replay(logged_replay, ReplayInputs(zeros, zeros, T_set, zeros, controlled), interval)
+    period = logged_outcome.period / interval if logged_outcome.hunts else 0.0  # in samples
+    day = _build_inputs(plant, command, T_set, controlled, period)
     fitted = FittedLoop(pi, plant, day, backlash, stroke_time)
-    return fitted._replace(doubt=too_little(fitted) or _doubt(fitted, command, temperature, T_set))
+    return fitted._replace(doubt=why_unusable(fitted) or _why_doubtful(fitted, command, temperature, T_set))
 
 
-def too_little(fitted: FittedLoop) -> str:
+def why_unusable(fitted: FittedLoop) -> str:
     """Why the model of a loop holds too little of it to be used, or nothing."""
     share = fitted.plant.explained
     if share >= LEAST_EXPLAINED:
@@ -285,44 +291,49 @@ def what_if(
 ) -> Outcome | str:  # fmt: skip
     """What the logged day would have been with another backlash, kp, ti, or with a backlash inverse.
 
-    A sentence where the answer turns on less than the fit can know: what changes is simulated with ``GAIN_ERROR`` more
+    A sentence where the answer turns on less than the fit can know: what changes is simulated with ``GAIN_ERROR_FACTOR`` more
     and less loop gain too, and all three have to agree.  backlash: that of the fit if None.  kp_factor, ti_factor:
     times the kp and ti of the log.  estimate, buffer: of the inverse; an estimate of 0 is the plain PI.
     """
     size = fitted.backlash if backlash is None else backlash
     if (size, kp_factor, ti_factor, estimate) == (fitted.backlash, 1.0, 1.0, 0.0):
-        return fitted.played(size, 1.0, 1.0, 0.0, buffer)  # the log itself, which is known
-    factors = (1.0, GAIN_ERROR, 1.0 / GAIN_ERROR)
-    found, more, less = (fitted.played(size, factor * kp_factor, ti_factor, estimate, buffer) for factor in factors)
-    errors = [found.rmse, more.rmse, less.rmse]
-    if not found.hunts == more.hunts == less.hunts:
+        return fitted.replay_with(size, 1.0, 1.0, 0.0, buffer)  # the log itself, which is known
+    factors = (1.0, GAIN_ERROR_FACTOR, 1.0 / GAIN_ERROR_FACTOR)
+    expected, with_more_gain, with_less_gain = (
+        fitted.replay_with(size, factor * kp_factor, ti_factor, estimate, buffer) for factor in factors
+    )
+    errors = [expected.rmse, with_more_gain.rmse, with_less_gain.rmse]
+    if not expected.hunts == with_more_gain.hunts == with_less_gain.hunts:
         undecided = "whether the loop hunts"
-    elif not max(errors) < LARGEST_SPREAD * min(errors):
+    elif not max(errors) < LARGEST_ERROR_RATIO * min(errors):
         undecided = f"between control errors of {min(errors):.2g} and {max(errors):.2g} K"
     else:
-        return found
+        return expected
     return (
-        f"a {100 * (GAIN_ERROR - 1.0):.0f} % change of the loop gain decides {undecided}, and the log does not show "
+        f"a {100 * (GAIN_ERROR_FACTOR - 1.0):.0f} % change of the loop gain decides {undecided}, and the log does not show "
         "the gain that accurately"
     )
 
 
-def _doubt(fitted: FittedLoop, command: Array, temperature: Array, T_set: Array) -> str:
+def _why_doubtful(fitted: FittedLoop, command: Array, temperature: Array, T_set: Array) -> str:
     """Why the fitted loop is not to be trusted, or nothing: it has to repeat the log that it was fitted to."""
     day, plant = fitted.day, fitted.plant
-    played = play(plant, fitted.pi, day, fitted.stroke_time, fitted.backlash)
-    counted = _counted_steps(day, plant.step)[:: plant.per_sample]
+    replay = replay_day(plant, fitted.pi, day, fitted.stroke_time, fitted.backlash)
+    counted = _is_counted(day, plant.step)[:: plant.per_sample]
     at = slice(None, None, plant.per_sample)
-    true = temperature - day.noise[at]
-    logged = float(np.sqrt(np.mean((true - T_set)[counted] ** 2)))
-    replayed = float(np.sqrt(np.mean((played.temperature[at] - T_set)[counted] ** 2)))
-    travels, travelled = (
-        float(np.sum(np.abs(np.diff(series))[counted[1:]])) for series in (played.command[at], command)
+    true_temperature = temperature - day.noise[at]
+    logged_error = float(np.sqrt(np.mean((true_temperature - T_set)[counted] ** 2)))
+    replayed_error = float(np.sqrt(np.mean((replay.temperature[at] - T_set)[counted] ** 2)))
+    replayed_travel, logged_travel = (
+        float(np.sum(np.abs(np.diff(series))[counted[1:]])) for series in (replay.command[at], command)
     )
-    travel_ratio = max(travels, 1e-9) / max(travelled, 1e-9)
-    if abs(math.log(replayed / logged)) < LARGEST_ERROR and abs(math.log(travel_ratio)) < LARGEST_TRAVEL_ERROR:
+    travel_ratio = max(replayed_travel, 1e-9) / max(logged_travel, 1e-9)
+    if (
+        abs(math.log(replayed_error / logged_error)) < LARGEST_ERROR_LOG_RATIO
+        and abs(math.log(travel_ratio)) < LARGEST_TRAVEL_LOG_RATIO
+    ):
         return ""
     return (
-        f"the fitted loop does not reproduce the log: its control error is {replayed:.2g} K, the logged one "
-        f"{logged:.2g} K; its command travels {travels:.3g} strokes, the logged one {travelled:.3g}"
+        f"the fitted loop does not reproduce the log: its control error is {replayed_error:.2g} K, the logged one "
+        f"{logged_error:.2g} K; its command travels {replayed_travel:.3g} strokes, the logged one {logged_travel:.3g}"
     )

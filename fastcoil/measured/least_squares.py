@@ -15,14 +15,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.measured.part import unbroken
+from fastcoil.measured.part import split_segments
 
 CONFIDENCE = 0.95
-FORBIDDEN = 1e6  # residual of a parameter set that cannot be run
+FORBIDDEN_RESIDUAL = 1e6  # residual of a parameter set that cannot be run
 _RANK_TOLERANCE = 1e-8
-_MAX_LAG_SHARE = 4  # autocorrelation is estimated up to lags of one segment divided by this
-_REFINED, _SCREENED_AT_ONCE = 4, 64
-_POLISH = 20.0
+_SEGMENTS_PER_MAX_LAG = 4  # autocorrelation is estimated up to lags of one segment divided by this
+_N_REFINED, _SCREENED_AT_ONCE = 4, 64
+_POLISH_DIVISOR = 20.0
 _TINY = 1e-300
 
 
@@ -45,7 +45,7 @@ class Model:
     def compared(self, sets: Array) -> Array:
         """Residuals (n, sets) of parameter sets (p, sets), 0 at samples that are not compared."""
         r = self.residuals(sets)
-        return np.where(self.used[:, None], np.where(np.isfinite(r), r, FORBIDDEN), 0.0)
+        return np.where(self.used[:, None], np.where(np.isfinite(r), r, FORBIDDEN_RESIDUAL), 0.0)
 
 
 @dataclass(frozen=True)
@@ -64,72 +64,74 @@ def evaluate(model: Model, x: Array) -> tuple[Array, Array]:
     pairs = common + (model.n_nuisance > 0)
     sets = np.repeat(x[:, None], 1 + 2 * pairs, axis=1)
     for k in range(pairs):
-        which = slice(k, k + 1) if k < common else slice(common, p)
-        step = model.step[which]
-        sets[which, 1 + 2 * k] = np.minimum(x[which] + step, model.upper[which])
-        sets[which, 2 + 2 * k] = np.maximum(x[which] - step, model.lower[which])
-    found = model.compared(sets)
-    J = np.zeros((found.shape[0], p))
-    forbidden = np.atleast_1d((np.abs(found) >= FORBIDDEN).any(axis=0))
+        parameters = slice(k, k + 1) if k < common else slice(common, p)
+        step = model.step[parameters]
+        sets[parameters, 1 + 2 * k] = np.minimum(x[parameters] + step, model.upper[parameters])
+        sets[parameters, 2 + 2 * k] = np.maximum(x[parameters] - step, model.lower[parameters])
+    residuals = model.compared(sets)
+    J = np.zeros((residuals.shape[0], p))
+    forbidden = np.atleast_1d((np.abs(residuals) >= FORBIDDEN_RESIDUAL).any(axis=0))
     # where one side is forbidden the slope comes from the other alone
-    sets[:, forbidden], found[:, forbidden] = sets[:, :1], found[:, :1]
+    sets[:, forbidden], residuals[:, forbidden] = sets[:, :1], residuals[:, :1]
     for k in range(pairs):
-        difference = found[:, 1 + 2 * k] - found[:, 2 + 2 * k]
+        difference = residuals[:, 1 + 2 * k] - residuals[:, 2 + 2 * k]
         if k < common:
             J[:, k] = difference / max(sets[k, 1 + 2 * k] - sets[k, 2 + 2 * k], _TINY)
         else:
             rows, column = np.arange(difference.size), common + model.segment
             J[rows, column] = difference / np.maximum(sets[column, 1 + 2 * k] - sets[column, 2 + 2 * k], _TINY)
-    return found[:, 0], J
+    return residuals[:, 0], J
 
 
 def minimise(model: Model, starts: Array, fixed: Sequence[int] = (), max_steps: int = 80) -> Estimate:
     """The best minimum found from the best of ``starts`` (p, sets); parameters in ``fixed`` stay where they start."""
     if starts.shape[1] == 1:
-        return _descended(model, starts[:, 0], fixed, max_steps)
+        return _descend(model, starts[:, 0], fixed, max_steps)
     groups = (starts[:, k : k + _SCREENED_AT_ONCE] for k in range(0, starts.shape[1], _SCREENED_AT_ONCE))
-    order = np.argsort(np.concatenate([np.einsum("ij,ij->j", r, r) for r in map(model.compared, groups)]))[:_REFINED]
-    best = min((_descended(model, starts[:, k], fixed, max_steps) for k in order), key=lambda one: one.rss)
+    order = np.argsort(np.concatenate([np.einsum("ij,ij->j", r, r) for r in map(model.compared, groups)]))[:_N_REFINED]
+    best = min((_descend(model, starts[:, k], fixed, max_steps) for k in order), key=lambda estimate: estimate.rss)
     # long steps see past the kinks of Eq (1), short steps end nearer to the minimum
-    polished = _descended(replace(model, step=model.step / _POLISH), best.x, fixed, max_steps)
-    return _at(model, min(best, polished, key=lambda one: one.rss).x)  # with short steps a kink looks like a slope
+    polished = _descend(replace(model, step=model.step / _POLISH_DIVISOR), best.x, fixed, max_steps)
+    return _estimate_at(
+        model, min(best, polished, key=lambda estimate: estimate.rss).x
+    )  # with short steps a kink looks like a slope
 
 
-def _at(model: Model, x: Array) -> Estimate:
+def _estimate_at(model: Model, x: Array) -> Estimate:
     r, J = evaluate(model, x)
     return Estimate(x, r, J, float(r @ r))
 
 
-def _descended(model: Model, x0: Array, fixed: Sequence[int], max_steps: int) -> Estimate:
+def _descend(model: Model, x0: Array, fixed: Sequence[int], max_steps: int) -> Estimate:
     from scipy.optimize import least_squares
 
     free = np.setdiff1d(np.arange(x0.size), np.asarray(fixed, dtype=int))
     x = x0.copy()
     last: tuple[bytes, Array] = (b"", np.empty(0))
 
-    def condensed(part: Array) -> Array:
+    def condensed_jacobian(part: Array) -> Array:
         """Jacobian and, last, residuals."""
         nonlocal last
         if last[0] != part.tobytes():
             x[free] = part
             r, J = evaluate(model, x)
-            last = (part.tobytes(), _condensed(np.column_stack([J[:, free], r])))
+            last = (part.tobytes(), _condense(np.column_stack([J[:, free], r])))
         return last[1]
 
     if free.size:
         lower, upper = model.lower[free], model.upper[free]
         span = upper - lower
         solution = least_squares(
-            lambda part: condensed(part)[:, -1],
+            lambda part: condensed_jacobian(part)[:, -1],
             np.clip(x0[free], lower + 1e-9 * span, upper - 1e-9 * span),
-            jac=lambda part: condensed(part)[:, :-1],
+            jac=lambda part: condensed_jacobian(part)[:, :-1],
             bounds=(lower, upper), method="trf", x_scale="jac", ftol=1e-9, xtol=1e-9, gtol=1e-12, max_nfev=max_steps,
         )  # fmt: skip
         x[free] = solution.x
-    return _at(model, x)
+    return _estimate_at(model, x)
 
 
-def _condensed(A: Array) -> Array:
+def _condense(A: Array) -> Array:
     """A square matrix R with RᵀR = AᵀA: enough for a descent on n residuals, and far quicker to decompose."""
     norms = np.linalg.norm(A, axis=0)
     norms[norms == 0.0] = 1.0
@@ -149,7 +151,7 @@ class Uncertainty:
     n_effective: float
     freedom: float
     variance: float
-    dead: tuple[int, ...]  # index of the parameters without any effect
+    without_effect: tuple[int, ...]  # index of the parameters without any effect
 
     def quantile(self, freedom: float | None = None) -> float:
         """Half width of a 95 % interval in standard errors, with its own or another number of degrees of freedom."""
@@ -170,35 +172,37 @@ def uncertainty(
     r, n = estimate.r, int(model.used.sum())
     p = estimate.x.size
     span = model.upper - model.lower
-    inner = (estimate.x > model.lower + 1e-6 * span) & (estimate.x < model.upper - 1e-6 * span)
-    inner[list(profiled)] = True
+    is_inside = (estimate.x > model.lower + 1e-6 * span) & (estimate.x < model.upper - 1e-6 * span)
+    is_inside[list(profiled)] = True
     norms = np.linalg.norm(estimate.J, axis=0)
-    live = norms > 1e-12 * max(float(norms.max()), 1e-300)
-    free = np.flatnonzero(inner & live & ~np.isin(np.arange(p), np.asarray(fixed, dtype=int)))
+    has_effect = norms > 1e-12 * max(float(norms.max()), 1e-300)
+    free = np.flatnonzero(is_inside & has_effect & ~np.isin(np.arange(p), np.asarray(fixed, dtype=int)))
     rho = autocorrelation(r, model.segment, model.used)
     n_effective = min(max(n / max(1.0 + 2.0 * float(rho.sum()), 1.0), 1.0), n)
     freedom = max(n_effective - free.size, 1.0)
     variance = estimate.rss / n * n_effective / freedom
     _, s, Vt = np.linalg.svd(estimate.J[:, free] / norms[free], full_matrices=False)
-    kept = s > _RANK_TOLERANCE * s[0] if s.size else np.zeros(0, dtype=bool)
-    inverse = (Vt[kept].T / s[kept] ** 2) @ Vt[kept] / np.outer(norms[free], norms[free])
+    is_resolved = s > _RANK_TOLERANCE * s[0] if s.size else np.zeros(0, dtype=bool)
+    inverse = (Vt[is_resolved].T / s[is_resolved] ** 2) @ Vt[is_resolved] / np.outer(norms[free], norms[free])
     white = np.diag(inverse).copy()
     coloured = white + 2.0 * _lagged_products(estimate.J[:, free] @ inverse, model.segment, rho)
     inflation = np.maximum(coloured / white, 1.0)
     covariance, factors = np.full((p, p), np.nan), np.ones(p)
     covariance[np.ix_(free, free)] = variance * inverse * np.sqrt(np.outer(inflation, inflation))
-    for v in Vt[~kept]:  # directions that the data do not identify
+    for v in Vt[~is_resolved]:  # directions that the data do not identify
         unknown = free[np.abs(v) > 0.1]
         covariance[unknown, :] = covariance[:, unknown] = np.inf
     factors[free] = inflation
-    return Uncertainty(covariance, factors, n, n_effective, freedom, variance, tuple(np.flatnonzero(~live).tolist()))
+    return Uncertainty(
+        covariance, factors, n, n_effective, freedom, variance, tuple(np.flatnonzero(~has_effect).tolist())
+    )
 
 
 def autocorrelation(r: Array, segment: Index, used: Mask) -> Array:
     """ρ(1), ρ(2), … of the residuals up to where they are lost in noise (Geyer's initial monotone sequence)."""
     r, mark = np.where(used, r, 0.0), used.astype(float)
-    pieces = unbroken(segment)
-    most = max(piece.size for piece in pieces) // _MAX_LAG_SHARE
+    pieces = split_segments(segment)
+    most = max(piece.size for piece in pieces) // _SEGMENTS_PER_MAX_LAG
     sums, counts = np.zeros(most + 1), np.zeros(most + 1)
     for piece in pieces:
         lags = min(most + 1, piece.size)
@@ -226,43 +230,43 @@ def _autoproducts(x: Array) -> Array:
 def _lagged_products(Z: Array, segment: Index, rho: Array) -> Array:
     """Sum over lags of ρ(k) times the sum over t of z[t] z[t + k], for every column of Z."""
     total = np.zeros(Z.shape[1])
-    for piece in unbroken(segment):
+    for piece in split_segments(segment):
         lags = min(rho.size, piece.size - 1)
         if lags > 0:
             total += [rho[:lags] @ _autoproducts(z)[1 : lags + 1] for z in Z[piece].T]
     return total
 
 
-def profile(model: Model, best: Estimate, k: int, grid: Array, fixed: Sequence[int] = ()) -> list[Estimate]:
+def profile_parameter(model: Model, best: Estimate, k: int, grid: Array, fixed: Sequence[int] = ()) -> list[Estimate]:
     """The minimum with parameter k held at each value of ``grid`` (ascending), outward from the free minimum."""
     middle = int(np.searchsorted(grid, best.x[k]))
-    found: dict[int, Estimate] = {}
-    for way in (range(middle, grid.size), range(middle - 1, -1, -1)):
+    estimates: dict[int, Estimate] = {}
+    for indices in (range(middle, grid.size), range(middle - 1, -1, -1)):
         x = best.x
-        for i in way:
+        for i in indices:
             start = x.copy()
             start[k] = grid[i]
-            found[i] = minimise(model, start[:, None], [*fixed, k], max_steps=30)
-            x = found[i].x
-    return [found[i] for i in range(grid.size)]
+            estimates[i] = minimise(model, start[:, None], [*fixed, k], max_steps=30)
+            x = estimates[i].x
+    return [estimates[i] for i in range(grid.size)]
 
 
-_DRAWS = 400
-_FEWEST, _MOST = 8, 30  # blocks that a log in fewer pieces is cut into
-_INDEPENDENT = 5.0  # independent samples in each of them, if it has them
+_N_DRAWS = 400
+_FEWEST_BLOCKS, _MOST_BLOCKS = 8, 30  # blocks that a log in fewer pieces is cut into
+_INDEPENDENT_PER_BLOCK = 5.0  # independent samples in each of them, if it has them
 _RIDGE = 1e-10
 
 
-def widened(model: Model, best: Estimate, spread: Uncertainty, fixed: list[int]) -> Uncertainty:
+def widen_by_bootstrap(model: Model, best: Estimate, spread: Uncertainty, fixed: list[int]) -> Uncertainty:
     """The uncertainty, no smaller than that of a bootstrap over blocks."""
-    block = blocks(model.segment, model.used, spread.n_effective)
+    block = bootstrap_blocks(model.segment, model.used, spread.n_effective)
     n_blocks = int(block.max()) + 1
     free = np.setdiff1d(np.flatnonzero(np.isfinite(np.diag(spread.covariance))), fixed)
     common = free[free < model.n_common]
     if n_blocks < 2 or not common.size:
         return spread
-    moved = _moved(best, block, n_blocks, free)[:, : common.size]
-    low, high = np.quantile(moved, [0.1587, 0.8413], axis=0)
+    steps = _bootstrap_steps(best, block, n_blocks, free)[:, : common.size]
+    low, high = np.quantile(steps, [0.1587, 0.8413], axis=0)
     deviation = 0.5 * (high - low) * np.sqrt(n_blocks / (n_blocks - 1))
     ratio = deviation / np.sqrt(np.diag(spread.covariance)[common])
     ratio *= spread.quantile(n_blocks - 1) / spread.quantile()
@@ -272,22 +276,22 @@ def widened(model: Model, best: Estimate, spread: Uncertainty, fixed: list[int])
     return replace(spread, covariance=covariance, inflation=spread.inflation * factor**2)
 
 
-def blocks(segment: Index, used: Mask, n_effective: float) -> Index:
+def bootstrap_blocks(segment: Index, used: Mask, n_effective: float) -> Index:
     """Number of the block of each sample, (n,): the unbroken pieces, cut where they are too few."""
     pieces = np.unique(segment[used])
-    if pieces.size >= _FEWEST:
+    if pieces.size >= _FEWEST_BLOCKS:
         return np.asarray(np.clip(np.searchsorted(pieces, segment), 0, pieces.size - 1))
-    wanted = int(np.clip(n_effective / _INDEPENDENT, _FEWEST, _MOST))
+    n_wanted = int(np.clip(n_effective / _INDEPENDENT_PER_BLOCK, _FEWEST_BLOCKS, _MOST_BLOCKS))
     number, n = np.zeros(segment.size, dtype=np.int64), 0
     for piece in pieces:
-        here = np.flatnonzero((segment == piece) & used)
-        cuts = max(round(wanted * here.size / used.sum()), 1)
-        number[here] = n + np.arange(here.size) * cuts // here.size
+        samples = np.flatnonzero((segment == piece) & used)
+        cuts = max(round(n_wanted * samples.size / used.sum()), 1)
+        number[samples] = n + np.arange(samples.size) * cuts // samples.size
         n += cuts
     return np.unique(number, return_inverse=True)[1]
 
 
-def _moved(best: Estimate, block: Index, n_blocks: int, free: Index) -> Array:
+def _bootstrap_steps(best: Estimate, block: Index, n_blocks: int, free: Index) -> Array:
     """Steps of the free parameters to the minimum of each draw, (draws, free)."""
     J, r = best.J[:, free], best.r
     scale = np.linalg.norm(J, axis=0)
@@ -296,6 +300,6 @@ def _moved(best: Estimate, block: Index, n_blocks: int, free: Index) -> Array:
     gradient = np.add.reduceat(J * r[:, None], np.concatenate([[0], ends]), axis=0)
     curvature = np.stack([part.T @ part for part in np.split(J, ends)])
     rng = np.random.default_rng(0)
-    draws = rng.multinomial(n_blocks, np.full(n_blocks, 1.0 / n_blocks), size=_DRAWS).astype(float)
+    draws = rng.multinomial(n_blocks, np.full(n_blocks, 1.0 / n_blocks), size=_N_DRAWS).astype(float)
     H = np.einsum("db,bij->dij", draws, curvature) + _RIDGE * np.eye(free.size)
     return np.asarray(-np.linalg.solve(H, (draws @ gradient)[..., None])[..., 0] / scale)

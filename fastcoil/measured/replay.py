@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, instance_of, refuse, whole_of
+from fastcoil.base.arguments import argument_checks, raise_problems, require_instance, require_integer
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
-from fastcoil.base.machine import available_memory, gib
-from fastcoil.logs import Log, read_log, warn_of_reading
-from fastcoil.logs.columns import Wanted, checked_reading, log_of
-from fastcoil.logs.pieces import at_seconds, require_span, require_whole_seconds
+from fastcoil.base.machine import available_memory, format_bytes
+from fastcoil.logs import CheckedLog, read_checked_log, warn_of_reading_notes
+from fastcoil.logs.columns import ColumnSpec, check_reading_options, require_log
+from fastcoil.logs.pieces import require_span_in_limits, require_whole_seconds, resample_at_seconds
 from fastcoil.loops.clashes import controller_clashes, missing_parameters
-from fastcoil.loops.loop import Loop, words_used
+from fastcoil.loops.loop import Loop, used_choices
 from fastcoil.loops.provenance import provenance
-from fastcoil.loops.scenarios import attributes, columns_of, coordinate_attrs
+from fastcoil.loops.scenarios import cf_attributes, coordinate_attrs, parameter_columns
 from fastcoil.model.engine.lanes import parameter_matrix
 from fastcoil.model.engine.recorded import REPLAY_COLUMNS, REPLAY_TRACES, run_replay
 from fastcoil.model.estimators.registry import ESTIMATORS
@@ -78,48 +78,52 @@ def replay(
     Cai and Braun (2016), section 3.3 and Fig 8.  With ``T_measured`` of a simulation as ``T_sup`` it returns the
     commands of that simulation to the last bit.
     """
-    with checking() as check:
-        check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
-        log = check(log_of, "log", log)
-        trace_interval = check(whole_of, "trace_interval", trace_interval, 1)
-        how = checked_reading(check, columns=columns, units=units, constants=constants, max_gap=max_gap,
+    with argument_checks() as check:
+        check(require_instance, "loop", loop, Loop, "give a fastcoil.Loop")
+        log = check(require_log, "log", log)
+        trace_interval = check(require_integer, "trace_interval", trace_interval, 1)
+        reading = check_reading_options(check, columns=columns, units=units, constants=constants, max_gap=max_gap,
                               time_format=time_format, unbroken=True)  # fmt: skip
-    refuse(missing_parameters(loop))
-    see_air = {estimator.name for estimator in ESTIMATORS if estimator is not None and estimator.sees_air}
-    sees_air = bool(loop.rules) or not see_air.isdisjoint(words_used(loop, "estimator"))
-    data = read_log(log, Wanted(("T_sup", "T_set"), optional=("enabled", "m_a") if sees_air else ("enabled",)), how)
-    warn_of_reading(data.name, data.notes)
-    series = _seconds(data)
-    refuse(controller_clashes(loop, series[:, REPLAY_COLUMNS.index("T_set")]))
-    whole_of("trace_interval", trace_interval, 1, series.shape[0])
-    ds = replayed(loop, series, trace_interval)
+    raise_problems(missing_parameters(loop))
+    air_estimators = {estimator.name for estimator in ESTIMATORS if estimator is not None and estimator.sees_air}
+    sees_air = bool(loop.rules) or not air_estimators.isdisjoint(used_choices(loop, "estimator"))
+    data = read_checked_log(
+        log, ColumnSpec(("T_sup", "T_set"), optional=("enabled", "m_a") if sees_air else ("enabled",)), reading
+    )
+    warn_of_reading_notes(data.name, data.notes)
+    series = _controller_inputs(data)
+    raise_problems(controller_clashes(loop, series[:, REPLAY_COLUMNS.index("T_set")]))
+    require_integer("trace_interval", trace_interval, 1, series.shape[0])
+    ds = run_controllers(loop, series, trace_interval)
     ds.attrs = {"title": "fastcoil replay", **provenance(), "parameters": json.dumps(loop.constants), "log": data.name}
     return ds
 
 
-def replayed(loop: Loop, series: Array, trace_interval: int) -> xr.Dataset:
+def run_controllers(loop: Loop, series: Array, trace_interval: int) -> xr.Dataset:
     """What the controllers of a loop command, as ``replay``; series: REPLAY_COLUMNS at every second, (n_steps, 4)."""
     n = math.prod(loop.sizes.values())
     points = np.arange(0, series.shape[0], trace_interval)
-    needed = 8 * n * len(REPLAY_TRACES) * points.size
-    if 2 * needed > available_memory():
-        raise InputError(f"the commands need {gib(needed)} of memory: raise trace_interval or sweep fewer values")
+    needed_bytes = 8 * n * len(REPLAY_TRACES) * points.size
+    if 2 * needed_bytes > available_memory():
+        raise InputError(
+            f"the commands need {format_bytes(needed_bytes)} of memory: raise trace_interval or sweep fewer values"
+        )
     rules = rules_for_kernels(loop.rules)
-    matrix = parameter_matrix(columns_of(loop, loop.sizes, np.arange(n)), rules)
-    found = run_replay(matrix, series, trace_interval, rules)
+    matrix = parameter_matrix(parameter_columns(loop, loop.sizes, np.arange(n)), rules)
+    signals = run_replay(matrix, series, trace_interval, rules)
     ds = xr.Dataset(coords={name: c.assign_attrs(coordinate_attrs(name)) for name, c in loop.coordinates().items()})
     ds = ds.assign_coords(elapsed_time=("elapsed_time", points.astype(float), coordinate_attrs("elapsed_time")))
-    for name, values in found.items():
+    for name, values in signals.items():
         shape = (*loop.sizes.values(), points.size)
-        ds[name] = ((*loop.sizes, "elapsed_time"), values.T.reshape(shape), attributes(TRACES[name]))
+        ds[name] = ((*loop.sizes, "elapsed_time"), values.T.reshape(shape), cf_attributes(TRACES[name]))
     return ds
 
 
-def _seconds(log: Log) -> Array:
+def _controller_inputs(log: CheckedLog) -> Array:
     """Input of the controller at every second, (n_steps, 4): the last recorded values, NaN for an unknown air flow."""
     require_whole_seconds(log.name, log.step)
-    require_span(log.name, float(log.time[-1]))
+    require_span_in_limits(log.name, float(log.time[-1]))
     recorded = {"enabled": np.ones(log.time.size), "m_a": np.full(log.time.size, np.nan), **log.values}
     values = {name: recorded[name] for name in REPLAY_COLUMNS}
     seconds = np.arange(int(log.time[-1] + _ROUND_OFF) + 1, dtype=float)
-    return np.stack(list(at_seconds(log.time, values, seconds, REPLAY_COLUMNS, _ROUND_OFF).values()), axis=1)
+    return np.stack(list(resample_at_seconds(log.time, values, seconds, REPLAY_COLUMNS, _ROUND_OFF).values()), axis=1)

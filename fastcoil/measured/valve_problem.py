@@ -13,65 +13,75 @@ import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError
-from fastcoil.logs import Log
-from fastcoil.logs.series import counted, first_row
-from fastcoil.measured.least_squares import Estimate, Model, Uncertainty, minimise, profile, uncertainty, widened
-from fastcoil.measured.part import Part, turns, unbroken
+from fastcoil.logs import CheckedLog
+from fastcoil.logs.series import describe_first_row, format_count
+from fastcoil.measured.least_squares import (
+    Estimate,
+    Model,
+    Uncertainty,
+    minimise,
+    profile_parameter,
+    uncertainty,
+    widen_by_bootstrap,
+)
+from fastcoil.measured.part import LogSplit, count_reversals, split_segments
 from fastcoil.model.engine.recorded import valve_flows
 
 # shares of the stroke
-_STILL = 2e-3  # commands within this of each other are one hold
-TURN = 0.01  # a reversal goes back by more than this
-_SURELY_OPEN = 0.25  # a valve this much further open than one that passes water passes water too
-_SMALL = 0.02  # an interval from 0 to less than this means no backlash
+_HOLD_TOLERANCE = 2e-3  # commands within this of each other are one hold
+LEAST_REVERSAL = 0.01  # a reversal goes back by more than this
+_SURELY_OPEN_MARGIN = 0.25  # a valve this much further open than one that passes water passes water too
+_NO_BACKLASH_WIDTH = 0.02  # an interval from 0 to less than this means no backlash
 LARGEST_BACKLASH = 0.5
 
-_HOLD_SAMPLES = 4  # if a typical hold has at least this many samples, the command is taken to be held
+_LEAST_HOLD_SAMPLES = 4  # if a typical hold has at least this many samples, the command is taken to be held
 _FLOOR_SHARE, _FLOOR_SAMPLES = 0.02, 5
-_BIN, _BIN_SAMPLES = 0.05, 3
+_BIN_WIDTH, _LEAST_BIN_SAMPLES = 0.05, 3
 _FEWEST_REVERSALS = 2
 FEWEST_SAMPLES = 20
 _PROFILE_POINTS, _FINE_POINTS = 25, 12
-_PART_SAMPLES, _PARTS, _PART_STEPS = 30, (4, 6), 25
-_CALIBRATED = 1.6  # widens what parts say until the halves of simulated logs lie in each other's interval
-X_BL, M_MAX, _SHAPE = 0, 1, (2, 3, 4)
-LOGS = np.array([False, True, True, True, False])  # which of backlash, m_max, a, b, c are searched by their logarithm
+_SAMPLES_PER_PART, _PART_COUNT_RANGE, _MOST_PART_STEPS = 30, (4, 6), 25
+_PART_SPREAD_FACTOR = 1.6  # widens what parts say until the halves of simulated logs lie in each other's interval
+X_BL, M_MAX, _SHAPE_PARAMETERS = 0, 1, (2, 3, 4)
+IS_LOGARITHMIC = np.array(
+    [False, True, True, True, False]
+)  # which of backlash, m_max, a, b, c are searched by their logarithm
 
 
-def _settled(log: Log, fitting: Mask, notes: list[str]) -> Mask:
+def _is_flow_settled(log: CheckedLog, fitting: Mask, notes: list[str]) -> Mask:
     """Where the flow has settled, (n,): half a typical hold after a change; everywhere if the command is not held."""
-    command, step = log.values["command"], step_of(log, fitting)
+    command, step = log.values["command"], median_step(log, fitting)
     since, starts = np.zeros(command.size), [0]
     for t in range(1, command.size):
-        if abs(command[t] - command[starts[-1]]) > _STILL or log.batch[t] != log.batch[t - 1]:
+        if abs(command[t] - command[starts[-1]]) > _HOLD_TOLERANCE or log.batch[t] != log.batch[t - 1]:
             starts.append(t)
         since[t] = log.time[t] - log.time[starts[-1]]
     last_fitted = int(np.flatnonzero(fitting)[-1])
     lengths = np.diff(np.minimum([*starts, command.size], last_fitted + 1))
     lengths = lengths[lengths > 0]
     typical = float(np.median(lengths))
-    if typical < _HOLD_SAMPLES:
+    if typical < _LEAST_HOLD_SAMPLES:
         return np.ones(command.size, dtype=bool)
     wait = 0.5 * typical * step
-    good = since >= wait
+    is_settled = since >= wait
     notes.append(
-        f"{int((~good).sum()):,} of {good.size:,} flows not compared: less than {wait:g} s after the command "
+        f"{int((~is_settled).sum()):,} of {is_settled.size:,} flows not compared: less than {wait:g} s after the command "
         f"changed ({lengths.size:,} holds, typically {typical * step:.4g} s)"
     )
-    return np.asarray(good)
+    return np.asarray(is_settled)
 
 
-def step_of(log: Log, fitting: Mask) -> float:
+def median_step(log: CheckedLog, fitting: Mask) -> float:
     """Median time between the rows of the part to fit, s."""
     return float(np.median(np.diff(log.time[fitting]))) if fitting.sum() > 1 else log.step
 
 
-def reversals(command: Array, batch: Index) -> int:
+def count_piece_reversals(command: Array, batch: Index) -> int:
     """How often the command reverses by more than ``TURN``."""
-    return sum(turns(command[piece], TURN) for piece in unbroken(batch))
+    return sum(count_reversals(command[piece], LEAST_REVERSAL) for piece in split_segments(batch))
 
 
-def _lowest_reading(flow: Array, notes: list[str]) -> float:
+def _find_meter_floor(flow: Array, notes: list[str]) -> float:
     """The flow meter's floor: its lowest reading above 0 if that is frequent, else 0."""
     above = flow[np.isfinite(flow) & (flow > 0.0)]
     lowest = float(above.min(initial=np.inf))
@@ -82,24 +92,24 @@ def _lowest_reading(flow: Array, notes: list[str]) -> float:
     return lowest
 
 
-def _sensor_off(command: Array, flow: Array, floor: float, fitting: Mask) -> Mask:
+def _is_sensor_off(command: Array, flow: Array, floor: float, fitting: Mask) -> Mask:
     """Where the valve does not explain that none flows: 0 below the floor; 0, or the floor, if it is far open."""
-    still = flow <= floor
+    is_still = flow <= floor
     flows_from = 1.0
-    for low in np.arange(0.0, 1.0, _BIN):
-        here = (command >= low) & (command < low + _BIN) & np.isfinite(flow) & fitting
-        if here.sum() >= _BIN_SAMPLES and still[here].mean() < 0.5:
+    for low in np.arange(0.0, 1.0, _BIN_WIDTH):
+        is_in_bin = (command >= low) & (command < low + _BIN_WIDTH) & np.isfinite(flow) & fitting
+        if is_in_bin.sum() >= _LEAST_BIN_SAMPLES and is_still[is_in_bin].mean() < 0.5:
             flows_from = low
             break
-    off = still & (command > flows_from + _SURELY_OPEN)
-    return np.asarray(off | (flow == 0.0) if floor > 0.0 else off)
+    is_off = is_still & (command > flows_from + _SURELY_OPEN_MARGIN)
+    return np.asarray(is_off | (flow == 0.0) if floor > 0.0 else is_off)
 
 
 def why_unidentified(n_reversals: int, interval: tuple[float, float], *, is_wide: bool) -> str:
     """Why a log does not identify the backlash; empty if it does.  n_reversals: of the command, within the pieces."""
     if n_reversals < _FEWEST_REVERSALS:
         return (
-            f"not identified: the command reverses only {counted(n_reversals, 'time')} by more than {100 * TURN:.0f} % "
+            f"not identified: the command reverses only {format_count(n_reversals, 'time')} by more than {100 * LEAST_REVERSAL:.0f} % "
             "of stroke: give a log in which it goes up and down, or bridge gaps with max_gap, --max-gap"
         )
     if is_wide:
@@ -128,36 +138,36 @@ class ValveSolution(NamedTuple):
 class ValveProblem:
     """The log, which samples of it are compared, and the model over it."""
 
-    def __init__(self, data: Log, part: Part) -> None:
+    def __init__(self, data: CheckedLog, part: LogSplit) -> None:
         self.data, self.notes, self.batch = data, list(data.notes), data.batch
         self.command, self.flow = data.values["command"], data.values["m_w"]
         self.fitting = part.fitted(data)
-        self.floor = _lowest_reading(self.flow[self.fitting], self.notes)
-        off = _sensor_off(self.command, self.flow, self.floor, self.fitting)
-        if off.any():
+        self.floor = _find_meter_floor(self.flow[self.fitting], self.notes)
+        is_off = _is_sensor_off(self.command, self.flow, self.floor, self.fitting)
+        if is_off.any():
             self.notes.append(
-                f"{counted(off, 'flow')} left out, sensor or pump off: 0, or the meter's floor with the valve open "
-                f"({first_row(data.rows.tolist(), off)})"
+                f"{format_count(is_off, 'flow')} left out, sensor or pump off: 0, or the meter's floor with the valve open "
+                f"({describe_first_row(data.rows.tolist(), is_off)})"
             )
-        at_rest = _settled(data, self.fitting, self.notes)
+        is_settled = _is_flow_settled(data, self.fitting, self.notes)
         enabled = data.values.get("enabled", np.ones(self.flow.size)) != 0.0
         if not enabled.all():
-            self.notes.append(f"{counted(~enabled, 'flow')} not compared: enabled is 0")
-        self.good = np.isfinite(self.flow) & ~off & at_rest & enabled
+            self.notes.append(f"{format_count(~enabled, 'flow')} not compared: enabled is 0")
+        self.good = np.isfinite(self.flow) & ~is_off & is_settled & enabled
         to_fit = self.good & self.fitting
         if to_fit.sum() < FEWEST_SAMPLES:
             cure = f"give at least {FEWEST_SAMPLES}, or raise split ({'; '.join(self.notes)})"
-            raise InputError(f"{data.name}: {counted(to_fit, 'flow')} left to fit: {cure}")
+            raise InputError(f"{data.name}: {format_count(to_fit, 'flow')} left to fit: {cure}")
         self.n_fit = int(np.flatnonzero(self.fitting)[-1]) + 1
         self.n_pieces = int(self.batch[self.n_fit - 1]) + 1  # of the part to fit
         self.top = float(np.nanmax(self.flow[self.fitting]))
-        self.n_reversals = reversals(self.command[self.fitting], self.batch[self.fitting])
+        self.n_reversals = count_piece_reversals(self.command[self.fitting], self.batch[self.fitting])
 
     def flows(self, sets: Array, start: Array, command: Array) -> tuple[Array, Array]:
         """Openings and flows of parameter sets (5, sets) behind the first commands, the meter's floor included."""
         n = command.size
         openings, flows = np.empty((2, n, sets.shape[1]))
-        rows = np.where(LOGS[:, None], np.exp(sets), sets)
+        rows = np.where(IS_LOGARITHMIC[:, None], np.exp(sets), sets)
         valve_flows(np.ascontiguousarray(command), self.batch[:n], rows, np.ascontiguousarray(start), openings, flows)
         return openings, np.maximum(flows, self.floor)
 
@@ -193,21 +203,23 @@ class ValveProblem:
         model, fixed = self.model(m_max), [] if m_max is None else [M_MAX]
         best = minimise(model, self._starts(m_max), fixed)
         for n_restarts in range(3):
-            spread = widened(model, best, uncertainty(model, best, fixed, profiled=[X_BL]), fixed)
-            grid = _grid(best, spread)
-            minima = profile(model, best, X_BL, grid, fixed)
-            sums = np.array([one.rss for one in minima])
+            spread = widen_by_bootstrap(model, best, uncertainty(model, best, fixed, profiled=[X_BL]), fixed)
+            grid = _profile_grid(best, spread)
+            minima = profile_parameter(model, best, X_BL, grid, fixed)
+            sums = np.array([minimum.rss for minimum in minima])
             if sums.min() > best.rss * (1.0 - 1e-6) or n_restarts == 2:
                 break
             best = minimise(model, np.stack([best.x, minima[int(sums.argmin())].x], axis=1), fixed)
         limit = best.rss + spread.inflation[X_BL] * spread.quantile() ** 2 * spread.variance
-        parts = _of_parts(model, best, fixed)
-        between = _CALIBRATED * spread.quantile(parts.size - 1) * float(parts.std(ddof=1)) / math.sqrt(parts.size)
-        interval = _interval(grid, sums, best, limit, between)
+        parts = _fit_parts(model, best, fixed)
+        between = (
+            _PART_SPREAD_FACTOR * spread.quantile(parts.size - 1) * float(parts.std(ddof=1)) / math.sqrt(parts.size)
+        )
+        interval = _profile_interval(grid, sums, best, limit, between)
         return ValveSolution(model, best, spread, grid, sums, limit, parts, interval, minima[0], m_max is not None)
 
 
-def _grid(best: Estimate, spread: Uncertainty) -> Array:
+def _profile_grid(best: Estimate, spread: Uncertainty) -> Array:
     """Backlashes to profile: coarse over the whole range, fine around the minimum."""
     x, variance = float(best.x[X_BL]), spread.covariance[X_BL, X_BL]
     top = min(max(0.25, 2.0 * x), LARGEST_BACKLASH)
@@ -217,7 +229,7 @@ def _grid(best: Estimate, spread: Uncertainty) -> Array:
     return np.unique(np.round(np.concatenate([np.linspace(0.0, top, _PROFILE_POINTS), fine]), 6))
 
 
-def _interval(grid: Array, sums: Array, best: Estimate, limit: float, between: float) -> tuple[float, float]:
+def _profile_interval(grid: Array, sums: Array, best: Estimate, limit: float, between: float) -> tuple[float, float]:
     """Where the profile stays below its limit, between the outermost crossings; ``between`` at least on both sides."""
     middle = float(best.x[X_BL])
     x, y = np.append(grid, middle), np.append(sums, best.rss)
@@ -234,37 +246,44 @@ def _interval(grid: Array, sums: Array, best: Estimate, limit: float, between: f
     return max(min(low, middle - between), 0.0), min(max(high, middle + between), LARGEST_BACKLASH)
 
 
-def _of_parts(model: Model, best: Estimate, fixed: list[int]) -> Array:
+def _fit_parts(model: Model, best: Estimate, fixed: list[int]) -> Array:
     """The backlash of each of some parts of the log, one after the other, (parts,), behind a curve of one shape."""
     count = np.cumsum(model.used) - 1
-    n_parts = int(np.clip(count[-1] // _PART_SAMPLES, *_PARTS))
+    n_parts = int(np.clip(count[-1] // _SAMPLES_PER_PART, *_PART_COUNT_RANGE))
     number = np.maximum(count, 0) * n_parts // (count[-1] + 1)
-    found = [
-        minimise(replace(model, used=model.used & (number == k)), best.x[:, None], [*fixed, *_SHAPE], _PART_STEPS)
+    estimates = [
+        minimise(
+            replace(model, used=model.used & (number == k)),
+            best.x[:, None],
+            [*fixed, *_SHAPE_PARAMETERS],
+            _MOST_PART_STEPS,
+        )
         for k in range(n_parts)
     ]
-    return np.array([one.x[X_BL] for one in found])
+    return np.array([estimate.x[X_BL] for estimate in estimates])
 
 
-_LEAST_MOVING = 0.4  # a controller may move the valve between the rows where the command changes at this share of them
-_AT_AN_END = 0.01  # a command this close to 0 or 1 may rest there while the valve still travels
-_FEWEST_STILL = 20
-_BESIDES_NOISE = 0.5
+_LEAST_MOVING_SHARE = (
+    0.4  # a controller may move the valve between the rows where the command changes at this share of them
+)
+_END_TOLERANCE = 0.01  # a command this close to 0 or 1 may rest there while the valve still travels
+_FEWEST_STILL_CHANGES = 20
+_LARGEST_MOTION_SHARE = 0.5
 """Where the square of the residual, less the meter's noise, is more than this share of what the backlash explains, it
 may all be motion between the rows."""
-_PER_SHARE, _SLACK = 0.6, 0.002
+_ALLOWANCE_PER_SHARE, _LEAST_ALLOWANCE = 0.6, 0.002
 """Below that the interval is widened by so much of the backlash for the square root of that share, and by so much."""
-_TINY, _LITTLE, _BY_PLAY = 0.04, 0.12, 0.5
+_TINY_RESIDUAL, _LITTLE_RESIDUAL, _LEAST_EXPLAINED_BY_BACKLASH = 0.04, 0.12, 0.5
 """So little of the flow's change from row to row is left as a residual, that motion between them leaves more.
 
 The second holds if the backlash explains more than half of the residual that there is without it.
 """
-_WORTH_A_WORD = 0.05  # of the backlash: a smaller allowance is made without a note
-_SURELY = 1.2  # squared residuals below this many times the meter's noise may be that noise alone
-_OUTLYING = 6.0  # changes of the flow at rest that exceed the typical one by this factor count as that much
+_NOTED_ALLOWANCE = 0.05  # of the backlash: a smaller allowance is made without a note
+_NOISE_MARGIN = 1.2  # squared residuals below this many times the meter's noise may be that noise alone
+_OUTLIER_FACTOR = 6.0  # changes of the flow at rest that exceed the typical one by this factor count as that much
 
 
-class Judged(NamedTuple):
+class Verdict(NamedTuple):
     """The 95 % interval of the backlash; why it is not identified, empty if it is; a note, empty if there is none."""
 
     interval: tuple[float, float]
@@ -272,40 +291,42 @@ class Judged(NamedTuple):
     note: str
 
 
-def judged(problem: ValveProblem, solution: ValveSolution, holds: bool) -> Judged:
+def judge_interval(problem: ValveProblem, solution: ValveSolution, holds: bool) -> Verdict:
     """What remains of the interval of a fit if motion between the rows is allowed for; ``holds``: there is none.
 
     It identifies the backlash if it is no wider than that itself, or than ``_SMALL``.  One that just misses 0 can be
     chance, and its middle is then too large.
     """
-    interval, x, most = solution.interval, float(solution.estimate.x[X_BL]), solution.grid[-1]
+    interval, x, largest = solution.interval, float(solution.estimate.x[X_BL]), solution.grid[-1]
 
     def why_not(low: float, high: float) -> str:
-        is_wide = bool(high >= most or high - low > max(x, _SMALL))
+        is_wide = bool(high >= largest or high - low > max(x, _NO_BACKLASH_WIDTH))
         return why_unidentified(problem.n_reversals, (low, high), is_wide=is_wide)
 
-    seen = (
-        f"rows are {step_of(problem.data, problem.fitting):.4g} s apart, and a controller may move the valve between "
+    sampling_cause = (
+        f"rows are {median_step(problem.data, problem.fitting):.4g} s apart, and a controller may move the valve between "
         "them, unseen: log as often as it acts; if the command holds from row to row, say so: holds='command', "
         "--hold command"
     )
     why = why_not(*interval)
-    share = 0.0 if holds else _besides_noise(problem, solution)
-    if share > _BESIDES_NOISE and not why:
-        why = f"not identified: {seen}"
-    elif share > _BESIDES_NOISE and problem.n_reversals > 1:
-        why += f"; or {seen}"
+    share = 0.0 if holds else _motion_share(problem, solution)
+    if share > _LARGEST_MOTION_SHARE and not why:
+        why = f"not identified: {sampling_cause}"
+    elif share > _LARGEST_MOTION_SHARE and problem.n_reversals > 1:
+        why += f"; or {sampling_cause}"
     if why or share == 0.0:
-        return Judged(interval, why, "")
-    more = _PER_SHARE * math.sqrt(share) * x + _SLACK
-    low, high = max(interval[0] - more, 0.0), interval[1] + more
+        return Verdict(interval, why, "")
+    allowance = _ALLOWANCE_PER_SHARE * math.sqrt(share) * x + _LEAST_ALLOWANCE
+    low, high = max(interval[0] - allowance, 0.0), interval[1] + allowance
     if why_not(low, high):
-        return Judged((low, high), f"not identified: a backlash of {low:.2g} to {high:.2g} is possible: {seen}", "")
-    note = f"the interval of the backlash allows {more:.2g} for motion between the rows: {seen}"
-    return Judged((low, high), "", note if more > _WORTH_A_WORD * x else "")
+        return Verdict(
+            (low, high), f"not identified: a backlash of {low:.2g} to {high:.2g} is possible: {sampling_cause}", ""
+        )
+    note = f"the interval of the backlash allows {allowance:.2g} for motion between the rows: {sampling_cause}"
+    return Verdict((low, high), "", note if allowance > _NOTED_ALLOWANCE * x else "")
 
 
-def _besides_noise(problem: ValveProblem, solution: ValveSolution) -> float:
+def _motion_share(problem: ValveProblem, solution: ValveSolution) -> float:
     """What motion between the rows may have left in the residuals, as a share of what the backlash explains in them.
 
     That is their square less that of the meter's noise; 0 if the command rests at most rows, or if so little is left
@@ -315,25 +336,32 @@ def _besides_noise(problem: ValveProblem, solution: ValveSolution) -> float:
     command, batch = problem.command[:n], problem.batch[:n]
     flow = np.where(problem.good & problem.fitting, problem.flow, np.nan)[:n]
     same_piece = np.diff(batch) == 0
-    moves = np.abs(np.diff(command)) > _STILL
-    if not same_piece.any() or moves[same_piece].mean() < _LEAST_MOVING:
+    moves = np.abs(np.diff(command)) > _HOLD_TOLERANCE
+    if not same_piece.any() or moves[same_piece].mean() < _LEAST_MOVING_SHARE:
         return 0.0
     n_compared = max(int(solution.model.used.sum()), 1)
-    left, plain = (one.rss / n_compared for one in (solution.estimate, solution.without_backlash))
+    residual, residual_without_backlash = (
+        estimate.rss / n_compared for estimate in (solution.estimate, solution.without_backlash)
+    )
     changes = np.diff(flow)[same_piece]
     change = float(np.nanmean(changes**2)) if np.isfinite(changes).any() else 0.0
-    if left < _TINY**2 * change or (left < _LITTLE**2 * change and left < _BY_PLAY**2 * plain):
+    if residual < _TINY_RESIDUAL**2 * change or (
+        residual < _LITTLE_RESIDUAL**2 * change
+        and residual < _LEAST_EXPLAINED_BY_BACKLASH**2 * residual_without_backlash
+    ):
         return 0.0
-    noise = _noise(command, np.where(flow > problem.floor, flow, np.nan), ~moves & same_piece) ** 2
-    return max(left - _SURELY * noise, 1e-6 * left) / max(plain - min(noise, 0.9 * left), 1e-300)
+    noise = _meter_noise(command, np.where(flow > problem.floor, flow, np.nan), ~moves & same_piece) ** 2
+    return max(residual - _NOISE_MARGIN * noise, 1e-6 * residual) / max(
+        residual_without_backlash - min(noise, 0.9 * residual), 1e-300
+    )
 
 
-def _noise(command: Array, flow: Array, still: Mask) -> float:
+def _meter_noise(command: Array, flow: Array, still: Mask) -> float:
     """Standard deviation of the meter's noise where the command rests for three rows, kg/s; 0 if it hardly does."""
     # two equal commands may be chance: the valve may have moved between them
-    inner = (command[1:-1] > _AT_AN_END) & (command[1:-1] < 1.0 - _AT_AN_END)
+    inner = (command[1:-1] > _END_TOLERANCE) & (command[1:-1] < 1.0 - _END_TOLERANCE)
     changes = np.abs(np.diff(flow)[1:][still[1:] & still[:-1] & inner])
     changes = changes[np.isfinite(changes)]
-    if changes.size < _FEWEST_STILL:
+    if changes.size < _FEWEST_STILL_CHANGES:
         return 0.0
-    return float(np.sqrt(0.5 * np.mean(np.clip(changes, 0.0, _OUTLYING * np.median(changes)) ** 2)))
+    return float(np.sqrt(0.5 * np.mean(np.clip(changes, 0.0, _OUTLIER_FACTOR * np.median(changes)) ** 2)))

@@ -15,7 +15,7 @@ from fastcoil.model.numerics.jit import exact
 
 
 @exact
-def clipped(x):
+def clip01(x):
     """x limited to 0–1."""
     x = 0.0 if x < 0.0 else x
     return 1.0 if x > 1.0 else x
@@ -28,21 +28,21 @@ def sample_number(t, sample_time):
 
 
 @exact
-def holds(e, dead_band):
+def in_dead_band(e, dead_band):
     """Whether the controller holds at an error e inside its dead band, both in K; a dead band of 0 never holds."""
     return abs(e) <= dead_band and dead_band > 0.0
 
 
 @exact
-def integrated(integral, e, ki):
+def integral_part(integral, e, ki):
     """Integral part at a controller sample, 0–1; ki = K_p T_s / T_i, 1/K.  The new error is added before use."""
-    return clipped(integral + ki * e)
+    return clip01(integral + ki * e)
 
 
 @exact
 def desired_opening(e, integral, kp):
     """PI output u, 0–1.  e: T - T_set (cooling), T_set - T (heating), K."""
-    return clipped(kp * e + integral)
+    return clip01(kp * e + integral)
 
 
 RISING = 1.0
@@ -50,7 +50,7 @@ FALLING = -1.0
 
 
 @exact
-def direction(u, mode, u_ext, buffer):
+def next_mode(u, mode, u_ext, buffer):
     """Mode after seeing u: it turns when u comes back from its extreme by more than ``buffer``.
 
     mode: RISING or FALLING; u_ext: furthest u since the last turn; buffer: fraction of stroke, 0 as in the
@@ -63,64 +63,64 @@ def direction(u, mode, u_ext, buffer):
 
 
 @exact
-def extreme(u, mode, u_ext, turned):
+def next_extreme(u, mode, u_ext, has_turned):
     """u_ext after seeing u: u itself at a turn or further on, else held."""
-    further = (mode > 0.0 and u > u_ext) or (mode < 0.0 and u < u_ext)
-    return u if turned or further else u_ext
+    is_further = (mode > 0.0 and u > u_ext) or (mode < 0.0 and u < u_ext)
+    return u if has_turned or is_further else u_ext
 
 
 @exact
-def inverse(u_ext, mode, x_hat):
+def inverse_command(u_ext, mode, x_hat):
     """Command that makes the opening u_ext behind a backlash x_hat: (1 - x̂) u, plus x̂ when rising."""
-    return clipped((1.0 - x_hat) * u_ext + (x_hat if mode > 0.0 else 0.0))
+    return clip01((1.0 - x_hat) * u_ext + (x_hat if mode > 0.0 else 0.0))
 
 
 @exact
-def additive(u_ext, mode, x_hat):
+def additive_command(u_ext, mode, x_hat):
     """u_ext plus half the estimate x_hat in the direction of u, 0–1: Hägglund (2007), with δ = x̂.
 
     As the inverse, but for the slow term x̂ (½ - u), which the integral part takes over.  The direction is the
     buffered mode: the sign of du/dt would follow the noise.
     """
     half = 0.5 * x_hat
-    return clipped(u_ext + (half if mode > 0.0 else -half))
+    return clip01(u_ext + (half if mode > 0.0 else -half))
 
 
 @exact
-def slope(rate, sample_time):
+def smooth_steepness(rate, sample_time):
     """4 / (rate T_s), of the smooth inverse: how fast its logistic function rises with a change of u.  rate: 1/s."""
     return 4.0 / (rate * sample_time)
 
 
 @exact
-def smooth(u, u_before, x_hat, steepness):
+def smooth_command(u, u_before, x_hat, steepness):
     """(1 - x̂) u + x̂ ½ (1 + tanh(k du/dt)) with k = 2/rate, 0–1: Zhou, Zhang and Wen (2007), Eqs 5–7.
 
     du/dt is the change over one controller sample; steepness: of ``slope``.  At ``rate`` 98 % of the gap has been
     crossed, at a standstill the motor is in the middle of it.  The logistic function of 2 k du/dt is that tanh; exp
     limits its argument, so nothing overflows.
     """
-    crossed = 1.0 / (1.0 + exp(steepness * (u_before - u)))
-    return clipped((1.0 - x_hat) * u + x_hat * crossed)
+    crossed_share = 1.0 / (1.0 + exp(steepness * (u_before - u)))
+    return clip01((1.0 - x_hat) * u + x_hat * crossed_share)
 
 
-SAMPLES = 100.0
+NOISE_MEMORY_SAMPLES = 100.0
 """Samples that the measured noise goes back over."""
-FIRST_GUESS, LEAST = 0.1, 1e-3
+FIRST_MEDIAN_DIFFERENCE_K, LEAST_MEDIAN_DIFFERENCE_K = 0.1, 1e-3
 """Median second difference at the start, and the least that it may fall to, K: none would never rise again."""
 # half of all normal numbers lie within 0.674 σ, and second differences of white noise have the variance 6 σ²
-_NOISE = 1.0 / (0.6744897501960817 * math.sqrt(6.0))
+_NOISE_PER_MEDIAN_DIFFERENCE = 1.0 / (0.6744897501960817 * math.sqrt(6.0))
 
 
 @exact
-def noise_buffer(least, ratio, kp, sigma, highest):
-    """Buffer: ``ratio`` times the noise K_p σ that a PI passes on to u, up to ``highest``, but at least ``least``.
+def noise_buffer(least_buffer, ratio, kp, sigma, highest):
+    """Buffer: ``ratio`` times the noise K_p σ that a PI passes on to u, up to ``highest``, but at least ``least_buffer``.
 
-    sigma: K.  A ratio of 0 leaves ``least``.
+    sigma: K.  A ratio of 0 leaves ``least_buffer``.
     """
     b = ratio * abs(kp) * sigma
     b = highest if b > highest else b
-    return least if b < least else b
+    return least_buffer if b < least_buffer else b
 
 
 @exact
@@ -139,16 +139,16 @@ def median_difference(median, readings, e, e_1, e_2):
     """
     size = abs((e - e_1) - (e_1 - e_2))
     share = 1.0 / readings
-    share = 1.0 / SAMPLES if share < 1.0 / SAMPLES else share
-    moved = median * (1.0 + share if size > median else 1.0 - share)
-    moved = LEAST if moved < LEAST else moved
-    return moved if readings >= 3.0 else FIRST_GUESS
+    share = 1.0 / NOISE_MEMORY_SAMPLES if share < 1.0 / NOISE_MEMORY_SAMPLES else share
+    new_median = median * (1.0 + share if size > median else 1.0 - share)
+    new_median = LEAST_MEDIAN_DIFFERENCE_K if new_median < LEAST_MEDIAN_DIFFERENCE_K else new_median
+    return new_median if readings >= 3.0 else FIRST_MEDIAN_DIFFERENCE_K
 
 
 @exact
 def noise_level(median):
     """Standard deviation of white noise whose second differences have this median size, K."""
-    return _NOISE * median
+    return _NOISE_PER_MEDIAN_DIFFERENCE * median
 
 
 @dataclass(frozen=True)

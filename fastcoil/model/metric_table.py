@@ -2,48 +2,48 @@
 
 from dataclasses import dataclass
 
-from fastcoil.base.errors import nearest
+from fastcoil.base.errors import did_you_mean
 
 STATUS_MEANINGS = ("ok", "non_finite", "out_of_range", "not_run", "crashed")
 STATUS_OK, STATUS_NON_FINITE, STATUS_OUT_OF_RANGE, STATUS_NOT_RUN, STATUS_CRASHED = range(5)
 
-LEARNING_STATUS = ("off", "learning", "stepped_down", "stopped", "no_evidence", "not_identifiable")
+LEARNING_STATUS_MEANINGS = ("off", "learning", "stepped_down", "stopped", "no_evidence", "not_identifiable")
 """Flags of ``learning_status``."""
-TEST_ABORTED = ("no", "excursion", "end_of_stroke", "swing", "disabled")
+TEST_ABORTED_MEANINGS = ("no", "excursion", "end_of_stroke", "swing", "disabled")
 """Flags of ``test_aborted``."""
 
-WARM_UP = 1800
+WARM_UP_S = 1800
 """Default of the seconds left out of every metric, as in section 2.2 of the paper."""
-SETTLING_TIME = 600
+SETTLING_TIME_S = 600
 """Seconds after a step of the set-point, or a start of the loop, that the settled metrics leave out."""
-SET_POINT_STEP = 0.05
+SET_POINT_STEP_K = 0.05
 """Change of the set-point from one second to the next that is a step, K; less is a reset."""
-SWITCH_BLOCK = 600
+SWITCH_BLOCK_S = 600
 """Block of the switch frequency (section 3.3 of the paper: 10-minute blocks), s."""
-PEAK_BLOCK = 900
+PEAK_BLOCK_S = 900
 """Averaging time of the peak power, s."""
-ESTIMATE_WINDOW = 7200
+ESTIMATE_WINDOW_S = 7200
 """Last part of a run over which the estimate is averaged, s."""
-OFF = 0.5
+OFF_SET_POINT_ERROR_K = 0.5
 """Control error beyond which the supply temperature counts as off its set-point, K."""
-HUNTING_SWING = 0.1
+HUNTING_SWING_K = 0.1
 """Mean peak-to-peak supply temperature above which a loop may hunt, K."""
-HUNTING_SAMPLE = 10
+HUNTING_SAMPLE_S = 10
 """Seconds between the control errors in which ``hunts`` seeks periods: it sees none shorter than two of them."""
-HUNTING_PERIODS = 10
+LEAST_HUNTING_PERIODS = 10
 """Least number of whole periods that a loop must show before it counts as hunting."""
 
 
-def alike(period: float, before: float) -> bool:
+def is_same_period(period: float, previous_period: float) -> bool:
     """Whether two periods, s, are equally long to 20 % of the longer one."""
-    longer = period if period > before else before
-    return 5.0 * abs(period - before) <= longer
+    longer = period if period > previous_period else previous_period
+    return 5.0 * abs(period - previous_period) <= longer
 
 
-def is_hunting(swing: float, periods: float, n_alike: float) -> bool:
+def is_hunting(swing: float, n_periods: float, n_same_periods: float) -> bool:
     """The rule of ``hunts``: by the swing, K, the number of whole periods, and how many are like the one before."""
     # & in place of `and`, which would branch in a kernel
-    return (swing > HUNTING_SWING) & (periods >= HUNTING_PERIODS) & (3.0 * n_alike >= 2.0 * periods)
+    return (swing > HUNTING_SWING_K) & (n_periods >= LEAST_HUNTING_PERIODS) & (3.0 * n_same_periods >= 2.0 * n_periods)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,26 +73,26 @@ METRICS: dict[str, Output] = {
         Output("rmse", "K", "RMS control error", "sqrt of mean e^2, e = T_sup - T_set, true temperature",
                difference=True, label="RMS error"),
         Output("rmse_settled", "K", "RMS control error, settled",
-               f"as rmse, where {SETTLING_TIME} s have passed since the last step of the set-point or start of the "
+               f"as rmse, where {SETTLING_TIME_S} s have passed since the last step of the set-point or start of the "
                "loop",
                difference=True, label="settled RMS error"),
         Output("iae", "K h", "integral of absolute control error", "sum of |e| dt / 3600",
                label="integrated absolute error"),
         Output("share_off", "1", "share of the time off the set-point",
-               f"share of the counted seconds with |e| > {OFF} K",
-               label=f"share of time with |e| > {OFF} K"),
+               f"share of the counted seconds with |e| > {OFF_SET_POINT_ERROR_K} K",
+               label=f"share of time with |e| > {OFF_SET_POINT_ERROR_K} K"),
         Output("hunting_swing", "K", "peak-to-peak supply temperature, settled",
                "mean over settled windows of max - min of T_sup less the moves of the set-point",
                difference=True, label="hunting swing, peak to peak"),
         Output("hunting_period", "s", "period of the control error",
                "settled seconds per upward zero crossing of e; NaN below 2 crossings", label="hunting period"),
         Output("hunts", "1", "whether the loop hunts",
-               f"1 where the hunting swing exceeds {HUNTING_SWING} K and e shows at least {HUNTING_PERIODS} whole "
+               f"1 where the hunting swing exceeds {HUNTING_SWING_K} K and e shows at least {LEAST_HUNTING_PERIODS} whole "
                "periods, two thirds of them as long, to 20 %, as the one before; else 0.  A period lies between "
-               f"two upward zero crossings of e within a settled window, e taken every {HUNTING_SAMPLE} s",
+               f"two upward zero crossings of e within a settled window, e taken every {HUNTING_SAMPLE_S} s",
                label="share that hunts"),
         Output("switch_frequency", "1", "mode switches per 10 min",
-               f"mean over whole {SWITCH_BLOCK}-s blocks from the end of the warm-up",
+               f"mean over whole {SWITCH_BLOCK_S}-s blocks from the end of the warm-up",
                label="mode switches per 10 min"),
         Output("stem_travel", "1", "travel of the valve stem", "sum of |change of opening|, strokes",
                label="stem travel, strokes"),
@@ -101,7 +101,7 @@ METRICS: dict[str, Output] = {
         Output("reversals", "1", "reversals of the valve stem",
                "sign changes of successive opening changes above 1e-9", label="stem reversals"),
         Output("estimate_final", "1", "backlash estimate at the end", label="final estimate"),
-        Output("estimate_settled", "1", f"mean backlash estimate of the last {ESTIMATE_WINDOW} s",
+        Output("estimate_settled", "1", f"mean backlash estimate of the last {ESTIMATE_WINDOW_S} s",
                label="settled estimate"),
         Output("size_error", "1", "error of the estimated backlash",
                "estimate_settled - backlash_final; NaN for a plain PI, which assumes no backlash",
@@ -123,7 +123,7 @@ METRICS: dict[str, Output] = {
                censored=True, label="estimate after the first step down"),
         Output("learning_status", "1", "how the learning went",
                "no_evidence, not_identifiable: no interval could serve as reference; the last one had too few switches "
-               "or too many", flags=LEARNING_STATUS, label="learning status"),
+               "or too many", flags=LEARNING_STATUS_MEANINGS, label="learning status"),
         Output("half_periods", "1", "half periods of the control error that counted",
                "those that Hägglund's rules of acceptance let through, from the start of the run",
                label="counted half periods"),
@@ -132,11 +132,11 @@ METRICS: dict[str, Output] = {
         Output("test_aborted", "1", "whether the valve test was aborted",
                "no: it was not, or there was none; by an excursion beyond its limit, at an end of the stroke that "
                "did not bring the temperature back, by a swing that went on while the command was held, or because the "
-               "loop was switched off", flags=TEST_ABORTED,
+               "loop was switched off", flags=TEST_ABORTED_MEANINGS,
                label="abortion of the test"),
         Output("coil_energy", "kW h", "heat exchanged by the water",
                "sum of m_w cp_w (T_w_out - T_w_in) dt; sign turned for heating", label="coil energy"),
-        Output("coil_peak_power", "kW", "peak heat rate of the water", f"largest mean over whole {PEAK_BLOCK}-s blocks",
+        Output("coil_peak_power", "kW", "peak heat rate of the water", f"largest mean over whole {PEAK_BLOCK_S}-s blocks",
                label="peak coil power"),
         Output("reheat_energy", "kW h", "heat that the supply air lacks of its set-point",
                "sum of m_a cp_a (T_set - T_sup) dt where that is positive", label="reheat energy"),
@@ -156,9 +156,9 @@ METRICS: dict[str, Output] = {
 PREDICTIONS: dict[str, Output] = {
     p.name: p
     for p in (
-        Output("predicted_margin", "1", "predicted margin of the loop",
+        Output("predicted_hunting_index", "1", "predicted hunting index of the loop",
                "largest |L| |N| of the describing function, from about 0.85 on a gap keeps the loop swinging",
-               label="predicted margin"),
+               label="predicted hunting index"),
         Output("predicted_hunts", "1", "whether the loop is predicted to hunt",
                "to be compared with hunts; NaN where theory says nothing", label="share predicted to hunt"),
         Output("predicted_period", "s", "predicted period of the hunting",
@@ -190,7 +190,7 @@ COSTS: dict[str, Output] = {
     )
 }
 """What ``fc.cost`` gives of every billing month; of a year the names begin with ``yearly_``."""
-YEARLY = "yearly_"
+YEARLY_PREFIX = "yearly_"
 
 FORMER_METRICS = {"hunting_amplitude": ("hunting_swing", "peak to peak, as before: an amplitude is half of it")}
 """Names that metrics had in earlier versions: the name of today, and why."""
@@ -224,9 +224,9 @@ TRACES: dict[str, Output] = {
 # fmt: on
 
 
-def metric_meant(name: str) -> str:
+def metric_hint(name: str) -> str:
     """A clause for a name that is no metric of a result: what it is called today, or the nearest; else empty."""
     if name in FORMER_METRICS:
-        today, why = FORMER_METRICS[name]
-        return f", it is called {today!r} now ({why})"
-    return "" if name in METRICS else nearest(name, METRICS)
+        current_name, reason = FORMER_METRICS[name]
+        return f", it is called {current_name!r} now ({reason})"
+    return "" if name in METRICS else did_you_mean(name, METRICS)

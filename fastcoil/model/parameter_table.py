@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from itertools import groupby
 from operator import attrgetter
 
-from fastcoil.base.errors import InputError, WrongType, nearest, shown
+from fastcoil.base.errors import InputError, WrongTypeMessage, did_you_mean, short_repr
 
 Scalar = float | int | str
-LARGEST = sys.float_info.max
+LARGEST_FLOAT = sys.float_info.max
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,11 +70,11 @@ class Parameter:
         if self.is_word:
             if isinstance(value, str) and value in self.choices:
                 return None
-            sentence = f"{self.name} = {shown(value)}: choose {self.bounds}"
-            return sentence if isinstance(value, str) else WrongType(sentence)
+            sentence = f"{self.name} = {short_repr(value)}: choose {self.bounds}"
+            return sentence if isinstance(value, str) else WrongTypeMessage(sentence)
         if isinstance(value, bool) or not isinstance(value, (int, float)):
-            return WrongType(f"{self.name} = {shown(value)}: give a number ({self.bounds})")
-        if not -LARGEST <= value <= LARGEST:
+            return WrongTypeMessage(f"{self.name} = {short_repr(value)}: give a number ({self.bounds})")
+        if not -LARGEST_FLOAT <= value <= LARGEST_FLOAT:
             text = f"{value}" if isinstance(value, float) else "a number of too many digits"
             return f"{self.name} = {text}: give a finite number ({self.bounds})"
         too_low = value <= self.lower if self.open_lower else value < self.lower
@@ -291,38 +291,40 @@ STAND_INS = {
 }
 """Parameters without a default, and the ones they replace."""
 
-COUNTS = ("n_volumes", "substeps")
+INTEGER_PARAMETERS = ("n_volumes", "substeps")
 """Integers; all other numbers are floats."""
-INSTALLED_VALVE = ("rangeability", "authority", "m_full")
+INSTALLED_VALVE_PARAMETERS = ("rangeability", "authority", "m_full")
 
 RESERVED_DIMS = ("sample", "replicate", "day", "controller", "tuning", "volume", "elapsed_time")
 CHANCE_DIMS = ("sample", "design", "day", "replicate")
 """Of a result: which valve, which day and which noise it met; what a table or figure shows is pooled over them."""
 
 
-def check_name(name: str, known: Mapping[str, Parameter] = PARAMETERS) -> str:
-    """Return ``name`` if it is a parameter, one of ``known``, else raise ``InputError`` with the nearest of them."""
+def require_parameter_name(name: str, table: Mapping[str, Parameter] = PARAMETERS) -> str:
+    """Return ``name`` if it is a parameter, one of ``table``, else raise ``InputError`` with the nearest of them."""
     if not isinstance(name, str):
-        raise InputError(WrongType(f"{shown(name)} is not the name of a parameter (see `fastcoil parameters`)"))
-    if name not in known:
-        text = name if name.isidentifier() and len(name) < 60 else shown(name)
-        raise InputError(f"{text} is not a parameter{nearest(name, known)} (see `fastcoil parameters`)")
+        raise InputError(
+            WrongTypeMessage(f"{short_repr(name)} is not the name of a parameter (see `fastcoil parameters`)")
+        )
+    if name not in table:
+        text = name if name.isidentifier() and len(name) < 60 else short_repr(name)
+        raise InputError(f"{text} is not a parameter{did_you_mean(name, table)} (see `fastcoil parameters`)")
     return name
 
 
-class Listing(dict[str, Parameter]):
+class ParameterListing(dict[str, Parameter]):
     """Parameters by name, shown as a list by the parts of the loop."""
 
     def __repr__(self) -> str:
-        return "\n".join(lines_of(self.values()))
+        return "\n".join(parameter_lines(self.values()))
 
 
-def lines_of(parameters: Iterable[Parameter]) -> list[str]:
+def parameter_lines(parameters: Iterable[Parameter]) -> list[str]:
     """A heading for each part of the loop, and a line for each parameter: default, unit, meaning, allowed values."""
     lines = []
-    for group, some in groupby(parameters, attrgetter("group")):
+    for group, group_parameters in groupby(parameters, attrgetter("group")):
         lines.append(group)
-        for p in some:
+        for p in group_parameters:
             default = "-" if p.default is None else f"{p.default}"
             unit = "" if p.unit == "1" else p.unit
             lines.append(f"  {p.name:<22}{default:>10} {unit:<12} {p.text} ({p.bounds})")

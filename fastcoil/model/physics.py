@@ -23,12 +23,12 @@ def backlash(q, position, x_bl):
 
     q, position, x_bl: fractions of stroke; position is the motor's (the paper's cmd).
     """
-    pushed = position - x_bl if q < position - x_bl else q
-    return position if pushed > position else pushed
+    after_rising_flank = position - x_bl if q < position - x_bl else q
+    return position if after_rising_flank > position else after_rising_flank
 
 
 @scalar
-def started(position, x_bl, x):
+def initial_stem_position(position, x_bl, x):
     """Stem position q of a gearbox first seen at ``position``, Eq (1): x = 0 on the falling flank, 1 on the rising.
 
     Only that part of the gap is possible which keeps the opening within 0–1: the stem stops where the valve does.
@@ -50,20 +50,20 @@ def opening(q, x_bl):
 
 
 @scalar
-def worn(x_bl, wear_rate, travel):
+def worn_backlash(x_bl, wear_rate, travel):
     """Backlash after the stem has travelled so many strokes more; it wears by ``wear_rate`` a stroke."""
     return x_bl + wear_rate * travel
 
 
 @scalar
-def gap(x_bl, scale):
+def scaled_backlash(x_bl, scale):
     """Backlash of this second, ``scale`` times as large as by itself, at most LARGEST_GAP."""
     x = x_bl * scale
     return LARGEST_GAP if x > LARGEST_GAP else x
 
 
 @scalar
-def slipped(q, direction, position, previous, x_bl, slip_jump):
+def stick_slip(q, direction, position, previous_position, x_bl, slip_jump):
     """Stem position q and direction of a stem that sticks and slips, after Kano et al. (2004).
 
     A stem at rest stays until the motor has pushed it by the stick band S, which is x_BL; then it jumps by J.  It moves
@@ -75,24 +75,24 @@ def slipped(q, direction, position, previous, x_bl, slip_jump):
     direction: 1 rising, -1 falling, 0 stuck.  M. Kano, H. Maruta, H. Kugemoto, K. Shimizu: Practical model and
     detection algorithm for valve stiction.  IFAC DYCOPS 2004.
     """
-    rises = (direction > 0.0) & (position > previous) | (position - x_bl > q)
-    falls = (direction < 0.0) & (position < previous) | (position < q - slip_jump)
-    risen, direction = position - (x_bl - slip_jump), -1.0 if falls else 0.0
-    risen = q if risen < q else risen  # a gap that grows takes no stem back
+    rises = (direction > 0.0) & (position > previous_position) | (position - x_bl > q)
+    falls = (direction < 0.0) & (position < previous_position) | (position < q - slip_jump)
+    risen_stem, direction = position - (x_bl - slip_jump), -1.0 if falls else 0.0
+    risen_stem = q if risen_stem < q else risen_stem  # a gap that grows takes no stem back
     q = position if falls else q
-    return risen if rises else q, 1.0 if rises else direction
+    return risen_stem if rises else q, 1.0 if rises else direction
 
 
 @scalar
-def growth(open, b, c):
+def flow_exponential(open, b, c):
     """The exponential of Eq (2), e^(-b (open - c))."""
     return exp(-b * (open - c))
 
 
 @scalar
-def log_flow(log_m_max, a, growth):
+def log_flow(log_m_max, a, exponential):
     """Eq (2) as ln m_w, from which Eq (4) takes powers."""
-    return log_m_max - log(1.0 + a * growth) / a
+    return log_m_max - log(1.0 + a * exponential) / a
 
 
 @scalar
@@ -102,11 +102,11 @@ def water_flow(open, m_max, a, b, c):
     open: fraction; m_max: kg/s, the asymptote; a: asymmetry; b: growth rate per unit opening; c: opening of
     steepest growth.
     """
-    return exp(log_flow(log(m_max), a, growth(open, b, c)))
+    return exp(log_flow(log(m_max), a, flow_exponential(open, b, c)))
 
 
 @scalar
-def leaking(m_w, m_0, m_1, leakage):
+def leaky_flow(m_w, m_0, m_1, leakage):
     """Water flow, kg/s, of a valve with the curve of Eq (2) that lets ``leakage`` of its full flow pass when closed.
 
     m_w: flow of Eq (2) at the opening; m_0, m_1: the same closed and fully open, kg/s.  Eq (2) as printed leaks m_0.
@@ -127,35 +127,35 @@ def installed_valve(rangeability, authority, m_full):
 
 
 @scalar
-def accepted(command, resolution):
+def actuator_input(command, resolution):
     """Command as the actuator's input sees it, fraction of stroke, at most 1."""
-    target = quantised(command, resolution)
+    target = round_to_resolution(command, resolution)
     return 1.0 if target > 1.0 else target
 
 
 @scalar
-def motor(position, target, max_travel):
+def motor_position(position, target, max_travel):
     """Motor position one step on: ``target``, or as near as ``max_travel`` (inf: no limit) lets it come."""
     low, high = position - max_travel, position + max_travel
-    reached = low if target < low else target
-    return high if reached > high else reached
+    not_below = low if target < low else target
+    return high if not_below > high else not_below
 
 
 @scalar
-def driven(position, target, max_travel, neutral_zone, runs):
+def move_with_dead_zone(position, target, max_travel, neutral_zone, is_running):
     """Motor position one step on, and whether the motor still runs, with a neutral zone around the target.
 
     A motor at rest starts where the target is further away than ``neutral_zone`` (fraction of stroke), and then runs
     until it reaches the target.  0: it follows every target.
     """
-    runs |= abs(target - position) > neutral_zone
-    reached = motor(position, target, max_travel)
-    reached = reached if runs else position
-    return reached, runs & (reached != target)
+    is_running |= abs(target - position) > neutral_zone
+    next_position = motor_position(position, target, max_travel)
+    next_position = next_position if is_running else position
+    return next_position, is_running & (next_position != target)
 
 
 @scalar
-def lagged(y_s, T, decay):
+def sensor_temperature(y_s, T, decay):
     """Sensor temperature after one step, decay = e^(-dt/τ).
 
     The usual y_s + (1 - decay)(T - y_s), written so that decay = 0 gives T to the bit.
@@ -164,16 +164,16 @@ def lagged(y_s, T, decay):
 
 
 @scalar
-def quantised(y, resolution):
+def round_to_resolution(y, resolution):
     """r floor(y/r + 1/2), or y itself where the resolution r is 0."""
     r = 1.0 if resolution <= 0.0 else resolution
     return y if resolution <= 0.0 else r * np.floor(y / r + 0.5)
 
 
 @scalar
-def measured(y_s, noise, resolution):
+def sensor_reading(y_s, noise, resolution):
     """What the controller reads, °C."""
-    return quantised(y_s + noise, resolution)
+    return round_to_resolution(y_s + noise, resolution)
 
 
 T_FROST, T_HOT = 0.01, 50.0
@@ -184,52 +184,56 @@ MASS_RATIO = 0.621945
 
 # p_ws, Pa, interpolated at Chebyshev nodes, without the logarithm, division and exponential of Eqs 5 and 6.
 # In T - 25 °C on 0..50 °C: 3.3e-11 relative at worst
-_MILD, _P_MILD = 25.0, (
+_MILD_CENTRE_C, _MILD_COEFFICIENTS = 25.0, (
     6.337648701247726e-19, 4.843596783206397e-16, -5.599997570513241e-14, -3.0331269952404774e-11,
     2.8276007599474568e-09, 2.8250279786507624e-06, 0.0006149997625258774, 0.07159297906653218, 4.91264330714873,
     188.9310647032762, 3169.2164701436113,
 )  # fmt: skip
 # in T + 10 °C on -20..0.01 °C, over ice: 4.4e-11
-_FROST, _P_FROST = -10.0, (
+_FROST_CENTRE_C, _FROST_COEFFICIENTS = -10.0, (
     2.166482455294341e-13, 1.364296417216959e-10, 3.0164038582249346e-08, 4.057612631985733e-06,
     0.00036773757795715217, 0.022801634494503644, 0.9359654830054085, 23.07378361055915, 259.902864952159,
 )  # fmt: skip
 # in T - 55 °C on 50..60 °C: 2.8e-12
-_HOT, _P_HOT = 55.0, (
+_HOT_CENTRE_C, _HOT_COEFFICIENTS = 55.0, (
     -3.804957288664999e-09, 2.726680428272405e-06, 0.001046644188296657, 0.17144009348699968, 15.457900310573544,
     755.1027089840052, 15759.706943242232,
 )  # fmt: skip
 
 
 @scalar
-def mild_pressure(T):
+def saturation_pressure_mild(T):
     """Saturation pressure p_ws over liquid water, Pa; T is clamped to 0.01–50 °C."""
     T = T_FROST if T < T_FROST else T
     # each limit on a variable of its own becomes one instruction; both on T would become masks
-    x = T - _MILD
-    x = T_HOT - _MILD if x > T_HOT - _MILD else x
-    return polynomial(x, _P_MILD)
+    x = T - _MILD_CENTRE_C
+    x = T_HOT - _MILD_CENTRE_C if x > T_HOT - _MILD_CENTRE_C else x
+    return polynomial(x, _MILD_COEFFICIENTS)
 
 
 @scalar
-def frost_pressure(T):
+def saturation_pressure_frost(T):
     """Saturation pressure p_ws over ice, Pa, below 0.01 °C; T is clamped to -20 °C."""
-    x = T - _FROST
-    return polynomial(T_SATURATION_MIN - _FROST if x < T_SATURATION_MIN - _FROST else x, _P_FROST)
+    x = T - _FROST_CENTRE_C
+    return polynomial(
+        T_SATURATION_MIN - _FROST_CENTRE_C if x < T_SATURATION_MIN - _FROST_CENTRE_C else x, _FROST_COEFFICIENTS
+    )
 
 
 @scalar
-def hot_pressure(T):
+def saturation_pressure_hot(T):
     """Saturation pressure p_ws over liquid water, Pa, above 50 °C; T is clamped to 60 °C."""
-    x = T - _HOT
-    return polynomial(T_SATURATION_MAX - _HOT if x > T_SATURATION_MAX - _HOT else x, _P_HOT)
+    x = T - _HOT_CENTRE_C
+    return polynomial(
+        T_SATURATION_MAX - _HOT_CENTRE_C if x > T_SATURATION_MAX - _HOT_CENTRE_C else x, _HOT_COEFFICIENTS
+    )
 
 
 @scalar
 def saturation_pressure(T):
     """Saturation pressure p_ws, Pa: over ice below 0.01 °C, over liquid water above; T is clamped to -20–60 °C."""
-    p_ws = frost_pressure(T) if T < T_FROST else mild_pressure(T)
-    return hot_pressure(T) if T > T_HOT else p_ws
+    p_ws = saturation_pressure_frost(T) if T < T_FROST else saturation_pressure_mild(T)
+    return saturation_pressure_hot(T) if T > T_HOT else p_ws
 
 
 @scalar
@@ -266,7 +270,7 @@ def enthalpy_difference(T, W, T_s, W_s):
     return heat_capacity(W) * (T - T_s) + vapour_enthalpy(T_s) * (W - W_s)
 
 
-NO_FLOW = 1e-9
+LEAST_WATER_FLOW_KG_S = 1e-9
 """Least water flow, kg/s, at which the effectiveness is taken: below it, whatever the exponent, the conductance of
 Eq (4) goes to 0 with the flow."""
 
@@ -278,7 +282,7 @@ def transfer_units(factor, exponent, log_m):
 
 
 @scalar
-def exchanged(ntu):
+def effectiveness_from_ntu(ntu):
     """Effectiveness ε = 1 - e^(-NTU), Eq (4)."""
     return 1.0 - exp(-ntu)
 
@@ -286,26 +290,26 @@ def exchanged(ntu):
 @scalar
 def effectiveness(factor, exponent, m):
     """ε = 1 - exp(-β m^β'), Eq (4); 1 without flow, whatever the exponent."""
-    eps = exchanged(transfer_units(factor, exponent, log(m)))
+    eps = effectiveness_from_ntu(transfer_units(factor, exponent, log(m)))
     return 1.0 if m <= 0.0 else eps
 
 
 @scalar
-def air_heat(wet, m_a, cooled, dried, cp_a):
+def air_heat(wet, m_a, dT, dh, cp_a):
     """Heat from the air into the metal, kW: by its fall in temperature (Eq 3) or, when wet, in enthalpy.
 
     cooled = ε_a (T_in - T_c), K; dried = ε_a* (h_in - h_s), kJ/kg, with h_s saturated at T_c.
     """
-    return m_a * (dried if wet else cp_a * cooled)
+    return m_a * (dh if wet else cp_a * dT)
 
 
 @scalar
-def condensed(wet, W_in, cooled, dried, T_out):
+def condensed_water(wet, W_in, dT, dh, T_out):
     """Water that the air loses, W_in - W_out: its fall in enthalpy less that of cooling, as vapour at T_out.
 
     ε_a* and ε_a are fitted separately, so a barely wet volume could add moisture: it then condenses nothing.
     """
-    dW = (dried - heat_capacity(W_in) * cooled) / vapour_enthalpy(T_out)
+    dW = (dh - heat_capacity(W_in) * dT) / vapour_enthalpy(T_out)
     dW = 0.0 if dW < 0.0 else dW
     return dW if wet else 0.0
 
@@ -317,12 +321,12 @@ def water_heat(G_w, T_c, T_w_in):
 
 
 @scalar
-def metal(T_c, Q_a, Q_w, dt_C_c):
+def next_metal_temperature(T_c, Q_a, Q_w, dt_C_c):
     """T_c[t+1], Eq (3), second line and its wet form, from the heats of air and water, kW."""
     return T_c + dt_C_c * (Q_a - Q_w)
 
 
 @scalar
-def water(T_w, T_w_in, Q_w, C_flow, dt_C_w):
+def next_water_temperature(T_w, T_w_in, Q_w, C_flow, dt_C_w):
     """T_w[t+1], Eq (3), first line; C_flow = m_w c_p,w, kW/K."""
     return T_w + dt_C_w * (C_flow * (T_w_in - T_w) + Q_w)

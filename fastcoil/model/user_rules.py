@@ -13,23 +13,23 @@ from collections.abc import Callable, Iterable, Mapping
 from keyword import iskeyword
 from typing import Any
 
-from fastcoil.base.arguments import is_number, number_of, plain, refuse, text_of
-from fastcoil.base.errors import InputError, WrongType, nearest, shown
+from fastcoil.base.arguments import is_number, raise_problems, require_number, require_text, to_builtin
+from fastcoil.base.errors import InputError, WrongTypeMessage, did_you_mean, short_repr
 from fastcoil.model.control import Law
-from fastcoil.model.engine.lanes import Rules
+from fastcoil.model.engine.lanes import UserRules
 from fastcoil.model.estimators.interface import Estimator, Sample
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
 from fastcoil.model.numerics.compile_user_function import UserFunction
 from fastcoil.model.parameter_table import ESTIMATOR_GROUPS, PARAMETERS, RESERVED_DIMS, Parameter
 
-_TRUTH = ("coil", "valve", "actuator")  # groups of what a controller in the field cannot know
-_TAKEN = {
+_HIDDEN_GROUPS = ("coil", "valve", "actuator")  # groups of what a controller in the field cannot know
+_TAKEN_NAMES = {
     *METRICS, *PREDICTIONS, *TRACES, *RESERVED_DIMS, "status", "design", "scenario", "preset", "include", "size",
     "seed", "method", "tolerance", "drop", "indexers", "missing_dims",
 }  # fmt: skip
 
 
-class OwnParameter(float):
+class RuleParameter(float):
     """The default of a rule's own parameter, with what is known of it; a number like any other."""
 
     unit: str
@@ -67,57 +67,63 @@ def parameter(
     InputError
         If the default is no finite number within the bounds, or a text is none.
     """
-    lower, upper = _bound("lower", lower, -math.inf), _bound("upper", upper, math.inf)
+    lower, upper = _require_bound("lower", lower, -math.inf), _require_bound("upper", upper, math.inf)
     cure = f"give a number ({Parameter('', '', unit, None, text, lower, upper).bounds})"
-    declared = OwnParameter(number_of("default", default, cure, least=lower, most=min(upper, sys.float_info.max)))
-    declared.unit, declared.text = text_of("unit", unit), text_of("text", text)
-    declared.lower, declared.upper = lower, upper
-    return declared
+    rule_parameter = RuleParameter(
+        require_number("default", default, cure, least=lower, most=min(upper, sys.float_info.max))
+    )
+    rule_parameter.unit, rule_parameter.text = require_text("unit", unit), require_text("text", text)
+    rule_parameter.lower, rule_parameter.upper = lower, upper
+    return rule_parameter
 
 
-def _bound(name: str, value: object, none: float) -> float:
-    """A bound; ``none`` stands for the lack of one."""
-    value = plain(value)
-    return none if isinstance(value, float) and value == none else number_of(name, value, "give a number")
+def _require_bound(name: str, value: object, no_bound: float) -> float:
+    """A bound; ``no_bound`` stands for the lack of one."""
+    value = to_builtin(value)
+    return no_bound if isinstance(value, float) and value == no_bound else require_number(name, value, "give a number")
 
 
-def own_parameters(rule: str, fields: Mapping[str, object]) -> dict[str, Parameter]:
+def declared_parameters(rule: str, fields: Mapping[str, object]) -> dict[str, Parameter]:
     """What a rule declares of its own; the other fields are parameters of the loop that it may read.
 
     fields: name → default, ``None`` for a field without one.
     """
-    own, problems = {}, []
+    parameters, problems = {}, []
     for name, default in fields.items():
-        of_loop = PARAMETERS.get(name)
-        if of_loop and (of_loop.group in (*_TRUTH, *ESTIMATOR_GROUPS) or of_loop.is_word or name == "estimate_ratio"):
+        loop_parameter = PARAMETERS.get(name)
+        if loop_parameter and (
+            loop_parameter.group in (*_HIDDEN_GROUPS, *ESTIMATOR_GROUPS)
+            or loop_parameter.is_word
+            or name == "estimate_ratio"
+        ):
             problems.append(
                 f"{rule} reads {name}, which a rule must not know: leave it out, or call its own parameter otherwise"
             )
-        elif of_loop and default is not None:
+        elif loop_parameter and default is not None:
             problems.append(
-                f"{rule}: {name} = {shown(default)}: {name} is a parameter of the loop, which has its value; write "
+                f"{rule}: {name} = {short_repr(default)}: {name} is a parameter of the loop, which has its value; write "
                 f"{name}: float"
             )
-        elif of_loop:
+        elif loop_parameter:
             continue
         elif default is None:
             problems.append(
-                f"{rule}: {name} is no parameter of the loop{nearest(name, PARAMETERS)}: give it a default to make it "
+                f"{rule}: {name} is no parameter of the loop{did_you_mean(name, PARAMETERS)}: give it a default to make it "
                 f"one of the rule's own, {name}: float = fc.parameter(0.0, text=…)"
             )
-        elif name in _TAKEN or iskeyword(name) or not name.isidentifier() or name.startswith("_"):
+        elif name in _TAKEN_NAMES or iskeyword(name) or not name.isidentifier() or name.startswith("_"):
             problems.append(f"{rule}: the name {name} is taken: call the parameter something else")
         else:
-            declared: Any = default if isinstance(default, OwnParameter) else parameter(default)  # type: ignore[arg-type]
-            own[name] = Parameter(
-                name, rule, declared.unit, float(declared), declared.text or f"parameter of {rule}", declared.lower,
-                declared.upper, label=name.replace("_", " "),
+            rule_parameter: Any = default if isinstance(default, RuleParameter) else parameter(default)  # type: ignore[arg-type]
+            parameters[name] = Parameter(
+                name, rule, rule_parameter.unit, float(rule_parameter), rule_parameter.text or f"parameter of {rule}", rule_parameter.lower,
+                rule_parameter.upper, label=name.replace("_", " "),
             )  # fmt: skip
-    refuse(problems)
-    return own
+    raise_problems(problems)
+    return parameters
 
 
-KINDS = ("estimator", "law")
+RULE_KINDS = ("estimator", "law")
 """Parameters of a loop that a rule can be the value of."""
 
 
@@ -138,17 +144,19 @@ class Rule:
         """Check what a decorator is given."""
         name = getattr(function, "__name__", "")
         if not inspect.isfunction(function) or not name.isidentifier():
-            raise InputError(WrongType(f"@fc.{kind}(…) stands before {shown(function)}: put it before a function"))
-        if is_word(name):
+            raise InputError(
+                WrongTypeMessage(f"@fc.{kind}(…) stands before {short_repr(function)}: put it before a function")
+            )
+        if is_built_in_rule(name):
             raise InputError(f"{name} is taken, call the function something else")
-        takes = list(inspect.signature(function).parameters.values())
-        if len(takes) != 3 or any(p.kind is not p.POSITIONAL_OR_KEYWORD for p in takes):
+        arguments = list(inspect.signature(function).parameters.values())
+        if len(arguments) != 3 or any(p.kind is not p.POSITIONAL_OR_KEYWORD for p in arguments):
             raise InputError(f"{name}: write it as def {name}(now, p, memory)")
         defaults = Parameters._field_defaults
-        own = own_parameters(name, {n: defaults.get(n) for n in Parameters._fields})
-        made = cls(kind, name, own, tuple(n for n in Parameters._fields if n not in own), "")
-        made._made_of = (function, Parameters, Memory)
-        return made
+        parameters = declared_parameters(name, {n: defaults.get(n) for n in Parameters._fields})
+        rule = cls(kind, name, parameters, tuple(n for n in Parameters._fields if n not in parameters), "")
+        rule._made_of = (function, Parameters, Memory)
+        return rule
 
     @property
     def is_loaded(self) -> bool:
@@ -162,15 +170,18 @@ class Rule:
             raise InputError(f"the code of {self.name} has not been run: run the study with `fastcoil run`")
         return self._made_of
 
-    def adopt(self, made: object) -> None:
+    def adopt_code(self, loaded_rule: object) -> None:
         """Take over the code that the source of this rule makes, which has to be what it declares."""
         declared = (self.kind, self.name, self.own, self.reads)
-        if not isinstance(made, Rule) or (made.kind, made.name, made.own, made.reads) != declared:
+        if (
+            not isinstance(loaded_rule, Rule)
+            or (loaded_rule.kind, loaded_rule.name, loaded_rule.own, loaded_rule.reads) != declared
+        ):
             raise InputError(
                 f"{self.name} is not the {self.kind} that its source declares: put @fc.{self.kind}(Parameters, Memory) "
                 "before its function, write every default as a number, and give each rule a name of its own"
             )
-        self._made_of = made.parts
+        self._made_of = loaded_rule.parts
 
     def check(self) -> None:
         """Compile it as its module is now; refused if it does not compile, allocates or may raise."""
@@ -187,7 +198,7 @@ class Rule:
         return (self._code or UserFunction(self.name, function, Memory)).sha256
 
     @property
-    def family(self) -> Estimator | Law:
+    def kernel_rule(self) -> Estimator | Law:
         """The rule for the kernels."""
         if self._code is None:
             self.check()
@@ -253,7 +264,7 @@ def estimator(Parameters: Any, Memory: Any = None) -> Callable[[Any], Rule]:  # 
     InputError
         With one sentence for each mistake in the classes or the function.
     """
-    return _decorator("estimator", Parameters, Memory)
+    return _make_decorator("estimator", Parameters, Memory)
 
 
 def law(Parameters: Any, Memory: Any = None) -> Callable[[Any], Rule]:  # noqa: N803 — classes
@@ -277,59 +288,69 @@ def law(Parameters: Any, Memory: Any = None) -> Callable[[Any], Rule]:  # noqa: 
     InputError
         With one sentence for each mistake in the classes or the function.
     """
-    return _decorator("law", Parameters, Memory)
+    return _make_decorator("law", Parameters, Memory)
 
 
-def rules_for_kernels(rules: Mapping[str, Rule]) -> Rules:
+def rules_for_kernels(rules: Mapping[str, Rule]) -> UserRules:
     """The rules as the kernels take them."""
-    made = [rule.family for rule in rules.values()]
-    return Rules(tuple(f for f in made if isinstance(f, Estimator)), tuple(f for f in made if isinstance(f, Law)))
+    kernel_rules = [rule.kernel_rule for rule in rules.values()]
+    return UserRules(
+        tuple(f for f in kernel_rules if isinstance(f, Estimator)), tuple(f for f in kernel_rules if isinstance(f, Law))
+    )
 
 
-def _decorator(kind: str, Parameters: Any, Memory: Any) -> Callable[[Any], Rule]:  # noqa: N803 — classes
-    refuse(_field_problems("Parameters", Parameters) + _field_problems("Memory", Memory))
+def _make_decorator(kind: str, Parameters: Any, Memory: Any) -> Callable[[Any], Rule]:  # noqa: N803 — classes
+    raise_problems(_field_problems("Parameters", Parameters) + _field_problems("Memory", Memory))
     return lambda function: Rule.of(kind, function, Parameters, Memory)
 
 
-def is_word(name: str) -> bool:
+def is_built_in_rule(name: str) -> bool:
     """Whether a word of the package is called so."""
-    return any(name in PARAMETERS[kind].choices for kind in KINDS)
+    return any(name in PARAMETERS[kind].choices for kind in RULE_KINDS)
 
 
-def _field_problems(what: str, given: Any) -> list[str]:
+def _field_problems(role: str, namedtuple_class: Any) -> list[str]:
     """What is wrong with the class of parameters or memory."""
-    is_class: bool = isinstance(given, type)
-    if not is_class or not getattr(given, "_fields", ()) or not hasattr(given, "_field_defaults"):
-        return [WrongType(f"{what} is {shown(given)}: give a class made with typing.NamedTuple that has fields")]
-    hints = getattr(given, "__annotations__", {})
+    is_class: bool = isinstance(namedtuple_class, type)
+    if not is_class or not getattr(namedtuple_class, "_fields", ()) or not hasattr(namedtuple_class, "_field_defaults"):
+        return [
+            WrongTypeMessage(
+                f"{role} is {short_repr(namedtuple_class)}: give a class made with typing.NamedTuple that has fields"
+            )
+        ]
+    hints = getattr(namedtuple_class, "__annotations__", {})
     # with annotations from the future they are texts
-    wrong = [n for n in given._fields if getattr(hints.get(n, float), "__forward_arg__", "float") != "float"]
-    wrong += [n for n in given._fields if isinstance(hints.get(n), type) and hints[n] is not float]
-    wrong += [n for n, v in given._field_defaults.items() if not is_number(v) or not isinstance(v, (int, float))]
-    return [f"{n} of {what} is no float: a rule works with numbers, write {n}: float" for n in dict.fromkeys(wrong)]
+    not_float = [
+        n for n in namedtuple_class._fields if getattr(hints.get(n, float), "__forward_arg__", "float") != "float"
+    ]
+    not_float += [n for n in namedtuple_class._fields if isinstance(hints.get(n), type) and hints[n] is not float]
+    not_float += [
+        n for n, v in namedtuple_class._field_defaults.items() if not is_number(v) or not isinstance(v, (int, float))
+    ]
+    return [f"{n} of {role} is no float: a rule works with numbers, write {n}: float" for n in dict.fromkeys(not_float)]
 
 
 RuleHashes = Mapping[str, Mapping[str, str]]
 """Name of a rule → version of Python, whose machine code differs → hash of all that decides what the rule does."""
 
 
-def own_code_of(rules: Iterable[Rule]) -> RuleHashes:
+def user_code_hashes(rules: Iterable[Rule]) -> RuleHashes:
     """The hashes of those whose code is here."""
     version = ".".join(platform.python_version_tuple()[:2])
     return {rule.name: {version: rule.code_sha256} for rule in rules if rule.is_loaded}
 
 
-def joined(one: RuleHashes, other: RuleHashes) -> RuleHashes:
+def merge_rule_hashes(hashes: RuleHashes, added_hashes: RuleHashes) -> RuleHashes:
     """The hashes of both."""
-    return {name: {**one.get(name, {}), **other.get(name, {})} for name in sorted({*one, *other})}
+    return {name: {**hashes.get(name, {}), **added_hashes.get(name, {})} for name in sorted({*hashes, *added_hashes})}
 
 
-def refuse_other_code(now: RuleHashes, before: RuleHashes) -> None:
+def refuse_changed_code(current_hashes: RuleHashes, stored_hashes: RuleHashes) -> None:
     """Refuse a rule that does something else than before, though its source is the same."""
-    refuse([
+    raise_problems([
         f"{name} is another rule than in the rest of the study: its module takes a value from elsewhere, such as a "
         "variable of the environment, a file or another module, and it changed: restore it, or choose another folder "
         "with -o"
-        for name, hashes in now.items()
-        if any(before.get(name, {}).get(version, sha256) != sha256 for version, sha256 in hashes.items())
+        for name, hashes in current_hashes.items()
+        if any(stored_hashes.get(name, {}).get(version, sha256) != sha256 for version, sha256 in hashes.items())
     ])  # fmt: skip

@@ -9,36 +9,36 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import collecting, refuse
-from fastcoil.base.errors import InputError, nearest
-from fastcoil.base.files import file_name, is_file, is_folder
+from fastcoil.base.arguments import collect_problems, raise_problems
+from fastcoil.base.errors import InputError, did_you_mean
+from fastcoil.base.files import is_file, is_folder, portable_file_name
 from fastcoil.base.machine import command_line
-from fastcoil.base.text import number_or_word
+from fastcoil.base.text import parse_number_or_word
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.days import heating_day, paper_day
 from fastcoil.loops.clashes import unread_values
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.netcdf import save
-from fastcoil.loops.plan import Plan, Shard, Share, plan_simulation, simulation_attributes
+from fastcoil.loops.plan import JobSlice, Plan, Shard, plan_simulation, simulation_attributes
 from fastcoil.loops.presets import PRESETS
 from fastcoil.loops.provenance import provenance
 from fastcoil.loops.scenarios import Layout, clock_coordinates, coordinate_attrs
 from fastcoil.loops.simulate import run_shard
 from fastcoil.model.engine.lanes import TraceRequest, compile_kernel
 from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, STATUS_OK, TRACES
-from fastcoil.model.numerics.jit import is_model
+from fastcoil.model.numerics.jit import is_model_sha256
 from fastcoil.model.parameter_table import PARAMETERS
-from fastcoil.model.user_rules import own_code_of, refuse_other_code
-from fastcoil.study.analysis.precision import precision_of
-from fastcoil.study.analysis.selected import listed, selected
-from fastcoil.study.archive import archive_problems
-from fastcoil.study.file.own_code import Source, load
+from fastcoil.model.user_rules import refuse_changed_code, user_code_hashes
+from fastcoil.study.analysis.precision import read_precision
+from fastcoil.study.analysis.selected import list_first, select_labels
+from fastcoil.study.archive import find_archive_problems
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.folder.folder import StudyFolder, find_holder, hold, running_shares
-from fastcoil.study.folder.results import is_current, open_metrics, problems_of_folder
+from fastcoil.study.file.user_code import UserFunction, load
+from fastcoil.study.folder.folder import StudyFolder, find_holder, find_running_slices, hold
+from fastcoil.study.folder.results import find_folder_problems, is_complete_result_of, open_metrics
 from fastcoil.study.folder.stored import Manifest
 
-RERUNS = "reruns"
+RERUNS_FOLDER = "reruns"
 
 
 def status(folder: Path) -> list[str]:
@@ -46,34 +46,36 @@ def status(folder: Path) -> list[str]:
     store = StudyFolder(folder)
     holder = find_holder(folder)
     running = [f"It is being run by {holder}."] if holder else []
-    shares = running_shares(folder)
-    held = [share.replace("-of-", "/") for share, holder in shares.items() if holder]
-    if held:
-        running.append(f"Shares that are being run: {listed(held)}.")
+    slices = find_running_slices(folder)
+    held_slices = [slice_name.replace("-of-", "/") for slice_name, holder in slices.items() if holder]
+    if held_slices:
+        running.append(f"Shares that are being run: {list_first(held_slices)}.")
     try:
         manifest, ds = store.require_manifest(), open_metrics(folder, {*TRACES, *METRICS})
-        ds = open_metrics(folder) if precision_of(ds) else ds
+        ds = open_metrics(folder) if read_precision(ds) else ds
     except InputError:  # no shard is finished
         if not running and Manifest.read(folder) is None:
             raise
         return ["Nothing is finished yet.", *running]
-    found = {word: int((ds["status"].values == k).sum()) for k, word in enumerate(STATUS_MEANINGS)}
-    n, left, precision = ds["status"].size, found["not_run"], precision_of(ds)
-    unfinished = left or "content_sha256" not in ds.attrs or (precision is not None and not precision.is_enough(ds))
-    words = ", ".join(f"{count:,} {word}" for word, count in found.items() if count)
+    counts = {word: int((ds["status"].values == k).sum()) for k, word in enumerate(STATUS_MEANINGS)}
+    n, n_left, precision = ds["status"].size, counts["not_run"], read_precision(ds)
+    unfinished = n_left or "content_sha256" not in ds.attrs or (precision is not None and not precision.is_enough(ds))
+    words = ", ".join(f"{count:,} {word}" for word, count in counts.items() if count)
     lines = [
         str(ds.attrs["title"]),
-        f"{'Unfinished' if unfinished else 'Finished'}: {n - left:,} of {n:,} scenarios ({words})",
-        *([precision.in_words(ds)] if precision else []),
+        f"{'Unfinished' if unfinished else 'Finished'}: {n - n_left:,} of {n:,} scenarios ({words})",
+        *([precision.describe_result(ds)] if precision else []),
     ]
-    if not is_model(manifest.model_sha256):
+    if not is_model_sha256(manifest.model_sha256):
         lines.append("The sources of the model have changed since: a new run computes everything again.")
-    if shares and left:
+    if slices and n_left:
         plan, missing = store.read_study(manifest).plan, ds["status"].values.ravel() == STATUS_NOT_RUN
-        for n in sorted({int(share.partition("-of-")[2]) for share in shares}):
-            due = [f"{k}/{n}" for k in range(1, n + 1) if missing[Share(k, n).index(plan)].any()]
-            due = [share for share in due if share not in held]
-            running.append(f"Of {n} shares {len(due)} are to be run{': ' * bool(due)}{listed(due)}.")
+        for n in sorted({int(slice_name.partition("-of-")[2]) for slice_name in slices}):
+            due_slices = [f"{k}/{n}" for k in range(1, n + 1) if missing[JobSlice(k, n).index(plan)].any()]
+            due_slices = [slice_name for slice_name in due_slices if slice_name not in held_slices]
+            running.append(
+                f"Of {n} shares {len(due_slices)} are to be run{': ' * bool(due_slices)}{list_first(due_slices)}."
+            )
     resume = f"To resume: {command_line(['fastcoil', 'run', 'STUDY.toml', '-o', str(folder)])}"
     return [*lines, *running, *([resume] if unfinished else [])]
 
@@ -84,13 +86,13 @@ def verify(folder: Path) -> list[str]:
     Nothing is changed.
     """
     if is_file(folder):
-        return archive_problems(folder)
+        return find_archive_problems(folder)
     store = StudyFolder(folder)
-    return store.settled(lambda: problems_of_folder(store))
+    return store.settled(lambda: find_folder_problems(store))
 
 
 def rerun(
-    folder: Path, at: Mapping[str, str], prepare: Callable[[str, Source], object] = load
+    folder: Path, at: Mapping[str, str], prepare: Callable[[str, UserFunction], object] = load
 ) -> tuple[Path, list[str]]:
     """Run one scenario of a study again, with all traces at every second.
 
@@ -107,24 +109,24 @@ def rerun(
     study = store.read_study(manifest)
     layout = study.plan.layout
     coordinates = layout.coordinates()
-    flat, position, labels = _find(layout, at)
+    flat, position, labels = _locate_scenario(layout, at)
     plan = replace(study.plan, traces=TraceRequest(tuple(TRACES), 1))
-    path = folder / RERUNS / f"{file_name('_'.join(labels) or 'scenario')}.nc"
+    path = folder / RERUNS_FOLDER / f"{portable_file_name('_'.join(labels) or 'scenario')}.nc"
     with hold(path.parent):  # not the study, which may be running; a folder that cannot be written is refused now
         pass
     for word, rule in layout.loop.rules.items():
-        rule.adopt(prepare(rule.kind, study.rules[word]))
-    if is_model(manifest.model_sha256):
-        refuse_other_code(own_code_of(layout.loop.rules.values()), manifest.own_code)
+        rule.adopt_code(prepare(rule.kind, study.rules[word]))
+    if is_model_sha256(manifest.model_sha256):
+        refuse_changed_code(user_code_hashes(layout.loop.rules.values()), manifest.user_code)
     compile_kernel()
     shard = Shard(np.array([flat]))
     if plan.carry_over:  # the days before are run first, without traces
-        day, lane = divmod(flat, plan.n_a_day)
-        shard = Shard(np.array([lane]), plan.n_a_day, day, day + 1)
+        day, lane = divmod(flat, plan.n_per_day)
+        shard = Shard(np.array([lane]), plan.n_per_day, day, day + 1)
     ds = run_shard(plan, shard).squeeze("scenario", drop=True)
     for dim, coordinate in coordinates.items():
-        one = coordinate.isel({d: position[str(d)] for d in coordinate.dims}).reset_coords(drop=True)
-        ds = ds.assign_coords({dim: one.assign_attrs(coordinate_attrs(dim, layout.loop.parameters))})
+        label = coordinate.isel({d: position[str(d)] for d in coordinate.dims}).reset_coords(drop=True)
+        ds = ds.assign_coords({dim: label.assign_attrs(coordinate_attrs(dim, layout.loop.parameters))})
     boundary = layout.boundary if "day" not in position else layout.boundary.isel(position["day"])
     ds = ds.assign_coords(clock_coordinates(boundary, ds.variables["elapsed_time"]))
     ds.attrs = {"title": study.title, "summary": study.question, **provenance(), **simulation_attributes(plan)}
@@ -133,29 +135,29 @@ def rerun(
     return path, _compare_with_stored(store, ds, position)
 
 
-def _find(layout: Layout, at: Mapping[str, str]) -> tuple[int, dict[str, int], list[str]]:
+def _locate_scenario(layout: Layout, at: Mapping[str, str]) -> tuple[int, dict[str, int], list[str]]:
     """The scenario with the labels ``at``, given as text: flat index, position along each dimension, DIM=LABEL of each.
 
     A dimension of length 1 needs no label.
     """
     sizes = layout.sizes
     flat = np.arange(math.prod(sizes.values())).reshape(tuple(sizes.values()))
-    found = selected(
+    selection = select_labels(
         xr.Dataset({"status": (tuple(sizes), flat)}, layout.coordinates()), {dim: [text] for dim, text in at.items()}
     )
-    missing = [dim for dim, n in found["status"].sizes.items() if n > 1]
-    refuse([f"--at: {dim} is missing, choose one of {listed(found[dim].values)}" for dim in missing])
-    found = found.squeeze()
-    index = int(found["status"])
+    missing = [dim for dim, n in selection["status"].sizes.items() if n > 1]
+    raise_problems([f"--at: {dim} is missing, choose one of {list_first(selection[dim].values)}" for dim in missing])
+    selection = selection.squeeze()
+    index = int(selection["status"])
     position = dict(zip(sizes, map(int, np.unravel_index(index, flat.shape)), strict=True))
-    return index, position, [f"{dim}={found[dim].values}" for dim in sizes]
+    return index, position, [f"{dim}={selection[dim].values}" for dim in sizes]
 
 
 def _compare_with_stored(store: StudyFolder, ds: xr.Dataset, position: Mapping[str, int]) -> list[str]:
     """Say whether a rerun gave the result that the study has."""
-    rmse, word = float(ds["rmse"]), STATUS_MEANINGS[int(ds["status"])]
-    off = np.isnan(rmse) and int(ds["status"]) == STATUS_OK
-    words = [f"{'no rmse, the loop was off' if off else f'rmse {rmse:.4g} K'}, status {word}"]
+    rmse, status_word = float(ds["rmse"]), STATUS_MEANINGS[int(ds["status"])]
+    is_off = np.isnan(rmse) and int(ds["status"]) == STATUS_OK
+    words = [f"{'no rmse, the loop was off' if is_off else f'rmse {rmse:.4g} K'}, status {status_word}"]
     try:
         results = open_metrics(store.path)
     except InputError:
@@ -163,12 +165,14 @@ def _compare_with_stored(store: StudyFolder, ds: xr.Dataset, position: Mapping[s
     stored = results.isel(position)
     if int(stored["status"]) in (STATUS_NOT_RUN, STATUS_CRASHED):
         return [*words, f"In the study its status is {STATUS_MEANINGS[int(stored['status'])]}."]
-    known = [n for n in (*METRICS, "status") if n in stored]  # an older version wrote fewer
-    differ = [n for n in known if not np.array_equal(ds[n].values, stored[n].values, equal_nan=True)]
-    if not differ:
+    common_names = [n for n in (*METRICS, "status") if n in stored]  # an older version wrote fewer
+    different_names = [n for n in common_names if not np.array_equal(ds[n].values, stored[n].values, equal_nan=True)]
+    if not different_names:
         return [*words, "Equal to the study's result to the last bit."]
-    why = "" if is_current(store.open_results(), store.require_manifest()) else "; the model changed since"
-    return [*words, f"Differs from the study's result in {', '.join(differ)}{why}."]
+    reason = (
+        "" if is_complete_result_of(store.open_results(), store.require_manifest()) else "; the model changed since"
+    )
+    return [*words, f"Differs from the study's result in {', '.join(different_names)}{reason}."]
 
 
 class Scenario(NamedTuple):
@@ -184,7 +188,7 @@ class Scenario(NamedTuple):
     seed: int
 
 
-def one_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str]) -> Scenario:
+def pick_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str]) -> Scenario:
     """Pick one scenario.
 
     target: the name of a preset, on ``paper_day()`` or, if it heats, on ``heating_day()``; the folder of a study; or a
@@ -195,37 +199,37 @@ def one_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str]
     ``InputError`` with one sentence for each mistake, or where the scenario uses code that comes with the study.
     ``IntegrityError`` if the study in a folder, or a file it reads, changed since it was run.
     """
-    title, plan = _whole(target)
+    title, plan = _load_target(target)
     loop, boundary = plan.layout.loop, plan.layout.boundary
     problems: list[str] = []
-    with collecting(problems, "--set "):
-        loop = loop.assign(**{name: number_or_word(text) for name, text in changes.items()})
+    with collect_problems(problems, "--set "):
+        loop = loop.assign(**{name: parse_number_or_word(text) for name, text in changes.items()})
     if "replicate" in at:
         problems.append("--at replicate: replicates differ by their noise alone, leave it out")
     layout = Layout(loop, boundary)
     position: dict[str, int] = {}
-    with collecting(problems):
-        _, position, labels = _find(layout, {dim: label for dim, label in at.items() if dim != "replicate"})
-    refuse(problems)
+    with collect_problems(problems):
+        _, position, labels = _locate_scenario(layout, {dim: label for dim, label in at.items() if dim != "replicate"})
+    raise_problems(problems)
     swept = layout.loop.swept
-    one = loop.assign(**{n: v.isel({d: position[str(d)] for d in v.dims}).item() for n, v in swept.items()})
-    others = [name for name in unread_values(one) if name not in changes] if layout.loop.sizes else []
-    unread: dict[str, Any] = {name: PARAMETERS[name].default for name in others}
-    one = one.assign(**unread)
-    rules = Layout(one, boundary).loop.rules
-    foreign = [word for word, rule in rules.items() if not rule.is_loaded]
-    if foreign:
+    scenario_loop = loop.assign(**{n: v.isel({d: position[str(d)] for d in v.dims}).item() for n, v in swept.items()})
+    unread_names = [name for name in unread_values(scenario_loop) if name not in changes] if layout.loop.sizes else []
+    unread_defaults: dict[str, Any] = {name: PARAMETERS[name].default for name in unread_names}
+    scenario_loop = scenario_loop.assign(**unread_defaults)
+    rules = Layout(scenario_loop, boundary).loop.rules
+    unloaded_rules = [word for word, rule in rules.items() if not rule.is_loaded]
+    if unloaded_rules:
         raise InputError(
-            f"{target}: the scenario uses {' and '.join(foreign)}, code of the study's own, which is not run here: "
+            f"{target}: the scenario uses {' and '.join(unloaded_rules)}, code of the study's own, which is not run here: "
             "pick another scenario with --at, or use fc.explain in Python"
         )
-    apart = "this day alone, from rest" if plan.carry_over and position.get("day") else ""
-    changed = ", ".join(f"{name}={text}" for name, text in changes.items())
-    named = "; ".join(filter(None, [title, ", ".join(labels), changed, apart]))
-    return Scenario(named, one, boundary.isel(day=position.get("day", 0)), plan.warm_up, plan.seed)
+    day_note = "this day alone, from rest" if plan.carry_over and position.get("day") else ""
+    changes_text = ", ".join(f"{name}={text}" for name, text in changes.items())
+    full_title = "; ".join(filter(None, [title, ", ".join(labels), changes_text, day_note]))
+    return Scenario(full_title, scenario_loop, boundary.isel(day=position.get("day", 0)), plan.warm_up, plan.seed)
 
 
-def _whole(target: Path) -> tuple[str, Plan]:
+def _load_target(target: Path) -> tuple[str, Plan]:
     """Title and plan of all that a target holds."""
     name = str(target)
     if name in PRESETS:
@@ -240,7 +244,7 @@ def _whole(target: Path) -> tuple[str, Plan]:
         study = read_study(target)
     else:
         raise InputError(
-            f"{target}: no such file, folder or preset{nearest(name, PRESETS)}; give a study file, the folder of its "
+            f"{target}: no such file, folder or preset{did_you_mean(name, PRESETS)}; give a study file, the folder of its "
             f"results, or one of {', '.join(PRESETS)}"
         )
     return study.title, study.plan

@@ -12,29 +12,36 @@ from typing import NoReturn
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, flag_of, path_of, text_of
+from fastcoil.base.arguments import argument_checks, require_flag, require_path, require_text
 from fastcoil.base.errors import InputError, IntegrityError
-from fastcoil.base.files import storage_errors
-from fastcoil.base.progress import Advance, progress_of_call
-from fastcoil.loops.clashes import tell_limited
-from fastcoil.loops.plan import Share, check_disk, check_workers, shards_of
+from fastcoil.base.files import convert_os_errors
+from fastcoil.base.progress import Advance, display_for_call
+from fastcoil.loops.clashes import warn_saturated
+from fastcoil.loops.plan import JobSlice, check_disk, check_workers, cut_into_shards
 from fastcoil.loops.provenance import environments_of
 from fastcoil.loops.scenarios import check_same_form
-from fastcoil.loops.simulate import workers
+from fastcoil.loops.simulate import number_of_threads
 from fastcoil.model.engine.lanes import compile_kernel
-from fastcoil.model.numerics.jit import same_model
-from fastcoil.model.user_rules import refuse_other_code
-from fastcoil.study.file.own_code import load, load_rules
+from fastcoil.model.numerics.jit import is_same_model
+from fastcoil.model.user_rules import refuse_changed_code
 from fastcoil.study.file.spec import Study, read_study
+from fastcoil.study.file.user_code import load, load_rules
 from fastcoil.study.folder.folder import StudyFolder, hold
 from fastcoil.study.folder.merged import merge
-from fastcoil.study.folder.results import Computed, is_current, is_of, study_attributes
-from fastcoil.study.folder.stored import WORDS, Environment, Manifest, Shards, finished_manifest, reworded
+from fastcoil.study.folder.results import ComputedParts, is_complete_result_of, is_result_of, study_attributes
+from fastcoil.study.folder.stored import (
+    DESCRIPTIVE_ATTRIBUTES,
+    Environment,
+    Manifest,
+    Shards,
+    finished_manifest,
+    with_updated_title,
+)
 from fastcoil.study.workers import Job, check_backend, make_pool, run_shards
 
 
 @dataclass(frozen=True)
-class Finished:
+class FinishedStudy:
     """A finished study: where, what, how many scenarios this call ran, and whether it made these results."""
 
     folder: Path
@@ -44,12 +51,12 @@ class Finished:
 
 
 SCENARIO_DAYS = "scenario-days"
-Progress = Callable[[int, int, str], Advance]
-_Workers = tuple[str, int, str | None]
+ProgressStarter = Callable[[int, int, str], Advance]
+_PoolOptions = tuple[str, int, str | None]
 """Who is to run it: backend, number, address of the scheduler."""
 
 
-_Work = tuple[Manifest, Computed, np.ndarray]
+_PendingRun = tuple[Manifest, ComputedParts, np.ndarray]
 """What is left to do: the run, what the folder has of it, flat indices of the scenarios to run."""
 
 
@@ -100,16 +107,16 @@ def run_study(
     LockedError, StorageError, IntegrityError
         If another run writes to ``out``; if it cannot be written; if a file in it is damaged.
     """
-    with checking() as check:
-        path = check(path_of, "path", path, "give the path of a study file")
-        folder = check.unless_none(path_of, "out", out, "give the path of a folder")
-        n_jobs = check(workers, n_jobs)
-        scheduler = check.unless_none(text_of, "scheduler", scheduler)
+    with argument_checks() as check:
+        path = check(require_path, "path", path, "give the path of a study file")
+        folder = check.unless_none(require_path, "out", out, "give the path of a folder")
+        n_jobs = check(number_of_threads, n_jobs)
+        scheduler = check.unless_none(require_text, "scheduler", scheduler)
         check(check_backend, backend, scheduler)
-        extend = check(flag_of, "extend", extend)
-        progress = check.unless_none(flag_of, "progress", progress)
+        extend = check(require_flag, "extend", extend)
+        progress = check.unless_none(require_flag, "progress", progress)
     study = read_study(path, prepare=load)
-    with progress_of_call(progress) as shown:
+    with display_for_call(progress) as display:
         return execute(
             study,
             folder or default_folder(path),
@@ -117,7 +124,7 @@ def run_study(
             backend=backend,
             scheduler=scheduler,
             extend=extend,
-            progress=lambda n_missing, n, what: shown.start(n, n - n_missing, what),
+            progress=lambda n_missing, n, what: display.start(n, n - n_missing, what),
         ).results
 
 
@@ -134,68 +141,68 @@ def execute(
     backend: str = "threads",
     scheduler: str | None = None,
     extend: bool = False,
-    progress: Progress | None = None,
-    present: Callable[[Finished], None] = lambda finished: None,
-) -> Finished:
+    progress: ProgressStarter | None = None,
+    present: Callable[[FinishedStudy], None] = lambda finished: None,
+) -> FinishedStudy:
     """Run a study into ``folder``, resume it, or find it finished there; see ``run_study``.
 
     ``progress`` is called when there is work to do, with the number of scenarios to run and of all, and with what they
     are, and returns what to call with finished ones; with ``precision`` there is work again for more batches.
     ``present`` gets the finished study while its folder is still held, to write figures there.
     """
-    n_jobs = workers(n_jobs)
+    n_jobs = number_of_threads(n_jobs)
     check_backend(backend, scheduler)
-    with storage_errors(folder, "found"):
+    with convert_os_errors(folder, "found"):
         store = StudyFolder(folder.absolute())  # a study's own code may change the current folder meanwhile
     with hold(store.path):
         load_rules(study.plan.layout.loop.rules, study.rules)
-        more: Study | None = _in_folder(study, store, extend)
-        n_run, what = 0, SCENARIO_DAYS
-        while more is not None:
-            study = more
-            work = _decide(study, store, extend)
-            if isinstance(work, tuple):
-                finished = _run_and_merge(study, store, work, (backend, n_jobs, scheduler), progress, what)
+        larger_study: Study | None = _match_stored_batches(study, store, extend)
+        n_run, scope = 0, SCENARIO_DAYS
+        while larger_study is not None:
+            study = larger_study
+            pending = _find_pending_run(study, store, extend)
+            if isinstance(pending, tuple):
+                result = _run_and_merge(study, store, pending, (backend, n_jobs, scheduler), progress, scope)
             else:
-                finished = Finished(store.path, work, 0, is_new=False)
-            n_run += finished.n_run
-            more, extend = study.larger(finished.results), True
-            if more and study.precision:
-                what = f"{SCENARIO_DAYS}, {study.precision.so_far(finished.results)}"
-        finished = replace(finished, n_run=n_run)
-        present(finished)
-    return finished
+                result = FinishedStudy(store.path, pending, 0, is_new=False)
+            n_run += result.n_run
+            larger_study, extend = study.with_more_batches(result.results), True
+            if larger_study and study.precision:
+                scope = f"{SCENARIO_DAYS}, {study.precision.describe_progress(result.results)}"
+        result = replace(result, n_run=n_run)
+        present(result)
+    return result
 
 
-def execute_share(
-    study: Study, folder: Path, share: Share, n_jobs: int | None = None, backend: str = "threads",
-    scheduler: str | None = None, progress: Progress | None = None,
+def execute_slice(
+    study: Study, folder: Path, job_slice: JobSlice, n_jobs: int | None = None, backend: str = "threads",
+    scheduler: str | None = None, progress: ProgressStarter | None = None,
 ) -> int | None:  # fmt: skip
     """Run a share of a study into ``folder``, where others run the rest; ``execute`` merges them.
 
     Returns the number of scenarios that it ran, ``None`` if the study is finished there.
     """
-    n_jobs = workers(n_jobs)
+    n_jobs = number_of_threads(n_jobs)
     check_backend(backend, scheduler)
     if study.precision is not None:
         raise InputError(
             "--shard: how many samples a study with [run] precision draws depends on all results: run it without"
         )
-    plan, own = study.plan, share.index(study.plan)
-    of_share = progress and (lambda n_missing, n, what: progress(n_missing, own.size, what))
-    with storage_errors(folder, "found"):
+    plan, slice_index = study.plan, job_slice.index(study.plan)
+    slice_progress = progress and (lambda n_missing, n, what: progress(n_missing, slice_index.size, what))
+    with convert_os_errors(folder, "found"):
         store = StudyFolder(folder.absolute())
-    with hold(store.path, str(share)):
+    with hold(store.path, str(job_slice)):
         load_rules(plan.layout.loop.rules, study.rules)
-        work = _decide(study, store, extend=False, own=own)
+        work = _find_pending_run(study, store, extend=False, slice_index=slice_index)
         if isinstance(work, tuple) and work[2].size:
-            needed = plan.disk_bytes(traces_kept=study.reduction is None)[0] * work[2].size // plan.n_scenarios
-            check_disk(needed, store.path)
-            _run_missing(study, store, work, (backend, n_jobs, scheduler), of_share, SCENARIO_DAYS)
+            needed_bytes = plan.disk_bytes(traces_kept=study.reduction is None)[0] * work[2].size // plan.n_scenarios
+            check_disk(needed_bytes, store.path)
+            _run_missing_scenarios(study, store, work, (backend, n_jobs, scheduler), slice_progress, SCENARIO_DAYS)
         return work[2].size if isinstance(work, tuple) else None
 
 
-def _in_folder(study: Study, store: StudyFolder, extend: bool) -> Study:
+def _match_stored_batches(study: Study, store: StudyFolder, extend: bool) -> Study:
     """The study with as many batches of samples as its folder has; with the fewest if it has none of them.
 
     An extension of another study has at least as many.
@@ -203,73 +210,82 @@ def _in_folder(study: Study, store: StudyFolder, extend: bool) -> Study:
     stored = Manifest.read(store.path)
     if stored is None or study.precision is None:
         return study
-    found = study.of_hash(stored.study_sha256)
-    if found is None and extend and store.has_results:
+    matching = study.find_by_hash(stored.study_sha256)
+    if matching is None and extend and store.has_results:
         n = store.open_results().sizes.get("sample", 0)
-        enough = [count for count in study.precision.counts if count * study.precision.size >= n]
-        found = study.of_batches(enough[0]) if enough else None
-    return found or study
+        sufficient_counts = [count for count in study.precision.counts if count * study.precision.size >= n]
+        matching = study.with_batches(sufficient_counts[0]) if sufficient_counts else None
+    return matching or study
 
 
-def _decide(study: Study, store: StudyFolder, extend: bool, own: np.ndarray | None = None) -> _Work | xr.Dataset:
+def _find_pending_run(
+    study: Study, store: StudyFolder, extend: bool, slice_index: np.ndarray | None = None
+) -> _PendingRun | xr.Dataset:
     """What is left to do of a study in its folder, which is held; its results, if nothing is.
 
     own: the scenarios of a share, which alone is held.
     """
-    asked, stored = Manifest.of(study), Manifest.read(store.path)
-    if stored is not None and stored.study_sha256 != asked.study_sha256:
+    requested, stored = Manifest.of(study), Manifest.read(store.path)
+    if stored is not None and stored.study_sha256 != requested.study_sha256:
         has_shards = Shards(store.path, stored.key).any()
         if not store.has_results and not has_shards:
             stored = None  # it was killed before its first scenario
         elif not extend:
             _refuse_other_study(store, study)
-        elif has_shards and not (store.has_results and is_current(store.open_results(), stored)):
+        elif has_shards and not (store.has_results and is_complete_result_of(store.open_results(), stored)):
             raise InputError(
                 f"--extend: the study in {store.path} is unfinished: finish it with the file that it was started from, "
                 "then extend it"
             )
     else:
         ds = store.open_results() if store.has_results else None
-        if ds is not None and is_current(ds, asked):
-            refuse_other_code(asked.own_code, json.loads(ds.attrs.get("own_code", "{}")))
-            return _put_right(study, store, ds, asked.knowing(stored)) if own is None else ds
-        if stored is None and ds is not None and not is_of(ds, asked):
-            raise store.without_manifest()
-    if stored is not None and not same_model(stored.model_sha256, asked.model_sha256):
+        if ds is not None and is_complete_result_of(ds, requested):
+            refuse_changed_code(requested.user_code, json.loads(ds.attrs.get("user_code", "{}")))
+            return _repair_folder(study, store, ds, requested.with_files_of(stored)) if slice_index is None else ds
+        if stored is None and ds is not None and not is_result_of(ds, requested):
+            raise store.missing_manifest_error()
+    if stored is not None and not is_same_model(stored.model_sha256, requested.model_sha256):
         warnings.warn(
             f"{store.path} was computed with other sources of the model: everything is computed again", stacklevel=2
         )
-    elif stored is not None and stored.study_sha256 == asked.study_sha256:
-        refuse_other_code(asked.own_code, stored.own_code)
-    manifest = asked.knowing(stored)
-    computed = Computed.find(store, study, manifest)
-    missing, environments = computed.survey(own)
-    if own is not None and stored is not None:  # of the other shares
+    elif stored is not None and stored.study_sha256 == requested.study_sha256:
+        refuse_changed_code(requested.user_code, stored.user_code)
+    manifest = requested.with_files_of(stored)
+    computed = ComputedParts.find(store, study, manifest)
+    missing, environments = computed.survey(slice_index)
+    if slice_index is not None and stored is not None:  # of the other shares
         environments += [dict(each) for each in stored.computed_on if each not in environments]
     return replace(manifest, computed_on=environments, finished=False), computed, missing
 
 
-def _put_right(study: Study, store: StudyFolder, ds: xr.Dataset, manifest: Manifest) -> xr.Dataset:
+def _repair_folder(study: Study, store: StudyFolder, ds: xr.Dataset, manifest: Manifest) -> xr.Dataset:
     """Complete the folder of a finished study: other words about it, files that were lost, files it no longer needs."""
-    found = finished_manifest(ds, store.path, manifest)
-    words = {name: value for name, value in study_attributes(study, manifest).items() if name in WORDS}
-    if any(ds.attrs.get(name) != value for name, value in words.items()):
-        ds, found = reworded(ds, words, store.path, found)
-    if not store.records(found, study.text):
-        store.write_manifest(found, study.text)
-    store.remove_superseded(ds, found)
+    complete_manifest = finished_manifest(ds, store.path, manifest)
+    descriptive_attributes = {
+        name: value for name, value in study_attributes(study, manifest).items() if name in DESCRIPTIVE_ATTRIBUTES
+    }
+    if any(ds.attrs.get(name) != value for name, value in descriptive_attributes.items()):
+        ds, complete_manifest = with_updated_title(ds, descriptive_attributes, store.path, complete_manifest)
+    if not store.records(complete_manifest, study.text):
+        store.write_manifest(complete_manifest, study.text)
+    store.remove_superseded(ds, complete_manifest)
     return ds
 
 
 def _run_and_merge(
-    study: Study, store: StudyFolder, work: _Work, asked: _Workers, progress: Progress | None, what: str
-) -> Finished:
+    study: Study,
+    store: StudyFolder,
+    work: _PendingRun,
+    pool_options: _PoolOptions,
+    progress: ProgressStarter | None,
+    scope: str,
+) -> FinishedStudy:
     """Run what is missing, shard by shard, and merge all of it."""
-    plan, start, (backend, n_jobs, _), (manifest, computed, missing) = study.plan, time.monotonic(), asked, work
+    plan, start, (backend, n_jobs, _), (manifest, computed, missing) = study.plan, time.monotonic(), pool_options, work
     check_disk(plan.disk_bytes(traces_kept=study.reduction is None)[0], store.path)
     n_run = 0
     if missing.size:
-        n_run, n_jobs, manifest = _run_missing(study, store, work, asked, progress, what)
+        n_run, n_jobs, manifest = _run_missing_scenarios(study, store, work, pool_options, progress, scope)
     elif not store.records(manifest, study.text):
         store.write_manifest(manifest, study.text)
     seconds = time.monotonic() - start
@@ -281,24 +297,29 @@ def _run_and_merge(
         "engine": backend,
     }
     ds = merge(store, study, manifest, computed.parts, speed)
-    tell_limited(plan.layout.loop, ds)
-    return Finished(store.path, ds, n_run)
+    warn_saturated(plan.layout.loop, ds)
+    return FinishedStudy(store.path, ds, n_run)
 
 
-def _run_missing(
-    study: Study, store: StudyFolder, work: _Work, asked: _Workers, progress: Progress | None, what: str
+def _run_missing_scenarios(
+    study: Study,
+    store: StudyFolder,
+    work: _PendingRun,
+    pool_options: _PoolOptions,
+    progress: ProgressStarter | None,
+    scope: str,
 ) -> tuple[int, int, Manifest]:
     """Run what is missing: the numbers of scenarios and of workers, and the manifest."""
-    plan, (backend, n_jobs, scheduler), (*_, missing) = study.plan, asked, work
+    plan, (backend, n_jobs, scheduler), (*_, missing) = study.plan, pool_options, work
     if scheduler is None:
         check_workers(*plan.memory_of_run(n_jobs, backend, traces_kept=study.reduction is None), n_jobs)
-    n_run = sum(shard.size for shard in shards_of(plan, n_jobs, missing))
-    advance = progress(n_run, plan.n_scenarios, what) if progress else lambda n: None
-    return n_run, *_run(study, store, work, asked, advance)
+    n_run = sum(shard.size for shard in cut_into_shards(plan, n_jobs, missing))
+    advance = progress(n_run, plan.n_scenarios, scope) if progress else lambda n: None
+    return n_run, *_commit_shards(study, store, work, pool_options, advance)
 
 
-def _run(
-    study: Study, store: StudyFolder, work: _Work, asked: _Workers, advance: Callable[[int], object]
+def _commit_shards(
+    study: Study, store: StudyFolder, work: _PendingRun, pool_options: _PoolOptions, advance: Callable[[int], object]
 ) -> tuple[int, Manifest]:
     """Run the missing scenarios and commit their shards; returns the number of workers and the manifest with theirs."""
     plan, (manifest, computed, missing) = study.plan, work
@@ -307,34 +328,38 @@ def _run(
     for rule in plan.layout.loop.rules.values():
         rule.check()
     compile_kernel()
-    job = Job(plan, study.reduction, study.rules, Manifest.of(study).own_code)
-    recorded, first = store.records(manifest, study.text), None
-    backend, n_jobs, scheduler = asked
+    job = Job(plan, study.reduction, study.rules, Manifest.of(study).user_code)
+    is_recorded, first = store.records(manifest, study.text), None
+    backend, n_jobs, scheduler = pool_options
     with closing(make_pool(backend, job, n_jobs, scheduler)) as pool:
         n_jobs = pool.n_workers  # a cluster may have another number
-        for part in run_shards(pool, job, shards_of(plan, n_jobs, missing)):
+        for part in run_shards(pool, job, cut_into_shards(plan, n_jobs, missing)):
             for environment in environments_of(part):
                 if environment not in manifest.computed_on:
-                    _warn_of_difference(store.path, environment, manifest.computed_on)
+                    _warn_other_environment(store.path, environment, manifest.computed_on)
                     manifest = replace(manifest, computed_on=[*manifest.computed_on, environment])
-                    recorded = False
-            if not recorded:
+                    is_recorded = False
+            if not is_recorded:
                 store.write_manifest(manifest, study.text)
-                recorded = True
+                is_recorded = True
             first = check_same_form(first, part).isel(scenario=[0])  # a copy: the shard itself need not be kept
             computed.shards.commit(part)
             advance(part.sizes["scenario"])
     return n_jobs, manifest
 
 
-def _warn_of_difference(folder: Path, environment: Environment, others: Sequence[Environment]) -> None:
+def _warn_other_environment(
+    folder: Path, environment: Environment, recorded_environments: Sequence[Environment]
+) -> None:
     """Warn if other scenarios were computed where bits may differ."""
-    for other in others:
-        names = sorted({*other, *environment})
-        pairs = [(name, *(each.get(name, "unknown") for each in (other, environment))) for name in names]
-        differs = [f"{name} {was}, now {now}" for name, was, now in pairs if was != now]
+    for recorded in recorded_environments:
+        names = sorted({*recorded, *environment})
+        pairs = [(name, *(each.get(name, "unknown") for each in (recorded, environment))) for name in names]
+        differences = [
+            f"{name} {recorded_value}, now {value}" for name, recorded_value, value in pairs if recorded_value != value
+        ]
         warnings.warn(
-            f"a part of {folder} was computed elsewhere ({'; '.join(differs)}): the last digits of results may depend "
+            f"a part of {folder} was computed elsewhere ({'; '.join(differences)}): the last digits of results may depend "
             "on that, in a loop that hunts also the first; to have all from one place, run the study in another folder",
             stacklevel=3,
         )

@@ -27,22 +27,29 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import choice_of
-from fastcoil.base.errors import FastcoilError, InputError, StorageError, missing_extra, out_of_memory, shown
-from fastcoil.base.files import storage_errors
-from fastcoil.base.machine import wait_for_end
+from fastcoil.base.arguments import require_choice
+from fastcoil.base.errors import (
+    FastcoilError,
+    InputError,
+    StorageError,
+    missing_extra_error,
+    out_of_memory_error,
+    short_repr,
+)
+from fastcoil.base.files import convert_os_errors
+from fastcoil.base.machine import wait_for_parent_exit
 from fastcoil.loops.plan import Plan, Shard
 from fastcoil.loops.scenarios import flat_dataset
-from fastcoil.loops.simulate import run_shard, within
+from fastcoil.loops.simulate import call_with_timeout, run_shard
 from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, TRACES
 from fastcoil.model.numerics.jit import fingerprint, model_sha256
-from fastcoil.model.user_rules import RuleHashes, own_code_of, refuse_other_code
-from fastcoil.study.file.own_code import Source, load_rules, reduce
+from fastcoil.model.user_rules import RuleHashes, refuse_changed_code, user_code_hashes
+from fastcoil.study.file.user_code import UserFunction, load_rules, reduce
 
 BACKENDS = ("threads", "loky", "dask")
-_TEMPORARY = Path("the folder for temporary files")
-_WAIT_FOR_SCHEDULER, _WAIT_FOR_WORKERS = 10.0, 60.0  # seconds
-_MOST_DEATHS = 40  # without a result in between: one bad scenario in a shard of a million takes 20
+_TEMPORARY_FOLDER = Path("the folder for temporary files")
+_SCHEDULER_TIMEOUT_S, _WORKERS_TIMEOUT_S = 10.0, 60.0  # seconds
+_MAX_DEATHS_WITHOUT_RESULT = 40  # without a result in between: one bad scenario in a shard of a million takes 20
 
 
 # --- a worker ---------------------------------------------------------------------------------------------------------
@@ -56,12 +63,12 @@ class Job(NamedTuple):
     """What a worker needs of a study; sent once to each, so that a shard is only its indices."""
 
     plan: Plan
-    reduction: Source | None
-    rules: Mapping[str, Source] = {}
-    own_code: RuleHashes = {}
+    reduction: UserFunction | None
+    rules: Mapping[str, UserFunction] = {}
+    user_code: RuleHashes = {}
 
 
-def identity() -> tuple[str, str]:
+def environment_id() -> tuple[str, str]:
     """Hashes of what the bits of a result depend on: the model's sources; CPU, Python and libraries."""
     return model_sha256(), fingerprint()
 
@@ -81,12 +88,12 @@ def run_scenarios(job: Job, shard: Shard) -> xr.Dataset:
     )
 
 
-def run_elsewhere(job: Job, shard: Shard, expected: tuple[str, str] | None = None) -> xr.Dataset:
+def run_received_job(job: Job, shard: Shard, expected_id: tuple[str, str] | None = None) -> xr.Dataset:
     """As ``run_scenarios``, for a job that came from another process, which has the code of its rules only as text.
 
     expected: the identity this worker must have; it may have joined after the others were checked.
     """
-    if expected is not None and identity() != expected:
+    if expected_id is not None and environment_id() != expected_id:
         raise InputError(
             "a worker that joined the dask cluster differs from the others in its version of fastcoil, CPU, Python or "
             "libraries: use workers of one kind; finished scenarios are kept, run the same command again to resume"
@@ -94,7 +101,7 @@ def run_elsewhere(job: Job, shard: Shard, expected: tuple[str, str] | None = Non
     rules = job.plan.layout.loop.rules
     try:
         load_rules(rules, job.rules)
-        refuse_other_code(own_code_of(rules.values()), job.own_code)
+        refuse_changed_code(user_code_hashes(rules.values()), job.user_code)
         return run_scenarios(job, shard)
     except KeyboardInterrupt:
         raise Interrupt from None
@@ -108,37 +115,37 @@ _jobs: list[Job] = []
 """The job of this process, if it is a worker."""
 
 
-def begin_process(job: Path, parent: int) -> None:
+def initialise_worker(job: Path, parent: int) -> None:
     """Keep the job in a file in a process that lives no longer than its parent and leaves Ctrl-C to it."""
     if threading.current_thread() is threading.main_thread():  # no other thread may set signals
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 
-    def follow() -> None:
-        wait_for_end(parent)
+    def exit_with_parent() -> None:
+        wait_for_parent_exit(parent)
         shutil.rmtree(job.parent, ignore_errors=True)  # a parent that was killed has left it
         os._exit(1)
 
-    threading.Thread(target=follow, daemon=True).start()
+    threading.Thread(target=exit_with_parent, daemon=True).start()
     _jobs.append(pickle.loads(job.read_bytes()))
 
 
-def run_from_file(path: Path) -> xr.Dataset:
+def run_shard_file(path: Path) -> xr.Dataset:
     """Run the shard in a file, which is removed, of the job of this process."""
     shard = pickle.loads(path.read_bytes())
     path.unlink(missing_ok=True)
-    return run_elsewhere(_jobs[0], shard)
+    return run_received_job(_jobs[0], shard)
 
 
 def crashed_part(job: Job, index: np.ndarray) -> xr.Dataset:
     """Results of scenarios that take every worker down: NaN, with the status ``crashed``."""
-    nothing = np.full((len(METRICS), index.size), np.nan)
+    missing_metrics = np.full((len(METRICS), index.size), np.nan)
     points = job.plan.traces.n_points(job.plan.n_steps)
     names = job.plan.traces.names if job.reduction is None else ()
     traces = {
         n: np.full((index.size, *((job.plan.n_volumes,) if TRACES[n].per_volume else ()), points), np.nan)
         for n in names
     }
-    part = flat_dataset(index, nothing, np.full(index.size, STATUS_CRASHED), traces, job.plan.traces.interval)
+    part = flat_dataset(index, missing_metrics, np.full(index.size, STATUS_CRASHED), traces, job.plan.traces.interval)
     return part.assign_attrs(computed_on="[]")
 
 
@@ -155,41 +162,41 @@ def run_shards(pool: Pool, job: Job, shards: Sequence[Shard]) -> Iterator[xr.Dat
     ``StorageError`` if the memory does not suffice, not even for a single scenario.  ``FastcoilError`` if workers die
     again and again without a result in between.
     """
-    waiting, suspects = deque(shards), deque[Shard]()
-    guilty: list[np.ndarray] = []
+    waiting, retry = deque(shards), deque[Shard]()
+    crashed: list[np.ndarray] = []
     n_deaths = 0
-    while waiting or suspects:
-        alone = bool(suspects)
-        for shard, outcome in _outcomes(pool, deque([suspects.popleft()]) if alone else waiting):
+    while waiting or retry:
+        is_retry = bool(retry)
+        for shard, outcome in _outcomes(pool, deque([retry.popleft()]) if is_retry else waiting):
             if isinstance(outcome, xr.Dataset):
-                yield from (crashed_part(job, index) for index in guilty)
+                yield from (crashed_part(job, index) for index in crashed)
                 yield outcome
-                guilty, n_deaths = [], 0
+                crashed, n_deaths = [], 0
                 continue
-            n_deaths += alone
-            if n_deaths > _MOST_DEATHS:
+            n_deaths += is_retry
+            if n_deaths > _MAX_DEATHS_WITHOUT_RESULT:
                 raise FastcoilError(
-                    f"{_MOST_DEATHS} workers died in a row without a result: they may lack memory, use fewer with -j, "
+                    f"{_MAX_DEATHS_WITHOUT_RESULT} workers died in a row without a result: they may lack memory, use fewer with -j, "
                     "or another --backend; finished scenarios are kept, run the same command again to resume"
                 )
-            if not alone:
-                suspects.append(shard)
+            if not is_retry:
+                retry.append(shard)
             elif shard.lanes.size > 1:
-                suspects.extendleft(reversed(shard.halves()))
+                retry.extendleft(reversed(shard.halves()))
             elif isinstance(outcome, MemoryError):
-                raise out_of_memory("not even a single scenario can be run") from outcome
+                raise out_of_memory_error("not even a single scenario can be run") from outcome
             else:
-                guilty.append(shard.index)
-    yield from (crashed_part(job, index) for index in guilty)
+                crashed.append(shard.index)
+    yield from (crashed_part(job, index) for index in crashed)
 
 
 def _outcomes(pool: Pool, waiting: deque[Shard]) -> Iterator[tuple[Shard, xr.Dataset | BaseException]]:
     """Run shards until a worker dies: each that was started, with its results or with the death that it met."""
     in_flight: dict[cf.Future[xr.Dataset], Shard] = {}
-    died = False
-    while in_flight or (waiting and not died):
+    has_died = False
+    while in_flight or (waiting and not has_died):
         # one more than there are workers, so that none waits for this thread to write
-        while waiting and not died and len(in_flight) <= pool.n_workers:
+        while waiting and not has_died and len(in_flight) <= pool.n_workers:
             shard = waiting.popleft()
             in_flight[pool.submit(shard)] = shard
         done, _ = cf.wait(in_flight, return_when=cf.FIRST_COMPLETED)
@@ -201,7 +208,7 @@ def _outcomes(pool: Pool, waiting: deque[Shard]) -> Iterator[tuple[Shard, xr.Dat
             except Interrupt:
                 raise KeyboardInterrupt from None
             except pool.deaths as death:
-                outcome, died = death, True
+                outcome, has_died = death, True
             yield shard, outcome
 
 
@@ -241,27 +248,27 @@ class Loky:
     def _start(self) -> Any:
         from joblib.externals.loky import ProcessPoolExecutor
 
-        with storage_errors(_TEMPORARY, "written"):
+        with convert_os_errors(_TEMPORARY_FOLDER, "written"):
             self._folder = tempfile.TemporaryDirectory(prefix="fastcoil-", ignore_cleanup_errors=True)
         self._names = (Path(self._folder.name) / str(k) for k in count())
-        started_with = self._filed(self._job), os.getpid()
-        with _start_errors():
-            return ProcessPoolExecutor(self.n_workers, initializer=begin_process, initargs=started_with)
+        arguments = self._write_to_file(self._job), os.getpid()
+        with _process_start_errors():
+            return ProcessPoolExecutor(self.n_workers, initializer=initialise_worker, initargs=arguments)
 
-    def _filed(self, content: object) -> Path:
+    def _write_to_file(self, content: object) -> Path:
         path = next(self._names)
-        with storage_errors(_TEMPORARY, "written"):
+        with convert_os_errors(_TEMPORARY_FOLDER, "written"):
             path.write_bytes(pickle.dumps(content))
         return path
 
     def submit(self, shard: Shard) -> cf.Future[Any]:
-        with _start_errors():
+        with _process_start_errors():
             try:
-                return self._executor.submit(run_from_file, self._filed(shard))  # type: ignore[no-any-return]
+                return self._executor.submit(run_shard_file, self._write_to_file(shard))  # type: ignore[no-any-return]
             except cf.BrokenExecutor:  # a worker died, and what was in flight has failed
                 self.close()
                 self._executor = self._start()
-                return self._executor.submit(run_from_file, self._filed(shard))  # type: ignore[no-any-return]
+                return self._executor.submit(run_shard_file, self._write_to_file(shard))  # type: ignore[no-any-return]
 
     def close(self) -> None:
         # the library forgets pending work but keeps its numbers, and then looks for them in vain
@@ -273,7 +280,7 @@ class Loky:
 
 
 @contextlib.contextmanager
-def _start_errors() -> Iterator[None]:
+def _process_start_errors() -> Iterator[None]:
     try:
         yield
     except StorageError:
@@ -292,15 +299,19 @@ class Dask:
         try:
             import distributed
         except ImportError:
-            raise missing_extra("the backend dask", "dask and distributed", "dask") from None
+            raise missing_extra_error("the backend dask", "dask and distributed", "dask") from None
         # when the scheduler is lost, futures are cancelled
         self.deaths: tuple[type[BaseException], ...] = (distributed.KilledWorker, cf.CancelledError, MemoryError)
         try:
-            within(None, lambda: asyncio.run(_shake_hands(scheduler)))  # in a notebook this thread has an event loop
-            self._client = distributed.Client(scheduler, timeout=_WAIT_FOR_SCHEDULER, set_as_default=False)
-            self._client.wait_for_workers(1, timeout=_WAIT_FOR_WORKERS)
-            found: set[tuple[str, str]] = set(within(_WAIT_FOR_WORKERS, lambda: self._client.run(identity)).values())
-            self._identity = min(found)
+            call_with_timeout(
+                None, lambda: asyncio.run(_probe_scheduler(scheduler))
+            )  # in a notebook this thread has an event loop
+            self._client = distributed.Client(scheduler, timeout=_SCHEDULER_TIMEOUT_S, set_as_default=False)
+            self._client.wait_for_workers(1, timeout=_WORKERS_TIMEOUT_S)
+            identities: set[tuple[str, str]] = set(
+                call_with_timeout(_WORKERS_TIMEOUT_S, lambda: self._client.run(environment_id)).values()
+            )
+            self._identity = min(identities)
         except Exception as error:  # the library may raise anything at an unexpected answer
             self.close()
             raise InputError(
@@ -309,7 +320,7 @@ class Dask:
                 "for tls:// dask's settings of the certificates"
             ) from None
         try:
-            if len(found) > 1 or self._identity[0] != model_sha256():
+            if len(identities) > 1 or self._identity[0] != model_sha256():
                 raise InputError(
                     "the workers of the dask cluster run another version of fastcoil, or differ in CPU, Python or "
                     "library versions: results would not be bit-identical, use workers of one kind with this version"
@@ -326,20 +337,20 @@ class Dask:
     def submit(self, shard: Shard) -> cf.Future[Any]:
         if self._client.status != "running":
             raise FastcoilError("the dask scheduler is gone: start one and run the same command again to resume")
-        return self._executor.submit(run_elsewhere, self._job, shard, self._identity)  # type: ignore[no-any-return]
+        return self._executor.submit(run_received_job, self._job, shard, self._identity)  # type: ignore[no-any-return]
 
     def close(self) -> None:
         with contextlib.suppress(Exception):  # what was computed must not be lost for a cluster that is slow to end
             self._client.close(timeout=5.0)
 
 
-async def _shake_hands(address: str) -> None:
+async def _probe_scheduler(address: str) -> None:
     """Raise an exception if no dask answers there: a client would wait for ever for a server that says nothing."""
     from distributed import Security
     from distributed.comm import connect
 
     certificates = Security().get_connection_args("client")
-    comm = await asyncio.wait_for(connect(address, _WAIT_FOR_SCHEDULER, **certificates), _WAIT_FOR_SCHEDULER)
+    comm = await asyncio.wait_for(connect(address, _SCHEDULER_TIMEOUT_S, **certificates), _SCHEDULER_TIMEOUT_S)
     comm.abort()
 
 
@@ -355,11 +366,13 @@ def make_pool(backend: str, job: Job, n_workers: int, scheduler: str | None) -> 
 
 def check_backend(backend: str, scheduler: str | None) -> None:
     """Refuse a backend that does not exist, and dask without the address of its scheduler."""
-    choice_of("backend", backend, BACKENDS)
+    require_choice("backend", backend, BACKENDS)
     if backend == "dask" and not scheduler:
         raise InputError(
             "backend = 'dask' without scheduler: give its address, such as tcp://host:8786; on this machine alone, "
             "loky does the same"
         )
     if backend != "dask" and scheduler is not None:
-        raise InputError(f"scheduler = {shown(scheduler)}: only the backend dask has one, choose it or leave it out")
+        raise InputError(
+            f"scheduler = {short_repr(scheduler)}: only the backend dask has one, choose it or leave it out"
+        )

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import NullFormatter
 from scipy.special import ndtr
 
-from fastcoil.base.figures import BLUE, FAINT, RED, YELLOW, apply_style
+from fastcoil.base.figures import BLUE, RED, SHADE_GREY, YELLOW, apply_style
 from studies.buffer.bounds import (
     NEAR,
     SEEN,
@@ -231,7 +231,7 @@ def _swings(panel: Axes, runs: Runs) -> None:
     """Swings of the buffer's cycle over the phase margin, with the formula and the describing function."""
     phases = np.linspace(LEAST_PHASE, 0.5 * np.pi, 200)
     curve = UPPER_SCALE * (0.5 * np.pi / phases) ** POWER
-    panel.fill_between(np.degrees(phases), curve / NEAR, curve * NEAR, color=FAINT, zorder=0)
+    panel.fill_between(np.degrees(phases), curve / NEAR, curve * NEAR, color=SHADE_GREY, zorder=0)
     panel.plot(np.degrees(phases), curve, color="black", label="formula, × 1.3, ÷ 1.3")
     amplitude = 0.5 * np.geomspace(1.0, 30.0, 300)
     n = describing_function(amplitude)

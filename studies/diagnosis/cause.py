@@ -15,7 +15,7 @@ import xarray as xr
 from joblib import Parallel, delayed
 
 import fastcoil as fc
-from fastcoil.measured.identify import GOOD, TOLERANCE
+from fastcoil.measured.identify import GOOD_BACKLASH, SIZE_TOLERANCE
 from studies.common import HEATING_GAIN, compare_rows, loguniform, write_table
 from studies.days import CONSTANT, DESIGN, HEATING, STEPPED, of_kind, settings
 from studies.diagnosis.diagnosis import share
@@ -138,7 +138,7 @@ class Answer(NamedTuple):
     @property
     def is_right(self) -> bool:
         """Whether the found backlash is right, to 20 % of itself or 1 % of the stroke."""
-        return bool(abs(self.found - self.backlash) <= max(TOLERANCE * self.backlash, GOOD) + 1e-9)
+        return bool(abs(self.found - self.backlash) <= max(SIZE_TOLERANCE * self.backlash, GOOD_BACKLASH) + 1e-9)
 
 
 def answers(kind: str) -> list[Answer]:
@@ -192,7 +192,7 @@ def main() -> None:
     good = [one for one in everything if one.backlash == 0.0]
     summary.append(["a backlash", str(len(claimed)), of_logs([one.is_right for one in claimed]),
                     of_logs([one.claimed and one.is_right for one in everything])])  # fmt: skip
-    accused = [one.claimed and one.found > GOOD + 1e-9 for one in good]
+    accused = [one.claimed and one.found > GOOD_BACKLASH + 1e-9 for one in good]
     summary.append(["a backlash above 1 %, of good valves", str(sum(accused)), "–", of_logs(accused)])
     write_table(
         "diagnosis/diagnosis_answers",

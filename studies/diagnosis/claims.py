@@ -17,12 +17,12 @@ import xarray as xr
 from joblib import Parallel, delayed
 
 import fastcoil as fc
-from fastcoil.logs import read_log
+from fastcoil.logs import read_checked_log
 from fastcoil.measured import identify
-from fastcoil.measured.diagnose import WANTED, identified
-from fastcoil.measured.grid import held, in_a_row, motor_positions, on_grid
-from fastcoil.measured.identify import GOOD, TOLERANCE, Identification
-from fastcoil.measured.part import turns
+from fastcoil.measured.diagnose import DIAGNOSIS_COLUMNS, identify_and_measure
+from fastcoil.measured.grid import forward_fill, join_grids, motor_positions, resample_log
+from fastcoil.measured.identify import GOOD_BACKLASH, SIZE_TOLERANCE, Identification
+from fastcoil.measured.part import count_reversals
 from studies.common import compare_rows, write_table
 from studies.days import CONSTANT, STEPPED, of_kind
 from studies.diagnosis.diagnosis import SIMULATED, Population, logs, share, valves
@@ -103,7 +103,9 @@ CASES = {
 
 def claimed(columns: Columns, interval: float, stroke_time: float) -> Identification:
     """What ``fc.diagnose`` claims of a log."""
-    return identified(on_grid(read_log(dataset(columns._asdict(), interval), WANTED))[0], stroke_time)[0]
+    return identify_and_measure(
+        resample_log(read_checked_log(dataset(columns._asdict(), interval), DIAGNOSIS_COLUMNS))[0], stroke_time
+    )[0]
 
 
 def dataset(columns: dict[str, np.ndarray], interval: float) -> xr.Dataset:
@@ -116,7 +118,7 @@ def dataset(columns: dict[str, np.ndarray], interval: float) -> xr.Dataset:
 
 def is_right(found: Identification, backlash: float) -> bool:
     """To 20 % of the gap or 1 % of the stroke."""
-    return abs(found.backlash - backlash) <= max(TOLERANCE * backlash, GOOD) + 1e-9
+    return abs(found.backlash - backlash) <= max(SIZE_TOLERANCE * backlash, GOOD_BACKLASH) + 1e-9
 
 
 def misled() -> list[list[str]]:
@@ -206,8 +208,8 @@ def of_days(pool: Pool, signals: dict[str, np.ndarray], valve: int, stroke_time:
         {name: series[day, valve if series.shape[1] > 1 else 0] for name, series in signals.items()}
         for day in range(pool.days)
     ]
-    grids = [on_grid(read_log(dataset(day, float(pool.seconds)), WANTED))[0] for day in days]
-    return identified(in_a_row(grids), stroke_time)[0]
+    grids = [resample_log(read_checked_log(dataset(day, float(pool.seconds)), DIAGNOSIS_COLUMNS))[0] for day in days]
+    return identify_and_measure(join_grids(grids), stroke_time)[0]
 
 
 def pooled(pool: Pool) -> list[str]:
@@ -222,7 +224,7 @@ def pooled(pool: Pool) -> list[str]:
 
     claims, right = each(one.identified for one in found), each(map(is_right, found, sizes))
     covers = each(one.low <= size <= one.high for one, size in zip(found, sizes, strict=True))
-    accused = claims & each(one.backlash > GOOD + 1e-9 for one in found) & (sizes == 0.0)
+    accused = claims & each(one.backlash > GOOD_BACKLASH + 1e-9 for one in found) & (sizes == 0.0)
     print(", ".join(pool.cells), "done", flush=True)
     return [
         *pool.cells, share(claims), f"{int((claims & ~right).sum())} of {int(claims.sum())}", share(right, claims),
@@ -241,8 +243,10 @@ def by_turns(pool: Pool) -> list[list[str]]:
     counted, claims = np.zeros(worn.size), np.zeros(worn.size, bool)
     for k, v in enumerate(worn):
         stroke_time, gap = float(drawn["stroke_time"][v]), float(drawn["backlash"][v])
-        days = [motor_positions(held(command), pool.seconds, stroke_time) for command in signals["command"][:, v]]
-        counted[k] = sum(turns(positions, gap) for positions in days)
+        days = [
+            motor_positions(forward_fill(command), pool.seconds, stroke_time) for command in signals["command"][:, v]
+        ]
+        counted[k] = sum(count_reversals(positions, gap) for positions in days)
         claims[k] = of_days(pool, signals, int(v), stroke_time).identified
     groups = [(counted >= low) & (counted < high) for low, high in pairwise(TURNS)]
     names = ["none", *(f"{low} to {high - 1}" for low, high in pairwise(TURNS[1:-1])), f"{TURNS[-2]} or more"]

@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from fastcoil.measured.identify import GOOD, TOLERANCE, identify_backlash
+from fastcoil.measured.identify import GOOD_BACKLASH, SIZE_TOLERANCE, identify_backlash
 from studies.common import compare_rows, drawn_loops, mixed_sizes, share_of, write_table
 from studies.days import CONSTANT, DESIGN, HEATING, STEPPED, kinds, of_kind, settings
 
@@ -214,7 +214,7 @@ def identified(of: Logs, hours: int, columns: tuple[str, ...]) -> xr.Dataset:
     true = xr.DataArray(of.backlash, dims="sample")
     least, most = (xr.DataArray(edge, dims="sample") for edge in (of.least, of.most))
     off = np.maximum(np.maximum(least - ds.backlash, ds.backlash - most), 0.0)
-    ds["right"] = ds.backlash.notnull() & (off <= np.maximum(TOLERANCE * true, GOOD) + 1e-9)
+    ds["right"] = ds.backlash.notnull() & (off <= np.maximum(SIZE_TOLERANCE * true, GOOD_BACKLASH) + 1e-9)
     ds["covered"] = (ds.low <= most) & (least <= ds.high)
     return ds.assign_coords(true=true)
 
@@ -228,7 +228,7 @@ def cells(row: Row) -> list[str]:
     """Wrong claims first, then the shares."""
     ds = row.found
     claimed, good = ds.identified > 0, (ds.true == 0.0).broadcast_like(ds.right)
-    accused = (ds.backlash > GOOD + 1e-9) & claimed & good
+    accused = (ds.backlash > GOOD_BACKLASH + 1e-9) & claimed & good
     return [
         row.name, row.columns, f"{row.hours} h", f"{int((claimed & ~ds.right).sum())} of {int(claimed.sum())}",
         share(ds.right, claimed), f"{int(accused.sum())} of {int(good.sum())}", share(ds.covered), share(claimed),
@@ -277,7 +277,7 @@ def main() -> None:
         [row.name, row.columns, f"{row.hours} h", f"{int((claim & worse).sum())} of {row.found.right.size}",
          share(claim & worse), share(claim & ~worse)]
         for row in rows
-        for claim, worse in [(row.found.identified > 0, row.found.backlash > GOOD + 1e-9)]
+        for claim, worse in [(row.found.identified > 0, row.found.backlash > GOOD_BACKLASH + 1e-9)]
     ]  # fmt: skip
     title = f"Good valves: {GOOD_ONES} × {GOOD_DAYS} days each"
     write_table(

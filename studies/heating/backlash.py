@@ -40,7 +40,7 @@ REMEDIES = {
 }  # fmt: skip
 SEARCH_SEED, SEARCH_DAYS, HOLDOUT_DAYS = 16102, (16121, 16122), (16123, 16124)
 SEARCH = {"kp": (0.003, 0.3), "ti": (5.0, 600.0)}
-LIMITS = {"motor_travel": "now", "hunts": (0.05, "mean"), "margin": (0.8, 1.0)}
+LIMITS = {"motor_travel": "now", "hunts": (0.05, "mean"), "hunting_index": (0.8, 1.0)}
 EVALUATIONS = 64
 """How the gains of ``fc.tune`` are sought: no more motor travel than the preset, and hardly any hunting."""
 KEPT = ("rmse", "motor_travel", "hunts", "status")

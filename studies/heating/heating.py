@@ -227,7 +227,7 @@ def fresh_rows(size: int = FRESH_SIZE) -> list[list[str]]:
                 warnings.simplefilter("ignore", UserWarning)  # of gains made for cooling: they are why it is run
                 r = response(loop, of)
                 worn = fc.simulate(loop.assign(backlash=("sample", gaps)), of.boundary)
-                margin = fc.limit_cycle(loop, of.boundary, at=STEP_AT - 1).margin
+                hunting_index = fc.limit_cycle(loop, of.boundary, at=STEP_AT - 1).hunting_index
             o, s = r.overshoot, r.settling.where(r.settling < SECONDS - STEP_AT)
             never = float(s.isnull().mean())
             rows.append(
@@ -235,7 +235,7 @@ def fresh_rows(size: int = FRESH_SIZE) -> list[list[str]]:
                  f"{float(loop['kp']):g}, {float(loop['ti']):g}, {float(loop['sample_time']):g}",  # type: ignore[arg-type]
                  f"{float(o.median()):.0%}, {float(o.quantile(0.95)):.0%}, {float(o.max()):.0%}",
                  f"{never:.0%} never" if never > 0.05 else f"{float(s.median()):.0f}, {float(s.quantile(0.95)):.0f}",
-                 f"{float(margin.max()):.2f}", str(share_of(r.ds.hunts)), str(share_of(worn.hunts))]
+                 f"{float(hunting_index.max()):.2f}", str(share_of(r.ds.hunts)), str(share_of(worn.hunts))]
             )  # fmt: skip
     return rows
 
@@ -266,10 +266,10 @@ def main() -> None:
     write_table(
         "heating/heating_fresh",
         f"The heating presets on {FRESH_SIZE} fresh conditions, and the gains of the cooling presets on the same "
-        f"coils; overshoot, settling and margin without backlash, worn valves of {100 * GAPS[0]:g} to "
+        f"coils; overshoot, settling and hunting index without backlash, worn valves of {100 * GAPS[0]:g} to "
         f"{100 * GAPS[1]:g} %",
         ["coil", "gains", "kp in 1/K, ti in s, sample time in s", "overshoot: median, 95 %, most",
-         "settling, s: median, 95 %", "largest margin", "hunting, X = 0", "hunting, worn"],
+         "settling, s: median, 95 %", "largest hunting index", "hunting, X = 0", "hunting, worn"],
         fresh_rows(),
     )  # fmt: skip
     write_backlash()

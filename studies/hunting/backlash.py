@@ -68,11 +68,11 @@ def quantiles(of: xr.DataArray, form: str = "{:.2g}") -> str:
 
 
 def write_backlash(ds: xr.Dataset, limit: float) -> None:
-    """Write whether, how much and how fast, by backlash; limit: of the margin."""
+    """Write whether, how much and how fast, by backlash; limit: of the hunting index."""
     ok = ds.reachable.astype(bool).all("backlash") & ds.hunts.notnull().all("backlash")
     at_one, good = ds.sel(backlash=0.01), ds.sel(backlash=0.0)
     of_gap = (ds.cycles | (ds.backlash == 0.0)).all("backlash") & ~good.cycles & ok
-    warned = ok & (good.margin > limit) & ~good.cycles
+    warned = ok & (good.hunting_index > limit) & ~good.cycles
     table = []
     for size in SIZES:
         at = ds.sel(backlash=size)
@@ -92,7 +92,7 @@ def write_backlash(ds: xr.Dataset, limit: float) -> None:
         f"({int(of_gap.sum()):,}), the swing grows with the backlash to the power {grows[0]:.2f} ({grows[1]:.2f} to "
         f"{grows[2]:.2f}), the period to the power {changes[0]:.2f} ({changes[1]:.2f} to {changes[2]:.2f}); medians, "
         "10 and 90 %.  "
-        f"Of those that are calm without a gap and have a margin above {limit:g} ({int(warned.sum()):,}) "
+        f"Of those that are calm without a gap and have a hunting index above {limit:g} ({int(warned.sum()):,}) "
         f"{share_of(at_one.cycles, warned)} cycle with one of 1 %",
         ["backlash X", "cycle", "hunt, over 0.1 K", "cycle, but not at 1 %", "do not, but at 1 %",
          "swing, peak to peak", "swing / (X K)", "period / that at 1 %"],
@@ -101,8 +101,8 @@ def write_backlash(ds: xr.Dataset, limit: float) -> None:
 
 
 def write_bands(ds: xr.Dataset) -> None:
-    """Write what becomes of a loop by its margin, at the sizes of backlash."""
-    at_all = ds.margin.sel(backlash=0.07, drop=True)
+    """Write what becomes of a loop by its hunting index, at the sizes of backlash."""
+    at_all = ds.hunting_index.sel(backlash=0.07, drop=True)
     ok = ds.reachable.astype(bool).all("backlash")
     table = []
     for low, high in BANDS:
@@ -120,8 +120,8 @@ def write_bands(ds: xr.Dataset) -> None:
         )  # fmt: skip
     write_table(
         "hunting/hunting_bands",
-        f"How loops behave, by their margin at 7 % backlash: {ds.sizes['sample']} loops × {ds.sizes['day']} conditions",
-        ["margin", "loops", *(f"cycle at X = {x:.0%}" for x in (0.0, 0.01, 0.03, 0.07, 0.15)),
+        f"How loops behave, by their hunting index at 7 % backlash: {ds.sizes['sample']} loops × {ds.sizes['day']} conditions",
+        ["hunting_index", "loops", *(f"cycle at X = {x:.0%}" for x in (0.0, 0.01, 0.03, 0.07, 0.15)),
          "swing / (X K) at 7 %", "period / (T + θ) at 7 %"],
         table,
     )  # fmt: skip
@@ -169,10 +169,10 @@ def run_start(seed: int, size: int, days: int) -> xr.Dataset:
 
 
 def write_start(ds: xr.Dataset) -> None:
-    """Write the share that cycles by margin and kick."""
+    """Write the share that cycles by hunting index and kick."""
     ok, table = ds.reachable.astype(bool) & (ds.backlash > 0.0), []
     for low, high in START_BANDS:
-        inside = ok & (ds.margin >= low) & (ds.margin < high)
+        inside = ok & (ds.hunting_index >= low) & (ds.hunting_index < high)
         if not bool(inside.any()):
             continue
         cells = [str(share_of(ds.cycles.sel(kick=kick, drop=True), inside)) for kick in KICKS]
@@ -184,7 +184,7 @@ def write_start(ds: xr.Dataset) -> None:
         f"Does a cycle need a disturbance to start?  The loop reaches its set-point over {RAMP} h without reversing "
         "the valve and rests; the set-point is then moved for one hour (the kick).  Share of loops that cycle at the "
         f"end of {AFTER} more hours; of those that cycle after any kick {alone} do without one",
-        ["margin", "loops", *(f"kick {kick:g} K" if kick else "no kick" for kick in KICKS)],
+        ["hunting_index", "loops", *(f"kick {kick:g} K" if kick else "no kick" for kick in KICKS)],
         table,
     )
 
@@ -227,7 +227,7 @@ def run_parts(seed: int, size: int, days: int) -> xr.Dataset:
             hunts = hunts.reset_coords(drop=True) > 0
             simulated = xr.where(hunts.any("kp_tried"), scale * KP[0] * _first(hunts), np.nan)
             ok = plant.reachable.astype(bool) & ~hunts.isel(kp_tried=0, drop=True)
-            found[name] = xr.Dataset({"simulated": simulated, "foreseen": scale / plant.margin, "ok": ok})
+            found[name] = xr.Dataset({"simulated": simulated, "foreseen": scale / plant.hunting_index, "ok": ok})
         parts[kind] = along("change", found)
     return pooled(parts, data_vars="all")
 
@@ -259,6 +259,6 @@ def write_parts(ds: xr.Dataset) -> None:
         "hunting/hunting_parts",
         f"Change of the lowest kp at which a loop hunts, against {list(CHANGES)[0].removeprefix('as it is: ')}: "
         f"{ds.sizes['sample']} loops × {ds.sizes['day']} conditions, geometric mean (95 % over valves and conditions)",
-        ["change", "loops", "simulated", "predicted from the margin", "simulated over predicted, 10 to 90 %"],
+        ["change", "loops", "simulated", "predicted from the hunting index", "simulated over predicted, 10 to 90 %"],
         table,
     )

@@ -56,8 +56,8 @@ def tuned(loop: fc.Loop, group: list[str], still: fc.Boundary, rules: Mapping[st
         error = error + np.log(rmse.fillna(np.inf))
     acts = xr.DataArray(swept["kp"])
     # margins are proportional to kp, and depend on ti
-    margin = acts * _per_kp(loop, group[0], ti, still)
-    tried = model.assign(kp=acts, ti=ti, margin=margin)
+    hunting_index = acts * _per_kp(loop, group[0], ti, still)
+    tried = model.assign(kp=acts, ti=ti, hunting_index=hunting_index)
     found = {}
     for name in [ANY, *rules]:
         obeys = xr.ones_like(error, dtype=bool) if name == ANY else rules[name].of(tried) <= rules[name].limit
@@ -70,9 +70,9 @@ def tuned(loop: fc.Loop, group: list[str], still: fc.Boundary, rules: Mapping[st
 
 
 def _per_kp(loop: fc.Loop, kind: str, ti: xr.DataArray, still: fc.Boundary) -> xr.DataArray:
-    """Margin of each ti at kp = 1."""
+    """Hunting index of each ti at kp = 1."""
     one = acting(loop.assign(kp=1.0, ti=ti), kind)
-    return foreseen(one, still).margin.isel(day=0, drop=True) / xr.DataArray(one["kp"])
+    return foreseen(one, still).hunting_index.isel(day=0, drop=True) / xr.DataArray(one["kp"])
 
 
 def cost(of: xr.DataArray, base: xr.DataArray) -> str:

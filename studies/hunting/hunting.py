@@ -37,7 +37,7 @@ from studies.hunting.loops import (
     smallest,
 )
 
-SHOWN = ("margin", "formula", "`fc.limit_cycle`")
+SHOWN = ("hunting_index", "formula", "`fc.limit_cycle`")
 
 
 def write_one_step(formula: Rule, limit: float, ds: xr.Dataset) -> None:
@@ -84,7 +84,7 @@ def write_errors(rules: list[Rule], found: Mapping[str, xr.Dataset]) -> None:
 
 
 def write_by_backlash(rules: list[Rule], ds: xr.Dataset) -> None:
-    """Write how often the margin, the formula and ``fc.limit_cycle`` are right at each size of backlash."""
+    """Write how often the hunting index, the formula and ``fc.limit_cycle`` are right at each size of backlash."""
     table = []
     for size in np.unique(ds.backlash):
         part = ds.isel(sample=np.flatnonzero(ds.backlash.isel(day=0) == size))
@@ -111,7 +111,7 @@ def write_practice(rules: list[Rule], ds: xr.Dataset) -> None:
         f"Ti ≥ kp K (T + 2 θ) / {of_two.safe:g}": of_two.of(ds) <= of_two.safe,
         f"Ti ≥ {formula.name.removesuffix(' / Ti')} / {formula.safe:g}": formula.of(ds) <= formula.safe,
         f"Ti ≥ {formula.name.removesuffix(' / Ti')} / {formula.limit:g}": formula.of(ds) <= formula.limit,
-        f"margin ≤ {rules[0].safe:g}": ds.margin <= rules[0].safe,
+        f"hunting index ≤ {rules[0].safe:g}": ds.hunting_index <= rules[0].safe,
     }
     among, hunts, table = counted(ds), ds.hunts > 0.0, []
     for name, obeys in given.items():
@@ -221,14 +221,14 @@ def draw_presets(ds: xr.Dataset, rules: list[Rule]) -> None:
     bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     handles = [plt.Line2D([], [], color=RED, lw=1.8), plt.Line2D([], [], color="black", ls="--", lw=1.8),
                plt.Line2D([], [], color="0.6", lw=0.9)]  # fmt: skip
-    names = [f"margin {rules[0].limit:g}", f"{rules[1].name} = {rules[1].limit:g}", "period"]
+    names = [f"hunting index {rules[0].limit:g}", f"{rules[1].name} = {rules[1].limit:g}", "period"]
     figure.legend(handles, names, loc="outside upper center", ncols=3)
     save_figure(figure, "hunting/hunting.png")
 
 
 @apply_style()
 def draw_population(ds: xr.Dataset, sizes: xr.Dataset, rules: list[Rule]) -> None:
-    """Draw loops without dimensions: Ti/T × gain margin, the formula, and the swing over the margin."""
+    """Draw loops without dimensions: Ti/T × gain margin, the formula, and the swing over the hunting index."""
     figure, panels = plt.subplots(1, 3, figsize=(12.0, 4.3), layout="constrained")
     at = np.flatnonzero(counted(ds).transpose(*ds.hunts.dims).values.ravel())
     at = np.random.default_rng(1).choice(at, min(DOTS, at.size), replace=False)
@@ -249,10 +249,10 @@ def draw_population(ds: xr.Dataset, sizes: xr.Dataset, rules: list[Rule]) -> Non
         ok = at.cycles & at.reachable.astype(bool) & (at.gain_margin > 1.0)
         scaled = (at.swing / (size * at.K)).where(ok).values.ravel()
         panels[2].plot(
-            at.margin.values.ravel(), scaled, mark, color=colour, ms=3, alpha=0.7, mew=0, label=f"X = {size:.0%}"
+            at.hunting_index.values.ravel(), scaled, mark, color=colour, ms=3, alpha=0.7, mew=0, label=f"X = {size:.0%}"
         )
     panels[2].axvline(rules[0].limit, color=RED)
-    panels[2].set(xlabel="margin, largest |L| |N|", ylabel="swing / (X K)", xlim=(0.5, 6), ylim=(0.03, 20))
+    panels[2].set(xlabel="hunting index, largest |L| |N|", ylabel="swing / (X K)", xlim=(0.5, 6), ylim=(0.03, 20))
     panels[2].legend(loc="lower right")
     for panel in panels:
         panel.set(xscale="log", yscale="log")
@@ -309,9 +309,9 @@ def main(size: int = 384, days: int = 6) -> None:
     done("ran every backlash, and kicks")
     hunting_backlash.write_parts(hunting_backlash.run_parts(PARTS, size // 8, 2))
     done("ran other motors, sensors and controllers")
-    margin, formula, product, *_ = rules
+    hunting_index, formula, product, *_ = rules
     slow = Rule("Ti ≥ T", lambda ds: ds["T"] / ds.ti, 1.0, 1.0)
-    obeyed = {f"{rule.name} ≤ {rule.limit:g}": rule for rule in (margin, formula, product)}
+    obeyed = {f"{rule.name} ≤ {rule.limit:g}": rule for rule in (hunting_index, formula, product)}
     cures.write_cost(*cures.run_cost(COST, size // 4, {**obeyed, slow.name: slow}))
     cures.write_cures(*cures.run_cures(CURES, size, formula, shape, cautious))
     done("ran what rules cost")

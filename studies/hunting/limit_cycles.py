@@ -18,7 +18,7 @@ import xarray as xr
 import fastcoil as fc
 from fastcoil.design import limit_cycle as cycles
 from fastcoil.design.describing_function import describing_function
-from fastcoil.design.limit_cycle import HUNTS_ABOVE, Cycles, balance, cycles_of, frequency
+from fastcoil.design.limit_cycle import HUNTING_MARGIN, Cycles, frequency_at, harmonic_balance, predict_cycles
 from fastcoil.design.operating_points import OperatingPoints
 from fastcoil.design.plants import OPENINGS, Plants, frequency_response, loop_response
 from fastcoil.model.moist_air import humidity_ratio
@@ -106,23 +106,23 @@ def textbook(columns: Mapping[str, np.ndarray], plants: Plants) -> Cycles:
     """The gap alone: the same threshold, and amplitude and period where |L| |N| is 1, or nearest to it."""
     n, w = plants.opening.size, np.geomspace(3e-4, np.pi, 300)
     found = Cycles(*(np.full(n, np.nan) for _ in Cycles._fields))
-    found.margin[:], found.hunts[:] = 0.0, 0.0
+    found.hunting_index[:], found.hunts[:] = 0.0, 0.0
     for ts in np.unique(columns["sample_time"]):
         some = np.flatnonzero((columns["sample_time"] == ts) & plants.reachable)
         if not some.size:
             continue
-        of, of_plants, x_bl = {k: v[some] for k, v in columns.items()}, plants.some(some), columns["backlash"][some]
+        of, of_plants, x_bl = {k: v[some] for k, v in columns.items()}, plants.select(some), columns["backlash"][some]
         w = np.geomspace(3e-4, np.pi / ts, 200)
         gap = np.maximum(x_bl, 1e-6)[:, None]
         A = 0.5005 * gap * np.geomspace(1.0, 1e4, 120)
         N = describing_function(A, gap, gap)
-        at = balance(w, loop_response(of, of_plants, w), lambda _, N=N: N, A.shape[1], np.zeros(some.size))
+        at = harmonic_balance(w, loop_response(of, of_plants, w), lambda _, N=N: N, A.shape[1], np.zeros(some.size))
         product, place = at.product.max(axis=0), at.place[0]
-        margin = np.where(x_bl > 0.0, product.max(axis=1), product[:, -1])
+        hunting_index = np.where(x_bl > 0.0, product.max(axis=1), product[:, -1])
         last = product.shape[1] - 1 - (product[:, ::-1] >= 1.0).argmax(axis=1)
         rows = np.arange(some.size)
-        k = np.where(margin >= 1.0, last, product.argmax(axis=1))
-        cycle = frequency(w, place[rows, k])
+        k = np.where(hunting_index >= 1.0, last, product.argmax(axis=1))
+        cycle = frequency_at(w, place[rows, k])
         G = np.abs(frequency_response(of_plants.response, w))
         T = (
             A[rows, k]
@@ -130,8 +130,8 @@ def textbook(columns: Mapping[str, np.ndarray], plants: Plants) -> Cycles:
             / (1.0 - x_bl)
             * G[rows, np.clip(place[rows, k].round().astype(int), 0, 199)]
         )
-        hunts = (margin > np.where(x_bl > 0.0, HUNTS_ABOVE, 1.0)) & (2.0 * T > 0.1)
-        found.margin[some], found.hunts[some] = margin, hunts
+        hunts = (hunting_index > np.where(x_bl > 0.0, HUNTING_MARGIN, 1.0)) & (2.0 * T > 0.1)
+        found.hunting_index[some], found.hunts[some] = hunting_index, hunts
         found.period[some], found.amplitude[some] = (
             np.where(hunts, values, np.nan) for values in (2.0 * np.pi / cycle, T)
         )
@@ -182,7 +182,7 @@ class Judged(NamedTuple):
         """Of a simulation and its forecast."""
         seen, predicted = (ds.reset_coords(drop=True).transpose("sample", "day") for ds in (seen, predicted))
         hunts, hunts_by_theory = seen.hunts == 1.0, predicted.hunts == 1.0
-        among = (predicted.margin > 0.0) & (seen.status == 0)
+        among = (predicted.hunting_index > 0.0) & (seen.status == 0)
         period = abs(predicted.period / seen.hunting_period - 1.0) <= PERIOD
         swing = abs(np.log(2.0 * predicted.amplitude / seen.hunting_swing)) <= np.log(SWING)
         return cls(among, hunts, hunts_by_theory, period, swing)
@@ -236,12 +236,12 @@ def rows_where(judged: Mapping[str, Judged], cases: Mapping[str, Case]) -> Itera
     def rest(name: str) -> xr.DataArray:
         return joined(lambda case: at_rest[case][name].drop_vars(["sample", "day"], errors="ignore"))
 
-    wet, opening, margin = rest("wet_volumes"), rest("opening"), theory("margin")
+    wet, opening, hunting_index = rest("wet_volumes"), rest("opening"), theory("hunting_index")
     samples = theory("period") / parameter("sample_time")
     conditions = {
         "no gap": parameter("backlash") == 0.0,
         **_bands("gap", parameter("backlash"), (0.0, 0.02, 0.05, 0.15), "{:.0%}"),
-        **_bands("margin", margin, (0.0, 0.7, 0.85, 1.0, 1.2, 2.0, 4.0, np.inf), "{:g}"),
+        **_bands("hunting_index", hunting_index, (0.0, 0.7, 0.85, 1.0, 1.2, 2.0, 4.0, np.inf), "{:g}"),
         **_bands("sample time", parameter("sample_time"), (0.0, 5.0, 15.0, 60.0), "{:g} s"),
         **_bands("predicted samples to a period", samples, (0.0, 6.0, 10.0, 20.0, np.inf), "{:g}"),
         "motor at once": parameter("stroke_time") == 0.0,
@@ -272,25 +272,25 @@ def predicted_with(
 ) -> xr.Dataset:
     """What another way of reckoning predicts."""
     points = OperatingPoints(loop, days, days.n_steps - 1)
-    found = points.evaluated(lambda columns, _, plants: list(of(columns, plants)._asdict().items()))
+    found = points.evaluate(lambda columns, _, plants: list(of(columns, plants)._asdict().items()))
     return points.dataset({name: (values, {}) for name, values in found.items()})
 
 
 def without_motor(columns: dict[str, np.ndarray], plants: Plants) -> Cycles:
     """As if the motor were at its target at once."""
-    return cycles_of(columns | {"stroke_time": np.zeros_like(columns["stroke_time"])}, plants)
+    return predict_cycles(columns | {"stroke_time": np.zeros_like(columns["stroke_time"])}, plants)
 
 
 def straight(columns: dict[str, np.ndarray], plants: Plants) -> Cycles:
     """As if valve and coil were a straight line."""
     line = plants.T_sup[:, None] + plants.gain[:, None] * (OPENINGS - plants.opening[:, None])
-    return cycles_of(columns, plants._replace(curve=line))
+    return predict_cycles(columns, plants._replace(curve=line))
 
 
 def free_integral(columns: dict[str, np.ndarray], plants: Plants) -> Cycles:
     """As if the integral had no ends."""
-    with patch.object(cycles, "ROUNDS", 0):
-        return cycles_of(columns, plants)
+    with patch.object(cycles, "INTEGRAL_LIMIT_ROUNDS", 0):
+        return predict_cycles(columns, plants)
 
 
 PARTS = {
@@ -298,7 +298,7 @@ PARTS = {
     "all but the motor's speed": without_motor,
     "all but the curve of valve and coil": straight,
     "all but the ends of the integral": free_integral,
-    "all": cycles_of,
+    "all": predict_cycles,
 }
 
 
@@ -316,7 +316,7 @@ def choose() -> None:
     """Print how often the forecast is right with other thresholds, on the loops of another seed."""
     cases = [compared(name, SEARCH, LOOPS) for name in PLAIN]
     for above in (0.75, 0.8, 0.825, 0.85, 0.875, 0.9, 0.95, 1.0):
-        with patch.object(cycles, "HUNTS_ABOVE", above):
+        with patch.object(cycles, "HUNTING_MARGIN", above):
             right = [Judged.of(c.seen, fc.limit_cycle(c.loop, c.days, at=c.days.n_steps - 1)) for c in cases]
         print(f"{above:g}", *(share_of(j.hunts == j.predicted, j.among).written(2) for j in right), sep="   ")
 

@@ -2,7 +2,7 @@
 
 A condition is air, water and set-point that stand still for a day: nothing but the loop itself can keep it swinging.
 Each day starts with a cold plant and a closed valve, so every loop gets its kick.  A rule is a number that a loop has,
-and a limit above which it is said to hunt; ``margin`` and the margins of Bode require the plant, the others what a step
+and a limit above which it is said to hunt; ``hunting_index`` and the margins of Bode require the plant, the others what a step
 of the command shows: gain K, time constant T and dead time theta.
 """
 
@@ -20,7 +20,7 @@ import fastcoil as fc
 from fastcoil.design.describing_function import describing_function
 from fastcoil.design.operating_points import OperatingPoints
 from fastcoil.design.plants import Columns, Plants, loop_response
-from fastcoil.model.metric_table import HUNTING_PERIODS, HUNTING_SWING
+from fastcoil.model.metric_table import HUNTING_SWING_K, LEAST_HUNTING_PERIODS
 from fastcoil.model.moist_air import humidity_ratio
 from studies.common import HEATING_GAIN, loguniform, pooled, share_of
 from studies.days import HEATING, of_kind, settings
@@ -36,7 +36,7 @@ def foreseen(loop: fc.Loop, day: fc.Boundary) -> xr.Dataset:
 
     K: K per unit of command.  T, theta: s, what an engineer reads from a step of the command, with the gap out of the
     way; half a sample time counts as dead time, since a sampled controller acts that much later on average.
-    opening: where the valve rests.  margin: largest |L| |N|.  gain_margin.  phase_margin: degrees, 180 if |L| < 1.
+    opening: where the valve rests.  hunting index: largest |L| |N|.  gain_margin.  phase_margin: degrees, 180 if |L| < 1.
     reachable: whether the valve holds the set-point and changes anything.
     """
     linear = fc.linearise(loop, day)
@@ -47,7 +47,7 @@ def foreseen(loop: fc.Loop, day: fc.Boundary) -> xr.Dataset:
             "T": linear.lag,
             "theta": linear.delay + 0.5 * ts,
             "opening": linear.opening,
-            "margin": margins(loop, day),
+            "hunting_index": margins(loop, day),
             "gain_margin": linear.gain_margin.fillna(np.inf),
             "phase_margin": linear.phase_margin.fillna(180.0),
             "reachable": linear.reachable.astype(bool) & (abs(linear.gain) > LEAST_GAIN),
@@ -64,7 +64,7 @@ def margins(loop: fc.Loop, day: fc.Boundary) -> xr.DataArray:
     ``fc.limit_cycle`` has them.  Proportional to kp.
     """
     points = OperatingPoints(loop, day, None)
-    return points.dataset({"margin": (points.evaluated(_margin)["margin"], {})}).margin
+    return points.dataset({"hunting_index": (points.evaluate(_margin)["hunting_index"], {})}).hunting_index
 
 
 def _margin(columns: Columns, _: Mapping[str, np.ndarray], plants: Plants) -> Iterator[tuple[str, np.ndarray]]:
@@ -72,7 +72,7 @@ def _margin(columns: Columns, _: Mapping[str, np.ndarray], plants: Plants) -> It
     made = np.isfinite(L)  # there is none above half the sampling frequency
     left = np.pi + np.unwrap(np.where(made, np.angle(L), 0.0), axis=1)
     inside = made & (left > 0.0) & (left < 0.5 * np.pi)
-    yield "margin", np.where(inside, np.abs(L) * np.interp(left, *_GAP), 0.0).max(axis=1)
+    yield "hunting_index", np.where(inside, np.abs(L) * np.interp(left, *_GAP), 0.0).max(axis=1)
 
 
 def gap(depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -152,12 +152,12 @@ def simulated(loop: fc.Loop, day: fc.Boundary) -> xr.Dataset:
 def hunting_of(ds: xr.Dataset) -> xr.Dataset:
     """The metrics of days that stand still; ``regular`` is the metric ``hunts``, and ``hunts`` asks for less.
 
-    Where nothing moves a swing need not be regular to be the loop's own: over 0.1 K in ``HUNTING_PERIODS`` periods.
+    Where nothing moves a swing need not be regular to be the loop's own: over 0.1 K in ``LEAST_HUNTING_PERIODS`` periods.
     """
     found = ds[["hunts", "hunting_swing", "hunting_period"]].reset_coords(drop=True)
     found = found.rename(hunts="regular", hunting_swing="swing", hunting_period="period")
-    longest = (3600 * HOURS - WARM_UP) / HUNTING_PERIODS
-    own = (found.swing > HUNTING_SWING) & (found.period <= longest)
+    longest = (3600 * HOURS - WARM_UP) / LEAST_HUNTING_PERIODS
+    own = (found.swing > HUNTING_SWING_K) & (found.period <= longest)
     return found.assign(hunts=own.astype(float).where(found.regular.notnull()))
 
 
@@ -233,7 +233,7 @@ def speed(ds: xr.Dataset, power: float, delays: float) -> xr.DataArray:
 def candidates(power: float, delays: float) -> dict[str, Callable[[xr.Dataset], xr.DataArray]]:
     """What each rule looks at; large where the loop is near to hunting."""
     return {
-        "margin of the describing function": lambda ds: ds.margin,
+        "hunting index of the describing function": lambda ds: ds.hunting_index,
         f"(kp K)^{power:g} (T + {delays:g} θ) / Ti": lambda ds: speed(ds, power, delays),
         "kp K (T + 2 θ) / Ti": lambda ds: speed(ds, 1.0, 2.0),
         "T / Ti": lambda ds: ds["T"] / ds.ti,

@@ -11,7 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from fastcoil.base.figures import BLUE, FAINT, RED, YELLOW, apply_style
+from fastcoil.base.figures import BLUE, RED, SHADE_GREY, YELLOW, apply_style
 from studies.common import Share, change_in_words, compare_rows, failures, pooled, save_figure, share_of, write_table
 from studies.days import STEPPED
 from studies.learning import learners_runs
@@ -221,7 +221,7 @@ def _panel(panel: Axes, runs: list[Run], names: list[str], share: Callable[[Run,
             panel.plot([100 * one.low, 100 * one.high], [y, y], color=colour, lw=1.0, zorder=2)
         panel.plot([100 * one.value for one in shares], at, mark, color=colour, ms=4.5, zorder=3, label=LABELS[name])
     for row in range(0, len(runs), 2):
-        panel.axhspan(row - 0.5, row + 0.5, color=FAINT, alpha=0.5, zorder=0, lw=0)
+        panel.axhspan(row - 0.5, row + 0.5, color=SHADE_GREY, alpha=0.5, zorder=0, lw=0)
     panel.grid(visible=False, axis="y")
 
 

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from scipy.stats import beta
 
 import fastcoil as fc
-from fastcoil.base.figures import write
+from fastcoil.base.figures import write_figures
 from studies.common import RESULTS, results, write_table
 from studies.learning import maps as learning_maps
 
@@ -242,7 +242,7 @@ def main() -> None:
     failures(of)
     quiet(ds, of)
     printed_rule()
-    for path in write(figures(ds, of), RESULTS / "learning_step" / "figures"):
+    for path in write_figures(figures(ds, of), RESULTS / "learning_step" / "figures"):
         print(path)
 
 

@@ -14,7 +14,7 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
-from fastcoil.base.figures import BLUE, GREY, RED, YELLOW, apply_style, wrapped
+from fastcoil.base.figures import BLUE, LINE_GREY, RED, YELLOW, apply_style, wrap_text
 from fastcoil.loops.labels import quantity
 
 WIDTH = 7.0
@@ -30,7 +30,7 @@ SHORTEST = 0.25
 
 def _figure(rows: int, columns: int, height: float, small_print: str) -> tuple[Figure, np.ndarray]:
     figure = Figure(figsize=(WIDTH, height), layout="constrained")
-    figure.supxlabel(wrapped(small_print, WIDTH, SMALL), fontsize=SMALL, color="0.3")
+    figure.supxlabel(wrap_text(small_print, WIDTH, SMALL), fontsize=SMALL, color="0.3")
     return figure, figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
 
 
@@ -110,7 +110,7 @@ def settings(of: xr.Dataset, rules: Sequence[str], hours: float, safe: float, sm
 
 LINES = {
     "literal": {"color": BLUE, "ls": "-", "lw": 1.2},
-    "hold": {"color": GREY, "ls": "--", "lw": 1.2},
+    "hold": {"color": LINE_GREY, "ls": "--", "lw": 1.2},
     "early": {"color": "black", "ls": ":", "lw": 1.4},
     "growing": {"color": YELLOW, "ls": "-", "lw": 2.4},
     "stopping": {"color": RED, "ls": "-.", "lw": 1.2},

@@ -20,7 +20,7 @@ from joblib import Parallel, delayed
 
 import fastcoil as fc
 from fastcoil.base.figures import apply_style
-from fastcoil.measured.identify import GOOD, TOLERANCE, identify_backlash
+from fastcoil.measured.identify import GOOD_BACKLASH, SIZE_TOLERANCE, identify_backlash
 from studies.common import compare_rows, drawn_loops, loguniform, save_figure, share_of, write_table
 from studies.days import CONSTANT, T_SET, of_kind
 from studies.hunting.loops import foreseen
@@ -182,12 +182,12 @@ TURNS = (0, 1, 3, 6, 12, 24, 48, np.inf)
 
 def right(ds: xr.Dataset, name: str) -> xr.DataArray:
     """Where a size is right."""
-    return abs(ds[name] - ds.true) <= np.maximum(TOLERANCE * ds.true, GOOD) + 1e-9
+    return abs(ds[name] - ds.true) <= np.maximum(SIZE_TOLERANCE * ds.true, GOOD_BACKLASH) + 1e-9
 
 
 def certain(ds: xr.Dataset) -> xr.DataArray:
     """Hours after which the bound would certify the gap, as if all hours told as much as those of the day."""
-    return HOURS * (SURE * ds.bound / np.maximum(TOLERANCE * ds.true, GOOD)) ** 2
+    return HOURS * (SURE * ds.bound / np.maximum(SIZE_TOLERANCE * ds.true, GOOD_BACKLASH)) ** 2
 
 
 def ratio(ds: xr.Dataset) -> xr.DataArray:
@@ -203,7 +203,7 @@ def share(holds: xr.DataArray, among: xr.DataArray) -> str:
 def shares(ds: xr.Dataset, among: xr.DataArray) -> list[str]:
     """Wrong claims; shares claimed, right, covered; of ``identify`` right and too high; what the bound allows."""
     claimed, hours = (ds.claimed > 0.0) & among, certain(ds).where(among)
-    too_high = ds.online > ds.true + np.maximum(TOLERANCE * ds.true, GOOD) + 1e-9
+    too_high = ds.online > ds.true + np.maximum(SIZE_TOLERANCE * ds.true, GOOD_BACKLASH) + 1e-9
     covered = (ds.low <= ds.true) & (ds.true <= ds.high)
     return [
         f"{int(among.sum())}", f"{int((claimed & ~right(ds, 'found')).sum())} of {int(claimed.sum())}",
@@ -246,7 +246,7 @@ def by_move(found: Mapping[str, xr.Dataset]) -> Iterator[list[str]]:
     """Rows by the way the set-point moves and by gap, and how many good valves are accused."""
     for move, ds in found.items():
         good = ds.rmse.notnull() & (ds.true == 0.0)
-        accused = good & (ds.claimed > 0.0) & (ds.found > GOOD + 1e-9)
+        accused = good & (ds.claimed > 0.0) & (ds.found > GOOD_BACKLASH + 1e-9)
         for gap in GAPS:
             yield [move, f"{gap:.0%}", *shares(ds, worn(ds) & (ds.about == gap)),
                    f"{int(accused.sum())} of {int(good.sum())}", f"{float(ds.rmse.median()):.2f}"]  # fmt: skip

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.text import percent
+from fastcoil.base.text import format_share
 from fastcoil.model.parameter_table import PARAMETERS
 from studies.paper import grid
 from studies.paper.grid import BACKLASH, BUFFER_SIGMAS, DEAD_BAND, HUNTS, NOISE, RATIOS, STARTS_AND_STEPS, STEP
@@ -155,7 +155,9 @@ class Claim:
     note: str = ""
 
 
-_IN_TIME = f"It finds the backlash to within {percent(STEP, decimals=1)}, and confirms it by a step down within 3 h."
+_IN_TIME = (
+    f"It finds the backlash to within {format_share(STEP, decimals=1)}, and confirms it by a step down within 3 h."
+)
 _BEST = "Best gains are those of lowest error for the same plant and sample time, found on other days."
 _ADDED = "Our addition: the paper compares with one plain PI."
 _GROWING = (
@@ -196,7 +198,7 @@ CLAIMS = (
           "days", *_exceeds("rmse_settled", "120 %", 1.01, "100 %"),
           "Our addition: without the 10 min after each set-point step, where an overestimate may help."),
     Claim("best", "6", "The best estimate is the true backlash or slightly less.",
-          f"Of the estimates up to {percent(RATIOS[-1])}, one from 90 to 100 % has the lowest RMSE.",
+          f"Of the estimates up to {format_share(RATIOS[-1])}, one from 90 to 100 % has the lowest RMSE.",
           "days", _best_at_or_just_below, _best_estimate),
     Claim("finds", "3.3, Fig 12", "The learning rule identifies the backlash.",
           "As printed: within 8 h its first step down leads to the backlash, to within a step.",

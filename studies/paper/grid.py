@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.text import percent
+from fastcoil.base.text import format_share
 from fastcoil.loops.boundary.days import constant_day, design_day, paper_day
 from fastcoil.loops.boundary.record import Boundary
-from fastcoil.loops.clashes import stable
+from fastcoil.loops.clashes import is_stable
 from fastcoil.loops.loop import Loop
-from fastcoil.loops.presets import COOLING
+from fastcoil.loops.presets import COOLING_PRESETS
 from fastcoil.loops.provenance import content_sha256, provenance
 from fastcoil.loops.simulate import simulate
 from fastcoil.model.parameter_table import PARAMETERS
@@ -184,7 +184,7 @@ def arithmetic() -> str:
     steps, updates = round((BACKLASH - STEP) / STEP), (THREE_HOURS - 1) // INTERVAL
     reached, known = (n * INTERVAL / 3600 for n in (steps, steps + 2))
     sizes = (STEP, BACKLASH, BACKLASH + STEP, (updates + 1) * STEP)
-    start, backlash, tried, most = (percent(size, decimals=1) for size in sizes)
+    start, backlash, tried, most = (format_share(size, decimals=1) for size in sizes)
     return (
         f"From {start}, {steps} steps of {start} every {INTERVAL // 60} min are needed to reach {backlash}: "
         f"{steps} × {INTERVAL / 3600:g} h = {reached:g} h, and {known:g} h until {tried} has been tried and taken "
@@ -221,8 +221,8 @@ MOST_VOLUMES = 30
 def tunings(*, quick: bool = False) -> Loop:
     """Loops of the presets, then of the grid, along the dim ``tuning``."""
     n = 2 if quick else 8
-    varied = sorted({name for preset in COOLING.values() for name in preset.values})
-    cases: dict[str, Mapping[str, Any]] = {p: {name: Loop.preset(p)[name] for name in varied} for p in COOLING}
+    varied = sorted({name for preset in COOLING_PRESETS.values() for name in preset.values})
+    cases: dict[str, Mapping[str, Any]] = {p: {name: Loop.preset(p)[name] for name in varied} for p in COOLING_PRESETS}
     sample_times = (5.0, 30.0) if quick else (1.0, 5.0, 10.0, 15.0, 30.0, 60.0)
     kp, ti = np.geomspace(0.005, 0.08, n), np.geomspace(5.0, 600.0, n)
     for (kind, plant), Ts, K, T in product((("ideal", {}), ("real", REAL_LOOP)), sample_times, kp, ti):
@@ -234,7 +234,7 @@ def tunings(*, quick: bool = False) -> Loop:
 
 def named(tuning: xr.DataArray) -> list[str]:
     """Find the presets among the labels of ``tuning``."""
-    return [name for name in COOLING if name in tuning.values]
+    return [name for name in COOLING_PRESETS if name in tuning.values]
 
 
 def quiet(loop: Loop, n_jobs: int | None = None) -> xr.Dataset:
@@ -325,7 +325,7 @@ def on_days(
 
 def case(ratio: float) -> str:
     """Label of an estimate, relative to the backlash, without noise."""
-    return percent(ratio) if ratio else "plain PI"
+    return format_share(ratio) if ratio else "plain PI"
 
 
 def learning(loop: Loop, kinds: Kinds = KINDS, *, quick: bool = False, n_jobs: int | None = None) -> xr.Dataset:
@@ -338,7 +338,7 @@ def learning(loop: Loop, kinds: Kinds = KINDS, *, quick: bool = False, n_jobs: i
 
 def start_in_words(start: float, step: float) -> str:
     """An initial guess of the learner and its step."""
-    return f"{percent(start, decimals=1)} by {percent(step, decimals=2)}"
+    return f"{format_share(start, decimals=1)} by {format_share(step, decimals=2)}"
 
 
 def starts(loop: Loop, kinds: Kinds = KINDS, *, quick: bool = False, n_jobs: int | None = None) -> xr.Dataset:
@@ -355,11 +355,11 @@ def coils(*, quick: bool = False) -> xr.Dataset:
     """Find the numbers of control volumes with which a coil is stable at 1 s: presets, then water contents × flows."""
     n = 3 if quick else 24
     names = ("C_w", "C_c", "m_max")
-    cases: dict[str, Mapping[str, Any]] = {p: {name: Loop.preset(p)[name] for name in names} for p in COOLING}
+    cases: dict[str, Mapping[str, Any]] = {p: {name: Loop.preset(p)[name] for name in names} for p in COOLING_PRESETS}
     for C_w, m_max in product(np.geomspace(4.0, 20.0, n), np.geomspace(1.0, 4.0, n)):
         cases[f"C_w={C_w:.3g}, m_max={m_max:.3g}"] = {"C_w": float(C_w), "m_max": float(m_max)}
     loop = Loop(**along("tuning", cases), n_volumes=list(range(1, MOST_VOLUMES + 1)))
-    ds = stable(loop, paper_day(hours=8, seed=DAYS[0])).to_dataset(name="stable")
+    ds = is_stable(loop, paper_day(hours=8, seed=DAYS[0])).to_dataset(name="stable")
     ds["stable"].attrs = {"long_name": "γ ≤ 1 and λ ≤ 1 at dt = 1 s", "units": "1"}
     largest = ds["n_volumes"].where(ds["stable"]).max("n_volumes")
     a, b, c = (loop[n] for n in ("valve_a", "valve_b", "valve_c"))

@@ -6,8 +6,19 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from fastcoil.base.text import percent
-from fastcoil.deliver.report.page import Block, Code, Page, Picture, Section, Table, Words, cited, facts, versions
+from fastcoil.base.text import format_share
+from fastcoil.deliver.report.page import (
+    Block,
+    Code,
+    Page,
+    Picture,
+    Section,
+    Table,
+    Words,
+    citation_section,
+    facts_table,
+    versions_section,
+)
 from fastcoil.loops.provenance import provenance
 from studies.paper import grid
 from studies.paper.scorecard import SURELY
@@ -60,7 +71,7 @@ def paper_page(card: Mapping[str, Any], folder: Path) -> Page:
     hold, fail = sum(one >= SURELY for one in shares), sum(one <= 1.0 - SURELY for one in shares)
     answer = [
         f"Of {len(shares)} verdicts, one for each claim and kind of day, {hold} say that it holds (for "
-        f"{percent(SURELY)} of tunings × days or more), {fail} that it does not ({percent(1.0 - SURELY)} or less), the "
+        f"{format_share(SURELY)} of tunings × days or more), {fail} that it does not ({format_share(1.0 - SURELY)} or less), the "
         "others that it depends on the tuning.",
         *map(_change, moving[:3]),
     ]
@@ -76,15 +87,15 @@ def paper_page(card: Mapping[str, Any], folder: Path) -> Page:
         Section("Claim by claim", [block for c in claims for block in _claim(c, tunings["presets"])]),
         Section("Not simulated", [Words([str(text) for text in card["not_simulated"]], bullets=True)]),
         _how(card),
-        versions(provenance()),
-        cited(),
+        versions_section(provenance()),
+        citation_section(),
     ]  # fmt: skip
     question = "Which claims of Cai and Braun (2016) hold, for which tunings, and on which kinds of days?"
     return Page("The paper", str(card["title"]), question, warnings, answer, sections)
 
 
 def _change(claim: Mapping[str, Any]) -> str:
-    shares = ", ".join(f"{percent(found['share'])} on {kind} days" for kind, found in claim["kinds"].items())
+    shares = ", ".join(f"{format_share(found['share'])} on {kind} days" for kind, found in claim["kinds"].items())
     return f"Depends on the day: “{claim['claim'].rstrip('.')}” holds in {shares}."
 
 
@@ -106,7 +117,7 @@ def _verdicts(card: Mapping[str, Any], claims: Sequence[Mapping[str, Any]], capt
 
 def _share(value: float | None, limits: tuple[float, float] | None) -> str:
     """A share, with its interval if it has one."""
-    return "—" if value is None else percent(value, *(limits or ()))
+    return "—" if value is None else format_share(value, *(limits or ()))
 
 
 def _figures(folder: Path, *, quick: bool) -> list[Block]:
@@ -120,8 +131,8 @@ def _claim(c: Mapping[str, Any], presets: list[str]) -> list[Block]:
     lines, rows, columns = [f"Counts as holding: {c['counts_as_holding']} {c['note']}".strip()], [], [*presets, "grid"]
     for kind, found in c["kinds"].items():
         hunting = found["share_of_hunting"]
-        among = "" if hunting is None else f"; {percent(hunting)} among the tunings that hunt by themselves"
-        of = f"{percent(found['share'], decimals=1)} of {c['n_tunings']} × {c['n_days']}"
+        among = "" if hunting is None else f"; {format_share(hunting)} among the tunings that hunt by themselves"
+        of = f"{format_share(found['share'], decimals=1)} of {c['n_tunings']} × {c['n_days']}"
         lines.append(f"{kind}: {found['verdict_text']}; {of}{among}.")
         measured = found["measured"]
         for name in measured["grid"]:
@@ -149,7 +160,7 @@ def _how(card: Mapping[str, Any]) -> Section:
         "and elsewhere are those of the other half.  If the share "
         "elsewhere is 5 % or less, it holds only if a tuning lies there; else it holds in part, more often if it does.",
     ]
-    computed = facts(
+    computed = facts_table(
         ("Tunings", f"{tunings['n_tunings']} of {tunings['n_tunings_tried']}: {', '.join(presets)}, and gains × sample "
                     "times × an ideal loop and one with sensor lag and stroke time; the others hunt without backlash"),
         ("Days", f"{len(days)} of 8 h of each kind, seeds {days[0]} to {days[-1]}; where start and step of the learner "

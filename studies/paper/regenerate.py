@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
-from fastcoil.base.figures import write
-from fastcoil.base.files import commit, make_folder
-from fastcoil.base.text import percent
+from fastcoil.base.figures import write_figures
+from fastcoil.base.files import make_folder, write_atomically
+from fastcoil.base.text import format_share
 from fastcoil.loops.netcdf import save
 from studies.paper import figures, grid
 from studies.paper.grid import KINDS, Days
@@ -36,7 +36,7 @@ def screen(card: Mapping[str, Any]) -> list[str]:
         lines.append(f"{head}  {title}")
         for c in card["claims"]:
             if bool(c["change"]) == changes:
-                cells = "".join(f"{percent(found['share']):>10}" for found in c["kinds"].values()).ljust(len(head))
+                cells = "".join(f"{format_share(found['share']):>10}" for found in c["kinds"].values()).ljust(len(head))
                 lines.append(f"{cells}  {c['claim']}")
     lines += [f"{'no share':>10}".ljust(len(head)) + f"  {c['claim']}  It {c['verdict']}." for c in card["identities"]]
     return lines
@@ -83,7 +83,7 @@ def regenerate(
 
     def save_figure(name: str, figure: Figure) -> None:
         for suffix in ("png", "svg"):
-            paths.extend(write({name: figure}, folder, format=suffix))
+            paths.extend(write_figures({name: figure}, folder, format=suffix))
 
     report("Figures …")
     save_figure("fig01", figures.valve_curves(save_data("fig01", grid.valve_curves())))
@@ -114,5 +114,5 @@ def regenerate(
     texts |= {"scorecard.md": in_markdown(page), "report.html": page.html()}
     for name, text in texts.items():
         paths.append(folder / name)
-        commit(paths[-1], text.encode())
+        write_atomically(paths[-1], text.encode())
     return screen(card), paths

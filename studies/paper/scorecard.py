@@ -19,7 +19,7 @@ import xarray as xr
 from scipy.stats import t
 
 from fastcoil.base.machine import VERSION
-from fastcoil.base.text import percent
+from fastcoil.base.text import format_share
 from fastcoil.model.parameter_table import PARAMETERS
 from studies.paper.claims import CLAIMS, IDENTITIES, Claim
 from studies.paper.grid import BACKLASH, SEED, named
@@ -49,11 +49,11 @@ def _sides(
 
 
 REGIONS: dict[str, tuple[str, Region]] = {
-    f"the loop hunts by itself with {percent(BACKLASH)} backlash": ("hunts", lambda f: f["hunts"]),
+    f"the loop hunts by itself with {format_share(BACKLASH)} backlash": ("hunts", lambda f: f["hunts"]),
     "the loop does not hunt by itself": ("hunts", lambda f: ~f["hunts"]),
     "sensor and actuator are ideal": ("ideal", lambda f: f["ideal"]),
     "the sensor lags and the actuator takes its time": ("ideal", lambda f: ~f["ideal"]),
-    **_sides("overshoot", lambda x: f"the overshoot is {percent(x)}", (0.05, 0.2, 0.4), (0.05, 0.2, 0.4)),
+    **_sides("overshoot", lambda x: f"the overshoot is {format_share(x)}", (0.05, 0.2, 0.4), (0.05, 0.2, 0.4)),
     **_sides("sample_time", "the sample time is {} s".format, (10, 15, 30), (5, 10, 15)),
     **_sides("ti", "Ti is {} s".format, (20, 60, 150), (20, 60, 150)),
     **_sides("kp", "Kp is {}/K".format, (0.01, 0.02, 0.04), (0.01, 0.02, 0.04)),
@@ -135,15 +135,15 @@ def judge(holds: xr.DataArray, known: xr.Dataset, about: str = "") -> Verdict:
     rate = holds.mean([d for d in holds.dims if d != "tuning"]).values
     searched = np.random.default_rng(SEED).permutation(rate.size) < rate.size // 2
     best, gained, chosen = "", WORTH_NAMING, np.zeros(rate.size, dtype=bool)
-    for words, region, margin in _regions(known, about):
+    for words, region, hunting_index in _regions(known, about):
         gain = _youden(rate[searched], region[searched])
-        if gain - margin > gained and 0 < region[~searched].sum() < (~searched).sum():
-            best, gained, chosen = words, gain - margin, region
+        if gain - hunting_index > gained and 0 < region[~searched].sum() < (~searched).sum():
+            best, gained, chosen = words, gain - hunting_index, region
     if not best:
         return Verdict(ONLY_IF, share, "holds in part (no region tried predicts where)")
     parts = (chosen & ~searched, ~chosen & ~searched)
     inside, elsewhere = (float(rate[part].mean()) for part in parts)
-    shown = [percent(inside), percent(elsewhere)]
+    shown = [format_share(inside), format_share(elsewhere)]
     if "day" not in holds.dims:  # each tuning is judged once, so that counts say more
         shown = [f"{round(rate[part].sum())} of {part.sum()}" for part in parts]
     when = ONLY_IF if elsewhere <= 1.0 - SURELY else "holds in part, more often if"

@@ -16,9 +16,9 @@ import xarray as xr
 
 import fastcoil as fc
 from fastcoil.design.measures import Measure, with_intervals
-from fastcoil.design.tuning_plan import Group, own_gains
+from fastcoil.design.tuning_plan import Group, simc_gains_of_valves
 from fastcoil.design.tuning_result import Tuning
-from fastcoil.model.metric_table import WARM_UP
+from fastcoil.model.metric_table import WARM_UP_S
 from studies.common import along, change_in_words, compare_rows, mean_change, share_of, signed, write_table
 from studies.days import HEATING, kinds, of_kind, settings
 from studies.robustness.best_pi import best_gains
@@ -91,7 +91,9 @@ def tuned(case: Case) -> tuple[Tuning, Tuning]:
 def rivals(case: Case, pi: Tuning, inverse: Tuning) -> tuple[dict[str, xr.Dataset], dict[str, str]]:
     """Every tuning on valves and days that none of them has seen: results by kind of day, and the settings in words."""
     fresh = case.loop(FRESH_VALVES, 2)
-    simc = own_gains(Group(fresh, case.days(SEARCH_DAYS), tuple(range(FRESH_VALVES))), list(SEARCH), WARM_UP)
+    simc = simc_gains_of_valves(
+        Group(fresh, case.days(SEARCH_DAYS), tuple(range(FRESH_VALVES))), list(SEARCH), WARM_UP_S
+    )
     best = best_gains(fc.Loop.preset(case.preset).assign(noise_std=NOISE, backlash=0.07), case.kinds)
     loops = {
         OWN: fresh,

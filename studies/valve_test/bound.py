@@ -15,7 +15,7 @@ from joblib import Parallel, delayed
 from scipy.signal import lfilter
 
 import fastcoil as fc
-from fastcoil.measured.identify import GOOD, TOLERANCE
+from fastcoil.measured.identify import GOOD_BACKLASH, SIZE_TOLERANCE
 from fastcoil.measured.read_test import AR, MA
 from studies.common import compare_rows, write_table
 from studies.days import of_kind, settings
@@ -104,7 +104,7 @@ def row(found: Bounded) -> list[str]:
     """A row of the table, sizes in per cent of stroke."""
     typical, large = (100 * float(np.quantile(found.bound, q)) for q in (0.5, 0.9))
     ratio = float(np.median(abs(found.error) / found.bound)) / MEDIAN_OF_NORMAL
-    clear = found.bound < np.maximum(TOLERANCE * found.gap, GOOD) / 1.96
+    clear = found.bound < np.maximum(SIZE_TOLERANCE * found.gap, GOOD_BACKLASH) / 1.96
     return [
         f"{found.gap.size}", f"{np.median(found.excursion):.2f}", f"{typical:.2f} · {large:.2f}",
         f"{100 * np.sqrt(np.mean(found.error**2)):.2f}", f"{ratio:.1f}", f"{100 * clear.mean():.0f} %",

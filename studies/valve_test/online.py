@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from fastcoil.measured.identify import GOOD, TOLERANCE
+from fastcoil.measured.identify import GOOD_BACKLASH, SIZE_TOLERANCE
 from studies.common import compare_rows, share_of, write_table
 from studies.days import CONSTANT, DESIGN, HEATING, HOURS, STEPPED, WEATHER, kinds, of_kind, settings
 from studies.learning.identify_online import IDENTIFY, WORSE, population
@@ -78,8 +78,8 @@ HEAD = (
 
 def row(ds: xr.Dataset) -> list[str]:
     """What a test does to the valves of a kind of day."""
-    tolerance = np.maximum(TOLERANCE * ds.true, GOOD) + 1e-9
-    worn, good = (ds.true > GOOD) & (ds.last >= 0.0), (ds.true == 0.0) & (ds.last >= 0.0)
+    tolerance = np.maximum(SIZE_TOLERANCE * ds.true, GOOD_BACKLASH) + 1e-9
+    worn, good = (ds.true > GOOD_BACKLASH) & (ds.last >= 0.0), (ds.true == 0.0) & (ds.last >= 0.0)
     right = {name: abs(ds[name] - ds.true) <= tolerance for name in ("first", "last")}
     found = ds["last"] > 0.0
     changes = [100 * float(ds[name].where(worn).median()) for name in ("rise", "on_test_days")]
@@ -87,7 +87,7 @@ def row(ds: xr.Dataset) -> list[str]:
         *(f"{share_of(right[name], worn)}" for name in right),
         share_of(right["last"], worn & found).written(1) if bool((worn & found).any()) else "none",
         f"{share_of(ds.highest > ds.true + tolerance, worn)}",
-        f"{int((ds.highest > GOOD).where(good).sum())} of {int(good.sum())}",
+        f"{int((ds.highest > GOOD_BACKLASH).where(good).sum())} of {int(good.sum())}",
         *(f"{change:+.1f}" for change in changes),
         f"{share_of(ds.rise > WORSE, worn)}", f"{share_of(ds.rise > WORSE, good)}",
     ]  # fmt: skip

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 import fastcoil as fc
-from fastcoil.measured.identify import GOOD, TOLERANCE
+from fastcoil.measured.identify import GOOD_BACKLASH, SIZE_TOLERANCE
 from studies.common import compare_rows, loguniform, write_table
 from studies.valve_test.bound import HEAD, SEED, VALVES, bounded, row
 from studies.valve_test.valve_test import START, Case
@@ -37,7 +37,7 @@ def tried(test: fc.ValveTest) -> Tried:
     """Judge a relay on the valves of the search."""
     found = bounded(Case(test=test), TRIED_SEED, TRIED_ON)
     enough = found.gap.size >= TRIED_ON // 2  # tests that are aborted tell nothing
-    share = found.bound / np.maximum(TOLERANCE * found.gap, GOOD)
+    share = found.bound / np.maximum(SIZE_TOLERANCE * found.gap, GOOD_BACKLASH)
     return Tried(test, float(np.median(share)) if enough else np.inf, float(np.quantile(found.excursion, 0.95)))
 
 

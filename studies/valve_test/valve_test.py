@@ -16,8 +16,8 @@ import xarray as xr
 from joblib import Parallel, delayed
 
 import fastcoil as fc
-from fastcoil.measured.identify import GOOD, TOLERANCE
-from fastcoil.model.metric_table import TEST_ABORTED
+from fastcoil.measured.identify import GOOD_BACKLASH, SIZE_TOLERANCE
+from fastcoil.model.metric_table import TEST_ABORTED_MEANINGS
 from studies.common import compare_rows, save_figure, share_of, write_table
 from studies.days import CONSTANT, DESIGN, HEATING, STEPPED, WEATHER, kinds, of_kind, settings
 from studies.diagnosis.diagnosis import Population, valves
@@ -201,13 +201,13 @@ def row_of(case: Case, seed: int, n: int = VALVES, days: int = DAYS) -> Row:
     size, low, high, claimed = (xr.DataArray(one, dims=("sample", "day")) for one in values)
     truth = xr.DataArray(of.backlash, dims="sample")
     error = size - truth
-    right = abs(error) <= np.maximum(TOLERANCE * truth, GOOD) + 1e-9
+    right = abs(error) <= np.maximum(SIZE_TOLERANCE * truth, GOOD_BACKLASH) + 1e-9
     aborted = of.signals.test_aborted if case.command is None else xr.zeros_like(began, dtype=float)
     excursion = abs(of.signals.T_sup - of.signals.T_set).where(ran).max("elapsed_time")
     good = (truth == 0.0) & began
     return Row(
         began, began & (aborted == 0.0), (claimed > 0.0) & began, right & began, (truth >= low) & (truth <= high), good,
-        good & (claimed > 0.0) & (size > GOOD + 1e-9), error, excursion, aborted,
+        good & (claimed > 0.0) & (size > GOOD_BACKLASH + 1e-9), error, excursion, aborted,
     )  # fmt: skip
 
 
@@ -282,11 +282,11 @@ def main() -> None:
     many = f"{VALVES} valves on {DAYS} days, a quarter without a gap"
     asked = table("valve_test", f"What a valve test shows: {many}", ASKED, 0)
     reasons = {
-        label: [f"{int(((row.aborted == k) & row.began).sum())}" for k in range(1, len(TEST_ABORTED))]
+        label: [f"{int(((row.aborted == k) & row.began).sum())}" for k in range(1, len(TEST_ABORTED_MEANINGS))]
         for label, row in asked.items()
     }
     write_table("valve_test/valve_test_aborted", "Tests that were aborted, by reason",
-                ["tests", *(word.replace("_", " ") for word in TEST_ABORTED[1:])],
+                ["tests", *(word.replace("_", " ") for word in TEST_ABORTED_MEANINGS[1:])],
                 [[label, *counts] for label, counts in reasons.items()])  # fmt: skip
     table("valve_test_harder", f"Valve tests under harder conditions: 20 min, {many}", HARDER, 20)
     table("valve_test_sequences", f"Sequences of 20 min compared: 128 valves on {DAYS} days", SEQUENCES, 40, 128)

@@ -14,9 +14,9 @@ import xarray as xr
 from joblib import Parallel, delayed
 
 import fastcoil as fc
-from fastcoil.logs import read_log
-from fastcoil.measured.diagnose import WANTED, identified
-from fastcoil.measured.grid import in_a_row, on_grid
+from fastcoil.logs import read_checked_log
+from fastcoil.measured.diagnose import DIAGNOSIS_COLUMNS, identify_and_measure
+from fastcoil.measured.grid import join_grids, resample_log
 from studies.common import progress, share_of, write_table
 from studies.days import CONSTANT, STEPPED
 from studies.diagnosis.claims import dataset
@@ -52,10 +52,12 @@ def of_logs(signals: dict[str, np.ndarray], stroke_time: float) -> tuple[float, 
     """What trend logs of several days show of one valve; signals: (day, row)."""
     days = range(signals["command"].shape[0])
     grids = [
-        on_grid(read_log(dataset({name: of[day] for name, of in signals.items()}, float(LOGGED)), WANTED))[0]
+        resample_log(
+            read_checked_log(dataset({name: of[day] for name, of in signals.items()}, float(LOGGED)), DIAGNOSIS_COLUMNS)
+        )[0]
         for day in days
     ]
-    found = identified(in_a_row(grids), stroke_time)[0]
+    found = identify_and_measure(join_grids(grids), stroke_time)[0]
     return found.low, found.high, found.identified
 
 

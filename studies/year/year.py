@@ -13,7 +13,7 @@ from matplotlib.dates import DateFormatter, MonthLocator
 
 import fastcoil as fc
 from fastcoil.base.figures import COLOURS, apply_style
-from fastcoil.study.analysis.compare import Middle, middle_of
+from fastcoil.study.analysis.compare import MedianSummary, summarise_median
 from studies.common import results, save_figure, share_of, write_table
 
 PI, SOUND = "pi", "sound"
@@ -25,7 +25,7 @@ QUARTER = 91
 PARTS = {"coil": "coil_cost", "demand": "demand_cost", "reheat": "reheat_cost", "recooling": "recool_cost"}
 
 
-def money(found: Middle) -> str:
+def money(found: MedianSummary) -> str:
     """A median and its 95 % interval over the loops."""
     return f"{found.median:+.1f} ({found.low:+.1f} to {found.high:+.1f})"
 
@@ -41,7 +41,7 @@ def cost_rows(ds: xr.Dataset) -> list[list[str]]:
                 continue
             more = costs.sel(valve=valve, controller=controller, drop=True) - base
             share = 100.0 * more["yearly_cost"] / base["yearly_cost"]
-            extra = middle_of(more["yearly_cost"])
+            extra = summarise_median(more["yearly_cost"])
             parts = [f"{float(more[f'yearly_{name}'].mean()):+.1f}" for name in PARTS.values()]
             rows.append(
                 [valve, NAMES[controller], money(extra), f"{extra.q05:+.1f} to {extra.q95:+.1f}"]

@@ -8,7 +8,14 @@ import pandas as pd
 import pytest
 
 import fastcoil as fc
-from fastcoil.base.arguments import flag_of, is_number, level_of, names_of, path_of, whole_of
+from fastcoil.base.arguments import (
+    is_number,
+    require_confidence_level,
+    require_flag,
+    require_integer,
+    require_names,
+    require_path,
+)
 from fastcoil.base.errors import InputError, InputTypeError
 
 
@@ -36,18 +43,18 @@ def test_what_is_a_number(value, expected):
     ],
 )
 def test_a_bad_whole_number_is_named_with_the_cure(value, sentence):
-    with pytest.raises(InputError) as refused:
-        whole_of("n", value, 1, 5)
-    assert refused.value.problems == [sentence]
-    assert (type(whole_of("n", np.int64(5), 1, 5)), whole_of("n", 10**30, 1)) == (int, 10**30)
+    with pytest.raises(InputError) as raised:
+        require_integer("n", value, 1, 5)
+    assert raised.value.problems == [sentence]
+    assert (type(require_integer("n", np.int64(5), 1, 5)), require_integer("n", 10**30, 1)) == (int, 10**30)
 
 
 @pytest.mark.parametrize("level", [0, 1, 95, -0.1, float("nan"), "0.9", None, True])
 def test_a_level_is_between_0_and_1(level):
-    with pytest.raises(InputError) as caught:
-        level_of(level)
-    assert caught.value.problems == [f"level = {level!r}: must be a number between 0 and 1, such as 0.95"]
-    assert (level_of(0.95), level_of(np.float32(0.5))) == (0.95, 0.5)
+    with pytest.raises(InputError) as raised:
+        require_confidence_level(level)
+    assert raised.value.problems == [f"level = {level!r}: must be a number between 0 and 1, such as 0.95"]
+    assert (require_confidence_level(0.95), require_confidence_level(np.float32(0.5))) == (0.95, 0.5)
 
 
 @pytest.mark.parametrize(
@@ -60,17 +67,17 @@ def test_a_level_is_between_0_and_1(level):
     ],
 )
 def test_bad_names_are_named_with_the_cure(given, sentence):
-    assert names_of("over", ("day", np.str_("replicate"))) == ["day", "replicate"]
-    with pytest.raises(InputError) as caught:
-        names_of("over", given)
-    assert caught.value.problems == [sentence]
+    assert require_names("over", ("day", np.str_("replicate"))) == ["day", "replicate"]
+    with pytest.raises(InputError) as raised:
+        require_names("over", given)
+    assert raised.value.problems == [sentence]
 
 
 @pytest.mark.parametrize("value", [1, 0, None, "True", pd.NA, np.array([True])])
 def test_a_flag_is_true_or_false_of_python_or_numpy(value):
-    assert flag_of("drop", np.True_) is flag_of("drop", np.array(True)) is True
+    assert require_flag("drop", np.True_) is require_flag("drop", np.array(True)) is True
     with pytest.raises(InputTypeError, match="drop = .*: give True or False"):
-        flag_of("drop", value)
+        require_flag("drop", value)
 
 
 @pytest.mark.parametrize(
@@ -84,16 +91,16 @@ def test_a_flag_is_true_or_false_of_python_or_numpy(value):
     ],
 )
 def test_a_bad_path_is_named_with_the_cure(value, sentence):
-    assert path_of("out", np.str_("a/b")) == path_of("out", Path("a/b")) == Path("a/b")
-    with pytest.raises(InputError) as caught:
-        path_of("out", value)
-    assert caught.value.problems == [sentence]
+    assert require_path("out", np.str_("a/b")) == require_path("out", Path("a/b")) == Path("a/b")
+    with pytest.raises(InputError) as raised:
+        require_path("out", value)
+    assert raised.value.problems == [sentence]
 
 
 def test_all_mistakes_of_a_call_come_together():
-    with pytest.raises(InputTypeError) as caught:
+    with pytest.raises(InputTypeError) as raised:
         fc.run_study(5, out=b"x", n_jobs=0, backend="thread", extend="yes")
-    assert caught.value.problems == [
+    assert raised.value.problems == [
         "path is a int: give the path of a study file",
         "out is a bytes: give the path of a folder",
         "n_jobs = 0: must be at least 1 and at most 1024",

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.base.arguments import collecting
-from fastcoil.base.errors import WrongType, shown
+from fastcoil.base.arguments import collect_problems
+from fastcoil.base.errors import WrongTypeMessage, short_repr
 
-FAMILY = {
+BUILTIN_BASE_OF_ERROR = {
     "InputError": ValueError,
     "InputTypeError": TypeError,
     "StorageError": OSError,
@@ -19,32 +19,32 @@ FAMILY = {
 
 
 def test_the_whole_family_is_public():
-    assert set(FAMILY) | {"FastcoilError"} <= set(fc.__all__)
-    for name, also in FAMILY.items():
+    assert set(BUILTIN_BASE_OF_ERROR) | {"FastcoilError"} <= set(fc.__all__)
+    for name, builtin in BUILTIN_BASE_OF_ERROR.items():
         assert issubclass(getattr(fc, name), fc.FastcoilError)
-        assert issubclass(getattr(fc, name), also)
+        assert issubclass(getattr(fc, name), builtin)
 
 
 def test_a_sentence_on_a_wrong_type_makes_a_type_error_of_the_whole_call():
     assert type(fc.InputError("n = 3: lower it")) is fc.InputError
-    mixed = fc.InputError(["n = 3: lower it", WrongType("m = 'x': give a number")])
+    mixed = fc.InputError(["n = 3: lower it", WrongTypeMessage("m = 'x': give a number")])
     assert type(mixed) is fc.InputTypeError
     assert mixed.exit_code == 2
     assert str(mixed) == "n = 3: lower it\nm = 'x': give a number"
-    same = pickle.loads(pickle.dumps(mixed))
-    assert (type(same), str(same)) == (fc.InputTypeError, str(mixed))
+    unpickled = pickle.loads(pickle.dumps(mixed))
+    assert (type(unpickled), str(unpickled)) == (fc.InputTypeError, str(mixed))
     assert type(fc.InputTypeError.__new__(fc.InputTypeError)) is fc.InputTypeError
 
 
 def test_a_sentence_collected_as_it_is_keeps_its_kind_and_one_of_a_file_does_not():
     problems: list[str] = []
-    with collecting(problems):
-        raise fc.InputError(WrongType("m = 'x': give a number"))
+    with collect_problems(problems):
+        raise fc.InputError(WrongTypeMessage("m = 'x': give a number"))
     assert isinstance(fc.InputError(problems), fc.InputTypeError)
-    of_file: list[str] = []
-    with collecting(of_file, "[loop] "):
-        raise fc.InputError(WrongType("m = 'x': give a number"))
-    assert not isinstance(fc.InputError(of_file), fc.InputTypeError)
+    file_problems: list[str] = []
+    with collect_problems(file_problems, "[loop] "):
+        raise fc.InputError(WrongTypeMessage("m = 'x': give a number"))
+    assert not isinstance(fc.InputError(file_problems), fc.InputTypeError)
 
 
 @pytest.mark.parametrize(
@@ -58,7 +58,7 @@ def test_a_sentence_collected_as_it_is_keeps_its_kind_and_one_of_a_file_does_not
     ids=["number", "long", "surrogate", "several lines"],
 )
 def test_a_value_is_shown_on_one_line_cut_short(value, text):
-    assert shown(value) == text
+    assert short_repr(value) == text
 
 
 def test_the_text_of_an_error_is_printable_and_cut_and_the_error_has_all_of_it():

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from fastcoil.base.errors import InputError, StorageError
-from fastcoil.base.files import IrregularError, TooLargeError, commit, read_bytes, read_text
+from fastcoil.base.files import IrregularFileError, TooLargeError, read_bytes, read_text, write_atomically
 
 
 def test_a_byte_order_mark_is_dropped_and_line_ends_are_kept(tmp_path):
@@ -54,9 +54,9 @@ def test_a_pipe_that_takes_the_place_of_a_file_is_not_waited_for(tmp_path, monke
     pipe, file = tmp_path / "pipe", tmp_path / "file"
     os.mkfifo(pipe)
     file.write_text("a")
-    real = os.stat
-    monkeypatch.setattr(os, "stat", lambda path, **how: real(file if path == pipe else path, **how))
-    with pytest.raises(IrregularError, match="is not a regular"):
+    real_stat = os.stat
+    monkeypatch.setattr(os, "stat", lambda path, **options: real_stat(file if path == pipe else path, **options))
+    with pytest.raises(IrregularFileError, match="is not a regular"):
         read_bytes(pipe, limit=1000)
 
 
@@ -72,7 +72,7 @@ def test_a_link_is_followed_only_where_it_may_be(tmp_path):
     (tmp_path / "file").write_text("a")
     (tmp_path / "link").symlink_to("file")
     assert read_bytes(tmp_path / "link", limit=5) == b"a"
-    with pytest.raises(IrregularError, match="is not a regular"):
+    with pytest.raises(IrregularFileError, match="is not a regular"):
         read_bytes(tmp_path / "link", limit=5, follow=False)
 
 
@@ -90,23 +90,23 @@ def test_a_link_is_followed_only_where_it_may_be(tmp_path):
 def test_a_path_that_no_file_has_is_refused_in_one_short_sentence(tmp_path, monkeypatch, name, words):
     monkeypatch.chdir(tmp_path)
     Path("loop").symlink_to("loop")
-    with pytest.raises(InputError) as refused:
+    with pytest.raises(InputError) as raised:
         read_text(Path(name), "a CSV file", limit=1000)
-    (problem,) = refused.value.problems
+    (problem,) = raised.value.problems
     assert problem.endswith(words)
     assert len(problem) < 240
 
 
 def test_a_committed_file_is_whole_and_a_failed_commit_leaves_the_earlier_one(tmp_path, monkeypatch):
     path = tmp_path / "run.json"
-    commit(path, b"first")
+    write_atomically(path, b"first")
     assert path.read_bytes() == b"first"
 
-    def full(*_):
+    def raise_disk_full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(os, "replace", full)
+    monkeypatch.setattr(os, "replace", raise_disk_full)
     with pytest.raises(StorageError, match="No space left"):
-        commit(path, b"second")
+        write_atomically(path, b"second")
     assert path.read_bytes() == b"first"
     assert list(tmp_path.iterdir()) == [path]

@@ -8,20 +8,20 @@ import pytest
 
 from fastcoil.base.errors import StorageError
 from fastcoil.base.files import exists, is_file, is_folder
-from fastcoil.cli.logs import require_writable
+from fastcoil.cli.logs import require_fit_file
 from fastcoil.loops.plan import check_disk
-from fastcoil.study.file.own_code import find_source
+from fastcoil.study.file.user_code import find_function
 
 
 @pytest.fixture
-def closed(tmp_path, monkeypatch):
+def closed_folder(tmp_path, monkeypatch):
     """A folder that may not be entered."""
-    folder, look = tmp_path / "closed", os.stat
+    folder, real_stat = tmp_path / "closed", os.stat
 
     def stat(path, *args, **options):
         if not isinstance(path, int) and folder in Path(os.fsdecode(path)).parents:
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
-        return look(path, *args, **options)
+        return real_stat(path, *args, **options)
 
     folder.mkdir()
     monkeypatch.setattr(os, "stat", stat)
@@ -34,22 +34,22 @@ def closed(tmp_path, monkeypatch):
         exists,
         is_file,
         is_folder,
-        lambda path: require_writable(path / "valve.toml"),
+        lambda path: require_fit_file(path / "valve.toml"),
         lambda path: check_disk(1, path),
-        lambda path: find_source("reduce", "mine:f", path),
+        lambda path: find_function("reduce", "mine:f", path),
     ],
 )
-def test_what_is_in_a_closed_folder_cannot_be_seen(closed, ask):
+def test_what_is_in_a_closed_folder_cannot_be_seen(closed_folder, ask):
     with pytest.raises(StorageError, match=r"closed.* cannot be read: Permission denied"):
-        ask(closed / "inside")
+        ask(closed_folder / "inside")
 
 
 def test_what_is_there_and_what_is_not(tmp_path):
     file = tmp_path / "file"
     file.touch()
     (tmp_path / "circle").symlink_to(tmp_path / "circle")
-    found = {path: (exists(path), is_file(path), is_folder(path)) for path in (tmp_path, file)}
-    assert found == {tmp_path: (True, False, True), file: (True, True, False)}
+    existence = {path: (exists(path), is_file(path), is_folder(path)) for path in (tmp_path, file)}
+    assert existence == {tmp_path: (True, False, True), file: (True, True, False)}
     for absent in (tmp_path / "none", file / "below", tmp_path / "circle", tmp_path / "a\0b"):
         assert not exists(absent)
         assert not is_file(absent)

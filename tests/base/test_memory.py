@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 import pytest
-from helpers.processes import environment
+from helpers.processes import child_environment
 
 from fastcoil.base import machine as memory
 
@@ -15,7 +15,7 @@ MACHINE = "MemTotal:  8000000 kB\nMemAvailable:  4096000 kB\n"
 
 
 @pytest.fixture
-def files(tmp_path, monkeypatch):
+def write_system_files(tmp_path, monkeypatch):
     """Return a function that writes files of a machine: path → text."""
     monkeypatch.setattr(memory, "PROC", tmp_path / "proc")
     monkeypatch.setattr(memory, "CGROUPS", tmp_path / "cgroup")
@@ -31,47 +31,49 @@ def files(tmp_path, monkeypatch):
     return write
 
 
-def test_without_groups_and_limits_it_is_that_of_the_machine(files):
+def test_without_groups_and_limits_it_is_that_of_the_machine(write_system_files):
     assert memory.available_memory() == 4096000 * 1024
 
 
-def test_a_control_group_of_version_2_counts_what_it_can_take_back(files):
+def test_a_control_group_of_version_2_counts_what_it_can_take_back(write_system_files):
     group = "cgroup/user.slice/job"
-    files({
+    write_system_files({
         "proc/self/cgroup": "0::/user.slice/job\n",
         f"{group}/memory.max": 700 * MIB, f"{group}/memory.current": 300 * MIB,
         f"{group}/memory.stat": f"anon 5\ninactive_file {50 * MIB}\nactive_file 7\n",
     })  # fmt: skip
     assert memory.available_memory() == 450 * MIB
-    files({f"{group}/memory.high": 600 * MIB})
+    write_system_files({f"{group}/memory.high": 600 * MIB})
     assert memory.available_memory() == 350 * MIB
-    files({f"{group}/memory.high": "max", f"{group}/memory.max": "max"})
+    write_system_files({f"{group}/memory.high": "max", f"{group}/memory.max": "max"})
     assert memory.available_memory() == 4096000 * 1024
 
 
 @pytest.mark.parametrize("level", ["cgroup/a/b", "cgroup/a", "cgroup", "cgroup/unified/a"])
-def test_the_tightest_level_up_to_the_root_rules(files, level):
-    files({"proc/self/cgroup": "12:cpu:/x\n0::/a/b\n", "cgroup/a/b/memory.max": "max", "cgroup/a/b/memory.current": 1})
-    files({f"{level}/memory.max": 200 * MIB, f"{level}/memory.current": 150 * MIB})
+def test_the_tightest_level_up_to_the_root_rules(write_system_files, level):
+    write_system_files(
+        {"proc/self/cgroup": "12:cpu:/x\n0::/a/b\n", "cgroup/a/b/memory.max": "max", "cgroup/a/b/memory.current": 1}
+    )
+    write_system_files({f"{level}/memory.max": 200 * MIB, f"{level}/memory.current": 150 * MIB})
     assert memory.available_memory() == 50 * MIB
 
 
 @pytest.mark.parametrize(("name", "field"), [("RLIMIT_AS", "VmSize:"), ("RLIMIT_DATA", "VmData:")])
-def test_limits_of_the_process_less_what_it_has(files, name, field, monkeypatch):
+def test_limits_of_the_process_less_what_it_has(write_system_files, name, field, monkeypatch):
     number = getattr(resource, name)
     limits = {number: (800 * MIB, resource.RLIM_INFINITY)}
     monkeypatch.setattr(resource, "getrlimit", lambda n: limits.get(n, (resource.RLIM_INFINITY,) * 2))
     assert memory.available_memory() == 800 * MIB
-    files({"proc/self/status": f"Name:\tpython\n{field}\t {300 * 1024} kB\n"})
+    write_system_files({"proc/self/status": f"Name:\tpython\n{field}\t {300 * 1024} kB\n"})
     assert memory.available_memory() == 500 * MIB
 
 
 @pytest.mark.parametrize("odd", [b"", b"\xff\xfe", b"-5", b"9" * 500, b"1.5", b"max 3", b"x" * 2**21, b"\0"])
-def test_whatever_is_odd_is_no_limit(files, odd):
-    files({"proc/self/cgroup": "4:memory:/\n0::/\n:::\n0::\n"})
-    files({"cgroup/memory.max": odd, "cgroup/memory.current": 1})
+def test_whatever_is_odd_is_no_limit(write_system_files, odd):
+    write_system_files({"proc/self/cgroup": "4:memory:/\n0::/\n:::\n0::\n"})
+    write_system_files({"cgroup/memory.max": odd, "cgroup/memory.current": 1})
     assert memory.available_memory() == 4096000 * 1024
-    files({"proc/self/cgroup": odd, "proc/meminfo": odd})
+    write_system_files({"proc/self/cgroup": odd, "proc/meminfo": odd})
     assert memory.available_memory() == os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 
@@ -84,12 +86,12 @@ def test_at_a_limit_of_700_mb_a_user_gets_a_sentence(tmp_path, mib):
         "backlash = { linspace = [0.0, 0.1, 40] }\n"
     )
     command = [sys.executable, "-m", "fastcoil", "run", "large.toml", "-j", "2"]
-    done = subprocess.run(
-        command, check=False, cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=120,
+    process = subprocess.run(
+        command, check=False, cwd=tmp_path, env=child_environment(), capture_output=True, text=True, timeout=120,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (mib * MIB, mib * MIB)),
     )  # fmt: skip
-    assert done.returncode in (2, 4), done.stderr
-    assert done.stderr.startswith("fastcoil: "), done.stderr
-    assert "memory" in done.stderr
-    assert "Traceback" not in done.stderr
+    assert process.returncode in (2, 4), process.stderr
+    assert process.stderr.startswith("fastcoil: "), process.stderr
+    assert "memory" in process.stderr
+    assert "Traceback" not in process.stderr
     assert not (tmp_path / "results").exists()

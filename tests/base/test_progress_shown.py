@@ -12,7 +12,7 @@ import pytest
 from helpers.processes import wait_for
 
 from fastcoil.base import progress as shown
-from fastcoil.base.progress import Shown, progress_of_call
+from fastcoil.base.progress import ProgressDisplay, display_for_call
 
 
 class Terminal(io.StringIO):
@@ -21,12 +21,12 @@ class Terminal(io.StringIO):
 
 
 @pytest.fixture
-def outside_of_tests(monkeypatch):
-    monkeypatch.setattr(shown, "_IN_TESTS", ())
+def without_test_variables(monkeypatch):
+    monkeypatch.setattr(shown, "_TEST_VARIABLES", ())
 
 
 @pytest.fixture
-def look(outside_of_tests, monkeypatch):
+def make_stderr_terminal(without_test_variables, monkeypatch):
     """Makes stderr a terminal, in the test itself: pytest sets it anew when a test begins."""
 
     def terminal():
@@ -38,9 +38,9 @@ def look(outside_of_tests, monkeypatch):
 
 
 @pytest.fixture
-def soon(monkeypatch):
+def short_delay(monkeypatch):
     """What takes long takes this test an instant."""
-    monkeypatch.setattr(shown, "PATIENCE", 0.02)
+    monkeypatch.setattr(shown, "SECONDS_BEFORE_DISPLAY", 0.02)
 
 
 @pytest.fixture
@@ -51,18 +51,18 @@ def clock(monkeypatch):
     return now
 
 
-def test_work_done_at_once_shows_nothing(look):
-    terminal = look()
-    for context in (progress_of_call(None), Shown()):
+def test_work_done_at_once_shows_nothing(make_stderr_terminal):
+    terminal = make_stderr_terminal()
+    for context in (display_for_call(None), ProgressDisplay()):
         with context as progress:
             progress.start(3)(3)
     assert terminal.getvalue() == ""
-    assert shown.PATIENCE == 2.0
+    assert shown.SECONDS_BEFORE_DISPLAY == 2.0
 
 
-@pytest.mark.parametrize("start", [lambda: progress_of_call(None), lambda: Shown(patience=0.02)])
-def test_a_bar_appears_before_anything_is_finished_and_says_what_is_done(look, soon, start):
-    terminal = look()
+@pytest.mark.parametrize("start", [lambda: display_for_call(None), lambda: ProgressDisplay(delay=0.02)])
+def test_a_bar_appears_before_anything_is_finished_and_says_what_is_done(make_stderr_terminal, short_delay, start):
+    terminal = make_stderr_terminal()
     with start() as progress:
         advance = progress.start(6_000, 1_000)
         wait_for(lambda: "1000/6000" in terminal.getvalue())
@@ -75,10 +75,10 @@ def test_a_bar_appears_before_anything_is_finished_and_says_what_is_done(look, s
     assert "scenario-days" in terminal.getvalue()
 
 
-def test_a_script_is_told_only_on_request_in_lines_of_ten_seconds(outside_of_tests, clock, capsys):
+def test_a_script_is_told_only_on_request_in_lines_of_ten_seconds(without_test_variables, clock, capsys):
     for progress, lines in ((None, []), (False, []), (True, ["4 of 8 scenario-days, 11 s to go"])):
-        with progress_of_call(progress) as on_show:
-            advance = on_show.start(8)
+        with display_for_call(progress) as display:
+            advance = display.start(8)
             clock[0] += 9.0
             advance(2)
             assert capsys.readouterr().err == ""
@@ -90,48 +90,50 @@ def test_a_script_is_told_only_on_request_in_lines_of_ten_seconds(outside_of_tes
         assert capsys.readouterr().err.splitlines() == ["8 scenario-days in 20 s"] * bool(lines)
 
 
-def shown_at_all():
+def is_displayed_by_default():
     """Whether a call that did not ask shows anything here."""
-    with progress_of_call(None) as progress:
+    with display_for_call(None) as progress:
         return not progress.silent
 
 
-def test_nobody_looks_at_a_test_a_worker_or_a_thread(look, monkeypatch):
-    look()
-    assert shown_at_all()
+def test_nobody_looks_at_a_test_a_worker_or_a_thread(make_stderr_terminal, monkeypatch):
+    make_stderr_terminal()
+    assert is_displayed_by_default()
     with monkeypatch.context() as patch:
-        patch.setattr(shown, "_IN_TESTS", ("PYTEST_CURRENT_TEST",))
-        assert not shown_at_all()
+        patch.setattr(shown, "_TEST_VARIABLES", ("PYTEST_CURRENT_TEST",))
+        assert not is_displayed_by_default()
     with monkeypatch.context() as patch:
         patch.setattr(multiprocessing, "current_process", lambda: types.SimpleNamespace(name="LokyProcess-1"))
-        assert not shown_at_all()
-    found = []
-    thread = threading.Thread(target=lambda: found.append(shown_at_all()))
+        assert not is_displayed_by_default()
+    displayed_in_thread = []
+    thread = threading.Thread(target=lambda: displayed_in_thread.append(is_displayed_by_default()))
     thread.start()
     thread.join()
-    assert found == [False]
+    assert displayed_in_thread == [False]
     monkeypatch.setattr(sys, "stderr", None)
-    assert not shown_at_all()
+    assert not is_displayed_by_default()
 
 
-def test_a_stderr_that_nobody_reads_ends_no_run(outside_of_tests, monkeypatch):
-    class Gone(io.StringIO):
+def test_a_stderr_that_nobody_reads_ends_no_run(without_test_variables, monkeypatch):
+    class ClosedStream(io.StringIO):
         def write(self, text):
             raise BrokenPipeError
 
-    monkeypatch.setattr(sys, "stderr", Gone())
-    with progress_of_call(True) as progress:
+    monkeypatch.setattr(sys, "stderr", ClosedStream())
+    with display_for_call(True) as progress:
         progress.start(1)(1)
 
 
 @pytest.mark.parametrize("progress", [False, True])
 def test_a_program_gets_lines_from_the_logger_fastcoil_and_none_of_short_work(clock, caplog, progress):
     caplog.set_level(logging.INFO, "fastcoil")
-    with progress_of_call(progress) as on_show:
-        advance = on_show.start(8)
+    with display_for_call(progress) as display:
+        advance = display.start(8)
         for seconds, n in ((9.0, 2), (2.0, 2), (11.0, 4)):
             clock[0] += seconds
             advance(n)
-        on_show.start(1)(1)
+        display.start(1)(1)
     lines = ["4 of 8 scenario-days, 11 s to go", "8 scenario-days in 22 s"]
-    assert [(r.name, r.levelname, r.getMessage()) for r in caplog.records] == [("fastcoil", "INFO", w) for w in lines]
+    assert [(record.name, record.levelname, record.getMessage()) for record in caplog.records] == [
+        ("fastcoil", "INFO", w) for w in lines
+    ]

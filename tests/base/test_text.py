@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from fastcoil.base.text import decimals_of, written
+from fastcoil.base.text import decimals_for_uncertainty, format_number
 
 
 @pytest.mark.parametrize(
@@ -13,7 +13,7 @@ from fastcoil.base.text import decimals_of, written
     [(0.119, 2), (0.367, 1), (0.0042, 3), (3.6, 0), (250.0, 0), (0.35, 2), (0.36, 1), (0.0, None), (math.inf, None)],
 )
 def test_a_value_has_the_digits_that_its_uncertainty_leaves(uncertainty, decimals):
-    assert decimals_of(uncertainty) == decimals
+    assert decimals_for_uncertainty(uncertainty) == decimals
 
 
 @pytest.mark.parametrize(
@@ -23,4 +23,4 @@ def test_a_value_has_the_digits_that_its_uncertainty_leaves(uncertainty, decimal
      (math.nan, 1, False, "–"), (-math.inf, None, True, "−∞")],
 )  # fmt: skip
 def test_a_number_has_a_true_minus_and_words_for_what_is_none(value, decimals, sign, text):
-    assert written(value, decimals, sign=sign) == text
+    assert format_number(value, decimals, sign=sign) == text

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from helpers.commands import fastcoil
-from helpers.studies import PLAIN, copied, golden
+from helpers.studies import PLAIN_STUDY, copy_run, undisturbed_hash
 
 import fastcoil as fc
 from fastcoil.deliver.report.page import AUTHORS, LICENCE, PAPER, TITLE, citation
@@ -30,10 +30,10 @@ def test_it_says_what_citation_cff_says():
 
 
 def test_text_and_bibtex_name_software_version_and_paper():
-    done = fastcoil("cite")
-    assert done.exit_code == 0
-    assert done.output.splitlines() == citation()
-    assert f"Version {fc.__version__}, MIT licence." in done.output
+    result = fastcoil("cite")
+    assert result.exit_code == 0
+    assert result.output.splitlines() == citation()
+    assert f"Version {fc.__version__}, MIT licence." in result.output
     entries = fastcoil("cite", "--bibtex").output
     assert re.findall(r"^@(\w+)\{(\w+),$", entries, re.MULTILINE) == [
         ("software", "fastcoil"), ("inproceedings", "cai2016backlash"),
@@ -44,9 +44,9 @@ def test_text_and_bibtex_name_software_version_and_paper():
 
 @pytest.mark.kernel
 def test_results_are_cited_with_the_version_and_the_hash_that_made_them(out):
-    copied(PLAIN, out)
-    done = fastcoil("cite", out)
-    made = fc.open_study(out).attrs["fastcoil_version"]
-    assert done.output.splitlines()[-1] == (
-        f"Results: small. Made with fastcoil {made}; content_sha256 {golden(PLAIN)}."
+    copy_run(PLAIN_STUDY, out)
+    result = fastcoil("cite", out)
+    version = fc.open_study(out).attrs["fastcoil_version"]
+    assert result.output.splitlines()[-1] == (
+        f"Results: small. Made with fastcoil {version}; content_sha256 {undisturbed_hash(PLAIN_STUDY)}."
     )

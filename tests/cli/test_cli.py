@@ -7,13 +7,13 @@ from fastcoil.cli.main import main
 
 pytestmark = pytest.mark.kernel
 
-SMALL = "[loop]\n[sweep]\nbacklash = [0.02, 0.07]\nestimate_ratio = [0.0, 0.5, 1.2]\n[boundary]\nhours = 1\n"
+SMALL_STUDY = "[loop]\n[sweep]\nbacklash = [0.02, 0.07]\nestimate_ratio = [0.0, 0.5, 1.2]\n[boundary]\nhours = 1\n"
 
 
 @pytest.fixture
 def fastcoil(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "small.toml").write_text(SMALL)
+    (tmp_path / "small.toml").write_text(SMALL_STUDY)
     return lambda *words: CliRunner().invoke(main, words)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
-from helpers.results import drawn
+from helpers.results import drawn_result
 
 import fastcoil as fc
 from fastcoil.cli.main import main
@@ -34,43 +34,45 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture
-def export(tmp_path, monkeypatch):
+def run_export(tmp_path, monkeypatch):
     """Return a function that runs the command in an empty folder."""
     monkeypatch.chdir(tmp_path)
     return lambda *words: CliRunner().invoke(main, ["export", *map(str, words)])
 
 
 @pytest.mark.kernel
-def test_a_name_of_ours_replaces_our_own_file_and_no_other(folder, export, tmp_path):
+def test_a_name_of_ours_replaces_our_own_file_and_no_other(folder, run_export, tmp_path):
     words = (folder, "--csv", "--metric", "rmse")
     for _ in range(2):
-        assert export(*words).exit_code == 0
+        assert run_export(*words).exit_code == 0
     (table,) = tmp_path.iterdir()
     table.write_bytes(b"elapsed_time,T_sup\n0,14.2\n")
-    found = export(*words)
-    assert found.exit_code == 2
-    assert found.output.startswith(f"fastcoil: {table.name} exists, and fastcoil did not write it: name another file")
+    result = run_export(*words)
+    assert result.exit_code == 2
+    assert result.output.startswith(f"fastcoil: {table.name} exists, and fastcoil did not write it: name another file")
     assert table.read_bytes() == b"elapsed_time,T_sup\n0,14.2\n"
 
 
 @pytest.mark.kernel
-def test_a_folder_its_file_and_a_saved_result_give_the_same_table(folder, export, tmp_path):
+def test_a_folder_its_file_and_a_saved_result_give_the_same_table(folder, run_export, tmp_path):
     ds = fc.open_study(folder)
     ds.to_netcdf(tmp_path / "mine.nc")
-    assert export(folder, "--csv").output == "Written: small.csv (128 scenario-days, 37 columns)\n"
-    assert export(folder / "results.nc", "--csv").exit_code == export(tmp_path / "mine.nc", "--csv").exit_code == 0
-    whole = (tmp_path / "small.csv").read_bytes()
-    assert whole == (tmp_path / "results.csv").read_bytes() == (tmp_path / "mine.csv").read_bytes()
-    found = pd.read_csv(tmp_path / "small.csv", comment="#").set_index(["day", "estimate_ratio [1]", "sample"])
+    assert run_export(folder, "--csv").output == "Written: small.csv (128 scenario-days, 37 columns)\n"
+    assert (
+        run_export(folder / "results.nc", "--csv").exit_code == run_export(tmp_path / "mine.nc", "--csv").exit_code == 0
+    )
+    csv_bytes = (tmp_path / "small.csv").read_bytes()
+    assert csv_bytes == (tmp_path / "results.csv").read_bytes() == (tmp_path / "mine.csv").read_bytes()
+    table = pd.read_csv(tmp_path / "small.csv", comment="#").set_index(["day", "estimate_ratio [1]", "sample"])
     expected = ds[["rmse", "motor_travel"]].to_dataframe()
-    np.testing.assert_allclose(found["rmse [K]"], expected.rmse, rtol=1e-13)  # pandas 2 reads some one bit off
-    np.testing.assert_allclose(found["kp [K-1]"], expected.kp, rtol=1e-13)
-    assert f"# content_sha256: {ds.attrs['content_sha256']}" in whole.decode()
+    np.testing.assert_allclose(table["rmse [K]"], expected.rmse, rtol=1e-13)  # pandas 2 reads some one bit off
+    np.testing.assert_allclose(table["kp [K-1]"], expected.kp, rtol=1e-13)
+    assert f"# content_sha256: {ds.attrs['content_sha256']}" in csv_bytes.decode()
 
 
 @pytest.mark.kernel
-def test_a_table_has_what_is_asked_for(folder, export, tmp_path):
-    result = export(folder, "--csv", "--metric", "rmse", "--at", "day=2", "-o", tmp_path / "part.csv")
+def test_a_table_has_what_is_asked_for(folder, run_export, tmp_path):
+    result = run_export(folder, "--csv", "--metric", "rmse", "--at", "day=2", "-o", tmp_path / "part.csv")
     assert result.exit_code == 0, result.output
     part = pd.read_csv(tmp_path / "part.csv", comment="#")
     assert list(part) == ["estimate_ratio [1]", "sample", "kp [K-1]", "day", "rmse [K]", "status"]
@@ -88,8 +90,8 @@ def test_a_table_has_what_is_asked_for(folder, export, tmp_path):
         (("--csv", "--language", "c"), "--language works only for the controller in a TOML file, and "),
     ],
 )
-def test_a_mistake_is_one_sentence_and_writes_nothing(folder, export, tmp_path, words, sentence):
-    result = export(folder, *words)
+def test_a_mistake_is_one_sentence_and_writes_nothing(folder, run_export, tmp_path, words, sentence):
+    result = run_export(folder, *words)
     assert result.exit_code == 2
     assert result.output.startswith(f"fastcoil: {sentence}")
     assert result.output.count("\n") == 1
@@ -101,24 +103,27 @@ def test_a_mistake_is_one_sentence_and_writes_nothing(folder, export, tmp_path, 
     [
         (None, "table.nc does not exist: give the folder of a study"),
         ("a,b\n1,2\n", "table.nc holds no result of fastcoil, or it is damaged: give the folder of"),
-        (drawn(3).drop_vars("status"), "table.nc holds no result of fastcoil, or it is damaged: give the folder of"),
+        (
+            drawn_result(3).drop_vars("status"),
+            "table.nc holds no result of fastcoil, or it is damaged: give the folder of",
+        ),
     ],
 )
-def test_what_is_no_result_is_refused(export, tmp_path, content, sentence):
+def test_what_is_no_result_is_refused(run_export, tmp_path, content, sentence):
     path = tmp_path / "table.nc"
     if isinstance(content, str):
         path.write_text(content)
     elif content is not None:
         content.to_netcdf(path)
-    result = export("table.nc", "--csv")
+    result = run_export("table.nc", "--csv")
     assert result.exit_code == 2
     assert result.output.startswith(f"fastcoil: {sentence}")
 
 
 @pytest.mark.kernel
-def test_an_unfinished_study_says_how_much_is_missing(export, tmp_path, broken_off):
-    result = export(broken_off, "--csv", "-o", tmp_path / "part.csv")
+def test_an_unfinished_study_says_how_much_is_missing(run_export, tmp_path, interrupted_folder):
+    result = run_export(interrupted_folder, "--csv", "-o", tmp_path / "part.csv")
     assert result.exit_code == 0
     assert "scenarios have not run (status not_run)" in result.output
-    found = pd.read_csv(tmp_path / "part.csv", comment="#")
-    assert 0 < (found.status == "not_run").sum() < len(found)
+    table = pd.read_csv(tmp_path / "part.csv", comment="#")
+    assert 0 < (table.status == "not_run").sum() < len(table)

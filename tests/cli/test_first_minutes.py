@@ -13,12 +13,12 @@ from fastcoil.study import maintenance
 
 
 def test_alone_it_leads_to_a_log_a_loop_a_study_and_a_demo():
-    said = fastcoil()
-    assert said.exit_code == 0
-    lines = said.output.splitlines()
+    result = fastcoil()
+    assert result.exit_code == 0
+    lines = result.output.splitlines()
     assert len(lines) <= 6
     for command in ("diagnose LOG.csv", "explain lbnl", "init study.toml", "run study.toml", "demo", "--help"):
-        assert f"fastcoil {command}" in said.output
+        assert f"fastcoil {command}" in result.output
         assert command.split()[0] in (*main.commands, "--help")
     assert fastcoil("--help").output.startswith("Usage: ")
 
@@ -27,13 +27,13 @@ def test_alone_it_leads_to_a_log_a_loop_a_study_and_a_demo():
 @pytest.mark.usefixtures("blank_figures")
 def test_the_demo_shows_commands_that_the_user_can_type_and_what_they_say(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    said = fastcoil("demo", "my demo")
-    assert said.exit_code == 0, said.output
-    typed = [line[2:].split() for line in said.output.splitlines() if line.startswith("$ fastcoil ")]
+    result = fastcoil("demo", "my demo")
+    assert result.exit_code == 0, result.output
+    typed = [line[2:].split() for line in result.output.splitlines() if line.startswith("$ fastcoil ")]
     assert [words[1] for words in typed] == ["diagnose", "explain", "run"]
-    assert "Gap: 9 % of the stroke" in said.output
-    assert "This loop will hunt" in said.output
-    assert "Results: sweep" in said.output
+    assert "Gap: 9 % of the stroke" in result.output
+    assert "This loop will hunt" in result.output
+    assert "Results: sweep" in result.output
     assert Path.cwd() == tmp_path
     folder = tmp_path / "my demo"
     assert {path.name for path in folder.iterdir()} == {"log.csv", "sweep.toml", "sweep"}
@@ -41,11 +41,11 @@ def test_the_demo_shows_commands_that_the_user_can_type_and_what_they_say(tmp_pa
     monkeypatch.chdir(folder)
     again = fastcoil(*typed[0][1:])
     assert again.exit_code == 0
-    assert again.output in said.output
+    assert again.output in result.output
     monkeypatch.chdir(tmp_path)
-    refused = fastcoil("demo", "my demo")
-    assert refused.exit_code == 2
-    assert "give the name of a new folder" in refused.output
+    second_run = fastcoil("demo", "my demo")
+    assert second_run.exit_code == 2
+    assert "give the name of a new folder" in second_run.output
 
 
 @pytest.mark.kernel
@@ -53,16 +53,16 @@ def test_without_a_folder_the_demo_leaves_nothing(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     monkeypatch.setattr("fastcoil.cli.demo._COMMANDS", (("Which presets are there?", "fastcoil presets"),))
-    said = fastcoil("demo")
-    assert said.exit_code == 0, said.output
-    assert "paper_like" in said.output
+    result = fastcoil("demo")
+    assert result.exit_code == 0, result.output
+    assert "paper_like" in result.output
     assert not list(tmp_path.iterdir())
 
 
 def test_init_says_what_to_type_next(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    said = fastcoil("init", "my study.toml").output
-    assert said.endswith("fastcoil plan 'my study.toml', fastcoil run 'my study.toml'\n")
+    output = fastcoil("init", "my study.toml").output
+    assert output.endswith("fastcoil plan 'my study.toml', fastcoil run 'my study.toml'\n")
 
 
 def test_nothing_that_is_installed_speaks_of_make_or_the_environment_of_the_repository():

@@ -7,7 +7,7 @@ from click.testing import CliRunner
 
 from fastcoil.cli.main import main
 from fastcoil.cli.study import shipped_studies
-from fastcoil.study.file.schema import DIRECTIVE
+from fastcoil.study.file.schema import SCHEMA_DIRECTIVE
 
 ROOT = Path(__file__).parents[2]
 STUDIES = {path.stem: path for path in (ROOT / "studies").glob("*/*.toml")}
@@ -35,7 +35,7 @@ def test_every_study_of_the_repository_is_shipped_as_it_is():
 def test_a_shipped_study_is_written_under_its_name_or_another(fastcoil, tmp_path):
     first, second = fastcoil("init", "--from", "robustness"), fastcoil("init", "--from", "robustness", "mine.toml")
     assert (first.exit_code, second.exit_code) == (0, 0), first.output
-    expected = DIRECTIVE.encode() + STUDIES["robustness"].read_bytes()
+    expected = SCHEMA_DIRECTIVE.encode() + STUDIES["robustness"].read_bytes()
     assert (tmp_path / "robustness.toml").read_bytes() == (tmp_path / "mine.toml").read_bytes() == expected
     assert "fastcoil run mine.toml" in second.output
     assert "Analysis" not in second.output

@@ -8,11 +8,11 @@ import warnings
 import click
 import pytest
 from click.testing import CliRunner
-from helpers.processes import environment
-from helpers.studies import PLAIN, run_until_interrupted
+from helpers.processes import child_environment
+from helpers.studies import PLAIN_STUDY, run_until_interrupted
 
 from fastcoil.cli import terminal
-from fastcoil.cli.terminal import Commands, interruptible
+from fastcoil.cli.terminal import CommandGroup, handle_interrupts
 
 
 @pytest.mark.parametrize("kind", [UserWarning, DeprecationWarning, RuntimeWarning])
@@ -20,13 +20,13 @@ def test_a_warning_is_a_note_though_python_is_set_to_raise_it(kind):
     def warn():
         warnings.warn("in passing", kind, stacklevel=2)
 
-    commands = Commands(commands=[click.Command("warn", callback=warn)])
+    commands = CommandGroup(commands=[click.Command("warn", callback=warn)])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         before = list(warnings.filters)
-        found = CliRunner().invoke(commands, ["warn"])
+        result = CliRunner().invoke(commands, ["warn"])
         assert warnings.filters == before
-    assert (found.exit_code, found.stderr) == (0, "fastcoil: note: in passing\n")
+    assert (result.exit_code, result.stderr) == (0, "fastcoil: note: in passing\n")
 
 
 RUN_AND_PLOT = """
@@ -42,47 +42,47 @@ for words in (["run", "study.toml", "-o", "out", "-j", "1"], ["plot", "out", "-x
 
 @pytest.mark.kernel
 def test_no_setting_of_python_or_matplotlib_stops_a_command(out):
-    run_until_interrupted(PLAIN.replace("estimate_ratio", "# estimate_ratio"), out, 1)
+    run_until_interrupted(PLAIN_STUDY.replace("estimate_ratio", "# estimate_ratio"), out, 1)
     (out / "shards" / "notes.txt").write_text("mine")
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", RUN_AND_PLOT],
         cwd=out.parent,
         capture_output=True,
         text=True,
         timeout=120,
         check=False,
-        env=environment(PYTHONWARNINGS="error", MPLBACKEND="no such backend"),
+        env=child_environment(PYTHONWARNINGS="error", MPLBACKEND="no such backend"),
     )
-    ends = [line for line in done.stdout.splitlines() if "ends with" in line]
-    assert ends == ["run ends with 0", "plot ends with 0"], done
-    assert "Traceback" not in done.stderr
-    assert "/out/shards/notes.txt is not a shard" in done.stderr
+    ends = [line for line in process.stdout.splitlines() if "ends with" in line]
+    assert ends == ["run ends with 0", "plot ends with 0"], process
+    assert "Traceback" not in process.stderr
+    assert "/out/shards/notes.txt is not a shard" in process.stderr
     assert (out / "figures" / "rmse_backlash.png").stat().st_size > 1000
 
 
 @pytest.mark.alone
 def test_two_interruptions_at_once_are_one(tmp_path, monkeypatch):
-    both, said = {signal.SIGINT, signal.SIGTERM}, []
-    monkeypatch.setattr(sys, "unraisablehook", said.append)
-    monkeypatch.setattr(terminal, "_PATIENCE", 3600.0)  # the process is not to end
-    signal.pthread_sigmask(signal.SIG_BLOCK, both)
+    signal_numbers, unraisable = {signal.SIGINT, signal.SIGTERM}, []
+    monkeypatch.setattr(sys, "unraisablehook", unraisable.append)
+    monkeypatch.setattr(terminal, "_MAX_SHUTDOWN_SECONDS", 3600.0)  # the process is not to end
+    signal.pthread_sigmask(signal.SIG_BLOCK, signal_numbers)
 
     def interrupt():
-        with interruptible(tmp_path / "study.toml", tmp_path):
-            for number in both:
+        with handle_interrupts(tmp_path / "study.toml", tmp_path):
+            for number in signal_numbers:
                 signal.raise_signal(number)
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, both)
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, signal_numbers)
             sum(range(1000))
 
     try:
         with pytest.raises(KeyboardInterrupt):
             interrupt()
     finally:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, both)
-    assert not said
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, signal_numbers)
+    assert not unraisable
 
 
-LINGERS = """
+LINGERING_THREAD = """
 import threading, time
 from fastcoil import __main__ as entry
 def linger():
@@ -97,9 +97,13 @@ entry.run()
 @pytest.mark.skipif(sys.platform == "win32", reason="no process there ends by a signal")
 def test_ctrl_c_while_a_finished_command_waits_for_a_thread_says_nothing():
     process = subprocess.Popen(
-        [sys.executable, "-c", LINGERS], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment()
+        [sys.executable, "-c", LINGERING_THREAD],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=child_environment(),
     )
     assert process.stdout.readline() == "at its end\n"
     process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=30)
-    assert (process.returncode, said) == (-signal.SIGINT, "")
+    _, errors = process.communicate(timeout=30)
+    assert (process.returncode, errors) == (-signal.SIGINT, "")

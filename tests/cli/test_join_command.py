@@ -4,7 +4,7 @@ from click.testing import CliRunner
 
 from fastcoil.cli.main import main
 
-ROWS = "\n".join(f"{k:02}/07/2024 0{k % 10}:00,{k}" for k in range(10, 28))
+CSV_ROWS = "\n".join(f"{k:02}/07/2024 0{k % 10}:00,{k}" for k in range(10, 28))
 
 
 def run(*arguments):
@@ -13,27 +13,27 @@ def run(*arguments):
 
 def test_files_are_joined_and_how_is_said(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "command.csv").write_text(f"Time,Value (%)\n{ROWS}\n")
-    (tmp_path / "SAT.csv").write_text(f"Time,Value\n{ROWS}\n")
-    done = run("command.csv", "SAT.csv", "--column", "T_sup=SAT.csv", "--unit", "T_sup=degC", "--step", 3600)
-    assert done.exit_code == 0, done.output
+    (tmp_path / "command.csv").write_text(f"Time,Value (%)\n{CSV_ROWS}\n")
+    (tmp_path / "SAT.csv").write_text(f"Time,Value\n{CSV_ROWS}\n")
+    result = run("command.csv", "SAT.csv", "--column", "T_sup=SAT.csv", "--unit", "T_sup=degC", "--step", 3600)
+    assert result.exit_code == 0, result.output
     assert (
         (tmp_path / "log.csv").read_text().startswith("timestamp,command [1],T_sup [degC]\n2024-07-10T00:00:00,0.1,10")
     )
-    assert "command.csv: timestamp read as dd/mm/yyyy: a number exceeds 12 in row" in done.output
-    assert "Joined:  log.csv" in done.output
+    assert "command.csv: timestamp read as dd/mm/yyyy: a number exceeds 12 in row" in result.output
+    assert "Joined:  log.csv" in result.output
     assert sorted(path.name for path in tmp_path.iterdir()) == ["SAT.csv", "command.csv", "log.csv"]
 
 
 def test_no_file_is_replaced_and_nothing_is_left_of_a_refused_call(tmp_path):
-    command, other = tmp_path / "command.csv", tmp_path / "mine.csv"
-    command.write_text(f"Time,Value (%)\n{ROWS}\n")
-    other.write_text("mine")
-    for out in (other, command):
-        refused = run(command, "-o", out)
-        assert refused.exit_code == 2
-        assert "this file exists: choose another name, or delete it" in refused.output + str(refused.exception)
-    assert other.read_text() == "mine"
+    command, foreign = tmp_path / "command.csv", tmp_path / "mine.csv"
+    command.write_text(f"Time,Value (%)\n{CSV_ROWS}\n")
+    foreign.write_text("mine")
+    for out in (foreign, command):
+        result = run(command, "-o", out)
+        assert result.exit_code == 2
+        assert "this file exists: choose another name, or delete it" in result.output + str(result.exception)
+    assert foreign.read_text() == "mine"
     for arguments in (
         [],
         [tmp_path / "none.csv"],

@@ -8,7 +8,7 @@ import pytest
 from helpers.commands import fastcoil
 from helpers.processes import ROOT
 
-SMALL = """
+SMALL_STUDY = """
 [loop]
 [sweep]
 backlash = [0.0, 0.07]
@@ -18,16 +18,16 @@ hours = 0.25
 [run]
 warm_up = 60
 """
-UNUSED = (
+UNUSED_MODULES = (
     "matplotlib", "PIL", "distributed", "scipy.signal", "scipy.stats", "scipy.optimize", "scipy.special",
     "scipy.linalg", "IPython", "jinja2", "panel", "bokeh", "tornado", "fastcoil.measured.diagnosis",
     "fastcoil.measured.fit", "fastcoil.deliver.report", "fastcoil.deliver.export",
 )  # fmt: skip
-COMPILER = ("numba.np.arraymath", "numba.cpython.listobj", "numba.typed.typeddict")
+COMPILER_MODULES = ("numba.np.arraymath", "numba.cpython.listobj", "numba.typed.typeddict")
 """Parts of Numba that compile, and that nothing needs that is compiled already."""
 
 
-WITHOUT_DASK = """
+RUN_WITHOUT_DASK = """
 import sys
 sys.modules['dask'] = None  # as where this extra is not installed: xarray imports it if it can
 from fastcoil.__main__ import run
@@ -40,29 +40,37 @@ for command in sys.argv[1:]:
 """
 
 
-def loaded_by(folder, *commands):
+def modules_loaded_by(folder, *commands):
     """The modules that commands load, one after the other, in a process of their own."""
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    words = [sys.executable, "-X", "importtime", "-c", WITHOUT_DASK, *commands]
-    done = subprocess.run(words, env=environment, cwd=folder, capture_output=True, text=True, check=False, timeout=300)
-    assert done.returncode == 0, done.stderr[-2000:]
-    lines = [line for line in done.stderr.splitlines() if line.startswith("import time:")]
+    words = [sys.executable, "-X", "importtime", "-c", RUN_WITHOUT_DASK, *commands]
+    process = subprocess.run(
+        words, env=environment, cwd=folder, capture_output=True, text=True, check=False, timeout=300
+    )
+    assert process.returncode == 0, process.stderr[-2000:]
+    lines = [line for line in process.stderr.splitlines() if line.startswith("import time:")]
     return {line.rpartition("|")[2].strip() for line in lines}
 
 
-def among(loaded, names):
-    return sorted(name for name in loaded for other in names if f"{name}.".startswith(f"{other}."))
+def modules_below(loaded, names):
+    return sorted(name for name in loaded for package in names if f"{name}.".startswith(f"{other}."))
 
 
 @pytest.mark.kernel
 def test_what_is_compiled_is_run_without_the_compiler_or_anything_that_draws(tmp_path):
-    (tmp_path / "small.toml").write_text(SMALL)
+    (tmp_path / "small.toml").write_text(SMALL_STUDY)
     fastcoil("plan", tmp_path / "small.toml")  # what a study needs is compiled
     run = "run small.toml --no-figures -o out"
-    ran = loaded_by(tmp_path, run, run, "status out", "plan small.toml")  # a new study, then a finished one
-    assert "xarray" in ran
-    assert among(ran, UNUSED + COMPILER) == []
+    loaded = modules_loaded_by(tmp_path, run, run, "status out", "plan small.toml")  # a new study, then a finished one
+    assert "xarray" in loaded
+    assert modules_below(loaded, UNUSED_MODULES + COMPILER_MODULES) == []
 
 
 def test_help_loads_no_library_that_computes(tmp_path):
-    assert among(loaded_by(tmp_path, "run --help"), ("numpy", "numba", "xarray", "pandas", "asyncio", *UNUSED)) == []
+    assert (
+        modules_below(
+            modules_loaded_by(tmp_path, "run --help"),
+            ("numpy", "numba", "xarray", "pandas", "asyncio", *UNUSED_MODULES),
+        )
+        == []
+    )

@@ -10,7 +10,7 @@ from fastcoil.study.folder.results import open_study
 
 pytestmark = [pytest.mark.kernel, pytest.mark.usefixtures("blank_figures")]
 
-SMALL = """[loop]
+SMALL_STUDY = """[loop]
 [sweep]
 backlash = [0.02, 0.07]
 [cases.tuning]
@@ -21,14 +21,14 @@ hours = 0.25
 [run]
 warm_up = 100
 """
-LARGER = SMALL.replace("[0.02, 0.07]", "[0.02, 0.05, 0.07]")
-NAMES = ["bands.png", "tuning.png"]
+LARGER_STUDY = SMALL_STUDY.replace("[0.02, 0.07]", "[0.02, 0.05, 0.07]")
+FIGURE_NAMES = ["bands.png", "tuning.png"]
 
 
 @pytest.fixture
 def study(tmp_path):
     path = tmp_path / "study.toml"
-    path.write_text(SMALL)
+    path.write_text(SMALL_STUDY)
     return path
 
 
@@ -41,38 +41,38 @@ def run(study, *words):
     return [path.rpartition("/")[2] for path in figures]
 
 
-def content(study):
+def content_hash(study):
     return open_study(study.with_name("out")).attrs["content_sha256"]
 
 
-def files(study):
+def figure_times(study):
     return {path.name: path.stat().st_mtime_ns for path in (study.with_name("out") / "figures").iterdir()}
 
 
 def test_a_finished_study_names_its_figures_and_draws_none_again(study):
-    assert run(study) == NAMES
-    before = files(study)
-    assert run(study) == NAMES
-    assert files(study) == before
+    assert run(study) == FIGURE_NAMES
+    before = figure_times(study)
+    assert run(study) == FIGURE_NAMES
+    assert figure_times(study) == before
     assert fastcoil("plot", study.with_name("out")).exit_code == 0
-    after = files(study)
+    after = figure_times(study)
     assert after.keys() == before.keys()
     assert all(after[name] > before[name] for name in before), "plot draws whatever is there"
 
 
 def test_figures_of_the_smaller_study_are_never_named_once_it_is_extended(study):
     run(study)
-    first = content(study)
-    study.write_text(LARGER)
+    first = content_hash(study)
+    study.write_text(LARGER_STUDY)
     assert run(study, "--extend", "--no-figures") == []
     out = study.with_name("out")
-    assert [path.name for path in current_figures(out, first)] == NAMES
+    assert [path.name for path in current_figures(out, first)] == FIGURE_NAMES
     verified = fastcoil("verify", out)
     assert verified.exit_code == 6
     cure = f"was drawn from other results: run `fastcoil plot {out}`, or delete it"
-    assert verified.output.splitlines() == [f"fastcoil: {out / 'figures' / name} {cure}" for name in NAMES]
-    assert run(study) == NAMES
-    assert [path.name for path in current_figures(out, content(study))] == NAMES
+    assert verified.output.splitlines() == [f"fastcoil: {out / 'figures' / name} {cure}" for name in FIGURE_NAMES]
+    assert run(study) == FIGURE_NAMES
+    assert [path.name for path in current_figures(out, content_hash(study))] == FIGURE_NAMES
     assert fastcoil("verify", out).exit_code == 0
 
 
@@ -83,30 +83,30 @@ def test_other_figures_of_these_results_are_named_and_stale_ones_are_not(study):
     assert fastcoil("plot", out, "--format", "pdf").exit_code == 0
     (out / "figures" / "own.png").write_bytes(b"by hand")
     assert run(study) == ["bands.png", "iae_backlash.png", "tuning.png"]
-    study.write_text(LARGER)
-    assert run(study, "--extend") == NAMES
-    assert [p.name for p in stale_figures(out, content(study))] == ["bands.pdf", "iae_backlash.png", "tuning.pdf"]
+    study.write_text(LARGER_STUDY)
+    assert run(study, "--extend") == FIGURE_NAMES
+    assert [p.name for p in stale_figures(out, content_hash(study))] == ["bands.pdf", "iae_backlash.png", "tuning.pdf"]
 
 
 @pytest.mark.full
 @pytest.mark.alone
-def test_a_kill_anywhere_loses_no_figure(study, forked):
+def test_a_kill_anywhere_loses_no_figure(study, run_forked):
     """Before its n-th operation on files, the last ones first: the figures of an extension are drawn last."""
     out, start = study.with_name("out"), study.with_name("start")
     run(study)
     shutil.copytree(out, start)
-    study.write_text(LARGER)
+    study.write_text(LARGER_STUDY)
     order = {"arguments": ["run", str(study), "-o", str(out), "-j", "1", "--extend"]}
-    code, n, said = forked(LARGER, out, **order)
-    assert code == 0, said
-    assert run(study) == NAMES
+    code, n, output = run_forked(LARGER_STUDY, out, **order)
+    assert code == 0, output
+    assert run(study) == FIGURE_NAMES
     expected = {path.name: path.read_bytes() for path in (out / "figures").glob("*.png")}
     while n > 0:
         shutil.rmtree(out)
         shutil.copytree(start, out)
-        assert forked(LARGER, out, **order, kill_before=n)[:2] == (-9, n)
+        assert run_forked(LARGER_STUDY, out, **order, kill_before=n)[:2] == (-9, n)
         assert run(study, "--extend", "--no-figures") == []
-        assert run(study) == NAMES
+        assert run(study) == FIGURE_NAMES
         assert {path.name: path.read_bytes() for path in (out / "figures").glob("[!.]*")} == expected
         assert fastcoil("verify", out).exit_code == 0
         n -= 1

@@ -9,11 +9,11 @@ import pytest
 
 STUDY = "[loop]\n[sweep]\nbacklash = [0.02, 0.07]\n[boundary]\nhours = 1\n"
 COMMAND = f"{sys.executable} -m fastcoil"
-LOST = "fastcoil: not all lines could be printed"
+LOST_OUTPUT = "fastcoil: not all lines could be printed"
 
 
 @pytest.fixture
-def shell(tmp_path):
+def run_in_shell(tmp_path):
     (tmp_path / "s.toml").write_text(STUDY)
     root = Path(__file__).parents[2]
 
@@ -32,22 +32,22 @@ def shell(tmp_path):
     ("streams", "code", "said"),
     [
         pytest.param("2>&-", 0, "", marks=pytest.mark.full),
-        pytest.param(">&-", 4, f"{LOST} (Bad file descriptor)", marks=pytest.mark.full),
+        pytest.param(">&-", 4, f"{LOST_OUTPUT} (Bad file descriptor)", marks=pytest.mark.full),
         pytest.param("<&- >&- 2>&-", 4, "", marks=pytest.mark.full),
-        (">/dev/full", 4, f"{LOST} (No space left on device)"),
+        (">/dev/full", 4, f"{LOST_OUTPUT} (No space left on device)"),
         pytest.param("2>/dev/full", 0, "", marks=pytest.mark.full),
         pytest.param("| head -n 1", 0, "", marks=pytest.mark.full),
     ],
 )
-def test_a_study_is_run_whatever_becomes_of_the_streams(shell, tmp_path, streams, code, said):
+def test_a_study_is_run_whatever_becomes_of_the_streams(run_in_shell, tmp_path, streams, code, said):
     if "/dev/full" in streams and not Path("/dev/full").exists():
         pytest.skip("no /dev/full here")
-    done = shell(f"run s.toml -o out --no-figures -j 1 {streams}")
-    assert done.returncode == code, done
-    errors = done.stderr.decode()
+    process = run_in_shell(f"run s.toml -o out --no-figures -j 1 {streams}")
+    assert process.returncode == code, process
+    errors = process.stderr.decode()
     assert "Traceback" not in errors
     assert "Exception" not in errors
-    assert errors.splitlines()[-1:] == [line for line in errors.splitlines() if line.startswith(LOST)][-1:]
+    assert errors.splitlines()[-1:] == [line for line in errors.splitlines() if line.startswith(LOST_OUTPUT)][-1:]
     assert said in errors
     assert sorted(p.name for p in (tmp_path / "out").iterdir() if p.name[0] != ".") == [
         "results.nc",
@@ -56,26 +56,26 @@ def test_a_study_is_run_whatever_becomes_of_the_streams(shell, tmp_path, streams
     ]
 
 
-def test_help_that_cannot_be_printed_says_so(shell):
+def test_help_that_cannot_be_printed_says_so(run_in_shell):
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full here")
-    done = shell("run --help > /dev/full")
-    assert done.returncode == 4
-    assert done.stderr.decode() == f"{LOST} (No space left on device); files were written as usual\n"
+    process = run_in_shell("run --help > /dev/full")
+    assert process.returncode == 4
+    assert process.stderr.decode() == f"{LOST_OUTPUT} (No space left on device); files were written as usual\n"
 
 
-def test_a_mistake_keeps_its_exit_code_where_nothing_can_be_said(shell):
-    assert shell("run absent.toml >&- 2>&-").returncode == 2
-    assert shell("run --nope 2>&-").returncode == 2
+def test_a_mistake_keeps_its_exit_code_where_nothing_can_be_said(run_in_shell):
+    assert run_in_shell("run absent.toml >&- 2>&-").returncode == 2
+    assert run_in_shell("run --nope 2>&-").returncode == 2
 
 
-def test_a_terminal_of_few_characters_gets_the_others_escaped(shell, tmp_path):
+def test_a_terminal_of_few_characters_gets_the_others_escaped(run_in_shell, tmp_path):
     (tmp_path / "s.toml").write_text('title = "Größe Δ"\n' + STUDY)
-    done = shell("init --from nöΔ", PYTHONIOENCODING="latin-1")
-    assert done.returncode == 2
-    assert b"n\xf6\\u0394" in done.stderr
+    process = run_in_shell("init --from nöΔ", PYTHONIOENCODING="latin-1")
+    assert process.returncode == 2
+    assert b"n\xf6\\u0394" in process.stderr
 
 
-def test_a_pipe_whose_reader_left_is_no_fault(shell):
-    done = shell("init --list | head -n 1")
-    assert (done.returncode, done.stdout.count(b"\n"), done.stderr) == (0, 1, b"")
+def test_a_pipe_whose_reader_left_is_no_fault(run_in_shell):
+    process = run_in_shell("init --list | head -n 1")
+    assert (process.returncode, process.stdout.count(b"\n"), process.stderr) == (0, 1, b"")

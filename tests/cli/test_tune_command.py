@@ -48,20 +48,20 @@ def read(path, table):
 @pytest.mark.kernel
 @pytest.mark.usefixtures("blank_figures")
 def test_it_writes_what_fc_tune_finds_and_a_file_to_include(study, tmp_path):
-    done = fastcoil("tune", study, "-j", 1)
-    assert done.exit_code == 0, done.output
+    result = fastcoil("tune", study, "-j", 1)
+    assert result.exit_code == 0, result.output
     folder = tmp_path / "results" / "mine"
     assert {path.name for path in folder.iterdir()} >= {"tuning.toml", "tuning.png"}
-    asked = read_study(study)
-    found = fc.tune(
-        asked.plan.layout.loop, asked.plan.layout.boundary, search={"kp": (0.005, 0.2), "buffer": (0, 0.01)},
+    spec = read_study(study)
+    tuning = fc.tune(
+        spec.plan.layout.loop, spec.plan.layout.boundary, search={"kp": (0.005, 0.2), "buffer": (0, 0.01)},
         limits={"motor_travel": 50, "rmse": (9.0, "mean")}, evaluations=24, warm_up=60, n_jobs=1,
     )  # fmt: skip
-    assert tomllib.loads((folder / "tuning.toml").read_text())["loop"] == found.parameters
-    assert "\n".join(found.summary()) in done.output
+    assert tomllib.loads((folder / "tuning.toml").read_text())["loop"] == tuning.parameters
+    assert "\n".join(tuning.summary()) in result.output
     including = tmp_path / "next.toml"
     including.write_text('[loop]\ninclude = ["results/mine/tuning.toml"]\n')
-    assert read_study(including).plan.layout.loop["kp"] == found.parameters["kp"]
+    assert read_study(including).plan.layout.loop["kp"] == tuning.parameters["kp"]
 
 
 @pytest.mark.kernel
@@ -69,7 +69,7 @@ def test_an_interrupted_search_writes_nothing(study, tmp_path, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(module, "tried", interrupted)
+    monkeypatch.setattr(module, "simulate_group", interrupted)
     stopped = fastcoil("tune", study, "-o", "out", "-j", 1)
     assert stopped.exit_code == 130
     assert "resume" not in stopped.output
@@ -78,17 +78,17 @@ def test_an_interrupted_search_writes_nothing(study, tmp_path, monkeypatch):
 
 def test_a_study_without_the_table_is_refused_with_an_example(study):
     study.write_text(STUDY)
-    found = fastcoil("tune", study)
-    assert found.exit_code == 2
-    assert "has no table [tune]: add one, such as search = { kp" in found.output
+    result = fastcoil("tune", study)
+    assert result.exit_code == 2
+    assert "has no table [tune]: add one, such as search = { kp" in result.output
 
 
 def test_days_to_try_it_on_are_labels_or_a_boundary(study):
     table = "[tune]\nsearch = { kp = [0.01, 0.1] }\nholdout = "
-    asked = read(study, table + "[1]").tuning
-    assert (asked.training.boundary.day.tolist(), asked.holdout.boundary.day.tolist()) == ([2], [1])
-    asked = read(study, table + '{ kind = "paper_day", hours = 0.1, seed = [7, 8] }').tuning
-    assert asked.holdout.boundary == fc.paper_day(hours=0.1, seed=[7, 8])
+    request = read(study, table + "[1]").tuning
+    assert (request.training.boundary.day.tolist(), request.holdout.boundary.day.tolist()) == ([2], [1])
+    request = read(study, table + '{ kind = "paper_day", hours = 0.1, seed = [7, 8] }').tuning
+    assert request.holdout.boundary == fc.paper_day(hours=0.1, seed=[7, 8])
 
 
 @pytest.mark.parametrize(

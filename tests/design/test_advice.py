@@ -7,17 +7,17 @@ import pytest
 import xarray as xr
 from helpers.advice_checks import (
     DAY,
+    advice_problems,
     any_loop,
     contradictions,
     contradictions_of_log,
-    followed,
+    follow_advice,
     integrate,
     random_loop,
-    unsettled,
 )
 
 import fastcoil as fc
-from fastcoil.design.advice import AS_IS, Option, _hunts_in_part, advise, cures_of, swings_at, verdict
+from fastcoil.design.advice import AS_IS, Option, _is_hunting_in_part, advise, propose_cures, simulated_swings, verdict
 from fastcoil.design.operating_points import operating_points
 from fastcoil.design.prediction import nearest_linear, predict
 
@@ -25,26 +25,26 @@ FAST = fc.Loop.preset("lbnl").assign(kp=0.03, ti=10.0)
 COARSE = {"command_resolution": 0.001, "sensor_resolution": 0.05, "neutral_zone": 0.01}
 
 
-def option(name, error, hunts=False, margin=0.4):
-    return Option(name, f"words of {name}", error, 10.0 * error, hunts, margin)
+def make_option(name, error, hunts=False, hunting_index=0.4):
+    return Option(name, f"words of {name}", error, 10.0 * error, hunts, hunting_index)
 
 
-HUNTING, QUIET = option(AS_IS, 0.4, hunts=True, margin=2.0), option(AS_IS, 0.4)
+HUNTING, QUIET = make_option(AS_IS, 0.4, hunts=True, hunting_index=2.0), make_option(AS_IS, 0.4)
 
 
 @pytest.mark.parametrize(
     ("now", "then", "words"),
     [
-        (HUNTING, option("simc", 0.3), "cures it"),
-        (HUNTING, option("simc", 0.5), "cures it, at a larger error"),
-        (HUNTING, option("simc", 0.4, hunts=True), "still hunts"),
-        (HUNTING, option("simc", 0.3, hunts=True), "still hunts, but less"),
-        (HUNTING, option("simc", 0.6, hunts=True), "still hunts, and worse"),
-        (QUIET, option("simc", 0.41), "no gain"),
-        (QUIET, option("simc", 0.3), "better"),
-        (QUIET, option("simc", 0.5), "worse"),
-        (QUIET, option("simc", 0.3, hunts=True), "makes it hunt"),
-        (QUIET, option("simc", np.nan), "failed"),
+        (HUNTING, make_option("simc", 0.3), "cures it"),
+        (HUNTING, make_option("simc", 0.5), "cures it, at a larger error"),
+        (HUNTING, make_option("simc", 0.4, hunts=True), "still hunts"),
+        (HUNTING, make_option("simc", 0.3, hunts=True), "still hunts, but less"),
+        (HUNTING, make_option("simc", 0.6, hunts=True), "still hunts, and worse"),
+        (QUIET, make_option("simc", 0.41), "no gain"),
+        (QUIET, make_option("simc", 0.3), "better"),
+        (QUIET, make_option("simc", 0.5), "worse"),
+        (QUIET, make_option("simc", 0.3, hunts=True), "makes it hunt"),
+        (QUIET, make_option("simc", np.nan), "failed"),
     ],
 )
 def test_what_is_said_of_a_cure(now, then, words):
@@ -55,34 +55,34 @@ def test_what_is_said_of_a_cure(now, then, words):
     ("options", "best", "words"),
     [
         # the PI's own settings before what asks for the size of the gap, with that beside it
-        ([HUNTING, option("lower_kp", 0.3), option("longer_ti", 0.25), option("inverse", 0.1)], "longer_ti",
+        ([HUNTING, make_option("lower_kp", 0.3), make_option("longer_ti", 0.25), make_option("inverse", 0.1)], "longer_ti",
          "longer_ti: RMSE -38 %, motor travel × 0.62.  If the backlash is known to 5 %: words of inverse: RMSE"),
-        ([HUNTING, option("simc", 0.3), option("inverse", 0.29)], "simc", "× 0.75."),
-        ([HUNTING, option("simc", 0.3, True), option("inverse", 0.3), option("dead_band", 0.1)], "inverse", "Do this"),
-        ([HUNTING, option("simc", 0.3, margin=0.9), option("dead_band", 0.1)], "simc", "0.9 is above 0.85."),
-        ([HUNTING, option("dead_band", 0.3), option("repaired_valve", 0.1)], "dead_band", "It only hides the swing"),
-        ([HUNTING, option("simc", 0.3, True), option("repaired_valve", 0.1)], "repaired_valve", "None of these set"),
-        ([HUNTING, option("simc", 0.3, True)], AS_IS, "None of these stops the hunting; least error: words of simc"),
-        ([HUNTING, option("simc", np.nan)], AS_IS, "None of these stops the hunting."),
-        ([QUIET, option("simc", 0.39), option("repaired_valve", 0.39)], AS_IS, "reduces the error by 5 %."),
-        ([QUIET, option("simc", 0.39), option("repaired_valve", 0.1)], AS_IS,
+        ([HUNTING, make_option("simc", 0.3), make_option("inverse", 0.29)], "simc", "× 0.75."),
+        ([HUNTING, make_option("simc", 0.3, True), make_option("inverse", 0.3), make_option("dead_band", 0.1)], "inverse", "Do this"),
+        ([HUNTING, make_option("simc", 0.3, hunting_index=0.9), make_option("dead_band", 0.1)], "simc", "0.9 is above 0.85."),
+        ([HUNTING, make_option("dead_band", 0.3), make_option("repaired_valve", 0.1)], "dead_band", "It only hides the swing"),
+        ([HUNTING, make_option("simc", 0.3, True), make_option("repaired_valve", 0.1)], "repaired_valve", "None of these set"),
+        ([HUNTING, make_option("simc", 0.3, True)], AS_IS, "None of these stops the hunting; least error: words of simc"),
+        ([HUNTING, make_option("simc", np.nan)], AS_IS, "None of these stops the hunting."),
+        ([QUIET, make_option("simc", 0.39), make_option("repaired_valve", 0.39)], AS_IS, "reduces the error by 5 %."),
+        ([QUIET, make_option("simc", 0.39), make_option("repaired_valve", 0.1)], AS_IS,
          "reduces the error by 5 %; a repaired valve would: RMSE -75 %, motor travel × 0.25."),
-        ([QUIET, option("simc", 0.3), option("repaired_valve", 0.1)], "simc", "If the error matters: words of simc"),
-        ([QUIET, option("simc", 0.3, margin=0.9)], "simc", "but a margin of 0.9 is above 0.85."),
-        ([HUNTING, option("simc", 0.3), option("inverse", 0.1, margin=3.0)], "simc", "a margin of 3 is above 0.85."),
-        ([QUIET, option("simc", 0.3, True)], AS_IS, "reduces the error by 5 % and stays calm."),
+        ([QUIET, make_option("simc", 0.3), make_option("repaired_valve", 0.1)], "simc", "If the error matters: words of simc"),
+        ([QUIET, make_option("simc", 0.3, hunting_index=0.9)], "simc", "but a hunting index of 0.9 is above 0.85."),
+        ([HUNTING, make_option("simc", 0.3), make_option("inverse", 0.1, hunting_index=3.0)], "simc", "a hunting index of 3 is above 0.85."),
+        ([QUIET, make_option("simc", 0.3, True)], AS_IS, "reduces the error by 5 % and stays calm."),
     ],
 )  # fmt: skip
 def test_one_option_is_recommended_and_the_sentence_names_it(options, best, words):
-    found = advise(options)
-    assert options[found.best].name == best
-    assert words in found.text
+    advice = advise(options)
+    assert options[advice.best].name == best
+    assert words in advice.text
 
 
 def test_a_motor_that_chatters_is_calmed_at_a_larger_error_if_need_be():
-    now, plain, inverse = QUIET._replace(chatters=True), option("no_inverse", 0.5), option("inverse", 0.3)
-    found = advise([now, option("simc", 0.3)._replace(chatters=True), plain, inverse])
-    assert found.text.startswith(
+    now, plain, inverse = QUIET._replace(chatters=True), make_option("no_inverse", 0.5), make_option("inverse", 0.3)
+    advice = advise([now, make_option("simc", 0.3)._replace(chatters=True), plain, inverse])
+    assert advice.text.startswith(
         "Do this: words of no_inverse: RMSE +25 %, motor travel × 1.2.  If the backlash is known"
     )
     assert advise([now]).text == "None of these stops the chatter."
@@ -90,11 +90,11 @@ def test_a_motor_that_chatters_is_calmed_at_a_larger_error_if_need_be():
 
 @pytest.mark.kernel
 def test_a_loop_with_too_large_an_estimate_is_told_of_its_chatter_and_of_what_ends_it():
-    found = fc.explain(fc.Loop.preset("lbnl").assign(backlash_estimate=0.08, noise_std=0.05), DAY)
-    assert found.answer.startswith("This loop will not hunt, but its motor chatters, ")
-    assert found.answer.endswith(" reversals an hour: the estimate, 8 %, is larger than the backlash, 7 %.")
+    explanation = fc.explain(fc.Loop.preset("lbnl").assign(backlash_estimate=0.08, noise_std=0.05), DAY)
+    assert explanation.answer.startswith("This loop will not hunt, but its motor chatters, ")
+    assert explanation.answer.endswith(" reversals an hour: the estimate, 8 %, is larger than the backlash, 7 %.")
     assert "chatters" not in fc.explain(FAST.assign(backlash_estimate=0.07, noise_std=0.05), DAY).answer
-    assert "chatters" not in fc.explain(followed(found), DAY).answer
+    assert "chatters" not in fc.explain(follow_advice(explanation), DAY).answer
 
 
 @pytest.mark.kernel
@@ -114,11 +114,11 @@ def test_simc_does_not_depend_on_the_gains_that_a_loop_has():
     ],
 )
 def test_gains_are_among_the_cures_whatever_theory_knows_and_stop_the_hunting(change):
-    found = fc.explain(FAST.assign(**change), DAY)
-    assert {"lower_kp", "longer_ti", "simc"} <= set(found.cures["cure"].values)
-    assert found.recommended == "simc"
-    kp, ti = (float(found.cures.sel(cure="simc")[name]) for name in ("kp", "ti"))
-    assert f"Do this: SIMC: kp {kp:g} 1/K, ti {ti:g} s: RMSE -" in found.advice
+    explanation = fc.explain(FAST.assign(**change), DAY)
+    assert {"lower_kp", "longer_ti", "simc"} <= set(explanation.cures["cure"].values)
+    assert explanation.recommended == "simc"
+    kp, ti = (float(explanation.cures.sel(cure="simc")[name]) for name in ("kp", "ti"))
+    assert f"Do this: SIMC: kp {kp:g} 1/K, ti {ti:g} s: RMSE -" in explanation.advice
     assert fc.simulate(FAST.assign(**change, kp=kp, ti=ti), DAY, n_jobs=1).hunts == 0
 
 
@@ -126,34 +126,34 @@ def test_gains_are_among_the_cures_whatever_theory_knows_and_stop_the_hunting(ch
 def test_gains_that_only_the_simulation_finds_are_proposed():
     """With the dead band of this loop even SIMC hunts."""
     loop = random_loop(47)
-    found = fc.explain(loop, DAY)
-    assert found.recommended == "simulated_gains"
-    kp, ti = (float(found.cures.sel(cure="simulated_gains")[name]) for name in ("kp", "ti"))
+    explanation = fc.explain(loop, DAY)
+    assert explanation.recommended == "simulated_gains"
+    kp, ti = (float(explanation.cures.sel(cure="simulated_gains")[name]) for name in ("kp", "ti"))
     assert not fc.simulate(loop.assign(kp=[kp, 1.35 * kp], ti=ti), DAY, n_jobs=1).hunts.any(), "nor with a larger kp"
 
 
 @pytest.mark.kernel
 def test_a_law_that_hunts_whatever_kp_and_ti_say_is_compared_with_the_pi():
-    found = fc.explain(fc.Loop.preset("lbnl").assign(law=integrate, ki=0.01), DAY)
-    assert found.hunts
-    assert found.recommended == "pi"
-    kp, ti = (float(found.cures.sel(cure="pi")[name]) for name in ("kp", "ti"))
-    assert f"Do this: the PI in place of this law, kp {kp:g} 1/K, ti {ti:g} s: RMSE -" in found.advice
+    explanation = fc.explain(fc.Loop.preset("lbnl").assign(law=integrate, ki=0.01), DAY)
+    assert explanation.hunts
+    assert explanation.recommended == "pi"
+    kp, ti = (float(explanation.cures.sel(cure="pi")[name]) for name in ("kp", "ti"))
+    assert f"Do this: the PI in place of this law, kp {kp:g} 1/K, ti {ti:g} s: RMSE -" in explanation.advice
 
 
 @pytest.mark.kernel
 @pytest.mark.filterwarnings("ignore:action = 'heating', but the water")
 def test_a_valve_that_acts_the_wrong_way_round_is_turned():
-    found = fc.explain(fc.Loop.preset("lbnl").assign(action="heating"), DAY)
-    assert "opening it cools the air, so give action = cooling." in found.why
-    assert found.predicted is None
-    assert "Do this: action = cooling, SIMC: kp 0.029 1/K, ti 46 s: RMSE -" in found.advice
+    explanation = fc.explain(fc.Loop.preset("lbnl").assign(action="heating"), DAY)
+    assert "opening it cools the air, so give action = cooling." in explanation.why
+    assert explanation.predicted is None
+    assert "Do this: action = cooling, SIMC: kp 0.029 1/K, ti 46 s: RMSE -" in explanation.advice
 
 
 def test_what_the_loop_has_already_is_no_cure():
     good = fc.Loop(backlash=0.0, error_dead_band=0.5)
     prediction = predict(nearest_linear(good), operating_points(DAY, 1800))
-    assert [cure.name for cure in cures_of(good, prediction, has_theory=False)][-1] == "simc"
+    assert [cure.name for cure in propose_cures(good, prediction, has_theory=False)][-1] == "simc"
 
 
 def test_the_swing_at_an_operating_point_is_that_of_its_settled_seconds():
@@ -165,9 +165,9 @@ def test_the_swing_at_an_operating_point_is_that_of_its_settled_seconds():
         T_set[t] + 0.3 * np.sin(t / 30.0) + np.where((t >= 1800) & (t < 2400), 5.0, 0.0) + np.where(t < 600, 9.0, 0.0)
     )
     now = xr.Dataset({"T_sup": ("elapsed_time", T_sup)}, coords={"elapsed_time": t})
-    assert swings_at(points, day, now) == pytest.approx([0.6, 0.6], abs=1e-3)
+    assert simulated_swings(points, day, now) == pytest.approx([0.6, 0.6], abs=1e-3)
     short = operating_points(day, warm_up=0, at=2000)
-    assert np.isnan(swings_at(short, day, now)).all()
+    assert np.isnan(simulated_swings(short, day, now)).all()
 
 
 @pytest.mark.parametrize(
@@ -182,7 +182,7 @@ def test_the_swing_at_an_operating_point_is_that_of_its_settled_seconds():
 )
 def test_hunting_that_is_not_counted_shows_by_swings_where_it_is_predicted(swings, amplitude, hunts):
     predicted = np.array([True, True, False, False, False])
-    assert _hunts_in_part(np.array(swings), predicted, np.full(5, amplitude)) == hunts
+    assert _is_hunting_in_part(np.array(swings), predicted, np.full(5, amplitude)) == hunts
 
 
 @pytest.mark.kernel
@@ -191,21 +191,24 @@ def test_hunting_that_is_not_counted_shows_by_swings_where_it_is_predicted(swing
 def test_nothing_that_is_said_of_a_loop_contradicts_the_simulation_or_itself_nor_what_is_said_once_it_is_followed(
     seeds,
 ):
-    wrong, more = {}, {}
+    wrong, loose_ends = {}, {}
     for seed, draw in itertools.product(seeds, (random_loop, any_loop)):
         loop, day = draw(seed) if draw is any_loop else (draw(seed), DAY)
-        found = fc.explain(loop, day)
-        wrong[draw.__name__, seed], more[draw.__name__, seed] = contradictions(found), unsettled(found)
-    assert {which: found for which, found in wrong.items() if found} == {}
-    more = {which: found for which, found in more.items() if found}
-    assert len(more) <= len(seeds) // 50, more
+        explanation = fc.explain(loop, day)
+        wrong[draw.__name__, seed], loose_ends[draw.__name__, seed] = (
+            contradictions(explanation),
+            advice_problems(explanation),
+        )
+    assert {which: explanation for which, explanation in wrong.items() if explanation} == {}
+    loose_ends = {which: explanation for which, explanation in loose_ends.items() if explanation}
+    assert len(loose_ends) <= len(seeds) // 50, loose_ends
 
 
 @pytest.mark.kernel
 @pytest.mark.parametrize("seeds", [range(3), pytest.param(range(3, 500), marks=pytest.mark.full)])
 def test_what_a_log_says_does_not_contradict_itself_and_its_gains_stop_the_hunting_of_all_but_one_in_a_hundred(seeds):
-    found = {seed: contradictions_of_log(random_loop(seed)) for seed in seeds}
-    wrong = {seed: of_seed for seed, of_seed in found.items() if of_seed}
-    by_itself = [one for of_seed in wrong.values() for one in of_seed if not one.startswith("advised gains")]
+    problems = {seed: contradictions_of_log(random_loop(seed)) for seed in seeds}
+    wrong = {seed: of_seed for seed, of_seed in problems.items() if of_seed}
+    by_itself = [problem for of_seed in wrong.values() for problem in of_seed if not one.startswith("advised gains")]
     assert not by_itself
     assert len(wrong) <= len(seeds) // 50, wrong

@@ -5,12 +5,12 @@ import warnings
 import numpy as np
 import pytest
 
-from fastcoil.design.describing_function import describing_function, limited, rate_limited, temperature
-from fastcoil.model.control import FALLING, additive, direction, extreme, inverse
+from fastcoil.design.describing_function import describing_function, limiter_gain, rate_limiter_gain, temperature
+from fastcoil.model.control import FALLING, additive_command, inverse_command, next_extreme, next_mode
 from fastcoil.model.physics import backlash, opening
 
 
-def play(amplitude, gap):
+def play_gain(amplitude, gap):
     return describing_function(np.asarray(amplitude, float), gap, gap)
 
 
@@ -20,7 +20,7 @@ def test_a_play_is_that_of_python_control(gap):
     amplitude = gap * np.array([0.2, 0.49, 0.51, 0.6, 1.0, 3.0, 50.0])
     theirs = control.friction_backlash_nonlinearity(gap)
     expected = [theirs.describing_function(A) for A in amplitude]
-    np.testing.assert_allclose(play(amplitude, gap), expected, atol=1e-12)
+    np.testing.assert_allclose(play_gain(amplitude, gap), expected, atol=1e-12)
 
 
 def test_a_limiter_is_that_of_python_control():
@@ -30,21 +30,21 @@ def test_a_limiter_is_that_of_python_control():
         theirs = control.saturation_nonlinearity(0.3)
     amplitude = np.array([0.1, 0.29, 0.31, 0.5, 4.0])
     np.testing.assert_allclose(
-        limited(amplitude, np.array(-0.3), np.array(0.3)),
+        limiter_gain(amplitude, np.array(-0.3), np.array(0.3)),
         [theirs.describing_function(A) for A in amplitude],
         atol=1e-12,
     )
 
 
-def through_the_laws(A, x_bl, x_hat, buffer, law=inverse, n=4000):
+def simulate_laws(A, x_bl, x_hat, buffer, law=inverse_command, n=4000):
     """N of u → opening: two periods of a sinus through the controller's and the valve's own formulas."""
     phase = 2.0 * np.pi * np.arange(2 * n) / n
     mode, u_ext, command, q, out = FALLING, 0.5, 0.5, 0.5 * (1.0 - x_bl), []
     for u in (0.5 + A * np.sin(phase)).tolist():
-        now = direction(u, mode, u_ext, buffer)
-        after = extreme(u, now, u_ext, now != mode)
-        command = law(after, now, x_hat) if after != u_ext else command
-        mode, u_ext = now, after
+        next_mode = next_mode(u, mode, u_ext, buffer)
+        next_extreme = next_extreme(u, next_mode, u_ext, next_mode != mode)
+        command = law(next_extreme, next_mode, x_hat) if next_extreme != u_ext else command
+        mode, u_ext = next_mode, next_extreme
         q = backlash(q, command, x_bl)
         out.append(opening(q, x_bl))
     return complex(np.mean(np.array(out[n:]) * np.exp(-1j * phase[n:])) * 2j / A)
@@ -52,14 +52,14 @@ def through_the_laws(A, x_bl, x_hat, buffer, law=inverse, n=4000):
 
 @pytest.mark.parametrize("x_hat", [0.0, 0.03, 0.08, 0.11], ids=["none", "too small", "right", "too large"])
 @pytest.mark.parametrize("buffer", [1e-9, 0.02, 0.06])
-@pytest.mark.parametrize("law", [inverse, additive])
+@pytest.mark.parametrize("law", [inverse_command, additive_command])
 def test_an_inverse_is_what_its_law_does(x_hat, buffer, law):
     x_bl, A = 0.08, 0.1
-    whole = 1.0 - x_hat if law is inverse else 1.0
+    whole = 1.0 - x_hat if law is inverse_command else 1.0
     width = (x_bl - x_hat) / whole
     N = describing_function(np.array(A), np.array(width), np.array(max(width, buffer)))
-    found = complex(N) * whole / (1.0 - x_bl)
-    assert through_the_laws(A, x_bl, x_hat, buffer, law) == pytest.approx(found, abs=3e-3)
+    expected = complex(N) * whole / (1.0 - x_bl)
+    assert simulate_laws(A, x_bl, x_hat, buffer, law) == pytest.approx(expected, abs=3e-3)
 
 
 def test_a_motor_far_too_slow_follows_a_triangle():
@@ -67,11 +67,11 @@ def test_a_motor_far_too_slow_follows_a_triangle():
     faster = np.array([2.0, 5.0, 20.0])
     height = 0.5 * np.pi / faster
     expected = 8.0 / np.pi**2 * height * np.exp(-1j * np.arccos(height))
-    np.testing.assert_allclose(rate_limited(faster), expected, atol=4e-3)
+    np.testing.assert_allclose(rate_limiter_gain(faster), expected, atol=4e-3)
 
 
 def test_a_motor_fast_enough_follows_at_once():
-    np.testing.assert_allclose(rate_limited(np.array([0.0, 0.5, 1.0])), 1.0, atol=1e-2)
+    np.testing.assert_allclose(rate_limiter_gain(np.array([0.0, 0.5, 1.0])), 1.0, atol=1e-2)
 
 
 def test_the_temperature_at_an_opening_is_that_of_the_curve_which_ends_at_0_and_1():

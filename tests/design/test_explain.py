@@ -8,7 +8,7 @@ import pytest
 
 import fastcoil as fc
 from fastcoil.design.explain import explain
-from fastcoil.design.limit_cycle import HUNTS_ABOVE
+from fastcoil.design.limit_cycle import HUNTING_MARGIN
 
 pytestmark = pytest.mark.kernel
 
@@ -26,10 +26,10 @@ def quiet():
     return explain(LBNL, DAY)
 
 
-def rows(found):
+def table_rows(explanation):
     """Name of a cure → its row of the table."""
-    return {name: next(line for line in found.text.splitlines() if line.startswith(words)) for name, words in
-            zip(found.cures["cure"].values, found.cures["words"].values, strict=True)}  # fmt: skip
+    return {name: next(line for line in explanation.text.splitlines() if line.startswith(words)) for name, words in
+            zip(explanation.cures["cure"].values, explanation.cures["words"].values, strict=True)}  # fmt: skip
 
 
 def test_the_loop_as_it_is_and_with_a_cure_is_what_simulate_gives(hunting):
@@ -40,7 +40,7 @@ def test_the_loop_as_it_is_and_with_a_cure_is_what_simulate_gives(hunting):
     then = fc.simulate(LBNL.assign(kp=0.03, ti=float(longer["ti"])), DAY, seed=3, n_jobs=1)
     assert float(longer["rmse"]) == float(then["rmse"])
     change, travel = float(then["rmse"] / now["rmse"]) - 1.0, float(then["motor_travel"] / now["motor_travel"])
-    row = rows(hunting)["longer_ti"]
+    row = table_rows(hunting)["longer_ti"]
     assert f"{100 * change:+.0f} %" in row
     assert f"× {travel:.2g}" in row
     assert row.endswith("cures it")
@@ -51,7 +51,10 @@ def test_a_loop_that_hunts_says_so_first_with_size_and_period_and_what_to_change
     first, why = hunting.text.splitlines()[:2]
     assert first.startswith(f"This loop will hunt: about {swing:.2g} K peak to peak every {period / 60:.2g} min")
     ti = float(hunting.cures.sel(cure="longer_ti")["ti"])
-    assert f"ti = 10 s, while with this kp the loop needs about {ti:g} s (margin {hunting.margin:.2g};" in why
+    assert (
+        f"ti = 10 s, while with this kp the loop needs about {ti:g} s (hunting index {hunting.hunting_index:.2g};"
+        in why
+    )
     assert str(hunting) == hunting.text
     assert hunting.hunts
     assert hunting.predicted
@@ -62,16 +65,16 @@ def test_a_loop_that_hunts_says_so_first_with_size_and_period_and_what_to_change
 
 def test_every_tuning_proposed_has_a_margin_of_0_7_and_is_no_more_cautious_than_it_has_to_be(hunting):
     for name, least in (("lower_kp", 0.62), ("longer_ti", 0.55)):
-        assert least < float(hunting.cures.sel(cure=name)["margin"]) <= 0.7 + 1e-3
+        assert least < float(hunting.cures.sel(cure=name)["hunting_index"]) <= 0.7 + 1e-3
         assert float(hunting.cures.sel(cure=name)["hunts"]) == 0.0
     assert hunting.recommended in ("lower_kp", "longer_ti", "simc")
 
 
 def test_the_margin_quoted_is_the_worst_of_the_day_and_the_span_is_reported(hunting):
-    margin = hunting.points["margin"].values
-    assert hunting.margin == margin.max()
+    hunting_index = hunting.points["hunting_index"].values
+    assert hunting.hunting_index == hunting_index.max()
     assert hunting.points["T_set"].values.tolist() == [13.0, 15.0, 14.0]
-    assert f"the margin goes from {margin.min():.2g} to {margin.max():.2g}" in hunting.text
+    assert f"the hunting index goes from {hunting_index.min():.2g} to {hunting_index.max():.2g}" in hunting.text
     assert float(hunting.phase.sum()) == pytest.approx(180.0)
 
 
@@ -81,18 +84,18 @@ def test_a_loop_that_does_not_hunt_reports_how_far_it_is(quiet):
     assert quiet.text.startswith("This loop will not hunt.")
     factor = float(re.search(r"this one would with ([\d.]+) times this kp", quiet.why)[1])
     beyond = explain(LBNL.assign(kp=0.018 * factor), DAY)
-    assert beyond.margin == pytest.approx(HUNTS_ABOVE, rel=0.03)
+    assert beyond.hunting_index == pytest.approx(HUNTING_MARGIN, rel=0.03)
     assert math.isnan(quiet.period)
 
 
 @pytest.mark.filterwarnings("ignore:T_set is 3 degC at best")
 def test_where_theory_cannot_tell_it_says_why_and_the_simulation_answers():
-    found = explain(LBNL.assign(estimator="gradient"), DAY)
-    assert found.predicted is None
-    assert math.isnan(found.margin)
-    assert "theory cannot tell, since an estimator changes the estimate as it goes." in found.why
-    assert found.points is None
-    (day,) = found.plot().axes
+    explanation = explain(LBNL.assign(estimator="gradient"), DAY)
+    assert explanation.predicted is None
+    assert math.isnan(explanation.hunting_index)
+    assert "theory cannot tell, since an estimator changes the estimate as it goes." in explanation.why
+    assert explanation.points is None
+    (day,) = explanation.plot().axes
     assert day.lines[0].get_label() == "as it is"
     assert "a neutral_zone makes small cycles" in explain(LBNL.assign(neutral_zone=0.02), DAY).why
     hot = fc.Boundary(**{n: v[0] for n, v in DAY.series.items() if n != "T_set"}, T_set=3.0)
@@ -101,20 +104,20 @@ def test_where_theory_cannot_tell_it_says_why_and_the_simulation_answers():
 
 def test_a_swing_that_only_a_slow_motor_keeps_up_is_not_blamed_on_gains_that_are_low_enough():
     slow = LBNL.assign(stroke_time=600.0, backlash=0.15, kp=0.009, ti=6.2)
-    found = explain(slow, fc.constant_day(8), warm_up=7200)
-    assert found.hunts
-    assert found.predicted
-    assert found.margin < HUNTS_ABOVE
-    assert found.why.startswith("Why: the motor is too slow, with 600 s for a full stroke: ")
-    assert "Any backlash triggers it" not in found.text
+    explanation = explain(slow, fc.constant_day(8), warm_up=7200)
+    assert explanation.hunts
+    assert explanation.predicted
+    assert explanation.hunting_index < HUNTING_MARGIN
+    assert explanation.why.startswith("Why: the motor is too slow, with 600 s for a full stroke: ")
+    assert "Any backlash triggers it" not in explanation.text
 
 
 def test_a_margin_that_is_too_large_is_never_reported_as_room_for_a_larger_kp():
     loop = LBNL.assign(kp=0.54, ti=2.58, sample_time=300, stroke_time=300.0, n_volumes=1, backlash=0.0)
-    found = explain(loop.assign(authority=0.01, rangeability=50.0, m_full=1.6), DAY)
-    assert found.margin > 100.0
-    assert "times this kp" not in found.why
-    assert "theory predicts no swing large enough to count" in found.why
+    explanation = explain(loop.assign(authority=0.01, rangeability=50.0, m_full=1.6), DAY)
+    assert explanation.hunting_index > 100.0
+    assert "times this kp" not in explanation.why
+    assert "theory predicts no swing large enough to count" in explanation.why
 
 
 def test_a_day_on_which_nothing_moves_is_reported_without_a_number_that_there_is_not():
@@ -124,9 +127,9 @@ def test_a_day_on_which_nothing_moves_is_reported_without_a_number_that_there_is
 
 
 def test_what_the_margin_does_not_see_is_said():
-    found = explain(LBNL.assign(error_dead_band=0.3), DAY)
-    assert "Not in the margin: the error dead band of 0.3 K, which may hold a loop still" in found.text
-    assert "dead_band" not in found.cures["cure"].values
+    explanation = explain(LBNL.assign(error_dead_band=0.3), DAY)
+    assert "Not in the hunting index: the error dead band of 0.3 K, which may hold a loop still" in explanation.text
+    assert "dead_band" not in explanation.cures["cure"].values
 
 
 def test_a_sweep_several_days_and_a_second_beyond_the_end_are_refused_together():
@@ -148,7 +151,7 @@ def test_the_figure_marks_loop_and_cures_on_the_map_and_draws_both_days(hunting)
     assert marks["longer ti"][0, 0] == float(hunting.cures.sel(cure="longer_ti")["ti"])
     edge = next(line for line in gains.lines if line.get_color() == "black" and line.get_linestyle() == "-")
     limit = np.interp(10.0, edge.get_xdata(), edge.get_ydata())
-    assert limit == pytest.approx(0.03 * HUNTS_ABOVE / hunting.margin, rel=0.02)
+    assert limit == pytest.approx(0.03 * HUNTING_MARGIN / hunting.hunting_index, rel=0.02)
     assert not np.array_equal(day.lines[0].get_ydata(), day.lines[1].get_ydata())
     names = [line.get_label() for line in day.lines]
     assert names == ["as it is", str(hunting.cures.sel(cure=hunting.recommended)["words"].item()), "set-point"]

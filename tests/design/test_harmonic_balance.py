@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from fastcoil.design.describing_function import describing_function
-from fastcoil.design.limit_cycle import Points, balance, frequency, started
+from fastcoil.design.limit_cycle import Swings, find_sustained_cycle, frequency_at, harmonic_balance
 
 W = np.geomspace(1e-3, 100.0, 1500)
 GAP = 0.01
 
 
-def balanced(L):
+def balance_with_gap(L):
     A = 0.5001 * GAP * np.geomspace(1.0, 1e4, 800)[None]
     N = describing_function(A, np.array(GAP), np.array(GAP))
-    return A, balance(W, L[None], lambda _: lambda _: N, A.shape[1], np.zeros(1))
+    return A, harmonic_balance(W, L[None], lambda _: lambda _: N, A.shape[1], np.zeros(1))
 
 
 @pytest.mark.parametrize(
@@ -31,8 +31,8 @@ def test_the_gain_at_which_a_lag_with_delay_begins_to_cycle(ratio, critical):
     s = 1j * W
     for delay, gain in critical.items():
         L = (1.0 + 1.0 / (ratio * s)) * np.exp(-delay * s) / (1.0 + s)
-        margin = balanced(L)[1].product.max()
-        assert 1.0 / margin == pytest.approx(gain, rel=0.04, abs=0.006), delay
+        hunting_index = balance_with_gap(L)[1].product.max()
+        assert 1.0 / hunting_index == pytest.approx(gain, rel=0.04, abs=0.006), delay
 
 
 @pytest.mark.parametrize(
@@ -48,10 +48,10 @@ def test_the_gain_at_which_a_lag_with_delay_begins_to_cycle(ratio, critical):
 def test_the_cycle_of_a_pi_before_an_integrator(z, amplitude, w, output):
     """z = gain ti; amplitudes of u and stem over the gap, w ti.  A hair of delay ends the rise of the phase."""
     s = 1j * W
-    A, found = balanced(z * (1.0 + 1.0 / s) / s * np.exp(-1e-3 * s))
-    at = frequency(W, found.place)
+    A, balanced_loops = balance_with_gap(z * (1.0 + 1.0 / s) / s * np.exp(-1e-3 * s))
+    at = frequency_at(W, balanced_loops.place)
     u = np.broadcast_to(A, at.shape)
-    goes_on, cycle = started(Points(found.product, at, u, u * found.size), 10.0 * GAP)
+    goes_on, cycle = find_sustained_cycle(Swings(balanced_loops.product, at, u, u * balanced_loops.size), 10.0 * GAP)
     assert goes_on.all()
     assert cycle.u[0] / GAP == pytest.approx(amplitude, rel=0.01)
     assert cycle.w[0] == pytest.approx(w, rel=0.01)
@@ -62,9 +62,12 @@ def test_a_cycle_has_to_be_started():
     """Of the two cycles the smaller one parts: a swing below it dies, one above it ends in the larger one."""
     s = 1j * W
     L = 0.5 * (1.0 + 10.0 / s) * np.exp(-0.1 * s) / (1.0 + s)
-    A, found = balanced(L)
-    at, u = frequency(W, found.place), np.broadcast_to(A, found.place.shape)
-    ends = [started(Points(found.product, at, u, u), start) for start in (0.51 * GAP, 0.6 * GAP, 1.0, 20.0)]
+    A, balanced_loops = balance_with_gap(L)
+    at, u = frequency_at(W, balanced_loops.place), np.broadcast_to(A, balanced_loops.place.shape)
+    ends = [
+        find_sustained_cycle(Swings(balanced_loops.product, at, u, u), start)
+        for start in (0.51 * GAP, 0.6 * GAP, 1.0, 20.0)
+    ]
     assert [bool(goes_on[0]) for goes_on, _ in ends] == [False, True, True, True]
     assert len({round(float(cycle.u[0]), 9) for goes_on, cycle in ends if goes_on[0]}) == 1
 
@@ -72,8 +75,8 @@ def test_a_cycle_has_to_be_started():
 def test_a_loop_without_a_gap_has_the_inverse_of_its_gain_margin():
     s = 1j * W
     L = 3.0 * np.exp(-0.2 * s) / (s * (1.0 + s))
-    found = balance(W, L[None], lambda _: lambda w: np.ones(w.shape, complex), 5, np.zeros(1))
+    balanced_loops = harmonic_balance(W, L[None], lambda _: lambda w: np.ones(w.shape, complex), 5, np.zeros(1))
     w = 1.0
     for _ in range(50):  # where the phase is -180°: atan w + 0.2 w = 90°
         w -= (np.arctan(w) + 0.2 * w - 0.5 * np.pi) / (1.0 / (1.0 + w * w) + 0.2)
-    np.testing.assert_allclose(found.product[0], 3.0 / (w * np.hypot(1.0, w)), rtol=1e-4)
+    np.testing.assert_allclose(balanced_loops.product[0], 3.0 / (w * np.hypot(1.0, w)), rtol=1e-4)

@@ -5,7 +5,7 @@ import pytest
 from helpers.refusals import only_problem
 
 import fastcoil as fc
-from fastcoil.design.tuning_plan import held_valves, part_of, split
+from fastcoil.design.tuning_plan import draw_held_out, select_valves, split_population
 
 
 @pytest.fixture(scope="module")
@@ -13,14 +13,14 @@ def days():
     return fc.paper_day(hours=0.1, seed=[1, 2, 3, 4])
 
 
-def of_backlash(values):
+def population_with_backlash(values):
     return fc.Loop(backlash=("sample", np.asarray(values, float)))
 
 
 @pytest.mark.parametrize("n", [3, 7, 30])
 def test_valves_are_on_one_side_only_and_none_is_lost(n, days):
     x = np.random.default_rng(n).random(n) * 0.15
-    training, held = split(of_backlash(x), days, None, 0)
+    training, held = split_population(population_with_backlash(x), days, None, 0)
     assert not set(training.members) & set(held.members)
     assert sorted(training.members + held.members) == list(range(n))
     assert len(held.members) == n // 3
@@ -30,17 +30,17 @@ def test_valves_are_on_one_side_only_and_none_is_lost(n, days):
 
 def test_one_of_every_three_valves_in_the_order_of_their_backlash_is_held_out():
     x = np.random.default_rng(0).random(31)
-    held = held_valves(x, 5)
+    held = draw_held_out(x, 5)
     ranks = np.argsort(np.argsort(x))[held]
     assert sorted(ranks // 3) == list(range(10))
-    assert not np.array_equal(held, held_valves(x, 6)), "drawn"
-    assert np.array_equal(held, held_valves(x, 5)), "by the seed"
+    assert not np.array_equal(held, draw_held_out(x, 6)), "drawn"
+    assert np.array_equal(held, draw_held_out(x, 5)), "by the seed"
 
 
 def test_a_population_of_several_dims_keeps_what_belongs_together(days):
     coils = {"C_c": ("coil", [10.0, 20.0]), "C_w": ("coil", [8.0, 9.0])}
     loop = fc.Loop(backlash=[0.0, 0.05, 0.1], air_march=["lagged", "quasistatic"], **coils)
-    training, held = split(loop, days, None, 1)
+    training, held = split_population(loop, days, None, 1)
     seen = set()
     for group in (training, held):
         rows = zip(*(np.asarray(group.loop[n]).tolist() for n in ("backlash", "C_c", "C_w", "air_march")), strict=True)
@@ -49,12 +49,12 @@ def test_a_population_of_several_dims_keeps_what_belongs_together(days):
     assert seen == {
         (x, 10.0 * k, 7.0 + k, march) for x in (0.0, 0.05, 0.1) for k in (1, 2) for march in ("lagged", "quasistatic")
     }
-    assert part_of(fc.Loop(), np.array([0])) == fc.Loop()
+    assert select_valves(fc.Loop(), np.array([0])) == fc.Loop()
 
 
 def test_the_last_third_of_the_days_is_held_out_or_those_that_are_asked_for(days):
     def labels(holdout):
-        return [group.boundary.day.tolist() for group in split(fc.Loop(), days, holdout, 0)]
+        return [group.boundary.day.tolist() for group in split_population(fc.Loop(), days, holdout, 0)]
 
     assert labels(None) == [[1, 2, 3], [4]]
     assert labels([2, 1]) == [[3, 4], [1, 2]]
@@ -63,7 +63,7 @@ def test_the_last_third_of_the_days_is_held_out_or_those_that_are_asked_for(days
 
 
 def test_one_or_two_valves_are_tried_on_other_days_only(days):
-    training, held = split(of_backlash([0.05, 0.1]), days, None, 0)
+    training, held = split_population(population_with_backlash([0.05, 0.1]), days, None, 0)
     assert training.members == held.members == (0, 1)
     assert set(training.boundary.day) & set(held.boundary.day) == set()
 
@@ -80,4 +80,4 @@ def test_one_or_two_valves_are_tried_on_other_days_only(days):
     ],
 )
 def test_days_that_hold_nothing_out_are_refused(days, holdout, words):
-    assert words in only_problem(split, fc.Loop(), days, holdout, 0)
+    assert words in only_problem(split_population, fc.Loop(), days, holdout, 0)

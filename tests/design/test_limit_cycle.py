@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.design.describing_function import STEPS, driven
-from fastcoil.model.control import desired_opening, integrated
+from fastcoil.design.describing_function import STEPS_PER_PERIOD, pi_output
+from fastcoil.model.control import desired_opening, integral_part
 
 LOOP = fc.Loop.preset("lbnl")
 HOURS, STEP_AT = 9, 3600
@@ -21,16 +21,16 @@ def day(hours=HOURS):
 def test_a_pi_with_ends_is_what_its_law_does(bias):
     """Of a sinus with a mean; the law runs for 6 periods from the middle."""
     proportional, integral, many = 0.2, 0.6, 30
-    steps = STEPS * many
+    steps = STEPS_PER_PERIOD * many
     phase = 2.0 * np.pi * (np.arange(6 * steps) + 0.5) / steps
     sums, expected = 0.5, []
     for e in (np.sin(phase) + bias).tolist():
-        sums = integrated(sums, e, integral * 2.0 * np.pi / steps)
+        sums = integral_part(sums, e, integral * 2.0 * np.pi / steps)
         expected.append(desired_opening(e, sums, proportional))
-    last = np.array(expected[-steps:]).reshape(STEPS, many).mean(axis=1)
-    found = driven(np.array([[proportional]]), np.array([[integral]]), np.array([[bias]]))[:, 0, 0]
-    np.testing.assert_allclose(found, last, atol=0.07)
-    assert found.min() == 0.0 or found.max() == 1.0
+    last = np.array(expected[-steps:]).reshape(STEPS_PER_PERIOD, many).mean(axis=1)
+    u = pi_output(np.array([[proportional]]), np.array([[integral]]), np.array([[bias]]))[:, 0, 0]
+    np.testing.assert_allclose(u, last, atol=0.07)
+    assert u.min() == 0.0 or u.max() == 1.0
 
 
 @pytest.mark.kernel
@@ -44,16 +44,16 @@ def test_what_is_predicted_happens_on_both_sides_of_the_boundary():
         {"ti": 12.0, "kp": 0.03}, {"ti": 8.0, "backlash_estimate": 0.05},
         {"ti": 15.0, "kp": 0.04, "sample_time": 5.0, "backlash": 0.03},
     ]  # fmt: skip
-    names = sorted({name for one in named for name in one})
-    swept = {n: ("case", [one.get(n, LOOP[n]) for one in named]) for n in names}
+    names = sorted({name for case in named for name in case})
+    swept = {n: ("case", [case.get(n, LOOP[n]) for case in named]) for n in names}
     loop = LOOP.assign(**swept)
-    seen = fc.simulate(loop, day(), warm_up=3 * 3600)
+    simulated = fc.simulate(loop, day(), warm_up=3 * 3600)
     predicted = fc.limit_cycle(loop, day(), at=HOURS * 3600 - 1)
-    assert 4 <= int(seen.hunts.sum()) < 10
-    np.testing.assert_array_equal(predicted.hunts, seen.hunts)
-    hunting = seen.hunts.values == 1.0
-    np.testing.assert_allclose(predicted.period[hunting], seen.hunting_period[hunting], rtol=0.15)
-    ratio = (2.0 * predicted.amplitude / seen.hunting_swing)[hunting]
+    assert 4 <= int(simulated.hunts.sum()) < 10
+    np.testing.assert_array_equal(predicted.hunts, simulated.hunts)
+    hunting = simulated.hunts.values == 1.0
+    np.testing.assert_allclose(predicted.period[hunting], simulated.hunting_period[hunting], rtol=0.15)
+    ratio = (2.0 * predicted.amplitude / simulated.hunting_swing)[hunting]
     assert np.all(np.abs(np.log(ratio)) < np.log(1.5)), ratio.values
     assert np.isnan(predicted.period[~hunting]).all()
     assert np.isnan(predicted.amplitude[~hunting]).all()
@@ -63,14 +63,14 @@ def test_what_is_predicted_happens_on_both_sides_of_the_boundary():
 def test_without_a_gap_the_margin_is_that_of_the_linear_loop():
     loop = LOOP.assign(backlash=0.0, kp=[0.005, 0.02, 0.04], ti=20.0)
     predicted, linear = fc.limit_cycle(loop, fc.constant_day(hours=1)), fc.linearise(loop, fc.constant_day(hours=1))
-    np.testing.assert_allclose(predicted.margin, 1.0 / linear.gain_margin, rtol=0.02)
+    np.testing.assert_allclose(predicted.hunting_index, 1.0 / linear.gain_margin, rtol=0.02)
     np.testing.assert_array_equal(predicted.hunts, linear.gain_margin < 1.0)
 
 
 @pytest.mark.kernel
 def test_a_set_point_out_of_reach_is_no_hunting():
     predicted = fc.limit_cycle(LOOP.assign(ti=5.0), fc.constant_day(hours=1, T_set=5.0))
-    assert (float(predicted.margin), float(predicted.hunts)) == (0.0, 0.0)
+    assert (float(predicted.hunting_index), float(predicted.hunts)) == (0.0, 0.0)
     assert np.isnan(predicted.period)
 
 
@@ -80,12 +80,12 @@ def test_a_loop_that_is_unstable_from_one_sample_to_the_next_hunts():
     loop = LOOP.assign(stroke_time=0.0, sensor_time_constant=0.0, sample_time=[60.0, 120.0], backlash=[0.0, 0.05])
     loop = loop.assign(kp=0.1, ti=("ti", [60.0, 300.0]))
     predicted = fc.limit_cycle(loop, fc.constant_day(hours=4))
-    seen = fc.simulate(loop, fc.constant_day(hours=4), warm_up=7200)
-    assert (predicted.margin > 2.0).all()
-    assert bool(seen.hunts.all())
-    np.testing.assert_array_equal(predicted.hunts, seen.hunts)
-    np.testing.assert_allclose(predicted.period, seen.hunting_period, rtol=0.02)
-    np.testing.assert_allclose(2.0 * predicted.amplitude, seen.hunting_swing, rtol=0.7)
+    simulated = fc.simulate(loop, fc.constant_day(hours=4), warm_up=7200)
+    assert (predicted.hunting_index > 2.0).all()
+    assert bool(simulated.hunts.all())
+    np.testing.assert_array_equal(predicted.hunts, simulated.hunts)
+    np.testing.assert_allclose(predicted.period, simulated.hunting_period, rtol=0.02)
+    np.testing.assert_allclose(2.0 * predicted.amplitude, simulated.hunting_swing, rtol=0.7)
 
 
 @pytest.mark.kernel
@@ -94,7 +94,7 @@ def test_a_gain_of_0_or_below_controls_nothing_and_is_no_hunting():
     """Without a warning of numpy."""
     loop = LOOP.assign(kp=[-0.05, 0.0], ti=8.0)
     predicted = fc.limit_cycle(loop, fc.constant_day(hours=1))
-    assert predicted.margin.values.tolist() == predicted.hunts.values.tolist() == [0.0, 0.0]
+    assert predicted.hunting_index.values.tolist() == predicted.hunts.values.tolist() == [0.0, 0.0]
     assert not fc.simulate(loop, fc.constant_day(hours=1)).hunts.any()
     assert np.isnan(fc.linearise(loop.assign(kp=0.0), fc.constant_day(hours=1)).gain_margin)
 
@@ -112,8 +112,8 @@ def test_a_loop_alone_is_what_it_is_among_strangers():
     strangers, plants = fc.limit_cycle(loop, here), fc.linearise(loop, here)
     assert 3 < strangers.hunts.sum() < 13
     for k in range(0, n, 8):
-        one = LOOP.assign(**{name: values[k].item() for name, values in swept.items()})
-        alone, plant = fc.limit_cycle(one, here), fc.linearise(one, here)
+        loop_alone = LOOP.assign(**{name: values[k].item() for name, values in swept.items()})
+        alone, plant = fc.limit_cycle(loop_alone, here), fc.linearise(loop_alone, here)
         for name in alone:
             np.testing.assert_allclose(strangers[name][k], alone[name], rtol=1e-9, err_msg=f"{name} of {k}")
         for name in ("opening", "T_sup", "gain"):
@@ -144,7 +144,7 @@ def test_what_theory_does_not_predict_is_said(changed):
     with pytest.warns(UserWarning, match="NaN in 1 of 2 scenarios: "):
         predicted = fc.limit_cycle(LOOP.assign(ti=8.0, **mixed), at)
     assert np.isnan(predicted.hunts[0])
-    assert np.isnan(predicted.margin[0])
+    assert np.isnan(predicted.hunting_index[0])
     assert float(predicted.hunts[1]) == 1.0
     assert predicted.attrs["note"].startswith("NaN in 1 of 2")
 
@@ -163,9 +163,9 @@ def test_a_slow_motor_makes_a_large_cycle_slower_and_larger():
     """As the emulator has it, too."""
     loop = LOOP.assign(ti=12.0, kp=0.04, sensor_time_constant=60.0, stroke_time=[0.0, 150.0])
     predicted = fc.limit_cycle(loop, day(), at=HOURS * 3600 - 1)
-    seen = fc.simulate(loop, day(), warm_up=3 * 3600)
-    slower = [float(period[1] / period[0]) for period in (predicted.period, seen.hunting_period)]
-    larger = [float(swing[1] / swing[0]) for swing in (predicted.amplitude, seen.hunting_swing)]
+    simulated = fc.simulate(loop, day(), warm_up=3 * 3600)
+    slower = [float(period[1] / period[0]) for period in (predicted.period, simulated.hunting_period)]
+    larger = [float(swing[1] / swing[0]) for swing in (predicted.amplitude, simulated.hunting_swing)]
     assert slower[0] == pytest.approx(slower[1], rel=0.15)
     assert larger[0] == pytest.approx(larger[1], rel=0.25)
     assert slower[1] > 1.2

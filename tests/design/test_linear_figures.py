@@ -26,7 +26,7 @@ def test_a_figure_is_readable(loops, day):
         assert_palette(figure)
 
 
-def curves(axes):
+def thick_curves(axes):
     return [line.get_xydata() for line in axes.lines if len(line.get_xydata()) > 1000]
 
 
@@ -40,16 +40,19 @@ def test_nyquist_says_what_limit_cycle_predicts_and_its_dots_are_the_cycle_or_li
     texts = [text.get_text() for text in axes.get_legend().get_texts()]
     dots = [complex_of(line) for line in axes.lines if line.get_marker() == "o"]
     thin = [complex_of(line) for line in axes.lines if line.get_label() == "_-1/N"]
-    thick = [line @ np.array([1.0, 1.0j]) for line in curves(axes)]
+    thick = [line @ np.array([1.0, 1.0j]) for line in thick_curves(axes)]
     for k, (text, marked, minus_1_over_N, L) in enumerate(zip(texts, dots, thin, thick, strict=True)):
-        one = predicted.isel(ti=k)
-        ends = "hunts" if one.hunts > 0 else "does not hunt"
-        assert text == f"integral time Ti = {float(one.ti):g} s: margin {float(one.margin):.2g}, {ends}"
+        predicted_loop = predicted.isel(ti=k)
+        ends = "hunts" if predicted_loop.hunts > 0 else "does not hunt"
+        assert (
+            text
+            == f"integral time Ti = {float(predicted_loop.ti):g} s: hunting index {float(predicted_loop.hunting_index):.2g}, {ends}"
+        )
         assert np.abs(L - marked[0]).min() < 0.01
-        at = 2.0 * np.pi / one.period if one.hunts > 0 else one.frequency
-        there = fc.linearise(loops.assign(ti=float(one.ti)), day, frequency=[float(at)])
-        assert abs(marked[0]) == pytest.approx(float(there.loop_magnitude.squeeze()), rel=1e-3)
-        assert marked.size == (1 if one.hunts > 0 else 2)
+        at = 2.0 * np.pi / predicted_loop.period if predicted_loop.hunts > 0 else predicted_loop.frequency
+        linear = fc.linearise(loops.assign(ti=float(predicted_loop.ti)), day, frequency=[float(at)])
+        assert abs(marked[0]) == pytest.approx(float(linear.loop_magnitude.squeeze()), rel=1e-3)
+        assert marked.size == (1 if predicted_loop.hunts > 0 else 2)
         if marked.size == 2:
             assert np.angle(marked[0] / marked[1]) == pytest.approx(0.0, abs=1e-9)
             assert np.abs(minus_1_over_N - marked[1]).min() < 0.02

@@ -6,7 +6,7 @@ from helpers.refusals import problems
 
 import fastcoil as fc
 from fastcoil.design.operating_points import OperatingPoints
-from fastcoil.design.plants import frequency_response, plants_of
+from fastcoil.design.plants import frequency_response, linearise_plants
 
 pytestmark = pytest.mark.kernel
 
@@ -22,32 +22,32 @@ def sweep():
 
 
 @pytest.fixture(scope="module")
-def found(sweep, days):
+def linearised(sweep, days):
     return fc.linearise(sweep, days, at=[100, 3000], frequency=[0.001, 0.02, 0.2], state_space=True)
 
 
-def test_the_dims_are_those_of_the_loop_then_day_then_time(found):
-    assert found.opening.dims == ("kp", "valve", "day", "elapsed_time")
-    assert found.opening.shape == (2, 3, 2, 2)
-    assert found.loop_phase.dims == (*found.opening.dims, "frequency")
-    np.testing.assert_array_equal(found.day, [3, 8])
-    np.testing.assert_array_equal(found.elapsed_time, [100, 3000])
-    np.testing.assert_allclose(found.m_max, [1.5, 1.8, 2.0])
+def test_the_dims_are_those_of_the_loop_then_day_then_time(linearised):
+    assert linearised.opening.dims == ("kp", "valve", "day", "elapsed_time")
+    assert linearised.opening.shape == (2, 3, 2, 2)
+    assert linearised.loop_phase.dims == (*linearised.opening.dims, "frequency")
+    np.testing.assert_array_equal(linearised.day, [3, 8])
+    np.testing.assert_array_equal(linearised.elapsed_time, [100, 3000])
+    np.testing.assert_allclose(linearised.m_max, [1.5, 1.8, 2.0])
 
 
-def test_each_point_is_what_it_is_alone(found, sweep, days):
+def test_each_point_is_what_it_is_alone(linearised, sweep, days):
     one = days.to_dataset().isel(day=[1])
     alone = fc.linearise(
         fc.Loop(kp=0.05, backlash=0.07, m_max=1.8), fc.Boundary.from_dataset(one), at=3000, frequency=[0.001, 0.02, 0.2]
     )
-    there = found.sel(kp=0.05).isel(valve=1, day=1, elapsed_time=1)
+    there = linearised.sel(kp=0.05).isel(valve=1, day=1, elapsed_time=1)
     for name in alone:
         np.testing.assert_allclose(there[name], alone[name].isel(day=0), rtol=1e-6, err_msg=name)
 
 
-def test_what_enters_is_what_the_boundary_says_at_that_second(found, days):
+def test_what_enters_is_what_the_boundary_says_at_that_second(linearised, days):
     np.testing.assert_allclose(
-        found.T_sup.transpose("day", "elapsed_time", ...).values[..., 0, 0],
+        linearised.T_sup.transpose("day", "elapsed_time", ...).values[..., 0, 0],
         days.series["T_set"][:, [100, 3000]],
         atol=1e-8,
     )
@@ -72,7 +72,7 @@ def test_phase_and_magnitude_are_those_of_the_response(sweep, days):
     ds = fc.linearise(sweep, days, at=5, frequency=w)
     points = OperatingPoints(sweep, days, 5)
     index = np.arange(points.size)
-    plants = plants_of(points.columns(index), points.conditions(index))
+    plants = linearise_plants(points.columns(index), points.conditions(index))
     G = frequency_response(plants.response, w)
     polar = ds.plant_magnitude * np.exp(1j * np.radians(ds.plant_phase))
     np.testing.assert_allclose(polar.values.reshape(G.shape), G, rtol=1e-9)

@@ -4,11 +4,11 @@ from itertools import cycle
 
 import numpy as np
 import pytest
-from helpers.linear_loops import KINDS, plants, plants_at, points, state_space
+from helpers.linear_loops import LINEAR_LOOPS, plants_at, rest_plants, rest_points, state_space
 
 import fastcoil as fc
 from fastcoil.design.linearise import first_order, margins_of, simc
-from fastcoil.design.plants import loop_response, plants_of
+from fastcoil.design.plants import linearise_plants, loop_response
 
 pytestmark = pytest.mark.kernel
 
@@ -17,7 +17,7 @@ SAMPLED = {
     "5 s, sensor": {"sample_time": 5, "sensor_time_constant": 25.0, "ti": 60.0, "kp": 0.05},
     "1 s": {"sample_time": 1, "ti": 25.0, "kp": 0.06},
 }
-EACH = list(zip(KINDS, cycle(SAMPLED)))
+EACH = list(zip(LINEAR_LOOPS, cycle(SAMPLED)))
 """Every kind of loop, and every way of sampling."""
 
 
@@ -42,12 +42,12 @@ def sampled_loop(control, columns, conditions):
 @pytest.mark.parametrize(("name", "sampling"), EACH)
 def test_open_loop_and_margins_are_those_of_python_control(name, sampling):
     control = pytest.importorskip("control")
-    columns, conditions = points(name, backlash=0.05, **SAMPLED[sampling])
-    theirs, found = sampled_loop(control, columns, conditions), plants_of(columns, conditions)
+    columns, conditions = rest_points(name, backlash=0.05, **SAMPLED[sampling])
+    theirs, plant = sampled_loop(control, columns, conditions), linearise_plants(columns, conditions)
     w = np.geomspace(1e-4, np.pi / SAMPLED[sampling]["sample_time"], 50)
     expected = theirs.frequency_response(w).complex.ravel()
-    np.testing.assert_allclose(loop_response(columns, found, w)[0], expected, rtol=2e-3, atol=1e-5)
-    margins = margins_of(columns, found)
+    np.testing.assert_allclose(loop_response(columns, plant, w)[0], expected, rtol=2e-3, atol=1e-5)
+    margins = margins_of(columns, plant)
     w = np.geomspace(1e-5, np.pi / SAMPLED[sampling]["sample_time"], 400)[:-1]
     gain, phase, _, _ = control.margin(control.frd(theirs, w))
     # where the sampled loop ends on the negative real axis, python-control looks no further
@@ -59,15 +59,15 @@ def test_open_loop_and_margins_are_those_of_python_control(name, sampling):
 
 def test_the_gap_opens_the_valve_faster_behind_it():
     w = np.array([0.001, 0.03])
-    plain = loop_response(*plants("wet, lagged"), w)
-    behind = loop_response(*plants("wet, lagged", backlash=0.2), w)
+    plain = loop_response(*rest_plants("wet, lagged"), w)
+    behind = loop_response(*rest_plants("wet, lagged", backlash=0.2), w)
     np.testing.assert_allclose(behind, plain / 0.8, rtol=1e-12)
 
 
 def test_a_loop_that_acts_the_wrong_way_has_neither_margins_nor_tunings():
-    columns, found = plants("heating", action="cooling")
-    margins = margins_of(columns, found)
-    gains = simc(columns, found, first_order(columns, found))
+    columns, plant = rest_plants("heating", action="cooling")
+    margins = margins_of(columns, plant)
+    gains = simc(columns, plant, first_order(columns, plant))
     for value in (*margins, *gains):
         assert np.isnan(value[0])
 
@@ -77,13 +77,13 @@ def test_the_emulator_answers_a_small_step_of_the_set_point_as_the_closed_loop(n
     """Every delay of one step counts: sensor, sample, actuator and march in their order."""
     control = pytest.importorskip("control")
     step, before, after = 0.005, 6000, 900
-    columns, conditions = points(name, stroke_time=0.0, **SAMPLED[sampling])
-    margin = margins_of(columns, plants_of(columns, conditions)).gain_margin
-    columns["kp"] = 0.3 * margin * columns["kp"]
+    columns, conditions = rest_points(name, stroke_time=0.0, **SAMPLED[sampling])
+    hunting_index = margins_of(columns, linearise_plants(columns, conditions)).gain_margin
+    columns["kp"] = 0.3 * hunting_index * columns["kp"]
     theirs = sampled_loop(control, columns, conditions)
     ts = SAMPLED[sampling]["sample_time"]
     expected = control.step_response(control.feedback(theirs), np.arange(0.0, after, ts)).outputs
-    loop, entering = KINDS[name]
+    loop, entering = LINEAR_LOOPS[name]
     T_set = np.full(before + after, entering.get("T_set", 14.0))
     T_set[before:] += step
     day = fc.constant_day((before + after) / 3600, **entering | {"T_set": T_set})

@@ -1,11 +1,11 @@
-"""The margin as a limit: that of ``fc.limit_cycle`` at the mean of the seconds that count; or a refusal."""
+"""The hunting index as a limit: that of ``fc.limit_cycle`` at the mean of the seconds that count; or a refusal."""
 
 import numpy as np
 import pytest
 from helpers.refusals import only_problem
 
 import fastcoil as fc
-from fastcoil.design.tuning_plan import margins, plan_tuning
+from fastcoil.design.tuning_plan import plan_tuning, population_margins
 
 pytestmark = pytest.mark.kernel
 
@@ -18,27 +18,27 @@ def population():
 
 
 def test_no_valve_has_a_larger_margin_than_allowed_and_it_is_that_of_limit_cycle(population):
-    limits = {"margin": (0.6, 1.0)}
+    limits = {"hunting_index": (0.6, 1.0)}
     tuned = fc.tune(*population, search={"kp": (0.005, 0.2)}, limits=limits, n_jobs=1, **HOW)
     group = plan_tuning(*population, search={"kp": (0.005, 0.2)}, **HOW).training
     means = {name: values[:, 60:].mean(axis=1) for name, values in group.boundary.series.items()}
     steady = {name: np.repeat(values[:, None], 2000, axis=1) for name, values in means.items()}
     for tuning, kp in (("now", 0.03), ("chosen", tuned.parameters["kp"])):
-        known = fc.limit_cycle(group.loop.assign(kp=kp), fc.Boundary(**steady)).margin
-        found = float(tuned.trained.margin_p100.sel(tuning=tuning, edge="value"))
-        assert found == pytest.approx(float(known.max()), rel=1e-6)
-    assert float(tuned.trained.margin_p100.sel(tuning="now", edge="value")) > 0.6
+        margins_of_days = fc.limit_cycle(group.loop.assign(kp=kp), fc.Boundary(**steady)).hunting_index
+        hunting_index = float(tuned.trained.hunting_index_p100.sel(tuning=tuning, edge="value"))
+        assert hunting_index == pytest.approx(float(margins_of_days.max()), rel=1e-6)
+    assert float(tuned.trained.hunting_index_p100.sel(tuning="now", edge="value")) > 0.6
     assert tuned.meets_limits
-    assert found <= 0.6
-    assert tuned.trained.margin_p100.attrs["long_name"] == "margin, largest"
+    assert hunting_index <= 0.6
+    assert tuned.trained.hunting_index_p100.attrs["long_name"] == "hunting index, largest"
 
 
 def test_a_ratio_stands_in_for_the_estimate(population):
     loop, days = population
     estimates = loop.assign(backlash_estimate=("sample", [0.0, 0.04, 0.08]))
-    both = [margins(one, days, 60) for one in (estimates, loop.assign(estimate_ratio=0.8))]
+    both = [population_margins(swept, days, 60) for swept in (estimates, loop.assign(estimate_ratio=0.8))]
     np.testing.assert_allclose(*both, rtol=1e-9)
-    assert not np.allclose(both[0], margins(loop, days, 60), rtol=0.01)
+    assert not np.allclose(both[0], population_margins(loop, days, 60), rtol=0.01)
 
 
 @pytest.mark.parametrize(
@@ -50,6 +50,8 @@ def test_a_ratio_stands_in_for_the_estimate(population):
 )
 def test_loops_without_a_margin_are_refused(population, change, search, words):
     loop, days = population
-    problem = only_problem(plan_tuning, loop.assign(**change), days, search=search, limits={"margin": 0.8}, **HOW)
-    assert problem.startswith("limits: margin: theory has none")
+    problem = only_problem(
+        plan_tuning, loop.assign(**change), days, search=search, limits={"hunting_index": 0.8}, **HOW
+    )
+    assert problem.startswith("limits: hunting index: theory has none")
     assert words in problem

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from helpers.refusals import only_problem
 
-from fastcoil.design.measures import Limit, Measure, goal_of, limits_of, reported, violation
+from fastcoil.design.measures import Limit, Measure, parse_goal, parse_limits, reported_measures, violation
 
 
 @pytest.mark.parametrize("n", [1, 20])
 @pytest.mark.parametrize("quantile", [0.05, 0.95, 1.0])
 def test_a_quantile_is_the_least_value_that_so_many_do_not_exceed(n, quantile):
     values = np.random.default_rng(n).normal(size=(3, n))
-    for row, found in zip(values, Measure("rmse", quantile).of(values), strict=True):
-        assert found in row
-        assert (row <= found).mean() >= quantile - 1e-12
-        assert all((row <= other).mean() < quantile - 1e-12 for other in row if other < found)
+    for row, value in zip(values, Measure("rmse", quantile).of(values), strict=True):
+        assert value in row
+        assert (row <= value).mean() >= quantile - 1e-12
+        assert all((row <= smaller).mean() < quantile - 1e-12 for smaller in row if smaller < value)
 
 
 def test_what_failed_or_never_happened_is_worse_than_all():
@@ -27,8 +27,8 @@ def test_what_failed_or_never_happened_is_worse_than_all():
 
 
 def test_limits_take_the_quantile_of_the_objective_or_their_own():
-    found = limits_of({"motor_travel": 20, "hunts": (0.05, "mean"), "reversals": ["now", 0.5]}, 0.9)
-    assert found == [
+    parsed = parse_limits({"motor_travel": 20, "hunts": (0.05, "mean"), "reversals": ["now", 0.5]}, 0.9)
+    assert parsed == [
         Limit(Measure("motor_travel", 0.9), 20.0),
         Limit(Measure("hunts", None), 0.05),
         Limit(Measure("reversals", 0.5), math.inf, as_now=True),
@@ -42,10 +42,14 @@ def test_a_limit_counts_by_how_much_it_is_broken_of_itself():
 
 
 def test_travel_and_hunting_are_always_reported_and_an_error_beside_the_travel():
-    assert [m.name for m in reported(Measure("iae", 0.9), [])] == ["iae_p90", "motor_travel_p90", "hunts_mean"]
+    assert [m.name for m in reported_measures(Measure("iae", 0.9), [])] == ["iae_p90", "motor_travel_p90", "hunts_mean"]
     limited = [Limit(Measure("motor_travel", None), 3.0), Limit(Measure("hunts", 0.9), 0.0)]
-    assert [m.name for m in reported(Measure("iae", 0.9), limited)] == ["iae_p90", "motor_travel_mean", "hunts_p90"]
-    names = [m.name for m in reported(Measure("motor_travel", 0.9), [])]
+    assert [m.name for m in reported_measures(Measure("iae", 0.9), limited)] == [
+        "iae_p90",
+        "motor_travel_mean",
+        "hunts_p90",
+    ]
+    names = [m.name for m in reported_measures(Measure("motor_travel", 0.9), [])]
     assert names == ["motor_travel_p90", "rmse_p90", "hunts_mean"]
 
 
@@ -59,7 +63,7 @@ def test_travel_and_hunting_are_always_reported_and_an_error_beside_the_travel()
     ],
 )
 def test_an_objective_must_be_a_metric_of_which_less_is_better(objective, words):
-    assert words in only_problem(goal_of, objective, 0.95)
+    assert words in only_problem(parse_goal, objective, 0.95)
 
 
 @pytest.mark.parametrize(
@@ -73,4 +77,4 @@ def test_an_objective_must_be_a_metric_of_which_less_is_better(objective, words)
     ],
 )
 def test_a_wrong_limit_is_refused_in_a_sentence(limits, words):
-    assert words in only_problem(limits_of, limits, 0.95)
+    assert words in only_problem(parse_limits, limits, 0.95)

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from helpers.linear_loops import KINDS, of, plants, points, state_space
+from helpers.linear_loops import LINEAR_LOOPS, conditions_of, rest_plants, rest_points, state_space
 
 import fastcoil as fc
-from fastcoil.design.plants import LONGEST, frequency_response, plants_of
+from fastcoil.design.plants import LONGEST_RESPONSE, frequency_response, linearise_plants
 
 pytestmark = pytest.mark.kernel
 
@@ -13,95 +13,95 @@ AT_REST = 5000
 """Seconds after which an emulated coil is at rest."""
 
 
-def emulated(name, openings, seconds):
+def emulate(name, openings, seconds):
     """Traces of the emulator in open loop, one run for each series of openings, (n, n_steps)."""
-    loop, entering = KINDS[name]
-    one = fc.constant_day(seconds / 3600, **entering)
+    loop, entering = LINEAR_LOOPS[name]
+    day = fc.constant_day(seconds / 3600, **entering)
     days = fc.Boundary(
-        **{n: np.repeat(one.series[n], len(openings), 0) for n in ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")}
+        **{n: np.repeat(day.series[n], len(openings), 0) for n in ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")}
     )
     traces = ["T_sup", "m_w", "wet_volumes", "opening"]
     return fc.simulate(loop.assign(backlash=0.0), days, command=openings, traces=traces, warm_up=0, n_jobs=1)
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", LINEAR_LOOPS)
 def test_the_emulator_rests_where_the_theory_says(name):
-    _, found = plants(name)
-    ds = emulated(name, np.full((1, AT_REST), found.opening[0]), AT_REST).isel(day=0, elapsed_time=-1)
-    assert found.reachable[0]
-    T_set = KINDS[name][1].get("T_set", 14.0)
-    assert found.T_sup[0] == pytest.approx(T_set, abs=1e-8)
+    _, plant = rest_plants(name)
+    ds = emulate(name, np.full((1, AT_REST), plant.opening[0]), AT_REST).isel(day=0, elapsed_time=-1)
+    assert plant.reachable[0]
+    T_set = LINEAR_LOOPS[name][1].get("T_set", 14.0)
+    assert plant.T_sup[0] == pytest.approx(T_set, abs=1e-8)
     assert float(ds.T_sup) == pytest.approx(T_set, abs=1e-6)
-    assert float(ds.m_w) == pytest.approx(found.m_w[0], rel=1e-12)
-    assert float(ds.wet_volumes) == found.wet_volumes[0]
+    assert float(ds.m_w) == pytest.approx(plant.m_w[0], rel=1e-12)
+    assert float(ds.wet_volumes) == plant.wet_volumes[0]
 
 
 def test_the_kinds_are_dry_wet_and_partly_wet():
-    wet = [plants(name)[1].wet_volumes[0] for name in KINDS]
+    wet = [rest_plants(name)[1].wet_volumes[0] for name in LINEAR_LOOPS]
     assert min(wet) == 0.0
     assert any(0.0 < count < 8.0 for count in wet)
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", LINEAR_LOOPS)
 def test_the_response_is_that_of_the_emulator_to_a_small_step(name):
-    _, found = plants(name)
+    _, plant = rest_plants(name)
     size, after = 1e-4, 400
-    openings = np.full((2, AT_REST + after), found.opening[0])
+    openings = np.full((2, AT_REST + after), plant.opening[0])
     openings[0, AT_REST:] += size
     openings[1, AT_REST:] -= size
-    T = emulated(name, openings, AT_REST + after).T_sup.values
+    T = emulate(name, openings, AT_REST + after).T_sup.values
     expected = (T[0] - T[1])[AT_REST + 1 :] / (2.0 * size)
-    n = min(after - 1, found.response.shape[1])
-    np.testing.assert_allclose(found.response[0, :n], expected[:n], atol=1e-6 * abs(found.gain[0]))
-    assert found.response[0, -1] == pytest.approx(found.gain[0], rel=2e-4)
+    n = min(after - 1, plant.response.shape[1])
+    np.testing.assert_allclose(plant.response[0, :n], expected[:n], atol=1e-6 * abs(plant.gain[0]))
+    assert plant.response[0, -1] == pytest.approx(plant.gain[0], rel=2e-4)
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", LINEAR_LOOPS)
 def test_the_response_is_that_of_the_linear_map(name):
-    columns, conditions = points(name)
-    found, (A, B, C) = plants_of(columns, conditions), state_space(columns, conditions)
+    columns, conditions = rest_points(name)
+    plant, (A, B, C) = linearise_plants(columns, conditions), state_space(columns, conditions)
     x, T = np.zeros(B.size), []
-    for _ in range(found.response.shape[1]):
+    for _ in range(plant.response.shape[1]):
         x = A @ x + B
         T.append(C @ x)
-    np.testing.assert_allclose(found.response[0], T, atol=1e-6 * abs(found.gain[0]))
+    np.testing.assert_allclose(plant.response[0], T, atol=1e-6 * abs(plant.gain[0]))
     assert np.abs(np.linalg.eigvals(A)).max() < 1.0
 
 
 def test_a_response_that_outlasts_the_longest_goes_on_as_a_geometric_series():
     """A nearly closed valve: its water takes an hour to pass."""
     control = pytest.importorskip("control")
-    columns, conditions = of(fc.Loop(m_max=0.2, C_w=250.0, backlash=0.0), fc.constant_day(0.6, T_set=19.5))
-    found, (A, B, C) = plants_of(columns, conditions), state_space(columns, conditions)
-    assert found.response.shape[1] == LONGEST
-    assert found.response[0, -1] / found.gain[0] < 0.99
+    columns, conditions = conditions_of(fc.Loop(m_max=0.2, C_w=250.0, backlash=0.0), fc.constant_day(0.6, T_set=19.5))
+    plant, (A, B, C) = linearise_plants(columns, conditions), state_space(columns, conditions)
+    assert plant.response.shape[1] == LONGEST_RESPONSE
+    assert plant.response[0, -1] / plant.gain[0] < 0.99
     w = np.geomspace(1e-5, 0.1, 40)
     theirs = control.ss(A, B[:, None], C[None, :], 0.0, 1.0)
     expected = theirs.frequency_response(w).complex.ravel()
-    np.testing.assert_allclose(frequency_response(found.response, w)[0], expected, rtol=0.02)
+    np.testing.assert_allclose(frequency_response(plant.response, w)[0], expected, rtol=0.02)
 
 
 def test_a_volume_at_its_dew_point_is_wet_to_the_share_that_the_emulator_shows():
     T_set = np.linspace(14.0, 16.0, 41)
     days = fc.Boundary(m_a=1.15, T_a_in=25.0, W_a_in=0.011, T_w_in=7.0, T_set=np.tile(T_set[:, None], (1, 1900)))
-    found = plants_of(*of(fc.Loop(backlash=0.0), days))
-    share = found.wet_volumes % 1.0
+    plant = linearise_plants(*conditions_of(fc.Loop(backlash=0.0), days))
+    share = plant.wet_volumes % 1.0
     at_edge = np.flatnonzero((share > 0.2) & (share < 0.8))
     assert at_edge.size > 1
     size, seconds = 0.0005, 5000
     held = fc.Boundary(m_a=1.15, T_a_in=25.0, W_a_in=0.011, T_w_in=7.0, T_set=np.full((at_edge.size, seconds), 14.0))
     late = []
     for step in (0.0, size, -size):
-        opening = np.repeat(found.opening[at_edge, None] + step, seconds, axis=1)
+        opening = np.repeat(plant.opening[at_edge, None] + step, seconds, axis=1)
         ds = fc.simulate(
             fc.Loop(backlash=0.0), held, command=opening, traces=["T_sup", "wet_volumes"], warm_up=0, n_jobs=1
         )
         late.append(ds.isel(elapsed_time=slice(3000, None)))
     rest, up, down = (ds.T_sup.mean("elapsed_time").values for ds in late)
     assert (late[0].wet_volumes.std("elapsed_time") > 0.1).all()
-    np.testing.assert_allclose(late[0].wet_volumes.mean("elapsed_time"), found.wet_volumes[at_edge], atol=0.1)
+    np.testing.assert_allclose(late[0].wet_volumes.mean("elapsed_time"), plant.wet_volumes[at_edge], atol=0.1)
     np.testing.assert_allclose(rest, T_set[at_edge], atol=0.005)
-    np.testing.assert_allclose((up - down) / (2.0 * size), found.gain[at_edge], rtol=0.1)
+    np.testing.assert_allclose((up - down) / (2.0 * size), plant.gain[at_edge], rtol=0.1)
 
 
 def test_equal_plants_are_found_once_and_their_order_does_not_matter():
@@ -111,13 +111,13 @@ def test_equal_plants_are_found_once_and_their_order_does_not_matter():
         C_c=("sample", rng.choice([12.0, 30.0, 41.0], n)), kp=("sample", rng.uniform(0.01, 0.1, n)),
         air_march=("sample", rng.choice(["lagged", "quasistatic"], n)), backlash=("sample", rng.uniform(0, 0.1, n)),
     )  # fmt: skip
-    columns, conditions = of(loop, fc.constant_day(0.6))
-    found = plants_of(columns, conditions)
-    assert found.same.max() == 5
+    columns, conditions = conditions_of(loop, fc.constant_day(0.6))
+    plant = linearise_plants(columns, conditions)
+    assert plant.same.max() == 5
     order = rng.permutation(n)
-    shuffled = plants_of({k: v[order] for k, v in columns.items()}, {k: v[order] for k, v in conditions.items()})
-    np.testing.assert_array_equal(shuffled.response, found.response[order])
-    np.testing.assert_array_equal(shuffled.opening, found.opening[order])
+    shuffled = linearise_plants({k: v[order] for k, v in columns.items()}, {k: v[order] for k, v in conditions.items()})
+    np.testing.assert_array_equal(shuffled.response, plant.response[order])
+    np.testing.assert_array_equal(shuffled.opening, plant.opening[order])
 
 
 @pytest.mark.parametrize(
@@ -125,31 +125,31 @@ def test_equal_plants_are_found_once_and_their_order_does_not_matter():
     [("wet, lagged", 3.0, 1.0), ("wet, lagged", 26.0, 0.0), ("heating", 70.0, 1.0), ("heating", 9.0, 0.0)],
 )
 def test_out_of_reach_the_nearest_end_is_taken(name, T_set, opening):
-    loop, entering = KINDS[name]
-    found = plants_of(*of(loop, fc.constant_day(0.6, **entering | {"T_set": T_set})))
-    assert not found.reachable[0]
-    assert found.opening[0] == opening
-    assert (found.T_sup[0] > T_set) == ((name == "heating") == (opening == 0.0))
-    assert np.isfinite(found.response).all()
+    loop, entering = LINEAR_LOOPS[name]
+    plant = linearise_plants(*conditions_of(loop, fc.constant_day(0.6, **entering | {"T_set": T_set})))
+    assert not plant.reachable[0]
+    assert plant.opening[0] == opening
+    assert (plant.T_sup[0] > T_set) == ((name == "heating") == (opening == 0.0))
+    assert np.isfinite(plant.response).all()
 
 
 def test_water_as_warm_as_the_air_reaches_nothing_and_answers_nothing():
-    found = plants_of(*of(fc.Loop(), fc.constant_day(0.6, T_w_in=25.0, relative_humidity=0.1)))
-    assert not found.reachable[0]
-    assert abs(found.gain[0]) < 1e-6
+    plant = linearise_plants(*conditions_of(fc.Loop(), fc.constant_day(0.6, T_w_in=25.0, relative_humidity=0.1)))
+    assert not plant.reachable[0]
+    assert abs(plant.gain[0]) < 1e-6
 
 
 def test_a_coil_that_exchanges_less_when_wet_may_jump_past_the_set_point():
     """Then no opening holds it, and there is nothing to linearise; the others stay as they are."""
     T_set = np.linspace(13.0, 16.0, 31)
     days = fc.Boundary(m_a=1.15, T_a_in=25.0, W_a_in=0.011, T_w_in=7.0, T_set=np.tile(T_set[:, None], (1, 1900)))
-    found = plants_of(*of(fc.Loop(backlash=0.0, beta5=0.3), days))
-    jumps = ~found.reachable
+    plant = linearise_plants(*conditions_of(fc.Loop(backlash=0.0, beta5=0.3), days))
+    jumps = ~plant.reachable
     assert 0 < jumps.sum() < 15
-    assert np.isnan(found.gain[jumps]).all()
-    assert np.isnan(found.response[jumps]).all()
-    assert (found.gain[~jumps] < 0.0).all()
-    np.testing.assert_allclose(found.T_sup[~jumps], T_set[~jumps], atol=1e-4)
+    assert np.isnan(plant.gain[jumps]).all()
+    assert np.isnan(plant.response[jumps]).all()
+    assert (plant.gain[~jumps] < 0.0).all()
+    np.testing.assert_allclose(plant.T_sup[~jumps], T_set[~jumps], atol=1e-4)
     levels = np.linspace(0.2, 0.3, 101)
     held = fc.Boundary(m_a=1.15, T_a_in=25.0, W_a_in=0.011, T_w_in=7.0, T_set=np.full((levels.size, 2500), 14.0))
     opening = np.repeat(levels[:, None], 2500, axis=1)

@@ -4,31 +4,41 @@ import math
 
 import numpy as np
 import pytest
-from helpers.first_order_plants import first_order_plants, together
+from helpers.first_order_plants import first_order_plants, join_plants
 
 import fastcoil as fc
-from fastcoil.design.limit_cycle import HUNTS_ABOVE, cycles_of
+from fastcoil.design.limit_cycle import HUNTING_MARGIN, predict_cycles
 from fastcoil.design.operating_points import PointsOfDay
-from fastcoil.design.prediction import PARTS, Prediction, cycles_at, index_of, left_out, phase_shares, shortest_ti
-from fastcoil.loops.scenarios import columns_of
+from fastcoil.design.prediction import (
+    PHASE_PARTS,
+    Prediction,
+    largest_hunting_index,
+    margin_omissions,
+    phase_shares,
+    predict_cycles_at,
+    shortest_ti,
+)
+from fastcoil.loops.scenarios import parameter_columns
 
 GAIN, LAG = -15.0, 100.0
 
 
-def predicted(loop, delay):
+def predict_at_delay(loop, delay):
     """A loop around a plant of first order at a single operating point."""
-    return at_points(loop, first_order_plants(GAIN, LAG, delay))
+    return predict_at_plants(loop, first_order_plants(GAIN, LAG, delay))
 
 
-def at_points(loop, *plants):
+def predict_at_plants(loop, *plants):
     """A loop at an operating point for each plant."""
     nothing = np.zeros(len(plants), dtype=np.int64)
-    cycles = cycles_of(columns_of(loop, {}, nothing), together(*plants))
+    cycles = predict_cycles(parameter_columns(loop, {}, nothing), join_plants(*plants))
     points = PointsOfDay(nothing, nothing + 1, {"T_set": nothing + 14.0}, nothing)
-    return Prediction(loop, points, together(*plants), cycles, np.arange(len(plants)), int(np.argmax(cycles.margin)))
+    return Prediction(
+        loop, points, join_plants(*plants), cycles, np.arange(len(plants)), int(np.argmax(cycles.hunting_index))
+    )
 
 
-def tuned(kappa, rho, **changes):
+def loop_with_ratios(kappa, rho, **changes):
     """kp and ti as multiples of 1/gain and of the lag; the backlash's 1/(1 - X) counted as plant."""
     return fc.Loop(kp=0.93 * kappa / -GAIN, ti=rho * LAG, sample_time=1, backlash=0.07, **changes)
 
@@ -42,53 +52,53 @@ def tuned(kappa, rho, **changes):
 )
 def test_the_shortest_ti_is_that_of_the_published_table(rho, theta, kappa):
     """literature: critical gain of a first-order lag with delay behind any backlash, by ti/lag and delay/lag."""
-    loop = tuned(kappa, 0.05)
-    assert shortest_ti(predicted(loop, theta), 1.0) == pytest.approx(rho * LAG, rel=0.06)
+    loop = loop_with_ratios(kappa, 0.05)
+    assert shortest_ti(predict_at_delay(loop, theta), 1.0) == pytest.approx(rho * LAG, rel=0.06)
 
 
 def test_the_shortest_ti_holds_where_the_loop_is_worst_then_and_not_only_where_it_is_worst_now():
     strong, late = first_order_plants(-6.0, 100.0, 3), first_order_plants(-4.0, 20.0, 40)
     loop = fc.Loop(kp=0.1, ti=3.0, sample_time=1)
-    both = at_points(loop, strong, late)
-    assert both.worst == 0
-    alone = [shortest_ti(at_points(loop, plant), 0.33) for plant in (strong, late)]
+    both = predict_at_plants(loop, strong, late)
+    assert both.worst_point == 0
+    alone = [shortest_ti(predict_at_plants(loop, plant), 0.33) for plant in (strong, late)]
     assert alone[1] > 1.2 * alone[0]
     assert shortest_ti(both, 0.33) == pytest.approx(alone[1], rel=1e-3)
 
 
 def test_the_margins_of_a_sweep_are_those_of_its_loops_point_by_point():
     plants = [first_order_plants(GAIN, LAG, delay) for delay in (5, 20, 60)]
-    loops = [tuned(kappa, 0.3) for kappa in (0.5, 2.0)]
+    loops = [loop_with_ratios(kappa, 0.3) for kappa in (0.5, 2.0)]
     swept = loops[0].assign(kp=("tuning", [loop["kp"] for loop in loops]))
-    found = cycles_at(swept, together(*plants), np.array([2, 0])).margin
-    expected = [[at_points(loop, plant).margin for plant in (plants[2], plants[0])] for loop in loops]
-    assert found == pytest.approx(np.array(expected), rel=1e-4)
+    margins = predict_cycles_at(swept, join_plants(*plants), np.array([2, 0])).hunting_index
+    expected = [[predict_at_plants(loop, plant).hunting_index for plant in (plants[2], plants[0])] for loop in loops]
+    assert margins == pytest.approx(np.array(expected), rel=1e-4)
 
 
 def test_the_hunting_index_is_that_of_a_step_of_the_command():
     """(kp K)^0.7 (T + 2 θ)/ti, θ with half of the sample time; of several operating points the largest."""
-    loop = tuned(1.6, 0.3, noise_std=0.02)
+    loop = loop_with_ratios(1.6, 0.3, noise_std=0.02)
     expected = 1.6**0.7 * (LAG + 2.0 * (20.0 + 0.5)) / (0.3 * LAG)
-    assert index_of(predicted(loop, 20)) == pytest.approx(expected, rel=0.02)
+    assert largest_hunting_index(predict_at_delay(loop, 20)) == pytest.approx(expected, rel=0.02)
     slower = first_order_plants(GAIN, LAG, 50.0)
-    assert index_of(at_points(loop, first_order_plants(GAIN, LAG, 20.0), slower)) > 1.2 * expected
-    (clause,) = left_out(predicted(loop, 20))
+    assert largest_hunting_index(predict_at_plants(loop, first_order_plants(GAIN, LAG, 20.0), slower)) > 1.2 * expected
+    (clause,) = margin_omissions(predict_at_delay(loop, 20))
     assert clause.startswith("the noise of 0.02 K")
-    assert clause.endswith(f"here it is {index_of(predicted(loop, 20)):.2g}")
-    assert left_out(predicted(tuned(1.6, 0.3, noise_std=0.0), 20)) == ()
+    assert clause.endswith(f"here it is {largest_hunting_index(predict_at_delay(loop, 20)):.2g}")
+    assert margin_omissions(predict_at_delay(loop_with_ratios(1.6, 0.3, noise_std=0.0), 20)) == ()
 
 
 def test_twice_the_kp_is_twice_the_margin_and_needs_a_longer_ti():
-    near, far = (predicted(tuned(kappa, 0.5), 20) for kappa in (2.0, 1.0))
-    assert near.margin == pytest.approx(2.0 * far.margin, rel=1e-6)
-    assert shortest_ti(near, HUNTS_ABOVE) > shortest_ti(far, HUNTS_ABOVE)
+    near, far = (predict_at_delay(loop_with_ratios(kappa, 0.5), 20) for kappa in (2.0, 1.0))
+    assert near.hunting_index == pytest.approx(2.0 * far.hunting_index, rel=1e-6)
+    assert shortest_ti(near, HUNTING_MARGIN) > shortest_ti(far, HUNTING_MARGIN)
 
 
 def test_the_parts_take_180_degrees_each_what_its_formula_says():
-    loop = tuned(4.0, 0.3, sensor_time_constant=20.0)
-    shares = phase_shares(predicted(loop, 10))
+    loop = loop_with_ratios(4.0, 0.3, sensor_time_constant=20.0)
+    shares = phase_shares(predict_at_delay(loop, 10))
     w = 2.0 * math.pi / shares.attrs["period"]
-    assert tuple(shares["part"].values) == tuple(PARTS)
+    assert tuple(shares["part"].values) == tuple(PHASE_PARTS)
     assert float(shares.sum()) == pytest.approx(180.0)
     assert float(shares.sel(part="integral")) == pytest.approx(90.0 - math.degrees(math.atan(30.0 * w)), abs=2.0)
     assert float(shares.sel(part="sensor")) == pytest.approx(math.degrees(math.atan(20.0 * w)), abs=2.0)

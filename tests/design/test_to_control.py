@@ -4,7 +4,7 @@ import sys
 
 import numpy as np
 import pytest
-from helpers.linear_loops import KINDS
+from helpers.linear_loops import LINEAR_LOOPS
 
 import fastcoil as fc
 
@@ -18,9 +18,9 @@ SAMPLED = {
 }
 
 
-def linearised(name, **changes):
+def linearise_kind(name, **changes):
     """A loop, and what ``linearise`` makes of it."""
-    loop, entering = KINDS[name]
+    loop, entering = LINEAR_LOOPS[name]
     loop = loop.assign(**{"backlash": 0.05} | SAMPLED[name] | changes)
     w = np.geomspace(1e-5, np.pi / SAMPLED[name]["sample_time"], 400)[:-1]
     return loop, fc.linearise(loop, fc.constant_day(0.6, **entering), at=0, state_space=True, frequency=w)
@@ -28,12 +28,12 @@ def linearised(name, **changes):
 
 @pytest.mark.parametrize("name", SAMPLED)
 def test_responses_and_margins_are_those_of_linearise(name):
-    loop, ds = linearised(name)
+    loop, ds = linearise_kind(name)
     plant, L, w = fc.to_control(ds), fc.to_control(ds, loop), ds.frequency.values
     for system, part in ((plant, "plant"), (L, "loop")):
         expected = (ds[f"{part}_magnitude"] * np.exp(1j * np.radians(ds[f"{part}_phase"]))).values
-        found = system.frequency_response(w).complex.ravel()
-        np.testing.assert_allclose(found, expected, rtol=2e-3, atol=1e-5)
+        response = system.frequency_response(w).complex.ravel()
+        np.testing.assert_allclose(response, expected, rtol=2e-3, atol=1e-5)
     assert plant.dcgain() == pytest.approx(float(ds.gain), rel=1e-3)
     gain, phase, _, _ = control.margin(control.frd(L, w))
     end = -L(-1.0 + 0.0j).real  # python-control looks no further than before it
@@ -45,11 +45,11 @@ def test_responses_and_margins_are_those_of_linearise(name):
 @pytest.mark.parametrize("name", SAMPLED)
 def test_the_closed_loop_answers_a_step_of_the_set_point_as_the_emulator(name):
     step, before, after, ts = 0.005, 6000, 900, SAMPLED[name]["sample_time"]
-    margin = float(linearised(name, backlash=0.0)[1].gain_margin)
-    loop, ds = linearised(name, backlash=0.0, stroke_time=0.0, kp=0.3 * margin * SAMPLED[name]["kp"])
+    hunting_index = float(linearise_kind(name, backlash=0.0)[1].gain_margin)
+    loop, ds = linearise_kind(name, backlash=0.0, stroke_time=0.0, kp=0.3 * hunting_index * SAMPLED[name]["kp"])
     closed = control.feedback(fc.to_control(ds, loop))
     expected = control.step_response(closed, np.arange(0.0, after, ts)).outputs
-    entering = KINDS[name][1]
+    entering = LINEAR_LOOPS[name][1]
     T_set = np.full(before + after, entering.get("T_set", 14.0))
     T_set[before:] += step
     day = fc.constant_day((before + after) / 3600, **entering | {"T_set": T_set})
@@ -60,7 +60,7 @@ def test_the_closed_loop_answers_a_step_of_the_set_point_as_the_emulator(name):
 
 
 def test_they_have_sample_times_and_names():
-    loop, ds = linearised("heating")
+    loop, ds = linearise_kind("heating")
     plant, L = fc.to_control(ds), fc.to_control(ds, loop)
     assert (plant.dt, plant.input_labels, plant.output_labels) == (1.0, ["opening"], ["T_sup"])
     assert plant.state_labels == ds.state.values.tolist()
@@ -83,7 +83,7 @@ def test_a_point_of_a_sweep_has_its_own_parameters():
 
 
 def test_without_python_control_a_sentence_names_the_extra(monkeypatch):
-    _, ds = linearised("heating")
+    _, ds = linearise_kind("heating")
     monkeypatch.setitem(sys.modules, "control", None)
     with pytest.raises(fc.InputError, match=r"pip install 'fastcoil\[control\]'"):
         fc.to_control(ds)

@@ -29,7 +29,7 @@ def days():
 
 
 @pytest.fixture(scope="module")
-def found(loop, days):
+def tuning_result(loop, days):
     return fc.tune(loop, days, search=SEARCH, limits=LIMITS, evaluations=64, n_jobs=1, **HOW)
 
 
@@ -48,72 +48,72 @@ def test_it_finds_what_a_grid_of_gains_finds(loop, days):
     assert errors.min() < 0.8 * errors.max(), "or any gain would do"
 
 
-def test_its_numbers_are_those_of_simulations_of_valves_and_days_on_either_side(loop, days, found):
-    asked = plan_tuning(loop, days, search=SEARCH, **HOW)
-    for ds, group in ((found.trained, asked.training), (found.held_out, asked.holdout)):
+def test_its_numbers_are_those_of_simulations_of_valves_and_days_on_either_side(loop, days, tuning_result):
+    request = plan_tuning(loop, days, search=SEARCH, **HOW)
+    for ds, group in ((tuning_result.trained, request.training), (tuning_result.held_out, request.holdout)):
         valves = [k for k in range(N) if X[k] in np.asarray(group.loop["backlash"])]
         assert tuple(valves) == group.members
-        chosen = fc.Loop(backlash=("sample", X[valves]), noise_std=0.02, **found.parameters)
-        for tuning, one in (("now", chosen.assign(kp=0.03, ti=8.0)), ("chosen", chosen)):
-            of = fc.simulate(one, group.boundary, n_jobs=1, **HOW)
+        chosen = fc.Loop(backlash=("sample", X[valves]), noise_std=0.02, **tuning_result.parameters)
+        for tuning, tuned_loop in (("now", chosen.assign(kp=0.03, ti=8.0)), ("chosen", chosen)):
+            simulated = fc.simulate(tuned_loop, group.boundary, n_jobs=1, **HOW)
             at = ds.sel(tuning=tuning, edge="value")
-            assert float(at.rmse_p95) == p95(of.rmse.values)
-            assert float(at.motor_travel_p95) == p95(of.motor_travel.values)
-            assert float(at.reversals_mean) == pytest.approx(float(of.reversals.mean()), rel=1e-12)
-            assert float(at.hunts_mean) == float(of.hunts.mean())
+            assert float(at.rmse_p95) == p95(simulated.rmse.values)
+            assert float(at.motor_travel_p95) == p95(simulated.motor_travel.values)
+            assert float(at.reversals_mean) == pytest.approx(float(simulated.reversals.mean()), rel=1e-12)
+            assert float(at.hunts_mean) == float(simulated.hunts.mean())
         now, chosen_there = (float(ds.rmse_p95.sel(tuning=t, edge="value")) for t in ("now", "chosen"))
         assert float(ds.change.sel(tuning="chosen", edge="value")) == pytest.approx(chosen_there / now - 1.0)
 
 
-def test_no_tuning_that_keeps_the_limits_and_was_tried_is_better(found):
-    tried = found.evaluations
-    now = found.trained.sel(tuning="now", edge="value")
+def test_no_tuning_that_keeps_the_limits_and_was_tried_is_better(tuning_result):
+    tried = tuning_result.evaluations
+    now = tuning_result.trained.sel(tuning="now", edge="value")
     keeps = (tried.motor_travel_p95 <= 0.17) & (tried.reversals_mean <= float(now.reversals_mean))
-    chosen = found.trained.sel(tuning="chosen", edge="value")
-    assert found.meets_limits
+    chosen = tuning_result.trained.sel(tuning="chosen", edge="value")
+    assert tuning_result.meets_limits
     assert float(chosen.rmse_p95) == float(tried.rmse_p95.where(keeps).min())
     assert float(tried.rmse_p95.min()) < float(chosen.rmse_p95), "or the limits would not have mattered"
     assert {
         name: float(tried[name][int(np.nanargmin(tried.rmse_p95.where(keeps).values))]) for name in SEARCH
-    } == found.parameters
+    } == tuning_result.parameters
 
 
-def test_intervals_hold_the_value_and_vary_with_the_valves(found):
-    for ds in (found.trained, found.held_out):
+def test_intervals_hold_the_value_and_vary_with_the_valves(tuning_result):
+    for ds in (tuning_result.trained, tuning_result.held_out):
         low, value, high = (ds.rmse_p95.sel(edge=edge) for edge in ("low", "value", "high"))
         assert ((low <= value) & (value <= high)).all()
         assert (low < high).all()
 
 
-def test_simc_stands_beside_with_the_gains_of_every_valve(loop, days, found):
+def test_simc_stands_beside_with_the_gains_of_every_valve(loop, days, tuning_result):
     group = plan_tuning(loop, days, search=SEARCH, **HOW).training
     days = group.boundary
     means = {name: values[:, 300:].mean(axis=1) for name, values in days.series.items()}
     steady = {name: np.repeat(values[:, None], 2000, axis=1) for name, values in means.items()}
     gains = fc.linearise(group.loop, fc.Boundary(**steady, day=days.day))
-    own = group.loop.assign(kp=gains.kp_simc.median("day"), ti=gains.ti_simc.median("day"))
-    first, second = (found.evaluations.isel(evaluation=k) for k in (0, 1))
+    simc_loop = group.loop.assign(kp=gains.kp_simc.median("day"), ti=gains.ti_simc.median("day"))
+    first, second = (tuning_result.evaluations.isel(evaluation=k) for k in (0, 1))
     assert (float(first.kp), float(first.ti)) == (0.03, 8.0), "the search begins with the loop's own gains"
-    assert float(second.kp) == pytest.approx(float(np.median(own["kp"])), rel=1e-3), "then SIMC's"
-    of = fc.simulate(own, group.boundary, n_jobs=1, **HOW)
-    assert float(found.trained.rmse_p95.sel(tuning="simc", edge="value")) == pytest.approx(
-        p95(of.rmse.values), rel=1e-6
+    assert float(second.kp) == pytest.approx(float(np.median(simc_loop["kp"])), rel=1e-3), "then SIMC's"
+    simulated = fc.simulate(simc_loop, group.boundary, n_jobs=1, **HOW)
+    assert float(tuning_result.trained.rmse_p95.sel(tuning="simc", edge="value")) == pytest.approx(
+        p95(simulated.rmse.values), rel=1e-6
     )
 
 
-def test_the_front_is_retried_on_the_hold_out(loop, days, found):
+def test_the_front_is_retried_on_the_hold_out(loop, days, tuning_result):
     group = plan_tuning(loop, days, search=SEARCH, **HOW).holdout
-    front = found.front.isel(point=-1)
-    of = fc.simulate(group.loop.assign(kp=float(front.kp), ti=float(front.ti)), group.boundary, n_jobs=1, **HOW)
-    assert float(front.held_out_rmse_p95) == p95(of.rmse.values)
-    assert (np.diff(found.front.motor_travel_p95) > 0).all()
-    assert (np.diff(found.front.rmse_p95) < 0).all()
+    front = tuning_result.front.isel(point=-1)
+    simulated = fc.simulate(group.loop.assign(kp=float(front.kp), ti=float(front.ti)), group.boundary, n_jobs=1, **HOW)
+    assert float(front.held_out_rmse_p95) == p95(simulated.rmse.values)
+    assert (np.diff(tuning_result.front.motor_travel_p95) > 0).all()
+    assert (np.diff(tuning_result.front.rmse_p95) < 0).all()
 
 
-def test_threads_decide_nothing(loop, days, found):
+def test_threads_decide_nothing(loop, days, tuning_result):
     again = fc.tune(loop, days, search=SEARCH, limits=LIMITS, evaluations=64, n_jobs=2, **HOW)
     for name in ("trained", "held_out", "front", "evaluations"):
-        assert getattr(again, name).identical(getattr(found, name))
+        assert getattr(again, name).identical(getattr(tuning_result, name))
 
 
 def test_limits_that_nothing_keeps_are_said_and_nothing_is_recommended(loop, days, tmp_path):
@@ -130,17 +130,19 @@ def test_limits_that_nothing_keeps_are_said_and_nothing_is_recommended(loop, day
     assert read_includes({"include": ["tuning.toml"]}, tmp_path) == {}
 
 
-def test_the_advice_is_to_change_only_what_is_better_and_keeps_its_limits_on_the_hold_out(found):
-    settings = f"kp = {found.parameters['kp']!r} 1/K, ti = {found.parameters['ti']!r} s"
-    change = float(found.held_out.change.sel(tuning="chosen", edge="value"))
-    assert f": {settings}: RMS error [K], 95 % quantile {100 * change:+.0f} %, motor travel × " in found.advice
-    assert found.advice in found.summary()
-    travel = float(found.held_out.motor_travel_p95.sel(tuning="chosen", edge="value"))
-    tight = dataclasses.replace(found, limits=(found.limits[0]._replace(most=0.99 * travel),))
-    worse = dataclasses.replace(found, held_out=found.held_out.assign(change=found.held_out.change + 2.0))
-    for one in (tight, worse, dataclasses.replace(found, meets_limits=False)):
-        assert one.advice.startswith("Leave it: ")
-        assert settings not in one.advice
+def test_the_advice_is_to_change_only_what_is_better_and_keeps_its_limits_on_the_hold_out(tuning_result):
+    settings = f"kp = {tuning_result.parameters['kp']!r} 1/K, ti = {tuning_result.parameters['ti']!r} s"
+    change = float(tuning_result.held_out.change.sel(tuning="chosen", edge="value"))
+    assert f": {settings}: RMS error [K], 95 % quantile {100 * change:+.0f} %, motor travel × " in tuning_result.advice
+    assert tuning_result.advice in tuning_result.summary()
+    travel = float(tuning_result.held_out.motor_travel_p95.sel(tuning="chosen", edge="value"))
+    tight = dataclasses.replace(tuning_result, limits=(tuning_result.limits[0]._replace(most=0.99 * travel),))
+    worse = dataclasses.replace(
+        tuning_result, held_out=tuning_result.held_out.assign(change=tuning_result.held_out.change + 2.0)
+    )
+    for rejected in (tight, worse, dataclasses.replace(tuning_result, meets_limits=False)):
+        assert rejected.advice.startswith("Leave it: ")
+        assert settings not in rejected.advice
 
 
 def test_settings_beside_the_gains_are_tuned_and_whole_ones_stay_whole(days):
@@ -152,8 +154,10 @@ def test_settings_beside_the_gains_are_tuned_and_whole_ones_stay_whole(days):
     assert list(tuned.held_out.tuning.values) == ["now", "chosen"]
 
 
-def test_the_table_of_either_side_has_what_the_loop_does_there_now_as_its_limit(found):
-    limits = [line.split()[-1] for line in found.summary() if line.strip().startswith("stem reversals")]
-    of = [ds.reversals_mean.sel(tuning="now", edge="value") for ds in (found.held_out, found.trained)]
-    assert limits == [f"{float(now):.3g}" for now in of]
+def test_the_table_of_either_side_has_what_the_loop_does_there_now_as_its_limit(tuning_result):
+    limits = [line.split()[-1] for line in tuning_result.summary() if line.strip().startswith("stem reversals")]
+    current_values = [
+        ds.reversals_mean.sel(tuning="now", edge="value") for ds in (tuning_result.held_out, tuning_result.trained)
+    ]
+    assert limits == [f"{float(value):.3g}" for value in current_values]
     assert limits[0] != limits[1]

@@ -5,7 +5,7 @@ import pytest
 from helpers.refusals import only_problem
 
 import fastcoil as fc
-from fastcoil.design.tuning_plan import axes_of
+from fastcoil.design.tuning_plan import parse_axes
 
 
 @pytest.fixture(scope="module")
@@ -29,19 +29,19 @@ def days():
     ],
 )
 def test_what_cannot_be_searched(search, words):
-    assert words in only_problem(axes_of, search, fc.Loop())
+    assert words in only_problem(parse_axes, search, fc.Loop())
 
 
 def test_a_searched_parameter_has_no_dim_of_its_own_but_may_differ_between_valves():
-    own = fc.Loop(kp=[0.01, 0.02], backlash=("sample", [0.0, 0.1]))
-    assert "kp is swept along 'kp'" in only_problem(axes_of, {"kp": (0.005, 0.1)}, own)
+    swept_alone = fc.Loop(kp=[0.01, 0.02], backlash=("sample", [0.0, 0.1]))
+    assert "kp is swept along 'kp'" in only_problem(parse_axes, {"kp": (0.005, 0.1)}, swept_alone)
     of_valves = fc.Loop(kp=("sample", [0.01, 0.02]), backlash=("sample", [0.0, 0.1]))
-    assert [axis.name for axis in axes_of({"kp": (0.005, 0.1)}, of_valves)] == ["kp"]
+    assert [axis.name for axis in parse_axes({"kp": (0.005, 0.1)}, of_valves)] == ["kp"]
 
 
 def test_axes_are_logarithmic_where_their_ends_are_positive_and_far_apart():
     loop = fc.Loop()
-    wide, narrow, from_0, whole = axes_of(
+    wide, narrow, from_0, whole = parse_axes(
         {"kp": (0.01, 1.0), "ti": (10, 20), "buffer": (0, 0.01), "sample_time": (1, 60)}, loop
     )
     middle = np.array([0.5])

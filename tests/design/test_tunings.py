@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from helpers.first_order_plants import first_order_plants
-from helpers.linear_loops import KINDS, plants_at
+from helpers.linear_loops import LINEAR_LOOPS, plants_at
 
 import fastcoil as fc
-from fastcoil.design.linearise import calm, first_order, margins_of, simc, ziegler_nichols
+from fastcoil.design.linearise import first_order, lambda_tuning, margins_of, simc, ziegler_nichols
 
 LAG, DELAY, GAIN = 80.0, 12, -20.0
 
@@ -38,12 +38,12 @@ def test_rules_count_half_a_sample_time_as_dead_time_and_the_stroke_behind_the_g
     columns, plants = closed_form(ts, gap=gap, delay=delay)
     model = first_order(columns, plants)
     K, dead = -GAIN / (1.0 - gap), delay + 0.5 * ts
-    found = simc(columns, plants, model)
-    assert found.kp[0] == pytest.approx(LAG / (2.0 * K * dead), rel=2e-3)
-    assert found.ti[0] == pytest.approx(min(LAG, 8.0 * dead), rel=2e-3)
-    found = calm(columns, plants, model)
-    assert found.kp[0] == pytest.approx(LAG / (K * (3.0 * LAG + dead)), rel=2e-3)
-    assert found.ti[0] == pytest.approx(LAG, rel=1e-4)
+    gains = simc(columns, plants, model)
+    assert gains.kp[0] == pytest.approx(LAG / (2.0 * K * dead), rel=2e-3)
+    assert gains.ti[0] == pytest.approx(min(LAG, 8.0 * dead), rel=2e-3)
+    gains = lambda_tuning(columns, plants, model)
+    assert gains.kp[0] == pytest.approx(LAG / (K * (3.0 * LAG + dead)), rel=2e-3)
+    assert gains.ti[0] == pytest.approx(LAG, rel=1e-4)
 
 
 @pytest.mark.parametrize("gap", [0.0, 0.2])
@@ -55,18 +55,18 @@ def test_ultimate_gain_and_period_are_those_of_the_textbook_plant(gap):
     columns, plants = closed_form(ts=1, gap=gap)
     w = np.linspace(0.05, 0.2, 200001)
     ultimate = w[np.argmin(np.abs(w * (DELAY + 0.5) + np.arctan(w * LAG) - np.pi))]
-    found = margins_of(columns, plants)
-    assert found.ultimate_period[0] == pytest.approx(2.0 * np.pi / ultimate, rel=2e-3)
-    assert found.ultimate_gain[0] == pytest.approx(np.hypot(1.0, ultimate * LAG) * (1.0 - gap) / -GAIN, rel=2e-3)
-    gains = ziegler_nichols(found.ultimate_gain, found.ultimate_period)
-    assert gains.kp[0] == 0.45 * found.ultimate_gain[0]
-    assert gains.ti[0] == found.ultimate_period[0] / 1.2
+    margins = margins_of(columns, plants)
+    assert margins.ultimate_period[0] == pytest.approx(2.0 * np.pi / ultimate, rel=2e-3)
+    assert margins.ultimate_gain[0] == pytest.approx(np.hypot(1.0, ultimate * LAG) * (1.0 - gap) / -GAIN, rel=2e-3)
+    gains = ziegler_nichols(margins.ultimate_gain, margins.ultimate_period)
+    assert gains.kp[0] == 0.45 * margins.ultimate_gain[0]
+    assert gains.ti[0] == margins.ultimate_period[0] / 1.2
 
 
 @pytest.mark.kernel
 def test_each_rule_makes_a_loop_that_follows_a_set_point_without_hunting():
     """Simulated, in every kind of loop, without a gap: lambda is the slowest."""
-    for name, (loop, entering) in KINDS.items():
+    for name, (loop, entering) in LINEAR_LOOPS.items():
         ideal = loop.assign(backlash=0.0, stroke_time=0.0)
         T_set = np.full(5400, entering.get("T_set", 14.0))
         T_set[2700:] += 0.5

@@ -7,15 +7,15 @@ from types import SimpleNamespace
 import click
 import pytest
 from helpers.commands import fastcoil
-from helpers.processes import environment
-from helpers.studies import PLAIN, golden
+from helpers.processes import child_environment
+from helpers.studies import PLAIN_STUDY, undisturbed_hash
 from test_pages import PAGES, blocks, commands, is_named
 
 import fastcoil as fc
 
 RUN_IN_ORDER = {"python", "toml", "sh", "text"}
 """Kinds of blocks that ``test_pages`` runs, or compares with what is printed, on every page with Python."""
-ELSEWHERE = {
+CHECKED_ELSEWHERE = {
     ("README.md", "console"): "what it prints is compared with the page on diagnosis, in test_pages",
     ("docs/clusters.md", "sh"): "needs a network: names and options are checked, here and in test_pages",
     ("docs/model.md", "math"): "drawn when the site is built",
@@ -31,14 +31,14 @@ ELSEWHERE = {
 
 
 def test_every_block_is_run_or_named():
-    alone = set()
+    not_run = set()
     for page in PAGES:
         kinds = {kind for kind, _ in blocks(page)}
-        alone |= {(is_named(page), kind) for kind in kinds - (RUN_IN_ORDER if "python" in kinds else set())}
-    assert alone == set(ELSEWHERE)
+        not_run |= {(is_named(page), kind) for kind in kinds - (RUN_IN_ORDER if "python" in kinds else set())}
+    assert not_run == set(CHECKED_ELSEWHERE)
 
 
-def named(page, kind):
+def blocks_of_kind(page, kind):
     """The blocks of a kind on a page of ``docs/``."""
     (path,) = (path for path in PAGES if is_named(path) == f"docs/{page}")
     return [text for _, text in blocks(path, kind)]
@@ -49,13 +49,15 @@ def test_the_options_of_dask_exist():
     from distributed.cli import dask_scheduler, dask_worker
 
     assert cli
-    given = [words for text in named("clusters.md", "sh") for words in commands(text) if words[0] == "dask"]
-    assert {words[1] for words in given} == {"scheduler", "worker"}
-    for _, name, *words in given:
+    dask_commands = [
+        words for text in blocks_of_kind("clusters.md", "sh") for words in commands(text) if words[0] == "dask"
+    ]
+    assert {words[1] for words in dask_commands} == {"scheduler", "worker"}
+    for _, name, *words in dask_commands:
         command = dask_scheduler.main if name == "scheduler" else dask_worker.main
         assert isinstance(command, click.Command)
-        known = {option for p in command.params for option in p.opts}
-        assert {word for word in words if word.startswith("--")} <= known
+        options_known = {option for p in command.params for option in p.opts}
+        assert {word for word in words if word.startswith("--")} <= options_known
 
 
 @pytest.mark.kernel
@@ -65,12 +67,12 @@ def test_the_scripts_for_job_arrays_run(kind, tmp_path, monkeypatch):
 
     What bash calls is noted, and called here afterwards.
     """
-    (tmp_path / "study.toml").write_text(PLAIN)
+    (tmp_path / "study.toml").write_text(PLAIN_STUDY)
     (tmp_path / ".venv" / "bin").mkdir(parents=True)
     command = tmp_path / ".venv" / "bin" / "fastcoil"
     command.write_text('#!/bin/sh\necho "$@" >> called\n')
     command.chmod(0o755)
-    array, merge, submit, pbs = named("clusters.md", "bash")
+    array, merge, submit, pbs = blocks_of_kind("clusters.md", "bash")
     (tmp_path / "array.sh").write_text(array if kind == "SLURM" else pbs)
     (tmp_path / "merge.sh").write_text(merge)
     (tmp_path / "bash").write_text(
@@ -79,18 +81,24 @@ def test_the_scripts_for_job_arrays_run(kind, tmp_path, monkeypatch):
         "do SLURM_ARRAY_TASK_ID=$k PBS_ARRAY_INDEX=$k bash $2; done\n"
         f"}}\n{submit}"
     )
-    found = subprocess.run(
-        ["bash", "bash"], cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=300, check=False
+    process = subprocess.run(
+        ["bash", "bash"],
+        cwd=tmp_path,
+        env=child_environment(),
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
     )
-    assert found.returncode == 0, found.stderr
+    assert process.returncode == 0, process.stderr
     monkeypatch.chdir(tmp_path)
     task, merge = (tmp_path / "called").read_text().splitlines()
     for words in (task, merge):
-        done = fastcoil(*words.split(), "--no-figures")
-        assert done.exit_code == 0, done.output
-        assert "finished: nothing to do" not in done.output
+        result = fastcoil(*words.split(), "--no-figures")
+        assert result.exit_code == 0, result.output
+        assert "finished: nothing to do" not in result.output
     assert "--shard 3/8" in task
-    assert fc.open_study(tmp_path / "results" / "study").attrs["content_sha256"] == golden(PLAIN)
+    assert fc.open_study(tmp_path / "results" / "study").attrs["content_sha256"] == undisturbed_hash(PLAIN_STUDY)
 
 
 @pytest.mark.kernel
@@ -107,7 +115,7 @@ def test_the_script_for_dask_jobqueue_runs(tmp_path, monkeypatch):
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, "dask_jobqueue", SimpleNamespace(SLURMCluster=Cluster))
-    (tmp_path / "study.toml").write_text(PLAIN)
+    (tmp_path / "study.toml").write_text(PLAIN_STUDY)
     run = fc.run_study
 
     def run_here(*words, backend, scheduler, **options):
@@ -115,5 +123,5 @@ def test_the_script_for_dask_jobqueue_runs(tmp_path, monkeypatch):
         return run(*words, **options)
 
     monkeypatch.setattr(fc, "run_study", run_here)
-    exec(named("clusters.md", "py")[0], {"__name__": "__main__"})
-    assert fc.open_study("results/study").attrs["content_sha256"] == golden(PLAIN)
+    exec(blocks_of_kind("clusters.md", "py")[0], {"__name__": "__main__"})
+    assert fc.open_study("results/study").attrs["content_sha256"] == undisturbed_hash(PLAIN_STUDY)

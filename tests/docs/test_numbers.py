@@ -12,9 +12,9 @@ RULES = """**Of 1,200 loops (3 % hunt)**
 
 | rule | days | right | RMSE, mean | travel |
 | --- | --- | --- | --- | --- |
-| margin | stepped | 98.9 % (98.4 to 99.3) | -30 % (-34 to -25), × 1.5 | 95.4% |
+| hunting index | stepped | 98.9 % (98.4 to 99.3) | -30 % (-34 to -25), × 1.5 | 95.4% |
 |  | constant | 12 % | +7 % | 1,200 |
-| margin, filtered | stepped | 40 % | 0 | 3 |
+| hunting index, filtered | stepped | 40 % | 0 | 3 |
 """
 
 
@@ -36,14 +36,14 @@ def test_every_table_is_shown_or_linked_and_has_a_name_of_its_own():
     texts = "".join(page.read_text() for page in PAGES)
     for path in (ROOT / "studies").glob("*/tables/*.md"):
         assert table_file(ROOT, path.stem) == path
-        shown = (f"<!-- table {path.stem} -->", f"tables/{path.name})", f"{path.parts[-3]}/tables)")
-        assert any(mark in texts for mark in shown), path.stem
+        marks = (f"<!-- table {path.stem} -->", f"tables/{path.name})", f"{path.parts[-3]}/tables)")
+        assert any(mark in texts for mark in marks), path.stem
 
 
 @pytest.mark.parametrize(
     "mark",
-    ["rules | stepped | right", "rules | nobody | right", "rules | margin & stepped | r", "rule | margin | right",
-     "rules | margin & stepped | right | of (nothing)", "rules | title | (nothing)"],
+    ["rules | stepped | right", "rules | nobody | right", "rules | hunting index & stepped | r", "rule | hunting index | right",
+     "rules | hunting index & stepped | right | of (nothing)", "rules | title | (nothing)"],
 )  # fmt: skip
 def test_a_mark_that_fits_nothing_or_more_than_one_cell_is_refused(root, mark):
     (root / "studies" / "rules" / "tables" / "rules.md").write_text(RULES.replace("travel", "rest"))
@@ -56,8 +56,8 @@ def test_a_table_is_put_between_its_marks(root):
     assert filled(root, page) == f"a\n\n<!-- table rules -->\n\n{RULES}\n<!-- end rules -->\nb\n"
 
 
-FOUR = ("quasistatic", "4")
-EIGHT = ("quasistatic", "8")
+FOUR_VOLUMES = ("quasistatic", "4")
+EIGHT_VOLUMES = ("quasistatic", "8")
 STATEMENTS = [
     ("remedies", "Gains tuned for it do not cure that", 0, ("remedies_tuned", "RMSE against", "learner"), 1, 99),
     ("hunting", "It costs no accuracy", 0, ("hunting_cost", "constant", "(kp K)^"), 0, 0),
@@ -70,8 +70,8 @@ STATEMENTS = [
     ("heating", "No valve of up to 15 % makes these loops hunt", 2, ("heating_backlash", "plain PI"), 0, 0),
     ("heating", "`identify` harms no good valve", 0, ("heating_backlash", "`identify`", "X = 0"), 0, 0),
     ("tuning", "and nothing hunts", 0, ("tuning", "hunting", "tuned PI"), 0, 0),
-    ("numerics", "With 4 it is 3 %", 0, ("convergence_steps", "rmse", "paper_like_fast", *FOUR), 2.5, 3.5),
-    ("numerics", "differs from that with 32 by more than 1 %", 0, ("convergence_steps", "rmse", *EIGHT), -1, 1),
+    ("numerics", "With 4 it is 3 %", 0, ("convergence_steps", "rmse", "paper_like_fast", *FOUR_VOLUMES), 2.5, 3.5),
+    ("numerics", "differs from that with 32 by more than 1 %", 0, ("convergence_steps", "rmse", *EIGHT_VOLUMES), -1, 1),
     ("numerics", "That is below 1 %", 1, ("convergence_wet", "heat, % of", "partly wet", "8"), 0, 1),
     ("inverse", "no other parameter exceeds 0.1", 0, ("sensitivity", "95 %, first", "rangeability"), 0.04, 0.1),
 ]
@@ -83,8 +83,10 @@ def test_a_statement_in_words_holds_in_its_table(page, words, part, where, low, 
     text = re.sub(r"\s+", " ", (ROOT / "docs" / "findings" / f"{page}.md").read_text())
     assert words in text
     table, column, *labels = where
-    found = rows(table_file(ROOT, table).read_text())
-    fit = [row for row in found if all(any(cell.startswith(label) for cell in row.values()) for label in labels)]
-    cells = [next(cell for head, cell in row.items() if head.startswith(column)) for row in fit]
+    table_rows = rows(table_file(ROOT, table).read_text())
+    matching_rows = [
+        row for row in table_rows if all(any(cell.startswith(label) for cell in row.values()) for label in labels)
+    ]
+    cells = [next(cell for head, cell in row.items() if head.startswith(column)) for row in matching_rows]
     assert cells
     assert all(low <= float(FIRST.findall(cell)[part].replace(",", "")) <= high for cell in cells)

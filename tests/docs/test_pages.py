@@ -34,11 +34,11 @@ PATH = re.compile(r"`((?:docs|studies|benchmarks|fastcoil|tests)/[\w./-]+)`")
 SCRIPTS = {"logs.py", "controller.py"}
 """Scripts that the reader makes, or that a command of the page writes."""
 TOOLS = {"pip", "dask", "."}
-LONG = [["fit", "coil"], ["tune", "ahu.toml"]]
+LONG_COMMANDS = [["fit", "coil"], ["tune", "ahu.toml"]]
 """Commands that take seconds: `make test` runs a page up to them, `make test-full` to its end."""
-OTHER_TOOLS = "import arviz"
+HEAVY_IMPORT = "import arviz"
 """Begins a block that loads libraries for seconds, and calls nothing of fastcoil: `make test-full` runs it."""
-DEMO = ["demo"]
+DEMO_COMMAND = ["demo"]
 """Shown in tests/cli/test_first_minutes.py; nothing on a page needs what it leaves."""
 
 
@@ -64,21 +64,21 @@ def commands(text):
             yield [words[0].removeprefix(".venv/bin/"), *words[1:]]
 
 
-def says(line, shown):
+def line_matches(line, expected):
     """Whether a printed line is the one shown, but for numbers that another CPU or library may round otherwise."""
-    if NUMBER.sub("0", line.strip()) != NUMBER.sub("0", shown.strip()):
+    if NUMBER.sub("0", line.strip()) != NUMBER.sub("0", expected.strip()):
         return False
     return [float(n) for n in NUMBER.findall(line)] == pytest.approx(
-        [float(n) for n in NUMBER.findall(shown)], rel=0.01
+        [float(n) for n in NUMBER.findall(expected)], rel=0.01
     )
 
 
-RUN = [page for page in PAGES if blocks(page, "python")]
+PAGES_WITH_PYTHON = [page for page in PAGES if blocks(page, "python")]
 
 
 @pytest.mark.kernel
 @pytest.mark.usefixtures("blank_figures")
-@pytest.mark.parametrize("page", RUN, ids=is_named)
+@pytest.mark.parametrize("page", PAGES_WITH_PYTHON, ids=is_named)
 def test_a_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capsys):
     """Its Python, its study files and the commands on them; and what it says they print is printed."""
     monkeypatch.chdir(tmp_path)
@@ -89,7 +89,7 @@ def test_a_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capsys):
     for kind, text in blocks(page):
         if kind == "console" and is_named(page) != "docs/hand-over.md":
             continue  # named in test_blocks
-        if kind == "python" and text.startswith(OTHER_TOOLS) and not os.environ.get("FASTCOIL_FULL"):
+        if kind == "python" and text.startswith(HEAVY_IMPORT) and not os.environ.get("FASTCOIL_FULL"):
             printed = None
         elif kind == "python":
             if saved := re.match(r"# (\w+\.py)\n", text):
@@ -102,32 +102,34 @@ def test_a_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capsys):
             read_study(path)
         elif kind == "sh":
             for program, *words in commands(text):
-                if words[:2] in LONG and not os.environ.get("FASTCOIL_FULL"):
+                if words[:2] in LONG_COMMANDS and not os.environ.get("FASTCOIL_FULL"):
                     return
-                if program == "fastcoil" and words != DEMO:
-                    found = CliRunner().invoke(main, words)
-                    assert found.exit_code == 0, (words, found.output)
-                    printed = found.output
+                if program == "fastcoil" and words != DEMO_COMMAND:
+                    result = CliRunner().invoke(main, words)
+                    assert result.exit_code == 0, (words, result.output)
+                    printed = result.output
         elif kind == "console" and shutil.which("gcc"):
             for line in text.splitlines():
                 program, *words = shlex.split(line.removeprefix("$ "))
                 subprocess.run([sys.executable if program == "python" else program, *words], check=True, timeout=60)
         elif kind == "text" and printed is not None:
             lines = printed.splitlines()
-            assert all(any(says(line, shown) for line in lines) for shown in text.splitlines() if shown != "…"), printed
+            assert all(
+                any(line_matches(line, expected) for line in lines) for expected in text.splitlines() if expected != "…"
+            ), printed
 
 
 def test_the_readme_shows_the_script_of_the_first_look():
     script = (ROOT / "studies" / "first_look" / "first_look.py").read_text()
     docstring = ast.parse(script).body[0]
     code = "\n".join(script.splitlines()[docstring.end_lineno :]).strip()
-    _, shown = blocks(ROOT / "README.md", "python")[0]
-    assert shown.strip() == code
+    _, readme_code = blocks(ROOT / "README.md", "python")[0]
+    assert readme_code.strip() == code
 
 
 def test_the_readme_shows_what_the_page_on_diagnosis_prints():
-    ((_, shown),) = blocks(ROOT / "README.md", "console")
-    command, *lines = shown.strip().splitlines()
+    ((_, console),) = blocks(ROOT / "README.md", "console")
+    command, *lines = console.strip().splitlines()
     page = ROOT / "docs" / "logs.md"
     assert command.removeprefix("$ ") in blocks(page, "sh")[0][1]
     assert set(lines) <= set(blocks(page, "text")[0][1].splitlines())
@@ -190,18 +192,18 @@ def command_problem(program, words, targets):
         command = command.commands.get(name)
         if command is None:
             return f"fastcoil has no {name}"
-    known = {option for p in command.params for option in (*p.opts, *p.secondary_opts)} | {"--help", "--version"}
-    unknown = [w for w in words if w.startswith("-") and w.partition("=")[0] not in known]
+    options = {option for p in command.params for option in (*p.opts, *p.secondary_opts)} | {"--help", "--version"}
+    unknown = [w for w in words if w.startswith("-") and w.partition("=")[0] not in options]
     return f"{command.name} has no {unknown}" if unknown else None
 
 
 @pytest.mark.parametrize("page", PAGES, ids=is_named)
 def test_every_command_exists(page):
     targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
-    given = [words for _, text in blocks(page, "sh") for words in commands(text)]
+    all_commands = [words for _, text in blocks(page, "sh") for words in commands(text)]
     spans = [span for span in SPAN.findall(prose(page)) if re.match(r"(\.venv/bin/)?(fastcoil|make|python) ", span)]
-    given += [words for span in spans for words in commands(span.partition(">")[0])]
-    problems = [p for program, *words in given if (p := command_problem(program, words, targets))]
+    all_commands += [words for span in spans for words in commands(span.partition(">")[0])]
+    problems = [p for program, *words in all_commands if (p := command_problem(program, words, targets))]
     assert not problems
 
 
@@ -225,9 +227,9 @@ def test_every_link_leads_somewhere(page):
     for target in targets:
         if not target.startswith("https://"):
             path, _, anchor = target.partition("#")
-            other = (page.parent / path).resolve() if path else page
-            assert other.exists(), target
-            assert not anchor or anchor in anchors(other), target
+            target_page = (page.parent / path).resolve() if path else page
+            assert target_page.exists(), target
+            assert not anchor or anchor in anchors(target_page), target
 
 
 def test_every_page_can_be_reached_from_the_index():

@@ -37,8 +37,8 @@ def test_links_lead_to_pages_of_the_site(pages):
         for link in re.findall(r"\]\(([^)\s]+\.(?:md|rst)(?:#[^)\s]*)?)\)", re.sub(r"(?ms)^```.*?^```$", "", text))
     }
     assert len(links) > 200
-    led = {posixpath.normpath(posixpath.join(posixpath.dirname(page), link)) for page, link in links}
-    assert {page for page in led if page not in pages and not page.startswith(FROM_SPHINX)} == set()
+    targets = {posixpath.normpath(posixpath.join(posixpath.dirname(page), link)) for page, link in links}
+    assert {page for page in targets if page not in pages and not page.startswith(FROM_SPHINX)} == set()
 
 
 def test_a_former_address_leads_to_the_page_that_has_its_content_now(pages):
@@ -53,11 +53,11 @@ def test_an_equation_stands_beside_its_source(pages):
     page = pages["model.md"]
     assert source_of(module, "backlash") in page
     source = (ROOT / "docs" / "model.md").read_text()
-    shown = [
+    function_names = [
         name for names in re.findall(r"^<!-- code \S+: (.+) -->$", source, re.MULTILINE) for name in names.split(", ")
     ]
-    assert [name for name in shown if f"\ndef {name}(" not in page] == []
-    assert len(shown) > 30
+    assert [name for name in function_names if f"\ndef {name}(" not in page] == []
+    assert len(function_names) > 30
     assert page.count("```{math}") == source.count("```math") > 10
 
 
@@ -65,11 +65,11 @@ def test_the_reference_has_every_public_name_once():
     text = (ROOT / "docs" / "reference.md").read_text()
     packages = {name for name in fc.__all__ if isinstance(getattr(fc, name), ModuleType)}
     inside = {f"fastcoil.{package}.{name}" for package in packages for name in getattr(fc, package).__all__}
-    wanted = {f"fastcoil.{name}" for name in fc.__all__ if name not in packages} | inside
-    named = public(text) + re.findall(r"`fc(.__version__)`", text)
-    assert len(set(named)) == len(named)
+    expected_names = {f"fastcoil.{name}" for name in fc.__all__ if name not in packages} | inside
+    names_in_reference = public(text) + re.findall(r"`fc(.__version__)`", text)
+    assert len(set(names_in_reference)) == len(names_in_reference)
     # classes of results are named with their module, three dots and more
-    assert {name.replace(".__", "fastcoil.__") for name in named if name.count(".") < 3} == wanted
+    assert {name.replace(".__", "fastcoil.__") for name in names_in_reference if name.count(".") < 3} == expected_names
 
 
 def test_dead_links_and_what_comes_from_outside_are_found(tmp_path, capsys):

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from helpers.processes import environment
+from helpers.processes import child_environment
 
 TESTS = Path(__file__).parents[1]
 OF_EVERY_KERNEL = [
@@ -19,7 +19,9 @@ OF_EVERY_KERNEL = [
 @pytest.mark.kernel
 @pytest.mark.parametrize("tests", OF_EVERY_KERNEL)
 def test_whole_runs_stay_within_their_arrays(tmp_path, tests):
-    checked = environment(NUMBA_BOUNDSCHECK="1", XDG_CACHE_HOME=str(tmp_path), FASTCOIL_FULL="")
+    checking_environment = child_environment(NUMBA_BOUNDSCHECK="1", XDG_CACHE_HOME=str(tmp_path), FASTCOIL_FULL="")
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(TESTS / tests)]
-    done = subprocess.run(command, env=checked, cwd=TESTS.parent, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout
+    process = subprocess.run(
+        command, env=checking_environment, cwd=TESTS.parent, capture_output=True, text=True, check=False
+    )
+    assert process.returncode == 0, process.stdout

@@ -14,7 +14,7 @@ KINDS = 14
 
 def faults(seed, count, folder):
     """A line for each file, of ``count`` of each kind, that was neither read nor refused in sentences."""
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-m", "helpers.text_fuzz", str(seed), str(count), str(folder)],
         env=os.environ | {"PYTHONPATH": os.pathsep.join([str(TESTS.parent), str(TESTS)]), "OMP_NUM_THREADS": "1"},
         capture_output=True,
@@ -22,8 +22,8 @@ def faults(seed, count, folder):
         timeout=1200,
         check=False,
     )
-    assert done.returncode == 0, done.stderr[-3000:]
-    return done.stdout.splitlines()
+    assert process.returncode == 0, process.stderr[-3000:]
+    return process.stdout.splitlines()
 
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="measures its memory as Linux gives it")

@@ -11,11 +11,11 @@ from pathlib import Path, PureWindowsPath
 
 import pytest
 from helpers import day_on_windows, windows
-from helpers.processes import environment
+from helpers.processes import child_environment
 
 from fastcoil.base import machine
 from fastcoil.base.errors import IntegrityError
-from fastcoil.base.files import _ADDRESS
+from fastcoil.base.files import _URL_START
 from fastcoil.loops import netcdf
 
 pytestmark = [
@@ -28,13 +28,13 @@ pytestmark = [
 def day(tmp_path_factory):
     """What came of each step of a user there."""
     folder = tmp_path_factory.mktemp("windows")
-    words = "-X", "warn_default_encoding", "-W", "ignore::EncodingWarning", "-m", "helpers.day_on_windows", folder
-    done = subprocess.run(
-        [sys.executable, *map(str, words)], check=False, cwd=folder, env=environment(PYTHONIOENCODING="cp1252"),
+    command = "-X", "warn_default_encoding", "-W", "ignore::EncodingWarning", "-m", "helpers.day_on_windows", folder
+    process = subprocess.run(
+        [sys.executable, *map(str, command)], check=False, cwd=folder, env=child_environment(PYTHONIOENCODING="cp1252"),
         capture_output=True, timeout=280, encoding="cp1252",
     )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout.splitlines()[-1]) | {"stderr": done.stderr}
+    assert process.returncode == 0, process.stderr
+    return json.loads(process.stdout.splitlines()[-1]) | {"stderr": process.stderr}
 
 
 @pytest.mark.parametrize("name", day_on_windows.STEPS)
@@ -79,7 +79,7 @@ def test_kernels_are_kept_in_a_folder_whose_mode_says_nothing(day):
 
 def test_memory_commands_and_signals_are_those_of_windows(day):
     typed = 'fastcoil run "my study.toml" -o C:\\results\\a'
-    assert day["machine"] == [windows.MEMORY, typed, 1, False]
+    assert day["machine"] == [windows.MEMORY_BYTES, typed, 1, False]
 
 
 def test_the_command_works_there_and_says_what_its_code_page_has_no_letter_for(day):
@@ -94,10 +94,10 @@ def test_a_crash_of_the_library_is_told_from_a_signal_and_by_its_code(tmp_path, 
     path = tmp_path / "foreign.nc"
     for code, words in ((-11, "signal 11"), (0xC0000005, "code 0xc0000005")):
         path.write_bytes(code.to_bytes(8, "little", signed=True))
-        done = subprocess.CompletedProcess([], code, b"", b"")
-        monkeypatch.setattr(netcdf.subprocess, "run", lambda *_, done=done, **__: done)
+        process = subprocess.CompletedProcess([], code, b"", b"")
+        monkeypatch.setattr(netcdf.subprocess, "run", lambda *_, process=process, **__: process)
         with pytest.raises(IntegrityError, match=f"the library ended with {words}"):
-            netcdf.try_reading(path, "delete it")
+            netcdf.probe_file(path, "delete it")
 
 
 def test_only_windows_is_patient_with_a_refused_change(monkeypatch):
@@ -110,43 +110,43 @@ def test_only_windows_is_patient_with_a_refused_change(monkeypatch):
         return "done"
 
     with pytest.raises(PermissionError):
-        machine.patiently(refused)
+        machine.retry_while_locked(refused)
     monkeypatch.setattr(machine, "IS_POSIX", False)
-    assert machine.patiently(refused) == "done"
-    monkeypatch.setattr(machine, "_PATIENCE", 0.0)
+    assert machine.retry_while_locked(refused) == "done"
+    monkeypatch.setattr(machine, "_LOCKED_SECONDS", 0.0)
     del tries[:]
     with pytest.raises(PermissionError):
-        machine.patiently(refused)
+        machine.retry_while_locked(refused)
 
 
 def test_a_worker_waits_there_for_the_process_itself(monkeypatch):
-    asked = []
+    calls = []
 
     class Win:
-        OpenProcess = staticmethod(lambda *words: asked.append(words) or 7)
-        WaitForSingleObject = staticmethod(lambda *words: asked.append(words))
+        OpenProcess = staticmethod(lambda *words: calls.append(words) or 7)
+        WaitForSingleObject = staticmethod(lambda *words: calls.append(words))
 
     monkeypatch.setitem(sys.modules, "_winapi", Win)
     monkeypatch.setattr(machine.sys, "platform", "win32")
-    machine.wait_for_end(42)
-    assert asked == [(0x100000, False, 42), (7, -1)]
+    machine.wait_for_parent_exit(42)
+    assert calls == [(0x100000, False, 42), (7, -1)]
 
 
 @pytest.mark.parametrize("path", [r"C:\results\a", "C:/results/a", r"\\server\share\a", r"results\a"])
 def test_drive_letters_and_backslashes_are_no_addresses_and_no_names(path):
-    assert not _ADDRESS.match(path)
+    assert not _URL_START.match(path)
     assert "\\" not in PureWindowsPath(path).as_posix()
 
 
 def test_no_file_but_machine_asks_for_what_only_unix_has():
-    words = (*(f"os.{n}" for n in windows.NO_NAMES), *(f"import {n}" for n in windows.NO_MODULES), "signal.SIGHUP",
+    words = (*(f"os.{n}" for n in windows.MISSING_OS_NAMES), *(f"import {n}" for n in windows.MISSING_MODULES), "signal.SIGHUP",
              "signal.SIGKILL", "import msvcrt", "sys.platform ==", "os.name")  # fmt: skip
     package = Path(machine.__file__).parents[1]
-    found = {
+    places = {
         f"{path.relative_to(package).as_posix()}: {word}"
         for path in package.rglob("*.py")
         for word in words
         if word in path.read_text(encoding="utf-8") and path.name != "machine.py"
     }
     # guarded there: the package loads nothing else, and the lock is the library's
-    assert found == {"__init__.py: os.register_at_fork", "loops/netcdf.py: os.register_at_fork"}
+    assert places == {"__init__.py: os.register_at_fork", "loops/netcdf.py: os.register_at_fork"}

@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 from helpers.log_files import COIL_HEADER, VALVE_HEADER, coil_rows, valve_rows, write_csv
-from helpers.loop_logs import loop_log, write_log
+from helpers.loop_logs import make_loop_log, write_log
 from helpers.rules import Memory, Parameters
 from helpers.trend_logs import HEADER, ROWS
 from matplotlib.figure import Figure
@@ -35,7 +35,7 @@ hours = 0.05
 [run]
 warm_up = 60
 """
-HOSTILE = {
+WRONG_VALUES = {
     "None": None, "NaN": math.nan, "inf": math.inf, "-1": -1, "0": 0, "1.5": 1.5, "1e308": 1e308, "10**9": 10**9,
     "complex": 1j, "True": True, "empty text": "", "text": "x", "half a surrogate pair": "\ud800",
     "text with NUL": "a\0b", "number as text": "1", "bytes": b"x", "list of mixed things": [1, "a", None],
@@ -61,22 +61,22 @@ _WEATHER = ["hour_of_year", "month", "day", "hour", "T_drybulb_C", "T_dewpoint_C
 
 def public_calls():
     """Name → function, of everything that a user calls."""
-    found = {}
+    functions = {}
     for name in fc.__all__:
         value = getattr(fc, name)
         if isinstance(value, type) and issubclass(value, BaseException):
             continue
         if callable(value):
-            found[name] = value
+            functions[name] = value
         if isinstance(value, type):
-            found |= _methods(name, value)
+            functions |= _public_methods(name, value)
     for cls in (Fit, Diagnosis, Tuning, ValveReading):
-        found |= _methods(cls.__name__, cls)
-    found |= {f"plot.{name}": getattr(fc.plot, name) for name in fc.plot.__all__}
-    return {name: call for name, call in found.items() if parameters(call)}
+        functions |= _public_methods(cls.__name__, cls)
+    functions |= {f"plot.{name}": getattr(fc.plot, name) for name in fc.plot.__all__}
+    return {name: call for name, call in functions.items() if parameters(call)}
 
 
-def _methods(name, cls):
+def _public_methods(name, cls):
     members = {n: getattr(cls, n) for n in vars(cls) if not n.startswith("_") or n == "__getitem__"}
     return {f"{name}.{n}": member for n, member in members.items() if callable(member)}
 
@@ -91,7 +91,7 @@ def _cheap():
     """Fits and readings of which little is tried."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("fastcoil.measured.fit_coil._N_STARTS", 2)
-        patch.setattr("fastcoil.measured.read_test._UNLIKELY", 0.1)
+        patch.setattr("fastcoil.measured.read_test._LIKELIHOOD_RANGE", 0.1)
         yield
 
 
@@ -126,8 +126,8 @@ def base_calls(tmp_path_factory, _cheap):
     )
     for name in ("T_sup", "T_set"):
         recorded[name].attrs["units"] = "degC"
-    hunting = write_log(loop_log(hours=1.0), folder / "loop.csv")
-    tested = write_log(loop_log(hours=0.25, interval=15.0), folder / "test.csv")
+    hunting = write_log(make_loop_log(hours=1.0), folder / "loop.csv")
+    tested = write_log(make_loop_log(hours=0.25, interval=15.0), folder / "test.csv")
     when = {"between": (300.0, 600.0), "stroke_time": 90.0}
     entering = {"m_a": 1.2, "T_a_in": 26.0, "W_a_in": 0.01, "T_w_in": 7.0}
     seconds = np.arange(300.0)
@@ -141,12 +141,12 @@ def base_calls(tmp_path_factory, _cheap):
     tuning = {"loop": fc.Loop(backlash=[0.0, 0.07]), "boundary": fc.paper_day(hours=0.05, seed=[1, 2]), "n_jobs": 1}
     tuning |= {"search": {"kp": (0.01, 0.1)}, "evaluations": 8, "warm_up": 60}
     rule = {"Parameters": Parameters, "Memory": Memory}
-    seen = ["T_sup", "command", "opening", "estimate", "mode"]
-    traced = fc.simulate(fc.Loop(backlash=[0.02, 0.07], learning_step=0.01), day, warm_up=60, traces=seen)
+    trace_names = ["T_sup", "command", "opening", "estimate", "mode"]
+    traced = fc.simulate(fc.Loop(backlash=[0.02, 0.07], learning_step=0.01), day, warm_up=60, traces=trace_names)
     worn, panels = fc.Loop(backlash=[0.02, 0.07]), Figure().subplots(4)
     predicted = fc.limit_cycle(worn, day, at=10)
     stated = fc.linearise(loop, day, at=10, state_space=True)
-    swings = fc.simulate(worn, day, warm_up=60, traces=seen)
+    swings = fc.simulate(worn, day, warm_up=60, traces=trace_names)
     return {
         "Boundary": (fc.Boundary, series),
         "Boundary.assign": (day.assign, {}),
@@ -212,7 +212,7 @@ def _in_a_folder_of_its_own(tmp_path, monkeypatch):
     plt.close("all")
 
 
-def call(base, **changes):
+def call_with(base, **changes):
     """The base call with some arguments replaced."""
     function, arguments = base
     with warnings.catch_warnings():
@@ -222,29 +222,29 @@ def call(base, **changes):
 
 def faults(base, name, argument, value):
     """What is wrong with the answer to a wrong value."""
-    said = f"{name}({argument}={value})"
+    attempt = f"{name}({argument}={value})"
     try:
-        call(base, **{argument: HOSTILE[value]})
+        call_with(base, **{argument: WRONG_VALUES[value]})
     except fc.FastcoilError as error:
         text = str(error)
         if value in NEVER_RIGHT and not isinstance(error, fc.InputTypeError):
-            return [f"{said}: no InputTypeError, but {text:.200}"]
+            return [f"{attempt}: no InputTypeError, but {text:.200}"]
         if isinstance(error, fc.InputTypeError) and argument not in text and name.rpartition(".")[2] not in text:
-            return [f"{said}: does not name the argument: {text:.200}"]
+            return [f"{attempt}: does not name the argument: {text:.200}"]
         if len(text) > _LONGEST or not text.replace("\n", "").isprintable():
-            return [f"{said}: {len(text)} letters, perhaps not printable: {text:.200}"]
+            return [f"{attempt}: {len(text)} letters, perhaps not printable: {text:.200}"]
         return []
     except UserWarning:  # of a value that is right, such as no air flow
         pass
     except Exception as error:
-        return [f"{said}: {type(error).__name__}: {error!s:.200}"]
-    return [f"{said}: is taken"] if value in NEVER_RIGHT else []
+        return [f"{attempt}: {type(error).__name__}: {error!s:.200}"]
+    return [f"{attempt}: is taken"] if value in NEVER_RIGHT else []
 
 
 def test_every_public_function_has_a_base_call(base_calls):
     assert base_calls.keys() == public_calls().keys()
     for name, base in base_calls.items():
-        call(base)
+        call_with(base)
         assert set(parameters(base[0])) == set(parameters(public_calls()[name]))
 
 
@@ -255,8 +255,8 @@ def test_a_wrong_argument_gets_a_sentence(base_calls, n):
         (name, argument, value)
         for name, base in base_calls.items()
         for argument in parameters(base[0])
-        for value in HOSTILE
+        for value in WRONG_VALUES
     ]
     attacks = random.Random(12).sample(attacks, n or len(attacks))
-    found = [fault for name, *attack in attacks for fault in faults(base_calls[name], name, *attack)]
-    assert not found, "\n".join(found)
+    all_faults = [fault for name, *attack in attacks for fault in faults(base_calls[name], name, *attack)]
+    assert not all_faults, "\n".join(all_faults)

@@ -12,7 +12,7 @@ DAYS = {
     "cooling": (DAY, fc.constant_day(hours=2), fc.paper_day(hours=2, seed=4)),
     "heating": (fc.heating_day(hours=2), fc.constant_day(hours=2, T_a_in=12.0, W_a_in=0.005, T_w_in=60.0, T_set=25.0)),
 }
-PLAIN = {"law": "pi", "estimator": "none", "learning_step": 0.0}
+PLAIN_PI = {"law": "pi", "estimator": "none", "learning_step": 0.0}
 
 
 def random_loop(seed):
@@ -54,74 +54,77 @@ def any_loop(seed):
     """(loop, day): any preset, gains, law, estimator, compensation, coarseness, action and kind of day."""
     rng = np.random.default_rng([28, seed])
 
-    def one(*words):
+    def draw(*words):
         return words[rng.integers(len(words))]
 
-    preset = one("lbnl", "g36", "paper_like_fast", "paper_like", "heating", "heating")
+    preset = draw("lbnl", "g36", "paper_like_fast", "paper_like", "heating", "heating")
     heats = preset == "heating"
-    gap = one(0.0, 0.01, 0.02, 0.04, 0.07, 0.1, 0.15)
+    gap = draw(0.0, 0.01, 0.02, 0.04, 0.07, 0.1, 0.15)
     changes = {
         "kp": float(f"{np.exp(rng.uniform(np.log(0.003), np.log(0.15))):.2g}"),
         "ti": float(f"{10 ** rng.uniform(0.7, 2.7):.2g}"),
-        "sample_time": one(1, 5, 15, 30),
-        "stroke_time": one(0.0, 60.0, 90.0, 150.0),
-        "noise_std": one(0.0, 0.0, 0.02, 0.05),
+        "sample_time": draw(1, 5, 15, 30),
+        "stroke_time": draw(0.0, 60.0, 90.0, 150.0),
+        "noise_std": draw(0.0, 0.0, 0.02, 0.05),
         "backlash": gap,
     }
-    estimate = one(0.0, 0.5, 0.95, 1.1) * gap
-    ways = {"compensation": one("inverse", "additive", "smooth"), "backlash_estimate": round(estimate, 4)}
-    learner = one(
+    estimate = draw(0.0, 0.5, 0.95, 1.1) * gap
+    ways = {"compensation": draw("inverse", "additive", "smooth"), "backlash_estimate": round(estimate, 4)}
+    learner = draw(
         {"estimator": "learner", "learning_step": 0.007}, {"estimator": "gradient"},
         {"estimator": "hagglund", "plant_gain": 15.0}, {"estimator": "identify", "estimate_share": 0.95},
     )  # fmt: skip
     coarse = {"sensor_resolution": 0.05, "command_resolution": 0.005, "neutral_zone": 0.01, "error_dead_band": 0.2}
-    odd = one("sensor_resolution", "command_resolution", "neutral_zone", "error_dead_band")
-    changes |= one({}, {}, {}, ways, ways, learner, {odd: coarse[odd]}, {"slip_jump": 0.3 * gap},
-                   {"law": integrate, "ki": one(0.0005, 0.002, 0.01)})  # fmt: skip
+    odd = draw("sensor_resolution", "command_resolution", "neutral_zone", "error_dead_band")
+    changes |= draw({}, {}, {}, ways, ways, learner, {odd: coarse[odd]}, {"slip_jump": 0.3 * gap},
+                   {"law": integrate, "ki": draw(0.0005, 0.002, 0.01)})  # fmt: skip
     if rng.random() < 0.06:
         changes["action"] = "cooling" if heats else "heating"
-    return fc.Loop.preset(preset).assign(**changes), one(*DAYS["heating" if heats else "cooling"])
+    return fc.Loop.preset(preset).assign(**changes), draw(*DAYS["heating" if heats else "cooling"])
 
 
-def changed(loop, changes):
+def change_loop(loop, changes):
     """The loop with other values; with the PI in place of its law it has no parameters of that law."""
     if changes.get("law") == "pi" and loop["law"] != "pi":
         loop = fc.Loop(**{name: value for name, value in loop.constants.items() if name not in ("law", "ki")})
     return loop.assign(**changes)
 
 
-def simulated(loop, day, **changes):
-    return fc.simulate(changed(loop, changes), day, n_jobs=1, progress=False)
+def simulate_loop(loop, day, **changes):
+    return fc.simulate(change_loop(loop, changes), day, n_jobs=1, progress=False)
 
 
-def followed(found):
+def follow_advice(explanation):
     """The loop with what is recommended."""
-    cures = found.cures
-    row = cures.sel(cure=found.recommended)
-    return changed(found.loop, {n: row[n].item() for n in cures.coords if cures[n].ndim and n != "cure"})
+    cures = explanation.cures
+    row = cures.sel(cure=explanation.recommended)
+    return change_loop(explanation.loop, {n: row[n].item() for n in cures.coords if cures[n].ndim and n != "cure"})
 
 
-def unsettled(found):
+def advice_problems(explanation):
     """What is wrong with the advice on the loop that has followed the advice, a word or two each.
 
     Nothing more may be asked for but what was offered the first time.
     """
-    if found.recommended == "as_it_is":
+    if explanation.recommended == "as_it_is":
         return []
-    again = fc.explain(followed(found), found.boundary)
-    wrong = [f"follows {found.recommended}, but hunts"] * again.hunts
+    again = fc.explain(follow_advice(explanation), explanation.boundary)
+    problems = [f"follows {explanation.recommended}, but hunts"] * again.hunts
     with_gap = "If the backlash is known"
-    if again.recommended == "as_it_is" or (again.advice.startswith(with_gap) and with_gap in found.advice):
-        return wrong
-    return [*wrong, f"follows {found.recommended}, then {again.recommended}: {found.advice} THEN {again.advice}"]
+    if again.recommended == "as_it_is" or (again.advice.startswith(with_gap) and with_gap in explanation.advice):
+        return problems
+    return [
+        *problems,
+        f"follows {explanation.recommended}, then {again.recommended}: {explanation.advice} THEN {again.advice}",
+    ]
 
 
-def contradictions(found):
+def contradictions(explanation):
     """Every contradiction in an explanation, a word or two each."""
-    loop, day = found.loop, found.boundary
-    text, cures, wrong = found.text, found.cures, []
-    first, why = text.splitlines()[:2]
-    now = simulated(loop, day)
+    loop, day = explanation.loop, explanation.boundary
+    text, cures, problems = explanation.text, explanation.cures, []
+    first, reason = text.splitlines()[:2]
+    result = simulate_loop(loop, day)
     says_hunts = first.startswith("This loop will hunt")
     words = dict(zip(cures["cure"].values.tolist(), cures["words"].values.tolist(), strict=True))
     row = next(line for line in text.splitlines() if line.startswith("as it is"))
@@ -130,9 +133,9 @@ def contradictions(found):
 
     def check(name, is_wrong):
         if is_wrong:
-            wrong.append(name)
+            problems.append(name)
 
-    check("answer: calm, simulated: hunts", now.hunts > 0 and not says_hunts)
+    check("answer: calm, simulated: hunts", result.hunts > 0 and not says_hunts)
     check("answer: hunts, sentence: no hunting", says_hunts and "no hunting" in text)
     check("answer against row", says_hunts == row.endswith("does not hunt"))
     troubled = "does not hold" in first or "chatters" in first
@@ -140,11 +143,11 @@ def contradictions(found):
     check("chatters, but left alone", "chatters" in first and not says_hunts and "Leave it" in advice)
     check("hunts, but left alone", says_hunts and ("Leave it" in advice or "If the error matters" in advice))
     calm_gains = [
-        simulated(loop, day, **PLAIN, kp=float(m.kp_simc) * factor, ti=float(m.ti_simc) * time)
-        for m in [fc.linearise(changed(loop, {**PLAIN, "kp": 0.01}), day)]
+        simulate_loop(loop, day, **PLAIN_PI, kp=float(m.kp_simc) * factor, ti=float(m.ti_simc) * time)
+        for m in [fc.linearise(change_loop(loop, {**PLAIN_PI, "kp": 0.01}), day)]
         for factor, time in ((1.0, 1.0), (0.5, 1.0), (0.5, 2.0))
         if np.isfinite(m.kp_simc)
-    ] if says_hunts and found.recommended in ("as_it_is", "dead_band", "repaired_valve") else []  # fmt: skip
+    ] if says_hunts and explanation.recommended in ("as_it_is", "dead_band", "repaired_valve") else []  # fmt: skip
     check("gains cure it, but none is proposed", any(one.hunts == 0 for one in calm_gains))
     better = {name for name, change in error.items() if change < 0.95}
     better -= {"repaired_valve"} if "a repaired valve would" in advice else set()
@@ -155,54 +158,66 @@ def contradictions(found):
     better -= {"dead_band", "repaired_valve"} if "none of these gains" in advice else set()
     check("none is better, but a row is", "Leave it" in advice and "below 0.01 K" not in advice and better)
     cured = any(str(one).startswith("cures it") for one in cures["verdict"].values)
-    check("none stops it, but a row does", "None of these " in advice and cured and found.recommended == "as_it_is")
-    margin = re.search(r"margin ([\d.e+-]+); a loop hunts above ([\d.]+\d)", why)
-    if margin:
-        above = float(margin[1]) > float(margin[2])
-        explained = "no swing large enough" in why or (
-            "go by the simulation" in text and ("theory" in why or "swing" in why)
+    check(
+        "none stops it, but a row does", "None of these " in advice and cured and explanation.recommended == "as_it_is"
+    )
+    hunting_index = re.search(r"hunting index ([\d.e+-]+); a loop hunts above ([\d.]+\d)", reason)
+    if hunting_index:
+        above = float(hunting_index[1]) > float(hunting_index[2])
+        explained = "no swing large enough" in reason or (
+            "go by the simulation" in text and ("theory" in reason or "swing" in reason)
         )
         check(
-            "margin below its limit, but hunts", says_hunts and not above and "large swing" not in why and not explained
+            "hunting index below its limit, but hunts",
+            says_hunts and not above and "large swing" not in reason and not explained,
         )
-        check("margin above its limit, but calm", not says_hunts and above and not explained)
-    perfect = "even with a perfect valve" in why
+        check("hunting index above its limit, but calm", not says_hunts and above and not explained)
+    perfect = "even with a perfect valve" in reason
     if "repaired_valve" in error:
-        stops = simulated(loop, day, backlash=0.0, backlash_estimate=0.0, slip_jump=0.0).hunts == 0
+        stops = simulate_loop(loop, day, backlash=0.0, backlash_estimate=0.0, slip_jump=0.0).hunts == 0
         cured = next(v for n, v in zip(words, cures["verdict"].values, strict=True) if n == "repaired_valve")
         check("the valve is to blame and is not", perfect and stops and cured.startswith("cures"))
-        check("the valve is not to blame and is", "Any backlash triggers it" in why and not cured.startswith("cures"))
-    best = found.recommended
-    if best != "as_it_is":
-        check("the advice is not the recommended row", words[best] not in advice)
-        quoted = re.search(r"RMSE ([+-]\d+) %", advice[advice.find(words[best]) :])
-        check("another number than the row", not quoted or abs(float(quoted[1]) - 100 * (error[best] - 1)) > 0.51)
-        changes = {n: cures[n].values[list(words).index(best)] for n in cures.coords if cures[n].ndim and n != "cure"}
-        then = simulated(loop, day, **{n: v.item() for n, v in changes.items()})
-        check("recommended, but it hunts", then.hunts > 0)
-        check("recommended, but simulated otherwise", abs(float(then.rmse / now.rmse) - error[best]) > 1e-9)
-    return wrong
+        check(
+            "the valve is not to blame and is", "Any backlash triggers it" in reason and not cured.startswith("cures")
+        )
+    recommended = explanation.recommended
+    if recommended != "as_it_is":
+        check("the advice is not the recommended row", words[recommended] not in advice)
+        quoted = re.search(r"RMSE ([+-]\d+) %", advice[advice.find(words[recommended]) :])
+        check(
+            "another number than the row", not quoted or abs(float(quoted[1]) - 100 * (error[recommended] - 1)) > 0.51
+        )
+        changes = {
+            n: cures[n].values[list(words).index(recommended)] for n in cures.coords if cures[n].ndim and n != "cure"
+        }
+        advised_result = simulate_loop(loop, day, **{n: v.item() for n, v in changes.items()})
+        check("recommended, but it hunts", advised_result.hunts > 0)
+        check(
+            "recommended, but simulated otherwise",
+            abs(float(advised_result.rmse / result.rmse) - error[recommended]) > 1e-9,
+        )
+    return problems
 
 
 def contradictions_of_log(loop):
     """The same for the diagnosis of a log of 6 h of the loop, every 10 s, and for its advice on that day."""
-    day, wrong = fc.paper_day(hours=6), []
-    now = fc.simulate(loop, day, traces=["T_measured", "command"], trace_interval=10, n_jobs=1, progress=False)
-    log = now.assign(T_set=("elapsed_time", day.series["T_set"][0][::10], {"units": "degC"}))
-    found = fc.diagnose(log, stroke_time=loop["stroke_time"])
-    calls = found.advice.reason.partition(":")[0]
-    if found.hunts != (calls in ("Do this", "Leave the gains")):
-        wrong.append(f"hunts: {found.hunts}, but: {calls}")
+    day, problems = fc.paper_day(hours=6), []
+    result = fc.simulate(loop, day, traces=["T_measured", "command"], trace_interval=10, n_jobs=1, progress=False)
+    log = result.assign(T_set=("elapsed_time", day.series["T_set"][0][::10], {"units": "degC"}))
+    diagnosis = fc.diagnose(log, stroke_time=loop["stroke_time"])
+    calls = diagnosis.advice.reason.partition(":")[0]
+    if diagnosis.hunts != (calls in ("Do this", "Leave the gains")):
+        problems.append(f"hunts: {diagnosis.hunts}, but: {calls}")
     if (
-        found.predictions is not None
-        and "log again" in found.advice.reason
-        and found.predictions.sel(case="simc").hunts == 0
+        diagnosis.predictions is not None
+        and "log again" in diagnosis.advice.reason
+        and diagnosis.predictions.sel(case="simc").hunts == 0
     ):
-        wrong.append("other gains are predicted to be calm, but none is advised")
-    gains = re.search(r": kp ([\d.e-]+) 1/K, ti ([\d.e+]+) s: RMSE", found.advice.reason)
+        problems.append("other gains are predicted to be calm, but none is advised")
+    gains = re.search(r": kp ([\d.e-]+) 1/K, ti ([\d.e+]+) s: RMSE", diagnosis.advice.reason)
     if gains:
-        then = fc.simulate(loop.assign(kp=float(gains[1]), ti=float(gains[2])), day, n_jobs=1, progress=False)
-        wrong += ["advised gains hunt"] * int(then.hunts > 0) + ["advised gains are worse"] * int(
-            then.rmse > 1.05 * now.rmse
+        advised_result = fc.simulate(loop.assign(kp=float(gains[1]), ti=float(gains[2])), day, n_jobs=1, progress=False)
+        problems += ["advised gains hunt"] * int(advised_result.hunts > 0) + ["advised gains are worse"] * int(
+            advised_result.rmse > 1.05 * result.rmse
         )
-    return wrong
+    return problems

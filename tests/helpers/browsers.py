@@ -11,11 +11,11 @@ from contextlib import contextmanager
 
 import pytest
 
-QUIET = (
+BROWSER_OPTIONS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-extensions",
     "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage",
 )  # fmt: skip
-_PATIENCE = 60.0
+_MAX_WAIT_S = 60.0
 
 
 def why_no_browser():
@@ -39,7 +39,7 @@ def chromium(width=1280, height=800):
     options = webdriver.ChromeOptions()
     options.binary_location = shutil.which("chromium")
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-        for word in (*QUIET, f"--user-data-dir={profile}", f"--window-size={width},{height}"):
+        for word in (*BROWSER_OPTIONS, f"--user-data-dir={profile}", f"--window-size={width},{height}"):
             options.add_argument(word)
         options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
         service = webdriver.ChromeService(shutil.which("chromedriver"))
@@ -55,7 +55,7 @@ def chromium(width=1280, height=800):
 
 
 @contextmanager
-def exploring(*words):
+def explore_page(*words):
     """A process of ``fastcoil explore``, and the address of its page."""
     command = [sys.executable, "-m", "fastcoil", "explore", *words, "--no-browser", "--port", "0"]
     process = subprocess.Popen(
@@ -73,29 +73,29 @@ def exploring(*words):
         process.stderr.close()
 
 
-def settled(driver, after=0):
-    """Wait until the page shows what its controls say, ``after`` so many views; how many it has shown."""
-    end = time.monotonic() + _PATIENCE
+def wait_for_page(driver, views_before=0):
+    """Wait until the page shows what its controls say, ``views_before`` so many views; how many it has shown."""
+    end = time.monotonic() + _MAX_WAIT_S
     while time.monotonic() < end:
         phase, turn = driver.execute_script("return [document.body.dataset.phase, document.body.dataset.turn]")
-        if phase == "refused" or (phase == "" and int(turn or 0) > after):
+        if phase == "refused" or (phase == "" and int(turn or 0) > views_before):
             return int(turn or 0)
         time.sleep(0.02)
     raise AssertionError(f"the page is not ready: {phase!r}, {turn!r}")
 
 
-def text_of(driver, name):
+def element_text(driver, name):
     """The text of an element of the page."""
     return driver.execute_script("return document.getElementById(arguments[0]).textContent", name)
 
 
-def data_of(driver, source, column):
+def figure_column(driver, source, column):
     """A column of the data behind a figure."""
     code = "return Array.from(Bokeh.documents[0].get_model_by_name(arguments[0]).get_array(arguments[1]))"
     return driver.execute_script(code, source, column)
 
 
-def deep(driver, selector):
+def find_all(driver, selector):
     """All elements of the page that match, those in shadow trees too, in the order of the page."""
     code = """
     const found = []
@@ -110,13 +110,13 @@ def deep(driver, selector):
     return driver.execute_script(code, selector)
 
 
-def requests_of(driver):
+def requested_urls(driver):
     """Addresses that the browser has asked for."""
     messages = [json.loads(entry["message"])["message"] for entry in driver.get_log("performance")]
     sent = [m["params"]["request"]["url"] for m in messages if m["method"] == "Network.requestWillBeSent"]
     return sent + [m["params"]["url"] for m in messages if m["method"] == "Network.webSocketCreated"]
 
 
-def mistakes_of(driver):
+def console_problems(driver):
     """What the page complained about on its console."""
     return [entry["message"] for entry in driver.get_log("browser") if entry["level"] in ("SEVERE", "WARNING")]

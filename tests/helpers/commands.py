@@ -6,7 +6,7 @@ from pathlib import Path
 from click.testing import CliRunner, Result
 
 from fastcoil.cli.main import main
-from fastcoil.study.file.own_code import load
+from fastcoil.study.file.user_code import load
 
 
 def fastcoil(*words: object) -> Result:
@@ -14,10 +14,10 @@ def fastcoil(*words: object) -> Result:
     return CliRunner().invoke(main, [str(word) for word in words])
 
 
-def planned_and_run(path: Path, out: Path) -> Iterator[Result]:
+def plan_and_run(path: Path, out: Path) -> Iterator[Result]:
     """Plan a study with code of its own, then run it: what each command said, which loads the code anew."""
     for command in (["plan", path], ["run", path, "-o", out, "-j", 1, "--no-figures"]):
         load.cache_clear()
-        done = fastcoil(*command)
-        assert done.exit_code == 0, done.output
-        yield done
+        result = fastcoil(*command)
+        assert result.exit_code == 0, result.output
+        yield result

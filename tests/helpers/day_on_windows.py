@@ -15,9 +15,9 @@ STEPS = {}
 
 
 def study_text(title="Größe"):
-    from helpers.processes import STUDY
+    from helpers.processes import STUDY_TEXT
 
-    return STUDY.replace("Größe", title)
+    return STUDY_TEXT.replace("Größe", title)
 
 
 def step(function):
@@ -25,7 +25,7 @@ def step(function):
     return function
 
 
-def loop_and_day():
+def example_loop_and_day():
     import fastcoil as fc
 
     return fc.Loop.preset("paper_like").assign(backlash=[0.03, 0.07], noise_std=0.01), fc.paper_day(hours=1, seed=1)
@@ -35,14 +35,14 @@ def loop_and_day():
 def simulate():
     import fastcoil as fc
 
-    return fc.simulate(*loop_and_day(), traces=["T_sup"]).attrs["content_sha256"]
+    return fc.simulate(*example_loop_and_day(), traces=["T_sup"]).attrs["content_sha256"]
 
 
 @step
 def explain():
     import fastcoil as fc
 
-    loop, day = loop_and_day()
+    loop, day = example_loop_and_day()
     return str(fc.explain(loop.assign(backlash=0.07), day))
 
 
@@ -57,8 +57,8 @@ def diagnose():
     rows = np.column_stack([t, 100 * ds.command, ds.T_sup, T_set])
     header = "elapsed_time [s],command [%],T_sup [degC],T_set [degC]"
     np.savetxt("log.csv", rows, "%.3f", delimiter=",", header=header, comments="")
-    found = fc.diagnose("log.csv", stroke_time=90)
-    return [found.backlash, found.cause, str(found)]
+    diagnosis = fc.diagnose("log.csv", stroke_time=90)
+    return [diagnosis.backlash, diagnosis.cause, str(diagnosis)]
 
 
 @step
@@ -77,7 +77,7 @@ def interrupted_study():
     from fastcoil.study.file.spec import read_study
 
     Path("small.toml").write_text(study_text(), encoding="utf-8")
-    run.shards_of = lambda *words: [part for shard in plan.shards_of(*words) for part in shard.halves()]
+    run.cut_into_shards = lambda *words: [part for shard in plan.cut_into_shards(*words) for part in shard.halves()]
 
     def stop(n):
         raise KeyboardInterrupt
@@ -98,7 +98,7 @@ def resumed_study():
     return [ds.attrs["content_sha256"], float(traced.T_sup.sum()), maintenance.verify(Path("out"))]
 
 
-def _other_words(title):
+def _run_with_title(title):
     import fastcoil as fc
 
     Path("small.toml").write_text(study_text(title), encoding="utf-8")
@@ -110,8 +110,8 @@ def results_that_somebody_looks_at():
     """They are replaced once the reader has closed them."""
     reader = open("out/results.nc", "rb")  # noqa: SIM115
     threading.Timer(0.5, reader.close).start()
-    begun = time.monotonic()
-    return [_other_words("Länge"), time.monotonic() - begun > 0.4]
+    start = time.monotonic()
+    return [_run_with_title("Länge"), time.monotonic() - start > 0.4]
 
 
 @step
@@ -120,9 +120,9 @@ def results_that_stay_open():
     from fastcoil.base import machine
 
     with open("out/results.nc", "rb"):
-        machine._PATIENCE = 0.2
+        machine._LOCKED_SECONDS = 0.2
         try:
-            _other_words("Breite")
+            _run_with_title("Breite")
         except fc.StorageError as error:
             return str(error)
 
@@ -137,26 +137,26 @@ def unknown_netcdf():
     probe.write_text(
         "import json, runpy, sys\nsys.path[:] = json.loads(sys.argv[4])\nfrom helpers.windows import emulate\n"
         "emulate(('netCDF4', 'ctypes'))\n"
-        f"runpy.run_path({str(netcdf._READER)!r}, run_name='__main__')\nopen('probed', 'w').close()\n",
+        f"runpy.run_path({str(netcdf._PROBE_SCRIPT)!r}, run_name='__main__')\nopen('probed', 'w').close()\n",
         encoding="utf-8",
     )
-    netcdf._READER = probe
+    netcdf._PROBE_SCRIPT = probe
     data = Path("out/results.nc").read_bytes()
     Path("copy.nc").write_bytes(data)
     Path("damaged.nc").write_bytes(data[:5000])
-    found = [float(np.nansum(open_results(Path("copy.nc")).rmse)), Path("probed").exists()]
+    outcome = [float(np.nansum(open_results(Path("copy.nc")).rmse)), Path("probed").exists()]
     try:
         open_results(Path("damaged.nc"))
     except Exception as error:
-        return [*found, str(error)]
+        return [*outcome, str(error)]
 
 
 @step
 def archived():
     from fastcoil.study import maintenance
-    from fastcoil.study.archive import pack
+    from fastcoil.study.archive import write_archive
 
-    path = pack(Path("out")).path
+    path = write_archive(Path("out")).path
     return maintenance.verify(path)
 
 
@@ -182,7 +182,7 @@ def machine():
 
     machine.PROC = Path("none")
     words = ["fastcoil", "run", "my study.toml", "-o", r"C:\results\a"]
-    return [machine.available_memory(), machine.command_line(words), len(machine.INTERRUPTS), machine.IS_POSIX]
+    return [machine.available_memory(), machine.command_line(words), len(machine.TERMINATION_SIGNALS), machine.IS_POSIX]
 
 
 @step
@@ -208,15 +208,15 @@ def main(folder):
 
     os.chdir(folder)
     emulate()
-    found = {}
-    for name, take in STEPS.items():
+    outcomes = {}
+    for name, run_step in STEPS.items():
         try:
-            with warnings.catch_warnings(record=True) as said:
-                found[name] = take()
-            found[f"{name}: warnings"] = [str(w.message) for w in said if "fastcoil" in w.filename]
+            with warnings.catch_warnings(record=True) as caught:
+                outcomes[name] = run_step()
+            outcomes[f"{name}: warnings"] = [str(w.message) for w in caught if "fastcoil" in w.filename]
         except BaseException:
-            found[name] = traceback.format_exc()
-    print(json.dumps(found))
+            outcomes[name] = traceback.format_exc()
+    print(json.dumps(outcomes))
 
 
 if __name__ == "__main__":

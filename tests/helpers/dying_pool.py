@@ -15,63 +15,65 @@ from fastcoil.study.workers import run_shards
 from helpers.processes import N_SCENARIOS
 
 
-class Died(Exception):
+class WorkerDied(Exception):
     pass
 
 
-def healthy(index):
+def healthy_part(index):
     status = np.full(len(index), STATUS_OK)
     return xr.Dataset({"status": ("scenario", status)}, {"scenario": np.array(index)})
 
 
-class Pool:
+class DyingPool:
     """A pool whose workers die of some scenarios, and now and then of nothing."""
 
-    deaths = (Died,)
+    deaths = (WorkerDied,)
 
-    def __init__(self, n_workers, *, falls_together, culprits=(), clumsy=0.0, seed=0):
-        self.n_workers, self.falls_together = n_workers, falls_together
-        self.culprits, self.clumsy = set(culprits), clumsy
+    def __init__(self, n_workers, *, fails_together, culprits=(), death_rate=0.0, seed=0):
+        self.n_workers, self.fails_together = n_workers, fails_together
+        self.culprits, self.death_rate = set(culprits), death_rate
         self.dice = random.Random(seed)
-        self.flying = {}
-        self.runs, self.most_flying, self.n_deaths = [], 0, 0
+        self.pending = {}
+        self.runs, self.max_pending, self.n_deaths = [], 0, 0
 
     def submit(self, shard):
         index = shard.index
-        assert not any(set(index) & set(other) for other in self.flying.values()), "a scenario is run twice at once"
+        assert not any(set(index) & set(pending_index) for pending_index in self.pending.values()), (
+            "a scenario is run twice at once"
+        )
         future = cf.Future()
-        self.flying[future] = index.tolist()
-        self.most_flying = max(self.most_flying, len(self.flying))
-        if self.dice.random() < self.clumsy:
-            self._let_die(future)
+        self.pending[future] = index.tolist()
+        self.max_pending = max(self.max_pending, len(self.pending))
+        if self.dice.random() < self.death_rate:
+            self._kill(future)
         return future
 
-    def _let_die(self, future):
-        lost = list(self.flying) if self.falls_together else [future]
-        for one in lost:
-            if not one.done():
-                one.set_exception(Died())
+    def _kill(self, future):
+        lost = list(self.pending) if self.fails_together else [future]
+        for lost_future in lost:
+            if not lost_future.done():
+                lost_future.set_exception(WorkerDied())
         self.n_deaths += 1
 
     def wait(self, futures, return_when):
         """Some shard ends, one way or the other."""
-        able = [f for f in futures if not f.done()]
-        for future in self.dice.sample(able, min(len(able), self.dice.randint(1, 2))):
+        unfinished = [f for f in futures if not f.done()]
+        for future in self.dice.sample(unfinished, min(len(unfinished), self.dice.randint(1, 2))):
             if future.done():
                 continue
-            index = self.flying[future]
-            if self.culprits.intersection(index) or self.dice.random() < self.clumsy:
-                self._let_die(future)
+            index = self.pending[future]
+            if self.culprits.intersection(index) or self.dice.random() < self.death_rate:
+                self._kill(future)
             else:
                 self.runs += index
-                future.set_result(healthy(index))
+                future.set_result(healthy_part(index))
         done = {f for f in futures if f.done()}
         for future in done:
-            del self.flying[future]
+            del self.pending[future]
         return done, set(futures) - done
 
 
-def found(pool, job, shards, status=None):
+def collect_status(pool, job, shards, status=None):
     """Status of every scenario that was yielded, also put into ``status``; none is yielded twice."""
     status = {} if status is None else status
     with pytest.MonkeyPatch.context() as patch:
@@ -83,6 +85,6 @@ def found(pool, job, shards, status=None):
     return status
 
 
-def in_shards(size, n=N_SCENARIOS):
+def cut_into_sizes(size, n=N_SCENARIOS):
     """The scenarios from 0 to ``n`` in shards of this size."""
     return [Shard(np.arange(start, min(start + size, n))) for start in range(0, n, size)]

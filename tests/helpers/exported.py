@@ -11,29 +11,29 @@ import pytest
 
 from helpers.structured_text import Project
 
-INPUTS = {"T_sup", "T_set", "m_a", "enabled", "start_test", "reset", "start_command"}
+INPUT_COLUMNS = {"T_sup", "T_set", "m_a", "enabled", "start_test", "reset", "start_command"}
 """Columns of what a controller is given; the others are what it must answer."""
-FLAGS = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-ffp-contract=off"]
+COMPILER_FLAGS = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-ffp-contract=off"]
 
 
-def needs_compiler(language):
+def skip_without_compiler(language):
     """Skip a test of the exported C where nothing compiles it."""
     if language == "c" and shutil.which("gcc") is None:
         pytest.skip("gcc is not installed")
 
 
-def vectors(path):
+def read_vectors(path):
     """Rows of a file of vectors, numbers by name."""
     with path.open() as file:
         return [{n: float(x) for n, x in row.items()} for row in csv.DictReader(x for x in file if x[0] != "#")]
 
 
-def module(path):
+def load_module(path):
     """An exported Python file, loaded."""
     spec = importlib.util.spec_from_file_location("exported", path)
-    found = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(found)
-    return found
+    loaded = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(loaded)
+    return loaded
 
 
 def python_runner(text):
@@ -47,16 +47,18 @@ def python_runner(text):
 def structured_text_runner(text):
     """The same of an exported function block."""
     project = Project(text)
-    block = project.block(next(one.name for one in project.units.values() if one.name.startswith("fb_")))
+    block = project.block(next(unit.name for unit in project.units.values() if unit.name.startswith("fb_")))
     return lambda given: (block(**given), block)[1]
 
 
 def differences(run, stored):
     """Largest difference of each cycle from its vector."""
-    for row in vectors(stored):
-        given = {n: x > 0.5 if n in ("enabled", "start_test", "reset") else x for n, x in row.items() if n in INPUTS}
-        found = run(given | {"start_command": row.get("start_command", 0.0)})
-        yield float(np.max([abs(getattr(found, n) - x) for n, x in row.items() if n not in INPUTS]))
+    for row in read_vectors(stored):
+        inputs = {
+            n: x > 0.5 if n in ("enabled", "start_test", "reset") else x for n, x in row.items() if n in INPUT_COLUMNS
+        }
+        outputs = run(inputs | {"start_command": row.get("start_command", 0.0)})
+        yield float(np.max([abs(getattr(outputs, n) - x) for n, x in row.items() if n not in INPUT_COLUMNS]))
 
 
 def worst_in_python(code, stored):
@@ -66,11 +68,11 @@ def worst_in_python(code, stored):
 
 def worst_in_c(code, stored):
     """The same of the exported C, compiled without a warning."""
-    subprocess.run(["gcc", *FLAGS, "-DFASTCOIL_CHECK", code, "-lm", "-o", code.with_suffix("")], check=True)
-    done = subprocess.run([code.with_suffix(""), stored], check=False, capture_output=True, text=True)
-    worst = [float(x) for x in re.findall(r"largest difference (\S+)", done.stdout)]
-    assert len(worst) == len(vectors(stored)[0].keys() - INPUTS)
-    assert (done.returncode == 0) == (max(worst) <= 1e-12), done.stdout
+    subprocess.run(["gcc", *COMPILER_FLAGS, "-DFASTCOIL_CHECK", code, "-lm", "-o", code.with_suffix("")], check=True)
+    process = subprocess.run([code.with_suffix(""), stored], check=False, capture_output=True, text=True)
+    worst = [float(x) for x in re.findall(r"largest difference (\S+)", process.stdout)]
+    assert len(worst) == len(read_vectors(stored)[0].keys() - INPUT_COLUMNS)
+    assert (process.returncode == 0) == (max(worst) <= 1e-12), process.stdout
     return max(worst)
 
 
@@ -84,7 +86,7 @@ def worst_in_structured_text(code, stored, program):
     return worst
 
 
-def finds(run, stored):
+def has_differences(run, stored):
     """Whether a controller differs from its vectors, or fails."""
     try:
         return any(not worst <= 1e-12 for worst in differences(run, stored))
@@ -92,4 +94,4 @@ def finds(run, stored):
         return True
 
 
-WORST = {"python": worst_in_python, "c": worst_in_c, "st": worst_in_structured_text}
+WORST_DIFFERENCE = {"python": worst_in_python, "c": worst_in_c, "st": worst_in_structured_text}

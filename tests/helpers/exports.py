@@ -4,8 +4,8 @@ from datetime import datetime, timedelta
 
 import numpy as np
 
-from fastcoil.logs import Reading, read_log
-from fastcoil.logs.columns import Wanted
+from fastcoil.logs import ReadingOptions, read_checked_log
+from fastcoil.logs.columns import ColumnSpec
 
 START = datetime(2024, 7, 11, 23, 30)
 ROWS, STEP = 60, 60
@@ -14,37 +14,37 @@ COMMAND = np.round(50 + 30 * np.sin(SECONDS / 400), 1)
 """%, with one decimal; some are whole."""
 T_SUP = np.round(14 + 2 * np.cos(SECONDS / 300), 2)
 HEADER = ("timestamp", "command [%]", "T_sup [degC]")
-WANTED = Wanted(needed=("command", "T_sup"), optional=("enabled",), measured=("T_sup",))
+WANTED = ColumnSpec(required=("command", "T_sup"), optional=("enabled",), measured=("T_sup",))
 
 
-def times(form, start=START, step=STEP):
+def format_times(form, start=START, step=STEP):
     """The times of the rows, written with a pattern of strftime."""
     return [(start + timedelta(seconds=step * k)).strftime(form) for k in range(ROWS)]
 
 
-ISO = times("%Y-%m-%dT%H:%M:%S")
+ISO = format_times("%Y-%m-%dT%H:%M:%S")
 
 
-def rows(stamps=ISO, command=COMMAND, T_sup=T_SUP, *others):
+def cell_rows(stamps=ISO, command=COMMAND, T_sup=T_SUP, *more_columns):
     """Cells of the rows as text."""
-    return [list(map(str, row)) for row in zip(stamps, command, T_sup, *others, strict=True)]
+    return [list(map(str, row)) for row in zip(stamps, command, T_sup, *more_columns, strict=True)]
 
 
-def text_of(cells, header=HEADER, separator=",", before="", after=""):
+def table_text(cells, header=HEADER, separator=",", before="", after=""):
     """A file: lines before the table, header, rows, lines after it."""
     return before + "\n".join(separator.join(row) for row in [header, *cells]) + "\n" + after
 
 
-def saved(tmp_path, text, encoding="utf-8", name="export.csv"):
+def save_text(tmp_path, text, encoding="utf-8", name="export.csv"):
     """Path of a new file with this text."""
     path = tmp_path / name
     path.write_bytes(text.encode(encoding))
     return path
 
 
-def read(tmp_path, text, encoding="utf-8", **options):
+def read_text_as_log(tmp_path, text, encoding="utf-8", **options):
     """The log in this text."""
-    return read_log(saved(tmp_path, text, encoding), WANTED, Reading(has_command=True, **options))
+    return read_checked_log(save_text(tmp_path, text, encoding), WANTED, ReadingOptions(has_command=True, **options))
 
 
 def assert_same_log(log, step=STEP):

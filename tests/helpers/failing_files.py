@@ -10,7 +10,7 @@ from typing import Any
 
 
 @contextmanager
-def operations(folder: Path, before: Callable[[str], None]) -> Iterator[None]:
+def intercept_operations(folder: Path, before: Callable[[str], None]) -> Iterator[None]:
     """Call ``before`` with the name of each operation on files in ``folder``, before it is done.
 
     A write counts as two, of a half each.  Where ``before`` raises, the operation fails.
@@ -67,7 +67,7 @@ def operations(folder: Path, before: Callable[[str], None]) -> Iterator[None]:
         Path.open = real_open  # type: ignore[method-assign]
 
 
-class Nth:
+class NthOperation:
     """Does something at the n-th operation, and at every one from there on if ``lasting``."""
 
     def __init__(self, n: int, act: Callable[[], None], *, lasting: bool = False) -> None:

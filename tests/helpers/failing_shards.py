@@ -14,50 +14,50 @@ from fastcoil.base.errors import InputError
 from fastcoil.loops.scenarios import Layout
 
 
-def killed():
+def kill_worker():
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def exits():
+def exit_worker():
     os._exit(1)
 
 
-def segfaults():
+def crash_worker():
     ctypes.string_at(0)
 
 
-def out_of_memory():
+def raise_memory_error():
     raise MemoryError
 
 
-def hangs():
+def hang():
     time.sleep(600)
 
 
-def stops():
+def stop_worker():
     os.kill(os.getpid(), signal.SIGSTOP)
 
 
-def refuses():
+def refuse_input():
     raise InputError("this reduction cannot be applied: give another")
 
 
-def starves():
+def exhaust_memory():
     """Leave this process little memory, then ask for much."""
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (used + 2**20, resource.RLIM_INFINITY))
     np.ones(2**26)
 
 
-def does_not_start(*_):
+def exit_at_start(*_):
     os._exit(1)
 
 
-def works_slowly():
+def sleep_briefly():
     time.sleep(0.5)
 
 
-class Harmful(Layout):
+class HarmfulLayout(Layout):
     """A layout that harms whoever asks it for one of the scenarios ``culprits``: that is only the worker.
 
     once: a file that tells that the harm was done, and is not to be done again.
@@ -86,14 +86,16 @@ class Harmful(Layout):
         return False
 
 
-def harmful(study, *how, **options):
-    """The study with a layout that is ``Harmful``."""
-    return replace(study, plan=replace(study.plan, layout=Harmful(study.plan.layout, *how, **options)))
+def with_harmful_layout(study, *arguments, **options):
+    """The study with a layout that is ``HarmfulLayout``."""
+    return replace(study, plan=replace(study.plan, layout=HarmfulLayout(study.plan.layout, *arguments, **options)))
 
 
-def harms(monkeypatch, *how, **options):
+def harm_every_study(monkeypatch, *arguments, **options):
     """Have every study that is read harm its workers."""
     from fastcoil.study.file import spec
 
     read = spec.read_study
-    monkeypatch.setattr(spec, "read_study", lambda *words, **more: harmful(read(*words, **more), *how, **options))
+    monkeypatch.setattr(
+        spec, "read_study", lambda *words, **more: with_harmful_layout(read(*words, **more), *arguments, **options)
+    )

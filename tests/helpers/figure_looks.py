@@ -7,9 +7,9 @@ from matplotlib.collections import QuadMesh
 from matplotlib.colors import to_hex
 from matplotlib.text import Text
 
-from fastcoil.base.figures import COLOURS, FAINT, GREY
+from fastcoil.base.figures import COLOURS, LINE_GREY, SHADE_GREY
 
-PALETTE = {to_hex(colour) for colour in (*COLOURS, GREY, FAINT, "black", "white")}
+PALETTE = {to_hex(colour) for colour in (*COLOURS, LINE_GREY, SHADE_GREY, "black", "white")}
 
 
 def assert_texts_fit(figure):
@@ -31,19 +31,21 @@ def assert_texts_fit(figure):
         assert not here.shrunk(0.98, 0.98).overlaps(there.shrunk(0.98, 0.98)), (one, other)
 
 
-def colours(figure):
+def figure_colours(figure):
     """The colours of all lines, areas and dots; maps have a scale of their own."""
-    found = set()
+    drawn_colours = set()
     for axes in figure.axes:
-        found |= {to_hex(line.get_color()) for line in axes.lines}
-        found |= {to_hex(patch.get_facecolor()) for patch in axes.patches if patch.get_fill()}
-        found |= {to_hex(patch.get_edgecolor()) for patch in axes.patches if not patch.get_fill()}
-        for drawn in axes.collections:
-            if not isinstance(drawn, QuadMesh):
-                found |= {to_hex(colour) for colour in [*drawn.get_facecolor(), *drawn.get_edgecolor()]}
-    return found
+        drawn_colours |= {to_hex(line.get_color()) for line in axes.lines}
+        drawn_colours |= {to_hex(patch.get_facecolor()) for patch in axes.patches if patch.get_fill()}
+        drawn_colours |= {to_hex(patch.get_edgecolor()) for patch in axes.patches if not patch.get_fill()}
+        for collection in axes.collections:
+            if not isinstance(collection, QuadMesh):
+                drawn_colours |= {
+                    to_hex(colour) for colour in [*collection.get_facecolor(), *collection.get_edgecolor()]
+                }
+    return drawn_colours
 
 
 def assert_palette(figure):
     """Lines, areas and dots have colours that can be told apart."""
-    assert colours(figure) <= PALETTE
+    assert figure_colours(figure) <= PALETTE

@@ -23,7 +23,7 @@ def first_order_plants(gain: float, lag: float, delay: int, n: int = 1) -> Plant
     )
 
 
-def together(*plants: Plants) -> Plants:
+def join_plants(*plants: Plants) -> Plants:
     """Several plants as those of so many operating points."""
     length = max(plant.response.shape[1] for plant in plants)
     responses = [np.pad(p.response, ((0, 0), (0, length - p.response.shape[1])), mode="edge") for p in plants]

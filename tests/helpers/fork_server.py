@@ -22,15 +22,15 @@ from fastcoil.base.errors import FastcoilError
 from fastcoil.loops.plan import Shard
 from fastcoil.study import run as runner
 from fastcoil.study.workers import Job, run_scenarios
-from helpers.failing_files import Nth, operations
-from helpers.studies import TRACED, run, write_study
+from helpers.failing_files import NthOperation, intercept_operations
+from helpers.studies import TRACED_STUDY, run, write_study
 
-_LONGEST = 60
+_MAX_SECONDS = 60
 
 
-def child(order: dict, counted: int) -> int:
+def run_order(order: dict, count_pipe: int) -> int:
     """Run as ordered; returns the exit code."""
-    signal.alarm(_LONGEST)
+    signal.alarm(_MAX_SECONDS)
     folder = Path(order["folder"])
     study = write_study(order["text"], folder)
     for name, limit in order.get("limits", {}).items():
@@ -39,15 +39,15 @@ def child(order: dict, counted: int) -> int:
         os.setuid(order["user"])
     if order.get("unchecked"):  # as if others filled the disk meanwhile
         runner.check_disk = lambda *_, **__: None
-    nth = Nth(order.get("kill_before") or 0, lambda: os.kill(os.getpid(), signal.SIGKILL))
+    nth = NthOperation(order.get("kill_before") or 0, lambda: os.kill(os.getpid(), signal.SIGKILL))
 
     def before(name: str) -> None:
         if order.get("of", name) != name:
             return
-        os.write(counted, b".")
+        os.write(count_pipe, b".")
         nth(name)
 
-    with operations(folder, before):
+    with intercept_operations(folder, before):
         if "arguments" in order:
             from fastcoil.__main__ import run as run_command
 
@@ -61,7 +61,7 @@ def child(order: dict, counted: int) -> int:
     return 0
 
 
-class Serial:
+class SerialPool:
     """A pool without threads."""
 
     n_workers = 1
@@ -82,10 +82,10 @@ class Serial:
 def warm_up() -> None:
     """Do once, without threads, what the first run of a process has to load."""
     make_pool = runner.make_pool
-    runner.make_pool = lambda _backend, job, *_: Serial(job)
+    runner.make_pool = lambda _backend, job, *_: SerialPool(job)
     try:
         with tempfile.TemporaryDirectory() as folder:
-            run(TRACED, Path(folder) / "out")
+            run(TRACED_STUDY, Path(folder) / "out")
     finally:
         runner.make_pool = make_pool
 
@@ -98,7 +98,7 @@ def main() -> None:
     print("ready", flush=True)
     for line in sys.stdin:
         order = json.loads(line)
-        reading, counted = os.pipe()
+        reading, count_pipe = os.pipe()
         pid = os.fork()
         if not pid:
             os.close(reading)
@@ -107,7 +107,7 @@ def main() -> None:
                 log = os.open(order["log"], os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
                 os.dup2(log, 1)
                 os.dup2(log, 2)
-                code = child(order, counted)
+                code = run_order(order, count_pipe)
             except SystemExit as end:
                 code = end.code or 0
             except BaseException:
@@ -117,14 +117,14 @@ def main() -> None:
             finally:
                 sys.stderr.flush()
                 os._exit(code)
-        os.close(counted)
+        os.close(count_pipe)
         if order.get("kill_after") is not None:
             time.sleep(order["kill_after"])
             os.kill(pid, signal.SIGKILL)  # it is not reaped yet: nobody else has its number
         with os.fdopen(reading, "rb") as pipe:
-            done = len(pipe.read())
+            n_operations = len(pipe.read())
         _, status = os.waitpid(pid, 0)
-        print(json.dumps([os.waitstatus_to_exitcode(status), done]), flush=True)
+        print(json.dumps([os.waitstatus_to_exitcode(status), n_operations]), flush=True)
     os._exit(0)  # to take everything down by the rules would last a second
 
 

@@ -8,24 +8,24 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from helpers.processes import environment
+from helpers.processes import child_environment
 
-COMMANDS = ("fastcoil.cli.main", "fastcoil.study.analysis.summary", "fastcoil.study.maintenance",
+COMMAND_MODULES = ("fastcoil.cli.main", "fastcoil.study.analysis.summary", "fastcoil.study.maintenance",
             "fastcoil.deliver.figures.swept",
             "matplotlib.figure")  # fmt: skip
 """What commands import."""
-SERVER = Path(__file__).with_name("fork_server.py")
+SERVER_SCRIPT = Path(__file__).with_name("fork_server.py")
 
 
 @contextmanager
-def forks(*modules: str, **env: str) -> Iterator[Callable[..., tuple[int, int, str]]]:
+def fork_runner(*modules: str, **env: str) -> Iterator[Callable[..., tuple[int, int, str]]]:
     """A function that runs a study in a process forked for it: exit code, operations on files, what it said.
 
     modules: what all of them need; env: more of their environment.
     """
-    command = [sys.executable, str(SERVER), *modules]
+    command = [sys.executable, str(SERVER_SCRIPT), *modules]
     with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment(**env)
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=child_environment(**env)
     ) as server:
         assert server.stdin is not None
         assert server.stdout is not None

@@ -3,7 +3,7 @@
 import pytest
 
 
-def full_but(cases, chosen):
+def full_except(cases, chosen):
     """All cases, those that are not chosen only in `make test-full`."""
     chosen = list(chosen)
     marks = [() if case in chosen else pytest.mark.full for case in cases]

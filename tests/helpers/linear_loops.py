@@ -4,9 +4,9 @@ import numpy as np
 
 import fastcoil as fc
 from fastcoil.design.operating_points import OperatingPoints
-from fastcoil.design.plants import plants_of, state_names, state_space_of
+from fastcoil.design.plants import linearise_plants, state_names, state_space_of
 
-KINDS = {
+LINEAR_LOOPS = {
     "wet, lagged": (fc.Loop(), {}),
     "dry, lagged": (fc.Loop(C_c=12.0), {"relative_humidity": 0.2}),
     "mixed, quasistatic": (fc.Loop.preset("lbnl").assign(air_march="quasistatic", n_volumes=5), {"T_a_in": 28.0}),
@@ -17,29 +17,29 @@ KINDS = {
 }
 
 
-def points(name, **changes):
-    """Parameters and conditions of one kind, as for ``plants_of``."""
-    loop, entering = KINDS[name]
-    return of(loop.assign(backlash=0.0).assign(**changes), fc.constant_day(0.6, **entering))
+def rest_points(name, **changes):
+    """Parameters and conditions of one kind, as for ``linearise_plants``."""
+    loop, entering = LINEAR_LOOPS[name]
+    return conditions_of(loop.assign(backlash=0.0).assign(**changes), fc.constant_day(0.6, **entering))
 
 
-def of(loop, day):
+def conditions_of(loop, day):
     """Parameters and conditions of a loop, or a sweep, on a day that is always the same."""
-    found = OperatingPoints(loop, day, at=0)
-    index = np.arange(found.size)
-    return found.columns(index), found.conditions(index)
+    operating_points = OperatingPoints(loop, day, at=0)
+    index = np.arange(operating_points.size)
+    return operating_points.columns(index), operating_points.conditions(index)
 
 
-def plants(name, **changes):
+def rest_plants(name, **changes):
     """Parameters of one kind, and its plant at rest."""
-    columns, conditions = points(name, **changes)
-    return columns, plants_of(columns, conditions)
+    columns, conditions = rest_points(name, **changes)
+    return columns, linearise_plants(columns, conditions)
 
 
 def plants_at(loop, day):
     """Parameters of a loop, or a sweep, and its plants on a day that is always the same."""
-    columns, conditions = of(loop, day)
-    return columns, plants_of(columns, conditions)
+    columns, conditions = conditions_of(loop, day)
+    return columns, linearise_plants(columns, conditions)
 
 
 def state_space(columns, conditions):

@@ -4,7 +4,7 @@ import csv
 
 import numpy as np
 
-from helpers.simulated_logs import flows, walk
+from helpers.simulated_logs import random_walk, valve_flows
 
 
 def write_csv(path, header, rows):
@@ -14,7 +14,7 @@ def write_csv(path, header, rows):
     return path
 
 
-def changed(rows, row, column, value):
+def change_cell(rows, row, column, value):
     """Rows with one cell changed."""
     rows = [list(r) for r in rows]
     rows[row][column] = value
@@ -35,8 +35,10 @@ COIL_HEADER = [
 
 def valve_rows(n=60):
     """Cells of a valve's log without noise, a sample a minute."""
-    command = walk(np.random.default_rng(17), n=n)
-    return [[60 * i, f"{c:.4f}", f"{m:.4f}"] for i, (c, m) in enumerate(zip(command, flows(command), strict=True))]
+    command = random_walk(np.random.default_rng(17), n=n)
+    return [
+        [60 * i, f"{c:.4f}", f"{m:.4f}"] for i, (c, m) in enumerate(zip(command, valve_flows(command), strict=True))
+    ]
 
 
 def coil_rows(n=80):

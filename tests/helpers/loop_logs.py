@@ -9,7 +9,7 @@ STEP = 5.0
 GAIN = -20.0
 
 
-def loop_log(
+def make_loop_log(
     hours=4.0, backlash=0.08, kp=0.02, ti=90.0, sample_time=15.0, stroke_time=90.0, steps=True, swing=0.0, period=900.0,
     noise=0.01, interval=10.0, seed=1,
 ):  # fmt: skip
@@ -23,10 +23,10 @@ def loop_log(
     position = q = command = integral = 0.5
     slow = fast = GAIN * 0.5
     waiting = [slow] * 3
-    every, log = round(sample_time / STEP), []
+    steps_per_sample, log = round(sample_time / STEP), []
     for k in range(n):
         T = air[k] + fast
-        if k % every == 0:
+        if k % steps_per_sample == 0:
             e = T + errors[k] - T_set[k]
             integral = min(max(integral + kp * sample_time / ti * e, 0.0), 1.0)
             command = min(max(kp * e + integral, 0.0), 1.0)

@@ -5,9 +5,9 @@ from helpers.log_files import write_csv
 HEADER = ["hour_of_year", "T_drybulb_C", "T_dewpoint_C"]
 
 
-def made_weather(folder, T_out, T_dew=5.0, days=7, first_day=1):
+def write_weather(folder, T_out, T_dew=5.0, days=7, first_day=1):
     """Path of a file of whole days; ``T_out``: a number, or a function of the hour of the year."""
     hours = range(24 * (first_day - 1) + 1, 24 * (first_day - 1 + days) + 1)
     T = [T_out(h) if callable(T_out) else T_out for h in hours]
-    rows = [[h, one, min(T_dew, one)] for h, one in zip(hours, T, strict=True)]
+    rows = [[h, T_hour, min(T_dew, T_hour)] for h, T_hour in zip(hours, T, strict=True)]
     return write_csv(folder / "made.csv", HEADER, rows)

@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 
 import fastcoil as fc
-from helpers.studies import TRACED
+from helpers.studies import TRACED_STUDY
 
-TEXT = TRACED.replace("seed = [1, 2, 3]", "seed = 1").replace('"mode"]', '"mode", "T_c"]').replace("= 50", "= 5")
+TEXT = TRACED_STUDY.replace("seed = [1, 2, 3]", "seed = 1").replace('"mode"]', '"mode", "T_c"]').replace("= 50", "= 5")
 
 
-def study(folder: Path) -> Path:
+def study_file(folder: Path) -> Path:
     """The file of a small study with traces."""
     path = folder / "small.toml"
     if not path.exists():
@@ -28,7 +28,7 @@ def study(folder: Path) -> Path:
     return path
 
 
-def look(folder: Path, golden: str) -> float:
+def read_study_folder(folder: Path, golden: str) -> float:
     """Open a study, read parts of its traces and all of one, and drop it."""
     ds = fc.open_study(folder)
     assert ds.attrs["content_sha256"] == golden
@@ -39,35 +39,37 @@ def look(folder: Path, golden: str) -> float:
 
 def run_in_threads(folder: Path, times: int = 2 if os.environ.get("FASTCOIL_FULL") else 1) -> None:
     """Three threads run studies into folders of their own, while others look at these and at a finished one."""
-    golden = fc.run_study(study(folder), folder / "one", n_jobs=1).attrs["content_sha256"]
+    golden = fc.run_study(study_file(folder), folder / "one", n_jobs=1).attrs["content_sha256"]
     targets = [folder / f"out{k}" for k in range(3 * times)]
-    done = threading.Event()
+    is_done = threading.Event()
 
     def poll(k: int) -> int:
-        seen = 0
-        while not done.is_set():
+        n_finished = 0
+        while not is_done.is_set():
             with suppress(fc.InputError):  # nothing is finished there yet
-                seen += fc.open_study(targets[(k + seen) % len(targets)]).attrs.get("content_sha256") == golden
-            look(folder / "one", golden)
+                n_finished += (
+                    fc.open_study(targets[(k + n_finished) % len(targets)]).attrs.get("content_sha256") == golden
+                )
+            read_study_folder(folder / "one", golden)
             gc.collect()
-        return seen
+        return n_finished
 
     with ThreadPoolExecutor(5) as pool:
-        looking = [pool.submit(poll, k) for k in range(2)]
+        reader_futures = [pool.submit(poll, k) for k in range(2)]
         try:
-            running = [pool.submit(fc.run_study, study(folder), out, n_jobs=1) for out in targets]
-            assert {run.result().attrs["content_sha256"] for run in running} == {golden}
+            run_futures = [pool.submit(fc.run_study, study_file(folder), out, n_jobs=1) for out in targets]
+            assert {run.result().attrs["content_sha256"] for run in run_futures} == {golden}
         finally:
-            done.set()
-        assert all(look.result() >= 0 for look in looking)
+            is_done.set()
+        assert all(look.result() >= 0 for look in reader_futures)
 
 
 def run_inside_an_event_loop(folder: Path, backend: str) -> None:
     """A notebook: whatever it calls is called inside a running event loop."""
-    golden = fc.run_study(study(folder), folder / "one", n_jobs=1).attrs["content_sha256"]
+    golden = fc.run_study(study_file(folder), folder / "one", n_jobs=1).attrs["content_sha256"]
 
     async def cell() -> str:
-        ds = fc.run_study(study(folder), folder / "out", n_jobs=1, backend=backend)
+        ds = fc.run_study(study_file(folder), folder / "out", n_jobs=1, backend=backend)
         return str(ds.attrs["content_sha256"])
 
     assert asyncio.run(cell()) == golden

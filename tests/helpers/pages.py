@@ -4,7 +4,7 @@ import base64
 from html.parser import HTMLParser
 from pathlib import Path
 
-_LOADING = {"src", "href", "data", "action", "poster", "srcset", "background", "formaction", "xlink:href"}
+_LOADING_ATTRIBUTES = {"src", "href", "data", "action", "poster", "srcset", "background", "formaction", "xlink:href"}
 """Attributes that name another file."""
 
 
@@ -22,7 +22,7 @@ class Page(HTMLParser):
         self.loads: list[str] = []
         self.handlers: list[str] = []
         self.policy = ""
-        self._seen: list[str] = []
+        self._visible_text: list[str] = []
         self._headings: list[str] = []
         self._hidden = 0
         self.feed(self.source)
@@ -31,11 +31,11 @@ class Page(HTMLParser):
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append(tag)
         self._hidden += tag in ("style", "script")
-        given = {name: value or "" for name, value in attrs}
-        self.loads += [value for name, value in given.items() if name in _LOADING]
-        self.handlers += [name for name in given if name.startswith("on")]
-        if given.get("http-equiv") == "Content-Security-Policy":
-            self.policy = given["content"]
+        attributes = {name: value or "" for name, value in attrs}
+        self.loads += [value for name, value in attributes.items() if name in _LOADING_ATTRIBUTES]
+        self.handlers += [name for name in attributes if name.startswith("on")]
+        if attributes.get("http-equiv") == "Content-Security-Policy":
+            self.policy = attributes["content"]
 
     def handle_endtag(self, tag: str) -> None:
         self._hidden -= tag in ("style", "script")
@@ -47,17 +47,17 @@ class Page(HTMLParser):
         if self._hidden:
             self._style = data
         else:
-            self._seen.append(data)
+            self._visible_text.append(data)
 
     @property
     def text(self) -> str:
-        return " ".join(" ".join(self._seen).split())
+        return " ".join(" ".join(self._visible_text).split())
 
     @property
     def pictures(self) -> list[bytes]:
         return [base64.b64decode(uri.partition(",")[2]) for uri in self.loads if uri.startswith("data:image/png")]
 
-    def require_alone(self) -> None:
+    def assert_self_contained(self) -> None:
         """It needs no other file, no network and no script."""
         assert all(uri.startswith("data:image/png;base64,") for uri in self.loads), self.loads
         assert not {"script", "iframe", "object", "embed", "link", "base", "form"} & set(self.tags)

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from fastcoil.loops.plan import Shard, shards_of
+from fastcoil.loops.plan import Shard, cut_into_shards
 from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, STATUS_OK
 
 ROOT = Path(__file__).parents[2]
 
-STUDY = """
+STUDY_TEXT = """
 title = "Getriebespiel – Größe Δ"
 [loop]
 noise_std = 0.02
@@ -34,44 +34,44 @@ trace_interval = 100
 """
 N_SCENARIOS = 160
 
-LIVES_ON = "resource_tracker"
+IGNORED_HELPER = "resource_tracker"
 """A helper of the standard library and of loky that ends with the process that uses them."""
 
 
-def children(process=None):
+def living_descendants(process=None):
     """Living descendants by process id, without the helpers that end with this process."""
     import psutil
 
-    found = {}
+    processes = {}
     for child in psutil.Process(process).children(recursive=True):
         try:
-            if child.status() != psutil.STATUS_ZOMBIE and LIVES_ON not in " ".join(child.cmdline()):
-                found[child.pid] = child
+            if child.status() != psutil.STATUS_ZOMBIE and IGNORED_HELPER not in " ".join(child.cmdline()):
+                processes[child.pid] = child
         except psutil.NoSuchProcess:  # gone while it was looked at
             pass
-    return found
+    return processes
 
 
-def gone(processes, within):
+def have_ended(processes, seconds):
     """Whether all of them end within some seconds."""
     import psutil
 
-    _, alive = psutil.wait_procs(list(processes), timeout=within)
+    _, alive = psutil.wait_procs(list(processes), timeout=seconds)
     return not [p for p in alive if p.status() != psutil.STATUS_ZOMBIE]
 
 
-def wait_for(condition, within=30.0, every=0.02):
+def wait_for(condition, seconds=30.0, interval=0.02):
     """Wait until a condition holds, and give what it found."""
-    end = time.monotonic() + within
+    end = time.monotonic() + seconds
     while time.monotonic() < end:
-        found = condition()
-        if found:
-            return found
-        time.sleep(every)
+        answer = condition()
+        if answer:
+            return answer
+        time.sleep(interval)
     raise AssertionError("waited in vain")
 
 
-def cut(monkeypatch, size, seed=None, alone=None):
+def cut_studies(monkeypatch, size, seed=None, alone=None):
     """Have studies cut into shards of ``size`` scenarios, or of random sizes up to it and in random order.
 
     alone: a scenario that is a shard of its own.
@@ -79,54 +79,54 @@ def cut(monkeypatch, size, seed=None, alone=None):
 
     def shards(plan, n_jobs, todo=None):
         if plan.carry_over:
-            return shards_of(plan, n_jobs, todo)
+            return cut_into_shards(plan, n_jobs, todo)
         todo = np.arange(plan.n_scenarios) if todo is None else todo
         dice = random.Random(seed)
         per_day = plan.n_scenarios // len(plan.days)
-        found = []
+        index_arrays = []
         for day in range(len(plan.days)):
-            rest = todo[(todo >= day * per_day) & (todo < (day + 1) * per_day)]
-            if alone in rest:
-                found.append(np.array([alone]))
-                rest = rest[rest != alone]
-            while rest.size:
+            remaining = todo[(todo >= day * per_day) & (todo < (day + 1) * per_day)]
+            if alone in remaining:
+                index_arrays.append(np.array([alone]))
+                remaining = remaining[remaining != alone]
+            while remaining.size:
                 n = size if seed is None else dice.randint(1, size)
-                found.append(rest[:n])
-                rest = rest[n:]
+                index_arrays.append(remaining[:n])
+                remaining = remaining[n:]
         if seed is not None:
-            dice.shuffle(found)
-        return [Shard(index) for index in found]
+            dice.shuffle(index_arrays)
+        return [Shard(index) for index in index_arrays]
 
     for module in ("loops.simulate", "study.run"):
         monkeypatch.setattr(f"fastcoil.{module}.shards_of", shards)
 
 
-def check_crashed(found, healthy, culprits):
+def assert_crashed(results, healthy, culprits):
     """Exactly the culprits are crashed and empty, all others as in a healthy run."""
-    crashed = np.flatnonzero(found["status"].values == STATUS_CRASHED)
+    crashed = np.flatnonzero(results["status"].values == STATUS_CRASHED)
     assert crashed.tolist() == sorted(culprits)
     others = np.setdiff1d(np.arange(N_SCENARIOS), crashed)
     for name in (*METRICS, "T_sup"):
-        values = found[name].values.reshape(N_SCENARIOS, -1)
+        values = results[name].values.reshape(N_SCENARIOS, -1)
         expected = healthy[name].values.reshape(N_SCENARIOS, -1)
         assert np.isnan(values[crashed]).all(), name
         np.testing.assert_array_equal(values[others], expected[others], err_msg=name)
-    assert (found["status"].values.ravel()[others] == STATUS_OK).all()
+    assert (results["status"].values.ravel()[others] == STATUS_OK).all()
 
 
-def environment(**more):
+def child_environment(**variables):
     """The environment of a child process that imports this package and these tests."""
     places = [str(ROOT), str(ROOT / "tests"), os.environ.get("PYTHONPATH", "")]
     path = os.pathsep.join(place for place in places if place)  # an empty one is the current folder
-    return {**os.environ, "PYTHONPATH": path, **more}
+    return {**os.environ, "PYTHONPATH": path, **variables}
 
 
-def started(*words, cwd, **env):
+def start_python(*words, cwd, **env):
     """A Python process in a process group of its own, as a terminal starts it."""
     return subprocess.Popen(
         [sys.executable, *map(str, words)],
         cwd=cwd,
-        env=environment(**env),
+        env=child_environment(**env),
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -136,10 +136,10 @@ def started(*words, cwd, **env):
     )
 
 
-def ended(process, within=60):
+def wait_for_end(process, seconds=60):
     """Exit code, stdout and stderr of a process; it and its group are killed if they do not end."""
     try:
-        out, err = process.communicate(timeout=within)
+        out, err = process.communicate(timeout=seconds)
     finally:
         kill_group(process)
     return process.returncode, out, err
@@ -186,7 +186,7 @@ class Cluster:
             process = subprocess.Popen(
                 [sys.executable, "-m", "dask", *map(str, words)],
                 cwd=self.folder,
-                env=environment(**self.env, **env),
+                env=child_environment(**self.env, **env),
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
@@ -209,13 +209,13 @@ class Cluster:
 
 
 @contextmanager
-def cluster(folder, n_workers, *words, **how):
+def run_cluster(folder, n_workers, *words, **options):
     """Run a cluster with some workers."""
     folder.mkdir(exist_ok=True)
-    found = Cluster(folder, **how)
+    started_cluster = Cluster(folder, **options)
     try:
         for _ in range(n_workers):
-            found.worker(*words)
-        yield found
+            started_cluster.worker(*words)
+        yield started_cluster
     finally:
-        found.close()
+        started_cluster.close()

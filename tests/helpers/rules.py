@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import fastcoil as fc
 
-LARGEST = 0.2
-HEAD = """
+LARGEST_ESTIMATE = 0.2
+RULE_HEADER = """
 from typing import NamedTuple
 import fastcoil as fc
 
@@ -35,31 +35,33 @@ class Memory(NamedTuple):
 @fc.estimator(Parameters, Memory)
 def by_error(now, p, memory):
     if now.mode > 0:
-        return limited(now.estimate + p.gain * abs(now.e) * p.sample_time, LARGEST), Memory(calls=memory.calls + 1)
+        return clip_to(now.estimate + p.gain * abs(now.e) * p.sample_time, LARGEST_ESTIMATE), Memory(
+            calls=memory.calls + 1
+        )
     return now.estimate, Memory(0, memory.calls + 1)
 
 
 @fc.estimator(Parameters, Memory)
 def by_switches(now, p, memory):
-    return limited(0.01 * now.switches, LARGEST), memory
+    return clip_to(0.01 * now.switches, LARGEST_ESTIMATE), memory
 
 
 @fc.law(Parameters, Memory)
 def own_pi(now, p, memory):
-    integral = limited(memory.integral + p.gain * now.e, 1.0)
+    integral = clip_to(memory.integral + p.gain * now.e, 1.0)
     return p.kp * now.e + integral, Memory(integral, memory.calls + 1)
 
 
-def limited(x, largest):
+def clip_to(x, largest):
     """Stands below the rules that call it."""
     return min(max(x, 0.0), largest)
 
 
-def fine(now, p, memory):
+def constant_rule(now, p, memory):
     return 0.1, memory
 
 
-def declared(**fields):
+def make_parameters(**fields):
     """A class of parameters with these defaults; ``None`` for a field without one."""
     names = sorted(fields, key=lambda n: fields[n] is not None)
     return namedtuple("Parameters", names, defaults=[fields[n] for n in names if fields[n] is not None])

@@ -6,27 +6,27 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from fastcoil.measured.fit_coil import COIL
+from fastcoil.measured.fit_coil import COIL_PARAMETERS
 
 VALVE_TRUTH = {"backlash": 0.07, "m_max": 2.0, "valve_a": 0.7, "valve_b": 9.0, "valve_c": 0.38}
-COIL_TRUTH = {name: fc.parameters()[name].default for name in COIL}
+COIL_TRUTH = {name: fc.parameters()[name].default for name in COIL_PARAMETERS}
 INPUTS = ["m_a", "T_a_in", "W_a_in", "T_w_in"]
 
 
-def flows(command, start=0.0, **truth):
+def valve_flows(command, start=0.0, **truth):
     """Eqs (1) and (2) in plain Python; ``start``: place within the backlash, 1 on the rising flank."""
     p = VALVE_TRUTH | truth
     x_bl = p["backlash"]
     low, high = max(command[0] - x_bl, 0.0), min(command[0], 1.0 - x_bl)
-    q, found = high - start * (high - low), []
+    q, flow_values = high - start * (high - low), []
     for position in command:
         q = min(max(q, position - x_bl), position)
         growth = math.exp(-p["valve_b"] * (q / (1.0 - x_bl) - p["valve_c"]))
-        found.append(p["m_max"] * (1.0 + p["valve_a"] * growth) ** (-1.0 / p["valve_a"]))
-    return np.array(found)
+        flow_values.append(p["m_max"] * (1.0 + p["valve_a"] * growth) ** (-1.0 / p["valve_a"]))
+    return np.array(flow_values)
 
 
-def walk(rng, n=400, top=1.0, largest=0.3):
+def random_walk(rng, n=400, top=1.0, largest=0.3):
     """A random walk of the command: it moves at every sample, mostly by little, so that the backlash matters."""
     command = [rng.uniform(0.2, 0.8) * top]
     while len(command) < n:
@@ -35,7 +35,7 @@ def walk(rng, n=400, top=1.0, largest=0.3):
     return np.array(command)
 
 
-def log_of(command, flow, interval=60.0, **others):
+def make_valve_log(command, flow, interval=60.0, **others):
     """A valve's log as a Dataset."""
     t = ("elapsed_time", np.arange(command.size) * interval, {"units": "s"})
     variables = {"command": ("elapsed_time", command, {"units": "1"}), "m_w": ("elapsed_time", flow, {"units": "kg/s"})}
@@ -43,12 +43,12 @@ def log_of(command, flow, interval=60.0, **others):
     return xr.Dataset(variables, {"elapsed_time": t})
 
 
-def noisy(rng, flow, sd, phi=0.0):
+def add_noise(rng, flow, sd, phi=0.0):
     """Flow with AR(1) noise of standard deviation ``sd``."""
-    return np.maximum(flow + noise(rng, flow.size, sd, phi), 1e-3)
+    return np.maximum(flow + ar1_noise(rng, flow.size, sd, phi), 1e-3)
 
 
-def noise(rng, n, sd, phi=0.0):
+def ar1_noise(rng, n, sd, phi=0.0):
     """AR(1) noise of standard deviation ``sd``, (n,)."""
     e = rng.normal(0.0, sd, n)
     for t in range(1, n if phi else 0):
@@ -56,7 +56,7 @@ def noise(rng, n, sd, phi=0.0):
     return e
 
 
-def held(rng, low, high, seconds, n):
+def random_steps(rng, low, high, seconds, n):
     """Random values, each held for ``seconds``."""
     return np.repeat(rng.uniform(low, high, n // seconds + 1), seconds)[:n]
 
@@ -65,25 +65,29 @@ def coil_log(hours=2.0, seed=0, sd=0.05, phi=0.0, every=1, air=True, dry=False, 
     """A log of a coil with perturbed flows: simulated in open loop, with AR(1) noise on the supply air."""
     rng, n = np.random.default_rng(seed), int(hours * 3600)
     day = {name: values[0] for name, values in fc.paper_day(hours=hours, seed=1).series.items()}
-    day["m_a"] = day["m_a"] * held(rng, 0.4, 1.1, 600, n) if air else 1.0
+    day["m_a"] = day["m_a"] * random_steps(rng, 0.4, 1.1, 600, n) if air else 1.0
     day["W_a_in"] = 0.003 if dry else day["W_a_in"]
     boundary = fc.Boundary(**day)
     ds = fc.simulate(
-        fc.Loop(**truth), boundary, command=held(rng, 0.1, 0.9, 300, n), traces=["m_w", "T_sup", "T_w_out"], warm_up=0
+        fc.Loop(**truth),
+        boundary,
+        command=random_steps(rng, 0.1, 0.9, 300, n),
+        traces=["m_w", "T_sup", "T_w_out"],
+        warm_up=0,
     )
     log = ds[["m_w", "T_sup", "T_w_out"]]
     for name in INPUTS:
         log[name] = boundary.to_dataset()[name]
-    log["T_sup"] = (log["T_sup"] + noise(rng, n, sd, phi)).assign_attrs(units="degC")
+    log["T_sup"] = (log["T_sup"] + ar1_noise(rng, n, sd, phi)).assign_attrs(units="degC")
     return log.isel(elapsed_time=slice(None, None, every))
 
 
-def joined(*logs):
+def join_logs(*logs):
     """Logs in a row, each with its own times."""
     return xr.concat(logs, "elapsed_time", combine_attrs="override")
 
 
-def shifted(log, seconds):
+def shift_log(log, seconds):
     """A log some seconds later."""
     return log.assign_coords(elapsed_time=(log["elapsed_time"] + seconds).assign_attrs(units="s"))
 

@@ -10,18 +10,18 @@ from types import SimpleNamespace
 import tree_sitter
 import tree_sitter_iec61131_3_st as grammar
 
-STANDARD = {
+STANDARD_FUNCTIONS = {
     "ABS": "abs", "MAX": "max", "MIN": "min", "EXP": "exp", "LN": "log", "SQRT": "sqrt", "SIN": "sin", "COS": "cos",
     "TAN": "tan", "ASIN": "asin", "ACOS": "acos", "ATAN": "atan", "EXPT": "pow",
 }  # fmt: skip
 CONVERSIONS = {"INT_TO_LREAL": ("INT", "float", "LREAL"), "DINT_TO_LREAL": ("INT", "float", "LREAL"),
                "TRUNC": ("LREAL", "int", "INT")}  # fmt: skip
 """What they take, do and give; INT and DINT count as one."""
-SIGNS = {"=": "==", "<>": "!=", "AND": "and", "OR": "or", "NOT": "not "}
-START = {"LREAL": 0.0, "INT": 0, "BOOL": False}
+OPERATORS = {"=": "==", "<>": "!=", "AND": "and", "OR": "or", "NOT": "not "}
+START_VALUES = {"LREAL": 0.0, "INT": 0, "BOOL": False}
 
 
-def parsed(code):
+def parse_tree(code):
     """The tree of a text without mistakes."""
     parser = tree_sitter.Parser(tree_sitter.Language(grammar.language()))
     root = parser.parse(code.encode("ascii")).root_node
@@ -42,7 +42,7 @@ class Project:
     def __init__(self, *texts):
         self.units = {}
         for code in texts:
-            for node in parsed(code).named_children:
+            for node in parse_tree(code).named_children:
                 if node.type.endswith("_declaration"):
                     unit = Unit(self, node)
                     assert unit.name not in self.units, f"{unit.name} is declared twice"
@@ -75,33 +75,33 @@ class Unit:
 
     def __init__(self, project, node):
         self.project, self.node = project, node
-        self.name = next(text(child) for child in node.named_children if child.type == "identifier").lower()
+        self.name = next(node_text(child) for child in node.named_children if child.type == "identifier").lower()
         self.types, self.start, self.inputs, self.constants = {}, {}, [], set()
         if node.type == "function_declaration":
-            self.types[self.name] = text(node.named_children[1])
+            self.types[self.name] = node_text(node.named_children[1])
         for block in node.named_children:
-            for one in block.named_children if block.type.startswith("var_") else ():
-                if one.type == "variable_declaration":
-                    self.declare(one, block)
+            for child_node in block.named_children if block.type.startswith("var_") else ():
+                if child_node.type == "variable_declaration":
+                    self.declare(child_node, block)
 
     def declare(self, node, block):
         """Take the variables of a declaration."""
         parts = node.named_children
         kind = next(part for part in parts if part.type != "identifier" or part == parts[-1])
-        values = [text(part) for part in parts if part.type.endswith("_literal")]
-        for name in (text(part).lower() for part in parts if part.type == "identifier" and part != kind):
+        values = [node_text(part) for part in parts if part.type.endswith("_literal")]
+        for name in (node_text(part).lower() for part in parts if part.type == "identifier" and part != kind):
             assert name not in self.types, f"{name} is declared twice"
-            of = self.types[name] = text(kind).lower() if kind.type == "identifier" else text(kind)
+            type_name = self.types[name] = node_text(kind).lower() if kind.type == "identifier" else node_text(kind)
             if kind.type == "array_type":
                 (limits, inner) = kind.named_children
-                size, self.types[name] = int(text(limits.named_children[1])) + 1, f"{text(inner)}[]"
+                size, self.types[name] = int(node_text(limits.named_children[1])) + 1, f"{node_text(inner)}[]"
                 numbers = [float(value) for value in values] or [0.0] * size
                 assert len(numbers) == size
                 self.start[name] = numbers.copy
             elif kind.type == "identifier":
-                self.start[name] = lambda of=of: self.project.block(of)
+                self.start[name] = lambda type_name=type_name: self.project.block(type_name)
             else:
-                value = literal(values[0], of) if values else START[of]
+                value = parse_literal(values[0], type_name) if values else START_VALUES[type_name]
                 self.start[name] = lambda value=value: value
             if block.type == "var_input":
                 self.inputs.append(name)
@@ -111,7 +111,9 @@ class Unit:
     def translate(self):
         """Make Python of the statements."""
         code = "\n".join(["def run(v):", *self.body(self.node.named_children, 1)])
-        names = {name: getattr(math, name) for name in STANDARD.values() if hasattr(math, name)} | {"call": self.call}
+        names = {name: getattr(math, name) for name in STANDARD_FUNCTIONS.values() if hasattr(math, name)} | {
+            "call": self.call
+        }
         exec(compile(code, self.name, "exec"), names)
         self.run = names["run"]
 
@@ -128,102 +130,106 @@ class Unit:
     def statement(self, node, depth):
         indent, children = "    " * depth, node.named_children
         if node.type == "assignment_statement":
-            (left, kind), (right, of) = map(self.expression, children)
-            assert kind == of, f"{of} is assigned to {kind}: {text(node)}"
+            (left, kind), (right, target_unit) = map(self.expression, children)
+            assert kind == target_unit, f"{target_unit} is assigned to {kind}: {node_text(node)}"
             assert left.removeprefix("v.") not in self.constants
             return [f"{indent}{left} = {right}"]
         if node.type == "return_statement":
             return [f"{indent}return"]
         if node.type == "for_statement":
-            i, low, high, *rest = children
-            by = [text(rest.pop(0))] if node.children[6].type == "BY" else []
+            i, low, high, *loop_body = children
+            by = [node_text(loop_body.pop(0))] if node.children[6].type == "BY" else []
             last = f"{self.expression(high)[0]} {'- 1' if by else '+ 1'}"
             numbers = ", ".join([self.expression(low)[0], last, *by])
-            return [f"{indent}for {self.expression(i)[0]} in range({numbers}):", *self.body(rest, depth + 1)]
+            return [f"{indent}for {self.expression(i)[0]} in range({numbers}):", *self.body(loop_body, depth + 1)]
         if node.type == "if_statement":
             return self.condition("if", node, depth)
         if node.type == "invocation_statement":
             name, arguments = children[0].named_children
-            of = self.project.units[self.types[text(name).lower()]]
-            given = []
-            for one, value in (argument.named_children for argument in arguments.named_children):
-                found, kind = self.expression(value)
-                assert kind == of.types[text(one).lower()]
-                given.append(f"{text(one).lower()}={found}")
-            return [f"{indent}v.{text(name).lower()}({', '.join(given)})"]
-        known = ("comment", "identifier", "elementary_type", "empty_statement")
-        assert node.type in known or node.type.startswith("var_"), node.type
+            target_unit = self.project.units[self.types[node_text(name).lower()]]
+            assignments = []
+            for parameter, value in (argument.named_children for argument in arguments.named_children):
+                argument, kind = self.expression(value)
+                assert kind == target_unit.types[node_text(parameter).lower()]
+                assignments.append(f"{node_text(parameter).lower()}={argument}")
+            return [f"{indent}v.{node_text(name).lower()}({', '.join(assignments)})"]
+        ignored_types = ("comment", "identifier", "elementary_type", "empty_statement")
+        assert node.type in ignored_types or node.type.startswith("var_"), node.type
         return []
 
     def condition(self, word, node, depth):
         """An IF or ELSIF with what follows."""
         test, *inner = node.named_children
-        found, kind = self.expression(test)
+        condition, kind = self.expression(test)
         assert kind == "BOOL"
-        own = [one for one in inner if one.type not in ("elsif_clause", "else_clause")]
+        statements = [clause for clause in inner if clause.type not in ("elsif_clause", "else_clause")]
         indent = "    " * depth
-        lines = [f"{indent}{word} {found}:", *self.body(own, depth + 1)]
-        for one in inner:
-            if one.type == "elsif_clause":
-                lines += self.condition("elif", one, depth)
-            elif one.type == "else_clause":
-                lines += [f"{indent}else:", *self.body(one.named_children, depth + 1)]
+        lines = [f"{indent}{word} {condition}:", *self.body(statements, depth + 1)]
+        for clause in inner:
+            if clause.type == "elsif_clause":
+                lines += self.condition("elif", clause, depth)
+            elif clause.type == "else_clause":
+                lines += [f"{indent}else:", *self.body(clause.named_children, depth + 1)]
         return lines
 
     def expression(self, node):  # noqa: PLR0911 — one for each kind
         """(Python, type) of an expression."""
-        said, children = text(node), node.named_children
+        source, children = node_text(node), node.named_children
         if node.type == "identifier":
-            return f"v.{said.lower()}", self.types[said.lower()]
+            return f"v.{source.lower()}", self.types[source.lower()]
         if node.type.endswith("_literal"):
             kind = {"real_literal": "LREAL", "integer_literal": "INT", "boolean_literal": "BOOL"}[node.type]
-            return repr(literal(said, kind)), kind
+            return repr(parse_literal(source, kind)), kind
         if node.type == "member_access_expression":
-            of, name = (text(child).lower() for child in children)
-            return f"v.{of}.{name}", self.project.units[self.types[of]].types[name]
+            right_kind, name = (node_text(child).lower() for child in children)
+            return f"v.{right_kind}.{name}", self.project.units[self.types[right_kind]].types[name]
         if node.type == "call_expression":
-            return self.called(text(children[0]), [self.expression(one) for one in children[1].named_children])
-        found = [self.expression(one) for one in children]
-        (one, kind), sign = found[0], node.children[len(found) - 1].type
+            return self.translate_call(
+                node_text(children[0]), [self.expression(left) for left in children[1].named_children]
+            )
+        operands = [self.expression(left) for left in children]
+        (left, kind), sign = operands[0], node.children[len(operands) - 1].type
         if node.type == "parenthesized_expression":
-            return f"({one})", kind
+            return f"({left})", kind
         if node.type == "index_expression":
             assert kind.endswith("[]")
-            assert found[1][1] == "INT"
-            return f"{one}[{found[1][0]}]", kind[:-2]
+            assert operands[1][1] == "INT"
+            return f"{left}[{operands[1][0]}]", kind[:-2]
         if node.type == "unary_expression":
             assert (sign == "NOT") == (kind == "BOOL")
-            return f"({SIGNS.get(sign, sign)}{one})", kind
+            return f"({OPERATORS.get(sign, sign)}{left})", kind
         assert node.type == "binary_expression", node.type
-        other, of = found[1]
-        assert kind == of, f"{kind} and {of} in {said}"
+        right, right_kind = operands[1]
+        assert kind == right_kind, f"{kind} and {right_kind} in {source}"
         assert (sign in ("AND", "OR")) == (kind == "BOOL")
-        answers = sign in ("=", "<>", "<", "<=", ">", ">=", "AND", "OR")
-        return f"({one} {SIGNS.get(sign, sign)} {other})", "BOOL" if answers else kind
+        is_boolean = sign in ("=", "<>", "<", "<=", ">", ">=", "AND", "OR")
+        return f"({left} {OPERATORS.get(sign, sign)} {right})", "BOOL" if is_boolean else kind
 
-    def called(self, word, found):
+    def translate_call(self, function_name, arguments):
         """(Python, type) of a function's value."""
-        given, kinds = ", ".join(one for one, _ in found), [kind for _, kind in found]
-        if word in CONVERSIONS:
-            takes, does, gives = CONVERSIONS[word]
-            assert kinds == [takes], word
-            return f"{does}({given})", gives
-        if word in STANDARD:
-            assert set(kinds) == {"LREAL"} or (set(kinds) == {"INT"} and word in ("ABS", "MIN", "MAX")), word
-            return f"{STANDARD[word]}({given})", kinds[0]
-        unit = self.project.units[word.lower()]
-        assert kinds == [unit.types[one] for one in unit.inputs], word
-        return f"call({word.lower()!r}, {given})", unit.types[unit.name]
+        arguments_text, kinds = ", ".join(name for name, _ in arguments), [kind for _, kind in arguments]
+        if function_name in CONVERSIONS:
+            argument_type, python_name, result_type = CONVERSIONS[function_name]
+            assert kinds == [argument_type], function_name
+            return f"{python_name}({arguments_text})", result_type
+        if function_name in STANDARD_FUNCTIONS:
+            assert set(kinds) == {"LREAL"} or (set(kinds) == {"INT"} and function_name in ("ABS", "MIN", "MAX")), (
+                function_name
+            )
+            return f"{STANDARD_FUNCTIONS[function_name]}({arguments_text})", kinds[0]
+        unit = self.project.units[function_name.lower()]
+        assert kinds == [unit.types[name] for name in unit.inputs], function_name
+        return f"call({function_name.lower()!r}, {arguments_text})", unit.types[unit.name]
 
 
-def text(node):
+def node_text(node):
     """What is written."""
     return node.text.decode()
 
 
-def literal(said, kind):
+def parse_literal(source, kind):
     """A number or truth as written."""
     if kind == "BOOL":
-        return {"TRUE": True, "FALSE": False}[said]
-    assert (kind == "LREAL") == ("." in said), said
-    return float(said) if kind == "LREAL" else int(said)
+        return {"TRUE": True, "FALSE": False}[source]
+    assert (kind == "LREAL") == ("." in source), source
+    return float(source) if kind == "LREAL" else int(source)

@@ -18,7 +18,7 @@ from fastcoil.study.folder.stored import Manifest
 
 # fewer scenarios a day than a block has lanes: as many shards as days
 DAYS = 3
-PLAIN = f"""
+PLAIN_STUDY = f"""
 title = "small"
 [loop]
 noise_std = 0.02
@@ -31,10 +31,10 @@ seed = {list(range(1, DAYS + 1))}
 [run]
 warm_up = 100
 """
-TRACED = PLAIN + 'traces = ["T_sup", "mode"]\ntrace_interval = 50\n'
+TRACED_STUDY = PLAIN_STUDY + 'traces = ["T_sup", "mode"]\ntrace_interval = 50\n'
 
 
-def larger(text: str) -> str:
+def with_larger_sweep(text: str) -> str:
     """The study with a value more."""
     return text.replace("[0.02, 0.07]", "[0.02, 0.07, 0.1]")
 
@@ -54,7 +54,7 @@ def run(text: str, folder: Path, **options: Any) -> str:
 
 
 @cache
-def _made(text: str, n_shards: int | None = None) -> Path:
+def _run_once(text: str, n_shards: int | None = None) -> Path:
     """A folder that nobody changes, with the study run to its end or interrupted after some shards."""
     place = Path(tempfile.mkdtemp())
     atexit.register(shutil.rmtree, place, ignore_errors=True)
@@ -66,50 +66,50 @@ def _made(text: str, n_shards: int | None = None) -> Path:
     return folder
 
 
-def copied(text: str, folder: Path, n_shards: int | None = None) -> None:
+def copy_run(text: str, folder: Path, n_shards: int | None = None) -> None:
     """Leave what a run to the end, or interrupted after some shards, would; each study is run only once for all."""
-    made = _made(text, n_shards)
+    original = _run_once(text, n_shards)
     write_study(text, folder)
-    shutil.copytree(made, folder, dirs_exist_ok=True)
+    shutil.copytree(original, folder, dirs_exist_ok=True)
     manifest = Manifest.read(folder)
     assert manifest is not None
-    assert manifest.relative_to == str(made.parent)
+    assert manifest.relative_to == str(original.parent)
     replace(manifest, relative_to=str(folder.parent)).write(folder)
 
 
 @cache
-def golden(text: str) -> str:
+def undisturbed_hash(text: str) -> str:
     """The hash of an undisturbed run."""
-    return str(netcdf.load(str(_made(text) / "results.nc")).attrs["content_sha256"])
+    return str(netcdf.load(str(_run_once(text) / "results.nc")).attrs["content_sha256"])
 
 
-def run_until_stopped(study: Study, folder: Path, after: int, **options: Any) -> int:
+def run_until_stopped(study: Study, folder: Path, n_shards: int, **options: Any) -> int:
     """Run a study until some shards are committed, then interrupt it as Ctrl-C does.  Returns how much was run."""
-    done: list[int] = []
+    sizes: list[int] = []
 
     def advance(n_scenarios: int) -> None:
-        done.append(n_scenarios)
-        if len(done) == after:
+        sizes.append(n_scenarios)
+        if len(sizes) == n_shards:
             raise KeyboardInterrupt
 
     try:
         runner.execute(study, folder, n_jobs=1, progress=lambda *_: advance, **options)
     except KeyboardInterrupt:
-        return sum(done)
+        return sum(sizes)
     raise AssertionError("the study was finished before it was interrupted")
 
 
-def run_until_interrupted(text: str, folder: Path, after: int, **options: Any) -> None:
+def run_until_interrupted(text: str, folder: Path, n_shards: int, **options: Any) -> None:
     """Run the study of a text until some shards are committed, then interrupt it."""
-    run_until_stopped(write_study(text, folder), folder, after, **options)
+    run_until_stopped(write_study(text, folder), folder, n_shards, **options)
 
 
-def shards(folder: Path) -> list[Path]:
+def shard_files(folder: Path) -> list[Path]:
     """All files among the shards, hidden ones too."""
     return sorted((folder / "shards").glob("*"))
 
 
-def contents(folder: Path) -> dict[str, tuple[bytes, int]]:
+def folder_contents(folder: Path) -> dict[str, tuple[bytes, int]]:
     """Bytes and time of change of every file; of a folder, its time."""
     return {
         str(p.relative_to(folder)): (p.read_bytes() if p.is_file() else b"", p.stat().st_mtime_ns)
@@ -117,39 +117,39 @@ def contents(folder: Path) -> dict[str, tuple[bytes, int]]:
     }
 
 
-def unfinished(folder: Path) -> list[Path]:
+def unfinished_files(folder: Path) -> list[Path]:
     """Half-written files."""
     return [p for p in folder.rglob("*") if p.name.endswith(".tmp")]
 
 
-def quarantined(folder: Path) -> list[str]:
+def quarantined_names(folder: Path) -> list[str]:
     """The names of the files in quarantine."""
     return sorted(p.name for p in (folder / "quarantine").glob("*"))
 
 
-def verify(folder: Path) -> list[str]:
+def verify_unchanged(folder: Path) -> list[str]:
     """Verify a folder, and check that this changes nothing."""
-    before = contents(folder)
+    before = folder_contents(folder)
     problems = maintenance.verify(folder)
-    assert contents(folder) == before
+    assert folder_contents(folder) == before
     return problems
 
 
-def resume(folder: Path, text: str = PLAIN, **options: Any) -> list[str]:
+def resume_to_end(folder: Path, text: str = PLAIN_STUDY, **options: Any) -> list[str]:
     """Resume a study to its end; the result is that of an undisturbed run.  Returns the warnings."""
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
-        assert run(text, folder, **options) == golden(text)
-    assert verify(folder) == []
-    assert unfinished(folder) == []
-    assert shards(folder) == []
+        assert run(text, folder, **options) == undisturbed_hash(text)
+    assert verify_unchanged(folder) == []
+    assert unfinished_files(folder) == []
+    assert shard_files(folder) == []
     return [str(w.message) for w in warned]
 
 
 SITUATIONS: dict[str, tuple[str, Callable[[Path], object]]] = {
-    "plain": (PLAIN, lambda folder: None),
-    "traced": (TRACED, lambda folder: None),
-    "extended": (larger(TRACED), lambda folder: copied(TRACED, folder)),
-    "resumed": (TRACED, lambda folder: copied(TRACED, folder, 1)),
+    "plain": (PLAIN_STUDY, lambda folder: None),
+    "traced": (TRACED_STUDY, lambda folder: None),
+    "extended": (with_larger_sweep(TRACED_STUDY), lambda folder: copy_run(TRACED_STUDY, folder)),
+    "resumed": (TRACED_STUDY, lambda folder: copy_run(TRACED_STUDY, folder, 1)),
 }
 """The study to run, and how its folder is prepared."""

@@ -17,11 +17,11 @@ from typing import Any
 
 from helpers.weather_years import epw, hours_from, tmy3
 
-MEMORY = 2**30
+MAX_MEMORY_BYTES = 2**30
 """Bytes that reading one file may take."""
-SECONDS = 10.0
+MAX_READ_SECONDS = 10.0
 """So long takes none, even on a machine that does other things."""
-LONGEST_SENTENCE = 1500
+MAX_SENTENCE_CHARACTERS = 1500
 ROOT = Path(__file__).parents[2]
 STUDIES = (
     (ROOT / "studies" / "paper" / "paper_like.toml").read_text(),
@@ -97,7 +97,7 @@ BYTES = (b"\0", b"\xff", b"\r", b"\n", b'"', b"'''", b"[", b"=", b",", b".", b"\
 _WORD = re.compile(r"[^\s,;=\[\]{}]+|\[.*\]|\{.*\}")
 
 
-def with_other_bytes(data: bytes, r: random.Random) -> bytes:
+def damage_bytes(data: bytes, r: random.Random) -> bytes:
     """Some bytes flipped, cut out, put in, doubled or cut off."""
     changed = bytearray(data)
     for _ in range(r.randint(1, 8)):
@@ -110,7 +110,7 @@ def with_other_bytes(data: bytes, r: random.Random) -> bytes:
     return bytes(changed)
 
 
-def saved_otherwise(data: bytes, r: random.Random) -> bytes:
+def change_encoding(data: bytes, r: random.Random) -> bytes:
     """As other programs save text: other line ends, byte order marks, other encodings."""
     text = data.decode(errors="replace")
     return r.choice([
@@ -119,7 +119,7 @@ def saved_otherwise(data: bytes, r: random.Random) -> bytes:
     ])  # fmt: skip
 
 
-def with_other_words(data: bytes, r: random.Random) -> bytes:
+def damage_words(data: bytes, r: random.Random) -> bytes:
     """Words and numbers replaced, lines doubled, lost, put in or in another order, many cells more."""
     lines = data.decode(errors="replace").split("\n")
     for _ in range(r.randint(1, 4)):
@@ -140,15 +140,15 @@ def with_other_words(data: bytes, r: random.Random) -> bytes:
     return "\n".join(lines).encode(errors="replace")
 
 
-def damaged(data: bytes, r: random.Random) -> bytes:
+def damage_text(data: bytes, r: random.Random) -> bytes:
     """The bytes with one to three kinds of damage."""
-    kinds = (with_other_bytes, saved_otherwise, *[with_other_words] * 3)
+    kinds = (damage_bytes, change_encoding, *[damage_words] * 3)
     for _ in range(r.choice([1, 1, 1, 2, 3])):
         data = r.choice(kinds)(data, r)
     return data
 
 
-def complaint(read: Callable[[], object]) -> str | None:
+def reading_problem(read: Callable[[], object]) -> str | None:
     """What is wrong with how a file was read, or refused; ``None`` if nothing is."""
     from fastcoil.base.errors import InputError
 
@@ -160,26 +160,26 @@ def complaint(read: Callable[[], object]) -> str | None:
             read()
     except InputError as error:
         longest = max(error.problems, key=len)
-        if len(longest) > LONGEST_SENTENCE:
+        if len(longest) > MAX_SENTENCE_CHARACTERS:
             return f"a sentence of {len(longest)} characters: {longest[:200]!r} … {longest[-100:]!r}"
         if not all(problem.strip() for problem in error.problems):
             return "an empty sentence"
     except BaseException as error:
         return f"{type(error).__name__}: {str(error)[:300]!r}"
-    took = time.monotonic() - start
-    return f"took {took:.1f} s" if took > SECONDS else None
+    duration = time.monotonic() - start
+    return f"took {duration:.1f} s" if duration > MAX_READ_SECONDS else None
 
 
 def limit_memory() -> None:
     """Let this process take no more than ``MEMORY`` in addition to what it has."""
-    has = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-    resource.setrlimit(resource.RLIMIT_AS, (has + MEMORY, resource.getrlimit(resource.RLIMIT_AS)[1]))
+    used_bytes = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (used_bytes + MAX_MEMORY_BYTES, resource.getrlimit(resource.RLIMIT_AS)[1]))
 
 
 def main(seed: int, count: int, folder: Path) -> None:
     """Damage and read ``count`` files of each kind."""
-    from fastcoil.logs import Reading, read_log
-    from fastcoil.logs.columns import Wanted
+    from fastcoil.logs import ReadingOptions, read_checked_log
+    from fastcoil.logs.columns import ColumnSpec
     from fastcoil.logs.join import join_points
     from fastcoil.loops.boundary import Boundary
     from fastcoil.loops.boundary.weather import weather_day
@@ -188,10 +188,10 @@ def main(seed: int, count: int, folder: Path) -> None:
     for name, text in {"valve.toml": VALVE, "log.csv": LOG, "weather.csv": WEATHER}.items():
         (folder / name).write_text(text, encoding="utf-8")
     (folder / "including.toml").write_text('[loop]\ninclude = ["valve.toml"]\n[boundary]\nhours = 1\n')
-    of_valve = Wanted(needed=("command", "m_w"), measured=("m_w",))
+    of_valve = ColumnSpec(required=("command", "m_w"), measured=("m_w",))
     of_day = {"m_a": 1.0, "T_w_in": 7.0, "T_set": 14.0, "outdoor_fraction": 0.3, "T_return": 24.0, "RH_return": 0.5}
     columns, units, year = {"T_set": "T_set"}, {"command": "1"}, hours_from(1, 1, 59)
-    foreign = Reading(columns={"timestamp": "Zeit"}, drop=True, jumps="split")
+    foreign = ReadingOptions(columns={"timestamp": "Zeit"}, drop=True, jumps="split")
     study, csv = folder / "damaged.toml", folder / "damaged.csv"
 
     def weather() -> object:
@@ -202,9 +202,9 @@ def main(seed: int, count: int, folder: Path) -> None:
         ("include", VALVE, folder / "valve.toml", partial(read_study, folder / "including.toml")),
         ("day", LOG, csv, lambda: Boundary.from_csv(csv, units={"T_set": "degC"}, columns=columns)),
         ("day, timed", TIMED, csv, lambda: Boundary.from_csv(csv, columns=columns)),
-        ("log", LOG, csv, lambda: read_log(csv, of_valve, Reading(drop=True, jumps="split", units=units))),
-        ("log, strict", LOG, csv, lambda: read_log(csv, of_valve, Reading(units=units))),
-        ("log, foreign", FOREIGN, csv, lambda: read_log(csv, of_valve, foreign)),
+        ("log", LOG, csv, lambda: read_checked_log(csv, of_valve, ReadingOptions(drop=True, jumps="split", units=units))),
+        ("log, strict", LOG, csv, lambda: read_checked_log(csv, of_valve, ReadingOptions(units=units))),
+        ("log, foreign", FOREIGN, csv, lambda: read_checked_log(csv, of_valve, foreign)),
         ("joined", FOREIGN, csv, lambda: join_points([csv], columns={}, units={}, time_format=None, step=None,
                                                      max_gap=None)),
         ("weather", WEATHER, csv, weather),
@@ -219,13 +219,13 @@ def main(seed: int, count: int, folder: Path) -> None:
     limit_memory()
     for number in range(count):
         for kind, text, path, read in kinds:
-            data = damaged(text.encode(), random.Random(f"{seed} {number} {kind}"))
+            data = damage_text(text.encode(), random.Random(f"{seed} {number} {kind}"))
             path.write_bytes(data)
-            said = complaint(read)
+            problem = reading_problem(read)
             path.write_text(text, encoding="utf-8")
-            if said is not None:
+            if problem is not None:
                 (folder / f"bad-{seed}-{number}-{kind}").write_bytes(data)
-                print(f"seed {seed}, number {number}, {kind}: {said}", flush=True)
+                print(f"seed {seed}, number {number}, {kind}: {problem}", flush=True)
 
 
 if __name__ == "__main__":

@@ -10,6 +10,6 @@ def row(time, m_a=1.0, T_a_in=25.0, W_a_in=0.01, T_w_in=7.0, T_set=14.0):
 ROWS = [row(0), row(60, m_a=1.6, T_set=15.0), row(120, T_a_in=27.0)]
 
 
-def replaced(column, values, rows=ROWS):
+def replace_column(column, values, rows=ROWS):
     """``rows`` with the values of one column, by its index, replaced."""
     return [[*r[:column], value, *r[column + 1 :]] for r, value in zip(rows, values, strict=True)]

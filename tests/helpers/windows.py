@@ -21,15 +21,15 @@ LIBRARIES = (
     "pydantic", "rich.console", "rich.progress", "jinja2", "matplotlib.pyplot", "subprocess", "tempfile", "asyncio",
     "multiprocessing", "zipfile", "logging.config", "getpass", "concurrent.futures.thread",
 )  # fmt: skip
-NO_MODULES = ("fcntl", "resource", "pwd", "grp", "termios", "tty", "pty", "posix_ipc", "syslog", "readline")
-NO_NAMES = (
+MISSING_MODULES = ("fcntl", "resource", "pwd", "grp", "termios", "tty", "pty", "posix_ipc", "syslog", "readline")
+MISSING_OS_NAMES = (
     "fork", "forkpty", "register_at_fork", "getuid", "geteuid", "getgid", "getegid", "getpgid", "setsid", "killpg",
     "sysconf", "posix_fallocate", "sched_getaffinity", "mkfifo", "chown", "fchown", "chroot", "nice", "getloadavg",
     "O_NONBLOCK", "O_DIRECTORY", "O_NOFOLLOW", "O_NOCTTY", "O_CLOEXEC", "O_SYNC", "O_DSYNC", "pread", "pwrite",
 )  # fmt: skip
 SIGNALS = {"SIGINT", "SIGTERM", "SIGABRT", "SIGFPE", "SIGILL", "SIGSEGV"}
 """Those of Windows; SIG_DFL and SIG_IGN are no signals."""
-MEMORY = 3 * 2**30
+MEMORY_BYTES = 3 * 2**30
 
 
 def emulate(libraries=LIBRARIES):
@@ -37,13 +37,13 @@ def emulate(libraries=LIBRARIES):
     for name in libraries:
         import_module(name)
     assert not [name for name in sys.modules if name.partition(".")[0] == "fastcoil"]
-    whole = SimpleNamespace(**vars(os))
+    full_os = SimpleNamespace(**vars(os))
     for name, module in list(sys.modules.items()):
         if name.startswith("filelock.") and getattr(module, "os", None) is os:
-            module.os = whole
-    for name in NO_MODULES:
+            module.os = full_os
+    for name in MISSING_MODULES:
         sys.modules[name] = None
-    for name in NO_NAMES:
+    for name in MISSING_OS_NAMES:
         with suppress(AttributeError):
             delattr(os, name)
     for name in dir(signal):
@@ -51,7 +51,7 @@ def emulate(libraries=LIBRARIES):
             delattr(signal, name)
     shutil._use_fd_functions = False
     tempfile.TemporaryFile = tempfile.NamedTemporaryFile  # as there, where no open file loses its name
-    _refuse()
+    _refuse_open_files()
     sys.modules["ctypes"].windll = SimpleNamespace(kernel32=SimpleNamespace(GlobalMemoryStatusEx=_memory_status))
     # a text file opened without an encoding would get that of the country
     warnings.filterwarnings("error", category=EncodingWarning, module=r"fastcoil\.")
@@ -60,11 +60,11 @@ def emulate(libraries=LIBRARIES):
 def _memory_status(pointer):
     status = pointer._obj
     assert (len(status), status[0] & 0xFFFFFFFF) == (8, 64)
-    status[1], status[2] = 4 * MEMORY, MEMORY
+    status[1], status[2] = 4 * MEMORY_BYTES, MEMORY_BYTES
     return 1
 
 
-def _refuse():
+def _refuse_open_files():
     """No folder is opened or flushed, and no open file is replaced, renamed or removed."""
     opened, synced = os.open, os.fsync
 
@@ -78,7 +78,7 @@ def _refuse():
             raise OSError(errno.EBADF, "Bad file descriptor")
         synced(descriptor)
 
-    def closed(change, n_paths):
+    def refuse_if_open(change, n_paths):
         def checked(*arguments, **options):
             for path in arguments[:n_paths]:
                 if is_open(path):
@@ -89,13 +89,13 @@ def _refuse():
 
     os.open, os.fsync = open_, fsync
     for name, n_paths in (("replace", 2), ("rename", 2), ("unlink", 1), ("remove", 1)):
-        setattr(os, name, closed(getattr(os, name), n_paths))
+        setattr(os, name, refuse_if_open(getattr(os, name), n_paths))
 
 
 def is_open(path):
     """Whether this process has a file open, by whatever library."""
-    path, found = os.path.realpath(path), set()
+    path, open_paths = os.path.realpath(path), set()
     for name in os.listdir("/proc/self/fd"):
         with suppress(OSError):
-            found.add(os.readlink(f"/proc/self/fd/{name}"))
-    return path in found
+            open_paths.add(os.readlink(f"/proc/self/fd/{name}"))
+    return path in open_paths

@@ -19,8 +19,8 @@ INSIDE_MODEL = [
     ["numerics"], ["physics", "control"], ["estimators"], ["valve_test"], ["engine"], ["user_rules"],
 ]  # fmt: skip
 """The same inside the model, where compiled code lies."""
-COMPILED = {"numerics", "physics", "control", "valve_test", "estimators", "engine"}
-NAME_NUMBA = {"jit.py", "kernel_cache.py", "compile_user_function.py", "stages.py"}
+COMPILED_PARTS = {"numerics", "physics", "control", "valve_test", "estimators", "engine"}
+MAY_NAME_NUMBA = {"jit.py", "kernel_cache.py", "compile_user_function.py", "stages.py"}
 """Files of model/numerics that may name the compiler."""
 MOST_LINES = 500
 
@@ -34,55 +34,57 @@ def nodes(path):
 @cache
 def imports(path):
     """Dotted names of all that a module imports, wherever in it."""
-    found = set()
+    names = set()
     for node in nodes(path):
         if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
+            names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            found |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return found
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
 
 
-def place(path):
+def module_parts(path):
     """The parts of a module's path in the package, without suffix."""
     return path.relative_to(PACKAGE).with_suffix("").parts
 
 
 def is_compiled(path):
-    return place(path)[0] == "model" and place(path)[1] in COMPILED
+    return module_parts(path)[0] == "model" and module_parts(path)[1] in COMPILED_PARTS
 
 
-def may_name_numba(path):
-    return place(path)[:2] == ("model", "numerics") and path.name in NAME_NUMBA
+def is_compiler_file(path):
+    return module_parts(path)[:2] == ("model", "numerics") and path.name in MAY_NAME_NUMBA
 
 
-def rank(parts, order):
+def layer_index(parts, order):
     return next(k for k, names in enumerate(order) if parts[0] == names or parts[0] in names)
 
 
 def test_no_room_imports_from_a_higher_one():
     upward = []
     for path in MODULES:
-        own = place(path)
+        parts = module_parts(path)
         for name in imports(path):
-            other = tuple(name.split(".")[1:])
+            imported_parts = tuple(name.split(".")[1:])
             if not name.startswith("fastcoil."):
                 continue
-            if other[0] != own[0]:
-                wrong = LAYERS.index(other[0]) >= LAYERS.index(own[0])
+            if imported_parts[0] != parts[0]:
+                is_upward = LAYERS.index(imported_parts[0]) >= LAYERS.index(parts[0])
             else:
-                inside = own[0] == "model" and own[1] != other[1] and own[1] != "__init__"
-                wrong = inside and rank(other[1:], INSIDE_MODEL) >= rank(own[1:], INSIDE_MODEL)
-            upward += [f"{'/'.join(own)} imports {name}"] * wrong
+                inside = parts[0] == "model" and parts[1] != imported_parts[1] and parts[1] != "__init__"
+                is_upward = inside and layer_index(imported_parts[1:], INSIDE_MODEL) >= layer_index(
+                    parts[1:], INSIDE_MODEL
+                )
+            upward += [f"{'/'.join(parts)} imports {name}"] * is_upward
     assert not upward
 
 
 def module_name(path):
     """Dotted name; that of a package for its __init__."""
-    return ".".join(("fastcoil", *place(path))).removesuffix(".__init__")
+    return ".".join(("fastcoil", *module_parts(path))).removesuffix(".__init__")
 
 
-def circle(graph):
+def find_circle(graph):
     """One circle of a graph, {module: those it imports}: each imports the next.  Empty if there is none."""
     try:
         TopologicalSorter(graph).prepare()
@@ -100,14 +102,14 @@ def test_no_circle_of_modules_inside_a_room():
         for path in MODULES
     }
     assert sum(map(len, graph.values())) > len(names)
-    found = circle(graph)
-    assert not found, " imports ".join(found)
+    modules = find_circle(graph)
+    assert not modules, " imports ".join(modules)
 
 
 def test_a_circle_is_found():
-    found = circle({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}})
-    assert "".join(found) in ("abca", "bcab", "cabc")
-    assert not circle({"a": {"b"}, "b": {"c"}, "d": {"a", "c"}})
+    modules = find_circle({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}})
+    assert "".join(modules) in ("abca", "bcab", "cabc")
+    assert not find_circle({"a": {"b"}, "b": {"c"}, "d": {"a", "c"}})
 
 
 def test_numba_is_named_in_the_compiler_files_alone_and_xarray_above_the_model_alone():
@@ -123,27 +125,31 @@ def test_numba_is_named_in_the_compiler_files_alone_and_xarray_above_the_model_a
         "numpy",
         "fastcoil",
     }
-    wrong = []
+    offenders = []
     for path in MODULES:
         roots = {name.split(".")[0] for name in imports(path)}
-        foreign = roots & {"numba", "llvmlite"} and not may_name_numba(path)
-        labelled = place(path)[0] in ("base", "model") and "xarray" in roots
-        odd = is_compiled(path) and not roots <= allowed and not may_name_numba(path)
-        wrong += ["/".join(place(path))] * bool(foreign or labelled or odd)
-    assert not wrong
+        foreign = roots & {"numba", "llvmlite"} and not is_compiler_file(path)
+        labelled = module_parts(path)[0] in ("base", "model") and "xarray" in roots
+        has_foreign_import = is_compiled(path) and not roots <= allowed and not is_compiler_file(path)
+        offenders += ["/".join(module_parts(path))] * bool(foreign or labelled or has_foreign_import)
+    assert not offenders
 
 
 def test_no_threads_no_fast_math_and_no_other_decorators():
     for path in MODULES:
-        where = "/".join(place(path))
+        where = "/".join(module_parts(path))
         names = {node.id for node in nodes(path) if isinstance(node, ast.Name)}
         names |= {node.attr for node in nodes(path) if isinstance(node, ast.Attribute)}
         assert not names & {"prange", "objmode", "vectorize", "guvectorize", "jitclass", "stencil"}, where
-        assert not names & {"njit", "jit", "intrinsic"} or may_name_numba(path), where
+        assert not names & {"njit", "jit", "intrinsic"} or is_compiler_file(path), where
         keywords = {node.arg for node in nodes(path) if isinstance(node, ast.keyword)}
         assert not keywords & {"parallel", "forceobj", "boundscheck"}, where
-        fast = [ast.unparse(n.value) for n in nodes(path) if isinstance(n, ast.keyword) and n.arg == "fastmath"]
-        assert not fast or (path.name == "jit.py" and set(fast) == {"{'contract'}", "False"}), where
+        fastmath_values = [
+            ast.unparse(n.value) for n in nodes(path) if isinstance(n, ast.keyword) and n.arg == "fastmath"
+        ]
+        assert not fastmath_values or (path.name == "jit.py" and set(fastmath_values) == {"{'contract'}", "False"}), (
+            where
+        )
 
 
 def test_flags_of_every_compiled_function():
@@ -155,18 +161,18 @@ def test_every_module_can_be_read_at_one_sitting():
 
 
 def test_every_compiled_function_is_documented():
-    bare = [
-        f"{'/'.join(place(path))}: {node.name}"
+    undocumented = [
+        f"{'/'.join(module_parts(path))}: {node.name}"
         for path in filter(is_compiled, MODULES)
         for node in nodes(path)
         if isinstance(node, ast.FunctionDef) and node.decorator_list and not node.name.startswith("_")
         if not ast.get_docstring(node)
     ]
-    assert not bare
+    assert not undocumented
 
 
 def test_importing_the_package_loads_nothing_heavy():
     code = "import sys, fastcoil; print(*sys.modules)"
     root = {"PYTHONPATH": str(PACKAGE.parent), "PATH": ""}
-    found = subprocess.run([sys.executable, "-c", code], env=root, capture_output=True, text=True, check=True)
-    assert not {"numba", "numpy", "scipy", "xarray", "matplotlib"} & set(found.stdout.split())
+    process = subprocess.run([sys.executable, "-c", code], env=root, capture_output=True, text=True, check=True)
+    assert not {"numba", "numpy", "scipy", "xarray", "matplotlib"} & set(process.stdout.split())

@@ -41,7 +41,7 @@ def test_a_release_date_stands_in_the_citation_once_the_version_is_released():
     assert ("date-released:" in (ROOT / "CITATION.cff").read_text()) == released
 
 
-def rendered_readme():
+def render_readme():
     """The README as a package index gets it."""
     pytest.importorskip("hatch_fancy_pypi_readme")
     metadata = pytest.importorskip("hatchling.metadata.core")
@@ -53,7 +53,7 @@ def rendered_readme():
 
 
 def test_the_readme_of_the_package_links_to_nothing_that_is_not_there():
-    text, project = rendered_readme()
+    text, project = render_readme()
     links = re.findall(r"\]\(([^)]*)\)", text) + re.findall(r"^\[[^\]]+\]: (\S+)", text, re.MULTILINE)
     assert links
     assert not [link for link in links if not link.startswith("https://")]
@@ -69,11 +69,13 @@ def test_the_conda_recipe_agrees_with_the_project():
     assert f'{{% set version = "{fc.__version__}" %}}' in text
     recipe = yaml.safe_load(re.sub(r"{%.*?%}", "", text).replace("{{", "").replace("}}", ""))
     renamed = {"netcdf4": "netCDF4", "matplotlib-base": "matplotlib", "python-tzdata": "tzdata"}
-    wanted = dict(one.split(" ") for one in recipe["requirements"]["run"])
-    assert wanted.pop("python") == PYPROJECT["project"]["requires-python"]
-    declared = dict(re.match(r"([\w-]+)([^;]*)", one).groups() for one in PYPROJECT["project"]["dependencies"])
-    assert {renamed.get(name, name): bounds for name, bounds in wanted.items()} == declared
-    built_with = {one.replace(" ", "") for one in recipe["requirements"]["host"]}
+    recipe_bounds = dict(requirement.split(" ") for requirement in recipe["requirements"]["run"])
+    assert recipe_bounds.pop("python") == PYPROJECT["project"]["requires-python"]
+    project_bounds = dict(
+        re.match(r"([\w-]+)([^;]*)", requirement).groups() for requirement in PYPROJECT["project"]["dependencies"]
+    )
+    assert {renamed.get(name, name): bounds for name, bounds in recipe_bounds.items()} == project_bounds
+    built_with = {requirement.replace(" ", "") for requirement in recipe["requirements"]["host"]}
     assert set(PYPROJECT["build-system"]["requires"]) < built_with
     assert recipe["about"]["summary"] == PYPROJECT["project"]["description"]
     (entry,) = recipe["build"]["entry_points"]
@@ -108,5 +110,5 @@ def test_the_constraints_name_one_version_of_every_dependency_that_it_allows():
 
     lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
     pinned = dict(line.split("==") for line in lines if not line.startswith("#"))
-    for one in map(Requirement, PYPROJECT["project"]["dependencies"]):
-        assert one.specifier.contains(Version(pinned[one.name.lower()])), one
+    for requirement in map(Requirement, PYPROJECT["project"]["dependencies"]):
+        assert requirement.specifier.contains(Version(pinned[requirement.name.lower()])), requirement

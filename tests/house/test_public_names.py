@@ -10,8 +10,10 @@ from fastcoil.base.machine import VERSION
 
 
 def test_the_version_has_one_source():
-    told = subprocess.run([sys.executable, "-m", "fastcoil", "--version"], capture_output=True, text=True, check=True)
-    assert told.stdout.split()[-1] == fc.__version__ == VERSION
+    process = subprocess.run(
+        [sys.executable, "-m", "fastcoil", "--version"], capture_output=True, text=True, check=True
+    )
+    assert process.stdout.split()[-1] == fc.__version__ == VERSION
     assert "__version__" in dir(fc)
 
 
@@ -20,11 +22,11 @@ def test_presets_and_parameters_load_nothing_heavy():
         "import sys, fastcoil as fc; fc.presets(); fc.parameters(); fc.__version__; "
         "sys.exit(str({'numba', 'numpy', 'xarray', 'scipy', 'matplotlib'} & set(sys.modules) or ''))"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60)
-    assert done.stderr.strip() == ""
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60)
+    assert process.stderr.strip() == ""
 
 
-LOADING = """
+FORK_PROGRAM = """
 import os, signal, sys, threading, time
 import fastcoil as fc
 
@@ -49,16 +51,16 @@ sys.exit(os.waitpid(child, 0)[1])
 
 
 def test_a_child_of_a_fork_can_load_what_another_thread_was_loading():
-    ended = subprocess.run([sys.executable, "-W", "ignore", "-c", LOADING], check=False, timeout=60)
+    ended = subprocess.run([sys.executable, "-W", "ignore", "-c", FORK_PROGRAM], check=False, timeout=60)
     assert ended.returncode == 0
 
 
 def test_the_stub_for_type_checkers_has_the_public_names_from_where_they_are_loaded():
     stub = ast.parse(Path(fc.__file__).with_suffix(".pyi").read_text())
     imported = {
-        (one.asname or one.name): n.module for n in stub.body if isinstance(n, ast.ImportFrom) for one in n.names
+        (alias.asname or alias.name): n.module for n in stub.body if isinstance(n, ast.ImportFrom) for alias in n.names
     }
-    homes = {name: f"fastcoil.{home}" for name, home in fc._HOME.items()}
+    homes = {name: f"fastcoil.{home}" for name, home in fc._MODULE_OF_NAME.items()}
     assert {name: module for name, module in imported.items() if name in homes} == homes
     assert set(fc.__all__) - homes.keys() == {"__version__", "parameters", "plot"}
     assert imported.keys() - homes.keys() == {"Parameter", "figures"}

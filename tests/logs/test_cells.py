@@ -2,16 +2,16 @@
 
 import numpy as np
 import pytest
-from helpers.exports import COMMAND, HEADER, ISO, ROWS, T_SUP, assert_same_log, read, rows, text_of
+from helpers.exports import COMMAND, HEADER, ISO, ROWS, T_SUP, assert_same_log, cell_rows, read_text_as_log, table_text
 from helpers.refusals import only_problem, problems
 
-from fastcoil.logs import read_log
-from fastcoil.logs.cells import cells_of, writing_of
-from fastcoil.logs.columns import Wanted
-from fastcoil.logs.series import AIR_FLOW, TEMPERATURE, WATER_FLOW, spelled
+from fastcoil.logs import read_checked_log
+from fastcoil.logs.cells import detect_number_style, parse_cells
+from fastcoil.logs.columns import ColumnSpec
+from fastcoil.logs.series import AIR_FLOW, TEMPERATURE, WATER_FLOW, resolve_unit
 
 
-def with_comma(values, decimals=2):
+def format_with_comma(values, decimals=2):
     return [f"{value:.{decimals}f}".replace(".", ",") for value in values]
 
 
@@ -19,23 +19,25 @@ def with_comma(values, decimals=2):
 
 
 def test_quoted_decimal_commas(tmp_path):
-    cells = rows(ISO, *([f'"{cell}"' for cell in with_comma(values)] for values in (COMMAND, T_SUP)))
-    log = read(tmp_path, text_of(cells))
+    cells = cell_rows(ISO, *([f'"{cell}"' for cell in format_with_comma(values)] for values in (COMMAND, T_SUP)))
+    log = read_text_as_log(tmp_path, table_text(cells))
     assert_same_log(log)
     assert log.notes == ["numbers are read with a decimal comma"]
 
 
 def test_semicolons_with_decimal_commas(tmp_path):
-    log = read(tmp_path, text_of(rows(ISO, with_comma(COMMAND, 1), with_comma(T_SUP)), separator=";"))
+    log = read_text_as_log(
+        tmp_path, table_text(cell_rows(ISO, format_with_comma(COMMAND, 1), format_with_comma(T_SUP)), separator=";")
+    )
     assert_same_log(log)
     assert log.notes == ["columns are separated by semicolons", "numbers are read with a decimal comma"]
 
 
 def test_semicolons_and_tabs_with_decimal_points(tmp_path):
-    for separator, said in ((";", "semicolons"), ("\t", "tabs")):
-        log = read(tmp_path, text_of(rows(), separator=separator))
+    for separator, separator_name in ((";", "semicolons"), ("\t", "tabs")):
+        log = read_text_as_log(tmp_path, table_text(cell_rows(), separator=separator))
         assert_same_log(log)
-        assert log.notes == [f"columns are separated by {said}"]
+        assert log.notes == [f"columns are separated by {separator_name}"]
 
 
 @pytest.mark.parametrize(
@@ -49,28 +51,28 @@ def test_semicolons_and_tabs_with_decimal_points(tmp_path):
     ],
 )
 def test_separators_of_thousands(cells, values):
-    np.testing.assert_allclose(cells_of(cells, writing_of([cells], ","), switch=False).values, values)
+    np.testing.assert_allclose(parse_cells(cells, detect_number_style([cells], ","), is_switch=False).values, values)
 
 
-def test_separators_of_thousands_are_said(write):
-    path = write(["elapsed_time [s]", "m_w [L/h]"], [[0, "999.5"], [60, "7,200"], [120, "3,600"]])
-    log = read_log(path, Wanted(("m_w",)))
+def test_separators_of_thousands_are_said(write_log):
+    path = write_log(["elapsed_time [s]", "m_w [L/h]"], [[0, "999.5"], [60, "7,200"], [120, "3,600"]])
+    log = read_checked_log(path, ColumnSpec(("m_w",)))
     np.testing.assert_allclose(log.values["m_w"], [0.2776389, 2, 1], rtol=1e-6)
     assert log.notes == ["commas in numbers separate thousands"]
 
 
-def test_a_number_that_may_mean_two_things_is_refused(write):
-    path = write(["elapsed_time [s]", "T_sup [degC]"], [[0, "1,234"], [60, "1,235"]])
-    said = only_problem(read_log, path, Wanted(("T_sup",)))
-    assert "a number such as '1,234' may mean 1234 or 1.234: write decimal points" in said
+def test_a_number_that_may_mean_two_things_is_refused(write_log):
+    path = write_log(["elapsed_time [s]", "T_sup [degC]"], [[0, "1,234"], [60, "1,235"]])
+    problem = only_problem(read_checked_log, path, ColumnSpec(("T_sup",)))
+    assert "a number such as '1,234' may mean 1234 or 1.234: write decimal points" in problem
 
 
 # ----------------------------------------------------------------------------------------------- units in the cells
 
 
 def test_numbers_with_their_unit(tmp_path):
-    cells = rows(ISO, [f"{c / 10:.2f} V" for c in COMMAND], [f"{1.8 * T + 32:.3f} °F" for T in T_SUP])
-    log = read(tmp_path, text_of(cells, ("timestamp", "command", "T_sup")))
+    cells = cell_rows(ISO, [f"{c / 10:.2f} V" for c in COMMAND], [f"{1.8 * T + 32:.3f} °F" for T in T_SUP])
+    log = read_text_as_log(tmp_path, table_text(cells, ("timestamp", "command", "T_sup")))
     np.testing.assert_allclose(log.values["command"], COMMAND / 100, atol=1e-9)
     np.testing.assert_allclose(log.values["T_sup"], T_SUP, atol=1e-3)
     assert log.notes == ["command is in 'V' by its cells", "T_sup is in '°F' by its cells"]
@@ -78,32 +80,32 @@ def test_numbers_with_their_unit(tmp_path):
 
 @pytest.mark.parametrize("form", ["{} %", "{}%", "{} percent"])
 def test_percent_in_the_cells_beside_a_unit_in_the_header(tmp_path, form):
-    cells = rows(ISO, [form.format(c) for c in COMMAND])
-    assert_same_log(read(tmp_path, text_of(cells)))
-    assert_same_log(read(tmp_path, text_of(cells, ("timestamp", "command", "T_sup [degC]"))))
-    said = only_problem(read, tmp_path, text_of(cells, ("timestamp", "command [V]", "T_sup [degC]")))
-    assert "command is in 'V' by its header, in '%' by its cells: drop one" in said.replace("percent", "%")
+    cells = cell_rows(ISO, [form.format(c) for c in COMMAND])
+    assert_same_log(read_text_as_log(tmp_path, table_text(cells)))
+    assert_same_log(read_text_as_log(tmp_path, table_text(cells, ("timestamp", "command", "T_sup [degC]"))))
+    problem = only_problem(read_text_as_log, tmp_path, table_text(cells, ("timestamp", "command [V]", "T_sup [degC]")))
+    assert "command is in 'V' by its header, in '%' by its cells: drop one" in problem.replace("percent", "%")
 
 
 def test_two_units_in_a_column_and_numbers_without_one_are_refused(tmp_path):
     header = ("timestamp", "command", "T_sup [degC]")
-    cells = rows(ISO, [f"{c} %" for c in COMMAND])
+    cells = cell_rows(ISO, [f"{c} %" for c in COMMAND])
     cells[7][1] = "5.1 V"
     assert "command = '5.1 V' in row 9: others are in '%', write one unit" in only_problem(
-        read, tmp_path, text_of(cells, header)
+        read_text_as_log, tmp_path, table_text(cells, header)
     )
     cells[7][1] = "5.1"
     assert "command = '5.1' in row 9: others are in '%', write one unit" in only_problem(
-        read, tmp_path, text_of(cells, header)
+        read_text_as_log, tmp_path, table_text(cells, header)
     )
 
 
 def test_one_number_of_another_unit_is_a_bad_value(tmp_path):
-    cells = rows()
+    cells = cell_rows()
     cells[7][1] = "5.1 V"
-    assert "command = '5.1 V' in row 9" in only_problem(read, tmp_path, text_of(cells))
+    assert "command = '5.1 V' in row 9" in only_problem(read_text_as_log, tmp_path, table_text(cells))
     cells[7][1] = f"{COMMAND[7]} %"
-    assert_same_log(read(tmp_path, text_of(cells)))
+    assert_same_log(read_text_as_log(tmp_path, table_text(cells)))
 
 
 # ------------------------------------------------------------------------------------------- words and statuses
@@ -111,41 +113,41 @@ def test_one_number_of_another_unit_is_a_bad_value(tmp_path):
 
 @pytest.mark.parametrize("word", ["", "NaN", "---", "null", "#N/A", "n/a", "No Data"])
 def test_words_for_a_missing_value(tmp_path, word):
-    cells = rows()
+    cells = cell_rows()
     cells[7][2] = word
-    said = only_problem(read, tmp_path, text_of(cells))
-    assert f"T_sup = {word!r} in row 9: give a number with a decimal point, or fill or cut the gap" in said
-    log = read(tmp_path, text_of(cells), drop=True)
+    problem = only_problem(read_text_as_log, tmp_path, table_text(cells))
+    assert f"T_sup = {word!r} in row 9: give a number with a decimal point, or fill or cut the gap" in problem
+    log = read_text_as_log(tmp_path, table_text(cells), drop=True)
     assert np.flatnonzero(np.isnan(log.values["T_sup"])).tolist() == [7]
 
 
 @pytest.mark.parametrize(("on", "off"), [("ON", "OFF"), ("true", "false"), ("Active", "Inactive"), ("Yes", "No")])
 def test_switches_in_words(tmp_path, on, off):
     words = [on if k < 20 else off for k in range(ROWS)]
-    log = read(tmp_path, text_of(rows(ISO, COMMAND, T_SUP, words), (*HEADER, "enabled")))
+    log = read_text_as_log(tmp_path, table_text(cell_rows(ISO, COMMAND, T_SUP, words), (*HEADER, "enabled")))
     np.testing.assert_array_equal(log.values["enabled"], [1.0] * 20 + [0.0] * 40)
     assert not log.notes
 
 
 def test_a_status_beside_the_number_in_its_cell(tmp_path):
-    cells = rows(ISO, [f"{c} {{ok}}" for c in COMMAND])
-    assert_same_log(read(tmp_path, text_of(cells)))
+    cells = cell_rows(ISO, [f"{c} {{ok}}" for c in COMMAND])
+    assert_same_log(read_text_as_log(tmp_path, table_text(cells)))
     cells[7][1] = '"0.0 {fault,stale}"'
-    assert "in row 9, bad by its status: give a number" in only_problem(read, tmp_path, text_of(cells))
+    assert "in row 9, bad by its status: give a number" in only_problem(read_text_as_log, tmp_path, table_text(cells))
     cells[7][1] = "{fault}"
-    assert "command = '{fault}' in row 9" in only_problem(read, tmp_path, text_of(cells))
-    log = read(tmp_path, text_of(cells), drop=True)
+    assert "command = '{fault}' in row 9" in only_problem(read_text_as_log, tmp_path, table_text(cells))
+    log = read_text_as_log(tmp_path, table_text(cells), drop=True)
     assert log.values["command"][7] == log.values["command"][6]
 
 
 def test_a_column_of_status_marks_the_values_of_its_row(tmp_path):
     status = ["{ok}"] * ROWS
-    text = text_of(rows(ISO, COMMAND, T_SUP, status), (*HEADER, "Status"))
-    assert_same_log(read(tmp_path, text))
+    text = table_text(cell_rows(ISO, COMMAND, T_SUP, status), (*HEADER, "Status"))
+    assert_same_log(read_text_as_log(tmp_path, text))
     status[7] = "{fault}"
-    text = text_of(rows(ISO, COMMAND, T_SUP, status), (*HEADER, "Status"))
-    assert len(problems(read, tmp_path, text)) == 2
-    log = read(tmp_path, text, drop=True)
+    text = table_text(cell_rows(ISO, COMMAND, T_SUP, status), (*HEADER, "Status"))
+    assert len(problems(read_text_as_log, tmp_path, text)) == 2
+    log = read_text_as_log(tmp_path, text, drop=True)
     assert log.notes[0] == "1 row marked as bad by the column 'Status' (first in row 9)"
     assert np.flatnonzero(np.isnan(log.values["T_sup"])).tolist() == [7]
 
@@ -161,7 +163,7 @@ def test_a_column_of_status_marks_the_values_of_its_row(tmp_path):
     ],
 )
 def test_an_abbreviation_suggests_the_unit_it_means(unit, units, hint):
-    message = only_problem(spelled, "x", unit, units)
+    message = only_problem(resolve_unit, "x", unit, units)
     assert message.startswith(f"x is in {unit!r}")
     assert hint in message
     assert message.endswith(f"(known units: {', '.join(units)})")

@@ -2,43 +2,43 @@
 
 import numpy as np
 import pytest
-from helpers.simulated_logs import flows, log_of, noisy, walk
+from helpers.simulated_logs import add_noise, make_valve_log, random_walk, valve_flows
 
 import fastcoil as fc
-from fastcoil.logs import read_log
-from fastcoil.logs.columns import Wanted
+from fastcoil.logs import read_checked_log
+from fastcoil.logs.columns import ColumnSpec
 
-WANTED = Wanted(("command", "m_w"))
+WANTED = ColumnSpec(("command", "m_w"))
 pytestmark = pytest.mark.kernel
 
 
 def test_a_dataset_with_timestamps_is_as_one_with_seconds():
-    log = log_of(c := walk(np.random.default_rng(25), n=200), flows(c))
+    log = make_valve_log(c := random_walk(np.random.default_rng(25), n=200), valve_flows(c))
     stamps = np.datetime64("2024-07-01T08:00") + np.arange(200) * np.timedelta64(60, "s")
-    others = [
+    with_timestamps = [
         log.drop_vars("elapsed_time").rename({"elapsed_time": name}).assign_coords({name: stamps})
         for name in ("timestamp", "time", "elapsed_time")
     ]
-    expected = read_log(log, WANTED)
-    for other in (*others, log.assign_coords(elapsed_time=stamps - stamps[0])):
-        found = read_log(other, WANTED)
+    expected = read_checked_log(log, WANTED)
+    for dataset in (*with_timestamps, log.assign_coords(elapsed_time=stamps - stamps[0])):
+        log_read = read_checked_log(dataset, WANTED)
         for name in ("time", "batch", "rows"):
-            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+            np.testing.assert_array_equal(getattr(log_read, name), getattr(expected, name))
         for name, values in expected.values.items():
-            np.testing.assert_array_equal(found.values[name], values)
+            np.testing.assert_array_equal(log_read.values[name], values)
 
 
 def test_a_dataset_of_other_names_and_units_is_read_as_a_file_would_be():
     rng = np.random.default_rng(26)
-    log = log_of(c := walk(rng, n=200), noisy(rng, flows(c), 0.02))
-    named = log.rename(command="CHW valve", m_w="CHW flow")
+    log = make_valve_log(c := random_walk(rng, n=200), add_noise(rng, valve_flows(c), 0.02))
+    renamed = log.rename(command="CHW valve", m_w="CHW flow")
     for name in ("CHW valve", "CHW flow"):
-        del named[name].attrs["units"]
+        del renamed[name].attrs["units"]
     columns = {"command": "CHW valve", "m_w": "CHW flow"}
     units = {"command": "1", "m_w": "kg/s"}
-    assert fc.fit_valve(named, columns=columns, units=units).parameters == fc.fit_valve(log).parameters
+    assert fc.fit_valve(renamed, columns=columns, units=units).parameters == fc.fit_valve(log).parameters
     with pytest.raises(fc.InputError, match=r"m_w has no unit: give it attrs\['units'\] = 'UNIT'"):
-        fc.fit_valve(named, columns=columns)
+        fc.fit_valve(renamed, columns=columns)
 
 
 @pytest.mark.parametrize(
@@ -72,6 +72,6 @@ def test_a_dataset_of_other_names_and_units_is_read_as_a_file_would_be():
     ],
 )
 def test_bad_datasets_are_refused(change, words):
-    log = log_of(c := walk(np.random.default_rng(27), n=60), flows(c))
+    log = make_valve_log(c := random_walk(np.random.default_rng(27), n=60), valve_flows(c))
     with pytest.raises(fc.InputError, match=words):
         fc.fit_valve(change(log))

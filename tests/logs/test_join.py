@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from helpers.refusals import only_problem, problems
 
-from fastcoil.logs import read_log
-from fastcoil.logs.columns import Wanted
+from fastcoil.logs import read_checked_log
+from fastcoil.logs.columns import ColumnSpec
 from fastcoil.logs.join import join_points
 
 START = datetime(2024, 7, 25, 8)
 
 
 @pytest.fixture
-def point(tmp_path):
+def write_point_file(tmp_path):
     """Return a function that writes the file of a point: seconds from the start, values."""
 
     def write_point(name, seconds, values, header="Timestamp,Value", form="%Y-%m-%d %H:%M:%S", separator=","):
@@ -27,11 +27,11 @@ def point(tmp_path):
     return write_point
 
 
-def joined(*paths, columns=None, units=None, **options):
+def join_files(*paths, columns=None, units=None, **options):
     return join_points(paths, columns=columns or {}, units=units or {}, **options)
 
 
-def table_of(text):
+def parse_table(text):
     """Header, times in seconds from the start, and values (rows, columns)."""
     header, *lines = text.splitlines()
     cells = [line.split(",") for line in lines]
@@ -39,18 +39,18 @@ def table_of(text):
     return header.split(","), np.array(seconds), np.array([row[1:] for row in cells], dtype=float)
 
 
-PERIODIC = 13 + 60 * np.arange(40)
-CHANGES = np.array([0, 40, 75, 400, 410, 900, 1000, 1030, 2000])
+PERIODIC_SECONDS = 13 + 60 * np.arange(40)
+CHANGE_SECONDS = np.array([0, 40, 75, 400, 410, 900, 1000, 1030, 2000])
 
 
-def test_a_command_that_is_written_when_it_changes_and_a_temperature_every_minute(point):
-    command = point("command.csv", CHANGES, 10 * np.arange(9), "Timestamp,Value (%)")
-    T_sup = point("T_sup.csv", PERIODIC, 60 + 0.1 * np.arange(40), "Timestamp,Value (°F)")
-    text, notes = joined(command, T_sup)
-    header, seconds, values = table_of(text)
+def test_a_command_that_is_written_when_it_changes_and_a_temperature_every_minute(write_point_file):
+    command = write_point_file("command.csv", CHANGE_SECONDS, 10 * np.arange(9), "Timestamp,Value (%)")
+    T_sup = write_point_file("T_sup.csv", PERIODIC_SECONDS, 60 + 0.1 * np.arange(40), "Timestamp,Value (°F)")
+    text, notes = join_files(command, T_sup)
+    header, seconds, values = parse_table(text)
     assert header == ["timestamp", "command [1]", "T_sup [degC]"]
     np.testing.assert_array_equal(seconds, np.arange(60, 2341, 60))  # while both have values, on whole minutes
-    latest = np.searchsorted(CHANGES, seconds, side="right") - 1
+    latest = np.searchsorted(CHANGE_SECONDS, seconds, side="right") - 1
     np.testing.assert_allclose(values[:, 0], 0.1 * latest)
     np.testing.assert_allclose(values[:, 1], (60 + 0.1 * (seconds - 13) / 60 - 32) / 1.8, atol=1e-8)
     assert notes == [
@@ -60,93 +60,97 @@ def test_a_command_that_is_written_when_it_changes_and_a_temperature_every_minut
     ]
 
 
-def test_what_is_joined_is_read_as_a_log(point, tmp_path):
-    text, _ = joined(
-        point("command.csv", CHANGES, 10 * np.arange(9), "Timestamp,Value (%)"),
-        point("T_sup.csv", PERIODIC, 14 + 0 * PERIODIC, "Timestamp,Value [degC]"),
+def test_what_is_joined_is_read_as_a_log(write_point_file, tmp_path):
+    text, _ = join_files(
+        write_point_file("command.csv", CHANGE_SECONDS, 10 * np.arange(9), "Timestamp,Value (%)"),
+        write_point_file("T_sup.csv", PERIODIC_SECONDS, 14 + 0 * PERIODIC_SECONDS, "Timestamp,Value [degC]"),
     )
     path = tmp_path / "log.csv"
     path.write_text(text, encoding="utf-8")
-    log = read_log(path, Wanted(("command", "T_sup"), measured=("T_sup",)))
+    log = read_checked_log(path, ColumnSpec(("command", "T_sup"), measured=("T_sup",)))
     assert log.n_batches == 1
     assert log.step == 60.0
     assert not log.notes
 
 
 @pytest.mark.parametrize("step", [None, 45])
-def test_the_step_of_the_clock(point, step):
-    a = point("command.csv", 60 * np.arange(40), np.arange(40), "Timestamp,Value (%)")
-    b = point("T_sup.csv", 7 + 10 * np.arange(200), np.arange(200) / 10, "Timestamp,Value (°C)")
-    _, seconds, values = table_of(joined(a, b, step=step)[0])
+def test_the_step_of_the_clock(write_point_file, step):
+    command = write_point_file("command.csv", 60 * np.arange(40), np.arange(40), "Timestamp,Value (%)")
+    T_sup = write_point_file("T_sup.csv", 7 + 10 * np.arange(200), np.arange(200) / 10, "Timestamp,Value (°C)")
+    _, seconds, values = parse_table(join_files(command, T_sup, step=step)[0])
     assert set(np.diff(seconds)) == {step or 10}
     np.testing.assert_allclose(values[:, 0], 0.01 * (seconds // 60))
     np.testing.assert_allclose(values[:, 1], (seconds - 7) / 100)
 
 
-def test_a_gap_of_a_point_leaves_rows_out_and_counts_them(point):
-    lost = (PERIODIC < 600) | (PERIODIC > 1200)
-    T_sup = point("T_sup.csv", PERIODIC[lost], np.ones(lost.sum()), "Timestamp,Value (°C)")
-    command = point("command.csv", CHANGES, np.arange(9), "Timestamp,Value (%)")
-    text, notes = joined(command, T_sup)
-    _, seconds, _ = table_of(text)
+def test_a_gap_of_a_point_leaves_rows_out_and_counts_them(write_point_file):
+    is_logged = (PERIODIC_SECONDS < 600) | (PERIODIC_SECONDS > 1200)
+    T_sup = write_point_file("T_sup.csv", PERIODIC_SECONDS[is_logged], np.ones(is_logged.sum()), "Timestamp,Value (°C)")
+    command = write_point_file("command.csv", CHANGE_SECONDS, np.arange(9), "Timestamp,Value (%)")
+    text, notes = join_files(command, T_sup)
+    _, seconds, _ = parse_table(text)
     assert not ((seconds >= 600) & (seconds <= 1200)).any()
     assert "11 rows of 39 left out: a point has no sample within its longest gap" in notes
-    assert table_of(joined(command, T_sup, max_gap=1000)[0])[1].size == 39
-    assert table_of(joined(command, T_sup, max_gap=400)[0])[1].size < 29  # the command changes less often
+    assert parse_table(join_files(command, T_sup, max_gap=1000)[0])[1].size == 39
+    assert parse_table(join_files(command, T_sup, max_gap=400)[0])[1].size < 29  # the command changes less often
 
 
-def test_points_are_named_by_header_by_file_or_by_the_caller(point):
+def test_points_are_named_by_header_by_file_or_by_the_caller(write_point_file):
     seconds = 60 * np.arange(5)
-    a = point("AHU1.csv", seconds, np.arange(5), "Timestamp,command (%)")
-    b = point("T_sup.csv", seconds, np.arange(5), "Timestamp,AHU1 SAT (°C)")
-    c = point("FLOW-7.csv", seconds, np.arange(5), "Timestamp,Present Value")
+    command = write_point_file("AHU1.csv", seconds, np.arange(5), "Timestamp,command (%)")
+    T_sup = write_point_file("T_sup.csv", seconds, np.arange(5), "Timestamp,AHU1 SAT (°C)")
+    m_w = write_point_file("FLOW-7.csv", seconds, np.arange(5), "Timestamp,Present Value")
     for target in ("FLOW-7.csv", "FLOW-7", "Present Value", "FLOW-7.csv:Present Value"):
-        header, _, _ = table_of(joined(a, b, c, columns={"m_w": target}, units={"m_w": "L/s"})[0])
+        header, _, _ = parse_table(join_files(command, T_sup, m_w, columns={"m_w": target}, units={"m_w": "L/s"})[0])
         assert header == ["timestamp", "command [1]", "m_w [kg s-1]", "T_sup [degC]"]
 
 
-def test_a_table_with_blanks_is_several_points(point, tmp_path):
+def test_a_table_with_blanks_is_several_points(write_point_file, tmp_path):
     path = tmp_path / "history.csv"
     rows = ["Time,command [%],T_sup [degC],Zone"]
     for k in range(60):
         cells = [str(k), ""] if k % 3 == 0 else ["", str(14 + k / 60)]
         rows.append(",".join([f"2024-07-25T08:{k:02}:00", *cells, "21"]))
     path.write_text("\n".join(rows), encoding="utf-8")
-    text, notes = joined(path, step=60)
-    _, seconds, values = table_of(text)
+    text, notes = join_files(path, step=60)
+    _, seconds, values = parse_table(text)
     np.testing.assert_allclose(values[:, 0], 0.01 * (seconds // 180 * 3))
     np.testing.assert_allclose(values[:, 1], 14 + seconds / 3600)
     assert "left alone: 'Zone'" in notes
 
 
-def test_each_file_has_its_own_writing_of_times(point):
-    a = point("command.csv", PERIODIC, np.arange(40), "Timestamp;Value (%)", "%d/%m/%Y %H:%M:%S", ";")
-    b = point("T_sup.csv", PERIODIC, np.arange(40), "Timestamp,Value (°C)")
-    text, notes = joined(a, b)
-    _, seconds, values = table_of(text)
+def test_each_file_has_its_own_writing_of_times(write_point_file):
+    command = write_point_file(
+        "command.csv", PERIODIC_SECONDS, np.arange(40), "Timestamp;Value (%)", "%d/%m/%Y %H:%M:%S", ";"
+    )
+    T_sup = write_point_file("T_sup.csv", PERIODIC_SECONDS, np.arange(40), "Timestamp,Value (°C)")
+    text, notes = join_files(command, T_sup)
+    _, seconds, values = parse_table(text)
     np.testing.assert_allclose(values[:, 1], (seconds - 13) / 60)
     assert notes[0].startswith("command.csv: ")
 
 
-def test_newest_first_and_doubles(point):
+def test_newest_first_and_doubles(write_point_file):
     seconds = np.array([0, 60, 60, 120, 180])
-    expected = joined(point("command.csv", [0, 60, 120, 180], [0, 2, 3, 4], "Time,Value (%)"))[0]
-    assert joined(point("command.csv", seconds, [0, 1, 2, 3, 4], "Time,Value (%)"))[0] == expected
-    turned, notes = joined(point("command.csv", seconds[::-1], [4, 3, 2, 1, 0], "Time,Value (%)"))
-    assert turned == expected
+    expected = join_files(write_point_file("command.csv", [0, 60, 120, 180], [0, 2, 3, 4], "Time,Value (%)"))[0]
+    assert join_files(write_point_file("command.csv", seconds, [0, 1, 2, 3, 4], "Time,Value (%)"))[0] == expected
+    reversed_text, notes = join_files(write_point_file("command.csv", seconds[::-1], [4, 3, 2, 1, 0], "Time,Value (%)"))
+    assert reversed_text == expected
     assert "command.csv: the newest row is first: turned round" in notes
     assert "command.csv: 1 row at the time of the next: left out" in notes
-    text, _ = joined(point("T_sup.csv", seconds, [0, 9, 2, 3, 4], "Time,Value (°C)"), step=30)
-    np.testing.assert_allclose(table_of(text)[2][:4, 0], [0, 1, 2, 2.5])
+    text, _ = join_files(write_point_file("T_sup.csv", seconds, [0, 9, 2, 3, 4], "Time,Value (°C)"), step=30)
+    np.testing.assert_allclose(parse_table(text)[2][:4, 0], [0, 1, 2, 2.5])
 
 
-def test_files_of_two_zones_are_joined_by_absolute_time(point):
+def test_files_of_two_zones_are_joined_by_absolute_time(write_point_file):
     seconds = 60.0 * np.arange(240)
-    east = point("command.csv", seconds, np.arange(240) / 4, "Time,Value (%)", "%m/%d/%Y %I:%M:%S %p EDT")
-    west = point("T_sup.csv", seconds - 3 * 3600, np.arange(240) / 10, "Time,Value (°C)", "%m/%d/%Y %I:%M:%S %p PDT")
-    epoch = point("T_set.csv", seconds, np.arange(240) / 10, "Time,Value (°C)", "%Y-%m-%dT%H:%M:%S-04:00")
-    text, notes = joined(east, west, epoch)
-    _, seconds, values = table_of(text)
+    east = write_point_file("command.csv", seconds, np.arange(240) / 4, "Time,Value (%)", "%m/%d/%Y %I:%M:%S %p EDT")
+    west = write_point_file(
+        "T_sup.csv", seconds - 3 * 3600, np.arange(240) / 10, "Time,Value (°C)", "%m/%d/%Y %I:%M:%S %p PDT"
+    )
+    epoch = write_point_file("T_set.csv", seconds, np.arange(240) / 10, "Time,Value (°C)", "%Y-%m-%dT%H:%M:%S-04:00")
+    text, notes = join_files(east, west, epoch)
+    _, seconds, values = parse_table(text)
     assert text.splitlines()[1].startswith("2024-07-25T12:00:00+00:00,")
     np.testing.assert_allclose(values[:, 0], values[:, 2])  # T_set and T_sup: the same sample of each
     np.testing.assert_allclose(40 * values[:, 1], values[:, 2])
@@ -156,60 +160,60 @@ def test_files_of_two_zones_are_joined_by_absolute_time(point):
 
 
 @pytest.mark.parametrize("zone", ["America/New_York", "UTC-04:00"])
-def test_a_local_clock_beside_an_absolute_one_is_refused_unless_its_zone_is_given(point, zone):
-    east = point("command.csv", PERIODIC, np.arange(40), "Time,Value (%)", "%Y-%m-%d %H:%M:%S EDT")
-    local = point("T_sup.csv", PERIODIC, np.arange(40), "Time,Value (°C)")
-    said = only_problem(joined, east, local)
-    assert "different time zones (command.csv UTC, T_sup.csv none): export all alike, or give the zone" in said
-    assert "such as --time-zone America/New_York" in said
-    text, _ = joined(east, local, time_zone=zone)
-    _, _, values = table_of(text)
+def test_a_local_clock_beside_an_absolute_one_is_refused_unless_its_zone_is_given(write_point_file, zone):
+    east = write_point_file("command.csv", PERIODIC_SECONDS, np.arange(40), "Time,Value (%)", "%Y-%m-%d %H:%M:%S EDT")
+    local = write_point_file("T_sup.csv", PERIODIC_SECONDS, np.arange(40), "Time,Value (°C)")
+    problem = only_problem(join_files, east, local)
+    assert "different time zones (command.csv UTC, T_sup.csv none): export all alike, or give the zone" in problem
+    assert "such as --time-zone America/New_York" in problem
+    text, _ = join_files(east, local, time_zone=zone)
+    _, _, values = parse_table(text)
     assert text.splitlines()[1].startswith("2024-07-25T08:01:00-04:00,")
     np.testing.assert_allclose(100 * values[:, 0] + 47 / 60, values[:, 1], atol=1e-6)
-    china = point("T_sup.csv", PERIODIC, np.arange(40), "Time,Value (°C)", "%Y-%m-%d %H:%M:%S CST")
-    assert "T_sup.csv CST" in only_problem(joined, east, china)
+    china = write_point_file("T_sup.csv", PERIODIC_SECONDS, np.arange(40), "Time,Value (°C)", "%Y-%m-%d %H:%M:%S CST")
+    assert "T_sup.csv CST" in only_problem(join_files, east, china)
 
 
 # --------------------------------------------------------------------------------------------------------- refused
 
 
-def test_files_that_cannot_be_joined_are_refused_with_the_cure(point):
+def test_files_that_cannot_be_joined_are_refused_with_the_cure(write_point_file):
     seconds = 60 * np.arange(5)
-    command = point("command.csv", seconds, np.arange(5), "Time,Value (%)")
-    other = point("VLV-1.csv", seconds, np.arange(5), "Time,Value (%)")
+    command = write_point_file("command.csv", seconds, np.arange(5), "Time,Value (%)")
+    unnamed = write_point_file("VLV-1.csv", seconds, np.arange(5), "Time,Value (%)")
     assert "VLV-1.csv has no point that is known: say which one it is, with --column NAME=FILE" in only_problem(
-        joined, command, other
+        join_files, command, unnamed
     )
-    assert "command is in two columns, 'command [%]' and 'command [%]'" in only_problem(joined, command, command)
+    assert "command is in two columns, 'command [%]' and 'command [%]'" in only_problem(join_files, command, command)
     assert (
         "columns = 'T_supp', did you mean 'T_sup'?"
-        in problems(joined, command, other, columns={"T_supp": "VLV-1.csv"})[0]
+        in problems(join_files, command, unnamed, columns={"T_supp": "VLV-1.csv"})[0]
     )
-    assert "T_sup: there is no column 'SAT.csv'" in only_problem(joined, command, columns={"T_sup": "SAT.csv"})
+    assert "T_sup: there is no column 'SAT.csv'" in only_problem(join_files, command, columns={"T_sup": "SAT.csv"})
     assert "--column command=Value: it is in 2 columns, give FILE:HEADER" in only_problem(
-        joined, command, other, columns={"command": "Value"}
+        join_files, command, unnamed, columns={"command": "Value"}
     )
-    late = point("T_sup.csv", seconds + 10_000, np.arange(5), "Time,Value (°C)")
-    said = only_problem(joined, command, late)
-    assert "no two times at which all points have values (command 2024-07-25T08:00:00 to" in said
-    offset = point("T_sup.csv", seconds, np.arange(5), "Time,Value (°C)", "%Y-%m-%dT%H:%M:%SZ")
-    assert "export all alike" in only_problem(joined, command, offset)
+    late = write_point_file("T_sup.csv", seconds + 10_000, np.arange(5), "Time,Value (°C)")
+    problem = only_problem(join_files, command, late)
+    assert "no two times at which all points have values (command 2024-07-25T08:00:00 to" in problem
+    offset = write_point_file("T_sup.csv", seconds, np.arange(5), "Time,Value (°C)", "%Y-%m-%dT%H:%M:%SZ")
+    assert "export all alike" in only_problem(join_files, command, offset)
 
 
-def test_bad_cells_are_refused_with_file_row_and_cure(point):
+def test_bad_cells_are_refused_with_file_row_and_cure(write_point_file):
     seconds = 60 * np.arange(5)
     assert "command.csv: command = 'off' in row 4" in only_problem(
-        joined, point("command.csv", seconds, [0, 1, "off", 3, 4], "Time,Value (%)")
+        join_files, write_point_file("command.csv", seconds, [0, 1, "off", 3, 4], "Time,Value (%)")
     )
     assert "command.csv: command has no unit: write 'command [UNIT]' in the header" in only_problem(
-        joined, point("command.csv", seconds, [0, 10, 20, 30, 40], "Time,Value")
+        join_files, write_point_file("command.csv", seconds, [0, 10, 20, 30, 40], "Time,Value")
     )
-    to_and_fro = point("command.csv", [0, 60, 30, 90, 120], range(5), "Time,Value (%)")
-    assert "command.csv: time goes back between rows 3 and 4" in only_problem(joined, to_and_fro)
-    no_time = point("command.csv", seconds, range(5), "Zone,Value (%)", "x")
-    assert "command.csv has no column of times: call it timestamp" in only_problem(joined, no_time)
+    to_and_fro = write_point_file("command.csv", [0, 60, 30, 90, 120], range(5), "Time,Value (%)")
+    assert "command.csv: time goes back between rows 3 and 4" in only_problem(join_files, to_and_fro)
+    no_time = write_point_file("command.csv", seconds, range(5), "Zone,Value (%)", "x")
+    assert "command.csv has no column of times: call it timestamp" in only_problem(join_files, no_time)
 
 
-def test_a_clock_that_would_fill_the_memory_is_refused(point):
-    years = point("command.csv", 3e7 * np.arange(5), range(5), "Time,Value (%)")
-    assert "raise --step" in only_problem(joined, years, step=1)
+def test_a_clock_that_would_fill_the_memory_is_refused(write_point_file):
+    years = write_point_file("command.csv", 3e7 * np.arange(5), range(5), "Time,Value (%)")
+    assert "raise --step" in only_problem(join_files, years, step=1)

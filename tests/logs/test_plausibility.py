@@ -7,10 +7,10 @@ import pytest
 from helpers.refusals import only_problem, problems
 
 import fastcoil as fc
-from fastcoil.logs import Reading, read_log
-from fastcoil.logs.columns import Wanted
+from fastcoil.logs import ReadingOptions, read_checked_log
+from fastcoil.logs.columns import ColumnSpec
 from fastcoil.logs.join import join_points
-from fastcoil.logs.plausibility import exchanged_with_supply, misread_units
+from fastcoil.logs.plausibility import find_column_exchanged_with_supply, find_misread_units
 from fastcoil.logs.series import COLUMNS
 from fastcoil.model.moist_air import humidity_ratio
 
@@ -19,22 +19,22 @@ TEMPERATURES = ("T_sup", "T_set", "T_a_in", "T_w_in")
 UNITS = {"T_sup": "degC", "T_set": "degC", "T_a_in": "degC", "T_w_in": "degC", "command": "%", "m_a": "kg/s"}
 
 
-def sound_log(r, heats=False):
+def sound_log(rng, heats=False):
     """Columns of a cooling or heating coil by name, in the usual units."""
     k = np.arange(N)
-    T_set = np.repeat(r.uniform(22, 32, 4) if heats else r.uniform(12, 16, 4), N // 4)
+    T_set = np.repeat(rng.uniform(22, 32, 4) if heats else rng.uniform(12, 16, 4), N // 4)
     return {
-        "T_sup": T_set + r.normal(0, 0.4, N),
+        "T_sup": T_set + rng.normal(0, 0.4, N),
         "T_set": T_set,
-        "T_a_in": (r.uniform(8, 18) if heats else r.uniform(22, 27)) + np.sin(k / 20),
-        "T_w_in": (r.uniform(45, 75) if heats else r.uniform(6, 9)) + 0.2 * np.sin(k / 9),
-        "command": 50 + r.uniform(10, 40) * np.sin(k / 7),
+        "T_a_in": (rng.uniform(8, 18) if heats else rng.uniform(22, 27)) + np.sin(k / 20),
+        "T_w_in": (rng.uniform(45, 75) if heats else rng.uniform(6, 9)) + 0.2 * np.sin(k / 9),
+        "command": 50 + rng.uniform(10, 40) * np.sin(k / 7),
         "m_a": 1.2 + 0.1 * np.sin(k / 11),
         "RH_a_in": 50 + 5 * np.sin(k / 13),
     }
 
 
-def text_of(log, units, order=range(N), unit_row=None):
+def log_text(log, units, order=range(N), unit_row=None):
     header = ["timestamp", *(f"{name} [{units[name]}]" if units.get(name) else name for name in log)]
     stamps = [f"2024-07-25T{8 + i // 60:02}:{i % 60:02}:00" for i in range(N)]
     rows = [[stamps[i], *(f"{column[i]:.6g}" for column in log.values())] for i in order]
@@ -45,23 +45,23 @@ def read(tmp_path, text, log, **options):
     path = tmp_path / "log.csv"
     path.write_text(text, encoding="utf-8")
     humidity = tuple({"RH_a_in", "W_a_in", "T_dp_in"} & set(log)) or ("RH_a_in",)
-    wanted = Wanted(("command", "T_sup", "T_a_in", "T_w_in", "m_a", humidity), ("T_set",), ("T_sup",))
-    return read_log(path, wanted, Reading(has_command=True, **options))
+    spec = ColumnSpec(("command", "T_sup", "T_a_in", "T_w_in", "m_a", humidity), ("T_set",), ("T_sup",))
+    return read_checked_log(path, spec, ReadingOptions(has_command=True, **options))
 
 
-def mutated(kind, r, heats):
+def contradictory_log(kind, rng, heats):
     """A log with one contradiction, as a text, and its columns."""
-    log, units, layout = sound_log(r, heats), UNITS | {"RH_a_in": "%"}, {}
-    name = str(r.choice(TEMPERATURES))
+    log, units, layout = sound_log(rng, heats), UNITS | {"RH_a_in": "%"}, {}
+    name = str(rng.choice(TEMPERATURES))
     W = humidity_ratio(log["T_a_in"], log["RH_a_in"] / 100, 101325.0)
     if kind == "all °F":
-        log |= {one: 1.8 * log[one] + 32 for one in TEMPERATURES}
+        log |= {name_in_F: 1.8 * log[name_in_F] + 32 for name_in_F in TEMPERATURES}
     elif kind == "one °F":
         log[name] = 1.8 * log[name] + 32
     elif kind == "one °C as °F":
         units[name] = "degF"
     elif kind == "unit row":
-        layout["unit_row"] = ["", *("degF" if one == name else units[one] for one in log)]
+        layout["unit_row"] = ["", *("degF" if name_in_F == name else units[name_in_F] for name_in_F in log)]
     elif kind == "RH as a fraction":
         log["RH_a_in"] = log["RH_a_in"] / 100
     elif kind == "command as a fraction":
@@ -86,7 +86,7 @@ def mutated(kind, r, heats):
     elif kind == "air flow in kg/s as kg/h":
         units["m_a"] = "kg/h"
     elif kind == "shuffled":
-        layout["order"] = r.permutation(N)
+        layout["order"] = rng.permutation(N)
     else:
         del log["RH_a_in"]
         humidity = {
@@ -95,7 +95,7 @@ def mutated(kind, r, heats):
             "dew point in °C as °F": ("T_dp_in", log["T_a_in"] - 10, "degF"),
         }[kind]  # fmt: skip
         log[humidity[0]], units[humidity[0]] = humidity[1:]
-    return text_of(log, units, **layout), log
+    return log_text(log, units, **layout), log
 
 
 @pytest.mark.parametrize(
@@ -126,11 +126,11 @@ def mutated(kind, r, heats):
 @pytest.mark.parametrize("heats", [False, True], ids=["cooling", "heating"])
 def test_a_log_with_a_contradiction_is_refused_with_value_row_and_cure(tmp_path, kind, words, heats):
     for seed in range(3):
-        text, log = mutated(kind, np.random.default_rng(seed), heats)
+        text, log = contradictory_log(kind, np.random.default_rng(seed), heats)
         for options in ({}, {"drop": True, "jumps": "split"}):
-            said = "\n".join(problems(read, tmp_path, text, log, **options))
-            assert words in said
-            assert "row" in said
+            message = "\n".join(problems(read, tmp_path, text, log, **options))
+            assert words in message
+            assert "row" in message
 
 
 @pytest.mark.parametrize(
@@ -151,28 +151,33 @@ def test_a_log_with_a_contradiction_is_refused_with_value_row_and_cure(tmp_path,
 def test_the_unit_with_which_nothing_contradicts_is_found(numbers, found):
     values = {name: COLUMNS[name].convert(np.full(9, float(n)), unit) for name, (n, unit) in numbers.items()}
     units = {name: unit for name, (_, unit) in numbers.items()}
-    assert misread_units(values, units, ()) == found
-    assert misread_units(values, units, list(numbers)) == {}
+    assert find_misread_units(values, units, ()) == found
+    assert find_misread_units(values, units, list(numbers)) == {}
 
 
 def test_supply_air_outside_what_enters_is_exchanged_with_the_one_that_fits():
     values = {"T_sup": np.full(9, 7.0), "T_w_in": np.full(9, 14.0), "T_a_in": np.full(9, 25.0)}
-    assert exchanged_with_supply(values) == "T_w_in"
+    assert find_column_exchanged_with_supply(values) == "T_w_in"
     assert (
-        exchanged_with_supply({"T_sup": values["T_a_in"], "T_a_in": values["T_w_in"], "T_w_in": values["T_sup"]})
+        find_column_exchanged_with_supply(
+            {"T_sup": values["T_a_in"], "T_a_in": values["T_w_in"], "T_w_in": values["T_sup"]}
+        )
         == "T_a_in"
     )
-    assert exchanged_with_supply(values | {"T_sup": np.full(9, 16.0)}) == ""
+    assert find_column_exchanged_with_supply(values | {"T_sup": np.full(9, 16.0)}) == ""
 
 
 def test_only_the_time_in_control_counts():
-    off = np.arange(90) < 60  # a heating coil that is off in most rows
-    values = {"T_sup": np.where(off, 15.0, 38.0), "T_set": np.full(90, 40.0), "command": np.where(off, 0.0, 0.4)}
+    is_off = np.arange(90) < 60  # a heating coil that is off in most rows
+    values = {"T_sup": np.where(is_off, 15.0, 38.0), "T_set": np.full(90, 40.0), "command": np.where(is_off, 0.0, 0.4)}
     units = {"T_sup": "degC", "T_set": "degC", "command": "%"}
-    assert misread_units(values, units, ()) == {}
-    assert misread_units(values | {"command": np.full(90, 0.4)}, units, ()) == {"T_set": "degF"}
+    assert find_misread_units(values, units, ()) == {}
+    assert find_misread_units(values | {"command": np.full(90, 0.4)}, units, ()) == {"T_set": "degF"}
     assert (
-        misread_units(values | {"enabled": 1.0 - off, "command": np.full(90, 0.4)}, units | {"enabled": "1"}, ()) == {}
+        find_misread_units(
+            values | {"enabled": 1.0 - is_off, "command": np.full(90, 0.4)}, units | {"enabled": "1"}, ()
+        )
+        == {}
     )
 
 
@@ -180,43 +185,43 @@ def test_only_the_time_in_control_counts():
 def test_a_sound_log_is_read_in_either_unit_without_a_word(tmp_path, heats):
     for seed in range(5):
         log = sound_log(np.random.default_rng(seed), heats)
-        of_C = read(tmp_path, text_of(log, UNITS | {"RH_a_in": "%"}), log)
+        log_C = read(tmp_path, log_text(log, UNITS | {"RH_a_in": "%"}), log)
         in_F = log | {name: 1.8 * log[name] + 32 for name in TEMPERATURES}
-        of_F = read(tmp_path, text_of(in_F, UNITS | dict.fromkeys(TEMPERATURES, "degF") | {"RH_a_in": "%"}), log)
-        assert not of_C.notes + of_F.notes
-        np.testing.assert_allclose(of_F.values["T_sup"], of_C.values["T_sup"], atol=1e-3)
+        log_F = read(tmp_path, log_text(in_F, UNITS | dict.fromkeys(TEMPERATURES, "degF") | {"RH_a_in": "%"}), log)
+        assert not log_C.notes + log_F.notes
+        np.testing.assert_allclose(log_F.values["T_sup"], log_C.values["T_sup"], atol=1e-3)
 
 
 @pytest.mark.parametrize(("low", "high", "meant"), [(1, 9, "V"), (2.5, 9.6, "V 2-10"), (5, 19, "mA 4-20"), (3, 9, "")])
 def test_a_command_in_percent_that_spans_a_signal_is_read_with_a_word(tmp_path, low, high, meant):
     log = sound_log(np.random.default_rng(0)) | {"command": np.linspace(low, high, N)}
-    found = read(tmp_path, text_of(log, UNITS | {"RH_a_in": "%"}), log)
-    says = [f"if it is a signal in {meant}, write '[{meant}]' in the header" in note for note in found.notes]
-    assert says == [True] * bool(meant)
-    assert not read(tmp_path, text_of(log, UNITS | {"RH_a_in": "%"}), log, units={"command": "%"}).notes
+    log_read = read(tmp_path, log_text(log, UNITS | {"RH_a_in": "%"}), log)
+    has_hint = [f"if it is a signal in {meant}, write '[{meant}]' in the header" in note for note in log_read.notes]
+    assert has_hint == [True] * bool(meant)
+    assert not read(tmp_path, log_text(log, UNITS | {"RH_a_in": "%"}), log, units={"command": "%"}).notes
 
 
 @pytest.mark.parametrize(("number", "n"), [(55, 1), (55, 9), (-17.5, 4)])
 def test_a_temperature_that_leaps_away_and_back_is_a_sensor_that_is_off(tmp_path, number, n):
     log = sound_log(np.random.default_rng(0))
     log["T_sup"][20 : 20 + n] = number
-    found = read(tmp_path, text_of(log, UNITS | {"RH_a_in": "%"}), log)
-    assert np.flatnonzero(np.isnan(found.values["T_sup"])).tolist() == [*range(20, 20 + n)]
-    assert f"left out: T_sup is {number:g} degC, sensor off (first in row 22)" in found.notes[0]
+    log_read = read(tmp_path, log_text(log, UNITS | {"RH_a_in": "%"}), log)
+    assert np.flatnonzero(np.isnan(log_read.values["T_sup"])).tolist() == [*range(20, 20 + n)]
+    assert f"left out: T_sup is {number:g} degC, sensor off (first in row 22)" in log_read.notes[0]
     log["T_a_in"][20 : 20 + n] = number
-    said = only_problem(read, tmp_path, text_of(log, UNITS | {"RH_a_in": "%"}), log)
-    assert f"T_a_in is {number:g} degC, first in row 22, where others are far away: sensor off" in said
+    problem = only_problem(read, tmp_path, log_text(log, UNITS | {"RH_a_in": "%"}), log)
+    assert f"T_a_in is {number:g} degC, first in row 22, where others are far away: sensor off" in problem
 
 
 def test_a_temperature_of_zero_throughout_is_a_sensor_that_is_off(tmp_path):
     log = sound_log(np.random.default_rng(0)) | {"T_a_in": np.zeros(N)}
-    said = "".join(problems(read, tmp_path, text_of(log, UNITS | {"RH_a_in": "%"}), log))
-    assert "T_a_in is 0, first in row 2" in said
+    message = "".join(problems(read, tmp_path, log_text(log, UNITS | {"RH_a_in": "%"}), log))
+    assert "T_a_in is 0, first in row 2" in message
 
 
 def test_a_unit_that_header_and_caller_declare_is_trusted(tmp_path):
     log = sound_log(np.random.default_rng(0)) | {"RH_a_in": np.full(N, 0.6)}
-    text = text_of(log, UNITS | {"RH_a_in": "%"})
+    text = log_text(log, UNITS | {"RH_a_in": "%"})
     assert "if % is right, declare it in the log and with units={'RH_a_in': '%'}, --unit RH_a_in='%'" in only_problem(
         read, tmp_path, text, log
     )
@@ -228,53 +233,55 @@ def test_a_few_readings_above_saturation_are_bad_values(tmp_path):
     log["T_dp_in"] = log["T_a_in"] - 5
     log["T_dp_in"][[7, 30]] = 35
     del log["RH_a_in"]
-    text = text_of(log, UNITS | {"T_dp_in": "degC"})
+    text = log_text(log, UNITS | {"T_dp_in": "degC"})
     assert "T_dp_in = 35 degC in row 9 is above saturation" in only_problem(read, tmp_path, text, log)
-    found = read(tmp_path, text, log, drop=True)
-    assert found.time.size == N - 2
-    assert "2 rows left out: T_dp_in is not an admissible number (first in row 9)" in found.notes
+    log_read = read(tmp_path, text, log, drop=True)
+    assert log_read.time.size == N - 2
+    assert "2 rows left out: T_dp_in is not an admissible number (first in row 9)" in log_read.notes
 
 
 @pytest.mark.parametrize("constants", [{"T_dp_in": 30}, {"W_a_in": 0.05}])
 def test_a_constant_humidity_above_saturation_is_refused(tmp_path, constants):
     log = sound_log(np.random.default_rng(0))
     del log["RH_a_in"]
-    wanted = Wanted(("T_a_in", tuple(constants)))
+    spec = ColumnSpec(("T_a_in", tuple(constants)))
     path = tmp_path / "log.csv"
-    path.write_text(text_of(log, UNITS))
-    how = Reading(columns={}, constants=constants, drop=True)
-    assert "in row 2 is above saturation at T_a_in" in only_problem(read_log, path, wanted, how)
+    path.write_text(log_text(log, UNITS))
+    options = ReadingOptions(columns={}, constants=constants, drop=True)
+    assert "in row 2 is above saturation at T_a_in" in only_problem(read_checked_log, path, spec, options)
 
 
-def test_shuffled_rows_are_refused_before_any_work(write):
-    r = np.random.default_rng(1)
-    rows = [[60 * k, r.uniform(0, 100), 14 + r.normal()] for k in r.permutation(400)]
+def test_shuffled_rows_are_refused_before_any_work(write_log):
+    rng = np.random.default_rng(1)
+    rows = [[60 * k, rng.uniform(0, 100), 14 + rng.normal()] for k in rng.permutation(400)]
     start = time.monotonic()
-    path = write(["elapsed_time [s]", "command [%]", "m_w [kg/s]"], rows)
-    said = only_problem(fc.fit_valve, path, drop=True, jumps="split")
-    assert "give every row a time of its own, to the second, and sort the rows, oldest first" in said
+    path = write_log(["elapsed_time [s]", "command [%]", "m_w [kg/s]"], rows)
+    problem = only_problem(fc.fit_valve, path, drop=True, jumps="split")
+    assert "give every row a time of its own, to the second, and sort the rows, oldest first" in problem
     assert time.monotonic() - start < 5.0
 
 
 def test_the_newest_row_first_is_turned_round_and_said(tmp_path):
     log = sound_log(np.random.default_rng(0))
     units = UNITS | {"RH_a_in": "%"}
-    turned = read(tmp_path, text_of(log, units, order=range(N)[::-1]), log)
-    assert turned.notes == ["the newest row is first: turned round"]
-    assert (turned.rows[0], turned.start) == (N + 1, np.datetime64("2024-07-25T08:00:00"))
-    np.testing.assert_array_equal(turned.values["T_sup"], read(tmp_path, text_of(log, units), log).values["T_sup"])
-    header, newest, *rows = text_of(log, units, order=range(N)[::-1]).splitlines()
+    log_read = read(tmp_path, log_text(log, units, order=range(N)[::-1]), log)
+    assert log_read.notes == ["the newest row is first: turned round"]
+    assert (log_read.rows[0], log_read.start) == (N + 1, np.datetime64("2024-07-25T08:00:00"))
+    np.testing.assert_array_equal(log_read.values["T_sup"], read(tmp_path, log_text(log, units), log).values["T_sup"])
+    header, newest, *rows = log_text(log, units, order=range(N)[::-1]).splitlines()
     lines = [header, newest, rows[0].replace("2024-07-25T09:58", "?"), *rows[1:-1]]
-    turned = read(tmp_path, "\n".join(lines), log, drop=True)
-    assert turned.time.tolist() == [60.0 * k for k in range(N - 1) if k != N - 3]
+    log_read = read(tmp_path, "\n".join(lines), log, drop=True)
+    assert log_read.time.tolist() == [60.0 * k for k in range(N - 1) if k != N - 3]
     lines[-1] = ",".join([*lines[-1].split(",")[:-1], "off"])
     assert read(tmp_path, "\n".join(lines), log, drop=True).start == np.datetime64("2024-07-25T08:02:00")
 
 
 @pytest.mark.parametrize("cell", ["1_5", "１５", "1_5 %", "٣"])
-def test_digits_that_no_system_writes_are_no_numbers(write, cell):
-    path = write(["elapsed_time [s]", "command [%]"], [[0, 10], [60, cell], [120, 20]])
-    assert f"command = '{cell}' in row 3: give a number" in only_problem(read_log, path, Wanted(("command",)))
+def test_digits_that_no_system_writes_are_no_numbers(write_log, cell):
+    path = write_log(["elapsed_time [s]", "command [%]"], [[0, 10], [60, cell], [120, 20]])
+    assert f"command = '{cell}' in row 3: give a number" in only_problem(
+        read_checked_log, path, ColumnSpec(("command",))
+    )
 
 
 def test_files_to_join_are_checked_beside_each_other(tmp_path):
@@ -282,34 +289,34 @@ def test_files_to_join_are_checked_beside_each_other(tmp_path):
     paths = []
     for name, unit in (("T_sup", "degC"), ("T_set", "degF"), ("command", "%")):
         paths.append(tmp_path / f"{name}.csv")
-        paths[-1].write_text(text_of({name: log[name]}, {name: unit}))
-    said = only_problem(join_points, paths, columns={}, units={})
-    assert said.startswith("T_set.csv: T_set is declared in degF, and its numbers look like degC: write '[degC]'")
+        paths[-1].write_text(log_text({name: log[name]}, {name: unit}))
+    problem = only_problem(join_points, paths, columns={}, units={})
+    assert problem.startswith("T_set.csv: T_set is declared in degF, and its numbers look like degC: write '[degC]'")
     assert join_points(paths, columns={}, units={"T_set": "degF"})[0]
 
 
 def test_a_log_without_units_is_asked_for_each(tmp_path):
     log = sound_log(np.random.default_rng(0))
-    said = problems(read, tmp_path, text_of(log, {}).replace("2024-07-25T08:05:00", "?"), log)
-    assert sum("has no unit" in one for one in said) == len(log)
+    messages = problems(read, tmp_path, log_text(log, {}).replace("2024-07-25T08:05:00", "?"), log)
+    assert sum("has no unit" in message for message in messages) == len(log)
 
 
 @pytest.mark.kernel
 def test_a_frame_is_read_as_a_file_is(tmp_path):
     pd = pytest.importorskip("pandas")
-    r = np.random.default_rng(2)
-    command = np.round(np.repeat(r.uniform(0, 100, 40), 5), 1)
-    columns = {"command [%]": command, "m_w [kg/s]": np.round(command / 50 + r.normal(0, 0.01, 200).clip(0), 4)}
+    rng = np.random.default_rng(2)
+    command = np.round(np.repeat(rng.uniform(0, 100, 40), 5), 1)
+    columns = {"command [%]": command, "m_w [kg/s]": np.round(command / 50 + rng.normal(0, 0.01, 200).clip(0), 4)}
     index = pd.date_range("2024-07-01T08:00", periods=200, freq="60s", name="when", tz="America/New_York")
     frame = pd.DataFrame(columns, index=index)
     path = tmp_path / "log.csv"
     frame.rename_axis("timestamp").to_csv(path)
     assert fc.fit_valve(frame).parameters == fc.fit_valve(path).parameters
-    log = read_log(frame, Wanted(("command", "m_w")))
+    log = read_checked_log(frame, ColumnSpec(("command", "m_w")))
     assert (log.name, log.time_zone, log.start) == ("DataFrame", "UTC-04:00", np.datetime64("2024-07-01T08:00:00"))
     assert "time goes back" not in only_problem(
-        read_log, frame.iloc[r.permutation(200)], Wanted(("command",)), Reading()
+        read_checked_log, frame.iloc[rng.permutation(200)], ColumnSpec(("command",)), ReadingOptions()
     )
     assert "column 'm_w [kg/s]' appears 2 times" in only_problem(
-        read_log, pd.concat([frame, frame["m_w [kg/s]"]], axis=1), Wanted(("command",))
+        read_checked_log, pd.concat([frame, frame["m_w [kg/s]"]], axis=1), ColumnSpec(("command",))
     )

@@ -1,7 +1,7 @@
 """Logs as the fits read them: bad ones are refused with column, row and cure; what is left out is counted."""
 
 import pytest
-from helpers.log_files import COIL_HEADER, VALVE_HEADER, changed, coil_rows, valve_rows
+from helpers.log_files import COIL_HEADER, VALVE_HEADER, change_cell, coil_rows, valve_rows
 from helpers.refusals import refusal
 
 import fastcoil as fc
@@ -9,7 +9,7 @@ import fastcoil as fc
 pytestmark = pytest.mark.kernel
 
 
-def assert_has(text, words):
+def assert_has_words(text, words):
     for word in words:
         assert word in text, text
 
@@ -43,8 +43,8 @@ def assert_has(text, words):
     ],
 )
 def test_bad_logs_of_a_valve_are_refused_with_column_row_and_cure(valve_log, header, change, words):
-    rows = valve_rows() if change is None else changed(valve_rows(), *change)
-    assert_has(refusal(fc.fit_valve, valve_log(rows, header)), words)
+    rows = valve_rows() if change is None else change_cell(valve_rows(), *change)
+    assert_has_words(refusal(fc.fit_valve, valve_log(rows, header)), words)
 
 
 @pytest.mark.parametrize(
@@ -75,8 +75,8 @@ def test_bad_logs_of_a_valve_are_refused_with_column_row_and_cure(valve_log, hea
     ],
 )
 def test_bad_logs_and_arguments_of_a_coil_are_refused(coil_log, header, change, options, words):
-    rows = coil_rows() if change is None else changed(coil_rows(), *change)
-    assert_has(refusal(fc.fit_coil, coil_log(rows, header), **options), words)
+    rows = coil_rows() if change is None else change_cell(coil_rows(), *change)
+    assert_has_words(refusal(fc.fit_coil, coil_log(rows, header), **options), words)
 
 
 # ------------------------------------------------------------------------------------------------------------- time
@@ -101,7 +101,7 @@ def test_a_log_with_two_times_must_say_which_to_read(valve_log):
 
 
 def test_dropped_rows_gaps_and_jumps_are_counted(valve_log):
-    rows = changed(changed(changed(valve_rows(), 5, 2, "nan"), 6, 2, "-999"), 9, 1, "off")
+    rows = change_cell(change_cell(change_cell(valve_rows(), 5, 2, "nan"), 6, 2, "-999"), 9, 1, "off")
     fit = fc.fit_valve(valve_log(rows), drop=True)
     assert "1 row left out: command is not an admissible number (first in row 11)" in fit.notes
     assert any(note.startswith("2 values left out: m_w") for note in fit.notes)
@@ -110,19 +110,19 @@ def test_dropped_rows_gaps_and_jumps_are_counted(valve_log):
     assert any("1 gap in time (first: 3660 s between rows 32 and 33)" in note for note in fit.notes)
     bridged = fc.fit_valve(valve_log(gappy), max_gap=3660)
     assert not any("gap in time" in note for note in bridged.notes)
-    back = [[t - 900 * (i > 30), c, m] for i, (t, c, m) in enumerate(valve_rows())]
-    fit = fc.fit_valve(valve_log(back), jumps="split")
+    backward = [[t - 900 * (i > 30), c, m] for i, (t, c, m) in enumerate(valve_rows())]
+    fit = fc.fit_valve(valve_log(backward), jumps="split")
     assert any("goes back or does not advance 1 time:" in note for note in fit.notes)
 
 
 def test_readings_that_scatter_about_a_bound_are_taken_as_the_bound(valve_log):
-    rows = changed(changed(valve_rows(), 5, 1, "1.004"), 9, 2, "-0.01")
+    rows = change_cell(change_cell(valve_rows(), 5, 1, "1.004"), 9, 2, "-0.01")
     fit = fc.fit_valve(valve_log(rows))
     assert float(fit.residuals["command"][5]) == 1.0
     assert float(fit.residuals["m_w"][9]) == 0.0
     assert any("1 value of command just outside the possible range" in note and "row 7)" in note for note in fit.notes)
     assert any("1 value of m_w just outside the possible range" in note and "row 11)" in note for note in fit.notes)
-    assert "command = 1.2" in refusal(fc.fit_valve, valve_log(changed(valve_rows(), 5, 1, "1.2")))
+    assert "command = 1.2" in refusal(fc.fit_valve, valve_log(change_cell(valve_rows(), 5, 1, "1.2")))
 
 
 def test_lines_without_content_are_no_rows(valve_log):

@@ -2,10 +2,21 @@
 
 import numpy as np
 import pytest
-from helpers.exports import COMMAND, HEADER, ISO, ROWS, T_SUP, assert_same_log, read, rows, text_of, times
+from helpers.exports import (
+    COMMAND,
+    HEADER,
+    ISO,
+    ROWS,
+    T_SUP,
+    assert_same_log,
+    cell_rows,
+    format_times,
+    read_text_as_log,
+    table_text,
+)
 from helpers.refusals import only_problem, problems
 
-from fastcoil.logs.table import label_and_unit
+from fastcoil.logs.table import split_label_and_unit
 
 
 @pytest.mark.parametrize(
@@ -17,7 +28,7 @@ from fastcoil.logs.table import label_and_unit
     ],
 )
 def test_lines_before_the_header_are_left_out_and_said(tmp_path, before):
-    log = read(tmp_path, text_of(rows(), before=before))
+    log = read_text_as_log(tmp_path, table_text(cell_rows(), before=before))
     assert_same_log(log)
     header = before.count("\n") + 1  # as a spreadsheet numbers them
     assert log.rows[0] == header + 1
@@ -26,24 +37,24 @@ def test_lines_before_the_header_are_left_out_and_said(tmp_path, before):
 
 @pytest.mark.parametrize("after", ["End of report\n", "\nTotal: 60 rows\nPrinted by,the system,\n"])
 def test_lines_after_the_data_are_left_out_and_said(tmp_path, after):
-    log = read(tmp_path, text_of(rows(), after=after))
+    log = read_text_as_log(tmp_path, table_text(cell_rows(), after=after))
     assert_same_log(log)
     assert any(f"row {ROWS + 2 + after.startswith(chr(10))} and what follows is not part" in n for n in log.notes)
 
 
 @pytest.mark.parametrize("last", ["2024-07-12T00:3", "2024-07-12T00:30:00,50.0", "x,1"])
 def test_a_last_row_that_is_cut_off_is_refused(tmp_path, last):
-    text = text_of(rows(), after=last)
+    text = table_text(cell_rows(), after=last)
     if last == "x,1":
-        assert any("not part of the table: 'x 1'" in note for note in read(tmp_path, text).notes)
+        assert any("not part of the table: 'x 1'" in note for note in read_text_as_log(tmp_path, text).notes)
     else:
-        assert f"row {ROWS + 2} has {last.count(',') + 1} cell" in only_problem(read, tmp_path, text)
+        assert f"row {ROWS + 2} has {last.count(',') + 1} cell" in only_problem(read_text_as_log, tmp_path, text)
 
 
 def test_rows_of_data_before_the_header_are_refused(tmp_path):
-    header, *data = text_of(rows()).splitlines()
+    header, *data = table_text(cell_rows()).splitlines()
     text = "\n".join([*data[:5], header, *data[5:]])
-    assert "unknown columns: '2024-07-11T23:30:00'; " in "\n".join(problems(read, tmp_path, text))
+    assert "unknown columns: '2024-07-11T23:30:00'; " in "\n".join(problems(read_text_as_log, tmp_path, text))
 
 
 @pytest.mark.parametrize(
@@ -51,19 +62,23 @@ def test_rows_of_data_before_the_header_are_refused(tmp_path):
 )
 def test_a_row_of_units_below_the_header(tmp_path, units):
     header = ("timestamp", "command", "T_sup")
-    cells = [units.split(","), *rows()]
-    log = read(tmp_path, text_of(cells, header))
+    cells = [units.split(","), *cell_rows()]
+    log = read_text_as_log(tmp_path, table_text(cells, header))
     assert_same_log(log)
     assert log.rows[0] == 3
     assert log.notes[0].startswith("row 2 has the units: ")
 
 
 def test_a_row_of_units_is_checked_as_a_header_is(tmp_path):
-    cells = [["", "%", "bar"], *rows()]
+    cells = [["", "%", "bar"], *cell_rows()]
     header = ("timestamp", "command", "T_sup")
-    assert "T_sup is in 'bar' (known units: degC, degF, K)" in only_problem(read, tmp_path, text_of(cells, header))
-    said = only_problem(read, tmp_path, text_of([["", "%", "K"], *rows()], header), units={"T_sup": "degC"})
-    assert "T_sup is in 'K' by the row of units, in 'degC' by units" in said
+    assert "T_sup is in 'bar' (known units: degC, degF, K)" in only_problem(
+        read_text_as_log, tmp_path, table_text(cells, header)
+    )
+    problem = only_problem(
+        read_text_as_log, tmp_path, table_text([["", "%", "K"], *cell_rows()], header), units={"T_sup": "degC"}
+    )
+    assert "T_sup is in 'K' by the row of units, in 'degC' by units" in problem
 
 
 @pytest.mark.parametrize(
@@ -76,15 +91,15 @@ def test_a_row_of_units_is_checked_as_a_header_is(tmp_path):
     ],
 )
 def test_units_in_round_brackets_and_after_comma_or_slash(tmp_path, header):
-    assert_same_log(read(tmp_path, text_of(rows(), header)))
+    assert_same_log(read_text_as_log(tmp_path, table_text(cell_rows(), header)))
 
 
 def test_a_unit_that_contradicts_the_header_is_refused_and_another_spelling_is_not(tmp_path):
-    text = text_of(rows(), ("timestamp", "command (V)", HEADER[2]))
-    said = only_problem(read, tmp_path, text, units={"command": "%"})
-    assert "command is in 'V' by its header, in '%' by units: drop one" in said
-    text = text_of(rows(), ("timestamp", "command (%)", HEADER[2]))
-    assert not read(tmp_path, text, units={"command": "percent"}).notes
+    text = table_text(cell_rows(), ("timestamp", "command (V)", HEADER[2]))
+    problem = only_problem(read_text_as_log, tmp_path, text, units={"command": "%"})
+    assert "command is in 'V' by its header, in '%' by units: drop one" in problem
+    text = table_text(cell_rows(), ("timestamp", "command (%)", HEADER[2]))
+    assert not read_text_as_log(tmp_path, text, units={"command": "percent"}).notes
 
 
 @pytest.mark.parametrize(
@@ -106,49 +121,53 @@ def test_a_unit_that_contradicts_the_header_is_refused_and_another_spelling_is_n
     ],
 )
 def test_label_and_unit_of_a_header(header, label, unit):
-    assert label_and_unit(header) == (label, unit)
+    assert split_label_and_unit(header) == (label, unit)
 
 
 def test_a_header_that_comes_again_is_left_out_and_another_one_is_refused(tmp_path):
-    lines = text_of(rows()).splitlines()
-    again = "\n".join([*lines[:9], lines[0], *lines[9:]])
-    found = read(tmp_path, again)
-    assert found.notes == ["1 row left out: the header again"]
-    assert_same_log(found)
-    for other in (lines[0].replace("T_sup [", "T_set ["), ",".join(reversed(lines[0].split(",")))):
-        said = only_problem(read, tmp_path, again.replace(f"\n{lines[0]}", f"\n{other}"), drop=True)
-        assert f"row 10 is another header, '{other}': cut the file there" in said
+    lines = table_text(cell_rows()).splitlines()
+    repeated = "\n".join([*lines[:9], lines[0], *lines[9:]])
+    log = read_text_as_log(tmp_path, repeated)
+    assert log.notes == ["1 row left out: the header again"]
+    assert_same_log(log)
+    for other_header in (lines[0].replace("T_sup [", "T_set ["), ",".join(reversed(lines[0].split(",")))):
+        problem = only_problem(
+            read_text_as_log, tmp_path, repeated.replace(f"\n{lines[0]}", f"\n{other_header}"), drop=True
+        )
+        assert f"row 10 is another header, '{other_header}': cut the file there" in problem
 
 
 @pytest.mark.parametrize("where", ["everywhere", "below the header"])
 def test_a_separator_at_the_end_of_each_line(tmp_path, where):
-    lines = text_of(rows()).splitlines()
+    lines = table_text(cell_rows()).splitlines()
     text = "\n".join(f"{line}," if k or where == "everywhere" else line for k, line in enumerate(lines))
-    log = read(tmp_path, text)
+    log = read_text_as_log(tmp_path, text)
     assert_same_log(log)
     assert not log.notes
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le-bom", "utf-16-be-bom"])
 def test_encodings_of_spreadsheets(tmp_path, encoding):
-    text = text_of(rows(), ("timestamp", "command [%]", "T_sup [°C]"), separator="\t").replace("\n", "\r\n")
+    text = table_text(cell_rows(), ("timestamp", "command [%]", "T_sup [°C]"), separator="\t").replace("\n", "\r\n")
     marked = "\ufeff" + text if encoding.endswith("-bom") else text
-    assert_same_log(read(tmp_path, marked, encoding.removesuffix("-bom")))
+    assert_same_log(read_text_as_log(tmp_path, marked, encoding.removesuffix("-bom")))
 
 
 def test_all_at_once(tmp_path):
     """As a German building system writes it."""
     cells = [
         ["", "%", "°C", ""],
-        *rows(
-            [f"{stamp} MEZ" for stamp in times("%d.%m.%Y %H:%M:%S")],
+        *cell_rows(
+            [f"{stamp} MEZ" for stamp in format_times("%d.%m.%Y %H:%M:%S")],
             [f"{c}".replace(".", ",") for c in COMMAND],
             [f"{T}".replace(".", ",") for T in T_SUP],
             ["{ok}"] * ROWS,
         ),
     ]
-    text = text_of(cells, ("Zeit", "Stellung", "Zuluft", "Status"), ";", "Anlage;RLT 1\n\n", "\nEnde\n")
-    log = read(tmp_path, text, "utf-16", columns={"timestamp": "Zeit", "command": "Stellung", "T_sup": "Zuluft"})
+    text = table_text(cells, ("Zeit", "Stellung", "Zuluft", "Status"), ";", "Anlage;RLT 1\n\n", "\nEnde\n")
+    log = read_text_as_log(
+        tmp_path, text, "utf-16", columns={"timestamp": "Zeit", "command": "Stellung", "T_sup": "Zuluft"}
+    )
     assert_same_log(log)
     assert len(log.notes) == 7
 
@@ -165,7 +184,9 @@ def test_signals_whose_lowest_value_is_the_closed_valve(tmp_path):
         "2-10 V": 2 + 8 * stroke,
         "mA 4-20": 4 + 16 * stroke,
     }.items():
-        log = read(tmp_path, text_of(rows(ISO, values), ("timestamp", f"command [{unit}]", HEADER[2])))
+        log = read_text_as_log(
+            tmp_path, table_text(cell_rows(ISO, values), ("timestamp", f"command [{unit}]", HEADER[2]))
+        )
         np.testing.assert_allclose(log.values["command"], stroke, atol=1e-12)
         assert not log.notes
 
@@ -173,10 +194,12 @@ def test_signals_whose_lowest_value_is_the_closed_valve(tmp_path):
 def test_a_command_from_2_to_10_V_is_suspected_aloud(tmp_path):
     stroke = np.linspace(0, 1, ROWS)
     header = ("timestamp", "command [V]", HEADER[2])
-    (note,) = read(tmp_path, text_of(rows(ISO, 2 + 8 * stroke), header)).notes
+    (note,) = read_text_as_log(tmp_path, table_text(cell_rows(ISO, 2 + 8 * stroke), header)).notes
     assert "command is from 2 to 10, read in V: if it is a signal in V 2-10, write '[V 2-10]'" in note
     assert "--unit command='V 2-10'" in note
     for values in (10 * stroke, 4 + 6 * stroke, 2 + 5 * stroke):
-        assert not read(tmp_path, text_of(rows(ISO, values), header)).notes
+        assert not read_text_as_log(tmp_path, table_text(cell_rows(ISO, values), header)).notes
     for unit in ("V 0-10", "V 2-10"):
-        assert not read(tmp_path, text_of(rows(ISO, 2 + 8 * stroke), (header[0], f"command [{unit}]", header[2]))).notes
+        assert not read_text_as_log(
+            tmp_path, table_text(cell_rows(ISO, 2 + 8 * stroke), (header[0], f"command [{unit}]", header[2]))
+        ).notes

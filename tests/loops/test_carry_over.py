@@ -8,7 +8,7 @@ import pytest
 import fastcoil as fc
 from fastcoil.loops.plan import Shard, plan_simulation
 from fastcoil.loops.simulate import run_shard
-from fastcoil.model.engine.metrics import COUNTED, HUNTING_SEEN, SETTLED
+from fastcoil.model.engine.metrics import IS_COUNTED, IS_HUNTING_SAMPLE, IS_SETTLED
 from fastcoil.model.metric_table import METRICS, TRACES
 
 pytestmark = pytest.mark.kernel
@@ -22,7 +22,7 @@ SUMS = (
 """Metrics that add up over days."""
 
 
-def series():
+def all_series():
     """Samples of all days in one piece: the loop is off over the first midnight, and moves over the second."""
     t = np.arange(N_DAYS * N_STEPS)
     T_set = 14.0 + 1.2 * (t // 1100 % 2)
@@ -37,12 +37,12 @@ def series():
     }
 
 
-def in_one_piece():
-    return fc.Boundary(**series(), day=5)
+def whole_boundary():
+    return fc.Boundary(**all_series(), day=5)
 
 
-def in_days():
-    rows = {name: values.reshape(N_DAYS, N_STEPS) for name, values in series().items()}
+def daily_boundary():
+    rows = {name: values.reshape(N_DAYS, N_STEPS) for name, values in all_series().items()}
     return fc.Boundary(**rows, day=[5, 8, 2])
 
 
@@ -50,15 +50,15 @@ class Settings(NamedTuple):
     kp: float
 
 
-class Known(NamedTuple):
+class Memory(NamedTuple):
     total: float = 0.5
     before: float = 0.0
 
 
-@fc.law(Settings, Known)
+@fc.law(Settings, Memory)
 def leaky(now, p, m):
     total = 0.999 * m.total + 0.01 * now.e + 0.001 * m.before
-    return p.kp * now.e + total, Known(total, now.e)
+    return p.kp * now.e + total, Memory(total, now.e)
 
 
 LBNL = fc.Loop.preset("lbnl").assign(stroke_time=900.0, noise_std=0.05, backlash=[0.03, 0.1])
@@ -76,7 +76,7 @@ LOOPS = {
 }  # fmt: skip
 
 
-def pieces(ds, name):
+def days_end_to_end(ds, name):
     """A trace of the days, end to end; without the dim ``day`` as it is."""
     dims = [dim for dim in ("day", "elapsed_time") if dim in ds[name].dims]
     values = ds[name].transpose(..., *dims).values
@@ -85,15 +85,15 @@ def pieces(ds, name):
 
 def assert_same(whole, days, names):
     for name in names:
-        np.testing.assert_array_equal(pieces(days, name), pieces(whole, name), err_msg=name)
+        np.testing.assert_array_equal(days_end_to_end(days, name), days_end_to_end(whole, name), err_msg=name)
 
 
 @pytest.fixture(scope="module", params=LOOPS)
 def runs(request):
     """The same in one piece and in days."""
     options = {"traces": [*TRACES], "warm_up": WARM_UP, "n_jobs": 1}
-    whole = fc.simulate(LOOPS[request.param], in_one_piece(), **options)
-    return whole, fc.simulate(LOOPS[request.param], in_days(), carry_over=True, **options)
+    whole = fc.simulate(LOOPS[request.param], whole_boundary(), **options)
+    return whole, fc.simulate(LOOPS[request.param], daily_boundary(), carry_over=True, **options)
 
 
 def test_days_in_sequence_have_the_bits_of_one_piece(runs):
@@ -121,14 +121,14 @@ def test_an_open_loop_goes_on_too():
     command = 0.5 + 0.4 * np.sin(np.arange(N_DAYS * N_STEPS) / 150)
     loop = fc.Loop.preset("lbnl").assign(backlash=[0.03, 0.1])
     options = {"traces": ["T_sup", "opening", "T_c"], "warm_up": WARM_UP, "n_jobs": 1}
-    whole = fc.simulate(loop, in_one_piece(), command=command, **options)
-    days = fc.simulate(loop, in_days(), command=command.reshape(N_DAYS, -1), carry_over=True, **options)
+    whole = fc.simulate(loop, whole_boundary(), command=command, **options)
+    days = fc.simulate(loop, daily_boundary(), command=command.reshape(N_DAYS, -1), carry_over=True, **options)
     assert_same(whole, days, options["traces"])
 
 
 @pytest.mark.filterwarnings("ignore:action")
 def test_frost_is_that_of_each_day():
-    rows = {name: values.reshape(N_DAYS, N_STEPS) for name, values in series().items()}
+    rows = {name: values.reshape(N_DAYS, N_STEPS) for name, values in all_series().items()}
     rows |= {"T_a_in": np.full((N_DAYS, N_STEPS), -10.0), "W_a_in": np.full((N_DAYS, N_STEPS), 0.001)}
     ds = fc.simulate(fc.Loop(), fc.Boundary(**rows), carry_over=True, warm_up=WARM_UP, n_jobs=1)
     assert 0.0 < ds["freeze_time"].values[0] < N_STEPS
@@ -138,13 +138,13 @@ def test_frost_is_that_of_each_day():
 @pytest.mark.parametrize("n_steps", [28, 250, 1204])
 def test_seconds_count_and_are_settled_as_in_one_piece(n_steps):
     loop = fc.Loop()
-    whole = {name: values[:2408] for name, values in series().items()}
+    whole = {name: values[:2408] for name, values in all_series().items()}
     rows = {name: values.reshape(-1, n_steps) for name, values in whole.items() if values.size % n_steps == 0}
     rows = rows or {name: values[:2250].reshape(-1, n_steps) for name, values in whole.items()}
     n = next(iter(rows.values())).size
     one = plan_simulation(loop, fc.Boundary(**{k: v[:n] for k, v in whole.items()}), warm_up=5).days[0]
     some = plan_simulation(loop, fc.Boundary(**rows), warm_up=5, carry_over=True)
-    seen = COUNTED | SETTLED | (0 if n_steps % 10 else HUNTING_SEEN)
+    seen = IS_COUNTED | IS_SETTLED | (0 if n_steps % 10 else IS_HUNTING_SAMPLE)
     backwards = [some.days[k] for k in reversed(range(n // n_steps))][::-1]
     flags = np.concatenate([day.schedule.flags for day in backwards])
     np.testing.assert_array_equal(flags & seen, one.schedule.flags & seen)
@@ -159,23 +159,23 @@ def test_lanes_on_the_last_days_alone_and_in_other_blocks_have_the_same_metrics(
         backlash=("sample", np.linspace(0.01, 0.12, 67)), estimator=["learner", "none", "identify"],
         learning_step=0.01, learning_interval=700, plant_gain=15.0, n_volumes=("sample", [8, 4] * 33 + [8]),
     )  # fmt: skip
-    plan = plan_simulation(loop, in_days(), warm_up=WARM_UP, carry_over=True)
-    of = plan.n_a_day
-    whole = run_shard(plan, Shard(np.arange(of), of, 0, N_DAYS))
-    one, other = Shard(np.arange(of), of, 1, N_DAYS).halves()
-    for piece in (one, other, Shard(np.arange(3, of, 50), of, 2, N_DAYS)):
+    plan = plan_simulation(loop, daily_boundary(), warm_up=WARM_UP, carry_over=True)
+    n_per_day = plan.n_per_day
+    whole = run_shard(plan, Shard(np.arange(n_per_day), n_per_day, 0, N_DAYS))
+    one, other = Shard(np.arange(n_per_day), n_per_day, 1, N_DAYS).halves()
+    for piece in (one, other, Shard(np.arange(3, n_per_day, 50), n_per_day, 2, N_DAYS)):
         done = run_shard(plan, piece)
         for name in METRICS:
             np.testing.assert_array_equal(done[name], whole[name].values[piece.index], err_msg=name)
 
 
-@fc.law(Settings, Known)
-def gives_up(now, p, m):
+@fc.law(Settings, Memory)
+def fails_later(now, p, m):
     return (np.nan if now.t > N_STEPS + 500.0 and now.t < N_STEPS + 600.0 else p.kp * now.e), m
 
 
 def test_a_lane_that_failed_stays_failed():
-    ds = fc.simulate(fc.Loop(law=[leaky, gives_up]), in_days(), carry_over=True, warm_up=WARM_UP, n_jobs=1)
+    ds = fc.simulate(fc.Loop(law=[leaky, fails_later]), daily_boundary(), carry_over=True, warm_up=WARM_UP, n_jobs=1)
     assert ds["status"].sel(law="leaky").values.tolist() == [0, 0, 0]
     assert ds["status"].sel(law="gives_up").values.tolist() == [0, 1, 1]
     assert np.isnan(ds["rmse"].sel(law="gives_up").values).tolist() == [False, True, True]
@@ -183,5 +183,5 @@ def test_a_lane_that_failed_stays_failed():
 
 def test_the_bits_do_not_depend_on_the_threads():
     loop = LOOPS["learner"].assign(kp=("sample", np.linspace(0.01, 0.03, 140)))
-    one, several = (fc.simulate(loop, in_days(), carry_over=True, warm_up=WARM_UP, n_jobs=n) for n in (1, 3))
+    one, several = (fc.simulate(loop, daily_boundary(), carry_over=True, warm_up=WARM_UP, n_jobs=n) for n in (1, 3))
     assert one.attrs["content_sha256"] == several.attrs["content_sha256"]

@@ -20,19 +20,19 @@ SERIES = DAY.to_dataset()
 NAMES = ("m_a", "T_a_in", "W_a_in", "T_w_in")
 
 
-def made(value):
+def series_with_set_point(value):
     return {name: SERIES[name] for name in NAMES} | {"T_set": value}
 
 
-DOORS = {
+ENTRY_POINTS = {
     "command": lambda value: plan_simulation(fc.Loop(), DAY, command=value, warm_up=0).command,
-    "Boundary": lambda value: fc.Boundary(**made(value)).series["T_set"],
+    "Boundary": lambda value: fc.Boundary(**series_with_set_point(value)).series["T_set"],
     "assign": lambda value: DAY.assign(T_set=value).series["T_set"],
     "stream": lambda value: fc.Boundary.from_days(
-        lambda label: made(value), day=4, hours=N / 3600, start="2024-07-01T08:00", time_zone=ZONE
+        lambda label: series_with_set_point(value), day=4, hours=N / 3600, start="2024-07-01T08:00", time_zone=ZONE
     ).series["T_set"],
     "assign to a stream": lambda value: fc.Boundary.from_days(
-        lambda label: made(14.0), day=4, hours=N / 3600, start="2024-07-01T08:00", time_zone=ZONE
+        lambda label: series_with_set_point(14.0), day=4, hours=N / 3600, start="2024-07-01T08:00", time_zone=ZONE
     ).assign(T_set=value).series["T_set"],
     "stream of bare arrays": lambda value: fc.Boundary.from_days(
         lambda label: {n: SERIES[n].values for n in NAMES} | {"T_set": value},
@@ -41,27 +41,27 @@ DOORS = {
 }  # fmt: skip
 
 
-def array(**coords):
+def labelled_array(**coords):
     units = coords.pop("units", None)
-    along = xr.DataArray(HALF, dims="elapsed_time")
+    series = xr.DataArray(HALF, dims="elapsed_time")
     for name, values in coords.items():
-        along = along.assign_coords({name: values if np.ndim(values) == 0 else ("elapsed_time", values)})
+        series = series.assign_coords({name: values if np.ndim(values) == 0 else ("elapsed_time", values)})
     if units is not None:
-        along.coords["elapsed_time"].attrs["units"] = units
-    return along
+        series.coords["elapsed_time"].attrs["units"] = units
+    return series
 
 
-RIGHT = {
+AGREEING = {
     "no labels": HALF,
-    "dims alone": array(),
-    "seconds": array(elapsed_time=np.arange(N)),
-    "seconds, with their unit": array(elapsed_time=np.arange(N), units="s"),
-    "minutes": array(elapsed_time=np.arange(N) / 60, units="min"),
-    "durations": array(elapsed_time=np.arange(N).astype("m8[s]").astype("m8[ns]")),
-    "dates": array(elapsed_time=TIMES.values),
-    "dates beside the seconds": array(elapsed_time=np.arange(N), time=TIMES.values),
-    "its day": array(day=4),
-    "its start": array(start=TIMES.values[0]),
+    "dims alone": labelled_array(),
+    "seconds": labelled_array(elapsed_time=np.arange(N)),
+    "seconds, with their unit": labelled_array(elapsed_time=np.arange(N), units="s"),
+    "minutes": labelled_array(elapsed_time=np.arange(N) / 60, units="min"),
+    "durations": labelled_array(elapsed_time=np.arange(N).astype("m8[s]").astype("m8[ns]")),
+    "dates": labelled_array(elapsed_time=TIMES.values),
+    "dates beside the seconds": labelled_array(elapsed_time=np.arange(N), time=TIMES.values),
+    "its day": labelled_array(day=4),
+    "its start": labelled_array(start=TIMES.values[0]),
     "pandas, without an index": pd.Series(HALF),
     "pandas, seconds": pd.Series(HALF, np.arange(N)),
     "pandas, durations": pd.Series(HALF, TIMES - TIMES[0]),
@@ -70,20 +70,20 @@ RIGHT = {
     "a DataFrame of days": pd.DataFrame({4: HALF}).rename_axis(index="elapsed_time", columns="day"),
 }
 WITHOUT_ZONE = ("dates", "dates beside the seconds", "its start", "pandas, dates")
-WRONG = {
-    "later seconds": (array(elapsed_time=np.arange(N) + 60.0), ["first sample at elapsed_time"]),
-    "seconds in descending order": (array(elapsed_time=np.arange(N)[::-1]), ["a step of -1 s"]),
-    "minutes that pass for seconds": (array(elapsed_time=np.arange(N), units="min"), ["a step of 60 s"]),
-    "an unknown unit of time": (array(elapsed_time=np.arange(N), units="weeks"), ["'weeks'", "known units: s, min, h"]),
-    "a later date": (array(elapsed_time=TIMES.values + np.timedelta64(1, "h")), ["2024-07-01T09:00:00"]),
-    "a later start": (array(start=TIMES.values[1]), ["first sample at 2024-07-01T08:00:01"]),
-    "another day": (array(day=5), ["day 5"]),
-    "a clock of minutes": (array(timestamp=MINUTES), ["timestamp has a step of 60 s"]),
+CONTRADICTING = {
+    "later seconds": (labelled_array(elapsed_time=np.arange(N) + 60.0), ["first sample at elapsed_time"]),
+    "seconds in descending order": (labelled_array(elapsed_time=np.arange(N)[::-1]), ["a step of -1 s"]),
+    "minutes that pass for seconds": (labelled_array(elapsed_time=np.arange(N), units="min"), ["a step of 60 s"]),
+    "an unknown unit of time": (labelled_array(elapsed_time=np.arange(N), units="weeks"), ["'weeks'", "known units: s, min, h"]),
+    "a later date": (labelled_array(elapsed_time=TIMES.values + np.timedelta64(1, "h")), ["2024-07-01T09:00:00"]),
+    "a later start": (labelled_array(start=TIMES.values[1]), ["first sample at 2024-07-01T08:00:01"]),
+    "another day": (labelled_array(day=5), ["day 5"]),
+    "a clock of minutes": (labelled_array(timestamp=MINUTES), ["timestamp has a step of 60 s"]),
     "a clock of minutes for each day": (
-        array().expand_dims(day=[4]).assign_coords(time=(("day", "elapsed_time"), [MINUTES])), ["a step of 60 s"],
+        labelled_array().expand_dims(day=[4]).assign_coords(time=(("day", "elapsed_time"), [MINUTES])), ["a step of 60 s"],
     ),
-    "text as time": (array(elapsed_time=TIMES.strftime("%H:%M:%S").to_numpy(dtype=object)), ["is of type object"]),
-    "another dim": (array().rename(elapsed_time="kp"), ["dims ('kp',)"]),
+    "text as time": (labelled_array(elapsed_time=TIMES.strftime("%H:%M:%S").to_numpy(dtype=object)), ["is of type object"]),
+    "another dim": (labelled_array().rename(elapsed_time="kp"), ["dims ('kp',)"]),
     "pandas, minutes": (pd.Series(HALF, pd.date_range("2024-07-01 08:00", periods=N, freq="min")), ["a step of 60 s"]),
     "pandas, a time that is missing": (pd.Series(HALF, [pd.NaT, *TIMES[1:]]), ["NaT"]),
     "pandas, descending": (pd.Series(HALF, TIMES[::-1]), ["a step of -1 s"]),
@@ -96,28 +96,28 @@ WRONG = {
     "a DataFrame of another day": (
         pd.DataFrame({5: HALF}).rename_axis(index="elapsed_time", columns="day"), ["day", "[5]"],
     ),
-    "a Dataset": (xr.Dataset({"T_set": array()}), ["is a Dataset"]),
-    "a list of labelled arrays": ([array(day=5)], ["is a list with labels"]),
-    "units that are no text": (array().assign_attrs(units=5), ["units = 5"]),
+    "a Dataset": (xr.Dataset({"T_set": labelled_array()}), ["is a Dataset"]),
+    "a list of labelled arrays": ([labelled_array(day=5)], ["is a list with labels"]),
+    "units that are no text": (labelled_array().assign_attrs(units=5), ["units = 5"]),
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("door", DOORS)
-@pytest.mark.parametrize("label", RIGHT)
+@pytest.mark.parametrize("door", ENTRY_POINTS)
+@pytest.mark.parametrize("label", AGREEING)
 def test_labels_that_agree_leave_the_values_as_they_are(door, label):
     if door == "Boundary" and label in WITHOUT_ZONE:  # the other series have one
-        assert_only_problem(["T_set has the time zone unknown"], DOORS[door], RIGHT[label])
+        assert_only_problem(["T_set has the time zone unknown"], ENTRY_POINTS[door], AGREEING[label])
     else:
-        np.testing.assert_array_equal(DOORS[door](RIGHT[label]), [HALF])
+        np.testing.assert_array_equal(ENTRY_POINTS[door](AGREEING[label]), [HALF])
 
 
-@pytest.mark.parametrize("door", DOORS)
-@pytest.mark.parametrize("label", WRONG)
+@pytest.mark.parametrize("door", ENTRY_POINTS)
+@pytest.mark.parametrize("label", CONTRADICTING)
 def test_labels_that_contradict_are_refused(door, label):
-    value, words = WRONG[label]
+    value, words = CONTRADICTING[label]
     if (door, label) == ("stream of bare arrays", "later seconds"):  # nothing else says when they begin
         return
-    assert any(all(word in text for word in words) for text in problems(DOORS[door], value))
+    assert any(all(word in text for word in words) for text in problems(ENTRY_POINTS[door], value))
 
 
 def test_labels_alone_give_a_boundary_its_clock():
@@ -134,7 +134,7 @@ def test_labels_alone_give_a_boundary_its_clock():
 
 def test_a_start_with_labels_of_other_days_is_refused():
     start = xr.DataArray(TIMES.values[:2], {"day": [2, 1]}, "day")
-    bare = {name: series.values for name, series in made(array()).items()}
+    bare = {name: series.values for name, series in series_with_set_point(labelled_array()).items()}
     assert_only_problem(["start has day [2 1]"], fc.Boundary, **bare, day=[1, 2], start=start)
     several = bare | {"T_w_in": xr.DataArray([6.0, 7.0], {"day": [1, 2]}, "day")}
     assert_only_problem(["T_w_in has day [1 2] where day has [2 1]"], fc.Boundary, **several, day=[2, 1])
@@ -154,16 +154,16 @@ UNITS = [
 
 @pytest.mark.parametrize(("name", "value", "unit", "ours"), UNITS)
 def test_parameters_are_converted_from_their_unit(name, value, unit, ours):
-    given = xr.DataArray([value, 1.1 * value], dims="tuning", attrs={"units": unit})
+    array = xr.DataArray([value, 1.1 * value], dims="tuning", attrs={"units": unit})
     series = pd.Series([value, 1.1 * value], pd.Index([1, 2], name="tuning"))
     series.attrs["units"] = unit
-    for labelled in (given, series):
-        found = fc.Loop(**{name: labelled})[name]
-        assert found.dims == ("tuning",)
-        assert found.values[0] == pytest.approx(ours, rel=1e-12)
-    assert fc.Loop(**{name: given[0]})[name] == pytest.approx(ours, rel=1e-12)
+    for labelled in (array, series):
+        parameter = fc.Loop(**{name: labelled})[name]
+        assert parameter.dims == ("tuning",)
+        assert parameter.values[0] == pytest.approx(ours, rel=1e-12)
+    assert fc.Loop(**{name: array[0]})[name] == pytest.approx(ours, rel=1e-12)
     assert_only_problem(
-        [f"{name} is in 'furlong'", "known units"], fc.Loop, **{name: given.assign_attrs(units="furlong")}
+        [f"{name} is in 'furlong'", "known units"], fc.Loop, **{name: array.assign_attrs(units="furlong")}
     )
 
 
@@ -193,11 +193,11 @@ def test_labels_that_a_parameter_cannot_have_are_refused(value, words):
 
 def test_series_are_converted_from_their_unit():
     percent, fahrenheit = (xr.DataArray(v * HALF, dims="elapsed_time") for v in (100.0, 118.0))
-    np.testing.assert_array_equal(DOORS["command"](percent.assign_attrs(units="%")), [HALF])
+    np.testing.assert_array_equal(ENTRY_POINTS["command"](percent.assign_attrs(units="%")), [HALF])
     for door in ("Boundary", "assign", "stream"):
-        np.testing.assert_allclose(DOORS[door](fahrenheit.assign_attrs(units="degF")), [np.full(N, 15.0)])
-        assert_only_problem(["T_set is in 'degR'"], DOORS[door], fahrenheit.assign_attrs(units="degR"))
-    assert_only_problem(["command is in 'K'"], DOORS["command"], percent.assign_attrs(units="K"))
+        np.testing.assert_allclose(ENTRY_POINTS[door](fahrenheit.assign_attrs(units="degF")), [np.full(N, 15.0)])
+        assert_only_problem(["T_set is in 'degR'"], ENTRY_POINTS[door], fahrenheit.assign_attrs(units="degR"))
+    assert_only_problem(["command is in 'K'"], ENTRY_POINTS["command"], percent.assign_attrs(units="K"))
 
 
 @pytest.mark.kernel
@@ -215,8 +215,8 @@ def test_results_given_back_keep_their_labels():
     assert fc.linearise(fc.Loop(), DAY, at=at)["elapsed_time"].values.tolist() == [30, 60]
     assert_only_problem(["at = ", "of type text"], fc.linearise, fc.Loop(), DAY, at=at.astype(str))
     w = xr.DataArray([1e-3, 2e-3], dims="frequency", attrs={"units": "Hz"})
-    found = fc.linearise(fc.Loop(), DAY, at=9, frequency=w)
-    np.testing.assert_allclose(found["frequency"], 2.0 * np.pi * w.values)
+    linear = fc.linearise(fc.Loop(), DAY, at=9, frequency=w)
+    np.testing.assert_allclose(linear["frequency"], 2.0 * np.pi * w.values)
     assert_only_problem(
         ["frequency is in 'K'"], fc.linearise, fc.Loop(), DAY, at=9, frequency=w.assign_attrs(units="K")
     )

@@ -12,7 +12,7 @@ from helpers.refusals import assert_only_problem
 
 import fastcoil as fc
 from fastcoil.loops import keywords
-from fastcoil.loops.assignment import WORD
+from fastcoil.loops.assignment import CONVERGED_KEYWORD
 from fastcoil.model.metric_table import METRICS, TRACES
 from fastcoil.model.parameter_table import PARAMETERS, RESERVED_DIMS
 
@@ -37,10 +37,10 @@ def test_estimate_ratio_takes_the_place_of_the_estimate_and_back():
 
 
 @pytest.mark.kernel
-def test_estimate_ratio_is_the_estimate_over_the_backlash(short):
-    ratio = fc.simulate(fc.Loop(backlash=[0.05, 0.1], estimate_ratio=[0.5, 1.2]), short, warm_up=60)
+def test_estimate_ratio_is_the_estimate_over_the_backlash(half_hour_day):
+    ratio = fc.simulate(fc.Loop(backlash=[0.05, 0.1], estimate_ratio=[0.5, 1.2]), half_hour_day, warm_up=60)
     pairs = xr.DataArray([[0.5 * 0.05, 1.2 * 0.05], [0.5 * 0.1, 1.2 * 0.1]], dims=("backlash", "estimate_ratio"))
-    estimate = fc.simulate(fc.Loop(backlash=[0.05, 0.1], backlash_estimate=pairs), short, warm_up=60)
+    estimate = fc.simulate(fc.Loop(backlash=[0.05, 0.1], backlash_estimate=pairs), half_hour_day, warm_up=60)
     np.testing.assert_array_equal(ratio.rmse.values, estimate.rmse.values)
     np.testing.assert_array_equal(ratio.estimate_final.values, pairs.values)
 
@@ -79,8 +79,8 @@ def test_alternatives_exclude_each_other_and_go_together(values, words):
         fc.Loop(action=["cooling", "heating"], learning_stop="first_step_down"),
     ],
 )
-def test_from_dataset_gives_the_loop_back(loop, short):
-    back = fc.Loop.from_dataset(fc.simulate(loop, short, warm_up=60))
+def test_from_dataset_gives_the_loop_back(loop, half_hour_day):
+    back = fc.Loop.from_dataset(fc.simulate(loop, half_hour_day, warm_up=60))
     assert back.constants == loop.constants
     assert back.sizes == loop.sizes
     # unlabelled dims have come back with their labels 0, 1, ...
@@ -92,42 +92,42 @@ def test_from_dataset_gives_the_loop_back(loop, short):
 
 
 @pytest.mark.kernel
-def test_from_a_part_of_a_dataset_comes_the_loop_of_that_part(short):
+def test_from_a_part_of_a_dataset_comes_the_loop_of_that_part(half_hour_day):
     loop = fc.Loop(backlash=[0.02, 0.07], kp=("tuning", [0.01, 0.02]), n_volumes=("tuning", [4, 8]))
-    ds = fc.simulate(loop, short, warm_up=60)
+    ds = fc.simulate(loop, half_hour_day, warm_up=60)
     assert fc.Loop.from_dataset(ds.isel(backlash=1, tuning=0)) == fc.Loop(backlash=0.07, kp=0.01, n_volumes=4)
     assert fc.Loop.from_dataset(ds.sel(backlash=0.02)).sizes == {"tuning": 2}
     assert list(fc.Loop.from_dataset(ds[["rmse"]]).sizes) == ["backlash", "tuning"]
     turned = fc.Loop(kp=("tuning", [0.01, 0.02]), backlash=[0.02, 0.07])
-    assert list(fc.Loop.from_dataset(fc.simulate(turned, short, warm_up=60)).sizes) == ["tuning", "backlash"]
+    assert list(fc.Loop.from_dataset(fc.simulate(turned, half_hour_day, warm_up=60)).sizes) == ["tuning", "backlash"]
 
 
-def without(ds, *names):
+def drop_parameters(ds, *names):
     """The result as a version would have made it that does not know these parameters."""
-    known = json.loads(ds.attrs["parameters"])
-    return ds.assign_attrs(parameters=json.dumps({n: v for n, v in known.items() if n not in names}))
+    stored = json.loads(ds.attrs["parameters"])
+    return ds.assign_attrs(parameters=json.dumps({n: v for n, v in stored.items() if n not in names}))
 
 
 @pytest.mark.kernel
 @pytest.mark.parametrize(
     "values", [{"estimate_ratio": [0.0, 0.6]}, {"rangeability": [20.0, 50.0], "authority": 0.3, "m_full": 1.8}]
 )
-def test_parameters_that_an_older_result_lacks_have_their_defaults(values, short):
+def test_parameters_that_an_older_result_lacks_have_their_defaults(values, half_hour_day):
     loop = fc.Loop(**values)
-    ds = fc.simulate(loop, short, warm_up=60)
+    ds = fc.simulate(loop, half_hour_day, warm_up=60)
     with pytest.warns(UserWarning, match=r"learning_growth = 1\.0, learning_stop = never") as warned:
-        back = fc.Loop.from_dataset(without(ds, "learning_stop", "learning_growth"))
+        back = fc.Loop.from_dataset(drop_parameters(ds, "learning_stop", "learning_growth"))
     assert len(warned) == 1
     assert {name: back[name] is None for name in PARAMETERS} == {name: loop[name] is None for name in PARAMETERS}
     assert back.constants == loop.constants
-    again = fc.simulate(back, short, warm_up=60)
+    again = fc.simulate(back, half_hour_day, warm_up=60)
     assert bool((again.status == 0).all())
     np.testing.assert_array_equal(again.rmse.values, ds.rmse.values)
 
 
 @pytest.mark.kernel
-def test_a_dataset_without_labels_or_of_another_program_is_refused(short):
-    ds = fc.simulate(fc.Loop(backlash=[0.02, 0.07]), short, warm_up=60)
+def test_a_dataset_without_labels_or_of_another_program_is_refused(half_hour_day):
+    ds = fc.simulate(fc.Loop(backlash=[0.02, 0.07]), half_hour_day, warm_up=60)
     assert_only_problem(["no values along its dimension backlash"], fc.Loop.from_dataset, ds.drop_vars("backlash"))
     assert_only_problem(["not made by fastcoil"], fc.Loop.from_dataset, xr.Dataset())
 
@@ -188,13 +188,13 @@ def test_keywords_for_type_checkers_are_those_of_the_table_with_its_words():
     exec(Path(keywords.__file__).with_suffix(".pyi").read_text(), stub)
     assert typing.get_args(stub["PresetName"]) == tuple(fc.presets())
     hints = typing.get_type_hints(stub["Keywords"])
-    assert list(hints) == [WORD, *PARAMETERS] == list(typing.get_type_hints(keywords.Keywords))
+    assert list(hints) == [CONVERGED_KEYWORD, *PARAMETERS] == list(typing.get_type_hints(keywords.Keywords))
     for name, p in PARAMETERS.items():
         words = {typing.Literal[p.choices]} if p.is_word else set()
         assert set(typing.get_args(hints[name])) == {*typing.get_args(stub["Value"]), *words}, name
 
 
-CHECKED = """
+CHECKED_PROGRAM = """
 import fastcoil as fc
 loop = fc.Loop(backlash=0.1, kp=("tuning", [0.01, 0.02]), action="heating", converged=True)
 doubled = loop.backlash * 2, loop["kp"] * 2
@@ -204,7 +204,7 @@ loop.assign(backlsh=0.1)
 """
 
 
-UNREAD = """
+MYPY_CONFIG = """
 [mypy]
 follow_imports = silent
 [mypy-numpy.*,xarray.*,fastcoil.base.*,fastcoil.model.*,fastcoil.loops.boundary.*,fastcoil.loops.simulate]
@@ -217,20 +217,20 @@ follow_imports = skip
 
 def test_a_type_checker_refuses_a_mistyped_parameter_and_nothing_else(tmp_path):
     mypy = pytest.importorskip("mypy.api")
-    (tmp_path / "checked.py").write_text(CHECKED)
-    (tmp_path / "mypy.ini").write_text(UNREAD)
+    (tmp_path / "checked.py").write_text(CHECKED_PROGRAM)
+    (tmp_path / "mypy.ini").write_text(MYPY_CONFIG)
     words = ("--config-file", tmp_path / "mypy.ini", "--cache-dir", tmp_path / "cache", tmp_path / "checked.py")
-    said, _, _ = mypy.run([*map(str, words)])
-    errors = [line.partition("checked.py:")[2] for line in said.splitlines() if ": error:" in line]
-    assert [line.split(":")[0] for line in errors] == ["6", "7"], said
+    output, _, _ = mypy.run([*map(str, words)])
+    errors = [line.partition("checked.py:")[2] for line in output.splitlines() if ": error:" in line]
+    assert [line.split(":")[0] for line in errors] == ["6", "7"], output
     assert all('did you mean "backlash"' in line for line in errors)
 
 
 def test_a_loop_shows_every_parameter_as_a_keyword_with_its_default():
-    shown = inspect.signature(fc.Loop).parameters
-    assert list(shown) == [*PARAMETERS, "converged"]
-    for name, parameter in shown.items():
+    signature_parameters = inspect.signature(fc.Loop).parameters
+    assert list(signature_parameters) == [*PARAMETERS, "converged"]
+    for name, parameter in signature_parameters.items():
         assert parameter.kind is inspect.Parameter.KEYWORD_ONLY
         assert parameter.default == (PARAMETERS[name].default if name in PARAMETERS else False)
-    given = {name: p.default for name, p in shown.items() if p.default is not None}
-    assert fc.Loop(**given) == fc.Loop()
+    defaults = {name: p.default for name, p in signature_parameters.items() if p.default is not None}
+    assert fc.Loop(**defaults) == fc.Loop()

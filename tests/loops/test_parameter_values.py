@@ -57,12 +57,12 @@ def test_an_unknown_name_is_answered_with_the_nearest(wrong, right):
 
 
 def test_all_mistakes_are_reported_at_once():
-    found = problems(
+    sentences = problems(
         fc.Loop, baklash=0.1, ti=0.0, kp=math.nan, action="cool", backlash=[], estimate_ratio=0.5, backlash_estimate=0.1
     )
-    assert len(found) == 6
+    assert len(sentences) == 6
     words = ["baklash", "ti = 0", "kp = nan", "action = 'cool'", "backlash = []", "estimate_ratio"]
-    assert all(word in problem for word, problem in zip(words, found, strict=True))
+    assert all(word in problem for word, problem in zip(words, sentences, strict=True))
 
 
 MEANING = {"air_march": "quasistatic", "substeps": 8}
@@ -87,7 +87,7 @@ def test_it_clashes_with_what_it_stands_for_in_one_sentence(given):
     ]
 
 
-def study(tmp_path, text):
+def read_text_as_study(tmp_path, text):
     path = tmp_path / "study.toml"
     path.write_text(text)
     return read_study(path)
@@ -107,4 +107,4 @@ def study(tmp_path, text):
 )
 def test_a_study_file_with_a_mistake_is_refused(tmp_path, text, words):
     with pytest.raises(fc.InputError, match=words):
-        study(tmp_path, text)
+        read_text_as_study(tmp_path, text)

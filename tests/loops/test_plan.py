@@ -28,8 +28,8 @@ pytestmark = pytest.mark.kernel
         (np.r_[np.zeros(400), np.nan, np.zeros(499)], ["nan at second 400"]),
     ],
 )
-def test_bad_command(days, command, words, refused):
-    (problem,) = refused(fc.Loop(), days, command=command, warm_up=60)
+def test_bad_command(days, command, words, simulate_problems):
+    (problem,) = simulate_problems(fc.Loop(), days, command=command, warm_up=60)
     assert problem.startswith("command")
     assert all(word in problem for word in words)
 
@@ -48,32 +48,32 @@ def test_bad_command(days, command, words, refused):
         ({"n_jobs": 0}, ["n_jobs = 0"]),
     ],
 )
-def test_bad_options_are_named_with_the_cure(days, options, words, refused):
-    (problem,) = refused(fc.Loop(), days, **{"warm_up": 60} | options)
+def test_bad_options_are_named_with_the_cure(days, options, words, simulate_problems):
+    (problem,) = simulate_problems(fc.Loop(), days, **{"warm_up": 60} | options)
     assert all(word in problem for word in words), problem
 
 
-def test_inputs_are_no_traces_and_are_in_the_boundary(days, refused):
-    (problem,) = refused(fc.Loop(), days, traces=["T_set"], warm_up=60)
+def test_inputs_are_no_traces_and_are_in_the_boundary(days, simulate_problems):
+    (problem,) = simulate_problems(fc.Loop(), days, traces=["T_set"], warm_up=60)
     assert problem == "traces: 'T_set' is an input: it is in the boundary, as boundary.series['T_set']"
     assert days.series["T_set"].shape == (2, 900)
 
 
-def test_the_default_warm_up_refuses_a_shorter_boundary(days, refused):
-    (problem,) = refused(fc.Loop(), days)
+def test_the_default_warm_up_refuses_a_shorter_boundary(days, simulate_problems):
+    (problem,) = simulate_problems(fc.Loop(), days)
     assert "900 s" in problem
     assert "1800 s" in problem
 
 
-def test_a_million_million_scenarios_are_refused_without_allocating(days, refused):
+def test_a_million_million_scenarios_are_refused_without_allocating(days, simulate_problems):
     axes = {name: np.linspace(1.0, 2.0, 1000) for name in ("kp", "ti", "beta1", "cp_a")}
-    (problem,) = refused(fc.Loop(**axes), days, warm_up=60)
+    (problem,) = simulate_problems(fc.Loop(**axes), days, warm_up=60)
     assert "2,000,000,000,000 scenarios" in problem
     assert "GiB" in problem
     assert "fewer" in problem
 
 
-TOGETHER = {
+CHECKED_TOGETHER = {
     "learner": {
         "learning_step": np.linspace(0.01, 0.1, 200),
         "backlash_estimate": np.linspace(0.0, 0.1, 200),
@@ -83,23 +83,23 @@ TOGETHER = {
 }
 
 
-@pytest.mark.parametrize("name", TOGETHER)
-def test_nor_is_anything_allocated_to_check_parameters_together(name, days, monkeypatch, refused):
+@pytest.mark.parametrize("name", CHECKED_TOGETHER)
+def test_nor_is_anything_allocated_to_check_parameters_together(name, days, monkeypatch, simulate_problems):
     monkeypatch.setattr(resources, "available_memory", lambda: 10**6)
-    loop = fc.Loop(**TOGETHER[name])
+    loop = fc.Loop(**CHECKED_TOGETHER[name])
     tracemalloc.start()
     try:
-        assert "scenarios need" in refused(loop, days, warm_up=60)[0]
+        assert "scenarios need" in simulate_problems(loop, days, warm_up=60)[0]
         assert tracemalloc.get_traced_memory()[1] < 2e6
     finally:
         tracemalloc.stop()
 
 
-def test_traces_count_towards_the_memory(days, monkeypatch, refused):
+def test_traces_count_towards_the_memory(days, monkeypatch, simulate_problems):
     monkeypatch.setattr(resources, "available_memory", lambda: 10**6)
     loop = fc.Loop(backlash=np.linspace(0.0, 0.1, 20))
     fc.simulate(loop, days, warm_up=60)
-    (problem,) = refused(loop, days, warm_up=60, traces=["T_c"])
+    (problem,) = simulate_problems(loop, days, warm_up=60, traces=["T_c"])
     assert "trace_interval" in problem
 
 
@@ -126,7 +126,7 @@ def test_the_memory_of_a_run_is_that_of_its_results_its_shards_and_its_workers(d
 # How scenarios are cut into shards
 
 
-def minutes(n_days):
+def two_minute_days(n_days):
     """Days of two minutes."""
     return fc.Boundary(m_a=np.full((n_days, 120), 1.0), T_a_in=25.0, W_a_in=0.01, T_w_in=7.0, T_set=14.0)
 
@@ -136,11 +136,11 @@ def minutes(n_days):
 def test_shards_are_whole_blocks_of_whatever_is_left_to_run(data):
     n_days, per_day = data.draw(st.integers(1, 5)), data.draw(st.integers(1, 200))
     loop = fc.Loop(backlash=("sample", np.linspace(0.0, 0.1, per_day)))
-    plan = plan_simulation(loop, minutes(n_days), warm_up=60)
+    plan = plan_simulation(loop, two_minute_days(n_days), warm_up=60)
     rng = np.random.default_rng(data.draw(st.integers(0, 99)))
     todo = np.flatnonzero(rng.random(plan.n_scenarios) < data.draw(st.sampled_from([0.02, 0.5, 1.0])))
     n_jobs = data.draw(st.integers(1, 4))
-    shards = [shard.lanes for shard in resources.shards_of(plan, n_jobs, todo)]
+    shards = [shard.lanes for shard in resources.cut_into_shards(plan, n_jobs, todo)]
     assert np.array_equal(np.concatenate([*shards, np.array([], dtype=np.int64)]), todo)
     blocks_of_day = -(-np.bincount(todo // per_day, minlength=n_days) // LANES)
     pieces = [-(-np.bincount(shard // per_day, minlength=n_days) // LANES) for shard in shards]
@@ -151,32 +151,32 @@ def test_shards_are_whole_blocks_of_whatever_is_left_to_run(data):
 
 def test_days_in_sequence_are_shards_of_bounded_work_and_size_with_what_is_left_of_each_lane(monkeypatch):
     plan = plan_simulation(
-        fc.Loop(backlash=("sample", np.linspace(0.0, 0.1, 300))), minutes(5), warm_up=60, carry_over=True
+        fc.Loop(backlash=("sample", np.linspace(0.0, 0.1, 300))), two_minute_days(5), warm_up=60, carry_over=True
     )
     for n_jobs in (1, 2, 8):
-        shards = resources.shards_of(plan, n_jobs)
+        shards = resources.cut_into_shards(plan, n_jobs)
         assert len(shards) >= min(n_jobs, 5)
         assert sorted(k for shard in shards for k in shard.index) == list(range(1500))
         assert all(shard.lanes.size % LANES == 0 for shard in shards[:-1])
     todo = np.r_[7, 307, 1208, 1499]  # a lane from its first day to its second, two on their last
-    left = resources.shards_of(plan, 1, todo)
+    left = resources.cut_into_shards(plan, 1, todo)
     assert sorted((shard.lanes.tolist(), shard.first, shard.end) for shard in left) == [
         ([7], 0, 2),
         ([8, 299], 4, 5),
     ]
     monkeypatch.setattr(resources, "_LANE_STEPS_PER_SEQUENCE", 5 * 120 * LANES * 2.5)
-    assert len(resources.shards_of(plan, 1)) == 1
-    monkeypatch.setattr(resources, "_FEWEST_BLOCKS", 1)
-    assert {shard.lanes.size for shard in resources.shards_of(plan, 1)} == {2 * LANES, 300 % (2 * LANES)}
-    monkeypatch.setattr(resources, "_BYTES_PER_SHARD", 3 * (plan.metric_bytes + plan.trace_bytes) // plan.n_a_day)
-    assert max(shard.lanes.size for shard in resources.shards_of(plan, 1)) == 3
+    assert len(resources.cut_into_shards(plan, 1)) == 1
+    monkeypatch.setattr(resources, "_MIN_SEQUENCE_BLOCKS", 1)
+    assert {shard.lanes.size for shard in resources.cut_into_shards(plan, 1)} == {2 * LANES, 300 % (2 * LANES)}
+    monkeypatch.setattr(resources, "_BYTES_PER_SHARD", 3 * (plan.metric_bytes + plan.trace_bytes) // plan.n_per_day)
+    assert max(shard.lanes.size for shard in resources.cut_into_shards(plan, 1)) == 3
 
 
 def test_a_shard_holds_no_more_than_its_share_of_bytes(days):
     traces = {"traces": ["T_w", "T_c", "T_a", "W_a", "u"], "warm_up": 60}
     plan = plan_simulation(fc.Loop(backlash=("sample", np.linspace(0.0, 0.1, 1000))), days, **traces)
     bytes_of_one = (plan.metric_bytes + plan.trace_bytes) / plan.n_scenarios
-    shards = resources.shards_of(plan, 1)
+    shards = resources.cut_into_shards(plan, 1)
     assert len(shards) > 4
     assert all(LANES <= shard.size <= 64 * 2**20 / bytes_of_one for shard in shards[:-1])
 
@@ -213,7 +213,7 @@ FORMS = {
 }
 
 
-def flat(score, start, status=0):
+def flat_part(score, start, status=0):
     score = score if isinstance(score, xr.DataArray) else ("scenario", score)
     index = np.arange(start, start + 2)
     variables = {"rmse": ("scenario", np.ones(2)), "status": ("scenario", np.full(2, status, dtype=np.int8))}
@@ -224,6 +224,6 @@ def flat(score, start, status=0):
 def test_answers_of_another_form_for_other_scenarios_are_refused(source):
     first, second = (eval(source, {"np": np, "xr": xr, "first": first}) for first in (True, False))
     with pytest.raises(InputError, match="score has another form in some scenarios .* let the reduction give"):
-        join_flat(4, [flat(first, 0), flat(second, 2)])
-    joined = join_flat(4, [flat(first, 0), flat(first, 2)])
-    assert joined["score"].dtype == flat(first, 0)["score"].dtype
+        join_flat(4, [flat_part(first, 0), flat_part(second, 2)])
+    joined = join_flat(4, [flat_part(first, 0), flat_part(first, 2)])
+    assert joined["score"].dtype == flat_part(first, 0)["score"].dtype

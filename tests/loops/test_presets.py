@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.loops.presets import COOLING, PRESETS
+from fastcoil.loops.presets import COOLING_PRESETS, PRESETS
 from fastcoil.model.parameter_table import PARAMETERS
 
 pytestmark = pytest.mark.kernel
@@ -35,12 +35,12 @@ def test_presets_are_the_documented_tables(name):
     loop = fc.Loop.preset(name)
     others = {p.name: p.default for p in PARAMETERS.values()}
     heats = name in HEATING_COILS
-    own = HEATING | HEATING_COILS[name] if heats else dict(zip(VARYING, DESIGN_TABLE[name], strict=True))
-    assert {p: loop[p] for p in PARAMETERS} == others | own
+    documented = HEATING | HEATING_COILS[name] if heats else dict(zip(VARYING, DESIGN_TABLE[name], strict=True))
+    assert {p: loop[p] for p in PARAMETERS} == others | documented
 
 
 def test_every_preset_is_tested_and_the_default_is_paper_like():
-    assert [*COOLING] == [*DESIGN_TABLE]
+    assert [*COOLING_PRESETS] == [*DESIGN_TABLE]
     assert fc.Loop() == fc.Loop.preset("paper_like")
 
 
@@ -64,7 +64,7 @@ CORNERS = [(m_a, T_out, T_w) for m_a in (0.4, 1.3) for T_out in (-20.0, 15.0) fo
 NAMES = ("heating", "heating_45")
 
 
-def corners():
+def corner_days():
     """The corners of the working range, a day each, with a step of the set-point within reach."""
     m_a, T_out, T_w_in = (np.array(column)[:, None] * np.ones(SECONDS) for column in zip(*CORNERS, strict=True))
     T_a_in = 0.3 * T_out + 0.7 * 21.0
@@ -79,7 +79,7 @@ def overshoot(ds, T_set):
 
 @pytest.fixture(scope="module")
 def day():
-    return corners()
+    return corner_days()
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -101,11 +101,11 @@ def test_a_heating_preset_does_not_ring_where_the_gains_of_a_cooling_loop_do(nam
 @pytest.mark.parametrize("name", NAMES)
 def test_theory_calls_a_heating_preset_calm_and_its_gains_times_ten_not(name, day):
     loop = fc.Loop.preset(name)
-    told = fc.limit_cycle(loop.assign(backlash=[0.0, 0.15]), day, at=0)
-    assert float(told.margin.max()) < 0.4
+    theory = fc.limit_cycle(loop.assign(backlash=[0.0, 0.15]), day, at=0)
+    assert float(theory.hunting_index.max()) < 0.4
     wild = loop.assign(kp=10 * loop["kp"], ti=10.0)
-    told, ds = fc.limit_cycle(wild, day, at=0), fc.simulate(wild, day, n_jobs=1)
-    assert told.hunts.all()
+    theory, ds = fc.limit_cycle(wild, day, at=0), fc.simulate(wild, day, n_jobs=1)
+    assert theory.hunts.all()
     assert ds.hunts.all()
 
 

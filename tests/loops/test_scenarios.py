@@ -10,7 +10,7 @@ from fastcoil.loops.clashes import check_clashes
 from fastcoil.loops.scenarios import Layout
 
 
-def columns(loop, n_days=None, replicates=1):
+def layout_and_columns(loop, n_days=None, replicates=1):
     """Parameters of all scenarios, in their flat order."""
     day = fc.paper_day(hours=0.1, seed=list(range(n_days)) if n_days else 1)
     layout = Layout(loop, day, replicates)
@@ -56,22 +56,22 @@ def test_axis_labels_are_rounded_so_that_sel_finds_them():
 
 def test_scenarios_are_the_product_of_the_dimensions_last_one_fastest():
     loop = fc.Loop(backlash=[0.05, 0.07], kp=("tuning", [0.01, 0.02, 0.03]), ti=("tuning", [10.0, 20.0, 30.0]))
-    layout, found = columns(loop, n_days=2, replicates=2)
+    layout, parameters = layout_and_columns(loop, n_days=2, replicates=2)
     assert layout.sizes == {"day": 2, "backlash": 2, "tuning": 3, "replicate": 2}
-    assert found["replicate"].tolist() == [0, 1] * 12
-    assert found["kp"].tolist() == [0.01, 0.01, 0.02, 0.02, 0.03, 0.03] * 4
-    assert found["ti"].tolist() == [10.0, 10.0, 20.0, 20.0, 30.0, 30.0] * 4
-    assert found["backlash"].tolist() == ([0.05] * 6 + [0.07] * 6) * 2
-    assert found["day"].tolist() == [0] * 12 + [1] * 12
-    assert np.all(found["C_c"] == 30.0)
-    assert np.all(np.isnan(found["rangeability"]))
+    assert parameters["replicate"].tolist() == [0, 1] * 12
+    assert parameters["kp"].tolist() == [0.01, 0.01, 0.02, 0.02, 0.03, 0.03] * 4
+    assert parameters["ti"].tolist() == [10.0, 10.0, 20.0, 20.0, 30.0, 30.0] * 4
+    assert parameters["backlash"].tolist() == ([0.05] * 6 + [0.07] * 6) * 2
+    assert parameters["day"].tolist() == [0] * 12 + [1] * 12
+    assert np.all(parameters["C_c"] == 30.0)
+    assert np.all(np.isnan(parameters["rangeability"]))
 
 
 def test_any_slice_of_the_scenarios_is_that_of_all_of_them():
     loop = fc.Loop(backlash=np.linspace(0.0, 0.1, 7), kp=[0.01, 0.02, 0.03], action=["heating", "cooling"])
-    layout, found = columns(loop)
+    layout, parameters = layout_and_columns(loop)
     some = layout.columns(np.arange(5, 29))
-    assert all(some[name].tolist() == found[name][5:29].tolist() for name in ("backlash", "kp", "action"))
+    assert all(some[name].tolist() == parameters[name][5:29].tolist() for name in ("backlash", "kp", "action"))
 
 
 # What cannot be swept, or not together
@@ -86,27 +86,27 @@ def test_dims_of_results_cannot_be_swept(dim):
 
 def test_a_dim_cannot_have_the_name_of_a_parameter_that_has_another_value():
     with pytest.raises(fc.InputError):
-        columns(fc.Loop(backlash=("buffer", [0.05, 0.07])))
+        layout_and_columns(fc.Loop(backlash=("buffer", [0.05, 0.07])))
 
 
-DIFFERENT = {"kp": ("tuning", [0.01, 0.02]), "ti": ("tuning", [10.0, 20.0, 30.0])}
+DIFFERENT_LENGTHS = {"kp": ("tuning", [0.01, 0.02]), "ti": ("tuning", [10.0, 20.0, 30.0])}
 
 
 def test_zipped_parameters_of_different_length_are_refused_where_they_are_given():
     words = ["ti has 3 values", "'tuning'", "kp has 2", "same length"]
-    assert_only_problem(words, fc.Loop, **DIFFERENT)
-    assert_only_problem(words, fc.Loop().assign, **DIFFERENT)
-    assert_only_problem(words, fc.Loop(kp=DIFFERENT["kp"]).assign, ti=DIFFERENT["ti"])
+    assert_only_problem(words, fc.Loop, **DIFFERENT_LENGTHS)
+    assert_only_problem(words, fc.Loop().assign, **DIFFERENT_LENGTHS)
+    assert_only_problem(words, fc.Loop(kp=DIFFERENT_LENGTHS["kp"]).assign, ti=DIFFERENT_LENGTHS["ti"])
 
 
-def differing_labels():
+def loop_with_different_labels():
     slow, fast = (xr.DataArray([0.01, 0.02], dims="case", coords={"case": names}) for names in (["a", "b"], ["a", "c"]))
     return fc.Loop(kp=slow, backlash=fast)
 
 
 def test_labels_of_one_dim_that_differ():
     with pytest.raises(fc.InputError, match=r"backlash .*'case'"):
-        columns(differing_labels())
+        layout_and_columns(loop_with_different_labels())
     own = xr.DataArray([1.0, 2.0], dims="ti", coords={"ti": [10.0, 21.0]})
     with pytest.raises(fc.InputError, match="'ti'"):
         fc.Loop(ti=[10.0, 20.0], kp=own).coordinates()

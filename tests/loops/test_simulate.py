@@ -18,8 +18,8 @@ pytestmark = pytest.mark.kernel
 # The Dataset
 
 
-def test_dims_are_those_of_the_sweep_and_the_day_and_the_replicates(swept):
-    assert dict(swept.sizes) == {
+def test_dims_are_those_of_the_sweep_and_the_day_and_the_replicates(swept_result):
+    assert dict(swept_result.sizes) == {
         "day": 2,
         "backlash": 3,
         "tuning": 2,
@@ -29,39 +29,39 @@ def test_dims_are_those_of_the_sweep_and_the_day_and_the_replicates(swept):
         "volume": 8,
     }
     dims = ("day", "backlash", "tuning", "n_volumes", "replicate")
-    assert all(swept[name].dims == dims for name in [*METRICS, "status"])
-    assert swept.T_sup.dims == (*dims, "elapsed_time")
-    assert swept.T_c.dims == (*dims, "volume", "elapsed_time")
+    assert all(swept_result[name].dims == dims for name in [*METRICS, "status"])
+    assert swept_result.T_sup.dims == (*dims, "elapsed_time")
+    assert swept_result.T_c.dims == (*dims, "volume", "elapsed_time")
 
 
-def test_coordinates_are_labels_and_the_parameters_along_them(swept):
-    assert swept.day.values.tolist() == [4, 1]
-    assert swept.backlash.values.tolist() == [0.0, 0.07, 0.15]
-    assert swept.kp.dims == swept.ti.dims == ("tuning",)
-    assert swept.ti.values.tolist() == [20.0, 8.0]
-    assert swept.replicate.values.tolist() == [0, 1]
-    assert swept.volume.values.tolist() == list(range(1, 9))
-    assert swept.elapsed_time.values.tolist() == list(range(0, 900, 50))
-    assert swept.rmse.sel(backlash=0.07, day=1, n_volumes=8).sizes == {"tuning": 2, "replicate": 2}
+def test_coordinates_are_labels_and_the_parameters_along_them(swept_result):
+    assert swept_result.day.values.tolist() == [4, 1]
+    assert swept_result.backlash.values.tolist() == [0.0, 0.07, 0.15]
+    assert swept_result.kp.dims == swept_result.ti.dims == ("tuning",)
+    assert swept_result.ti.values.tolist() == [20.0, 8.0]
+    assert swept_result.replicate.values.tolist() == [0, 1]
+    assert swept_result.volume.values.tolist() == list(range(1, 9))
+    assert swept_result.elapsed_time.values.tolist() == list(range(0, 900, 50))
+    assert swept_result.rmse.sel(backlash=0.07, day=1, n_volumes=8).sizes == {"tuning": 2, "replicate": 2}
 
 
-def test_everything_has_a_unit_and_a_long_name(swept):
+def test_everything_has_a_unit_and_a_long_name(swept_result):
     for name, output in (METRICS | {n: TRACES[n] for n in ("T_sup", "mode", "T_c")}).items():
-        attrs = swept[name].attrs
+        attrs = swept_result[name].attrs
         assert (attrs["units"], attrs["long_name"]) == (output.unit, output.long_name)
         assert (attrs.get("units_metadata") == "temperature: difference") == output.difference
-    assert (swept.status.dtype, np.all(swept.status == 0)) == (np.int8, True)
-    assert swept.status.attrs["flag_values"].tolist() == list(range(5))
-    assert swept.status.attrs["flag_meanings"].split() == list(STATUS_MEANINGS)
-    for name in swept.coords:
-        assert swept[name].attrs["long_name"]
+    assert (swept_result.status.dtype, np.all(swept_result.status == 0)) == (np.int8, True)
+    assert swept_result.status.attrs["flag_values"].tolist() == list(range(5))
+    assert swept_result.status.attrs["flag_meanings"].split() == list(STATUS_MEANINGS)
+    for name in swept_result.coords:
+        assert swept_result[name].attrs["long_name"]
     kp = PARAMETERS["kp"]
-    assert swept.kp.attrs == {"long_name": kp.label, "units": "K-1", "comment": kp.text}
-    assert swept.elapsed_time.attrs["units"] == "s"
+    assert swept_result.kp.attrs == {"long_name": kp.label, "units": "K-1", "comment": kp.text}
+    assert swept_result.elapsed_time.attrs["units"] == "s"
 
 
-def test_provenance_names_no_user_and_no_path(swept, sweep):
-    attrs = swept.attrs
+def test_provenance_names_no_user_and_no_path(swept_result, sweep):
+    attrs = swept_result.attrs
     assert json.loads(attrs["parameters"]) == fc.Loop(**sweep, noise_std=0.02, n_volumes=[4, 8]).constants
     assert (attrs["seed"], attrs["warm_up_s"], attrs["Conventions"]) == ("7", 100, "CF-1.11")
     assert len(attrs["content_sha256"]) == len(attrs["boundary_sha256"]) == 64
@@ -70,8 +70,8 @@ def test_provenance_names_no_user_and_no_path(swept, sweep):
     assert os.getcwd() not in text
 
 
-def test_volumes_a_scenario_does_not_have_are_missing(swept):
-    few, many = swept.T_c.sel(n_volumes=4), swept.T_c.sel(n_volumes=8)
+def test_volumes_a_scenario_does_not_have_are_missing(swept_result):
+    few, many = swept_result.T_c.sel(n_volumes=4), swept_result.T_c.sel(n_volumes=8)
     assert np.all(np.isnan(few.sel(volume=slice(5, None))))
     assert np.all(np.isfinite(few.sel(volume=slice(4))))
     assert np.all(np.isfinite(many))
@@ -98,16 +98,16 @@ def test_each_trace_alone_is_the_trace_among_others(days):
 # Open loop
 
 
-def test_open_loop_has_no_controller(short):
-    command = np.linspace(0.0, 1.0, short.n_steps)
-    ds = fc.simulate(fc.Loop(backlash=[0.0, 0.1]), short, command=command, traces=list(TRACES), warm_up=60)
+def test_open_loop_has_no_controller(half_hour_day):
+    command = np.linspace(0.0, 1.0, half_hour_day.n_steps)
+    ds = fc.simulate(fc.Loop(backlash=[0.0, 0.1]), half_hour_day, command=command, traces=list(TRACES), warm_up=60)
     for name in ("u", "integral", "estimate"):
         assert np.all(np.isnan(ds[name]))
     assert ds["mode"].dtype == np.int8
     assert np.all(ds["mode"] == 0)
     assert np.all(np.isnan(ds.switch_frequency))
     assert np.all(np.isnan(ds.estimate_final))
-    np.testing.assert_array_equal(ds.command.values, np.broadcast_to(command, (2, short.n_steps)))
+    np.testing.assert_array_equal(ds.command.values, np.broadcast_to(command, (2, half_hour_day.n_steps)))
     np.testing.assert_array_equal(ds.opening.sel(backlash=0.0).values, command)
     assert "command_sha256" in ds.attrs
 
@@ -124,10 +124,10 @@ def test_each_day_may_have_its_own_command(days):
 
 
 @pytest.mark.parametrize("change", [{"seed": 8}, {"warm_up": 101}, {"trace_interval": 25}, {"traces": ["T_sup"]}])
-def test_content_hash_depends_on_what_was_simulated(days, swept, sweep, change):
+def test_content_hash_depends_on_what_was_simulated(days, swept_result, sweep, change):
     options = {"traces": ["T_sup", "mode", "T_c"], "trace_interval": 50, "warm_up": 100, "replicates": 2, "seed": 7}
-    other = fc.simulate(fc.Loop(**sweep, noise_std=0.02, n_volumes=[4, 8]), days, **options | change)
-    assert other.content_sha256 != swept.content_sha256
+    changed = fc.simulate(fc.Loop(**sweep, noise_std=0.02, n_volumes=[4, 8]), days, **options | change)
+    assert changed.content_sha256 != swept_result.content_sha256
 
 
 @pytest.mark.filterwarnings("ignore:action")
@@ -147,13 +147,13 @@ def test_adding_sweep_values_changes_no_scenario(days):
 # What fails
 
 
-def test_a_controller_gone_nan_is_flagged(short):
-    ds = fc.simulate(fc.Loop(ti=1e-320, sensor_resolution=0.5), short, traces=["u"], warm_up=60)
+def test_a_controller_gone_nan_is_flagged(half_hour_day):
+    ds = fc.simulate(fc.Loop(ti=1e-320, sensor_resolution=0.5), half_hour_day, traces=["u"], warm_up=60)
     assert int(ds.status) != 0
 
 
 def test_how_many_parameters_exist_at_a_time_changes_nothing(days, monkeypatch):
     loop = fc.Loop(noise_std=0.02, backlash=np.linspace(0.0, 0.1, 35), learning_step=[0.0, 0.005])
     whole = fc.simulate(loop, days, warm_up=60, replicates=2, n_jobs=1)
-    monkeypatch.setattr(simulate, "PARAMETERS_AT_ONCE", 64)
+    monkeypatch.setattr(simulate, "SCENARIOS_AT_ONCE", 64)
     assert fc.simulate(loop, days, warm_up=60, replicates=2, n_jobs=1).content_sha256 == whole.content_sha256

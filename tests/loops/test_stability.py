@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.loops.clashes import check_stability, stable
+from fastcoil.loops.clashes import check_stability, is_stable
 from fastcoil.loops.scenarios import Layout
 from fastcoil.model import moist_air
 from fastcoil.model.parameter_table import PARAMETERS
@@ -35,30 +35,30 @@ COILS = [
 
 @pytest.mark.parametrize(("name", "number", "other"), [("C_w", "γ", "λ"), ("C_c", "λ", "γ")])
 @pytest.mark.parametrize("coil", COILS)
-def test_the_border_of_stability_of_water_and_metal(days, coil, name, number, other, refused):
+def test_the_border_of_stability_of_water_and_metal(days, coil, name, number, other, simulate_problems):
     limit = gamma_and_lambda(days, **{name: 1.0}, **coil)[number == "λ"]
     fc.simulate(fc.Loop(**{name: limit * (1 + 1e-9)}, **coil), days, warm_up=60)
-    (problem,) = refused(fc.Loop(**{name: limit * (1 - 1e-9)}, **coil), days, warm_up=60)
+    (problem,) = simulate_problems(fc.Loop(**{name: limit * (1 - 1e-9)}, **coil), days, warm_up=60)
     assert "unstable" in problem
     assert f"{number} = " in problem
     assert f"{other} = " not in problem
     assert problem.endswith(f"or give fewer n_volumes or larger {name}")
 
 
-def test_the_border_of_stability_with_an_installed_valve(days, refused):
+def test_the_border_of_stability_with_an_installed_valve(days, simulate_problems):
     """At full opening the water flow of such a valve is ``m_full``."""
     valve = {"rangeability": 50.0, "authority": 0.3, "m_full": 1.7}
     limit = 1.7 * 4.186
     fc.simulate(fc.Loop(C_w=limit * (1 + 1e-9), **valve), days, warm_up=60)
-    assert "γ = " in refused(fc.Loop(C_w=limit * (1 - 1e-9), **valve), days, warm_up=60)[0]
+    assert "γ = " in simulate_problems(fc.Loop(C_w=limit * (1 - 1e-9), **valve), days, warm_up=60)[0]
 
 
-def test_leakage_moves_no_border(days, refused):
+def test_leakage_moves_no_border(days, simulate_problems):
     """At full opening a valve delivers the same, whatever it leaks when closed."""
     limit = gamma_and_lambda(days)[0] * 8.8
     loop = fc.Loop(leakage=[0.0, 0.05, 0.9])
     fc.simulate(loop.assign(C_w=limit * (1 + 1e-9)), days, warm_up=60)
-    (problem,) = refused(loop.assign(C_w=limit * (1 - 1e-9)), days, warm_up=60)
+    (problem,) = simulate_problems(loop.assign(C_w=limit * (1 - 1e-9)), days, warm_up=60)
     assert "6 of 6 scenarios" in problem
 
 
@@ -70,23 +70,28 @@ def test_a_coil_that_cannot_get_wet_has_the_dry_border():
 
 
 @pytest.mark.parametrize("given", [1, 3])
-def test_substeps_that_are_advised_are_enough_and_one_less_is_not(days, given, refused):
-    (problem,) = refused(fc.Loop(n_volumes=40, substeps=given), days, warm_up=60)
+def test_substeps_that_are_advised_are_enough_and_one_less_is_not(days, given, simulate_problems):
+    (problem,) = simulate_problems(fc.Loop(n_volumes=40, substeps=given), days, warm_up=60)
     assert problem.startswith(f"unstable at dt = {'1 s' if given == 1 else '1/3 s'}: ")
     advised = int(problem.split("substeps = ")[1].split()[0])
     assert advised > given
     fc.simulate(fc.Loop(n_volumes=40, substeps=advised), days, warm_up=60)
-    assert "2 of 4 scenarios" in refused(fc.Loop(n_volumes=40, substeps=[advised, advised - 1]), days, warm_up=60)[0]
+    assert (
+        "2 of 4 scenarios"
+        in simulate_problems(fc.Loop(n_volumes=40, substeps=[advised, advised - 1]), days, warm_up=60)[0]
+    )
 
 
-def test_one_unstable_scenario_refuses_the_study_and_is_counted(days, refused):
-    (problem,) = refused(fc.Loop(C_w=[8.8, 9.0, 1.0], backlash=[0.0, 0.1], kp=[0.01, 0.02, 0.03]), days, warm_up=60)
+def test_one_unstable_scenario_refuses_the_study_and_is_counted(days, simulate_problems):
+    (problem,) = simulate_problems(
+        fc.Loop(C_w=[8.8, 9.0, 1.0], backlash=[0.0, 0.1], kp=[0.01, 0.02, 0.03]), days, warm_up=60
+    )
     assert "12 of 36 scenarios" in problem
     assert "C_w=1" in problem
 
 
-def test_stable_says_what_a_simulation_refuses(short):
+def test_stable_says_what_a_simulation_refuses(half_hour_day):
     loop = fc.Loop(n_volumes=[8, 9])
-    assert stable(loop, short).values.tolist() == [True, False]
+    assert is_stable(loop, half_hour_day).values.tolist() == [True, False]
     with pytest.raises(fc.InputError, match="unstable"):
-        fc.simulate(loop, short, warm_up=0)
+        fc.simulate(loop, half_hour_day, warm_up=0)

@@ -6,14 +6,14 @@ import pytest
 
 from fastcoil.measured import fit_coil, least_squares
 
-STARTS = fit_coil._N_STARTS, least_squares._REFINED
+USUAL_STARTS = fit_coil._N_STARTS, least_squares._N_REFINED
 
 
 @pytest.fixture
 def all_starts(monkeypatch):
     """Fits descend from as many guesses as they do for a user."""
-    monkeypatch.setattr(fit_coil, "_N_STARTS", STARTS[0])
-    monkeypatch.setattr(least_squares, "_REFINED", STARTS[1])
+    monkeypatch.setattr(fit_coil, "_N_STARTS", USUAL_STARTS[0])
+    monkeypatch.setattr(least_squares, "_N_REFINED", USUAL_STARTS[1])
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -22,5 +22,5 @@ def _few_starts(request):
     with pytest.MonkeyPatch.context() as patch:
         if not os.environ.get("FASTCOIL_FULL") and "test_valve" not in request.module.__name__:
             patch.setattr(fit_coil, "_N_STARTS", 64)
-            patch.setattr(least_squares, "_REFINED", 2)
+            patch.setattr(least_squares, "_N_REFINED", 2)
         yield

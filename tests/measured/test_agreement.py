@@ -5,20 +5,20 @@ import re
 import numpy as np
 import pytest
 import xarray as xr
-from helpers.full import full_but
-from helpers.loop_logs import loop_log
+from helpers.full import full_except
+from helpers.loop_logs import make_loop_log
 from helpers.refusals import refusal
-from helpers.simulated_logs import coil_log, flows, log_of, noisy, walk
+from helpers.simulated_logs import add_noise, coil_log, make_valve_log, random_walk, valve_flows
 
 import fastcoil as fc
-from fastcoil.measured.agreement import implied_law
+from fastcoil.measured.agreement import imply_pi
 
 pytestmark = pytest.mark.kernel
 
 
 @pytest.fixture(scope="module")
 def log():
-    return loop_log(hours=3.0, kp=0.03, ti=40.0)
+    return make_loop_log(hours=3.0, kp=0.03, ti=40.0)
 
 
 @pytest.mark.parametrize(
@@ -38,14 +38,14 @@ def test_a_log_of_two_units_or_of_a_row_a_day_is_refused(log, changed, says):
 
 
 def test_a_temperature_far_from_its_set_point_that_no_unit_explains_is_a_warning(log):
-    found = fc.diagnose(log.assign(T_set=log.T_set + 20.0), stroke_time=90.0)
-    assert any("T_sup 14" in one and "do not agree: check the columns" in one for one in found.warnings)
+    diagnosis = fc.diagnose(log.assign(T_set=log.T_set + 20.0), stroke_time=90.0)
+    assert any("T_sup 14" in warning and "do not agree: check the columns" in warning for warning in diagnosis.warnings)
 
 
 def test_a_switch_that_is_logged_now_and_then_is_named_where_it_leaves_nothing(log):
     sparse = np.where(np.arange(log.sizes["elapsed_time"]) % 100, np.nan, 1.0)
-    said = refusal(fc.diagnose, log.assign(enabled=("elapsed_time", sparse)), drop=True)
-    assert "rows left out: enabled" in said
+    message = refusal(fc.diagnose, log.assign(enabled=("elapsed_time", sparse)), drop=True)
+    assert "rows left out: enabled" in message
 
 
 def test_a_coil_whose_air_is_colder_than_its_water_is_refused():
@@ -59,29 +59,29 @@ def test_flows_whose_heat_differs_are_refused_with_the_ratio(dry):
     T_w, T_a = (log[name].values for name in ("T_w_in", "T_a_in"))
     ratio = np.median(4.186 * log.m_w * (log.T_w_out - T_w) / (1.02 * log.m_a * (T_a - log.T_sup)))
     for factor in (60.0, 15.85, 1 / 15.85):  # L/min and gpm under kg/s, and kg/s under gpm
-        said = refusal(fc.fit_coil, log.assign(m_w=(factor * log.m_w).assign_attrs(units="kg/s")))
-        found = float(re.search(r"takes up ([\d.e-]+) times the heat of the air", said)[1])
-        assert found == pytest.approx(factor * ratio, rel=0.03 if dry else 0.5)
+        message = refusal(fc.fit_coil, log.assign(m_w=(factor * log.m_w).assign_attrs(units="kg/s")))
+        reported = float(re.search(r"takes up ([\d.e-]+) times the heat of the air", message)[1])
+        assert reported == pytest.approx(factor * ratio, rel=0.03 if dry else 0.5)
     for factor in (60.0, 1 / 60):
-        blind = log.drop_vars("T_w_out").assign(m_w=(factor * log.m_w).assign_attrs(units="kg/s"))
-        assert "water takes up at most" in refusal(fc.fit_coil, blind)
+        without_outlet = log.drop_vars("T_w_out").assign(m_w=(factor * log.m_w).assign_attrs(units="kg/s"))
+        assert "water takes up at most" in refusal(fc.fit_coil, without_outlet)
 
 
 def test_no_size_is_claimed_of_a_command_that_does_not_answer_this_temperature(log):
     """The command and set-point of one loop, the temperature of another on the same schedule."""
     assert fc.diagnose(log, stroke_time=90.0).identified
-    other = loop_log(hours=3.0, kp=0.03, ti=40.0, backlash=0.03, noise=0.02)
-    found = fc.diagnose(log.assign(T_sup=other.T_sup), stroke_time=90.0)
-    assert not found.identified
-    assert "% of the command's changes: check that both belong to the same loop and the same clock" in found.reason
+    other_loop = make_loop_log(hours=3.0, kp=0.03, ti=40.0, backlash=0.03, noise=0.02)
+    diagnosis = fc.diagnose(log.assign(T_sup=other_loop.T_sup), stroke_time=90.0)
+    assert not diagnosis.identified
+    assert "% of the command's changes: check that both belong to the same loop and the same clock" in diagnosis.reason
 
 
 @pytest.mark.parametrize("late", [-6, 0, 4])
 def test_the_law_that_a_command_implies_shows_the_shift_of_the_clocks(late):
     """A calm loop: in a swing a shift is a change of phase, which another ti gives as well."""
-    log = loop_log(kp=0.01, ti=120.0, noise=0.05, sample_time=10.0)
+    log = make_loop_log(kp=0.01, ti=120.0, noise=0.05, sample_time=10.0)
     command, T, T_set = (log[name].values for name in ("command", "T_sup", "T_set"))
-    law = implied_law(command, np.roll(T, late), np.roll(T_set, late), np.ones(T.size, bool), 10.0)
+    law = imply_pi(command, np.roll(T, late), np.roll(T_set, late), np.ones(T.size, bool), 10.0)
     assert law.late == late
     assert law.share > 0.99 > law.least
 
@@ -89,13 +89,13 @@ def test_the_law_that_a_command_implies_shows_the_shift_of_the_clocks(late):
 @pytest.mark.parametrize("with_set_point", [True, False])
 def test_the_law_of_a_log_backwards_has_a_negative_integral_time(with_set_point):
     """Δu = kp (Δe + ∫e dt / ti): from last to first the changes change sign, the integral does not."""
-    log = loop_log(kp=0.02, ti=80.0, noise=0.02, sample_time=10.0)
+    log = make_loop_log(kp=0.02, ti=80.0, noise=0.02, sample_time=10.0)
     command, T, T_set = (log[name].values for name in ("command", "T_sup", "T_set"))
-    for way in (1, -1):
-        given = T_set[::way] if with_set_point else None
-        law = implied_law(command[::way], T[::way], given, np.ones(T.size, bool), 10.0)
+    for direction in (1, -1):
+        set_point = T_set[::direction] if with_set_point else None
+        law = imply_pi(command[::direction], T[::direction], set_point, np.ones(T.size, bool), 10.0)
         assert law.share > law.least
-        assert way * law.ti == pytest.approx(80.0, rel=0.2)
+        assert direction * law.ti == pytest.approx(80.0, rel=0.2)
 
 
 def test_what_a_law_leaves_of_its_own_temperature_is_noise_and_of_another_one_is_not():
@@ -104,8 +104,8 @@ def test_what_a_law_leaves_of_its_own_temperature_is_noise_and_of_another_one_is
     fast = np.convolve(draw.normal(0.0, 1.0, n + 7), np.ones(8) / 8**0.5, "valid")
     slow = np.convolve(draw.normal(0.0, 0.1, n + 17), window, "valid")
     command = 0.5 + 0.005 * (fast + np.cumsum(fast - fast.mean()) * 60.0 / 600.0)
-    for other, is_another in ((draw.normal(0.0, 0.1, n), False), (slow, True)):
-        law = implied_law(command, fast + other, np.zeros(n), np.ones(n, bool), 60.0)
+    for difference, is_another in ((draw.normal(0.0, 0.1, n), False), (slow, True)):
+        law = imply_pi(command, fast + difference, np.zeros(n), np.ones(n, bool), 60.0)
         assert 0.97 < law.share < 0.995
         assert law.is_another == is_another
 
@@ -115,9 +115,12 @@ def test_what_a_law_leaves_of_its_own_temperature_is_noise_and_of_another_one_is
     [
         ({"stroke_time": xr.DataArray(1.5, attrs={"units": "min"})}, "stroke_time = .*give seconds"),
         ({"max_gap": xr.DataArray(1.0, attrs={"units": "min"})}, "max_gap = "),
-        ({"log": loop_log(hours=0.5).command}, "log is a DataArray"),
-        ({"log": loop_log(hours=0.5).command.to_series()}, "log is a Series"),
-        ({"log": loop_log(hours=0.5).expand_dims(day=[1, 2])}, "choose one loop, so that only elapsed_time is left"),
+        ({"log": make_loop_log(hours=0.5).command}, "log is a DataArray"),
+        ({"log": make_loop_log(hours=0.5).command.to_series()}, "log is a Series"),
+        (
+            {"log": make_loop_log(hours=0.5).expand_dims(day=[1, 2])},
+            "choose one loop, so that only elapsed_time is left",
+        ),
     ],
     ids=["stroke in min", "gap in min", "DataArray", "Series", "two days"],
 )
@@ -133,18 +136,20 @@ def test_time_in_minutes_and_temperatures_in_fahrenheit_are_converted(log):
 
 
 @pytest.mark.parametrize(
-    "name", full_but(["diagnose", "fit_valve", "fit_coil", "fit_loop", "replay"], ["fit_valve", "replay"])
+    "name", full_except(["diagnose", "fit_valve", "fit_coil", "fit_loop", "replay"], ["fit_valve", "replay"])
 )
 def test_numpys_error_state_changes_nothing(log, name):
     rng = np.random.default_rng(5)
-    command = walk(rng, n=80)
+    command = random_walk(rng, n=80)
     coil = coil_log(hours=1.0, every=10)
-    moved = xr.DataArray(np.repeat(walk(rng, n=36), 10), dims="elapsed_time", attrs={"units": "1"})
+    commands = xr.DataArray(np.repeat(random_walk(rng, n=36), 10), dims="elapsed_time", attrs={"units": "1"})
     calls = {
-        "diagnose": lambda: fc.diagnose(loop_log(hours=30.0, kp=0.03, ti=40.0), stroke_time=90.0).profile,
-        "fit_valve": lambda: fc.fit_valve(log_of(command, noisy(rng, flows(command), 0.02)), holds="command").profile,
+        "diagnose": lambda: fc.diagnose(make_loop_log(hours=30.0, kp=0.03, ti=40.0), stroke_time=90.0).profile,
+        "fit_valve": lambda: (
+            fc.fit_valve(make_valve_log(command, add_noise(rng, valve_flows(command), 0.02)), holds="command").profile
+        ),
         "fit_coil": lambda: fc.fit_coil(coil).residuals,
-        "fit_loop": lambda: fc.fit_loop(coil.assign(command=moved), fc.Loop(), split=1.0).profile,
+        "fit_loop": lambda: fc.fit_loop(coil.assign(command=commands), fc.Loop(), split=1.0).profile,
         "replay": lambda: fc.replay(fc.Loop(), log[["T_sup", "T_set"]]),
     }
     with np.errstate(all="raise"):

@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
-from helpers.simulated_logs import VALVE_TRUTH, flows, log_of, noisy, walk
+from helpers.simulated_logs import VALVE_TRUTH, add_noise, make_valve_log, random_walk, valve_flows
 
 import fastcoil as fc
-from fastcoil.measured.least_squares import Model, blocks, minimise, uncertainty, widened
+from fastcoil.measured.least_squares import Model, bootstrap_blocks, minimise, uncertainty, widen_by_bootstrap
 
 pytestmark = pytest.mark.kernel
 
 
-def line(seed, n_batches, n, common):
+def fit_line(seed, n_batches, n, common):
     """A straight line with white noise of 1 and an error of its slope for each batch: fit and uncertainties."""
     rng = np.random.default_rng(seed)
     x, batch = rng.uniform(0.0, 1.0, n_batches * n), np.repeat(np.arange(n_batches), n)
@@ -22,37 +22,39 @@ def line(seed, n_batches, n, common):
     )  # fmt: skip
     best = minimise(model, np.array([[2.0], [3.0]]))
     spread = uncertainty(model, best)
-    return best, spread, widened(model, best, spread, [])
+    return best, spread, widen_by_bootstrap(model, best, spread, [])
 
 
 def test_an_error_common_to_a_batch_widens_the_interval_to_its_true_size():
     """The scatter of the slope over 40 sets of 20 batches is what the bootstrap says, not the plain error."""
-    found = [line(seed, 20, 50, 2.0) for seed in range(100, 140)]
-    scatter = np.std([best.x[1] for best, _, _ in found])
-    plain, boot = (np.mean([np.sqrt(one[k].covariance[1, 1]) for one in found]) for k in (1, 2))
-    assert plain < 0.5 * scatter
-    assert boot == pytest.approx(scatter, rel=0.25)
-    assert (found[0][2].inflation >= found[0][1].inflation).all()
+    fits = [fit_line(seed, 20, 50, 2.0) for seed in range(100, 140)]
+    scatter = np.std([best.x[1] for best, _, _ in fits])
+    plain_error, bootstrap_error = (np.mean([np.sqrt(fit[k].covariance[1, 1]) for fit in fits]) for k in (1, 2))
+    assert plain_error < 0.5 * scatter
+    assert bootstrap_error == pytest.approx(scatter, rel=0.25)
+    assert (fits[0][2].inflation >= fits[0][1].inflation).all()
 
 
 def test_the_blocks_are_the_pieces_or_cut_from_them():
     ones = np.ones(600, dtype=bool)
-    of_pieces = blocks(np.repeat(np.arange(12), 50), ones, 300.0)
+    of_pieces = bootstrap_blocks(np.repeat(np.arange(12), 50), ones, 300.0)
     np.testing.assert_array_equal(of_pieces, np.repeat(np.arange(12), 50))
-    cut = blocks(np.repeat([0, 1], 300), ones, 100.0)
+    cut = bootstrap_blocks(np.repeat([0, 1], 300), ones, 100.0)
     assert np.unique(cut).size == 20
     assert not set(cut[:300]) & set(cut[300:])
-    assert np.unique(blocks(np.zeros(600, dtype=int), ones, 1.0)).size == 8
+    assert np.unique(bootstrap_blocks(np.zeros(600, dtype=int), ones, 1.0)).size == 8
 
 
 def logs_with_batch_errors(seed, sd=0.06, n_batches=12, n=50):
     """Batches of a valve, the meter wrong by a share of its own in each."""
     rng = np.random.default_rng(seed)
-    commands = [walk(rng, n=n) for _ in range(n_batches)]
+    commands = [random_walk(rng, n=n) for _ in range(n_batches)]
     measured = [
-        noisy(rng, flows(c, start=rng.uniform()), 0.02, 0.5) * (1.0 + rng.normal(0.0, sd)) for c in commands
+        add_noise(rng, valve_flows(c, start=rng.uniform()), 0.02, 0.5) * (1.0 + rng.normal(0.0, sd)) for c in commands
     ]  # fmt: skip
-    return log_of(np.concatenate(commands), np.concatenate(measured), batch=np.repeat(np.arange(float(n_batches)), n))
+    return make_valve_log(
+        np.concatenate(commands), np.concatenate(measured), batch=np.repeat(np.arange(float(n_batches)), n)
+    )
 
 
 @pytest.mark.full

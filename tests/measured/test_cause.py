@@ -2,20 +2,20 @@
 
 import numpy as np
 import pytest
-from helpers.loop_logs import loop_log
+from helpers.loop_logs import make_loop_log
 
-from fastcoil.measured.cause import Known, by_itself, cause_of
-from fastcoil.measured.diagnose import _doubted
+from fastcoil.measured.cause import PriorEvidence, judge_cause, undisturbed
+from fastcoil.measured.diagnose import _withhold_doubtful
 from fastcoil.measured.fitted_loop import FittedLoop, Outcome, fit_loop_model
 from fastcoil.measured.grid import Grid
 from fastcoil.measured.identify import CANDIDATES, Identification
-from fastcoil.measured.measures import measures_of
+from fastcoil.measured.measures import measure_loop
 
-FOUND = Identification(0.08, 0.07, 0.09, True, "", np.full(CANDIDATES.size, 1.0 / CANDIDATES.size))
+IDENTIFIED = Identification(0.08, 0.07, 0.09, True, "", np.full(CANDIDATES.size, 1.0 / CANDIDATES.size))
 
 
-def grid_of(**options):
-    log = loop_log(**options)
+def simulate_grid(**options):
+    log = make_loop_log(**options)
     values = {str(name): log[name].values for name in log.data_vars}
     return Grid(10.0, log.elapsed_time.values, values, np.ones(log.sizes["elapsed_time"], bool), 0.0)
 
@@ -23,15 +23,15 @@ def grid_of(**options):
 @pytest.fixture(scope="module")
 def restless():
     """It swings from end to end."""
-    grid = grid_of(kp=0.08, ti=20.0)
-    return grid, measures_of(grid, 90.0)
+    grid = simulate_grid(kp=0.08, ti=20.0)
+    return grid, measure_loop(grid, 90.0)
 
 
 @pytest.fixture(scope="module")
 def forced():
     """The air outside swings."""
-    grid = grid_of(backlash=0.02, swing=1.5, period=400.0)
-    return grid, measures_of(grid, 90.0)
+    grid = simulate_grid(backlash=0.02, swing=1.5, period=400.0)
+    return grid, measure_loop(grid, 90.0)
 
 
 def test_only_what_is_settled_counts_for_the_swing(restless):
@@ -43,22 +43,22 @@ def test_only_what_is_settled_counts_for_the_swing(restless):
 
 
 def test_a_command_that_swings_from_end_to_end_needs_no_model_to_blame_the_tuning(restless, forced):
-    assert cause_of(restless[1], "no model", Known(False)).name == "tuning"
+    assert judge_cause(restless[1], "no model", PriorEvidence(False)).name == "tuning"
     wide = restless[1]._replace(command_swing=0.9)
-    assert cause_of(wide, "no model", Known(True)).name == "tuning"
-    assert cause_of(wide, "no model", Known(True, measured=True)).name == "unknown"
-    assert cause_of(forced[1], "no model", Known(False)).name == "unknown"
+    assert judge_cause(wide, "no model", PriorEvidence(True)).name == "tuning"
+    assert judge_cause(wide, "no model", PriorEvidence(True, measured=True)).name == "unknown"
+    assert judge_cause(forced[1], "no model", PriorEvidence(False)).name == "unknown"
 
 
 def test_no_size_is_claimed_where_the_command_swings_over_most_of_the_stroke(restless, forced):
-    doubted = _doubted(FOUND, *restless)
+    doubted = _withhold_doubtful(IDENTIFIED, *restless)
     assert not doubted.identified
     assert (doubted.low, doubted.high) == (0.0, CANDIDATES[-1])
     assert "raise Ti until the loop is calm" in doubted.reason
-    assert _doubted(FOUND, *forced) is FOUND
-    wide = _doubted(FOUND._replace(low=0.0, high=0.2), *forced)
+    assert _withhold_doubtful(IDENTIFIED, *forced) is IDENTIFIED
+    wide = _withhold_doubtful(IDENTIFIED._replace(low=0.0, high=0.2), *forced)
     assert (wide.identified, wide.high) == (False, 0.2)
-    coarse = _doubted(FOUND, forced[0]._replace(increment=0.1), forced[1])
+    coarse = _withhold_doubtful(IDENTIFIED, forced[0]._replace(increment=0.1), forced[1])
     assert "logged when it has changed" in coarse.reason
 
 
@@ -69,11 +69,11 @@ def test_a_loop_by_itself_has_its_drift_but_neither_noise_nor_the_swing(forced):
     day, step = loop.day, loop.plant.step
     shaken = day.disturbance + 1.5 * np.sin(2 * np.pi * np.arange(day.noise.size) * step / measures.swing.period)
     noisy = loop._replace(day=day._replace(disturbance=shaken, noise=day.noise + 0.1))
-    quiet = by_itself(noisy, measures.swing).day
+    quiet = undisturbed(noisy, measures.swing).day
     middle = slice(shaken.size // 4, -shaken.size // 4)
     assert np.abs(quiet.disturbance - day.disturbance)[middle].max() < 0.3
     assert not quiet.noise.any()
-    np.testing.assert_array_equal(by_itself(noisy, measures.swing, noise=True).day.noise, day.noise + 0.1)
+    np.testing.assert_array_equal(undisturbed(noisy, measures.swing, noise=True).day.noise, day.noise + 0.1)
 
 
 @pytest.mark.parametrize(
@@ -97,10 +97,10 @@ def test_the_cause_follows_from_what_the_fitted_loop_does_alone(forced, monkeypa
         hunts = without if backlash == 0.0 else with_gap if isinstance(with_gap, bool) else kp == with_gap
         return Outcome(1.0, 0.5 * swing.peak_to_peak, swing.period, 1.0, 1.0, hunts)
 
-    monkeypatch.setattr(FittedLoop, "played", played)
-    said = cause_of(measures, loop, Known(True))
-    assert said.name == cause
-    assert says in said.because
+    monkeypatch.setattr(FittedLoop, "replay_with", played)
+    verdict = judge_cause(measures, loop, PriorEvidence(True))
+    assert verdict.name == cause
+    assert says in verdict.because
 
 
 @pytest.mark.parametrize(
@@ -129,52 +129,52 @@ def test_a_gap_is_blamed_where_the_model_is_clear_and_nothing_speaks_for_more(
 
     size, outside: swings of model and disturbance over that of the log; share: of the command's swing that the gap is.
     """
-    one: dict = {"without": None, "size": 1.0, "share": 0.5, "explained": 1.0, "outside": 0.0} | changes
+    case: dict = {"without": None, "size": 1.0, "share": 0.5, "explained": 1.0, "outside": 0.0} | changes
     grid, measures = restless
     values, swing = grid.values, measures.swing
     loop = fit_loop_model(values["command"], values["T_sup"], values["T_set"], 10.0, 0.05, 90.0, 15.0, grid.on)
     loop = loop._replace(
-        backlash=one["share"] * measures.command_swing, plant=loop.plant._replace(explained=one["explained"])
+        backlash=case["share"] * measures.command_swing, plant=loop.plant._replace(explained=case["explained"])
     )
     time = np.arange(loop.day.disturbance.size) * loop.plant.step
-    wave = 0.5 * one["outside"] * swing.peak_to_peak * np.sin(2 * np.pi * time / swing.period)
+    wave = 0.5 * case["outside"] * swing.peak_to_peak * np.sin(2 * np.pi * time / swing.period)
     loop = loop._replace(day=loop.day._replace(disturbance=wave))
 
     def played(self, backlash, kp=1.0, *_):
-        hunts = backlash > 0.0 or kp == one["without"]
-        return Outcome(1.0, 0.5 * one["size"] * swing.peak_to_peak, swing.period, 1.0, 1.0, hunts)
+        hunts = backlash > 0.0 or kp == case["without"]
+        return Outcome(1.0, 0.5 * case["size"] * swing.peak_to_peak, swing.period, 1.0, 1.0, hunts)
 
-    monkeypatch.setattr(FittedLoop, "played", played)
+    monkeypatch.setattr(FittedLoop, "replay_with", played)
     for name in ("FULL_SWING", "WHOLE_STROKE"):
         monkeypatch.setattr(f"fastcoil.measured.cause.{name}", 2.0)
-    said = cause_of(measures, loop, Known(*(one.get(name, False) for name in Known._fields)))
-    assert said.name == cause
-    assert says in said.because
+    verdict = judge_cause(measures, loop, PriorEvidence(*(case.get(name, False) for name in PriorEvidence._fields)))
+    assert verdict.name == cause
+    assert says in verdict.because
 
 
 def test_a_model_that_explains_nearly_nothing_gives_no_cause(forced):
     grid, measures = forced
     values = grid.values
     loop = fit_loop_model(values["command"], values["T_sup"], values["T_set"], 10.0, 0.02, 90.0, 15.0, grid.on)
-    said = cause_of(measures, loop._replace(plant=loop.plant._replace(explained=0.04)), Known(True))
-    assert said.name == "unknown"
-    assert "4 %" in said.because
+    verdict = judge_cause(measures, loop._replace(plant=loop.plant._replace(explained=0.04)), PriorEvidence(True))
+    assert verdict.name == "unknown"
+    assert "4 %" in verdict.because
 
 
-def seen(amplitude, noise, *, T_set=True, pieces=False):
+def judge_noisy_swing(amplitude, noise, *, T_set=True, pieces=False):
     """What is said of a loop whose temperature swings every 4 min under noise: of 6 h, the set-point held."""
     n = 2160
     swing = amplitude * np.sin(2 * np.pi * np.arange(n) / 24)
     T = 14.0 + swing + noise * np.random.default_rng(3).standard_normal(n)
     values = {"command": 0.5 + 0.02 * swing, "T_sup": T} | ({"T_set": np.full(n, 14.0)} if T_set else {})
     on = np.arange(n) % 40 > 0 if pieces else np.ones(n, bool)
-    measures = measures_of(Grid(10.0, 10.0 * np.arange(n), values, on, 0.0), 90.0)
-    return cause_of(measures, "no model", Known(False)), measures.swing
+    measures = measure_loop(Grid(10.0, 10.0 * np.arange(n), values, on, 0.0), 90.0)
+    return judge_cause(measures, "no model", PriorEvidence(False)), measures.swing
 
 
 def test_a_wide_swing_that_is_not_even_enough_is_not_called_calm():
-    said, swing = seen(0.7, 0.8)
+    verdict, swing = judge_noisy_swing(0.7, 0.8)
     assert not swing.is_regular
-    assert said.name == "unknown"
-    assert "too irregular" in said.because
-    assert seen(0.07, 0.08)[0].name == "none"
+    assert verdict.name == "unknown"
+    assert "too irregular" in verdict.because
+    assert judge_noisy_swing(0.07, 0.08)[0].name == "none"

@@ -4,32 +4,32 @@ import warnings
 
 import numpy as np
 import pytest
-from helpers.simulated_logs import flows, log_of, noise, noisy, walk
+from helpers.simulated_logs import add_noise, ar1_noise, make_valve_log, random_walk, valve_flows
 
 import fastcoil as fc
-from fastcoil.logs import read_log
-from fastcoil.logs.columns import Wanted
+from fastcoil.logs import read_checked_log
+from fastcoil.logs.columns import ColumnSpec
 from fastcoil.measured import valve_problem
-from fastcoil.measured.part import Part
-from fastcoil.measured.valve_problem import Judged, ValveProblem, judged
+from fastcoil.measured.part import LogSplit
+from fastcoil.measured.valve_problem import ValveProblem, Verdict, judge_interval
 
 pytestmark = pytest.mark.kernel
 
 
-def trend(preset, interval, seed, backlash, hours, **changed):
+def simulate_trend(preset, interval, seed, backlash, hours, **changed):
     """Command and flow of a simulated loop on a stepped day, a row every ``interval`` s, noise of 0.02 kg/s."""
     rng = np.random.default_rng(seed)
     loop = fc.Loop.preset(preset).assign(backlash=backlash, **changed)
     ds = fc.simulate(loop, fc.paper_day(hours=hours, seed=seed), traces=["command", "m_w"], n_jobs=1)
     rows = slice(1800 + seed % interval, None, interval)
     command, flow = ds["command"].values[rows], ds["m_w"].values[rows]
-    return log_of(command, np.maximum(flow + noise(rng, flow.size, 0.02), 1e-3), float(interval))
+    return make_valve_log(command, np.maximum(flow + ar1_noise(rng, flow.size, 0.02), 1e-3), float(interval))
 
 
-def solved(log):
+def solve_problem(log):
     """The problem of a log without a shift, and its solution."""
-    data = read_log(log, Wanted(needed=("command", "m_w"), measured=("m_w",)))
-    problem = ValveProblem(data, Part(1.0))
+    data = read_checked_log(log, ColumnSpec(required=("command", "m_w"), measured=("m_w",)))
+    problem = ValveProblem(data, LogSplit(1.0))
     return problem, problem.solve(None)
 
 
@@ -37,8 +37,8 @@ def solved(log):
 def coarse():
     """A walk of which every third row is logged: what turns between the rows is not seen."""
     rng = np.random.default_rng(31)
-    command = walk(rng, n=1800, largest=0.1)
-    return solved(log_of(command[::3], noisy(rng, flows(command), 0.01)[::3]))
+    command = random_walk(rng, n=1800, largest=0.1)
+    return solve_problem(make_valve_log(command[::3], add_noise(rng, valve_flows(command), 0.01)[::3]))
 
 
 @pytest.mark.parametrize(
@@ -48,10 +48,10 @@ def coarse():
 def test_residuals_that_may_be_unseen_motion_widen_the_interval_unless_the_command_holds(
     monkeypatch, coarse, share, per_share, why
 ):
-    assert valve_problem._besides_noise(*coarse) > 0.2
-    monkeypatch.setattr(valve_problem, "_besides_noise", lambda *_: share)
-    monkeypatch.setattr(valve_problem, "_PER_SHARE", per_share)
-    allowed, held = judged(*coarse, False), judged(*coarse, True)
+    assert valve_problem._motion_share(*coarse) > 0.2
+    monkeypatch.setattr(valve_problem, "_motion_share", lambda *_: share)
+    monkeypatch.setattr(valve_problem, "_ALLOWANCE_PER_SHARE", per_share)
+    allowed, held = judge_interval(*coarse, False), judge_interval(*coarse, True)
     assert held == (coarse[1].interval, "", "")
     assert allowed.interval[0] <= held.interval[0] < held.interval[1] <= allowed.interval[1]
     assert (allowed.interval == held.interval) == (share > 0.5)
@@ -61,13 +61,13 @@ def test_residuals_that_may_be_unseen_motion_widen_the_interval_unless_the_comma
 
 def test_the_fit_has_the_wider_interval(monkeypatch):
     rng = np.random.default_rng(33)
-    log = log_of(command := walk(rng, n=80), noisy(rng, flows(command), 0.01))
-    plain = fc.fit_valve(log, lag=0, holds="command")
-    low, high = plain.intervals["backlash"]
-    monkeypatch.setattr("fastcoil.measured.fit_valve.judged", lambda *_: Judged((low - 0.01, high + 0.01), "", "so"))
+    log = make_valve_log(command := random_walk(rng, n=80), add_noise(rng, valve_flows(command), 0.01))
+    narrow = fc.fit_valve(log, lag=0, holds="command")
+    low, high = narrow.intervals["backlash"]
+    monkeypatch.setattr("fastcoil.measured.fit_valve.judged", lambda *_: Verdict((low - 0.01, high + 0.01), "", "so"))
     wide = fc.fit_valve(log, lag=0)
     assert wide.intervals["backlash"] == tuple(wide.profile.attrs["interval_95"]) == (low - 0.01, high + 0.01)
-    ratio = wide.standard_errors["backlash"] / plain.standard_errors["backlash"]
+    ratio = wide.standard_errors["backlash"] / narrow.standard_errors["backlash"]
     assert ratio == pytest.approx((high - low + 0.02) / (high - low))
     assert "so" in wide.notes
     with pytest.raises(fc.InputError, match="holds = 'm_w': choose 'command'"):
@@ -85,15 +85,15 @@ def test_intervals_of_coarse_closed_loop_logs_hold_the_truth_where_the_backlash_
         kp, ti = float(fc.Loop.preset(preset)["kp"]), float(fc.Loop.preset(preset)["ti"])
         changed = {"kp": kp * rng.uniform(0.5, 1.3), "ti": ti * rng.uniform(0.7, 1.8)}
         backlash = float(rng.choice([0.0, 0.03, 0.06, 0.1]))
-        log = trend(preset, interval, 8100 + k, backlash, 8 if interval == 60 else 48, **changed)
+        log = simulate_trend(preset, interval, 8100 + k, backlash, 8 if interval == 60 else 48, **changed)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             fit = fc.fit_valve(log, split=1.0)
-            plain = fc.fit_valve(log, split=1.0, holds="command")
-        for found, allowed in ((fit, True), (plain, False)):
-            if "backlash" in found.parameters:
-                low, high = found.intervals["backlash"]
-                missed[allowed] += not low <= backlash <= high
+            without_allowance = fc.fit_valve(log, split=1.0, holds="command")
+        for result, has_allowance in ((fit, True), (without_allowance, False)):
+            if "backlash" in result.parameters:
+                low, high = result.intervals["backlash"]
+                missed[has_allowance] += not low <= backlash <= high
         n_identified += "backlash" in fit.parameters
     print(n_identified, missed)
     assert n_identified >= 8

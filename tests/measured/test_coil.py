@@ -5,11 +5,11 @@ import tomllib
 import numpy as np
 import pytest
 from helpers.figure_looks import assert_palette, assert_texts_fit
-from helpers.shared_data import measured
+from helpers.shared_data import measured_file
 from helpers.simulated_logs import COIL_TRUTH, assert_covered, coil_log
 
 import fastcoil as fc
-from fastcoil.measured.fit_coil import COIL
+from fastcoil.measured.fit_coil import COIL_PARAMETERS
 
 pytestmark = pytest.mark.kernel
 
@@ -42,18 +42,18 @@ def test_validation_is_as_good_as_the_noise_and_the_leaving_water_comes_out_too(
 
 def test_both_temperatures_identify_more_than_one():
     log = coil_log(hours=1, seed=5, sd=0.2)
-    one, both = fc.fit_coil(log, split=1.0), fc.fit_coil(log, split=1.0, minimise_on="both")
-    assert both.n_used == 2 * one.n_used
-    assert both.standard_errors["beta1"] < one.standard_errors["beta1"]
+    supply_only, both = fc.fit_coil(log, split=1.0), fc.fit_coil(log, split=1.0, minimise_on="both")
+    assert both.n_used == 2 * supply_only.n_used
+    assert both.standard_errors["beta1"] < supply_only.standard_errors["beta1"]
 
 
 @pytest.mark.usefixtures("all_starts")
 def test_a_value_at_1_kg_s_is_as_uncertain_as_the_exponent_that_carries_it_there():
     """Of too few wet samples β6 is taken from β4, with its uncertainty: β5 alone would be known to 5 % better."""
     day, command = fc.paper_day(hours=1, seed=5), np.repeat(np.random.default_rng(2).uniform(0.1, 0.9, 30), 120)
-    seen = fc.simulate(fc.Loop(backlash=0.09), day, command=command, traces=["m_w", "T_sup", "T_w_out"], warm_up=0)
+    traces = fc.simulate(fc.Loop(backlash=0.09), day, command=command, traces=["m_w", "T_sup", "T_w_out"], warm_up=0)
     entering = day.to_dataset().drop_vars(["noise", "enabled", "day"])
-    log = seen[["m_w", "T_sup", "T_w_out"]].merge(entering).isel(elapsed_time=slice(None, None, 10))
+    log = traces[["m_w", "T_sup", "T_w_out"]].merge(entering).isel(elapsed_time=slice(None, None, 10))
     fit = fc.fit_coil(log.reset_coords(drop=True), warm_up=600)
     assert "beta6" in fit.held
     assert fit.intervals["beta5"] == pytest.approx((0.52159, 0.63853), rel=1e-4)
@@ -62,7 +62,7 @@ def test_a_value_at_1_kg_s_is_as_uncertain_as_the_exponent_that_carries_it_there
 @pytest.mark.full
 def test_intervals_of_95_per_cent_cover_the_truth_that_often():
     """100 logs of 2 h, half with AR(1) noise: at least 88 % of the intervals of each parameter hold the truth."""
-    hits = {name: [0, 0] for name in COIL}
+    hits = {name: [0, 0] for name in COIL_PARAMETERS}
     for seed in range(100):
         fit = fc.fit_coil(coil_log(hours=2, seed=100 + seed, phi=0.95 * (seed % 2)), split=1.0)
         for name, (low, high) in fit.intervals.items():
@@ -96,8 +96,8 @@ def test_a_constant_air_flow_holds_its_exponents_at_a_prior_and_the_result_has_w
     assert "the air flow is constant" in fit.held["beta4"]
     assert fit.parameters["beta4"] == -0.45
     assert fit.rmse["fit"] == pytest.approx(0.05, rel=0.05)
-    assert list(fit.parameters) == list(COIL)
-    names = [name for name in COIL if name not in fit.held]
+    assert list(fit.parameters) == list(COIL_PARAMETERS)
+    names = [name for name in COIL_PARAMETERS if name not in fit.held]
     assert list(fit.covariance["parameter"].values) == names == list(fit.intervals)
     np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance)), [fit.standard_errors[n] for n in names])
     assert fit.profile is None
@@ -133,7 +133,7 @@ def test_a_coil_of_another_library_is_matched_as_well_as_two_of_its_models_match
     }
     units = {"elapsed_time": "s", "m_w": "kg/s", "m_a": "kg/s", "RH_a_in": "1"}
     units |= dict.fromkeys(("T_w_in", "T_a_in", "T_sup"), "degC")
-    path = measured("wetcoil_counterflow_picontrol.csv")
+    path = measured_file("wetcoil_counterflow_picontrol.csv")
     fit = fc.fit_coil(path, columns=columns, units=units, warm_up=36, split=0.337)
     assert fit.rmse["validation"] < 0.57
     assert {"beta4", "beta6"} <= fit.held.keys()

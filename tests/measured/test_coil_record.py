@@ -3,21 +3,21 @@
 import numpy as np
 import pytest
 import xarray as xr
-from helpers.simulated_logs import COIL_TRUTH, INPUTS, assert_covered, coil_log, joined, shifted
+from helpers.simulated_logs import COIL_TRUTH, INPUTS, assert_covered, coil_log, join_logs, shift_log
 
 import fastcoil as fc
-from fastcoil.logs import read_log
-from fastcoil.logs.columns import Wanted
-from fastcoil.measured.fit_coil import CoilProblem, in_operation, record_of
-from fastcoil.measured.part import Part
+from fastcoil.logs import read_checked_log
+from fastcoil.logs.columns import ColumnSpec
+from fastcoil.measured.fit_coil import CoilProblem, build_record, drop_idle_samples
+from fastcoil.measured.part import LogSplit
 
 pytestmark = pytest.mark.kernel
 
 
-COIL_SERIES = Wanted(needed=("m_w", *INPUTS, "T_sup"), optional=("T_w_out",), measured=("T_sup", "T_w_out"))
+COIL_SERIES = ColumnSpec(required=("m_w", *INPUTS, "T_sup"), optional=("T_w_out",), measured=("T_sup", "T_w_out"))
 
 
-def night(log, hours=1.0):
+def make_night(log, hours=1.0):
     """Between two days: no flow, and sensors at room temperature."""
     n = int(hours * 3600)
     off = log.isel(elapsed_time=np.zeros(n, dtype=int)).copy(deep=True)
@@ -34,7 +34,7 @@ def two_days():
 @pytest.fixture(scope="module")
 def broken(two_days):
     first, second = two_days
-    return fc.fit_coil(joined(first, shifted(second, 7200.0)), split=1.0)
+    return fc.fit_coil(join_logs(first, shift_log(second, 7200.0)), split=1.0)
 
 
 def test_after_a_gap_the_model_starts_again_with_a_warm_up(broken):
@@ -51,8 +51,8 @@ def test_after_a_gap_the_model_starts_again_with_a_warm_up(broken):
 def test_every_piece_starts_as_the_whole_record_does(two_days):
     """For the same day twice, with a gap between, the model gives the same twice, to the bit."""
     first, _ = two_days
-    log = read_log(joined(first, shifted(first, 7200.0)), COIL_SERIES)
-    record = record_of(log, fc.Loop(), (), np.ones(log.time.size, dtype=bool))
+    log = read_checked_log(join_logs(first, shift_log(first, 7200.0)), COIL_SERIES)
+    record = build_record(log, fc.Loop(), (), np.ones(log.time.size, dtype=bool))
     assert len(record.pieces) == 2
     rng = np.random.default_rng(43)
     sets = np.log([[8.8], [10.0], [0.35], [1.0], [0.35], [1.0], [0.4], [1.0]]) + rng.uniform(0.0, 0.2, (8, 3))
@@ -64,18 +64,20 @@ def test_every_piece_starts_as_the_whole_record_does(two_days):
 def test_nights_without_air_are_left_out_and_counted(two_days):
     """What remains is the log of both days, so that the fit is the one of that log."""
     first, second = two_days
-    log = in_operation(read_log(joined(first, shifted(night(first), 3599.0), shifted(second, 7200.0)), COIL_SERIES))
+    log = drop_idle_samples(
+        read_checked_log(join_logs(first, shift_log(make_night(first), 3599.0), shift_log(second, 7200.0)), COIL_SERIES)
+    )
     assert "3,600 samples in 1 spell left out, no air flows (first in row 3600)" in log.notes[-1]
-    days = read_log(joined(first, shifted(second, 7200.0)), COIL_SERIES)
+    days = read_checked_log(join_logs(first, shift_log(second, 7200.0)), COIL_SERIES)
     np.testing.assert_array_equal(log.batch, days.batch)
     for name, values in days.values.items():
         np.testing.assert_array_equal(log.values[name], values)
 
 
-def problem_of(log, warm_up=1800.0, share=1.0):
+def build_problem(log, warm_up=1800.0, share=1.0):
     """The problem that ``fit_coil`` solves, both temperatures compared."""
-    data, part = read_log(log, COIL_SERIES), Part(share)
-    record = record_of(data, fc.Loop(), (), part.fitted(data))
+    data, part = read_checked_log(log, COIL_SERIES), LogSplit(share)
+    record = build_record(data, fc.Loop(), (), part.fitted(data))
     return CoilProblem(data, record, ("T_sup", "T_w_out"), warm_up, part)
 
 
@@ -83,17 +85,17 @@ def test_leaving_water_that_stands_still_is_not_compared(two_days):
     log = two_days[0].copy(deep=True)
     log["m_w"][2600:3200] = 0.0
     log["T_w_out"][2600:3200] = 60.0
-    problem = problem_of(log)
+    problem = build_problem(log)
     np.testing.assert_array_equal(np.flatnonzero(~problem.compared["T_w_out"][1800:]), np.arange(800, 1400))
     assert problem.compared["T_sup"][1800:].all()
     assert "600 samples of T_w_out not compared: no water flows" in problem.notes
 
 
 def test_four_pieces_or_more_are_held_back_whole():
-    pieces = [shifted(coil_log(hours=h, seed=30 + i), 20000.0 * i) for i, h in enumerate((1.0, 1.5, 0.7, 0.15, 0.8))]
-    problem = problem_of(joined(*pieces), warm_up=600.0, share=None)
+    pieces = [shift_log(coil_log(hours=h, seed=30 + i), 20000.0 * i) for i, h in enumerate((1.0, 1.5, 0.7, 0.15, 0.8))]
+    problem = build_problem(join_logs(*pieces), warm_up=600.0, share=None)
     batch, compared = problem.data.batch, problem.compared["T_sup"]
     assert set(batch[compared & problem.fitting]) == {0, 1, 2}
     assert set(batch[compared & ~problem.fitting]) == {4}
-    assert not Part(0.99).fitted(problem.data)[batch == 4].any()  # the last piece is never fitted
+    assert not LogSplit(0.99).fitted(problem.data)[batch == 4].any()  # the last piece is never fitted
     assert any("5 unbroken pieces" in note and "(1 shorter than that)" in note for note in problem.notes)

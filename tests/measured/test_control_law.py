@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.measured.agreement import implied_law
-from fastcoil.measured.fitted_plant import recover_pi, regressed_pi
-from fastcoil.measured.identify import arrivals, is_provoked, share_to_and_fro
+from fastcoil.measured.agreement import imply_pi
+from fastcoil.measured.fitted_plant import recover_pi, regress_pi
+from fastcoil.measured.identify import back_and_forth_share, count_end_arrivals, is_provoked
 
 INTERVAL = 10.0
 
 
-def loop(T_set=None, n=2160, every=1, seed=0, offset=0.5):
+def simulate_loop(T_set=None, n=2160, every=1, seed=0, offset=0.5):
     """Temperatures that wander with noise, and what a PI controller answers every so many samples: (command, T)."""
     draw = np.random.default_rng(seed)
     T = 14.0 + np.convolve(draw.normal(0, 0.05, n + 60), np.ones(60) / 8, "same")[:n] + draw.normal(0, 0.02, n)
@@ -21,67 +21,67 @@ def loop(T_set=None, n=2160, every=1, seed=0, offset=0.5):
     return np.repeat(u, every)[:n], T
 
 
-def steps(n=2160):
+def stepped_set_point(n=2160):
     """A set-point that steps by 1 K or more every half hour."""
     return np.repeat(14.0 + np.array([0, 1, -1, 2, 0, 1.5, -0.5, 1, 0, -1, 0.5, 2]), n // 12)
 
 
-GOOD = np.ones(2160, bool)
+ALL_GOOD = np.ones(2160, bool)
 
 
 @pytest.mark.parametrize("every", [1, 3])
 def test_steps_of_the_set_point_are_seen_without_its_column(every):
-    T_set = steps()
-    command, T = loop(T_set, every=every)
-    assert is_provoked(command, T, GOOD, None, INTERVAL)
-    assert not is_provoked(*loop(every=every), GOOD, None, INTERVAL)
+    T_set = stepped_set_point()
+    command, T = simulate_loop(T_set, every=every)
+    assert is_provoked(command, T, ALL_GOOD, None, INTERVAL)
+    assert not is_provoked(*simulate_loop(every=every), ALL_GOOD, None, INTERVAL)
 
 
 def test_a_column_of_the_set_point_decides_where_there_is_one():
-    command, T = loop()
-    assert is_provoked(command, T, GOOD, steps(), INTERVAL)
-    assert not is_provoked(*loop(steps()), GOOD, np.full(2160, 14.0), INTERVAL)
-    off = np.diff(steps(), prepend=14.0) != 0  # no sample at which it steps may be used
-    assert not is_provoked(command, T, ~off, steps(), INTERVAL)
+    command, T = simulate_loop()
+    assert is_provoked(command, T, ALL_GOOD, stepped_set_point(), INTERVAL)
+    assert not is_provoked(*simulate_loop(stepped_set_point()), ALL_GOOD, np.full(2160, 14.0), INTERVAL)
+    off = np.diff(stepped_set_point(), prepend=14.0) != 0  # no sample at which it steps may be used
+    assert not is_provoked(command, T, ~off, stepped_set_point(), INTERVAL)
 
 
 def test_what_jumps_only_at_the_start_and_at_its_ends_provokes_nothing():
-    command, T = loop()
+    command, T = simulate_loop()
     command[:12] = np.linspace(0, 0.5, 12)
-    assert not is_provoked(command, T, GOOD, None, INTERVAL)
+    assert not is_provoked(command, T, ALL_GOOD, None, INTERVAL)
     for k in range(200, 2000, 300):
         command[k : k + 60] = 1.0
-    assert not is_provoked(command, T, GOOD, None, INTERVAL)
-    assert arrivals(command, GOOD) == 6
-    assert arrivals(command, np.arange(2160) > 600) == 4
+    assert not is_provoked(command, T, ALL_GOOD, None, INTERVAL)
+    assert count_end_arrivals(command, ALL_GOOD) == 6
+    assert count_end_arrivals(command, np.arange(2160) > 600) == 4
 
 
 def test_a_chattering_inverse_moves_to_and_fro_and_a_loop_that_hunts_does_not():
     t = np.arange(2160)
     hunts = 0.5 + 0.3 * np.sin(t / 8)
-    assert share_to_and_fro(hunts, GOOD) == 0.0
-    assert share_to_and_fro(hunts + 0.005 * (t % 2), GOOD) == 0.0
+    assert back_and_forth_share(hunts, ALL_GOOD) == 0.0
+    assert back_and_forth_share(hunts + 0.005 * (t % 2), ALL_GOOD) == 0.0
     chatters = hunts + 0.05 * (np.random.default_rng(2).random(2160) < 0.5)
-    assert 0.1 < share_to_and_fro(chatters, GOOD) < 0.5
-    assert share_to_and_fro(chatters, ~GOOD) == 0.0
+    assert 0.1 < back_and_forth_share(chatters, ALL_GOOD) < 0.5
+    assert back_and_forth_share(chatters, ~ALL_GOOD) == 0.0
 
 
 @pytest.mark.parametrize("samples", [-9, -1, 0, 1, 12])
 def test_a_column_that_stands_late_is_found_by_the_control_law_without_its_set_point(samples):
-    command, T = loop(steps())
-    law = implied_law(command, np.roll(T, samples), None, GOOD, INTERVAL)
+    command, T = simulate_loop(stepped_set_point())
+    law = imply_pi(command, np.roll(T, samples), None, ALL_GOOD, INTERVAL)
     assert law.late == samples
     assert law.share > law.least
 
 
 def test_a_command_that_answers_no_temperature_of_the_log_implies_no_law():
     draw = np.random.default_rng(5)
-    command, T = loop()
-    for other in (np.clip(0.5 + np.cumsum(draw.normal(0, 0.01, 2160)), 0, 1), command + draw.normal(0, 0.02, 2160)):
-        law = implied_law(other, T, None, GOOD, INTERVAL)
+    command, T = simulate_loop()
+    for unrelated in (np.clip(0.5 + np.cumsum(draw.normal(0, 0.01, 2160)), 0, 1), command + draw.normal(0, 0.02, 2160)):
+        law = imply_pi(unrelated, T, None, ALL_GOOD, INTERVAL)
         assert law.share < law.least
-    for still, good in ((np.full(2160, 0.5), GOOD), (command, np.arange(2160) % 8 > 0)):
-        assert np.isnan(implied_law(still, T, None, good, INTERVAL).share)
+    for still, good in ((np.full(2160, 0.5), ALL_GOOD), (command, np.arange(2160) % 8 > 0)):
+        assert np.isnan(imply_pi(still, T, None, good, INTERVAL).share)
 
 
 @pytest.mark.kernel
@@ -92,9 +92,9 @@ def test_gains_of_a_loop_that_hunts_are_found_whatever_the_rhythm_of_its_control
     day = fc.paper_day(hours=3, seed=2)
     ds = fc.simulate(loop, day, traces=["command", "T_measured"], trace_interval=10)
     command, T = (ds[name].values.astype(float) for name in ("command", "T_measured"))
-    found = recover_pi(command, T, day.series["T_set"][0, ::10], 10.0, np.ones(T.size, bool), None)
-    assert found.sample_time == sample_time
-    assert (found.kp, found.ti) == pytest.approx((0.03, 15.0), rel=0.05)
+    pi = recover_pi(command, T, day.series["T_set"][0, ::10], 10.0, np.ones(T.size, bool), None)
+    assert pi.sample_time == sample_time
+    assert (pi.kp, pi.ti) == pytest.approx((0.03, 15.0), rel=0.05)
 
 
 def test_commands_that_fit_no_pi_that_is_not_saturated_have_none():
@@ -106,5 +106,5 @@ def test_commands_that_fit_no_pi_that_is_not_saturated_have_none():
 
     (e_1, u_1), (e_2, u_2) = half(41, 10.0, 0.5, 0.06), half(61, 14.0, 0.9, -0.06)
     before = np.delete(np.arange(101), 40)
-    found = regressed_pi(np.r_[u_1, u_2], np.r_[e_1, e_2], before, before + 1, np.zeros(100))
-    assert found is None
+    pi = regress_pi(np.r_[u_1, u_2], np.r_[e_1, e_2], before, before + 1, np.zeros(100))
+    assert pi is None

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from helpers.loop_logs import loop_log, write_log
+from helpers.loop_logs import make_loop_log, write_log
 from helpers.refusals import assert_only_problem, problems
-from helpers.shared_data import measured
+from helpers.shared_data import measured_file
 
 import fastcoil as fc
 from fastcoil.cli.main import main
@@ -20,7 +20,7 @@ BACKLASH = 0.08
 
 @pytest.fixture(scope="module")
 def log():
-    return loop_log(backlash=BACKLASH)
+    return make_loop_log(backlash=BACKLASH)
 
 
 @pytest.fixture(scope="module")
@@ -60,48 +60,48 @@ def test_a_calm_loop_has_no_cause(diagnosis):
 
 
 def test_a_loop_that_swings_from_end_to_end_is_blamed_on_its_tuning_and_no_size_is_claimed():
-    found = fc.diagnose(loop_log(kp=0.08, ti=20.0), stroke_time=90.0)
-    assert (found.cause, found.hunts, found.identified) == ("tuning", True, False)
-    assert any("caused by the tuning" in line for line in found.summary())
+    result = fc.diagnose(make_loop_log(kp=0.08, ti=20.0), stroke_time=90.0)
+    assert (result.cause, result.hunts, result.identified) == ("tuning", True, False)
+    assert any("caused by the tuning" in line for line in result.summary())
 
 
 def test_a_loop_whose_air_swings_is_blamed_on_a_disturbance():
-    found = fc.diagnose(loop_log(backlash=0.02, swing=1.5, period=400.0), stroke_time=90.0)
-    assert found.cause == "disturbance"
-    assert float(found.indices.period) == pytest.approx(400.0, rel=0.05)
-    assert found.advice.reason == "Leave the gains: the swing comes from outside the loop."
+    result = fc.diagnose(make_loop_log(backlash=0.02, swing=1.5, period=400.0), stroke_time=90.0)
+    assert result.cause == "disturbance"
+    assert float(result.indices.period) == pytest.approx(400.0, rel=0.05)
+    assert result.advice.reason == "Leave the gains: the swing comes from outside the loop."
 
 
 def test_a_loop_that_would_stand_still_without_its_gap_is_blamed_on_the_valve():
-    found = fc.diagnose(loop_log(kp=0.04, ti=18.0, backlash=0.06), stroke_time=90.0)
-    assert found.cause == "backlash"
-    assert found.identified
-    kp, ti = (float(found.predictions[name].sel(case="simc")) for name in ("kp", "ti"))
+    result = fc.diagnose(make_loop_log(kp=0.04, ti=18.0, backlash=0.06), stroke_time=90.0)
+    assert result.cause == "backlash"
+    assert result.identified
+    kp, ti = (float(result.predictions[name].sel(case="simc")) for name in ("kp", "ti"))
     assert kp <= 0.041, "no larger kp than that of a loop that hunts"
     assert ti > 36.0
-    assert found.advice.reason.startswith(f"Do this: kp {kp:g} 1/K, ti {ti:g} s: RMSE -")
-    assert found.advice.reason in found.summary()
-    assert found.backlash == pytest.approx(0.06, abs=0.01)
+    assert result.advice.reason.startswith(f"Do this: kp {kp:g} 1/K, ti {ti:g} s: RMSE -")
+    assert result.advice.reason in result.summary()
+    assert result.backlash == pytest.approx(0.06, abs=0.01)
 
 
 def test_a_prediction_that_contradicts_the_cause_is_withheld(monkeypatch):
     """Without the gap the loop is calm, but what is left of its swing in the disturbances of the log goes on."""
     hunting = Outcome(0.5, 0.4, 300.0, 50.0, 500.0, hunts=True)
     monkeypatch.setattr(cause, "what_if", lambda *_, **__: hunting)
-    found = fc.diagnose(loop_log(kp=0.03, ti=15.0), stroke_time=90.0)
-    assert found.cause == "backlash"
-    assert "disturbances of the log hide" in str(found.predictions.doubt.sel(case="no_gap").values)
-    assert np.isnan(found.predictions.hunts.sel(case="no_gap"))
-    assert found.predictions.hunts.sel(case="half_gap") == 1.0
+    result = fc.diagnose(make_loop_log(kp=0.03, ti=15.0), stroke_time=90.0)
+    assert result.cause == "backlash"
+    assert "disturbances of the log hide" in str(result.predictions.doubt.sel(case="no_gap").values)
+    assert np.isnan(result.predictions.hunts.sel(case="no_gap"))
+    assert result.predictions.hunts.sel(case="half_gap") == 1.0
 
 
 def test_without_a_set_point_the_backlash_is_found_and_what_is_missing_is_said(log):
-    found = fc.diagnose(log.drop_vars("T_set"), stroke_time=90.0, sample_time=5.0)
-    assert any("the controller one every 5 s" in note for note in found.notes)
-    assert found.backlash == pytest.approx(BACKLASH, abs=0.01)
-    assert found.predictions is None
-    assert np.isnan(found.indices.error_rms)
-    assert any("without a set-point" in note for note in found.notes)
+    result = fc.diagnose(log.drop_vars("T_set"), stroke_time=90.0, sample_time=5.0)
+    assert any("the controller one every 5 s" in note for note in result.notes)
+    assert result.backlash == pytest.approx(BACKLASH, abs=0.01)
+    assert result.predictions is None
+    assert np.isnan(result.indices.error_rms)
+    assert any("without a set-point" in note for note in result.notes)
 
 
 def test_a_temperature_logged_at_changes_of_a_third_of_a_kelvin_is_not_trusted(log):
@@ -110,8 +110,8 @@ def test_a_temperature_logged_at_changes_of_a_third_of_a_kelvin_is_not_trusted(l
         if abs(T[k] - T[kept[-1]]) >= 0.3:
             kept.append(k)
     coarse = T[np.array(kept)[np.searchsorted(kept, np.arange(T.size), side="right") - 1]]
-    found = fc.diagnose(log.assign(T_sup=log.T_sup.copy(data=coarse)), stroke_time=90.0)
-    assert not found.identified
+    result = fc.diagnose(log.assign(T_sup=log.T_sup.copy(data=coarse)), stroke_time=90.0)
+    assert not result.identified
 
 
 def test_a_log_that_is_too_coarse_or_too_short_says_so_instead_of_claiming(log, coarse):
@@ -144,52 +144,52 @@ def test_a_command_to_100_without_a_unit_is_told_to_be_per_cent(log, tmp_path):
 
 
 def test_mistakes_are_told_together_before_the_log_is_read():
-    told = "\n".join(problems(fc.diagnose, 5, -1.0, 0.0, drop="yes", jumps="on", max_gap=-1))
+    messages = "\n".join(problems(fc.diagnose, 5, -1.0, 0.0, drop="yes", jumps="on", max_gap=-1))
     for name in ("log", "stroke_time", "sample_time", "drop", "jumps", "max_gap"):
-        assert name in told
+        assert name in messages
     assert_only_problem(["sample_time = 1e-300", "from 0.1 to 3600"], fc.diagnose, "log.csv", sample_time=1e-300)
 
 
 def test_the_command_prints_the_answer_and_writes_what_is_asked(log, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_log(log, tmp_path / "log.csv")
-    said = CliRunner().invoke(main, ["diagnose", "log.csv", "--stroke-time", "90"])
-    assert said.exit_code == 0, said.output
-    assert "Gap: 8 % of the stroke" in said.output
+    completed = CliRunner().invoke(main, ["diagnose", "log.csv", "--stroke-time", "90"])
+    assert completed.exit_code == 0, completed.output
+    assert "Gap: 8 % of the stroke" in completed.output
     assert {path.name for path in tmp_path.iterdir()} == {"log.csv"}
 
 
 @pytest.mark.full
 def test_the_loop_that_hunts_at_lbnl_is_told_as_found():
     """It hardly has backlash, and swings every half hour."""
-    found = fc.diagnose(
-        measured("b33_ahu2_5s.csv"),
+    result = fc.diagnose(
+        measured_file("b33_ahu2_5s.csv"),
         columns={"elapsed_time": "time_s", "command": "valve_command_pct", "T_sup": "T_sup_C", "T_set": "T_sup_set_C"},
         units={"elapsed_time": "s", "command": "%", "T_sup": "degC", "T_set": "degC"},
     )
-    assert not (found.identified and found.backlash > 0.03)
-    assert found.hunts
-    assert found.cause != "backlash"
-    assert float(found.indices.period) == pytest.approx(1800.0, rel=0.05)
-    assert float(found.indices.kp) == pytest.approx(0.018, rel=0.05)
-    assert float(found.indices.ti) == pytest.approx(30.0, rel=0.05)
+    assert not (result.identified and result.backlash > 0.03)
+    assert result.hunts
+    assert result.cause != "backlash"
+    assert float(result.indices.period) == pytest.approx(1800.0, rel=0.05)
+    assert float(result.indices.kp) == pytest.approx(0.018, rel=0.05)
+    assert float(result.indices.ti) == pytest.approx(30.0, rel=0.05)
 
 
 def test_advice_has_the_gains_to_set_and_those_of_now_stand_above_it():
-    found = fc.diagnose(loop_log(kp=0.04, ti=18.0, backlash=0.06), stroke_time=90.0)
-    simc = found.predictions.sel(case="simc")
-    assert (found.advice.kp, found.advice.ti) == (float(simc.kp), float(simc.ti))
-    lines = found.summary()
+    result = fc.diagnose(make_loop_log(kp=0.04, ti=18.0, backlash=0.06), stroke_time=90.0)
+    simc = result.predictions.sel(case="simc")
+    assert (result.advice.kp, result.advice.ti) == (float(simc.kp), float(simc.ti))
+    lines = result.summary()
     now = next(k for k, line in enumerate(lines) if line.startswith("Controller: kp 0.0"))
-    assert lines[now + 1] == found.advice.reason
+    assert lines[now + 1] == result.advice.reason
     assert lines[now + 2].startswith("Now: error ")
-    assert lines[now + 3].startswith(f"With kp {found.advice.kp:g} 1/K, ti {found.advice.ti:g} s: error ")
+    assert lines[now + 3].startswith(f"With kp {result.advice.kp:g} 1/K, ti {result.advice.ti:g} s: error ")
 
 
 def test_gains_that_are_given_take_the_place_of_those_of_the_log():
-    log = loop_log(kp=0.04, ti=18.0, backlash=0.06)
-    found = fc.diagnose(log, stroke_time=90.0, kp=0.05, ti=20.0)
-    assert (float(found.indices.kp), float(found.indices.ti)) == (0.05, 20.0)
-    assert found.backlash == fc.diagnose(log, stroke_time=90.0).backlash
+    log = make_loop_log(kp=0.04, ti=18.0, backlash=0.06)
+    result = fc.diagnose(log, stroke_time=90.0, kp=0.05, ti=20.0)
+    assert (float(result.indices.kp), float(result.indices.ti)) == (0.05, 20.0)
+    assert result.backlash == fc.diagnose(log, stroke_time=90.0).backlash
     assert_only_problem(["kp, ti: give both, or leave both out"], fc.diagnose, log, kp=0.05)
     assert_only_problem(["kp = -1.0: give 1/K, from 1e-05 to 10"], fc.diagnose, log, kp=-1.0, ti=20.0)

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from helpers.log_files import coil_rows, valve_rows
 from helpers.refusals import refusal
-from helpers.simulated_logs import log_of
+from helpers.simulated_logs import make_valve_log
 
 import fastcoil as fc
 
 pytestmark = pytest.mark.kernel
 
 
-class Reached(Exception):
+class FitStarted(Exception):
     """The fit would begin."""
 
 
@@ -66,12 +66,12 @@ def test_bad_arguments_of_a_coil_are_refused(coil_log, options, sentence):
 
 def test_pieces_of_a_row_or_two_are_refused_and_a_log_that_goes_back_now_and_then_is_not(monkeypatch):
     def solve(*_):
-        raise Reached
+        raise FitStarted
 
     monkeypatch.setattr("fastcoil.measured.valve_problem.ValveProblem.solve", solve)
     time = 10.0 * np.arange(240)
     command = 0.5 + 0.4 * np.sin(time / 100.0)
-    log = log_of(command, 2.0 * command**2, 10.0)
+    log = make_valve_log(command, 2.0 * command**2, 10.0)
 
     def at(time):
         return log.assign_coords(elapsed_time=("elapsed_time", time, {"units": "s"}))
@@ -80,10 +80,10 @@ def test_pieces_of_a_row_or_two_are_refused_and_a_log_that_goes_back_now_and_the
     with pytest.raises(fc.InputError, match=words):
         fc.fit_valve(at(time + 500.0 * (np.arange(240) // 2)), max_gap=100.0)
     reversed_log = at(time[::-1])
-    for given in ({"log": reversed_log}, {"log": log, "validation": reversed_log}):
+    for logs in ({"log": reversed_log}, {"log": log, "validation": reversed_log}):
         with pytest.raises(fc.InputError, match="sort the rows, oldest first"):
-            fc.fit_valve(**given, jumps="split")
-    with pytest.raises(Reached):
+            fc.fit_valve(**logs, jumps="split")
+    with pytest.raises(FitStarted):
         fc.fit_valve(at(time - 3600.0 * (np.arange(240) > 120)), jumps="split")
 
 
@@ -93,6 +93,6 @@ def test_a_pump_that_is_off_by_declaration_is_not_compared():
     flow, enabled = rows[:, 2].copy(), np.ones(200)
     enabled[60:80] = 0.0
     flow[60:80] = rng.uniform(0, 2, 20)
-    fit = fc.fit_valve(log_of(rows[:, 1], flow, enabled=enabled))
+    fit = fc.fit_valve(make_valve_log(rows[:, 1], flow, enabled=enabled))
     assert fit.parameters["backlash"] == pytest.approx(0.07, abs=1e-3)
     assert "20 flows not compared: enabled is 0" in fit.notes

@@ -6,7 +6,7 @@ import xarray as xr
 from helpers.commands import fastcoil
 
 import fastcoil as fc
-from fastcoil.measured.identify import GOOD, TOLERANCE
+from fastcoil.measured.identify import GOOD_BACKLASH, SIZE_TOLERANCE
 
 pytestmark = pytest.mark.kernel
 
@@ -14,7 +14,7 @@ MODEL = fc.Loop.preset("lbnl")
 ENTERING = {"m_a": "kg/s", "T_a_in": "degC", "W_a_in": "kg/kg", "T_w_in": "degC"}
 
 
-def simulated(backlash=0.09, every=60, noise=0.03, seed=1, hours=7, T_set=None, **changed):
+def simulate_log(backlash=0.09, every=60, noise=0.03, seed=1, hours=7, T_set=None, **changed):
     """A log of a closed loop: set-point steps, or a constant set-point."""
     day = fc.paper_day(hours=hours, seed=seed)
     series = {name: day.series[name][0] for name in (*ENTERING, "T_set")}
@@ -34,10 +34,10 @@ def simulated(backlash=0.09, every=60, noise=0.03, seed=1, hours=7, T_set=None, 
 
 @pytest.fixture(scope="module")
 def log():
-    return simulated()
+    return simulate_log()
 
 
-WRONG = [
+WRONG_MODELS = [
     {"C_c": 20.0},
     {"valve_c": 0.45},
     *(pytest.param(wrong, marks=pytest.mark.full) for wrong in ({}, {"beta1": 0.4}, {"m_max": 1.6}, {"valve_b": 7.0})),
@@ -45,7 +45,7 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize("wrong", WRONG, ids=lambda wrong: next(iter(wrong), "right"))
+@pytest.mark.parametrize("wrong", WRONG_MODELS, ids=lambda wrong: next(iter(wrong), "right"))
 def test_the_backlash_is_found_with_a_model_that_is_not_quite_right(log, wrong):
     fit = fc.fit_loop(log, MODEL.assign(**wrong))
     assert fit.identified
@@ -57,7 +57,7 @@ def test_the_backlash_is_found_with_a_model_that_is_not_quite_right(log, wrong):
 
 
 def test_a_good_valve_has_none():
-    fit = fc.fit_loop(simulated(backlash=0.0), MODEL.assign(C_c=20.0))
+    fit = fc.fit_loop(simulate_log(backlash=0.0), MODEL.assign(C_c=20.0))
     assert fit.identified
     assert fit.backlash <= 0.0025
     assert fit.interval[0] == 0.0
@@ -82,14 +82,14 @@ def test_each_piece_is_shown_with_its_own_factor(log):
     log = log.assign(T_sup=("elapsed_time", T, log.T_sup.attrs)).drop_isel(elapsed_time=range(half - 10, half))
     fit = fc.fit_loop(log, MODEL, split=1.0)
     ds = fit.residuals.where(fit.residuals.part == "fit")
-    slopes = [np.polyfit(*(one[n].dropna("elapsed_time") for n in ("modelled", "T_sup")), 1)[0]
-              for one in (ds.where(ds.batch == piece) for piece in (0, 1))]  # fmt: skip
+    slopes = [np.polyfit(*(piece_residuals[n].dropna("elapsed_time") for n in ("modelled", "T_sup")), 1)[0]
+              for piece_residuals in (ds.where(ds.batch == piece) for piece in (0, 1))]  # fmt: skip
     assert slopes == pytest.approx([1.0, 1.0], abs=0.1)
 
 
 def test_nothing_is_claimed_of_a_coarse_log_of_a_command_that_moves():
     """The size comes out too small, as turns between samples are missed."""
-    fit = fc.fit_loop(simulated(backlash=0.03, every=300, hours=8), MODEL)
+    fit = fc.fit_loop(simulate_log(backlash=0.03, every=300, hours=8), MODEL)
     assert "300 s apart and the command moves" in fit.reason
     assert not fit.identified
     assert "too small" in fit.reason
@@ -113,8 +113,8 @@ def test_the_command_writes_what_the_function_finds(log, tmp_path, monkeypatch):
     table.to_csv(tmp_path / "log.csv")
     coil = tmp_path / "coil.toml"
     coil.write_text("[loop]\nC_c = 20.0\nbacklash = 0.01\n")
-    done = fastcoil("fit", "loop", "log.csv", "--loop", "lbnl", "--loop", "coil.toml")
-    assert "backlash = 0.0" in done.stdout
+    completed = fastcoil("fit", "loop", "log.csv", "--loop", "lbnl", "--loop", "coil.toml")
+    assert "backlash = 0.0" in completed.stdout
     fit = fc.fit_loop(log, MODEL.assign(C_c=20.0))
     assert f"backlash = {fit.backlash!r}" in (tmp_path / "loop.toml").read_text()
     assert (tmp_path / "loop.png").is_file()
@@ -127,7 +127,7 @@ def test_what_is_claimed_is_right_whatever_the_coil_is_taken_for():
     for i in range(40):
         backlash = 0.0 if i % 4 == 0 else rng.uniform(0.005, 0.15)
         authority, rangeability = np.exp(rng.uniform(np.log(0.05), np.log(0.9))), np.exp(rng.uniform(3.0, 4.6))
-        log = simulated(
+        log = simulate_log(
             backlash, int(rng.choice([10, 30, 60])), rng.uniform(0.0, 0.05), 300 + i, authority=authority, m_full=1.7,
             rangeability=rangeability, C_w=rng.uniform(8.8, 14.0), C_c=rng.uniform(10.0, 30.0),
             stroke_time=rng.uniform(30.0, 150.0), sensor_time_constant=rng.uniform(5.0, 60.0),
@@ -139,6 +139,6 @@ def test_what_is_claimed_is_right_whatever_the_coil_is_taken_for():
         )  # fmt: skip
         fit = fc.fit_loop(log, model)
         if fit.identified:
-            claimed.append(abs(fit.backlash - backlash) <= max(TOLERANCE * backlash, GOOD))
+            claimed.append(abs(fit.backlash - backlash) <= max(SIZE_TOLERANCE * backlash, GOOD_BACKLASH))
     assert len(claimed) >= 20
     assert np.mean(claimed) >= 0.95

@@ -5,13 +5,21 @@ import math
 import numpy as np
 import pytest
 
-from fastcoil.measured.fitted_loop import Day, FittedLoop, Played, fit_loop_model, outcome_of, what_if, without_noise
+from fastcoil.measured.fitted_loop import (
+    FittedLoop,
+    Replay,
+    ReplayInputs,
+    evaluate_replay,
+    fit_loop_model,
+    remove_noise,
+    what_if,
+)
 from fastcoil.measured.fitted_plant import recover_pi
 
 INTERVAL, STROKE = 15.0, 90.0
 
 
-def day(hours=4, backlash=0.08, kp=0.03, ti=80.0, every=15, noise=0.01, sign=1.0, estimate=0.0, seed=3, swing=1.5,
+def simulate_day(hours=4, backlash=0.08, kp=0.03, ti=80.0, every=15, noise=0.01, sign=1.0, estimate=0.0, seed=3, swing=1.5,
         by_hand_from=math.inf):  # fmt: skip
     """A loop second by second, written here on its own: PI, inverse, motor, play, two lags, a drifting load.
 
@@ -32,9 +40,9 @@ def day(hours=4, backlash=0.08, kp=0.03, ti=80.0, every=15, noise=0.01, sign=1.0
             e = sign * (y - set_points[t])
             integral = min(max(integral + kp * every / ti * e, 0.0), 1.0)
             u = min(max(kp * e + integral, 0.0), 1.0)
-            turned = mode * (u - u_ext) < -0.002
-            mode = -mode if turned else mode
-            if turned or mode * (u - u_ext) > 0.0:
+            is_turning = mode * (u - u_ext) < -0.002
+            mode = -mode if is_turning else mode
+            if is_turning or mode * (u - u_ext) > 0.0:
                 u_ext = u
                 command = min(max((1.0 - estimate) * u + estimate * (mode > 0.0), 0.0), 1.0)
             command = u if estimate == 0.0 else command
@@ -56,14 +64,14 @@ def day(hours=4, backlash=0.08, kp=0.03, ti=80.0, every=15, noise=0.01, sign=1.0
 
 @pytest.fixture(scope="module")
 def logged():
-    return day()
+    return simulate_day()
 
 
 @pytest.fixture(scope="module")
 def fitted(logged):
-    found = fit_loop_model(*logged[0], INTERVAL, 0.08, STROKE)
-    assert isinstance(found, FittedLoop)
-    return found
+    fitted_loop = fit_loop_model(*logged[0], INTERVAL, 0.08, STROKE)
+    assert isinstance(fitted_loop, FittedLoop)
+    return fitted_loop
 
 
 def test_controller_and_plant_are_found(fitted):
@@ -89,22 +97,25 @@ def test_controller_and_plant_are_found(fitted):
 )
 def test_what_is_foretold_is_what_happens(fitted, changed, truly):
     """On the same day of the loop simulated here; the log itself is repeated."""
-    _, rmse, travel = day(**truly)
-    found = what_if(fitted, **changed)
-    assert found.rmse == pytest.approx(rmse, rel=0.1)
-    assert found.travel_per_day == pytest.approx(travel, rel=0.15)
-    assert not found.hunts
+    _, rmse, travel = simulate_day(**truly)
+    outcome = what_if(fitted, **changed)
+    assert outcome.rmse == pytest.approx(rmse, rel=0.1)
+    assert outcome.travel_per_day == pytest.approx(travel, rel=0.15)
+    assert not outcome.hunts
 
 
 def test_a_loop_that_hunts_is_foretold_to_stop_with_a_slower_controller():
-    log, rmse, travel = day(kp=0.05, ti=11.0, backlash=0.1)
-    found = fit_loop_model(*log, INTERVAL, 0.1, STROKE)
-    as_it_is = what_if(found)
+    log, rmse, travel = simulate_day(kp=0.05, ti=11.0, backlash=0.1)
+    fitted_loop = fit_loop_model(*log, INTERVAL, 0.1, STROKE)
+    as_it_is = what_if(fitted_loop)
     assert as_it_is.hunts
     assert as_it_is.rmse == pytest.approx(rmse, rel=0.1)
     assert as_it_is.travel_per_day == pytest.approx(travel, rel=0.1)
     assert 150.0 < as_it_is.period < 300.0
-    calm, (_, rmse, travel) = what_if(found, kp_factor=0.5, ti_factor=5.0), day(kp=0.025, ti=55.0, backlash=0.1)
+    calm, (_, rmse, travel) = (
+        what_if(fitted_loop, kp_factor=0.5, ti_factor=5.0),
+        simulate_day(kp=0.025, ti=55.0, backlash=0.1),
+    )
     assert not calm.hunts
     assert calm.rmse == pytest.approx(rmse, rel=0.15)
     assert calm.travel_per_day == pytest.approx(travel, rel=0.3)
@@ -112,11 +123,11 @@ def test_a_loop_that_hunts_is_foretold_to_stop_with_a_slower_controller():
 
 
 def test_a_heating_loop_is_told_by_its_controller():
-    log, rmse, _ = day(sign=-1.0)
-    found = fit_loop_model(*log, INTERVAL, 0.08, STROKE)
-    assert found.plant.gain > 0.0
-    assert found.pi.kp == pytest.approx(-0.03, rel=0.03)
-    assert what_if(found).rmse == pytest.approx(rmse, rel=0.1)
+    log, rmse, _ = simulate_day(sign=-1.0)
+    fitted_loop = fit_loop_model(*log, INTERVAL, 0.08, STROKE)
+    assert fitted_loop.plant.gain > 0.0
+    assert fitted_loop.pi.kp == pytest.approx(-0.03, rel=0.03)
+    assert what_if(fitted_loop).rmse == pytest.approx(rmse, rel=0.1)
 
 
 def test_missing_samples_and_a_plant_that_is_off_are_left_out(logged, fitted):
@@ -125,22 +136,22 @@ def test_missing_samples_and_a_plant_that_is_off_are_left_out(logged, fitted):
     enabled = np.ones(T.size, bool)
     enabled[600:700] = False
     T[600:700], command[600:700] = 21.0, 0.0
-    found = fit_loop_model(command, T, T_set, INTERVAL, 0.08, STROKE, enabled=enabled)
-    assert found.pi.kp == pytest.approx(fitted.pi.kp, rel=0.05)
-    assert what_if(found).rmse == pytest.approx(what_if(fitted).rmse, rel=0.2)
+    fitted_loop = fit_loop_model(command, T, T_set, INTERVAL, 0.08, STROKE, enabled=enabled)
+    assert fitted_loop.pi.kp == pytest.approx(fitted.pi.kp, rel=0.05)
+    assert what_if(fitted_loop).rmse == pytest.approx(what_if(fitted).rmse, rel=0.2)
 
 
 def test_where_the_valve_is_moved_by_hand_the_log_tells_of_the_plant_only():
     first = round(3 * 3600 / INTERVAL)
-    (command, T, T_set), *_ = day(swing=0.0, backlash=0.0, by_hand_from=3 * 3600)
+    (command, T, T_set), *_ = simulate_day(swing=0.0, backlash=0.0, by_hand_from=3 * 3600)
     before = fit_loop_model(command[:first], T[:first], T_set[:first], INTERVAL, 0.0, STROKE)
-    found = fit_loop_model(command, T, T_set, INTERVAL, 0.0, STROKE, by_hand=np.arange(T.size) >= first)
-    assert found.pi == before.pi
-    assert found.plant.gain == pytest.approx(-18.0, rel=0.1)
-    assert abs(found.plant.gain + 18.0) < abs(before.plant.gain + 18.0)
-    by_hand = np.arange(found.day.works.size) >= first * found.plant.per_sample
-    assert not found.day.works[by_hand].any()
-    assert found.day.works[~by_hand][: -found.plant.per_sample].all()
+    fitted_loop = fit_loop_model(command, T, T_set, INTERVAL, 0.0, STROKE, by_hand=np.arange(T.size) >= first)
+    assert fitted_loop.pi == before.pi
+    assert fitted_loop.plant.gain == pytest.approx(-18.0, rel=0.1)
+    assert abs(fitted_loop.plant.gain + 18.0) < abs(before.plant.gain + 18.0)
+    by_hand = np.arange(fitted_loop.day.is_automatic.size) >= first * fitted_loop.plant.per_sample
+    assert not fitted_loop.day.is_automatic[by_hand].any()
+    assert fitted_loop.day.is_automatic[~by_hand][: -fitted_loop.plant.per_sample].all()
     assert isinstance(fit_loop_model(command[first:], T[first:], T_set[first:], INTERVAL, 0.0, STROKE), str)
 
 
@@ -151,7 +162,7 @@ def test_a_command_that_is_not_the_pi_s_is_refused(logged):
     assert "every 60 s" in fit_loop_model(command, T, T_set, 60.0, 0.08, STROKE)
     walk = 0.5 + 0.3 * np.sin(np.arange(T.size) / 9.0)
     assert "another control law" in fit_loop_model(walk, T, T_set, INTERVAL, 0.08, STROKE)
-    inverse, _, _ = day(estimate=0.076)
+    inverse, _, _ = simulate_day(estimate=0.076)
     assert "an inverse" in fit_loop_model(*inverse, INTERVAL, 0.08, STROKE)
 
 
@@ -164,7 +175,7 @@ def test_a_replay_that_does_not_repeat_the_log_is_refused(logged, monkeypatch, b
 @pytest.mark.parametrize(("every", "found"), [(5, 7.5), (30, 30.0)])
 def test_a_controller_may_sample_faster_or_slower_than_the_log(every, found):
     """Faster ones show no sample time of theirs; given it, kp and ti are theirs."""
-    (command, T, T_set), _, _ = day(every=every, hours=3, noise=0.002)
+    (command, T, T_set), _, _ = simulate_day(every=every, hours=3, noise=0.002)
     good = np.ones(T.size, bool)
     pi = recover_pi(command, T, T_set, INTERVAL, good, None)
     assert pi.sample_time == found
@@ -176,10 +187,10 @@ def test_a_controller_may_sample_faster_or_slower_than_the_log(every, found):
 def test_noise_is_told_from_a_drift():
     draw = np.random.default_rng(5)
     walk, white = np.cumsum(draw.normal(0.0, 0.01, 4000)), draw.normal(0.0, 0.05, 4000)
-    smooth, level = without_noise(walk + white, np.ones(4000, bool))
+    smooth, level = remove_noise(walk + white, np.ones(4000, bool))
     assert level == pytest.approx(0.05, rel=0.1)
     assert np.std(smooth - walk) < 0.4 * 0.05
-    assert without_noise(walk, np.ones(4000, bool))[1] < 0.006
+    assert remove_noise(walk, np.ones(4000, bool))[1] < 0.006
 
 
 def test_outcome_has_the_meanings_of_the_metrics():
@@ -188,29 +199,29 @@ def test_outcome_has_the_meanings_of_the_metrics():
     T_set = np.where(t < 18000.0, 14.0, 15.0)
     error = 0.3 * np.sin(2.0 * math.pi * t / 250.0)
     opening = 0.5 + 0.05 * np.sin(2.0 * math.pi * t / 250.0)
-    log = Day(np.zeros(n), np.zeros(n), T_set, opening, np.ones(n, bool))
-    found = outcome_of(Played(T_set + error, opening, opening, opening), log, step)
-    assert found.rmse == pytest.approx(0.3 / math.sqrt(2.0), rel=1e-3)
-    assert found.amplitude == pytest.approx(0.3, rel=1e-2)
-    assert found.period == pytest.approx(250.0, rel=0.02)
-    assert found.travel_per_day == pytest.approx(0.2 * 86400 / 250.0, rel=0.02)
-    assert found.reversals_per_day == pytest.approx(2 * 86400 / 250.0, rel=0.02)
-    assert found.hunts
-    calm = outcome_of(Played(T_set + 0.15 * error, opening, opening, opening), log, step)
+    log = ReplayInputs(np.zeros(n), np.zeros(n), T_set, opening, np.ones(n, bool))
+    outcome = evaluate_replay(Replay(T_set + error, opening, opening, opening), log, step)
+    assert outcome.rmse == pytest.approx(0.3 / math.sqrt(2.0), rel=1e-3)
+    assert outcome.amplitude == pytest.approx(0.3, rel=1e-2)
+    assert outcome.period == pytest.approx(250.0, rel=0.02)
+    assert outcome.travel_per_day == pytest.approx(0.2 * 86400 / 250.0, rel=0.02)
+    assert outcome.reversals_per_day == pytest.approx(2 * 86400 / 250.0, rel=0.02)
+    assert outcome.hunts
+    calm = evaluate_replay(Replay(T_set + 0.15 * error, opening, opening, opening), log, step)
     assert not calm.hunts
 
 
 def test_a_verdict_that_turns_on_a_little_gain_is_a_sentence(fitted, monkeypatch):
     """Between a kp at which the loop is calm and one at which it hunts lies one of which nothing is said."""
     factors = np.geomspace(0.5, 5.0, 9)
-    found = [what_if(fitted, kp_factor=factor, ti_factor=0.3) for factor in factors]
-    kinds = ["a sentence" if isinstance(one, str) else one.hunts for one in found]
+    outcomes = [what_if(fitted, kp_factor=factor, ti_factor=0.3) for factor in factors]
+    kinds = ["a sentence" if isinstance(outcome, str) else outcome.hunts for outcome in outcomes]
     assert kinds[0] is False
     assert kinds[-1] is True
     assert "a sentence" in kinds
-    monkeypatch.setattr("fastcoil.measured.fitted_loop.LARGEST_SPREAD", 1e9)
+    monkeypatch.setattr("fastcoil.measured.fitted_loop.LARGEST_ERROR_RATIO", 1e9)
     assert "whether the loop hunts" in what_if(
         fitted, kp_factor=float(factors[kinds.index("a sentence")]), ti_factor=0.3
     )
-    monkeypatch.setattr("fastcoil.measured.fitted_loop.LARGEST_SPREAD", 1.0)
+    monkeypatch.setattr("fastcoil.measured.fitted_loop.LARGEST_ERROR_RATIO", 1.0)
     assert "decides between control errors of" in what_if(fitted, kp_factor=0.5)

@@ -4,23 +4,23 @@ import numpy as np
 import pytest
 from helpers.refusals import refusal
 
-from fastcoil.logs import Log
+from fastcoil.logs import CheckedLog
 from fastcoil.measured.grid import (
-    in_a_row,
-    increment_of,
-    logged_every,
+    find_logged_samples,
+    join_grids,
+    logging_increment,
     mean_openings,
     motor_positions,
-    on_grid,
     openings,
+    resample_log,
 )
 
 
-def log(time, batch=None, **values):
+def make_log(time, batch=None, **values):
     time = np.asarray(time, float)
     batch = np.zeros(time.size, np.int64) if batch is None else np.asarray(batch)
     values = {"command": 0.5 + 0.001 * time, "T_sup": 14.0 + 0.01 * time} | values
-    return Log(
+    return CheckedLog(
         names=("a log",), source=np.zeros_like(batch), time=time,
         values={name: np.asarray(series, float) for name, series in values.items()}, batch=batch,
         rows=np.arange(time.size),
@@ -28,7 +28,7 @@ def log(time, batch=None, **values):
 
 
 def test_a_regular_log_stays_as_it_is():
-    grid, notes = on_grid(log(np.arange(0, 600, 10)))
+    grid, notes = resample_log(make_log(np.arange(0, 600, 10)))
     assert (grid.interval, notes) == (10.0, [])
     np.testing.assert_array_equal(grid.time, np.arange(0, 600, 10))
     np.testing.assert_allclose(grid.values["T_sup"], 14.0 + 0.01 * grid.time)
@@ -38,7 +38,7 @@ def test_a_regular_log_stays_as_it_is():
 def test_jitter_is_moved_and_a_lost_sample_is_missing_while_its_command_holds():
     time = np.delete(np.arange(0, 3000, 10) + np.random.default_rng(1).uniform(-1.5, 1.5, 300), [100, 101])
     command = 0.5 + 0.0001 * np.arange(300)
-    grid, _ = on_grid(log(time - time[0], command=np.delete(command, [100, 101]), T_sup=np.repeat(14.0, 298)))
+    grid, _ = resample_log(make_log(time - time[0], command=np.delete(command, [100, 101]), T_sup=np.repeat(14.0, 298)))
     assert grid.interval == 10.0
     assert grid.time.size == 300
     assert list(np.flatnonzero(np.isnan(grid.values["T_sup"]))) == [100, 101]
@@ -50,7 +50,7 @@ def test_a_log_of_changes_holds_every_value():
     time = np.cumsum(draw.integers(1, 25, 200)).astype(float)
     time -= time[0]
     T = 14.0 + np.arange(200)
-    grid, notes = on_grid(log(time, T_sup=T))
+    grid, notes = resample_log(make_log(time, T_sup=T))
     assert "irregular" in notes[0]
     assert np.isfinite(grid.values["T_sup"]).all()
     k = 40
@@ -60,7 +60,7 @@ def test_a_log_of_changes_holds_every_value():
 
 def test_a_long_silence_is_cut_and_nothing_is_known_in_it():
     time = np.concatenate([np.arange(0, 600, 10), 86400 + np.arange(0, 600, 10)])
-    grid, _ = on_grid(log(time, batch=np.repeat([0, 1], 60)))
+    grid, _ = resample_log(make_log(time, batch=np.repeat([0, 1], 60)))
     silent = ~grid.on
     assert 55 <= silent.sum() <= 65
     assert np.isnan(grid.values["command"][silent]).all()
@@ -69,13 +69,13 @@ def test_a_long_silence_is_cut_and_nothing_is_known_in_it():
 
 def test_pieces_follow_each_other_where_time_goes_back():
     time = np.concatenate([np.arange(0, 600, 10), np.arange(0, 600, 10)])
-    grid, _ = on_grid(log(time, batch=np.repeat([0, 1], 60)))
+    grid, _ = resample_log(make_log(time, batch=np.repeat([0, 1], 60)))
     assert np.isfinite(grid.values["T_sup"]).sum() == 120
 
 
 def test_a_plant_that_is_off_is_told():
     enabled = np.where(np.arange(60) < 30, 1.0, 0.0)
-    grid, _ = on_grid(log(np.arange(0, 600, 10), enabled=enabled))
+    grid, _ = resample_log(make_log(np.arange(0, 600, 10), enabled=enabled))
     np.testing.assert_array_equal(grid.on, enabled > 0)
 
 
@@ -83,7 +83,7 @@ def test_a_plant_that_is_off_is_told():
     ("time", "says"), [(np.arange(0, 100, 10), "10 samples"), (np.arange(2.1e5) * 1.0, "days or less")]
 )
 def test_a_log_too_short_or_too_long_is_refused(time, says):
-    assert says in refusal(on_grid, log(time))
+    assert says in refusal(resample_log, make_log(time))
 
 
 def test_the_change_that_a_temperature_needs_to_be_logged_is_found():
@@ -93,9 +93,9 @@ def test_the_change_that_a_temperature_needs_to_be_logged_is_found():
         if abs(value - last) >= 0.3:
             kept.append(value)
             last = value
-    assert increment_of(np.array(kept)) == pytest.approx(0.3, abs=0.03)
-    assert increment_of(walk) == 0.0
-    assert increment_of(np.round(walk, 1)) == 0.0
+    assert logging_increment(np.array(kept)) == pytest.approx(0.3, abs=0.03)
+    assert logging_increment(walk) == 0.0
+    assert logging_increment(np.round(walk, 1)) == 0.0
 
 
 def test_the_motor_runs_to_the_command_no_faster_than_it_can():
@@ -128,7 +128,7 @@ def test_openings_are_means_of_those_of_the_play_operator(width):
             assert squares[k, j] == pytest.approx(sum(o * o for o in piece) / width, abs=1e-14)
 
 
-def walked(n, seed=3):
+def random_walk(n, seed=3):
     return 14.0 + np.cumsum(np.random.default_rng(seed).normal(0.0, 0.05, n))
 
 
@@ -137,41 +137,44 @@ def walked(n, seed=3):
 @pytest.mark.parametrize(("width", "first"), [(6, 0), (6, 4), (30, 11)])
 def test_values_that_were_filled_in_are_told_from_logged_ones(form, width, first, resolution):
     at = np.arange(first, 3600, width)
-    own, every = walked(at.size), np.arange(3600)
-    filled = np.interp(every, at, own) if form != "held" else own[np.searchsorted(at, every, side="right") - 1]
+    logged, every = random_walk(at.size), np.arange(3600)
+    filled = np.interp(every, at, logged) if form != "held" else logged[np.searchsorted(at, every, side="right") - 1]
     filled = np.round(filled / resolution) * resolution if resolution else filled
-    assert logged_every(filled[first:], 10.0) == (width, 0)
-    assert logged_every(filled, 10.0)[0] == width
+    assert find_logged_samples(filled[first:], 10.0) == (width, 0)
+    assert find_logged_samples(filled, 10.0)[0] == width
 
 
 def test_noise_coarse_sensors_and_slow_controllers_are_no_filled_in_temperatures():
-    T = walked(3600)
-    for series in (T, np.round(T, 1), np.round(walked(3600, 5) / 0.5) * 0.5, np.full(3600, 14.0)):
-        assert logged_every(series, 10.0) == (1, 0)
+    T = random_walk(3600)
+    for series in (T, np.round(T, 1), np.round(random_walk(3600, 5) / 0.5) * 0.5, np.full(3600, 14.0)):
+        assert find_logged_samples(series, 10.0) == (1, 0)
 
 
 def test_of_filled_in_columns_the_logged_samples_stay():
     time = np.arange(0.0, 36000.0, 10.0)
-    own = np.arange(20.0, 36000.0, 120.0)
-    T = np.interp(time, own, walked(own.size))
-    grid, notes = on_grid(log(time, command=0.5 + 0.1 * np.sin(time / 500.0), T_sup=T))
+    logged_time = np.arange(20.0, 36000.0, 120.0)
+    T = np.interp(time, logged_time, random_walk(logged_time.size))
+    grid, notes = resample_log(make_log(time, command=0.5 + 0.1 * np.sin(time / 500.0), T_sup=T))
     assert grid.interval == 120.0
     assert "only every 120 s" in notes[0]
     np.testing.assert_allclose(grid.values["T_sup"], T[2::12])
-    np.testing.assert_allclose(grid.time, own)
+    np.testing.assert_allclose(grid.time, logged_time)
 
 
 def test_days_in_a_row_are_apart_and_keep_what_all_of_them_have():
-    days = [on_grid(log(np.arange(0, 7200, 10), **more))[0] for more in ({"T_set": np.full(720, 14.0)}, {})]
-    grid = in_a_row(days)
+    days = [
+        resample_log(make_log(np.arange(0, 7200, 10), **extra_columns))[0]
+        for extra_columns in ({"T_set": np.full(720, 14.0)}, {})
+    ]
+    grid = join_grids(days)
     assert set(grid.values) == {"command", "T_sup"}
     assert [day.stop - day.start for day in grid.days()] == [780, 720]
     assert not grid.on[720:780].any()
     np.testing.assert_array_equal(grid.values["T_sup"][780:], days[1].values["T_sup"])
-    slower = on_grid(log(np.arange(0, 7200, 30)))[0]
-    assert "every 10 s, 30 s: give logs of one interval" in refusal(in_a_row, [days[0], slower])
+    slower = resample_log(make_log(np.arange(0, 7200, 30)))[0]
+    assert "every 10 s, 30 s: give logs of one interval" in refusal(join_grids, [days[0], slower])
 
 
 def test_a_long_log_is_cut_into_days_and_a_short_rest_stays_with_the_last():
-    grid, _ = on_grid(log(np.arange(0, 2.3 * 86400, 60)))
+    grid, _ = resample_log(make_log(np.arange(0, 2.3 * 86400, 60)))
     assert [(day.start, day.stop) for day in grid.days()] == [(0, 1440), (1440, 3312)]

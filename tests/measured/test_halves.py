@@ -4,21 +4,21 @@ import warnings
 
 import numpy as np
 import pytest
-from helpers.simulated_logs import flows, held, log_of, noise, noisy, walk
+from helpers.simulated_logs import add_noise, ar1_noise, make_valve_log, random_steps, random_walk, valve_flows
 
 import fastcoil as fc
-from fastcoil.measured.part import unbroken
+from fastcoil.measured.part import split_segments
 
 pytestmark = pytest.mark.kernel
 
 
-def wandering(rng, time, hours, sd):
+def wandering_noise(rng, time, hours, sd):
     """A disturbance that forgets itself within so many hours, (n,), over irregular times [s]."""
-    found = [rng.normal(0.0, sd)]
+    noise = [rng.normal(0.0, sd)]
     for step in np.diff(time):
         memory = np.exp(-step / (3600.0 * hours))
-        found.append(memory * found[-1] + np.sqrt(1.0 - memory**2) * rng.normal(0.0, sd))
-    return np.array(found)
+        noise.append(memory * noise[-1] + np.sqrt(1.0 - memory**2) * rng.normal(0.0, sd))
+    return np.array(noise)
 
 
 def batches_of_a_test(rng):
@@ -32,17 +32,17 @@ def batches_of_a_test(rng):
     return commands, 600.0, rng.uniform(6.0, 40.0)
 
 
-def minutes(rng):
+def minute_walk(rng):
     """A walk of 1-min rows about the middle."""
-    found, n = [0.5], int(rng.integers(500, 1400))
-    while len(found) < n:
-        found.append(np.clip(found[-1] + rng.normal(0.0, 0.06) + 0.01 * (0.5 - found[-1]), 0.03, 1.0))
-    return [np.array(found)], 60.0, 0.0
+    command, n = [0.5], int(rng.integers(500, 1400))
+    while len(command) < n:
+        command.append(np.clip(command[-1] + rng.normal(0.0, 0.06) + 0.01 * (0.5 - command[-1]), 0.03, 1.0))
+    return [np.array(command)], 60.0, 0.0
 
 
-def steps(rng):
+def held_steps(rng):
     """Commands that are each held for five rows of 30 s."""
-    return [held(rng, 0.0, 1.0, 5, 5 * int(rng.integers(120, 260)))], 30.0, 0.0
+    return [random_steps(rng, 0.0, 1.0, 5, 5 * int(rng.integers(120, 260)))], 30.0, 0.0
 
 
 def days_of_a_loop(rng):
@@ -56,23 +56,25 @@ def days_of_a_loop(rng):
     return commands, 300.0, 14.0
 
 
-def valve_of(seed):
+def simulate_valve(seed):
     """Backlash of a valve and its log.
 
     The pressure wanders, the curve is not quite that of Eq (2), and the gap differs from batch to batch and drifts.
     """
     rng = np.random.default_rng(seed)
     backlash = 0.0 if rng.uniform() < 0.1 else rng.uniform(0.02, 0.2)
-    commands, step, apart = (batches_of_a_test, minutes, steps, days_of_a_loop)[seed % 4](rng)
+    commands, step, apart = (batches_of_a_test, minute_walk, held_steps, days_of_a_loop)[seed % 4](rng)
     batch = np.repeat(np.arange(len(commands)), [c.size for c in commands])
     command = np.clip(np.concatenate(commands), 0.0, 1.0)
     time = step * np.arange(batch.size) + 3600.0 * apart * batch
     gap = np.full(batch.size, backlash)
     if len(commands) > 1:
         of_batch = rng.uniform(0.0, 0.2) * rng.normal(size=len(commands))[batch]
-        gap *= np.maximum(1.0 + of_batch + wandering(rng, time, rng.uniform(48.0, 240.0), rng.uniform(0.0, 0.12)), 0.1)
+        gap *= np.maximum(
+            1.0 + of_batch + wandering_noise(rng, time, rng.uniform(48.0, 240.0), rng.uniform(0.0, 0.12)), 0.1
+        )
     q = np.empty(batch.size)
-    for piece in unbroken(batch):
+    for piece in split_segments(batch):
         stem = command[piece[0]] - rng.uniform() * min(gap[piece[0]], command[piece[0]])
         for t in piece:
             q[t] = stem = min(max(stem, command[t] - gap[t]), command[t])
@@ -82,76 +84,76 @@ def valve_of(seed):
     opening = np.clip(opening + rng.uniform(0.0, 0.06) * wave * inside, 0.0, 1.0)
     a, b, c, most = (rng.uniform(*ends) for ends in ((0.4, 1.5), (6.0, 14.0), (0.2, 0.6), (0.5, 3.0)))
     flow = most * (1.0 + a * np.exp(-b * (opening - c))) ** (-1.0 / a)
-    flow *= np.exp(wandering(rng, time, rng.uniform(1.0, 72.0), rng.uniform(0.005, 0.1)))
-    flow += noise(rng, flow.size, rng.uniform(0.003, 0.03) * most, rng.uniform(0.0, 0.9))
+    flow *= np.exp(wandering_noise(rng, time, rng.uniform(1.0, 72.0), rng.uniform(0.005, 0.1)))
+    flow += ar1_noise(rng, flow.size, rng.uniform(0.003, 0.03) * most, rng.uniform(0.0, 0.9))
     if rng.uniform() < 0.3:  # now and then the pump is switched
         flow += (rng.uniform(size=flow.size) < 0.01) * rng.normal(0.0, 0.15 * most, flow.size)
-    log = log_of(command, np.maximum(flow, 1e-3), batch=batch.astype(float))
+    log = make_valve_log(command, np.maximum(flow, 1e-3), batch=batch.astype(float))
     return backlash, log.assign_coords(elapsed_time=log["elapsed_time"].copy(data=time))
 
 
-def halves_of(log):
+def split_halves(log):
     """Both halves of a log: of its batches, if it has several."""
     batch = log["batch"].values
     first = batch < (batch[-1] + 2) // 2 if batch[-1] else np.arange(batch.size) < batch.size // 2
     return [log.isel(elapsed_time=np.flatnonzero(which)) for which in (first, ~first)]
 
 
-def holds(interval, x):
+def is_inside(interval, x):
     return interval[0] - 1e-4 <= x <= interval[1] + 1e-4
 
 
-def counts_of(seeds, **options):
+def count_claims(seeds, **options):
     """Logs, claims, and claims that hold the truth; pairs of halves, and those within each other's or the whole's."""
-    found = dict.fromkeys(("logs", "claimed", "true", "pairs", "in each other", "in the whole"), 0)
+    counts = dict.fromkeys(("logs", "claimed", "true", "pairs", "in each other", "in the whole"), 0)
     for seed in seeds:
-        backlash, log = valve_of(seed)
+        backlash, log = simulate_valve(seed)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            fits = [fc.fit_valve(one, split=1.0, holds="command", **options) for one in (log, *halves_of(log))]
-        claimed = [fit for fit in fits if fit.identified]
-        found["logs"] += 3
-        found["claimed"] += len(claimed)
-        found["true"] += sum(holds(fit.interval, backlash) for fit in claimed)
-        if len(claimed) == 3:
-            whole, one, two = claimed
-            found["pairs"] += 1
-            found["in each other"] += holds(one.interval, two.backlash) and holds(two.interval, one.backlash)
-            found["in the whole"] += all(holds(whole.interval, half.backlash) for half in (one, two))
-    return found
+            fits = [fc.fit_valve(part, split=1.0, holds="command", **options) for part in (log, *split_halves(log))]
+        identified_fits = [fit for fit in fits if fit.identified]
+        counts["logs"] += 3
+        counts["claimed"] += len(identified_fits)
+        counts["true"] += sum(is_inside(fit.interval, backlash) for fit in identified_fits)
+        if len(identified_fits) == 3:
+            whole, part, two = identified_fits
+            counts["pairs"] += 1
+            counts["in each other"] += is_inside(part.interval, two.backlash) and is_inside(two.interval, part.backlash)
+            counts["in the whole"] += all(is_inside(whole.interval, half.backlash) for half in (part, two))
+    return counts
 
 
 def test_a_gap_that_differs_from_part_to_part_is_not_known_better_than_it_differs():
     """Nothing else is wrong, and the meter is good: each part alone is sure of its own backlash."""
-    found = []
+    fits = []
     for apart in (0.0, 0.02, 0.08):
         rng = np.random.default_rng(71)
-        parts = [walk(rng, n=150) for _ in range(4)]
+        parts = [random_walk(rng, n=150) for _ in range(4)]
         gaps = [0.1 - apart / 2, 0.1 + apart / 2] * 2
-        flow = np.concatenate([flows(c, backlash=gap) for c, gap in zip(parts, gaps, strict=True)])
-        log = log_of(np.concatenate(parts), noisy(rng, flow, 0.01), batch=np.repeat(np.arange(4.0), 150))
-        found.append(fc.fit_valve(log, split=1.0, lag=0, holds="command"))
-    one, little, much = found
+        flow = np.concatenate([valve_flows(c, backlash=gap) for c, gap in zip(parts, gaps, strict=True)])
+        log = make_valve_log(np.concatenate(parts), add_noise(rng, flow, 0.01), batch=np.repeat(np.arange(4.0), 150))
+        fits.append(fc.fit_valve(log, split=1.0, lag=0, holds="command"))
+    one, little, much = fits
     assert one.interval[1] - one.interval[0] < 0.01
     assert little.interval[0] < 0.09
     assert little.interval[1] > 0.11
     assert little.standard_errors["backlash"] > 3.0 * one.standard_errors["backlash"]
     assert (one.identified, little.identified, much.identified) == (True, True, False)
     (note,) = [note for note in much.notes if note.startswith("parts of the log, one after the other, give a backlash")]
-    said = [float(x) for x in note.removesuffix(" %").rpartition("backlash of ")[2].split(", ")]
-    assert len(said) == 6
-    assert min(said) < 8.0
-    assert max(said) > 12.0
+    backlashes = [float(x) for x in note.removesuffix(" %").rpartition("backlash of ")[2].split(", ")]
+    assert len(backlashes) == 6
+    assert min(backlashes) < 8.0
+    assert max(backlashes) > 12.0
 
 
 @pytest.mark.full
 @pytest.mark.timeout(900)
 def test_intervals_hold_the_truth_and_the_other_half_of_a_log():
     """200 valves of four kinds: 95 % of the intervals hold the truth, 90 % of the halves lie in the whole's."""
-    by_kind = [counts_of(range(30000 + kind, 30200, 4), lag=0) for kind in range(4)]
-    found = {name: sum(one[name] for one in by_kind) for name in by_kind[0]}
-    print(found, *by_kind, sep="\n")
-    assert found["claimed"] >= 0.85 * found["logs"]
-    assert found["true"] >= 0.95 * found["claimed"]
-    assert found["in the whole"] >= 0.9 * found["pairs"]
-    assert found["in each other"] >= 0.83 * found["pairs"]  # of exact intervals of 95 %, as wide as each other
+    by_kind = [count_claims(range(30000 + kind, 30200, 4), lag=0) for kind in range(4)]
+    counts = {name: sum(kind_counts[name] for kind_counts in by_kind) for name in by_kind[0]}
+    print(counts, *by_kind, sep="\n")
+    assert counts["claimed"] >= 0.85 * counts["logs"]
+    assert counts["true"] >= 0.95 * counts["claimed"]
+    assert counts["in the whole"] >= 0.9 * counts["pairs"]
+    assert counts["in each other"] >= 0.83 * counts["pairs"]  # of exact intervals of 95 %, as wide as each other

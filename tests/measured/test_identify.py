@@ -2,33 +2,40 @@
 
 import numpy as np
 import pytest
-from helpers.full import full_but
-from helpers.shared_data import measured
+from helpers.full import full_except
+from helpers.shared_data import measured_file
 
-from fastcoil.measured.agreement import Law
-from fastcoil.measured.identify import CANDIDATES, GOOD, Likelihood, Shown, backlash_of, identify_backlash
+from fastcoil.measured.agreement import ImpliedPI
+from fastcoil.measured.identify import (
+    CANDIDATES,
+    GOOD_BACKLASH,
+    DayEvidence,
+    Likelihood,
+    combine_days,
+    identify_backlash,
+)
 
 pytestmark = pytest.mark.kernel
 INTERVAL = 10.0
 
 
-def plant(command, backlash, noise=0.01, seed=0, gain=-20.0, tau=90.0, stroke_time=90.0):
+def simulate_plant(command, backlash, noise=0.01, seed=0, gain=-20.0, tau=90.0, stroke_time=90.0):
     """A first-order plant behind motor and play, written here step by step."""
     draw = np.random.default_rng(seed)
     position = q = float(command[0])
     q *= 1.0 - backlash
-    T, drift, found = 24.0 + gain * q / (1.0 - backlash), 0.0, []
+    T, drift, temperatures = 24.0 + gain * q / (1.0 - backlash), 0.0, []
     for target in command:
-        found.append(T + noise * draw.standard_normal())
+        temperatures.append(T + noise * draw.standard_normal())
         step = INTERVAL / stroke_time
         position += min(max(target - position, -step), step)
         q = min(max(q, position - backlash), position)
         drift += 0.002 * draw.standard_normal()
         T += (24.0 + drift + gain * q / (1.0 - backlash) - T) * INTERVAL / tau
-    return np.array(found)
+    return np.array(temperatures)
 
 
-def steps(hours=6, seed=1):
+def stepped_day(hours=6, seed=1):
     """A command that steps up and down every 10 min, and set-points that say so."""
     draw = np.random.default_rng(seed)
     levels = draw.uniform(0.2, 0.8, hours * 6)
@@ -38,39 +45,39 @@ def steps(hours=6, seed=1):
 
 @pytest.mark.parametrize("backlash", [0.0, 0.063, 0.15])
 def test_the_true_backlash_is_found_claimed_and_covered(backlash):
-    command, T_set = steps()
-    found = identify_backlash(command, plant(command, backlash), INTERVAL, T_set)
-    assert found.identified
-    assert not found.reason
-    assert found.backlash == pytest.approx(backlash, abs=0.005)
-    assert found.low <= backlash <= found.high
-    assert found.probability.sum() == pytest.approx(1.0)
+    command, T_set = stepped_day()
+    identification = identify_backlash(command, simulate_plant(command, backlash), INTERVAL, T_set)
+    assert identification.identified
+    assert not identification.reason
+    assert identification.backlash == pytest.approx(backlash, abs=0.005)
+    assert identification.low <= backlash <= identification.high
+    assert identification.probability.sum() == pytest.approx(1.0)
 
 
 def test_neither_the_stroke_time_nor_resolution_of_command_and_sensor_matters_much():
-    command, T_set = steps()
+    command, T_set = stepped_day()
     coarse = np.round(command, 2)
     for command_seen, T, stroke_time in (
-        (command, plant(command, 0.06, stroke_time=60.0), None),
-        (command, plant(command, 0.06, stroke_time=60.0), 0.0),
-        (coarse, np.round(plant(coarse, 0.06), 1), None),
+        (command, simulate_plant(command, 0.06, stroke_time=60.0), None),
+        (command, simulate_plant(command, 0.06, stroke_time=60.0), 0.0),
+        (coarse, np.round(simulate_plant(coarse, 0.06), 1), None),
     ):
-        found = identify_backlash(command_seen, T, INTERVAL, T_set, stroke_time=stroke_time)
-        assert found.identified
-        assert found.backlash == pytest.approx(0.06, abs=0.012)
+        identification = identify_backlash(command_seen, T, INTERVAL, T_set, stroke_time=stroke_time)
+        assert identification.identified
+        assert identification.backlash == pytest.approx(0.06, abs=0.012)
 
 
 def test_gaps_and_times_off_are_left_out():
-    command, T_set = steps()
-    T = plant(command, 0.08)
+    command, T_set = stepped_day()
+    T = simulate_plant(command, 0.08)
     enabled = np.ones(T.size, bool)
     enabled[700:900] = False
     T[700:900] = 35.0  # the fan stands still
     T[300:305] = np.nan
     command[1200:1203] = np.nan
-    found = identify_backlash(command, T, INTERVAL, T_set, enabled=enabled)
-    assert found.identified
-    assert found.backlash == pytest.approx(0.08, abs=0.01)
+    identification = identify_backlash(command, T, INTERVAL, T_set, enabled=enabled)
+    assert identification.identified
+    assert identification.backlash == pytest.approx(0.08, abs=0.01)
     assert not identify_backlash(command, T, INTERVAL, T_set, enabled=np.zeros(T.size, bool)).identified
 
 
@@ -85,94 +92,101 @@ def test_gaps_and_times_off_are_left_out():
     ],
 )
 def test_what_cannot_tell_says_why(change, says):
-    command, T_set = steps()
-    given = {"command": command, "temperature": plant(command, 0.05), "interval": INTERVAL, "T_set": T_set} | change
-    found = identify_backlash(**given)
-    assert not found.identified
-    assert says in found.reason
-    assert (found.low, found.high) == (0.0, 0.25)
+    command, T_set = stepped_day()
+    log = {
+        "command": command,
+        "temperature": simulate_plant(command, 0.05),
+        "interval": INTERVAL,
+        "T_set": T_set,
+    } | change
+    identification = identify_backlash(**log)
+    assert not identification.identified
+    assert says in identification.reason
+    assert (identification.low, identification.high) == (0.0, 0.25)
 
 
 def test_no_relation_between_command_and_temperature_is_not_claimed():
-    command, T_set = steps()
-    claimed = [
+    command, T_set = stepped_day()
+    is_claimed = [
         identify_backlash(command, 14.0 + np.cumsum(draw.normal(0, 0.02, command.size)), INTERVAL, T_set).identified
         for draw in map(np.random.default_rng, range(10))
     ]
-    assert sum(claimed) <= 1
+    assert sum(is_claimed) <= 1
 
 
 def test_a_stuck_stem_under_a_command_that_follows_the_temperature_is_not_called_good():
     """The temperature wanders by itself; the command follows its noise and drift, the stem never moves."""
     for seed in range(3):
         draw = np.random.default_rng(seed)
-        true = 14.0 + np.convolve(np.cumsum(draw.normal(0, 0.01, 2400)), np.ones(30) / 30, "same")[:2160]
-        T = true + draw.normal(0, 0.03, true.size)
+        true_temperature = 14.0 + np.convolve(np.cumsum(draw.normal(0, 0.01, 2400)), np.ones(30) / 30, "same")[:2160]
+        T = true_temperature + draw.normal(0, 0.03, true_temperature.size)
         command = np.clip(0.5 + 0.03 * (T - T.mean()) + 0.0005 * np.cumsum(T - T.mean()), 0.0, 1.0)
-        found = identify_backlash(command, T, INTERVAL, np.full(T.size, 14.0))
-        assert not (found.identified and found.backlash <= GOOD)
+        identification = identify_backlash(command, T, INTERVAL, np.full(T.size, 14.0))
+        assert not (identification.identified and identification.backlash <= GOOD_BACKLASH)
         assert not identify_backlash(command, T, INTERVAL).identified
 
 
-def shown(*day, **more):
+def make_evidence(*day, **fields):
     """A day on which the valve turned often."""
-    return Shown(*day, **{"positions": np.tile([0.2, 0.8], 8)} | more)
+    return DayEvidence(*day, **{"positions": np.tile([0.2, 0.8], 8)} | fields)
 
 
-def judged(likelihood, reaction=None, provoked=True, doubt="", counts=1.0):
+def judge_day(likelihood, reaction=None, provoked=True, doubt="", counts=1.0):
     reaction = likelihood if reaction is None else reaction
-    return backlash_of([shown([Likelihood(likelihood, reaction, 900)], provoked, doubt, counts)])
+    return combine_days([make_evidence([Likelihood(likelihood, reaction, 900)], provoked, doubt, counts)])
 
 
-def peak(size, width=0.001):
+def peak_likelihood(size, width=0.001):
     return -(((CANDIDATES - size) / width) ** 2)
 
 
 def test_a_good_valve_is_claimed_only_if_something_else_than_the_temperature_moved_the_command():
-    assert judged(peak(0.0)).identified
-    found = judged(peak(0.0), provoked=False)
-    assert not found.identified
-    assert "stem that stands still" in found.reason
-    assert (found.low, found.high) == (0.0, 0.25)
-    assert judged(peak(0.0), reaction=peak(0.08), provoked=False).backlash == pytest.approx(0.08)
+    assert judge_day(peak_likelihood(0.0)).identified
+    identification = judge_day(peak_likelihood(0.0), provoked=False)
+    assert not identification.identified
+    assert "stem that stands still" in identification.reason
+    assert (identification.low, identification.high) == (0.0, 0.25)
+    assert judge_day(peak_likelihood(0.0), reaction=peak_likelihood(0.08), provoked=False).backlash == pytest.approx(
+        0.08
+    )
 
 
 def test_a_valve_is_called_worse_than_good_only_at_odds_of_300_to_1():
     """0.8 of the log-likelihood counts: a gain of 6 is 121 to 1, one of 8 is 602 to 1."""
     for gain, claimed in ((6.0, False), (8.0, True)):
         best, good = np.isclose(CANDIDATES, 0.0125), np.isclose(CANDIDATES, 0.005)
-        found = judged(np.where(best, 0.0, np.where(good, -gain, -50.0)))
-        assert found.backlash == pytest.approx(0.0125)
-        assert found.identified == claimed
-        assert (found.low == 0.0) == (not claimed)
+        identification = judge_day(np.where(best, 0.0, np.where(good, -gain, -50.0)))
+        assert identification.backlash == pytest.approx(0.0125)
+        assert identification.identified == claimed
+        assert (identification.low == 0.0) == (not claimed)
 
 
 def test_of_sizes_that_explain_alike_the_one_that_is_surely_right_is_named():
     """0, 1 and 2 % are as probable: within 1 % of all of them lies 1 % alone."""
-    three = np.isclose(CANDIDATES, 0.0) | np.isclose(CANDIDATES, 0.01) | np.isclose(CANDIDATES, 0.02)
-    found = judged(np.where(three, 0.0, -50.0) + 1e-3 * np.isclose(CANDIDATES, 0.0))
-    assert found.identified
-    assert found.backlash == pytest.approx(0.01)
+    is_likely = np.isclose(CANDIDATES, 0.0) | np.isclose(CANDIDATES, 0.01) | np.isclose(CANDIDATES, 0.02)
+    identification = judge_day(np.where(is_likely, 0.0, -50.0) + 1e-3 * np.isclose(CANDIDATES, 0.0))
+    assert identification.identified
+    assert identification.backlash == pytest.approx(0.01)
 
 
 def test_doubt_the_largest_size_and_what_counts_for_less_are_not_claimed():
-    assert judged(peak(0.1)).identified
-    assert judged(peak(0.1), doubt="because").reason == "because"
-    assert "larger gaps are not tested" in judged(peak(0.25)).reason
-    assert "larger gaps are not tested" in judged(peak(0.245, 0.003)).reason
-    assert not judged(peak(0.1, 0.012), counts=0.5).identified
-    assert judged(peak(0.1, 0.012)).identified
+    assert judge_day(peak_likelihood(0.1)).identified
+    assert judge_day(peak_likelihood(0.1), doubt="because").reason == "because"
+    assert "larger gaps are not tested" in judge_day(peak_likelihood(0.25)).reason
+    assert "larger gaps are not tested" in judge_day(peak_likelihood(0.245, 0.003)).reason
+    assert not judge_day(peak_likelihood(0.1, 0.012), counts=0.5).identified
+    assert judge_day(peak_likelihood(0.1, 0.012)).identified
 
 
 def test_readings_of_columns_that_do_not_agree_are_not_claimed():
-    one, other = (Likelihood(peak(size), peak(size), 900) for size in (0.03, 0.1))
-    assert not backlash_of([shown([one, other], provoked=True)]).identified
-    assert backlash_of([shown([one, one], provoked=True)]).identified
+    small, large = (Likelihood(peak_likelihood(size), peak_likelihood(size), 900) for size in (0.03, 0.1))
+    assert not combine_days([make_evidence([small, large], provoked=True)]).identified
+    assert combine_days([make_evidence([small, small], provoked=True)]).identified
 
 
-def controlled(backlash, samples=0, every=1):
+def simulate_control(backlash, samples=0, every=1):
     """A PI loop around ``plant`` with set-points that step: (command, temperatures that stand late, T_set)."""
-    _, T_set = steps()
+    _, T_set = stepped_day()
     draw = np.random.default_rng(7)
     position = q = 0.5
     T, u, integral, commands, temperatures = 14.0, 0.5, 0.5, [], []
@@ -191,48 +205,50 @@ def controlled(backlash, samples=0, every=1):
 
 
 def test_temperatures_that_stand_late_are_moved_back():
-    command, T, T_set = controlled(0.07, 2)
-    found = identify_backlash(command, T, INTERVAL, T_set)
-    assert found.late == 2 * INTERVAL
-    assert found.identified
-    belongs = controlled(0.07)
+    command, T, T_set = simulate_control(0.07, 2)
+    identification = identify_backlash(command, T, INTERVAL, T_set)
+    assert identification.late == 2 * INTERVAL
+    assert identification.identified
+    in_time = simulate_control(0.07)
     n = command.size - 2
-    same = identify_backlash(belongs[0][:n], belongs[1][:n], INTERVAL, T_set[2:])
-    assert found[:5] == same[:5]
+    expected = identify_backlash(in_time[0][:n], in_time[1][:n], INTERVAL, T_set[2:])
+    assert identification[:5] == expected[:5]
 
 
 def test_commands_that_stand_late_or_answer_slowly_are_reckoned_with_as_both(monkeypatch):
-    command, T, T_set = controlled(0.07, -2)
-    found = identify_backlash(command, T, INTERVAL, T_set)
-    assert found.late == -2 * INTERVAL
-    assert found.backlash == pytest.approx(0.07, abs=0.014)
-    monkeypatch.setattr("fastcoil.measured.identify.implied_law", lambda *_: Law(0, np.nan, 0.0))
+    command, T, T_set = simulate_control(0.07, -2)
+    identification = identify_backlash(command, T, INTERVAL, T_set)
+    assert identification.late == -2 * INTERVAL
+    assert identification.backlash == pytest.approx(0.07, abs=0.014)
+    monkeypatch.setattr("fastcoil.measured.identify.imply_pi", lambda *_: ImpliedPI(0, np.nan, 0.0))
     as_is, moved = (
         identify_backlash(command[cut:], T[: T.size - cut], INTERVAL, T_set[cut:]).probability for cut in (0, 2)
     )
-    np.testing.assert_allclose(found.probability, (as_is + moved) / 2, atol=1e-9)
+    np.testing.assert_allclose(identification.probability, (as_is + moved) / 2, atol=1e-9)
 
 
 def test_a_command_that_jumps_to_and_fro_needs_the_sample_time_and_counts_for_less(monkeypatch):
-    command, T_set = steps()
+    command, T_set = stepped_day()
     chatter = command + 0.04 * (np.random.default_rng(9).random(command.size) < 0.5)
-    given = (chatter, plant(chatter, 0.05), INTERVAL, T_set)
-    assert "back and forth" in identify_backlash(*given).reason
-    assert "back and forth" in identify_backlash(*given, sample_time=15.0).reason
-    found = identify_backlash(*given, sample_time=10.0)
-    assert found.backlash == pytest.approx(0.05, abs=0.01)
-    assert "back and forth" not in found.reason
-    monkeypatch.setattr("fastcoil.measured.identify.share_to_and_fro", lambda *_: 0.0)
-    whole = identify_backlash(*given, sample_time=10.0).probability
-    np.testing.assert_allclose(found.probability, np.sqrt(whole) / np.sqrt(whole).sum(), atol=1e-9)
+    log = (chatter, simulate_plant(chatter, 0.05), INTERVAL, T_set)
+    assert "back and forth" in identify_backlash(*log).reason
+    assert "back and forth" in identify_backlash(*log, sample_time=15.0).reason
+    identification = identify_backlash(*log, sample_time=10.0)
+    assert identification.backlash == pytest.approx(0.05, abs=0.01)
+    assert "back and forth" not in identification.reason
+    monkeypatch.setattr("fastcoil.measured.identify.back_and_forth_share", lambda *_: 0.0)
+    full_weight = identify_backlash(*log, sample_time=10.0).probability
+    np.testing.assert_allclose(identification.probability, np.sqrt(full_weight) / np.sqrt(full_weight).sum(), atol=1e-9)
 
 
 def test_a_log_coarser_than_the_controller_counts_for_less(monkeypatch):
-    command, T_set = steps(hours=12)
-    T = plant(command, 0.06, noise=0.04)
-    monkeypatch.setattr("fastcoil.measured.identify.implied_law", lambda *_: Law(0, np.nan, 0.0))  # nobody controls it
-    given = (command[::6], T[::6], 60.0, T_set[::6])
-    coarse, fine = identify_backlash(*given), identify_backlash(*given, sample_time=60.0)
+    command, T_set = stepped_day(hours=12)
+    T = simulate_plant(command, 0.06, noise=0.04)
+    monkeypatch.setattr(
+        "fastcoil.measured.identify.imply_pi", lambda *_: ImpliedPI(0, np.nan, 0.0)
+    )  # nobody controls it
+    log = (command[::6], T[::6], 60.0, T_set[::6])
+    coarse, fine = identify_backlash(*log), identify_backlash(*log, sample_time=60.0)
     assert fine.identified
     assert coarse.backlash == fine.backlash == pytest.approx(0.06, abs=0.012)
     assert coarse.high - coarse.low > fine.high - fine.low
@@ -243,105 +259,122 @@ HOUR = 720
 
 @pytest.mark.parametrize(
     ("first", "n"),
-    full_but(
+    full_except(
         [(0, 8 * HOUR), (24 * HOUR, 8 * HOUR), (48 * HOUR, 8 * HOUR), (72 * HOUR, 8 * HOUR), (0, 105 * HOUR)],
         [(0, 8 * HOUR)],
     ),
 )
 def test_a_measured_loop_without_backlash_is_never_accused(first, n):
     """105 h of a loop that hunts for another reason, whole and a third of each day, with and without its set-point."""
-    rows = np.genfromtxt(measured("b33_ahu2_5s.csv"), delimiter=",", skip_header=1 + first, max_rows=n)
+    rows = np.genfromtxt(measured_file("b33_ahu2_5s.csv"), delimiter=",", skip_header=1 + first, max_rows=n)
     command, T, T_set, on = rows[:, 1] / 100, rows[:, 2], rows[:, 3], rows[:, 6]
-    for given in (T_set, None):
-        found = identify_backlash(command, T, 5.0, given, enabled=on > 0)
-        assert not (found.identified and found.backlash > 0.02), found
+    for set_point in (T_set, None):
+        identification = identify_backlash(command, T, 5.0, set_point, enabled=on > 0)
+        assert not (identification.identified and identification.backlash > 0.02), identification
 
 
 def test_days_of_one_valve_show_together_what_none_of_them_shows_alone():
-    days = [shown([Likelihood(peak(0.08, 0.02 + 0.001 * k), peak(0.08), 900)], provoked=True) for k in range(8)]
-    assert not any(backlash_of([day]).identified for day in days)
-    found = backlash_of(days)
-    assert found.identified
-    assert found.backlash == pytest.approx(0.08)
+    days = [
+        make_evidence([Likelihood(peak_likelihood(0.08, 0.02 + 0.001 * k), peak_likelihood(0.08), 900)], provoked=True)
+        for k in range(8)
+    ]
+    assert not any(combine_days([day]).identified for day in days)
+    identification = combine_days(days)
+    assert identification.identified
+    assert identification.backlash == pytest.approx(0.08)
 
 
 def test_a_gap_is_claimed_from_three_turns_beyond_it_on_all_days_together():
     """Two turns a day, of 9 % of the stroke, and gaps below and above that."""
-    for gap, days, turned in ((0.05, 1, 2), (0.05, 2, 4), (0.12, 3, 0)):
-        likely = Likelihood(peak(gap, 0.004), peak(gap, 0.004), 900)
-        found = backlash_of([shown([likely], True, positions=np.array([0.4, 0.49, 0.4, 0.49]))] * days)
-        assert found.identified == (turned > 2)
-        if not found.identified:
-            assert found.reason.startswith(f"the valve reversed only {turned} times by more than such a gap")
-            assert (found.low, found.high) == (0.0, CANDIDATES[-1])
+    for gap, days, n_turns in ((0.05, 1, 2), (0.05, 2, 4), (0.12, 3, 0)):
+        likely = Likelihood(peak_likelihood(gap, 0.004), peak_likelihood(gap, 0.004), 900)
+        identification = combine_days(
+            [make_evidence([likely], True, positions=np.array([0.4, 0.49, 0.4, 0.49]))] * days
+        )
+        assert identification.identified == (n_turns > 2)
+        if not identification.identified:
+            assert identification.reason.startswith(f"the valve reversed only {n_turns} times by more than such a gap")
+            assert (identification.low, identification.high) == (0.0, CANDIDATES[-1])
 
 
 def test_a_day_with_a_doubt_does_not_count_beside_others():
-    doubted = shown([Likelihood(peak(0.2), peak(0.2), 900)], provoked=True, doubt="because", late=30.0)
-    sound = shown([Likelihood(peak(0.05), peak(0.05), 900)], provoked=True)
-    assert backlash_of([doubted, sound])[:5] == backlash_of([sound])[:5]
-    assert backlash_of([doubted, doubted, sound]).reason == "because"
-    assert backlash_of([shown([], doubt="nothing"), sound]).backlash == pytest.approx(0.05)
+    doubted = make_evidence(
+        [Likelihood(peak_likelihood(0.2), peak_likelihood(0.2), 900)], provoked=True, doubt="because", late=30.0
+    )
+    sound = make_evidence([Likelihood(peak_likelihood(0.05), peak_likelihood(0.05), 900)], provoked=True)
+    assert combine_days([doubted, sound])[:5] == combine_days([sound])[:5]
+    assert combine_days([doubted, doubted, sound]).reason == "because"
+    assert combine_days([make_evidence([], doubt="nothing"), sound]).backlash == pytest.approx(0.05)
 
 
 def test_days_of_a_command_that_jumps_count_where_there_are_four():
-    jumpy = shown([Likelihood(peak(0.05), peak(0.05), 900)], provoked=True, is_jumpy=True)
-    assert "back and forth" in backlash_of(3 * [jumpy]).reason
-    assert backlash_of(4 * [jumpy]).backlash == pytest.approx(0.05)
-    assert backlash_of(4 * [jumpy]).identified
+    jumpy = make_evidence([Likelihood(peak_likelihood(0.05), peak_likelihood(0.05), 900)], provoked=True, is_jumpy=True)
+    assert "back and forth" in combine_days(3 * [jumpy]).reason
+    assert combine_days(4 * [jumpy]).backlash == pytest.approx(0.05)
+    assert combine_days(4 * [jumpy]).identified
 
 
 def test_steady_days_acquit_no_valve_that_stepped_days_accuse():
     """A command that only follows the temperature predicts it as well as an opening without a gap."""
     trap = np.where(CANDIDATES <= 0.01, 0.0, -80.0)
-    steady = [shown([Likelihood(trap, trap, 900)]) for _ in range(8)]
-    stepped = shown([Likelihood(peak(0.05, 0.01), peak(0.05, 0.01), 900)], provoked=True)
-    assert backlash_of([stepped, *steady]).backlash == pytest.approx(0.05)
+    steady = [make_evidence([Likelihood(trap, trap, 900)]) for _ in range(8)]
+    stepped = make_evidence([Likelihood(peak_likelihood(0.05, 0.01), peak_likelihood(0.05, 0.01), 900)], provoked=True)
+    assert combine_days([stepped, *steady]).backlash == pytest.approx(0.05)
 
 
 def test_steady_days_that_differ_from_each_other_show_no_gap():
-    def of(sizes):
-        return backlash_of([shown([Likelihood(peak(0.0), peak(size), 900)]) for size in sizes])
+    def combine_sizes(sizes):
+        return combine_days(
+            [make_evidence([Likelihood(peak_likelihood(0.0), peak_likelihood(size), 900)]) for size in sizes]
+        )
 
-    assert of([0.06, 0.065, 0.06, 0.055, 0.06, 0.065]).backlash == pytest.approx(0.06, abs=0.0025)
-    assert "the days show different gaps" in of([0.06, 0.06, 0.06, 0.12, 0.06, 0.02]).reason
+    assert combine_sizes([0.06, 0.065, 0.06, 0.055, 0.06, 0.065]).backlash == pytest.approx(0.06, abs=0.0025)
+    assert "the days show different gaps" in combine_sizes([0.06, 0.06, 0.06, 0.12, 0.06, 0.02]).reason
 
 
 def test_more_steady_days_than_ten_count_as_ten():
     """What the linear model gets wrong is wrong every day."""
-    ten, thirty = (backlash_of(n * [shown([Likelihood(peak(0.0), peak(0.06), 900)])]) for n in (10, 30))
+    ten, thirty = (
+        combine_days(n * [make_evidence([Likelihood(peak_likelihood(0.0), peak_likelihood(0.06), 900)])])
+        for n in (10, 30)
+    )
     np.testing.assert_allclose(ten.probability, thirty.probability)
-    assert backlash_of(5 * [shown([Likelihood(peak(0.0), peak(0.06), 900)])]).probability.max() < ten.probability.max()
+    assert (
+        combine_days(
+            5 * [make_evidence([Likelihood(peak_likelihood(0.0), peak_likelihood(0.06), 900)])]
+        ).probability.max()
+        < ten.probability.max()
+    )
 
 
 def test_steady_days_alone_never_show_a_good_valve():
-    steady = [shown([Likelihood(peak(0.0), peak(0.0), 900)]) for _ in range(3)]
-    assert "stem that stands still" in backlash_of(steady).reason
-    stepped = shown([Likelihood(peak(0.0), peak(0.0), 900)], provoked=True)
-    assert backlash_of([*steady, stepped]).identified
+    steady = [make_evidence([Likelihood(peak_likelihood(0.0), peak_likelihood(0.0), 900)]) for _ in range(3)]
+    assert "stem that stands still" in combine_days(steady).reason
+    stepped = make_evidence([Likelihood(peak_likelihood(0.0), peak_likelihood(0.0), 900)], provoked=True)
+    assert combine_days([*steady, stepped]).identified
 
 
 def test_a_log_backwards_in_time_shows_no_gap(monkeypatch):
-    command, T, T_set = controlled(0.07)
+    command, T, T_set = simulate_control(0.07)
     assert identify_backlash(command, T, INTERVAL, T_set).identified
     backwards = command[::-1], T[::-1], INTERVAL, T_set[::-1]
     assert "moves before the temperature change that it responds to" in identify_backlash(*backwards).reason
-    monkeypatch.setattr("fastcoil.measured.identify.implied_law", lambda *_: Law(0, np.nan, 0.0))
+    monkeypatch.setattr("fastcoil.measured.identify.imply_pi", lambda *_: ImpliedPI(0, np.nan, 0.0))
     assert "backwards" in identify_backlash(*backwards).reason
 
 
 def test_a_lag_that_is_given_is_taken_in_place_of_the_one_found():
-    command, T, T_set = controlled(0.07, 3)
-    given = identify_backlash(command, T, INTERVAL, T_set, lag=3 * INTERVAL)
-    assert given.late == 3 * INTERVAL
-    assert given.backlash == pytest.approx(0.07, abs=0.005)
+    command, T, T_set = simulate_control(0.07, 3)
+    identification = identify_backlash(command, T, INTERVAL, T_set, lag=3 * INTERVAL)
+    assert identification.late == 3 * INTERVAL
+    assert identification.backlash == pytest.approx(0.07, abs=0.005)
     assert identify_backlash(command, T, INTERVAL, T_set, lag=0.0).late == 0.0
 
 
 def test_temperatures_of_other_hours_that_answer_as_well_show_no_gap(monkeypatch):
     """A day whose commands and temperatures come back every quarter: any quarter belongs to any other."""
     monkeypatch.setattr("fastcoil.measured.identify.SHIFTS", (0.0,))  # nothing is cut off, so that quarters stay whole
-    command, T, T_set = controlled(0.07)
+    command, T, T_set = simulate_control(0.07)
     quarter = T.size // 4
     command, T, T_set = (np.tile(series[quarter : 2 * quarter], 4) for series in (command, T, T_set))
     assert "other hours" in identify_backlash(command, T, INTERVAL, T_set).reason

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from helpers.full import full_but
-from helpers.simulated_logs import VALVE_TRUTH, flows, log_of, noise, noisy, walk
+from helpers.full import full_except
+from helpers.simulated_logs import VALVE_TRUTH, add_noise, ar1_noise, make_valve_log, random_walk, valve_flows
 
 import fastcoil as fc
-from fastcoil.logs import Log
-from fastcoil.measured.fit_valve import delayed, without_lag
+from fastcoil.logs import CheckedLog
+from fastcoil.measured.fit_valve import delay_command, remove_lag
 
 pytestmark = pytest.mark.kernel
 
@@ -17,22 +17,24 @@ def log_in_pieces(seed, shifts, n=60, sd=0.03, backlash=0.07):
     rng = np.random.default_rng(seed)
     commands, logged = [], []
     for shift in shifts:
-        command = walk(rng, n=n + 40)
-        flow = flows(command, start=rng.uniform(), backlash=backlash) + noise(rng, n + 40, sd, 0.5)
+        command = random_walk(rng, n=n + 40)
+        flow = valve_flows(command, start=rng.uniform(), backlash=backlash) + ar1_noise(rng, n + 40, sd, 0.5)
         commands.append(command[20 : n + 20])
         logged.append(np.maximum(flow[20 - shift : n + 20 - shift], 1e-3))
     batch = np.repeat(np.arange(float(len(shifts))), n)
-    return log_of(np.concatenate(commands), np.concatenate(logged), batch=batch)
+    return make_valve_log(np.concatenate(commands), np.concatenate(logged), batch=batch)
 
 
-def checked(log):
+def to_checked_log(log):
     """The same as a checked log, all of it fitted."""
     n = log["command"].size
     values = {name: log[name].values for name in ("command", "m_w")}
     batch = log["batch"].values.astype(np.int64)
     time = log["elapsed_time"].values
-    found = Log(names=("log",), source=np.zeros(n, int), time=time, values=values, batch=batch, rows=np.arange(n))
-    return found, np.ones(n, dtype=bool)
+    checked_log = CheckedLog(
+        names=("log",), source=np.zeros(n, int), time=time, values=values, batch=batch, rows=np.arange(n)
+    )
+    return checked_log, np.ones(n, dtype=bool)
 
 
 def test_a_shift_from_one_piece_on_is_told_and_taken_out():
@@ -52,31 +54,36 @@ def test_a_shift_from_one_piece_on_is_told_and_taken_out():
 
 def test_what_is_held_back_is_moved_like_the_last_piece_that_is_fitted():
     """Its own flows, logged at once, do not say so."""
-    late, none = (fc.fit_valve(log_in_pieces(1, [0, 1, 1, now], n=80), split=0.75, holds="command") for now in (1, 0))
-    assert late.parameters == none.parameters
-    assert late.rmse["validation"] < 1.3 * late.rmse["fit"] < 0.5 * none.rmse["validation"]
+    late, in_time = (
+        fc.fit_valve(log_in_pieces(1, [0, 1, 1, last_shift], n=80), split=0.75, holds="command")
+        for last_shift in (1, 0)
+    )
+    assert late.parameters == in_time.parameters
+    assert late.rmse["validation"] < 1.3 * late.rmse["fit"] < 0.5 * in_time.rmse["validation"]
     assert any(
-        note.startswith("from row 80 (piece 2 of 4) to row 319 the flow is logged 1 sample") for note in none.notes
+        note.startswith("from row 80 (piece 2 of 4) to row 319 the flow is logged 1 sample") for note in in_time.notes
     )
 
 
 SHIFTS = [(1, "auto"), (-1, "auto"), (0, "auto"), (1, 60.0), (0, -60.0)]
 
 
-@pytest.mark.parametrize(("shift", "lag"), full_but(SHIFTS, [(-1, "auto")]))
+@pytest.mark.parametrize(("shift", "lag"), full_except(SHIFTS, [(-1, "auto")]))
 def test_nothing_that_is_held_back_changes_a_bit_of_the_fit(shift, lag):
     """Neither flows nor commands, also where a flow is logged before its command and that one is held back."""
-    log, other = (log_in_pieces(seed, [shift], n=300) for seed in (7, 8))
+    log, other_log = (log_in_pieces(seed, [shift], n=300) for seed in (7, 8))
     for name in ("command", "m_w"):
-        other[name][:180] = log[name][:180]
-    one, two = (fc.fit_valve(data, split=0.6, lag=lag, holds="command") for data in (log, other))
+        other_log[name][:180] = log[name][:180]
+    fit_1, fit_2 = (fc.fit_valve(data, split=0.6, lag=lag, holds="command") for data in (log, other_log))
     for name in ("parameters", "intervals", "standard_errors", "held", "n_used", "n_effective"):
-        assert getattr(one, name) == getattr(two, name), name
-    assert one.rmse["fit"] == two.rmse["fit"]
-    assert one.profile.identical(two.profile)
-    assert one.rmse["validation"] != two.rmse["validation"]
-    moved = [any(note.startswith("throughout the flow is logged 1 sample") for note in fit.notes) for fit in (one, two)]
-    assert moved == [lag == "auto" and shift != 0] * 2
+        assert getattr(fit_1, name) == getattr(fit_2, name), name
+    assert fit_1.rmse["fit"] == fit_2.rmse["fit"]
+    assert fit_1.profile.identical(fit_2.profile)
+    assert fit_1.rmse["validation"] != fit_2.rmse["validation"]
+    is_shifted = [
+        any(note.startswith("throughout the flow is logged 1 sample") for note in fit.notes) for fit in (fit_1, fit_2)
+    ]
+    assert is_shifted == [lag == "auto" and shift != 0] * 2
 
 
 @pytest.mark.parametrize(
@@ -87,10 +94,10 @@ def test_nothing_that_is_held_back_changes_a_bit_of_the_fit(shift, lag):
     ],
 )
 def test_a_shift_throughout_is_found_in_either_direction(shift, words):
-    log, all_of_it = checked(log_in_pieces(2, [shift] * 4))
-    moved = without_lag(log, all_of_it, all_of_it)
-    assert [note for note in moved.notes if note.startswith(f"throughout {words}")]
-    np.testing.assert_array_equal(moved.values["command"], delayed(log, 60.0 * shift)[0])
+    log, all_of_it = to_checked_log(log_in_pieces(2, [shift] * 4))
+    shifted = remove_lag(log, all_of_it, all_of_it)
+    assert [note for note in shifted.notes if note.startswith(f"throughout {words}")]
+    np.testing.assert_array_equal(shifted.values["command"], delay_command(log, 60.0 * shift)[0])
 
 
 def test_no_shift_is_found_where_there_is_none():
@@ -98,11 +105,11 @@ def test_no_shift_is_found_where_there_is_none():
     for seed in range(8):
         rng = np.random.default_rng(3000 + seed)
         backlash = (0.0, 0.05, 0.12)[seed % 3]
-        command = (walk(rng, n=240), 0.5 + 0.3 * np.sin(np.arange(240) / 8.0), np.repeat(rng.uniform(0, 1, 24), 10),
+        command = (random_walk(rng, n=240), 0.5 + 0.3 * np.sin(np.arange(240) / 8.0), np.repeat(rng.uniform(0, 1, 24), 10),
                    np.clip(0.5 + np.cumsum(rng.normal(0.0, 0.03, 240)), 0.05, 0.95))[seed % 4]  # fmt: skip
-        flow = noisy(rng, flows(command, backlash=backlash), (0.02, 0.1)[seed % 2], (0.0, 0.9)[seed // 2 % 2])
-        log, all_of_it = checked(log_of(command, flow, batch=np.arange(240) // (80, 12)[seed // 4]))
-        assert without_lag(log, all_of_it, all_of_it) is log, seed
+        flow = add_noise(rng, valve_flows(command, backlash=backlash), (0.02, 0.1)[seed % 2], (0.0, 0.9)[seed // 2 % 2])
+        log, all_of_it = to_checked_log(make_valve_log(command, flow, batch=np.arange(240) // (80, 12)[seed // 4]))
+        assert remove_lag(log, all_of_it, all_of_it) is log, seed
 
 
 def test_a_given_lag_is_taken_as_it_is():
@@ -119,9 +126,9 @@ def test_a_given_lag_is_taken_as_it_is():
 def test_the_shift_of_the_part_to_fit_does_not_depend_on_what_follows():
     log = log_in_pieces(5, [0, 1, 1, 0, 0])
     fitting = np.arange(300) < 180
-    found, good = checked(log)
-    other, _ = checked(log_in_pieces(5, [0, 1, 1, 3, -2], sd=0.3))
+    log_1, good = to_checked_log(log)
+    log_2, _ = to_checked_log(log_in_pieces(5, [0, 1, 1, 3, -2], sd=0.3))
     for name in ("command", "m_w"):
-        other.values[name][:180] = found.values[name][:180]
-    one, two = (without_lag(a, good, fitting).values["command"][:180] for a in (found, other))
-    np.testing.assert_array_equal(one, two)
+        log_2.values[name][:180] = log_1.values[name][:180]
+    command_1, command_2 = (remove_lag(a, good, fitting).values["command"][:180] for a in (log_1, log_2))
+    np.testing.assert_array_equal(command_1, command_2)

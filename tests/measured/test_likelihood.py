@@ -10,23 +10,23 @@ CANDIDATES = np.array([0.0, 0.05, 0.1, 0.15])
 INTERVAL = 30.0
 
 
-def log(noise, play=0.1, n=600, seed=3):
+def simulate_log(noise, play=0.1, n=600, seed=3):
     """Positions and temperatures of a first-order plant behind a play, a sample each half minute."""
     draw = np.random.default_rng(seed)
     positions = motor_positions(np.repeat(draw.uniform(0.2, 0.8, n // 10), 10), 1.0, 1.0)
-    q, T, found = positions[0], 14.0, []
+    q, T, temperatures = positions[0], 14.0, []
     for position in positions[:-1]:
         q = min(max(q, position - play), position)
         T += 0.3 * (24.0 - 20.0 * q / (1 - play) - T)
-        found.append(T)
-    return positions, np.array(found) + noise * draw.standard_normal(n)
+        temperatures.append(T)
+    return positions, np.array(temperatures) + noise * draw.standard_normal(n)
 
 
 def test_the_likelihood_is_that_of_a_least_squares_fit_with_the_coefficients_integrated_out():
     """Bayesian linear regression, written out for one candidate: marginal likelihood against that without a stem."""
-    positions, T = log(0.1)
-    found = likelihoods(T, positions, (), np.ones(T.size, bool), INTERVAL, CANDIDATES)
-    assert CANDIDATES[found.plain.argmax()] == 0.1
+    positions, T = simulate_log(0.1)
+    likelihoods_found = likelihoods(T, positions, (), np.ones(T.size, bool), INTERVAL, CANDIDATES)
+    assert CANDIDATES[likelihoods_found.plain.argmax()] == 0.1
     q, stem = min(max(positions[0] - 0.05, 0), 0.9), []
     for position in positions:
         q = min(max(q, position - 0.1), position)
@@ -39,34 +39,37 @@ def test_the_likelihood_is_that_of_a_least_squares_fit_with_the_coefficients_int
     y = d[rows - 1] - Z @ np.linalg.lstsq(Z, d[rows - 1], rcond=None)[0]
     freedom = rows.size - 9
     ridge = 0.01 * (y @ y) / freedom
-    for of, likelihood in (((do, ds), found.plain), ((do, ds, dm), found.reaction)):
-        X = np.stack([series[rows - 2 - lag] for series in of for lag in range(4)], 1)
+    for stem_series, likelihood in (
+        ((do, ds), likelihoods_found.plain),
+        ((do, ds, dm), likelihoods_found.with_command),
+    ):
+        X = np.stack([series[rows - 2 - lag] for series in stem_series for lag in range(4)], 1)
         X = X - Z @ np.linalg.lstsq(Z, X, rcond=None)[0]
         k = X.shape[1]
-        left = y @ y - X.T @ y @ np.linalg.solve(X.T @ X + ridge * np.eye(k), X.T @ y)
+        residual = y @ y - X.T @ y @ np.linalg.solve(X.T @ X + ridge * np.eye(k), X.T @ y)
         # the best of the candidates explains most
-        expected = -freedom / 2 * np.log((left + MODEL_ERROR * (y @ y - left)) / (y @ y))
+        expected = -freedom / 2 * np.log((residual + MODEL_ERROR * (y @ y - residual)) / (y @ y))
         expected -= np.linalg.slogdet(np.eye(k) + X.T @ X / ridge)[1] / 2
         assert likelihood[2] == pytest.approx(expected, rel=1e-6)
-    assert found.rows == rows.size
+    assert likelihoods_found.rows == rows.size
 
 
 def test_a_clean_log_is_not_believed_beyond_what_a_linear_model_can_know():
-    positions, T = log(1e-4)
-    found = likelihoods(T, positions, (), np.ones(T.size, bool), INTERVAL, CANDIDATES)
-    assert found.plain.argmax() == 2
-    assert found.plain[2] - found.plain[0] < found.rows / 2 * np.log(1 / MODEL_ERROR + 1) + 20
+    positions, T = simulate_log(1e-4)
+    likelihood = likelihoods(T, positions, (), np.ones(T.size, bool), INTERVAL, CANDIDATES)
+    assert likelihood.plain.argmax() == 2
+    assert likelihood.plain[2] - likelihood.plain[0] < likelihood.rows / 2 * np.log(1 / MODEL_ERROR + 1) + 20
 
 
 def test_a_stem_that_follows_the_command_explains_little_once_the_command_has_coefficients_of_its_own():
-    positions, T = log(0.1, play=0.0)
-    found = likelihoods(T, positions, (), np.ones(T.size, bool), INTERVAL, CANDIDATES)
-    assert found.plain.argmax() == 0
-    assert found.reaction[0] - found.reaction[2] < 0.3 * (found.plain[0] - found.plain[2])
+    positions, T = simulate_log(0.1, play=0.0)
+    likelihood = likelihoods(T, positions, (), np.ones(T.size, bool), INTERVAL, CANDIDATES)
+    assert likelihood.plain.argmax() == 0
+    assert likelihood.with_command[0] - likelihood.with_command[2] < 0.3 * (likelihood.plain[0] - likelihood.plain[2])
 
 
 def test_a_known_disturbance_takes_what_it_explains():
-    positions, T = log(0.02)
+    positions, T = simulate_log(0.02)
     gust = np.cumsum(np.random.default_rng(8).normal(0, 0.3, T.size))
     upset = T + gust
     alone, known = (

@@ -4,29 +4,43 @@ import math
 
 import numpy as np
 import pytest
-from helpers.simulated_logs import COIL_TRUTH, INPUTS, VALVE_TRUTH, coil_log, flows, log_of, noise, noisy, walk
+from helpers.simulated_logs import (
+    COIL_TRUTH,
+    INPUTS,
+    VALVE_TRUTH,
+    add_noise,
+    ar1_noise,
+    coil_log,
+    make_valve_log,
+    random_walk,
+    valve_flows,
+)
 
 import fastcoil as fc
-from fastcoil.logs import read_log
-from fastcoil.logs.columns import Wanted
-from fastcoil.measured.fit_coil import CoilProblem, record_of
-from fastcoil.measured.least_squares import FORBIDDEN, Model, autocorrelation, evaluate, minimise, uncertainty
-from fastcoil.measured.part import Part
+from fastcoil.logs import read_checked_log
+from fastcoil.logs.columns import ColumnSpec
+from fastcoil.measured.fit_coil import CoilProblem, build_record
+from fastcoil.measured.least_squares import FORBIDDEN_RESIDUAL, Model, autocorrelation, evaluate, minimise, uncertainty
+from fastcoil.measured.part import LogSplit
 from fastcoil.measured.valve_problem import ValveProblem
 from fastcoil.model.engine.recorded import valve_flows
 
-COIL_SERIES = Wanted(needed=("m_w", *INPUTS, "T_sup"), measured=("T_sup", "T_w_out"), optional=("T_w_out",))
+COIL_SERIES = ColumnSpec(required=("m_w", *INPUTS, "T_sup"), measured=("T_sup", "T_w_out"), optional=("T_w_out",))
 pytestmark = pytest.mark.kernel
 
 
-def problem_of(log, **truth):
-    data = read_log(log, COIL_SERIES)
+def build_problem(log, **truth):
+    data = read_checked_log(log, COIL_SERIES)
     return CoilProblem(
-        data, record_of(data, fc.Loop(**truth), (), np.ones(data.time.size, dtype=bool)), ("T_sup",), 600.0, Part(1.0)
+        data,
+        build_record(data, fc.Loop(**truth), (), np.ones(data.time.size, dtype=bool)),
+        ("T_sup",),
+        600.0,
+        LogSplit(1.0),
     )
 
 
-def searched(problem, values):
+def to_search_space(problem, values):
     """The parameters as the search sees them."""
     y = np.array([np.log(v) if name not in ("beta2", "beta4", "beta6") else v for name, v in values.items()])
     return np.linalg.solve(problem.record.named(), y)
@@ -49,25 +63,25 @@ def assert_jacobian_is_of_single_runs(model, x):
 def test_the_loop_is_that_of_the_emulator():
     """A valve alone and the valve of an open-loop simulation, to round-off."""
     rng = np.random.default_rng(13)
-    command = np.repeat(walk(rng, n=60), 60)
+    command = np.repeat(random_walk(rng, n=60), 60)
     day = fc.paper_day(hours=1, seed=1)
     ds = fc.simulate(fc.Loop(), day, command=command, traces=["m_w", "opening"], warm_up=0)
     sets = np.array([[VALVE_TRUTH[n] for n in ("backlash", "m_max", "valve_a", "valve_b", "valve_c")]]).T
     # the emulator starts with the gear at 0
     command0 = np.concatenate([[0.0], command])
-    openings, found = np.empty((3601, 1)), np.empty((3601, 1))
-    valve_flows(command0, np.zeros(3601, dtype=np.int64), sets, np.zeros((1, 1)), openings, found)
-    np.testing.assert_allclose(found[1:, 0], ds["m_w"], rtol=1e-13)
+    openings, valve_flow = np.empty((3601, 1)), np.empty((3601, 1))
+    valve_flows(command0, np.zeros(3601, dtype=np.int64), sets, np.zeros((1, 1)), openings, valve_flow)
+    np.testing.assert_allclose(valve_flow[1:, 0], ds["m_w"], rtol=1e-13)
     np.testing.assert_allclose(openings[1:, 0], ds["opening"], atol=1e-15)
-    assert np.allclose(flows(command0), found[:, 0], rtol=1e-13)
+    assert np.allclose(valve_flows(command0), valve_flow[:, 0], rtol=1e-13)
 
 
 def test_the_jacobian_of_a_valve_is_that_of_single_runs():
     rng = np.random.default_rng(14)
-    command = walk(rng, n=120)
+    command = random_walk(rng, n=120)
     batch = np.repeat([0.0, 1.0, 2.0, 3.0], 30)
-    log = log_of(command, noisy(rng, flows(command), 0.01), batch=batch)
-    problem = ValveProblem(read_log(log, Wanted(needed=("command", "m_w"))), Part(1.0))
+    log = make_valve_log(command, add_noise(rng, valve_flows(command), 0.01), batch=batch)
+    problem = ValveProblem(read_checked_log(log, ColumnSpec(required=("command", "m_w"))), LogSplit(1.0))
     model = problem.model(None)
     x = np.array([0.05, math.log(2.1), math.log(0.8), math.log(8.0), 0.4, 0.3, 0.5, 0.6, 0.7])
     assert_jacobian_is_of_single_runs(model, x)
@@ -76,7 +90,7 @@ def test_the_jacobian_of_a_valve_is_that_of_single_runs():
 def test_autocorrelation_of_an_ar_process_gives_its_effective_size():
     rng = np.random.default_rng(15)
     n, phi = 20000, 0.8
-    r = noise(rng, n, 1.0, phi)
+    r = ar1_noise(rng, n, 1.0, phi)
     rho = autocorrelation(r, np.zeros(n, dtype=np.int64), np.ones(n, dtype=bool))
     assert 1.0 + 2.0 * rho.sum() == pytest.approx((1 + phi) / (1 - phi), rel=0.15)
     white = autocorrelation(rng.normal(size=n), np.zeros(n, dtype=np.int64), np.ones(n, dtype=bool))
@@ -86,20 +100,20 @@ def test_autocorrelation_of_an_ar_process_gives_its_effective_size():
 def test_errors_allow_for_residuals_that_follow_each_other():
     """The scatter of a slope over 60 draws of AR(1) noise, not the fifth of it that white noise would give."""
     n, x = 400, np.linspace(-1.0, 1.0, 400)
-    slopes, errors, plain = [], [], []
+    slopes, errors, white_errors = [], [], []
     for seed in range(60):
-        y = noise(np.random.default_rng(seed), n, 1.0, 0.9)
+        y = ar1_noise(np.random.default_rng(seed), n, 1.0, 0.9)
         model = Model(
             lambda sets, y=y: np.outer(x, sets[0]) - y[:, None], np.array([-9.0]), np.array([9.0]), np.array([1e-3]),
             np.zeros(n, dtype=np.int64), np.ones(n, dtype=bool),
         )  # fmt: skip
         best = minimise(model, np.zeros((1, 1)))
-        found = uncertainty(model, best)
+        spread = uncertainty(model, best)
         slopes.append(best.x[0])
-        errors.append(np.sqrt(found.covariance[0, 0]))
-        plain.append(np.sqrt(found.covariance[0, 0] / found.inflation[0]))
+        errors.append(np.sqrt(spread.covariance[0, 0]))
+        white_errors.append(np.sqrt(spread.covariance[0, 0] / spread.inflation[0]))
     assert np.mean(errors) == pytest.approx(np.std(slopes), rel=0.25)
-    assert np.mean(plain) < 0.35 * np.std(slopes)
+    assert np.mean(white_errors) < 0.35 * np.std(slopes)
 
 
 # ---------------------------------------------------------------------------------------------------------------- coil
@@ -108,8 +122,8 @@ def test_errors_allow_for_residuals_that_follow_each_other():
 @pytest.mark.parametrize("form", [{}, {"n_volumes": 4}, {"air_march": "quasistatic"}])
 def test_the_coil_alone_is_that_of_the_emulator(form):
     log = coil_log(hours=0.5, sd=0.0, **form)
-    problem = problem_of(log, **form)
-    x = searched(problem, COIL_TRUTH)
+    problem = build_problem(log, **form)
+    x = to_search_space(problem, COIL_TRUTH)
     T_sup, T_w_out, wet = problem.record.run(np.repeat(x[:, None], 3, axis=1)).values()
     np.testing.assert_allclose(T_sup[:, 1], log["T_sup"], atol=1e-9)
     np.testing.assert_allclose(T_w_out[:, 2], log["T_w_out"], atol=1e-9)
@@ -117,18 +131,18 @@ def test_the_coil_alone_is_that_of_the_emulator(form):
 
 
 def test_the_jacobian_of_a_coil_is_that_of_single_runs():
-    problem = problem_of(coil_log(hours=0.5))
+    problem = build_problem(coil_log(hours=0.5))
     model = problem.model()
-    x = searched(problem, COIL_TRUTH) + 0.05
+    x = to_search_space(problem, COIL_TRUTH) + 0.05
     assert_jacobian_is_of_single_runs(model, x)
 
 
 def test_an_unstable_trial_set_gets_a_large_residual_and_its_neighbours_do_not():
-    problem = problem_of(coil_log(hours=0.5))
+    problem = build_problem(coil_log(hours=0.5))
     model = problem.model()
-    good = searched(problem, COIL_TRUTH)
-    bad = searched(problem, COIL_TRUTH | {"C_c": 1.5})
+    good = to_search_space(problem, COIL_TRUTH)
+    bad = to_search_space(problem, COIL_TRUTH | {"C_c": 1.5})
     r = model.compared(np.stack([good, bad, good], axis=1))
-    assert (np.abs(r[model.used, 1]) == FORBIDDEN).all()
+    assert (np.abs(r[model.used, 1]) == FORBIDDEN_RESIDUAL).all()
     np.testing.assert_array_equal(r[:, 0], r[:, 2])
     assert np.abs(r[:, 0]).max() < 1.0

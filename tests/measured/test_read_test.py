@@ -4,12 +4,12 @@ from functools import cache
 
 import numpy as np
 import pytest
-from helpers.full import full_but
+from helpers.full import full_except
 
 import fastcoil as fc
-from fastcoil.measured.cause import DISTURBANCE, NONE, TUNING, Cause, after_hold, dies
+from fastcoil.measured.cause import DISTURBANCE, NONE, TUNING, Cause, revise_after_hold, stops_on_hold
 from fastcoil.measured.measures import NO_SWING, Measures
-from fastcoil.measured.read_test import stems
+from fastcoil.measured.read_test import stem_places
 
 pytestmark = pytest.mark.kernel
 START, MINUTES, STEP = 5400, 30, 10
@@ -33,7 +33,7 @@ def readings(logs):
 
 
 @pytest.fixture(scope="module")
-def found(readings):
+def reading(readings):
     return readings(0.08)
 
 
@@ -43,7 +43,7 @@ def early(logs):
     return fc.read_test(logs[0.08], between=(START, START + 240))
 
 
-@pytest.mark.parametrize("size", full_but([0.0, 0.03, 0.08], [0.0, 0.08]))
+@pytest.mark.parametrize("size", full_except([0.0, 0.03, 0.08], [0.0, 0.08]))
 def test_the_gap_is_right_and_its_interval_holds_it(readings, size):
     r = readings(size)
     assert r.identified
@@ -53,7 +53,7 @@ def test_the_gap_is_right_and_its_interval_holds_it(readings, size):
     assert float(r.profile.probability.sum()) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("size", full_but([0.0, 0.03, 0.08], [0.08]))
+@pytest.mark.parametrize("size", full_except([0.0, 0.03, 0.08], [0.08]))
 def test_gain_and_lag_are_those_of_the_plant(readings, size):
     """Of a step of the valve in open loop, where the test has it, with the air and water of its middle."""
     r = readings(size)
@@ -68,15 +68,15 @@ def test_gain_and_lag_are_those_of_the_plant(readings, size):
     assert r.lag + r.dead_time == pytest.approx(lag, rel=0.3)
 
 
-def test_a_csv_file_and_the_time_of_the_test_give_the_same(logs, found, tmp_path):
+def test_a_csv_file_and_the_time_of_the_test_give_the_same(logs, reading, tmp_path):
     log = logs[0.08]
     table = np.stack([log.elapsed_time, log.command, log.T_measured, log.T_set], axis=1)
     path = tmp_path / "log.csv"
     head = "elapsed_time [s],command [1],T_sup [degC],T_set [degC]"
     np.savetxt(path, table, delimiter=",", header=head, comments="", fmt="%.9g")
-    runs = log.elapsed_time.values[log.test.values > 0]
-    of_file = fc.read_test(path, stroke_time=90, between=(float(runs[0]), float(runs[-1])))
-    assert (of_file.backlash, of_file.interval) == (found.backlash, found.interval)
+    test_times = log.elapsed_time.values[log.test.values > 0]
+    of_file = fc.read_test(path, stroke_time=90, between=(float(test_times[0]), float(test_times[-1])))
+    assert (of_file.backlash, of_file.interval) == (reading.backlash, reading.interval)
 
 
 @pytest.mark.parametrize(
@@ -111,7 +111,7 @@ def test_a_test_that_shows_nothing_is_not_identified_and_says_why(logs, early):
 
 
 def test_a_temperature_that_does_not_belong_to_the_command_is_not_identified(logs, monkeypatch):
-    monkeypatch.setattr("fastcoil.measured.read_test._UNLIKELY", 0.1)  # nothing is likely: all of it takes long
+    monkeypatch.setattr("fastcoil.measured.read_test._LIKELIHOOD_RANGE", 0.1)  # nothing is likely: all of it takes long
     log = logs[0.08]
     backwards = log.T_measured.copy(data=log.T_measured.values[::-1])
     r = fc.read_test(log.assign(T_measured=backwards), stroke_time=90)
@@ -119,28 +119,28 @@ def test_a_temperature_that_does_not_belong_to_the_command_is_not_identified(log
     assert r.reason
 
 
-def late(log, seconds):
+def delay_command(log, seconds):
     """A log whose command is logged so many seconds after the temperature, or before it."""
     rows = np.clip(np.arange(log.sizes["elapsed_time"]) - seconds // STEP, 0, log.sizes["elapsed_time"] - 1)
-    moved = {name: log[name].copy(data=log[name].values[rows]) for name in ("command", "test")}
-    return log.assign(moved)
+    delayed = {name: log[name].copy(data=log[name].values[rows]) for name in ("command", "test")}
+    return log.assign(delayed)
 
 
 @pytest.mark.parametrize(
     ("seconds", "order"), [pytest.param(60, "after", marks=pytest.mark.full), (120, "after"), (-90, "before")]
 )
 def test_two_clocks_are_found_out_and_allowed_for(logs, seconds, order):
-    r = fc.read_test(late(logs[0.08], seconds), stroke_time=90)
+    r = fc.read_test(delay_command(logs[0.08], seconds), stroke_time=90)
     assert r.identified
     assert abs(r.backlash - 0.08) <= 0.016
     assert any(f"s {order} the temperature" in note for note in r.notes)
 
 
-def test_clocks_that_are_minutes_apart_are_refused(logs, found):
-    r = fc.read_test(late(logs[0.08], 180), stroke_time=90)
+def test_clocks_that_are_minutes_apart_are_refused(logs, reading):
+    r = fc.read_test(delay_command(logs[0.08], 180), stroke_time=90)
     assert not r.identified
     assert "logged minutes apart" in r.reason
-    assert not any("the command seems" in note for note in found.notes)
+    assert not any("the command seems" in note for note in reading.notes)
 
 
 def test_a_test_with_a_hole_in_its_log_is_one_test(logs):
@@ -151,57 +151,57 @@ def test_a_test_with_a_hole_in_its_log_is_one_test(logs):
     assert not any("tests" in note for note in r.notes)
 
 
-def test_of_several_tests_the_last_is_read(logs, found):
+def test_of_several_tests_the_last_is_read(logs, reading):
     log = logs[0.08]
     test = log.test.where((log.elapsed_time < 1000) | (log.elapsed_time > 1200), 1.0)
     r = fc.read_test(log.assign(test=test), stroke_time=90)
-    assert (r.backlash, r.interval) == (found.backlash, found.interval)
+    assert (r.backlash, r.interval) == (reading.backlash, reading.interval)
     assert any("the log has 2 tests" in note for note in r.notes)
 
 
-def test_toml_gives_the_gap_to_a_study_only_if_it_is_identified(early, found, tmp_path):
-    text = found.to_toml(tmp_path / "gap.toml")
-    assert f"[loop]\nbacklash = {found.backlash}" in text
+def test_toml_gives_the_gap_to_a_study_only_if_it_is_identified(early, reading, tmp_path):
+    text = reading.to_toml(tmp_path / "gap.toml")
+    assert f"[loop]\nbacklash = {reading.backlash}" in text
     (tmp_path / "study.toml").write_text('[loop]\ninclude = ["gap.toml"]\nkp = 0.02\n')
     from fastcoil.study.file.spec import read_study
 
-    assert read_study(tmp_path / "study.toml").included["backlash"] == found.backlash
+    assert read_study(tmp_path / "study.toml").included_parameters["backlash"] == reading.backlash
     assert "\nbacklash = " not in early.to_toml().partition("[fit]")[0]
 
 
-def test_diagnose_takes_the_gap_of_a_test(logs, found):
-    d = fc.diagnose(logs[0.08].drop_vars("test"), stroke_time=90, test=found)
-    assert (d.backlash, d.interval, d.identified) == (found.backlash, found.interval, True)
+def test_diagnose_takes_the_gap_of_a_test(logs, reading):
+    d = fc.diagnose(logs[0.08].drop_vars("test"), stroke_time=90, test=reading)
+    assert (d.backlash, d.interval, d.identified) == (reading.backlash, reading.interval, True)
     with pytest.raises(fc.InputError, match="test is a str: give what fastcoil.read_test found"):
         fc.diagnose(logs[0.08], test="gap.toml")
 
 
-def measures(peak_to_peak, period):
+def make_measures(peak_to_peak, period):
     swing = NO_SWING._replace(period=period, regularity=5.0, share=0.9, peak_to_peak=peak_to_peak, periods=20.0)
     return Measures(np.ones(1, bool), swing, np.zeros(1), 0.1, {}, "")
 
 
 def test_what_remains_of_a_swing_while_the_command_is_held_tells_where_it_comes_from():
-    swings = measures(1.0, 400.0)
-    assert after_hold(Cause(TUNING, ""), swings, 0.7, 450.0).name == DISTURBANCE
-    assert after_hold(Cause(TUNING, ""), swings, 0.1, 450.0).name == TUNING
-    assert after_hold(Cause(DISTURBANCE, ""), swings, 0.1, 450.0).name == TUNING
-    assert after_hold(Cause(DISTURBANCE, ""), swings, 0.1, 30.0).name == DISTURBANCE
-    assert dies(swings, 0.1, 450.0)
-    assert not dies(swings, 0.7, 450.0)
-    assert not dies(swings, 0.1, 250.0)
-    assert not dies(swings, np.nan, 450.0)
+    swings = make_measures(1.0, 400.0)
+    assert revise_after_hold(Cause(TUNING, ""), swings, 0.7, 450.0).name == DISTURBANCE
+    assert revise_after_hold(Cause(TUNING, ""), swings, 0.1, 450.0).name == TUNING
+    assert revise_after_hold(Cause(DISTURBANCE, ""), swings, 0.1, 450.0).name == TUNING
+    assert revise_after_hold(Cause(DISTURBANCE, ""), swings, 0.1, 30.0).name == DISTURBANCE
+    assert stops_on_hold(swings, 0.1, 450.0)
+    assert not stops_on_hold(swings, 0.7, 450.0)
+    assert not stops_on_hold(swings, 0.1, 250.0)
+    assert not stops_on_hold(swings, np.nan, 450.0)
     calm = swings._replace(swing=NO_SWING)
-    assert after_hold(Cause(NONE, ""), calm, 0.5, 450.0).name == DISTURBANCE
-    assert after_hold(Cause(NONE, ""), calm, 0.1, 450.0).name == NONE
-    assert after_hold(Cause(TUNING, ""), swings, np.nan, 0.0).name == TUNING
+    assert revise_after_hold(Cause(NONE, ""), calm, 0.5, 450.0).name == DISTURBANCE
+    assert revise_after_hold(Cause(NONE, ""), calm, 0.1, 450.0).name == NONE
+    assert revise_after_hold(Cause(TUNING, ""), swings, np.nan, 0.0).name == TUNING
 
 
 def test_stems_follow_the_play_operator():
     positions = 0.5 + 0.3 * np.sin(np.arange(200) / 15.0)
     gaps = np.array([0.0, 0.05, 0.2])
     starts = np.maximum(positions[0] - gaps, 0.0)
-    places = stems(positions, gaps, starts)
+    places = stem_places(positions, gaps, starts)
     for k, gap in enumerate(gaps):
         q = starts[k]
         for position, place in zip(positions, places[:, k], strict=True):

@@ -9,7 +9,7 @@ SIGNALS = ["u", "integral", "command", "estimate", "mode"]
 pytestmark = pytest.mark.kernel
 
 
-def recorded(ds, boundary):
+def to_log(ds, boundary):
     """A simulation as a log: readings of the sensor, and the set-point."""
     log = ds[["T_measured"]].rename(T_measured="T_sup")
     log["T_set"] = boundary.to_dataset()["T_set"]
@@ -27,13 +27,13 @@ def recorded(ds, boundary):
         {"neutral_zone": 0.01, "slip_jump": 0.03, "leakage": 0.0, "backlash_estimate": 0.05},
     ],
 )
-def test_a_simulation_fed_back_gives_its_commands_to_the_bit(hour, settings):
+def test_a_simulation_fed_back_gives_its_commands_to_the_bit(one_hour_day, settings):
     loop = fc.Loop(**settings)
-    ds = fc.simulate(loop, hour, traces=["T_measured", *SIGNALS], warm_up=0, seed=3)
-    found = fc.replay(loop, recorded(ds, hour))
+    ds = fc.simulate(loop, one_hour_day, traces=["T_measured", *SIGNALS], warm_up=0, seed=3)
+    replayed = fc.replay(loop, to_log(ds, one_hour_day))
     for name in SIGNALS:
-        np.testing.assert_array_equal(found[name], ds[name], err_msg=name)
-    assert float(found["command"].std()) > 0.0
+        np.testing.assert_array_equal(replayed[name], ds[name], err_msg=name)
+    assert float(replayed["command"].std()) > 0.0
 
 
 @pytest.mark.parametrize("rest", [{"estimator": "gradient", "backlash_estimate": 0.03}, {"estimator": "identify"}])
@@ -43,7 +43,7 @@ def test_an_estimator_is_replayed_too_and_sees_steps_of_an_air_flow_in_the_log(r
     loop = fc.Loop.preset("lbnl").assign(backlash=0.1, noise_std=0.02, **rest)
     ds = fc.simulate(loop, day, traces=["T_measured", "estimate"], warm_up=0)
     assert float(ds["estimate"].std()) > 0.0
-    log = recorded(ds, day)
+    log = to_log(ds, day)
     np.testing.assert_array_equal(fc.replay(loop, log.assign(m_a=day.to_dataset()["m_a"]))["estimate"], ds["estimate"])
     assert not np.array_equal(fc.replay(loop, log)["estimate"], ds["estimate"])
 
@@ -53,9 +53,9 @@ def test_heating_is_replayed_too():
     day = fc.constant_day(hours=0.5, m_a=1.0, T_a_in=10.0, W_a_in=0.003, T_w_in=50.0, T_set=25.0)
     loop = fc.Loop(action="heating", backlash_estimate=0.05)
     ds = fc.simulate(loop, day, traces=["T_measured", "command"], warm_up=0)
-    found = fc.replay(loop, recorded(ds, day))
-    np.testing.assert_array_equal(found["command"], ds["command"])
-    assert float(found["command"].std()) > 0.0
+    replayed = fc.replay(loop, to_log(ds, day))
+    np.testing.assert_array_equal(replayed["command"], ds["command"])
+    assert float(replayed["command"].std()) > 0.0
 
 
 def test_times_without_operation_reset_the_controller():
@@ -66,16 +66,16 @@ def test_times_without_operation_reset_the_controller():
     day = fc.Boundary(**series)
     loop = fc.Loop()
     ds = fc.simulate(loop, day, traces=["T_measured", *SIGNALS], warm_up=0)
-    found = fc.replay(loop, recorded(ds, day))
-    np.testing.assert_array_equal(found["command"], ds["command"])
-    assert (found["u"][617:907] == 0.0).all()
+    replayed = fc.replay(loop, to_log(ds, day))
+    np.testing.assert_array_equal(replayed["command"], ds["command"])
+    assert (replayed["u"][617:907] == 0.0).all()
 
 
 def test_a_log_of_coarse_samples_holds_between_them(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text("elapsed_time [s],T_sup [degF],T_set [degC]\n0,59,14\n60,60.8,14\n120,60.8,13\n")
-    found = fc.replay(fc.Loop(kp=0.1, ti=1e9, sample_time=10.0), path)
-    np.testing.assert_allclose(found["u"][[0, 59, 60, 119, 120]], [0.1, 0.1, 0.2, 0.2, 0.3], atol=1e-6)
+    replayed = fc.replay(fc.Loop(kp=0.1, ti=1e9, sample_time=10.0), path)
+    np.testing.assert_allclose(replayed["u"][[0, 59, 60, 119, 120]], [0.1, 0.1, 0.2, 0.2, 0.3], atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -3,83 +3,83 @@
 import numpy as np
 import pytest
 import xarray as xr
-from helpers.loop_logs import loop_log
+from helpers.loop_logs import make_loop_log
 
 import fastcoil as fc
-from fastcoil.measured.measures import STATES, VARIABLES
+from fastcoil.measured.measures import HOURLY_VARIABLES, STATES
 
 pytestmark = pytest.mark.kernel
 
 INTERVALS = (10.0, 60.0, 300.0, 900.0)
 
 
-def made_up(interval=60.0, hours=10.0, T_a_in=None, enabled=None, **signals):
+def make_log(interval=60.0, hours=10.0, T_a_in=None, enabled=None, **signals):
     """A cooling log of constants or functions of hours: command 0.4, T_sup = T_set = 14 °C, unless given."""
     time = np.arange(0.0, hours * 3600.0, interval)
     noise = np.random.default_rng(1).normal(0.0, 0.03, time.size)
     values = {"command": 0.4, "T_sup": 14.0, "T_set": 14.0} | signals
-    values |= {name: one for name, one in (("T_a_in", T_a_in), ("enabled", enabled)) if one is not None}
+    values |= {name: signal for name, signal in (("T_a_in", T_a_in), ("enabled", enabled)) if signal is not None}
     units = {"command": "1", "enabled": "1"}
     log = xr.Dataset(coords={"elapsed_time": ("elapsed_time", time, {"units": "s"})})
-    for name, one in values.items():
-        series = np.broadcast_to(one(time / 3600.0) if callable(one) else one, time.shape)
+    for name, signal in values.items():
+        series = np.broadcast_to(signal(time / 3600.0) if callable(signal) else signal, time.shape)
         series = series + noise if name == "T_sup" else np.clip(series, 0.0, 1.0) if name == "command" else series
         log[name] = ("elapsed_time", series.astype(float), {"units": units.get(name, "degC")})
     return log
 
 
-def states(found):
-    return found.triage.state.values.tolist()
+def hour_states(diagnosis):
+    return diagnosis.triage.state.values.tolist()
 
 
-def swing(size, minutes, about=14.0, late=0.0):
+def sine_wave(size, minutes, about=14.0, late=0.0):
     return lambda h: about + size * np.sin(2.0 * np.pi * (60.0 * h - late) / minutes)
 
 
 @pytest.mark.parametrize("interval", INTERVALS)
 def test_a_good_loop_is_in_control_and_has_no_warnings(interval):
-    found = fc.diagnose(loop_log(hours=10.0, steps=False, interval=interval), stroke_time=90.0)
-    assert not found.warnings
-    assert set(states(found)) <= {"in control", "holding"}
-    assert found.headline.startswith("10 of 10 h in control, error typically 0.")
-    assert found.summary()[1] == found.headline
-    assert ("Log every 10 s for a day" in found.headline) == (interval > 60.0)
-    assert bool(found.triage.log_limits.values[3]) == (interval > 60.0)
+    diagnosis = fc.diagnose(make_loop_log(hours=10.0, steps=False, interval=interval), stroke_time=90.0)
+    assert not diagnosis.warnings
+    assert set(hour_states(diagnosis)) <= {"in control", "holding"}
+    assert diagnosis.headline.startswith("10 of 10 h in control, error typically 0.")
+    assert diagnosis.summary()[1] == diagnosis.headline
+    assert ("Log every 10 s for a day" in diagnosis.headline) == (interval > 60.0)
+    assert bool(diagnosis.triage.log_limits.values[3]) == (interval > 60.0)
 
 
 @pytest.mark.parametrize("interval", INTERVALS)
 def test_a_valve_that_is_stuck_shut_is_told_in_the_first_line(interval):
-    log = made_up(interval, command=1.0, T_sup=19.2)
-    found = fc.diagnose(log)
-    assert set(states(found)) == {"open, not met"}
-    assert found.headline.startswith(
+    log = make_log(interval, command=1.0, T_sup=19.2)
+    diagnosis = fc.diagnose(log)
+    assert set(hour_states(diagnosis)) == {"open, not met"}
+    assert diagnosis.headline.startswith(
         "10 of 10 h: the valve is wide open and T_sup stays 5.2 K above the set-point: "
         "no water, a stuck valve or too small a coil."
     )
-    assert np.all(found.triage.saturated == 1.0)
-    beside = fc.diagnose(log.assign(T_a_in=log.T_sup + 0.3))
-    assert set(states(beside)) == {"not responding"}
-    assert ", as warm as the entering air: no water or a valve stuck shut" in beside.headline
+    assert np.all(diagnosis.triage.saturated == 1.0)
+    with_air = fc.diagnose(log.assign(T_a_in=log.T_sup + 0.3))
+    assert set(hour_states(with_air)) == {"not responding"}
+    assert ", as warm as the entering air: no water or a valve stuck shut" in with_air.headline
 
 
 def test_a_valve_that_is_stuck_half_open_moves_its_command_in_vain():
-    found = fc.diagnose(made_up(command=lambda h: 0.3 + 0.06 * h, T_sup=16.5, T_a_in=25.0))
-    assert states(found).count("off set-point") >= 1
-    found = fc.diagnose(made_up(command=lambda h: 0.3 + 0.3 * (h % 2.0), T_sup=16.5, T_a_in=25.0))
-    assert set(states(found)) == {"not responding"}
-    assert "the command moves and T_sup stays 2.5 K above the set-point: a stuck valve" in found.headline
+    diagnosis = fc.diagnose(make_log(command=lambda h: 0.3 + 0.06 * h, T_sup=16.5, T_a_in=25.0))
+    assert hour_states(diagnosis).count("off set-point") >= 1
+    diagnosis = fc.diagnose(make_log(command=lambda h: 0.3 + 0.3 * (h % 2.0), T_sup=16.5, T_a_in=25.0))
+    assert set(hour_states(diagnosis)) == {"not responding"}
+    assert "the command moves and T_sup stays 2.5 K above the set-point: a stuck valve" in diagnosis.headline
 
 
 @pytest.mark.parametrize("interval", INTERVALS)
 def test_a_shut_valve_that_leaks_is_told_by_the_entering_air(interval):
-    log = made_up(interval, command=0.0, T_sup=8.0)
-    found = fc.diagnose(log)
-    assert set(states(found)) == {"shut"}
-    assert not found.warnings
-    assert "og T_a_in to see whether the valve leaks: with the valve shut, T_sup is 6 K off" in found.headline
+    log = make_log(interval, command=0.0, T_sup=8.0)
+    diagnosis = fc.diagnose(log)
+    assert set(hour_states(diagnosis)) == {"shut"}
+    assert not diagnosis.warnings
+    assert "og T_a_in to see whether the valve leaks: with the valve shut, T_sup is 6 K off" in diagnosis.headline
     leaking = fc.diagnose(log.assign(T_a_in=log.T_sup + 8.0))
     assert "the valve is shut and T_sup stays 8 K below the entering air: it leaks" in leaking.headline
-    assert states(leaking)[1:] == ["not responding"] * 9
+    assert hour_states(leaking)[1:] == ["not responding"] * 9
     tight = fc.diagnose(log.assign(T_a_in=log.T_sup - 1.0))  # fan heat
     assert "10 of 10 h shut with no call" in tight.headline
 
@@ -87,39 +87,45 @@ def test_a_shut_valve_that_leaks_is_told_by_the_entering_air(interval):
 @pytest.mark.parametrize("interval", INTERVALS)
 @pytest.mark.parametrize("by", ["enabled", "T_set"])
 def test_hours_in_which_the_plant_is_off_do_not_count(interval, by):
-    log = made_up(interval, hours=24.0, T_sup=lambda h: np.where((h >= 6) & (h < 18), 14.0, 24.0))
-    runs = (log.elapsed_time >= 6 * 3600.0) & (log.elapsed_time < 18 * 3600.0)
-    log = log.assign(enabled=runs.astype(float)) if by == "enabled" else log.assign(T_set=log.T_set.where(runs))
+    log = make_log(interval, hours=24.0, T_sup=lambda h: np.where((h >= 6) & (h < 18), 14.0, 24.0))
+    is_running = (log.elapsed_time >= 6 * 3600.0) & (log.elapsed_time < 18 * 3600.0)
+    log = (
+        log.assign(enabled=is_running.astype(float))
+        if by == "enabled"
+        else log.assign(T_set=log.T_set.where(is_running))
+    )
     log[by].attrs["units"] = {"enabled": "1", "T_set": "degC"}[by]
-    found = fc.diagnose(log, drop=by == "T_set")
-    assert states(found) == ["off"] * 6 + ["holding"] * 12 + ["off"] * 6
-    assert found.headline.startswith("12 of 12 h in control")
-    assert not found.warnings
+    diagnosis = fc.diagnose(log, drop=by == "T_set")
+    assert hour_states(diagnosis) == ["off"] * 6 + ["holding"] * 12 + ["off"] * 6
+    assert diagnosis.headline.startswith("12 of 12 h in control")
+    assert not diagnosis.warnings
 
 
 def test_a_start_up_is_no_fault_and_ends_when_the_set_point_is_met():
-    log = made_up(hours=12.0, enabled=lambda h: (h >= 5.0) * 1.0, command=lambda h: np.where(h < 5.75, 1.0, 0.4),
+    log = make_log(hours=12.0, enabled=lambda h: (h >= 5.0) * 1.0, command=lambda h: np.where(h < 5.75, 1.0, 0.4),
                   T_sup=lambda h: np.where(h < 5.75, 20.0, 14.0))  # fmt: skip
-    found = fc.diagnose(log)
-    assert states(found) == ["off"] * 5 + ["start-up"] + ["holding"] * 6
-    assert not found.warnings
+    diagnosis = fc.diagnose(log)
+    assert hour_states(diagnosis) == ["off"] * 5 + ["start-up"] + ["holding"] * 6
+    assert not diagnosis.warnings
 
 
 @pytest.mark.parametrize(("interval", "minutes"), [(10.0, 12.0), (60.0, 12.0), (300.0, 40.0), (900.0, 80.0)])
 def test_a_swing_has_its_size_and_period(interval, minutes):
-    found = fc.diagnose(made_up(interval, T_sup=swing(1.6, minutes), command=swing(0.2, minutes, 0.5, minutes / 6)))
-    assert set(states(found)) == {"swinging"}
-    assert found.headline.startswith("10 of 10 h: T_sup swings ± 1.")
-    assert f"K about every {minutes:.0f} min" in found.headline or interval == 900.0
-    assert float(found.triage.swing.median()) == pytest.approx(3.2, rel=0.15)
-    assert float(found.triage.period.median()) == pytest.approx(60.0 * minutes, rel=0.1)
-    assert "unevenly" not in found.headline
+    diagnosis = fc.diagnose(
+        make_log(interval, T_sup=sine_wave(1.6, minutes), command=sine_wave(0.2, minutes, 0.5, minutes / 6))
+    )
+    assert set(hour_states(diagnosis)) == {"swinging"}
+    assert diagnosis.headline.startswith("10 of 10 h: T_sup swings ± 1.")
+    assert f"K about every {minutes:.0f} min" in diagnosis.headline or interval == 900.0
+    assert float(diagnosis.triage.swing.median()) == pytest.approx(3.2, rel=0.15)
+    assert float(diagnosis.triage.period.median()) == pytest.approx(60.0 * minutes, rel=0.1)
+    assert "unevenly" not in diagnosis.headline
 
 
 def test_a_loop_from_end_to_end_swings_and_is_not_saturated_in_a_coarse_log():
-    found = fc.diagnose(loop_log(hours=8.0, kp=0.09, ti=15.0, steps=False, interval=300.0))
-    assert set(states(found)) == {"swinging"}
-    assert " min or faster" in found.headline
+    diagnosis = fc.diagnose(make_loop_log(hours=8.0, kp=0.09, ti=15.0, steps=False, interval=300.0))
+    assert set(hour_states(diagnosis)) == {"swinging"}
+    assert " min or faster" in diagnosis.headline
 
 
 def test_an_uneven_swing_is_told_as_one():
@@ -129,46 +135,48 @@ def test_an_uneven_swing_is_told_as_one():
         k = np.searchsorted(walk, h)
         return 14.0 + 1.5 * np.where(k % 2, 1.0, -1.0)
 
-    found = fc.diagnose(made_up(T_sup=T, command=swing(0.2, 30.0, 0.5)))
-    assert "unevenly" in found.headline
+    diagnosis = fc.diagnose(make_log(T_sup=T, command=sine_wave(0.2, 30.0, 0.5)))
+    assert "unevenly" in diagnosis.headline
 
 
 def test_a_command_that_stands_or_stays_shut_against_a_call_is_named():
-    held = fc.diagnose(made_up(T_sup=17.0))
+    held = fc.diagnose(make_log(T_sup=17.0))
     assert "T_sup is 3 K (RMS) off, command at 40 %: a slow loop, or one in manual" in held.headline
 
     def command(h):
         return np.where(h < 3.0, 0.4 + 0.1 * np.sin(20.0 * h), 0.0)
 
-    locked = fc.diagnose(made_up(command=command, T_sup=lambda h: np.where(h < 3.0, 14 + np.sin(20 * h + 0.5), 18.0)))
-    assert states(locked)[4:] == ["shut, not met"] * 6
+    locked = fc.diagnose(make_log(command=command, T_sup=lambda h: np.where(h < 3.0, 14 + np.sin(20 * h + 0.5), 18.0)))
+    assert hour_states(locked)[4:] == ["shut, not met"] * 6
     assert "the command keeps the valve shut while T_sup is 4 K above" in locked.headline
 
 
 def test_a_heating_valve_is_recognised_by_its_command():
-    found = fc.diagnose(made_up(command=1.0, T_sup=9.0, T_a_in=8.6))
-    assert found.triage.attrs["cools"] == -1.0
-    assert "5 K below the set-point, as warm as the entering air: no water or a valve stuck shut" in found.headline
+    diagnosis = fc.diagnose(make_log(command=1.0, T_sup=9.0, T_a_in=8.6))
+    assert diagnosis.triage.attrs["cools"] == -1.0
+    assert "5 K below the set-point, as warm as the entering air: no water or a valve stuck shut" in diagnosis.headline
 
 
 def test_without_a_set_point_swings_and_ends_still_show():
-    log = made_up(T_sup=swing(1.0, 15.0), command=swing(0.2, 15.0, 0.5)).drop_vars("T_set")
-    found = fc.diagnose(log)
-    assert "T_sup swings ± 1 K about every 15 min" in found.headline
-    assert "T_set is not logged" in found.triage.log_limits.values[0]
-    assert np.isnan(found.triage.error).all()
-    calm = fc.diagnose(made_up().drop_vars("T_set"))
+    log = make_log(T_sup=sine_wave(1.0, 15.0), command=sine_wave(0.2, 15.0, 0.5)).drop_vars("T_set")
+    diagnosis = fc.diagnose(log)
+    assert "T_sup swings ± 1 K about every 15 min" in diagnosis.headline
+    assert "T_set is not logged" in diagnosis.triage.log_limits.values[0]
+    assert np.isnan(diagnosis.triage.error).all()
+    calm = fc.diagnose(make_log().drop_vars("T_set"))
     assert "no fault found; without T_set the control error is unknown" in calm.headline
 
 
 def test_the_table_has_units_and_the_hours_of_every_log():
-    found = fc.diagnose([made_up(hours=5.5), made_up(hours=4.0, T_sup=swing(1.6, 12.0), command=swing(0.2, 12.0, 0.5))])
-    table = found.triage
+    diagnosis = fc.diagnose(
+        [make_log(hours=5.5), make_log(hours=4.0, T_sup=sine_wave(1.6, 12.0), command=sine_wave(0.2, 12.0, 0.5))]
+    )
+    table = diagnosis.triage
     assert table.hour.values.tolist() == list(range(10))
-    assert states(found) == ["holding"] * 6 + ["swinging"] * 4
-    assert set(states(found)) <= set(STATES)
-    for name in VARIABLES:
+    assert hour_states(diagnosis) == ["holding"] * 6 + ["swinging"] * 4
+    assert set(hour_states(diagnosis)) <= set(STATES)
+    for name in HOURLY_VARIABLES:
         assert table[name].dims == ("hour",)
         assert table[name].attrs.keys() == {"units", "long_name"}
-    assert len(found.plot().axes) == 5
-    assert "Hour by hour" in [axes.get_title(loc="left") for axes in found.plot().axes]
+    assert len(diagnosis.plot().axes) == 5
+    assert "Hour by hour" in [axes.get_title(loc="left") for axes in diagnosis.plot().axes]

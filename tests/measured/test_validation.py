@@ -2,10 +2,18 @@
 
 import numpy as np
 import pytest
-from helpers.simulated_logs import VALVE_TRUTH, assert_covered, coil_log, flows, log_of, noisy, walk
+from helpers.simulated_logs import (
+    VALVE_TRUTH,
+    add_noise,
+    assert_covered,
+    coil_log,
+    make_valve_log,
+    random_walk,
+    valve_flows,
+)
 
 import fastcoil as fc
-from fastcoil.measured.fit import poor
+from fastcoil.measured.fit import fit_warnings
 
 pytestmark = pytest.mark.kernel
 
@@ -35,32 +43,32 @@ def test_a_coil_is_validated_with_a_second_log(two_days, validated):
 
 def test_a_valve_is_validated_with_a_second_log(tmp_path):
     rng = np.random.default_rng(23)
-    logs = [log_of(c := walk(rng), noisy(rng, flows(c, start=s), 0.02)) for s in (0.3, 0.9)]
+    logs = [make_valve_log(c := random_walk(rng), add_noise(rng, valve_flows(c, start=s), 0.02)) for s in (0.3, 0.9)]
     fit = fc.fit_valve(logs[0], validation=logs[1])
     assert fit.parameters == fc.fit_valve(logs[0], split=1.0).parameters
     assert_covered(fit, VALVE_TRUTH)
     assert fit.rmse["validation"] == pytest.approx(0.02, rel=0.2)
-    other = log_of(c := walk(rng), flows(c, backlash=0.2))
-    assert any("the validation error is" in note for note in fc.fit_valve(logs[0], validation=other).notes)
+    other_valve = make_valve_log(c := random_walk(rng), valve_flows(c, backlash=0.2))
+    assert any("the validation error is" in note for note in fc.fit_valve(logs[0], validation=other_valve).notes)
 
 
 def test_what_a_valve_is_validated_with_has_no_influence_on_its_fit():
     """Logs with larger flows, a floor, longer holds and intervals, a pump that is off: they change no bit."""
     rng = np.random.default_rng(25)
-    command = np.repeat(walk(rng, n=40, top=0.6), 4)
-    flow = np.maximum(noisy(rng, flows(command), 0.02), 0.1)
+    command = np.repeat(random_walk(rng, n=40, top=0.6), 4)
+    flow = np.maximum(add_noise(rng, valve_flows(command), 0.02), 0.1)
     flow[np.argsort(command)[-8:-4]] = 0.1  # the pump is off
-    log, options = log_of(command, flow), {"lag": 0, "holds": "command"}
+    log, options = make_valve_log(command, flow), {"lag": 0, "holds": "command"}
     alone = fc.fit_valve(log, split=1.0, **options)
     assert any("flows left out, sensor or pump off" in note for note in alone.notes)
     assert any("taken as its floor" in note for note in alone.notes)
     assert any("flows not compared: less than 120 s" in note for note in alone.notes)
     long_holds = np.repeat(rng.permutation(np.linspace(0.0, 1.0, 80)), 10)
-    for other in (
-        log_of(long_holds, np.where(long_holds < 0.5, 5e-4, 3.0 * flows(long_holds)), interval=600.0),
-        log_of(long_holds, np.where(long_holds < 0.9, 0.1, 1.0)),
+    for second_log in (
+        make_valve_log(long_holds, np.where(long_holds < 0.5, 5e-4, 3.0 * valve_flows(long_holds)), interval=600.0),
+        make_valve_log(long_holds, np.where(long_holds < 0.9, 0.1, 1.0)),
     ):
-        fit = fc.fit_valve(log, validation=other, **options)
+        fit = fc.fit_valve(log, validation=second_log, **options)
         assert fit.parameters == alone.parameters
         assert fit.intervals == alone.intervals
         assert fit.rmse["fit"] == alone.rmse["fit"]
@@ -83,14 +91,17 @@ def test_scales_and_limits_of_a_coil_come_from_the_part_to_fit(two_days, validat
 
 def test_a_model_that_explains_little_is_noted_and_a_fit_to_round_off_is_not_called_worse_in_validation():
     two = np.array([10.0, 20.0])
-    for of_fit in (0.0, 1e-13):
-        assert poor({"fit": of_fit, "validation": 3e-13}, two, "T_sup", "units") == []
-    assert "explains only 36 % of the variance of T_sup: check units" in poor({"fit": 4.0}, two, "T_sup", "units")[-1]
+    for fit_rmse in (0.0, 1e-13):
+        assert fit_warnings({"fit": fit_rmse, "validation": 3e-13}, two, "T_sup", "units") == []
+    assert (
+        "explains only 36 % of the variance of T_sup: check units"
+        in fit_warnings({"fit": 4.0}, two, "T_sup", "units")[-1]
+    )
 
 
 def test_what_is_wrong_with_the_second_log_names_it(two_days, tmp_path):
     rng = np.random.default_rng(24)
-    log = log_of(c := walk(rng), flows(c))
+    log = make_valve_log(c := random_walk(rng), valve_flows(c))
     (tmp_path / "other.csv").write_text("elapsed_time [s],command [1],m_w [kg/s]\n0,0.1,0.2\n60,7,0.2\n")
     with pytest.raises(fc.InputError, match=r"other\.csv: command = 7 in row 3"):
         fc.fit_valve(log, validation=tmp_path / "other.csv")

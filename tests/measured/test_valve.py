@@ -5,8 +5,8 @@ import tomllib
 import numpy as np
 import pandas as pd
 import pytest
-from helpers.shared_data import measured
-from helpers.simulated_logs import VALVE_TRUTH, assert_covered, flows, log_of, noisy, walk
+from helpers.shared_data import measured_file
+from helpers.simulated_logs import VALVE_TRUTH, add_noise, assert_covered, make_valve_log, random_walk, valve_flows
 
 import fastcoil as fc
 from fastcoil.measured.fit_valve import has_live_zero
@@ -20,8 +20,8 @@ pytestmark = pytest.mark.kernel
 @pytest.mark.parametrize(("phi", "seed"), [(0.0, 2), (0.9, 5)])
 def test_known_valves_with_white_and_autocorrelated_noise_are_found_within_the_intervals(phi, seed):
     rng = np.random.default_rng(seed)
-    command = walk(rng, n=800)
-    fit = fc.fit_valve(log_of(command, noisy(rng, flows(command, start=0.7), 0.03, phi)))
+    command = random_walk(rng, n=800)
+    fit = fc.fit_valve(make_valve_log(command, add_noise(rng, valve_flows(command, start=0.7), 0.03, phi)))
     assert_covered(fit, VALVE_TRUTH)
     assert fit.intervals["backlash"][1] - fit.intervals["backlash"][0] < 0.03
     assert (fit.n_effective < 0.5 * fit.n_used) == (phi > 0.5)
@@ -29,21 +29,21 @@ def test_known_valves_with_white_and_autocorrelated_noise_are_found_within_the_i
 
 def test_batches_start_anywhere_within_their_backlash():
     rng = np.random.default_rng(6)
-    parts = [walk(rng, n=60) for _ in range(8)]
-    flow = np.concatenate([flows(c, start=s) for c, s in zip(parts, np.linspace(0, 1, 8), strict=True)])
+    parts = [random_walk(rng, n=60) for _ in range(8)]
+    flow = np.concatenate([valve_flows(c, start=s) for c, s in zip(parts, np.linspace(0, 1, 8), strict=True)])
     batch = np.repeat(np.arange(8.0), 60)
-    log = log_of(np.concatenate(parts), noisy(rng, flow, 0.01), batch=batch)
+    log = make_valve_log(np.concatenate(parts), add_noise(rng, flow, 0.01), batch=batch)
     fit = fc.fit_valve(log, split=0.7)
     assert_covered(fit, VALVE_TRUTH)
     assert fit.rmse["fit"] == pytest.approx(0.01, rel=0.2)
-    here = fit.residuals["part"] == "validation"
-    assert set(fit.residuals["batch"].values[here]) == {6, 7}
+    is_validation = fit.residuals["part"] == "validation"
+    assert set(fit.residuals["batch"].values[is_validation]) == {6, 7}
 
 
 def test_no_backlash_is_not_an_unknown_backlash():
     rng = np.random.default_rng(7)
-    command = walk(rng, n=500)
-    fit = fc.fit_valve(log_of(command, noisy(rng, flows(command, backlash=0.0), 0.01)))
+    command = random_walk(rng, n=500)
+    fit = fc.fit_valve(make_valve_log(command, add_noise(rng, valve_flows(command, backlash=0.0), 0.01)))
     low, high = fit.intervals["backlash"]
     assert low == 0.0
     assert high < 0.02
@@ -52,11 +52,11 @@ def test_no_backlash_is_not_an_unknown_backlash():
 
 def test_holds_are_detected_and_only_settled_flows_compared():
     rng = np.random.default_rng(8)
-    command = np.repeat(walk(rng, n=120), 10)
-    flow, delivered = flows(command), []
-    for wanted in flow:  # a slow meter
-        delivered.append(wanted if not delivered else delivered[-1] + 0.6 * (wanted - delivered[-1]))
-    log = log_of(command, noisy(rng, np.array(delivered), 0.005), interval=30.0)
+    command = np.repeat(random_walk(rng, n=120), 10)
+    flow, delivered = valve_flows(command), []
+    for target in flow:  # a slow meter
+        delivered.append(target if not delivered else delivered[-1] + 0.6 * (target - delivered[-1]))
+    log = make_valve_log(command, add_noise(rng, np.array(delivered), 0.005), interval=30.0)
     fit = fc.fit_valve(log)
     assert fit.parameters["backlash"] == pytest.approx(0.07, abs=0.005)
     assert any("less than 150 s after the command changed" in note for note in fit.notes)
@@ -68,12 +68,12 @@ def test_holds_are_detected_and_only_settled_flows_compared():
 
 def test_the_floor_of_the_flow_meter_is_found_and_a_pump_that_is_off_is_not_compared():
     rng = np.random.default_rng(9)
-    command = walk(rng, n=600)
-    flow = np.maximum(noisy(rng, flows(command), 0.01), 0.25)
+    command = random_walk(rng, n=600)
+    flow = np.maximum(add_noise(rng, valve_flows(command), 0.01), 0.25)
     flow[command < 0.1] = 0.25
     off = np.flatnonzero(command > 0.8)[:7]
     flow[off] = 0.0
-    fit = fc.fit_valve(log_of(command, flow))
+    fit = fc.fit_valve(make_valve_log(command, flow))
     assert_covered(fit, VALVE_TRUTH, ["backlash"])
     assert any(
         note.startswith("7 flows left out, sensor or pump off") and f"row {off[0]})" in note for note in fit.notes
@@ -89,9 +89,11 @@ def test_intervals_of_95_per_cent_cover_the_truth_that_often():
     n = 120
     for seed in range(n):
         rng = np.random.default_rng(1000 + seed)
-        command = walk(rng, n=200)
+        command = random_walk(rng, n=200)
         phi = (0.0, 0.5, 0.8)[seed % 3]
-        fit = fc.fit_valve(log_of(command, noisy(rng, flows(command, start=rng.uniform()), 0.03, phi)), split=1.0)
+        fit = fc.fit_valve(
+            make_valve_log(command, add_noise(rng, valve_flows(command, start=rng.uniform()), 0.03, phi)), split=1.0
+        )
         for name in hits:
             low, high = fit.intervals.get(name, (0.0, 1.0))
             hits[name] += low <= VALVE_TRUTH[name] <= high
@@ -105,7 +107,7 @@ def test_intervals_of_95_per_cent_cover_the_truth_that_often():
 def test_a_log_without_reversals_gives_no_backlash():
     command = np.linspace(0.0, 1.0, 100)
     rng = np.random.default_rng(11)
-    fit = fc.fit_valve(log_of(command, noisy(rng, flows(command), 0.01)), split=1.0)
+    fit = fc.fit_valve(make_valve_log(command, add_noise(rng, valve_flows(command), 0.01)), split=1.0)
     assert "backlash" not in fit.parameters
     assert "reverses only 0 times" in fit.held["backlash"]
     fc.Loop().assign(**fit.parameters)
@@ -116,8 +118,10 @@ def test_a_backlash_that_is_only_noise_is_not_identified():
     """Some of these logs seem to exclude a backlash below 1 %: by chance, and their estimate is twice too large."""
     for seed in range(3):
         rng = np.random.default_rng(5000 + seed)
-        command = walk(rng, n=100)
-        fit = fc.fit_valve(log_of(command, noisy(rng, flows(command, backlash=0.02), 0.3, 0.5)), split=1.0)
+        command = random_walk(rng, n=100)
+        fit = fc.fit_valve(
+            make_valve_log(command, add_noise(rng, valve_flows(command, backlash=0.02), 0.3, 0.5)), split=1.0
+        )
         assert "backlash" not in fit.parameters, seed
         assert "fits as well (95 %): give a longer log" in fit.held["backlash"]
 
@@ -125,7 +129,7 @@ def test_a_backlash_that_is_only_noise_is_not_identified():
 def test_two_positions_identify_neither_the_backlash_nor_the_curve():
     rng = np.random.default_rng(18)
     command = np.where(np.arange(300) // 20 % 2, 0.8, 0.2)
-    fit = fc.fit_valve(log_of(command, noisy(rng, flows(command), 0.02)), split=1.0)
+    fit = fc.fit_valve(make_valve_log(command, add_noise(rng, valve_flows(command), 0.02)), split=1.0)
     assert "backlash" not in fit.parameters
     assert "from 0 to 0.25 fits as well" in fit.held["backlash"]
     assert any("one of many that fit as well" in why for why in fit.held.values())
@@ -135,22 +139,22 @@ def test_two_positions_identify_neither_the_backlash_nor_the_curve():
 
 def test_an_inverted_command_is_suspected():
     rng = np.random.default_rng(20)
-    command = walk(rng, n=100)
+    command = random_walk(rng, n=100)
     hint = "the flow falls as the command rises: if a full command closes the valve, log 1 - command"
-    inverted = fc.fit_valve(log_of(1.0 - command, flows(command)), split=1.0)
+    inverted = fc.fit_valve(make_valve_log(1.0 - command, valve_flows(command)), split=1.0)
     assert hint in inverted.notes
     assert inverted.held["backlash"] == f"not identified: {hint}"
-    assert hint not in fc.fit_valve(log_of(command, flows(command)), split=1.0).notes
+    assert hint not in fc.fit_valve(make_valve_log(command, valve_flows(command)), split=1.0).notes
 
 
 def test_a_signal_of_2_to_10_V_read_as_one_of_0_to_10_V_is_suspected():
     """The valve is then closed at 20 %; a valve that merely passes no water below 20 % is below it at times."""
     rng = np.random.default_rng(21)
-    command = walk(rng, n=150)
+    command = random_walk(rng, n=150)
     command[[3, 70, 120]] = 0.0
-    flow = noisy(rng, flows(command), 0.01)
-    read_wrong = fc.fit_valve(log_of(0.2 + 0.8 * command, flow), split=1.0, lag=0)
-    (note,) = [one for one in read_wrong.notes if "2-10 V" in one]
+    flow = add_noise(rng, valve_flows(command), 0.01)
+    read_wrong = fc.fit_valve(make_valve_log(0.2 + 0.8 * command, flow), split=1.0, lag=0)
+    (note,) = [text for text in read_wrong.notes if "2-10 V" in text]
     assert note.startswith("the valve is closed at a command of 0.2 and the command never falls below that")
     assert note.endswith("or log (command - 0.2) / 0.8")
     assert read_wrong.parameters["backlash"] == pytest.approx(0.8 * 0.07, abs=0.004)
@@ -165,8 +169,8 @@ def test_a_signal_of_2_to_10_V_read_as_one_of_0_to_10_V_is_suspected():
 @pytest.fixture(scope="module")
 def fit():
     rng = np.random.default_rng(16)
-    command = walk(rng, n=300)
-    return fc.fit_valve(log_of(command, noisy(rng, flows(command), 0.02)))
+    command = random_walk(rng, n=300)
+    return fc.fit_valve(make_valve_log(command, add_noise(rng, valve_flows(command), 0.02)))
 
 
 def test_the_result_has_what_is_promised(fit):
@@ -186,11 +190,11 @@ def test_the_result_has_what_is_promised(fit):
 
 def test_the_toml_reads_back(fit, tmp_path):
     path = tmp_path / "valve.toml"
-    read = tomllib.loads(fit.to_toml(path))
+    tables = tomllib.loads(fit.to_toml(path))
     assert path.read_text() == fit.to_toml()
-    assert read["loop"] == fit.parameters
-    assert read["fit"]["interval_95"]["backlash"] == list(fit.intervals["backlash"])
-    assert read["fit"]["rmse"] == fit.rmse
+    assert tables["loop"] == fit.parameters
+    assert tables["fit"]["interval_95"]["backlash"] == list(fit.intervals["backlash"])
+    assert tables["fit"]["rmse"] == fit.rmse
     with pytest.raises(fc.InputError, match="cannot be written"):
         fit.to_toml(tmp_path / "no" / "valve.toml")
 
@@ -198,7 +202,7 @@ def test_the_toml_reads_back(fit, tmp_path):
 def test_the_interval_of_a_backlash_estimated_at_0_allows_for_correlated_noise():
     rng = np.random.default_rng(18)
     command = np.repeat(rng.uniform(0.0, 1.0, 60), 20)
-    log = log_of(command, noisy(rng, flows(command, backlash=0.005), 0.06, phi=0.97), 30.0)
+    log = make_valve_log(command, add_noise(rng, valve_flows(command, backlash=0.005), 0.06, phi=0.97), 30.0)
     fit = fc.fit_valve(log, split=1.0)
     assert fit.backlash < 1e-6
     low, high = fit.profile.attrs["interval_95"]
@@ -211,9 +215,9 @@ def test_the_interval_of_a_backlash_estimated_at_0_allows_for_correlated_noise()
 
 def test_a_log_in_degrees_and_litres_a_minute_is_that_in_usual_units():
     rng = np.random.default_rng(12)
-    command = walk(rng, n=160)
-    flow, batch = noisy(rng, flows(command), 0.01), np.arange(160) // 40
-    usual = fc.fit_valve(log_of(command, flow, batch=batch), split=0.5, holds="command")
+    command = random_walk(rng, n=160)
+    flow, batch = add_noise(rng, valve_flows(command), 0.01), np.arange(160) // 40
+    usual = fc.fit_valve(make_valve_log(command, flow, batch=batch), split=0.5, holds="command")
     time = 60.0 * np.arange(160)
     theirs = pd.DataFrame({"t": time, "deg": 90.0 * command, "lpm": 60.0 * flow, "batch": batch})
     columns = {"elapsed_time": "t", "command": "deg", "m_w": "lpm", "batch": "batch"}
@@ -225,7 +229,7 @@ def test_a_log_in_degrees_and_litres_a_minute_is_that_in_usual_units():
 @pytest.mark.full
 def test_on_a_hospitals_ahu_each_half_holds_the_other_and_the_first_is_validated_by_the_second():
     """Maddalena et al. (2022): batches 0-12 and 13-25; in the second half the flow is logged one sample late."""
-    log = pd.read_csv(measured("riskbr_ahu1.csv"))
+    log = pd.read_csv(measured_file("riskbr_ahu1.csv"))
     reading = {
         "columns": {"elapsed_time": "time_s", "command": "valve_pos_deg", "m_w": "water_flow_l_min", "batch": "batch"},
         "units": {"elapsed_time": "s", "command": "deg", "m_w": "L/min"},
@@ -233,20 +237,20 @@ def test_on_a_hospitals_ahu_each_half_holds_the_other_and_the_first_is_validated
         "holds": "command",
     }
     first, second = log[log["batch"] < 13], log[log["batch"] >= 13]
-    whole, one, two = (fc.fit_valve(each, split=1.0, **reading) for each in (log, first, second))
-    assert one.backlash == pytest.approx(0.148, abs=5e-4)
-    assert two.backlash == pytest.approx(0.135, abs=5e-4)
-    for fit, interval in ((whole, (0.107, 0.171)), (one, (0.125, 0.171)), (two, (0.091, 0.179))):
+    whole, first_fit, second_fit = (fc.fit_valve(each, split=1.0, **reading) for each in (log, first, second))
+    assert first_fit.backlash == pytest.approx(0.148, abs=5e-4)
+    assert second_fit.backlash == pytest.approx(0.135, abs=5e-4)
+    for fit, interval in ((whole, (0.107, 0.171)), (first_fit, (0.125, 0.171)), (second_fit, (0.091, 0.179))):
         low, high = fit.intervals["backlash"]
         assert (low, high) == pytest.approx(interval, abs=1e-3)
-        assert all(low < other.backlash < high for other in (whole, one, two))
+        assert all(low < other_fit.backlash < high for other_fit in (whole, first_fit, second_fit))
         assert fit.rmse["fit"] < 0.9 * fit.rmse["fit_without_backlash"]
         assert any("0.1043 kg/s" in note and "floor" in note for note in fit.notes)
-    assert not any("logged" in note for note in one.notes)
+    assert not any("logged" in note for note in first_fit.notes)
     assert any(
-        note.startswith("throughout the flow is logged 1 sample (600 s) after the command") for note in two.notes
+        note.startswith("throughout the flow is logged 1 sample (600 s) after the command") for note in second_fit.notes
     )
     late = fc.fit_valve(log, split=0.5, **reading)
-    assert late.parameters == one.parameters
+    assert late.parameters == first_fit.parameters
     assert late.rmse["validation"] < 0.95 * late.rmse["validation_without_backlash"]
     assert late.rmse["validation"] == pytest.approx(0.246, abs=0.002)

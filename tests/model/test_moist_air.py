@@ -9,14 +9,16 @@ PRESSURES = (101325.0, 98934.0, 70e3)
 ABOVE_FREEZING = np.linspace(0.02, 50.0, 60)
 
 
-def each(function, *arrays):
+def apply_elementwise(function, *arrays):
     return np.array([function(*map(float, row)) for row in zip(*np.broadcast_arrays(*arrays), strict=True)])
 
 
 def test_saturation_is_hyland_wexlers_over_ice_below_the_triple_point_and_over_water_above(psychrolib):
     T = np.concatenate([np.linspace(-40.0, 60.0, 301), [-1e-6, 0.0, 0.003, 0.0099, 0.0101]])
-    np.testing.assert_allclose(moist_air.saturation_pressure(T), each(psychrolib.GetSatVapPres, T), rtol=1e-12)
-    W_s = each(lambda t: psychrolib.GetSatHumRatio(t, 98e3), T)
+    np.testing.assert_allclose(
+        moist_air.saturation_pressure(T), apply_elementwise(psychrolib.GetSatVapPres, T), rtol=1e-12
+    )
+    W_s = apply_elementwise(lambda t: psychrolib.GetSatHumRatio(t, 98e3), T)
     np.testing.assert_allclose(moist_air.saturation_humidity_ratio(T, 98e3), W_s, rtol=1e-10)
 
 
@@ -44,7 +46,7 @@ def test_liquid_pressure_below_freezing_is_that_of_supercooled_water():
         + 0.000367 * K
         + np.tanh(0.0415 * (K - 218.8)) * (53.878 - 1331.22 / K - 9.44523 * np.log(K) + 0.014025 * K)
     )
-    np.testing.assert_allclose(moist_air.liquid_pressure(T), expected, rtol=3e-3)
+    np.testing.assert_allclose(moist_air.liquid_saturation_pressure(T), expected, rtol=3e-3)
 
 
 @pytest.mark.parametrize("pressure", PRESSURES)
@@ -53,22 +55,26 @@ def test_humidity_ratios_are_those_of_psychrolib(psychrolib, pressure):
     lib = psychrolib
     np.testing.assert_allclose(
         moist_air.humidity_ratio(T, rh, pressure),
-        each(lambda t, r: lib.GetHumRatioFromRelHum(t, r, pressure), T, rh),
+        apply_elementwise(lambda t, r: lib.GetHumRatioFromRelHum(t, r, pressure), T, rh),
         rtol=1e-10,
     )
     np.testing.assert_allclose(
-        moist_air.saturation_humidity_ratio(T, pressure), each(lambda t: lib.GetSatHumRatio(t, pressure), T), rtol=1e-10
+        moist_air.saturation_humidity_ratio(T, pressure),
+        apply_elementwise(lambda t: lib.GetSatHumRatio(t, pressure), T),
+        rtol=1e-10,
     )
     np.testing.assert_allclose(
         moist_air.humidity_ratio_from_dew_point(T, pressure),
-        each(lambda t: lib.GetHumRatioFromTDewPoint(t, pressure), T),
+        apply_elementwise(lambda t: lib.GetHumRatioFromTDewPoint(t, pressure), T),
         rtol=1e-10,
     )
     wet_bulb = T - 3.0 * (1.0 - rh)
-    kept = wet_bulb > 0.01
+    is_above_freezing = wet_bulb > 0.01
     np.testing.assert_allclose(
-        moist_air.humidity_ratio_from_wet_bulb(T, wet_bulb, pressure)[kept],
-        each(lambda t, w: lib.GetHumRatioFromTWetBulb(t, w, pressure), T[kept], wet_bulb[kept]),
+        moist_air.humidity_ratio_from_wet_bulb(T, wet_bulb, pressure)[is_above_freezing],
+        apply_elementwise(
+            lambda t, w: lib.GetHumRatioFromTWetBulb(t, w, pressure), T[is_above_freezing], wet_bulb[is_above_freezing]
+        ),
         rtol=1e-10,
     )
 
@@ -79,7 +85,7 @@ def test_dew_point_is_that_of_psychrolib_and_inverts_saturation(psychrolib, pres
     dew_point = moist_air.dew_point(W, pressure)
     np.testing.assert_allclose(dew_point, ABOVE_FREEZING, atol=1e-10)
     # PsychroLib iterates to 1e-3 K only.
-    expected = each(lambda t, w: psychrolib.GetTDewPointFromHumRatio(t, w, pressure), ABOVE_FREEZING, W)
+    expected = apply_elementwise(lambda t, w: psychrolib.GetTDewPointFromHumRatio(t, w, pressure), ABOVE_FREEZING, W)
     np.testing.assert_allclose(dew_point, expected, atol=2e-3)
 
 
@@ -92,19 +98,19 @@ def test_dew_point_inverts_saturation_in_frost_and_in_dry_air():
 @pytest.mark.parametrize("pressure", PRESSURES)
 def test_wetting_point_inverts_saturation_over_ice_and_over_water(pressure):
     T = np.concatenate([np.linspace(-85.0, 60.0, 146), [0.0, 0.0099, 0.0101]])
-    found = moist_air.wetting_point(moist_air.saturation_humidity_ratio(T, pressure), pressure)
-    np.testing.assert_allclose(found, T, atol=2e-7)
-    above = found > 0.1
+    T_wetting = moist_air.wetting_point(moist_air.saturation_humidity_ratio(T, pressure), pressure)
+    np.testing.assert_allclose(T_wetting, T, atol=2e-7)
+    above = T_wetting > 0.1
     np.testing.assert_array_equal(
-        found[above], moist_air.dew_point(moist_air.saturation_humidity_ratio(T, pressure), pressure)[above]
+        T_wetting[above], moist_air.dew_point(moist_air.saturation_humidity_ratio(T, pressure), pressure)[above]
     )
 
 
 def test_enthalpy_is_that_of_psychrolib_and_temperature_inverts_it(psychrolib):
     T, W = (grid.ravel() for grid in np.meshgrid(np.linspace(-20.0, 60.0, 17), [0.0, 0.005, 0.02]))
     h = moist_air.enthalpy(T, W)
-    np.testing.assert_allclose(h, each(psychrolib.GetMoistAirEnthalpy, T, W) / 1000, rtol=1e-6, atol=1e-3)
-    np.testing.assert_allclose(moist_air.temperature(h, W), T, atol=1e-11)
+    np.testing.assert_allclose(h, apply_elementwise(psychrolib.GetMoistAirEnthalpy, T, W) / 1000, rtol=1e-6, atol=1e-3)
+    np.testing.assert_allclose(moist_air.temperature_from_enthalpy(h, W), T, atol=1e-11)
 
 
 @pytest.mark.parametrize("pressure", PRESSURES)

@@ -8,31 +8,33 @@ from reference.valve_test import valve_test as script
 
 import fastcoil as fc
 from fastcoil.model import valve_test
-from fastcoil.model.metric_table import TEST_ABORTED
-from fastcoil.model.valve_test import FASTEST, OFF, SLOWEST, Memory
+from fastcoil.model.metric_table import TEST_ABORTED_MEANINGS
+from fastcoil.model.valve_test import LARGEST_RATE_RATIO, LEAST_RATE_RATIO, PHASE_OFF, Memory
 
-GIVEN = {name.removeprefix("test_"): value for name, value in fc.ValveTest().parameters().items()}
-del GIVEN["start"], GIVEN["every"]
+DEFAULTS = {name.removeprefix("test_"): value for name, value in fc.ValveTest().parameters().items()}
+del DEFAULTS["start"], DEFAULTS["every"]
 
 
-def run(errors, command=0.5, sample_time=5.0, **changes):
+def run_test(errors, command=0.5, sample_time=5.0, **settings_changed):
     """(Commands, memories after them, why it ended) on given errors; equal to those of the script."""
-    given = GIVEN | changes
-    p = valve_test.Parameters(sample_time, *(given[n.removeprefix("test_")] for n in valve_test.Parameters._fields[1:]))
-    memory, first, commands, memories = valve_test.begin(14.0, p, Memory()), command, [], []
+    settings = DEFAULTS | settings_changed
+    p = valve_test.Parameters(
+        sample_time, *(settings[n.removeprefix("test_")] for n in valve_test.Parameters._fields[1:])
+    )
+    memory, first_command, commands, memories = valve_test.begin_test(14.0, p, Memory()), command, [], []
     for e in errors:
-        command, memory = valve_test.step(e, command, True, p, memory)
-        if memory.phase == OFF:
+        command, memory = valve_test.step_test(e, command, True, p, memory)
+        if memory.phase == PHASE_OFF:
             break
         commands.append(command)
         memories.append(memory)
-    expected, why = script(errors, first, sample_time, **given)
+    expected, reason = script(errors, first_command, sample_time, **settings)
     np.testing.assert_allclose(commands, expected, rtol=0.0, atol=1e-12)
-    assert TEST_ABORTED[int(memory.aborted)] == (why if why in TEST_ABORTED else "no")
-    return commands, memories, why
+    assert TEST_ABORTED_MEANINGS[int(memory.aborted)] == (reason if reason in TEST_ABORTED_MEANINGS else "no")
+    return commands, memories, reason
 
 
-def wander(seed, n, size):
+def wandering_errors(seed, n, size):
     """Errors that go to and fro."""
     rng, e = np.random.default_rng(seed), [0.0]
     for _ in range(n):
@@ -45,9 +47,13 @@ def wander(seed, n, size):
 def test_the_commands_are_those_of_the_script_on_errors_that_wander(size, sample_time):
     reasons = set()
     for seed in range(40):
-        more = {"settle": 60.0 * (1 + seed % 4), "hold": 60.0 * (1 + seed % 2), "threshold": (0.1, 0.3)[seed % 3 // 2]}
-        errors = wander(seed, int(1200 / sample_time), size * (sample_time / 5.0) ** 0.5)
-        reasons.add(run(errors, (0.5, 0.03, 0.98)[seed % 3], sample_time, **more)[-1])
+        settings = {
+            "settle": 60.0 * (1 + seed % 4),
+            "hold": 60.0 * (1 + seed % 2),
+            "threshold": (0.1, 0.3)[seed % 3 // 2],
+        }
+        errors = wandering_errors(seed, int(1200 / sample_time), size * (sample_time / 5.0) ** 0.5)
+        reasons.add(run_test(errors, (0.5, 0.03, 0.98)[seed % 3], sample_time, **settings)[-1])
     assert "" in reasons if size < 0.1 else reasons >= {"swing", "end_of_stroke"}
 
 
@@ -55,49 +61,49 @@ def test_ramps_have_between_a_fifth_and_four_times_the_given_rate():
     """Errors that answer the command by much or little: the next ramp is slower or faster, but never more than that."""
     rates = set()
     for gain, seed in itertools.product((0.2, 1.0, 5.0), range(8)):
-        errors = [gain * e for e in wander(seed, 500, 0.1)]
-        commands, memories, _ = run(errors, minutes=40, excursion=50.0, settle=0.0, hold=30.0)
+        errors = [gain * e for e in wandering_errors(seed, 500, 0.1)]
+        commands, memories, _ = run_test(errors, minutes=40, excursion=50.0, settle=0.0, hold=30.0)
         moves = np.abs(np.diff(commands))
         ends = (np.array(commands[1:]) == 0.0) | (np.array(commands[1:]) == 1.0)
-        assert (moves <= FASTEST * GIVEN["rate"] * 5.0 + 1e-12).all()
-        assert (moves[(moves > 0.0) & ~ends] >= SLOWEST * GIVEN["rate"] * 5.0 - 1e-12).all()
-        rates |= {memory.ramp for memory in memories}
-    assert min(rates) == pytest.approx(SLOWEST * GIVEN["rate"])
-    assert max(rates) == pytest.approx(FASTEST * GIVEN["rate"])
+        assert (moves <= LARGEST_RATE_RATIO * DEFAULTS["rate"] * 5.0 + 1e-12).all()
+        assert (moves[(moves > 0.0) & ~ends] >= LEAST_RATE_RATIO * DEFAULTS["rate"] * 5.0 - 1e-12).all()
+        rates |= {memory.ramp_rate for memory in memories}
+    assert min(rates) == pytest.approx(LEAST_RATE_RATIO * DEFAULTS["rate"])
+    assert max(rates) == pytest.approx(LARGEST_RATE_RATIO * DEFAULTS["rate"])
 
 
 @pytest.mark.parametrize(("ran_on", "share"), [(0.5, 1.0), (1.0, 0.5), (0.1, 2.0), (-0.2, 2.0), (9.0, 0.2)])
 def test_the_next_ramp_has_the_rate_at_which_the_temperature_runs_on_by_half_a_kelvin(ran_on, share):
-    p = valve_test.Parameters(5.0, **{f"test_{name}": value for name, value in GIVEN.items()})
-    assert valve_test.next_rate(GIVEN["rate"], ran_on, p) == pytest.approx(share * GIVEN["rate"])
+    p = valve_test.Parameters(5.0, **{f"test_{name}": value for name, value in DEFAULTS.items()})
+    assert valve_test.next_ramp_rate(DEFAULTS["rate"], ran_on, p) == pytest.approx(share * DEFAULTS["rate"])
 
 
-CALM = [0.1] * 13
-ENDS = {
-    "excursion": ([*CALM, *[0.2] * 10, *[-0.5] * 5, -1.51], 0.5),
+CALM_ERRORS = [0.1] * 13
+ABORTED_RUNS = {
+    "excursion": ([*CALM_ERRORS, *[0.2] * 10, *[-0.5] * 5, -1.51], 0.5),
     "end_of_stroke": ([0.2] * 60, 0.95),
     "swing": ([0.2, -0.11] * 20, 0.5),
 }
 
 
-@pytest.mark.parametrize("reason", ENDS)
+@pytest.mark.parametrize("reason", ABORTED_RUNS)
 def test_a_test_is_aborted(reason):
-    assert run(*ENDS[reason])[-1] == reason
+    assert run_test(*ABORTED_RUNS[reason])[-1] == reason
 
 
 @pytest.mark.parametrize(("command", "error"), [(0.0, -0.1), (1.0, 0.1)])
 def test_a_test_does_not_begin_where_the_valve_has_no_room(command, error):
-    assert run([error] * 60, command)[0] == []
-    assert run([error] * 60, command)[-1] == "end_of_stroke"
-    assert run([-error] * 60, command)[-1] == "no more errors"
+    assert run_test([error] * 60, command)[0] == []
+    assert run_test([error] * 60, command)[-1] == "end_of_stroke"
+    assert run_test([-error] * 60, command)[-1] == "no more errors"
 
 
 def test_an_end_of_the_stroke_that_brings_the_temperature_back_turns_the_ramp():
-    commands, _, why = run([*CALM, *[0.2] * 5, *[-0.1] * 60], command=0.98)
+    commands, _, why = run_test([*CALM_ERRORS, *[0.2] * 5, *[-0.1] * 60], command=0.98)
     assert why == "no more errors"
     assert commands[-1] < 1.0 == max(commands)
 
 
 def test_before_the_first_ramp_has_ended_the_error_may_be_twice_as_large():
-    assert run([*CALM, *[2.99] * 5])[-1] == "no more errors"
-    assert run([*CALM, *[3.01] * 5])[-1] == "excursion"
+    assert run_test([*CALM_ERRORS, *[2.99] * 5])[-1] == "no more errors"
+    assert run_test([*CALM_ERRORS, *[3.01] * 5])[-1] == "excursion"

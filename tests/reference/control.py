@@ -66,9 +66,9 @@ class NoiseMeter:
         self.readings.append(reading)
         if len(self.readings) < 3:
             return
-        older, last, now = self.readings[-3:]
+        older, previous, now = self.readings[-3:]
         share = max(1.0 / len(self.readings), 0.01)
-        self.median *= 1.0 + share if abs((now - last) - (last - older)) > self.median else 1.0 - share
+        self.median *= 1.0 + share if abs((now - previous) - (previous - older)) > self.median else 1.0 - share
         self.median = max(self.median, 0.001)
 
     @property
@@ -104,10 +104,10 @@ class Controller:
         elif is_sample and not abs(error) <= p["error_dead_band"] > 0.0:
             self.u, self.integral = pi_controller(error, self.integral, p["kp"], p["ti"], p["sample_time"])
 
-        waived = p["estimator"] == "identify" and estimate == 0.0
+        waives_buffer = p["estimator"] == "identify" and estimate == 0.0
         extreme_before, command_before = self.u_extreme, self.command
         self.command, self.mode, self.u_extreme = backlash_inverse(
-            self.u, estimate, 0.0 if waived else self.buffer, self.mode, self.u_extreme, self.command
+            self.u, estimate, 0.0 if waives_buffer else self.buffer, self.mode, self.u_extreme, self.command
         )
         if p["compensation"] == "additive":
             holds = self.u_extreme == extreme_before

@@ -3,7 +3,7 @@
 import math
 
 
-class Fixed:
+class FixedEstimate:
     """The estimate that is given.
 
     ``look(t, seen)`` is called once a second, before the controller.  ``seen`` has T_set, m_a and enabled of this
@@ -11,10 +11,10 @@ class Fixed:
     """
 
     def __init__(self, parameters):
-        self.is_off = type(self) is Fixed
+        self.is_off = type(self) is FixedEstimate
         self.estimate = parameters["backlash_estimate"]
 
-    def look(self, t, seen):
+    def observe(self, t, sample):
         """Nothing to see."""
 
     def metrics(self):

@@ -3,10 +3,10 @@
 import math
 from statistics import median
 
-from reference.fixed import Fixed
+from reference.fixed import FixedEstimate
 
 
-class Hagglund(Fixed):
+class Hagglund(FixedEstimate):
     """From literature, section 2: d = K (Dt/Ti - 1/(K Kp)) Dy where Dt >= 5 Ti, e_max < 2 Dy and 0 < d < 1.
 
     The whole half period is kept as a list, and so are all gaps.
@@ -19,24 +19,24 @@ class Hagglund(Fixed):
         self.half_period = None  # filtered errors since the last zero crossing
         self.gaps = []
 
-    def look(self, t, seen):
+    def observe(self, t, sample):
         """One more error, if this is a sample."""
         sample_time = self.p["sample_time"]
-        if t % sample_time != 0 or not seen.enabled:
+        if t % sample_time != 0 or not sample.enabled:
             return
         before = self.filtered
         if before is None:
-            self.filtered = seen.e
+            self.filtered = sample.e
         else:
             tau = self.p["hagglund_filter_ratio"] * self.p["ti"]
-            self.filtered += sample_time / (tau + sample_time) * (seen.e - self.filtered)
+            self.filtered += sample_time / (tau + sample_time) * (sample.e - self.filtered)
         if before is not None and (before > 0.0) != (self.filtered > 0.0):
             if self.half_period is not None:
                 self.end_half_period()
             self.half_period = []
         if self.half_period is not None:
             self.half_period.append(abs(self.filtered))
-        if not 0.0 < seen.u < 1.0:
+        if not 0.0 < sample.u < 1.0:
             self.half_period = None
 
     def end_half_period(self):
@@ -45,16 +45,16 @@ class Hagglund(Fixed):
         Dt = len(self.half_period) * self.p["sample_time"]
         Dy = sum(self.half_period) / len(self.half_period)
         d = K * (Dt / Ti - 1.0 / (K * Kp)) * Dy
-        least = self.p["hagglund_least_half_periods"]
-        if self.p["estimate_share"] > 0.0 and len(self.gaps) >= least:
+        least_half_periods = self.p["hagglund_least_half_periods"]
+        if self.p["estimate_share"] > 0.0 and len(self.gaps) >= least_half_periods:
             return
         if Dt >= 5.0 * Ti and max(self.half_period) < 2.0 * Dy and 0.0 < d < 1.0:
             self.gaps.append(d)
-            if len(self.gaps) >= least:
+            if len(self.gaps) >= least_half_periods:
                 self.estimate = median(self.gaps[-5:])
 
     def metrics(self):
         """Half periods that counted, and how far the last five are apart."""
-        last = self.gaps[-5:]
-        spread = max(last) - min(last) if len(last) == 5 else math.nan
+        last_gaps = self.gaps[-5:]
+        spread = max(last_gaps) - min(last_gaps) if len(last_gaps) == 5 else math.nan
         return super().metrics() | {"half_periods": float(len(self.gaps)), "half_period_spread": spread}

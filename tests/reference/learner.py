@@ -2,11 +2,11 @@
 
 import math
 
-from reference.fixed import Fixed
+from reference.fixed import FixedEstimate
 from reference.rounding import clip
 
 
-class Learner(Fixed):
+class Learner(FixedEstimate):
     """The self-learning rule of section 3.3 of the paper, and what can be changed in it.
 
     An interval that is no evidence is as if it had not been: no step, and no reference frequency from it.
@@ -31,10 +31,10 @@ class Learner(Fixed):
         self.lowest = p["backlash_estimate"]
         self.highest = p["learning_cap"]
         self.stops_at_first_down = p["learning_stop"] == "first_step_down"
-        self.reached_from = p["backlash"] - p["learning_step"] / 2.0 - 1e-12
+        self.reached_threshold = p["backlash"] - p["learning_step"] / 2.0 - 1e-12
         self.reference_frequency = None
-        self.intervals_wanted = int(p["learning_reference"])
-        self.starting_up = self.intervals_wanted > 0
+        self.n_reference_intervals = int(p["learning_reference"])
+        self.starting_up = self.n_reference_intervals > 0
         self.frequencies = []  # of the intervals of the reference
         self.error_ratio = p["learning_error_ratio"]
         self.errors = []  # settled ones, of this interval
@@ -63,25 +63,25 @@ class Learner(Fixed):
             return {"no_evidence": 4.0, "not_identifiable": 5.0}[self.missing]
         return 1.0
 
-    def look(self, t, seen):
+    def observe(self, t, sample):
         """Update the estimate where an interval ends."""
         if t > 0 and t % self.sample_time == 0 and self.error_ratio > 0.0:
-            self.look_at_the_error(t, seen)
-        switches = seen.switches - self.switches_before
+            self.collect_error(t, sample)
+        switches = sample.switches - self.switches_before
         if self.is_due(t, switches):
             self.update(t, switches)
-            self.switches_before = seen.switches
+            self.switches_before = sample.switches
             self.errors = []
 
-    def look_at_the_error(self, t, seen):
+    def collect_error(self, t, sample):
         """Keep an error that no set-point step of the last 600 s, nor an end of the valve, explains."""
-        has_stepped = self.T_set is not None and abs(seen.T_set - self.T_set) > 0.1
-        self.T_set = seen.T_set
-        if not 0.0 < seen.u < 1.0:
+        has_stepped = self.T_set is not None and abs(sample.T_set - self.T_set) > 0.1
+        self.T_set = sample.T_set
+        if not 0.0 < sample.u < 1.0:
             self.settled_after = t + 600
             return
         if t > self.settled_after:
-            self.errors.append(seen.e)
+            self.errors.append(sample.e)
         if has_stepped:
             self.settled_after = t + 600
 
@@ -128,7 +128,7 @@ class Learner(Fixed):
         """Take an interval into the reference; the one that completes it steps, too."""
         self.frequencies.append(frequency)
         self.reference_errors += self.errors
-        if len(self.frequencies) >= self.intervals_wanted:
+        if len(self.frequencies) >= self.n_reference_intervals:
             self.reference_frequency = mean = sum(self.frequencies) / len(self.frequencies)
             self.move(t, mean > self.ratio * max(mean, self.floor))
 
@@ -139,9 +139,9 @@ class Learner(Fixed):
         now, before = (math.sqrt(sum(e * e for e in some) / len(some)) for some in (self.errors, self.reference_errors))
         return now > self.error_ratio * before
 
-    def move(self, t, down):
+    def move(self, t, is_down):
         """One step, down or up."""
-        if down:
+        if is_down:
             self.step_down(t)
         else:
             self.step_up(t)
@@ -167,5 +167,5 @@ class Learner(Fixed):
     def move_by(self, distance, t):
         """Move the estimate within its limits."""
         self.estimate = clip(self.estimate + distance, self.lowest, self.highest)
-        if math.isnan(self.time_reached) and self.estimate >= self.reached_from:
+        if math.isnan(self.time_reached) and self.estimate >= self.reached_threshold:
             self.time_reached = float(t)

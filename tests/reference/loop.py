@@ -5,13 +5,13 @@ from types import SimpleNamespace
 
 from reference.coil import coil_step
 from reference.control import Controller
-from reference.fixed import Fixed
+from reference.fixed import FixedEstimate
 from reference.gradient import Gradient
 from reference.hagglund import Hagglund
 from reference.identify import Identify
 from reference.learner import Learner
 from reference.metrics import (
-    LOOK,
+    FROST_INTERVAL_S,
     METRICS,
     air_metrics,
     coil_metrics,
@@ -42,7 +42,13 @@ SCALAR_TRACES = (
     "power",
 )
 VOLUME_TRACES = ("T_w", "T_c", "T_a", "W_a")
-ESTIMATORS = {"none": Fixed, "learner": Learner, "hagglund": Hagglund, "gradient": Gradient, "identify": Identify}
+ESTIMATORS = {
+    "none": FixedEstimate,
+    "learner": Learner,
+    "hagglund": Hagglund,
+    "gradient": Gradient,
+    "identify": Identify,
+}
 
 
 def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replicate=0, day=0, saturation=None):
@@ -60,17 +66,17 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
     """
     p = parameters
     n_volumes = p["n_volumes"]
-    m_a = floats(boundary["m_a"])
-    T_a_in = floats(boundary["T_a_in"])
-    W_a_in = floats(boundary["W_a_in"])
-    T_w_in = floats(boundary["T_w_in"])
-    T_set = floats(boundary["T_set"])
+    m_a = to_floats(boundary["m_a"])
+    T_a_in = to_floats(boundary["T_a_in"])
+    W_a_in = to_floats(boundary["W_a_in"])
+    T_w_in = to_floats(boundary["T_w_in"])
+    T_set = to_floats(boundary["T_set"])
     n_steps = len(T_set)
-    recorded_noise = floats(boundary.get("noise", [0.0] * n_steps))
+    recorded_noise = to_floats(boundary.get("noise", [0.0] * n_steps))
     enabled = [value != 0 for value in boundary.get("enabled", [1] * n_steps)]
-    scale = floats(boundary.get("backlash_scale", [1.0] * n_steps))
+    scale = to_floats(boundary.get("backlash_scale", [1.0] * n_steps))
     open_loop = command is not None
-    commands = floats(command) if open_loop else None
+    commands = to_floats(command) if open_loop else None
 
     sample_time = int(p["sample_time"])
     sign = -1.0 if p["action"] == "heating" else 1.0
@@ -94,8 +100,8 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
     traces = {name: [] for name in SCALAR_TRACES + VOLUME_TRACES}
     switches = []
     condensates = []
-    out_of_range = not temperatures_in_range(T_w, T_c, T_a)
-    frost_time, freeze_time, looked = 0.0, 0.0, -1
+    out_of_range = not are_temperatures_in_range(T_w, T_c, T_a)
+    frost_time, freeze_time, last_look = 0.0, 0.0, -1
 
     for t in range(n_steps):
         # Measure
@@ -114,11 +120,11 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
             cmd = commands[t]
         else:
             # Estimator
-            seen = SimpleNamespace(T_set=T_set[t], m_a=m_a[t], enabled=enabled[t], T=T_seen, e=error_seen)
-            seen.u, seen.mode, seen.switches = controller.u, controller.mode, switches_so_far
-            seen.command = controller.command
+            sample = SimpleNamespace(T_set=T_set[t], m_a=m_a[t], enabled=enabled[t], T=T_seen, e=error_seen)
+            sample.u, sample.mode, sample.switches = controller.u, controller.mode, switches_so_far
+            sample.command = controller.command
             if t > 0:
-                estimator.look(t, seen)
+                estimator.observe(t, sample)
 
             # PI, inverse
             mode_previous = controller.mode
@@ -144,11 +150,11 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
 
         # Eqs (3) and (4)
         condensate, state = 0.0, (T_w, T_c, T_a, W_a)
-        for part in range(int(p["substeps"])):
+        for substep in range(int(p["substeps"])):
             *state, wet, condensed = coil_step(
                 p, *state, m_w, m_a[t], T_w_in[t], T_a_in[t], W_a_in[t], saturation, 1.0 / p["substeps"]
             )
-            if part == 0:
+            if substep == 0:
                 wet_volumes = wet
             condensate += condensed
         T_w_next, T_c_next, T_a_next, W_a_next = state
@@ -177,15 +183,15 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
         condensates.append(condensate)
 
         T_w, T_c, T_a, W_a = T_w_next, T_c_next, T_a_next, W_a_next
-        if t % LOOK == 0 or t == n_steps - 1:
-            frosts, freezes = frost_and_ice(p, T_w, T_c, [*W_a[1:], W_a_in[t]], m_w)
-            frost_time += (t - looked) * frosts
-            freeze_time += (t - looked) * freezes
-            looked = t
-        out_of_range = out_of_range or not temperatures_in_range(T_w, T_c, T_a)
+        if t % FROST_INTERVAL_S == 0 or t == n_steps - 1:
+            frosts, freezes = has_frost_and_ice(p, T_w, T_c, [*W_a[1:], W_a_in[t]], m_w)
+            frost_time += (t - last_look) * frosts
+            freeze_time += (t - last_look) * freezes
+            last_look = t
+        out_of_range = out_of_range or not are_temperatures_in_range(T_w, T_c, T_a)
 
-    finite = all(math.isfinite(value) for state in (T_w, T_c, T_a, W_a) for value in state)
-    status = 1 if not finite else 2 if out_of_range else 0
+    is_finite = all(math.isfinite(value) for state in (T_w, T_c, T_a, W_a) for value in state)
+    status = 1 if not is_finite else 2 if out_of_range else 0
     if status != 0:
         return traces, dict.fromkeys(METRICS, math.nan) | {"status": status}
 
@@ -193,10 +199,10 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
     metrics = tracking_metrics(traces["T_sup"], T_set, counted, enabled)
     metrics.update(air_metrics(traces["T_sup"], T_set, m_a, p["cp_a"], counted))
     metrics.update(movement_metrics(traces["opening"], traces["position"], counted))
-    assumes = p["backlash_estimate"] > 0.0 or not estimator.is_off
+    has_estimate = p["backlash_estimate"] > 0.0 or not estimator.is_off
     metrics.update(switching_metrics(switches, traces["estimate"], gaps, estimator, counted, warm_up, open_loop))
     metrics["backlash_final"] = gap_after(p, travelled, scale[-1])
-    metrics["size_error"] = metrics["estimate_settled"] - metrics["backlash_final"] if assumes else math.nan
+    metrics["size_error"] = metrics["estimate_settled"] - metrics["backlash_final"] if has_estimate else math.nan
     metrics.update(coil_metrics(traces["power"], traces["m_w"], condensates, counted, warm_up))
     metrics.update(frost_time=frost_time, freeze_time=freeze_time, status=status, test_aborted=0)
     return traces, metrics
@@ -207,18 +213,18 @@ def gap_after(p, travelled, scale):
     return min(0.9, (p["backlash"] + p["wear_rate"] * travelled) * scale)
 
 
-def floats(series):
+def to_floats(series):
     """The series as a list of Python floats."""
     return [float(value) for value in series]
 
 
-def frost_and_ice(p, T_w, T_c, W_in, m_w):
+def has_frost_and_ice(p, T_w, T_c, W_in, m_w):
     """Whether frost forms on a volume, and water freezes in one; W_in [kg/kg] enters each volume from upstream."""
     frosts = any(T < 0.0 and W > saturation_humidity_ratio(T, p["pressure"]) for T, W in zip(T_c, W_in, strict=True))
     still = T_w if m_w > 1e-9 else T_c
     return frosts, min(still) <= 0.0
 
 
-def temperatures_in_range(*states):
+def are_temperatures_in_range(*states):
     """Whether every temperature [degC] of the per-volume lists lies in -50..150 degC."""
     return all(min(state) >= -50.0 and max(state) <= 150.0 for state in states)

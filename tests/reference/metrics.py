@@ -41,10 +41,10 @@ METRICS = (
 SETTLING_TIME = 600  # s since the last step of the set-point or start of the loop
 SET_POINT_STEP = 0.05  # K
 SWITCH_BLOCK = 600  # s
-POWER_BLOCK = 900  # s
+PEAK_BLOCK = 900  # s
 ESTIMATE_WINDOW = 7200  # s
-OFF = 0.5  # K
-LOOK = 60  # s between looks for frost and ice
+OFF_THRESHOLD_K = 0.5  # K
+FROST_INTERVAL_S = 60  # s between looks for frost and ice
 MOVEMENT_THRESHOLD = 1e-9  # strokes
 
 
@@ -64,17 +64,17 @@ def tracking_metrics(T_sup, T_set, counted, enabled):
     ranges = []
     crossings = 0
     periods = []
-    for start, stop in windows(settled):
+    for start, stop in true_runs(settled):
         periods += whole_periods(error, range(start, stop))
-        still = [T_sup[t] - (T_set[t] - T_set[start]) for t in range(start, stop)]
-        ranges.append(max(still) - min(still))
+        shifted = [T_sup[t] - (T_set[t] - T_set[start]) for t in range(start, stop)]
+        ranges.append(max(shifted) - min(shifted))
         crossings += sum(error[t - 1] < 0.0 <= error[t] for t in range(start + 1, stop))
 
     return {
-        "rmse": math.sqrt(mean([e * e for e in select(error, counted)])),
-        "rmse_settled": math.sqrt(mean([e * e for e in select(error, settled)])),
-        "iae": math.fsum(abs(e) for e in select(error, counted)) / 3600.0,
-        "share_off": mean([float(abs(e) > OFF) for e in select(error, counted)]),
+        "rmse": math.sqrt(mean([e * e for e in select_flagged(error, counted)])),
+        "rmse_settled": math.sqrt(mean([e * e for e in select_flagged(error, settled)])),
+        "iae": math.fsum(abs(e) for e in select_flagged(error, counted)) / 3600.0,
+        "share_off": mean([float(abs(e) > OFF_THRESHOLD_K) for e in select_flagged(error, counted)]),
         "hunting_swing": mean(ranges),
         "hunting_period": sum(settled) / crossings if crossings >= 2 else math.nan,
         "hunts": hunts(mean(ranges), periods),
@@ -83,9 +83,9 @@ def tracking_metrics(T_sup, T_set, counted, enabled):
 
 def whole_periods(error, window):
     """Times [s] between successive upward zero crossings of the error within a window, seen every 10 s."""
-    seen = [t for t in window if t % 10 == 0]
-    ups = [now for before, now in pairwise(seen) if error[before] < 0.0 <= error[now]]
-    return [now - before for before, now in pairwise(ups)]
+    sampled = [t for t in window if t % 10 == 0]
+    crossings = [now for before, now in pairwise(sampled) if error[before] < 0.0 <= error[now]]
+    return [now - before for before, now in pairwise(crossings)]
 
 
 def hunts(amplitude, periods):
@@ -98,8 +98,8 @@ def hunts(amplitude, periods):
 
 def movement_metrics(opening, position, counted):
     """Travel [strokes] of stem and motor and reversals of the stem, over counted seconds."""
-    stem_moves = select(moves(opening), counted)
-    motor_moves = select(moves(position), counted)
+    stem_moves = select_flagged(changes(opening), counted)
+    motor_moves = select_flagged(changes(position), counted)
     directions = [move > 0.0 for move in stem_moves if abs(move) > MOVEMENT_THRESHOLD]
     return {
         "stem_travel": math.fsum(abs(move) for move in stem_moves),
@@ -119,13 +119,13 @@ def switching_metrics(switches, estimate, gaps, estimator, counted, warm_up, ope
     return {
         "switch_frequency": mean(switches_per_block),
         "estimate_final": estimate[-1],
-        "estimate_settled": mean(select(estimate, recent)),
-        "time_identified": math.nan if estimator.is_off else since_right(estimate, gaps),
+        "estimate_settled": mean(select_flagged(estimate, recent)),
+        "time_identified": math.nan if estimator.is_off else identified_since(estimate, gaps),
         **estimator.metrics(),
     }
 
 
-def since_right(estimate, gaps):
+def identified_since(estimate, gaps):
     """Second from which the estimate is right to 20 % of the backlash or 1 % of stroke; NaN if it ends wrong."""
     pairs = enumerate(zip(estimate, gaps, strict=True))
     wrong = [t for t, (value, gap) in pairs if abs(value - gap) > max(0.2 * gap, 0.01)]
@@ -144,12 +144,12 @@ def air_metrics(T_sup, T_set, m_a, cp_a, counted):
 
 def coil_metrics(power, m_w, condensates, counted, warm_up):
     """Energy [kWh], peak power [kW], water [m3] and condensate [kg], over counted seconds."""
-    peaks = [total / POWER_BLOCK for total in block_sums(power, counted, warm_up, POWER_BLOCK)]
+    peaks = [total / PEAK_BLOCK for total in block_sums(power, counted, warm_up, PEAK_BLOCK)]
     return {
-        "coil_energy": math.fsum(select(power, counted)) / 3600.0,
+        "coil_energy": math.fsum(select_flagged(power, counted)) / 3600.0,
         "coil_peak_power": max(peaks, default=math.nan),
-        "water_volume": math.fsum(select(m_w, counted)) / 1000.0,
-        "condensate": math.fsum(select(condensates, counted)),
+        "water_volume": math.fsum(select_flagged(m_w, counted)) / 1000.0,
+        "condensate": math.fsum(select_flagged(condensates, counted)),
     }
 
 
@@ -158,17 +158,17 @@ def mean(values):
     return math.fsum(values) / len(values) if values else math.nan
 
 
-def select(values, flags):
+def select_flagged(values, flags):
     """The values whose flag is set."""
     return [value for value, flag in zip(values, flags, strict=True) if flag]
 
 
-def moves(positions):
+def changes(positions):
     """Change of each second against the one before; everything stands at 0 before the run."""
     return [now - before for before, now in pairwise([0.0, *positions])]
 
 
-def windows(flags):
+def true_runs(flags):
     """Maximal runs of set flags, as (start, stop) with stop excluded."""
     runs = []
     start = None

@@ -8,7 +8,7 @@ class Zone:
         self.set_point, self.design_rise = T_zone, T_zone - coldest
         self.over_95 = False
 
-    def requests(self, load, T_supply):
+    def count_requests(self, load, T_supply):
         """Cooling requests with this load and supply air."""
         flow = load * self.design_rise / (self.set_point - T_supply)
         temperature = self.set_point if flow <= 1.0 else T_supply + load * self.design_rise
@@ -26,21 +26,21 @@ class Zone:
 def set_points(loads, T_out, *, T_zone, low, high, T_out_min, T_out_max, trim, respond, most, ignored, delay, step):
     """Supply set-point at each step from the start of the fan on: loads and outdoor temperatures of each step."""
     zones = [Zone(T_zone, low) for _ in loads[0]]
-    top, found = high, []
-    for k, (each, outdoors) in enumerate(zip(loads, T_out, strict=True)):
+    top, supply_set_points = high, []
+    for k, (zone_loads, outdoors) in enumerate(zip(loads, T_out, strict=True)):
 
-        def supply(top, outdoors=outdoors):
+        def reset_by_outdoors(top, outdoors=outdoors):
             if outdoors <= T_out_min:
                 return top
             if outdoors >= T_out_max:
                 return low
             return top - (top - low) * (outdoors - T_out_min) / (T_out_max - T_out_min)
 
-        R = sum(zone.requests(load, supply(top)) for zone, load in zip(zones, each, strict=True))
+        R = sum(zone.count_requests(load, reset_by_outdoors(top)) for zone, load in zip(zones, zone_loads, strict=True))
         if k * step >= delay:
             top += trim
             if R > ignored:
                 top -= min((R - ignored) * respond, most)
             top = max(low, min(high, top))
-        found.append(supply(top))
-    return found
+        supply_set_points.append(reset_by_outdoors(top))
+    return supply_set_points

@@ -29,9 +29,9 @@ def loops():
     ds["hunts"] = ((ds.kp * ds.K) ** 0.8 * (ds["T"] + 2.0 * ds.theta) > 5.0 * ds.ti).astype(float)
     ds["backlash"] = ("sample",), draw.choice([0.0, 0.05], 300)
     ds["reachable"] = dims, draw.uniform(size=shape) < 0.9
-    ds["margin"] = dims, draw.uniform(0.1, 2.0, shape)
-    ds = ds.assign(overshoot=ds.margin, predicted=(ds.margin > 1.0).astype(float))
-    return ds.assign(gain_margin=1.0 / ds.margin, phase_margin=90.0 - 30.0 * ds.margin)
+    ds["hunting_index"] = dims, draw.uniform(0.1, 2.0, shape)
+    ds = ds.assign(overshoot=ds.hunting_index, predicted=(ds.hunting_index > 1.0).astype(float))
+    return ds.assign(gain_margin=1.0 / ds.hunting_index, phase_margin=90.0 - 30.0 * ds.hunting_index)
 
 
 def test_the_choice_finds_the_formula_by_which_loops_hunt(loops):
@@ -72,8 +72,8 @@ def test_the_margin_is_that_of_a_first_order_loop_by_hand_and_proportional_to_kp
     inside = (left > 0.0) & (left < 0.5 * np.pi)
     lag = -np.angle(values)[::-1]
     by_hand = np.max(np.abs(L[inside]) * np.interp(left[inside], lag, np.abs(values)[::-1]))
-    assert float(plant.margin[0]) == pytest.approx(by_hand, rel=0.1)
-    assert float(plant.margin[1]) == pytest.approx(2.0 * float(plant.margin[0]))
+    assert float(plant.hunting_index[0]) == pytest.approx(by_hand, rel=0.1)
+    assert float(plant.hunting_index[1]) == pytest.approx(2.0 * float(plant.hunting_index[0]))
     assert float(plant["T"][0]) == pytest.approx(2000.0, rel=0.05)
 
 

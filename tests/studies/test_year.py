@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from helpers.made_weather import made_weather
+from helpers.made_weather import write_weather
 
 import fastcoil as fc
 from studies.common import study_file
@@ -18,7 +18,7 @@ DAYS = [2, 3]
 def ds(tmp_path_factory):
     """Two hot days of the study with four loops."""
     folder = tmp_path_factory.mktemp("year")
-    weather = made_weather(folder, lambda h: 27.0 + 4.0 * np.sin(2.0 * np.pi * (h - 9.0) / 24.0), T_dew=12.0)
+    weather = write_weather(folder, lambda h: 27.0 + 4.0 * np.sin(2.0 * np.pi * (h - 9.0) / 24.0), T_dew=12.0)
     text = study_file("year").read_text()
     for long, short in ((r"size = \d+", "size = 4"), ('path = ".*"', f'path = "{weather.name}"\ndays = {DAYS}')):
         text = re.sub(long, short, text)

@@ -6,7 +6,7 @@ import pytest
 @pytest.fixture
 def trace(tmp_path):
     """A file that is made when the code of the study is run."""
-    from fastcoil.study.file.own_code import load
+    from fastcoil.study.file.user_code import load
 
     load.cache_clear()
     return tmp_path / "trace"
@@ -31,9 +31,9 @@ def leaves_nothing(tmp_path):
     from helpers import processes
 
     dask = pytest.importorskip("dask")
-    before = processes.children()
+    before = processes.living_descendants()
     with dask.config.set({"temporary-directory": str(tmp_path / "dask")}):
         yield
-    left = [p for pid, p in processes.children().items() if pid not in before]
-    alive = [p for p in left if not processes.gone([p], 3.0)]
+    new_processes = [p for pid, p in processes.living_descendants().items() if pid not in before]
+    alive = [p for p in new_processes if not processes.have_ended([p], 3.0)]
     assert not alive, [p.cmdline() for p in alive]

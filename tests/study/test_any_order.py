@@ -8,7 +8,16 @@ from pathlib import Path
 
 import netCDF4
 import pytest
-from helpers.studies import DAYS, PLAIN, TRACED, contents, golden, run, run_until_interrupted, shards
+from helpers.studies import (
+    DAYS,
+    PLAIN_STUDY,
+    TRACED_STUDY,
+    folder_contents,
+    run,
+    run_until_interrupted,
+    shard_files,
+    undisturbed_hash,
+)
 from hypothesis import Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
@@ -18,7 +27,7 @@ from fastcoil.study import maintenance
 BACKLASH = ("0.02, 0.07", "0.02, 0.07, 0.1", "0.01, 0.02, 0.07, 0.1")
 
 
-def version(text, values, replicates):
+def study_text(text, values, replicates):
     """A study, larger with each number."""
     text = text.replace("0.02, 0.07", BACKLASH[values])
     return text.replace("[run]", f"[run]\nreplicates = {replicates}") if replicates > 1 else text
@@ -35,38 +44,38 @@ class AStudyInItsFolder(RuleBasedStateMachine):
         self.complete = False
         self.recorded: str | None = None
 
-    @initialize(base=st.sampled_from([PLAIN, TRACED]))
+    @initialize(base=st.sampled_from([PLAIN_STUDY, TRACED_STUDY]))
     def choose(self, base):
         self.base = base
 
     @property
     def text(self):
-        return version(self.base, self.values, self.replicates)
+        return study_text(self.base, self.values, self.replicates)
 
     @rule()
     def run(self):
-        self.quietly(lambda: run(self.text, self.folder, extend=True))
+        self.without_damage_warnings(lambda: run(self.text, self.folder, extend=True))
         self.recorded, self.complete = self.text, True
 
     @precondition(lambda self: not self.complete)
     @rule(k=st.integers(1, DAYS))
     def run_until_interrupted(self, k):
         try:
-            self.quietly(lambda: run_until_interrupted(self.text, self.folder, k, extend=True))
+            self.without_damage_warnings(lambda: run_until_interrupted(self.text, self.folder, k, extend=True))
         except AssertionError:  # fewer shards were left
             self.complete = True
         self.recorded = self.text
 
-    def quietly(self, act):
+    def without_damage_warnings(self, act):
         """Warnings tell of the damage that was done here."""
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", message=".*moved to quarantine")
             act()
 
-    @precondition(lambda self: shards(self.folder))
+    @precondition(lambda self: shard_files(self.folder))
     @rule(data=st.data())
     def damage_a_shard(self, data):
-        path = data.draw(st.sampled_from(shards(self.folder)))
+        path = data.draw(st.sampled_from(shard_files(self.folder)))
         image = path.read_bytes()
         kind = data.draw(st.sampled_from(["cut", "anywhere", "value"]))
         if kind == "value" and path.suffix == ".nc" and len(image) > 100:
@@ -88,10 +97,10 @@ class AStudyInItsFolder(RuleBasedStateMachine):
         except (OSError, RuntimeError, AttributeError):  # damaged before
             return b"not there"
 
-    @precondition(lambda self: shards(self.folder))
+    @precondition(lambda self: shard_files(self.folder))
     @rule(data=st.data())
     def delete_a_shard(self, data):
-        data.draw(st.sampled_from(shards(self.folder))).unlink()
+        data.draw(st.sampled_from(shard_files(self.folder))).unlink()
 
     @precondition(lambda self: (self.folder / "shards").is_dir())
     @rule(name=st.sampled_from(["notes.txt", "000000000-" + 32 * "0" + ".nc", ".half.nc.1.tmp", "a.nc"]))
@@ -109,13 +118,13 @@ class AStudyInItsFolder(RuleBasedStateMachine):
 
     @precondition(lambda self: (self.folder / "run.json").exists())
     @rule()
-    def look_at_it(self):
-        before = {name: data for name, (data, _) in contents(self.folder).items()}
+    def inspect_it(self):
+        before = {name: data for name, (data, _) in folder_contents(self.folder).items()}
         maintenance.verify(self.folder)
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", message=".*would be computed again")
             assert maintenance.status(self.folder)
-        assert {name: data for name, (data, _) in contents(self.folder).items()} == before
+        assert {name: data for name, (data, _) in folder_contents(self.folder).items()} == before
 
     @precondition(lambda self: self.complete and self.values < len(BACKLASH) - 1)
     @rule()
@@ -133,7 +142,7 @@ class AStudyInItsFolder(RuleBasedStateMachine):
     def is_sound_when_complete(self):
         if self.complete:
             assert maintenance.verify(self.folder) == []
-            assert run(self.text, self.folder) == golden(self.text)
+            assert run(self.text, self.folder) == undisturbed_hash(self.text)
 
     def teardown(self):
         try:

@@ -2,16 +2,16 @@
 
 import numpy as np
 import pytest
-from helpers.processes import cut
-from helpers.rules import HEAD
+from helpers.processes import cut_studies
+from helpers.rules import RULE_HEADER
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError
 from fastcoil.loops.plan import Shard
 from fastcoil.study import maintenance
 from fastcoil.study import workers as worker
-from fastcoil.study.file.own_code import load, load_rules
 from fastcoil.study.file.spec import read_study
+from fastcoil.study.file.user_code import load, load_rules
 from fastcoil.study.folder.stored import Manifest
 from fastcoil.study.run import execute
 
@@ -28,7 +28,7 @@ T_set = 14
 warm_up = 60
 """
 SOURCE = (
-    f"import pathlib\n{HEAD.replace('0.01', '1.0')}"
+    f"import pathlib\n{RULE_HEADER.replace('0.01', '1.0')}"
     + """\
 def steps(now, p, memory):
     return min(now.estimate + STEP * p.gain, 0.2), memory
@@ -43,29 +43,29 @@ pytestmark = pytest.mark.kernel
 @pytest.fixture
 def value(tmp_path):
     """The file that the rule reads as it is loaded."""
-    found = tmp_path / "value"
-    found.write_text("0.001")
+    file = tmp_path / "value"
+    file.write_text("0.001")
     load.cache_clear()
-    yield found
+    yield file
     load.cache_clear()
 
 
 @pytest.fixture
 def path(tmp_path, value):
     (tmp_path / "mine.py").write_text(SOURCE.format(value=str(value)))
-    found = tmp_path / "study.toml"
-    found.write_text(STUDY)
-    return found
+    file = tmp_path / "study.toml"
+    file.write_text(STUDY)
+    return file
 
 
-def change(value):
+def change_value(value):
     value.write_text("0.002")
     load.cache_clear()
 
 
-def interrupted(path, out, monkeypatch):
+def run_until_first_shard(path, out, monkeypatch):
     """Run the study until one of its shards is there."""
-    cut(monkeypatch, 1)
+    cut_studies(monkeypatch, 1)
 
     def stop(n):
         raise KeyboardInterrupt
@@ -76,8 +76,8 @@ def interrupted(path, out, monkeypatch):
 
 def test_a_study_goes_on_with_the_same_value_alone(path, value, tmp_path, monkeypatch):
     out = tmp_path / "out"
-    interrupted(path, out, monkeypatch)
-    change(value)
+    run_until_first_shard(path, out, monkeypatch)
+    change_value(value)
     with pytest.raises(InputError, match=CHANGED):
         fc.run_study(path, out, n_jobs=1)
     value.write_text("0.001")
@@ -89,7 +89,7 @@ def test_a_study_goes_on_with_the_same_value_alone(path, value, tmp_path, monkey
 def test_finished_results_of_another_value_are_neither_shown_nor_run_again_nor_extended(path, value, tmp_path):
     out = tmp_path / "out"
     fc.run_study(path, out, n_jobs=1).close()
-    change(value)
+    change_value(value)
     with pytest.raises(InputError, match=CHANGED):
         fc.run_study(path, out, n_jobs=1)
     with pytest.raises(InputError, match=CHANGED):
@@ -106,9 +106,9 @@ def test_finished_results_of_another_value_are_neither_shown_nor_run_again_nor_e
 def test_a_worker_with_another_value_computes_nothing(path, value, monkeypatch):
     study = read_study(path)
     load_rules(study.plan.layout.loop.rules, study.rules)
-    here = Manifest.of(study).own_code
+    here = Manifest.of(study).user_code
     assert here["steps"]
     elsewhere = {"steps": {version: "another" for version in here["steps"]}}
     job = worker.Job(study.plan, None, study.rules, elsewhere)
     with pytest.raises(InputError, match=CHANGED):
-        worker.run_elsewhere(job, Shard(np.array([0])))
+        worker.run_received_job(job, Shard(np.array([0])))

@@ -25,9 +25,9 @@ STAMPS = [f"2024-07-01T08:0{k}:00-07:00" for k in range(3)]
 
 
 @pytest.fixture
-def run(write, tmp_path):
+def run(write_log, tmp_path):
     """Return a function that runs the study, with or without traces, and gives its folder."""
-    write(["timestamp", *HEADER[1:]], [[stamp, *row[1:]] for stamp, row in zip(STAMPS, ROWS, strict=True)])
+    write_log(["timestamp", *HEADER[1:]], [[stamp, *row[1:]] for stamp, row in zip(STAMPS, ROWS, strict=True)])
 
     def run_with(traces):
         path = tmp_path / "study.toml"

@@ -7,12 +7,12 @@ import zipfile
 
 import pytest
 from helpers.commands import fastcoil
-from helpers.damage import damaged
-from helpers.studies import PLAIN, copied
+from helpers.damage import damage_bytes
+from helpers.studies import PLAIN_STUDY, copy_run
 
 from fastcoil.base.errors import IntegrityError
 from fastcoil.study import maintenance
-from fastcoil.study.archive import pack
+from fastcoil.study.archive import write_archive
 from fastcoil.study.folder.stored import checksum
 
 pytestmark = pytest.mark.kernel
@@ -22,8 +22,8 @@ pytestmark = pytest.mark.kernel
 def sound(tmp_path_factory):
     """The bytes of a sound archive of the folder ``out``."""
     folder = tmp_path_factory.mktemp("author") / "out"
-    copied(PLAIN, folder)
-    return pack(folder)[0].read_bytes()
+    copy_run(PLAIN_STUDY, folder)
+    return write_archive(folder)[0].read_bytes()
 
 
 @pytest.fixture
@@ -33,19 +33,19 @@ def members(sound):
         return {name: file.read(name) for name in file.namelist()}
 
 
-def zipped(path, contents, **looks):
-    """A ZIP file as fastcoil writes it, but for what ``looks`` changes of a member: attributes of its ZipInfo."""
+def write_zip(path, contents, **changes):
+    """A ZIP file as fastcoil writes it, but for what ``changes`` changes of a member: attributes of its ZipInfo."""
     with zipfile.ZipFile(path, "w") as file:
         for name, data in contents.items():
             info = zipfile.ZipInfo(name)
             info.external_attr, info.create_system = 0o100644 << 16, 3
-            for key, value in looks.get(name, {}).items():
+            for key, value in changes.get(name, {}).items():
                 setattr(info, key, value)
             file.writestr(info, data, compress_type=info.compress_type)
     return path
 
 
-def only(path):
+def only_problem(path):
     """The one sentence on an archive, which the command line gives with its exit code."""
     (problem,) = maintenance.verify(path)
     assert problem.startswith(str(path))
@@ -56,7 +56,7 @@ def only(path):
 
 def test_what_is_written_here_is_what_fastcoil_writes(members, tmp_path):
     """So that every test below fails for what it changes, and for nothing else."""
-    assert maintenance.verify(zipped(tmp_path / "x.zip", members)) == []
+    assert maintenance.verify(write_zip(tmp_path / "x.zip", members)) == []
 
 
 @pytest.mark.parametrize(
@@ -65,26 +65,26 @@ def test_what_is_written_here_is_what_fastcoil_writes(members, tmp_path):
 def test_no_name_leads_out_of_the_folder(members, tmp_path, name):
     place = tmp_path / "deep" / "er"
     place.mkdir(parents=True)
-    assert only(zipped(place / "x.zip", members | {name: b"evil"}))
+    assert only_problem(write_zip(place / "x.zip", members | {name: b"evil"}))
     assert [p.name for p in tmp_path.rglob("*") if p.is_file()] == ["x.zip"]
 
 
 def test_a_link_is_a_file_and_a_bomb_is_not_unpacked(members, tmp_path):
     link = {"out/results.nc": {"external_attr": 0o120777 << 16}}
-    path = zipped(tmp_path / "x.zip", members | {"out/results.nc": b"/etc/passwd"}, **link)
-    assert "hash of its bytes differs" in only(path)
-    path = zipped(tmp_path / "x.zip", members | {"out/bomb": bytes(10**8)}, **{"out/bomb": {"compress_type": 8}})
+    path = write_zip(tmp_path / "x.zip", members | {"out/results.nc": b"/etc/passwd"}, **link)
+    assert "hash of its bytes differs" in only_problem(path)
+    path = write_zip(tmp_path / "x.zip", members | {"out/bomb": bytes(10**8)}, **{"out/bomb": {"compress_type": 8}})
     assert path.stat().st_size < 10**6
-    assert "nothing is unpacked" in only(path)
+    assert "nothing is unpacked" in only_problem(path)
 
 
 def test_members_missing_and_changed(members, tmp_path):
     path = tmp_path / "x.zip"
-    for name, said in (("results.nc", "results.nc is missing"), ("run.json", "run.json is missing")):
-        assert said in only(zipped(path, {n: data for n, data in members.items() if n != f"out/{name}"}))
-    other = members | {"out/study.toml": members["out/study.toml"].replace(b"[0.0, 0.9]", b"[0.0, 0.8]")}
-    assert "changed since the run was started" in maintenance.verify(zipped(path, other))[0]
-    assert "run.json is missing" in only(zipped(path, {"out/x": b""}))
+    for name, sentence in (("results.nc", "results.nc is missing"), ("run.json", "run.json is missing")):
+        assert sentence in only_problem(write_zip(path, {n: data for n, data in members.items() if n != f"out/{name}"}))
+    changed_members = members | {"out/study.toml": members["out/study.toml"].replace(b"[0.0, 0.9]", b"[0.0, 0.8]")}
+    assert "changed since the run was started" in maintenance.verify(write_zip(path, changed_members))[0]
+    assert "run.json is missing" in only_problem(write_zip(path, {"out/x": b""}))
 
 
 def test_a_manifest_that_agrees_with_a_forger_does_not_help(members, tmp_path):
@@ -97,19 +97,23 @@ def test_a_manifest_that_agrees_with_a_forger_does_not_help(members, tmp_path):
         return members | {"out/run.json": data}
 
     for place in ("/etc", "../..", "inputs/../.."):
-        assert "run.json leads out of the archive" in only(zipped(tmp_path / "a.zip", forged(relative_to=place)))
-    assert "hash of its bytes differs" in only(zipped(tmp_path / "b.zip", forged(outputs={"results.nc": ["0" * 64]})))
+        assert "run.json leads out of the archive" in only_problem(
+            write_zip(tmp_path / "a.zip", forged(relative_to=place))
+        )
+    assert "hash of its bytes differs" in only_problem(
+        write_zip(tmp_path / "b.zip", forged(outputs={"results.nc": ["0" * 64]}))
+    )
 
 
 def test_whatever_happens_to_its_bytes_what_is_accepted_is_whole(sound, members, tmp_path):
     dice = random.Random(17)
     path = tmp_path / "x.zip"
     for _ in range(60):
-        path.write_bytes(damaged(sound, dice))
+        path.write_bytes(damage_bytes(sound, dice))
         problems = maintenance.verify(path)
         assert all("\n" not in problem for problem in problems)
         assert list(tmp_path.iterdir()) == [path]
         if not problems:  # dates, versions and bytes of no member are all that nobody hashes, and the README
             with zipfile.ZipFile(path) as file:
-                found = {name: file.read(name) for name in file.namelist()}
-                assert found | {"out/README.txt": b""} == members | {"out/README.txt": b""}
+                contents = {name: file.read(name) for name in file.namelist()}
+                assert contents | {"out/README.txt": b""} == members | {"out/README.txt": b""}

@@ -6,7 +6,7 @@ import shlex
 
 import pytest
 from helpers.commands import fastcoil
-from helpers.studies import PLAIN, copied, run_until_interrupted, write_study
+from helpers.studies import PLAIN_STUDY, copy_run, run_until_interrupted, write_study
 
 from fastcoil.base.errors import StorageError
 from fastcoil.study import maintenance
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.kernel
 
 def test_status_suggests_a_command_that_takes_the_folder_for_one_word(tmp_path):
     out = tmp_path / "my study; and 'more'"
-    run_until_interrupted(PLAIN, out, 1)
+    run_until_interrupted(PLAIN_STUDY, out, 1)
     command = maintenance.status(out)[-1].removeprefix("To resume: ")
     assert shlex.split(command) == ["fastcoil", "run", "STUDY.toml", "-o", str(out)]
 
@@ -28,22 +28,22 @@ def test_an_interrupt_before_the_first_shard_promises_nothing_and_status_agrees(
 
     out = tmp_path / "out"
     (out / "notes").mkdir(parents=True)
-    write_study(PLAIN, out)
+    write_study(PLAIN_STUDY, out)
     monkeypatch.setattr("fastcoil.study.run.make_pool", interrupted)
-    said = fastcoil("run", tmp_path / "study.toml", "-o", out).stderr.splitlines()
-    assert said[-1] == "fastcoil: interrupted"
+    lines = fastcoil("run", tmp_path / "study.toml", "-o", out).stderr.splitlines()
+    assert lines[-1] == "fastcoil: interrupted"
     assert "holds no study" in fastcoil("status", out).stderr
     with hold(out):
         assert maintenance.status(out)[0] == "Nothing is finished yet."
 
 
 def test_a_rerun_that_cannot_be_written_is_refused_before_it_computes(tmp_path, monkeypatch):
-    copied(PLAIN, tmp_path, 1)
+    copy_run(PLAIN_STUDY, tmp_path, 1)
 
     def refuse(*_, **__):
         raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
-    monkeypatch.setattr("fastcoil.study.folder.folder._acquire", refuse)
+    monkeypatch.setattr("fastcoil.study.folder.folder._acquire_lock", refuse)
     monkeypatch.setattr(maintenance, "run_shard", None)
     with pytest.raises(StorageError, match="Read-only file system"):
         maintenance.rerun(tmp_path, {"backlash": "0.02", "estimate_ratio": "0.0", "day": "1"})

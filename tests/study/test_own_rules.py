@@ -8,12 +8,12 @@ import sys
 import numpy as np
 import pytest
 from helpers.commands import fastcoil
-from helpers.processes import environment
+from helpers.processes import child_environment
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError
-from fastcoil.study.file.own_code import load
 from fastcoil.study.file.spec import read_study
+from fastcoil.study.file.user_code import load
 from fastcoil.study.run import execute
 
 STUDY = """
@@ -98,9 +98,9 @@ def test_a_study_gives_what_simulate_gives_on_every_backend(path, trace, tmp_pat
         "fast": {"estimator": scope["by_error"], "gain": 2e-3, "law": scope["own_pi"]},
     }.items():
         alone = fc.simulate(fc.Loop(sample_time=10, noise_std=[0.0, 0.02], **parameters), day)
-        one = ds.sel(controller=controller)
-        np.testing.assert_array_equal(one.rmse, alone.rmse)
-        np.testing.assert_array_equal(one.estimate_final, alone.estimate_final)
+        of_controller = ds.sel(controller=controller)
+        np.testing.assert_array_equal(of_controller.rmse, alone.rmse)
+        np.testing.assert_array_equal(of_controller.estimate_final, alone.estimate_final)
     assert ds["gain"].attrs["comment"] == "how fast it moves"
     assert json.loads(ds.attrs["rules"])["own_pi"]["code"] == "mine:own_pi"
     assert len(set(ds.rmse.values.ravel())) == 6
@@ -182,4 +182,4 @@ def test_a_rule_in_a_file_named_like_a_module_of_python_takes_the_place_of_none(
         '[loop]\n[boundary]\nhours = 0.6\n[run]\ntraces = ["T_sup"]\nreduce = "csv:last"\n'
     )
     words = [sys.executable, "-m", "fastcoil", "run", "s.toml", "--no-figures", "--backend", backend]
-    subprocess.run(words, cwd=tmp_path, env=environment(), capture_output=True, check=True, timeout=120)
+    subprocess.run(words, cwd=tmp_path, env=child_environment(), capture_output=True, check=True, timeout=120)

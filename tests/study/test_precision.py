@@ -5,12 +5,12 @@ import json
 import numpy as np
 import pytest
 import xarray as xr
-from helpers.full import full_but
+from helpers.full import full_except
 from helpers.studies import run_until_stopped, write_study
 from scipy import stats
 
 import fastcoil as fc
-from fastcoil.study.analysis.precision import FEWEST, Precision
+from fastcoil.study.analysis.precision import MIN_BATCHES, Precision
 from fastcoil.study.analysis.summary import summary
 from fastcoil.study.file.sample import sample_values
 from fastcoil.study.maintenance import status
@@ -20,25 +20,25 @@ SHAPES = {"kp": {"uniform": [0.0, 1.0]}, "ti": {"lognormal": [1.0, 0.5]}, "backl
 MEAN = 0.5**2 + 0.5 * np.exp(0.125) / 4.0 + float(stats.beta(2, 5).sf(0.4))
 
 
-def answer(x):
+def made_metric(x):
     """A result like that of a loop: smooth, with a jump."""
     return x["kp"] ** 2 * 0.75 + x["ti"] / 8.0 + (x["backlash"] > 0.4)
 
 
-def drawn(method, seed, batches, size):
+def draw_results(method, seed, batches, size):
     x = sample_values({"method": method, "size": size, "seed": seed} | SHAPES, batches=batches)
-    ds = xr.Dataset({"rmse": answer(x)})
+    ds = xr.Dataset({"rmse": made_metric(x)})
     ds["status"] = xr.zeros_like(ds.rmse, dtype=np.int8)
     return ds
 
 
 @pytest.mark.parametrize(("method", "half_width"), [("sobol", 0.02), ("random", 0.1)])
 def test_the_mean_is_within_the_asked_half_width_at_least_as_often_as_is_said(method, half_width):
-    asked = Precision("rmse", half_width, False, {}, size=8, most=8 * 48)
-    whole, right, drew = drawn(method, 1, 60 * 48, 8), 0, set()
+    precision = Precision("rmse", half_width, False, {}, size=8, most=8 * 48)
+    whole, right, drew = draw_results(method, 1, 60 * 48, 8), 0, set()
     for study in range(60):
         ds = whole.isel(sample=slice(study * 384, (study + 1) * 384))
-        n = next(n for n in asked.counts if asked.is_enough(ds.isel(sample=slice(8 * n))))
+        n = next(n for n in precision.counts if precision.is_enough(ds.isel(sample=slice(8 * n))))
         drew.add(n)
         right += abs(float(ds.rmse[: 8 * n].mean()) - MEAN) <= half_width
     assert drew == {32, 48}
@@ -82,7 +82,7 @@ precision = {{ metric = "rmse", half_width = {half_width}, relative = true{more}
 """
 
 
-def text(half_width=0.1, more="", method="sobol"):
+def study_text(half_width=0.1, more="", method="sobol"):
     return STUDY.format(half_width=half_width, more=more, method=method)
 
 
@@ -90,32 +90,32 @@ def text(half_width=0.1, more="", method="sobol"):
 def whole(tmp_path_factory):
     """A study that is judged three times."""
     out = tmp_path_factory.mktemp("whole") / "out"
-    return execute(write_study(text(), out), out, n_jobs=1).results
+    return execute(write_study(study_text(), out), out, n_jobs=1).results
 
 
 @pytest.mark.kernel
 def test_samples_are_drawn_until_every_case_is_as_precise_as_asked(whole):
-    asked = Precision("rmse", 0.1, True, {}, 2, 256)
+    precision = Precision("rmse", 0.1, True, {}, 2, 256)
     n = whole.sizes["sample"] // 2
-    assert n in asked.counts[1:-1]
-    for judged in asked.counts:
-        enough = asked.reached(whole.isel(sample=slice(2 * judged))) <= 0.1
+    assert n in precision.counts[1:-1]
+    for judged in precision.counts:
+        enough = precision.reached(whole.isel(sample=slice(2 * judged))) <= 0.1
         assert enough == (judged == n)
         if enough:
             break
-    found = json.loads(whole.attrs["precision_reached"])
-    assert found == {"half_width": asked.reached(whole), "samples": 2 * n, "reached": True}
+    reached = json.loads(whole.attrs["precision_reached"])
+    assert reached == {"half_width": precision.reached(whole), "samples": 2 * n, "reached": True}
     (line,) = [line for line in summary(whole) if line.startswith("Precision")]
     assert line.startswith("Precision: mean of rmse to ± 10 % (95 %); ± ")
     assert line.endswith(f"in the least certain of 2 cases from {2 * n} samples.")
 
 
 @pytest.mark.kernel
-@pytest.mark.parametrize("shards", full_but([1, 2], [2]))
+@pytest.mark.parametrize("shards", full_except([1, 2], [2]))
 def test_an_interrupted_study_draws_the_same_samples(whole, tmp_path, shards, monkeypatch):
     monkeypatch.setattr("fastcoil.loops.plan._LANE_STEPS_PER_SHARD", 1.0)
     out = tmp_path / "out"
-    study = write_study(text(), out)
+    study = write_study(study_text(), out)
     run_until_stopped(study, out, shards)
     assert status(out)[1].startswith("Unfinished")
     resumed = execute(study, out, n_jobs=2).results
@@ -127,7 +127,7 @@ def test_an_interrupted_study_draws_the_same_samples(whole, tmp_path, shards, mo
 @pytest.mark.kernel
 def test_a_study_that_was_stopped_between_two_rounds_goes_on(whole, tmp_path):
     out = tmp_path / "out"
-    study = write_study(text(), out)
+    study = write_study(study_text(), out)
 
     def stop(n_missing, n, what):
         if "asked" in what:
@@ -136,10 +136,10 @@ def test_a_study_that_was_stopped_between_two_rounds_goes_on(whole, tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         execute(study, out, n_jobs=1, progress=stop)
-    found = status(out)
-    assert found[1].startswith("Unfinished: 128 of 128")
-    assert found[2].endswith("from 64 samples: draw more.")
-    assert found[-1].startswith("To resume")
+    lines = status(out)
+    assert lines[1].startswith("Unfinished: 128 of 128")
+    assert lines[2].endswith("from 64 samples: draw more.")
+    assert lines[-1].startswith("To resume")
     assert (
         fc.run_study(out.with_name("study.toml"), out, n_jobs=1).attrs["content_sha256"]
         == whole.attrs["content_sha256"]
@@ -149,14 +149,14 @@ def test_a_study_that_was_stopped_between_two_rounds_goes_on(whole, tmp_path):
 @pytest.mark.kernel
 def test_more_precision_extends_a_study_and_changes_no_sample(whole, tmp_path):
     plain, out = tmp_path / "plain", tmp_path / "out"
-    one = text().replace("precision", "# precision")
-    execute(write_study(one, plain), plain, n_jobs=1)
-    execute(write_study(text(), plain), plain, n_jobs=1, extend=True)
+    without_precision = study_text().replace("precision", "# precision")
+    execute(write_study(without_precision, plain), plain, n_jobs=1)
+    execute(write_study(study_text(), plain), plain, n_jobs=1, extend=True)
     xr.testing.assert_equal(fc.open_study(plain), whole)
-    more = execute(write_study(text(0.08), plain), plain, n_jobs=1, extend=True)
-    fresh = execute(write_study(text(0.08), out), out, n_jobs=1)
-    assert more.results.attrs["content_sha256"] == fresh.results.attrs["content_sha256"]
-    assert 0 < more.n_run < fresh.n_run
+    extended = execute(write_study(study_text(0.08), plain), plain, n_jobs=1, extend=True)
+    fresh = execute(write_study(study_text(0.08), out), out, n_jobs=1)
+    assert extended.results.attrs["content_sha256"] == fresh.results.attrs["content_sha256"]
+    assert 0 < extended.n_run < fresh.n_run
     first = fresh.results.isel(sample=slice(whole.sizes["sample"]))
     xr.testing.assert_equal(first, whole)
 
@@ -164,7 +164,7 @@ def test_more_precision_extends_a_study_and_changes_no_sample(whole, tmp_path):
 @pytest.mark.kernel
 def test_a_study_that_ends_at_its_cap_says_so(tmp_path):
     out = tmp_path / "out"
-    study = write_study(text(0.001, ", most = 70", "latin_hypercube"), out)
+    study = write_study(study_text(0.001, ", most = 70", "latin_hypercube"), out)
     ds = execute(study, out, n_jobs=1).results
     assert ds.sizes["sample"] == 70
     assert json.loads(ds.attrs["precision_reached"])["reached"] is False
@@ -187,10 +187,10 @@ MISTAKES = [
 
 @pytest.mark.parametrize(("table", "sentence"), MISTAKES)
 def test_a_mistake_gets_one_sentence(tmp_path, table, sentence):
-    wrong = text().replace('metric = "rmse", half_width = 0.1, relative = true', table)
-    wrong = wrong.replace("hours = 0.5", "hours = 1")
+    wrong_text = study_text().replace('metric = "rmse", half_width = 0.1, relative = true', table)
+    wrong_text = wrong_text.replace("hours = 0.5", "hours = 1")
     with pytest.raises(fc.InputError) as refused:
-        write_study(wrong, tmp_path / "out")
+        write_study(wrong_text, tmp_path / "out")
     (problem,) = refused.value.problems
     assert "[run] precision: " in problem or "[run.precision] " in problem
     assert sentence in problem
@@ -198,10 +198,10 @@ def test_a_mistake_gets_one_sentence(tmp_path, table, sentence):
 
 def test_precision_needs_independent_samples(tmp_path):
     with pytest.raises(fc.InputError, match="precision: saltelli draws for Sobol' indices"):
-        write_study(text(method="saltelli"), tmp_path / "out")
+        write_study(study_text(method="saltelli"), tmp_path / "out")
 
 
 def test_the_fewest_batches_are_drawn_first(tmp_path):
-    study = write_study(text(), tmp_path / "out")
-    assert (study.batches, study.plan.layout.loop.sizes["sample"]) == (FEWEST, 2 * FEWEST)
+    study = write_study(study_text(), tmp_path / "out")
+    assert (study.batches, study.plan.layout.loop.sizes["sample"]) == (MIN_BATCHES, 2 * MIN_BATCHES)
     assert study.precision.counts == [32, 48, 72, 108, 128]

@@ -3,11 +3,11 @@
 import netCDF4
 import numpy as np
 import pytest
-from helpers.processes import cut
+from helpers.processes import cut_studies
 from helpers.studies import run, run_until_interrupted, write_study
 
 import fastcoil as fc
-from fastcoil.design.prediction import predictions
+from fastcoil.design.prediction import predict_study
 from fastcoil.loops.plan import plan_simulation
 from fastcoil.model.metric_table import PREDICTIONS
 from fastcoil.study import maintenance
@@ -48,31 +48,34 @@ def test_it_is_what_limit_cycle_says_of_the_mean_of_each_day(ds):
         held = fc.Boundary(
             **{name: np.full(3600, mean[name]) for name in ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")}
         )
-        wanted = fc.limit_cycle(loop, held)
+        expected = fc.limit_cycle(loop, held)
         for replicate in range(2):
-            found = ds.isel(day=k, replicate=replicate)
-            for name, of in (("margin", 1.0), ("hunts", 1.0), ("period", 1.0), ("amplitude", 2.0)):
-                ours = found["predicted_swing" if name == "amplitude" else f"predicted_{name}"]
-                np.testing.assert_allclose(ours.transpose(*wanted[name].dims), of * wanted[name], rtol=2e-3)
+            results = ds.isel(day=k, replicate=replicate)
+            for name, of in (("hunting_index", 1.0), ("hunts", 1.0), ("period", 1.0), ("amplitude", 2.0)):
+                ours = results["predicted_swing" if name == "amplitude" else f"predicted_{name}"]
+                np.testing.assert_allclose(ours.transpose(*expected[name].dims), of * expected[name], rtol=2e-3)
     assert set(np.unique(ds.predicted_hunts)) == {0.0, 1.0}
 
 
 def test_it_says_which_loops_hunt_when_they_are_simulated(ds):
-    told, seen = ds.predicted_hunts.values.ravel().tolist(), ds.hunts.values.ravel().tolist()
-    agree = sum(a == b for a, b in zip(told, seen, strict=True)) / len(told)
+    predicted, simulated = ds.predicted_hunts.values.ravel().tolist(), ds.hunts.values.ravel().tolist()
+    agree = sum(a == b for a, b in zip(predicted, simulated, strict=True)) / len(predicted)
     (line,) = (line for line in summary(ds) if line.startswith("Hunting: "))
-    shown = f"{100 * agree:.1f}"
-    assert line == f"Hunting: predicted for {told.count(1.0)} of 16 loops, seen in {seen.count(1.0)}; {shown} % agree."
+    percentage = f"{100 * agree:.1f}"
+    assert (
+        line
+        == f"Hunting: predicted for {predicted.count(1.0)} of 16 loops, seen in {simulated.count(1.0)}; {percentage} % agree."
+    )
     assert agree > 0.5
-    wrong = ds.assign(predicted_hunts=(1.0 - ds.hunts).where(ds.backlash > 0.0))  # and half of them nobody knows
-    (line,) = (line for line in summary(wrong) if line.startswith("Hunting: "))
+    opposite = ds.assign(predicted_hunts=(1.0 - ds.hunts).where(ds.backlash > 0.0))  # and half of them nobody knows
+    (line,) = (line for line in summary(opposite) if line.startswith("Hunting: "))
     assert " of 8 loops" in line
     assert line.endswith("; 0.0 % agree.")
 
 
 def test_it_does_not_depend_on_shards_workers_interruptions_and_extensions(ds, tmp_path, monkeypatch):
     golden = ds.attrs["content_sha256"]
-    cut(monkeypatch, 3)
+    cut_studies(monkeypatch, 3)
     (tmp_path / "a").mkdir()
     run_until_interrupted(STUDY, tmp_path / "a" / "out", 2)
     assert run(STUDY, tmp_path / "a" / "out", n_jobs=2) == golden
@@ -90,20 +93,22 @@ def test_it_is_added_to_a_study_that_was_run_without_it(ds, tmp_path):
     assert finished.n_run == 0
     assert finished.results.attrs["content_sha256"] == ds.attrs["content_sha256"]
     with netCDF4.Dataset(out / "results.nc", "a") as file:
-        file["predicted_margin"][0] = file["predicted_margin"][0] + 1e-5
+        file["predicted_hunting_index"][0] = file["predicted_hunting_index"][0] + 1e-5
     assert "results.nc is damaged" in maintenance.verify(out)[0]
 
 
 def test_where_theory_says_nothing_it_is_nan_and_says_why(tmp_path):
     text = STUDY.replace("[sweep]", "[sweep]\nerror_dead_band = [0.0, 0.2]").replace("seed = [1, 2]", "seed = 1")
     run(text, tmp_path / "out")
-    with fc.open_study(tmp_path / "out") as found:
-        told = found.predicted_margin.notnull().all([d for d in found.predicted_margin.dims if d != "error_dead_band"])
-        assert told.values.tolist() == [True, False]
-        assert found.predicted_hunts.isel(error_dead_band=1).isnull().all()
-        assert "an error_dead_band stops small cycles" in found.attrs["prediction_note"]
-        assert "4 of 8" in found.attrs["prediction_note"]
-        (line,) = (line for line in summary(found.load()) if line.startswith("Hunting: "))
+    with fc.open_study(tmp_path / "out") as results:
+        is_predicted = results.predicted_hunting_index.notnull().all(
+            [d for d in results.predicted_hunting_index.dims if d != "error_dead_band"]
+        )
+        assert is_predicted.values.tolist() == [True, False]
+        assert results.predicted_hunts.isel(error_dead_band=1).isnull().all()
+        assert "an error_dead_band stops small cycles" in results.attrs["prediction_note"]
+        assert "4 of 8" in results.attrs["prediction_note"]
+        (line,) = (line for line in summary(results.load()) if line.startswith("Hunting: "))
     assert " of 8 loops" in line
 
 
@@ -113,4 +118,4 @@ def test_only_the_first_of_days_in_sequence_has_a_warm_up(carry_over, foretold):
     enabled[:, :500] = 1.0
     days = fc.Boundary(m_a=1.2, T_a_in=25.0, W_a_in=0.011, T_w_in=7.0, T_set=14.0, enabled=enabled)
     plan = plan_simulation(fc.Loop.preset("lbnl"), days, warm_up=600, carry_over=carry_over)
-    assert np.isfinite(predictions(plan)["predicted_margin"]).values.tolist() == foretold
+    assert np.isfinite(predict_study(plan)["predicted_hunting_index"]).values.tolist() == foretold

@@ -193,6 +193,6 @@ def refuse_to_write(*_, **__):
 
 
 def test_a_folder_that_cannot_be_written_is_refused(study, tmp_path, monkeypatch):
-    monkeypatch.setattr("fastcoil.study.folder.folder._acquire", refuse_to_write)
+    monkeypatch.setattr("fastcoil.study.folder.folder._acquire_lock", refuse_to_write)
     with pytest.raises(StorageError, match="Read-only file system; free some space or repair the folder"):
         fc.run_study(study, tmp_path / "other")

@@ -5,7 +5,7 @@ import warnings
 import pytest
 
 import fastcoil as fc
-from fastcoil.study.archive import archive_problems, pack
+from fastcoil.study.archive import find_archive_problems, write_archive
 from fastcoil.study.file.spec import read_study
 
 STUDY = """
@@ -46,9 +46,9 @@ def test_the_content_of_a_file_is_part_of_the_hash(path, name):
 def test_a_study_is_not_resumed_with_other_measurements_and_its_archive_has_them(path, tmp_path):
     out, gaps = tmp_path / "out", path.parent / "measured/gaps.csv"
     fc.run_study(path, out, n_jobs=1)
-    archive = pack(out, tmp_path / "out.zip")
+    archive = write_archive(out, tmp_path / "out.zip")
     assert {"inputs/measured/gaps.csv", "inputs/pi.toml"} < set(archive.inputs)
-    assert archive_problems(archive.path) == []
+    assert find_archive_problems(archive.path) == []
     gaps.write_text("gap [%]\n2\n5\n8\n")
     with warnings.catch_warnings(), pytest.raises(fc.IntegrityError, match="a file that the study reads changed"):
         fc.run_study(path, out, n_jobs=1)

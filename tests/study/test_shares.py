@@ -12,15 +12,24 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from helpers.commands import fastcoil
-from helpers.full import full_but
-from helpers.processes import cut, environment
-from helpers.studies import PLAIN, TRACED, contents, larger, resume, shards, verify, write_study
+from helpers.full import full_except
+from helpers.processes import child_environment, cut_studies
+from helpers.studies import (
+    PLAIN_STUDY,
+    TRACED_STUDY,
+    folder_contents,
+    resume_to_end,
+    shard_files,
+    verify_unchanged,
+    with_larger_sweep,
+    write_study,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import fastcoil as fc
 from fastcoil.base.errors import LockedError
-from fastcoil.loops.plan import Share, plan_simulation
+from fastcoil.loops.plan import JobSlice, plan_simulation
 from fastcoil.study import run as runner
 from fastcoil.study.folder.folder import hold
 from fastcoil.study.folder.stored import Manifest
@@ -28,22 +37,22 @@ from fastcoil.study.maintenance import status
 
 pytestmark = pytest.mark.kernel
 
-SEQUENCE = TRACED + "carry_over = true\n"
+SEQUENCE = TRACED_STUDY + "carry_over = true\n"
 
 
-def share(text, out, word, **options):
+def run_slice(text, out, word, **options):
     """Run a share, with one worker; how many scenarios it ran."""
-    return runner.execute_share(write_study(text, out), out, Share.parse(word), n_jobs=1, **options)
+    return runner.execute_slice(write_study(text, out), out, JobSlice.parse(word), n_jobs=1, **options)
 
 
-def interrupted(text, out, word):
+def interrupt_slice(text, out, word):
     """Run a share, which ends as by a kill after its first shard."""
 
     def stop(_):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        share(text, out, word, progress=lambda *_: stop)
+        run_slice(text, out, word, progress=lambda *_: stop)
 
 
 @settings(max_examples=25)
@@ -52,76 +61,76 @@ def test_shares_are_all_scenarios_once_and_of_days_in_sequence_whole_lanes(n_loo
     loop = fc.Loop(backlash=("sample", np.linspace(0.0, 0.1, n_loops)))
     day = fc.Boundary(m_a=np.full((3, 120), 1.0), T_a_in=25.0, W_a_in=0.01, T_w_in=7.0, T_set=14.0)
     plan = plan_simulation(loop, day, warm_up=60, carry_over=carry_over)
-    found = [Share(k, n).index(plan) for k in range(1, n + 1)]
-    assert np.sort(np.concatenate(found)).tolist() == [*range(3 * n_loops)]
-    assert all(np.all(np.diff(index) > 0) for index in found)
+    slices = [JobSlice(k, n).index(plan) for k in range(1, n + 1)]
+    assert np.sort(np.concatenate(slices)).tolist() == [*range(3 * n_loops)]
+    assert all(np.all(np.diff(index) > 0) for index in slices)
     if carry_over:
-        assert all(np.bincount(index % n_loops).max() == 3 for index in found if index.size)
+        assert all(np.bincount(index % n_loops).max() == 3 for index in slices if index.size)
     else:
-        assert all(a[-1] < b[0] for a, b in pairwise(index for index in found if index.size))
+        assert all(a[-1] < b[0] for a, b in pairwise(index for index in slices if index.size))
 
 
-@pytest.mark.parametrize("text", [TRACED, SEQUENCE], ids=["traced", "sequence"])
+@pytest.mark.parametrize("text", [TRACED_STUDY, SEQUENCE], ids=["traced", "sequence"])
 def test_shares_in_any_order_one_twice_and_one_killed_make_the_study(out, text, monkeypatch):
     if text != SEQUENCE:
-        cut(monkeypatch, 2)
-    assert share(text, out, "3/3") > 0
-    before = contents(out / "shards")
-    assert share(text, out, "3/3") == 0
-    assert contents(out / "shards") == before
-    interrupted(text, out, "1/3")
-    done = {int(found[1]) for path in shards(out) if (found := re.match(r"(\d+)-", path.name))}
+        cut_studies(monkeypatch, 2)
+    assert run_slice(text, out, "3/3") > 0
+    before = folder_contents(out / "shards")
+    assert run_slice(text, out, "3/3") == 0
+    assert folder_contents(out / "shards") == before
+    interrupt_slice(text, out, "1/3")
+    done = {int(found[1]) for path in shard_files(out) if (found := re.match(r"(\d+)-", path.name))}
     assert len(done) >= 2
-    said = "\n".join(status(out))
-    assert "Unfinished: " in said
-    assert re.search(r"Of 3 shares [12] are to be run: (1/3, )?2/3\.", said)
-    assert share(text, out, "1/3") < 12 // 3 + (text == SEQUENCE)
-    assert share(text, out, "2/3") > 0
+    status_text = "\n".join(status(out))
+    assert "Unfinished: " in status_text
+    assert re.search(r"Of 3 shares [12] are to be run: (1/3, )?2/3\.", status_text)
+    assert run_slice(text, out, "1/3") < 12 // 3 + (text == SEQUENCE)
+    assert run_slice(text, out, "2/3") > 0
     assert "Of 3 shares" not in "\n".join(status(out))
     assert any(line.startswith("Unfinished: 12 of 12") for line in status(out))  # not merged yet
-    assert verify(out) == []
-    resume(out, text)
+    assert verify_unchanged(out) == []
+    resume_to_end(out, text)
     assert not list(out.glob(".lock-*"))
-    files = contents(out)
-    assert share(text, out, "2/3") is None
-    assert {name: files.get(name) for name in contents(out) if not name.startswith(".")} == {
+    files = folder_contents(out)
+    assert run_slice(text, out, "2/3") is None
+    assert {name: files.get(name) for name in folder_contents(out) if not name.startswith(".")} == {
         name: what for name, what in files.items() if not name.startswith(".")
     }
 
 
 def test_what_no_share_ran_is_run_by_the_merge_and_shares_of_other_numbers_may_overlap(out, monkeypatch):
-    cut(monkeypatch, 2)
-    share(TRACED, out, "1/2")
-    share(TRACED, out, "4/9")
-    assert share(TRACED, out, "9/9") == 2
-    resume(out, TRACED)
+    cut_studies(monkeypatch, 2)
+    run_slice(TRACED_STUDY, out, "1/2")
+    run_slice(TRACED_STUDY, out, "4/9")
+    assert run_slice(TRACED_STUDY, out, "9/9") == 2
+    resume_to_end(out, TRACED_STUDY)
 
 
 def test_a_damaged_shard_of_a_share_is_computed_again_and_one_of_another_left_alone(out, monkeypatch):
-    cut(monkeypatch, 2)
-    share(PLAIN, out, "1/2")
-    share(PLAIN, out, "2/2")
-    mine, other = shards(out)[-1], shards(out)[0]
-    sound = mine.read_bytes()
-    for path in (mine, other):
+    cut_studies(monkeypatch, 2)
+    run_slice(PLAIN_STUDY, out, "1/2")
+    run_slice(PLAIN_STUDY, out, "2/2")
+    own_shard, other_shard = shard_files(out)[-1], shard_files(out)[0]
+    sound = own_shard.read_bytes()
+    for path in (own_shard, other_shard):
         path.write_bytes(b"damaged")
-    with pytest.warns(UserWarning, match=re.escape(mine.name)) as warned:
-        assert share(PLAIN, out, "2/2") == 2
+    with pytest.warns(UserWarning, match=re.escape(own_shard.name)) as warned:
+        assert run_slice(PLAIN_STUDY, out, "2/2") == 2
     assert len(warned) == 1
     # under another name once a second has passed, which the library writes into the file
-    (again,) = (p for p in shards(out) if p.name[:9] == mine.name[:9] and p.read_bytes() != b"damaged")
-    assert again.stat().st_size == len(sound)
-    assert other.read_bytes() == b"damaged"
+    (new_shard,) = (p for p in shard_files(out) if p.name[:9] == own_shard.name[:9] and p.read_bytes() != b"damaged")
+    assert new_shard.stat().st_size == len(sound)
+    assert other_shard.read_bytes() == b"damaged"
 
 
 def test_a_share_on_another_cpu_is_told(out, monkeypatch):
-    share(PLAIN, out, "1/3")
-    monkeypatch.setattr("fastcoil.loops.simulate.compiled_for", lambda: {"cpu": "another"})
+    run_slice(PLAIN_STUDY, out, "1/3")
+    monkeypatch.setattr("fastcoil.loops.simulate.numeric_environment", lambda: {"cpu": "another"})
     with pytest.warns(UserWarning, match="was computed elsewhere .*cpu .*, now another"):
-        share(PLAIN, out, "2/3")
+        run_slice(PLAIN_STUDY, out, "2/3")
     monkeypatch.undo()
-    share(PLAIN, out, "3/3")
-    runner.execute(write_study(PLAIN, out), out)
+    run_slice(PLAIN_STUDY, out, "3/3")
+    runner.execute(write_study(PLAIN_STUDY, out), out)
     manifest = Manifest.read(out)
     assert {"cpu": "another"} in manifest.computed_on
     assert len(manifest.computed_on) == 2
@@ -131,53 +140,53 @@ def test_a_share_on_another_cpu_is_told(out, monkeypatch):
 
 
 def test_shares_run_at_the_same_time_in_processes_of_their_own(out):
-    write_study(TRACED, out)
+    write_study(TRACED_STUDY, out)
     command = [sys.executable, "-m", "fastcoil", "run", "study.toml", "-o", "out", "-j", "1", "--shard"]
-    options = {"cwd": out.parent, "env": environment(), "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    options = {"cwd": out.parent, "env": child_environment(), "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     running = [subprocess.Popen([*command, word], **options, text=True) for word in ("1/2", "2/2")]
     for process in running:
-        said, complaint = process.communicate(timeout=120)
+        stdout, complaint = process.communicate(timeout=120)
         assert process.returncode == 0, complaint
         assert (
             "is finished: 6 scenario-days were run.\n"
-            "When all shares are finished, merge them with: fastcoil run study.toml -o out\n" in said
+            "When all shares are finished, merge them with: fastcoil run study.toml -o out\n" in stdout
         )
-    resume(out, TRACED)
+    resume_to_end(out, TRACED_STUDY)
 
 
 def test_the_same_share_is_not_run_twice_at_once_and_not_beside_a_run_of_all(out, monkeypatch):
-    monkeypatch.setattr("fastcoil.study.folder.folder._PATIENCE_OF_SHARE", 0.1)
+    monkeypatch.setattr("fastcoil.study.folder.folder._SLICE_LOCK_TIMEOUT_S", 0.1)
     monkeypatch.setattr("fastcoil.study.folder.folder._PATIENCE", 0.1)
     with hold(out, "1-of-2"):
         with pytest.raises(LockedError, match=f"share 1 of 2 of .*out is in use by another run .process {os.getpid()}"):
-            share(PLAIN, out, "1/2")
+            run_slice(PLAIN_STUDY, out, "1/2")
         assert "Shares that are being run: 1/2." in status(out)
-        assert share(PLAIN, out, "2/2") == 6
+        assert run_slice(PLAIN_STUDY, out, "2/2") == 6
         assert "Of 2 shares 0 are to be run." in status(out)
         with pytest.raises(LockedError, match="share 1 of 2 of .*wait for it to end"):
-            runner.execute(write_study(PLAIN, out), out)
+            runner.execute(write_study(PLAIN_STUDY, out), out)
     with hold(out), pytest.raises(LockedError, match=f"^{out} is in use by another run"):
-        share(PLAIN, out, "1/2")
-    assert share(PLAIN, out, "1/2") == 6
-    resume(out, PLAIN)
+        run_slice(PLAIN_STUDY, out, "1/2")
+    assert run_slice(PLAIN_STUDY, out, "1/2") == 6
+    resume_to_end(out, PLAIN_STUDY)
 
 
 @pytest.mark.filterwarnings("ignore:flock not supported")
-@pytest.mark.parametrize("number", full_but([errno.EOPNOTSUPP, errno.ENOLCK, errno.ENOSYS], [errno.ENOLCK]))
+@pytest.mark.parametrize("number", full_except([errno.EOPNOTSUPP, errno.ENOLCK, errno.ENOSYS], [errno.ENOLCK]))
 def test_a_file_system_without_locks_takes_shares_and_another_one_merges_them(out, monkeypatch, number):
     def refuse(*_):
         raise OSError(number, os.strerror(number))
 
     with monkeypatch.context() as patched:
         patched.setattr(fcntl, "flock", refuse)
-        share(PLAIN, out, "1/2")
-        share(PLAIN, out, "2/2")
-        found = fastcoil("run", out.with_name("study.toml"), "-o", out)
-        assert found.exit_code == 4
-        assert "choose a folder on another file system" in found.output
+        run_slice(PLAIN_STUDY, out, "1/2")
+        run_slice(PLAIN_STUDY, out, "2/2")
+        command = fastcoil("run", out.with_name("study.toml"), "-o", out)
+        assert command.exit_code == 4
+        assert "choose a folder on another file system" in command.output
     copy = out.with_name("copy")
     shutil.copytree(out, copy)
-    resume(copy, PLAIN)
+    resume_to_end(copy, PLAIN_STUDY)
 
 
 # --- refused ----------------------------------------------------------------------------------------------------------
@@ -193,26 +202,26 @@ def test_a_file_system_without_locks_takes_shares_and_another_one_merges_them(ou
     ],
 )  # fmt: skip
 def test_a_bad_share_is_refused_in_a_sentence(out, words, said):
-    write_study(PLAIN, out)
-    found = fastcoil("run", out.with_name("study.toml"), "-o", out, *words)
-    assert found.exit_code == 2
-    assert said in found.stderr
+    write_study(PLAIN_STUDY, out)
+    command = fastcoil("run", out.with_name("study.toml"), "-o", out, *words)
+    assert command.exit_code == 2
+    assert said in command.stderr
     assert not out.exists()
 
 
 def test_a_share_of_a_study_with_precision_or_of_another_study_is_refused(out):
-    precise = PLAIN.replace(
+    precise = PLAIN_STUDY.replace(
         "[sweep]\nbacklash = [0.02, 0.07]", "[sample]\nmethod = 'sobol'\nsize = 4\nbacklash = { uniform = [0.0, 0.1] }"
     )
     precise = precise.replace("estimate_ratio = [0.0, 0.9]\n", "")
     precise += 'precision = { metric = "rmse", half_width = 1.0 }\n'
     with pytest.raises(fc.InputError, match="--shard: how many samples a study with .run. precision draws depends"):
-        share(precise, out, "1/2")
+        run_slice(precise, out, "1/2")
     assert not out.exists()
-    share(PLAIN, out, "1/2")
-    before = contents(out)
+    run_slice(PLAIN_STUDY, out, "1/2")
+    before = folder_contents(out)
     with pytest.raises(fc.InputError, match="holds another study"):
-        share(larger(PLAIN), out, "1/2")
-    assert {name: before.get(name) for name in contents(out) if not name.startswith(".lock")} == {
+        run_slice(with_larger_sweep(PLAIN_STUDY), out, "1/2")
+    assert {name: before.get(name) for name in folder_contents(out) if not name.startswith(".lock")} == {
         name: what for name, what in before.items() if not name.startswith(".lock")
     }

@@ -3,20 +3,20 @@
 from dataclasses import replace
 
 import pytest
-from helpers.commands import fastcoil, planned_and_run
-from helpers.studies import PLAIN, TRACED
+from helpers.commands import fastcoil, plan_and_run
+from helpers.studies import PLAIN_STUDY, TRACED_STUDY
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError
-from fastcoil.study.file.own_code import load
 from fastcoil.study.file.spec import read_study
+from fastcoil.study.file.user_code import load
 from fastcoil.study.folder.stored import Manifest
-from fastcoil.study.maintenance import one_scenario
+from fastcoil.study.maintenance import pick_scenario
 from fastcoil.study.run import execute
 
 pytestmark = pytest.mark.kernel
 
-STUDY = TRACED + 'reduce = "mine:spread"\n'
+STUDY = TRACED_STUDY + 'reduce = "mine:spread"\n'
 SOURCE = """
 import pathlib, xarray as xr
 pathlib.Path({trace!r}).touch()
@@ -45,9 +45,9 @@ def run_before(path, trace, tmp_path):
 
 
 def test_plan_and_run_say_whose_code_they_run(path, trace, tmp_path):
-    said = f"This study runs its own code: spread from {tmp_path / 'mine.py'}."
-    for done in planned_and_run(path, tmp_path / "out"):
-        assert done.stderr.splitlines()[0] == said
+    sentence = f"This study runs its own code: spread from {tmp_path / 'mine.py'}."
+    for done in plan_and_run(path, tmp_path / "out"):
+        assert done.stderr.splitlines()[0] == sentence
         assert trace.exists()
         trace.unlink()
 
@@ -81,12 +81,12 @@ def test_looking_at_a_folder_runs_no_code_of_its_study(path, trace, run_before):
     study = read_study(run_before / "study.toml", path.parent)
     forged = replace(Manifest.of(study), relative_to=str(path.parent))
     forged.write(run_before)
-    said = [
+    outputs = [
         fastcoil(*command).output
         for command in (["status", run_before], ["verify", run_before], ["rerun", run_before, "--at", AT])
     ]
-    assert "Nothing is finished yet" in said[0]
-    assert "Traces:" in said[2]
+    assert "Nothing is finished yet" in outputs[0]
+    assert "Traces:" in outputs[2]
     with pytest.raises(InputError, match="no finished scenario"):
         fc.open_study(run_before)
     fastcoil("plot", run_before)
@@ -110,10 +110,11 @@ def rule(now, p, memory):
 
 def test_a_scenario_with_the_studys_own_law_is_refused_and_another_is_explained(with_code, trace):
     path = with_code(
-        PLAIN.replace("[sweep]", '[cases.controller]\nown = { law = "mine:rule" }\npi = { law = "pi" }\n[sweep]'), LAW
+        PLAIN_STUDY.replace("[sweep]", '[cases.controller]\nown = { law = "mine:rule" }\npi = { law = "pi" }\n[sweep]'),
+        LAW,
     )
     at = {"backlash": "0.02", "estimate_ratio": "0.9", "day": "1"}
     with pytest.raises(InputError, match="uses rule, code of the study's own, which is not run here"):
-        one_scenario(path, at | {"controller": "own"}, {})
-    assert one_scenario(path, at | {"controller": "pi"}, {}).loop["law"] == "pi"
+        pick_scenario(path, at | {"controller": "own"}, {})
+    assert pick_scenario(path, at | {"controller": "pi"}, {}).loop["law"] == "pi"
     assert not trace.exists()

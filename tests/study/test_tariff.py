@@ -49,28 +49,28 @@ def test_prices_are_those_of_the_file_whenever_it_is_run_and_nothing_is_run_agai
                 costs = fc.cost(now)
             assert float(costs.reheat_cost.sum()) == pytest.approx(price * float(now.reheat_energy.sum()))
             with pytest.warns(UserWarning, match="no dates"):
-                other = fc.cost(now, heat=1.0)
-            assert float(other.reheat_cost.sum()) == pytest.approx(float(now.reheat_energy.sum()))
-            assert float(other.demand_cost.sum()) == float(costs.demand_cost.sum())
+                dear_costs = fc.cost(now, heat=1.0)
+            assert float(dear_costs.reheat_cost.sum()) == pytest.approx(float(now.reheat_energy.sum()))
+            assert float(dear_costs.demand_cost.sum()) == float(costs.demand_cost.sum())
 
 
 @pytest.mark.kernel
 def test_the_summary_says_what_backlash_costs_also_after_an_extension(tmp_path):
     out, path = tmp_path / "out", tmp_path / "study.toml"
     path.write_text(WITHOUT + TARIFF)
-    said = fastcoil("run", path, "-o", out, "--no-figures").output
-    assert "With a gap of 7 %: +" in said
-    assert "no dates, so 30 days are a month; scaled from 2 days to a year" in said
+    output = fastcoil("run", path, "-o", out, "--no-figures").output
+    assert "With a gap of 7 %: +" in output
+    assert "no dates, so 30 days are a month; scaled from 2 days to a year" in output
     path.write_text(WITHOUT.replace("0.07]", "0.07, 0.12]") + TARIFF + 'baseline = { tuning = "slow" }\n')
-    said = fastcoil("run", path, "-o", out, "--no-figures", "--extend").output
-    assert "A loop with tuning slow costs " in said
-    assert "With tuning as_found: " in said
+    output = fastcoil("run", path, "-o", out, "--no-figures", "--extend").output
+    assert "A loop with tuning slow costs " in output
+    assert "With tuning as_found: " in output
     assert maintenance.verify(out) == []
     path.write_text(path.read_text().replace("electricity = 0.2", "electricity = 0.4"))
-    again = fastcoil("run", path, "-o", out, "--no-figures")
-    assert again.exit_code == 0
-    assert "nothing to do" in again.output
-    assert again.output != said
+    second_run = fastcoil("run", path, "-o", out, "--no-figures")
+    assert second_run.exit_code == 0
+    assert "nothing to do" in second_run.output
+    assert second_run.output != output
     assert maintenance.verify(out) == []
 
 

@@ -11,18 +11,18 @@ from bokeh.plotting import figure
 
 from fastcoil.base.arrays import Array
 from fastcoil.base.figures import BLUE, RED, YELLOW
-from fastcoil.deliver.explore.loop import AXES, CHOICES, DIALS, EVERY, Run, Settings
-from fastcoil.design.advice import UNSURE
-from fastcoil.design.limit_cycle import HUNTS_ABOVE
+from fastcoil.deliver.explore.loop import AXES, CHOICES, DIALS, TRACE_INTERVAL_S, Run, Settings
+from fastcoil.design.advice import UNSURE_MARGINS
+from fastcoil.design.limit_cycle import HUNTING_MARGIN
 
 _INK, _GREY, _SHADE = "#222222", "#999999", "#cccccc"
-_LETTERS = "1rem"
-_WIDE = 3  # width of the lines that count, px
-_HOURS = {"2h": 2.0, "half": 0.5}  # length of a window at the end of the day
-_MARGINS, _SHOWN_MARGINS = (0.03, 30.0), (0.036, 25.0)  # ends of the scale, and of where the mark can lie
-_MOST = {"tuning": {"rmse": 1.2, "hunting_swing": 2.5}, "size": {"rmse": 0.6, "hunting_swing": 1.5}}
+_FONT_SIZE = "1rem"
+_LINE_WIDTH_PX = 3  # width of the lines that count, px
+_WINDOW_HOURS = {"2h": 2.0, "half": 0.5}  # length of a window at the end of the day
+_MARGIN_SCALE, _MARK_LIMITS = (0.03, 30.0), (0.036, 25.0)  # ends of the scale, and of where the mark can lie
+_COLOUR_MAXIMA_K = {"tuning": {"rmse": 1.2, "hunting_swing": 2.5}, "size": {"rmse": 0.6, "hunting_swing": 1.5}}
 """Upper end of the colours of a map, K: the same for all loops, so that maps can be compared."""
-_LABELLED = 3  # every so many cells of a map
+_LABEL_EVERY = 3  # every so many cells of a map
 Change = tuple[str, dict[str, Any]]
 """Id of a model, new values of its properties.  Bokeh would send a message each, and the browser draw in between."""
 
@@ -33,11 +33,11 @@ def _figure(name: str, x: tuple[float, float] | Range1d, y: tuple[float, float],
         name=name, x_range=x if isinstance(x, Range1d) else Range1d(*x), y_range=Range1d(*y), toolbar_location=None,
         sizing_mode="stretch_both", tools="", min_height=60, min_width=120, outline_line_color=None, **options,
     )  # fmt: skip
-    fig.title.update(text_font_size=_LETTERS, text_color=_INK)
+    fig.title.update(text_font_size=_FONT_SIZE, text_color=_INK)
     for axis in fig.axis:
         axis.update(
-            axis_label_text_font_size=_LETTERS, axis_label_text_font_style="normal", axis_label_standoff=4,
-            axis_label_text_color=_INK, major_label_text_font_size=_LETTERS, major_label_text_color=_INK,
+            axis_label_text_font_size=_FONT_SIZE, axis_label_text_font_style="normal", axis_label_standoff=4,
+            axis_label_text_color=_INK, major_label_text_font_size=_FONT_SIZE, major_label_text_color=_INK,
             minor_tick_line_color=None,
         )  # fmt: skip
     fig.grid.grid_line_alpha = 0.5
@@ -49,12 +49,12 @@ def _legend_above(*figs: Any) -> None:
         box = fig.legend[0]
         fig.add_layout(box, "above")
         box.update(
-            orientation="horizontal", label_text_font_size=_LETTERS, label_text_color=_INK, border_line_color=None,
+            orientation="horizontal", label_text_font_size=_FONT_SIZE, label_text_color=_INK, border_line_color=None,
             padding=0, margin=2, spacing=14, glyph_width=24,
         )  # fmt: skip
 
 
-def _line(fig: Any, label: str, visible: bool) -> list[Change]:
+def _line_visibility(fig: Any, label: str, visible: bool) -> list[Change]:
     """Show or hide a line and its name."""
     (item,) = [item for item in fig.legend[0].items if item.label.value == label]
     return [(model.id, {"visible": visible}) for model in (item, item.renderers[0])]
@@ -67,93 +67,113 @@ class LoopFigures:
         names = ("hours", "T_sup", "T_measured", "T_set", "u", "command", "opening", "estimate", "backlash")
         self._traces = traces = ColumnDataSource({name: [] for name in names}, name="traces")
         self._edges = ColumnDataSource({"command": [], "opening": []})
-        self._point = ColumnDataSource({"margin": [], "at": []}, name="margins")
+        self._point = ColumnDataSource({"hunting_index": [], "at": []}, name="margins")
         hours = Range1d(0.0, 8.0)
         dashed: Any = {"source": traces, "color": _INK, "width": 2, "dash": [8, 4]}
 
         self.temperature = fig = _figure("temperature", hours, (12.0, 16.0), y_axis_label="temperature [°C]")
         fig.line("hours", "T_measured", source=traces, color=_GREY, width=1, legend_label="sensor")
         fig.line("hours", "T_set", legend_label="set-point", **dashed)
-        fig.line("hours", "T_sup", source=traces, color=BLUE, width=_WIDE, legend_label="supply air")
+        fig.line("hours", "T_sup", source=traces, color=BLUE, width=_LINE_WIDTH_PX, legend_label="supply air")
 
         self.valve = fig = _figure("opening", hours, (0, 100), x_axis_label="time [h]", y_axis_label="valve [%]")
         thin: Any = {"color": _INK, "width": 1.5, "dash": [2, 3]}
         fig.step("hours", "u", source=traces, mode="after", legend_label="PI asks", **thin)
         fig.step("hours", "command", source=traces, color=RED, width=2, mode="after", legend_label="command")
-        fig.line("hours", "opening", source=traces, color=BLUE, width=_WIDE, legend_label="opening")
+        fig.line("hours", "opening", source=traces, color=BLUE, width=_LINE_WIDTH_PX, legend_label="opening")
 
-        self._tests = []
+        self._test_shades = []
         for fig in (self.temperature, self.valve):
             shade = BoxAnnotation(fill_color=_SHADE, fill_alpha=0.5, line_alpha=0.0, level="underlay")
             fig.add_layout(shade)
-            self._tests.append(shade)
+            self._test_shades.append(shade)
 
         self.estimate = fig = _figure("estimate", hours, (0, 8), x_axis_label="time [h]", y_axis_label="gap [%]")
         fig.line("hours", "backlash", legend_label="gap", **dashed)
-        fig.step("hours", "estimate", source=traces, color=RED, width=_WIDE, mode="after", legend_label="estimate")
+        fig.step(
+            "hours", "estimate", source=traces, color=RED, width=_LINE_WIDTH_PX, mode="after", legend_label="estimate"
+        )
         fig.yaxis.ticker.desired_num_ticks = 3
 
         self.gap = fig = _figure("gap", (0, 100), (0, 100), x_axis_label="command [%]", y_axis_label="opening [%]")
         edges: Any = {"color": _GREY, "width": 1.5, "dash": [4, 4]}
         fig.line("command", "opening", source=self._edges, legend_label="edges", **edges)
         fig.line("command", "opening", source=traces, color=RED, width=1.5, legend_label="command")
-        fig.line("u", "opening", source=traces, color=BLUE, width=_WIDE, legend_label="PI asks")
+        fig.line("u", "opening", source=traces, color=BLUE, width=_LINE_WIDTH_PX, legend_label="PI asks")
         _legend_above(self.temperature, self.valve, self.estimate, self.gap)
 
-        self.margin = fig = _figure(
-            "margin", _MARGINS, (-1.0, 1.0), x_axis_type="log", title="Margin, predicted by theory"
+        self.hunting_index = fig = _figure(
+            "hunting_index", _MARGIN_SCALE, (-1.0, 1.0), x_axis_type="log", title="Hunting index, predicted by theory"
         )
         band: Any = {"fill_alpha": 0.5, "line_alpha": 0.0, "level": "underlay"}
-        fig.add_layout(BoxAnnotation(left=UNSURE[0], right=UNSURE[1], fill_color=_SHADE, **band))
-        fig.add_layout(BoxAnnotation(left=UNSURE[1], fill_color=YELLOW, **band))
-        fig.add_layout(Span(location=HUNTS_ABOVE, dimension="height", line_color=_INK, line_dash=[6, 4], line_width=2))
-        fig.text([0.15, 7.0], [-0.35, -0.35], text=["calm", "hunts"], text_align="center", text_font_size=_LETTERS)
-        fig.scatter("margin", "at", source=self._point, marker="diamond", size=26, color=BLUE, line_color="white")
+        fig.add_layout(BoxAnnotation(left=UNSURE_MARGINS[0], right=UNSURE_MARGINS[1], fill_color=_SHADE, **band))
+        fig.add_layout(BoxAnnotation(left=UNSURE_MARGINS[1], fill_color=YELLOW, **band))
+        fig.add_layout(
+            Span(location=HUNTING_MARGIN, dimension="height", line_color=_INK, line_dash=[6, 4], line_width=2)
+        )
+        fig.text([0.15, 7.0], [-0.35, -0.35], text=["calm", "hunts"], text_align="center", text_font_size=_FONT_SIZE)
+        fig.scatter(
+            "hunting_index", "at", source=self._point, marker="diamond", size=26, color=BLUE, line_color="white"
+        )
         fig.yaxis.visible = fig.ygrid.visible = False
         fig.xaxis.ticker = [0.1, 0.3, 0.85, 3, 10]
-        self.all = (self.temperature, self.valve, self.estimate, self.gap, self.margin)
+        self.all = (self.temperature, self.valve, self.estimate, self.gap, self.hunting_index)
 
     def show(self, run: Run, window: str) -> list[Change]:
         """Fill them with one loop: all of the day after the warm-up, or its last hours."""
         n = run.hours.size
-        hours = _HOURS.get(window)
-        first = min(run.scene.warm_up // EVERY, n - 1) if hours is None else max(0, n - int(hours * 3600 / EVERY) - 1)
-        shown = {name: values[first:] for name, values in run.traces.items()}
+        hours = _WINDOW_HOURS.get(window)
+        first = (
+            min(run.scene.warm_up // TRACE_INTERVAL_S, n - 1)
+            if hours is None
+            else max(0, n - int(hours * 3600 / TRACE_INTERVAL_S) - 1)
+        )
+        visible_traces = {name: values[first:] for name, values in run.traces.items()}
         for name in ("u", "command", "opening", "estimate"):
-            shown[name] = 100.0 * shown[name]
-        shown["backlash"] = np.full(n - first, 100.0 * run.parameter("backlash"))
-        tested = run.hours[first:][shown.pop("test") > 0.0]
-        test = {"left": tested.min(initial=np.inf), "right": tested.max(initial=-np.inf), "visible": tested.size > 0}
-        senses = run.parameter("noise_std") > 0.0 or run.parameter("sensor_time_constant") > 0.0
-        compensates = run.learns or run.parameter("backlash_estimate") > 0.0
-        asked = [shown["u"]] * compensates
+            visible_traces[name] = 100.0 * visible_traces[name]
+        visible_traces["backlash"] = np.full(n - first, 100.0 * run.parameter("backlash"))
+        test_hours = run.hours[first:][visible_traces.pop("test") > 0.0]
+        test = {
+            "left": test_hours.min(initial=np.inf),
+            "right": test_hours.max(initial=-np.inf),
+            "visible": test_hours.size > 0,
+        }
+        has_sensor = run.parameter("noise_std") > 0.0 or run.parameter("sensor_time_constant") > 0.0
+        has_compensation = run.learns or run.parameter("backlash_estimate") > 0.0
+        pi_output = [visible_traces["u"]] * has_compensation
         return [
-            (self._traces.id, {"data": {"hours": run.hours[first:], **shown}}),
+            (self._traces.id, {"data": {"hours": run.hours[first:], **visible_traces}}),
             (self._edges.id, {"data": _edges(run.parameter("backlash"))}),
-            *((shade.id, test) for shade in self._tests),
-            *_line(self.temperature, "sensor", senses),
-            *_line(self.valve, "PI asks", compensates),
-            *_line(self.gap, "PI asks", compensates),
+            *((shade.id, test) for shade in self._test_shades),
+            *_line_visibility(self.temperature, "sensor", has_sensor),
+            *_line_visibility(self.valve, "PI asks", has_compensation),
+            *_line_visibility(self.gap, "PI asks", has_compensation),
             (self.estimate.id, {"visible": run.learns}),
             (self.temperature.x_range.id, {"start": float(run.hours[first]), "end": float(run.hours[-1])}),
-            _fit(self.temperature.y_range, 1.0, shown["T_sup"], shown["T_set"], *[shown["T_measured"]] * senses),
-            _fit(self.valve.y_range, 10.0, shown["command"], shown["opening"], *asked),
-            _fit(self.gap.x_range, 12.0, shown["command"], *asked),
-            _fit(self.gap.y_range, 12.0, shown["opening"]),
-            _fit(self.estimate.y_range, 8.0, shown["estimate"], shown["backlash"], np.zeros(1)),
+            _fit_axis(
+                self.temperature.y_range,
+                1.0,
+                visible_traces["T_sup"],
+                visible_traces["T_set"],
+                *[visible_traces["T_measured"]] * has_sensor,
+            ),
+            _fit_axis(self.valve.y_range, 10.0, visible_traces["command"], visible_traces["opening"], *pi_output),
+            _fit_axis(self.gap.x_range, 12.0, visible_traces["command"], *pi_output),
+            _fit_axis(self.gap.y_range, 12.0, visible_traces["opening"]),
+            _fit_axis(self.estimate.y_range, 8.0, visible_traces["estimate"], visible_traces["backlash"], np.zeros(1)),
         ]
 
-    def show_margin(self, *margin: float) -> list[Change]:
-        """Mark a margin, or none."""
-        at = np.clip(margin, *_SHOWN_MARGINS).tolist()
-        return [(self._point.id, {"data": {"margin": at, "at": [0] * len(at)}})]
+    def show_hunting_index(self, *hunting_index: float) -> list[Change]:
+        """Mark a hunting index, or none."""
+        at = np.clip(hunting_index, *_MARK_LIMITS).tolist()
+        return [(self._point.id, {"data": {"hunting_index": at, "at": [0] * len(at)}})]
 
 
-def _fit(span: Range1d, least: float, *values: Array) -> Change:
+def _fit_axis(span: Range1d, least: float, *values: Array) -> Change:
     """Make an axis show all finite values, at least so much of it."""
-    found = np.concatenate(values)
-    found = found[np.isfinite(found)] if np.isfinite(found).any() else np.zeros(1)
-    low, high = float(found.min()), float(found.max())
+    finite_values = np.concatenate(values)
+    finite_values = finite_values[np.isfinite(finite_values)] if np.isfinite(finite_values).any() else np.zeros(1)
+    low, high = float(finite_values.min()), float(finite_values.max())
     room = max(0.04 * (high - low), 0.5 * (least - (high - low)))
     return span.id, {"start": low - room, "end": high + room}
 
@@ -170,12 +190,12 @@ class MapFigure:
     """The map; cells lie at 0, 1, 2, … whatever the parameter.  on_tap: called with the place clicked, x first."""
 
     def __init__(self, on_tap: Callable[[float, float], None]) -> None:
-        self._axes, self._places = "", dict[str, Any]()
+        self._axes, self._cell_data = "", dict[str, Any]()
         self._cells = ColumnDataSource({name: [] for name in ("x", "y", "value", "at_x", "at_y")}, name="cells")
         self._point = ColumnDataSource({"x": [], "y": []}, name="here")
         self.fig = _figure("map", (-0.5, 15.5), (-0.5, 11.5), title="Map: click to move the ring")
         self._colours = LinearColorMapper(Cividis256, low=0.0, nan_color="#dddddd")
-        drawn = self.fig.rect(
+        cell_glyphs = self.fig.rect(
             "x", "y", 1.0, 1.0, source=self._cells, line_color=None,
             fill_color={"field": "value", "transform": self._colours},
         )  # fmt: skip
@@ -183,30 +203,30 @@ class MapFigure:
         self.fig.scatter("x", "y", line_color="white", line_width=7, **ring)
         self.fig.scatter("x", "y", line_color=RED, line_width=4, **ring)
         self._bar = ColorBar(
-            color_mapper=self._colours, title_text_font_size=_LETTERS, title_text_color=_INK,
-            title_text_font_style="normal", major_label_text_font_size=_LETTERS, width=14, padding=4, title_standoff=6,
+            color_mapper=self._colours, title_text_font_size=_FONT_SIZE, title_text_color=_INK,
+            title_text_font_style="normal", major_label_text_font_size=_FONT_SIZE, width=14, padding=4, title_standoff=6,
         )  # fmt: skip
         self.fig.add_layout(self._bar, "right")
-        self.fig.add_tools(HoverTool(renderers=[drawn], tooltips=[("", "@value{0.00} K at @at_x, @at_y")]))
+        self.fig.add_tools(HoverTool(renderers=[cell_glyphs], tooltips=[("", "@value{0.00} K at @at_x, @at_y")]))
         self.fig.on_event(Tap, lambda event: on_tap(event.x, event.y))
         self.fig.grid.visible = False
 
-    def show(self, found: Mapping[str, Array], settings: Settings) -> tuple[list[Change], bool]:
+    def show(self, metrics: Mapping[str, Array], settings: Settings) -> tuple[list[Change], bool]:
         """Fill it with a map, and mark a loop on it; and whether the loop lies on the map."""
         if self._axes != settings.axes:
-            self._axes, self._places = settings.axes, self._laid_out(settings.axes)
+            self._axes, self._cell_data = settings.axes, self._label_axes(settings.axes)
         at = {}
         for side, (name, values) in zip("xy", AXES[settings.axes].items(), strict=True):
             at[side] = [np.interp(getattr(settings, name), values, range(len(values)), left=np.nan, right=np.nan)]
         changes: list[Change] = [
-            (self._colours.id, {"high": _MOST[settings.axes][settings.colour]}),
+            (self._colours.id, {"high": _COLOUR_MAXIMA_K[settings.axes][settings.colour]}),
             (self._bar.id, {"title": f"{CHOICES['colour'].words[settings.colour]} [K]"}),
-            (self._cells.id, {"data": self._places | {"value": found[settings.colour].ravel()}}),
+            (self._cells.id, {"data": self._cell_data | {"value": metrics[settings.colour].ravel()}}),
             (self._point.id, {"data": at}),
         ]
         return changes, bool(np.isfinite([*at["x"], *at["y"]]).all())
 
-    def _laid_out(self, axes: str) -> dict[str, Any]:
+    def _label_axes(self, axes: str) -> dict[str, Any]:
         """Label the axes of a map; where its cells lie, and their values in words."""
         columns: dict[str, Any] = {}
         sides = (self.fig.xaxis[0], self.fig.yaxis[0]), (self.fig.x_range, self.fig.y_range)
@@ -216,7 +236,7 @@ class MapFigure:
             texts = [dial.text(value) for value in values]
             columns |= {side: cells.ravel(), f"at_{side}": [texts[k] for k in cells.ravel()]}
             axis.axis_label = f"{dial.label} [{dial.unit}]"
-            axis.ticker = list(range(0, n, _LABELLED))
+            axis.ticker = list(range(0, n, _LABEL_EVERY))
             axis.major_label_overrides = {k: f"{dial.factor * values[k]:.3g}" for k in range(n)}
             span.update(start=-0.5, end=n - 0.5)
         return columns

@@ -14,25 +14,25 @@ from urllib.parse import urlencode
 import xarray as xr
 
 from fastcoil.base.arrays import Array
-from fastcoil.base.errors import InputError, nearest, shown
-from fastcoil.base.text import kelvin, per_cent
-from fastcoil.design.advice import NO_INVERSE, REPAIRED
+from fastcoil.base.errors import InputError, did_you_mean, short_repr
+from fastcoil.base.text import format_kelvin, format_percent
+from fastcoil.design.advice import NO_INVERSE, REPAIRED_VALVE
 from fastcoil.design.explain import explain
 from fastcoil.loops.boundary import Boundary
-from fastcoil.loops.boundary.days import W_IN, constant_day, design_day, heating_day, paper_day
+from fastcoil.loops.boundary.days import WINTER_HUMIDITY_RATIO, constant_day, design_day, heating_day, paper_day
 from fastcoil.loops.clashes import unread_values
-from fastcoil.loops.loop import Loop, words_used
+from fastcoil.loops.loop import Loop, used_choices
 from fastcoil.loops.presets import PRESETS
 from fastcoil.loops.simulate import simulate
 from fastcoil.loops.valve_test import ValveTest
 from fastcoil.measured.read_test import read_test
-from fastcoil.model.metric_table import TEST_ABORTED, WARM_UP
+from fastcoil.model.metric_table import TEST_ABORTED_MEANINGS, WARM_UP_S
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.study.maintenance import Scenario
 
-GIVEN = "given"
+STUDY_LOOP_NAME = "given"
 """Name of the loop of a study, which is no preset."""
-_LONGEST = 24 * 3600  # seconds of the day of a study; longer days are refused
+_LONGEST_DAY_S = 24 * 3600  # seconds of the day of a study; longer days are refused
 
 
 class Start(NamedTuple):
@@ -42,7 +42,7 @@ class Start(NamedTuple):
     loop: Loop
     day: Boundary | None = None
     T_w_in: float = 7.0
-    warm_up: int = WARM_UP
+    warm_up: int = WARM_UP_S
     seed: int = 0
 
     @property
@@ -50,19 +50,25 @@ class Start(NamedTuple):
         return bool(self.loop["action"] == "heating")
 
 
-def starts(given: Scenario | None = None) -> dict[str, Start]:
+def start_loops(study_scenario: Scenario | None = None) -> dict[str, Start]:
     """Loops to start from by name: the one of a study, then the presets."""
-    found = {}
-    if given is not None:
-        if given.boundary.n_steps > _LONGEST:
+    loops = {}
+    if study_scenario is not None:
+        if study_scenario.boundary.n_steps > _LONGEST_DAY_S:
             raise InputError(
-                f"{given.title}: its day lasts {given.boundary.hours:g} h: give at most {_LONGEST // 3600} h"
+                f"{study_scenario.title}: its day lasts {study_scenario.boundary.hours:g} h: give at most {_LONGEST_DAY_S // 3600} h"
             )
-        loop, ratio = given.loop, given.loop["estimate_ratio"]
+        loop, ratio = study_scenario.loop, study_scenario.loop["estimate_ratio"]
         if ratio is not None:  # the gap moves without the estimate
             loop = loop.assign(backlash_estimate=ratio * loop["backlash"])  # type: ignore[operator]
-        found[GIVEN] = Start(given.title, loop, given.boundary, warm_up=given.warm_up, seed=given.seed)
-    return found | {name: Start(name, Loop.preset(name), T_w_in=preset.T_w_in) for name, preset in PRESETS.items()}
+        loops[STUDY_LOOP_NAME] = Start(
+            study_scenario.title,
+            loop,
+            study_scenario.boundary,
+            warm_up=study_scenario.warm_up,
+            seed=study_scenario.seed,
+        )
+    return loops | {name: Start(name, Loop.preset(name), T_w_in=preset.T_w_in) for name, preset in PRESETS.items()}
 
 
 class Dial(NamedTuple):
@@ -84,10 +90,10 @@ class Choice(NamedTuple):
     words: Mapping[str, str]
 
 
-_SIZES = tuple(round(0.005 * k, 3) for k in range(31))
+_GAP_SIZES = tuple(round(0.005 * k, 3) for k in range(31))
 DIALS = {
-    "backlash": Dial("Gap of the valve", "%", _SIZES, 100.0),
-    "backlash_estimate": Dial("Estimate of the gap", "%", _SIZES, 100.0),
+    "backlash": Dial("Gap of the valve", "%", _GAP_SIZES, 100.0),
+    "backlash_estimate": Dial("Estimate of the gap", "%", _GAP_SIZES, 100.0),
     "kp": Dial(
         "Gain Kp", "1/K",
         (0.002, 0.003, 0.004, 0.005, 0.006, 0.008, 0.01, 0.012, 0.015, 0.018, 0.02, 0.025, 0.03, 0.035, 0.04, 0.05,
@@ -142,24 +148,26 @@ class Settings:
     window: str = "2h"
 
 
-def settings_of(name: str, start: Start) -> Settings:
+def initial_settings(name: str, start: Start) -> Settings:
     """The settings at which a loop is as it was given."""
     numbers: Any = {dial: float(start.loop[dial]) for dial in DIALS if dial != "m_a"}  # type: ignore[arg-type]
-    estimator = "none" if words_used(start.loop, "estimator") == {"none"} else "own"
+    estimator = "none" if used_choices(start.loop, "estimator") == {"none"} else "own"
     day = "steps" if start.day is None else "own"
     return Settings(name, m_a=_STEADY_LOAD[str(start.loop["action"])], estimator=estimator, day=day, **numbers)
 
 
-def words_of(name: str, start: Start) -> dict[str, str]:
+def menu_words(name: str, start: Start) -> dict[str, str]:
     """The words of a menu that suit a loop: "own" only where it has a day or an estimator of its own."""
-    without = {"day": start.day is None, "estimator": words_used(start.loop, "estimator") == {"none"}}.get(name, False)
-    return {word: text for word, text in CHOICES[name].words.items() if not (without and word == "own")}
+    is_unavailable = {"day": start.day is None, "estimator": used_choices(start.loop, "estimator") == {"none"}}.get(
+        name, False
+    )
+    return {word: text for word, text in CHOICES[name].words.items() if not (is_unavailable and word == "own")}
 
 
-def query_of(settings: Settings, starts: Mapping[str, Start]) -> str:
+def link_query(settings: Settings, starts: Mapping[str, Start]) -> str:
     """The query of a link: the loop, and what differs from it as it was given."""
     start = starts[settings.loop]
-    usual = asdict(settings_of(settings.loop, start))
+    usual = asdict(initial_settings(settings.loop, start))
     differs = {name: value for name, value in asdict(settings).items() if value != usual[name]}
     texts = {
         name: repr(value).removesuffix(".0") if isinstance(value, float) else value for name, value in differs.items()
@@ -173,29 +181,29 @@ def read_query(query: Mapping[str, str], starts: Mapping[str, Start], first: str
     first: the loop of a link that names none.
     """
     links = {start.title: name for name, start in starts.items()}
-    asked = query.get("loop", starts[first].title)
-    name = links.get(asked, first)
-    usual = settings_of(name, starts[name])
-    if asked not in links:
+    loop_title = query.get("loop", starts[first].title)
+    name = links.get(loop_title, first)
+    usual = initial_settings(name, starts[name])
+    if loop_title not in links:
         return usual, [
-            f"loop = {shown(asked)} is not on this page{nearest(asked, links)}: {starts[name].title} is shown"
+            f"loop = {short_repr(loop_title)} is not on this page{did_you_mean(loop_title, links)}: {starts[name].title} is shown"
         ]
     values: dict[str, Any] = {}
-    wrong = []
+    unknown_settings = []
     for key, text in query.items():
         # the loop itself may lie beyond the steps
-        within = (*DIALS[key].steps, getattr(usual, key)) if key in DIALS else ()
-        if key in CHOICES and text in words_of(key, starts[name]):
+        allowed_values = (*DIALS[key].steps, getattr(usual, key)) if key in DIALS else ()
+        if key in CHOICES and text in menu_words(key, starts[name]):
             values[key] = text
-        elif within and min(within) <= _number(text) <= max(within):
+        elif allowed_values and min(allowed_values) <= _parse_number(text) <= max(allowed_values):
             values[key] = float(text)
         elif key != "loop":
-            wrong.append(f"{key} = {text}")
-    problem = f"{shown(', '.join(wrong))}: no setting of this page, or beyond its bounds; the rest of the link is shown"
-    return replace(usual, **values), [problem] if wrong else []
+            unknown_settings.append(f"{key} = {text}")
+    problem = f"{short_repr(', '.join(unknown_settings))}: no setting of this page, or beyond its bounds; the rest of the link is shown"
+    return replace(usual, **values), [problem] if unknown_settings else []
 
 
-def _number(text: str) -> float:
+def _parse_number(text: str) -> float:
     with suppress(ValueError):
         return float(text)
     return math.nan
@@ -213,28 +221,31 @@ STORIES: Mapping[str, Mapping[str, Any]] = {
 """Text of a button, and what it changes of the preset ``paper_like``."""
 
 
-def of_loop(settings: Settings) -> Settings:
+def loop_settings(settings: Settings) -> Settings:
     """The settings of the loop and its day, those of the map and the time shown at one value."""
     return replace(settings, axes="tuning", colour="rmse", window="day")
 
 
-def settings_of_story(title: str, starts: Mapping[str, Start]) -> Settings:
+def story_settings(title: str, starts: Mapping[str, Start]) -> Settings:
     """The settings of a story."""
-    return replace(settings_of("paper_like", starts["paper_like"]), **STORIES[title])
+    return replace(initial_settings("paper_like", starts["paper_like"]), **STORIES[title])
 
 
-_VALVE = {"rangeability": 50.0, "m_full": 1.7}  # an equal-percentage valve; flow in kg/s of the presets' cooling coil
+_MENU_VALVE = {
+    "rangeability": 50.0,
+    "m_full": 1.7,
+}  # an equal-percentage valve; flow in kg/s of the presets' cooling coil
 _LEARNING_STEP = 0.01  # finds a gap of 7 % in half a day
-_SHARE = 0.95  # of what is identified: an estimate above the gap chatters
-_HEATING_DAY = {"T_a_in": 12.0, "W_a_in": W_IN, "T_set": 25.0}  # means of ``heating_day``, degC
+_ESTIMATE_SHARE = 0.95  # of what is identified: an estimate above the gap chatters
+_HEATING_DAY = {"T_a_in": 12.0, "W_a_in": WINTER_HUMIDITY_RATIO, "T_set": 25.0}  # means of ``heating_day``, degC
 
 
-def loop_of(settings: Settings, start: Start) -> Loop:
+def build_loop(settings: Settings, start: Start) -> Loop:
     """The loop of some settings."""
     values: dict[str, Any] = {name: getattr(settings, name) for name in DIALS if name != "m_a"}
     if settings.valve != "own":
-        given = {} if start.loop["m_full"] is None else {"m_full": start.loop["m_full"]}
-        values |= _VALVE | given | {"authority": float(settings.valve)}
+        full_flow = {} if start.loop["m_full"] is None else {"m_full": start.loop["m_full"]}
+        values |= _MENU_VALVE | full_flow | {"authority": float(settings.valve)}
     loop = start.loop.assign(**values)
     if settings.estimator == "own":
         return loop
@@ -242,21 +253,21 @@ def loop_of(settings: Settings, start: Start) -> Loop:
     if settings.estimator == "learner":
         learning = {"learning_step": _LEARNING_STEP}
     elif settings.estimator == "identify":
-        learning = {"estimate_share": _SHARE, "identify_stroke_time": settings.stroke_time}
+        learning = {"estimate_share": _ESTIMATE_SHARE, "identify_stroke_time": settings.stroke_time}
     loop = loop.assign(estimator=settings.estimator, **learning)
     unread: dict[str, Any] = {name: PARAMETERS[name].default for name in unread_values(loop)}
     return loop.assign(**unread)
 
 
-def day_of(settings: Settings, start: Start) -> Boundary:
+def build_day(settings: Settings, start: Start) -> Boundary:
     """The day of some settings."""
     if settings.day == "own" and start.day is not None:
         return start.day
-    return _made_day(settings.day, settings.m_a, start.T_w_in if start.heats else None)
+    return _menu_day(settings.day, settings.m_a, start.T_w_in if start.heats else None)
 
 
 @lru_cache(8)  # of 2 MB each; most moves leave the day as it is
-def _made_day(name: str, m_a: float, heating_water: float | None) -> Boundary:
+def _menu_day(name: str, m_a: float, heating_water: float | None) -> Boundary:
     """A day of the menu.  m_a: air flow, kg/s.  heating_water: degC; None for a cooling coil."""
     heats = heating_water is not None
     water: dict[str, Any] = {"T_w_in": heating_water} if heats else {}
@@ -267,24 +278,27 @@ def _made_day(name: str, m_a: float, heating_water: float | None) -> Boundary:
     return constant_day(m_a=m_a, **(_HEATING_DAY if heats else {}), **water)
 
 
-def scene_of(settings: Settings, start: Start) -> Scenario:
+def build_scene(settings: Settings, start: Start) -> Scenario:
     """The loop and the day of some settings."""
-    return Scenario(start.title, loop_of(settings, start), day_of(settings, start), start.warm_up, start.seed)
+    return Scenario(start.title, build_loop(settings, start), build_day(settings, start), start.warm_up, start.seed)
 
 
-_BEFORE_END, _SETTLE = 4500.0, 300.0  # s from the start of a valve test to the end of the day, and for a loop to calm
+_TEST_BEFORE_END_S, _TEST_SETTLE_S = (
+    4500.0,
+    300.0,
+)  # s from the start of a valve test to the end of the day, and for a loop to calm
 
 
-def valve_test_of(settings: Settings, scene: Scenario) -> ValveTest | None:
+def build_valve_test(settings: Settings, scene: Scenario) -> ValveTest | None:
     """The valve test of some settings, in the last hours of the day."""
     if settings.test == "none":
         return None
     usual = ValveTest.heating if scene.loop["action"] == "heating" else ValveTest
     make = ValveTest.gentle if settings.test == "gentle" else usual
-    return make(start=max(0.0, scene.boundary.n_steps - _BEFORE_END), settle=_SETTLE)
+    return make(start=max(0.0, scene.boundary.n_steps - _TEST_BEFORE_END_S), settle=_TEST_SETTLE_S)
 
 
-EVERY = 5
+TRACE_INTERVAL_S = 5
 """Seconds between the samples of a trace."""
 TRACES = ("T_sup", "T_measured", "u", "command", "opening", "estimate", "test")
 
@@ -309,68 +323,78 @@ class Run(NamedTuple):
 
     @property
     def learns(self) -> bool:
-        return words_used(self.scene.loop, "estimator") != {"none"}
+        return used_choices(self.scene.loop, "estimator") != {"none"}
 
     @property
     def error(self) -> str:
         """The error in words; empty where the loop cannot be simulated."""
-        return f"RMS error {kelvin(rmse)}" if math.isfinite(rmse := self.value("rmse")) else ""
+        return f"RMS error {format_kelvin(rmse)}" if math.isfinite(rmse := self.value("rmse")) else ""
 
     @property
     def learning(self) -> str:
         """What an estimator has found; empty without one."""
-        found, right = self.value("estimate_final"), self.value("time_identified") / 3600.0
-        if not self.learns or not math.isfinite(found):
+        estimate, hours_identified = self.value("estimate_final"), self.value("time_identified") / 3600.0
+        if not self.learns or not math.isfinite(estimate):
             return ""
-        since = f", right since hour {right:.1f}" if math.isfinite(right) else ", which is not right yet"
-        gap = per_cent(self.value("backlash_final"))
-        return f"The estimate ends at {per_cent(round(found, 3))} for a gap of {gap}{since}."
+        since = (
+            f", right since hour {hours_identified:.1f}"
+            if math.isfinite(hours_identified)
+            else ", which is not right yet"
+        )
+        gap = format_percent(self.value("backlash_final"))
+        return f"The estimate ends at {format_percent(round(estimate, 3))} for a gap of {gap}{since}."
 
 
 def run(scene: Scenario, test: ValveTest | None = None) -> Run:
     """Simulate a loop, with a valve test if there is one."""
     loop, day = scene.loop, scene.boundary
     ds = simulate(
-        loop, day, test=test, traces=TRACES, trace_interval=EVERY, warm_up=scene.warm_up, seed=scene.seed, n_jobs=1,
+        loop, day, test=test, traces=TRACES, trace_interval=TRACE_INTERVAL_S, warm_up=scene.warm_up, seed=scene.seed, n_jobs=1,
         progress=False,
     )  # fmt: skip
-    traces = {name: ds[name].values for name in TRACES} | {"T_set": day.series["T_set"][0][::EVERY]}
+    traces = {name: ds[name].values for name in TRACES} | {"T_set": day.series["T_set"][0][::TRACE_INTERVAL_S]}
     hours, metrics = ds["elapsed_time"].values / 3600.0, ds.drop_vars(TRACES)
-    reading = "" if test is None else reading_of(ds, float(loop["stroke_time"]))  # type: ignore[arg-type]
+    reading = "" if test is None else reading_text(ds, float(loop["stroke_time"]))  # type: ignore[arg-type]
     return Run(scene, hours, traces, metrics, reading)
 
 
-def reading_of(ds: xr.Dataset, stroke_time: float) -> str:
+def reading_text(ds: xr.Dataset, stroke_time: float) -> str:
     """What a valve test shows, in words."""
-    reason = TEST_ABORTED[int(ds["test_aborted"])].replace("_", " ")
+    reason = TEST_ABORTED_MEANINGS[int(ds["test_aborted"])].replace("_", " ")
     early = f"  The test ended early: {reason}." if ds["test_aborted"] else ""
     if not ds["test"].any():
         return early.strip()
     r = read_test(ds[["command", "T_measured", "test"]], stroke_time=stroke_time)
-    low, high = map(per_cent, r.interval)
+    low, high = map(format_percent, r.interval)
     if r.identified:
-        return f"The valve test reads a gap of {per_cent(r.backlash)} (95 %: {low} to {high}).{early}"
+        return f"The valve test reads a gap of {format_percent(r.backlash)} (95 %: {low} to {high}).{early}"
     return f"The valve test shows a gap of {low} to {high} and claims no size: {r.reason}.{early}"
 
 
-class Words(NamedTuple):
+class ExplanationText(NamedTuple):
     """What ``explain`` says of a loop."""
 
     answer: str
     compared: str  # what the day shows without the gap, and without the inverse
     why: str
     advice: str
-    margin: float  # NaN where theory cannot tell
+    hunting_index: float  # NaN where theory cannot tell
 
 
-def explained(scene: Scenario) -> Words:
+def explain_scene(scene: Scenario) -> ExplanationText:
     """Explain a loop, which takes several times as long as to simulate it."""
-    found = explain(scene.loop, scene.boundary, warm_up=scene.warm_up, seed=scene.seed)
-    others = {REPAIRED: "the gap", NO_INVERSE: "the inverse"}
+    explanation = explain(scene.loop, scene.boundary, warm_up=scene.warm_up, seed=scene.seed)
+    part_by_cure = {REPAIRED_VALVE: "the gap", NO_INVERSE: "the inverse"}
     compared = [] if scene.loop["backlash"] else ["The valve has no gap."]
-    tried = found.cures["cure"].values
-    compared += [f"Without {what}: {found.shows(name)}." for name, what in others.items() if name in tried]
-    return Words(found.answer, "  ".join(compared), found.why, found.advice, found.margin)
+    tried_cures = explanation.cures["cure"].values
+    compared += [
+        f"Without {part}: {explanation.describe_day(name)}."
+        for name, part in part_by_cure.items()
+        if name in tried_cures
+    ]
+    return ExplanationText(
+        explanation.answer, "  ".join(compared), explanation.why, explanation.advice, explanation.hunting_index
+    )
 
 
 _TI = (4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0, 100.0, 140.0, 200.0, 280.0, 400.0, 560.0, 800.0)
@@ -383,7 +407,7 @@ AXES: Mapping[str, Mapping[str, tuple[float, ...]]] = {
 """Parameters along the sides of a map and their values, x first: three or four blocks of lanes."""
 
 
-def map_of(axes: str, scene: Scenario) -> Mapping[str, Array]:
+def simulate_map(axes: str, scene: Scenario) -> Mapping[str, Array]:
     """Simulate all loops of a map: metrics over its two parameters by name, (n_y, n_x)."""
     (x, along_x), (y, along_y) = AXES[axes].items()
     swept = scene.loop.assign(**{y: list(along_y), x: list(along_x)})
@@ -391,7 +415,7 @@ def map_of(axes: str, scene: Scenario) -> Mapping[str, Array]:
     return {name: ds[name].transpose(y, x).values for name in ("rmse", "hunting_swing")}
 
 
-_RUNS, _MAPS = 200, 100  # sizes of the caches: 0.3 MB and 4 kB an entry; of words less
+_RUN_CACHE_SIZE, _MAP_CACHE_SIZE = 200, 100  # sizes of the caches: 0.3 MB and 4 kB an entry; of words less
 
 
 class Model:
@@ -400,25 +424,25 @@ class Model:
     given: the scenario of a study, added to the presets and shown first.  preset: shown first without one.
     """
 
-    def __init__(self, given: Scenario | None = None, preset: str = "paper_like") -> None:
-        self.starts = starts(given)
-        self.first = preset if given is None else GIVEN
-        self._run = lru_cache(_RUNS)(self._tested)
-        self._explain = lru_cache(_RUNS)(lambda settings: explained(self._scene(settings)))
-        self._map = lru_cache(_MAPS)(lambda settings: map_of(settings.axes, self._scene(settings)))
+    def __init__(self, study_scenario: Scenario | None = None, preset: str = "paper_like") -> None:
+        self.starts = start_loops(study_scenario)
+        self.first = preset if study_scenario is None else STUDY_LOOP_NAME
+        self._run = lru_cache(_RUN_CACHE_SIZE)(self._run_with_test)
+        self._explain = lru_cache(_RUN_CACHE_SIZE)(lambda settings: explain_scene(self._scene(settings)))
+        self._map = lru_cache(_MAP_CACHE_SIZE)(lambda settings: simulate_map(settings.axes, self._scene(settings)))
 
     def _scene(self, settings: Settings) -> Scenario:
-        return scene_of(settings, self.starts[settings.loop])
+        return build_scene(settings, self.starts[settings.loop])
 
-    def _tested(self, settings: Settings) -> Run:
+    def _run_with_test(self, settings: Settings) -> Run:
         scene = self._scene(settings)
-        return run(scene, valve_test_of(settings, scene))
+        return run(scene, build_valve_test(settings, scene))
 
     def run(self, settings: Settings) -> Run:
-        return self._run(of_loop(settings))
+        return self._run(loop_settings(settings))
 
-    def explain(self, settings: Settings) -> Words:
-        return self._explain(replace(of_loop(settings), test="none"))
+    def explain(self, settings: Settings) -> ExplanationText:
+        return self._explain(replace(loop_settings(settings), test="none"))
 
     def map(self, settings: Settings) -> Mapping[str, Array]:
         """The map around it, which does not depend on where its own point lies."""

@@ -28,21 +28,21 @@ from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
 from fastcoil.deliver.explore import loop
 from fastcoil.deliver.explore.figures import Change, LoopFigures, MapFigure
-from fastcoil.deliver.explore.loop import AXES, CHOICES, DIALS, STORIES, Model, Run, Settings, Words
+from fastcoil.deliver.explore.loop import AXES, CHOICES, DIALS, STORIES, ExplanationText, Model, Run, Settings
 from fastcoil.model.engine.lanes import compile_kernel
 from fastcoil.model.numerics.jit import is_compiled
 
-_REFUSED = "This loop cannot be simulated."
-_BROKEN = "fastcoil failed here: the terminal says where."
-_SHEET = """
+_REFUSED_HEADLINE = "This loop cannot be simulated."
+_CRASHED_HEADLINE = "fastcoil failed here: the terminal says where."
+_STYLE_SHEET = """
 :host, .bk-input, .bk-btn, .bk-slider-title, label { font-size: 1rem; color: #222; }
 .bk-slider-title { padding: 0; white-space: nowrap; }
 .noUi-handle:focus, .bk-input:focus, .bk-btn:focus { outline: 3px solid #004488; outline-offset: 2px; }
 .bk-btn { padding: 6px 10px; }
 """
-_TEXTS = ("headline", "compared", "learning", "why", "advice", "note", "problems", "error")
+_TEXT_IDS = ("headline", "compared", "learning", "why", "advice", "note", "problems", "error")
 """Elements of the template that hold a sentence."""
-_SHOW = """
+_SHOW_SCRIPT = """
 const [changes, said] = sent.tags
 for (const [id, values] of changes) sent.document.get_model_by_id(id).setv(values, {sync: false})
 for (const id of ids) document.getElementById(id).textContent = said[id]
@@ -51,13 +51,13 @@ document.body.dataset.learns = said.learning ? 'yes' : ''
 const search = said.query ? '?' + said.query : ''
 if (search !== location.search) history.replaceState(null, '', location.pathname + search)
 """
-_MOVED = "document.body.dataset.phase = 'loop'"
-_COPY = """
+_MOVED_SCRIPT = "document.body.dataset.phase = 'loop'"
+_COPY_SCRIPT = """
 navigator.clipboard.writeText(location.href).then(
     () => { document.getElementById('said').textContent = 'The link is copied.' },
     () => { document.getElementById('said').textContent = 'The browser does not let this page copy.' })
 """
-_LOST = """
+_LOST_SCRIPT = """
 document.getElementById('headline').textContent =
     'The program behind this page has ended: start fastcoil explore again.'
 document.body.dataset.phase = 'refused'
@@ -72,20 +72,22 @@ class Page:
     one before.
     """
 
-    def __init__(self, doc: Document, model: Model, first: Executor, then: Executor, first_words: str) -> None:
-        self._doc, self._model, self._first, self._then = doc, model, first, then
-        self._soon = doc.add_next_tick_callback
+    def __init__(
+        self, doc: Document, model: Model, simulate_pool: Executor, explain_pool: Executor, first_words: str
+    ) -> None:
+        self._doc, self._model, self._first, self._explain_pool = doc, model, simulate_pool, explain_pool
+        self._on_next_tick = doc.add_next_tick_callback
         arguments = doc.session_context.request.arguments
         query = {name: values[-1].decode(errors="replace") for name, values in arguments.items()}
         self._settings, self._problems = loop.read_query(query, model.starts, model.first)
         self._begin = self._settings
-        self._working, self._turns = False, 0
-        self._ahead: asyncio.Future[Any] | None = None  # what follows the simulation
-        self._told: Settings | None = None  # the loop that is explained; None while the one drawn is not
-        self._said = dict.fromkeys((*_TEXTS, "phase", "query", "told", "turn"), "")
-        self._sent = ColumnDataSource(name="sent")  # its tags take changes and texts to the browser
-        self._figures, self._map = LoopFigures(), MapFigure(self._go)
-        style: Any = {"sizing_mode": "stretch_width", "stylesheets": [InlineStyleSheet(css=_SHEET)]}
+        self._is_working, self._turns = False, 0
+        self._pending_stage: asyncio.Future[Any] | None = None  # what follows the simulation
+        self._explained_settings: Settings | None = None  # the loop that is explained; None while the one drawn is not
+        self._said = dict.fromkeys((*_TEXT_IDS, "phase", "query", "told", "turn"), "")
+        self._outbox = ColumnDataSource(name="sent")  # its tags take changes and texts to the browser
+        self._figures, self._map = LoopFigures(), MapFigure(self._move_to_cell)
+        style: Any = {"sizing_mode": "stretch_width", "stylesheets": [InlineStyleSheet(css=_STYLE_SHEET)]}
         self._steps: dict[str, dict[str, float]] = {name: {} for name in DIALS}
         self._dials = {
             name: CategoricalSlider(title=dial.label, categories=["", "…"], value="", name=name, **style)
@@ -94,18 +96,18 @@ class Page:
         labels = {"loop": "Begin with"} | {name: choice.label for name, choice in CHOICES.items()}
         self._menus = {name: Select(title=label, name=name, **style) for name, label in labels.items()}
         for name, slider in self._dials.items():
-            slider.on_change("value", partial(self._turned, name))
+            slider.on_change("value", partial(self._on_dial, name))
         for name, menu in self._menus.items():
             menu.on_change("value", partial(self._chosen, name))
-        self._put_together(first_words)
-        self._wait()
-        self._say(headline=first_words, told="yes")
+        self._build_layout(first_words)
+        self._show_waiting()
+        self._send(headline=first_words, told="yes")
         # a request alone computes nothing: a page that is shown asks for it
         doc.on_event(DocumentReady, lambda _: self._move(self._settings))
 
     # --- moves --------------------------------------------------------------------------------------------------------
 
-    def _turned(self, name: str, _attribute: str, _old: str, text: str) -> None:
+    def _on_dial(self, name: str, _attribute: str, _old: str, text: str) -> None:
         value: Any = self._steps[name][text]
         if value != getattr(self._settings, name):
             self._move(replace(self._settings, **{name: value}))
@@ -115,10 +117,10 @@ class Page:
         if word != getattr(settings, name):
             if name == "loop":
                 changed = {"axes": settings.axes, "colour": settings.colour, "window": settings.window}
-                settings = loop.settings_of(word, self._model.starts[word])
+                settings = loop.initial_settings(word, self._model.starts[word])
             self._move(replace(settings, **changed))  # type: ignore[arg-type]
 
-    def _go(self, x: float, y: float) -> None:
+    def _move_to_cell(self, x: float, y: float) -> None:
         """To a cell of the map, at the nearest steps of its dials."""
         changed: Any = {}
         for at, (name, values) in zip((x, y), AXES[self._settings.axes].items(), strict=True):
@@ -129,14 +131,14 @@ class Page:
     def _move(self, settings: Settings) -> None:
         """Show other settings, as soon as they are computed."""
         self._settings = settings
-        self._wait()
-        if self._ahead is not None:
-            self._ahead.cancel()
-        if not self._working:
-            self._working = True
-            self._soon(self._work)
+        self._show_waiting()
+        if self._pending_stage is not None:
+            self._pending_stage.cancel()
+        if not self._is_working:
+            self._is_working = True
+            self._on_next_tick(self._compute_until_settled)
 
-    def _wait(self) -> None:
+    def _show_waiting(self) -> None:
         """Set all controls to the settings, and mark what is shown as outdated."""
         start = self._model.starts[self._settings.loop]
         for name, slider in self._dials.items():
@@ -147,98 +149,98 @@ class Page:
         self._dials["m_a"].disabled = self._settings.day in ("own", "steps")
         for name, menu in self._menus.items():
             texts = (
-                loop.words_of(name, start) if name in CHOICES else {n: s.title for n, s in self._model.starts.items()}
+                loop.menu_words(name, start) if name in CHOICES else {n: s.title for n, s in self._model.starts.items()}
             )
             menu.update(options=list(texts.items()), value=getattr(self._settings, name))
-        self._say(phase="loop", problems="")
+        self._send(phase="loop", problems="")
 
     # --- work ---------------------------------------------------------------------------------------------------------
 
     @without_document_lock  # type: ignore[untyped-decorator]
-    async def _work(self) -> None:
+    async def _compute_until_settled(self) -> None:
         """Compute and show until nothing has moved any more."""
-        shown = None
+        target = None
         try:
-            while shown != self._settings:
-                shown = self._settings
+            while target != self._settings:
+                target = self._settings
                 try:
-                    await self._follow(shown)
+                    await self._compute_stages(target)
                 except asyncio.CancelledError:  # moved on
                     pass
                 except InputError as error:
-                    self._refuse(_REFUSED, error.problems)
+                    self._refuse(_REFUSED_HEADLINE, error.problems)
         except Exception:
-            self._refuse(_BROKEN, [])
+            self._refuse(_CRASHED_HEADLINE, [])
             raise
         finally:
-            self._working = False
+            self._is_working = False
 
-    async def _follow(self, settings: Settings) -> None:
+    async def _compute_stages(self, settings: Settings) -> None:
         """Simulate a loop, then explain it and make its map, and show each as soon as it is there."""
         run = await asyncio.get_running_loop().run_in_executor(self._first, self._model.run, settings)
-        if self._told != loop.of_loop(settings):  # what is explained is not what is drawn
-            self._told = None
-        self._soon(partial(self._show_run, settings, run, is_told=self._told is not None))
-        if self._told is None:
-            words = await self._after(settings, self._model.explain)
-            self._told = loop.of_loop(settings)
-            self._soon(partial(self._show_words, settings, run, words))
+        if self._explained_settings != loop.loop_settings(settings):  # what is explained is not what is drawn
+            self._explained_settings = None
+        self._on_next_tick(partial(self._show_run, settings, run, is_explained=self._explained_settings is not None))
+        if self._explained_settings is None:
+            explanation = await self._after(settings, self._model.explain)
+            self._explained_settings = loop.loop_settings(settings)
+            self._on_next_tick(partial(self._show_explanation, settings, run, explanation))
         try:
-            found = await self._after(settings, self._model.map)
+            metrics = await self._after(settings, self._model.map)
         except InputError as error:  # it may be refused where the loop itself is not
-            found = error
-        self._soon(partial(self._show_map, settings, found))
+            metrics = error
+        self._on_next_tick(partial(self._show_map, settings, metrics))
 
-    async def _after(self, settings: Settings, work: Callable[[Settings], Any]) -> Any:
+    async def _after(self, settings: Settings, compute: Callable[[Settings], Any]) -> Any:
         """The result of what follows a simulation; cancelled where the page has moved on."""
         if settings != self._settings:
             raise asyncio.CancelledError
-        self._ahead = asyncio.get_running_loop().run_in_executor(self._then, work, settings)
-        return await self._ahead
+        self._pending_stage = asyncio.get_running_loop().run_in_executor(self._explain_pool, compute, settings)
+        return await self._pending_stage
 
-    def _show_run(self, settings: Settings, run: Run, *, is_told: bool) -> None:
+    def _show_run(self, settings: Settings, run: Run, *, is_explained: bool) -> None:
         changes = self._figures.show(run, settings.window)
-        changes += [] if is_told else self._figures.show_margin()
-        self._say(
-            changes, settings, error=run.error, learning=run.learning, told="yes" if is_told else "", phase="words",
-            query=loop.query_of(settings, self._model.starts),
+        changes += [] if is_explained else self._figures.show_hunting_index()
+        self._send(
+            changes, settings, error=run.error, learning=run.learning, told="yes" if is_explained else "", phase="words",
+            query=loop.link_query(settings, self._model.starts),
         )  # fmt: skip
 
-    def _show_words(self, settings: Settings, run: Run, words: Words) -> None:
-        self._say(
-            self._figures.show_margin(words.margin), settings, headline=words.answer, why=words.why,
-            compared=run.reading or words.compared, advice=words.advice, told="yes", phase="map",
+    def _show_explanation(self, settings: Settings, run: Run, explanation: ExplanationText) -> None:
+        self._send(
+            self._figures.show_hunting_index(explanation.hunting_index), settings, headline=explanation.answer, why=explanation.why,
+            compared=run.reading or explanation.compared, advice=explanation.advice, told="yes", phase="map",
         )  # fmt: skip
 
-    def _show_map(self, settings: Settings, found: Mapping[str, Array] | InputError) -> None:
-        if isinstance(found, InputError):
-            changes, note = self._map.clear(), _joined(["No map", *found.problems])
+    def _show_map(self, settings: Settings, metrics: Mapping[str, Array] | InputError) -> None:
+        if isinstance(metrics, InputError):
+            changes, note = self._map.clear(), _join_sentences(["No map", *metrics.problems])
         else:
-            changes, is_on_it = self._map.show(found, settings)
+            changes, is_on_it = self._map.show(metrics, settings)
             note = "" if is_on_it else "This loop lies outside the map."
         self._turns += 1
-        problems = _joined(self._problems)
-        self._say(changes, settings, note=note, turn=str(self._turns), problems=problems, phase="")
+        problems = _join_sentences(self._problems)
+        self._send(changes, settings, note=note, turn=str(self._turns), problems=problems, phase="")
         self._problems = []
 
     def _refuse(self, headline: str, sentences: list[str]) -> None:
-        self._told, nothing = None, dict.fromkeys(("compared", "learning", "why", "advice"), "")
-        texts = {"headline": headline, "problems": _joined(sentences), "told": "yes", "phase": "refused"}
-        self._soon(partial(self._say, **texts, **nothing))
+        self._explained_settings, empty_texts = None, dict.fromkeys(("compared", "learning", "why", "advice"), "")
+        texts = {"headline": headline, "problems": _join_sentences(sentences), "told": "yes", "phase": "refused"}
+        self._on_next_tick(partial(self._send, **texts, **empty_texts))
 
-    def _say(self, changes: Sequence[Change] = (), of: Settings | None = None, /, **texts: str) -> None:
+    def _send(self, changes: Sequence[Change] = (), of: Settings | None = None, /, **texts: str) -> None:
         """Send changes of the figures and texts in one message.  of: what they show; the page may have moved on."""
         self._said |= texts if of in (None, self._settings) else texts | {"phase": "loop"}
-        self._sent.tags = [list(changes), dict(self._said)]
+        self._outbox.tags = [list(changes), dict(self._said)]
 
     # --- layout -------------------------------------------------------------------------------------------------------
 
-    def _put_together(self, first_words: str) -> None:
+    def _build_layout(self, first_words: str) -> None:
         doc = self._doc
-        show = CustomJS(code=_SHOW, args={"sent": self._sent, "ids": list(_TEXTS)})
-        self._sent.js_on_change("tags", show)
+        show = CustomJS(code=_SHOW_SCRIPT, args={"sent": self._outbox, "ids": list(_TEXT_IDS)})
+        self._outbox.js_on_change("tags", show)
         for widget in (*self._dials.values(), *self._menus.values()):
-            widget.js_on_change("value", CustomJS(code=_MOVED))
+            widget.js_on_change("value", CustomJS(code=_MOVED_SCRIPT))
         for fig in (*self._figures.all, self._map.fig):
             doc.add_root(fig)
         menus, wide = self._menus, {"sizing_mode": "stretch_width"}
@@ -246,28 +248,30 @@ class Page:
         doc.add_root(Column(menus["loop"], *self._dials.values(), *pairs, menus["window"], name="controls", **wide))
         doc.add_root(Row(menus["axes"], menus["colour"], name="map-choices", **wide))
         stories = [
-            _button(name, partial(self._move, loop.settings_of_story(name, self._model.starts))) for name in STORIES
+            _make_button(name, partial(self._move, loop.story_settings(name, self._model.starts))) for name in STORIES
         ]
-        reset = _button("Reset", partial(self._move, self._begin))
-        link = _button("Copy link")
+        reset = _make_button("Reset", partial(self._move, self._begin))
+        link = _make_button("Copy link")
         # a document holds what its widgets refer to: by this button what is sent, too
-        link.js_on_click(CustomJS(code=_COPY, args={"sent": self._sent}))
+        link.js_on_click(CustomJS(code=_COPY_SCRIPT, args={"sent": self._outbox}))
         for name, buttons in (("stories", stories), ("tools", [reset, link])):
             doc.add_root(Row(*buttons, name=name, styles={"flex-wrap": "wrap", "gap": "4px"}))
         # what was said before the page was there is no change any more
         doc.js_on_event(DocumentReady, show)
-        doc.js_on_event(ConnectionLost, CustomJS(code=_LOST))
+        doc.js_on_event(ConnectionLost, CustomJS(code=_LOST_SCRIPT))
         doc.title = "fastcoil: a valve with a gap"
         doc.template = files("fastcoil.deliver.explore").joinpath("page.html").read_text(encoding="utf-8")
         doc.template_variables["first_words"] = first_words
 
 
-def _joined(sentences: list[str]) -> str:
+def _join_sentences(sentences: list[str]) -> str:
     return "  ".join(f"{sentence.rstrip('.')}." for sentence in sentences)
 
 
-def _button(title: str, act: Callable[[], None] | None = None) -> Button:
-    button = Button(label=title, name=title, stylesheets=[InlineStyleSheet(css=_SHEET)], width_policy="min", margin=0)
+def _make_button(title: str, act: Callable[[], None] | None = None) -> Button:
+    button = Button(
+        label=title, name=title, stylesheets=[InlineStyleSheet(css=_STYLE_SHEET)], width_policy="min", margin=0
+    )
     if act is not None:
         button.on_click(lambda *_: act())
     return button
@@ -275,15 +279,15 @@ def _button(title: str, act: Callable[[], None] | None = None) -> Button:
 
 ADDRESS = "127.0.0.1"
 """Not reachable from the network."""
-_NAMES = ("localhost", ADDRESS)
-_THREADS = 2  # for what comes first, and as many for what follows
-COMPILING = "Compiling the simulator, once: about 10 s.  The page then begins by itself."
-STARTING = "Starting …"
-_IDLE = 10_000  # ms without a connection, after which a page and its 2 MB are given back
-_LONGEST_MESSAGE = 2**16  # bytes; what a slider says has a few hundred
+_HOST_NAMES = ("localhost", ADDRESS)
+_POOL_THREADS = 2  # for what comes first, and as many for what follows
+COMPILING_TEXT = "Compiling the simulator, once: about 10 s.  The page then begins by itself."
+STARTING_TEXT = "Starting …"
+_IDLE_MS = 10_000  # ms without a connection, after which a page and its 2 MB are given back
+_MAX_MESSAGE_BYTES = 2**16  # bytes; what a slider says has a few hundred
 
 
-class _FromHere(Matcher):  # type: ignore[misc]
+class _LocalOnlyMatcher(Matcher):  # type: ignore[misc]
     """Lets through what a reader or the page itself asks for; anything else is not found.
 
     Host: a foreign page whose name leads here (DNS rebinding) gives its own.  Origin: browsers name the page that opens
@@ -293,68 +297,68 @@ class _FromHere(Matcher):  # type: ignore[misc]
     """
 
     def __init__(self, port: int) -> None:
-        self._hosts = {f"{name}:{port}" for name in _NAMES}
+        self._hosts = {f"{name}:{port}" for name in _HOST_NAMES}
         self._origins = {f"http://{host}" for host in self._hosts}
 
     def match(self, request: HTTPServerRequest) -> dict[str, Any] | None:
         headers, path = request.headers, request.path
-        origin, taken_for = headers.get("Origin"), headers.get("Sec-Fetch-Dest", "document")
+        origin, destination = headers.get("Origin"), headers.get("Sec-Fetch-Dest", "document")
         is_ours = request.host in self._hosts and (origin is None or origin in self._origins)
         names_session = any(name.startswith("bokeh-") for name in request.arguments) or "Bokeh-Session-Id" in headers
         is_known = (
-            (path == "/" and taken_for == "document")
+            (path == "/" and destination == "document")
             or (path == "/ws" and origin is not None)
             or path.startswith("/static/")
         )
         return {} if is_ours and is_known and not names_session else None
 
 
-async def serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
+async def serve(model: Model, port: int, on_ready: Callable[[str], None]) -> None:
     """Serve the page until SIGINT or SIGTERM; all sessions share the model.
 
     port: 0 takes any that is free.  ready: called with the address of the page once it can be opened.
     """
-    listening = _bound(port)
-    port = listening.getsockname()[1]
+    listener = _listen(port)
+    port = listener.getsockname()[1]
     # foreign connections, and readers who leave, are no errors
     for name in ("tornado.access", "tornado.application", "bokeh"):
         logging.getLogger(name).setLevel(logging.ERROR)
     # no environment variable opens the page to others, or has it loaded from elsewhere
     settings.resources = "server"
-    settings.allowed_ws_origin = [f"{name}:{port}" for name in _NAMES]
-    first, then = ThreadPoolExecutor(_THREADS), ThreadPoolExecutor(_THREADS)
+    settings.allowed_ws_origin = [f"{name}:{port}" for name in _HOST_NAMES]
+    simulate_pool, explain_pool = ThreadPoolExecutor(_POOL_THREADS), ThreadPoolExecutor(_POOL_THREADS)
 
     def begin(doc: Document) -> None:
-        Page(doc, model, first, then, STARTING if is_compiled("emulate") else COMPILING)
+        Page(doc, model, simulate_pool, explain_pool, STARTING_TEXT if is_compiled("emulate") else COMPILING_TEXT)
 
     app = BokehTornado(
         {"/": begin}, extra_websocket_origins=settings.allowed_ws_origin(), secret_key=secrets.token_bytes(32),
-        sign_sessions=True, unused_session_lifetime_milliseconds=_IDLE, check_unused_sessions_milliseconds=_IDLE,
-        websocket_max_message_size_bytes=_LONGEST_MESSAGE, session_token_expiration=60,
+        sign_sessions=True, unused_session_lifetime_milliseconds=_IDLE_MS, check_unused_sessions_milliseconds=_IDLE_MS,
+        websocket_max_message_size_bytes=_MAX_MESSAGE_BYTES, session_token_expiration=60,
     )  # fmt: skip
-    http = HTTPServer(RuleRouter([Rule(_FromHere(port), app)]))
+    http = HTTPServer(RuleRouter([Rule(_LocalOnlyMatcher(port), app)]))
     server = BaseServer(IOLoop.current(), app, http)
     server.start()
-    http.add_socket(listening)
+    http.add_socket(listener)
     threading.Thread(target=compile_kernel, daemon=True).start()
-    ended = asyncio.Event()
+    end_event = asyncio.Event()
     wake = asyncio.get_running_loop().call_soon_threadsafe
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: wake(ended.set))
-    ready(f"http://{_NAMES[0]}:{port}/")
-    await ended.wait()
+        signal.signal(number, lambda *_: wake(end_event.set))
+    on_ready(f"http://{_HOST_NAMES[0]}:{port}/")
+    await end_event.wait()
     # what is under way is given up, which is no mistake
     logging.getLogger("tornado.application").setLevel(logging.CRITICAL)
     server.stop()
-    for pool in (first, then):
+    for pool in (simulate_pool, explain_pool):
         pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _bound(port: int) -> socket.socket:
+def _listen(port: int) -> socket.socket:
     try:
-        found = socket.create_server((ADDRESS, port), backlog=128)
+        listener = socket.create_server((ADDRESS, port), backlog=128)
     except OSError as error:
         problem = f"port {port} cannot be used ({error.strerror})"
         raise InputError(f"{problem}: give another one above 1023, such as --port {max(port, 5009) + 1}") from None
-    found.setblocking(False)
-    return found
+    listener.setblocking(False)
+    return listener

@@ -13,49 +13,57 @@ from typing import Any
 import jinja2
 import numpy as np
 
-from fastcoil.base.arguments import refuse
+from fastcoil.base.arguments import raise_problems
 from fastcoil.base.errors import InputError
 from fastcoil.base.machine import VERSION
 from fastcoil.deliver.export.translate import Port, Translator
-from fastcoil.deliver.export.words import commented, names_in, number, plain_text
+from fastcoil.deliver.export.words import add_comment, names_in, number_literal, plain_text
 from fastcoil.loops.clashes import check_clashes
 from fastcoil.loops.labels import unit_in_words
 from fastcoil.loops.loop import Loop
-from fastcoil.loops.scenarios import columns_of
+from fastcoil.loops.scenarios import parameter_columns
 from fastcoil.model import valve_test
-from fastcoil.model.control import clipped, noise_level
+from fastcoil.model.control import clip01, noise_level
 from fastcoil.model.engine.controller import opening_behind
 from fastcoil.model.engine.lanes import parameter_matrix
 from fastcoil.model.engine.rows import PARAMETER_ROWS
 from fastcoil.model.estimators.registry import ESTIMATORS
-from fastcoil.model.parameter_table import LARGEST, PARAMETERS
+from fastcoil.model.parameter_table import LARGEST_FLOAT, PARAMETERS
 from fastcoil.model.user_rules import rules_for_kernels
-from fastcoil.model.valve_test import OFF, begin, held_command, mean_of, step
+from fastcoil.model.valve_test import PHASE_OFF, begin_test, held_command, step_test, update_command_mean
 
-ANY_SET_POINTS = np.array([0.0, LARGEST])  # a controller may get any
-_OTHERS = ("m_a", "T_seen", "decided", "begin_law", "estimate", "assumed", "w")  # the laws have them only with a rule
+ANY_SET_POINTS = np.array([0.0, LARGEST_FLOAT])  # a controller may get any
+_RULE_ONLY_NAMES = (
+    "m_a",
+    "T_seen",
+    "decided",
+    "begin_law",
+    "estimate",
+    "assumed",
+    "w",
+)  # the laws have them only with a rule
 
 
 def run_test(now: Any, p: Any, memory: Any) -> Any:
     """One cycle of the valve test; PI and compensation follow its command, to go on without a bump."""
-    starts = now.begins and memory.phase == OFF
-    if memory.phase == OFF and not starts:
+    starts = now.begins and memory.phase == PHASE_OFF
+    if memory.phase == PHASE_OFF and not starts:
         if not now.enabled:
             return now.command, memory
-        return now.command, mean_of(now.command, p, memory)
+        return now.command, update_command_mean(now.command, p, memory)
     held = held_command(now.command, memory) if starts else now.command
-    running = begin(now.T_set, p, memory) if starts else memory
+    running = begin_test(now.T_set, p, memory) if starts else memory
     sign = 1.0 - 2.0 * p.action
-    command, after = step(sign * (now.T - running.reference), held, now.enabled, p, running)
-    if after.phase == OFF:  # the PI acts in this cycle
+    command, after = step_test(sign * (now.T - running.reference), held, now.enabled, p, running)
+    if after.phase == PHASE_OFF:  # the PI acts in this cycle
         return now.command, after, 0.0
     mode = after.direction if after.direction != 0.0 else now.mode
     e = sign * (now.T - now.T_set)
     u = opening_behind(command, mode, now.estimate, p.compensation)
-    return command, after, 1.0, e, mode > 0.0, u, u, clipped(u - p.kp * e)
+    return command, after, 1.0, e, mode > 0.0, u, u, clip01(u - p.kp * e)
 
 
-TEST = SimpleNamespace(
+VALVE_TEST_RULE = SimpleNamespace(
     name="run_test", Memory=valve_test.Memory, step=run_test,
     Parameters=SimpleNamespace(_fields=(*valve_test.Parameters._fields, "kp", "action", "compensation")),
     follows=("test", "e", "rising", "u", "u_ext", "integral_part"),
@@ -80,10 +88,10 @@ class Controller:
     """The parameters of one controller, its words by their parameter, and its rules as laws."""
 
     def __init__(self, loop: Loop) -> None:
-        refuse([f"{name} is swept: give it one value, a controller has one" for name in loop.swept])
+        raise_problems([f"{name} is swept: give it one value, a controller has one" for name in loop.swept])
         check_clashes(loop, ANY_SET_POINTS)
         rules = rules_for_kernels(loop.rules)
-        columns = columns_of(loop, {}, np.zeros(1, dtype=np.int64))
+        columns = parameter_columns(loop, {}, np.zeros(1, dtype=np.int64))
         values = parameter_matrix(columns, rules)[:, 0].tolist()
         self.number: dict[str, float] = dict(zip((*PARAMETER_ROWS, *rules.own), values, strict=True))
         self.word = {name: str(columns[name][0]) for name, p in PARAMETERS.items() if p.is_word}
@@ -93,15 +101,15 @@ class Controller:
         if self.word["estimator"] == "learner" and interval % sample != 0.0:
             cure = f"give a multiple of sample_time, {sample:g} s"
             raise InputError(f"learning_interval = {interval:g} s is not a whole number of cycles: {cure}")
-        known = [e for e in (*ESTIMATORS, *rules.estimators) if e is not None]
-        estimator = next((one for one in known if one.name == self.word["estimator"]), None)
+        estimators = [e for e in (*ESTIMATORS, *rules.estimators) if e is not None]
+        estimator = next((candidate for candidate in estimators if candidate.name == self.word["estimator"]), None)
         if estimator is None:
             self.number["backlash_estimate"] *= self.number["estimate_share"]
             self.number["estimate_share"] = 1.0
-        law = next((one for one in rules.laws if one.name == self.word["law"]), None)
+        law = next((candidate for candidate in rules.laws if candidate.name == self.word["law"]), None)
         # the function as it was written, not as it was compiled
-        written = {rule.name: rule.parts[0] for rule in loop.rules.values() if rule.is_loaded}
-        self.own = [name for name in written if name in self.word.values()]  # rules of the user
+        source_functions = {rule.name: rule.parts[0] for rule in loop.rules.values() if rule.is_loaded}
+        self.own = [name for name in source_functions if name in self.word.values()]  # rules of the user
         self.waives_buffer = estimator is not None and estimator.waives_buffer
         self.tests = loop["test_start"] is not None
         self.rests = estimator is None or estimator.periods is None
@@ -111,66 +119,71 @@ class Controller:
         self.ports: list[Port] = []
         self.sees_air = False
         # names of what stands around the rules
-        taken = [*names_in(self.text()), *(name.upper() for name in self.number), *_OTHERS]
+        taken_names = [*names_in(self.text()), *(name.upper() for name in self.number), *_RULE_ONLY_NAMES]
         if estimator is not None:
-            others = [each for n in (law.Memory._fields if law else ()) for each in (n, f"{n}_known")]
-            function = written.get(estimator.name, estimator.step)
-            self.estimating = self._port("estimator", estimator, function, [*taken, *others])
-            taken += names_in(self.estimating.step)
+            law_memory_names = [variable for n in (law.Memory._fields if law else ()) for variable in (n, f"{n}_known")]
+            function = source_functions.get(estimator.name, estimator.step)
+            self.estimating = self._port("estimator", estimator, function, [*taken_names, *law_memory_names])
+            taken_names += names_in(self.estimating.step)
         if law is not None:
-            self.deciding = self._port("law", law, written.get(law.name, law.step), taken)
-        self.testing = self._port("test", TEST, TEST.step, taken) if self.tests else None
+            self.deciding = self._port("law", law, source_functions.get(law.name, law.step), taken_names)
+        self.testing = self._port("test", VALVE_TEST_RULE, VALVE_TEST_RULE.step, taken_names) if self.tests else None
         self.ports = [port for port in (self.estimating, self.deciding, self.testing) if port is not None]
         self.sees_air = any("m_a" in port.reads for port in self.ports)
 
-    def _port(self, kind: str, rule: Any, function: Any, taken: list[str]) -> Port:
+    def _port(self, kind: str, rule: Any, function: Any, taken_names: list[str]) -> Port:
         """A rule as laws; a word among its parameters is a number."""
-        if odd := [name for name in rule.Parameters._fields if not name.isascii()]:
-            raise InputError(f"{kind} = {rule.name!r} cannot be exported: name {odd[0]!r} with letters a to z alone")
+        if non_ascii_names := [name for name in rule.Parameters._fields if not name.isascii()]:
+            raise InputError(
+                f"{kind} = {rule.name!r} cannot be exported: name {non_ascii_names[0]!r} with letters a to z alone"
+            )
         estimate = "s.estimate" if self.word["estimator"] != "none" else "BACKLASH_ESTIMATE"
         if kind == "test" and self.number["estimate_share"] != 1.0:
             estimate = f"ESTIMATE_SHARE * {estimate}"
         names = rule.Parameters._fields
         return Translator(
             kind, rule, function, {name: self.number[name] for name in names},
-            literal={name for name in names if name in self.word}, estimate=estimate, names=taken,
+            literal_names={name for name in names if name in self.word}, estimate=estimate, names=taken_names,
         ).port()  # fmt: skip
 
     def text(self) -> str:
         """The laws in Python, without what this controller does not need."""
-        number, has = self.number, self.estimating is not None
-        share, ratio = has and number["estimate_share"] != 1.0, number["buffer_ratio"] > 0.0
+        number, has_estimator = self.number, self.estimating is not None
+        has_share, has_buffer_ratio = has_estimator and number["estimate_share"] != 1.0, number["buffer_ratio"] > 0.0
         parts: dict[str, Any] = {
             "controller": self,
             "dead_band": number["error_dead_band"] > 0.0,
-            "share": share,
-            "assumed": "assumed" if share else "s.estimate" if has else "BACKLASH_ESTIMATE",
-            "assumed_at_start": "ESTIMATE_SHARE * BACKLASH_ESTIMATE" if share else "BACKLASH_ESTIMATE",
+            "share": has_share,
+            "assumed": "assumed" if has_share else "s.estimate" if has_estimator else "BACKLASH_ESTIMATE",
+            "assumed_at_start": "ESTIMATE_SHARE * BACKLASH_ESTIMATE" if has_share else "BACKLASH_ESTIMATE",
             "additive": self.word["compensation"] == "additive",
             "smooth": self.word["compensation"] == "smooth",
-            "buffer_ratio": ratio,
-            "buffer_swing": ratio and number["buffer_swing"] > 0.0,
+            "buffer_ratio": has_buffer_ratio,
+            "buffer_swing": has_buffer_ratio and number["buffer_swing"] > 0.0,
             "measures_noise": self.word["buffer_noise"] == "measured",
-            "band": "band" if ratio or self.waives_buffer else "BUFFER",
+            "band": "band" if has_buffer_ratio or self.waives_buffer else "BUFFER",
             "noise_of_median": repr(float(noise_level(1.0))),
             "words": plain_text(self.words()),
             "version": VERSION,
         }
         template = templates().get_template("controller.py.jinja")
-        used = names_in(template.render(parts, parameters=[]))
-        parameters = [self._constant(name) for name in number if name.upper() in used]
+        used_names = names_in(template.render(parts, parameters=[]))
+        parameters = [self._constant(name) for name in number if name.upper() in used_names]
         text = template.render(parts, parameters=parameters)
         text = text if "math." in text else text.replace("import math\n", "", 1)
         text = re.sub(r"\n+(?=(def|class) )", "\n\n\n", text)
         return re.sub(r"\n+(?=# (Parameters|Fixed)|import )", "\n\n", text)
 
     def words(self) -> str:
-        inverse = {"additive": "half the backlash added to its output", "smooth": "a smooth backlash inverse"}
-        plain = "a backlash inverse" if self.estimating or self.number["backlash_estimate"] > 0.0 else ""
+        text_by_compensation = {
+            "additive": "half the backlash added to its output",
+            "smooth": "a smooth backlash inverse",
+        }
+        inverse_text = "a backlash inverse" if self.estimating or self.number["backlash_estimate"] > 0.0 else ""
         parts = [
             f"the law {self.word['law']}" if self.deciding else "a PI law",
             "a dead band" if self.number["error_dead_band"] > 0.0 else "",
-            inverse.get(self.word["compensation"], plain),
+            text_by_compensation.get(self.word["compensation"], inverse_text),
             f"the estimator {self.word['estimator']}" if self.estimating else "",
             "a valve test" if self.tests else "",
         ]
@@ -179,4 +192,4 @@ class Controller:
     def _constant(self, name: str) -> str:
         unit, text = self.parameters[name].unit, self.parameters[name].text
         unit = "1/(K s)" if unit == "K-1 s-1" else unit_in_words(unit)  # which figures leave as it is
-        return commented(f"{name.upper()} = {number(self.number[name])}", f"{unit}: {text}" if unit else text)
+        return add_comment(f"{name.upper()} = {number_literal(self.number[name])}", f"{unit}: {text}" if unit else text)

@@ -18,20 +18,20 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from fastcoil.base.arguments import checking, choice_of, instance_of, path_of, refuse
-from fastcoil.base.errors import InputError, shown
-from fastcoil.base.files import commit, exists, has_mark, require_file
+from fastcoil.base.arguments import argument_checks, raise_problems, require_choice, require_instance, require_path
+from fastcoil.base.errors import InputError, short_repr
+from fastcoil.base.files import exists, has_mark, require_output_file, write_atomically
 from fastcoil.base.machine import VERSION
 from fastcoil.deliver.export.controller import Controller, templates
-from fastcoil.deliver.export.languages import InC, InST, st_number
+from fastcoil.deliver.export.languages import CPrinter, StructuredTextPrinter, st_literal
 from fastcoil.deliver.export.printer import Laws
-from fastcoil.deliver.export.vectors import FLAGS, Vectors, cycles, vectors_of
-from fastcoil.deliver.export.words import number, plain_text
+from fastcoil.deliver.export.vectors import FLAG_INPUTS, Vectors, make_vectors, run_cycles
+from fastcoil.deliver.export.words import number_literal, plain_text
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.valve_test import ValveTest
 
 SUFFIXES = {"c": ".c", "st": ".st", "python": ".py", "fmu": ".fmu", "plcopen": ".xml"}  # by language
-FIRST_VECTORS = 400  # that a program in Structured Text holds, which cannot read files
+MAX_CHECK_VECTORS = 400  # that a program in Structured Text holds, which cannot read files
 _MARK = b"ritten by fastcoil "  # in the head of every file
 _TOLERANCE = 1e-12
 
@@ -71,88 +71,98 @@ def export_controller(
     InputError
         With one sentence for each mistake, before anything is written.
     """
-    with checking() as check:
-        check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
-        path = check(path_of, "path", path, "give a file such as inverse.c")
-        language = check(choice_of, "language", language, SUFFIXES)
-        test = check.unless_none(instance_of, "test", test, ValveTest, "give a fastcoil.ValveTest")
-    require_file("path", path, SUFFIXES[language])
-    if not _name_of(path) or not re.fullmatch(r"[A-Za-z0-9 _.,()+-]+", path.name):
+    with argument_checks() as check:
+        check(require_instance, "loop", loop, Loop, "give a fastcoil.Loop")
+        path = check(require_path, "path", path, "give a file such as inverse.c")
+        language = check(require_choice, "language", language, SUFFIXES)
+        test = check.unless_none(require_instance, "test", test, ValveTest, "give a fastcoil.ValveTest")
+    require_output_file("path", path, SUFFIXES[language])
+    if not _program_name(path) or not re.fullmatch(r"[A-Za-z0-9 _.,()+-]+", path.name):
         cure = "give it a name of letters a to z, digits, spaces and _ . , ( ) + -, which the code and comments contain"
-        raise InputError(f"path = {shown(str(path))}: {cure}")
+        raise InputError(f"path = {short_repr(str(path))}: {cure}")
     loop = loop if test is None else loop.assign(**test.parameters())
     controller = Controller(loop)
     text = controller.text()
     try:
-        vectors = vectors_of(loop, controller, text)
-        fault = _difference(text, vectors) if controller.own else ""
+        vectors = make_vectors(loop, controller, text)
+        problem = _translation_fault(text, vectors) if controller.own else ""
     except ArithmeticError as error:
-        fault = f"a cycle of its vectors has a {error}"
-    if fault:
+        problem = f"a cycle of its vectors has a {error}"
+    if problem:
         cure = "leave out what a number may overflow or be divided by 0 in, or port its Python by hand"
-        raise InputError(f"{' and '.join(controller.own)} cannot be exported: {fault}: {cure}")
-    files = _files(path, language, text, vectors, controller)
+        raise InputError(f"{' and '.join(controller.own)} cannot be exported: {problem}: {cure}")
+    files = _file_contents(path, language, text, vectors, controller)
     # somebody else's, such as a rule in mine.py beside the loop in mine.toml
-    others = [each for each in map(path.with_name, files) if exists(each) and not has_mark(each, _MARK)]
-    refuse([f"{each} exists, and fastcoil did not write it: choose another name, or delete it" for each in others])
+    foreign_files = [file for file in map(path.with_name, files) if exists(file) and not has_mark(file, _MARK)]
+    raise_problems(
+        [f"{file} exists, and fastcoil did not write it: choose another name, or delete it" for file in foreign_files]
+    )
     for name, content in files.items():
-        commit(path.with_name(name), content if isinstance(content, bytes) else content.encode())
+        write_atomically(path.with_name(name), content if isinstance(content, bytes) else content.encode())
     return [path.with_name(name) for name in files]
 
 
-def _name_of(path: Path) -> str:
+def _program_name(path: Path) -> str:
     """The file's name as part of names in a program."""
     name = re.sub(r"[^A-Za-z0-9]+", "_", path.stem).strip("_")
     return f"c_{name}" if name[:1].isdigit() else name
 
 
-def _files(path: Path, language: str, text: str, vectors: Vectors, controller: Controller) -> dict[str, str | bytes]:
-    name, stored = _name_of(path), f"{path.stem}_vectors.csv"
-    words = {
-        "name": name, "file": path.name, "vectors": stored, "inputs": vectors.inputs, "outputs": vectors.outputs,
+def _file_contents(
+    path: Path, language: str, text: str, vectors: Vectors, controller: Controller
+) -> dict[str, str | bytes]:
+    name, vectors_file = _program_name(path), f"{path.stem}_vectors.csv"
+    template_values = {
+        "name": name, "file": path.name, "vectors": vectors_file, "inputs": vectors.inputs, "outputs": vectors.outputs,
         "size": vectors.size, "checksum": f"{vectors.checksum:08x}",
     }  # fmt: skip
-    files: dict[str, str | bytes] = {stored: vectors.csv(path.name, controller.number["sample_time"])}
+    files: dict[str, str | bytes] = {vectors_file: vectors.csv(path.name, controller.number["sample_time"])}
     code: str | bytes
     if language == "c":
-        code = InC(Laws(text), name).text() + _check("c", words | {"columns": len(vectors.columns)})
+        code = CPrinter(Laws(text), name).text() + _render_check(
+            "c", template_values | {"columns": len(vectors.columns)}
+        )
     elif language == "python":
-        code = text.rstrip() + "\n" + _check("py", words | {"zeros": "zeros(" in text})
+        code = text.rstrip() + "\n" + _render_check("py", template_values | {"zeros": "zeros(" in text})
     elif language == "fmu":
         code = fmu(controller, text, name, vectors)
     elif language == "plcopen":
         template = templates().get_template("plcopen.xml.jinja")
-        code = template.render(name=name, block=InST(Laws(text), name), escape=escape, version=VERSION)
+        code = template.render(name=name, block=StructuredTextPrinter(Laws(text), name), escape=escape, version=VERSION)
     else:
-        code = InST(Laws(text), name).text()
-        n = min(FIRST_VECTORS, vectors.size)
+        code = StructuredTextPrinter(Laws(text), name).text()
+        n = min(MAX_CHECK_VECTORS, vectors.size)
         # no number has a literal; far beyond the limits does the same
         columns = {
-            one: "\n        ".join(
-                wrap(", ".join(map(st_number, np.nan_to_num(values[:n], True, -1e30, 1e30, -1e30))), 92)
+            column: "\n        ".join(
+                wrap(", ".join(map(st_literal, np.nan_to_num(values[:n], True, -1e30, 1e30, -1e30))), 92)
             )
-            for one, values in vectors.columns.items()
+            for column, values in vectors.columns.items()
         }
-        files[f"{path.stem}_check.st"] = _check("st", words | {"n": n, "columns": columns})
+        files[f"{path.stem}_check.st"] = _render_check("st", template_values | {"n": n, "columns": columns})
     return {path.name: code, **files}
 
 
-def _difference(text: str, vectors: Vectors) -> str:
+def _translation_fault(text: str, vectors: Vectors) -> str:
     """Where the translation of a rule of the user does something else than the kernel; empty where it does the same."""
-    given = {name: vectors.columns[name] for name in vectors.inputs}
+    inputs = {name: vectors.columns[name] for name in vectors.inputs}
     expected = np.array([vectors.columns[name] for name in vectors.outputs])
-    found = np.array(list(cycles(text, given, vectors.outputs))).T
-    off = np.abs(found - expected).max(axis=0)
-    wrong = np.flatnonzero(~(off <= _TOLERANCE))
-    return f"cycle {wrong[0]} of its vectors is off by {off[wrong[0]]:.2g}" if wrong.size else ""
+    answers = np.array(list(run_cycles(text, inputs, vectors.outputs))).T
+    deviation = np.abs(answers - expected).max(axis=0)
+    wrong_cycles = np.flatnonzero(~(deviation <= _TOLERANCE))
+    return (
+        f"cycle {wrong_cycles[0]} of its vectors is off by {deviation[wrong_cycles[0]]:.2g}"
+        if wrong_cycles.size
+        else ""
+    )
 
 
-def _check(kind: str, words: dict[str, object]) -> str:
-    return templates().get_template(f"check.{kind}.jinja").render(words, version=VERSION)
+def _render_check(kind: str, template_values: dict[str, object]) -> str:
+    return templates().get_template(f"check.{kind}.jinja").render(template_values, version=VERSION)
 
 
-_OPTIONS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden", "-s")
-_UNITS = {"T_sup": "degC", "T_set": "degC", "m_a": "kg s-1"}
+_COMPILER_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden", "-s")
+_INPUT_UNITS = {"T_sup": "degC", "T_set": "degC", "m_a": "kg s-1"}
 _BASE_UNITS = {
     "degC": 'K="1" offset="273.15"', "K": 'K="1"', "K-1": 'K="-1"', "s": 's="1"', "s-1": 's="-1"',
     "min": 's="1" factor="60"', "kg s-1": 'kg="1" s="-1"', "K-1 s-1": 'K="-1" s="-1"', "1": "",
@@ -174,23 +184,23 @@ def fmu(controller: Controller, text: str, name: str, vectors: Vectors) -> bytes
     """The file, with the same bytes whenever the same compiler makes it; warns where there is no binary in it."""
     laws = Laws(text)
     variables = _variables(controller, laws, vectors)
-    words = {
-        "controller": controller, "name": name, "version": VERSION, "text": _attribute(controller.words()),
-        "inputs": vectors.inputs, "outputs": vectors.outputs, "flags": FLAGS, "variables": variables,
-        "units": {one.unit: _BASE_UNITS.get(one.unit) for one in variables if not one.is_flag},
+    template_values = {
+        "controller": controller, "name": name, "version": VERSION, "text": _xml_attribute(controller.words()),
+        "inputs": vectors.inputs, "outputs": vectors.outputs, "flags": FLAG_INPUTS, "variables": variables,
+        "units": {variable.unit: _BASE_UNITS.get(variable.unit) for variable in variables if not variable.is_flag},
     }  # fmt: skip
     files = {
         "modelDescription.xml": b"",
         "sources/fmi2.c": b"",
-        "sources/controller.c": InC(laws, name).text().encode(),
+        "sources/controller.c": CPrinter(laws, name).text().encode(),
     }
     guid = ""
     for _ in range(2):  # the second time with what identifies the first
         for path in list(files)[:2]:
             template = templates().get_template(f"{Path(path).name}.jinja")
-            files[path] = template.render(words, guid=guid).encode()
+            files[path] = template.render(template_values, guid=guid).encode()
         guid = str(uuid.UUID(bytes=hashlib.sha256(b"".join(files.values())).digest()[:16]))
-    files |= {f"binaries/linux64/{name}.so": binary for binary in _compiled(files)}
+    files |= {f"binaries/linux64/{name}.so": binary for binary in _compile_library(files)}
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w") as archive:
         for path, content in files.items():
@@ -204,32 +214,46 @@ def fmu(controller: Controller, text: str, name: str, vectors: Vectors) -> bytes
 
 def _variables(controller: Controller, laws: Laws, vectors: Vectors) -> list[_Variable]:
     """Inputs and outputs as the vectors have them, then the parameters of the controller, which are in its code."""
-    middle = 24.0 if controller.heats else 14.0
-    start = {"T_sup": middle, "T_set": middle, "m_a": -1.0, "enabled": 1.0}
-    said = {one.name: one.said for one in (*laws.fields, *laws.functions["step"].arguments)}
+    mid_temperature = 24.0 if controller.heats else 14.0
+    start = {"T_sup": mid_temperature, "T_set": mid_temperature, "m_a": -1.0, "enabled": 1.0}
+    descriptions = {one.name: one.said for one in (*laws.fields, *laws.functions["step"].arguments)}
     columns = [*vectors.inputs, *vectors.outputs]
-    used = {one.name for one in laws.constants}
+    used_constants = {one.name for one in laws.constants}
     return [
         *(
             _Variable(
-                one, "input", _attribute(said[one]), _UNITS.get(one, "1"), number(start.get(one, 0.0)), one in FLAGS
+                one,
+                "input",
+                _xml_attribute(descriptions[one]),
+                _INPUT_UNITS.get(one, "1"),
+                number_literal(start.get(one, 0.0)),
+                one in FLAG_INPUTS,
             )
             for one in vectors.inputs
         ),
-        *(_Variable(one, "output", _attribute(said[one]), "1", "", one == "rising") for one in vectors.outputs),
         *(
-            _Variable(one, "local", _attribute(p.text), _attribute(p.unit or "1"), number(controller.number[one]))
+            _Variable(one, "output", _xml_attribute(descriptions[one]), "1", "", one == "rising")
+            for one in vectors.outputs
+        ),
+        *(
+            _Variable(
+                one,
+                "local",
+                _xml_attribute(p.text),
+                _xml_attribute(p.unit or "1"),
+                number_literal(controller.number[one]),
+            )
             for one, p in controller.parameters.items()
-            if one.upper() in used and one not in columns
+            if one.upper() in used_constants and one not in columns
         ),
     ]
 
 
-def _attribute(text: str) -> str:
+def _xml_attribute(text: str) -> str:
     return escape(plain_text(text))
 
 
-def _compiled(files: dict[str, bytes]) -> list[bytes]:
+def _compile_library(files: dict[str, bytes]) -> list[bytes]:
     """The sources as a shared library; none, with a warning, where this machine does not compile them."""
     compiler = shutil.which("cc") or shutil.which("gcc")
     if (platform.system(), platform.machine()) != ("Linux", "x86_64"):
@@ -240,10 +264,10 @@ def _compiled(files: dict[str, bytes]) -> list[bytes]:
         with tempfile.TemporaryDirectory() as folder:
             for path, content in files.items():
                 Path(folder, Path(path).name).write_bytes(content)
-            call = [compiler, *_OPTIONS, "fmi2.c", "-o", "fmu.so", "-lm"]
-            done = subprocess.run(call, cwd=folder, check=False, capture_output=True, text=True)
-            if done.returncode == 0:
+            command = [compiler, *_COMPILER_FLAGS, "fmi2.c", "-o", "fmu.so", "-lm"]
+            compiler_run = subprocess.run(command, cwd=folder, check=False, capture_output=True, text=True)
+            if compiler_run.returncode == 0:
                 return [Path(folder, "fmu.so").read_bytes()]
-            reason = " ".join(f"{compiler} failed {done.stderr}".split())[:200]
+            reason = " ".join(f"{compiler} failed {compiler_run.stderr}".split())[:200]
     warnings.warn(f"the FMU has sources and no binary, which a simulator has to compile: {reason}", stacklevel=4)
     return []

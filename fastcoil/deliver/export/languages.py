@@ -10,17 +10,17 @@ import ast
 from textwrap import wrap
 from typing import ClassVar, NamedTuple
 
-from fastcoil.deliver.export.printer import Function, Laws, Named, Printer, statements_in
-from fastcoil.deliver.export.words import WIDTH, broken, number
+from fastcoil.deliver.export.printer import Declaration, Function, Laws, Printer, statements_in
+from fastcoil.deliver.export.words import WIDTH, break_line, number_literal
 
-_ZEROS = {"real": "0.0", "flag": "false", "whole": "0"}
-_MATHEMATICS = ("exp", "log", "sqrt", "pow", "sin", "cos", "tan", "asin", "acos", "atan", "tanh", "floor")
-_INCLUDED = "#include <math.h>\n#include <stdbool.h>\n#include <string.h>"
-_COMPILE = "GCC and Clang need -ffp-contract=off for that, and never -ffast-math."
-_PUBLIC = ("start", "step")
+_ZERO_LITERALS = {"real": "0.0", "flag": "false", "whole": "0"}
+_MATH_FUNCTIONS = ("exp", "log", "sqrt", "pow", "sin", "cos", "tan", "asin", "acos", "atan", "tanh", "floor")
+_INCLUDES = "#include <math.h>\n#include <stdbool.h>\n#include <string.h>"
+_COMPILER_NOTE = "GCC and Clang need -ffp-contract=off for that, and never -ffast-math."
+_PUBLIC_FUNCTIONS = ("start", "step")
 
 
-class InC(Printer):
+class CPrinter(Printer):
     """Writes the laws in C, with ``name`` before the names that other files see."""
 
     TYPES: ClassVar = {"real": "double", "flag": "bool", "whole": "int", "": "void"}
@@ -30,7 +30,7 @@ class InC(Printer):
         "up": "for (int {i} = {low}; {i} < {high}; {i}++) {{", "down": "for (int {i} = {low}; {i} > {high}; {i}--) {{",
         "end for": "}", "zeros": "memset({0}, 0, sizeof {0});",
     }  # fmt: skip
-    FUNCTIONS: ClassVar = {f"math.{name}": name for name in _MATHEMATICS} | {
+    FUNCTIONS: ClassVar = {f"math.{name}": name for name in _MATH_FUNCTIONS} | {
         "abs": "fabs", "max": "fmax", "min": "fmin", "float": "(double)", "int": "(int)",
     }  # fmt: skip
     COMMENT = ("/*", " * ", "*/")
@@ -38,46 +38,54 @@ class InC(Printer):
 
     def __init__(self, laws: Laws, name: str) -> None:
         super().__init__(laws)
-        self.struct = f"{name}_state"
-        self.functions |= {one: f"{name}_{one}" if one in _PUBLIC else one for one in laws.functions}
+        self.struct_name = f"{name}_state"
+        self.functions |= {
+            function: f"{name}_{function}" if function in _PUBLIC_FUNCTIONS else function for function in laws.functions
+        }
 
     def text(self) -> str:
         laws = self.laws
         fields = "\n".join(self.listed(laws.fields, self._field, "    "))
         state = self.comment(f"{laws.state_text}\n\nOne full of zeros starts by itself.")
         parts = [
-            self.comment(f"{laws.text}\n{_COMPILE}"),
-            _INCLUDED,
+            self.comment(f"{laws.text}\n{_COMPILER_NOTE}"),
+            _INCLUDES,
             "\n".join(self.listed(laws.constants, self._constant)),
-            f"{state}\ntypedef struct {{\n{fields}\n}} {self.struct};",
-            "\n".join(f"{self._head(laws.functions[one])};" for one in _PUBLIC),
-            *(self._function(one) for one in laws.functions.values()),
+            f"{state}\ntypedef struct {{\n{fields}\n}} {self.struct_name};",
+            "\n".join(f"{self._head(laws.functions[function])};" for function in _PUBLIC_FUNCTIONS),
+            *(self._function(function) for function in laws.functions.values()),
         ]
         return "\n\n".join(parts) + "\n"
 
-    def _constant(self, one: Named) -> str:
-        if isinstance(one.value, list):
-            numbers = wrap(", ".join(map(number, one.value)), WIDTH - 4)
-            return "\n    ".join([f"static const double {one.name}[{len(one.value)}] = {{", *numbers]) + "\n};"
-        value = self.constant(one.value)
-        return f"#define {one.name} {f'({value})' if one.value < 0 else value}"
+    def _constant(self, constant: Declaration) -> str:
+        if isinstance(constant.value, list):
+            numbers = wrap(", ".join(map(number_literal, constant.value)), WIDTH - 4)
+            return (
+                "\n    ".join([f"static const double {constant.name}[{len(constant.value)}] = {{", *numbers]) + "\n};"
+            )
+        value = self.constant(constant.value)
+        return f"#define {constant.name} {f'({value})' if constant.value < 0 else value}"
 
-    def _field(self, one: Named) -> str:
-        return f"{self.TYPES[one.kind]} {one.name}{f'[{one.size}]' if one.size else ''};"
+    def _field(self, field: Declaration) -> str:
+        return f"{self.TYPES[field.kind]} {field.name}{f'[{field.size}]' if field.size else ''};"
 
-    def _head(self, one: Function) -> str:
-        arguments = [f"{self.TYPES[each.kind]} {each.name}" for each in one.arguments]
-        arguments = [f"{self.struct} *s", *arguments] if one.is_section else arguments
-        static = "" if one.name in _PUBLIC else "static "
-        head = f"{static}{self.TYPES[one.returns]} {self.functions[one.name]}({', '.join(arguments)})"
-        return "\n".join(broken(head, r"(?<=,) "))
+    def _head(self, function: Function) -> str:
+        arguments = [f"{self.TYPES[argument.kind]} {argument.name}" for argument in function.arguments]
+        arguments = [f"{self.struct_name} *s", *arguments] if function.is_section else arguments
+        static = "" if function.name in _PUBLIC_FUNCTIONS else "static "
+        head = f"{static}{self.TYPES[function.returns]} {self.functions[function.name]}({', '.join(arguments)})"
+        return "\n".join(break_line(head, r"(?<=,) "))
 
-    def _function(self, one: Function) -> str:
+    def _function(self, function: Function) -> str:
         """A function, its variables before all but the counters of loops."""
-        counters = {ast.unparse(node.target) for node in statements_in(one.body) if isinstance(node, ast.For)}
-        kinds = {name: kind for name, kind in self.locals_of(one.body, one.kinds).items() if name not in counters}
-        before = [f"    {self.TYPES[kind]} {name} = {_ZEROS[kind]};" for name, kind in kinds.items()]
-        return "\n".join([self.comment(one.text), self._head(one), "{", *before, *self.block(one.body, 1), "}"])
+        counters = {ast.unparse(node.target) for node in statements_in(function.body) if isinstance(node, ast.For)}
+        kinds = {
+            name: kind for name, kind in self.locals_of(function.body, function.kinds).items() if name not in counters
+        }
+        declarations = [f"    {self.TYPES[kind]} {name} = {_ZERO_LITERALS[kind]};" for name, kind in kinds.items()]
+        return "\n".join(
+            [self.comment(function.text), self._head(function), "{", *declarations, *self.block(function.body, 1), "}"]
+        )
 
     def _term(self, node: ast.expr) -> str:
         if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Call):  # fmin of whole numbers is a double
@@ -85,8 +93,8 @@ class InC(Printer):
         return super()._term(node)
 
 
-OUTPUTS = ("command", "u", "integral_part", "e", "rising", "switches", "estimate", "test", "test_aborted")
-_STEP = "    "
+OUTPUT_FIELDS = ("command", "u", "integral_part", "e", "rising", "switches", "estimate", "test", "test_aborted")
+_INDENT = "    "
 _INTERMEDIATE = "VAR  (* Intermediate values. *)"
 
 
@@ -96,28 +104,28 @@ class Unit(NamedTuple):
     name: str
     returns: str
     text: str
-    variables: dict[str, list[Named]]
+    variables: dict[str, list[Declaration]]
     body: list[str]
 
 
-_X = {"VAR_INPUT": [Named("x", "real")]}
-_MISSING = {
+_X_INPUT = {"VAR_INPUT": [Declaration("x", "real")]}
+_MISSING_FUNCTIONS = {
     "math.floor": Unit(
-        "floor", "real", "Largest whole number up to x, between -2E9 and 2E9.", _X | {"VAR": [Named("found", "real")]},
+        "floor", "real", "Largest whole number up to x, between -2E9 and 2E9.", _X_INPUT | {"VAR": [Declaration("found", "real")]},
         [
-            *("found := DINT_TO_LREAL(TRUNC(x));", "IF found > x THEN", f"{_STEP}found := found - 1.0;", "END_IF;"),
+            *("found := DINT_TO_LREAL(TRUNC(x));", "IF found > x THEN", f"{_INDENT}found := found - 1.0;", "END_IF;"),
             "{} := found;",
         ],
     ),
     "math.tanh": Unit(
-        "tanh", "real", "Hyperbolic tangent.", _X,
+        "tanh", "real", "Hyperbolic tangent.", _X_INPUT,
         ["{} := 1.0 - 2.0 / (EXP(2.0 * MAX(MIN(x, 20.0), -20.0)) + 1.0);"],
     ),
 }  # fmt: skip
 """Functions that the standard lacks."""
 
 
-class InST(Printer):
+class StructuredTextPrinter(Printer):
     """Writes the laws in Structured Text; ``name`` is part of the names that a project sees."""
 
     TYPES: ClassVar = {"real": "LREAL", "flag": "BOOL", "whole": "INT"}
@@ -125,7 +133,7 @@ class InST(Printer):
         "or": "OR", "and": "AND", "not": "NOT ", "True": "TRUE", "False": "FALSE", "==": "=", "!=": "<>", "state": "",
         "=": "{} := {};", "if": "IF {} THEN", "elif": "ELSIF {} THEN", "else": "ELSE", "end if": "END_IF;",
         "up": "FOR {i} := {low} TO {last} DO", "down": "FOR {i} := {low} TO {last} BY -1 DO", "end for": "END_FOR;",
-        "zeros": f"FOR i := 0 TO {{1}} DO\n{_STEP}{{0}}[i] := 0.0;\nEND_FOR;",
+        "zeros": f"FOR i := 0 TO {{1}} DO\n{_INDENT}{{0}}[i] := 0.0;\nEND_FOR;",
     }  # fmt: skip
     FUNCTIONS: ClassVar = {
         "abs": "ABS", "max": "MAX", "min": "MIN", "math.exp": "EXP", "math.log": "LN", "math.sqrt": "SQRT",
@@ -138,9 +146,13 @@ class InST(Printer):
     def __init__(self, laws: Laws, name: str) -> None:
         super().__init__(laws)
         self.block_name = f"FB_{name}"
-        self.missing = {word: f"F_{name}_{word[5:]}" for word in _MISSING if f"{word}(" in laws.source}
+        self.missing = {word: f"F_{name}_{word[5:]}" for word in _MISSING_FUNCTIONS if f"{word}(" in laws.source}
         self.functions |= self.missing
-        self.functions |= {one: f"F_{name}_{one}" for one, own in laws.functions.items() if not own.is_section}
+        self.functions |= {
+            function_name: f"F_{name}_{function_name}"
+            for function_name, function in laws.functions.items()
+            if not function.is_section
+        }
 
     def text(self) -> str:
         return "\n\n".join([self.comment(self.laws.text), *map(self._written, self.units())]) + "\n"
@@ -148,10 +160,12 @@ class InST(Printer):
     def units(self) -> list[Unit]:
         """The functions, and the block at the end."""
         missing = [
-            _MISSING[word]._replace(name=own, body=[line.format(own) for line in _MISSING[word].body])
-            for word, own in self.missing.items()
+            _MISSING_FUNCTIONS[word]._replace(
+                name=name, body=[line.format(name) for line in _MISSING_FUNCTIONS[word].body]
+            )
+            for word, name in self.missing.items()
         ]
-        functions = [self._function(one) for one in self.laws.functions.values() if not one.is_section]
+        functions = [self._function(function) for function in self.laws.functions.values() if not function.is_section]
         return [*missing, *functions, self._block()]
 
     def _written(self, unit: Unit) -> str:
@@ -160,20 +174,24 @@ class InST(Printer):
         else:
             lines = [f"FUNCTION_BLOCK {unit.name}"]
         for opening, variables in unit.variables.items():
-            declared = self._constant if opening == "VAR CONSTANT" else self._declared
-            grouped = opening == _INTERMEDIATE
-            each = self._intermediate(variables) if grouped else self.listed(variables, declared, _STEP)
-            lines += [opening, *each, "END_VAR"]
+            declare = self._constant if opening == "VAR CONSTANT" else self._declaration
+            is_intermediate = opening == _INTERMEDIATE
+            declarations = (
+                self._intermediate_declarations(variables)
+                if is_intermediate
+                else self.listed(variables, declare, _INDENT)
+            )
+            lines += [opening, *declarations, "END_VAR"]
         lines += unit.body if unit.returns else ["", *unit.body]
         return "\n".join([*lines, "END_FUNCTION" if unit.returns else "END_FUNCTION_BLOCK"])
 
-    def _function(self, one: Function) -> Unit:
-        own = self.functions[one.name]
-        self.words["return"] = f"{own} := {{}};\nRETURN;"
-        body = self.block(one.body, 0)
+    def _function(self, function: Function) -> Unit:
+        name = self.functions[function.name]
+        self.words["return"] = f"{name} := {{}};\nRETURN;"
+        body = self.block(function.body, 0)
         return Unit(
-            own, one.returns, one.text,
-            {"VAR_INPUT": one.arguments} | self._locals(one),
+            name, function.returns, function.text,
+            {"VAR_INPUT": function.arguments} | self._locals(function),
             body[:-1] if body[-1] == "RETURN;" else body,
         )  # fmt: skip
 
@@ -181,64 +199,68 @@ class InST(Printer):
         laws, step = self.laws, self.laws.functions["step"]
         variables = {
             "VAR_INPUT": step.arguments,
-            "VAR_OUTPUT": [one for one in laws.fields if one.name in OUTPUTS],
+            "VAR_OUTPUT": [field for field in laws.fields if field.name in OUTPUT_FIELDS],
             "VAR CONSTANT": laws.constants,
-            f"VAR  (* {laws.state_text} *)": [one for one in laws.fields if one.name not in OUTPUTS],
+            f"VAR  (* {laws.state_text} *)": [field for field in laws.fields if field.name not in OUTPUT_FIELDS],
         }
-        return Unit(self.block_name, "", laws.text, variables | self._locals(step), self._section(step))
+        return Unit(self.block_name, "", laws.text, variables | self._locals(step), self._inlined_section(step))
 
-    def _locals(self, one: Function) -> dict[str, list[Named]]:
-        kinds = self.locals_of(one.body, one.kinds)
-        return {_INTERMEDIATE: [Named(name, kind) for name, kind in kinds.items()]} if kinds else {}
+    def _locals(self, function: Function) -> dict[str, list[Declaration]]:
+        kinds = self.locals_of(function.body, function.kinds)
+        return {_INTERMEDIATE: [Declaration(name, kind) for name, kind in kinds.items()]} if kinds else {}
 
     def locals_of(self, body: list[ast.stmt], arguments: dict[str, str]) -> dict[str, str]:
         """With those of the sections that are called, which are written there."""
-        found = super().locals_of(body, arguments)
+        kinds = super().locals_of(body, arguments)
         for node in statements_in(body):
             inner: dict[str, str] = {}
             if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
-                one = self.laws.functions[ast.unparse(node.value.func)]
-                passed = zip(one.kinds.items(), node.value.args[1:], strict=True)
-                inner = {name: kind for (name, kind), value in passed if ast.unparse(value) != name}
-                inner |= self.locals_of(one.body, one.kinds)
+                section = self.laws.functions[ast.unparse(node.value.func)]
+                argument_values = zip(section.kinds.items(), node.value.args[1:], strict=True)
+                inner = {name: kind for (name, kind), value in argument_values if ast.unparse(value) != name}
+                inner |= self.locals_of(section.body, section.kinds)
             elif isinstance(node, ast.Assign) and ast.unparse(node.value).startswith("zeros("):
                 inner = {"i": "whole"}
-            found |= inner
-        return found
+            kinds |= inner
+        return kinds
 
-    def _declared(self, one: Named) -> str:
-        array = f"ARRAY[0..{one.size - 1}] OF " if one.size else ""
-        return f"{one.name} : {array}{self.TYPES[one.kind]};"
+    def _declaration(self, variable: Declaration) -> str:
+        array = f"ARRAY[0..{variable.size - 1}] OF " if variable.size else ""
+        return f"{variable.name} : {array}{self.TYPES[variable.kind]};"
 
-    def _intermediate(self, variables: list[Named]) -> list[str]:
+    def _intermediate_declarations(self, variables: list[Declaration]) -> list[str]:
         lines = []
         for kind, word in self.TYPES.items():
-            names = [one.name for one in variables if one.kind == kind]
+            names = [variable.name for variable in variables if variable.kind == kind]
             lines += wrap(f"{', '.join(names)} : {word};", WIDTH - 4) if names else []
-        return [_STEP + line for line in lines]
+        return [_INDENT + line for line in lines]
 
-    def _constant(self, one: Named) -> str:
-        if isinstance(one.value, list):
-            numbers = [_STEP * 2 + line for line in wrap(", ".join(map(st_number, one.value)), WIDTH - 8)]
-            return "\n".join([f"{one.name} : ARRAY[0..{len(one.value) - 1}] OF LREAL := [", *numbers, f"{_STEP}];"])
-        return f"{one.name} : {self.TYPES[one.kind]} := {self.constant(one.value)};"
+    def _constant(self, constant: Declaration) -> str:
+        if isinstance(constant.value, list):
+            numbers = [_INDENT * 2 + line for line in wrap(", ".join(map(st_literal, constant.value)), WIDTH - 8)]
+            return "\n".join(
+                [f"{constant.name} : ARRAY[0..{len(constant.value) - 1}] OF LREAL := [", *numbers, f"{_INDENT}];"]
+            )
+        return f"{constant.name} : {self.TYPES[constant.kind]} := {self.constant(constant.value)};"
 
-    def call(self, function: Function, given: list[ast.expr]) -> list[str]:
+    def call(self, function: Function, arguments: list[ast.expr]) -> list[str]:
         """What it does, behind the values of its arguments."""
-        passed = zip(function.kinds, given, strict=True)
-        values = [f"{name} := {self.say(value)};" for name, value in passed if ast.unparse(value) != name]
-        return [*values, *self._section(function), ""]
+        argument_values = zip(function.kinds, arguments, strict=True)
+        values = [f"{name} := {self.say(value)};" for name, value in argument_values if ast.unparse(value) != name]
+        return [*values, *self._inlined_section(function), ""]
 
-    def _section(self, one: Function) -> list[str]:
-        body = one.body[:-1] if isinstance(one.body[-1], ast.Return) else one.body  # the output is the command
+    def _inlined_section(self, function: Function) -> list[str]:
+        body = (
+            function.body[:-1] if isinstance(function.body[-1], ast.Return) else function.body
+        )  # the output is the command
         lines = self.block(body, 0)
-        return [*self.comment(one.text).splitlines(), *(lines if lines[-1] else lines[:-1])]
+        return [*self.comment(function.text).splitlines(), *(lines if lines[-1] else lines[:-1])]
 
     def number(self, value: float) -> str:
-        return st_number(value)
+        return st_literal(value)
 
 
-def st_number(value: float) -> str:
+def st_literal(value: float) -> str:
     """A number as Structured Text writes it: 1.0E-9."""
-    mantissa, e, power = number(value).partition("e")
+    mantissa, e, power = number_literal(value).partition("e")
     return mantissa + ("" if "." in mantissa else ".0") + (f"E{power}" if e else "")

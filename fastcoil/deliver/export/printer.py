@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from textwrap import wrap
 from typing import Any, ClassVar
 
-from fastcoil.deliver.export.words import WIDTH, broken, number
+from fastcoil.deliver.export.words import WIDTH, break_line, number_literal
 
 _KINDS = {"float": "real", "bool": "flag", "int": "whole", "None": "", "list[float]": "real"}
 """Types of the laws: every number is a double but for the counters of loops."""
 
 
 @dataclass(frozen=True)
-class Named:
+class Declaration:
     """A constant with its value, a field of the state or an argument, and what is said of it; size: of an array."""
 
     name: str
@@ -30,7 +30,7 @@ class Function:
     """A function of numbers, or a section: one that works on the state, given first."""
 
     name: str
-    arguments: list[Named]
+    arguments: list[Declaration]
     returns: str
     text: str
     body: list[ast.stmt]
@@ -38,26 +38,28 @@ class Function:
 
     @property
     def kinds(self) -> dict[str, str]:
-        return {one.name: one.kind for one in self.arguments}
+        return {argument.name: argument.kind for argument in self.arguments}
 
 
 class Laws:
     """What the text of the laws holds."""
 
     def __init__(self, text: str) -> None:
-        tree, said = ast.parse(text), _comments(text)
+        tree, comments = ast.parse(text), _comments(text)
         self.source = text
         self.text, self.state_text = ast.get_docstring(tree) or "", ""
-        self.constants: list[Named] = []
-        self.fields: list[Named] = []
+        self.constants: list[Declaration] = []
+        self.fields: list[Declaration] = []
         self.functions: dict[str, Function] = {}
         for node in tree.body:
             if isinstance(node, ast.Assign):
                 value = ast.literal_eval(node.value)
                 kind = "whole" if isinstance(value, int) else "real"
-                self.constants.append(Named(ast.unparse(node.targets[0]), kind, said.get(node.lineno, ""), value))
+                self.constants.append(
+                    Declaration(ast.unparse(node.targets[0]), kind, comments.get(node.lineno, ""), value)
+                )
             elif isinstance(node, ast.FunctionDef):
-                self.functions[node.name] = _function(node, said)
+                self.functions[node.name] = _function(node, comments)
         sizes = {
             ast.unparse(node.targets[0])[2:]: int(ast.unparse(node.value.args[0]))
             for node in self.functions["start"].body
@@ -68,34 +70,36 @@ class Laws:
             if isinstance(node, ast.AnnAssign):
                 name = ast.unparse(node.target)
                 kind = _KINDS[ast.unparse(node.annotation)]
-                self.fields.append(Named(name, kind, said.get(node.lineno, ""), size=sizes.get(name, 0)))
+                self.fields.append(Declaration(name, kind, comments.get(node.lineno, ""), size=sizes.get(name, 0)))
             elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
                 self.state_text = str(node.value.value)
-        self.kinds = {one.name: one.kind for one in self.constants} | {f"s.{one.name}": one.kind for one in self.fields}
-        self.kinds |= {one.name: one.returns for one in self.functions.values()}
+        self.kinds = {item.name: item.kind for item in self.constants} | {
+            f"s.{item.name}": item.kind for item in self.fields
+        }
+        self.kinds |= {item.name: item.returns for item in self.functions.values()}
 
 
 def _comments(text: str) -> dict[int, str]:
     """What is said of a line, behind it or right above it, by the number of the line."""
-    found: dict[int, str] = {}
+    comments: dict[int, str] = {}
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         if token.type == tokenize.COMMENT:
-            line, said = token.start[0], token.string.removeprefix("#").strip()
+            line, comment = token.start[0], token.string.removeprefix("#").strip()
             if token.line.strip().startswith("#"):
-                found[line + 1] = f"{found.pop(line, '')} {said}".strip()
+                comments[line + 1] = f"{comments.pop(line, '')} {comment}".strip()
             else:
-                found[line] = said
-    return found
+                comments[line] = comment
+    return comments
 
 
-def _function(node: ast.FunctionDef, said: dict[int, str]) -> Function:
-    kinds = {one.arg: ast.unparse(one.annotation or ast.Name("float")) for one in node.args.args}
+def _function(node: ast.FunctionDef, comments: dict[int, str]) -> Function:
+    kinds = {argument.arg: ast.unparse(argument.annotation or ast.Name("float")) for argument in node.args.args}
     return Function(
         node.name,
         [
-            Named(one.arg, _KINDS[kinds[one.arg]], said.get(one.lineno, ""))
-            for one in node.args.args
-            if kinds[one.arg] != "State"
+            Declaration(argument.arg, _KINDS[kinds[argument.arg]], comments.get(argument.lineno, ""))
+            for argument in node.args.args
+            if kinds[argument.arg] != "State"
         ],
         _KINDS[ast.unparse(node.returns or ast.Name("None"))],
         ast.get_docstring(node) or "",
@@ -104,9 +108,9 @@ def _function(node: ast.FunctionDef, said: dict[int, str]) -> Function:
     )
 
 
-_LEVEL = {"or": 1, "and": 2, "compare": 4, "sum": 5, "product": 6, "unary": 7, "whole": 8}
+_PRECEDENCE = {"or": 1, "and": 2, "compare": 4, "sum": 5, "product": 6, "unary": 7, "whole": 8}
 """How tightly an operator binds, in both languages."""
-_SIGNS: Mapping[type, tuple[str, str]] = {
+_OPERATORS: Mapping[type, tuple[str, str]] = {
     ast.Add: ("+", "sum"), ast.Sub: ("-", "sum"), ast.Mult: ("*", "product"), ast.Div: ("/", "product"),
     ast.Lt: ("<", "compare"), ast.LtE: ("<=", "compare"), ast.Gt: (">", "compare"), ast.GtE: (">=", "compare"),
     ast.Eq: ("==", "compare"), ast.NotEq: ("!=", "compare"), ast.And: ("and", "and"), ast.Or: ("or", "or"),
@@ -131,44 +135,44 @@ class Printer:
         return f"{first} {text} {last}" if len(lines) < 2 else "\n".join([first, *lines, mark[:1].strip() + last])
 
     def number(self, value: float) -> str:
-        return number(value)
+        return number_literal(value)
 
     def constant(self, value: object) -> str:
         if isinstance(value, bool):
             return self.words[str(value)]
         return self.number(value) if isinstance(value, float) else str(value)
 
-    def listed(self, items: Iterable[Named], text: Callable[[Named], str], indent: str = "") -> list[str]:
+    def listed(self, items: Iterable[Declaration], text: Callable[[Declaration], str], indent: str = "") -> list[str]:
         """Declarations with what is said of them, behind or above."""
         lines: list[str] = []
-        for one in items:
-            code, said = indent + text(one), self.comment(one.said)
-            if not one.said:
+        for item in items:
+            code, comment = indent + text(item), self.comment(item.said)
+            if not item.said:
                 lines.append(code)
-            elif len(code) + len(said) < WIDTH - 1:
-                lines.append(f"{code}  {said}")
+            elif len(code) + len(comment) < WIDTH - 1:
+                lines.append(f"{code}  {comment}")
             else:
-                lines += [*(indent + self.comment(part) for part in wrap(one.said, WIDTH - 8)), code]
+                lines += [*(indent + self.comment(part) for part in wrap(item.said, WIDTH - 8)), code]
         return lines
 
     def say(self, node: ast.expr, around: str = "or") -> str:
         """An expression inside one that binds like ``around``."""
         text, level = self._said(node)
-        return f"({text})" if _LEVEL[level] < _LEVEL[around] else text
+        return f"({text})" if _PRECEDENCE[level] < _PRECEDENCE[around] else text
 
     def _said(self, node: ast.expr) -> tuple[str, str]:
         if isinstance(node, ast.BinOp):
-            sign, level = _SIGNS[type(node.op)]
+            sign, level = _OPERATORS[type(node.op)]
             # what stands on the right is grouped first, or the rounding would be another
             right = {"sum": "product", "product": "unary"}[level]
             return f"{self.say(node.left, level)} {sign} {self.say(node.right, right)}", level
         if isinstance(node, ast.BoolOp):
-            sign, level = _SIGNS[type(node.op)]
+            sign, level = _OPERATORS[type(node.op)]
             # a comparison among conditions is grouped for the reader; of one kind with another it has to be
-            return f" {self.words[sign]} ".join(self.say(one, "sum") for one in node.values), level
+            return f" {self.words[sign]} ".join(self.say(operand, "sum") for operand in node.values), level
         if isinstance(node, ast.Compare):
-            sign, level = _SIGNS[type(node.ops[0])]
-            sides = (self.say(one, "sum") for one in (node.left, node.comparators[0]))
+            sign, level = _OPERATORS[type(node.ops[0])]
+            sides = (self.say(operand, "sum") for operand in (node.left, node.comparators[0]))
             return f" {self.words.get(sign, sign)} ".join(sides), level
         if isinstance(node, ast.UnaryOp):
             sign = self.words["not"] if isinstance(node.op, ast.Not) else "-"
@@ -192,7 +196,7 @@ class Printer:
         indent = "    " * depth
         for node in body:
             first, *rest = self._statement(node, depth)
-            lines += [*broken(indent + first, self.BREAKS), *rest]
+            lines += [*break_line(indent + first, self.BREAKS), *rest]
         return lines
 
     def _statement(self, node: ast.stmt, depth: int) -> list[str]:
@@ -205,21 +209,21 @@ class Printer:
             last = f"{say(high)} {'-' if goes_up else '+'} 1"
             if isinstance(high, ast.Constant):
                 last = str(int(str(high.value)) + (-1 if goes_up else 1))
-            way = words["up" if goes_up else "down"]
-            head = way.format(i=say(node.target), low=low, high=say(high), last=last)
+            loop_template = words["up" if goes_up else "down"]
+            head = loop_template.format(i=say(node.target), low=low, high=say(high), last=last)
             return [head, *self.block(node.body, depth + 1), indent + words["end for"]]
         if isinstance(node, ast.If):
             lines = [words["if"].format(say(node.test)), *self.block(node.body, depth + 1)]
             while node.orelse and isinstance(node.orelse[0], ast.If) and node.orelse[0].col_offset == node.col_offset:
                 node = node.orelse[0]  # an elif, which begins where its if does
-                lines += broken(indent + words["elif"].format(say(node.test)), self.BREAKS)
+                lines += break_line(indent + words["elif"].format(say(node.test)), self.BREAKS)
                 lines += self.block(node.body, depth + 1)
             lines += [indent + words["else"], *self.block(node.orelse, depth + 1)] if node.orelse else []
             return [*lines, indent + words["end if"]]
-        first, *rest = self._simple(node)
+        first, *rest = self._simple_statement(node)
         return [first, *(indent + line if line else "" for line in rest)]
 
-    def _simple(self, node: ast.stmt) -> list[str]:
+    def _simple_statement(self, node: ast.stmt) -> list[str]:
         """A statement without others inside."""
         words, say = self.words, self.say
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
@@ -235,21 +239,23 @@ class Printer:
             return [words["="].format(say(target), say(value))]
         raise TypeError(f"the laws have no {ast.unparse(node)}")
 
-    def call(self, function: Function, given: list[ast.expr]) -> list[str]:
-        return [f"{self.functions[function.name]}({', '.join(['s', *map(self.say, given)])});"]
+    def call(self, function: Function, arguments: list[ast.expr]) -> list[str]:
+        return [f"{self.functions[function.name]}({', '.join(['s', *map(self.say, arguments)])});"]
 
     def locals_of(self, body: list[ast.stmt], arguments: dict[str, str]) -> dict[str, str]:
         """Kinds of the intermediate values and the counters that some statements store, in their order."""
-        found: dict[str, str] = {}
+        kinds: dict[str, str] = {}
         for node in statements_in(body):
             targets = (
                 node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.For) else []
             )
             for target in targets:
                 if isinstance(target, ast.Name) and target.id not in arguments:
-                    known = self.laws.kinds | arguments | found
-                    found.setdefault(target.id, kind_of(node.value, known) if isinstance(node, ast.Assign) else "whole")
-        return found
+                    known_kinds = self.laws.kinds | arguments | kinds
+                    kinds.setdefault(
+                        target.id, kind_of(node.value, known_kinds) if isinstance(node, ast.Assign) else "whole"
+                    )
+        return kinds
 
 
 def statements_in(body: list[ast.stmt]) -> Iterator[ast.stmt]:
@@ -269,8 +275,8 @@ def kind_of(node: ast.expr, kinds: Mapping[str, str]) -> str:
     if isinstance(node, ast.UnaryOp):
         return kind_of(node.operand, kinds)
     if isinstance(node, ast.BinOp):
-        both = {kind_of(node.left, kinds), kind_of(node.right, kinds)}
-        return "whole" if both == {"whole"} else "real"
+        operand_kinds = {kind_of(node.left, kinds), kind_of(node.right, kinds)}
+        return "whole" if operand_kinds == {"whole"} else "real"
     name = ast.unparse(node.func if isinstance(node, ast.Call) else node)
     if name in ("min", "max", "abs") and isinstance(node, ast.Call):
         return kind_of(node.args[0], kinds)

@@ -18,24 +18,30 @@ from types import FunctionType
 from typing import Any, NamedTuple
 
 from fastcoil.base.errors import InputError
-from fastcoil.deliver.export.formulas import FUNCTIONS, KNOWN, SAID, AgainError, Formulas
+from fastcoil.deliver.export.formulas import (
+    FUNCTIONS,
+    SUPPORTED_FUNCTIONS,
+    SUPPORTED_SYNTAX,
+    Formulas,
+    TranslateAgainError,
+)
 from fastcoil.deliver.export.values import (
     Number,
     Scope,
     Table,
-    assigned,
+    assignment,
     call_of,
     constant,
     expression,
     has_return,
-    joined,
-    needed,
-    read_in,
+    join_conditions,
+    names_read_in,
+    needed_statements,
 )
 from fastcoil.deliver.export.words import constant_text, definition_of, function_text, lines_of, names_in, summary_of
-from fastcoil.model.estimators.interface import defaults_of, is_sample
+from fastcoil.model.estimators.interface import is_sample, memory_defaults
 
-_RETURNED = object()  # what a block gives whose values are stored already
+_ALREADY_STORED = object()  # what a block gives whose values are stored already
 
 
 class Port(NamedTuple):
@@ -57,60 +63,60 @@ class Translator(Formulas):
     """
 
     def __init__(
-        self, kind: str, rule: Any, function: Any, numbers: Mapping[str, float], *, literal: set[str], estimate: str,
+        self, kind: str, rule: Any, function: Any, numbers: Mapping[str, float], *, literal_names: set[str], estimate: str,
         names: list[str],
     ) -> None:  # fmt: skip
-        super().__init__(kind, rule.name, [*names, *(each.upper() for each in numbers)])
+        super().__init__(kind, rule.name, [*names, *(reserved_name.upper() for reserved_name in numbers)])
         self.step, self.start, self.words = function, getattr(rule, "start", None), getattr(rule, "words", 0)
         self.Memory = rule.Memory
-        self.numbers, self.literal, self.estimate = numbers, literal, estimate
+        self.numbers, self.literal_names, self.estimate = numbers, literal_names, estimate
         self.goal = {"law": "s.decided", "estimator": "s.estimate", "test": "s.command"}[kind]
         # state and inputs of the controller that the valve test alone knows
         self.follows = [f"s.{n}" for n in getattr(rule, "follows", ())]
         self.flags = ("enabled", "begins") if kind == "test" else ()
         self.kinds["s.rising"] = "flag"
-        taken = {each.casefold() for each in names}
-        wanted = {n: f"{n}_kept" if n.casefold() in taken else n for n in self.Memory._fields}
-        wanted |= {n: f"test_{n}" for n in wanted if kind == "test"}
-        self.fields = {n: "s." + self._named(name, "field") for n, name in wanted.items()}
+        taken_names = {reserved_name.casefold() for reserved_name in names}
+        field_names = {n: f"{n}_kept" if n.casefold() in taken_names else n for n in self.Memory._fields}
+        field_names |= {n: f"test_{n}" for n in field_names if kind == "test"}
+        self.fields = {n: "s." + self._unique_name(name, "field") for n, name in field_names.items()}
 
     def port(self) -> Port:
         while True:  # each round knows more of finitely many variables
             try:
                 return self._port()
-            except AgainError:
+            except TranslateAgainError:
                 continue
             except InputError:
                 raise
             except (AttributeError, IndexError, KeyError, RecursionError, TypeError, ValueError) as error:
-                raise self._refusal("it has what other languages lack", f"use {SAID}") from error
+                raise self._refusal("it has what other languages lack", f"use {SUPPORTED_SYNTAX}") from error
 
     def _port(self) -> Port:
         self._begin()
         self.bounds: dict[str, int] = {}
         """Largest value of each counter."""
         parameters = {
-            n: constant(float(x)) if n in self.literal else Number(ast.Name(n.upper()), "real", float(x))
+            n: constant(float(x)) if n in self.literal_names else Number(ast.Name(n.upper()), "real", float(x))
             for n, x in self.numbers.items()
         }
-        first = {n: constant(x) for n, x in zip(self.Memory._fields, defaults_of(self.Memory), strict=True)}
+        first = {n: constant(x) for n, x in zip(self.Memory._fields, memory_defaults(self.Memory), strict=True)}
         if self.start is not None:
             self.path = ("start",)
-            first = self._inlined(self.start, [parameters], lambda found: found)
+            first = self._inline(self.start, [parameters], lambda returned: returned)
         memory: dict[str, Any] = {}
         for n, name in self.fields.items():
             value = self._real(first[n])
-            if value.is_nothing:
-                self.nothing.add(name)
-                self.out += [assigned(name, ast.Constant(0.0)), assigned(f"{name}_known", ast.Constant(False))]
+            if value.is_nan:
+                self.may_be_nan.add(name)
+                self.out += [assignment(name, ast.Constant(0.0)), assignment(f"{name}_known", ast.Constant(False))]
             else:
                 self._store(name, value)
             memory[n] = self._variable(name)
-        begins = self._afresh()
-        given = [self._sample(), parameters, memory, *([Table()] if self.words else [])]
-        self._inlined(self.step, given, self._commit)
-        shown = ["s.test_aborted"] if self.kind == "test" else []
-        return self._written(begins, needed(self.out, {self.goal, "s.w", *self.follows, *shown}))
+        begins = self._begin_function()
+        arguments = [self._sample(), parameters, memory, *([Table()] if self.words else [])]
+        self._inline(self.step, arguments, self._commit)
+        test_outputs = ["s.test_aborted"] if self.kind == "test" else []
+        return self._written(begins, needed_statements(self.out, {self.goal, "s.w", *self.follows, *test_outputs}))
 
     def _sample(self) -> dict[str, Any]:
         """What the rule sees, by the names that the controller has for it."""
@@ -118,36 +124,36 @@ class Translator(Formulas):
             "t": "s.clock", "T_set": "T_set", "T": "s.T_seen" if self.kind == "estimator" else "T_sup", "e": "s.e",
             "u": "s.u", "command": "s.command", "switches": "s.switches", "estimate": self.estimate,
         }  # fmt: skip
-        seen: dict[str, Any] = {name: Number(expression(text)) for name, text in texts.items()}
-        seen["test"] = Number(expression("s.test")) if "start_test" in self.pool else constant(0.0)
-        seen |= {name: Number(expression(name), "flag") for name in self.flags}
-        seen["m_a"] = Number(expression("m_a"), needs=frozenset({"m_a >= 0.0"}))
+        sample: dict[str, Any] = {name: Number(expression(text)) for name, text in texts.items()}
+        sample["test"] = Number(expression("s.test")) if "start_test" in self.taken_names else constant(0.0)
+        sample |= {name: Number(expression(name), "flag") for name in self.flags}
+        sample["m_a"] = Number(expression("m_a"), known_flags=frozenset({"m_a >= 0.0"}))
         modes = (lambda: constant(1.0), lambda: constant(-1.0))
-        seen["mode"] = self._either(expression("s.rising"), modes, "mode", "mode")
-        return seen
+        sample["mode"] = self._branch(expression("s.rising"), modes, "mode", "mode")
+        return sample
 
     # what a step leaves
 
-    def _commit(self, found: Any) -> Any:
+    def _commit(self, returned: Any) -> Any:
         """Store what the rule returns; what reads a value of before is kept aside until all are found."""
-        decided, memory, *others = found.values()
-        numbers: dict[str, Number] = {self.fields[n]: one for n, one in memory.items()}
-        numbers |= dict(zip(self.follows, others, strict=False))
+        decided, memory, *field_values = returned.values()
+        numbers: dict[str, Number] = {self.fields[n]: value for n, value in memory.items()}
+        numbers |= dict(zip(self.follows, field_values, strict=False))
         numbers[self.goal] = self._real(decided)
         changed = {target: number for target, number in numbers.items() if ast.unparse(number.text) != target}
         fields = {*changed, *(f"{target}_known" for target in changed)}
         for target, number in changed.items():
-            if (read_in(number.text) | number.needs) & fields - {target}:
-                name = self._local(f"next_{target[2:]}", "next")
+            if (names_read_in(number.text) | number.known_flags) & fields - {target}:
+                name = self._local_name(f"next_{target[2:]}", "next")
                 self._store(name, number)
                 changed[target] = self._variable(name)
         goal = changed.pop(self.goal, None)
         for target, number in changed.items():
             self._store(target, number)
-        if goal is not None and not goal.is_nothing:  # an estimate that is NaN is none
-            needs, store = self._needs(goal), assigned(self.goal, call_of("clipped", goal.text))
-            self.out.append(ast.If(joined(ast.And(), needs), [store], []) if needs else store)
-        return _RETURNED
+        if goal is not None and not goal.is_nan:  # an estimate that is NaN is none
+            needs, store = self._known_flags(goal), assignment(self.goal, call_of("clipped", goal.text))
+            self.out.append(ast.If(join_conditions(ast.And(), needs), [store], []) if needs else store)
+        return _ALREADY_STORED
 
     # statements
 
@@ -158,23 +164,23 @@ class Translator(Formulas):
             raise self._refusal(f"the source of {python.__name__} is not at hand", "write it in a file, as a def")
         return Scope(python, definition, finish)
 
-    def _inlined(self, function: Any, given: Sequence[Any], finish: Any) -> Any:
+    def _inline(self, function: Any, arguments: Sequence[Any], finish: Any) -> Any:
         """All that a function does, written here."""
         scope = self._scope(function, finish)
-        for name, value in zip(scope.arguments, given, strict=True):
-            scope.names[name] = self._bound(name, value, "local", scope.stored[name] > 0)
+        for name, value in zip(scope.arguments, arguments, strict=True):
+            scope.names[name] = self._bind(name, value, "local", scope.store_counts[name] > 0)
         return self._run(scope.definition.body, scope)
 
     def _run(self, body: list[ast.stmt], scope: Scope) -> Any:
         """Take the statements in turn.  Returns what the function returns; ``None`` where it goes on behind them."""
         for k, node in enumerate(body):
             self.where = f"line {node.lineno} of {Path(scope.function.__code__.co_filename).name}"
-            found = self._taken(node, body[k + 1 :], scope)
-            if found is not None:
-                return found
+            returned = self._translate_statement(node, body[k + 1 :], scope)
+            if returned is not None:
+                return returned
         return None
 
-    def _taken(self, node: ast.stmt, rest: list[ast.stmt], scope: Scope) -> Any:
+    def _translate_statement(self, node: ast.stmt, rest: list[ast.stmt], scope: Scope) -> Any:
         """Take one statement; a condition with a return takes the rest with it."""
         if isinstance(node, ast.Return):
             return scope.finish(None if node.value is None else self._value(node.value, scope))
@@ -185,49 +191,51 @@ class Translator(Formulas):
             if test.value is None:
                 name = f"{scope.function.__name__.strip('_')}_found"
                 runs = (lambda: self._run(tails[0], scope), lambda: self._run(tails[1], scope))
-                found = self._either(test.text, runs, name, id(node))
+                returned = self._branch(test.text, runs, name, id(node))
             else:
-                found = self._run(tails[0 if test.value else 1], scope)
-            return _RETURNED if forks and found is None else found
+                returned = self._run(tails[0 if test.value else 1], scope)
+            return _ALREADY_STORED if forks and returned is None else returned
         if isinstance(node, (ast.Assign, ast.AnnAssign)) and node.value is not None:
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
             name = targets[0].id if isinstance(targets[0], ast.Name) else "value"
             value = self._value_of(name, node.value, scope)
             for target in targets:
-                self._set(target, value, scope)
+                self._assign(target, value, scope)
         elif isinstance(node, ast.AugAssign):
             load = copy.copy(node.target)
             load.ctx = ast.Load()
-            self._set(node.target, self._value(ast.BinOp(load, node.op, node.value), scope), scope)
+            self._assign(node.target, self._value(ast.BinOp(load, node.op, node.value), scope), scope)
         elif isinstance(node, ast.For):
-            self._loop(node, scope)
+            self._translate_loop(node, scope)
         elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
             self._value(node.value, scope)
         elif not isinstance(node, ast.Pass) and not isinstance(getattr(node, "value", None), ast.Constant):
-            raise self._refusal(f"it has {ast.unparse(node).partition(chr(10))[0].rstrip(':')}", f"use {SAID}")
+            raise self._refusal(
+                f"it has {ast.unparse(node).partition(chr(10))[0].rstrip(':')}", f"use {SUPPORTED_SYNTAX}"
+            )
         return None
 
-    def _set(self, target: ast.expr, value: Any, scope: Scope) -> None:
+    def _assign(self, target: ast.expr, value: Any, scope: Scope) -> None:
         if isinstance(target, ast.Name):
-            scope.names[target.id] = self._bound(target.id, value, "local", scope.stored[target.id] > 1)
+            scope.names[target.id] = self._bind(target.id, value, "local", scope.store_counts[target.id] > 1)
         elif isinstance(target, (ast.Tuple, ast.List)):
             parts = [*value.values()]
             # all are found before the first is stored, as in a, b = b, a
-            if any(isinstance(one, ast.Name) and scope.stored[one.id] > 1 for one in target.elts):
-                parts = [self._bound("before", one, ("before", id(target), k)) for k, one in enumerate(parts)]
-            for one, part in zip(target.elts, parts, strict=True):
-                self._set(one, part, scope)
+            if any(isinstance(element, ast.Name) and scope.store_counts[element.id] > 1 for element in target.elts):
+                parts = [self._bind("before", element, ("before", id(target), k)) for k, element in enumerate(parts)]
+            for element, part in zip(target.elts, parts, strict=True):
+                self._assign(element, part, scope)
         elif isinstance(target, ast.Subscript) and self._value(target.value, scope) == Table():
             index = self._value(target.slice, scope)
             self.out.append(ast.Assign([ast.Subscript(expression("s.w"), index.text)], self._real(value).text))
         else:
             raise self._refusal(f"it changes {ast.unparse(target)}", "return a new memory, or keep it in a name")
 
-    def _loop(self, node: ast.For, scope: Scope) -> None:
+    def _translate_loop(self, node: ast.For, scope: Scope) -> None:
         call = node.iter
         if has_return(node):
             raise self._refusal("it returns from a loop", "keep what is found, and return behind the loop")
-        ends = [self._value(one, scope) for one in call.args] if isinstance(call, ast.Call) else []
+        ends = [self._value(end, scope) for end in call.args] if isinstance(call, ast.Call) else []
         if (
             not ends
             or node.orelse
@@ -236,37 +244,41 @@ class Translator(Formulas):
         ):
             raise self._refusal(f"it has for … in {ast.unparse(call)}", "write for k in range(…), by one up or down")
         name = ast.unparse(node.target)
-        i = self._local(name, "loop")
+        i = self._local_name(name, "loop")
         scope.names[name] = Number(ast.Name(i), "whole")
         self.kinds[i] = "whole"
-        inside: list[ast.expr] = []
+        loop_conditions: list[ast.expr] = []
         if len(ends) < 3:  # a loop of the languages has constant ends
-            largest = self._largest(ends[-1])
+            largest = self._largest_value(ends[-1])
             if largest is None:
-                what = f"{ast.unparse(call)} has no largest end"
-                raise self._refusal(what, "give the loop a constant number of passes")
+                problem = f"{ast.unparse(call)} has no largest end"
+                raise self._refusal(problem, "give the loop a constant number of passes")
             if ends[-1].value is None:
-                inside = [ast.Compare(ast.Name(i), [ast.Lt()], [ends[-1].text])]
-            ends[-1] = ends[-1] if not inside else constant(largest)
+                loop_conditions = [ast.Compare(ast.Name(i), [ast.Lt()], [ends[-1].text])]
+            ends[-1] = ends[-1] if not loop_conditions else constant(largest)
             self.bounds[i] = largest - 1
         # what a pass changes is not known in the next
-        self.facts = {each for each in self.facts if each.removesuffix("_known") not in self.unsteady}
-        with self._aside() as block:
+        self.true_conditions = {
+            condition
+            for condition in self.true_conditions
+            if condition.removesuffix("_known") not in self.reassigned_names
+        }
+        with self._separate_block() as block:
             self._run(node.body, scope)
-        block = [ast.If(inside[0], block, [])] if inside and block else block
+        block = [ast.If(loop_conditions[0], block, [])] if loop_conditions and block else block
         if block:
-            counted = ast.Call(ast.Name("range"), [one.text for one in ends], [])
-            self.out.append(ast.For(ast.Name(i), counted, block, []))
+            range_call = ast.Call(ast.Name("range"), [end.text for end in ends], [])
+            self.out.append(ast.For(ast.Name(i), range_call, block, []))
 
-    def _largest(self, end: Number) -> int | None:
+    def _largest_value(self, end: Number) -> int | None:
         if end.value is not None:
             return int(end.value)
         if isinstance(end.text, ast.Name):
             return self.bounds.get(end.text.id)
         if isinstance(end.text, ast.BinOp) and isinstance(end.text.right, ast.Constant):
-            left = self._largest(Number(end.text.left, "whole"))
-            more: Any = end.text.right.value
-            return None if left is None or not isinstance(end.text.op, ast.Add) else left + more
+            left = self._largest_value(Number(end.text.left, "whole"))
+            increment: Any = end.text.right.value
+            return None if left is None or not isinstance(end.text.op, ast.Add) else left + increment
         return None
 
     # calls
@@ -274,49 +286,51 @@ class Translator(Formulas):
     def _call(self, node: ast.Call, scope: Scope) -> Any:
         function = self._value(node.func, scope)
         names = chain(getattr(function, "_fields", ()), repeat("value"))
-        given = [self._value_of(name, one, scope) for name, one in zip(names, node.args, strict=False)]
+        positional = [self._value_of(name, one, scope) for name, one in zip(names, node.args, strict=False)]
         keywords = {str(one.arg): self._value_of(str(one.arg), one.value, scope) for one in node.keywords}
         if isinstance(function, type) and hasattr(function, "_fields"):
-            values = {n: constant(x) for n, x in zip(function._fields, defaults_of(function), strict=True)}
-            return values | dict(zip(function._fields, given, strict=False)) | keywords
+            values = {n: constant(x) for n, x in zip(function._fields, memory_defaults(function), strict=True)}
+            return values | dict(zip(function._fields, positional, strict=False)) | keywords
         if function is is_sample:  # an exported controller is called at its samples alone
             return constant(True)
-        if function is len and isinstance(given[0], Table):
-            return constant(len(given[0].values))
-        for name, same in FUNCTIONS.items():
-            if any(function is one for one in same):
-                return self._mathematics(name, given)
+        if function is len and isinstance(positional[0], Table):
+            return constant(len(positional[0].values))
+        for name, alternatives in FUNCTIONS.items():
+            if any(function is one for one in alternatives):
+                return self._apply_function(name, positional)
         python = getattr(function, "py_func", function)
         if not isinstance(python, FunctionType):
-            raise self._refusal(f"it calls {ast.unparse(node.func)}", f"use {KNOWN} and functions written in Python")
-        before, self.path = (self.path, self.where), (*self.path, id(node))
+            raise self._refusal(
+                f"it calls {ast.unparse(node.func)}", f"use {SUPPORTED_FUNCTIONS} and functions written in Python"
+            )
+        caller, self.path = (self.path, self.where), (*self.path, id(node))
         arguments, defaults = self._scope(python, None).arguments, python.__defaults__ or ()
-        behind = dict(zip(arguments[len(arguments) - len(defaults) :], map(constant, defaults), strict=True))
-        values = behind | dict(zip(arguments, given, strict=False)) | keywords
-        found = self._inlined(python, [values[n] for n in arguments], lambda one: one)
-        self.path, self.where = before
-        return found
+        default_values = dict(zip(arguments[len(arguments) - len(defaults) :], map(constant, defaults), strict=True))
+        values = default_values | dict(zip(arguments, positional, strict=False)) | keywords
+        returned = self._inline(python, [values[n] for n in arguments], lambda one: one)
+        self.path, self.where = caller
+        return returned
 
     def _written(self, begins: list[ast.stmt], body: list[ast.stmt]) -> Port:
         """The texts, without constants and fields that nothing reads."""
         python = getattr(self.step, "py_func", self.step)
-        name = self._named(self.rule, "rule")
-        arguments = [n for n in ("T_sup", "T_set", "m_a", *self.flags) if n in read_in(body)]
+        name = self._unique_name(self.rule, "rule")
+        arguments = [n for n in ("T_sup", "T_set", "m_a", *self.flags) if n in names_read_in(body)]
         head = ["s: State", *(f"{n}: {'bool' if n in self.flags else 'float'}" for n in arguments)]
         text = function_text(name, head, "None", summary_of(python), body)
-        used, fields = set(re.findall(r"\bs\.(\w+)", text)), []
-        for kept in (field[2:] for field in self.fields.values()):
-            if kept in used:
-                fields.append(f"{kept}: float")
-            if f"{kept}_known" in used:
-                fields.append(f"{kept}_known: bool  # whether {kept} has a value")
-        start = lines_of(needed(begins, {f"s.{each}" for each in used}))
-        if "w" in used:
+        used_fields, fields = set(re.findall(r"\bs\.(\w+)", text)), []
+        for field_name in (field[2:] for field in self.fields.values()):
+            if field_name in used_fields:
+                fields.append(f"{field_name}: float")
+            if f"{field_name}_known" in used_fields:
+                fields.append(f"{field_name}_known: bool  # whether {field_name} has a value")
+        start = lines_of(needed_statements(begins, {f"s.{used_field}" for used_field in used_fields}))
+        if "w" in used_fields:
             fields.append("w: list[float]  # sums and other numbers, one behind the other")
             start.append(f"s.w = zeros({self.words})")
-        read = {*names_in("\n".join([text, *start]))}
+        read_names = {*names_in("\n".join([text, *start]))}
         return Port(
-            [constant_text(n, value) for n, value in self.constants.items() if n in read],
+            [constant_text(n, value) for n, value in self.constants.items() if n in read_names],
             fields, start, text, f"{name}({', '.join(['s', *arguments])})",
-            frozenset({*arguments, *(["T_seen"] if "T_seen" in read else [])}),
+            frozenset({*arguments, *(["T_seen"] if "T_seen" in read_names else [])}),
         )  # fmt: skip

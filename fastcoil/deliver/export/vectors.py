@@ -20,23 +20,23 @@ from fastcoil.deliver.export.controller import Controller
 from fastcoil.loops.boundary.days import heating_day, paper_day
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.simulate import simulate
-from fastcoil.measured.replay import replayed
+from fastcoil.measured.replay import run_controllers
 from fastcoil.model.engine.recorded import REPLAY_COLUMNS
-from fastcoil.model.parameter_table import LARGEST
+from fastcoil.model.parameter_table import LARGEST_FLOAT
 
-OUTPUTS = {
+TRACE_BY_OUTPUT = {
     "command": "command", "u": "u", "integral_part": "integral", "rising": "mode", "estimate": "estimate",
     "test": "test",
 }  # fmt: skip
 """What the code calls a trace."""
-_HOURS, _HOURS_TO_IDENTIFY = 1, 3  # of the simulated day: an estimate from steps of the set-point takes longer
+_DAY_HOURS, _IDENTIFY_DAY_HOURS = 1, 3  # of the simulated day: an estimate from steps of the set-point takes longer
 _TEST_START = 1800.0  # s
-_LIMITS = -50.0, 150.0  # of a good reading, degC
+_READING_LIMITS = -50.0, 150.0  # of a good reading, degC
 _INPUTS = ("T_sup", "T_set", "m_a", "enabled", "start_test", "reset", "start_command")
-FLAGS = ("enabled", "start_test", "reset")  # inputs that are true or false
+FLAG_INPUTS = ("enabled", "start_test", "reset")  # inputs that are true or false
 _LARGEST_ERROR = 25.0  # K; a reading stays plausible
 _MOST_CYCLES = 6000  # of a record: intervals of a day would fill a disk
-_OFF = (95, 103, 150)  # cycles at which the plant goes off for the next four
+_OFF_CYCLES = (95, 103, 150)  # cycles at which the plant goes off for the next four
 
 
 @dataclass(frozen=True)
@@ -79,45 +79,45 @@ class Vectors:
         )
 
 
-def vectors_of(loop: Loop, controller: Controller, text: str) -> Vectors:
+def make_vectors(loop: Loop, controller: Controller, text: str) -> Vectors:
     """Answer a record of handling, replay others through the loop's controller, and simulate the loop on a day."""
     lacks = {"estimate": controller.estimating is None, "integral_part": controller.deciding is not None}
     lacks |= dict.fromkeys(("start_test", "test", "test_aborted"), not controller.tests)
     lacks["m_a"] = not controller.sees_air
     inputs = tuple(name for name in _INPUTS if not lacks.get(name, False))
-    outputs = [name for name in (*OUTPUTS, "switches", "test_aborted") if not lacks.get(name, False)]
+    outputs = [name for name in (*TRACE_BY_OUTPUT, "switches", "test_aborted") if not lacks.get(name, False)]
     runs = []
-    for record in (_handled(controller), *([_tested(controller)] if controller.tests else [])):
-        given = {name: record[name] for name in inputs}
-        answers = np.array(list(cycles(text, given, outputs))).T
-        runs.append(given | dict(zip(outputs, answers, strict=True)))
-    untested = loop.assign(test_start=LARGEST) if controller.tests else loop
-    for seen in _records(controller):
+    for record in (_handling_record(controller), *([_valve_test_record(controller)] if controller.tests else [])):
+        input_columns = {name: record[name] for name in inputs}
+        answers = np.array(list(run_cycles(text, input_columns, outputs))).T
+        runs.append(input_columns | dict(zip(outputs, answers, strict=True)))
+    untested = loop.assign(test_start=LARGEST_FLOAT) if controller.tests else loop
+    for readings in _replay_records(controller):
         sample_time = int(controller.number["sample_time"])
-        held = seen if controller.sees_air else seen | {"m_a": np.full(seen["m_a"].size, np.nan)}
-        series = np.repeat(np.stack([held[name] for name in REPLAY_COLUMNS], axis=1), sample_time, axis=0)
+        replay_readings = readings if controller.sees_air else readings | {"m_a": np.full(readings["m_a"].size, np.nan)}
+        series = np.repeat(np.stack([replay_readings[name] for name in REPLAY_COLUMNS], axis=1), sample_time, axis=0)
         # not as a log, which may not jump as this does
-        runs.append(_rows(replayed(untested, series, sample_time), seen))
-    runs.append(_simulated(loop, controller))
+        runs.append(_record_of_run(run_controllers(untested, series, sample_time), readings))
+    runs.append(_day_record(loop, controller))
     if controller.word["estimator"] == "identify":
-        runs.append(_simulated(loop, controller, disturbed=True))
+        runs.append(_day_record(loop, controller, disturbed=True))
     return Vectors({name: np.concatenate([run[name] for run in runs]) for name in (*inputs, *outputs)}, inputs)
 
 
-def cycles(text: str, given: Mapping[str, Array], outputs: Sequence[str]) -> Iterator[list[float]]:
+def run_cycles(text: str, inputs: Mapping[str, Array], outputs: Sequence[str]) -> Iterator[list[float]]:
     """What the laws in Python answer, cycle by cycle.  given: by the names of the inputs, in their order."""
     laws: dict[str, Any] = {"zeros": lambda size: [0.0] * size}
     exec(compile(text, "<laws>", "exec"), laws)
     s = laws["State"]()
-    for row in zip(*(values.tolist() for values in given.values()), strict=True):
-        laws["step"](s, *(x > 0.5 if name in FLAGS else x for name, x in zip(given, row, strict=True)))
+    for row in zip(*(values.tolist() for values in inputs.values()), strict=True):
+        laws["step"](s, *(x > 0.5 if name in FLAG_INPUTS else x for name, x in zip(inputs, row, strict=True)))
         yield [float(getattr(s, name)) for name in outputs]
 
 
-def _handled(controller: Controller) -> dict[str, Array]:
+def _handling_record(controller: Controller) -> dict[str, Array]:
     """Starts from a command, hand, bad readings, off and on, ends of the stroke and holds."""
     number, sign = controller.number, -1.0 if controller.heats else 1.0
-    middle = 24.0 if controller.heats else 14.0
+    mid_temperature = 24.0 if controller.heats else 14.0
     # K: moves the output by a tenth of the stroke at most
     gain = abs(number["kp"]) * max(1.0, number["sample_time"] / number["ti"])
     size = min(0.1 / max(gain, 1e-9), 5.0) + number["error_dead_band"]
@@ -125,7 +125,7 @@ def _handled(controller: Controller) -> dict[str, Array]:
     def cycle(
         e: float = 0.0, start_command: float = 0.0, reset: float = 0.0, enabled: float = 1.0, **reading: float
     ) -> tuple[float, ...]:
-        T_sup, T_set = reading.get("T_sup", middle + sign * size * e), reading.get("T_set", middle)
+        T_sup, T_set = reading.get("T_sup", mid_temperature + sign * size * e), reading.get("T_set", mid_temperature)
         return T_sup, T_set, 1.2, enabled, reset, start_command
 
     rows = [cycle(1.0, 0.3), cycle(-1.0), cycle(2.0), cycle(-1.0)]  # a state of zeros starts by itself
@@ -134,48 +134,62 @@ def _handled(controller: Controller) -> dict[str, Array]:
     for start in (0.0, 0.4, 1.0, 1.5, -0.2, math.nan, math.inf):
         for e in (0.5, -0.5):
             rows += [cycle(e, start, reset=1.0), cycle(-e)]
-    inside = math.nextafter(_LIMITS[0], 0.0), math.nextafter(_LIMITS[1], 0.0)
-    for reading in (math.nan, math.inf, -math.inf, *_LIMITS, *inside):
+    inside = math.nextafter(_READING_LIMITS[0], 0.0), math.nextafter(_READING_LIMITS[1], 0.0)
+    for reading in (math.nan, math.inf, -math.inf, *_READING_LIMITS, *inside):
         for name in ("T_sup", "T_set"):
             rows += [cycle(0.5, 0.5, reset=1.0), cycle(**{name: reading}), cycle(-1.0), cycle(1.0)]
-    bad = cycle(T_sup=math.nan)
-    rows += [cycle(1.0, 0.4, reset=1.0, T_sup=math.nan), bad, cycle(1.0), cycle(-1.0)]
-    off = [cycle(e, enabled=0.0) for e in (1.0, 2.0)]
-    rows += [*off, cycle(1.0), cycle(-1.0), cycle(1.0, 0.4, 1.0, 0.0), *off, bad, cycle(1.0), bad, *off]
+    bad_reading = cycle(T_sup=math.nan)
+    rows += [cycle(1.0, 0.4, reset=1.0, T_sup=math.nan), bad_reading, cycle(1.0), cycle(-1.0)]
+    off_cycles = [cycle(e, enabled=0.0) for e in (1.0, 2.0)]
+    rows += [
+        *off_cycles,
+        cycle(1.0),
+        cycle(-1.0),
+        cycle(1.0, 0.4, 1.0, 0.0),
+        *off_cycles,
+        bad_reading,
+        cycle(1.0),
+        bad_reading,
+        *off_cycles,
+    ]
     rows += [cycle(e) for e in (4.0, -4.0, 4.0) for _ in range(12)]
     # a hold in which an interval of a learner ends
     n = min(int(number["learning_interval"] / number["sample_time"]), 100)
     turns = [cycle(1.0 if k % 8 < 4 else -1.0) for k in range(4 * n + n // 2)]
-    rows += [cycle(0.5, 0.4, reset=1.0), *turns, *[bad] * n, *turns[:n]] if controller.estimating else [bad] * 20
+    rows += (
+        [cycle(0.5, 0.4, reset=1.0), *turns, *[bad_reading] * n, *turns[:n]]
+        if controller.estimating
+        else [bad_reading] * 20
+    )
     rows += [cycle(1.0), cycle(-1.0)]
     names = ("T_sup", "T_set", "m_a", "enabled", "reset", "start_command")
     return dict(zip(names, np.array(rows).T, strict=True)) | {"start_test": np.zeros(len(rows))}
 
 
-def _tested(controller: Controller) -> dict[str, Array]:
+def _valve_test_record(controller: Controller) -> dict[str, Array]:
     """A valve test to its end, then one ended by each of: excursion, end of the stroke, swing, plant off."""
     number = controller.number
     dt, settle, excursion = number["sample_time"], number["test_settle"], number["test_excursion"]
     s = dt * np.arange(min(math.ceil(60.0 * number["test_minutes"] / dt), _MOST_CYCLES) + 20)
     moving = np.maximum(s - settle - 6.0 * dt, 0.0)
     size = min(number["test_threshold"] + 0.5, 0.9 * excursion) * np.where(moving // 500.0 % 2.0, 0.7, 1.0)
-    still, swing = np.full(s.size, min(0.2, 0.5 * excursion)), 0.3 * (-1.0) ** np.arange(s.size)
+    steady, swing = np.full(s.size, min(0.2, 0.5 * excursion)), 0.3 * (-1.0) ** np.arange(s.size)
     beyond = 1.5 * excursion * (1.0 + (s > 0.6 * settle + 4.0 * dt)) * (s > 0.3 * settle + 3.0 * dt)
-    e = np.stack([size * np.sin(moving / 60.0), beyond, still, swing, still])
+    e = np.stack([size * np.sin(moving / 60.0), beyond, steady, swing, steady])
     enabled, start_test, reset, start_command = (np.full(e.shape, x) for x in (1.0, 1.0, 0.0, 0.0))
     reset[:, 0], start_command[:, 0] = 1.0, (0.5, 0.5, 0.98, 0.5, 0.5)
     start_test[:, 1:3] = 0.0  # on from the start begins none
     enabled[4, 6:14] = 0.0
     start_test[4, [9, 10, 16, 17]] = 0.0  # asked for again while the plant is off, and on
-    seen = _seen(controller, e.ravel(), np.full(e.size, 24.0 if controller.heats else 14.0), enabled.ravel())
-    seen["T_sup"][10] = math.nan
-    more = {"start_test": start_test, "reset": reset, "start_command": start_command}
-    return seen | {name: values.ravel() for name, values in more.items()}
+    readings = _readings(controller, e.ravel(), np.full(e.size, 24.0 if controller.heats else 14.0), enabled.ravel())
+    readings["T_sup"][10] = math.nan
+    handling = {"start_test": start_test, "reset": reset, "start_command": start_command}
+    return readings | {name: values.ravel() for name, values in handling.items()}
 
 
-def _simulated(loop: Loop, controller: Controller, *, disturbed: bool = False) -> dict[str, Array]:
+def _day_record(loop: Loop, controller: Controller, *, disturbed: bool = False) -> dict[str, Array]:
     """The loop on its generic day, with gusts and some time off if it is to be disturbed."""
-    hours = _HOURS_TO_IDENTIFY if controller.word["estimator"] == "identify" else _HOURS
+    hours = _IDENTIFY_DAY_HOURS if controller.word["estimator"] == "identify" else _DAY_HOURS
     if controller.tests:
         loop = loop.assign(test_start=_TEST_START, test_every=0.0)
         hours = max(hours, math.ceil(controller.number["test_minutes"] / 60.0 + 0.75))
@@ -189,20 +203,22 @@ def _simulated(loop: Loop, controller: Controller, *, disturbed: bool = False) -
         second = np.arange(enabled.size)
         enabled[(second // sample_time >= 3900 // sample_time) & (second // sample_time < 4500 // sample_time)] = 0.0
         day = day.assign(m_a=day.series["m_a"][0] * np.where(second % 3000 < 2400, 1.0, 0.8), enabled=enabled)
-    traces = ["T_measured", *OUTPUTS.values()]
+    traces = ["T_measured", *TRACE_BY_OUTPUT.values()]
     ds = simulate(loop, day, traces=traces, trace_interval=sample_time, warm_up=0, n_jobs=1, progress=False)
     series = {name: np.asarray(day.series[name][0])[::sample_time] for name in ("T_set", "m_a")}
     T_sup = ds["T_measured"].values
-    asked = (np.arange(0, enabled.size, sample_time) >= _TEST_START).astype(float)
-    rows = _rows(ds, {"T_sup": T_sup, **series, "enabled": enabled[::sample_time], "start_test": asked})
-    good = np.logical_and.accumulate((T_sup > _LIMITS[0]) & (T_sup < _LIMITS[1]))
-    return {name: values[good] for name, values in rows.items()}
+    test_requested = (np.arange(0, enabled.size, sample_time) >= _TEST_START).astype(float)
+    rows = _record_of_run(
+        ds, {"T_sup": T_sup, **series, "enabled": enabled[::sample_time], "start_test": test_requested}
+    )
+    is_good = np.logical_and.accumulate((T_sup > _READING_LIMITS[0]) & (T_sup < _READING_LIMITS[1]))
+    return {name: values[is_good] for name, values in rows.items()}
 
 
-def _rows(ds: xr.Dataset, inputs: dict[str, Array]) -> dict[str, Array]:
+def _record_of_run(ds: xr.Dataset, inputs: dict[str, Array]) -> dict[str, Array]:
     nothing = np.zeros(inputs["T_sup"].size)
     rows = {"start_test": nothing, "start_command": nothing, "reset": (np.arange(nothing.size) == 0).astype(float)}
-    rows |= inputs | {name: ds[trace].values if trace in ds else nothing for name, trace in OUTPUTS.items()}
+    rows |= inputs | {name: ds[trace].values if trace in ds else nothing for name, trace in TRACE_BY_OUTPUT.items()}
     aborted = float(ds["test_aborted"]) if "test_aborted" in ds else 0.0
     rows["test_aborted"] = aborted * rows["start_test"] * (1.0 - rows["test"])
     rows["rising"] = (rows["rising"] > 0.0).astype(float)
@@ -210,21 +226,21 @@ def _rows(ds: xr.Dataset, inputs: dict[str, Array]) -> dict[str, Array]:
     return rows | {"switches": np.cumsum(turns * (1.0 - rows["test"]))}  # those of a test do not count
 
 
-def _records(controller: Controller) -> list[dict[str, Array]]:
+def _replay_records(controller: Controller) -> list[dict[str, Array]]:
     """A tour of PI and inverse for every controller, and a record for estimators that need another."""
-    e, enabled = _tour(controller)
+    e, enabled = _stroke_tour(controller)
     T_set = np.full(e.size, 24.0 if controller.heats else 14.0)
     T_set[60:] += 1.0 + 2.0 * controller.number["error_dead_band"]
     T_set[130:] -= 0.5
-    found = [_seen(controller, e, T_set, enabled)]
-    special = {"learner": _intervals, "hagglund": _square_waves}.get(controller.word["estimator"])
+    records = [_readings(controller, e, T_set, enabled)]
+    special = {"learner": _learner_errors, "hagglund": _square_waves}.get(controller.word["estimator"])
     if special is not None:
         e = special(controller)[:_MOST_CYCLES]
-        found.append(_seen(controller, e, np.full(e.size, T_set[0]), np.ones(e.size)))
-    return found
+        records.append(_readings(controller, e, np.full(e.size, T_set[0]), np.ones(e.size)))
+    return records
 
 
-def _seen(controller: Controller, e: Array, T_set: Array, enabled: Array) -> dict[str, Array]:
+def _readings(controller: Controller, e: Array, T_set: Array, enabled: Array) -> dict[str, Array]:
     T_sup = T_set - e if controller.heats else T_set + e
     resolution = controller.number["sensor_resolution"]
     T_sup = resolution * np.floor(T_sup / resolution + 0.5) if resolution > 0.0 else T_sup
@@ -232,14 +248,14 @@ def _seen(controller: Controller, e: Array, T_set: Array, enabled: Array) -> dic
     return {"T_sup": T_sup, "T_set": T_set, "m_a": m_a, "enabled": enabled}
 
 
-def _tour(controller: Controller) -> tuple[Array, Array]:
+def _stroke_tour(controller: Controller) -> tuple[Array, Array]:
     """Errors, K, and when the plant is on: along the stroke to its ends, back and forth, off and on."""
     number = controller.number
     k, band = np.arange(30), number["error_dead_band"]
     # a weak or slow PI takes its time from one end to the other
     slowly = 1.5 * number["ti"] / max(abs(number["kp"]) * number["sample_time"] * _LARGEST_ERROR, 1e-9)
     crossing = min(math.ceil(slowly), _MOST_CYCLES // 4)
-    wanted = np.concatenate(
+    openings = np.concatenate(
         [
             *(np.linspace(0.05, 0.7, 15), np.linspace(0.68, 0.3, 15)),
             *(np.linspace(0.4, 1.4, 10), np.linspace(0.9, -0.4, 20)),
@@ -252,26 +268,26 @@ def _tour(controller: Controller) -> tuple[Array, Array]:
             *(np.full(crossing, 1.5), np.full(crossing, -0.5)),
         ]
     )
-    enabled = np.ones(wanted.size)
-    for start in _OFF:
+    enabled = np.ones(openings.size)
+    for start in _OFF_CYCLES:
         enabled[start : start + 4] = 0.0
-    e = _errors(controller, wanted, enabled)
+    e = _errors_for_openings(controller, openings, enabled)
     e[110:120] = np.linspace(-1.2, 1.2, 10) * band if band > 0.0 else e[110:120]
     return e, enabled
 
 
-def _errors(controller: Controller, wanted: Array, enabled: Array) -> Array:
+def _errors_for_openings(controller: Controller, openings: Array, enabled: Array) -> Array:
     """The errors, K, that the PI answers with the openings wanted, but for a dead band or the limit of errors."""
     number = controller.number
     kp, ki = number["kp"], number["kp"] * number["sample_time"] / number["ti"]
-    e, integral = np.zeros(wanted.size), 0.0
-    for k, u in enumerate(wanted):
+    e, integral = np.zeros(openings.size), 0.0
+    for k, u in enumerate(openings):
         e[k] = min(max((u - integral) / (kp + ki), -_LARGEST_ERROR), _LARGEST_ERROR) if kp != 0.0 else u
         integral = min(max(integral + ki * e[k], 0.0), 1.0) if enabled[k] else 0.0
     return e
 
 
-def _intervals(controller: Controller) -> Array:
+def _learner_errors(controller: Controller) -> Array:
     """Errors over the intervals of a learner, K: some turns in those of the reference, then none, few or many."""
     number = controller.number
     n = int(number["learning_interval"] / number["sample_time"])
@@ -279,10 +295,10 @@ def _intervals(controller: Controller) -> Array:
     some = 0.5 + 0.02 * np.where(k % 8 < 4, k % 4, 4 - k % 4)
     none = 0.45 + 0.1 * k / n
     many = 0.5 + 0.02 * (-1.0) ** k
-    far = 0.5 + 0.3 * (-1.0) ** (k // 10)  # few turns, large errors
+    large_errors = 0.5 + 0.3 * (-1.0) ** (k // 10)  # few turns, large errors
     first = [some] * (int(number["learning_reference"]) + 2)
-    wanted = np.concatenate([*first, none, none, far, many, none, many, many, none])
-    return _errors(controller, wanted, np.ones(wanted.size))
+    openings = np.concatenate([*first, none, none, large_errors, many, none, many, many, none])
+    return _errors_for_openings(controller, openings, np.ones(openings.size))
 
 
 def _square_waves(controller: Controller) -> Array:

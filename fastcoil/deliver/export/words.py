@@ -14,27 +14,27 @@ from types import FunctionType
 from typing import Any
 
 WIDTH = 100  # characters of a line of code
-_WORDS = tomllib.loads((Path(__file__).parent / "laws" / "reserved.toml").read_text(encoding="utf-8"))
-_PLAIN = _WORDS.pop("ascii")
-IEC = frozenset(_WORDS["iec"].split())
-RESERVED = frozenset(" ".join(_WORDS.values()).split())  # in small letters
+_WORD_LISTS = tomllib.loads((Path(__file__).parent / "laws" / "reserved.toml").read_text(encoding="utf-8"))
+_ASCII_SPELLINGS = _WORD_LISTS.pop("ascii")
+IEC_KEYWORDS = frozenset(_WORD_LISTS["iec"].split())
+RESERVED_WORDS = frozenset(" ".join(_WORD_LISTS.values()).split())  # in small letters
 
 
 def plain_text(text: str) -> str:
     """A text in ASCII, as the oldest tools read it, that cannot begin or end a comment or a string of any language."""
-    spelled = "".join(_PLAIN.get(letter, letter) for letter in text)
-    plain = unicodedata.normalize("NFKD", spelled).encode("ascii", "ignore").decode()
-    shown = "".join(letter if letter.isprintable() or letter == "\n" else " " for letter in plain)
-    apart = re.sub(r"(?<=\*)(?=[/)])|(?<=[/(])(?=\*)", " ", shown.replace("\\", "/"))
-    return apart.replace('"', "'").replace("``", "`")
+    spelled = "".join(_ASCII_SPELLINGS.get(letter, letter) for letter in text)
+    ascii_text = unicodedata.normalize("NFKD", spelled).encode("ascii", "ignore").decode()
+    printable = "".join(letter if letter.isprintable() or letter == "\n" else " " for letter in ascii_text)
+    harmless = re.sub(r"(?<=\*)(?=[/)])|(?<=[/(])(?=\*)", " ", printable.replace("\\", "/"))
+    return harmless.replace('"', "'").replace("``", "`")
 
 
-def number(value: float) -> str:
+def number_literal(value: float) -> str:
     """A number with all its digits: 1e-9, not 1e-09."""
     return re.sub(r"e([-+])0", r"e\1", repr(float(value)))
 
 
-def broken(line: str, breaks: str, width: int = WIDTH) -> list[str]:
+def break_line(line: str, breaks: str, width: int = WIDTH) -> list[str]:
     """A line that is too long as several, each after the first further in; breaks: before which words it may end."""
     if len(line) <= width:
         return [line]
@@ -44,7 +44,7 @@ def broken(line: str, breaks: str, width: int = WIDTH) -> list[str]:
         return [line]
     depth = {place: line[:place].count("(") - line[:place].count(")") for place in places}
     best = max(place for place in places if depth[place] == min(depth.values()))
-    return [line[:best], *broken(indent + line[best:].lstrip(), breaks, width)]
+    return [line[:best], *break_line(indent + line[best:].lstrip(), breaks, width)]
 
 
 def names_in(text: str) -> list[str]:
@@ -72,14 +72,14 @@ def summary_of(python: FunctionType) -> str:
     return plain_text(text.splitlines()[0])
 
 
-def commented(code: str, said: str) -> str:
+def add_comment(code: str, comment: str) -> str:
     """Code with what is said of it: behind it, or above it where the line is too short."""
-    said = " ".join(plain_text(said).split())
-    if not said:
+    comment = " ".join(plain_text(comment).split())
+    if not comment:
         return code
-    if len(code) + len(said) < WIDTH - 4:
-        return f"{code}  # {said}"
-    return "\n".join([*(f"# {line}" for line in wrap(said, WIDTH - 8)), code])
+    if len(code) + len(comment) < WIDTH - 4:
+        return f"{code}  # {comment}"
+    return "\n".join([*(f"# {line}" for line in wrap(comment, WIDTH - 8)), code])
 
 
 def constant_text(name: str, value: Any) -> str:
@@ -94,20 +94,20 @@ def function_text(name: str, head: list[str], returns: str, doc: str, body: list
     """A function of the laws."""
     start = f"def {name}({', '.join(head)}) -> {returns}:"
     if len(start) > WIDTH:
-        start = "\n".join([f"def {name}(", *broken(f"    {', '.join(head)}", r" (?=\w+: )"), f") -> {returns}:"])
+        start = "\n".join([f"def {name}(", *break_line(f"    {', '.join(head)}", r" (?=\w+: )"), f") -> {returns}:"])
     return "\n".join([start, f'    """{doc}"""', *lines_of(body or [ast.Pass()], 1)])
 
 
 def lines_of(body: list[ast.stmt], depth: int = 0) -> list[str]:
     """Statements as lines of Python."""
     lines = ast.unparse(ast.fix_missing_locations(ast.Module(body, []))).splitlines()
-    return [part for line in lines for part in _wrapped("    " * depth + line)]
+    return [part for line in lines for part in _wrap_statement("    " * depth + line)]
 
 
-def _wrapped(line: str) -> list[str]:
+def _wrap_statement(line: str) -> list[str]:
     """A line of Python, in brackets over several lines where it is too long."""
-    found = re.match(r"( *)(\w[\w.\[\] +*]* = |return |elif |if )(.*?)(:?)$", line)
-    if len(line) <= WIDTH or found is None:
+    match = re.match(r"( *)(\w[\w.\[\] +*]* = |return |elif |if )(.*?)(:?)$", line)
+    if len(line) <= WIDTH or match is None:
         return [line]
-    space, head, inner, tail = found.groups()
-    return [f"{space}{head}(", *broken(f"{space}    {inner}", r" (?=and |or |[-+*/] )|(?<=,) "), f"{space}){tail}"]
+    space, head, inner, tail = match.groups()
+    return [f"{space}{head}(", *break_line(f"{space}    {inner}", r" (?=and |or |[-+*/] )|(?<=,) "), f"{space}){tail}"]

@@ -17,26 +17,26 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, choice_of, instance_of, text_of
-from fastcoil.base.errors import InputError, nearest, shown
-from fastcoil.base.figures import BLUE, COLOURS, LINE_STYLES, apply_style, wrapped
+from fastcoil.base.arguments import argument_checks, require_choice, require_instance, require_text
+from fastcoil.base.errors import InputError, did_you_mean, short_repr
+from fastcoil.base.figures import BLUE, COLOURS, LINE_STYLES, apply_style, wrap_text
 from fastcoil.deliver.figures import drawing
-from fastcoil.loops.labels import label_in_words, plain_pi
-from fastcoil.loops.scenarios import check_result, require_our_units
-from fastcoil.model.metric_table import METRICS, metric_meant
+from fastcoil.loops.labels import label_in_words, plain_pi_label
+from fastcoil.loops.scenarios import check_result, require_table_units
+from fastcoil.model.metric_table import METRICS, metric_hint
 from fastcoil.model.parameter_table import CHANCE_DIMS, PARAMETERS
-from fastcoil.study.analysis.selected import binned, drawn_parameters, numeric_dims
+from fastcoil.study.analysis.selected import drawn_parameters, group_by_parameters, numeric_dims
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.collections import QuadMesh
     from matplotlib.figure import Figure
 
-_HEIGHT = 2.8
-_DEFAULT = "rmse"
+_AXES_HEIGHT = 2.8
+_DEFAULT_METRIC = "rmse"
 
 
-@drawing.in_style()
+@drawing.use_style()
 def map(data: Any, metric: str | None = None, *, x: str | None = None, y: str | None = None, ax: Any = None) -> Axes:
     """Draw a metric over two swept parameters as colours: the median over all other dims.
 
@@ -57,15 +57,15 @@ def map(data: Any, metric: str | None = None, *, x: str | None = None, y: str | 
     InputError
         With one sentence for each mistake.
     """
-    values, failed = _values_of(data, metric, x=x, y=y)
-    y, x = drawing.swept_axes(values, y=y, x=x)
-    (axes,) = drawing.places(ax, [_HEIGHT])
+    values, failed = _select_values(data, metric, x=x, y=y)
+    y, x = drawing.resolve_swept_axes(values, y=y, x=x)
+    (axes,) = drawing.prepare_axes(ax, [_AXES_HEIGHT])
     drawing.draw_map(axes, values, x, y)
-    drawing.caption(axes, drawing.pooled_in_words(values, (x, y), drawing.COLOUR) + failed)
+    drawing.draw_caption(axes, drawing.pooled_in_words(values, (x, y), drawing.COLOUR_MARKS) + failed)
     return axes
 
 
-@drawing.in_style()
+@drawing.use_style()
 def bands(data: Any, metric: str | None = None, *, x: str | None = None, by: str | None = None, ax: Any = None) -> Axes:
     """Draw a metric along a swept parameter: the median over all other dims, with a band from 10 to 90 %.
 
@@ -91,12 +91,12 @@ def bands(data: Any, metric: str | None = None, *, x: str | None = None, by: str
     InputError
         With one sentence for each mistake.
     """
-    values, failed = _values_of(data, metric, x=x, by=by)
+    values, failed = _select_values(data, metric, x=x, by=by)
     if by is not None:
-        choice_of("by", by, [str(d) for d in values.dims])
-    (x,) = drawing.swept_axes(values.isel({by: 0}, drop=True) if by else values, x=x)
-    (axes,) = drawing.places(ax, [_HEIGHT])
-    chosen = [] if by is None else drawing.picked(values.sizes[by])
+        require_choice("by", by, [str(d) for d in values.dims])
+    (x,) = drawing.resolve_swept_axes(values.isel({by: 0}, drop=True) if by else values, x=x)
+    (axes,) = drawing.prepare_axes(ax, [_AXES_HEIGHT])
+    chosen = [] if by is None else drawing.pick_labels(values.sizes[by])
     for k, index in enumerate(chosen):
         words = label_in_words(values, str(by), index)
         drawing.draw_curve(axes, values.isel({by: index}), x, label=words, color=COLOURS[k], ls=LINE_STYLES[k])
@@ -105,49 +105,49 @@ def bands(data: Any, metric: str | None = None, *, x: str | None = None, by: str
     else:
         drawing.draw_curve(axes, values, x, color=BLUE)
     axes.margins(x=0.0)
-    left = drawing.left_out_in_words(values, by, len(chosen))
-    drawing.caption(axes, drawing.pooled_in_words(values, (x, by), drawing.LINE) + left + failed)
+    omitted = drawing.left_out_in_words(values, by, len(chosen))
+    drawing.draw_caption(axes, drawing.pooled_in_words(values, (x, by), drawing.LINE_MARKS) + omitted + failed)
     return axes
 
 
-def _values_of(data: Any, metric: Any, **axes: Any) -> tuple[xr.DataArray, str]:
+def _select_values(data: Any, metric: Any, **axes: Any) -> tuple[xr.DataArray, str]:
     """What is drawn, and which part of the result failed, in words; drawn parameters among the axes in groups."""
-    with checking() as check:
+    with argument_checks() as check:
         for argument, name in axes.items():
-            check.unless_none(text_of, argument, name)
-        check.unless_none(text_of, "metric", metric)
+            check.unless_none(require_text, argument, name)
+        check.unless_none(require_text, "metric", metric)
     if isinstance(data, xr.DataArray):
         if metric is not None:
-            raise InputError(f"metric = {shown(metric)}: leave it out, data is one variable already")
+            raise InputError(f"metric = {short_repr(metric)}: leave it out, data is one variable already")
         if data.dtype.kind not in "iufb":
             raise InputError(f"data is of type {data.dtype}: give numbers")
-        require_our_units(data.coords.to_dataset(), PARAMETERS)
+        require_table_units(data.coords.to_dataset(), PARAMETERS)
         return data, ""
     cure = "give a Dataset of fastcoil.simulate or open_study, or one of its variables"
-    check_result(instance_of("data", data, xr.Dataset, cure))
-    drawn = [name for name in drawn_parameters(data) if name in axes.values()]
-    ds, name = binned(data, drawn) if drawn else data, metric or _DEFAULT
+    check_result(require_instance("data", data, xr.Dataset, cure))
+    drawn_names = [name for name in drawn_parameters(data) if name in axes.values()]
+    ds, name = group_by_parameters(data, drawn_names) if drawn_names else data, metric or _DEFAULT_METRIC
     numbers = [str(n) for n in ds.data_vars if ds[n].dtype.kind in "iufb" and "elapsed_time" not in ds[n].dims]
     if name not in numbers:
-        near = metric_meant(name) if name not in METRICS else ""
-        raise InputError(f"metric = {shown(name)} is not in this result{near}; it has {', '.join(numbers)}")
+        suggestion = metric_hint(name) if name not in METRICS else ""
+        raise InputError(f"metric = {short_repr(name)} is not in this result{suggestion}; it has {', '.join(numbers)}")
     return ds[name], drawing.failed_in_words(ds)
 
 
-_PANEL = 3.2  # width of a panel where the figure may be as wide as it likes, inches
-_NARROWEST = 2.2  # width in which a panel is still read, inches
-_ABREAST = 3
-_MILLIMETRES = 25.4
+_PANEL_WIDTH = 3.2  # width of a panel where the figure may be as wide as it likes, inches
+_NARROWEST_PANEL = 2.2  # width in which a panel is still read, inches
+_MOST_ABREAST = 3
+_MILLIMETRES_PER_INCH = 25.4
 _MOST_ROWS = 6
-ESTIMATES = ("estimate_ratio", "backlash_estimate")
-_CONTROL = {**dict.fromkeys(ESTIMATES, 0.0), "learning_step": 0.0, "estimator": "none", "law": "pi"}
+ESTIMATE_PARAMETERS = ("estimate_ratio", "backlash_estimate")
+_PLAIN_PI_VALUES = {**dict.fromkeys(ESTIMATE_PARAMETERS, 0.0), "learning_step": 0.0, "estimator": "none", "law": "pi"}
 """What a plain PI has: it assumes no backlash, and learns none."""
 STANDARD_METRICS = ("rmse", "rmse_settled", "switch_frequency")
-_ALTERNATIVES = 100  # more rows of names than this are no figure
+_MOST_ALTERNATIVES = 100  # more rows of names than this are no figure
 
 
 @apply_style()
-def panels(
+def draw_panels(
     ds: xr.Dataset, x: str, y: str | None = None, by: str | None = None, metrics: Sequence[str] = STANDARD_METRICS,
     width: float | None = None,
 ) -> Figure:  # fmt: skip
@@ -159,56 +159,58 @@ def panels(
     """
     from matplotlib.figure import Figure
 
-    drawn, has_names = tuple(filter(None, (x, y))), x in ds.coords and ds[x].dtype.kind in "OUST"
-    with checking() as check:
+    drawn_dims, has_names = tuple(filter(None, (x, y))), x in ds.coords and ds[x].dtype.kind in "OUST"
+    with argument_checks() as check:
         if not has_names or y:
-            check(drawing.swept_axes, ds["status"], x=x, **({"y": y} if y else {}))
+            check(drawing.resolve_swept_axes, ds["status"], x=x, **({"y": y} if y else {}))
         check.problems += [
-            f"metrics: {shown(name)} is not in this result{metric_meant(name) or nearest(name, METRICS)}"
+            f"metrics: {short_repr(name)} is not in this result{metric_hint(name) or did_you_mean(name, METRICS)}"
             for name in metrics
             if name not in ds
         ]
-    if by in drawn:
+    if by in drawn_dims:
         raise InputError(f"{by} is named twice: choose two different axes")
     draw: Callable[[Axes, xr.DataArray], QuadMesh | None]
     if y:
-        draw, marks, height = partial(drawing.draw_map, x=x, y=y), drawing.COLOUR, 3.0
+        draw, marks, height = partial(drawing.draw_map, x=x, y=y), drawing.COLOUR_MARKS, 3.0
     elif has_names:
-        draw, marks = partial(drawing.draw_dots, dim=x, color=BLUE), drawing.DOT
+        draw, marks = partial(drawing.draw_dots, dim=x, color=BLUE), drawing.DOT_MARKS
         height = 1.0 + 0.22 * ds.sizes[x]
     else:
-        draw, marks, height = partial(drawing.draw_curve, x=x, color=BLUE), drawing.LINE, 2.4
-    rows, n = rows_of(ds, by), len(metrics)
+        draw, marks, height = partial(drawing.draw_curve, x=x, color=BLUE), drawing.LINE_MARKS, 2.4
+    rows, n = panel_rows(ds, by), len(metrics)
     columns = n if by else min(n, panels_abreast(width))
-    inches = _PANEL * max(columns, 2) if width is None else width
-    if by and inches < n * _NARROWEST:
-        raise InputError(f"{n} panels in {_MILLIMETRES * inches:.0f} mm: give fewer metrics, or more width")
+    inches = _PANEL_WIDTH * max(columns, 2) if width is None else width
+    if by and inches < n * _NARROWEST_PANEL:
+        raise InputError(f"{n} panels in {_MILLIMETRES_PER_INCH * inches:.0f} mm: give fewer metrics, or more width")
     n_rows = math.ceil(len(rows) * n / columns)
     figure = Figure(figsize=(inches, height * n_rows + 0.5), layout="constrained")
-    alike: Any = "col" if by else False
-    grid = figure.subplots(n_rows, columns, squeeze=False, sharex=alike, sharey=(has_names and not y) or alike).ravel()
+    shared: Any = "col" if by else False
+    grid = figure.subplots(
+        n_rows, columns, squeeze=False, sharex=shared, sharey=(has_names and not y) or shared
+    ).ravel()
     for unused in grid[len(rows) * n :]:
         unused.remove()
     meshes: dict[str, list[QuadMesh]] = defaultdict(list)
     for axes, ((index, words), metric) in zip(grid, product(rows, metrics), strict=False):
         mesh = draw(axes, ds[metric] if index is None else ds[metric].isel({by: index}))
         meshes[metric] += [] if mesh is None else [mesh]
-        axes.set_title(drawing.fitted(axes, words), loc="left")
+        axes.set_title(drawing.wrap_to_axes(axes, words), loc="left")
         if by and not axes.get_subplotspec().is_last_row():
             axes.set_xlabel("")
     for rows_of_maps in meshes.values():  # rows are compared
         ends = [end for mesh in rows_of_maps for end in mesh.get_clim()]
         for mesh in rows_of_maps:
             mesh.set_clim(min(ends), max(ends))
-    words = drawing.pooled_in_words(ds["status"], (*drawn, by), marks)
+    words = drawing.pooled_in_words(ds["status"], (*drawn_dims, by), marks)
     words += drawing.left_out_in_words(ds, by, len(rows)) + drawing.failed_in_words(ds)
-    figure.suptitle(wrapped("\n".join(filter(None, [str(ds.attrs.get("title", "")), words])), inches, 9))
+    figure.suptitle(wrap_text("\n".join(filter(None, [str(ds.attrs.get("title", "")), words])), inches, 9))
     return figure
 
 
 def panels_abreast(width: float | None) -> int:
     """How many panels stand side by side in a width in inches."""
-    return _ABREAST if width is None else int(np.clip(width / _NARROWEST, 1, _ABREAST))
+    return _MOST_ABREAST if width is None else int(np.clip(width / _NARROWEST_PANEL, 1, _MOST_ABREAST))
 
 
 def standard_figures(ds: xr.Dataset, width: float | None = None) -> dict[str, Callable[[], Figure]]:
@@ -219,49 +221,51 @@ def standard_figures(ds: xr.Dataset, width: float | None = None) -> dict[str, Ca
     """
     numeric, control = numeric_dims(ds["status"]), control_dims(ds)
     named = [str(d) for d in ds["status"].dims if d not in numeric and d in ds.coords and ds.sizes[d] > 1]
-    of_row = [name for name in STANDARD_METRICS if name in ds][: panels_abreast(width)]
+    row_metrics = [name for name in STANDARD_METRICS if name in ds][: panels_abreast(width)]
 
-    def unlike(*drawn: str) -> str | None:
+    def undrawn_control(*drawn: str) -> str | None:
         return next((d for d in control if d not in drawn), None)
 
-    def drawn(x: str, y: str | None = None, by: str | None = None) -> Callable[[], Figure]:
-        metrics = of_row if by else [name for name in STANDARD_METRICS if name in ds]
-        return partial(panels, ds, x, y, by, metrics, width)
+    def panel_figure(x: str, y: str | None = None, by: str | None = None) -> Callable[[], Figure]:
+        metrics = row_metrics if by else [name for name in STANDARD_METRICS if name in ds]
+        return partial(draw_panels, ds, x, y, by, metrics, width)
 
     figures: dict[str, Callable[[], Figure]] = {}
     if len(numeric) >= 2:
         swept = [d for d in numeric if d in control]
         y, x = numeric[:2] if not swept or {*numeric[:2]} & {*swept} else (numeric[0], swept[0])
-        figures["maps"] = drawn(x, y, by=unlike(x, y))
-        figures["bands"] = drawn(x, by=unlike(x) or y)
+        figures["maps"] = panel_figure(x, y, by=undrawn_control(x, y))
+        figures["bands"] = panel_figure(x, by=undrawn_control(x) or y)
     elif numeric:
-        figures["bands"] = drawn(numeric[0], by=unlike(numeric[0]))
+        figures["bands"] = panel_figure(numeric[0], by=undrawn_control(numeric[0]))
     for dim in named:
-        by = unlike(dim)
-        if ds[dim].dtype.kind in "OUST" and ds.sizes[dim] * len(rows_of(ds, by)) <= _ALTERNATIVES:
-            figures[dim] = drawn(dim, by=by)
+        by = undrawn_control(dim)
+        if ds[dim].dtype.kind in "OUST" and ds.sizes[dim] * len(panel_rows(ds, by)) <= _MOST_ALTERNATIVES:
+            figures[dim] = panel_figure(dim, by=by)
     return figures
 
 
-def rows_of(ds: xr.Dataset, by: str | None) -> list[tuple[int | None, str]]:
+def panel_rows(ds: xr.Dataset, by: str | None) -> list[tuple[int | None, str]]:
     """Position and words of the labels that get a row: all of up to six, else the first, the middle, the last."""
     if by is None:
         return [(None, "")]
     dims = [str(d) for d in ds["status"].dims if d in ds.coords and ds.sizes[d] > 1]
-    choice_of("by", by, dims)
-    chosen = drawing.picked(ds.sizes[by], _MOST_ROWS)
-    is_plain, pi = (ds[by].values == 0.0) & (by in ESTIMATES), plain_pi(ds)
+    require_choice("by", by, dims)
+    chosen = drawing.pick_labels(ds.sizes[by], _MOST_ROWS)
+    is_plain, pi = (ds[by].values == 0.0) & (by in ESTIMATE_PARAMETERS), plain_pi_label(ds)
     return [(k, label_in_words(ds, by, k) + (f", {pi}" if is_plain[k] else "")) for k in chosen]
 
 
 def control_dims(ds: xr.Dataset) -> list[str]:
     """Dimensions along which a plain PI is one of several controllers: a median over them would be of unlike things."""
     dims = [str(d) for d in ds["status"].dims if ds.sizes[d] > 1 and d not in CHANCE_DIMS]
-    found = []
+    controls = []
     for dim in dims:
         # some labels, and not all, are a plain PI by what differs along the dimension
-        plain = [ds[n].values == value for n, value in _CONTROL.items() if n in ds.coords and ds[n].dims == (dim,)]
-        alike = np.logical_and.reduce(plain) if plain else np.zeros(1, dtype=bool)
-        if dim == "controller" or (alike.any() and not alike.all()):
-            found.append(dim)
-    return found
+        is_plain = [
+            ds[n].values == value for n, value in _PLAIN_PI_VALUES.items() if n in ds.coords and ds[n].dims == (dim,)
+        ]
+        is_all_plain = np.logical_and.reduce(is_plain) if is_plain else np.zeros(1, dtype=bool)
+        if dim == "controller" or (is_all_plain.any() and not is_all_plain.all()):
+            controls.append(dim)
+    return controls

@@ -18,75 +18,75 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.errors import InputError
-from fastcoil.base.figures import encode
-from fastcoil.base.files import commit, exists, has_mark, require_file
+from fastcoil.base.figures import encode_figure
+from fastcoil.base.files import exists, has_mark, require_output_file, write_atomically
 from fastcoil.base.machine import VERSION
-from fastcoil.base.text import MINUS, NONE, printable, written
+from fastcoil.base.text import MINUS_SIGN, MISSING_VALUE, escape_control_characters, format_number
 from fastcoil.loops.labels import quantity, sizes_in_words
-from fastcoil.loops.presets import NOT_THE_FIT, PRESETS
+from fastcoil.loops.presets import NOT_THE_PAPER_FIT, PRESETS
 from fastcoil.model.parameter_table import PARAMETERS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-MOST_ROWS, _A_FEW_MORE = 12, 4  # rows of a table along a swept parameter; all of them are in the results
+MOST_ROWS, _TOLERATED_ROWS = 12, 4  # rows of a table along a swept parameter; all of them are in the results
 
 
-def number(value: float, digits: int = 3) -> str:
+def format_significant(value: float, digits: int = 3) -> str:
     """A measured number of so many digits, zeros at its end too, without an exponent as far as it can be read."""
     if not math.isfinite(value):
-        return NONE
+        return MISSING_VALUE
     if value == 0.0:
         return "0"
     rounded = float(f"{value:.{digits - 1}e}")
     if abs(rounded) >= 1e7 or abs(rounded) < 1e-4:
         return f"{value:.{digits - 1}e}"
     places = max(0, digits - 1 - math.floor(math.log10(abs(rounded))))
-    return (f"{rounded:,.0f}" if abs(rounded) >= 1e4 else f"{rounded:.{places}f}").replace("-", MINUS)
+    return (f"{rounded:,.0f}" if abs(rounded) >= 1e4 else f"{rounded:.{places}f}").replace("-", MINUS_SIGN)
 
 
-def change(share: float) -> str:
+def format_change(share: float) -> str:
     """A difference as a share of what it is compared with: ``−43 %``."""
     if not math.isfinite(share):
-        return NONE
-    return f"{written(100.0 * share, 0, sign=True)} %"
+        return MISSING_VALUE
+    return f"{format_number(100.0 * share, 0, sign=True)} %"
 
 
-def span(low: float, high: float) -> str:
+def format_change_range(low: float, high: float) -> str:
     """An interval of such shares."""
     if not (math.isfinite(low) and math.isfinite(high)):
-        return NONE
-    return f"{change(low).removesuffix(' %')} to {change(high)}"
+        return MISSING_VALUE
+    return f"{format_change(low).removesuffix(' %')} to {format_change(high)}"
 
 
-def setting(name: str, value: object) -> str:
+def format_parameter(name: str, value: object) -> str:
     """The value of a parameter with its unit: ``7 %``, ``0.03 1/K``, ``cooling``."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return str(value)
-    shown = quantity(name)
+    display = quantity(name)
     entry = PARAMETERS.get(name)
-    if shown.factor == 1.0 and entry is not None and entry.whole:
+    if display.factor == 1.0 and entry is not None and entry.whole:
         return str(int(value))
-    return f"{value * shown.factor:.6g} {shown.unit}".rstrip()
+    return f"{value * display.factor:.6g} {display.unit}".rstrip()
 
 
-def picked(n: int, keep: tuple[int, ...] = (), most: int = MOST_ROWS) -> list[int]:
+def select_rows(n: int, keep: tuple[int, ...] = (), most: int = MOST_ROWS) -> list[int]:
     """Rows to show of ``n``: all, or evenly spaced ones with the first, the last and those to ``keep``."""
-    if n <= most + _A_FEW_MORE:
+    if n <= most + _TOLERATED_ROWS:
         return list(range(n))
-    spaced = np.linspace(0, n - 1, most - len(keep)).round().astype(int).tolist()
-    return sorted({*spaced, *keep})
+    spaced_rows = np.linspace(0, n - 1, most - len(keep)).round().astype(int).tolist()
+    return sorted({*spaced_rows, *keep})
 
 
-def left_out(n: int, shown: int, what: str) -> str:
+def omission_note(n: int, n_shown: int, noun: str) -> str:
     """A note on rows that are not shown; empty if all are."""
-    return "" if shown == n else f"{shown} of {n:,} {what} are shown; all of them are in results.nc."
+    return "" if n_shown == n else f"{n_shown} of {n:,} {noun} are shown; all of them are in results.nc."
 
 
 _MARK = b'<meta name="generator" content="fastcoil '
 DPI = 200  # of the pictures, for print on A4
-_BESIDE = ("baseline", "never", "yes", "no")  # words in a column of numbers
+_WORDS_AMONG_NUMBERS = ("baseline", "never", "yes", "no")  # words in a column of numbers
 
 
 class Words(NamedTuple):
@@ -109,11 +109,12 @@ class Table(NamedTuple):
         """A class for each column: numbers stand to the right, words to the left."""
         columns = list(zip(*self.rows, strict=True)) or [()] * len(self.head)
         return [
-            "words" if any(cell[:1].isalpha() for cell in column if cell not in _BESIDE) else "" for column in columns
+            "words" if any(cell[:1].isalpha() for cell in column if cell not in _WORDS_AMONG_NUMBERS) else ""
+            for column in columns
         ]
 
 
-def facts(*pairs: tuple[str, str]) -> Table:
+def facts_table(*pairs: tuple[str, str]) -> Table:
     """Names and values, a row each."""
     return Table("", (), pairs)
 
@@ -165,76 +166,85 @@ class Page(NamedTuple):
     def html(self) -> str:
         from jinja2 import Environment, PackageLoader, StrictUndefined
 
-        made = Environment(
+        environment = Environment(
             loader=PackageLoader("fastcoil.deliver.report"), autoescape=True, undefined=StrictUndefined,
-            finalize=_shown, trim_blocks=True, lstrip_blocks=True,
+            finalize=_escape_text, trim_blocks=True, lstrip_blocks=True,
         )  # fmt: skip
         sections = [section for section in self.sections if section.blocks]
-        return made.get_template("page.html").render(page=self, sections=sections, version=VERSION)
+        return environment.get_template("page.html").render(page=self, sections=sections, version=VERSION)
 
     def write(self, path: Path) -> Path:
-        commit(path, self.html().encode())
+        write_atomically(path, self.html().encode())
         return path
 
 
-def _shown(value: Any) -> Any:
+def _escape_text(value: Any) -> Any:
     """Escape control characters of texts; what the template makes stays as it is."""
-    return printable(value) if type(value) is str else value
+    return escape_control_characters(value) if type(value) is str else value
 
 
 def require_page(path: Path, option: str = "path") -> None:
     """Refuse, before any work, a path that cannot be written, or that holds anything but an earlier report."""
-    require_file(option, path, ".html", ".htm")
+    require_output_file(option, path, ".html", ".htm")
     if exists(path) and not has_mark(path, _MARK):
         raise InputError(f"{option} {path}: this file exists and is not a report: choose another name, or delete it")
 
 
-def picture(figure: Figure, caption: str, alt: str) -> Picture:
+def make_picture(figure: Figure, caption: str, alt: str) -> Picture:
     """A figure without its head, which the page has in words."""
     figure.suptitle("")
-    return Picture(encode(figure, "png", DPI), caption, alt)
+    return Picture(encode_figure(figure, "png", DPI), caption, alt)
 
 
-def how(ds: xr.Dataset) -> Section:
+def method_section(ds: xr.Dataset) -> Section:
     """The section on how a study was computed."""
     constants, loop = json.loads(ds.attrs["parameters"]), tomllib.loads(ds.attrs["study_toml"])["loop"]
     preset = str(loop.get("preset", "paper_like"))
     substeps, noise, n = constants.get("substeps", 1), constants.get("noise_std"), ds.sizes.get("replicate", 1)
     sizes = sizes_in_words(ds["status"].sizes)
-    spread = "swept" if noise is None else f"standard deviation {setting('noise_std', noise)}" if noise else "none"
+    spread = (
+        "swept" if noise is None else f"standard deviation {format_parameter('noise_std', noise)}" if noise else "none"
+    )
     pairs = [
         ("Model", "closed loop of sensor, PI, backlash inverse, motor, valve with backlash and coil, after Cai and "
                   "Braun (2016); every scenario is a day of the loop"),
         ("Control volumes of the coil", str(constants.get("n_volumes", "swept"))),
         ("Time step", "1 s" if substeps == 1 else f"1 s, the coil in {substeps} substeps"),
-        ("Preset", f"{preset}: {PRESETS[preset].text}. {NOT_THE_FIT}" if preset in PRESETS else preset),
+        ("Preset", f"{preset}: {PRESETS[preset].text}. {NOT_THE_PAPER_FIT}" if preset in PRESETS else preset),
         ("Scenarios", f"{ds['status'].size:,} = {sizes}" if sizes else "1"),
-        ("Days", str(ds.attrs.get("boundary", NONE))),
-        ("Left out of every metric", f"the first {ds.attrs.get('warm_up_s', NONE)} s"),
-        ("Noise", f"{spread}; seed {ds.attrs.get('seed', NONE)}, {n} realisation{'s' if n > 1 else ''}"),
+        ("Days", str(ds.attrs.get("boundary", MISSING_VALUE))),
+        ("Left out of every metric", f"the first {ds.attrs.get('warm_up_s', MISSING_VALUE)} s"),
+        ("Noise", f"{spread}; seed {ds.attrs.get('seed', MISSING_VALUE)}, {n} realisation{'s' if n > 1 else ''}"),
     ]  # fmt: skip
     if ds.attrs.get("carry_over"):
         pairs.append((
             "Between days", "each begins as the one before ended (carry_over).  Intervals over days take them as "
             "independent, which days in a row are not quite",
         ))  # fmt: skip
-    own = changed(constants, preset)
-    return Section("How it was computed", [facts(*pairs), *([own] if own.rows else [])])
+    parameter_table = changed_parameters(constants, preset)
+    return Section("How it was computed", [facts_table(*pairs), *([parameter_table] if parameter_table.rows else [])])
 
 
-def changed(constants: Mapping[str, Any], preset: str, against: str = "preset") -> Table:
+def changed_parameters(constants: Mapping[str, Any], preset: str, against: str = "preset") -> Table:
     """The parameters that a loop gives other values than its preset; ``against``: what to call it."""
     base = PRESETS[preset if preset in PRESETS else "paper_like"]
-    given = {name: value for name, value in constants.items() if value is not None}
+    values = {name: value for name, value in constants.items() if value is not None}
     rows = []
-    for name in base.changed(given):
-        before = base.value(PARAMETERS[name]) if name in PARAMETERS else None
-        what = PARAMETERS[name].text if name in PARAMETERS else "of its own rule"
-        rows.append([name, setting(name, given[name]), NONE if before is None else setting(name, before), what])
+    for name in base.changed(values):
+        preset_value = base.value(PARAMETERS[name]) if name in PARAMETERS else None
+        meaning = PARAMETERS[name].text if name in PARAMETERS else "of its own rule"
+        rows.append(
+            [
+                name,
+                format_parameter(name, values[name]),
+                MISSING_VALUE if preset_value is None else format_parameter(name, preset_value),
+                meaning,
+            ]
+        )
     return Table(f"Parameters that differ from the {against}", ["name", "value", against, "meaning"], rows)
 
 
-def versions(attrs: Mapping[str, Any]) -> Section:
+def versions_section(attrs: Mapping[str, Any]) -> Section:
     """What made the results with these attributes, and their hashes."""
     names = {
         "fastcoil_version": "fastcoil",
@@ -244,8 +254,8 @@ def versions(attrs: Mapping[str, Any]) -> Section:
     }
     packages = ", ".join(f"{name} {number}" for name, number in json.loads(attrs["package_versions"]).items())
     hashes = [f"{name}_sha256" for name in ("content", "study", "model", "boundary")]
-    return Section("Versions and hashes", [facts(
-        *((words, str(attrs[name])) for name, words in names.items() if name in attrs), ("Packages", packages),
+    return Section("Versions and hashes", [facts_table(
+        *((label, str(attrs[name])) for name, label in names.items() if name in attrs), ("Packages", packages),
         *((name, str(attrs[name])) for name in hashes if name in attrs),
     )])  # fmt: skip
 
@@ -283,20 +293,20 @@ def citation(results: Mapping[str, Any] | None = None) -> list[str]:
 def bibtex(results: Mapping[str, Any] | None = None) -> list[str]:
     """The same as BibTeX."""
     entries = [
-        _entry(
+        _bibtex_entry(
             "software", "fastcoil",
             title=f"{{{TITLE}}}", author=f"{{{AUTHORS}}}", version=_version(results), license=LICENCE,
         ),
-        _entry(
+        _bibtex_entry(
             "inproceedings", "cai2016backlash",
             title=f"{{{PAPER['title']}}}", author=PAPER["authors"], year=PAPER["year"], booktitle=PAPER["series"],
             number=PAPER["number"], publisher=PAPER["publisher"], url=PAPER["url"],
         ),
     ]  # fmt: skip
     if results is not None:
-        title = " ".join(str(results["title"]).split()).translate(_SPECIAL)
+        title = " ".join(str(results["title"]).split()).translate(_TEX_ESCAPES)
         entries.append(
-            _entry(
+            _bibtex_entry(
                 "misc", f"results{results['content_sha256'][:8]}",
                 title=f"{{{title}}}", howpublished=f"Results of fastcoil {_version(results)}",
                 note=rf"content\_sha256 {results['content_sha256']}",
@@ -309,18 +319,18 @@ def _version(results: Mapping[str, Any] | None) -> str:
     return VERSION if results is None else str(results.get("fastcoil_version", "unknown"))
 
 
-_SPECIAL = str.maketrans({
+_TEX_ESCAPES = str.maketrans({
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
     **{letter: f"\\{letter}" for letter in "{}$&#_%"},
 })  # fmt: skip
 """What TeX would read as a command."""
 
 
-def _entry(kind: str, key: str, **fields: str) -> list[str]:
+def _bibtex_entry(kind: str, key: str, **fields: str) -> list[str]:
     return [f"@{kind}{{{key},", *(f"  {name} = {{{value}}}," for name, value in fields.items()), "}"]
 
 
-def cited(ds: xr.Dataset | None = None) -> Section:
+def citation_section(ds: xr.Dataset | None = None) -> Section:
     """How to cite the results, or fastcoil alone."""
     attrs = None if ds is None else ds.attrs
     return Section("How to cite", [Words(citation(attrs)), Code("\n".join(bibtex(attrs)))])

@@ -17,19 +17,22 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from fastcoil.base.arguments import checking, choice_of, refuse, whole_of
+from fastcoil.base.arguments import argument_checks, raise_problems, require_choice, require_integer
 from fastcoil.base.arrays import Array, Mask
 from fastcoil.base.errors import InputError
 from fastcoil.loops.boundary.days import Drift, smooth
-from fastcoil.loops.boundary.series import CONDITIONS, condition_of
+from fastcoil.loops.boundary.series import CONDITIONS, require_condition
 from fastcoil.loops.boundary.weather_files import Weather
 from fastcoil.model.moist_air import humidity_ratio, mix
 
 Settings: TypeAlias = SimpleNamespace
 """How the air handler is run; names and units as the arguments of `weather_year`."""
-DAY = 86_400  # s
-_RESET, _TRIM = ("set_point", "outdoor_reset", "trim_and_respond"), ("set_point", "trim_and_respond")
-_BY_MODE: dict[str, tuple[Any, Any, Any]] = {
+DAY_SECONDS = 86_400  # s
+_READ_WITH_RESET, _READ_WITH_TRIM = (
+    ("set_point", "outdoor_reset", "trim_and_respond"),
+    ("set_point", "trim_and_respond"),
+)
+_MODE_DEFAULTS: dict[str, tuple[Any, Any, Any]] = {
     "economiser": ("differential", "none", None),
     "economiser_limit": (24.0, 24.0, ("economiser", "fixed")),
     "T_return": (24.0, 21.0, None),
@@ -38,16 +41,16 @@ _BY_MODE: dict[str, tuple[Any, Any, Any]] = {
     "internal_load": (0.5, 0.0, None),
     "set_point": ("outdoor_reset", "outdoor_reset", None),
     "T_set": (13.0, 25.0, ("set_point", "fixed")),
-    "T_set_min": (13.0, 18.0, _RESET),
-    "T_set_max": (18.0, 30.0, _RESET),
-    "T_out_min": (16.0, -10.0, _RESET),
-    "T_out_max": (21.0, 15.0, _RESET),
-    "trim": (0.1, 0.1, _TRIM),
-    "respond": (0.2, 0.2, _TRIM),
-    "respond_max": (0.6, 0.6, _TRIM),
-    "ignored_requests": (2, 2, _TRIM),
-    "trim_delay": (600, 600, _TRIM),
-    "trim_interval": (120, 120, _TRIM),
+    "T_set_min": (13.0, 18.0, _READ_WITH_RESET),
+    "T_set_max": (18.0, 30.0, _READ_WITH_RESET),
+    "T_out_min": (16.0, -10.0, _READ_WITH_RESET),
+    "T_out_max": (21.0, 15.0, _READ_WITH_RESET),
+    "trim": (0.1, 0.1, _READ_WITH_TRIM),
+    "respond": (0.2, 0.2, _READ_WITH_TRIM),
+    "respond_max": (0.6, 0.6, _READ_WITH_TRIM),
+    "ignored_requests": (2, 2, _READ_WITH_TRIM),
+    "trim_delay": (600, 600, _READ_WITH_TRIM),
+    "trim_interval": (120, 120, _READ_WITH_TRIM),
     "T_w_in": (7.0, 60.0, ("water", "fixed")),
     "T_w_min": (7.0, 40.0, ("water", "load", "outdoor")),
     "T_w_max": (12.0, 60.0, ("water", "load", "outdoor")),
@@ -58,21 +61,21 @@ _BY_MODE: dict[str, tuple[Any, Any, Any]] = {
 
 The module `weather` names the sources of the defaults.
 """
-DEFAULTS = {mode: {n: row[k] for n, row in _BY_MODE.items()} for k, mode in enumerate(("cooling", "heating"))}
+DEFAULTS = {mode: {n: row[k] for n, row in _MODE_DEFAULTS.items()} for k, mode in enumerate(("cooling", "heating"))}
 """Defaults of `weather_year`, by mode."""
 CHOICES = {
     "economiser": ("differential", "fixed", "none"),
     "set_point": ("fixed", "outdoor_reset", "trim_and_respond"),
     "water": ("fixed", "load", "outdoor"),
 }
-_WHOLE = {
+_WHOLE_NUMBER_BOUNDS = {
     "zones": (1, 1000),
     "ignored_requests": (0, 3000),
     "trim_delay": (0, 86_400),
     "trim_interval": (1, 86_400),
     "seed": (0, 2**32 - 1),
 }
-_ORDERED = (
+_ORDERED_PAIRS = (
     ("m_a_min", "m_a_design"),
     ("outdoor_air_min", "m_a_design"),
     ("T_set_min", "T_set_max"),
@@ -80,16 +83,16 @@ _ORDERED = (
     ("T_w_min", "T_w_max"),
     ("T_out_w_min", "T_out_w_max"),
 )
-LEAST_COOLING = 2.0  # K by which the supply air must be cooler than the zones, which would take endless air otherwise
-PLANT_STEP, ZONE_STEP = 10, 60  # s between the samples of the noise, straight between them
-_PLANT = {
+MIN_COOLING_K = 2.0  # K by which the supply air must be cooler than the zones, which would take endless air otherwise
+PLANT_STEP_S, ZONE_STEP_S = 10, 60  # s between the samples of the noise, straight between them
+_PLANT_DRIFTS = {
     "m_a": Drift(0.013, 60),
     "T_a_in": Drift(0.10, 120),
     "W_a_in": Drift(0.009, 300),
     "T_w_in": Drift(0.05, 120),
 }
 """As strong and as slow as that of `paper_day`; flow and humidity as a share.  The order numbers the random numbers."""
-_ZONE = Drift(0.05, 1200)  # of the load of one zone, as a share: a guess
+_ZONE_DRIFT = Drift(0.05, 1200)  # of the load of one zone, as a share: a guess
 
 
 class Outdoors(NamedTuple):
@@ -114,12 +117,12 @@ class Outdoors(NamedTuple):
         begin = 24.0 * (label - 1)
         low = max(int(np.searchsorted(self.hour_of_year, begin, side="right")) - 1, 0)
         rows = slice(low, int(np.searchsorted(self.hour_of_year, begin + 24.0)) + 1)
-        at = begin + np.arange(DAY) / 3600.0
+        hours_of_day = begin + np.arange(DAY_SECONDS) / 3600.0
         hours = self.hour_of_year[rows]
-        return np.interp(at, hours, self.T[rows]), np.interp(at, hours, self.W[rows])
+        return np.interp(hours_of_day, hours, self.T[rows]), np.interp(hours_of_day, hours, self.W[rows])
 
 
-def outdoors_of(weather: Weather, pressure: float | None, file: str) -> Outdoors:
+def make_outdoors(weather: Weather, pressure: float | None, file: str) -> Outdoors:
     """The weather that was read; ``pressure`` [Pa] in the place of that of the file."""
     series, p = weather.series, weather.pressure(pressure)
     outdoors = Outdoors(series["hour_of_year"], series["T_drybulb"], weather.humidity(p), float(np.mean(p)))
@@ -128,65 +131,65 @@ def outdoors_of(weather: Weather, pressure: float | None, file: str) -> Outdoors
     return outdoors
 
 
-def chosen_settings(given: Mapping[str, Any]) -> dict[str, Any]:
+def check_settings(arguments: Mapping[str, Any]) -> dict[str, Any]:
     """The arguments of `weather_year`, checked and completed with the defaults of the mode."""
-    with checking() as check:
-        mode = check(choice_of, "mode", given["mode"], DEFAULTS)
-        chosen: dict[str, Any] = {
-            name: check.unless_none(choice_of, name, given[name], choices) for name, choices in CHOICES.items()
+    with argument_checks() as check:
+        mode = check(require_choice, "mode", arguments["mode"], DEFAULTS)
+        settings: dict[str, Any] = {
+            name: check.unless_none(require_choice, name, arguments[name], choices) for name, choices in CHOICES.items()
         }
-        for name in [name for name in given if name in CONDITIONS and name != "pressure"]:
-            left_out = given[name] is None and (name in DEFAULTS["cooling"] or name == "T_design")
-            chosen[name] = None if left_out else check(condition_of, name, given[name])
-        for name, bounds in _WHOLE.items():
-            checked = check.unless_none if name in DEFAULTS["cooling"] else check
-            chosen[name] = checked(whole_of, name, given[name], *bounds)
-    given_names = {name for name, value in chosen.items() if value is not None}
-    chosen |= {name: value for name, value in DEFAULTS[mode].items() if name not in given_names}
-    chosen["mode"] = mode
-    refuse(_clashes(chosen, given_names))
-    return chosen
+        for name in [name for name in arguments if name in CONDITIONS and name != "pressure"]:
+            is_left_out = arguments[name] is None and (name in DEFAULTS["cooling"] or name == "T_design")
+            settings[name] = None if is_left_out else check(require_condition, name, arguments[name])
+        for name, bounds in _WHOLE_NUMBER_BOUNDS.items():
+            check_whole = check.unless_none if name in DEFAULTS["cooling"] else check
+            settings[name] = check_whole(require_integer, name, arguments[name], *bounds)
+    given_names = {name for name, value in settings.items() if value is not None}
+    settings |= {name: value for name, value in DEFAULTS[mode].items() if name not in given_names}
+    settings["mode"] = mode
+    raise_problems(_setting_clashes(settings, given_names))
+    return settings
 
 
-def settings_of(
+def make_settings(
     chosen: Mapping[str, Any], outdoors: Outdoors, fan: Mapping[int, tuple[float, float] | None], file: str
 ) -> Settings:
     """The settings at a site, with ``fan``: first and last hour of the fan by day label, None where it stands.
 
     W_return: humidity ratio of the return air.  high_limit: outdoor temperature that locks the economiser out [degC].
     """
-    own = dict(chosen)
-    warmest = chosen["mode"] == "cooling"
-    if own["T_design"] is None:
-        own["T_design"] = float(np.quantile(outdoors.T, 0.996 if warmest else 0.004))
-    low, high = ("T_balance", "T_design") if warmest else ("T_design", "T_balance")
-    if own[high] - own[low] < 1.0:
+    values = dict(chosen)
+    is_cooling = chosen["mode"] == "cooling"
+    if values["T_design"] is None:
+        values["T_design"] = float(np.quantile(outdoors.T, 0.996 if is_cooling else 0.004))
+    low, high = ("T_balance", "T_design") if is_cooling else ("T_design", "T_balance")
+    if values[high] - values[low] < 1.0:
         raise InputError(
-            f"T_balance = {own['T_balance']:g} degC, T_design = {own['T_design']:.4g} degC in {file}: give a "
+            f"T_balance = {values['T_balance']:g} degC, T_design = {values['T_design']:.4g} degC in {file}: give a "
             f"{low} at least 1 K below {high}"
         )
-    if own["set_point"] == "fixed":
-        own["T_set_min"] = own["T_set"]
-    limits = {"differential": own["T_return"], "fixed": own["economiser_limit"], "none": -np.inf}
+    if values["set_point"] == "fixed":
+        values["T_set_min"] = values["T_set"]
+    limits = {"differential": values["T_return"], "fixed": values["economiser_limit"], "none": -np.inf}
     return Settings(
-        **own,
-        cools=warmest,
+        **values,
+        cools=is_cooling,
         fan=fan,
-        high_limit=limits[own["economiser"]],
-        W_return=float(humidity_ratio(own["T_return"], chosen["RH_return"], outdoors.pressure)),
+        high_limit=limits[values["economiser"]],
+        W_return=float(humidity_ratio(values["T_return"], chosen["RH_return"], outdoors.pressure)),
     )
 
 
-def _clashes(chosen: Mapping[str, Any], given: set[str]) -> list[str]:
+def _setting_clashes(chosen: Mapping[str, Any], given_names: set[str]) -> list[str]:
     problems = [
         f"{name} = {chosen[name]:g} has no effect with {read[0]} = {chosen[read[0]]!r}: leave it out, or choose "
         + " or ".join(map(repr, read[1:]))
-        for name, (*_, read) in _BY_MODE.items()
-        if read and name in given and chosen[read[0]] not in read[1:]
+        for name, (*_, read) in _MODE_DEFAULTS.items()
+        if read and name in given_names and chosen[read[0]] not in read[1:]
     ]
     problems += [
         f"{low} = {chosen[low]:g} is not below {high} = {chosen[high]:g}: exchange or change them"
-        for low, high in _ORDERED
+        for low, high in _ORDERED_PAIRS
         if not chosen[low] < chosen[high]
     ]
     if chosen["mode"] == "heating":
@@ -196,40 +199,40 @@ def _clashes(chosen: Mapping[str, Any], given: set[str]) -> list[str]:
             problems.append("set_point = 'trim_and_respond': only cooling has it, choose 'outdoor_reset' or 'fixed'")
         return problems
     top = "T_set" if chosen["set_point"] == "fixed" else "T_set_max"
-    if chosen[top] > chosen["T_return"] - LEAST_COOLING:
+    if chosen[top] > chosen["T_return"] - MIN_COOLING_K:
         problems.append(
-            f"{top} = {chosen[top]:g} degC: the zones need air at least {LEAST_COOLING:g} K cooler than T_return = "
+            f"{top} = {chosen[top]:g} degC: the zones need air at least {MIN_COOLING_K:g} K cooler than T_return = "
             f"{chosen['T_return']:g} degC, lower it"
         )
     return problems
 
 
-PEOPLE_COME, PEOPLE_GO = 2.0, 2.0
+ARRIVAL_HOURS, DEPARTURE_HOURS = 2.0, 2.0
 """Hours after the start of the fan over which the internal load rises, and before its stop over which it falls."""
 
 
-def series_of_day(s: Settings, outdoors: Outdoors, label: int) -> dict[str, Array]:
+def make_day_series(s: Settings, outdoors: Outdoors, label: int) -> dict[str, Array]:
     """All series of a day by its label, the day of the year from 1: (86400,) each."""
     T_out, W_out = outdoors.of_day(label)
     begin, end = (round(3600 * hour) for hour in s.fan[label] or (0.0, 0.0))
     drifts = {name: s.disturbances * drift for name, drift in plant_drifts(s.seed, label).items()}
-    minutes = slice(None, None, ZONE_STEP)
+    minutes = slice(None, None, ZONE_STEP_S)
     mean_load = load(s, T_out[minutes], begin, end)
     loads = zone_loads(mean_load, s.zone_spread, s.disturbances * zone_drifts(s.seed, label, s.zones))
     T_set = set_point(s, T_out, loads, begin, end)
     flow = air_flow(s, loads, T_set[minutes])
-    m_a = by_second(np.append(flow, flow[-1]), ZONE_STEP) * (1.0 + drifts["m_a"])
-    T_a_in, W_a_in = np.full(DAY, s.T_return), np.full(DAY, s.W_return)
-    enabled = np.zeros(DAY)
+    m_a = interpolate_to_seconds(np.append(flow, flow[-1]), ZONE_STEP_S) * (1.0 + drifts["m_a"])
+    T_a_in, W_a_in = np.full(DAY_SECONDS, s.T_return), np.full(DAY_SECONDS, s.W_return)
+    enabled = np.zeros(DAY_SECONDS)
     on = slice(begin, end)
     if end > begin:
         least = np.minimum(s.outdoor_air_min / m_a[on], 1.0)
         air = T_out[on], W_out[on], s.T_return, s.W_return
-        wanted = outdoor_share(*air, T_set[on], least, s.high_limit)
-        T_mixed, W_mixed = mix(through_dampers(wanted), *air)
+        requested_share = outdoor_share(*air, T_set[on], least, s.high_limit)
+        T_mixed, W_mixed = mix(delay_by_dampers(requested_share), *air)
         # As the dampers will have it: the coil does not help out while they move.
-        beyond = s.T_return + wanted * (T_out[on] - s.T_return) - T_set[on]
-        enabled[on] = coil_is_needed(beyond if s.cools else -beyond)
+        excess = s.T_return + requested_share * (T_out[on] - s.T_return) - T_set[on]
+        enabled[on] = is_coil_needed(excess if s.cools else -excess)
         T_a_in[on] = T_mixed + drifts["T_a_in"][on]
         W_a_in[on] = W_mixed * (1.0 + drifts["W_a_in"][on])
     m_a[:begin] = m_a[end:] = 0.0
@@ -246,8 +249,8 @@ def series_of_day(s: Settings, outdoors: Outdoors, label: int) -> dict[str, Arra
 def load(s: Settings, T_out: Array, begin: int, end: int) -> Array:
     """Load as a share of the design load, from the outdoor temperature each minute, 0 to 1; seconds of the fan."""
     outdoors = np.clip((T_out - s.T_balance) / (s.T_design - s.T_balance), 0.0, 1.0)
-    hour = np.arange(T_out.size) * ZONE_STEP / 3600.0
-    people = np.clip(np.minimum((hour - begin / 3600) / PEOPLE_COME, (end / 3600 - hour) / PEOPLE_GO), 0.0, 1.0)
+    hour = np.arange(T_out.size) * ZONE_STEP_S / 3600.0
+    people = np.clip(np.minimum((hour - begin / 3600) / ARRIVAL_HOURS, (end / 3600 - hour) / DEPARTURE_HOURS), 0.0, 1.0)
     if not s.cools:
         return np.asarray(np.clip(outdoors - s.internal_load * people, 0.0, 1.0))
     return np.asarray((1.0 - s.internal_load) * outdoors + s.internal_load * people)
@@ -256,14 +259,14 @@ def load(s: Settings, T_out: Array, begin: int, end: int) -> Array:
 def set_point(s: Settings, T_out: Array, loads: Array, begin: int, end: int) -> Array:
     """Set-point at each second [degC]."""
     if s.set_point == "fixed":
-        return np.full(DAY, s.T_set)
+        return np.full(DAY_SECONDS, s.T_set)
     top: Array | float = s.T_set_max
     if s.set_point == "trim_and_respond" and end > begin:
-        at = np.arange(begin, end, s.trim_interval)
-        limits = request_limits(loads[at // ZONE_STEP], s.T_return, s.T_set_min)
-        share = between(T_out[at], s.T_out_min, s.T_out_max, 0.0, 1.0)
+        step_seconds = np.arange(begin, end, s.trim_interval)
+        limits = request_limits(loads[step_seconds // ZONE_STEP_S], s.T_return, s.T_set_min)
+        share = between(T_out[step_seconds], s.T_out_min, s.T_out_max, 0.0, 1.0)
         steps = trim_and_respond(s, share, limits)
-        top = np.full(DAY, s.T_set_max)
+        top = np.full(DAY_SECONDS, s.T_set_max)
         top[begin:end] = np.repeat(steps, s.trim_interval)[: end - begin]
     return between(T_out, s.T_out_min, s.T_out_max, top, s.T_set_min)
 
@@ -279,53 +282,55 @@ def air_flow(s: Settings, loads: Array, T_set: Array) -> Array:
 def water_temperature(s: Settings, T_out: Array, loads: Array) -> Array:
     """Temperature of the entering water at each second [degC]."""
     if s.water == "fixed":
-        return np.full(DAY, s.T_w_in)
+        return np.full(DAY_SECONDS, s.T_w_in)
     if s.water == "outdoor":
         return between(T_out, s.T_out_w_min, s.T_out_w_max, s.T_w_max, s.T_w_min)
     mean = np.clip(loads, 0.0, 1.0).mean(axis=1)
-    share = by_second(np.append(mean, mean[-1]), ZONE_STEP)  # the last minute holds
+    share = interpolate_to_seconds(np.append(mean, mean[-1]), ZONE_STEP_S)  # the last minute holds
     idle, full = (s.T_w_max, s.T_w_min) if s.cools else (s.T_w_min, s.T_w_max)
     return np.asarray(idle + share * (full - idle))
 
 
 def plant_drifts(seed: int, day: int) -> dict[str, Array]:
     """Noise of the plant by series at the seconds of a day, (86400,) each."""
-    white = _white(PLANT_STEP, seed, day, 0, len(_PLANT))
+    white = _white_noise(PLANT_STEP_S, seed, day, 0, len(_PLANT_DRIFTS))
     return {
-        name: by_second(_noise(drift, PLANT_STEP, one), PLANT_STEP)
-        for (name, drift), one in zip(_PLANT.items(), white, strict=True)
+        name: interpolate_to_seconds(_drift_noise(drift, PLANT_STEP_S, row), PLANT_STEP_S)
+        for (name, drift), row in zip(_PLANT_DRIFTS.items(), white, strict=True)
     }
 
 
 def zone_drifts(seed: int, day: int, n_zones: int) -> Array:
-    """Noise of the loads of the zones each `ZONE_STEP` seconds of a day, (1440, n_zones)."""
-    white = _white(ZONE_STEP, seed, day, 1, n_zones)
-    return np.stack([_noise(_ZONE, ZONE_STEP, one)[:-1] for one in white], axis=1)
+    """Noise of the loads of the zones each `ZONE_STEP_S` seconds of a day, (1440, n_zones)."""
+    white = _white_noise(ZONE_STEP_S, seed, day, 1, n_zones)
+    return np.stack([_drift_noise(_ZONE_DRIFT, ZONE_STEP_S, row)[:-1] for row in white], axis=1)
 
 
-def by_second(values: Array, step: int) -> Array:
+def interpolate_to_seconds(values: Array, step: int) -> Array:
     """Values each ``step`` seconds, (n + 1,), at every second up to the last one, (n step,), straight between them."""
     part = np.multiply.outer(np.diff(values), np.arange(step) / step)
     return np.asarray((values[:-1, None] + part).ravel())
 
 
-def _noise(drift: Drift, step: int, white: Array) -> Array:
+def _drift_noise(drift: Drift, step: int, white: Array) -> Array:
     """Noise each ``step`` seconds from midnight to midnight from the white noise of two days, (86400 / step + 1,)."""
     coarse = Drift(drift.std, drift.tau // step)
-    return smooth(white[DAY // step - 10 * coarse.tau - 1 :].copy(), coarse)
+    return smooth(white[DAY_SECONDS // step - 10 * coarse.tau - 1 :].copy(), coarse)
 
 
-def _white(step: int, seed: int, day: int, stream: int, n: int) -> Array:
+def _white_noise(step: int, seed: int, day: int, stream: int, n: int) -> Array:
     """White noise of the day before and of a day, (n, 2 x 86400 / step)."""
     draws = [
-        np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(one, stream))).standard_normal((n, DAY // step))
-        for one in (day - 1, day)
+        np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(noise_day, stream))).standard_normal(
+            (n, DAY_SECONDS // step)
+        )
+        for noise_day in (day - 1, day)
     ]
     return np.concatenate(draws, axis=1)
 
 
-DAMPER_TIME = 90  # s that the dampers take for a full stroke: usual for their motors
-COIL_ON, COIL_OFF = 0.5, 0.2
+DAMPER_STROKE_S = 90  # s that the dampers take for a full stroke: usual for their motors
+COIL_ON_K, COIL_OFF_K = 0.5, 0.2
 """Deviation of the mixture from the set-point at which the loop of the coil is switched on and off, K."""
 
 
@@ -339,27 +344,27 @@ def outdoor_share(
     """
     warm = (1.006 + 1.86 * W_return) * np.maximum(T_return - T_set, 0.0)
     cold = (1.006 + 1.86 * W_out) * np.maximum(T_set - T_out, 0.0)
-    wanted = np.divide(warm, warm + cold, out=np.ones_like(T_out), where=cold > 0.0)
-    return np.where(T_out < limit, np.maximum(wanted, least), least)
+    exact_share = np.divide(warm, warm + cold, out=np.ones_like(T_out), where=cold > 0.0)
+    return np.where(T_out < limit, np.maximum(exact_share, least), least)
 
 
-def through_dampers(share: Array) -> Array:
-    """A share as the dampers follow it, (n,): its mean over the last ``DAMPER_TIME`` seconds, at first as it is."""
-    total = np.cumsum(np.concatenate((np.zeros(1), np.full(DAMPER_TIME, share[0]), share)))
-    return np.asarray((total[DAMPER_TIME + 1 :] - total[1:-DAMPER_TIME]) / DAMPER_TIME)
+def delay_by_dampers(share: Array) -> Array:
+    """A share as the dampers follow it, (n,): its mean over the last ``DAMPER_STROKE_S`` seconds, at first as it is."""
+    total = np.cumsum(np.concatenate((np.zeros(1), np.full(DAMPER_STROKE_S, share[0]), share)))
+    return np.asarray((total[DAMPER_STROKE_S + 1 :] - total[1:-DAMPER_STROKE_S]) / DAMPER_STROKE_S)
 
 
-def coil_is_needed(missing: Array) -> Mask:
-    """Where the coil's loop is on, (n,): from `COIL_ON` missing kelvins on until less than `COIL_OFF` are missing."""
-    decides = (missing > COIL_ON) | (missing < COIL_OFF)
+def is_coil_needed(missing: Array) -> Mask:
+    """Where the coil's loop is on, (n,): from `COIL_ON_K` missing kelvins on until less than `COIL_OFF_K` are missing."""
+    decides = (missing > COIL_ON_K) | (missing < COIL_OFF_K)
     decides[0] = True
-    last = np.maximum.accumulate(np.where(decides, np.arange(missing.size), 0))
-    return np.asarray(missing[last] > COIL_ON)
+    last_deciding = np.maximum.accumulate(np.where(decides, np.arange(missing.size), 0))
+    return np.asarray(missing[last_deciding] > COIL_ON_K)
 
 
-LOOP_HIGH, LOOP_LOW = 0.95, 0.85
+REQUEST_START_SHARE, REQUEST_STOP_SHARE = 0.95, 0.85
 """A zone sends one request from the upper share of its full flow until it falls below the lower one."""
-WARM, HOT = 2.0, 3.0  # excess temperatures at which a zone sends two and three requests, K
+TWO_REQUESTS_K, THREE_REQUESTS_K = 2.0, 3.0  # excess temperatures at which a zone sends two and three requests, K
 
 
 def zone_loads(mean: Array, spread: float, noise: Array) -> Array:
@@ -375,8 +380,8 @@ def zone_loads(mean: Array, spread: float, noise: Array) -> Array:
 
 def flow_share(loads: Array, T_set: Array, T_zone: float, T_set_min: float, least: float) -> Array:
     """Mean flow of the zones over their full flow, (n_times,)."""
-    wanted = loads * ((T_zone - T_set_min) / (T_zone - T_set))[:, None]
-    return np.asarray(np.clip(wanted, least, 1.0).mean(axis=1))
+    zone_shares = loads * ((T_zone - T_set_min) / (T_zone - T_set))[:, None]
+    return np.asarray(np.clip(zone_shares, least, 1.0).mean(axis=1))
 
 
 def request_limits(loads: Array, T_zone: float, T_set_min: float) -> Array:
@@ -386,7 +391,15 @@ def request_limits(loads: Array, T_zone: float, T_set_min: float) -> Array:
     full flow it has the temperature T + L (T_zone - T_set_min).
     """
     rise = loads * (T_zone - T_set_min)
-    return np.stack([T_zone - rise / LOOP_HIGH, T_zone - rise / LOOP_LOW, T_zone - rise + WARM, T_zone - rise + HOT], 1)
+    return np.stack(
+        [
+            T_zone - rise / REQUEST_START_SHARE,
+            T_zone - rise / REQUEST_STOP_SHARE,
+            T_zone - rise + TWO_REQUESTS_K,
+            T_zone - rise + THREE_REQUESTS_K,
+        ],
+        1,
+    )
 
 
 def between(T_out: Array, T_out_min: float, T_out_max: float, at_min: Array | float, at_max: float) -> Array:
@@ -404,13 +417,15 @@ def trim_and_respond(s: Settings, share: Array, limits: Array) -> Array:
     """
     low, high = s.T_set_min, s.T_set_max
     value, values = high, np.empty(share.size)
-    asks = np.zeros(limits.shape[2], dtype=bool)
-    first = -(-s.trim_delay // s.trim_interval)
-    for k, along in enumerate(share.tolist()):
-        above = value + along * (low - value) > limits[k]
-        asks = above[0] | (asks & above[1])
-        if k >= first:
-            over = max(int(np.count_nonzero(asks) + np.count_nonzero(above[2:])) - s.ignored_requests, 0)
-            value = min(max(value + s.trim - min(s.respond * over, s.respond_max), low), high)
+    is_requesting = np.zeros(limits.shape[2], dtype=bool)
+    first_step = -(-s.trim_delay // s.trim_interval)
+    for k, reset_share in enumerate(share.tolist()):
+        is_above = value + reset_share * (low - value) > limits[k]
+        is_requesting = is_above[0] | (is_requesting & is_above[1])
+        if k >= first_step:
+            n_requests = max(
+                int(np.count_nonzero(is_requesting) + np.count_nonzero(is_above[2:])) - s.ignored_requests, 0
+            )
+            value = min(max(value + s.trim - min(s.respond * n_requests, s.respond_max), low), high)
         values[k] = value
     return values

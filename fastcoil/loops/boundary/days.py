@@ -6,18 +6,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fastcoil.base.arguments import checking, choice_of, plain, whole_of
+from fastcoil.base.arguments import argument_checks, require_choice, require_integer, to_builtin
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
 from fastcoil.loops.boundary.record import Boundary
-from fastcoil.loops.boundary.samples import LARGE
+from fastcoil.loops.boundary.samples import LARGE_BOUNDARY_SAMPLES
 from fastcoil.loops.boundary.series import (
     BOUNDARY_SERIES,
     LARGEST_DAY_LABEL,
     Values,
-    condition_of,
-    several_of,
-    whole_seconds,
+    hours_to_seconds,
+    require_condition,
+    require_items,
 )
 from fastcoil.model.moist_air import humidity_ratio, humidity_ratio_from_wet_bulb, mix
 from fastcoil.model.numerics.noise import low_pass
@@ -56,8 +56,8 @@ def smooth(white: Array, drift: Drift) -> Array:
 
 
 SET_POINTS = (14.0, 13.0, 15.0, 14.0, 12.5, 13.5, 15.5, 14.5, 13.0, 12.0, 14.0, 16.0, 15.0, 13.5, 12.5, 14.0)
-"""Set-points of `paper_day`, degC, each held for `SET_POINT_HOLD`, repeated."""
-SET_POINT_HOLD = 1800  # s
+"""Set-points of `paper_day`, degC, each held for `SET_POINT_HOLD_S`, repeated."""
+SET_POINT_HOLD_S = 1800  # s
 
 DRIFTS = {
     "m_a": Drift(0.015, 60),
@@ -84,11 +84,11 @@ def paper_day(hours: float = 8.0, seed: int | Iterable[int] = 1) -> Boundary:
         Whole number from 0 to 2**32 - 1 for the noise; several give a dim ``day`` with the seeds as labels.  Very many
         days are a stream: they are made when they are needed.
     """
-    return _of_seeds(_paper_day, hours, seed)
+    return _days_of_seeds(_paper_day, hours, seed)
 
 
 def _paper_day(n_steps: int, seed: int) -> dict[str, Values]:
-    h, D, noise = _basis_of(n_steps, seed, DRIFTS)
+    h, D, noise = _day_signals(n_steps, seed, DRIFTS)
     T_a_in = 25.0 + 1.5 * D + noise["T_a_in"]
     return {
         "m_a": 1.15 + 0.18 * D + noise["m_a"],
@@ -99,7 +99,7 @@ def _paper_day(n_steps: int, seed: int) -> dict[str, Values]:
     }
 
 
-def _basis_of(n_steps: int, seed: int, drifts: Mapping[str, Drift]) -> tuple[Array, Array, dict[str, Array]]:
+def _day_signals(n_steps: int, seed: int, drifts: Mapping[str, Drift]) -> tuple[Array, Array, dict[str, Array]]:
     """Hours from the start, the slow swing D, and the noise of each signal, (n_steps,) each.
 
     D is a sine up to hour 8, mirrored every 8 h.  The order of the signals numbers their streams.
@@ -109,31 +109,31 @@ def _basis_of(n_steps: int, seed: int, drifts: Mapping[str, Drift]) -> tuple[Arr
     return h, np.asarray(np.sin(np.pi * ((8.0 - np.abs(8.0 - h % 16.0)) - 1.0) / 9.0)), noise
 
 
-def _of_seeds(kind: Callable[..., dict[str, Values]], hours: Any, seed: Any, **conditions: Any) -> Boundary:
+def _days_of_seeds(make_day: Callable[..., dict[str, Values]], hours: Any, seed: Any, **conditions: Any) -> Boundary:
     """Days of a kind, of their seeds: a single one without a dim ``day``, very many as a stream."""
-    with checking() as check:
-        n_steps = check(whole_seconds, hours)
-        seeds = check(_distinct_seeds, seed)
-        conditions = {name: check(condition_of, name, value) for name, value in conditions.items()}
-    make = partial(kind, n_steps, **conditions)
-    if isinstance(plain(seed), int):
+    with argument_checks() as check:
+        n_steps = check(hours_to_seconds, hours)
+        seeds = check(_require_seeds, seed)
+        conditions = {name: check(require_condition, name, value) for name, value in conditions.items()}
+    make = partial(make_day, n_steps, **conditions)
+    if isinstance(to_builtin(seed), int):
         return Boundary(**make(seeds[0]), day=seeds[0])
     days = Boundary.from_days(make, day=seeds, hours=n_steps / 3600)
-    return days if len(seeds) * n_steps > LARGE else Boundary.of(days.to_dataset(), by_air=True)
+    return days if len(seeds) * n_steps > LARGE_BOUNDARY_SAMPLES else Boundary.of(days.to_dataset(), by_air=True)
 
 
 def _stepped_set_point(n_steps: int) -> Array:
-    return np.array(SET_POINTS)[np.arange(n_steps) // SET_POINT_HOLD % len(SET_POINTS)]
+    return np.array(SET_POINTS)[np.arange(n_steps) // SET_POINT_HOLD_S % len(SET_POINTS)]
 
 
-def _distinct_seeds(seed: int | Iterable[int]) -> list[int]:
+def _require_seeds(seed: int | Iterable[int]) -> list[int]:
     """The seeds of days: whole numbers, each once."""
-    seed = plain(seed)
-    wanted = f"give a whole number from 0 to {LARGEST_DAY_LABEL}, or several distinct ones"
-    given = [seed] if isinstance(seed, int) else several_of("seed", seed, wanted)
-    seeds = [whole_of("seed", one, 0, LARGEST_DAY_LABEL, wanted) for one in given]
+    seed = to_builtin(seed)
+    cure = f"give a whole number from 0 to {LARGEST_DAY_LABEL}, or several distinct ones"
+    items = [seed] if isinstance(seed, int) else require_items("seed", seed, cure)
+    seeds = [require_integer("seed", item, 0, LARGEST_DAY_LABEL, cure) for item in items]
     if len(set(seeds)) < max(len(seeds), 1):
-        raise InputError(f"seed {'has a number twice' if seeds else 'is empty'}: {wanted}")
+        raise InputError(f"seed {'has a number twice' if seeds else 'is empty'}: {cure}")
     return seeds
 
 
@@ -162,13 +162,13 @@ def constant_day(
         Its humidity ratio [kg/kg], a number or a series, or its relative humidity at a barometric pressure [Pa];
         without both the relative humidity is 0.56.
     """
-    with checking() as check:
-        n_steps = check(whole_seconds, hours)
+    with argument_checks() as check:
+        n_steps = check(hours_to_seconds, hours)
         if W_a_in is None:
-            T_a_in = check(condition_of, "T_a_in", T_a_in)
-            given = 0.56 if relative_humidity is None else relative_humidity
-            humidity = check(condition_of, "relative_humidity", given)
-            pressure = check(condition_of, "pressure", pressure)
+            T_a_in = check(require_condition, "T_a_in", T_a_in)
+            relative_or_default = 0.56 if relative_humidity is None else relative_humidity
+            humidity = check(require_condition, "relative_humidity", relative_or_default)
+            pressure = check(require_condition, "pressure", pressure)
     if W_a_in is None:
         W_a_in = humidity_ratio(T_a_in, humidity, pressure)
     elif relative_humidity is not None:
@@ -190,7 +190,7 @@ ASHRAE Handbook - Fundamentals (2009), chapter 14, table 6 (from research projec
 """
 
 
-class Design(NamedTuple):
+class DesignConditions(NamedTuple):
     """Outdoor air (degC, K, degC), return air (degC, 1), entering water and set-point (degC)."""
 
     T_design: float
@@ -202,9 +202,9 @@ class Design(NamedTuple):
     T_set: Values
 
 
-DESIGNS = {
-    "cooling": Design(33.3, 10.5, 23.7, 24.0, 0.50, 7.0, 13.0),
-    "heating": Design(-20.0, 0.0, None, 21.0, 0.30, 60.0, 25.0),
+DESIGN_CONDITIONS = {
+    "cooling": DesignConditions(33.3, 10.5, 23.7, 24.0, 0.50, 7.0, 13.0),
+    "heating": DesignConditions(-20.0, 0.0, None, 21.0, 0.30, 60.0, 25.0),
 }
 """Outdoor air of Chicago O'Hare (WMO 725300): annual design conditions, ASHRAE Fundamentals (2009).
 
@@ -212,7 +212,7 @@ Cooling: 0.4 % dry bulb, mean coincident wet bulb, daily range of the hottest mo
 bulb, all day, as is the convention for sizing.  Return air, water and set-points are usual values, not
 published ones.
 """
-DESIGN_PRESSURE = 98934.0  # Pa, the standard one at the station, 201 m
+DESIGN_PRESSURE_PA = 98934.0  # Pa, the standard one at the station, 201 m
 
 
 def design_day(
@@ -229,7 +229,7 @@ def design_day(
     m_a: Values = 1.15,
     T_w_in: Values = None,
     T_set: Values = None,
-    pressure: float = DESIGN_PRESSURE,
+    pressure: float = DESIGN_PRESSURE_PA,
 ) -> Boundary:
     """A design day: outdoor air on ASHRAE's diurnal profile, mixed with return air.
 
@@ -253,33 +253,39 @@ def design_day(
     pressure
         Barometric pressure [Pa].
     """
-    given = {name: value for name, value in locals().items() if name in Design._fields and value is not None}
-    with checking() as check:
-        mode = check(choice_of, "mode", mode, DESIGNS)
-        n_steps = check(whole_seconds, hours)
-        start_hour = check(condition_of, "start_hour", start_hour)
-        given |= {
-            name: check(condition_of, name, value) for name, value in given.items() if name not in BOUNDARY_SERIES
+    arguments = {
+        name: value for name, value in locals().items() if name in DesignConditions._fields and value is not None
+    }
+    with argument_checks() as check:
+        mode = check(require_choice, "mode", mode, DESIGN_CONDITIONS)
+        n_steps = check(hours_to_seconds, hours)
+        start_hour = check(require_condition, "start_hour", start_hour)
+        arguments |= {
+            name: check(require_condition, name, value)
+            for name, value in arguments.items()
+            if name not in BOUNDARY_SERIES
         }
-        outdoor_fraction = check(condition_of, "outdoor_fraction", outdoor_fraction)
-        pressure = check(condition_of, "pressure", pressure)
-    d = DESIGNS[mode]._replace(**given)
-    wet_bulb = d.T_design if d.T_wet_bulb is None else d.T_wet_bulb
-    if wet_bulb > d.T_design:
-        raise InputError(f"T_wet_bulb = {wet_bulb:g} degC is above T_design = {d.T_design:g} degC: lower it")
+        outdoor_fraction = check(require_condition, "outdoor_fraction", outdoor_fraction)
+        pressure = check(require_condition, "pressure", pressure)
+    design = DESIGN_CONDITIONS[mode]._replace(**arguments)
+    wet_bulb = design.T_design if design.T_wet_bulb is None else design.T_wet_bulb
+    if wet_bulb > design.T_design:
+        raise InputError(f"T_wet_bulb = {wet_bulb:g} degC is above T_design = {design.T_design:g} degC: lower it")
     clock = (start_hour + np.arange(n_steps) / 3600) % 24.0
-    below = np.interp(clock, np.arange(25), (RANGE_FRACTIONS[-1], *RANGE_FRACTIONS))
-    T_max = d.T_design if mode == "cooling" else d.T_design + d.T_daily_range
-    T_out = T_max - below * d.T_daily_range
-    W_design = humidity_ratio_from_wet_bulb(d.T_design, wet_bulb, pressure)
+    range_fraction = np.interp(clock, np.arange(25), (RANGE_FRACTIONS[-1], *RANGE_FRACTIONS))
+    T_max = design.T_design if mode == "cooling" else design.T_design + design.T_daily_range
+    T_out = T_max - range_fraction * design.T_daily_range
+    W_design = humidity_ratio_from_wet_bulb(design.T_design, wet_bulb, pressure)
     W_out = np.minimum(W_design, humidity_ratio(T_out, 1.0, pressure))
-    W_return = humidity_ratio(d.T_return, d.RH_return, pressure)
-    T_a_in, W_a_in = mix(outdoor_fraction, T_out, W_out, d.T_return, W_return)
-    return Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_a_in, T_w_in=d.T_w_in, T_set=d.T_set)
+    W_return = humidity_ratio(design.T_return, design.RH_return, pressure)
+    T_a_in, W_a_in = mix(outdoor_fraction, T_out, W_out, design.T_return, W_return)
+    return Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_a_in, T_w_in=design.T_w_in, T_set=design.T_set)
 
 
-WARMER = 11.0  # set-points above those of `paper_day`, K
-W_IN = 0.0035  # humidity ratio of the mixed air of a winter day, kg/kg; a heating coil stays dry whatever it is
+HEATING_SET_POINT_OFFSET_K = 11.0  # set-points above those of `paper_day`, K
+WINTER_HUMIDITY_RATIO = (
+    0.0035  # humidity ratio of the mixed air of a winter day, kg/kg; a heating coil stays dry whatever it is
+)
 HEATING_DRIFTS = {"m_a": Drift(0.015, 60), "T_a_in": Drift(0.20, 120), "T_w_in": Drift(0.3, 300)}
 """Noise of `heating_day`.  The order numbers the random streams: add at the end only."""
 
@@ -301,15 +307,15 @@ def heating_day(hours: float = 8.0, seed: int | Iterable[int] = 1, *, T_w_in: fl
     T_w_in
         Mean temperature of the entering water [degC].
     """
-    return _of_seeds(_heating_day, hours, seed, T_w_in=T_w_in)
+    return _days_of_seeds(_heating_day, hours, seed, T_w_in=T_w_in)
 
 
 def _heating_day(n_steps: int, seed: int, T_w_in: float) -> dict[str, Values]:
-    h, D, noise = _basis_of(n_steps, seed, HEATING_DRIFTS)
+    h, D, noise = _day_signals(n_steps, seed, HEATING_DRIFTS)
     return {
         "m_a": 0.9 + 0.2 * D + noise["m_a"],
         "T_a_in": 12.0 + 2.0 * D + noise["T_a_in"],
-        "W_a_in": W_IN,
+        "W_a_in": WINTER_HUMIDITY_RATIO,
         "T_w_in": T_w_in + np.sin(2 * np.pi * h / 1.5) + noise["T_w_in"],
-        "T_set": _stepped_set_point(n_steps) + WARMER,
+        "T_set": _stepped_set_point(n_steps) + HEATING_SET_POINT_OFFSET_K,
     }

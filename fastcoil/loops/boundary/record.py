@@ -11,41 +11,41 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fastcoil.base.arguments import checking, collecting, instance_of, path_of, refuse
-from fastcoil.base.errors import InputError, WrongType, nearest, shown
-from fastcoil.logs import read_log, warn_of_reading
-from fastcoil.logs.columns import Wanted, checked_reading
-from fastcoil.logs.pieces import at_seconds, require_span, require_whole_seconds
-from fastcoil.logs.series import HUMIDITIES
+from fastcoil.base.arguments import argument_checks, collect_problems, raise_problems, require_instance, require_path
+from fastcoil.base.errors import InputError, WrongTypeMessage, did_you_mean, short_repr
+from fastcoil.logs import read_checked_log, warn_of_reading_notes
+from fastcoil.logs.columns import ColumnSpec, check_reading_options
+from fastcoil.logs.pieces import require_span_in_limits, require_whole_seconds, resample_at_seconds
+from fastcoil.logs.series import HUMIDITY_COLUMNS
 from fastcoil.loops.boundary.samples import (
-    Maker,
+    DayMaker,
     Samples,
-    dataset_of,
-    labelled_day,
-    picked_day,
-    replaced_day,
-    variables_of,
+    boundary_dataset,
+    make_labelled_day,
+    pick_day,
+    replace_series,
+    series_variables,
     with_day_dim,
 )
 from fastcoil.loops.boundary.series import (
     BOUNDARY_SERIES,
     Clock,
     Values,
-    clock_of,
-    condition_of,
+    complete_series,
+    hours_to_seconds,
     label_array,
+    make_clock,
     read_series,
-    series_of,
-    warn_of_stops,
-    whole_seconds,
+    require_condition,
+    warn_of_no_air_flow,
 )
-from fastcoil.loops.labelled import Course
+from fastcoil.loops.labelled import SeriesLabels
 from fastcoil.loops.labels import unit_in_words
 
-_OF_A_LOG = Wanted(
-    needed=("m_a", "T_a_in", HUMIDITIES, "T_w_in", "T_set"), optional=("noise", "enabled", "backlash_scale")
+_LOG_COLUMNS = ColumnSpec(
+    required=("m_a", "T_a_in", HUMIDITY_COLUMNS, "T_w_in", "T_set"), optional=("noise", "enabled", "backlash_scale")
 )
-_HOLD = [name for name, series in BOUNDARY_SERIES.items() if series.hold]
+_HELD_SERIES = [name for name, series in BOUNDARY_SERIES.items() if series.hold]
 
 
 class Boundary(Samples):
@@ -97,30 +97,30 @@ class Boundary(Samples):
     ) -> None:
         series = {name: value for name, value in locals().items() if name in BOUNDARY_SERIES}
         problems: list[str] = []
-        given, course = read_series(series, problems, day=day)
-        labels, n_steps = np.asarray(course.day), course.n_steps
+        entries, common_labels = read_series(series, problems, day=day)
+        labels, n_steps = np.asarray(common_labels.day), common_labels.n_steps
         if n_steps is None and not problems:
             problems.append("every series is a number: give at least one as 1-s samples, or use constant_day")
         clock = Clock()
-        with collecting(problems):
-            clock = clock_of(start, time_zone, labels, n_steps or 0, course)
-        refuse(list(dict.fromkeys(problems)))  # series that share a coordinate share its mistakes
-        whole, stopped = series_of(given, labels.size, n_steps or 0, by_air=enabled is None)
-        warn_of_stops(stopped)
-        ds = dataset_of(whole, labels, n_steps or 0, clock)
+        with collect_problems(problems):
+            clock = make_clock(start, time_zone, labels, n_steps or 0, common_labels)
+        raise_problems(list(dict.fromkeys(problems)))  # series that share a coordinate share its mistakes
+        arrays, n_stopped = complete_series(entries, labels.size, n_steps or 0, enabled_follows_air=enabled is None)
+        warn_of_no_air_flow(n_stopped)
+        ds = boundary_dataset(arrays, labels, n_steps or 0, clock)
         self.__setstate__({"_ds": ds, "_make": None, "_time_zone": clock.time_zone, "_by_air": enabled is None})
 
     def __repr__(self) -> str:
         """For a terminal; a stream without known ranges shows how many days it has: making all takes too long."""
-        made = ", made day by day" if self.is_streamed else ""
-        if self.is_streamed and not self.is_surveyed:
-            return f"<fastcoil.Boundary {self.extent}{made}>"
+        stream_text = ", made day by day" if self.is_streamed else ""
+        if self.is_streamed and not self.has_summary:
+            return f"<fastcoil.Boundary {self.extent}{stream_text}>"
         lines = []
-        for name, (low, high) in self.own_extremes.items():
+        for name, (low, high) in self.non_default_extremes.items():
             span = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
             span = f"{span} {unit_in_words(BOUNDARY_SERIES[name].unit)}".rstrip()
             lines.append(f"  {name:<14} {span:<24} {BOUNDARY_SERIES[name].long_name}")
-        return "\n".join([f"<fastcoil.Boundary {self.extent}{made}, sha256 {self.sha256[:8]}>", *lines])
+        return "\n".join([f"<fastcoil.Boundary {self.extent}{stream_text}, sha256 {self.sha256[:8]}>", *lines])
 
     def assign(self, **changes: Values) -> Boundary:
         """A copy with other series, labels or clock, each given as to `Boundary`; None takes one back to its default.
@@ -129,34 +129,34 @@ class Boundary(Samples):
         """
         names = (*BOUNDARY_SERIES, "day", "start", "time_zone")
         unknown = [name for name in changes if name not in names]
-        refuse([f"{name}{nearest(name, names)}: use {', '.join(names)}" for name in unknown])
+        raise_problems([f"{name}{did_you_mean(name, names)}: use {', '.join(names)}" for name in unknown])
         by_air = changes["enabled"] is None if "enabled" in changes else self._by_air
         clock = {name: changes.get(name, getattr(self, name)) for name in ("start", "time_zone")}
         start = None if "start" in changes else self.start
         zone = None if {"start", "time_zone"} & changes.keys() else self.clock_zone
-        known = Course(self.n_steps, None, self._ds["day"].values, 0.0, start, zone)
+        known_labels = SeriesLabels(self.n_steps, None, self._ds["day"].values, 0.0, start, zone)
         problems: list[str] = []
         series = {name: changes[name] for name in BOUNDARY_SERIES if name in changes}
-        given, course = read_series(series, problems, day=changes.get("day"), known=known)
-        refuse(problems)
-        replaced = {name: None if changes[name] is None else one for name, one in given.items()}
+        entries, common_labels = read_series(series, problems, day=changes.get("day"), known_labels=known_labels)
+        raise_problems(problems)
+        replacements = {name: None if changes[name] is None else entry for name, entry in entries.items()}
         if by_air and "m_a" in changes:
-            replaced["enabled"] = None
-        make = partial(replaced_day, self.maker, replaced) if replaced else self.maker
-        changed = Boundary._stream(make, np.asarray(course.day), self.n_steps, **clock, by_air=by_air)
+            replacements["enabled"] = None
+        make = partial(replace_series, self.maker, replacements) if replacements else self.maker
+        changed = Boundary._stream(make, np.asarray(common_labels.day), self.n_steps, **clock, by_air=by_air)
         if self._make is not None:
             return changed
         if by_air and {"m_a", "enabled"} & changes.keys():
-            warn_of_stops(int(np.count_nonzero(changed.series["enabled"] == 0.0)))
+            warn_of_no_air_flow(int(np.count_nonzero(changed.series["enabled"] == 0.0)))
         return Boundary.of(changed.to_dataset(), time_zone=changed.time_zone, by_air=by_air)
 
     @classmethod
     def _stream(
-        cls, make: Maker, day: NDArray[Any], n_steps: int, start: Any, time_zone: Any, by_air: bool = False
+        cls, make: DayMaker, day: NDArray[Any], n_steps: int, start: Any, time_zone: Any, by_air: bool = False
     ) -> Boundary:
         """Days that are made by position."""
-        clock = clock_of(start, time_zone, day, n_steps)
-        return cls.of(dataset_of({}, day, n_steps, clock), make=make, time_zone=clock.time_zone, by_air=by_air)
+        clock = make_clock(start, time_zone, day, n_steps)
+        return cls.of(boundary_dataset({}, day, n_steps, clock), make=make, time_zone=clock.time_zone, by_air=by_air)
 
     def isel(self, day: Any) -> Boundary:
         """Some days by position: a number, which leaves no dim ``day``, a list, flags or a slice."""
@@ -171,17 +171,21 @@ class Boundary(Samples):
         try:
             ds = getattr(ds, method)(day=day)
         except (KeyError, IndexError, TypeError, ValueError):
-            known = shown(self.day.tolist()) if self.n_days <= 8 else f"{self.day[0]} to {self.day[-1]}"
-            cure = f"give positions from 0 to {self.n_days - 1}" if method == "isel" else f"its labels are {known}"
-            raise InputError(f"day = {shown(day)}: the boundary has no such day; {cure}") from None
-        at = ds["position"].values
-        if not at.size or np.unique(at).size < at.size:
-            raise InputError(f"day = {shown(day)} chooses {'a day twice' if at.size else 'no day'}: give each day once")
+            labels_text = short_repr(self.day.tolist()) if self.n_days <= 8 else f"{self.day[0]} to {self.day[-1]}"
+            cure = (
+                f"give positions from 0 to {self.n_days - 1}" if method == "isel" else f"its labels are {labels_text}"
+            )
+            raise InputError(f"day = {short_repr(day)}: the boundary has no such day; {cure}") from None
+        positions = ds["position"].values
+        if not positions.size or np.unique(positions).size < positions.size:
+            raise InputError(
+                f"day = {short_repr(day)} chooses {'a day twice' if positions.size else 'no day'}: give each day once"
+            )
         ds, make = ds.drop_vars("position"), None
-        if self._make is not None and at.ndim:
-            make = partial(picked_day, [self._make], np.zeros_like(at), at)
+        if self._make is not None and positions.ndim:
+            make = partial(pick_day, [self._make], np.zeros_like(positions), positions)
         elif self._make is not None:
-            ds = ds.assign(variables_of(self.of_day(int(at))))
+            ds = ds.assign(series_variables(self.of_day(int(positions))))
         return Boundary.of(ds, make=make, time_zone=self.time_zone, by_air=self._by_air)
 
     @staticmethod
@@ -192,26 +196,29 @@ class Boundary(Samples):
         """
         cure = "give a list of boundaries"
         if not isinstance(boundaries, (list, tuple)) or not boundaries:
-            raise InputError(WrongType(f"boundaries = {shown(boundaries)}: {cure}"))
-        for i, one in enumerate(boundaries):
-            instance_of(f"boundaries[{i}]", one, Boundary, cure)
-        refuse(list(_joining_problems(boundaries)))
+            raise InputError(WrongTypeMessage(f"boundaries = {short_repr(boundaries)}: {cure}"))
+        for i, boundary in enumerate(boundaries):
+            require_instance(f"boundaries[{i}]", boundary, Boundary, cure)
+        raise_problems(list(_joining_problems(boundaries)))
         zone, by_air = next(filter(None, (b.time_zone for b in boundaries)), ""), all(b._by_air for b in boundaries)
-        streamed = any(one.is_streamed for one in boundaries)
-        sets = [one._ds.drop_vars(list(one._ds.data_vars)) if streamed else one._ds for one in boundaries]
-        sets = [with_day_dim(ds) for ds in sets]
-        ds = xr.concat(sets, "day", data_vars="minimal", coords="minimal", compat="override", join="exact")
+        is_streamed = any(boundary.is_streamed for boundary in boundaries)
+        datasets = [
+            boundary._ds.drop_vars(list(boundary._ds.data_vars)) if is_streamed else boundary._ds
+            for boundary in boundaries
+        ]
+        datasets = [with_day_dim(ds) for ds in datasets]
+        ds = xr.concat(datasets, "day", data_vars="minimal", coords="minimal", compat="override", join="exact")
         make = None
-        if streamed:
-            days = [(i, k) for i, one in enumerate(boundaries) for k in range(one.n_days)]
-            make = partial(picked_day, [one.maker for one in boundaries], *np.array(days).T)
+        if is_streamed:
+            days = [(i, k) for i, boundary in enumerate(boundaries) for k in range(boundary.n_days)]
+            make = partial(pick_day, [boundary.maker for boundary in boundaries], *np.array(days).T)
         return Boundary.of(ds, make=make, time_zone=zone, by_air=by_air)
 
     def to_dataset(self) -> xr.Dataset:
         """The series as a Dataset with dims (``day``,) ``elapsed_time``, units, long names, and ``start`` if known."""
         if self._make is None:
             return self._ds.copy(deep=True)
-        return dataset_of(self.series, self._ds["day"].values, self.n_steps, Clock(self.start, self.time_zone))
+        return boundary_dataset(self.series, self._ds["day"].values, self.n_steps, Clock(self.start, self.time_zone))
 
     @classmethod
     def from_dataset(cls, ds: xr.Dataset) -> Boundary:
@@ -219,7 +226,7 @@ class Boundary(Samples):
 
         Strict: ``elapsed_time`` in steps of 1 s (from any start), and a ``units`` attribute on every series.
         """
-        instance_of("ds", ds, xr.Dataset, "give a Dataset, as of to_dataset")
+        require_instance("ds", ds, xr.Dataset, "give a Dataset, as of to_dataset")
         problems = [
             f"{name} has no units attribute: set ds[{name!r}].attrs['units'] ({series.known_units})"
             for name, series in BOUNDARY_SERIES.items()
@@ -227,7 +234,7 @@ class Boundary(Samples):
         ]
         if "elapsed_time" in ds.dims and "elapsed_time" not in ds.coords:
             problems.append("elapsed_time has no coordinate: give ds['elapsed_time'] the seconds 0, 1, ...")
-        refuse(problems)
+        raise_problems(problems)
         return cls(**{name: ds.get(name) for name in BOUNDARY_SERIES})
 
     @classmethod
@@ -256,13 +263,13 @@ class Boundary(Samples):
         start, time_zone
             As for `Boundary`.
         """
-        with checking() as check:
+        with argument_checks() as check:
             if not callable(make):
                 cure = "give a function that returns the series of the day of a label"
-                check.problems.append(WrongType(f"make = {shown(make)}: {cure}"))
-            n_steps = check(whole_seconds, hours)
+                check.problems.append(WrongTypeMessage(f"make = {short_repr(make)}: {cure}"))
+            n_steps = check(hours_to_seconds, hours)
             labels = np.asarray(label_array(day, check.problems))
-        maker = partial(labelled_day, make, np.atleast_1d(labels).astype(np.int64))
+        maker = partial(make_labelled_day, make, np.atleast_1d(labels).astype(np.int64))
         days = cls._stream(maker, labels, n_steps, start, time_zone)
         days.of_day(0)
         return days
@@ -314,47 +321,47 @@ class Boundary(Samples):
             ``"epoch"`` for seconds or milliseconds since 1970.  If left out it is recognised, or refused where two
             readings fit.
         """
-        with checking() as check:
-            path = check(path_of, "path", path, "give the path of a CSV file")
-            pressure = check(condition_of, "pressure", pressure)
-            start = check(condition_of, "start", start)
-            n_steps = None if hours is None else check(whole_seconds, hours)
-            how = checked_reading(
+        with argument_checks() as check:
+            path = check(require_path, "path", path, "give the path of a CSV file")
+            pressure = check(require_condition, "pressure", pressure)
+            start = check(require_condition, "start", start)
+            n_steps = None if hours is None else check(hours_to_seconds, hours)
+            reading = check_reading_options(
                 check, units=units, columns=columns, constants=constants, max_gap=max_gap, time_format=time_format,
                 unbroken=True,
             )  # fmt: skip
-        log = read_log(path, _OF_A_LOG, how)
+        log = read_checked_log(path, _LOG_COLUMNS, reading)
         require_whole_seconds(log.name, log.step)
-        warn_of_reading(log.name, log.notes)
-        first, covered = start * 3600, float(log.time[-1])
+        warn_of_reading_notes(log.name, log.notes)
+        first_second, last_second = start * 3600, float(log.time[-1])
         if n_steps is None:
-            require_span(log.name, covered - first, "give hours")
-            n_steps = int(np.floor(covered - first + 1e-6)) + 1
-        if n_steps < 1 or first + n_steps - 1 > covered + 1e-6:
-            asked = f"start = {start:g} h" + ("" if hours is None else f", hours = {hours:g}")
-            raise InputError(f"{log.name}: {asked} needs more than the {covered:g} s of the log: lower it")
-        seconds = np.minimum(first + np.arange(n_steps), covered)
+            require_span_in_limits(log.name, last_second - first_second, "give hours")
+            n_steps = int(np.floor(last_second - first_second + 1e-6)) + 1
+        if n_steps < 1 or first_second + n_steps - 1 > last_second + 1e-6:
+            window_text = f"start = {start:g} h" + ("" if hours is None else f", hours = {hours:g}")
+            raise InputError(f"{log.name}: {window_text} needs more than the {last_second:g} s of the log: lower it")
+        seconds = np.minimum(first_second + np.arange(n_steps), last_second)
         values = {name: log.values[name] for name in BOUNDARY_SERIES if name in log.values}
         values["W_a_in"] = log.humidity_ratio(pressure)
         begins = None if log.start is None else log.start + np.timedelta64(round(float(seconds[0])), "s")
-        series = at_seconds(log.time, values, seconds, list(values) if log.change_of_value else _HOLD)
+        series = resample_at_seconds(log.time, values, seconds, list(values) if log.change_of_value else _HELD_SERIES)
         return cls(**series, start=begins, time_zone=log.time_zone)
 
 
 def _joining_problems(boundaries: Sequence[Boundary]) -> Iterator[str]:
-    zones = sorted({one.time_zone for one in boundaries} - {""})
+    zones = sorted({boundary.time_zone for boundary in boundaries} - {""})
     if len(zones) > 1:
         yield f"the boundaries are in the time zones {' and '.join(zones)}: put together those of one"
-    known = [one.start is not None for one in boundaries]
-    if len(set(known)) > 1:
+    has_start = [boundary.start is not None for boundary in boundaries]
+    if len(set(has_start)) > 1:
         yield (
-            f"boundary {known.index(True)} has a start and boundary {known.index(False)} has none: give it one with "
+            f"boundary {has_start.index(True)} has a start and boundary {has_start.index(False)} has none: give it one with "
             "assign(start=…), or assign(start=None) to the others"
         )
-    first = boundaries[0].n_steps
-    for i, one in enumerate(boundaries):
-        if one.n_steps != first:
-            yield f"boundary {i} lasts {one.n_steps:,} s, the first {first:,} s: give days of one length"
-    labels, counts = np.unique(np.concatenate([one.day for one in boundaries]), return_counts=True)
+    first_length = boundaries[0].n_steps
+    for i, boundary in enumerate(boundaries):
+        if boundary.n_steps != first_length:
+            yield f"boundary {i} lasts {boundary.n_steps:,} s, the first {first_length:,} s: give days of one length"
+    labels, counts = np.unique(np.concatenate([boundary.day for boundary in boundaries]), return_counts=True)
     if counts.max() > 1:
         yield f"day label {labels[counts.argmax()]} appears twice: give each day its own label, as assign(day=7)"

@@ -10,33 +10,33 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fastcoil.base.arguments import mapping_of, refuse, whole_of
+from fastcoil.base.arguments import raise_problems, require_integer, require_mapping
 from fastcoil.base.arrays import Array, Index
-from fastcoil.base.errors import InputError, nearest, shown
-from fastcoil.base.machine import available_memory, gib
-from fastcoil.logs.series import DIFFERENCE
+from fastcoil.base.errors import InputError, did_you_mean, short_repr
+from fastcoil.base.machine import available_memory, format_bytes
+from fastcoil.logs.series import TEMPERATURE_DIFFERENCE
 from fastcoil.loops.boundary.series import (
     ADDED_SERIES,
     BOUNDARY_SERIES,
-    SECONDS,
+    DATETIME_SECONDS,
     Clock,
-    Given,
+    LabelledSeries,
     Times,
+    complete_series,
     read_series,
-    series_of,
-    warn_of_stops,
+    warn_of_no_air_flow,
 )
-from fastcoil.loops.labelled import Course
-from fastcoil.model.moist_air import MASS_RATIO, liquid_pressure
+from fastcoil.loops.labelled import SeriesLabels
+from fastcoil.model.moist_air import MASS_RATIO, liquid_saturation_pressure
 
-Made = Mapping[str, Any]  # series of a day by name, as a user gives them
-Maker = Callable[[int], Made]  # makes a day from its position
-LARGE = 2**22
+DaySeries = Mapping[str, Any]  # series of a day by name, as a user gives them
+DayMaker = Callable[[int], DaySeries]  # makes a day from its position
+LARGE_BOUNDARY_SAMPLES = 2**22
 """Samples of a series.  A larger boundary is hashed day by day, so that a stream needs no memory; a smaller one series
 by series."""
 
 
-class Survey(NamedTuple):
+class SampleSummary(NamedTuple):
     """Least and largest value by series, digests of all and of each day, and the dampest air, from one pass.
 
     dampest: relative humidity over pressure, 1/Pa, of the sample nearest to saturation, and this sample in words; what
@@ -54,12 +54,12 @@ class Samples:
 
     _ds: xr.Dataset
     """Labels and clock as coordinates, ``start`` only if it is known; the series unless a maker gives them."""
-    _make: Maker | None
+    _make: DayMaker | None
     _time_zone: str
     _by_air: bool
 
     @classmethod
-    def of(cls, ds: xr.Dataset, *, make: Maker | None = None, time_zone: str = "", by_air: bool = False) -> Self:
+    def of(cls, ds: xr.Dataset, *, make: DayMaker | None = None, time_zone: str = "", by_air: bool = False) -> Self:
         """A boundary of checked samples; ``by_air``: the air flow alone decides on ``enabled``."""
         self = cls.__new__(cls)
         self.__setstate__({"_ds": ds, "_make": make, "_time_zone": time_zone, "_by_air": by_air})
@@ -68,7 +68,7 @@ class Samples:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         for variable in self._ds.data_vars.values():  # a copied or pickled array is writeable
-            frozen(variable.values)
+            freeze(variable.values)
 
     @property
     def is_streamed(self) -> bool:
@@ -78,7 +78,7 @@ class Samples:
     @property
     def day(self) -> NDArray[np.int64]:
         """Labels of the days, (n_days,), read-only."""
-        return frozen(np.atleast_1d(self._ds["day"].values).astype(np.int64))
+        return freeze(np.atleast_1d(self._ds["day"].values).astype(np.int64))
 
     @property
     def has_day_dim(self) -> bool:
@@ -101,7 +101,7 @@ class Samples:
     @property
     def start(self) -> Times | None:
         """Date and time of the first sample of each day, (n_days,) datetime64[s]; None if unknown."""
-        return np.atleast_1d(self._ds["start"].values).astype(SECONDS) if "start" in self._ds.coords else None
+        return np.atleast_1d(self._ds["start"].values).astype(DATETIME_SECONDS) if "start" in self._ds.coords else None
 
     @property
     def time_zone(self) -> str:
@@ -126,20 +126,20 @@ class Samples:
         needed, available = 8 * len(BOUNDARY_SERIES) * self.n_days * self.n_steps, available_memory()
         if needed > available:
             raise InputError(
-                f"series of {self.n_days} days of {self.n_steps:,} s take {gib(needed)} of memory, {gib(available)} "
+                f"series of {self.n_days} days of {self.n_steps:,} s take {format_bytes(needed)} of memory, {format_bytes(available)} "
                 "are available: take a day at a time with of_day, or some days with isel"
             )
-        whole = {name: np.empty((self.n_days, self.n_steps)) for name in BOUNDARY_SERIES}
+        arrays = {name: np.empty((self.n_days, self.n_steps)) for name in BOUNDARY_SERIES}
         for k in range(self.n_days):
             for name, values in self.of_day(k).items():
-                whole[name][k] = values
-        return {name: frozen(values) for name, values in whole.items()}
+                arrays[name][k] = values
+        return {name: freeze(values) for name, values in arrays.items()}
 
     def of_day(self, k: int) -> dict[str, Array]:
         """The series of one day by position, each float64 (n_steps,), read-only."""
-        k = whole_of("k", k, 0, self.n_days - 1)
+        k = require_integer("k", k, 0, self.n_days - 1)
         rows, _ = self.made(k)
-        if self._make is not None and self.is_surveyed and day_digest(int(self.day[k]), rows) != self.day_sha256[k]:
+        if self._make is not None and self.has_summary and day_digest(int(self.day[k]), rows) != self.day_sha256[k]:
             raise InputError(
                 f"make gives other samples for day {self.day[k]} than before: it must give the same each time, draw "
                 "random numbers from a generator that is seeded with the label"
@@ -151,11 +151,11 @@ class Samples:
         if self._make is None:
             return {name: values[k] for name, values in self.series.items()}, 0
         label, start = int(self.day[k]), None if self.start is None else self.start[k]
-        known = Course(day=np.asarray(label), start=start, time_zone=self.clock_zone)
-        return checked_day(self._make(k), self.n_steps, known)
+        known_labels = SeriesLabels(day=np.asarray(label), start=start, time_zone=self.clock_zone)
+        return read_day(self._make(k), self.n_steps, known_labels)
 
     @property
-    def is_surveyed(self) -> bool:
+    def has_summary(self) -> bool:
         """Whether ranges and digests are known: those of a stream take a pass over all its days."""
         return "_survey" in self.__dict__
 
@@ -175,30 +175,38 @@ class Samples:
         return list(self._survey.day_sha256)
 
     @cached_property
-    def _survey(self) -> Survey:
-        small = self.n_days * self.n_steps <= LARGE
+    def _survey(self) -> SampleSummary:
+        is_small = self.n_days * self.n_steps <= LARGE_BOUNDARY_SAMPLES
         extremes: dict[str, tuple[float, float]] = {}
-        hashes, kept, stopped, damp = [], [], 0, (0.0, "")
+        hashes, kept_rows, n_stopped, dampest_so_far = [], [], 0, (0.0, "")
         for k, label in enumerate(self.day.tolist()):
             rows, seconds = self.made(k)
-            stopped += seconds
+            n_stopped += seconds
             hashes.append(day_digest(label, rows))
-            damp = dampest(rows["T_a_in"], rows["W_a_in"], f" of day {label}" if self.has_day_dim else "", damp)
+            dampest_so_far = dampest_sample(
+                rows["T_a_in"], rows["W_a_in"], f" of day {label}" if self.has_day_dim else "", dampest_so_far
+            )
             for name, values in rows.items():
                 low, high = extremes.get(name, (np.inf, -np.inf))
                 extremes[name] = min(low, float(values.min())), max(high, float(values.max()))
-            if small:
-                kept.append(rows)
-        warn_of_stops(stopped)
-        if not small:
-            return Survey(extremes, digest_of(self, 2, (one.encode() for one in hashes)), hashes, damp)
-        of_kept = ((name, [rows[name] for rows in kept]) for name in hashed(extremes))
-        named = ((name.encode(), np.stack(rows, dtype="<f8").data) for name, rows in of_kept)  # one at a time
-        return Survey(extremes, digest_of(self, 1, chain.from_iterable(named)), hashes, damp)
+            if is_small:
+                kept_rows.append(rows)
+        warn_of_no_air_flow(n_stopped)
+        if not is_small:
+            return SampleSummary(
+                extremes, boundary_digest(self, 2, (day_hash.encode() for day_hash in hashes)), hashes, dampest_so_far
+            )
+        arrays_by_name = ((name, [rows[name] for rows in kept_rows]) for name in names_to_hash(extremes))
+        named_bytes = (
+            (name.encode(), np.stack(rows, dtype="<f8").data) for name, rows in arrays_by_name
+        )  # one at a time
+        return SampleSummary(
+            extremes, boundary_digest(self, 1, chain.from_iterable(named_bytes)), hashes, dampest_so_far
+        )
 
     @property
     def dampest(self) -> tuple[float, str]:
-        """The sample of entering air that is nearest to saturation, see ``Survey``."""
+        """The sample of entering air that is nearest to saturation, see ``SampleSummary``."""
         return self._survey.dampest
 
     @property
@@ -211,14 +219,14 @@ class Samples:
 
     def describe(self) -> str:
         """One line: the length, the days, and the range of every series that is not at its default."""
-        found = []
-        for name, (low, high) in self.own_extremes.items():
+        ranges = []
+        for name, (low, high) in self.non_default_extremes.items():
             unit = "" if BOUNDARY_SERIES[name].unit == "1" else f" {BOUNDARY_SERIES[name].unit}"
-            found.append(f"{name} {low:.4g}{unit}" if low == high else f"{name} {low:.4g} to {high:.4g}{unit}")
-        return f"{self.extent}: {', '.join(found)}"
+            ranges.append(f"{name} {low:.4g}{unit}" if low == high else f"{name} {low:.4g} to {high:.4g}{unit}")
+        return f"{self.extent}: {', '.join(ranges)}"
 
     @property
-    def own_extremes(self) -> dict[str, tuple[float, float]]:
+    def non_default_extremes(self) -> dict[str, tuple[float, float]]:
         """The ranges of the series that are not at their default throughout."""
         return {n: ends for n, ends in self.extremes.items() if ends != (BOUNDARY_SERIES[n].default,) * 2}
 
@@ -231,17 +239,17 @@ class Samples:
         return hash(self.sha256)
 
     @property
-    def maker(self) -> Maker:
+    def maker(self) -> DayMaker:
         """Makes its days again, for a stream of other days."""
         return self._make or self.of_day
 
 
-def dataset_of(series: Mapping[str, Array], day: NDArray[Any], n_steps: int, clock: Clock) -> xr.Dataset:
+def boundary_dataset(series: Mapping[str, Array], day: NDArray[Any], n_steps: int, clock: Clock) -> xr.Dataset:
     """The Dataset of a boundary: series, (n_days, n_steps) each; none of a stream."""
     dims, row = (("day",), slice(None)) if day.ndim else ((), 0)
     seconds = np.arange(float(n_steps))
     ds = xr.Dataset(
-        variables_of({name: values[row] for name, values in series.items()}),
+        series_variables({name: values[row] for name, values in series.items()}),
         {
             "elapsed_time": ("elapsed_time", seconds, {"units": "s", "long_name": "time since the start"}),
             "day": (dims, day.astype(np.int64), {"long_name": "label of the day"}),
@@ -260,22 +268,22 @@ def with_day_dim(ds: xr.Dataset) -> xr.Dataset:
     return ds if "day" in ds.dims else ds.reset_coords(clock).expand_dims("day").set_coords(clock)
 
 
-def variables_of(series: Mapping[str, Array]) -> dict[str, xr.Variable]:
+def series_variables(series: Mapping[str, Array]) -> dict[str, xr.Variable]:
     """Series, (n_days, n_steps) or (n_steps,), with dims, units and long names."""
-    found = {}
+    variables = {}
     for name, values in series.items():
-        of = BOUNDARY_SERIES[name]
-        attrs = {"units": of.unit, "long_name": of.long_name}
-        if of.units is DIFFERENCE:  # CF-1.11: a difference in K is not a temperature in K
+        definition = BOUNDARY_SERIES[name]
+        attrs = {"units": definition.unit, "long_name": definition.long_name}
+        if definition.units is TEMPERATURE_DIFFERENCE:  # CF-1.11: a difference in K is not a temperature in K
             attrs["units_metadata"] = "temperature: difference"
-        found[name] = xr.Variable(("day", "elapsed_time")[-values.ndim :], values, attrs)
-    return found
+        variables[name] = xr.Variable(("day", "elapsed_time")[-values.ndim :], values, attrs)
+    return variables
 
 
 # Makers are partial functions, not closures: they are sent to other processes.
 
 
-def labelled_day(make: Callable[[int], Made], labels: NDArray[np.int64], k: int) -> Made:
+def make_labelled_day(make: Callable[[int], DaySeries], labels: NDArray[np.int64], k: int) -> DaySeries:
     """A day that a user's function makes from its label."""
     label = int(labels[k])
     try:
@@ -284,45 +292,50 @@ def labelled_day(make: Callable[[int], Made], labels: NDArray[np.int64], k: int)
         raise InputError([f"day {label}: {problem}" for problem in error.problems]) from None
     except Exception as error:  # a user's function may raise anything
         cure = "it must give the series of every day"
-        raise InputError(f"make fails for day {label}, {shown(error)}: {cure}") from error
+        raise InputError(f"make fails for day {label}, {short_repr(error)}: {cure}") from error
 
 
-def replaced_day(make: Maker, given: Mapping[str, Given | None], k: int) -> Made:
+def replace_series(make: DayMaker, replacements: Mapping[str, LabelledSeries | None], k: int) -> DaySeries:
     """A day of which some series are given; None goes back to the default."""
-    return {**make(k), **{name: None if one is None else one.of_day(k) for name, one in given.items()}}
+    return {
+        **make(k),
+        **{name: None if replacement is None else replacement.of_day(k) for name, replacement in replacements.items()},
+    }
 
 
-def picked_day(makers: Sequence[Maker], part: Index, at: Index, k: int) -> Made:
-    """A day of others: of the ``part`` of each, the one ``at`` a position, both (n_days,)."""
-    make: Maker = makers[part[k]]
-    return make(int(at[k]))
+def pick_day(makers: Sequence[DayMaker], maker_index: Index, position: Index, k: int) -> DaySeries:
+    """A day of others: of the ``maker_index`` of each, the one ``position`` a position, both (n_days,)."""
+    make: DayMaker = makers[maker_index[k]]
+    return make(int(position[k]))
 
 
-def checked_day(made: Made, n_steps: int, known: Course) -> tuple[dict[str, Array], int]:
+def read_day(day_series: DaySeries, n_steps: int, known_labels: SeriesLabels) -> tuple[dict[str, Array], int]:
     """A day that was made as series of (n_steps,), and how many seconds have no air flow; mistakes name the day."""
-    label = int(np.asarray(known.day))
-    mapping_of(f"what make gives for day {label}", made, "give a mapping of series by name, such as a dict")
-    unknown, names = [name for name in made if name not in BOUNDARY_SERIES], ", ".join(BOUNDARY_SERIES)
-    refuse([f"make gives {shown(n)} for day {label}{nearest(n, BOUNDARY_SERIES)}: use {names}" for n in unknown])
+    label = int(np.asarray(known_labels.day))
+    require_mapping(f"what make gives for day {label}", day_series, "give a mapping of series by name, such as a dict")
+    unknown, names = [name for name in day_series if name not in BOUNDARY_SERIES], ", ".join(BOUNDARY_SERIES)
+    raise_problems(
+        [f"make gives {short_repr(n)} for day {label}{did_you_mean(n, BOUNDARY_SERIES)}: use {names}" for n in unknown]
+    )
     problems: list[str] = []
-    series = {name: made.get(name) for name in BOUNDARY_SERIES}
-    given, _ = read_series(series, problems, known=known._replace(n_steps=n_steps))
-    refuse([f"day {label}: {problem}" for problem in problems])
-    rows, stopped = series_of(given, 1, n_steps, by_air=made.get("enabled") is None)
-    return {name: frozen(values[0]) for name, values in rows.items()}, stopped
+    series = {name: day_series.get(name) for name in BOUNDARY_SERIES}
+    entries, _ = read_series(series, problems, known_labels=known_labels._replace(n_steps=n_steps))
+    raise_problems([f"day {label}: {problem}" for problem in problems])
+    rows, n_stopped = complete_series(entries, 1, n_steps, enabled_follows_air=day_series.get("enabled") is None)
+    return {name: freeze(values[0]) for name, values in rows.items()}, n_stopped
 
 
-def dampest(T: Array, W: Array, day: str, than: tuple[float, str]) -> tuple[float, str]:
-    """``Survey.dampest`` of a day, (n_steps,) each, or ``than`` if that is nearer to saturation."""
+def dampest_sample(T: Array, W: Array, day: str, dampest_so_far: tuple[float, str]) -> tuple[float, str]:
+    """``Survey.dampest`` of a day, (n_steps,) each, or ``dampest_so_far`` if that is nearer to saturation."""
     ratio = W / (MASS_RATIO + W)
-    if ratio.max() / liquid_pressure(T.min()) <= than[0]:  # no sample can be nearer
-        return than
-    ratio = ratio / liquid_pressure(T)
+    if ratio.max() / liquid_saturation_pressure(T.min()) <= dampest_so_far[0]:  # no sample can be nearer
+        return dampest_so_far
+    ratio = ratio / liquid_saturation_pressure(T)
     k = int(np.argmax(ratio))
-    return max(than, (float(ratio[k]), f"W_a_in = {W[k]:.4g} at T_a_in = {T[k]:.4g} degC at second {k}{day}"))
+    return max(dampest_so_far, (float(ratio[k]), f"W_a_in = {W[k]:.4g} at T_a_in = {T[k]:.4g} degC at second {k}{day}"))
 
 
-def frozen(values: NDArray[Any]) -> NDArray[Any]:
+def freeze(values: NDArray[Any]) -> NDArray[Any]:
     """The array, read-only from now on."""
     values.flags.writeable = False
     return values
@@ -331,11 +344,11 @@ def frozen(values: NDArray[Any]) -> NDArray[Any]:
 def day_digest(label: int, rows: Mapping[str, Array]) -> str:
     """Hash of a day: of its label, and of its samples, second by second."""
     digest = hashlib.sha256(f"{label} ".encode())
-    digest.update(np.stack([rows[name] for name in hashed(rows)], axis=1).data)
+    digest.update(np.stack([rows[name] for name in names_to_hash(rows)], axis=1).data)
     return digest.hexdigest()
 
 
-def digest_of(days: Samples, version: int, parts: Iterable[Any]) -> str:
+def boundary_digest(days: Samples, version: int, parts: Iterable[Any]) -> str:
     """Hash of the day labels and of the bytes of all parts."""
     digest = hashlib.sha256(f"boundary {version} {days.has_day_dim} {days.n_days} {days.n_steps}".encode())
     digest.update(days.day.astype("<i8").tobytes())
@@ -344,7 +357,7 @@ def digest_of(days: Samples, version: int, parts: Iterable[Any]) -> str:
     return digest.hexdigest()
 
 
-def hashed(series: Mapping[str, Any]) -> list[str]:
+def names_to_hash(series: Mapping[str, Any]) -> list[str]:
     """The series, given by their values or ranges, that count; one of ``ADDED_SERIES`` only where it does something."""
     default = {name: BOUNDARY_SERIES[name].default for name in ADDED_SERIES}
     return [n for n, values in series.items() if n not in default or np.any(np.asarray(values) != default[n])]

@@ -16,32 +16,39 @@ from typing import Any, NamedTuple, TypeAlias, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from fastcoil.base.arguments import array_of, collecting, plain, refuse, text_of, whole_of
+from fastcoil.base.arguments import (
+    collect_problems,
+    raise_problems,
+    require_array,
+    require_integer,
+    require_text,
+    to_builtin,
+)
 from fastcoil.base.arrays import Array
-from fastcoil.base.errors import InputError, WrongType, nearest, shown
+from fastcoil.base.errors import InputError, WrongTypeMessage, did_you_mean, short_repr
 from fastcoil.logs.series import COLUMNS, Series
-from fastcoil.logs.timestamps import offset_text, zone_named
-from fastcoil.loops.labelled import Course, as_labelled, course_of, differing, in_our_unit
+from fastcoil.logs.timestamps import format_utc_offset, time_zone_from_name
+from fastcoil.loops.labelled import SeriesLabels, as_data_array, convert_units, label_mismatches, read_series_labels
 from fastcoil.model.parameter_table import PARAMETERS, Parameter
 
 Values: TypeAlias = Any
 """A series as a user gives it: a number, array-like or DataArray; checked at run time."""
 
 ADDED_SERIES = ("backlash_scale",)  # they count in a digest only where they do something
-_NAMES = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set", "noise", "enabled", *ADDED_SERIES)
-BOUNDARY_SERIES = {name: COLUMNS[name] for name in _NAMES}
+_SERIES_NAMES = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set", "noise", "enabled", *ADDED_SERIES)
+BOUNDARY_SERIES = {name: COLUMNS[name] for name in _SERIES_NAMES}
 """Every series of a `Boundary` by name."""
 LARGEST_DAY_LABEL = 2**32 - 1
 
 
-class Given(NamedTuple):
+class LabelledSeries(NamedTuple):
     """One series as read: dims (of ``day``, ``elapsed_time``), values in our unit, and what its labels say."""
 
     dims: tuple[str, ...]
     values: Array
-    course: Course
+    labels: SeriesLabels
 
-    def spread(self, n_days: int, n_steps: int) -> Array:
+    def broadcast(self, n_days: int, n_steps: int) -> Array:
         shape = (n_days if "day" in self.dims else 1, n_steps if "elapsed_time" in self.dims else 1)
         # Adding 0.0 makes -0.0 a 0.0: equal series have equal bytes, hence equal digests.
         return np.broadcast_to(self.values.reshape(shape), (n_days, n_steps)) + 0.0
@@ -50,49 +57,55 @@ class Given(NamedTuple):
         return self.values[k] if "day" in self.dims else self.values
 
 
-_NOTHING = Course()
+_NO_LABELS = SeriesLabels()
 
 
 def read_series(
-    values: Mapping[str, Values], problems: list[str], *, day: Values = None, known: Course = _NOTHING
-) -> tuple[dict[str, Given], Course]:
+    values: Mapping[str, Values], problems: list[str], *, day: Values = None, known_labels: SeriesLabels = _NO_LABELS
+) -> tuple[dict[str, LabelledSeries], SeriesLabels]:
     """Series as a user gives them in our units, and what their labels and sizes say of all of them.
 
-    Mistakes are added to ``problems``, a sentence each.  Labels that series carry must be alike, and as ``known``;
+    Mistakes are added to ``problems``, a sentence each.  Labels that series carry must be alike, and as ``known_labels``;
     ``day`` replaces those of days.
     """
-    given: dict[str, Given] = {}
+    series: dict[str, LabelledSeries] = {}
     for name, value in values.items():
-        with collecting(problems):
-            given[name] = _read(COLUMNS[name], value)
-    if known.time_zone:  # times without a zone are on the clock of the boundary
-        local = [name for name, one in given.items() if one.course.time_zone == ""]
-        given |= {name: given[name]._replace(course=given[name].course._replace(time_zone=None)) for name in local}
-    if known.day is not None:
-        known = known._replace(n_days=known.day.size)
-    course = Course()
-    for field, text, cure in _LABELS:
-        of_boundary = getattr(known, field)
-        every = ({} if of_boundary is None else {"the boundary": of_boundary}) | _carried(given, field)
-        problems += differing(text, every, cure)
-        course = course._replace(**{field: next(iter(every.values()), None)})
-    labels = course.day if day is None else day
-    if labels is not None:
-        labels = label_array(labels, problems)
-    if day is not None and labels is not None and known.day is None:
-        problems += differing("day {}", {"day": labels} | _carried(given, "day"), "leave day out, or give bare arrays")
-    if labels is None:
-        labels = np.arange(course.n_days) if course.n_days else np.asarray(0)
-    elif course.n_days is not None and labels.size != course.n_days:
-        problems.append(f"day has {labels.size} labels for {course.n_days} days: give one label for each day")
-    elif any("day" in one.dims for one in given.values()):
-        labels = np.atleast_1d(labels)
-    for name, one in given.items():
-        problems += _value_problems(COLUMNS[name], one, labels)
-    return given, course._replace(day=labels)
+        with collect_problems(problems):
+            series[name] = _read_one(COLUMNS[name], value)
+    if known_labels.time_zone:  # times without a zone are on the clock of the boundary
+        without_zone = [name for name, entry in series.items() if entry.labels.time_zone == ""]
+        series |= {
+            name: series[name]._replace(labels=series[name].labels._replace(time_zone=None)) for name in without_zone
+        }
+    if known_labels.day is not None:
+        known_labels = known_labels._replace(n_days=known_labels.day.size)
+    common = SeriesLabels()
+    for field, text, cure in _LABEL_SENTENCES:
+        boundary_label = getattr(known_labels, field)
+        values_of_label = ({} if boundary_label is None else {"the boundary": boundary_label}) | _labels_by_series(
+            series, field
+        )
+        problems += label_mismatches(text, values_of_label, cure)
+        common = common._replace(**{field: next(iter(values_of_label.values()), None)})
+    day_labels = common.day if day is None else day
+    if day_labels is not None:
+        day_labels = label_array(day_labels, problems)
+    if day is not None and day_labels is not None and known_labels.day is None:
+        problems += label_mismatches(
+            "day {}", {"day": day_labels} | _labels_by_series(series, "day"), "leave day out, or give bare arrays"
+        )
+    if day_labels is None:
+        day_labels = np.arange(common.n_days) if common.n_days else np.asarray(0)
+    elif common.n_days is not None and day_labels.size != common.n_days:
+        problems.append(f"day has {day_labels.size} labels for {common.n_days} days: give one label for each day")
+    elif any("day" in entry.dims for entry in series.values()):
+        day_labels = np.atleast_1d(day_labels)
+    for name, entry in series.items():
+        problems += _value_problems(COLUMNS[name], entry, day_labels)
+    return series, common._replace(day=day_labels)
 
 
-_LABELS = (
+_LABEL_SENTENCES = (
     ("n_steps", "{} samples", "give every series the same number"),
     ("n_days", "{} days", "give every series the same number"),
     ("day", "day {}", "align them, or give bare arrays"),
@@ -100,26 +113,31 @@ _LABELS = (
     ("start", "its first sample at {}", "align them, or give bare arrays"),
     ("time_zone", "the time zone {}", "align them, or convert to one zone"),
 )
-"""Labels of a ``Course``, in words, and what to do where they differ."""
+"""Labels of a ``SeriesLabels``, in words, and what to do where they differ."""
 
 
-def _carried(given: Mapping[str, Given], field: str) -> dict[str, Any]:
+def _labels_by_series(series: Mapping[str, LabelledSeries], field: str) -> dict[str, Any]:
     """What series say of a label; those with several days first."""
-    carried = {name: found for name, one in given.items() if (found := getattr(one.course, field)) is not None}
-    return dict(sorted(carried.items(), key=lambda item: np.ndim(item[1]) == 0))
+    labels = {name: label for name, entry in series.items() if (label := getattr(entry.labels, field)) is not None}
+    return dict(sorted(labels.items(), key=lambda item: np.ndim(item[1]) == 0))
 
 
-def series_of(given: Mapping[str, Given], n_days: int, n_steps: int, *, by_air: bool) -> tuple[dict[str, Array], int]:
-    """All series, (n_days, n_steps), and the samples that are off for want of air flow where it decides ``by_air``."""
-    whole = {name: values.spread(n_days, n_steps) for name, values in given.items()}
-    stopped = 0
-    if by_air:
-        flows = whole["m_a"] > 0.0
-        whole["enabled"], stopped = flows.astype(np.float64), int(flows.size - np.count_nonzero(flows))
-    return whole, stopped
+def complete_series(
+    series: Mapping[str, LabelledSeries], n_days: int, n_steps: int, *, enabled_follows_air: bool
+) -> tuple[dict[str, Array], int]:
+    """All series, (n_days, n_steps), and the samples that are off for want of air flow where it decides ``enabled_follows_air``."""
+    arrays = {name: values.broadcast(n_days, n_steps) for name, values in series.items()}
+    n_stopped = 0
+    if enabled_follows_air:
+        is_flowing = arrays["m_a"] > 0.0
+        arrays["enabled"], n_stopped = (
+            is_flowing.astype(np.float64),
+            int(is_flowing.size - np.count_nonzero(is_flowing)),
+        )
+    return arrays, n_stopped
 
 
-def warn_of_stops(seconds: int) -> None:
+def warn_of_no_air_flow(seconds: int) -> None:
     """Warn of the seconds that count in no metric because no air flows."""
     if seconds:
         warnings.warn(
@@ -132,11 +150,15 @@ def warn_of_stops(seconds: int) -> None:
 def label_array(day: Values, problems: list[str]) -> NDArray[Any] | None:
     """Day labels as an array; None, and a problem, if they are not distinct whole numbers."""
     cure = f"give whole numbers from 0 to {LARGEST_DAY_LABEL}, one a day"
-    with collecting(problems):
-        labels = array_of("day", day, cure)
-        wide = labels.astype(np.float64)
-        if labels.ndim > 1 or not labels.size or np.any((wide % 1 != 0) | (wide < 0) | (wide > LARGEST_DAY_LABEL)):
-            raise InputError(f"day = {shown(day)}: {cure}")
+    with collect_problems(problems):
+        labels = require_array("day", day, cure)
+        as_float = labels.astype(np.float64)
+        if (
+            labels.ndim > 1
+            or not labels.size
+            or np.any((as_float % 1 != 0) | (as_float < 0) | (as_float > LARGEST_DAY_LABEL))
+        ):
+            raise InputError(f"day = {short_repr(day)}: {cure}")
         values, counts = np.unique(labels, return_counts=True)
         if counts.max() > 1:
             raise InputError(f"day label {values[counts.argmax()]} appears twice: give each day its own label")
@@ -144,52 +166,54 @@ def label_array(day: Values, problems: list[str]) -> NDArray[Any] | None:
     return None
 
 
-def _read(series: Series, value: Values) -> Given:
+def _read_one(series: Series, value: Values) -> LabelledSeries:
     if value is None:
         if series.default is None:
             raise InputError(f"{series.name} is missing: give the {series.long_name} ({series.known_units})")
         value = series.default
-    array = as_labelled(series.name, value, "elapsed_time")
+    array = as_data_array(series.name, value, "elapsed_time")
     if array is not None:
-        course = course_of(series.name, array)
+        labels = read_series_labels(series.name, array)
         dims = tuple(dim for dim in ("day", "elapsed_time") if dim in array.dims)
-        _numbers(series, array.values)
-        return Given(dims, _numbers(series, in_our_unit(series.name, array.transpose(*dims), series.units)), course)
-    values = _numbers(series, value)
+        _float_array(series, array.values)
+        return LabelledSeries(
+            dims, _float_array(series, convert_units(series.name, array.transpose(*dims), series.units)), labels
+        )
+    values = _float_array(series, value)
     if values.ndim > 2:
         raise InputError(f"{series.name} has {values.ndim} dimensions: give (seconds) or (days, seconds)")
     sizes = dict(zip(("n_days", "n_steps")[2 - values.ndim :], values.shape, strict=True))
-    return Given(("day", "elapsed_time")[2 - values.ndim :], values, Course(**sizes))
+    return LabelledSeries(("day", "elapsed_time")[2 - values.ndim :], values, SeriesLabels(**sizes))
 
 
-def _numbers(series: Series, value: Values) -> Array:
-    values = array_of(series.name, value, "give numbers", "iufb" if series.whole else "iuf")
+def _float_array(series: Series, value: Values) -> Array:
+    values = require_array(series.name, value, "give numbers", "iufb" if series.whole else "iuf")
     if values.size == 0:
         raise InputError(f"{series.name} is empty: give at least one 1-s sample")
     with np.errstate(over="ignore"):  # a number that overflows is refused as infinite
         return values.astype(np.float64)
 
 
-def _value_problems(series: Series, given: Given, labels: NDArray[Any]) -> list[str]:
-    bad = series.is_bad(given.values)
-    if not bad.any():
+def _value_problems(series: Series, entry: LabelledSeries, labels: NDArray[Any]) -> list[str]:
+    is_bad = series.is_bad(entry.values)
+    if not is_bad.any():
         return []
-    first = np.unravel_index(int(np.argmax(bad)), bad.shape)
-    where = dict(zip(given.dims, first, strict=True))
-    text = f" at second {where['elapsed_time']}" if "elapsed_time" in where else ""
-    if "day" in where:
-        i = where["day"]
+    position = np.unravel_index(int(np.argmax(is_bad)), is_bad.shape)
+    index_by_dim = dict(zip(entry.dims, position, strict=True))
+    text = f" at second {index_by_dim['elapsed_time']}" if "elapsed_time" in index_by_dim else ""
+    if "day" in index_by_dim:
+        i = index_by_dim["day"]
         text += f" of day {labels[i] if labels.ndim and i < labels.size else i}"
-    return [series.sentence(float(given.values[first]), text, int(bad.sum()))]
+    return [series.describe_bad_value(float(entry.values[position]), text, int(is_bad.sum()))]
 
 
 Times: TypeAlias = NDArray[np.datetime64]
 
-SECONDS = np.dtype("datetime64[s]")
-YEARS = (1700, 2200)  # every file of results can hold the dates between
+DATETIME_SECONDS = np.dtype("datetime64[s]")
+YEAR_RANGE = (1700, 2200)  # every file of results can hold the dates between
 _CURE = "give a date and time such as '2024-07-01T08:00', one for each day or one for the first"
 _ZONE_CURE = "give a name such as 'America/Los_Angeles', or an offset such as 'UTC-08:00'"
-_OFFSET = re.compile(r"UTC[+-](0\d|1[0-4]):[0-5]\d", re.ASCII)
+_OFFSET_PATTERN = re.compile(r"UTC[+-](0\d|1[0-4]):[0-5]\d", re.ASCII)
 
 
 class Clock(NamedTuple):
@@ -199,109 +223,113 @@ class Clock(NamedTuple):
     time_zone: str = ""
 
 
-def clock_of(start: Any, time_zone: Any, day: NDArray[Any], n_steps: int, carried: Course = _NOTHING) -> Clock:
+def make_clock(
+    start: Any, time_zone: Any, day: NDArray[Any], n_steps: int, series_labels: SeriesLabels = _NO_LABELS
+) -> Clock:
     """The clock of a boundary; one start is that of the first of consecutive days of 24 h.
 
     day: labels of its days.  carried: what its series say; that stands in for what is not given, or must agree.
     """
-    zone = time_zone_of("time_zone", time_zone)
-    if start is None and carried.start is None:
+    zone = require_time_zone("time_zone", time_zone)
+    if start is None and series_labels.start is None:
         return Clock(None, zone)
-    named = {"time_zone": zone, "the first sample": time_zone_of("time_zone", carried.time_zone)}
+    zones = {"time_zone": zone, "the first sample": require_time_zone("time_zone", series_labels.time_zone)}
     if start is None:
-        start = carried.start
+        start = series_labels.start
     elif hasattr(start, "to_numpy") and hasattr(start, "dtype"):  # of xarray or pandas
-        array = as_labelled("start", start, "day") if hasattr(start, "dims") else None
+        array = as_data_array("start", start, "day") if hasattr(start, "dims") else None
         labels = {} if array is None or "day" not in array.coords else {"start": array["day"].values}
-        refuse(differing("day {}", {"the boundary": day} | labels, "align them"))
-        named["start"] = time_zone_of("time_zone", getattr(start, "attrs", {}).get("time_zone"))
+        raise_problems(label_mismatches("day {}", {"the boundary": day} | labels, "align them"))
+        zones["start"] = require_time_zone("time_zone", getattr(start, "attrs", {}).get("time_zone"))
         start = start.to_numpy()
-    named = {name: one for name, one in named.items() if one}
-    refuse(differing("the time zone {}", named, "convert to one zone"))
+    zones = {name: item for name, item in zones.items() if item}
+    raise_problems(label_mismatches("the time zone {}", zones, "convert to one zone"))
     is_list = isinstance(start, (list, tuple)) or (isinstance(start, np.ndarray) and start.ndim)
-    several = start if is_list else [start]
-    times = [_time_of(one[()] if isinstance(one, np.ndarray) else one) for one in several]
+    items = start if is_list else [start]
+    times = [_parse_time(item[()] if isinstance(item, np.ndarray) else item) for item in items]
     if len(times) not in (1, day.size):
         raise InputError(f"start has {len(times)} times for {day.size} days: {_CURE}")
-    zone = _zone_of(times, next(iter(named.values()), ""))
-    refuse([
-        f"start = {shown(str(time))}: clocks of {zone} are put forward over that time: give one that they show"
+    zone = _resolve_zone(times, next(iter(zones.values()), ""))
+    raise_problems([
+        f"start = {short_repr(str(time))}: clocks of {zone} are put forward over that time: give one that they show"
         for time in times
-        if time.tzinfo is None and _is_skipped(time, zone)
+        if time.tzinfo is None and _is_skipped_time(time, zone)
     ])  # fmt: skip
-    found = _to_seconds(np.array([time.replace(tzinfo=None) for time in times], dtype="datetime64[us]"))
-    if carried.start is not None:
-        both = {"start": found, "the first sample": _to_seconds(np.atleast_1d(carried.start))}
-        refuse(differing("the time {}", both, "leave start out, or give bare arrays"))
+    starts = _round_to_seconds(np.array([time.replace(tzinfo=None) for time in times], dtype="datetime64[us]"))
+    if series_labels.start is not None:
+        start_times = {"start": starts, "the first sample": _round_to_seconds(np.atleast_1d(series_labels.start))}
+        raise_problems(label_mismatches("the time {}", start_times, "leave start out, or give bare arrays"))
     if len(times) < day.size:
         if n_steps > 86400:
-            raise InputError(f"start = {shown(start)}: days of {n_steps / 3600:g} h overlap, give one start for each")
-        found = found[0] + np.arange(day.size) * np.timedelta64(86400, "s")
-    return Clock(found, zone)
+            raise InputError(
+                f"start = {short_repr(start)}: days of {n_steps / 3600:g} h overlap, give one start for each"
+            )
+        starts = starts[0] + np.arange(day.size) * np.timedelta64(86400, "s")
+    return Clock(starts, zone)
 
 
-def _to_seconds(times: Any) -> Times:
-    return np.asarray((times.astype("datetime64[us]") + np.timedelta64(500_000, "us")).astype(SECONDS))
+def _round_to_seconds(times: Any) -> Times:
+    return np.asarray((times.astype("datetime64[us]") + np.timedelta64(500_000, "us")).astype(DATETIME_SECONDS))
 
 
-def time_zone_of(name: str, value: Any) -> str:
+def require_time_zone(name: str, value: Any) -> str:
     """The name of a time zone or an offset from UTC; blank if it is None or blank."""
-    text = "" if value is None else text_of(name, value).strip()
-    if not text or _OFFSET.fullmatch(text) or text in (known := zoneinfo.available_timezones()):
+    text = "" if value is None else require_text(name, value).strip()
+    if not text or _OFFSET_PATTERN.fullmatch(text) or text in (known_zones := zoneinfo.available_timezones()):
         return text
-    raise InputError(f"{name} = {shown(text)}{nearest(text, known)}: {_ZONE_CURE}")
+    raise InputError(f"{name} = {short_repr(text)}{did_you_mean(text, known_zones)}: {_ZONE_CURE}")
 
 
-def is_changed(time_zone: str, start: np.datetime64, n_steps: int) -> bool:
+def is_clock_changed(time_zone: str, start: np.datetime64, n_steps: int) -> bool:
     """Whether clocks of the zone are changed within ``n_steps`` s of ``start``, or may show it twice."""
-    first = cast(datetime, start.astype(SECONDS).item())
-    zone = zone_named(time_zone or "UTC")
-    there = first.replace(tzinfo=zone)
-    last = (there.astimezone(UTC) + timedelta(seconds=n_steps - 1)).astimezone(zone)
-    return len({there.utcoffset(), there.replace(fold=1).utcoffset(), last.utcoffset()}) > 1
+    first_time = cast(datetime, start.astype(DATETIME_SECONDS).item())
+    zone = time_zone_from_name(time_zone or "UTC")
+    first_local = first_time.replace(tzinfo=zone)
+    last_local = (first_local.astimezone(UTC) + timedelta(seconds=n_steps - 1)).astimezone(zone)
+    return len({first_local.utcoffset(), first_local.replace(fold=1).utcoffset(), last_local.utcoffset()}) > 1
 
 
-def _is_skipped(local: datetime, time_zone: str) -> bool:
+def _is_skipped_time(local: datetime, time_zone: str) -> bool:
     """Whether clocks of the zone never show a local time."""
-    zone = zone_named(time_zone or "UTC")
+    zone = time_zone_from_name(time_zone or "UTC")
     return local.replace(tzinfo=zone).astimezone(UTC).astimezone(zone).replace(tzinfo=None) != local
 
 
-def _time_of(value: Any) -> datetime:
+def _parse_time(value: Any) -> datetime:
     if not isinstance(value, (str, date, np.datetime64)):
-        raise InputError(WrongType(f"start = {shown(value)}: {_CURE}"))
+        raise InputError(WrongTypeMessage(f"start = {short_repr(value)}: {_CURE}"))
     try:
-        found = datetime.fromisoformat(value.strip()) if isinstance(value, str) else value
+        time = datetime.fromisoformat(value.strip()) if isinstance(value, str) else value
     except ValueError:
-        found = None
-    if isinstance(found, np.datetime64):
-        found = found.astype("datetime64[us]").item()  # None if it is not a time
-    if isinstance(found, date) and not isinstance(found, datetime):
-        found = datetime(found.year, found.month, found.day)
-    if not isinstance(found, datetime) or not YEARS[0] <= found.year <= YEARS[1]:
-        raise InputError(f"start = {shown(value)}: {_CURE}, of the years {YEARS[0]} to {YEARS[1]}")
-    return found
+        time = None
+    if isinstance(time, np.datetime64):
+        time = time.astype("datetime64[us]").item()  # None if it is not a time
+    if isinstance(time, date) and not isinstance(time, datetime):
+        time = datetime(time.year, time.month, time.day)
+    if not isinstance(time, datetime) or not YEAR_RANGE[0] <= time.year <= YEAR_RANGE[1]:
+        raise InputError(f"start = {short_repr(value)}: {_CURE}, of the years {YEAR_RANGE[0]} to {YEAR_RANGE[1]}")
+    return time
 
 
-def _zone_of(times: list[datetime], zone: str) -> str:
+def _resolve_zone(times: list[datetime], zone: str) -> str:
     """The zone, from the offsets that the times themselves have if it is not given."""
     offsets = {time.utcoffset() for time in times}
     if offsets == {None}:
         return zone
     for time in times if zone else []:
-        if time.replace(tzinfo=zone_named(zone)).utcoffset() != time.utcoffset():
+        if time.replace(tzinfo=time_zone_from_name(zone)).utcoffset() != time.utcoffset():
             raise InputError(
-                f"start = {shown(str(time))} has another UTC offset than {zone} at that time: give local times"
+                f"start = {short_repr(str(time))} has another UTC offset than {zone} at that time: give local times"
             )
-    names = {getattr(time.tzinfo, "key", None) for time in times}
-    if zone or (len(names) == 1 and None not in names):
-        return zone or time_zone_of("the time zone of start", names.pop())
+    zone_names = {getattr(time.tzinfo, "key", None) for time in times}
+    if zone or (len(zone_names) == 1 and None not in zone_names):
+        return zone or require_time_zone("the time zone of start", zone_names.pop())
     if len(offsets) > 1:
         raise InputError("start has times of different UTC offsets, or some without: give local times, and time_zone")
-    return offset_text(round(cast(timedelta, offsets.pop()).total_seconds() / 60))
+    return format_utc_offset(round(cast(timedelta, offsets.pop()).total_seconds() / 60))
 
 
-_BOUNDS: tuple[tuple[str, str, float, float], ...] = (
+_CONDITION_BOUNDS: tuple[tuple[str, str, float, float], ...] = (
     ("relative_humidity outdoor_fraction RH_return internal_load zone_spread", "1", 0.0, 1.0),
     ("W_return", "1", 0.0, 0.1),
     ("disturbances", "1", 0.0, 10.0),
@@ -321,46 +349,46 @@ _BOUNDS: tuple[tuple[str, str, float, float], ...] = (
 _ABOVE_0 = ("hours", "m_a_design", "m_a_min")
 CONDITIONS = {
     name: Parameter(name, "boundary", unit, None, "", least, most, open_lower=name in _ABOVE_0)
-    for names, unit, least, most in _BOUNDS
+    for names, unit, least, most in _CONDITION_BOUNDS
     for name in names.split()
 } | {"pressure": PARAMETERS["pressure"]}
 """The numbers that describe a day, each with its unit and bounds."""
-_MOST_DAYS = 366
-_MOST_ITEMS = 1_000_000
+_MAX_DAY_OF_YEAR = 366
+_MAX_ITEMS = 1_000_000
 
 
-def condition_of(name: str, value: Any) -> Any:
+def require_condition(name: str, value: Any) -> Any:
     """A number that describes a day, within its bounds."""
-    number = plain(value)
+    number = to_builtin(value)
     if problem := CONDITIONS[name].problem(number):
         raise InputError(problem)
     return number
 
 
-def whole_seconds(hours: float | None) -> int:
+def hours_to_seconds(hours: float | None) -> int:
     """``hours`` in seconds, or an `InputError` if they are not a whole number of them."""
-    hours = float(condition_of("hours", hours))
+    hours = float(require_condition("hours", hours))
     seconds = round(hours * 3600)
     if abs(hours * 3600 - seconds) > 1e-6 or seconds < 1:
         raise InputError(f"hours = {hours:g}: give a whole number of seconds (n / 3600)")
     return seconds
 
 
-def several_of(name: str, value: object, cure: str) -> list[object]:
-    """The items of an iterable of at most ``_MOST_ITEMS``."""
+def require_items(name: str, value: object, cure: str) -> list[object]:
+    """The items of an iterable of at most ``_MAX_ITEMS``."""
     if isinstance(value, str | bytes) or not isinstance(value, Iterable) or getattr(value, "ndim", 1) == 0:
-        raise InputError(WrongType(f"{name} = {shown(value)}: {cure}"))
-    items = list(islice(value, _MOST_ITEMS + 1))
-    if len(items) > _MOST_ITEMS:
-        raise InputError(f"{name} has more than {_MOST_ITEMS:,} items: give fewer")
+        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)}: {cure}"))
+    items = list(islice(value, _MAX_ITEMS + 1))
+    if len(items) > _MAX_ITEMS:
+        raise InputError(f"{name} has more than {_MAX_ITEMS:,} items: give fewer")
     return items
 
 
-def days_of(name: str, value: object) -> list[int]:
+def require_days_of_year(name: str, value: object) -> list[int]:
     """Days of the year."""
-    whole = f"give whole numbers from 1 to {_MOST_DAYS}"
-    several = several_of(name, value, "give a list of days of the year")
-    days = [whole_of(name, one, 1, _MOST_DAYS, whole) for one in several]
+    cure = f"give whole numbers from 1 to {_MAX_DAY_OF_YEAR}"
+    items = require_items(name, value, "give a list of days of the year")
+    days = [require_integer(name, item, 1, _MAX_DAY_OF_YEAR, cure) for item in items]
     if not days or len(set(days)) < len(days):
         raise InputError(f"{name} {'has a day twice' if days else 'is empty'}: give each day once")
     return days

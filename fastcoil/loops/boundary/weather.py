@@ -17,15 +17,21 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fastcoil.base.arguments import checking, number_of, path_of, text_of, whole_of
+from fastcoil.base.arguments import argument_checks, require_integer, require_number, require_path, require_text
 from fastcoil.base.arrays import Array
-from fastcoil.base.errors import InputError, shown
-from fastcoil.logs.columns import require_mappings
-from fastcoil.logs.plausibility import above_saturation
-from fastcoil.loops.boundary.air_handler import chosen_settings, outdoors_of, series_of_day, settings_of
+from fastcoil.base.errors import InputError, short_repr
+from fastcoil.logs.columns import require_name_mappings
+from fastcoil.logs.plausibility import find_supersaturation
+from fastcoil.loops.boundary.air_handler import check_settings, make_day_series, make_outdoors, make_settings
 from fastcoil.loops.boundary.record import Boundary
-from fastcoil.loops.boundary.series import Values, condition_of, days_of, several_of, whole_seconds
-from fastcoil.loops.boundary.weather_files import MOST_APART, Weather, read_weather, warn_of_hours
+from fastcoil.loops.boundary.series import (
+    Values,
+    hours_to_seconds,
+    require_condition,
+    require_days_of_year,
+    require_items,
+)
+from fastcoil.loops.boundary.weather_files import MAX_DATE_GAP_H, Weather, read_weather, warn_of_interpolation
 from fastcoil.model.moist_air import humidity_ratio, mix
 
 _FIRST_YEAR, _LAST_YEAR = 1970, 2199
@@ -33,12 +39,12 @@ _FIRST_YEAR, _LAST_YEAR = 1970, 2199
 
 def _require_leap_year(year: int, weather: Weather, file: str) -> None:
     s = weather.series
-    leap = bool(s["hour_of_year"][-1] > 8760)
+    is_leap = bool(s["hour_of_year"][-1] > 8760)
     if {"month", "day"} <= s.keys():
-        leap = leap or bool(((s["month"] == 2) & (s["day"] == 29)).any())
-    if isleap(year) != leap:
-        has, other = ("a", "a leap year") if leap else ("no", "a year that is not a leap year")
-        raise InputError(f"year = {year}: {file} has {has} 29 February, give {other}")
+        is_leap = is_leap or bool(((s["month"] == 2) & (s["day"] == 29)).any())
+    if isleap(year) != is_leap:
+        has, right_year = ("a", "a leap year") if is_leap else ("no", "a year that is not a leap year")
+        raise InputError(f"year = {year}: {file} has {has} 29 February, give {right_year}")
 
 
 def _labels_between(first: date | None, last: date | None, available: range, year: int) -> list[int]:
@@ -48,40 +54,40 @@ def _labels_between(first: date | None, last: date | None, available: range, yea
     return list(range(low, high + 1)) if low <= high else [*range(low, 366 + isleap(year)), *range(1, high + 1)]
 
 
-def _dates_of(labels: Sequence[int], first_year: int) -> list[date]:
+def _dates_of_labels(labels: Sequence[int], first_year: int) -> list[date]:
     """Dates of days of the year; a day before the one in front of it is one of the next year."""
-    year, before, found = first_year, 0, []
+    year, previous_label, dates = first_year, 0, []
     for label in labels:
-        year += label < before
+        year += label < previous_label
         if isleap(first_year) and year != first_year:
             raise InputError("days go on into the next year, but the weather has a 29 February: end at 12-31")
         # in the next year it is the same date, whatever the number of the day
-        found.append((date(first_year, 1, 1) + timedelta(days=label - 1)).replace(year=year))
-        before = label
-    return found
+        dates.append((date(first_year, 1, 1) + timedelta(days=label - 1)).replace(year=year))
+        previous_label = label
+    return dates
 
 
-def _date_of(name: str, value: object, year: int) -> date:
+def _parse_date(name: str, value: object, year: int) -> date:
     """The date in a year of a text such as ``06-15``."""
-    text = text_of(name, value)
+    text = require_text(name, value)
     try:
         return datetime.strptime(f"{year}-{text.strip()}", "%Y-%m-%d").date()
     except ValueError:
-        raise InputError(f"{name} = {shown(text)}: give month and day of {year}, such as 06-15") from None
+        raise InputError(f"{name} = {short_repr(text)}: give month and day of {year}, such as 06-15") from None
 
 
-def _holidays_of(name: str, value: object, year: int) -> set[tuple[int, int]]:
-    found = [_date_of(name, one, year) for one in several_of(name, value, "give a list such as 01-01, 12-25")]
-    return {(day.month, day.day) for day in found}
+def _parse_holidays(name: str, value: object, year: int) -> set[tuple[int, int]]:
+    dates = [_parse_date(name, item, year) for item in require_items(name, value, "give a list such as 01-01, 12-25")]
+    return {(day.month, day.day) for day in dates}
 
 
-def _hours_of(name: str, value: object) -> tuple[float, float]:
+def _parse_hours(name: str, value: object) -> tuple[float, float]:
     """First and last hour of a day, in whole seconds."""
     cure = "give the hours of start and stop, such as 6, 20"
-    pair = [number_of(name, hour, cure, least=0.0, most=24.0) for hour in several_of(name, value, cure)]
+    pair = [require_number(name, hour, cure, least=0.0, most=24.0) for hour in require_items(name, value, cure)]
     if len(pair) != 2 or pair[1] - pair[0] < 0.25 or any(abs(3600 * h - round(3600 * h)) > 1e-6 for h in pair):
         cure = "give a start before the stop, a quarter of an hour at least, from 0 to 24, in whole seconds (n / 3600)"
-        raise InputError(f"{name} = {shown(value)}: {cure}")
+        raise InputError(f"{name} = {short_repr(value)}: {cure}")
     return pair[0], pair[1]
 
 
@@ -188,41 +194,41 @@ def weather_year(
     disturbances, seed
         Noise that is faster than hours, over that of `paper_day` (0: none); a whole number from 0 to 2**32 - 1 for it.
     """
-    given = dict(locals())
-    with checking() as check:
-        path = check(path_of, "path", path, "give the path of an EPW, TMY3 or CSV file")
-        check(require_mappings, columns=columns, units=units)
-        pressure = check.unless_none(condition_of, "pressure", pressure)
+    arguments = dict(locals())
+    with argument_checks() as check:
+        path = check(require_path, "path", path, "give the path of an EPW, TMY3 or CSV file")
+        check(require_name_mappings, columns=columns, units=units)
+        pressure = check.unless_none(require_condition, "pressure", pressure)
         years = f"give a year from {_FIRST_YEAR} to {_LAST_YEAR}"
-        year = check(whole_of, "year", year, _FIRST_YEAR, _LAST_YEAR, years) or 2000  # refused below
-        labels = check.unless_none(days_of, "days", days)
-        first = check.unless_none(_date_of, "first_date", first_date, year)
-        last = check.unless_none(_date_of, "last_date", last_date, year)
-        weekday = check(_hours_of, "fan_hours", fan_hours)
-        weekend = check.unless_none(_hours_of, "weekend_fan_hours", weekend_fan_hours)
-        free = check.unless_none(_holidays_of, "holidays", holidays, year) or set()
-        chosen = check(chosen_settings, given)
+        year = check(require_integer, "year", year, _FIRST_YEAR, _LAST_YEAR, years) or 2000  # refused below
+        labels = check.unless_none(require_days_of_year, "days", days)
+        first = check.unless_none(_parse_date, "first_date", first_date, year)
+        last = check.unless_none(_parse_date, "last_date", last_date, year)
+        weekday = check(_parse_hours, "fan_hours", fan_hours)
+        weekend = check.unless_none(_parse_hours, "weekend_fan_hours", weekend_fan_hours)
+        holiday_dates = check.unless_none(_parse_holidays, "holidays", holidays, year) or set()
+        chosen = check(check_settings, arguments)
         if days is not None and not (first_date is None and last_date is None):
             check.problems.append("days and first_date, last_date are both given: give one of them")
     weather = read_weather(path, columns, units, pressure)
-    outdoors = outdoors_of(weather, pressure, path.name)
+    outdoors = make_outdoors(weather, pressure, path.name)
     _require_leap_year(year, weather, path.name)
     if labels is None:
         labels = _labels_between(first, last, outdoors.days, year) if first or last else list(outdoors.days)
-    dates = _dates_of(labels, year)
+    dates = _dates_of_labels(labels, year)
     if absent := [label for label in labels if label not in outdoors.days]:
-        whole = f"{path.name} holds the whole days {outdoors.days[0]} to {outdoors.days[-1]} of the year"
-        more = f" ({len(absent)} days in total)" if len(absent) > 1 else ""
-        raise InputError(f"days: {whole}, not {absent[0]}{more}: choose among them")
+        covered_text = f"{path.name} holds the whole days {outdoors.days[0]} to {outdoors.days[-1]} of the year"
+        total_text = f" ({len(absent)} days in total)" if len(absent) > 1 else ""
+        raise InputError(f"days: {covered_text}, not {absent[0]}{total_text}: choose among them")
     fan = {
-        label: weekend if date.weekday() >= 5 or (date.month, date.day) in free else weekday
+        label: weekend if date.weekday() >= 5 or (date.month, date.day) in holiday_dates else weekday
         for label, date in zip(labels, dates, strict=True)
     }
-    settings = settings_of(chosen, outdoors, fan, path.name)
+    settings = make_settings(chosen, outdoors, fan, path.name)
     if settings.disturbances == 0.0:
-        warn_of_hours(weather)
+        warn_of_interpolation(weather)
     return Boundary.from_days(
-        partial(series_of_day, settings, outdoors),
+        partial(make_day_series, settings, outdoors),
         day=labels,
         hours=24,
         start=[day.isoformat() for day in dates],
@@ -280,22 +286,24 @@ def weather_day(
     columns, units
         Headers and units of a CSV file that differ from `WEATHER_COLUMNS`.
     """
-    given = dict(locals())
-    with checking() as check:
-        path = check(path_of, "path", path, "give the path of an EPW, TMY3 or CSV file")
-        n_steps = check(whole_seconds, hours)
-        outdoor_fraction = check(condition_of, "outdoor_fraction", outdoor_fraction)
-        T_return = check(condition_of, "T_return", T_return)
-        RH_return = check.unless_none(condition_of, "RH_return", RH_return)
-        W_return = check.unless_none(condition_of, "W_return", W_return)
-        pressure = check.unless_none(condition_of, "pressure", pressure)
+    arguments = dict(locals())
+    with argument_checks() as check:
+        path = check(require_path, "path", path, "give the path of an EPW, TMY3 or CSV file")
+        n_steps = check(hours_to_seconds, hours)
+        outdoor_fraction = check(require_condition, "outdoor_fraction", outdoor_fraction)
+        T_return = check(require_condition, "T_return", T_return)
+        RH_return = check.unless_none(require_condition, "RH_return", RH_return)
+        W_return = check.unless_none(require_condition, "W_return", W_return)
+        pressure = check.unless_none(require_condition, "pressure", pressure)
         bounds = {"start_hour": (1, 8784), "month": (1, 12), "day": (1, 31), "hour": (0, 24)}
-        date: dict[str, Any] = {n: check.unless_none(whole_of, n, given[n], *ends) for n, ends in bounds.items()}
-        check(require_mappings, columns=columns, units=units)
-        date["days"] = check.unless_none(days_of, "days", days)
+        date: dict[str, Any] = {
+            n: check.unless_none(require_integer, n, arguments[n], *ends) for n, ends in bounds.items()
+        }
+        check(require_name_mappings, columns=columns, units=units)
+        date["days"] = check.unless_none(require_days_of_year, "days", days)
     if (RH_return is None) == (W_return is None):
         raise InputError("RH_return and W_return: give one of them")
-    if W_return is not None and above_saturation({"W_a_in": W_return, "T_a_in": T_return})[1]:
+    if W_return is not None and find_supersaturation({"W_a_in": W_return, "T_a_in": T_return})[1]:
         raise InputError(
             f"W_return = {W_return:g} is above saturation at T_return = {T_return:g} degC: give kg of water per kg of "
             "dry air, such as 0.009"
@@ -313,23 +321,23 @@ def weather_day(
                 f"{path.name} holds hours of the year {low:g} to {high:g}, not {start:g} to {end:g}: "
                 "start elsewhere, or take fewer hours"
             )
-    at = np.add.outer(starts, np.arange(n_steps) / 3600)
+    sample_hours = np.add.outer(starts, np.arange(n_steps) / 3600)
     T_out, W_out, p_out = (
-        np.interp(at, weather["hour_of_year"], np.broadcast_to(hourly, W_hourly.shape))
+        np.interp(sample_hours, weather["hour_of_year"], np.broadcast_to(hourly, W_hourly.shape))
         for hourly in (weather["T_drybulb"], W_hourly, p)
     )
     W_back: Values = W_return if RH_return is None else humidity_ratio(T_return, RH_return, p_out)
     T_a_in, W_a_in = mix(outdoor_fraction, T_out, W_out, T_return, W_back)
-    warn_of_hours(file)
+    warn_of_interpolation(file)
     rows = slice(None) if days is not None else 0
-    begins = file.dates_at(starts)
+    start_times = file.dates_at(starts)
     boundary = Boundary(
         m_a=m_a, T_a_in=T_a_in[rows], W_a_in=W_a_in[rows], T_w_in=T_w_in, T_set=T_set, day=date["days"],
-        start=None if begins is None else begins[rows], time_zone=file.time_zone,
+        start=None if start_times is None else start_times[rows], time_zone=file.time_zone,
     )  # fmt: skip
-    if begins is None and boundary.start is not None:  # of a series that has dates
-        apart = np.abs((boundary.start - boundary.start.astype("datetime64[Y]")) / np.timedelta64(1, "h") - starts)
-        if (np.minimum(apart, 8760.0 - apart) > MOST_APART).any():
+    if start_times is None and boundary.start is not None:  # of a series that has dates
+        date_gaps = np.abs((boundary.start - boundary.start.astype("datetime64[Y]")) / np.timedelta64(1, "h") - starts)
+        if (np.minimum(date_gaps, 8760.0 - date_gaps) > MAX_DATE_GAP_H).any():
             raise InputError(
                 f"the series begin at {boundary.start[0]}, the weather at hour {starts[0]:g} of the year: take one "
                 "date, or give bare arrays"
@@ -339,19 +347,19 @@ def weather_day(
 
 def _start_hours(weather: Mapping[str, Array], file: str, date: Mapping[str, Any]) -> Array:
     """Hours of the year at which the days start, (n_days,)."""
-    given = [name for name, value in date.items() if value is not None]
-    if given == ["start_hour"]:
+    given_names = [name for name, value in date.items() if value is not None]
+    if given_names == ["start_hour"]:
         return np.array([date["start_hour"]], dtype=np.float64)
-    if given == ["hour", "days"]:
-        return np.array([24 * (one - 1) + date["hour"] for one in date["days"]], dtype=np.float64)
-    of_row = {name: date[name] for name in ("month", "day", "hour")}
-    if given != [*of_row]:
-        all_given = f"the start is given by {' and '.join(given) or 'nothing'}"
+    if given_names == ["hour", "days"]:
+        return np.array([24 * (day - 1) + date["hour"] for day in date["days"]], dtype=np.float64)
+    date_in_row = {name: date[name] for name in ("month", "day", "hour")}
+    if given_names != [*date_in_row]:
+        all_given = f"the start is given by {' and '.join(given_names) or 'nothing'}"
         raise InputError(f"{all_given}: give start_hour, or month, day and hour, or days and hour")
-    if absent := [name for name in of_row if name not in weather]:
+    if absent := [name for name in date_in_row if name not in weather]:
         raise InputError(f"{file} has no column {', '.join(absent)}: name it, or give start_hour")
-    rows = np.flatnonzero(np.all([weather[name] == value for name, value in of_row.items()], axis=0))
+    rows = np.flatnonzero(np.all([weather[name] == value for name, value in date_in_row.items()], axis=0))
     if rows.size != 1:
-        wanted = ", ".join(f"{name} {value}" for name, value in of_row.items())
-        raise InputError(f"{file} has {rows.size} rows for {wanted}: give one of the file's own dates")
+        date_text = ", ".join(f"{name} {value}" for name, value in date_in_row.items())
+        raise InputError(f"{file} has {rows.size} rows for {date_text}: give one of the file's own dates")
     return weather["hour_of_year"][rows]

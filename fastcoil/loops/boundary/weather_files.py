@@ -16,27 +16,36 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.base.arrays import Array
-from fastcoil.base.errors import InputError, shown
+from fastcoil.base.errors import InputError, short_repr
 from fastcoil.base.files import read_text
-from fastcoil.logs.columns import asked_columns
-from fastcoil.logs.plausibility import above_saturation
+from fastcoil.logs.columns import find_requested_columns
+from fastcoil.logs.plausibility import find_supersaturation
 from fastcoil.logs.readings import read_numbers
-from fastcoil.logs.series import FRACTION, NUMBER, PRESSURE, TEMPERATURE, Series, counted, in_total, warn_of_reading
+from fastcoil.logs.series import (
+    DIMENSIONLESS,
+    FRACTION,
+    PRESSURE,
+    TEMPERATURE,
+    Series,
+    count_suffix,
+    format_count,
+    warn_of_reading_notes,
+)
 from fastcoil.logs.table import Table
-from fastcoil.logs.timestamps import offset_text
-from fastcoil.loops.boundary.series import YEARS, Times
+from fastcoil.logs.timestamps import format_utc_offset
+from fastcoil.loops.boundary.series import YEAR_RANGE, Times
 from fastcoil.model.moist_air import humidity_ratio, humidity_ratio_from_dew_point
 
-MOST_APART = 48.0  # h from noon of a date to its hour of the year, in years with and without the 29th of February
-_LARGEST = 2**28  # bytes; a year by minutes has half as many
+MAX_DATE_GAP_H = 48.0  # h from noon of a date to its hour of the year, in years with and without the 29th of February
+_MAX_FILE_BYTES = 2**28  # bytes; a year by minutes has half as many
 
 WEATHER_COLUMNS = {
     series.name: (series, header, unit)
     for series, header, unit in (
-        (Series("hour_of_year", "hour of the year", NUMBER, 1, 8784, whole=True), "hour_of_year", "1"),
-        (Series("month", "month", NUMBER, 1, 12, whole=True), "month", "1"),
-        (Series("day", "day of the month", NUMBER, 1, 31, whole=True), "day", "1"),
-        (Series("hour", "hour of the day", NUMBER, 0, 24, whole=True), "hour", "1"),
+        (Series("hour_of_year", "hour of the year", DIMENSIONLESS, 1, 8784, whole=True), "hour_of_year", "1"),
+        (Series("month", "month", DIMENSIONLESS, 1, 12, whole=True), "month", "1"),
+        (Series("day", "day of the month", DIMENSIONLESS, 1, 31, whole=True), "day", "1"),
+        (Series("hour", "hour of the day", DIMENSIONLESS, 0, 24, whole=True), "hour", "1"),
         (Series("T_drybulb", "outdoor temperature", TEMPERATURE, -40.0, 60.0), "T_drybulb_C", "degC"),
         (Series("T_dewpoint", "outdoor dew point", TEMPERATURE, -60.0, 50.0), "T_dewpoint_C", "degC"),
         (Series("RH", "outdoor relative humidity", FRACTION, 0.0, 1.0), "RH_pct", "percent"),
@@ -59,9 +68,9 @@ class Weather(NamedTuple):
     notes: list[str]
     time_zone: str = ""
 
-    def pressure(self, given: float | None) -> Array | float:
+    def pressure(self, pressure: float | None) -> Array | float:
         """The pressure that was given, else that of the rows, (n_rows,), else that at sea level [Pa]."""
-        return self.series.get("p", 101325.0) if given is None else given
+        return self.series.get("p", 101325.0) if pressure is None else pressure
 
     def humidity(self, pressure: Array | float) -> Array:
         """Humidity ratio of the rows, (n_rows,), from the dew point if there is one, at ``pressure`` [Pa]."""
@@ -76,10 +85,10 @@ class Weather(NamedTuple):
             return None
         rows = np.searchsorted(s["hour_of_year"], hours)
         # hour 24 ends a day: the next one begins, with the year, month and day of the row after it
-        after = np.minimum(rows + 1, s["hour_of_year"].size - 1)
-        begins = (s["hour"][rows] == 24.0) & (after > rows)
-        at = np.where(begins, after, rows)
-        year, month, day = (s[name][at].astype(np.int64) for name in ("year", "month", "day"))
+        next_rows = np.minimum(rows + 1, s["hour_of_year"].size - 1)
+        begins = (s["hour"][rows] == 24.0) & (next_rows > rows)
+        date_rows = np.where(begins, next_rows, rows)
+        year, month, day = (s[name][date_rows].astype(np.int64) for name in ("year", "month", "day"))
         seconds = np.rint(3600.0 * np.where(begins, 0.0, s["hour"][rows])).astype(np.int64)
         months = (12 * (year - 1970) + month - 1).astype("datetime64[M]")
         return np.asarray(months.astype("datetime64[s]") + (86400 * (day - 1) + seconds).astype("timedelta64[s]"))
@@ -95,10 +104,10 @@ def read_weather(
 
     The pressure of a file is not read where ``pressure`` [Pa] is given.
     """
-    text = read_text(path, "an EPW, TMY3 or CSV file", _LARGEST, utf_16=True, latin_1=True)
+    text = read_text(path, "an EPW, TMY3 or CSV file", _MAX_FILE_BYTES, utf_16=True, latin_1=True)
     lines = re.split("\r\n|\n|\r", text)
     is_epw = lines[0].upper().startswith("LOCATION,")
-    is_tmy3 = len(lines) > 1 and tuple(cell.strip() for cell in lines[1].split(",")[:2]) == _TMY3_DATE
+    is_tmy3 = len(lines) > 1 and tuple(cell.strip() for cell in lines[1].split(",")[:2]) == _TMY3_DATE_HEADERS
     if not is_epw and not is_tmy3:
         weather = _read_csv(path, columns, units)
     else:
@@ -107,11 +116,11 @@ def read_weather(
             raise InputError(f"columns, units: {path.name} is {layout.format}, which has its own: leave them out")
         fields = {name: field for name, field in layout.fields.items() if name != "p" or pressure is None}
         weather = _read_year(path.name, lines, layout, fields)
-    warn_of_reading(path.name, weather.notes)
+    warn_of_reading_notes(path.name, weather.notes)
     return weather
 
 
-def warn_of_hours(weather: Weather) -> None:
+def warn_of_interpolation(weather: Weather) -> None:
     """Warn of what straight lines between the rows cannot show."""
     m = weather.minutes
     often, step = ("hourly", "an hour") if m == 60 else (f"{m}-min", f"{m} min")
@@ -125,34 +134,37 @@ def _read_csv(path: Path, columns: Mapping[str, str] | None, units: Mapping[str,
     columns, units = dict(columns or {}), dict(units or {})
     table.check_names("columns", columns, WEATHER_COLUMNS)
     table.check_names("units", units, WEATHER_COLUMNS)
-    found = asked_columns(table, columns)
+    column_indices = find_requested_columns(table, columns)
     for name, (series, header, unit) in WEATHER_COLUMNS.items():
         column = table.column(header)
         if name not in columns and column is not None:
-            found[name] = column
-            if series.units[series.spelled(units.setdefault(name, unit))] != series.units[unit]:
+            column_indices[name] = column
+            if series.units[series.resolve_unit(units.setdefault(name, unit))] != series.units[unit]:
                 table.problems.append(
                     f"units has {units[name]} for {name}: the header {header!r} says {unit}, drop one"
                 )
         elif name in ("hour_of_year", "T_drybulb") and name not in columns:
             table.problems.append(f"{name} is missing: add a column {header!r}, or name one in columns")
-    if not {"T_dewpoint", "RH"} & {*found, *columns}:
+    if not {"T_dewpoint", "RH"} & {*column_indices, *columns}:
         table.problems.append("T_dewpoint and RH are both missing: add or name a column for one of them")
-    table.stop_if_wrong()
-    if "T_dewpoint" in found:
-        found.pop("RH", None)
+    table.raise_problems()
+    if "T_dewpoint" in column_indices:
+        column_indices.pop("RH", None)
     weather = {
-        name: read_numbers(table, WEATHER_COLUMNS[name][0], column, units.get(name)) for name, column in found.items()
+        name: read_numbers(table, WEATHER_COLUMNS[name][0], column, units.get(name))
+        for name, column in column_indices.items()
     }
     jump = int(np.argmax(np.diff(weather["hour_of_year"]) != 1.0))
     if weather["hour_of_year"][jump + 1] != weather["hour_of_year"][jump] + 1.0:
         row = table.row_numbers[jump]
         table.problems.append(f"hour_of_year does not rise by 1 from row {row} to the next: give every hour")
     if {"month", "day"} <= weather.keys() and not table.problems:
-        noon = 24.0 * ((np.cumsum(_DAYS) - _DAYS)[weather["month"].astype(np.int64) - 1] + weather["day"] - 0.5)
-        apart = np.abs(noon - weather["hour_of_year"]) > MOST_APART
-        if apart.any():
-            row = table.row_numbers[int(np.argmax(apart))]
+        noon = 24.0 * (
+            (np.cumsum(_DAYS_PER_MONTH) - _DAYS_PER_MONTH)[weather["month"].astype(np.int64) - 1] + weather["day"] - 0.5
+        )
+        is_far = np.abs(noon - weather["hour_of_year"]) > MAX_DATE_GAP_H
+        if is_far.any():
+            row = table.row_numbers[int(np.argmax(is_far))]
             table.problems.append(f"month and day in row {row} are not those of hour_of_year there: mend one of them")
     _require_plausible(table, weather)
     return Weather(weather, 60, table.notes)
@@ -162,19 +174,19 @@ def _require_plausible(table: Table, series: Mapping[str, Array]) -> None:
     """Refuse dew points above the temperature beside them, and fractions read as percent; and all other problems."""
     if not table.problems and "T_dewpoint" in series:
         dew, T = series["T_dewpoint"], series["T_drybulb"]
-        _, above = above_saturation({"T_dp_in": dew, "T_a_in": T})
-        if above.any():
-            k = int(np.argmax(above))
+        _, is_above = find_supersaturation({"T_dp_in": dew, "T_a_in": T})
+        if is_above.any():
+            k = int(np.argmax(is_above))
             table.problems.append(
                 f"T_dewpoint = {dew[k]:g} degC in row {table.row_numbers[k]} is above T_drybulb = {T[k]:g} degC: check "
-                f"their units, or exchange the columns{in_total(int(above.sum()))}"
+                f"their units, or exchange the columns{count_suffix(int(is_above.sum()))}"
             )
     if not table.problems and "RH" in series and series["RH"].max() <= 0.01:
         table.problems.append(
             f"RH is at most {100 * series['RH'].max():.3g} %, first in row {table.row_numbers[0]}: if it is a "
             "fraction, write 'RH [1]' in the header and pass columns={'RH': 'RH'}"
         )
-    table.stop_if_wrong()
+    table.raise_problems()
 
 
 class Field(NamedTuple):
@@ -197,7 +209,7 @@ class Field(NamedTuple):
         return value >= self.missing if self.missing > 0 else value <= self.missing
 
 
-class Layout(NamedTuple):
+class FileLayout(NamedTuple):
     """Where a file has what; time_zone as of `Weather`.
 
     n_top: lines above the rows.  date: cells of month, day and hour, as ``clock`` matches them when they are joined by
@@ -205,7 +217,7 @@ class Layout(NamedTuple):
     """
 
     format: str
-    n_top: int
+    n_header_lines: int
     per_hour: int
     date: Sequence[int]
     clock: str
@@ -219,7 +231,7 @@ _EPW_FIELDS = {
     "RH": Field("Relative Humidity", 8, "percent", 999.0),
     "p": Field("Atmospheric Station Pressure", 9, "Pa", 999999.0),
 }
-_TMY3_DATE = ("Date (MM/DD/YYYY)", "Time (HH:MM)")
+_TMY3_DATE_HEADERS = ("Date (MM/DD/YYYY)", "Time (HH:MM)")
 _TMY3_HEADERS = {
     "T_drybulb": ("Dry-bulb (C)", "degC"),
     "T_dewpoint": ("Dew-point (C)", "degC"),
@@ -227,25 +239,25 @@ _TMY3_HEADERS = {
     "p": ("Pressure (mbar)", "hPa"),
 }
 _TMY3_MISSING = -99.0  # files mark a missing reading with -9900; no reading is as low as -99
-_DAYS = np.array([31, 29, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31])
+_DAYS_PER_MONTH = np.array([31, 29, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31])
 
 
-def _epw_layout(file: str, lines: Sequence[str]) -> Layout:
+def _epw_layout(file: str, lines: Sequence[str]) -> FileLayout:
     periods = (i for i, line in enumerate(lines, 1) if line.split(",")[0].strip().upper() == "DATA PERIODS")
-    n_top = next(periods, 0)
-    records = "".join(cell.strip() for cell in lines[n_top - 1].split(",")[2:3]) if n_top else ""
-    per_hour = int(records) if re.fullmatch(r"\d\d?", records, re.ASCII) else 0
-    if not per_hour or 60 % per_hour:
+    n_header_lines = next(periods, 0)
+    records = "".join(cell.strip() for cell in lines[n_header_lines - 1].split(",")[2:3]) if n_header_lines else ""
+    rows_per_hour = int(records) if re.fullmatch(r"\d\d?", records, re.ASCII) else 0
+    if not rows_per_hour or 60 % rows_per_hour:
         raise InputError(
-            f"{file} begins as an EPW file, but its line DATA PERIODS has {shown(records)} records per hour: give all "
+            f"{file} begins as an EPW file, but its line DATA PERIODS has {short_repr(records)} records per hour: give all "
             "eight lines of its header, with 1 or another number that divides 60"
         )
     clock = r"\s*(\d\d?)\s+(\d\d?)\s+(\d\d?)\s*"
-    zone = _time_zone(lines[0].split(",")[8:9])
-    return Layout("an EPW file", n_top, per_hour, (1, 2, 3), clock, _EPW_FIELDS, zone)
+    zone = _parse_time_zone(lines[0].split(",")[8:9])
+    return FileLayout("an EPW file", n_header_lines, rows_per_hour, (1, 2, 3), clock, _EPW_FIELDS, zone)
 
 
-def _tmy3_layout(file: str, lines: Sequence[str]) -> Layout:
+def _tmy3_layout(file: str, lines: Sequence[str]) -> FileLayout:
     header = [cell.strip() for cell in lines[1].split(",")]
     absent = [label for label, _ in _TMY3_HEADERS.values() if label not in header]
     if absent:
@@ -253,38 +265,42 @@ def _tmy3_layout(file: str, lines: Sequence[str]) -> Layout:
     fields = {
         name: Field(label, header.index(label), unit, _TMY3_MISSING) for name, (label, unit) in _TMY3_HEADERS.items()
     }
-    place = next(csv.reader(lines[:1]))
+    station = next(csv.reader(lines[:1]))
     clock = r"\s*(\d\d?)/(\d\d?)/\d{2,4}\s+(\d\d?):00\s*"
-    return Layout("a TMY3 file", 2, 1, (0, 1), clock, fields, _time_zone(place[3:4]))
+    return FileLayout("a TMY3 file", 2, 1, (0, 1), clock, fields, _parse_time_zone(station[3:4]))
 
 
-def _time_zone(cells: Sequence[str]) -> str:
+def _parse_time_zone(cells: Sequence[str]) -> str:
     """Hours ahead of UTC as text; blank if there are none."""
     match = re.fullmatch(r"[+-]?\d\d?(\.\d{1,2})?", "".join(cells).strip(), re.ASCII)
     minutes = round(60 * float(match[0])) if match else 24 * 60
-    return offset_text(minutes) if abs(minutes) <= 14 * 60 else ""
+    return format_utc_offset(minutes) if abs(minutes) <= 14 * 60 else ""
 
 
-def _read_year(file: str, lines: Sequence[str], layout: Layout, fields: Mapping[str, Field]) -> Weather:
+def _read_year(file: str, lines: Sequence[str], layout: FileLayout, fields: Mapping[str, Field]) -> Weather:
     width = 1 + max(*layout.date, *(field.cell for field in fields.values()))
-    rows = {i: line.split(",", width)[:width] for i, line in enumerate(lines, 1) if i > layout.n_top and line.strip()}
+    rows = {
+        i: line.split(",", width)[:width]
+        for i, line in enumerate(lines, 1)
+        if i > layout.n_header_lines and line.strip()
+    }
     for i, row in rows.items():
         if len(row) < width:
             raise InputError(
-                f"{file}: row {i} has {counted(len(row), 'cell')}, {layout.format} at least {width}: mend it"
+                f"{file}: row {i} has {format_count(len(row), 'cell')}, {layout.format} at least {width}: mend it"
             )
     if len(rows) < 2:
-        raise InputError(f"{file} has {counted(len(rows), 'row')} of data: give at least two")
+        raise InputError(f"{file} has {format_count(len(rows), 'row')} of data: give at least two")
     cells = [[row[field.cell] for field in fields.values()] for row in rows.values()]
     table = Table(file, list(fields), cells, list(rows))
-    times = _times_of(table, layout, [" ".join(row[i] for i in layout.date) for row in rows.values()])
+    times = _row_times(table, layout, [" ".join(row[i] for i in layout.date) for row in rows.values()])
     # in both formats the year is in the first cell, alone or at the end of a date
-    found = [re.fullmatch(r"\s*(?:\d\d?/\d\d?/)?(\d{4})\s*", row[0], re.ASCII) for row in rows.values()]
-    years = np.array([float(match[1]) if match else 0.0 for match in found])
-    if ((years >= YEARS[0]) & (years <= YEARS[1])).all():
+    year_matches = [re.fullmatch(r"\s*(?:\d\d?/\d\d?/)?(\d{4})\s*", row[0], re.ASCII) for row in rows.values()]
+    years = np.array([float(match[1]) if match else 0.0 for match in year_matches])
+    if ((years >= YEAR_RANGE[0]) & (years <= YEAR_RANGE[1])).all():
         times["year"] = years
     used = _used_fields(table, fields)
-    table.stop_if_wrong()
+    table.raise_problems()
     series = {
         name: read_numbers(table, WEATHER_COLUMNS[name][0], table.header.index(name), fields[name].unit)
         for name in used
@@ -293,40 +309,40 @@ def _read_year(file: str, lines: Sequence[str], layout: Layout, fields: Mapping[
     return Weather(times | series, 60 // layout.per_hour, table.notes, layout.time_zone)
 
 
-def _times_of(table: Table, layout: Layout, written: Sequence[str]) -> dict[str, Array]:
+def _row_times(table: Table, layout: FileLayout, dates_text: Sequence[str]) -> dict[str, Array]:
     """Month, day, hour and hour of the year at which each row stands: those at the end of its interval, (n_rows,).
 
     A year has the 29th of February if the file has.
     """
-    dates = np.zeros((len(written), 3), dtype=np.int64)
-    for k, text in enumerate(written):
+    dates = np.zeros((len(dates_text), 3), dtype=np.int64)
+    for k, text in enumerate(dates_text):
         match = re.fullmatch(layout.clock, text, re.ASCII)
         m, d, h = map(int, match.groups()) if match else (0, 0, 0)
-        if not (1 <= m <= 12 and 1 <= d <= _DAYS[m - 1] and 1 <= h <= 24):
+        if not (1 <= m <= 12 and 1 <= d <= _DAYS_PER_MONTH[m - 1] and 1 <= h <= 24):
             raise InputError(
-                f"{table.name}: row {table.row_numbers[k]} has the date and hour {shown(text)}: give month, day and a "
+                f"{table.name}: row {table.row_numbers[k]} has the date and hour {short_repr(text)}: give month, day and a "
                 "full hour from 1 to 24"
             )
         dates[k] = m, d, h
     month, day, hour = dates.T
     is_leap = ((month == 2) & (day == 29)).any()
-    days_before = np.cumsum(_DAYS) - _DAYS - np.where(np.arange(12) >= 2, not is_leap, 0)
+    days_before = np.cumsum(_DAYS_PER_MONTH) - _DAYS_PER_MONTH - np.where(np.arange(12) >= 2, not is_leap, 0)
     hour_of_year = 24 * (days_before[month - 1] + day - 1) + hour
-    index = np.arange(len(written))
+    index = np.arange(len(dates_text))
     out_of_step = hour_of_year != hour_of_year[0] + index // layout.per_hour
     if out_of_step.any():
-        first = int(np.argmax(out_of_step))
+        first_row = int(np.argmax(out_of_step))
         many = "one row" if layout.per_hour == 1 else f"{layout.per_hour} rows"
         table.problems.append(
-            f"row {table.row_numbers[first]}, {month[first]}/{day[first]} hour {hour[first]}, does not follow the one "
+            f"row {table.row_numbers[first_row]}, {month[first_row]}/{day[first_row]} hour {hour[first_row]}, does not follow the one "
             f"before: give {many} for each hour, in the order of one calendar year"
         )
-    early = 1.0 - (index % layout.per_hour + 1) / layout.per_hour
+    hours_early = 1.0 - (index % layout.per_hour + 1) / layout.per_hour
     return {
         "month": month.astype(np.float64),
         "day": day.astype(np.float64),
-        "hour": hour - early,
-        "hour_of_year": hour_of_year - early,
+        "hour": hour - hours_early,
+        "hour_of_year": hour_of_year - hours_early,
     }
 
 
@@ -336,19 +352,19 @@ def _used_fields(table: Table, fields: Mapping[str, Field]) -> list[str]:
         name: [k for k, row in enumerate(table.rows) if field.is_gap(row[j])]
         for j, (name, field) in enumerate(fields.items())
     }
-    by_rh = bool(gaps["T_dewpoint"]) and not gaps["RH"]
-    if by_rh:
+    uses_relative_humidity = bool(gaps["T_dewpoint"]) and not gaps["RH"]
+    if uses_relative_humidity:
         first, n_gaps = table.row_numbers[gaps["T_dewpoint"][0]], len(gaps["T_dewpoint"])
         table.notes.append(
-            f"the dew point is missing in row {first}{in_total(n_gaps)}: the relative humidity is used in all rows"
+            f"the dew point is missing in row {first}{count_suffix(n_gaps)}: the relative humidity is used in all rows"
         )
-    used = [name for name in fields if name != ("T_dewpoint" if by_rh else "RH")]
+    used = [name for name in fields if name != ("T_dewpoint" if uses_relative_humidity else "RH")]
     for name in filter(gaps.get, used):
         k = gaps[name][0]
-        cell = shown(table.rows[k][table.header.index(name)].strip())
+        cell = short_repr(table.rows[k][table.header.index(name)].strip())
         cure = "fill the gap, or give pressure" if name == "p" else "fill the gap"
         table.problems.append(
             f"{name} ({fields[name].name}) is missing, {cell}, in row {table.row_numbers[k]}: "
-            f"{cure}{in_total(len(gaps[name]))}"
+            f"{cure}{count_suffix(len(gaps[name]))}"
         )
     return used

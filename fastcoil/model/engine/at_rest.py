@@ -10,67 +10,67 @@ What a lane does never depends on the others in its block: each has its own end,
 
 import numpy as np
 
-from fastcoil.model.engine.plant import deliver, march_water
-from fastcoil.model.engine.rows import LANES, Q_W, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, R, begin, positions
+from fastcoil.model.engine.plant import march_water, update_water_flow
+from fastcoil.model.engine.rows import LANES, Q_W, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, R, begin_run, name_offsets
 from fastcoil.model.numerics.jit import kernel, section
 from fastcoil.model.physics import (
     air_heat,
-    condensed,
+    condensed_water,
     effectiveness,
     enthalpy_difference,
     heat_capacity,
-    metal,
+    next_metal_temperature,
     vapour_enthalpy,
 )
 
 CONDITIONS = ("m_a", "T_a_in", "W_a_in", "T_w_in")
 """Rows of what enters the coils of a block, (4, LANES)."""
-C = positions(CONDITIONS)
+CONDITION = name_offsets(CONDITIONS)
 _SATURATION_SLOPE = 0.065  # d ln W_s / dT near the dew points of air conditioning, 1/K: it only scales the band
-_LEAST_BAND = 0.02  # width of the band around the dew point in which a volume is partly wet, at least, K
-_NEAR = 0.5
+_MIN_BAND_K = 0.02  # width of the band around the dew point in which a volume is partly wet, at least, K
+_NEAR_DEW_POINT_K = 0.5
 """No volume on its way to rest passes this distance from the dew point, K, in one sweep without slowing down."""
 
 
 @section
-def enter_each(V, n_volumes, entering):
+def set_inlets_per_lane(V, n_volumes, entering):
     """Set the air and the water that enter the coil of each lane."""
     air = V[(n_volumes + 1) * VOLUME_STRIDE :]
     for j in range(LANES):
-        air[T_A + j] = entering[C.T_a_in, j]
-        air[W_A + j] = entering[C.W_a_in, j]
-        V[T_W + j] = entering[C.T_w_in, j]
+        air[T_A + j] = entering[CONDITION.T_a_in, j]
+        air[W_A + j] = entering[CONDITION.W_a_in, j]
+        V[T_W + j] = entering[CONDITION.T_w_in, j]
 
 
 @section
-def begin_each(rows, common, entering, S, V):
+def begin_per_lane(rows, config, entering, S, V):
     """Set up the coils of a block, dry and at their initial temperature; air-side effectiveness of each, Eq (4)."""
-    begin(S, V, rows, common.n_volumes, True, True, 0.0)
+    begin_run(S, V, rows, config.n_volumes, True, True, 0.0)
     for j in range(LANES):
-        S[R.eps_a + j] = effectiveness(S[R.ntu_a_factor + j], S[R.beta4 + j], entering[C.m_a, j])
-        S[R.eps_star + j] = effectiveness(S[R.ntu_star_factor + j], S[R.beta6 + j], entering[C.m_a, j])
+        S[R.eps_a + j] = effectiveness(S[R.ntu_a_factor + j], S[R.beta4 + j], entering[CONDITION.m_a, j])
+        S[R.eps_star + j] = effectiveness(S[R.ntu_star_factor + j], S[R.beta6 + j], entering[CONDITION.m_a, j])
 
 
 @section
-def open_to(S, leaks, openings):
+def set_openings(S, leaks, openings):
     """Open the valve of each lane, (LANES,)."""
     for j in range(LANES):
         S[R.opening + j] = openings[j]
-    deliver(S, leaks)
+    update_water_flow(S, leaks)
 
 
 @section
-def second_each(S, V, common, entering):
+def march_second_per_lane(S, V, config, entering):
     """March the coil of each lane through a second, in the substeps of the block."""
-    enter_each(V, common.n_volumes, entering)
-    everywhere = np.ones(common.n_volumes + 1, np.bool_)
-    for _ in range(common.substeps):
-        march_water(S, V, common.n_volumes, False, everywhere)
-        march_air_each(S, V, common.n_volumes, common.lagged_air, entering, False)
+    set_inlets_per_lane(V, config.n_volumes, entering)
+    all_volumes = np.ones(config.n_volumes + 1, np.bool_)
+    for _ in range(config.substeps):
+        march_water(S, V, config.n_volumes, False, all_volumes)
+        march_air_per_lane(S, V, config.n_volumes, config.lagged_air, entering, False)
 
 
 @section
-def march_air_each(S, V, n_volumes, lagged_air, entering, hurries):
+def march_air_per_lane(S, V, n_volumes, lagged_air, entering, is_settling):
     """Eq (3) for air and metal as in ``march_air``, but for volumes at their dew point, see the file's docstring.
 
     The band is two changes of T_c wide, by one step of being wet: the emulator's own grain.
@@ -85,7 +85,7 @@ def march_air_each(S, V, n_volumes, lagged_air, entering, hurries):
         pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
         for j in range(LANES):
             T_in, W_in = pair[VOLUME_STRIDE + T_A + j], pair[VOLUME_STRIDE + W_A + j]
-            T_c, W_s, Q_w, m_a = pair[T_C + j], pair[W_S + j], pair[Q_W + j], entering[C.m_a, j]
+            T_c, W_s, Q_w, m_a = pair[T_C + j], pair[W_S + j], pair[Q_W + j], entering[CONDITION.m_a, j]
 
             cooled = S[R.eps_a + j] * (T_in - T_c)
             dried = S[R.eps_star + j] * enthalpy_difference(T_in, W_in, T_c, W_s)
@@ -94,22 +94,22 @@ def march_air_each(S, V, n_volumes, lagged_air, entering, hurries):
             Q_wet = air_heat(True, m_a, cooled, dried, S[R.cp_a + j])
             jump = abs(Q_wet - Q_dry)
             band = 2.0 * S[R.dt_C_c + j] * jump
-            band = _LEAST_BAND if band < _LEAST_BAND else band
+            band = _MIN_BAND_K if band < _MIN_BAND_K else band
             wet = 0.5 + (W_in - W_s) / (band * _SATURATION_SLOPE * W_s)
             wet = 0.0 if wet < 0.0 else wet
             wet = 1.0 if wet > 1.0 else wet
             Q_a = Q_dry if wet == 0.0 else wet * Q_wet + (1.0 - wet) * Q_dry
-            dW = wet * condensed(True, W_in, cooled, dried, T_out)
+            dW = wet * condensed_water(True, W_in, cooled, dried, T_out)
 
             dt_C_c = S[R.dt_C_c + j]
-            if hurries:
+            if is_settling:
                 slope = heat_capacity(W_s) + vapour_enthalpy(T_c) * (_SATURATION_SLOPE * W_s)
                 G_dry, G_wet = S[R.eps_a + j] * S[R.cp_a + j], S[R.eps_star + j] * slope
                 G_a = m_a * (G_wet if G_wet > G_dry else G_dry)
-                is_near = abs(W_in - W_s) < _NEAR * _SATURATION_SLOPE * W_s
+                is_near = abs(W_in - W_s) < _NEAR_DEW_POINT_K * _SATURATION_SLOPE * W_s
                 dt_C_c = 1.0 / (S[R.G_w + j] + G_a + (jump / band if is_near else 0.0))
                 dt_C_c = 0.0 if S[R.dt_C_w + j] == 0.0 else dt_C_c
-            T_next = metal(T_c, Q_a, Q_w, dt_C_c)
+            T_next = next_metal_temperature(T_c, Q_a, Q_w, dt_C_c)
             change = abs(T_next - T_c)
             farthest = S[R.farthest_T_c + j]
             S[R.farthest_T_c + j] = change if change > farthest else farthest
@@ -119,93 +119,93 @@ def march_air_each(S, V, n_volumes, lagged_air, entering, hurries):
             pair[W_A + j] = W_in - dW
 
 
-STEADY = ("opening", "T_sup", "m_w", "wet_volumes", "gain", "T_stepped", "nearest")
+STEADY_ROWS = ("opening", "T_sup", "m_w", "wet_volumes", "gain", "T_stepped", "nearest")
 """Rows of what is found of a plant at rest.
 
-T_stepped: T_sup at rest after the first of ``small_steps``.  nearest: 1 if no opening holds the set-point.  gain: NaN
+T_stepped: T_sup at rest after the first of ``neighbour_openings``.  nearest: 1 if no opening holds the set-point.  gain: NaN
 where T_sup jumps past it, as it may if a coil exchanges less when it is wet than when it is dry.
 """
-F = positions(STEADY)
-STEP = 1e-4
+STEADY_ROW = name_offsets(STEADY_ROWS)
+OPENING_STEP = 1e-4
 """Of the opening, to each side, for a derivative."""
-_SETTLED, _MOST_SWEEPS = 1e-11, 4000
+_SETTLED_CHANGE_K, _MAX_SWEEPS = 1e-11, 4000
 """A coil is at rest when no metal temperature moves further than this, K, in a sweep; it gets as many sweeps."""
-_FOUND, _MOST_OPENINGS = 1e-9, 60
-_JUMPED = 1e-4  # distance from the set-point, K, at an opening that ought to hold it
-_LEAST_FLOW = 1e-12  # kW/K; without water flow its temperature does not matter
+_REST_TOLERANCE_K, _MAX_ITERATIONS = 1e-9, 60
+_JUMP_THRESHOLD_K = 1e-4  # distance from the set-point, K, at an opening that ought to hold it
+_MIN_C_FLOW = 1e-12  # kW/K; without water flow its temperature does not matter
 
 
 @section
-def small_steps(opening):
+def neighbour_openings(opening):
     """Two openings, one to each side of an opening but within 0–1, that differ by 2 STEP or, at an end, by STEP."""
-    first = opening + STEP if opening + STEP <= 1.0 else opening - STEP
+    first = opening + OPENING_STEP if opening + OPENING_STEP <= 1.0 else opening - OPENING_STEP
     return first, min(max(opening + opening - first, 0.0), 1.0)
 
 
 @section
-def settle(S, V, n_volumes, leaks, entering, openings, rests):
+def settle(S, V, n_volumes, leaks, entering, openings, is_at_rest):
     """Bring every coil to rest at an opening, (LANES,).  The heat capacities do not matter for where that is.
 
     rests: (LANES,), coils that are left as they are.
     """
-    open_to(S, leaks, openings)
+    set_openings(S, leaks, openings)
     for j in range(LANES):
-        C_flow = S[R.C_flow + j] if S[R.C_flow + j] > _LEAST_FLOW else _LEAST_FLOW
-        S[R.dt_C_w + j] = 0.0 if rests[j] else 1.0 / C_flow
-    everywhere = np.ones(n_volumes + 1, np.bool_)
-    for _ in range(_MOST_SWEEPS):
-        enter_each(V, n_volumes, entering)
-        march_water(S, V, n_volumes, False, everywhere)
-        march_air_each(S, V, n_volumes, False, entering, True)
+        C_flow = S[R.C_flow + j] if S[R.C_flow + j] > _MIN_C_FLOW else _MIN_C_FLOW
+        S[R.dt_C_w + j] = 0.0 if is_at_rest[j] else 1.0 / C_flow
+    all_volumes = np.ones(n_volumes + 1, np.bool_)
+    for _ in range(_MAX_SWEEPS):
+        set_inlets_per_lane(V, n_volumes, entering)
+        march_water(S, V, n_volumes, False, all_volumes)
+        march_air_per_lane(S, V, n_volumes, False, entering, True)
         # one sweep more after the last, so that the air is that of the coil as it stands
         all_rest = True
         for j in range(LANES):
             all_rest &= S[R.dt_C_w + j] == 0.0
-            S[R.dt_C_w + j] = S[R.dt_C_w + j] if S[R.farthest_T_c + j] > _SETTLED else 0.0
+            S[R.dt_C_w + j] = S[R.dt_C_w + j] if S[R.farthest_T_c + j] > _SETTLED_CHANGE_K else 0.0
         if all_rest:
             break
 
 
 @kernel
-def find_rest(rows, common, entering, T_set, S, V, found):
+def find_rest(rows, config, entering, T_set, S, V, steady):
     """Find the opening at which each plant of a block rests at its set-point.
 
     rows, common: of a Block.  entering: (4, LANES), see CONDITIONS.  T_set: (LANES,), °C.  S, V: work space; V holds
     the coils at rest afterwards.  found: out, (6, LANES), see STEADY; gain in K per unit opening.
     """
-    n_volumes = common.n_volumes
-    begin_each(rows, common, entering, S, V)
+    n_volumes = config.n_volumes
+    begin_per_lane(rows, config, entering, S, V)
     supply = V[VOLUME_STRIDE + T_A : VOLUME_STRIDE + T_A + LANES]
 
     low, high, openings = np.zeros(LANES), np.ones(LANES), np.zeros(LANES)
     e_low, e_high, direction = np.empty(LANES), np.empty(LANES), np.empty(LANES)
-    nowhere, is_found = np.zeros(LANES, np.bool_), np.zeros(LANES, np.bool_)
-    settle(S, V, n_volumes, common.leaks, entering, low, nowhere)
+    none_at_rest, is_found = np.zeros(LANES, np.bool_), np.zeros(LANES, np.bool_)
+    settle(S, V, n_volumes, config.leaks, entering, low, none_at_rest)
     for j in range(LANES):
         e_low[j] = supply[j] - T_set[j]
-    settle(S, V, n_volumes, common.leaks, entering, high, nowhere)
+    settle(S, V, n_volumes, config.leaks, entering, high, none_at_rest)
     for j in range(LANES):
         e_high[j] = supply[j] - T_set[j]
-        e_low[j] = 0.0 if abs(e_low[j]) < _FOUND else e_low[j]
-        e_high[j] = 0.0 if abs(e_high[j]) < _FOUND else e_high[j]
+        e_low[j] = 0.0 if abs(e_low[j]) < _REST_TOLERANCE_K else e_low[j]
+        e_high[j] = 0.0 if abs(e_high[j]) < _REST_TOLERANCE_K else e_high[j]
         direction[j] = 1.0 if e_high[j] > e_low[j] else -1.0
         e_low[j] *= direction[j]
         e_high[j] *= direction[j]
-        found[F.nearest, j] = 0.0 if e_low[j] <= 0.0 <= e_high[j] and e_low[j] < e_high[j] else 1.0
+        steady[STEADY_ROW.nearest, j] = 0.0 if e_low[j] <= 0.0 <= e_high[j] and e_low[j] < e_high[j] else 1.0
         openings[j] = 1.0 if e_high[j] < 0.0 else 0.0
-        is_found[j] = found[F.nearest, j] != 0.0
+        is_found[j] = steady[STEADY_ROW.nearest, j] != 0.0
 
-    for k in range(_MOST_OPENINGS):
+    for k in range(_MAX_ITERATIONS):
         for j in range(LANES):
             if not is_found[j]:
                 # the secant, and every third time the middle, so that the bracket shrinks whatever the curve
                 share = 0.5 if k % 3 == 2 else -e_low[j] / (e_high[j] - e_low[j])
                 openings[j] = low[j] + share * (high[j] - low[j])
-        settle(S, V, n_volumes, common.leaks, entering, openings, is_found)
+        settle(S, V, n_volumes, config.leaks, entering, openings, is_found)
         for j in range(LANES):
             if not is_found[j]:
                 e = direction[j] * (supply[j] - T_set[j])
-                is_found[j] = abs(e) < _FOUND or high[j] - low[j] <= _FOUND * _FOUND
+                is_found[j] = abs(e) < _REST_TOLERANCE_K or high[j] - low[j] <= _REST_TOLERANCE_K * _REST_TOLERANCE_K
                 if e <= 0.0:
                     low[j] = openings[j]
                     e_low[j] = e
@@ -213,49 +213,49 @@ def find_rest(rows, common, entering, T_set, S, V, found):
                     high[j] = openings[j]
                     e_high[j] = e
                 if e == 0.0:
-                    e_low[j] -= _FOUND * _FOUND
+                    e_low[j] -= _REST_TOLERANCE_K * _REST_TOLERANCE_K
         if is_found.all():
             break
     for j in range(LANES):
-        found[F.opening, j] = openings[j]
-        low[j], high[j] = small_steps(openings[j])
-    settle(S, V, n_volumes, common.leaks, entering, low, nowhere)
+        steady[STEADY_ROW.opening, j] = openings[j]
+        low[j], high[j] = neighbour_openings(openings[j])
+    settle(S, V, n_volumes, config.leaks, entering, low, none_at_rest)
     for j in range(LANES):
-        found[F.T_stepped, j] = supply[j]
-    settle(S, V, n_volumes, common.leaks, entering, high, nowhere)
+        steady[STEADY_ROW.T_stepped, j] = supply[j]
+    settle(S, V, n_volumes, config.leaks, entering, high, none_at_rest)
     for j in range(LANES):
-        found[F.gain, j] = (supply[j] - found[F.T_stepped, j]) / (high[j] - low[j])
-    settle(S, V, n_volumes, common.leaks, entering, openings, nowhere)
+        steady[STEADY_ROW.gain, j] = (supply[j] - steady[STEADY_ROW.T_stepped, j]) / (high[j] - low[j])
+    settle(S, V, n_volumes, config.leaks, entering, openings, none_at_rest)
     for j in range(LANES):
-        if found[F.nearest, j] == 0.0 and abs(supply[j] - T_set[j]) > _JUMPED:
-            found[F.nearest, j] = 1.0
-            found[F.gain, j] = np.nan
-        found[F.T_sup, j] = supply[j]
-        found[F.m_w, j] = S[R.m_w + j]
-        found[F.wet_volumes, j] = S[R.wet_volumes + j]
+        if steady[STEADY_ROW.nearest, j] == 0.0 and abs(supply[j] - T_set[j]) > _JUMP_THRESHOLD_K:
+            steady[STEADY_ROW.nearest, j] = 1.0
+            steady[STEADY_ROW.gain, j] = np.nan
+        steady[STEADY_ROW.T_sup, j] = supply[j]
+        steady[STEADY_ROW.m_w, j] = S[R.m_w + j]
+        steady[STEADY_ROW.wet_volumes, j] = S[R.wet_volumes + j]
 
 
 @kernel
-def rest_curve(rows, common, entering, openings, S, V, T_sup):
+def rest_curve(rows, config, entering, openings, S, V, T_sup):
     """T_sup at rest at each of some openings, (n,): out, (n, LANES), °C."""
-    n_volumes = common.n_volumes
-    begin_each(rows, common, entering, S, V)
-    everywhere, nowhere = np.empty(LANES), np.zeros(LANES, np.bool_)
+    n_volumes = config.n_volumes
+    begin_per_lane(rows, config, entering, S, V)
+    same_openings, none_at_rest = np.empty(LANES), np.zeros(LANES, np.bool_)
     for k in range(openings.size):
-        everywhere[:] = openings[k]
-        settle(S, V, n_volumes, common.leaks, entering, everywhere, nowhere)
+        same_openings[:] = openings[k]
+        settle(S, V, n_volumes, config.leaks, entering, same_openings, none_at_rest)
         for j in range(LANES):
             T_sup[k, j] = V[VOLUME_STRIDE + T_A + j]
 
 
 STATES = ("T_w", "T_c", "T_a", "W_a")
 """Each for volume 1 to N, in this order."""
-_CHANGES = (1e-4, 1e-4, 1e-4, 1e-7)
+_STATE_CHANGES = (1e-4, 1e-4, 1e-4, 1e-7)
 """Of each kind of state to either side, K and kg/kg: well inside the band around the dew point."""
 
 
 @section
-def state_row(k, n_volumes):
+def state_offset(k, n_volumes):
     """Offset in V of state k, 0 to 4 N - 1, see STATES."""
     kind, i = k // n_volumes, k % n_volumes + 1
     row = T_W if kind == 0 else (T_C if kind == 1 else (T_A if kind == 2 else W_A))
@@ -266,55 +266,55 @@ def state_row(k, n_volumes):
 def add_states(V, n_volumes, factors, total):
     """Add every state, times a factor for each lane, to ``total``, (4 N, LANES)."""
     for k in range(4 * n_volumes):
-        row = state_row(k, n_volumes)
+        row = state_offset(k, n_volumes)
         for j in range(LANES):
             total[k, j] += factors[j] * V[row + j]
 
 
 @kernel
-def linearise_step(rows, common, entering, found, at_rest, S, V, A, B):
+def linearise_step(rows, config, entering, steady, V_at_rest, S, V, A, B):
     """Differentiate one second of the march at rest, with all its substeps, by central differences.
 
     rows, common, entering, S, V: as for ``find_rest``; found, at_rest: what that found, its V.
     A: out, (4 N, 4 N, LANES); B: out, (4 N, LANES), per unit opening.  States as in STATES, in K and kg/kg.
     """
-    n_volumes = common.n_volumes
-    begin_each(rows, common, entering, S, V)
+    n_volumes = config.n_volumes
+    begin_per_lane(rows, config, entering, S, V)
     A[:] = 0.0
     B[:] = 0.0
     factors, first, second = np.empty(LANES), np.empty(LANES), np.empty(LANES)
     for j in range(LANES):
-        first[j], second[j] = small_steps(found[F.opening, j])
+        first[j], second[j] = neighbour_openings(steady[STEADY_ROW.opening, j])
 
     for side in (1.0, -1.0):
-        V[:] = at_rest
+        V[:] = V_at_rest
         for j in range(LANES):
             factors[j] = side / (first[j] - second[j])
-        open_to(S, common.leaks, first if side > 0.0 else second)
-        second_each(S, V, common, entering)
+        set_openings(S, config.leaks, first if side > 0.0 else second)
+        march_second_per_lane(S, V, config, entering)
         add_states(V, n_volumes, factors, B)
 
-    open_to(S, common.leaks, found[F.opening])
+    set_openings(S, config.leaks, steady[STEADY_ROW.opening])
     for k in range(4 * n_volumes):
-        change, row = _CHANGES[k // n_volumes], state_row(k, n_volumes)
+        change, row = _STATE_CHANGES[k // n_volumes], state_offset(k, n_volumes)
         for side in (1.0, -1.0):
-            V[:] = at_rest
+            V[:] = V_at_rest
             for j in range(LANES):
                 V[row + j] += side * change
                 factors[j] = side / (2.0 * change)
-            second_each(S, V, common, entering)
+            march_second_per_lane(S, V, config, entering)
             add_states(V, n_volumes, factors, A[:, k])
 
 
-_AT_REST = 1e-9  # distance, K, from where a response ends, that is none
-FEW = 60
+_RESPONSE_TOLERANCE_K = 1e-9  # distance, K, from where a response ends, that is none
+TAIL_STEPS = 60
 """Steps over which the ratio of successive changes is taken, behind the end of a response."""
-SLOWEST = 0.99999
+MAX_TAIL_RATIO = 0.99999
 """Largest such ratio: a time constant of a day."""
 
 
 @kernel
-def respond(rows, common, entering, found, at_rest, S, V, tolerance, response, ends):
+def simulate_step_response(rows, config, entering, steady, V_at_rest, S, V, tolerance, response, ends):
     """Answer of T_sup to a small step of the opening, K per unit opening.
 
     found, at_rest: of ``find_rest``, its V.  response: out, (n_steps, LANES), seconds 1 to n_steps after the step.
@@ -322,39 +322,41 @@ def respond(rows, common, entering, found, at_rest, S, V, tolerance, response, e
     ends.  From there on its changes are a geometric series.  n_steps, if fewer than FEW + 1 seconds are left for that.
     """
     n_steps = response.shape[0]
-    begin_each(rows, common, entering, S, V)
+    begin_per_lane(rows, config, entering, S, V)
     supply = V[VOLUME_STRIDE + T_A : VOLUME_STRIDE + T_A + LANES]
     first, second = np.empty(LANES), np.empty(LANES)
     for j in range(LANES):
-        first[j], second[j] = small_steps(found[F.opening, j])
+        first[j], second[j] = neighbour_openings(steady[STEADY_ROW.opening, j])
 
-    V[:] = at_rest
-    open_to(S, common.leaks, first)
+    V[:] = V_at_rest
+    set_openings(S, config.leaks, first)
     ends[:] = 2
     for t in range(n_steps):
-        second_each(S, V, common, entering)
+        march_second_per_lane(S, V, config, entering)
         for j in range(LANES):
             response[t, j] = supply[j]
-            change = found[F.T_stepped, j] - found[F.T_sup, j]
-            left = abs(found[F.T_stepped, j] - supply[j])
-            ends[j] = t + 2 if left > tolerance * abs(change) + _AT_REST else ends[j]
+            change = steady[STEADY_ROW.T_stepped, j] - steady[STEADY_ROW.T_sup, j]
+            remaining = abs(steady[STEADY_ROW.T_stepped, j] - supply[j])
+            ends[j] = t + 2 if remaining > tolerance * abs(change) + _RESPONSE_TOLERANCE_K else ends[j]
 
-    V[:] = at_rest
-    open_to(S, common.leaks, second)
+    V[:] = V_at_rest
+    set_openings(S, config.leaks, second)
     for t in range(n_steps):
-        second_each(S, V, common, entering)
+        march_second_per_lane(S, V, config, entering)
         for j in range(LANES):
             response[t, j] = (response[t, j] - supply[j]) / (first[j] - second[j])
-            response[t, j] = response[t, j] if found[F.gain, j] == found[F.gain, j] else np.nan
+            response[t, j] = response[t, j] if steady[STEADY_ROW.gain, j] == steady[STEADY_ROW.gain, j] else np.nan
     for j in range(LANES):
-        ends[j] = ends[j] if found[F.gain, j] == found[F.gain, j] else 2
-        ends[j] = ends[j] if ends[j] + FEW + 1 <= n_steps else n_steps
+        ends[j] = ends[j] if steady[STEADY_ROW.gain, j] == steady[STEADY_ROW.gain, j] else 2
+        ends[j] = ends[j] if ends[j] + TAIL_STEPS + 1 <= n_steps else n_steps
         end = ends[j]
-        few = FEW if FEW < end - 1 else end - 1
-        before = response[end - few - 1, j] - (response[end - few - 2, j] if end - few > 1 else 0.0)
+        tail_steps = TAIL_STEPS if TAIL_STEPS < end - 1 else end - 1
+        before = response[end - tail_steps - 1, j] - (
+            response[end - tail_steps - 2, j] if end - tail_steps > 1 else 0.0
+        )
         change, ratio = response[end - 1, j] - response[end - 2, j], 0.0
         if end < n_steps and change * before > 0.0:
-            ratio = min((change / before) ** (1.0 / few), SLOWEST)
+            ratio = min((change / before) ** (1.0 / tail_steps), MAX_TAIL_RATIO)
         for t in range(end, n_steps):
             change *= ratio
             response[t, j] = response[t - 1, j] + change

@@ -11,37 +11,46 @@ import numpy as np
 from fastcoil.model import valve_test
 from fastcoil.model.control import (
     Law,
-    additive,
-    clipped,
+    additive_command,
+    clip01,
     desired_opening,
-    direction,
-    extreme,
-    holds,
-    integrated,
-    inverse,
+    in_dead_band,
+    integral_part,
+    inverse_command,
     median_difference,
+    next_extreme,
+    next_mode,
     noise_buffer,
     noise_level,
     sample_number,
-    smooth,
+    smooth_command,
 )
 from fastcoil.model.engine.rows import LANES, R
 from fastcoil.model.estimators.interface import Estimator
 from fastcoil.model.numerics.jit import exact, section
-from fastcoil.model.numerics.noise import MEASUREMENT, normal_pair
-from fastcoil.model.numerics.stages import BUILT_IN, FLAG, NUMBER, ROWS, WHOLE, Kind, keep, values_at
+from fastcoil.model.numerics.noise import MEASUREMENT_CHANNEL, normal_pair
+from fastcoil.model.numerics.stages import (
+    BUILT_IN,
+    FLAG,
+    INTEGER,
+    NUMBER,
+    ROW_POINTER,
+    StageSignature,
+    store_if_due,
+    values_at,
+)
 from fastcoil.model.parameter_table import PARAMETERS
-from fastcoil.model.physics import measured
+from fastcoil.model.physics import sensor_reading
 
-CONTROL = Kind(ROWS, WHOLE, NUMBER, NUMBER, FLAG, NUMBER)
+CONTROL_SIGNATURE = StageSignature(ROW_POINTER, INTEGER, NUMBER, NUMBER, FLAG, NUMBER)
 """Stages that decide u and the command, see ``control_stage``."""
-call_control = CONTROL.call
+call_control = CONTROL_SIGNATURE.call
 ADDITIVE, SMOOTH = (float(PARAMETERS["compensation"].choices.index(word)) for word in ("additive", "smooth"))
-DAY = 86400.0  # s
-MEASURED = float(PARAMETERS["buffer_noise"].choices.index("measured"))
+SECONDS_PER_DAY = 86400.0  # s
+MEASURED_NOISE = float(PARAMETERS["buffer_noise"].choices.index("measured"))
 
 
-class Control(NamedTuple):
+class ControllerFeatures(NamedTuple):
     """What the controllers of a block have in common: which parts of ``control`` are compiled for it.
 
     A lane that needs a part less than its neighbours keeps its bits.
@@ -62,7 +71,7 @@ class Control(NamedTuple):
     has_test: bool = False
 
     @classmethod
-    def of(cls, estimator: Estimator | None, law: Law | None, row: Mapping[str, np.ndarray]) -> Control:
+    def of(cls, estimator: Estimator | None, law: Law | None, row: Mapping[str, np.ndarray]) -> ControllerFeatures:
         """For a block whose lanes have this estimator, this law, ``None`` for the PI, and these parameters."""
         return cls(
             is_watched=estimator is not None and estimator.is_watching(row),
@@ -71,35 +80,35 @@ class Control(NamedTuple):
             has_dead_band=bool(np.any(row["error_dead_band"] > 0.0)),
             is_additive=bool(np.any(row["compensation"] == ADDITIVE)),
             is_smooth=bool(np.any(row["compensation"] == SMOOTH)),
-            measures_noise=bool(np.any(row["buffer_noise"] == MEASURED)),
+            measures_noise=bool(np.any(row["buffer_noise"] == MEASURED_NOISE)),
             waives_buffer=estimator is not None and estimator.waives_buffer,
             has_test=bool(np.any(row["test_start"] >= 0.0)),
         )
 
 
-PLAIN = Control()
+PLAIN_CONTROLLER = ControllerFeatures()
 """What the kernel has built in."""
 
 
 @section
-def draw_noise(S, t, k, common, day):
+def draw_noise(S, t, k, config, day):
     """Draw a normal number for the lanes that sample now.  k: number of the sample, where all lanes sample together."""
-    if common.samples_together and k % 2 == 1:
+    if config.samples_together and k % 2 == 1:
         for j in range(LANES):
             S[R.noise + j] = S[R.noise_next + j]
         return
     k0, k1, label = np.uint64(day.seed[0]), np.uint64(day.seed[1]), np.uint64(day.label)
     for j in range(LANES):
-        last = sample_number(t, S[R.sample_time + j])
-        sample, replicate = np.int64(last), np.uint64(S[R.replicate + j])
-        even, odd = normal_pair(np.uint64(sample >> 1), np.uint64(MEASUREMENT), replicate, label, k0, k1)
-        due = last * S[R.sample_time + j] == t
+        last_sample = sample_number(t, S[R.sample_time + j])
+        sample, replicate = np.int64(last_sample), np.uint64(S[R.replicate + j])
+        even, odd = normal_pair(np.uint64(sample >> 1), np.uint64(MEASUREMENT_CHANNEL), replicate, label, k0, k1)
+        due = last_sample * S[R.sample_time + j] == t
         z = odd if sample & 1 else even
         S[R.noise + j] = S[R.noise_std + j] * z if due else S[R.noise + j]
         S[R.noise_next + j] = S[R.noise_std + j] * odd
 
 
-def control_of(parts: Control) -> Any:
+def make_control(features: ControllerFeatures) -> Any:
     """The section ``control`` with these parts.  It closes over them, so that the compiler never sees the others."""
     (
         is_watched,
@@ -111,22 +120,22 @@ def control_of(parts: Control) -> Any:
         measures_noise,
         waives_buffer,
         has_test,
-    ) = parts
+    ) = features
 
     @section
     def control(S, t, T_set, noise, enabled, counts_switches):
         """Run PI and inverse of the lanes that sample now; the others hold u, and so their command."""
         for j in range(LANES):
             resolution = S[R.sensor_resolution + j] if has_resolution else 0.0
-            y = measured(S[R.y_s + j], S[R.noise + j] + noise, resolution)
+            y = sensor_reading(S[R.y_s + j], S[R.noise + j] + noise, resolution)
             e = S[R.sign + j] * (y - T_set)
             due = sample_number(t, S[R.sample_time + j]) * S[R.sample_time + j] == t
-            integral = integrated(S[R.integral + j], e, S[R.ki + j])
+            integral = integral_part(S[R.integral + j], e, S[R.ki + j])
             u = S[R.decided + j] if has_law else desired_opening(e, integral, S[R.kp + j])
             integral = 0.0 if has_law else integral
             acts = due
             if has_dead_band:
-                acts = due and not holds(e, S[R.error_dead_band + j])
+                acts = due and not in_dead_band(e, S[R.error_dead_band + j])
             if has_test:
                 acts = acts and S[R.test + j] == 0.0
             integral = integral if acts else S[R.integral + j]
@@ -138,20 +147,22 @@ def control_of(parts: Control) -> Any:
                 S[R.e_seen + j] = e if due else S[R.e_seen + j]
             buffer = S[R.buffer + j]
             if measures_noise:
-                buffer = measured_buffer(S, j, e, due)
+                buffer = update_noise_buffer(S, j, e, due)
             if waives_buffer:
                 buffer = buffer if S[R.assumed + j] > 0.0 else 0.0
 
-            mode = direction(u, S[R.mode + j], S[R.u_ext + j], buffer)
+            mode = next_mode(u, S[R.mode + j], S[R.u_ext + j], buffer)
             turned = mode != S[R.mode + j]
-            u_ext = extreme(u, mode, S[R.u_ext + j], turned)
-            command = inverse(u_ext, mode, S[R.assumed + j])
+            u_ext = next_extreme(u, mode, S[R.u_ext + j], turned)
+            command = inverse_command(u_ext, mode, S[R.assumed + j])
             moves = u_ext != S[R.u_ext + j]
             if is_additive:
-                command = additive(u_ext, mode, S[R.assumed + j]) if S[R.compensation + j] == ADDITIVE else command
+                command = (
+                    additive_command(u_ext, mode, S[R.assumed + j]) if S[R.compensation + j] == ADDITIVE else command
+                )
             if is_smooth:
                 smooths = S[R.compensation + j] == SMOOTH
-                command = smooth(u, S[R.u + j], S[R.assumed + j], S[R.steepness + j]) if smooths else command
+                command = smooth_command(u, S[R.u + j], S[R.assumed + j], S[R.steepness + j]) if smooths else command
                 moves = (due or u != S[R.u + j]) if smooths else moves
             if has_test:
                 moves = moves and S[R.test + j] == 0.0
@@ -166,59 +177,59 @@ def control_of(parts: Control) -> Any:
     return control
 
 
-control = control_of(PLAIN)
+control = make_control(PLAIN_CONTROLLER)
 
 
 @section
 def run_test(S, t, T_set, noise, enabled):
     """Run the valve test of the lanes that sample now: it sets the command, and the PI follows it without a bump."""
     for j in range(LANES):
-        y = measured(S[R.y_s + j], S[R.noise + j] + noise, S[R.sensor_resolution + j])
+        y = sensor_reading(S[R.y_s + j], S[R.noise + j] + noise, S[R.sensor_resolution + j])
         due = sample_number(t, S[R.sample_time + j]) * S[R.sample_time + j] == t
         p = valve_test.Parameters(
             S[R.sample_time + j], S[R.test_minutes + j], S[R.test_rate + j], S[R.test_threshold + j],
             S[R.test_settle + j], S[R.test_hold + j], S[R.test_excursion + j],
         )  # fmt: skip
         before = values_at(valve_test.Memory, S, R.test_phase + j, LANES)
-        waits = t - S[R.test_start + j]
-        every = DAY * S[R.test_every + j]
-        waits = waits % every if waits > 0.0 and every > 0.0 else waits
-        asked = due and waits >= 0.0 and waits < S[R.sample_time + j]
-        starts = asked and enabled
-        held = valve_test.held_command(S[R.command + j], before) if starts else S[R.command + j]
-        memory = valve_test.begin(T_set, p, before) if starts else before
-        runs = memory.phase != valve_test.OFF
+        elapsed = t - S[R.test_start + j]
+        repeat_period = SECONDS_PER_DAY * S[R.test_every + j]
+        elapsed = elapsed % repeat_period if elapsed > 0.0 and repeat_period > 0.0 else elapsed
+        is_start_time = due and elapsed >= 0.0 and elapsed < S[R.sample_time + j]
+        is_start = is_start_time and enabled
+        held_command = valve_test.held_command(S[R.command + j], before) if is_start else S[R.command + j]
+        memory = valve_test.begin_test(T_set, p, before) if is_start else before
+        runs = memory.phase != valve_test.PHASE_OFF
         acts = due or (runs and not enabled)
         sign = S[R.sign + j]
-        command, after = valve_test.step(sign * (y - memory.reference), held, enabled, p, memory)
-        after = after if runs else valve_test.mean_of(S[R.command + j], p, before)
-        keep(acts and (runs or enabled), after, before, S, R.test_phase + j, LANES)
-        S[R.test_aborted + j] = valve_test.DISABLED if asked and not enabled else S[R.test_aborted + j]
-        runs = S[R.test_phase + j] != valve_test.OFF
+        command, after = valve_test.step_test(sign * (y - memory.reference), held_command, enabled, p, memory)
+        after = after if runs else valve_test.update_command_mean(S[R.command + j], p, before)
+        store_if_due(acts and (runs or enabled), after, before, S, R.test_phase + j, LANES)
+        S[R.test_aborted + j] = valve_test.ABORTED_DISABLED if is_start_time and not enabled else S[R.test_aborted + j]
+        runs = S[R.test_phase + j] != valve_test.PHASE_OFF
         S[R.test + j] = 1.0 if runs else 0.0
         mode = after.direction if after.direction != 0.0 else S[R.mode + j]
         u = opening_behind(command, mode, S[R.assumed + j], S[R.compensation + j])
-        follows = runs and acts
-        S[R.command + j] = command if follows else S[R.command + j]
-        S[R.mode + j] = mode if follows else S[R.mode + j]
-        S[R.u + j] = u if follows else S[R.u + j]
-        S[R.u_ext + j] = u if follows else S[R.u_ext + j]
-        integral = clipped(u - S[R.kp + j] * sign * (y - T_set))
-        S[R.integral + j] = integral if follows else S[R.integral + j]
+        follows_test = runs and acts
+        S[R.command + j] = command if follows_test else S[R.command + j]
+        S[R.mode + j] = mode if follows_test else S[R.mode + j]
+        S[R.u + j] = u if follows_test else S[R.u + j]
+        S[R.u_ext + j] = u if follows_test else S[R.u_ext + j]
+        integral = clip01(u - S[R.kp + j] * sign * (y - T_set))
+        S[R.integral + j] = integral if follows_test else S[R.integral + j]
 
 
 @exact
 def opening_behind(command, mode, x_hat, compensation):
     """u from which the compensation of an estimate x_hat makes a command: from there the PI goes on without a bump."""
-    side = 1.0 if mode > 0.0 else 0.0
+    rising_share = 1.0 if mode > 0.0 else 0.0
     if compensation == ADDITIVE:
-        return clipped(command - (side - 0.5) * x_hat)
-    side = 0.5 if compensation == SMOOTH else side
-    return clipped((command - side * x_hat) / (1.0 - x_hat))
+        return clip01(command - (rising_share - 0.5) * x_hat)
+    rising_share = 0.5 if compensation == SMOOTH else rising_share
+    return clip01((command - rising_share * x_hat) / (1.0 - x_hat))
 
 
 @section
-def measured_buffer(S, j, e, due):
+def update_noise_buffer(S, j, e, due):
     """Buffer of lane j, from the noise that it measures if it is to, after its reading e."""
     readings = S[R.readings + j] + (1.0 if due else 0.0)
     median = median_difference(S[R.difference + j], readings, e, S[R.e_1 + j], S[R.e_2 + j])
@@ -230,20 +241,20 @@ def measured_buffer(S, j, e, due):
     buffer = noise_buffer(
         S[R.buffer + j], S[R.buffer_ratio + j], S[R.kp + j], noise_level(median), S[R.largest_buffer + j]
     )
-    return buffer if S[R.buffer_noise + j] == MEASURED else S[R.buffer + j]
+    return buffer if S[R.buffer_noise + j] == MEASURED_NOISE else S[R.buffer + j]
 
 
 @cache
-def control_stage(parts: Control) -> Any:
+def control_stage(features: ControllerFeatures) -> Any:
     """Where ``control`` is, compiled for these parts: (S, t, T_set, noise, enabled, counts_switches) → nothing."""
-    if parts == PLAIN:
+    if features == PLAIN_CONTROLLER:
         return BUILT_IN
 
-    has_test, control_lanes = parts.has_test, control_of(parts)
+    has_test, control_lanes = features.has_test, make_control(features)
 
     def controller(S, t, T_set, noise, enabled, counts_switches):
         if has_test:
             run_test(S, t, T_set, noise, enabled)
         control_lanes(S, t, T_set, noise, enabled, counts_switches)
 
-    return CONTROL.compiled(controller, repr(parts))
+    return CONTROL_SIGNATURE.compiled(controller, repr(features))

@@ -6,26 +6,26 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fastcoil.model.control import Law
-from fastcoil.model.engine.controller import Control, control_stage
-from fastcoil.model.engine.emulator import C, Day, emulate
-from fastcoil.model.engine.metrics import N_METRICS, OF_ESTIMATORS, schedule
-from fastcoil.model.engine.plant import Stem, stem_stage
+from fastcoil.model.engine.controller import ControllerFeatures, control_stage
+from fastcoil.model.engine.emulator import DAY_COLUMN, Day, emulate
+from fastcoil.model.engine.metrics import ESTIMATOR_METRICS, N_METRICS, make_schedule
+from fastcoil.model.engine.plant import ActuatorFeatures, actuator_stage
 from fastcoil.model.engine.rows import LANES, PARAMETER_ROWS, ROWS, T_A, T_C, T_W, VOLUME_ROWS, VOLUME_STRIDE, W_A, R
 from fastcoil.model.engine.rules import estimator_stage, law_stage
 from fastcoil.model.estimators.interface import Estimator
 from fastcoil.model.estimators.registry import ESTIMATORS
-from fastcoil.model.metric_table import LEARNING_STATUS, METRICS, STATUS_OK
+from fastcoil.model.metric_table import LEARNING_STATUS_MEANINGS, METRICS, STATUS_OK
 from fastcoil.model.numerics.stages import BUILT_IN
 from fastcoil.model.parameter_table import PARAMETERS
 
 Columns = Mapping[str, np.ndarray]
 """Parameter name → one value per scenario; words as words, NaN where a stand-in is not given."""
-KIND = ("law", "estimator", "air_march", "n_volumes", "substeps")
+BLOCK_KEYS = ("law", "estimator", "air_march", "n_volumes", "substeps")
 """Parameters of which a block has one value.  Lanes of different estimators or laws never share a block."""
-_CACHE_LINE = 8  # doubles in a cache line of 64 bytes
+_DOUBLES_PER_CACHE_LINE = 8  # doubles in a cache line of 64 bytes
 
 
-class Rules(NamedTuple):
+class UserRules(NamedTuple):
     """Rules of the user's own: their number as an estimator, or a law, follows those of the package."""
 
     estimators: tuple[Estimator, ...] = ()
@@ -33,8 +33,8 @@ class Rules(NamedTuple):
 
     def words(self, name: str) -> tuple[str, ...]:
         """The words for the parameter ``estimator`` or ``law``, by number; for another, its choices."""
-        more: dict[str, tuple[Estimator | Law, ...]] = {"estimator": self.estimators, "law": self.laws}
-        return (*PARAMETERS[name].choices, *(rule.name for rule in more.get(name, ())))
+        user_rules: dict[str, tuple[Estimator | Law, ...]] = {"estimator": self.estimators, "law": self.laws}
+        return (*PARAMETERS[name].choices, *(rule.name for rule in user_rules.get(name, ())))
 
     @property
     def own(self) -> tuple[str, ...]:
@@ -44,10 +44,10 @@ class Rules(NamedTuple):
         return tuple(dict.fromkeys(names))
 
 
-NO_RULES = Rules()
+NO_USER_RULES = UserRules()
 
 
-class Common(NamedTuple):
+class BlockConfig(NamedTuple):
     """What the lanes of a block have in common, for the kernel.
 
     Periods are common divisors of the lanes' own, s (0 = nothing is estimated).  Flags say what the whole block may
@@ -78,79 +78,81 @@ class Block(NamedTuple):
     """
 
     rows: np.ndarray
-    common: Common
+    common: BlockConfig
     estimator: Estimator | None
     law: Law | None
-    for_estimator: np.ndarray
-    for_law: np.ndarray
+    estimator_parameters: np.ndarray
+    law_parameters: np.ndarray
 
 
-def blocks(matrix: np.ndarray, rules: Rules = NO_RULES) -> list[tuple[np.ndarray, Block]]:
+def cut_into_blocks(matrix: np.ndarray, rules: UserRules = NO_USER_RULES) -> list[tuple[np.ndarray, Block]]:
     """Cut scenarios of one day into blocks: (index of the scenario in each used lane, block).
 
     matrix, rules: see ``parameter_matrix``.  Scenarios that share all of KIND are sorted by
     sample time, so that most blocks sample in step; the last block of each kind is padded with copies of its last
     scenario.
     """
-    row = _by_name(matrix, rules)
-    order = np.lexsort([row[name] for name in ("learning_interval", "sample_time", *KIND)])
-    kind = np.stack([row[name] for name in KIND])[:, order]
-    starts = np.flatnonzero(np.any(np.diff(kind, axis=1, prepend=-1.0) != 0.0, axis=0))
-    cut = []
+    row = _rows_by_name(matrix, rules)
+    order = np.lexsort([row[name] for name in ("learning_interval", "sample_time", *BLOCK_KEYS)])
+    keys = np.stack([row[name] for name in BLOCK_KEYS])[:, order]
+    starts = np.flatnonzero(np.any(np.diff(keys, axis=1, prepend=-1.0) != 0.0, axis=0))
+    members_and_blocks = []
     for group in np.split(order, starts[1:]):
         for start in range(0, group.size, LANES):
             members = group[start : start + LANES]
-            cut.append((members, _block(np.ascontiguousarray(matrix[:, padded(members)]), rules)))
-    return cut
+            members_and_blocks.append(
+                (members, _make_block(np.ascontiguousarray(matrix[:, pad_members(members)]), rules))
+            )
+    return members_and_blocks
 
 
-def padded(members: np.ndarray) -> np.ndarray:
+def pad_members(members: np.ndarray) -> np.ndarray:
     """The scenario in each lane of a block."""
     return np.concatenate([members, np.full(LANES - members.size, members[-1])])
 
 
 def run_sets(
-    matrix: np.ndarray, run: Callable[[Block, np.ndarray], Sequence[np.ndarray]], rules: Rules = NO_RULES
+    matrix: np.ndarray, run: Callable[[Block, np.ndarray], Sequence[np.ndarray]], rules: UserRules = NO_USER_RULES
 ) -> tuple[np.ndarray, ...]:
     """Run many parameter sets, block by block.
 
     matrix, rules: see ``parameter_matrix``.  run: takes a block and its members, returns arrays (…, LANES).  Returns
     the same arrays for all sets, (…, n_sets), in their order.
     """
-    found: tuple[np.ndarray, ...] = ()
-    for members, block in blocks(matrix, rules):
+    results: tuple[np.ndarray, ...] = ()
+    for members, block in cut_into_blocks(matrix, rules):
         parts = run(block, members)
-        found = found or tuple(np.empty((*part.shape[:-1], matrix.shape[1])) for part in parts)
-        for whole, part in zip(found, parts, strict=True):
+        results = results or tuple(np.empty((*part.shape[:-1], matrix.shape[1])) for part in parts)
+        for whole, part in zip(results, parts, strict=True):
             whole[..., members] = part[..., : members.size]
-    return found
+    return results
 
 
-def parameter_matrix(columns: Columns, rules: Rules = NO_RULES) -> np.ndarray:
+def parameter_matrix(columns: Columns, rules: UserRules = NO_USER_RULES) -> np.ndarray:
     """The columns as numbers, (len(PARAMETER_ROWS), n), a word as the index of its choice; the rules' own below."""
-    matrix = np.stack([_numbers(name, columns[name], rules) for name in (*PARAMETER_ROWS, *rules.own)])
-    row = _by_name(matrix, rules)
-    given = row["estimate_ratio"] >= 0.0
-    np.copyto(row["backlash_estimate"], row["estimate_ratio"] * row["backlash"], where=given)
+    matrix = np.stack([_as_numbers(name, columns[name], rules) for name in (*PARAMETER_ROWS, *rules.own)])
+    row = _rows_by_name(matrix, rules)
+    has_ratio = row["estimate_ratio"] >= 0.0
+    np.copyto(row["backlash_estimate"], row["estimate_ratio"] * row["backlash"], where=has_ratio)
     return matrix
 
 
-def _numbers(name: str, values: np.ndarray, rules: Rules) -> np.ndarray:
+def _as_numbers(name: str, values: np.ndarray, rules: UserRules) -> np.ndarray:
     if name in PARAMETERS and PARAMETERS[name].is_word:
         choices = np.array(rules.words(name))
         return np.asarray((values[:, None] == choices) @ np.arange(choices.size), dtype=float)
     return np.asarray(values, dtype=float)
 
 
-def _by_name(matrix: np.ndarray, rules: Rules) -> dict[str, np.ndarray]:
+def _rows_by_name(matrix: np.ndarray, rules: UserRules) -> dict[str, np.ndarray]:
     return dict(zip((*PARAMETER_ROWS, *rules.own), matrix, strict=True))
 
 
-def _block(rows: np.ndarray, rules: Rules) -> Block:
-    row = _by_name(rows, rules)
+def _make_block(rows: np.ndarray, rules: UserRules) -> Block:
+    row = _rows_by_name(rows, rules)
     estimator = (*ESTIMATORS, *rules.estimators)[int(row["estimator"][0])]
     law = (None, *rules.laws)[int(row["law"][0])]
-    common = Common(
+    config = BlockConfig(
         n_volumes=int(row["n_volumes"][0]),
         substeps=int(row["substeps"][0]),
         lagged_air=bool(row["air_march"][0] == 0.0),
@@ -163,13 +165,13 @@ def _block(rows: np.ndarray, rules: Rules) -> Block:
         leaks=bool(np.any(row["leakage"] >= 0.0)),
         estimate=BUILT_IN if estimator is None else estimator_stage(estimator),
         law=BUILT_IN if law is None else law_stage(law),
-        control=control_stage(Control.of(estimator, law, row)),
-        stem=stem_stage(Stem.of(row)),
+        control=control_stage(ControllerFeatures.of(estimator, law, row)),
+        stem=actuator_stage(ActuatorFeatures.of(row)),
     )
-    return Block(rows, common, estimator, law, _read_by(estimator, row), _read_by(law, row))
+    return Block(rows, config, estimator, law, _rule_parameters(estimator, row), _rule_parameters(law, row))
 
 
-def _read_by(rule: Estimator | Law | None, row: Mapping[str, np.ndarray]) -> np.ndarray:
+def _rule_parameters(rule: Estimator | Law | None, row: Mapping[str, np.ndarray]) -> np.ndarray:
     """The parameters that a rule reads, (n, LANES)."""
     names = () if rule is None else rule.Parameters._fields
     return np.array([row[name] for name in names]).reshape(len(names), LANES)
@@ -189,33 +191,33 @@ class WorkSpace(NamedTuple):
     S: np.ndarray
     V: np.ndarray
     own: np.ndarray
-    own_law: np.ndarray
+    law_state: np.ndarray
 
 
 def work_space(block: Block) -> WorkSpace:
     """Room for the states of a block: uninitialised, but for the parameters of its estimator and its law."""
     return WorkSpace(
-        _aligned(len(ROWS) * LANES),
-        _aligned((block.common.n_volumes + 2) * VOLUME_STRIDE),
-        room_for(block.estimator, block.for_estimator),
-        room_for(block.law, block.for_law),
+        _allocate_aligned(len(ROWS) * LANES),
+        _allocate_aligned((block.common.n_volumes + 2) * VOLUME_STRIDE),
+        allocate_rule_state(block.estimator, block.estimator_parameters),
+        allocate_rule_state(block.law, block.law_parameters),
     )
 
 
-def room_for(rule: Estimator | Law | None, parameters: np.ndarray) -> np.ndarray:
+def allocate_rule_state(rule: Estimator | Law | None, parameters: np.ndarray) -> np.ndarray:
     """The parameters of a rule and, behind them, room for its memory and an estimator's arrays."""
-    words = rule.words if isinstance(rule, Estimator) else 0
-    own = _aligned(parameters.size + (0 if rule is None else LANES * (len(rule.Memory._fields) + words)))
-    own[: parameters.size] = parameters.ravel()
-    own[parameters.size :] = 0.0
-    return own
+    n_array = rule.words if isinstance(rule, Estimator) else 0
+    state = _allocate_aligned(parameters.size + (0 if rule is None else LANES * (len(rule.Memory._fields) + n_array)))
+    state[: parameters.size] = parameters.ravel()
+    state[parameters.size :] = 0.0
+    return state
 
 
-def _aligned(size: int) -> np.ndarray:
+def _allocate_aligned(size: int) -> np.ndarray:
     """Allocate from the edge of a cache line on: a vector across two lines costs twice."""
-    space = np.empty(size + _CACHE_LINE)
-    start = -space.ctypes.data // space.itemsize % _CACHE_LINE
-    return space[start : start + size]
+    buffer = np.empty(size + _DOUBLES_PER_CACHE_LINE)
+    start = -buffer.ctypes.data // buffer.itemsize % _DOUBLES_PER_CACHE_LINE
+    return buffer[start : start + size]
 
 
 def trace_rows(names: Sequence[str], n_volumes: int) -> np.ndarray:
@@ -224,18 +226,22 @@ def trace_rows(names: Sequence[str], n_volumes: int) -> np.ndarray:
     Offsets of S are given as they are, offsets of V as -1 - offset.
     """
     volume = {"T_w": T_W, "T_c": T_C, "T_a": T_A, "W_a": W_A}
-    ends = {"T_sup": T_A + VOLUME_STRIDE, "W_sup": W_A + VOLUME_STRIDE, "T_w_out": T_W + n_volumes * VOLUME_STRIDE}
+    end_volumes = {
+        "T_sup": T_A + VOLUME_STRIDE,
+        "W_sup": W_A + VOLUME_STRIDE,
+        "T_w_out": T_W + n_volumes * VOLUME_STRIDE,
+    }
     signal = vars(R) | {"T_measured": R.measured}
     rows: list[int] = []
     for name in names:
         if name in volume:
             rows += [-1 - (volume[name] + i * VOLUME_STRIDE) for i in range(1, n_volumes + 1)]
         else:
-            rows.append(-1 - ends[name] if name in ends else signal[name])
+            rows.append(-1 - end_volumes[name] if name in end_volumes else signal[name])
     return np.array(rows, dtype=np.int64)
 
 
-KNOWN_AFTER_MARCH = ("wet_volumes",)
+TRACES_AFTER_MARCH = ("wet_volumes",)
 """Traces of step t that are known only after the march of step t."""
 
 
@@ -251,7 +257,7 @@ class TraceRequest(NamedTuple):
 
 
 def run_block(
-    block: Block, day: Day, wanted: TraceRequest, work: WorkSpace | None = None
+    block: Block, day: Day, request: TraceRequest, work: WorkSpace | None = None
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
     """Run one block.
 
@@ -259,43 +265,49 @@ def run_block(
     (N_METRICS, LANES), status (LANES,) and traces by name.  A trace is (n_points, LANES), or (n_points, N, LANES) if it
     has volumes; those of failed lanes are NaN.
     """
-    before = [n for n in wanted.names if n not in KNOWN_AFTER_MARCH]
-    after = [n for n in wanted.names if n in KNOWN_AFTER_MARCH]
-    rows, rows_after = trace_rows(before, block.common.n_volumes), trace_rows(after, block.common.n_volumes)
-    n_points = wanted.n_points(day.series.shape[0])
+    names_before = [n for n in request.names if n not in TRACES_AFTER_MARCH]
+    names_after = [n for n in request.names if n in TRACES_AFTER_MARCH]
+    rows, rows_after = trace_rows(names_before, block.common.n_volumes), trace_rows(names_after, block.common.n_volumes)
+    n_points = request.n_points(day.series.shape[0])
     traces = np.empty((n_points, rows.size + rows_after.size, LANES))
     metrics, status = np.full((N_METRICS, LANES), np.nan), np.empty(LANES, dtype=np.int64)
     work = work_space(block) if work is None else work
-    emulate(block.rows, block.common, day, *work, metrics, status, rows, rows_after, wanted.interval, traces)
-    for name, values in _of_estimator(block, work.own, day.command.size > 0).items():
+    emulate(block.rows, block.common, day, *work, metrics, status, rows, rows_after, request.interval, traces)
+    for name, values in _estimator_metrics(block, work.own, day.command.size > 0).items():
         metrics[list(METRICS).index(name)] = np.where(status == STATUS_OK, values, np.nan)
 
     traces[:, :, status != STATUS_OK] = np.nan
-    named, k = {}, 0
-    for name in before + after:
+    traces_by_name, k = {}, 0
+    for name in names_before + names_after:
         if name in VOLUME_ROWS:
-            named[name] = traces[:, k : k + block.common.n_volumes]
+            traces_by_name[name] = traces[:, k : k + block.common.n_volumes]
             k += block.common.n_volumes
         else:
-            named[name] = traces[:, k]
+            traces_by_name[name] = traces[:, k]
             k += 1
-    return metrics, status, named
+    return metrics, status, traces_by_name
 
 
-def _of_estimator(block: Block, own: np.ndarray, open_loop: bool) -> dict[str, Any]:
+def _estimator_metrics(block: Block, estimator_state: np.ndarray, open_loop: bool) -> dict[str, Any]:
     """The metrics that only an estimator brings; NaN, or off, where the block has another one."""
-    found: dict[str, Any] = {name: np.nan for name in OF_ESTIMATORS} | {"learning_status": LEARNING_STATUS.index("off")}
+    metrics: dict[str, Any] = {name: np.nan for name in ESTIMATOR_METRICS} | {
+        "learning_status": LEARNING_STATUS_MEANINGS.index("off")
+    }
     rule = block.estimator
     if rule is not None and rule.results is not None and not open_loop:
         first, n = len(rule.Parameters._fields), len(rule.Memory._fields)
-        found |= rule.results(rule.Memory(*own.reshape(-1, LANES)[first : first + n]))
-    return found
+        metrics |= rule.results(rule.Memory(*estimator_state.reshape(-1, LANES)[first : first + n]))
+    return metrics
 
 
 def compile_kernel() -> None:
     """Compile the kernel, or load it from the cache, by running the default loop for one second."""
     series = np.array([[1.0, 25.0, 0.01, 7.0, 14.0, 0.0, 1.0, 1.0]])  # DAY_COLUMNS
-    day = Day(series, np.empty(0), schedule(series[:, C.T_set], series[:, C.enabled], 0), 0, (0, 0))
+    day = Day(
+        series, np.empty(0), make_schedule(series[:, DAY_COLUMN.T_set], series[:, DAY_COLUMN.enabled], 0), 0, (0, 0)
+    )
     defaults = {p.name: np.array([np.nan if p.default is None else p.default]) for p in PARAMETERS.values()}
-    ((_, block),) = blocks(parameter_matrix(defaults | {"replicate": np.zeros(1), "estimator": np.array(["none"])}))
+    ((_, block),) = cut_into_blocks(
+        parameter_matrix(defaults | {"replicate": np.zeros(1), "estimator": np.array(["none"])})
+    )
     run_block(block, day, TraceRequest())

@@ -9,38 +9,38 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.model.engine.rows import LANES, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R, positions
+from fastcoil.model.engine.rows import LANES, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R, name_offsets
 from fastcoil.model.metric_table import (
-    ESTIMATE_WINDOW,
-    HUNTING_SAMPLE,
+    ESTIMATE_WINDOW_S,
+    HUNTING_SAMPLE_S,
     METRICS,
-    OFF,
-    PEAK_BLOCK,
-    SET_POINT_STEP,
-    SETTLING_TIME,
+    OFF_SET_POINT_ERROR_K,
+    PEAK_BLOCK_S,
+    SET_POINT_STEP_K,
+    SETTLING_TIME_S,
     STATUS_NON_FINITE,
     STATUS_OK,
     STATUS_OUT_OF_RANGE,
-    SWITCH_BLOCK,
-    alike,
+    SWITCH_BLOCK_S,
     is_hunting,
+    is_same_period,
 )
 from fastcoil.model.numerics.jit import scalar, section
-from fastcoil.model.physics import NO_FLOW, frost_pressure, humidity_ratio
+from fastcoil.model.physics import LEAST_WATER_FLOW_KG_S, humidity_ratio, saturation_pressure_frost
 
-alike, is_hunting = scalar(alike), scalar(is_hunting)
-COUNTED = 1
-SETTLED = 2
+alike, is_hunting = scalar(is_same_period), scalar(is_hunting)
+IS_COUNTED = 1
+IS_SETTLED = 2
 WINDOW_STARTS = 4
 WINDOW_ENDS = 8
 IN_SWITCH_BLOCK = 16
 IN_PEAK_BLOCK = 32
 PEAK_BLOCK_ENDS = 64
 IN_ESTIMATE_WINDOW = 128
-HUNTING_SEEN = 256
+IS_HUNTING_SAMPLE = 256
 
 
-class Before(NamedTuple):
+class DayHistory(NamedTuple):
     """What the first second of a day follows: set-point, °C, whether the loop was on, and when it was last disturbed.
 
     disturbed_at: second of this day, 0 or negative, of the last step of the set-point or start of the loop.
@@ -51,7 +51,7 @@ class Before(NamedTuple):
     disturbed_at: int = 0
 
 
-NOTHING_BEFORE = Before()
+NO_HISTORY = DayHistory()
 
 
 class Schedule(NamedTuple):
@@ -66,93 +66,93 @@ class Schedule(NamedTuple):
     n_estimate: int
 
 
-def disturbances(T_set: np.ndarray, enabled: np.ndarray, before: Before) -> np.ndarray:
+def last_disturbance(T_set: np.ndarray, enabled: np.ndarray, history: DayHistory) -> np.ndarray:
     """Second of the last step of the set-point or start of the loop, at every second of a day, (n_steps,)."""
-    steps = np.abs(np.diff(T_set, prepend=before.T_set)) > SET_POINT_STEP
-    starts = (enabled != 0.0) & ~np.concatenate([[before.enabled], enabled[:-1] != 0.0])
-    return np.maximum.accumulate(np.where(steps | starts, np.arange(T_set.size), before.disturbed_at))
+    steps = np.abs(np.diff(T_set, prepend=history.T_set)) > SET_POINT_STEP_K
+    starts = (enabled != 0.0) & ~np.concatenate([[history.enabled], enabled[:-1] != 0.0])
+    return np.maximum.accumulate(np.where(steps | starts, np.arange(T_set.size), history.disturbed_at))
 
 
-def after(T_set: np.ndarray, enabled: np.ndarray, before: Before = NOTHING_BEFORE) -> Before:
+def history_after(T_set: np.ndarray, enabled: np.ndarray, history: DayHistory = NO_HISTORY) -> DayHistory:
     """What the day after a day follows."""
-    last = int(disturbances(T_set, enabled, before)[-1])
-    return Before(float(T_set[-1]), bool(enabled[-1] != 0.0), last - T_set.size)
+    disturbed_at = int(last_disturbance(T_set, enabled, history)[-1])
+    return DayHistory(float(T_set[-1]), bool(enabled[-1] != 0.0), disturbed_at - T_set.size)
 
 
-def whole_blocks(counted: np.ndarray, warm_up: int, length: int) -> np.ndarray:
+def is_in_whole_block(counted: np.ndarray, warm_up: int, length: int) -> np.ndarray:
     """Which seconds lie in blocks of ``length`` s, aligned at ``warm_up``, that are counted throughout."""
     inside = np.zeros(counted.size, bool)
     n_blocks = max((counted.size - warm_up) // length, 0)
-    whole = counted[warm_up : warm_up + n_blocks * length].reshape(n_blocks, length).all(axis=1)
-    inside[warm_up : warm_up + n_blocks * length] = np.repeat(whole, length)
+    is_whole = counted[warm_up : warm_up + n_blocks * length].reshape(n_blocks, length).all(axis=1)
+    inside[warm_up : warm_up + n_blocks * length] = np.repeat(is_whole, length)
     return inside
 
 
-def schedule(T_set: np.ndarray, enabled: np.ndarray, warm_up: int, before: Before = NOTHING_BEFORE) -> Schedule:
+def make_schedule(T_set: np.ndarray, enabled: np.ndarray, warm_up: int, history: DayHistory = NO_HISTORY) -> Schedule:
     """Flags of every second of a day.  T_set, °C, and enabled, 0/1: (n_steps,); warm_up: s."""
     t = np.arange(T_set.size)
     counted = (t >= warm_up) & (enabled != 0.0)
-    settled = counted & (t - disturbances(T_set, enabled, before) >= SETTLING_TIME)
+    settled = counted & (t - last_disturbance(T_set, enabled, history) >= SETTLING_TIME_S)
     starts = settled & ~np.concatenate([[False], settled[:-1]])
     ends = settled & ~np.concatenate([settled[1:], [False]])
-    in_switch_block = whole_blocks(counted, warm_up, SWITCH_BLOCK)
-    in_peak_block = whole_blocks(counted, warm_up, PEAK_BLOCK)
-    peak_ends = in_peak_block & ((t - warm_up) % PEAK_BLOCK == PEAK_BLOCK - 1)
-    in_estimate = counted & (t >= T_set.size - ESTIMATE_WINDOW)
-    hunting_seen = settled & (t % HUNTING_SAMPLE == 0)
+    in_switch_block = is_in_whole_block(counted, warm_up, SWITCH_BLOCK_S)
+    in_peak_block = is_in_whole_block(counted, warm_up, PEAK_BLOCK_S)
+    peak_ends = in_peak_block & ((t - warm_up) % PEAK_BLOCK_S == PEAK_BLOCK_S - 1)
+    in_estimate = counted & (t >= T_set.size - ESTIMATE_WINDOW_S)
+    hunting_sample = settled & (t % HUNTING_SAMPLE_S == 0)
     flags = (
-        COUNTED * counted + SETTLED * settled + WINDOW_STARTS * starts + WINDOW_ENDS * ends
+        IS_COUNTED * counted + IS_SETTLED * settled + WINDOW_STARTS * starts + WINDOW_ENDS * ends
         + IN_SWITCH_BLOCK * in_switch_block + IN_PEAK_BLOCK * in_peak_block + PEAK_BLOCK_ENDS * peak_ends
-        + IN_ESTIMATE_WINDOW * in_estimate + HUNTING_SEEN * hunting_seen
+        + IN_ESTIMATE_WINDOW * in_estimate + IS_HUNTING_SAMPLE * hunting_sample
     )  # fmt: skip
     return Schedule(
         flags=flags.astype(np.int64),
         n_counted=int(counted.sum()),
         n_settled=int(settled.sum()),
         n_windows=int(starts.sum()),
-        n_switch_blocks=int(in_switch_block.sum()) // SWITCH_BLOCK,
+        n_switch_blocks=int(in_switch_block.sum()) // SWITCH_BLOCK_S,
         n_peak_blocks=int(peak_ends.sum()),
         n_estimate=int(in_estimate.sum()),
     )
 
 
 N_METRICS = len(METRICS)
-M = positions(METRICS)
+M = name_offsets(METRICS)
 """Row of each metric in the kernel's output."""
-OF_ESTIMATORS = (
+ESTIMATOR_METRICS = (
     "learn_time_first_down", "estimate_first_down", "learning_status", "half_periods", "half_period_spread",
 )  # fmt: skip
 """Metrics that one kind of estimator brings, see ``Estimator.results``."""
 
-WATCH_INTERVAL = 60
+WATCH_INTERVAL_S = 60
 """Seconds between looks at the coil: a temperature that leaves its range does not come back, and frost stays long."""
-MOVED = 1e-9
+MIN_STEM_MOVE = 1e-9
 """Change of opening, fraction, that counts as a movement of the stem."""
-T_CENTRE, T_HALF_RANGE = 50.0, 100.0
+T_RANGE_CENTRE, T_RANGE_HALF_WIDTH = 50.0, 100.0
 """Temperatures outside -50…150 °C are out of range."""
 _WATER_DENSITY = 1000.0
 
 
 @section
-def account_travel(S, j, d_opening, d_position):
+def accumulate_travel(S, j, d_opening, d_position):
     """Add one second's movements of lane j, fractions of stroke, to stem and motor travel and reversals."""
     S[R.stem_travel + j] += abs(d_opening)
     S[R.motor_travel + j] += abs(d_position)
-    moved = abs(d_opening) > MOVED
-    turn = 1.0 if d_opening > 0.0 else -1.0
-    S[R.reversals + j] += 1.0 if moved and turn * S[R.last_turn + j] < 0.0 else 0.0
-    S[R.last_turn + j] = turn if moved else S[R.last_turn + j]
+    moved = abs(d_opening) > MIN_STEM_MOVE
+    direction = 1.0 if d_opening > 0.0 else -1.0
+    S[R.reversals + j] += 1.0 if moved and direction * S[R.last_turn + j] < 0.0 else 0.0
+    S[R.last_turn + j] = direction if moved else S[R.last_turn + j]
 
 
 @section
-def account_second(S, V, t, flags, T_set, T_w_in, m_a, n_volumes):
+def accumulate_second(S, V, t, flags, T_set, T_w_in, m_a, n_volumes):
     """Add one counted second to control error, hunting and energy."""
     first, last = V[VOLUME_STRIDE:], V[n_volumes * VOLUME_STRIDE :]
     for j in range(LANES):
         e = first[T_A + j] - T_set
         S[R.sum_e2 + j] += e * e
         S[R.sum_abs_e + j] += abs(e)
-        S[R.off + j] += 1.0 if abs(e) > OFF else 0.0
+        S[R.off + j] += 1.0 if abs(e) > OFF_SET_POINT_ERROR_K else 0.0
         S[R.reheat + j] += m_a * (e if e < 0.0 else 0.0)
         S[R.recool + j] += m_a * (e if e > 0.0 else 0.0)
         S[R.sum_m_w + j] += S[R.m_w + j]
@@ -166,7 +166,7 @@ def account_second(S, V, t, flags, T_set, T_w_in, m_a, n_volumes):
             S[R.e_previous + j] = 0.0
             S[R.e_sampled + j] = 0.0
             S[R.up_at + j] = np.nan
-    if flags & SETTLED:
+    if flags & IS_SETTLED:
         for j in range(LANES):
             e = first[T_A + j] - T_set
             T = first[T_A + j] - (T_set - S[R.T_set_from + j])
@@ -176,19 +176,19 @@ def account_second(S, V, t, flags, T_set, T_w_in, m_a, n_volumes):
             S[R.e_previous + j] = e
             S[R.highest + j] = T if T > S[R.highest + j] else S[R.highest + j]
             S[R.lowest + j] = T if T < S[R.lowest + j] else S[R.lowest + j]
-    if flags & HUNTING_SEEN:
+    if flags & IS_HUNTING_SAMPLE:
         rises = False
         for j in range(LANES):
             rises |= (S[R.e_sampled + j] < 0.0) & (first[T_A + j] - T_set >= 0.0)
         if rises:
             for j in range(LANES):
                 period, last = t - S[R.up_at + j], S[R.last_period + j]
-                up = (S[R.e_sampled + j] < 0.0) & (first[T_A + j] - T_set >= 0.0)
-                whole = up & (period > 0.0)  # not at the first crossing of a window
-                S[R.periods + j] += 1.0 if whole else 0.0
-                S[R.alike + j] += 1.0 if whole & alike(period, last) else 0.0
-                S[R.last_period + j] = period if whole else last
-                S[R.up_at + j] = t if up else S[R.up_at + j]
+                crosses_up = (S[R.e_sampled + j] < 0.0) & (first[T_A + j] - T_set >= 0.0)
+                is_whole_period = crosses_up & (period > 0.0)  # not at the first crossing of a window
+                S[R.periods + j] += 1.0 if is_whole_period else 0.0
+                S[R.alike + j] += 1.0 if is_whole_period & is_same_period(period, last) else 0.0
+                S[R.last_period + j] = period if is_whole_period else last
+                S[R.up_at + j] = t if crosses_up else S[R.up_at + j]
         for j in range(LANES):
             S[R.e_sampled + j] = first[T_A + j] - T_set
     if flags & WINDOW_ENDS:
@@ -199,7 +199,7 @@ def account_second(S, V, t, flags, T_set, T_w_in, m_a, n_volumes):
             S[R.sum_power_block + j] += S[R.power + j]
     if flags & PEAK_BLOCK_ENDS:
         for j in range(LANES):
-            mean = S[R.sum_power_block + j] / PEAK_BLOCK
+            mean = S[R.sum_power_block + j] / PEAK_BLOCK_S
             S[R.peak_power + j] = mean if mean > S[R.peak_power + j] else S[R.peak_power + j]
             S[R.sum_power_block + j] = 0.0
     if flags & IN_ESTIMATE_WINDOW:
@@ -208,7 +208,7 @@ def account_second(S, V, t, flags, T_set, T_w_in, m_a, n_volumes):
 
 
 @section
-def watch(S, V, n_volumes):
+def track_metal_extremes(S, V, n_volumes):
     """Keep how far the metal has ever been from the middle of the temperature range.
 
     Water and air are weighted means of the metal and of what enters, so neither leaves the range before it does.
@@ -216,12 +216,12 @@ def watch(S, V, n_volumes):
     for i in range(1, n_volumes + 1):
         cv = V[i * VOLUME_STRIDE :]
         for j in range(LANES):
-            far = abs(cv[T_C + j] - T_CENTRE)
-            S[R.farthest_T_c + j] = far if far > S[R.farthest_T_c + j] else S[R.farthest_T_c + j]
+            deviation = abs(cv[T_C + j] - T_RANGE_CENTRE)
+            S[R.farthest_T_c + j] = deviation if deviation > S[R.farthest_T_c + j] else S[R.farthest_T_c + j]
 
 
 @section
-def watch_frost(S, V, n_volumes, seconds):
+def accumulate_frost(S, V, n_volumes, seconds):
     """Add the seconds since the look before to the lanes in which water freezes on the metal or in the tubes.
 
     Water that stands still counts with the temperature of its metal: Eq (3) leaves it as it was.
@@ -233,9 +233,9 @@ def watch_frost(S, V, n_volumes, seconds):
         pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
         for j in range(LANES):
             T_c = pair[T_C + j]
-            W_ice = humidity_ratio(frost_pressure(T_c), S[R.pressure + j])
+            W_ice = humidity_ratio(saturation_pressure_frost(T_c), S[R.pressure + j])
             T_wet = T_c if pair[VOLUME_STRIDE + W_A + j] > W_ice else np.inf
-            T_water = pair[T_W + j] if S[R.m_w + j] > NO_FLOW else T_c
+            T_water = pair[T_W + j] if S[R.m_w + j] > LEAST_WATER_FLOW_KG_S else T_c
             S[R.coldest_wet + j] = T_wet if T_wet < S[R.coldest_wet + j] else S[R.coldest_wet + j]
             S[R.coldest_water + j] = T_water if T_water < S[R.coldest_water + j] else S[R.coldest_water + j]
     for j in range(LANES):
@@ -244,7 +244,7 @@ def watch_frost(S, V, n_volumes, seconds):
 
 
 @scalar
-def status_of(S, V, j, n_volumes):
+def lane_status(S, V, j, n_volumes):
     """0 ok, 1 non-finite, 2 out of range.  A lane that was once inf or NaN never becomes finite again."""
     total = S[R.sum_e2 + j] + S[R.sum_power + j] + S[R.opening + j] + S[R.command + j]
     # an open loop has none of these
@@ -254,7 +254,7 @@ def status_of(S, V, j, n_volumes):
         total += V[v + T_W] + V[v + T_C] + V[v + T_A] + V[v + W_A]
     if not np.isfinite(total):
         return STATUS_NON_FINITE
-    return STATUS_OUT_OF_RANGE if S[R.farthest_T_c + j] > T_HALF_RANGE else STATUS_OK
+    return STATUS_OUT_OF_RANGE if S[R.farthest_T_c + j] > T_RANGE_HALF_WIDTH else STATUS_OK
 
 
 @section
@@ -265,7 +265,7 @@ def summarise(S, V, n_volumes, schedule, metrics, status):
     """
     seconds, settled, blocks = schedule.n_counted, schedule.n_settled, schedule.n_switch_blocks
     for j in range(LANES):
-        status[j] = status_of(S, V, j, n_volumes)
+        status[j] = lane_status(S, V, j, n_volumes)
         m = metrics[:, j]
         m[M.rmse] = np.sqrt(S[R.sum_e2 + j] / seconds)
         m[M.rmse_settled] = np.sqrt(S[R.sum_e2_settled + j] / settled)
@@ -281,8 +281,8 @@ def summarise(S, V, n_volumes, schedule, metrics, status):
         m[M.reversals] = S[R.reversals + j]
         m[M.estimate_final] = S[R.estimate + j]
         m[M.estimate_settled] = S[R.sum_estimate + j] / schedule.n_estimate
-        assumes = S[R.estimator + j] > 0.0 or S[R.backlash_estimate + j] > 0.0
-        m[M.size_error] = m[M.estimate_settled] - S[R.gap + j] if assumes else np.nan
+        has_estimate = S[R.estimator + j] > 0.0 or S[R.backlash_estimate + j] > 0.0
+        m[M.size_error] = m[M.estimate_settled] - S[R.gap + j] if has_estimate else np.nan
         m[M.backlash_final] = S[R.gap + j]
         m[M.learn_time_reached] = S[R.time_reached + j]
         m[M.learn_time_confirmed] = S[R.time_confirmed + j]

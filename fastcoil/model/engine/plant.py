@@ -8,92 +8,107 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fastcoil.model.engine.metrics import account_travel
-from fastcoil.model.engine.rows import LANES, PARAMETER_ROWS, Q_W, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, R, positions
+from fastcoil.model.engine.metrics import accumulate_travel
+from fastcoil.model.engine.rows import (
+    LANES,
+    PARAMETER_ROWS,
+    Q_W,
+    T_A,
+    T_C,
+    T_W,
+    VOLUME_STRIDE,
+    W_A,
+    W_S,
+    R,
+    name_offsets,
+)
 from fastcoil.model.numerics.elementary import exp, log
 from fastcoil.model.numerics.jit import kernel, scalar, section
-from fastcoil.model.numerics.stages import BUILT_IN, FLAG, ROWS, WHOLE, Kind
+from fastcoil.model.numerics.stages import BUILT_IN, FLAG, INTEGER, ROW_POINTER, StageSignature
 from fastcoil.model.physics import (
-    NO_FLOW,
+    LEAST_WATER_FLOW_KG_S,
     T_FROST,
     T_HOT,
     T_SATURATION_MAX,
     T_SATURATION_MIN,
-    accepted,
+    actuator_input,
     air_heat,
     backlash,
-    condensed,
-    driven,
+    condensed_water,
     effectiveness,
+    effectiveness_from_ntu,
     enthalpy_difference,
-    exchanged,
-    frost_pressure,
-    gap,
-    growth,
-    hot_pressure,
+    flow_exponential,
     humidity_ratio,
     installed_valve,
-    leaking,
+    leaky_flow,
     log_flow,
-    metal,
-    mild_pressure,
-    motor,
+    motor_position,
+    move_with_dead_zone,
+    next_metal_temperature,
+    next_water_temperature,
     opening,
     saturation_humidity_ratio,
-    slipped,
+    saturation_pressure_frost,
+    saturation_pressure_hot,
+    saturation_pressure_mild,
+    scaled_backlash,
+    stick_slip,
     transfer_units,
-    water,
     water_flow,
     water_heat,
-    worn,
+    worn_backlash,
 )
 
 MILD_T, MILD_W = 1.0, 0.07
 """While all is warmer, °C, and drier, kg/kg, no metal is near freezing, and none above 50 °C gets wet."""
-_DEW_STEP, _SURELY = 0.0625, 1.000001  # K; and a factor, as saturation is in pieces that meet to some 1e-9 of it
+_DEW_POINT_STEP_K, _SATURATION_MARGIN = (
+    0.0625,
+    1.000001,
+)  # K; and a factor, as saturation is in pieces that meet to some 1e-9 of it
 
 
 @section
-def deliver(S, leaks):
+def update_water_flow(S, leaks):
     """Water flow, Eq (2), and water-side conductance, Eq (4): a short loop for each exponential and logarithm.
 
     leaks: whether any lane has its leakage given.
     """
     for j in range(LANES):
-        S[R.growth + j] = growth(S[R.opening + j], S[R.valve_b + j], S[R.valve_c + j])
+        S[R.growth + j] = flow_exponential(S[R.opening + j], S[R.valve_b + j], S[R.valve_c + j])
     for j in range(LANES):
         S[R.log_m_w + j] = log_flow(S[R.log_m_max + j], S[R.valve_a + j], S[R.growth + j])
     for j in range(LANES):
         S[R.m_w + j] = exp(S[R.log_m_w + j])
         S[R.C_flow + j] = S[R.m_w + j] * S[R.cp_w + j]
     if leaks:
-        leak(S)
-    water_side(S)
+        apply_leakage(S)
+    update_water_conductance(S)
 
 
 @section
-def leak(S):
+def apply_leakage(S):
     """Water flow of the lanes whose leakage is given; the others keep that of Eq (2)."""
     for j in range(LANES):
-        m_w = leaking(S[R.m_w + j], S[R.m_0 + j], S[R.m_1 + j], S[R.leakage + j])
+        m_w = leaky_flow(S[R.m_w + j], S[R.m_0 + j], S[R.m_1 + j], S[R.leakage + j])
         S[R.m_w + j] = m_w if S[R.leakage + j] >= 0.0 else S[R.m_w + j]
         S[R.C_flow + j] = S[R.m_w + j] * S[R.cp_w + j]
     for j in range(LANES):
-        log_m_w = log(S[R.m_w + j] if S[R.m_w + j] > NO_FLOW else NO_FLOW)
+        log_m_w = log(S[R.m_w + j] if S[R.m_w + j] > LEAST_WATER_FLOW_KG_S else LEAST_WATER_FLOW_KG_S)
         S[R.log_m_w + j] = log_m_w if S[R.leakage + j] >= 0.0 else S[R.log_m_w + j]
 
 
 @section
-def water_side(S):
+def update_water_conductance(S):
     """Water-side conductance of every lane, Eq (4)."""
     for j in range(LANES):
         S[R.ntu_w + j] = transfer_units(S[R.ntu_w_factor + j], S[R.beta2 + j], S[R.log_m_w + j])
     for j in range(LANES):
-        S[R.G_w + j] = exchanged(S[R.ntu_w + j]) * S[R.C_flow + j]
+        S[R.G_w + j] = effectiveness_from_ntu(S[R.ntu_w + j]) * S[R.C_flow + j]
 
 
 @section
-def air_side(S, m_a):
+def update_air_effectiveness(S, m_a):
     """Air-side effectiveness of every lane, Eq (4)."""
     for j in range(LANES):
         S[R.eps_a + j] = effectiveness(S[R.ntu_a_factor + j], S[R.beta4 + j], m_a)
@@ -101,7 +116,7 @@ def air_side(S, m_a):
 
 
 @section
-def shared_air_side(S, m_a, eps):
+def fill_air_effectiveness(S, m_a, eps):
     """Air-side effectiveness of the whole day, where all lanes share β3…β6; eps: out, ε_a and ε_a*, (2, n_steps)."""
     eps_a, eps_star = eps[0], eps[1]
     for t in range(eps_a.size):  # out of its column: a loop over every eighth number is not vectorised
@@ -112,7 +127,7 @@ def shared_air_side(S, m_a, eps):
 
 
 @section
-def enter(V, n_volumes, T_a_in, W_a_in, T_w_in):
+def set_inlets(V, n_volumes, T_a_in, W_a_in, T_w_in):
     """Set the air and the water that enter the coil in this step."""
     air = V[(n_volumes + 1) * VOLUME_STRIDE :]
     for j in range(LANES):
@@ -122,7 +137,7 @@ def enter(V, n_volumes, T_a_in, W_a_in, T_w_in):
 
 
 @section
-def extremes(S, V, n_volumes):
+def coldest_and_dampest(S, V, n_volumes):
     """Lowest temperature, °C, and highest humidity ratio, kg/kg, in the coils of a block.
 
     Eqs (3) and (4) take weighted means, at dt within the stability limits, and nothing but a loss of humidity: until
@@ -154,23 +169,23 @@ def highest_pressure(S):
 
 
 @scalar
-def dry_from(T, W, pressure):
+def dew_point_bound(T, W, pressure):
     """A temperature, °C, from which up no air as damp as W condenses on metal: the one from before, moved as needed.
 
-    It is up to ``_DEW_STEP`` above the dew point, and the search is short where W has hardly changed.  inf: there is
+    It is up to ``_DEW_POINT_STEP_K`` above the dew point, and the search is short where W has hardly changed.  inf: there is
     none.
     """
-    W *= _SURELY
+    W *= _SATURATION_MARGIN
     T = T_SATURATION_MIN if T == np.inf else T
     while T < T_SATURATION_MAX and saturation_humidity_ratio(T, pressure) < W:
-        T += _DEW_STEP
-    while T > T_SATURATION_MIN and saturation_humidity_ratio(T - _DEW_STEP, pressure) >= W:
-        T -= _DEW_STEP
+        T += _DEW_POINT_STEP_K
+    while T > T_SATURATION_MIN and saturation_humidity_ratio(T - _DEW_POINT_STEP_K, pressure) >= W:
+        T -= _DEW_POINT_STEP_K
     return T if T < T_SATURATION_MAX else np.inf
 
 
 @section
-def march_water(S, V, n_volumes, is_mild, damp):
+def march_water(S, V, n_volumes, is_mild, may_condense):
     """Eq (3) for the water of every volume, and what the air march reads: heat into the water, saturation.
 
     It runs from the water's outlet to its inlet, so that the water entering a volume is still in state [t].  It is
@@ -181,30 +196,30 @@ def march_water(S, V, n_volumes, is_mild, damp):
     """
     for k in range(n_volumes):
         i = n_volumes - k
-        if damp[i]:
-            warm_water(S, V, i, True)
+        if may_condense[i]:
+            water_step(S, V, i, True)
             if not is_mild:
-                saturate_extremes(S, V, i)
+                saturate_cold_and_hot(S, V, i)
         else:
-            warm_water(S, V, i, False)
+            water_step(S, V, i, False)
 
 
 @section
-def warm_water(S, V, i, saturates):
+def water_step(S, V, i, saturates):
     """Eq (3) for the water of volume i, and the heat into it; with ``saturates`` also saturation at its metal."""
     pair = V[(i - 1) * VOLUME_STRIDE : (i + 1) * VOLUME_STRIDE]
     for j in range(LANES):
-        own = VOLUME_STRIDE + j
-        T_w, T_w_in, T_c = pair[own + T_W], pair[T_W + j], pair[own + T_C]
+        row = VOLUME_STRIDE + j
+        T_w, T_w_in, T_c = pair[row + T_W], pair[T_W + j], pair[row + T_C]
         Q_w = water_heat(S[R.G_w + j], T_c, T_w_in)
-        pair[own + T_W] = water(T_w, T_w_in, Q_w, S[R.C_flow + j], S[R.dt_C_w + j])
-        pair[own + Q_W] = Q_w
+        pair[row + T_W] = next_water_temperature(T_w, T_w_in, Q_w, S[R.C_flow + j], S[R.dt_C_w + j])
+        pair[row + Q_W] = Q_w
         if saturates:
-            pair[own + W_S] = humidity_ratio(mild_pressure(T_c), S[R.pressure + j])
+            pair[row + W_S] = humidity_ratio(saturation_pressure_mild(T_c), S[R.pressure + j])
 
 
 @section
-def saturate_extremes(S, V, i):
+def saturate_cold_and_hot(S, V, i):
     """Saturation at the metal of volume i in the lanes in which it is near freezing, or above 50 °C."""
     cv = V[i * VOLUME_STRIDE : (i + 1) * VOLUME_STRIDE]
     cold, hot = False, False
@@ -213,77 +228,77 @@ def saturate_extremes(S, V, i):
         hot |= cv[T_C + j] > T_HOT
     if cold:
         for j in range(LANES):
-            W_s = humidity_ratio(frost_pressure(cv[T_C + j]), S[R.pressure + j])
+            W_s = humidity_ratio(saturation_pressure_frost(cv[T_C + j]), S[R.pressure + j])
             cv[W_S + j] = W_s if cv[T_C + j] < T_FROST else cv[W_S + j]
     if hot:
         for j in range(LANES):
-            W_s = humidity_ratio(hot_pressure(cv[T_C + j]), S[R.pressure + j])
+            W_s = humidity_ratio(saturation_pressure_hot(cv[T_C + j]), S[R.pressure + j])
             cv[W_S + j] = W_s if cv[T_C + j] > T_HOT else cv[W_S + j]
 
 
 @section
-def march_air(S, V, n_volumes, lagged_air, shared, eps_a, eps_star, m_a, dt_counted, T_dry, damp):
+def march_air(S, V, n_volumes, lagged_air, shares_air_side, eps_a, eps_star, m_a, dt_counted, T_dry, may_condense):
     """Eq (3) for the air and the metal of every volume: states[t] become states[t + 1].
 
     Air enters volume i from the row of volume i + 1.  In a march that starts at the water's inlet that row still
     holds state [t] (lagged, as printed); in one that starts at the air's inlet, this step's outlet (quasistatic).
-    ``shared``: all lanes have the effectiveness eps_a, eps_star; otherwise it is in the rows of that name.
+    ``shares_air_side``: all lanes have the effectiveness eps_a, eps_star; otherwise it is in the rows of that name.
     dt_counted: the time step, s, or 0 where condensate does not count.
     T_dry: nothing condenses in the next march on metal from here up, °C; damp: of this march, and out, of the next.
     """
     m_a_dt = m_a * dt_counted
     for k in range(n_volumes):
         i = k + 1 if lagged_air else n_volumes - k
-        if damp[i]:
-            damp[i] = pass_damp(S, V, i, shared, eps_a, eps_star, m_a, m_a_dt, T_dry)
+        if may_condense[i]:
+            may_condense[i] = air_step_wet(S, V, i, shares_air_side, eps_a, eps_star, m_a, m_a_dt, T_dry)
         else:
-            damp[i] = pass_dry(S, V, i, shared, eps_a, m_a, T_dry)
+            may_condense[i] = air_step_dry(S, V, i, shares_air_side, eps_a, m_a, T_dry)
 
 
 @section
-def pass_damp(S, V, i, shared, eps_a, eps_star, m_a, m_a_dt, T_dry):
+def air_step_wet(S, V, i, shares_air_side, eps_a, eps_star, m_a, m_a_dt, T_dry):
     """Let air pass volume i, where some of it may condense.  Returns whether some may again, see ``march_air``."""
     pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
-    is_damp = False
+    may_condense = False
     for j in range(LANES):
         T_in, W_in = pair[VOLUME_STRIDE + T_A + j], pair[VOLUME_STRIDE + W_A + j]
         T_c, W_s, Q_w = pair[T_C + j], pair[W_S + j], pair[Q_W + j]
 
         wet = W_in > W_s
-        cooled = (eps_a if shared else S[R.eps_a + j]) * (T_in - T_c)
-        dried = (eps_star if shared else S[R.eps_star + j]) * enthalpy_difference(T_in, W_in, T_c, W_s)
+        cooled = (eps_a if shares_air_side else S[R.eps_a + j]) * (T_in - T_c)
+        dried = (eps_star if shares_air_side else S[R.eps_star + j]) * enthalpy_difference(T_in, W_in, T_c, W_s)
         T_out = T_in - cooled
-        dW = condensed(wet, W_in, cooled, dried, T_out)
+        dW = condensed_water(wet, W_in, cooled, dried, T_out)
 
         Q_a = air_heat(wet, m_a, cooled, dried, S[R.cp_a + j])
-        T_next = metal(T_c, Q_a, Q_w, S[R.dt_C_c + j])
-        is_damp |= not T_next >= T_dry
+        T_next = next_metal_temperature(T_c, Q_a, Q_w, S[R.dt_C_c + j])
+        may_condense |= not T_next >= T_dry
         pair[T_C + j] = T_next
         pair[T_A + j] = T_out
         pair[W_A + j] = W_in - dW
         S[R.condensate + j] += m_a_dt * dW
-    return is_damp
+    return may_condense
 
 
 @section
-def pass_dry(S, V, i, shared, eps_a, m_a, T_dry):
-    """Let air pass volume i, where none condenses in any lane: the same numbers as ``pass_damp`` with less work."""
+def air_step_dry(S, V, i, shares_air_side, eps_a, m_a, T_dry):
+    """Let air pass volume i, where none condenses in any lane: the same numbers as ``air_step_wet`` with less work."""
     pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
-    is_damp = False
+    may_condense = False
     for j in range(LANES):
         T_in, T_c = pair[VOLUME_STRIDE + T_A + j], pair[T_C + j]
-        cooled = (eps_a if shared else S[R.eps_a + j]) * (T_in - T_c)
+        cooled = (eps_a if shares_air_side else S[R.eps_a + j]) * (T_in - T_c)
         Q_a = air_heat(False, m_a, cooled, cooled, S[R.cp_a + j])
-        T_next = metal(T_c, Q_a, pair[Q_W + j], S[R.dt_C_c + j])
-        is_damp |= not T_next >= T_dry
+        T_next = next_metal_temperature(T_c, Q_a, pair[Q_W + j], S[R.dt_C_c + j])
+        may_condense |= not T_next >= T_dry
         pair[T_C + j] = T_next
         pair[T_A + j] = T_in - cooled
         pair[W_A + j] = pair[VOLUME_STRIDE + W_A + j]
-    return is_damp
+    return may_condense
 
 
 @section
-def count_wet(S, V, n_volumes):
+def count_wet_volumes(S, V, n_volumes):
     """Count the wet volumes: the rows hold what a march compares before a lagged one, after a quasistatic one."""
     for j in range(LANES):
         S[R.wet_volumes + j] = 0.0
@@ -293,10 +308,10 @@ def count_wet(S, V, n_volumes):
             S[R.wet_volumes + j] += 1.0 if pair[VOLUME_STRIDE + W_A + j] > pair[W_S + j] else 0.0
 
 
-STEM = Kind(ROWS, FLAG, returns=WHOLE)
-"""Stages that move motor and stem, see ``stem_stage``."""
-call_stem = STEM.call
-MOVED, RUNNING = 1, 2
+ACTUATOR_SIGNATURE = StageSignature(ROW_POINTER, FLAG, returns=INTEGER)
+"""Stages that move motor and stem, see ``actuator_stage``."""
+call_actuator = ACTUATOR_SIGNATURE.call
+VALVE_MOVED, ACTUATOR_BUSY = 1, 2
 """What a stage returns, summed: a valve moved; something happens next second whatever the command."""
 
 
@@ -305,10 +320,10 @@ def scale_gap(S, scale):
     """Let the boundary multiply every backlash by ``scale``; the stem is taken into the new gap when next actuated."""
     for j in range(LANES):
         S[R.backlash_scale + j] = scale
-        S[R.gap + j] = gap(S[R.worn + j], scale)
+        S[R.gap + j] = scaled_backlash(S[R.worn + j], scale)
 
 
-class Stem(NamedTuple):
+class ActuatorFeatures(NamedTuple):
     """What the motors and valves of a block have in common: which parts of ``actuate`` are compiled for it."""
 
     has_resolution: bool = False
@@ -317,78 +332,78 @@ class Stem(NamedTuple):
     wears: bool = False
 
     @classmethod
-    def of(cls, row: Mapping[str, np.ndarray]) -> Stem:
+    def of(cls, row: Mapping[str, np.ndarray]) -> ActuatorFeatures:
         """For a block with these parameters, each (LANES,)."""
         names = ("command_resolution", "neutral_zone", "slip_jump", "wear_rate")
         return cls(*(bool(np.any(row[name] > 0.0)) for name in names))
 
 
-def actuate_of(parts: Stem) -> Any:
+def make_actuate(features: ActuatorFeatures) -> Any:
     """The section ``actuate`` with these parts.  It closes over them, so that the compiler never sees the others."""
-    has_resolution, has_zones, slips, wears = parts
+    has_resolution, has_zones, slips, wears = features
 
     @section
     def actuate(S, counted):
         """Move motor and gearbox, Eq (1).  Returns MOVED if any valve moved, plus RUNNING if any motor still runs."""
         moved, running = False, False
         for j in range(LANES):
-            target = accepted(S[R.command + j], S[R.command_resolution + j] if has_resolution else 0.0)
-            previous, x_bl, commissioned = S[R.position + j], S[R.gap + j], S[R.backlash + j]
+            target = actuator_input(S[R.command + j], S[R.command_resolution + j] if has_resolution else 0.0)
+            previous, x_bl, commissioned_gap = S[R.position + j], S[R.gap + j], S[R.backlash + j]
             if has_zones:
                 runs = S[R.motor_runs + j] != 0.0
-                position, runs = driven(previous, target, S[R.max_travel + j], S[R.neutral_zone + j], runs)
+                position, runs = move_with_dead_zone(previous, target, S[R.max_travel + j], S[R.neutral_zone + j], runs)
                 S[R.motor_runs + j] = 1.0 if runs else 0.0
                 running |= runs
             else:
-                position = motor(previous, target, S[R.max_travel + j])
+                position = motor_position(previous, target, S[R.max_travel + j])
                 running |= position != target
             if slips:
                 direction = S[R.stem_direction + j]
-                q, direction = slipped(S[R.q + j], direction, position, previous, x_bl, S[R.slip_jump + j])
+                q, direction = stick_slip(S[R.q + j], direction, position, previous, x_bl, S[R.slip_jump + j])
                 S[R.stem_direction + j] = direction
                 running |= direction != 0.0  # it sticks in the second in which the motor has stopped
-                open_ = opening(q, commissioned - S[R.slip_jump + j])
+                open_ = opening(q, commissioned_gap - S[R.slip_jump + j])
             else:
                 q = backlash(S[R.q + j], position, x_bl)
-                open_ = opening(q, commissioned)
+                open_ = opening(q, commissioned_gap)
             d_opening, d_position = open_ - S[R.opening + j], position - previous
             if counted:
-                account_travel(S, j, d_opening, d_position)
+                accumulate_travel(S, j, d_opening, d_position)
             S[R.position + j] = position
             S[R.q + j] = q
             S[R.opening + j] = open_
             if wears:
-                S[R.worn + j] = worn(S[R.worn + j], S[R.wear_rate + j], abs(d_opening))
-                S[R.gap + j] = gap(S[R.worn + j], S[R.backlash_scale + j])
+                S[R.worn + j] = worn_backlash(S[R.worn + j], S[R.wear_rate + j], abs(d_opening))
+                S[R.gap + j] = scaled_backlash(S[R.worn + j], S[R.backlash_scale + j])
                 running |= S[R.gap + j] != x_bl
             moved |= d_opening != 0.0
-        return (MOVED if moved else 0) + (RUNNING if running else 0)
+        return (VALVE_MOVED if moved else 0) + (ACTUATOR_BUSY if running else 0)
 
     return actuate
 
 
-actuate = actuate_of(Stem())
+actuate = make_actuate(ActuatorFeatures())
 
 
 @cache
-def stem_stage(parts: Stem) -> Any:
+def actuator_stage(features: ActuatorFeatures) -> Any:
     """Where ``actuate`` is, compiled for these parts: (S, counted) → MOVED and RUNNING."""
-    if parts == Stem():
+    if features == ActuatorFeatures():
         return BUILT_IN
 
-    actuate_lanes = actuate_of(parts)
+    actuate_lanes = make_actuate(features)
 
     def stem(S, counted):
         return actuate_lanes(S, counted)
 
-    return STEM.compiled(stem, repr(parts))
+    return ACTUATOR_SIGNATURE.compiled(stem, repr(features))
 
 
-P = positions(PARAMETER_ROWS)
+P = name_offsets(PARAMETER_ROWS)
 
 
 @kernel
-def step_numbers(matrix, m_a, slope, gamma, lam):
+def fill_stability_numbers(matrix, m_a, slope, gamma, lam):
     """γ = m_w c_p,w dt / C_w and λ = dt (G_a + G_w) / C_c at full opening, per scenario; dt = 1 s / substeps.
 
     matrix: (len(PARAMETER_ROWS), n).  m_a: air flows to try, kg/s.  slope: dh_s/dT of the wettest entering
@@ -411,8 +426,8 @@ def step_numbers(matrix, m_a, slope, gamma, lam):
         lam[k] = (G_air + G_w) / (per_volume * p[P.C_c]) / p[P.substeps]
 
 
-def worst_numbers(matrix: np.ndarray, m_a: np.ndarray, slope: float) -> tuple[np.ndarray, np.ndarray]:
+def stability_numbers(matrix: np.ndarray, m_a: np.ndarray, slope: float) -> tuple[np.ndarray, np.ndarray]:
     """(γ, λ) of every scenario, each (n,)."""
     gamma, lam = np.empty(matrix.shape[1]), np.empty(matrix.shape[1])
-    step_numbers(matrix, m_a, slope, gamma, lam)
+    fill_stability_numbers(matrix, m_a, slope, gamma, lam)
     return gamma, lam

@@ -8,75 +8,94 @@ import numpy as np
 
 from fastcoil.model.engine.controller import call_control, control
 from fastcoil.model.engine.emulator import record
-from fastcoil.model.engine.lanes import NO_RULES, Block, Rules, run_sets, trace_rows, work_space
-from fastcoil.model.engine.plant import air_side, count_wet, enter, march_air, march_water, water_side
-from fastcoil.model.engine.rows import LANES, T_A, T_W, VOLUME_STRIDE, R, begin, positions
+from fastcoil.model.engine.lanes import NO_USER_RULES, Block, UserRules, run_sets, trace_rows, work_space
+from fastcoil.model.engine.plant import (
+    count_wet_volumes,
+    march_air,
+    march_water,
+    set_inlets,
+    update_air_effectiveness,
+    update_water_conductance,
+)
+from fastcoil.model.engine.rows import LANES, T_A, T_W, VOLUME_STRIDE, R, begin_run, name_offsets
 from fastcoil.model.engine.rules import call_estimator, call_law
 from fastcoil.model.numerics.elementary import exp, log
 from fastcoil.model.numerics.jit import kernel
 from fastcoil.model.numerics.stages import BUILT_IN
-from fastcoil.model.physics import NO_FLOW, backlash, growth, log_flow, motor, opening, started
+from fastcoil.model.physics import (
+    LEAST_WATER_FLOW_KG_S,
+    backlash,
+    flow_exponential,
+    initial_stem_position,
+    log_flow,
+    motor_position,
+    opening,
+)
 
 COIL_COLUMNS = ("m_a", "T_a_in", "W_a_in", "T_w_in", "m_w")
 """Columns of what enters the coil."""
-_COIL = positions(COIL_COLUMNS)
+_COIL_COLUMN = name_offsets(COIL_COLUMNS)
 
 
 @kernel
-def march_coil(rows, common, series, at, S, V, T_sup, T_w_out, wet):
+def march_coil(rows, config, series, seconds, S, V, T_sup, T_w_out, wet):
     """March the coils of a block through a record.
 
     series: (n_steps, 5), columns as in COIL_COLUMNS, 1-s samples.  at: (n,), the seconds to record, ascending.
     S, V: work space as for ``emulate``.  T_sup, T_w_out, wet: out, (n, LANES): temperatures at those seconds, °C,
     and the number of wet volumes.
     """
-    n_volumes, n_steps = common.n_volumes, series.shape[0]
-    begin(S, V, rows, n_volumes, True, True, series[0, _COIL.W_a_in])
+    n_volumes, n_steps = config.n_volumes, series.shape[0]
+    begin_run(S, V, rows, n_volumes, True, True, series[0, _COIL_COLUMN.W_a_in])
     first, last = VOLUME_STRIDE, n_volumes * VOLUME_STRIDE
     m_a_known, m_w_known = np.nan, np.nan
-    everywhere = np.ones(n_volumes + 1, np.bool_)
+    all_volumes = np.ones(n_volumes + 1, np.bool_)
     k = 0
     for t in range(n_steps):
-        m_a, T_a_in, W_a_in = series[t, _COIL.m_a], series[t, _COIL.T_a_in], series[t, _COIL.W_a_in]
-        T_w_in, m_w = series[t, _COIL.T_w_in], series[t, _COIL.m_w]
-        recorded = k < at.size and at[k] == t
+        m_a, T_a_in, W_a_in = (
+            series[t, _COIL_COLUMN.m_a],
+            series[t, _COIL_COLUMN.T_a_in],
+            series[t, _COIL_COLUMN.W_a_in],
+        )
+        T_w_in, m_w = series[t, _COIL_COLUMN.T_w_in], series[t, _COIL_COLUMN.m_w]
+        recorded = k < seconds.size and seconds[k] == t
         if recorded:
             for j in range(LANES):
                 T_sup[k, j] = V[first + T_A + j]
                 T_w_out[k, j] = V[last + T_W + j]
         if m_a != m_a_known:
-            air_side(S, m_a)
+            update_air_effectiveness(S, m_a)
             m_a_known = m_a
         if m_w != m_w_known:
-            log_m_w = log(max(m_w, NO_FLOW))
+            log_m_w = log(max(m_w, LEAST_WATER_FLOW_KG_S))
             for j in range(LANES):
                 S[R.log_m_w + j] = log_m_w
                 S[R.C_flow + j] = m_w * S[R.cp_w + j]
-            water_side(S)
+            update_water_conductance(S)
             m_w_known = m_w
-        enter(V, n_volumes, T_a_in, W_a_in, T_w_in)
-        for part in range(common.substeps):
-            march_water(S, V, n_volumes, False, everywhere)
-            if recorded and part == 0 and common.lagged_air:
-                count_wet(S, V, n_volumes)
-            march_air(S, V, n_volumes, common.lagged_air, False, 0.0, 0.0, m_a, 0.0, np.inf, everywhere)
-            if recorded and part == 0 and not common.lagged_air:
-                count_wet(S, V, n_volumes)
+        set_inlets(V, n_volumes, T_a_in, W_a_in, T_w_in)
+        for substep in range(config.substeps):
+            march_water(S, V, n_volumes, False, all_volumes)
+            if recorded and substep == 0 and config.lagged_air:
+                count_wet_volumes(S, V, n_volumes)
+            march_air(S, V, n_volumes, config.lagged_air, False, 0.0, 0.0, m_a, 0.0, np.inf, all_volumes)
+            if recorded and substep == 0 and not config.lagged_air:
+                count_wet_volumes(S, V, n_volumes)
         if recorded:
             for j in range(LANES):
                 wet[k, j] = S[R.wet_volumes + j]
             k += 1
 
 
-def run_coil(matrix: np.ndarray, series: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, ...]:
+def run_coil(matrix: np.ndarray, series: np.ndarray, seconds: np.ndarray) -> tuple[np.ndarray, ...]:
     """March many parameter sets, (len(PARAMETER_ROWS), n_sets), through a record.
 
-    Returns T_sup, T_w_out, °C, and the number of wet volumes at the seconds ``at``, (n, n_sets).
+    Returns T_sup, T_w_out, °C, and the number of wet volumes at the seconds ``seconds``, (n, n_sets).
     """
 
     def run(block: Block, _: np.ndarray) -> list[np.ndarray]:
-        T_sup, T_w_out, wet = (np.empty((at.size, LANES)) for _ in range(3))
-        march_coil(block.rows, block.common, series, at, *work_space(block)[:2], T_sup, T_w_out, wet)
+        T_sup, T_w_out, wet = (np.empty((seconds.size, LANES)) for _ in range(3))
+        march_coil(block.rows, block.common, series, seconds, *work_space(block)[:2], T_sup, T_w_out, wet)
         return [T_sup, T_w_out, wet]
 
     return run_sets(matrix, run)
@@ -84,7 +103,7 @@ def run_coil(matrix: np.ndarray, series: np.ndarray, at: np.ndarray) -> tuple[np
 
 VALVE_ROWS = ("backlash", "m_max", "valve_a", "valve_b", "valve_c")
 """Rows of the parameter sets of ``valve_flows``."""
-_VALVE = positions(VALVE_ROWS)
+_VALVE_ROW = name_offsets(VALVE_ROWS)
 
 
 @kernel
@@ -99,26 +118,26 @@ def valve_flows(command, batch, sets, start, openings, flows):
     q = np.empty(n_sets)
     log_m_max = np.empty(n_sets)
     for j in range(n_sets):
-        log_m_max[j] = log(sets[_VALVE.m_max, j])
+        log_m_max[j] = log(sets[_VALVE_ROW.m_max, j])
     for t in range(command.size):
         if t == 0 or batch[t] != batch[t - 1]:
             for j in range(n_sets):
-                q[j] = started(command[t], sets[_VALVE.backlash, j], start[batch[t], j])
+                q[j] = initial_stem_position(command[t], sets[_VALVE_ROW.backlash, j], start[batch[t], j])
         elif command[t] == command[t - 1]:
             for j in range(n_sets):
                 openings[t, j] = openings[t - 1, j]
                 flows[t, j] = flows[t - 1, j]
             continue
         for j in range(n_sets):
-            q[j] = backlash(q[j], command[t], sets[_VALVE.backlash, j])
-            openings[t, j] = opening(q[j], sets[_VALVE.backlash, j])
+            q[j] = backlash(q[j], command[t], sets[_VALVE_ROW.backlash, j])
+            openings[t, j] = opening(q[j], sets[_VALVE_ROW.backlash, j])
         for j in range(n_sets):
-            grown = growth(openings[t, j], sets[_VALVE.valve_b, j], sets[_VALVE.valve_c, j])
-            flows[t, j] = exp(log_flow(log_m_max[j], sets[_VALVE.valve_a, j], grown))
+            growth_term = flow_exponential(openings[t, j], sets[_VALVE_ROW.valve_b, j], sets[_VALVE_ROW.valve_c, j])
+            flows[t, j] = exp(log_flow(log_m_max[j], sets[_VALVE_ROW.valve_a, j], growth_term))
 
 
 @kernel
-def motor_positions(command, most_travel, positions):
+def motor_positions(command, max_travel, positions):
     """Motor position at each sample, just before the command of that sample acts, and one sample after the last.
 
     command: (n,), fraction of stroke, held from sample to sample.  most_travel: fraction of stroke between two samples.
@@ -126,7 +145,7 @@ def motor_positions(command, most_travel, positions):
     """
     positions[0] = command[0]
     for k in range(command.size):
-        positions[k + 1] = motor(positions[k], command[k], most_travel)
+        positions[k + 1] = motor_position(positions[k], command[k], max_travel)
 
 
 @kernel
@@ -153,61 +172,67 @@ def mean_openings(positions, sizes, width, openings, squares):
         for i in range(k * width + 1, (k + 1) * width + 1):
             for j in range(sizes.size):
                 q[j] = backlash(q[j], positions[i], sizes[j])
-                now = opening(q[j], sizes[j])
-                between = 0.5 * (before[j] + now)
-                openings[k, j] += between / width
-                squares[k, j] += between * between / width
-                before[j] = now
+                current = opening(q[j], sizes[j])
+                mean_opening = 0.5 * (before[j] + current)
+                openings[k, j] += mean_opening / width
+                squares[k, j] += mean_opening * mean_opening / width
+                before[j] = current
 
 
 REPLAY_COLUMNS = ("T_sup", "T_set", "enabled", "m_a")
 """Columns of what the controller sees."""
-_SEEN = positions(REPLAY_COLUMNS)
+_REPLAY_COLUMN = name_offsets(REPLAY_COLUMNS)
 REPLAY_TRACES = ("u", "integral", "command", "estimate", "mode")
 
 
 @kernel
-def command_of(rows, common, series, S, V, own, own_law, traced_rows, interval, traces):
+def replay_controllers(rows, config, series, S, V, estimator_state, law_state, traced_rows, interval, traces):
     """What the controllers of a block command on a record.
 
     series: (n_steps, 4), columns as in REPLAY_COLUMNS, 1-s samples; m_a is NaN where it is not known.  S, V, own,
     own_law: work space as for ``emulate``; V is not read.  traced_rows: their offsets.  traces: out,
     (n_points, n_rows, LANES), every ``interval`` seconds.
     """
-    begin(S, V, rows, common.n_volumes, False, True, 0.0)
-    estimates = common.estimate != BUILT_IN
-    if estimates:
-        call_estimator(common.estimate, (S, own, 0.0, 0.0, 0.0, True, True))
-    has_law = common.law != BUILT_IN
+    begin_run(S, V, rows, config.n_volumes, False, True, 0.0)
+    has_estimator = config.estimate != BUILT_IN
+    if has_estimator:
+        call_estimator(config.estimate, (S, estimator_state, 0.0, 0.0, 0.0, True, True))
+    has_law = config.law != BUILT_IN
     if has_law:
-        call_law(common.law, (S, own_law, 0.0, 0.0, 0.0, 0.0, True, True))
+        call_law(config.law, (S, law_state, 0.0, 0.0, 0.0, 0.0, True, True))
     was_enabled = True
     for t in range(series.shape[0]):
-        enabled, T_set, m_a = series[t, _SEEN.enabled] != 0.0, series[t, _SEEN.T_set], series[t, _SEEN.m_a]
+        enabled, T_set, m_a = (
+            series[t, _REPLAY_COLUMN.enabled] != 0.0,
+            series[t, _REPLAY_COLUMN.T_set],
+            series[t, _REPLAY_COLUMN.m_a],
+        )
         for j in range(LANES):
-            S[R.y_s + j] = series[t, _SEEN.T_sup]
-        if estimates and t > 0 and t % common.estimating_period == 0:
-            call_estimator(common.estimate, (S, own, float(t), T_set, m_a, enabled, False))
-        if t % common.control_period == 0 or was_enabled != enabled:
+            S[R.y_s + j] = series[t, _REPLAY_COLUMN.T_sup]
+        if has_estimator and t > 0 and t % config.estimating_period == 0:
+            call_estimator(config.estimate, (S, estimator_state, float(t), T_set, m_a, enabled, False))
+        if t % config.control_period == 0 or was_enabled != enabled:
             if has_law:
-                call_law(common.law, (S, own_law, float(t), T_set, 0.0, m_a, enabled, False))
-            if common.control == BUILT_IN:
+                call_law(config.law, (S, law_state, float(t), T_set, 0.0, m_a, enabled, False))
+            if config.control == BUILT_IN:
                 control(S, t, T_set, 0.0, enabled, 0.0)
             else:
-                call_control(common.control, (S, t, T_set, 0.0, enabled, 0.0))
+                call_control(config.control, (S, t, T_set, 0.0, enabled, 0.0))
         was_enabled = enabled
         if t % interval == 0:
             record(S, V, traced_rows, traces[t // interval])
 
 
-def run_replay(matrix: np.ndarray, series: np.ndarray, interval: int, rules: Rules = NO_RULES) -> dict[str, np.ndarray]:
+def run_replay(
+    matrix: np.ndarray, series: np.ndarray, interval: int, rules: UserRules = NO_USER_RULES
+) -> dict[str, np.ndarray]:
     """Replay many controllers, (len(PARAMETER_ROWS), n_sets).  Returns each of REPLAY_TRACES, (n_points, n_sets)."""
 
     def run(block: Block, _: np.ndarray) -> list[np.ndarray]:
         rows = trace_rows(REPLAY_TRACES, block.common.n_volumes)
         traces = np.empty((-(-series.shape[0] // interval), rows.size, LANES))
-        command_of(block.rows, block.common, series, *work_space(block), rows, interval, traces)
+        replay_controllers(block.rows, block.common, series, *work_space(block), rows, interval, traces)
         return [traces]
 
-    (found,) = run_sets(matrix, run, rules)
-    return {name: found[:, k] for k, name in enumerate(REPLAY_TRACES)}
+    (replays,) = run_sets(matrix, run, rules)
+    return {name: replays[:, k] for k, name in enumerate(REPLAY_TRACES)}

@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from fastcoil.model.control import FALLING, largest_buffer, noise_buffer, slope
+from fastcoil.model.control import FALLING, largest_buffer, noise_buffer, smooth_steepness
 from fastcoil.model.numerics.elementary import exp, log
 from fastcoil.model.numerics.jit import section
 from fastcoil.model.parameter_table import PARAMETERS
-from fastcoil.model.physics import growth, installed_valve, log_flow
+from fastcoil.model.physics import flow_exponential, installed_valve, log_flow
 from fastcoil.model.valve_test import Memory
 
 LANES = 64
@@ -69,7 +69,7 @@ Volume 0 carries the entering water in T_w, volume N + 1 the entering air in T_a
 """
 
 
-def positions(names: Iterable[str], stride: int = 1) -> Any:
+def name_offsets(names: Iterable[str], stride: int = 1) -> Any:
     """Each name's place in an enumeration, times ``stride``.
 
     As a module: what the compiler reads from one is a constant.  A field of a named tuple is the whole tuple first,
@@ -81,9 +81,9 @@ def positions(names: Iterable[str], stride: int = 1) -> Any:
 
 
 ROWS = PARAMETER_ROWS + DERIVED_ROWS + STATE_ROWS + SUM_ROWS
-R = positions(ROWS, LANES)
+R = name_offsets(ROWS, LANES)
 """Offset of each row in the flat state S."""
-STATE_AT, SUMS_AT = len(PARAMETER_ROWS + DERIVED_ROWS) * LANES, (len(ROWS) - len(SUM_ROWS)) * LANES
+STATE_START, SUMS_START = len(PARAMETER_ROWS + DERIVED_ROWS) * LANES, (len(ROWS) - len(SUM_ROWS)) * LANES
 """Where the state rows and the sums start in S."""
 T_W, T_C, T_A, W_A, Q_W, W_S = range(0, len(VOLUME_ROWS) * LANES, LANES)
 """Offset of each row of volume 0 in the flat state V; volume i is i * VOLUME_STRIDE further."""
@@ -91,7 +91,7 @@ VOLUME_STRIDE = LANES * len(VOLUME_ROWS)
 
 
 @section
-def derive(S, rows, n_volumes):
+def derive_rows(S, rows, n_volumes):
     """Fill the parameter rows, from a block's ``rows``, and the derived rows; coil parameters are for 8 volumes."""
     for k in range(len(PARAMETER_ROWS)):
         for j in range(LANES):
@@ -116,24 +116,24 @@ def derive(S, rows, n_volumes):
             S[R.valve_c + j] = c
         S[R.log_m_max + j] = log(S[R.m_max + j])
         for opening, flow in ((0.0, R.m_0), (1.0, R.m_1)):
-            grown = growth(opening, S[R.valve_b + j], S[R.valve_c + j])
-            S[flow + j] = exp(log_flow(S[R.log_m_max + j], S[R.valve_a + j], grown))
+            growth_term = flow_exponential(opening, S[R.valve_b + j], S[R.valve_c + j])
+            S[flow + j] = exp(log_flow(S[R.log_m_max + j], S[R.valve_a + j], growth_term))
         highest = largest_buffer(S[R.buffer_swing + j], S[R.plant_gain + j])
         S[R.largest_buffer + j] = highest
         sigma = 0.0 if S[R.buffer_noise + j] > 0.0 else S[R.noise_std + j]
         S[R.buffer + j] = noise_buffer(S[R.buffer + j], S[R.buffer_ratio + j], S[R.kp + j], sigma, highest)
-        S[R.steepness + j] = slope(S[R.smooth_rate + j], S[R.sample_time + j])
+        S[R.steepness + j] = smooth_steepness(S[R.smooth_rate + j], S[R.sample_time + j])
 
 
 @section
 def set_initial_state(S, open_loop):
     """Fill the state rows: everything at rest, and no controller in an open loop."""
-    S[STATE_AT:SUMS_AT] = 0.0
-    nothing = np.nan if open_loop else 0.0
+    S[STATE_START:SUMS_START] = 0.0
+    initial_signal = np.nan if open_loop else 0.0
     for j in range(LANES):
         S[R.y_s + j] = S[R.T_initial + j]
-        S[R.u + j] = nothing
-        S[R.integral + j] = nothing
+        S[R.u + j] = initial_signal
+        S[R.integral + j] = initial_signal
         S[R.mode + j] = 0.0 if open_loop else FALLING
         S[R.estimate + j] = np.nan if open_loop else S[R.backlash_estimate + j]
         S[R.assumed + j] = S[R.estimate_share + j] * S[R.backlash_estimate + j]
@@ -149,7 +149,7 @@ def set_initial_state(S, open_loop):
 @section
 def reset_sums(S, open_loop):
     """Fill the rows of the sums: nothing counted yet."""
-    S[SUMS_AT:] = 0.0
+    S[SUMS_START:] = 0.0
     for j in range(LANES):
         S[R.sum_switches + j] = np.nan if open_loop else 0.0
         S[R.peak_power + j] = -np.inf
@@ -168,9 +168,9 @@ def fill_coil(S, V, n_volumes, W_a):
 
 
 @section
-def begin(S, V, rows, n_volumes, open_loop, is_first, W_a):
+def begin_run(S, V, rows, n_volumes, open_loop, is_first, W_a):
     """Fill the rows of a block for a run; if it is the first also the coil, with air of humidity ratio W_a."""
-    derive(S, rows, n_volumes)
+    derive_rows(S, rows, n_volumes)
     reset_sums(S, open_loop)
     if is_first:
         set_initial_state(S, open_loop)

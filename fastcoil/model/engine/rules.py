@@ -9,34 +9,34 @@ from typing import Any
 
 import numpy as np
 
-from fastcoil.model.control import Law, clipped, sample_number
+from fastcoil.model.control import Law, clip01, sample_number
 from fastcoil.model.engine.rows import LANES, R
-from fastcoil.model.estimators.interface import Estimator, Sample, defaults_of
+from fastcoil.model.estimators.interface import Estimator, Sample, memory_defaults
 from fastcoil.model.numerics.jit import exact, section
-from fastcoil.model.numerics.stages import FLAG, NUMBER, ROWS, Kind, array_at, keep, values_at
-from fastcoil.model.physics import measured
+from fastcoil.model.numerics.stages import FLAG, NUMBER, ROW_POINTER, StageSignature, array_at, store_if_due, values_at
+from fastcoil.model.physics import sensor_reading
 
-ESTIMATE = Kind(ROWS, ROWS, NUMBER, NUMBER, NUMBER, FLAG, FLAG)
+ESTIMATOR_SIGNATURE = StageSignature(ROW_POINTER, ROW_POINTER, NUMBER, NUMBER, NUMBER, FLAG, FLAG)
 """Stages that find the estimate, see ``estimator_stage``."""
-call_estimator = ESTIMATE.call
+call_estimator = ESTIMATOR_SIGNATURE.call
 
 
 @exact
-def within(x_hat, x_bl):
+def is_estimate_right(x_hat, x_bl):
     """Whether an estimate is right to 20 % of the true backlash x_bl or 1 % of stroke."""
     tolerance = 0.2 * x_bl if 0.2 * x_bl > 0.01 else 0.01
     return abs(x_hat - x_bl) <= tolerance
 
 
 @section
-def adopt(S, j, t, x_hat):
+def adopt_estimate(S, j, t, x_hat):
     """Take over lane j's new estimate, and note since when the estimate has been right."""
     # once no number, always none, so that the status says so at the end
-    x_hat = S[R.estimate + j] if np.isnan(S[R.estimate + j]) else clipped(x_hat)
-    right = within(x_hat, S[R.gap + j])
+    x_hat = S[R.estimate + j] if np.isnan(S[R.estimate + j]) else clip01(x_hat)
+    is_right = is_estimate_right(x_hat, S[R.gap + j])
     since = S[R.time_identified + j]
     since = since if since <= t else t
-    S[R.time_identified + j] = since if right else np.nan
+    S[R.time_identified + j] = since if is_right else np.nan
     S[R.estimate + j] = x_hat
     S[R.assumed + j] = S[R.estimate_share + j] * x_hat
 
@@ -48,53 +48,59 @@ def estimator_stage(estimator: Estimator) -> Any:
     own: its parameters, then its memory, (n_parameters + n_memory) * LANES, then an array for each lane, if it has one.
     With ``begins`` it only fills the memory.
     """
-    step, start, confirms = _compiled(estimator.step), _compiled(estimator.start), _compiled(estimator.confirms)
-    Parameters, Memory, defaults = estimator.Parameters, estimator.Memory, defaults_of(estimator.Memory)
+    step, start, confirms = (
+        _compile_exact(estimator.step),
+        _compile_exact(estimator.start),
+        _compile_exact(estimator.confirms),
+    )
+    Parameters, Memory, defaults = estimator.Parameters, estimator.Memory, memory_defaults(estimator.Memory)
     memory_at, every_call = len(Parameters._fields) * LANES, estimator.periods is not None
     has_start, has_confirms = start is not None, confirms is not None
-    words, arrays_at = estimator.words, memory_at + len(Memory._fields) * LANES
-    has_array, sees_test = words > 0, estimator.sees_test
+    n_array, arrays_at = estimator.words, memory_at + len(Memory._fields) * LANES
+    has_array, sees_test = n_array > 0, estimator.sees_test
 
-    def estimate(S, own, t, T_set, m_a, enabled, begins):
-        if begins:
+    def estimate(S, rule_state, t, T_set, m_a, enabled, is_start):
+        if is_start:
             for j in range(LANES):
-                p = values_at(Parameters, own, j, LANES)
-                memory = values_at(Memory, own, memory_at + j, LANES)
-                keep(True, start(p) if has_start else Memory(*defaults), memory, own, memory_at + j, LANES)
-                adopt(S, j, t, S[R.estimate + j])
+                p = values_at(Parameters, rule_state, j, LANES)
+                memory = values_at(Memory, rule_state, memory_at + j, LANES)
+                store_if_due(
+                    True, start(p) if has_start else Memory(*defaults), memory, rule_state, memory_at + j, LANES
+                )
+                adopt_estimate(S, j, t, S[R.estimate + j])
             return
         for j in range(LANES):
-            p = values_at(Parameters, own, j, LANES)
-            memory = values_at(Memory, own, memory_at + j, LANES)
+            p = values_at(Parameters, rule_state, j, LANES)
+            memory = values_at(Memory, rule_state, memory_at + j, LANES)
             now = Sample(
                 t, T_set, m_a, S[R.T_seen + j], S[R.e_seen + j], S[R.u + j], S[R.command + j], S[R.mode + j],
                 S[R.switches + j], S[R.estimate + j], S[R.test + j],
             )  # fmt: skip
-            samples = sample_number(t, S[R.sample_time + j]) * S[R.sample_time + j] == t
-            due = ((samples & enabled) | every_call) & (sees_test | (S[R.test + j] == 0.0))
+            is_sample = sample_number(t, S[R.sample_time + j]) * S[R.sample_time + j] == t
+            due = ((is_sample & enabled) | every_call) & (sees_test | (S[R.test + j] == 0.0))
             if has_array:
                 if not due:
                     continue
-                x_hat, after = step(now, p, memory, array_at(own, arrays_at + j * words, words))
+                x_hat, after = step(now, p, memory, array_at(rule_state, arrays_at + j * n_array, n_array))
             else:
                 x_hat, after = step(now, p, memory)  # no branch: every lane runs the same
-            keep(due, after, memory, own, memory_at + j, LANES)
-            adopt(S, j, t, x_hat if due else S[R.estimate + j])
+            store_if_due(due, after, memory, rule_state, memory_at + j, LANES)
+            adopt_estimate(S, j, t, x_hat if due else S[R.estimate + j])
             if has_confirms:
                 reached, confirmed = confirms(t, p, after, S[R.gap + j], S[R.time_reached + j], S[R.time_confirmed + j])
                 S[R.time_reached + j] = reached
                 S[R.time_confirmed + j] = confirmed
 
-    return ESTIMATE.compiled(estimate, estimator.identity or estimator.name)
+    return ESTIMATOR_SIGNATURE.compiled(estimate, estimator.identity or estimator.name)
 
 
-def _compiled(function: Any) -> Any:
+def _compile_exact(function: Any) -> Any:
     return function if function is None or hasattr(function, "py_func") else exact(function)
 
 
-LAW = Kind(ROWS, ROWS, NUMBER, NUMBER, NUMBER, NUMBER, FLAG, FLAG)
+LAW_SIGNATURE = StageSignature(ROW_POINTER, ROW_POINTER, NUMBER, NUMBER, NUMBER, NUMBER, FLAG, FLAG)
 """Stages that decide u, see ``law_stage``."""
-call_law = LAW.call
+call_law = LAW_SIGNATURE.call
 
 
 @cache
@@ -104,17 +110,17 @@ def law_stage(law: Law) -> Any:
     own: its parameters, then its memory.  With ``begins`` it only fills the memory.  Where the controller is off, the
     memory starts again.
     """
-    step, Parameters, Memory, defaults = law.step, law.Parameters, law.Memory, defaults_of(law.Memory)
+    step, Parameters, Memory, defaults = law.step, law.Parameters, law.Memory, memory_defaults(law.Memory)
     memory_at = len(Parameters._fields) * LANES
 
-    def decide(S, own, t, T_set, noise, m_a, enabled, begins):
+    def decide(S, rule_state, t, T_set, noise, m_a, enabled, is_start):
         for j in range(LANES):
-            p = values_at(Parameters, own, j, LANES)
-            memory = values_at(Memory, own, memory_at + j, LANES)
-            if begins or not enabled:
-                keep(True, Memory(*defaults), memory, own, memory_at + j, LANES)
+            p = values_at(Parameters, rule_state, j, LANES)
+            memory = values_at(Memory, rule_state, memory_at + j, LANES)
+            if is_start or not enabled:
+                store_if_due(True, Memory(*defaults), memory, rule_state, memory_at + j, LANES)
             else:
-                y = measured(S[R.y_s + j], S[R.noise + j] + noise, S[R.sensor_resolution + j])
+                y = sensor_reading(S[R.y_s + j], S[R.noise + j] + noise, S[R.sensor_resolution + j])
                 e = S[R.sign + j] * (y - T_set)
                 now = Sample(
                     t, T_set, m_a, y, e, S[R.u + j], S[R.command + j], S[R.mode + j], S[R.switches + j],
@@ -122,9 +128,9 @@ def law_stage(law: Law) -> Any:
                 )  # fmt: skip
                 u, after = step(now, p, memory)
                 due = sample_number(t, S[R.sample_time + j]) * S[R.sample_time + j] == t
-                keep(due, after, memory, own, memory_at + j, LANES)
+                store_if_due(due, after, memory, rule_state, memory_at + j, LANES)
                 # once no number, always none, so that the status says so at the end
-                u = S[R.decided + j] if np.isnan(S[R.decided + j]) else clipped(u)
+                u = S[R.decided + j] if np.isnan(S[R.decided + j]) else clip01(u)
                 S[R.decided + j] = u if due else S[R.decided + j]
 
-    return LAW.compiled(decide, law.identity)
+    return LAW_SIGNATURE.compiled(decide, law.identity)

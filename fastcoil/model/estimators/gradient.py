@@ -9,14 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.model.estimators.interface import Estimator, low_passed, weight_of_new
+from fastcoil.model.estimators.interface import Estimator, filter_weight, low_pass
 from fastcoil.model.numerics.jit import exact
 
-WASHOUT = 20.0
+WASHOUT_RATIO = 20.0
 """Time constant of the washout over that of the filter: what lasts so long is no reversal."""
-SET_POINT_STEP = 0.1
+SET_POINT_STEP_K = 0.1
 """A change of the set-point between two samples that is a step, K; the reference model follows smaller ones."""
-AIR_FLOW_STEP = 0.05
+AIR_FLOW_STEP_SHARE = 0.05
 """A change of the air flow since its last step that is one, as a share of the flow."""
 
 
@@ -27,20 +27,20 @@ def regressor(mode, u):
 
 
 @exact
-def beyond(e, dead_zone):
+def outside_dead_zone(e, dead_zone):
     """The part of e outside the dead zone, K."""
     above = e - dead_zone if e > dead_zone else 0.0
     return e + dead_zone if e < -dead_zone else above
 
 
 @exact
-def stepped(before, now, size):
+def has_stepped(reference, now, size):
     """Whether a signal is more than ``size`` away from what it was; one that is not known has no steps."""
-    return abs(now - before) > size
+    return abs(now - reference) > size
 
 
 @exact
-def moved(x_hat, gain, sample_time, e, zeta, cap):
+def gradient_step(x_hat, gain, sample_time, e, zeta, cap):
     """Estimate after a normalised-gradient step, γ Ts ε ζ/(1 + ζ²), projected on 0–cap."""
     x_hat = x_hat + gain * sample_time * e * zeta / (1.0 + zeta * zeta)
     x_hat = 0.0 if x_hat < 0.0 else x_hat
@@ -75,16 +75,16 @@ class Memory(NamedTuple):
     """φ behind the filter."""
     slow: float
     """φ behind the filter of the washout."""
-    resumes: float
+    resumes_at: float
     """End of the pause, s."""
 
 
 @exact
 def start(p):
     """Memory at the start: nothing yet."""
-    ref = weight_of_new(p.gradient_reference_time, p.sample_time)
-    fast = weight_of_new(p.gradient_filter_time, p.sample_time)
-    slow = weight_of_new(WASHOUT * p.gradient_filter_time, p.sample_time)
+    ref = filter_weight(p.gradient_reference_time, p.sample_time)
+    fast = filter_weight(p.gradient_filter_time, p.sample_time)
+    slow = filter_weight(WASHOUT_RATIO * p.gradient_filter_time, p.sample_time)
     return Memory(ref, fast, slow, np.nan, np.nan, np.nan, np.nan, 0.0)
 
 
@@ -95,26 +95,26 @@ def step(now, p, memory):
     It starts anew at u = 0, as after a time off.  The reference model has no dead time: what the loop makes of one is
     over before the pause is.
     """
-    starts = np.isnan(memory.T_ref) or now.u <= 0.0
+    starts_anew = np.isnan(memory.T_ref) or now.u <= 0.0
     sign = 1.0 - 2.0 * p.action
     T_set = now.T - sign * now.e  # of the sample that is seen
-    T_ref = low_passed(now.T if starts else memory.T_ref, T_set, memory.weight_ref)
-    zeta = 0.0 if starts else memory.fast - memory.slow  # before φ answered to this very error, and to its noise
+    T_ref = low_pass(now.T if starts_anew else memory.T_ref, T_set, memory.weight_ref)
+    zeta = 0.0 if starts_anew else memory.fast - memory.slow  # before φ answered to this very error, and to its noise
     phi = regressor(now.mode, now.u)
-    fast = low_passed(np.nan if starts else memory.fast, phi, memory.weight_fast)
-    slow = low_passed(np.nan if starts else memory.slow, phi, memory.weight_slow)
+    fast = low_pass(np.nan if starts_anew else memory.fast, phi, memory.weight_fast)
+    slow = low_pass(np.nan if starts_anew else memory.slow, phi, memory.weight_slow)
 
-    air_steps = starts or stepped(memory.m_a, now.m_a, AIR_FLOW_STEP * memory.m_a)
-    steps = air_steps or stepped(T_set, now.T_set, SET_POINT_STEP)
-    resumes = now.t + p.gradient_pause if steps else memory.resumes
-    acts = now.t >= resumes and now.u > 0.0 and now.u < 1.0
+    has_air_flow_step = starts_anew or has_stepped(memory.m_a, now.m_a, AIR_FLOW_STEP_SHARE * memory.m_a)
+    has_step = has_air_flow_step or has_stepped(T_set, now.T_set, SET_POINT_STEP_K)
+    resumes_at = now.t + p.gradient_pause if has_step else memory.resumes_at
+    acts = now.t >= resumes_at and now.u > 0.0 and now.u < 1.0
 
-    e = beyond(sign * (now.T - T_ref), p.gradient_dead_zone)
-    x_hat = moved(now.estimate, p.gradient_gain, p.sample_time, e, zeta, p.gradient_cap)
-    m_a = now.m_a if air_steps else memory.m_a
+    e = outside_dead_zone(sign * (now.T - T_ref), p.gradient_dead_zone)
+    x_hat = gradient_step(now.estimate, p.gradient_gain, p.sample_time, e, zeta, p.gradient_cap)
+    m_a = now.m_a if has_air_flow_step else memory.m_a
     w_ref, w_fast, w_slow = memory.weight_ref, memory.weight_fast, memory.weight_slow
-    after = Memory(w_ref, w_fast, w_slow, m_a, T_ref, fast, slow, resumes)
-    return x_hat if acts else now.estimate, after
+    next_memory = Memory(w_ref, w_fast, w_slow, m_a, T_ref, fast, slow, resumes_at)
+    return x_hat if acts else now.estimate, next_memory
 
 
 ESTIMATOR = Estimator("gradient", Parameters, Memory, step, start)

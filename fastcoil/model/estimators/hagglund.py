@@ -7,17 +7,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fastcoil.model.estimators.interface import Estimator, low_passed, weight_of_new
+from fastcoil.model.estimators.interface import Estimator, filter_weight, low_pass
 from fastcoil.model.numerics.jit import exact
 
-LONG = 5.0
+LEAST_HALF_PERIOD_RATIO = 5.0
 """A half period of at least so many integral times counts."""
-PEAKED = 2.0
+LARGEST_PEAK_RATIO = 2.0
 """One whose largest error is at least so many times its mean is not square and does not count."""
 
 
 @exact
-def dead_band(duration, iae, kp, ti, plant_gain):
+def crossed_gap(duration, iae, kp, ti, plant_gain):
     """Gap crossed in a half period, d = K (Δt/Ti - 1/(K Kp)) Δy; fraction of stroke.
 
     duration: Δt, s.  iae: integral of the absolute error over it, Δy Δt, K s.  kp: gain K of the controller, 1/K.
@@ -28,33 +28,35 @@ def dead_band(duration, iae, kp, ti, plant_gain):
 
 
 @exact
-def counts(duration, iae, peak, ti, d):
+def is_evidence(duration, iae, peak, ti, d):
     """Whether a half period is evidence: long, nearly square, and with a gap d that a valve can have."""
-    return duration >= LONG * ti and peak * duration < PEAKED * iae and d > 0.0 and d < 1.0
+    return (
+        duration >= LEAST_HALF_PERIOD_RATIO * ti and peak * duration < LARGEST_PEAK_RATIO * iae and d > 0.0 and d < 1.0
+    )
 
 
 @exact
-def crosses(before, e):
+def has_changed_sign(previous_e, e):
     """Whether an error changed sides; NaN has none."""
-    return (before > 0.0 and e <= 0.0) or (before <= 0.0 and e > 0.0)
+    return (previous_e > 0.0 and e <= 0.0) or (previous_e <= 0.0 and e > 0.0)
 
 
 @exact
-def _least(a, b):
+def _smaller(a, b):
     return a if a < b else b
 
 
 @exact
-def _most(a, b):
+def _larger(a, b):
     return b if a < b else a
 
 
 @exact
-def median(a, b, c, d, e):
+def median_of_five(a, b, c, d, e):
     """Median of five."""
-    low = _most(_least(a, b), _least(c, d))
-    high = _least(_most(a, b), _most(c, d))
-    return _most(_least(low, high), _least(_most(low, high), e))
+    low = _larger(_smaller(a, b), _smaller(c, d))
+    high = _smaller(_larger(a, b), _larger(c, d))
+    return _larger(_smaller(low, high), _smaller(_larger(low, high), e))
 
 
 class Parameters(NamedTuple):
@@ -82,7 +84,7 @@ class Memory(NamedTuple):
     """Integral of the absolute error over it, K s."""
     peak: float
     """Largest absolute error in it, K."""
-    counted: float
+    n_counted: float
     """Half periods that counted."""
     d1: float
     """Gap of the last of them, and of the four before."""
@@ -95,7 +97,7 @@ class Memory(NamedTuple):
 @exact
 def start(p):
     """Memory at the start: nothing yet."""
-    weight = weight_of_new(p.hagglund_filter_ratio * p.ti, p.sample_time)
+    weight = filter_weight(p.hagglund_filter_ratio * p.ti, p.sample_time)
     return Memory(weight, np.nan, np.nan, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -107,34 +109,36 @@ def step(now, p, memory):
     several times too large.  An inverse that acts on the estimate leaves only the rest of the gap to be seen, so the
     estimate is then final; where no share of it is assumed it goes on.
     """
-    e = low_passed(memory.e, now.e, memory.weight)
+    e = low_pass(memory.e, now.e, memory.weight)
     size = abs(e)
-    ends = crosses(memory.e, e)
+    ends = has_changed_sign(memory.e, e)
 
-    d = dead_band(memory.duration, memory.iae, p.kp, p.ti, p.plant_gain)
-    final = p.estimate_share > 0.0 and memory.counted >= p.hagglund_least_half_periods
-    good = ends and not final and counts(memory.duration, memory.iae, memory.peak, p.ti, d)
-    counted = memory.counted + 1.0 if good else memory.counted
-    d1 = d if good else memory.d1
-    d2 = memory.d1 if good else memory.d2
-    d3 = memory.d2 if good else memory.d3
-    d4 = memory.d3 if good else memory.d4
-    d5 = memory.d4 if good else memory.d5
+    d = crossed_gap(memory.duration, memory.iae, p.kp, p.ti, p.plant_gain)
+    is_final = p.estimate_share > 0.0 and memory.n_counted >= p.hagglund_least_half_periods
+    is_new_evidence = ends and not is_final and is_evidence(memory.duration, memory.iae, memory.peak, p.ti, d)
+    n_counted = memory.n_counted + 1.0 if is_new_evidence else memory.n_counted
+    d1 = d if is_new_evidence else memory.d1
+    d2 = memory.d1 if is_new_evidence else memory.d2
+    d3 = memory.d2 if is_new_evidence else memory.d3
+    d4 = memory.d3 if is_new_evidence else memory.d4
+    d5 = memory.d4 if is_new_evidence else memory.d5
     duration = (0.0 if ends else memory.duration) + p.sample_time
     # where the loop is off, or the valve at an end, the PI is not on its way across the gap
     duration = np.nan if now.u <= 0.0 or now.u >= 1.0 else duration
     iae = (0.0 if ends else memory.iae) + size * p.sample_time
     peak = size if ends or size > memory.peak else memory.peak
-    declared = good and counted >= p.hagglund_least_half_periods
-    after = Memory(memory.weight, e, duration, iae, peak, counted, d1, d2, d3, d4, d5)
-    return median(d1, d2, d3, d4, d5) if declared else now.estimate, after
+    has_estimate = is_new_evidence and n_counted >= p.hagglund_least_half_periods
+    next_memory = Memory(memory.weight, e, duration, iae, peak, n_counted, d1, d2, d3, d4, d5)
+    return median_of_five(d1, d2, d3, d4, d5) if has_estimate else now.estimate, next_memory
 
 
 def results(memory: Any) -> dict[str, np.ndarray]:
     """The estimator's own metrics at the end of a run."""
-    last = np.stack([memory.d1, memory.d2, memory.d3, memory.d4, memory.d5])
-    spread = np.where(np.asarray(memory.counted) >= len(last), last.max(axis=0) - last.min(axis=0), np.nan)
-    return {"half_periods": np.asarray(memory.counted), "half_period_spread": spread}
+    last_gaps = np.stack([memory.d1, memory.d2, memory.d3, memory.d4, memory.d5])
+    spread = np.where(
+        np.asarray(memory.n_counted) >= len(last_gaps), last_gaps.max(axis=0) - last_gaps.min(axis=0), np.nan
+    )
+    return {"half_periods": np.asarray(memory.n_counted), "half_period_spread": spread}
 
 
 ESTIMATOR = Estimator("hagglund", Parameters, Memory, step, start, results=results)

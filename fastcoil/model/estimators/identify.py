@@ -20,160 +20,165 @@ import numpy as np
 from fastcoil.model.estimators.interface import Estimator
 from fastcoil.model.numerics.elementary import exp, log
 from fastcoil.model.numerics.jit import exact
-from fastcoil.model.physics import backlash, motor
+from fastcoil.model.physics import backlash, motor_position
 
 CANDIDATES = np.concatenate([np.arange(10) * 0.005, np.arange(5, 16) * 0.01, np.array([0.165, 0.18, 0.20, 0.22, 0.25])])
 """Sizes that are compared, fractions of stroke: closer together where a valve is nearly good."""
-N = 26
-OWN, DRIVEN = 6, 3
+N_CANDIDATES = 26
+N_TEMPERATURE_LAGS, N_OPENING_LAGS = 6, 3
 """Changes of the temperature before this one, and of the opening, that the model has."""
-MOTOR = OWN + 2
-COMMON = MOTOR + 1
+MOTOR_COLUMN = N_TEMPERATURE_LAGS + 2
+N_COMMON = MOTOR_COLUMN + 1
 """The change that is to be explained, those before it, the constant, and the change of the motor: in this order."""
-PRECISION = 0.01
+PRIOR_PRECISION = 0.01
 """Of the prior of the opening's coefficients, 1/K²: each is known to ± 10 K per stroke before anything is seen."""
-REDUNDANT = 1e-10
+REDUNDANT_SHARE = 1e-10
 """A column of which less than this share is its own is left out."""
 
-LAGS = 0
+LAGS_AT = 0
 """Where each part starts: what the candidates have in common, (COMMON,)."""
-SUMS = LAGS + COMMON
+SUMS_AT = LAGS_AT + N_COMMON
 """Sums of their products, (COMMON, COMMON), lower half."""
-FACTOR = SUMS + COMMON * COMMON
+FACTOR_AT = SUMS_AT + N_COMMON * N_COMMON
 """Scratch: the Cholesky factor of those sums but for the first, with the reciprocals of its diagonal."""
-SOLVED = FACTOR + COMMON * COMMON
+SOLVED_ROWS_AT = FACTOR_AT + N_COMMON * N_COMMON
 """Scratch: one row of what is to be explained and DRIVEN rows of the openings, each solved with that factor."""
-SHARED = SOLVED + (DRIVEN + 1) * COMMON
+RESIDUAL_PRODUCTS_AT = SOLVED_ROWS_AT + (N_OPENING_LAGS + 1) * N_COMMON
 """Scratch: what each opening of a candidate shares with the change and not with the rest, (2, DRIVEN): without, and
 with the motor among the rest."""
-PAIRS = SHARED + 2 * DRIVEN
+RESIDUAL_PAIRS_AT = RESIDUAL_PRODUCTS_AT + 2 * N_OPENING_LAGS
 """Scratch: the same of the openings with one another, (2, DRIVEN, DRIVEN)."""
-PROBABILITY = PAIRS + 2 * DRIVEN * DRIVEN
+PROBABILITY_AT = RESIDUAL_PAIRS_AT + 2 * N_OPENING_LAGS * N_OPENING_LAGS
 """Log-likelihoods, then probabilities, (N,)."""
-EARLIER = PROBABILITY + N
+EARLIER_PROBABILITY_AT = PROBABILITY_AT + N_CANDIDATES
 """The same, with the motor in place of the opening in the horizon in which the change happens."""
-MOVES = EARLIER + N
+MOVES_AT = EARLIER_PROBABILITY_AT + N_CANDIDATES
 """Last changes of the opening, (DRIVEN, N)."""
-CROSSED = MOVES + DRIVEN * N
+CROSS_PRODUCTS_AT = MOVES_AT + N_OPENING_LAGS * N_CANDIDATES
 """Sums of their products with LAGS, (DRIVEN, COMMON, N)."""
-PAIRED = CROSSED + DRIVEN * COMMON * N
+PAIR_PRODUCTS_AT = CROSS_PRODUCTS_AT + N_OPENING_LAGS * N_COMMON * N_CANDIDATES
 """Sums of their products with one another, the lower half row by row, (DRIVEN * (DRIVEN + 1) / 2, N)."""
-WORDS = PAIRED + DRIVEN * (DRIVEN + 1) // 2 * N
+ARRAY_SIZE = PAIR_PRODUCTS_AT + N_OPENING_LAGS * (N_OPENING_LAGS + 1) // 2 * N_CANDIDATES
 
 
 @exact
-def remember_change(w, change, moved):
+def remember_change(w, change, motor_change):
     """Move the last changes of temperature on by one, and put this one, K, in front; moved: that of the motor."""
-    for i in range(OWN, 0, -1):
-        w[LAGS + i] = w[LAGS + i - 1]
-    w[LAGS] = change
-    w[LAGS + OWN + 1] = 1.0
-    w[LAGS + MOTOR] = moved
+    for i in range(N_TEMPERATURE_LAGS, 0, -1):
+        w[LAGS_AT + i] = w[LAGS_AT + i - 1]
+    w[LAGS_AT] = change
+    w[LAGS_AT + N_TEMPERATURE_LAGS + 1] = 1.0
+    w[LAGS_AT + MOTOR_COLUMN] = motor_change
 
 
 @exact
 def add_row(w, decay):
     """Add one horizon to all sums; what was in them counts ``decay`` as much as before."""
-    for i in range(COMMON):
+    for i in range(N_COMMON):
         for k in range(i + 1):
-            at = SUMS + i * COMMON + k
-            w[at] = decay * w[at] + w[LAGS + i] * w[LAGS + k]
-    for a in range(DRIVEN):
-        move = MOVES + a * N
-        for i in range(COMMON):
-            at, lag = CROSSED + (a * COMMON + i) * N, w[LAGS + i]
-            for c in range(N):
-                w[at + c] = decay * w[at + c] + lag * w[move + c]
+            at = SUMS_AT + i * N_COMMON + k
+            w[at] = decay * w[at] + w[LAGS_AT + i] * w[LAGS_AT + k]
+    for a in range(N_OPENING_LAGS):
+        first_move = MOVES_AT + a * N_CANDIDATES
+        for i in range(N_COMMON):
+            at, lag = CROSS_PRODUCTS_AT + (a * N_COMMON + i) * N_CANDIDATES, w[LAGS_AT + i]
+            for c in range(N_CANDIDATES):
+                w[at + c] = decay * w[at + c] + lag * w[first_move + c]
         for b in range(a + 1):
-            at, other = PAIRED + (a * (a + 1) // 2 + b) * N, MOVES + b * N
-            for c in range(N):
-                w[at + c] = decay * w[at + c] + w[move + c] * w[other + c]
+            at, other_move = PAIR_PRODUCTS_AT + (a * (a + 1) // 2 + b) * N_CANDIDATES, MOVES_AT + b * N_CANDIDATES
+            for c in range(N_CANDIDATES):
+                w[at + c] = decay * w[at + c] + w[first_move + c] * w[other_move + c]
 
 
 @exact
 def factorise(w):
     """Cholesky factor of the sums of what comes before a change; a redundant column gets the reciprocal 0."""
-    for i in range(1, COMMON):
+    for i in range(1, N_COMMON):
         for k in range(1, i + 1):
-            left = w[SUMS + i * COMMON + k]
+            remainder = w[SUMS_AT + i * N_COMMON + k]
             for m in range(1, k):
-                left -= w[FACTOR + i * COMMON + m] * w[FACTOR + k * COMMON + m]
+                remainder -= w[FACTOR_AT + i * N_COMMON + m] * w[FACTOR_AT + k * N_COMMON + m]
             if k < i:
-                w[FACTOR + i * COMMON + k] = left * w[FACTOR + k * COMMON + k]
+                w[FACTOR_AT + i * N_COMMON + k] = remainder * w[FACTOR_AT + k * N_COMMON + k]
             else:
-                own = left > REDUNDANT * w[SUMS + i * COMMON + i]
-                w[FACTOR + i * COMMON + i] = 1.0 / np.sqrt(left) if own else 0.0
+                is_independent = remainder > REDUNDANT_SHARE * w[SUMS_AT + i * N_COMMON + i]
+                w[FACTOR_AT + i * N_COMMON + i] = 1.0 / np.sqrt(remainder) if is_independent else 0.0
 
 
 @exact
 def solve_row(w, row, at, stride):
     """Solve the factor for the products at ``at``, ``at + stride`` and so on; into a row of SOLVED."""
-    for i in range(1, COMMON):
-        left = w[at + i * stride]
+    for i in range(1, N_COMMON):
+        remainder = w[at + i * stride]
         for m in range(1, i):
-            left -= w[FACTOR + i * COMMON + m] * w[SOLVED + row * COMMON + m]
-        w[SOLVED + row * COMMON + i] = left * w[FACTOR + i * COMMON + i]
+            remainder -= w[FACTOR_AT + i * N_COMMON + m] * w[SOLVED_ROWS_AT + row * N_COMMON + m]
+        w[SOLVED_ROWS_AT + row * N_COMMON + i] = remainder * w[FACTOR_AT + i * N_COMMON + i]
 
 
 @exact
-def share_out(w, c):
+def project_out_common(w, c):
     """What the openings behind candidate c share with the change, and with one another, less what the rest explains."""
-    for a in range(DRIVEN):
-        solve_row(w, 1 + a, CROSSED + a * COMMON * N + c, N)
-    for a in range(DRIVEN):
+    for a in range(N_OPENING_LAGS):
+        solve_row(w, 1 + a, CROSS_PRODUCTS_AT + a * N_COMMON * N_CANDIDATES + c, N_CANDIDATES)
+    for a in range(N_OPENING_LAGS):
         common = 0.0
-        for i in range(1, MOTOR):
-            common += w[SOLVED + (1 + a) * COMMON + i] * w[SOLVED + i]
-        w[SHARED + a] = w[CROSSED + a * COMMON * N + c] - common
-        common += w[SOLVED + (1 + a) * COMMON + MOTOR] * w[SOLVED + MOTOR]
-        w[SHARED + DRIVEN + a] = w[CROSSED + a * COMMON * N + c] - common
+        for i in range(1, MOTOR_COLUMN):
+            common += w[SOLVED_ROWS_AT + (1 + a) * N_COMMON + i] * w[SOLVED_ROWS_AT + i]
+        w[RESIDUAL_PRODUCTS_AT + a] = w[CROSS_PRODUCTS_AT + a * N_COMMON * N_CANDIDATES + c] - common
+        common += w[SOLVED_ROWS_AT + (1 + a) * N_COMMON + MOTOR_COLUMN] * w[SOLVED_ROWS_AT + MOTOR_COLUMN]
+        w[RESIDUAL_PRODUCTS_AT + N_OPENING_LAGS + a] = w[CROSS_PRODUCTS_AT + a * N_COMMON * N_CANDIDATES + c] - common
         for b in range(a + 1):
-            pair = w[PAIRED + (a * (a + 1) // 2 + b) * N + c]
+            pair = w[PAIR_PRODUCTS_AT + (a * (a + 1) // 2 + b) * N_CANDIDATES + c]
             common = 0.0
-            for i in range(1, MOTOR):
-                common += w[SOLVED + (1 + a) * COMMON + i] * w[SOLVED + (1 + b) * COMMON + i]
-            w[PAIRS + a * DRIVEN + b] = pair - common
-            common += w[SOLVED + (1 + a) * COMMON + MOTOR] * w[SOLVED + (1 + b) * COMMON + MOTOR]
-            w[PAIRS + (DRIVEN + a) * DRIVEN + b] = pair - common
+            for i in range(1, MOTOR_COLUMN):
+                common += w[SOLVED_ROWS_AT + (1 + a) * N_COMMON + i] * w[SOLVED_ROWS_AT + (1 + b) * N_COMMON + i]
+            w[RESIDUAL_PAIRS_AT + a * N_OPENING_LAGS + b] = pair - common
+            common += (
+                w[SOLVED_ROWS_AT + (1 + a) * N_COMMON + MOTOR_COLUMN]
+                * w[SOLVED_ROWS_AT + (1 + b) * N_COMMON + MOTOR_COLUMN]
+            )
+            w[RESIDUAL_PAIRS_AT + (N_OPENING_LAGS + a) * N_OPENING_LAGS + b] = pair - common
 
 
 @exact
-def evidence(total, found, sharpness, freedom):
-    """Log-likelihood of a candidate that explains ``found`` of the ``total``, K², its coefficients integrated out."""
-    left = total - found
-    left = REDUNDANT * total if left < REDUNDANT * total else left
-    return -0.5 * freedom * log(left / total) - sharpness
+def log_likelihood(total, explained_sum, sharpness, freedom):
+    """Log-likelihood of a candidate that explains ``explained_sum`` of the ``total``, K², its coefficients integrated out."""
+    residual_sum = total - explained_sum
+    residual_sum = REDUNDANT_SHARE * total if residual_sum < REDUNDANT_SHARE * total else residual_sum
+    return -0.5 * freedom * log(residual_sum / total) - sharpness
 
 
 @exact
-def weigh(w, c, total, freedom):
+def weigh_candidate(w, c, total, freedom):
     """Log-likelihood of candidate c by all its openings, whose coefficients have a normal prior, into PROBABILITY."""
-    prior = PRECISION * total / freedom
-    s_00 = w[PAIRS] + prior
-    r_10 = w[PAIRS + DRIVEN] / s_00
-    r_20 = w[PAIRS + 2 * DRIVEN] / s_00
-    s_11 = w[PAIRS + DRIVEN + 1] + prior - r_10 * r_10 * s_00
-    s_21 = w[PAIRS + 2 * DRIVEN + 1] - r_10 * r_20 * s_00
-    s_22 = w[PAIRS + 2 * DRIVEN + 2] + prior - r_20 * r_20 * s_00 - s_21 * s_21 / s_11
-    b_0 = w[SHARED]
-    b_1 = w[SHARED + 1] - r_10 * b_0
-    b_2 = w[SHARED + 2] - r_20 * b_0 - s_21 / s_11 * b_1
-    found = b_0 * b_0 / s_00 + b_1 * b_1 / s_11 + b_2 * b_2 / s_22
+    prior = PRIOR_PRECISION * total / freedom
+    s_00 = w[RESIDUAL_PAIRS_AT] + prior
+    r_10 = w[RESIDUAL_PAIRS_AT + N_OPENING_LAGS] / s_00
+    r_20 = w[RESIDUAL_PAIRS_AT + 2 * N_OPENING_LAGS] / s_00
+    s_11 = w[RESIDUAL_PAIRS_AT + N_OPENING_LAGS + 1] + prior - r_10 * r_10 * s_00
+    s_21 = w[RESIDUAL_PAIRS_AT + 2 * N_OPENING_LAGS + 1] - r_10 * r_20 * s_00
+    s_22 = w[RESIDUAL_PAIRS_AT + 2 * N_OPENING_LAGS + 2] + prior - r_20 * r_20 * s_00 - s_21 * s_21 / s_11
+    b_0 = w[RESIDUAL_PRODUCTS_AT]
+    b_1 = w[RESIDUAL_PRODUCTS_AT + 1] - r_10 * b_0
+    b_2 = w[RESIDUAL_PRODUCTS_AT + 2] - r_20 * b_0 - s_21 / s_11 * b_1
+    explained_sum = b_0 * b_0 / s_00 + b_1 * b_1 / s_11 + b_2 * b_2 / s_22
     sharpness = 0.5 * log(s_00 / prior * (s_11 / prior) * (s_22 / prior))
-    w[PROBABILITY + c] = evidence(total, found, sharpness, freedom)
+    w[PROBABILITY_AT + c] = log_likelihood(total, explained_sum, sharpness, freedom)
 
 
 @exact
-def weigh_earlier(w, c, left, freedom):
+def weigh_candidate_earlier(w, c, total, freedom):
     """The same by the openings before this horizon, with what the motor did in it as given, into EARLIER."""
-    prior = PRECISION * left / freedom
-    s_11 = w[PAIRS + (DRIVEN + 1) * DRIVEN + 1] + prior
-    r_21 = w[PAIRS + (DRIVEN + 2) * DRIVEN + 1] / s_11
-    s_22 = w[PAIRS + (DRIVEN + 2) * DRIVEN + 2] + prior - r_21 * r_21 * s_11
-    b_1 = w[SHARED + DRIVEN + 1]
-    b_2 = w[SHARED + DRIVEN + 2] - r_21 * b_1
-    found = b_1 * b_1 / s_11 + b_2 * b_2 / s_22
-    w[EARLIER + c] = evidence(left, found, 0.5 * log(s_11 / prior * (s_22 / prior)), freedom)
+    prior = PRIOR_PRECISION * total / freedom
+    s_11 = w[RESIDUAL_PAIRS_AT + (N_OPENING_LAGS + 1) * N_OPENING_LAGS + 1] + prior
+    r_21 = w[RESIDUAL_PAIRS_AT + (N_OPENING_LAGS + 2) * N_OPENING_LAGS + 1] / s_11
+    s_22 = w[RESIDUAL_PAIRS_AT + (N_OPENING_LAGS + 2) * N_OPENING_LAGS + 2] + prior - r_21 * r_21 * s_11
+    b_1 = w[RESIDUAL_PRODUCTS_AT + N_OPENING_LAGS + 1]
+    b_2 = w[RESIDUAL_PRODUCTS_AT + N_OPENING_LAGS + 2] - r_21 * b_1
+    explained_sum = b_1 * b_1 / s_11 + b_2 * b_2 / s_22
+    w[EARLIER_PROBABILITY_AT + c] = log_likelihood(
+        total, explained_sum, 0.5 * log(s_11 / prior * (s_22 / prior)), freedom
+    )
 
 
 @exact
@@ -183,108 +188,112 @@ def compare(w, rows):
     rows: horizons in the sums, each by how much it still counts.  Returns whether there is anything to explain.
     """
     factorise(w)
-    solve_row(w, 0, SUMS, COMMON)
+    solve_row(w, 0, SUMS_AT, N_COMMON)
     common = 0.0
-    for i in range(1, MOTOR):
-        common += w[SOLVED + i] * w[SOLVED + i]
-    total = w[SUMS] - common
-    left = w[SUMS] - (common + w[SOLVED + MOTOR] * w[SOLVED + MOTOR])
-    freedom = rows - OWN - 1.0
-    if not (freedom > 1.0 and left > REDUNDANT * w[SUMS]):
+    for i in range(1, MOTOR_COLUMN):
+        common += w[SOLVED_ROWS_AT + i] * w[SOLVED_ROWS_AT + i]
+    total = w[SUMS_AT] - common
+    total_earlier = w[SUMS_AT] - (common + w[SOLVED_ROWS_AT + MOTOR_COLUMN] * w[SOLVED_ROWS_AT + MOTOR_COLUMN])
+    freedom = rows - N_TEMPERATURE_LAGS - 1.0
+    if not (freedom > 1.0 and total_earlier > REDUNDANT_SHARE * w[SUMS_AT]):
         return False
-    for c in range(N):
-        share_out(w, c)
-        weigh(w, c, total, freedom)
-        weigh_earlier(w, c, left, freedom - 1.0)
+    for c in range(N_CANDIDATES):
+        project_out_common(w, c)
+        weigh_candidate(w, c, total, freedom)
+        weigh_candidate_earlier(w, c, total_earlier, freedom - 1.0)
     return True
 
 
-WEIGHT = 0.6
+LIKELIHOOD_WEIGHT = 0.6
 """Share of the log-likelihood that counts: residuals are neither independent nor normal."""
-GOOD = 0.01
+GOOD_BACKLASH = 0.01
 """Up to this backlash a valve is called good and left alone; also the least tolerance of an estimate."""
-TOLERANCE = 0.2
+TOLERANCE_SHARE = 0.2
 """Of an estimate, as a share of it."""
-NO_BACKLASH = 0.0051
+NEGLIGIBLE_BACKLASH = 0.0051
 """Up to this size a candidate is no backlash."""
-DOUBT, DOUBT_EARLIER = 0.005, 0.05
+LARGEST_P_NO_BACKLASH, LARGEST_P_NO_BACKLASH_EARLIER = 0.005, 0.05
 """Largest probability of no backlash at which there is an estimate: on a good valve each does harm.  The second is by
 the openings of earlier horizons, where the controller samples several times in one: there it answers the very change
 that is to be explained, and a gap that filters its answer seems to explain the change."""
-TOO_LARGE = 0.05
+GIVE_UP_PROBABILITY = 0.05
 """Largest probability of being not too large at which an estimate is given up."""
 
 
 @exact
-def right(candidate, estimate):
+def is_right_estimate(candidate, estimate):
     """Whether an estimate is right if the backlash is this candidate."""
-    tolerance = TOLERANCE * candidate if TOLERANCE * candidate > GOOD else GOOD
+    tolerance = TOLERANCE_SHARE * candidate if TOLERANCE_SHARE * candidate > GOOD_BACKLASH else GOOD_BACKLASH
     return abs(candidate - estimate) <= tolerance + 1e-9
 
 
 @exact
-def normalise(w, at):
+def normalise_probabilities(w, at):
     """Turn the log-likelihoods at ``at`` into probabilities."""
     highest, total = w[at], 0.0
-    for c in range(1, N):
+    for c in range(1, N_CANDIDATES):
         highest = w[at + c] if w[at + c] > highest else highest
-    for c in range(N):
-        w[at + c] = exp(WEIGHT * (w[at + c] - highest))
+    for c in range(N_CANDIDATES):
+        w[at + c] = exp(LIKELIHOOD_WEIGHT * (w[at + c] - highest))
         total += w[at + c]
-    for c in range(N):
+    for c in range(N_CANDIDATES):
         w[at + c] /= total
 
 
 @exact
-def judged(w, kept, certainty, answers):
+def decide_estimate(w, current_estimate, certainty, samples_in_horizon):
     """The estimate after a comparison.
 
     It is the mean of the probabilities if that is right with this certainty, 0 for a good valve.  Otherwise it is what
     was kept, unless that is nearly certainly too large.  answers: whether the controller samples several times in a
     horizon.
     """
-    normalise(w, PROBABILITY)
-    normalise(w, EARLIER)
-    mean, is_right, is_none, is_none_earlier, is_as_large = 0.0, 0.0, 0.0, 0.0, 0.0
-    for c in range(N):
-        mean += w[PROBABILITY + c] * CANDIDATES[c]
-    mean = 0.0 if mean <= GOOD else mean
-    for c in range(N):
-        p = w[PROBABILITY + c]
-        is_right += p if right(CANDIDATES[c], mean) else 0.0
-        is_as_large += p if CANDIDATES[c] >= kept or right(CANDIDATES[c], kept) else 0.0
-        is_none += p if CANDIDATES[c] <= NO_BACKLASH else 0.0
-        is_none_earlier += w[EARLIER + c] if CANDIDATES[c] <= NO_BACKLASH else 0.0
-    has_backlash = is_none <= DOUBT and (is_none_earlier <= DOUBT_EARLIER or not answers)
-    if is_right >= certainty and (mean == 0.0 or has_backlash):
+    normalise_probabilities(w, PROBABILITY_AT)
+    normalise_probabilities(w, EARLIER_PROBABILITY_AT)
+    mean, p_right, p_no_backlash, p_no_backlash_earlier, p_large_enough = 0.0, 0.0, 0.0, 0.0, 0.0
+    for c in range(N_CANDIDATES):
+        mean += w[PROBABILITY_AT + c] * CANDIDATES[c]
+    mean = 0.0 if mean <= GOOD_BACKLASH else mean
+    for c in range(N_CANDIDATES):
+        p = w[PROBABILITY_AT + c]
+        p_right += p if is_right_estimate(CANDIDATES[c], mean) else 0.0
+        p_large_enough += (
+            p if CANDIDATES[c] >= current_estimate or is_right_estimate(CANDIDATES[c], current_estimate) else 0.0
+        )
+        p_no_backlash += p if CANDIDATES[c] <= NEGLIGIBLE_BACKLASH else 0.0
+        p_no_backlash_earlier += w[EARLIER_PROBABILITY_AT + c] if CANDIDATES[c] <= NEGLIGIBLE_BACKLASH else 0.0
+    has_backlash = p_no_backlash <= LARGEST_P_NO_BACKLASH and (
+        p_no_backlash_earlier <= LARGEST_P_NO_BACKLASH_EARLIER or not samples_in_horizon
+    )
+    if p_right >= certainty and (mean == 0.0 or has_backlash):
         return mean
-    return (mean if has_backlash else 0.0) if is_as_large <= TOO_LARGE else kept
+    return (mean if has_backlash else 0.0) if p_large_enough <= GIVE_UP_PROBABILITY else current_estimate
 
 
-HORIZON = 30.0
+HORIZON_S = 30.0
 """Seconds over which the model foretells: long against the noise of a sensor, short against a coil."""
-SET_POINT_STEP = 0.1
+SET_POINT_STEP_K = 0.1
 """A change of the set-point between two samples that is a step, K."""
-PROVOKED, TESTED = 7200.0, 600.0
+COUNTS_AFTER_STEP_S, COUNTS_AFTER_TEST_S = 7200.0, 600.0
 """Seconds after a step, and after a valve test, that count."""
-AIR_FLOW_STEP, DISTURBED = 0.05, 300.0
+AIR_FLOW_STEP_SHARE, PAUSE_AFTER_GUST_S = 0.05, 300.0
 """A change of the air flow in a horizon, as a share of it, after which nothing counts for so many seconds."""
-AT_END = 600.0
+LONGEST_TIME_AT_END_S = 600.0
 """Seconds at an end of the stroke after which nothing counts: the coil is another one there."""
 LEAST_ROWS = 60.0
 """Horizons before there is an estimate."""
-STEM, OPENED, MEAN = WORDS, WORDS + N, WORDS + 2 * N
+STEMS_AT, OPENING_SUMS_AT, OPENING_MEANS_AT = ARRAY_SIZE, ARRAY_SIZE + N_CANDIDATES, ARRAY_SIZE + 2 * N_CANDIDATES
 """Behind the normal equations, (N,) each: place in the gap, opening summed over the horizon, mean of the last one."""
 
 
 @exact
-def mean_place(q_before, q, ran, stroke_time, interval):
+def mean_position(q_before, q, running_time, stroke_time, interval):
     """Mean place of a stem over an interval in which it waited for its gap to close, moved, and stopped at q.
 
     ran: how long the motor ran, s; stroke_time: s.
     """
-    moved = q - q_before
-    return q - moved * (ran - 0.5 * abs(moved) * stroke_time) / interval
+    stroke = q - q_before
+    return q - stroke * (running_time - 0.5 * abs(stroke) * stroke_time) / interval
 
 
 class Parameters(NamedTuple):
@@ -323,7 +332,7 @@ class Memory(NamedTuple):
     """Temperature when it began, °C."""
     m_a: float
     """Air flow when it began, kg/s; NaN where it is not known."""
-    resumes: float
+    resumes_at: float
     """End of the time that does not count after a step of the air flow, s."""
     horizons: float
     """Since the last interruption."""
@@ -331,44 +340,44 @@ class Memory(NamedTuple):
     """Horizons in the sums, each by how much it still counts."""
     compares_at: float
     """When the candidates are compared next, s."""
-    added: float
+    has_new_horizon: float
     """1 if a horizon was added since the last time."""
 
 
 @exact
 def start(p):
     """Memory at the start: a valve at rest and closed."""
-    width = np.floor(HORIZON / p.sample_time + 0.5)
+    width = np.floor(HORIZON_S / p.sample_time + 0.5)
     width = 1.0 if width < 1.0 else width
     decay = exp(-width * p.sample_time / p.identify_memory)
-    first = p.identify_interval
+    first_comparison = p.identify_interval
     return Memory(
-        width, decay, 0.0, np.nan, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.nan, np.nan, 0.0, 0.0, 0.0, first, 0.0,
+        width, decay, 0.0, np.nan, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.nan, np.nan, 0.0, 0.0, 0.0, first_comparison, 0.0,
     )  # fmt: skip
 
 
 @exact
-def close_horizon(w, width, change, moved):
+def close_horizon(w, width, change, motor_change):
     """Take the changes over the horizon that ends: of the temperature, K, the motor, and the candidates' openings."""
-    remember_change(w, change, moved)
-    for a in range(DRIVEN - 1, 0, -1):
-        for c in range(N):
-            w[MOVES + a * N + c] = w[MOVES + (a - 1) * N + c]
-    for c in range(N):
-        mean = w[OPENED + c] / width
-        w[MOVES + c] = mean - w[MEAN + c]
-        w[MEAN + c] = mean
-        w[OPENED + c] = 0.0
+    remember_change(w, change, motor_change)
+    for a in range(N_OPENING_LAGS - 1, 0, -1):
+        for c in range(N_CANDIDATES):
+            w[MOVES_AT + a * N_CANDIDATES + c] = w[MOVES_AT + (a - 1) * N_CANDIDATES + c]
+    for c in range(N_CANDIDATES):
+        mean = w[OPENING_SUMS_AT + c] / width
+        w[MOVES_AT + c] = mean - w[OPENING_MEANS_AT + c]
+        w[OPENING_MEANS_AT + c] = mean
+        w[OPENING_SUMS_AT + c] = 0.0
 
 
 @exact
-def move_stems(w, position, ran, stroke_time, interval):
+def move_stems(w, position, running_time, stroke_time, interval):
     """Move the stem behind each candidate with the motor, and add its mean opening to the horizon."""
-    for c in range(N):
-        q = backlash(w[STEM + c], position, CANDIDATES[c])
-        mean = mean_place(w[STEM + c], q, ran, stroke_time, interval)
-        w[OPENED + c] += mean / (1.0 - CANDIDATES[c])
-        w[STEM + c] = q
+    for c in range(N_CANDIDATES):
+        q = backlash(w[STEMS_AT + c], position, CANDIDATES[c])
+        mean = mean_position(w[STEMS_AT + c], q, running_time, stroke_time, interval)
+        w[OPENING_SUMS_AT + c] += mean / (1.0 - CANDIDATES[c])
+        w[STEMS_AT + c] = q
 
 
 @exact
@@ -380,38 +389,42 @@ def step(now, p, memory, w):
     """
     elapsed = now.t - memory.sampled_at
     interrupted = elapsed > 1.5 * p.sample_time
-    begins = interrupted or np.isnan(memory.T)
-    ends = begins or memory.samples == memory.width
+    begins_horizon = interrupted or np.isnan(memory.T)
+    ends_horizon = begins_horizon or memory.samples == memory.width
     inside = now.u > 0.0 and now.u < 1.0
     left_end_at = now.t if inside or interrupted else memory.left_end_at
-    horizons = 0.0 if begins else memory.horizons
-    rows, added = memory.rows, memory.added
-    gusts = ends and abs(now.m_a - memory.m_a) > AIR_FLOW_STEP * memory.m_a
-    resumes = now.t + DISTURBED if gusts else memory.resumes
+    horizons = 0.0 if begins_horizon else memory.horizons
+    rows, has_new_horizon = memory.rows, memory.has_new_horizon
+    has_gust = ends_horizon and abs(now.m_a - memory.m_a) > AIR_FLOW_STEP_SHARE * memory.m_a
+    resumes_at = now.t + PAUSE_AFTER_GUST_S if has_gust else memory.resumes_at
     motor_now = memory.moved / memory.width
-    if ends:
-        close_horizon(w, memory.width, 0.0 if begins else now.T - memory.T, motor_now - memory.motor)
-        horizons += 0.0 if begins else 1.0
-        if horizons > OWN and resumes <= now.t <= memory.counts_until and now.t - left_end_at <= AT_END:
+    if ends_horizon:
+        close_horizon(w, memory.width, 0.0 if begins_horizon else now.T - memory.T, motor_now - memory.motor)
+        horizons += 0.0 if begins_horizon else 1.0
+        if (
+            horizons > N_TEMPERATURE_LAGS
+            and resumes_at <= now.t <= memory.counts_until
+            and now.t - left_end_at <= LONGEST_TIME_AT_END_S
+        ):
             add_row(w, memory.decay)
             rows = memory.decay * rows + 1.0
-            added = 1.0
+            has_new_horizon = 1.0
 
-    most = elapsed / p.identify_stroke_time if p.identify_stroke_time > 0.0 else np.inf
-    position = motor(memory.position, now.command, most)
-    ran = abs(position - memory.position) * p.identify_stroke_time
-    place = mean_place(memory.position, position, ran, p.identify_stroke_time, elapsed)
-    move_stems(w, position, ran, p.identify_stroke_time, elapsed)
+    max_travel = elapsed / p.identify_stroke_time if p.identify_stroke_time > 0.0 else np.inf
+    position = motor_position(memory.position, now.command, max_travel)
+    running_time = abs(position - memory.position) * p.identify_stroke_time
+    motor_mean = mean_position(memory.position, position, running_time, p.identify_stroke_time, elapsed)
+    move_stems(w, position, running_time, p.identify_stroke_time, elapsed)
 
-    steps = abs(now.T_set - memory.T_set) >= SET_POINT_STEP
-    counts_until = now.t + PROVOKED if steps else memory.counts_until
-    after_test = now.t + TESTED
+    has_step = abs(now.T_set - memory.T_set) >= SET_POINT_STEP_K
+    counts_until = now.t + COUNTS_AFTER_STEP_S if has_step else memory.counts_until
+    after_test = now.t + COUNTS_AFTER_TEST_S
     counts_until = after_test if now.test > 0.0 and after_test > counts_until else counts_until
     compares = now.t >= memory.compares_at
     x_hat = now.estimate
-    if compares and added > 0.0 and rows >= LEAST_ROWS and compare(w, rows):
-        x_hat = judged(w, now.estimate, p.identify_certainty, memory.width > 1.0)
-    after = Memory(
+    if compares and has_new_horizon > 0.0 and rows >= LEAST_ROWS and compare(w, rows):
+        x_hat = decide_estimate(w, now.estimate, p.identify_certainty, memory.width > 1.0)
+    next_memory = Memory(
         memory.width,
         memory.decay,
         now.t,
@@ -419,18 +432,20 @@ def step(now, p, memory, w):
         counts_until,
         left_end_at,
         position,
-        place if ends else memory.moved + place,
-        motor_now if ends else memory.motor,
-        1.0 if ends else memory.samples + 1.0,
-        np.nan if interrupted else (now.T if ends else memory.T),
-        now.m_a if ends else memory.m_a,
-        resumes,
+        motor_mean if ends_horizon else memory.moved + motor_mean,
+        motor_now if ends_horizon else memory.motor,
+        1.0 if ends_horizon else memory.samples + 1.0,
+        np.nan if interrupted else (now.T if ends_horizon else memory.T),
+        now.m_a if ends_horizon else memory.m_a,
+        resumes_at,
         horizons,
         rows,
         now.t + p.identify_interval if compares else memory.compares_at,
-        0.0 if compares else added,
+        0.0 if compares else has_new_horizon,
     )
-    return x_hat, after
+    return x_hat, next_memory
 
 
-ESTIMATOR = Estimator("identify", Parameters, Memory, step, start, words=WORDS + 3 * N, waives_buffer=True)
+ESTIMATOR = Estimator(
+    "identify", Parameters, Memory, step, start, words=ARRAY_SIZE + 3 * N_CANDIDATES, waives_buffer=True
+)

@@ -11,7 +11,7 @@ from fastcoil.model.numerics.jit import exact
 
 
 @exact
-def weight_of_new(time_constant, sample_time):
+def filter_weight(time_constant, sample_time):
     """Weight of a new value in a first-order filter, times in s.
 
     A backward difference: no overshoot however slow the samples are.
@@ -20,7 +20,7 @@ def weight_of_new(time_constant, sample_time):
 
 
 @exact
-def low_passed(z, x, weight):
+def low_pass(z, x, weight):
     """z after one more value x of a first-order filter; NaN where x is the first."""
     return x if np.isnan(z) else z + weight * (x - z)
 
@@ -61,7 +61,7 @@ class Sample(NamedTuple):
     """1 while a valve test runs.  Estimators that do not read it are not called then."""
 
 
-def defaults_of(Memory: Any) -> tuple[float, ...]:  # noqa: N803 — a class
+def memory_defaults(Memory: Any) -> tuple[float, ...]:  # noqa: N803 — a class
     """Where a memory starts: the defaults of its fields, 0 for one without."""
     return tuple(float(Memory._field_defaults.get(n, 0.0)) for n in Memory._fields)
 
@@ -103,15 +103,15 @@ class Estimator:
     @property
     def sees_air(self) -> bool:
         """Whether it reads the air flow."""
-        return self._reads("m_a")
+        return self._reads_field("m_a")
 
     @property
     def sees_test(self) -> bool:
         """Whether it reads that a valve test runs."""
-        return self._reads("test")
+        return self._reads_field("test")
 
-    def _reads(self, name: str) -> bool:
-        return name in getattr(self.step, "py_func", self.step).__code__.co_names
+    def _reads_field(self, field_name: str) -> bool:
+        return field_name in getattr(self.step, "py_func", self.step).__code__.co_names
 
     def is_watching(self, rows: Mapping[str, np.ndarray]) -> bool:
         """Whether T and e are kept for it in a block."""

@@ -6,13 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.model.estimators.interface import Estimator, is_sample
-from fastcoil.model.metric_table import LEARNING_STATUS
+from fastcoil.model.metric_table import LEARNING_STATUS_MEANINGS
 from fastcoil.model.numerics.jit import exact
 
-ENOUGH, QUIET, UNMEASURABLE = 0.0, 1.0, 2.0
-SET_POINT_STEP = 0.1
+EVIDENCE_ENOUGH, EVIDENCE_QUIET, EVIDENCE_UNMEASURABLE = 0.0, 1.0, 2.0
+SET_POINT_STEP_K = 0.1
 """A change of the set-point between two samples that is a step, K."""
-SETTLING = 600.0
+SETTLING_TIME_S = 600.0
 """Time after it, or after an end of the valve, in which the control error is not the estimate's, s."""
 
 
@@ -23,27 +23,27 @@ def switch_frequency(switches, interval):
 
 
 @exact
-def chatters(f, f_ref, ratio, floor):
+def is_chatter(f, f_ref, ratio, floor):
     """Whether f exceeds ``ratio`` times the reference frequency; the paper's 200 % is ratio = 2, floor = 0."""
     reference = floor if f_ref < floor else f_ref
     return f > ratio * reference
 
 
 @exact
-def evidence(switches, f, f_ref, sample_time, min_switches, max_reference):
+def classify_interval(switches, f, f_ref, sample_time, min_switches, max_reference):
     """Whether an interval is ENOUGH evidence for a step, too QUIET, or UNMEASURABLE as a reference.
 
     f_ref: negative until there is a reference.  A controller switches at most once a sample: a reference near that
     limit cannot be exceeded ``ratio`` times, whatever the backlash.  With ``min_switches`` 0 and ``max_reference`` 1
     every interval is enough, as in the paper.
     """
-    unmeasurable = f_ref < 0.0 and f > max_reference * 600.0 / sample_time
-    reason = UNMEASURABLE if unmeasurable else ENOUGH
-    return QUIET if switches < min_switches else reason
+    is_unmeasurable = f_ref < 0.0 and f > max_reference * 600.0 / sample_time
+    verdict = EVIDENCE_UNMEASURABLE if is_unmeasurable else EVIDENCE_ENOUGH
+    return EVIDENCE_QUIET if switches < min_switches else verdict
 
 
 @exact
-def worse(squares, n, reference_squares, reference_n, ratio):
+def is_error_worse(squares, n, reference_squares, reference_n, ratio):
     """Whether the rms of n errors exceeds ``ratio`` times that of the reference, given both sums of squares.
 
     Not where there are no errors to compare, or where ``ratio`` is 0.
@@ -52,24 +52,24 @@ def worse(squares, n, reference_squares, reference_n, ratio):
 
 
 @exact
-def updated(x_hat, step, down, lower, cap):
+def next_estimate(x_hat, step, down, lower, cap):
     """Estimate after an update: one step down when it chatters, else one up, within lower–cap."""
-    stepped = x_hat - step if down else x_hat + step
-    stepped = lower if stepped < lower else stepped
-    return cap if stepped > cap else stepped
+    unlimited_estimate = x_hat - step if down else x_hat + step
+    unlimited_estimate = lower if unlimited_estimate < lower else unlimited_estimate
+    return cap if unlimited_estimate > cap else unlimited_estimate
 
 
 @exact
-def step_size(last, down, climbing, growth):
+def step_size(last_step, down, climbing, growth):
     """Next step: it grows during the first climb of the estimate; a step down undoes the last one up."""
-    return last * growth if climbing and not down else last
+    return last_step * growth if climbing and not down else last_step
 
 
 @exact
 def final_estimate(x_hat, factor, lower):
     """Estimate to keep when learning stops: slightly too low is safer than slightly too high."""
-    kept = x_hat * factor
-    return lower if kept < lower else kept
+    reduced_estimate = x_hat * factor
+    return lower if reduced_estimate < lower else reduced_estimate
 
 
 class Parameters(NamedTuple):
@@ -114,11 +114,11 @@ class Memory(NamedTuple):
     """Time of the last step, s; negative before the first."""
     moved_to: float
     """Estimate after it."""
-    down: float
+    last_was_down: float
     """1 if it was one down."""
     time_first_down: float
     estimate_first_down: float
-    averaged: float
+    n_averaged: float
     """Intervals that the reference is the mean of, so far; -1 in the interval that is left out."""
     frequencies: float
     """Sum of their switch frequencies, per 10 min."""
@@ -138,109 +138,123 @@ class Memory(NamedTuple):
 @exact
 def start(p):
     """Memory at the start: the first interval has no reference yet."""
-    before = p.learning_step / p.learning_growth  # as if one step had gone up before
-    averaged = -1.0 if p.learning_reference > 0.0 else 0.0
+    step_before = p.learning_step / p.learning_growth  # as if one step had gone up before
+    n_averaged = -1.0 if p.learning_reference > 0.0 else 0.0
     return Memory(
-        p.learning_interval, 0.0, -1.0, 1.0, 1.0, before, ENOUGH, -1.0, np.nan, 0.0, np.nan, np.nan,
-        averaged, 0.0, 0.0, 0.0, 0.0, 0.0, np.nan, 0.0,
+        p.learning_interval, 0.0, -1.0, 1.0, 1.0, step_before, EVIDENCE_ENOUGH, -1.0, np.nan, 0.0, np.nan, np.nan,
+        n_averaged, 0.0, 0.0, 0.0, 0.0, 0.0, np.nan, 0.0,
     )  # fmt: skip
 
 
 @exact
 def step(now, p, memory):
     """Update the estimate where an interval ends or, with an early trip, as soon as it chatters."""
-    samples = is_sample(now.t, p.sample_time)
-    seen = samples and p.learning_error_ratio > 0.0
+    is_sample_due = is_sample(now.t, p.sample_time)
+    sees_error = is_sample_due and p.learning_error_ratio > 0.0
     at_end = now.u <= 0.0 or now.u >= 1.0
-    counts = seen and now.t > memory.settled and not at_end
-    squares = memory.squares + now.e * now.e if counts else memory.squares
-    errors = memory.errors + 1.0 if counts else memory.errors
-    unsettles = seen and (at_end or abs(now.T_set - memory.T_set) > SET_POINT_STEP)
+    counts_error = sees_error and now.t > memory.settled and not at_end
+    squares = memory.squares + now.e * now.e if counts_error else memory.squares
+    errors = memory.errors + 1.0 if counts_error else memory.errors
+    unsettles = sees_error and (at_end or abs(now.T_set - memory.T_set) > SET_POINT_STEP_K)
 
     learning, climbing = memory.learning > 0.0, memory.climbing > 0.0
     switches = now.switches - memory.switches
     f = switch_frequency(switches, p.learning_interval)
     # one that ends while a valve test runs is taken at the first sample after it
-    ends = now.t >= memory.next_update and (samples or now.t == memory.next_update)
-    good = evidence(switches, f, memory.reference, p.sample_time, p.learning_min_switches, p.learning_max_reference)
-    enough = good == ENOUGH
-    starts = memory.averaged < 0.0
-    joins = learning and ends and enough and memory.reference < 0.0 and not starts
-    averaged = memory.averaged + 1.0 if joins or (starts and ends) else memory.averaged
-    frequencies = memory.frequencies + f if joins else memory.frequencies
-    completes = joins and averaged >= p.learning_reference
-    reference = frequencies / averaged if completes else memory.reference
-    chatter = chatters(reference if completes else f, reference, p.learning_ratio, p.learning_floor)
-    rises = worse(squares, errors, memory.reference_squares, memory.reference_errors, p.learning_error_ratio)
-    down = chatter or (ends and memory.reference >= 0.0 and rises)
-    trips = p.learning_early_trip > 0.0 and reference >= 0.0 and chatter and samples
+    ends = now.t >= memory.next_update and (is_sample_due or now.t == memory.next_update)
+    evidence_class = classify_interval(
+        switches, f, memory.reference, p.sample_time, p.learning_min_switches, p.learning_max_reference
+    )
+    is_enough = evidence_class == EVIDENCE_ENOUGH
+    is_start_up = memory.n_averaged < 0.0
+    joins_reference = learning and ends and is_enough and memory.reference < 0.0 and not is_start_up
+    n_averaged = memory.n_averaged + 1.0 if joins_reference or (is_start_up and ends) else memory.n_averaged
+    frequencies = memory.frequencies + f if joins_reference else memory.frequencies
+    completes_reference = joins_reference and n_averaged >= p.learning_reference
+    reference = frequencies / n_averaged if completes_reference else memory.reference
+    chatter = is_chatter(reference if completes_reference else f, reference, p.learning_ratio, p.learning_floor)
+    error_rises = is_error_worse(
+        squares, errors, memory.reference_squares, memory.reference_errors, p.learning_error_ratio
+    )
+    down = chatter or (ends and memory.reference >= 0.0 and error_rises)
+    trips = p.learning_early_trip > 0.0 and reference >= 0.0 and chatter and is_sample_due
     acts = learning and (ends or trips)
-    moves = acts and enough and reference >= 0.0
+    moves = acts and is_enough and reference >= 0.0
 
-    size = step_size(memory.step, down, climbing, p.learning_growth)
-    moved_to = updated(now.estimate, size, down, p.backlash_estimate, p.learning_cap)
+    step_width = step_size(memory.step, down, climbing, p.learning_growth)
+    moved_to = next_estimate(now.estimate, step_width, down, p.backlash_estimate, p.learning_cap)
     first_down = moves and down and climbing
     stops = first_down and p.learning_stop > 0.0
     x_hat = final_estimate(moved_to, p.learning_final, p.backlash_estimate) if stops else moved_to
-    after = Memory(
+    next_memory = Memory(
         now.t + p.learning_interval if acts else memory.next_update,
         now.switches if acts else memory.switches,
         reference,
         0.0 if stops else memory.learning,
         0.0 if first_down else memory.climbing,
-        (size * p.learning_shrink if down else size) if moves else memory.step,
-        good if acts else memory.evidence,
+        (step_width * p.learning_shrink if down else step_width) if moves else memory.step,
+        evidence_class if acts else memory.evidence,
         now.t if moves else memory.moved_at,
         moved_to if moves else memory.moved_to,
-        (1.0 if down else 0.0) if moves else memory.down,
+        (1.0 if down else 0.0) if moves else memory.last_was_down,
         now.t if first_down else memory.time_first_down,
         moved_to if first_down else memory.estimate_first_down,
-        averaged,
+        n_averaged,
         frequencies,
         0.0 if acts else squares,
         0.0 if acts else errors,
-        memory.reference_squares + squares if joins else memory.reference_squares,
-        memory.reference_errors + errors if joins else memory.reference_errors,
-        now.T_set if seen else memory.T_set,
-        now.t + SETTLING if unsettles else memory.settled,
+        memory.reference_squares + squares if joins_reference else memory.reference_squares,
+        memory.reference_errors + errors if joins_reference else memory.reference_errors,
+        now.T_set if sees_error else memory.T_set,
+        now.t + SETTLING_TIME_S if unsettles else memory.settled,
     )
-    return x_hat if moves else now.estimate, after
+    return x_hat if moves else now.estimate, next_memory
 
 
 @exact
-def confirms(t, p, memory, x_bl, reached, confirmed):
+def learn_times(t, p, memory, x_bl, reached, confirmed):
     """Times of the first step that reached the backlash x_bl to half a step, and of the first one down after it."""
-    moved = memory.moved_at == t
-    there = moved and memory.moved_to >= x_bl - 0.5 * p.learning_step - 1e-12
-    reached = t if there and np.isnan(reached) else reached
-    back = moved and memory.down > 0.0 and reached <= t
-    return reached, t if back and np.isnan(confirmed) else confirmed
+    has_stepped = memory.moved_at == t
+    has_reached = has_stepped and memory.moved_to >= x_bl - 0.5 * p.learning_step - 1e-12
+    reached = t if has_reached and np.isnan(reached) else reached
+    steps_back = has_stepped and memory.last_was_down > 0.0 and reached <= t
+    return reached, t if steps_back and np.isnan(confirmed) else confirmed
 
 
-def periods(rows: Mapping[str, np.ndarray]) -> np.ndarray:
+def acting_periods(rows: Mapping[str, np.ndarray]) -> np.ndarray:
     """Seconds that the learners of a block act at multiples of: intervals, and samples where these count."""
-    often = (rows["learning_early_trip"] > 0.0) | (rows["learning_error_ratio"] > 0.0) | (rows["test_start"] >= 0.0)
-    return np.concatenate([rows["learning_interval"], rows["sample_time"][often]])
+    samples_count = (
+        (rows["learning_early_trip"] > 0.0) | (rows["learning_error_ratio"] > 0.0) | (rows["test_start"] >= 0.0)
+    )
+    return np.concatenate([rows["learning_interval"], rows["sample_time"][samples_count]])
 
 
-def watches(rows: Mapping[str, np.ndarray]) -> bool:
+def is_error_watched(rows: Mapping[str, np.ndarray]) -> bool:
     """Whether the learners of a block look at the control error."""
     return bool(np.any(rows["learning_error_ratio"] > 0.0))
 
 
 def results(memory: Memory) -> dict[str, np.ndarray]:
     """The learner's own metrics at the end of a run."""
-    word = LEARNING_STATUS.index
-    no_reference = np.where(memory.evidence == QUIET, word("no_evidence"), word("not_identifiable"))
-    climbing = np.where(
-        (np.asarray(memory.reference) >= 0.0) | (memory.evidence == ENOUGH), word("learning"), no_reference
+    status_flag = LEARNING_STATUS_MEANINGS.index
+    no_reference = np.where(
+        memory.evidence == EVIDENCE_QUIET, status_flag("no_evidence"), status_flag("not_identifiable")
     )
-    down = np.where(np.asarray(memory.learning) > 0.0, word("stepped_down"), word("stopped"))
+    status_climbing = np.where(
+        (np.asarray(memory.reference) >= 0.0) | (memory.evidence == EVIDENCE_ENOUGH),
+        status_flag("learning"),
+        no_reference,
+    )
+    status_after_step_down = np.where(
+        np.asarray(memory.learning) > 0.0, status_flag("stepped_down"), status_flag("stopped")
+    )
     return {
         "learn_time_first_down": np.asarray(memory.time_first_down),
         "estimate_first_down": np.asarray(memory.estimate_first_down),
-        "learning_status": np.where(np.isnan(memory.time_first_down), climbing, down),
+        "learning_status": np.where(np.isnan(memory.time_first_down), status_climbing, status_after_step_down),
     }
 
 
-ESTIMATOR = Estimator("learner", Parameters, Memory, step, start, periods, confirms, results, watches=watches)
+ESTIMATOR = Estimator(
+    "learner", Parameters, Memory, step, start, acting_periods, learn_times, results, watches=is_error_watched
+)

@@ -21,16 +21,16 @@ _ROUNDER = 6755399441055744.0
 _ROUNDER_BITS = np.float64(_ROUNDER).view(np.int64)
 _SQRT_HALF_BITS = np.int64(0x3FE6A09E667F3BCD)
 _ONE_BITS = np.int64(0x3FF0000000000000)
-_EXPONENT = np.int64(52)
+_EXPONENT_SHIFT = np.int64(52)
 
 # Chebyshev interpolants of (e^r - 1 - r)/r^2 on |r| <= ln 2 / 2, which leaves 1.6e-17 in e^r, and of
 # (atanh(s)/s - 1)/s^2 in s^2, which leaves 5e-18 in atanh
-_EXP = (
+_EXP_COEFFICIENTS = (
     2.51003767988125e-08, 2.762007713646922e-07, 2.7557268478279004e-06, 2.480152131972762e-05,
     0.00019841269863041851, 0.0013888888917198419, 0.008333333333330065, 0.04166666666662416,
     0.16666666666666669, 0.5,
 )  # fmt: skip
-_ATANH = (
+_ATANH_COEFFICIENTS = (
     0.07308292712444311, 0.07665855309105386, 0.09091444727837474, 0.11111105565129939, 0.14285714313001635,
     0.19999999999949722, 0.3333333333333335,
 )  # fmt: skip
@@ -73,8 +73,8 @@ def exp(x):
     shifted = fma(x, _LOG2_E, _ROUNDER)
     n = shifted - _ROUNDER
     r = fma(n, -_LN2_LOW, fma(n, -_LN2_HIGH, x))
-    two_to_n = _from_bits((_bits(shifted) << _EXPONENT) + _ONE_BITS)
-    return fma(r, fma(r, polynomial(r, _EXP), 1.0), 1.0) * two_to_n
+    two_to_n = _from_bits((_bits(shifted) << _EXPONENT_SHIFT) + _ONE_BITS)
+    return fma(r, fma(r, polynomial(r, _EXP_COEFFICIENTS), 1.0), 1.0) * two_to_n
 
 
 @exact
@@ -84,12 +84,12 @@ def log(x):
     # x = 2^n m with m in [sqrt(1/2), sqrt(2)); n * 2^52 is kept as an integer
     n_shifted = (bits - _SQRT_HALF_BITS) & np.int64(-0x10000000000000)
     m = _from_bits(bits - n_shifted)
-    n = _from_bits((n_shifted >> _EXPONENT) + _ROUNDER_BITS) - _ROUNDER
+    n = _from_bits((n_shifted >> _EXPONENT_SHIFT) + _ROUNDER_BITS) - _ROUNDER
     f = m - 1.0
     s = f / (2.0 + f)
     z = s * s
     # ln m = 2 atanh s = 2 s + 2 s z P(z), and 2 s = f - f s
-    tail = s * (2.0 * z * polynomial(z, _ATANH) - f)
+    tail = s * (2.0 * z * polynomial(z, _ATANH_COEFFICIENTS) - f)
     result = fma(n, _LN2_HIGH, fma(n, _LN2_LOW, tail) + f)
     result = np.nan if not x >= 0.0 else result
     result = -np.inf if x == 0.0 else result

@@ -46,15 +46,15 @@ from fastcoil.model.numerics.kernel_cache import KernelCache, has_kernel, kernel
 from fastcoil.model.parameter_table import PARAMETERS
 
 FLAGS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
-_OF_SECTION = FLAGS | {"no_cpython_wrapper": True}
-_SETTINGS = (
+_SECTION_FLAGS = FLAGS | {"no_cpython_wrapper": True}
+_NUMBA_SETTINGS = (
     "BOUNDSCHECK", "CPU_FEATURES", "CPU_NAME", "DISABLE_INTEL_SVML", "DISABLE_JIT", "ENABLE_AVX", "LOOP_VECTORIZE",
     "OPT", "SLP_VECTORIZE",
 )  # fmt: skip
 """Settings of Numba, from the environment or its configuration file, that decide what is compiled."""
-SHIPPED = PARAMETERS["estimator"].choices
+PACKAGE_ESTIMATORS = PARAMETERS["estimator"].choices
 """Estimators of the package: each has a file of its name, or several that begin with it, but for the word none."""
-_OBJECTS_BETWEEN_LOOKS = 20_000
+_GC_THRESHOLD_OBJECTS = 20_000
 JIT_ENABLED = not config.DISABLE_JIT  # type: ignore[attr-defined]
 
 
@@ -71,38 +71,38 @@ def exact(function: Callable[..., Any]) -> Any:
 
 def section(function: Callable[..., Any]) -> Any:
     """Compile a loop over lanes, inlined into its kernel; no Python calls it."""
-    return numba.njit(**_OF_SECTION, forceinline=True, fastmath={"contract"})(function)
+    return numba.njit(**_SECTION_FLAGS, forceinline=True, fastmath={"contract"})(function)
 
 
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a loop, cached on disk under the fingerprint of everything it was compiled from."""
     compiled = numba.njit(**FLAGS, fastmath=False)(function)
     if JIT_ENABLED:
-        compiled._compiler.compile = rarely_collected(compiled._compiler.compile)
+        compiled._compiler.compile = with_rare_collection(compiled._compiler.compile)
         folder = kernel_folder(fingerprint())
         if folder is not None:
             compiled._cache = KernelCache(function, folder)
     return compiled
 
 
-def rarely_collected(compile: Callable[..., Any]) -> Callable[..., Any]:
+def with_rare_collection(compile: Callable[..., Any]) -> Callable[..., Any]:
     """A function that compiles, without Python looking for garbage all the time: a quarter of a compilation.
 
     The compiler makes millions of objects, and nearly all of them live until it ends.
     """
 
-    def compiled(*arguments: Any) -> Any:
+    def wrapper(*arguments: Any) -> Any:
         with global_compiler_lock:  # one after another, so that each puts back what the user has set
             before = gc.get_threshold()
             if before[0]:
-                gc.set_threshold(max(_OBJECTS_BETWEEN_LOOKS, before[0]), *before[1:])
+                gc.set_threshold(max(_GC_THRESHOLD_OBJECTS, before[0]), *before[1:])
             try:
                 with widest_vectors():
                     return compile(*arguments)
             finally:
                 gc.set_threshold(*before)
 
-    return compiled
+    return wrapper
 
 
 @contextmanager
@@ -150,27 +150,27 @@ def model_sha256(estimators: frozenset[str] | None = None) -> str:
     """
     digest = hashlib.sha256()
     package = Path(__file__).parents[1]
-    unused = set() if estimators is None else set(SHIPPED) - estimators
+    unused = set() if estimators is None else set(PACKAGE_ESTIMATORS) - estimators
     files = ("parameter_table.py", "metric_table.py", "physics.py", "control.py", "valve_test.py")
     parts = (*files, "numerics", "estimators", "engine")
     for part in parts:
         for source in sorted((package / part).rglob("*.py")) or [package / part]:
             name = source.relative_to(package).as_posix()
-            of_unused = part == "estimators" and source.stem.partition("_")[0] in unused
-            if source.name != "kernel_cache.py" and not of_unused:
+            is_of_unused = part == "estimators" and source.stem.partition("_")[0] in unused
+            if source.name != "kernel_cache.py" and not is_of_unused:
                 digest.update(name.encode() + b"\0" + source.read_bytes())
     return digest.hexdigest()
 
 
-def is_model(sha256: str) -> bool:
+def is_model_sha256(sha256: str) -> bool:
     """Whether a hash is that of these sources, with whichever estimators."""
-    some = (combinations(SHIPPED, n) for n in range(len(SHIPPED) + 1))
-    return any(model_sha256(frozenset(names)) == sha256 for of_size in some for names in of_size)
+    choices_by_size = (combinations(PACKAGE_ESTIMATORS, n) for n in range(len(PACKAGE_ESTIMATORS) + 1))
+    return any(model_sha256(frozenset(names)) == sha256 for of_size in choices_by_size for names in of_size)
 
 
-def same_model(one: str, other: str) -> bool:
+def is_same_model(first: str, second: str) -> bool:
     """Whether two hashes are of one model, perhaps with other estimators of it."""
-    return one == other or (is_model(one) and is_model(other))
+    return first == second or (is_model_sha256(first) and is_model_sha256(second))
 
 
 @cache
@@ -180,12 +180,12 @@ def fingerprint() -> str:
     Numba invalidates a cached kernel when its own file changes, not when a formula it calls does; a folder
     named by this hash cannot hold stale physics.
     """
-    settings = [model_sha256(), sys.version, *(f"{name}={value}" for name, value in compiled_for().items())]
+    settings = [model_sha256(), sys.version, *(f"{name}={value}" for name, value in numeric_environment().items())]
     settings += [f"{k}={v}" for k, v in sorted(os.environ.items()) if k.startswith("NUMBA_") and k != "NUMBA_CACHE_DIR"]
     return hashlib.sha256("\n".join(settings).encode()).hexdigest()[:16]
 
 
-def compiled_for() -> dict[str, str]:
+def numeric_environment() -> dict[str, str]:
     """On what the bits of a result depend besides the sources: processor, libraries and settings of the compiler."""
     features = llvmlite.binding.get_host_cpu_features().flatten()
     return {
@@ -195,7 +195,7 @@ def compiled_for() -> dict[str, str]:
         "numba": numba.__version__,
         "llvmlite": llvmlite.__version__,
         "numpy": np.__version__,
-        **{f"numba_{name.lower()}": str(getattr(config, name, None)) for name in _SETTINGS},
+        **{f"numba_{name.lower()}": str(getattr(config, name, None)) for name in _NUMBA_SETTINGS},
     }
 
 

@@ -27,11 +27,11 @@ from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 
 from fastcoil.base.errors import StorageError
-from fastcoil.base.files import commit
-from fastcoil.base.machine import is_foreign, is_open_to_others
+from fastcoil.base.files import write_atomically
+from fastcoil.base.machine import is_writable_by_others, owned_by_other_user
 
 _FORMAT = b"fastcoil kernel 1\n"
-_KEPT_FOLDERS = 4
+_MAX_FOLDERS = 4
 _FINGERPRINT = re.compile(r"[0-9a-f]{16}")
 
 
@@ -44,7 +44,7 @@ class KernelCache(Cache):  # type: ignore[misc]
     def __init__(self, function: Callable[..., Any], folder: Path, identity: str = "") -> None:
         self._py_func, self._folder, self._identity = function, folder, identity
         self._stem = f"{function.__module__}.{function.__qualname__}".replace("<locals>.", "")
-        self._settings = _settings()
+        self._settings = _numba_settings()
         self._source = hashlib.sha256(Path(function.__code__.co_filename).read_bytes()).hexdigest()
         self.enable()
 
@@ -59,8 +59,8 @@ class KernelCache(Cache):  # type: ignore[misc]
         rtsys.initialize(target_context)
         key = self._key(sig, target_context.codegen())
         try:
-            found, reduced = pickle.loads(_read(self._path(key)))
-            return CompileResult._rebuild(target_context, *reduced) if found == key else None
+            stored_key, reduced = pickle.loads(_read_checked(self._path(key)))
+            return CompileResult._rebuild(target_context, *reduced) if stored_key == key else None
         except Exception:  # missing, damaged, or sound and of a class that is no more
             pass
         return None
@@ -69,26 +69,26 @@ class KernelCache(Cache):  # type: ignore[misc]
         """Keep a compiled kernel, unless it holds for this process alone."""
         if not self._enabled or data.lifted or data.library.has_dynamic_globals:
             return
-        if self._settings != _settings():  # the folder is of others; a study's own code may have changed them
+        if self._settings != _numba_settings():  # the folder is of others; a study's own code may have changed them
             return
         key = self._key(sig, data.codegen)
         path, payload = self._path(key), dumps((key, data._reduce()))
         try:
-            _make(self._folder)
-            commit(path, _header(path, payload) + payload)
+            _make_private(self._folder)
+            write_atomically(path, _header(path, payload) + payload)
         except (OSError, StorageError) as error:
-            _warn(f"{self._folder} cannot be written ({error.__cause__ or error})")
+            _warn_uncached(f"{self._folder} cannot be written ({error.__cause__ or error})")
 
     def _key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
-        own = (self._identity, sig, codegen.magic_tuple()) if self._identity else self._index_key(sig, codegen)
-        return (self._source, self._py_func.__code__.co_firstlineno, own)
+        overload_key = (self._identity, sig, codegen.magic_tuple()) if self._identity else self._index_key(sig, codegen)
+        return (self._source, self._py_func.__code__.co_firstlineno, overload_key)
 
     def _path(self, key: tuple[Any, ...]) -> Path:
         # two types may read alike: the key in the file decides
         return self._folder / f"{self._stem}-{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.nbc"
 
 
-def _settings() -> dict[str, str]:
+def _numba_settings() -> dict[str, str]:
     """The settings of Numba, with those that the environment has by now."""
     config.reload_config()  # type: ignore[no-untyped-call]
     return {name: repr(value) for name, value in vars(config).items() if name.isupper()}
@@ -100,35 +100,35 @@ def kernel_folder(fingerprint: str) -> Path | None:
 
     ``None``, with a warning, where it cannot be made or another user may write to it.
     """
-    given = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    cache_home = Path(os.environ.get("XDG_CACHE_HOME", ""))
     # a relative one would be that of whoever made the current folder; the standard has it ignored
-    base = given if given.is_absolute() else Path(os.path.expanduser("~")) / ".cache"
+    base = cache_home if cache_home.is_absolute() else Path(os.path.expanduser("~")) / ".cache"
     folder = base / "fastcoil" / "kernels" / fingerprint
-    problem = _problem(folder)
+    problem = _folder_problem(folder)
     if problem:
-        _warn(f"{folder} {problem}")
+        _warn_uncached(f"{folder} {problem}")
         return None
     with contextlib.suppress(OSError):
         os.utime(folder)
-        _prune(folder)
+        _prune_folders(folder)
     return folder
 
 
-def _problem(folder: Path) -> str:
+def _folder_problem(folder: Path) -> str:
     """Why a folder is not used, after trying to make it: others may have written to it, or it cannot be made."""
     if not folder.is_absolute():
         return "is in no home"
     try:
         for each in (*reversed(folder.parents[:2]), folder):
-            _make(each)
-            if is_foreign(each.stat()):
+            _make_private(each)
+            if owned_by_other_user(each.stat()):
                 return "belongs to another user"
-        found = folder.lstat()
+        status = folder.lstat()
     except OSError as error:
         return f"cannot be made ({error.strerror})"
-    if stat.S_ISLNK(found.st_mode):
+    if stat.S_ISLNK(status.st_mode):
         return "is a symbolic link"
-    return "can be written by other users" if is_open_to_others(found) else ""
+    return "can be written by other users" if is_writable_by_others(status) else ""
 
 
 def has_kernel(folder: Path, name: str) -> bool:
@@ -136,7 +136,7 @@ def has_kernel(folder: Path, name: str) -> bool:
     return any(folder.glob(f"*.{name}-*.nbc"))
 
 
-def _read(path: Path) -> bytes:
+def _read_checked(path: Path) -> bytes:
     """The content of a file; ``OSError`` if it is missing, ``ValueError`` if it is damaged."""
     data = path.read_bytes()
     n = len(_FORMAT) + hashlib.sha256().digest_size
@@ -150,21 +150,21 @@ def _header(path: Path, payload: bytes) -> bytes:
     return _FORMAT + hashlib.sha256(f"{path.parent.name}/{path.name}\0".encode() + payload).digest()
 
 
-def _make(folder: Path) -> None:
+def _make_private(folder: Path) -> None:
     """Make a folder, and those above it, for this user alone."""
     for each in (*reversed(folder.parents), folder):
         each.mkdir(mode=0o700, exist_ok=True)
 
 
 @cache
-def _warn(why: str) -> None:
+def _warn_uncached(reason: str) -> None:
     cure = "mend it, or set XDG_CACHE_HOME to a folder of your own"
-    warnings.warn(f"every process compiles the kernels again: {why}: {cure}", stacklevel=2)
+    warnings.warn(f"every process compiles the kernels again: {reason}: {cure}", stacklevel=2)
 
 
-def _prune(current: Path) -> None:
+def _prune_folders(current: Path) -> None:
     """Remove all but the most recently used folders; a process that still needs another compiles again."""
     folders = [f for f in current.parent.iterdir() if _FINGERPRINT.fullmatch(f.name) and not f.is_symlink()]
-    for folder in sorted(folders, key=lambda f: f.stat().st_mtime)[:-_KEPT_FOLDERS]:
+    for folder in sorted(folders, key=lambda f: f.stat().st_mtime)[:-_MAX_FOLDERS]:
         if folder != current:
             shutil.rmtree(folder, ignore_errors=True)

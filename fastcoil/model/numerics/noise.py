@@ -11,18 +11,18 @@ import numpy as np
 from fastcoil.model.numerics.elementary import log, sincos_turns
 from fastcoil.model.numerics.jit import exact, kernel
 
-RNG = "philox4x32-10;boxmuller;v1"
-MEASUREMENT = 0
+RNG_NAME = "philox4x32-10;boxmuller;v1"
+MEASUREMENT_CHANNEL = 0
 """Channel of the measurement noise."""
 
 _MULTIPLIER_0 = np.uint64(0xD2511F53)
 _MULTIPLIER_1 = np.uint64(0xCD9E8D57)
 _WEYL_0 = np.uint64(0x9E3779B9)
 _WEYL_1 = np.uint64(0xBB67AE85)
-_WORD = np.uint64(0xFFFFFFFF)
-_SHIFT = np.uint64(32)
+_WORD_MASK = np.uint64(0xFFFFFFFF)
+_WORD_BITS = np.uint64(32)
 _SIGNIFICAND_SHIFT = np.uint64(12)
-_ONE = np.uint64(0x3FF0000000000000)
+_ONE_BITS = np.uint64(0x3FF0000000000000)
 
 
 @exact
@@ -32,20 +32,20 @@ def philox(c0, c1, c2, c3, k0, k1):
         product_0 = _MULTIPLIER_0 * c0
         product_1 = _MULTIPLIER_1 * c2
         c0, c1, c2, c3 = (
-            (product_1 >> _SHIFT) ^ c1 ^ k0,
-            product_1 & _WORD,
-            (product_0 >> _SHIFT) ^ c3 ^ k1,
-            product_0 & _WORD,
+            (product_1 >> _WORD_BITS) ^ c1 ^ k0,
+            product_1 & _WORD_MASK,
+            (product_0 >> _WORD_BITS) ^ c3 ^ k1,
+            product_0 & _WORD_MASK,
         )
-        k0 = (k0 + _WEYL_0) & _WORD
-        k1 = (k1 + _WEYL_1) & _WORD
+        k0 = (k0 + _WEYL_0) & _WORD_MASK
+        k1 = (k1 + _WEYL_1) & _WORD_MASK
     return c0, c1, c2, c3
 
 
 @exact
 def uniform(low, high):
     """The top 52 of 64 random bits, centred in their cell: never 0 nor 1."""
-    bits = ((low | (high << _SHIFT)) >> _SIGNIFICAND_SHIFT) | _ONE
+    bits = ((low | (high << _WORD_BITS)) >> _SIGNIFICAND_SHIFT) | _ONE_BITS
     return np.uint64(bits).view(np.float64) - (1.0 - 2.0**-53)
 
 
@@ -65,7 +65,7 @@ def low_pass(x, decay, y):
     decay = e^(-dt/τ); x and y may be the same array.
     """
     gain = 1.0 - decay
-    remembered = 0.0
+    carried = 0.0
     for t in range(x.size):
-        y[t] = gain * x[t] + remembered
-        remembered = decay * y[t]
+        y[t] = gain * x[t] + carried
+        carried = decay * y[t]

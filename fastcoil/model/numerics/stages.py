@@ -20,18 +20,18 @@ from numba.core.ccallback import CFunc
 from numba.extending import intrinsic
 from numba.np.numpy_support import carray
 
-from fastcoil.model.numerics.jit import FLAGS, JIT_ENABLED, exact, fingerprint, rarely_collected
+from fastcoil.model.numerics.jit import FLAGS, JIT_ENABLED, exact, fingerprint, with_rare_collection
 from fastcoil.model.numerics.kernel_cache import KernelCache, kernel_folder
 
-NUMBER, FLAG, ROWS, WHOLE = types.float64, types.boolean, types.CPointer(types.float64), types.int64
+NUMBER, FLAG, ROW_POINTER, INTEGER = types.float64, types.boolean, types.CPointer(types.float64), types.int64
 """Types of a stage's arguments and of what it returns.  Rows go by their address alone: seven words less a call."""
 BUILT_IN = np.intp(0) if JIT_ENABLED else 0
 """In place of an address: the kernel has this stage in its own machine code."""
-_LOCK = threading.RLock()
-_STAGES: list[Any] = []  # what has been compiled: machine code must not go away while its address is known
+_COMPILE_LOCK = threading.RLock()
+_COMPILED_STAGES: list[Any] = []  # what has been compiled: machine code must not go away while its address is known
 
 
-class Kind:
+class StageSignature:
     """A kind of stage: the types of its arguments and of what it returns.
 
     ``call(address, arguments)`` is how a kernel calls one.
@@ -39,7 +39,7 @@ class Kind:
 
     def __init__(self, *arguments: Any, returns: Any = types.void) -> None:
         self._arguments, self._returns = arguments, returns
-        self.call = _caller(self._arguments, returns)
+        self.call = _make_caller(self._arguments, returns)
 
     def compiled(self, function: Callable[..., Any], identity: str) -> Any:
         """The address of ``function``, compiled.  In the interpreter: the function itself.
@@ -52,60 +52,60 @@ class Kind:
         folder = kernel_folder(fingerprint())
         if folder is not None:
             stage._cache = KernelCache(function, folder, identity)
-        with _LOCK:
-            rarely_collected(stage.compile)()
-            _STAGES.append(stage)
+        with _COMPILE_LOCK:
+            with_rare_collection(stage.compile)()
+            _COMPILED_STAGES.append(stage)
         return np.intp(stage.address)
 
 
 if JIT_ENABLED:
 
-    def _caller(arguments: Any, returns: Any) -> Any:
+    def _make_caller(arguments: Any, returns: Any) -> Any:
         @intrinsic
-        def call(typingctx: Any, address: Any, given: Any) -> Any:
+        def call(typingctx: Any, address: Any, stage_arguments: Any) -> Any:
             """Call the stage at an address with a tuple of arguments."""
 
             def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-                kinds = [context.get_value_type(kind) for kind in arguments]
-                function = ir.FunctionType(context.get_value_type(returns), kinds)
+                llvm_types = [context.get_value_type(kind) for kind in arguments]
+                function = ir.FunctionType(context.get_value_type(returns), llvm_types)
                 pointer = builder.inttoptr(args[0], function.as_pointer())
-                values = []
-                for k, (have, want) in enumerate(zip(given, arguments, strict=True)):
+                llvm_values = []
+                for k, (given_type, stage_type) in enumerate(zip(stage_arguments, arguments, strict=True)):
                     value = builder.extract_value(args[1], k)
-                    is_array = isinstance(have, types.Array)
-                    values.append(
-                        context.make_array(have)(context, builder, value).data
+                    is_array = isinstance(given_type, types.Array)
+                    llvm_values.append(
+                        context.make_array(given_type)(context, builder, value).data
                         if is_array
-                        else context.cast(builder, value, have, want)
+                        else context.cast(builder, value, given_type, stage_type)
                     )
-                found = builder.call(pointer, values)
-                return context.get_dummy_value() if returns == types.void else found
+                result = builder.call(pointer, llvm_values)
+                return context.get_dummy_value() if returns == types.void else result
 
-            return returns(types.intp, given), codegen
+            return returns(types.intp, stage_arguments), codegen
 
         return call
 
     @intrinsic(prefer_literal=True)
     def values_at(typingctx: Any, cls: Any, rows: Any, place: Any, stride: Any) -> Any:
         """A named tuple of class ``cls`` from ``rows[place]``, ``rows[place + stride]`` and so on."""
-        made = cls.instance_class
-        n = len(made._fields)
+        tuple_class = cls.instance_class
+        n = len(tuple_class._fields)
 
         def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             pointers = _pointers(builder, args[1:], n)
             return cgutils.pack_array(builder, [builder.load(p) for p in pointers], ir.DoubleType())
 
-        named = types.NamedUniTuple(types.float64, n, made)
-        return named(cls, rows, types.int64, types.int64), codegen
+        tuple_type = types.NamedUniTuple(types.float64, n, tuple_class)
+        return tuple_type(cls, rows, types.int64, types.int64), codegen
 
     @intrinsic
-    def keep(typingctx: Any, due: Any, values: Any, before: Any, rows: Any, place: Any, stride: Any) -> Any:
+    def store_if_due(typingctx: Any, due: Any, values: Any, before: Any, rows: Any, place: Any, stride: Any) -> Any:
         """Store a tuple of numbers where ``values_at`` found it, or what was there ``before`` unless it is ``due``."""
-        kinds = list(values)
+        value_types = list(values)
 
         def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            pointers = _pointers(builder, args[3:], len(kinds))
-            for k, (kind, pointer) in enumerate(zip(kinds, pointers, strict=True)):
+            pointers = _pointers(builder, args[3:], len(value_types))
+            for k, (kind, pointer) in enumerate(zip(value_types, pointers, strict=True)):
                 new = context.cast(builder, builder.extract_value(args[1], k), kind, types.float64)
                 old = builder.extract_value(args[2], k)
                 builder.store(builder.select(args[0], new, old), pointer)
@@ -125,14 +125,14 @@ if JIT_ENABLED:
 
 else:
 
-    def _caller(arguments: Any, returns: Any) -> Any:
+    def _make_caller(arguments: Any, returns: Any) -> Any:
         return lambda address, given: address(*given)
 
     def values_at(cls: Any, rows: Any, place: Any, stride: Any) -> Any:  # type: ignore[misc]
         """A named tuple of class ``cls`` from ``rows[place]``, ``rows[place + stride]`` and so on."""
         return cls(*(rows[place + stride * k] for k in range(len(cls._fields))))
 
-    def keep(due: Any, values: Any, before: Any, rows: Any, place: Any, stride: Any) -> None:  # type: ignore[misc]
+    def store_if_due(due: Any, values: Any, before: Any, rows: Any, place: Any, stride: Any) -> None:  # type: ignore[misc]
         """Store a tuple of numbers where ``values_at`` found it, or what was there ``before`` unless it is ``due``."""
         for k, (new, old) in enumerate(zip(values, before, strict=True)):
             rows[place + stride * k] = new if due else old

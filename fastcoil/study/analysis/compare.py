@@ -13,13 +13,22 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, flag_of, level_of, mapping_of, names_of, number_of, plain, refuse
-from fastcoil.base.errors import InputError, nearest, shown
-from fastcoil.base.text import NONE, decimals_of, percent, written
-from fastcoil.loops.labels import Quantity, quantity, quantity_of, quantity_of_values
+from fastcoil.base.arguments import (
+    argument_checks,
+    raise_problems,
+    require_confidence_level,
+    require_flag,
+    require_mapping,
+    require_names,
+    require_number,
+    to_builtin,
+)
+from fastcoil.base.errors import InputError, did_you_mean, short_repr
+from fastcoil.base.text import MISSING_VALUE, decimals_for_uncertainty, format_number, format_share
+from fastcoil.loops.labels import Quantity, coordinate_quantity, quantity, values_quantity
 from fastcoil.loops.scenarios import check_result
-from fastcoil.model.metric_table import COSTS, METRICS, PREDICTIONS, STATUS_OK, YEARLY, metric_meant
-from fastcoil.study.analysis.selected import all_where, listed, own_metrics
+from fastcoil.model.metric_table import COSTS, METRICS, PREDICTIONS, STATUS_OK, YEARLY_PREFIX, metric_hint
+from fastcoil.study.analysis.selected import list_first, mask_dataset, reduction_metrics
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,7 +54,7 @@ class Comparison(xr.Dataset):  # type: ignore[no-untyped-call]
         """
         import pandas as pd
 
-        needed = STATISTICS + (OF_THRESHOLD if "threshold" in self.attrs else ())
+        needed = STATISTICS + (THRESHOLD_STATISTICS if "threshold" in self.attrs else ())
         if "statistic" not in self.dims or not set(needed) <= set(self["statistic"].values.tolist()):
             raise InputError("to_table needs all statistics of the comparison: call it before .sel(statistic=...)")
         if "level" not in self.attrs:
@@ -57,63 +66,67 @@ class Comparison(xr.Dataset):  # type: ignore[no-untyped-call]
         for name, variable in compared.items():
             if not (variable.sel(statistic="n_pairs") > 0).any():
                 continue
-            own = [d for d in dims if d in variable.dims]
-            values = variable.sel(statistic=list(needed)).transpose(*own, "statistic").values
+            own_dims = [d for d in dims if d in variable.dims]
+            values = variable.sel(statistic=list(needed)).transpose(*own_dims, "statistic").values
             for place in np.ndindex(values.shape[:-1]):
-                at = {d: plain(self[d].values[k]) for d, k in zip(own, place, strict=True)}
-                if all((at[d] if d in at else plain(self[d].values)) == label for d, label in baseline.items()):
+                at = {d: to_builtin(self[d].values[k]) for d, k in zip(own_dims, place, strict=True)}
+                if all((at[d] if d in at else to_builtin(self[d].values)) == label for d, label in baseline.items()):
                     continue
-                of = _quantity(variable)
-                index.append((of.axis, *(_label(self, d, at[d]) if d in at else NONE for d in dims)))
-                rows.append(self._row(name, of, dict(zip(needed, values[place], strict=True))))
-        names = ["metric", *(quantity_of(self, d).axis for d in dims)]
+                metric_quantity = _metric_quantity(variable)
+                index.append(
+                    (metric_quantity.axis, *(_format_label(self, d, at[d]) if d in at else MISSING_VALUE for d in dims))
+                )
+                rows.append(self._format_row(name, metric_quantity, dict(zip(needed, values[place], strict=True))))
+        names = ["metric", *(coordinate_quantity(self, d).axis for d in dims)]
         columns = list(rows[0]) if rows else []
         table = pd.DataFrame(rows, index=pd.MultiIndex.from_tuples(index, names=names), columns=columns)
         return table if (table.get("never", pd.Series()) != "0").any() else table.drop(columns="never", errors="ignore")
 
-    def _row(self, metric: str, of: Quantity, found: dict[str, float]) -> dict[str, str]:
+    def _format_row(self, metric: str, metric_quantity: Quantity, statistics: dict[str, float]) -> dict[str, str]:
         level = f"{self.attrs['level']:.3g}".removeprefix("0.").ljust(2, "0")
         relative, threshold = "relative" in self.attrs, self.attrs.get("threshold")
         row = {
-            "baseline": _value(of, metric, found["baseline"]),
-            "value": _value(of, metric, found["value"]),
-            f"difference ({level} %)": _difference(found, *((100.0, " %") if relative else (of.factor, ""))),
-            "lower in": percent(found["share_lower"]),
+            "baseline": _format_value(metric_quantity, metric, statistics["baseline"]),
+            "value": _format_value(metric_quantity, metric, statistics["value"]),
+            f"difference ({level} %)": _format_difference(
+                statistics, *((100.0, " %") if relative else (metric_quantity.factor, ""))
+            ),
+            "lower in": format_share(statistics["share_lower"]),
         }
         if threshold is not None:
-            size = f"{100 * threshold:.3g} %" if relative else of.number(threshold)
+            size = f"{100 * threshold:.3g} %" if relative else metric_quantity.number(threshold)
             by = f" by {size}" if threshold else ""
             for side, word in (("below", "lower"), ("above", "higher")):
-                edges = [found[f"share_{side}{edge}"] for edge in ("", "_low", "_high")]
-                row[f"{word}{by} in ({level} %)"] = percent(*edges)
-        return row | {"pairs": f"{int(found['n_pairs']):,}", "never": str(int(found["n_censored"]))}
+                edges = [statistics[f"share_{side}{edge}"] for edge in ("", "_low", "_high")]
+                row[f"{word}{by} in ({level} %)"] = format_share(*edges)
+        return row | {"pairs": f"{int(statistics['n_pairs']):,}", "never": str(int(statistics["n_censored"]))}
 
 
-def _difference(found: dict[str, float], factor: float, unit: str) -> str:
-    mean, low, high, median = (factor * found[s] for s in ("mean", "low", "high", "median"))
+def _format_difference(statistics: dict[str, float], factor: float, unit: str) -> str:
+    mean, low, high, median = (factor * statistics[s] for s in ("mean", "low", "high", "median"))
     if np.isnan(mean):
-        return NONE if np.isnan(median) else f"median {written(median, sign=True)}{unit}"
-    decimals = decimals_of((high - low) / 2)
-    text = written(mean, decimals, sign=True) + unit
-    edges = " to ".join(written(edge, decimals, sign=True) for edge in (low, high))
+        return MISSING_VALUE if np.isnan(median) else f"median {format_number(median, sign=True)}{unit}"
+    decimals = decimals_for_uncertainty((high - low) / 2)
+    text = format_number(mean, decimals, sign=True) + unit
+    edges = " to ".join(format_number(edge, decimals, sign=True) for edge in (low, high))
     return text if np.isnan(low) else f"{text} ({edges})"
 
 
-def _quantity(values: xr.DataArray) -> Quantity:
+def _metric_quantity(values: xr.DataArray) -> Quantity:
     """How the values of a metric are shown; the unit of shares is no longer that of their values."""
     name = str(values.name)
     known = name in METRICS or name in PREDICTIONS
-    return quantity(name) if known or "relative_to" in values.attrs else quantity_of_values(values)
+    return quantity(name) if known or "relative_to" in values.attrs else values_quantity(values)
 
 
-def _value(of: Quantity, metric: str, value: float) -> str:
+def _format_value(metric_quantity: Quantity, metric: str, value: float) -> str:
     if np.isinf(value) and metric in METRICS and METRICS[metric].censored:
         return "never"
-    return written(of.factor * value)
+    return format_number(metric_quantity.factor * value)
 
 
-def _label(ds: xr.Dataset, dim: str, label: Any) -> str:
-    return written(quantity_of(ds, dim).factor * label) if isinstance(label, float) else str(label)
+def _format_label(ds: xr.Dataset, dim: str, label: Any) -> str:
+    return format_number(coordinate_quantity(ds, dim).factor * label) if isinstance(label, float) else str(label)
 
 
 def compare(
@@ -181,18 +194,21 @@ def compare(
     InputError
         For a dim, label or metric that ``ds`` does not have, or an argument of the wrong kind.
     """
-    with checking() as check:
+    with argument_checks() as check:
         check(check_result, ds)
-        over = check(names_of, "over", over)
-        given = check.unless_none(names_of, "metrics", metrics)
-        level = check(level_of, level)
-        relative = check(flag_of, "relative", relative)
-        threshold = check.unless_none(number_of, "threshold", threshold, "give a number of at least 0", least=0.0)
+        over = check(require_names, "over", over)
+        metric_names = check.unless_none(require_names, "metrics", metrics)
+        level = check(require_confidence_level, level)
+        relative = check(require_flag, "relative", relative)
+        threshold = check.unless_none(require_number, "threshold", threshold, "give a number of at least 0", least=0.0)
         check(
-            mapping_of, "baseline", baseline, 'must be a dict of dimension and label, such as {"estimate_ratio": 0.0}'
+            require_mapping,
+            "baseline",
+            baseline,
+            'must be a dict of dimension and label, such as {"estimate_ratio": 0.0}',
         )
-    names = given or [name for name in _comparable(ds) if _base(name) not in PREDICTIONS]
-    _check(ds, baseline, over, names)
+    names = metric_names or [name for name in _comparable_names(ds) if _strip_yearly(name) not in PREDICTIONS]
+    _check_comparison(ds, baseline, over, names)
     units = sorted({str(ds[name].attrs.get("units", "1")) for name in names})
     if threshold is not None and not relative and len(units) > 1:
         raise InputError(
@@ -203,41 +219,41 @@ def compare(
     shape = [ds.sizes[d] for d in over]
     # noise is independent between days, but shared by everything else
     independent = [axis for axis, d in enumerate(over) if d != "replicate" or "day" not in over]
-    words = str({dim: plain(label) for dim, label in baseline.items()})
-    results, asked = {}, STATISTICS + (() if threshold is None else OF_THRESHOLD)
+    words = str({dim: to_builtin(label) for dim, label in baseline.items()})
+    results, statistic_names = {}, STATISTICS + (() if threshold is None else THRESHOLD_STATISTICS)
     for name in names:
         values = ds[name].where(ok)
         if name in METRICS and METRICS[name].censored:  # NaN means that it did not happen within the run
             values = values.where(values.notnull() | ~ok, np.inf)
         values, reference = xr.broadcast(values, values.sel(dict(baseline), drop=True))
         dims = [d for d in values.dims if d not in over]
-        own, partner = (v.transpose(*dims, *over).values.reshape(-1, *shape) for v in (values, reference))
-        statistics = statistics_of(own, partner, independent, level, relative, threshold)
+        own_values, partner_values = (v.transpose(*dims, *over).values.reshape(-1, *shape) for v in (values, reference))
+        statistics = paired_statistics(own_values, partner_values, independent, level, relative, threshold)
         attrs = ds[name].attrs
         if relative:
             comment = f"shares of the baseline; the statistics baseline and value in {attrs.get('units', '1')}"
-            attrs = in_shares(attrs, words) | {"comment": comment}
+            attrs = relative_attributes(attrs, words) | {"comment": comment}
         sizes = [values.sizes[d] for d in dims]
-        results[name] = ((*dims, "statistic"), statistics.reshape(*sizes, len(asked)), attrs)
-    kept = {*ds["status"].dims, *(d for dims, *_ in results.values() for d in dims)} - {*over, "statistic"}
-    labels = {d: ds[d] for d in ds.dims if d in kept}
+        results[name] = ((*dims, "statistic"), statistics.reshape(*sizes, len(statistic_names)), attrs)
+    kept_dims = {*ds["status"].dims, *(d for dims, *_ in results.values() for d in dims)} - {*over, "statistic"}
+    labels = {d: ds[d] for d in ds.dims if d in kept_dims}
     attrs = {"baseline": words, "over": ", ".join(over), "level": level} | ({"relative": 1} if relative else {})
     attrs |= {} if threshold is None else {"threshold": threshold}
-    return Comparison(results, coords={**labels, "statistic": list(asked)}, attrs=attrs)
+    return Comparison(results, coords={**labels, "statistic": list(statistic_names)}, attrs=attrs)
 
 
-def _base(name: str) -> str:
+def _strip_yearly(name: str) -> str:
     """The name of a metric or cost without what makes it one of a year."""
-    return name.removeprefix(YEARLY)
+    return name.removeprefix(YEARLY_PREFIX)
 
 
-def _comparable(ds: xr.Dataset) -> list[str]:
+def _comparable_names(ds: xr.Dataset) -> list[str]:
     """Metrics, costs, predictions and the numbers of a study's own ``reduce``, without flags."""
-    known = {n for n, each in METRICS.items() if not each.flags} | {*COSTS, *PREDICTIONS, *own_metrics(ds)}
-    return [name for name in map(str, ds.data_vars) if _base(name) in known]
+    known = {n for n, each in METRICS.items() if not each.flags} | {*COSTS, *PREDICTIONS, *reduction_metrics(ds)}
+    return [name for name in map(str, ds.data_vars) if _strip_yearly(name) in known]
 
 
-def _check(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[str], names: list[str]) -> None:
+def _check_comparison(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[str], names: list[str]) -> None:
     dims = [str(d) for d in ds["status"].dims]
     if not dims:
         raise InputError(
@@ -247,25 +263,28 @@ def _check(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[str], names: 
     has = f"it has {', '.join(dims)}"
     unknown = [("baseline", d) for d in baseline if d not in dims] + [("over", d) for d in over if d not in dims]
     problems = [
-        f"{what}: {shown(d)} is not a dimension of the result{nearest(str(d), dims)}; {has}" for what, d in unknown
+        f"{what}: {short_repr(d)} is not a dimension of the result{did_you_mean(str(d), dims)}; {has}"
+        for what, d in unknown
     ]
     both = [dim for dim in over if dim in baseline]
     problems += [f"over: {dim} is a dimension of the baseline: choose one or the other" for dim in both]
     for dim in (d for d in baseline if d in dims):
-        labels, single = ds[dim].values, plain(baseline[dim])
+        labels, single = ds[dim].values, to_builtin(baseline[dim])
         n = labels.tolist().count(single) if np.ndim(single) == 0 else 0
         if n != 1 or (isinstance(single, bool) and labels.dtype.kind != "b"):
             has = f"{n} labels" if n > 1 else "no label"
-            problems.append(f"baseline: {dim} has {has} {shown(baseline[dim])}; choose one of {listed(labels)}")
+            problems.append(
+                f"baseline: {dim} has {has} {short_repr(baseline[dim])}; choose one of {list_first(labels)}"
+            )
     for name in names:
         if name not in ds.data_vars:
-            problems.append(f"metrics: {shown(name)} is not in the result{metric_meant(name)}")
-        elif name not in _comparable(ds):
+            problems.append(f"metrics: {short_repr(name)} is not in the result{metric_hint(name)}")
+        elif name not in _comparable_names(ds):
             kind = "a flag" if name in METRICS else "not a number for each scenario"
             problems.append(f"metrics: {name!r} is {kind}, which has no differences: leave it out")
     if not baseline:
         problems.append("baseline is empty: give the dimension and label to compare with")
-    refuse(problems)
+    raise_problems(problems)
 
 
 def interval(
@@ -291,13 +310,17 @@ def interval(
     return abs(np.maximum(low, 0.0)), np.minimum(high, 1.0)
 
 
-_RESAMPLES, _AT_ONCE, _MANY = 1000, 20, 2**18  # resamples, how many at a time, and of how many values one by one
-_SEED = 20261122  # of the resamples: a summary says the same twice
-_LEVEL = 0.95
-_SPREAD = 0.05, 0.95
+_N_RESAMPLES, _RESAMPLES_AT_ONCE, _MANY_VALUES = (
+    1000,
+    20,
+    2**18,
+)  # resamples, how many at a time, and of how many values one by one
+_RESAMPLING_SEED = 20261122  # of the resamples: a summary says the same twice
+_MEDIAN_LEVEL = 0.95
+_SPREAD_QUANTILES = 0.05, 0.95
 
 
-class Middle(NamedTuple):
+class MedianSummary(NamedTuple):
     """Median of some values, its 95 % interval over the units, and what 5 and 95 % of the values stay below."""
 
     median: float
@@ -307,7 +330,7 @@ class Middle(NamedTuple):
     q95: float
 
 
-def middle_of(values: xr.DataArray, unit: str = "sample") -> Middle:
+def summarise_median(values: xr.DataArray, unit: str = "sample") -> MedianSummary:
     """The median of values of pairs and its bootstrap interval; NaN is left out.
 
     unit: dim whose labels are drawn anew, each with all that belongs to it; every value by itself if there is none.
@@ -319,22 +342,22 @@ def middle_of(values: xr.DataArray, unit: str = "sample") -> Middle:
         rows = values.values.reshape(-1, 1)
     rows = rows[np.isfinite(rows).any(axis=1)]
     if not rows.size:
-        return Middle(np.nan, np.nan, np.nan, np.nan, np.nan)
+        return MedianSummary(np.nan, np.nan, np.nan, np.nan, np.nan)
     low = high = np.nan
     if len(rows) > 1:
-        draw, n = np.random.default_rng(_SEED), len(rows)
+        rng, n = np.random.default_rng(_RESAMPLING_SEED), len(rows)
         median = np.nanmedian if np.isnan(rows).any() else np.median
-        some = _AT_ONCE if rows.size < _MANY else 1
-        drawn = (rows[draw.integers(n, size=(some, n))] for _ in range(_RESAMPLES // some))
-        medians = np.concatenate([median(part.reshape(some, -1), axis=1) for part in drawn])
-        low, high = np.quantile(medians, [0.5 - 0.5 * _LEVEL, 0.5 + 0.5 * _LEVEL])
-    q05, q95 = np.nanquantile(rows, _SPREAD)
-    return Middle(float(np.nanmedian(rows)), float(low), float(high), float(q05), float(q95))
+        n_at_once = _RESAMPLES_AT_ONCE if rows.size < _MANY_VALUES else 1
+        resamples = (rows[rng.integers(n, size=(n_at_once, n))] for _ in range(_N_RESAMPLES // n_at_once))
+        medians = np.concatenate([median(part.reshape(n_at_once, -1), axis=1) for part in resamples])
+        low, high = np.quantile(medians, [0.5 - 0.5 * _MEDIAN_LEVEL, 0.5 + 0.5 * _MEDIAN_LEVEL])
+    q05, q95 = np.nanquantile(rows, _SPREAD_QUANTILES)
+    return MedianSummary(float(np.nanmedian(rows)), float(low), float(high), float(q05), float(q95))
 
 
 QUANTILES = {"q05": 0.05, "q25": 0.25, "median": 0.5, "q75": 0.75, "q95": 0.95}
 STATISTICS = ("baseline", "value", "mean", "low", "high", *QUANTILES, "share_lower", "n_pairs", "n_censored")
-OF_THRESHOLD = tuple(f"share_{side}{edge}" for side in ("below", "above") for edge in ("", "_low", "_high"))
+THRESHOLD_STATISTICS = tuple(f"share_{side}{edge}" for side in ("below", "above") for edge in ("", "_low", "_high"))
 """Further statistics where a threshold is given."""
 
 
@@ -349,27 +372,27 @@ def relative_change(difference: np.ndarray, reference: np.ndarray) -> np.ndarray
     return np.where(difference == 0.0, 0.0, share)
 
 
-def change_of(values: xr.DataArray, partners: xr.DataArray) -> xr.DataArray:
+def paired_change(values: xr.DataArray, partners: xr.DataArray) -> xr.DataArray:
     """Changes within pairs as shares of the partner's value: -0.2 is a fifth lower; NaN where that is 0."""
     return values / partners.where(partners > 0.0) - 1.0
 
 
-def without_off_days(ds: xr.Dataset) -> xr.Dataset:
+def mask_off_days(ds: xr.Dataset) -> xr.Dataset:
     """A result without metrics on the days on which a loop was off all day, whose travel of 0 would shift medians."""
     if "rmse" not in ds or bool(ds["rmse"].notnull().all()):
         return ds
-    on, dims = ds["rmse"].notnull(), set(ds["rmse"].dims)
+    is_on, dims = ds["rmse"].notnull(), set(ds["rmse"].dims)
     per_day = [n for n, v in ds.data_vars.items() if n != "status" and set(v.dims) == dims]
-    return ds.assign(all_where(ds[per_day], on).data_vars)
+    return ds.assign(mask_dataset(ds[per_day], is_on).data_vars)
 
 
-def in_shares(attrs: Mapping[str, Any], baseline: str) -> dict[str, Any]:
+def relative_attributes(attrs: Mapping[str, Any], baseline: str) -> dict[str, Any]:
     """The attributes of a metric whose values are shares of those of a baseline."""
     kept = {name: value for name, value in attrs.items() if name != "units_metadata"}  # of kelvins
     return {**kept, "units": "1", "comment": "shares of the baseline", "relative_to": baseline}
 
 
-def statistics_of(
+def paired_statistics(
     values: np.ndarray,
     reference: np.ndarray,
     units: Sequence[int],
@@ -396,21 +419,21 @@ def statistics_of(
     known = ~(np.isinf(difference) | both_censored).any(axis=1) & (n_pairs > 0)
     finite = np.where(pair & known[:, None], difference, 0.0)
     lower = np.where(pair, (difference < 0.0) + 0.5 * (difference == 0.0), 0.0)
-    found = {"baseline": _quantile(reference, n_pairs, 0.5), "value": _quantile(values, n_pairs, 0.5)}
-    found |= {name: _quantile(difference, n_pairs, q) for name, q in QUANTILES.items()}
-    found |= {"n_pairs": n_pairs, "n_censored": np.isinf(values).sum(axis=1)}
+    statistics = {"baseline": _quantile(reference, n_pairs, 0.5), "value": _quantile(values, n_pairs, 0.5)}
+    statistics |= {name: _quantile(difference, n_pairs, q) for name, q in QUANTILES.items()}
+    statistics |= {"n_pairs": n_pairs, "n_censored": np.isinf(values).sum(axis=1)}
     with np.errstate(invalid="ignore"):  # a cell without pairs has no share and no mean
-        found["share_lower"] = lower.sum(axis=1) / n_pairs
-        found["mean"] = mean = np.where(known, finite.sum(axis=1) / n_pairs, np.nan)
+        statistics["share_lower"] = lower.sum(axis=1) / n_pairs
+        statistics["mean"] = mean = np.where(known, finite.sum(axis=1) / n_pairs, np.nan)
     half = pairs.half_width(np.where(pair, finite - mean[:, None], 0.0).reshape(shape))
-    found |= {"low": mean - half, "high": mean + half}
+    statistics |= {"low": mean - half, "high": mean + half}
     if threshold is not None:
         # at a threshold of 0 an equal value is neither
         for side, sign in (("below", -1), ("above", 1)):
-            holds = pair & (sign * difference > 0.0) & (sign * difference >= threshold)
+            is_beyond = pair & (sign * difference > 0.0) & (sign * difference >= threshold)
             names = [f"share_{side}{edge}" for edge in ("", "_low", "_high")]
-            found |= zip(names, pairs.share(holds.reshape(shape)), strict=True)
-    return np.stack([found[s] for s in STATISTICS + (() if threshold is None else OF_THRESHOLD)], axis=-1)
+            statistics |= zip(names, pairs.share(is_beyond.reshape(shape)), strict=True)
+    return np.stack([statistics[s] for s in STATISTICS + (() if threshold is None else THRESHOLD_STATISTICS)], axis=-1)
 
 
 def _quantile(rows: np.ndarray, n: np.ndarray, q: float) -> np.ndarray:
@@ -475,16 +498,18 @@ def relative_to(ds: xr.Dataset, case: Mapping[str, int], words: str) -> xr.Datas
 
     case: dimension → position along it.  words: the case, for people.
     """
-    rest = {d: np.delete(np.arange(ds.sizes[d]), k) for d, k in case.items()}
-    if any(keep.size == 0 for keep in rest.values()):
+    other_places = {d: np.delete(np.arange(ds.sizes[d]), k) for d, k in case.items()}
+    if any(keep.size == 0 for keep in other_places.values()):
         raise InputError(f"--relative-to {words}: the study has no other case to compare with it")
-    found = {"status": ds["status"].isel(rest)}
+    metrics = {"status": ds["status"].isel(other_places)}
     for name, variable in ds.data_vars.items():
         if name == "status" or variable.dims != ds["status"].dims or (name in METRICS and METRICS[name].flags):
             continue
         values = variable.where(ds["status"] == STATUS_OK)
-        own, partner = xr.broadcast(values, values.isel(case, drop=True))
-        change = own.copy(data=relative_change((own - partner).values, partner.values)).transpose(*variable.dims)
-        change = change.where(np.isfinite(change)).isel(rest)
-        found[str(name)] = change.drop_attrs().assign_attrs(in_shares(variable.attrs, words))
-    return xr.Dataset(found, attrs=ds.attrs)
+        own_values, partner_values = xr.broadcast(values, values.isel(case, drop=True))
+        change = own_values.copy(
+            data=relative_change((own_values - partner_values).values, partner_values.values)
+        ).transpose(*variable.dims)
+        change = change.where(np.isfinite(change)).isel(other_places)
+        metrics[str(name)] = change.drop_attrs().assign_attrs(relative_attributes(variable.attrs, words))
+    return xr.Dataset(metrics, attrs=ds.attrs)

@@ -11,24 +11,24 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, flag_of, number_of, refuse, text_of
-from fastcoil.base.errors import nearest, shown
-from fastcoil.loops.scenarios import attributes, check_result
-from fastcoil.model.metric_table import COSTS, METRICS, STATUS_OK, YEARLY
+from fastcoil.base.arguments import argument_checks, raise_problems, require_flag, require_number, require_text
+from fastcoil.base.errors import did_you_mean, short_repr
+from fastcoil.loops.scenarios import cf_attributes, check_result
+from fastcoil.model.metric_table import COSTS, METRICS, STATUS_OK, YEARLY_PREFIX
 
-COP = 4.0  # of a chiller with its tower, at the mean of a year: 0.6 kW a ton is 5.9, 1.0 kW a ton is 3.5
+DEFAULT_COP = 4.0  # of a chiller with its tower, at the mean of a year: 0.6 kW a ton is 5.9, 1.0 kW a ton is 3.5
 COP_LIMITS = 0.5, 20.0
-CURRENCY = "USD"
-LONGEST_CURRENCY = 20
-DEAREST = 1e9
+DEFAULT_CURRENCY = "USD"
+MAX_CURRENCY_CHARACTERS = 20
+MAX_PRICE = 1e9
 PRICES = {
     "electricity": ("the price of a kWh of electricity", 0.13),
     "demand": ("the monthly price of a kW of the highest 15-min demand, 0 for none", 15),
     "heat": ("the price of a kWh of heat, that of gas over the efficiency of the boiler", 0.05),
 }
 """Every price: what it is, and an example for messages."""
-MONTH = 30  # days of a block where the results have no dates
-_MEAN_MONTH = 365.0 / 12.0
+MONTH_DAYS = 30  # days of a block where the results have no dates
+_MEAN_MONTH_DAYS = 365.0 / 12.0
 
 
 @dataclass(frozen=True)
@@ -42,36 +42,38 @@ class Tariff:
     electricity: float
     demand: float
     heat: float
-    cop: float = COP
+    cop: float = DEFAULT_COP
     electric_heat: bool = False
-    currency: str = CURRENCY
+    currency: str = DEFAULT_CURRENCY
 
 
-def tariff_of(given: Mapping[str, Any], cure: str = "give it") -> Tariff:
+def parse_tariff(table: Mapping[str, Any], cure: str = "give it") -> Tariff:
     """The tariff of a table, without its ``baseline``; None stands for what is not given."""
-    known = {name: value for name, value in given.items() if value is not None and name != "baseline"}
-    limits = {name: (f"give {meaning}", 0.0, DEAREST) for name, (meaning, _) in PRICES.items()}
+    entries = {name: value for name, value in table.items() if value is not None and name != "baseline"}
+    limits = {name: (f"give {meaning}", 0.0, MAX_PRICE) for name, (meaning, _) in PRICES.items()}
     low, high = COP_LIMITS
     limits["cop"] = (f"give the coefficient of performance of the chiller, from {low:g} to {high:g}", low, high)
     names = [each.name for each in fields(Tariff)]
-    with checking() as check:
-        unknown = [name for name in known if name not in names]
-        check.problems += [f"{n} is unknown{nearest(n, names)}; known: {', '.join(names)}, baseline" for n in unknown]
+    with argument_checks() as check:
+        unknown = [name for name in entries if name not in names]
+        check.problems += [
+            f"{n} is unknown{did_you_mean(n, names)}; known: {', '.join(names)}, baseline" for n in unknown
+        ]
         for name, (meaning, example) in PRICES.items():
-            if name not in known:
+            if name not in entries:
                 check.problems.append(f"{name} is missing: {cure}, {meaning}, such as {name} = {example:g}")
-        for name, value in known.items():
+        for name, value in entries.items():
             if name in limits:
                 words, least, most = limits[name]
-                known[name] = check(number_of, name, value, words, least=least, most=most)
-        if "electric_heat" in known:
-            known["electric_heat"] = check(flag_of, "electric_heat", known["electric_heat"])
-        if "currency" in known:
-            text = check(text_of, "currency", known["currency"])
-            if text is not None and not (text.strip() and text.isprintable() and len(text) <= LONGEST_CURRENCY):
-                cure = f"give its name in 1 to {LONGEST_CURRENCY} letters, such as 'USD'"
-                check.problems.append(f"currency = {shown(text)}: {cure}")
-    return Tariff(**known)
+                entries[name] = check(require_number, name, value, words, least=least, most=most)
+        if "electric_heat" in entries:
+            entries["electric_heat"] = check(require_flag, "electric_heat", entries["electric_heat"])
+        if "currency" in entries:
+            text = check(require_text, "currency", entries["currency"])
+            if text is not None and not (text.strip() and text.isprintable() and len(text) <= MAX_CURRENCY_CHARACTERS):
+                cure = f"give its name in 1 to {MAX_CURRENCY_CHARACTERS} letters, such as 'USD'"
+                check.problems.append(f"currency = {short_repr(text)}: {cure}")
+    return Tariff(**entries)
 
 
 def billing_months(n_days: int, start: xr.DataArray | None) -> tuple[list[np.ndarray], dict[str, Any]]:
@@ -81,28 +83,35 @@ def billing_months(n_days: int, start: xr.DataArray | None) -> tuple[list[np.nda
     start on the same date are one.  None: every label is a day, and 30 of them are a month.
     """
     date = np.arange(n_days) if start is None else np.atleast_1d(start.values).astype("datetime64[D]")
-    month = date // MONTH if start is None else date.astype("datetime64[M]")
+    month = date // MONTH_DAYS if start is None else date.astype("datetime64[M]")
     labels = np.unique(month)
     days = [np.flatnonzero(month == label) for label in labels]
     counts = np.array([np.unique(date[each]).size for each in days])
-    said = {"long_name": "billing month"}
+    attrs = {"long_name": "billing month"}
     if start is None:
-        labels, whole = labels + 1, _MEAN_MONTH
+        labels, month_days = labels + 1, _MEAN_MONTH_DAYS
     else:
         first, last = (m.astype("datetime64[D]").astype(int) for m in (labels, labels + np.timedelta64(1, "M")))
-        labels, whole = labels.astype("datetime64[s]"), last - first
-        said["time_zone"] = start.attrs.get("time_zone", "")
+        labels, month_days = labels.astype("datetime64[s]"), last - first
+        attrs["time_zone"] = start.attrs.get("time_zone", "")
     return days, {
-        "month": ("month", labels, said),
+        "month": ("month", labels, attrs),
         "n_days": ("month", counts, {"long_name": "days of the month that count", "units": "1"}),
-        "month_share": ("month", counts / whole, {"long_name": "share of a whole month", "units": "1"}),
+        "month_share": ("month", counts / month_days, {"long_name": "share of a whole month", "units": "1"}),
     }
 
 
-SUMS = ("coil_energy", "reheat_energy", "recool_energy", "motor_travel")
+SUMMED_METRICS = ("coil_energy", "reheat_energy", "recool_energy", "motor_travel")
 """Metrics that are summed over the days of a month."""
-NEEDED = (*SUMS, "coil_peak_power")
-TAKEN = {"month", "n_days", "month_share", *SUMS, *COSTS, *(f"{YEARLY}{name}" for name in (*SUMS, *COSTS))}
+REQUIRED_METRICS = (*SUMMED_METRICS, "coil_peak_power")
+COST_NAMES = {
+    "month",
+    "n_days",
+    "month_share",
+    *SUMMED_METRICS,
+    *COSTS,
+    *(f"{YEARLY_PREFIX}{name}" for name in (*SUMMED_METRICS, *COSTS)),
+}
 """Names in the answer that no dim of a result may have."""
 
 
@@ -156,41 +165,45 @@ def cost(
     InputError
         If a price is missing or impossible, or ``ds`` lacks a metric.
     """
-    given = {name: value for name, value in locals().items() if name != "ds" and value is not None}
+    prices = {name: value for name, value in locals().items() if name != "ds" and value is not None}
     check_result(ds)
     _require_billable(ds)
-    in_study = tomllib.loads(str(ds.attrs.get("study_toml", ""))).get("tariff", {})
-    tariff = tariff_of(in_study | given, "give it, or a table [tariff] in the study file")
+    study_prices = tomllib.loads(str(ds.attrs.get("study_toml", ""))).get("tariff", {})
+    tariff = parse_tariff(study_prices | prices, "give it, or a table [tariff] in the study file")
     if "start" not in ds.coords:
         warnings.warn(
-            f"the results have no dates: {MONTH} days are taken for a month; give the boundary a start to have the "
+            f"the results have no dates: {MONTH_DAYS} days are taken for a month; give the boundary a start to have the "
             "months of the calendar",
             stacklevel=2,
         )
-    found = costs_of(ds, tariff)
-    gives = int((found["yearly_coil_energy"] < 0.0).sum())
-    if gives:
+    costs = compute_costs(ds, tariff)
+    n_negative = int((costs["yearly_coil_energy"] < 0.0).sum())
+    if n_negative:
         warnings.warn(
-            f"the coil energy of the year is negative in {gives:,} of {found['status'].size:,} loops: their valve acts "
+            f"the coil energy of the year is negative in {n_negative:,} of {costs['status'].size:,} loops: their valve acts "
             "the wrong way and their bill is too small; check action and the entering water",
             stacklevel=2,
         )
-    return found
+    return costs
 
 
 def _require_billable(ds: xr.Dataset) -> None:
     """Refuse a result without what the costs are made of, or with a name that they need themselves."""
     problems = []
-    missing = [name for name in NEEDED if name not in ds]
+    missing = [name for name in REQUIRED_METRICS if name not in ds]
     if missing:
         problems.append(f"ds has no {', '.join(missing)}: keep all metrics, or simulate an older result again")
-    odd = [name for name in NEEDED if name in ds and set(ds[name].dims) != set(ds["status"].dims)]
-    if odd:
-        problems.append(f"ds has {', '.join(odd)} over other dims than status: give a whole result, with every day")
+    misshapen = [name for name in REQUIRED_METRICS if name in ds and set(ds[name].dims) != set(ds["status"].dims)]
+    if misshapen:
+        problems.append(
+            f"ds has {', '.join(misshapen)} over other dims than status: give a whole result, with every day"
+        )
     problems += [f"ds has nothing along {dim}: choose a label at least" for dim, size in ds.sizes.items() if not size]
-    taken = sorted(str(name) for name in {*ds.dims, *ds.coords} if name in TAKEN)
-    problems += [f"ds has a dimension or coordinate {name}, which the costs also have: rename it" for name in taken]
-    if not {*np.ravel(np.asarray(_action_of(ds), dtype=object))} <= {"cooling", "heating"}:
+    reserved_names = sorted(str(name) for name in {*ds.dims, *ds.coords} if name in COST_NAMES)
+    problems += [
+        f"ds has a dimension or coordinate {name}, which the costs also have: rename it" for name in reserved_names
+    ]
+    if not {*np.ravel(np.asarray(_coil_action(ds), dtype=object))} <= {"cooling", "heating"}:
         problems.append(
             "ds does not say whether its coils cool or heat: keep its attributes, or give "
             "ds.assign_coords(action='cooling')"
@@ -199,35 +212,38 @@ def _require_billable(ds: xr.Dataset) -> None:
     # numbers would be taken for months since 1970
     if start is not None and (start.dtype.kind != "M" or not set(start.dims) <= {"day"} or bool(start.isnull().any())):
         problems.append("start has something else than a date for each day: drop it with ds.drop_vars('start')")
-    refuse(problems)
+    raise_problems(problems)
 
 
-def _action_of(ds: xr.Dataset) -> xr.DataArray:
+def _coil_action(ds: xr.Dataset) -> xr.DataArray:
     """Whether the coils of a result cool or heat, by a coordinate or by its attributes; neither where none says it."""
     constant = json.loads(ds.attrs.get("parameters", "{}")).get("action")
     return ds.coords["action"] if "action" in ds.coords else xr.DataArray(constant)
 
 
-def costs_of(ds: xr.Dataset, tariff: Tariff) -> xr.Dataset:
+def compute_costs(ds: xr.Dataset, tariff: Tariff) -> xr.Dataset:
     """The costs of a result; see ``cost``."""
     status = ds["status"]
-    days = ds[list(NEEDED)].where(status == STATUS_OK).reset_coords(drop=True)
+    days = ds[list(REQUIRED_METRICS)].where(status == STATUS_OK).reset_coords(drop=True)
     # a day on which nothing ran for 15 min has no peak
     days["coil_peak_power"] = days["coil_peak_power"].fillna(0.0).where(status == STATUS_OK)
     start = ds.coords.get("start")
     if "day" not in days.dims:
         days, status = days.expand_dims("day"), status.expand_dims("day")
-    of_months, months = billing_months(days.sizes["day"], start)
+    days_of_months, months = billing_months(days.sizes["day"], start)
     shares = months["month_share"][1]
     years = math.fsum(shares) / 12.0  # of twelve months
-    heating = xr.DataArray(_action_of(ds) == "heating").astype(float).reset_coords(drop=True)
-    parts = [_month(days.isel(day=at), share, tariff, heating) for at, share in zip(of_months, shares, strict=True)]
+    heating = xr.DataArray(_coil_action(ds) == "heating").astype(float).reset_coords(drop=True)
+    parts = [
+        _month_costs(days.isel(day=at), share, tariff, heating)
+        for at, share in zip(days_of_months, shares, strict=True)
+    ]
     monthly = xr.concat(parts, "month")
     yearly = monthly.sum("month", skipna=False) / years
     yearly["demand"] = monthly["demand"].max("month", skipna=False)
-    result = monthly.assign({f"{YEARLY}{name}": values for name, values in yearly.data_vars.items()})
+    result = monthly.assign({f"{YEARLY_PREFIX}{name}": values for name, values in yearly.data_vars.items()})
     for name, values in result.data_vars.items():
-        attrs = attributes({**METRICS, **COSTS}[str(name).removeprefix(YEARLY)])
+        attrs = cf_attributes({**METRICS, **COSTS}[str(name).removeprefix(YEARLY_PREFIX)])
         values.attrs = attrs | ({"units": tariff.currency} if attrs["units"] == "currency" else {})
     result["status"] = status.max("day", keep_attrs=True).reset_coords(drop=True)
     kept = {name: c for name, c in ds.coords.items() if set(c.dims) <= set(result["status"].dims) and name != "start"}
@@ -235,16 +251,16 @@ def costs_of(ds: xr.Dataset, tariff: Tariff) -> xr.Dataset:
     return result.drop_attrs(deep=False).assign_attrs(years=years, tariff=json.dumps(vars(tariff)))
 
 
-def _month(days: xr.Dataset, share: float, tariff: Tariff, heating: xr.DataArray) -> xr.Dataset:
+def _month_costs(days: xr.Dataset, share: float, tariff: Tariff, heating: xr.DataArray) -> xr.Dataset:
     """Energies and costs of the days of a month, which are a ``share`` of it."""
-    found = days[list(SUMS)].sum("day", skipna=False)
-    chilled = tariff.electricity / tariff.cop
+    costs = days[list(SUMMED_METRICS)].sum("day", skipna=False)
+    cooling_price = tariff.electricity / tariff.cop
     peak = days["coil_peak_power"].max("day", skipna=False)
-    chills = 1.0 - heating
-    found["demand"] = peak * (chills / tariff.cop + heating * float(tariff.electric_heat))
-    found["coil_cost"] = found["coil_energy"] * (chills * chilled + heating * tariff.heat)
-    found["demand_cost"] = found["demand"] * tariff.demand * share
-    found["reheat_cost"] = found["reheat_energy"] * tariff.heat
-    found["recool_cost"] = found["recool_energy"] * chilled
-    found["cost"] = sum(found[name] for name in ("coil_cost", "demand_cost", "reheat_cost", "recool_cost"))
-    return found
+    cooling = 1.0 - heating
+    costs["demand"] = peak * (cooling / tariff.cop + heating * float(tariff.electric_heat))
+    costs["coil_cost"] = costs["coil_energy"] * (cooling * cooling_price + heating * tariff.heat)
+    costs["demand_cost"] = costs["demand"] * tariff.demand * share
+    costs["reheat_cost"] = costs["reheat_energy"] * tariff.heat
+    costs["recool_cost"] = costs["recool_energy"] * cooling_price
+    costs["cost"] = sum(costs[name] for name in ("coil_cost", "demand_cost", "reheat_cost", "recool_cost"))
+    return costs

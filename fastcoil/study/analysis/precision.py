@@ -20,7 +20,7 @@ import xarray as xr
 from fastcoil.model.metric_table import METRICS, STATUS_NOT_RUN
 from fastcoil.model.parameter_table import CHANCE_DIMS
 
-FEWEST, USUAL_MOST = 32, 128
+MIN_BATCHES, DEFAULT_MAX_BATCHES = 32, 128
 """Batches that are always drawn; batches at which a study ends where ``most`` is not given."""
 
 
@@ -43,10 +43,10 @@ class Precision:
     @property
     def counts(self) -> list[int]:
         """Numbers of batches after which the interval is judged."""
-        found, last = [FEWEST], self.most // self.size
-        while found[-1] < last:
-            found.append(min(found[-1] * 3 // 2, last))
-        return found
+        counts, last = [MIN_BATCHES], self.most // self.size
+        while counts[-1] < last:
+            counts.append(min(counts[-1] * 3 // 2, last))
+        return counts
 
     def half_widths(self, ds: xr.Dataset) -> tuple[xr.DataArray, int]:
         """The half-width of each case, from the leading batches that are complete, and how many these are.
@@ -54,8 +54,8 @@ class Precision:
         Failed scenarios are left out; NaN where a batch has no value, or with fewer than two batches.
         """
         values = xr.DataArray(ds[self.metric].variable)
-        run = (ds["status"] != STATUS_NOT_RUN).all([d for d in values.dims if d != "sample"]).values
-        n = int(run.size if run.all() else run.argmin()) // self.size
+        is_complete = (ds["status"] != STATUS_NOT_RUN).all([d for d in values.dims if d != "sample"]).values
+        n = int(is_complete.size if is_complete.all() else is_complete.argmin()) // self.size
         if n < 2:
             return xr.DataArray(np.nan), n
         chance = [d for d in values.dims if d in CHANCE_DIMS and d != "sample"]
@@ -70,7 +70,7 @@ class Precision:
             if self.baseline and self.relative:
                 ratio = (means.mean("sample") / reference.mean("sample")).where(scale > 0.0, 0.0)
             scatter = (means - ratio * reference).std("sample", ddof=1, skipna=False)
-            halves = _half_width(n) * scatter / scale
+            halves = _half_width_per_std(n) * scatter / scale
         return halves.where(scatter != 0.0, 0.0), n
 
     def reached(self, ds: xr.Dataset) -> float:
@@ -82,37 +82,43 @@ class Precision:
         halves, n = self.half_widths(ds)
         return n == self.counts[-1] or n in self.counts and self.reached(ds) <= self.half_width
 
-    def attributes(self, ds: xr.Dataset) -> dict[str, str]:
+    def result_attributes(self, ds: xr.Dataset) -> dict[str, str]:
         """What was reached, for the attributes of a result."""
-        found = {"half_width": self.reached(ds), "samples": ds.sizes["sample"]}
-        return {"precision_reached": json.dumps(found | {"reached": self.reached(ds) <= self.half_width})}
+        reached_values = {"half_width": self.reached(ds), "samples": ds.sizes["sample"]}
+        return {"precision_reached": json.dumps(reached_values | {"reached": self.reached(ds) <= self.half_width})}
 
-    def how(self, a_batch: int) -> str:
-        """How a study of ``a_batch`` scenarios a batch goes on."""
-        first, last = (f"{n * self.size:,} samples ({n * a_batch:,} scenarios)" for n in (FEWEST, self.counts[-1]))
-        return f"{self._asked}: {first} first, half as many again until it is reached, {last} at most"
+    def how(self, scenarios_per_batch: int) -> str:
+        """How a study of ``scenarios_per_batch`` scenarios a batch goes on."""
+        first, last = (
+            f"{n * self.size:,} samples ({n * scenarios_per_batch:,} scenarios)" for n in (MIN_BATCHES, self.counts[-1])
+        )
+        return f"{self._goal_text}: {first} first, half as many again until it is reached, {last} at most"
 
-    def so_far(self, ds: xr.Dataset) -> str:
+    def describe_progress(self, ds: xr.Dataset) -> str:
         """The half-width that was reached and the asked one, in short."""
-        return f"± {self._number(self.reached(ds))} (± {self._number(self.half_width)} asked)"
+        return f"± {self._format_half_width(self.reached(ds))} (± {self._format_half_width(self.half_width)} asked)"
 
-    def in_words(self, ds: xr.Dataset) -> str:
+    def describe_result(self, ds: xr.Dataset) -> str:
         """The half-width that was reached and that was asked, as a sentence."""
         halves, n = self.half_widths(ds)
         if n < 2:
-            return f"Precision: {self._asked}; its first batches are not complete."
+            return f"Precision: {self._goal_text}; its first batches are not complete."
         least = f" in the least certain of {halves.size} cases" if halves.size > 1 else ""
-        said = f"Precision: {self._asked}; ± {self._number(self.reached(ds))}{least} from {n * self.size:,} samples"
+        sentence = f"Precision: {self._goal_text}; ± {self._format_half_width(self.reached(ds))}{least} from {n * self.size:,} samples"
         if self.reached(ds) <= self.half_width:
-            return f"{said}."
-        return f"{said}, the most allowed: raise most, or half_width." if self.is_enough(ds) else f"{said}: draw more."
+            return f"{sentence}."
+        return (
+            f"{sentence}, the most allowed: raise most, or half_width."
+            if self.is_enough(ds)
+            else f"{sentence}: draw more."
+        )
 
     @property
-    def _asked(self) -> str:
+    def _goal_text(self) -> str:
         against = "".join(f" against {dim} = {label}" for dim, label in self.baseline.items())
-        return f"mean of {self.metric}{against} to ± {self._number(self.half_width)} (95 %)"
+        return f"mean of {self.metric}{against} to ± {self._format_half_width(self.half_width)} (95 %)"
 
-    def _number(self, half_width: float) -> str:
+    def _format_half_width(self, half_width: float) -> str:
         unit = "" if METRICS[self.metric].unit == "1" else f" {METRICS[self.metric].unit}"
         return f"{100.0 * half_width:.3g} %" if self.relative else f"{half_width:.3g}{unit}"
 
@@ -122,12 +128,12 @@ class Precision:
         return json.dumps(asdict(self))
 
 
-def precision_of(ds: xr.Dataset) -> Precision | None:
+def read_precision(ds: xr.Dataset) -> Precision | None:
     """What the study of a result asked; None if it asked nothing."""
     return Precision(**json.loads(ds.attrs["precision"])) if "precision" in ds.attrs else None
 
 
-def _half_width(n: int) -> float:
+def _half_width_per_std(n: int) -> float:
     """Half-width of the interval of a mean of ``n`` values by their standard deviation."""
     from scipy.special import chdtri, stdtrit
 

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import refuse
-from fastcoil.base.arrays import on_disk
-from fastcoil.base.errors import InputError, nearest
-from fastcoil.loops.labels import is_parameter, quantity, quantity_of
+from fastcoil.base.arguments import raise_problems
+from fastcoil.base.arrays import allocate_on_disk
+from fastcoil.base.errors import InputError, did_you_mean
+from fastcoil.loops.labels import coordinate_quantity, is_parameter, quantity
 from fastcoil.model.metric_table import METRICS, PREDICTIONS
 
-_MOST_LABELS = 12
+_MAX_LISTED = 12
 """That a message lists; a parameter with more values than that along another dimension has none to choose from."""
 
 
@@ -25,24 +25,24 @@ def numeric_dims(values: xr.DataArray) -> list[str]:
     ]  # fmt: skip
 
 
-def own_metrics(ds: xr.Dataset) -> list[str]:
+def reduction_metrics(ds: xr.Dataset) -> list[str]:
     """The numbers that a study's own ``reduce`` gave for every scenario."""
     known, dims = {"status", *METRICS, *PREDICTIONS}, set(ds["status"].dims)
-    own = {str(n): v for n, v in ds.data_vars.items() if n not in known}
-    return [name for name, values in own.items() if set(values.dims) == dims and values.dtype.kind in "iuf"]
+    candidates = {str(n): v for n, v in ds.data_vars.items() if n not in known}
+    return [name for name, values in candidates.items() if set(values.dims) == dims and values.dtype.kind in "iuf"]
 
 
-def all_where(ds: xr.Dataset, mask: xr.DataArray) -> xr.Dataset:
+def mask_dataset(ds: xr.Dataset, mask: xr.DataArray) -> xr.Dataset:
     """``ds.where(mask)``, a mask of the dims of all variables or fewer; many numbers are put into nameless files."""
-    found = {}
+    masked = {}
     for name, values in ds.data_vars.items():
-        room = on_disk(values.shape, np.nan, np.result_type(values.dtype, np.float32))
+        room = allocate_on_disk(values.shape, np.nan, np.result_type(values.dtype, np.float32))
         np.copyto(room, values.values, where=mask.broadcast_like(values).transpose(*values.dims).values)
-        found[name] = values.copy(deep=False, data=room)
-    return ds.assign(found)
+        masked[name] = values.copy(deep=False, data=room)
+    return ds.assign(masked)
 
 
-def is_label(label: object, text: str) -> bool:
+def matches_label(label: object, text: str) -> bool:
     """Whether a typed text means this label: a word itself, a number to 9 digits, a date in any form of ISO 8601."""
     if isinstance(label, str):
         return label == text
@@ -54,7 +54,7 @@ def is_label(label: object, text: str) -> bool:
         return False
 
 
-def selected(ds: xr.Dataset, at: Mapping[str, Sequence[str]], option: str = "--at") -> xr.Dataset:
+def select_labels(ds: xr.Dataset, at: Mapping[str, Sequence[str]], option: str = "--at") -> xr.Dataset:
     """The scenarios with these labels; a dimension with one of them is fixed there.
 
     at: dimension, or a parameter with few values along another one, → its labels.  option: what the user typed.
@@ -64,60 +64,60 @@ def selected(ds: xr.Dataset, at: Mapping[str, Sequence[str]], option: str = "--a
     kept: dict[Hashable, np.ndarray] = {}
     for name, texts in at.items():
         if name not in known:
-            has = listed(known) or "none"
-            problems.append(f"{option} {name}: no label of this study{nearest(name, known)}; it has {has}")
+            has = list_first(known) or "none"
+            problems.append(f"{option} {name}: no label of this study{did_you_mean(name, known)}; it has {has}")
             continue
         labels, (dim,) = ds[name].values, ds[name].dims
-        found = [np.array([is_label(label, text) for label in labels], dtype=bool) for text in texts]
-        unknown = [text for text, hit in zip(texts, found, strict=True) if not hit.any()]
-        problems += [f"{option} {name}={text}: {_choices(ds, name, text)}" for text in unknown]
-        kept[dim] = np.logical_and(kept.get(dim, True), np.logical_or.reduce(found))
+        matches = [np.array([matches_label(label, text) for label in labels], dtype=bool) for text in texts]
+        unknown = [text for text, matching in zip(texts, matches, strict=True) if not matching.any()]
+        problems += [f"{option} {name}={text}: {_list_choices(ds, name, text)}" for text in unknown]
+        kept[dim] = np.logical_and(kept.get(dim, True), np.logical_or.reduce(matches))
     if not problems and any(not mask.any() for mask in kept.values()):
         problems.append(f"{option}: no scenario has all of these labels together")
-    refuse(problems)
+    raise_problems(problems)
     single = [dim for dim in kept if len(at.get(str(dim), ())) == 1]
     return ds.isel({d: int(np.argmax(mask)) if d in single else np.flatnonzero(mask) for d, mask in kept.items()})
 
 
-def case_of(ds: xr.Dataset, labels: Mapping[str, Sequence[str]]) -> tuple[dict[str, int], str]:
+def find_case(ds: xr.Dataset, labels: Mapping[str, Sequence[str]]) -> tuple[dict[str, int], str]:
     """Position of one label along each of some dimensions, and the case in words."""
     option, dims = "--relative-to", [str(d) for d in ds["status"].dims if d in ds.coords]
-    has = f"it has {listed(dims) or 'none'}"
+    has = f"it has {list_first(dims) or 'none'}"
     unknown = [name for name in labels if name not in dims]
-    problems = [f"{option} {name}: no dimension of what is drawn{nearest(name, dims)}; {has}" for name in unknown]
+    problems = [f"{option} {name}: no dimension of what is drawn{did_you_mean(name, dims)}; {has}" for name in unknown]
     problems += [f"{option} {name}: give one label" for name, texts in labels.items() if len(texts) > 1]
-    refuse(problems)
-    case = selected(ds, labels, option)
-    return {d: int(np.argmax(ds[d].values == case[d].values)) for d in labels}, in_words(case, labels)
+    raise_problems(problems)
+    case = select_labels(ds, labels, option)
+    return {d: int(np.argmax(ds[d].values == case[d].values)) for d in labels}, describe_labels(case, labels)
 
 
-def in_words(ds: xr.Dataset, at: Mapping[str, Sequence[str]]) -> str:
+def describe_labels(ds: xr.Dataset, at: Mapping[str, Sequence[str]]) -> str:
     """``backlash = 7 %, tuning = faster``; ds: what was selected."""
     words = []
     for name in at:
-        of, values = quantity_of(ds, name), np.unique(ds[name].values)
-        text = of.number if values.dtype.kind == "f" and is_parameter(ds, name) else str
-        words.append(f"{of.text} = {' and '.join(map(text, values))}")
+        axis_quantity, values = coordinate_quantity(ds, name), np.unique(ds[name].values)
+        text = axis_quantity.number if values.dtype.kind == "f" and is_parameter(ds, name) else str
+        words.append(f"{axis_quantity.text} = {' and '.join(map(text, values))}")
     return ", ".join(words)
 
 
-def _choices(ds: xr.Dataset, name: str, text: str) -> str:
+def _list_choices(ds: xr.Dataset, name: str, text: str) -> str:
     """What a user may give instead of an unknown label: of many numbers those nearest to it."""
     labels = np.unique(ds[name].values)
-    if labels.size > _MOST_LABELS and labels.dtype.kind in "if":
+    if labels.size > _MAX_LISTED and labels.dtype.kind in "if":
         with suppress(ValueError):  # a word
-            labels = np.sort(labels[np.argsort(abs(labels - float(text)))[:_MOST_LABELS]])
-    return f"choose one of {listed(labels)}"
+            labels = np.sort(labels[np.argsort(abs(labels - float(text)))[:_MAX_LISTED]])
+    return f"choose one of {list_first(labels)}"
 
 
-def listed(words: Sequence[Any] | np.ndarray) -> str:
+def list_first(words: Sequence[Any] | np.ndarray) -> str:
     """The first of many words."""
-    return ", ".join(map(str, words[:_MOST_LABELS])) + (", …" if len(words) > _MOST_LABELS else "")
+    return ", ".join(map(str, words[:_MAX_LISTED])) + (", …" if len(words) > _MAX_LISTED else "")
 
 
-BINS = 8
-_MOST_VALUES = 12  # A parameter with no more values than this has a group for each
-_FEWEST = 5  # members of a group, as a rule: their scatter would say nothing
+N_GROUPS = 8
+_MAX_DISTINCT_VALUES = 12  # A parameter with no more values than this has a group for each
+_MIN_GROUP_SIZE = 5  # members of a group, as a rule: their scatter would say nothing
 
 
 def drawn_parameters(ds: xr.Dataset) -> list[str]:
@@ -130,7 +130,7 @@ def drawn_parameters(ds: xr.Dataset) -> list[str]:
     ]  # fmt: skip
 
 
-def binned(ds: xr.Dataset, names: Sequence[str]) -> xr.Dataset:
+def group_by_parameters(ds: xr.Dataset, names: Sequence[str]) -> xr.Dataset:
     """Group the scenarios by the values of one or two parameters that differ along other dims, such as ``sample``.
 
     Returns the metrics and the status with these parameters as dimensions, instead of those along which they were
@@ -142,14 +142,14 @@ def binned(ds: xr.Dataset, names: Sequence[str]) -> xr.Dataset:
     dims = ds["status"].dims
     drawn = [d for d in dims if any(d in ds[n].dims for n in names)]
     others = [d for d in dims if d not in drawn]
-    every = ds["status"].isel(dict.fromkeys(others, 0), drop=True)
-    values = [ds[n].broadcast_like(every).transpose(*drawn).values.ravel() for n in names]
-    most = BINS if len(names) == 1 else int(np.clip(np.sqrt(values[0].size / _FEWEST), 2, BINS))
-    groups = [_groups(v, most) for v in values]
+    one_slice = ds["status"].isel(dict.fromkeys(others, 0), drop=True)
+    values = [ds[n].broadcast_like(one_slice).transpose(*drawn).values.ravel() for n in names]
+    most = N_GROUPS if len(names) == 1 else int(np.clip(np.sqrt(values[0].size / _MIN_GROUP_SIZE), 2, N_GROUPS))
+    groups = [_assign_groups(v, most) for v in values]
     counts = [int(g.max()) + 1 for g in groups]
     if min(counts) < 2 or values[0].size < 2 * np.prod(counts):
         raise InputError(
-            f"{' and '.join(names)}: {values[0].size} drawn scenarios are too few to group, about {_FEWEST} in each: "
+            f"{' and '.join(names)}: {values[0].size} drawn scenarios are too few to group, about {_MIN_GROUP_SIZE} in each: "
             "draw more of them"
         )
     # the cell of every scenario, how many each cell has, and its place in the cell
@@ -157,14 +157,14 @@ def binned(ds: xr.Dataset, names: Sequence[str]) -> xr.Dataset:
     members = np.bincount(cell, minlength=int(np.prod(counts)))
     place = np.empty(cell.size, dtype=int)
     place[np.argsort(cell, kind="stable")] = np.arange(cell.size) - np.repeat(np.cumsum(members) - members, members)
-    found = {}
+    grouped = {}
     for name, variable in ds.data_vars.items():
         if set(variable.dims) == set(dims):  # not traces, and answers of other forms
             flat = variable.transpose(*others, *drawn).values
             sizes = flat.shape[: len(others)]
-            whole = np.full((*sizes, members.size, members.max()), np.nan)
-            whole[..., cell, place] = flat.reshape(*sizes, -1)
-            found[name] = ((*others, *names, "sample"), whole.reshape(*sizes, *counts, -1), variable.attrs)
+            table = np.full((*sizes, members.size, members.max()), np.nan)
+            table[..., cell, place] = flat.reshape(*sizes, -1)
+            grouped[name] = ((*others, *names, "sample"), table.reshape(*sizes, *counts, -1), variable.attrs)
     coordinates: dict[Any, Any] = {n: c for n, c in ds.coords.items() if set(c.dims) <= set(others)}
     for name, v, g, count in zip(names, values, groups, counts, strict=True):
         coordinates[name] = (name, np.array([np.median(v[g == k]) for k in range(count)]), ds[name].attrs)
@@ -174,15 +174,15 @@ def binned(ds: xr.Dataset, names: Sequence[str]) -> xr.Dataset:
     cells = f"{' × '.join(map(str, counts))} cells" if len(counts) > 1 else f"{counts[0]} groups"
     words = f"{each} samples in each of {cells}" + (f" of {quantity(names[0]).text}" if len(counts) == 1 else "")
     coordinates["sample"] = ("sample", np.arange(members.max()), {"pooled_as": words})
-    return xr.Dataset(found, coords=coordinates, attrs=ds.attrs)
+    return xr.Dataset(grouped, coords=coordinates, attrs=ds.attrs)
 
 
-def _groups(values: np.ndarray, n: int) -> np.ndarray:
+def _assign_groups(values: np.ndarray, n: int) -> np.ndarray:
     """The group of each value: one for each of few values, else ``n`` of equal counts; equal values stay together."""
     distinct = np.unique(values)
-    if distinct.size <= _MOST_VALUES:
+    if distinct.size <= _MAX_DISTINCT_VALUES:
         return np.searchsorted(distinct, values)
-    n = max(1, min(n, values.size // _FEWEST))
+    n = max(1, min(n, values.size // _MIN_GROUP_SIZE))
     cuts = np.sort(values)[(np.arange(1, n) * values.size) // n]
     groups = np.searchsorted(np.unique(cuts), values, side="right")
     return np.unique(groups, return_inverse=True)[1].reshape(-1)

@@ -7,15 +7,21 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, flag_of, level_of, names_of, refuse
-from fastcoil.base.errors import InputError, shown
+from fastcoil.base.arguments import (
+    argument_checks,
+    raise_problems,
+    require_confidence_level,
+    require_flag,
+    require_names,
+)
+from fastcoil.base.errors import InputError, short_repr
 from fastcoil.loops.scenarios import check_result
-from fastcoil.model.metric_table import METRICS, STATUS_OK, metric_meant
+from fastcoil.model.metric_table import METRICS, STATUS_OK, metric_hint
 
 INDICES = ("first_order", "total")
 EDGES = ("value", "low", "high")
-_RESAMPLES = 1000
-_NO_CHANCE = 5.0  # standard deviations of the rank correlation of independent numbers
+_N_RESAMPLES = 1000
+_CHANCE_CORRELATION_STDS = 5.0  # standard deviations of the rank correlation of independent numbers
 
 
 def sobol_indices(
@@ -49,25 +55,27 @@ def sobol_indices(
     InputError
         For a result of another design, correlated parameters, an unknown metric, or failed scenarios.
     """
-    with checking() as check:
+    with argument_checks() as check:
         check(check_result, ds)
-        names = check(names_of, "metrics", "rmse" if metrics is None else metrics)
-        drop_failed = check(flag_of, "drop_failed", drop_failed)
-        level = check(level_of, level)
+        names = check(require_names, "metrics", "rmse" if metrics is None else metrics)
+        drop_failed = check(require_flag, "drop_failed", drop_failed)
+        level = check(require_confidence_level, level)
     if not {"sample", "design"} <= set(ds.dims):
         raise InputError('the result has no dims sample and design: run a study with [sample] method = "saltelli"')
     labels = [str(label) for label in ds["design"].values]
     parameters = [label for label in labels if label not in ("A", "B")]
     if not parameters or sorted(labels) != sorted({"A", "B", *parameters}):
         raise InputError(f"design = {', '.join(labels)}: must have A, B and at least one parameter, each of them once")
-    problems = [f"metrics: {shown(n)} is not in the result{metric_meant(n)}" for n in names if n not in ds.data_vars]
+    problems = [
+        f"metrics: {short_repr(n)} is not in the result{metric_hint(n)}" for n in names if n not in ds.data_vars
+    ]
     no_quantity = [n for n in names if n in ds.data_vars and not _is_metric(ds[n])]
     problems += [
         f"metrics: {n!r} is not a quantity over sample and design: give a metric such as rmse" for n in no_quantity
     ]
-    refuse(problems)
+    raise_problems(problems)
     _require_independence(ds.sel(design="A"), parameters)
-    found = {}
+    variables = {}
     coords: dict[Any, Any] = {"parameter": parameters, "index": list(INDICES), "edge": list(EDGES)}
     for name in names:
         values = ds[name].where(ds["status"] == STATUS_OK).sel(design=["A", "B", *parameters])
@@ -80,11 +88,11 @@ def sobol_indices(
         others = [d for d in values.dims if d not in ("sample", "design")]
         shape = [values.sizes[d] for d in others]
         cells = values.transpose(*others, "sample", "design").values.reshape(-1, ds.sizes["sample"], len(labels))
-        indices = np.stack([_indices(cell, level) for cell in cells]).reshape(*shape, len(parameters), 2, 3)
-        found[name] = ((*others, "parameter", "index", "edge"), indices)
-        found[f"{name}_n_samples"] = (tuple(others), np.isfinite(cells).all(axis=2).sum(axis=1).reshape(shape))
+        indices = np.stack([_estimate_indices(cell, level) for cell in cells]).reshape(*shape, len(parameters), 2, 3)
+        variables[name] = ((*others, "parameter", "index", "edge"), indices)
+        variables[f"{name}_n_samples"] = (tuple(others), np.isfinite(cells).all(axis=2).sum(axis=1).reshape(shape))
         coords |= {d: ds[d] for d in others}
-    return xr.Dataset(found, coords=coords)
+    return xr.Dataset(variables, coords=coords)
 
 
 def _require_independence(sample: xr.Dataset, parameters: Sequence[str]) -> None:
@@ -95,7 +103,7 @@ def _require_independence(sample: xr.Dataset, parameters: Sequence[str]) -> None
         ranks = [np.unique(sample[n].values, return_inverse=True)[1] for n in (a, b)]
         with np.errstate(invalid="ignore"):  # one that does not vary
             rho = float(np.asarray(np.corrcoef(ranks))[0, 1])
-        if abs(rho) * np.sqrt(sample.sizes["sample"]) > _NO_CHANCE:
+        if abs(rho) * np.sqrt(sample.sizes["sample"]) > _CHANCE_CORRELATION_STDS:
             raise InputError(
                 f"{a} and {b} are correlated (rank correlation {rho:.2f}), and Sobol' indices share the spread among "
                 "independent parameters alone: draw them without correlation"
@@ -108,7 +116,7 @@ def _is_metric(values: xr.DataArray) -> bool:
     return not flags and values.dtype.kind in "fiu" and {"sample", "design"} <= set(values.dims)
 
 
-def _indices(values: np.ndarray, level: float) -> np.ndarray:
+def _estimate_indices(values: np.ndarray, level: float) -> np.ndarray:
     """(parameters, 2, 3) from one cell's values (samples, design)."""
     values = values[np.isfinite(values).all(axis=1)]
     n = values.shape[0]
@@ -117,7 +125,7 @@ def _indices(values: np.ndarray, level: float) -> np.ndarray:
     # the mean does not change the estimators, but does change their scatter
     values = values - values[:, :2].mean()
     rng = np.random.default_rng(0)
-    weights = np.concatenate([np.ones((1, n)), rng.multinomial(n, np.full(n, 1.0 / n), size=_RESAMPLES)]) / n
+    weights = np.concatenate([np.ones((1, n)), rng.multinomial(n, np.full(n, 1.0 / n), size=_N_RESAMPLES)]) / n
     f_A, f_B, f_AB = values[:, 0], values[:, 1], values[:, 2:]
     mean = weights @ (0.5 * (f_A + f_B))
     variance = weights @ (0.5 * (f_A**2 + f_B**2)) - mean**2

@@ -8,16 +8,16 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.loops.labels import label_in_words, plain_pi, quantity_of, sizes_in_words
+from fastcoil.loops.labels import coordinate_quantity, label_in_words, plain_pi_label, sizes_in_words
 from fastcoil.model.metric_table import STATUS_OK
 from fastcoil.model.parameter_table import CHANCE_DIMS, PARAMETERS
-from fastcoil.study.analysis.compare import change_of, middle_of, without_off_days
-from fastcoil.study.analysis.cost import MONTH, Tariff, costs_of
-from fastcoil.study.analysis.precision import precision_of
-from fastcoil.study.analysis.selected import all_where, numeric_dims
+from fastcoil.study.analysis.compare import mask_off_days, paired_change, summarise_median
+from fastcoil.study.analysis.cost import MONTH_DAYS, Tariff, compute_costs
+from fastcoil.study.analysis.precision import read_precision
+from fastcoil.study.analysis.selected import mask_dataset, numeric_dims
 
-_COUNTED = ("rmse", "hunts", "hunting_swing", "motor_travel", "switch_frequency")
-PLANT = ("coil", "valve", "actuator", "sensor")  # groups of parameters that a controller cannot choose
+_SUMMARY_METRICS = ("rmse", "hunts", "hunting_swing", "motor_travel", "switch_frequency")
+PLANT_GROUPS = ("coil", "valve", "actuator", "sensor")  # groups of parameters that a controller cannot choose
 
 
 def summary(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
@@ -29,15 +29,15 @@ def summary(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
         backend, n_jobs = ds.attrs.get("engine", "threads"), ds.attrs["n_jobs"]
         workers = ("thread" if backend == "threads" else f"{backend} worker") + ("" if n_jobs == 1 else "s")
         seconds, rate = ds.attrs["wall_time_s"], ds.attrs["scenario_days_per_s"]
-        resumed = ", the last of them" if seconds * rate < _WHOLE * n else ""
+        resumed = ", the last of them" if seconds * rate < _WHOLE_RUN_SHARE * n else ""
         lines[-1] += f"{resumed} in {seconds:.1f} s on {n_jobs} {workers}: {rate:,.0f} scenario-days/s"
     if failed:
         lines.append(f"{failed:,} scenarios failed: their status says why, their results are NaN")
     if failed == n:
         return lines
-    asked = " ".join(str(ds.attrs.get("summary", "")).split())
-    lines += [precision.in_words(ds)] if (precision := precision_of(ds)) else []
-    return [*lines, *cautions(ds), *([f"Asked: {asked}"] if asked else []), *findings(ds, billing)]
+    question = " ".join(str(ds.attrs.get("summary", "")).split())
+    lines += [precision.describe_result(ds)] if (precision := read_precision(ds)) else []
+    return [*lines, *cautions(ds), *([f"Asked: {question}"] if question else []), *findings(ds, billing)]
 
 
 def cautions(ds: xr.Dataset) -> list[str]:
@@ -67,26 +67,26 @@ def cautions(ds: xr.Dataset) -> list[str]:
 def findings(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
     """The answer of results of which not everything failed, with ``billing`` also its costs: a sentence a line."""
     # without traces and other metrics, which comparisons would load
-    counted = without_off_days(ds[[name for name in _COUNTED if name in ds]])
+    masked = mask_off_days(ds[[name for name in _SUMMARY_METRICS if name in ds]])
     if ds["status"].size == 1:
-        answer = _of_one(counted)
-    elif not bool(counted["rmse"].notnull().any()):
+        answer = _answer_single(masked)
+    elif not bool(masked["rmse"].notnull().any()):
         answer = {"Found": "no RMS error is known."}
     elif ratio := estimate_dim(ds):
-        answer = _against_plain_pi(counted, ratio)
+        answer = _answer_against_plain_pi(masked, ratio)
     else:
-        answer = _of_choices(counted)
-    lines = [f"{head}: {sentence}" for head, sentence in answer.items()] + _predicted(ds)
+        answer = _answer_choices(masked)
+    lines = [f"{head}: {sentence}" for head, sentence in answer.items()] + _prediction_lines(ds)
     return lines if billing is None else lines + cost_lines(ds, billing)
 
 
 # --- the inverse against the plain PI ---------------------------------------------------------------------------------
 
-_MOST_OF = 0.9
+_SHARE_OF_GAIN = 0.9
 """Share of the largest gain that the recommended estimate has to bring: the last tenth may cost a lot of travel."""
-_MUCH_TRAVEL = 5.0  # times that of the plain PI
-_LEAST_GAIN = 0.01  # a smaller change of the RMS error is none
-_ALIKE = 0.05  # changes that differ by less are alike: then the simpler remedy is recommended
+_LARGE_TRAVEL_RATIO = 5.0  # times that of the plain PI
+_MIN_GAIN = 0.01  # a smaller change of the RMS error is none
+_SIMILAR_CHANGE = 0.05  # changes that differ by less are alike: then the simpler remedy is recommended
 
 
 def estimate_dim(ds: xr.Dataset) -> str | None:
@@ -95,33 +95,33 @@ def estimate_dim(ds: xr.Dataset) -> str | None:
     return next((d for d in known if bool((ds[d] == 0.0).any())), None)
 
 
-def comparable(ds: xr.Dataset) -> xr.Dataset:
+def keep_comparable(ds: xr.Dataset) -> xr.Dataset:
     """The loops in which an inverse has something to do, NaN elsewhere: with backlash, without an error dead band.
 
     Where every loop has a dead band, all of them count.
     """
     if "backlash" in ds.coords and not bool((ds["backlash"] > 0.0).all()):
-        ds = all_where(ds, ds["backlash"] > 0.0)
+        ds = mask_dataset(ds, ds["backlash"] > 0.0)
     band = ds.coords.get("error_dead_band")
-    return ds if band is None or not bool((band == 0.0).any()) else all_where(ds, band == 0.0)
+    return ds if band is None or not bool((band == 0.0).any()) else mask_dataset(ds, band == 0.0)
 
 
-def recommended(ds: xr.Dataset, ratio: str) -> float:
+def recommended_estimate(ds: xr.Dataset, ratio: str) -> float:
     """The estimate of least motor travel among those with nine tenths of the largest gain; 0 if none has any.
 
     Gain and travel are medians of the changes against the plain PI of the same loop.
     """
     plain = ds.sel({ratio: 0.0}, drop=True)
     others = [d for d in ds["rmse"].dims if d != ratio]
-    gain = -change_of(ds["rmse"], plain["rmse"]).median(others)
+    gain = -paired_change(ds["rmse"], plain["rmse"]).median(others)
     if not float(gain.max()) > 0.0:
         return 0.0
-    travel = change_of(ds["motor_travel"], plain["motor_travel"]).median(others).fillna(np.inf)
-    return float(travel.where(gain >= _MOST_OF * gain.max()).idxmin(ratio))
+    travel = paired_change(ds["motor_travel"], plain["motor_travel"]).median(others).fillna(np.inf)
+    return float(travel.where(gain >= _SHARE_OF_GAIN * gain.max()).idxmin(ratio))
 
 
 def _plant_dims(ds: xr.Dataset) -> set[Hashable]:
-    return {d for n in ds.coords if n in PARAMETERS and PARAMETERS[str(n)].group in PLANT for d in ds[n].dims}
+    return {d for n in ds.coords if n in PARAMETERS and PARAMETERS[str(n)].group in PLANT_GROUPS for d in ds[n].dims}
 
 
 def best_plain_pi(plain: xr.Dataset) -> dict[Hashable, int] | None:
@@ -139,62 +139,67 @@ def best_plain_pi(plain: xr.Dataset) -> dict[Hashable, int] | None:
     return {d: int(k) for d, k in cost.argmin(dims).items()}
 
 
-def _against_plain_pi(ds: xr.Dataset, ratio: str) -> dict[str, str]:
+def _answer_against_plain_pi(ds: xr.Dataset, ratio: str) -> dict[str, str]:
     """What to do about the backlash: tune the PI, put an inverse behind it, or both."""
-    seen, pi = comparable(ds), plain_pi(ds)
-    best, plain = recommended(seen, ratio), seen.sel({ratio: 0.0}, drop=True)
-    at, inverse = best_plain_pi(plain), seen.sel({ratio: best}, drop=True)
-    tune = "" if at is None else f"tune the PI to {_in_words(plain, at)}"
+    comparable_loops, pi = keep_comparable(ds), plain_pi_label(ds)
+    best, plain = recommended_estimate(comparable_loops, ratio), comparable_loops.sel({ratio: 0.0}, drop=True)
+    at, inverse = best_plain_pi(plain), comparable_loops.sel({ratio: best}, drop=True)
+    tune = "" if at is None else f"tune the PI to {_describe_labels(plain, at)}"
     options = {}
     if at is not None:
         options["the tuning alone"] = tune, plain.isel(at, drop=True)
     if best:
-        options["the inverse alone"] = _assume(ds, ratio, best), inverse
+        options["the inverse alone"] = _inverse_text(ds, ratio, best), inverse
     if at is not None and best:
-        options["both"] = f"{tune}; then {_assume(ds, ratio, best)}", inverse.isel(at, drop=True)
-    errors = {name: change_of(one["rmse"], plain["rmse"]) for name, (_, one) in options.items()}
+        options["both"] = f"{tune}; then {_inverse_text(ds, ratio, best)}", inverse.isel(at, drop=True)
+    errors = {name: paired_change(loops["rmse"], plain["rmse"]) for name, (_, loops) in options.items()}
     medians = {name: float(error.median()) for name, error in errors.items()}
     lowest = min(medians.values(), default=0.0)
-    if not lowest < -_LEAST_GAIN:
+    if not lowest < -_MIN_GAIN:
         return {"Do this": f"leave the {pi} as it is: nothing that was tried lowers its RMS error by 1 %."}
-    chosen = next(name for name, median in medians.items() if median <= lowest + _ALIKE)
-    (words, taken), error = options[chosen], errors[chosen]
+    chosen = next(name for name, median in medians.items() if median <= lowest + _SIMILAR_CHANGE)
+    (words, chosen_loops), error = options[chosen], errors[chosen]
     lower = float((error < 0.0).where(error.notnull()).mean())
-    brings = f"the RMS error is {_percent(medians.pop(chosen))} than with the {pi} of the same loop (median), and "
-    brings += "; ".join(
-        [f"lower in {_share(lower)} of the loops", *(f"with {name} {_percent(m)}" for name, m in medians.items())]
+    brings = (
+        f"the RMS error is {_format_change(medians.pop(chosen))} than with the {pi} of the same loop (median), and "
     )
-    travel = float((taken["motor_travel"] / plain["motor_travel"]).median())
-    switches = [float(one["switch_frequency"].median()) for one in (taken, plain)]
+    brings += "; ".join(
+        [
+            f"lower in {_format_share(lower)} of the loops",
+            *(f"with {name} {_format_change(m)}" for name, m in medians.items()),
+        ]
+    )
+    travel = float((chosen_loops["motor_travel"] / plain["motor_travel"]).median())
+    switches = [float(loops["switch_frequency"].median()) for loops in (chosen_loops, plain)]
     costs = f"the motor travels {travel:.3g} times as far (median), and the direction of the command changes "
     costs += f"{switches[0]:.1f} times in 10 min instead of {switches[1]:.1f}"
-    costs += "; a larger buffer lowers that." if travel > _MUCH_TRAVEL else "."
-    fails = _fails(seen, ratio, best, error)
+    costs += "; a larger buffer lowers that." if travel > _LARGE_TRAVEL_RATIO else "."
+    fails = _describe_failures(comparable_loops, ratio, best, error)
     return {"Do this": f"{words}.", "It brings": f"{brings}.", "It costs": costs, "It fails": fails}
 
 
-def _fails(ds: xr.Dataset, ratio: str, best: float, error: xr.DataArray) -> str:
+def _describe_failures(ds: xr.Dataset, ratio: str, best: float, error: xr.DataArray) -> str:
     """In which loops the recommended remedy does not lower the error, and what an overestimate does."""
     worse = (error >= 0.0).where(error.notnull())
     parts = []
     if float(worse.max()) > 0.0:
-        where, share = _largest(worse, "mean")
-        most = f", most often at {where} ({_share(share)})" if where else ""
-        parts.append(f"the error is not lower in {_share(float(worse.mean()))} of the loops{most}")
+        where, share = _worst_label(worse, "mean")
+        most = f", most often at {where} ({_format_share(share)})" if where else ""
+        parts.append(f"the error is not lower in {_format_share(float(worse.mean()))} of the loops{most}")
     last = float(ds[ratio].max())
     if best and last > best:
-        over, at, plain = (ds.sel({ratio: x}, drop=True) for x in (last, best, 0.0))
-        travel = float((over["motor_travel"] / plain["motor_travel"]).median())
-        higher = float((over["rmse"] > at["rmse"]).where(plain["rmse"].notnull()).mean())
-        of = quantity_of(ds, ratio)
+        overestimated, at, plain = (ds.sel({ratio: x}, drop=True) for x in (last, best, 0.0))
+        travel = float((overestimated["motor_travel"] / plain["motor_travel"]).median())
+        higher = float((overestimated["rmse"] > at["rmse"]).where(plain["rmse"].notnull()).mean())
+        axis_quantity = coordinate_quantity(ds, ratio)
         parts.append(
-            f"with an estimate of {of.number(last)} instead of {of.number(best)} the inverse makes the motor travel "
-            f"{travel:.3g} times as far as the {plain_pi(ds)}, and its error is higher in {_share(higher)} of the loops"
+            f"with an estimate of {axis_quantity.number(last)} instead of {axis_quantity.number(best)} the inverse makes the motor travel "
+            f"{travel:.3g} times as far as the {plain_pi_label(ds)}, and its error is higher in {_format_share(higher)} of the loops"
         )
     return "; ".join(parts) + "." if parts else "in none of these loops does the error rise."
 
 
-def _largest(values: xr.DataArray, method: str) -> tuple[str, float]:
+def _worst_label(values: xr.DataArray, method: str) -> tuple[str, float]:
     """The label of the loops, in words, with the largest mean or median of some values; empty where none differs."""
     worst = "", -np.inf
     for dim in values.dims:
@@ -202,65 +207,65 @@ def _largest(values: xr.DataArray, method: str) -> tuple[str, float]:
             along = getattr(values, method)([d for d in values.dims if d != dim]).fillna(-np.inf)
             k = int(along.argmax(str(dim)))
             if float(along[k]) > worst[1]:
-                worst = _in_words(values, {dim: k}), float(along[k])
+                worst = _describe_labels(values, {dim: k}), float(along[k])
     return worst
 
 
-def _assume(ds: xr.Dataset, ratio: str, best: float) -> str:
+def _inverse_text(ds: xr.Dataset, ratio: str, best: float) -> str:
     of_what = " of the backlash" if ratio == "estimate_ratio" else ""
-    return f"put an inverse behind the PI with an estimate of {quantity_of(ds, ratio).number(best)}{of_what}"
+    return f"put an inverse behind the PI with an estimate of {coordinate_quantity(ds, ratio).number(best)}{of_what}"
 
 
-def _in_words(ds: xr.Dataset | xr.DataArray, at: Mapping[Hashable, int]) -> str:
+def _describe_labels(ds: xr.Dataset | xr.DataArray, at: Mapping[Hashable, int]) -> str:
     """Labels in words: those of named alternatives by the parameters that differ, where all of these are numbers."""
     words = []
     for dim, k in at.items():
         along = {str(n): c.values for n, c in ds.coords.items() if c.dims == (dim,) and n in PARAMETERS}
         along = {n: v for n, v in along.items() if np.unique(v).size > 1 and (n != "error_dead_band" or v[k] > 0.0)}
         if along and all(values.dtype.kind in "if" for values in along.values()):
-            words += [quantity_of(ds, n).equals(float(values[k])) for n, values in along.items()]
+            words += [coordinate_quantity(ds, n).equals(float(values[k])) for n, values in along.items()]
         else:
             words.append(label_in_words(ds, str(dim), k))
     return ", ".join(words)
 
 
-def _share(share: float, decimals: int = 0) -> str:
+def _format_share(share: float, decimals: int = 0) -> str:
     """A share in per cent; 0 and 100 % are none and all."""
     least = 0.0 if share in (0.0, 1.0) else 10.0**-decimals
     return f"{np.clip(100.0 * share, least, 100.0 - least):.{decimals}f} %"
 
 
-def _percent(change: float) -> str:
+def _format_change(change: float) -> str:
     return f"{100.0 * abs(change):.0f} % {'lower' if change < 0.0 else 'higher'}"
 
 
 # --- other studies ----------------------------------------------------------------------------------------------------
 
 
-def _of_one(ds: xr.Dataset) -> dict[str, str]:
+def _answer_single(ds: xr.Dataset) -> dict[str, str]:
     """The error of a single scenario, whether it hunts, and what the motor does for it."""
     names = ("rmse", "hunts", "hunting_swing", "motor_travel")
-    found = {name: float(ds[name].max()) for name in names if name in ds}
-    said = f"the RMS error is {found['rmse']:.3g} K"
-    if "hunts" in found:
-        swing = f"hunts, {found['hunting_swing']:.2g} K peak to peak" if found["hunts"] else "does not hunt"
-        said += f"; the loop {swing}"
-    costs = {"It costs": f"the motor travels {found['motor_travel']:.3g} strokes."} if "motor_travel" in found else {}
-    return {"Found": f"{said}."} | costs
+    values = {name: float(ds[name].max()) for name in names if name in ds}
+    sentence = f"the RMS error is {values['rmse']:.3g} K"
+    if "hunts" in values:
+        swing = f"hunts, {values['hunting_swing']:.2g} K peak to peak" if values["hunts"] else "does not hunt"
+        sentence += f"; the loop {swing}"
+    costs = {"It costs": f"the motor travels {values['motor_travel']:.3g} strokes."} if "motor_travel" in values else {}
+    return {"Found": f"{sentence}."} | costs
 
 
-def _of_choices(ds: xr.Dataset) -> dict[str, str]:
+def _answer_choices(ds: xr.Dataset) -> dict[str, str]:
     """The labels of lowest error along the dims that a controller can choose, and where the error is largest."""
     rmse, plant = ds["rmse"], _plant_dims(ds)
-    free = [d for d in rmse.dims if rmse.sizes[d] > 1 and d in ds.coords and d not in {*plant, *CHANCE_DIMS}]
-    if free:
-        of_choice = rmse.median([d for d in rmse.dims if d not in free])
-        found = of_choice.fillna(np.inf).argmin(free), of_choice.fillna(-np.inf).argmax(free)
-        best, worst = ({d: int(k) for d, k in place.items()} for place in found)
+    choice_dims = [d for d in rmse.dims if rmse.sizes[d] > 1 and d in ds.coords and d not in {*plant, *CHANCE_DIMS}]
+    if choice_dims:
+        of_choice = rmse.median([d for d in rmse.dims if d not in choice_dims])
+        best_and_worst = of_choice.fillna(np.inf).argmin(choice_dims), of_choice.fillna(-np.inf).argmax(choice_dims)
+        best, worst = ({d: int(k) for d, k in place.items()} for place in best_and_worst)
         answer = {
-            "Do this": f"take {_in_words(ds, best)}.",
+            "Do this": f"take {_describe_labels(ds, best)}.",
             "It brings": f"the RMS error is {float(of_choice.isel(best)):.3g} K (median), the lowest of these choices; "
-            f"the highest is {float(of_choice.isel(worst)):.3g} K, with {_in_words(ds, worst)}.",
+            f"the highest is {float(of_choice.isel(worst)):.3g} K, with {_describe_labels(ds, worst)}.",
         }
         if "motor_travel" in ds:
             travel = [float(ds["motor_travel"].isel(place).median()) for place in (best, worst)]
@@ -268,30 +273,30 @@ def _of_choices(ds: xr.Dataset) -> dict[str, str]:
         rmse = rmse.isel(best, drop=True)
     else:
         low, middle, high = (float(rmse.quantile(q)) for q in (0.05, 0.5, 0.95))
-        found_at = f"{middle:.3g} K in the median, {low:.3g} to {high:.3g} K in 5 to 95 % of the loops"
-        answer = {"Found": f"the RMS error is {found_at}."}
-    where, error = _largest(rmse, "median")
+        error_text = f"{middle:.3g} K in the median, {low:.3g} to {high:.3g} K in 5 to 95 % of the loops"
+        answer = {"Found": f"the RMS error is {error_text}."}
+    where, error = _worst_label(rmse, "median")
     return answer | ({"It fails": f"the error is largest at {where}: {error:.3g} K (median)."} if where else {})
 
 
-def _predicted(ds: xr.Dataset) -> list[str]:
+def _prediction_lines(ds: xr.Dataset) -> list[str]:
     """The hunting that theory predicted and that was simulated."""
     if "predicted_hunts" not in ds:
         return []
-    known = ds["predicted_hunts"].notnull() & (ds["status"] == STATUS_OK)
-    n = int(known.sum())
+    is_known = ds["predicted_hunts"].notnull() & (ds["status"] == STATUS_OK)
+    n = int(is_known.sum())
     if not n:
         return ["Hunting: theory says nothing about these loops."]
-    predicted, seen = (ds[name].where(known) > 0.0 for name in ("predicted_hunts", "hunts"))
-    agree = _share(float((predicted == seen).where(known).mean()), decimals=1)
+    predicted, seen = (ds[name].where(is_known) > 0.0 for name in ("predicted_hunts", "hunts"))
+    agree = _format_share(float((predicted == seen).where(is_known).mean()), decimals=1)
     counts = f"predicted for {int(predicted.sum()):,} of {n:,} loops, seen in {int(seen.sum()):,}"
     return [f"Hunting: {counts}; {agree} agree."]
 
 
 # --- costs ------------------------------------------------------------------------------------------------------------
 
-_MOST_LABELS = 6  # compared with the baseline, a line each
-_WHOLE = 0.99  # of the scenarios: a run of fewer resumed an earlier one
+_MAX_COST_LINES = 6  # compared with the baseline, a line each
+_WHOLE_RUN_SHARE = 0.99  # of the scenarios: a run of fewer resumed an earlier one
 
 
 class Billing(NamedTuple):
@@ -303,43 +308,51 @@ class Billing(NamedTuple):
 
 def cost_lines(ds: xr.Dataset, billing: Billing) -> list[str]:
     """The sentences on the costs of a result with at least one scenario that did not fail."""
-    costs, currency = costs_of(ds, billing.tariff), billing.tariff.currency
+    costs, currency = compute_costs(ds, billing.tariff), billing.tariff.currency
     days, years = int(costs["n_days"].sum()), costs.attrs["years"]
     scaled = "" if abs(years - 1.0) < 1e-6 else f"; scaled from {days:,} day{'s' * (days != 1)} to a year"
-    months = "months of the calendar" if "start" in ds.coords else f"no dates, so {MONTH} days are a month"
+    months = "months of the calendar" if "start" in ds.coords else f"no dates, so {MONTH_DAYS} days are a month"
     lines = [f"Cost by [tariff], of coil, demand, reheat and recooling, without fan and pumps ({months}{scaled})."]
-    baseline = dict(billing.baseline) or sound(ds)
+    baseline = dict(billing.baseline) or find_loops_without_backlash(ds)
     if not baseline:
-        paid = middle_of(costs["yearly_cost"])
+        paid = summarise_median(costs["yearly_cost"])
         lines.append(
-            f"A loop costs {_money(paid.median)} {currency} a year (median; 5 to 95 % of them: {_money(paid.q05)} to "
-            f"{_money(paid.q95)}).  Add loops with backlash = 0 to see what of it the backlash costs."
+            f"A loop costs {_format_money(paid.median)} {currency} a year (median; 5 to 95 % of them: {_format_money(paid.q05)} to "
+            f"{_format_money(paid.q95)}).  Add loops with backlash = 0 to see what of it the backlash costs."
         )
         return lines
     ((dim, label),) = baseline.items()
     sound_costs = costs.sel(baseline, drop=True)
     base = float(sound_costs["yearly_cost"].median())
-    lines.append(f"A loop with {_called(dim, label)} costs {_money(base)} {currency} a year (median).")
-    others = [each for each in costs[dim].values if each != label]
-    for k in np.unique(np.linspace(0, len(others) - 1, min(len(others), _MOST_LABELS)).round().astype(int)):
-        more = costs.sel({dim: others[k]}) - sound_costs
-        lines.append(_more_than(more, _called(dim, others[k]), currency))
+    lines.append(f"A loop with {_format_label(dim, label)} costs {_format_money(base)} {currency} a year (median).")
+    other_labels = [each for each in costs[dim].values if each != label]
+    for k in np.unique(
+        np.linspace(0, len(other_labels) - 1, min(len(other_labels), _MAX_COST_LINES)).round().astype(int)
+    ):
+        extra_costs = costs.sel({dim: other_labels[k]}) - sound_costs
+        lines.append(_extra_cost_line(extra_costs, _format_label(dim, other_labels[k]), currency))
     return lines
 
 
-def _more_than(more: xr.Dataset, name: str, currency: str) -> str:
+def _extra_cost_line(extra_costs: xr.Dataset, name: str, currency: str) -> str:
     """What a label costs more a year than the baseline, how far the loops differ, and where the money goes."""
-    of = middle_of(more["yearly_cost"])
-    sure = "" if np.isnan(of.low) else f"between {_signed(of.low)} and {_signed(of.high)}, 95 % sure; "
+    total = summarise_median(extra_costs["yearly_cost"])
+    interval_text = (
+        ""
+        if np.isnan(total.low)
+        else f"between {_format_signed_money(total.low)} and {_format_signed_money(total.high)}, 95 % sure; "
+    )
     parts = {"coil": "coil_cost", "demand": "demand_cost", "reheat": "reheat_cost", "recooling": "recool_cost"}
-    listed = ", ".join(f"{word} {_signed(float(more[f'yearly_{part}'].mean()))}" for word, part in parts.items())
+    listed = ", ".join(
+        f"{word} {_format_signed_money(float(extra_costs[f'yearly_{part}'].mean()))}" for word, part in parts.items()
+    )
     return (
-        f"With {name}: {_signed(of.median)} {currency} a year (median of the same loops; {sure}5 to 95 % of them: "
-        f"{_signed(of.q05)} to {_signed(of.q95)}; on average {listed})."
+        f"With {name}: {_format_signed_money(total.median)} {currency} a year (median of the same loops; {interval_text}5 to 95 % of them: "
+        f"{_format_signed_money(total.q05)} to {_format_signed_money(total.q95)}; on average {listed})."
     )
 
 
-def sound(ds: xr.Dataset) -> dict[str, Any]:
+def find_loops_without_backlash(ds: xr.Dataset) -> dict[str, Any]:
     """Dim and label of the loops without backlash, if each of the others has a partner there."""
     backlash = ds.coords.get("backlash")
     if backlash is None or backlash.ndim != 1:
@@ -351,16 +364,16 @@ def sound(ds: xr.Dataset) -> dict[str, Any]:
     return {str(dim): ds[dim].values[at[0]].item()}
 
 
-def _called(dim: str, label: object) -> str:
+def _format_label(dim: str, label: object) -> str:
     if dim == "backlash" and isinstance(label, float):
         return f"a gap of {100.0 * label:g} %" if label else "no gap"
     return f"{dim} {label}" if isinstance(label, str) else f"{dim} {label:g}"
 
 
-def _signed(value: float) -> str:
-    return f"{'-' if value < 0.0 else '+'}{_money(abs(value))}"
+def _format_signed_money(value: float) -> str:
+    return f"{'-' if value < 0.0 else '+'}{_format_money(abs(value))}"
 
 
-def _money(value: float) -> str:
+def _format_money(value: float) -> str:
     """Three digits, whole from a hundred on."""
     return f"{value:,.0f}" if abs(value) >= 100.0 else f"{value:.3g}" if abs(value) >= 0.005 else "0"

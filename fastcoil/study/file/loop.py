@@ -11,21 +11,28 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import collecting, refuse
-from fastcoil.base.errors import InputError, shown
+from fastcoil.base.arguments import collect_problems, raise_problems
+from fastcoil.base.errors import InputError, short_repr
 from fastcoil.base.files import read_text
-from fastcoil.loops.assignment import WORD, expanded, table_of
+from fastcoil.loops.assignment import CONVERGED_KEYWORD, all_parameters, expand_converged
 from fastcoil.loops.labels import unit_in_words
-from fastcoil.loops.loop import Loop, knowing
-from fastcoil.model.parameter_table import INSTALLED_VALVE, PARAMETERS
+from fastcoil.loops.loop import Loop, add_rules
+from fastcoil.model.parameter_table import INSTALLED_VALVE_PARAMETERS, PARAMETERS
 from fastcoil.model.user_rules import Rule
-from fastcoil.study.analysis.selected import listed
+from fastcoil.study.analysis.selected import list_first
 from fastcoil.study.file.sample import DESIGN_DIM, SAMPLE_DIM, sample_values
-from fastcoil.study.file.tables import StudyFile, are_numbers, first_of, known_parameters, parse_toml, sampled_names
+from fastcoil.study.file.tables import (
+    StudyFile,
+    is_number_list,
+    known_parameters,
+    parse_toml,
+    sampled_names,
+    summarise_problems,
+)
 
-_WHAT = "a file that `fastcoil fit` wrote, with a path from the study file's folder"
-_LARGEST = 2**20  # bytes
-_MOST_FILES = 100
+_INCLUDE_HINT = "a file that `fastcoil fit` wrote, with a path from the study file's folder"
+_MAX_INCLUDE_BYTES = 2**20  # bytes
+_MAX_INCLUDES = 100
 
 
 def read_includes(loop: Mapping[str, Any], folder: Path) -> dict[str, Any]:
@@ -34,38 +41,38 @@ def read_includes(loop: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     Paths start from ``folder``.  Only the ``[loop]`` of a file is read; its ``[fit]`` is documentation.
     """
     names = loop.get("include", [])
-    if not isinstance(names, list) or len(names) > _MOST_FILES or not all(isinstance(name, str) for name in names):
+    if not isinstance(names, list) or len(names) > _MAX_INCLUDES or not all(isinstance(name, str) for name in names):
         example = 'such as ["valve.toml", "coil.toml"]'
-        raise InputError(f"include = {shown(names)}: give a list of files, {_MOST_FILES} at most, {example}")
-    found: dict[str, Any] = {}
-    origin: dict[str, str] = {}
+        raise InputError(f"include = {short_repr(names)}: give a list of files, {_MAX_INCLUDES} at most, {example}")
+    included: dict[str, Any] = {}
+    file_by_name: dict[str, str] = {}
     problems: list[str] = []
     for name in names:
         parameters: dict[str, Any] = {}
-        with collecting(problems, "include: "):
+        with collect_problems(problems, "include: "):
             parameters = _read_parameters(folder / name, name)
-        twice = [n for n in parameters if n in origin]
-        problems += [f"include: {n} appears in {origin[n]} and in {name}: leave one out" for n in twice]
-        found |= parameters
-        origin.update((n, name) for n in parameters)
-    refuse(problems)
-    return found
+        repeated = [n for n in parameters if n in file_by_name]
+        problems += [f"include: {n} appears in {file_by_name[n]} and in {name}: leave one out" for n in repeated]
+        included |= parameters
+        file_by_name.update((n, name) for n in parameters)
+    raise_problems(problems)
+    return included
 
 
 def _read_parameters(path: Path, name: str) -> dict[str, Any]:
-    tables = parse_toml(read_text(path, _WHAT, _LARGEST), name)
+    tables = parse_toml(read_text(path, _INCLUDE_HINT, _MAX_INCLUDE_BYTES), name)
     loop = tables.get("loop")
     if not isinstance(loop, dict) or set(tables) - {"loop", "fit"}:
         raise InputError(f"{name} is not a file that `fastcoil fit` wrote: it needs a table [loop], and may have [fit]")
     problems: list[str] = []
     known = known_parameters(loop, problems)
     problems += [problem for problem in (PARAMETERS[n].problem(value) for n, value in known.items()) if problem]
-    refuse([f"{name}: {problem}" for problem in problems])
+    raise_problems([f"{name}: {problem}" for problem in problems])
     return loop
 
 
-LONGEST_AXIS = 1_000_000  # values; more take minutes to label, and a design that large is drawn with [sample]
-_MOST_DIMS = 32
+MAX_AXIS_VALUES = 1_000_000  # values; more take minutes to label, and a design that large is drawn with [sample]
+_MAX_DIMS = 32
 SPACINGS: dict[str, Callable[..., Any]] = {"linspace": np.linspace, "geomspace": np.geomspace}
 
 
@@ -77,46 +84,52 @@ def build_loop(
     rules: the study's own, by the names that stand for them in the tables.  folder: where the paths of ``[sample]``
     start.  batches: how many designs are drawn.
     """
-    if len(file.cases) > _MOST_DIMS:
-        raise InputError(f"[cases] has {len(file.cases):,} tables: give at most {_MOST_DIMS}, each is a dimension")
+    if len(file.cases) > _MAX_DIMS:
+        raise InputError(f"[cases] has {len(file.cases):,} tables: give at most {_MAX_DIMS}, each is a dimension")
     problems: list[str] = []
-    known = table_of(rules)
-    given = {name: value for name, value in file.loop.items() if name not in ("preset", "include")}
-    constants = given
-    with collecting(problems, "[loop] "):
-        constants = expanded(given)
-    standing = {n: "[loop]" if n in given else f"[loop] as part of {WORD}" for n in constants if n != WORD}
-    constants = known_parameters({n: constants[n] for n in standing}, problems, "[loop] ", known)
-    loop = knowing(Loop(), rules.values())
-    with collecting(problems, "[loop] "):
-        loop = knowing(Loop.preset(str(file.loop.get("preset", "paper_like"))), rules.values()).assign(**included)
-    valve = _valve_of_several_tables(file)
-    if valve:
+    known = all_parameters(rules)
+    entries = {name: value for name, value in file.loop.items() if name not in ("preset", "include")}
+    constants = entries
+    with collect_problems(problems, "[loop] "):
+        constants = expand_converged(entries)
+    place_by_name = {
+        n: "[loop]" if n in entries else f"[loop] as part of {CONVERGED_KEYWORD}"
+        for n in constants
+        if n != CONVERGED_KEYWORD
+    }
+    constants = known_parameters({n: constants[n] for n in place_by_name}, problems, "[loop] ", known)
+    loop = add_rules(Loop(), rules.values())
+    with collect_problems(problems, "[loop] "):
+        loop = add_rules(Loop.preset(str(file.loop.get("preset", "paper_like"))), rules.values()).assign(**included)
+    split_valve = _split_valve_parameters(file)
+    if split_valve:
         # any installed valve, so that each table can change its part of it
         loop = loop.assign(rangeability=50.0, authority=0.5, m_full=1.5)
-        missing = [n for n in INSTALLED_VALVE if n not in valve]
-        problems += [f"{', '.join(INSTALLED_VALVE)} go together: {n} is missing, give it too" for n in missing]
-    with collecting(problems, "[loop] "):
+        missing = [n for n in INSTALLED_VALVE_PARAMETERS if n not in split_valve]
+        problems += [
+            f"{', '.join(INSTALLED_VALVE_PARAMETERS)} go together: {n} is missing, give it too" for n in missing
+        ]
+    with collect_problems(problems, "[loop] "):
         loop = loop.assign(**constants)
     axes = {}
     for name, axis in known_parameters(file.sweep, problems, "[sweep] ", known).items():
-        with collecting(problems, "[sweep] "):
+        with collect_problems(problems, "[sweep] "):
             axes[name] = axis_values(name, axis)
-    with collecting(problems, "[sweep] "):
+    with collect_problems(problems, "[sweep] "):
         loop = loop.assign(**axes)
-    problems += _find_repeated(file, standing)
+    problems += _find_repeated_parameters(file, place_by_name)
     for dim, cases in file.cases.items():
-        with collecting(problems, f"[cases.{dim}] "):
-            loop = loop.assign(**_zip_cases(dim, cases, loop, valve - constants.keys()))
+        with collect_problems(problems, f"[cases.{dim}] "):
+            loop = loop.assign(**_zip_cases(dim, cases, loop, split_valve - constants.keys()))
     if file.sample is not None:
-        with collecting(problems, "[sample] "):
+        with collect_problems(problems, "[sample] "):
             # in one call, since some parameters are only admissible together
             loop = loop.assign(**sample_values(file.sample, known, folder, batches))
-    refuse(problems)
+    raise_problems(problems)
     return loop
 
 
-_USUAL: dict[str, tuple[float, float, str]] = {
+_USUAL_RANGES: dict[str, tuple[float, float, str]] = {
     "kp": (-1.0, 1.0, "%/K, divide it by 100"),
     "ti": (2.0, np.inf, "minutes, multiply it by 60"),
     "backlash": (0.0, 0.3, "%, divide it by 100"),
@@ -131,41 +144,43 @@ _USUAL: dict[str, tuple[float, float, str]] = {
 """Least and largest usual value, and in which unit a value outside was perhaps meant; 0 always means off."""
 
 
-def warn_of_magnitudes(loop: Loop) -> None:
+def warn_unusual_values(loop: Loop) -> None:
     """Warn of values that are admissible, and more likely in another unit."""
-    for name, (least, most, meant) in _USUAL.items():
+    for name, (least, most, meant_unit) in _USUAL_RANGES.items():
         values = np.array([] if loop[name] is None else np.ravel(loop[name]))
-        odd = values[(values != 0.0) & ((values < least) | (values > most))]
-        if odd.size:
-            value, unit = odd[np.argmax(abs(odd))], PARAMETERS[name].unit
-            given = f"{value:g}" if unit == "1" else f"{value:g} {unit_in_words(unit)}"
-            warnings.warn(f"{name} = {given} is unusual and taken as it is: if it is in {meant}", stacklevel=2)
+        unusual = values[(values != 0.0) & ((values < least) | (values > most))]
+        if unusual.size:
+            value, unit = unusual[np.argmax(abs(unusual))], PARAMETERS[name].unit
+            value_text = f"{value:g}" if unit == "1" else f"{value:g} {unit_in_words(unit)}"
+            warnings.warn(
+                f"{name} = {value_text} is unusual and taken as it is: if it is in {meant_unit}", stacklevel=2
+            )
 
 
-def _find_repeated(file: StudyFile, constants: Mapping[str, str]) -> list[str]:
+def _find_repeated_parameters(file: StudyFile, constants: Mapping[str, str]) -> list[str]:
     """A sentence for each parameter that two tables give; constants: those of [loop], and where they stand."""
     places = {"[sweep]": list(file.sweep)}
-    places |= {f"[cases.{dim}]": _case_names(cases) for dim, cases in file.cases.items()}
+    places |= {f"[cases.{dim}]": _case_parameters(cases) for dim, cases in file.cases.items()}
     places["[sample]"] = sampled_names(file.sample)
     problems: list[str] = []
-    taken: dict[str, str] = {}
+    place_by_name: dict[str, str] = {}
     for place, names in places.items():
         # a case may differ from the constant that holds for the others
-        before = taken if place.startswith("[cases") else {**taken, **constants}
+        before = place_by_name if place.startswith("[cases") else {**place_by_name, **constants}
         problems += [f"{n} appears in {before[n]} and in {place}: leave one out" for n in names if n in before]
-        taken |= dict.fromkeys(names, place)
+        place_by_name |= dict.fromkeys(names, place)
     return problems
 
 
-def _valve_of_several_tables(file: StudyFile) -> set[str]:
+def _split_valve_parameters(file: StudyFile) -> set[str]:
     """The parameters of an installed valve in the file, if they are spread over several tables, else none."""
-    tables = [file.loop, file.sweep, *map(_case_names, file.cases.values()), sampled_names(file.sample)]
-    parts = [{n for n in INSTALLED_VALVE if n in table} for table in tables]
-    named = set[str]().union(*parts)
-    return named if named not in parts else set()
+    tables = [file.loop, file.sweep, *map(_case_parameters, file.cases.values()), sampled_names(file.sample)]
+    parts = [{n for n in INSTALLED_VALVE_PARAMETERS if n in table} for table in tables]
+    all_names = set[str]().union(*parts)
+    return all_names if all_names not in parts else set()
 
 
-def _case_names(cases: Mapping[str, Mapping[str, Any]]) -> list[str]:
+def _case_parameters(cases: Mapping[str, Mapping[str, Any]]) -> list[str]:
     return list(dict.fromkeys(name for case in cases.values() for name in case))
 
 
@@ -177,15 +192,15 @@ def axis_values(name: str, axis: object) -> list[Any]:
     ((kind, spacing),) = spaced.items()
     if kind not in SPACINGS:
         kinds = "{ linspace = [first, last, count] } or { geomspace = [first, last, count] }"
-        raise InputError(f"{name} = {shown(axis)}: give a list of values, {kinds}")
-    if not are_numbers(spacing, 3) or type(spacing[2]) is not int or not 1 <= spacing[2] <= LONGEST_AXIS:
+        raise InputError(f"{name} = {short_repr(axis)}: give a list of values, {kinds}")
+    if not is_number_list(spacing, 3) or type(spacing[2]) is not int or not 1 <= spacing[2] <= MAX_AXIS_VALUES:
         raise InputError(
-            f"{name} = {{ {kind} = {shown(spacing)} }}: give [first, last, count], two finite numbers and a whole "
-            f"number from 1 to {LONGEST_AXIS:,}; draw more with [sample]"
+            f"{name} = {{ {kind} = {short_repr(spacing)} }}: give [first, last, count], two finite numbers and a whole "
+            f"number from 1 to {MAX_AXIS_VALUES:,}; draw more with [sample]"
         )
     first, last, count = spacing
     if kind == "geomspace" and min(first, last) <= 0.0:
-        raise InputError(f"{name} = {{ geomspace = {shown(spacing)} }}: first and last must be above 0")
+        raise InputError(f"{name} = {{ geomspace = {short_repr(spacing)} }}: first and last must be above 0")
     return list(SPACINGS[kind](float(first), float(last), count).tolist())
 
 
@@ -200,18 +215,20 @@ def _zip_cases(
         raise InputError(f"{dim} is {what}: give the dimension another name, such as tuning or controller")
     zipped: dict[str, xr.DataArray] = {}
     problems: list[str] = []
-    for name in known_parameters(dict.fromkeys(_case_names(cases)), problems, known=loop.parameters):
+    for name in known_parameters(dict.fromkeys(_case_parameters(cases)), problems, known=loop.parameters):
         default = None if name in unset else loop[name]
-        without = [label for label, case in cases.items() if name not in case]
-        if without and (default is None or isinstance(default, xr.DataArray)):
-            problems.append(f"{name} is missing in {listed(without)}: give it in every case")
+        labels_without = [label for label, case in cases.items() if name not in case]
+        if labels_without and (default is None or isinstance(default, xr.DataArray)):
+            problems.append(f"{name} is missing in {list_first(labels_without)}: give it in every case")
             continue
         values = [case.get(name, default) for case in cases.values()]
-        wrong = first_of([problem for value in values if (problem := loop.parameters[name].problem(value))])
-        problems += wrong
-        if not wrong:
+        value_problems = summarise_problems(
+            [problem for value in values if (problem := loop.parameters[name].problem(value))]
+        )
+        problems += value_problems
+        if not value_problems:
             zipped[name] = xr.DataArray(values, dims=dim, coords={dim: list(cases)})
     if not zipped and not problems:
         problems.append("its cases are empty: give each the parameters that make it differ")
-    refuse(problems)
+    raise_problems(problems)
     return zipped

@@ -18,27 +18,27 @@ from typing import Any, TypeVar
 
 import xarray as xr
 
-from fastcoil.base.arguments import choice_of, collecting, refuse
-from fastcoil.base.errors import InputError, nearest, shown
+from fastcoil.base.arguments import collect_problems, raise_problems, require_choice
+from fastcoil.base.errors import InputError, did_you_mean, short_repr
 from fastcoil.base.files import read_text
 from fastcoil.design.operating_points import require_one_gap
-from fastcoil.design.tuning_plan import Asked, plan_tuning
+from fastcoil.design.tuning_plan import TuningRequest, plan_tuning
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.days import constant_day, design_day, heating_day, paper_day
 from fastcoil.loops.boundary.weather import weather_day, weather_year
-from fastcoil.loops.loop import Loop, words_used
+from fastcoil.loops.loop import Loop, used_choices
 from fastcoil.loops.plan import Plan, check_memory, plan_simulation
 from fastcoil.loops.scenarios import Layout
 from fastcoil.model.metric_table import METRICS
 from fastcoil.model.numerics.jit import model_sha256
-from fastcoil.study.analysis.cost import TAKEN, tariff_of
-from fastcoil.study.analysis.precision import FEWEST, USUAL_MOST, Precision
-from fastcoil.study.analysis.selected import listed
+from fastcoil.study.analysis.cost import COST_NAMES, parse_tariff
+from fastcoil.study.analysis.precision import DEFAULT_MAX_BATCHES, MIN_BATCHES, Precision
+from fastcoil.study.analysis.selected import list_first
 from fastcoil.study.analysis.summary import Billing
-from fastcoil.study.file.loop import build_loop, read_includes, warn_of_magnitudes
-from fastcoil.study.file.own_code import Source, find_rules, find_source
-from fastcoil.study.file.sample import LARGEST_SAMPLE, SALTELLI, SAMPLE_DIM, design_size, digests_of
-from fastcoil.study.file.tables import PrecisionTable, RunTable, StudyFile, parse_tables, parse_toml, with_hints
+from fastcoil.study.file.loop import build_loop, read_includes, warn_unusual_values
+from fastcoil.study.file.sample import MAX_SAMPLE_SIZE, SALTELLI, SAMPLE_DIM, design_size, sample_file_hashes
+from fastcoil.study.file.tables import PrecisionTable, RunTable, StudyFile, pair_with_hints, parse_tables, parse_toml
+from fastcoil.study.file.user_code import UserFunction, find_function, find_rules
 
 BOUNDARY_KINDS: dict[str, Callable[..., Boundary]] = {
     "paper_day": paper_day,
@@ -54,23 +54,27 @@ BOUNDARY_KINDS: dict[str, Callable[..., Boundary]] = {
 def build_boundary(table: Mapping[str, Any], folder: Path) -> Boundary:
     """Build the boundary of a study; ``paper_day`` of 8 h with seed 1 where the table is absent."""
     arguments = dict(table)
-    kind = choice_of("kind", arguments.pop("kind", "paper_day"), BOUNDARY_KINDS)
+    kind = require_choice("kind", arguments.pop("kind", "paper_day"), BOUNDARY_KINDS)
     make = BOUNDARY_KINDS[kind]
-    refuse(wrong_arguments(kind, arguments, inspect.signature(make).parameters))
+    raise_problems(find_argument_problems(kind, arguments, inspect.signature(make).parameters))
     if "path" in arguments:
         arguments["path"] = folder / str(arguments["path"])
     return make(**arguments)
 
 
-def wrong_arguments(what: str, given: Mapping[str, Any], takes: Mapping[str, inspect.Parameter]) -> list[str]:
+def find_argument_problems(
+    what: str, arguments: Mapping[str, Any], parameters: Mapping[str, inspect.Parameter]
+) -> list[str]:
     """A sentence for each key of a table that its function does not take, and for each that it needs."""
-    unknown = with_hints((name for name in given if name not in takes), takes)
-    missing = [name for name, p in takes.items() if p.default is p.empty and name not in given]
-    problems = [f"{name} is not an argument of {what}{hint}; it takes {', '.join(takes)}" for name, hint in unknown]
+    unknown = pair_with_hints((name for name in arguments if name not in parameters), parameters)
+    missing = [name for name, p in parameters.items() if p.default is p.empty and name not in arguments]
+    problems = [
+        f"{name} is not an argument of {what}{hint}; it takes {', '.join(parameters)}" for name, hint in unknown
+    ]
     return problems + [f"{name} is missing: {what} needs it" for name in missing]
 
 
-def require_room(file: StudyFile, loop: Loop) -> None:
+def require_memory(file: StudyFile, loop: Loop) -> None:
     """Refuse more scenarios than the memory suffices for, before their days are made."""
     days = next((file.boundary[key] for key in ("seed", "days") if isinstance(file.boundary.get(key), list)), [0])
     replicates = min(max(1, file.run.replicates), 2**32)  # others are refused later
@@ -78,36 +82,36 @@ def require_room(file: StudyFile, loop: Loop) -> None:
     check_memory(3 * 8 * n_scenarios, n_scenarios)  # an index, and two copies of a metric: the others are on the disk
 
 
-def billing_of(table: Mapping[str, Any], layout: Layout | None) -> Billing:
+def parse_billing(table: Mapping[str, Any], layout: Layout | None) -> Billing:
     """The prices, and the label with which costs are compared.
 
     layout: of the study, None where it could not be planned; the label is then not checked.
     """
-    tariff, baseline = tariff_of(table), table.get("baseline", {})
+    tariff, baseline = parse_tariff(table), table.get("baseline", {})
     if not isinstance(baseline, dict) or len(baseline) > 1:
-        raise InputError(f"baseline = {shown(baseline)}: give one dimension and one of its labels")
+        raise InputError(f"baseline = {short_repr(baseline)}: give one dimension and one of its labels")
     if layout is not None:
-        taken = [dim for dim in layout.sizes if dim in TAKEN]
-        problems = [f"the costs also have a dimension or number {dim}: rename it" for dim in taken]
-        refuse([*problems, *_baseline_problems(baseline, layout)])
+        reserved_dims = [dim for dim in layout.sizes if dim in COST_NAMES]
+        problems = [f"the costs also have a dimension or number {dim}: rename it" for dim in reserved_dims]
+        raise_problems([*problems, *_find_baseline_problems(baseline, layout)])
     return Billing(tariff, baseline)
 
 
-def _baseline_problems(baseline: Mapping[str, Any], layout: Layout) -> Iterator[str]:
+def _find_baseline_problems(baseline: Mapping[str, Any], layout: Layout) -> Iterator[str]:
     dims = [name for name in layout.loop.sizes if name != SAMPLE_DIM]
     for dim, label in baseline.items():
         if dim not in dims:
             known = f"choose one of {', '.join(dims)}" if dims else "the study has no dimension of its own"
-            yield f"baseline: {shown(dim)} is not a dimension of the loops{nearest(dim, dims)}: {known}"
+            yield f"baseline: {short_repr(dim)} is not a dimension of the loops{did_you_mean(dim, dims)}: {known}"
         elif label not in (labels := layout.coordinates()[dim].values.tolist()):
-            yield f"baseline: {dim} has no label {shown(label)}: choose one of {listed(labels)}"
+            yield f"baseline: {dim} has no label {short_repr(label)}: choose one of {list_first(labels)}"
 
 
-def asked_of_precision(table: PrecisionTable, sample: Mapping[str, Any] | None) -> Precision:
+def parse_precision(table: PrecisionTable, sample: Mapping[str, Any] | None) -> Precision:
     """The precision that a study asks; of a wrong [sample], which is refused elsewhere, with a batch of one."""
     problems: list[str] = []
-    with collecting(problems):
-        choice_of("metric", table.metric, METRICS)
+    with collect_problems(problems):
+        require_choice("metric", table.metric, METRICS)
     if not table.half_width > 0.0:
         problems.append(f"half_width = {table.half_width:g}: must be above 0")
     if sample is None:
@@ -115,34 +119,36 @@ def asked_of_precision(table: PrecisionTable, sample: Mapping[str, Any] | None) 
     elif sample.get("method") == SALTELLI:
         problems.append("saltelli draws for Sobol' indices: take another method")
     size = design_size({**(sample or {}), "method": ""})
-    most = size * USUAL_MOST if table.most is None else table.most
-    if not size * FEWEST <= most <= LARGEST_SAMPLE:
-        few = f"{size * FEWEST:,}, {FEWEST} batches of [sample] size"
-        problems.append(f"most = {most:,}: must be at least {few}, and at most {LARGEST_SAMPLE:,}")
-    refuse(problems)
+    most = size * DEFAULT_MAX_BATCHES if table.most is None else table.most
+    if not size * MIN_BATCHES <= most <= MAX_SAMPLE_SIZE:
+        fewest_text = f"{size * MIN_BATCHES:,}, {MIN_BATCHES} batches of [sample] size"
+        problems.append(f"most = {most:,}: must be at least {fewest_text}, and at most {MAX_SAMPLE_SIZE:,}")
+    raise_problems(problems)
     return Precision(table.metric, table.half_width, table.relative, dict(table.baseline), size, most)
 
 
-def asked_of_tuning(table: Mapping[str, Any], run: RunTable, loop: Loop, boundary: Boundary, folder: Path) -> Asked:
+def parse_tuning(
+    table: Mapping[str, Any], run: RunTable, loop: Loop, boundary: Boundary, folder: Path
+) -> TuningRequest:
     """The tuning of the valves and days of a study; ``holdout`` is labels of days, or a table like ``[boundary]``."""
     if run.carry_over:
         raise InputError("every day is tried alone: leave [run] carry_over out, or tune in a study of its own")
     holdout = table.get("holdout")
     if isinstance(holdout, dict):
         problems: list[str] = []
-        with collecting(problems, "holdout: "):
+        with collect_problems(problems, "holdout: "):
             holdout = build_boundary(holdout, folder)
-        refuse(problems)
-    how = run.model_dump(include={"warm_up", "seed", "replicates"})
+        raise_problems(problems)
+    run_options = run.model_dump(include={"warm_up", "seed", "replicates"})
     keywords = inspect.signature(plan_tuning).parameters.items()
-    takes = {name: p for name, p in keywords if p.kind is p.KEYWORD_ONLY and name not in how}
-    refuse(wrong_arguments("tune", table, takes))
-    return plan_tuning(loop, boundary, **{**table, "holdout": holdout}, **how)
+    parameters = {name: p for name, p in keywords if p.kind is p.KEYWORD_ONLY and name not in run_options}
+    raise_problems(find_argument_problems("tune", table, parameters))
+    return plan_tuning(loop, boundary, **{**table, "holdout": holdout}, **run_options)
 
 
-LARGEST_FILE = 2**20  # bytes; no study written by hand is larger
-Made = TypeVar("Made")
-_NOT_DECISIVE = ("title", "question", "tune", "tariff")  # tables on which no scenario depends
+MAX_STUDY_FILE_BYTES = 2**20  # bytes; no study written by hand is larger
+Result = TypeVar("Result")
+_TABLES_WITHOUT_EFFECT = ("title", "question", "tune", "tariff")  # tables on which no scenario depends
 
 
 @dataclass(frozen=True)
@@ -162,12 +168,12 @@ class Study:
     question: str
     plan: Plan
     folder: Path
-    reduction: Source | None
-    included: Mapping[str, Any] = field(default_factory=dict)
+    reduction: UserFunction | None
+    included_parameters: Mapping[str, Any] = field(default_factory=dict)
     measured: Sequence[str] = ()
-    rules: Mapping[str, Source] = field(default_factory=dict)
+    rules: Mapping[str, UserFunction] = field(default_factory=dict)
     predict: bool = False
-    tuning: Asked | None = None
+    tuning: TuningRequest | None = None
     billing: Billing | None = None
     precision: Precision | None = None
     batches: int = 1
@@ -176,7 +182,7 @@ class Study:
     @property
     def model_sha256(self) -> str:
         """Hash of the sources of the model that it uses."""
-        return model_sha256(frozenset(words_used((self.whole or self.plan).layout.loop, "estimator")))
+        return model_sha256(frozenset(used_choices((self.whole or self.plan).layout.loop, "estimator")))
 
     @property
     def sha256(self) -> str:
@@ -184,41 +190,41 @@ class Study:
 
         Title, question, ``[tune]``, ``[tariff]``, comments and formatting do not.
         """
-        decisive = {name: table for name, table in self.tables.items() if name not in _NOT_DECISIVE}
+        decisive = {name: table for name, table in self.tables.items() if name not in _TABLES_WITHOUT_EFFECT}
         # TOML has dates and times, JSON does not: their text will do
         parts = [json.dumps(decisive, default=str), self.plan.layout.boundary.sha256]
         parts += [self.reduction.sha256] if self.reduction else []
-        parts += [json.dumps(self.included)] if self.included else []
+        parts += [json.dumps(self.included_parameters)] if self.included_parameters else []
         parts += self.measured
         parts += [self.rules[name].sha256 for name in sorted(self.rules)]
         parts += [f"{self.batches} batches"] if self.precision else []
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
-    def of_batches(self, batches: int) -> Study:
+    def with_batches(self, batches: int) -> Study:
         """The study with its first batches of samples, one with ``precision``."""
         if self.precision is None or self.whole is None or batches == self.batches:
             return self
         layout, n = self.whole.layout, batches * self.precision.size
-        drawn = {name: values for name, values in layout.loop.swept.items() if SAMPLE_DIM in values.dims}
-        loop = layout.loop.assign(**{name: values.isel({SAMPLE_DIM: slice(n)}) for name, values in drawn.items()})
+        sampled = {name: values for name, values in layout.loop.swept.items() if SAMPLE_DIM in values.dims}
+        loop = layout.loop.assign(**{name: values.isel({SAMPLE_DIM: slice(n)}) for name, values in sampled.items()})
         layout = Layout(loop, layout.boundary, layout.sizes.get("replicate", 1))
         return replace(self, plan=replace(self.whole, layout=layout), batches=batches)
 
-    def of_hash(self, sha256: str) -> Study | None:
+    def find_by_hash(self, sha256: str) -> Study | None:
         """The study with as many batches as the one with this hash has; None if it is another study."""
         counts = self.precision.counts if self.precision else [self.batches]
-        found = (n for n in counts if replace(self, batches=n).sha256 == sha256)
-        return next((self.of_batches(n) for n in found), None)
+        matching = (n for n in counts if replace(self, batches=n).sha256 == sha256)
+        return next((self.with_batches(n) for n in matching), None)
 
-    def larger(self, ds: xr.Dataset) -> Study | None:
+    def with_more_batches(self, ds: xr.Dataset) -> Study | None:
         """The study with more batches than had the result ``ds``; None if these suffice, or are all."""
         if self.precision is None or self.precision.is_enough(ds):
             return None
-        return self.of_batches(next(n for n in self.precision.counts if n > self.batches))
+        return self.with_batches(next(n for n in self.precision.counts if n > self.batches))
 
 
 def read_study(
-    path: Path, folder: Path | None = None, *, prepare: Callable[[str, Source], object] | None = None
+    path: Path, folder: Path | None = None, *, prepare: Callable[[str, UserFunction], object] | None = None
 ) -> Study:
     """Read and validate a study file; ``InputError`` with one sentence for each mistake in it.
 
@@ -226,66 +232,70 @@ def read_study(
     study's own code, called with the word that names it (``reduce``, ``estimator`` or ``law``) and its source, so that
     its mistakes are reported with the others; by default nothing does: reading a study runs none of its code.
     """
-    text = read_text(path, f"a study file, or make one with `fastcoil init {path}`", LARGEST_FILE).replace("\r\n", "\n")
+    text = read_text(path, f"a study file, or make one with `fastcoil init {path}`", MAX_STUDY_FILE_BYTES).replace(
+        "\r\n", "\n"
+    )
     tables = parse_toml(text, str(path))
     try:
-        return _study(text, tables, path.stem, path.parent if folder is None else folder, prepare)
+        return _build_study(text, tables, path.stem, path.parent if folder is None else folder, prepare)
     except InputError as error:
         raise InputError([f"{path}: {problem}" for problem in error.problems]) from None
 
 
-def _study(
-    text: str, tables: dict[str, Any], name: str, folder: Path, prepare: Callable[[str, Source], object] | None
+def _build_study(
+    text: str, tables: dict[str, Any], name: str, folder: Path, prepare: Callable[[str, UserFunction], object] | None
 ) -> Study:
     file, problems = parse_tables(tables)
     run = file.run
     precision: Precision | None = None
     try:
         if run.precision is not None:
-            with collecting(problems, "[run] precision: "):
-                precision = asked_of_precision(run.precision, file.sample)
+            with collect_problems(problems, "[run] precision: "):
+                precision = parse_precision(run.precision, file.sample)
         batches = precision.counts[-1] if precision else 1
         file, sources, rules = find_rules(file, folder)
         if prepare is not None:
             for rule in rules.values():
-                rule.adopt(prepare(rule.kind, sources[rule.name]))
+                rule.adopt_code(prepare(rule.kind, sources[rule.name]))
     except InputError as error:
         raise InputError(problems + error.problems) from None
 
-    def attempt(make: Callable[..., Made], *args: Any, prefix: str = "", **options: Any) -> Made | None:
-        with collecting(problems, prefix):
+    def attempt(make: Callable[..., Result], *args: Any, prefix: str = "", **options: Any) -> Result | None:
+        with collect_problems(problems, prefix):
             return make(*args, **options)
         return None
 
     included = attempt(read_includes, file.loop, folder, prefix="[loop] ") or {}
     loop = attempt(build_loop, file, included, rules, folder, batches)
     if loop is not None:
-        require_room(file, loop)
+        require_memory(file, loop)
     boundary = attempt(build_boundary, file.boundary, folder, prefix="[boundary] ")
     plan = tuning = billing = reduction = None
     if loop is not None and boundary is not None:
         options = run.model_dump(exclude={"reduce", "predict", "precision"})
         plan = attempt(plan_simulation, loop, boundary, **options, traces_on_disk=True)
         if file.tune is not None:
-            tuning = attempt(asked_of_tuning, file.tune, run, loop, boundary, folder, prefix="[tune] ")
+            tuning = attempt(parse_tuning, file.tune, run, loop, boundary, folder, prefix="[tune] ")
     if run.predict and boundary is not None:
         attempt(require_one_gap, boundary, prefix="[run] predict: ")
     if file.tariff is not None:
-        billing = attempt(billing_of, file.tariff, None if plan is None else plan.layout, prefix="[tariff] ")
+        billing = attempt(parse_billing, file.tariff, None if plan is None else plan.layout, prefix="[tariff] ")
     if run.reduce is not None:
-        reduction = attempt(find_source, "reduce", run.reduce, folder, prefix="[run] ")
+        reduction = attempt(find_function, "reduce", run.reduce, folder, prefix="[run] ")
         if prepare is not None and reduction is not None:
             attempt(prepare, "reduce", reduction, prefix="[run] ")
         if not run.traces:
             cure = 'list the traces it needs, such as traces = ["T_sup"]'
             problems.append(f"[run] reduce = {run.reduce!r} without traces: {cure}")
     if precision is not None and plan is not None:
-        problems += [f"[run] precision: {problem}" for problem in _baseline_problems(precision.baseline, plan.layout)]
+        problems += [
+            f"[run] precision: {problem}" for problem in _find_baseline_problems(precision.baseline, plan.layout)
+        ]
     if problems or plan is None:
         raise InputError(problems)
-    warn_of_magnitudes(plan.layout.loop)
+    warn_unusual_values(plan.layout.loop)
     study = Study(
         text, tables, file.title or name, file.question, plan, folder, reduction, included,
-        digests_of(file.sample, folder), sources, run.predict, tuning, billing, precision, batches, plan,
+        sample_file_hashes(file.sample, folder), sources, run.predict, tuning, billing, precision, batches, plan,
     )  # fmt: skip
-    return study.of_batches(FEWEST) if precision else study
+    return study.with_batches(MIN_BATCHES) if precision else study

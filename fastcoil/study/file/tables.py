@@ -10,16 +10,16 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from fastcoil.base.arguments import refuse
-from fastcoil.base.errors import InputError, nearest, shown
-from fastcoil.model.metric_table import TRACES, WARM_UP
-from fastcoil.model.parameter_table import LARGEST, PARAMETERS, Parameter
+from fastcoil.base.arguments import raise_problems
+from fastcoil.base.errors import InputError, did_you_mean, short_repr
+from fastcoil.model.metric_table import TRACES, WARM_UP_S
+from fastcoil.model.parameter_table import LARGEST_FLOAT, PARAMETERS, Parameter
 
-_DEEPEST = 20  # tables and lists inside each other: a study needs five
-LONGEST_KEY = 200  # characters; keys are labels of axes too
-_LARGEST_NUMBER = 8192  # bits; Python shows no number that is much longer
-_FLATTEN = f"give at most {_DEEPEST}"
-_ENDLESS_KEY = re.compile(rf"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){{{_DEEPEST},}}""")
+_MAX_NESTING = 20  # tables and lists inside each other: a study needs five
+MAX_KEY_CHARACTERS = 200  # characters; keys are labels of axes too
+_MAX_INTEGER_BITS = 8192  # bits; Python shows no number that is much longer
+_NESTING_CURE = f"give at most {_MAX_NESTING}"
+_DEEPLY_DOTTED_KEY = re.compile(rf"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){{{_MAX_NESTING},}}""")
 
 
 def parse_toml(text: str, name: str) -> dict[str, Any]:
@@ -28,38 +28,38 @@ def parse_toml(text: str, name: str) -> dict[str, Any]:
     ``InputError`` if it is not TOML; for tables in tables without end, keys and numbers too long to be shown, and the
     character NUL in a text, at which the files of results would end it.
     """
-    without_end = f"{name} has tables or lists inside each other without end: {_FLATTEN}"
-    if _ENDLESS_KEY.search(text):  # the parser takes memory by the square of the dots in a key
-        raise InputError(without_end)
+    nesting_problem = f"{name} has tables or lists inside each other without end: {_NESTING_CURE}"
+    if _DEEPLY_DOTTED_KEY.search(text):  # the parser takes memory by the square of the dots in a key
+        raise InputError(nesting_problem)
     try:
         tables = tomllib.loads(text.replace("\r\n", "\n"))
     except RecursionError:
-        raise InputError(without_end) from None
+        raise InputError(nesting_problem) from None
     except ValueError as error:  # also of a number with more digits than Python reads
         reason = str(error)
         short = reason if len(reason) <= 300 else reason[:200] + " … " + reason[-60:]
         raise InputError(f"{name} is not valid TOML: {short}") from None
-    problems = list(_unusable(tables))
-    refuse([f"{name}: {problem}" for problem in problems])
+    problems = list(_find_unusable_values(tables))
+    raise_problems([f"{name}: {problem}" for problem in problems])
     return tables
 
 
-def _unusable(value: Any, place: str = "", depth: int = 0) -> Iterator[str]:
+def _find_unusable_values(value: Any, place: str = "", depth: int = 0) -> Iterator[str]:
     """A sentence for each value that is nested too deeply, or cannot be shown or stored."""
-    if isinstance(value, dict | list) and depth >= _DEEPEST:
-        yield f"{place} has more than {_DEEPEST} tables or lists inside each other: {_FLATTEN}"
+    if isinstance(value, dict | list) and depth >= _MAX_NESTING:
+        yield f"{place} has more than {_MAX_NESTING} tables or lists inside each other: {_NESTING_CURE}"
     elif isinstance(value, list):
-        for one in value:
-            yield from _unusable(one, place, depth + 1)
+        for item in value:
+            yield from _find_unusable_values(item, place, depth + 1)
     elif isinstance(value, dict):
-        for key, one in value.items():
-            if len(key) > LONGEST_KEY or "\0" in key:
-                yield f"{place}{shown(key)}: give a key of at most {LONGEST_KEY} characters, without NUL"
+        for key, item in value.items():
+            if len(key) > MAX_KEY_CHARACTERS or "\0" in key:
+                yield f"{place}{short_repr(key)}: give a key of at most {MAX_KEY_CHARACTERS} characters, without NUL"
             else:
-                yield from _unusable(one, f"{place}.{key}" if place else key, depth + 1)
+                yield from _find_unusable_values(item, f"{place}.{key}" if place else key, depth + 1)
     elif isinstance(value, str) and "\0" in value:
-        yield f"{place} = {shown(value)} holds the character NUL: delete it"
-    elif isinstance(value, int) and value.bit_length() > _LARGEST_NUMBER:
+        yield f"{place} = {short_repr(value)} holds the character NUL: delete it"
+    elif isinstance(value, int) and value.bit_length() > _MAX_INTEGER_BITS:
         yield f"{place} is a number of too many digits: give a smaller one"
 
 
@@ -69,11 +69,11 @@ _MOST_HINTS = 20  # unknown names for which a similar one is suggested: it takes
 _MOST_TRACES = 2 * len(TRACES)
 
 
-class _Strict(BaseModel):
+class _StrictTable(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
-class PrecisionTable(_Strict):
+class PrecisionTable(_StrictTable):
     """How precisely the mean of a metric is asked."""
 
     metric: str = Field(..., examples=['"rmse"'])
@@ -83,10 +83,10 @@ class PrecisionTable(_Strict):
     most: int | None = None
 
 
-class RunTable(_Strict):
+class RunTable(_StrictTable):
     """How to run, not what."""
 
-    warm_up: int = WARM_UP
+    warm_up: int = WARM_UP_S
     seed: int = 0
     replicates: int = 1
     carry_over: bool = False
@@ -97,7 +97,7 @@ class RunTable(_Strict):
     precision: PrecisionTable | None = None
 
 
-class StudyFile(_Strict):
+class StudyFile(_StrictTable):
     """Which loops are simulated on which days."""
 
     title: str = ""
@@ -112,7 +112,7 @@ class StudyFile(_Strict):
     tariff: dict[str, Any] | None = None
 
 
-_MODELS: dict[str, type[BaseModel]] = {"": StudyFile, "run": RunTable, "run.precision": PrecisionTable}
+_TABLE_MODELS: dict[str, type[BaseModel]] = {"": StudyFile, "run": RunTable, "run.precision": PrecisionTable}
 """Those whose keys are known, by the name of the table; without a name: the file."""
 
 
@@ -121,28 +121,28 @@ def parse_tables(tables: dict[str, Any]) -> tuple[StudyFile, list[str]]:
     try:
         return StudyFile.model_validate(tables), []
     except ValidationError as error:
-        wrong = {str(detail["loc"][0]) for detail in error.errors()}
-        rest = {name: table for name, table in tables.items() if name not in wrong}
-        return StudyFile.model_validate({"loop": {}, **rest}), list(dict.fromkeys(_sentences(error)))
+        wrong_tables = {str(detail["loc"][0]) for detail in error.errors()}
+        rest = {name: table for name, table in tables.items() if name not in wrong_tables}
+        return StudyFile.model_validate({"loop": {}, **rest}), list(dict.fromkeys(_describe_errors(error)))
 
 
-def with_hints(names: Iterable[str], known: Collection[str]) -> Iterator[tuple[str, str]]:
+def pair_with_hints(names: Iterable[str], known: Collection[str]) -> Iterator[tuple[str, str]]:
     """Each unknown name and a clause with the one that was probably meant; an empty one after the first names."""
     for k, name in enumerate(names):
-        yield name, nearest(name, known) if k < _MOST_HINTS else ""
+        yield name, did_you_mean(name, known) if k < _MOST_HINTS else ""
 
 
-def first_of(sentences: list[str]) -> list[str]:
+def summarise_problems(sentences: list[str]) -> list[str]:
     """The sentence on the first of several wrong values, with how many more there are; nothing if there is none."""
-    more = f" (and {len(sentences) - 1:,} more of its values)" if len(sentences) > 1 else ""
-    return [sentence + more for sentence in sentences[:1]]
+    rest = f" (and {len(sentences) - 1:,} more of its values)" if len(sentences) > 1 else ""
+    return [sentence + rest for sentence in sentences[:1]]
 
 
 def known_parameters(
     table: Mapping[str, Value], problems: list[str], prefix: str = "", known: Mapping[str, Parameter] = PARAMETERS
 ) -> dict[str, Value]:
     """The entries of a table whose names are parameters; ``problems`` gets a sentence for each of the others."""
-    unknown = with_hints((name for name in table if name not in known), known)
+    unknown = pair_with_hints((name for name in table if name not in known), known)
     problems += [f"{prefix}{name} is not a parameter{hint} (see `fastcoil parameters`)" for name, hint in unknown]
     return {name: value for name, value in table.items() if name in known}
 
@@ -152,14 +152,14 @@ def sampled_names(table: Mapping[str, Any] | None) -> list[str]:
     return [name for name in table or {} if name not in ("method", "size", "seed", "correlation")]
 
 
-def are_numbers(values: object, count: int) -> bool:
+def is_number_list(values: object, count: int) -> bool:
     """Whether ``values`` is a list of ``count`` finite numbers; TOML allows integers of any size."""
     if not isinstance(values, list) or len(values) != count:
         return False
-    return all(type(v) in (int, float) and -LARGEST <= v <= LARGEST for v in values)
+    return all(type(v) in (int, float) and -LARGEST_FLOAT <= v <= LARGEST_FLOAT for v in values)
 
 
-_CURES = {
+_CURE_BY_ERROR_TYPE = {
     "int": "give a whole number",
     "float": "give a number",
     "string": "give a text in quotes",
@@ -172,27 +172,27 @@ _CURES = {
 """By how pydantic's name of a mistake begins."""
 
 
-def _sentences(error: ValidationError) -> Iterator[str]:
+def _describe_errors(error: ValidationError) -> Iterator[str]:
     details = error.errors()
     unknown = [detail["loc"] for detail in details if detail["type"] == "extra_forbidden"]
-    for table, model in _MODELS.items():
-        of_table = [str(key) for *parents, key in unknown if ".".join(map(str, parents)) == table]
-        for name, hint in with_hints(of_table, model.model_fields):
+    for table, model in _TABLE_MODELS.items():
+        unknown_keys = [str(key) for *parents, key in unknown if ".".join(map(str, parents)) == table]
+        for name, hint in pair_with_hints(unknown_keys, model.model_fields):
             prefix = f"[{table}] " if table else ""
             yield f"{prefix}{name} is unknown{hint}; known: {', '.join(model.model_fields)}"
     for detail in details:
         place = list(map(str, detail["loc"]))
-        depth = 2 if ".".join(place[:2]) in _MODELS else 1
+        depth = 2 if ".".join(place[:2]) in _TABLE_MODELS else 1
         table, keys = ".".join(place[:depth]), place[depth:]
         kind = detail["type"]
         where = f"[{table}] {'.'.join(keys)}" if keys else table
         if kind == "missing" and keys:
-            example = (_MODELS[table].model_fields[keys[-1]].examples or ["…"])[0]
+            example = (_TABLE_MODELS[table].model_fields[keys[-1]].examples or ["…"])[0]
             yield f"{where} is missing: give it, such as {keys[-1]} = {example}"
         elif kind == "missing":
             yield f"[{table}] is missing: a study needs this table, it may be empty"
         elif keys and keys[-1] in ("float", "str"):  # neither of the two types that the key may have
-            yield f"[{table}] {'.'.join(keys[:-1])} = {shown(detail['input'])}: give a number, or a text in quotes"
+            yield f"[{table}] {'.'.join(keys[:-1])} = {short_repr(detail['input'])}: give a number, or a text in quotes"
         elif kind != "extra_forbidden":
-            cure = next(cure for start, cure in _CURES.items() if kind.startswith(start))
-            yield f"{where} = {shown(detail['input'])}: {cure}"
+            cure = next(cure for start, cure in _CURE_BY_ERROR_TYPE.items() if kind.startswith(start))
+            yield f"{where} = {short_repr(detail['input'])}: {cure}"

@@ -26,39 +26,46 @@ from typing import TypeVar
 import xarray as xr
 from filelock import BaseFileLock, FileLock, Timeout
 
-from fastcoil.base.arguments import is_text
-from fastcoil.base.errors import InputError, IntegrityError, LockedError, StorageError, shown
-from fastcoil.base.figures import FIGURES
+from fastcoil.base.arguments import is_storable_text
+from fastcoil.base.errors import InputError, IntegrityError, LockedError, StorageError, short_repr
+from fastcoil.base.figures import FIGURES_FOLDER
 from fastcoil.base.files import (
-    commit,
-    entries,
+    convert_os_errors,
     exists,
     is_file,
     is_folder,
+    list_folder,
     make_folder,
     read_bytes,
-    remove_unfinished,
-    require_usable,
-    storage_errors,
+    remove_temporary_files,
+    require_usable_path,
+    write_atomically,
 )
-from fastcoil.base.machine import patiently
-from fastcoil.base.text import printable
-from fastcoil.study.file.spec import LARGEST_FILE, Study, read_study
-from fastcoil.study.folder.stored import MANIFEST, RESULTS, TRACE_FILES, Manifest, Shards, open_final
+from fastcoil.base.machine import retry_while_locked
+from fastcoil.base.text import escape_control_characters
+from fastcoil.study.file.spec import MAX_STUDY_FILE_BYTES, Study, read_study
+from fastcoil.study.folder.stored import (
+    MANIFEST_FILE,
+    RESULTS_FILE,
+    TRACE_FILE_PATTERN,
+    Manifest,
+    Shards,
+    open_final_results,
+)
 
-STUDY = "study.toml"
-_LOCK, _HOLDER = ".lock", ".holder"
-_LONGEST_HOLDER = 4096
-_PATIENCE, _PATIENCE_OF_SHARE, _PAUSE = 0.5, 10.0, 0.01
+STUDY_FILE = "study.toml"
+_LOCK_NAME, _HOLDER_NAME = ".lock", ".holder"
+_MAX_HOLDER_BYTES = 4096
+_LOCK_TIMEOUT_S, _SLICE_LOCK_TIMEOUT_S, _LOCK_POLL_S = 0.5, 10.0, 0.01
 """Seconds to try to get the lock, which a reader may hold for a moment; seconds between two trials."""
-_SETTLING = 1.0  # seconds that a run may need between two files that belong together
-_NO_FILE = (errno.ELOOP, errno.EISDIR)
-_CANNOT_LOCK = (errno.EOPNOTSUPP, errno.ENOLCK, errno.ENOSYS, *_NO_FILE)
+_SETTLING_TIME_S = 1.0  # seconds that a run may need between two files that belong together
+_NOT_A_FILE_ERRORS = (errno.ELOOP, errno.EISDIR)
+_NO_LOCK_ERRORS = (errno.EOPNOTSUPP, errno.ENOLCK, errno.ENOSYS, *_NOT_A_FILE_ERRORS)
 """Answers of a file system that has no locks, and where the lock is no file."""
-Read = TypeVar("Read")
+Content = TypeVar("Content")
 
 
-def require_no_archive(path: Path) -> None:
+def refuse_archive(path: Path) -> None:
     """Refuse the one file that ``fastcoil archive`` makes of a folder, where the folder is wanted."""
     if path.suffix == ".zip" and is_file(path):
         raise InputError(f"{path} is an archive: unpack it with `unzip {path}`, and give the folder that is in it")
@@ -72,11 +79,11 @@ class StudyFolder:
 
     @property
     def results(self) -> Path:
-        return self.path / RESULTS
+        return self.path / RESULTS_FILE
 
     @property
     def study(self) -> Path:
-        return self.path / STUDY
+        return self.path / STUDY_FILE
 
     @property
     def has_results(self) -> bool:
@@ -86,39 +93,39 @@ class StudyFolder:
         """The manifest of the run; ``InputError`` if the folder holds no study, ``IntegrityError`` if it is lost."""
         manifest = Manifest.read(self.path)
         if manifest is None and self.has_results:
-            raise self.without_manifest()
+            raise self.missing_manifest_error()
         if manifest is None:
-            require_no_archive(self.path)
+            refuse_archive(self.path)
             raise InputError(
                 f"{self.path} holds no study: run one first, with `fastcoil run STUDY.toml -o {self.path}`"
             )
         return manifest
 
-    def without_manifest(self) -> IntegrityError:
+    def missing_manifest_error(self) -> IntegrityError:
         """Error for results of which no manifest says what they are."""
         return IntegrityError(
-            f"{self.path / MANIFEST} is missing: the results are of fastcoil 0.1, which that version opens, or it "
+            f"{self.path / MANIFEST_FILE} is missing: the results are of fastcoil 0.1, which that version opens, or it "
             f"was lost, and running the same study again with -o {self.path} writes it"
         )
 
     def write_manifest(self, manifest: Manifest, text: str) -> None:
         """Record which study is run, before its first shard."""
         # in this order: if it is killed in between, the manifest is still that of the results, or there is none
-        commit(self.study, text.encode())
+        write_atomically(self.study, text.encode())
         manifest.write(self.path)
 
     def records(self, manifest: Manifest, text: str) -> bool:
         """Whether the folder says all this of the study that is run."""
-        found = Manifest.read(self.path)
-        return found is not None and found.text == manifest.text and self.read_text() == text
+        stored_manifest = Manifest.read(self.path)
+        return stored_manifest is not None and stored_manifest.text == manifest.text and self.read_text() == text
 
     def read_text(self) -> str | None:
         """The text of the study that is run, or ``None`` if it is missing or damaged."""
         if not exists(self.study):
             return None
         try:
-            with storage_errors(self.study, "read"):
-                return read_bytes(self.study, LARGEST_FILE).decode()
+            with convert_os_errors(self.study, "read"):
+                return read_bytes(self.study, MAX_STUDY_FILE_BYTES).decode()
         except ValueError:  # not UTF-8, or too large
             return None
 
@@ -127,7 +134,9 @@ class StudyFolder:
 
         ``IntegrityError`` if it, or a file it reads, is not what it was when the run was started.
         """
-        cure = f"`fastcoil run STUDY.toml -o {self.path}`, with the file the run was started from, restores {STUDY}"
+        cure = (
+            f"`fastcoil run STUDY.toml -o {self.path}`, with the file the run was started from, restores {STUDY_FILE}"
+        )
         if self.read_text() is None:
             raise IntegrityError(f"{self.study} is missing or damaged: {cure}")
         try:
@@ -138,25 +147,25 @@ class StudyFolder:
                 f"{self.path}: the study can no longer be read: restore the files that it reads; {cure}\n"
                 + "\n".join(error.problems)
             ) from None
-        found = study.of_hash(manifest.study_sha256)
-        if found is None:
+        matching = study.find_by_hash(manifest.study_sha256)
+        if matching is None:
             same_boundary = study.plan.layout.boundary.sha256 == manifest.boundary_sha256
             what = (
-                f"{STUDY}, a file that it includes, or its own code"
+                f"{STUDY_FILE}, a file that it includes, or its own code"
                 if same_boundary
                 else "the series of its [boundary]"
             )
             raise IntegrityError(
                 f"{self.path}: {what} changed since the run was started: restore it, or use another folder; {cure}"
             )
-        return found
+        return matching
 
     def open_results(self) -> xr.Dataset:
-        return open_final(self.path, Manifest.read(self.path))
+        return open_final_results(self.path, Manifest.read(self.path))
 
-    def settled(self, read: Callable[[], Read]) -> Read:
+    def settled(self, read: Callable[[], Content]) -> Content:
         """Read something that another run may be writing: again, as long as it is inconsistent and somebody writes."""
-        end = time.monotonic() + _SETTLING
+        end = time.monotonic() + _SETTLING_TIME_S
         while time.monotonic() < end:
             writing = find_holder(self.path)
             try:
@@ -164,23 +173,23 @@ class StudyFolder:
             except IntegrityError:
                 if not writing:
                     break
-                time.sleep(_SETTLING / 50)
+                time.sleep(_SETTLING_TIME_S / 50)
         return read()
 
     def trace_files(self) -> list[Path]:
-        return [path for path in entries(self.path) if path.match(TRACE_FILES)]
+        return [path for path in list_folder(self.path) if path.match(TRACE_FILE_PATTERN)]
 
     def remove_superseded(self, ds: xr.Dataset, manifest: Manifest) -> None:
         """Remove shards and traces that the results ``ds`` replace."""
-        with storage_errors(self.path, "cleaned up"):
+        with convert_os_errors(self.path, "cleaned up"):
             for path in self.trace_files():
                 if path.name != ds.attrs.get("trace_file"):
-                    patiently(path.unlink)
+                    retry_while_locked(path.unlink)
         Shards(self.path, manifest.key).discard()
 
 
 @contextmanager
-def hold(folder: Path, share: str = "") -> Iterator[None]:
+def hold(folder: Path, slice_name: str = "") -> Iterator[None]:
     """Hold the folder for one writer, make it if it is missing; one made here that stays empty is removed again.
 
     share: hold only this share of the study, such as ``2-of-8``, beside other shares.  Where the file system has no
@@ -190,81 +199,90 @@ def hold(folder: Path, share: str = "") -> Iterator[None]:
     another process holds it; the operating system frees it when that process ends, however it ends.  ``StorageError``
     if it cannot be written or its file system has no locks.
     """
-    require_usable(folder, "choose another folder with -o")
-    if "\\" in folder.as_posix() or not is_text(str(folder.absolute())):
+    require_usable_path(folder, "choose another folder with -o")
+    if "\\" in folder.as_posix() or not is_storable_text(str(folder.absolute())):
         raise InputError(
-            f"{shown(str(folder))} holds a backslash or bytes that are not UTF-8, with which the NetCDF library cannot "
+            f"{short_repr(str(folder))} holds a backslash or bytes that are not UTF-8, with which the NetCDF library cannot "
             "write: choose another folder with -o"
         )
-    with storage_errors(folder, "written"):  # a folder above it may be closed to us
+    with convert_os_errors(folder, "written"):  # a folder above it may be closed to us
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{folder} is a file: choose another folder with -o")
-        made = [p for p in (folder, *folder.parents) if not p.exists()]
-    lock, holder = _lock(folder, share), _named(folder, _HOLDER, share)
-    noted = False
+        made_folders = [p for p in (folder, *folder.parents) if not p.exists()]
+    lock, holder = _make_lock(folder, slice_name), _slice_path(folder, _HOLDER_NAME, slice_name)
+    is_noted = False
     try:
-        with storage_errors(folder, "written"):
+        with convert_os_errors(folder, "written"):
             make_folder(folder, parents=True)
-            _acquire(lock, folder, share, for_share=bool(share))
+            _acquire_lock(lock, folder, slice_name, for_slice=bool(slice_name))
             # a share and the whole look at each other's locks after they have their own: one of two sees the other
-            for other in [""] if share else _shares(folder):
-                seen = _lock(folder, other)
-                _acquire(seen, folder, other, for_share=bool(share))
-                if other:
+            for other_slice in [""] if slice_name else _find_started_slices(folder):
+                other_lock = _make_lock(folder, other_slice)
+                _acquire_lock(other_lock, folder, other_slice, for_slice=bool(slice_name))
+                if other_slice:
                     with suppress(OSError):  # of Windows, where it is open
-                        for name in (_HOLDER, _LOCK):
-                            _named(folder, name, other).unlink(missing_ok=True)
-                seen.release()
+                        for name in (_HOLDER_NAME, _LOCK_NAME):
+                            _slice_path(folder, name, other_slice).unlink(missing_ok=True)
+                other_lock.release()
         now = datetime.now(UTC).isoformat(timespec="seconds")
         text = f"process {os.getpid()} on {platform.node()} since {now}"
-        noted = True  # before it is: an interruption may come in between
-        commit(holder, text.encode(errors="replace"))
-        for place in () if share else filter(is_folder, (folder, folder / FIGURES)):
-            remove_unfinished(place)
+        is_noted = True  # before it is: an interruption may come in between
+        write_atomically(holder, text.encode(errors="replace"))
+        for place in () if slice_name else filter(is_folder, (folder, folder / FIGURES_FOLDER)):
+            remove_temporary_files(place)
         yield
     except LockedError:
-        made = []  # it is the other's too
+        made_folders = []  # it is the other's too
         raise
     finally:
         with suppress(OSError):  # what is left does no harm
-            if noted:
+            if is_noted:
                 holder.unlink(missing_ok=True)
-            locks = {_named(folder, _LOCK, share), folder / _LOCK}
-            if made and {*folder.iterdir()} <= locks:
+            locks = {_slice_path(folder, _LOCK_NAME, slice_name), folder / _LOCK_NAME}
+            if made_folders and {*folder.iterdir()} <= locks:
                 for path in locks:
                     path.unlink(missing_ok=True)
         lock.release()
         with suppress(OSError):  # one that is not empty stays
-            for path in made:
+            for path in made_folders:
                 path.rmdir()
 
 
-def _named(folder: Path, name: str, share: str) -> Path:
-    return folder / (f"{name}-{share}" if share else name)
+def _slice_path(folder: Path, name: str, slice_name: str) -> Path:
+    return folder / (f"{name}-{slice_name}" if slice_name else name)
 
 
-def _lock(folder: Path, share: str) -> BaseFileLock:
-    return FileLock(_named(folder, _LOCK, share), fallback_to_soft=False)  # a soft lock would outlive a kill
+def _make_lock(folder: Path, slice_name: str) -> BaseFileLock:
+    return FileLock(
+        _slice_path(folder, _LOCK_NAME, slice_name), fallback_to_soft=False
+    )  # a soft lock would outlive a kill
 
 
-def _shares(folder: Path) -> list[str]:
+def _find_started_slices(folder: Path) -> list[str]:
     """The shares that were begun since the folder was last held as a whole."""
-    return [path.name.removeprefix(f"{_LOCK}-") for path in entries(folder) if path.match(f"{_LOCK}-*-of-*")]
+    return [
+        path.name.removeprefix(f"{_LOCK_NAME}-") for path in list_folder(folder) if path.match(f"{_LOCK_NAME}-*-of-*")
+    ]
 
 
-def _acquire(lock: BaseFileLock, folder: Path, share: str, *, for_share: bool) -> None:
+def _acquire_lock(lock: BaseFileLock, folder: Path, slice_name: str, *, for_slice: bool) -> None:
     """Get the lock of the whole folder or of a share; for a share, one that the file system does not have is missed."""
     try:
         # shares that are started together all look at the lock of the whole
-        lock.acquire(timeout=_PATIENCE_OF_SHARE if for_share and not share else _PATIENCE, poll_interval=_PAUSE)
+        lock.acquire(
+            timeout=_SLICE_LOCK_TIMEOUT_S if for_slice and not slice_name else _LOCK_TIMEOUT_S,
+            poll_interval=_LOCK_POLL_S,
+        )
     except Timeout:
-        holder = _describe_holder(folder, share) or "another run"
-        of = f"share {share.replace('-', ' ')} of " if share else ""
-        raise LockedError(f"{of}{folder} is in use by {holder}: wait for it to end, or choose another folder") from None
+        holder = _describe_holder(folder, slice_name) or "another run"
+        prefix = f"share {slice_name.replace('-', ' ')} of " if slice_name else ""
+        raise LockedError(
+            f"{prefix}{folder} is in use by {holder}: wait for it to end, or choose another folder"
+        ) from None
     except (OSError, NotImplementedError) as error:
-        if isinstance(error, OSError) and error.errno not in _CANNOT_LOCK:
+        if isinstance(error, OSError) and error.errno not in _NO_LOCK_ERRORS:
             raise
-        if for_share and getattr(error, "errno", None) not in _NO_FILE:
+        if for_slice and getattr(error, "errno", None) not in _NOT_A_FILE_ERRORS:
             return
         reason = getattr(error, "strerror", None) or str(error)
         raise StorageError(
@@ -273,31 +291,36 @@ def _acquire(lock: BaseFileLock, folder: Path, share: str, *, for_share: bool) -
         ) from None
 
 
-def running_shares(folder: Path) -> dict[str, str]:
+def find_running_slices(folder: Path) -> dict[str, str]:
     """Share, such as ``2-of-8`` → who is running it, in words; empty if nobody is."""
-    return {share: find_holder(folder, share) or "" for share in (_shares(folder) if is_folder(folder) else ())}
+    return {
+        slice_name: find_holder(folder, slice_name) or ""
+        for slice_name in (_find_started_slices(folder) if is_folder(folder) else ())
+    }
 
 
-def find_holder(folder: Path, share: str = "") -> str | None:
+def find_holder(folder: Path, slice_name: str = "") -> str | None:
     """Who is writing to the folder, or running a share of its study, in words, or ``None``."""
-    lock = _lock(folder, share)
+    lock = _make_lock(folder, slice_name)
     try:
         if not Path(lock.lock_file).is_file():
             return None
         with lock.acquire(timeout=0):
             return None
     except Timeout:
-        return _describe_holder(folder, share)
+        return _describe_holder(folder, slice_name)
     except (OSError, NotImplementedError):  # nothing of ours can write here
         return None
 
 
-def _describe_holder(folder: Path, share: str) -> str | None:
+def _describe_holder(folder: Path, slice_name: str) -> str | None:
     """The note of the run that holds the folder; ``None`` without one, as of a lock that somebody looks at."""
     try:
-        text = read_bytes(_named(folder, _HOLDER, share), _LONGEST_HOLDER, follow=False).decode(errors="replace")
+        text = read_bytes(_slice_path(folder, _HOLDER_NAME, slice_name), _MAX_HOLDER_BYTES, follow=False).decode(
+            errors="replace"
+        )
     except FileNotFoundError:
         return None
     except (OSError, ValueError):
         return "another run"
-    return f"another run ({printable(text)})"
+    return f"another run ({escape_control_characters(text)})"

@@ -15,28 +15,28 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import path_of
-from fastcoil.base.arrays import on_disk
+from fastcoil.base.arguments import require_path
+from fastcoil.base.arrays import allocate_on_disk
 from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError
 from fastcoil.base.figures import stale_figures
 from fastcoil.base.files import exists, is_file, is_folder
-from fastcoil.base.machine import available_memory, command_line, gib
+from fastcoil.base.machine import available_memory, command_line, format_bytes
 from fastcoil.loops.loop import Loop
-from fastcoil.loops.netcdf import pieces_of, try_reading
+from fastcoil.loops.netcdf import cut_into_pieces, probe_file
 from fastcoil.loops.plan import Plan, simulation_attributes
 from fastcoil.loops.provenance import environments_of, provenance
-from fastcoil.loops.scenarios import check_result, check_same_form, columns_of, join_flat, unflatten
+from fastcoil.loops.scenarios import check_result, check_same_form, join_flat, parameter_columns, unflatten
 from fastcoil.model.engine.lanes import parameter_matrix
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, STATUS_NOT_RUN, TRACES
-from fastcoil.model.numerics.jit import same_model
-from fastcoil.model.user_rules import KINDS, refuse_other_code
+from fastcoil.model.numerics.jit import is_same_model
+from fastcoil.model.user_rules import RULE_KINDS, refuse_changed_code
 from fastcoil.study.file.spec import Study
-from fastcoil.study.folder.folder import StudyFolder, require_no_archive
-from fastcoil.study.folder.stored import MANIFEST, RESULTS, Manifest, Shards, find_problems
+from fastcoil.study.folder.folder import StudyFolder, refuse_archive
+from fastcoil.study.folder.stored import MANIFEST_FILE, RESULTS_FILE, Manifest, Shards, find_problems
 
 _CURE = "give the folder of a study, its results.nc, or a result saved with ds.to_netcdf()"
-_KEYS_AT_ONCE, _AT_ONCE = 10_000, 2**22  # scenarios; values read of earlier results
-_MUST_AGREE = {
+_SCENARIOS_AT_ONCE, _VALUES_AT_ONCE = 10_000, 2**22  # scenarios; values read of earlier results
+_DECISIVE_ATTRIBUTES = {
     "seed": "[run] seed",
     "warm_up_s": "[run] warm_up",
     "carry_over": "[run] carry_over",
@@ -73,26 +73,26 @@ def open_study(folder: str | Path) -> xr.Dataset:
     StorageError, IntegrityError
         If it cannot be read; if a file in it is damaged.
     """
-    store = StudyFolder(path_of("folder", folder, "give the folder of a study"))
-    return store.settled(lambda: _open(store))
+    store = StudyFolder(require_path("folder", folder, "give the folder of a study"))
+    return store.settled(lambda: _open_folder(store))
 
 
 def open_metrics(folder: Path, leave_out: Collection[str] = TRACES) -> xr.Dataset:
     """Open the results of a study without traces, which of an unfinished one would be loaded; raises as it does."""
     store = StudyFolder(folder)
-    ds = store.settled(lambda: _open(store, leave_out))
+    ds = store.settled(lambda: _open_folder(store, leave_out))
     return ds.drop_vars(leave_out, errors="ignore")
 
 
 def open_finished(folder: Path) -> xr.Dataset:
     """Open the results of a finished study; ``InputError`` if scenarios are missing, the rest as ``open_study``."""
     ds = open_study(folder)
-    missing = int((ds["status"].values == STATUS_NOT_RUN).sum())
-    if missing or "content_sha256" not in ds.attrs:
-        done = ds["status"].size - missing
+    n_missing = int((ds["status"].values == STATUS_NOT_RUN).sum())
+    if n_missing or "content_sha256" not in ds.attrs:
+        n_done = ds["status"].size - n_missing
         command = command_line(["fastcoil", "run", "STUDY.toml", "-o", str(folder)])
         raise InputError(
-            f"{folder} is unfinished: {done:,} of {ds['status'].size:,} scenarios are done; finish it with `{command}`"
+            f"{folder} is unfinished: {n_done:,} of {ds['status'].size:,} scenarios are done; finish it with `{command}`"
         )
     return ds
 
@@ -101,26 +101,26 @@ def open_results(path: Path) -> xr.Dataset:
     """Open whatever a user has of results: the folder of a study, its results.nc, or a NetCDF file of their own."""
     if is_folder(path):
         return open_study(path)
-    if path.name == RESULTS and exists(path.with_name(MANIFEST)):
+    if path.name == RESULTS_FILE and exists(path.with_name(MANIFEST_FILE)):
         return open_study(path.parent)
     if not is_file(path):
         raise InputError(f"{path} does not exist: {_CURE}")
-    require_no_archive(path)
+    refuse_archive(path)
     try:
-        ds = try_reading(path, _CURE).load()
+        ds = probe_file(path, _CURE).load()
         check_result(ds)
     except (IntegrityError, InputError):
         raise InputError(f"{path} holds no result of fastcoil, or it is damaged: {_CURE}") from None
     return ds
 
 
-def _open(store: StudyFolder, leave_out: Collection[str] = ()) -> xr.Dataset:
+def _open_folder(store: StudyFolder, leave_out: Collection[str] = ()) -> xr.Dataset:
     manifest = store.require_manifest()
     has_shards = Shards(store.path, manifest.key).any()
     if store.has_results:
         ds = store.open_results()
         # with no shard, all that is known of an unfinished study is there
-        if is_current(ds, manifest) or (is_of(ds, manifest) and not has_shards):
+        if is_complete_result_of(ds, manifest) or (is_result_of(ds, manifest) and not has_shards):
             return ds
     elif manifest.finished:
         raise IntegrityError(f"{store.results} is missing: run the study again")
@@ -129,28 +129,28 @@ def _open(store: StudyFolder, leave_out: Collection[str] = ()) -> xr.Dataset:
     study = store.read_study(manifest)
     if study.plan.trace_bytes > available_memory() and not leave_out:
         warnings.warn(
-            f"{store.path} is unfinished, and its traces, {gib(study.plan.trace_bytes)}, do not fit into memory: they "
+            f"{store.path} is unfinished, and its traces, {format_bytes(study.plan.trace_bytes)}, do not fit into memory: they "
             "are left out",
             stacklevel=4,
         )
         leave_out = TRACES
-    parts = Computed.find(store, study, manifest).parts(leave_out, quarantine=False)
-    ds = unflatten(join_flat(study.plan.n_scenarios, parts, allocate=on_disk), study.plan.layout)
+    parts = ComputedParts.find(store, study, manifest).parts(leave_out, quarantine=False)
+    ds = unflatten(join_flat(study.plan.n_scenarios, parts, allocate=allocate_on_disk), study.plan.layout)
     if not ds.data_vars:
         raise InputError(f"{store.path} has no finished scenario yet: wait, or run the study")
     ds.attrs = study_attributes(study, manifest) | {"computed_on": json.dumps(list(manifest.computed_on))}
     return ds
 
 
-def is_current(ds: xr.Dataset, manifest: Manifest) -> bool:
+def is_complete_result_of(ds: xr.Dataset, manifest: Manifest) -> bool:
     """Whether a result is that of the run, complete and of the same model."""
-    return is_of(ds, manifest) and not bool((ds["status"].values == STATUS_NOT_RUN).any())
+    return is_result_of(ds, manifest) and not bool((ds["status"].values == STATUS_NOT_RUN).any())
 
 
-def is_of(ds: xr.Dataset, manifest: Manifest) -> bool:
+def is_result_of(ds: xr.Dataset, manifest: Manifest) -> bool:
     """Whether a result is of the run, complete or not, and of the same model."""
-    found = (ds.attrs.get("study_sha256"), ds.attrs.get("model_sha256"))
-    return found == (manifest.study_sha256, manifest.model_sha256)
+    result_hashes = (ds.attrs.get("study_sha256"), ds.attrs.get("model_sha256"))
+    return result_hashes == (manifest.study_sha256, manifest.model_sha256)
 
 
 def study_attributes(study: Study, manifest: Manifest) -> dict[str, Any]:
@@ -173,8 +173,8 @@ def study_attributes(study: Study, manifest: Manifest) -> dict[str, Any]:
         attrs["rules"] = json.dumps({n: {"code": s.name, "sha256": s.sha256} for n, s in sorted(study.rules.items())})
     if study.precision:
         attrs["precision"] = study.precision.text
-    if manifest.own_code:
-        attrs["own_code"] = json.dumps(manifest.own_code)
+    if manifest.user_code:
+        attrs["user_code"] = json.dumps(manifest.user_code)
     return attrs
 
 
@@ -187,72 +187,78 @@ def match_scenarios(plan: Plan, attrs: dict[str, Any], earlier: xr.Dataset) -> t
     attrs: those that the results of the plan will have.  Returns flat indices, equally many, of the scenarios that were
     run: in the earlier result and in the study.
     """
-    differs = [words for name, words in _MUST_AGREE.items() if str(attrs.get(name)) != str(earlier.attrs.get(name))]
-    if not same_model(str(attrs.get("model_sha256")), str(earlier.attrs.get("model_sha256"))):
-        differs.append("the sources of the model")
-    if differs:
+    differences = [
+        words for name, words in _DECISIVE_ATTRIBUTES.items() if str(attrs.get(name)) != str(earlier.attrs.get(name))
+    ]
+    if not is_same_model(str(attrs.get("model_sha256")), str(earlier.attrs.get("model_sha256"))):
+        differences.append("the sources of the model")
+    if differences:
         raise InputError(
-            f"--extend: {' and '.join(differs)} changed, so that nothing can be kept: choose another folder with -o"
+            f"--extend: {' and '.join(differences)} changed, so that nothing can be kept: choose another folder with -o"
         )
-    now, before = _rules(attrs), _rules(earlier.attrs)
-    own_code = json.loads(attrs.get("own_code", "{}"))
+    study_rules, earlier_rules = _rule_hashes(attrs), _rule_hashes(earlier.attrs)
+    user_code = json.loads(attrs.get("user_code", "{}"))
     # of a rule with another source the scenarios are no longer in the study
-    refuse_other_code(
-        {name: own_code[name] for name in own_code if now.get(name) == before.get(name)},
-        json.loads(earlier.attrs.get("own_code", "{}")),
+    refuse_changed_code(
+        {name: user_code[name] for name in user_code if study_rules.get(name) == earlier_rules.get(name)},
+        json.loads(earlier.attrs.get("user_code", "{}")),
     )
     loop = plan.layout.loop
-    unknown = sorted(before.keys() - loop.rules.keys())
+    unknown = sorted(earlier_rules.keys() - loop.rules.keys())
     if unknown:
         raise InputError(
             f"--extend: the rule {unknown[0]} is no longer in the study: keep it, or choose another folder with -o"
         )
     sizes = {str(d): n for d, n in earlier["status"].sizes.items()}
-    smaller = Loop.from_dataset(earlier, [loop.rules[name] for name in before])
-    found = [*_keys(loop, plan.layout.sizes, json.loads(attrs["day_sha256"]), now)]
-    new = np.concatenate(found, out=on_disk((plan.n_scenarios,), 0, found[0].dtype))
-    del found
-    order = np.argsort(new, kind="stable")
-    new = np.take(new, order, out=on_disk(new.shape, 0, new.dtype), mode="clip")
+    smaller = Loop.from_dataset(earlier, [loop.rules[name] for name in earlier_rules])
+    key_blocks = [*_scenario_keys(loop, plan.layout.sizes, json.loads(attrs["day_sha256"]), study_rules)]
+    study_keys = np.concatenate(key_blocks, out=allocate_on_disk((plan.n_scenarios,), 0, key_blocks[0].dtype))
+    del key_blocks
+    order = np.argsort(study_keys, kind="stable")
+    study_keys = np.take(study_keys, order, out=allocate_on_disk(study_keys.shape, 0, study_keys.dtype), mode="clip")
     places = []
-    for keys in _keys(smaller, sizes, json.loads(earlier.attrs["day_sha256"]), before):
-        at = np.searchsorted(new, keys, side="right") - 1  # of equal scenarios the last one
-        places.append(np.where(new[at] == keys, order[at], -1))
+    for keys in _scenario_keys(smaller, sizes, json.loads(earlier.attrs["day_sha256"]), earlier_rules):
+        positions = np.searchsorted(study_keys, keys, side="right") - 1  # of equal scenarios the last one
+        places.append(np.where(study_keys[positions] == keys, order[positions], -1))
     place = np.concatenate(places)
-    dropped = int((place < 0).sum())
-    if dropped:
-        days = "add days at the end alone, for each goes on from those before it" if plan.carry_over else ""
-        hypercube = "a Latin hypercube of another size shares no point: use sobol or random"
+    n_dropped = int((place < 0).sum())
+    if n_dropped:
+        days_cure = "add days at the end alone, for each goes on from those before it" if plan.carry_over else ""
+        design_cure = "a Latin hypercube of another size shares no point: use sobol or random"
         raise InputError(
-            f"--extend: {dropped:,} of the {place.size:,} scenarios in the folder are no longer in the study: keep "
-            f"all values and add to them ({days or hypercube}), or choose another folder with -o"
+            f"--extend: {n_dropped:,} of the {place.size:,} scenarios in the folder are no longer in the study: keep "
+            f"all values and add to them ({days_cure or design_cure}), or choose another folder with -o"
         )
-    run = np.flatnonzero(earlier["status"].values.ravel() != STATUS_NOT_RUN)
-    return run, place[run]
+    done = np.flatnonzero(earlier["status"].values.ravel() != STATUS_NOT_RUN)
+    return done, place[done]
 
 
-def _rules(attrs: dict[Any, Any]) -> dict[str, str]:
+def _rule_hashes(attrs: dict[Any, Any]) -> dict[str, str]:
     """The rules of a study's own: name → hash of the code."""
     return {name: rule.get("sha256", "") for name, rule in json.loads(attrs.get("rules", "{}")).items()}
 
 
-def _keys(loop: Loop, sizes: dict[str, int], days: list[str], rules: dict[str, str]) -> Iterator[np.ndarray]:
+def _scenario_keys(loop: Loop, sizes: dict[str, int], days: list[str], rules: dict[str, str]) -> Iterator[np.ndarray]:
     """A hash of 16 bytes for each scenario, over everything its result depends on, some scenarios at a time."""
-    read = {name: rule.own for name, rule in loop.rules.items()}
+    parameters_read = {name: rule.own for name, rule in loop.rules.items()}
     n = int(np.prod(list(sizes.values()), dtype=np.int64))
-    for start in range(0, n, _KEYS_AT_ONCE):
+    for start in range(0, n, _SCENARIOS_AT_ONCE):
         keys = []
-        columns = columns_of(loop, sizes, np.arange(start, min(start + _KEYS_AT_ONCE, n)))
+        columns = parameter_columns(loop, sizes, np.arange(start, min(start + _SCENARIOS_AT_ONCE, n)))
         rows = np.ascontiguousarray(parameter_matrix(columns).T)
         for k, (row, day) in enumerate(zip(rows, columns["day"], strict=True)):
-            words = [str(columns[kind][k]) for kind in KINDS]
-            own = [f"{w} {rules[w]} {[(n, float(columns[n][k])) for n in read[w]]}" for w in words if w in rules]
-            keys.append(hashlib.blake2b(row.tobytes() + "".join([days[day], *own]).encode(), digest_size=16).digest())
+            words = [str(columns[kind][k]) for kind in RULE_KINDS]
+            user_rules = [
+                f"{w} {rules[w]} {[(n, float(columns[n][k])) for n in parameters_read[w]]}" for w in words if w in rules
+            ]
+            keys.append(
+                hashlib.blake2b(row.tobytes() + "".join([days[day], *user_rules]).encode(), digest_size=16).digest()
+            )
         yield np.array(keys, dtype="S16")
 
 
 @dataclass(frozen=True)
-class Computed:
+class ComputedParts:
     """What a folder has of a study.
 
     earlier: the results of a smaller version, ``None`` without.  old, new: see ``match_scenarios``.
@@ -265,14 +271,14 @@ class Computed:
     new: np.ndarray
 
     @classmethod
-    def find(cls, folder: StudyFolder, study: Study, manifest: Manifest) -> Computed:
+    def find(cls, folder: StudyFolder, study: Study, manifest: Manifest) -> ComputedParts:
         """Find it; results of another model do not count.
 
         ``InputError`` if the study is no extension of the results.  ``IntegrityError`` if they are damaged.
         """
         shards = Shards(folder.path, manifest.key)
         results = folder.open_results() if folder.has_results else None
-        if results is None or not same_model(str(results.attrs.get("model_sha256")), manifest.model_sha256):
+        if results is None or not is_same_model(str(results.attrs.get("model_sha256")), manifest.model_sha256):
             return cls(study, shards, None, *np.empty((2, 0), dtype=np.int64))
         match = match_scenarios(study.plan, study_attributes(study, manifest), results)
         # damaged traces must not be written again with a hash of their own
@@ -281,7 +287,7 @@ class Computed:
             raise IntegrityError("\n".join(problems))
         return cls(study, shards, results if match[1].size else None, *match)
 
-    def survey(self, own: np.ndarray | None = None) -> tuple[np.ndarray, list[dict[str, str]]]:
+    def survey(self, scenarios: np.ndarray | None = None) -> tuple[np.ndarray, list[dict[str, str]]]:
         """Flat indices of the missing scenarios, and where the others were computed; damaged shards are set aside.
 
         own: only these scenarios and the shards that begin with one of them, while others write the rest.
@@ -289,10 +295,10 @@ class Computed:
         done = np.zeros(self.study.plan.n_scenarios, dtype=bool)
         done[self.new] = True
         environments = [] if self.earlier is None else environments_of(self.earlier)
-        for part in self.shards.read(quarantine=own is None, leave_out={*METRICS, *TRACES}, own=own):
+        for part in self.shards.read(quarantine=scenarios is None, leave_out={*METRICS, *TRACES}, scenarios=scenarios):
             done[part["scenario"].values] = True
             environments += [each for each in environments_of(part) if each not in environments]
-        return np.flatnonzero(~done) if own is None else own[~done[own]], environments
+        return np.flatnonzero(~done) if scenarios is None else scenarios[~done[scenarios]], environments
 
     def parts(self, leave_out: Collection[str] = (), *, quarantine: bool = True) -> Iterator[xr.Dataset]:
         """All parts, without the variables ``leave_out``: the earlier results and the shards.
@@ -314,16 +320,16 @@ class Computed:
         kept = earlier[[n for n in earlier.data_vars if n not in leave_out and n not in PREDICTIONS]]
         for name in kept.data_vars.keys() - {*TRACES}:  # each once, and not for every piece
             kept[name].load()
-        of_scenario = max(1, sum(v.size for v in kept.data_vars.values()) // earlier["status"].size)
+        values_per_scenario = max(1, sum(v.size for v in kept.data_vars.values()) // earlier["status"].size)
         end = 0
-        for piece in pieces_of(shape, max(1, _AT_ONCE // of_scenario)):
+        for piece in cut_into_pieces(shape, max(1, _VALUES_AT_ONCE // values_per_scenario)):
             block = kept.isel(dict(zip(dims, piece, strict=True)))
             start, end = end, end + math.prod(block.sizes[d] for d in dims)
-            here = slice(*np.searchsorted(self.old, [start, end]))
-            part = xr.Dataset(coords={"scenario": self.new[here]})
+            in_block = slice(*np.searchsorted(self.old, [start, end]))
+            part = xr.Dataset(coords={"scenario": self.new[in_block]})
             for name, variable in block.data_vars.items():
                 values = variable.values.reshape(-1, *variable.shape[len(dims) :])
-                values = values[self.old[here] - start]
+                values = values[self.old[in_block] - start]
                 part[name] = (("scenario", *variable.dims[len(dims) :]), values, variable.attrs)
             part = part.assign_coords({n: c for n, c in earlier.coords.items() if n in part.dims and n != "scenario"})
             n_volumes = self.study.plan.n_volumes  # the earlier result may have had only smaller coils
@@ -336,7 +342,7 @@ class Computed:
 # --- checked ----------------------------------------------------------------------------------------------------------
 
 
-def problems_of_folder(store: StudyFolder) -> list[str]:
+def find_folder_problems(store: StudyFolder) -> list[str]:
     """Check every file in a folder: a sentence for each problem.  Nothing is changed.
 
     ``InputError`` if the folder holds no study.  ``StorageError`` if the results cannot be read.  ``IntegrityError`` if
@@ -348,11 +354,11 @@ def problems_of_folder(store: StudyFolder) -> list[str]:
         store.read_study(manifest)
     except IntegrityError as error:
         problems = str(error).splitlines()
-    problems += problems_of_results(store, manifest)
-    return [*problems, *_problems_of_shards(Shards(store.path, manifest.key))]
+    problems += find_result_problems(store, manifest)
+    return [*problems, *_find_shard_problems(Shards(store.path, manifest.key))]
 
 
-def problems_of_results(store: StudyFolder, manifest: Manifest) -> Iterator[str]:
+def find_result_problems(store: StudyFolder, manifest: Manifest) -> Iterator[str]:
     """What is wrong with the final files of a folder, whether or not its study can still be read."""
     if not store.has_results:
         if manifest.finished:
@@ -368,19 +374,19 @@ def problems_of_results(store: StudyFolder, manifest: Manifest) -> Iterator[str]
         return
     if not manifest.finished:
         return
-    again = f"run the study again, with -o {store.path}, which puts it right"
-    if not is_current(ds, manifest):
-        yield f"{store.results} is of another study, or incomplete: {again}"
+    cure = f"run the study again, with -o {store.path}, which puts it right"
+    if not is_complete_result_of(ds, manifest):
+        yield f"{store.results} is of another study, or incomplete: {cure}"
     elif (store.read_text() or "").replace("\r\n", "\n") != ds.attrs.get("study_toml"):
-        yield f"{store.study} is not the text of the study that was run: {again}"
+        yield f"{store.study} is not the text of the study that was run: {cure}"
     for path in store.trace_files():
         if path.name != ds.attrs.get("trace_file"):
-            yield f"{path} is not of this run: {again}"
+            yield f"{path} is not of this run: {cure}"
     for path in stale_figures(store.path, ds.attrs["content_sha256"]):
         yield f"{path} was drawn from other results: run `fastcoil plot {store.path}`, or delete it"
 
 
-def _problems_of_shards(shards: Shards) -> Iterator[str]:
+def _find_shard_problems(shards: Shards) -> Iterator[str]:
     first = None
     for path, part, problem in shards.inspect():
         if part is None:

@@ -24,38 +24,38 @@ import numpy as np
 import xarray as xr
 from pydantic import TypeAdapter, ValidationError
 
-from fastcoil.base.errors import InputError, IntegrityError, StorageError, out_of_memory, shown
+from fastcoil.base.errors import InputError, IntegrityError, StorageError, out_of_memory_error, short_repr
 from fastcoil.base.files import (
-    commit,
-    commit_written,
-    entries,
+    convert_os_errors,
     exists,
     is_folder,
-    is_unfinished,
+    is_temporary_file,
+    list_folder,
     make_folder,
     read_bytes,
-    remove_unfinished,
-    storage_errors,
+    remove_temporary_files,
+    replace_atomically,
+    write_atomically,
 )
-from fastcoil.base.machine import patiently
-from fastcoil.loops.netcdf import StoredFile, file_sha256, load, netcdf_bytes, open_lazily, try_reading, write
-from fastcoil.loops.provenance import FORMAT, combined_sha256, environments_of, variable_sha256
+from fastcoil.base.machine import retry_while_locked
+from fastcoil.loops.netcdf import StoredFile, file_sha256, load, netcdf_bytes, open_lazily, probe_file, write
+from fastcoil.loops.provenance import RESULT_FORMAT, combined_sha256, environments_of, variable_sha256
 from fastcoil.loops.scenarios import check_result
 from fastcoil.model.metric_table import TRACES
-from fastcoil.model.user_rules import RuleHashes, joined, own_code_of
+from fastcoil.model.user_rules import RuleHashes, merge_rule_hashes, user_code_hashes
 from fastcoil.study.file.spec import Study
 
-MANIFEST, RESULTS, TRACE_FILES = "run.json", "results.nc", "traces-*.nc"
-SHARDS, QUARANTINE = "shards", "quarantine"
-SHARD_NAME = re.compile(r"(\d{9,})-([0-9a-f]{32})\.nc")
-WORDS = ("title", "summary", "study_toml")
+MANIFEST_FILE, RESULTS_FILE, TRACE_FILE_PATTERN = "run.json", "results.nc", "traces-*.nc"
+SHARDS_FOLDER, QUARANTINE_FOLDER = "shards", "quarantine"
+SHARD_NAME_PATTERN = re.compile(r"(\d{9,})-([0-9a-f]{32})\.nc")
+DESCRIPTIVE_ATTRIBUTES = ("title", "summary", "study_toml")
 """Attributes of a study that no scenario depends on."""
 _FOLDER_FORMAT = 2
 """Of the folder; no other one is read."""
-_CHECKSUM = "sha256"
-_LARGEST = 2**20  # bytes of ``run.json``
-_MOST_METRICS = 2**28  # bytes; more, as of two million scenarios, stay on the disk as traces do
-_CURES = {True: "delete it and run the study again", False: f"delete {RESULTS} and run the study again"}
+_CHECKSUM_KEY = "sha256"
+_MAX_MANIFEST_BYTES = 2**20  # bytes of ``run.json``
+_MAX_LOADED_BYTES = 2**28  # bytes; more, as of two million scenarios, stay on the disk as traces do
+_CURES = {True: "delete it and run the study again", False: f"delete {RESULTS_FILE} and run the study again"}
 """What to do about a damaged final file, by whether it has the results."""
 
 
@@ -63,7 +63,7 @@ _CURES = {True: "delete it and run the study again", False: f"delete {RESULTS} a
 
 
 Environment = Mapping[str, str]
-"""What the bits of a result depend on besides the sources, see ``compiled_for``."""
+"""What the bits of a result depend on besides the sources, see ``numeric_environment``."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Manifest:
 
     relative_to: folder from which the study's relative paths start.  computed_on: every environment that computed a
     part of it.  outputs: for each final file the SHA-256 that its bytes may have, that of the newest first; while a
-    file is being replaced, there are two.  finished: whether the results are complete.  own_code: hashes of the
+    file is being replaced, there are two.  finished: whether the results are complete.  user_code: hashes of the
     study's own rules, as they were compiled.
     """
 
@@ -83,60 +83,60 @@ class Manifest:
     computed_on: Sequence[Environment] = field(default=(), compare=False)
     outputs: Mapping[str, Sequence[str]] = field(default_factory=dict, compare=False)
     finished: bool = field(default=False, compare=False)
-    own_code: RuleHashes = field(default_factory=dict, compare=False)
+    user_code: RuleHashes = field(default_factory=dict, compare=False)
 
     @classmethod
     def of(cls, study: Study) -> Manifest:
         """The manifest of a study, run with the model's sources of today."""
         boundary = study.plan.layout.boundary
-        own_code = own_code_of(study.plan.layout.loop.rules.values())
-        return cls(study.sha256, boundary.sha256, study.model_sha256, str(study.folder.absolute()), own_code=own_code)
+        user_code = user_code_hashes(study.plan.layout.loop.rules.values())
+        return cls(study.sha256, boundary.sha256, study.model_sha256, str(study.folder.absolute()), user_code=user_code)
 
     @property
     def key(self) -> str:
         """Names the shards that belong to this run."""
         return hashlib.sha256(f"1 {self.study_sha256} {self.model_sha256}".encode()).hexdigest()
 
-    def knowing(self, earlier: Manifest | None) -> Manifest:
+    def with_files_of(self, earlier: Manifest | None) -> Manifest:
         """The same run, with what ``earlier``, the run in the folder so far, knows of the files there."""
         if earlier is None:
             return self
-        same = (self.study_sha256, self.model_sha256) == (earlier.study_sha256, earlier.model_sha256)
-        own_code = joined(self.own_code, earlier.own_code) if same else self.own_code
-        return replace(self, outputs=earlier.outputs, own_code=own_code)
+        is_same_run = (self.study_sha256, self.model_sha256) == (earlier.study_sha256, earlier.model_sha256)
+        user_code = merge_rule_hashes(self.user_code, earlier.user_code) if is_same_run else self.user_code
+        return replace(self, outputs=earlier.outputs, user_code=user_code)
 
     @classmethod
     def read(cls, folder: Path) -> Manifest | None:
         """Read ``run.json``; ``None`` if there is none, ``IntegrityError`` if it is damaged or of another format."""
-        path = folder / MANIFEST
+        path = folder / MANIFEST_FILE
         if not exists(path):
             return None
         try:
-            with storage_errors(path, "read"):
-                data = read_bytes(path, _LARGEST)
-            found = json.loads(data)
-            format = found.pop("format", 0)
-            if format != _FOLDER_FORMAT and isinstance(format, int):
+            with convert_os_errors(path, "read"):
+                data = read_bytes(path, _MAX_MANIFEST_BYTES)
+            content = json.loads(data)
+            folder_format = content.pop("format", 0)
+            if folder_format != _FOLDER_FORMAT and isinstance(folder_format, int):
                 raise IntegrityError(
-                    f"{folder} was written by another version of fastcoil (format {format}, this one reads and writes "
+                    f"{folder} was written by another version of fastcoil (format {folder_format}, this one reads and writes "
                     f"{_FOLDER_FORMAT}): use that version, or choose another folder with -o"
                 )
-            if found.pop(_CHECKSUM, None) != checksum(found):
+            if content.pop(_CHECKSUM_KEY, None) != checksum(content):
                 raise ValueError("its checksum differs")
-            return TypeAdapter(cls).validate_json(json.dumps(found), strict=True)
+            return TypeAdapter(cls).validate_json(json.dumps(content), strict=True)
         except (ValueError, TypeError, AttributeError, RecursionError) as error:
-            why = "it has values of the wrong type" if isinstance(error, ValidationError) else error
+            reason = "it has values of the wrong type" if isinstance(error, ValidationError) else error
             raise IntegrityError(
-                f"{path} is damaged ({why}): delete it and run the study again, or choose another folder with -o"
+                f"{path} is damaged ({reason}): delete it and run the study again, or choose another folder with -o"
             ) from error
 
     @property
     def text(self) -> str:
         content = asdict(self)
-        return json.dumps({**content, "format": _FOLDER_FORMAT, _CHECKSUM: checksum(content)}, indent=1) + "\n"
+        return json.dumps({**content, "format": _FOLDER_FORMAT, _CHECKSUM_KEY: checksum(content)}, indent=1) + "\n"
 
     def write(self, folder: Path) -> None:
-        commit(folder / MANIFEST, self.text.encode())
+        write_atomically(folder / MANIFEST_FILE, self.text.encode())
 
 
 def checksum(content: Mapping[str, Any]) -> str:
@@ -156,24 +156,24 @@ class Shards:
 
     @property
     def path(self) -> Path:
-        return self.folder / SHARDS
+        return self.folder / SHARDS_FOLDER
 
     def commit(self, part: xr.Dataset) -> None:
         """Write the flat results of a shard."""
         try:
             data = netcdf_bytes(part.assign_attrs(study=self.key))
         except (OSError, RuntimeError) as error:  # no disk is involved
-            raise out_of_memory(f"{self.path}: a shard cannot be made ({error})") from error
-        with storage_errors(self.path, "made"):
+            raise out_of_memory_error(f"{self.path}: a shard cannot be made ({error})") from error
+        with convert_os_errors(self.path, "made"):
             make_folder(self.path)
         name = f"{part['scenario'].values[0]:09d}-{hashlib.sha256(data).hexdigest()[:32]}.nc"
-        commit(self.path / name, data)
+        write_atomically(self.path / name, data)
 
     def any(self) -> bool:
-        return bool(entries(self.path))
+        return bool(list_folder(self.path))
 
     def read(
-        self, *, quarantine: bool, leave_out: Collection[str] = (), own: np.ndarray | None = None
+        self, *, quarantine: bool, leave_out: Collection[str] = (), scenarios: np.ndarray | None = None
     ) -> Iterator[xr.Dataset]:
         """Read the sound shards, one by one, without the variables ``leave_out``, and warn of every other file.
 
@@ -181,116 +181,116 @@ class Shards:
         computed again.  own: only shards that begin with one of these scenarios.
         """
         if quarantine and is_folder(self.path):
-            remove_unfinished(self.path)
-        for path, part, problem in self.inspect(leave_out, own):
+            remove_temporary_files(self.path)
+        for path, part, problem in self.inspect(leave_out, scenarios):
             if part is not None:
                 yield part
                 continue
             if quarantine:
                 self._quarantine(path)
-            done = f"moved to {QUARANTINE}/, its scenarios are" if quarantine else "its scenarios would be"
-            warnings.warn(f"{path} {problem}: {done} computed again", stacklevel=2)
+            action = f"moved to {QUARANTINE_FOLDER}/, its scenarios are" if quarantine else "its scenarios would be"
+            warnings.warn(f"{path} {problem}: {action} computed again", stacklevel=2)
 
     def inspect(
-        self, leave_out: Collection[str] = (), own: np.ndarray | None = None
+        self, leave_out: Collection[str] = (), scenarios: np.ndarray | None = None
     ) -> Iterator[tuple[Path, xr.Dataset | None, str]]:
         """Every file among the shards: its content without the variables ``leave_out``, or what is wrong with it."""
-        for path in entries(self.path):
-            named = SHARD_NAME.fullmatch(path.name)
-            if is_unfinished(path) or (own is not None and not (named and int(named[1]) in own)):
+        for path in list_folder(self.path):
+            match = SHARD_NAME_PATTERN.fullmatch(path.name)
+            if is_temporary_file(path) or (scenarios is not None and not (match and int(match[1]) in scenarios)):
                 continue
             try:
-                found = self._inspect(path, leave_out)
+                part_and_problem = self._inspect_file(path, leave_out)
             except StorageError:
                 if exists(path):
                     raise
                 continue  # the run in progress here has finished meanwhile
-            yield path, *found
+            yield path, *part_and_problem
 
     def discard(self) -> None:
         """Remove the shards; a foreign file among them is moved to quarantine."""
         if not is_folder(self.path):
             return
-        remove_unfinished(self.path)
-        with storage_errors(self.path, "removed"):
+        remove_temporary_files(self.path)
+        with convert_os_errors(self.path, "removed"):
             for path in list(self.path.iterdir()):
-                patiently(path.unlink) if SHARD_NAME.fullmatch(path.name) else self._quarantine(path)
-            patiently(self.path.rmdir)
+                retry_while_locked(path.unlink) if SHARD_NAME_PATTERN.fullmatch(path.name) else self._quarantine(path)
+            retry_while_locked(self.path.rmdir)
 
-    def _inspect(self, path: Path, leave_out: Collection[str]) -> tuple[xr.Dataset | None, str]:
-        named = SHARD_NAME.fullmatch(path.name)
-        with storage_errors(path, "read"):
-            if not named or (path.exists() and not path.is_file()):
+    def _inspect_file(self, path: Path, leave_out: Collection[str]) -> tuple[xr.Dataset | None, str]:
+        match = SHARD_NAME_PATTERN.fullmatch(path.name)
+        with convert_os_errors(path, "read"):
+            if not match or (path.exists() and not path.is_file()):
                 return None, "is not a shard"
             data = path.read_bytes()
         # before anything else: the HDF5 library may crash on damaged bytes
-        if hashlib.sha256(data).hexdigest()[:32] != named[2]:
+        if hashlib.sha256(data).hexdigest()[:32] != match[2]:
             return None, "is damaged (its hash differs)"
         try:
             part = load(data, leave_out)
         except (OSError, RuntimeError) as error:  # these are the bytes that were written
-            raise out_of_memory(f"{path} is sound, and cannot be read ({error})") from error
+            raise out_of_memory_error(f"{path} is sound, and cannot be read ({error})") from error
         if part.attrs.get("study") != self.key:
             return None, "belongs to another study or another version of the model"
         return part, ""
 
     def _quarantine(self, path: Path) -> None:
-        place = self.folder / QUARANTINE
-        with storage_errors(path, f"moved to {place}"):
+        place = self.folder / QUARANTINE_FOLDER
+        with convert_os_errors(path, f"moved to {place}"):
             make_folder(place)
             names = chain([path.name], (f"{path.name}.{k}" for k in count(2)))
             free = next(place / name for name in names if not (place / name).exists())
-            patiently(lambda: os.replace(path, free))
+            retry_while_locked(lambda: os.replace(path, free))
 
 
 # --- final files ------------------------------------------------------------------------------------------------------
 
 
-def publish(path: Path, write: Callable[[Path], object], manifest: Manifest) -> Manifest:
+def publish_file(path: Path, write: Callable[[Path], object], manifest: Manifest) -> Manifest:
     """Write a final file, or replace it; ``write`` gets the name to use.  Returns the manifest with its hash."""
     recorded = manifest
 
     def record(unfinished: Path) -> None:
         nonlocal recorded
-        known = manifest.outputs.get(path.name, ())
-        kept = [found for found in known if path.exists() and found == file_sha256(path)]
-        new = file_sha256(unfinished)
-        hashes = [new, *(found for found in kept if found != new)]
+        recorded_hashes = manifest.outputs.get(path.name, ())
+        current_hashes = [digest for digest in recorded_hashes if path.exists() and digest == file_sha256(path)]
+        new_hash = file_sha256(unfinished)
+        hashes = [new_hash, *(digest for digest in current_hashes if digest != new_hash)]
         recorded = replace(manifest, outputs={**manifest.outputs, path.name: hashes}, finished=False)
         recorded.write(path.parent)
 
-    commit_written(path, write, record)
+    replace_atomically(path, write, record)
     return recorded
 
 
-def open_final(folder: Path, manifest: Manifest | None) -> xr.Dataset:
+def open_final_results(folder: Path, manifest: Manifest | None) -> xr.Dataset:
     """Open the results in a folder, checked against their hashes; traces stay on the disk until they are asked for.
 
     ``InputError`` if there are none, or a later version of fastcoil wrote them.  ``StorageError`` if a file cannot be
     read, ``IntegrityError`` if its content is not what was written.
     """
-    path = folder / RESULTS
+    path = folder / RESULTS_FILE
     if not exists(path):
         raise InputError(f"{path} does not exist: run the study first")
-    ds = _stored(path, manifest).load(_MOST_METRICS)
+    ds = _final_file(path, manifest).load(_MAX_LOADED_BYTES)
     try:
-        later = int(ds.attrs.get("fastcoil_format", 0)) > FORMAT
-        damaged = not later and ds.attrs.get("content_sha256") != combined_sha256(ds)
-        if not later and not damaged:
+        is_later = int(ds.attrs.get("fastcoil_format", 0)) > RESULT_FORMAT
+        is_damaged = not is_later and ds.attrs.get("content_sha256") != combined_sha256(ds)
+        if not is_later and not is_damaged:
             check_result(ds)
     except (ValueError, TypeError) as error:
         raise IntegrityError(
             f"{path} is not a result of a study (its status or metrics are missing, or no numbers); {_CURES[True]}"
         ) from error
-    if later:
+    if is_later:
         raise InputError(f"{path} was written by a later version of fastcoil: open it with that version")
-    if damaged:
+    if is_damaged:
         raise IntegrityError(f"{path} is damaged (content_sha256 differs); {_CURES[True]}")
     return add_traces(ds, folder, manifest)
 
 
 def add_traces(ds: xr.Dataset, folder: Path, manifest: Manifest | None) -> xr.Dataset:
-    """Add to the results their traces, which stay on the disk until they are asked for; raises as ``open_final``."""
+    """Add to the results their traces, which stay on the disk until they are asked for; raises as ``open_final_results``."""
     file = trace_file(ds, folder, manifest)
     if file is None:
         return ds
@@ -307,20 +307,24 @@ def trace_file(ds: xr.Dataset, folder: Path, manifest: Manifest | None) -> Store
     if "trace_file" not in ds.attrs:
         return None
     name = str(ds.attrs["trace_file"])
-    if not fnmatchcase(name, TRACE_FILES) or Path(name).name != name:
-        raise IntegrityError(f"{folder / RESULTS} names traces in {shown(name)}, which holds none; {_CURES[True]}")
-    return _stored(folder / name, manifest)
+    if not fnmatchcase(name, TRACE_FILE_PATTERN) or Path(name).name != name:
+        raise IntegrityError(
+            f"{folder / RESULTS_FILE} names traces in {short_repr(name)}, which holds none; {_CURES[True]}"
+        )
+    return _final_file(folder / name, manifest)
 
 
-def reworded(ds: xr.Dataset, attrs: Mapping[str, Any], folder: Path, manifest: Manifest) -> tuple[xr.Dataset, Manifest]:
+def with_updated_title(
+    ds: xr.Dataset, attrs: Mapping[str, Any], folder: Path, manifest: Manifest
+) -> tuple[xr.Dataset, Manifest]:
     """Write the complete results ``ds`` again with other words about the same study: title, question, text.
 
     attrs: the words.  Traces stay as they are.  Returns the results and their manifest.
     """
-    plain = ds.drop_vars([name for name in ds.data_vars if name in TRACES]).load().assign_attrs(attrs)
-    plain.attrs["content_sha256"] = combined_sha256(plain)
-    recorded = publish(folder / RESULTS, lambda unfinished: write(plain, unfinished, mode="w"), manifest)
-    result = add_traces(plain, folder, recorded)
+    metrics = ds.drop_vars([name for name in ds.data_vars if name in TRACES]).load().assign_attrs(attrs)
+    metrics.attrs["content_sha256"] = combined_sha256(metrics)
+    recorded = publish_file(folder / RESULTS_FILE, lambda unfinished: write(metrics, unfinished, mode="w"), manifest)
+    result = add_traces(metrics, folder, recorded)
     return result, finished_manifest(result, folder, recorded)
 
 
@@ -342,27 +346,27 @@ def find_variable_problems(ds: xr.Dataset, path: Path) -> list[str]:
 def find_problems(ds: xr.Dataset, folder: Path, manifest: Manifest) -> list[str]:
     """What is wrong with the results ``ds`` and their traces, a sentence each; hashes and reads all of them."""
     problems = []
-    for file in _files(ds, folder, manifest):
+    for file in _final_files(ds, folder, manifest):
         try:
             file.check(afresh=True)
         except IntegrityError as error:
             problems.append(str(error))
-    return problems or find_variable_problems(ds, folder / ds.attrs.get("trace_file", RESULTS))
+    return problems or find_variable_problems(ds, folder / ds.attrs.get("trace_file", RESULTS_FILE))
 
 
 def finished_manifest(ds: xr.Dataset, folder: Path, manifest: Manifest) -> Manifest:
     """The manifest of a study whose complete results are ``ds``, with the hashes of their files."""
-    outputs = {file.path.name: [file.check()] for file in _files(ds, folder, manifest)}
-    own_code = json.loads(ds.attrs.get("own_code", "{}"))
-    return replace(manifest, outputs=outputs, computed_on=environments_of(ds), finished=True, own_code=own_code)
+    outputs = {file.path.name: [file.check()] for file in _final_files(ds, folder, manifest)}
+    user_code = json.loads(ds.attrs.get("user_code", "{}"))
+    return replace(manifest, outputs=outputs, computed_on=environments_of(ds), finished=True, user_code=user_code)
 
 
-def _files(ds: xr.Dataset, folder: Path, manifest: Manifest) -> list[StoredFile]:
+def _final_files(ds: xr.Dataset, folder: Path, manifest: Manifest) -> list[StoredFile]:
     traces = trace_file(ds, folder, manifest)
-    return [_stored(folder / RESULTS, manifest), *([traces] if traces else [])]
+    return [_final_file(folder / RESULTS_FILE, manifest), *([traces] if traces else [])]
 
 
-def _stored(path: Path, manifest: Manifest | None) -> StoredFile:
+def _final_file(path: Path, manifest: Manifest | None) -> StoredFile:
     """A final file by its recorded hash; without one, as where ``run.json`` was lost, a child process tries it."""
-    accepted, cure = manifest.outputs.get(path.name) if manifest else None, _CURES[path.name == RESULTS]
-    return StoredFile(path, accepted, cure) if accepted else try_reading(path, cure)
+    accepted, cure = manifest.outputs.get(path.name) if manifest else None, _CURES[path.name == RESULTS_FILE]
+    return StoredFile(path, accepted, cure) if accepted else probe_file(path, cure)

@@ -16,23 +16,23 @@ from fastcoil.deliver.explore.loop import (
     AXES,
     CHOICES,
     DIALS,
-    EVERY,
     STORIES,
+    TRACE_INTERVAL_S,
     TRACES,
     Model,
-    explained,
-    query_of,
+    build_scene,
+    explain_scene,
+    initial_settings,
+    link_query,
+    menu_words,
     read_query,
-    scene_of,
-    settings_of,
-    settings_of_story,
-    starts,
-    words_of,
+    start_loops,
+    story_settings,
 )
 from fastcoil.deliver.explore.loop import run as explored
 from fastcoil.loops.plan import plan_simulation
 from fastcoil.loops.presets import PRESETS
-from fastcoil.study.maintenance import Scenario, one_scenario
+from fastcoil.study.maintenance import Scenario, pick_scenario
 
 full = partial(pytest.param, marks=pytest.mark.full)
 
@@ -42,9 +42,9 @@ def model():
     return Model()
 
 
-def usual(model):
+def default_settings(model):
     """What a page without a query shows."""
-    return settings_of(model.first, model.starts[model.first])
+    return initial_settings(model.first, model.starts[model.first])
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def tell(model):
     """Return a function that gives the settings of a story, and the traces and words that are shown of it."""
 
     def show(title):
-        settings = settings_of_story(title, model.starts)
+        settings = story_settings(title, model.starts)
         return settings, model.run(settings), model.explain(settings)
 
     return show
@@ -75,19 +75,19 @@ def tell(model):
 def test_a_story_shows_what_simulate_gives_to_the_bit_and_quotes_the_explanation(
     tell, working_day, title, by_hand, begins, has
 ):
-    _, run, words = tell(title)
+    _, run, texts = tell(title)
     ds = fc.simulate(fc.Loop(**by_hand), working_day, traces=TRACES, trace_interval=5, n_jobs=1)
     for name in TRACES:
         np.testing.assert_array_equal(run.traces[name], ds[name])
     for name in ("rmse", "hunts", "hunting_swing", "hunting_period", "motor_travel", "estimate_final"):
         np.testing.assert_array_equal(run.value(name), ds[name])
     np.testing.assert_array_equal(run.traces["T_set"], working_day.series["T_set"][0][::5])
-    found = fc.explain(fc.Loop(**by_hand), working_day)
-    assert (words.answer, words.why, words.advice) == (found.answer, found.why, found.advice)
-    np.testing.assert_equal(words.margin, found.margin)
-    assert words.answer.startswith(begins)
-    assert ("chatters, 117 reversals an hour: the estimate, 10 %, is larger" in words.answer) == ("too large" in title)
-    assert has in words.compared
+    explanation = fc.explain(fc.Loop(**by_hand), working_day)
+    assert (texts.answer, texts.why, texts.advice) == (explanation.answer, explanation.why, explanation.advice)
+    np.testing.assert_equal(texts.hunting_index, explanation.hunting_index)
+    assert texts.answer.startswith(begins)
+    assert ("chatters, 117 reversals an hour: the estimate, 10 %, is larger" in texts.answer) == ("too large" in title)
+    assert has in texts.compared
     assert run.error == f"RMS error {run.value('rmse'):.2g} K"
     assert bool(run.learning) == (title == "Learning")
 
@@ -98,20 +98,22 @@ def test_a_story_shows_what_simulate_gives_to_the_bit_and_quotes_the_explanation
 def test_whatever_the_loop_what_is_shown_is_the_explanation_beside_the_simulated_day():
     for seed in range(500):
         loop, day = any_loop(seed)
-        scene, found = Scenario("any", loop, day, 1800, 0), fc.explain(loop, day)
-        shown, words = explored(scene), explained(scene)
-        assert (words.answer, words.why, words.advice) == (found.answer, found.why, found.advice)
-        assert shown.value("hunts") <= words.answer.startswith("This loop will hunt")
-        np.testing.assert_equal(shown.value("rmse"), float(found.cures["rmse"][0]))
+        scene, explanation = Scenario("any", loop, day, 1800, 0), fc.explain(loop, day)
+        run, texts = explored(scene), explain_scene(scene)
+        assert (texts.answer, texts.why, texts.advice) == (explanation.answer, explanation.why, explanation.advice)
+        assert run.value("hunts") <= texts.answer.startswith("This loop will hunt")
+        np.testing.assert_equal(run.value("rmse"), float(explanation.cures["rmse"][0]))
 
 
 @pytest.mark.kernel
 def test_the_story_of_a_valve_test_shades_it_and_says_what_read_test_reads(model, tell):
-    settings, run, words = tell("A valve test")
+    settings, run, texts = tell("A valve test")
     start = run.scene.boundary.n_steps - 4500
     test = fc.ValveTest.gentle(start=start, settle=300)
     traces = ["command", "T_measured", "test"]
-    ds = fc.simulate(run.scene.loop, run.scene.boundary, test=test, traces=traces, trace_interval=EVERY, n_jobs=1)
+    ds = fc.simulate(
+        run.scene.loop, run.scene.boundary, test=test, traces=traces, trace_interval=TRACE_INTERVAL_S, n_jobs=1
+    )
     np.testing.assert_array_equal(run.traces["command"], ds.command.values)
     r = fc.read_test(ds, stroke_time=0)
     assert r.identified
@@ -119,129 +121,134 @@ def test_the_story_of_a_valve_test_shades_it_and_says_what_read_test_reads(model
     assert f"reads a gap of {100 * r.backlash:.3g} %" in run.reading
     figures = LoopFigures()
     (shade,) = figures.temperature.select(BoxAnnotation)
-    ends = {"left": start / 3600, "right": (start + 45 * 60 - EVERY) / 3600, "visible": True}
+    ends = {"left": start / 3600, "right": (start + 45 * 60 - TRACE_INTERVAL_S) / 3600, "visible": True}
     assert dict(figures.show(run, settings.window))[shade.id] == ends
     without = model.run(replace(settings, test="none"))
     assert without.reading == ""
     assert not dict(figures.show(without, settings.window))[shade.id]["visible"]
-    assert model.explain(replace(settings, test="none")) is words
+    assert model.explain(replace(settings, test="none")) is texts
     assert model.map(settings) is model.map(replace(settings, test="none"))
 
 
 @pytest.mark.kernel
 @pytest.mark.parametrize("axes", AXES)
 def test_a_cell_of_the_map_is_its_loop_to_the_bit(model, axes, working_day):
-    found = model.map(replace(usual(model), axes=axes))
+    metrics = model.map(replace(default_settings(model), axes=axes))
     (x, along_x), (y, along_y) = AXES[axes].items()
     for i, j in ((3, 2), (-1, -1)):
         loop = fc.Loop(**{x: along_x[i], y: along_y[j]})
         ds = fc.simulate(loop, working_day, n_jobs=1)
-        assert found["rmse"][j, i] == ds.rmse
-        assert found["hunting_swing"][j, i] == ds.hunting_swing
+        assert metrics["rmse"][j, i] == ds.rmse
+        assert metrics["hunting_swing"][j, i] == ds.hunting_swing
 
 
 @pytest.mark.kernel
 def test_a_study_of_ones_own_is_shown_on_its_own_day(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text('[loop]\npreset = "lbnl"\nkp = 0.4\nestimate_ratio = 0.5\n[boundary]\nhours = 1\nseed = 9\n')
-    given = one_scenario(path, {}, {})
-    model = Model(given)
-    assert usual(model).loop == "given"
-    run = model.run(usual(model))
+    scenario = pick_scenario(path, {}, {})
+    model = Model(scenario)
+    assert default_settings(model).loop == "given"
+    run = model.run(default_settings(model))
     ds = fc.simulate(fc.Loop.preset("lbnl").assign(kp=0.4, estimate_ratio=0.5), fc.paper_day(hours=1, seed=9), n_jobs=1)
     assert run.value("rmse") == ds.rmse
-    assert usual(model).kp == 0.4
+    assert default_settings(model).kp == 0.4
     path.write_text('[loop]\npreset = "lbnl"\n[boundary]\nhours = 30\n')
     with pytest.raises(fc.InputError, match="its day lasts 30 h: give at most 24 h"):
-        Model(one_scenario(path, {}, {}))
+        Model(pick_scenario(path, {}, {}))
 
 
 @pytest.mark.kernel
 @pytest.mark.parametrize("step", [3, pytest.param(1, marks=pytest.mark.full)])
 def test_the_experiments_of_the_page_show_what_it_says(model, tell, step):
     """Those of docs/first-steps.md, in their order: every one, or each third."""
-    plain, *_ = tell("7 % gap, plain PI")
+    plain_pi, *_ = tell("7 % gap, plain PI")
     inverse, run, _ = tell("With the inverse")
     learns, *_ = tell("Learning")
-    still = {"day": "constant"}
+    constant_day = {"day": "constant"}
     experiments = (
-        (plain, still, "about 0.97 K peak to peak every 3 min"),
-        (plain, still | {"backlash": 0.0}, "will not hunt.  Leave it: its error is below 0.01 K."),
+        (plain_pi, constant_day, "about 0.97 K peak to peak every 3 min"),
+        (plain_pi, constant_day | {"backlash": 0.0}, "will not hunt.  Leave it: its error is below 0.01 K."),
         (inverse, {"backlash_estimate": 0.075}, "chatters, 113 reversals an hour"),
-        (plain, still | {"ti": 12.0}, "margin 0.93"),
-        (plain, still | {"ti": 15.0}, "margin 0.67"),
+        (plain_pi, constant_day | {"ti": 12.0}, "hunting index 0.93"),
+        (plain_pi, constant_day | {"ti": 15.0}, "hunting index 0.67"),
         (learns, {}, "right since hour 1.2"),
-        (learns, still | {"estimator": "learner"}, "right since hour 3.0"),
-        (settings_of("lbnl", STARTS["lbnl"]), still | {"estimator": "learner"}, "chatters"),
+        (learns, constant_day | {"estimator": "learner"}, "right since hour 3.0"),
+        (initial_settings("lbnl", STARTS["lbnl"]), constant_day | {"estimator": "learner"}, "chatters"),
     )
-    for settings, changes, words in experiments[::step]:
+    for settings, changes, expected_words in experiments[::step]:
         changed = replace(settings, **changes)
-        seen = model.explain(changed)
-        assert words in f"{seen.answer}  {seen.advice} {model.run(changed).learning} {seen.why}", changes
-    errors = model.map(plain)["rmse"]
+        explanation = model.explain(changed)
+        assert (
+            expected_words
+            in f"{explanation.answer}  {explanation.advice} {model.run(changed).learning} {explanation.why}"
+        ), changes
+    errors = model.map(plain_pi)["rmse"]
     j, i = np.unravel_index(np.argmin(errors), errors.shape)
     assert (AXES["tuning"]["kp"][j], AXES["tuning"]["ti"][i]) == (0.1, 64.0)
     assert round(float(errors[j, i]), 2) == 0.16 == round(run.value("rmse"), 2)
 
 
-STARTS = starts()
+STARTS = start_loops()
 
 
-def read(query, first="paper_like", known=STARTS):
-    return read_query(dict(parse_qsl(query, keep_blank_values=True)), known, first)
+def read_link(query, first="paper_like", start_loops_by_name=STARTS):
+    return read_query(dict(parse_qsl(query, keep_blank_values=True)), start_loops_by_name, first)
 
 
 def test_a_link_gives_the_settings_back_whatever_is_shown_first():
-    asked = [settings_of_story(story, STARTS) for story in STORIES]
+    all_settings = [story_settings(story, STARTS) for story in STORIES]
     for name, start in STARTS.items():
-        usual = settings_of(name, start)
-        asked += [replace(usual, **{name: step}) for name, dial in DIALS.items() for step in dial.steps]
-        asked += [replace(usual, **{name: word}) for name in CHOICES for word in words_of(name, start)]
-    for settings in [*asked, replace(asked[0], kp=0.1 / 3.0)]:
+        usual = initial_settings(name, start)
+        all_settings += [replace(usual, **{name: step}) for name, dial in DIALS.items() for step in dial.steps]
+        all_settings += [replace(usual, **{name: word}) for name in CHOICES for word in menu_words(name, start)]
+    for settings in [*all_settings, replace(all_settings[0], kp=0.1 / 3.0)]:
         for first in ("paper_like", "lbnl"):
-            assert read(query_of(settings, STARTS), first) == (settings, [])
+            assert read_link(link_query(settings, STARTS), first) == (settings, [])
 
 
 def test_a_link_to_the_loop_of_a_study_needs_that_study(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text('[loop]\npreset = "lbnl"\nti = 30\n[boundary]\nhours = 1\n')
-    known = starts(one_scenario(path, {}, {}))
-    link = query_of(replace(settings_of("given", known["given"]), kp=0.05), known)
-    settings, problems = read(link, "paper_like", known)
+    loops = start_loops(pick_scenario(path, {}, {}))
+    link = link_query(replace(initial_settings("given", loops["given"]), kp=0.05), loops)
+    settings, problems = read_link(link, "paper_like", loops)
     assert (settings.loop, settings.kp, settings.ti, problems) == ("given", 0.05, 30.0, [])
-    settings, (problem,) = read(link)
-    assert settings == settings_of("paper_like", STARTS["paper_like"])
+    settings, (problem,) = read_link(link)
+    assert settings == initial_settings("paper_like", STARTS["paper_like"])
     assert problem.endswith("is not on this page: paper_like is shown")
 
 
 @pytest.mark.parametrize("mistake", ["backlash=300", "kp=nan", "ti=", "day=own", "backlas=0.1", "m_a=1e400"])
 def test_a_link_with_a_mistake_is_refused_in_words_and_the_rest_is_shown(mistake):
-    settings, problems = read(f"loop=lbnl&{mistake}&noise_std=0.02")
-    said = mistake.replace("=", " = ")
-    assert problems == [f"'{said}': no setting of this page, or beyond its bounds; the rest of the link is shown"]
-    assert settings == replace(settings_of("lbnl", STARTS["lbnl"]), noise_std=0.02)
+    settings, problems = read_link(f"loop=lbnl&{mistake}&noise_std=0.02")
+    expected_entry = mistake.replace("=", " = ")
+    assert problems == [
+        f"'{expected_entry}': no setting of this page, or beyond its bounds; the rest of the link is shown"
+    ]
+    assert settings == replace(initial_settings("lbnl", STARTS["lbnl"]), noise_std=0.02)
 
 
 def test_the_values_of_a_link_are_shown_with_the_loop_that_it_names():
-    settings, problems = read("loop=lbln&kp=0.05")
-    assert settings == settings_of("paper_like", STARTS["paper_like"])
+    settings, problems = read_link("loop=lbln&kp=0.05")
+    assert settings == initial_settings("paper_like", STARTS["paper_like"])
     assert problems == ["loop = 'lbln' is not on this page, did you mean 'lbnl'?: paper_like is shown"]
-    settings, problems = read("kp=0.05", "lbnl")
-    assert (settings, problems) == (replace(settings_of("lbnl", STARTS["lbnl"]), kp=0.05), [])
+    settings, problems = read_link("kp=0.05", "lbnl")
+    assert (settings, problems) == (replace(initial_settings("lbnl", STARTS["lbnl"]), kp=0.05), [])
 
 
 def test_all_that_can_be_set_can_be_simulated_with_the_load_as_the_air_of_its_day():
     """Every preset with every word, at both ends of all dials."""
     for name in PRESETS:
         start = STARTS[name]
-        words = itertools.product(*(words_of(c, start) for c in ("valve", "estimator", "day")))
+        words = itertools.product(*(menu_words(c, start) for c in ("valve", "estimator", "day")))
         ends = [{name: dial.steps[k] for name, dial in DIALS.items()} for k in (0, -1)]
         for k, ((valve, estimator, day), values) in enumerate(itertools.product(words, ends)):
             if k % 20 == 0:
-                settings = replace(settings_of(name, start), valve=valve, estimator=estimator, day=day, **values)
-                scene = scene_of(settings, start)
+                settings = replace(initial_settings(name, start), valve=valve, estimator=estimator, day=day, **values)
+                scene = build_scene(settings, start)
                 plan_simulation(scene.loop, scene.boundary)
                 assert scene.loop["backlash"] == values["backlash"]
-                made = scene.boundary.series
-                assert (made["m_a"] == values["m_a"]).all() == (day != "steps")
-                assert made["T_w_in"].mean() == pytest.approx(start.T_w_in, rel=0.01)
+                series = scene.boundary.series
+                assert (series["m_a"] == values["m_a"]).all() == (day != "steps")
+                assert series["T_w_in"].mean() == pytest.approx(start.T_w_in, rel=0.01)

@@ -12,14 +12,14 @@ pytest.importorskip("bokeh")
 from bokeh.document import Document
 
 from fastcoil.base.errors import InputError
-from fastcoil.deliver.explore.loop import Words, of_loop, starts
+from fastcoil.deliver.explore.loop import ExplanationText, loop_settings, start_loops
 from fastcoil.deliver.explore.page import Page
 
 REFUSED_GAP = 0.15
 MOVES = (("backlash", (0.05, 0.1, REFUSED_GAP)), ("test", ("none", "usual")), ("window", ("2h", "day")))
 
 
-class Later(Executor):
+class DeferredExecutor(Executor):
     """Does a piece of work when told to."""
 
     def __init__(self):
@@ -39,7 +39,7 @@ class Later(Executor):
                 future.set_exception(error)
 
 
-class Shown(Document):
+class FakeDocument(Document):
     """A document that keeps what it is to do next."""
 
     session_context = SimpleNamespace(request=SimpleNamespace(arguments={}))
@@ -48,15 +48,15 @@ class Shown(Document):
         self.__dict__.setdefault("soon", []).append(callback)
 
     def tick(self):
-        found = self.soon.pop(0)()
-        if asyncio.iscoroutine(found):
-            self.__dict__.setdefault("tasks", []).append(asyncio.ensure_future(found))
+        outcome = self.soon.pop(0)()
+        if asyncio.iscoroutine(outcome):
+            self.__dict__.setdefault("tasks", []).append(asyncio.ensure_future(outcome))
 
 
-class Loops:
+class FakeModel:
     """A model that says of a loop which one it is."""
 
-    starts, first = starts(), "paper_like"
+    starts, first = start_loops(), "paper_like"
 
     def run(self, settings):
         if settings.backlash == REFUSED_GAP:
@@ -64,84 +64,84 @@ class Loops:
         return SimpleNamespace(of=settings, error="", learning="", reading="")
 
     def explain(self, settings):
-        return Words(str(of_loop(settings)), "", "", "", settings.backlash)
+        return ExplanationText(str(loop_settings(settings)), "", "", "", settings.backlash)
 
     def map(self, settings):
         return settings
 
 
-class Drawn:
+class FakeFigures:
     """In place of the figures, and of the map: changes that name the loop they are of."""
 
     all, fig = (), None
 
-    def show(self, found, _):
-        is_run = hasattr(found, "of")
-        return [("traces", {"of": found.of})] if is_run else ([("map", {"of": found})], True)
+    def show(self, content, _):
+        is_run = hasattr(content, "of")
+        return [("traces", {"of": content.of})] if is_run else ([("map", {"of": content})], True)
 
-    def show_margin(self, *margin):
-        return [("margin", {"of": margin})]
+    def show_hunting_index(self, *hunting_index):
+        return [("hunting_index", {"of": hunting_index})]
 
 
-def opened():
+def open_page():
     """A page, its document, and who simulates and explains for it."""
-    first, then, doc = Later(), Later(), Shown()
-    page = Page(doc, Loops(), first, then, "Starting")
-    page._figures = page._map = Drawn()
+    first, then, doc = DeferredExecutor(), DeferredExecutor(), FakeDocument()
+    page = Page(doc, FakeModel(), first, then, "Starting")
+    page._figures = page._map = FakeFigures()
     return page, doc, first, then
 
 
-async def moved(seed):
+async def play_random_moves(seed):
     """Move, work and show at random; each message with all that the browser then shows."""
-    rng, seen = np.random.default_rng(seed), []
-    page, doc, first, then = opened()
-    shown = {"traces": None, "margin": ()}
+    rng, messages = np.random.default_rng(seed), []
+    page, doc, first, then = open_page()
+    visible = {"traces": None, "hunting_index": ()}
 
     def receive(_attribute, _old, new):
-        changes, said = new
-        shown.update({name: values["of"] for name, values in changes})
-        seen.append(shown | said | {"asked": page._settings})
+        changes, texts = new
+        visible.update({name: values["of"] for name, values in changes})
+        messages.append(visible | texts | {"asked": page._settings})
 
-    page._sent.on_change("tags", receive)
+    page._outbox.on_change("tags", receive)
     page._move(page._settings)
-    for left in range(150, -60, -1):
-        ways = [pool.work for pool in (first, then) if pool.waiting] + [doc.tick] * bool(doc.soon)
-        if left > 0 and rng.random() < 0.25:
+    for moves_left in range(150, -60, -1):
+        possible_steps = [pool.work for pool in (first, then) if pool.waiting] + [doc.tick] * bool(doc.soon)
+        if moves_left > 0 and rng.random() < 0.25:
             name, values = MOVES[rng.integers(len(MOVES))]
             page._move(replace(page._settings, **{name: values[rng.integers(len(values))]}))
-        elif ways:
-            ways[rng.integers(len(ways))]()
-        for _ in range(5 if left <= 0 else rng.integers(4)):
+        elif possible_steps:
+            possible_steps[rng.integers(len(possible_steps))]()
+        for _ in range(5 if moves_left <= 0 else rng.integers(4)):
             await asyncio.sleep(0)
     assert not first.waiting + then.waiting + doc.soon
     for task in doc.tasks:
         task.result()
-    return page._settings, seen
+    return page._settings, messages
 
 
 @pytest.mark.parametrize("seed", range(8))
 def test_words_and_margin_are_those_of_the_loop_that_is_drawn_and_come_in_the_end(seed):
-    settings, seen = asyncio.run(moved(seed))
-    for now in seen:
-        is_refused = now["headline"] == "This loop cannot be simulated."
-        if now["told"] and now["traces"] is not None and not is_refused:
-            assert now["headline"] == str(of_loop(now["traces"]))
-            assert now["margin"] == (now["traces"].backlash,)
-        elif not now["told"]:
-            assert now["margin"] == ()
-        assert is_refused or now["phase"] == "loop" or now["traces"] == now["asked"]
+    settings, messages = asyncio.run(play_random_moves(seed))
+    for message in messages:
+        is_refused = message["headline"] == "This loop cannot be simulated."
+        if message["told"] and message["traces"] is not None and not is_refused:
+            assert message["headline"] == str(loop_settings(message["traces"]))
+            assert message["hunting_index"] == (message["traces"].backlash,)
+        elif not message["told"]:
+            assert message["hunting_index"] == ()
+        assert is_refused or message["phase"] == "loop" or message["traces"] == message["asked"]
     if settings.backlash == REFUSED_GAP:
-        assert (seen[-1]["phase"], seen[-1]["advice"]) == ("refused", "")
+        assert (messages[-1]["phase"], messages[-1]["advice"]) == ("refused", "")
     else:
-        assert (seen[-1]["phase"], seen[-1]["traces"], seen[-1]["map"]) == ("", settings, settings)
-        assert seen[-1]["told"] == "yes"
-    assert any(not now["told"] for now in seen)
-    assert any(now["phase"] == "loop" and now["told"] for now in seen)
+        assert (messages[-1]["phase"], messages[-1]["traces"], messages[-1]["map"]) == ("", settings, settings)
+        assert messages[-1]["told"] == "yes"
+    assert any(not message["told"] for message in messages)
+    assert any(message["phase"] == "loop" and message["told"] for message in messages)
 
 
 def test_a_move_does_not_wait_for_the_explanation_of_the_loop_before():
     async def play():
-        page, doc, first, then = opened()
+        page, doc, first, then = open_page()
 
         async def draw():
             while not first.waiting:

@@ -10,7 +10,15 @@ from urllib.parse import urlsplit
 
 import pytest
 from click.testing import CliRunner
-from helpers.browsers import chromium, data_of, deep, exploring, mistakes_of, settled, text_of
+from helpers.browsers import (
+    chromium,
+    console_problems,
+    element_text,
+    explore_page,
+    figure_column,
+    find_all,
+    wait_for_page,
+)
 
 import fastcoil as fc
 from fastcoil.cli.main import main
@@ -26,11 +34,11 @@ ESTIMATE, TI = 1, 3
 
 @pytest.fixture(scope="module")
 def program():
-    with exploring("lbnl") as found:
-        yield found
+    with explore_page("lbnl") as process_and_address:
+        yield process_and_address
 
 
-def answer(address, path="/", **headers):
+def http_response(address, path="/", **headers):
     """(status, text) of what a program that sends these headers is given."""
     parts = urlsplit(address)
     connection = http.client.HTTPConnection("127.0.0.1", parts.port, timeout=30)
@@ -46,25 +54,25 @@ def answer(address, path="/", **headers):
 def test_it_is_there_for_this_machine_alone(program):
     _, address = program
     port = urlsplit(address).port
-    status, page = answer(address)
+    status, page = http_response(address)
     assert status == 200
     for tag in ("src=", "href="):
         assert all(rest.startswith(('"/static/', '"data:')) for rest in page.split(tag)[1:])
-    assert answer(address, Host=f"somebody.example:{port}")[0] == 404
-    assert answer(address, "/ws", **HANDSHAKE, Origin="http://somebody.example")[0] == 404
-    assert answer(address, "/ws", **HANDSHAKE, Origin=f"http://localhost:{port + 1}")[0] == 404
-    assert answer(address, Origin="http://somebody.example")[0] == 404
-    assert answer(address, Origin=f"http://localhost:{port}")[0] == 200
+    assert http_response(address, Host=f"somebody.example:{port}")[0] == 404
+    assert http_response(address, "/ws", **HANDSHAKE, Origin="http://somebody.example")[0] == 404
+    assert http_response(address, "/ws", **HANDSHAKE, Origin=f"http://localhost:{port + 1}")[0] == 404
+    assert http_response(address, Origin="http://somebody.example")[0] == 404
+    assert http_response(address, Origin=f"http://localhost:{port}")[0] == 200
     # a socket says where it comes from, and nobody else names a session
-    assert answer(address, "/ws", **HANDSHAKE)[0] == 404
+    assert http_response(address, "/ws", **HANDSHAKE)[0] == 404
     token = re.search('"token":"([^"]+)"', page)[1]
-    ours = HANDSHAKE | {"Sec-WebSocket-Protocol": f"bokeh, {token}"}
-    assert answer(address, "/ws", **ours, Origin=f"http://localhost:{port}")[0] == 101
+    own_handshake = HANDSHAKE | {"Sec-WebSocket-Protocol": f"bokeh, {token}"}
+    assert http_response(address, "/ws", **own_handshake, Origin=f"http://localhost:{port}")[0] == 101
     for path in ("/?bokeh-session-id=mine", "/?kp=0.05&bokeh-token=mine", "/autoload.js", "/metadata"):
-        assert answer(address, path)[0] == 404, path
-    assert answer(address, Bokeh_Session_Id="mine")[0] == 404
+        assert http_response(address, path)[0] == 404, path
+    assert http_response(address, Bokeh_Session_Id="mine")[0] == 404
     for taken_for in ("image", "iframe", "script", "empty"):
-        assert answer(address, Sec_Fetch_Dest=taken_for)[0] == 404
+        assert http_response(address, Sec_Fetch_Dest=taken_for)[0] == 404
     # an address of this machine that is not the one served: one that listens everywhere would answer
     with pytest.raises(OSError):  # noqa: PT011 — refused, or not there at all
         socket.create_connection(("127.0.0.2", port), timeout=5)
@@ -73,10 +81,10 @@ def test_it_is_there_for_this_machine_alone(program):
 @pytest.mark.kernel
 def test_a_port_that_is_taken_is_refused_in_a_sentence(program):
     port = urlsplit(program[1]).port
-    found = CliRunner().invoke(main, ["explore", "--no-browser", "--port", str(port)])
-    assert found.exit_code == 2
-    assert found.output.startswith(f"fastcoil: port {port} cannot be used (Address already in use")
-    assert f"give another one above 1023, such as --port {port + 1}\n" in found.output
+    result = CliRunner().invoke(main, ["explore", "--no-browser", "--port", str(port)])
+    assert result.exit_code == 2
+    assert result.output.startswith(f"fastcoil: port {port} cannot be used (Address already in use")
+    assert f"give another one above 1023, such as --port {port + 1}\n" in result.output
 
 
 @pytest.mark.kernel
@@ -89,16 +97,18 @@ def test_sigterm_ends_it_as_ctrl_c_does(program):
 
 def test_without_the_extra_there_is_the_command_that_installs_it(monkeypatch):
     find = importlib.util.find_spec
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name == "bokeh" else find(name, *more))
-    found = CliRunner().invoke(main, ["explore"])
-    assert found.exit_code == 2
-    assert found.output == "fastcoil: explore needs the package bokeh: pip install 'fastcoil[explore]'\n"
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name, *arguments: None if name == "bokeh" else find(name, *arguments)
+    )
+    result = CliRunner().invoke(main, ["explore"])
+    assert result.exit_code == 2
+    assert result.output == "fastcoil: explore needs the package bokeh: pip install 'fastcoil[explore]'\n"
 
 
 def test_what_cannot_be_explored_is_refused_before_a_page_is_there(tmp_path):
-    found = CliRunner().invoke(main, ["explore", str(tmp_path / "mine.toml"), "--no-browser"])
-    assert found.exit_code == 2
-    assert "no such file, folder or preset" in found.output
+    result = CliRunner().invoke(main, ["explore", str(tmp_path / "mine.toml"), "--no-browser"])
+    assert result.exit_code == 2
+    assert "no such file, folder or preset" in result.output
 
 
 # In a browser
@@ -106,53 +116,57 @@ def test_what_cannot_be_explored_is_refused_before_a_page_is_there(tmp_path):
 
 @pytest.fixture(scope="module")
 def shown_program():
-    with exploring() as found:
-        yield found
+    with explore_page() as process_and_address:
+        yield process_and_address
 
 
 @pytest.fixture(scope="module")
 def driver():
-    with chromium() as found:
-        yield found
+    with chromium() as browser:
+        yield browser
 
 
 @pytest.fixture
 def page(shown_program, driver):
     """The page, shown."""
     driver.get(shown_program[1])
-    settled(driver)
+    wait_for_page(driver)
     yield driver
-    assert shown_program[0].poll() is not None or not mistakes_of(driver)
+    assert shown_program[0].poll() is not None or not console_problems(driver)
 
 
 def press(driver, slider, times):
     """Move a slider up with the keyboard, and wait for the page."""
     from selenium.webdriver.common.keys import Keys
 
-    before = settled(driver)
-    deep(driver, ".noUi-handle")[slider].send_keys(Keys.ARROW_RIGHT * times)
-    settled(driver, before)
+    before = wait_for_page(driver)
+    find_all(driver, ".noUi-handle")[slider].send_keys(Keys.ARROW_RIGHT * times)
+    wait_for_page(driver, before)
 
 
 @pytest.mark.kernel
 @pytest.mark.full
 def test_the_page_shows_what_is_computed_and_a_key_moves_all_of_it(page):
     ds = fc.simulate(fc.Loop(), fc.paper_day(), traces=["T_sup", "opening"], trace_interval=5, n_jobs=1)
-    assert text_of(page, "headline").startswith("This loop will hunt: about 0.9")
-    assert data_of(page, "traces", "T_sup") == ds.T_sup.values[-1441:].tolist()
-    assert data_of(page, "traces", "opening") == (100.0 * ds.opening.values[-1441:]).tolist()
-    traces, cells, ring = data_of(page, "traces", "T_sup"), data_of(page, "cells", "value"), data_of(page, "here", "x")
-    assert (ring, data_of(page, "here", "y")) == ([2], [7])  # Ti 8 s, Kp 0.03/K
+    assert element_text(page, "headline").startswith("This loop will hunt: about 0.9")
+    assert figure_column(page, "traces", "T_sup") == ds.T_sup.values[-1441:].tolist()
+    assert figure_column(page, "traces", "opening") == (100.0 * ds.opening.values[-1441:]).tolist()
+    traces, cells, ring = (
+        figure_column(page, "traces", "T_sup"),
+        figure_column(page, "cells", "value"),
+        figure_column(page, "here", "x"),
+    )
+    assert (ring, figure_column(page, "here", "y")) == ([2], [7])  # Ti 8 s, Kp 0.03/K
     press(page, TI, 7)
-    assert text_of(page, "headline").startswith("This loop will not hunt")
-    assert text_of(page, "advice").startswith("If the error matters: SIMC: kp ")
-    assert text_of(page, "why").startswith("Why: margin 0.28; ")
+    assert element_text(page, "headline").startswith("This loop will not hunt")
+    assert element_text(page, "advice").startswith("If the error matters: SIMC: kp ")
+    assert element_text(page, "why").startswith("Why: hunting index 0.28; ")
     assert "?loop=paper_like&ti=40" in page.current_url
-    assert data_of(page, "traces", "T_sup") != traces
-    assert data_of(page, "here", "x") != ring
-    assert data_of(page, "cells", "value") == cells
+    assert figure_column(page, "traces", "T_sup") != traces
+    assert figure_column(page, "here", "x") != ring
+    assert figure_column(page, "cells", "value") == cells
     press(page, ESTIMATE, 1)
-    assert data_of(page, "cells", "value") != cells
+    assert figure_column(page, "cells", "value") != cells
 
 
 WATCH = """
@@ -161,7 +175,7 @@ const shows = id => getComputedStyle(document.getElementById(id)).visibility ===
 const source = (name, column) => Array.from(Bokeh.documents[0].get_model_by_name(name).get_array(column))
 new MutationObserver(() => window.seen.push([
   document.body.dataset.phase, ['headline', 'advice', 'why', 'error'].map(shows),
-  document.getElementById('headline').textContent, source('traces', 'T_sup').at(-1), source('margins', 'margin'),
+  document.getElementById('headline').textContent, source('traces', 'T_sup').at(-1), source('margins', 'hunting index'),
 ])).observe(document.body, {attributes: true, attributeFilter: ['data-phase']})
 """
 
@@ -169,18 +183,18 @@ new MutationObserver(() => window.seen.push([
 @pytest.mark.kernel
 @pytest.mark.full
 def test_while_a_loop_is_not_explained_the_words_and_the_margin_of_the_one_before_are_hidden(page):
-    before, old = text_of(page, "headline"), data_of(page, "traces", "T_sup")[-1]
+    before, old = element_text(page, "headline"), figure_column(page, "traces", "T_sup")[-1]
     page.execute_script(WATCH)
     press(page, TI, 7)
-    seen = page.execute_script("return window.seen")
-    assert any(phase == "words" for phase, *_ in seen)
-    for phase, shown, headline, T_sup, margin in seen:
-        assert not (phase == "words" and shown[0])
-        assert shown == ([False, False, False, True] if not shown[0] else [True, True, True, False])
-        assert len(margin) == shown[0]
-        if shown[0]:
+    changes = page.execute_script("return window.seen")
+    assert any(phase == "words" for phase, *_ in changes)
+    for phase, visible, headline, T_sup, hunting_index in changes:
+        assert not (phase == "words" and visible[0])
+        assert visible == ([False, False, False, True] if not visible[0] else [True, True, True, False])
+        assert len(hunting_index) == visible[0]
+        if visible[0]:
             assert (headline == before) == (T_sup == old)
-    assert seen[-1][1] == [True, True, True, False]
+    assert changes[-1][1] == [True, True, True, False]
 
 
 @pytest.mark.kernel
@@ -191,6 +205,6 @@ def test_ctrl_c_ends_it_in_a_line_and_the_page_says_so(shown_program, page):
     out, err = process.communicate(timeout=30)
     assert (process.returncode, out, err) == (0, "Ended.\n", "")
     end = time.monotonic() + 20
-    while "has ended" not in text_of(page, "headline") and time.monotonic() < end:
+    while "has ended" not in element_text(page, "headline") and time.monotonic() < end:
         time.sleep(0.05)
-    assert text_of(page, "headline") == "The program behind this page has ended: start fastcoil explore again."
+    assert element_text(page, "headline") == "The program behind this page has ended: start fastcoil explore again."

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
-from helpers.exported import module
+from helpers.exported import load_module
 from helpers.structured_text import Project
 
 import fastcoil as fc
@@ -42,7 +42,7 @@ def loaded(request, tmp_path):
 
     def make(**values):
         path = export(tmp_path, request.param, **values)
-        return module(path) if request.param == "python" else structured_text(path)
+        return load_module(path) if request.param == "python" else structured_text(path)
 
     return make
 
@@ -89,12 +89,12 @@ def test_bad_readings_change_nothing_but_the_clock(loaded):
 
 
 def test_what_a_controller_does_not_need_is_left_out(tmp_path):
-    plain = export(tmp_path, "c", backlash_estimate=0.05).read_text().split("#ifdef")[0]
-    assert not re.search(r"learning|LEARN|ESTIMATE_SHARE|noise|DEAD_BAND|m_a\b|\bexp\b", plain)
+    inverse_only = export(tmp_path, "c", backlash_estimate=0.05).read_text().split("#ifdef")[0]
+    assert not re.search(r"learning|LEARN|ESTIMATE_SHARE|noise|DEAD_BAND|m_a\b|\bexp\b", inverse_only)
     learner = export(tmp_path, "c", **LEARNER).read_text()
     assert "LEARNING_STEP 0.01" in learner
     assert not re.search("ERROR_RATIO|squares|settled|stop", learner.split("#ifdef")[0])
-    for text in (plain, learner):
+    for text in (inverse_only, learner):
         assert not re.search(r"malloc|calloc|alloca|goto", text)
 
 
@@ -120,15 +120,15 @@ def test_what_cannot_be_exported_is_refused_and_nothing_is_written(tmp_path, val
 def test_the_command_writes_the_files_of_a_study_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "controller.toml").write_text('[loop]\npreset = "lbnl"\nbacklash_estimate = 0.05\nbuffer = 0.005\n')
-    done = CliRunner().invoke(main, ["export", "controller.toml"])
-    assert done.exit_code == 0, done.output
-    assert done.output.splitlines()[-2:] == ["Written: controller.c", "Written: controller_vectors.csv"]
-    same = fc.Loop.preset("lbnl").assign(backlash_estimate=0.05, buffer=0.005)
+    result = CliRunner().invoke(main, ["export", "controller.toml"])
+    assert result.exit_code == 0, result.output
+    assert result.output.splitlines()[-2:] == ["Written: controller.c", "Written: controller_vectors.csv"]
+    same_loop = fc.Loop.preset("lbnl").assign(backlash_estimate=0.05, buffer=0.005)
     (tmp_path / "python").mkdir()
-    there, _ = fc.export_controller(same, tmp_path / "python" / "controller.c")
-    assert (tmp_path / "controller.c").read_text() == there.read_text()
-    done = CliRunner().invoke(main, ["export", "controller.toml", "--language", "st", "-o", "AHU2.st"])
-    assert done.exit_code == 0, done.output
+    exported_file, _ = fc.export_controller(same_loop, tmp_path / "python" / "controller.c")
+    assert (tmp_path / "controller.c").read_text() == exported_file.read_text()
+    result = CliRunner().invoke(main, ["export", "controller.toml", "--language", "st", "-o", "AHU2.st"])
+    assert result.exit_code == 0, result.output
     assert sorted(path.name for path in tmp_path.glob("AHU2*")) == ["AHU2.st", "AHU2_check.st", "AHU2_vectors.csv"]
 
 
@@ -136,22 +136,24 @@ def test_the_command_writes_the_files_of_a_study_file(tmp_path, monkeypatch):
 def test_a_file_that_fastcoil_did_not_write_is_never_replaced(tmp_path, name, language):
     """As the rule in mine.py would be by the controller of mine.toml; earlier exports are replaced."""
     path = tmp_path / f"mine.{'py' if language == 'python' else language}"
-    before = {each.name for each in fc.export_controller(fc.Loop(), path, language)}
-    assert {each.name for each in fc.export_controller(fc.Loop(kp=0.02), path, language)} == before
+    before = {file_name.name for file_name in fc.export_controller(fc.Loop(), path, language)}
+    assert {file_name.name for file_name in fc.export_controller(fc.Loop(kp=0.02), path, language)} == before
     (tmp_path / name).write_text("# a day's work\n")
-    others = {each: (tmp_path / each).read_bytes() for each in before}
+    contents = {file_name: (tmp_path / file_name).read_bytes() for file_name in before}
     with pytest.raises(fc.InputError, match=rf"{name} exists, and fastcoil did not write it: choose another name"):
         fc.export_controller(fc.Loop(kp=0.03), path, language)
-    assert {each: (tmp_path / each).read_bytes() for each in before} == others
+    assert {file_name: (tmp_path / file_name).read_bytes() for file_name in before} == contents
 
 
 def test_the_check_in_python_says_what_it_cannot_read(tmp_path):
     code = export(tmp_path, "python", backlash_estimate=0.05)
     for content in (None, b"\xff\n"):
-        other = tmp_path / "other.csv"
+        unreadable_file = tmp_path / "other.csv"
         if content is not None:
-            other.write_bytes(content)
-        ran = subprocess.run([sys.executable, code, other], capture_output=True, text=True, timeout=60, check=False)
+            unreadable_file.write_bytes(content)
+        ran = subprocess.run(
+            [sys.executable, code, unreadable_file], capture_output=True, text=True, timeout=60, check=False
+        )
         assert ran.returncode == 1
         assert "cannot be read as vectors of this controller" in ran.stderr
         assert "Traceback" not in ran.stderr

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from helpers import rules
-from helpers.exported import WORST, needs_compiler
-from helpers.full import full_but
+from helpers.exported import WORST_DIFFERENCE, skip_without_compiler
+from helpers.full import full_except
 
 import fastcoil as fc
 from fastcoil.cli.main import main
@@ -36,7 +36,7 @@ class Memory(NamedTuple):
     unread: float = 3.0
 
 
-def smoothed(level, slope, x, weight):
+def smooth_level(level, slope, x, weight):
     """Level and slope after one more value."""
     if math.isnan(level):
         return x, 0.0
@@ -60,7 +60,7 @@ def largest_step(n):
 def by_all_means(now, p, memory):
     """Uses a bit of everything that can be said."""
     weight = p.sample_time / (p.ti + p.sample_time) ** 2 * p.ti  # of a new value
-    level, slope = smoothed(memory.level, memory.slope, now.e, weight)
+    level, slope = smooth_level(memory.level, memory.slope, now.e, weight)
     turned = 1.0 if now.mode > 0 else -1.0
     # a table, by a whole number
     k = min(max(int(memory.N % 7.0), 0), 3)
@@ -81,7 +81,7 @@ def by_all_means(now, p, memory):
     return x, Memory(level, slope, N=memory.N + 1 + (step > 0.5), last=now.T_set)
 
 
-def moved(x, by):
+def move_by(x, by):
     if x > by:
         x -= by
     return x, -x
@@ -90,7 +90,7 @@ def moved(x, by):
 @fc.estimator(Parameters, Memory)
 def by_corners(now, p, memory):
     """Two fields that read one another, an argument that changes, and numbers that come and go."""
-    up, down = moved(now.e, 0.1)
+    up, down = move_by(now.e, 0.1)
     gone = now.u > 0.5
     level = memory.last if gone else up
     after = level if level > 0.0 and not math.isnan(memory.last) else down
@@ -119,7 +119,7 @@ class Gains(NamedTuple):
 
 
 @fc.law(Gains, Started)
-def own_pid(now, p, memory):
+def user_pid(now, p, memory):
     slope = 0.0 if math.isnan(memory.before) else (now.e - memory.before) / p.sample_time
     integral = min(max(memory.integral + 0.2 * p.kp * now.e - 0.1 * now.estimate, 0.0), 1.0)
     return p.kp * now.e + integral + p.damping * slope, Started(integral, now.e)
@@ -152,7 +152,7 @@ LOOPS = {
     "corners": {"estimator": by_corners, "plant_gain": 12.0},
     "words": {"estimator": by_words},
     "both": {
-        "law": own_pid, "estimator": by_all_means, "plant_gain": 12.0, "error_dead_band": 0.1, "estimate_share": 0.9,
+        "law": user_pid, "estimator": by_all_means, "plant_gain": 12.0, "error_dead_band": 0.1, "estimate_share": 0.9,
         "action": "heating", "T_initial": 30.0,
     },
 }  # fmt: skip
@@ -161,13 +161,13 @@ LOOPS = {
 BY_DEFAULT = [("python", "everything"), ("c", "corners"), ("st", "corners"), ("st", "words"), ("c", "both")]
 
 
-@pytest.mark.parametrize(("language", "name"), full_but(list(product(WORST, LOOPS)), BY_DEFAULT))
+@pytest.mark.parametrize(("language", "name"), full_except(list(product(WORST_DIFFERENCE, LOOPS)), BY_DEFAULT))
 def test_own_rules_give_the_kernels_numbers(tmp_path, language, name):
-    needs_compiler(language)
+    skip_without_compiler(language)
     values = dict(LOOPS[name])
     loop = fc.Loop.preset("heating" if values.pop("action", "") else "paper_like").assign(**values)
     files = fc.export_controller(loop, tmp_path / f"valve{'.py' if language == 'python' else f'.{language}'}", language)
-    assert WORST[language](*files) <= 1e-12
+    assert WORST_DIFFERENCE[language](*files) <= 1e-12
     text = files[0].read_text()
     assert text.isascii()
     assert "unread" not in text  # what changes nothing is left out
@@ -179,12 +179,12 @@ def test_own_rules_give_the_kernels_numbers(tmp_path, language, name):
 def test_the_command_exports_a_rule_of_a_study_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.py").write_text(
-        rules.HEAD + "def mine(now, p, memory):\n    return p.gain * abs(now.e), memory\n"
+        rules.RULE_HEADER + "def mine(now, p, memory):\n    return p.gain * abs(now.e), memory\n"
     )
     (tmp_path / "loop.toml").write_text('[loop]\nestimator = "mine:mine"\ngain = 0.02\n')
-    done = CliRunner().invoke(main, ["export", "loop.toml", "--language", "python"])
-    assert done.exit_code == 0, done.output
-    assert WORST["python"](tmp_path / "loop.py", tmp_path / "loop_vectors.csv") == 0.0
+    result = CliRunner().invoke(main, ["export", "loop.toml", "--language", "python"])
+    assert result.exit_code == 0, result.output
+    assert WORST_DIFFERENCE["python"](tmp_path / "loop.py", tmp_path / "loop_vectors.csv") == 0.0
 
 
 def by_while(now, p, memory):

@@ -9,8 +9,16 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from helpers import rules
-from helpers.exported import FLAGS, WORST, finds, module, needs_compiler, python_runner, vectors
-from helpers.full import full_but
+from helpers.exported import (
+    COMPILER_FLAGS,
+    WORST_DIFFERENCE,
+    has_differences,
+    load_module,
+    python_runner,
+    read_vectors,
+    skip_without_compiler,
+)
+from helpers.full import full_except
 
 import fastcoil as fc
 from fastcoil.cli.main import main
@@ -27,7 +35,7 @@ LOOPS = {
     "learner": {"learning_step": 0.01, "learning_interval": 600.0, "estimate_share": 0.8},
     "heating": {"preset": "heating", "backlash_estimate": 0.04, "sample_time": 7.0, "kp": 0.01},
 }
-MORE = {
+MORE_LOOPS = {
     "pi": {},
     "measured": {
         "backlash_estimate": 0.07, "buffer_ratio": 3.0, "buffer_noise": "measured", "buffer_swing": 0.5,
@@ -41,7 +49,7 @@ MORE = {
 
 
 def loop_of(name):
-    values = {"preset": "lbnl", "sample_time": 5.0, "noise_std": 0.02, "backlash": 0.05} | (LOOPS | MORE)[name]
+    values = {"preset": "lbnl", "sample_time": 5.0, "noise_std": 0.02, "backlash": 0.05} | (LOOPS | MORE_LOOPS)[name]
     return fc.Loop.preset(values.pop("preset")).assign(**values)
 
 
@@ -50,12 +58,12 @@ def export(folder, name, language, **values):
     return fc.export_controller(loop_of(name), path, language, test=fc.ValveTest(**SHORT | values))
 
 
-def simulated(name, off, **values):
+def simulate_test_day(name, off_seconds, **values):
     """The loop with a test, simulated: a row for each sample, what the controller sees and what it answers."""
     loop = loop_of(name)
     day = (fc.heating_day if name in ("heating", "warming") else fc.paper_day)(hours=HOURS, seed=5)
     enabled = np.ones(3600 * HOURS)
-    enabled[off] = 0.0
+    enabled[off_seconds] = 0.0
     dt = int(loop["sample_time"])
     T_set = day.series["T_set"][0]
     day = day.assign(enabled=enabled, T_set=T_set[0] + 0.3 * (T_set - T_set[0]))
@@ -63,13 +71,13 @@ def simulated(name, off, **values):
         loop, day, test=fc.ValveTest(start=START, **SHORT | values), traces=["T_measured", "command", "test"],
         trace_interval=dt, warm_up=0,
     )  # fmt: skip
-    seen = {n: np.ravel(day.series[n])[::dt] for n in ("T_set", "m_a")} | {"T_sup": ds["T_measured"].values}
-    return seen | {"enabled": enabled[::dt] > 0.0, "start_test": np.arange(0, enabled.size, dt) >= START}, ds
+    inputs = {n: np.ravel(day.series[n])[::dt] for n in ("T_set", "m_a")} | {"T_sup": ds["T_measured"].values}
+    return inputs | {"enabled": enabled[::dt] > 0.0, "start_test": np.arange(0, enabled.size, dt) >= START}, ds
 
 
 def answers_of_python(code, rows):
     """Commands of the exported Python; it sees only the inputs that it has."""
-    laws = module(code)
+    laws = load_module(code)
     s = laws.State()
     return np.array([(laws.step(s, **row, reset=False, start_command=0.0), s.test, s.test_aborted) for row in rows])
 
@@ -77,7 +85,7 @@ def answers_of_python(code, rows):
 def answers_of_c(code, rows):
     """Commands of the exported C, as a shared library."""
     library = code.with_suffix(".so")
-    subprocess.run(["gcc", *FLAGS, "-shared", "-fPIC", code, "-lm", "-o", library], check=True)
+    subprocess.run(["gcc", *COMPILER_FLAGS, "-shared", "-fPIC", code, "-lm", "-o", library], check=True)
     step, state = ctypes.CDLL(str(library)).valve_step, ctypes.create_string_buffer(2**16)
     step.restype = ctypes.c_double
     kinds = {"enabled": ctypes.c_bool, "start_test": ctypes.c_bool}
@@ -93,37 +101,42 @@ CASES = {
 
 
 PYTHON = [("python", name) for name in LOOPS]
-FED = [*((*each, "to its end") for each in PYTHON), ("python", "additive", "excursion"), ("c", "learner", "disabled")]
+KERNEL_CASES = [
+    *((*each, "to its end") for each in PYTHON),
+    ("python", "additive", "excursion"),
+    ("c", "learner", "disabled"),
+]
 
 
 @pytest.mark.parametrize(
-    ("language", "name", "case"), full_but(list(product(("python", "c"), LOOPS | MORE, CASES)), FED)
+    ("language", "name", "case"), full_except(list(product(("python", "c"), LOOPS | MORE_LOOPS, CASES)), KERNEL_CASES)
 )
 def test_fed_with_the_kernels_temperatures_it_gives_the_kernels_commands(tmp_path, name, case, language):
-    needs_compiler(language)
-    aborted, off, values = CASES[case]
-    seen, ds = simulated(name, off, **values)
+    skip_without_compiler(language)
+    aborted, off_seconds, values = CASES[case]
+    record, ds = simulate_test_day(name, off_seconds, **values)
     code, stored = export(tmp_path, name, language, **values)
-    inputs = [n for n in vectors(stored)[0] if n in seen]
-    rows = [dict(zip(inputs, row, strict=True)) for row in zip(*(seen[n].tolist() for n in inputs), strict=True)]
-    found = (answers_of_python if language == "python" else answers_of_c)(code, rows)
-    np.testing.assert_allclose(found[:, 0], ds["command"].values, rtol=0.0, atol=1e-12)
+    inputs = [n for n in read_vectors(stored)[0] if n in record]
+    rows = [dict(zip(inputs, row, strict=True)) for row in zip(*(record[n].tolist() for n in inputs), strict=True)]
+    answers = (answers_of_python if language == "python" else answers_of_c)(code, rows)
+    np.testing.assert_allclose(answers[:, 0], ds["command"].values, rtol=0.0, atol=1e-12)
     assert float(ds["test_aborted"]) == aborted
     assert ds["test"].values.sum() > 5.0
     assert not ds["test"].values[-20:].any()
     if language == "python":
-        assert found[:, 1].tolist() == ds["test"].values.tolist()
-        assert found[-1, 2] == aborted
+        assert answers[:, 1].tolist() == ds["test"].values.tolist()
+        assert answers[-1, 2] == aborted
 
 
 @pytest.mark.parametrize(
-    ("language", "name"), full_but(list(product(WORST, LOOPS | MORE)), [*PYTHON, ("c", "learner"), ("st", "smooth")])
+    ("language", "name"),
+    full_except(list(product(WORST_DIFFERENCE, LOOPS | MORE_LOOPS)), [*PYTHON, ("c", "learner"), ("st", "smooth")]),
 )
 def test_every_language_passes_vectors_that_hold_a_test_of_every_end(tmp_path, language, name):
-    needs_compiler(language)
+    skip_without_compiler(language)
     files = export(tmp_path, name, language)
-    assert WORST[language](*files) <= 1e-12
-    rows = vectors(files[1])
+    assert WORST_DIFFERENCE[language](*files) <= 1e-12
+    rows = read_vectors(files[1])
     ended = {b["test_aborted"] for a, b in zip(rows, rows[1:], strict=False) if a["test"] > b["test"]}
     assert ended == {0.0, 1.0, 2.0, 3.0, 4.0}
     assert files[0].read_text().isascii()
@@ -142,13 +155,13 @@ BREAKS = [
 def test_a_broken_test_is_found_by_the_vectors(tmp_path):
     code, stored = export(tmp_path, "learner", "python")
     text = code.read_text()
-    for law, other in BREAKS:
+    for law, broken_law in BREAKS:
         assert law in text, law
-        assert finds(python_runner(text.replace(law, other)), stored), law
+        assert has_differences(python_runner(text.replace(law, broken_law)), stored), law
 
 
 def test_it_begins_at_an_edge_alone_and_bad_readings_hold_it(tmp_path):
-    laws = module(export(tmp_path, "inverse", "python")[0])
+    laws = load_module(export(tmp_path, "inverse", "python")[0])
     s = laws.State()
     run = [laws.step(s, 14.0, 14.0, True, True, False, 0.5) for _ in range(3)]
     assert s.test == 0.0  # on from the start is no edge
@@ -175,9 +188,9 @@ def test_the_command_has_it_by_an_option_or_by_the_file(tmp_path, monkeypatch):
     (tmp_path / "bare.toml").write_text('[loop]\npreset = "lbnl"\n')
     (tmp_path / "full.toml").write_text('[loop]\npreset = "lbnl"\ntest_start = 0\ntest_hold = 150\n')
     for name, options in (("bare", ["--test"]), ("full", []), ("full", ["--test"])):
-        done = CliRunner().invoke(main, ["export", f"{name}.toml", "-o", "valve.c", *options])
-        assert done.exit_code == 0, done.output
+        result = CliRunner().invoke(main, ["export", f"{name}.toml", "-o", "valve.c", *options])
+        assert result.exit_code == 0, result.output
         text = (tmp_path / "valve.c").read_text()
         assert f"TEST_HOLD {150 if name == 'full' else 120}.0" in text
-    done = CliRunner().invoke(main, ["export", ".", "--csv", "--test"])
-    assert "--test works only for the controller in a TOML file" in done.output
+    result = CliRunner().invoke(main, ["export", ".", "--csv", "--test"])
+    assert "--test works only for the controller in a TOML file" in result.output

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 from helpers import rules
-from helpers.exported import FLAGS, finds, vectors
-from helpers.full import full_but
+from helpers.exported import COMPILER_FLAGS, has_differences, read_vectors
+from helpers.full import full_except
 from test_same_controller import LOOPS, loop_of
 
 import fastcoil as fc
@@ -32,7 +32,7 @@ SAMPLE_TIME = 15.0
 PLAIN = {"backlash_estimate": 0.05, "sample_time": SAMPLE_TIME}
 
 
-def unpacked(path):
+def unpack(path):
     """The folder with what is in an FMU."""
     folder = path.with_suffix("")
     with zipfile.ZipFile(path) as archive:
@@ -44,15 +44,15 @@ class Slave:
     """An instance, begun at ``start``, with variables by name."""
 
     def __init__(self, folder, start=0.0, guid=None, **values):
-        described = fmpy.read_model_description(str(folder))
-        self.variables = {one.name: one for one in described.modelVariables}
+        description = fmpy.read_model_description(str(folder))
+        self.variables = {variable.name: variable for variable in description.modelVariables}
         self.said = []
         self.fmu = FMU2Slave(
-            guid=guid or described.guid, unzipDirectory=str(folder), instanceName="one",
-            modelIdentifier=described.coSimulation.modelIdentifier,
+            guid=guid or description.guid, unzipDirectory=str(folder), instanceName="one",
+            modelIdentifier=description.coSimulation.modelIdentifier,
         )  # fmt: skip
         self.callbacks = callbacks = fmi2CallbackFunctions()  # FMPy does not keep them
-        callbacks.logger = fmi2CallbackLoggerTYPE(lambda *given: self.said.append(given[-1].decode()))
+        callbacks.logger = fmi2CallbackLoggerTYPE(lambda *arguments: self.said.append(arguments[-1].decode()))
         self.fmu.instantiate(callbacks=callbacks)
         self.fmu.setupExperiment(startTime=start)
         self.fmu.enterInitializationMode()
@@ -61,12 +61,12 @@ class Slave:
 
     def put(self, **values):
         for name, value in values.items():
-            one = self.variables[name]
-            (self.fmu.setReal if one.type == "Real" else self.fmu.setBoolean)([one.valueReference], [value])
+            variable = self.variables[name]
+            (self.fmu.setReal if variable.type == "Real" else self.fmu.setBoolean)([variable.valueReference], [value])
 
     def __getattr__(self, name):
-        one = self.variables[name]
-        return (self.fmu.getReal if one.type == "Real" else self.fmu.getBoolean)([one.valueReference])[0]
+        variable = self.variables[name]
+        return (self.fmu.getReal if variable.type == "Real" else self.fmu.getBoolean)([variable.valueReference])[0]
 
     def step(self, time, h, **values):
         self.put(**values)
@@ -78,20 +78,22 @@ def runner(folder):
     """Takes an instance through one cycle."""
     slave, times = Slave(folder), iter(range(10**6))
     step = float(slave.sample_time)
-    inputs = [name for name, one in slave.variables.items() if one.causality == "input"]
-    return lambda given: slave.step(next(times) * step, step, **{name: given[name] for name in inputs})
+    inputs = [name for name, variable in slave.variables.items() if variable.causality == "input"]
+    return lambda row: slave.step(next(times) * step, step, **{name: row[name] for name in inputs})
 
 
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory):
     """The FMU of a loop of ``test_same_controller`` and its vectors, made once."""
-    made = {}
+    files_by_name = {}
 
     def files(name, test=None):
-        if name not in made:
+        if name not in files_by_name:
             loop = fc.Loop(**PLAIN) if name == "plain" else loop_of(name)
-            made[name] = fc.export_controller(loop, tmp_path_factory.mktemp(name) / "valve.fmu", "fmu", test=test)
-        return made[name]
+            files_by_name[name] = fc.export_controller(
+                loop, tmp_path_factory.mktemp(name) / "valve.fmu", "fmu", test=test
+            )
+        return files_by_name[name]
 
     return files
 
@@ -99,12 +101,12 @@ def exported(tmp_path_factory):
 @pytest.fixture(scope="module")
 def plain(exported):
     """Folder of the FMU of a PI with an inverse."""
-    return unpacked(exported("plain")[0])
+    return unpack(exported("plain")[0])
 
 
 @pytest.mark.parametrize(
     ("name", "test"),
-    full_but(
+    full_except(
         [("identify", fc.ValveTest()), *((name, None) for name in LOOPS if name != "identify")],
         [("identify", fc.ValveTest()), ("heating", None)],
     ),
@@ -114,36 +116,40 @@ def test_it_is_valid_and_gives_the_kernels_numbers(exported, name, test):
     path, stored = exported(name, test)
     assert validate_fmu(str(path)) == []
     inputs, outputs = (
-        {one.name for one in fmpy.read_model_description(str(path)).modelVariables if one.causality == causality}
+        {
+            variable.name
+            for variable in fmpy.read_model_description(str(path)).modelVariables
+            if variable.causality == causality
+        }
         for causality in ("input", "output")
     )
-    columns = vectors(stored)[0].keys()
+    columns = read_vectors(stored)[0].keys()
     assert inputs | outputs == columns
     assert {"T_sup", "T_set", "enabled", "reset", "start_command"} <= inputs
     assert ("start_test" in inputs) == ("test_aborted" in outputs) == (test is not None)
-    assert not finds(runner(unpacked(path)), stored)
+    assert not has_differences(runner(unpack(path)), stored)
 
 
 def test_a_broken_law_is_found_and_the_sources_compile_without_a_warning(exported, tmp_path):
     path, stored = exported("inverse")
     shutil.copy(path, tmp_path / "broken.fmu")
-    folder = unpacked(tmp_path / "broken.fmu")
+    folder = unpack(tmp_path / "broken.fmu")
     binary = folder / "binaries" / "linux64" / "valve.so"
-    flags = [*FLAGS, "-Wno-unused-parameter", "-fPIC", "-shared"]
+    flags = [*COMPILER_FLAGS, "-Wno-unused-parameter", "-fPIC", "-shared"]
     laws = folder / "sources" / "controller.c"
     for text in (laws.read_text(), laws.read_text().replace("s->u > s->u_ext)", "s->u > s->u_ext + 0.1)")):
         laws.write_text(text)
         subprocess.run(["cc", *flags, folder / "sources" / "fmi2.c", "-lm", "-o", binary], check=True)
-        found = subprocess.run(["nm", "-D", "--defined-only", binary], check=False, capture_output=True, text=True)
-        assert "fmi2DoStep" in found.stdout or found.returncode
+        symbols = subprocess.run(["nm", "-D", "--defined-only", binary], check=False, capture_output=True, text=True)
+        assert "fmi2DoStep" in symbols.stdout or symbols.returncode
         if "0.1)" not in text:
-            assert not finds(runner(folder), stored)
+            assert not has_differences(runner(folder), stored)
             binary.rename(binary.with_suffix(".whole"))  # a library is loaded once
     shutil.copytree(folder, tmp_path / "other")
-    assert finds(runner(tmp_path / "other"), stored)
+    assert has_differences(runner(tmp_path / "other"), stored)
 
 
-def after(folder, seconds, h, start=0.0):
+def slave_after(folder, seconds, h, start=0.0):
     """The slave after some seconds of a temperature that is too high and falls each 60 s."""
     slave = Slave(folder, start, start_command=0.3)
     for k in range(round(seconds / h)):
@@ -152,16 +158,16 @@ def after(folder, seconds, h, start=0.0):
 
 
 def test_it_acts_at_multiples_of_its_sample_time_whatever_the_communication_step_is(plain):
-    expected = after(plain, 420.0, SAMPLE_TIME)
+    expected = slave_after(plain, 420.0, SAMPLE_TIME)
     assert expected.integral_part != 0.3
     for h in (0.1, 1.0, 5.0, 30.0, 60.0):
         for start in (0.0, 1e6):
-            found = after(plain, 420.0, h, start)
-            assert (found.command, found.integral_part) == (expected.command, expected.integral_part), h
+            slave = slave_after(plain, 420.0, h, start)
+            assert (slave.command, slave.integral_part) == (expected.command, expected.integral_part), h
     # 280 s hold the cycles of 0, 15 … 270 s, and 285 s no other
     for h in (7.0, 28.0):
-        assert after(plain, 280.0, h).u != after(plain, 266.0, 7.0).u
-    assert after(plain, 280.0, 1.0).u == after(plain, 285.0, 1.0).u != after(plain, 286.0, 1.0).u
+        assert slave_after(plain, 280.0, h).u != slave_after(plain, 266.0, 7.0).u
+    assert slave_after(plain, 280.0, 1.0).u == slave_after(plain, 285.0, 1.0).u != slave_after(plain, 286.0, 1.0).u
 
 
 def test_the_first_output_is_the_command_to_start_from_and_the_loop_goes_on_from_there(plain):
@@ -181,7 +187,7 @@ def test_steps_that_go_backwards_or_leave_time_out_are_errors(plain):
 
 
 def test_a_stored_state_takes_it_back(plain):
-    slave = after(plain, 60.0, 15.0)
+    slave = slave_after(plain, 60.0, 15.0)
     before = slave.command
     state = slave.fmu.getFMUstate()
     first = slave.step(60.0, 60.0, T_sup=18.0).command
@@ -212,7 +218,7 @@ def test_the_same_controller_has_the_same_bytes_and_another_one_another_guid(exp
     fc.export_controller(fc.Loop(**PLAIN), tmp_path / "valve.fmu", "fmu")
     assert (tmp_path / "valve.fmu").read_bytes() == path.read_bytes()
     fc.export_controller(fc.Loop(**PLAIN, kp=0.017), tmp_path / "valve.fmu", "fmu")
-    guids = {fmpy.read_model_description(str(one)).guid for one in (path, tmp_path / "valve.fmu")}
+    guids = {fmpy.read_model_description(str(fmu_path)).guid for fmu_path in (path, tmp_path / "valve.fmu")}
     assert len(guids) == 2
 
 
@@ -231,20 +237,20 @@ def test_the_command_finds_the_form_by_the_suffix_and_refuses_in_a_sentence(tmp_
     (tmp_path / "loop.toml").write_text("[loop]\nbacklash_estimate = 0.05\n")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        done = CliRunner().invoke(main, ["export", "loop.toml", "-o", "2nd floor.fmu"])
-    assert done.exit_code == 0, done.output
-    assert done.output.splitlines()[-2:] == ["Written: 2nd floor.fmu", "Written: 2nd floor_vectors.csv"]
+        result = CliRunner().invoke(main, ["export", "loop.toml", "-o", "2nd floor.fmu"])
+    assert result.exit_code == 0, result.output
+    assert result.output.splitlines()[-2:] == ["Written: 2nd floor.fmu", "Written: 2nd floor_vectors.csv"]
     assert fmpy.read_model_description("2nd floor.fmu").coSimulation.modelIdentifier == "c_2nd_floor"
     endless = "def mine(now, p, memory):\n    while now.e > p.gain:\n        pass\n    return 0.0, memory\n"
-    (tmp_path / "mine.py").write_text(rules.HEAD + endless)
+    (tmp_path / "mine.py").write_text(rules.RULE_HEADER + endless)
     (tmp_path / "own.toml").write_text('[loop]\nestimator = "mine:mine"\ngain = 0.02\n')
-    for words, said in (
+    for words, message in (
         (["own.toml", "-o", "own.fmu"], "estimator = 'mine' cannot be exported: line 13"),
         (["loop.toml", "-o", "x.c", "--language", "fmu"], r"x\.c: give a file NAME\.fmu"),
     ):
-        done = CliRunner().invoke(main, ["export", *words])
-        assert done.exit_code == 2
-        assert re.search(said, done.output)
+        result = CliRunner().invoke(main, ["export", *words])
+        assert result.exit_code == 2
+        assert re.search(message, result.output)
     assert not [*tmp_path.glob("own.fmu"), *tmp_path.glob("x*")]
 
 

@@ -5,12 +5,12 @@ import xml.etree.ElementTree as ET
 
 import pytest
 from click.testing import CliRunner
-from helpers.exported import finds, structured_text_runner
+from helpers.exported import has_differences, structured_text_runner
 from test_same_controller import loop_of
 
 import fastcoil as fc
 from fastcoil.cli.main import main
-from fastcoil.deliver.export.words import IEC
+from fastcoil.deliver.export.words import IEC_KEYWORDS
 
 pytestmark = pytest.mark.kernel
 
@@ -37,16 +37,16 @@ ATTRIBUTES = {
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory):
     """name → the project as an element, the Structured Text of the same controller, and the vectors."""
-    made = {}
+    project_by_name = {}
 
     def files(name):
-        if name not in made:
+        if name not in project_by_name:
             test = fc.ValveTest() if name == "identify" else None
             folder = tmp_path_factory.mktemp(name)
             xml, stored = fc.export_controller(loop_of(name), folder / "valve.xml", "plcopen", test=test)
             text = fc.export_controller(loop_of(name), folder / "valve.st", "st", test=test)[0].read_text()
-            made[name] = ET.parse(xml).getroot(), text, stored
-        return made[name]
+            project_by_name[name] = ET.parse(xml).getroot(), text, stored
+        return project_by_name[name]
 
     return files
 
@@ -54,15 +54,15 @@ def exported(tmp_path_factory):
 each_loop = pytest.mark.parametrize("name", ["inverse", "identify", pytest.param("smooth", marks=pytest.mark.full)])
 
 
-def type_of(place):
-    (kind,) = place
+def type_of(element):
+    (kind,) = element
     if kind.tag != f"{TC6}array":
         return kind.tag.removeprefix(TC6)
     ends = kind.find(f"{TC6}dimension")
     return f"ARRAY[{ends.get('lower')}..{ends.get('upper')}] OF {type_of(kind.find(f'{TC6}baseType'))}"
 
 
-def recombined(project):
+def recombine(project):
     """Structured Text of the units of a project, a declaration a line."""
     lines = []
     for pou in project.iter(f"{TC6}pou"):
@@ -75,7 +75,7 @@ def recombined(project):
             opening = {"inputVars": "VAR_INPUT", "outputVars": "VAR_OUTPUT"}.get(group.tag.removeprefix(TC6), "VAR")
             lines.append(f"{opening} CONSTANT" if group.get("constant") else opening)
             for variable in group:
-                values = [one.get("value") for one in variable.iter(f"{TC6}simpleValue")]
+                values = [element.get("value") for element in variable.iter(f"{TC6}simpleValue")]
                 kind_of = type_of(variable.find(f"{TC6}type"))
                 value = f"[{', '.join(values)}]" if kind_of.startswith("ARRAY") else "".join(values)
                 lines.append(f"{variable.get('name')} : {kind_of}{f' := {value}' if values else ''};")
@@ -88,15 +88,15 @@ def parts_of(text):
     """Of each unit: its head, its declarations, and its body to the last byte."""
     units = re.findall(r"^(FUNCTION(?:_BLOCK)?) (.*?)\n(.*?)^END_\1$", text, re.MULTILINE | re.DOTALL)
     for kind, head, inner in units:
-        declared, _, body = inner.rpartition("END_VAR\n")
-        found = []
-        for section in f"{declared}END_VAR\n".split("END_VAR\n")[:-1]:
-            plain = re.sub(r"\(\*.*?\*\)", "", section, flags=re.DOTALL).strip()
-            opening, _, names = plain.partition("\n")
-            for listed, rest in re.findall(r"([\w,\s]+) : ([^;]+);", names):
+        declarations, _, body = inner.rpartition("END_VAR\n")
+        variables = []
+        for section in f"{declarations}END_VAR\n".split("END_VAR\n")[:-1]:
+            section_text = re.sub(r"\(\*.*?\*\)", "", section, flags=re.DOTALL).strip()
+            opening, _, names = section_text.partition("\n")
+            for variable_names, rest in re.findall(r"([\w,\s]+) : ([^;]+);", names):
                 kind_of = re.sub(r"\s+", " ", rest).replace("[ ", "[").replace(" ]", "]")
-                found += [(opening.strip(), name.strip(), kind_of) for name in listed.split(",")]
-        yield kind, head, sorted(found), body.removeprefix("\n")
+                variables += [(opening.strip(), name.strip(), kind_of) for name in variable_names.split(",")]
+        yield kind, head, sorted(variables), body.removeprefix("\n")
 
 
 @each_loop
@@ -104,17 +104,19 @@ def test_its_elements_are_those_of_the_standard_in_their_order(exported, name):
     """Names, order, attributes and types; the schema itself is not ours to copy."""
     project, *_ = exported(name)
     assert project.tag == f"{TC6}project"
-    for one in project.iter():
-        assert one.tag == XHTML or one.tag.startswith(TC6)
-        tag = one.tag.removeprefix(TC6)
-        inside = " ".join(child.tag.rpartition("}")[2] for child in one)
+    for element in project.iter():
+        assert element.tag == XHTML or element.tag.startswith(TC6)
+        tag = element.tag.removeprefix(TC6)
+        inside = " ".join(child.tag.rpartition("}")[2] for child in element)
         assert re.fullmatch(CHILDREN.get(tag, ""), inside) or re.fullmatch(CHILDREN.get(tag, ""), f"{inside} "), tag
-        wanted = set(ATTRIBUTES.get(tag, "").split())
-        assert set(one.attrib) == wanted | ({"constant"} if "constant" in one.attrib and tag == "localVars" else set())
-        assert not (one.text or "").strip() or tag == XHTML
-    names = [one.get("name") for one in project.iter() if one.tag in (f"{TC6}pou", f"{TC6}variable")]
-    assert all(re.fullmatch(r"[A-Za-z]\w*", one) for one in names)
-    assert not {one.casefold() for one in names} & IEC
+        expected_attributes = set(ATTRIBUTES.get(tag, "").split())
+        assert set(element.attrib) == expected_attributes | (
+            {"constant"} if "constant" in element.attrib and tag == "localVars" else set()
+        )
+        assert not (element.text or "").strip() or tag == XHTML
+    names = [element.get("name") for element in project.iter() if element.tag in (f"{TC6}pou", f"{TC6}variable")]
+    assert all(re.fullmatch(r"[A-Za-z]\w*", element) for element in names)
+    assert not {element.casefold() for element in names} & IEC_KEYWORDS
 
 
 @each_loop
@@ -124,32 +126,34 @@ def test_the_class_model_of_the_schema_reads_it(tmp_path, exported, name):
     from xsdata.formats.dataclass.parsers import XmlParser
 
     project, *_ = exported(name)
-    read = XmlParser().from_string(ET.tostring(project, encoding="unicode"), plcopen.Project)
-    assert [one.name for one in read.types.pous.pou][-1] == "FB_valve"
-    assert len(read.types.pous.pou) == len(project.findall(f".//{TC6}pou"))
+    parsed_project = XmlParser().from_string(ET.tostring(project, encoding="unicode"), plcopen.Project)
+    assert [pou.name for pou in parsed_project.types.pous.pou][-1] == "FB_valve"
+    assert len(parsed_project.types.pous.pou) == len(project.findall(f".//{TC6}pou"))
 
 
 @each_loop
 def test_interface_and_body_are_the_structured_text(exported, name):
     """Declarations one by one, bodies byte by byte; and the whole of it gives the kernel's numbers."""
     project, text, stored = exported(name)
-    found = recombined(project)
-    assert list(parts_of(found)) == list(parts_of(text))
+    structured_text = recombine(project)
+    assert list(parts_of(structured_text)) == list(parts_of(text))
     assert len(list(parts_of(text))) == text.count("END_FUNCTION")
     if name == "inverse":
-        assert not finds(structured_text_runner(found), stored)
-        assert finds(structured_text_runner(found.replace("u > u_ext ", "u > u_ext + 0.1 ")), stored)
+        assert not has_differences(structured_text_runner(structured_text), stored)
+        assert has_differences(
+            structured_text_runner(structured_text.replace("u > u_ext ", "u > u_ext + 0.1 ")), stored
+        )
 
 
 def test_what_the_code_says_of_a_variable_is_its_documentation(exported):
     project, text, _ = exported("inverse")
-    said = {
-        one.get("name"): one.find(f"{TC6}documentation/{XHTML}").text
-        for one in project.iter(f"{TC6}variable")
-        if one.find(f"{TC6}documentation") is not None
+    documentation = {
+        variable.get("name"): variable.find(f"{TC6}documentation/{XHTML}").text
+        for variable in project.iter(f"{TC6}variable")
+        if variable.find(f"{TC6}documentation") is not None
     }
-    assert "kelvin" in said["KP"]
-    assert f"(* {said['T_sup']} *)" in text
+    assert "kelvin" in documentation["KP"]
+    assert f"(* {documentation['T_sup']} *)" in text
 
 
 def test_the_command_finds_it_by_its_suffix_and_it_has_the_same_bytes_again(tmp_path, monkeypatch):
@@ -157,12 +161,12 @@ def test_the_command_finds_it_by_its_suffix_and_it_has_the_same_bytes_again(tmp_
     (tmp_path / "loop.toml").write_text("[loop]\nbacklash_estimate = 0.05\n")
     contents = []
     for _ in range(2):
-        done = CliRunner().invoke(main, ["export", "loop.toml", "-o", "valve.xml"])
-        assert done.exit_code == 0, done.output
-        assert done.output.splitlines()[-2:] == ["Written: valve.xml", "Written: valve_vectors.csv"]
+        result = CliRunner().invoke(main, ["export", "loop.toml", "-o", "valve.xml"])
+        assert result.exit_code == 0, result.output
+        assert result.output.splitlines()[-2:] == ["Written: valve.xml", "Written: valve_vectors.csv"]
         contents.append((tmp_path / "valve.xml").read_bytes())
     assert contents[0] == contents[1]
     (tmp_path / "other.xml").write_text("<project/>")
-    done = CliRunner().invoke(main, ["export", "loop.toml", "-o", "other.xml"])
-    assert done.exit_code == 2
-    assert "other.xml exists, and fastcoil did not write it" in done.output
+    result = CliRunner().invoke(main, ["export", "loop.toml", "-o", "other.xml"])
+    assert result.exit_code == 2
+    assert "other.xml exists, and fastcoil did not write it" in result.output

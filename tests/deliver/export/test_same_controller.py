@@ -5,13 +5,21 @@ import subprocess
 import sys
 
 import pytest
-from helpers.exported import FLAGS, WORST, finds, module, needs_compiler, python_runner, vectors
-from helpers.full import full_but
+from helpers.exported import (
+    COMPILER_FLAGS,
+    WORST_DIFFERENCE,
+    has_differences,
+    load_module,
+    python_runner,
+    read_vectors,
+    skip_without_compiler,
+)
+from helpers.full import full_except
 from helpers.structured_text import Project
 
 import fastcoil as fc
 from fastcoil.deliver.export.export import SUFFIXES
-from fastcoil.deliver.export.words import IEC
+from fastcoil.deliver.export.words import IEC_KEYWORDS
 
 pytestmark = pytest.mark.kernel
 
@@ -34,7 +42,7 @@ LOOPS = {
         "buffer": 0.01,
     },
 }
-MORE = {
+MORE_LOOPS = {
     "learner": {"learning_step": 0.01, "learning_interval": 600.0},
     "pi": {"preset": "g36"},
     "smooth": {"preset": "lbnl", "compensation": "smooth", "backlash_estimate": 0.07},
@@ -53,62 +61,64 @@ MORE = {
     "heating_gradient": {"preset": "heating", "estimator": "gradient"},
     "backwards": {"kp": -0.01, "ti": 60.0, "backlash_estimate": 0.05, "sample_time": 7.0},
 }  # fmt: skip
-ALL = LOOPS | MORE
-EACH = full_but(ALL, LOOPS)
+ALL_LOOPS = LOOPS | MORE_LOOPS
+EACH_LOOP = full_except(ALL_LOOPS, LOOPS)
 
 
 def loop_of(name):
-    values = dict(ALL[name])
+    values = dict(ALL_LOOPS[name])
     return fc.Loop.preset(values.pop("preset", "paper_like")).assign(**values)
 
 
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory):
     """(name, language) → the files of that export, made once."""
-    made = {}
+    files_by_export = {}
 
     def files(name, language):
-        if (name, language) not in made:
+        if (name, language) not in files_by_export:
             folder = tmp_path_factory.mktemp(f"{name}_{language}")
-            made[name, language] = fc.export_controller(loop_of(name), folder / f"valve{SUFFIXES[language]}", language)
-        return made[name, language]
+            files_by_export[name, language] = fc.export_controller(
+                loop_of(name), folder / f"valve{SUFFIXES[language]}", language
+            )
+        return files_by_export[name, language]
 
     return files
 
 
-@pytest.mark.parametrize("name", EACH)
-@pytest.mark.parametrize("language", WORST)
+@pytest.mark.parametrize("name", EACH_LOOP)
+@pytest.mark.parametrize("language", WORST_DIFFERENCE)
 def test_every_language_gives_the_kernels_numbers(exported, name, language):
     """C compiled without a warning; Structured Text by an interpreter of ours, with the program that checks it."""
-    needs_compiler(language)
+    skip_without_compiler(language)
     files = exported(name, language)
     # exp and log of the C library may differ from the kernel's in the last digit
-    assert WORST[language](*files) <= (1e-12 if "identify" in name or name == "smooth" else 0.0)
+    assert WORST_DIFFERENCE[language](*files) <= (1e-12 if "identify" in name or name == "smooth" else 0.0)
     text = files[0].read_text()
     assert text.isascii()
     assert max(map(len, text.splitlines())) <= 120 or name == "variants"
     assert not re.search(r"[ \t]$|\n\n\n\n", text, re.MULTILINE)
     if language == "python":
-        assert module(files[0]).check(files[1])
+        assert load_module(files[0]).check(files[1])
 
 
-@pytest.mark.parametrize("name", EACH)
+@pytest.mark.parametrize("name", EACH_LOOP)
 def test_structured_text_keeps_clear_of_the_standards_own_names_and_its_loops_are_bounded(exported, name):
     code = re.sub(r"\(\*.*?\*\)", "", exported(name, "st")[0].read_text(), flags=re.DOTALL)
     lists = re.findall(r"^[ \t]*([\w, \n]+) :(?!=)", code, re.MULTILINE)
-    declared = {name.strip() for names in lists for name in names.split(",")}
-    assert len(declared) > 20
-    assert not {name.casefold() for name in declared} & IEC
-    assert not any("__" in name or name.endswith("_") for name in declared)
+    variable_names = {name.strip() for names in lists for name in names.split(",")}
+    assert len(variable_names) > 20
+    assert not {name.casefold() for name in variable_names} & IEC_KEYWORDS
+    assert not any("__" in name or name.endswith("_") for name in variable_names)
     # some compilers skip a loop of one pass, and a cycle must end in time
     loops = re.findall(r"FOR \w+ := (\S+) TO ([^\n]+?)(?: BY -1)? DO", code)
     assert bool(loops) == ("identify" in name)
     assert all(re.fullmatch(r"\d+|[A-Z][A-Z_0-9]*( - 1)?", bound) for pair in loops for bound in pair)
 
 
-@pytest.mark.parametrize("name", EACH)
+@pytest.mark.parametrize("name", EACH_LOOP)
 def test_the_vectors_go_through_all_that_a_controller_does(exported, name):
-    rows = vectors(exported(name, "python")[1])
+    rows = read_vectors(exported(name, "python")[1])
     pairs = [(a, b) for a, b in zip(rows, rows[1:], strict=False) if not b["reset"]]
     assert sum(row["reset"] for row in rows) >= 2.0
     assert sum(a["rising"] != b["rising"] for a, b in pairs) > 20
@@ -192,20 +202,24 @@ def test_a_law_that_is_broken_anywhere_is_found_by_the_vectors(exported, broken)
     name, *pairs = broken
     code, stored = exported(name, "python")
     text = code.read_text()
-    for law, other in zip(pairs[::2], pairs[1::2], strict=True):
+    for law, broken_law in zip(pairs[::2], pairs[1::2], strict=True):
         assert law in text
-        text = text.replace(law, other)
-    assert finds(python_runner(text), stored)
+        text = text.replace(law, broken_law)
+    assert has_differences(python_runner(text), stored)
 
 
 def test_the_check_in_c_finds_a_broken_law_and_missing_vectors(exported, tmp_path):
-    needs_compiler("c")
+    skip_without_compiler("c")
     code, stored = exported("inverse", "c")
     (tmp_path / "valve.c").write_text(code.read_text().replace("s->u > s->u_ext)", "s->u > s->u_ext + 0.1)"))
-    subprocess.run(["gcc", *FLAGS, "-DFASTCOIL_CHECK", "valve.c", "-lm", "-o", "broken"], cwd=tmp_path, check=True)
-    for given in ([stored], ["missing.csv"], []):
-        done = subprocess.run([tmp_path / "broken", *given], cwd=tmp_path, check=False, capture_output=True, text=True)
-        assert done.returncode == 1, given
+    subprocess.run(
+        ["gcc", *COMPILER_FLAGS, "-DFASTCOIL_CHECK", "valve.c", "-lm", "-o", "broken"], cwd=tmp_path, check=True
+    )
+    for arguments in ([stored], ["missing.csv"], []):
+        process = subprocess.run(
+            [tmp_path / "broken", *arguments], cwd=tmp_path, check=False, capture_output=True, text=True
+        )
+        assert process.returncode == 1, arguments
 
 
 def test_the_check_in_structured_text_finds_a_broken_law(exported):
@@ -234,18 +248,18 @@ DAMAGES = {
 @pytest.mark.parametrize("language", ["python", "c"])
 def test_vectors_that_were_cut_or_edited_are_reported(exported, tmp_path, language):
     """Line ends of another system are no edit."""
-    needs_compiler(language)
+    skip_without_compiler(language)
     code, stored = exported("inverse", language)
     program = [sys.executable, code]
     if language == "c":
         program = [tmp_path / "check"]
-        subprocess.run(["gcc", *FLAGS, "-DFASTCOIL_CHECK", code, "-lm", "-o", *program], check=True)
+        subprocess.run(["gcc", *COMPILER_FLAGS, "-DFASTCOIL_CHECK", code, "-lm", "-o", *program], check=True)
     text = stored.read_text()
-    other = tmp_path / "other.csv"
+    damaged_file = tmp_path / "other.csv"
     for name, damage in [*UNDAMAGED.items(), *DAMAGES.items()]:
-        other.write_bytes(damage(text).encode())
-        ran = subprocess.run([*program, other], check=False, capture_output=True, text=True, timeout=60)
-        said = ran.stdout + ran.stderr
-        assert ran.returncode == (name in DAMAGES), name
-        assert ("was cut or edited, or is of another export" in said) == (name in DAMAGES), (name, said)
-        assert "Traceback" not in said
+        damaged_file.write_bytes(damage(text).encode())
+        process = subprocess.run([*program, damaged_file], check=False, capture_output=True, text=True, timeout=60)
+        output = process.stdout + process.stderr
+        assert process.returncode == (name in DAMAGES), name
+        assert ("was cut or edited, or is of another export" in output) == (name in DAMAGES), (name, output)
+        assert "Traceback" not in output

@@ -6,10 +6,10 @@ import shutil
 import subprocess
 
 import pytest
-from helpers.exported import FLAGS
+from helpers.exported import COMPILER_FLAGS
 from helpers.structured_text import Project
 
-from fastcoil.deliver.export.languages import InC, InST
+from fastcoil.deliver.export.languages import CPrinter, StructuredTextPrinter
 from fastcoil.deliver.export.printer import Laws
 
 EXPRESSIONS = [
@@ -51,12 +51,12 @@ def step(
 '''
 
 
-def laws(*body, n=1):
+def make_laws(*body, n=1):
     fields = "\n".join(f"    r_{k}: float  # result" for k in range(n))
     return Laws(LAWS.format(fields=fields, body="\n".join(f"    {line}" for line in body)))
 
 
-def expected(values):
+def expected_values(values):
     names = dict(zip("abc", values, strict=True)) | {"math": math, "flag": True}
     return [float(eval(text, names)) for text in [*EXPRESSIONS, *CONDITIONS]]
 
@@ -65,7 +65,7 @@ def all_expressions():
     body = [f"s.r_{k} = {text}" for k, text in enumerate(EXPRESSIONS)]
     for k, text in enumerate(CONDITIONS, len(EXPRESSIONS)):
         body += [f"s.r_{k} = 0.0", f"if {text}:", f"    s.r_{k} = 1.0"]
-    return laws(*body, n=len(EXPRESSIONS) + len(CONDITIONS))
+    return make_laws(*body, n=len(EXPRESSIONS) + len(CONDITIONS))
 
 
 VALUES = [(0.3, 1.7, -0.9), (-2.0, 0.1, 0.1), (5.0, -3.0, 0.7), (1.0, 1.0, 1.0)]
@@ -73,22 +73,22 @@ VALUES = [(0.3, 1.7, -0.9), (-2.0, 0.1, 0.1), (5.0, -3.0, 0.7), (1.0, 1.0, 1.0)]
 
 @pytest.mark.parametrize("values", VALUES)
 def test_structured_text_groups_expressions_as_they_were(values):
-    block = Project(InST(all_expressions(), "test").text()).block("FB_test")
+    block = Project(StructuredTextPrinter(all_expressions(), "test").text()).block("FB_test")
     block(**dict(zip("abc", values, strict=True)), flag=True)
-    assert [getattr(block, f"r_{k}") for k in range(len(expected(values)))] == expected(values)
+    assert [getattr(block, f"r_{k}") for k in range(len(expected_values(values)))] == expected_values(values)
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 def test_c_groups_expressions_as_they_were(tmp_path):
-    (tmp_path / "test.c").write_text(InC(all_expressions(), "test").text())
-    flags = [*FLAGS, "-Wno-unused-parameter", "-shared", "-fPIC"]
+    (tmp_path / "test.c").write_text(CPrinter(all_expressions(), "test").text())
+    flags = [*COMPILER_FLAGS, "-Wno-unused-parameter", "-shared", "-fPIC"]
     subprocess.run(["gcc", *flags, "test.c", "-lm", "-o", "test.so"], cwd=tmp_path, check=True)
     step = ctypes.CDLL(str(tmp_path / "test.so")).test_step
     step.argtypes = [ctypes.c_void_p, *[ctypes.c_double] * 3, ctypes.c_bool]
     for values in VALUES:
-        found = (ctypes.c_double * len(expected(values)))()
-        step(found, *values, True)
-        assert list(found) == pytest.approx(expected(values), rel=1e-15)
+        state = (ctypes.c_double * len(expected_values(values)))()
+        step(state, *values, True)
+        assert list(state) == pytest.approx(expected_values(values), rel=1e-15)
 
 
 def test_loops_are_kept_and_what_is_said_of_constants_and_functions():
@@ -96,11 +96,11 @@ def test_loops_are_kept_and_what_is_said_of_constants_and_functions():
         "common = 0.0", "for i in range(1, COUNT):", "    common += a",
         "for i in range(COUNT - 1, 0, -1):", "    common -= b", "s.r_0 = common * NUMBER",
     ]  # fmt: skip
-    found = laws(*body)
-    text = InST(found, "test").text()
+    parsed_laws = make_laws(*body)
+    text = StructuredTextPrinter(parsed_laws, "test").text()
     block = Project(text).block("FB_test")
     block(a=3.0, b=0.5, c=0.0, flag=False)
     assert block.r_0 == (2 * 3.0 - 2 * 0.5) * 2.5
     assert "FOR i := COUNT - 1 TO 1 BY -1 DO" in text
-    for written in (text, InC(found, "test").text()):
-        assert all(said in written for said in ("a constant", "What is found.", "Find."))
+    for code in (text, CPrinter(parsed_laws, "test").text()):
+        assert all(comment in code for comment in ("a constant", "What is found.", "Find."))

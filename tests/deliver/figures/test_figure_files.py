@@ -18,15 +18,15 @@ def figure():
     return drawn
 
 
-@pytest.mark.parametrize("format", files.FORMATS)
+@pytest.mark.parametrize("format", files.FIGURE_FORMATS)
 def test_a_format_is_what_it_says_with_the_dots_asked_for(figure, tmp_path, format):
-    (path,) = files.write({"drawn": figure}, tmp_path / "new", format=format)
+    (path,) = files.write_figures({"drawn": figure}, tmp_path / "new", format=format)
     assert path == tmp_path / "new" / f"drawn.{format}"
     assert path.read_bytes().startswith(STARTS[format])
-    assert path.read_bytes() == files.encode(figure, format)
+    assert path.read_bytes() == files.encode_figure(figure, format)
     if format == "png":
         assert imread(path).shape[:2] == (300, 400)
-        (path,) = files.write({"drawn": figure}, tmp_path, dpi=100)
+        (path,) = files.write_figures({"drawn": figure}, tmp_path, dpi=100)
         assert imread(path).shape[:2] == (150, 200)
 
 
@@ -48,36 +48,36 @@ def test_a_figure_that_cannot_be_written_leaves_the_old_file(figure, tmp_path, m
     (tmp_path / "drawn.png").write_text("old")
     monkeypatch.setattr("os.replace", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
     with pytest.raises(StorageError, match=r"drawn\.png cannot be written: No space left"):
-        files.write({"drawn": figure}, tmp_path)
+        files.write_figures({"drawn": figure}, tmp_path)
     assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("drawn.png", "old")]
 
 
-ONE, OTHER = "1a" * 32, "2b" * 32
+RESULT_HASH, OTHER_HASH = "1a" * 32, "2b" * 32
 
 
-@pytest.mark.parametrize("format", files.FORMATS)
+@pytest.mark.parametrize("format", files.FIGURE_FORMATS)
 def test_a_figure_carries_the_hash_of_its_results_which_no_title_can_fake(figure, tmp_path, format):
-    figure.suptitle(f"content_sha256 {OTHER} /Keywords (content_sha256 {OTHER})")
-    (path,) = files.write({"drawn": figure}, tmp_path, format=format, drawn_from=ONE)
-    assert path.read_bytes() == files.encode(figure, format, drawn_from=ONE)
-    assert files.origin(path) == ONE
-    (plain,) = files.write({"plain": figure}, tmp_path, format=format)
-    assert files.origin(plain) is None
+    figure.suptitle(f"content_sha256 {OTHER_HASH} /Keywords (content_sha256 {OTHER_HASH})")
+    (path,) = files.write_figures({"drawn": figure}, tmp_path, format=format, drawn_from=RESULT_HASH)
+    assert path.read_bytes() == files.encode_figure(figure, format, drawn_from=RESULT_HASH)
+    assert files.read_origin(path) == RESULT_HASH
+    (plain,) = files.write_figures({"plain": figure}, tmp_path, format=format)
+    assert files.read_origin(plain) is None
 
 
 def test_figures_of_other_results_are_stale_and_those_that_do_not_say_are_neither(figure, tmp_path):
     folder = tmp_path / "figures"
-    for name, drawn_from in (("mine", ONE), ("old", OTHER), ("unknown", None)):
-        files.write({name: figure}, folder, drawn_from=drawn_from)
-        files.write({name: figure}, folder, format="svg", drawn_from=drawn_from)
-    (folder / "notes.txt").write_text(f"content_sha256 {OTHER}")
+    for name, drawn_from in (("mine", RESULT_HASH), ("old", OTHER_HASH), ("unknown", None)):
+        files.write_figures({name: figure}, folder, drawn_from=drawn_from)
+        files.write_figures({name: figure}, folder, format="svg", drawn_from=drawn_from)
+    (folder / "notes.txt").write_text(f"content_sha256 {OTHER_HASH}")
     (folder / "folder.png").mkdir()
-    assert files.current_figures(tmp_path, ONE) == [folder / "mine.png", folder / "mine.svg"]
-    assert files.stale_figures(tmp_path, ONE) == [folder / "old.png", folder / "old.svg"]
-    assert files.stale_figures(tmp_path / "none", ONE) == []
+    assert files.current_figures(tmp_path, RESULT_HASH) == [folder / "mine.png", folder / "mine.svg"]
+    assert files.stale_figures(tmp_path, RESULT_HASH) == [folder / "old.png", folder / "old.svg"]
+    assert files.stale_figures(tmp_path / "none", RESULT_HASH) == []
 
 
 def test_a_label_with_dollars_is_no_formula(figure):
     figure.axes[0].set_title("Saving $5 or $x^$")
     figure.axes[0].set_xticks([0.0], ["$x^$"])
-    assert files.encode(figure).startswith(b"\x89PNG")
+    assert files.encode_figure(figure).startswith(b"\x89PNG")

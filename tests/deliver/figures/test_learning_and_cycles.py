@@ -10,7 +10,7 @@ pytestmark = pytest.mark.kernel
 
 
 @pytest.fixture(scope="module")
-def learned():
+def learning_result():
     loop = fc.Loop(learning_step=[0.0117, 0.02])
     return fc.simulate(loop, fc.paper_day(), traces=["estimate"], trace_interval=30, n_jobs=1)
 
@@ -21,47 +21,47 @@ def day():
 
 
 @pytest.fixture(scope="module")
-def swinging(day):
+def swings_and_prediction(day):
     loop = fc.Loop(backlash=[0.0, 0.07])
     return fc.simulate(loop, day, traces=["command", "opening"], trace_interval=5, n_jobs=1), fc.limit_cycle(loop, day)
 
 
-def test_an_estimate_climbs_to_the_true_gap_and_marks_where_it_got_there(learned):
-    one = learned.isel(learning_step=0)
-    axes = fc.plot.learning(one)
+def test_an_estimate_climbs_to_the_true_gap_and_marks_where_it_got_there(learning_result):
+    scenario = learning_result.isel(learning_step=0)
+    axes = fc.plot.learning(scenario)
     lines = {line.get_label(): line for line in axes.lines}
-    np.testing.assert_array_equal(lines["estimate"].get_ydata(), 100 * one.estimate)
+    np.testing.assert_array_equal(lines["estimate"].get_ydata(), 100 * scenario.estimate)
     assert lines["estimate"].get_drawstyle() == "steps-post"
     np.testing.assert_allclose(lines["true backlash"].get_ydata(), 7.0)
     reached, confirmed = (line for line in axes.lines if line.get_marker() in "os")
-    assert reached.get_xdata()[0] == float(one.learn_time_reached) / 3600
-    assert confirmed.get_xdata()[0] == float(one.learn_time_confirmed) / 3600
+    assert reached.get_xdata()[0] == float(scenario.learn_time_reached) / 3600
+    assert confirmed.get_xdata()[0] == float(scenario.learn_time_confirmed) / 3600
     assert reached.get_ydata()[0] == pytest.approx(6.99, abs=0.6)
     assert axes.get_ylabel() == "backlash estimate [%]"
 
 
-def test_the_plane_holds_the_last_swings_between_the_edges_of_the_gap(swinging):
-    ds, predicted = swinging
-    one = ds.isel(backlash=1)
-    axes = fc.plot.limit_cycle(one, predicted)
+def test_the_plane_holds_the_last_swings_between_the_edges_of_the_gap(swings_and_prediction):
+    ds, predicted = swings_and_prediction
+    scenario = ds.isel(backlash=1)
+    axes = fc.plot.limit_cycle(scenario, predicted)
     (loop,) = (line for line in axes.lines if line.get_color() == "#004488")
     command, opening = loop.get_xdata() / 100, loop.get_ydata() / 100
-    assert command.size == pytest.approx(4 * float(one.hunting_period) / 5, abs=2)
+    assert command.size == pytest.approx(4 * float(scenario.hunting_period) / 5, abs=2)
     low, high = (command - 0.07) / 0.93, command / 0.93
     assert (low - 1e-9 <= opening).all()
     assert (opening <= high + 1e-9).all()
     edges = [line.get_ydata()[0] - 100 * command.min() / 0.93 for line in axes.lines if line.get_color() == "black"]
     assert sorted(edges) == [pytest.approx(-7 / 0.93), pytest.approx(0.0, abs=1e-9)]
     heading = axes.get_title(loc="left").replace("\n", " ")
-    swing, period = float(one.hunting_swing), float(one.hunting_period)
+    swing, period = float(scenario.hunting_swing), float(scenario.hunting_period)
     predicted = predicted.isel(backlash=1)
     assert f"simulated {swing:.2g} K every {period:.0f} s" in heading
     assert f"predicted {2 * float(predicted.amplitude):.2g} K every {float(predicted.period):.0f} s" in heading
-    assert f"margin {float(predicted.margin):.2g}" in heading
+    assert f"hunting index {float(predicted.hunting_index):.2g}" in heading
 
 
-def test_each_of_several_loops_is_compared_with_what_was_predicted_of_it(swinging):
-    axes = fc.plot.limit_cycle(*swinging)
+def test_each_of_several_loops_is_compared_with_what_was_predicted_of_it(swings_and_prediction):
+    axes = fc.plot.limit_cycle(*swings_and_prediction)
     first, second = axes.get_title(loc="left").replace("\n", " ").split("backlash = 7 %")
     assert "backlash = 0 %: simulated" in first
     assert "predicted no swing" in first
@@ -70,8 +70,8 @@ def test_each_of_several_loops_is_compared_with_what_was_predicted_of_it(swingin
     assert_palette(axes.figure)
 
 
-def test_a_loop_that_failed_has_no_plane(swinging):
-    ds, _ = swinging
+def test_a_loop_that_failed_has_no_plane(swings_and_prediction):
+    ds, _ = swings_and_prediction
     axes = fc.plot.limit_cycle(ds * np.nan)
     assert [text.get_text() for text in axes.texts] == ["no finite value"]
     half = ds.where(ds.backlash > 0.0)
@@ -85,7 +85,7 @@ def test_a_loop_that_failed_has_no_plane(swinging):
             lambda ds, p: fc.plot.limit_cycle(ds.drop_vars("command")),
             "data lacks traces such as command and opening: simulate with ",
         ),
-        (lambda ds, p: fc.plot.limit_cycle(ds, ds), "predicted has no margin, period, amplitude: give what "),
+        (lambda ds, p: fc.plot.limit_cycle(ds, ds), "predicted has no hunting index, period, amplitude: give what "),
         (
             lambda ds, p: fc.plot.limit_cycle(ds, p.assign_coords(backlash=[1, 2])),
             "predicted has other labels ",
@@ -97,8 +97,8 @@ def test_a_loop_that_failed_has_no_plane(swinging):
         (lambda ds, predicted: fc.plot.learning(ds), "data lacks traces such as estimate: simulate with "),
     ],
 )
-def test_what_is_missing_gets_a_sentence(swinging, call, words):
+def test_what_is_missing_gets_a_sentence(swings_and_prediction, call, words):
     with pytest.raises(fc.InputError) as caught:
-        call(*swinging)
+        call(*swings_and_prediction)
     (sentence,) = caught.value.problems
     assert sentence.startswith(words)

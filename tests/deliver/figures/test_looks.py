@@ -19,7 +19,7 @@ def test_the_style_is_applied_and_taken_back():
 def test_a_quantity_has_the_label_of_its_table_and_the_unit_and_factor_of_readers():
     for name, entry in {**PARAMETERS, **METRICS, **TRACES}.items():
         assert quantity(name).text == entry.label
-    assert labels._READ_IN.keys() <= {*PARAMETERS, *METRICS, *TRACES}
+    assert labels._DISPLAY_UNITS.keys() <= {*PARAMETERS, *METRICS, *TRACES}
     for name, unit, factor in (
         ("backlash", "%", 100.0), ("command", "%", 100.0), ("learn_time_reached", "h", 1 / 3600),
         ("learning_interval", "min", 1 / 60), ("water_volume", "m³", 1.0), ("kp", "1/K", 1.0), ("rmse", "K", 1.0),

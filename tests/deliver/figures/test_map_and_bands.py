@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.results import result
+from helpers.results import make_result
 from matplotlib.colors import to_hex
 
 import fastcoil as fc
@@ -14,7 +14,7 @@ def ds():
     rng = np.random.default_rng(1)
     coords = {"backlash": [0.02, 0.05, 0.08, 0.11], "estimate_ratio": [0.0, 0.5, 1.0, 1.5]}
     metrics = {name: rng.random((6, 4, 4)) for name in ("rmse", "share_off")}
-    return result(("day", "backlash", "estimate_ratio"), coords, **metrics)
+    return make_result(("day", "backlash", "estimate_ratio"), coords, **metrics)
 
 
 def test_a_map_has_the_median_in_every_cell(ds):
@@ -81,5 +81,5 @@ def test_what_failed_is_told(ds):
 def test_what_cannot_be_drawn_gets_a_sentence(ds, call, sentence):
     with pytest.raises(fc.InputError) as caught:
         call(ds)
-    (found,) = caught.value.problems
-    assert found.startswith(sentence)
+    (problem,) = caught.value.problems
+    assert problem.startswith(sentence)

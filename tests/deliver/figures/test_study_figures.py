@@ -3,70 +3,76 @@
 import numpy as np
 import pytest
 from helpers.figure_looks import assert_palette, assert_texts_fit
-from helpers.full import full_but
-from helpers.results import drawn, result
+from helpers.full import full_except
+from helpers.results import drawn_result, make_result
 
 from fastcoil.base.errors import InputError
 from fastcoil.deliver.figures import swept as plots
 from fastcoil.deliver.figures.swept import control_dims
 from fastcoil.study.analysis.compare import relative_to
-from fastcoil.study.analysis.selected import binned
+from fastcoil.study.analysis.selected import group_by_parameters
 
 SHAPE = (2, 3, 4, 6)
-LONG = "A title that somebody made as long as a question of research may be, with all its conditions and exceptions. "
+LONG_TITLE = (
+    "A title that somebody made as long as a question of research may be, with all its conditions and exceptions. "
+)
 
 
 @pytest.fixture(scope="module")
-def swept():
+def swept_result():
     """Named tunings, backlashes and estimates on six days."""
     rng = np.random.default_rng(1)
     metrics = {name: rng.random(SHAPE) for name in (*plots.STANDARD_METRICS, "water_volume")}
     coords = {"tuning": ["slow", "fast"], "backlash": [0.02, 0.05, 0.08], "estimate_ratio": [0.0, 0.5, 1.0, 1.5]}
     dims = ("tuning", "backlash", "estimate_ratio", "day")
-    return result(dims, coords, {"title": "A question"}, **metrics)
+    return make_result(dims, coords, {"title": "A question"}, **metrics)
 
 
-def curves(axes):
+def median_lines(axes):
     """The lines of a panel, without that at 0."""
     return axes.lines[1:]
 
 
-def test_curves_by_a_second_parameter_have_a_row_each_with_its_median_from_0(swept):
-    figure = plots.panels(swept, "estimate_ratio", by="backlash", metrics=["rmse"])
+def test_curves_by_a_second_parameter_have_a_row_each_with_its_median_from_0(swept_result):
+    figure = plots.draw_panels(swept_result, "estimate_ratio", by="backlash", metrics=["rmse"])
     assert [axes.get_title(loc="left") for axes in figure.axes] == [
         "backlash = 2 %",
         "backlash = 5 %",
         "backlash = 8 %",
     ]
-    for axes, backlash in zip(figure.axes, swept.backlash.values, strict=True):
-        (line,) = curves(axes)
+    for axes, backlash in zip(figure.axes, swept_result.backlash.values, strict=True):
+        (line,) = median_lines(axes)
         np.testing.assert_array_equal(line.get_xdata(), [0, 50, 100, 150])
-        np.testing.assert_allclose(line.get_ydata(), swept.rmse.sel(backlash=backlash).median(["tuning", "day"]))
+        np.testing.assert_allclose(line.get_ydata(), swept_result.rmse.sel(backlash=backlash).median(["tuning", "day"]))
         low, high = axes.get_ylim()
         assert (low, high) == figure.axes[0].get_ylim()
         assert low == 0.0 < np.max(line.get_ydata()) < high
 
 
-def test_a_few_members_are_drawn_one_by_one_and_many_as_a_band(swept):
-    ds = swept.isel(day=0)
-    (axes,) = plots.panels(ds, "backlash", metrics=["rmse"]).axes
+def test_a_few_members_are_drawn_one_by_one_and_many_as_a_band(swept_result):
+    ds = swept_result.isel(day=0)
+    (axes,) = plots.draw_panels(ds, "backlash", metrics=["rmse"]).axes
     low, high = (ds.rmse.quantile(q, ["estimate_ratio", "tuning"]) for q in (0.1, 0.9))
     (band,) = axes.collections
     edges = band.get_paths()[0].vertices
     assert (edges[:, 1].min(), edges[:, 1].max()) == pytest.approx((float(low.min()), float(high.max())))
-    assert len(curves(axes)) == 1
+    assert len(median_lines(axes)) == 1
     ds = ds.isel(estimate_ratio=0)
-    (axes,) = plots.panels(ds, "backlash", metrics=["rmse"]).axes
+    (axes,) = plots.draw_panels(ds, "backlash", metrics=["rmse"]).axes
     assert not axes.collections
-    drawn_one_by_one = [line.get_ydata() for line in curves(axes)]
+    drawn_one_by_one = [line.get_ydata() for line in median_lines(axes)]
     np.testing.assert_allclose(drawn_one_by_one, [*ds.rmse, ds.rmse.median("tuning")])
 
 
-@pytest.mark.parametrize("millimetres", full_but([84, 174, None], [84]))
-def test_the_standard_figures_are_as_wide_as_asked_and_no_text_is_clipped_or_hides_another(swept, millimetres):
-    ds = relative_to(swept, {"estimate_ratio": 0}, "estimate / backlash = 0 %") if millimetres == 84 else swept
+@pytest.mark.parametrize("millimetres", full_except([84, 174, None], [84]))
+def test_the_standard_figures_are_as_wide_as_asked_and_no_text_is_clipped_or_hides_another(swept_result, millimetres):
+    ds = (
+        relative_to(swept_result, {"estimate_ratio": 0}, "estimate / backlash = 0 %")
+        if millimetres == 84
+        else swept_result
+    )
     inches = None if millimetres is None else millimetres / 25.4
-    for draw in plots.standard_figures(ds.assign_attrs(title=2 * LONG), inches).values():
+    for draw in plots.standard_figures(ds.assign_attrs(title=2 * LONG_TITLE), inches).values():
         figure = draw()
         assert inches is None or figure.get_figwidth() == inches
         assert_texts_fit(figure)
@@ -88,11 +94,11 @@ def test_a_study_gets_the_figures_that_suit_its_dims(sizes, names):
     coords = {name: 1.0 + np.arange(n) for name, n in sizes.items()}
     if "tuning" in coords:
         coords["tuning"] = coords["tuning"].astype(str)
-    assert set(plots.standard_figures(result(tuple(sizes), coords, rmse=np.ones(tuple(sizes.values()))))) == names
+    assert set(plots.standard_figures(make_result(tuple(sizes), coords, rmse=np.ones(tuple(sizes.values()))))) == names
 
 
-def test_a_study_in_which_all_failed_still_gets_its_figures(swept):
-    for draw in plots.standard_figures(swept * np.nan).values():
+def test_a_study_in_which_all_failed_still_gets_its_figures(swept_result):
+    for draw in plots.standard_figures(swept_result * np.nan).values():
         assert "no finite value" in [text.get_text() for text in draw().axes[0].texts]
 
 
@@ -110,13 +116,13 @@ def test_a_study_in_which_all_failed_still_gets_its_figures(swept):
 )
 def test_a_plain_pi_among_others_is_seen_by_what_differs(dim, values, is_control):
     coords = {name: (dim, of) for name, of in values.items()}
-    assert control_dims(result((dim, "kp"), coords, rmse=np.ones((2, 2)))) == [dim] * is_control
+    assert control_dims(make_result((dim, "kp"), coords, rmse=np.ones((2, 2)))) == [dim] * is_control
 
 
-def test_the_standard_figures_never_pool_a_plain_pi_with_others(swept):
-    for draw in plots.standard_figures(swept.rename(day="kp")).values():
+def test_the_standard_figures_never_pool_a_plain_pi_with_others(swept_result):
+    for draw in plots.standard_figures(swept_result.rename(day="kp")).values():
         assert "estimate_ratio" not in draw().get_suptitle()
-    tuning = plots.standard_figures(swept)["tuning"]()
+    tuning = plots.standard_figures(swept_result)["tuning"]()
     titles = [" ".join(axes.get_title(loc="left").split()) for axes in tuning.axes]
     assert titles[::3] == [
         "estimate / backlash = 0 %, plain PI",
@@ -125,12 +131,14 @@ def test_the_standard_figures_never_pool_a_plain_pi_with_others(swept):
         "estimate / backlash = 150 %",
     ]
     dots = tuning.axes[0].lines[-1].get_xdata()
-    np.testing.assert_allclose(dots, swept.rmse.sel(estimate_ratio=0.0).median(["backlash", "day"]))
+    np.testing.assert_allclose(dots, swept_result.rmse.sel(estimate_ratio=0.0).median(["backlash", "day"]))
 
 
 def test_named_controllers_have_rows_and_maps_of_rows_one_scale():
     rng = np.random.default_rng(2)
-    ds = result(("controller", "kp", "ti", "day"), {"controller": ["pi", "inverse"]}, rmse=rng.random((2, 3, 3, 5)))
+    ds = make_result(
+        ("controller", "kp", "ti", "day"), {"controller": ["pi", "inverse"]}, rmse=rng.random((2, 3, 3, 5))
+    )
     ds["rmse"] = ds.rmse * ds.rmse.controller.copy(data=[1.0, 3.0])
     figures = plots.standard_figures(ds)
     meshes = [axes.collections[0] for axes in figures["maps"]().axes if axes.get_title(loc="left")]
@@ -143,8 +151,8 @@ def test_named_controllers_have_rows_and_maps_of_rows_one_scale():
 
 
 def test_a_drawn_parameter_is_drawn_with_the_scatter_in_each_group():
-    ds = drawn(80)
-    figure = plots.panels(binned(ds, ["kp"]), "kp", metrics=["rmse"])
+    ds = drawn_result(80)
+    figure = plots.draw_panels(group_by_parameters(ds, ["kp"]), "kp", metrics=["rmse"])
     (axes,) = figure.axes
     groups = np.array_split(np.argsort(ds.kp.values), 8)
     np.testing.assert_allclose(axes.lines[-1].get_ydata(), [np.median(ds.rmse.values[:, g]) for g in groups])
@@ -156,9 +164,9 @@ def test_a_drawn_parameter_is_drawn_with_the_scatter_in_each_group():
     )
 
 
-def test_changes_are_in_per_cent_around_a_line_at_0(swept):
-    against = relative_to(swept, {"estimate_ratio": 0}, "the plain PI")
-    (axes,) = plots.panels(against, "backlash", metrics=["switch_frequency"]).axes
+def test_changes_are_in_per_cent_around_a_line_at_0(swept_result):
+    against = relative_to(swept_result, {"estimate_ratio": 0}, "the plain PI")
+    (axes,) = plots.draw_panels(against, "backlash", metrics=["switch_frequency"]).axes
     assert axes.get_ylabel() == "change of mode switches per\n10 min [%]"
     zero, median = axes.lines
     assert list(zero.get_ydata()) == [0.0, 0.0]
@@ -170,6 +178,6 @@ def test_changes_are_in_per_cent_around_a_line_at_0(swept):
     ("by", "words"),
     [("tunin", "by = 'tunin', did you mean 'tuning'"), ("backlash", "is named twice")],
 )
-def test_rows_that_there_cannot_be_are_refused(swept, by, words):
+def test_rows_that_there_cannot_be_are_refused(swept_result, by, words):
     with pytest.raises(InputError, match=words):
-        plots.panels(swept, "backlash", by=by)
+        plots.draw_panels(swept_result, "backlash", by=by)

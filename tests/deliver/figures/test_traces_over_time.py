@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 import fastcoil as fc
 
 pytestmark = pytest.mark.kernel
-SEEN = ["T_sup", "command", "opening", "estimate"]
+DRAWN_TRACES = ["T_sup", "command", "opening", "estimate"]
 
 
 @pytest.fixture(scope="module")
@@ -19,21 +19,21 @@ def day():
 
 @pytest.fixture(scope="module")
 def ds(day):
-    return fc.simulate(fc.Loop(backlash=[0.0, 0.03, 0.07, 0.1]), day, traces=SEEN, trace_interval=20, n_jobs=1)
+    return fc.simulate(fc.Loop(backlash=[0.0, 0.03, 0.07, 0.1]), day, traces=DRAWN_TRACES, trace_interval=20, n_jobs=1)
 
 
-def drawn(axes):
+def lines_by_label(axes):
     return {line.get_label(): line for line in axes.lines}
 
 
 def test_a_scenario_has_its_temperature_with_the_set_point_and_its_valve_in_per_cent(ds, day):
     above, below = fc.plot.traces(ds.isel(backlash=2), day)
-    lines = drawn(above)
+    lines = lines_by_label(above)
     assert set(lines) == {"supply air", "set-point"}
     np.testing.assert_array_equal(lines["supply air"].get_xdata(), ds.elapsed_time / 3600)
     np.testing.assert_array_equal(lines["supply air"].get_ydata(), ds.T_sup[2])
     np.testing.assert_array_equal(lines["set-point"].get_ydata(), day.series["T_set"][0, ::20])
-    np.testing.assert_array_equal(drawn(below)["opening"].get_ydata(), 100 * ds.opening[2])
+    np.testing.assert_array_equal(lines_by_label(below)["opening"].get_ydata(), 100 * ds.opening[2])
     assert (above.get_ylabel(), below.get_ylabel()) == ("supply air [°C]", "valve [%]")
     assert below.get_xlabel() == "time from the start [h]"
     assert [text.get_text() for text in below.get_legend().get_texts()] == ["command", "opening"]
@@ -76,7 +76,7 @@ draw = fc.plot.traces
     ("call", "sentence"),
     [
         (draw, "data has 4 scenarios: select up to 3 with isel or sel"),
-        (lambda ds: draw(ds.drop_vars(SEEN)), "data lacks traces such as T_sup and command: simulate with "
+        (lambda ds: draw(ds.drop_vars(DRAWN_TRACES)), "data lacks traces such as T_sup and command: simulate with "
          "traces=['T_sup', 'command']"),
         (lambda ds: draw(ds.rmse), "data is a DataArray: give a Dataset of fastcoil.simulate with traces"),
         (lambda ds: draw(ds, show="Tsup"), "show = 'Tsup', did you mean 'T_sup'?: choose 'T_sup', 'command', "

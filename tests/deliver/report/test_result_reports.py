@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.commands import fastcoil
-from helpers.loop_logs import loop_log, write_log
+from helpers.loop_logs import make_loop_log, write_log
 from helpers.pages import Page
-from helpers.simulated_logs import flows, log_of, noisy, walk
+from helpers.simulated_logs import add_noise, make_valve_log, random_walk, valve_flows
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError, InputTypeError
@@ -19,13 +19,13 @@ pytestmark = [pytest.mark.kernel, pytest.mark.usefixtures("blank_figures")]
 def valve():
     """A fitted valve, whose log has a name that a browser would take for a script."""
     rng = np.random.default_rng(3)
-    command = walk(rng, 300)
-    return fc.fit_valve(log_of(command, noisy(rng, flows(command, backlash=0.06), 0.01)))
+    command = random_walk(rng, 300)
+    return fc.fit_valve(make_valve_log(command, add_noise(rng, valve_flows(command, backlash=0.06), 0.01)))
 
 
-def page_of(result, path):
+def report_text(result, path):
     page = Page(fc.report(result, path))
-    page.require_alone()
+    page.assert_self_contained()
     assert len(page.pictures) == 1
     assert fc.__version__ in page.text
     assert "Cai, Jie and Braun, James E. (2016)" in page.text
@@ -33,7 +33,7 @@ def page_of(result, path):
 
 
 def test_a_fit_says_its_size_its_error_held_back_and_what_a_study_takes(valve, tmp_path):
-    text = page_of(valve, tmp_path / "valve.html")
+    text = report_text(valve, tmp_path / "valve.html")
     low, high = valve.intervals["backlash"]
     assert (
         f"The gap is {100 * valve.parameters['backlash']:.2f} % of the stroke (95 %: {100 * low:.2f} to "
@@ -47,9 +47,11 @@ def test_a_fit_says_its_size_its_error_held_back_and_what_a_study_takes(valve, t
 def test_a_fit_that_is_not_identified_says_so_first_and_names_from_a_log_are_shown_and_not_run(valve, tmp_path):
     parameters = {n: v for n, v in valve.parameters.items() if n != "backlash"}
     intervals = {n: v for n, v in valve.intervals.items() if n != "backlash"}
-    odd = {"source": "<script>x</script>.csv", "notes": ["</pre><img src=http://example.org/>"]}
+    hostile_texts = {"source": "<script>x</script>.csv", "notes": ["</pre><img src=http://example.org/>"]}
     held = {"backlash": "not identified: too few turns"}
-    text = page_of(replace(valve, parameters=parameters, intervals=intervals, held=held, **odd), tmp_path / "odd.html")
+    text = report_text(
+        replace(valve, parameters=parameters, intervals=intervals, held=held, **hostile_texts), tmp_path / "odd.html"
+    )
     assert text.index("Read this first backlash: not identified: too few turns") < text.index("Answer")
     assert "The log does not identify the size of the gap" in text
     assert "Valve fitted to <script>x</script>.csv" in text
@@ -57,16 +59,16 @@ def test_a_fit_that_is_not_identified_says_so_first_and_names_from_a_log_are_sho
 
 
 def test_a_diagnosis_on_the_command_line(tmp_path):
-    write_log(loop_log(hours=1.0), tmp_path / "log.csv")
+    write_log(make_loop_log(hours=1.0), tmp_path / "log.csv")
     page = tmp_path / "diagnosis.html"
-    done = fastcoil("diagnose", tmp_path / "log.csv", "--report", page)
-    assert done.exit_code == 0, done.output
-    assert f"Report:  {page}" in done.output
-    found = Page(page)
-    found.require_alone()
-    assert done.output.splitlines()[1] in found.text
-    assert "Is it the valve? log.csv" in found.text
-    assert "[fit.indices]" in found.text
+    result = fastcoil("diagnose", tmp_path / "log.csv", "--report", page)
+    assert result.exit_code == 0, result.output
+    assert f"Report:  {page}" in result.output
+    parsed_page = Page(page)
+    parsed_page.assert_self_contained()
+    assert result.output.splitlines()[1] in parsed_page.text
+    assert "Is it the valve? log.csv" in parsed_page.text
+    assert "[fit.indices]" in parsed_page.text
 
 
 @pytest.mark.parametrize(
@@ -76,9 +78,9 @@ def test_a_diagnosis_on_the_command_line(tmp_path):
 )  # fmt: skip
 def test_a_path_that_cannot_be_written_is_refused_before_anything_is_read(words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    done = fastcoil(*words, "--report", "absent/page.html")
-    assert done.exit_code == 2
-    assert "--report absent/page.html: give a file NAME.html or NAME.htm in a folder that exists" in done.stderr
+    result = fastcoil(*words, "--report", "absent/page.html")
+    assert result.exit_code == 2
+    assert "--report absent/page.html: give a file NAME.html or NAME.htm in a folder that exists" in result.stderr
     assert not list(tmp_path.iterdir())
 
 

@@ -7,14 +7,14 @@ import pytest
 import xarray as xr
 from helpers.commands import fastcoil
 from helpers.pages import Page
-from helpers.results import result
-from helpers.studies import DAYS, PLAIN, TRACED, contents, copied, golden, run
+from helpers.results import make_result
+from helpers.studies import DAYS, PLAIN_STUDY, TRACED_STUDY, copy_run, folder_contents, run, undisturbed_hash
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError, IntegrityError
 from fastcoil.deliver.report import results as module
-from fastcoil.deliver.report.page import Table, change, number, setting, span
-from fastcoil.deliver.report.results import comparisons
+from fastcoil.deliver.report.page import Table, format_change, format_change_range, format_parameter, format_significant
+from fastcoil.deliver.report.results import comparison_tables
 from fastcoil.study.analysis.summary import findings
 
 pytestmark = [pytest.mark.kernel, pytest.mark.usefixtures("blank_figures")]
@@ -26,12 +26,12 @@ HOSTILE = "</title></style><script>alert(1)</script><img src=x onerror=alert(2)>
 @pytest.fixture
 def page(out):
     """The report of a study of three days."""
-    copied(PLAIN, out)
+    copy_run(PLAIN_STUDY, out)
     return Page(fc.report(out))
 
 
 def test_it_has_question_answer_figures_numbers_settings_hash_file_and_citation_and_needs_nothing_else(page, out):
-    page.require_alone()
+    page.assert_self_contained()
     ds = fc.open_study(out)
     assert len(page.pictures) == 2
     for words in (
@@ -39,18 +39,18 @@ def test_it_has_question_answer_figures_numbers_settings_hash_file_and_citation_
         "Figure 1. Colour: median of 3 days",
         "95 % interval: of the median change, over 3 days",
         "standard deviation 0.02 K",
-        f"content_sha256 {golden(PLAIN)}",
+        f"content_sha256 {undisturbed_hash(PLAIN_STUDY)}",
         f"model_sha256 {ds.attrs['model_sha256']}",
         f"fastcoil run study.toml -o results/{out.name}",
         "Cai, Jie and Braun, James E. (2016)",
-        " ".join(PLAIN.split()),
+        " ".join(PLAIN_STUDY.split()),
     ):
         assert words in page.text, words
     assert "Read this first" not in page.text
 
 
 def test_the_same_results_give_the_same_bytes_and_the_folder_stays_sound(out, tmp_path):
-    copied(TRACED, out)
+    copy_run(TRACED_STUDY, out)
     first = fc.report(out, tmp_path / "one.html").read_bytes()
     assert fastcoil("report", out).output == f"Report:  {out / 'report.html'}\n"
     assert (out / "report.html").read_bytes() == first
@@ -58,27 +58,27 @@ def test_the_same_results_give_the_same_bytes_and_the_folder_stays_sound(out, tm
 
 
 @pytest.mark.parametrize("what", ["unfinished", "damaged"])
-def test_an_unfinished_or_damaged_study_is_not_reported(out, what):
-    copied(PLAIN, out, DAYS - 1 if what == "unfinished" else None)
-    if what == "damaged":
+def test_an_unfinished_or_damaged_study_is_not_reported(out, state):
+    copy_run(PLAIN_STUDY, out, DAYS - 1 if state == "unfinished" else None)
+    if state == "damaged":
         data = bytearray((out / "results.nc").read_bytes())
         data[len(data) // 2] ^= 1
         (out / "results.nc").write_bytes(data)
-    before = contents(out)
-    done = fastcoil("report", out)
-    assert done.exit_code == (2 if what == "unfinished" else IntegrityError.exit_code)
+    before = folder_contents(out)
+    outcome = fastcoil("report", out)
+    assert outcome.exit_code == (2 if state == "unfinished" else IntegrityError.exit_code)
     unfinished = f"{out} is unfinished: 8 of 12 scenarios are done; finish it with `fastcoil run"
-    assert (unfinished if what == "unfinished" else "results.nc is damaged") in done.stderr
-    assert contents(out) == before
+    assert (unfinished if state == "unfinished" else "results.nc is damaged") in outcome.stderr
+    assert folder_contents(out) == before
 
 
 def test_what_a_stranger_wrote_is_shown_and_nothing_of_it_runs(out):
-    text = PLAIN.replace('"small"', repr(HOSTILE).replace("\\u202e", "\u202e")) + '[cases.odd]\n' + (
+    text = PLAIN_STUDY.replace('"small"', repr(HOSTILE).replace("\\u202e", "\u202e")) + '[cases.odd]\n' + (
         "\"<img src='https://example.org/x.png'>\" = { kp = 0.03 }\nplain = { kp = 0.02 }\n"
     )  # fmt: skip
     run(f'question = """{HOSTILE}"""\n' + text, out)
     page = Page(fc.report(out))
-    page.require_alone()
+    page.assert_self_contained()
     assert page.text.count("<script>alert(1)</script>") >= 3
     assert "<img src='https://example.org/x.png'>" in page.text
     assert "\u202e" not in page.source
@@ -86,7 +86,7 @@ def test_what_a_stranger_wrote_is_shown_and_nothing_of_it_runs(out):
 
 
 def test_what_failed_comes_first_and_is_in_no_number(out, monkeypatch):
-    copied(PLAIN, out)
+    copy_run(PLAIN_STUDY, out)
     ds = fc.open_study(out)
     failed = ds.copy(deep=True)
     metrics = [n for n in ds.data_vars if n != "status"]
@@ -108,7 +108,7 @@ def test_what_failed_comes_first_and_is_in_no_number(out, monkeypatch):
     assert "Every scenario failed: there is no answer." in text
 
 
-def cells(table: Table):
+def cells_by_row(table: Table):
     return {row[0]: dict(zip(table.head[1:], row[1:], strict=True)) for row in table.rows}
 
 
@@ -119,20 +119,24 @@ def test_changes_are_those_within_pairs():
     ds = xr.Dataset({"rmse": rmse, "status": xr.zeros_like(rmse, dtype=np.int8), "motor_travel": 40 * rmse})
     ds["status"][2, 1, 3] = 1
     rmse[1, 0] = rmse[0, 0]  # ties
-    found = comparisons(ds)
-    named = cells(next(one for one in found if one.caption.startswith("Controller: against pi")))
+    tables = comparison_tables(ds)
+    cells_of_controller = cells_by_row(
+        next(table for table in tables if table.caption.startswith("Controller: against pi"))
+    )
     relative = (rmse[2] / rmse[0]).where(ds["status"][2] == 0).values.ravel()
     relative = relative[np.isfinite(relative)] - 1
-    assert named["full"]["change"] == f"{100 * np.median(relative):+.0f} %".replace("-", "−")
-    assert named["full"]["lower in"] == f"{100 * np.mean(relative < 0):.0f} %"
+    assert cells_of_controller["full"]["change"] == f"{100 * np.median(relative):+.0f} %".replace("-", "−")
+    assert cells_of_controller["full"]["lower in"] == f"{100 * np.mean(relative < 0):.0f} %"
     low, high = np.quantile(relative, [0.05, 0.95])
-    assert named["full"]["5 to 95 % of pairs"] == f"{100 * low:+.0f} to {100 * high:+.0f} %".replace("-", "−")
-    assert named["pi"]["change"] == "baseline"
+    assert cells_of_controller["full"]["5 to 95 % of pairs"] == f"{100 * low:+.0f} to {100 * high:+.0f} %".replace(
+        "-", "−"
+    )
+    assert cells_of_controller["pi"]["change"] == "baseline"
     lower = (rmse[1] < rmse[0]).values.sum() + 0.5 * 9
-    assert named["half"]["lower in"] == f"{100 * lower / 36:.0f} %"
-    gaps = next(one for one in found if one.caption == "Backlash: against the sound valve")
+    assert cells_of_controller["half"]["lower in"] == f"{100 * lower / 36:.0f} %"
+    gaps = next(table for table in tables if table.caption == "Backlash: against the sound valve")
     worst = float((rmse[:, 3] / rmse[:, 0] - 1).where((ds["status"][:, 3] == 0) & (ds["status"][:, 0] == 0)).median())
-    assert cells(gaps)["10 %"]["change"] == f"{100 * worst:+.0f} %".replace("-", "−")
+    assert cells_by_row(gaps)["10 %"]["change"] == f"{100 * worst:+.0f} %".replace("-", "−")
     assert "over 9 days" in gaps.note
 
 
@@ -141,10 +145,10 @@ def test_the_table_has_the_recommended_estimate_with_the_number_of_the_answer():
     rmse = np.outer(1.0 - 0.5 * np.minimum(ratios, 0.55) - 0.02 * ratios, factors)
     travel = np.outer(1.0 + ratios, factors)
     metrics = {"rmse": rmse, "motor_travel": travel, "switch_frequency": travel}
-    ds = result(("estimate_ratio", "sample"), {"estimate_ratio": ratios}, **metrics)
+    ds = make_result(("estimate_ratio", "sample"), {"estimate_ratio": ratios}, **metrics)
     do, brings, *_ = findings(ds)
     assert do.endswith("with an estimate of 55 % of the backlash.")
-    (table,) = comparisons(ds)
+    (table,) = comparison_tables(ds)
     (row,) = [row for row in table.rows if row[0] == "55 %"]
     assert row[2] == "−29 %"
     assert "29 % lower" in brings
@@ -153,7 +157,7 @@ def test_the_table_has_the_recommended_estimate_with_the_number_of_the_answer():
 def test_a_single_scenario_has_a_page_with_every_metric(out):
     run("[boundary]\nhours = 0.25\n[run]\nwarm_up = 100\n[loop]\n", out)
     page = Page(fc.report(out))
-    page.require_alone()
+    page.assert_self_contained()
     ds = fc.open_study(out)
     assert f"Answer Found: the RMS error is {float(ds['rmse']):.3g} K" in page.text
     assert all(ds[name].attrs["long_name"] in page.text for name in ("rmse", "reversals", "condensate"))
@@ -161,27 +165,27 @@ def test_a_single_scenario_has_a_page_with_every_metric(out):
 
 
 def test_a_file_that_is_no_report_is_not_replaced_and_another_folder_is_refused(out, tmp_path):
-    copied(PLAIN, out)
-    mine, other = tmp_path / "mine.html", tmp_path / "other"
-    mine.write_text("<p>mine</p>")
+    copy_run(PLAIN_STUDY, out)
+    user_file, empty_folder = tmp_path / "mine.html", tmp_path / "other"
+    user_file.write_text("<p>mine</p>")
     with pytest.raises(InputError, match=r"mine\.html: this file exists and is not a report"):
-        fc.report(out, mine)
-    done = fastcoil("report", out, "-o", tmp_path / "page.pdf")
-    assert done.exit_code == 2
-    assert "give a file NAME.html or NAME.htm in a folder that exists" in done.stderr
-    other.mkdir()
-    done = fastcoil("report", other)
-    assert done.exit_code == 2
-    assert "holds no study" in done.stderr
-    assert not (other / "report.html").exists()
+        fc.report(out, user_file)
+    outcome = fastcoil("report", out, "-o", tmp_path / "page.pdf")
+    assert outcome.exit_code == 2
+    assert "give a file NAME.html or NAME.htm in a folder that exists" in outcome.stderr
+    empty_folder.mkdir()
+    outcome = fastcoil("report", empty_folder)
+    assert outcome.exit_code == 2
+    assert "holds no study" in outcome.stderr
+    assert not (empty_folder / "report.html").exists()
 
 
 def test_numbers_shares_changes_and_settings_as_they_are_read():
-    shown = {0.1: "0.100", 3: "3.00", 0.99999: "1.00", -0.04567: "−0.0457", 12345: "12,300", 0: "0", 9.996: "10.0",
+    text_by_value = {0.1: "0.100", 3: "3.00", 0.99999: "1.00", -0.04567: "−0.0457", 12345: "12,300", 0: "0", 9.996: "10.0",
              1e-9: "1.00e-09", math.nan: "–", math.inf: "–", 159.4: "159"}  # fmt: skip
-    assert {value: number(value) for value in shown} == shown
-    assert [change(x) for x in (-0.431, 0.004, -0.004, 1.87, math.nan)] == ["−43 %", "0 %", "0 %", "+187 %", "–"]
-    assert span(-0.7, 0.2) == "−70 to +20 %"
-    assert span(math.nan, 0.2) == "–"
+    assert {value: format_significant(value) for value in text_by_value} == text_by_value
+    assert [format_change(x) for x in (-0.431, 0.004, -0.004, 1.87, math.nan)] == ["−43 %", "0 %", "0 %", "+187 %", "–"]
+    assert format_change_range(-0.7, 0.2) == "−70 to +20 %"
+    assert format_change_range(math.nan, 0.2) == "–"
     settings = {"backlash": 0.07, "kp": 0.03, "n_volumes": 8.0, "action": "heating"}
-    assert [setting(*each) for each in settings.items()] == ["7 %", "0.03 1/K", "8", "heating"]
+    assert [format_parameter(*each) for each in settings.items()] == ["7 %", "0.03 1/K", "8", "heating"]

@@ -11,13 +11,13 @@ import pandas as pd
 import pytest
 import xarray as xr
 from helpers.commands import fastcoil
-from helpers.loop_logs import loop_log, write_log
+from helpers.loop_logs import make_loop_log, write_log
 from helpers.pages import Page
-from helpers.processes import children, wait_for
+from helpers.processes import living_descendants, wait_for
 from helpers.refusals import assert_only_problem, problems
 
 import fastcoil as fc
-from fastcoil.base.text import no_formula
+from fastcoil.base.text import escape_formulas
 
 pytestmark = pytest.mark.kernel
 
@@ -30,10 +30,10 @@ def building(tmp_path_factory):
     root = tmp_path_factory.mktemp("building")
     for name in "ab":
         (root / name).mkdir()
-    worn = loop_log(hours=3, kp=0.04, ti=18.0, backlash=0.06)
+    worn = make_loop_log(hours=3, kp=0.04, ti=18.0, backlash=0.06)
     write_log(worn, root / "a" / "worn.csv")
-    write_log(loop_log(hours=3), root / "a" / "AHU.csv")
-    write_log(loop_log(hours=3, backlash=0.0, kp=0.03, seed=2), root / "b" / "AHU.csv")
+    write_log(make_loop_log(hours=3), root / "a" / "AHU.csv")
+    write_log(make_loop_log(hours=3, backlash=0.0, kp=0.03, seed=2), root / "b" / "AHU.csv")
     write_log(worn, root / "blind.csv")
     text = (root / "blind.csv").read_text().replace("T_set", "other").splitlines()
     (root / "b" / "blind.csv").write_text("\n".join(line.rpartition(",")[0] for line in text))
@@ -62,24 +62,26 @@ def test_the_costliest_comes_first_and_what_could_not_be_read_last(found):
 
 
 def test_a_row_is_the_diagnosis_of_its_log(found, building):
-    alone = fc.diagnose(building / "a" / "worn.csv", stroke_time=90.0)
+    diagnosis = fc.diagnose(building / "a" / "worn.csv", stroke_time=90.0)
     row = found.sel(valve="worn")
-    assert (row.backlash, row.low, row.high) == (alone.backlash, *alone.interval)
-    assert (row.identified, row.hunts, row.cause) == (alone.identified, alone.hunts, alone.cause)
-    assert (row.advice, row.because, row.reason) == (alone.advice.reason, alone.because, alone.reason)
-    assert row.warnings == "; ".join(alone.warnings)
-    np.testing.assert_array_equal([row[name] for name in alone.indices], list(alone.indices.values()))
-    error = np.abs(alone.signals.T_sup - alone.signals.T_set)
+    assert (row.backlash, row.low, row.high) == (diagnosis.backlash, *diagnosis.interval)
+    assert (row.identified, row.hunts, row.cause) == (diagnosis.identified, diagnosis.hunts, diagnosis.cause)
+    assert (row.advice, row.because, row.reason) == (diagnosis.advice.reason, diagnosis.because, diagnosis.reason)
+    assert row.warnings == "; ".join(diagnosis.warnings)
+    np.testing.assert_array_equal([row[name] for name in diagnosis.indices], list(diagnosis.indices.values()))
+    error = np.abs(diagnosis.signals.T_sup - diagnosis.signals.T_set)
     assert float(row.degree_hours) == pytest.approx(24 * float(error.mean()), rel=0.01)
 
 
 def test_hours_off_and_hours_with_the_valve_rightly_shut_count_as_no_error():
-    log = loop_log(hours=4, noise=0.0)
+    log = make_loop_log(hours=4, noise=0.0)
     half = np.arange(log.sizes["elapsed_time"]) < log.sizes["elapsed_time"] // 2
 
-    def cost(T_sup, **more):
-        after = np.interp(log.elapsed_time, [7200, 9000], [14.5, T_sup])
-        shut = log.assign(command=log.command.where(half, 0.0), T_sup=log.T_sup.where(half, after), **more)
+    def cost(T_sup, **extra_columns):
+        later_temperature = np.interp(log.elapsed_time, [7200, 9000], [14.5, T_sup])
+        shut = log.assign(
+            command=log.command.where(half, 0.0), T_sup=log.T_sup.where(half, later_temperature), **extra_columns
+        )
         return fc.survey({"valve": shut}).degree_hours.item()
 
     assert cost(10.0) == pytest.approx(0.5 * cost(10.0, enabled=("elapsed_time", half * 1.0, {"units": "1"})), rel=0.1)
@@ -95,12 +97,12 @@ def test_the_table_holds_the_dataset(found, building):
         if values.dtype.kind == "f":
             np.testing.assert_allclose(pd.to_numeric(table[name]), values, rtol=1e-12)
         else:
-            assert list(table[name].astype(str)) == [no_formula(str(value)) for value in values.values]
+            assert list(table[name].astype(str)) == [escape_formulas(str(value)) for value in values.values]
 
 
 def test_the_page_stands_alone_and_names_every_valve(found, building):
     page = Page(building / "out" / "survey.html")
-    page.require_alone()
+    page.assert_self_contained()
     assert "6 valves: " in page.text
     for valve in ORDER:
         assert valve in page.text
@@ -109,7 +111,7 @@ def test_the_page_stands_alone_and_names_every_valve(found, building):
 
 
 def test_a_survey_is_no_log_and_replaces_itself_alone(building, tmp_path):
-    write_log(loop_log(hours=3), tmp_path / "AHU.csv")
+    write_log(make_loop_log(hours=3), tmp_path / "AHU.csv")
     for _ in range(2):
         ds = fc.survey(tmp_path, tmp_path)
     assert list(ds.valve.values) == ["AHU"]
@@ -120,52 +122,52 @@ def test_a_survey_is_no_log_and_replaces_itself_alone(building, tmp_path):
 
 
 def test_mistakes_are_told_together_before_any_log_is_read():
-    told = "\n".join(problems(fc.survey, [], 5, stroke_time=-1.0, drop="yes", n_jobs=0, progress=2))
+    messages = "\n".join(problems(fc.survey, [], 5, stroke_time=-1.0, drop="yes", n_jobs=0, progress=2))
     for name in ("logs", "out", "stroke_time", "drop", "n_jobs", "progress"):
-        assert name in told
+        assert name in messages
     with pytest.raises(TypeError, match="unit"):
         fc.survey("logs", unit={"command": "%"})
-    assert_only_problem(["logs is a Dataset"], fc.survey, loop_log(hours=1))
+    assert_only_problem(["logs is a Dataset"], fc.survey, make_loop_log(hours=1))
 
 
 def test_processes_find_the_same(building):
     names = ["a/AHU.csv", "a/worn.csv", *3 * ["b/bad.csv"], *3 * ["a/empty.csv"]]
     logs = {str(k): building / name for k, name in enumerate(names)}
-    several, alone = fc.survey(logs, n_jobs=2), fc.survey(logs, n_jobs=1)
-    assert several.sizes["valve"] == 8
-    xr.testing.assert_allclose(several, alone, rtol=1e-9)
+    in_processes, in_one_process = fc.survey(logs, n_jobs=2), fc.survey(logs, n_jobs=1)
+    assert in_processes.sizes["valve"] == 8
+    xr.testing.assert_allclose(in_processes, in_one_process, rtol=1e-9)
 
 
 def test_the_command_lists_the_worst_and_its_exit_code_says_whether_there_is_work(building, tmp_path):
     logs = (building / "a", building / "b", "--fleet", "--stroke-time", 90)
-    done = fastcoil("diagnose", *logs, "-o", tmp_path / "page.html")
-    assert done.exit_code == 0, done.output
-    lines = done.output.splitlines()
+    result = fastcoil("diagnose", *logs, "-o", tmp_path / "page.html")
+    assert result.exit_code == 0, result.output
+    lines = result.output.splitlines()
     assert lines[0] == "6 valves: 3 with hunting or a gap, 1 without, 2 not read"
     assert [line.split()[0] for line in lines[2:6]] == ORDER[:4]
     assert any(line.startswith("Not read: empty: ") for line in lines)
     assert (tmp_path / "page.html").is_file()
     assert fastcoil("diagnose", *logs, "--fail").exit_code == 1
-    good = building / "b" / "AHU.csv"
-    assert fastcoil("diagnose", good, "--fleet", "--fail").exit_code == 0
-    assert fastcoil("diagnose", good, "--fail").exit_code == 0
+    good_log = building / "b" / "AHU.csv"
+    assert fastcoil("diagnose", good_log, "--fleet", "--fail").exit_code == 0
+    assert fastcoil("diagnose", good_log, "--fail").exit_code == 0
     assert fastcoil("diagnose", building / "a" / "AHU.csv", "--fail", "--stroke-time", 90).exit_code == 1
-    none = fastcoil("diagnose", building / "a" / "empty.csv", "--fleet")
-    assert none.exit_code == 2
-    assert "no log could be read" in none.output
+    empty_result = fastcoil("diagnose", building / "a" / "empty.csv", "--fleet")
+    assert empty_result.exit_code == 2
+    assert "no log could be read" in empty_result.output
     for name in ("AHU-1", "AHU-2", "AHU-3"):
         (tmp_path / f"{name}.csv").write_text("elapsed_time,T_sup,command\n0,12,0.5\n10,12,0.5\n")
     alike = fastcoil("diagnose", tmp_path, "--fleet").output
     assert alike.count("T_sup has no unit") == 1
     assert "Not read: AHU-1 and 2 more: elapsed_time has no unit" in alike
-    assert fastcoil("diagnose", good, "--jobs", 2).exit_code == 2
-    assert fastcoil("diagnose", good, "--fleet", "--report", tmp_path / "r.html").exit_code == 2
+    assert fastcoil("diagnose", good_log, "--jobs", 2).exit_code == 2
+    assert fastcoil("diagnose", good_log, "--fleet", "--report", tmp_path / "r.html").exit_code == 2
 
 
 def test_several_files_are_days_of_one_valve(building):
-    done = fastcoil("diagnose", building / "a" / "AHU.csv", building / "a" / "AHU.csv", "--stroke-time", 90)
-    assert done.exit_code == 0, done.output
-    assert done.output.startswith("AHU.csv and 1 more: 6.0 h")
+    result = fastcoil("diagnose", building / "a" / "AHU.csv", building / "a" / "AHU.csv", "--stroke-time", 90)
+    assert result.exit_code == 0, result.output
+    assert result.output.startswith("AHU.csv and 1 more: 6.0 h")
 
 
 @pytest.mark.alone
@@ -174,11 +176,11 @@ def test_an_interrupt_leaves_nothing_half_written(building, tmp_path):
     for k in range(100):
         os.link(building / "a" / "AHU.csv", tmp_path / f"{k}.csv")
     command = [sys.executable, "-m", "fastcoil", "diagnose", str(tmp_path), "--fleet", "-o", str(tmp_path / "out.html")]
-    run = subprocess.Popen(command, stderr=subprocess.PIPE, start_new_session=True, text=True)
-    wait_for(lambda: children(run.pid))
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, start_new_session=True, text=True)
+    wait_for(lambda: living_descendants(process.pid))
     time.sleep(2.0)  # all of them are started
-    os.killpg(run.pid, signal.SIGINT)
-    _, said = run.communicate(timeout=30)
-    assert run.returncode == 130, said
-    assert said.strip() == "fastcoil: interrupted"
+    os.killpg(process.pid, signal.SIGINT)
+    _, stderr = process.communicate(timeout=30)
+    assert process.returncode == 130, stderr
+    assert stderr.strip() == "fastcoil: interrupted"
     assert {path.suffix for path in tmp_path.iterdir()} == {".csv"}

@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 import xarray as xr
 from helpers.refusals import assert_only_problem, only_problem
-from helpers.trend_logs import HEADER, replaced
+from helpers.trend_logs import HEADER, replace_column
 
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.days import constant_day, paper_day
 from fastcoil.loops.boundary.series import BOUNDARY_SERIES
 
-GOOD = {"m_a": 1.0, "T_a_in": 25.0, "W_a_in": 0.01, "T_w_in": 7.0, "T_set": np.full(60, 14.0)}
+GOOD_SERIES = {"m_a": 1.0, "T_a_in": 25.0, "W_a_in": 0.01, "T_w_in": 7.0, "T_set": np.full(60, 14.0)}
 
 
 # ------------------------------------------------------------------------------------------------------ shapes
 
 
 def test_every_series_is_float64_days_by_steps_and_read_only():
-    boundary = Boundary(**GOOD)
+    boundary = Boundary(**GOOD_SERIES)
     assert list(boundary.series) == list(BOUNDARY_SERIES)
     for values in boundary.series.values():
         assert values.shape == (1, 60)
@@ -40,7 +40,7 @@ def test_numbers_series_and_days_broadcast_together():
     T_w_in = xr.DataArray([6.0, 8.0], dims="day", coords={"day": [4, 2]})
     T_a_in = xr.DataArray(np.arange(60.0) / 10, dims="elapsed_time")
     m_a = np.array([[1.0] * 60, [2.0] * 60])
-    boundary = Boundary(**GOOD | {"T_w_in": T_w_in, "T_a_in": T_a_in, "m_a": m_a})
+    boundary = Boundary(**GOOD_SERIES | {"T_w_in": T_w_in, "T_a_in": T_a_in, "m_a": m_a})
     assert boundary.has_day_dim
     np.testing.assert_array_equal(boundary.day, [4, 2])
     np.testing.assert_array_equal(boundary.series["T_w_in"][:, 7], [6.0, 8.0])
@@ -49,9 +49,9 @@ def test_numbers_series_and_days_broadcast_together():
 
 
 def test_labels_alone_make_a_day_dim_and_one_number_does_not():
-    assert Boundary(**GOOD, day=[9]).has_day_dim
-    assert Boundary(**GOOD, day=[9, 1]).series["m_a"].shape == (2, 60)
-    alone = Boundary(**GOOD, day=9)
+    assert Boundary(**GOOD_SERIES, day=[9]).has_day_dim
+    assert Boundary(**GOOD_SERIES, day=[9, 1]).series["m_a"].shape == (2, 60)
+    alone = Boundary(**GOOD_SERIES, day=9)
     assert not alone.has_day_dim
     np.testing.assert_array_equal(alone.day, [9])
 
@@ -60,19 +60,19 @@ def test_labels_alone_make_a_day_dim_and_one_number_does_not():
 
 
 def test_equality_and_digest_follow_names_labels_and_samples():
-    boundary = Boundary(**GOOD)
-    assert boundary == Boundary(**GOOD)
-    assert hash(boundary) == hash(Boundary(**GOOD))
+    boundary = Boundary(**GOOD_SERIES)
+    assert boundary == Boundary(**GOOD_SERIES)
+    assert hash(boundary) == hash(Boundary(**GOOD_SERIES))
     assert boundary != "boundary"
     others = [
-        Boundary(**GOOD | {"T_a_in": np.nextafter(25.0, 26.0)}),
-        Boundary(**GOOD | {"m_a": 7.0, "T_w_in": 1.0}),
-        Boundary(**GOOD, day=1),
-        Boundary(**GOOD, day=[0]),
-        Boundary(**GOOD | {"T_set": np.full(61, 14.0)}),
+        Boundary(**GOOD_SERIES | {"T_a_in": np.nextafter(25.0, 26.0)}),
+        Boundary(**GOOD_SERIES | {"m_a": 7.0, "T_w_in": 1.0}),
+        Boundary(**GOOD_SERIES, day=1),
+        Boundary(**GOOD_SERIES, day=[0]),
+        Boundary(**GOOD_SERIES | {"T_set": np.full(61, 14.0)}),
     ]
     assert len({boundary.sha256, *(other.sha256 for other in others)}) == 6
-    assert Boundary(**GOOD, noise=-0.0) == boundary
+    assert Boundary(**GOOD_SERIES, noise=-0.0) == boundary
 
 
 # --------------------------------------------------------------------------------------------------- bad input
@@ -97,17 +97,17 @@ def test_equality_and_digest_follow_names_labels_and_samples():
     ],
 )
 def test_a_bad_series_is_named_with_its_value_and_the_cure(name, value, words):
-    assert_only_problem(words, Boundary, **GOOD | {name: value})
+    assert_only_problem(words, Boundary, **GOOD_SERIES | {name: value})
 
 
 def test_the_first_offending_second_and_day_are_named():
     T_a_in = np.full((3, 60), 25.0)
     T_a_in[1, 40:43] = 61.0
-    message = only_problem(Boundary, **GOOD | {"T_a_in": T_a_in}, day=[10, 20, 30])
+    message = only_problem(Boundary, **GOOD_SERIES | {"T_a_in": T_a_in}, day=[10, 20, 30])
     assert "T_a_in = 61 degC at second 40 of day 20" in message
     assert "(3 samples in total)" in message
     masked = np.ma.masked_equal(T_a_in[1], 61.0)
-    assert "T_a_in is nan at second 40" in only_problem(Boundary, **GOOD | {"T_a_in": masked})
+    assert "T_a_in is nan at second 40" in only_problem(Boundary, **GOOD_SERIES | {"T_a_in": masked})
 
 
 @pytest.mark.parametrize(
@@ -120,16 +120,18 @@ def test_the_first_offending_second_and_day_are_named():
     ],
 )
 def test_bad_day_labels(day, words):
-    assert_only_problem(words, Boundary, **GOOD | {"m_a": np.ones((2, 60))}, day=day)
+    assert_only_problem(words, Boundary, **GOOD_SERIES | {"m_a": np.ones((2, 60))}, day=day)
 
 
 def test_days_that_disagree():
     assert_only_problem(
-        ["T_w_in has 3 days where m_a has 2"], Boundary, **GOOD | {"m_a": np.ones((2, 60)), "T_w_in": np.ones((3, 60))}
+        ["T_w_in has 3 days where m_a has 2"],
+        Boundary,
+        **GOOD_SERIES | {"m_a": np.ones((2, 60)), "T_w_in": np.ones((3, 60))},
     )
     a = xr.DataArray([1.0, 2.0], dims="day", coords={"day": [1, 2]})
     b = xr.DataArray([7.0, 8.0], dims="day", coords={"day": [2, 1]})
-    assert_only_problem(["T_w_in has day [2 1] where m_a has [1 2]"], Boundary, **GOOD | {"m_a": a, "T_w_in": b})
+    assert_only_problem(["T_w_in has day [2 1] where m_a has [1 2]"], Boundary, **GOOD_SERIES | {"m_a": a, "T_w_in": b})
 
 
 @pytest.mark.parametrize("seed", [1, [5, 3]])
@@ -161,10 +163,10 @@ def test_dataset_has_units_names_and_coordinates():
 def test_a_part_of_a_dataset_keeps_its_label_and_needs_no_start():
     ds = paper_day(0.1, [5, 3]).to_dataset()
     ds["T_outside"] = ("elapsed_time", np.full(360, np.nan))  # ignored
-    one = Boundary.from_dataset(ds.isel(day=1, elapsed_time=slice(100, None)))
-    assert not one.has_day_dim
-    np.testing.assert_array_equal(one.day, [3])
-    np.testing.assert_array_equal(one.series["m_a"], ds.m_a.values[1:, 100:])
+    boundary = Boundary.from_dataset(ds.isel(day=1, elapsed_time=slice(100, None)))
+    assert not boundary.has_day_dim
+    np.testing.assert_array_equal(boundary.day, [3])
+    np.testing.assert_array_equal(boundary.series["m_a"], ds.m_a.values[1:, 100:])
 
 
 def test_from_dataset_is_strict():
@@ -183,13 +185,13 @@ SERIES = {"T_a_in": 25.0, "W_a_in": 0.01, "T_w_in": 7.0, "T_set": 14.0}
 
 @pytest.mark.parametrize("made", [partial(Boundary, **SERIES), partial(constant_day, 2.0)])
 def test_seconds_without_air_flow_are_off_and_their_hours_are_told(made):
-    with pytest.warns(UserWarning, match=r"m_a is 0 during 1\.5 h and enabled is left out") as told:
+    with pytest.warns(UserWarning, match=r"m_a is 0 during 1\.5 h and enabled is left out") as caught:
         boundary = made(m_a=NIGHT)
-    assert len(told) == 1
+    assert len(caught) == 1
     np.testing.assert_array_equal(boundary.series["enabled"][0], NIGHT > 0.0)
 
 
-def test_a_log_without_status_is_off_where_its_fan_stands(write):
+def test_a_log_without_status_is_off_where_its_fan_stands(write_log):
     with pytest.warns(UserWarning, match="m_a is 0 during"):
-        boundary = Boundary.from_csv(write(HEADER, replaced(1, [1.0, 0.0, 0.0])))
+        boundary = Boundary.from_csv(write_log(HEADER, replace_column(1, [1.0, 0.0, 0.0])))
     assert boundary.series["enabled"][0, 59:62].tolist() == [1.0, 0.0, 0.0]

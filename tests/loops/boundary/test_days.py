@@ -151,7 +151,7 @@ def test_design_day_mixes_with_return_air_and_starts_at_its_hour():
     mixed, outdoors = (design_day(2.0, outdoor_fraction=x, start_hour=23.0).series for x in (0.3, 1.0))
     whole = design_day(24.0, outdoor_fraction=1.0, start_hour=0.0).series["T_a_in"][0]
     np.testing.assert_allclose(outdoors["T_a_in"][0], np.roll(whole, 3600)[:7200], atol=1e-9)
-    W_return = moist_air.humidity_ratio(24.0, 0.5, days.DESIGN_PRESSURE)
+    W_return = moist_air.humidity_ratio(24.0, 0.5, days.DESIGN_PRESSURE_PA)
     np.testing.assert_allclose(mixed["W_a_in"], 0.3 * outdoors["W_a_in"] + 0.7 * W_return, rtol=1e-12)
     assert (mixed["T_a_in"] < 0.3 * outdoors["T_a_in"] + 0.7 * 24.0 + 0.1).all()
 

@@ -8,27 +8,27 @@ from fastcoil.loops.boundary import air_handler as drifts
 from fastcoil.loops.boundary.air_handler import (
     Settings,
     between,
-    coil_is_needed,
+    delay_by_dampers,
     flow_share,
+    is_coil_needed,
     outdoor_share,
     request_limits,
-    through_dampers,
     trim_and_respond,
     zone_loads,
 )
 from fastcoil.model.moist_air import enthalpy, mix
 
 
-def trim_of(trim, respond, respond_max, ignored_requests, trim_delay, trim_interval):
+def trim_settings(trim, respond, respond_max, ignored_requests, trim_delay, trim_interval):
     return Settings(**locals(), T_set_min=13.0, T_set_max=18.0)
 
 
-GUIDELINE = trim_of(0.1, 0.2, 0.6, 2, 600, 120)
+GUIDELINE = trim_settings(0.1, 0.2, 0.6, 2, 600, 120)
 
 
 @pytest.mark.parametrize(
     ("trim", "spread"),
-    [(GUIDELINE, 0.3), (trim_of(0.3, 0.1, 0.25, 0, 0, 60), 0.0), (trim_of(0.2, 0.02, 9.0, 0, 0, 60), 0.3)],
+    [(GUIDELINE, 0.3), (trim_settings(0.3, 0.1, 0.25, 0, 0, 60), 0.0), (trim_settings(0.2, 0.02, 9.0, 0, 0, 60), 0.3)],
 )
 def test_trim_and_respond_is_that_of_the_guideline_zone_by_zone(trim, spread):
     rng = np.random.default_rng(5)
@@ -95,7 +95,7 @@ def test_when_the_economiser_opens(T_out, limit, expected):
 
 
 def test_dampers_take_their_time():
-    share = through_dampers(np.repeat([0.2, 1.0], [50, 200]))
+    share = delay_by_dampers(np.repeat([0.2, 1.0], [50, 200]))
     np.testing.assert_allclose(share[:50], 0.2, rtol=1e-12)
     np.testing.assert_allclose(share[49:141], np.clip(0.2 + 0.8 * np.arange(92) / 90, 0.2, 1.0), rtol=1e-12)
 
@@ -103,7 +103,7 @@ def test_dampers_take_their_time():
 def test_the_coil_goes_on_and_off_with_a_gap_between():
     beyond = np.array([0.4, 0.6, 0.4, 0.3, 0.21, 0.1, 0.3, 0.49, 0.51, -3.0, 0.4])
     on = [False, True, True, True, True, False, False, False, True, False, False]
-    assert coil_is_needed(beyond).tolist() == on
+    assert is_coil_needed(beyond).tolist() == on
 
 
 def test_the_noise_goes_on_over_midnight_and_is_as_strong_as_that_of_the_papers_day():
@@ -116,7 +116,7 @@ def test_the_noise_goes_on_over_midnight_and_is_as_strong_as_that_of_the_papers_
     other = drifts.plant_drifts(4, 1)["m_a"]
     assert abs(np.corrcoef(other, days[0]["m_a"])[0, 1]) < 0.2
     assert abs(np.corrcoef(days[1]["m_a"], days[0]["m_a"])[0, 1]) < 0.2
-    assert drifts._white(60, 3, 1, 0, 1)[0, 0] != drifts._white(60, 3, 1, 1, 1)[0, 0]
+    assert drifts._white_noise(60, 3, 1, 0, 1)[0, 0] != drifts._white_noise(60, 3, 1, 1, 1)[0, 0]
     zones = drifts.zone_drifts(3, 1, 6)
     assert zones.shape == (1440, 6)
     assert np.abs(np.corrcoef(zones.T) - np.eye(6)).max() < 0.5

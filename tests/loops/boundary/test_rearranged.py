@@ -12,19 +12,21 @@ DAYS = paper_day(0.25, [5, 3, 8]).assign(start="2024-01-30T06:00", time_zone="UT
 N = DAYS.n_steps
 
 
-def of_label(label):
+def day_of_label(label):
     return {name: values[0] for name, values in DAYS.sel([label]).series.items()}
 
 
-STREAM = Boundary.from_days(of_label, day=[5, 3, 8], hours=N / 3600, start="2024-01-30T06:00", time_zone="UTC-08:00")
-both = pytest.mark.parametrize("days", [DAYS, STREAM], ids=["held", "streamed"])
+STREAM = Boundary.from_days(
+    day_of_label, day=[5, 3, 8], hours=N / 3600, start="2024-01-30T06:00", time_zone="UTC-08:00"
+)
+held_and_streamed = pytest.mark.parametrize("days", [DAYS, STREAM], ids=["held", "streamed"])
 
 
-def same(one, other):
-    return one == other and np.array_equal(one.start, other.start) and one.time_zone == other.time_zone
+def is_same(first, second):
+    return first == second and np.array_equal(first.start, second.start) and first.time_zone == second.time_zone
 
 
-@both
+@held_and_streamed
 def test_assign_replaces_what_is_given_and_keeps_the_rest(days):
     T_set = np.linspace(12.0, 16.0, N)
     changed = days.assign(T_set=T_set, T_w_in=xr.DataArray([6.0, 7.0, 8.0], dims="day"))
@@ -35,10 +37,10 @@ def test_assign_replaces_what_is_given_and_keeps_the_rest(days):
         np.testing.assert_array_equal(after["T_w_in"], 6.0 + k)
         np.testing.assert_array_equal(after["m_a"], before["m_a"])
     assert np.array_equal(changed.start, days.start)
-    assert same(changed.assign(T_set=DAYS.series["T_set"], T_w_in=DAYS.series["T_w_in"]), DAYS)
+    assert is_same(changed.assign(T_set=DAYS.series["T_set"], T_w_in=DAYS.series["T_w_in"]), DAYS)
 
 
-@both
+@held_and_streamed
 def test_none_takes_a_series_back_to_its_default(days):
     noisy = days.assign(noise=0.5, backlash_scale=2.0)
     assert noisy.extremes["noise"] == (0.5, 0.5)
@@ -46,7 +48,7 @@ def test_none_takes_a_series_back_to_its_default(days):
     assert noisy.assign(noise=None, backlash_scale=None) == days
 
 
-@both
+@held_and_streamed
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -72,13 +74,13 @@ def test_enabled_follows_a_new_air_flow_unless_it_was_given():
         stopped = paper_day(0.25).assign(m_a=stop)
     np.testing.assert_array_equal(stopped.series["enabled"][0], stop)
     assert (stopped.assign(m_a=1.0).series["enabled"] == 1.0).all()
-    given = paper_day(0.25).assign(enabled=1.0).assign(m_a=stop)
-    assert (given.series["enabled"] == 1.0).all()
+    with_enabled = paper_day(0.25).assign(enabled=1.0).assign(m_a=stop)
+    assert (with_enabled.series["enabled"] == 1.0).all()
     with pytest.warns(UserWarning, match="m_a is 0"):
-        assert given.assign(enabled=None) == stopped
+        assert with_enabled.assign(enabled=None) == stopped
 
 
-@both
+@held_and_streamed
 @pytest.mark.parametrize("day", [[2, 0], slice(1, None), np.array([False, True, True]), [-1]])
 def test_isel_chooses_days_as_numpy_does(days, day):
     rows = np.arange(3)[day]
@@ -90,16 +92,16 @@ def test_isel_chooses_days_as_numpy_does(days, day):
     assert chosen.is_streamed == days.is_streamed
 
 
-@both
+@held_and_streamed
 def test_one_day_has_no_dim_and_is_held(days):
-    one = days.isel(1)
-    assert not one.has_day_dim
-    assert not one.is_streamed
-    assert one == paper_day(0.25, 3) == days.sel(3)
-    assert one.start[0] == np.datetime64("2024-01-31T06:00")
+    day = days.isel(1)
+    assert not day.has_day_dim
+    assert not day.is_streamed
+    assert day == paper_day(0.25, 3) == days.sel(3)
+    assert day.start[0] == np.datetime64("2024-01-31T06:00")
 
 
-@both
+@held_and_streamed
 def test_sel_chooses_by_label(days):
     np.testing.assert_array_equal(days.sel([8, 5]).day, [8, 5])
     np.testing.assert_array_equal(days.sel(slice(3, 8)).day, [3, 8])
@@ -114,8 +116,8 @@ def test_sel_chooses_by_label(days):
 def test_days_put_together_are_the_days_that_were_taken_apart(parts):
     first, second = parts[0].isel([0]), parts[1].isel([1, 2])
     joined = Boundary.concat([first, second])
-    assert same(joined, DAYS)
-    assert same(Boundary.concat([parts[0].isel(0), second]), DAYS)
+    assert is_same(joined, DAYS)
+    assert is_same(Boundary.concat([parts[0].isel(0), second]), DAYS)
     assert joined.is_streamed == any(part.is_streamed for part in parts)
 
 

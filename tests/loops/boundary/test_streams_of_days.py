@@ -15,7 +15,7 @@ N = 900
 T_A_IN = np.linspace(20.0, 30.0, N)
 
 
-def made(label):
+def make_day(label):
     """A day that its label decides."""
     rng = np.random.default_rng(label)
     return {
@@ -27,17 +27,17 @@ def made(label):
     }
 
 
-def in_memory(labels, make=made):
-    days = [{n: np.broadcast_to(v, N) for n, v in make(label).items()} for label in labels]
+def held_boundary(labels, day_maker=make_day):
+    days = [{n: np.broadcast_to(v, N) for n, v in day_maker(label).items()} for label in labels]
     return Boundary(**{name: np.stack([day[name] for day in days]) for name in days[0]}, day=labels)
 
 
-def streamed(labels=(3, 1, 2), make=made, **options):
-    return Boundary.from_days(make, day=list(labels), hours=N / 3600, **options)
+def streamed_boundary(labels=(3, 1, 2), day_maker=make_day, **options):
+    return Boundary.from_days(day_maker, day=list(labels), hours=N / 3600, **options)
 
 
 def test_a_stream_is_the_same_boundary_as_its_days_in_memory():
-    stream, held = streamed(), in_memory([3, 1, 2])
+    stream, held = streamed_boundary(), held_boundary([3, 1, 2])
     assert stream.is_streamed
     assert not held.is_streamed
     assert (stream.n_days, stream.n_steps, stream.hours, stream.has_day_dim) == (3, N, 0.25, True)
@@ -57,28 +57,28 @@ def test_a_stream_is_the_same_boundary_as_its_days_in_memory():
 
 
 def test_a_large_boundary_has_one_digest_too_streamed_or_not(monkeypatch):
-    small = in_memory([3, 1, 2]).sha256
+    small = held_boundary([3, 1, 2]).sha256
     monkeypatch.setattr("fastcoil.loops.boundary.samples.LARGE", 2 * N)
-    stream, held = streamed(), in_memory([3, 1, 2])
+    stream, held = streamed_boundary(), held_boundary([3, 1, 2])
     assert stream.sha256 == held.sha256 != small
     changed = held.assign(T_w_in=np.where(np.arange(N) == 5, 7.5, 7.0))
-    assert len({stream.sha256, changed.sha256, streamed((3, 1, 4)).sha256}) == 3
+    assert len({stream.sha256, changed.sha256, streamed_boundary((3, 1, 4)).sha256}) == 3
 
 
 def test_days_are_made_once_to_be_looked_at_and_then_one_by_one():
     calls = []
-    stream = streamed(make=lambda label: calls.append(label) or made(label))
+    stream = streamed_boundary(day_maker=lambda label: calls.append(label) or make_day(label))
     assert calls == [3]  # tried
     stream.sha256, stream.extremes, stream.day_sha256, stream.describe()  # noqa: B018
     assert calls == [3, 3, 1, 2]
     stream.of_day(1)
     assert calls[4:] == [1]
     assert "sha256" in repr(stream)
-    assert "sha256" not in repr(streamed())
+    assert "sha256" not in repr(streamed_boundary())
 
 
 def test_a_stream_goes_to_another_process_with_what_is_known_of_it():
-    stream = streamed(start="2024-01-01", time_zone="UTC")
+    stream = streamed_boundary(start="2024-01-01", time_zone="UTC")
     for other in (pickle.loads(pickle.dumps(stream)), copy.deepcopy(stream)):
         assert other == stream
         np.testing.assert_array_equal(other.start, stream.start)
@@ -86,13 +86,13 @@ def test_a_stream_goes_to_another_process_with_what_is_known_of_it():
     again = pickle.loads(pickle.dumps(stream))
     again._make = None  # nothing is made for what is known
     assert again.sha256 == stream.sha256
-    held = pickle.loads(pickle.dumps(in_memory([1])))
+    held = pickle.loads(pickle.dumps(held_boundary([1])))
     assert not held.of_day(0)["m_a"].flags.writeable
 
 
 def test_a_function_that_gives_another_day_the_second_time_is_refused():
     rng = np.random.default_rng(0)
-    stream = streamed(make=lambda label: made(label) | {"T_w_in": 7.0 + rng.random(N)})
+    stream = streamed_boundary(day_maker=lambda label: make_day(label) | {"T_w_in": 7.0 + rng.random(N)})
     stream.of_day(1)  # nothing to compare with yet
     stream.sha256  # noqa: B018
     assert_only_problem(["other samples for day 1 than before", "seeded"], stream.of_day, 1)
@@ -109,15 +109,15 @@ def test_a_function_that_gives_another_day_the_second_time_is_refused():
     ],
 )
 def test_a_bad_day_is_named_when_it_is_made(changes, words):
-    stream = streamed(make=lambda label: made(label) | (changes if label == 1 else {}))
+    stream = streamed_boundary(day_maker=lambda label: make_day(label) | (changes if label == 1 else {}))
     assert_only_problem(words, lambda: stream.sha256)
 
 
 def test_bad_arguments_of_from_days():
-    found = problems(Boundary.from_days, "weather", day=[1, 1], hours=-1.0)
-    assert len(found) == 3
-    for one, word in zip(found, ("make = 'weather'", "hours = -1", "twice"), strict=True):
-        assert word in one
+    sentences = problems(Boundary.from_days, "weather", day=[1, 1], hours=-1.0)
+    assert len(sentences) == 3
+    for sentence, word in zip(sentences, ("make = 'weather'", "hours = -1", "twice"), strict=True):
+        assert word in sentence
     assert "what make gives for day 1 = [1]: give a mapping" in only_problem(
         Boundary.from_days, lambda label: [label], day=[1], hours=N / 3600
     )
@@ -126,11 +126,11 @@ def test_bad_arguments_of_from_days():
 
 
 @pytest.mark.parametrize("kind", [paper_day, heating_day])
-def test_many_days_of_seeds_are_a_stream_of_the_same_days(kind, monkeypatch):
-    held = kind(hours=0.05, seed=[4, 1, 7])
-    monkeypatch.setattr(days, "LARGE", 3 * held.n_steps - 1)
-    stream = kind(hours=0.05, seed=[4, 1, 7])
+def test_many_days_of_seeds_are_a_stream_of_the_same_days(make_days, monkeypatch):
+    held = make_days(hours=0.05, seed=[4, 1, 7])
+    monkeypatch.setattr(days, "LARGE_BOUNDARY_SAMPLES", 3 * held.n_steps - 1)
+    stream = make_days(hours=0.05, seed=[4, 1, 7])
     assert (held.is_streamed, stream.is_streamed) == (False, True)
     assert stream == held
     assert stream.day_sha256 == held.day_sha256
-    assert stream.isel(1).sha256 == kind(hours=0.05, seed=1).sha256
+    assert stream.isel(1).sha256 == make_days(hours=0.05, seed=1).sha256

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 from helpers.refusals import problems
-from helpers.trend_logs import replaced
+from helpers.trend_logs import replace_column
 
 from fastcoil.loops.boundary.weather import weather_day
 from fastcoil.model import moist_air
@@ -24,8 +24,8 @@ def quiet_weather_day(*args, **kwargs):
         return weather_day(*args, **kwargs)
 
 
-def test_weather_is_exact_at_full_hours_and_straight_between(write):
-    path = write(WEATHER_HEADER, WEATHER_ROWS)
+def test_weather_is_exact_at_full_hours_and_straight_between(write_log):
+    path = write_log(WEATHER_HEADER, WEATHER_ROWS)
     series = quiet_weather_day(path, start_hour=30, hours=3, **PLANT | {"outdoor_fraction": 1.0}).series
     for k, h in enumerate((30, 31, 32)):
         T, T_dew, p = WEATHER_ROWS[h - 1][4], WEATHER_ROWS[h - 1][5], WEATHER_ROWS[h - 1][7]
@@ -39,8 +39,8 @@ def test_weather_is_exact_at_full_hours_and_straight_between(write):
     assert (series["T_set"] == 14.0).all()
 
 
-def test_weather_mixes_water_and_enthalpy_with_return_air(write):
-    path = write(WEATHER_HEADER, WEATHER_ROWS)
+def test_weather_mixes_water_and_enthalpy_with_return_air(write_log):
+    path = write_log(WEATHER_HEADER, WEATHER_ROWS)
     outdoors = quiet_weather_day(path, start_hour=12, hours=1, **PLANT | {"outdoor_fraction": 1.0}).series
     indoors = quiet_weather_day(path, start_hour=12, hours=1, **PLANT | {"outdoor_fraction": 0.0}).series
     mixed = quiet_weather_day(path, start_hour=12, hours=1, **PLANT).series
@@ -55,8 +55,8 @@ def test_weather_mixes_water_and_enthalpy_with_return_air(write):
     np.testing.assert_allclose(dry["W_a_in"], 0.004, rtol=1e-12)
 
 
-def test_the_start_of_a_weather_day_in_three_ways(write):
-    path = write(WEATHER_HEADER, WEATHER_ROWS)
+def test_the_start_of_a_weather_day_in_three_ways(write_log):
+    path = write_log(WEATHER_HEADER, WEATHER_ROWS)
     by_hour = quiet_weather_day(path, start_hour=34, **PLANT)
     assert quiet_weather_day(path, month=1, day=2, hour=10, **PLANT) == by_hour
     days = quiet_weather_day(path, days=[3, 2], hour=10, **PLANT)
@@ -74,24 +74,26 @@ def test_the_start_of_a_weather_day_in_three_ways(write):
         (6, [0.6] * 72, "RH is at most 0.6 %, first in row 2: if it is a fraction, write 'RH [1]' in the header"),
     ],
 )
-def test_impossible_humidity_is_refused(write, column, values, words):
+def test_impossible_humidity_is_refused(write_log, column, values, words):
     header = list(WEATHER_HEADER)
     if column == 6:
         header[5] = "d"
     assert (
         words
-        in problems(quiet_weather_day, write(header, replaced(column, values, WEATHER_ROWS)), start_hour=9, **PLANT)[0]
+        in problems(
+            quiet_weather_day, write_log(header, replace_column(column, values, WEATHER_ROWS)), start_hour=9, **PLANT
+        )[0]
     )
     returned = {name: value for name, value in PLANT.items() if name != "RH_return"} | {"W_return": 0.05}
-    said = problems(quiet_weather_day, write(WEATHER_HEADER, WEATHER_ROWS), start_hour=9, **returned)[0]
-    assert said.startswith("W_return = 0.05 is above saturation at T_return = 24 degC: give kg of water per kg")
+    sentence = problems(quiet_weather_day, write_log(WEATHER_HEADER, WEATHER_ROWS), start_hour=9, **returned)[0]
+    assert sentence.startswith("W_return = 0.05 is above saturation at T_return = 24 degC: give kg of water per kg")
 
 
-def test_weather_by_relative_humidity_other_headers_and_pressure(write):
+def test_weather_by_relative_humidity_other_headers_and_pressure(write_log):
     header = ["hour_of_year", "a", "b", "c", "OAT [degF]", "d", "OA RH", "p_Pa"]
     rows = [[*r[:4], r[4] * 1.8 + 32, "-", r[6] / 100, r[7]] for r in WEATHER_ROWS]
     series = quiet_weather_day(
-        write(header, rows),
+        write_log(header, rows),
         start_hour=30,
         hours=1,
         pressure=90e3,
@@ -122,35 +124,35 @@ def test_weather_by_relative_humidity_other_headers_and_pressure(write):
         ({"start_hour": 8, "units": {"T_drybulb": "Cel"}}, ["T_drybulb is in 'Cel'", "degC, degF, K"]),
     ],
 )
-def test_weather_refuses(write, arguments, words):
-    path = write(WEATHER_HEADER, WEATHER_ROWS)
-    found = problems(quiet_weather_day, path, **PLANT | arguments)
+def test_weather_refuses(write_log, arguments, words):
+    path = write_log(WEATHER_HEADER, WEATHER_ROWS)
+    sentences = problems(quiet_weather_day, path, **PLANT | arguments)
     for word in words:
-        assert word in found[0], found
+        assert word in sentences[0], sentences
 
 
-def test_bad_weather_files(write):
+def test_bad_weather_files(write_log):
     def message(header, rows):
-        return problems(quiet_weather_day, write(header, rows), start_hour=8, **PLANT)[0]
+        return problems(quiet_weather_day, write_log(header, rows), start_hour=8, **PLANT)[0]
 
     assert "T_drybulb is missing" in message(["hour_of_year", *"abcdefg"], WEATHER_ROWS)
     assert "hour_of_year does not rise by 1 from row 6" in message(WEATHER_HEADER, WEATHER_ROWS[:5] + WEATHER_ROWS[6:])
-    fahrenheit = replaced(4, [50 + r[4] for r in WEATHER_ROWS], WEATHER_ROWS)
+    fahrenheit = replace_column(4, [50 + r[4] for r in WEATHER_ROWS], WEATHER_ROWS)
     assert "T_drybulb = 60.5 degC in row 2: must be from -40 to 60 degC" in message(WEATHER_HEADER, fahrenheit)
-    missing = replaced(5, [-999 if i == 7 else r[5] for i, r in enumerate(WEATHER_ROWS)], WEATHER_ROWS)
+    missing = replace_column(5, [-999 if i == 7 else r[5] for i, r in enumerate(WEATHER_ROWS)], WEATHER_ROWS)
     assert "T_dewpoint = -999 degC in row 9" in message(WEATHER_HEADER, missing)
     no_moisture = [[*r[:5], r[7]] for r in [WEATHER_HEADER, *WEATHER_ROWS]]
     assert "T_dewpoint and RH are both missing" in message(no_moisture[0], no_moisture[1:])
 
 
-def test_a_series_of_another_date_than_the_weather_is_refused(write):
+def test_a_series_of_another_date_than_the_weather_is_refused(write_log):
     pd = pytest.importorskip("pandas")
-    path, plant = write(WEATHER_HEADER, WEATHER_ROWS), {n: v for n, v in PLANT.items() if n != "T_set"}
+    path, plant = write_log(WEATHER_HEADER, WEATHER_ROWS), {n: v for n, v in PLANT.items() if n != "T_set"}
     for date, fits in (("2023-01-02T10:00", True), ("2023-07-02T10:00", False)):
         T_set = pd.Series(14.0, pd.date_range(date, periods=3600, freq="s"))
-        given = {"month": 1, "day": 2, "hour": 10, "hours": 1, "T_set": T_set} | plant
+        arguments = {"month": 1, "day": 2, "hour": 10, "hours": 1, "T_set": T_set} | plant
         if fits:
-            assert quiet_weather_day(path, **given).start[0] == np.datetime64(date)
+            assert quiet_weather_day(path, **arguments).start[0] == np.datetime64(date)
         else:
-            said = "the series begin at 2023-07-02T10:00:00, the weather at hour 34 of the year: take one date"
-            assert said in problems(quiet_weather_day, path, **given)[0]
+            sentence = "the series begin at 2023-07-02T10:00:00, the weather at hour 34 of the year: take one date"
+            assert sentence in problems(quiet_weather_day, path, **arguments)[0]

@@ -14,7 +14,7 @@ OUTDOORS = PLANT | {"outdoor_fraction": 1.0}
 JUNE = hours_from(6, 14, 72)
 
 
-def day_of(path, **options):
+def read_weather_day(path, **options):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         return weather_day(path, **OUTDOORS | options)
@@ -33,10 +33,10 @@ def put(tmp_path):
 
 
 @pytest.mark.parametrize("form", [epw, tmy3])
-def test_the_same_weather_in_another_format_is_the_same_day(put, write, form):
-    in_csv = write(CSV_HEADER, [row.values() for row in JUNE], "own.csv")
+def test_the_same_weather_in_another_format_is_the_same_day(put, write_log, form):
+    in_csv = write_log(CSV_HEADER, [row.values() for row in JUNE], "own.csv")
     for start in ({"month": 6, "day": 15, "hour": 10}, {"start_hour": 3970}, {"days": [165, 166], "hour": 7}):
-        ours, theirs = day_of(in_csv, **start), day_of(put(form(JUNE)), **start)
+        ours, theirs = read_weather_day(in_csv, **start), read_weather_day(put(form(JUNE)), **start)
         assert ours.has_day_dim == theirs.has_day_dim
         for name in ("T_a_in", "W_a_in"):
             np.testing.assert_allclose(theirs.series[name], ours.series[name], rtol=1e-12)
@@ -44,7 +44,7 @@ def test_the_same_weather_in_another_format_is_the_same_day(put, write, form):
 
 @pytest.mark.parametrize("form", [epw, tmy3])
 def test_a_row_holds_at_the_full_hour_that_ends_its_interval_with_the_humidity_of_psychrolib(put, psychrolib, form):
-    series = day_of(put(form(JUNE)), month=6, day=15, hour=23, hours=3).series
+    series = read_weather_day(put(form(JUNE)), month=6, day=15, hour=23, hours=3).series
     for k, row in enumerate(JUNE[46:49]):  # hours 23 and 24, and hour 1 of the next day
         assert series["T_a_in"][0, 3600 * k : 3600 * k + 1] == pytest.approx([row["T"]], abs=1e-9)
         p_w = psychrolib.GetSatVapPres(row["T_dew"])
@@ -54,7 +54,7 @@ def test_a_row_holds_at_the_full_hour_that_ends_its_interval_with_the_humidity_o
 def test_four_records_an_hour_stand_at_the_ends_of_their_quarters(put):
     quarters = [row | {"T": row["T"] + 0.1 * q} for row in JUNE for q in range(4)]
     path = put(epw(quarters, per_hour=4))
-    series = day_of(path, month=6, day=15, hour=10, hours=2).series
+    series = read_weather_day(path, month=6, day=15, hour=10, hours=2).series
     at_10, at_11 = JUNE[33]["T"] + 0.3, JUNE[34]["T"]
     expected = [at_10, at_11, at_11 + 0.1, at_11 + 0.2, at_11 + 0.3]
     np.testing.assert_allclose(series["T_a_in"][0, :3601:900], expected, rtol=1e-12)
@@ -64,19 +64,25 @@ def test_four_records_an_hour_stand_at_the_ends_of_their_quarters(put):
 
 def test_march_begins_a_day_later_in_a_file_with_the_29th_of_february(put):
     leap, usual = hours_from(2, 27, 96, leap=True), hours_from(2, 27, 96)
-    assert day_of(put(epw(leap)), start_hour=24 * 59 + 5).series["T_a_in"][0, 0] == leap[52]["T"]  # 29 February
-    assert day_of(put(epw(leap)), month=3, day=1, hour=5) == day_of(put(epw(leap)), start_hour=24 * 60 + 5)
-    assert day_of(put(epw(usual)), month=3, day=1, hour=5) == day_of(put(epw(usual)), start_hour=24 * 59 + 5)
+    assert (
+        read_weather_day(put(epw(leap)), start_hour=24 * 59 + 5).series["T_a_in"][0, 0] == leap[52]["T"]
+    )  # 29 February
+    assert read_weather_day(put(epw(leap)), month=3, day=1, hour=5) == read_weather_day(
+        put(epw(leap)), start_hour=24 * 60 + 5
+    )
+    assert read_weather_day(put(epw(usual)), month=3, day=1, hour=5) == read_weather_day(
+        put(epw(usual)), start_hour=24 * 59 + 5
+    )
 
 
 def test_letters_of_another_code_page_line_ends_of_windows_and_quotes_in_remarks_do_no_harm(put):
     lines = epw(JUNE)
     lines[0] = lines[0].replace("Testville", "Montréal")
     lines[5] = 'COMMENTS 1,"Custom – a quote that nothing ends…'
-    plain = day_of(put(epw(JUNE)), month=6, day=15, hour=10)
-    assert day_of(put(lines, "cp1252", "\r\n"), month=6, day=15, hour=10) == plain
+    plain = read_weather_day(put(epw(JUNE)), month=6, day=15, hour=10)
+    assert read_weather_day(put(lines, "cp1252", "\r\n"), month=6, day=15, hour=10) == plain
     lines[13] = lines[13].replace(f",{JUNE[5]['T']},", ",99.9,")
-    assert "missing, '99.9', in row 14" in only_problem(day_of, put(lines, "cp1252", "\r\n"), start_hour=3970)
+    assert "missing, '99.9', in row 14" in only_problem(read_weather_day, put(lines, "cp1252", "\r\n"), start_hour=3970)
 
 
 @pytest.mark.parametrize(("form", "missing"), [(epw, "99.9"), (tmy3, "-9900.0")])
@@ -107,10 +113,10 @@ def test_where_only_the_dew_point_has_gaps_the_relative_humidity_serves(put, psy
 )
 def test_a_bad_row_is_named_with_its_cure(put, form, gaps, words):
     rows = [row | gaps if k == 5 else row for k, row in enumerate(JUNE)]
-    assert words in only_problem(day_of, put(form(rows)), month=6, day=15, hour=10)
+    assert words in only_problem(read_weather_day, put(form(rows)), month=6, day=15, hour=10)
 
 
-def without(lines, word):
+def drop_lines(lines, word):
     return [line for line in lines if word not in line]
 
 
@@ -118,7 +124,11 @@ def without(lines, word):
     ("lines", "options", "words"),
     [
         (epw(JUNE[:1]), {}, "has 1 row of data: give at least two"),
-        (without(epw(JUNE), "DATA PERIODS"), {}, "its line DATA PERIODS has '' records per hour: give all eight lines"),
+        (
+            drop_lines(epw(JUNE), "DATA PERIODS"),
+            {},
+            "its line DATA PERIODS has '' records per hour: give all eight lines",
+        ),
         (epw(JUNE, per_hour=7), {}, "its line DATA PERIODS has '7' records per hour: give all eight lines"),
         (epw(JUNE, per_hour=2), {}, "row 10, 6/14 hour 2, does not follow the one before: give 2 rows for each hour"),
         ([*epw(JUNE), "1999,6,17,1"], {}, "row 81 has 4 cells, an EPW file at least 10"),
@@ -128,4 +138,4 @@ def without(lines, word):
     ],
 )
 def test_a_file_that_is_not_as_it_was_distributed_is_refused(put, lines, options, words):
-    assert words in only_problem(day_of, put(lines), **{"month": 6, "day": 15, "hour": 10} | options)
+    assert words in only_problem(read_weather_day, put(lines), **{"month": 6, "day": 15, "hour": 10} | options)

@@ -4,7 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
-from helpers.made_weather import made_weather
+from helpers.made_weather import write_weather
 from helpers.refusals import only_problem, problems
 from helpers.weather_years import epw, hours_from
 
@@ -13,22 +13,22 @@ from fastcoil.model.moist_air import humidity_ratio, humidity_ratio_from_dew_poi
 from fastcoil.study.file.spec import build_boundary
 
 pytestmark = pytest.mark.filterwarnings("ignore:hourly weather")
-CALM = {"disturbances": 0.0, "year": 2023, "zone_spread": 0.0}
+CALM_YEAR = {"disturbances": 0.0, "year": 2023, "zone_spread": 0.0}
 
 
-def on_a_day(path, k=2, **options):
+def series_on_day(path, k=2, **options):
     """Series of a day of a calm year by position; the third of January 2023 is a Tuesday."""
-    return fc.weather_year(path, **CALM | options).of_day(k)
+    return fc.weather_year(path, **CALM_YEAR | options).of_day(k)
 
 
-def at_noon(series):
+def noon_values(series):
     return {name: float(values[12 * 3600]) for name, values in series.items()}
 
 
 def test_the_fan_runs_in_its_hours_on_weekdays_and_the_loop_is_off_outside(tmp_path):
-    path = made_weather(tmp_path, 30.0, days=9)
+    path = write_weather(tmp_path, 30.0, days=9)
     year = fc.weather_year(
-        path, **CALM, fan_hours=[6.5, 18], weekend_fan_hours=[8, 12], holidays=["1-2"], set_point="fixed"
+        path, **CALM_YEAR, fan_hours=[6.5, 18], weekend_fan_hours=[8, 12], holidays=["1-2"], set_point="fixed"
     )
     for k in range(9):  # 2023 begins with a Sunday
         begin, end = (8, 12) if k in (0, 1, 6, 7) else (6.5, 18)
@@ -37,25 +37,25 @@ def test_the_fan_runs_in_its_hours_on_weekdays_and_the_loop_is_off_outside(tmp_p
         series = year.of_day(k)
         np.testing.assert_array_equal(series["m_a"] > 0, runs)
         np.testing.assert_array_equal(series["enabled"], runs)  # 30 degC outdoors: the coil always has to cool
-    rests = fc.weather_year(path, **CALM).of_day(0)
+    rests = fc.weather_year(path, **CALM_YEAR).of_day(0)
     assert not rests["m_a"].any()
     assert not rests["enabled"].any()
 
 
 def test_days_have_dates_and_labels_and_can_be_chosen(tmp_path):
-    path = made_weather(tmp_path, 20.0, days=365)
-    year = fc.weather_year(path, **CALM)
+    path = write_weather(tmp_path, 20.0, days=365)
+    year = fc.weather_year(path, **CALM_YEAR)
     assert year.is_streamed
     assert (year.n_days, year.hours) == (365, 24.0)
     np.testing.assert_array_equal(year.day, np.arange(1, 366))
     assert (str(year.start[0]), str(year.start[-1])) == ("2023-01-01T00:00:00", "2023-12-31T00:00:00")
-    summer = fc.weather_year(path, **CALM, first_date="06-01", last_date="8-31")
+    summer = fc.weather_year(path, **CALM_YEAR, first_date="06-01", last_date="8-31")
     assert (summer.n_days, summer.day[0], str(summer.start[-1])) == (92, 152, "2023-08-31T00:00:00")
-    winter = fc.weather_year(path, **CALM, first_date="12-30", last_date="01-02")
+    winter = fc.weather_year(path, **CALM_YEAR, first_date="12-30", last_date="01-02")
     assert winter.day.tolist() == [364, 365, 1, 2]
     assert [str(start)[:10] for start in winter.start] == ["2023-12-30", "2023-12-31", "2024-01-01", "2024-01-02"]
     assert winter.of_day(2)["m_a"].any()  # a Monday in 2024
-    few = fc.weather_year(path, **CALM, days=[40, 200])
+    few = fc.weather_year(path, **CALM_YEAR, days=[40, 200])
     assert few.day.tolist() == [40, 200]
     np.testing.assert_array_equal(few.of_day(1)["m_a"], year.of_day(199)["m_a"])
 
@@ -66,15 +66,15 @@ def test_a_leap_year_needs_a_leap_year(tmp_path):
     days = fc.weather_year(path, year=2024)
     assert [str(start)[:10] for start in days.start] == ["2024-02-28", "2024-02-29", "2024-03-01"]
     assert "site.epw has a 29 February, give a leap year" in only_problem(fc.weather_year, path, year=2023)
-    path = made_weather(tmp_path, 20.0, days=60)
+    path = write_weather(tmp_path, 20.0, days=60)
     assert "has no 29 February" in only_problem(fc.weather_year, path, year=2024)
-    whole = fc.weather_year(made_weather(tmp_path, 20.0, days=366), **CALM | {"year": 2024})
+    whole = fc.weather_year(write_weather(tmp_path, 20.0, days=366), **CALM_YEAR | {"year": 2024})
     assert (whole.n_days, str(whole.start[-1])[:10]) == (366, "2024-12-31")
 
 
 def test_each_day_has_its_own_weather_straight_between_the_hours(tmp_path):
-    path = made_weather(tmp_path, lambda h: h / 10, T_dew=-5.0)
-    days = fc.weather_year(path, **CALM, economiser="none", outdoor_air_min=1.2, m_a_min=1.2, T_design=35.0)
+    path = write_weather(tmp_path, lambda h: h / 10, T_dew=-5.0)
+    days = fc.weather_year(path, **CALM_YEAR, economiser="none", outdoor_air_min=1.2, m_a_min=1.2, T_design=35.0)
     for k in (1, 2):
         series = days.of_day(k)
         for clock in (7.0, 12.5, 19.75):
@@ -85,8 +85,8 @@ def test_each_day_has_its_own_weather_straight_between_the_hours(tmp_path):
 
 
 def test_the_mixture_keeps_the_least_outdoor_air_and_its_water(tmp_path):
-    path = made_weather(tmp_path, 32.0, T_dew=18.0)
-    noon = at_noon(on_a_day(path, set_point="fixed", outdoor_air_min=0.26, T_balance=20.0, T_design=32.0))
+    path = write_weather(tmp_path, 32.0, T_dew=18.0)
+    noon = noon_values(series_on_day(path, set_point="fixed", outdoor_air_min=0.26, T_balance=20.0, T_design=32.0))
     assert noon["m_a"] == pytest.approx(1.3)  # full load
     W = 0.2 * float(humidity_ratio_from_dew_point(18.0)) + 0.8 * float(humidity_ratio(24.0, 0.5))
     assert noon["W_a_in"] == pytest.approx(W, rel=1e-9)
@@ -96,14 +96,14 @@ def test_the_mixture_keeps_the_least_outdoor_air_and_its_water(tmp_path):
 
 @pytest.mark.parametrize(("T_out", "enabled", "T_a_in"), [(8.0, 0.0, 13.0), (16.0, 1.0, 16.0), (26.0, 1.0, None)])
 def test_the_coil_is_off_where_the_economiser_is_enough(tmp_path, T_out, enabled, T_a_in):
-    noon = at_noon(on_a_day(made_weather(tmp_path, T_out), set_point="fixed", T_design=35.0))
+    noon = noon_values(series_on_day(write_weather(tmp_path, T_out), set_point="fixed", T_design=35.0))
     assert noon["enabled"] == enabled
     assert T_a_in is None or noon["T_a_in"] == pytest.approx(T_a_in, abs=1e-9)
 
 
 def test_the_set_point_follows_the_outdoor_air_between_its_hours(tmp_path):
-    path = made_weather(tmp_path, lambda h: 10.0 + h % 24)
-    series = on_a_day(path, set_point="outdoor_reset", T_design=35.0)
+    path = write_weather(tmp_path, lambda h: 10.0 + h % 24)
+    series = series_on_day(path, set_point="outdoor_reset", T_design=35.0)
     clock = np.arange(86400) / 3600
     later = clock >= 0  # straight between hours; at midnight from hour 23 to hour 24
     T_out = np.interp(clock, np.arange(25), [10.0, *(10.0 + np.arange(1, 24)), 10.0])
@@ -111,8 +111,8 @@ def test_the_set_point_follows_the_outdoor_air_between_its_hours(tmp_path):
 
 
 def test_air_flow_follows_the_load_between_least_and_design(tmp_path):
-    path = made_weather(tmp_path, lambda h: 12.0 + 20.0 * (h % 24 == 13))
-    series = on_a_day(path, set_point="fixed", T_set=12.0, T_balance=12.0, T_design=32.0, internal_load=0.4)
+    path = write_weather(tmp_path, lambda h: 12.0 + 20.0 * (h % 24 == 13))
+    series = series_on_day(path, set_point="fixed", T_set=12.0, T_balance=12.0, T_design=32.0, internal_load=0.4)
     assert series["m_a"][10 * 3600] == pytest.approx(0.4 * 1.3)  # people alone
     assert series["m_a"][13 * 3600] == pytest.approx(1.3)
     assert series["m_a"][13 * 3600 - 1800] == pytest.approx(0.7 * 1.3, rel=1e-9)
@@ -133,23 +133,25 @@ def test_air_flow_follows_the_load_between_least_and_design(tmp_path):
 )
 def test_water_is_fixed_or_follows_the_load_or_the_weather(tmp_path, mode, water, T_out, expected):
     shell = {"T_balance": 12.0, "T_design": 32.0} if mode == "cooling" else {"T_balance": 15.0, "T_design": -5.0}
-    noon = at_noon(on_a_day(made_weather(tmp_path, T_out), mode=mode, water=water, **shell))
+    noon = noon_values(series_on_day(write_weather(tmp_path, T_out), mode=mode, water=water, **shell))
     assert noon["T_w_in"] == pytest.approx(expected, abs=1e-9)
 
 
 def test_a_heating_coil_warms_cold_mixed_air(tmp_path):
-    noon = at_noon(on_a_day(made_weather(tmp_path, 2.5), mode="heating", T_design=-10.0, outdoor_air_min=0.45))
+    noon = noon_values(
+        series_on_day(write_weather(tmp_path, 2.5), mode="heating", T_design=-10.0, outdoor_air_min=0.45)
+    )
     assert noon["T_set"] == pytest.approx(24.0)  # half way between -10 and 15 degC: between 30 and 18
     assert noon["m_a"] == pytest.approx(0.9)
     assert noon["T_a_in"] == pytest.approx((21.0 + 2.5) / 2, abs=0.03)
     assert noon["enabled"] == 1.0
-    assert at_noon(on_a_day(made_weather(tmp_path, 20.0), mode="heating", T_design=-10.0))["enabled"] == 0.0
-    helped = on_a_day(made_weather(tmp_path, 2.5), mode="heating", T_design=-10.0, internal_load=0.3)
-    assert at_noon(helped)["m_a"] == pytest.approx(0.5 + 0.8 * 0.2)
+    assert noon_values(series_on_day(write_weather(tmp_path, 20.0), mode="heating", T_design=-10.0))["enabled"] == 0.0
+    helped = series_on_day(write_weather(tmp_path, 2.5), mode="heating", T_design=-10.0, internal_load=0.3)
+    assert noon_values(helped)["m_a"] == pytest.approx(0.5 + 0.8 * 0.2)
 
 
 def test_a_day_is_the_same_alone_in_any_order_and_pickled(tmp_path):
-    path = made_weather(tmp_path, lambda h: 14.0 + 6 * np.sin(h / 4))
+    path = write_weather(tmp_path, lambda h: 14.0 + 6 * np.sin(h / 4))
     options = {"year": 2023, "set_point": "trim_and_respond"}
     year, alone = fc.weather_year(path, **options), fc.weather_year(path, **options, days=[4])
     backwards = pickle.loads(pickle.dumps(year))
@@ -162,12 +164,12 @@ def test_a_day_is_the_same_alone_in_any_order_and_pickled(tmp_path):
 
 
 def test_a_study_file_takes_the_same_arguments(tmp_path):
-    path = made_weather(tmp_path, 20.0)
+    path = write_weather(tmp_path, 20.0)
     table = {"kind": "weather_year", "path": path.name, "year": 2023, "days": [3], "fan_hours": [7, 19]}
     assert build_boundary(table, tmp_path) == fc.weather_year(path, year=2023, days=[3], fan_hours=[7, 19])
-    found = only_problem(build_boundary, table | {"fan_hour": [7, 19]}, tmp_path)
-    assert "fan_hour is not an argument of weather_year" in found
-    assert "fan_hours" in found.split(";")[0]
+    sentence = only_problem(build_boundary, table | {"fan_hour": [7, 19]}, tmp_path)
+    assert "fan_hour is not an argument of weather_year" in sentence
+    assert "fan_hours" in sentence.split(";")[0]
 
 
 @pytest.mark.parametrize(
@@ -195,7 +197,7 @@ def test_a_study_file_takes_the_same_arguments(tmp_path):
     ],
 )
 def test_what_does_not_fit_is_refused_in_a_sentence(tmp_path, options, words):
-    path = made_weather(tmp_path, lambda h: 20.0 + h % 24 / 4)
-    found = problems(fc.weather_year, path, **{"year": 2023} | options)
+    path = write_weather(tmp_path, lambda h: 20.0 + h % 24 / 4)
+    sentences = problems(fc.weather_year, path, **{"year": 2023} | options)
     for word in words:
-        assert word in found[0], found
+        assert word in sentences[0], sentences

@@ -8,11 +8,13 @@ import reference
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fastcoil.model.control import FALLING, RISING, direction, extreme, inverse
+from fastcoil.model.control import FALLING, RISING, inverse_command, next_extreme, next_mode
 from fastcoil.model.physics import backlash, opening
 
 # halts, and both ends of the stroke, more often than chance would have them
-WANTED = st.lists(st.one_of(st.floats(0.0, 1.0), st.sampled_from([0.0, 1.0, 0.3, 0.5])), min_size=1, max_size=60)
+DESIRED_OPENINGS = st.lists(
+    st.one_of(st.floats(0.0, 1.0), st.sampled_from([0.0, 1.0, 0.3, 0.5])), min_size=1, max_size=60
+)
 BACKLASHES = st.floats(0.0, 0.9)
 
 
@@ -24,44 +26,44 @@ class State(NamedTuple):
     command: float = 0.0
 
 
-def step(state, u, estimate, buffer=0.0):
+def step_inverse(state, u, estimate, buffer=0.0):
     """One call, as in the kernel: where u_ext does not change, neither does the command."""
-    mode = direction(u, state.mode, state.u_ext, buffer)
-    u_ext = extreme(u, mode, state.u_ext, mode != state.mode)
-    command = inverse(u_ext, mode, estimate) if u_ext != state.u_ext else state.command
+    mode = next_mode(u, state.mode, state.u_ext, buffer)
+    u_ext = next_extreme(u, mode, state.u_ext, mode != state.mode)
+    command = inverse_command(u_ext, mode, estimate) if u_ext != state.u_ext else state.command
     return State(mode, u_ext, command)
 
 
-def states(wanted, estimate, buffer=0.0):
+def inverse_states(desired, estimate, buffer=0.0):
     found = [State()]
-    for u in wanted:
-        found.append(step(found[-1], u, estimate, buffer))
+    for u in desired:
+        found.append(step_inverse(found[-1], u, estimate, buffer))
     return found[1:]
 
 
-def cascade(wanted, estimate, x_bl, buffer=0.0):
+def cascade_openings(desired, estimate, x_bl, buffer=0.0):
     """Openings behind inverse and gearbox."""
     q, openings = 0.0, []
-    for state in states(wanted, estimate, buffer):
+    for state in inverse_states(desired, estimate, buffer):
         q = backlash(q, state.command, x_bl)
         openings.append(opening(q, x_bl))
     return np.array(openings)
 
 
-@given(WANTED, BACKLASHES, st.sampled_from([0.0, 1e-9, 0.01, 0.2]))
+@given(DESIRED_OPENINGS, BACKLASHES, st.sampled_from([0.0, 1e-9, 0.01, 0.2]))
 def test_equals_the_references(wanted, estimate, buffer):
     command, mode, u_ext = 0.0, reference.FALLING, 0.0
-    for u, state in zip(wanted, states(wanted, estimate, buffer), strict=True):
+    for u, state in zip(wanted, inverse_states(wanted, estimate, buffer), strict=True):
         command, mode, u_ext = reference.backlash_inverse(u, estimate, buffer, mode, u_ext, command)
         assert state == (mode, u_ext, command)
 
 
-@given(WANTED, BACKLASHES)
+@given(DESIRED_OPENINGS, BACKLASHES)
 def test_exact_estimate_makes_the_cascade_the_identity(wanted, x_bl):
-    np.testing.assert_allclose(cascade(wanted, x_bl, x_bl), wanted, rtol=0.0, atol=4e-16 / (1.0 - x_bl))
+    np.testing.assert_allclose(cascade_openings(wanted, x_bl, x_bl), wanted, rtol=0.0, atol=4e-16 / (1.0 - x_bl))
 
 
-@given(WANTED, st.floats(0.001, 0.9), st.floats(0.0, 1.0))
+@given(DESIRED_OPENINGS, st.floats(0.001, 0.9), st.floats(0.0, 1.0))
 def test_under_estimate_leaves_a_smaller_play_with_a_gain(wanted, x_bl, ratio):
     estimate = ratio * x_bl
     width, gain = (x_bl - estimate) / (1.0 - estimate), (1.0 - estimate) / (1.0 - x_bl)
@@ -69,51 +71,51 @@ def test_under_estimate_leaves_a_smaller_play_with_a_gain(wanted, x_bl, ratio):
     for u in wanted:
         q = backlash(q, u, width)
         expected.append(gain * q)
-    np.testing.assert_allclose(cascade(wanted, estimate, x_bl), expected, rtol=0.0, atol=1e-15 / (1.0 - x_bl))
+    np.testing.assert_allclose(cascade_openings(wanted, estimate, x_bl), expected, rtol=0.0, atol=1e-15 / (1.0 - x_bl))
 
 
-@given(WANTED, st.floats(0.0, 0.5), st.floats(0.0, 0.4))
+@given(DESIRED_OPENINGS, st.floats(0.0, 0.5), st.floats(0.0, 0.4))
 def test_over_estimate_is_a_relay_on_the_direction(wanted, x_bl, delta):
     excess = delta / (1.0 - x_bl)
-    found = cascade(wanted, x_bl + delta, x_bl)
-    mode = np.array([state.mode for state in states(wanted, x_bl + delta)])
+    openings = cascade_openings(wanted, x_bl + delta, x_bl)
+    mode = np.array([state.mode for state in inverse_states(wanted, x_bl + delta)])
     u = np.array(wanted)
-    moved = np.logical_or.accumulate(u != 0.0)
+    has_moved = np.logical_or.accumulate(u != 0.0)
     expected = np.where(mode == RISING, u + excess * (1.0 - u), u - excess * u)
-    np.testing.assert_allclose(found, np.where(moved, expected, 0.0), rtol=0.0, atol=4e-15)
+    np.testing.assert_allclose(openings, np.where(has_moved, expected, 0.0), rtol=0.0, atol=4e-15)
 
 
-@given(WANTED)
+@given(DESIRED_OPENINGS)
 def test_estimate_0_is_the_plain_controller(wanted):
-    assert [state.command for state in states(wanted, 0.0)] == wanted
+    assert [state.command for state in inverse_states(wanted, 0.0)] == wanted
 
 
-@given(WANTED, BACKLASHES, st.sampled_from([0.0, 1e-9, 0.01]))
+@given(DESIRED_OPENINGS, BACKLASHES, st.sampled_from([0.0, 1e-9, 0.01]))
 def test_a_held_u_holds_everything(wanted, estimate, buffer):
-    last = states(wanted, estimate, buffer)[-1]
-    assert step(last, wanted[-1], estimate, buffer) == last
+    last = inverse_states(wanted, estimate, buffer)[-1]
+    assert step_inverse(last, wanted[-1], estimate, buffer) == last
 
 
 def test_a_changed_estimate_acts_when_u_next_goes_on():
-    held = step(states([0.4], 0.05)[-1], 0.4, 0.06)
-    assert held.command == states([0.4], 0.05)[-1].command
-    assert step(held, 0.41, 0.06).command == pytest.approx(0.94 * 0.41 + 0.06, abs=1e-16)
+    held = step_inverse(inverse_states([0.4], 0.05)[-1], 0.4, 0.06)
+    assert held.command == inverse_states([0.4], 0.05)[-1].command
+    assert step_inverse(held, 0.41, 0.06).command == pytest.approx(0.94 * 0.41 + 0.06, abs=1e-16)
 
 
 def test_buffer_ignores_reversals_up_to_its_size():
-    modes = [state.mode for state in states([0.5, 0.375, 0.5, 0.375, 0.374], 0.05, buffer=0.125)]
+    modes = [state.mode for state in inverse_states([0.5, 0.375, 0.5, 0.375, 0.374], 0.05, buffer=0.125)]
     assert modes == [RISING, RISING, RISING, RISING, FALLING]
-    back = [state.mode for state in states([0.5, 0.25, 0.375, 0.376], 0.05, buffer=0.125)]
+    back = [state.mode for state in inverse_states([0.5, 0.25, 0.375, 0.376], 0.05, buffer=0.125)]
     assert back == [RISING, FALLING, FALLING, RISING]
 
 
-@given(WANTED, st.floats(0.01, 0.3), st.floats(0.0, 0.3))
+@given(DESIRED_OPENINGS, st.floats(0.01, 0.3), st.floats(0.0, 0.3))
 def test_opening_lags_the_wanted_one_by_the_buffer_at_most(wanted, x_bl, buffer):
-    lag = cascade(wanted, x_bl, x_bl, buffer) - np.array(wanted)
+    lag = cascade_openings(wanted, x_bl, x_bl, buffer) - np.array(wanted)
     assert np.all(np.abs(lag) <= buffer + 1e-15)
 
 
 def test_round_off_is_no_reversal_with_the_default_buffer():
     u = [0.4, np.nextafter(0.4, 0.0)] * 100
-    assert {state.mode for state in states(u, 0.07, buffer=1e-9)} == {RISING}
-    assert {state.mode for state in states(u, 0.07, buffer=0.0)} == {RISING, FALLING}
+    assert {state.mode for state in inverse_states(u, 0.07, buffer=1e-9)} == {RISING}
+    assert {state.mode for state in inverse_states(u, 0.07, buffer=0.0)} == {RISING, FALLING}

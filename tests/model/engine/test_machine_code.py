@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from helpers.full import full_but
+from helpers.full import full_except
 
 import fastcoil as fc
 from fastcoil.model.estimators.registry import ESTIMATORS
@@ -29,7 +29,7 @@ SCALAR_SHARE = {
 }
 
 
-def assembly_of(name):
+def section_assembly(name):
     """Assembly of one section, compiled alone with the flags of the kernel."""
     import numba
     from numba import types as T
@@ -39,27 +39,27 @@ def assembly_of(name):
     f, i, b, A = T.float64, T.int64, T.boolean, T.Array(T.float64, 1, "C")
     section, signature = {
         "control, all parts": (
-            controller.control_of(controller.Control(*(True for _ in controller.PLAIN))),
+            controller.make_control(controller.ControllerFeatures(*(True for _ in controller.PLAIN_CONTROLLER))),
             (A, i, f, f, b, f),
         ),
-        "actuate with zones and slips": (plant.actuate_of(plant.Stem(True, True, True, False)), (A, b)),
-        "actuate with wear": (plant.actuate_of(plant.Stem(wears=True)), (A, b)),
-        "deliver": (plant.deliver, (A, b)),
-        "air_side": (plant.air_side, (A, f)),
+        "actuate with zones and slips": (plant.make_actuate(plant.ActuatorFeatures(True, True, True, False)), (A, b)),
+        "actuate with wear": (plant.make_actuate(plant.ActuatorFeatures(wears=True)), (A, b)),
+        "deliver": (plant.update_water_flow, (A, b)),
+        "air_side": (plant.update_air_effectiveness, (A, f)),
         "march_water": (plant.march_water, (A, A, i, b, T.Array(b, 1, "C"))),
         "march_air": (plant.march_air, (A, A, i, b, b, f, f, f, b, f, T.Array(b, 1, "C"))),
-        "account_second": (metrics.account_second, (A, A, i, i, f, f, f, i)),
+        "account_second": (metrics.accumulate_second, (A, A, i, i, f, f, f, i)),
     }[name]
     return next(iter(numba.njit(signature, **FLAGS)(getattr(section, "py_func", section)).inspect_asm().values()))
 
 
 @pytest.mark.kernel
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="reads x86-64 assembly")
-@pytest.mark.parametrize("name", full_but(SCALAR_SHARE, ["march_water"]))
+@pytest.mark.parametrize("name", full_except(SCALAR_SHARE, ["march_water"]))
 def test_sections_are_vectorised(name):
     import llvmlite.binding
 
-    assembly = assembly_of(name)
+    assembly = section_assembly(name)
     packed = re.findall(ARITHMETIC + r"pd\t.*", assembly)
     scalar = re.findall(ARITHMETIC + r"sd\t.*", assembly)
     assert len(packed) > 15
@@ -71,7 +71,7 @@ def test_sections_are_vectorised(name):
 
 @pytest.mark.kernel
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="reads x86-64 assembly")
-@pytest.mark.parametrize("name", full_but(["hagglund", "gradient"], ["gradient"]))
+@pytest.mark.parametrize("name", full_except(["hagglund", "gradient"], ["gradient"]))
 def test_stages_of_estimators_are_vectorised(name, monkeypatch):
     """Scalar is only the loop once more for rows that might overlap, which never do.  Vectors are as wide as can be."""
     import llvmlite.binding
@@ -81,7 +81,7 @@ def test_stages_of_estimators_are_vectorised(name, monkeypatch):
 
     compiled = []
     monkeypatch.setattr(stages, "kernel_folder", lambda _: None)  # what comes from the cache has no assembly
-    monkeypatch.setattr(stages, "_STAGES", compiled)
+    monkeypatch.setattr(stages, "_COMPILED_STAGES", compiled)
     (estimator,) = (e for e in ESTIMATORS if e is not None and e.name == name)
     estimator_stage.__wrapped__(estimator)
     assembly = compiled[0]._library.get_asm_str()
@@ -94,13 +94,13 @@ def test_stages_of_estimators_are_vectorised(name, monkeypatch):
 
 
 @pytest.mark.kernel
-def test_one_compiled_signature_serves_every_kind_of_run(short):
+def test_one_compiled_signature_serves_every_kind_of_run(half_hour_day):
     from fastcoil.model.engine.emulator import emulate
     from fastcoil.model.engine.lanes import compile_kernel
 
     days = fc.paper_day(hours=0.1, seed=[1, 2])
     compile_kernel()
-    fc.simulate(fc.Loop(), short, warm_up=60)
+    fc.simulate(fc.Loop(), half_hour_day, warm_up=60)
     fc.simulate(fc.Loop(), days, warm_up=60, command=np.full((2, 360), 0.3), traces=["T_c", "wet_volumes"])
     fc.simulate(fc.Loop(noise_std=[0.0, 0.1], n_volumes=4), days, warm_up=0, seed=2**63 + 1, replicates=2)
     assert len(emulate.signatures) == 1
@@ -169,5 +169,5 @@ print("within bounds")
 
 def test_no_kernel_reads_out_of_bounds(tmp_path):
     env = os.environ | {"NUMBA_DISABLE_JIT": "1", "XDG_CACHE_HOME": str(tmp_path)}
-    found = subprocess.run([sys.executable, "-c", EVERY_KERNEL], env=env, capture_output=True, text=True, check=False)
-    assert found.stdout == "within bounds\n", found.stderr
+    process = subprocess.run([sys.executable, "-c", EVERY_KERNEL], env=env, capture_output=True, text=True, check=False)
+    assert process.stdout == "within bounds\n", process.stderr

@@ -5,15 +5,15 @@ import pytest
 
 import fastcoil as fc
 from fastcoil.model.engine import metrics
-from fastcoil.model.engine.metrics import schedule
+from fastcoil.model.engine.metrics import make_schedule
 from fastcoil.model.metric_table import METRICS, TRACES
 
 pytestmark = pytest.mark.kernel
 
 WARM_UP = 1000
-N = 9400
-SECONDS = np.arange(N)
-OFF = ((SECONDS >= 3333) & (SECONDS < 3500)) | (SECONDS >= N - 30)
+N_SECONDS = 9400
+SECONDS = np.arange(N_SECONDS)
+IS_OFF = ((SECONDS >= 3333) & (SECONDS < 3500)) | (SECONDS >= N_SECONDS - 30)
 LOOPS = {
     "cooling": {"learning_step": 0.01, "learning_interval": 600.0, "noise_std": 0.02, "backlash_estimate": 0.03},
     "heating": {"action": "heating", "kp": 0.004, "ti": 30.0, "sample_time": 15.0, "C_w": 12.0, "stroke_time": 60.0},
@@ -24,8 +24,8 @@ LOOPS = {
 @pytest.mark.parametrize("name", LOOPS)
 def test_every_metric_is_that_of_the_whole_record(name, run_reference):
     """``reference`` takes them from its traces; here they are sums kept while the loop runs."""
-    boundary = fc.paper_day(hours=N / 3600, seed=3)
-    series = {key: values[0] for key, values in boundary.series.items()} | {"enabled": np.where(OFF, 0, 1)}
+    boundary = fc.paper_day(hours=N_SECONDS / 3600, seed=3)
+    series = {key: values[0] for key, values in boundary.series.items()} | {"enabled": np.where(IS_OFF, 0, 1)}
     if name == "heating":
         series |= {"T_w_in": 50.0, "T_a_in": 12.0, "T_set": boundary.series["T_set"][0] + 8.0}
     day = fc.Boundary(**series, day=3)
@@ -82,31 +82,37 @@ def test_metrics_do_not_depend_on_the_traces():
     assert traced[list(METRICS)].identical(plain[list(METRICS)].assign_attrs(traced.attrs))
 
 
-def seconds_with(found, flag):
-    return np.flatnonzero(found.flags & flag).tolist()
+def seconds_with_flag(day_schedule, flag):
+    return np.flatnonzero(day_schedule.flags & flag).tolist()
 
 
 def test_schedule_of_a_small_day():
     T_set = np.where(np.arange(4000) < 1500, 14.0, 13.0)
     enabled = np.ones(4000)
     enabled[3000] = 0.0
-    found = schedule(T_set, enabled, 100)
+    day_schedule = make_schedule(T_set, enabled, 100)
     counted = [*range(100, 3000), *range(3001, 4000)]
     settled = [*range(600, 1500), *range(2100, 3000), *range(3601, 4000)]
-    assert seconds_with(found, metrics.COUNTED) == counted
-    assert seconds_with(found, metrics.SETTLED) == settled
-    assert seconds_with(found, metrics.WINDOW_STARTS) == [600, 2100, 3601]
-    assert seconds_with(found, metrics.WINDOW_ENDS) == [1499, 2999, 3999]
+    assert seconds_with_flag(day_schedule, metrics.IS_COUNTED) == counted
+    assert seconds_with_flag(day_schedule, metrics.IS_SETTLED) == settled
+    assert seconds_with_flag(day_schedule, metrics.WINDOW_STARTS) == [600, 2100, 3601]
+    assert seconds_with_flag(day_schedule, metrics.WINDOW_ENDS) == [1499, 2999, 3999]
     # blocks 100-699, 700-1299, ... 3100-3699; that of second 3000 does not count
-    assert seconds_with(found, metrics.IN_SWITCH_BLOCK) == [*range(100, 2500), *range(3100, 3700)]
-    assert seconds_with(found, metrics.IN_PEAK_BLOCK) == [*range(100, 2800)]
-    assert seconds_with(found, metrics.PEAK_BLOCK_ENDS) == [999, 1899, 2799]
-    assert seconds_with(found, metrics.IN_ESTIMATE_WINDOW) == counted
-    numbers = (found.n_counted, found.n_settled, found.n_windows, found.n_switch_blocks, found.n_peak_blocks)
+    assert seconds_with_flag(day_schedule, metrics.IN_SWITCH_BLOCK) == [*range(100, 2500), *range(3100, 3700)]
+    assert seconds_with_flag(day_schedule, metrics.IN_PEAK_BLOCK) == [*range(100, 2800)]
+    assert seconds_with_flag(day_schedule, metrics.PEAK_BLOCK_ENDS) == [999, 1899, 2799]
+    assert seconds_with_flag(day_schedule, metrics.IN_ESTIMATE_WINDOW) == counted
+    numbers = (
+        day_schedule.n_counted,
+        day_schedule.n_settled,
+        day_schedule.n_windows,
+        day_schedule.n_switch_blocks,
+        day_schedule.n_peak_blocks,
+    )
     assert numbers == (len(counted), len(settled), 3, 5, 3)
 
 
 def test_estimate_window_is_the_last_two_hours():
-    found = schedule(np.full(9000, 14.0), np.ones(9000), 100)
-    assert seconds_with(found, metrics.IN_ESTIMATE_WINDOW) == list(range(1800, 9000))
-    assert found.n_estimate == 7200
+    day_schedule = make_schedule(np.full(9000, 14.0), np.ones(9000), 100)
+    assert seconds_with_flag(day_schedule, metrics.IN_ESTIMATE_WINDOW) == list(range(1800, 9000))
+    assert day_schedule.n_estimate == 7200

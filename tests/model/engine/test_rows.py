@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fastcoil.model.engine import controller, recorded, rows
-from fastcoil.model.engine.lanes import blocks, parameter_matrix, work_space
+from fastcoil.model.engine.lanes import cut_into_blocks, parameter_matrix, work_space
 from fastcoil.model.engine.rows import LANES, ROWS, SUM_ROWS, R
 from fastcoil.model.numerics.jit import FLAGS
 from fastcoil.model.parameter_table import PARAMETERS
@@ -21,7 +21,9 @@ GROUPS = (rows.PARAMETER_ROWS, rows.DERIVED_ROWS, rows.STATE_ROWS, rows.SUM_ROWS
 def block():
     """One default loop, 64 times."""
     columns = {p.name: np.array([np.nan if p.default is None else p.default]) for p in PARAMETERS.values()}
-    ((_, block),) = blocks(parameter_matrix(columns | {"replicate": np.zeros(1), "estimator": np.array(["none"])}))
+    ((_, block),) = cut_into_blocks(
+        parameter_matrix(columns | {"replicate": np.zeros(1), "estimator": np.array(["none"])})
+    )
     return block
 
 
@@ -30,16 +32,16 @@ def test_groups_follow_one_another_and_name_every_row_once():
     assert list(ROWS) == names
     assert len(set(names)) == len(names)
     assert {after - before for before, after in pairwise(getattr(R, name) for name in names)} == {LANES}
-    assert rows.SUMS_AT == getattr(R, rows.SUM_ROWS[0])
-    assert getattr(R, rows.STATE_ROWS[0]) == rows.STATE_AT
+    assert rows.SUMS_START == getattr(R, rows.SUM_ROWS[0])
+    assert getattr(R, rows.STATE_ROWS[0]) == rows.STATE_START
 
 
 @pytest.mark.kernel
 @pytest.mark.full
 def test_each_group_is_filled_by_its_own_function_alone(block):
     """So that a later day could start with fresh sums from the state of the one before."""
-    edges = [0, rows.STATE_AT, rows.SUMS_AT, len(ROWS) * LANES]
-    sections = (rows.derive, rows.set_initial_state, rows.reset_sums)
+    edges = [0, rows.STATE_START, rows.SUMS_START, len(ROWS) * LANES]
+    sections = (rows.derive_rows, rows.set_initial_state, rows.reset_sums)
     derive, set_initial_state, reset_sums = (numba.njit(**FLAGS)(section.py_func) for section in sections)
     fill = (
         lambda S: derive(S, block.rows, block.common.n_volumes),
@@ -57,10 +59,12 @@ def test_each_group_is_filled_by_its_own_function_alone(block):
 
 
 @pytest.mark.parametrize(
-    "part", [controller, getattr(recorded.command_of, "py_func", recorded.command_of)], ids=["control", "replay"]
+    "part",
+    [controller, getattr(recorded.replay_controllers, "py_func", recorded.replay_controllers)],
+    ids=["control", "replay"],
 )
 def test_the_controller_knows_no_true_backlash_and_reads_no_sum(part):
     tree = ast.parse(inspect.getsource(part))
-    used = {n.attr for n in ast.walk(tree) if isinstance(n, ast.Attribute) and ast.unparse(n.value) == "R"}
-    assert not used & {"backlash", "worn", "gap", "backlash_scale"}
-    assert used & set(SUM_ROWS) <= {"sum_switches"}
+    used_rows = {n.attr for n in ast.walk(tree) if isinstance(n, ast.Attribute) and ast.unparse(n.value) == "R"}
+    assert not used_rows & {"backlash", "worn", "gap", "backlash_scale"}
+    assert used_rows & set(SUM_ROWS) <= {"sum_switches"}

@@ -5,19 +5,19 @@ import pytest
 import reference
 
 import fastcoil as fc
-from fastcoil.model.engine.plant import Stem
+from fastcoil.model.engine.plant import ActuatorFeatures
 
-GENTLE = {"kp": 0.018, "ti": 30.0, "sample_time": 15}
-CURVE = (2.0, 0.7, 9.0, 0.38)
+GENTLE_PI = {"kp": 0.018, "ti": 30.0, "sample_time": 15}
+VALVE_CURVE = (2.0, 0.7, 9.0, 0.38)
 
 
-def starts(positions):
+def count_motor_starts(positions):
     """How often a motor starts."""
-    moves = np.diff(positions, prepend=0.0, axis=-1) != 0.0
-    return np.count_nonzero(moves[..., 1:] & ~moves[..., :-1], axis=-1)
+    is_moving = np.diff(positions, prepend=0.0, axis=-1) != 0.0
+    return np.count_nonzero(is_moving[..., 1:] & ~is_moving[..., :-1], axis=-1)
 
 
-def over(openings, **parameters):
+def simulate_openings(openings, **parameters):
     """An hour's flows and temperatures at given openings."""
     day = fc.constant_day(hours=openings.size / 3600, T_a_in=26.0, W_a_in=0.004)
     names = ["m_w", "T_w", "T_c", "T_a", "power", "opening"]
@@ -38,23 +38,25 @@ def over(openings, **parameters):
 def test_a_block_compiles_the_parts_that_a_lane_of_it_needs(parameters, parts):
     names = ("command_resolution", "neutral_zone", "slip_jump", "wear_rate")
     lanes = {name: np.array([0.0, parameters.get(name, 0.0), 0.0]) for name in names}
-    assert Stem.of(lanes) == parts
+    assert ActuatorFeatures.of(lanes) == parts
 
 
 @pytest.mark.kernel
-def test_a_neutral_zone_starts_the_motor_less_often(hour):
-    loop = fc.Loop(**GENTLE, noise_std=0.05, stroke_time=90.0, neutral_zone=[0.0, 0.005, 0.02])
-    ds = fc.simulate(loop, hour, traces=["position"], warm_up=600)
-    counted = starts(ds.position.values)
+def test_a_neutral_zone_starts_the_motor_less_often(one_hour_day):
+    loop = fc.Loop(**GENTLE_PI, noise_std=0.05, stroke_time=90.0, neutral_zone=[0.0, 0.005, 0.02])
+    ds = fc.simulate(loop, one_hour_day, traces=["position"], warm_up=600)
+    counted = count_motor_starts(ds.position.values)
     assert counted[0] > 1.5 * counted[1] > 2.0 * counted[2] > 0
 
 
 @pytest.mark.kernel
-def test_without_a_zone_or_a_jump_the_loop_is_that_of_before_beside_those_that_have_one(hour):
+def test_without_a_zone_or_a_jump_the_loop_is_that_of_before_beside_those_that_have_one(one_hour_day):
     names = ["position", "opening", "m_w", "T_sup"]
-    loop = fc.Loop(**GENTLE, noise_std=0.02, stroke_time=[0.0, 90.0])
-    plain = fc.simulate(loop, hour, traces=names, warm_up=600)
-    mixed = fc.simulate(loop.assign(neutral_zone=[0.0, 0.01], slip_jump=[0.0, 0.03]), hour, traces=names, warm_up=600)
+    loop = fc.Loop(**GENTLE_PI, noise_std=0.02, stroke_time=[0.0, 90.0])
+    plain = fc.simulate(loop, one_hour_day, traces=names, warm_up=600)
+    mixed = fc.simulate(
+        loop.assign(neutral_zone=[0.0, 0.01], slip_jump=[0.0, 0.03]), one_hour_day, traces=names, warm_up=600
+    )
     for name in [*names, "rmse", "motor_travel", "stem_travel", "reversals"]:
         values = mixed[name].sel(neutral_zone=0.0, slip_jump=0.0).values
         np.testing.assert_array_equal(values, plain[name].values, err_msg=name)
@@ -62,10 +64,10 @@ def test_without_a_zone_or_a_jump_the_loop_is_that_of_before_beside_those_that_h
 
 
 @pytest.mark.kernel
-def test_the_stem_sticks_in_the_second_in_which_its_motor_stops_though_no_command_comes(hour):
+def test_the_stem_sticks_in_the_second_in_which_its_motor_stops_though_no_command_comes(one_hour_day):
     """The twin looks at every second; the loop only at those in which something may happen."""
-    loop = fc.Loop(**GENTLE, backlash=0.1, slip_jump=0.04)
-    ds = fc.simulate(loop, hour, traces=["position", "opening"], warm_up=600)
+    loop = fc.Loop(**GENTLE_PI, backlash=0.1, slip_jump=0.04)
+    ds = fc.simulate(loop, one_hour_day, traces=["position", "opening"], warm_up=600)
     twin = reference.StickSlip(0.1, 0.04)
     expected = [twin.move(position)[1] for position in ds.position.values.tolist()]
     np.testing.assert_allclose(ds.opening.values, expected, rtol=0.0, atol=1e-15)
@@ -95,11 +97,11 @@ def test_a_gap_that_grows_moves_no_stem_while_its_motor_stands_still(more, appro
     day = fc.constant_day(hours=1).assign(backlash_scale=np.select([seconds < 1800, seconds < 2700], [1.0, 3.0], 8.0))
     command = np.where(seconds < 600, approach, 0.5)
     ds = fc.simulate(fc.Loop(backlash=0.05, **more), day, command=command, traces=["opening"], warm_up=1000)
-    after = ds.opening.values[700:]
-    np.testing.assert_array_equal(after, after[0])
+    openings = ds.opening.values[700:]
+    np.testing.assert_array_equal(openings, openings[0])
     # Eq (1) on the flank: α is that of 5 %, whatever the gap
     play = 0.05 - more.get("slip_jump", 0.0)
-    assert after[0] == pytest.approx((0.5 - (0.0 if approach else play)) / (1.0 - play), abs=1e-15)
+    assert openings[0] == pytest.approx((0.5 - (0.0 if approach else play)) / (1.0 - play), abs=1e-15)
     assert float(ds.backlash_final) == pytest.approx(0.4)
 
 
@@ -124,12 +126,12 @@ def test_a_worn_valve_no_longer_opens_fully_and_one_with_less_play_meets_its_sto
 @pytest.mark.parametrize("leakage", [0.0, 0.001, 0.03, 0.5])
 def test_a_closed_valve_leaks_its_share_of_the_full_flow_exactly_and_flow_rises_with_opening(leakage):
     openings = np.linspace(0.0, 1.0, 1801)
-    flow = over(openings, leakage=leakage, C_w=10.0).m_w.values
-    plain = over(openings, C_w=10.0).m_w.values
+    flow = simulate_openings(openings, leakage=leakage, C_w=10.0).m_w.values
+    plain = simulate_openings(openings, C_w=10.0).m_w.values
     assert flow[-1] == plain[-1]
     assert flow[0] == leakage * flow[-1]
     assert np.all(np.diff(flow) > 0.0)
-    expected = [reference.leaking_valve(x, leakage, *CURVE) for x in openings.tolist()]
+    expected = [reference.leaking_valve(x, leakage, *VALVE_CURVE) for x in openings.tolist()]
     np.testing.assert_allclose(flow, expected, rtol=0.0, atol=1e-14)
 
 
@@ -137,9 +139,11 @@ def test_a_closed_valve_leaks_its_share_of_the_full_flow_exactly_and_flow_rises_
 def test_the_leakage_of_the_printed_curve_gives_the_printed_curve():
     openings = np.linspace(0.0, 1.0, 1801)
     valve = {"rangeability": 50.0, "authority": 0.3, "m_full": 1.8}
-    for curve, parameters in ((CURVE, {}), (reference.valve_from_authority(*valve.values()), valve)):
-        own = reference.richards_valve(0.0, *curve) / reference.richards_valve(1.0, *curve)
-        leaking, plain = (over(openings, **parameters, **more).m_w for more in ({"leakage": own}, {}))
+    for curve, parameters in ((VALVE_CURVE, {}), (reference.valve_from_authority(*valve.values()), valve)):
+        printed_leakage = reference.richards_valve(0.0, *curve) / reference.richards_valve(1.0, *curve)
+        leaking, plain = (
+            simulate_openings(openings, **parameters, **more).m_w for more in ({"leakage": printed_leakage}, {})
+        )
         np.testing.assert_allclose(leaking, plain, rtol=1e-13, atol=0.0)
 
 
@@ -148,7 +152,7 @@ def test_the_leakage_of_the_printed_curve_gives_the_printed_curve():
 def test_a_tight_valve_shuts_the_water_off_and_energy_closes(beta2):
     seconds = np.arange(5400)
     openings = np.select([seconds < 600, seconds < 4800], [1.0, 0.0], np.linspace(0.0, 0.02, 5400))
-    ds = over(openings, leakage=0.0, beta2=beta2, air_march="quasistatic")
+    ds = simulate_openings(openings, leakage=0.0, beta2=beta2, air_march="quasistatic")
     T_w, T_c, T_a, m_w = (ds[name].values for name in ("T_w", "T_c", "T_a", "m_w"))
     assert int(ds.status) == 0
     shut = slice(600, 4800)
@@ -173,15 +177,15 @@ def test_a_tight_valve_shuts_the_water_off_and_energy_closes(beta2):
         {"backlash": ("valve", [0.02, 0.07]), "slip_jump": ("valve", [0.01, 0.08])},
     ],
 )
-def test_a_jump_larger_than_the_band_is_refused_before_anything_runs(parameters, refused, short):
-    (problem,) = refused(fc.Loop(**parameters), short, warm_up=60)
+def test_a_jump_larger_than_the_band_is_refused_before_anything_runs(parameters, simulate_problems, half_hour_day):
+    (problem,) = simulate_problems(fc.Loop(**parameters), half_hour_day, warm_up=60)
     assert all(
         word in problem for word in ("slip_jump is up to 0.01 above the backlash", "lower slip_jump or raise backlash")
     )
 
 
 @pytest.mark.kernel
-def test_a_jump_larger_than_the_band_that_the_boundary_leaves_is_refused(refused, short):
-    (problem,) = refused(fc.Loop(slip_jump=0.05), short.assign(backlash_scale=0.5), warm_up=60)
+def test_a_jump_larger_than_the_band_that_the_boundary_leaves_is_refused(simulate_problems, half_hour_day):
+    (problem,) = simulate_problems(fc.Loop(slip_jump=0.05), half_hour_day.assign(backlash_scale=0.5), warm_up=60)
     assert "0.015 above the backlash, which backlash_scale makes 0.5 times as large" in problem
-    fc.simulate(fc.Loop(slip_jump=0.05), short.assign(backlash_scale=2.0), warm_up=60)
+    fc.simulate(fc.Loop(slip_jump=0.05), half_hour_day.assign(backlash_scale=2.0), warm_up=60)

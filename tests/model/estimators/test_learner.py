@@ -4,11 +4,18 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.model.estimators.learner import ENOUGH, QUIET, UNMEASURABLE, chatters, evidence, updated
-from fastcoil.model.metric_table import LEARNING_STATUS
+from fastcoil.model.estimators.learner import (
+    EVIDENCE_ENOUGH,
+    EVIDENCE_QUIET,
+    EVIDENCE_UNMEASURABLE,
+    classify_interval,
+    is_chatter,
+    next_estimate,
+)
+from fastcoil.model.metric_table import LEARNING_STATUS_MEANINGS
 
 STEP = 0.007
-RESTLESS = {"learning_step": STEP, "learning_interval": 600.0}
+LEARNING_LOOP = {"learning_step": STEP, "learning_interval": 600.0}
 
 
 @pytest.mark.parametrize(
@@ -23,7 +30,7 @@ RESTLESS = {"learning_step": STEP, "learning_interval": 600.0}
     ],
 )
 def test_chatters_above_the_ratio_of_the_reference_or_the_floor(f, f_ref, ratio, floor, expected):
-    assert bool(chatters(f, f_ref, ratio, floor)) is expected
+    assert bool(is_chatter(f, f_ref, ratio, floor)) is expected
 
 
 @pytest.mark.parametrize(
@@ -38,10 +45,10 @@ def test_chatters_above_the_ratio_of_the_reference_or_the_floor(f, f_ref, ratio,
     ],
 )
 def test_updated_steps_within_start_and_cap(x_hat, down, expected):
-    assert updated(x_hat, STEP, down, 0.007, 0.25) == pytest.approx(expected, abs=1e-16)
+    assert next_estimate(x_hat, STEP, down, 0.007, 0.25) == pytest.approx(expected, abs=1e-16)
 
 
-def learned(loop, day, **options):
+def run_learner(loop, day, **options):
     """Metrics, and the estimate at the first second of every interval."""
     loop = fc.Loop(**loop)
     ds = fc.simulate(loop, day, traces=["estimate", "mode"], **options)
@@ -52,7 +59,7 @@ def learned(loop, day, **options):
 
 @pytest.fixture(scope="module")
 def paper_staircase(working_day):
-    return learned({"learning_step": STEP, "backlash_estimate": STEP}, working_day)
+    return run_learner({"learning_step": STEP, "backlash_estimate": STEP}, working_day)
 
 
 @pytest.mark.kernel
@@ -74,8 +81,8 @@ def test_paper_rule_hunts_for_ever_between_the_backlash_and_one_step_more(paper_
 
 @pytest.mark.kernel
 def test_a_quiet_loop_runs_upward_to_the_cap():
-    quiet = {"kp": 0.005, "ti": 200.0, "sample_time": 5.0, **RESTLESS, "learning_cap": 0.03}
-    ds, stairs = learned(quiet, fc.constant_day(hours=2))
+    quiet = {"kp": 0.005, "ti": 200.0, "sample_time": 5.0, **LEARNING_LOOP, "learning_cap": 0.03}
+    ds, stairs = run_learner(quiet, fc.constant_day(hours=2))
     settled = ds["mode"].values[1200:]
     assert np.all(settled == settled[0])
     np.testing.assert_allclose(stairs, np.minimum(STEP * np.arange(12), 0.03), atol=1e-15)
@@ -84,54 +91,54 @@ def test_a_quiet_loop_runs_upward_to_the_cap():
 
 
 @pytest.mark.kernel
-def test_the_floor_lets_the_estimate_rise_where_the_ratio_would_not(hour):
-    strict = {**RESTLESS, "backlash_estimate": 0.02, "learning_ratio": 1e-3}
-    ds, stairs = learned(strict, hour, warm_up=600)
+def test_the_floor_lets_the_estimate_rise_where_the_ratio_would_not(one_hour_day):
+    strict = {**LEARNING_LOOP, "backlash_estimate": 0.02, "learning_ratio": 1e-3}
+    ds, stairs = run_learner(strict, one_hour_day, warm_up=600)
     # never below its start, whatever the switches say
     assert np.all(stairs == 0.02)
     assert float(ds.learn_time_first_down) == 600.0
-    _, stairs = learned({**strict, "learning_floor": 1e6}, hour, warm_up=600)
+    _, stairs = run_learner({**strict, "learning_floor": 1e6}, one_hour_day, warm_up=600)
     np.testing.assert_allclose(stairs, 0.02 + STEP * np.arange(6), atol=1e-15)
 
 
 @pytest.mark.kernel
-def test_after_a_first_interval_without_switches_any_switch_is_chatter(hour):
-    series = {name: values[0] for name, values in hour.series.items()}
+def test_after_a_first_interval_without_switches_any_switch_is_chatter(one_hour_day):
+    series = {name: values[0] for name, values in one_hour_day.series.items()}
     late = fc.Boundary(**series | {"enabled": np.arange(3600) >= 600})
-    _, stairs = learned(RESTLESS, late, warm_up=600)
+    _, stairs = run_learner(LEARNING_LOOP, late, warm_up=600)
     np.testing.assert_allclose(stairs, [0.0, STEP, 0.0, 0.0, 0.0, 0.0], atol=1e-15)
 
 
 @pytest.mark.parametrize(
     ("switches", "f", "f_ref", "min_switches", "max_reference", "expected"),
     [
-        (0.0, 0.0, -1.0, 0.0, 1.0, ENOUGH),
-        (0.0, 0.0, -1.0, 1.0, 1.0, QUIET),
-        (0.0, 0.0, 3.0, 1.0, 1.0, QUIET),
-        (1.0, 0.3, -1.0, 1.0, 1.0, ENOUGH),
+        (0.0, 0.0, -1.0, 0.0, 1.0, EVIDENCE_ENOUGH),
+        (0.0, 0.0, -1.0, 1.0, 1.0, EVIDENCE_QUIET),
+        (0.0, 0.0, 3.0, 1.0, 1.0, EVIDENCE_QUIET),
+        (1.0, 0.3, -1.0, 1.0, 1.0, EVIDENCE_ENOUGH),
         # at a sample time of 30 s there are 20 samples, and at most 20 switches, in 10 min
-        (60.0, 20.0, -1.0, 0.0, 1.0, ENOUGH),
-        (24.0, 8.0, -1.0, 0.0, 0.4, ENOUGH),
-        (25.0, 8.4, -1.0, 0.0, 0.4, UNMEASURABLE),
-        (25.0, 8.4, 2.0, 0.0, 0.4, ENOUGH),
+        (60.0, 20.0, -1.0, 0.0, 1.0, EVIDENCE_ENOUGH),
+        (24.0, 8.0, -1.0, 0.0, 0.4, EVIDENCE_ENOUGH),
+        (25.0, 8.4, -1.0, 0.0, 0.4, EVIDENCE_UNMEASURABLE),
+        (25.0, 8.4, 2.0, 0.0, 0.4, EVIDENCE_ENOUGH),
     ],
 )
 def test_an_interval_is_evidence_unless_it_is_quiet_or_no_reference(
     switches, f, f_ref, min_switches, max_reference, expected
 ):
-    assert evidence(switches, f, f_ref, 30.0, min_switches, max_reference) == expected
+    assert classify_interval(switches, f, f_ref, 30.0, min_switches, max_reference) == expected
 
 
 @pytest.mark.kernel
 def test_with_a_hold_a_quiet_loop_stays_where_it_is_and_says_so():
-    quiet = {"kp": 0.005, "ti": 200.0, "sample_time": 5.0, **RESTLESS, "learning_min_switches": 1.0}
+    quiet = {"kp": 0.005, "ti": 200.0, "sample_time": 5.0, **LEARNING_LOOP, "learning_min_switches": 1.0}
     # switches on the way to the set point are over after ten minutes
-    ds, stairs = learned(quiet, fc.constant_day(hours=2))
+    ds, stairs = run_learner(quiet, fc.constant_day(hours=2))
     assert stairs[-1] <= 3 * STEP
     assert np.all(stairs[4:] == stairs[4])
-    still, stairs = learned({**quiet, "learning_min_switches": 1e6}, fc.constant_day(hours=2))
+    still, stairs = run_learner({**quiet, "learning_min_switches": 1e6}, fc.constant_day(hours=2))
     assert np.all(stairs == 0.0)
-    assert LEARNING_STATUS[int(still.learning_status)] == "no_evidence"
+    assert LEARNING_STATUS_MEANINGS[int(still.learning_status)] == "no_evidence"
     assert int(still.status) == 0
 
 
@@ -164,14 +171,14 @@ def test_the_final_factor_acts_once_where_learning_stops(working_day):
     loop = fc.Loop(learning_step=STEP, backlash_estimate=STEP, learning_stop="first_step_down", learning_final=0.95)
     ds = fc.simulate(loop, working_day)
     assert float(ds.estimate_final) == 0.95 * float(ds.estimate_first_down)
-    assert LEARNING_STATUS[int(ds.learning_status)] == "stopped"
+    assert LEARNING_STATUS_MEANINGS[int(ds.learning_status)] == "stopped"
 
 
 @pytest.mark.kernel
-def test_the_status_of_learning_has_cf_flags_and_is_off_without_it(hour):
-    ds = fc.simulate(fc.Loop(), hour)
-    assert ds.learning_status.attrs["flag_meanings"].split() == list(LEARNING_STATUS)
-    assert ds.learning_status.attrs["flag_values"].tolist() == list(range(len(LEARNING_STATUS)))
+def test_the_status_of_learning_has_cf_flags_and_is_off_without_it(one_hour_day):
+    ds = fc.simulate(fc.Loop(), one_hour_day)
+    assert ds.learning_status.attrs["flag_meanings"].split() == list(LEARNING_STATUS_MEANINGS)
+    assert ds.learning_status.attrs["flag_values"].tolist() == list(range(len(LEARNING_STATUS_MEANINGS)))
     assert float(ds.learning_status) == 0.0
-    learner = fc.simulate(fc.Loop(**RESTLESS), hour, command=np.full(3600, 0.5))
+    learner = fc.simulate(fc.Loop(**LEARNING_LOOP), one_hour_day, command=np.full(3600, 0.5))
     assert float(learner.learning_status) == 0.0

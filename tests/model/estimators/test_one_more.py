@@ -12,7 +12,7 @@ import fastcoil as fc
 from fastcoil.model.estimators.registry import ESTIMATORS
 from fastcoil.model.parameter_table import PARAMETERS
 
-ONE_MORE = '''"""The share of the turns of the inverse among its samples, as an example of an estimator."""
+ESTIMATOR_SOURCE = '''"""The share of the turns of the inverse among its samples, as an example of an estimator."""
 
 from typing import NamedTuple
 
@@ -58,7 +58,7 @@ def step(now, p, memory):
 
 ESTIMATOR = Estimator("turns", Parameters, Memory, step, start)
 '''
-USE = """
+CHECK_SOURCE = """
 import sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
@@ -92,18 +92,18 @@ def test_no_estimator_reads_the_true_backlash():
 def test_one_more_estimator_is_one_file_and_one_word(tmp_path):
     package = tmp_path / "fastcoil"
     shutil.copytree(Path(fc.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
-    (package / "model" / "estimators" / "turns.py").write_text(ONE_MORE)
+    (package / "model" / "estimators" / "turns.py").write_text(ESTIMATOR_SOURCE)
     table = package / "model" / "parameter_table.py"
     words = '"learner", "hagglund", "gradient", "identify")'
     assert table.read_text().count(words) == 1
     table.write_text(table.read_text().replace(words, f'{words[:-1]}, "turns")'))
     (tmp_path / "out").mkdir()
-    done = subprocess.run(
-        [sys.executable, "-c", USE, Path(__file__).parents[2], tmp_path / "out"],
+    completed = subprocess.run(
+        [sys.executable, "-c", CHECK_SOURCE, Path(__file__).parents[2], tmp_path / "out"],
         cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path), "NUMBA_DISABLE_JIT": "1"},
         capture_output=True,
         text=True,
         check=False,
     )
-    assert done.returncode == 0, done.stderr
+    assert completed.returncode == 0, completed.stderr

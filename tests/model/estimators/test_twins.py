@@ -8,18 +8,18 @@ from fastcoil.model.metric_table import METRICS
 
 pytestmark = pytest.mark.kernel
 
-WARM_UP = 600
-SECONDS = np.arange(3600)
+WARM_UP_S = 600
+ELAPSED_S = np.arange(3600)
 PASSIVE = {"estimator": "hagglund", "plant_gain": 25.0, "estimate_share": 0.0}
 ACTING = PASSIVE | {"estimate_share": 0.8}
 GRADIENT = {"estimator": "gradient", "gradient_gain": 3e-3}
 IDENTIFY = {"estimator": "identify", "identify_interval": 200.0, "identify_certainty": 0.4, "identify_memory": 3600.0}
-HEATING = {"T_w_in": 55.0, "T_a_in": 12.0 + SECONDS / 1800, "T_set": np.where(SECONDS < 1800, 24.0, 20.0)}
-OFF_AND_ON = {"enabled": np.where((SECONDS > 1250) & (SECONDS < 1615), 0, 1)}
-GUSTS = {"m_a": np.where(SECONDS % 1600 < 800, 1.0, 1.3)}
+HEATING = {"T_w_in": 55.0, "T_a_in": 12.0 + ELAPSED_S / 1800, "T_set": np.where(ELAPSED_S < 1800, 24.0, 20.0)}
+OFF_AND_ON = {"enabled": np.where((ELAPSED_S > 1250) & (ELAPSED_S < 1615), 0, 1)}
+GUSTS = {"m_a": np.where(ELAPSED_S % 1600 < 800, 1.0, 1.3)}
 NOISY = {"noise_std": 0.05, "buffer": 0.01}
-STEPS = {"T_set": 14.0 + np.resize([0.0, 1.0, -0.5, 0.5], 6)[SECONDS // 600]}
-ONE_GUST = {"m_a": np.where(SECONDS < 2000, 1.0, 1.3)}
+STEPS = {"T_set": 14.0 + np.resize([0.0, 1.0, -0.5, 0.5], 6)[ELAPSED_S // 600]}
+ONE_GUST = {"m_a": np.where(ELAPSED_S < 2000, 1.0, 1.3)}
 WARMER = {"action": "heating", "kp": 0.01, "stroke_time": 60.0, "sample_time": 10.0}
 
 CASES = {
@@ -42,12 +42,12 @@ CASES = {
 }
 
 
-TRACED = ("estimate", "u", "T_sup", "mode")
+TRACES = ("estimate", "u", "T_sup", "mode")
 
 
 def assert_twins(ds, traces, metrics, tolerance):
     """Traces and metrics within a tolerance, modes exactly."""
-    for name in TRACED:
+    for name in TRACES:
         atol = 0.0 if name == "mode" else tolerance
         np.testing.assert_allclose(ds[name].values, traces[name], rtol=0.0, atol=atol, err_msg=name)
     for name in METRICS:
@@ -55,10 +55,10 @@ def assert_twins(ds, traces, metrics, tolerance):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_estimators_are_their_twins(name, hour, run_reference):
+def test_estimators_are_their_twins(name, one_hour_day, run_reference):
     values, series = CASES[name]
-    day = fc.Boundary(**{n: s[0] for n, s in hour.series.items()} | series, day=7)
-    options = {"warm_up": WARM_UP, "seed": 3}
-    ds = fc.simulate(fc.Loop(**values), day, traces=TRACED, **options)
+    day = fc.Boundary(**{n: s[0] for n, s in one_hour_day.series.items()} | series, day=7)
+    options = {"warm_up": WARM_UP_S, "seed": 3}
+    ds = fc.simulate(fc.Loop(**values), day, traces=TRACES, **options)
     assert_twins(ds, *run_reference(fc.Loop(**values), day, **options), 1e-9)
     assert np.unique(ds.estimate).size > 1

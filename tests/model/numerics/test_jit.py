@@ -12,7 +12,7 @@ PACKAGE = Path(fastcoil.__file__).parent
 
 
 @pytest.fixture
-def copied(tmp_path, monkeypatch):
+def package_copy(tmp_path, monkeypatch):
     """A copy of the package, whose sources are hashed instead of those of the package."""
     copy = tmp_path / "fastcoil"
     shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
@@ -22,7 +22,7 @@ def copied(tmp_path, monkeypatch):
     jit.fingerprint.cache_clear()
 
 
-def hashes():
+def current_hashes():
     """The hash of the model and the fingerprint, computed again."""
     for function in (jit.model_sha256, jit.fingerprint):
         function.cache_clear()
@@ -41,29 +41,29 @@ def hashes():
         ("loops/simulate.py", False),
     ],
 )
-def test_the_hashes_follow_what_kernels_are_made_of(copied, monkeypatch, part, belongs):
-    model, fingerprint = hashes()
-    assert (copied / part).exists()
-    with (copied / part).open("a") as file:
+def test_the_hashes_follow_what_kernels_are_made_of(package_copy, monkeypatch, part, belongs):
+    model, fingerprint = current_hashes()
+    assert (package_copy / part).exists()
+    with (package_copy / part).open("a") as file:
         file.write("\n# changed\n")
-    changed = hashes()
+    changed = current_hashes()
     assert (changed[0] != model, changed[1] != fingerprint) == (belongs, belongs)
     monkeypatch.setenv("NUMBA_OPT", "1")
-    assert hashes()[0] == changed[0]
-    assert hashes()[1] not in (fingerprint, changed[1])
+    assert current_hashes()[0] == changed[0]
+    assert current_hashes()[1] not in (fingerprint, changed[1])
 
 
-def test_an_estimator_decides_nothing_where_nobody_uses_it(copied):
-    def of(*names):
+def test_an_estimator_decides_nothing_where_nobody_uses_it(package_copy):
+    def sha256_with(*names):
         jit.model_sha256.cache_clear()
         return jit.model_sha256(frozenset(names))
 
-    plain, learning = of("none"), of("none", "learner")
-    assert len({plain, learning, of(*jit.SHIPPED)}) == 3
-    assert of(*jit.SHIPPED) == hashes()[0]
-    with (copied / "model" / "estimators" / "learner.py").open("a") as file:
+    plain, learning = sha256_with("none"), sha256_with("none", "learner")
+    assert len({plain, learning, sha256_with(*jit.PACKAGE_ESTIMATORS)}) == 3
+    assert sha256_with(*jit.PACKAGE_ESTIMATORS) == current_hashes()[0]
+    with (package_copy / "model" / "estimators" / "learner.py").open("a") as file:
         file.write("\n# changed\n")
-    assert of("none") == plain
-    assert of("none", "learner") != learning
-    assert not jit.is_model(learning)
-    assert jit.is_model(plain)
+    assert sha256_with("none") == plain
+    assert sha256_with("none", "learner") != learning
+    assert not jit.is_model_sha256(learning)
+    assert jit.is_model_sha256(plain)

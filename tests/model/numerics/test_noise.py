@@ -15,7 +15,7 @@ from fastcoil.model.numerics.noise import low_pass, normal_pair, philox, uniform
 N_PAIRS = 20000 if JIT_ENABLED else 1000
 
 
-def words(counter, key):
+def philox_words(counter, key):
     return tuple(int(word) for word in philox(*map(np.uint64, (*counter, *key))))
 
 
@@ -34,15 +34,15 @@ def normals(n_pairs=N_PAIRS, channel=0, replicate=0, day=0, seed=0, first=0):
     ],
 )
 def test_known_answers_of_random123(counter, key, expected):
-    found = words([int(word, 16) for word in counter.split()], [int(word, 16) for word in key.split()])
-    assert [f"{word:08x}" for word in found] == expected.split()
+    answer = philox_words([int(word, 16) for word in counter.split()], [int(word, 16) for word in key.split()])
+    assert [f"{word:08x}" for word in answer] == expected.split()
 
 
 def test_words_are_the_references():
     rng = np.random.default_rng(12)
     for _ in range(50):
         counter, key = rng.integers(0, 2**32, 4).tolist(), rng.integers(0, 2**32, 2).tolist()
-        assert words(counter, key) == reference.philox4x32(counter, key)
+        assert philox_words(counter, key) == reference.philox4x32(counter, key)
 
 
 def test_uniform_never_reaches_0_nor_1():
@@ -53,9 +53,9 @@ def test_uniform_never_reaches_0_nor_1():
 
 def test_normals_are_the_references():
     seed, channel, replicate, day = 2**63 + 12345, 3, 7, 20160712
-    found = normals(200, channel, replicate, day, seed, first=2**20)
+    normals_found = normals(200, channel, replicate, day, seed, first=2**20)
     expected = [reference.standard_normal(seed, 2**21 + k, channel, replicate, day) for k in range(400)]
-    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-14)
+    np.testing.assert_allclose(normals_found, expected, rtol=0.0, atol=1e-14)
 
 
 def test_distribution_is_normal():
@@ -64,62 +64,62 @@ def test_distribution_is_normal():
 
 @pytest.mark.parametrize("stream", [{"channel": 1}, {"replicate": 1}, {"day": 1}, {"seed": 1}, {"seed": 2**32}])
 def test_neighbouring_streams_are_uncorrelated(stream):
-    z, other = normals(), normals(**stream)
-    assert abs(np.corrcoef(z, other)[0, 1]) < 4 / math.sqrt(z.size)
+    z, neighbour = normals(), normals(**stream)
+    assert abs(np.corrcoef(z, neighbour)[0, 1]) < 4 / math.sqrt(z.size)
 
 
 # What a scenario gets
 
 
-def drawn(ds):
+def noise_in(ds):
     """The noise in a run without lag and resolution."""
     return (ds.T_measured - ds.T_sup).values
 
 
-def noisy(short, loop, **options):
-    return fc.simulate(fc.Loop(**loop), short, traces=["T_sup", "T_measured"], warm_up=60, **options)
+def simulate_noise(half_hour_day, loop, **options):
+    return fc.simulate(fc.Loop(**loop), half_hour_day, traces=["T_sup", "T_measured"], warm_up=60, **options)
 
 
 @pytest.mark.kernel
 @pytest.mark.parametrize("sample_time", [1, 7, 30])
-def test_noise_is_drawn_at_the_samples_and_held_between(short, sample_time):
+def test_noise_is_drawn_at_the_samples_and_held_between(half_hour_day, sample_time):
     seed = 2**35 + 3
-    found = drawn(noisy(short, {"noise_std": 0.1, "sample_time": sample_time}, seed=seed))
-    samples = np.arange(short.n_steps) // sample_time
+    noise = noise_in(simulate_noise(half_hour_day, {"noise_std": 0.1, "sample_time": sample_time}, seed=seed))
+    samples = np.arange(half_hour_day.n_steps) // sample_time
     # the label of the day is its seed
-    z = np.array([reference.standard_normal(seed, k, 0, 0, int(short.day[0])) for k in range(samples[-1] + 1)])
-    np.testing.assert_allclose(found, 0.1 * z[samples], rtol=0.0, atol=1e-13)
+    z = np.array([reference.standard_normal(seed, k, 0, 0, int(half_hour_day.day[0])) for k in range(samples[-1] + 1)])
+    np.testing.assert_allclose(noise, 0.1 * z[samples], rtol=0.0, atol=1e-13)
 
 
 @pytest.mark.kernel
-def test_every_scenario_gets_the_same_noise(short):
+def test_every_scenario_gets_the_same_noise(half_hour_day):
     loop = {"noise_std": 0.1, "backlash": [0.0, 0.07, 0.15], "kp": [0.01, 0.03], "backlash_estimate": [0.0, 0.05]}
-    found = drawn(noisy(short, loop))
-    np.testing.assert_allclose(found, np.broadcast_to(found[0, 0, 0], found.shape), rtol=0.0, atol=1e-13)
+    noise = noise_in(simulate_noise(half_hour_day, loop))
+    np.testing.assert_allclose(noise, np.broadcast_to(noise[0, 0, 0], noise.shape), rtol=0.0, atol=1e-13)
 
 
 @pytest.mark.kernel
-def test_replicates_and_seeds_differ(short):
-    by_replicate = drawn(noisy(short, {"noise_std": 0.1, "sample_time": 1}, replicates=3))
-    other_seed = drawn(noisy(short, {"noise_std": 0.1, "sample_time": 1}, seed=1))
+def test_replicates_and_seeds_differ(half_hour_day):
+    by_replicate = noise_in(simulate_noise(half_hour_day, {"noise_std": 0.1, "sample_time": 1}, replicates=3))
+    other_seed = noise_in(simulate_noise(half_hour_day, {"noise_std": 0.1, "sample_time": 1}, seed=1))
     correlations = np.corrcoef([*by_replicate, other_seed])[np.triu_indices(4, 1)]
-    assert np.all(np.abs(correlations) < 4 / math.sqrt(short.n_steps))
+    assert np.all(np.abs(correlations) < 4 / math.sqrt(half_hour_day.n_steps))
 
 
 @pytest.mark.kernel
-def test_days_have_their_own_noise_by_label(short):
-    rows = {name: np.repeat(values, 3, axis=0) for name, values in short.series.items()}
+def test_days_have_their_own_noise_by_label(half_hour_day):
+    rows = {name: np.repeat(values, 3, axis=0) for name, values in half_hour_day.series.items()}
     days = fc.Boundary(**rows, day=[5, 2, 9])
-    found = drawn(noisy(days, {"noise_std": 0.1, "sample_time": 1}))
-    alone = fc.Boundary(**{name: values[:1] for name, values in short.series.items()}, day=[2])
-    np.testing.assert_array_equal(found[1], drawn(noisy(alone, {"noise_std": 0.1, "sample_time": 1}))[0])
-    assert abs(np.corrcoef(found[0], found[1])[0, 1]) < 4 / math.sqrt(short.n_steps)
+    noise = noise_in(simulate_noise(days, {"noise_std": 0.1, "sample_time": 1}))
+    alone = fc.Boundary(**{name: values[:1] for name, values in half_hour_day.series.items()}, day=[2])
+    np.testing.assert_array_equal(noise[1], noise_in(simulate_noise(alone, {"noise_std": 0.1, "sample_time": 1}))[0])
+    assert abs(np.corrcoef(noise[0], noise[1])[0, 1]) < 4 / math.sqrt(half_hour_day.n_steps)
 
 
 @pytest.mark.kernel
-def test_noise_std_0_is_no_noise_to_the_bit(short):
-    quiet = noisy(short, {"noise_std": [0.0, 0.1]})
-    alone = noisy(short, {})
+def test_noise_std_0_is_no_noise_to_the_bit(half_hour_day):
+    quiet = simulate_noise(half_hour_day, {"noise_std": [0.0, 0.1]})
+    alone = simulate_noise(half_hour_day, {})
     np.testing.assert_array_equal(quiet.T_sup.sel(noise_std=0.0).values, alone.T_sup.values)
     np.testing.assert_array_equal(alone.T_measured.values, alone.T_sup.values)
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from fastcoil.model.numerics.jit import JIT_ENABLED, kernel
-from fastcoil.model.numerics.stages import FLAG, NUMBER, ROWS, WHOLE, Kind, keep, values_at
+from fastcoil.model.numerics.stages import FLAG, INTEGER, NUMBER, ROW_POINTER, StageSignature, store_if_due, values_at
 
-SCALE = Kind(ROWS, NUMBER, FLAG, returns=WHOLE)
-call_scale = SCALE.call
+SCALE_SIGNATURE = StageSignature(ROW_POINTER, NUMBER, FLAG, returns=INTEGER)
+call_scale = SCALE_SIGNATURE.call
 
 
 class Pair(NamedTuple):
@@ -17,7 +17,7 @@ class Pair(NamedTuple):
     b: float
 
 
-def scaled_by(power):
+def scale_stage(power):
     """A stage that scales the first 4 numbers, and returns how many."""
 
     def scale(S, factor, twice):
@@ -25,11 +25,11 @@ def scaled_by(power):
             S[j] *= factor**power * (2.0 if twice else 1.0)
         return 4
 
-    return SCALE.compiled(scale, f"power {power}")
+    return SCALE_SIGNATURE.compiled(scale, f"power {power}")
 
 
 @kernel
-def through_address(address, S):
+def call_at_address(address, S):
     return call_scale(address, (S, 3, True))
 
 
@@ -37,34 +37,34 @@ def through_address(address, S):
 def test_stages_of_one_kind_run_in_one_kernel_by_their_addresses():
     for power in (1, 2):
         S = np.ones(5)
-        assert through_address(scaled_by(power), S) == 4
+        assert call_at_address(scale_stage(power), S) == 4
         np.testing.assert_array_equal(S, [2.0 * 3.0**power] * 4 + [1.0])
-    assert not JIT_ENABLED or len(through_address.signatures) == 1
+    assert not JIT_ENABLED or len(call_at_address.signatures) == 1
 
 
 @pytest.mark.kernel
 @pytest.mark.skipif(not JIT_ENABLED, reason="nothing is compiled")
 def test_closures_that_differ_do_not_meet_in_the_cache():
     """The same code, from the same line: only the identity tells them apart, in this process and in the next."""
-    first, second = scaled_by(3), scaled_by(4)
-    for address, factor in ((first, 27.0), (second, 81.0), (scaled_by(3), 27.0)):
+    first, second = scale_stage(3), scale_stage(4)
+    for address, factor in ((first, 27.0), (second, 81.0), (scale_stage(3), 27.0)):
         S = np.ones(5)
-        through_address(address, S)
+        call_at_address(address, S)
         assert S[0] == 2.0 * factor
 
 
-SWAP = Kind(ROWS, FLAG, returns=NUMBER)
-call_swap = SWAP.call
+SWAP_SIGNATURE = StageSignature(ROW_POINTER, FLAG, returns=NUMBER)
+call_swap = SWAP_SIGNATURE.call
 
 
 def swap(S, due):
     pair = values_at(Pair, S, 1, 2)
-    keep(due, Pair(pair.b, 7), pair, S, 1, 2)
+    store_if_due(due, Pair(pair.b, 7), pair, S, 1, 2)
     return pair.a
 
 
 @kernel
-def swapped(address, S, due):
+def swap_at_address(address, S, due):
     return call_swap(address, (S, due))
 
 
@@ -72,5 +72,5 @@ def swapped(address, S, due):
 @pytest.mark.parametrize("due", [True, False])
 def test_values_are_read_and_kept_at_a_stride_where_due(due):
     S = np.arange(5.0)
-    assert swapped(SWAP.compiled(swap, "swap"), S, due) == 1.0
+    assert swap_at_address(SWAP_SIGNATURE.compiled(swap, "swap"), S, due) == 1.0
     np.testing.assert_array_equal(S, [0.0, 3.0, 2.0, 7.0, 4.0] if due else np.arange(5.0))

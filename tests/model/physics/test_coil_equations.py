@@ -7,12 +7,12 @@ import reference
 import fastcoil as fc
 from fastcoil.model.physics import (
     air_heat,
-    condensed,
+    condensed_water,
     effectiveness,
     enthalpy_difference,
-    metal,
+    next_metal_temperature,
+    next_water_temperature,
     saturation_humidity_ratio,
-    water,
     water_heat,
 )
 
@@ -62,8 +62,8 @@ def test_one_volume_stores_what_air_and_water_bring(wet):
         W_s = saturation_humidity_ratio(T_c, 101325.0)
         cooled, dried = eps_a * (T_in - T_c), eps_star * enthalpy_difference(T_in, W_in, T_c, W_s)
         Q_a, Q_w = air_heat(wet, m_a, cooled, dried, CP_A), water_heat(G_w, T_c, T_w_in)
-        stored = C_c * (metal(T_c, Q_a, Q_w, 1.0 / C_c) - T_c)
-        stored += C_w * (water(T_w, T_w_in, Q_w, m_w * CP_W, 1.0 / C_w) - T_w)
+        stored = C_c * (next_metal_temperature(T_c, Q_a, Q_w, 1.0 / C_c) - T_c)
+        stored += C_w * (next_water_temperature(T_w, T_w_in, Q_w, m_w * CP_W, 1.0 / C_w) - T_w)
         lost_by_air = m_a * dried if wet else m_a * CP_A * cooled
         assert stored == pytest.approx(lost_by_air + m_w * CP_W * (T_w_in - T_w), abs=1e-11)
 
@@ -76,14 +76,14 @@ def test_dry_air_keeps_its_humidity_and_wet_air_gains_none():
         dried = effectiveness(0.42, -0.42, m_a) * (h_in - h_s)
         T_out = T_in - cooled
         W_out = min(reference.humidity_ratio(h_in - dried, T_out), W_in)
-        assert condensed(False, W_in, cooled, dried, T_out) == 0.0
-        assert W_in - condensed(True, W_in, cooled, dried, T_out) == pytest.approx(W_out, abs=1e-16)
+        assert condensed_water(False, W_in, cooled, dried, T_out) == 0.0
+        assert W_in - condensed_water(True, W_in, cooled, dried, T_out) == pytest.approx(W_out, abs=1e-16)
 
 
 # The whole coil
 
 
-def open_loop(day, opening, **parameters):
+def simulate_open_loop(day, opening, **parameters):
     """All volumes over a day at a constant or given opening, no backlash."""
     command = np.broadcast_to(opening, day.n_steps)
     names = [*VOLUME_TRACES, "m_w", "T_sup", "T_w_out", "wet_volumes"]
@@ -105,7 +105,7 @@ def wet_day():
 @pytest.mark.parametrize("air_march", ["lagged", "quasistatic"])
 @pytest.mark.parametrize(("n_volumes", "opening"), [(1, 0.4), (3, 0.2), (8, 0.4), (8, 1.0), (20, 0.4)])
 def test_dry_steady_state_is_the_closed_form(dry_day, n_volumes, opening, air_march):
-    ds = open_loop(dry_day, opening, n_volumes=n_volumes, air_march=air_march, C_w=max(8.8, 1.1 * n_volumes))
+    ds = simulate_open_loop(dry_day, opening, n_volumes=n_volumes, air_march=air_march, C_w=max(8.8, 1.1 * n_volumes))
     parameters = reference.PAPER_LIKE | {"n_volumes": n_volumes}
     T_sup, T_w_out = reference.steady_state_dry(parameters, float(ds.m_w[-1]), 1.3, 7.0, 26.0)
     assert float(ds.T_sup[-1]) == pytest.approx(T_sup, abs=1e-9)
@@ -116,7 +116,7 @@ def test_dry_steady_state_is_the_closed_form(dry_day, n_volumes, opening, air_ma
 @pytest.mark.parametrize("day", ["dry_day", "wet_day"])
 def test_lagged_and_quasistatic_settle_alike(day, request):
     day = request.getfixturevalue(day)
-    lagged, quasistatic = (open_loop(day, 0.5, air_march=march) for march in ("lagged", "quasistatic"))
+    lagged, quasistatic = (simulate_open_loop(day, 0.5, air_march=march) for march in ("lagged", "quasistatic"))
     for name in VOLUME_TRACES:
         np.testing.assert_allclose(lagged[name][:, -1], quasistatic[name][:, -1], rtol=0.0, atol=1e-9)
     assert np.abs(lagged.T_sup - quasistatic.T_sup).max() > 0.1
@@ -125,7 +125,7 @@ def test_lagged_and_quasistatic_settle_alike(day, request):
 @pytest.mark.kernel
 def test_number_of_volumes_keeps_the_totals(dry_day):
     """More volumes approach the ideal counter-flow coil with the same total conductances."""
-    settled = {n: float(open_loop(dry_day, 0.4, n_volumes=n, C_w=70.0).T_sup[-1]) for n in (4, 8, 16, 32, 64)}
+    settled = {n: float(simulate_open_loop(dry_day, 0.4, n_volumes=n, C_w=70.0).T_sup[-1]) for n in (4, 8, 16, 32, 64)}
     refinement = np.diff(list(settled.values()))
     assert abs(settled[8] - settled[64]) < 0.1
     np.testing.assert_allclose(refinement[1:] / refinement[:-1], 0.25, atol=0.002)
@@ -138,7 +138,7 @@ def test_energy_closes_to_round_off_over_a_run(day, n_volumes, request):
     """What air and water bring is stored in metal and water; quasistatic, so no air is under way."""
     day = request.getfixturevalue(day)
     opening = 0.45 + 0.35 * np.sin(np.arange(day.n_steps) / 120.0)
-    ds = open_loop(day, opening, air_march="quasistatic", n_volumes=n_volumes)
+    ds = simulate_open_loop(day, opening, air_march="quasistatic", n_volumes=n_volumes)
     T_w, T_c, T_a, W_a, m_w = (ds[name].values for name in (*VOLUME_TRACES, "m_w"))
     m_a, T_a_in, W_a_in, T_w_in = (day.series[name][0, 0] for name in ("m_a", "T_a_in", "W_a_in", "T_w_in"))
     T_out, W_out, T_metal = T_a[:, 1:], W_a[:, 1:], T_c[:, :-1]
@@ -154,9 +154,9 @@ def test_energy_closes_to_round_off_over_a_run(day, n_volumes, request):
     stored = np.diff(8.8 * scale * T_w + 30.0 * scale * T_c)
     residual = stored - m_w[:-1] * CP_W * (T_water_in - T_w[:, :-1]) - np.where(wet, wet_heat, dry_heat)
     # where W_out is limited to W_in, the outlet does not show the h_out of the balance
-    shown = ~(wet & (W_out == W_in))
-    assert np.count_nonzero(shown) > 0.98 * shown.size
-    assert np.abs(residual[shown]).max() < 1e-11
+    is_balance_visible = ~(wet & (W_out == W_in))
+    assert np.count_nonzero(is_balance_visible) > 0.98 * is_balance_visible.size
+    assert np.abs(residual[is_balance_visible]).max() < 1e-11
     assert np.abs(stored).max() > 0.1
     assert wet.any() == (W_a_in > 0.01)
 
@@ -172,7 +172,7 @@ def test_maximum_principle_up_to_the_stability_limit(air_march):
     }
     day = fc.Boundary(**blocks, W_a_in=0.001, T_set=14.0)
     C_w = CP_W * reference.richards_valve(1.0, 2.0, 0.7, 9.0, 0.38) * (1 + 1e-12)
-    ds = open_loop(day, rng.choice([0.0, 0.3, 1.0], 180).repeat(20), air_march=air_march, C_w=C_w, C_c=6.0)
+    ds = simulate_open_loop(day, rng.choice([0.0, 0.3, 1.0], 180).repeat(20), air_march=air_march, C_w=C_w, C_c=6.0)
     low = min(blocks["T_w_in"].min(), 20.0)
     high = max(blocks["T_a_in"].max(), 20.0)
     for name in ("T_w", "T_c", "T_a"):
@@ -184,7 +184,7 @@ def test_maximum_principle_up_to_the_stability_limit(air_march):
 def test_next_to_no_water_flow_freezes_the_water(dry_day):
     """The Richards curve never reaches 0: a steep one comes to 1e-300 kg/s."""
     opening = np.where(np.arange(dry_day.n_steps) < 600, 1.0, 0.0)
-    ds = open_loop(dry_day, opening, valve_b=2000.0, valve_c=0.5)
+    ds = simulate_open_loop(dry_day, opening, valve_b=2000.0, valve_c=0.5)
     assert float(ds.m_w[-1]) < 1e-300
     T_w = ds.T_w.values
     np.testing.assert_array_equal(T_w[:, 601:], np.broadcast_to(T_w[:, [600]], T_w[:, 601:].shape))
@@ -193,6 +193,6 @@ def test_next_to_no_water_flow_freezes_the_water(dry_day):
 
 @pytest.mark.kernel
 def test_without_air_flow_every_volume_gives_the_temperature_of_its_metal():
-    ds = open_loop(fc.constant_day(hours=0.5).assign(m_a=0.0, enabled=1), 0.5)
+    ds = simulate_open_loop(fc.constant_day(hours=0.5).assign(m_a=0.0, enabled=1), 0.5)
     np.testing.assert_allclose(ds.T_a.values[:, 1:], ds.T_c.values[:, :-1], rtol=0.0, atol=1e-14)
     np.testing.assert_allclose(ds.T_c.values[:, -1], 7.0, atol=1e-6)

@@ -62,9 +62,9 @@ def test_between_0_01_and_50_degrees_saturation_is_what_it_always_was():
     ],
 )
 def test_published_saturation_values(T, W_s, h_s):
-    found = saturation_humidity_ratio(float(T), 101325.0)
-    assert round(1000.0 * found, 3) == W_s
-    assert round(enthalpy_difference(float(T), found, 0.0, 0.0), 3) == h_s
+    humidity_ratio = saturation_humidity_ratio(float(T), 101325.0)
+    assert round(1000.0 * humidity_ratio, 3) == W_s
+    assert round(enthalpy_difference(float(T), humidity_ratio, 0.0, 0.0), 3) == h_s
 
 
 @pytest.mark.parametrize("pressure", PRESSURES)

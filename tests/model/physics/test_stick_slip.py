@@ -6,7 +6,7 @@ import reference
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fastcoil.model.physics import backlash, driven, motor, opening, slipped
+from fastcoil.model.physics import backlash, motor_position, move_with_dead_zone, opening, stick_slip
 
 FRACTION = st.floats(0.0, 1.0, allow_subnormal=False)
 POSITIONS = st.lists(st.one_of(FRACTION, st.sampled_from([0.0, 1.0, 0.3, 0.5])), min_size=1, max_size=60)
@@ -14,7 +14,7 @@ BANDS = st.floats(0.0, 0.9, allow_subnormal=False)
 VALVES = [(0.07, 0.02), (0.1, 0.1), (0.3, 0.013), (0.9, 0.45), (0.007, 0.003)]
 
 
-def wandering(seed, n):
+def random_positions(seed, n):
     """Moves of all sizes, halts, and runs into both ends of the stroke."""
     rng = np.random.default_rng(seed)
     positions, position = [], 0.0
@@ -24,24 +24,24 @@ def wandering(seed, n):
     return positions
 
 
-def stem(positions, S, J):
+def move_stem(positions, S, J):
     """q and direction of a stem that starts stuck at 0."""
-    q, direction, previous, found = 0.0, 0.0, 0.0, []
+    q, direction, previous, moves = 0.0, 0.0, 0.0, []
     for position in positions:
-        q, direction = slipped(q, direction, position, previous, S, J)
+        q, direction = stick_slip(q, direction, position, previous, S, J)
         previous = position
-        found.append((q, direction))
-    return np.array(found).T
+        moves.append((q, direction))
+    return np.array(moves).T
 
 
 @pytest.mark.parametrize(("S", "J"), VALVES)
 def test_equals_the_published_chart(S, J):
-    positions = wandering(1, 4000)
-    chart, charted = reference.StickSlip(S, J), []
+    positions = random_positions(1, 4000)
+    chart, chart_moves = reference.StickSlip(S, J), []
     for position in positions:
-        charted.append((chart.move(position)[1], 0.0 if chart.stp else chart.d))
-    q, direction = stem(positions, S, J)
-    openings, directions = np.array(charted).T
+        chart_moves.append((chart.move(position)[1], 0.0 if chart.stp else chart.d))
+    q, direction = move_stem(positions, S, J)
+    openings, directions = np.array(chart_moves).T
     np.testing.assert_array_equal(direction, directions)
     np.testing.assert_allclose([opening(each, S - J) for each in q], openings, rtol=0.0, atol=1e-15)
     assert {-1.0, 0.0, 1.0} == set(direction)
@@ -49,26 +49,26 @@ def test_equals_the_published_chart(S, J):
 
 @pytest.mark.parametrize("S", [0.0, 0.07, 0.15, 0.9])
 def test_without_a_jump_it_is_equation_1_to_the_bit(S):
-    positions = wandering(2, 20000)
+    positions = random_positions(2, 20000)
     q, play = 0.0, []
     for position in positions:
         q = backlash(q, position, S)
         play.append(q)
-    np.testing.assert_array_equal(stem(positions, S, 0.0)[0], play)
+    np.testing.assert_array_equal(move_stem(positions, S, 0.0)[0], play)
 
 
 @given(POSITIONS, BANDS, FRACTION)
 def test_homogeneity(positions, S, share):
     """In command, stick band and jump together."""
     J = share * S
-    eighth = stem([p / 8.0 for p in positions], S / 8.0, J / 8.0)
-    np.testing.assert_array_equal([8.0, 1.0] @ (eighth * [[1.0], [0.0]]), stem(positions, S, J)[0])
+    eighth = move_stem([p / 8.0 for p in positions], S / 8.0, J / 8.0)
+    np.testing.assert_array_equal([8.0, 1.0] @ (eighth * [[1.0], [0.0]]), move_stem(positions, S, J)[0])
 
 
 @given(POSITIONS, BANDS, FRACTION)
 def test_the_opening_stays_between_0_and_1_and_a_turned_stem_jumps_by_j_at_least(positions, S, share):
     J = share * S
-    q, direction = stem(positions, S, J)
+    q, direction = move_stem(positions, S, J)
     openings = np.array([opening(each, S - J) for each in q])
     assert np.all((openings >= 0.0) & (openings <= 1.0))
     before = np.concatenate([[0.0], direction[:-1]])
@@ -82,7 +82,7 @@ def test_the_opening_stays_between_0_and_1_and_a_turned_stem_jumps_by_j_at_least
 def run_motor(targets, max_travel, zone):
     position, runs, positions = 0.0, False, []
     for target in targets:
-        position, runs = driven(position, target, max_travel, zone, runs)
+        position, runs = move_with_dead_zone(position, target, max_travel, zone, runs)
         positions.append(position)
     return np.array(positions)
 
@@ -97,7 +97,7 @@ def test_a_motor_starts_outside_its_neutral_zone_and_runs_to_its_target():
 @pytest.mark.parametrize("zone", [0.0, 0.02, 0.2])
 @pytest.mark.parametrize("stroke_time", [0.0, 40.0])
 def test_a_motor_is_the_references(zone, stroke_time):
-    targets = wandering(3, 3000)
+    targets = random_positions(3, 3000)
     twin = reference.NeutralZone(zone)
     expected = [twin.move(target, 0.0, stroke_time) for target in targets]
     max_travel = 1.0 / stroke_time if stroke_time else np.inf
@@ -108,6 +108,6 @@ def test_a_motor_is_the_references(zone, stroke_time):
 def test_without_a_zone_the_motor_follows_every_target_to_the_bit(targets, max_travel):
     position, expected = 0.0, []
     for target in targets:
-        position = motor(position, target, max_travel)
+        position = motor_position(position, target, max_travel)
         expected.append(position)
     assert run_motor(targets, max_travel, 0.0).tolist() == expected

@@ -31,7 +31,7 @@ VALVES = [(50.0, 0.3, 1.8), (30.0, 0.9, 2.0), (50.0, 0.05, 0.4), (1.5, 0.5, 1.0)
 # Eq (1)
 
 
-def play(positions, x_bl):
+def stem_positions(positions, x_bl):
     """Stem positions of a motor that starts, like the stem, at 0."""
     q, stem = 0.0, []
     for position in positions:
@@ -50,7 +50,7 @@ def printed_openings(positions, x_bl):
 
 
 def assert_equals_printed(positions, x_bl):
-    openings = [opening(q, x_bl) for q in play(positions, x_bl)]
+    openings = [opening(q, x_bl) for q in stem_positions(positions, x_bl)]
     # the printed x is a running sum: its round-off grows with the number of moves, and α stretches it
     tolerance = 2e-16 * len(positions) / (1.0 - x_bl) + 1e-15
     np.testing.assert_allclose(openings, printed_openings(positions, x_bl), rtol=0.0, atol=tolerance)
@@ -69,19 +69,19 @@ def test_equals_the_three_printed_branches(positions, x_bl):
     ],
 )
 def test_worked_example_with_a_quarter_of_play(positions, openings):
-    assert [opening(q, 0.25) for q in play(positions, 0.25)] == pytest.approx(openings, abs=1e-15)
+    assert [opening(q, 0.25) for q in stem_positions(positions, 0.25)] == pytest.approx(openings, abs=1e-15)
 
 
 @given(POSITIONS)
 def test_without_backlash_the_stem_is_the_motor(positions):
-    stem = play(positions, 0.0)
+    stem = stem_positions(positions, 0.0)
     assert stem.tolist() == positions
     assert [opening(q, 0.0) for q in stem] == positions
 
 
 @given(POSITIONS, BACKLASHES)
 def test_invariants(positions, x_bl):
-    p, q = np.array(positions), play(positions, x_bl)
+    p, q = np.array(positions), stem_positions(positions, x_bl)
     assert np.all(q >= np.maximum(0.0, p - x_bl))
     assert np.all(q <= p)
     assert np.all(q <= 1.0 - x_bl)
@@ -94,19 +94,19 @@ def test_rate_independence(positions, x_bl, n):
     path = np.concatenate([[0.0], positions])
     slower = np.concatenate([np.linspace(a, b, n + 1)[1:] for a, b in zip(path[:-1], path[1:], strict=True)])
     slower[n - 1 :: n] = positions
-    np.testing.assert_array_equal(play(slower.tolist(), x_bl)[n - 1 :: n], play(positions, x_bl))
+    np.testing.assert_array_equal(stem_positions(slower.tolist(), x_bl)[n - 1 :: n], stem_positions(positions, x_bl))
 
 
 @given(POSITIONS, BACKLASHES)
 def test_homogeneity(positions, x_bl):
-    eighth = play([p / 8.0 for p in positions], x_bl / 8.0)
-    np.testing.assert_array_equal(8.0 * eighth, play(positions, x_bl))
+    eighth = stem_positions([p / 8.0 for p in positions], x_bl / 8.0)
+    np.testing.assert_array_equal(8.0 * eighth, stem_positions(positions, x_bl))
 
 
 @given(st.lists(st.tuples(FRACTION, FRACTION), min_size=1, max_size=60), BACKLASHES)
 def test_order_and_distance_are_kept(pairs, x_bl):
     low, high = np.sort(np.array(pairs), axis=1).T
-    gap = play(high.tolist(), x_bl) - play(low.tolist(), x_bl)
+    gap = stem_positions(high.tolist(), x_bl) - stem_positions(low.tolist(), x_bl)
     assert np.all(gap >= 0.0)
     assert np.all(gap <= np.max(high - low) + 1e-15)
 

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from helpers.rules import Memory, Parameters, declared, fine
+from helpers.rules import Memory, Parameters, constant_rule, make_parameters
 
 import fastcoil as fc
 from fastcoil.model.numerics.compile_user_function import _place_and_reason
@@ -83,7 +83,7 @@ def make_early():
     return early
 
 
-REFUSED = [
+REFUSED_RULES = [
     (looks_up, r"looks_up uses ARRAY, array\(\[0.1, 0.2, 0.4\]\)"),
     (beyond, "beyond may raise an error"),
     (too_long, "too_long uses LONG, .*tuples of up to 256 numbers"),
@@ -102,15 +102,15 @@ REFUSED = [
 
 
 @pytest.mark.kernel
-@pytest.mark.parametrize(("function", "sentence"), REFUSED, ids=lambda x: getattr(x, "__name__", ""))
+@pytest.mark.parametrize(("function", "sentence"), REFUSED_RULES, ids=lambda x: getattr(x, "__name__", ""))
 def test_what_would_not_run_is_refused_in_one_line(function, sentence, monkeypatch):
     monkeypatch.setattr("fastcoil.loops.simulate.run_plan", lambda *plan: pytest.fail("it ran"))
     rule = fc.estimator(Parameters, Memory)(function)
-    with pytest.raises(fc.InputError, match=sentence) as refused:
+    with pytest.raises(fc.InputError, match=sentence) as error_info:
         fc.simulate(fc.Loop(estimator=rule), fc.constant_day(hours=1))
-    assert len(refused.value.problems) == 1
-    assert "\n" not in str(refused.value)
-    assert len(str(refused.value)) < 350
+    assert len(error_info.value.problems) == 1
+    assert "\n" not in str(error_info.value)
+    assert len(str(error_info.value)) < 350
 
 
 class OfText(NamedTuple):
@@ -124,14 +124,18 @@ def halved(x):
 @pytest.mark.parametrize(
     ("parameters", "memory", "sentence"),
     [
-        (declared(backlash=None), Memory, "fine reads backlash, which a rule must not know"),
-        (declared(learning_step=None), Memory, "fine reads learning_step, which a rule must not know"),
-        (declared(action=None), Memory, "fine reads action, which a rule must not know"),
-        (declared(kp=0.1), Memory, "kp = 0.1: kp is a parameter of the loop, which has its value; write kp: float"),
-        (declared(kpp=None), Memory, "kpp is no parameter of the loop, did you mean 'kp'.: give it a default"),
-        (declared(rmse=1.0), Memory, "the name rmse is taken"),
-        (declared(word="a"), Memory, "word of Parameters is no float"),
-        (declared(), Memory, "give a class made with typing.NamedTuple that has fields"),
+        (make_parameters(backlash=None), Memory, "fine reads backlash, which a rule must not know"),
+        (make_parameters(learning_step=None), Memory, "fine reads learning_step, which a rule must not know"),
+        (make_parameters(action=None), Memory, "fine reads action, which a rule must not know"),
+        (
+            make_parameters(kp=0.1),
+            Memory,
+            "kp = 0.1: kp is a parameter of the loop, which has its value; write kp: float",
+        ),
+        (make_parameters(kpp=None), Memory, "kpp is no parameter of the loop, did you mean 'kp'.: give it a default"),
+        (make_parameters(rmse=1.0), Memory, "the name rmse is taken"),
+        (make_parameters(word="a"), Memory, "word of Parameters is no float"),
+        (make_parameters(), Memory, "give a class made with typing.NamedTuple that has fields"),
         (3, Memory, "Parameters is 3: give a class made with typing.NamedTuple"),
         (halved, None, "(?s)Parameters is <function halved at .*Memory is None: give a class"),
         (Parameters, OfText, "word of Memory is no float: a rule works with numbers, write word: float"),
@@ -139,7 +143,7 @@ def halved(x):
 )
 def test_what_a_rule_may_not_read_or_remember(parameters, memory, sentence):
     with pytest.raises(fc.InputError, match=sentence):
-        fc.estimator(parameters, memory)(fine)
+        fc.estimator(parameters, memory)(constant_rule)
 
 
 def test_what_cannot_be_called_as_a_rule():
@@ -148,7 +152,7 @@ def test_what_cannot_be_called_as_a_rule():
 
 
 def test_a_parameter_that_is_none():
-    for given, sentence in (
+    for arguments, sentence in (
         ({"default": 2.0, "upper": 1.0}, r"default = 2.0: give a number \(from -inf to 1\)"),
         ({"default": -1.0, "lower": 0.0}, "at least 0"),
         ({"default": "a"}, "default = 'a': give a number"),
@@ -160,7 +164,7 @@ def test_a_parameter_that_is_none():
         ({"default": 1.0, "unit": "a\0b"}, "it has characters that cannot be stored as UTF-8"),
     ):
         with pytest.raises(fc.InputError, match=sentence):
-            fc.parameter(**given)
+            fc.parameter(**arguments)
 
 
 def test_the_reason_has_no_colours_where_colorama_is_installed():

@@ -5,7 +5,7 @@ import pytest
 
 import fastcoil as fc
 from fastcoil.loops.netcdf import load
-from fastcoil.loops.presets import COOLING
+from fastcoil.loops.presets import COOLING_PRESETS
 from studies.paper import grid
 
 pytestmark = pytest.mark.kernel
@@ -14,7 +14,7 @@ pytestmark = pytest.mark.kernel
 def test_the_grid_has_at_least_500_tunings_and_the_presets_by_name():
     loop = grid.tunings()
     assert loop.sizes["tuning"] >= 500
-    assert grid.named(loop["kp"]["tuning"]) == list(COOLING)
+    assert grid.named(loop["kp"]["tuning"]) == list(COOLING_PRESETS)
     lbnl = loop["stroke_time"].sel(tuning="lbnl")
     assert float(lbnl) == fc.Loop.preset("lbnl")["stroke_time"]
     for start, step in grid.STARTS_AND_STEPS:

@@ -5,7 +5,7 @@ from helpers.figure_looks import assert_palette, assert_texts_fit
 from helpers.pages import Page
 from matplotlib.image import imread
 
-from fastcoil.base.figures import encode
+from fastcoil.base.figures import encode_figure
 from fastcoil.loops.netcdf import load
 from fastcoil.loops.provenance import content_sha256
 from studies.paper import figures
@@ -34,7 +34,7 @@ def test_data_carry_units_and_their_hash(folder):
 def test_a_figure_drawn_again_is_the_same_file(folder):
     figure = figures.valve_curves(load(folder / "fig01.nc"))
     for suffix in ("png", "svg"):
-        assert encode(figure, suffix) == (folder / f"fig01.{suffix}").read_bytes()
+        assert encode_figure(figure, suffix) == (folder / f"fig01.{suffix}").read_bytes()
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def test_texts_fit_and_colours_are_those_of_the_palette(drawn):
 
 def test_every_claim_figure_and_warning_is_on_the_page(folder, card):
     page = Page(folder / "report.html")
-    page.require_alone()
+    page.assert_self_contained()
     assert len(page.pictures) == 7
     assert page.text.index("Quick mode: too few tunings and days to be quoted.") < page.text.index("Answer")
     for claim in card["claims"]:

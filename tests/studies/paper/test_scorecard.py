@@ -6,7 +6,7 @@ import xarray as xr
 from scipy import stats
 
 from fastcoil.loops.netcdf import load
-from fastcoil.loops.presets import COOLING
+from fastcoil.loops.presets import COOLING_PRESETS
 from studies.paper import scorecard as verdicts
 from studies.paper.claims import CLAIMS
 
@@ -29,8 +29,8 @@ def test_the_scorecard_has_every_claim_with_all_fields_on_every_kind_of_day(card
             assert found["verdict"] in ("holds", "holds only if", "does not hold")
             shares = [found["share"], *found["share_of_days"].values(), *(found["share_interval"] or ())]
             assert all(0.0 <= share <= 1.0 for share in shares)
-            assert found["share_of_days"].keys() >= set(COOLING)
-            assert found["measured"].keys() >= {*COOLING, "grid"}
+            assert found["share_of_days"].keys() >= set(COOLING_PRESETS)
+            assert found["measured"].keys() >= {*COOLING_PRESETS, "grid"}
         by_day = claim["evidence"] not in ("quiet", "coils")
         assert list(claim["kinds"]) == (list(card["kinds"]) if by_day else [claim["evidence"]])
     assert "digitised" in card["caveat"]

@@ -10,28 +10,28 @@ from helpers.costly_results import PRICES, result
 from helpers.refusals import problems
 
 import fastcoil as fc
-from fastcoil.study.analysis.compare import middle_of
+from fastcoil.study.analysis.compare import summarise_median
 
 
-def bill(ds, prices, at, heating=False, electric=False):
+def bill_by_month(ds, prices, at, heating=False, electric=False):
     """Month → (coil, demand, reheat, recool, kW) of one loop, day by day."""
     months, series = {}, {name: ds[name].isel(at).values.tolist() for name in ds.data_vars}
     for d in range(ds.sizes["day"]):
         date = datetime.datetime.fromisoformat(str(ds.start.values[d])[:19])
         months.setdefault((date.year, date.month), []).append(d)
-    found = {}
+    bills = {}
     for (year, month), days in months.items():
-        one = {name: [values[d] for d in days] for name, values in series.items()}
+        of_month = {name: [values[d] for d in days] for name, values in series.items()}
         share = len(days) / calendar.monthrange(year, month)[1]
         if heating:
-            coil, peak = sum(one["coil_energy"]) * prices["heat"], max(one["coil_peak_power"]) * electric
+            coil, peak = sum(of_month["coil_energy"]) * prices["heat"], max(of_month["coil_peak_power"]) * electric
         else:
-            coil = sum(one["coil_energy"]) * prices["electricity"] / prices["cop"]
-            peak = max(one["coil_peak_power"]) / prices["cop"]
-        reheat = sum(one["reheat_energy"]) * prices["heat"]
-        recool = sum(one["recool_energy"]) * prices["electricity"] / prices["cop"]
-        found[year, month] = coil, peak * prices["demand"] * share, reheat, recool, peak
-    return found
+            coil = sum(of_month["coil_energy"]) * prices["electricity"] / prices["cop"]
+            peak = max(of_month["coil_peak_power"]) / prices["cop"]
+        reheat = sum(of_month["reheat_energy"]) * prices["heat"]
+        recool = sum(of_month["recool_energy"]) * prices["electricity"] / prices["cop"]
+        bills[year, month] = coil, peak * prices["demand"] * share, reheat, recool, peak
+    return bills
 
 
 def test_a_coil_that_works_the_wrong_way_is_told():
@@ -58,15 +58,15 @@ def test_it_is_the_bill_of_the_months_of_the_calendar(start, n, coil):
     ds = result(n, ("backlash", [0.0, 0.1]), start=start, action="heating" if heating else "cooling")
     costs = fc.cost(ds, **PRICES, electric_heat=electric)
     for k in range(2):
-        wanted = bill(ds, PRICES, {"backlash": k}, heating, electric)
-        one = costs.isel(backlash=k)
-        assert [str(m)[:7] for m in one.month.values] == [f"{y}-{m:02}" for y, m in wanted]
+        expected = bill_by_month(ds, PRICES, {"backlash": k}, heating, electric)
+        loop_costs = costs.isel(backlash=k)
+        assert [str(m)[:7] for m in loop_costs.month.values] == [f"{y}-{m:02}" for y, m in expected]
         for p, part in enumerate(PARTS):
-            np.testing.assert_allclose(one[part], [of[p] for of in wanted.values()], rtol=1e-12)
-        np.testing.assert_allclose(one.cost, [sum(of[:4]) for of in wanted.values()], rtol=1e-12)
+            np.testing.assert_allclose(loop_costs[part], [of[p] for of in expected.values()], rtol=1e-12)
+        np.testing.assert_allclose(loop_costs.cost, [sum(of[:4]) for of in expected.values()], rtol=1e-12)
         if start.endswith("-01-01"):
-            assert float(one.yearly_cost) == pytest.approx(sum(sum(of[:4]) for of in wanted.values()))
-        assert float(one.yearly_demand) == max(of[4] for of in wanted.values())
+            assert float(loop_costs.yearly_cost) == pytest.approx(sum(sum(of[:4]) for of in expected.values()))
+        assert float(loop_costs.yearly_demand) == max(of[4] for of in expected.values())
     assert costs.cost.attrs["units"] == "USD"
 
 
@@ -89,10 +89,10 @@ def test_without_dates_thirty_days_are_a_month_and_it_says_so():
     peak = [float(ds.coil_peak_power.isel(sample=1, day=slice(30 * k, 30 * k + 30)).max()) for k in range(3)]
     np.testing.assert_allclose(costs.demand.isel(sample=1), np.divide(peak, 4.0))
     assert float(costs.month_share.sum()) / 12 == pytest.approx(70 / 365)
-    one = ds.isel(day=0, drop=True)
+    first_day = ds.isel(day=0, drop=True)
     with pytest.warns(UserWarning, match="no dates"):
-        single = fc.cost(one, **PRICES)
-    assert float(single.yearly_reheat_energy[1]) == pytest.approx(365 * float(one.reheat_energy[1]))
+        single = fc.cost(first_day, **PRICES)
+    assert float(single.yearly_reheat_energy[1]) == pytest.approx(365 * float(first_day.reheat_energy[1]))
 
 
 def test_where_a_day_failed_its_month_and_the_year_have_no_cost():
@@ -109,7 +109,7 @@ def test_where_a_day_failed_its_month_and_the_year_have_no_cost():
 def test_each_loop_pays_for_its_own_action():
     ds = result(31, ("sample", [0, 1]), start="2023-01-01", action=None, other=1)
     ds = ds.assign_coords(action=("sample", ["cooling", "heating"])).drop_vars("other")
-    costs, gas = fc.cost(ds, **PRICES), bill(ds, PRICES, {"sample": 1}, heating=True)[2023, 1]
+    costs, gas = fc.cost(ds, **PRICES), bill_by_month(ds, PRICES, {"sample": 1}, heating=True)[2023, 1]
     np.testing.assert_allclose([float(costs[p][0, 1]) for p in PARTS], gas)
     assert float(costs.demand_cost[0, 0]) > 0.0 == float(costs.demand_cost[0, 1])
 
@@ -117,11 +117,13 @@ def test_each_loop_pays_for_its_own_action():
 def test_costs_can_be_compared_like_metrics():
     ds = result(365, ("controller", ["pi", "other"]), ("sample", range(40)), start="2023-01-01")
     costs = fc.cost(ds, **PRICES)
-    found = fc.compare(costs, baseline={"controller": "pi"}, over="sample", metrics=["yearly_cost", "cost"])
+    comparison = fc.compare(costs, baseline={"controller": "pi"}, over="sample", metrics=["yearly_cost", "cost"])
     difference = costs.yearly_cost[1] - costs.yearly_cost[0]
-    assert float(found.yearly_cost.sel(controller="other", statistic="mean")) == pytest.approx(float(difference.mean()))
-    assert found.cost.sizes["month"] == 12
-    assert (found.month == costs.month).all()
+    assert float(comparison.yearly_cost.sel(controller="other", statistic="mean")) == pytest.approx(
+        float(difference.mean())
+    )
+    assert comparison.cost.sizes["month"] == 12
+    assert (comparison.month == costs.month).all()
     every = fc.compare(costs, baseline={"controller": "pi"}, over="sample")
     assert {"yearly_demand", "coil_cost", "motor_travel"} <= set(every)
 
@@ -131,11 +133,11 @@ def test_the_interval_of_a_median_holds_the_true_one_as_often_as_it_says():
     hits = 0
     for _ in range(60):
         of_valve = draw.exponential(size=40)[:, None] + 0.1 * draw.normal(size=(40, 4))
-        found = middle_of(xr.DataArray(of_valve, dims=("sample", "replicate")))
-        hits += found.low <= 0.6982 <= found.high  # median of the sum, from 10 million draws
+        median = summarise_median(xr.DataArray(of_valve, dims=("sample", "replicate")))
+        hits += median.low <= 0.6982 <= median.high  # median of the sum, from 10 million draws
     assert 51 <= hits < 60
-    assert found.q05 <= found.low <= found.median <= found.high <= found.q95
-    alone = middle_of(xr.DataArray([[1.0, 2.0, np.nan]], dims=("sample", "x")))
+    assert median.q05 <= median.low <= median.median <= median.high <= median.q95
+    alone = summarise_median(xr.DataArray([[1.0, 2.0, np.nan]], dims=("sample", "x")))
     assert (alone.median, np.isnan(alone.low)) == (1.5, True)
 
 

@@ -5,17 +5,23 @@ import pandas as pd
 import pytest
 import xarray as xr
 from helpers.refusals import problems
-from helpers.results import drawn, result
+from helpers.results import drawn_result, make_result
 
 from fastcoil.model.metric_table import STATUS_NON_FINITE
 from fastcoil.study.analysis.compare import relative_to
-from fastcoil.study.analysis.selected import binned, case_of, in_words, is_label, selected
+from fastcoil.study.analysis.selected import (
+    describe_labels,
+    find_case,
+    group_by_parameters,
+    matches_label,
+    select_labels,
+)
 
 
 @pytest.fixture
 def ds():
     rng = np.random.default_rng(1)
-    return result(
+    return make_result(
         ("backlash", "tuning", "day"), {"backlash": [0.0, 0.02, 0.07], "tuning": ["slow", "fast"]},
         rmse=rng.uniform(0.5, 1.0, (3, 2, 4)), reversals=rng.integers(0, 3, (3, 2, 4)),
     )  # fmt: skip
@@ -36,25 +42,29 @@ def ds():
     ],
 )
 def test_a_text_means_a_label_and_no_neighbour_of_it(label, text, same):
-    assert is_label(label, text) is same
+    assert matches_label(label, text) is same
 
 
 def test_a_drawn_parameter_with_few_values_picks_its_samples():
-    ds = drawn(50)
-    found = selected(ds, {"sample_time": ["10"], "day": ["0"]})
-    xr.testing.assert_identical(found, ds.isel(day=0, sample=np.flatnonzero(ds.sample_time.values == 10.0)))
-    assert in_words(found, {"sample_time": ["10"]}) == "sample time = 10 s"
+    ds = drawn_result(50)
+    selection = select_labels(ds, {"sample_time": ["10"], "day": ["0"]})
+    xr.testing.assert_identical(selection, ds.isel(day=0, sample=np.flatnonzero(ds.sample_time.values == 10.0)))
+    assert describe_labels(selection, {"sample_time": ["10"]}) == "sample time = 10 s"
 
 
 @pytest.mark.parametrize(
     ("choose", "at", "sentence"),
     [
-        (selected, {"backlash": ["0.02", "much"]}, "--at backlash=much: choose one of 0.0, 0.02, 0.07"),
-        (selected, {"tuning": ["fastt"]}, "--at tuning=fastt: choose one of fast, slow"),
-        (selected, {"backlas": ["0.02"]}, "--at backlas: no label of this study, did you mean 'backlash'?; it has"),
-        (case_of, {"backlash": ["0.1"]}, "--relative-to backlash=0.1: choose one of 0.0, 0.02, 0.07"),
-        (case_of, {"backlash": ["0", "0.02"]}, "--relative-to backlash: give one label"),
-        (case_of, {"kp": ["0"]}, "--relative-to kp: no dimension of what is drawn; it has backlash, tuning, day"),
+        (select_labels, {"backlash": ["0.02", "much"]}, "--at backlash=much: choose one of 0.0, 0.02, 0.07"),
+        (select_labels, {"tuning": ["fastt"]}, "--at tuning=fastt: choose one of fast, slow"),
+        (
+            select_labels,
+            {"backlas": ["0.02"]},
+            "--at backlas: no label of this study, did you mean 'backlash'?; it has",
+        ),
+        (find_case, {"backlash": ["0.1"]}, "--relative-to backlash=0.1: choose one of 0.0, 0.02, 0.07"),
+        (find_case, {"backlash": ["0", "0.02"]}, "--relative-to backlash: give one label"),
+        (find_case, {"kp": ["0"]}, "--relative-to kp: no dimension of what is drawn; it has backlash, tuning, day"),
     ],
 )
 def test_an_unknown_label_is_refused_with_those_that_there_are(ds, choose, at, sentence):
@@ -63,78 +73,78 @@ def test_an_unknown_label_is_refused_with_those_that_there_are(ds, choose, at, s
 
 
 def test_changes_are_those_within_pairs(ds):
-    case, words = case_of(ds, {"backlash": ["0"], "tuning": ["slow"]})
+    case, words = find_case(ds, {"backlash": ["0"], "tuning": ["slow"]})
     assert (case, words) == ({"backlash": 0, "tuning": 0}, "backlash = 0 %, tuning = slow")
-    found = relative_to(ds, case, words)
+    changes = relative_to(ds, case, words)
     expected = ds.rmse / ds.rmse.isel(backlash=0, tuning=0, drop=True) - 1.0
-    xr.testing.assert_allclose(found.rmse, expected.isel(backlash=[1, 2], tuning=[1]).drop_attrs())
-    assert found.rmse.attrs["relative_to"] == words
+    xr.testing.assert_allclose(changes.rmse, expected.isel(backlash=[1, 2], tuning=[1]).drop_attrs())
+    assert changes.rmse.attrs["relative_to"] == words
 
 
 def test_of_nothing_there_is_no_change_and_a_failed_partner_has_none(ds):
     ds.status[0, 0, 1] = STATUS_NON_FINITE
-    found = relative_to(ds, {"backlash": 0}, "backlash = 0 %")
-    assert np.isnan(found.rmse[:, 0, 1]).all()
+    changes = relative_to(ds, {"backlash": 0}, "backlash = 0 %")
+    assert np.isnan(changes.rmse[:, 0, 1]).all()
     before, after = ds.reversals[0, 1].values, ds.reversals[1, 1].values
-    shown = found.reversals[0, 1].values
-    assert (shown[(before == 0) & (after == 0)] == 0.0).all()
-    assert np.isnan(shown[(before == 0) & (after > 0)]).all()
+    changed_reversals = changes.reversals[0, 1].values
+    assert (changed_reversals[(before == 0) & (after == 0)] == 0.0).all()
+    assert np.isnan(changed_reversals[(before == 0) & (after > 0)]).all()
     with np.errstate(divide="ignore", invalid="ignore"):
-        np.testing.assert_allclose(shown[before > 0], (after / before - 1.0)[before > 0])
+        np.testing.assert_allclose(changed_reversals[before > 0], (after / before - 1.0)[before > 0])
 
 
 @pytest.mark.parametrize("n", [80, 101])
 def test_groups_are_those_of_pandas_with_all_their_members(n):
-    ds = drawn(n)
-    found = binned(ds, ["kp"])
-    assert found.rmse.dims == ("day", "kp", "sample")
+    ds = drawn_result(n)
+    groups = group_by_parameters(ds, ["kp"])
+    assert groups.rmse.dims == ("day", "kp", "sample")
     frame = ds.rmse.to_dataframe().reset_index()
     frame["group"] = pd.qcut(frame.kp, 8, labels=False)
     for k, members in frame.groupby("group"):
-        place = found.rmse.isel(kp=k).values
+        place = groups.rmse.isel(kp=k).values
         # cuts fall on either side of a value that pandas interpolates
-        assert abs(int(found.members[k]) - len(members) / 2) <= 1
+        assert abs(int(groups.members[k]) - len(members) / 2) <= 1
         if n == 80:
             np.testing.assert_allclose(np.sort(place[np.isfinite(place)]), np.sort(members.rmse))
-            assert float(found.kp[k]) == pytest.approx(members.kp.median())
-    assert int(found.members.max() - found.members.min()) <= 1
-    assert int(found.members.sum()) == n
+            assert float(groups.kp[k]) == pytest.approx(members.kp.median())
+    assert int(groups.members.max() - groups.members.min()) <= 1
+    assert int(groups.members.sum()) == n
 
 
 def test_nothing_is_lost_nor_made_up():
-    ds = drawn(101)
+    ds = drawn_result(101)
     ds.status[1, 7] = 2
     for names in (["kp"], ["kp", "ti"], ["sample_time"]):
-        found = binned(ds, names)
+        groups = group_by_parameters(ds, names)
         for metric in ("rmse", "iae", "status"):
-            values = found[metric].values
+            values = groups[metric].values
             np.testing.assert_array_equal(np.sort(values[np.isfinite(values)]), np.sort(ds[metric].values.ravel()))
-        assert (found.rmse.notnull() == found.status.notnull()).all()
-    assert found.rmse.attrs == ds.rmse.attrs
-    assert found.sample_time.attrs["units"] == "s"
+        assert (groups.rmse.notnull() == groups.status.notnull()).all()
+    assert groups.rmse.attrs == ds.rmse.attrs
+    assert groups.sample_time.attrs["units"] == "s"
 
 
 def test_two_parameters_share_the_scenarios_out_as_a_histogram_does():
-    ds = drawn(400)
-    found = binned(ds, ["kp", "ti"])
-    assert found.rmse.dims == ("day", "kp", "ti", "sample")
+    ds = drawn_result(400)
+    groups = group_by_parameters(ds, ["kp", "ti"])
+    assert groups.rmse.dims == ("day", "kp", "ti", "sample")
     cuts = [np.sort(ds[n].values)[(np.arange(1, 8) * 400) // 8] for n in ("kp", "ti")]
     edges = [np.concatenate([[-np.inf], c, [np.inf]]) for c in cuts]
     counts, *_ = np.histogram2d(ds.kp.values, ds.ti.values, edges)
-    np.testing.assert_array_equal(found.members, counts)
+    np.testing.assert_array_equal(groups.members, counts)
     low, high = int(counts.min()), int(counts.max())
-    assert found.sample.attrs["pooled_as"] == f"{low} to {high} samples in each of 8 × 8 cells"
+    assert groups.sample.attrs["pooled_as"] == f"{low} to {high} samples in each of 8 × 8 cells"
 
 
 def test_traces_and_coordinates_of_the_samples_stay_behind():
-    ds = drawn(40)
+    ds = drawn_result(40)
     ds["T_sup"] = ds.rmse.expand_dims(elapsed_time=2)
-    found = binned(ds, ["kp"])
-    assert "T_sup" not in found
-    assert "ti" not in found.coords
-    assert found.day.values.tolist() == [0, 1]
+    groups = group_by_parameters(ds, ["kp"])
+    assert "T_sup" not in groups
+    assert "ti" not in groups.coords
+    assert groups.day.values.tolist() == [0, 1]
 
 
 def test_too_few_to_group_are_refused():
-    (problem,) = problems(binned, drawn(500).isel(sample=slice(9)), ["kp", "ti"])
+    (problem,) = problems(group_by_parameters, drawn_result(500).isel(sample=slice(9)), ["kp", "ti"])
     assert problem.startswith("kp and ti: 9 drawn scenarios are too few to group")

@@ -40,13 +40,13 @@ def test_indices_are_those_of_scipy():
     from scipy.stats import sobol_indices
 
     ds = result(ishigami, 512)
-    found = fc.sobol_indices(ds).rmse.sel(edge="value")
+    indices = fc.sobol_indices(ds).rmse.sel(edge="value")
     f = {label: ds.rmse.sel(design=label).values for label in ds.design.values}
     theirs = sobol_indices(
         func={"f_A": f["A"][None], "f_B": f["B"][None], "f_AB": np.stack([f[n][None] for n in UNIT])}, n=512
     )
-    np.testing.assert_allclose(found.sel(index="first_order"), theirs.first_order, atol=1e-2)
-    np.testing.assert_allclose(found.sel(index="total"), theirs.total_order, atol=1e-2)
+    np.testing.assert_allclose(indices.sel(index="first_order"), theirs.first_order, atol=1e-2)
+    np.testing.assert_allclose(indices.sel(index="total"), theirs.total_order, atol=1e-2)
 
 
 def test_intervals_cover_the_truth_about_as_often_as_they_say():
@@ -55,14 +55,14 @@ def test_intervals_cover_the_truth_about_as_often_as_they_say():
         x = sample_values({"method": "saltelli", "size": 128, "seed": seed} | UNIT)
         ds = xr.Dataset({"rmse": x["kp"] + 2.0 * x["ti"] + 0.5 * x["backlash"]})
         ds["status"] = xr.zeros_like(ds.rmse, dtype=np.int8)
-        found = fc.sobol_indices(ds).rmse.sel(index="total", parameter="ti")
-        covered.append(float(found.sel(edge="low")) <= 4.0 / 5.25 <= float(found.sel(edge="high")))
+        indices = fc.sobol_indices(ds).rmse.sel(index="total", parameter="ti")
+        covered.append(float(indices.sel(edge="low")) <= 4.0 / 5.25 <= float(indices.sel(edge="high")))
     assert np.mean(covered) > 0.85
 
 
 def test_what_does_not_vary_has_no_indices():
-    found = fc.sobol_indices(result(lambda a, b, c: 0.0 * a + 3.3))
-    assert bool(found.rmse.isnull().all())
+    indices = fc.sobol_indices(result(lambda a, b, c: 0.0 * a + 3.3))
+    assert bool(indices.rmse.isnull().all())
 
 
 def test_failed_scenarios_are_refused_unless_they_are_to_be_left_out():
@@ -70,9 +70,9 @@ def test_failed_scenarios_are_refused_unless_they_are_to_be_left_out():
     ds["status"][5, 2] = ds["status"][9, 0] = STATUS_CRASHED
     with pytest.raises(fc.InputError, match="missing in 2 of 4,096 samples"):
         fc.sobol_indices(ds)
-    found = fc.sobol_indices(ds, drop_failed=True)
-    assert int(found.rmse_n_samples) == 4094
-    np.testing.assert_allclose(found.rmse.sel(edge="value", index="total"), [0.5576, 0.4424, 0.2437], atol=0.02)
+    indices = fc.sobol_indices(ds, drop_failed=True)
+    assert int(indices.rmse_n_samples) == 4094
+    np.testing.assert_allclose(indices.rmse.sel(edge="value", index="total"), [0.5576, 0.4424, 0.2437], atol=0.02)
 
 
 @pytest.mark.parametrize(
@@ -80,9 +80,9 @@ def test_failed_scenarios_are_refused_unless_they_are_to_be_left_out():
 )
 def test_the_design_is_read_by_its_labels(labels):
     ds = result(ishigami, 256)
-    found, whole = fc.sobol_indices(ds.sel(design=labels)).rmse, fc.sobol_indices(ds).rmse
-    assert found.parameter.values.tolist() == [label for label in labels if label in UNIT]
-    xr.testing.assert_allclose(found, whole.sel(parameter=found.parameter))
+    indices, whole = fc.sobol_indices(ds.sel(design=labels)).rmse, fc.sobol_indices(ds).rmse
+    assert indices.parameter.values.tolist() == [label for label in labels if label in UNIT]
+    xr.testing.assert_allclose(indices, whole.sel(parameter=indices.parameter))
 
 
 @pytest.mark.parametrize(
@@ -115,9 +115,9 @@ def test_a_study_with_a_saltelli_design_runs(tmp_path):
     )
     ds = fc.run_study(tmp_path / "s.toml", tmp_path / "out")
     assert dict(ds.rmse.sizes) == {"sample": 16, "design": 4}
-    found = fc.sobol_indices(ds, ["rmse", "stem_travel"])
-    assert found.parameter.values.tolist() == ["backlash", "kp"]
-    assert float(found.rmse.sel(edge="value", index="total").max()) > 0.2
+    indices = fc.sobol_indices(ds, ["rmse", "stem_travel"])
+    assert indices.parameter.values.tolist() == ["backlash", "kp"]
+    assert float(indices.rmse.sel(edge="value", index="total").max()) > 0.2
 
 
 def test_indices_of_parameters_that_are_not_uniform_are_those_of_a_closed_form():
@@ -127,9 +127,9 @@ def test_indices_of_parameters_that_are_not_uniform_are_those_of_a_closed_form()
     ds = xr.Dataset({"rmse": x["kp"] + x["ti"] + x["backlash"]}, coords=x)
     ds["status"] = xr.zeros_like(ds.rmse, dtype=np.int8)
     variances = np.array([0.02**2 * np.exp(0.25) * (np.exp(0.25) - 1.0), 0.2**2 * 10.0 / (49.0 * 8.0), 0.03**2])
-    found = fc.sobol_indices(ds).rmse.sel(edge="value")
+    indices = fc.sobol_indices(ds).rmse.sel(edge="value")
     for index in ("first_order", "total"):
-        np.testing.assert_allclose(found.sel(index=index), variances / variances.sum(), atol=0.01)
+        np.testing.assert_allclose(indices.sel(index=index), variances / variances.sum(), atol=0.01)
 
 
 def test_correlated_parameters_are_refused():

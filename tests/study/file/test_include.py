@@ -37,9 +37,9 @@ def test_included_parameters_come_between_preset_and_constants_and_may_be_swept(
 
 
 def test_the_hash_is_also_of_what_is_included(read):
-    one = read().sha256
-    assert read(valve=VALVE.replace("0.1", "0.11")).sha256 != one
-    assert read(valve=VALVE.replace("nan", "0.3")).sha256 == one, "the hash ignores [fit]"
+    sha256 = read().sha256
+    assert read(valve=VALVE.replace("0.1", "0.11")).sha256 != sha256
+    assert read(valve=VALVE.replace("nan", "0.3")).sha256 == sha256, "the hash ignores [fit]"
 
 
 @pytest.mark.parametrize(
@@ -74,7 +74,7 @@ def fastcoil(tmp_path, monkeypatch):
     return lambda *words: CliRunner().invoke(main, words)
 
 
-def write(path, header, columns):
+def write_csv(path, header, columns):
     with path.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows([header, *zip(*columns, strict=True)])
 
@@ -90,10 +90,12 @@ def logs(tmp_path):
     every = slice(None, None, 60)
     t = np.arange(n)[every] / 60.0
     m_w = np.abs(flow[every] + rng.normal(0.0, 0.01, t.size))
-    write(tmp_path / "valve.csv", ["elapsed_time [min]", "command [%]", "m_w [kg/s]"], [t, 100 * command[every], m_w])
+    write_csv(
+        tmp_path / "valve.csv", ["elapsed_time [min]", "command [%]", "m_w [kg/s]"], [t, 100 * command[every], m_w]
+    )
     ten = slice(None, None, 10)
     T_sup = ds["T_sup"].values[ten] + rng.normal(0.0, 0.03, n // 10)
-    write(
+    write_csv(
         tmp_path / "coil.csv",
         ["seconds", "m_w [kg/s]", "m_a [kg/s]", "T_w_in [degC]", "T_a_in [degC]", "W_a_in [1]", "SAT"],
         [np.arange(n)[ten], flow[ten], *(series[name][ten] for name in ("m_a", "T_w_in", "T_a_in", "W_a_in")), T_sup],
@@ -110,9 +112,9 @@ COIL_OPTIONS = [
 @pytest.mark.kernel
 def test_two_files_to_a_study_of_that_ahu(fastcoil, logs):
     for name, options in (("valve", []), ("coil", COIL_OPTIONS)):
-        found = fastcoil("fit", name, f"{name}.csv", "-o", f"{name}.toml", *options)
-        assert found.exit_code == 0, found.output
-        assert name == "coil" or "backlash = 0." in found.output
+        fit = fastcoil("fit", name, f"{name}.csv", "-o", f"{name}.toml", *options)
+        assert fit.exit_code == 0, fit.output
+        assert name == "coil" or "backlash = 0." in fit.output
     assert tomllib.loads((logs / "valve.toml").read_text())["loop"]["backlash"] == pytest.approx(0.1, abs=0.005)
     for name in ("valve", "coil"):
         assert (logs / f"{name}.png").stat().st_size > 10_000
@@ -122,8 +124,8 @@ def test_two_files_to_a_study_of_that_ahu(fastcoil, logs):
     )
     run = fastcoil("run", "mine.toml", "--no-figures")
     assert run.exit_code == 0, run.output
-    again = fastcoil("run", "mine.toml", "--no-figures")
-    assert "nothing to do" in again.output
+    second_run = fastcoil("run", "mine.toml", "--no-figures")
+    assert "nothing to do" in second_run.output
     text = (logs / "coil.toml").read_text()
     (logs / "coil.toml").write_text(text.replace("\nbeta2 = -0.", "\nbeta2 = -0.9", 1))
     changed = fastcoil("run", "mine.toml", "--no-figures")
@@ -142,16 +144,16 @@ def test_a_fit_replaces_an_earlier_one_but_nothing_else(fastcoil, logs):
         ("mine", "mine.png exists and would be replaced"),
         ("folder", "folder.png exists and would be replaced"),
     ):
-        found = fastcoil("fit", "valve", "valve.csv", "-o", f"{name}.toml")
-        assert found.exit_code == 2, found.output
-        assert sentence in found.output
+        fit = fastcoil("fit", "valve", "valve.csv", "-o", f"{name}.toml")
+        assert fit.exit_code == 2, fit.output
+        assert sentence in fit.output
     assert (logs / "ahu.toml").read_text() == '[loop]\npreset = "lbnl"\n'
     assert (logs / "mine.png").read_text() == "a photo"
     assert not list(logs.glob("[fm]*.toml"))
     assert fastcoil("fit", "valve", "valve.csv", "-o", "valve.toml", "--split", "1").exit_code == 0
     before = (logs / "valve.toml").read_text()
-    found = fastcoil("fit", "valve", "valve.csv", "-o", "valve.toml", "--validate", "valve.csv")
-    assert found.exit_code == 0, found.output
-    assert "RMSE, validation: " in found.output
+    fit = fastcoil("fit", "valve", "valve.csv", "-o", "valve.toml", "--validate", "valve.csv")
+    assert fit.exit_code == 0, fit.output
+    assert "RMSE, validation: " in fit.output
     assert "nothing was held back" in before
     assert "nothing was held back" not in (logs / "valve.toml").read_text()

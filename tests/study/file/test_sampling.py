@@ -26,21 +26,21 @@ def draw(method="latin_hypercube", size=SIZE, seed=0, **shapes):
 # Designs
 
 
-def unit(values, low=0.02, high=0.15):
+def to_unit_interval(values, low=0.02, high=0.15):
     return (values - low) / (high - low)
 
 
 def test_a_latin_hypercube_has_one_point_in_each_stratum_of_every_parameter():
     values = draw("latin_hypercube", 1000)
     for name, (low, high) in {"backlash": (0.02, 0.15), "kp": (0.01, 0.05)}.items():
-        strata = np.floor(unit(values[name], low, high) * 1000).astype(int)
+        strata = np.floor(to_unit_interval(values[name], low, high) * 1000).astype(int)
         np.testing.assert_array_equal(np.sort(strata), np.arange(1000))
 
 
 def test_a_sobol_design_is_a_net_that_a_latin_hypercube_is_not():
     def fullest_box(method):
         x, y = draw(method, 256).values()
-        boxes = np.floor(unit(x) * 16) * 16 + np.floor(unit(y, 0.01, 0.05) * 16)
+        boxes = np.floor(to_unit_interval(x) * 16) * 16 + np.floor(to_unit_interval(y, 0.01, 0.05) * 16)
         return np.bincount(boxes.astype(int), minlength=256).max()
 
     assert fullest_box("sobol") == 1, "each of 16 x 16 boxes holds one of 256 points"
@@ -65,20 +65,20 @@ def test_values_are_the_same_however_many_are_drawn_at_a_time(method, monkeypatc
         "estimate_ratio": {"choice": [0.0, 0.5, 0.9]},
     }
     whole = draw(method, 64, **shapes)
-    monkeypatch.setattr(sample, "_AT_ONCE", 7)
+    monkeypatch.setattr(sample, "_VALUES_AT_ONCE", 7)
     for name, values in draw(method, 64, **shapes).items():
         np.testing.assert_array_equal(values, whole[name])
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_design_depends_on_its_seed_and_on_nothing_else(method):
-    one, again, other = (draw(method, 64, seed) for seed in (1, 1, 2))
+    first, again, other_seed = (draw(method, 64, seed) for seed in (1, 1, 2))
     largest = draw(method, 64, 2**64 - 1)
     for name in UNIFORM:
-        np.testing.assert_array_equal(one[name], again[name])
-        assert not np.intersect1d(one[name], other[name]).size
-        assert not np.intersect1d(one[name], largest[name]).size
-    assert abs(np.corrcoef(*one.values())[0, 1]) < 0.4, "parameters are drawn independently"
+        np.testing.assert_array_equal(first[name], again[name])
+        assert not np.intersect1d(first[name], other_seed[name]).size
+        assert not np.intersect1d(first[name], largest[name]).size
+    assert abs(np.corrcoef(*first.values())[0, 1]) < 0.4, "parameters are drawn independently"
 
 
 def test_random_is_the_generator_by_its_name():
@@ -91,22 +91,22 @@ def test_random_is_the_generator_by_its_name():
 # Distributions: with one point in each of n strata, the k-th smallest value lies between the quantiles k/n and (k+1)/n
 
 
-def normal(x):
+def normal_cdf(x):
     return 0.5 * (1.0 + math.erf(x / math.sqrt(2.0)))
 
 
-def truncated(x, mean, std, low, high):
-    below, at, above = (normal((v - mean) / std) for v in (low, x, high))
+def truncated_normal_cdf(x, mean, std, low, high):
+    below, at, above = (normal_cdf((v - mean) / std) for v in (low, x, high))
     return (at - below) / (above - below)
 
 
-def triangle(x, low, mode, high):
+def triangular_cdf(x, low, mode, high):
     if x < mode:
         return (x - low) ** 2 / ((high - low) * (mode - low))
     return 1.0 - (high - x) ** 2 / ((high - low) * (high - mode))
 
 
-def quartic(x):
+def beta_cdf(x):
     """The regularised incomplete beta function with a = 2, b = 3."""
     return 6.0 * x**2 - 8.0 * x**3 + 3.0 * x**4
 
@@ -115,15 +115,15 @@ LOGS = math.log(0.02 / 0.05), math.log(0.1 / 0.05)
 SHARES = {
     "uniform": ([0.02, 0.15], lambda x: (x - 0.02) / 0.13),
     "loguniform": ([0.005, 0.05], lambda x: math.log10(x / 0.005)),
-    "truncnorm": ([0.05, 0.02, 0.0, 0.1], lambda x: truncated(x, 0.05, 0.02, 0.0, 0.1)),
-    "triangular": ([0.2, 0.5, 0.8], lambda x: triangle(x, 0.2, 0.5, 0.8)),
-    "normal": ([0.05, 0.02, 0.0, 0.1], lambda x: truncated(x, 0.05, 0.02, 0.0, 0.1)),
-    "lognormal": ([0.05, 0.5, 0.02, 0.1], lambda x: truncated(math.log(x / 0.05), 0.0, 0.5, *LOGS)),
-    "beta": ([2.0, 3.0, 0.1, 0.6], lambda x: quartic((x - 0.1) / 0.5)),
+    "truncnorm": ([0.05, 0.02, 0.0, 0.1], lambda x: truncated_normal_cdf(x, 0.05, 0.02, 0.0, 0.1)),
+    "triangular": ([0.2, 0.5, 0.8], lambda x: triangular_cdf(x, 0.2, 0.5, 0.8)),
+    "normal": ([0.05, 0.02, 0.0, 0.1], lambda x: truncated_normal_cdf(x, 0.05, 0.02, 0.0, 0.1)),
+    "lognormal": ([0.05, 0.5, 0.02, 0.1], lambda x: truncated_normal_cdf(math.log(x / 0.05), 0.0, 0.5, *LOGS)),
+    "beta": ([2.0, 3.0, 0.1, 0.6], lambda x: beta_cdf((x - 0.1) / 0.5)),
 }
 LOPSIDED = {
-    "triangular": ([0.2, 0.2, 0.8], lambda x: triangle(x, 0.2, 0.2, 0.8)),
-    "truncnorm": ([0.5, 0.1, 0.0, 0.3], lambda x: truncated(x, 0.5, 0.1, 0.0, 0.3)),
+    "triangular": ([0.2, 0.2, 0.8], lambda x: triangular_cdf(x, 0.2, 0.2, 0.8)),
+    "truncnorm": ([0.5, 0.1, 0.0, 0.3], lambda x: truncated_normal_cdf(x, 0.5, 0.1, 0.0, 0.3)),
 }
 
 
@@ -141,7 +141,7 @@ def test_shares_of_a_sample_are_those_of_its_distribution(kind, case):
 def test_values_lie_strictly_inside_even_at_the_ends_of_the_unit_cube(kind, share, monkeypatch):
     from fastcoil.study.file import sample
 
-    monkeypatch.setattr(sample, "_points", lambda _method, size, dims, *_: np.full((size, dims), share))
+    monkeypatch.setattr(sample, "_design_points", lambda _method, size, dims, *_: np.full((size, dims), share))
     arguments = SHARES[kind][0]
     (value,) = draw(size=1, kp={kind: arguments})["kp"]
     end = arguments[-1] if share else arguments[-2] if len(arguments) == 4 else arguments[0]
@@ -166,7 +166,7 @@ def test_quantiles_are_those_of_scipy(monkeypatch):
     from fastcoil.study.file import sample
 
     share = np.linspace(0.001, 0.999, 999)
-    monkeypatch.setattr(sample, "_points", lambda *_: share[:, np.newaxis])
+    monkeypatch.setattr(sample, "_design_points", lambda *_: share[:, np.newaxis])
     for shape, theirs in (
         ({"lognormal": [0.02, 0.4]}, stats.lognorm(0.4, scale=0.02)),
         ({"normal": [0.02, 0.4]}, stats.norm(0.02, 0.4)),
@@ -198,8 +198,8 @@ def test_measured_values_are_drawn_as_often_as_they_were_measured_in_the_unit_of
         "stroke_time": {"csv": "gaps.csv", "column": "stroke [min]"},
     }
     drawn = draw("sobol", 64, **of)
-    found = dict(zip(*np.unique(drawn["backlash"], return_counts=True), strict=True))
-    assert found == {0.02: 32, 0.05: 16, 0.07: 16}
+    counts = dict(zip(*np.unique(drawn["backlash"], return_counts=True), strict=True))
+    assert counts == {0.02: 32, 0.05: 16, 0.07: 16}
     assert set(drawn["stroke_time"]) == {60.0, 90.0, 120.0, 180.0}
 
 
@@ -217,8 +217,8 @@ def test_a_fitted_parameter_has_its_estimate_as_median_and_its_interval_as_quant
     monkeypatch.chdir(tmp_path)
     Path("valve.toml").write_text(FITTED)
     drawn = draw(backlash={"fit": "valve.toml"}, kp={"fit": "valve.toml"})
-    found = np.quantile(drawn["backlash"], [0.025, 0.5, 0.975])
-    np.testing.assert_allclose(found, [0.05, 0.06, 0.09], atol=1e-4)
+    quantiles = np.quantile(drawn["backlash"], [0.025, 0.5, 0.975])
+    np.testing.assert_allclose(quantiles, [0.05, 0.06, 0.09], atol=1e-4)
     assert drawn["kp"].min() >= 0.02, "an estimate at the end of its interval has nothing below"
 
 
@@ -239,11 +239,11 @@ SHAPES = {"kp": {"lognormal": [0.02, 0.5]}, "noise_std": {"uniform": [0.0, 0.1]}
 
 @pytest.mark.parametrize("method", ["sobol", "random", "latin_hypercube"])
 def test_ranks_correlate_as_asked_and_marginals_stay(method):
-    alone, together = (draw(method, **SHAPES, **more) for more in ({}, {"correlation": RANKS}))
-    asked = {frozenset(("kp", "ti")): 0.6, frozenset(("ti", "backlash")): -0.4}
+    alone, together = (draw(method, **SHAPES, **options) for options in ({}, {"correlation": RANKS}))
+    expected = {frozenset(("kp", "ti")): 0.6, frozenset(("ti", "backlash")): -0.4}
     for a, b in itertools.combinations(SHAPES, 2):
         rho = stats.spearmanr(together[a], together[b]).statistic
-        assert rho == pytest.approx(asked.get(frozenset((a, b)), 0.0), abs=4.0 / math.sqrt(SIZE)), (a, b)
+        assert rho == pytest.approx(expected.get(frozenset((a, b)), 0.0), abs=4.0 / math.sqrt(SIZE)), (a, b)
     for name in ("kp", "noise_std"):  # the first of a pair, and one in none
         np.testing.assert_array_equal(alone[name], together[name])
     for name in SHAPES:
@@ -251,11 +251,11 @@ def test_ranks_correlate_as_asked_and_marginals_stay(method):
 
 
 def test_another_distribution_changes_no_other_parameter():
-    for more in ({}, {"correlation": [["kp", "backlash", 0.3]]}):
-        one = draw("sobol", **SHAPES, **more)
-        other = draw("sobol", **SHAPES | {"noise_std": {"beta": [2, 2, 0, 1]}}, **more)
+    for options in ({}, {"correlation": [["kp", "backlash", 0.3]]}):
+        before = draw("sobol", **SHAPES, **options)
+        after = draw("sobol", **SHAPES | {"noise_std": {"beta": [2, 2, 0, 1]}}, **options)
         for name in ("kp", "ti", "backlash"):
-            np.testing.assert_array_equal(one[name], other[name])
+            np.testing.assert_array_equal(before[name], after[name])
 
 
 def test_a_correlated_design_is_the_beginning_of_a_larger_one():
@@ -270,10 +270,10 @@ def test_a_correlated_design_is_the_beginning_of_a_larger_one():
 @pytest.mark.parametrize("method", ["sobol", "random", "latin_hypercube"])
 def test_batches_are_independent_designs_of_which_the_first_is_that_of_a_single_one(method):
     table = {"method": method, "size": 64, "seed": 3} | UNIFORM
-    one, few, more = (sample_values(table, batches=n)["kp"].values for n in (1, 3, 5))
-    np.testing.assert_array_equal(one, few[:64])
-    np.testing.assert_array_equal(few, more[:192])
-    assert len(set(more)) == 5 * 64
+    one_batch, three_batches, five_batches = (sample_values(table, batches=n)["kp"].values for n in (1, 3, 5))
+    np.testing.assert_array_equal(one_batch, three_batches[:64])
+    np.testing.assert_array_equal(three_batches, five_batches[:192])
+    assert len(set(five_batches)) == 5 * 64
 
 
 EXISTING = {

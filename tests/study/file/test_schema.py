@@ -12,7 +12,7 @@ from jsonschema import Draft4Validator, Draft202012Validator
 
 from fastcoil.cli.main import main
 from fastcoil.cli.study import shipped_studies
-from fastcoil.study.file.schema import SCHEMA, schema_text
+from fastcoil.study.file.schema import SCHEMA_FILE, schema_text
 
 DRAFTS = {"draft 4": Draft4Validator, "2020-12": Draft202012Validator}
 WRONG = {
@@ -43,8 +43,8 @@ def test_every_shipped_study_and_the_template_are_valid(validator, tmp_path, mon
     monkeypatch.chdir(tmp_path)
     CliRunner().invoke(main, ["init"])
     texts = {"template": (tmp_path / "study.toml").read_text(encoding="utf-8"), **shipped_studies()}
-    found = {name: [e.message for e in validator.iter_errors(tomllib.loads(text))] for name, text in texts.items()}
-    assert found == dict.fromkeys(texts, [])
+    messages = {name: [e.message for e in validator.iter_errors(tomllib.loads(text))] for name, text in texts.items()}
+    assert messages == dict.fromkeys(texts, [])
 
 
 @pytest.mark.parametrize("what", WRONG)
@@ -63,7 +63,7 @@ def test_a_rule_and_its_parameters_are_left_to_the_reader(validator):
 def test_taplo_finds_the_schema_by_the_first_line(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert CliRunner().invoke(main, ["init"]).exit_code == 0
-    assert (tmp_path / SCHEMA).read_text(encoding="utf-8") == schema_text()
+    assert (tmp_path / SCHEMA_FILE).read_text(encoding="utf-8") == schema_text()
 
     def lint():
         taplo = Path(sys.executable).with_name("taplo")
@@ -72,6 +72,6 @@ def test_taplo_finds_the_schema_by_the_first_line(tmp_path, monkeypatch):
     assert lint().returncode == 0, lint().stderr
     study = tmp_path / "study.toml"
     study.write_text(study.read_text(encoding="utf-8").replace("[0.02, ", "[1.02, "), encoding="utf-8")
-    wrong = lint()
-    assert wrong.returncode == 1
-    assert "1.02" in wrong.stderr
+    lint_result = lint()
+    assert lint_result.returncode == 1
+    assert "1.02" in lint_result.stderr

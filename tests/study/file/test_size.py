@@ -74,10 +74,10 @@ def refused(tmp_path, monkeypatch):
     def refuse(text):
         (tmp_path / "s.toml").write_text(text)
         start = time.process_time()
-        found = problems(read_study, tmp_path / "s.toml")
+        sentences = problems(read_study, tmp_path / "s.toml")
         assert time.process_time() - start < 5.0
-        assert max(map(len, found)) < 1000
-        return [sentence.removeprefix(f"{tmp_path}/s.toml: ") for sentence in found]
+        assert max(map(len, sentences)) < 1000
+        return [sentence.removeprefix(f"{tmp_path}/s.toml: ") for sentence in sentences]
 
     return refuse
 

@@ -3,12 +3,12 @@
 from pathlib import Path
 
 import pytest
-from helpers.rules import HEAD
+from helpers.rules import RULE_HEADER
 
 from fastcoil.base.errors import InputError
-from fastcoil.study.file import own_code
-from fastcoil.study.file.own_code import Source, find_source, load
+from fastcoil.study.file import user_code
 from fastcoil.study.file.spec import read_study
+from fastcoil.study.file.user_code import UserFunction, find_function, load
 
 SOURCE = """
 import numpy as np
@@ -26,15 +26,15 @@ def test_a_module_next_to_the_study_is_found_also_in_a_folder(tmp_path):
     (tmp_path / "pkg").mkdir()
     for name in ("statistics", "pkg/mine"):
         (tmp_path / f"{name}.py").write_text(SOURCE)
-    assert find_source("reduce", "statistics:overshoot", tmp_path).source == SOURCE
-    found = find_source("reduce", "pkg.mine:overshoot", tmp_path)
-    assert (found.name, found.path) == ("pkg.mine:overshoot", tmp_path / "pkg" / "mine.py")
+    assert find_function("reduce", "statistics:overshoot", tmp_path).source == SOURCE
+    function = find_function("reduce", "pkg.mine:overshoot", tmp_path)
+    assert (function.name, function.path) == ("pkg.mine:overshoot", tmp_path / "pkg" / "mine.py")
 
 
 def test_the_hash_is_of_name_and_text():
-    hashes = {Source(*r, Path("a.py")).sha256 for r in (("a:f", "x = 1"), ("a:g", "x = 1"), ("a:f", "x = 2"))}
+    hashes = {UserFunction(*r, Path("a.py")).sha256 for r in (("a:f", "x = 1"), ("a:g", "x = 1"), ("a:f", "x = 2"))}
     assert len(hashes) == 3
-    assert Source("a:f", "x = 1", Path("elsewhere/a.py")).sha256 in hashes
+    assert UserFunction("a:f", "x = 1", Path("elsewhere/a.py")).sha256 in hashes
 
 
 @pytest.mark.parametrize(
@@ -54,7 +54,7 @@ def test_the_hash_is_of_name_and_text():
 def test_what_cannot_be_found_or_read_is_refused_with_one_sentence(tmp_path, text, source, sentence):
     (tmp_path / "mine.py").write_bytes(source if isinstance(source, bytes) else source.encode())
     with pytest.raises(InputError) as refused:
-        find_source("reduce", text, tmp_path)
+        find_function("reduce", text, tmp_path)
     (problem,) = refused.value.problems
     assert sentence in problem
     assert "\n" not in problem
@@ -70,10 +70,10 @@ def test_a_study_finds_its_reduction_next_to_it_or_in_a_given_folder(tmp_path):
         (tmp_path / name).mkdir()
         (tmp_path / name / "mine.py").write_text(source)
     (tmp_path / "one" / "study.toml").write_text(STUDY)
-    one = read_study(tmp_path / "one" / "study.toml")
-    two = read_study(tmp_path / "one" / "study.toml", tmp_path / "two")
-    assert (one.reduction.source, two.reduction.source) == (SOURCE, SOURCE + "\n")
-    assert one.sha256 != two.sha256, "the source is part of what decides the result"
+    beside = read_study(tmp_path / "one" / "study.toml")
+    in_folder = read_study(tmp_path / "one" / "study.toml", tmp_path / "two")
+    assert (beside.reduction.source, in_folder.reduction.source) == (SOURCE, SOURCE + "\n")
+    assert beside.sha256 != in_folder.sha256, "the source is part of what decides the result"
 
 
 def test_a_reduction_without_traces_and_an_absent_one_are_both_named(tmp_path):
@@ -89,7 +89,7 @@ def test_a_reduction_without_traces_and_an_absent_one_are_both_named(tmp_path):
 # Rules of a study
 
 RULED = '[loop]\nestimator = "mine:one"\n[boundary]\nkind = "constant_day"\nhours = 1\n'
-RULE = HEAD + "def one(now, p, memory):\n    return p.gain, memory\n"
+RULE = RULE_HEADER + "def one(now, p, memory):\n    return p.gain, memory\n"
 
 
 @pytest.fixture
@@ -107,10 +107,10 @@ def study(tmp_path):
 
 def test_a_source_that_is_too_large_is_not_read_as_python(study, monkeypatch):
     path = study(RULE + "\nif 0: y = [" + "1," * 140_000 + "]")
-    monkeypatch.setattr(own_code, "declared", lambda *rule: pytest.fail("it was read"))
-    with pytest.raises(InputError, match=r"mine.py has \d+,\d+ bytes, more than 262,144: move what") as found:
+    monkeypatch.setattr(user_code, "parse_rule", lambda *rule: pytest.fail("it was read"))
+    with pytest.raises(InputError, match=r"mine.py has \d+,\d+ bytes, more than 262,144: move what") as refused:
         read_study(path)
-    assert len(found.value.problems) == 1
+    assert len(refused.value.problems) == 1
 
 
 def test_a_rule_keeps_the_name_that_its_source_gives_it(study):

@@ -53,7 +53,7 @@ def test_run_table_reaches_the_plan(read):
 
 
 def test_all_mistakes_are_named_at_once(read):
-    found = problems(
+    mistakes = problems(
         read,
         """
         titel = "x"
@@ -82,8 +82,8 @@ def test_all_mistakes_are_named_at_once(read):
         "[boundary] hourss is not an argument of paper_day, did you mean 'hours'?",
         "[run] seed = 1.5: give a whole number",
     ):
-        assert any(part in p for p in found), part
-    assert all("study.toml" in p for p in found)
+        assert any(part in p for p in mistakes), part
+    assert all("study.toml" in p for p in mistakes)
 
 
 MISTAKES = [
@@ -150,9 +150,9 @@ def test_windows_line_ends_and_a_byte_order_mark_change_nothing(read):
 
 def test_the_hash_tells_studies_apart(read):
     text = "[loop]\nkp = 0.04\n[sweep]\nti = [5, 9]\nbacklash = [0.1]"
-    others = [text.replace("0.04", "0.05"), text.replace("5, 9", "9, 5"), f"{text}\n[boundary]\nseed = 2"]
-    others += ["[loop]\nkp = 0.04\n[sweep]\nbacklash = [0.1]\nti = [5, 9]", f"{text}\n[run]\nseed = 1"]
-    assert len({read(one).sha256 for one in (text, *others)}) == 6
+    variants = [text.replace("0.04", "0.05"), text.replace("5, 9", "9, 5"), f"{text}\n[boundary]\nseed = 2"]
+    variants += ["[loop]\nkp = 0.04\n[sweep]\nbacklash = [0.1]\nti = [5, 9]", f"{text}\n[run]\nseed = 1"]
+    assert len({read(variant).sha256 for variant in (text, *variants)}) == 6
 
 
 def test_the_hash_is_of_values_and_not_of_their_spelling(read):
@@ -162,14 +162,14 @@ def test_the_hash_is_of_values_and_not_of_their_spelling(read):
     assert "# why" in same.text, "the text is kept as it was written"
 
 
-def log(T_set):
+def log_text(T_set):
     head = "elapsed_time [s],m_a [kg/s],T_a_in [degC],W_a_in [g/kg],T_w_in [degC],T_set [degC]\n"
     return head + "".join(f"{t},1.2,25,10,7,{T_set}\n" for t in range(0, 7260, 60))
 
 
 def test_the_hash_is_also_of_what_lies_in_other_files(read, tmp_path):
     def day(T_set):
-        (tmp_path / "log.csv").write_text(log(T_set))
+        (tmp_path / "log.csv").write_text(log_text(T_set))
         return read("[loop]\n[boundary]\nkind = 'csv'\npath = 'log.csv'").sha256
 
     assert day(14) == day(14)
@@ -182,7 +182,7 @@ def test_the_template_is_a_valid_study(read):
 
 def test_a_relative_path_starts_from_the_study_file(tmp_path):
     (tmp_path / "sub").mkdir()
-    (tmp_path / "sub" / "log.csv").write_text(log(14))
+    (tmp_path / "sub" / "log.csv").write_text(log_text(14))
     (tmp_path / "sub" / "study.toml").write_text("[loop]\n[boundary]\nkind = 'csv'\npath = 'log.csv'")
     boundary = read_study(tmp_path / "sub" / "study.toml").plan.layout.boundary
     assert boundary.series["W_a_in"][0, 0] == pytest.approx(0.010)

@@ -5,7 +5,16 @@ import warnings
 import numpy as np
 import pytest
 from helpers import failing_shards
-from helpers.studies import golden, quarantined, run, run_until_interrupted, shards, unfinished, verify, write_study
+from helpers.studies import (
+    quarantined_names,
+    run,
+    run_until_interrupted,
+    shard_files,
+    undisturbed_hash,
+    unfinished_files,
+    verify_unchanged,
+    write_study,
+)
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError
@@ -51,15 +60,15 @@ TRACED = CARRIED + 'traces = ["T_sup", "mode"]\ntrace_interval = 60\n'
 def one_block_each(monkeypatch):
     """Shards of as few lanes as the kernel takes together."""
     monkeypatch.setattr(plan, "_LANE_STEPS_PER_SEQUENCE", 1.0)
-    monkeypatch.setattr(plan, "_FEWEST_BLOCKS", 1)
+    monkeypatch.setattr(plan, "_MIN_SEQUENCE_BLOCKS", 1)
 
 
-def resumed(text, folder, **options):
+def finish(text, folder, **options):
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
-        assert run(text, folder, **options) == golden(text)
-    assert verify(folder) == []
-    assert unfinished(folder) == shards(folder) == []
+        assert run(text, folder, **options) == undisturbed_hash(text)
+    assert verify_unchanged(folder) == []
+    assert unfinished_files(folder) == shard_files(folder) == []
     return [str(w.message) for w in warned]
 
 
@@ -78,41 +87,41 @@ def test_the_results_are_those_of_simulate(tmp_path):
 def test_only_lanes_that_are_missing_are_run_again_whatever_the_number_of_workers(tmp_path, n_jobs):
     study = write_study(GROUPS, tmp_path / "out")
     run_until_interrupted(GROUPS, tmp_path / "out", 1)
-    (first,) = (netcdf.load(path.read_bytes())["scenario"].size for path in shards(tmp_path / "out"))
+    (first,) = (netcdf.load(path.read_bytes())["scenario"].size for path in shard_files(tmp_path / "out"))
     finished = runner.execute(study, tmp_path / "out", n_jobs=n_jobs)
     assert finished.n_run == study.plan.n_scenarios - first < study.plan.n_scenarios
-    assert finished.results.attrs["content_sha256"] == golden(GROUPS)
+    assert finished.results.attrs["content_sha256"] == undisturbed_hash(GROUPS)
 
 
 def test_a_damaged_shard_is_computed_again(tmp_path):
     run_until_interrupted(GROUPS, tmp_path / "out", 1)
-    shards(tmp_path / "out")[0].write_bytes(b"damaged")
-    (said,) = resumed(GROUPS, tmp_path / "out")
-    assert "its scenarios are computed again" in said
-    assert len(quarantined(tmp_path / "out")) == 1
+    shard_files(tmp_path / "out")[0].write_bytes(b"damaged")
+    (warning,) = finish(GROUPS, tmp_path / "out")
+    assert "its scenarios are computed again" in warning
+    assert len(quarantined_names(tmp_path / "out")) == 1
 
 
 def test_shards_with_some_of_the_days_are_taken(tmp_path):
     out = tmp_path / "out"
     run_until_interrupted(GROUPS, out, 1)
-    (path,) = shards(out)
+    (path,) = shard_files(out)
     part = netcdf.load(path.read_bytes())
     path.unlink()
     half = part.isel(scenario=slice(part.sizes["scenario"] // N_DAYS * 2))  # the first two days
     store = StudyFolder(out)
     Shards(out, store.require_manifest().key).commit(half)
-    assert resumed(GROUPS, out) == []
+    assert finish(GROUPS, out) == []
 
 
 @pytest.mark.parametrize("n_jobs", [2, pytest.param(3, marks=pytest.mark.full)])
 def test_nothing_depends_on_the_number_of_workers(tmp_path, n_jobs):
-    assert run(GROUPS, tmp_path / "out", n_jobs=n_jobs) == golden(GROUPS)
+    assert run(GROUPS, tmp_path / "out", n_jobs=n_jobs) == undisturbed_hash(GROUPS)
 
 
 @pytest.mark.full
 def test_a_lane_that_kills_its_worker_is_crashed_on_all_days_and_no_other(tmp_path):
     study = write_study(GROUPS, tmp_path / "out")
-    harmed = failing_shards.harmful(study, failing_shards.killed, [3])
+    harmed = failing_shards.with_harmful_layout(study, failing_shards.kill_worker, [3])
     crashed = runner.execute(harmed, tmp_path / "out", n_jobs=2, backend="loky").results
     run(GROUPS, tmp_path / "sound")
     lanes = crashed["status"].values.reshape(N_DAYS, -1)
@@ -126,7 +135,7 @@ def test_a_lane_that_kills_its_worker_is_crashed_on_all_days_and_no_other(tmp_pa
 def test_lanes_and_later_days_can_be_added(tmp_path):
     larger = CARRIED.replace("0.04, 0.06]", "0.04, 0.06, 0.1]").replace("5, 6]", "5, 6, 7]")
     run(CARRIED, tmp_path / "out")
-    assert run(larger, tmp_path / "out", extend=True) == golden(larger)
+    assert run(larger, tmp_path / "out", extend=True) == undisturbed_hash(larger)
 
 
 @pytest.mark.parametrize(
@@ -149,8 +158,8 @@ def test_one_day_is_run_again_with_those_before_it(tmp_path):
     run(CARRIED, tmp_path / "out")
     for day in ("1", "5"):
         at = {"day": day, "backlash": "0.06", "way": "learner", "sample": "2"}
-        path, said = maintenance.rerun(tmp_path / "out", at)
-        assert "Equal to the study's result to the last bit." in said
+        path, outcome = maintenance.rerun(tmp_path / "out", at)
+        assert "Equal to the study's result to the last bit." in outcome
         assert netcdf.load(str(path))["T_sup"].shape == (648,)
 
 

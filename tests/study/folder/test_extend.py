@@ -6,9 +6,9 @@ import json
 import pytest
 from click.testing import CliRunner
 from helpers import failing_shards
-from helpers.full import full_but
-from helpers.processes import cut
-from helpers.studies import copied, run_until_stopped
+from helpers.full import full_except
+from helpers.processes import cut_studies
+from helpers.studies import copy_run, run_until_stopped
 
 import fastcoil as fc
 from fastcoil.base import files
@@ -35,9 +35,9 @@ N = 24
 def toml(tables):
     """The text of a study file."""
 
-    def shown(value):
+    def format_value(value):
         if isinstance(value, dict):
-            return "{ " + ", ".join(f"{k} = {shown(v)}" for k, v in value.items()) + " }"
+            return "{ " + ", ".join(f"{k} = {format_value(v)}" for k, v in value.items()) + " }"
         return json.dumps(value)
 
     lines = []
@@ -45,7 +45,7 @@ def toml(tables):
         nested = name == "cases"
         for part, values in table.items() if nested else [(None, table)]:
             lines.append(f"[{name}.{part}]" if part else f"[{name}]")
-            lines += [f"{k} = {shown(v)}" for k, v in values.items()]
+            lines += [f"{k} = {format_value(v)}" for k, v in values.items()]
     return "\n".join(lines) + "\n"
 
 
@@ -56,18 +56,18 @@ def run_shards(study, folder, n_shards):
     return execute(study, folder).n_run
 
 
-_fresh = {}
+_fresh_hashes = {}
 
 
-def fresh(study, folder):
+def fresh_hash(study, folder):
     """The hash of a study that is run at once, in a folder of its own; the same study is run only once."""
     key = study.title, study.text, study.sha256
-    if key not in _fresh:
-        _fresh[key] = execute(study, folder / "fresh").results.attrs["content_sha256"]
-    return _fresh[key]
+    if key not in _fresh_hashes:
+        _fresh_hashes[key] = execute(study, folder / "fresh").results.attrs["content_sha256"]
+    return _fresh_hashes[key]
 
 
-def changed(**parts):
+def change_tables(**parts):
     """The base study with some tables updated; a value of None takes the entry away."""
     tables = copy.deepcopy(BASE)
     for name, table in parts.items():
@@ -78,7 +78,7 @@ def changed(**parts):
 @pytest.fixture
 def base(tmp_path):
     """The folder ``out`` as a run of the base study leaves it."""
-    copied(toml(BASE), tmp_path / "out")
+    copy_run(toml(BASE), tmp_path / "out")
 
 
 @pytest.fixture
@@ -92,21 +92,21 @@ def study(tmp_path):
     return read
 
 
-def image(folder):
+def read_files(folder):
     """Every file in a folder with its bytes, and when it was written."""
-    found = {}
+    files_by_name = {}
     for path in sorted(folder.rglob("*")):
         if path.is_file() and path.name != ".lock":
-            found[path.relative_to(folder).as_posix()] = (path.read_bytes(), path.stat().st_mtime_ns)
-    return found
+            files_by_name[path.relative_to(folder).as_posix()] = (path.read_bytes(), path.stat().st_mtime_ns)
+    return files_by_name
 
 
 EXTENSIONS = {
-    "middle": changed(sweep={"backlash": [0.02, 0.03, 0.04, 0.05, 0.09]}),
-    "end": changed(sweep={"backlash": [0.02, 0.05, 0.09, 0.15]}),
-    "another order": changed(sweep={"backlash": [0.09, 0.15, 0.02, 0.05]}),
-    "a default that is swept": changed(sweep={"n_volumes": [4, 8]}),
-    "all at once": changed(
+    "middle": change_tables(sweep={"backlash": [0.02, 0.03, 0.04, 0.05, 0.09]}),
+    "end": change_tables(sweep={"backlash": [0.02, 0.05, 0.09, 0.15]}),
+    "another order": change_tables(sweep={"backlash": [0.09, 0.15, 0.02, 0.05]}),
+    "a default that is swept": change_tables(sweep={"n_volumes": [4, 8]}),
+    "all at once": change_tables(
         sweep={"backlash": [0.01, 0.02, 0.05, 0.09], "estimate_ratio": [0.0, 0.3, 1.0]},
         cases={"tuning": BASE["cases"]["tuning"] | {"faster": {"kp": 0.1, "ti": 20}}},
         boundary={"seed": [2, 3, 5]},
@@ -115,14 +115,14 @@ EXTENSIONS = {
 }
 
 
-@pytest.mark.parametrize("name", full_but(EXTENSIONS, ["a default that is swept", "all at once"]))
+@pytest.mark.parametrize("name", full_except(EXTENSIONS, ["a default that is swept", "all at once"]))
 def test_only_what_is_new_is_run_and_the_result_is_that_of_a_fresh_run(study, base, tmp_path, name):
     log = tmp_path / "log"
-    asked = study(EXTENSIONS[name])
-    finished = execute(failing_shards.harmful(asked, log=log), tmp_path / "out", extend=True)
-    assert finished.n_run == asked.plan.n_scenarios - N
+    extension = study(EXTENSIONS[name])
+    finished = execute(failing_shards.with_harmful_layout(extension, log=log), tmp_path / "out", extend=True)
+    assert finished.n_run == extension.plan.n_scenarios - N
     assert sum(int(line.split()[1]) for line in log.read_text().splitlines()) == finished.n_run
-    assert finished.results.attrs["content_sha256"] == fresh(asked, tmp_path)
+    assert finished.results.attrs["content_sha256"] == fresh_hash(extension, tmp_path)
     assert fc.open_study(tmp_path / "out").attrs["content_sha256"] == finished.results.attrs["content_sha256"]
     assert not (tmp_path / "out" / "shards").exists()
     assert len(list((tmp_path / "out").glob("traces-*.nc"))) == 1
@@ -132,27 +132,27 @@ def test_only_what_is_new_is_run_and_the_result_is_that_of_a_fresh_run(study, ba
 @pytest.mark.parametrize("again", [True, pytest.param(False, marks=pytest.mark.full)])
 def test_an_extension_that_is_interrupted_goes_on(study, tmp_path, monkeypatch, again):
     done = run_shards(study(BASE), tmp_path / "out", 0)
-    asked = study(EXTENSIONS["middle"])
-    cut(monkeypatch, 6)
+    extension = study(EXTENSIONS["middle"])
+    cut_studies(monkeypatch, 6)
     for _ in range(2):
-        done += run_until_stopped(asked, tmp_path / "out", 1, extend=again or done <= N)
+        done += run_until_stopped(extension, tmp_path / "out", 1, extend=again or done <= N)
         partly = fc.open_study(tmp_path / "out")
         assert int((partly["status"] == 0).sum()) == done
         partly.close()
-    finished = execute(asked, tmp_path / "out", extend=again)
-    assert finished.n_run == asked.plan.n_scenarios - done
-    assert finished.results.attrs["content_sha256"] == fresh(asked, tmp_path)
+    finished = execute(extension, tmp_path / "out", extend=again)
+    assert finished.n_run == extension.plan.n_scenarios - done
+    assert finished.results.attrs["content_sha256"] == fresh_hash(extension, tmp_path)
 
 
-def killed(monkeypatch, study, out, **options):
+def kill_between_files(monkeypatch, study, out, **options):
     """A run that is killed after it wrote one of the two files that say what is run."""
-    write_both, written = StudyFolder.write_manifest, []
+    write_both, committed = StudyFolder.write_manifest, []
 
     def commit(path, data):
-        if written:
+        if committed:
             raise KeyboardInterrupt
-        written.append(path)
-        files.commit(path, data)
+        committed.append(path)
+        files.write_atomically(path, data)
 
     def write_one(*words):
         for module in (folder, stored):
@@ -166,35 +166,37 @@ def killed(monkeypatch, study, out, **options):
 
 
 def test_a_run_killed_before_its_first_shard_is_in_nobodys_way(study, tmp_path, monkeypatch):
-    killed(monkeypatch, study(BASE), tmp_path / "out")
-    asked = study(EXTENSIONS["end"])
-    assert execute(asked, tmp_path / "out", extend=True).results.attrs["content_sha256"] == fresh(asked, tmp_path)
+    kill_between_files(monkeypatch, study(BASE), tmp_path / "out")
+    extension = study(EXTENSIONS["end"])
+    assert execute(extension, tmp_path / "out", extend=True).results.attrs["content_sha256"] == fresh_hash(
+        extension, tmp_path
+    )
 
 
 def test_an_extension_killed_before_its_first_shard_loses_nothing(study, tmp_path, monkeypatch):
     run_shards(study(BASE), tmp_path / "out", None)
-    killed(monkeypatch, study(EXTENSIONS["middle"]), tmp_path / "out", extend=True)
-    with fc.open_study(tmp_path / "out") as found:
-        assert int((found["status"] == 0).sum()) == N
-        assert found.sizes["backlash"] == 3
+    kill_between_files(monkeypatch, study(EXTENSIONS["middle"]), tmp_path / "out", extend=True)
+    with fc.open_study(tmp_path / "out") as results:
+        assert int((results["status"] == 0).sum()) == N
+        assert results.sizes["backlash"] == 3
     with pytest.raises(fc.IntegrityError, match="add --extend to go on"):
         execute(study(EXTENSIONS["middle"]), tmp_path / "out")
     assert execute(study(BASE), tmp_path / "out").n_run == 0
-    killed(monkeypatch, study(EXTENSIONS["middle"]), tmp_path / "out", extend=True)
-    asked = study(EXTENSIONS["end"])
-    finished = execute(asked, tmp_path / "out", extend=True)
-    assert finished.n_run == asked.plan.n_scenarios - N
-    assert finished.results.attrs["content_sha256"] == fresh(asked, tmp_path)
+    kill_between_files(monkeypatch, study(EXTENSIONS["middle"]), tmp_path / "out", extend=True)
+    extension = study(EXTENSIONS["end"])
+    finished = execute(extension, tmp_path / "out", extend=True)
+    assert finished.n_run == extension.plan.n_scenarios - N
+    assert finished.results.attrs["content_sha256"] == fresh_hash(extension, tmp_path)
 
 
 REFUSED = {
-    "a removed value": (changed(sweep={"backlash": [0.02, 0.09, 0.15]}), "8 of the 24 scenarios"),
-    "a removed case": (changed(cases={"tuning": {"slow": {"kp": 0.02, "ti": 30}}}), "12 of the 24 scenarios"),
-    "a removed day": (changed(boundary={"seed": [3, 4]}), "12 of the 24 scenarios"),
-    "a changed constant": (changed(loop={"noise_std": 0.03}), "24 of the 24 scenarios"),
-    "another seed": (changed(run={"seed": 1}), r"\[run\] seed changed"),
-    "another warm-up": (changed(run={"warm_up": 200}), r"\[run\] warm_up changed"),
-    "other traces": (changed(run={"traces": ["T_sup"]}), r"\[run\] traces changed"),
+    "a removed value": (change_tables(sweep={"backlash": [0.02, 0.09, 0.15]}), "8 of the 24 scenarios"),
+    "a removed case": (change_tables(cases={"tuning": {"slow": {"kp": 0.02, "ti": 30}}}), "12 of the 24 scenarios"),
+    "a removed day": (change_tables(boundary={"seed": [3, 4]}), "12 of the 24 scenarios"),
+    "a changed constant": (change_tables(loop={"noise_std": 0.03}), "24 of the 24 scenarios"),
+    "another seed": (change_tables(run={"seed": 1}), r"\[run\] seed changed"),
+    "another warm-up": (change_tables(run={"warm_up": 200}), r"\[run\] warm_up changed"),
+    "other traces": (change_tables(run={"traces": ["T_sup"]}), r"\[run\] traces changed"),
 }
 
 
@@ -204,31 +206,31 @@ def test_what_is_no_extension_is_refused_and_nothing_touched(study, base, tmp_pa
 
 
 def test_an_unfinished_study_is_finished_before_it_is_extended(study, tmp_path, monkeypatch):
-    cut(monkeypatch, 8)
+    cut_studies(monkeypatch, 8)
     untraced = {"run": {"traces": None, "trace_interval": None}}
-    run_shards(study(changed(**untraced)), tmp_path / "out", None)
-    smaller = study(changed(sweep={"backlash": [0.02, 0.03, 0.05, 0.09]}, **untraced))
+    run_shards(study(change_tables(**untraced)), tmp_path / "out", None)
+    smaller = study(change_tables(sweep={"backlash": [0.02, 0.03, 0.05, 0.09]}, **untraced))
     run_until_stopped(smaller, tmp_path / "out", 1, extend=True)
-    larger = changed(sweep={"backlash": [0.02, 0.03, 0.05, 0.09, 0.11]}, **untraced)
+    larger = change_tables(sweep={"backlash": [0.02, 0.03, 0.05, 0.09, 0.11]}, **untraced)
     check_refused(study, tmp_path, larger, "is unfinished: finish it with the file that it was started from")
     execute(smaller, tmp_path / "out")
-    assert execute(study(larger), tmp_path / "out", extend=True).results.attrs["content_sha256"] == fresh(
+    assert execute(study(larger), tmp_path / "out", extend=True).results.attrs["content_sha256"] == fresh_hash(
         study(larger), tmp_path
     )
 
 
-def check_refused(study, tmp_path, other, sentence):
-    before = image(tmp_path / "out")
+def check_refused(study, tmp_path, tables, sentence):
+    before = read_files(tmp_path / "out")
     with pytest.raises(InputError, match=f"--extend: {sentence}|--extend: .*{sentence}"):
-        execute(study(other), tmp_path / "out", extend=True)
-    assert image(tmp_path / "out") == before
+        execute(study(tables), tmp_path / "out", extend=True)
+    assert read_files(tmp_path / "out") == before
 
 
 @pytest.mark.parametrize("n_shards", [None, 2], ids=["finished", "unfinished"])
 def test_without_extend_another_version_is_refused(study, tmp_path, monkeypatch, n_shards):
-    cut(monkeypatch, 6)
+    cut_studies(monkeypatch, 6)
     run_shards(study(BASE), tmp_path / "out", n_shards)
-    before = image(tmp_path / "out")
+    before = read_files(tmp_path / "out")
     study(EXTENSIONS["end"])
     words = ["run", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out"), "--no-figures"]
     result = CliRunner().invoke(main, words)
@@ -236,22 +238,22 @@ def test_without_extend_another_version_is_refused(study, tmp_path, monkeypatch,
     assert "add --extend if only values were added" in result.stderr
     assert str(tmp_path / "out" / "study.toml") in result.stderr
     assert "Traceback" not in result.output
-    assert image(tmp_path / "out") == before
+    assert read_files(tmp_path / "out") == before
 
 
 def test_traces_with_volumes_grow_with_the_largest_coil(study, tmp_path):
     traces = {"traces": ["T_c", "u"]}
-    execute(study(changed(run=traces, loop={"n_volumes": 4})), tmp_path / "out")
-    asked = study(changed(run=traces, sweep={"n_volumes": [8, 4]}))
-    finished = execute(asked, tmp_path / "out", extend=True)
-    assert finished.n_run == asked.plan.n_scenarios - N
-    assert finished.results.attrs["content_sha256"] == fresh(asked, tmp_path)
+    execute(study(change_tables(run=traces, loop={"n_volumes": 4})), tmp_path / "out")
+    extension = study(change_tables(run=traces, sweep={"n_volumes": [8, 4]}))
+    finished = execute(extension, tmp_path / "out", extend=True)
+    assert finished.n_run == extension.plan.n_scenarios - N
+    assert finished.results.attrs["content_sha256"] == fresh_hash(extension, tmp_path)
 
 
 def test_an_extension_without_new_scenarios_runs_none(study, base, tmp_path, monkeypatch):
     monkeypatch.setattr(runner, "make_pool", None)
-    asked = study(changed(sweep={"backlash": [0.09, 0.05, 0.02]}))
-    finished = execute(asked, tmp_path / "out", extend=True)
+    extension = study(change_tables(sweep={"backlash": [0.09, 0.05, 0.02]}))
+    finished = execute(extension, tmp_path / "out", extend=True)
     assert finished.n_run == 0
     monkeypatch.undo()
-    assert finished.results.attrs["content_sha256"] == fresh(asked, tmp_path)
+    assert finished.results.attrs["content_sha256"] == fresh_hash(extension, tmp_path)

@@ -5,29 +5,29 @@ import os
 import shutil
 
 import pytest
-from helpers.failing_files import Nth, operations
+from helpers.failing_files import NthOperation, intercept_operations
 from helpers.studies import (
     DAYS,
-    PLAIN,
+    PLAIN_STUDY,
     SITUATIONS,
-    TRACED,
-    copied,
-    golden,
-    resume,
+    TRACED_STUDY,
+    copy_run,
+    resume_to_end,
     run,
-    shards,
-    unfinished,
+    shard_files,
+    undisturbed_hash,
+    unfinished_files,
     write_study,
 )
 
 from fastcoil.base.errors import IntegrityError, StorageError
 from fastcoil.study import run as runner
-from fastcoil.study.folder.stored import SHARD_NAME
+from fastcoil.study.folder.stored import SHARD_NAME_PATTERN
 
 pytestmark = pytest.mark.kernel
 
 
-def sweep(tmp_path, situation, *, lasting=False, stride=1):
+def fail_each_operation(tmp_path, situation, *, lasting=False, stride=1):
     """Let the n-th operation on files fail, n = 1, 2, … until none is left; each time the next run must repair it."""
     text, prepare = SITUATIONS[situation]
     out, before = tmp_path / "out", tmp_path / "before"
@@ -46,10 +46,10 @@ def sweep(tmp_path, situation, *, lasting=False, stride=1):
         shutil.rmtree(out, ignore_errors=True)
         if before.exists():
             shutil.copytree(before, out)
-        nth = Nth(n, fail, lasting=lasting)
-        was = {p.name: p.read_bytes() for p in shards(out)}
+        nth = NthOperation(n, fail, lasting=lasting)
+        shards_before = {p.name: p.read_bytes() for p in shard_files(out)}
         try:
-            with operations(out, nth):
+            with intercept_operations(out, nth):
                 finished = runner.execute(study, out, n_jobs=1, extend=True)
         except StorageError as refused:
             message = str(refused)
@@ -58,15 +58,18 @@ def sweep(tmp_path, situation, *, lasting=False, stride=1):
             assert "cannot be read" in message  # noqa: PT017
             assert nth.done[n - 1] == "open for reading"
         else:  # nothing failed, or what nobody needs
-            assert finished.results.attrs["content_sha256"] == golden(text), (n, nth.done)
+            assert finished.results.attrs["content_sha256"] == undisturbed_hash(text), (n, nth.done)
             message = ""
         assert not message or os.strerror(error) in message, (n, nth.done)
         reached = len(nth.done) >= n
-        assert lasting or unfinished(out) == [], (n, nth.done)
-        assert all(p.read_bytes() == was[p.name] for p in shards(out) if p.name in was), (n, nth.done)
-        assert not out.exists() or not (out / "run.json").exists() or all(map(SHARD_NAME.fullmatch, (
-            p.name for p in shards(out) if not p.name.endswith(".tmp")))), (n, nth.done)  # fmt: skip
-        assert resume(out, text, extend=True) == [], (n, nth.done)
+        assert lasting or unfinished_files(out) == [], (n, nth.done)
+        assert all(p.read_bytes() == shards_before[p.name] for p in shard_files(out) if p.name in shards_before), (
+            n,
+            nth.done,
+        )
+        assert not out.exists() or not (out / "run.json").exists() or all(map(SHARD_NAME_PATTERN.fullmatch, (
+            p.name for p in shard_files(out) if not p.name.endswith(".tmp")))), (n, nth.done)  # fmt: skip
+        assert resume_to_end(out, text, extend=True) == [], (n, nth.done)
         n += stride
     return n
 
@@ -76,11 +79,11 @@ def sweep(tmp_path, situation, *, lasting=False, stride=1):
     [("extended", 127), *(pytest.param(name, 1, marks=pytest.mark.full) for name in SITUATIONS)],
 )
 def test_whichever_operation_fails_the_run_ends_with_4_and_the_next_one_completes_it(tmp_path, situation, stride):
-    assert sweep(tmp_path, situation, stride=stride) > 50
+    assert fail_each_operation(tmp_path, situation, stride=stride) > 50
 
 
 def test_a_shard_whose_fsync_fails_once_is_not_written_and_fsync_is_not_tried_again(out, monkeypatch):
-    copied(PLAIN, out, 1)
+    copy_run(PLAIN_STUDY, out, 1)
     calls, real = [], os.fsync
 
     def fsync(descriptor):
@@ -89,20 +92,20 @@ def test_a_shard_whose_fsync_fails_once_is_not_written_and_fsync_is_not_tried_ag
             raise OSError(errno.EIO, os.strerror(errno.EIO))
         real(descriptor)
 
-    before = shards(out)
+    before = shard_files(out)
     monkeypatch.setattr(os, "fsync", fsync)
     with pytest.raises(StorageError, match="Input/output error"):
-        run(PLAIN, out)
+        run(PLAIN_STUDY, out)
     assert len(calls) == 1
-    assert shards(out) == before
+    assert shard_files(out) == before
     monkeypatch.undo()
-    resume(out)
+    resume_to_end(out)
 
 
 def test_bytes_are_on_the_disk_before_a_name_points_to_them(out):
     done = []
-    with operations(out, done.append):
-        run(TRACED, out)
+    with intercept_operations(out, done.append):
+        run(TRACED_STUDY, out)
     # .holder; run.json, study.toml, shards; traces and results.nc, each after its hash in run.json; run.json
     replaced = [k for k, name in enumerate(done) if name == "replace"]
     assert len(replaced) == 1 + 2 + DAYS + 4 + 1
@@ -117,8 +120,8 @@ def test_bytes_are_on_the_disk_before_a_name_points_to_them(out):
 
 def test_a_folder_is_on_the_disk_before_anything_is_in_it(out):
     done = []
-    with operations(out, done.append):
-        run(PLAIN, out)
-    made = [k for k, name in enumerate(done) if name == "mkdir"]
-    for k in (made[0], made[-1]):  # the folder and shards/; the library of locks asks for the folder, too
+    with intercept_operations(out, done.append):
+        run(PLAIN_STUDY, out)
+    mkdir_steps = [k for k, name in enumerate(done) if name == "mkdir"]
+    for k in (mkdir_steps[0], mkdir_steps[-1]):  # the folder and shards/; the library of locks asks for the folder, too
         assert "fsync" in done[k + 1 : k + 3]

@@ -11,7 +11,7 @@ import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
-from helpers.studies import TRACED, contents, golden, larger, run, verify
+from helpers.studies import TRACED_STUDY, folder_contents, run, undisturbed_hash, verify_unchanged, with_larger_sweep
 
 import fastcoil as fc
 from fastcoil.base.errors import IntegrityError, StorageError
@@ -19,9 +19,9 @@ from fastcoil.loops import netcdf
 from fastcoil.loops.provenance import combined_sha256
 from fastcoil.model.metric_table import METRICS
 from fastcoil.study import maintenance
-from fastcoil.study.archive import pack
+from fastcoil.study.archive import write_archive
 from fastcoil.study.folder.results import open_results
-from fastcoil.study.folder.stored import Manifest, find_variable_problems, open_final
+from fastcoil.study.folder.stored import Manifest, find_variable_problems, open_final_results
 
 pytestmark = pytest.mark.kernel
 
@@ -30,7 +30,7 @@ pytestmark = pytest.mark.kernel
 def finished(tmp_path_factory):
     """The folder of a finished study with traces; not to be changed."""
     out = tmp_path_factory.mktemp("finished") / "out"
-    run(TRACED, out)
+    run(TRACED_STUDY, out)
     return out
 
 
@@ -41,11 +41,11 @@ def copied(finished, out):
     return out
 
 
-def traces_of(folder):
+def trace_path(folder):
     return next(folder.glob("traces-*.nc"))
 
 
-def zeroed(path, sector):
+def zero_sector(path, sector):
     """Write zeros over a sector, as a failing disk does."""
     data = bytearray(path.read_bytes())
     data[512 * sector : 512 * (sector + 1)] = bytes(len(data[512 * sector : 512 * (sector + 1)]))
@@ -56,12 +56,12 @@ def zeroed(path, sector):
 
 
 def test_no_byte_of_a_damaged_file_is_parsed(copied, monkeypatch):
-    zeroed(copied / "results.nc", 8)  # the library never returns from these bytes
+    zero_sector(copied / "results.nc", 8)  # the library never returns from these bytes
     monkeypatch.setattr(netCDF4, "Dataset", None)
-    for what in (fc.open_study, lambda out: run(TRACED, out)):
+    for what in (fc.open_study, lambda out: run(TRACED_STUDY, out)):
         with pytest.raises(IntegrityError, match=r"results\.nc is damaged.*delete it and run the study again"):
             what(copied)
-    assert "results.nc is damaged" in " ".join(verify(copied))
+    assert "results.nc is damaged" in " ".join(verify_unchanged(copied))
 
 
 @pytest.mark.parametrize(
@@ -76,18 +76,18 @@ def test_a_sound_file_that_cannot_be_opened_is_not_called_damaged(copied, monkey
         raise error
 
     monkeypatch.setattr(netcdf, "parse", refuse)
-    said = "cannot be read: .*; its bytes are as they were written"
+    message = "cannot be read: .*; its bytes are as they were written"
     for read in (lambda: fc.open_study(copied), ds["T_sup"].load, lambda: find_variable_problems(ds, copied)):
-        with pytest.raises(StorageError, match=said) as refused:
+        with pytest.raises(StorageError, match=message) as refused:
             read()
         assert refused.value.exit_code == 4
     ds.close()
     monkeypatch.undo()
-    assert verify(copied) == []
+    assert verify_unchanged(copied) == []
 
 
 def test_damaged_traces_are_found_when_they_are_read_and_metrics_stay_readable(copied):
-    path = traces_of(copied)
+    path = trace_path(copied)
     good = path.read_bytes()
     path.unlink()
     path.write_bytes(good[:-1] + bytes([good[-1] ^ 1]))
@@ -97,7 +97,7 @@ def test_damaged_traces_are_found_when_they_are_read_and_metrics_stay_readable(c
     with pytest.raises(IntegrityError, match=r"traces-.* is damaged.*delete results\.nc and run the study again"):
         ds["T_sup"].isel(day=0).load()
     with pytest.raises(IntegrityError, match="is damaged"):
-        run(TRACED, copied)
+        run(TRACED_STUDY, copied)
 
 
 def test_traces_are_hashed_once_in_a_process_and_not_before_they_are_read(finished, monkeypatch):
@@ -109,8 +109,8 @@ def test_traces_are_hashed_once_in_a_process_and_not_before_they_are_read(finish
     for k in range(3):
         assert ds["T_sup"].isel(day=k).values.shape == ds["T_sup"].shape[1:]
     assert float(fc.open_study(finished)["T_sup"].isel(day=0, elapsed_time=0).max()) == 20.0
-    assert hashed == ["results.nc", traces_of(finished).name]
-    assert verify(finished) == []
+    assert hashed == ["results.nc", trace_path(finished).name]
+    assert verify_unchanged(finished) == []
     assert len(hashed) == 4  # verify trusts no memory
 
 
@@ -125,14 +125,16 @@ def test_between_its_hash_and_its_name_a_new_file_leaves_the_old_one_readable(co
     with monkeypatch.context() as patch:
         patch.setattr(os, "replace", killed)
         with pytest.raises(KeyboardInterrupt):
-            run(larger(TRACED), copied, extend=True)
+            run(with_larger_sweep(TRACED_STUDY), copied, extend=True)
     halfway = Manifest.read(copied)
     assert not halfway.finished
     assert len(halfway.outputs["results.nc"]) == 2
-    assert verify(copied) == []
+    assert verify_unchanged(copied) == []
     partly = fc.open_study(copied)
     np.testing.assert_array_equal(partly["rmse"].sel(backlash=before["backlash"]), before["rmse"])
-    assert run(larger(TRACED), copied, extend=True) == golden(larger(TRACED))
+    assert run(with_larger_sweep(TRACED_STUDY), copied, extend=True) == undisturbed_hash(
+        with_larger_sweep(TRACED_STUDY)
+    )
     assert all(len(hashes) == 1 for hashes in Manifest.read(copied).outputs.values())
 
 
@@ -156,8 +158,8 @@ def test_lazy_traces_give_what_loaded_ones_give(finished):
 def test_opened_results_leave_no_file_open(finished):
     ds = fc.open_study(finished)
     ds["T_sup"].isel(day=0).load()
-    found = map(os.path.realpath, (f"/proc/self/fd/{number}" for number in os.listdir("/proc/self/fd")))
-    assert not [name for name in found if "traces-" in name and str(finished) in name]
+    open_files = map(os.path.realpath, (f"/proc/self/fd/{number}" for number in os.listdir("/proc/self/fd")))
+    assert not [name for name in open_files if "traces-" in name and str(finished) in name]
 
 
 # --- files without a recorded hash ------------------------------------------------------------------------------------
@@ -166,15 +168,15 @@ def test_opened_results_leave_no_file_open(finished):
 def test_results_whose_run_json_was_lost_are_tried_and_the_next_run_records_their_hashes(copied):
     outputs = Manifest.read(copied).outputs
     (copied / "run.json").unlink()
-    before = contents(copied)
-    said = r"run\.json is missing: the results are of fastcoil 0\.1, .* or it was lost, and running the same"
-    other = lambda out: run(larger(TRACED), out, extend=True)  # noqa: E731
-    for what in (open_results, maintenance.verify, maintenance.status, pack, other):
-        with pytest.raises(IntegrityError, match=said):
+    before = folder_contents(copied)
+    message = r"run\.json is missing: the results are of fastcoil 0\.1, .* or it was lost, and running the same"
+    extend_larger = lambda out: run(with_larger_sweep(TRACED_STUDY), out, extend=True)  # noqa: E731
+    for what in (open_results, maintenance.verify, maintenance.status, write_archive, extend_larger):
+        with pytest.raises(IntegrityError, match=message):
             what(copied)
-    assert contents(copied) == before
-    assert run(TRACED, copied) == golden(TRACED)
-    assert contents(copied)["results.nc"] == before["results.nc"]
+    assert folder_contents(copied) == before
+    assert run(TRACED_STUDY, copied) == undisturbed_hash(TRACED_STUDY)
+    assert folder_contents(copied)["results.nc"] == before["results.nc"]
     assert Manifest.read(copied).finished
     assert Manifest.read(copied).outputs == outputs
 
@@ -182,36 +184,36 @@ def test_results_whose_run_json_was_lost_are_tried_and_the_next_run_records_thei
 def test_a_file_that_nobody_knows_and_that_hangs_the_library_is_refused_in_time(copied, monkeypatch):
     endless = copied / "endless.py"
     endless.write_text("while True: pass")
-    monkeypatch.setattr(netcdf, "_SECONDS", 1)
-    monkeypatch.setattr(netcdf, "_passed", set())
-    monkeypatch.setattr(netcdf, "_READER", endless)
+    monkeypatch.setattr(netcdf, "_PROBE_SECONDS", 1)
+    monkeypatch.setattr(netcdf, "_readable_files", set())
+    monkeypatch.setattr(netcdf, "_PROBE_SCRIPT", endless)
     with pytest.raises(IntegrityError, match=r"results\.nc is damaged: reading it did not end in 1 s; delete it"):
-        open_final(copied, None)
+        open_final_results(copied, None)
 
 
 def test_a_changed_value_of_a_small_trace_is_found_without_a_recorded_hash(copied):
-    with netCDF4.Dataset(traces_of(copied), "a") as file:
+    with netCDF4.Dataset(trace_path(copied), "a") as file:
         file["mode"][0, 0, 0, 3] = 9 - file["mode"][0, 0, 0, 3]
     with pytest.raises(IntegrityError, match="mode is damaged"):
-        open_final(copied, None)
+        open_final_results(copied, None)
 
 
 def test_a_child_that_crashes_or_finds_no_netcdf_is_reported_in_a_sentence(tmp_path, monkeypatch):
     path = tmp_path / "results.nc"
     path.write_bytes(b"CDF\1 and what follows is none")
     with pytest.raises(IntegrityError, match=r"cannot be read as NetCDF \(.*\); throw it away"):
-        netcdf.try_reading(path, "throw it away")
+        netcdf.probe_file(path, "throw it away")
     crash = tmp_path / "crash.py"
     crash.write_text("import os; os.kill(os.getpid(), 11)")
-    monkeypatch.setattr(netcdf, "_READER", crash)
+    monkeypatch.setattr(netcdf, "_PROBE_SCRIPT", crash)
     with pytest.raises(IntegrityError, match="the library ended with signal 11"):
-        netcdf.try_reading(path, "throw it away")
+        netcdf.probe_file(path, "throw it away")
 
 
 @pytest.mark.parametrize("make", [os.mkfifo, os.mkdir], ids=["fifo", "folder"])
 @pytest.mark.parametrize("name", ["results.nc", "traces"])
 def test_what_is_no_file_is_refused_and_blocks_nobody(copied, make, name):
-    path = copied / name if name == "results.nc" else traces_of(copied)
+    path = copied / name if name == "results.nc" else trace_path(copied)
     path.unlink()
     make(path)
     with pytest.raises(IntegrityError, match="is not a regular file"):
@@ -221,10 +223,10 @@ def test_what_is_no_file_is_refused_and_blocks_nobody(copied, make, name):
 # --- content ----------------------------------------------------------------------------------------------------------
 
 
-def opened(folder):
+def open_unchecked(folder):
     """Open results whose bytes are as they were written, whatever they say."""
     hashes = {"results.nc": [netcdf.file_sha256(folder / "results.nc")]}
-    return open_final(folder, Manifest("", "", "", "", outputs=hashes))
+    return open_final_results(folder, Manifest("", "", "", "", outputs=hashes))
 
 
 def forge(ds, path):
@@ -252,20 +254,20 @@ def damaged_parameter(ds):
 
 
 @pytest.mark.parametrize("damage", [damaged_value, damaged_label, damaged_unit, damaged_parameter])
-def test_a_content_that_is_not_that_of_its_hash_is_detected(tmp_path, swept, damage):
-    changed = swept.copy(deep=True)
+def test_a_content_that_is_not_that_of_its_hash_is_detected(tmp_path, swept_result, damage):
+    changed = swept_result.copy(deep=True)
     damage(changed)
     netcdf.save(changed, tmp_path / "results.nc")
     with pytest.raises(IntegrityError, match="is damaged \\(content_sha256 differs\\)"):
-        opened(tmp_path)
+        open_unchecked(tmp_path)
 
 
-def test_a_file_of_a_later_version_and_a_missing_one_are_refused(tmp_path, swept):
+def test_a_file_of_a_later_version_and_a_missing_one_are_refused(tmp_path, swept_result):
     with pytest.raises(fc.InputError, match="does not exist"):
-        open_final(tmp_path, None)
-    netcdf.save(swept.assign_attrs(fastcoil_format=99), tmp_path / "results.nc")
+        open_final_results(tmp_path, None)
+    netcdf.save(swept_result.assign_attrs(fastcoil_format=99), tmp_path / "results.nc")
     with pytest.raises(fc.InputError, match="later version"):
-        opened(tmp_path)
+        open_unchecked(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -279,10 +281,10 @@ def test_a_file_of_a_later_version_and_a_missing_one_are_refused(tmp_path, swept
         {"fastcoil_format": "x"},
     ],
 )
-def test_attributes_that_nobody_wrote_are_refused(tmp_path, swept, attrs):
-    forge(swept[[*METRICS, "status"]].assign_attrs(attrs), tmp_path / "results.nc")
+def test_attributes_that_nobody_wrote_are_refused(tmp_path, swept_result, attrs):
+    forge(swept_result[[*METRICS, "status"]].assign_attrs(attrs), tmp_path / "results.nc")
     with pytest.raises(IntegrityError, match=r"results\.nc (is not a result|names traces|cannot be understood)"):
-        opened(tmp_path)
+        open_unchecked(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -290,20 +292,25 @@ def test_attributes_that_nobody_wrote_are_refused(tmp_path, swept, attrs):
     [lambda ds: ds.drop_vars("status"), lambda ds: ds.assign(rmse=ds["rmse"].astype(str))],
     ids=["no status", "words as a metric"],
 )
-def test_results_of_another_form_are_refused_whatever_their_hash(tmp_path, swept, change):
-    forge(change(swept[[*METRICS, "status"]]), tmp_path / "results.nc")
+def test_results_of_another_form_are_refused_whatever_their_hash(tmp_path, swept_result, change):
+    forge(change(swept_result[[*METRICS, "status"]]), tmp_path / "results.nc")
     with pytest.raises(IntegrityError, match=r"is not a result of a study .*; delete it"):
-        opened(tmp_path)
+        open_unchecked(tmp_path)
 
 
-def test_traces_of_another_form_than_the_results_say_are_refused_when_they_are_read(tmp_path, swept):
-    netcdf.save(swept[["T_sup"]], tmp_path / "traces-x.nc")
-    described = {"dims": swept["T_sup"].dims, "shape": swept["T_sup"].shape, "dtype": "float64", "attrs": {}}
-    for layout in ({"T_w": described}, {"T_sup": described | {"shape": (*swept["T_sup"].shape[:-1], 99)}}):
-        results = swept.drop_vars(["T_sup", "mode", "T_c", "elapsed_time", "volume"]).assign_attrs(
+def test_traces_of_another_form_than_the_results_say_are_refused_when_they_are_read(tmp_path, swept_result):
+    netcdf.save(swept_result[["T_sup"]], tmp_path / "traces-x.nc")
+    described = {
+        "dims": swept_result["T_sup"].dims,
+        "shape": swept_result["T_sup"].shape,
+        "dtype": "float64",
+        "attrs": {},
+    }
+    for layout in ({"T_w": described}, {"T_sup": described | {"shape": (*swept_result["T_sup"].shape[:-1], 99)}}):
+        results = swept_result.drop_vars(["T_sup", "mode", "T_c", "elapsed_time", "volume"]).assign_attrs(
             trace_file="traces-x.nc", trace_layout=json.dumps(layout), trace_sha256="{}"
         )
         forge(results, tmp_path / "results.nc")
         hashes = {name: [netcdf.file_sha256(tmp_path / name)] for name in ("results.nc", "traces-x.nc")}
         with pytest.raises(IntegrityError, match=r"traces-x\.nc holds no such T_"):
-            open_final(tmp_path, Manifest("", "", "", "", outputs=hashes)).load()
+            open_final_results(tmp_path, Manifest("", "", "", "", outputs=hashes)).load()

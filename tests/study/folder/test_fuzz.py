@@ -7,8 +7,8 @@ import warnings
 
 import numpy as np
 import pytest
-from helpers.damage import damaged, edited
-from helpers.studies import DAYS, TRACED, golden, run, run_until_interrupted
+from helpers.damage import damage_bytes, edit_json
+from helpers.studies import DAYS, TRACED_STUDY, run, run_until_interrupted, undisturbed_hash
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError, IntegrityError
@@ -18,7 +18,7 @@ from fastcoil.study.folder import stored
 
 pytestmark = pytest.mark.kernel
 
-_LONGEST = 60.0
+_MAX_SECONDS = 60.0
 """Seconds; a hint that something hangs, not a measure."""
 
 
@@ -26,30 +26,30 @@ _LONGEST = 60.0
 def originals(tmp_path_factory):
     """Folders by what happened to them before, and the right numbers."""
     place = tmp_path_factory.mktemp("originals")
-    run(TRACED, place / "finished")
+    run(TRACED_STUDY, place / "finished")
     with fc.open_study(place / "finished") as ds:
         right = ds.load()
-    run_until_interrupted(TRACED, place / "unfinished", DAYS - 1)
+    run_until_interrupted(TRACED_STUDY, place / "unfinished", DAYS - 1)
     shutil.copytree(place / "finished", place / "without run.json", ignore=shutil.ignore_patterns("run.json"))
     return place, right
 
 
-def files(folder):
+def find_files(folder):
     """The files that may be damaged."""
     return sorted(p for p in folder.rglob("*") if p.is_file() and p.name != ".lock")
 
 
-def check(found, right):
+def check_results(results, right):
     """Whatever was computed is right."""
-    done = (found["status"] == 0).values
-    assert set(np.unique(found["status"].values)) <= {0, 3}
+    done = (results["status"] == 0).values
+    assert set(np.unique(results["status"].values)) <= {0, 3}
     for name in ("rmse", "switch_frequency", "T_sup", "mode"):
-        np.testing.assert_array_equal(found[name].values[done], right[name].values[done], err_msg=name)
+        np.testing.assert_array_equal(results[name].values[done], right[name].values[done], err_msg=name)
     for name in right.coords:
-        np.testing.assert_array_equal(found[name].values, right[name].values, err_msg=str(name))
+        np.testing.assert_array_equal(results[name].values, right[name].values, err_msg=str(name))
 
 
-def outcome(what):
+def run_or_error(what):
     """What a command gives, or the error that it may end with."""
     start = time.monotonic()
     try:
@@ -57,48 +57,48 @@ def outcome(what):
     except (IntegrityError, InputError) as error:
         return error
     finally:
-        assert time.monotonic() - start < _LONGEST
+        assert time.monotonic() - start < _MAX_SECONDS
 
 
-def forget():
+def clear_caches():
     """What this process knows of files: they are written faster than the clock of the file system runs."""
     netcdf._sha256_of.cache_clear()
-    netcdf._passed.clear()
+    netcdf._readable_files.clear()
 
 
-def ordeal(originals, out, kind, seed):
+def damage_and_repair(originals, out, kind, seed):
     """Damage one file, use every command, and see whether a run repairs what can be repaired."""
     place, right = originals
     shutil.rmtree(out, ignore_errors=True)
     shutil.copytree(place / kind, out)
     dice = random.Random(f"{kind} {seed}")
-    path = dice.choice(files(out))
+    path = dice.choice(find_files(out))
     good = path.read_bytes()
-    bad = edited(good, dice, stored.checksum) if path.suffix == ".json" and seed % 2 else damaged(good, dice)
+    bad = edit_json(good, dice, stored.checksum) if path.suffix == ".json" and seed % 2 else damage_bytes(good, dice)
     path.unlink()
     path.write_bytes(bad)
-    forget()
-    said = f"{kind} {seed}: {path.name}"
+    clear_caches()
+    label = f"{kind} {seed}: {path.name}"
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        opened = outcome(lambda: fc.open_study(out).load())
+        opened = run_or_error(lambda: fc.open_study(out).load())
         if not isinstance(opened, Exception):
-            check(opened, right)
-        outcome(lambda: maintenance.status(out))
-        problems = outcome(lambda: maintenance.verify(out))
-        again = outcome(lambda: run(TRACED, out))
-        if isinstance(again, Exception):
-            assert problems, said
+            check_results(opened, right)
+        run_or_error(lambda: maintenance.status(out))
+        problems = run_or_error(lambda: maintenance.verify(out))
+        second_run = run_or_error(lambda: run(TRACED_STUDY, out))
+        if isinstance(second_run, Exception):
+            assert problems, label
             return False
-        assert again == golden(TRACED), said
-        assert maintenance.verify(out) == [], said
-        check(fc.open_study(out).load(), right)
+        assert second_run == undisturbed_hash(TRACED_STUDY), label
+        assert maintenance.verify(out) == [], label
+        check_results(fc.open_study(out).load(), right)
     return problems == []
 
 
-def ordeals(originals, out, kind, seeds):
+def damage_and_repair_all(originals, out, kind, seeds):
     """Many of them; some must do no harm, and most must."""
-    harmless = sum(ordeal(originals, out, kind, seed) for seed in seeds)
+    harmless = sum(damage_and_repair(originals, out, kind, seed) for seed in seeds)
     assert harmless < len(seeds)
 
 
@@ -114,5 +114,5 @@ def ordeals(originals, out, kind, seeds):
     ],
 )
 def test_damage_gives_the_right_numbers_or_a_sentence(originals, out, monkeypatch, kind, seeds):
-    monkeypatch.setattr(netcdf, "_SECONDS", 5)
-    ordeals(originals, out, kind, seeds)
+    monkeypatch.setattr(netcdf, "_PROBE_SECONDS", 5)
+    damage_and_repair_all(originals, out, kind, seeds)

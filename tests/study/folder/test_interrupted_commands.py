@@ -8,8 +8,8 @@ import time
 
 import pytest
 from click.testing import CliRunner
-from helpers.processes import environment
-from helpers.studies import PLAIN, shards, unfinished
+from helpers.processes import child_environment
+from helpers.studies import PLAIN_STUDY, shard_files, unfinished_files
 
 from fastcoil.cli.main import main
 from fastcoil.study import maintenance
@@ -17,7 +17,7 @@ from fastcoil.study import run as runner
 
 pytestmark = pytest.mark.kernel
 
-LONG = PLAIN.replace("hours = 0.25", "hours = 8").replace("[0.0, 0.9]", "{ linspace = [0.0, 1.5, 6000] }")
+LONG = PLAIN_STUDY.replace("hours = 0.25", "hours = 8").replace("[0.0, 0.9]", "{ linspace = [0.0, 1.5, 6000] }")
 """Seconds of work in several shards a day."""
 
 
@@ -30,7 +30,7 @@ def command(tmp_path):
     def start(*words, **options):
         options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "cwd": tmp_path} | options
         words = words or ("run", "my study.toml", "-o", "out", "-j", "1", "--no-figures")
-        process = subprocess.Popen([sys.executable, "-m", "fastcoil", *words], env=environment(), **options)
+        process = subprocess.Popen([sys.executable, "-m", "fastcoil", *words], env=child_environment(), **options)
         started.append(process)
         return process
 
@@ -44,7 +44,7 @@ def command(tmp_path):
 def wait_for_shards(process, folder, n=1):
     """Until there are some, or a minute is over."""
     end = time.monotonic() + 60
-    while len([p for p in shards(folder) if p.suffix == ".nc" and not p.name.startswith(".")]) < n:
+    while len([p for p in shard_files(folder) if p.suffix == ".nc" and not p.name.startswith(".")]) < n:
         assert process.poll() is None, process.communicate()
         assert time.monotonic() < end
         time.sleep(0.01)
@@ -56,12 +56,12 @@ def test_a_run_that_is_asked_to_end_does_so_at_once_and_says_how_to_go_on(comman
     process = command()
     wait_for_shards(process, tmp_path / "out")
     process.send_signal(number)
-    _, said = process.communicate(timeout=5)
-    assert process.returncode == 143, said
-    assert "finished scenarios are kept, to resume: fastcoil run" in said
-    assert "Traceback" not in said
+    _, stderr = process.communicate(timeout=5)
+    assert process.returncode == 143, stderr
+    assert "finished scenarios are kept, to resume: fastcoil run" in stderr
+    assert "Traceback" not in stderr
     assert not (tmp_path / "out" / "results.nc").exists()
-    assert unfinished(tmp_path / "out") == []
+    assert unfinished_files(tmp_path / "out") == []
     assert maintenance.verify(tmp_path / "out") == []
     assert any("Unfinished" in line for line in maintenance.status(tmp_path / "out"))
 
@@ -99,10 +99,10 @@ def test_ctrl_c_before_the_first_shard_leaves_no_folder(command, tmp_path):
     while not (tmp_path / "deep" / "out" / ".holder").exists():
         assert time.monotonic() < end
         time.sleep(0.002)
-    if shards(tmp_path / "deep" / "out"):
+    if shard_files(tmp_path / "deep" / "out"):
         pytest.skip("this machine was faster")
     process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=5)
-    assert process.returncode == 130, said
+    _, stderr = process.communicate(timeout=5)
+    assert process.returncode == 130, stderr
     assert not (tmp_path / "deep").exists()
-    assert "to resume" not in said
+    assert "to resume" not in stderr

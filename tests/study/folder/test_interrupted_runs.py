@@ -7,11 +7,19 @@ import time
 
 import psutil
 import pytest
-from helpers.processes import N_SCENARIOS, STUDY, children, ended, gone, started, wait_for
+from helpers.processes import (
+    N_SCENARIOS,
+    STUDY_TEXT,
+    have_ended,
+    living_descendants,
+    start_python,
+    wait_for,
+    wait_for_end,
+)
 
 import fastcoil as fc
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.folder.stored import SHARDS
+from fastcoil.study.folder.stored import SHARDS_FOLDER
 from fastcoil.study.run import execute
 
 pytestmark = [
@@ -25,7 +33,7 @@ pytestmark = [
 @pytest.fixture
 def slow_run(tmp_path):
     """Start the command line on a study whose shards take half a second each."""
-    (tmp_path / "small.toml").write_text(STUDY, encoding="utf-8")
+    (tmp_path / "small.toml").write_text(STUDY_TEXT, encoding="utf-8")
     script = (
         "import sys, pytest\n"
         "from helpers import failing_shards, processes\n"
@@ -42,16 +50,16 @@ def slow_run(tmp_path):
 
     def start():
         words = ("slow.py", "-", "run", "small.toml", "-o", "out", "--backend", "loky", "-j", 1, "--no-figures")
-        runs.append(started(*words, cwd=tmp_path))
-        wait_for(lambda: len(list((tmp_path / "out" / SHARDS).glob("*.nc"))) >= 1, within=60)
+        runs.append(start_python(*words, cwd=tmp_path))
+        wait_for(lambda: len(list((tmp_path / "out" / SHARDS_FOLDER).glob("*.nc"))) >= 1, seconds=60)
         return runs[-1]
 
     yield start
     for run in runs:
-        ended(run, 1)
+        wait_for_end(run, 1)
 
 
-def resumed(folder, golden):
+def finish(folder, golden):
     finished = execute(read_study(folder / "small.toml"), folder / "out")
     assert 0 < finished.n_run < N_SCENARIOS
     assert finished.results.attrs["content_sha256"] == golden
@@ -67,19 +75,19 @@ def resumed(folder, golden):
 )
 def test_a_signal_ends_a_run_and_its_workers_at_once_and_it_can_go_on(slow_run, golden, tmp_path, number, times, code):
     run = slow_run()
-    workers = children(run.pid)
+    workers = living_descendants(run.pid)
     assert workers
     start = time.monotonic()
     for _ in range(times):
         os.killpg(run.pid, number)
         time.sleep(0.1)
-    ended_with, _, err = ended(run, 20)
+    ended_with, _, err = wait_for_end(run, 20)
     assert time.monotonic() - start < 5
     assert ended_with == code
     assert err.splitlines()[-1].startswith("fastcoil: interrupted; finished scenarios are kept, to resume:")
     assert "Traceback" not in err
-    assert gone(workers.values(), 2)
-    resumed(tmp_path, golden)
+    assert have_ended(workers.values(), 2)
+    finish(tmp_path, golden)
 
 
 def test_no_worker_outlives_a_run_that_is_killed(slow_run, golden, tmp_path):
@@ -87,21 +95,21 @@ def test_no_worker_outlives_a_run_that_is_killed(slow_run, golden, tmp_path):
     workers = [p for p in psutil.Process(run.pid).children(recursive=True)]
     assert len(workers) >= 2
     run.kill()
-    assert gone(workers, 2), [p.cmdline() for p in workers if p.is_running()]
+    assert have_ended(workers, 2), [p.cmdline() for p in workers if p.is_running()]
     written = sorted((tmp_path / "out").rglob("*"))
     time.sleep(0.6)
     assert sorted((tmp_path / "out").rglob("*")) == written
-    resumed(tmp_path, golden)
+    finish(tmp_path, golden)
 
 
 def test_a_run_in_a_thread_works(small_study, golden, tmp_path):
     # as a notebook or a graphical interface does; signals are only for the main thread
-    found = []
+    results = []
 
     def run():
-        found.append(fc.run_study(small_study, tmp_path / "out", n_jobs=1))
+        results.append(fc.run_study(small_study, tmp_path / "out", n_jobs=1))
 
     thread = threading.Thread(target=run)
     thread.start()
     thread.join(100)
-    assert found[0].attrs["content_sha256"] == golden
+    assert results[0].attrs["content_sha256"] == golden

@@ -7,18 +7,18 @@ import warnings
 import numpy as np
 import pytest
 from helpers.commands import fastcoil
-from helpers.processes import cut
+from helpers.processes import cut_studies
 from helpers.studies import (
-    PLAIN,
-    TRACED,
-    copied,
-    golden,
-    larger,
-    resume,
+    PLAIN_STUDY,
+    TRACED_STUDY,
+    copy_run,
+    resume_to_end,
     run,
     run_until_interrupted,
-    shards,
-    verify,
+    shard_files,
+    undisturbed_hash,
+    verify_unchanged,
+    with_larger_sweep,
     write_study,
 )
 from hypothesis import given, settings
@@ -39,8 +39,8 @@ from fastcoil.study.maintenance import status
 
 pytestmark = pytest.mark.kernel
 
-VOLUMES = TRACED.replace('["T_sup", "mode"]', '["mode", "T_c", "T_sup"]')
-SEQUENCE = TRACED + "carry_over = true\n"
+VOLUMES = TRACED_STUDY.replace('["T_sup", "mode"]', '["mode", "T_c", "T_sup"]')
+SEQUENCE = TRACED_STUDY + "carry_over = true\n"
 
 
 def is_on_disk(values):
@@ -50,7 +50,7 @@ def is_on_disk(values):
     return isinstance(values.base, mmap.mmap)
 
 
-def only_status(part):
+def require_status_only(part):
     """A part, which has nothing else."""
     assert [*part.data_vars] == ["status"]
     return part
@@ -59,8 +59,8 @@ def only_status(part):
 @pytest.fixture
 def slabs_of_one(monkeypatch):
     """Every slab has one scenario, and every chunk some points of it."""
-    monkeypatch.setattr(netcdf, "_SLAB", 1)
-    monkeypatch.setattr(netcdf, "_CHUNK", 5)
+    monkeypatch.setattr(netcdf, "_SLAB_VALUES", 1)
+    monkeypatch.setattr(netcdf, "_CHUNK_VALUES", 5)
 
 
 # --- the merge --------------------------------------------------------------------------------------------------------
@@ -80,7 +80,7 @@ def test_values_come_in_flat_order_whatever_the_order_of_the_parts(data, tmp_pat
         trace = {"T_w": index[:, np.newaxis, np.newaxis] + np.array([[0.0, 0.25], [0.5, np.nan]])}
         parts.append(flat_dataset(index, nothing[:, : index.size], np.zeros(index.size), trace, 1))
     folder = tmp_path_factory.getbasetemp()
-    pieces = [*merged.in_flat_order(iter(parts), "T_w", np.array(edges), folder)]
+    pieces = [*merged.iter_flat_order(iter(parts), "T_w", np.array(edges), folder)]
     assert [len(piece) for piece in pieces] == np.diff(edges).tolist()
     np.testing.assert_array_equal(np.concatenate(pieces), join_flat(n, parts)["T_w"].values)
 
@@ -93,25 +93,25 @@ def test_hashes_are_those_of_whole_arrays(out, text, slabs_of_one):
         loop, fc.paper_day(hours=0.25, seed=[1, 2, 3]), warm_up=100, traces=names, trace_interval=50,
         carry_over=text == SEQUENCE,
     )  # fmt: skip
-    assert run(text, out) == golden(text)
+    assert run(text, out) == undisturbed_hash(text)
     ds = fc.open_study(out)
     for name in names:
         assert variable_sha256(whole[name].variable) == variable_sha256(ds[name].variable), name
         assert ds[name].identical(whole[name]), name
-    assert verify(out) == []
-    assert run(larger(text), out, extend=True) == golden(larger(text))
-    assert verify(out) == []
+    assert verify_unchanged(out) == []
+    assert run(with_larger_sweep(text), out, extend=True) == undisturbed_hash(with_larger_sweep(text))
+    assert verify_unchanged(out) == []
 
 
 @pytest.mark.parametrize(
     ("error", "extend"), [(StorageError("no room"), False), (KeyboardInterrupt, True)], ids=["full", "killed"]
 )
 def test_a_merge_that_ends_among_its_slabs_is_done_again(out, monkeypatch, slabs_of_one, error, extend):
-    text = larger(SEQUENCE) if extend else SEQUENCE
+    text = with_larger_sweep(SEQUENCE) if extend else SEQUENCE
     if extend:
-        copied(SEQUENCE, out)
+        copy_run(SEQUENCE, out)
         before = {path.name: path.read_bytes() for path in out.glob("*.nc")}
-    original = merged.in_flat_order
+    original = merged.iter_flat_order
 
     def ends(*words):
         for k, values in enumerate(original(*words)):
@@ -120,20 +120,20 @@ def test_a_merge_that_ends_among_its_slabs_is_done_again(out, monkeypatch, slabs
             yield values
 
     with monkeypatch.context() as patched:
-        patched.setattr(merged, "in_flat_order", ends)
+        patched.setattr(merged, "iter_flat_order", ends)
         with pytest.raises((KeyboardInterrupt, StorageError)):
             run(text, out, extend=extend)
-    assert shards(out)
-    assert verify(out) == []
+    assert shard_files(out)
+    assert verify_unchanged(out) == []
     if extend:
         assert {path.name: path.read_bytes() for path in out.glob("*.nc")} == before
-    resume(out, text, extend=extend)
+    resume_to_end(out, text, extend=extend)
 
 
 def test_the_memory_of_a_merge_does_not_grow_with_the_study(tmp_path, monkeypatch):
-    monkeypatch.setattr(netcdf, "_SLAB", 2**16)
-    monkeypatch.setattr(netcdf, "_CHUNK", 2**12)
-    cut(monkeypatch, 2)
+    monkeypatch.setattr(netcdf, "_SLAB_VALUES", 2**16)
+    monkeypatch.setattr(netcdf, "_CHUNK_VALUES", 2**12)
+    cut_studies(monkeypatch, 2)
     original, peaks, sizes = runner.merge, [], []
 
     def merge(folder, study, *words):
@@ -146,7 +146,7 @@ def test_the_memory_of_a_merge_does_not_grow_with_the_study(tmp_path, monkeypatc
             tracemalloc.stop()
 
     monkeypatch.setattr(runner, "merge", merge)
-    text = TRACED.replace('"T_sup", "mode"', '"T_c"').replace("interval = 50", "interval = 1")
+    text = TRACED_STUDY.replace('"T_sup", "mode"', '"T_c"').replace("interval = 50", "interval = 1")
     text = text.replace("hours = 0.25", "hours = 0.5")
     for k, days in enumerate((1, 2, 4)):  # the first imports what is needed
         run(text.replace("seed = [1, 2, 3]", f"seed = {[*range(days)]}"), tmp_path / str(k))
@@ -155,23 +155,23 @@ def test_the_memory_of_a_merge_does_not_grow_with_the_study(tmp_path, monkeypatc
 
 
 def test_an_extension_reads_earlier_results_some_scenarios_at_a_time(out, monkeypatch):
-    copied(PLAIN, out)
-    original, sizes = results.Computed._earlier_parts, []
+    copy_run(PLAIN_STUDY, out)
+    original, sizes = results.ComputedParts._earlier_parts, []
 
     def counted(*words):
         for part in original(*words):
             sizes.append(part.sizes["scenario"])
             yield part
 
-    monkeypatch.setattr(results, "_AT_ONCE", 2 * (len(METRICS) + 1))  # values of two scenarios
-    monkeypatch.setattr(results, "_KEYS_AT_ONCE", 5)
-    monkeypatch.setattr(results.Computed, "_earlier_parts", counted)
-    assert run(larger(PLAIN), out, extend=True) == golden(larger(PLAIN))
+    monkeypatch.setattr(results, "_VALUES_AT_ONCE", 2 * (len(METRICS) + 1))  # values of two scenarios
+    monkeypatch.setattr(results, "_SCENARIOS_AT_ONCE", 5)
+    monkeypatch.setattr(results.ComputedParts, "_earlier_parts", counted)
+    assert run(with_larger_sweep(PLAIN_STUDY), out, extend=True) == undisturbed_hash(with_larger_sweep(PLAIN_STUDY))
     assert sizes == [2] * 6
 
 
 def test_a_run_keeps_no_shard_for_a_comparison_with_later_ones(out, monkeypatch):
-    cut(monkeypatch, 2)
+    cut_studies(monkeypatch, 2)
     original, firsts = runner.check_same_form, []
 
     def compare(first, part):
@@ -179,14 +179,14 @@ def test_a_run_keeps_no_shard_for_a_comparison_with_later_ones(out, monkeypatch)
         return original(first, part)
 
     monkeypatch.setattr(runner, "check_same_form", compare)
-    assert run(TRACED, out) == golden(TRACED)
+    assert run(TRACED_STUDY, out) == undisturbed_hash(TRACED_STUDY)
     kept = [first.sizes["scenario"] for first in firsts if first is not None]
     assert kept == [1] * len(kept) != []
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.05])
 def test_what_is_left_on_the_disk_is_foreseen(out, noise):
-    text = TRACED.replace("[sweep]\nbacklash = [0.02, 0.07]", "[sweep]\nbacklash = { linspace = [0.0, 0.1, 70] }")
+    text = TRACED_STUDY.replace("[sweep]\nbacklash = [0.02, 0.07]", "[sweep]\nbacklash = { linspace = [0.0, 0.1, 70] }")
     text = text.replace("interval = 50", "interval = 1").replace("std = 0.02", f"std = {noise}")
     plan = write_study(text, out).plan
     run(text, out)
@@ -202,7 +202,7 @@ def test_what_is_left_on_the_disk_is_foreseen(out, noise):
 def test_traces_have_chunks_for_dask_that_are_read_one_by_one(out, slabs_of_one, monkeypatch):
     pytest.importorskip("dask")
     run(VOLUMES, out)
-    ds, read = fc.open_study(out), netcdf._OnDisk._read
+    ds, read = fc.open_study(out), netcdf._LazyVariable._read
     chunks = ds["T_c"].encoding["preferred_chunks"]
     assert chunks == {"day": 1, "backlash": 1, "estimate_ratio": 1, "volume": 8, "elapsed_time": 18}
     shapes = []
@@ -211,7 +211,7 @@ def test_traces_have_chunks_for_dask_that_are_read_one_by_one(out, slabs_of_one,
         shapes.append(read(self, key).shape)
         return read(self, key)
 
-    monkeypatch.setattr(netcdf._OnDisk, "_read", counted)
+    monkeypatch.setattr(netcdf._LazyVariable, "_read", counted)
     hottest = ds["T_c"].chunk(chunks).max("elapsed_time")
     assert shapes == []
     np.testing.assert_array_equal(hottest.values, ds["T_c"].load().max("elapsed_time").values)
@@ -220,21 +220,21 @@ def test_traces_have_chunks_for_dask_that_are_read_one_by_one(out, slabs_of_one,
 
 @pytest.mark.usefixtures("blank_figures")
 def test_a_summary_a_report_a_table_a_figure_and_a_status_load_no_trace(out, tmp_path, monkeypatch):
-    text = TRACED.replace("backlash = [0.02", "backlash = [0.0, 0.02")
+    text = TRACED_STUDY.replace("backlash = [0.02", "backlash = [0.0, 0.02")
     run(text, out)
-    monkeypatch.setattr(netcdf._OnDisk, "_read", None)
+    monkeypatch.setattr(netcdf._LazyVariable, "_read", None)
     assert summary(fc.open_study(out))
     for words in (
         ["report", out, "-o", tmp_path / "report.html"], ["export", out, "--csv", "-o", tmp_path / "table.csv"],
         ["plot", out, "-x", "backlash", "--relative-to", "estimate_ratio=0", "-o", tmp_path / "figure.png"],
         ["status", out], ["cite", out], ["run", out.with_name("study.toml"), "-o", out],
     ):  # fmt: skip
-        found = fastcoil(*words)
-        assert found.exit_code == 0, found.output
+        command = fastcoil(*words)
+        assert command.exit_code == 0, command.output
 
 
 def test_an_unfinished_study_is_opened_without_traces_that_do_not_fit(out, monkeypatch):
-    run_until_interrupted(TRACED, out, 2)
+    run_until_interrupted(TRACED_STUDY, out, 2)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert fc.open_study(out)["T_sup"].shape == (3, 2, 2, 18)
@@ -242,24 +242,26 @@ def test_an_unfinished_study_is_opened_without_traces_that_do_not_fit(out, monke
     with pytest.warns(UserWarning, match="unfinished, and its traces, .* KiB, do not fit into memory: they are left"):
         ds = fc.open_study(out)
     assert "T_sup" not in ds
-    monkeypatch.setattr(arrays, "LARGE", 0)
+    monkeypatch.setattr(arrays, "MEMMAP_MIN_BYTES", 0)
     assert is_on_disk(results.open_metrics(out)["rmse"].values)
     assert int((ds["status"] == 0).sum()) == 8
-    monkeypatch.setattr(results, "join_flat", lambda n, parts, **_: join_flat(n, (only_status(p) for p in parts)))
+    monkeypatch.setattr(
+        results, "join_flat", lambda n, parts, **_: join_flat(n, (require_status_only(p) for p in parts))
+    )
     assert "Unfinished: 8 of 12 scenarios (8 ok, 4 not_run)" in status(out)
 
 
 def test_metrics_that_stay_on_the_disk_are_the_same(out, monkeypatch):
-    text = TRACED + "predict = true\n"
-    copied(text, out)
+    text = TRACED_STUDY + "predict = true\n"
+    copy_run(text, out)
     eager = fc.open_study(out).load()
-    monkeypatch.setattr(stored, "_MOST_METRICS", 0)
-    monkeypatch.setattr(arrays, "LARGE", 0)
+    monkeypatch.setattr(stored, "_MAX_LOADED_BYTES", 0)
+    monkeypatch.setattr(arrays, "MEMMAP_MIN_BYTES", 0)
     lazy = fc.open_study(out)
     assert not isinstance(lazy["rmse"].variable._data, np.ndarray)
     assert [*lazy.data_vars] == [*eager.data_vars]
     assert lazy.load().identical(eager)
     assert is_on_disk(lazy["rmse"].values)
-    assert verify(out) == []
-    assert run(text, out) == golden(text)
-    assert run(larger(text), out, extend=True) == golden(larger(text))
+    assert verify_unchanged(out) == []
+    assert run(text, out) == undisturbed_hash(text)
+    assert run(with_larger_sweep(text), out, extend=True) == undisturbed_hash(with_larger_sweep(text))

@@ -3,25 +3,25 @@
 import json
 
 import pytest
-from helpers.full import full_but
+from helpers.full import full_except
 from helpers.studies import (
     DAYS,
-    PLAIN,
-    contents,
-    copied,
-    golden,
-    larger,
-    quarantined,
-    resume,
+    PLAIN_STUDY,
+    copy_run,
+    folder_contents,
+    quarantined_names,
+    resume_to_end,
     run,
     run_until_interrupted,
-    shards,
-    verify,
+    shard_files,
+    undisturbed_hash,
+    verify_unchanged,
+    with_larger_sweep,
     write_study,
 )
 
 from fastcoil.base.errors import InputError, IntegrityError
-from fastcoil.model.numerics.jit import compiled_for
+from fastcoil.model.numerics.jit import numeric_environment
 from fastcoil.study import maintenance
 from fastcoil.study import run as runner
 from fastcoil.study.file import spec
@@ -31,8 +31,8 @@ from fastcoil.study.folder.results import open_study
 pytestmark = pytest.mark.kernel
 
 
-def test_a_damaged_run_json_is_refused_and_nothing_is_lost(broken_off):
-    path = broken_off / "run.json"
+def test_a_damaged_run_json_is_refused_and_nothing_is_lost(interrupted_folder):
+    path = interrupted_folder / "run.json"
     good = path.read_bytes()
     for data, sentence in (
         *((data, "run.json is damaged") for data in (b"", b'{"study_sha', b"\xff\xfe", b"[1]", b"[" * 100_000)),
@@ -41,38 +41,38 @@ def test_a_damaged_run_json_is_refused_and_nothing_is_lost(broken_off):
         (b'{"format": 3}', "another version of fastcoil"),
     ):
         path.write_bytes(data)
-        before = {name: found for name, found in contents(broken_off).items() if name != ".lock"}
-        for what in (lambda out: run(PLAIN, out), maintenance.verify, maintenance.status):
+        before = {name: found for name, found in folder_contents(interrupted_folder).items() if name != ".lock"}
+        for what in (lambda out: run(PLAIN_STUDY, out), maintenance.verify, maintenance.status):
             with pytest.raises(IntegrityError, match=sentence) as refused:
-                what(broken_off)
+                what(interrupted_folder)
             assert refused.value.exit_code == 6
-        assert {name: found for name, found in contents(broken_off).items() if name != ".lock"} == before
+        assert {name: found for name, found in folder_contents(interrupted_folder).items() if name != ".lock"} == before
     path.write_bytes(good)
-    assert resume(broken_off) == []
+    assert resume_to_end(interrupted_folder) == []
 
 
-def test_without_run_json_the_shards_are_found_by_their_key(broken_off, monkeypatch):
-    (broken_off / "run.json").unlink()
-    asked = []
-    monkeypatch.setattr(runner, "compile_kernel", lambda: asked.append(True))
-    finished = runner.execute(write_study(PLAIN, broken_off), broken_off, n_jobs=1)
+def test_without_run_json_the_shards_are_found_by_their_key(interrupted_folder, monkeypatch):
+    (interrupted_folder / "run.json").unlink()
+    compiled = []
+    monkeypatch.setattr(runner, "compile_kernel", lambda: compiled.append(True))
+    finished = runner.execute(write_study(PLAIN_STUDY, interrupted_folder), interrupted_folder, n_jobs=1)
     assert finished.n_run == finished.results["status"].size // DAYS
-    assert finished.results.attrs["content_sha256"] == golden(PLAIN)
-    assert verify(broken_off) == []
+    assert finished.results.attrs["content_sha256"] == undisturbed_hash(PLAIN_STUDY)
+    assert verify_unchanged(interrupted_folder) == []
 
 
-@pytest.mark.parametrize("data", full_but([None, b"", b"[loop", b"\xff", b"[loop]\n"], [None, b"[loop"]), ids=str)
-def test_a_damaged_study_toml_is_reported_and_written_again(broken_off, data):
-    path = broken_off / "study.toml"
+@pytest.mark.parametrize("data", full_except([None, b"", b"[loop", b"\xff", b"[loop]\n"], [None, b"[loop"]), ids=str)
+def test_a_damaged_study_toml_is_reported_and_written_again(interrupted_folder, data):
+    path = interrupted_folder / "study.toml"
     path.unlink() if data is None else path.write_bytes(data)
-    assert len(verify(broken_off)) >= 1
+    assert len(verify_unchanged(interrupted_folder)) >= 1
     for what in (maintenance.status, open_study):
         with pytest.raises(IntegrityError):
-            what(broken_off)
+            what(interrupted_folder)
     with pytest.raises(IntegrityError if data in (None, b"\xff") else InputError):
-        run(larger(PLAIN), broken_off)
-    assert resume(broken_off) == []
-    assert path.read_text() == PLAIN
+        run(with_larger_sweep(PLAIN_STUDY), interrupted_folder)
+    assert resume_to_end(interrupted_folder) == []
+    assert path.read_text() == PLAIN_STUDY
 
 
 def test_a_boundary_file_that_changes_between_a_run_and_its_resume_is_refused(out, tmp_path):
@@ -80,35 +80,35 @@ def test_a_boundary_file_that_changes_between_a_run_and_its_resume_is_refused(ou
     head = "elapsed_time [s],m_a [kg/s],T_a_in [degC],W_a_in [g/kg],T_w_in [degC],T_set [degC]\n"
     good = head + "".join(f"{t},1.2,25,10,7,14\n" for t in range(0, 960, 60))
     log.write_text(good)
-    text = PLAIN.replace("hours = 0.25", "kind = 'csv'\npath = 'log.csv'")
+    text = PLAIN_STUDY.replace("hours = 0.25", "kind = 'csv'\npath = 'log.csv'")
     text = "\n".join(line for line in text.splitlines() if not line.startswith("seed"))
     text = text.replace("[run]", "[run]\nreplicates = 33")  # two blocks
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("fastcoil.loops.plan._LANE_STEPS_PER_SHARD", 1)
         run_until_interrupted(text, out, 1)
-    before = [p.read_bytes() for p in shards(out)]
+    before = [p.read_bytes() for p in shard_files(out)]
     log.write_text(good.replace(",25,", ",26,", 1))
     with pytest.raises(IntegrityError, match="a file that the study reads changed") as refused:
         run(text, out)
     assert refused.value.exit_code == 6
-    assert "the series of its [boundary] changed" in " ".join(verify(out))
-    assert [p.read_bytes() for p in shards(out)] == before
+    assert "the series of its [boundary] changed" in " ".join(verify_unchanged(out))
+    assert [p.read_bytes() for p in shard_files(out)] == before
     log.unlink()
-    assert "log.csv" in " ".join(verify(out))
+    assert "log.csv" in " ".join(verify_unchanged(out))
     log.write_text(good)
     assert run(text, out)
-    assert verify(out) == []
+    assert verify_unchanged(out) == []
 
 
-def test_other_sources_of_the_model_between_run_and_resume_run_everything_again(broken_off, monkeypatch):
-    done = [p.name for p in shards(broken_off)]
+def test_other_sources_of_the_model_between_run_and_resume_run_everything_again(interrupted_folder, monkeypatch):
+    done = [p.name for p in shard_files(interrupted_folder)]
     monkeypatch.setattr(spec, "model_sha256", lambda estimators: "another model")
     with pytest.warns(UserWarning, match="other sources of the model|another version of the model") as warned:
-        finished = runner.execute(write_study(PLAIN, broken_off), broken_off, n_jobs=1)
+        finished = runner.execute(write_study(PLAIN_STUDY, interrupted_folder), interrupted_folder, n_jobs=1)
     assert "other sources of the model" in str(warned[0].message)
     assert len(warned) == 1 + len(done)
     assert finished.n_run == finished.results["status"].size
-    assert quarantined(broken_off) == done
+    assert quarantined_names(interrupted_folder) == done
 
 
 WRONG = {
@@ -124,22 +124,22 @@ WRONG = {
 def test_a_value_of_the_wrong_type_in_run_json_is_reported(out, name, value):
     out.mkdir()
     stored.Manifest("a", "b", "c", "d").write(out)
-    found = json.loads((out / "run.json").read_text()) | {name: value}
-    content = {n: v for n, v in found.items() if n not in ("format", "sha256")}
-    (out / "run.json").write_text(json.dumps(found | {"sha256": stored.checksum(content)}))
+    manifest = json.loads((out / "run.json").read_text()) | {name: value}
+    content = {n: v for n, v in manifest.items() if n not in ("format", "sha256")}
+    (out / "run.json").write_text(json.dumps(manifest | {"sha256": stored.checksum(content)}))
     with pytest.raises(IntegrityError, match=r"run\.json is damaged"):
         open_study(out)
 
 
 def test_an_edited_run_json_is_found_by_its_checksum(out):
-    copied(PLAIN, out)
+    copy_run(PLAIN_STUDY, out)
     path = out / "run.json"
     path.write_text(path.read_text().replace('"finished": true', '"finished": false'))
-    for what in (open_study, maintenance.verify, lambda folder: run(PLAIN, folder)):
+    for what in (open_study, maintenance.verify, lambda folder: run(PLAIN_STUDY, folder)):
         with pytest.raises(IntegrityError, match=r"run\.json is damaged \(its checksum differs\): delete it"):
             what(out)
     path.unlink()
-    resume(out)
+    resume_to_end(out)
 
 
 # --- where it was computed --------------------------------------------------------------------------------------------
@@ -148,22 +148,22 @@ def test_an_edited_run_json_is_found_by_its_checksum(out):
 @pytest.fixture
 def elsewhere(monkeypatch):
     """Another processor."""
-    here = compiled_for()
-    monkeypatch.setattr("fastcoil.loops.simulate.compiled_for", lambda: here | {"cpu": "another"})
+    here = numeric_environment()
+    monkeypatch.setattr("fastcoil.loops.simulate.numeric_environment", lambda: here | {"cpu": "another"})
     return [here, here | {"cpu": "another"}]
 
 
 def test_a_run_says_where_it_was_computed(out):
-    copied(PLAIN, out)
-    assert stored.Manifest.read(out).computed_on == [compiled_for()]
-    assert json.loads(open_study(out).attrs["computed_on"]) == [compiled_for()]
+    copy_run(PLAIN_STUDY, out)
+    assert stored.Manifest.read(out).computed_on == [numeric_environment()]
+    assert json.loads(open_study(out).attrs["computed_on"]) == [numeric_environment()]
 
 
-def test_a_run_that_is_resumed_on_another_processor_says_so(broken_off, elsewhere):
-    (warned,) = resume(broken_off)
-    assert f"a part of {broken_off} was computed elsewhere (cpu {elsewhere[0]['cpu']}, now another)" in warned
-    assert stored.Manifest.read(broken_off).computed_on == elsewhere
-    assert json.loads(open_study(broken_off).attrs["computed_on"]) == elsewhere
+def test_a_run_that_is_resumed_on_another_processor_says_so(interrupted_folder, elsewhere):
+    (warned,) = resume_to_end(interrupted_folder)
+    assert f"a part of {interrupted_folder} was computed elsewhere (cpu {elsewhere[0]['cpu']}, now another)" in warned
+    assert stored.Manifest.read(interrupted_folder).computed_on == elsewhere
+    assert json.loads(open_study(interrupted_folder).attrs["computed_on"]) == elsewhere
 
 
 # --- study.toml -------------------------------------------------------------------------------------------------------

@@ -6,7 +6,18 @@ import shutil
 
 import pytest
 import xarray as xr
-from helpers.studies import DAYS, PLAIN, TRACED, copied, golden, larger, resume, run, shards, unfinished
+from helpers.studies import (
+    DAYS,
+    PLAIN_STUDY,
+    TRACED_STUDY,
+    copy_run,
+    resume_to_end,
+    run,
+    shard_files,
+    undisturbed_hash,
+    unfinished_files,
+    with_larger_sweep,
+)
 
 import fastcoil as fc
 from fastcoil.base import arrays
@@ -16,13 +27,13 @@ from fastcoil.study import run as runner
 pytestmark = pytest.mark.kernel
 
 
-@pytest.mark.parametrize("text", [PLAIN, TRACED], ids=["plain", "traced"])
+@pytest.mark.parametrize("text", [PLAIN_STUDY, TRACED_STUDY], ids=["plain", "traced"])
 def test_shards_lost_before_the_merge_make_no_finished_result(out, monkeypatch, text):
     original = runner.merge
 
     def merge(folder, study, manifest, parts, *args, **options):
         def losing(leave_out):
-            if text == PLAIN or "rmse" in leave_out:  # of a study with traces, after its metrics were read
+            if text == PLAIN_STUDY or "rmse" in leave_out:  # of a study with traces, after its metrics were read
                 shutil.rmtree(folder.path / "shards")
             return parts(leave_out)
 
@@ -33,13 +44,15 @@ def test_shards_lost_before_the_merge_make_no_finished_result(out, monkeypatch, 
         run(text, out)
     assert not (out / "results.nc").exists()
     monkeypatch.undo()
-    resume(out, text)
+    resume_to_end(out, text)
 
 
 def test_a_reader_of_results_keeps_its_metrics_while_an_extension_replaces_them(out):
-    copied(TRACED, out)
+    copy_run(TRACED_STUDY, out)
     with fc.open_study(out) as old, xr.open_dataset(out / "results.nc") as raw:
-        assert run(larger(TRACED), out, extend=True) == golden(larger(TRACED))
+        assert run(with_larger_sweep(TRACED_STUDY), out, extend=True) == undisturbed_hash(
+            with_larger_sweep(TRACED_STUDY)
+        )
         assert old["T_sup"].sizes["backlash"] == raw["rmse"].sizes["backlash"] == 2
         with fc.open_study(out) as new:
             assert raw["rmse"].equals(new["rmse"].sel(backlash=raw["backlash"]))
@@ -48,29 +61,33 @@ def test_a_reader_of_results_keeps_its_metrics_while_an_extension_replaces_them(
             old["T_sup"].load()
 
 
-@pytest.mark.parametrize("text", [pytest.param(PLAIN, marks=pytest.mark.full), TRACED], ids=["plain", "traced"])
+@pytest.mark.parametrize(
+    "text", [pytest.param(PLAIN_STUDY, marks=pytest.mark.full), TRACED_STUDY], ids=["plain", "traced"]
+)
 def test_a_study_merged_on_the_disk_is_the_one_merged_in_memory(out, text, monkeypatch):
-    monkeypatch.setattr(arrays, "LARGE", 0)
+    monkeypatch.setattr(arrays, "MEMMAP_MIN_BYTES", 0)
     before = set(os.listdir("/proc/self/fd"))
-    assert run(text, out) == golden(text)
+    assert run(text, out) == undisturbed_hash(text)
     # nameless files are gone with their arrays; the traces stay open with the results
     assert {p.name for p in out.iterdir()} <= {".lock", "results.nc", "run.json", "study.toml"} | {
         p.name for p in out.glob("traces-*.nc")
     }
     assert len(set(os.listdir("/proc/self/fd")) - before) <= 1
-    assert run(larger(text), out, extend=True) == golden(larger(text))
+    assert run(with_larger_sweep(text), out, extend=True) == undisturbed_hash(with_larger_sweep(text))
 
 
-@pytest.mark.parametrize("text", [PLAIN, pytest.param(TRACED, marks=pytest.mark.full)], ids=["plain", "traced"])
+@pytest.mark.parametrize(
+    "text", [PLAIN_STUDY, pytest.param(TRACED_STUDY, marks=pytest.mark.full)], ids=["plain", "traced"]
+)
 def test_room_for_the_merge_is_taken_before_it_is_used(out, text, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with monkeypatch.context() as patched:
-        patched.setattr(arrays, "LARGE", 0)
+        patched.setattr(arrays, "MEMMAP_MIN_BYTES", 0)
         patched.setattr(os, "posix_fallocate", full)
         with pytest.raises(StorageError, match="No space left on device"):
             run(text, out)
-    assert unfinished(out) == []
-    assert len(shards(out)) == DAYS
-    resume(out, text)
+    assert unfinished_files(out) == []
+    assert len(shard_files(out)) == DAYS
+    resume_to_end(out, text)

@@ -2,8 +2,8 @@
 
 import pytest
 import xarray as xr
-from helpers.full import full_but
-from helpers.processes import cut, ended, started
+from helpers.full import full_except
+from helpers.processes import cut_studies, start_python, wait_for_end
 
 import fastcoil as fc
 from fastcoil.loops import plan
@@ -16,22 +16,24 @@ def hash_of(results):
 
 
 @pytest.mark.parametrize(
-    ("backend", "n_jobs"), full_but([("threads", 2), ("threads", 3), ("loky", 1), ("loky", 2), ("loky", 3)], [])
+    ("backend", "n_jobs"), full_except([("threads", 2), ("threads", 3), ("loky", 1), ("loky", 2), ("loky", 3)], [])
 )
 def test_every_backend_with_any_number_of_workers_gives_the_same_bits(small_study, golden, tmp_path, backend, n_jobs):
     assert hash_of(fc.run_study(small_study, tmp_path / "out", backend=backend, n_jobs=n_jobs)) == golden
     assert hash_of(fc.open_study(tmp_path / "out")) == golden
 
 
-@pytest.mark.parametrize("lane_steps", full_but([1.0, 1e12], [1e12]))
+@pytest.mark.parametrize("lane_steps", full_except([1.0, 1e12], [1e12]))
 def test_the_size_of_shards_does_not_show(small_study, golden, tmp_path, monkeypatch, lane_steps):
     monkeypatch.setattr(plan, "_LANE_STEPS_PER_SHARD", lane_steps)
     assert hash_of(fc.run_study(small_study, tmp_path / "out", n_jobs=2)) == golden
 
 
-@pytest.mark.parametrize(("largest", "seed"), full_but([(1, 1), (9, 2), (20, 6), (40, 3), (64, 4), (80, 5)], [(64, 4)]))
+@pytest.mark.parametrize(
+    ("largest", "seed"), full_except([(1, 1), (9, 2), (20, 6), (40, 3), (64, 4), (80, 5)], [(64, 4)])
+)
 def test_the_order_and_cut_of_shards_does_not_show(small_study, golden, tmp_path, monkeypatch, largest, seed):
-    cut(monkeypatch, largest, seed)
+    cut_studies(monkeypatch, largest, seed)
     assert hash_of(fc.run_study(small_study, tmp_path / "out", n_jobs=2)) == golden
 
 
@@ -57,7 +59,7 @@ def test_the_environment_does_not_show_and_dask_is_not_loaded(small_study, golde
     words = ("-c", COMMAND, "run", small_study, "-o", "out", "--backend", backend, "-j", "2", "--no-figures")
     env |= {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
     env |= {"OMP_NUM_THREADS": "99", "TZ": "Asia/Kathmandu"}
-    code, out, err = ended(started(*words, cwd=tmp_path, **env))
+    code, out, err = wait_for_end(start_python(*words, cwd=tmp_path, **env))
     assert code == 0, err
     # it takes a second to load
     assert out.splitlines()[-1] == "distributed: False"
@@ -73,6 +75,6 @@ def test_a_script_with_processes_needs_no_guard_around_its_main_part(small_study
         f"ds = fc.run_study({str(small_study)!r}, 'out', backend='loky', n_jobs=1)\n"
         "print(ds.attrs['content_sha256'])\n"
     )
-    code, out, err = ended(started("script.py", cwd=tmp_path))
+    code, out, err = wait_for_end(start_python("script.py", cwd=tmp_path))
     assert code == 0, err
     assert out.split() == [golden]

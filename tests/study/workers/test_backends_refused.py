@@ -9,7 +9,7 @@ import threading
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from helpers.processes import STUDY, cluster, ended, started
+from helpers.processes import STUDY_TEXT, run_cluster, start_python, wait_for_end
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError
@@ -17,12 +17,12 @@ from fastcoil.cli.main import main
 from fastcoil.loops.plan import Shard
 from fastcoil.study import workers as pools
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.workers import Job, identity, run_elsewhere
+from fastcoil.study.workers import Job, environment_id, run_received_job
 
 pytestmark = [pytest.mark.kernel, pytest.mark.timeout(120), pytest.mark.usefixtures("leaves_nothing")]
 
 
-def refused(folder, *words):
+def refusal_text(folder, *words):
     """The sentences with which the command line refuses to run, and leaves no trace."""
     before = sorted(folder.rglob("*"))
     result = CliRunner().invoke(main, ["run", *map(str, words)])
@@ -39,7 +39,7 @@ def here(tmp_path, monkeypatch):
     """A folder with nothing but a study, in which the command line runs."""
     folder = tmp_path / "here"
     folder.mkdir()
-    (folder / "small.toml").write_text(STUDY, encoding="utf-8")
+    (folder / "small.toml").write_text(STUDY_TEXT, encoding="utf-8")
     monkeypatch.chdir(folder)
     return folder
 
@@ -62,19 +62,19 @@ def here(tmp_path, monkeypatch):
     ],
 )
 def test_a_backend_that_does_not_exist_is_refused(here, words, sentence):
-    assert sentence in refused(here, "small.toml", *words)
+    assert sentence in refusal_text(here, "small.toml", *words)
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "127.0.0.1:1", "nonsense://127.0.0.1:1", "tcp://127.0.0.1"])
 def test_an_address_without_a_scheduler_is_refused(here, monkeypatch, address):
-    monkeypatch.setattr(pools, "_WAIT_FOR_SCHEDULER", 0.2)
-    said = refused(here, "small.toml", "--backend", "dask", "--scheduler", address)
-    assert f"no dask cluster answers at '{address}'" in said
+    monkeypatch.setattr(pools, "_SCHEDULER_TIMEOUT_S", 0.2)
+    text = refusal_text(here, "small.toml", "--backend", "dask", "--scheduler", address)
+    assert f"no dask cluster answers at '{address}'" in text
 
 
 @pytest.mark.parametrize("answer", [b"", b"HTTP/1.1 200 OK\r\n\r\nhello"])
 def test_something_else_at_the_address_is_refused(here, monkeypatch, answer):
-    monkeypatch.setattr(pools, "_WAIT_FOR_SCHEDULER", 0.4)
+    monkeypatch.setattr(pools, "_SCHEDULER_TIMEOUT_S", 0.4)
     with socket.create_server(("127.0.0.1", 0)) as server:
         talking = []
 
@@ -89,20 +89,20 @@ def test_something_else_at_the_address_is_refused(here, monkeypatch, answer):
         thread = threading.Thread(target=serve, daemon=True)
         thread.start()
         port = server.getsockname()[1]
-        said = refused(here, "small.toml", "--backend", "dask", "--scheduler", f"tcp://127.0.0.1:{port}")
+        text = refusal_text(here, "small.toml", "--backend", "dask", "--scheduler", f"tcp://127.0.0.1:{port}")
         server.shutdown(socket.SHUT_RDWR)
         thread.join(5)
         for connection in talking:
             connection.close()
-    assert "no dask cluster answers at" in said
+    assert "no dask cluster answers at" in text
 
 
 def test_a_scheduler_without_workers_is_refused(here, monkeypatch, tmp_path):
-    monkeypatch.setattr(pools, "_WAIT_FOR_WORKERS", 0.3)
-    with cluster(tmp_path / "cluster", 0) as alone:
-        said = refused(here, "small.toml", "--backend", "dask", "--scheduler", alone.address)
-    assert f"fastcoil: no dask cluster answers at '{alone.address}'" in said
-    assert "with at least one worker" in said
+    monkeypatch.setattr(pools, "_WORKERS_TIMEOUT_S", 0.3)
+    with run_cluster(tmp_path / "cluster", 0) as alone:
+        text = refusal_text(here, "small.toml", "--backend", "dask", "--scheduler", alone.address)
+    assert f"fastcoil: no dask cluster answers at '{alone.address}'" in text
+    assert "with at least one worker" in text
 
 
 @pytest.mark.parametrize("missing", ["distributed", "dask"])
@@ -110,7 +110,7 @@ def test_without_dask_the_sentence_names_the_extra(here, monkeypatch, missing):
     for name in [n for n in sys.modules if n.split(".")[0] == "distributed"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, missing, None)
-    assert "pip install 'fastcoil[dask]'" in refused(
+    assert "pip install 'fastcoil[dask]'" in refusal_text(
         here, "small.toml", "--backend", "dask", "--scheduler", "tcp://127.0.0.1:1"
     )
 
@@ -118,10 +118,10 @@ def test_without_dask_the_sentence_names_the_extra(here, monkeypatch, missing):
 def test_a_worker_that_joins_later_and_differs_refuses_to_work(small_study):
     plan = read_study(small_study).plan
     job = Job(plan, None)
-    found = run_elsewhere(job, Shard(np.arange(3)), identity())
-    assert found["status"].values.tolist() == [0, 0, 0]
+    part = run_received_job(job, Shard(np.arange(3)), environment_id())
+    assert part["status"].values.tolist() == [0, 0, 0]
     with pytest.raises(InputError, match="use workers of one kind"):
-        run_elsewhere(job, Shard(np.arange(3)), (identity()[0], "another machine"))
+        run_received_job(job, Shard(np.arange(3)), (environment_id()[0], "another machine"))
 
 
 CERTIFICATE = "openssl req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=127.0.0.1 -keyout key.pem -out cert.pem"
@@ -144,12 +144,12 @@ def certified(tmp_path):
 def test_a_cluster_with_certificates_gives_the_same_bits_and_refuses_all_others(
     small_study, golden, tmp_path, certified
 ):
-    with cluster(tmp_path / "cluster", 1, "--no-nanny", protocol="tls", **certified) as found:
-        assert found.address.startswith("tls://")
-        words = ("-m", "fastcoil", "run", small_study, "--backend", "dask", "--scheduler", found.address)
-        code, _, err = ended(started(*words, "--no-figures", "-o", "out", cwd=tmp_path, **certified))
+    with run_cluster(tmp_path / "cluster", 1, "--no-nanny", protocol="tls", **certified) as tls_cluster:
+        assert tls_cluster.address.startswith("tls://")
+        words = ("-m", "fastcoil", "run", small_study, "--backend", "dask", "--scheduler", tls_cluster.address)
+        code, _, err = wait_for_end(start_python(*words, "--no-figures", "-o", "out", cwd=tmp_path, **certified))
         assert code == 0, err
-        code, _, err = ended(started(*words, "--no-figures", "-o", "other", cwd=tmp_path))
+        code, _, err = wait_for_end(start_python(*words, "--no-figures", "-o", "other", cwd=tmp_path))
         assert code == 2
         assert "no dask cluster answers at 'tls://" in err
         assert "dask's settings of the certificates" in err
@@ -161,8 +161,8 @@ def test_too_few_open_files_for_processes_end_a_run_with_4(here):
     limited = "import resource; resource.setrlimit(resource.RLIMIT_NOFILE, (12, 12))"
     script = f"{limited}; from fastcoil.__main__ import run; run()"
     words = ("run", "small.toml", "--backend", "loky", "-j", "1", "--no-figures")
-    code, _, err = ended(started("-c", script, *words, cwd=here))
+    code, _, err = wait_for_end(start_python("-c", script, *words, cwd=here))
     assert code == 4
-    said = [line for line in err.splitlines() if line.startswith("fastcoil: ")]
-    assert said[-1].startswith("fastcoil: the processes of --backend loky cannot be started: Too many open files")
+    messages = [line for line in err.splitlines() if line.startswith("fastcoil: ")]
+    assert messages[-1].startswith("fastcoil: the processes of --backend loky cannot be started: Too many open files")
     assert "Traceback" not in err

@@ -8,7 +8,7 @@ import time
 import pytest
 from click.testing import CliRunner
 from helpers import failing_shards
-from helpers.processes import N_SCENARIOS, check_crashed, cluster, cut, wait_for
+from helpers.processes import N_SCENARIOS, assert_crashed, cut_studies, run_cluster, wait_for
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError
@@ -21,7 +21,7 @@ pytestmark = [pytest.mark.kernel, pytest.mark.timeout(180), pytest.mark.usefixtu
 
 
 def test_the_command_line_on_a_cluster_gives_the_same_bits(small_study, golden, tmp_path, two_workers, monkeypatch):
-    cut(monkeypatch, 40, seed=7)
+    cut_studies(monkeypatch, 40, seed=7)
     words = ["run", str(small_study), "-o", str(tmp_path / "out"), "--backend", "dask"]
     done = CliRunner().invoke(main, [*words, "--scheduler", two_workers.address, "--no-figures"])
     assert done.exit_code == 0, done.output
@@ -36,7 +36,7 @@ def tasks_on(client):
 
 
 def test_a_cluster_keeps_nothing_of_a_finished_shard(small_study, tmp_path, two_workers, monkeypatch):
-    cut(monkeypatch, 20)
+    cut_studies(monkeypatch, 20)
     on_scheduler = []
     with two_workers.client() as client:
         execute(
@@ -75,18 +75,18 @@ def test_workers_that_differ_are_refused(small_study, tmp_path, two_workers):
 
 @pytest.mark.full
 def test_a_scenario_that_kills_the_workers_of_a_cluster_is_crashed(study, healthy, tmp_path, monkeypatch):
-    cut(monkeypatch, 4)
-    with cluster(tmp_path / "cluster", 2) as found:
-        harmed = failing_shards.harmful(study, failing_shards.killed, [70])
-        finished = execute(harmed, tmp_path / "out", backend="dask", scheduler=found.address)
-    check_crashed(finished.results, healthy, [70])
+    cut_studies(monkeypatch, 4)
+    with run_cluster(tmp_path / "cluster", 2) as two_workers:
+        harmed = failing_shards.with_harmful_layout(study, failing_shards.kill_worker, [70])
+        finished = execute(harmed, tmp_path / "out", backend="dask", scheduler=two_workers.address)
+    assert_crashed(finished.results, healthy, [70])
 
 
 @pytest.mark.alone
 def test_a_cluster_that_loses_a_worker_goes_on(study, golden, tmp_path, two_workers, monkeypatch):
-    cut(monkeypatch, 20)
+    cut_studies(monkeypatch, 20)
     before = [p.poll() for p in two_workers.processes].count(None)
-    harmed = failing_shards.harmful(study, failing_shards.killed, [35], once=tmp_path / "once")
+    harmed = failing_shards.with_harmful_layout(study, failing_shards.kill_worker, [35], once=tmp_path / "once")
     finished = execute(harmed, tmp_path / "one", backend="dask", scheduler=two_workers.address)
     assert [p.poll() for p in two_workers.processes].count(None) == before - 1
     assert finished.results.attrs["content_sha256"] == golden
@@ -95,7 +95,7 @@ def test_a_cluster_that_loses_a_worker_goes_on(study, golden, tmp_path, two_work
 def test_a_scheduler_that_is_killed_ends_the_run_with_a_sentence(
     small_study, golden, tmp_path, two_workers, monkeypatch
 ):
-    cut(monkeypatch, 16)
+    cut_studies(monkeypatch, 16)
     n_before, n_done = 8, []
 
     def tell(k):
@@ -107,12 +107,12 @@ def test_a_scheduler_that_is_killed_ends_the_run_with_a_sentence(
     start = time.monotonic()
     with monkeypatch.context() as patch:
         patch.setattr("fastcoil.base.progress.Shown.start", lambda *_: tell)
-        failing_shards.harms(patch, failing_shards.works_slowly, range(128, 160))
+        failing_shards.harm_every_study(patch, failing_shards.sleep_briefly, range(128, 160))
         result = CliRunner().invoke(main, [*words, "--scheduler", two_workers.address, "--no-figures"])
     assert time.monotonic() - start < 60
     assert result.exit_code == 1
-    said = [line for line in result.stderr.splitlines() if line.startswith("fastcoil: ")]
-    assert said[-1] == "fastcoil: the dask scheduler is gone: start one and run the same command again to resume"
+    messages = [line for line in result.stderr.splitlines() if line.startswith("fastcoil: ")]
+    assert messages[-1] == "fastcoil: the dask scheduler is gone: start one and run the same command again to resume"
     assert "Traceback" not in result.output
     finished = execute(read_study(small_study), tmp_path / "out")
     assert 0 < finished.n_run <= N_SCENARIOS - 16 * n_before

@@ -6,7 +6,7 @@ import os
 import numpy as np
 import pytest
 from helpers import dying_pool
-from helpers.dying_pool import Died, Pool, found, healthy, in_shards
+from helpers.dying_pool import DyingPool, WorkerDied, collect_status, cut_into_sizes, healthy_part
 from helpers.processes import N_SCENARIOS as N
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -30,12 +30,12 @@ FULL = bool(os.environ.get("FASTCOIL_FULL"))
     seed=st.integers(0, 99),
 )
 def test_exactly_the_scenarios_that_kill_are_crashed(job, n_workers, falls_together, culprits, size, seed):
-    pool = Pool(n_workers, falls_together=falls_together, culprits=culprits, seed=seed)
-    status = found(pool, job, in_shards(size))
+    pool = DyingPool(n_workers, fails_together=falls_together, culprits=culprits, seed=seed)
+    status = collect_status(pool, job, cut_into_sizes(size))
     assert sorted(status) == list(range(N))
     assert {k for k, flag in status.items() if flag != STATUS_OK} == culprits
     assert {flag for flag in status.values()} <= {STATUS_OK, STATUS_CRASHED}
-    assert pool.most_flying <= n_workers + 1
+    assert pool.max_pending <= n_workers + 1
 
 
 @settings(max_examples=300 if FULL else 40)
@@ -50,8 +50,8 @@ def test_a_lane_that_kills_on_some_of_its_days_is_crashed_on_all_and_no_other(
     job, n_workers, falls_together, culprits, n_groups, seed
 ):
     of = N // 8
-    pool = Pool(n_workers, falls_together=falls_together, culprits=culprits, seed=seed)
-    status = found(pool, job, [Shard(lanes, of, 0, 8) for lanes in np.array_split(np.arange(of), n_groups)])
+    pool = DyingPool(n_workers, fails_together=falls_together, culprits=culprits, seed=seed)
+    status = collect_status(pool, job, [Shard(lanes, of, 0, 8) for lanes in np.array_split(np.arange(of), n_groups)])
     assert sorted(status) == list(range(N))
     assert {k for k, flag in status.items() if flag != STATUS_OK} == {
         k for bad in culprits for k in range(bad % of, N, of)
@@ -61,10 +61,10 @@ def test_a_lane_that_kills_on_some_of_its_days_is_crashed_on_all_and_no_other(
 @settings(max_examples=300 if FULL else 40)
 @given(n_workers=st.integers(1, 4), falls_together=st.booleans(), size=st.integers(2, N), seed=st.integers(0, 999))
 def test_workers_that_die_by_chance_lose_no_scenario(job, n_workers, falls_together, size, seed):
-    pool = Pool(n_workers, falls_together=falls_together, clumsy=0.05, seed=seed)
-    status = found(pool, job, in_shards(size))
+    pool = DyingPool(n_workers, fails_together=falls_together, death_rate=0.05, seed=seed)
+    status = collect_status(pool, job, cut_into_sizes(size))
     assert sorted(status) == list(range(N))
-    assert pool.most_flying <= n_workers + 1
+    assert pool.max_pending <= n_workers + 1
 
 
 class Unlucky:
@@ -81,9 +81,9 @@ class Unlucky:
 
 @pytest.mark.parametrize(("deaths", "status"), [(1, STATUS_OK), (2, STATUS_CRASHED)])
 def test_a_scenario_is_blamed_only_when_it_dies_alone_too(job, deaths, status):
-    pool = Pool(1, falls_together=True)
+    pool = DyingPool(1, fails_together=True)
     pool.culprits = Unlucky(5, deaths)
-    found_status = found(pool, job, in_shards(1))
+    found_status = collect_status(pool, job, cut_into_sizes(1))
     assert found_status[5] == status
     assert {flag for k, flag in found_status.items() if k != 5} == {STATUS_OK}
 
@@ -91,26 +91,26 @@ def test_a_scenario_is_blamed_only_when_it_dies_alone_too(job, deaths, status):
 @pytest.mark.parametrize("falls_together", [True, False])
 @pytest.mark.parametrize("size", [1, 7, N])
 def test_workers_that_all_die_end_in_a_sentence_and_no_mark(job, falls_together, size):
-    pool = Pool(2, falls_together=falls_together, culprits=range(N))
+    pool = DyingPool(2, fails_together=falls_together, culprits=range(N))
     yielded = {}
     with pytest.raises(FastcoilError, match="40 workers died in a row"):
-        found(pool, job, in_shards(size), yielded)
+        collect_status(pool, job, cut_into_sizes(size), yielded)
     assert not yielded
     assert not pool.runs
 
 
-class Starved(MemoryError, Died):
+class Starved(MemoryError, WorkerDied):
     pass
 
 
 @pytest.mark.parametrize("size", [1, 7, N])
 @pytest.mark.parametrize("culprits", [range(N), range(N - 20, N)], ids=["always", "at last"])
 def test_memory_that_runs_out_ends_in_a_sentence_and_no_mark(job, monkeypatch, size, culprits):
-    monkeypatch.setattr(dying_pool, "Died", Starved)
-    pool = Pool(2, falls_together=False, culprits=culprits)
+    monkeypatch.setattr(dying_pool, "WorkerDied", Starved)
+    pool = DyingPool(2, fails_together=False, culprits=culprits)
     yielded = {}
     with pytest.raises(StorageError, match="the memory ran out; finished scenarios are kept") as ended:
-        found(pool, job, in_shards(size), yielded)
+        collect_status(pool, job, cut_into_sizes(size), yielded)
     assert ended.value.exit_code == 4
     assert yielded.keys() == set(pool.runs)
     assert set(yielded.values()) <= {STATUS_OK}
@@ -118,26 +118,26 @@ def test_memory_that_runs_out_ends_in_a_sentence_and_no_mark(job, monkeypatch, s
 
 def test_one_bad_scenario_in_a_large_shard_takes_few_deaths(job):
     n = 2**20
-    pool = Pool(1, falls_together=True, culprits=[777_777])
-    pool.submit = lambda shard: Pool.submit(pool, shard) if shard.size < 9 else quick(pool, shard.index)
+    pool = DyingPool(1, fails_together=True, culprits=[777_777])
+    pool.submit = lambda shard: DyingPool.submit(pool, shard) if shard.size < 9 else quick(pool, shard.index)
 
     def quick(pool, index):
         future = cf.Future()
         if index[0] <= 777_777 <= index[-1]:
-            future.set_exception(Died())
+            future.set_exception(WorkerDied())
         else:
-            future.set_result(healthy(index))
-        pool.flying[future] = []
+            future.set_result(healthy_part(index))
+        pool.pending[future] = []
         return future
 
-    status = found(pool, job, in_shards(n, n))
+    status = collect_status(pool, job, cut_into_sizes(n, n))
     assert [k for k, flag in status.items() if flag == STATUS_CRASHED] == [777_777]
     assert len(status) == n
     assert pool.n_deaths <= 24
 
 
 def test_an_interrupt_of_a_worker_ends_the_run(job):
-    pool = Pool(1, falls_together=False)
+    pool = DyingPool(1, fails_together=False)
 
     def interrupted(futures, return_when):
         for future in futures:
@@ -146,11 +146,11 @@ def test_an_interrupt_of_a_worker_ends_the_run(job):
 
     pool.wait = interrupted
     with pytest.raises(KeyboardInterrupt):
-        found(pool, job, in_shards(16))
+        collect_status(pool, job, cut_into_sizes(16))
 
 
 def test_an_error_that_is_no_death_ends_the_run_with_what_was_found_before(job):
-    pool = Pool(1, falls_together=False)
+    pool = DyingPool(1, fails_together=False)
     wait = pool.wait
 
     def with_an_error(futures, return_when):
@@ -162,5 +162,5 @@ def test_an_error_that_is_no_death_ends_the_run_with_what_was_found_before(job):
 
     pool.wait = with_an_error
     with pytest.raises(InputError, match="no reduction"):
-        found(pool, job, in_shards(16))
+        collect_status(pool, job, cut_into_sizes(16))
     assert 48 <= len(pool.runs) <= 64
