@@ -17,6 +17,11 @@ test: export PYTHONDONTWRITEBYTECODE =
 test: $(VENV)/.installed-test
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist worksteal
 
+# writes the sentences of refusals and messages anew, after a rewording: review the diff of tests/sentences.tsv
+.PHONY: reword
+reword: export FASTCOIL_REWORD = 1
+reword: test
+
 # includes the tests that take minutes
 test-full: export FASTCOIL_FULL = 1
 test-full: test

@@ -5,7 +5,9 @@ import gc
 import importlib
 import os
 import signal
+import tempfile
 from functools import cache, partial
+from pathlib import Path
 
 # each process of pytest-xdist has a core of its own: a second thread of BLAS would only wait there, in a loop
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -14,6 +16,7 @@ import numpy as np
 import pytest
 import reference
 from filelock import FileLock
+from helpers.sentences import is_rewording, rewrite_snapshot
 from hypothesis import settings
 
 import fastcoil as fc
@@ -29,6 +32,9 @@ settings.load_profile("fastcoil")
 
 
 def pytest_configure(config):
+    if is_rewording() and "PYTEST_XDIST_WORKER" not in os.environ:
+        handle, os.environ["FASTCOIL_REWORD_FILE"] = tempfile.mkstemp(suffix=".tsv")
+        os.close(handle)
     # started in the background of a script, it would be ignored by all processes that the tests interrupt
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -37,6 +43,11 @@ def pytest_configure(config):
     config.addinivalue_line("markers", "kernel: runs the lane kernel, which only the compiler makes fast enough")
     config.addinivalue_line("markers", "alone: measures time or signals processes; one such test at a time")
     config.addinivalue_line("markers", "full: takes long, or repeats a path; run by `make test-full`")
+
+
+def pytest_unconfigure():
+    if is_rewording() and "PYTEST_XDIST_WORKER" not in os.environ:
+        rewrite_snapshot(Path(os.environ.pop("FASTCOIL_REWORD_FILE")))
 
 
 @pytest.hookimpl(wrapper=True)

@@ -42,7 +42,7 @@ def collect_problems(problems: list[str], prefix: str = "") -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        problems += [prefix + p for p in error.problems] if prefix else error.problems
+        problems += [p.prefixed(prefix) for p in error.problems]
 
 
 class Checks:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import errno
 from collections.abc import Collection, Iterable
+from typing import Self
 
 from fastcoil.base.text import escape_control_characters
 
@@ -24,11 +25,23 @@ _MAX_SENTENCES = 20  # sentences printed in full, the rest are counted
 class FastcoilError(Exception):
     """Base class of all errors that fastcoil raises on purpose; the text is meant for the user.
 
-    ``str(error)`` escapes control characters and truncates long lists; ``args`` holds the full text.
+    ``str(error)`` escapes control characters and truncates long lists; ``args`` holds the full text.  ``code`` says
+    which kind of error it is, for programs: "storage", "locked", "integrity", or of an `InputError` one of ``CODES``.
     """
 
     exit_code = EXIT_BUG
+    _code = "bug"
     _item_noun = "line"
+
+    @property
+    def code(self) -> str:
+        """The kind of error, for programs."""
+        return self._code
+
+    @property
+    def field(self) -> str:
+        """The argument, parameter, key, column or option to change, as the user writes it; blank if there is none."""
+        return ""
 
     def __str__(self) -> str:
         sentences = self._sentences()
@@ -42,33 +55,98 @@ class FastcoilError(Exception):
         return str(self.args[0]).split("\n") if self.args else []
 
 
-class WrongTypeMessage(str):
+CODES = {
+    "type": "an argument of the wrong type",
+    "value": "a number or text outside what is allowed",
+    "choice": "a word that is not one of the choices",
+    "name": "an unknown name of a parameter, key, column, dim, option or function",
+    "missing": "something needed that was not given",
+    "conflict": "two things given that exclude or contradict each other",
+    "duplicate": "something given twice",
+    "shape": "lengths, dims or labels that do not fit together",
+    "unit": "a unit that is missing, unknown or contradicted by the numbers",
+    "time": "times out of order, off the clock, or of another zone or step",
+    "format": "a file or text that cannot be parsed",
+    "data": "numbers that do not suffice, or that the model or the log contradicts",
+    "path": "a file or folder that cannot be used",
+    "size": "more than fits into memory, a file or a limit",
+    "package": "an optional package that is not installed",
+    "unsupported": "a combination that fastcoil does not compute",
+    "code": "an error in the user's own function or file of code",
+}
+"""What ``InputError.code`` may be, and what it means."""
+
+
+class Problem(str):
+    """One mistake: the sentence for the user, the field that it is about, and a code of ``CODES``.
+
+    field: the argument, parameter, key, column or option to change, as the user writes it; the path of a wrong file.
+    """
+
+    field: str
+    code: str
+
+    def __new__(cls, sentence: str, field: str = "", code: str = "") -> Self:
+        self = super().__new__(cls, sentence)
+        self.field, self.code = field, code
+        return self
+
+    def __getnewargs__(self) -> tuple[str, str, str]:  # type: ignore[override]
+        return str(self), self.field, self.code
+
+    def prefixed(self, prefix: str) -> Problem:
+        """Return the same problem with words before its sentence."""
+        return Problem(prefix + self, self.field, self.code)
+
+
+class WrongTypeMessage(Problem):
     """A message about an argument of the wrong type."""
 
-    __slots__ = ()
+    def __new__(cls, sentence: str, field: str = "", code: str = "type") -> Self:
+        return super().__new__(cls, sentence, field, code)
 
 
 class InputError(FastcoilError, ValueError):
-    """Bad input.  ``problems`` holds one sentence for each mistake: field, value and cure.
+    """Bad input: ``problems`` holds one sentence for each mistake, with field, value and cure.
 
-    If one of them is a ``WrongTypeMessage``, the exception becomes an ``InputTypeError``.
+    ``field`` and ``code`` are those of the first problem.  If the code of one is "type", the exception becomes an
+    ``InputTypeError``.
+
+    Parameters
+    ----------
+    problems
+        A sentence, or several of them, each a str or a `Problem`.
+    field, code
+        Of the sentences that are no `Problem`.
     """
 
     exit_code = EXIT_INPUT
     _item_noun = "mistake"
 
-    def __new__(cls, problems: str | Collection[str] = ()) -> InputError:
+    def __new__(cls, problems: str | Collection[str] = (), field: str = "", code: str = "") -> InputError:
         # libraries that pickle errors between processes construct them without arguments
-        sentences = [problems] if isinstance(problems, str) else problems
-        is_type_error = cls is InputError and any(isinstance(sentence, WrongTypeMessage) for sentence in sentences)
+        is_type_error = cls is InputError and any(p.code == "type" for p in _as_problems(problems, field, code))
         return super().__new__(InputTypeError if is_type_error else cls)
 
-    def __init__(self, problems: str | Collection[str]) -> None:
-        self.problems = [problems] if isinstance(problems, str) else list(problems)
+    def __init__(self, problems: str | Collection[str], field: str = "", code: str = "") -> None:
+        self.problems = _as_problems(problems, field, code)
         super().__init__("\n".join(self.problems))
 
+    @property
+    def field(self) -> str:
+        return self.problems[0].field if self.problems else ""
+
+    @property
+    def code(self) -> str:
+        return self.problems[0].code if self.problems else ""
+
     def _sentences(self) -> list[str]:
-        return self.problems
+        return list(self.problems)
+
+
+def _as_problems(problems: str | Collection[str], field: str, code: str) -> list[Problem]:
+    sentences = [problems] if isinstance(problems, str) else problems
+    return [s if isinstance(s, Problem) else Problem(s, field, code) for s in sentences]
 
 
 class InputTypeError(InputError, TypeError):
@@ -79,6 +157,7 @@ class StorageError(FastcoilError, OSError):
     """A result could not be read or written.  ``errno`` is the operating system's reason, if it gave one."""
 
     exit_code = EXIT_STORAGE
+    _code = "storage"
 
 
 def out_of_memory_error(failure: str) -> StorageError:
@@ -95,18 +174,20 @@ class LockedError(FastcoilError):
     """Another run holds the lock of the folder."""
 
     exit_code = EXIT_LOCKED
+    _code = "locked"
 
 
 class IntegrityError(FastcoilError):
     """Files on disk are damaged, changed, or do not belong together."""
 
     exit_code = EXIT_INTEGRITY
+    _code = "integrity"
 
 
 def missing_extra_error(feature: str, packages: str, extra: str) -> InputError:
     """Error for missing optional packages: what needs them, and the extra that installs them."""
     noun = "packages" if " and " in packages else "package"
-    return InputError(f"{feature} needs the {noun} {packages}: pip install 'fastcoil[{extra}]'")
+    return InputError(f"{feature} needs the {noun} {packages}: pip install 'fastcoil[{extra}]'", packages, "package")
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

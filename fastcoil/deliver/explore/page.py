@@ -223,7 +223,7 @@ class Page:
         self._send(changes, settings, note=note, turn=str(self._turns), problems=problems, phase="")
         self._problems = []
 
-    def _refuse(self, headline: str, sentences: list[str]) -> None:
+    def _refuse(self, headline: str, sentences: Sequence[str]) -> None:
         self._explained_settings, empty_texts = None, dict.fromkeys(("compared", "learning", "why", "advice"), "")
         texts = {"headline": headline, "problems": _join_sentences(sentences), "told": "yes", "phase": "refused"}
         self._on_next_tick(partial(self._send, **texts, **empty_texts))
@@ -264,7 +264,7 @@ class Page:
         doc.template_variables["first_words"] = first_words
 
 
-def _join_sentences(sentences: list[str]) -> str:
+def _join_sentences(sentences: Sequence[str]) -> str:
     return "  ".join(f"{sentence.rstrip('.')}." for sentence in sentences)
 
 

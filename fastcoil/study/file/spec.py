@@ -258,7 +258,7 @@ def _build_study(
             for rule in rules.values():
                 rule.adopt_code(prepare(rule.kind, sources[rule.name]))
     except InputError as error:
-        raise InputError(problems + error.problems) from None
+        raise InputError([*problems, *error.problems]) from None
 
     def attempt(make: Callable[..., Result], *args: Any, prefix: str = "", **options: Any) -> Result | None:
         with collect_problems(problems, prefix):

@@ -232,8 +232,8 @@ def reduce(reduction: UserFunction, traces: xr.Dataset) -> xr.Dataset:
         for n in variables
         if n in variables_alone
         and variables[n].dtype == variables_alone[n].dtype
-        and variables[n].equals(variables_alone[n])
-    }  # type: ignore[no-untyped-call]
+        and variables[n].equals(variables_alone[n])  # type: ignore[no-untyped-call]
+    }
     differing = [str(n) for n in {**variables, **variables_alone} if n not in equal_names]
     if differing:
         raise InputError(
