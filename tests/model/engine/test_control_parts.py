@@ -5,7 +5,7 @@ import pytest
 
 import fastcoil as fc
 from fastcoil.loops.scenarios import parameter_columns
-from fastcoil.model.engine.controller import PLAIN_CONTROLLER, ControllerFeatures, control_stage
+from fastcoil.model.engine.controller import ControllerFeatures, control_stage
 from fastcoil.model.engine.lanes import cut_into_blocks, parameter_matrix
 from fastcoil.model.metric_table import METRICS, TRACES
 from fastcoil.model.numerics.stages import BUILT_IN
@@ -89,27 +89,21 @@ def test_a_lane_has_the_same_bits_beside_lanes_with_other_parts(half_hour_day):
             np.testing.assert_array_equal(together[name].isel(tuning=k), alone[name], err_msg=f"{rows[k]} {name}")
 
 
-def block_control_stage(**parameters):
-    """The stage that a block with these parameters calls."""
+@pytest.mark.parametrize(
+    ("parameters", "features"),
+    [
+        ({}, []),
+        ({"buffer_ratio": 6.0, "noise_std": 0.1}, []),
+        ({"sensor_resolution": 0.1}, ["has_resolution"]),
+        (PARTS["smooth with a dead band"], ["has_dead_band", "is_smooth"]),
+        ({**MEASURED_BUFFER, "compensation": "additive"}, ["is_additive", "measures_noise"]),
+    ],
+)
+def test_a_block_has_compiled_what_its_lanes_need_and_no_more(parameters, features):
     loop = fc.Loop(**parameters)
     ((_, block),) = cut_into_blocks(parameter_matrix(parameter_columns(loop, loop.sizes, np.arange(1))))
-    return block.common.control
-
-
-def test_a_block_has_compiled_what_its_lanes_need_and_no_more():
-    assert (
-        block_control_stage()
-        == block_control_stage(buffer_ratio=6.0, noise_std=0.1)
-        == control_stage(PLAIN_CONTROLLER)
-        == BUILT_IN
-    )
-    assert block_control_stage(**PARTS["smooth with a dead band"]) == control_stage(
-        ControllerFeatures(has_dead_band=True, is_smooth=True)
-    )
-    assert block_control_stage(sensor_resolution=0.1) == control_stage(ControllerFeatures(has_resolution=True))
-    assert block_control_stage(**MEASURED_BUFFER, compensation="additive") == control_stage(
-        ControllerFeatures(is_additive=True, measures_noise=True)
-    )
+    assert block.config.control == control_stage(ControllerFeatures(**dict.fromkeys(features, True)))
+    assert (block.config.control == BUILT_IN) == (not features)
 
 
 @pytest.mark.parametrize("compensation", ["additive", "smooth"])

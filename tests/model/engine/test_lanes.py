@@ -180,7 +180,7 @@ def test_what_a_block_skips_changes_no_bits(mixed_columns, day, flags):
     adaptive = noisy | {"estimator": np.full(N_LOOPS, "gradient"), "sample_time": mixed_columns["sample_time"]}
     passive = adaptive | {"estimator": np.full(N_LOOPS, "hagglund")}
     for columns in (plain, noisy, adaptive, passive):
-        cautious = run_lanes(columns, day, lambda block: block._replace(common=block.common._replace(**flags)))
+        cautious = run_lanes(columns, day, lambda block: block._replace(config=block.config._replace(**flags)))
         assert_same_bits(cautious, run_lanes(columns, day))
 
 
@@ -223,8 +223,8 @@ def test_blocks_never_mix_volumes_or_air_march_and_hold_every_lane_once(mixed_co
     lanes_and_blocks = cut_into_blocks(parameter_matrix(mixed_columns))
     assert sorted(np.concatenate([lanes for lanes, _ in lanes_and_blocks]).tolist()) == list(range(N_LOOPS))
     for lanes, block in lanes_and_blocks:
-        assert np.all(mixed_columns["n_volumes"][lanes] == block.common.n_volumes)
-        assert np.all((mixed_columns["air_march"][lanes] == "lagged") == block.common.lagged_air)
+        assert np.all(mixed_columns["n_volumes"][lanes] == block.config.n_volumes)
+        assert np.all((mixed_columns["air_march"][lanes] == "lagged") == block.config.lagged_air)
         assert block.rows.shape[1] == LANES
 
 

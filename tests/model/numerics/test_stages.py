@@ -8,7 +8,7 @@ import pytest
 from fastcoil.model.numerics.jit import JIT_ENABLED, kernel
 from fastcoil.model.numerics.stages import FLAG, INTEGER, NUMBER, ROW_POINTER, StageSignature, store_if_due, values_at
 
-SCALE_SIGNATURE = StageSignature(ROW_POINTER, NUMBER, FLAG, returns=INTEGER)
+SCALE_SIGNATURE = StageSignature(S=ROW_POINTER, factor=NUMBER, twice=FLAG, returns=INTEGER)
 call_scale = SCALE_SIGNATURE.call
 
 
@@ -25,7 +25,7 @@ def scale_stage(power):
             S[j] *= factor**power * (2.0 if twice else 1.0)
         return 4
 
-    return SCALE_SIGNATURE.compiled(scale, f"power {power}")
+    return SCALE_SIGNATURE.compile(scale, f"power {power}")
 
 
 @kernel
@@ -53,7 +53,7 @@ def test_closures_that_differ_do_not_meet_in_the_cache():
         assert S[0] == 2.0 * factor
 
 
-SWAP_SIGNATURE = StageSignature(ROW_POINTER, FLAG, returns=NUMBER)
+SWAP_SIGNATURE = StageSignature(S=ROW_POINTER, due=FLAG, returns=NUMBER)
 call_swap = SWAP_SIGNATURE.call
 
 
@@ -72,5 +72,5 @@ def swap_at_address(address, S, due):
 @pytest.mark.parametrize("due", [True, False])
 def test_values_are_read_and_kept_at_a_stride_where_due(due):
     S = np.arange(5.0)
-    assert swap_at_address(SWAP_SIGNATURE.compiled(swap, "swap"), S, due) == 1.0
+    assert swap_at_address(SWAP_SIGNATURE.compile(swap, "swap"), S, due) == 1.0
     np.testing.assert_array_equal(S, [0.0, 3.0, 2.0, 7.0, 4.0] if due else np.arange(5.0))
