@@ -1,6 +1,5 @@
 """Machine code of the kernel: sections are vectorised, one signature serves all runs, no index is out of bounds."""
 
-import dataclasses
 import os
 import platform
 import re
@@ -38,19 +37,12 @@ def section_assembly(name):
 
     from fastcoil.model.engine import controller, metrics, plant
 
-    all_features = controller.ControllerFeatures(
-        **{field.name: True for field in dataclasses.fields(controller.ControllerFeatures)}
-    )
+    all_features = controller.ControllerFeatures(**dict.fromkeys(controller.ControllerFeatures.__annotations__, True))
+    without_wear = plant.ActuatorFeatures(has_resolution=True, has_neutral_zone=True, has_stick_slip=True)
     f, i, b, A = T.float64, T.int64, T.boolean, T.Array(T.float64, 1, "C")
     section, signature = {
-        "control, all parts": (
-            controller.make_control(all_features),
-            (A, i, f, f, b, f),
-        ),
-        "actuate without wear": (
-            plant.make_actuate(plant.ActuatorFeatures(has_resolution=True, has_neutral_zone=True, has_stick_slip=True)),
-            (A, b),
-        ),
+        "control, all parts": (controller.make_control(all_features), (A, i, f, f, b, f)),
+        "actuate without wear": (plant.make_actuate(without_wear), (A, b)),
         "actuate with wear": (plant.make_actuate(plant.ActuatorFeatures(has_wear=True)), (A, b)),
         "update_water_flow": (plant.update_water_flow, (A, b)),
         "update_air_effectiveness": (plant.update_air_effectiveness, (A, f)),

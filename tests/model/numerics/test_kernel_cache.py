@@ -1,4 +1,4 @@
-"""The cache of compiled kernels: never stale, never damaged, never fatal, nobody else's."""
+"""The cache of compiled kernels: stale, damaged or foreign files are not loaded, and a full disk is no error."""
 
 import errno
 import os
@@ -90,7 +90,7 @@ def kernel_file(kernel, folder):
 
 
 def filter_with_cache(folder):
-    """Compile a small kernel, or load it from a folder, and keep it there.  Returns one number of it."""
+    """Compile a small kernel, or load it from a folder, and store it there; return one number of it."""
     function = numba.njit(**FLAGS)(low_pass.py_func)
     function._cache = KernelCache(low_pass.py_func, folder)
     filtered = np.empty(3)
@@ -146,7 +146,7 @@ FOLDER_FAULTS = {
 
 @pytest.fixture
 def call_with_warnings(tmp_path, monkeypatch):
-    """Return a function that runs another and gives its result and its warnings, as in a new process."""
+    """Return a function that calls another one as in a new process; it returns the result and the warnings."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
 
     def call(function, *arguments):

@@ -1,4 +1,4 @@
-"""Stages: compiled apart, called by address, found again in the cache; named tuples from rows and back."""
+"""Stages: compiled apart, called by address, loaded from the cache; named tuples read from rows and stored."""
 
 from typing import NamedTuple
 
