@@ -25,7 +25,7 @@ _ALLOWED_OBJECTS = (math, np, int, float, bool, abs, min, max, round, range, len
 """Objects of other modules that a function may use; the attributes of the modules are constant."""
 _MAX_TABLE_NUMBERS = 256  # in a tuple: compiling 1000 takes a minute
 _ALLOWED_IN_RULES = (
-    "a rule works with numbers, if, loops, math, scalar numpy functions, functions of its own and tuples of up to "
+    "a rule works with numbers, if, loops, math, scalar numpy functions, other such functions and tuples of up to "
     f"{_MAX_TABLE_NUMBERS} numbers, whose index it limits with min and max"
 )
 

@@ -25,7 +25,7 @@ PARTS = {
     "buffer at least so large": {"buffer_ratio": 5.0, "buffer": 0.006},
     "buffer up to a swing": {"buffer_ratio": 30.0, "buffer_swing": 0.1, "plant_gain": 25.0},
     "buffer from the measured noise": MEASURED_BUFFER,
-    "all at once": {
+    "all together": {
         **MEASURED_BUFFER, "buffer_swing": 0.15, "plant_gain": 20.0, "compensation": "additive", "error_dead_band": 0.1,
     },
     "smooth with a dead band": {"compensation": "smooth", "smooth_rate": 1e-3, "error_dead_band": 0.1},

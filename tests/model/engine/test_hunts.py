@@ -77,7 +77,7 @@ def test_no_period_reaches_across_a_set_point_step():
 @pytest.mark.full
 @pytest.mark.parametrize("preset", ["paper_like", "lbnl"])
 def test_the_rule_agrees_with_the_loop_left_alone(preset):
-    """A judge run has constant air and water and no noise: what swings there after four hours swings by itself."""
+    """A loop that swings after four hours of constant air and water without noise makes that swing itself."""
     draw, n = np.random.default_rng(77), 200
     loop = fc.Loop.preset(preset).assign(
         kp=("tuning", np.exp(draw.uniform(np.log(0.005), np.log(0.1), n))),

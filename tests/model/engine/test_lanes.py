@@ -92,7 +92,7 @@ def run_lanes(columns, day, change=lambda block: block):
 
 @pytest.fixture(scope="module")
 def lanes_alone(mixed_columns, day):
-    """Every lane in a block of its own."""
+    """Every lane alone in a block."""
     return [run_lanes(select_lanes(mixed_columns, [k]), day)[0] for k in range(N_LOOPS)]
 
 

@@ -1,7 +1,7 @@
 """Every trace and metric equals ``reference``, the paper in plain Python.
 
 With the package's saturation function handed to the reference only the logic is compared: 1e-9 in the unit of
-the trace.  With the reference's own Hyland-Wexler formula the approximation is compared too.
+the trace.  With the Hyland-Wexler formula of the reference the approximation is compared as well.
 """
 
 import os
@@ -92,7 +92,7 @@ CASES = {
     "wear": Case({"wear_rate": 2e-3, "estimate_ratio": 0.6}),
     "wear on a real loop": Case({**REAL_LOOP, "wear_rate": 5e-3, "neutral_zone": 0.011, "noise_std": 0.05}),
     "wear, open loop": Case({"wear_rate": 2e-3, "stroke_time": 90.0}, {}, RINGING_COMMAND),
-    "a linkage that comes loose and is mended": Case(GENTLE_PI, {"backlash_scale": LOOSE_SCALE}),
+    "a linkage that comes loose and is fixed": Case(GENTLE_PI, {"backlash_scale": LOOSE_SCALE}),
     "a loose linkage that wears, with a learner": Case(
         {**LEARNER, "wear_rate": 1e-3, "noise_std": 0.02}, {"backlash_scale": LOOSE_SCALE}
     ),

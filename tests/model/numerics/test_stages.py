@@ -45,12 +45,17 @@ def test_stages_of_one_kind_run_in_one_kernel_by_their_addresses():
 @pytest.mark.kernel
 @pytest.mark.skipif(not JIT_ENABLED, reason="nothing is compiled")
 def test_closures_that_differ_do_not_meet_in_the_cache():
-    """The same code, from the same line: only the identity tells them apart, in this process and in the next."""
+    """The same code from the same line: only the identity differs, in this process and in the next."""
     first, second = scale_stage(3), scale_stage(4)
     for address, factor in ((first, 27.0), (second, 81.0), (scale_stage(3), 27.0)):
         S = np.ones(5)
         call_at_address(address, S)
         assert S[0] == 2.0 * factor
+
+
+def test_a_stage_has_the_arguments_of_its_signature():
+    with pytest.raises(AssertionError):
+        SCALE_SIGNATURE.compile(lambda S, twice, factor: 4, "other order")
 
 
 SWAP_SIGNATURE = StageSignature(S=ROW_POINTER, due=FLAG, returns=NUMBER)
