@@ -29,7 +29,7 @@ from fastcoil.base.errors import InputError, WrongTypeMessage, did_you_mean, sho
 from fastcoil.logs.series import COLUMNS, Series
 from fastcoil.logs.timestamps import format_utc_offset, time_zone_from_name
 from fastcoil.loops.labelled import SeriesLabels, as_data_array, convert_units, label_mismatches, read_series_labels
-from fastcoil.model.parameter_table import PARAMETERS, Parameter
+from fastcoil.model.parameter_table import COVERED, PARAMETERS, Parameter
 
 Values: TypeAlias = Any
 """A series as a user gives it: a number, array-like or DataArray; checked at run time."""
@@ -348,7 +348,7 @@ _CONDITION_BOUNDS: tuple[tuple[str, str, float, float], ...] = (
 )
 _ABOVE_0 = ("hours", "m_a_design", "m_a_min")
 CONDITIONS = {
-    name: Parameter(name, "boundary", unit, None, "", least, most, open_lower=name in _ABOVE_0)
+    name: Parameter(name, "boundary", unit, None, "", least, most, open_lower=name in _ABOVE_0, theory=COVERED)
     for names, unit, least, most in _CONDITION_BOUNDS
     for name in names.split()
 } | {"pressure": PARAMETERS["pressure"]}
