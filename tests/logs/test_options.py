@@ -27,13 +27,13 @@ def test_gaps_and_batches_make_pieces_or_are_refused(write_log):
     log = read_checked_log(gap, WANTED)
     np.testing.assert_array_equal(log.batch, [0, 0, 0, 0, 1])
     assert any("1 gap in time (first: 819 s between rows 5 and 6)" in note for note in log.notes)
-    message = only_problem(read_checked_log, gap, WANTED, ReadingOptions(unbroken=True))
+    message = only_problem(read_checked_log, gap, WANTED, ReadingOptions(refuse_gaps=True))
     assert "rows 5 and 6 are 819 s apart, others 60 s" in message
     assert "max_gap=819" in message
-    assert read_checked_log(gap, WANTED, ReadingOptions(unbroken=True, max_gap=819)).n_batches == 1
+    assert read_checked_log(gap, WANTED, ReadingOptions(refuse_gaps=True, max_gap=819)).n_batches == 1
     batches = write_log([*HEADER, "batch"], [[*row, i // 2] for i, row in enumerate(ROWS)], "batches.csv")
     assert read_checked_log(batches, WANTED).n_batches == 2
-    message = only_problem(read_checked_log, batches, WANTED, ReadingOptions(unbroken=True))
+    message = only_problem(read_checked_log, batches, WANTED, ReadingOptions(refuse_gaps=True))
     assert "rows 3 and 4 are of two batches" in message
 
 
