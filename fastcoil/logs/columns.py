@@ -10,7 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -74,8 +74,9 @@ class ReadingOptions:
         Zone of timestamps without a UTC offset, such as ``America/New_York`` or ``UTC-05:00``; blank if unknown.
     refuse_gaps
         Refuse gaps and changes of batch.
-    has_command
-        Whether a command offers the same as options, so that messages name these too.
+    reader
+        What the user calls, so that messages name its options: ``read_log`` and the commands built on it, the command
+        ``join``, or a function with the arguments themselves.
     """
 
     columns: Mapping[str, str] | None = None
@@ -87,11 +88,13 @@ class ReadingOptions:
     time_format: str | None = None
     time_zone: str = ""
     refuse_gaps: bool = False
-    has_command: bool = False
+    reader: Literal["read_log", "join", "function"] = "function"
 
     def cure(self, argument: str, option: str) -> str:
-        """An argument of the function, and the option of the command that does the same."""
-        return f"{argument}, {option}" if self.has_command else argument
+        """Return the argument of the function, or the option of the command, that does what a message advises."""
+        if self.reader == "function":
+            return argument
+        return option if self.reader == "join" else f"fc.read_log(..., {argument}), {option}"
 
     def unit_cure(self, name: str, unit: str) -> str:
         """How to declare the unit of ``name``."""
@@ -104,6 +107,8 @@ class ReadingOptions:
 
 def check_reading_options(check: Checks, **arguments: Any) -> ReadingOptions:
     """The arguments of a public function that say how its log is read, checked; it passes those that it offers."""
+    if arguments.pop("has_command", False):
+        arguments["reader"] = "read_log"
     if "drop" in arguments:
         check(require_flag, "drop", arguments["drop"])
     if "jumps" in arguments:

@@ -235,7 +235,7 @@ def join_points(
     usual steps for a point of regular samples, no limit for one that is written when it changes.
     """
     options = ReadingOptions(
-        columns=columns, units=units, time_format=time_format, time_zone=time_zone or "", has_command=True
+        columns=columns, units=units, time_format=time_format, time_zone=time_zone or "", reader="join"
     )
     points, notes = _read_files(paths, options)
     values, declared = {point.name: point.values for point in points}, {point.name: point.unit for point in points}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -9,7 +10,14 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from fastcoil.base.arguments import argument_checks, collect_problems
+from fastcoil.base.arguments import (
+    Checks,
+    argument_checks,
+    collect_problems,
+    raise_problems,
+    require_choice,
+    require_mapping,
+)
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError
 from fastcoil.logs.columns import (
@@ -271,7 +279,7 @@ def as_log(name: str, source: Any, like: Log | None = None) -> Log:
     return Log(require_log(name, source), _DEFAULT_LOG_OPTIONS if like is None else like._options)
 
 
-_DEFAULT_LOG_OPTIONS = ReadingOptions(constants={}, drop=False, jumps="refuse", has_command=True)
+_DEFAULT_LOG_OPTIONS = ReadingOptions(constants={}, drop=False, jumps="refuse", reader="read_log")
 
 
 def read_log(
@@ -294,10 +302,28 @@ def read_log(
     """
     with argument_checks() as check:
         source = check(require_log, "source", source)
-        options = check_reading_options(
+        options = _check_options(
             check, units=units, columns=columns, drop=drop, jumps=jumps, max_gap=max_gap, time_format=time_format,
-            time_zone=time_zone, constants=constants, has_command=True,
+            time_zone=time_zone, constants=constants,
         )  # fmt: skip
     log = Log(source, options)
     log.check()
     return log
+
+
+def check_read_options(options: Any) -> None:
+    """Check a mapping of options of ``read_log``, the argument ``read`` of a function that reads many logs."""
+    cure = "give a mapping of options of fc.read_log, such as {'drop': True}"
+    names = [name for name in inspect.signature(read_log).parameters if name != "source"]
+    with argument_checks() as check:
+        for name in require_mapping("read", options, cure):
+            check(require_choice, "read", name, names)
+        raise_problems(check.problems)
+        _check_options(check, **options)
+
+
+def _check_options(check: Checks, **options: Any) -> ReadingOptions:
+    defaults = {"units": None, "columns": None, "drop": False, "jumps": "refuse", "max_gap": None, "time_format": None}
+    return check_reading_options(
+        check, **(defaults | {"time_zone": None, "constants": None} | options), reader="read_log"
+    )
