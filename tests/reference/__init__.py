@@ -4,7 +4,8 @@ Source: J. Cai and J. E. Braun, "Self-learning Backlash Inverse Control of Cooli
 Having Backlash Hysteresis", International Refrigeration and Air Conditioning Conference at Purdue, 2016,
 paper 1801, docs.lib.purdue.edu/iracc/1801.  Equation numbers (1) to (4) are the paper's.
 
-It computes one scenario at a time with lists and floats, and shares no code with the package it checks.
+It computes one scenario at a time with lists and floats, and shares no code with the package it checks, only the names
+and defaults of its parameters.
 Where the package is clever, this one is literal: Eq (1) is the paper's three branches, saturation is the
 Hyland-Wexler formula with math.exp and math.log, and the metrics are taken from the whole recorded run
 instead of being accumulated in the loop.

@@ -44,19 +44,19 @@ class Memory(NamedTuple):
 
 
 @exact
-def start(p):
+def initial_memory(p):
     """Memory at the start: nothing yet."""
     return Memory(weight_of_new(20.0 * p.ti, p.sample_time), 0.0, np.nan)
 
 
 @exact
-def step(now, p, memory):
+def update_estimate(now, p, memory):
     """Let the estimate follow the share of turns."""
     share = low_passed(memory.share, 1.0 if now.switches > memory.switches else 0.0, memory.weight)
     return SCALE * share, Memory(memory.weight, now.switches, share)
 
 
-ESTIMATOR = Estimator("turns", Parameters, Memory, step, start)
+ESTIMATOR = Estimator("turns", Parameters, Memory, update_estimate, initial_memory)
 '''
 CHECK_SOURCE = """
 import sys
