@@ -134,7 +134,7 @@ class Results:
         metrics, flags, signals = run_interruptibly(block, day, self._plan.traces, work)
         self.metrics[:, members], self.status[members] = metrics[:, : members.size], flags[: members.size]
         for name, signal in signals.items():
-            volumes = (slice(block.common.n_volumes),) if TRACES[name].per_volume else ()
+            volumes = (slice(block.config.n_volumes),) if TRACES[name].per_volume else ()
             self.traces[name][members, *volumes] = signal[..., : members.size].T
 
 

@@ -22,7 +22,6 @@ from fastcoil.loops.provenance import environments_of
 from fastcoil.loops.scenarios import check_same_form
 from fastcoil.loops.simulate import number_of_threads
 from fastcoil.model.engine.lanes import compile_kernel
-from fastcoil.model.numerics.jit import is_same_model
 from fastcoil.model.user_rules import refuse_changed_code
 from fastcoil.study.file.spec import Study, read_study
 from fastcoil.study.file.user_code import load, load_rules
@@ -244,7 +243,7 @@ def _find_pending_run(
             return _repair_folder(study, store, ds, requested.with_files_of(stored)) if slice_index is None else ds
         if stored is None and ds is not None and not is_result_of(ds, requested):
             raise store.missing_manifest_error()
-    if stored is not None and not is_same_model(stored.model_sha256, requested.model_sha256):
+    if stored is not None and stored.model_sha256 != requested.model_sha256:
         warnings.warn(
             f"{store.path} was computed with other sources of the model: everything is computed again", stacklevel=2
         )

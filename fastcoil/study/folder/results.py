@@ -28,7 +28,6 @@ from fastcoil.loops.provenance import environments_of, provenance
 from fastcoil.loops.scenarios import check_result, check_same_form, join_flat, parameter_columns, unflatten
 from fastcoil.model.engine.lanes import parameter_matrix
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, STATUS_NOT_RUN, TRACES
-from fastcoil.model.numerics.jit import is_same_model
 from fastcoil.model.user_rules import RULE_KINDS, refuse_changed_code
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.folder import StudyFolder, refuse_archive
@@ -190,7 +189,7 @@ def match_scenarios(plan: Plan, attrs: dict[str, Any], earlier: xr.Dataset) -> t
     differences = [
         words for name, words in _DECISIVE_ATTRIBUTES.items() if str(attrs.get(name)) != str(earlier.attrs.get(name))
     ]
-    if not is_same_model(str(attrs.get("model_sha256")), str(earlier.attrs.get("model_sha256"))):
+    if attrs.get("model_sha256") != earlier.attrs.get("model_sha256"):
         differences.append("the sources of the model")
     if differences:
         raise InputError(
@@ -278,7 +277,7 @@ class ComputedParts:
         """
         shards = Shards(folder.path, manifest.key)
         results = folder.open_results() if folder.has_results else None
-        if results is None or not is_same_model(str(results.attrs.get("model_sha256")), manifest.model_sha256):
+        if results is None or results.attrs.get("model_sha256") != manifest.model_sha256:
             return cls(study, shards, None, *np.empty((2, 0), dtype=np.int64))
         match = match_scenarios(study.plan, study_attributes(study, manifest), results)
         # damaged traces must not be written again with a hash of their own
