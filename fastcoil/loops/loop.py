@@ -267,7 +267,7 @@ _MAX_LISTED_VALUES = 5  # so many values of a sweep are written one by one
 def _changed_names(loop: Loop, preset: Preset) -> list[str]:
     """Parameters of another value than in a preset: those swept, then constants, in the order of the table."""
     constants = {name: loop.constants[name] for name in loop.parameters if name in loop.constants}
-    return [*loop.swept, *preset.changed(constants, loop.parameters)]
+    return [*loop.swept, *preset.changed_names(constants, loop.parameters)]
 
 
 def _summarise_values(value: xr.DataArray) -> str:

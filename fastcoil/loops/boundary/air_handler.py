@@ -20,7 +20,7 @@ import numpy as np
 from fastcoil.base.arguments import argument_checks, raise_problems, require_choice, require_integer
 from fastcoil.base.arrays import Array, Mask
 from fastcoil.base.errors import InputError
-from fastcoil.loops.boundary.days import Drift, smooth
+from fastcoil.loops.boundary.days import Drift, filter_white_noise
 from fastcoil.loops.boundary.series import CONDITIONS, require_condition
 from fastcoil.loops.boundary.weather_files import Weather
 from fastcoil.model.moist_air import humidity_ratio, mix
@@ -217,9 +217,9 @@ def make_day_series(s: Settings, outdoors: Outdoors, label: int) -> dict[str, Ar
     begin, end = (round(3600 * hour) for hour in s.fan[label] or (0.0, 0.0))
     drifts = {name: s.disturbances * drift for name, drift in plant_drifts(s.seed, label).items()}
     minutes = slice(None, None, ZONE_STEP_S)
-    mean_load = load(s, T_out[minutes], begin, end)
+    mean_load = building_load(s, T_out[minutes], begin, end)
     loads = zone_loads(mean_load, s.zone_spread, s.disturbances * zone_drifts(s.seed, label, s.zones))
-    T_set = set_point(s, T_out, loads, begin, end)
+    T_set = set_point_series(s, T_out, loads, begin, end)
     flow = air_flow(s, loads, T_set[minutes])
     m_a = interpolate_to_seconds(np.append(flow, flow[-1]), ZONE_STEP_S) * (1.0 + drifts["m_a"])
     T_a_in, W_a_in = np.full(DAY_SECONDS, s.T_return), np.full(DAY_SECONDS, s.W_return)
@@ -246,7 +246,7 @@ def make_day_series(s: Settings, outdoors: Outdoors, label: int) -> dict[str, Ar
     }
 
 
-def load(s: Settings, T_out: Array, begin: int, end: int) -> Array:
+def building_load(s: Settings, T_out: Array, begin: int, end: int) -> Array:
     """Load as a share of the design load, from the outdoor temperature each minute, 0 to 1; seconds of the fan."""
     outdoors = np.clip((T_out - s.T_balance) / (s.T_design - s.T_balance), 0.0, 1.0)
     hour = np.arange(T_out.size) * ZONE_STEP_S / 3600.0
@@ -256,7 +256,7 @@ def load(s: Settings, T_out: Array, begin: int, end: int) -> Array:
     return np.asarray((1.0 - s.internal_load) * outdoors + s.internal_load * people)
 
 
-def set_point(s: Settings, T_out: Array, loads: Array, begin: int, end: int) -> Array:
+def set_point_series(s: Settings, T_out: Array, loads: Array, begin: int, end: int) -> Array:
     """Set-point at each second [degC]."""
     if s.set_point == "fixed":
         return np.full(DAY_SECONDS, s.T_set)
@@ -264,11 +264,11 @@ def set_point(s: Settings, T_out: Array, loads: Array, begin: int, end: int) -> 
     if s.set_point == "trim_and_respond" and end > begin:
         step_seconds = np.arange(begin, end, s.trim_interval)
         limits = request_limits(loads[step_seconds // ZONE_STEP_S], s.T_return, s.T_set_min)
-        share = between(T_out[step_seconds], s.T_out_min, s.T_out_max, 0.0, 1.0)
+        share = reset_line(T_out[step_seconds], s.T_out_min, s.T_out_max, 0.0, 1.0)
         steps = trim_and_respond(s, share, limits)
         top = np.full(DAY_SECONDS, s.T_set_max)
         top[begin:end] = np.repeat(steps, s.trim_interval)[: end - begin]
-    return between(T_out, s.T_out_min, s.T_out_max, top, s.T_set_min)
+    return reset_line(T_out, s.T_out_min, s.T_out_max, top, s.T_set_min)
 
 
 def air_flow(s: Settings, loads: Array, T_set: Array) -> Array:
@@ -284,7 +284,7 @@ def water_temperature(s: Settings, T_out: Array, loads: Array) -> Array:
     if s.water == "fixed":
         return np.full(DAY_SECONDS, s.T_w_in)
     if s.water == "outdoor":
-        return between(T_out, s.T_out_w_min, s.T_out_w_max, s.T_w_max, s.T_w_min)
+        return reset_line(T_out, s.T_out_w_min, s.T_out_w_max, s.T_w_max, s.T_w_min)
     mean = np.clip(loads, 0.0, 1.0).mean(axis=1)
     share = interpolate_to_seconds(np.append(mean, mean[-1]), ZONE_STEP_S)  # the last minute holds
     idle, full = (s.T_w_max, s.T_w_min) if s.cools else (s.T_w_min, s.T_w_max)
@@ -315,7 +315,7 @@ def interpolate_to_seconds(values: Array, step: int) -> Array:
 def _drift_noise(drift: Drift, step: int, white: Array) -> Array:
     """Noise each ``step`` seconds from midnight to midnight from the white noise of two days, (86400 / step + 1,)."""
     coarse = Drift(drift.std, drift.tau // step)
-    return smooth(white[DAY_SECONDS // step - 10 * coarse.tau - 1 :].copy(), coarse)
+    return filter_white_noise(white[DAY_SECONDS // step - 10 * coarse.tau - 1 :].copy(), coarse)
 
 
 def _white_noise(step: int, seed: int, day: int, stream: int, n: int) -> Array:
@@ -402,7 +402,7 @@ def request_limits(loads: Array, T_zone: float, T_set_min: float) -> Array:
     )
 
 
-def between(T_out: Array, T_out_min: float, T_out_max: float, at_min: Array | float, at_max: float) -> Array:
+def reset_line(T_out: Array, T_out_min: float, T_out_max: float, at_min: Array | float, at_max: float) -> Array:
     """``at_min`` up to the one outdoor temperature, ``at_max`` from the other on, a straight line between them."""
     share = np.clip((T_out - T_out_min) / (T_out_max - T_out_min), 0.0, 1.0)
     return np.asarray(at_min + share * (at_max - at_min))

@@ -38,10 +38,10 @@ def smooth_noise(n_steps: int, drift: Drift, stream: tuple[int, int]) -> Array:
     """
     seed, number = stream
     random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
-    return smooth(random.standard_normal(10 * drift.tau + n_steps), drift)
+    return filter_white_noise(random.standard_normal(10 * drift.tau + n_steps), drift)
 
 
-def smooth(white: Array, drift: Drift) -> Array:
+def filter_white_noise(white: Array, drift: Drift) -> Array:
     """White noise of standard deviation 1, (n,), as that of ``drift``, without its first 10 time constants.
 
     ``white`` is overwritten.
@@ -119,7 +119,11 @@ def _days_of_seeds(make_day: Callable[..., dict[str, Values]], hours: Any, seed:
     if isinstance(to_builtin(seed), int):
         return Boundary(**make(seeds[0]), day=seeds[0])
     days = Boundary.from_days(make, day=seeds, hours=n_steps / 3600)
-    return days if len(seeds) * n_steps > LARGE_BOUNDARY_SAMPLES else Boundary.of(days.to_dataset(), by_air=True)
+    return (
+        days
+        if len(seeds) * n_steps > LARGE_BOUNDARY_SAMPLES
+        else Boundary.from_samples(days.to_dataset(), enabled_follows_air=True)
+    )
 
 
 def _stepped_set_point(n_steps: int) -> Array:

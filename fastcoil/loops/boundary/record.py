@@ -108,7 +108,9 @@ class Boundary(Samples):
         arrays, n_stopped = complete_series(entries, labels.size, n_steps or 0, enabled_follows_air=enabled is None)
         warn_of_no_air_flow(n_stopped)
         ds = boundary_dataset(arrays, labels, n_steps or 0, clock)
-        self.__setstate__({"_ds": ds, "_make": None, "_time_zone": clock.time_zone, "_by_air": enabled is None})
+        self.__setstate__(
+            {"_ds": ds, "_maker": None, "_time_zone": clock.time_zone, "_enabled_follows_air": enabled is None}
+        )
 
     def __repr__(self) -> str:
         """For a terminal; a stream without known ranges shows how many days it has: making all takes too long."""
@@ -130,7 +132,7 @@ class Boundary(Samples):
         names = (*BOUNDARY_SERIES, "day", "start", "time_zone")
         unknown = [name for name in changes if name not in names]
         raise_problems([f"{name}{did_you_mean(name, names)}: use {', '.join(names)}" for name in unknown])
-        by_air = changes["enabled"] is None if "enabled" in changes else self._by_air
+        enabled_follows_air = changes["enabled"] is None if "enabled" in changes else self._enabled_follows_air
         clock = {name: changes.get(name, getattr(self, name)) for name in ("start", "time_zone")}
         start = None if "start" in changes else self.start
         zone = None if {"start", "time_zone"} & changes.keys() else self.clock_zone
@@ -140,33 +142,48 @@ class Boundary(Samples):
         entries, common_labels = read_series(series, problems, day=changes.get("day"), known_labels=known_labels)
         raise_problems(problems)
         replacements = {name: None if changes[name] is None else entry for name, entry in entries.items()}
-        if by_air and "m_a" in changes:
+        if enabled_follows_air and "m_a" in changes:
             replacements["enabled"] = None
         make = partial(replace_series, self.maker, replacements) if replacements else self.maker
-        changed = Boundary._stream(make, np.asarray(common_labels.day), self.n_steps, **clock, by_air=by_air)
-        if self._make is not None:
+        changed = Boundary._stream(
+            make, np.asarray(common_labels.day), self.n_steps, **clock, enabled_follows_air=enabled_follows_air
+        )
+        if self._maker is not None:
             return changed
-        if by_air and {"m_a", "enabled"} & changes.keys():
+        if enabled_follows_air and {"m_a", "enabled"} & changes.keys():
             warn_of_no_air_flow(int(np.count_nonzero(changed.series["enabled"] == 0.0)))
-        return Boundary.of(changed.to_dataset(), time_zone=changed.time_zone, by_air=by_air)
+        return Boundary.from_samples(
+            changed.to_dataset(), time_zone=changed.time_zone, enabled_follows_air=enabled_follows_air
+        )
 
     @classmethod
     def _stream(
-        cls, make: DayMaker, day: NDArray[Any], n_steps: int, start: Any, time_zone: Any, by_air: bool = False
+        cls,
+        make: DayMaker,
+        day: NDArray[Any],
+        n_steps: int,
+        start: Any,
+        time_zone: Any,
+        enabled_follows_air: bool = False,
     ) -> Boundary:
         """Days that are made by position."""
         clock = make_clock(start, time_zone, day, n_steps)
-        return cls.of(boundary_dataset({}, day, n_steps, clock), make=make, time_zone=clock.time_zone, by_air=by_air)
+        return cls.from_samples(
+            boundary_dataset({}, day, n_steps, clock),
+            make=make,
+            time_zone=clock.time_zone,
+            enabled_follows_air=enabled_follows_air,
+        )
 
     def isel(self, day: Any) -> Boundary:
         """Some days by position: a number, which leaves no dim ``day``, a list, flags or a slice."""
-        return self._chosen("isel", day)
+        return self._select_days("isel", day)
 
     def sel(self, day: Any) -> Boundary:
         """Some days by label: one, which leaves no dim ``day``, a list, or a slice from one to another."""
-        return self._chosen("sel", day)
+        return self._select_days("sel", day)
 
-    def _chosen(self, method: str, day: Any) -> Boundary:
+    def _select_days(self, method: str, day: Any) -> Boundary:
         ds = with_day_dim(self._ds).assign_coords(position=("day", np.arange(self.n_days)))
         try:
             ds = getattr(ds, method)(day=day)
@@ -182,11 +199,13 @@ class Boundary(Samples):
                 f"day = {short_repr(day)} chooses {'a day twice' if positions.size else 'no day'}: give each day once"
             )
         ds, make = ds.drop_vars("position"), None
-        if self._make is not None and positions.ndim:
-            make = partial(pick_day, [self._make], np.zeros_like(positions), positions)
-        elif self._make is not None:
+        if self._maker is not None and positions.ndim:
+            make = partial(pick_day, [self._maker], np.zeros_like(positions), positions)
+        elif self._maker is not None:
             ds = ds.assign(series_variables(self.of_day(int(positions))))
-        return Boundary.of(ds, make=make, time_zone=self.time_zone, by_air=self._by_air)
+        return Boundary.from_samples(
+            ds, make=make, time_zone=self.time_zone, enabled_follows_air=self._enabled_follows_air
+        )
 
     @staticmethod
     def concat(boundaries: Sequence[Boundary]) -> Boundary:
@@ -200,7 +219,10 @@ class Boundary(Samples):
         for i, boundary in enumerate(boundaries):
             require_instance(f"boundaries[{i}]", boundary, Boundary, cure)
         raise_problems(list(_joining_problems(boundaries)))
-        zone, by_air = next(filter(None, (b.time_zone for b in boundaries)), ""), all(b._by_air for b in boundaries)
+        zone, enabled_follows_air = (
+            next(filter(None, (b.time_zone for b in boundaries)), ""),
+            all(b._enabled_follows_air for b in boundaries),
+        )
         is_streamed = any(boundary.is_streamed for boundary in boundaries)
         datasets = [
             boundary._ds.drop_vars(list(boundary._ds.data_vars)) if is_streamed else boundary._ds
@@ -212,11 +234,11 @@ class Boundary(Samples):
         if is_streamed:
             days = [(i, k) for i, boundary in enumerate(boundaries) for k in range(boundary.n_days)]
             make = partial(pick_day, [boundary.maker for boundary in boundaries], *np.array(days).T)
-        return Boundary.of(ds, make=make, time_zone=zone, by_air=by_air)
+        return Boundary.from_samples(ds, make=make, time_zone=zone, enabled_follows_air=enabled_follows_air)
 
     def to_dataset(self) -> xr.Dataset:
         """The series as a Dataset with dims (``day``,) ``elapsed_time``, units, long names, and ``start`` if known."""
-        if self._make is None:
+        if self._maker is None:
             return self._ds.copy(deep=True)
         return boundary_dataset(self.series, self._ds["day"].values, self.n_steps, Clock(self.start, self.time_zone))
 

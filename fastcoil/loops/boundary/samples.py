@@ -54,15 +54,19 @@ class Samples:
 
     _ds: xr.Dataset
     """Labels and clock as coordinates, ``start`` only if it is known; the series unless a maker gives them."""
-    _make: DayMaker | None
+    _maker: DayMaker | None
     _time_zone: str
-    _by_air: bool
+    _enabled_follows_air: bool
 
     @classmethod
-    def of(cls, ds: xr.Dataset, *, make: DayMaker | None = None, time_zone: str = "", by_air: bool = False) -> Self:
-        """A boundary of checked samples; ``by_air``: the air flow alone decides on ``enabled``."""
+    def from_samples(
+        cls, ds: xr.Dataset, *, make: DayMaker | None = None, time_zone: str = "", enabled_follows_air: bool = False
+    ) -> Self:
+        """A boundary of checked samples; ``enabled_follows_air``: the air flow alone decides on ``enabled``."""
         self = cls.__new__(cls)
-        self.__setstate__({"_ds": ds, "_make": make, "_time_zone": time_zone, "_by_air": by_air})
+        self.__setstate__(
+            {"_ds": ds, "_maker": make, "_time_zone": time_zone, "_enabled_follows_air": enabled_follows_air}
+        )
         return self
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -73,7 +77,7 @@ class Samples:
     @property
     def is_streamed(self) -> bool:
         """Whether days are made on demand instead of held in memory."""
-        return self._make is not None
+        return self._maker is not None
 
     @property
     def day(self) -> NDArray[np.int64]:
@@ -121,7 +125,7 @@ class Samples:
     @property
     def series(self) -> dict[str, Array]:
         """All series by name, each float64 (n_days, n_steps), read-only; all days of a stream are made for it."""
-        if self._make is None:
+        if self._maker is None:
             return {str(name): np.atleast_2d(values.values) for name, values in self._ds.data_vars.items()}
         needed, available = 8 * len(BOUNDARY_SERIES) * self.n_days * self.n_steps, available_memory()
         if needed > available:
@@ -138,49 +142,49 @@ class Samples:
     def of_day(self, k: int) -> dict[str, Array]:
         """The series of one day by position, each float64 (n_steps,), read-only."""
         k = require_integer("k", k, 0, self.n_days - 1)
-        rows, _ = self.made(k)
-        if self._make is not None and self.has_summary and day_digest(int(self.day[k]), rows) != self.day_sha256[k]:
+        rows, _ = self.make_day(k)
+        if self._maker is not None and self.has_summary and day_digest(int(self.day[k]), rows) != self.day_sha256[k]:
             raise InputError(
                 f"make gives other samples for day {self.day[k]} than before: it must give the same each time, draw "
                 "random numbers from a generator that is seeded with the label"
             )
         return rows
 
-    def made(self, k: int) -> tuple[dict[str, Array], int]:
+    def make_day(self, k: int) -> tuple[dict[str, Array], int]:
         """The series of a day, and how many of its seconds a stream finds to be off for want of air flow."""
-        if self._make is None:
+        if self._maker is None:
             return {name: values[k] for name, values in self.series.items()}, 0
         label, start = int(self.day[k]), None if self.start is None else self.start[k]
         known_labels = SeriesLabels(day=np.asarray(label), start=start, time_zone=self.clock_zone)
-        return read_day(self._make(k), self.n_steps, known_labels)
+        return read_day(self._maker(k), self.n_steps, known_labels)
 
     @property
     def has_summary(self) -> bool:
         """Whether ranges and digests are known: those of a stream take a pass over all its days."""
-        return "_survey" in self.__dict__
+        return "_summary" in self.__dict__
 
     @property
     def extremes(self) -> dict[str, tuple[float, float]]:
         """Least and largest value of each series; a stream makes all its days for it, once."""
-        return dict(self._survey.extremes)
+        return dict(self._summary.extremes)
 
     @property
     def sha256(self) -> str:
         """Digest of the day labels and of every name and sample; the clock does not count."""
-        return self._survey.sha256
+        return self._summary.sha256
 
     @property
     def day_sha256(self) -> list[str]:
         """Digest of each day's label and samples."""
-        return list(self._survey.day_sha256)
+        return list(self._summary.day_sha256)
 
     @cached_property
-    def _survey(self) -> SampleSummary:
+    def _summary(self) -> SampleSummary:
         is_small = self.n_days * self.n_steps <= LARGE_BOUNDARY_SAMPLES
         extremes: dict[str, tuple[float, float]] = {}
         hashes, kept_rows, n_stopped, dampest_so_far = [], [], 0, (0.0, "")
         for k, label in enumerate(self.day.tolist()):
-            rows, seconds = self.made(k)
+            rows, seconds = self.make_day(k)
             n_stopped += seconds
             hashes.append(day_digest(label, rows))
             dampest_so_far = dampest_sample(
@@ -207,7 +211,7 @@ class Samples:
     @property
     def dampest(self) -> tuple[float, str]:
         """The sample of entering air that is nearest to saturation, see ``SampleSummary``."""
-        return self._survey.dampest
+        return self._summary.dampest
 
     @property
     def extent(self) -> str:
@@ -241,7 +245,7 @@ class Samples:
     @property
     def maker(self) -> DayMaker:
         """Makes its days again, for a stream of other days."""
-        return self._make or self.of_day
+        return self._maker or self.of_day
 
 
 def boundary_dataset(series: Mapping[str, Array], day: NDArray[Any], n_steps: int, clock: Clock) -> xr.Dataset:
