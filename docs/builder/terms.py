@@ -15,7 +15,6 @@ EVERYDAY_WORDS = {
         "interval",
         "inverse",
         "kernel",
-        "hunting_index",
         "metric",
         "pi",
     ),

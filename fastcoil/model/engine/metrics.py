@@ -28,7 +28,7 @@ from fastcoil.model.metric_table import (
 from fastcoil.model.numerics.jit import scalar, section
 from fastcoil.model.physics import LEAST_WATER_FLOW_KG_S, humidity_ratio, saturation_pressure_frost
 
-alike, is_hunting = scalar(is_same_period), scalar(is_hunting)
+is_same_period, is_hunting = scalar(is_same_period), scalar(is_hunting)
 IS_COUNTED = 1
 IS_SETTLED = 2
 WINDOW_STARTS = 4
