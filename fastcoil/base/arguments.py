@@ -13,7 +13,7 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
-from fastcoil.base.errors import InputError, WrongTypeMessage, did_you_mean, short_repr
+from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 from fastcoil.base.files import require_usable_path
 
 if TYPE_CHECKING:
@@ -93,10 +93,10 @@ def require_number(
 ) -> float:
     """A finite number from ``least`` to ``most``, both included."""
     if not is_number(value):
-        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)}: {cure}"))
+        raise InputError(f"{name} = {short_repr(value)}: {cure}", name, "type")
     number = to_builtin(value)
     if not max(least, -_LARGEST_FLOAT) <= number <= most:
-        raise InputError(f"{name} = {short_repr(value)}: {cure}")
+        raise InputError(f"{name} = {short_repr(value)}: {cure}", name, "value")
     return float(number)
 
 
@@ -104,10 +104,10 @@ def require_integer(name: str, value: object, least: int, most: int | None = Non
     """A whole number from ``least`` to ``most``."""
     number = to_builtin(value)
     if isinstance(number, bool) or not isinstance(number, Integral) or hasattr(number, "dtype"):
-        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)}: {cure or 'give a whole number'}"))
+        raise InputError(f"{name} = {short_repr(value)}: {cure or 'give a whole number'}", name, "type")
     if int(number) < least or (most is not None and int(number) > most):
         limits = f"must be at least {least}" + (f" and at most {most}" if most is not None else "")
-        raise InputError(f"{name} = {short_repr(number)}: {cure or limits}")
+        raise InputError(f"{name} = {short_repr(number)}: {cure or limits}", name, "value")
     return int(number)
 
 
@@ -115,7 +115,7 @@ def require_flag(name: str, value: object) -> bool:
     """True or False, of Python or numpy."""
     flag = to_builtin(value)
     if not isinstance(flag, bool):
-        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)}: give True or False"))
+        raise InputError(f"{name} = {short_repr(value)}: give True or False", name, "type")
     return flag
 
 
@@ -124,22 +124,22 @@ def require_choice(name: str, value: object, choices: Collection[str]) -> str:
     word = to_builtin(value)
     cure = f"choose {_alternatives(choices)}" if choices else "leave it out, there is none to choose"
     if not isinstance(word, str):
-        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)}: {cure}"))
+        raise InputError(f"{name} = {short_repr(value)}: {cure}", name, "type")
     if word not in choices:
-        raise InputError(f"{name} = {short_repr(word)}{did_you_mean(word, choices)}: {cure}")
+        raise InputError(f"{name} = {short_repr(word)}{did_you_mean(word, choices)}: {cure}", name, "choice")
     return word
 
 
 def require_path(name: str, value: object, cure: str = "give a path") -> Path:
     """A path that the file system accepts; it need not exist."""
     if not isinstance(value, (str, os.PathLike)):
-        raise InputError(WrongTypeMessage(f"{name} is a {type(value).__name__}: {cure}"))
+        raise InputError(f"{name} is a {type(value).__name__}: {cure}", name, "type")
     text = os.fspath(value)
     if not isinstance(text, str):
-        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)}: {cure} as text"))
+        raise InputError(f"{name} = {short_repr(value)}: {cure} as text", name, "type")
     if not text:
-        raise InputError(f"{name} is empty: {cure}")
-    require_usable_path(Path(text), cure)
+        raise InputError(f"{name} is empty: {cure}", name, "path")
+    require_usable_path(Path(text), cure, name)
     return Path(text)
 
 
@@ -147,9 +147,11 @@ def require_text(name: str, value: object) -> str:
     """A text that can be stored as UTF-8."""
     text = to_builtin(value)
     if not isinstance(text, str):
-        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)}: give a text"))
+        raise InputError(f"{name} = {short_repr(value)}: give a text", name, "type")
     if not is_storable_text(text):
-        raise InputError(f"{name} = {short_repr(text)}: it has characters that cannot be stored as UTF-8, remove them")
+        raise InputError(
+            f"{name} = {short_repr(text)}: it has characters that cannot be stored as UTF-8, remove them", name, "value"
+        )
     return text
 
 
@@ -164,7 +166,7 @@ def is_storable_text(text: str) -> bool:
 def require_instance(name: str, value: object, kind: type[T], cure: str) -> T:
     """An instance of ``kind``."""
     if not isinstance(value, kind):
-        raise InputError(WrongTypeMessage(f"{name} is a {type(value).__name__}: {cure}"))
+        raise InputError(f"{name} is a {type(value).__name__}: {cure}", name, "type")
     return value
 
 
@@ -176,18 +178,20 @@ def require_array(name: str, value: Any, cure: str, kinds: str = "iuf") -> "NDAr
     import numpy as np
 
     if isinstance(value, range) and len(value) > MAX_ARRAY_VALUES:
-        raise InputError(f"{name} = {short_repr(value)}: more than {MAX_ARRAY_VALUES:,} values, give fewer")
+        raise InputError(
+            f"{name} = {short_repr(value)}: more than {MAX_ARRAY_VALUES:,} values, give fewer", name, "size"
+        )
     try:
         if isinstance(value, np.ma.MaskedArray):
             value = np.ma.filled(value.astype(np.float64), np.nan)
         array = np.asarray(value)
     except Exception as error:  # a user's class may raise anything
         if isinstance(error, ValueError) and isinstance(value, (list, tuple)):
-            raise InputError(f"{name} has rows of different length: give one length") from None
-        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)}: {cure}")) from None
+            raise InputError(f"{name} has rows of different length: give one length", name, "shape") from None
+        raise InputError(f"{name} = {short_repr(value)}: {cure}", name, "type") from None
     if array.dtype.kind not in kinds:
         kind = "text" if array.dtype.kind in "US" else array.dtype.name  # the name of text has its length in bits
-        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)} is of type {kind}: {cure}"))
+        raise InputError(f"{name} = {short_repr(value)} is of type {kind}: {cure}", name, "type")
     return array
 
 
@@ -196,7 +200,7 @@ def require_mapping(name: str, value: object, cure: str, *, to_text: bool = Fals
     items = list(value.items()) if isinstance(value, Mapping) else [(None, None)]
     texts: list[Any] = [text for key, item in items for text in ((key, item) if to_text else (key,))]
     if not all(isinstance(text, str) for text in texts):
-        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)}: {cure}"))
+        raise InputError(f"{name} = {short_repr(value)}: {cure}", name, "type")
     return cast("Mapping[str, Any]", value)
 
 
@@ -208,12 +212,15 @@ def require_names(argument: str, value: object) -> list[str]:
     names: list[str] = []
     for name in map(to_builtin, items):
         if not isinstance(name, str):  # of a range of millions the first is enough
-            raise InputError(WrongTypeMessage(f"{argument} = {short_repr(value)}: must be a name or a list of names"))
+            raise InputError(f"{argument} = {short_repr(value)}: must be a name or a list of names", argument, "type")
         names.append(name)
     if not names:
-        raise InputError(f"{argument} is empty: give at least one name")
+        raise InputError(f"{argument} is empty: give at least one name", argument, "missing")
     repeated_names = sorted({name for name in names if names.count(name) > 1})
-    raise_problems([f"{argument}: {short_repr(name)} is given more than once: give it once" for name in repeated_names])
+    raise_problems([
+        Problem(f"{argument}: {short_repr(name)} is given more than once: give it once", argument, "duplicate")
+        for name in repeated_names
+    ])  # fmt: skip
     return names
 
 
