@@ -57,8 +57,7 @@ def read_text(path: Path, what: str, limit: int, *, utf_16: bool = False, latin_
             f"{path} is not UTF-8 (byte {error.start}): save it as {format}", str(path), "format"
         ) from None
     except (TooLargeError, IrregularFileError) as error:
-        code = "size" if isinstance(error, TooLargeError) else "path"
-        raise InputError(f"{path} {error}: give {what}", str(path), code) from None
+        raise InputError(f"{path} {error}: give {what}", str(path), "path") from None
     except FileNotFoundError:
         raise InputError(f"{path} does not exist: give {what}", str(path), "path") from None
     except IsADirectoryError:
