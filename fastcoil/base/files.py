@@ -102,17 +102,15 @@ def require_usable_path(path: Path, cure: str, field: str = "") -> None:
     """Raise an `InputError` for a path that no local file can have: an address, a NUL, a name too long, a loop."""
     field = field or str(path)
     if _URL_START.match(str(path)):
-        raise InputError(
-            f"{short_repr(str(path))} is an address, and fastcoil reads and writes local files: {cure}", field, "path"
-        )
+        sentence = f"{short_repr(str(path))} is an address, and fastcoil reads and writes local files: {cure}"
+        raise InputError(sentence, field, "path")
     try:
         path.stat()
     except (OSError, ValueError) as error:  # ValueError: a NUL, or a surrogate that no encoding has
         if isinstance(error, ValueError) or error.errno in _IMPOSSIBLE_PATH_ERRNOS:
             reason = getattr(error, "strerror", None) or error
-            raise InputError(
-                f"{short_repr(str(path))} is not a usable path ({reason}): {cure}", field, "path"
-            ) from None
+            sentence = f"{short_repr(str(path))} is not a usable path ({reason}): {cure}"
+            raise InputError(sentence, field, "path") from None
 
 
 def _require_regular(status: os.stat_result) -> None:

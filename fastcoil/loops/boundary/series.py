@@ -4,9 +4,7 @@ All labels must agree.  A loop without air flow is off: these seconds count in n
 """
 
 import math
-import re
 import warnings
-import zoneinfo
 from collections.abc import Collection, Iterable, Mapping
 from datetime import UTC, date, datetime, timedelta
 from itertools import islice
@@ -20,13 +18,12 @@ from fastcoil.base.arguments import (
     raise_problems,
     require_array,
     require_integer,
-    require_text,
     to_builtin,
 )
 from fastcoil.base.arrays import Array
-from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
+from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.logs.series import COLUMNS, Series
-from fastcoil.logs.timestamps import format_utc_offset, time_zone_from_name
+from fastcoil.logs.timestamps import format_utc_offset, require_time_zone, time_zone_from_name
 from fastcoil.loops.labelled import SeriesLabels, as_data_array, convert_units, label_mismatches, read_series_labels
 from fastcoil.model.parameter_table import PARAMETERS, Parameter
 
@@ -203,7 +200,6 @@ Times: TypeAlias = NDArray[np.datetime64]
 DATETIME_SECONDS = np.dtype("datetime64[s]")
 YEAR_RANGE = (1700, 2200)  # every file of results can hold the dates between
 _CURE = "give a date and time such as '2024-07-01T08:00', one for each day or one for the first"
-_OFFSET_PATTERN = re.compile(r"UTC[+-](0\d|1[0-4]):[0-5]\d", re.ASCII)
 
 
 class Clock(NamedTuple):
@@ -262,15 +258,6 @@ def make_clock(
 
 def _round_to_seconds(times: Any) -> Times:
     return np.asarray((times.astype("datetime64[us]") + np.timedelta64(500_000, "us")).astype(DATETIME_SECONDS))
-
-
-def require_time_zone(name: str, value: Any) -> str:
-    """Return the name of a time zone or an offset from UTC; blank if it is None or blank."""
-    text = "" if value is None else require_text(name, value).strip()
-    if not text or _OFFSET_PATTERN.fullmatch(text) or text in (known_zones := zoneinfo.available_timezones()):
-        return text
-    cure = "give a name such as 'America/Los_Angeles', or an offset such as 'UTC-08:00'"
-    raise InputError(f"{name} = {short_repr(text)}{did_you_mean(text, known_zones)}: {cure}", "time_zone", "name")
 
 
 def is_clock_changed(time_zone: str, start: np.datetime64, n_steps: int) -> bool:
