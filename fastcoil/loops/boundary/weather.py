@@ -192,7 +192,8 @@ def weather_year(
         path = check(require_path, "path", path, "give the path of an EPW, TMY3 or CSV file")
         check(require_name_mappings, columns=columns, units=units)
         pressure = check.unless_none(require_condition, "pressure", pressure)
-        year = check(require_integer, "year", year, 1970, 2199, "give a year from 1970 to 2199") or 2000  # refused below
+        cure = "give a year from 1970 to 2199"
+        year = check(require_integer, "year", year, 1970, 2199, cure) or 2000  # refused below
         labels = check.unless_none(require_days_of_year, "days", days)
         first = check.unless_none(_parse_date, "first_date", first_date, year)
         last = check.unless_none(_parse_date, "last_date", last_date, year)
@@ -252,8 +253,8 @@ def weather_day(
     """Return days of hourly weather, mixed with return air, as the air that enters the coil.
 
     The file is an EnergyPlus weather file (EPW), a TMY3 file or any CSV file, recognised by its content.  A row gives
-    the values at the full hour it names (hour 1 is 01:00, in the standard time of the site; of several rows an hour, the
-    last one), with straight lines between rows; a warning says what these cannot show.  The humidity comes from the dew
+    the values at the full hour it names (hour 1 is 01:00, in the standard time of the site; of several rows an hour,
+    the last one), with straight lines between rows; a warning says what these cannot show.  The humidity comes from the dew
     point if the file has one, else from the relative humidity.  The mixture keeps dry air, water and enthalpy.  The
     years in EPW and TMY3 files, which change from month to month, are ignored; the days start at their dates, in the
     time zone of the file.
