@@ -1,8 +1,8 @@
 """Refusals before anything runs (parameters that clash, unstable coils), and warnings of days that do not suit.
 
 Stability is that of the explicit scheme of Eq (3) at dt = 1 s / substeps: every temperature remains a weighted mean of
-its neighbours, without overshoot, exactly if γ ≤ 1 and λ ≤ 1 in every control volume (γ: Courant number of the water, λ:
-rate of the metal).
+its neighbours, without overshoot, exactly if γ ≤ 1 and λ ≤ 1 in every control volume (γ: Courant number of the water,
+λ: rate of the metal).
 """
 
 import warnings
@@ -43,8 +43,8 @@ def missing_parameters(loop: Loop) -> list[Problem]:
     """Return a problem for each parameter that an estimator or a rule reads and that the loop does not give."""
     used = used_choices(loop, "estimator")
     problems = []
-    for estimator in ESTIMATORS:
-        for name in estimator.Parameters._fields if estimator is not None and estimator.name in used else ():
+    for estimator in filter(None, ESTIMATORS):
+        for name in estimator.Parameters._fields if estimator.name in used else ():
             if name not in STAND_INS and PARAMETERS[name].default is None and loop[name] is None:
                 cure = f"give the {PARAMETERS[name].text} ({PARAMETERS[name].unit}, {PARAMETERS[name].bounds})"
                 problems.append(Problem(f"estimator = {estimator.name!r} without {name}: {cure}", name, "missing"))
@@ -130,12 +130,12 @@ def _unread_by_controller(loop: Loop) -> dict[str, Problem]:
     ratio, noise, swing, law = _parameter_arrays(loop, "buffer_ratio", "buffer_noise", "buffer_swing", "compensation")
     is_rate_changed = xr.DataArray(_is_changed(loop, "smooth_rate"))
     readers = (  # a parameter, where it is given, where it is read, text, what to give
-        ("buffer_noise", noise == "measured", ratio > 0.0, "buffer_noise = 'measured' without buffer_ratio", "buffer_ratio"),
-        ("buffer_swing", swing > 0.0, ratio > 0.0, "buffer_swing without buffer_ratio", "buffer_ratio"),
-        ("smooth_rate", is_rate_changed, law == "smooth", "smooth_rate without compensation = 'smooth'", "that word"),
-    )  # fmt: skip
+        ("buffer_noise", noise == "measured", ratio > 0.0, " = 'measured' without buffer_ratio", "buffer_ratio"),
+        ("buffer_swing", swing > 0.0, ratio > 0.0, " without buffer_ratio", "buffer_ratio"),
+        ("smooth_rate", is_rate_changed, law == "smooth", " without compensation = 'smooth'", "that word"),
+    )
     return {
-        name: Problem(f"{text}: give {cure}, or leave {name} out", name, "conflict")
+        name: Problem(f"{name}{text}: give {cure}, or leave {name} out", name, "conflict")
         for name, is_given, is_read, text, cure in readers
         if is_given.any() and not (is_given & is_read).any()
     }

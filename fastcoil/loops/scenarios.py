@@ -57,10 +57,8 @@ class Layout:
 
     def __init__(self, loop: Loop, boundary: Boundary, replicates: int = 1) -> None:
         if boundary.start is not None and (names := {*loop.sizes, *loop.swept} & set(CLOCK_COORDINATES)):
-            cure = "give the dim another name"
-            raise InputError([
-                Problem(f"{name} is swept, and the boundary has a start: {cure}", name, "name") for name in sorted(names)
-            ])  # fmt: skip
+            sentence = "{} is swept, and the boundary has a start: give the dim another name"
+            raise InputError([Problem(sentence.format(name), name, "name") for name in sorted(names)])
         self.loop = _with_used_rules(loop)
         self.boundary = boundary
         self.sizes = ({"day": boundary.n_days} if boundary.has_day_dim else {}) | self.loop.sizes
@@ -125,7 +123,7 @@ def parameter_columns(loop: Loop, sizes: Mapping[str, int], index: np.ndarray) -
 class Days:
     """Days of a boundary with their commands, (n_days, n_steps) or ``None``, warm-up and seed.
 
-    Each is made from the boundary on demand, and the last two are kept, for threads that work on neighbours: all of them
+    Each is made from the boundary on demand, and the last two are kept, for threads that work on neighbours: all days
     would take the memory of the boundary once more.
 
     carry_over: whether they are a sequence.  Then the warm-up counts on the first day only, the clock continues, and

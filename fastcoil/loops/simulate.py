@@ -185,7 +185,7 @@ def estimate_run_time(plan: Plan, n_jobs: int) -> tuple[float, float, float]:
 
 
 def _time_block(plan: Plan, index: np.ndarray) -> tuple[float, np.ndarray, list[np.ndarray]]:
-    """Estimate the seconds of a thread for scenarios on days like their first, by one block; return some results too."""
+    """Estimate the seconds of a thread for scenarios on days like their first, by one block; also some results."""
     columns, rules = plan.layout.columns(index), rules_for_kernels(plan.layout.loop.rules)
     is_first_day = columns["day"] == columns["day"][0]
     matrix = parameter_matrix(columns, rules)[:, is_first_day]

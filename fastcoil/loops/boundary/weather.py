@@ -254,8 +254,8 @@ def weather_day(
 
     The file is an EnergyPlus weather file (EPW), a TMY3 file or any CSV file, recognised by its content.  A row gives
     the values at the full hour it names (hour 1 is 01:00, in the standard time of the site; of several rows an hour,
-    the last one), with straight lines between rows; a warning says what these cannot show.  The humidity comes from the dew
-    point if the file has one, else from the relative humidity.  The mixture keeps dry air, water and enthalpy.  The
+    the last one), with straight lines between rows; a warning says what these cannot show.  The humidity comes from the
+    dew point if the file has one, else from the relative humidity.  The mixture keeps dry air, water and enthalpy.  The
     years in EPW and TMY3 files, which change from month to month, are ignored; the days start at their dates, in the
     time zone of the file.
 
