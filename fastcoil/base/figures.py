@@ -142,7 +142,7 @@ def write_figures(
 
 
 def read_origin(path: Path) -> str | None:
-    """Return the ``content_sha256`` of the results that a PNG, PDF or SVG file was drawn from; None if it contains none.
+    """Return the ``content_sha256`` of the results that a PNG, PDF or SVG file was drawn from, or None.
 
     Only the bytes are searched: no library decodes the untrusted file.
     """
