@@ -101,7 +101,7 @@ def run_interruptibly(
     block: Block, day: Day, traces: TraceRequest, work: WorkSpace | None = None
 ) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
     """As ``run_block``: Ctrl-C ends the wait for a rule of the user that loops for ever."""
-    has_user_rule = block.law is not None or (block.estimator is not None and block.estimator.identity)
+    has_user_rule = block.law is not None or (block.estimator is not None and block.estimator.fingerprint)
     if has_user_rule and threading.current_thread() is threading.main_thread():
         return call_with_timeout(None, lambda: run_block(block, day, traces, work))
     return run_block(block, day, traces, work)
