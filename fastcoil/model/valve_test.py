@@ -32,9 +32,9 @@ TARGET_OVERSHOOT_K = 0.5  # beyond the threshold while the command holds: gain x
 LARGEST_OVERSHOOT_SHARE = 1 / 3  # of ``test_excursion``, that the overshoot aims at
 LEAST_RATE_RATIO = 0.2  # of a ramp's rate over ``test_rate``
 LARGEST_RATE_RATIO = 4.0
-LARGEST_RATE_INCREASE = 2.0  # of a ramp's rate over that of the ramp before
+LARGEST_INCREASE = 2.0  # of a ramp's rate over that of the ramp before
 LONGEST_RAMP_STROKE = 0.3  # after which a ramp ends though the temperature has not passed the threshold
-FIRST_LIMIT_RATIO = 2.0  # of the limit before the first ramp has ended: a loop that hunts starts anywhere
+FIRST_RAMP_LIMIT_RATIO = 2.0  # of the limit before the first ramp has ended: a loop that hunts starts anywhere
 MEAN_COMMAND_TIME_S = 600.0  # of the filter of the command before the test
 LARGEST_CALM_DEVIATION = 0.05  # fraction of stroke from that mean; a command that swings wider is held at its mean
 
@@ -104,9 +104,9 @@ def update_command_mean(command, p, memory):
 @exact
 def next_ramp_rate(rate, overshoot, p):
     """Rate of the next ramp, 1/s, by which the temperature overshoots as intended; at most twice the last one."""
-    largest = LARGEST_OVERSHOOT_SHARE * p.test_excursion
-    target = TARGET_OVERSHOOT_K if TARGET_OVERSHOOT_K < largest else largest
-    rate_ratio = target / overshoot if overshoot > target / LARGEST_RATE_INCREASE else LARGEST_RATE_INCREASE
+    largest_overshoot = LARGEST_OVERSHOOT_SHARE * p.test_excursion
+    target_overshoot = TARGET_OVERSHOOT_K if TARGET_OVERSHOOT_K < largest_overshoot else largest_overshoot
+    rate_ratio = target_overshoot / overshoot if overshoot > target_overshoot / LARGEST_INCREASE else LARGEST_INCREASE
     rate = rate * rate_ratio
     rate = LARGEST_RATE_RATIO * p.test_rate if rate > LARGEST_RATE_RATIO * p.test_rate else rate
     return LEAST_RATE_RATIO * p.test_rate if rate < LEAST_RATE_RATIO * p.test_rate else rate
@@ -143,7 +143,7 @@ def step_test(e, command, enabled, p, memory):
     aborted = ABORTED_END_OF_STROKE if m.phase == PHASE_RAMP and at_end and m.direction * e > 0.0 else aborted
     no_room = (e < 0.0 and command <= 0.0) or (e > 0.0 and command >= 1.0)
     aborted = ABORTED_END_OF_STROKE if elapsed <= 0.0 and no_room else aborted
-    limit = p.test_excursion * (FIRST_LIMIT_RATIO if m.ramps_ended == 0.0 else 1.0)
+    limit = p.test_excursion * (FIRST_RAMP_LIMIT_RATIO if m.ramps_ended == 0.0 else 1.0)
     aborted = ABORTED_EXCURSION if abs(e) > limit else aborted
     is_over = elapsed >= 60.0 * p.test_minutes
     aborted = NOT_ABORTED if is_over else (aborted if enabled else ABORTED_DISABLED)
