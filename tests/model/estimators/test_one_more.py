@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import fastcoil as fc
+from fastcoil.model.estimators import interface
 from fastcoil.model.estimators.registry import ESTIMATORS
 from fastcoil.model.parameter_table import PARAMETERS
 
@@ -80,6 +81,11 @@ def test_each_choice_has_its_estimator():
     names = PARAMETERS["estimator"].choices
     assert [None if e is None else e.name for e in ESTIMATORS] == [None if n == "none" else n for n in names]
     assert ESTIMATORS[0] is None
+
+
+def test_each_file_has_its_choice():
+    files = {path.stem for path in Path(interface.__file__).parent.glob("*.py")} - {"__init__", "interface", "registry"}
+    assert files == set(PARAMETERS["estimator"].choices) - {"none"}, "choices of estimator in model/parameter_table.py"
 
 
 def test_no_estimator_reads_the_true_backlash():
