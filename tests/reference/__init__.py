@@ -4,9 +4,10 @@ Source: J. Cai and J. E. Braun, "Self-learning Backlash Inverse Control of Cooli
 Having Backlash Hysteresis", International Refrigeration and Air Conditioning Conference at Purdue, 2016,
 paper 1801, docs.lib.purdue.edu/iracc/1801.  Equation numbers (1) to (4) are the paper's.
 
-It computes one scenario at a time with lists and floats, and shares no code with the package.  It follows the
-formulas literally: Eq (1) is the paper's three branches, saturation is the Hyland-Wexler formula with math.exp and
-math.log, and the metrics are computed from the whole recorded run instead of being accumulated in the loop.
+It computes one scenario at a time with lists and floats, and shares no code with the package, only the names and
+defaults of its parameters.  It follows the formulas literally: Eq (1) is the paper's three branches, saturation is the
+Hyland-Wexler formula with math.exp and math.log, and the metrics are computed from the whole recorded run instead of
+being accumulated in the loop.
 
 Units: degC, kg/s, kJ, kW, s; commands, openings and backlash are fractions of stroke; humidity ratios are
 kg of water per kg of dry air.  The time step is 1 s.

@@ -206,7 +206,7 @@ def work_space(block: Block) -> WorkSpace:
 
 def _allocate_rule_state(rule: Estimator | Law | None, parameters: np.ndarray) -> np.ndarray:
     """Allocate the parameters of a rule and, behind them, its memory and the arrays of an estimator, both 0."""
-    n_array = rule.words if isinstance(rule, Estimator) else 0
+    n_array = rule.n_floats if isinstance(rule, Estimator) else 0
     state = _allocate_aligned(parameters.size + (0 if rule is None else LANES * (len(rule.Memory._fields) + n_array)))
     state[: parameters.size] = parameters.ravel()
     state[parameters.size :] = 0.0
