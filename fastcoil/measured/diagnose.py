@@ -125,8 +125,8 @@ def diagnose(
         identification = Identification(test.backlash, low, high, True, test.reason, probability, temperature_lag)
     backlash = identification.backlash if np.isfinite(identification.backlash) else 0.0
     loop = fit_loop_model(
-        values["command"], values["T_sup"], values.get("T_set"), interval, backlash, motor_seconds, sample_time, grid.on,
-        gains,
+        values["command"], values["T_sup"], values.get("T_set"), interval, backlash, motor_seconds, sample_time,
+        grid.on, gains,
     )  # fmt: skip
     hold = (np.nan, 0.0) if test is None else (test.held_swing, test.held_for)
     evidence = PriorEvidence(identification.identified, is_own_swing=stops_on_hold(measures, *hold))

@@ -20,6 +20,11 @@ def simulate_grid(**options):
     return Grid(10.0, log.elapsed_time.values, values, np.ones(log.sizes["elapsed_time"], bool), 0.0)
 
 
+def fit_model(grid, backlash):
+    values = grid.values
+    return fit_loop_model(values["command"], values["T_sup"], values["T_set"], 10.0, backlash, 90.0, 15.0, grid.on)
+
+
 @pytest.fixture(scope="module")
 def restless():
     """It swings from end to end."""
@@ -64,8 +69,7 @@ def test_no_size_is_claimed_where_the_command_swings_over_most_of_the_stroke(res
 
 def test_a_loop_by_itself_has_its_drift_but_neither_noise_nor_the_swing(forced):
     grid, measures = forced
-    values = grid.values
-    loop = fit_loop_model(values["command"], values["T_sup"], values["T_set"], 10.0, 0.02, 90.0, 15.0, grid.on)
+    loop = fit_model(grid, 0.02)
     day, step = loop.day, loop.plant.step
     shaken = day.disturbance + 1.5 * np.sin(2 * np.pi * np.arange(day.noise.size) * step / measures.swing.period)
     noisy = loop._replace(day=day._replace(disturbance=shaken, noise=day.noise + 0.1))
@@ -89,15 +93,14 @@ def test_a_loop_by_itself_has_its_drift_but_neither_noise_nor_the_swing(forced):
 def test_the_cause_follows_from_what_the_fitted_loop_does_alone(forced, monkeypatch, with_gap, without, cause, says):
     """A number: it hunts with that factor on its gain only."""
     grid, measures = forced
-    values = grid.values
-    loop = fit_loop_model(values["command"], values["T_sup"], values["T_set"], 10.0, 0.02, 90.0, 15.0, grid.on)
+    loop = fit_model(grid, 0.02)
     swing = measures.swing
 
-    def played(self, backlash, kp=1.0, *_):
+    def replay_with(self, backlash, kp=1.0, *_):
         hunts = without if backlash == 0.0 else with_gap if isinstance(with_gap, bool) else kp == with_gap
         return Outcome(1.0, 0.5 * swing.peak_to_peak, swing.period, 1.0, 1.0, hunts)
 
-    monkeypatch.setattr(FittedLoop, "replay_with", played)
+    monkeypatch.setattr(FittedLoop, "replay_with", replay_with)
     verdict = judge_cause(measures, loop, PriorEvidence(True))
     assert verdict.name == cause
     assert says in verdict.because
@@ -131,22 +134,20 @@ def test_a_gap_is_blamed_where_the_model_is_clear_and_nothing_speaks_for_more(
     """
     case: dict = {"without": None, "size": 1.0, "share": 0.5, "explained": 1.0, "outside": 0.0} | changes
     grid, measures = restless
-    values, swing = grid.values, measures.swing
-    loop = fit_loop_model(values["command"], values["T_sup"], values["T_set"], 10.0, 0.05, 90.0, 15.0, grid.on)
-    loop = loop._replace(
-        backlash=case["share"] * measures.command_swing, plant=loop.plant._replace(explained=case["explained"])
-    )
+    swing, loop = measures.swing, fit_model(grid, 0.05)
+    plant = loop.plant._replace(explained=case["explained"])
+    loop = loop._replace(backlash=case["share"] * measures.command_swing, plant=plant)
     time = np.arange(loop.day.disturbance.size) * loop.plant.step
     wave = 0.5 * case["outside"] * swing.peak_to_peak * np.sin(2 * np.pi * time / swing.period)
     loop = loop._replace(day=loop.day._replace(disturbance=wave))
 
-    def played(self, backlash, kp=1.0, *_):
+    def replay_with(self, backlash, kp=1.0, *_):
         hunts = backlash > 0.0 or kp == case["without"]
         return Outcome(1.0, 0.5 * case["size"] * swing.peak_to_peak, swing.period, 1.0, 1.0, hunts)
 
-    monkeypatch.setattr(FittedLoop, "replay_with", played)
+    monkeypatch.setattr(FittedLoop, "replay_with", replay_with)
     for name in ("LARGEST_GAP_SWING", "LARGEST_MEASURED_GAP_SWING"):
-        monkeypatch.setattr(f"fastcoil.measured.cause.{name}", 2.0)
+        monkeypatch.setattr(f"fastcoil.measured.thresholds.{name}", 2.0)
     verdict = judge_cause(measures, loop, PriorEvidence(*(case.get(name, False) for name in PriorEvidence._fields)))
     assert verdict.name == cause
     assert says in verdict.because
@@ -154,8 +155,7 @@ def test_a_gap_is_blamed_where_the_model_is_clear_and_nothing_speaks_for_more(
 
 def test_a_model_that_explains_nearly_nothing_gives_no_cause(forced):
     grid, measures = forced
-    values = grid.values
-    loop = fit_loop_model(values["command"], values["T_sup"], values["T_set"], 10.0, 0.02, 90.0, 15.0, grid.on)
+    loop = fit_model(grid, 0.02)
     verdict = judge_cause(measures, loop._replace(plant=loop.plant._replace(explained=0.04)), PriorEvidence(True))
     assert verdict.name == "unknown"
     assert "4 %" in verdict.because

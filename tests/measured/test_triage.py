@@ -89,13 +89,9 @@ def test_a_shut_valve_that_leaks_is_told_by_the_entering_air(interval):
 def test_hours_in_which_the_plant_is_off_do_not_count(interval, by):
     log = make_log(interval, hours=24.0, T_sup=lambda h: np.where((h >= 6) & (h < 18), 14.0, 24.0))
     is_running = (log.elapsed_time >= 6 * 3600.0) & (log.elapsed_time < 18 * 3600.0)
-    log = (
-        log.assign(enabled=is_running.astype(float))
-        if by == "enabled"
-        else log.assign(T_set=log.T_set.where(is_running))
-    )
-    log[by].attrs["units"] = {"enabled": "1", "T_set": "degC"}[by]
-    diagnosis = fc.diagnose(log, drop=by == "T_set")
+    column = is_running.astype(float) if by == "enabled" else log.T_set.where(is_running)
+    log = log.assign({by: column.assign_attrs(units={"enabled": "1", "T_set": "degC"}[by])})
+    diagnosis = fc.diagnose(fc.read_log(log, drop=by == "T_set"))
     assert hour_states(diagnosis) == ["off"] * 6 + ["holding"] * 12 + ["off"] * 6
     assert diagnosis.headline.startswith("12 of 12 h in control")
     assert not diagnosis.warnings
@@ -111,9 +107,8 @@ def test_a_start_up_is_no_fault_and_ends_when_the_set_point_is_met():
 
 @pytest.mark.parametrize(("interval", "minutes"), [(10.0, 12.0), (60.0, 12.0), (300.0, 40.0), (900.0, 80.0)])
 def test_a_swing_has_its_size_and_period(interval, minutes):
-    diagnosis = fc.diagnose(
-        make_log(interval, T_sup=sine_wave(1.6, minutes), command=sine_wave(0.2, minutes, 0.5, minutes / 6))
-    )
+    command = sine_wave(0.2, minutes, 0.5, minutes / 6)
+    diagnosis = fc.diagnose(make_log(interval, T_sup=sine_wave(1.6, minutes), command=command))
     assert set(hour_states(diagnosis)) == {"swinging"}
     assert diagnosis.headline.startswith("10 of 10 h: T_sup swings ± 1.")
     assert f"K about every {minutes:.0f} min" in diagnosis.headline or interval == 900.0
@@ -168,9 +163,8 @@ def test_without_a_set_point_swings_and_ends_still_show():
 
 
 def test_the_table_has_units_and_the_hours_of_every_log():
-    diagnosis = fc.diagnose(
-        [make_log(hours=5.5), make_log(hours=4.0, T_sup=sine_wave(1.6, 12.0), command=sine_wave(0.2, 12.0, 0.5))]
-    )
+    swinging = make_log(hours=4.0, T_sup=sine_wave(1.6, 12.0), command=sine_wave(0.2, 12.0, 0.5))
+    diagnosis = fc.diagnose([make_log(hours=5.5), swinging])
     table = diagnosis.triage
     assert table.hour.values.tolist() == list(range(10))
     assert hour_states(diagnosis) == ["holding"] * 6 + ["swinging"] * 4
