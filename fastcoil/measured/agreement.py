@@ -15,7 +15,7 @@ from fastcoil.measured.grid import is_range_good
 from fastcoil.model.moist_air import saturation_humidity_ratio
 from fastcoil.model.parameter_table import PARAMETERS
 
-_CP_AIR, _CP_WATER, _PRESSURE = (float(PARAMETERS[name].default) for name in ("cp_a", "cp_w", "pressure"))
+_CP_AIR, _CP_WATER, _PRESSURE = np.array([PARAMETERS[name].default for name in ("cp_a", "cp_w", "pressure")], float)
 
 
 def require_agreement(log: CheckedLog) -> list[str]:

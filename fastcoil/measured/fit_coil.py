@@ -121,7 +121,7 @@ def fit_coil(
             check.problems.append(Problem(sentence, name, "value"))
         part = check_split(check, log, split, validation)
     outputs = COMPARED_OUTPUTS[minimise_on]
-    required = (*_FLOWS_AND_TEMPERATURES, HUMIDITY_COLUMNS, *outputs)
+    required: list[str | tuple[str, ...]] = [*_FLOWS_AND_TEMPERATURES, HUMIDITY_COLUMNS, *outputs]
     optional = [name for name in ("enabled", "T_w_out") if name not in outputs]
     data = part.read(log, ColumnSpec(required, optional, COMPARED_OUTPUTS["both"]), drop_idle_samples)
     record = build_record(data, loop, held_inputs, part.fitting_mask(data))

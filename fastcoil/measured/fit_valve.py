@@ -95,7 +95,7 @@ def fit_valve(
 
     Examples
     --------
-    >>> ds = fc.simulate(fc.Loop(backlash=0.07), fc.paper_day(hours=4), traces=["command", "m_w"], trace_interval=10)
+    >>> ds = fc.simulate(fc.Loop(backlash=0.07), fc.paper_day(hours=3), traces=["command", "m_w"], trace_interval=30)
     >>> fit = fc.fit_valve(ds, holds="command")
     >>> f"{fit.backlash:.3f}", fit.identified
     ('0.070', True)
