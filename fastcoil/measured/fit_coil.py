@@ -107,6 +107,15 @@ def fit_coil(
     -----
     Cai and Braun (2016), section 2.2: start at 20 °C, the first 1,800 s left out, T_sup alone minimised.  A trial set
     that is unstable at the recorded flows gets a large residual.
+
+    Examples
+    --------
+    >>> day, loop = fc.paper_day(hours=0.5), fc.Loop(n_volumes=2)
+    >>> ds = fc.simulate(loop, day, traces=["m_w", "T_sup"], warm_up=300)[["m_w", "T_sup"]]
+    >>> log = ds.merge(day.to_dataset()[["m_a", "T_a_in", "W_a_in", "T_w_in"]])
+    >>> fit = fc.fit_coil(log.isel(elapsed_time=slice(None, None, 5)), warm_up=300, n_volumes=2)
+    >>> f"{fit.rmse['fit']:.2f} {fit.unit}"
+    '0.01 K'
     """
     start_time = time.perf_counter()
     with argument_checks() as check:

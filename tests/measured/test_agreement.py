@@ -8,7 +8,7 @@ import xarray as xr
 from helpers.full import full_except
 from helpers.loop_logs import make_loop_log
 from helpers.refusals import assert_refused, refusal
-from helpers.simulated_logs import add_noise, coil_log, make_valve_log, random_walk, valve_flows
+from helpers.simulated_logs import coil_log, noisy_valve_log, random_walk
 
 import fastcoil as fc
 from fastcoil.measured.agreement import imply_pi
@@ -125,7 +125,7 @@ def test_numpys_error_state_changes_nothing(log, name):
     command = random_walk(rng, n=80)
     coil = coil_log(hours=1.0, every=10)
     commands = xr.DataArray(np.repeat(random_walk(rng, n=36), 10), dims="elapsed_time", attrs={"units": "1"})
-    valve = make_valve_log(command, add_noise(rng, valve_flows(command), 0.02))
+    valve = noisy_valve_log(rng, command, 0.02)
     calls = {
         "diagnose": lambda: fc.diagnose(make_loop_log(hours=30.0, kp=0.03, ti=40.0), stroke_time=90.0).profile,
         "fit_valve": lambda: fc.fit_valve(valve, holds="command").profile,

@@ -7,7 +7,8 @@ from helpers.refusals import assert_refused
 from helpers.simulated_logs import VALVE_TRUTH, add_noise, ar1_noise, make_valve_log, random_walk, valve_flows
 
 import fastcoil as fc
-from fastcoil.logs import CheckedLog
+from fastcoil.logs import read_checked_log
+from fastcoil.logs.columns import ColumnSpec
 from fastcoil.measured.fit_valve import delay_command, remove_lag
 
 pytestmark = pytest.mark.kernel
@@ -28,13 +29,8 @@ def log_in_pieces(seed, shifts, n=60, sd=0.03, backlash=0.07):
 
 def to_checked_log(log):
     """The same as a checked log, all of it fitted."""
-    n = log["command"].size
-    values = {name: log[name].values for name in ("command", "m_w")}
-    batch = log["batch"].values.astype(np.int64)
-    time = log["elapsed_time"].values
-    source, rows = np.zeros(n, int), np.arange(n)
-    checked_log = CheckedLog(names=("log",), source=source, time=time, values=values, batch=batch, rows=rows)
-    return checked_log, np.ones(n, dtype=bool)
+    checked_log = read_checked_log(log, ColumnSpec(("command", "m_w")))
+    return checked_log, np.ones(checked_log.time.size, dtype=bool)
 
 
 def test_a_shift_from_one_piece_on_is_told_and_taken_out():
