@@ -161,13 +161,9 @@ def _matches_log(
 
 
 CASE_LABELS = {
-    "as_found": "present gains",
-    "no_gap": "no gap",
-    "half_gap": "half the gap",
-    "half_gain": "half the gain",
-    "simc": "gains of SIMC",
-    "inverse": "a backlash inverse",
-}
+    "as_found": "present gains", "no_gap": "no gap", "half_gap": "half the gap", "half_gain": "half the gain",
+    "simc": "gains of SIMC", "inverse": "a backlash inverse",
+}  # fmt: skip
 _PREDICTED_VARIABLES = {
     "rmse": ("K", "RMS control error"),
     "amplitude": ("K", "amplitude of the swing, half of peak to peak"),

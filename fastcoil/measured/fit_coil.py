@@ -310,14 +310,10 @@ def build_record(log: CheckedLog, loop: Loop, holds: tuple[str, ...], fitting: M
     for piece in split_segments(log.batch):
         series, at = resample_to_seconds(log.time[piece], {name: values[name][piece] for name in COIL_COLUMNS}, holds)
         record_pieces.append(RecordPiece(np.stack(list(series.values()), axis=1), at))
-    return CoilRecord(
-        pieces=tuple(record_pieces),
-        loop=loop,
-        m_w=_typical_flow(fitted_values["m_w"]),
-        m_a=_typical_flow(fitted_values["m_a"]),
-        limits=_stability_limits(fitted_values, loop),
-        limits_of_all=_stability_limits(values, loop),
-    )
+    m_w, m_a = (_typical_flow(fitted_values[name]) for name in ("m_w", "m_a"))
+    limits, limits_of_all = (_stability_limits(series, loop) for series in (fitted_values, values))
+    pieces = tuple(record_pieces)
+    return CoilRecord(pieces=pieces, loop=loop, m_w=m_w, m_a=m_a, limits=limits, limits_of_all=limits_of_all)
 
 
 def resample_to_seconds(
@@ -331,11 +327,9 @@ def resample_to_seconds(
 
 def _stability_limits(values: Mapping[str, Array], loop: Loop) -> StabilityLimits:
     coldest = min(values["T_a_in"].min(), values["T_w_in"].min(), loop["T_initial"])
-    return StabilityLimits(
-        m_w_max=float(values["m_w"].max()),
-        m_a_span=(float(values["m_a"].min()), float(values["m_a"].max())),
-        wet_slope=wet_slope(values["W_a_in"].max(), coldest, loop["pressure"]),
-    )
+    m_a_span = float(values["m_a"].min()), float(values["m_a"].max())
+    slope = wet_slope(values["W_a_in"].max(), coldest, loop["pressure"])
+    return StabilityLimits(float(values["m_w"].max()), m_a_span, slope)
 
 
 def _typical_flow(flow: Array) -> float:
