@@ -108,8 +108,6 @@ class ReadingOptions:
 
 def check_reading_options(check: Checks, **arguments: Any) -> ReadingOptions:
     """Check the arguments of a public function that say how its log is read; it passes those that it offers."""
-    if arguments.pop("has_command", False):
-        arguments["reader"] = "read_log"
     if "drop" in arguments:
         check(require_flag, "drop", arguments["drop"])
     if "jumps" in arguments:

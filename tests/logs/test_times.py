@@ -202,14 +202,13 @@ def test_a_time_that_is_not_as_the_pattern_says_is_named(tmp_path):
 @pytest.mark.parametrize("form", ["dd/mm/yyyy", "%Q", "", "%", "%d" * 99, "x%d%"])
 def test_a_bad_pattern_is_refused_by_every_reader(write_log, form):
     path = write_log(["timestamp", "command [%]"], [[1, 2], [3, 4]])
-    loop = fc.Loop()
-    for function, *first in ((fc.fit_valve,), (fc.fit_coil,), (fc.replay, loop), (fc.Boundary.from_csv,)):
-        assert_refused("time_format", "format", function, *first, path, time_format=form)
+    for function in (fc.read_log, fc.Boundary.from_csv):
+        assert_refused("time_format", "format", function, path, time_format=form)
 
 
 def test_a_format_without_timestamps_is_refused(write_log):
     path = write_log(["elapsed_time [s]", "T_sup [degC]", "T_set [degC]"], [[60 * k, 14, 14] for k in range(5)])
-    assert_refused("time_format", "conflict", fc.replay, fc.Loop(), path, time_format="epoch")
+    assert_refused("time_format", "conflict", fc.replay, fc.Loop(), fc.read_log(path, time_format="epoch"))
 
 
 @pytest.mark.kernel
