@@ -51,7 +51,7 @@ class ColumnSpec(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingOptions:
-    """How a log is read: what the caller declares besides its header, and what becomes of its flaws.
+    """Options of reading a log: what is declared besides its header, and what becomes of its flaws.
 
     Parameters
     ----------
