@@ -7,11 +7,21 @@ from click.testing import CliRunner, Result
 
 from fastcoil.cli.main import main
 from fastcoil.study.file.user_code import load
+from helpers.sentences import assert_worded
 
 
 def fastcoil(*words: object) -> Result:
     """Run a command of the command line, of any words."""
     return CliRunner().invoke(main, [str(word) for word in words])
+
+
+def assert_command_refused(*words: object) -> None:
+    """Assert that a command ends with exit code 2, and with the sentences of the snapshot alone."""
+    result = fastcoil(*words)
+    assert result.exit_code == 2, result.output
+    lines = result.output.splitlines()
+    assert all(line.startswith("fastcoil: ") for line in lines), result.output
+    assert_worded(*(line.removeprefix("fastcoil: ") for line in lines))
 
 
 def plan_and_run(path: Path, out: Path) -> Iterator[Result]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.loop_logs import make_loop_log
 
-from fastcoil.measured.cause import PriorEvidence, judge_cause, undisturbed
+from fastcoil.measured.cause import PriorEvidence, judge_cause, undisturbed_loop
 from fastcoil.measured.diagnose import _withhold_doubtful
 from fastcoil.measured.fitted_loop import FittedLoop, Outcome, fit_loop_model
 from fastcoil.measured.grid import Grid
@@ -18,6 +18,11 @@ def simulate_grid(**options):
     log = make_loop_log(**options)
     values = {str(name): log[name].values for name in log.data_vars}
     return Grid(10.0, log.elapsed_time.values, values, np.ones(log.sizes["elapsed_time"], bool), 0.0)
+
+
+def fit_model(grid, backlash):
+    values = grid.values
+    return fit_loop_model(values["command"], values["T_sup"], values["T_set"], 10.0, backlash, 90.0, 15.0, grid.on)
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +51,7 @@ def test_a_command_that_swings_from_end_to_end_needs_no_model_to_blame_the_tunin
     assert judge_cause(restless[1], "no model", PriorEvidence(False)).name == "tuning"
     wide = restless[1]._replace(command_swing=0.9)
     assert judge_cause(wide, "no model", PriorEvidence(True)).name == "tuning"
-    assert judge_cause(wide, "no model", PriorEvidence(True, measured=True)).name == "unknown"
+    assert judge_cause(wide, "no model", PriorEvidence(True, is_measured=True)).name == "unknown"
     assert judge_cause(forced[1], "no model", PriorEvidence(False)).name == "unknown"
 
 
@@ -64,16 +69,15 @@ def test_no_size_is_claimed_where_the_command_swings_over_most_of_the_stroke(res
 
 def test_a_loop_by_itself_has_its_drift_but_neither_noise_nor_the_swing(forced):
     grid, measures = forced
-    values = grid.values
-    loop = fit_loop_model(values["command"], values["T_sup"], values["T_set"], 10.0, 0.02, 90.0, 15.0, grid.on)
+    loop = fit_model(grid, 0.02)
     day, step = loop.day, loop.plant.step
     shaken = day.disturbance + 1.5 * np.sin(2 * np.pi * np.arange(day.noise.size) * step / measures.swing.period)
     noisy = loop._replace(day=day._replace(disturbance=shaken, noise=day.noise + 0.1))
-    quiet = undisturbed(noisy, measures.swing).day
+    quiet = undisturbed_loop(noisy, measures.swing).day
     middle = slice(shaken.size // 4, -shaken.size // 4)
     assert np.abs(quiet.disturbance - day.disturbance)[middle].max() < 0.3
     assert not quiet.noise.any()
-    np.testing.assert_array_equal(undisturbed(noisy, measures.swing, noise=True).day.noise, day.noise + 0.1)
+    np.testing.assert_array_equal(undisturbed_loop(noisy, measures.swing, noise=True).day.noise, day.noise + 0.1)
 
 
 @pytest.mark.parametrize(
@@ -89,15 +93,14 @@ def test_a_loop_by_itself_has_its_drift_but_neither_noise_nor_the_swing(forced):
 def test_the_cause_follows_from_what_the_fitted_loop_does_alone(forced, monkeypatch, with_gap, without, cause, says):
     """A number: it hunts with that factor on its gain only."""
     grid, measures = forced
-    values = grid.values
-    loop = fit_loop_model(values["command"], values["T_sup"], values["T_set"], 10.0, 0.02, 90.0, 15.0, grid.on)
+    loop = fit_model(grid, 0.02)
     swing = measures.swing
 
-    def played(self, backlash, kp=1.0, *_):
+    def replay_with(self, backlash, kp=1.0, *_):
         hunts = without if backlash == 0.0 else with_gap if isinstance(with_gap, bool) else kp == with_gap
         return Outcome(1.0, 0.5 * swing.peak_to_peak, swing.period, 1.0, 1.0, hunts)
 
-    monkeypatch.setattr(FittedLoop, "replay_with", played)
+    monkeypatch.setattr(FittedLoop, "replay_with", replay_with)
     verdict = judge_cause(measures, loop, PriorEvidence(True))
     assert verdict.name == cause
     assert says in verdict.because
@@ -110,16 +113,16 @@ def test_the_cause_follows_from_what_the_fitted_loop_does_alone(forced, monkeypa
         ({"without": 1.4}, "unknown", "but the gap is not identified"),
         ({"without": 1.5}, "backlash", "the size is not identified"),
         ({"size": 0.7}, "unknown", "but the gap is not identified"),
-        ({"size": 0.7, "own": True}, "backlash", "the loop would not hunt without it"),
-        ({"size": 0.7, "identified": True}, "backlash", "the loop would not hunt without it"),
-        ({"share": 0.1, "identified": True}, "unknown", "the command swings by 10 times the gap"),
-        ({"explained": 0.8, "identified": True}, "backlash", "the loop would not hunt without it"),
-        ({"explained": 0.8, "size": 0.9, "identified": True}, "unknown", "something outside the loop seems to add"),
-        ({"outside": 1.8, "identified": True}, "backlash", "the loop would not hunt without it"),
-        ({"outside": 2.2, "identified": True}, "unknown", "hide its swing"),
-        ({"outside": 2.2, "own": True}, "backlash", "the loop would not hunt without it"),
-        ({"share": 0.1, "own": True}, "unknown", "the command swings by 10 times the gap"),
-        ({"share": 0.1, "identified": True, "measured": True}, "backlash", "the loop would not hunt without it"),
+        ({"size": 0.7, "is_own_swing": True}, "backlash", "the loop would not hunt without it"),
+        ({"size": 0.7, "is_identified": True}, "backlash", "the loop would not hunt without it"),
+        ({"share": 0.1, "is_identified": True}, "unknown", "the command swings by 10 times the gap"),
+        ({"explained": 0.8, "is_identified": True}, "backlash", "the loop would not hunt without it"),
+        ({"explained": 0.8, "size": 0.9, "is_identified": True}, "unknown", "something outside the loop seems to add"),
+        ({"outside": 1.8, "is_identified": True}, "backlash", "the loop would not hunt without it"),
+        ({"outside": 2.2, "is_identified": True}, "unknown", "hide its swing"),
+        ({"outside": 2.2, "is_own_swing": True}, "backlash", "the loop would not hunt without it"),
+        ({"share": 0.1, "is_own_swing": True}, "unknown", "the command swings by 10 times the gap"),
+        ({"share": 0.1, "is_identified": True, "is_measured": True}, "backlash", "the loop would not hunt without it"),
     ],
 )
 def test_a_gap_is_blamed_where_the_model_is_clear_and_nothing_speaks_for_more(
@@ -131,22 +134,20 @@ def test_a_gap_is_blamed_where_the_model_is_clear_and_nothing_speaks_for_more(
     """
     case: dict = {"without": None, "size": 1.0, "share": 0.5, "explained": 1.0, "outside": 0.0} | changes
     grid, measures = restless
-    values, swing = grid.values, measures.swing
-    loop = fit_loop_model(values["command"], values["T_sup"], values["T_set"], 10.0, 0.05, 90.0, 15.0, grid.on)
-    loop = loop._replace(
-        backlash=case["share"] * measures.command_swing, plant=loop.plant._replace(explained=case["explained"])
-    )
+    swing, loop = measures.swing, fit_model(grid, 0.05)
+    plant = loop.plant._replace(explained=case["explained"])
+    loop = loop._replace(backlash=case["share"] * measures.command_swing, plant=plant)
     time = np.arange(loop.day.disturbance.size) * loop.plant.step
     wave = 0.5 * case["outside"] * swing.peak_to_peak * np.sin(2 * np.pi * time / swing.period)
     loop = loop._replace(day=loop.day._replace(disturbance=wave))
 
-    def played(self, backlash, kp=1.0, *_):
+    def replay_with(self, backlash, kp=1.0, *_):
         hunts = backlash > 0.0 or kp == case["without"]
         return Outcome(1.0, 0.5 * case["size"] * swing.peak_to_peak, swing.period, 1.0, 1.0, hunts)
 
-    monkeypatch.setattr(FittedLoop, "replay_with", played)
-    for name in ("FULL_SWING", "WHOLE_STROKE"):
-        monkeypatch.setattr(f"fastcoil.measured.cause.{name}", 2.0)
+    monkeypatch.setattr(FittedLoop, "replay_with", replay_with)
+    for name in ("LARGEST_GAP_SWING", "LARGEST_MEASURED_GAP_SWING"):
+        monkeypatch.setattr(f"fastcoil.measured.thresholds.{name}", 2.0)
     verdict = judge_cause(measures, loop, PriorEvidence(*(case.get(name, False) for name in PriorEvidence._fields)))
     assert verdict.name == cause
     assert says in verdict.because
@@ -154,8 +155,7 @@ def test_a_gap_is_blamed_where_the_model_is_clear_and_nothing_speaks_for_more(
 
 def test_a_model_that_explains_nearly_nothing_gives_no_cause(forced):
     grid, measures = forced
-    values = grid.values
-    loop = fit_loop_model(values["command"], values["T_sup"], values["T_set"], 10.0, 0.02, 90.0, 15.0, grid.on)
+    loop = fit_model(grid, 0.02)
     verdict = judge_cause(measures, loop._replace(plant=loop.plant._replace(explained=0.04)), PriorEvidence(True))
     assert verdict.name == "unknown"
     assert "4 %" in verdict.because
