@@ -71,7 +71,7 @@ def _find_heat_problems(log: CheckedLog) -> Iterator[Problem]:
 class ImpliedPI(NamedTuple):
     """The PI controller that a command implies, and the clock on which it explains the command best."""
 
-    temperature_lag: int = 0  # samples by which the temperature stands late beside the command; negative: early
+    temperature_lag: int = 0  # samples by which the temperature is logged after the command; negative: before
     explained: float = np.nan  # of the variance of the command's changes; NaN if too few can be compared
     least_explained: float = 0.0  # share that the command's own temperature explains
     ti: float = np.nan  # s; below 0, the command moves before the temperature that it answers

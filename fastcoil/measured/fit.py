@@ -199,7 +199,9 @@ def build_fit(
     measured, _, _, check = _SERIES_BY_KIND[kind]
     fitted = series[measured][0][compared & fitting]
     columns = {"part": part, "batch": data.batch, "row": data.rows, "log": np.array(data.names)[data.source]}
-    residuals = {name: ("elapsed_time", values, {"units": unit}) for name, (values, unit) in series.items()}
+    residuals: dict[str, tuple[Any, ...]] = {
+        name: ("elapsed_time", values, {"units": unit}) for name, (values, unit) in series.items()
+    }
     residuals |= {name: ("elapsed_time", values) for name, values in columns.items()}
     return Fit(
         kind=kind, source=data.name, unit="kg/s" if kind == "valve" else "K", rmse=rmse,

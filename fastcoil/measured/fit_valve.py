@@ -272,7 +272,7 @@ class _Curve(NamedTuple):
 
 
 class _LagSums(NamedTuple):
-    """Sums over the pieces of a log from which lags and curve are found."""
+    """Sums over the pieces of a log that determine lags and curve."""
 
     lags: Array  # that are tried, samples, (lags,)
     products: Array  # of the curve's terms and the flow, (pieces, lags, backlashes, knots + 1, knots + 1)
@@ -353,7 +353,7 @@ def remove_lag(log: CheckedLog, good: Mask, fitting: Mask) -> CheckedLog:
     """
     fitted_log, used, step = log.where(fitting), good[fitting], median_step(log, fitting)
     lags, memory, worth = _lags_to_try(fitted_log, used, step).astype(float), 0.0, 1.0
-    for is_white in (False, True):  # first how the residuals are correlated, then with that taken out
+    for is_white in (False, True):  # first the correlation of the residuals, then without it
         sums = _sum_products(fitted_log, used, step, lags, memory)
         chosen, curve = sums.search(worth)
         rho = _residual_correlation(fitted_log, used, lags[chosen][fitted_log.batch] * step, curve, memory)

@@ -1,7 +1,7 @@
 """Backlash of a valve from the command and supply temperature of a trend log, or why the log does not show it.
 
 First the command: what moved it, and whether it and the temperature are of one clock.  Then the likelihood of each
-candidate backlash, from a linear model that is solved for all candidates at once.
+candidate backlash, from one linear model for all candidates.
 
 The model is an ARIX: the change of the temperature over half a minute from its own changes before, those of known
 disturbances, and those of the opening and of its square, each a mean over half a minute that ends before the sample.

@@ -175,7 +175,7 @@ def base_calls(tmp_path_factory, _cheap):
         "explain": (fc.explain, {"loop": loop, "boundary": day, "warm_up": 60}),
         "export_controller": (fc.export_controller, {"loop": loop, "path": folder / "valve.c"}),
         "fit_coil": (fc.fit_coil, {"log": coil, "warm_up": 60}),
-        "fit_loop": (fc.fit_loop, {"log": commanded, "loop": loop, "constants": entering, "warm_up": 0.0}),
+        "fit_loop": (fc.fit_loop, {"log": fc.read_log(commanded, constants=entering), "loop": loop, "warm_up": 0.0}),
         "fit_valve": (fc.fit_valve, {"log": valve, "lag": 0.0}),
         "heating_day": (fc.heating_day, days),
         "law": (fc.law, rule),

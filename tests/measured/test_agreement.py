@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 from helpers.full import full_except
 from helpers.loop_logs import make_loop_log
-from helpers.refusals import assert_refused, refusal
+from helpers.refusals import assert_mistakes, assert_refused
 from helpers.simulated_logs import coil_log, noisy_valve_log, random_walk
 
 import fastcoil as fc
@@ -38,12 +38,12 @@ def test_a_temperature_far_from_its_set_point_that_no_unit_explains_is_a_warning
 def test_a_switch_that_is_logged_now_and_then_is_named_where_it_leaves_nothing(log):
     sparse = np.where(np.arange(log.sizes["elapsed_time"]) % 100, np.nan, 1.0)
     switched = fc.read_log(log.assign(enabled=("elapsed_time", sparse)), drop=True)
-    assert "rows left out: enabled" in refusal(fc.diagnose, switched)
+    assert_refused("log", "data", fc.diagnose, switched)
 
 
 def test_a_coil_whose_air_is_colder_than_its_water_is_refused():
     log = coil_log(hours=1.0, every=10)
-    assert "outside what air and water enter with" in refusal(fc.fit_coil, log.assign(T_sup=log.T_sup - 20.0))
+    assert_refused("T_sup", "data", fc.fit_coil, log.assign(T_sup=log.T_sup - 20.0))
 
 
 @pytest.mark.parametrize("dry", [False, True], ids=["wet", "dry"])
@@ -52,8 +52,9 @@ def test_flows_whose_heat_differs_are_refused_with_the_ratio(dry):
     T_w, T_a = (log[name].values for name in ("T_w_in", "T_a_in"))
     ratio = np.median(4.186 * log.m_w * (log.T_w_out - T_w) / (1.02 * log.m_a * (T_a - log.T_sup)))
     for factor in (60.0, 15.85, 1 / 15.85):  # L/min and gpm under kg/s, and kg/s under gpm
-        message = refusal(fc.fit_coil, log.assign(m_w=(factor * log.m_w).assign_attrs(units="kg/s")))
-        reported = float(re.search(r"takes up ([\d.e-]+) times the heat of the air", message)[1])
+        wrong = log.assign(m_w=(factor * log.m_w).assign_attrs(units="kg/s"))
+        error = assert_refused("m_w", "unit", fc.fit_coil, wrong)
+        reported = float(re.search(r"takes up ([\d.e-]+) times the heat of the air", str(error))[1])
         assert reported == pytest.approx(factor * ratio, rel=0.03 if dry else 0.5)
     for factor in (60.0, 1 / 60):
         without_outlet = log.drop_vars("T_w_out").assign(m_w=(factor * log.m_w).assign_attrs(units="kg/s"))
@@ -108,7 +109,8 @@ def test_labels_that_would_be_dropped_are_refused(log):
     assert_refused("stroke_time", "type", fc.diagnose, log, minutes)
     for series in (log.command, log.command.to_series()):
         assert_refused("log", "type", fc.diagnose, series)
-    assert "choose one loop, so that only elapsed_time is left" in refusal(fc.diagnose, log.expand_dims(day=[1, 2]))
+    two_days = [(name, "shape") for name in ("command", "T_sup", "T_set")]
+    assert_mistakes(two_days, fc.diagnose, log.expand_dims(day=[1, 2]))
 
 
 def test_time_in_minutes_and_temperatures_in_fahrenheit_are_converted(log):

@@ -63,8 +63,7 @@ def test_pieces_of_a_row_or_two_are_refused_and_a_log_that_goes_back_now_and_the
     assert_refused("log", "time", fc.fit_valve, pairs)
     backwards = fc.read_log(at(time[::-1]), jumps="split")
     for logs in ({"log": backwards}, {"log": log, "validation": backwards}):
-        with pytest.raises(fc.InputError, match="sort the rows, oldest first"):
-            fc.fit_valve(**logs)
+        assert_refused("elapsed_time", "time", fc.fit_valve, **logs)
     with pytest.raises(FitStarted):
         fc.fit_valve(fc.read_log(at(time - 3600.0 * (np.arange(240) > 120)), jumps="split"))
 

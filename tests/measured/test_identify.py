@@ -108,7 +108,7 @@ def test_no_relation_between_command_and_temperature_is_not_claimed():
 
 
 def test_a_stuck_stem_under_a_command_that_follows_the_temperature_is_not_called_good():
-    """The temperature wanders by itself; the command follows its noise and drift, the stem never moves."""
+    """The temperature wanders; the command follows its noise and drift, the stem never moves."""
     for seed in range(3):
         draw = np.random.default_rng(seed)
         drift = np.convolve(np.cumsum(draw.normal(0, 0.01, 2400)), np.ones(30) / 30, "same")[:2160]
