@@ -8,7 +8,7 @@ import pytest
 
 import fastcoil as fc
 from fastcoil.design.explain import explain
-from fastcoil.design.limit_cycle import HUNTING_MARGIN
+from fastcoil.design.limit_cycle import HUNTING_INDEX_LIMIT
 
 pytestmark = pytest.mark.kernel
 
@@ -84,7 +84,7 @@ def test_a_loop_that_does_not_hunt_reports_how_far_it_is(quiet):
     assert quiet.text.startswith("This loop will not hunt.")
     factor = float(re.search(r"this one would with ([\d.]+) times this kp", quiet.why)[1])
     beyond = explain(LBNL.assign(kp=0.018 * factor), DAY)
-    assert beyond.hunting_index == pytest.approx(HUNTING_MARGIN, rel=0.03)
+    assert beyond.hunting_index == pytest.approx(HUNTING_INDEX_LIMIT, rel=0.03)
     assert math.isnan(quiet.period)
 
 
@@ -107,7 +107,7 @@ def test_a_swing_that_only_a_slow_motor_keeps_up_is_not_blamed_on_gains_that_are
     explanation = explain(slow, fc.constant_day(8), warm_up=7200)
     assert explanation.hunts
     assert explanation.predicted
-    assert explanation.hunting_index < HUNTING_MARGIN
+    assert explanation.hunting_index < HUNTING_INDEX_LIMIT
     assert explanation.why.startswith("Why: the motor is too slow, with 600 s for a full stroke: ")
     assert "Any backlash triggers it" not in explanation.text
 
@@ -151,7 +151,7 @@ def test_the_figure_marks_loop_and_cures_on_the_map_and_draws_both_days(hunting)
     assert marks["longer ti"][0, 0] == float(hunting.cures.sel(cure="longer_ti")["ti"])
     edge = next(line for line in gains.lines if line.get_color() == "black" and line.get_linestyle() == "-")
     limit = np.interp(10.0, edge.get_xdata(), edge.get_ydata())
-    assert limit == pytest.approx(0.03 * HUNTING_MARGIN / hunting.hunting_index, rel=0.02)
+    assert limit == pytest.approx(0.03 * HUNTING_INDEX_LIMIT / hunting.hunting_index, rel=0.02)
     assert not np.array_equal(day.lines[0].get_ydata(), day.lines[1].get_ydata())
     names = [line.get_label() for line in day.lines]
     assert names == ["as it is", str(hunting.cures.sel(cure=hunting.recommended)["words"].item()), "set-point"]

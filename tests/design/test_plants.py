@@ -113,7 +113,7 @@ def test_equal_plants_are_found_once_and_their_order_does_not_matter():
     )  # fmt: skip
     columns, conditions = conditions_of(loop, fc.constant_day(0.6))
     plant = linearise_plants(columns, conditions)
-    assert plant.same.max() == 5
+    assert plant.kind.max() == 5
     order = rng.permutation(n)
     shuffled = linearise_plants({k: v[order] for k, v in columns.items()}, {k: v[order] for k, v in conditions.items()})
     np.testing.assert_array_equal(shuffled.response, plant.response[order])

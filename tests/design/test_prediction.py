@@ -7,7 +7,7 @@ import pytest
 from helpers.first_order_plants import first_order_plants, join_plants
 
 import fastcoil as fc
-from fastcoil.design.limit_cycle import HUNTING_MARGIN, predict_cycles
+from fastcoil.design.limit_cycle import HUNTING_INDEX_LIMIT, predict_cycles
 from fastcoil.design.operating_points import PointsOfDay
 from fastcoil.design.prediction import (
     PHASE_PARTS,
@@ -91,7 +91,7 @@ def test_the_hunting_index_is_that_of_a_step_of_the_command():
 def test_twice_the_kp_is_twice_the_margin_and_needs_a_longer_ti():
     near, far = (predict_at_delay(loop_with_ratios(kappa, 0.5), 20) for kappa in (2.0, 1.0))
     assert near.hunting_index == pytest.approx(2.0 * far.hunting_index, rel=1e-6)
-    assert shortest_ti(near, HUNTING_MARGIN) > shortest_ti(far, HUNTING_MARGIN)
+    assert shortest_ti(near, HUNTING_INDEX_LIMIT) > shortest_ti(far, HUNTING_INDEX_LIMIT)
 
 
 def test_the_parts_take_180_degrees_each_what_its_formula_says():
