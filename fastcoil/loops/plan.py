@@ -177,7 +177,7 @@ class Plan:
         Shards are not compressed, and are there until the results are; in between metrics are put together, and each
         trace of days in sequence, whose shards are not in their order.
 
-        metrics_left, traces_left: the share of their bytes that results take, see ``estimate``; by default the most.
+        metrics_left, traces_left: the share of their bytes that results take, see ``estimate_run_time``; by default the most.
         """
         traces = [self._trace_bytes(name) // (8 if name == "mode" else 1) for name in self.traces.names if traces_kept]
         left_bytes = int(self.n_scenarios * 8 * len(METRICS) * metrics_left + sum(traces) * traces_left)
@@ -296,24 +296,26 @@ def _trace_problems(traces: object) -> list[str]:
 class Shard:
     """Scenarios that one worker runs: of independent days any, of a sequence of days some lanes on all of them."""
 
-    lanes: np.ndarray  # (n,), ascending: flat indices, or in a sequence positions among the ``of`` scenarios of a day
-    of: int = 0
-    first: int = 0  # day of a sequence from which on results are kept
-    end: int = 1  # day before which a sequence ends
+    lanes: (
+        np.ndarray
+    )  # (n,), ascending: flat indices, or in a sequence positions among the ``n_per_day`` scenarios of a day
+    n_per_day: int = 0
+    first_day: int = 0  # day of a sequence from which on results are kept
+    end_day: int = 1  # day before which a sequence ends
 
     @property
     def is_sequence(self) -> bool:
         """Whether its days are a sequence."""
-        return self.of > 0
+        return self.n_per_day > 0
 
     @property
     def index(self) -> np.ndarray:
         """Flat indices of its scenarios, ascending."""
-        return np.asarray(np.arange(self.first, self.end)[:, np.newaxis] * self.of + self.lanes).ravel()
+        return np.asarray(np.arange(self.first_day, self.end_day)[:, np.newaxis] * self.n_per_day + self.lanes).ravel()
 
     @property
     def size(self) -> int:
-        return self.lanes.size * (self.end - self.first)
+        return self.lanes.size * (self.end_day - self.first_day)
 
     def halves(self) -> "list[Shard]":
         """Two groups of its lanes."""

@@ -32,7 +32,7 @@ class Preset:
             return None
         return self.values.get(parameter.name, parameter.default)
 
-    def changed(self, values: Mapping[str, Any], table: Mapping[str, Parameter] = PARAMETERS) -> list[str]:
+    def changed_names(self, values: Mapping[str, Any], table: Mapping[str, Parameter] = PARAMETERS) -> list[str]:
         """Names of the values that differ from the preset; ``table`` may include the parameters of rules."""
         return [name for name, value in values.items() if name not in table or value != self.value(table[name])]
 

@@ -141,26 +141,26 @@ class Days:
     ) -> None:
         self._boundary, self._command, self.carry_over = boundary, command, carry_over
         self._warm_up, self._seed = warm_up, (seed & 0xFFFFFFFF, seed >> 32)
-        self._kept: dict[int, Day] = {}
-        self._after: dict[int, DayHistory] = {}
-        self._making = threading.Lock()
+        self._cached_days: dict[int, Day] = {}
+        self._histories: dict[int, DayHistory] = {}
+        self._lock = threading.Lock()
 
     def __len__(self) -> int:
         return self._boundary.n_days
 
     def __getitem__(self, k: int) -> Day:
-        with self._making:
-            if k not in self._kept:
-                while len(self._kept) >= _MAX_CACHED_DAYS:
-                    del self._kept[next(iter(self._kept))]
-                self._kept[k] = self._make(k)
-            return self._kept[k]
+        with self._lock:
+            if k not in self._cached_days:
+                while len(self._cached_days) >= _MAX_CACHED_DAYS:
+                    del self._cached_days[next(iter(self._cached_days))]
+                self._cached_days[k] = self._make_day(k)
+            return self._cached_days[k]
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_kept": {}, "_making": None}
+        return {**self.__dict__, "_cached_days": {}, "_lock": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state | {"_making": threading.Lock()})
+        self.__dict__.update(state | {"_lock": threading.Lock()})
 
     @cached_property
     def sha256(self) -> list[str]:
@@ -175,12 +175,12 @@ class Days:
             accumulate(hashes, lambda before, day_hash: hashlib.sha256(f"{before} {day_hash}".encode()).hexdigest())
         )
 
-    def _make(self, k: int) -> Day:
+    def _make_day(self, k: int) -> Day:
         is_continued = self.carry_over and k > 0
-        before = self._before(k) if is_continued else NO_HISTORY
+        before = self._history_before(k) if is_continued else NO_HISTORY
         series = self._boundary.of_day(k)
         if self.carry_over:
-            self._after[k] = history_after(series["T_set"], series["enabled"], before)
+            self._histories[k] = history_after(series["T_set"], series["enabled"], before)
         return Day(
             series=np.stack([series[name] for name in DAY_COLUMNS], axis=1),
             command=self._commands(k),
@@ -191,10 +191,10 @@ class Days:
             was_enabled=before.enabled,
         )
 
-    def _before(self, k: int) -> DayHistory:
+    def _history_before(self, k: int) -> DayHistory:
         """Time since the last disturbance before day ``k`` of a sequence, up to the settling time."""
-        if k - 1 in self._after:
-            return self._after[k - 1]
+        if k - 1 in self._histories:
+            return self._histories[k - 1]
         first_day = max(0, k - -(-SETTLING_TIME_S // self._boundary.n_steps))
         before = NO_HISTORY if first_day == 0 else DayHistory(disturbed_at=-SETTLING_TIME_S)
         for day in range(first_day, k):

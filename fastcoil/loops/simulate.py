@@ -158,11 +158,11 @@ def _run_days_in_sequence(results: Results, plan: Plan, shard: Shard, places: np
     # parameters do not change from day to day
     matrix = parameter_matrix(plan.layout.columns(shard.lanes), rules)
     lane_blocks = [(lanes, block, work_space(block)) for lanes, block in cut_into_blocks(matrix, rules)]
-    for number in range(shard.end):
+    for number in range(shard.end_day):
         day = plan.days[number]
-        day_places = places[(number - shard.first) * shard.lanes.size :]
+        day_places = places[(number - shard.first_day) * shard.lanes.size :]
         for lanes, block, work in lane_blocks:
-            if number < shard.first:
+            if number < shard.first_day:
                 run_interruptibly(block, day, TraceRequest(), work)
             else:
                 results.run(block, day, day_places[lanes], work)
@@ -174,7 +174,7 @@ _SECONDS_PER_TRACE_BYTE, _SECONDS_PER_METRIC_BYTE, _SECONDS_PER_BOUNDARY_BYTE = 
 """Seconds to write, merge and compress, or to hash, there."""
 
 
-def estimate(plan: Plan, n_jobs: int) -> tuple[float, float, float]:
+def estimate_run_time(plan: Plan, n_jobs: int) -> tuple[float, float, float]:
     """Seconds from the first scenario to the results on the disk, with ``n_jobs`` threads; runs some blocks.
 
     Also the shares of the bytes of metrics, and of traces, that are left when these are compressed.
