@@ -29,11 +29,8 @@ def test_a_limiter_is_that_of_python_control():
         warnings.simplefilter("ignore")
         theirs = control.saturation_nonlinearity(0.3)
     amplitude = np.array([0.1, 0.29, 0.31, 0.5, 4.0])
-    np.testing.assert_allclose(
-        limiter_gain(amplitude, np.array(-0.3), np.array(0.3)),
-        [theirs.describing_function(A) for A in amplitude],
-        atol=1e-12,
-    )
+    expected = [theirs.describing_function(A) for A in amplitude]
+    np.testing.assert_allclose(limiter_gain(amplitude, np.array(-0.3), np.array(0.3)), expected, atol=1e-12)
 
 
 def simulate_laws(A, x_bl, x_hat, buffer, law=inverse_command, n=4000):
@@ -41,10 +38,9 @@ def simulate_laws(A, x_bl, x_hat, buffer, law=inverse_command, n=4000):
     phase = 2.0 * np.pi * np.arange(2 * n) / n
     mode, u_ext, command, q, out = FALLING, 0.5, 0.5, 0.5 * (1.0 - x_bl), []
     for u in (0.5 + A * np.sin(phase)).tolist():
-        next_mode = next_mode(u, mode, u_ext, buffer)
-        next_extreme = next_extreme(u, next_mode, u_ext, next_mode != mode)
-        command = law(next_extreme, next_mode, x_hat) if next_extreme != u_ext else command
-        mode, u_ext = next_mode, next_extreme
+        mode_before, u_before, mode = mode, u_ext, next_mode(u, mode, u_ext, buffer)
+        u_ext = next_extreme(u, mode, u_before, mode != mode_before)
+        command = law(u_ext, mode, x_hat) if u_ext != u_before else command
         q = backlash(q, command, x_bl)
         out.append(opening(q, x_bl))
     return complex(np.mean(np.array(out[n:]) * np.exp(-1j * phase[n:])) * 2j / A)

@@ -5,7 +5,7 @@ import pytest
 from helpers.refusals import only_problem
 
 import fastcoil as fc
-from fastcoil.design.tuning_plan import plan_tuning, population_margins
+from fastcoil.design.tuning_plan import plan_tuning, hunting_indices
 
 pytestmark = pytest.mark.kernel
 
@@ -36,9 +36,9 @@ def test_no_valve_has_a_larger_margin_than_allowed_and_it_is_that_of_limit_cycle
 def test_a_ratio_stands_in_for_the_estimate(population):
     loop, days = population
     estimates = loop.assign(backlash_estimate=("sample", [0.0, 0.04, 0.08]))
-    both = [population_margins(swept, days, 60) for swept in (estimates, loop.assign(estimate_ratio=0.8))]
+    both = [hunting_indices(swept, days, 60) for swept in (estimates, loop.assign(estimate_ratio=0.8))]
     np.testing.assert_allclose(*both, rtol=1e-9)
-    assert not np.allclose(both[0], population_margins(loop, days, 60), rtol=0.01)
+    assert not np.allclose(both[0], hunting_indices(loop, days, 60), rtol=0.01)
 
 
 @pytest.mark.parametrize(

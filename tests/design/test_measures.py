@@ -13,7 +13,7 @@ from fastcoil.design.measures import Limit, Measure, parse_goal, parse_limits, r
 @pytest.mark.parametrize("quantile", [0.05, 0.95, 1.0])
 def test_a_quantile_is_the_least_value_that_so_many_do_not_exceed(n, quantile):
     values = np.random.default_rng(n).normal(size=(3, n))
-    for row, value in zip(values, Measure("rmse", quantile).of(values), strict=True):
+    for row, value in zip(values, Measure("rmse", quantile).evaluate(values), strict=True):
         assert value in row
         assert (row <= value).mean() >= quantile - 1e-12
         assert all((row <= smaller).mean() < quantile - 1e-12 for smaller in row if smaller < value)
@@ -21,9 +21,9 @@ def test_a_quantile_is_the_least_value_that_so_many_do_not_exceed(n, quantile):
 
 def test_what_failed_or_never_happened_is_worse_than_all():
     values = np.array([1.0, np.nan, 2.0, 3.0])
-    assert Measure("rmse", 0.75).of(values) == 3.0
-    assert math.isinf(Measure("rmse", 0.95).of(values))
-    assert math.isinf(Measure("rmse", None).of(values))
+    assert Measure("rmse", 0.75).evaluate(values) == 3.0
+    assert math.isinf(Measure("rmse", 0.95).evaluate(values))
+    assert math.isinf(Measure("rmse", None).evaluate(values))
 
 
 def test_limits_take_the_quantile_of_the_objective_or_their_own():

@@ -12,8 +12,8 @@ from fastcoil.design.operating_points import PointsOfDay
 from fastcoil.design.prediction import (
     PHASE_PARTS,
     Prediction,
-    largest_hunting_index,
-    margin_omissions,
+    largest_integral_speed,
+    hunting_index_omissions,
     phase_shares,
     predict_cycles_at,
     shortest_ti,
@@ -79,13 +79,13 @@ def test_the_hunting_index_is_that_of_a_step_of_the_command():
     """(kp K)^0.7 (T + 2 θ)/ti, θ with half of the sample time; of several operating points the largest."""
     loop = loop_with_ratios(1.6, 0.3, noise_std=0.02)
     expected = 1.6**0.7 * (LAG + 2.0 * (20.0 + 0.5)) / (0.3 * LAG)
-    assert largest_hunting_index(predict_at_delay(loop, 20)) == pytest.approx(expected, rel=0.02)
+    assert largest_integral_speed(predict_at_delay(loop, 20)) == pytest.approx(expected, rel=0.02)
     slower = first_order_plants(GAIN, LAG, 50.0)
-    assert largest_hunting_index(predict_at_plants(loop, first_order_plants(GAIN, LAG, 20.0), slower)) > 1.2 * expected
-    (clause,) = margin_omissions(predict_at_delay(loop, 20))
+    assert largest_integral_speed(predict_at_plants(loop, first_order_plants(GAIN, LAG, 20.0), slower)) > 1.2 * expected
+    (clause,) = hunting_index_omissions(predict_at_delay(loop, 20))
     assert clause.startswith("the noise of 0.02 K")
-    assert clause.endswith(f"here it is {largest_hunting_index(predict_at_delay(loop, 20)):.2g}")
-    assert margin_omissions(predict_at_delay(loop_with_ratios(1.6, 0.3, noise_std=0.0), 20)) == ()
+    assert clause.endswith(f"here it is {largest_integral_speed(predict_at_delay(loop, 20)):.2g}")
+    assert hunting_index_omissions(predict_at_delay(loop_with_ratios(1.6, 0.3, noise_std=0.0), 20)) == ()
 
 
 def test_twice_the_kp_is_twice_the_margin_and_needs_a_longer_ti():
