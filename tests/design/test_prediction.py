@@ -12,8 +12,8 @@ from fastcoil.design.operating_points import PointsOfDay
 from fastcoil.design.prediction import (
     PHASE_PARTS,
     Prediction,
-    largest_integral_speed,
     hunting_index_omissions,
+    largest_integral_speed,
     phase_shares,
     predict_cycles_at,
     shortest_ti,

@@ -5,6 +5,7 @@ import sys
 import numpy as np
 import pytest
 from helpers.linear_loops import LINEAR_LOOPS
+from helpers.refusals import assert_refused
 
 import fastcoil as fc
 
@@ -73,17 +74,12 @@ def test_a_point_of_a_sweep_has_its_own_parameters():
     low, high = (fc.to_control(ds.isel(kp=k, elapsed_time=0), loop) for k in (0, 1))
     w = np.array([0.001, 0.01])
     np.testing.assert_allclose(high(np.exp(30j * w)), 2.0 * low(np.exp(30j * w)), rtol=1e-12)
-    for wrong, words in (
-        ((ds, loop), "several points along kp, elapsed_time: choose one"),
-        ((ds.isel(kp=0, elapsed_time=0, drop=True), loop), "kp is swept, and linearised does not say"),
-        ((fc.linearise(fc.Loop(), day), None), "state_space=True"),
-    ):
-        with pytest.raises(fc.InputError, match=words):
-            fc.to_control(*wrong)
+    assert_refused("linearised", "shape", fc.to_control, ds, loop)
+    assert_refused("linearised", "missing", fc.to_control, ds.isel(kp=0, elapsed_time=0, drop=True), loop)
+    assert_refused("linearised", "missing", fc.to_control, fc.linearise(fc.Loop(), day))
 
 
 def test_without_python_control_a_sentence_names_the_extra(monkeypatch):
     _, ds = linearise_kind("heating")
     monkeypatch.setitem(sys.modules, "control", None)
-    with pytest.raises(fc.InputError, match=r"pip install 'fastcoil\[control\]'"):
-        fc.to_control(ds)
+    assert_refused("control", "package", fc.to_control, ds)

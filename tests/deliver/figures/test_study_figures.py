@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from helpers.figure_looks import assert_palette, assert_texts_fit
 from helpers.full import full_except
+from helpers.refusals import assert_refused
 from helpers.results import drawn_result, make_result
 
-from fastcoil.base.errors import InputError
 from fastcoil.deliver.figures import swept as plots
 from fastcoil.deliver.figures.swept import control_dims
 from fastcoil.study.analysis.compare import relative_to
@@ -175,9 +175,13 @@ def test_changes_are_in_per_cent_around_a_line_at_0(swept_result):
 
 
 @pytest.mark.parametrize(
-    ("by", "words"),
-    [("tunin", "by = 'tunin', did you mean 'tuning'"), ("backlash", "is named twice")],
+    ("options", "field", "code"),
+    [
+        ({"by": "tunin"}, "by", "choice"),
+        ({"by": "backlash"}, "by", "duplicate"),
+        ({"metrics": ["rms"]}, "metrics", "name"),
+        ({"by": "tuning", "width": 4.0}, "width", "size"),
+    ],
 )
-def test_rows_that_there_cannot_be_are_refused(swept_result, by, words):
-    with pytest.raises(InputError, match=words):
-        plots.draw_panels(swept_result, "backlash", by=by)
+def test_rows_that_there_cannot_be_are_refused(swept_result, options, field, code):
+    assert_refused(field, code, plots.draw_panels, swept_result, "backlash", **options)
