@@ -231,7 +231,7 @@ class Boundary(Samples):
         return Boundary.from_samples(ds, make=make, time_zone=zone, enabled_by_air=enabled_by_air)
 
     def to_dataset(self) -> xr.Dataset:
-        """Return the series as a Dataset over (``day``,) ``elapsed_time``, with units, long names and a known ``start``."""
+        """Return the series as a Dataset over (``day``,) ``elapsed_time``, with units, long names, and ``start``."""
         if self._maker is None:
             return self._ds.copy(deep=True)
         return boundary_dataset(self.series, self._ds["day"].values, self.n_steps, Clock(self.start, self.time_zone))

@@ -25,7 +25,7 @@ from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.logs.series import COLUMNS, Series
 from fastcoil.logs.timestamps import format_utc_offset, require_time_zone, time_zone_from_name
 from fastcoil.loops.labelled import SeriesLabels, as_data_array, convert_units, label_mismatches, read_series_labels
-from fastcoil.model.parameter_table import PARAMETERS, Parameter
+from fastcoil.model.parameter_table import COVERED, PARAMETERS, Parameter
 
 Values: TypeAlias = Any
 """A series in an argument: a number, array-like or DataArray; checked at run time."""
@@ -328,7 +328,7 @@ _CONDITION_BOUNDS: tuple[tuple[str, str, float, float], ...] = (  # names, unit,
 )
 _ABOVE_0 = ("hours", "m_a_design", "m_a_min")  # 0 itself is refused
 CONDITIONS = {
-    name: Parameter(name, "boundary", unit, None, "", least, most, open_lower=name in _ABOVE_0)
+    name: Parameter(name, "boundary", unit, None, "", least, most, open_lower=name in _ABOVE_0, theory=COVERED)
     for names, unit, least, most in _CONDITION_BOUNDS
     for name in names.split()
 } | {"pressure": PARAMETERS["pressure"]}

@@ -114,7 +114,7 @@ def weather_year(
     columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None,
 ) -> Boundary:
     # fmt: on
-    """Return days of a weather year, of 24 h each, with the operation of an air handler: a stream, made day by day.
+    r"""Return days of a weather year, of 24 h each, with the operation of an air handler: a stream, made day by day.
 
     The weather is read as by `weather_day`; before the first row its values hold.  A day runs from midnight to midnight
     in the standard time of the site, its label is the day of the year.  Outside its hours the fan is off (``m_a`` = 0)
@@ -181,9 +181,9 @@ def weather_year(
     Examples
     --------
     >>> import fastcoil as fc
-    >>> rows = [f"{hour},{20 + hour % 24 / 2},12\\n" for hour in range(1, 49)]
+    >>> rows = [f"{hour},{20 + hour % 24 / 2},12\n" for hour in range(1, 49)]
     >>> with open("site.csv", "w") as file:
-    ...     file.writelines(["hour_of_year,T_drybulb_C,T_dewpoint_C\\n", *rows])
+    ...     file.writelines(["hour_of_year,T_drybulb_C,T_dewpoint_C\n", *rows])
     >>> fc.weather_year("site.csv", year=2023, T_design=32.0).extent
     '24 h x 2 days from 2023-01-01 00:00:00'
     """
@@ -254,8 +254,8 @@ def weather_day(
 
     The file is an EnergyPlus weather file (EPW), a TMY3 file or any CSV file, recognised by its content.  A row gives
     the values at the full hour it names (hour 1 is 01:00, in the standard time of the site; of several rows an hour,
-    the last one), with straight lines between rows; a warning says what these cannot show.  The humidity comes from the dew
-    point if the file has one, else from the relative humidity.  The mixture keeps dry air, water and enthalpy.  The
+    the last one), with straight lines between rows; a warning says what these cannot show.  The humidity comes from the
+    dew point if the file has one, else from the relative humidity.  The mixture keeps dry air, water and enthalpy.  The
     years in EPW and TMY3 files, which change from month to month, are ignored; the days start at their dates, in the
     time zone of the file.
 

@@ -192,8 +192,8 @@ def _require_plausible(table: Table, series: Mapping[str, Array]) -> None:
 class Field(NamedTuple):
     """A field of a format.
 
-    name: in the documents of the format.  cell: index in a row.  missing: this value, and values farther from zero, mark
-    a missing one.
+    name: in the documents of the format.  cell: index in a row.  missing: this value, and values farther from zero,
+    mark a missing one.
     """
 
     name: str

@@ -206,7 +206,7 @@ def work_space(block: Block) -> WorkSpace:
 
 def allocate_rule_state(rule: Estimator | Law | None, parameters: np.ndarray) -> np.ndarray:
     """The parameters of a rule and, behind them, room for its memory and an estimator's arrays."""
-    n_array = rule.words if isinstance(rule, Estimator) else 0
+    n_array = rule.n_floats if isinstance(rule, Estimator) else 0
     state = _allocate_aligned(parameters.size + (0 if rule is None else LANES * (len(rule.Memory._fields) + n_array)))
     state[: parameters.size] = parameters.ravel()
     state[parameters.size :] = 0.0

@@ -56,7 +56,7 @@ def estimator_stage(estimator: Estimator) -> Any:
     Parameters, Memory, defaults = estimator.Parameters, estimator.Memory, memory_defaults(estimator.Memory)
     memory_at, every_call = len(Parameters._fields) * LANES, estimator.periods is not None
     has_start, has_confirms = start is not None, confirms is not None
-    n_array, arrays_at = estimator.words, memory_at + len(Memory._fields) * LANES
+    n_array, arrays_at = estimator.n_floats, memory_at + len(Memory._fields) * LANES
     has_array, sees_test = n_array > 0, estimator.sees_test
 
     def estimate(S, rule_state, t, T_set, m_a, enabled, is_start):
@@ -91,7 +91,7 @@ def estimator_stage(estimator: Estimator) -> Any:
                 S[R.time_reached + j] = reached
                 S[R.time_confirmed + j] = confirmed
 
-    return ESTIMATOR_SIGNATURE.compiled(estimate, estimator.identity or estimator.name)
+    return ESTIMATOR_SIGNATURE.compiled(estimate, estimator.fingerprint or estimator.name)
 
 
 def _compile_exact(function: Any) -> Any:
@@ -133,4 +133,4 @@ def law_stage(law: Law) -> Any:
                 u = S[R.decided + j] if np.isnan(S[R.decided + j]) else clip01(u)
                 S[R.decided + j] = u if due else S[R.decided + j]
 
-    return LAW_SIGNATURE.compiled(decide, law.identity)
+    return LAW_SIGNATURE.compiled(decide, law.fingerprint)
