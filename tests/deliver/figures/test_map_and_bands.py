@@ -68,7 +68,7 @@ def test_what_failed_is_told(ds):
         (lambda ds: fc.plot.map(ds, x="backlas"), "x", "name"),
         (lambda ds: fc.plot.map(ds, x="backlash", y="backlash"), "backlash", "duplicate"),
         (lambda ds: fc.plot.map(ds.isel(backlash=0)), "y", "missing"),
-        (lambda ds: fc.plot.bands(ds), "x", "missing"),
+        (fc.plot.bands, "x", "missing"),
         (lambda ds: fc.plot.bands(ds, x="backlash", by="dya"), "by", "choice"),
         (lambda ds: fc.plot.map(ds.rmse.assign_coords(backlash=ds.backlash.assign_attrs(units="%"))), "ds.backlash",
          "unit"),
