@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.design.plants import Columns, Complex, Plants, frequency_response, unique_columns
+from fastcoil.design.plants import Columns, Complex, Plants, floats, frequency_response, unique_columns
 from fastcoil.model.parameter_table import PARAMETERS
 
 
@@ -135,10 +135,9 @@ def swing_amplitude(u: Array, mean: Array, w: Array, elements: Elements, plants:
 
 def _hold_wave(wave: Array, angle: Array) -> Array:
     """Return the wave as a sampled controller holds it; angle: from sample to sample, rad, (n, 1)."""
-    step = np.maximum(angle[:, 0] * STEPS_PER_PERIOD / (2.0 * np.pi), 1.0)
-    k = np.arange(STEPS_PER_PERIOD)[:, None]
-    sample_index = np.round(np.floor(k / step + 1e-9) * step).astype(np.int64) % STEPS_PER_PERIOD
-    return wave[sample_index, np.arange(step.size)]
+    step, k = np.maximum(angle[:, 0] * STEPS_PER_PERIOD / (2.0 * np.pi), 1.0), np.arange(STEPS_PER_PERIOD)[:, None]
+    sample = np.round(np.floor(k / step + 1e-9) * step).astype(np.int64) % STEPS_PER_PERIOD
+    return wave[sample, np.arange(step.size)]
 
 
 def _follow_stem(wave: Array, w: Array, elements: Elements) -> Array:
@@ -242,7 +241,7 @@ class Elements(NamedTuple):
     @classmethod
     def from_columns(cls, columns: Columns, plants: Plants) -> Elements:
         """Return the elements of loops with these parameters, (n,) each, and plants."""
-        parameters = tuple(np.asarray(columns[name], float) for name in cls._fields[:5])
+        parameters = tuple(floats(columns, *cls._fields[:5]))
         _, _, period, x_bl, stroke = parameters
         sign = np.where(np.asarray(columns["action"]) == "heating", -1.0, 1.0)
         x_hat = _assumed_backlash(columns)
@@ -361,25 +360,21 @@ def unpredictable_loops(columns: Columns) -> dict[str, Mask]:
 def is_too_smooth(columns: Columns, amplitude: Array, w: Array) -> Mask:
     """Whether the smooth compensation crosses the gap too slowly, at this cycle of u, to be taken for the inverse."""
     is_smooth = (np.asarray(columns["compensation"]) == "smooth") & (_assumed_backlash(columns) > 0.0)
-    rate = np.asarray(columns["smooth_rate"], float)
+    (rate,) = floats(columns, "smooth_rate")
     return np.asarray(is_smooth & (amplitude * w < 4.0 * rate))  # above, it counts as the inverse
 
 
 def _assumed_backlash(columns: Columns) -> Array:
     """Backlash that the compensation assumes, where nothing changes the estimate."""
-    ratio, x_bl, estimate, share = (
-        np.asarray(columns[name], float)
-        for name in ("estimate_ratio", "backlash", "backlash_estimate", "estimate_share")
-    )
+    names = ("estimate_ratio", "backlash", "backlash_estimate", "estimate_share")
+    ratio, x_bl, estimate, share = floats(columns, *names)
     return np.asarray(share * np.where(ratio >= 0.0, ratio * x_bl, estimate))
 
 
 def _effective_buffer(columns: Columns) -> Array:
     """Buffer in effect, as the controller derives it; measured noise is taken to be ``noise_std``."""
-    ratio, kp, sigma, swing, gain, least = (
-        np.asarray(columns[name], float)
-        for name in ("buffer_ratio", "kp", "noise_std", "buffer_swing", "plant_gain", "buffer")
-    )
+    names = ("buffer_ratio", "kp", "noise_std", "buffer_swing", "plant_gain", "buffer")
+    ratio, kp, sigma, swing, gain, least = floats(columns, *names)
     with np.errstate(divide="ignore", invalid="ignore"):
         highest = np.where(swing > 0.0, swing / gain, np.inf)
     return np.asarray(np.maximum(np.minimum(ratio * np.abs(kp) * sigma, highest), least))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -119,21 +119,19 @@ def _points_dataset(prediction: Prediction, simulated: xr.Dataset) -> xr.Dataset
     """Return the operating points with their hunting indices, and the swing simulated at each, K."""
     points, plants, cycles = prediction.points, prediction.plants, prediction.cycles
     kelvin, second = {"units": "K"}, {"units": "s"}
-    return xr.Dataset(
-        {
-            "start": ("point", points.start, second | {"long_name": "first second"}),
-            "seconds": ("point", points.seconds, second | {"long_name": "seconds spent there"}),
-            **{name: ("point", values) for name, values in points.conditions.items()},
-            "opening": ("point", plants.opening),
-            "gain": ("point", plants.gain, kelvin | {"long_name": "change per unit of opening"}),
-            "reachable": ("point", plants.reachable),
-            "hunting_index": ("point", cycles.hunting_index),
-            "hunts": ("point", cycles.hunts),
-            "period": ("point", cycles.period, second),
-            "amplitude": ("point", cycles.amplitude, kelvin | {"long_name": "half of peak to peak"}),
-            "swing": ("point", simulated["swings"].values[0], kelvin | {"long_name": "simulated, peak to peak"}),
-        }
-    )
+    variables: dict[str, tuple[Any, ...]] = {
+        "start": (points.start, second | {"long_name": "first second"}),
+        "seconds": (points.seconds, second | {"long_name": "seconds spent there"}),
+        **{name: (values,) for name, values in points.conditions.items()},
+        "opening": (plants.opening,),
+        "gain": (plants.gain, kelvin | {"long_name": "change per unit of opening"}),
+        "reachable": (plants.reachable,),
+        **{name: (getattr(cycles, name),) for name in ("hunting_index", "hunts")},
+        "period": (cycles.period, second),
+        "amplitude": (cycles.amplitude, kelvin | {"long_name": "half of peak to peak"}),
+        "swing": (simulated["swings"].values[0], kelvin | {"long_name": "simulated, peak to peak"}),
+    }
+    return xr.Dataset({name: ("point", *variable) for name, variable in variables.items()})
 
 
 @dataclass(frozen=True, repr=False)
@@ -344,9 +342,7 @@ class Explanation:
 def _why_not_predicted(e: Explanation, prediction: Prediction, index_text: str, factor: float, ti: float) -> str:
     """Reason where theory predicts no hunting.  factor: by which kp may grow."""
     if e.hunts:
-        return (
-            f"Why: theory does not predict it ({index_text}): noise, steps or changing conditions keep the swing going."
-        )
+        return f"Why: theory does not predict it ({index_text}): noise, steps or a changing day keep the swing going."
     if e.hunting_index > HUNTING_INDEX_LIMIT:
         return f"Why: {index_text}, but theory predicts no swing large enough to count as hunting."
     shortest = shortest_ti(prediction, HUNTING_INDEX_LIMIT)
@@ -398,10 +394,8 @@ def _agreement_line(e: Explanation, points: xr.Dataset) -> str:
 
 def _worst_point_line(prediction: Prediction, points: xr.Dataset) -> str:
     """The worst operating point, what happens there, and the range of the hunting index over the day."""
-    worst, index = (
-        points.isel(point=prediction.worst_point),
-        points["hunting_index"].values[prediction.reachable_points],
-    )
+    worst, reachable = points.isel(point=prediction.worst_point), points.isel(point=prediction.reachable_points)
+    index = reachable["hunting_index"].values
     place = f"{float(worst['T_set']):.3g} °C, {float(worst['start']) / 3600.0:.3g} h after the start"
     place += f" (opening {100 * float(worst['opening']):.0f} %)"
     swing, simulated_swing = 2.0 * float(worst["amplitude"]), float(worst["swing"])

@@ -30,7 +30,9 @@ from fastcoil.design.plants import (
     Columns,
     Complex,
     Plants,
+    floats,
     frequency_response,
+    linearise_plants,
     loop_response,
     stroke_gain,
     unique_columns,
@@ -145,7 +147,6 @@ def find_sustained_cycle(swings: Swings, disturbance: float) -> tuple[Mask, Swin
     Where |L| |N| falls through 1 as the amplitude grows, a larger swing decays and a smaller one grows: that cycle
     sustains itself.  Where it rises through 1, it parts the swings that grow from those that decay (Gelb and Vander
     Velde 1968, section 3.2).  Where the phase of L rises with the frequency it is the other way round.
-
     swings: (3, n, n_amplitudes) each, of the pieces of ``harmonic_balance``.
     """
     F = swings.product
@@ -211,11 +212,11 @@ def predict_cycles(columns: Columns, plants: Plants) -> Cycles:
 
     columns: parameter name → (n,), see ``parameter_columns``.  plants: of these loops, see ``linearise_plants``.
     """
-    periods = np.asarray(columns["sample_time"], float)
+    periods, kp = floats(columns, "sample_time", "kp")
     is_known = ~np.any(list(unpredictable_loops(columns).values()), axis=0) & np.isfinite(plants.gain)
     cycles = Cycles(*(np.full(plants.opening.size, np.nan) for _ in Cycles._fields))
     # where no opening holds the set-point, or the loop acts the wrong way round or not at all, the valve stands
-    is_acting = plants.reachable & (stroke_gain(columns, plants) > 0.0) & (np.asarray(columns["kp"], float) > 0.0)
+    is_acting = plants.reachable & (stroke_gain(columns, plants) > 0.0) & (kp > 0.0)
     cycles.hunting_index[is_known & ~is_acting], cycles.hunts[is_known & ~is_acting] = 0.0, 0.0
     for period in np.unique(periods):
         members = np.flatnonzero(is_known & is_acting & (periods == period))
@@ -287,10 +288,8 @@ def _balance_with_limits(w: Array, L: Complex, elements: Elements, A: Array, pla
 
     def balance_loops(loops: Index) -> HarmonicBalance:
         part = elements.select(loops)
-        leads = (part.width < part.reversal_band - _ROUND_OFF_GAP)[:, 0] | (
-            np.angle(limit_gain[loops]).max(axis=1) > 0.0
-        )
-        lead = np.where(leads, 0.5 * np.pi, 0.0)
+        leads = (part.width < part.reversal_band - _ROUND_OFF_GAP)[:, 0]
+        lead = np.where(leads | (np.angle(limit_gain[loops]).max(axis=1) > 0.0), 0.5 * np.pi, 0.0)
 
         def N(which: Index) -> DescribingFunction:
             members = loops[which]
@@ -326,23 +325,15 @@ def _join_pieces(values: np.ndarray) -> np.ndarray:
     return values.transpose(1, 0, 2).reshape(values.shape[1], -1)
 
 
-_VARIABLE_ATTRS: Mapping[str, Mapping[str, str]] = {
-    "hunting_index": {
-        "long_name": "hunting index of the describing function", "units": "1",
-        "comment": f"largest |L| |N| where L and N lag 180 degrees together, over swings up to {DISTURBANCE:g} K; from "
-        f"{HUNTING_INDEX_LIMIT:g} on a gap keeps the loop swinging; without a gap 1/gain margin; 0 if T_set is out of "
-        "reach",
-    },
-    "hunts": {
-        "long_name": "whether the loop is predicted to hunt", "units": "1",
-        "comment": f"1 if a swing of {DISTURBANCE:g} K ends in one that goes on, by more than 0.1 K from peak to peak",
-    },
-    "period": {"long_name": "period of the predicted cycle", "units": "s", "comment": "NaN where it does not hunt"},
-    "amplitude": {
-        "long_name": "amplitude of T_sup in the predicted cycle", "units": "K",
-        "comment": "half of peak to peak; NaN where it does not hunt",
-    },
-    "frequency": {"long_name": "angular frequency of the hunting index", "units": "rad s-1"},
+_VARIABLES = {  # long_name, units, comment
+    "hunting_index": ("hunting index of the describing function", "1", "largest |L| |N| where L and N lag 180 degrees "
+        f"together, over swings up to {DISTURBANCE:g} K; from {HUNTING_INDEX_LIMIT:g} a gap keeps the loop swinging; "
+        "without a gap 1/gain margin; 0 if T_set is out of reach"),
+    "hunts": ("whether the loop is predicted to hunt", "1", f"1 if a swing of {DISTURBANCE:g} K ends in one that goes "
+        "on, by more than 0.1 K from peak to peak"),
+    "period": ("period of the predicted cycle", "s", "NaN where it does not hunt"),
+    "amplitude": ("amplitude of T_sup in the predicted cycle", "K", "half of peak to peak; NaN where it does not hunt"),
+    "frequency": ("angular frequency of the hunting index", "rad s-1", "NaN where the index is 0"),
 }  # fmt: skip
 
 
@@ -410,17 +401,17 @@ def limit_cycle(loop: Loop, boundary: Boundary, *, at: Any = None) -> xr.Dataset
     note = "; ".join(f"NaN in {count:,} of {n} scenarios: {reason}" for reason, count in n_unpredicted.items())
     if note:
         warnings.warn(note, stacklevel=2)
-    ds = points.dataset({name: (values, _VARIABLE_ATTRS[name]) for name, values in variables.items()})
-    attrs = {"parameters": json.dumps(points.loop.constants)} | ({"note": note} if note else {})
-    return ds.assign_attrs(title="fastcoil limit cycles, predicted", **attrs, **provenance())
+    keys = ("long_name", "units", "comment")
+    attrs = {name: dict(zip(keys, texts, strict=True)) for name, texts in _VARIABLES.items()}
+    ds = points.dataset({name: (values, attrs[name]) for name, values in variables.items()})
+    about = {"parameters": json.dumps(points.loop.constants)} | ({"note": note} if note else {})
+    return ds.assign_attrs(title="fastcoil limit cycles, predicted", **about, **provenance())
 
 
 _HOW_TO_READ = (
     "Thick: L. Thin: -1/N. A loop hunts where L reaches -1/N, or nearly. One dot: the cycle. Two dots: the frequency "
     "at which a loop that does not hunt comes nearest to one."
 )
-_WIDTH = 6.5  # of a Nyquist plot, inches
-_REACH = 3.0  # of the plane that it shows to the left and below
 
 
 @apply_style()
@@ -457,7 +448,8 @@ def nyquist(loop: Loop, boundary: Boundary, *, at: Any = None) -> Figure:
     """
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(_WIDTH, 5.6), layout="constrained")
+    width, reach = 6.5, 3.0  # inches; of the plane to the left and below
+    figure = Figure(figsize=(width, 5.6), layout="constrained")
     axes = figure.subplots()
     axes.axhline(0.0, color="black", lw=0.6)
     axes.axvline(0.0, color="black", lw=0.6)
@@ -472,9 +464,15 @@ def nyquist(loop: Loop, boundary: Boundary, *, at: Any = None) -> Figure:
         cycles = predict_cycles(columns, plant)
         hunting_index, hunts = float(cycles.hunting_index[0]), bool(cycles.hunts[0] > 0.0)
         critical = float(2.0 * math.pi / cycles.period[0] if hunts else cycles.frequency[0])
-        minus_1_over_N = _minus_1_over_N(columns, plant, critical)
+        minus_1_over_N = np.empty(0, complex)  # over the amplitude of u
+        if math.isfinite(critical):
+            elements = Elements.from_columns(columns, plant)
+            A = elements.amplitudes(_LARGEST_AMPLITUDE, 400)
+            mean = elements.mean_u(A)
+            N = elements.make_describing_function(A, limiter_gain(A, -mean, 1.0 - mean))(np.array(critical))[0]
+            minus_1_over_N = -1.0 / N[np.abs(N) > 1e-3]
         answer = f"hunting index {hunting_index:.2g}, {'hunts' if hunts else 'does not hunt'}"
-        is_near = np.abs(L) < 3.0 * _REACH
+        is_near = np.abs(L) < 3.0 * reach
         label = f"{words}{answer if minus_1_over_N.size else 'not predicted'}"
         axes.plot(L.real[is_near], L.imag[is_near], color=colour, ls=line, label=label)
         axes.plot(minus_1_over_N.real, minus_1_over_N.imag, color=colour, lw=0.7, label="_-1/N")
@@ -482,9 +480,9 @@ def nyquist(loop: Loop, boundary: Boundary, *, at: Any = None) -> Figure:
             on_L = complex(np.interp(critical, w, L))  # where the loop hunts, or comes nearest to it
             pair = np.array([on_L] if hunts else [on_L, on_L / hunting_index])
             axes.plot(pair.real, pair.imag, color=colour, lw=0.8, ls=DOTTED_LINE, marker="o", ms=3.5)
-    axes.set(xlim=(-_REACH, 1.2), ylim=(-_REACH, 1.2), aspect="equal", xlabel="real part", ylabel="imaginary part")
+    axes.set(xlim=(-reach, 1.2), ylim=(-reach, 1.2), aspect="equal", xlabel="real part", ylabel="imaginary part")
     axes.legend(loc="upper left", framealpha=0.8, edgecolor="none")
-    axes.set_title(wrap_text(_HOW_TO_READ, 0.75 * _WIDTH, 9), loc="left")
+    axes.set_title(wrap_text(_HOW_TO_READ, 0.75 * width, 9), loc="left")
     return figure
 
 
@@ -495,21 +493,11 @@ def _labelled_loops(loop: Loop, boundary: Boundary, at: Any) -> Iterator[tuple[s
     if points.size > len(COLOURS):
         raise InputError(f"{points.size} loops: a figure shows up to {len(COLOURS)}, select some", "loop", "size")
     index = np.arange(points.size)
-    columns, plants = points.columns(index), points.plants(index)
+    columns = points.columns(index)
+    plants = linearise_plants(columns, points.conditions(index))
     labelled = points.dataset({})
     for k, place in enumerate(np.ndindex(*points.sizes.values())):
         labels = [label_in_words(labelled, dim, i) for dim, i in zip(points.sizes, place, strict=True)]
         words = ", ".join([*labels, *([] if plants.reachable[k] else ["set-point out of reach"])])
         loop_columns = {name: values[k : k + 1] for name, values in columns.items()}
         yield f"{words}: " if words else "", loop_columns, plants.select(index[k : k + 1])
-
-
-def _minus_1_over_N(columns: Columns, plant: Plants, at: float) -> Complex:
-    """-1/N over the amplitude of u, at a frequency [rad/s]; empty where theory says nothing."""
-    if not math.isfinite(at):
-        return np.empty(0, complex)
-    elements = Elements.from_columns(columns, plant)
-    amplitudes = elements.amplitudes(_LARGEST_AMPLITUDE, 400)
-    mean = elements.mean_u(amplitudes)
-    N = elements.make_describing_function(amplitudes, limiter_gain(amplitudes, -mean, 1.0 - mean))(np.array(at))[0]
-    return np.asarray(-1.0 / N[np.abs(N) > 1e-3])

@@ -15,6 +15,7 @@ from fastcoil.design.plants import (
     Columns,
     Complex,
     Plants,
+    floats,
     frequency_response,
     loop_response,
     sampled_plant_response,
@@ -51,8 +52,7 @@ def margins_of(columns: Columns, plants: Plants) -> Margins:
     """Return the margins of every loop, from the exact transfer function of the sampled loop."""
     n = plants.gain.size
     margins = Margins(*(np.full(n, math.nan) for _ in Margins._fields))
-    periods = np.asarray(columns["sample_time"], float)
-    gain = stroke_gain(columns, plants)
+    (periods,), gain = floats(columns, "sample_time"), stroke_gain(columns, plants)
     for period in np.unique(periods[gain > 0.0]):
         members = np.flatnonzero((periods == period) & (gain > 0.0))
         subset = {name: values[members] for name, values in columns.items()}
@@ -121,7 +121,7 @@ def first_order(columns: Columns, plants: Plants) -> FirstOrder:
     K. R. Sundaresan, P. R. Krishnaswamy: Estimation of time delay time constant parameters in time, frequency, and
     Laplace domains.  Can. J. Chem. Eng. 56 (1978), 257-262, who round lag = 0.67 (t2 - t1), delay = 1.3 t1 - 0.29 t2.
     """
-    tau, early, late = np.asarray(columns["sensor_time_constant"], float), 0.353, 0.853
+    (tau,), early, late = floats(columns, "sensor_time_constant"), 0.353, 0.853
     first, kind = unique_columns(plants.kind, tau)
     with np.errstate(divide="ignore", invalid="ignore"):
         response, gain = plants.response[first], plants.gain[first][:, None]
@@ -138,7 +138,7 @@ def integral_speed(columns: Columns, plants: Plants, model: FirstOrder) -> Array
 
     A fit over loops with a gap, see docs/findings/hunting.md.
     """
-    kp, ti = (np.asarray(columns[name], float) for name in ("kp", "ti"))
+    kp, ti = floats(columns, "kp", "ti")
     gain = np.maximum(kp * stroke_gain(columns, plants), 0.0)
     return np.asarray(gain**0.7 * (model.lag + 2.0 * _dead_time(columns, model)) / ti)
 
@@ -195,54 +195,43 @@ def _crossing_time(share: Array, level: float) -> Array:
 
 _NO_GAP_NOTE = "without the gap, the motor's stroke time and the inverse"
 _RULE_NOTE = "for a plain PI; dead time: delay + sample_time/2; NaN if the valve changes nothing or acts the wrong way"
-_PHASE_ATTRS = {"dims": ("frequency",), "units": "degree", "comment": "unwrapped from the lowest frequency on"}
-_VARIABLE_ATTRS: Mapping[str, Mapping[str, Any]] = {
-    "opening": {"long_name": "opening at which T_sup rests at T_set", "units": "1"},
-    "T_sup": {"long_name": "supply air temperature at rest", "units": "degC"},
-    "m_w": {"long_name": "water flow", "units": "kg s-1"},
-    "wet_volumes": {
-        "long_name": "number of wet control volumes", "units": "1",
-        "comment": "a volume that is wet and dry by turns counts with the share of time in which it is wet",
-    },
-    "reachable": {
-        "long_name": "whether an opening holds the set-point", "units": "1",
-        "comment": "where False, the opening is 0 or 1, whichever is nearer; or T_sup jumps past it, and gain is NaN",
-    },
-    "gain": {"long_name": "gain from the opening to T_sup", "units": "K", "comment": "per unit opening"},
-    "lag": {
-        "long_name": "lag of the plant and its sensor", "units": "s",
-        "comment": "first order plus delay, through 35.3 and 85.3 % of the response (Sundaresan, Krishnaswamy 1978)",
-    },
-    "delay": {
-        "long_name": "delay of the plant and its sensor", "units": "s",
-        "comment": "first order plus delay, as lag; the controller's sample time is not in it",
-    },
-    "kp_simc": {"long_name": "kp after SIMC", "units": "K-1", "comment": f"lag/(2 gain dead time), {_RULE_NOTE}"},
-    "ti_simc": {"long_name": "ti after SIMC", "units": "s", "comment": "min(lag, 8 dead time)"},
-    "kp_lambda": {"long_name": "kp after lambda tuning", "units": "K-1", "comment": f"lambda = 3 lag, {_RULE_NOTE}"},
-    "ti_lambda": {"long_name": "ti after lambda tuning", "units": "s", "comment": "lag"},
-    "kp_zn": {"long_name": "kp after Ziegler and Nichols", "units": "K-1", "comment": "0.45 ultimate_gain"},
-    "ti_zn": {"long_name": "ti after Ziegler and Nichols", "units": "s", "comment": "ultimate_period/1.2"},
-    "ultimate_gain": {
-        "long_name": "ultimate gain of a P controller", "units": "K-1",
-        "comment": f"at this sample time, {_NO_GAP_NOTE}",
-    },
-    "ultimate_period": {"long_name": "ultimate period of a P controller", "units": "s"},
-    "gain_margin": {
-        "long_name": "gain margin", "units": "1",
-        "comment": f"kp may grow by this factor until the loop swings, {_NO_GAP_NOTE}; below 1 it is unstable",
-    },
-    "phase_margin": {
-        "long_name": "phase margin", "units": "degree",
-        "comment": f"{_NO_GAP_NOTE}; NaN where |L| is above 1 at every frequency that the controller can make",
-    },
-    "plant_magnitude": {"dims": ("frequency",), "long_name": "gain from the opening to T_sup", "units": "K"},
-    "plant_phase": {"long_name": "phase from the opening to T_sup", **_PHASE_ATTRS},
-    "loop_magnitude": {"dims": ("frequency",), "long_name": "gain of the open loop L", "units": "1"},
-    "loop_phase": {"long_name": "phase of the open loop L", **_PHASE_ATTRS},
-    "A": {"dims": ("state", "state_before"), "long_name": "from the states of a second to those of the next"},
-    "B": {"dims": ("state",), "long_name": "from the opening to the states of the next second"},
+_FIRST_ORDER_NOTE = "first order plus delay, through 35.3 and 85.3 % of the response (Sundaresan, Krishnaswamy 1978)"
+_VARIABLES = {  # long_name, units, comment
+    "opening": ("opening at which T_sup rests at T_set", "1", ""),
+    "T_sup": ("supply air temperature at rest", "degC", ""),
+    "m_w": ("water flow", "kg s-1", ""),
+    "wet_volumes": ("number of wet control volumes", "1", "share of time for one that is wet and dry by turns"),
+    "reachable": ("whether an opening holds the set-point", "1", "where False, the opening is 0 or 1, whichever is "
+        "nearer; or T_sup jumps past it, and gain is NaN"),
+    "gain": ("gain from the opening to T_sup", "K", "per unit opening"),
+    "lag": ("lag of the plant and its sensor", "s", _FIRST_ORDER_NOTE),
+    "delay": ("delay of the plant and its sensor", "s", "as lag; the controller's sample time is not in it"),
+    "kp_simc": ("kp after SIMC", "K-1", f"lag/(2 gain dead time), {_RULE_NOTE}"),
+    "ti_simc": ("ti after SIMC", "s", "min(lag, 8 dead time)"),
+    "kp_lambda": ("kp after lambda tuning", "K-1", f"lambda = 3 lag, {_RULE_NOTE}"),
+    "ti_lambda": ("ti after lambda tuning", "s", "lag"),
+    "kp_zn": ("kp after Ziegler and Nichols", "K-1", "0.45 ultimate_gain"),
+    "ti_zn": ("ti after Ziegler and Nichols", "s", "ultimate_period/1.2"),
+    "ultimate_gain": ("ultimate gain of a P controller", "K-1", f"at this sample time, {_NO_GAP_NOTE}"),
+    "ultimate_period": ("ultimate period of a P controller", "s", ""),
+    "gain_margin": ("gain margin", "1", f"kp may grow by this factor until the loop swings, {_NO_GAP_NOTE}; below 1 it "
+        "is unstable"),
+    "phase_margin": ("phase margin", "degree", f"{_NO_GAP_NOTE}; NaN where |L| is above 1 at every frequency"),
+    "plant_magnitude": ("gain from the opening to T_sup", "K", ""),
+    "plant_phase": ("phase from the opening to T_sup", "degree", "unwrapped from the lowest frequency on"),
+    "loop_magnitude": ("gain of the open loop L", "1", ""),
+    "loop_phase": ("phase of the open loop L", "degree", "unwrapped from the lowest frequency on"),
+    "A": ("from the states of a second to those of the next", "", ""),
+    "B": ("from the opening to the states of the next second", "", ""),
 }  # fmt: skip
+_DIMS = {"A": ("state", "state_before"), "B": ("state",)}
+
+
+def _attributes(name: str) -> dict[str, Any]:
+    """Attributes of a variable, and its dims beyond those of the points."""
+    texts = zip(("long_name", "units", "comment"), _VARIABLES[name], strict=True)
+    dims = ("frequency",) if name.endswith(("_magnitude", "_phase")) else _DIMS.get(name, ())
+    return {key: text for key, text in texts if text} | {"dims": dims}
 
 
 def linearise(
@@ -303,15 +292,14 @@ def linearise(
     states = list(state_names(int(np.max(np.asarray(points.loop["n_volumes"]))))) if wants_states else []
     values_per_point = 22 + (0 if w is None else 4 * w.size) + len(states) ** 2
     check_memory(2 * 8 * values_per_point * points.size, points.size)
-    variables = points.evaluate(lambda *point: _variables_of_points(*point, w, wants_states))
-    ds = points.dataset({name: (values, _VARIABLE_ATTRS[name]) for name, values in variables.items()})
+    variables = points.evaluate(lambda c, entering, plants: _variables_of_points(c, entering, plants, w, wants_states))
+    ds = points.dataset({name: (values, _attributes(name)) for name, values in variables.items()})
     if w is not None:
         ds = ds.assign_coords(frequency=("frequency", w, {"long_name": "angular frequency", "units": "rad s-1"}))
     if wants_states:
-        ds = ds.assign_coords(
-            state=("state", states, {"long_name": "state of the coil, by control volume"}),
-            state_before=("state_before", states, {"long_name": "state of the coil a second before"}),
-        )
+        before = ("state_before", states, {"long_name": "state of the coil a second before"})
+        ds = ds.assign_coords(state_before=before)
+        ds = ds.assign_coords(state=("state", states, {"long_name": "state of the coil, by control volume"}))
     return ds.assign_attrs(title="fastcoil linearised loops", **provenance())
 
 
@@ -324,14 +312,11 @@ def _variables_of_points(
     model, margins = first_order(columns, plants), margins_of(columns, plants)
     yield "lag", model.lag
     yield "delay", model.delay
-    gains = {
-        "simc": simc(columns, plants, model),
-        "lambda": lambda_tuning(columns, plants, model),
-        "zn": ziegler_nichols(margins.ultimate_gain, margins.ultimate_period),
-    }
-    for rule, (kp, ti) in gains.items():
-        yield f"kp_{rule}", kp
-        yield f"ti_{rule}", ti
+    by_lambda = lambda_tuning(columns, plants, model)
+    zn = ziegler_nichols(margins.ultimate_gain, margins.ultimate_period)
+    for rule, gains in (("simc", simc(columns, plants, model)), ("lambda", by_lambda), ("zn", zn)):
+        yield f"kp_{rule}", gains.kp
+        yield f"ti_{rule}", gains.ti
     yield from margins._asdict().items()
     if w is not None:
         yield from _magnitude_and_phase("plant", lambda at: frequency_response(plants.response, at), w)

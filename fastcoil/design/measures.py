@@ -27,12 +27,10 @@ HUNTS = "hunts"
 HUNTING_INDEX = "hunting_index"  # of the describing function; it may be limited like a metric
 CHANGE = "change"  # name of the variable with the change of the goal
 AMOUNT_METRICS = tuple(m.name for m in METRICS.values() if not m.flags)
-NOT_MINIMISED = frozenset(
-    (
-        "estimate_final", "estimate_settled", "estimate_first_down", "size_error", "half_periods",
-        "half_period_spread", "hunting_period", "coil_energy", "coil_peak_power", "water_volume", "condensate",
-    )
-)  # fmt: skip
+NOT_MINIMISED = {
+    "estimate_final", "estimate_settled", "estimate_first_down", "size_error", "half_periods",
+    "half_period_spread", "hunting_period", "coil_energy", "coil_peak_power", "water_volume", "condensate",
+}  # fmt: skip
 """Metrics of which less is not better in itself: they may be limited, not minimised."""
 
 
@@ -123,7 +121,8 @@ def parse_limits(limits: object, quantile: object) -> list[Limit]:
             as_now = isinstance(to_builtin(most), str) and to_builtin(most) == NOW
             most = math.inf if as_now else check(require_number, f"limits: {metric}", most, cure)
             parsed.append(Limit(Measure(metric, share), most, as_now))
-        check.problems = [Problem(p, p.field.rpartition(" ")[2], p.code) for p in check.problems]
+        problems = InputError(check.problems).problems
+        check.problems = [Problem(p, p.field.rpartition(" ")[2], p.code) for p in problems]
     return parsed
 
 

@@ -79,10 +79,6 @@ class OperatingPoints:
         place = along.get("day", zeros), along.get("elapsed_time", zeros)
         return {name: values[place] for name, values in self._entering.items()}
 
-    def plants(self, index: Index) -> Plants:
-        """The plants at the points ``index``, at rest."""
-        return linearise_plants(self.columns(index), self.conditions(index))
-
     def dataset(self, variables: Mapping[str, tuple[Array, Mapping[str, Any]]]) -> xr.Dataset:
         """Label results, (size, …) each, with their attributes; ``attrs["dims"]`` has the dims after the first."""
         labels = self._layout.coordinates()
@@ -156,12 +152,9 @@ def _require_mean_conditions(boundary: Boundary, warm_up: int) -> dict[str, Arra
     days_without = np.flatnonzero(np.isnan(conditions["T_set"]))
     if days_without.size:
         day_text = f"on day {boundary.day[days_without[0]]} " if boundary.has_day_dim else ""
-        raise InputError(
-            f"no second {day_text}is enabled after the warm-up of {warm_up} s: take another day, or a longer one, "
-            "or give the second as at=",
-            "boundary",
-            "data",
-        )
+        cure = "take another day, or a longer one, or give the second as at="
+        sentence = f"no second {day_text}is enabled after the warm-up of {warm_up} s: {cure}"
+        raise InputError(sentence, "boundary", "data")
     return {name: means[:, None] for name, means in conditions.items()}
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -96,6 +96,11 @@ LONGEST_RESPONSE = 3600  # s; a longer response continues as a geometric series
 OPENINGS = np.linspace(0.0, 1.0, 17)  # of the curve of T_sup at rest
 
 
+def floats(columns: Columns, *names: str) -> Iterator[Array]:
+    """Yield columns as arrays of floats."""
+    return (np.asarray(columns[name], float) for name in names)
+
+
 class Plants(NamedTuple):
     """Linearised plants at rest of n loops, (n,) each.
 
@@ -158,11 +163,9 @@ def _solve_plants(*parts: bytes) -> tuple[np.ndarray, ...]:
         of_lanes, rest, S, V = _bring_to_rest(block, members, entering, T_set)
         response, ends = np.empty((LONGEST_RESPONSE, LANES)), np.empty(LANES, np.int64)
         tolerance = 1e-4  # share of the gain: from where it stays this near to its end, it is a geometric series
-        at_rest.simulate_step_response(
-            block.rows, block.common, of_lanes, rest, V.copy(), S, V, tolerance, response, ends
-        )
-        curve = np.empty((OPENINGS.size, LANES))
-        at_rest.rest_curve(block.rows, block.common, of_lanes, OPENINGS, S, V, curve)
+        curve, loops = np.empty((OPENINGS.size, LANES)), (block.rows, block.common, of_lanes)
+        at_rest.simulate_step_response(*loops, rest, V.copy(), S, V, tolerance, response, ends)
+        at_rest.rest_curve(*loops, OPENINGS, S, V, curve)
         return [rest, response, ends, curve]
 
     return run_sets(matrix, run)
@@ -194,12 +197,11 @@ def loop_response(columns: Columns, plants: Plants, w: Array) -> Complex:
     step-invariant transform of the response, aliases included.
     """
     w = np.asarray(w, float)
-    ts = np.asarray(columns["sample_time"], float)
+    ts, kp, ti = floats(columns, "sample_time", "kp", "ti")
     P, kind = sampled_plant_response(columns, plants, w)
     delayed = np.exp(-1j * np.outer(ts, w))
-    kp, ti = np.asarray(columns["kp"], float)[:, None], np.asarray(columns["ti"], float)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
-        C = kp * (1.0 + ts[:, None] / ti / (1.0 - delayed))
+        C = kp[:, None] * (1.0 + ts[:, None] / ti[:, None] / (1.0 - delayed))
     L = _opening_per_stroke(columns)[:, None] * C * P[kind]
     return np.where(np.outer(ts, w) <= math.pi * (1.0 + 1e-12), L, np.nan)
 
@@ -211,13 +213,13 @@ def stroke_gain(columns: Columns, plants: Plants) -> Array:
 
 def _opening_per_stroke(columns: Columns) -> Array:
     """Opening per stroke, with the sign that makes a loop of the right action 1 + L."""
-    sign = np.where(np.asarray(columns["action"]) == "heating", 1.0, -1.0)
-    return np.asarray(sign / (1.0 - np.asarray(columns["backlash"], float)))
+    (x_bl,) = floats(columns, "backlash")
+    return np.asarray(np.where(np.asarray(columns["action"]) == "heating", 1.0, -1.0) / (1.0 - x_bl))
 
 
 def sampled_plant_response(columns: Columns, plants: Plants, w: Array) -> tuple[Complex, Index]:
     """Response of the sampled T to the opening, K, (n_kinds, n_w), and each loop's kind of plant and sensor."""
-    ts, tau = (np.asarray(columns[name], float) for name in ("sample_time", "sensor_time_constant"))
+    ts, tau = floats(columns, "sample_time", "sensor_time_constant")
     first, kind = unique_columns(plants.kind, ts, tau)
     P = np.empty((first.size, w.size), complex)
     for period in np.unique(ts):

@@ -50,11 +50,6 @@ class Prediction(NamedTuple):
         """The parameters, (1,) each."""
         return _loop_columns(self.loop, 1)
 
-    @property
-    def plant(self) -> Plants:
-        """The plant at the worst operating point."""
-        return self.plants.select(np.array([self.worst_point]))
-
 
 def _loop_columns(loop: Loop, n: int) -> Columns:
     """Parameters of a loop, n times, without a dead band, which theory does not know."""
@@ -136,12 +131,9 @@ def shortest_ti(prediction: Prediction, limit: float) -> float:
 
 
 PHASE_PARTS = {
-    "integral": "integral of the PI",
-    "coil": "coil",
-    "sensor": "sensor",
-    "sampling": "sampling and hold",
+    "integral": "integral of the PI", "coil": "coil", "sensor": "sensor", "sampling": "sampling and hold",
     "backlash": "backlash (and motor)",
-}
+}  # fmt: skip
 """Parts of a loop that lag, and what a text calls them."""
 
 
@@ -155,7 +147,8 @@ def phase_shares(prediction: Prediction) -> xr.DataArray:
     columns, cycles, worst = prediction.columns, prediction.cycles, prediction.worst_point
     ts, ti, tau = (float(columns[name][0]) for name in ("sample_time", "ti", "sensor_time_constant"))
     frequencies = np.geomspace(1e-4, math.pi / ts, 600)  # rad/s
-    phase_left = 180.0 + np.degrees(np.unwrap(np.angle(loop_response(columns, prediction.plant, frequencies)[0])))
+    L = loop_response(columns, prediction.plants.select(np.array([worst])), frequencies)[0]
+    phase_left = 180.0 + np.degrees(np.unwrap(np.angle(L)))
     w_cycle = 2.0 * math.pi / cycles.period[worst]
     w_critical = w_cycle if math.isfinite(w_cycle) else cycles.frequency[worst]
     # without any hunting index, where a gap would have most to add

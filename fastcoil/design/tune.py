@@ -178,9 +178,8 @@ def _starting_points(request: TuningRequest) -> Array:
         return np.empty((0, len(current)))
     gains = {n: values for n, (_, values) in simc_changes(request.training, request.names, request.warm_up).items()}
     tunings = [current, current | gains] if gains else [current]
-    return np.array(
-        [[axis.share(float(np.median(np.asarray(t[axis.name])))) for axis in request.axes] for t in tunings]
-    )
+    medians = [[float(np.median(np.asarray(tuning[axis.name]))) for axis in request.axes] for tuning in tunings]
+    return np.array([[axis.share(value) for axis, value in zip(request.axes, t, strict=True)] for t in medians])
 
 
 def _compare_with_now(request: TuningRequest, group: Group, chosen: Array) -> xr.Dataset:

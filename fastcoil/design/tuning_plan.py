@@ -277,10 +277,8 @@ def split_population(loop: Loop, boundary: Boundary, holdout: object, seed: int)
     training_days, holdout_days = split_days(boundary, holdout)
     held_out = draw_held_out(parameter_columns(loop, loop.sizes, all_valves)["backlash"], seed)
     kept, held_out = (np.setdiff1d(all_valves, held_out), held_out) if held_out.size else (all_valves, all_valves)
-    return (
-        Group(select_valves(loop, kept), training_days, tuple(kept.tolist())),
-        Group(select_valves(loop, held_out), holdout_days, tuple(held_out.tolist())),
-    )
+    training = Group(select_valves(loop, kept), training_days, tuple(kept.tolist()))
+    return training, Group(select_valves(loop, held_out), holdout_days, tuple(held_out.tolist()))
 
 
 def hunting_indices(loop: Loop, boundary: Boundary, warm_up: int) -> xr.DataArray:

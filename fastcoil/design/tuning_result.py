@@ -61,26 +61,21 @@ def collect_notes(
             notes.append(f"{axis.name} = {value:g} lies at the {end} end of its range: the best may lie beyond.")
     training, holdout = request.training, request.holdout
     if not any(np.any(np.asarray(group.loop["backlash"]) == 0.0) for group in (training, holdout)):
-        notes.append(
-            "No valve of the population is without backlash: add some with backlash = 0, or what was chosen may make a "
-            "good valve worse."
-        )
+        cure = "add some with backlash = 0, or the chosen settings may make a good valve worse"
+        notes.append(f"No valve of the population is without backlash: {cure}.")
     n = len(holdout.members)
     quantiles = [measure.quantile for measure in request.measures if measure.quantile not in (None, 1.0)]
     # three valves above a quantile, or it is little more than the worst of them
     needed = max([20, *(math.ceil(3.0 / (1.0 - q) - 1e-9) for q in quantiles if q)])
     if training.members == holdout.members:
-        notes.append(
-            f"The population has {n} valve{'s' * (n > 1)}, so none is held out, only days: nothing says how the tuning "
-            "does on another valve."
-        )
+        doubt = "so none is held out, only days: results on other valves are unknown"
+        notes.append(f"The population has {n} valve{'s' * (n > 1)}, {doubt}.")
     elif n < needed:
         n_drawn = HELD_OUT_ONE_IN * needed
         notes.append(f"{n} valves held out are few for these quantiles: draw {n_drawn} or more in all.")
     if holdout.boundary.n_days == 1:
-        notes.append(
-            "The hold-out has a single day, so that the intervals hold no scatter between days: give more with holdout."
-        )
+        doubt = "the intervals hold no scatter between days: give more with holdout"
+        notes.append(f"The hold-out has a single day, so that {doubt}.")
     return tuple(notes)
 
 

@@ -130,7 +130,7 @@ def traces(data: Any, boundary: Boundary | None = None, *, show: Any = None, ax:
 def _select_traces(ds: xr.Dataset, show: Any) -> list[str]:
     available = [n for n in TRACES if n in ds and "elapsed_time" in ds[n].dims]
     if show is None:
-        default = [n for n in ("T_sup", "command", "position", "opening", "estimate") if n in available]
+        default: list[str] = [n for n in ("T_sup", "command", "position", "opening", "estimate") if n in available]
         default = [n for n in default if n != "estimate" or bool((ds[n] > 0.0).any())]
         if ds[available[0]].size > ds.sizes["elapsed_time"]:  # several scenarios
             valve = [n for n in default if n in _VALVE_TRACES]
