@@ -35,9 +35,7 @@ CHATTER_SHARE = 1.0 / 3.0  # of the travel in the jumps at the turns from which 
 WORSE = 1.05  # RMSE over that now above which an option is worse
 BETTER = 0.95  # and below which it is better
 LOST_SHARE = 0.5  # of the time off the set-point from which a loop does not hold it
-DEAD_BAND_WIDTHS = (0.1, 0.5)  # least and most, K; in between as wide as the swing is high
 INVERSE_SHARE = 0.95  # estimate of the inverse over the gap
-BUFFER_RATIO = 6.0  # of the inverse, see the parameter ``buffer_ratio``
 BUFFER_SWING = 0.1  # K, see the parameter ``buffer_swing``
 
 AS_IS = "as_it_is"
@@ -93,9 +91,9 @@ def propose_cures(loop: Loop, prediction: Prediction, *, has_theory: bool) -> li
     if no_inverse:
         cures.append(Cure(NO_INVERSE, "no inverse", no_inverse))
     band_width = 0.25  # K, where nothing hunts
-    if has_theory and prediction.hunting_points.size:  # as wide as the swing is high, to 0.05 K
+    if has_theory and prediction.hunting_points.size:  # as wide as the swing is high to 0.05 K, from 0.1 to 0.5 K
         height = float(np.nanmax(prediction.cycles.amplitude[prediction.reachable_points]))
-        band_width = float(np.clip(math.ceil(round(height / 0.05, 6)) * 0.05, *DEAD_BAND_WIDTHS).round(2))
+        band_width = float(np.clip(math.ceil(round(height / 0.05, 6)) * 0.05, 0.1, 0.5).round(2))
     if float(loop["error_dead_band"]) < band_width:  # type: ignore[arg-type]
         cures.append(Cure(DEAD_BAND, f"error dead band of {band_width:g} K", {"error_dead_band": band_width}))
     if backlash > 0.0:
@@ -106,7 +104,7 @@ def propose_cures(loop: Loop, prediction: Prediction, *, has_theory: bool) -> li
                 **no_inverse,
                 "backlash_estimate": INVERSE_SHARE * backlash,
                 "compensation": "inverse",
-                "buffer_ratio": BUFFER_RATIO,
+                "buffer_ratio": 6.0,
                 "buffer_noise": "measured",
                 "buffer_swing": BUFFER_SWING,
                 "plant_gain": gain,

@@ -89,7 +89,7 @@ def explain(
     >>> explanation.hunts, explanation.recommended
     (True, 'simc')
     >>> print(explanation.advice)
-    Do this: SIMC: kp 0.029 1/K, ti 46 s: RMSE ...
+    Do this: SIMC: kp 0.03 1/K, ti 39 s: RMSE ...
     """
     plan_simulation(loop, boundary, traces=["T_sup"], warm_up=warm_up, seed=seed)
     with argument_checks() as check:
@@ -175,52 +175,42 @@ class Explanation:
 
     @property
     def phase(self) -> xr.DataArray | None:
-        """Phase lag of each part of the loop, degrees."""
         return None if self.prediction is None else phase_shares(self.prediction)
 
     @property
     def points(self) -> xr.Dataset | None:
-        """The operating points of the day."""
         return None if self.prediction is None else _points_dataset(self.prediction, self.simulated)
 
     @property
     def cures(self) -> xr.Dataset:
-        """Cures and their results, the loop as it is first."""
         return self.simulated.drop_vars(["T_sup", "elapsed_time", "swings"])
 
     @property
     def recommended(self) -> str:
-        """Name of the cure to take."""
         return str(self.simulated["cure"].values[self.best_advice.best])
 
     @property
     def advice(self) -> str:
-        """What to do, in a sentence or two; empty where the loop cannot be simulated."""
         return "" if self._has_failed else self.best_advice.text
 
     @property
     def hunts(self) -> bool:
-        """Whether the simulated day hunts, for a part of it at least."""
         return bool(self.simulated["hunting"][0])
 
     @property
     def predicted(self) -> bool | None:
-        """Whether theory predicts hunting; None where it cannot tell."""
         return None if self.prediction is None else self.prediction.hunting_points.size > 0
 
     @property
     def hunting_index(self) -> float:
-        """Largest hunting index of the day."""
         return self._at_worst_point("hunting_index")
 
     @property
     def period(self) -> float:
-        """Period of the cycle predicted at the worst operating point, s."""
         return self._at_worst_point("period")
 
     @property
     def amplitude(self) -> float:
-        """Half of peak to peak of the cycle predicted at the worst operating point, K."""
         return self._at_worst_point("amplitude")
 
     def _at_worst_point(self, name: str) -> float:
@@ -229,7 +219,6 @@ class Explanation:
 
     @property
     def why(self) -> str:
-        """The reason in a sentence."""
         if self.prediction is None:
             return f"Why: theory cannot tell, since {'; '.join(self.doubts)}.  The answer is that of the simulation."
         kp, ti, stroke, backlash = (float(self.loop[n]) for n in ("kp", "ti", "stroke_time", "backlash"))  # type: ignore[arg-type]

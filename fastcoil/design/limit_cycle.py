@@ -115,14 +115,13 @@ def _find_root(excess: Callable[[Array], Array], a: Array, b: Array) -> tuple[Ar
 def _phase_pieces(phase_left: Array, lead: Array) -> list[tuple[Index, Index, float]]:
     """First and last index of the last fall of each curve, of the first and of the rise between; -1 for the rise."""
     n, n_w = phase_left.shape
-    rows = np.arange(n)
     is_over = phase_left < -lead[:, None]
     last = np.where(is_over.any(axis=1), is_over.argmax(axis=1), n_w - 1)
     phase = np.where(np.arange(n_w) <= last[:, None], phase_left, -np.inf)
     later_maximum = np.maximum.accumulate(phase[:, ::-1], axis=1)[:, ::-1]
     rise = np.where(np.isfinite(phase), later_maximum, 0.0) - np.where(np.isfinite(phase), phase, 0.0)
     dip = rise.argmax(axis=1)
-    has_rise = rise[rows, dip] > 0.01  # rad; below, it is round-off
+    has_rise = rise[np.arange(n), dip] > 0.01  # rad; below, it is round-off
     dip = np.where(has_rise, dip, 0)
     peak = np.where(np.arange(n_w) >= dip[:, None], phase, -np.inf).argmax(axis=1)
     peak = np.where(has_rise, peak, 0)
@@ -270,9 +269,8 @@ def _predict_cycles_at_sample_time(columns: Columns, plants: Plants, period: flo
     end_to_end = Swings(size, w_180, np.full(size.size, _LARGEST_AMPLITUDE), size)
     cycle = Swings(*(np.where(runs_away, e, c) for c, e in zip(cycle, end_to_end, strict=True)))
     hunts = is_visible(np.flatnonzero(runs_away))
-
-    checked_u, checked_w = np.where(hunts, cycle.u, swings.u[rows, best]), np.where(hunts, cycle.w, w_index)
-    is_known = ~is_too_smooth(columns, checked_u, checked_w)
+    u = np.where(hunts, cycle.u, swings.u[rows, best])
+    is_known = ~is_too_smooth(columns, u, np.where(hunts, cycle.w, w_index))
     hunts_known = hunts & is_known
     return Cycles(
         np.where(is_known, hunting_index, np.nan), np.where(is_known, hunts.astype(float), np.nan),
@@ -397,8 +395,8 @@ def limit_cycle(loop: Loop, boundary: Boundary, *, at: Any = None) -> xr.Dataset
     if is_unpredicted.all():
         sentences = [f"limit_cycle says nothing about these loops: {reason}" for reason in n_unpredicted]
         raise InputError(sentences, "loop", "unsupported")
-    n = f"{is_unpredicted.size:,}"
-    note = "; ".join(f"NaN in {count:,} of {n} scenarios: {reason}" for reason, count in n_unpredicted.items())
+    n = is_unpredicted.size
+    note = "; ".join(f"NaN in {count:,} of {n:,} scenarios: {reason}" for reason, count in n_unpredicted.items())
     if note:
         warnings.warn(note, stacklevel=2)
     keys = ("long_name", "units", "comment")
@@ -418,8 +416,7 @@ _HOW_TO_READ = (
 def nyquist(loop: Loop, boundary: Boundary, *, at: Any = None) -> Figure:
     """Draw the open loop L in the complex plane, with -1/N(A) and the distance between the two.
 
-    N(A) is the describing function, for an input that swings by A, of all that lies between the controller and the
-    supply temperature and is not linear: see ``limit_cycle``.  Up to three loops.
+    N(A) is the describing function for an input that swings by A: see ``limit_cycle``.  Up to three loops.
 
     Parameters
     ----------
@@ -451,8 +448,8 @@ def nyquist(loop: Loop, boundary: Boundary, *, at: Any = None) -> Figure:
     width, reach = 6.5, 3.0  # inches; of the plane to the left and below
     figure = Figure(figsize=(width, 5.6), layout="constrained")
     axes = figure.subplots()
-    axes.axhline(0.0, color="black", lw=0.6)
-    axes.axvline(0.0, color="black", lw=0.6)
+    for draw_axis in (axes.axhline, axes.axvline):
+        draw_axis(0.0, color="black", lw=0.6)
     turn = np.linspace(0.0, 2.0 * math.pi, 200)
     axes.plot(np.cos(turn), np.sin(turn), color="black", lw=0.8, ls=DOTTED_LINE)
     axes.plot(-1.0, 0.0, "+", color="black", ms=9)

@@ -37,21 +37,16 @@ def test_the_dims_are_those_of_the_loop_then_day_then_time(linearised):
 
 
 def test_each_point_is_what_it_is_alone(linearised, sweep, days):
-    one = days.to_dataset().isel(day=[1])
-    alone = fc.linearise(
-        fc.Loop(kp=0.05, backlash=0.07, m_max=1.8), fc.Boundary.from_dataset(one), at=3000, frequency=[0.001, 0.02, 0.2]
-    )
+    day, loop = fc.Boundary.from_dataset(days.to_dataset().isel(day=[1])), fc.Loop(kp=0.05, backlash=0.07, m_max=1.8)
+    alone = fc.linearise(loop, day, at=3000, frequency=[0.001, 0.02, 0.2])
     there = linearised.sel(kp=0.05).isel(valve=1, day=1, elapsed_time=1)
     for name in alone:
         np.testing.assert_allclose(there[name], alone[name].isel(day=0), rtol=1e-6, err_msg=name)
 
 
 def test_what_enters_is_what_the_boundary_says_at_that_second(linearised, days):
-    np.testing.assert_allclose(
-        linearised.T_sup.transpose("day", "elapsed_time", ...).values[..., 0, 0],
-        days.series["T_set"][:, [100, 3000]],
-        atol=1e-8,
-    )
+    T_sup = linearised.T_sup.transpose("day", "elapsed_time", ...).values[..., 0, 0]
+    np.testing.assert_allclose(T_sup, days.series["T_set"][:, [100, 3000]], atol=1e-8)
 
 
 def test_without_at_the_means_of_the_enabled_seconds_after_the_warm_up_count():

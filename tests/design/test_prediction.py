@@ -33,9 +33,8 @@ def predict_at_plants(loop, *plants):
     nothing = np.zeros(len(plants), dtype=np.int64)
     cycles = predict_cycles(parameter_columns(loop, {}, nothing), join_plants(*plants))
     points = PointsOfDay(nothing, nothing + 1, {"T_set": nothing + 14.0}, nothing)
-    return Prediction(
-        loop, points, join_plants(*plants), cycles, np.arange(len(plants)), int(np.argmax(cycles.hunting_index))
-    )
+    worst = int(np.argmax(cycles.hunting_index))
+    return Prediction(loop, points, join_plants(*plants), cycles, np.arange(len(plants)), worst)
 
 
 def loop_with_ratios(kappa, rho, **changes):

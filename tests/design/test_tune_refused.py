@@ -40,10 +40,8 @@ def test_a_searched_parameter_has_no_dim_of_its_own_but_may_differ_between_valve
 
 
 def test_axes_are_logarithmic_where_their_ends_are_positive_and_far_apart():
-    loop = fc.Loop()
-    wide, narrow, from_0, whole = parse_axes(
-        {"kp": (0.01, 1.0), "ti": (10, 20), "buffer": (0, 0.01), "sample_time": (1, 60)}, loop
-    )
+    bounds = {"kp": (0.01, 1.0), "ti": (10, 20), "buffer": (0, 0.01), "sample_time": (1, 60)}
+    wide, narrow, from_0, whole = parse_axes(bounds, fc.Loop())
     middle = np.array([0.5])
     assert wide.values(middle) == pytest.approx([0.1])
     assert narrow.values(middle) == pytest.approx([15.0])

@@ -29,9 +29,8 @@ def ds():
     result = drawn_result(12, attrs=ATTRS)
     result = result.expand_dims(tuning=["as found", "faster"]).transpose("day", "tuning", "sample")
     result["learning_status"] = result.rmse * 0.0 + np.arange(12) % 6
-    result["learning_status"].attrs = {
-        "flag_meanings": "off learning stepped_down stopped no_evidence not_identifiable"
-    }
+    meanings = "off learning stepped_down stopped no_evidence not_identifiable"
+    result["learning_status"].attrs = {"flag_meanings": meanings}
     result["T_sup"] = result.rmse.expand_dims(elapsed_time=3)
     result = result.copy(deep=True)
     result.rmse[0, 1, 2] = np.nan
@@ -62,9 +61,8 @@ def test_csv_says_first_what_it_is_of_and_is_read_back_as_it_was(ds, tmp_path):
     assert set(units) <= set(table)
     frame = expected_frame(ds, NAMES)
     assert len(table) == 48
-    pd.testing.assert_frame_equal(
-        table.rename(columns=units)[list(frame)], frame, check_dtype=False, check_column_type=False
-    )
+    ours = table.rename(columns=units)[list(frame)]
+    pd.testing.assert_frame_equal(ours, frame, check_dtype=False, check_column_type=False)
 
 
 def test_a_label_with_the_sign_of_a_comment_comes_back_whole(ds, tmp_path):
