@@ -1,4 +1,4 @@
-"""What to do about a loop, with numbers: the cures, tried by simulation, and the one source of every advice.
+"""Advice on a loop, with numbers: cures, tried by simulation, and the one source of every advice.
 
 ``propose_cures`` lists changes, ``try_cures`` simulates them, ``advise`` chooses one; a diagnosis and a tuning give
 ``advise`` other options.

@@ -41,7 +41,7 @@ def describing_function(amplitude: Array, width: Array, reversal_band: Array) ->
 
 
 def limiter_gain(amplitude: Array, low: Array, high: Array) -> Array:
-    """N(A), real, of a limiter whose limits lie ``low`` and ``high`` beside the mean of its input.
+    """N(A), real, of a limiter with its limits ``low`` and ``high`` from the mean of its input.
 
     With low = -high it is the saturation of the textbooks (Slotine and Li 1991, eq 5.9).
 

@@ -282,7 +282,7 @@ class Explanation:
 
     @property
     def answer(self) -> str:
-        """Whether the loop will hunt, in one sentence."""
+        """Answer in one sentence: whether the loop will hunt."""
         if self._has_failed:
             return "This loop cannot be simulated: temperatures leave the range of the model."
         if self.hunts:
@@ -312,7 +312,7 @@ class Explanation:
 
     @property
     def _chatter_clause(self) -> str:
-        """How the motor chatters; empty where it does not."""
+        """Clause on a motor that chatters; empty if it does not."""
         now = self.simulated.isel(cure=0)
         estimate, gap = (format_percent(float(now[name])) for name in ("estimate_settled", "backlash_final"))
         chatters = f"its motor chatters, {6.0 * float(now['switch_frequency']):.0f} reversals an hour"

@@ -178,7 +178,7 @@ def find_sustained_cycle(swings: Swings, disturbance: float) -> tuple[Mask, Swin
 
 
 # Thresholds of the verdict; the first is the best one of ``choose`` in studies/hunting/limit_cycles.py
-HUNTING_INDEX_LIMIT = 0.85  # from which a gap keeps a loop swinging for hours, though in the end it may come to rest
+HUNTING_INDEX_LIMIT = 0.85  # from which a gap keeps a loop swinging for hours, though it may come to rest
 GAP_SHAPED_RATIO = 1.5  # amplitude of u over the gap up to which that is so: there the gap shapes the swing
 DISTURBANCE = 2.0  # amplitude of T_sup, K, of the disturbance that starts a cycle
 UNSTABLE_GAIN = 1.02  # |L| at 180° above which a loop is unstable without a gap; 2 % for errors of |L|
@@ -263,7 +263,7 @@ def _predict_cycles_at_sample_time(columns: Columns, plants: Plants, period: flo
         return 2.0 * swing > HUNTING_SWING_K
 
     hunts = is_visible(np.flatnonzero(is_sustained | lingers))
-    # an unstable loop swings from end to end, also where no balance is found, such as in a cycle of two samples
+    # an unstable loop swings from end to end, also where there is no balance, such as in a cycle of two samples
     size, w_180 = phase_crossover(L, w)
     runs_away = ~hunts & (size * elements.slope[:, 0] > UNSTABLE_GAIN)
     end_to_end = Swings(size, w_180, np.full(size.size, _LARGEST_AMPLITUDE), size)
@@ -348,8 +348,8 @@ def limit_cycle(loop: Loop, boundary: Boundary, *, at: Any = None) -> xr.Dataset
         As for ``simulate``; a sweep and several days give results of these dims.
     at
         Where on the day: None for the mean conditions and the mean set-point of the enabled seconds after the warm-up
-        of 1,800 s; a second, or a list of them, for the conditions of that second, as if they were held for ever.  A
-        list becomes the dim ``elapsed_time``.
+        of 1,800 s; a second, or a list of them, for the conditions of that second, as if they were constant.  A list
+        becomes the dim ``elapsed_time``.
 
     Returns
     -------

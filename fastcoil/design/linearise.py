@@ -37,7 +37,7 @@ _LOWEST_FREQUENCY = 1e-6  # rad/s: any integral has brought L above 1 there
 class Margins(NamedTuple):
     """Margins of n loops without a gap, (n,) each.
 
-    ultimate_gain: kp at which the loop would swing for ever under a P controller, 1/K.  ultimate_period: s.
+    ultimate_gain: kp at which the loop would keep swinging under a P controller, 1/K.  ultimate_period: s.
     gain_margin: by how much kp may be multiplied; below 1 the loop is unstable.  phase_margin: degrees.
     NaN where there is no such thing: a valve that changes nothing, or acts the wrong way round.
     """

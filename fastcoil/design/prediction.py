@@ -37,7 +37,7 @@ class Prediction(NamedTuple):
 
     @property
     def hunting_index(self) -> float:
-        """Largest hunting index of the day; NaN if no set-point can be reachable."""
+        """Largest hunting index of the day; NaN if no set-point can be reached."""
         return float(self.cycles.hunting_index[self.worst_point]) if self.worst_point >= 0 else math.nan
 
     @property
@@ -195,14 +195,14 @@ def why_no_hunting_index(prediction: Prediction) -> tuple[str, ...]:
 
 
 def has_wrong_action(prediction: Prediction) -> bool:
-    """Whether opening the valve moves the temperature away from the set-point wherever it can be reachable."""
+    """Whether opening the valve moves the temperature away from the set-point wherever it can be reached."""
     sign = 1.0 if prediction.loop["action"] == "heating" else -1.0
     gain = sign * prediction.plants.gain[prediction.reachable_points]
     return bool(gain.size and not (gain > 0.0).any())
 
 
 def hunting_index_omissions(prediction: Prediction) -> tuple[str, ...]:
-    """What the hunting index does not include, a clause each."""
+    """Effects that the hunting index does not include, a clause each."""
     clauses, dead_band = [], float(prediction.loop["error_dead_band"])  # type: ignore[arg-type]
     noise = float(prediction.loop["noise_std"])  # type: ignore[arg-type]
     if noise > 0.0:  # limits: docs/findings/hunting.md, with noise
@@ -222,7 +222,7 @@ def predict_study(plan: Plan) -> xr.Dataset:
     """Predict hunting index and limit cycle of every scenario of a study (``[run] predict``).
 
     The mean conditions and the mean set-point of each day's enabled seconds after the warm-up count, as if they were
-    held for ever; noise does not, so that all replicates are alike.  All scenarios are predicted together, so that the
+    constant; noise does not, so that all replicates are alike.  All scenarios are predicted together, so that the
     numbers depend on their number alone and not on shards and workers.
 
     Returns ``PREDICTIONS`` over the dims of the study; the attribute ``prediction_note`` says why some are NaN.

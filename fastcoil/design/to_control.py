@@ -40,13 +40,6 @@ def to_control(linearised: xr.Dataset, loop: Loop | None = None) -> Any:
     See Also
     --------
     linearise : makes the operating point, with margins of the sampled loop.
-
-    Examples
-    --------
-    >>> loop, day = fc.Loop.preset("lbnl"), fc.constant_day(hours=1)
-    >>> linear = fc.linearise(loop, day, state_space=True)
-    >>> L = fc.to_control(linear, loop)  # doctest: +SKIP
-    >>> control.margin(control.frd(L, np.geomspace(1e-4, 0.2, 400)))  # doctest: +SKIP
     """
     with argument_checks() as check:
         check(require_instance, "linearised", linearised, xr.Dataset, "give a result of fc.linearise")

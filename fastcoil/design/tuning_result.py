@@ -107,8 +107,8 @@ class Tuning(Result):
     parameters
         The chosen values by name.
     meets_limits
-        Whether a tuning was found that keeps every limit on the valves and days of the search.  If not, ``parameters``
-        break them least, and are no recommendation.
+        Whether a tuning keeps every limit on the valves and days of the search.  If not, ``parameters`` break them
+        least, and are no recommendation.
     held_out, trained
         Datasets over ``tuning`` (``now``, the loop as given, ``chosen``, and ``simc`` where kp and ti were searched)
         and ``edge`` (value, low, high: 95 % by bootstrap over valves and days): the objective, every limited metric,
@@ -142,7 +142,7 @@ class Tuning(Result):
 
     @property
     def advice(self) -> str:
-        """What to do, in a sentence: nothing, unless the choice keeps its limits and is better beyond chance."""
+        """Advice in a sentence: leave it, unless the choice keeps its limits and is better beyond chance."""
         may_be_chance = float(self.held_out[CHANGE].sel(tuning=CHOSEN, edge="high")) >= 0.0
         if not self.meets_limits or may_be_chance or any(_broken_limits(self.limits, self.held_out)):
             return f"Leave it: {self.notes[0][0].lower()}{self.notes[0][1:]}"
