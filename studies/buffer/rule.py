@@ -98,7 +98,7 @@ def frequency(plant: Plant, kp: Values, ti: Values) -> Values:
 
 
 def phase(plant: Plant, kp: Values, ti: Values) -> Values:
-    """Phase hunting index at that frequency, rad.  Above 90° the buffer has no cycle, at 0 the loop rings without it."""
+    """Phase margin at that frequency, rad.  Above 90° the buffer has no cycle, at 0 the loop rings without it."""
     w = frequency(plant, kp, ti)
     return 0.5 * np.pi - (w * plant.theta + np.arctan(w * plant.tau) - np.arctan(w * ti))
 
@@ -106,8 +106,8 @@ def phase(plant: Plant, kp: Values, ti: Values) -> Values:
 def swing_per_buffer(plant: Plant, kp: Values, ti: Values) -> Values:
     """Swing of the supply temperature, peak to peak, over b, K: 2 A |N| K / √(1 + ω²τ²), with A from the phase."""
     w = frequency(plant, kp, ti)
-    hunting_index = np.clip(phase(plant, kp, ti), LEAST_PHASE, 0.5 * np.pi)
-    return UPPER_SCALE * plant.gain * (0.5 * np.pi / hunting_index) ** POWER / np.sqrt(1.0 + (w * plant.tau) ** 2)
+    margin = np.clip(phase(plant, kp, ti), LEAST_PHASE, 0.5 * np.pi)
+    return UPPER_SCALE * plant.gain * (0.5 * np.pi / margin) ** POWER / np.sqrt(1.0 + (w * plant.tau) ** 2)
 
 
 def largest(plant: Plant, kp: Values, ti: Values, swing: Values) -> Values:
@@ -132,9 +132,9 @@ def cycle(plant: Plant, kp: Values, ti: Values) -> Cycle:
     lags = -np.angle(n)
     w = np.geomspace(1e-4, 0.3, 3000)
     loop = np.abs(loop_response(Plant(*(np.asarray(v)[:, None] for v in plant)), _up(kp), _up(ti), w))
-    hunting_index = 0.5 * np.pi - (w * _up(plant.theta) + np.arctan(w * _up(plant.tau)) - np.arctan(w * _up(ti)))
-    fits = (hunting_index > lags[-1]) & (hunting_index <= lags[0])
-    a = np.interp(hunting_index, lags[::-1], amplitude[::-1])
+    margin = 0.5 * np.pi - (w * _up(plant.theta) + np.arctan(w * _up(plant.tau)) - np.arctan(w * _up(ti)))
+    fits = (margin > lags[-1]) & (margin <= lags[0])
+    a = np.interp(margin, lags[::-1], amplitude[::-1])
     product = np.where(fits, loop * np.abs(describing_function(a)), np.nan)
     falls = (product[:, :-1] >= 1.0) & (product[:, 1:] < 1.0)
     at = falls.shape[1] - 1 - falls[:, ::-1].argmax(1)

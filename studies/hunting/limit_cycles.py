@@ -18,7 +18,7 @@ import xarray as xr
 import fastcoil as fc
 from fastcoil.design import limit_cycle as cycles
 from fastcoil.design.describing_function import describing_function
-from fastcoil.design.limit_cycle import HUNTING_MARGIN, Cycles, frequency_at, harmonic_balance, predict_cycles
+from fastcoil.design.limit_cycle import HUNTING_INDEX_LIMIT, Cycles, frequency_at, harmonic_balance, predict_cycles
 from fastcoil.design.operating_points import OperatingPoints
 from fastcoil.design.plants import OPENINGS, Plants, frequency_response, loop_response
 from fastcoil.model.moist_air import humidity_ratio
@@ -130,7 +130,7 @@ def textbook(columns: Mapping[str, np.ndarray], plants: Plants) -> Cycles:
             / (1.0 - x_bl)
             * G[rows, np.clip(place[rows, k].round().astype(int), 0, 199)]
         )
-        hunts = (hunting_index > np.where(x_bl > 0.0, HUNTING_MARGIN, 1.0)) & (2.0 * T > 0.1)
+        hunts = (hunting_index > np.where(x_bl > 0.0, HUNTING_INDEX_LIMIT, 1.0)) & (2.0 * T > 0.1)
         found.hunting_index[some], found.hunts[some] = hunting_index, hunts
         found.period[some], found.amplitude[some] = (
             np.where(hunts, values, np.nan) for values in (2.0 * np.pi / cycle, T)
@@ -316,7 +316,7 @@ def choose() -> None:
     """Print how often the forecast is right with other thresholds, on the loops of another seed."""
     cases = [compared(name, SEARCH, LOOPS) for name in PLAIN]
     for above in (0.75, 0.8, 0.825, 0.85, 0.875, 0.9, 0.95, 1.0):
-        with patch.object(cycles, "HUNTING_MARGIN", above):
+        with patch.object(cycles, "HUNTING_INDEX_LIMIT", above):
             right = [Judged.of(c.seen, fc.limit_cycle(c.loop, c.days, at=c.days.n_steps - 1)) for c in cases]
         print(f"{above:g}", *(share_of(j.hunts == j.predicted, j.among).written(2) for j in right), sep="   ")
 

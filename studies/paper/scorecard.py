@@ -135,10 +135,10 @@ def judge(holds: xr.DataArray, known: xr.Dataset, about: str = "") -> Verdict:
     rate = holds.mean([d for d in holds.dims if d != "tuning"]).values
     searched = np.random.default_rng(SEED).permutation(rate.size) < rate.size // 2
     best, gained, chosen = "", WORTH_NAMING, np.zeros(rate.size, dtype=bool)
-    for words, region, hunting_index in _regions(known, about):
+    for words, region, margin in _regions(known, about):
         gain = _youden(rate[searched], region[searched])
-        if gain - hunting_index > gained and 0 < region[~searched].sum() < (~searched).sum():
-            best, gained, chosen = words, gain - hunting_index, region
+        if gain - margin > gained and 0 < region[~searched].sum() < (~searched).sum():
+            best, gained, chosen = words, gain - margin, region
     if not best:
         return Verdict(ONLY_IF, share, "holds in part (no region tried predicts where)")
     parts = (chosen & ~searched, ~chosen & ~searched)

@@ -16,7 +16,7 @@ import xarray as xr
 
 import fastcoil as fc
 from fastcoil.design.measures import Measure, with_intervals
-from fastcoil.design.tuning_plan import Group, simc_gains_of_valves
+from fastcoil.design.tuning_plan import Group, simc_changes
 from fastcoil.design.tuning_result import Tuning
 from fastcoil.model.metric_table import WARM_UP_S
 from studies.common import along, change_in_words, compare_rows, mean_change, share_of, signed, write_table
@@ -91,7 +91,7 @@ def tuned(case: Case) -> tuple[Tuning, Tuning]:
 def rivals(case: Case, pi: Tuning, inverse: Tuning) -> tuple[dict[str, xr.Dataset], dict[str, str]]:
     """Every tuning on valves and days that none of them has seen: results by kind of day, and the settings in words."""
     fresh = case.loop(FRESH_VALVES, 2)
-    simc = simc_gains_of_valves(
+    simc = simc_changes(
         Group(fresh, case.days(SEARCH_DAYS), tuple(range(FRESH_VALVES))), list(SEARCH), WARM_UP_S
     )
     best = best_gains(fc.Loop.preset(case.preset).assign(noise_std=NOISE, backlash=0.07), case.kinds)
@@ -136,7 +136,7 @@ def answers(case: Case, found: dict[str, xr.Dataset], settings_of: dict[str, str
                 settings_of[tuning],
                 "{:.3f} ({:.3f} to {:.3f})".format(*at.rmse_p95.values),
                 "—" if tuning == OWN else "{:+.0f} % ({:+.0f} to {:+.0f})".format(*change),
-                f"{Measure('rmse', 0.95).of(good.sel(tuning=tuning).values.ravel()):.3f}",
+                f"{Measure('rmse', 0.95).evaluate(good.sel(tuning=tuning).values.ravel()):.3f}",
                 "{:.1f} ({:.1f} to {:.1f})".format(*at.motor_travel_p95.values),
                 "{:.0f} % ({:.0f} to {:.0f})".format(*(100 * at.hunts_mean.values)),
                 "yes" if keeps else "no",

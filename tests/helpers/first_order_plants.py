@@ -18,7 +18,7 @@ def first_order_plants(gain: float, lag: float, delay: int, n: int = 1) -> Plant
         m_w=ones,
         wet_volumes=0.0 * ones,
         response=np.tile(gain * step, (n, 1)),
-        same=np.zeros(n, dtype=np.int64),
+        kind=np.zeros(n, dtype=np.int64),
         curve=np.tile(14.0 + gain * (OPENINGS - 0.4), (n, 1)),
     )
 
@@ -28,4 +28,4 @@ def join_plants(*plants: Plants) -> Plants:
     length = max(plant.response.shape[1] for plant in plants)
     responses = [np.pad(p.response, ((0, 0), (0, length - p.response.shape[1])), mode="edge") for p in plants]
     joined = {name: np.concatenate([getattr(p, name) for p in plants]) for name in Plants._fields if name != "response"}
-    return Plants(**joined | {"response": np.concatenate(responses), "same": np.arange(len(plants))})
+    return Plants(**joined | {"response": np.concatenate(responses), "kind": np.arange(len(plants))})

@@ -12,8 +12,8 @@ from bokeh.plotting import figure
 from fastcoil.base.arrays import Array
 from fastcoil.base.figures import BLUE, RED, YELLOW
 from fastcoil.deliver.explore.loop import AXES, CHOICES, DIALS, TRACE_INTERVAL_S, Run, Settings
-from fastcoil.design.advice import UNSURE_MARGINS
-from fastcoil.design.limit_cycle import HUNTING_MARGIN
+from fastcoil.design.advice import UNSURE_HUNTING_INDEX
+from fastcoil.design.limit_cycle import HUNTING_INDEX_LIMIT
 
 _INK, _GREY, _SHADE = "#222222", "#999999", "#cccccc"
 _FONT_SIZE = "1rem"
@@ -106,10 +106,10 @@ class LoopFigures:
             "hunting_index", _MARGIN_SCALE, (-1.0, 1.0), x_axis_type="log", title="Hunting index, predicted by theory"
         )
         band: Any = {"fill_alpha": 0.5, "line_alpha": 0.0, "level": "underlay"}
-        fig.add_layout(BoxAnnotation(left=UNSURE_MARGINS[0], right=UNSURE_MARGINS[1], fill_color=_SHADE, **band))
-        fig.add_layout(BoxAnnotation(left=UNSURE_MARGINS[1], fill_color=YELLOW, **band))
+        fig.add_layout(BoxAnnotation(left=UNSURE_HUNTING_INDEX[0], right=UNSURE_HUNTING_INDEX[1], fill_color=_SHADE, **band))
+        fig.add_layout(BoxAnnotation(left=UNSURE_HUNTING_INDEX[1], fill_color=YELLOW, **band))
         fig.add_layout(
-            Span(location=HUNTING_MARGIN, dimension="height", line_color=_INK, line_dash=[6, 4], line_width=2)
+            Span(location=HUNTING_INDEX_LIMIT, dimension="height", line_color=_INK, line_dash=[6, 4], line_width=2)
         )
         fig.text([0.15, 7.0], [-0.35, -0.35], text=["calm", "hunts"], text_align="center", text_font_size=_FONT_SIZE)
         fig.scatter(
