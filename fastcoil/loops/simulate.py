@@ -281,7 +281,7 @@ def simulate(
     >>> import fastcoil as fc
     >>> ds = fc.simulate(fc.Loop(backlash=[0.0, 0.07]), fc.paper_day(hours=2), traces=["T_sup"], trace_interval=60)
     >>> ds.rmse.round(2).values.tolist(), dict(ds.T_sup.sizes)
-    ([0.82, 0.87], {'backlash': 2, 'elapsed_time': 120})
+    ([0.16, 0.39], {'backlash': 2, 'elapsed_time': 120})
     """
     with argument_checks() as check:
         n_threads = check(number_of_threads, n_jobs)
