@@ -208,20 +208,10 @@ def _time_block(plan: Plan, index: np.ndarray) -> tuple[float, np.ndarray, list[
 
 
 def simulate(
-    loop: Loop,
-    boundary: Boundary,
-    *,
-    command: Any = None,
-    test: ValveTest | None = None,
-    traces: Sequence[str] = (),
-    trace_interval: int = 1,
-    warm_up: int = WARM_UP_S,
-    seed: int = 0,
-    replicates: int = 1,
-    carry_over: bool = False,
-    n_jobs: int | None = None,
-    progress: bool | None = None,
-) -> xr.Dataset:
+    loop: Loop, boundary: Boundary, *, command: Any = None, test: ValveTest | None = None, traces: Sequence[str] = (),
+    trace_interval: int = 1, warm_up: int = WARM_UP_S, seed: int = 0, replicates: int = 1, carry_over: bool = False,
+    n_jobs: int | None = None, progress: bool | None = None,
+) -> xr.Dataset:  # fmt: skip
     """Simulate every loop of ``loop`` on every day of ``boundary``.
 
     Parameters

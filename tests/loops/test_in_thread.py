@@ -19,7 +19,7 @@ from fastcoil.loops.simulate import call_with_timeout, run_interruptibly, run_on
 def test_only_blocks_with_rules_of_the_user_and_of_the_main_thread_get_a_thread(monkeypatch):
     monkeypatch.setattr(running, "run_block", lambda block, *_: threading.current_thread() is this_thread)
     this_thread = threading.current_thread()
-    package_rule, user_rule = SimpleNamespace(identity=""), SimpleNamespace(identity="own")
+    package_rule, user_rule = SimpleNamespace(fingerprint=""), SimpleNamespace(fingerprint="user")
     for law, estimator, stays in (
         (None, None, True),
         (None, package_rule, True),

@@ -148,16 +148,9 @@ def _require_seeds(seed: int | Iterable[int]) -> list[int]:
 
 
 def constant_day(
-    hours: float = 8.0,
-    *,
-    m_a: Values = 1.15,
-    T_a_in: float = 25.0,
-    W_a_in: Values = None,
-    relative_humidity: float | None = None,
-    T_w_in: Values = 7.0,
-    T_set: Values = 14.0,
-    pressure: float = 101325.0,
-) -> Boundary:
+    hours: float = 8.0, *, m_a: Values = 1.15, T_a_in: float = 25.0, W_a_in: Values = None,
+    relative_humidity: float | None = None, T_w_in: Values = 7.0, T_set: Values = 14.0, pressure: float = 101325.0,
+) -> Boundary:  # fmt: skip
     """Return a day on which nothing changes; the defaults are the centre of `paper_day`.
 
     Parameters
@@ -241,21 +234,11 @@ DESIGN_PRESSURE_PA = 98934.0  # the standard pressure at the station, 201 m
 
 
 def design_day(
-    hours: float = 8.0,
-    mode: str = "cooling",
-    *,
-    start_hour: float = 9.0,
-    T_design: float | None = None,
-    T_daily_range: float | None = None,
-    T_wet_bulb: float | None = None,
-    outdoor_fraction: float = 0.3,
-    T_return: float | None = None,
-    RH_return: float | None = None,
-    m_a: Values = 1.15,
-    T_w_in: Values = None,
-    T_set: Values = None,
-    pressure: float = DESIGN_PRESSURE_PA,
-) -> Boundary:
+    hours: float = 8.0, mode: str = "cooling", *, start_hour: float = 9.0, T_design: float | None = None,
+    T_daily_range: float | None = None, T_wet_bulb: float | None = None, outdoor_fraction: float = 0.3,
+    T_return: float | None = None, RH_return: float | None = None, m_a: Values = 1.15, T_w_in: Values = None,
+    T_set: Values = None, pressure: float = DESIGN_PRESSURE_PA,
+) -> Boundary:  # fmt: skip
     """Return a design day: outdoor air on ASHRAE's diurnal profile, mixed with return air.
 
     The outdoor temperature follows `RANGE_FRACTIONS` (ASHRAE Handbook - Fundamentals, 2009), straight between hours:

@@ -94,20 +94,10 @@ class Boundary(Samples):
     """
 
     def __init__(
-        self,
-        *,
-        m_a: Values,
-        T_a_in: Values,
-        W_a_in: Values,
-        T_w_in: Values,
-        T_set: Values,
-        noise: Values = None,
-        enabled: Values = None,
-        backlash_scale: Values = None,
-        day: Values = None,
-        start: Values = None,
+        self, *, m_a: Values, T_a_in: Values, W_a_in: Values, T_w_in: Values, T_set: Values, noise: Values = None,
+        enabled: Values = None, backlash_scale: Values = None, day: Values = None, start: Values = None,
         time_zone: Values = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         series = {name: value for name, value in locals().items() if name in BOUNDARY_SERIES}
         problems: list[str] = []
         entries, common_labels = read_series(series, problems, day=day)
@@ -261,14 +251,9 @@ class Boundary(Samples):
 
     @classmethod
     def from_days(
-        cls,
-        make: Callable[[int], Mapping[str, Any]],
-        *,
-        day: Values,
-        hours: float,
-        start: Any = None,
+        cls, make: Callable[[int], Mapping[str, Any]], *, day: Values, hours: float, start: Any = None,
         time_zone: str | None = None,
-    ) -> Boundary:
+    ) -> Boundary:  # fmt: skip
         """Return a stream: days are made when they are needed, so that a year of seconds is never in memory.
 
         Parameters
@@ -298,18 +283,10 @@ class Boundary(Samples):
 
     @classmethod
     def from_csv(
-        cls,
-        path: str | Path,
-        *,
-        units: Mapping[str, str] | None = None,
-        columns: Mapping[str, str] | None = None,
-        constants: Mapping[str, float] | None = None,
-        pressure: float = 101325.0,
-        start: float = 0.0,
-        hours: float | None = None,
-        max_gap: float | None = None,
-        time_format: str | None = None,
-    ) -> Boundary:
+        cls, path: str | Path, *, units: Mapping[str, str] | None = None, columns: Mapping[str, str] | None = None,
+        constants: Mapping[str, float] | None = None, pressure: float = 101325.0, start: float = 0.0,
+        hours: float | None = None, max_gap: float | None = None, time_format: str | None = None,
+    ) -> Boundary:  # fmt: skip
         """Read the trend log of a building into 1-s samples.
 
         The header names each column and its unit: ``m_a [kg/s]``, ``T_a_in [degF]``; a volume flow of air is taken at

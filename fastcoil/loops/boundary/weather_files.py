@@ -95,11 +95,9 @@ class Weather(NamedTuple):
 
 
 def read_weather(
-    path: Path,
-    columns: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | None = None,
+    path: Path, columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None,
     pressure: float | None = None,
-) -> Weather:
+) -> Weather:  # fmt: skip
     """Read an EPW, TMY3 or CSV file, recognised by its content, and warn about assumptions made in reading it.
 
     The pressure of a file is not read if ``pressure`` [Pa] is given.
@@ -284,7 +282,7 @@ def _read_year(file: str, lines: Sequence[str], layout: FileLayout, fields: Mapp
             raise InputError(f"{sentence}: fix it", f"row {i}", "format")
     if len(rows) < 2:
         sentence = f"{file} has {format_count(len(rows), 'row')} of data: give at least two"
-        raise InputError(sentence, "path", "data")
+        raise InputError(sentence, file, "data")
     cells = [[row[field.cell] for field in fields.values()] for row in rows.values()]
     table = Table(file, list(fields), cells, list(rows))
     times = _row_times(table, layout, [" ".join(row[i] for i in layout.date) for row in rows.values()])
@@ -331,12 +329,8 @@ def _row_times(table: Table, layout: FileLayout, dates_text: Sequence[str]) -> d
         cure = f"give {many} for each hour, in the order of one calendar year"
         table.problems.append(Problem(f"{sentence}: {cure}", row, "time"))
     hours_early = 1.0 - (index % layout.per_hour + 1) / layout.per_hour
-    return {
-        "month": month.astype(np.float64),
-        "day": day.astype(np.float64),
-        "hour": hour - hours_early,
-        "hour_of_year": hour_of_year - hours_early,
-    }
+    times = {"month": month.astype(float), "day": day.astype(float)}
+    return times | {"hour": hour - hours_early, "hour_of_year": hour_of_year - hours_early}
 
 
 def _used_fields(table: Table, fields: Mapping[str, Field]) -> list[str]:
