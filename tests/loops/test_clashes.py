@@ -15,6 +15,7 @@ from fastcoil.loops.plan import plan_simulation
 from fastcoil.loops.presets import COOLING_PRESETS
 
 LEARNER = {"learning_step": 0.007, "backlash_estimate": 0.007}
+BOTH_SOURCES = ("case", ["given", "measured"])
 MEASURED = {"buffer_ratio": 6.0, "buffer_noise": "measured"}
 LIMITED = {"buffer_swing": 0.1, "plant_gain": 20.0}
 
@@ -33,11 +34,7 @@ def day_with_set_points(T_set):
     ("field", "code", "parameters"),
     [
         ("buffer_noise", "conflict", {"buffer_noise": "measured"}),
-        (
-            "buffer_noise",
-            "conflict",
-            {"buffer_noise": ("case", ["given", "measured"]), "buffer_ratio": ("case", [6.0, 0.0]), **LIMITED},
-        ),
+        ("buffer_noise", "conflict", {"buffer_noise": BOTH_SOURCES, "buffer_ratio": ("case", [6.0, 0.0]), **LIMITED}),
         ("buffer_swing", "conflict", LIMITED),
         ("plant_gain", "missing", {**MEASURED, "buffer_swing": 0.1}),
         ("buffer_swing", "missing", MEASURED),
@@ -73,12 +70,7 @@ def test_every_clash_is_reported():
         {**MEASURED, "buffer_swing": 0.1, "plant_gain": [10.0, 30.0]},
         {"buffer_ratio": 50.0, "kp": 1.0, "noise_std": 0.1, "buffer_swing": 0.2, "plant_gain": 20.0},
         {**MEASURED, **LIMITED, "noise_std": 0.1, "kp": 5.0},
-        {
-            "buffer_ratio": 6.0,
-            "buffer_noise": ("case", ["given", "measured"]),
-            "buffer_swing": ("case", [0.0, 0.1]),
-            "plant_gain": 20.0,
-        },
+        {"buffer_ratio": 6.0, "buffer_noise": BOTH_SOURCES, "buffer_swing": ("case", [0.0, 0.1]), "plant_gain": 20.0},
         {"buffer_ratio": ("case", [0.0, 6.0]), "buffer": ("case", [0.01, 1e-9])},
         {"buffer_ratio": ("case", [0.0, 6.0]), "buffer_noise": ("case", ["measured", "measured"]), **LIMITED},
         {"buffer_ratio": [3.0, 6.0], "noise_std": [0.0, 0.02]},
@@ -109,13 +101,9 @@ def test_a_dead_band_that_no_change_of_the_set_point_leaves_is_refused(day, dead
 
 
 def test_replay_refuses_the_same():
-    log = xr.Dataset(
-        {
-            "T_sup": ("elapsed_time", [15.0] * 3, {"units": "degC"}),
-            "T_set": ("elapsed_time", [14.0, 16.0, 16.0], {"units": "degC"}),
-        },
-        coords={"elapsed_time": ("elapsed_time", [0.0, 60.0, 120.0], {"units": "s"})},
-    )
+    columns = {"elapsed_time": [0.0, 60.0, 120.0], "T_sup": [15.0] * 3, "T_set": [14.0, 16.0, 16.0]}
+    units = {"elapsed_time": "s", "T_sup": "degC", "T_set": "degC"}
+    log = xr.Dataset({name: ("elapsed_time", values, {"units": units[name]}) for name, values in columns.items()})
     assert_refused("error_dead_band", "conflict", fc.replay, fc.Loop(error_dead_band=3.0), log)
     assert_refused("buffer_noise", "conflict", fc.replay, fc.Loop(buffer_noise="measured"), log)
     assert_refused("plant_gain", "missing", fc.replay, fc.Loop(estimator="hagglund"), "nothing.csv")

@@ -22,22 +22,14 @@ pytestmark = pytest.mark.kernel
 @pytest.mark.parametrize(
     ("field", "code", "value"),
     [
-        ("command", "shape", np.zeros(899)),
-        ("command", "shape", np.zeros((3, 900))),
+        ("command", "shape", np.zeros(899)), ("command", "shape", np.zeros((3, 900))),
         ("command", "value", np.r_[np.zeros(400), 1.1, np.zeros(499)]),
-        ("command", "value", np.r_[np.zeros(400), np.nan, np.zeros(499)]),
-        ("traces", "choice", ["T_supp"]),
-        ("traces", "choice", ["T_set"]),
-        ("traces", "duplicate", ["T_sup", "T_sup"]),
-        ("traces", "type", None),
-        ("trace_interval", "value", 0),
-        ("trace_interval", "value", 901),
-        ("warm_up", "value", -1),
-        ("seed", "value", 2**64),
-        ("replicates", "value", 0),
-        ("n_jobs", "value", 0),
+        ("command", "value", np.r_[np.zeros(400), np.nan, np.zeros(499)]), ("traces", "choice", ["T_supp"]),
+        ("traces", "choice", ["T_set"]), ("traces", "duplicate", ["T_sup", "T_sup"]), ("traces", "type", None),
+        ("trace_interval", "value", 0), ("trace_interval", "value", 901), ("warm_up", "value", -1),
+        ("seed", "value", 2**64), ("replicates", "value", 0), ("n_jobs", "value", 0),
     ],
-)
+)  # fmt: skip
 def test_bad_options_are_refused(days, field, code, value):
     assert_refused(field, code, fc.simulate, fc.Loop(), days, **{"warm_up": 60} | {field: value})
 

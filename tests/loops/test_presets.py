@@ -58,7 +58,9 @@ def test_unknown_preset():
     assert_refused("preset", "type", fc.Loop.preset, None)
 
 
-STEP, STEP_AT, SECONDS = 2.0, 5400, 9000
+STEP = 2.0  # K
+STEP_AT = 5400  # s
+SECONDS = 9000
 CORNERS = [(m_a, T_out, T_w) for m_a in (0.4, 1.3) for T_out in (-20.0, 15.0) for T_w in (45.0, 70.0)]
 NAMES = ("heating", "heating_45")
 

@@ -89,28 +89,20 @@ def labelled_days(*labels):
 @pytest.mark.parametrize(
     ("field", "code", "changes"),
     [
-        ("m_a", "value", {"m_a": -0.1}),
-        ("T_a_in", "value", {"T_a_in": 77.0}),
-        ("T_set", "value", {"T_set": np.full(60, 95.0)}),
-        ("enabled", "value", {"enabled": 0.5}),
-        ("T_a_in", "value", {"T_a_in": float("nan")}),
-        ("T_w_in", "value", {"T_w_in": -999.0}),
-        ("T_a_in", "type", {"T_a_in": "25"}),
-        ("m_a", "shape", {"m_a": [[1.0], [1.0, 2.0]]}),
-        ("m_a", "shape", {"m_a": []}),
-        ("m_a", "missing", {"m_a": None}),
-        ("m_a", "shape", {"m_a": xr.DataArray(np.ones(60), dims="time")}),
-        ("T_set", "shape", {"m_a": np.ones(59)}),
+        ("m_a", "value", {"m_a": -0.1}), ("T_a_in", "value", {"T_a_in": 77.0}),
+        ("T_set", "value", {"T_set": np.full(60, 95.0)}), ("enabled", "value", {"enabled": 0.5}),
+        ("T_a_in", "value", {"T_a_in": float("nan")}), ("T_w_in", "value", {"T_w_in": -999.0}),
+        ("T_a_in", "type", {"T_a_in": "25"}), ("m_a", "shape", {"m_a": [[1.0], [1.0, 2.0]]}),
+        ("m_a", "shape", {"m_a": []}), ("m_a", "missing", {"m_a": None}),
+        ("m_a", "shape", {"m_a": xr.DataArray(np.ones(60), dims="time")}), ("T_set", "shape", {"m_a": np.ones(59)}),
         ("T_a_in", "value", {"T_a_in": HOT, "day": [10, 20, 30]}),
         ("T_a_in", "value", {"T_a_in": np.ma.masked_equal(HOT[1], 61.0)}),
-        ("day", "duplicate", {"m_a": TWO_DAYS, "day": [1, 1]}),
-        ("day", "value", {"m_a": TWO_DAYS, "day": [-1, 2]}),
-        ("day", "value", {"m_a": TWO_DAYS, "day": [0.5, 2]}),
-        ("day", "shape", {"m_a": TWO_DAYS, "day": [1, 2, 3]}),
+        ("day", "duplicate", {"m_a": TWO_DAYS, "day": [1, 1]}), ("day", "value", {"m_a": TWO_DAYS, "day": [-1, 2]}),
+        ("day", "value", {"m_a": TWO_DAYS, "day": [0.5, 2]}), ("day", "shape", {"m_a": TWO_DAYS, "day": [1, 2, 3]}),
         ("T_w_in", "shape", {"m_a": TWO_DAYS, "T_w_in": np.ones((3, 60))}),
         ("T_w_in", "shape", {"m_a": labelled_days(1, 2), "T_w_in": labelled_days(2, 1)}),
     ],
-)
+)  # fmt: skip
 def test_a_bad_series_or_label_is_refused(field, code, changes):
     assert_refused(field, code, Boundary, **GOOD_SERIES | changes)
 

@@ -97,12 +97,10 @@ def test_bad_rows_are_refused(write_log, field, code, rows):
 @pytest.mark.parametrize(
     ("field", "code", "value"),
     [
-        ("constants", "value", {"noise": 60.0}),
-        ("hours", "value", 1.0),
-        ("start", "value", 1.0),
+        ("constants", "value", {"noise": 60.0}), ("hours", "value", 1.0), ("start", "value", 1.0),
         ("pressure", "value", 1013.25),
     ],
-)
+)  # fmt: skip
 def test_bad_arguments_are_refused(write_log, field, code, value):
     assert_refused(field, code, Boundary.from_csv, write_log(HEADER, ROWS), **{field: value})
 

@@ -52,14 +52,11 @@ def test_none_takes_a_series_back_to_its_default(days):
 @pytest.mark.parametrize(
     ("field", "code", "value"),
     [
-        ("T_set", "shape", np.ones(7)),
-        ("T_set", "value", 99.0),
-        ("m_a", "missing", None),
-        ("day", "shape", [1, 2]),
+        ("T_set", "shape", np.ones(7)), ("T_set", "value", 99.0), ("m_a", "missing", None), ("day", "shape", [1, 2]),
         ("m_a", "shape", xr.DataArray([1.0, 2.0, 3.0], dims="day", coords={"day": [1, 2, 4]})),
         ("T_sett", "name", 14.0),
     ],
-)
+)  # fmt: skip
 def test_what_does_not_fit_is_refused(days, field, code, value):
     assert_refused(field, code, days.assign, **{field: value})
 

@@ -101,13 +101,10 @@ def test_a_function_that_gives_another_day_the_second_time_is_refused():
 @pytest.mark.parametrize(
     ("field", "code", "value"),
     [
-        ("T_w_in", "missing", None),
-        ("T_a_in", "value", np.full(N, 99.0)),
-        ("T_a_in", "shape", np.ones(N - 1)),
-        ("T_a_in", "shape", np.ones((2, N))),
-        ("T_A_in", "name", 3.0),
+        ("T_w_in", "missing", None), ("T_a_in", "value", np.full(N, 99.0)), ("T_a_in", "shape", np.ones(N - 1)),
+        ("T_a_in", "shape", np.ones((2, N))), ("T_A_in", "name", 3.0),
     ],
-)
+)  # fmt: skip
 def test_a_bad_day_is_named_when_it_is_made(field, code, value):
     stream = streamed_boundary(day_maker=lambda label: make_day(label) | ({field: value} if label == 1 else {}))
     assert_refused(field, code, lambda: stream.sha256)

@@ -68,14 +68,10 @@ def test_the_start_of_a_weather_day_in_three_ways(write_log):
 @pytest.mark.parametrize(
     ("field", "code", "column", "value"),
     [
-        ("T_dewpoint", "data", 5, 25.0),
-        ("RH", "unit", 6, 0.0),
-        ("RH", "unit", 6, 0.6),
-        ("month", "conflict", 1, 7),
-        ("T_drybulb", "value", 4, 60.5),
-        ("T_dewpoint", "value", 5, -999),
+        ("T_dewpoint", "data", 5, 25.0), ("RH", "unit", 6, 0.0), ("RH", "unit", 6, 0.6), ("month", "conflict", 1, 7),
+        ("T_drybulb", "value", 4, 60.5), ("T_dewpoint", "value", 5, -999),
     ],
-)
+)  # fmt: skip
 def test_impossible_weather_is_refused(write_log, field, code, column, value):
     header = ["d" if name == "T_dewpoint_C" and field == "RH" else name for name in WEATHER_HEADER]
     path = write_log(header, replace_column(column, [value] * 72, WEATHER_ROWS))
@@ -91,15 +87,9 @@ def test_return_air_above_saturation_is_refused(write_log):
 def test_weather_by_relative_humidity_other_headers_and_pressure(write_log):
     header = ["hour_of_year", "a", "b", "c", "OAT [degF]", "d", "OA RH", "p_Pa"]
     rows = [[*r[:4], r[4] * 1.8 + 32, "-", r[6] / 100, r[7]] for r in WEATHER_ROWS]
-    series = quiet_weather_day(
-        write_log(header, rows),
-        start_hour=30,
-        hours=1,
-        pressure=90e3,
-        columns={"T_drybulb": "OAT", "RH": "OA RH"},
-        units={"RH": "1"},
-        **PLANT | {"outdoor_fraction": 1.0},
-    ).series
+    reading = {"columns": {"T_drybulb": "OAT", "RH": "OA RH"}, "units": {"RH": "1"}, "pressure": 90e3}
+    outdoors = PLANT | reading | {"outdoor_fraction": 1.0}
+    series = quiet_weather_day(write_log(header, rows), start_hour=30, hours=1, **outdoors).series
     T, rh = WEATHER_ROWS[29][4], WEATHER_ROWS[29][6] / 100
     assert series["T_a_in"][0, 0] == pytest.approx(T, abs=1e-9)
     assert series["W_a_in"][0, 0] == pytest.approx(float(moist_air.humidity_ratio(T, rh, 90e3)), rel=1e-9)
@@ -108,20 +98,16 @@ def test_weather_by_relative_humidity_other_headers_and_pressure(write_log):
 @pytest.mark.parametrize(
     ("field", "code", "arguments"),
     [
-        ("start_hour", "missing", {"start_hour": None}),
-        ("start_hour", "conflict", {"start_hour": 3, "days": [1]}),
-        ("start_hour", "value", {"start_hour": 0}),
-        ("hours", "data", {"start_hour": 66}),
+        ("start_hour", "missing", {"start_hour": None}), ("start_hour", "conflict", {"start_hour": 3, "days": [1]}),
+        ("start_hour", "value", {"start_hour": 0}), ("hours", "data", {"start_hour": 66}),
         ("start_hour", "conflict", {"start_hour": None, "days": [2]}),
         ("day", "data", {"start_hour": None, "month": 2, "day": 1, "hour": 8}),
-        ("outdoor_fraction", "value", {"outdoor_fraction": 1.5}),
-        ("RH_return", "conflict", {"W_return": 0.008}),
-        ("columns", "choice", {"columns": {"T": "T_drybulb_C"}}),
-        ("columns", "name", {"columns": {"RH": "humidity"}}),
+        ("outdoor_fraction", "value", {"outdoor_fraction": 1.5}), ("RH_return", "conflict", {"W_return": 0.008}),
+        ("columns", "choice", {"columns": {"T": "T_drybulb_C"}}), ("columns", "name", {"columns": {"RH": "humidity"}}),
         ("T_drybulb", "unit", {"units": {"T_drybulb": "degF"}}),
         ("T_drybulb", "unit", {"units": {"T_drybulb": "Cel"}}),
     ],
-)
+)  # fmt: skip
 def test_weather_day_refuses(write_log, field, code, arguments):
     path = write_log(WEATHER_HEADER, WEATHER_ROWS)
     assert_refused(field, code, quiet_weather_day, path, **{"start_hour": 8} | PLANT | arguments)

@@ -101,16 +101,12 @@ def test_where_only_the_dew_point_has_gaps_the_relative_humidity_serves(put, psy
 @pytest.mark.parametrize(
     ("field", "code", "form", "gaps"),
     [
-        ("T_drybulb", "data", epw, {"T": "99.9"}),
-        ("T_dewpoint", "data", epw, {"T_dew": "99.9", "RH": "999"}),
-        ("p", "data", epw, {"p": "999999"}),
-        ("T_drybulb", "data", tmy3, {"T": ""}),
-        ("p", "value", tmy3, {"p": "101325"}),
-        ("row 14", "format", epw, {"day": "31"}),
-        ("row 8", "format", tmy3, {"hour": "0"}),
-        ("row 14", "time", epw, {"hour": "7"}),
+        ("T_drybulb", "data", epw, {"T": "99.9"}), ("T_dewpoint", "data", epw, {"T_dew": "99.9", "RH": "999"}),
+        ("p", "data", epw, {"p": "999999"}), ("T_drybulb", "data", tmy3, {"T": ""}),
+        ("p", "value", tmy3, {"p": "101325"}), ("row 14", "format", epw, {"day": "31"}),
+        ("row 8", "format", tmy3, {"hour": "0"}), ("row 14", "time", epw, {"hour": "7"}),
     ],
-)
+)  # fmt: skip
 def test_a_bad_row_is_refused(put, field, code, form, gaps):
     rows = [row | gaps if k == 5 else row for k, row in enumerate(JUNE)]
     assert_refused(field, code, read_weather_day, put(form(rows)), month=6, day=15, hour=10)

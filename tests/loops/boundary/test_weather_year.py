@@ -122,15 +122,11 @@ def test_air_flow_follows_the_load_between_least_and_design(tmp_path):
 @pytest.mark.parametrize(
     ("mode", "water", "T_out", "expected"),
     [
-        ("cooling", "fixed", 20.0, 7.0),
-        ("cooling", "outdoor", 21.5, 9.5),
-        ("cooling", "outdoor", 30.0, 7.0),
-        ("cooling", "load", 22.0, 12.0 - 5.0 * 0.75),
-        ("heating", "fixed", 0.0, 60.0),
-        ("heating", "outdoor", 1.5, 50.0),
-        ("heating", "load", 10.0, 45.0),
+        ("cooling", "fixed", 20.0, 7.0), ("cooling", "outdoor", 21.5, 9.5), ("cooling", "outdoor", 30.0, 7.0),
+        ("cooling", "load", 22.0, 12.0 - 5.0 * 0.75), ("heating", "fixed", 0.0, 60.0),
+        ("heating", "outdoor", 1.5, 50.0), ("heating", "load", 10.0, 45.0),
     ],
-)
+)  # fmt: skip
 def test_water_is_fixed_or_follows_the_load_or_the_weather(tmp_path, mode, water, T_out, expected):
     shell = {"T_balance": 12.0, "T_design": 32.0} if mode == "cooling" else {"T_balance": 15.0, "T_design": -5.0}
     noon = noon_values(series_on_day(write_weather(tmp_path, T_out), mode=mode, water=water, **shell))
@@ -174,26 +170,18 @@ def test_a_study_file_takes_the_same_arguments(tmp_path):
 @pytest.mark.parametrize(
     ("field", "code", "options"),
     [
-        ("year", "type", {"year": None}),
-        ("fan_hours", "value", {"fan_hours": [20, 6]}),
-        ("fan_hours", "value", {"fan_hours": [6, 6.1]}),
-        ("holidays", "format", {"holidays": ["25.12."]}),
-        ("days", "duplicate", {"days": [5, 5]}),
-        ("days", "value", {"days": [5, 9]}),
-        ("days", "conflict", {"days": [5], "first_date": "01-02"}),
-        ("days", "value", {"last_date": "03-01"}),
-        ("m_a_min", "conflict", {"m_a_min": 1.5}),
-        ("T_out_min", "conflict", {"T_out_min": 22}),
-        ("T_set_max", "conflict", {"T_set_max": 23}),
-        ("T_set", "conflict", {"T_set": 14}),
-        ("trim", "conflict", {"trim": 0.1}),
-        ("T_w_max", "conflict", {"T_w_max": 12}),
+        ("year", "type", {"year": None}), ("fan_hours", "value", {"fan_hours": [20, 6]}),
+        ("fan_hours", "value", {"fan_hours": [6, 6.1]}), ("holidays", "format", {"holidays": ["25.12."]}),
+        ("days", "duplicate", {"days": [5, 5]}), ("days", "value", {"days": [5, 9]}),
+        ("days", "conflict", {"days": [5], "first_date": "01-02"}), ("days", "value", {"last_date": "03-01"}),
+        ("m_a_min", "conflict", {"m_a_min": 1.5}), ("T_out_min", "conflict", {"T_out_min": 22}),
+        ("T_set_max", "conflict", {"T_set_max": 23}), ("T_set", "conflict", {"T_set": 14}),
+        ("trim", "conflict", {"trim": 0.1}), ("T_w_max", "conflict", {"T_w_max": 12}),
         ("set_point", "conflict", {"mode": "heating", "set_point": "trim_and_respond"}),
         ("economiser", "conflict", {"mode": "heating", "economiser": "differential"}),
-        ("T_balance", "conflict", {"T_design": 12.5}),
-        ("set_point", "choice", {"set_point": "outdor_reset"}),
+        ("T_balance", "conflict", {"T_design": 12.5}), ("set_point", "choice", {"set_point": "outdor_reset"}),
     ],
-)
+)  # fmt: skip
 def test_what_does_not_fit_is_refused(tmp_path, field, code, options):
     path = write_weather(tmp_path, lambda h: 20.0 + h % 24 / 4)
     assert_refused(field, code, fc.weather_year, path, **{"year": 2023} | options)
