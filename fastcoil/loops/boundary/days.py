@@ -130,7 +130,7 @@ def _days_of_seeds(make_day: Callable[..., dict[str, Values]], hours: Any, seed:
         return Boundary(**make(seeds[0]), day=seeds[0])
     days = Boundary.from_days(make, day=seeds, hours=n_steps / 3600)
     is_large = len(seeds) * n_steps > LARGE_BOUNDARY_SAMPLES
-    return days if is_large else Boundary.from_samples(days.to_dataset(), enabled_by_air=True)
+    return days if is_large else Boundary.from_samples(days.to_dataset(), time_zone="", enabled_by_air=True)
 
 
 def _stepped_set_point(n_steps: int) -> Array:
@@ -190,9 +190,8 @@ def constant_day(
     if W_a_in is None:
         W_a_in = humidity_ratio(T_a_in, humidity, pressure)
     elif relative_humidity is not None:
-        raise InputError(
-            "W_a_in and relative_humidity are both given: give one of them", "relative_humidity", "conflict"
-        )
+        sentence = "W_a_in and relative_humidity are both given: give one of them"
+        raise InputError(sentence, "relative_humidity", "conflict")
     noise = np.zeros(n_steps)  # a series, which sets the length
     return Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_a_in, T_w_in=T_w_in, T_set=T_set, noise=noise)
 

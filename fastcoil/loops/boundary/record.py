@@ -42,9 +42,8 @@ from fastcoil.loops.boundary.series import (
 from fastcoil.loops.labelled import SeriesLabels
 from fastcoil.loops.labels import unit_in_words
 
-_LOG_COLUMNS = ColumnSpec(
-    required=("m_a", "T_a_in", HUMIDITY_COLUMNS, "T_w_in", "T_set"), optional=("noise", "enabled", "backlash_scale")
-)
+_OPTIONAL_COLUMNS = ("noise", "enabled", "backlash_scale")
+_LOG_COLUMNS = ColumnSpec(required=("m_a", "T_a_in", HUMIDITY_COLUMNS, "T_w_in", "T_set"), optional=_OPTIONAL_COLUMNS)
 _HELD_SERIES = [name for name, series in BOUNDARY_SERIES.items() if series.hold]
 
 
@@ -133,9 +132,8 @@ class Boundary(Samples):
         """
         names = (*BOUNDARY_SERIES, "day", "start", "time_zone")
         unknown = [name for name in changes if name not in names]
-        raise_problems(
-            [Problem(f"{name}{did_you_mean(name, names)}: use {', '.join(names)}", name, "name") for name in unknown]
-        )
+        cure = f"use {', '.join(names)}"
+        raise_problems([Problem(f"{n}{did_you_mean(n, names)}: {cure}", n, "name") for n in unknown])
         enabled_by_air = changes["enabled"] is None if "enabled" in changes else self._enabled_by_air
         clock = {name: changes.get(name, getattr(self, name)) for name in ("start", "time_zone")}
         start = None if "start" in changes else self.start
@@ -149,9 +147,8 @@ class Boundary(Samples):
         if enabled_by_air and "m_a" in changes:
             replacements["enabled"] = None
         make = partial(replace_series, self.maker, replacements) if replacements else self.maker
-        changed = Boundary._stream(
-            make, np.asarray(common_labels.day), self.n_steps, **clock, enabled_by_air=enabled_by_air
-        )
+        day = np.asarray(common_labels.day)
+        changed = Boundary._stream(make, day, self.n_steps, **clock, enabled_by_air=enabled_by_air)
         if self._maker is not None:
             return changed
         if enabled_by_air and {"m_a", "enabled"} & changes.keys():

@@ -60,7 +60,7 @@ class Samples:
 
     @classmethod
     def from_samples(
-        cls, ds: xr.Dataset, *, make: DayMaker | None = None, time_zone: str = "", enabled_by_air: bool = False
+        cls, ds: xr.Dataset, *, make: DayMaker | None = None, time_zone: str, enabled_by_air: bool
     ) -> Self:
         """Return a boundary of checked samples; ``enabled_by_air``: the air flow alone decides on ``enabled``."""
         self = cls.__new__(cls)

@@ -150,10 +150,8 @@ def _read_csv(path: Path, columns: Mapping[str, str] | None, units: Mapping[str,
     table.raise_problems()
     if "T_dewpoint" in column_indices:
         column_indices.pop("RH", None)
-    weather = {
-        name: read_numbers(table, WEATHER_COLUMNS[name][0], column, units.get(name))
-        for name, column in column_indices.items()
-    }
+    columns_read = column_indices.items()
+    weather = {name: read_numbers(table, WEATHER_COLUMNS[name][0], k, units.get(name)) for name, k in columns_read}
     jump = int(np.argmax(np.diff(weather["hour_of_year"]) != 1.0))
     if weather["hour_of_year"][jump + 1] != weather["hour_of_year"][jump] + 1.0:
         sentence = f"hour_of_year does not rise by 1 from row {table.row_numbers[jump]} to the next: give every hour"
@@ -293,10 +291,8 @@ def _read_year(file: str, lines: Sequence[str], layout: FileLayout, fields: Mapp
         times["year"] = years
     used = _used_fields(table, fields)
     table.raise_problems()
-    series = {
-        name: read_numbers(table, WEATHER_COLUMNS[name][0], table.header.index(name), fields[name].unit)
-        for name in used
-    }
+    indices = {name: table.header.index(name) for name in used}
+    series = {name: read_numbers(table, WEATHER_COLUMNS[name][0], k, fields[name].unit) for name, k in indices.items()}
     _require_plausible(table, series)
     return Weather(times | series, 60 // layout.per_hour, table.notes, layout.time_zone)
 
@@ -335,10 +331,9 @@ def _row_times(table: Table, layout: FileLayout, dates_text: Sequence[str]) -> d
 
 def _used_fields(table: Table, fields: Mapping[str, Field]) -> list[str]:
     """Return the fields to read: of humidities the dew point, unless only it has gaps.  Gaps are problems."""
-    gaps = {
-        name: [k for k, row in enumerate(table.rows) if field.is_gap(row[j])]
-        for j, (name, field) in enumerate(fields.items())
-    }
+    gaps = {}
+    for j, (name, field) in enumerate(fields.items()):
+        gaps[name] = [k for k, row in enumerate(table.rows) if field.is_gap(row[j])]
     uses_relative_humidity = bool(gaps["T_dewpoint"]) and not gaps["RH"]
     if uses_relative_humidity:
         place = f"row {table.row_numbers[gaps['T_dewpoint'][0]]}{count_suffix(len(gaps['T_dewpoint']))}"
