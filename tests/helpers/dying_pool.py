@@ -39,7 +39,7 @@ class DyingPool:
     def submit(self, shard):
         index = shard.index
         assert not any(set(index) & set(pending_index) for pending_index in self.pending.values()), (
-            "a scenario is run twice at once"
+            "a scenario is run twice at a time"
         )
         future = cf.Future()
         self.pending[future] = index.tolist()

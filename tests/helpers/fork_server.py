@@ -120,7 +120,7 @@ def main() -> None:
         os.close(count_pipe)
         if order.get("kill_after") is not None:
             time.sleep(order["kill_after"])
-            os.kill(pid, signal.SIGKILL)  # it is not reaped yet: nobody else has its number
+            os.kill(pid, signal.SIGKILL)  # it is not reaped yet: no other process has its number
         with os.fdopen(reading, "rb") as pipe:
             n_operations = len(pipe.read())
         _, status = os.waitpid(pid, 0)

@@ -111,7 +111,7 @@ class Boundary(Samples):
         arrays, n_stopped = complete_series(entries, labels.size, n_steps or 0, enabled_by_air=enabled is None)
         warn_of_no_air_flow(n_stopped)
         ds = boundary_dataset(arrays, labels, n_steps or 0, clock)
-        self._set(ds, None, clock.time_zone, enabled is None)
+        self._initialise(ds, None, clock.time_zone, enabled is None)
 
     def __repr__(self) -> str:
         """Show series and ranges; of a stream without known ranges only the extent: making all days takes too long."""
