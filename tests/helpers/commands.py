@@ -1,4 +1,4 @@
-"""The command line, and commands on studies with code of their own."""
+"""The command line, and commands on studies with user code."""
 
 from collections.abc import Iterator
 from pathlib import Path

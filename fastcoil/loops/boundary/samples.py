@@ -60,14 +60,14 @@ class Samples:
 
     @classmethod
     def from_samples(
-        cls, ds: xr.Dataset, *, make: DayMaker | None = None, time_zone: str = "", enabled_by_air: bool = False
+        cls, ds: xr.Dataset, *, make: DayMaker | None = None, time_zone: str, enabled_by_air: bool
     ) -> Self:
         """Return a boundary of checked samples; ``enabled_by_air``: the air flow alone decides on ``enabled``."""
         self = cls.__new__(cls)
-        self._set(ds, make, time_zone, enabled_by_air)
+        self._initialise(ds, make, time_zone, enabled_by_air)
         return self
 
-    def _set(self, ds: xr.Dataset, make: DayMaker | None, time_zone: str, enabled_by_air: bool) -> None:
+    def _initialise(self, ds: xr.Dataset, make: DayMaker | None, time_zone: str, enabled_by_air: bool) -> None:
         state = {"_ds": ds, "_maker": make, "_time_zone": time_zone, "_enabled_by_air": enabled_by_air}
         self.__setstate__(state)
 
