@@ -42,7 +42,7 @@ slider.value = slider.categories[at]
 """JavaScript: move a slider; milliseconds until each of ``STAGES`` is painted."""
 
 
-@pytest.mark.parametrize("what", ["loop", "explanation", "map", "all"])
+@pytest.mark.parametrize("stage", ["loop", "explanation", "map", "all"])
 def test_server(timed: Timed, stage: str) -> None:
     """All that a move makes new, on one thread."""
     model = Model()

@@ -133,6 +133,13 @@ def test_the_vectors_go_through_all_that_a_controller_does(exported, name):
         assert min(steps) < 0.0 or name not in ("learner", "variants", "gradient", "identify", "stops")
 
 
+def break_law(text, law, broken_law):
+    """Replace a law in exported Python; … stands for the rest of a name, the same in both."""
+    broken, n = re.subn(re.escape(law).replace("…", r"(\w*)"), broken_law.replace("…", r"\1"), text)
+    assert n, law
+    return broken
+
+
 BREAKS = [
     # limits
     ("inverse", "-50.0", "-51.0"),
@@ -175,23 +182,23 @@ BREAKS = [
     ("inverse", "s.u < s.u_ext - BUFFER", "s.u < s.u_ext - 0.001"),
     ("additive", "BUFFER_RATIO * abs(KP)", "0.3 * BUFFER_RATIO * abs(KP)"),
     # estimators
-    ("learner", "reference_3 < LEARNING_FLOOR", "reference_3 >= LEARNING_FLOOR"),
-    ("learner", "stepped = s.estimate - size", "stepped = s.estimate"),
+    ("learner", "… < LEARNING_FLOOR", "… >= LEARNING_FLOOR"),
+    ("learner", "= s.estimate - …", "= s.estimate + 0.0 * …"),
     ("learner", "s.clock >= s.next_update", "s.clock > s.next_update"),
-    ("variants", "size * LEARNING_SHRINK", "size"),
+    ("variants", "… * LEARNING_SHRINK", "…"),
     ("variants", "chatter or ", "chatter or False and "),
     ("variants", "ESTIMATE_SHARE * s.estimate", "s.estimate"),
     ("hagglund", "KP * PLANT_GAIN * s.duration - TI", "KP * PLANT_GAIN * s.duration"),
     ("hagglund", "low < high", "low > high"),
     ("gradient", "/ (1.0 + zeta * zeta)", "/ 1.0"),
-    ("gradient", "e_3 = e_2 + GRADIENT_DEAD_ZONE", "e_3 = e_2"),
+    ("gradient", "… + GRADIENT_DEAD_ZONE", "…"),
     ("gradient", "s.clock + GRADIENT_PAUSE", "s.clock"),
-    ("identify", "s.clock + PROVOKED", "s.clock + 600.0"),
+    ("identify", "s.clock + COUNTS_AFTER_STEP…", "s.clock + 600.0 + 0.0 * COUNTS_AFTER_STEP…"),
     ("identify", "s.decay * rows_2 + 1.0", "rows_2 + 1.0"),
-    ("identify", "mean_4 <= GOOD", "mean_4 <= 0.2"),
+    ("identify", " <= GOOD…", " <= 0.2 + 0.0 * GOOD…"),
     ("identify", "band = 0.0", "band = BUFFER"),
     ("identify", "interrupted or not s.T_known", "not s.T_known"),
-    ("identify", "resumes_2 = s.clock + DISTURBED", "resumes_2 = s.resumes"),
+    ("identify", "= s.clock + PAUSE_AFTER_GUST…", "= s.clock + 0.0 * PAUSE_AFTER_GUST…"),
     ("identify", "= 1.0 / ", "= 1.001 / "),
 ]  # fmt: skip
 
@@ -203,8 +210,7 @@ def test_a_law_that_is_broken_anywhere_is_found_by_the_vectors(exported, broken)
     code, stored = exported(name, "python")
     text = code.read_text()
     for law, broken_law in zip(pairs[::2], pairs[1::2], strict=True):
-        assert law in text
-        text = text.replace(law, broken_law)
+        text = break_law(text, law, broken_law)
     assert has_differences(python_runner(text), stored)
 
 

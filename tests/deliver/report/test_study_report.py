@@ -57,7 +57,7 @@ def test_the_same_results_give_the_same_bytes_and_the_folder_stays_sound(out, tm
     assert fastcoil("verify", out).exit_code == 0
 
 
-@pytest.mark.parametrize("what", ["unfinished", "damaged"])
+@pytest.mark.parametrize("state", ["unfinished", "damaged"])
 def test_an_unfinished_or_damaged_study_is_not_reported(out, state):
     copy_run(PLAIN_STUDY, out, DAYS - 1 if state == "unfinished" else None)
     if state == "damaged":
