@@ -90,6 +90,7 @@ class Controller:
         self.word = {name: str(columns[name][0]) for name, p in PARAMETERS.items() if p.is_word}
         self.parameters = loop.parameters
         self.heats = self.word["action"] == "heating"
+        self.set_point = 24.0 if self.heats else 14.0  # degC, of its vectors
         sample, interval = self.number["sample_time"], self.number["learning_interval"]
         if self.word["estimator"] == "learner" and interval % sample != 0.0:
             problem = f"learning_interval = {interval:g} s is not a whole number of cycles"

@@ -217,8 +217,7 @@ def fmu(controller: Controller, text: str, name: str, vectors: Vectors) -> bytes
 
 def _variables(controller: Controller, laws: Laws, vectors: Vectors) -> list[_Variable]:
     """Return inputs and outputs in the order of the vectors, then the parameters that are constants of the code."""
-    mid_temperature = 24.0 if controller.heats else 14.0
-    start = {"T_sup": mid_temperature, "T_set": mid_temperature, "m_a": -1.0, "enabled": 1.0}
+    start = {"T_sup": controller.set_point, "T_set": controller.set_point, "m_a": -1.0, "enabled": 1.0}
     units = {"T_sup": "degC", "T_set": "degC", "m_a": "kg s-1"}
     declarations = (*laws.fields, *laws.functions["step"].arguments)
     texts = {declaration.name: _xml_text(declaration.description) for declaration in declarations}
@@ -250,7 +249,7 @@ def _compile_library(files: dict[str, bytes]) -> list[bytes]:
         with tempfile.TemporaryDirectory() as folder:
             for path, content in files.items():
                 Path(folder, Path(path).name).write_bytes(content)
-            options = "-std=c99 -O2 -ffp-contract=off -fPIC -shared -fvisibility=hidden -s".split()
+            options = ["-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden", "-s"]
             command = [compiler, *options, "fmi2.c", "-o", "fmu.so", "-lm"]
             compiler_run = subprocess.run(command, cwd=folder, check=False, capture_output=True, text=True)
             if compiler_run.returncode == 0:

@@ -54,10 +54,8 @@ class Laws:
         for node in tree.body:
             if isinstance(node, ast.Assign):
                 value = ast.literal_eval(node.value)
-                kind = "whole" if isinstance(value, int) else "real"
-                self.constants.append(
-                    Declaration(ast.unparse(node.targets[0]), kind, comments.get(node.lineno, ""), value)
-                )
+                name, kind = ast.unparse(node.targets[0]), "whole" if isinstance(value, int) else "real"
+                self.constants.append(Declaration(name, kind, comments.get(node.lineno, ""), value))
             elif isinstance(node, ast.FunctionDef):
                 self.functions[node.name] = _function(node, comments)
         sizes = {
@@ -73,10 +71,9 @@ class Laws:
                 self.fields.append(Declaration(name, kind, comments.get(node.lineno, ""), size=sizes.get(name, 0)))
             elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
                 self.state_text = str(node.value.value)
-        self.kinds = {item.name: item.kind for item in self.constants} | {
-            f"s.{item.name}": item.kind for item in self.fields
-        }
-        self.kinds |= {item.name: item.returns for item in self.functions.values()}
+        self.kinds = {constant.name: constant.kind for constant in self.constants}
+        self.kinds |= {f"s.{field.name}": field.kind for field in self.fields}
+        self.kinds |= {function.name: function.returns for function in self.functions.values()}
 
 
 def _comments(text: str) -> dict[int, str]:
@@ -93,19 +90,15 @@ def _comments(text: str) -> dict[int, str]:
 
 
 def _function(node: ast.FunctionDef, comments: dict[int, str]) -> Function:
-    kinds = {argument.arg: ast.unparse(argument.annotation or ast.Name("float")) for argument in node.args.args}
-    return Function(
-        node.name,
-        [
-            Declaration(argument.arg, _KINDS[kinds[argument.arg]], comments.get(argument.lineno, ""))
-            for argument in node.args.args
-            if kinds[argument.arg] != "State"
-        ],
-        _KINDS[ast.unparse(node.returns or ast.Name("None"))],
-        ast.get_docstring(node) or "",
-        node.body[1:],  # behind its text
-        "State" in kinds.values(),
-    )
+    arguments, is_section = [], False
+    for argument in node.args.args:
+        python_type = ast.unparse(argument.annotation or ast.Name("float"))
+        if python_type == "State":
+            is_section = True
+        else:
+            arguments.append(Declaration(argument.arg, _KINDS[python_type], comments.get(argument.lineno, "")))
+    returns = _KINDS[ast.unparse(node.returns or ast.Name("None"))]
+    return Function(node.name, arguments, returns, ast.get_docstring(node) or "", node.body[1:], is_section)
 
 
 _PRECEDENCE = {"or": 1, "and": 2, "compare": 4, "sum": 5, "product": 6, "unary": 7, "whole": 8}

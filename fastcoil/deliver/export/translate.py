@@ -66,7 +66,7 @@ class Translator(Formulas):
         self, kind: str, rule: Any, function: Any, numbers: Mapping[str, float], *, literal_names: set[str],
         estimate: str, names: list[str],
     ) -> None:  # fmt: skip
-        super().__init__(kind, rule.name, [*names, *(reserved_name.upper() for reserved_name in numbers)])
+        super().__init__(kind, rule.name, [*names, *map(str.upper, numbers)])
         self.step, self.start, self.words = function, getattr(rule, "start", None), getattr(rule, "words", 0)
         self.Memory = rule.Memory
         self.numbers, self.literal_names, self.estimate = numbers, literal_names, estimate
@@ -75,7 +75,7 @@ class Translator(Formulas):
         self.controller_fields = [f"s.{n}" for n in getattr(rule, "controller_fields", ())]
         self.flags = ("enabled", "begins") if kind == "test" else ()
         self.kinds["s.rising"] = "flag"
-        taken_names = {reserved_name.casefold() for reserved_name in names}
+        taken_names = set(map(str.casefold, names))
         field_names = {n: f"{n}_kept" if n.casefold() in taken_names else n for n in self.Memory._fields}
         field_names |= {n: f"test_{n}" for n in field_names if kind == "test"}
         self.fields = {n: "s." + self._unique_name(name, "field") for n, name in field_names.items()}
@@ -103,26 +103,22 @@ class Translator(Formulas):
         first = {n: constant(x) for n, x in zip(self.Memory._fields, memory_defaults(self.Memory), strict=True)}
         if self.start is not None:
             self.path = ("start",)
-            first = self._inline(self.start, [parameters], lambda returned: returned)
+            first = self._inline(self.start, [parameters], lambda value: value)
         memory: dict[str, Any] = {}
         for n, name in self.fields.items():
             value = self._real(first[n])
             if value.is_nan:
                 self.may_be_nan.add(name)
-                self.statements += [
-                    assignment(name, ast.Constant(0.0)),
-                    assignment(f"{name}_known", ast.Constant(False)),
-                ]
+                for target, unknown in ((name, 0.0), (f"{name}_known", False)):
+                    self.statements.append(assignment(target, ast.Constant(unknown)))
             else:
                 self._store(name, value)
             memory[n] = self._variable(name)
         begins = self._begin_function()
         arguments = [self._sample(), parameters, memory, *([Table()] if self.words else [])]
         self._inline(self.step, arguments, self._commit)
-        test_outputs = ["s.test_aborted"] if self.kind == "test" else []
-        return self._assemble_port(
-            begins, needed_statements(self.statements, {self.goal, "s.w", *self.controller_fields, *test_outputs})
-        )
+        goals = {self.goal, "s.w", *self.controller_fields, *(["s.test_aborted"] if self.kind == "test" else [])}
+        return self._assemble_port(begins, needed_statements(self.statements, goals))
 
     def _sample(self) -> dict[str, Any]:
         """Return the inputs of the rule, by their names in the controller."""
@@ -157,8 +153,8 @@ class Translator(Formulas):
         for target, number in changed.items():
             self._store(target, number)
         if goal is not None and not goal.is_nan:  # an estimate that is NaN is none
-            needs, store = self._known_flags(goal), assignment(self.goal, call_of("clipped", goal.text))
-            self.statements.append(ast.If(join_conditions(ast.And(), needs), [store], []) if needs else store)
+            flags, store = self._known_flags(goal), assignment(self.goal, call_of("clipped", goal.text))
+            self.statements.append(ast.If(join_conditions(ast.And(), flags), [store], []) if flags else store)
         return _ALREADY_STORED
 
     # statements
@@ -216,9 +212,8 @@ class Translator(Formulas):
         elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
             self._value(node.value, scope)
         elif not isinstance(node, ast.Pass) and not isinstance(getattr(node, "value", None), ast.Constant):
-            raise self._refusal(
-                f"it has {ast.unparse(node).partition(chr(10))[0].rstrip(':')}", f"use {SUPPORTED_SYNTAX}"
-            )
+            first_line = ast.unparse(node).partition("\n")[0].rstrip(":")
+            raise self._refusal(f"it has {first_line}", f"use {SUPPORTED_SYNTAX}")
         return None
 
     def _assign(self, target: ast.expr, value: Any, scope: Scope) -> None:
@@ -228,7 +223,7 @@ class Translator(Formulas):
             parts = [*value.values()]
             # all are evaluated before the first is stored, as in a, b = b, a
             if any(isinstance(element, ast.Name) and scope.store_counts[element.id] > 1 for element in target.elts):
-                parts = [self._bind("before", element, ("before", id(target), k)) for k, element in enumerate(parts)]
+                parts = [self._bind("before", part, ("before", id(target), k)) for k, part in enumerate(parts)]
             for element, part in zip(target.elts, parts, strict=True):
                 self._assign(element, part, scope)
         elif isinstance(target, ast.Subscript) and self._value(target.value, scope) == Table():
@@ -242,12 +237,8 @@ class Translator(Formulas):
         if has_return(node):
             raise self._refusal("it returns from a loop", "keep what is found, and return behind the loop")
         ends = [self._value(end, scope) for end in call.args] if isinstance(call, ast.Call) else []
-        if (
-            not ends
-            or node.orelse
-            or ast.unparse(node.iter).partition("(")[0] != "range"
-            or (len(ends) == 3 and ends[2].value != -1)
-        ):
+        is_range = ends and ast.unparse(call).startswith("range(") and (len(ends) < 3 or ends[2].value == -1)
+        if node.orelse or not is_range:
             raise self._refusal(f"it has for … in {ast.unparse(call)}", "write for k in range(…), by one up or down")
         name = ast.unparse(node.target)
         i = self._local_name(name, "loop")
@@ -257,18 +248,14 @@ class Translator(Formulas):
         if len(ends) < 3:  # a loop of the languages has constant ends
             largest = self._largest_value(ends[-1])
             if largest is None:
-                problem = f"{ast.unparse(call)} has no largest end"
-                raise self._refusal(problem, "give the loop a constant number of passes")
+                cure = "give the loop a constant number of passes"
+                raise self._refusal(f"{ast.unparse(call)} has no largest end", cure)
             if ends[-1].value is None:
                 loop_conditions = [ast.Compare(ast.Name(i), [ast.Lt()], [ends[-1].text])]
             ends[-1] = ends[-1] if not loop_conditions else constant(largest)
             self.bounds[i] = largest - 1
         # a pass may change what the previous one left
-        self.true_conditions = {
-            condition
-            for condition in self.true_conditions
-            if condition.removesuffix("_known") not in self.reassigned_names
-        }
+        self.true_conditions -= self.reassigned_names | {f"{name}_known" for name in self.reassigned_names}
         with self._separate_block() as block:
             self._run_statements(node.body, scope)
         block = [ast.If(loop_conditions[0], block, [])] if loop_conditions and block else block
@@ -292,28 +279,27 @@ class Translator(Formulas):
     def _call(self, node: ast.Call, scope: Scope) -> Any:
         function = self._value(node.func, scope)
         names = chain(getattr(function, "_fields", ()), repeat("value"))
-        positional = [self._value_of(name, one, scope) for name, one in zip(names, node.args, strict=False)]
-        keywords = {str(one.arg): self._value_of(str(one.arg), one.value, scope) for one in node.keywords}
+        positional = [self._value_of(name, value, scope) for name, value in zip(names, node.args, strict=False)]
+        keywords = {str(k.arg): self._value_of(str(k.arg), k.value, scope) for k in node.keywords}
         if isinstance(function, type) and hasattr(function, "_fields"):
             values = {n: constant(x) for n, x in zip(function._fields, memory_defaults(function), strict=True)}
             return values | dict(zip(function._fields, positional, strict=False)) | keywords
-        if function is is_sample:  # an exported controller is called at its samples alone
+        if function is is_sample:  # an exported controller is called only at its samples
             return constant(True)
         if function is len and isinstance(positional[0], Table):
             return constant(len(positional[0].values))
         for name, alternatives in FUNCTIONS.items():
-            if any(function is one for one in alternatives):
+            if any(function is alternative for alternative in alternatives):
                 return self._apply_function(name, positional)
         python = getattr(function, "py_func", function)
         if not isinstance(python, FunctionType):
-            raise self._refusal(
-                f"it calls {ast.unparse(node.func)}", f"use {SUPPORTED_FUNCTIONS} and functions written in Python"
-            )
+            cure = f"use {SUPPORTED_FUNCTIONS} and functions written in Python"
+            raise self._refusal(f"it calls {ast.unparse(node.func)}", cure)
         caller, self.path = (self.path, self.source_line), (*self.path, id(node))
         arguments, defaults = self._scope(python, None).arguments, python.__defaults__ or ()
         default_values = dict(zip(arguments[len(arguments) - len(defaults) :], map(constant, defaults), strict=True))
         values = default_values | dict(zip(arguments, positional, strict=False)) | keywords
-        returned = self._inline(python, [values[n] for n in arguments], lambda one: one)
+        returned = self._inline(python, [values[n] for n in arguments], lambda value: value)
         self.path, self.source_line = caller
         return returned
 

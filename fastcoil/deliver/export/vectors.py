@@ -92,8 +92,8 @@ def make_vectors(loop: Loop, controller: Controller, text: str) -> Vectors:
     untested = loop.assign(test_start=LARGEST_FLOAT) if controller.has_test else loop
     for readings in _replay_records(controller):
         sample_time = int(controller.number["sample_time"])
-        replay_readings = readings if controller.sees_air else readings | {"m_a": np.full(readings["m_a"].size, np.nan)}
-        series = np.repeat(np.stack([replay_readings[name] for name in REPLAY_COLUMNS], axis=1), sample_time, axis=0)
+        no_air = {} if controller.sees_air else {"m_a": np.full(readings["m_a"].size, np.nan)}
+        series = np.stack([(readings | no_air)[name] for name in REPLAY_COLUMNS], axis=1).repeat(sample_time, axis=0)
         # not by ``fc.replay``, which refuses such jumps
         runs.append(_record_of_run(run_controllers(untested, series, sample_time), readings))
     runs.append(_day_record(loop, controller))
@@ -115,7 +115,6 @@ def run_cycles(text: str, inputs: Mapping[str, Array], outputs: Sequence[str]) -
 def _handling_record(controller: Controller) -> dict[str, Array]:
     """Return a record of starts from a command, hand, bad readings, off and on, ends of the stroke and holds."""
     number, sign = controller.number, -1.0 if controller.heats else 1.0
-    mid_temperature = 24.0 if controller.heats else 14.0
     # K: moves the output by a tenth of the stroke at most
     gain = abs(number["kp"]) * max(1.0, number["sample_time"] / number["ti"])
     size = min(0.1 / max(gain, 1e-9), 5.0) + number["error_dead_band"]
@@ -123,8 +122,8 @@ def _handling_record(controller: Controller) -> dict[str, Array]:
     def cycle(
         e: float = 0.0, start_command: float = 0.0, reset: float = 0.0, enabled: float = 1.0, **reading: float
     ) -> tuple[float, ...]:
-        T_sup, T_set = reading.get("T_sup", mid_temperature + sign * size * e), reading.get("T_set", mid_temperature)
-        return T_sup, T_set, 1.2, enabled, reset, start_command
+        T_sup = reading.get("T_sup", controller.set_point + sign * size * e)
+        return T_sup, reading.get("T_set", controller.set_point), 1.2, enabled, reset, start_command
 
     rows = [cycle(1.0, 0.3), cycle(-1.0), cycle(2.0), cycle(-1.0)]  # a state of zeros starts by itself
     rows += [cycle(-1.0, hand, reset=1.0) for hand in (0.2, 0.35, 0.6)]
@@ -136,30 +135,16 @@ def _handling_record(controller: Controller) -> dict[str, Array]:
     for reading in (math.nan, math.inf, -math.inf, *_READING_LIMITS, *inside):
         for name in ("T_sup", "T_set"):
             rows += [cycle(0.5, 0.5, reset=1.0), cycle(**{name: reading}), cycle(-1.0), cycle(1.0)]
-    bad_reading = cycle(T_sup=math.nan)
-    rows += [cycle(1.0, 0.4, reset=1.0, T_sup=math.nan), bad_reading, cycle(1.0), cycle(-1.0)]
-    off_cycles = [cycle(e, enabled=0.0) for e in (1.0, 2.0)]
-    rows += [
-        *off_cycles,
-        cycle(1.0),
-        cycle(-1.0),
-        cycle(1.0, 0.4, 1.0, 0.0),
-        *off_cycles,
-        bad_reading,
-        cycle(1.0),
-        bad_reading,
-        *off_cycles,
-    ]
+    up, down, bad = cycle(1.0), cycle(-1.0), cycle(T_sup=math.nan)
+    rows += [cycle(1.0, 0.4, reset=1.0, T_sup=math.nan), bad, up, down]
+    off = [cycle(e, enabled=0.0) for e in (1.0, 2.0)]
+    rows += [*off, up, down, cycle(1.0, 0.4, 1.0, 0.0), *off, bad, up, bad, *off]
     rows += [cycle(e) for e in (4.0, -4.0, 4.0) for _ in range(12)]
     # a hold in which an interval of a learner ends
     n = min(int(number["learning_interval"] / number["sample_time"]), 100)
-    turns = [cycle(1.0 if k % 8 < 4 else -1.0) for k in range(4 * n + n // 2)]
-    rows += (
-        [cycle(0.5, 0.4, reset=1.0), *turns, *[bad_reading] * n, *turns[:n]]
-        if controller.estimator_port
-        else [bad_reading] * 20
-    )
-    rows += [cycle(1.0), cycle(-1.0)]
+    turns = [up if k % 8 < 4 else down for k in range(4 * n + n // 2)]
+    rows += [cycle(0.5, 0.4, reset=1.0), *turns, *[bad] * n, *turns[:n]] if controller.estimator_port else [bad] * 20
+    rows += [up, down]
     names = ("T_sup", "T_set", "m_a", "enabled", "reset", "start_command")
     return dict(zip(names, np.array(rows).T, strict=True)) | {"start_test": np.zeros(len(rows))}
 
@@ -176,10 +161,10 @@ def _valve_test_record(controller: Controller) -> dict[str, Array]:
     e = np.stack([size * np.sin(moving / 60.0), beyond, steady, swing, steady])
     enabled, start_test, reset, start_command = (np.full(e.shape, x) for x in (1.0, 1.0, 0.0, 0.0))
     reset[:, 0], start_command[:, 0] = 1.0, (0.5, 0.5, 0.98, 0.5, 0.5)
-    start_test[:, 1:3] = 0.0  # on from the start begins none
+    start_test[:, 1:3] = 0.0  # a request from the start on begins no test
     enabled[4, 6:14] = 0.0
-    start_test[4, [9, 10, 16, 17]] = 0.0  # asked for again while the plant is off, and on
-    readings = _readings(controller, e.ravel(), np.full(e.size, 24.0 if controller.heats else 14.0), enabled.ravel())
+    start_test[4, [9, 10, 16, 17]] = 0.0  # requested again while the plant is off, and on
+    readings = _readings(controller, e.ravel(), np.full(e.size, controller.set_point), enabled.ravel())
     readings["T_sup"][10] = math.nan
     handling = {"start_test": start_test, "reset": reset, "start_command": start_command}
     return readings | {name: values.ravel() for name, values in handling.items()}
@@ -193,7 +178,7 @@ def _day_record(loop: Loop, controller: Controller, *, disturbed: bool = False) 
         hours = max(hours, math.ceil(controller.number["test_minutes"] / 60.0 + 0.75))
     day = heating_day(hours) if controller.heats else paper_day(hours)
     sample_time, band = int(controller.number["sample_time"]), controller.number["error_dead_band"]
-    if band > 0.0:  # steps that it would not answer are refused
+    if band > 0.0:  # smaller steps are refused
         T_set = day.series["T_set"][0]
         day = day.assign(T_set=T_set[0] + (1.0 + 2.0 * band) * (T_set - T_set[0]))
     enabled = np.ones(day.series["T_set"].shape[1])
@@ -206,9 +191,8 @@ def _day_record(loop: Loop, controller: Controller, *, disturbed: bool = False) 
     series = {name: np.asarray(day.series[name][0])[::sample_time] for name in ("T_set", "m_a")}
     T_sup = ds["T_measured"].values
     test_requested = (np.arange(0, enabled.size, sample_time) >= _TEST_START).astype(float)
-    rows = _record_of_run(
-        ds, {"T_sup": T_sup, **series, "enabled": enabled[::sample_time], "start_test": test_requested}
-    )
+    series |= {"T_sup": T_sup, "enabled": enabled[::sample_time], "start_test": test_requested}
+    rows = _record_of_run(ds, series)
     is_good = np.logical_and.accumulate((T_sup > _READING_LIMITS[0]) & (T_sup < _READING_LIMITS[1]))
     return {name: values[is_good] for name, values in rows.items()}
 
@@ -227,7 +211,7 @@ def _record_of_run(ds: xr.Dataset, inputs: dict[str, Array]) -> dict[str, Array]
 def _replay_records(controller: Controller) -> list[dict[str, Array]]:
     """Return a record for PI and inverse, and another one for estimators that need it."""
     e, enabled = _stroke_tour(controller)
-    T_set = np.full(e.size, 24.0 if controller.heats else 14.0)
+    T_set = np.full(e.size, controller.set_point)
     T_set[60:] += 1.0 + 2.0 * controller.number["error_dead_band"]
     T_set[130:] -= 0.5
     records = [_readings(controller, e, T_set, enabled)]
@@ -250,9 +234,9 @@ def _stroke_tour(controller: Controller) -> tuple[Array, Array]:
     """Return errors, K, and when the plant is on: along the stroke to its ends, back and forth, off and on."""
     number = controller.number
     k, band = np.arange(30), number["error_dead_band"]
-    # a weak or slow PI takes its time from one end to the other
-    slowly = 1.5 * number["ti"] / max(abs(number["kp"]) * number["sample_time"] * _LARGEST_ERROR, 1e-9)
-    crossing = min(math.ceil(slowly), _MOST_CYCLES // 4)
+    # cycles of a weak or slow PI from one end of the stroke to the other
+    n_cycles = 1.5 * number["ti"] / max(abs(number["kp"]) * number["sample_time"] * _LARGEST_ERROR, 1e-9)
+    crossing = min(math.ceil(n_cycles), _MOST_CYCLES // 4)
     openings = np.concatenate(
         [
             *(np.linspace(0.05, 0.7, 15), np.linspace(0.68, 0.3, 15)),
