@@ -89,7 +89,7 @@ DPI = 200  # of the pictures, for print on A4
 _WORDS_AMONG_NUMBERS = ("baseline", "never", "yes", "no")  # words in a column of numbers
 
 
-class Words(NamedTuple):
+class Paragraphs(NamedTuple):
     """Paragraphs, or with ``bullets`` the items of a list."""
 
     lines: Sequence[str]
@@ -142,7 +142,7 @@ class Code(NamedTuple):
         return self.text.rstrip("\n").replace("\r\n", "\n").split("\n")
 
 
-Block = Words | Table | Picture | Code
+Block = Paragraphs | Table | Picture | Code
 
 
 class Section(NamedTuple):
@@ -333,4 +333,4 @@ def _bibtex_entry(kind: str, key: str, **fields: str) -> list[str]:
 def citation_section(ds: xr.Dataset | None = None) -> Section:
     """How to cite the results, or fastcoil alone."""
     attrs = None if ds is None else ds.attrs
-    return Section("How to cite", [Words(citation(attrs)), Code("\n".join(bibtex(attrs)))])
+    return Section("How to cite", [Paragraphs(citation(attrs)), Code("\n".join(bibtex(attrs)))])

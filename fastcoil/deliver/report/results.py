@@ -211,7 +211,7 @@ def _reproduction_section(folder: Path, ds: xr.Dataset) -> page.Section:
         "Save the study file above as study.toml, with the files that it names beside it.  On one kind of processor "
         "and with the same versions, content_sha256 is the same to the last digit."
     )
-    return page.Section("Do it again", [page.Words([instruction]), page.Code("\n".join(lines))])
+    return page.Section("Do it again", [page.Paragraphs([instruction]), page.Code("\n".join(lines))])
 
 
 def _result_page(
@@ -233,8 +233,8 @@ def _study_sections(name: str, toml: str, notes: Sequence[str]) -> list[page.Sec
     """All numbers, as a study takes them, behind what to mind."""
     instruction = f'Save this as {name}.toml; in a study file, [loop] include = ["{name}.toml"] takes it.'
     return [
-        page.Section("What to mind", [page.Words(notes, bullets=True)] if notes else []),
-        page.Section("All numbers, for a study", [page.Words([instruction]), page.Code(toml)]),
+        page.Section("What to mind", [page.Paragraphs(notes, bullets=True)] if notes else []),
+        page.Section("All numbers, for a study", [page.Paragraphs([instruction]), page.Code(toml)]),
     ]
 
 
