@@ -85,6 +85,7 @@ class Problem(str):
 
     field: str
     code: str
+    is_argument = True  # not so where a file says it: only an argument of the wrong type is a ``TypeError``
 
     def __new__(cls, sentence: str, field: str = "", code: str = "") -> Self:
         self = super().__new__(cls, sentence)
@@ -95,8 +96,10 @@ class Problem(str):
         return str(self), self.field, self.code
 
     def prefixed(self, prefix: str) -> Problem:
-        """Return the same problem with words before its sentence."""
-        return Problem(prefix + self, self.field, self.code)
+        """Return the problem of a file, with words before its sentence."""
+        problem = Problem(prefix + self, self.field, self.code)
+        problem.is_argument = False
+        return problem
 
 
 class WrongTypeMessage(Problem):
@@ -125,7 +128,9 @@ class InputError(FastcoilError, ValueError):
 
     def __new__(cls, problems: str | Collection[str] = (), field: str = "", code: str = "") -> InputError:
         # libraries that pickle errors between processes construct them without arguments
-        is_type_error = cls is InputError and any(p.code == "type" for p in _as_problems(problems, field, code))
+        is_type_error = cls is InputError and any(
+            p.code == "type" and p.is_argument for p in _as_problems(problems, field, code)
+        )
         return super().__new__(InputTypeError if is_type_error else cls)
 
     def __init__(self, problems: str | Collection[str], field: str = "", code: str = "") -> None:

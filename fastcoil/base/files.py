@@ -53,15 +53,17 @@ def read_text(path: Path, what: str, limit: int, *, utf_16: bool = False, latin_
         if latin_1:
             return data.decode("latin-1")
         format = "'CSV UTF-8'" if path.suffix.lower() == ".csv" else "UTF-8"  # the name in spreadsheets
-        raise InputError(f"{path} is not UTF-8 (byte {error.start}): save it as {format}") from None
+        raise InputError(
+            f"{path} is not UTF-8 (byte {error.start}): save it as {format}", str(path), "format"
+        ) from None
     except (TooLargeError, IrregularFileError) as error:
-        raise InputError(f"{path} {error}: give {what}") from None
+        raise InputError(f"{path} {error}: give {what}", str(path), "path") from None
     except FileNotFoundError:
-        raise InputError(f"{path} does not exist: give {what}") from None
+        raise InputError(f"{path} does not exist: give {what}", str(path), "path") from None
     except IsADirectoryError:
-        raise InputError(f"{path} is a folder: give {what}") from None
+        raise InputError(f"{path} is a folder: give {what}", str(path), "path") from None
     except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}): give {what}") from None
+        raise InputError(f"{path} cannot be read ({error.strerror}): give {what}", str(path), "path") from None
 
 
 def read_bytes(path: Path, limit: int, *, follow: bool = True) -> bytes:
@@ -96,16 +98,19 @@ def portable_file_name(name: str) -> str:
     return f"{portable[:60]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
 
 
-def require_usable_path(path: Path, cure: str) -> None:
+def require_usable_path(path: Path, cure: str, field: str = "") -> None:
     """Raise an `InputError` for a path that no local file can have: an address, a NUL, a name too long, a loop."""
+    field = field or str(path)
     if _URL_START.match(str(path)):
-        raise InputError(f"{short_repr(str(path))} is an address, and fastcoil reads and writes local files: {cure}")
+        sentence = f"{short_repr(str(path))} is an address, and fastcoil reads and writes local files: {cure}"
+        raise InputError(sentence, field, "path")
     try:
         path.stat()
     except (OSError, ValueError) as error:  # ValueError: a NUL, or a surrogate that no encoding has
         if isinstance(error, ValueError) or error.errno in _IMPOSSIBLE_PATH_ERRNOS:
             reason = getattr(error, "strerror", None) or error
-            raise InputError(f"{short_repr(str(path))} is not a usable path ({reason}): {cure}") from None
+            sentence = f"{short_repr(str(path))} is not a usable path ({reason}): {cure}"
+            raise InputError(sentence, field, "path") from None
 
 
 def _require_regular(status: os.stat_result) -> None:
@@ -265,7 +270,7 @@ def require_output_file(option: str, path: Path, *suffixes: str) -> None:
     """Raise unless a file with one of these suffixes could be written at ``path``."""
     if path.suffix.lower() not in suffixes or not is_possible_file(path):
         names = " or ".join(f"NAME{suffix}" for suffix in suffixes)
-        raise InputError(f"{option} {path}: give a file {names} in a folder that exists")
+        raise InputError(f"{option} {path}: give a file {names} in a folder that exists", option, "path")
 
 
 def _stat_or_none(path: Path) -> os.stat_result | None:

@@ -35,7 +35,7 @@ def toml_document(lines: Iterable[str], path: str | Path | None) -> str:
     if path is not None:
         path = require_path("path", path)
         if not is_possible_file(path):
-            raise InputError(f"{path} cannot be written: give a file in a folder that exists")
+            raise InputError(f"{path} cannot be written: give a file in a folder that exists", "path", "path")
         write_atomically(path, text.encode())
     return text
 

@@ -207,8 +207,7 @@ def join(
     from fastcoil.base.arguments import argument_checks, require_number
     from fastcoil.logs.columns import require_max_gap
     from fastcoil.logs.join import join_points
-    from fastcoil.logs.timestamps import require_time_format
-    from fastcoil.loops.boundary.series import require_time_zone
+    from fastcoil.logs.timestamps import require_time_format, require_time_zone
 
     if not files:
         raise InputError("give the files to join, such as command.csv T_sup.csv")

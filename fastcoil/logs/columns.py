@@ -10,7 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from fastcoil.base.arguments import (
 from fastcoil.base.errors import did_you_mean, short_repr
 from fastcoil.logs.series import COLUMNS, TIME_COLUMNS, VOCABULARY
 from fastcoil.logs.table import TIME_HEADERS, Table, normalise_header, split_label_and_unit
-from fastcoil.logs.timestamps import is_time, require_time_format
+from fastcoil.logs.timestamps import is_time, require_time_format, require_time_zone
 
 _MAPPING_EXAMPLES = {"columns": "{'m_w': 'its header'}", "units": "{'m_w': 'kg/s'}", "constants": "{'m_a': 1.2}"}
 
@@ -70,10 +70,13 @@ class ReadingOptions:
     time_format
         How ``timestamp`` is written: a pattern as of strftime, ``excel`` for serial days, ``epoch`` for seconds or
         milliseconds since 1970; recognised if None.
-    unbroken
+    time_zone
+        Zone of timestamps without a UTC offset, such as ``America/New_York`` or ``UTC-05:00``; blank if unknown.
+    refuse_gaps
         Refuse gaps and changes of batch.
-    has_command
-        Whether a command offers the same as options, so that messages name these too.
+    reader
+        What the user calls, so that messages name its options: ``read_log`` and the commands built on it, the command
+        ``join``, or a function with the arguments themselves.
     """
 
     columns: Mapping[str, str] | None = None
@@ -83,12 +86,15 @@ class ReadingOptions:
     jumps: str | None = None
     max_gap: float | None = None
     time_format: str | None = None
-    unbroken: bool = False
-    has_command: bool = False
+    time_zone: str = ""
+    refuse_gaps: bool = False
+    reader: Literal["read_log", "join", "function"] = "function"
 
     def cure(self, argument: str, option: str) -> str:
-        """An argument of the function, and the option of the command that does the same."""
-        return f"{argument}, {option}" if self.has_command else argument
+        """Return the argument of the function, or the option of the command, that does what a message advises."""
+        if self.reader == "function":
+            return argument
+        return option if self.reader == "join" else f"fc.read_log(..., {argument}), {option}"
 
     def unit_cure(self, name: str, unit: str) -> str:
         """How to declare the unit of ``name``."""
@@ -101,6 +107,8 @@ class ReadingOptions:
 
 def check_reading_options(check: Checks, **arguments: Any) -> ReadingOptions:
     """The arguments of a public function that say how its log is read, checked; it passes those that it offers."""
+    if arguments.pop("has_command", False):
+        arguments["reader"] = "read_log"
     if "drop" in arguments:
         check(require_flag, "drop", arguments["drop"])
     if "jumps" in arguments:
@@ -108,6 +116,8 @@ def check_reading_options(check: Checks, **arguments: Any) -> ReadingOptions:
     arguments["max_gap"] = check(require_max_gap, arguments["max_gap"])
     check(require_name_mappings, **{name: arguments[name] for name in _MAPPING_EXAMPLES if name in arguments})
     arguments["time_format"] = check.unless_none(require_time_format, "time_format", arguments["time_format"])
+    if "time_zone" in arguments:
+        arguments["time_zone"] = check(require_time_zone, "time_zone", arguments["time_zone"])
     arguments |= {name: {} for name in ("units", "constants") if name in arguments and arguments[name] is None}
     return ReadingOptions(**arguments)
 
@@ -212,7 +222,7 @@ def find_columns(table: Table, options: ReadingOptions, spec: ColumnSpec) -> dic
                 advice = f"{' or '.join(map(short_repr, headers[:_MAX_LISTED_COLUMNS]))}: say which to read"
                 table.problems.append(f"{choices[0]} may be {advice}: {options.column_cure(choices[0], headers[0])}")
             elif one not in spec.optional:
-                table.problems.append(_describe_missing_column(choices, options, *headers))
+                table.problems.append(_describe_missing_column(choices, options, spec, *headers))
     column_by_name = {
         name: column for name, column in column_by_name.items() if name in (*spec.names, *TIME_COLUMNS, "batch")
     }
@@ -315,13 +325,15 @@ def _guess_columns(
     return guesses, candidates
 
 
-def _describe_missing_column(choices: tuple[str, ...], options: ReadingOptions, header: str = "") -> str:
+def _describe_missing_column(
+    choices: tuple[str, ...], options: ReadingOptions, spec: ColumnSpec, header: str = ""
+) -> str:
     """A sentence that none of these columns exists, with every way to give one."""
     name, unit = choices[0], COLUMNS[choices[0]].unit
     cure = (
         f"add a column '{name} [{unit}]', or say which one it is: {options.column_cure(name, *filter(None, [header]))}"
     )
-    if options.constants is not None and name not in (*TIME_COLUMNS, *_MEASURED_COLUMNS):
+    if options.constants is not None and name not in (*TIME_COLUMNS, *_MEASURED_COLUMNS, *spec.measured):
         constant = options.cure(f"constants={{{name!r}: NUMBER}}", f"--constant {name}=NUMBER")
         cure += f"; or give a constant: {constant}"
     unclear = f"{short_repr(header)} is not clearly it: " if header else ""

@@ -66,7 +66,7 @@ _POINT_HEADERS, _VALUE_HEADERS, _UNIT_HEADERS = (
 """Headers of columns in a log that has a row for each value, as ``normalise_header`` gives them."""
 
 
-def split_sources(table: Table, options: ReadingOptions, time_zone: str | None = None) -> list[PointSource]:
+def split_sources(table: Table, options: ReadingOptions) -> list[PointSource]:
     """A table, or each point of a table that has a row for each value, with the times of its rows."""
     time_header = (options.columns or {}).get("timestamp")
     time = table.find_time_column() if time_header is None else table.column(time_header)
@@ -75,8 +75,8 @@ def split_sources(table: Table, options: ReadingOptions, time_zone: str | None =
     with collect_problems(table.problems):
         stamps = read_times(table, time, options)
     table.raise_problems()
-    if not stamps.absolute and time_zone:
-        stamps = apply_time_zone(stamps, time_zone)
+    if not stamps.absolute and options.time_zone:
+        stamps = apply_time_zone(stamps, options.time_zone)
     if (columns := find_value_columns(table)) is None:
         point_headers = {
             k: header
@@ -99,7 +99,8 @@ def split_sources(table: Table, options: ReadingOptions, time_zone: str | None =
         unit_text = (
             row[unit].strip() if unit is not None and not is_missing_word(number) and is_unit(row[unit].strip()) else ""
         )
-        row[value] = " ".join(filter(None, (number.strip(), unit_text, brace + status)))
+        cell = " ".join(filter(None, (number.strip(), unit_text, brace + status)))
+        table.rows[k] = [*row[:value], cell, *row[value + 1 :]]
     table.notes.append(
         f"a row for each value: {format_count(len(rows_by_point), 'point')} by {short_repr(table.header[point])}"
     )
@@ -233,8 +234,10 @@ def join_points(
     left out.  max_gap: longest time without a sample over which a point holds or runs straight [s]; if left out, three
     usual steps for a point of regular samples, no limit for one that is written when it changes.
     """
-    options = ReadingOptions(columns=columns, units=units, time_format=time_format, has_command=True)
-    points, notes = _read_files(paths, options, time_zone)
+    options = ReadingOptions(
+        columns=columns, units=units, time_format=time_format, time_zone=time_zone or "", reader="join"
+    )
+    points, notes = _read_files(paths, options)
     values, declared = {point.name: point.values for point in points}, {point.name: point.unit for point in points}
     likely_units = find_misread_units(values, declared, options.units)
     problems = [
@@ -257,13 +260,13 @@ def join_points(
     return "\n".join(map(",".join, lines)) + "\n", all_notes
 
 
-def _read_files(paths: Sequence[Path], options: ReadingOptions, time_zone: str | None) -> tuple[list[Point], list[str]]:
+def _read_files(paths: Sequence[Path], options: ReadingOptions) -> tuple[list[Point], list[str]]:
     """The points of several files, and how they were read; a single column of values may have the name of its file."""
     sources, problems, names, notes = list[PointSource](), list[str](), list[set[str]](), list[list[str]]()
     for path in paths:
         with collect_problems(problems):
             table = Table.read(path)
-            table_sources = split_sources(table, options, time_zone)
+            table_sources = split_sources(table, options)
             has_values = [
                 any(is_number_or_switch_word(row[0]) for row in one.table.rows[:_VALUE_SEARCH_ROWS])
                 for one in table_sources

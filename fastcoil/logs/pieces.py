@@ -156,7 +156,7 @@ def number_pieces(
     is_gap = (
         ~is_new_batch & ~is_backward & (steps > (options.max_gap or longest_change_step or GAP_MEDIAN_STEPS * median))
     )
-    if options.unbroken and (is_new_batch | is_gap).any():
+    if options.refuse_gaps and (is_new_batch | is_gap).any():
         table.problems.append(_describe_gap(steps, is_new_batch, is_gap, median, rows))
     elif is_gap.any():
         k = int(np.argmax(is_gap))
@@ -174,7 +174,7 @@ def _describe_backward_time(
     cure = "give every row a time of its own, to the second, and sort the rows, oldest first"
     if has_timestamps:
         cure += "; where clocks were set back log UTC or the UTC offset"
-    if options.jumps is not None:
+    if options.jumps is not None and not options.refuse_gaps:
         cure += "; or let the record start again there: " + options.cure("jumps='split'", "--jumps split")
     relation = "is at the same time as" if time[k + 1] == time[k] else "is earlier than"
     count_text = f" ({n_backward} such rows)" if n_backward > 1 else ""

@@ -60,7 +60,7 @@ def read_columns(
     for name, column in columns.items():
         series = COLUMNS[name]
         cells = parse_cells([row[column] for row in table.rows], style, is_switch=series.is_switch)
-        unit = _resolve_column_unit(table, series, column, options.units.get(name), cells, options.has_command)
+        unit = _resolve_column_unit(table, series, column, cells, options)
         if unit is None:
             continue
         values = series.convert(cells.values, unit)
@@ -173,7 +173,8 @@ def read_numbers(table: Table, series: Series, column: int, unit: str | None = N
     cells = parse_cells(
         [row[column] for row in table.rows], _detect_table_style(table, {series.name: column}), is_switch=False
     )
-    known_unit = _resolve_column_unit(table, series, column, unit, cells, False)
+    options = ReadingOptions(units={} if unit is None else {series.name: unit})
+    known_unit = _resolve_column_unit(table, series, column, cells, options)
     if known_unit is not None:
         values = series.convert(cells.values, known_unit)
         bad = series.is_bad(values)
@@ -200,16 +201,16 @@ def _detect_table_style(table: Table, columns: Mapping[str, int]) -> NumberStyle
 
 
 def _resolve_column_unit(
-    table: Table, series: Series, column: int, caller_unit: str | None, cells: ParsedCells, has_command: bool
+    table: Table, series: Series, column: int, cells: ParsedCells, options: ReadingOptions
 ) -> str | None:
-    """Unit of a column: by its header, the row below it, its cells, or ``caller_unit``; None, and a problem, without one."""
+    """Return the unit of a column by its header, the row below it, its cells or the caller; without one a problem."""
+    caller_unit = options.units.get(series.name)
     numbers = np.flatnonzero(~np.isnan(cells.values)).tolist()
     cell_unit = next(iter(cells.units.values()), "") if 2 * len(cells.units) >= len(numbers) else ""
     declared = table.declared_units(column) | ({"by units": caller_unit} if caller_unit else {})
     units = [*declared.items(), *([("by its cells", cell_unit)] if cell_unit else [])]
     if not units and series.units is not DIMENSIONLESS:
-        cure = f"{table.unit_declaration_cure(column, 'UNIT')}, or pass units={{{series.name!r}: 'UNIT'}}"
-        cure += f", --unit {series.name}='UNIT'" * has_command
+        cure = f"{table.unit_declaration_cure(column, 'UNIT')}, or use {options.unit_cure(series.name, 'UNIT')}"
         table.problems.append(f"{series.name} has no unit: {cure} ({series.known_units})")
         return None
     source, unit = units[0] if units else ("", "1")

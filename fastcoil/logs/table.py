@@ -10,7 +10,7 @@ import csv
 import io
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain, islice, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -321,6 +321,11 @@ class Table:
                 self.notes.append(f"{subject} by the column {self.header[k]!r} (first in row {first})")
         for row in filter(None, (self.header, self.units, *self.rows) if status_columns else ()):
             row[:] = [row[k] for k in other_columns]
+
+    def copy(self) -> Table:
+        """Return a table with lists of its own, of the same rows."""
+        lists = {name: list(getattr(self, name)) for name in ("header", "rows", "row_numbers", "problems", "notes")}
+        return replace(self, **lists)
 
     def raise_problems(self) -> None:
         """Raise all problems found so far, if any, as one `InputError`."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from fastcoil.base.arguments import require_text
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.base.errors import InputError, short_repr
+from fastcoil.base.errors import InputError, did_you_mean, short_repr
 from fastcoil.logs.series import VOCABULARY
 
 MAX_CELL_CHARACTERS = 64  # of a cell that can be a time or a number
@@ -58,6 +58,18 @@ def time_zone_from_name(name: str) -> tzinfo:
     """The time zone of a name: ``America/New_York``, or as of `format_utc_offset`."""
     offset = re.fullmatch(r"UTC([+-][0-9:]{5})", name)
     return cast(tzinfo, datetime.strptime(offset[1], "%z").tzinfo) if offset else zoneinfo.ZoneInfo(name)
+
+
+_OFFSET_PATTERN = re.compile(r"UTC[+-](0\d|1[0-4]):[0-5]\d", re.ASCII)
+
+
+def require_time_zone(name: str, value: Any) -> str:
+    """Return the name of a time zone, or an offset from UTC; blank if it is None or blank."""
+    text = "" if value is None else require_text(name, value).strip()
+    if not text or _OFFSET_PATTERN.fullmatch(text) or text in (known_zones := zoneinfo.available_timezones()):
+        return text
+    cure = "give a name such as 'America/Los_Angeles', or an offset such as 'UTC-08:00'"
+    raise InputError(f"{name} = {short_repr(text)}{did_you_mean(text, known_zones)}: {cure}")
 
 
 def require_time_format(name: str, value: Any) -> str:

@@ -96,17 +96,17 @@ def _find_heat_problems(log: CheckedLog) -> Iterator[str]:
 class ImpliedPI(NamedTuple):
     """The PI that a command implies: how much of the command it explains, and the clock on which it does so."""
 
-    late: int = 0  # samples by which the temperature stands late beside the command; negative: early
-    share: float = np.nan  # of the variance of the command's changes; NaN if too few can be compared
-    least: float = 0.0  # share that the command's own temperature explains
+    temperature_lag: int = 0  # samples by which the temperature stands late beside the command; negative: early
+    explained: float = np.nan  # of the variance of the command's changes; NaN if too few can be compared
+    least_explained: float = 0.0  # share that the command's own temperature explains
     ti: float = np.nan  # s; below 0, the command moves before the temperature that it answers
-    memory: float = 0.0  # correlation of what it leaves with what it leaves a window later
+    residual_correlation: float = 0.0  # correlation of what it leaves with what it leaves a window later
 
     @property
     def is_another(self) -> bool:
         """Whether the command answers another temperature, or under another law."""
-        return self.share < self.least or (
-            self.memory > _LARGEST_RESIDUAL_CORRELATION and 1.0 - self.share > _NEGLIGIBLE_UNEXPLAINED
+        return self.explained < self.least_explained or (
+            self.residual_correlation > _LARGEST_RESIDUAL_CORRELATION and 1.0 - self.explained > _NEGLIGIBLE_UNEXPLAINED
         )
 
 
@@ -151,7 +151,7 @@ def imply_pi(
         if T_set is None or not settled:
             return ImpliedPI()
         unsettled_pi = imply_pi(command, temperature, T_set, good, interval, settled=False)
-        return unsettled_pi if unsettled_pi.share >= unsettled_pi.least else ImpliedPI()
+        return unsettled_pi if unsettled_pi.explained >= unsettled_pi.least_explained else ImpliedPI()
     command_levels = np.diff(np.unique(command[compared]))
     rounding = (
         min(float(command_levels.min()), _COARSEST_RESOLUTION) ** 2 / 6.0

@@ -52,9 +52,9 @@ class Cause(NamedTuple):
 class PriorEvidence(NamedTuple):
     """What else is known of a loop."""
 
-    identified: bool  # whether log or test resolves the backlash; if neither does, the model has to be clear
-    measured: bool = False  # whether it was a test, to which the plant was fitted as well
-    own: bool = False  # whether the swing is known to be the loop's own
+    is_identified: bool  # whether log or test resolves the backlash; if neither does, the model has to be clear
+    is_measured: bool = False  # whether it was a test, to which the plant was fitted as well
+    is_own_swing: bool = False  # whether the swing is known to be the loop's own
 
 
 def stops_on_hold(measures: Measures, held_swing: float, held_for: float) -> bool:
@@ -76,7 +76,7 @@ def judge_cause(measures: Measures, fitted: FittedLoop | str, evidence: PriorEvi
     swing, command_swing = measures.swing, measures.command_swing
     if not swing.is_regular:
         return Cause(UNKNOWN, measures.why_blind) if measures.why_blind else Cause(NONE, "there is no regular swing")
-    if command_swing > (LARGEST_MEASURED_GAP_SWING if evidence.measured else LARGEST_GAP_SWING):
+    if command_swing > (LARGEST_MEASURED_GAP_SWING if evidence.is_measured else LARGEST_GAP_SWING):
         return Cause(
             TUNING, f"the command swings over {100 * command_swing:.0f} % of the stroke, more than a gap can cause"
         )
@@ -107,7 +107,7 @@ def revise_after_hold(cause: Cause, measures: Measures, held_swing: float, held_
 
 def _judge_by_model(fitted: FittedLoop, measures: Measures, evidence: PriorEvidence) -> Cause:
     swing = measures.swing
-    quiet = undisturbed(fitted, swing, noise=evidence.measured)
+    quiet = undisturbed(fitted, swing, noise=evidence.is_measured)
     # with how many gains the loop swings by itself as the log does
     with_gap, without = (
         sum(_matches_log(quiet.replay_with(gap, gain), swing) for gain in GAIN_FACTORS)
@@ -147,7 +147,7 @@ def _judge_gap(fitted: FittedLoop, quiet: FittedLoop, measures: Measures, eviden
     """The cause where the model hunts with its gap and not without."""
     if explanation := _why_not_gap_alone(fitted, quiet, measures, evidence):
         return Cause(UNKNOWN, f"the loop would hunt with its gap and not without, but {explanation}")
-    if evidence.identified or evidence.own:
+    if evidence.is_identified or evidence.is_own_swing:
         return Cause(BACKLASH, "the loop would not hunt without it")
     explanation = f"it would hunt with a gap of {100 * fitted.backlash:.2g} % and not without"
     if _is_gap_clear(quiet, measures.swing):
@@ -158,9 +158,9 @@ def _judge_gap(fitted: FittedLoop, quiet: FittedLoop, measures: Measures, eviden
 def _why_not_gap_alone(fitted: FittedLoop, quiet: FittedLoop, measures: Measures, evidence: PriorEvidence) -> str:
     """What speaks for another cause of a swing that the gap alone would make, too, or nothing."""
     swing, plant = measures.swing, fitted.plant
-    if measures.command_swing > _LARGEST_SWING_PER_GAP * fitted.backlash and not evidence.measured:
+    if measures.command_swing > _LARGEST_SWING_PER_GAP * fitted.backlash and not evidence.is_measured:
         return f"the command swings by {measures.command_swing / fitted.backlash:.0f} times the gap"
-    if evidence.own:
+    if evidence.is_own_swing:
         return ""
     if (
         plant.explained < _WELL_EXPLAINED_SHARE

@@ -121,7 +121,7 @@ def diagnose(
         low, high = test.interval
         test_probability = test.profile["probability"].values
         identification = Identification(
-            test.backlash, low, high, True, test.reason, test_probability, identification.late
+            test.backlash, low, high, True, test.reason, test_probability, identification.temperature_lag
         )
     backlash = identification.backlash if np.isfinite(identification.backlash) else 0.0
     loop = fit_loop_model(
@@ -129,7 +129,7 @@ def diagnose(
         gains,
     )  # fmt: skip
     hold = (np.nan, 0.0) if test is None else (test.held_swing, test.held_for)
-    evidence = PriorEvidence(identification.identified, own=stops_on_hold(measures, *hold))
+    evidence = PriorEvidence(identification.identified, is_own_swing=stops_on_hold(measures, *hold))
     cause = revise_after_hold(judge_cause(measures, loop, evidence), measures, *hold)
     doubt = loop if isinstance(loop, str) else loop.doubt
     attrs = {name: {"units": unit, "long_name": meaning} for name, (unit, meaning) in INDICES.items()}
@@ -139,10 +139,10 @@ def diagnose(
         indices |= {} if doubt else {"plant_gain": loop.plant.gain}
     if stroke_time is None:
         notes.append(f"the motor is assumed to take {motor_seconds:g} s per stroke: give stroke_time if you know it")
-    if lag is None and identification.late:
+    if lag is None and identification.temperature_lag:
         notes.append(
-            f"judging by the controller's response, T_sup is logged {abs(identification.late):g} s "
-            f"{'later' if identification.late > 0.0 else 'earlier'} than the command, which was corrected; if that is wrong, "
+            f"judging by the controller's response, T_sup is logged {abs(identification.temperature_lag):g} s "
+            f"{'later' if identification.temperature_lag > 0.0 else 'earlier'} than the command, which was corrected; if that is wrong, "
             "give the lag (lag, --lag)"
         )
     if "T_set" not in values:
@@ -213,7 +213,7 @@ def identify_and_measure(
 ) -> tuple[Identification, Measures]:
     """The backlash as far as a log may claim it, and what it shows before any model; times in s."""
     days = []
-    for day in map(grid.part, grid.days()):
+    for day in map(grid.part, grid.day_slices()):
         values = day.values
         inputs = tuple(values[name] for name in ("m_a", "T_a_in") if name in values)
         days.append(

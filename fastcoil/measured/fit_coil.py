@@ -139,7 +139,7 @@ def fit_coil(
         reading,
         drop_idle_samples,
     )
-    record = build_record(data, loop, held_inputs, part.fitted(data))
+    record = build_record(data, loop, held_inputs, part.fitting_mask(data))
     problem = CoilProblem(data, record, outputs, warm_up, part, held_inputs)
     return _assemble_fit(problem, start_time)
 
@@ -157,8 +157,8 @@ def _assemble_fit(problem: CoilProblem, start_time: float) -> Fit:
     record, data, notes = problem.record, problem.data, problem.notes
     best, spread, wet = problem.solve()
     x = problem.coupling @ best.x[:, None]
-    values = record.values(x)[:, 0]
-    A = record.named() @ problem.coupling
+    values = record.coil_parameters(x)[:, 0]
+    A = record.coil_matrix() @ problem.coupling
     y, spread_y = A @ x[:, 0], A @ np.nan_to_num(spread.covariance, posinf=0.0) @ A.T
     half = spread.quantile() * np.sqrt(np.diag(spread_y))
     scale = np.where(IS_LOGARITHMIC, values, 1.0)
@@ -249,16 +249,16 @@ class CoilRecord:
             n_samples -= piece.at.size
         return replace(self, pieces=tuple(kept))
 
-    def named(self) -> Array:
+    def coil_matrix(self) -> Array:
         """Matrix from the searched parameters to (the logarithms of) ``COIL``: ln β = ln NTU - β' ln m."""
         A = np.eye(8)
         A[LN_NTU_W, BETA2] = -math.log(self.m_w)
         A[LN_NTU_A, BETA4] = A[LN_NTU_STAR, BETA6] = -math.log(self.m_a)
         return A
 
-    def values(self, sets: Array) -> Array:
+    def coil_parameters(self, sets: Array) -> Array:
         """``COIL`` of parameter sets as searched, (8, sets)."""
-        y = self.named() @ sets
+        y = self.coil_matrix() @ sets
         return np.where(IS_LOGARITHMIC[:, None], np.exp(np.minimum(y, 50.0)), y)
 
     def run(self, sets: Array) -> dict[str, Array]:
@@ -284,7 +284,7 @@ class CoilRecord:
     def _matrix(self, sets: Array) -> Array:
         base = parameter_matrix(parameter_columns(self.loop, {}, np.array([0])))
         matrix = np.repeat(base, sets.shape[1], axis=1)
-        matrix[_COIL_ROWS] = self.values(sets)
+        matrix[_COIL_ROWS] = self.coil_parameters(sets)
         return matrix
 
 
@@ -373,7 +373,7 @@ class CoilProblem:
     ) -> None:  # fmt: skip
         self.data, self.record, self.outputs, self.notes = data, record, outputs, list(data.notes)
         self.is_warm = data.seconds_since_batch_start() >= warm_up
-        self.fitting = part.fitted(data)
+        self.fitting = part.fitting_mask(data)
         self.n_fit = int(self.fitting.sum())
         flowing = data.values["m_w"] > _STILL_WATER_SHARE * record.m_w
         self.compared = {

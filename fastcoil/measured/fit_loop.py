@@ -126,7 +126,7 @@ def _assemble_fit(problem: LoopProblem, start_time: float) -> Fit:
     """The best candidate, how far it moves when blocks of the log are resampled, and what a user may ask beside it."""
     data, measured = problem.data, problem.T_sup
     grid, modelled = problem.candidates()
-    sums = problem.sums(modelled)
+    sums = problem.sum_blocks(modelled)
     best = fit_correction(sums)
     k = int(best.rss.argmin())
     x = float(grid[k])
@@ -135,7 +135,7 @@ def _assemble_fit(problem: LoopProblem, start_time: float) -> Fit:
     interval = max(float(low) - _INTERVAL_ALLOWANCE, 0.0), min(float(high) + _INTERVAL_ALLOWANCE, LARGEST_CANDIDATE)
     explained = 1.0 - float(best.rss[k]) / max(best.total, 1e-12)
     why = _why_unidentified(problem, x, interval, sums.n.size, explained)
-    with_backlash, without = (problem.shown(modelled, best, candidate) for candidate in (k, 0))
+    with_backlash, without = (problem.correct_temperature(modelled, best, candidate) for candidate in (k, 0))
     compared_T_sup = np.where(problem.compared, measured, np.nan)
     series = {
         "T_sup": (measured, "degC"),
@@ -213,7 +213,7 @@ class LoopProblem:
         self.data, self.notes = data, [*data.notes, *piece_notes(data, loop, warm_up)]
         self.loop = loop.assign(**_OPEN_LOOP_SETTINGS)
         self.T_sup, command = data.values["T_sup"], data.values["command"]
-        self.fitting = part.fitted(data)
+        self.fitting = part.fitting_mask(data)
         self.compared = (data.seconds_since_batch_start() >= warm_up) & np.isfinite(self.T_sup)
         self.used = self.compared & self.fitting
         require_temperatures(data, self.used, _FEWEST_SAMPLES, warm_up, self.notes)
@@ -250,7 +250,7 @@ class LoopProblem:
             )
         return temperatures
 
-    def sums(self, modelled: Array) -> BlockSums:
+    def sum_blocks(self, modelled: Array) -> BlockSums:
         """Sums over the fitted changes of each block.
 
         Changes over ``_CHANGE_SPAN_S`` s are compared, not temperatures: what a coil that is not quite the right one gets wrong
@@ -279,7 +279,7 @@ class LoopProblem:
         coarse = np.arange(0.0, LARGEST_CANDIDATE + _COARSE_STEP / 2, _COARSE_STEP)
         courses = ("held", "straight") if self.moving_share > _LEAST_MOVING_SHARE else ("held",)
         rss_by_course = {
-            best_course: fit_correction(self.sums(self.simulate_temperature(coarse, best_course))).rss
+            best_course: fit_correction(self.sum_blocks(self.simulate_temperature(coarse, best_course))).rss
             for best_course in courses
         }
         best_course = min(rss_by_course, key=lambda course: float(rss_by_course[course].min()))
@@ -292,7 +292,7 @@ class LoopProblem:
         grid = np.unique(np.round(np.concatenate([coarse, fine]), 6))
         return grid, self.simulate_temperature(grid, best_course)
 
-    def shown(self, modelled: Array, correction: Correction, k: int) -> Array:
+    def correct_temperature(self, modelled: Array, correction: Correction, k: int) -> Array:
         """Corrected temperature of a candidate at every sample; a piece held back gets the mean correction."""
         batch, used, n = self.data.batch, self.used, self.data.n_batches
         slope = np.full(n, correction.slope[:, k].mean())

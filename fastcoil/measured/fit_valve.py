@@ -120,7 +120,7 @@ def fit_valve(
     _require_movement(data, m_max)
     if isinstance(lag, float) and lag != 0.0:
         note = f"the flow is compared with the command {abs(lag):g} s {'before' if lag > 0.0 else 'after'} it, as given"
-        data = _shift_command(data, np.full(data.time.size, lag), part.fitted(data), [note])
+        data = _shift_command(data, np.full(data.time.size, lag), part.fitting_mask(data), [note])
     problem = ValveProblem(data, part)
     if lag == "auto":
         shifted = remove_lag(data, problem.good, problem.fitting)
@@ -304,7 +304,7 @@ class _LagSums(NamedTuple):
     products: Array  # of the curve's terms and the flow, (pieces, lags, backlashes, knots + 1, knots + 1)
     counts: Array  # samples in each, (pieces, lags)
 
-    def curve(self, chosen: Index) -> _Curve:
+    def fit_curve(self, chosen: Index) -> _Curve:
         """The best curve with each piece at its lag, an index in ``lags``."""
         at = np.arange(chosen.size), chosen
         total, n = self.products[at].sum(axis=0), max(float(self.counts[at].sum()), 1.0)
@@ -336,10 +336,10 @@ class _LagSums(NamedTuple):
             chosen = np.full(self.counts.shape[0], common)
             for _ in range(_MOST_ROUNDS):
                 before = chosen
-                chosen = self.cheapest_lags(self.curve(before), worth)
+                chosen = self.cheapest_lags(self.fit_curve(before), worth)
                 if (chosen == before).all():
                     break
-            curve = self.curve(chosen)
+            curve = self.fit_curve(chosen)
             changes = np.count_nonzero(np.diff(self.lags[chosen], prepend=0))
             cost = 0.5 * self.counts.max(axis=1).sum() / worth * np.log(curve.variance)
             solutions.append((_SHIFT_PRICE * changes + cost, chosen, curve))

@@ -52,7 +52,7 @@ class RecoveredPI(NamedTuple):
     explained: float  # share of the variance of the command's changes
     phase: float = 0.0  # of its samples against those of the log, s, where their rhythms differ
 
-    def acted(self, at: Array, interval: float) -> Index:
+    def acting_samples(self, at: Array, interval: float) -> Index:
         """Which sample of the log shows the command that acts at each time, in samples of the log."""
         if self.sample_time % interval <= LARGEST_HELD_CHANGE:
             return np.asarray(at.astype(int))
@@ -65,7 +65,7 @@ class _Regression(NamedTuple):
     ki: float  # kp/ti
     explained: float
 
-    def pi(self, sample_time: float) -> RecoveredPI:
+    def to_pi(self, sample_time: float) -> RecoveredPI:
         return RecoveredPI(self.kp, self.kp / self.ki if self.ki else np.inf, sample_time, self.explained)
 
 
@@ -91,7 +91,7 @@ def recover_pi(
             fit = _fit_best_pi(
                 command, T - set_point, changes, is_one_sample, np.cumsum(every * (T - set_point)[changes])
             )
-            candidates.append(fit and fit.pi(every))
+            candidates.append(fit and fit.to_pi(every))
         else:
             error_integrals = interval * (0.5 * (T[1:] + T[:-1]) - set_point[:-1])
             candidates.append(
@@ -158,7 +158,7 @@ def _fit_phases(
         integral = np.cumsum(every * np.where(usable, error, 0.0))
         last = np.append(np.diff(logged_at) > 0, False)  # of the controller's samples before one of the log
         if fit := _fit_best_pi(command[logged_at], error, np.arange(at.size), usable[1:] & usable[:-1], integral, last):
-            fits.append(fit.pi(every)._replace(phase=float(at[0] * interval)))
+            fits.append(fit.to_pi(every)._replace(phase=float(at[0] * interval)))
     return fits
 
 
@@ -174,11 +174,11 @@ def _fit_coarse_log(
 
     fit = fit_sums(interval * error[1:])
     if fit is not None and 1.0 - fit.explained < EXACT_RESIDUAL**2:
-        return fit.pi(interval)
+        return fit.to_pi(interval)
     fit = fit_sums(error_integrals)
     # each sample adds the new error before use: half a sample more than the straight line
     every = min(0.5 * interval, USUAL_SAMPLE_TIME_S) if sample_time is None else sample_time
-    return fit and fit._replace(kp=fit.kp - 0.5 * every * fit.ki).pi(every)
+    return fit and fit._replace(kp=fit.kp - 0.5 * every * fit.ki).to_pi(every)
 
 
 def _fit_best_pi(
@@ -257,7 +257,7 @@ def fit_plant(
     step = interval / per_sample
     at = np.arange((command.size - 1) * per_sample + 1) / per_sample
     is_held = pi.sample_time >= interval
-    fine_command = command[pi.acted(at, interval)] if is_held else np.interp(at, np.arange(command.size), command)
+    fine_command = command[pi.acting_samples(at, interval)] if is_held else np.interp(at, np.arange(command.size), command)
     sign = -1.0 if pi.kp > 0.0 else 1.0
     opening = openings(motor_positions(fine_command, step, stroke_time)[:-1], backlash)
     logged_openings = opening[::per_sample][good]

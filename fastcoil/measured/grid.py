@@ -49,7 +49,7 @@ class Grid(NamedTuple):
         values = {name: series[at] for name, series in self.values.items()}
         return Grid(self.interval * (at.step or 1), self.time[at], values, self.on[at], self.increment)
 
-    def days(self) -> list[slice]:
+    def day_slices(self) -> list[slice]:
         """The samples of each day, of 24 h at most from the start of a log; shorter rests belong to the day before."""
         ends = (*self.starts[1:], self.on.size)
         samples_per_day, days = round(SECONDS_PER_DAY / self.interval), []

@@ -102,7 +102,7 @@ LEAST_ROWS = 60
 class Likelihood(NamedTuple):
     """Log-likelihood of each candidate, without and with coefficients for the command itself; rows that it rests on."""
 
-    plain: Array
+    without_command: Array
     with_command: Array
     rows: int
 
@@ -222,7 +222,7 @@ class Identification(NamedTuple):
     identified: bool  # whether the size is right, to 20 % of itself or 1 % of stroke, with 95 % probability
     reason: str  # why not; empty if identified
     probability: Array  # of each of ``CANDIDATES``
-    late: float = 0.0
+    temperature_lag: float = 0.0
     """Seconds by which the temperatures of the log stand late beside the commands; they were moved back by that.
     Negative: the commands stand late, or their controller is slow to read; both were reckoned with."""
 
@@ -230,12 +230,12 @@ class Identification(NamedTuple):
 class DayEvidence(NamedTuple):
     """What one day of a log shows of the backlash."""
 
-    found: list[Likelihood]  # of each way in which the columns may fit in time; none where nothing can be compared
+    likelihoods: list[Likelihood]  # of each way in which the columns may fit in time; none where nothing can be compared
     provoked: bool = False  # whether something else than the temperature moved the command
     doubt: str = ""  # why nothing may be claimed of this day, if so
-    counts: float = 1.0  # share of the likelihood that counts, less where the valve moves between the samples
-    late: float = 0.0
-    lost: float = 0.0  # share of the gap that turns between the samples may hide
+    weight: float = 1.0  # share of the likelihood that counts, less where the valve moves between the samples
+    temperature_lag: float = 0.0
+    unseen_share: float = 0.0  # share of the gap that turns between the samples may hide
     is_jumpy: bool = False  # whether the command jumps to and fro, and so few days claim nothing
     positions: Array = np.zeros(1)  # of the motor, fractions of stroke
 
@@ -251,7 +251,7 @@ def combine_days(days: Sequence[DayEvidence]) -> Identification:
     Days with a doubt do not count where half of the days or more have none.  Where there are many, each may show what
     moved between its samples.
     """
-    compared, doubt = [day for day in days if day.found], ""
+    compared, doubt = [day for day in days if day.likelihoods], ""
     if not compared:
         flat, reason = np.full(CANDIDATES.size, 1.0 / CANDIDATES.size), _most_frequent([day.doubt for day in days])
         return Identification(np.nan, 0.0, float(CANDIDATES[-1]), False, reason, flat)
@@ -284,15 +284,15 @@ def combine_days(days: Sequence[DayEvidence]) -> Identification:
     if identification.identified and n_turns < LEAST_TURNS:
         shortfall = f"the valve reversed only {format_count(n_turns, 'time')} by more than such a gap, and {LEAST_TURNS} reversals"
         identification = judge_size(probability, provoked, f"{shortfall} are needed: {MORE_EVIDENCE_CURE}")
-    high = min(identification.high + max(day.lost for day in compared) * identification.backlash, float(CANDIDATES[-1]))
-    return identification._replace(high=high, late=_most_frequent([day.late for day in compared]))
+    high = min(identification.high + max(day.unseen_share for day in compared) * identification.backlash, float(CANDIDATES[-1]))
+    return identification._replace(high=high, temperature_lag=_most_frequent([day.temperature_lag for day in compared]))
 
 
 def _day_likelihood(day: DayEvidence, steady_weight: float) -> Array:
     """What a day adds to the log-likelihood of each candidate; a constant set-point shows no good valve."""
     log_likelihoods = [
-        day.counts * (LIKELIHOOD_WEIGHT * likelihood.plain if day.provoked else steady_weight * likelihood.with_command)
-        for likelihood in day.found
+        day.weight * (LIKELIHOOD_WEIGHT * likelihood.without_command if day.provoked else steady_weight * likelihood.with_command)
+        for likelihood in day.likelihoods
     ]
     combined = np.asarray(
         np.logaddexp.reduce(
@@ -350,7 +350,7 @@ def gather_evidence(
     law = imply_pi(
         command, temperature, None if T_set is None else forward_fill(np.asarray(T_set, float)), is_known, interval
     )
-    samples = law.late if lag is None else round(lag / interval)
+    samples = law.temperature_lag if lag is None else round(lag / interval)
     series = np.stack([temperature, *disturbances])
 
     def likelihood_at(shift: int, ends: int = 0, direction: int = 1, rolled: int = 0) -> Likelihood | None:
@@ -381,7 +381,7 @@ def gather_evidence(
     weight *= JUMPY_WEIGHT if is_jumpy else 1.0
     if law.is_another:
         doubt = (
-            f"a PI of this temperature explains only {100 * law.share:.3g} % of the command's changes: check that both "
+            f"a PI of this temperature explains only {100 * law.explained:.3g} % of the command's changes: check that both "
             "belong to the same loop and the same clock; no size can be claimed for a loop with another control law"
         )
     elif law.ti < -interval:
@@ -416,10 +416,10 @@ def _why_misplaced(
     def best(shift: int, **options: int) -> tuple[float, float]:
         """The largest likelihood and the gap that has it."""
         evidence = likelihood_at(shift, ends - abs(shift), **options)
-        return (float(evidence.plain.max()), float(CANDIDATES[evidence.plain.argmax()])) if evidence else (0.0, 0.0)
+        return (float(evidence.without_command.max()), float(CANDIDATES[evidence.without_command.argmax()])) if evidence else (0.0, 0.0)
 
     likelihood, size = best(samples)
-    if best(samples, way=-1)[0] > likelihood - LEAST_PLACEBO_MARGIN:
+    if best(samples, direction=-1)[0] > likelihood - LEAST_PLACEBO_MARGIN:
         return (
             "the log fits just as well when it is read backwards: check that the command drives this valve, and that "
             "the rows are in chronological order"

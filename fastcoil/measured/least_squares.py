@@ -42,7 +42,7 @@ class Model:
     def n_common(self) -> int:
         return self.lower.size - self.n_nuisance
 
-    def compared(self, sets: Array) -> Array:
+    def compared_residuals(self, sets: Array) -> Array:
         """Residuals (n, sets) of parameter sets (p, sets), 0 at samples that are not compared."""
         r = self.residuals(sets)
         return np.where(self.used[:, None], np.where(np.isfinite(r), r, FORBIDDEN_RESIDUAL), 0.0)
@@ -68,7 +68,7 @@ def evaluate(model: Model, x: Array) -> tuple[Array, Array]:
         step = model.step[parameters]
         sets[parameters, 1 + 2 * k] = np.minimum(x[parameters] + step, model.upper[parameters])
         sets[parameters, 2 + 2 * k] = np.maximum(x[parameters] - step, model.lower[parameters])
-    residuals = model.compared(sets)
+    residuals = model.compared_residuals(sets)
     J = np.zeros((residuals.shape[0], p))
     forbidden = np.atleast_1d((np.abs(residuals) >= FORBIDDEN_RESIDUAL).any(axis=0))
     # where one side is forbidden the slope comes from the other alone
@@ -88,7 +88,7 @@ def minimise(model: Model, starts: Array, fixed: Sequence[int] = (), max_steps: 
     if starts.shape[1] == 1:
         return _descend(model, starts[:, 0], fixed, max_steps)
     groups = (starts[:, k : k + _SCREENED_AT_ONCE] for k in range(0, starts.shape[1], _SCREENED_AT_ONCE))
-    order = np.argsort(np.concatenate([np.einsum("ij,ij->j", r, r) for r in map(model.compared, groups)]))[:_N_REFINED]
+    order = np.argsort(np.concatenate([np.einsum("ij,ij->j", r, r) for r in map(model.compared_residuals, groups)]))[:_N_REFINED]
     best = min((_descend(model, starts[:, k], fixed, max_steps) for k in order), key=lambda estimate: estimate.rss)
     # long steps see past the kinks of Eq (1), short steps end nearer to the minimum
     polished = _descend(replace(model, step=model.step / _POLISH_DIVISOR), best.x, fixed, max_steps)

@@ -29,7 +29,7 @@ class Swing(NamedTuple):
 
     period: float  # s; NaN if none can be resolved
     regularity: float  # a third of the mean over the deviation of the intervals between zero crossings
-    share: float  # of the variance that is periodic: the autocovariance one period away over that at 0
+    periodic_share: float  # of the variance that is periodic: the autocovariance one period away over that at 0
     peak_to_peak: float  # mean over the periods, in the unit of the series, noise smoothed
     periods: float  # how many whole ones the series has
 
@@ -38,7 +38,7 @@ class Swing(NamedTuple):
         """Whether it comes back again and again, and matters: what a technician calls hunting."""
         return (
             self.regularity > LEAST_REGULARITY
-            and self.share > _LEAST_PERIODIC_SHARE
+            and self.periodic_share > _LEAST_PERIODIC_SHARE
             and self.periods >= _LEAST_PERIODS
             and self.peak_to_peak > LEAST_SWING_K
         )
@@ -63,10 +63,10 @@ def measure_swing(series: Array, good: Mask, interval: float) -> Swing:
             continue
         detrended = np.where(good, series - running_mean(series, good, width), 0.0)
         swing = _swing_from_autocovariance(detrended, good, interval)
-        least_periods = _LEAST_CLEAR_PERIODS_IN_RUN if swing.share > _CLEAR_PERIODIC_SHARE else _LEAST_PERIODS_IN_RUN
+        least_periods = _LEAST_CLEAR_PERIODS_IN_RUN if swing.periodic_share > _CLEAR_PERIODIC_SHARE else _LEAST_PERIODS_IN_RUN
         if (
             swing.period < min(_LONGEST_PERIOD_PER_WINDOW * seconds, longest / least_periods)
-            and swing.share > best.share
+            and swing.periodic_share > best.periodic_share
         ):
             best = swing
     return best
@@ -208,7 +208,7 @@ def measure_loop(grid: Grid, stroke_time: float) -> Measures:
     ]
     indices = {
         "error_rms": rms[0], "error_rms_settled": rms[1], "peak_to_peak": swing.peak_to_peak, "period": swing.period,
-        "regularity": swing.regularity, "periodic_share": swing.share, "command_swing": command_swing,
+        "regularity": swing.regularity, "periodic_share": swing.periodic_share, "command_swing": command_swing,
         "motor_travel": strokes, "reversals": turns,
     }  # fmt: skip
     return Measures(calm, swing, positions[:-1], command_swing, indices, _why_blind(grid, calm, swing))
@@ -297,7 +297,7 @@ class _LoopSeries(NamedTuple):
     starting: Mask
     open: Mask  # for a while
     shut: Mask
-    silent: Mask  # open without an effect, or shut with one
+    not_responding: Mask  # open without an effect, or shut with one
     cools: float  # 1 of a cooling coil, -1 of a heating coil, 0 if the log does not show it
 
 
@@ -384,7 +384,7 @@ def _summarise_hour(loop_series: _LoopSeries, at: slice, grid: Grid) -> tuple[di
     is_used = good & ~starting if (good & ~starting).any() else good
     T, command, error, from_air = (series[at][is_used] for series in loop_series[:4])
     is_open, is_shut, silent = (
-        float((mask[at] & is_used).mean()) for mask in (loop_series.open, loop_series.shut, loop_series.silent)
+        float((mask[at] & is_used).mean()) for mask in (loop_series.open, loop_series.shut, loop_series.not_responding)
     )
     mean, rms = float(error.mean()), float(np.sqrt(np.mean(error**2)))
     command_range = float(np.ptp(command))

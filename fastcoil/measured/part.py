@@ -35,7 +35,7 @@ class LogSplit(NamedTuple):
             else data.with_validation_log(prepare(read_checked_log(self.validation, columns, reading)))
         )
 
-    def fitted(self, data: CheckedLog) -> Mask:
+    def fitting_mask(self, data: CheckedLog) -> Mask:
         """Which samples are fitted, (n,): whole batches of a log of at least four, and never the last of these."""
         if len(data.names) > 1:
             return np.asarray(data.source == 0)

@@ -141,7 +141,7 @@ class ValveProblem:
     def __init__(self, data: CheckedLog, part: LogSplit) -> None:
         self.data, self.notes, self.batch = data, list(data.notes), data.batch
         self.command, self.flow = data.values["command"], data.values["m_w"]
-        self.fitting = part.fitted(data)
+        self.fitting = part.fitting_mask(data)
         self.floor = _find_meter_floor(self.flow[self.fitting], self.notes)
         is_off = _is_sensor_off(self.command, self.flow, self.floor, self.fitting)
         if is_off.any():

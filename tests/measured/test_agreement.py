@@ -82,8 +82,8 @@ def test_the_law_that_a_command_implies_shows_the_shift_of_the_clocks(late):
     log = make_loop_log(kp=0.01, ti=120.0, noise=0.05, sample_time=10.0)
     command, T, T_set = (log[name].values for name in ("command", "T_sup", "T_set"))
     law = imply_pi(command, np.roll(T, late), np.roll(T_set, late), np.ones(T.size, bool), 10.0)
-    assert law.late == late
-    assert law.share > 0.99 > law.least
+    assert law.temperature_lag == late
+    assert law.explained > 0.99 > law.least_explained
 
 
 @pytest.mark.parametrize("with_set_point", [True, False])
@@ -94,7 +94,7 @@ def test_the_law_of_a_log_backwards_has_a_negative_integral_time(with_set_point)
     for direction in (1, -1):
         set_point = T_set[::direction] if with_set_point else None
         law = imply_pi(command[::direction], T[::direction], set_point, np.ones(T.size, bool), 10.0)
-        assert law.share > law.least
+        assert law.explained > law.least_explained
         assert direction * law.ti == pytest.approx(80.0, rel=0.2)
 
 
@@ -106,7 +106,7 @@ def test_what_a_law_leaves_of_its_own_temperature_is_noise_and_of_another_one_is
     command = 0.5 + 0.005 * (fast + np.cumsum(fast - fast.mean()) * 60.0 / 600.0)
     for difference, is_another in ((draw.normal(0.0, 0.1, n), False), (slow, True)):
         law = imply_pi(command, fast + difference, np.zeros(n), np.ones(n, bool), 60.0)
-        assert 0.97 < law.share < 0.995
+        assert 0.97 < law.explained < 0.995
         assert law.is_another == is_another
 
 

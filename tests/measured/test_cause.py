@@ -46,7 +46,7 @@ def test_a_command_that_swings_from_end_to_end_needs_no_model_to_blame_the_tunin
     assert judge_cause(restless[1], "no model", PriorEvidence(False)).name == "tuning"
     wide = restless[1]._replace(command_swing=0.9)
     assert judge_cause(wide, "no model", PriorEvidence(True)).name == "tuning"
-    assert judge_cause(wide, "no model", PriorEvidence(True, measured=True)).name == "unknown"
+    assert judge_cause(wide, "no model", PriorEvidence(True, is_measured=True)).name == "unknown"
     assert judge_cause(forced[1], "no model", PriorEvidence(False)).name == "unknown"
 
 
@@ -110,16 +110,16 @@ def test_the_cause_follows_from_what_the_fitted_loop_does_alone(forced, monkeypa
         ({"without": 1.4}, "unknown", "but the gap is not identified"),
         ({"without": 1.5}, "backlash", "the size is not identified"),
         ({"size": 0.7}, "unknown", "but the gap is not identified"),
-        ({"size": 0.7, "own": True}, "backlash", "the loop would not hunt without it"),
-        ({"size": 0.7, "identified": True}, "backlash", "the loop would not hunt without it"),
-        ({"share": 0.1, "identified": True}, "unknown", "the command swings by 10 times the gap"),
-        ({"explained": 0.8, "identified": True}, "backlash", "the loop would not hunt without it"),
-        ({"explained": 0.8, "size": 0.9, "identified": True}, "unknown", "something outside the loop seems to add"),
-        ({"outside": 1.8, "identified": True}, "backlash", "the loop would not hunt without it"),
-        ({"outside": 2.2, "identified": True}, "unknown", "hide its swing"),
-        ({"outside": 2.2, "own": True}, "backlash", "the loop would not hunt without it"),
-        ({"share": 0.1, "own": True}, "unknown", "the command swings by 10 times the gap"),
-        ({"share": 0.1, "identified": True, "measured": True}, "backlash", "the loop would not hunt without it"),
+        ({"size": 0.7, "is_own_swing": True}, "backlash", "the loop would not hunt without it"),
+        ({"size": 0.7, "is_identified": True}, "backlash", "the loop would not hunt without it"),
+        ({"share": 0.1, "is_identified": True}, "unknown", "the command swings by 10 times the gap"),
+        ({"explained": 0.8, "is_identified": True}, "backlash", "the loop would not hunt without it"),
+        ({"explained": 0.8, "size": 0.9, "is_identified": True}, "unknown", "something outside the loop seems to add"),
+        ({"outside": 1.8, "is_identified": True}, "backlash", "the loop would not hunt without it"),
+        ({"outside": 2.2, "is_identified": True}, "unknown", "hide its swing"),
+        ({"outside": 2.2, "is_own_swing": True}, "backlash", "the loop would not hunt without it"),
+        ({"share": 0.1, "is_own_swing": True}, "unknown", "the command swings by 10 times the gap"),
+        ({"share": 0.1, "is_identified": True, "is_measured": True}, "backlash", "the loop would not hunt without it"),
     ],
 )
 def test_a_gap_is_blamed_where_the_model_is_clear_and_nothing_speaks_for_more(
@@ -145,7 +145,7 @@ def test_a_gap_is_blamed_where_the_model_is_clear_and_nothing_speaks_for_more(
         return Outcome(1.0, 0.5 * case["size"] * swing.peak_to_peak, swing.period, 1.0, 1.0, hunts)
 
     monkeypatch.setattr(FittedLoop, "replay_with", played)
-    for name in ("FULL_SWING", "WHOLE_STROKE"):
+    for name in ("LARGEST_GAP_SWING", "LARGEST_MEASURED_GAP_SWING"):
         monkeypatch.setattr(f"fastcoil.measured.cause.{name}", 2.0)
     verdict = judge_cause(measures, loop, PriorEvidence(*(case.get(name, False) for name in PriorEvidence._fields)))
     assert verdict.name == cause

@@ -166,7 +166,7 @@ def test_a_command_that_is_not_the_pi_s_is_refused(logged):
     assert "an inverse" in fit_loop_model(*inverse, INTERVAL, 0.08, STROKE)
 
 
-@pytest.mark.parametrize("bound", ["LARGEST_ERROR", "LARGEST_TRAVEL_ERROR"])
+@pytest.mark.parametrize("bound", ["LARGEST_ERROR_LOG_RATIO", "LARGEST_TRAVEL_LOG_RATIO"])
 def test_a_replay_that_does_not_repeat_the_log_is_refused(logged, monkeypatch, bound):
     monkeypatch.setattr(f"fastcoil.measured.fitted_loop.{bound}", 0.0)
     assert "does not reproduce the log" in fit_loop_model(*logged[0], INTERVAL, 0.08, STROKE).doubt

@@ -168,7 +168,7 @@ def test_days_in_a_row_are_apart_and_keep_what_all_of_them_have():
     ]
     grid = join_grids(days)
     assert set(grid.values) == {"command", "T_sup"}
-    assert [day.stop - day.start for day in grid.days()] == [780, 720]
+    assert [day.stop - day.start for day in grid.day_slices()] == [780, 720]
     assert not grid.on[720:780].any()
     np.testing.assert_array_equal(grid.values["T_sup"][780:], days[1].values["T_sup"])
     slower = resample_log(make_log(np.arange(0, 7200, 30)))[0]
@@ -177,4 +177,4 @@ def test_days_in_a_row_are_apart_and_keep_what_all_of_them_have():
 
 def test_a_long_log_is_cut_into_days_and_a_short_rest_stays_with_the_last():
     grid, _ = resample_log(make_log(np.arange(0, 2.3 * 86400, 60)))
-    assert [(day.start, day.stop) for day in grid.days()] == [(0, 1440), (1440, 3312)]
+    assert [(day.start, day.stop) for day in grid.day_slices()] == [(0, 1440), (1440, 3312)]

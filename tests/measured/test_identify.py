@@ -207,7 +207,7 @@ def simulate_control(backlash, samples=0, every=1):
 def test_temperatures_that_stand_late_are_moved_back():
     command, T, T_set = simulate_control(0.07, 2)
     identification = identify_backlash(command, T, INTERVAL, T_set)
-    assert identification.late == 2 * INTERVAL
+    assert identification.temperature_lag == 2 * INTERVAL
     assert identification.identified
     in_time = simulate_control(0.07)
     n = command.size - 2
@@ -218,7 +218,7 @@ def test_temperatures_that_stand_late_are_moved_back():
 def test_commands_that_stand_late_or_answer_slowly_are_reckoned_with_as_both(monkeypatch):
     command, T, T_set = simulate_control(0.07, -2)
     identification = identify_backlash(command, T, INTERVAL, T_set)
-    assert identification.late == -2 * INTERVAL
+    assert identification.temperature_lag == -2 * INTERVAL
     assert identification.backlash == pytest.approx(0.07, abs=0.014)
     monkeypatch.setattr("fastcoil.measured.identify.imply_pi", lambda *_: ImpliedPI(0, np.nan, 0.0))
     as_is, moved = (
@@ -299,7 +299,7 @@ def test_a_gap_is_claimed_from_three_turns_beyond_it_on_all_days_together():
 
 def test_a_day_with_a_doubt_does_not_count_beside_others():
     doubted = make_evidence(
-        [Likelihood(peak_likelihood(0.2), peak_likelihood(0.2), 900)], provoked=True, doubt="because", late=30.0
+        [Likelihood(peak_likelihood(0.2), peak_likelihood(0.2), 900)], provoked=True, doubt="because", temperature_lag=30.0
     )
     sound = make_evidence([Likelihood(peak_likelihood(0.05), peak_likelihood(0.05), 900)], provoked=True)
     assert combine_days([doubted, sound])[:5] == combine_days([sound])[:5]
@@ -366,14 +366,14 @@ def test_a_log_backwards_in_time_shows_no_gap(monkeypatch):
 def test_a_lag_that_is_given_is_taken_in_place_of_the_one_found():
     command, T, T_set = simulate_control(0.07, 3)
     identification = identify_backlash(command, T, INTERVAL, T_set, lag=3 * INTERVAL)
-    assert identification.late == 3 * INTERVAL
+    assert identification.temperature_lag == 3 * INTERVAL
     assert identification.backlash == pytest.approx(0.07, abs=0.005)
-    assert identify_backlash(command, T, INTERVAL, T_set, lag=0.0).late == 0.0
+    assert identify_backlash(command, T, INTERVAL, T_set, lag=0.0).temperature_lag == 0.0
 
 
 def test_temperatures_of_other_hours_that_answer_as_well_show_no_gap(monkeypatch):
     """A day whose commands and temperatures come back every quarter: any quarter belongs to any other."""
-    monkeypatch.setattr("fastcoil.measured.identify.SHIFTS", (0.0,))  # nothing is cut off, so that quarters stay whole
+    monkeypatch.setattr("fastcoil.measured.identify.CLOCK_SHIFTS_S", (0.0,))  # nothing is cut off, so that quarters stay whole
     command, T, T_set = simulate_control(0.07)
     quarter = T.size // 4
     command, T, T_set = (np.tile(series[quarter : 2 * quarter], 4) for series in (command, T, T_set))

@@ -26,7 +26,7 @@ def test_the_likelihood_is_that_of_a_least_squares_fit_with_the_coefficients_int
     """Bayesian linear regression, written out for one candidate: marginal likelihood against that without a stem."""
     positions, T = simulate_log(0.1)
     likelihoods_found = likelihoods(T, positions, (), np.ones(T.size, bool), INTERVAL, CANDIDATES)
-    assert CANDIDATES[likelihoods_found.plain.argmax()] == 0.1
+    assert CANDIDATES[likelihoods_found.without_command.argmax()] == 0.1
     q, stem = min(max(positions[0] - 0.05, 0), 0.9), []
     for position in positions:
         q = min(max(q, position - 0.1), position)
@@ -40,7 +40,7 @@ def test_the_likelihood_is_that_of_a_least_squares_fit_with_the_coefficients_int
     freedom = rows.size - 9
     ridge = 0.01 * (y @ y) / freedom
     for stem_series, likelihood in (
-        ((do, ds), likelihoods_found.plain),
+        ((do, ds), likelihoods_found.without_command),
         ((do, ds, dm), likelihoods_found.with_command),
     ):
         X = np.stack([series[rows - 2 - lag] for series in stem_series for lag in range(4)], 1)
@@ -57,15 +57,15 @@ def test_the_likelihood_is_that_of_a_least_squares_fit_with_the_coefficients_int
 def test_a_clean_log_is_not_believed_beyond_what_a_linear_model_can_know():
     positions, T = simulate_log(1e-4)
     likelihood = likelihoods(T, positions, (), np.ones(T.size, bool), INTERVAL, CANDIDATES)
-    assert likelihood.plain.argmax() == 2
-    assert likelihood.plain[2] - likelihood.plain[0] < likelihood.rows / 2 * np.log(1 / MODEL_ERROR + 1) + 20
+    assert likelihood.without_command.argmax() == 2
+    assert likelihood.without_command[2] - likelihood.without_command[0] < likelihood.rows / 2 * np.log(1 / MODEL_ERROR + 1) + 20
 
 
 def test_a_stem_that_follows_the_command_explains_little_once_the_command_has_coefficients_of_its_own():
     positions, T = simulate_log(0.1, play=0.0)
     likelihood = likelihoods(T, positions, (), np.ones(T.size, bool), INTERVAL, CANDIDATES)
-    assert likelihood.plain.argmax() == 0
-    assert likelihood.with_command[0] - likelihood.with_command[2] < 0.3 * (likelihood.plain[0] - likelihood.plain[2])
+    assert likelihood.without_command.argmax() == 0
+    assert likelihood.with_command[0] - likelihood.with_command[2] < 0.3 * (likelihood.without_command[0] - likelihood.without_command[2])
 
 
 def test_a_known_disturbance_takes_what_it_explains():
@@ -75,4 +75,4 @@ def test_a_known_disturbance_takes_what_it_explains():
     alone, known = (
         likelihoods(upset, positions, d, np.ones(T.size, bool), INTERVAL, CANDIDATES) for d in ((), (gust,))
     )
-    assert np.ptp(known.plain) > 2 * np.ptp(alone.plain)
+    assert np.ptp(known.without_command) > 2 * np.ptp(alone.without_command)
