@@ -17,7 +17,7 @@ from fastcoil.base.arguments import (
     raise_problems,
     require_choice,
     require_mapping,
-)
+)  # fmt: skip
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError
 from fastcoil.logs.columns import (
@@ -28,11 +28,11 @@ from fastcoil.logs.columns import (
     find_requested_columns,
     interpret_header,
     require_log,
-)
+)  # fmt: skip
 from fastcoil.logs.join import find_value_columns, pivot_points
 from fastcoil.logs.pieces import longest_regular_step, number_pieces, read_times
 from fastcoil.logs.readings import check_plausible_units, fill_or_cut_rows, mark_supersaturation, read_columns
-from fastcoil.logs.series import COLUMNS, TIME_COLUMNS
+from fastcoil.logs.series import COLUMNS, TIME_COLUMNS, format_count
 from fastcoil.logs.table import Table, table_from_data
 from fastcoil.logs.timestamps import apply_time_zone
 from fastcoil.model import moist_air
@@ -75,12 +75,12 @@ class CheckedLog:
         return int(self.batch[-1]) + 1
 
     def seconds_since_batch_start(self) -> Array:
-        """Seconds since the start of each sample's batch, (n,)."""
+        """Return the seconds since the start of each sample's batch, (n,)."""
         first = np.searchsorted(self.batch, np.arange(self.n_batches))
         return self.time - self.time[first][self.batch]
 
     def humidity_ratio(self, pressure: float) -> Array:
-        """Humidity ratio of the entering air, kg/kg, (n,): as logged, or from RH or dew point at a ``pressure``, Pa."""
+        """Return the humidity ratio of the entering air, kg/kg, (n,); from RH or dew point at a ``pressure``, Pa."""
         if "RH_a_in" in self.values:
             return moist_air.humidity_ratio(self.values["T_a_in"], self.values["RH_a_in"], pressure)
         if "T_dp_in" in self.values:
@@ -88,15 +88,15 @@ class CheckedLog:
         return self.values["W_a_in"]
 
     def with_validation_log(self, validation_log: Self) -> Self:
-        """The samples of both logs: those of ``validation_log``, for validation, in separate batches."""
+        """Return the samples of both logs, those of ``validation_log`` in separate batches."""
         name = validation_log.name if validation_log.name != self.name else f"{validation_log.name} (validation)"
         missing_columns = (self.values.keys() ^ validation_log.values.keys()) - {"T_w_out"}
         if missing_columns:
-            raise InputError(f"{self.name} or {name} has no {', '.join(sorted(missing_columns))}: log the same in both")
+            sentence = f"{self.name} or {name} has no {', '.join(sorted(missing_columns))}: log the same in both"
+            raise InputError(sentence, "validation", "missing")
+        logs = (self, validation_log)
         values = {
-            column: np.concatenate(
-                [log.values.get(column, np.full(log.time.size, np.nan)) for log in (self, validation_log)]
-            )
+            column: np.concatenate([log.values.get(column, np.full(log.time.size, np.nan)) for log in logs])
             for column in self.values | validation_log.values
         }
         return replace(
@@ -111,7 +111,7 @@ class CheckedLog:
         )
 
     def where(self, mask: Mask) -> Self:
-        """The samples that are ``mask``, (n,); a batch ends where some are left out."""
+        """Return the samples that ``mask`` marks, (n,); a batch ends where some are left out."""
         index = np.flatnonzero(mask)
         is_new_batch = (np.diff(index) > 1) | (np.diff(self.batch[index]) > 0)
         return replace(
@@ -142,13 +142,14 @@ def check_table(table: Table, spec: ColumnSpec, options: ReadingOptions) -> Chec
         table = pivot_points(table, options, spec)
         options = replace(options, columns=None, units={}, time_format=None, time_zone="")
     column_by_name = find_columns(table, options, spec)
-    has_timestamps = "timestamp" in column_by_name
+    time_name = "timestamp" if "timestamp" in column_by_name else "elapsed_time"
     for name, value in (("time_format", options.time_format), ("time_zone", options.time_zone)):
-        if value and not has_timestamps:
-            table.problems.append(f"{name} = {value!r}: it is for the column timestamp, which the log lacks")
+        if value and time_name == "elapsed_time":
+            sentence = f"{name} = {value!r}: it is for the column timestamp, which the log lacks"
+            table.add_problem(sentence, name, "conflict")
     table.raise_problems()
     stamps = None
-    if has_timestamps:
+    if time_name == "timestamp":
         with collect_problems(table.problems):
             stamps = read_times(table, column_by_name["timestamp"], options)
             if options.time_zone and not stamps.absolute:
@@ -161,17 +162,14 @@ def check_table(table: Table, spec: ColumnSpec, options: ReadingOptions) -> Chec
         table.problems += readings.complaints
         table.raise_problems()
     time = stamps.seconds_since_first() if stamps else columns["elapsed_time"]
-    columns, time = fill_or_cut_rows(
-        table, readings, time, options, spec, longest_regular_step(time, options.max_gap), has_timestamps=has_timestamps
-    )
+    longest_step = longest_regular_step(time, options.max_gap)
+    columns, time = fill_or_cut_rows(table, readings, time, options, spec, longest_step, time_name)
     columns.pop("elapsed_time", None)
     batch, is_change_log = np.zeros(0, dtype=np.int64), False
     if np.isfinite(time).all():
-        batch, is_change_log = number_pieces(
-            table, time, columns, options, readings.notes, has_timestamps=has_timestamps
-        )
+        batch, is_change_log = number_pieces(table, time, columns, options, readings.notes, time_name)
     table.raise_problems()
-    start, zone = stamps.first() if stamps else (None, "")
+    start, zone = stamps.first_time() if stamps else (None, "")
     columns.pop("batch", None)
     values = {name: np.full(time.size, float(value)) for name, value in (options.constants or {}).items()} | columns
     rows = np.array(table.row_numbers)
@@ -221,7 +219,7 @@ class Log:
         table = _read_table(self._source, self._options)
         if isinstance(self._source, Path):
             self._table = table
-        table = replace(table)
+        table = table.copy()
         names = [*dict.fromkeys([*COLUMNS, *TIME_COLUMNS])]
         columns = self._options.columns or {}
         table.check_names("columns", columns, names)
@@ -249,7 +247,7 @@ class Log:
         return read_checked_log(source, spec, options)
 
     def summary(self) -> list[str]:
-        """The log as lines of text: rows, times, columns with their units as read, and notes."""
+        """Return the log as lines of text: rows, times, columns with their units as read, and notes."""
         spec = ColumnSpec((), [name for name in COLUMNS if name not in ("elapsed_time", "batch")])
         problems: list[str] = []
         with collect_problems(problems):
@@ -257,7 +255,8 @@ class Log:
         if problems:
             return [f"cannot be read as it is: {problem}" for problem in problems]
         span = f"{data.time[-1]:,.0f} s" + (f" from {data.start} {data.time_zone}".rstrip() if data.start else "")
-        lines = [f"{data.time.size:,} rows, {data.step:g} s apart, in {data.n_batches} unbroken pieces: {span}"]
+        pieces = format_count(data.n_batches, "piece")
+        lines = [f"{data.time.size:,} rows, {data.step:g} s apart, in {pieces}: {span}"]
         lines += [
             f"{name} [{data.units[name]}] from the column {data.headers[name]!r}" if name in data.units
             else f"{name} = {data.values[name][0]:g}, a constant"
@@ -294,11 +293,65 @@ def read_log(
     time_zone: str | None = None,
     constants: Mapping[str, float] | None = None,
 ) -> Log:
-    """Read a trend log.
+    """Read a trend log, once, for every function that uses one.
+
+    Parameters
+    ----------
+    source
+        Path of a CSV file, as building systems and spreadsheets write them, with a row for each time or for each value
+        (time, point, value); a DataFrame with the columns of one; or a Dataset along ``elapsed_time`` (or
+        ``timestamp``, of datetime64) with units as attributes.  Columns are those of fastcoil (``command [%]``,
+        ``T_sup [degC]``, ``T_set``, ``m_a``, ``T_a_in``, ``T_w_in``, ``m_w``, ``enabled``, ``test``, ``batch`` …) or
+        names of building systems, Haystack and Brick that mean one of them beyond doubt.
+    units
+        Units by column, for headers without one: ``{"T_sup": "degF"}``.
+    columns
+        Headers by column, where they differ: ``{"command": "AHU1 CHW VLV"}``; of a log with a row for each value, its
+        points.
+    drop
+        Leave blank, NaN and impossible values out and count them, instead of refusing the log: those of measured
+        columns become NaN, an input that is missing in one row alone is bridged, other rows with one are left out.
+    jumps
+        ``"refuse"`` a log whose time goes back or does not advance, or ``"split"`` it there.
+    max_gap
+        Longest step that is bridged [s]; three times the median step by default, and more in a log whose rows were
+        written when a value changed.
+    time_format
+        How ``timestamp`` is written: a pattern such as ``"%d/%m/%Y %H:%M"``, ``"excel"`` for serial days, ``"epoch"``
+        for seconds or milliseconds since 1970; recognised by default, or refused where two readings fit.
+    time_zone
+        Zone of timestamps without a UTC offset, such as ``"America/New_York"`` or ``"UTC-05:00"``.
+    constants
+        Numbers for columns that the log lacks, in the units of fastcoil: ``{"m_a": 1.2}`` in kg/s.
 
     Returns
     -------
     Log
+        Print it to see rows, times, columns and what was read as what.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake in the arguments, or if the source has no table or lacks a column that
+        ``columns`` names.  Values are checked by the functions that use them.
+
+    See Also
+    --------
+    diagnose, survey, read_test, fit_valve, fit_coil, fit_loop, replay
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pandas as pd
+    >>> import fastcoil as fc
+    >>> frame = pd.DataFrame({"CHW VLV (%)": [40, 50, 55], "SAT": [55.1, 55.3, 55.2]})
+    >>> frame.insert(0, "elapsed_time [s]", 60 * np.arange(3))
+    >>> fc.read_log(frame, units={"T_sup": "degF"})
+    <fastcoil Log> DataFrame
+    3 rows, 60 s apart, in 1 piece: 120 s
+    command [%] from the column 'CHW VLV (%)'
+    T_sup [degF] from the column 'SAT'
+    Note: 'CHW VLV (%)' is read as command, 'SAT' is read as T_sup
     """
     with argument_checks() as check:
         source = check(require_log, "source", source)
