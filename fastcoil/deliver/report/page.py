@@ -86,7 +86,6 @@ def omission_note(n: int, n_shown: int, noun: str) -> str:
 _MARK = b'<meta name="generator" content="fastcoil '
 
 
-
 class Paragraphs(NamedTuple):
     """Paragraphs, or with ``bullets`` the items of a list."""
 
@@ -200,6 +199,7 @@ def method_section(ds: xr.Dataset) -> Section:
     substeps, noise, n = constants.get("substeps", 1), constants.get("noise_std"), ds.sizes.get("replicate", 1)
     sizes = sizes_in_words(ds["status"].sizes)
     spread = f"standard deviation {format_parameter('noise_std', noise)}" if noise else "none"
+    spread = "swept" if noise is None else spread
     pairs = [
         ("Model", "closed loop of sensor, PI, backlash inverse, motor, valve with backlash and coil, after Cai and "
                   "Braun (2016); every scenario is a day of the loop"),
@@ -209,7 +209,7 @@ def method_section(ds: xr.Dataset) -> Section:
         ("Scenarios", f"{ds['status'].size:,} = {sizes}" if sizes else "1"),
         ("Days", str(ds.attrs.get("boundary", MISSING_VALUE))),
         ("Left out of every metric", f"the first {ds.attrs.get('warm_up_s', MISSING_VALUE)} s"),
-        ("Noise", f"{'swept' if noise is None else spread}; seed {ds.attrs.get('seed', MISSING_VALUE)}, {n} realisation{'s' if n > 1 else ''}"),
+        ("Noise", f"{spread}; seed {ds.attrs.get('seed', MISSING_VALUE)}, {n} realisation{'s' if n > 1 else ''}"),
     ]  # fmt: skip
     if ds.attrs.get("carry_over"):
         pairs.append((

@@ -283,7 +283,10 @@ def tuning_page(t: Tuning) -> page.Page:
 def explanation_page(e: Explanation) -> page.Page:
     """Return the report of an explanation."""
     lines, parameter_table = e.text.splitlines(), page.changed_parameters(e.loop.constants, "paper_like", "default")
-    loop_facts = [page.facts_table(("Day", e.boundary.describe())), *([parameter_table] if parameter_table.rows else [])]
+    loop_facts = [
+        page.facts_table(("Day", e.boundary.describe())),
+        *([parameter_table] if parameter_table.rows else []),
+    ]
     answer = [*lines[: lines.index("")], *filter(None, [e.advice])]
     gains = ", ".join(f"{name} = {page.format_parameter(name, e.loop[name])}" for name in ("kp", "ti"))
     day = "upply air as it is (red), with the recommended cure (blue) if there is one, and the set-point (dashed)."
@@ -305,6 +308,7 @@ PAGE_MAKERS: Mapping[type, Callable[[Any], page.Page]] = {
 
 
 REPORT_NAME = "report.html"  # in the folder of a study
+
 
 def report(what: Any, path: str | os.PathLike[str] | None = None) -> Path:
     """Write a report: one HTML file that needs no other file, no script and no network.
