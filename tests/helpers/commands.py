@@ -5,13 +5,22 @@ from pathlib import Path
 
 from click.testing import CliRunner, Result
 
+from fastcoil.base.errors import EXIT_INPUT
 from fastcoil.cli.main import main
 from fastcoil.study.file.user_code import load
+from helpers.sentences import assert_worded
 
 
 def fastcoil(*words: object) -> Result:
     """Run a command of the command line, of any words."""
     return CliRunner().invoke(main, [str(word) for word in words])
+
+
+def assert_command_refused(*words: object, exit_code: int = EXIT_INPUT) -> None:
+    """Assert that a command ends with an exit code and, on stderr, the reviewed sentences."""
+    result = fastcoil(*words)
+    assert result.exit_code == exit_code, result.output
+    assert_worded(result.stderr)
 
 
 def plan_and_run(path: Path, out: Path) -> Iterator[Result]:

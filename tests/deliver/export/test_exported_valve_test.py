@@ -7,8 +7,8 @@ from itertools import product
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from helpers import rules
+from helpers.commands import assert_command_refused, fastcoil
 from helpers.exported import (
     COMPILER_FLAGS,
     WORST_DIFFERENCE,
@@ -19,10 +19,10 @@ from helpers.exported import (
     skip_without_compiler,
 )
 from helpers.full import full_except
+from helpers.sentences import assert_worded
 from test_same_controller import break_law
 
 import fastcoil as fc
-from fastcoil.cli.main import main
 from fastcoil.deliver.export.export import SUFFIXES
 
 pytestmark = pytest.mark.kernel
@@ -179,9 +179,10 @@ def test_a_law_of_your_own_and_a_motor_slower_than_the_ramps_are_refused(tmp_pat
     def law(now, p, memory):
         return 0.5, memory
 
-    for loop, says in ((fc.Loop(law=law), "back to the PI"), (fc.Loop(stroke_time=400), "400 s")):
-        with pytest.raises(fc.InputError, match=says):
+    for loop in (fc.Loop(law=law), fc.Loop(stroke_time=400)):
+        with pytest.raises(fc.InputError) as caught:
             fc.export_controller(loop, tmp_path / "valve.c", test=fc.ValveTest())
+        assert_worded(*caught.value.problems)
     assert not list(tmp_path.iterdir())
 
 
@@ -190,9 +191,8 @@ def test_the_command_has_it_by_an_option_or_by_the_file(tmp_path, monkeypatch):
     (tmp_path / "bare.toml").write_text('[loop]\npreset = "lbnl"\n')
     (tmp_path / "full.toml").write_text('[loop]\npreset = "lbnl"\ntest_start = 0\ntest_hold = 150\n')
     for name, options in (("bare", ["--test"]), ("full", []), ("full", ["--test"])):
-        result = CliRunner().invoke(main, ["export", f"{name}.toml", "-o", "valve.c", *options])
+        result = fastcoil("export", f"{name}.toml", "-o", "valve.c", *options)
         assert result.exit_code == 0, result.output
         text = (tmp_path / "valve.c").read_text()
         assert f"TEST_HOLD {150 if name == 'full' else 120}.0" in text
-    result = CliRunner().invoke(main, ["export", ".", "--csv", "--test"])
-    assert "--test works only for the controller in a TOML file" in result.output
+    assert_command_refused("export", ".", "--csv", "--test")
