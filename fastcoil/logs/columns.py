@@ -189,10 +189,10 @@ _MAX_LISTED_COLUMNS = 3  # of unknown columns in a message, which counts the res
 
 def find_columns(table: Table, options: ReadingOptions, spec: ColumnSpec) -> dict[str, int]:
     """Find the index of each column to read; unknown, missing or doubled ones, and bad constants, are problems."""
-    names = [*dict.fromkeys([*COLUMNS, *TIME_COLUMNS])]
+    names = [*COLUMNS, "timestamp"]
     requested, constants = options.columns or {}, options.constants or {}
     table.check_names("columns", requested, names)
-    table.check_names("units", options.units, [name for name in names if name != "timestamp"])
+    table.check_names("units", options.units, COLUMNS)
     table.check_names("constants", constants, spec.names)
     for name, series in COLUMNS.items():
         value = constants.get(name, 0.0)

@@ -112,4 +112,4 @@ def test_days_to_try_it_on_are_labels_or_a_boundary(study):
 )
 def test_mistakes_in_the_table_name_it(study, table, words):
     study.write_text(STUDY + table)
-    assert words in refusal(read_study, study)
+    assert_mistakes("?", read_study, study)

@@ -14,7 +14,7 @@ from helpers.exports import (
     read_text_as_log,
     table_text,
 )
-from helpers.refusals import only_problem, problems
+from helpers.refusals import assert_mistakes, assert_refused
 
 from fastcoil.logs.table import split_label_and_unit
 
@@ -48,13 +48,18 @@ def test_a_last_row_that_is_cut_off_is_refused(tmp_path, last):
     if last == "x,1":
         assert any("not part of the table: 'x 1'" in note for note in read_text_as_log(tmp_path, text).notes)
     else:
-        assert f"row {ROWS + 2} has {last.count(',') + 1} cell" in only_problem(read_text_as_log, tmp_path, text)
+        assert_refused(str(tmp_path / "export.csv"), "format", read_text_as_log, tmp_path, text)
 
 
 def test_rows_of_data_before_the_header_are_refused(tmp_path):
     header, *data = table_text(cell_rows()).splitlines()
     text = "\n".join([*data[:5], header, *data[5:]])
-    assert "unknown columns: '2024-07-11T23:30:00'; " in "\n".join(problems(read_text_as_log, tmp_path, text))
+    assert_mistakes(
+        [("2024-07-11T23:30:00", "name"), ("command", "missing"), ("T_sup", "missing"), ("elapsed_time", "missing")],
+        read_text_as_log,
+        tmp_path,
+        text,
+    )
 
 
 @pytest.mark.parametrize(
@@ -72,13 +77,15 @@ def test_a_row_of_units_below_the_header(tmp_path, units):
 def test_a_row_of_units_is_checked_as_a_header_is(tmp_path):
     cells = [["", "%", "bar"], *cell_rows()]
     header = ("timestamp", "command", "T_sup")
-    assert "T_sup is in 'bar' (known units: degC, degF, K)" in only_problem(
-        read_text_as_log, tmp_path, table_text(cells, header)
+    assert_refused("T_sup", "unit", read_text_as_log, tmp_path, table_text(cells, header))
+    assert_refused(
+        "T_sup",
+        "unit",
+        read_text_as_log,
+        tmp_path,
+        table_text([["", "%", "K"], *cell_rows()], header),
+        units={"T_sup": "degC"},
     )
-    problem = only_problem(
-        read_text_as_log, tmp_path, table_text([["", "%", "K"], *cell_rows()], header), units={"T_sup": "degC"}
-    )
-    assert "T_sup is in 'K' by the row of units, in 'degC' by units" in problem
 
 
 @pytest.mark.parametrize(
@@ -96,8 +103,7 @@ def test_units_in_round_brackets_and_after_comma_or_slash(tmp_path, header):
 
 def test_a_unit_that_contradicts_the_header_is_refused_and_another_spelling_is_not(tmp_path):
     text = table_text(cell_rows(), ("timestamp", "command (V)", HEADER[2]))
-    problem = only_problem(read_text_as_log, tmp_path, text, units={"command": "%"})
-    assert "command is in 'V' by its header, in '%' by units: drop one" in problem
+    assert_refused("command", "unit", read_text_as_log, tmp_path, text, units={"command": "%"})
     text = table_text(cell_rows(), ("timestamp", "command (%)", HEADER[2]))
     assert not read_text_as_log(tmp_path, text, units={"command": "percent"}).notes
 
@@ -131,10 +137,14 @@ def test_a_header_that_comes_again_is_left_out_and_another_one_is_refused(tmp_pa
     assert log.notes == ["1 row left out: the header again"]
     assert_same_log(log)
     for other_header in (lines[0].replace("T_sup [", "T_set ["), ",".join(reversed(lines[0].split(",")))):
-        problem = only_problem(
-            read_text_as_log, tmp_path, repeated.replace(f"\n{lines[0]}", f"\n{other_header}"), drop=True
+        assert_refused(
+            str(tmp_path / "export.csv"),
+            "format",
+            read_text_as_log,
+            tmp_path,
+            repeated.replace(f"\n{lines[0]}", f"\n{other_header}"),
+            drop=True,
         )
-        assert f"row 10 is another header, '{other_header}': cut the file there" in problem
 
 
 @pytest.mark.parametrize("where", ["everywhere", "below the header"])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.loop_logs import make_loop_log
 
-from fastcoil.measured.cause import PriorEvidence, judge_cause, undisturbed
+from fastcoil.measured.cause import PriorEvidence, judge_cause, undisturbed_loop
 from fastcoil.measured.diagnose import _withhold_doubtful
 from fastcoil.measured.fitted_loop import FittedLoop, Outcome, fit_loop_model
 from fastcoil.measured.grid import Grid
@@ -69,11 +69,11 @@ def test_a_loop_by_itself_has_its_drift_but_neither_noise_nor_the_swing(forced):
     day, step = loop.day, loop.plant.step
     shaken = day.disturbance + 1.5 * np.sin(2 * np.pi * np.arange(day.noise.size) * step / measures.swing.period)
     noisy = loop._replace(day=day._replace(disturbance=shaken, noise=day.noise + 0.1))
-    quiet = undisturbed(noisy, measures.swing).day
+    quiet = undisturbed_loop(noisy, measures.swing).day
     middle = slice(shaken.size // 4, -shaken.size // 4)
     assert np.abs(quiet.disturbance - day.disturbance)[middle].max() < 0.3
     assert not quiet.noise.any()
-    np.testing.assert_array_equal(undisturbed(noisy, measures.swing, noise=True).day.noise, day.noise + 0.1)
+    np.testing.assert_array_equal(undisturbed_loop(noisy, measures.swing, noise=True).day.noise, day.noise + 0.1)
 
 
 @pytest.mark.parametrize(
