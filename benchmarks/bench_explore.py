@@ -15,8 +15,8 @@ from suite import QUICK
 
 from fastcoil.deliver.explore.loop import Model, Settings, initial_settings
 
-GAPS, NOISES = 31, 11
-"""Steps of two sliders."""
+GAPS = 31  # steps of the slider
+NOISES = 11
 ROUNDS = 3 if QUICK else 60
 STAGES = ("curves", "explanation", "map")
 MOVE = """

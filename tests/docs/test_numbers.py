@@ -42,8 +42,8 @@ def test_every_table_is_shown_or_linked_and_has_a_name_of_its_own():
 
 @pytest.mark.parametrize(
     "mark",
-    ["rules | stepped | right", "rules | nobody | right", "rules | hunting index & stepped | r", "rule | hunting index | right",
-     "rules | hunting index & stepped | right | of (nothing)", "rules | title | (nothing)"],
+    ["rules | stepped | right", "rules | nobody | right", "rules | hunting index & stepped | r",
+     "rule | hunting index | right", "rules | hunting index & stepped | right | of (nothing)", "rules | title | (nothing)"],
 )  # fmt: skip
 def test_a_mark_that_fits_nothing_or_more_than_one_cell_is_refused(root, mark):
     (root / "studies" / "rules" / "tables" / "rules.md").write_text(RULES.replace("travel", "rest"))

@@ -64,7 +64,9 @@ def test_the_fit_has_the_wider_interval(monkeypatch):
     log = make_valve_log(command := random_walk(rng, n=80), add_noise(rng, valve_flows(command), 0.01))
     narrow = fc.fit_valve(log, lag=0, holds="command")
     low, high = narrow.intervals["backlash"]
-    monkeypatch.setattr("fastcoil.measured.fit_valve.judge_interval", lambda *_: Verdict((low - 0.01, high + 0.01), "", "so"))
+    monkeypatch.setattr(
+        "fastcoil.measured.fit_valve.judge_interval", lambda *_: Verdict((low - 0.01, high + 0.01), "", "so")
+    )
     wide = fc.fit_valve(log, lag=0)
     assert wide.intervals["backlash"] == tuple(wide.profile.attrs["interval_95"]) == (low - 0.01, high + 0.01)
     ratio = wide.standard_errors["backlash"] / narrow.standard_errors["backlash"]

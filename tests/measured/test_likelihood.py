@@ -58,14 +58,19 @@ def test_a_clean_log_is_not_believed_beyond_what_a_linear_model_can_know():
     positions, T = simulate_log(1e-4)
     likelihood = likelihoods(T, positions, (), np.ones(T.size, bool), INTERVAL, CANDIDATES)
     assert likelihood.without_command.argmax() == 2
-    assert likelihood.without_command[2] - likelihood.without_command[0] < likelihood.rows / 2 * np.log(1 / MODEL_ERROR + 1) + 20
+    assert (
+        likelihood.without_command[2] - likelihood.without_command[0]
+        < likelihood.rows / 2 * np.log(1 / MODEL_ERROR + 1) + 20
+    )
 
 
 def test_a_stem_that_follows_the_command_explains_little_once_the_command_has_coefficients_of_its_own():
     positions, T = simulate_log(0.1, play=0.0)
     likelihood = likelihoods(T, positions, (), np.ones(T.size, bool), INTERVAL, CANDIDATES)
     assert likelihood.without_command.argmax() == 0
-    assert likelihood.with_command[0] - likelihood.with_command[2] < 0.3 * (likelihood.without_command[0] - likelihood.without_command[2])
+    assert likelihood.with_command[0] - likelihood.with_command[2] < 0.3 * (
+        likelihood.without_command[0] - likelihood.without_command[2]
+    )
 
 
 def test_a_known_disturbance_takes_what_it_explains():

@@ -53,7 +53,9 @@ def assert_jacobian_is_of_single_runs(model, x):
         up, down = x.copy(), x.copy()
         up[k] += model.step[k]
         down[k] -= model.step[k]
-        single = (model.compared_residuals(up[:, None]) - model.compared_residuals(down[:, None]))[:, 0] / (up[k] - down[k])
+        single = (model.compared_residuals(up[:, None]) - model.compared_residuals(down[:, None]))[:, 0] / (
+            up[k] - down[k]
+        )
         np.testing.assert_allclose(J[:, k], single, rtol=1e-9, atol=1e-9)
 
 

@@ -177,7 +177,9 @@ def test_diagnose_takes_the_gap_of_a_test(logs, reading):
 
 
 def make_measures(peak_to_peak, period):
-    swing = NO_SWING._replace(period=period, regularity=5.0, periodic_share=0.9, peak_to_peak=peak_to_peak, periods=20.0)
+    swing = NO_SWING._replace(
+        period=period, regularity=5.0, periodic_share=0.9, peak_to_peak=peak_to_peak, periods=20.0
+    )
     return Measures(np.ones(1, bool), swing, np.zeros(1), 0.1, {}, "")
 
 

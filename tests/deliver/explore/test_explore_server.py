@@ -168,7 +168,8 @@ const shows = id => getComputedStyle(document.getElementById(id)).visibility ===
 const source = (name, column) => Array.from(Bokeh.documents[0].get_model_by_name(name).get_array(column))
 new MutationObserver(() => window.seen.push([
   document.body.dataset.phase, ['headline', 'advice', 'why', 'error'].map(shows),
-  document.getElementById('headline').textContent, source('traces', 'T_sup').at(-1), source('hunting_indices', 'hunting_index'),
+  document.getElementById('headline').textContent, source('traces', 'T_sup').at(-1),
+  source('hunting_indices', 'hunting_index'),
 ])).observe(document.body, {attributes: true, attributeFilter: ['data-phase']})
 """
 

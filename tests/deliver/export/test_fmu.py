@@ -166,7 +166,11 @@ def test_it_acts_at_multiples_of_its_sample_time_whatever_the_communication_step
     # 280 s hold the cycles of 0, 15 … 270 s, and 285 s no other
     for h in (7.0, 28.0):
         assert slave_after(plain_folder, 280.0, h).u != slave_after(plain_folder, 266.0, 7.0).u
-    assert slave_after(plain_folder, 280.0, 1.0).u == slave_after(plain_folder, 285.0, 1.0).u != slave_after(plain_folder, 286.0, 1.0).u
+    assert (
+        slave_after(plain_folder, 280.0, 1.0).u
+        == slave_after(plain_folder, 285.0, 1.0).u
+        != slave_after(plain_folder, 286.0, 1.0).u
+    )
 
 
 def test_the_first_output_is_the_command_to_start_from_and_the_loop_goes_on_from_there(plain_folder):

@@ -175,8 +175,8 @@ def test_a_file_that_is_no_report_is_not_replaced_and_another_folder_is_refused(
 
 
 def test_numbers_shares_changes_and_settings_as_they_are_read():
-    text_by_value = {0.1: "0.100", 3: "3.00", 0.99999: "1.00", -0.04567: "−0.0457", 12345: "12,300", 0: "0", 9.996: "10.0",
-             1e-9: "1.00e-09", math.nan: "–", math.inf: "–", 159.4: "159"}  # fmt: skip
+    text_by_value = {0.1: "0.100", 3: "3.00", 0.99999: "1.00", -0.04567: "−0.0457", 12345: "12,300", 0: "0",
+                     9.996: "10.0", 1e-9: "1.00e-09", math.nan: "–", math.inf: "–", 159.4: "159"}  # fmt: skip
     assert {value: format_significant(value) for value in text_by_value} == text_by_value
     assert [format_change(x) for x in (-0.431, 0.004, -0.004, 1.87, math.nan)] == ["−43 %", "0 %", "0 %", "+187 %", "–"]
     assert format_change_range(-0.7, 0.2) == "−70 to +20 %"
