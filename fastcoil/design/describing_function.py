@@ -412,7 +412,7 @@ def _assumed_backlash(columns: Columns) -> Array:
 
 
 def _effective_buffer(columns: Columns) -> Array:
-    """The buffer that counts, as ``control/buffer.py`` derives it; measured noise is taken to be the given one."""
+    """The buffer that counts, as ``model/control.py`` derives it; measured noise is taken to be the given one."""
     ratio, kp, sigma, swing, gain, least = (
         np.asarray(columns[name], float)
         for name in ("buffer_ratio", "kp", "noise_std", "buffer_swing", "plant_gain", "buffer")
