@@ -36,7 +36,7 @@ def terms(glossary: str) -> dict[str, str]:
     }
 
 
-def linked(text: str, anchor_by_term: dict[str, str], glossary: str) -> str:
+def link_terms(text: str, anchor_by_term: dict[str, str], glossary: str) -> str:
     """Return ``text``, without fenced blocks, with a link to ``glossary`` at the first use of each term.
 
     Remove linked terms from ``anchor_by_term``, with the other terms of their heading.
