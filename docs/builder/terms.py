@@ -5,19 +5,7 @@ from __future__ import annotations
 import re
 
 EVERYDAY_WORDS = {
-    *(
-        "boundary",
-        "command",
-        "dry",
-        "estimate",
-        "front",
-        "gain",
-        "interval",
-        "inverse",
-        "kernel",
-        "metric",
-        "pi",
-    ),
+    *("boundary", "command", "dry", "estimate", "front", "gain", "interval", "inverse", "kernel", "metric", "pi"),
     *("plant", "reset", "sample", "settled", "sweep", "wet"),
 }
 """Terms that are also everyday words, or too frequent to link."""

@@ -17,10 +17,7 @@ from test_same_controller import LOOPS, loop_of
 
 import fastcoil as fc
 
-pytestmark = [
-    pytest.mark.kernel,
-    pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler: cc"),
-]
+pytestmark = [pytest.mark.kernel, pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler: cc")]
 fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed: pip install --group test")
 from fmpy.fmi1 import FMICallException  # noqa: E402
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE  # noqa: E402
