@@ -41,19 +41,19 @@ _STYLE_SHEET = """
 _TEXT_IDS = ("headline", "compared", "learning", "why", "advice", "note", "problems", "error")
 """Elements of the template that hold a sentence."""
 _SHOW_SCRIPT = """
-const [changes, said] = sent.tags
+const [changes, texts] = sent.tags
 for (const [id, values] of changes) sent.document.get_model_by_id(id).setv(values, {sync: false})
-for (const id of ids) document.getElementById(id).textContent = said[id]
-for (const word of ['phase', 'told', 'turn']) document.body.dataset[word] = said[word]
-document.body.dataset.learns = said.learning ? 'yes' : ''
-const search = said.query ? '?' + said.query : ''
+for (const id of ids) document.getElementById(id).textContent = texts[id]
+for (const word of ['phase', 'explained', 'turn']) document.body.dataset[word] = texts[word]
+document.body.dataset.learns = texts.learning ? 'yes' : ''
+const search = texts.query ? '?' + texts.query : ''
 if (search !== location.search) history.replaceState(null, '', location.pathname + search)
 """
 _MOVED_SCRIPT = "document.body.dataset.phase = 'loop'"
 _COPY_SCRIPT = """
 navigator.clipboard.writeText(location.href).then(
-    () => { document.getElementById('said').textContent = 'The link is copied.' },
-    () => { document.getElementById('said').textContent = 'The browser does not let this page copy.' })
+    () => { document.getElementById('notice').textContent = 'The link is copied.' },
+    () => { document.getElementById('notice').textContent = 'The browser does not let this page copy.' })
 """
 _LOST_SCRIPT = """
 document.getElementById('headline').textContent =
@@ -82,7 +82,7 @@ class Page:
         self._is_working, self._turns = False, 0
         self._pending_stage: asyncio.Future[Any] | None = None  # explanation or map
         self._explained_settings: Settings | None = None  # None while the loop in the figures is not explained
-        self._texts = dict.fromkeys((*_TEXT_IDS, "phase", "query", "told", "turn"), "")
+        self._texts = dict.fromkeys((*_TEXT_IDS, "phase", "query", "explained", "turn"), "")
         self._outbox = ColumnDataSource(name="sent")  # its tags take changes and texts to the browser
         self._figures, self._map = LoopFigures(), MapFigure(self._move_to_cell)
         style: Any = {"sizing_mode": "stretch_width", "stylesheets": [InlineStyleSheet(css=_STYLE_SHEET)]}
@@ -99,7 +99,7 @@ class Page:
             menu.on_change("value", partial(self._on_menu, name))
         self._build_layout(first_words)
         self._show_waiting()
-        self._send(headline=first_words, told="yes")
+        self._send(headline=first_words, explained="yes")
         # a request alone computes nothing, only a page in a browser does
         doc.on_event(DocumentReady, lambda _: self._move(self._settings))
 
@@ -199,13 +199,13 @@ class Page:
         changes = self._figures.show(run, settings.window)
         changes += [] if is_explained else self._figures.show_hunting_index()
         query = loop.link_query(settings, self._model.starts)
-        texts = {"error": run.error, "learning": run.learning, "told": "yes" if is_explained else "", "phase": "words"}
+        texts = {"error": run.error, "learning": run.learning, "explained": "yes" if is_explained else "", "phase": "words"}
         self._send(changes, settings, query=query, **texts)
 
     def _show_explanation(self, settings: Settings, run: Run, e: ExplanationText) -> None:
         changes = self._figures.show_hunting_index(e.hunting_index)
         texts = {"headline": e.answer, "why": e.why, "compared": run.reading or e.compared, "advice": e.advice}
-        self._send(changes, settings, told="yes", phase="map", **texts)
+        self._send(changes, settings, explained="yes", phase="map", **texts)
 
     def _show_map(self, settings: Settings, metrics: Mapping[str, Array] | InputError) -> None:
         if isinstance(metrics, InputError):
@@ -220,7 +220,7 @@ class Page:
 
     def _refuse(self, headline: str, sentences: Sequence[str]) -> None:
         self._explained_settings, empty_texts = None, dict.fromkeys(("compared", "learning", "why", "advice"), "")
-        texts = {"headline": headline, "problems": _join_sentences(sentences), "told": "yes", "phase": "refused"}
+        texts = {"headline": headline, "problems": _join_sentences(sentences), "explained": "yes", "phase": "refused"}
         self._on_next_tick(partial(self._send, **texts, **empty_texts))
 
     def _send(self, changes: Sequence[Change] = (), of: Settings | None = None, /, **texts: str) -> None:

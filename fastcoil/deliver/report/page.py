@@ -228,7 +228,7 @@ def changed_parameters(constants: Mapping[str, Any], preset: str, against: str =
     for name in base.changed(values):
         preset_value = base.value(PARAMETERS[name]) if name in PARAMETERS else None
         before = MISSING_VALUE if preset_value is None else format_parameter(name, preset_value)
-        meaning = PARAMETERS[name].text if name in PARAMETERS else "of its own rule"
+        meaning = PARAMETERS[name].text if name in PARAMETERS else "parameter of the user's rule"
         rows.append([name, format_parameter(name, values[name]), before, meaning])
     return Table(f"Parameters that differ from the {against}", ["name", "value", against, "meaning"], rows)
 
