@@ -51,7 +51,7 @@ class ColumnSpec(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingOptions:
-    """How a log is read: what the caller declares besides its header, and what becomes of its flaws.
+    """Options of reading a log: what is declared besides its header, and what becomes of its flaws.
 
     Parameters
     ----------
@@ -108,8 +108,6 @@ class ReadingOptions:
 
 def check_reading_options(check: Checks, **arguments: Any) -> ReadingOptions:
     """Check the arguments of a public function that say how its log is read; it passes those that it offers."""
-    if arguments.pop("has_command", False):
-        arguments["reader"] = "read_log"
     if "drop" in arguments:
         check(require_flag, "drop", arguments["drop"])
     if "jumps" in arguments:

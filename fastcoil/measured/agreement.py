@@ -15,7 +15,7 @@ from fastcoil.measured.grid import is_range_good
 from fastcoil.model.moist_air import saturation_humidity_ratio
 from fastcoil.model.parameter_table import PARAMETERS
 
-_CP_AIR, _CP_WATER, _PRESSURE = (float(PARAMETERS[name].default) for name in ("cp_a", "cp_w", "pressure"))
+_CP_AIR, _CP_WATER, _PRESSURE = np.array([PARAMETERS[name].default for name in ("cp_a", "cp_w", "pressure")], float)
 
 
 def require_agreement(log: CheckedLog) -> list[str]:
@@ -71,7 +71,7 @@ def _find_heat_problems(log: CheckedLog) -> Iterator[Problem]:
 class ImpliedPI(NamedTuple):
     """The PI controller that a command implies, and the clock on which it explains the command best."""
 
-    temperature_lag: int = 0  # samples by which the temperature stands late beside the command; negative: early
+    temperature_lag: int = 0  # samples by which the temperature is logged after the command; negative: before
     explained: float = np.nan  # of the variance of the command's changes; NaN if too few can be compared
     least_explained: float = 0.0  # share that the command's own temperature explains
     ti: float = np.nan  # s; below 0, the command moves before the temperature that it answers

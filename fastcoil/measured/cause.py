@@ -91,10 +91,10 @@ def _judge_by_model(fitted: FittedLoop, measures: Measures, evidence: PriorEvide
     if with_gap >= thresholds.LEAST_AGREEING_GAINS and without == 0:
         return _judge_gap(fitted, quiet, measures, evidence)
     if with_gap == 0 and not quiet.replay_with(fitted.backlash, thresholds.DISTURBANCE_GAIN_FACTOR).hunts:
-        because = "the loop would not hunt by itself: look for a swing from outside, in the water or the entering air"
+        because = "the loop would not hunt alone: look for a swing from outside, in the water or the entering air"
         return Cause(DISTURBANCE, because)
-    because = "a 10 % change of the loop gain decides whether the loop would hunt by itself, and the log does not show "
-    return Cause(UNKNOWN, f"{because}the gain that accurately")
+    because = "a 10 % change of the loop gain decides whether the loop would hunt alone, and the log does not show the "
+    return Cause(UNKNOWN, f"{because}gain that accurately")
 
 
 def undisturbed_loop(fitted: FittedLoop, swing: Swing, *, noise: bool = False) -> FittedLoop:
@@ -161,13 +161,9 @@ def _matches_log(
 
 
 CASE_LABELS = {
-    "as_found": "present gains",
-    "no_gap": "no gap",
-    "half_gap": "half the gap",
-    "half_gain": "half the gain",
-    "simc": "gains of SIMC",
-    "inverse": "a backlash inverse",
-}
+    "as_found": "present gains", "no_gap": "no gap", "half_gap": "half the gap", "half_gain": "half the gain",
+    "simc": "gains of SIMC", "inverse": "a backlash inverse",
+}  # fmt: skip
 _PREDICTED_VARIABLES = {
     "rmse": ("K", "RMS control error"),
     "amplitude": ("K", "amplitude of the swing, half of peak to peak"),

@@ -13,20 +13,13 @@ from fastcoil.base.errors import InputError
 from fastcoil.logs.columns import ColumnSpec
 from fastcoil.logs.log import CheckedLog, as_log
 from fastcoil.logs.series import COLUMNS, format_count
-from fastcoil.measured import thresholds
+from fastcoil.measured import identify, thresholds
 from fastcoil.measured.agreement import require_agreement
 from fastcoil.measured.cause import PriorEvidence, judge_cause, predict_cases, revise_after_hold, stops_on_hold
 from fastcoil.measured.diagnosis import INDICES, Diagnosis, ValveReading, probability_profile
 from fastcoil.measured.fitted_loop import fit_loop_model
 from fastcoil.measured.grid import Grid, join_grids, resample_log
-from fastcoil.measured.identify import (
-    CANDIDATES,
-    MORE_EVIDENCE_CURE,
-    USUAL_STROKE_TIME,
-    Identification,
-    combine_days,
-    gather_evidence,
-)
+from fastcoil.measured.identify import Identification, combine_days, gather_evidence
 from fastcoil.measured.measures import Measures, hourly_summary, measure_loop, write_warnings
 from fastcoil.measured.part import true_runs
 
@@ -117,7 +110,7 @@ def diagnose(
         notes += [note for note in (*data.notes, *grid_notes) if note not in notes]
     grid = grids[0] if len(grids) == 1 else join_grids(grids)
     values, interval = grid.values, grid.interval
-    motor_seconds = USUAL_STROKE_TIME if stroke_time is None else stroke_time
+    motor_seconds = identify.USUAL_STROKE_TIME if stroke_time is None else stroke_time
     identification, measures = identify_and_measure(grid, motor_seconds, sample_time, lag)
     if test is not None and test.identified:
         low, high = test.interval
@@ -125,8 +118,8 @@ def diagnose(
         identification = Identification(test.backlash, low, high, True, test.reason, probability, temperature_lag)
     backlash = identification.backlash if np.isfinite(identification.backlash) else 0.0
     loop = fit_loop_model(
-        values["command"], values["T_sup"], values.get("T_set"), interval, backlash, motor_seconds, sample_time, grid.on,
-        gains,
+        values["command"], values["T_sup"], values.get("T_set"), interval, backlash, motor_seconds, sample_time,
+        grid.on, gains,
     )  # fmt: skip
     hold = (np.nan, 0.0) if test is None else (test.held_swing, test.held_for)
     evidence = PriorEvidence(identification.identified, is_own_swing=stops_on_hold(measures, *hold))
@@ -157,21 +150,13 @@ def diagnose(
     triage = hourly_summary(grid)
     return Diagnosis(
         source=names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more",
-        backlash=identification.backlash,
-        interval=(identification.low, identification.high),
-        identified=identification.identified,
-        reason=identification.reason,
-        cause=cause.name,
-        because=cause.because,
-        hunts=measures.swing.is_regular,
-        profile=probability_profile(identification),
+        backlash=identification.backlash, interval=(identification.low, identification.high),
+        identified=identification.identified, reason=identification.reason, cause=cause.name, because=cause.because,
+        hunts=measures.swing.is_regular, profile=probability_profile(identification),
         indices=xr.Dataset({name: ((), value, attrs[name]) for name, value in indices.items()}),
         predictions=None if doubt or isinstance(loop, str) else predict_cases(loop, cause.name),
-        signals=_signals(grid, measures),
-        triage=triage,
-        warnings=[*write_warnings(triage), *warnings],
-        notes=notes,
-    )
+        signals=_signals(grid, measures), triage=triage, warnings=[*write_warnings(triage), *warnings], notes=notes,
+    )  # fmt: skip
 
 
 def _infer_off_times(log: CheckedLog) -> None:
@@ -211,10 +196,8 @@ def identify_and_measure(
     for day in map(grid.part, grid.day_slices()):
         values = day.values
         inputs = tuple(values[name] for name in ("m_a", "T_a_in") if name in values)
-        days.append(
-            gather_evidence(values["command"], values["T_sup"], grid.interval, values.get("T_set"), inputs, day.on,
-                     stroke_time, sample_time, lag)
-        )  # fmt: skip
+        series = values["command"], values["T_sup"], grid.interval, values.get("T_set"), inputs, day.on
+        days.append(gather_evidence(*series, stroke_time, sample_time, lag))
     measures = measure_loop(grid, stroke_time)
     return _withhold_doubtful(combine_days(days), grid, measures), measures
 
@@ -223,7 +206,7 @@ def _withhold_doubtful(identification: Identification, grid: Grid, measures: Mea
     """Withhold a size where the log has a trap that the likelihood does not know."""
     if not identification.identified:
         return identification
-    low, high = 0.0, float(CANDIDATES[-1])
+    low, high = 0.0, float(identify.CANDIDATES[-1])
     if measures.swing.is_regular and measures.command_swing > thresholds.WIDEST_COMMAND_SWING:
         reason = (
             f"the command swings over {100 * measures.command_swing:.0f} % of the stroke, where the valve's curve "
@@ -236,7 +219,7 @@ def _withhold_doubtful(identification: Identification, grid: Grid, measures: Mea
         )
     elif identification.high - identification.low > thresholds.WIDEST_INTERVAL:
         low, high = identification.low, identification.high
-        reason = f"gaps from {100 * low:.2g} to {100 * high:.2g} % explain the log: {MORE_EVIDENCE_CURE}"
+        reason = f"gaps from {100 * low:.2g} to {100 * high:.2g} % explain the log: {identify.MORE_EVIDENCE_CURE}"
     else:
         return identification
     return identification._replace(low=low, high=high, identified=False, reason=reason)

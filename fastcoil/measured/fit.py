@@ -130,8 +130,12 @@ class Fit(Result):
             above.set_title(f"{part}: RMSE {self.rmse[part]:.2g} {self.unit}", loc="left")
             above.legend(ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False)
             below.set_xlabel("time [h]")
+            unused = excerpt["part"].values == UNUSED
+            unused[1:] |= unused[:-1]  # up to the next sample
+            hours = excerpt["elapsed_time"].values / 3600
             for axes in (above, below):
-                _shade_unused(axes, excerpt)
+                across = axes.get_xaxis_transform()
+                axes.fill_between(hours, 0.0, 1.0, where=unused, transform=across, color=SHADE_GREY, lw=0, zorder=0)
         rows[0, 0].set_ylabel(label)
         rows[1, 0].set_ylabel(f"measured - fitted [{self.unit}]")
         if (ds["part"] == UNUSED).any():
@@ -169,14 +173,9 @@ class Fit(Result):
         For ``include`` in the ``[loop]`` of a study file: ``[loop]`` holds the parameters; ``[fit]`` and its tables are
         for readers.
         """
-        fit_table = {
-            "kind": self.kind,
-            "source": self.source,
-            "samples": self.n_used,
-            "effective_samples": round(self.n_effective, 1),
-            "held": [f"{name}: {why}" for name, why in self.held.items()],
-            "notes": self.notes,
-        }
+        held = [f"{name}: {why}" for name, why in self.held.items()]
+        fit_table = {"kind": self.kind, "source": self.source, "samples": self.n_used,
+                     "effective_samples": round(self.n_effective, 1), "held": held, "notes": self.notes}  # fmt: skip
         lines = [f"# {self.kind} fitted to {self.source} by fastcoil", *(f"# {line}" for line in self.summary()[1:])]
         lines += toml_table("loop", self.parameters) + toml_table("fit", fit_table)
         lines += toml_table("fit.rmse", self.rmse, self.unit) + toml_table("fit.standard_error", self.standard_errors)
@@ -200,22 +199,18 @@ def build_fit(
     measured, _, _, check = _SERIES_BY_KIND[kind]
     fitted = series[measured][0][compared & fitting]
     columns = {"part": part, "batch": data.batch, "row": data.rows, "log": np.array(data.names)[data.source]}
+    residuals: dict[str, tuple[Any, ...]] = {
+        name: ("elapsed_time", values, {"units": unit}) for name, (values, unit) in series.items()
+    }
+    residuals |= {name: ("elapsed_time", values) for name, values in columns.items()}
     return Fit(
-        kind=kind,
-        source=data.name,
-        unit="kg/s" if kind == "valve" else "K",
-        rmse=rmse,
+        kind=kind, source=data.name, unit="kg/s" if kind == "valve" else "K", rmse=rmse,
         notes=notes + fit_warnings(rmse, fitted, measured, f"units, columns, and {check}"),
-        residuals=xr.Dataset(
-            {name: ("elapsed_time", values, {"units": unit}) for name, (values, unit) in series.items()}
-            | {name: ("elapsed_time", values) for name, values in columns.items()},
-            {"elapsed_time": ("elapsed_time", data.time, {"units": "s"})},
-        ),
+        residuals=xr.Dataset(residuals, {"elapsed_time": ("elapsed_time", data.time, {"units": "s"})}),
         standard_errors=dict(zip(names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
         covariance=xr.DataArray(covariance, {"parameter": names, "parameter_2": names}, ("parameter", "parameter_2")),
-        seconds=time.perf_counter() - start_time,
-        **fields,
-    )
+        seconds=time.perf_counter() - start_time, **fields,
+    )  # fmt: skip
 
 
 def natural_interval(middle: float, half: float, of_logarithm: bool) -> tuple[float, float]:
@@ -256,11 +251,3 @@ def _plot_over_hours(axes: Axes, ds: xr.Dataset, name: str, **style: Any) -> Non
     breaks = np.flatnonzero(np.diff(ds["batch"])) + 1
     hours, values = (np.insert(ds[n].values.astype(float), breaks, np.nan) for n in ("elapsed_time", name))
     axes.plot(hours / 3600, values, **style)
-
-
-def _shade_unused(axes: Axes, ds: xr.Dataset) -> None:
-    """Shade samples that are not compared, up to the next sample."""
-    unused = ds["part"].values == UNUSED
-    unused[1:] |= unused[:-1]
-    hours, across = ds["elapsed_time"].values / 3600, axes.get_xaxis_transform()
-    axes.fill_between(hours, 0.0, 1.0, where=unused, transform=across, color=SHADE_GREY, lw=0, zorder=0)

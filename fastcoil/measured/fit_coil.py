@@ -107,6 +107,15 @@ def fit_coil(
     -----
     Cai and Braun (2016), section 2.2: start at 20 °C, the first 1,800 s left out, T_sup alone minimised.  A trial set
     that is unstable at the recorded flows gets a large residual.
+
+    Examples
+    --------
+    >>> day, loop = fc.paper_day(hours=0.5), fc.Loop(n_volumes=2)
+    >>> ds = fc.simulate(loop, day, traces=["m_w", "T_sup"], warm_up=300)[["m_w", "T_sup"]]
+    >>> log = ds.merge(day.to_dataset()[["m_a", "T_a_in", "W_a_in", "T_w_in"]])
+    >>> fit = fc.fit_coil(log.isel(elapsed_time=slice(None, None, 5)), warm_up=300, n_volumes=2)
+    >>> f"{fit.rmse['fit']:.2f} {fit.unit}"
+    '0.01 K'
     """
     start_time = time.perf_counter()
     with argument_checks() as check:
@@ -121,7 +130,7 @@ def fit_coil(
             check.problems.append(Problem(sentence, name, "value"))
         part = check_split(check, log, split, validation)
     outputs = COMPARED_OUTPUTS[minimise_on]
-    required = (*_FLOWS_AND_TEMPERATURES, HUMIDITY_COLUMNS, *outputs)
+    required: list[str | tuple[str, ...]] = [*_FLOWS_AND_TEMPERATURES, HUMIDITY_COLUMNS, *outputs]
     optional = [name for name in ("enabled", "T_w_out") if name not in outputs]
     data = part.read(log, ColumnSpec(required, optional, COMPARED_OUTPUTS["both"]), drop_idle_samples)
     record = build_record(data, loop, held_inputs, part.fitting_mask(data))
@@ -301,14 +310,10 @@ def build_record(log: CheckedLog, loop: Loop, holds: tuple[str, ...], fitting: M
     for piece in split_segments(log.batch):
         series, at = resample_to_seconds(log.time[piece], {name: values[name][piece] for name in COIL_COLUMNS}, holds)
         record_pieces.append(RecordPiece(np.stack(list(series.values()), axis=1), at))
-    return CoilRecord(
-        pieces=tuple(record_pieces),
-        loop=loop,
-        m_w=_typical_flow(fitted_values["m_w"]),
-        m_a=_typical_flow(fitted_values["m_a"]),
-        limits=_stability_limits(fitted_values, loop),
-        limits_of_all=_stability_limits(values, loop),
-    )
+    m_w, m_a = (_typical_flow(fitted_values[name]) for name in ("m_w", "m_a"))
+    limits, limits_of_all = (_stability_limits(series, loop) for series in (fitted_values, values))
+    pieces = tuple(record_pieces)
+    return CoilRecord(pieces=pieces, loop=loop, m_w=m_w, m_a=m_a, limits=limits, limits_of_all=limits_of_all)
 
 
 def resample_to_seconds(
@@ -322,11 +327,9 @@ def resample_to_seconds(
 
 def _stability_limits(values: Mapping[str, Array], loop: Loop) -> StabilityLimits:
     coldest = min(values["T_a_in"].min(), values["T_w_in"].min(), loop["T_initial"])
-    return StabilityLimits(
-        m_w_max=float(values["m_w"].max()),
-        m_a_span=(float(values["m_a"].min()), float(values["m_a"].max())),
-        wet_slope=wet_slope(values["W_a_in"].max(), coldest, loop["pressure"]),
-    )
+    m_a_span = float(values["m_a"].min()), float(values["m_a"].max())
+    slope = wet_slope(values["W_a_in"].max(), coldest, loop["pressure"])
+    return StabilityLimits(float(values["m_w"].max()), m_a_span, slope)
 
 
 def _typical_flow(flow: Array) -> float:

@@ -92,6 +92,15 @@ def fit_loop(
     Notes
     -----
     The emulator of Cai and Braun (2016) in open loop behind the logged command, once for each candidate backlash.
+
+    Examples
+    --------
+    >>> day, loop = fc.paper_day(hours=6), fc.Loop.preset("lbnl").assign(backlash=0.08)
+    >>> ds = fc.simulate(loop, day, traces=["command", "T_measured"]).rename(T_measured="T_sup")
+    >>> log = ds[["command", "T_sup"]].merge(day.to_dataset()[["m_a", "T_a_in", "W_a_in", "T_w_in"]])
+    >>> fit = fc.fit_loop(log.isel(elapsed_time=slice(None, None, 60)), loop)
+    >>> f"{fit.backlash:.3f}", fit.identified
+    ('0.081', True)
     """
     start_time = time.perf_counter()
     with argument_checks() as check:

@@ -21,17 +21,11 @@ from fastcoil.base.errors import InputError, Problem
 from fastcoil.logs.columns import ColumnSpec
 from fastcoil.logs.log import CheckedLog, as_log
 from fastcoil.logs.series import format_count
+from fastcoil.measured import valve_problem
 from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, build_fit, natural_interval, rmse_profile
 from fastcoil.measured.least_squares import autocorrelation
 from fastcoil.measured.part import ABOVE_0, check_split, split_segments
-from fastcoil.measured.valve_problem import (
-    IS_LOGARITHMIC,
-    X_BL,
-    ValveProblem,
-    ValveSolution,
-    judge_interval,
-    median_step,
-)
+from fastcoil.measured.valve_problem import X_BL, ValveProblem, ValveSolution, judge_interval, median_step
 from fastcoil.model.engine.recorded import VALVE_ROWS, valve_flows
 
 if TYPE_CHECKING:
@@ -95,7 +89,7 @@ def fit_valve(
 
     Examples
     --------
-    >>> ds = fc.simulate(fc.Loop(backlash=0.07), fc.paper_day(hours=4), traces=["command", "m_w"], trace_interval=10)
+    >>> ds = fc.simulate(fc.Loop(backlash=0.07), fc.paper_day(hours=3), traces=["command", "m_w"], trace_interval=30)
     >>> fit = fc.fit_valve(ds, holds="command")
     >>> f"{fit.backlash:.3f}", fit.identified
     ('0.070', True)
@@ -168,9 +162,9 @@ def has_live_zero(command: Array, flow: Array) -> bool:
 def _assemble_fit(problem: ValveProblem, solution: ValveSolution, holds: bool, start_time: float) -> Fit:
     """Assemble the result; ``holds``: the command holds between the rows."""
     best, spread, notes = solution.estimate, solution.uncertainty, problem.notes
-    fitted = problem.good & problem.fitting
+    fitted, is_logarithmic = problem.good & problem.fitting, valve_problem.IS_LOGARITHMIC
     command, flow = problem.command[fitted], problem.flow[fitted]
-    natural = np.where(IS_LOGARITHMIC, np.exp(best.x[:5]), best.x[:5])
+    natural = np.where(is_logarithmic, np.exp(best.x[:5]), best.x[:5])
     is_inverted = bool(np.corrcoef(command, flow)[0, 1] < -0.5)
     verdict = judge_interval(problem, solution, holds or is_inverted or problem.data.change_of_value)
     signal_notes = []
@@ -193,12 +187,12 @@ def _assemble_fit(problem: ValveProblem, solution: ValveSolution, holds: bool, s
             held.setdefault(name, AT_BOUND if math.isnan(variance) else NOT_UNIQUE)
     estimated = [k for k, name in enumerate(VALVE_ROWS) if name not in held]
     half = spread.quantile() * np.sqrt(variances)
-    intervals = {VALVE_ROWS[k]: natural_interval(best.x[k], half[k], bool(IS_LOGARITHMIC[k])) for k in estimated}
+    intervals = {VALVE_ROWS[k]: natural_interval(best.x[k], half[k], bool(is_logarithmic[k])) for k in estimated}
     if not verdict.why:
         intervals["backlash"] = verdict.interval
     # the deviation of the backlash belongs to its interval
     width = 0.5 * (verdict.interval[1] - verdict.interval[0]) / max(half[X_BL], 1e-12)
-    scale = np.where(IS_LOGARITHMIC, natural, 1.0)
+    scale = np.where(is_logarithmic, natural, 1.0)
     scale[X_BL] = max(1.0, width)
     covariance = spread.covariance[:5, :5] * np.outer(scale, scale)
 
@@ -265,13 +259,6 @@ def simulate_openings(command: Array, batch: Index, backlashes: Array) -> Array:
     return openings
 
 
-def _solve_knot_flows(products: Array) -> Array:
-    """Flows at the knots, (…, k - 1), from sums of products of the weights and, last, the flow, (…, k, k)."""
-    A, b = products[..., :-1, :-1], products[..., :-1, -1:]
-    ridge = 1e-9 * np.trace(A, axis1=-2, axis2=-1) + _TINY
-    return np.asarray(np.linalg.solve(A + ridge[..., None, None] * np.eye(A.shape[-1]), b)[..., 0])
-
-
 def _squared_errors(products: Array, flows: Array) -> Array:
     """Sums of squared residuals, (…,), of a curve, (…, k - 1) or (k - 1,)."""
     v = np.concatenate([flows, np.full((*flows.shape[:-1], 1), -1.0)], axis=-1)
@@ -285,7 +272,7 @@ class _Curve(NamedTuple):
 
 
 class _LagSums(NamedTuple):
-    """Sums over the pieces of a log from which lags and curve are found."""
+    """Sums over the pieces of a log that determine lags and curve."""
 
     lags: Array  # that are tried, samples, (lags,)
     products: Array  # of the curve's terms and the flow, (pieces, lags, backlashes, knots + 1, knots + 1)
@@ -295,7 +282,9 @@ class _LagSums(NamedTuple):
         """Best curve with each piece at its lag, an index in ``lags``."""
         at = np.arange(chosen.size), chosen
         total, n = self.products[at].sum(axis=0), max(float(self.counts[at].sum()), 1.0)
-        flows = _solve_knot_flows(total)
+        A, b = total[:, :-1, :-1], total[:, :-1, -1:]
+        ridge = 1e-9 * np.trace(A, axis1=-2, axis2=-1) + _TINY
+        flows = np.linalg.solve(A + ridge[:, None, None] * np.eye(N_KNOTS), b)[..., 0]
         errors = _squared_errors(total, flows)
         j = int(np.argmin(errors))
         return _Curve(j, flows[j], max(float(errors[j]) / n, _ROUND_OFF**2 * float(total[j, -1, -1]) / n, _TINY))
@@ -364,7 +353,7 @@ def remove_lag(log: CheckedLog, good: Mask, fitting: Mask) -> CheckedLog:
     """
     fitted_log, used, step = log.where(fitting), good[fitting], median_step(log, fitting)
     lags, memory, worth = _lags_to_try(fitted_log, used, step).astype(float), 0.0, 1.0
-    for is_white in (False, True):  # first how the residuals are correlated, then with that taken out
+    for is_white in (False, True):  # first the correlation of the residuals, then without it
         sums = _sum_products(fitted_log, used, step, lags, memory)
         chosen, curve = sums.search(worth)
         rho = _residual_correlation(fitted_log, used, lags[chosen][fitted_log.batch] * step, curve, memory)

@@ -52,22 +52,18 @@ def _build_inputs(plant: FittedPlant, command: Array, T_set: Array, good: Mask, 
     smooth, level = remove_noise(plant.disturbance, good)
     noise_seen = plant.disturbance - smooth
     if period > 0.0:
-        smooth = _moving_mean(smooth, period)
+        # moving mean over a period, over less at the ends
+        total = np.concatenate([[0.0], np.cumsum(smooth)])
+        k, ends = np.arange(n), np.arange(n + 1, dtype=float)
+        half = np.minimum(np.minimum(k, n - 1 - k) + 0.5, 0.5 * period)
+        above, below = (np.interp(k + 0.5 + side, ends, total) for side in (half, -half))
+        smooth = (above - below) / (2.0 * half)
     at = np.arange((n - 1) * plant.per_sample + 1) / plant.per_sample
     sample = at.astype(int)
     noise = level * np.random.default_rng(0).standard_normal(at.size)  # between samples it is unknown
     noise[:: plant.per_sample] = noise_seen
     is_automatic = good[sample] & good[np.minimum(sample + 1, n - 1)]
     return ReplayInputs(np.interp(at, np.arange(n), smooth), noise, T_set[sample], command[sample], is_automatic)
-
-
-def _moving_mean(series: Array, width: float) -> Array:
-    """Moving mean over ``width`` samples around each; fewer at the ends."""
-    total = np.concatenate([[0.0], np.cumsum(series)])
-    k = np.arange(series.size)
-    half = np.minimum(np.minimum(k, series.size - 1 - k) + 0.5, 0.5 * width)
-    ends = np.arange(total.size, dtype=float)
-    return np.asarray((np.interp(k + 0.5 + half, ends, total) - np.interp(k + 0.5 - half, ends, total)) / (2.0 * half))
 
 
 def remove_noise(series: Array, good: Mask) -> tuple[Array, float]:

@@ -98,7 +98,7 @@ def _drop_filled_samples(grid: Grid) -> tuple[Grid, list[str]]:
     name = "T_sup" if logged["T_sup"][0] > 1 else "command"
     thinned = grid.part(slice(logged[name][1], None, width))
     rhythm = f"only every {thinned.interval:.4g} s"
-    return thinned, [f"{name} has a value of its own {rhythm}, those between are filled in: only its own count"]
+    return thinned, [f"{name} is logged {rhythm}, the values between are filled in: only logged ones count"]
 
 
 def join_grids(grids: Sequence[Grid]) -> Grid:

@@ -1,7 +1,7 @@
 """Backlash of a valve from the command and supply temperature of a trend log, or why the log does not show it.
 
 First the command: what moved it, and whether it and the temperature are of one clock.  Then the likelihood of each
-candidate backlash, from a linear model that is solved for all candidates at once.
+candidate backlash, from one linear model for all candidates.
 
 The model is an ARIX: the change of the temperature over half a minute from its own changes before, those of known
 disturbances, and those of the opening and of its square, each a mean over half a minute that ends before the sample.
@@ -53,7 +53,11 @@ def is_provoked(command: Array, temperature: Array, good: Mask, T_set: Array | N
         return False
     last_change, change_before = temperature[now] - temperature[before], temperature[before] - temperature[long_before]
     X = np.stack([last_change, change_before, temperature[now], np.ones(now.size)], axis=1)
-    residual = np.abs(_robust_residual(X, command[now] - command[before]))
+    y, is_inlier = command[now] - command[before], np.ones(now.size, dtype=bool)
+    for _ in range(4):
+        coefficients = np.linalg.lstsq(X[is_inlier], y[is_inlier], rcond=None)[0]
+        residual = np.abs(y - X @ coefficients)
+        is_inlier = residual <= np.quantile(residual, JUMP_QUANTILE)
     jumps = now[residual > 4.0 * np.quantile(residual, JUMP_QUANTILE)]
     # a start-up makes some jumps, so three are needed, ten minutes apart
     return jumps.size > 0 and int(np.sum(np.diff(jumps) * interval > 600.0)) >= 2
@@ -72,16 +76,6 @@ def count_end_arrivals(command: Array, good: Mask) -> int:
     """Count how often the command arrives at one of its ends."""
     at_end = (command <= END_TOLERANCE) | (command >= 1.0 - END_TOLERANCE)
     return int(np.sum(at_end[1:] & ~at_end[:-1] & good[1:] & good[:-1]))
-
-
-def _robust_residual(X: Array, y: Array) -> Array:
-    """Residual of a linear model that is fitted without the largest tenth of its residuals."""
-    coefficients = np.linalg.lstsq(X, y, rcond=None)[0]
-    for _ in range(3):
-        residual = np.abs(y - X @ coefficients)
-        is_inlier = residual <= np.quantile(residual, JUMP_QUANTILE)
-        coefficients = np.linalg.lstsq(X[is_inlier], y[is_inlier], rcond=None)[0]
-    return np.asarray(y - X @ coefficients)
 
 
 HORIZON_S = 30.0  # long against the noise of a sensor, short against a coil; one interval in a coarser log
@@ -243,9 +237,13 @@ def combine_days(days: Sequence[DayEvidence]) -> Identification:
     logarithm = log_likelihoods.sum(axis=0)
     probability = np.exp(logarithm - np.logaddexp.reduce(logarithm))
     size = judge_size(probability, provoked, doubt)
-    needs_agreement = size.identified and has_many_days and not provoked
-    if needs_agreement and _day_agreement(log_likelihoods, size.backlash) < thresholds.LEAST_AGREEMENT:
-        size = judge_size(probability, provoked, "the days show different gaps: step the set-point up and down on one")
+    if size.identified and has_many_days and not provoked:
+        is_other = np.abs(CANDIDATES - size.backlash) > max(SIZE_TOLERANCE * size.backlash, GOOD_BACKLASH) + 1e-9
+        preference = log_likelihoods[:, CANDIDATES == size.backlash] - log_likelihoods[:, is_other]
+        errors = np.maximum(preference.std(axis=0, ddof=1) / np.sqrt(len(preference)), 1e-12)
+        if np.min(preference.mean(axis=0) / errors) < thresholds.LEAST_AGREEMENT:
+            doubt = "the days show different gaps: step the set-point up and down on one"
+            size = judge_size(probability, provoked, doubt)
     n_reversals = sum(count_reversals(day.positions, max(size.low, LEAST_REVERSAL)) for day in compared)
     if size.identified and n_reversals < thresholds.LEAST_REVERSALS:
         doubt = f"the valve reversed only {format_count(n_reversals, 'time')} by more than such a gap, and "
@@ -264,14 +262,6 @@ def _day_likelihood(day: DayEvidence, steady_weight: float) -> Array:
     weighted = [day.weight * reading for reading in readings]
     combined = np.asarray(np.logaddexp.reduce([reading - np.logaddexp.reduce(reading) for reading in weighted]))
     return combined if day.provoked else np.minimum(combined, combined[~_IS_GOOD].max())
-
-
-def _day_agreement(log_likelihoods: Array, backlash: float) -> float:
-    """Standard errors by which the days prefer a size to the next likely one."""
-    others = np.abs(CANDIDATES - backlash) > max(SIZE_TOLERANCE * backlash, GOOD_BACKLASH) + 1e-9
-    preferred = log_likelihoods[:, CANDIDATES == backlash] - log_likelihoods[:, others]
-    errors = preferred.std(axis=0, ddof=1) / np.sqrt(len(log_likelihoods))
-    return float(np.min(preferred.mean(axis=0) / np.maximum(errors, 1e-12)))
 
 
 def _most_frequent(values: Sequence[Any]) -> Any:
@@ -411,21 +401,15 @@ def judge_size(probability: Array, provoked: bool, doubt: str, cure: str = MORE_
             "the command only follows the temperature, so a stem that stands still looks like one without a gap: step "
             "the set-point"
         )
-    low, high = (0.0, float(CANDIDATES[-1])) if doubt else _interval(probability)
-    low, reason = low if is_worse else 0.0, doubt
+    low, high, reason = 0.0, float(CANDIDATES[-1]), doubt
+    if not doubt:
+        # equal tails; half a step is the width of a candidate, the rest the error of a linear model
+        below, step = np.cumsum(probability), CANDIDATES[1] - CANDIDATES[0]
+        first, last = np.argmax(below > 0.5 * (1.0 - 0.95)), np.argmax(below >= 0.5 * (1.0 + 0.95) - 1e-12)
+        low = max(float(CANDIDATES[first] - step), 0.0) if is_worse else 0.0
+        high = min(float(CANDIDATES[last] + step), high)
     if not doubt and (certainty[best] < LEAST_CERTAINTY or (backlash > GOOD_BACKLASH and not is_worse)):
         reason = f"gaps from {100 * low:.1f} % to {100 * high:.1f} % explain the log: {cure}"
     elif not doubt and high >= CANDIDATES[-1]:
         reason = f"the gap may be {100 * high:.0f} % of the stroke or more; larger gaps are not tested"
     return Identification(backlash, low, high, not reason, reason, probability)
-
-
-def _interval(probability: Array) -> tuple[float, float]:
-    """95 % interval with equal tails, widened by a step of the candidates on both sides.
-
-    Half a step is the width of a candidate, the rest allows for the error of a linear model sampled every 30 s.
-    """
-    below, step = np.cumsum(probability), CANDIDATES[1] - CANDIDATES[0]
-    low = CANDIDATES[np.argmax(below > 0.5 * (1.0 - 0.95))] - step
-    high = CANDIDATES[np.argmax(below >= 0.5 * (1.0 + 0.95) - 1e-12)] + step
-    return max(float(low), 0.0), min(float(high), float(CANDIDATES[-1]))

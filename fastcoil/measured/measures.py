@@ -139,16 +139,6 @@ def is_in_control(command: Array, good: Mask, interval: float) -> Mask:
     return is_in_control
 
 
-def daily_motor_travel(positions: Array, on: Mask, interval: float) -> tuple[float, float]:
-    """Strokes and reversals of the motor per day of operation; ``positions``: (n + 1,), at the samples."""
-    days = float(on.sum()) * interval / SECONDS_PER_DAY
-    if days == 0.0:
-        return np.nan, np.nan
-    moves = np.diff(positions)[on]
-    real_moves = moves[np.abs(moves) > 1e-9]
-    return float(np.abs(real_moves).sum()) / days, float(np.sum(real_moves[1:] * real_moves[:-1] < 0.0)) / days
-
-
 COARSE_INTERVAL_S = 60.0  # beyond which a log misses the swings of most loops
 
 
@@ -176,7 +166,10 @@ def measure_loop(grid: Grid, stroke_time: float) -> Measures:
     swing = measure_swing(error, calm, interval)
     filled_command = np.where(np.isfinite(command), command, 0.0)
     positions = motor_positions(filled_command, interval, stroke_time)
-    strokes, turns = daily_motor_travel(positions, good, interval)
+    moves = np.diff(positions)[good]
+    moves = moves[np.abs(moves) > 1e-9]
+    days = float(good.sum()) * interval / SECONDS_PER_DAY or np.nan  # of operation
+    strokes, reversals = float(np.abs(moves).sum()) / days, float(np.sum(moves[1:] * moves[:-1] < 0.0)) / days
     period = swing.period if np.isfinite(swing.period) else 600.0
     spans = _block_swings(filled_command, calm, max(2, round(period / interval)))
     command_swing = float(np.median(spans)) if spans.size else np.nan
@@ -185,7 +178,7 @@ def measure_loop(grid: Grid, stroke_time: float) -> Measures:
     indices = {
         "error_rms": rms[0], "error_rms_settled": rms[1], "peak_to_peak": swing.peak_to_peak, "period": swing.period,
         "regularity": swing.regularity, "periodic_share": swing.periodic_share, "command_swing": command_swing,
-        "motor_travel": strokes, "reversals": turns,
+        "motor_travel": strokes, "reversals": reversals,
     }  # fmt: skip
     return Measures(calm, swing, positions[:-1], command_swing, indices, _why_blind(grid, calm, swing))
 

@@ -15,16 +15,8 @@ from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError
 from fastcoil.logs import CheckedLog
 from fastcoil.logs.series import describe_first_row, format_count
-from fastcoil.measured import thresholds
-from fastcoil.measured.least_squares import (
-    Estimate,
-    Model,
-    Uncertainty,
-    minimise,
-    profile_parameter,
-    uncertainty,
-    widen_by_bootstrap,
-)
+from fastcoil.measured import least_squares, thresholds
+from fastcoil.measured.least_squares import Estimate, Model, Uncertainty, minimise, uncertainty
 from fastcoil.measured.part import LogSplit, count_reversals, split_segments
 from fastcoil.model.engine.recorded import valve_flows
 
@@ -195,9 +187,11 @@ class ValveProblem:
         model, fixed = self.model(m_max), [] if m_max is None else [M_MAX]
         best = minimise(model, self._starts(m_max), fixed)
         for n_restarts in range(3):
-            spread = widen_by_bootstrap(model, best, uncertainty(model, best, fixed, profiled=[X_BL]), fixed)
+            spread = least_squares.widen_by_bootstrap(
+                model, best, uncertainty(model, best, fixed, profiled=[X_BL]), fixed
+            )
             grid = _profile_grid(best, spread)
-            minima = profile_parameter(model, best, X_BL, grid, fixed)
+            minima = least_squares.profile_parameter(model, best, X_BL, grid, fixed)
             sums = np.array([minimum.rss for minimum in minima])
             if sums.min() > best.rss * (1.0 - 1e-6) or n_restarts == 2:
                 break

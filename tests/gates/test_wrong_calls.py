@@ -136,7 +136,6 @@ def base_calls(tmp_path_factory, _cheap):
         coords={"elapsed_time": ("elapsed_time", seconds, {"units": "s"})},
     )
     commanded["T_sup"].attrs["units"], commanded["command"].attrs["units"] = "degC", "1"
-    measured_loop = fc.read_log(commanded, constants=entering)
     plant = {"m_a": 1.2, "T_w_in": 7.0, "T_set": 14.0, "outdoor_fraction": 0.2, "T_return": 24.0, "RH_return": 0.5}
     days = {"hours": 0.05}
     tuning = {"loop": fc.Loop(backlash=[0.0, 0.07]), "boundary": fc.paper_day(hours=0.05, seed=[1, 2]), "n_jobs": 1}
@@ -176,7 +175,7 @@ def base_calls(tmp_path_factory, _cheap):
         "explain": (fc.explain, {"loop": loop, "boundary": day, "warm_up": 60}),
         "export_controller": (fc.export_controller, {"loop": loop, "path": folder / "valve.c"}),
         "fit_coil": (fc.fit_coil, {"log": coil, "warm_up": 60}),
-        "fit_loop": (fc.fit_loop, {"log": measured_loop, "loop": loop, "warm_up": 0.0}),
+        "fit_loop": (fc.fit_loop, {"log": fc.read_log(commanded, constants=entering), "loop": loop, "warm_up": 0.0}),
         "fit_valve": (fc.fit_valve, {"log": valve, "lag": 0.0}),
         "heating_day": (fc.heating_day, days),
         "law": (fc.law, rule),

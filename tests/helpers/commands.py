@@ -17,10 +17,12 @@ def fastcoil(*words: object) -> Result:
 
 
 def assert_command_refused(*words: object, exit_code: int = EXIT_INPUT) -> None:
-    """Assert that a command ends with an exit code and, on stderr, the reviewed sentences."""
+    """Assert that a command ends with an exit code, and on stderr with the sentences of the snapshot alone."""
     result = fastcoil(*words)
     assert result.exit_code == exit_code, result.output
-    assert_worded(result.stderr)
+    lines = result.stderr.splitlines()
+    assert all(line.startswith("fastcoil: ") for line in lines), result.output
+    assert_worded(*(line.removeprefix("fastcoil: ") for line in lines))
 
 
 def plan_and_run(path: Path, out: Path) -> Iterator[Result]:

@@ -4,7 +4,6 @@ from datetime import datetime, timedelta
 
 import numpy as np
 
-from fastcoil.logs import ReadingOptions, read_checked_log
 from fastcoil.logs.columns import ColumnSpec
 
 START = datetime(2024, 7, 11, 23, 30)
@@ -40,11 +39,6 @@ def save_text(tmp_path, text, encoding="utf-8", name="export.csv"):
     path = tmp_path / name
     path.write_bytes(text.encode(encoding))
     return path
-
-
-def read_text_as_log(tmp_path, text, encoding="utf-8", **options):
-    """The log in this text."""
-    return read_checked_log(save_text(tmp_path, text, encoding), WANTED, ReadingOptions(reader="read_log", **options))
 
 
 def assert_same_log(log, step=STEP):

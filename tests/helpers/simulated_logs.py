@@ -43,6 +43,11 @@ def make_valve_log(command, flow, interval=60.0, **others):
     return xr.Dataset(variables, {"elapsed_time": t})
 
 
+def noisy_valve_log(rng, command, sd, phi=0.0, interval=60.0, **truth):
+    """A valve's log of a command, with AR(1) noise on its flows."""
+    return make_valve_log(command, add_noise(rng, valve_flows(command, **truth), sd, phi), interval)
+
+
 def add_noise(rng, flow, sd, phi=0.0):
     """Flow with AR(1) noise of standard deviation ``sd``."""
     return np.maximum(flow + ar1_noise(rng, flow.size, sd, phi), 1e-3)

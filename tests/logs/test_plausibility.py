@@ -103,7 +103,8 @@ CODES_BY_KIND = {
     **dict.fromkeys(("all °F", "unit row", "RH as a fraction", "command as a fraction", "command in V as %",
                      "a fraction from here on", "V from here on", "dew point in °C as °F", "°F from here on",
                      "air flow in kg/s as kg/h", "W in kg as g"), {"unit"}),
-    **dict.fromkeys(("columns in another order from here on", "exchanged", "W above saturation", "dew point"), {"data"}),
+    **dict.fromkeys(("columns in another order from here on", "exchanged", "W above saturation", "dew point"),
+                    {"data"}),
     **dict.fromkeys(("one °F", "one °C as °F"), {"unit", "value"}),
     "supply and water exchanged": {"data", "unit"},
     "W in g as kg": {"value"},
@@ -245,7 +246,7 @@ def test_shuffled_rows_are_refused_before_any_work(write_log):
     rows = [[60 * k, rng.uniform(0, 100), 14 + rng.normal()] for k in rng.permutation(400)]
     start = time.monotonic()
     path = write_log(["elapsed_time [s]", "command [%]", "m_w [kg/s]"], rows)
-    assert_refused("elapsed_time", "time", fc.fit_valve, path, drop=True, jumps="split")
+    assert_refused("elapsed_time", "time", fc.fit_valve, fc.read_log(path, drop=True, jumps="split"))
     assert time.monotonic() - start < 5.0
 
 

@@ -64,9 +64,8 @@ def test_every_piece_starts_as_the_whole_record_does(two_days):
 def test_nights_without_air_are_left_out_and_counted(two_days):
     """What remains is the log of both days, so that the fit is the one of that log."""
     first, second = two_days
-    log = drop_idle_samples(
-        read_checked_log(join_logs(first, shift_log(make_night(first), 3599.0), shift_log(second, 7200.0)), COIL_SERIES)
-    )
+    with_night = join_logs(first, shift_log(make_night(first), 3599.0), shift_log(second, 7200.0))
+    log = drop_idle_samples(read_checked_log(with_night, COIL_SERIES))
     assert "3,600 samples in 1 spell left out, no air flows (first in row 3600)" in log.notes[-1]
     days = read_checked_log(join_logs(first, shift_log(second, 7200.0)), COIL_SERIES)
     np.testing.assert_array_equal(log.batch, days.batch)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from helpers.full import full_except
+from helpers.loop_logs import make_loop_log
 from helpers.shared_data import measured_file
 
 from fastcoil.measured.agreement import ImpliedPI
@@ -107,7 +108,7 @@ def test_no_relation_between_command_and_temperature_is_not_claimed():
 
 
 def test_a_stuck_stem_under_a_command_that_follows_the_temperature_is_not_called_good():
-    """The temperature wanders by itself; the command follows its noise and drift, the stem never moves."""
+    """The temperature wanders; the command follows its noise and drift, the stem never moves."""
     for seed in range(3):
         draw = np.random.default_rng(seed)
         drift = np.convolve(np.cumsum(draw.normal(0, 0.01, 2400)), np.ones(30) / 30, "same")[:2160]
@@ -176,24 +177,11 @@ def test_readings_of_columns_that_do_not_agree_are_not_claimed():
     assert judge_day(peak(0.03), likelihoods=[small, small]).identified
 
 
-def simulate_control(backlash, samples=0, every=1):
-    """A PI loop around a plant with set-points that step: (command, temperatures logged late, T_set)."""
-    _, T_set = stepped_day()
-    draw = np.random.default_rng(7)
-    position = q = 0.5
-    T, u, integral, commands, temperatures = 14.0, 0.5, 0.5, [], []
-    for k, target in enumerate(T_set):
-        reading = T + 0.01 * draw.standard_normal()
-        if k % every == 0:
-            integral += 0.03 * (reading - target) * every * INTERVAL / 150
-            integral = min(max(integral, 0), 1)
-            u = min(max(0.03 * (reading - target) + integral, 0), 1)
-        commands.append(u)
-        temperatures.append(reading)
-        position += min(max(u - position, -0.11), 0.11)
-        q = min(max(q, position - backlash), position)
-        T += (24 - 20 * q / (1 - backlash) - T) * INTERVAL / 90
-    return np.array(commands), np.roll(temperatures, samples), T_set
+def simulate_control(backlash, samples=0):
+    """A loop with steps of the set-point: (command, temperatures logged so many samples late, T_set)."""
+    log = make_loop_log(hours=6.0, backlash=backlash, kp=0.03, ti=150.0, sample_time=10.0, noise=0.01)
+    command, T, T_set = (log[name].values for name in ("command", "T_sup", "T_set"))
+    return command, np.roll(T, samples), T_set
 
 
 def test_temperatures_that_stand_late_are_moved_back():

@@ -31,13 +31,8 @@ pytestmark = pytest.mark.kernel
 
 def build_problem(log, **truth):
     data = read_checked_log(log, COIL_SERIES)
-    return CoilProblem(
-        data,
-        build_record(data, fc.Loop(**truth), (), np.ones(data.time.size, dtype=bool)),
-        ("T_sup",),
-        600.0,
-        LogSplit(1.0),
-    )
+    record = build_record(data, fc.Loop(**truth), (), np.ones(data.time.size, dtype=bool))
+    return CoilProblem(data, record, ("T_sup",), 600.0, LogSplit(1.0))
 
 
 def to_search_space(problem, values):
@@ -53,9 +48,8 @@ def assert_jacobian_is_of_single_runs(model, x):
         up, down = x.copy(), x.copy()
         up[k] += model.step[k]
         down[k] -= model.step[k]
-        single = (model.compared_residuals(up[:, None]) - model.compared_residuals(down[:, None]))[:, 0] / (
-            up[k] - down[k]
-        )
+        above, below = (model.compared_residuals(side[:, None])[:, 0] for side in (up, down))
+        single = (above - below) / (up[k] - down[k])
         np.testing.assert_allclose(J[:, k], single, rtol=1e-9, atol=1e-9)
 
 

@@ -199,8 +199,8 @@ class Page:
         changes = self._figures.show(run, settings.window)
         changes += [] if is_explained else self._figures.show_hunting_index()
         query = loop.link_query(settings, self._model.starts)
-        texts = {"error": run.error, "learning": run.learning, "explained": "yes" if is_explained else "", "phase": "words"}
-        self._send(changes, settings, query=query, **texts)
+        texts = {"error": run.error, "learning": run.learning, "explained": "yes" if is_explained else ""}
+        self._send(changes, settings, query=query, phase="words", **texts)
 
     def _show_explanation(self, settings: Settings, run: Run, e: ExplanationText) -> None:
         changes = self._figures.show_hunting_index(e.hunting_index)
