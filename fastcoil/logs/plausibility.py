@@ -160,7 +160,7 @@ def find_scale_change(percent: Array) -> int:
 
 
 def find_column_exchange(T: Array, command: Array) -> int:
-    """Find the index from which a temperature goes on with the numbers of the command, and the reverse; 0 if nowhere."""
+    """Find the index from which a temperature and the command go on with each other's numbers; 0 if nowhere."""
     (T_before, T_after), (command_before, command_after) = ((series[:-1], series[1:]) for series in (T, command))
     jump = np.minimum(np.abs(T_after - T_before), np.abs(command_after - command_before))
     mismatch = np.maximum(np.abs(T_after - command_before), np.abs(command_after - T_before))
