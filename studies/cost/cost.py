@@ -19,7 +19,7 @@ from studies.hunting.loops import acting, valves
 from studies.robustness.best_pi import simc_gains
 
 TARIFF = {"electricity": 0.13, "demand": 15.0, "heat": 0.05, "cop": 4.0, "currency": "USD"}
-"""Round numbers near those of commercial customers in the United States; see ``docs/cost.md``."""
+"""Round numbers near those of commercial customers in the United States; see ``docs/findings/cost.md``."""
 HEAT, PEAK, AIR, WITHOUT, EVENED, BILL, MONEY = "heat", "peak", "air", "without", "evened", "bill", "money"
 RESAMPLES, AT_ONCE = 200, 20
 HOURS = 7.5

@@ -14,7 +14,7 @@ from fastcoil.deliver.report.page import (
     Picture,
     Section,
     Table,
-    Words,
+    Paragraphs,
     citation_section,
     facts_table,
     versions_section,
@@ -80,12 +80,12 @@ def paper_page(card: Mapping[str, Any], folder: Path) -> Page:
         Section("What changes with the kind of day", [_verdicts(card, moving, changes)]),
         Section("What does not", [
             _verdicts(card, [c for c in claims if not c["change"]], "The other claims"),
-            Words([columns]),
+            Paragraphs([columns]),
         ]),
-        Section("What contradicts itself", [Words(identities, bullets=True)]),
+        Section("What contradicts itself", [Paragraphs(identities, bullets=True)]),
         Section("Figures", _figures(folder, quick=card["quick"])),
         Section("Claim by claim", [block for c in claims for block in _claim(c, tunings["presets"])]),
-        Section("Not simulated", [Words([str(text) for text in card["not_simulated"]], bullets=True)]),
+        Section("Not simulated", [Paragraphs([str(text) for text in card["not_simulated"]], bullets=True)]),
         _how(card),
         versions_section(provenance()),
         citation_section(),
@@ -139,7 +139,7 @@ def _claim(c: Mapping[str, Any], presets: list[str]) -> list[Block]:
             values = [measured[p][name] for p in columns]
             rows.append([name, kind, *("never" if v is None else f"{v:.3g}" for v in values)])
     head = ["median over days", "days", *columns]
-    return [Table(f"{c['claim']} ({c['section']})", head, rows), Words(lines, bullets=True)]
+    return [Table(f"{c['claim']} ({c['section']})", head, rows), Paragraphs(lines, bullets=True)]
 
 
 def _how(card: Mapping[str, Any]) -> Section:
@@ -173,7 +173,7 @@ def _how(card: Mapping[str, Any]) -> Section:
         ("fastcoil", str(card["fastcoil_version"])),
         *((f"content_sha256, {name}", str(found)) for name, found in tunings["content_sha256"].items()),
     )  # fmt: skip
-    return Section("How it was computed", [Words(rules), computed, Code(str(card["command"]))])
+    return Section("How it was computed", [Paragraphs(rules), computed, Code(str(card["command"]))])
 
 
 def in_markdown(page: Page) -> str:
@@ -185,7 +185,7 @@ def in_markdown(page: Page) -> str:
 
 
 def _in_markdown(block: Block) -> str:
-    if isinstance(block, Words):
+    if isinstance(block, Paragraphs):
         return "\n".join(f"* {line}" for line in block.lines) if block.bullets else "\n\n".join(block.lines)
     if isinstance(block, Picture):
         return f"![{block.alt}]({block.file})\n\n{block.caption}"

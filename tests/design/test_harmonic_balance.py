@@ -1,4 +1,4 @@
-"""Harmonic balance against tables of loops that can be written down: literature.md §4.2 and §4.3."""
+"""Harmonic balance against tables of loops that can be written down."""
 
 import numpy as np
 import pytest

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from click.testing import CliRunner, Result
 
+from fastcoil.base.errors import EXIT_INPUT
 from fastcoil.cli.main import main
 from fastcoil.study.file.user_code import load
 from helpers.sentences import assert_worded
@@ -15,11 +16,11 @@ def fastcoil(*words: object) -> Result:
     return CliRunner().invoke(main, [str(word) for word in words])
 
 
-def assert_command_refused(*words: object) -> None:
-    """Assert that a command ends with exit code 2, and with the sentences of the snapshot alone."""
+def assert_command_refused(*words: object, exit_code: int = EXIT_INPUT) -> None:
+    """Assert that a command ends with an exit code, and on stderr with the sentences of the snapshot alone."""
     result = fastcoil(*words)
-    assert result.exit_code == 2, result.output
-    lines = result.output.splitlines()
+    assert result.exit_code == exit_code, result.output
+    lines = result.stderr.splitlines()
     assert all(line.startswith("fastcoil: ") for line in lines), result.output
     assert_worded(*(line.removeprefix("fastcoil: ") for line in lines))
 

@@ -1,4 +1,4 @@
-"""``kinds.py`` and ``best_pi.py``: kinds of days, the model of a step, and gains."""
+"""``studies/days.py`` and ``robustness/best_pi.py``: kinds of days, the model of a step, and gains."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""``diagnosis_cause.py``: the truth that it simulates, and the tables that it counts."""
+"""``studies/diagnosis/cause.py``: the truth that it simulates, and the tables that it counts."""
 
 import numpy as np
 import pytest
