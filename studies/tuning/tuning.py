@@ -91,9 +91,7 @@ def tuned(case: Case) -> tuple[Tuning, Tuning]:
 def rivals(case: Case, pi: Tuning, inverse: Tuning) -> tuple[dict[str, xr.Dataset], dict[str, str]]:
     """Every tuning on valves and days that none of them has seen: results by kind of day, and the settings in words."""
     fresh = case.loop(FRESH_VALVES, 2)
-    simc = simc_changes(
-        Group(fresh, case.days(SEARCH_DAYS), tuple(range(FRESH_VALVES))), list(SEARCH), WARM_UP_S
-    )
+    simc = simc_changes(Group(fresh, case.days(SEARCH_DAYS), tuple(range(FRESH_VALVES))), list(SEARCH), WARM_UP_S)
     best = best_gains(fc.Loop.preset(case.preset).assign(noise_std=NOISE, backlash=0.07), case.kinds)
     loops = {
         OWN: fresh,

@@ -103,7 +103,9 @@ class LoopFigures:
             "hunting_index", (0.03, 30.0), (-1.0, 1.0), x_axis_type="log", title="Hunting index, predicted by theory"
         )
         band: Any = {"fill_alpha": 0.5, "line_alpha": 0.0, "level": "underlay"}
-        fig.add_layout(BoxAnnotation(left=UNSURE_HUNTING_INDEX[0], right=UNSURE_HUNTING_INDEX[1], fill_color=_SHADE, **band))
+        fig.add_layout(
+            BoxAnnotation(left=UNSURE_HUNTING_INDEX[0], right=UNSURE_HUNTING_INDEX[1], fill_color=_SHADE, **band)
+        )
         fig.add_layout(BoxAnnotation(left=UNSURE_HUNTING_INDEX[1], fill_color=YELLOW, **band))
         limit: Any = {"line_color": _INK, "line_dash": [6, 4], "line_width": 2}
         fig.add_layout(Span(location=HUNTING_INDEX_LIMIT, dimension="height", **limit))
