@@ -55,7 +55,7 @@ def tuned(loop: fc.Loop, group: list[str], still: fc.Boundary, rules: Mapping[st
         rmse = fc.simulate(swept, of_kind(kind, SEARCH_DAYS)).rmse.mean("day").reset_coords(drop=True)
         error = error + np.log(rmse.fillna(np.inf))
     acts = xr.DataArray(swept["kp"])
-    # hunting indices are proportional to kp, and depend on ti
+    # margins are proportional to kp, and depend on ti
     hunting_index = acts * _per_kp(loop, group[0], ti, still)
     tried = model.assign(kp=acts, ti=ti, hunting_index=hunting_index)
     found = {}

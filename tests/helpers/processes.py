@@ -98,7 +98,7 @@ def cut_studies(monkeypatch, size, seed=None, alone=None):
         return [Shard(index) for index in index_arrays]
 
     for module in ("loops.simulate", "study.run"):
-        monkeypatch.setattr(f"fastcoil.{module}.shards_of", shards)
+        monkeypatch.setattr(f"fastcoil.{module}.cut_into_shards", shards)
 
 
 def assert_crashed(results, healthy, culprits):

@@ -13,7 +13,7 @@ from helpers.processes import child_environment
 import fastcoil as fc
 from fastcoil.base.errors import InputError
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.file.user_code import load
+from fastcoil.study.file.user_code import load_function
 from fastcoil.study.run import execute
 
 STUDY = """
@@ -114,7 +114,7 @@ def test_looking_at_a_folder_runs_none_of_it_and_rerun_says_so(path, trace, tmp_
     execute(read_study(path), out, n_jobs=1).results.close()
     assert trace.exists()
     trace.unlink()
-    load.cache_clear()
+    load_function.cache_clear()
     for command in ("status", "verify"):
         assert fastcoil(command, out).exit_code == 0
     fc.open_study(out).close()

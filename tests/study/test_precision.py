@@ -38,7 +38,7 @@ def test_the_mean_is_within_the_asked_half_width_at_least_as_often_as_is_said(me
     whole, right, drew = draw_results(method, 1, 60 * 48, 8), 0, set()
     for study in range(60):
         ds = whole.isel(sample=slice(study * 384, (study + 1) * 384))
-        n = next(n for n in precision.counts if precision.is_enough(ds.isel(sample=slice(8 * n))))
+        n = next(n for n in precision.batch_counts if precision.is_enough(ds.isel(sample=slice(8 * n))))
         drew.add(n)
         right += abs(float(ds.rmse[: 8 * n].mean()) - MEAN) <= half_width
     assert drew == {32, 48}
@@ -97,14 +97,14 @@ def whole(tmp_path_factory):
 def test_samples_are_drawn_until_every_case_is_as_precise_as_asked(whole):
     precision = Precision("rmse", 0.1, True, {}, 2, 256)
     n = whole.sizes["sample"] // 2
-    assert n in precision.counts[1:-1]
-    for judged in precision.counts:
-        enough = precision.reached(whole.isel(sample=slice(2 * judged))) <= 0.1
+    assert n in precision.batch_counts[1:-1]
+    for judged in precision.batch_counts:
+        enough = precision.reached_half_width(whole.isel(sample=slice(2 * judged))) <= 0.1
         assert enough == (judged == n)
         if enough:
             break
     reached = json.loads(whole.attrs["precision_reached"])
-    assert reached == {"half_width": precision.reached(whole), "samples": 2 * n, "reached": True}
+    assert reached == {"half_width": precision.reached_half_width(whole), "samples": 2 * n, "reached": True}
     (line,) = [line for line in summary(whole) if line.startswith("Precision")]
     assert line.startswith("Precision: mean of rmse to ± 10 % (95 %); ± ")
     assert line.endswith(f"in the least certain of 2 cases from {2 * n} samples.")
@@ -204,4 +204,4 @@ def test_precision_needs_independent_samples(tmp_path):
 def test_the_fewest_batches_are_drawn_first(tmp_path):
     study = write_study(study_text(), tmp_path / "out")
     assert (study.batches, study.plan.layout.loop.sizes["sample"]) == (MIN_BATCHES, 2 * MIN_BATCHES)
-    assert study.precision.counts == [32, 48, 72, 108, 128]
+    assert study.precision.batch_counts == [32, 48, 72, 108, 128]

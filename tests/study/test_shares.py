@@ -31,7 +31,7 @@ import fastcoil as fc
 from fastcoil.base.errors import LockedError
 from fastcoil.loops.plan import JobSlice, plan_simulation
 from fastcoil.study import run as runner
-from fastcoil.study.folder.folder import hold
+from fastcoil.study.folder.folder import hold_folder
 from fastcoil.study.folder.stored import Manifest
 from fastcoil.study.maintenance import status
 
@@ -156,8 +156,8 @@ def test_shares_run_at_the_same_time_in_processes_of_their_own(out):
 
 def test_the_same_share_is_not_run_twice_at_once_and_not_beside_a_run_of_all(out, monkeypatch):
     monkeypatch.setattr("fastcoil.study.folder.folder._SLICE_LOCK_TIMEOUT_S", 0.1)
-    monkeypatch.setattr("fastcoil.study.folder.folder._PATIENCE", 0.1)
-    with hold(out, "1-of-2"):
+    monkeypatch.setattr("fastcoil.study.folder.folder._LOCK_TIMEOUT_S", 0.1)
+    with hold_folder(out, "1-of-2"):
         with pytest.raises(LockedError, match=f"share 1 of 2 of .*out is in use by another run .process {os.getpid()}"):
             run_slice(PLAIN_STUDY, out, "1/2")
         assert "Shares that are being run: 1/2." in status(out)
@@ -165,7 +165,7 @@ def test_the_same_share_is_not_run_twice_at_once_and_not_beside_a_run_of_all(out
         assert "Of 2 shares 0 are to be run." in status(out)
         with pytest.raises(LockedError, match="share 1 of 2 of .*wait for it to end"):
             runner.execute(write_study(PLAIN_STUDY, out), out)
-    with hold(out), pytest.raises(LockedError, match=f"^{out} is in use by another run"):
+    with hold_folder(out), pytest.raises(LockedError, match=f"^{out} is in use by another run"):
         run_slice(PLAIN_STUDY, out, "1/2")
     assert run_slice(PLAIN_STUDY, out, "1/2") == 6
     resume_to_end(out, PLAIN_STUDY)

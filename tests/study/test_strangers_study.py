@@ -9,7 +9,7 @@ from helpers.studies import PLAIN_STUDY, TRACED_STUDY
 import fastcoil as fc
 from fastcoil.base.errors import InputError
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.file.user_code import load
+from fastcoil.study.file.user_code import load_function
 from fastcoil.study.folder.stored import Manifest
 from fastcoil.study.maintenance import pick_scenario
 from fastcoil.study.run import execute
@@ -40,7 +40,7 @@ def run_before(path, trace, tmp_path):
     fc.run_study(path, out, n_jobs=1).close()
     assert trace.exists(), "run_study runs it"
     trace.unlink()
-    load.cache_clear()
+    load_function.cache_clear()
     return out
 
 
@@ -79,7 +79,7 @@ def test_looking_at_a_folder_runs_no_code_of_its_study(path, trace, run_before):
     # nothing of it is current, so that every command reads the study again
     (run_before / "results.nc").unlink()
     study = read_study(run_before / "study.toml", path.parent)
-    forged = replace(Manifest.of(study), relative_to=str(path.parent))
+    forged = replace(Manifest.from_study(study), relative_to=str(path.parent))
     forged.write(run_before)
     outputs = [
         fastcoil(*command).output

@@ -8,7 +8,7 @@ from helpers.rules import RULE_HEADER
 from fastcoil.base.errors import InputError
 from fastcoil.study.file import user_code
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.file.user_code import UserFunction, find_function, load
+from fastcoil.study.file.user_code import UserCode, find_function, load_function
 
 SOURCE = """
 import numpy as np
@@ -32,9 +32,9 @@ def test_a_module_next_to_the_study_is_found_also_in_a_folder(tmp_path):
 
 
 def test_the_hash_is_of_name_and_text():
-    hashes = {UserFunction(*r, Path("a.py")).sha256 for r in (("a:f", "x = 1"), ("a:g", "x = 1"), ("a:f", "x = 2"))}
+    hashes = {UserCode(*r, Path("a.py")).sha256 for r in (("a:f", "x = 1"), ("a:g", "x = 1"), ("a:f", "x = 2"))}
     assert len(hashes) == 3
-    assert UserFunction("a:f", "x = 1", Path("elsewhere/a.py")).sha256 in hashes
+    assert UserCode("a:f", "x = 1", Path("elsewhere/a.py")).sha256 in hashes
 
 
 @pytest.mark.parametrize(
@@ -119,4 +119,4 @@ def test_a_rule_keeps_the_name_that_its_source_gives_it(study):
     with pytest.raises(
         InputError, match="one is not the estimator that its source declares: .* each rule a name of its own"
     ):
-        read_study(path, prepare=load)
+        read_study(path, prepare=load_function)

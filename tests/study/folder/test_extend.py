@@ -156,7 +156,7 @@ def kill_between_files(monkeypatch, study, out, **options):
 
     def write_one(*words):
         for module in (folder, stored):
-            patch.setattr(module, "commit", commit)
+            patch.setattr(module, "write_atomically", commit)
         write_both(*words)
 
     with monkeypatch.context() as patch:

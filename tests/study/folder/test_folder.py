@@ -24,7 +24,7 @@ from fastcoil.study import maintenance
 from fastcoil.study import run as runner
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder import folder
-from fastcoil.study.folder.folder import find_holder, hold
+from fastcoil.study.folder.folder import find_holder, hold_folder
 
 pytestmark = pytest.mark.kernel
 
@@ -152,7 +152,7 @@ def test_half_written_reruns_are_removed_and_a_rerun_waits_for_no_run(out):
     half = out / "reruns" / ".backlash.nc.123.tmp"
     half.parent.mkdir()
     half.write_bytes(b"half")
-    with hold(out):
+    with hold_folder(out):
         path, _ = maintenance.rerun(out, AT)
     assert [p.name for p in half.parent.glob("[!.]*")] == [path.name]
     assert not half.exists()

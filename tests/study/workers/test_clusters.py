@@ -106,7 +106,7 @@ def test_a_scheduler_that_is_killed_ends_the_run_with_a_sentence(
     words = ["run", str(small_study), "-o", str(tmp_path / "out"), "--backend", "dask"]
     start = time.monotonic()
     with monkeypatch.context() as patch:
-        patch.setattr("fastcoil.base.progress.Shown.start", lambda *_: tell)
+        patch.setattr("fastcoil.base.progress.ProgressDisplay.start", lambda *_: tell)
         failing_shards.harm_every_study(patch, failing_shards.sleep_briefly, range(128, 160))
         result = CliRunner().invoke(main, [*words, "--scheduler", two_workers.address, "--no-figures"])
     assert time.monotonic() - start < 60

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from helpers.refusals import only_problem, problems
 
 from fastcoil.cli.main import main
-from fastcoil.study.file.user_code import UserFunction, load, reduce
+from fastcoil.study.file.user_code import UserCode, load_function, reduce_traces
 
 SOURCE = """
 import numpy as np
@@ -41,7 +41,7 @@ def traces():
 
 
 def make_source(source, name="mine:overshoot"):
-    return UserFunction(name, source, Path("mine.py"))
+    return UserCode(name, source, Path("mine.py"))
 
 
 def make_reduction(body, name="mine:f"):
@@ -52,7 +52,7 @@ def make_reduction(body, name="mine:f"):
 
 
 def test_the_answer_is_that_of_the_function(traces):
-    reduced = reduce(make_source(SOURCE), traces)
+    reduced = reduce_traces(make_source(SOURCE), traces)
     expected = np.nanmax(traces.T_sup.values, axis=1) - 14.0
     np.testing.assert_array_equal(reduced.overshoot, expected)
     assert reduced.overshoot.dims == ("scenario",)
@@ -60,7 +60,7 @@ def test_the_answer_is_that_of_the_function(traces):
 
 
 def test_swept_parameters_and_volumes_are_at_hand(traces):
-    reduced = reduce(
+    reduced = reduce_traces(
         make_reduction("return xr.Dataset({'x': t.T_c.isel(volume=1).max('elapsed_time') * t.kp})"), traces
     )
     np.testing.assert_array_equal(reduced.x, (np.nanmax(traces.T_sup.values, axis=1) + 1.0) * traces.kp.values)
@@ -69,7 +69,7 @@ def test_swept_parameters_and_volumes_are_at_hand(traces):
 
 def test_further_dims_keep_their_labels_and_stand_behind_the_scenario(traces):
     body = "q = t.T_sup.quantile([0.1, 0.9], 'elapsed_time')\n    "
-    reduced = reduce(
+    reduced = reduce_traces(
         make_reduction(body + "return xr.Dataset({'q': q, 'n': (t.T_sup > 14).sum('elapsed_time')})"), traces
     )
     assert reduced.q.dims == ("scenario", "quantile")
@@ -85,17 +85,19 @@ def test_attributes_are_words_that_mean_nothing_to_a_decoder(traces):
     body = (
         f"return xr.Dataset({{'x': t.kp.rename(None).assign_attrs({attributes}, add_offset=1.0, missing_value=0.01)}})"
     )
-    assert reduce(make_reduction(body), traces).x.attrs == {"units": "K", "long_name": "an \u00e9"}
+    assert reduce_traces(make_reduction(body), traces).x.attrs == {"units": "K", "long_name": "an \u00e9"}
     for units in ("'K\\0'", "'\\ud800'", "10**40"):
         body = f"return xr.Dataset({{'x': ('scenario', t.kp.values, {{'units': {units}}})}})"
-        assert reduce(make_reduction(body), traces).x.attrs == {}
+        assert reduce_traces(make_reduction(body), traces).x.attrs == {}
 
 
 def test_the_traces_are_as_they_were_and_cannot_be_written_to(traces):
     before = traces.copy(deep=True)
-    reduce(make_reduction("t['more'] = t.T_sup + 1\n    return xr.Dataset({'x': t.more.max('elapsed_time')})"), traces)
+    reduce_traces(
+        make_reduction("t['more'] = t.T_sup + 1\n    return xr.Dataset({'x': t.more.max('elapsed_time')})"), traces
+    )
     for name in ("T_sup", "kp"):
-        problem = only_problem(reduce, make_reduction(f"t.{name}.values[:] = 0\n    return t"), traces)
+        problem = only_problem(reduce_traces, make_reduction(f"t.{name}.values[:] = 0\n    return t"), traces)
         assert problem == "reduce = 'mine:f' raised ValueError: assignment destination is read-only"
     assert traces.identical(before)
     traces.T_sup.values[0] = 0.0
@@ -114,7 +116,7 @@ def test_the_traces_are_as_they_were_and_cannot_be_written_to(traces):
     ],
 )
 def test_an_answer_that_depends_on_other_scenarios_is_refused(traces, body):
-    problem = only_problem(reduce, make_reduction(body), traces)
+    problem = only_problem(reduce_traces, make_reduction(body), traces)
     assert problem == (
         "reduce = 'mine:f' gives another x for a scenario alone than among others: treat each scenario alone, to "
         "the last bit"
@@ -166,14 +168,14 @@ def test_an_answer_that_depends_on_other_scenarios_is_refused(traces, body):
     ],
 )
 def test_a_wrong_answer_is_refused_with_one_sentence(traces, body, sentence):
-    problem = only_problem(reduce, make_reduction(body), traces)
+    problem = only_problem(reduce_traces, make_reduction(body), traces)
     assert problem.startswith(f"reduce = 'mine:f' {sentence}")
     assert "\n" not in problem
 
 
 def test_all_that_is_wrong_is_named(traces):
     body = "return xr.Dataset({'rmse': t.T_sup.max(), 'x': t.tuning.expand_dims(day=2)})"
-    assert len(problems(reduce, make_reduction(body), traces)) == 4
+    assert len(problems(reduce_traces, make_reduction(body), traces)) == 4
 
 
 # The module
@@ -191,7 +193,7 @@ def test_all_that_is_wrong_is_named(traces):
     ],
 )
 def test_a_module_that_does_not_run_is_refused_with_one_sentence(source, sentence):
-    problem = only_problem(load, "reduce", make_source(source, "mine:f"))
+    problem = only_problem(load_function, "reduce", make_source(source, "mine:f"))
     assert problem.startswith(f"reduce = 'mine:f': {sentence}")
     assert "\n" not in problem
 
