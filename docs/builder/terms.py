@@ -15,6 +15,7 @@ EVERYDAY_WORDS = {
         "interval",
         "inverse",
         "kernel",
+        "hunting_index",
         "metric",
         "pi",
     ),

@@ -2,5 +2,5 @@
 
 ``file`` reads and checks the study file; ``run`` decides what is left to do, has the ``workers`` run it shard by shard
 and merges it in the ``folder``.  ``maintenance`` answers for a folder (status, verify, rerun, one scenario),
-``archive`` packs it into one file.  ``analysis`` compares results.
+``analysis`` compares results.
 """
