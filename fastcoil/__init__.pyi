@@ -16,6 +16,8 @@ from fastcoil.design.limit_cycle import nyquist as nyquist
 from fastcoil.design.linearise import linearise as linearise
 from fastcoil.design.to_control import to_control as to_control
 from fastcoil.design.tune import tune as tune
+from fastcoil.logs.log import Log as Log
+from fastcoil.logs.log import read_log as read_log
 from fastcoil.loops.boundary import Boundary as Boundary
 from fastcoil.loops.boundary.days import constant_day as constant_day
 from fastcoil.loops.boundary.days import design_day as design_day

@@ -30,7 +30,7 @@ def run() -> None:
     if code in (EXIT_INTERRUPTED, EXIT_TERMINATED):
         _exit_without_waiting(code)
     netcdf = sys.modules.get("fastcoil.loops.netcdf")
-    if netcdf is not None and netcdf.abandoned:  # the library would crash on them at interpreter exit
+    if netcdf is not None and netcdf.unclosed_files:  # the library would crash on them at interpreter exit
         _flush_and_exit(code)
     sys.exit(code or (EXIT_STORAGE if loss is not None else 0))
 

@@ -1,7 +1,7 @@
 """Checks of the arguments of public functions.
 
-``name_of(name, value, ...)`` converts a value to a plain Python type or raises an `InputError` of one sentence: field,
-value, cure.  ``checking`` collects the errors of several checks and raises them together.
+``require_...(name, value, ...)`` converts a value to a plain Python type or raises an `InputError` about the field
+``name``, of one sentence: name, value, cure.  ``argument_checks`` raises the errors of several checks together.
 """
 
 import math
@@ -13,7 +13,7 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
-from fastcoil.base.errors import InputError, WrongTypeMessage, did_you_mean, short_repr
+from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 from fastcoil.base.files import require_usable_path
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ _BUILTIN_BY_DTYPE_KIND: Mapping[str, Callable[[Any], object]] = {"b": bool, "i":
 
 
 def raise_problems(problems: Collection[str]) -> None:
-    """Raise all mistakes found, a sentence each, as one ``InputError``; none of them is no error."""
+    """Raise one ``InputError`` with all of these mistakes, a sentence each; do nothing if there are none."""
     if problems:
         raise InputError(problems)
 
@@ -42,7 +42,7 @@ def collect_problems(problems: list[str], prefix: str = "") -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        problems += [p.prefixed(prefix) for p in error.problems]
+        problems += [p.prefixed(prefix) if prefix else p for p in error.problems]
 
 
 class Checks:
@@ -52,7 +52,7 @@ class Checks:
         self.problems: list[str] = []
 
     def __call__(self, check: Callable[P, R], *args: P.args, **options: P.kwargs) -> R:
-        """The result of ``check``, or None if it fails: the whole call is refused afterwards."""
+        """Return the result of ``check``, or None if it fails: the whole call is refused afterwards."""
         with collect_problems(self.problems):
             return check(*args, **options)
         return cast(R, None)
@@ -91,65 +91,66 @@ def is_number(value: Any) -> bool:
 def require_number(
     name: str, value: object, cure: str, *, least: float = -math.inf, most: float = _LARGEST_FLOAT
 ) -> float:
-    """A finite number from ``least`` to ``most``, both included."""
+    """Require a finite number from ``least`` to ``most``, both included."""
     if not is_number(value):
-        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)}: {cure}"))
+        raise InputError(f"{name} = {short_repr(value)}: {cure}", name, "type")
     number = to_builtin(value)
     if not max(least, -_LARGEST_FLOAT) <= number <= most:
-        raise InputError(f"{name} = {short_repr(value)}: {cure}")
+        raise InputError(f"{name} = {short_repr(value)}: {cure}", name, "value")
     return float(number)
 
 
 def require_integer(name: str, value: object, least: int, most: int | None = None, cure: str | None = None) -> int:
-    """A whole number from ``least`` to ``most``."""
+    """Require a whole number from ``least`` to ``most``."""
     number = to_builtin(value)
     if isinstance(number, bool) or not isinstance(number, Integral) or hasattr(number, "dtype"):
-        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)}: {cure or 'give a whole number'}"))
+        raise InputError(f"{name} = {short_repr(value)}: {cure or 'give a whole number'}", name, "type")
     if int(number) < least or (most is not None and int(number) > most):
         limits = f"must be at least {least}" + (f" and at most {most}" if most is not None else "")
-        raise InputError(f"{name} = {short_repr(number)}: {cure or limits}")
+        raise InputError(f"{name} = {short_repr(number)}: {cure or limits}", name, "value")
     return int(number)
 
 
 def require_flag(name: str, value: object) -> bool:
-    """True or False, of Python or numpy."""
+    """Require True or False, of Python or numpy."""
     flag = to_builtin(value)
     if not isinstance(flag, bool):
-        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)}: give True or False"))
+        raise InputError(f"{name} = {short_repr(value)}: give True or False", name, "type")
     return flag
 
 
 def require_choice(name: str, value: object, choices: Collection[str]) -> str:
-    """One of ``choices``."""
+    """Require one of ``choices``."""
     word = to_builtin(value)
     cure = f"choose {_alternatives(choices)}" if choices else "leave it out, there is none to choose"
     if not isinstance(word, str):
-        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)}: {cure}"))
+        raise InputError(f"{name} = {short_repr(value)}: {cure}", name, "type")
     if word not in choices:
-        raise InputError(f"{name} = {short_repr(word)}{did_you_mean(word, choices)}: {cure}")
+        raise InputError(f"{name} = {short_repr(word)}{did_you_mean(word, choices)}: {cure}", name, "choice")
     return word
 
 
 def require_path(name: str, value: object, cure: str = "give a path") -> Path:
-    """A path that the file system accepts; it need not exist."""
+    """Require a path that the file system accepts; it need not exist."""
     if not isinstance(value, (str, os.PathLike)):
-        raise InputError(WrongTypeMessage(f"{name} is a {type(value).__name__}: {cure}"))
+        raise InputError(f"{name} is a {type(value).__name__}: {cure}", name, "type")
     text = os.fspath(value)
     if not isinstance(text, str):
-        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)}: {cure} as text"))
+        raise InputError(f"{name} = {short_repr(value)}: {cure} as text", name, "type")
     if not text:
-        raise InputError(f"{name} is empty: {cure}")
-    require_usable_path(Path(text), cure)
+        raise InputError(f"{name} is empty: {cure}", name, "path")
+    require_usable_path(Path(text), cure, name)
     return Path(text)
 
 
 def require_text(name: str, value: object) -> str:
-    """A text that can be stored as UTF-8."""
+    """Require a text that can be stored as UTF-8."""
     text = to_builtin(value)
     if not isinstance(text, str):
-        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)}: give a text"))
+        raise InputError(f"{name} = {short_repr(value)}: give a text", name, "type")
     if not is_storable_text(text):
-        raise InputError(f"{name} = {short_repr(text)}: it has characters that cannot be stored as UTF-8, remove them")
+        sentence = f"{name} = {short_repr(text)}: it has characters that cannot be stored as UTF-8, remove them"
+        raise InputError(sentence, name, "value")
     return text
 
 
@@ -162,9 +163,9 @@ def is_storable_text(text: str) -> bool:
 
 
 def require_instance(name: str, value: object, kind: type[T], cure: str) -> T:
-    """An instance of ``kind``."""
+    """Require an instance of ``kind``."""
     if not isinstance(value, kind):
-        raise InputError(WrongTypeMessage(f"{name} is a {type(value).__name__}: {cure}"))
+        raise InputError(f"{name} is a {type(value).__name__}: {cure}", name, "type")
     return value
 
 
@@ -176,49 +177,55 @@ def require_array(name: str, value: Any, cure: str, kinds: str = "iuf") -> "NDAr
     import numpy as np
 
     if isinstance(value, range) and len(value) > MAX_ARRAY_VALUES:
-        raise InputError(f"{name} = {short_repr(value)}: more than {MAX_ARRAY_VALUES:,} values, give fewer")
+        raise InputError(
+            f"{name} = {short_repr(value)}: more than {MAX_ARRAY_VALUES:,} values, give fewer", name, "size"
+        )
     try:
         if isinstance(value, np.ma.MaskedArray):
             value = np.ma.filled(value.astype(np.float64), np.nan)
         array = np.asarray(value)
     except Exception as error:  # a user's class may raise anything
         if isinstance(error, ValueError) and isinstance(value, (list, tuple)):
-            raise InputError(f"{name} has rows of different length: give one length") from None
-        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)}: {cure}")) from None
+            raise InputError(f"{name} has rows of different length: give one length", name, "shape") from None
+        raise InputError(f"{name} = {short_repr(value)}: {cure}", name, "type") from None
     if array.dtype.kind not in kinds:
         kind = "text" if array.dtype.kind in "US" else array.dtype.name  # the name of text has its length in bits
-        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)} is of type {kind}: {cure}"))
+        raise InputError(f"{name} = {short_repr(value)} is of type {kind}: {cure}", name, "type")
     return array
 
 
 def require_mapping(name: str, value: object, cure: str, *, to_text: bool = False) -> Mapping[str, Any]:
-    """A mapping with text keys, and text values if ``to_text``."""
+    """Require a mapping with text keys, and text values if ``to_text``."""
     items = list(value.items()) if isinstance(value, Mapping) else [(None, None)]
     texts: list[Any] = [text for key, item in items for text in ((key, item) if to_text else (key,))]
     if not all(isinstance(text, str) for text in texts):
-        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)}: {cure}"))
+        raise InputError(f"{name} = {short_repr(value)}: {cure}", name, "type")
     return cast("Mapping[str, Any]", value)
 
 
 def require_names(argument: str, value: object) -> list[str]:
-    """One name or an iterable of different names, as a list."""
+    """Require one name or an iterable of different names; return a list."""
     value = to_builtin(value)
     is_0d = getattr(value, "ndim", None) == 0  # of xarray: it has __iter__, which raises
     items: Iterable[object] = [value] if isinstance(value, str) or is_0d or not isinstance(value, Iterable) else value
     names: list[str] = []
     for name in map(to_builtin, items):
         if not isinstance(name, str):  # of a range of millions the first is enough
-            raise InputError(WrongTypeMessage(f"{argument} = {short_repr(value)}: must be a name or a list of names"))
+            raise InputError(f"{argument} = {short_repr(value)}: must be a name or a list of names", argument, "type")
         names.append(name)
     if not names:
-        raise InputError(f"{argument} is empty: give at least one name")
-    repeated_names = sorted({name for name in names if names.count(name) > 1})
-    raise_problems([f"{argument}: {short_repr(name)} is given more than once: give it once" for name in repeated_names])
+        raise InputError(f"{argument} is empty: give at least one name", argument, "missing")
+    raise_problems(
+        [
+            Problem(f"{argument}: {short_repr(name)} is given more than once: give it once", argument, "duplicate")
+            for name in sorted({name for name in names if names.count(name) > 1})
+        ]
+    )
     return names
 
 
 def require_confidence_level(level: object) -> float:
-    """The confidence level of an interval, between 0 and 1."""
+    """Require the confidence level of an interval, between 0 and 1."""
     cure = "must be a number between 0 and 1, such as 0.95"
     return require_number("level", level, cure, least=math.nextafter(0.0, 1.0), most=math.nextafter(1.0, 0.0))
 

@@ -12,7 +12,7 @@ from fastcoil.base.machine import reserve_disk_space
 Array: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
 Index: TypeAlias = NDArray[np.int64]
-MEMMAP_MIN_BYTES = 2**18  # bytes
+MEMMAP_MIN_BYTES = 2**18
 
 
 def allocate_on_disk(

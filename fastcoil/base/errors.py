@@ -18,8 +18,8 @@ EXIT_INTEGRITY = 6
 EXIT_INTERRUPTED = 130
 EXIT_TERMINATED = 143
 
-_MAX_REPR_CHARACTERS = 60  # characters of a value quoted in a message
-_MAX_SENTENCES = 20  # sentences printed in full, the rest are counted
+_MAX_REPR_CHARACTERS = 60  # of a value quoted in a message
+_MAX_SENTENCES = 20  # of an error in print, the rest are counted
 
 
 class FastcoilError(Exception):
@@ -46,10 +46,10 @@ class FastcoilError(Exception):
     def __str__(self) -> str:
         sentences = self._sentences()
         n_hidden = len(sentences) - _MAX_SENTENCES
-        hidden_note = (
-            [f"… and {n_hidden:,} more {self._item_noun}{'s' if n_hidden > 1 else ''}"] if n_hidden > 0 else []
-        )
-        return "\n".join([*map(escape_control_characters, sentences[:_MAX_SENTENCES]), *hidden_note])
+        lines = [*map(escape_control_characters, sentences[:_MAX_SENTENCES])]
+        if n_hidden > 0:
+            lines.append(f"… and {n_hidden:,} more {self._item_noun}{'s' if n_hidden > 1 else ''}")
+        return "\n".join(lines)
 
     def _sentences(self) -> list[str]:
         return str(self.args[0]).split("\n") if self.args else []
@@ -85,6 +85,7 @@ class Problem(str):
 
     field: str
     code: str
+    is_argument = True  # not so where a file says it: only an argument of the wrong type is a ``TypeError``
 
     def __new__(cls, sentence: str, field: str = "", code: str = "") -> Self:
         self = super().__new__(cls, sentence)
@@ -95,8 +96,10 @@ class Problem(str):
         return str(self), self.field, self.code
 
     def prefixed(self, prefix: str) -> Problem:
-        """Return the same problem with words before its sentence."""
-        return Problem(prefix + self, self.field, self.code)
+        """Return the problem of a file, with words before its sentence."""
+        problem = Problem(prefix + self, self.field, self.code)
+        problem.is_argument = False
+        return problem
 
 
 class WrongTypeMessage(Problem):
@@ -125,8 +128,8 @@ class InputError(FastcoilError, ValueError):
 
     def __new__(cls, problems: str | Collection[str] = (), field: str = "", code: str = "") -> InputError:
         # libraries that pickle errors between processes construct them without arguments
-        is_type_error = cls is InputError and any(p.code == "type" for p in _as_problems(problems, field, code))
-        return super().__new__(InputTypeError if is_type_error else cls)
+        is_wrong_type = any(p.code == "type" and p.is_argument for p in _as_problems(problems, field, code))
+        return super().__new__(InputTypeError if cls is InputError and is_wrong_type else cls)
 
     def __init__(self, problems: str | Collection[str], field: str = "", code: str = "") -> None:
         self.problems = _as_problems(problems, field, code)
@@ -161,10 +164,10 @@ class StorageError(FastcoilError, OSError):
 
 
 def out_of_memory_error(failure: str) -> StorageError:
-    """Error for work that ran out of memory; ``failure``: what cannot be done."""
+    """Return the error for work that ran out of memory; ``failure``: what cannot be done."""
     error = StorageError(
-        f"{failure}: the memory ran out; finished scenarios are kept: use fewer workers with -j, --backend loky, or fewer "
-        "traces, and run the same command again"
+        f"{failure}: the memory ran out; finished scenarios are kept: use fewer workers with -j, --backend loky, or "
+        "fewer traces, and run the same command again"
     )
     error.errno = errno.ENOMEM
     return error
@@ -185,20 +188,20 @@ class IntegrityError(FastcoilError):
 
 
 def missing_extra_error(feature: str, packages: str, extra: str) -> InputError:
-    """Error for missing optional packages: what needs them, and the extra that installs them."""
+    """Return the error for missing optional packages: what needs them, and the extra that installs them."""
     noun = "packages" if " and " in packages else "package"
     return InputError(f"{feature} needs the {noun} {packages}: pip install 'fastcoil[{extra}]'", packages, "package")
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Clause such as ``, did you mean 'backlash'?`` for an unknown name; empty if no known name is similar."""
+    """Return a clause such as ``, did you mean 'backlash'?`` for an unknown name; empty if no known name is similar."""
     by_folded = {k.casefold(): k for k in known}
     match = difflib.get_close_matches(name.casefold(), list(by_folded), n=1, cutoff=0.6)
     return f", did you mean {by_folded[match[0]]!r}?" if match else ""
 
 
 def short_repr(value: object) -> str:
-    """A value quoted in a message: on one line, truncated."""
+    """Quote a value in a message: on one line, truncated."""
     text = repr(value[:_MAX_REPR_CHARACTERS] if isinstance(value, (str, bytes, list, tuple)) else value)
     if not text.isprintable():
         text = " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())

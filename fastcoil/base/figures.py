@@ -21,11 +21,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-BLUE, RED, YELLOW = "#004488", "#BB5566", "#DDAA33"
+BLUE = "#004488"
+RED = "#BB5566"
+YELLOW = "#DDAA33"
 COLOURS = (BLUE, RED, YELLOW)
 """The "high-contrast" scheme of Tol, Colour Schemes, SRON/EPS/TN/09-002, issue 3.2 (2021), dark to light.
 
-Distinct from each other, black and ``GREY`` for deuteranopes and protanopes, and from each other in greyscale print.
+Distinct from each other, black and ``LINE_GREY`` for deuteranopes and protanopes, and from each other in greyscale.
 """
 LINE_GREY = "0.65"
 """For reference lines.  In greyscale print as light as yellow: there, only line styles distinguish the two."""
@@ -47,10 +49,6 @@ STYLE: Mapping[str, Any] = {
     "lines.linewidth": 1.4,
     "figure.dpi": 150,
 }
-_INCHES_PER_POINT = 1 / 72
-_CHARACTER_WIDTH_EM = (
-    0.55  # average character width of the default font in font sizes, rounded up so that no line is too long
-)
 
 
 @contextmanager
@@ -68,7 +66,8 @@ def apply_style(**changes: Any) -> Iterator[None]:
 
 def wrap_text(text: str, inches: float, points: float) -> str:
     """Wrap text to a width in inches at a font size in points; existing line breaks are kept."""
-    n_characters = max(int(inches / (_CHARACTER_WIDTH_EM * points * _INCHES_PER_POINT)), 1)
+    character_width = 0.55 * points / 72  # average of the default font, rounded up so that no line is too long
+    n_characters = max(int(inches / character_width), 1)
     return "\n".join(fill(line, n_characters, break_long_words=False) for line in text.splitlines())
 
 
@@ -77,7 +76,6 @@ FIGURES_FOLDER = "figures"
 FIGURE_FORMATS = ("png", "pdf", "svg")
 DEFAULT_DPI = 200
 """Dots per inch of a PNG and of rasterised maps in a PDF or SVG."""
-_DPI_RANGE = (50, 1200)
 _METADATA: Mapping[str, dict[str, Any]] = {
     "png": {"Software": "fastcoil"},
     "pdf": {"Creator": "fastcoil", "CreationDate": None},
@@ -92,7 +90,6 @@ _ORIGIN_IN_FILE = {
     "pdf": re.compile(rb"/Keywords \(" + _ORIGIN_HASH + rb"\)"),
     "svg": re.compile(rb"<dc:source>" + _ORIGIN_HASH + rb"</dc:source>"),
 }
-_MAX_FIGURE_BYTES = 2**26  # maximum size of a figure file in bytes
 _SAVE_SETTINGS: Any = {"svg.hashsalt": "fastcoil", "svg.fonttype": "none", "pdf.fonttype": 42}
 """Text is stored as text, so that it can be searched and edited."""
 
@@ -100,12 +97,11 @@ _SAVE_SETTINGS: Any = {"svg.hashsalt": "fastcoil", "svg.fonttype": "none", "pdf.
 def check_format(format: str, dpi: object) -> None:
     """Check the format and resolution of a figure file.
 
-    ``InputError`` if ``format`` is none of ``FORMATS`` or ``dpi`` no whole number from 50 to 1200.
+    ``InputError`` if ``format`` is none of ``FIGURE_FORMATS`` or ``dpi`` no whole number from 50 to 1200.
     """
-    low, high = _DPI_RANGE
     with argument_checks() as check:
         check(require_choice, "format", format, FIGURE_FORMATS)
-        check(require_integer, "dpi", dpi, low, high, f"give a whole number from {low} to {high}")
+        check(require_integer, "dpi", dpi, 50, 1200, "give a whole number from 50 to 1200")
 
 
 def encode_figure(figure: Figure, format: str = "png", dpi: int = DEFAULT_DPI, drawn_from: str | None = None) -> bytes:
@@ -146,12 +142,12 @@ def write_figures(
 
 
 def read_origin(path: Path) -> str | None:
-    """The ``content_sha256`` of the results that a PNG, PDF or SVG file was drawn from; None if it contains none.
+    """Return the ``content_sha256`` of the results that a PNG, PDF or SVG file was drawn from, or None.
 
     Only the bytes are searched: no library decodes the untrusted file.
     """
     try:
-        data = read_bytes(path, _MAX_FIGURE_BYTES) if path.is_file() else b""
+        data = read_bytes(path, 2**26) if path.is_file() else b""
     except (OSError, ValueError):  # unreadable, too large or not a regular file
         return None
     match = _ORIGIN_IN_FILE[path.suffix[1:]].search(data)
@@ -159,12 +155,12 @@ def read_origin(path: Path) -> str | None:
 
 
 def current_figures(folder: Path, content_sha256: str) -> list[Path]:
-    """The figures in a study's folder that were drawn from these results."""
+    """Return the figures in a study's folder that were drawn from these results."""
     return [path for path in _figure_files(folder) if read_origin(path) == content_sha256]
 
 
 def stale_figures(folder: Path, content_sha256: str) -> list[Path]:
-    """The figures in a study's folder that were drawn from other results.
+    """Return the figures in a study's folder that were drawn from other results.
 
     Figures without an origin in their metadata are not included.
     """

@@ -19,10 +19,7 @@ from fastcoil.base.machine import IS_POSIX, NO_FOLLOW_FLAG, READ_FLAGS, flush_to
 
 TEMPORARY_SUFFIX = ".tmp"
 """Suffix of a file that is being written."""
-_CHUNK_BYTES = 1 << 20  # bytes read at once
-_READ_OPERATIONS = ("read", "found", "read by another process")  # operations that need no space on the disk
-_PROBE_BYTES = 1 << 20  # bytes written to find out whether the disk is full
-_MAX_NAME_BYTES = 200  # bytes of a name made by ``portable_file_name``
+_CHUNK_BYTES = 1 << 20  # read at once, or written to find out whether the disk is full
 _URL_START = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")
 """Begins ``s3://bucket`` and ``https://host``, also as a `Path`, which drops one of the slashes; no drive letter."""
 
@@ -53,15 +50,16 @@ def read_text(path: Path, what: str, limit: int, *, utf_16: bool = False, latin_
         if latin_1:
             return data.decode("latin-1")
         format = "'CSV UTF-8'" if path.suffix.lower() == ".csv" else "UTF-8"  # the name in spreadsheets
-        raise InputError(f"{path} is not UTF-8 (byte {error.start}): save it as {format}") from None
+        sentence = f"{path} is not UTF-8 (byte {error.start}): save it as {format}"
+        raise InputError(sentence, str(path), "format") from None
     except (TooLargeError, IrregularFileError) as error:
-        raise InputError(f"{path} {error}: give {what}") from None
+        raise InputError(f"{path} {error}: give {what}", str(path), "path") from None
     except FileNotFoundError:
-        raise InputError(f"{path} does not exist: give {what}") from None
+        raise InputError(f"{path} does not exist: give {what}", str(path), "path") from None
     except IsADirectoryError:
-        raise InputError(f"{path} is a folder: give {what}") from None
+        raise InputError(f"{path} is a folder: give {what}", str(path), "path") from None
     except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}): give {what}") from None
+        raise InputError(f"{path} cannot be read ({error.strerror}): give {what}", str(path), "path") from None
 
 
 def read_bytes(path: Path, limit: int, *, follow: bool = True) -> bytes:
@@ -69,8 +67,8 @@ def read_bytes(path: Path, limit: int, *, follow: bool = True) -> bytes:
 
     follow: follow symbolic links.
 
-    ``OSError`` from the operating system.  ``TooLargeError`` if it has more than ``limit`` bytes.  ``IrregularFileError``
-    if it is a pipe, a device or a socket.
+    ``OSError`` from the operating system.  ``TooLargeError`` if it has more than ``limit`` bytes.
+    ``IrregularFileError`` if it is a pipe, a device or a socket.
     """
     # checked before opening: opening a device can have side effects
     _require_regular(os.stat(path, follow_symlinks=follow))
@@ -89,23 +87,26 @@ def read_bytes(path: Path, limit: int, *, follow: bool = True) -> bytes:
 
 
 def portable_file_name(name: str) -> str:
-    """A portable file name, different for each ``name``."""
+    """Return a portable file name, different for each ``name``."""
     portable = re.sub(r"[^\w.=+-]", "-", name)
-    if portable == name and len(name.encode()) <= _MAX_NAME_BYTES:
+    if portable == name and len(name.encode()) <= 200:
         return name
     return f"{portable[:60]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
 
 
-def require_usable_path(path: Path, cure: str) -> None:
+def require_usable_path(path: Path, cure: str, field: str = "") -> None:
     """Raise an `InputError` for a path that no local file can have: an address, a NUL, a name too long, a loop."""
+    field = field or str(path)
     if _URL_START.match(str(path)):
-        raise InputError(f"{short_repr(str(path))} is an address, and fastcoil reads and writes local files: {cure}")
+        sentence = f"{short_repr(str(path))} is an address, and fastcoil reads and writes local files: {cure}"
+        raise InputError(sentence, field, "path")
     try:
         path.stat()
     except (OSError, ValueError) as error:  # ValueError: a NUL, or a surrogate that no encoding has
         if isinstance(error, ValueError) or error.errno in _IMPOSSIBLE_PATH_ERRNOS:
             reason = getattr(error, "strerror", None) or error
-            raise InputError(f"{short_repr(str(path))} is not a usable path ({reason}): {cure}") from None
+            sentence = f"{short_repr(str(path))} is not a usable path ({reason}): {cure}"
+            raise InputError(sentence, field, "path") from None
 
 
 def _require_regular(status: os.stat_result) -> None:
@@ -125,9 +126,9 @@ def write_atomically(path: Path, data: bytes | memoryview) -> None:
 
 
 def replace_atomically(
-    path: Path, write: Callable[[Path], object], record: Callable[[Path], object] = lambda unfinished: None
+    path: Path, write: Callable[[Path], object], record: Callable[[Path], object] = lambda temporary: None
 ) -> None:
-    """As ``commit``, with a callback ``write`` that receives the temporary name to write to.
+    """Replace a file as ``write_atomically``, with a callback ``write`` that receives the temporary name to write to.
 
     record: called with the temporary name after the file is on disk and before it is renamed to ``path``.
     """
@@ -156,9 +157,8 @@ def make_folder(path: Path, *, parents: bool = False) -> None:
     """
     if not parents and path.is_symlink():
         raise OSError(errno.ELOOP, "it is a symbolic link, which may lead anywhere: remove it")
-    new_folders = [
-        folder_path for folder_path in ((path, *path.parents) if parents else (path,)) if not folder_path.exists()
-    ]
+    folders = (path, *path.parents) if parents else (path,)
+    new_folders = [folder for folder in folders if not folder.exists()]
     for folder in reversed(new_folders):
         folder.mkdir(exist_ok=True)
     for folder in new_folders:
@@ -174,11 +174,8 @@ def convert_os_errors(path: Path, operation: str) -> Iterator[None]:
         raise
     except (OSError, RuntimeError) as error:  # netCDF4 raises RuntimeError for HDF5 errors
         reason = getattr(error, "strerror", None) or error
-        cure = (
-            "check its permissions and the disk"
-            if operation in _READ_OPERATIONS
-            else "free some space or repair the folder"
-        )
+        needs_no_space = operation in ("read", "found", "read by another process")
+        cure = "check its permissions and the disk" if needs_no_space else "free some space or repair the folder"
         if isinstance(error, PermissionError) and not IS_POSIX:
             cure = "close the program that has it open, or check its permissions"
         storage_error = StorageError(f"{path} cannot be {operation}: {reason}; {cure}, then run the same command again")
@@ -187,7 +184,7 @@ def convert_os_errors(path: Path, operation: str) -> Iterator[None]:
 
 
 def is_temporary_file(path: Path) -> bool:
-    """Whether this is a temporary file of ``commit``."""
+    """Whether this is a temporary file of ``write_atomically``."""
     return path.name.startswith(".") and path.name.endswith(TEMPORARY_SUFFIX)
 
 
@@ -210,7 +207,7 @@ def _reveal_disk_error(path: Path) -> Iterator[None]:
         yield
     except (OSError, RuntimeError):
         with path.open("ab") as file:
-            file.write(bytes(_PROBE_BYTES))
+            file.write(bytes(_CHUNK_BYTES))
         raise
 
 
@@ -265,7 +262,7 @@ def require_output_file(option: str, path: Path, *suffixes: str) -> None:
     """Raise unless a file with one of these suffixes could be written at ``path``."""
     if path.suffix.lower() not in suffixes or not is_possible_file(path):
         names = " or ".join(f"NAME{suffix}" for suffix in suffixes)
-        raise InputError(f"{option} {path}: give a file {names} in a folder that exists")
+        raise InputError(f"{option} {path}: give a file {names} in a folder that exists", option, "path")
 
 
 def _stat_or_none(path: Path) -> os.stat_result | None:
@@ -281,7 +278,7 @@ def _stat_or_none(path: Path) -> os.stat_result | None:
 
 
 def list_folder(folder: Path) -> list[Path]:
-    """The sorted entries of a folder; empty if it does not exist.
+    """List the sorted entries of a folder; none if it does not exist.
 
     ``StorageError`` if it cannot be read.
     """

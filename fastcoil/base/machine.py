@@ -41,12 +41,7 @@ NO_FOLLOW_FLAG = getattr(os, "O_NOFOLLOW", 0)
 
 PROC = Path("/proc")
 CGROUPS = Path("/sys/fs/cgroup")
-_MAX_SYSTEM_FILE_BYTES = 2**20  # bytes read from a file of /proc or /sys at most
-_LOCKED_SECONDS, _RETRY_SECONDS = (
-    2.0,
-    0.02,
-)  # seconds for which another program may have a file open; between two trials
-_SYNCHRONIZE_ACCESS, _INFINITE_WAIT = 0x00100000, -1  # SYNCHRONIZE and INFINITE of Windows
+_LOCKED_SECONDS = 2.0  # for which another program may have a file open
 Result = TypeVar("Result")
 
 
@@ -59,7 +54,7 @@ def retry_while_locked(operation: Callable[[], Result]) -> Result:
         except PermissionError:
             if time.monotonic() >= deadline:
                 raise
-        time.sleep(_RETRY_SECONDS)
+        time.sleep(0.02)
 
 
 def flush_to_disk(path: Path) -> None:
@@ -93,7 +88,7 @@ def is_writable_by_others(status: os.stat_result) -> bool:
 
 
 def command_line(words: Sequence[str]) -> str:
-    """A command as the user would type it."""
+    """Format a command as the user would type it."""
     return shlex.join(words) if IS_POSIX else subprocess.list2cmdline(words)
 
 
@@ -102,7 +97,8 @@ def wait_for_parent_exit(parent_id: int) -> None:
     if sys.platform == "win32":  # where the number of a parent stays the same
         import _winapi
 
-        _winapi.WaitForSingleObject(_winapi.OpenProcess(_SYNCHRONIZE_ACCESS, False, parent_id), _INFINITE_WAIT)
+        synchronize, infinite = 0x00100000, -1
+        _winapi.WaitForSingleObject(_winapi.OpenProcess(synchronize, False, parent_id), infinite)
         return
     while os.getppid() == parent_id:
         time.sleep(0.5)
@@ -115,22 +111,22 @@ def limit_this_process(cpu_seconds: int, memory_bytes: int) -> None:
     resource.setrlimit(resource.RLIMIT_CPU, (cpu_seconds, cpu_seconds))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     if sys.platform == "linux":  # elsewhere the limit is not kept, or counts what every process shares
-        max_address_space = _read_integer_fields(PROC / "self" / "status")["VmSize:"] * 1024 + memory_bytes
+        max_address_space = _read_integers(PROC / "self" / "status")["VmSize:"] * 1024 + memory_bytes
         resource.setrlimit(resource.RLIMIT_AS, (max_address_space, max_address_space))
 
 
 def available_memory() -> int:
-    """Bytes of memory that this process can use without swapping or being killed.
+    """Return the bytes of memory that this process can use without swapping or being killed.
 
     The minimum of the machine's available memory, the remainder in the control group (v2) of this process and in each
-    of its parents, and the limits on address space and data.  A limit that cannot be read is ignored.
+    of its parents, and the limit on its address space.  A limit that cannot be read is ignored.
     """
-    return min([_machine_memory(), *_control_group_memory(), *_process_memory()])
+    return min([_machine_memory(), *_control_group_memory(), *_address_space()])
 
 
 def private_memory(process: str = "self") -> int:
-    """Bytes of memory that a process has for itself; 0 where the system does not say it."""
-    return _read_integer_fields(PROC / process / "status").get("RssAnon:", 0) * 1024
+    """Return the bytes of memory that a process has for itself; 0 where the system does not say it."""
+    return _read_integers(PROC / process / "status").get("RssAnon:", 0) * 1024
 
 
 def format_bytes(n_bytes: float) -> str:
@@ -142,7 +138,7 @@ def format_bytes(n_bytes: float) -> str:
 
 
 def _machine_memory() -> int:
-    available = _read_integer_fields(PROC / "meminfo").get("MemAvailable:")
+    available = _read_integers(PROC / "meminfo").get("MemAvailable:")
     if available is not None:
         return available * 1024
     if IS_POSIX:  # not Linux: the installed memory
@@ -156,54 +152,36 @@ def _machine_memory() -> int:
 
 
 def _control_group_memory() -> Iterator[int]:
-    """Memory left in the control group of this process and in each of its parents."""
-    for line in _read_small_text(PROC / "self" / "cgroup").splitlines():
-        if not line.startswith("0::"):  # version 1
-            continue
-        # in a container, the path may lie outside the mount
-        names = [name for name in line.removeprefix("0::").split("/") if name not in ("", ".", "..")]
-        for mount in (CGROUPS, CGROUPS / "unified"):
-            for depth in range(len(names), -1, -1):
-                group = mount.joinpath(*names[:depth])
-                limits = [_read_integer(group / file_name) for file_name in ("memory.max", "memory.high")]
-                used = _read_integer(group / "memory.current")
-                if used is not None and any(limit_bytes is not None for limit_bytes in limits):
-                    reclaimable = _read_integer_fields(group / "memory.stat").get("inactive_file", 0)
-                    yield max(
-                        min(limit_bytes for limit_bytes in limits if limit_bytes is not None) - used + reclaimable, 0
-                    )
+    """Yield the memory left in the control group of this process and in each of its parents."""
+    lines = [line for line in _read_lines(PROC / "self" / "cgroup") if line.startswith("0::")]  # of version 2
+    # in a container, the path may lie outside the mount
+    names = [name for line in lines for name in line[3:].split("/") if name not in ("", ".", "..")]
+    for depth in range(len(names), -1, -1) if lines else ():
+        group = CGROUPS.joinpath(*names[:depth])
+        limits = [_read_integers(group / name).get("") for name in ("memory.max", "memory.high")]
+        used = _read_integers(group / "memory.current").get("")
+        known_limits = [limit for limit in limits if limit is not None]
+        if used is not None and known_limits:
+            reclaimable = _read_integers(group / "memory.stat").get("inactive_file", 0)
+            yield max(min(known_limits) - used + reclaimable, 0)
 
 
-def _process_memory() -> Iterator[int]:
-    if resource is None:
-        return
-    used = _read_integer_fields(PROC / "self" / "status")
-    for name, size in (("RLIMIT_AS", "VmSize:"), ("RLIMIT_DATA", "VmData:")):
-        limit, _ = resource.getrlimit(getattr(resource, name))
+def _address_space() -> Iterator[int]:
+    if resource is not None:
+        limit, _ = resource.getrlimit(resource.RLIMIT_AS)
         if limit != resource.RLIM_INFINITY:
-            yield max(limit - used.get(size, 0) * 1024, 0)
+            yield max(limit - _read_integers(PROC / "self" / "status").get("VmSize:", 0) * 1024, 0)
 
 
-def _read_integer_fields(path: Path) -> dict[str, int]:
-    """First word of each line of a file → the integer after it."""
-    fields = {}
-    for line in _read_small_text(path).splitlines():
-        words = line.split()
-        if len(words) > 1 and words[1].isdecimal():
-            fields[words[0]] = int(words[1])
-    return fields
+def _read_integers(path: Path) -> dict[str, int]:
+    """Read the integers in a file of the kernel by the word before them, a blank where a line has a number only."""
+    words_of_lines = [line.split() for line in _read_lines(path)]
+    pairs = [("", *words) if len(words) == 1 else words for words in words_of_lines]
+    return {pair[0]: int(pair[1]) for pair in pairs if pair and pair[1].isdecimal()}
 
 
-def _read_integer(path: Path) -> int | None:
-    text = _read_small_text(path).strip()
-    return int(text) if text.isdecimal() and len(text) < 30 else None
-
-
-def _read_small_text(path: Path) -> str:
-    """The text of a small file; empty if it cannot be read."""
+def _read_lines(path: Path) -> list[str]:
+    """Read the lines of a file of the kernel; none if it cannot be read."""
     with contextlib.suppress(OSError, ValueError):
-        if path.is_file():
-            with path.open("rb") as file:
-                data = file.read(_MAX_SYSTEM_FILE_BYTES + 1)
-            return data.decode() if len(data) <= _MAX_SYSTEM_FILE_BYTES else ""
-    return ""
+        return path.read_text(encoding="utf-8").splitlines()
+    return []

@@ -16,7 +16,6 @@ from typing import Any
 LOGGER = logging.getLogger("fastcoil")
 SECONDS_BETWEEN_LINES = 10.0
 SECONDS_BEFORE_DISPLAY = 2.0
-"""Seconds before progress is shown."""
 _TEST_VARIABLES = ("PYTEST_VERSION", "PYTEST_CURRENT_TEST")
 
 Advance = Callable[[int], None]
@@ -37,17 +36,17 @@ def is_stderr_terminal() -> bool:
 
 
 class ProgressDisplay(AbstractContextManager["ProgressDisplay"]):
-    """Shows progress, unless it is silent; call ``start`` when the total is known.
+    """Display of the progress of work, unless it is silent; call ``start`` when the total is known.
 
-    On a terminal a bar appears after some seconds of patience and ends with the context.  Elsewhere there are lines of
-    text, some seconds apart; with ``closing`` also a last one.
+    On a terminal a bar appears after ``delay`` seconds and ends with the context.  Elsewhere there are lines of text,
+    some seconds apart, and with ``last_line`` one at the end.
     """
 
     def __init__(self, *, silent: bool = False, delay: float = SECONDS_BEFORE_DISPLAY, last_line: bool = False) -> None:
         self.silent, self._delay, self._has_last_line = silent, delay, last_line
         self._lock = threading.RLock()
         self._timer: threading.Timer | None = None
-        self._first: float | None = None
+        self._first_started_at: float | None = None
         self._bar: Any = None
         self._is_visible = False
 
@@ -55,15 +54,15 @@ class ProgressDisplay(AbstractContextManager["ProgressDisplay"]):
         self.stop()
 
     def start(self, total: int, n_done: int = 0, items: str = "scenario-days") -> Advance:
-        """Begin with ``n_done`` of ``total`` of ``items`` done; returns the function that advances the count."""
+        """Begin with ``n_done`` of ``total`` ``items`` done; return the function that advances the count."""
         self.stop()
-        self._total, self._before, self._done, self._item_noun_plural = total, n_done, n_done, items
+        self._total, self._n_before, self._n_done, self._items = total, n_done, n_done, items
         self._started_at = self._last_line_at = time.monotonic()
         if self.silent:
             return self._advance
         # work in several parts is shown once all of them have taken that long
-        self._first = self._started_at if self._first is None else self._first
-        delay = max(0.0, self._delay - (self._started_at - self._first))
+        self._first_started_at = self._first_started_at or self._started_at
+        delay = max(0.0, self._delay - (self._started_at - self._first_started_at))
         # a timer, since the first shard may take minutes
         self._timer = threading.Timer(delay, self._show)
         self._timer.daemon = True
@@ -81,7 +80,7 @@ class ProgressDisplay(AbstractContextManager["ProgressDisplay"]):
             self._timer = None
             if self._is_visible and self._bar is not None:
                 self._bar.stop()
-            elif self._is_visible and self._has_last_line and self._done >= self._total:
+            elif self._is_visible and self._has_last_line and self._n_done >= self._total:
                 self._write_line()
             self._is_visible, self._bar = False, None
 
@@ -97,41 +96,35 @@ class ProgressDisplay(AbstractContextManager["ProgressDisplay"]):
         from rich import progress
         from rich.console import Console
 
+        text = progress.TextColumn
         columns = (
-            progress.BarColumn(),
-            progress.MofNCompleteColumn(),
-            progress.TextColumn("{task.description}"),
-            progress.TextColumn("{task.fields[rate]}"),
-            progress.TimeElapsedColumn(),
-            progress.TextColumn("ETA"),
-            progress.TimeRemainingColumn(),
-        )
+            progress.BarColumn(), progress.MofNCompleteColumn(), text("{task.description}"),
+            text("{task.fields[rate]}"), progress.TimeElapsedColumn(), text("ETA"), progress.TimeRemainingColumn(),
+        )  # fmt: skip
         self._bar = progress.Progress(*columns, console=Console(stderr=True))
-        self._task = self._bar.add_task(
-            self._item_noun_plural, total=self._total, completed=self._done, rate=self._rate
-        )
+        self._task = self._bar.add_task(self._items, total=self._total, completed=self._n_done, rate=self._rate)
         self._bar.tasks[0].start_time = self._started_at
         self._bar.start()
 
     def _advance(self, n_new: int) -> None:
         with self._lock:
-            self._done += n_new
+            self._n_done += n_new
             if self._is_visible and self._bar is not None:
-                self._bar.update(self._task, completed=self._done, rate=self._rate)
+                self._bar.update(self._task, completed=self._n_done, rate=self._rate)
             now = time.monotonic()
-            if now - self._last_line_at >= SECONDS_BETWEEN_LINES and self._done < self._total:
+            if now - self._last_line_at >= SECONDS_BETWEEN_LINES and self._n_done < self._total:
                 self._last_line_at = now
                 LOGGER.info(self._line_text)
                 if self._is_visible and self._bar is None:
                     self._write_line()
-            if self._done >= self._total:
+            if self._n_done >= self._total:
                 if now - self._started_at >= SECONDS_BEFORE_DISPLAY:
                     LOGGER.info(self._line_text)
                 self.stop()
 
     @property
     def _per_second(self) -> float:
-        return (self._done - self._before) / max(time.monotonic() - self._started_at, 1e-9)
+        return (self._n_done - self._n_before) / max(time.monotonic() - self._started_at, 1e-9)
 
     @property
     def _rate(self) -> str:
@@ -139,18 +132,12 @@ class ProgressDisplay(AbstractContextManager["ProgressDisplay"]):
 
     @property
     def _line_text(self) -> str:
-        if self._done >= self._total:
-            words = [
-                f"{self._total:,} {self._item_noun_plural} in {format_duration(time.monotonic() - self._started_at)}"
-            ]
-        else:
-            words = [
-                f"{self._done:,} of {self._total:,} {self._item_noun_plural}",
-                *([self._rate] if self._rate else []),
-            ]
-            if self._done > self._before:
-                words.append(f"{format_duration((self._total - self._done) / self._per_second)} to go")
-        return ", ".join(words)
+        if self._n_done >= self._total:
+            return f"{self._total:,} {self._items} in {format_duration(time.monotonic() - self._started_at)}"
+        parts = [f"{self._n_done:,} of {self._total:,} {self._items}", self._rate]
+        if self._n_done > self._n_before:
+            parts.append(f"{format_duration((self._total - self._n_done) / self._per_second)} to go")
+        return ", ".join(filter(None, parts))
 
     def _write_line(self) -> None:
         with suppress(OSError, ValueError):  # stderr is closed
@@ -158,7 +145,7 @@ class ProgressDisplay(AbstractContextManager["ProgressDisplay"]):
 
 
 def display_for_call(progress: bool | None) -> ProgressDisplay:
-    """Progress of a Python call; with None only on a terminal, after 2 s."""
+    """Return the display for a Python call; with None only on a terminal, after 2 s."""
     silent = progress is False or (progress is None and not (is_stderr_terminal() and _is_interactive()))
     return ProgressDisplay(silent=silent, delay=0.0 if progress else SECONDS_BEFORE_DISPLAY, last_line=True)
 

@@ -15,11 +15,11 @@ class Result(ABC):
 
     @abstractmethod
     def summary(self) -> list[str]:
-        """The result as lines of text."""
+        """Return the result as lines of text."""
 
     @abstractmethod
     def to_toml(self, path: str | Path | None = None) -> str:
-        """The result as TOML, also written to ``path`` if given."""
+        """Return the result as TOML, also written to ``path`` if given."""
 
     def __repr__(self) -> str:
         return "\n".join([f"<fastcoil {type(self).__name__}>", *self.summary()])
@@ -35,19 +35,19 @@ def toml_document(lines: Iterable[str], path: str | Path | None) -> str:
     if path is not None:
         path = require_path("path", path)
         if not is_possible_file(path):
-            raise InputError(f"{path} cannot be written: give a file in a folder that exists")
+            raise InputError(f"{path} cannot be written: give a file in a folder that exists", "path", "path")
         write_atomically(path, text.encode())
     return text
 
 
 def toml_table(name: str, values: Mapping[str, object], remark: str = "") -> list[str]:
-    """Lines of a table in TOML notation, after an empty one."""
+    """Return the lines of a table in TOML notation, after an empty one."""
     head = f"[{name}]  # {remark}" if remark else f"[{name}]"
     return ["", head, *(f"{key} = {format_toml_value(value)}" for key, value in values.items())]
 
 
 def format_toml_value(value: object) -> str:
-    """A text, a number, a boolean, or a list of these in TOML notation."""
+    """Format a text, a number, a boolean, or a list of these in TOML notation."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from fastcoil.base.arguments import raise_problems, require_path
-from fastcoil.base.errors import short_repr
+from fastcoil.base.errors import Problem, short_repr
 
 
 class UsablePath(click.ParamType):  # type: ignore[type-arg]
@@ -33,7 +33,7 @@ with_scenario = click.option(
 
 
 def combine_options(*decorators: Callable[..., Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """A decorator that adds all of these options of click."""
+    """Return a decorator that adds all of these options of click."""
     return lambda command: functools.reduce(lambda decorated, decorate: decorate(decorated), decorators, command)
 
 
@@ -44,9 +44,10 @@ def parse_pairs(option: str, arguments: Sequence[str]) -> dict[str, str]:
     for argument in arguments:
         name, sign, value = (part.strip() for part in argument.partition("="))
         if not sign:
-            problems.append(f"{option} {argument}: give NAME=VALUE")
+            problems.append(Problem(f"{option} {argument}: give NAME=VALUE", option, "format"))
         elif name in values:
-            problems.append(f"{option}: {short_repr(name)} is given twice: give it once")
+            sentence = f"{option}: {short_repr(name)} is given twice: give it once"
+            problems.append(Problem(sentence, option, "duplicate"))
         values[name] = value
     raise_problems(problems)
     return values
@@ -58,7 +59,7 @@ def parse_labels(at: Sequence[str]) -> dict[str, str]:
 
 
 def parse_label_lists(option: str, at: Sequence[str]) -> dict[str, list[str]]:
-    """As ``parse_labels``, into name → list of labels; a name may be given several times."""
+    """Parse as ``parse_labels``, into name → list of labels; a name may be given several times."""
     labels: dict[str, list[str]] = {}
     for pair in _split_pairs(at):
         for name, label in parse_pairs(option, [pair]).items():
@@ -67,5 +68,5 @@ def parse_label_lists(option: str, at: Sequence[str]) -> dict[str, list[str]]:
 
 
 def _split_pairs(at: Sequence[str]) -> list[str]:
-    """The arguments, split at commas that begin another ``NAME=``."""
+    """Split the arguments at commas that begin another ``NAME=``."""
     return [pair for pair in re.split(",(?=[^,=]+=)", ",".join(at)) if pair]

@@ -35,17 +35,13 @@ def report(folder: Path, out: Path | None) -> None:
 def with_report(command: Callable[..., None]) -> Callable[..., None]:
     """Add the option ``--report``; its path is checked before the command runs."""
     return click.option(
-        REPORT_OPTION,
-        "report",
-        type=USABLE_PATH,
-        metavar="FILE.html",
-        callback=_check_report_path,
+        REPORT_OPTION, "report", type=USABLE_PATH, metavar="FILE.html", callback=_check_report_path,
         help="Self-contained HTML report to write.",
-    )(command)
+    )(command)  # fmt: skip
 
 
 def write_result(result: Any, out: Path | None, report: Path | None = None, *, label: str = "Written") -> None:
-    """Write what is asked for: TOML, called ``label``, with a figure beside it, or the figure alone; the report."""
+    """Write to ``out`` TOML, announced by ``label``, with a figure beside it, or a figure; to ``report`` a page."""
     if out is not None:
         from fastcoil.base.figures import write_figures
 
@@ -53,9 +49,8 @@ def write_result(result: Any, out: Path | None, report: Path | None = None, *, l
             result.to_toml(out)
             echo(f'{label + ":":<9}{out} (in a study: [loop] include = ["{out.name}"])')
         figure_format = out.suffix.lower().removeprefix(".").replace("toml", "png")
-        echo(
-            *(f"Figure:  {path}" for path in write_figures({out.stem: result.plot()}, out.parent, format=figure_format))
-        )
+        paths = write_figures({out.stem: result.plot()}, out.parent, format=figure_format)
+        echo(*(f"Figure:  {path}" for path in paths))
     if report is not None:
         echo(f"Report:  {fc.report(result, report)}")
 
@@ -110,22 +105,22 @@ def export(
         options = {"--csv": csv, "--metric": metrics, "--at": at}
         table_options = [option for option, value in options.items() if value]
         if table_options:
-            restriction = (
-                f"{' and '.join(table_options)} work{'s' * (len(table_options) == 1)} only for tables of results"
-            )
-            raise InputError(f"{restriction}, but {path} is a TOML file: give the folder of a study")
+            options_work = f"{' and '.join(table_options)} work{'s' * (len(table_options) == 1)}"
+            sentence = f"{options_work} only for tables of results, but {path} is a TOML file"
+            raise InputError(f"{sentence}: give the folder of a study", table_options[0], "conflict")
         export_code(path, language, out, has_test)
         return
     if language or has_test:
         option = "--language" if language else "--test"
-        raise InputError(f"{option} works only for the controller in a TOML file, and {path} is not one: leave it out")
+        sentence = f"{option} works only for the controller in a TOML file, and {path} is not one: leave it out"
+        raise InputError(sentence, option, "conflict")
     if not csv:
-        raise InputError("give --csv, or a TOML file whose controller is exported")
+        raise InputError("give --csv, or a TOML file whose controller is exported", "--csv", "missing")
     export_table(path, metrics, at, out)
 
 
 def export_code(path: Path, language: str | None, out: Path | None, has_test: bool) -> None:
-    """Write the code of the controller in a study file, with a valve test if asked; only the loop counts."""
+    """Write the code of the controller in a study file, with a valve test if ``has_test``; only the loop counts."""
     from fastcoil.deliver.export.export import SUFFIXES
     from fastcoil.study.file.spec import read_study
     from fastcoil.study.file.user_code import load_code
@@ -141,9 +136,6 @@ def export_code(path: Path, language: str | None, out: Path | None, has_test: bo
     test = make_test() if has_test and loop["test_start"] is None else None
     for path_written in fc.export_controller(loop, out or Path(path.stem + SUFFIXES[language]), language, test=test):
         echo(f"Written: {path_written}")
-
-
-_VERSION_SEARCH_BYTES = 2**16  # bytes searched for the version at the start of a file
 
 
 def export_table(path: Path, metrics: tuple[str, ...], at: Sequence[str], out: Path | None) -> None:
@@ -170,11 +162,12 @@ def export_table(path: Path, metrics: tuple[str, ...], at: Sequence[str], out: P
 
 
 def _table_path(path: Path, out: Path | None) -> Path:
-    """The file to write: ``out``, or a default name in the folder ``out`` or the current one."""
+    """Return the file to write: ``out``, or a default name in the folder ``out`` or the current one."""
     if out is None or is_folder(out):
         target = (out or Path()) / f"{path.resolve().name.removesuffix('.nc') or 'results'}.csv"
-        if exists(target) and not has_mark(target, b"fastcoil_version", _VERSION_SEARCH_BYTES):
-            raise InputError(f"{target} exists, and fastcoil did not write it: name another file with -o, or delete it")
+        if exists(target) and not has_mark(target, b"fastcoil_version", 2**16):
+            sentence = f"{target} exists, and fastcoil did not write it: name another file with -o, or delete it"
+            raise InputError(sentence, "-o", "path")
         return target
     require_output_file("-o", out, ".csv")
     return out

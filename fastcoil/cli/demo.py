@@ -33,7 +33,7 @@ def demo(context: click.Context, folder: Path | None) -> None:
     The log, the study file and the results stay in FOLDER, if it is given.
     """
     if folder is not None and list_folder(folder):
-        raise InputError(f"{folder} has files in it: give the name of a new folder")
+        raise InputError(f"{folder} has files in it: give the name of a new folder", "FOLDER", "path")
     with ExitStack() as stack:
         working_folder = folder or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="fastcoil-")))
         with convert_os_errors(working_folder, "made"):

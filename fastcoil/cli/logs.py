@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,7 @@ import click
 
 import fastcoil as fc
 from fastcoil.base.arguments import raise_problems
-from fastcoil.base.errors import InputError, short_repr
+from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.base.files import exists, has_mark, require_output_file, write_atomically
 from fastcoil.base.text import align_columns, parse_number_or_word
 from fastcoil.cli.arguments import USABLE_PATH, combine_options, parse_pairs
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from fastcoil.measured.fit import Fit
 
 
-_EXIT_FAULT_FOUND = 1  # exit code of ``diagnose --fail``
+_EXIT_FAULT_FOUND = 1  # of ``diagnose --fail``
 _MAX_LISTED = 10  # valves, and logs that could not be read
 
 
@@ -31,7 +32,7 @@ def _parse_pairs_option(ctx: click.Context, param: click.Parameter, value: Seque
 
 
 _TIME_FORMAT_HELP = "Format of the timestamps: '%d/%m/%Y %H:%M', excel or epoch; recognised by default."
-with_reading_options = combine_options(
+_add_reading_options = combine_options(
     click.option("--drop", is_flag=True, help="Drop bad values and count them, or bridge a single one."),
     click.option("--jumps", default="refuse", show_default=True,
                  help="Where time runs backwards: refuse the file, or split it there."),
@@ -43,7 +44,20 @@ with_reading_options = combine_options(
                  help="Header of the column for NAME, if it differs."),
     click.argument("data", type=USABLE_PATH),
 )  # fmt: skip
-"""The argument DATA and the options of the log reader, named as the keywords of ``fc.diagnose``."""
+_READING_OPTIONS = ("drop", "jumps", "max_gap", "time_format", "units", "columns")
+
+
+def with_reading_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Add the argument DATA and the options of ``fc.read_log``, which the command receives as the mapping ``read``."""
+
+    @functools.wraps(command)
+    def bundle_reading_options(**options: Any) -> None:
+        read = {name: options.pop(name) for name in _READING_OPTIONS}
+        command(read=read, **options)
+
+    return _add_reading_options(bundle_reading_options)
+
+
 with_toml = click.option(
     "-o", "--out", type=USABLE_PATH, help="TOML file to write, and a figure beside it; none by default."
 )
@@ -59,15 +73,17 @@ def require_fit_file(out: Path) -> None:
     """Raise, before any work, unless ``out`` can be written and is new or an earlier fit."""
     require_output_file("-o", out, ".toml")
     if exists(out) and not has_mark(out, b" fitted to ", 300):
-        raise InputError(f"-o {out}: this file exists and is not a fit: choose another name, or delete it")
+        sentence = f"-o {out}: this file exists and is not a fit: choose another name, or delete it"
+        raise InputError(sentence, "-o", "path")
     figure = out.with_suffix(".png")
     if exists(figure) and not exists(out):
-        raise InputError(f"-o {out}: {figure} exists and would be replaced: choose another name, or delete it")
+        sentence = f"-o {out}: {figure} exists and would be replaced: choose another name, or delete it"
+        raise InputError(sentence, "-o", "path")
 
 
 @click.command()
 @with_reading_options
-@click.argument("more", type=USABLE_PATH, nargs=-1, metavar="[DATA]...")
+@click.argument("other_logs", type=USABLE_PATH, nargs=-1, metavar="[DATA]...")
 @with_report
 @with_toml
 @click.option("--fleet", is_flag=True, help="DATA are logs of many valves, or folders of logs: rank the valves.")
@@ -79,8 +95,8 @@ def require_fit_file(out: Path) -> None:
 @click.option("--kp", type=float, help="Gain of the controller, 1/K, with --ti; found by default.")
 @click.option("--ti", type=float, help="Integral time of the controller, s, with --kp; found by default.")
 def diagnose(
-    data: Path, more: tuple[Path, ...], out: Path | None, report: Path | None, fleet: bool, jobs: int | None,
-    fail: bool, **options: Any,
+    data: Path, other_logs: tuple[Path, ...], read: dict[str, Any], out: Path | None, report: Path | None, fleet: bool,
+    jobs: int | None, fail: bool, **options: Any,
 ) -> None:  # fmt: skip
     """Find the backlash of a valve in a trend log, and why its loop hunts.
 
@@ -94,14 +110,15 @@ def diagnose(
     from fastcoil.measured.identify import GOOD_BACKLASH
 
     if fleet:
-        _diagnose_fleet([data, *more], out, report, jobs, fail, options)
+        _diagnose_fleet([data, *other_logs], out, report, jobs, fail, options | {"read": read})
         return
     if jobs is not None:
-        raise InputError("--jobs works only with --fleet: leave it out")
+        raise InputError("--jobs works only with --fleet: leave it out", "--jobs", "conflict")
     if out is not None:
         require_fit_file(out)
     announce_compilation("mean_openings")
-    diagnosis = fc.diagnose([data, *more] if more else data, **options)
+    logs = [fc.read_log(path, **read) for path in (data, *other_logs)]
+    diagnosis = fc.diagnose(logs if other_logs else logs[0], **options)
     echo(*diagnosis.summary())
     write_result(diagnosis, out, report)
     if fail and (diagnosis.hunts or (diagnosis.identified and diagnosis.backlash > GOOD_BACKLASH)):
@@ -114,7 +131,9 @@ def _diagnose_fleet(
     from fastcoil.deliver.report.survey import AT_FAULT, TABLE_HEAD, headline, ranked_rows, state_counts
 
     if report is not None:
-        raise InputError("--report does not work with --fleet: write the page with -o FILE.html")
+        raise InputError(
+            "--report does not work with --fleet: write the page with -o FILE.html", "--report", "conflict"
+        )
     announce_compilation("mean_openings")
     ds = fc.survey(logs, out, n_jobs=jobs, **options)
     rows = ranked_rows(ds)[:_MAX_LISTED]
@@ -133,7 +152,7 @@ def _diagnose_fleet(
     if out is not None:
         echo(f"Written: {out}")
     if not rows:
-        raise InputError("no log could be read: see the reasons above")
+        raise InputError("no log could be read: see the reasons above", "DATA", "data")
     if fail and state_counts(ds)[AT_FAULT]:
         sys.exit(_EXIT_FAULT_FOUND)
 
@@ -156,7 +175,7 @@ def valve_test() -> None:
 def plan_test(gentle: bool, heating: bool, **settings: float | None) -> None:
     """Print the steps for a technician with a stop-watch."""
     if gentle and heating:
-        raise InputError("--gentle and --heating: give one of them")
+        raise InputError("--gentle and --heating: give one of them", "--gentle", "conflict")
     make_test = fc.ValveTest.gentle if gentle else fc.ValveTest.heating if heating else fc.ValveTest
     echo(*make_test(**{name: value for name, value in settings.items() if value is not None}).instructions())
 
@@ -167,7 +186,7 @@ def plan_test(gentle: bool, heating: bool, **settings: float | None) -> None:
 @with_stroke_time
 @click.option("--between", type=float, nargs=2, metavar="START END", help="Start and end of the test, s, if the log "
               "has no column test.")  # fmt: skip
-def read_test_command(data: Path, out: Path | None, **options: Any) -> None:
+def read_test_command(data: Path, read: dict[str, Any], out: Path | None, **options: Any) -> None:
     """Read the backlash of a valve from the log of a valve test, DATA.
 
     DATA is a CSV file with a row every 15 s or faster and the columns command, T_sup and elapsed_time or timestamp;
@@ -176,7 +195,7 @@ def read_test_command(data: Path, out: Path | None, **options: Any) -> None:
     if out is not None:
         require_fit_file(out)
     announce_compilation("mean_openings")
-    test_result = fc.read_test(data, **options)
+    test_result = fc.read_test(fc.read_log(data, **read), **options)
     echo(*test_result.summary())
     write_result(test_result, out)
 
@@ -207,15 +226,13 @@ def join(
     from fastcoil.base.arguments import argument_checks, require_number
     from fastcoil.logs.columns import require_max_gap
     from fastcoil.logs.join import join_points
-    from fastcoil.logs.timestamps import require_time_format
-    from fastcoil.loops.boundary.series import require_time_zone
+    from fastcoil.logs.timestamps import require_time_format, require_time_zone
 
     if not files:
-        raise InputError("give the files to join, such as command.csv T_sup.csv")
+        raise InputError("give the files to join, such as command.csv T_sup.csv", "FILES", "missing")
     with argument_checks() as check:
-        step = check.unless_none(
-            require_number, "--step", step, "give seconds, from 1 to 86400", least=1.0, most=86400.0
-        )
+        cure = "give seconds, from 1 to 86400"
+        step = check.unless_none(require_number, "--step", step, cure, least=1.0, most=86400.0)
         check(require_max_gap, max_gap)
         time_format = check.unless_none(require_time_format, "--time-format", time_format)
         time_zone = check.unless_none(require_time_zone, "--time-zone", time_zone)
@@ -232,7 +249,7 @@ def join(
 def _require_new_csv(out: Path) -> None:
     require_output_file("-o", out, ".csv")
     if exists(out):
-        raise InputError(f"-o {out}: this file exists: choose another name, or delete it")
+        raise InputError(f"-o {out}: this file exists: choose another name, or delete it", "-o", "path")
 
 
 @click.group()
@@ -255,12 +272,14 @@ with_common_options = combine_options(
 
 
 def run_fit(
-    fit_function: Callable[..., Fit], kernel: str, out: Path, report: Path | None, *log: object, **options: Any
-) -> None:
-    """Fit, print the summary, and write TOML, figure and the report asked for."""
+    fit_function: Callable[..., Fit], kernel: str, out: Path, report: Path | None, data: Path, read: Mapping[str, Any],
+    *loops: fc.Loop, **options: Any,
+) -> None:  # fmt: skip
+    """Fit, print the summary, and write TOML, figure and, if its path is given, the report."""
     require_fit_file(out)
     announce_compilation(kernel)
-    result = fit_function(*log, **options)
+    log = fc.read_log(data, **read, constants=options.pop("constants", None))
+    result = fit_function(log, *loops, **options)
     echo(*result.summary())
     write_result(result, out, report, label="Fitted")
 
@@ -271,7 +290,7 @@ def _parse_constants_option(ctx: click.Context, param: click.Parameter, value: S
         try:
             constants[name] = float(text)
         except ValueError:
-            raise InputError(f"--constant {name}={text}: give a number") from None
+            raise InputError(f"--constant {name}={text}: give a number", "--constant", "value") from None
     return constants
 
 
@@ -299,13 +318,13 @@ with_constants = click.option(
     metavar="command",
     help="The command is constant between rows; by default it may move between them.",
 )
-def fit_valve_command(data: Path, out: Path, report: Path | None, **options: Any) -> None:
+def fit_valve_command(data: Path, read: dict[str, Any], out: Path, report: Path | None, **options: Any) -> None:
     """Fit backlash and flow curve to the columns command and m_w of DATA.
 
     Time is elapsed_time or timestamp.  The optional column batch numbers the experiments in the log; the optional
     column enabled is 0 while the pump is off.
     """
-    run_fit(fc.fit_valve, "valve_flows", out, report, data, **options)
+    run_fit(fc.fit_valve, "valve_flows", out, report, data, read, **options)
 
 
 @fit.command("coil")
@@ -316,13 +335,15 @@ def fit_valve_command(data: Path, out: Path, report: Path | None, **options: Any
 @with_warm_up
 @click.option("--pressure", type=float, default=101325.0, show_default=True, help="Barometric pressure, Pa.")
 @click.option("--hold", "holds", multiple=True, metavar="NAME", help="An input that is constant until the next sample.")
-def fit_coil_command(data: Path, out: Path, both: bool, report: Path | None, **options: Any) -> None:
+def fit_coil_command(
+    data: Path, read: dict[str, Any], out: Path, both: bool, report: Path | None, **options: Any
+) -> None:
     """Fit the coil to m_w, m_a, T_w_in, T_a_in, W_a_in (or RH_a_in, T_dp_in) and T_sup of DATA.
 
     T_w_out is compared if present.  Time is elapsed_time or timestamp.  The model restarts after a gap, and after a
     time without air flow (or with 0 in the optional column enabled).
     """
-    run_fit(fc.fit_coil, "march_coil", out, report, data, minimise_on="both" if both else "T_sup", **options)
+    run_fit(fc.fit_coil, "march_coil", out, report, data, read, minimise_on="both" if both else "T_sup", **options)
 
 
 @fit.command("loop")
@@ -338,7 +359,9 @@ def fit_coil_command(data: Path, out: Path, both: bool, report: Path | None, **o
 )
 @with_constants
 @with_warm_up
-def fit_loop_command(data: Path, out: Path, parts: Sequence[str], report: Path | None, **options: Any) -> None:
+def fit_loop_command(
+    data: Path, read: dict[str, Any], out: Path, parts: Sequence[str], report: Path | None, **options: Any
+) -> None:
     """Fit the backlash without a flow meter, to command, T_sup, m_a, T_w_in, T_a_in, W_a_in (or RH_a_in, T_dp_in).
 
     Each candidate is simulated with the logged command.  Small errors of the coil and the valve curve do little harm;
@@ -349,11 +372,10 @@ def fit_loop_command(data: Path, out: Path, parts: Sequence[str], report: Path |
 
     preset_names = [part for part in parts if part in PRESETS]
     files = [part for part in parts if part not in PRESETS]
+    cure = f"give one of {', '.join(PRESETS)}, or a file NAME.toml"
     unknown = [part for part in files if not part.endswith(".toml")]
-    raise_problems(
-        [f"--loop {short_repr(part)}: give one of {', '.join(PRESETS)}, or a file NAME.toml" for part in unknown]
-    )
+    raise_problems([Problem(f"--loop {short_repr(part)}: {cure}", "--loop", "choice") for part in unknown])
     if len(preset_names) > 1:
-        raise InputError(f"--loop {' --loop '.join(preset_names)}: give one preset")
+        raise InputError(f"--loop {' --loop '.join(preset_names)}: give one preset", "--loop", "conflict")
     loop = fc.Loop.preset(*preset_names or ["paper_like"]).assign(**read_includes({"include": files}, Path()))
-    run_fit(fc.fit_loop, "emulate", out, report, data, loop, **options)
+    run_fit(fc.fit_loop, "emulate", out, report, data, read, loop, **options)

@@ -9,7 +9,8 @@ from fastcoil.cli.logs import diagnose, fit, join, valve_test
 from fastcoil.cli.study import explain, explore, init, parameters, plan, plot, presets, rerun, run, status, tune, verify
 from fastcoil.cli.terminal import CommandGroup, echo
 
-_FIRST_STEPS = """fastcoil finds out why the valve of a heating or cooling coil hunts, and what helps.  What do you have?
+_FIRST_STEPS = """\
+fastcoil finds out why the valve of a heating or cooling coil hunts, and what helps.  What do you have?
   a trend log        fastcoil diagnose LOG.csv
   a loop to tune     fastcoil explain lbnl --set kp=0.03 --set ti=10
   a question         fastcoil init study.toml, then fastcoil run study.toml

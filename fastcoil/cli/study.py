@@ -65,7 +65,7 @@ def run(
     folder = out or default_folder(study)
     share = JobSlice.parse(shard) if shard is not None else None
     if share and extend:
-        raise InputError("--shard and --extend: an extension is one run, leave one of them out")
+        raise InputError("--shard and --extend: an extension is one run, leave one of them out", "--shard", "conflict")
     spec = read_study(study, prepare=load_user_code)
 
     def progress(n_todo: int, n: int, items: str) -> Advance:
@@ -105,9 +105,6 @@ def run(
         sys.exit(EXIT_FAILED_SCENARIOS)
 
 
-_LIBRARY_BYTES = 150 * 2**20  # bytes of memory, where the system does not say what this process has
-
-
 @click.command()
 @click.argument("study", type=USABLE_PATH)
 @click.option("-j", "--jobs", type=int, help="Workers; all cores by default.")
@@ -130,7 +127,8 @@ def plan(study: Path, jobs: int | None) -> None:
     announce_compilation()
     compile_kernel()
     shared_bytes, worker_bytes = run_plan.memory_of_run(n_jobs, "threads", traces_kept=traces_kept)
-    memory_bytes = (private_memory() or _LIBRARY_BYTES) + shared_bytes + n_jobs * worker_bytes
+    library_bytes = private_memory() or 150 * 2**20  # a typical value where the system does not say it
+    memory_bytes = library_bytes + shared_bytes + n_jobs * worker_bytes
     seconds, metrics_left, traces_left = estimate(run_plan, n_jobs)
     disk_bytes = run_plan.disk_bytes(traces_kept=traces_kept, metrics_left=metrics_left, traces_left=traces_left)
     sizes = sizes_in_words(run_plan.layout.sizes) or "a single scenario"
@@ -142,14 +140,12 @@ def plan(study: Path, jobs: int | None) -> None:
     echo(f"Steps:       {run_plan.n_steps:,} s each, {n_steps:,} in total, {n_shards} shards")
     echo(f"Boundary:    {run_plan.layout.boundary.describe()}")
     threads = f"{n_jobs} thread{'s' if n_jobs != 1 else ''} without figures"
-    echo(
-        f"Time:        about {format_duration(reading_seconds + seconds)} on {threads} (measured on blocks of this study)"
-    )
+    duration = format_duration(reading_seconds + seconds)
+    echo(f"Time:        about {duration} on {threads} (measured on blocks of this study)")
     echo(f"Memory:      about {format_bytes(memory_bytes)} ({format_bytes(available_memory())} available)")
     exclusion = "" if traces_kept else ", without what reduce returns"
-    echo(
-        f"Disk:        about {format_bytes(disk_bytes[0])} during the merge, {format_bytes(disk_bytes[1])} afterwards{exclusion}"
-    )
+    during, after = map(format_bytes, disk_bytes)
+    echo(f"Disk:        about {during} during the merge, {after} afterwards{exclusion}")
 
 
 @click.command()
@@ -207,7 +203,7 @@ def init(study: Path | None, name: str | None, only_list: bool) -> None:
     name = require_choice("--from", name or "study", texts)
     path, text = study or Path(f"{name}.toml"), texts[name]
     if exists(path):
-        raise InputError(f"{path} exists: choose another name, or delete it")
+        raise InputError(f"{path} exists: choose another name, or delete it", "STUDY", "path")
     write_atomically(path.with_name(SCHEMA_FILE), schema_text().encode())
     write_atomically(path, (SCHEMA_DIRECTIVE + text).encode())
     next_commands = ", ".join(command_line(["fastcoil", verb, str(path)]) for verb in ("plan", "run"))
@@ -217,7 +213,7 @@ def init(study: Path | None, name: str | None, only_list: bool) -> None:
 
 
 def shipped_studies() -> dict[str, str]:
-    """Name → text of the studies that come with fastcoil, by name."""
+    """Read the studies that come with fastcoil: name → text, by name."""
     installed, package = files("fastcoil") / "studies", Path(str(files("fastcoil")))
     home: Traversable = installed if installed.is_dir() else package.parent / "studies"  # of the repository
     paths = [file for folder in home.iterdir() if folder.is_dir() for file in folder.iterdir()]
@@ -238,9 +234,6 @@ def parameters(names: tuple[str, ...]) -> None:
 def presets() -> None:
     """List the presets and how they differ from the defaults."""
     echo(*repr(fc.presets()).split("\n"))
-
-
-_WIDTH_RANGE_MM = 40.0, 500.0  # allowed range in mm
 
 
 @click.command()
@@ -269,17 +262,15 @@ def plot(
 
     suffix = out.suffix.removeprefix(".").lower() if out and not is_folder(out) else ""
     if suffix and format and format.lower() != suffix:
-        raise InputError(f"-o {out} and --format {format}: they differ, give one of them")
+        raise InputError(f"-o {out} and --format {format}: they differ, give one of them", "--format", "conflict")
     file_format, dots_per_inch = format or suffix or "png", int(dpi) if dpi.isdecimal() else dpi
     check_format(file_format, dots_per_inch)
     StudyFolder(folder).require_manifest()
     if x is None and (metrics or y or by):
-        raise InputError("--metric, -y and --by need -x: name the swept parameter along the x axis")
-    inches, labels_at, baseline = (
-        _parse_width(width),
-        parse_label_lists("--at", at),
-        parse_label_lists("--relative-to", relative_to),
-    )
+        sentence = "--metric, -y and --by need -x: name the swept parameter along the x axis"
+        raise InputError(sentence, "-x", "missing")
+    inches, labels_at = _parse_width(width), parse_label_lists("--at", at)
+    baseline = parse_label_lists("--relative-to", relative_to)
     ds = open_study(folder)
     parts = [*metrics, *filter(None, (y, by, x))]
     parts += [f"{name}={'+'.join(labels)}" for name, labels in labels_at.items()]
@@ -307,7 +298,7 @@ def plot(
 def _figure_drawer(
     part: xr.Dataset, metrics: Sequence[str], x: str, y: str | None, by: str | None, width: float | None
 ) -> Callable[[], Figure]:
-    """What draws the figure of chosen axes."""
+    """Return the function that draws the figure of chosen axes."""
     from fastcoil.deliver.figures import swept as plots
 
     plots.panel_rows(part, by)  # refused if there is no such dimension
@@ -315,8 +306,10 @@ def _figure_drawer(
     if by is None and unpooled_dims:
         by, *unpooled_dims = unpooled_dims
     if unpooled_dims:
-        cure = f"select one with --at {unpooled_dims[0]}={part[unpooled_dims[0]].values[0]}, or give --by {unpooled_dims[0]}"
-        raise InputError(f"{unpooled_dims[0]}: a plain PI would be pooled with other controllers in one median: {cure}")
+        dim = unpooled_dims[0]
+        cure = f"select one with --at {dim}={part[dim].values[0]}, or give --by {dim}"
+        sentence = f"{dim}: a plain PI would be pooled with other controllers in one median: {cure}"
+        raise InputError(sentence, "--by", "conflict")
     drawn_metrics = metrics or plots.STANDARD_METRICS[: plots.panels_abreast(width) if by else None]
     return partial(plots.draw_panels, part, x, y, by, drawn_metrics, width)
 
@@ -324,7 +317,7 @@ def _figure_drawer(
 def _select_results(
     ds: xr.Dataset, axes: Sequence[str], at: Mapping[str, Sequence[str]], baseline: Mapping[str, Sequence[str]]
 ) -> xr.Dataset:
-    """The part of the results to draw, with a title that describes it."""
+    """Select the part of the results to draw, with a title that describes it."""
     from fastcoil.study.analysis.compare import relative_to
     from fastcoil.study.analysis.selected import (
         describe_labels,
@@ -332,7 +325,7 @@ def _select_results(
         find_case,
         group_by_parameters,
         select_labels,
-    )
+    )  # fmt: skip
 
     part, title_parts = select_labels(ds, at), [str(ds.attrs.get("title", ""))]
     if at:
@@ -342,7 +335,7 @@ def _select_results(
         part = relative_to(part, case, baseline_name)
         title_parts.append(f"against {baseline_name}")
     if len(set(axes)) < len(axes):
-        raise InputError(f"{axes[0]} is named twice: choose two different axes")
+        raise InputError(f"{axes[0]} is named twice: choose two different axes", axes[0], "duplicate")
     if sampled_axes := [name for name in axes if name in drawn_parameters(part)]:
         part = group_by_parameters(part, sampled_axes)
     return part.assign_attrs(title=", ".join(filter(None, title_parts)))
@@ -352,10 +345,9 @@ def _parse_width(width: str | None) -> float | None:
     if width is None:
         return None
     match = re.fullmatch(r"(\d+\.?\d*)\s*mm", width.strip())
-    if match is None or not _WIDTH_RANGE_MM[0] <= float(match[1]) <= _WIDTH_RANGE_MM[1]:
-        raise InputError(
-            f"--width {width}: give {_WIDTH_RANGE_MM[0]:g} to {_WIDTH_RANGE_MM[1]:g} mm with the unit, such as 84mm"
-        )
+    if match is None or not 40.0 <= float(match[1]) <= 500.0:
+        sentence = f"--width {width}: give 40 to 500 mm with the unit, such as 84mm"
+        raise InputError(sentence, "--width", "value")
     return float(match[1]) / 25.4
 
 
@@ -426,7 +418,8 @@ def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -
     n_jobs, folder = number_of_threads(jobs), out or default_folder(study)
     request = read_study(study, prepare=load_user_code).tuning
     if request is None:
-        raise InputError(f"{study} has no table [tune]: add one, such as search = {{ kp = [0.005, 0.1] }}")
+        sentence = f"{study} has no table [tune]: add one, such as search = {{ kp = [0.005, 0.1] }}"
+        raise InputError(sentence, "[tune]", "missing")
     announce_compilation()
     with handle_interrupts(study, folder, "tune"), hold_folder(folder):
         with ProgressDisplay() as display:

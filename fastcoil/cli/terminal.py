@@ -26,11 +26,11 @@ from fastcoil.base.text import escape_control_characters
 if TYPE_CHECKING:
     from fastcoil.study.file.user_code import UserCode
 
-_MAX_SHUTDOWN_SECONDS = 4.0  # seconds from an interrupt to the forced end of the process
+_MAX_SHUTDOWN_SECONDS = 4.0  # from an interrupt to the forced end of the process
 
 
 class CommandGroup(click.Group):
-    """Reports user errors as sentences with an exit code, without a traceback."""
+    """Group of commands whose user errors are sentences with an exit code, without a traceback."""
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
@@ -47,7 +47,7 @@ class CommandGroup(click.Group):
             ctx.exit(EXIT_TERMINATED if isinstance(interrupt, TerminationRequest) else EXIT_INTERRUPTED)
 
     def main(self, *args: Any, **options: Any) -> NoReturn:  # type: ignore[override]
-        """Run a command and exit; usage errors are printed through ``say``, with control characters escaped."""
+        """Run a command and exit; usage errors are printed through ``echo``, with control characters escaped."""
         os.environ["MPLBACKEND"] = "agg"  # commands open no windows
         try:
             code = super().main(*args, **options | {"standalone_mode": False})
@@ -109,13 +109,13 @@ def print_warnings_as_notes() -> Iterator[None]:
 
     with warnings.catch_warnings():
         # PYTHONWARNINGS=error must not turn a note into a crash
-        warnings.filters[:] = [warning_filter for warning_filter in warnings.filters if warning_filter[0] != "error"]  # type: ignore[index]
+        warnings.filters[:] = [each for each in warnings.filters if each[0] != "error"]  # type: ignore[index]
         warnings.simplefilter("default", UserWarning)
         warnings.showwarning = show  # type: ignore[assignment]
         yield
 
 
-_MAX_LINE_CHARACTERS = 4000  # characters printed of one line
+_MAX_LINE_CHARACTERS = 4000
 
 
 def echo(*lines: object, err: bool = False) -> None:
@@ -149,9 +149,9 @@ def load_user_code(what: str, source: UserCode) -> object:
 
 
 class SafeStream(io.TextIOWrapper):
-    """A text stream; from its first error on, ``lost``, it leads to /dev/null."""
+    """A text stream; from its ``first_error`` on it leads to /dev/null."""
 
-    lost: OSError | None = None
+    first_error: OSError | None = None
 
     def write(self, text: str) -> int:
         try:
@@ -167,12 +167,16 @@ class SafeStream(io.TextIOWrapper):
             self._redirect_to_null(error)
 
     def loss_reason(self) -> str | None:
-        """Why part of it was lost; None if nothing was lost, or only because the reader closed the pipe."""
+        """Return why part of it was lost; None if nothing was lost, or only because the reader closed the pipe."""
         self.flush()
-        return None if self.lost is None or self.lost.errno == errno.EPIPE else os.strerror(self.lost.errno or 0)
+        return (
+            None
+            if self.first_error is None or self.first_error.errno == errno.EPIPE
+            else os.strerror(self.first_error.errno or 0)
+        )
 
     def _redirect_to_null(self, error: OSError) -> None:
-        self.lost = self.lost or error
+        self.first_error = self.first_error or error
         with open(os.devnull, "wb") as nowhere:
             os.dup2(nowhere.fileno(), self.fileno())
 
@@ -193,9 +197,10 @@ def guard_streams() -> SafeStream:
 
 
 def _make_safe_stream(stream: TextIO | None, descriptor: int) -> SafeStream:
-    """A stream like one of Python's; that is None where the descriptor was closed when the interpreter started."""
+    """Make a stream like one of Python's, which is None where the descriptor was closed at its start."""
     buffer = open(descriptor, "wb", closefd=False)  # noqa: SIM115
-    safe_stream = SafeStream(buffer, stream.encoding if stream else "utf-8", "backslashreplace", line_buffering=True)
+    encoding = stream.encoding if stream else "utf-8"
+    safe_stream = SafeStream(buffer, encoding, "backslashreplace", line_buffering=True)
     if stream is None:
-        safe_stream.lost = OSError(errno.EBADF, os.strerror(errno.EBADF))
+        safe_stream.first_error = OSError(errno.EBADF, os.strerror(errno.EBADF))
     return safe_stream

@@ -12,10 +12,10 @@ from fastcoil.base.arrays import Array, Mask
 from fastcoil.logs.series import VOCABULARY, is_unit
 from fastcoil.logs.timestamps import MAX_CELL_CHARACTERS
 
-MISSING_WORDS, GOOD_STATUS_WORDS, _ON_WORDS, _OFF_WORDS = (
-    frozenset(VOCABULARY["cells"][name]) for name in ("missing", "good", "on", "off")
-)
-_STATUS_PATTERN = re.compile(r"\{.*\}")  # A status instead of a number
+MISSING_WORDS = frozenset(VOCABULARY["cells"]["missing"])
+GOOD_STATUS_WORDS = frozenset(VOCABULARY["cells"]["good"])
+_ON_WORDS = frozenset(VOCABULARY["cells"]["on"])
+_SWITCH_WORDS = _ON_WORDS | frozenset(VOCABULARY["cells"]["off"])
 _NUMBER_PATTERN = re.compile(
     r"(?P<number>[+-]?[\d.,’' \u00a0\u202f]*\d[.,]?(?:[eE][+-]?\d+)?)\s*(?P<rest>\D.*)?", re.DOTALL | re.ASCII
 )
@@ -61,7 +61,7 @@ def is_number_cell(cell: str) -> bool:
 
 def is_number_or_switch_word(cell: str) -> bool:
     """Whether a cell holds a number, or a word of a switch."""
-    return is_number_cell(cell) or cell.strip().lower() in _ON_WORDS | _OFF_WORDS
+    return is_number_cell(cell) or cell.strip().lower() in _SWITCH_WORDS
 
 
 def is_missing_word(cell: str) -> bool:
@@ -70,7 +70,7 @@ def is_missing_word(cell: str) -> bool:
 
 
 def detect_number_style(columns: Iterable[Sequence[str]], separator: str) -> NumberStyle:
-    """How the numbers in these columns are written; ``separator``: of the columns in the file."""
+    """Detect how the numbers in these columns are written; ``separator``: of the columns in the file."""
     n_decimal_points = n_decimal_commas = n_grouped = 0
     ambiguous_number = ""
     columns = list(columns)
@@ -94,24 +94,23 @@ def detect_number_style(columns: Iterable[Sequence[str]], separator: str) -> Num
         return NumberStyle(",", may_be_grouped=True, note="numbers are read with a decimal comma")
     if ambiguous_number and not n_decimal_points:
         return NumberStyle(".", may_be_grouped=True, ambiguous_number=ambiguous_number)
-    return NumberStyle(
-        ".", may_be_grouped=True, note="commas in numbers separate thousands" if ambiguous_number or n_grouped else ""
-    )
+    note = "commas in numbers separate thousands" if ambiguous_number or n_grouped else ""
+    return NumberStyle(".", may_be_grouped=True, note=note)
 
 
 def parse_cells(cells: Sequence[str], style: NumberStyle, *, is_switch: bool) -> ParsedCells:
-    """The numbers of a column; with ``is_switch``, words for on and off are 1 and 0."""
+    """Parse the numbers of a column; with ``is_switch``, words for on and off are 1 and 0."""
     values = np.array([_parse_plain_number(cell, style) for cell in cells], dtype=np.float64)
     missing, has_bad_status = np.zeros(len(cells), dtype=bool), np.zeros(len(cells), dtype=bool)
     units: dict[int, str] = {}
     for k in np.flatnonzero(np.isnan(values)).tolist():
         cell = cells[k]
-        if is_missing_word(cell) or _STATUS_PATTERN.fullmatch(cell[:MAX_CELL_CHARACTERS].strip()):
+        if is_missing_word(cell) or re.fullmatch(r"\{.*\}", cell[:MAX_CELL_CHARACTERS].strip()):
             missing[k] = True
         elif len(cell) <= MAX_CELL_CHARACTERS:
             text, brace, status = (part.strip() for part in cell.partition("{"))
             has_bad_status[k] = bool(brace) and brace + status.lower() not in GOOD_STATUS_WORDS
-            if is_switch and text.lower() in _ON_WORDS | _OFF_WORDS:
+            if is_switch and text.lower() in _SWITCH_WORDS:
                 values[k] = float(text.lower() in _ON_WORDS)
             elif (match := _NUMBER_PATTERN.fullmatch(text)) is not None:
                 unit = (match["rest"] or "").strip()
@@ -124,7 +123,7 @@ def parse_cells(cells: Sequence[str], style: NumberStyle, *, is_switch: bool) ->
 
 
 def _parse_plain_number(cell: str, style: NumberStyle) -> float:
-    """A number as Python writes it, unless the decimal mark of the table is a comma; else NaN."""
+    """Parse a number as Python writes it, unless the decimal mark of the table is a comma; else NaN."""
     if style.mark == "," and ("," in cell or "." in cell):
         return _parse_styled_number(cell.strip(), style) if len(cell) <= MAX_CELL_CHARACTERS else np.nan
     try:
@@ -134,7 +133,7 @@ def _parse_plain_number(cell: str, style: NumberStyle) -> float:
 
 
 def _parse_styled_number(text: str, style: NumberStyle) -> float:
-    """A number in a writing; NaN if it is none."""
+    """Parse a number in a style; NaN if it is none."""
     mark = style.mark
     if style.may_be_grouped and _GROUPED_NUMBER_PATTERN[mark].fullmatch(text):
         digits = "".join(letter for letter in text if letter.isdigit() or letter in f"{mark}+-")

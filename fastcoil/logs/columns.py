@@ -10,7 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -23,11 +23,11 @@ from fastcoil.base.arguments import (
     require_mapping,
     require_number,
     require_path,
-)
-from fastcoil.base.errors import did_you_mean, short_repr
+)  # fmt: skip
+from fastcoil.base.errors import Problem, did_you_mean, short_repr
 from fastcoil.logs.series import COLUMNS, TIME_COLUMNS, VOCABULARY
 from fastcoil.logs.table import TIME_HEADERS, Table, normalise_header, split_label_and_unit
-from fastcoil.logs.timestamps import is_time, require_time_format
+from fastcoil.logs.timestamps import is_time, require_time_format, require_time_zone
 
 _MAPPING_EXAMPLES = {"columns": "{'m_w': 'its header'}", "units": "{'m_w': 'kg/s'}", "constants": "{'m_a': 1.2}"}
 
@@ -40,12 +40,13 @@ class ColumnSpec(NamedTuple):
     measured: Sequence[str] = ()  # outputs of the model: a bad value becomes NaN, and its row stays
 
     @property
+    def choices(self) -> list[tuple[str, ...]]:
+        """The names that stand for each series."""
+        return [(each,) if isinstance(each, str) else tuple(each) for each in (*self.required, *self.optional)]
+
+    @property
     def names(self) -> list[str]:
-        return [
-            name
-            for choices in (*self.required, *self.optional)
-            for name in ((choices,) if isinstance(choices, str) else choices)
-        ]
+        return [name for choices in self.choices for name in choices]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,10 +71,13 @@ class ReadingOptions:
     time_format
         How ``timestamp`` is written: a pattern as of strftime, ``excel`` for serial days, ``epoch`` for seconds or
         milliseconds since 1970; recognised if None.
-    unbroken
+    time_zone
+        Zone of timestamps without a UTC offset, such as ``America/New_York`` or ``UTC-05:00``; blank if unknown.
+    refuse_gaps
         Refuse gaps and changes of batch.
-    has_command
-        Whether a command offers the same as options, so that messages name these too.
+    reader
+        What the user calls, so that messages name its options: ``read_log`` and the commands built on it, the command
+        ``join``, or a function with the arguments themselves.
     """
 
     columns: Mapping[str, str] | None = None
@@ -83,24 +87,29 @@ class ReadingOptions:
     jumps: str | None = None
     max_gap: float | None = None
     time_format: str | None = None
-    unbroken: bool = False
-    has_command: bool = False
+    time_zone: str = ""
+    refuse_gaps: bool = False
+    reader: Literal["read_log", "join", "function"] = "function"
 
     def cure(self, argument: str, option: str) -> str:
-        """An argument of the function, and the option of the command that does the same."""
-        return f"{argument}, {option}" if self.has_command else argument
+        """Return the argument of the function, or the option of the command, that does what a message advises."""
+        if self.reader == "function":
+            return argument
+        return option if self.reader == "join" else f"fc.read_log(..., {argument}), {option}"
 
     def unit_cure(self, name: str, unit: str) -> str:
-        """How to declare the unit of ``name``."""
+        """Say how to declare the unit of ``name``."""
         return self.cure(f"units={{{name!r}: {unit!r}}}", f"--unit {name}='{unit}'")
 
     def column_cure(self, name: str, header: str = "its header") -> str:
-        """How to say which column holds ``name``."""
+        """Say how to name the column that holds ``name``."""
         return self.cure(f"columns={{{name!r}: {header!r}}}", f"--column {name}={header!r}")
 
 
 def check_reading_options(check: Checks, **arguments: Any) -> ReadingOptions:
-    """The arguments of a public function that say how its log is read, checked; it passes those that it offers."""
+    """Check the arguments of a public function that say how its log is read; it passes those that it offers."""
+    if arguments.pop("has_command", False):
+        arguments["reader"] = "read_log"
     if "drop" in arguments:
         check(require_flag, "drop", arguments["drop"])
     if "jumps" in arguments:
@@ -108,6 +117,8 @@ def check_reading_options(check: Checks, **arguments: Any) -> ReadingOptions:
     arguments["max_gap"] = check(require_max_gap, arguments["max_gap"])
     check(require_name_mappings, **{name: arguments[name] for name in _MAPPING_EXAMPLES if name in arguments})
     arguments["time_format"] = check.unless_none(require_time_format, "time_format", arguments["time_format"])
+    if "time_zone" in arguments:
+        arguments["time_zone"] = check(require_time_zone, "time_zone", arguments["time_zone"])
     arguments |= {name: {} for name in ("units", "constants") if name in arguments and arguments[name] is None}
     return ReadingOptions(**arguments)
 
@@ -121,12 +132,12 @@ def require_name_mappings(**arguments: Any) -> None:
 
 
 def require_max_gap(max_gap: Any) -> float | None:
-    """The longest step to be bridged; None passes."""
+    """Require the longest step to be bridged; None passes."""
     return None if max_gap is None else require_number("max_gap", max_gap, "give seconds, at least 1", least=1.0)
 
 
 def require_log(name: str, source: Any) -> Any:
-    """A log as it can be read: the path of a CSV file, a Dataset, or a DataFrame."""
+    """Require a log: the path of a CSV file, a Dataset, or a DataFrame."""
     if hasattr(type(source), "data_vars") or (hasattr(type(source), "iloc") and hasattr(type(source), "columns")):
         return source
     return require_path(name, source, "give the path of a CSV file, an xarray.Dataset or a pandas.DataFrame")
@@ -140,7 +151,7 @@ _WORD_PATTERN = re.compile(r"[A-Z]?[a-zà-ÿ]+|[A-ZÀ-Ý]+(?![a-z])|[A-Z]|[0-9]+
 
 
 class HeaderMeaning(NamedTuple):
-    """The series that a header means, words that say of which plant, and whether nothing speaks against it."""
+    """The series that a header means, the words for its plant, and whether nothing speaks against it."""
 
     name: str
     place: frozenset[str]
@@ -148,12 +159,10 @@ class HeaderMeaning(NamedTuple):
 
 
 def interpret_header(header: str) -> HeaderMeaning | None:
-    """What a header means; None where it means no series, or nothing that is known."""
+    """Interpret a header; None where it means no series, or nothing that is known."""
     label, unit = split_label_and_unit(header)
-    header_words = [
-        word.lower()
-        for word in _WORD_PATTERN.findall(_SET_POINT_PATTERN.sub("setpoint", _BACNET_ADDRESS.sub(" ", label)))
-    ]
+    text = _SET_POINT_PATTERN.sub("setpoint", _BACNET_ADDRESS.sub(" ", label))
+    header_words = [word.lower() for word in _WORD_PATTERN.findall(text)]
     header_words += ["cfm"] * (unit is not None and unit.lower() == "cfm")
     meanings = [_WORD_MEANINGS.get(word) for word in header_words]
     known_words = {meaning for word_meanings in meanings for meaning in word_meanings or ()} - {"place"}
@@ -165,25 +174,21 @@ def interpret_header(header: str) -> HeaderMeaning | None:
             place.append(word)
     first = next((k for k, word_meanings in enumerate(meanings) if word_meanings not in (None, ["place"])), 0)
     is_clear = all(header_words[k].isdigit() or meanings[k] is not None for k in range(first, len(header_words)))
-    for name, required_words, optional_words in VOCABULARY["rules"]:
-        other_words = known_words - {*required_words.split()}
-        if len(known_words) - len(other_words) == len(required_words.split()) and other_words <= {
-            *optional_words.split(),
-            "position",
-        }:
-            is_clear &= other_words <= {*optional_words.split()}  # a position that is fed back is no command
+    for name, *rule_words in VOCABULARY["rules"]:
+        required_words, optional_words = ({*words.split()} for words in rule_words)
+        other_words = known_words - required_words
+        if required_words <= known_words and other_words <= optional_words | {"position"}:
+            is_clear &= other_words <= optional_words  # a position that is fed back is no command
             is_its_unit = unit is None or COLUMNS[name].is_same_unit(unit, unit)
             return HeaderMeaning(name, frozenset(place), is_clear) if is_its_unit else None
     return None
 
 
-_MEASURED_COLUMNS = ("command", "T_sup", "T_w_out")  # always measured: no message suggests a constant for them
-_MAX_LISTED_COLUMNS = 3  # A message names this many unknown columns and counts the rest
-_MAX_HINTS = 200  # unknown columns that get a suggestion of the probable name, which takes a millisecond each
+_MAX_LISTED_COLUMNS = 3  # of unknown columns in a message, which counts the rest
 
 
 def find_columns(table: Table, options: ReadingOptions, spec: ColumnSpec) -> dict[str, int]:
-    """Index of each column to read; unknown, missing or doubled ones, and bad constants, are problems."""
+    """Find the index of each column to read; unknown, missing or doubled ones, and bad constants, are problems."""
     names = [*dict.fromkeys([*COLUMNS, *TIME_COLUMNS])]
     requested, constants = options.columns or {}, options.constants or {}
     table.check_names("columns", requested, names)
@@ -193,10 +198,10 @@ def find_columns(table: Table, options: ReadingOptions, spec: ColumnSpec) -> dic
         value = constants.get(name, 0.0)
         if name in constants and (not is_number(value) or series.is_bad(np.array([value], dtype=float))[0]):
             bounds = f"{series.lower:g} to {series.upper:g}{'' if series.unit == '1' else f' {series.unit}'}"
-            table.problems.append(f"constants has {name} = {short_repr(value)}: give a number from {bounds}")
+            sentence = f"constants has {name} = {short_repr(value)}: give a number from {bounds}"
+            table.add_problem(sentence, "constants", "value")
     column_by_name, candidates = _match_headers(table, options, names, spec)
-    for one in [*spec.required, *spec.optional, TIME_COLUMNS]:
-        choices = (one,) if isinstance(one, str) else one
+    for choices in [*spec.choices, TIME_COLUMNS]:
         substitutes = [f"constant {n}" for n in choices if n in constants]
         available = [name for name in choices if name in column_by_name] + substitutes
         preferred = [name for name in choices if name in requested]
@@ -205,40 +210,43 @@ def find_columns(table: Table, options: ReadingOptions, spec: ColumnSpec) -> dic
                 column_by_name.pop(name, None)
         elif len(available) > 1:
             advice = "" if substitutes else f", or say which to read: {options.column_cure(available[0])}"
-            table.problems.append(f"{' and '.join(available)} are both given: leave one out{advice}")
+            sentence = f"{' and '.join(available)} are both given: leave one out{advice}"
+            table.add_problem(sentence, choices[0] if len(choices) == 1 else available[0], "conflict")
         elif not available and not preferred:
             headers = candidates.get(choices[0], [])
             if len(headers) > 1:
                 advice = f"{' or '.join(map(short_repr, headers[:_MAX_LISTED_COLUMNS]))}: say which to read"
-                table.problems.append(f"{choices[0]} may be {advice}: {options.column_cure(choices[0], headers[0])}")
-            elif one not in spec.optional:
-                table.problems.append(_describe_missing_column(choices, options, *headers))
-    column_by_name = {
-        name: column for name, column in column_by_name.items() if name in (*spec.names, *TIME_COLUMNS, "batch")
-    }
-    table.problems += [
-        f"{one} and {other} are both read from the column {short_repr(table.header[column_by_name[one]])}: give each its own"
-        for one, other in combinations(column_by_name, 2)
-        if column_by_name[one] == column_by_name[other]
-    ]
+                sentence = f"{choices[0]} may be {advice}: {options.column_cure(choices[0], headers[0])}"
+                table.add_problem(sentence, choices[0], "missing")
+            elif choices[0] not in spec.optional:
+                table.problems.append(_describe_missing_column(choices, options, spec, *headers))
+    read_names = (*spec.names, *TIME_COLUMNS, "batch")
+    column_by_name = {name: column for name, column in column_by_name.items() if name in read_names}
+    for (name, column), (other_name, other_column) in combinations(column_by_name.items(), 2):
+        if column == other_column:
+            header = short_repr(table.header[column])
+            sentence = f"{name} and {other_name} are both read from the column {header}: give each its own"
+            table.add_problem(sentence, name, "duplicate")
     return column_by_name
 
 
 def find_requested_columns(table: Table, columns: Mapping[str, str]) -> dict[str, int]:
-    """Index by our name of the columns that ``columns`` (our name: header) names; an absent one is a problem."""
-    column_by_name = {name: table.column(header) for name, header in columns.items()}
-    table.problems += [
-        f"{name}: there is no column {short_repr(columns[name])}{did_you_mean(columns[name], table.header)}"
-        for name, column in column_by_name.items()
-        if column is None
-    ]
-    return {name: column for name, column in column_by_name.items() if column is not None}
+    """Find the index of the columns that ``columns`` (our name: header) names; an absent one is a problem."""
+    column_by_name = {}
+    for name, header in columns.items():
+        column = table.column(header)
+        if column is None:
+            hint = did_you_mean(header, table.header)
+            table.add_problem(f"{name}: there is no column {short_repr(header)}{hint}", "columns", "name")
+        else:
+            column_by_name[name] = column
+    return column_by_name
 
 
 def _match_headers(
     table: Table, options: ReadingOptions, names: list[str], spec: ColumnSpec
 ) -> tuple[dict[str, int], dict[str, list[str]]]:
-    """Index of our ``names``, as asked or as headers mean; others are problems; and headers that may mean a name."""
+    """Find our ``names``, as requested or as headers mean, and headers that may mean a name; others are problems."""
     unknown = []
     column_by_name = find_requested_columns(table, options.columns or {})
     labels = [split_label_and_unit(cell)[0] for cell in table.header]
@@ -249,54 +257,42 @@ def _match_headers(
             table.notes.append(f"the times are in the column {short_repr(table.header[time])}")
     for column, cell in enumerate(table.header):
         label = labels[column]
-        if (
-            label in names
-            and label in column_by_name
-            and label not in (options.columns or {})
-            and label in (*spec.names, *TIME_COLUMNS)
-        ):
+        is_read = label in (*spec.names, *TIME_COLUMNS) and label not in (options.columns or {})
+        if is_read and label in column_by_name:
             two_headers = f"{short_repr(table.header[column_by_name[label]])} and {short_repr(cell)}"
             advice = f"delete one, or say which to read: {options.column_cure(label, cell)}"
-            table.problems.append(f"{label} is in two columns, {two_headers}: {advice}")
+            table.add_problem(f"{label} is in two columns, {two_headers}: {advice}", label, "duplicate")
         elif label in names:
             column_by_name.setdefault(label, column)
         elif column not in column_by_name.values():
             unknown.append(column)
     guesses, candidates = _guess_columns(table, options, spec, column_by_name, unknown)
-    unread_headers = list(dict.fromkeys(table.header[k] for k in unknown if k not in guesses.values()))
-    n_more_text = (
-        f"; and {len(unread_headers) - _MAX_LISTED_COLUMNS} more" if len(unread_headers) > _MAX_LISTED_COLUMNS else ""
-    )
-    if (
-        unread_headers
-        and options.columns is None
-        and not guesses
-        and not any(len(headers) > 1 for headers in candidates.values())
-    ):
-        hints = {cell: did_you_mean(split_label_and_unit(cell)[0], names) for cell in unread_headers[:_MAX_HINTS]}
-        unread_headers.sort(key=lambda cell: not hints.get(cell))  # those that are nearly ours first
-        header_list = "; ".join(
-            f"{short_repr(cell)}{hints.get(cell, '')}" for cell in unread_headers[:_MAX_LISTED_COLUMNS]
-        )
+    unread = list(dict.fromkeys(table.header[k] for k in unknown if k not in guesses.values()))
+    is_ambiguous = any(len(headers) > 1 for headers in candidates.values())
+    if unread and options.columns is None and not guesses and not is_ambiguous:
+        hints = {cell: did_you_mean(split_label_and_unit(cell)[0], names) for cell in unread[:200]}  # 1 ms each
+        unread.sort(key=lambda cell: not hints.get(cell))  # those that are nearly ours first
         example = spec.names[0]
-        column_cure = options.cure(f"columns={{{example!r}: 'its header', ...}}", f"--column {example}='its header'")
-        table.problems.append(
-            f"unknown columns: {header_list}{n_more_text}: delete them, or say what to read: {column_cure}"
-        )
-    elif unread_headers and (guesses or not options.columns):
-        table.notes.append(
-            f"left alone: {'; '.join(map(short_repr, unread_headers[:_MAX_LISTED_COLUMNS]))}{n_more_text}"
-        )
+        cure = options.cure(f"columns={{{example!r}: 'its header', ...}}", f"--column {example}='its header'")
+        listed = _list_headers([f"{short_repr(cell)}{hints.get(cell, '')}" for cell in unread])
+        sentence = f"unknown columns: {listed}: delete them, or say what to read: {cure}"
+        table.add_problem(sentence, unread[0], "name")
+    elif unread and (guesses or not options.columns):
+        table.notes.append(f"left alone: {_list_headers([*map(short_repr, unread)])}")
     return column_by_name | guesses, candidates
+
+
+def _list_headers(headers: list[str]) -> str:
+    n_more = len(headers) - _MAX_LISTED_COLUMNS
+    return "; ".join(headers[:_MAX_LISTED_COLUMNS]) + (f"; and {n_more} more" if n_more > 0 else "")
 
 
 def _guess_columns(
     table: Table, options: ReadingOptions, spec: ColumnSpec, column_by_name: Mapping[str, int], unknown: Sequence[int]
 ) -> tuple[dict[str, int], dict[str, list[str]]]:
-    """The ``unknown`` columns that mean series not ``column_by_name``, of one plant, which is said; else what may mean them."""
-    meanings = {
-        k: meaning for k in [*unknown, *column_by_name.values()] if (meaning := interpret_header(table.header[k]))
-    }
+    """Guess which ``unknown`` columns, of one plant, mean series that are not found; else list what may mean them."""
+    columns = [*unknown, *column_by_name.values()]
+    meanings = {k: meaning for k in columns if (meaning := interpret_header(table.header[k]))}
     place = next((meanings[k].place for k in column_by_name.values() if k in meanings), frozenset[str]())
     guesses: dict[str, int] = {}
     candidates: dict[str, list[str]] = {}
@@ -315,14 +311,16 @@ def _guess_columns(
     return guesses, candidates
 
 
-def _describe_missing_column(choices: tuple[str, ...], options: ReadingOptions, header: str = "") -> str:
-    """A sentence that none of these columns exists, with every way to give one."""
+def _describe_missing_column(
+    choices: tuple[str, ...], options: ReadingOptions, spec: ColumnSpec, header: str = ""
+) -> Problem:
+    """Say that none of these columns exists, with every way to give one."""
     name, unit = choices[0], COLUMNS[choices[0]].unit
-    cure = (
-        f"add a column '{name} [{unit}]', or say which one it is: {options.column_cure(name, *filter(None, [header]))}"
-    )
-    if options.constants is not None and name not in (*TIME_COLUMNS, *_MEASURED_COLUMNS):
+    column_cure = options.column_cure(name, *filter(None, [header]))
+    cure = f"add a column '{name} [{unit}]', or say which one it is: {column_cure}"
+    # what a sensor shows is no constant
+    if options.constants is not None and name not in (*TIME_COLUMNS, "command", "T_sup", "T_w_out", *spec.measured):
         constant = options.cure(f"constants={{{name!r}: NUMBER}}", f"--constant {name}=NUMBER")
         cure += f"; or give a constant: {constant}"
     unclear = f"{short_repr(header)} is not clearly it: " if header else ""
-    return f"{' or '.join(choices)} is missing: {unclear}{cure}"
+    return Problem(f"{' or '.join(choices)} is missing: {unclear}{cure}", name, "missing")

@@ -14,7 +14,7 @@ import numpy as np
 
 from fastcoil.base.arguments import collect_problems, raise_problems
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.base.errors import InputError, short_repr
+from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.logs.cells import is_missing_word, is_number_or_switch_word
 from fastcoil.logs.columns import ColumnSpec, ReadingOptions, find_columns, interpret_header
 from fastcoil.logs.pieces import GAP_MEDIAN_STEPS, has_uneven_steps, read_times
@@ -33,7 +33,6 @@ from fastcoil.logs.timestamps import (
 
 _NON_POINT_COLUMNS = ("elapsed_time", "batch")
 POINT_NAMES = [name for name in COLUMNS if name not in _NON_POINT_COLUMNS]  # what a point may be
-_VALUE_SEARCH_ROWS = 1000  # A column without a value in them is one of remarks
 
 
 class PointSource(NamedTuple):
@@ -60,33 +59,22 @@ class Point(NamedTuple):
         return not has_uneven_steps(np.diff(self.times) / SECOND_US)
 
 
-_POINT_HEADERS, _VALUE_HEADERS, _UNIT_HEADERS = (
-    VOCABULARY["headers"][kind].split() for kind in ("point", "value", "unit")
-)
-"""Headers of columns in a log that has a row for each value, as ``normalise_header`` gives them."""
-
-
-def split_sources(table: Table, options: ReadingOptions, time_zone: str | None = None) -> list[PointSource]:
-    """A table, or each point of a table that has a row for each value, with the times of its rows."""
+def split_sources(table: Table, options: ReadingOptions) -> list[PointSource]:
+    """Split a table into its columns, or into the points of rows of one value each, with the times of their rows."""
     time_header = (options.columns or {}).get("timestamp")
     time = table.find_time_column() if time_header is None else table.column(time_header)
     if time is None:
-        raise InputError(f"{table.name} has no column of times: call it timestamp")
+        raise InputError(f"{table.name} has no column of times: call it timestamp", "timestamp", "missing")
     with collect_problems(table.problems):
         stamps = read_times(table, time, options)
     table.raise_problems()
-    if not stamps.absolute and time_zone:
-        stamps = apply_time_zone(stamps, time_zone)
+    if not stamps.absolute and options.time_zone:
+        stamps = apply_time_zone(stamps, options.time_zone)
     if (columns := find_value_columns(table)) is None:
-        point_headers = {
-            k: header
-            for k, header in enumerate(table.header)
-            if split_label_and_unit(header)[0] not in _NON_POINT_COLUMNS
-        }
         return [
             PointSource(_single_column_table(table, k, header), stamps)
-            for k, header in point_headers.items()
-            if k != time
+            for k, header in enumerate(table.header)
+            if k != time and split_label_and_unit(header)[0] not in _NON_POINT_COLUMNS
         ]
     if not stamps.good.all():
         table.notes.append(describe_left_out(table, "timestamp", ~stamps.good, "row"))
@@ -96,32 +84,27 @@ def split_sources(table: Table, options: ReadingOptions, time_zone: str | None =
         row = table.rows[k]
         rows_by_point.setdefault(row[point].strip(), []).append(k)
         number, brace, status = row[value].partition("{")
-        unit_text = (
-            row[unit].strip() if unit is not None and not is_missing_word(number) and is_unit(row[unit].strip()) else ""
-        )
-        row[value] = " ".join(filter(None, (number.strip(), unit_text, brace + status)))
-    table.notes.append(
-        f"a row for each value: {format_count(len(rows_by_point), 'point')} by {short_repr(table.header[point])}"
-    )
+        unit_text = "" if unit is None or is_missing_word(number) else row[unit].strip()
+        cell = " ".join(filter(None, (number.strip(), unit_text if is_unit(unit_text) else "", brace + status)))
+        table.rows[k] = [*row[:value], cell, *row[value + 1 :]]
+    n_points = format_count(len(rows_by_point), "point")
+    table.notes.append(f"a row for each value: {n_points} by {short_repr(table.header[point])}")
     common_unit = split_label_and_unit(table.header[value])[1]
     sources = []
-    for name, row_indices in rows_by_point.items():
-        if stamps.microseconds[row_indices[0]] > stamps.microseconds[row_indices[-1]]:
-            row_indices.reverse()
+    for name, rows in rows_by_point.items():
+        if stamps.microseconds[rows[0]] > stamps.microseconds[rows[-1]]:
+            rows.reverse()
             table.notes.append(REVERSED_ROWS_NOTE)
         header = f"{name} [{common_unit}]" if common_unit and not split_label_and_unit(name)[1] else name
-        column = _single_column_table(table, value, header, row_indices)
+        column = _single_column_table(table, value, header, rows)
         column.unit_cure = "give each of its rows {unit!r} in a column Unit"
-        sources.append(
-            PointSource(
-                column, stamps._replace(microseconds=stamps.microseconds[row_indices], good=stamps.good[row_indices])
-            )
-        )
+        point_stamps = stamps._replace(microseconds=stamps.microseconds[rows], good=stamps.good[rows])
+        sources.append(PointSource(column, point_stamps))
     return sources
 
 
 def _single_column_table(table: Table, column: int, header: str, rows: Sequence[int] | None = None) -> Table:
-    """One column of some rows, or of all, whose notes are those of the table."""
+    """Return one column of some rows, or of all, with the notes of the table."""
     row_indices = range(len(table.rows)) if rows is None else rows
     cells, numbers = [[table.rows[k][column]] for k in row_indices], [table.row_numbers[k] for k in row_indices]
     units = table.units and [table.units[column]]
@@ -129,11 +112,11 @@ def _single_column_table(table: Table, column: int, header: str, rows: Sequence[
 
 
 def find_value_columns(table: Table) -> tuple[int, int, int | None] | None:
-    """Index of the columns of points, values and units of a log that has a row for each value; None of any other."""
+    """Find the columns of points, values and units of a log that has a row for each value; None of any other."""
     labels = [normalise_header(header) for header in table.header]
     points, values, units = (
-        [k for k, label in enumerate(labels) if label in headers]
-        for headers in (_POINT_HEADERS, _VALUE_HEADERS, _UNIT_HEADERS)
+        [k for k, label in enumerate(labels) if label in VOCABULARY["headers"][kind].split()]
+        for kind in ("point", "value", "unit")
     )
     if not points or len(values) != 1 or table.find_time_column() is None:
         return None
@@ -144,7 +127,7 @@ def find_value_columns(table: Table) -> tuple[int, int, int | None] | None:
 def read_points(
     sources: Sequence[PointSource], all_columns: Table, options: ReadingOptions, spec: ColumnSpec
 ) -> list[Point]:
-    """The wanted points among several columns; ``all_columns`` gets the headers of all."""
+    """Read the points of ``spec`` among several columns; ``all_columns`` gets the headers of all."""
     all_columns.header = ["timestamp", *(source.table.header[0] for source in sources)]
     column_by_name = find_columns(all_columns, options, spec)
     all_columns.raise_problems()
@@ -157,13 +140,12 @@ def read_points(
 
 
 def _read_point(source: PointSource, name: str, options: ReadingOptions) -> Point:
-    """The point in a column; blanks are no mistake where ``drop`` is not offered."""
+    """Read the point in a column; blanks are no mistake where ``drop`` is not offered."""
     table, stamps = source.table, source.stamps
-    point_options = replace(
-        options, columns={}, units={unit_name: unit for unit_name, unit in options.units.items() if unit_name == name}
-    )
+    units = {name: options.units[name]} if name in options.units else {}
+    spec = ColumnSpec((), measured=POINT_NAMES)
     readings = read_columns(
-        table, {name: 0}, point_options, ColumnSpec((), measured=POINT_NAMES), sparse=options.drop is None
+        table, {name: 0}, replace(options, columns={}, units=units), spec, sparse=options.drop is None
     )
     if not options.drop:
         readings.report_complaints(table, options)
@@ -174,27 +156,24 @@ def _read_point(source: PointSource, name: str, options: ReadingOptions) -> Poin
     steps = np.diff(stamps.microseconds)
     if (steps < 0).any():
         first, second = table.row_numbers[int(np.argmax(steps < 0)) :][:2]
-        raise InputError(f"{table.name}: time goes back between rows {first} and {second}: sort the rows by time")
+        sentence = f"{table.name}: time goes back between rows {first} and {second}: sort the rows by time"
+        raise InputError(sentence, "timestamp", "time")
     is_repeated = np.append(steps == 0, False)
     if is_repeated.any():
         table.notes.append(f"{format_count(is_repeated, 'row')} at the time of the next: left out")
     values = readings.values[name]
     is_used = ~is_repeated & ~readings.bad[name] & np.isfinite(values)
     if not is_used.any():
-        raise InputError(f"{table.name}: {name} has no value")
+        raise InputError(f"{table.name}: {name} has no value", name, "data")
     clock = "UTC" if stamps.absolute else stamps.time_zone
     times, unit = stamps.microseconds[is_used], readings.units[name]
     return Point(name, times, values[is_used], unit, clock, stamps.offset, table.name)
 
 
 def pivot_points(table: Table, options: ReadingOptions, spec: ColumnSpec) -> Table:
-    """The wanted points, with our names, at the times of the fastest regular one; else at those of every value."""
+    """Pivot the points of ``spec`` to columns with our names, at the times of the fastest regular one or of all."""
     sources = split_sources(table, options)
-    columns = (
-        None
-        if options.columns is None
-        else {name: one for name, one in options.columns.items() if name not in TIME_COLUMNS}
-    )
+    columns = options.columns and {name: point for name, point in options.columns.items() if name not in TIME_COLUMNS}
     points = read_points(sources, table, replace(options, columns=columns, drop=bool(options.drop)), spec)
     for k, point in enumerate(points):
         scale, offset = COLUMNS[point.name].units[point.unit]
@@ -204,10 +183,11 @@ def pivot_points(table: Table, options: ReadingOptions, spec: ColumnSpec) -> Tab
     regular_times = [point.times for point in points if point.is_regular]
     clock = min(regular_times, key=lambda times: float(np.median(np.diff(times))), default=all_times)
     start, end = _common_span(points)
-    clock, (header, *cells), notes = _sample_on_clock(
-        points, clock[(clock >= start) & (clock <= end)], options.max_gap, _EXACT_DIGITS
-    )
-    rows = dict(chain(*(zip(one.stamps.microseconds.tolist(), one.table.row_numbers, strict=True) for one in sources)))
+    clock = clock[(clock >= start) & (clock <= end)]
+    clock, (header, *cells), notes = _sample_on_clock(points, clock, options.max_gap, 17)  # reads back to the bit
+    rows: dict[int, int] = {}
+    for source in sources:
+        rows |= zip(source.stamps.microseconds.tolist(), source.table.row_numbers, strict=True)
     has_common_times = all(np.array_equal(point.times, points[0].times) for point in points)
     table_notes = list(dict.fromkeys([*table.notes, *notes * (not has_common_times)]))
     return Table(table.name, header, cells, [rows[time] for time in clock.tolist()], notes=table_notes)
@@ -223,7 +203,7 @@ def join_points(
     step: float | None = None,
     max_gap: float | None = None,
 ) -> tuple[str, list[str]]:
-    """The points of several files on a common clock, as the text of a CSV file, and how it was made.
+    """Join the points of several files on a common clock: the text of a CSV file, and how it was made.
 
     Points that are written when they change hold until the next change, and so do commands, set-points and switches;
     others run straight between samples.  The clock runs while all points have values.
@@ -233,16 +213,21 @@ def join_points(
     left out.  max_gap: longest time without a sample over which a point holds or runs straight [s]; if left out, three
     usual steps for a point of regular samples, no limit for one that is written when it changes.
     """
-    options = ReadingOptions(columns=columns, units=units, time_format=time_format, has_command=True)
-    points, notes = _read_files(paths, options, time_zone)
+    options = ReadingOptions(
+        columns=columns, units=units, time_format=time_format, time_zone=time_zone or "", reader="join"
+    )
+    points, notes = _read_files(paths, options)
     values, declared = {point.name: point.values for point in points}, {point.name: point.unit for point in points}
     likely_units = find_misread_units(values, declared, options.units)
-    problems = [
-        f"{point.file}: {point.name} is declared in {point.unit}, and {describe_likely_unit(likely_units[point.name])}: write "
-        f"'[{likely_units[point.name]}]' in the header; if {point.unit} is right, say so: {options.unit_cure(point.name, point.unit)}"
-        for point in points
-        if point.name in likely_units
-    ]
+    problems = []
+    for point in points:
+        if unit := likely_units.get(point.name):
+            cure = f"write '[{unit}]' in the header; if {point.unit} is right, say so: "
+            cure += options.unit_cure(point.name, point.unit)
+            sentence = (
+                f"{point.file}: {point.name} is declared in {point.unit}, and {describe_likely_unit(unit)}: {cure}"
+            )
+            problems.append(Problem(sentence, point.name, "unit"))
     raise_problems(problems)
     points = [point._replace(unit=COLUMNS[point.name].unit) for point in points]
     points.sort(key=lambda point: list(COLUMNS).index(point.name))
@@ -250,110 +235,100 @@ def join_points(
     if len(files) > 1:
         clocks = ", ".join(f"{file} {clock or 'none'}" for clock, file in files.items())
         cure = "export all alike, or give the zone of the others, such as --time-zone America/New_York"
-        raise InputError(f"the files have different time zones ({clocks}): {cure}")
-    clock, lines, clock_notes = _sample_on_clock(points, _common_clock(points, step), max_gap, _FILE_DIGITS)
+        raise InputError(f"the files have different time zones ({clocks}): {cure}", "--time-zone", "conflict")
+    clock, lines, clock_notes = _sample_on_clock(points, _common_clock(points, step), max_gap, 10)
     step_seconds = float(np.median(np.diff(clock))) / SECOND_US
     all_notes = [*notes, *clock_notes, f"{format_count(clock.size, 'row')}, {step_seconds:.4g} s apart"]
     return "\n".join(map(",".join, lines)) + "\n", all_notes
 
 
-def _read_files(paths: Sequence[Path], options: ReadingOptions, time_zone: str | None) -> tuple[list[Point], list[str]]:
-    """The points of several files, and how they were read; a single column of values may have the name of its file."""
+def _read_files(paths: Sequence[Path], options: ReadingOptions) -> tuple[list[Point], list[str]]:
+    """Read the points of several files; a single column of values may have the name of its file."""
     sources, problems, names, notes = list[PointSource](), list[str](), list[set[str]](), list[list[str]]()
     for path in paths:
         with collect_problems(problems):
             table = Table.read(path)
-            table_sources = split_sources(table, options, time_zone)
-            has_values = [
-                any(is_number_or_switch_word(row[0]) for row in one.table.rows[:_VALUE_SEARCH_ROWS])
-                for one in table_sources
-            ]
-            for column, is_value_column in zip((one.table for one in table_sources), has_values, strict=True):
+            table_sources = split_sources(table, options)
+            columns = [source.table for source in table_sources]
+            # a column without a value in many rows is one of remarks
+            has_values = [any(is_number_or_switch_word(row[0]) for row in column.rows[:1000]) for column in columns]
+            for column, is_value_column in zip(columns, has_values, strict=True):
                 label, unit = split_label_and_unit(column.header[0])
                 column_names = {column.header[0], label}
                 file_names = {str(path), path.name, path.stem} if is_value_column else set()
-                names.append(column_names | file_names | {f"{path.name}:{one}" for one in column_names})
-                is_named = label in POINT_NAMES or (
-                    path.stem not in POINT_NAMES and interpret_header(label) is not None
-                )
-                if is_value_column and sum(has_values) == 1 and not is_named:
+                names.append(column_names | file_names | {f"{path.name}:{name}" for name in column_names})
+                has_meaning = path.stem not in POINT_NAMES and interpret_header(label) is not None
+                if is_value_column and sum(has_values) == 1 and label not in POINT_NAMES and not has_meaning:
                     column.header = [f"{path.stem} [{unit}]" if unit else path.stem]
             sources += table_sources
             notes.append(table.notes)
     name_counts = Counter(chain(*names))
     for name, target in (options.columns or {}).items():
         if name_counts[target] > 1:
-            problems.append(f"--column {name}={target}: it is in {name_counts[target]} columns, give FILE:HEADER")
+            sentence = f"--column {name}={target}: it is in {name_counts[target]} columns, give FILE:HEADER"
+            problems.append(Problem(sentence, "--column", "conflict"))
     raise_problems(problems)
-    source_by_name = {
-        name: i for i, table_sources in enumerate(names, start=1) for name in table_sources if name_counts[name] == 1
-    }
+    source_by_name = {name: k for k, own in enumerate(names, start=1) for name in own if name_counts[name] == 1}
     all_columns = Table("", [], [], [], column_of_joined_header=source_by_name)
     points = read_points(sources, all_columns, options, ColumnSpec((), POINT_NAMES))
     cure = f"say which one it is, with --column NAME=FILE or NAME=FILE:HEADER, of {', '.join(POINT_NAMES)}"
     unread_files = {path.name for path in paths} - {point.file for point in points}
-    problems += [f"{name} has no point that is known: {cure}" for name in sorted(unread_files)]
-    unused_units = options.units.keys() - {point.name for point in points}
-    problems += [f"--unit {name}={options.units[name]}: no file has the point {name}" for name in sorted(unused_units)]
-    raise_problems(problems)
-    file_notes = [
-        f"{path.name}: {note}"
-        for path, path_notes in zip(paths, notes, strict=True)
-        for note in dict.fromkeys(path_notes)
+    problems += [
+        Problem(f"{name} has no point that is known: {cure}", name, "missing") for name in sorted(unread_files)
     ]
+    for name in sorted(options.units.keys() - {point.name for point in points}):
+        sentence = f"--unit {name}={options.units[name]}: no file has the point {name}"
+        problems.append(Problem(sentence, "--unit", "name"))
+    raise_problems(problems)
+    file_notes = [f"{path.name}: {note}" for path, own in zip(paths, notes, strict=True) for note in dict.fromkeys(own)]
     return points, all_columns.notes + file_notes
 
 
-_CLOCK_STEPS_SECONDS = (1, 2, 5, 10, 15, 20, 30, 60, 120, 300, 600, 900, 1800, 3600)  # steps of a clock, s
-_MAX_CELLS = 20_000_000
-_FILE_DIGITS, _EXACT_DIGITS = 10, 17  # of a value in a file; of one that reads back to the bit
+_CLOCK_STEPS_SECONDS = (1, 2, 5, 10, 15, 20, 30, 60, 120, 300, 600, 900, 1800, 3600)
 
 
 def _common_clock(points: Sequence[Point], step: float | None) -> Index:
-    """The times at which all points have values, µs."""
+    """Make the times at which all points have values, µs."""
     if step is None:
         median_steps = [np.median(np.diff(point.times)) for point in points if point.times.size > 1]
         shortest_seconds = min(median_steps) / SECOND_US if median_steps else 60.0
-        step = float(
-            max(
-                (clock_step for clock_step in _CLOCK_STEPS_SECONDS if clock_step <= shortest_seconds),
-                default=_CLOCK_STEPS_SECONDS[0],
-            )
-        )
+        step = float(max((each for each in _CLOCK_STEPS_SECONDS if each <= shortest_seconds), default=1))
     step_microseconds = round(step * SECOND_US)
     start, end = _common_span(points, step_microseconds)
     first, last = -(-start // step_microseconds), end // step_microseconds
-    if (last - first) * len(points) > _MAX_CELLS:
-        raise InputError(f"a clock of {step:g} s has {last - first:,} rows for {len(points)} points: raise --step")
+    if (last - first) * len(points) > 20_000_000:
+        sentence = f"a clock of {step:g} s has {last - first:,} rows for {len(points)} points: raise --step"
+        raise InputError(sentence, "--step", "size")
     return np.arange(first, last + 1, dtype=np.int64) * step_microseconds
 
 
 def _common_span(points: Sequence[Point], step: int = 1) -> tuple[int, int]:
-    """The first and last time [µs] at which all points have values, two multiples of ``step`` [µs] apart at least."""
+    """Return the first and last time [µs] at which all points have values, two multiples of ``step`` [µs] apart."""
     start = max(int(point.times[0]) for point in points)
     ends = [int(point.times[-1]) for point in points if point.is_regular]
     end = min(ends) if ends else max(int(point.times[-1]) for point in points)
     if end // step <= -(-start // step):
-        end_times = {
-            point.name: point.times[[0, -1]].astype(MICROSECOND_DTYPE).astype("datetime64[s]") for point in points
-        }
-        spans = "; ".join(f"{name} {first} to {last}" for name, (first, last) in end_times.items())
-        raise InputError(f"there are no two times at which all points have values ({spans}): give files of one time")
+        spans = []
+        for point in points:
+            first, last = point.times[[0, -1]].astype(MICROSECOND_DTYPE).astype("datetime64[s]")
+            spans.append(f"{point.name} {first} to {last}")
+        sentence = f"there are no two times at which all points have values ({'; '.join(spans)})"
+        raise InputError(f"{sentence}: give files of one time", points[0].name, "data")
     return start, end
 
 
 def _sample_on_clock(
     points: Sequence[Point], clock: Index, max_gap: float | None, digits: int
 ) -> tuple[Index, list[list[str]], list[str]]:
-    """The times of the clock at which all points have values; header and rows of their table; how they were made."""
+    """Return the times at which all points have values; header and rows of their table; and how they were made."""
     values, point_is_good, point_notes = zip(*(_sample_point(point, clock, max_gap) for point in points), strict=True)
     is_good, notes = np.all(point_is_good, axis=0), list(point_notes)
     if is_good.sum() < 2:
-        raise InputError("every point has a value in fewer than two rows: raise --max-gap, or leave one out")
+        sentence = "every point has a value in fewer than two rows: raise --max-gap, or leave one out"
+        raise InputError(sentence, "--max-gap", "data")
     if not is_good.all():
-        notes.append(
-            f"{format_count(~is_good, 'row')} of {is_good.size:,} left out: a point has no sample within its longest gap"
-        )
+        n_rows = f"{format_count(~is_good, 'row')} of {is_good.size:,}"
+        notes.append(f"{n_rows} left out: a point has no sample within its longest gap")
     offsets = {point.offset for point in points}
     offset = offsets.pop() if len(offsets) == 1 else 0
     zone = format_utc_offset(offset // MINUTE_US)[3:] or "+00:00" if points[0].clock == "UTC" else ""
@@ -364,7 +339,7 @@ def _sample_on_clock(
 
 
 def _sample_point(point: Point, clock: Index, max_gap: float | None) -> tuple[Array, Mask, str]:
-    """Values of a point at the times of the clock; where it has any; and a sentence on how they were made."""
+    """Return the values of a point at the times of the clock; where it has any; and how they were made."""
     latest = np.searchsorted(point.times, clock, side="right") - 1
     following = np.minimum(latest + 1, point.times.size - 1)
     steps = np.diff(point.times)
@@ -372,16 +347,12 @@ def _sample_point(point: Point, clock: Index, max_gap: float | None) -> tuple[Ar
     limit = max_gap
     if limit is None and point.is_regular:
         limit = GAP_MEDIAN_STEPS * float(np.median(steps)) / SECOND_US
-    gap_microseconds = np.where(
-        following > latest, point.times[following] - point.times[latest], clock - point.times[latest]
-    )
+    next_time = np.where(following > latest, point.times[following], clock)
+    gap_microseconds = next_time - point.times[latest]
     is_good = (clock == point.times[latest]) | (gap_microseconds <= (np.inf if limit is None else limit * SECOND_US))
     values = point.values[latest] if is_held else np.interp(clock, point.times, point.values)
     method = "held from sample to sample" if is_held else "on straight lines"
     kind = "" if point.is_regular else ", written when it changes"
     limit_text = f"over {limit:g} s at most" if limit is not None else f"up to {steps.max(initial=0) / SECOND_US:g} s"
-    return (
-        values,
-        is_good,
-        f"{point.name}: {format_count(point.times.size, 'sample')} of {point.file}{kind}, {method} {limit_text}",
-    )
+    samples = f"{format_count(point.times.size, 'sample')} of {point.file}"
+    return values, is_good, f"{point.name}: {samples}{kind}, {method} {limit_text}"

@@ -1,21 +1,45 @@
-"""A log as checked arrays in our units, with notes on what was left out."""
+"""`read_log` and its result, and a log as checked arrays in our units, with notes on what was left out."""
 
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from fastcoil.base.arguments import collect_problems
+from fastcoil.base.arguments import (
+    Checks,
+    argument_checks,
+    collect_problems,
+    raise_problems,
+    require_choice,
+    require_mapping,
+)  # fmt: skip
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError
-from fastcoil.logs.columns import ColumnSpec, ReadingOptions, find_columns, interpret_header
+from fastcoil.logs.columns import (
+    ColumnSpec,
+    ReadingOptions,
+    check_reading_options,
+    find_columns,
+    find_requested_columns,
+    interpret_header,
+    require_log,
+)  # fmt: skip
 from fastcoil.logs.join import find_value_columns, pivot_points
 from fastcoil.logs.pieces import longest_regular_step, number_pieces, read_times
 from fastcoil.logs.readings import check_plausible_units, fill_or_cut_rows, mark_supersaturation, read_columns
-from fastcoil.logs.series import COLUMNS
+from fastcoil.logs.series import COLUMNS, TIME_COLUMNS, format_count
 from fastcoil.logs.table import Table, table_from_data
+from fastcoil.logs.timestamps import apply_time_zone
 from fastcoil.model import moist_air
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
 
 _DEFAULT_OPTIONS = ReadingOptions()
 
@@ -30,6 +54,8 @@ class CheckedLog:
     values: dict[str, Array]
     batch: Index  # number of the unbroken piece of each sample, from 0
     rows: Index  # row number of each sample in its file
+    units: dict[str, str] = field(default_factory=dict)  # in which each column was logged
+    headers: dict[str, str] = field(default_factory=dict)  # of each column in the file
     notes: list[str] = field(default_factory=list)  # how it was read, what was left out, and why
     change_of_value: bool = False  # whether rows were written at changes, so that values hold between them
     start: np.datetime64 | None = None  # of the first row of the first log, to the second
@@ -49,12 +75,12 @@ class CheckedLog:
         return int(self.batch[-1]) + 1
 
     def seconds_since_batch_start(self) -> Array:
-        """Seconds since the start of each sample's batch, (n,)."""
+        """Return the seconds since the start of each sample's batch, (n,)."""
         first = np.searchsorted(self.batch, np.arange(self.n_batches))
         return self.time - self.time[first][self.batch]
 
     def humidity_ratio(self, pressure: float) -> Array:
-        """Humidity ratio of the entering air, kg/kg, (n,): as logged, or from RH or dew point at a ``pressure``, Pa."""
+        """Return the humidity ratio of the entering air, kg/kg, (n,); from RH or dew point at a ``pressure``, Pa."""
         if "RH_a_in" in self.values:
             return moist_air.humidity_ratio(self.values["T_a_in"], self.values["RH_a_in"], pressure)
         if "T_dp_in" in self.values:
@@ -62,15 +88,15 @@ class CheckedLog:
         return self.values["W_a_in"]
 
     def with_validation_log(self, validation_log: Self) -> Self:
-        """The samples of both logs: those of ``validation_log``, for validation, in separate batches."""
+        """Return the samples of both logs, those of ``validation_log`` in separate batches."""
         name = validation_log.name if validation_log.name != self.name else f"{validation_log.name} (validation)"
         missing_columns = (self.values.keys() ^ validation_log.values.keys()) - {"T_w_out"}
         if missing_columns:
-            raise InputError(f"{self.name} or {name} has no {', '.join(sorted(missing_columns))}: log the same in both")
+            sentence = f"{self.name} or {name} has no {', '.join(sorted(missing_columns))}: log the same in both"
+            raise InputError(sentence, "validation", "missing")
+        logs = (self, validation_log)
         values = {
-            column: np.concatenate(
-                [log.values.get(column, np.full(log.time.size, np.nan)) for log in (self, validation_log)]
-            )
+            column: np.concatenate([log.values.get(column, np.full(log.time.size, np.nan)) for log in logs])
             for column in self.values | validation_log.values
         }
         return replace(
@@ -85,7 +111,7 @@ class CheckedLog:
         )
 
     def where(self, mask: Mask) -> Self:
-        """The samples that are ``mask``, (n,); a batch ends where some are left out."""
+        """Return the samples that ``mask`` marks, (n,); a batch ends where some are left out."""
         index = np.flatnonzero(mask)
         is_new_batch = (np.diff(index) > 1) | (np.diff(self.batch[index]) > 0)
         return replace(
@@ -99,31 +125,35 @@ class CheckedLog:
 
 
 def read_checked_log(source: Any, spec: ColumnSpec, options: ReadingOptions = _DEFAULT_OPTIONS) -> CheckedLog:
-    """Read the ``spec`` series of a log and check every number.
+    """Read the series of ``spec`` from the source of a log, see ``read_log``, and check every number."""
+    return check_table(_read_table(source, options), spec, options)
 
-    source: path of a CSV file, or a pandas DataFrame with the columns of one, both perhaps with a row for each value
-    (time, point, value); or an ``xarray.Dataset`` along ``elapsed_time`` (or ``timestamp``, of datetime64) with units
-    as attributes.
-    """
+
+def _read_table(source: Any, options: ReadingOptions) -> Table:
     if isinstance(source, (str, Path)):
-        table = Table.read(source)
-    else:
-        named_series = [name for name in getattr(source, "data_vars", ()) if interpret_header(str(name))]
-        table = table_from_data(source, options.columns, [*COLUMNS, *named_series])
+        return Table.read(source)
+    named_series = [name for name in getattr(source, "data_vars", ()) if interpret_header(str(name))]
+    return table_from_data(source, options.columns, [*COLUMNS, *named_series])
+
+
+def check_table(table: Table, spec: ColumnSpec, options: ReadingOptions) -> CheckedLog:
+    """Convert the columns of ``spec`` to numbers and check every one; the table is used up."""
     if find_value_columns(table) is not None:
         table = pivot_points(table, options, spec)
-        options = replace(options, columns=None, units={}, time_format=None)
+        options = replace(options, columns=None, units={}, time_format=None, time_zone="")
     column_by_name = find_columns(table, options, spec)
-    has_timestamps = "timestamp" in column_by_name
-    if options.time_format is not None and not has_timestamps:
-        table.problems.append(
-            f"time_format = {options.time_format!r}: it is for the column timestamp, which the log lacks"
-        )
+    time_name = "timestamp" if "timestamp" in column_by_name else "elapsed_time"
+    for name, value in (("time_format", options.time_format), ("time_zone", options.time_zone)):
+        if value and time_name == "elapsed_time":
+            sentence = f"{name} = {value!r}: it is for the column timestamp, which the log lacks"
+            table.add_problem(sentence, name, "conflict")
     table.raise_problems()
     stamps = None
-    if has_timestamps:
+    if time_name == "timestamp":
         with collect_problems(table.problems):
             stamps = read_times(table, column_by_name["timestamp"], options)
+            if options.time_zone and not stamps.absolute:
+                stamps = apply_time_zone(stamps, options.time_zone)
     readings = read_columns(table, column_by_name, options, spec)
     check_plausible_units(table, readings, column_by_name, options)
     mark_supersaturation(table, readings, options.constants or {})
@@ -132,17 +162,14 @@ def read_checked_log(source: Any, spec: ColumnSpec, options: ReadingOptions = _D
         table.problems += readings.complaints
         table.raise_problems()
     time = stamps.seconds_since_first() if stamps else columns["elapsed_time"]
-    columns, time = fill_or_cut_rows(
-        table, readings, time, options, spec, longest_regular_step(time, options.max_gap), has_timestamps=has_timestamps
-    )
+    longest_step = longest_regular_step(time, options.max_gap)
+    columns, time = fill_or_cut_rows(table, readings, time, options, spec, longest_step, time_name)
     columns.pop("elapsed_time", None)
     batch, is_change_log = np.zeros(0, dtype=np.int64), False
     if np.isfinite(time).all():
-        batch, is_change_log = number_pieces(
-            table, time, columns, options, readings.notes, has_timestamps=has_timestamps
-        )
+        batch, is_change_log = number_pieces(table, time, columns, options, readings.notes, time_name)
     table.raise_problems()
-    start, zone = stamps.first() if stamps else (None, "")
+    start, zone = stamps.first_time() if stamps else (None, "")
     columns.pop("batch", None)
     values = {name: np.full(time.size, float(value)) for name, value in (options.constants or {}).items()} | columns
     rows = np.array(table.row_numbers)
@@ -153,8 +180,203 @@ def read_checked_log(source: Any, spec: ColumnSpec, options: ReadingOptions = _D
         values=values,
         batch=batch,
         rows=rows,
+        units=readings.units,
+        headers={name: table.header[column] for name, column in column_by_name.items()},
         notes=table.notes + readings.notes,
         change_of_value=is_change_log,
         start=None if start is None else start + np.timedelta64(round(float(time[0])), "s"),
         time_zone=zone,
+    )
+
+
+class Log:
+    """A trend log and how it is to be read, as ``fc.read_log`` returns it.
+
+    ``fc.diagnose``, ``fc.read_test``, ``fc.fit_valve``, ``fc.fit_coil``, ``fc.fit_loop`` and ``fc.replay`` take it, and
+    each reads the columns that it needs.  Print it to see its columns, units and times, and what was left out.
+
+    Attributes
+    ----------
+    name : str
+        Name of the file, or ``DataFrame`` or ``Dataset``.
+    """
+
+    def __init__(self, source: Any, options: ReadingOptions) -> None:
+        self._source, self._options = source, options
+        self._table: Table | None = None
+
+    @property
+    def name(self) -> str:
+        if isinstance(self._source, Path):
+            return self._source.name
+        return "DataFrame" if hasattr(self._source, "iloc") else "Dataset"
+
+    def check(self) -> None:
+        """Check what needs no caller: that the source is a table, and that it has the columns that were named.
+
+        The table of a file is kept, so that the file is read once.
+        """
+        table = _read_table(self._source, self._options)
+        if isinstance(self._source, Path):
+            self._table = table
+        table = table.copy()
+        names = [*dict.fromkeys([*COLUMNS, *TIME_COLUMNS])]
+        columns = self._options.columns or {}
+        table.check_names("columns", columns, names)
+        table.check_names("units", self._options.units, [name for name in names if name != "timestamp"])
+        table.check_names("constants", self._options.constants or {}, names)
+        if find_value_columns(table) is None:
+            find_requested_columns(table, columns)
+        table.raise_problems()
+
+    def read(self, spec: ColumnSpec, *, refuse_gaps: bool = False, use_sensor: bool = False) -> CheckedLog:
+        """Read the columns of ``spec`` as checked numbers.
+
+        refuse_gaps: also refuse gaps and changes of batch.  use_sensor: of a Dataset of ``fc.simulate``, take
+        ``T_measured``, which its controller read, as ``T_sup``.
+        """
+        options = replace(self._options, refuse_gaps=refuse_gaps)
+        # constants are for whichever caller needs them
+        constants = options.constants or {}
+        options = replace(options, constants={name: constants[name] for name in constants if name in spec.names})
+        if self._table is not None:
+            return check_table(self._table.copy(), spec, options)
+        source = self._source
+        if use_sensor and hasattr(source, "data_vars") and "T_measured" in source:
+            source = source if "T_sup" in (options.columns or {}) else source.assign(T_sup=source["T_measured"])
+        return read_checked_log(source, spec, options)
+
+    def summary(self) -> list[str]:
+        """Return the log as lines of text: rows, times, columns with their units as read, and notes."""
+        spec = ColumnSpec((), [name for name in COLUMNS if name not in ("elapsed_time", "batch")])
+        problems: list[str] = []
+        with collect_problems(problems):
+            data = self.read(spec)
+        if problems:
+            return [f"cannot be read as it is: {problem}" for problem in problems]
+        span = f"{data.time[-1]:,.0f} s" + (f" from {data.start} {data.time_zone}".rstrip() if data.start else "")
+        pieces = format_count(data.n_batches, "piece")
+        lines = [f"{data.time.size:,} rows, {data.step:g} s apart, in {pieces}: {span}"]
+        lines += [
+            f"{name} [{data.units[name]}] from the column {data.headers[name]!r}" if name in data.units
+            else f"{name} = {data.values[name][0]:g}, a constant"
+            for name in data.values
+        ]  # fmt: skip
+        return lines + [f"Note: {note}" for note in data.notes]
+
+    def __repr__(self) -> str:
+        return "\n".join([f"<fastcoil Log> {self.name}", *self.summary()])
+
+
+def as_log(name: str, source: Any, like: Log | None = None) -> Log:
+    """Return a `Log`: ``source`` itself, or that of a path, DataFrame or Dataset, with the options of ``like``.
+
+    ``InputError`` about the argument ``name`` if it is none of these.
+    """
+    if isinstance(source, Log):
+        return source
+    return Log(require_log(name, source), _DEFAULT_LOG_OPTIONS if like is None else like._options)
+
+
+_DEFAULT_LOG_OPTIONS = ReadingOptions(constants={}, drop=False, jumps="refuse", reader="read_log")
+
+
+def read_log(
+    source: str | Path | pd.DataFrame | xr.Dataset,
+    *,
+    units: Mapping[str, str] | None = None,
+    columns: Mapping[str, str] | None = None,
+    drop: bool = False,
+    jumps: str = "refuse",
+    max_gap: float | None = None,
+    time_format: str | None = None,
+    time_zone: str | None = None,
+    constants: Mapping[str, float] | None = None,
+) -> Log:
+    """Read a trend log, once, for every function that uses one.
+
+    Parameters
+    ----------
+    source
+        Path of a CSV file, as building systems and spreadsheets write them, with a row for each time or for each value
+        (time, point, value); a DataFrame with the columns of one; or a Dataset along ``elapsed_time`` (or
+        ``timestamp``, of datetime64) with units as attributes.  Columns are those of fastcoil (``command [%]``,
+        ``T_sup [degC]``, ``T_set``, ``m_a``, ``T_a_in``, ``T_w_in``, ``m_w``, ``enabled``, ``test``, ``batch`` …) or
+        names of building systems, Haystack and Brick that mean one of them beyond doubt.
+    units
+        Units by column, for headers without one: ``{"T_sup": "degF"}``.
+    columns
+        Headers by column, where they differ: ``{"command": "AHU1 CHW VLV"}``; of a log with a row for each value, its
+        points.
+    drop
+        Leave blank, NaN and impossible values out and count them, instead of refusing the log: those of measured
+        columns become NaN, an input that is missing in one row alone is bridged, other rows with one are left out.
+    jumps
+        ``"refuse"`` a log whose time goes back or does not advance, or ``"split"`` it there.
+    max_gap
+        Longest step that is bridged [s]; three times the median step by default, and more in a log whose rows were
+        written when a value changed.
+    time_format
+        How ``timestamp`` is written: a pattern such as ``"%d/%m/%Y %H:%M"``, ``"excel"`` for serial days, ``"epoch"``
+        for seconds or milliseconds since 1970; recognised by default, or refused where two readings fit.
+    time_zone
+        Zone of timestamps without a UTC offset, such as ``"America/New_York"`` or ``"UTC-05:00"``.
+    constants
+        Numbers for columns that the log lacks, in the units of fastcoil: ``{"m_a": 1.2}`` in kg/s.
+
+    Returns
+    -------
+    Log
+        Print it to see rows, times, columns and what was read as what.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake in the arguments, or if the source has no table or lacks a column that
+        ``columns`` names.  Values are checked by the functions that use them.
+
+    See Also
+    --------
+    diagnose, survey, read_test, fit_valve, fit_coil, fit_loop, replay
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pandas as pd
+    >>> import fastcoil as fc
+    >>> frame = pd.DataFrame({"CHW VLV (%)": [40, 50, 55], "SAT": [55.1, 55.3, 55.2]})
+    >>> frame.insert(0, "elapsed_time [s]", 60 * np.arange(3))
+    >>> fc.read_log(frame, units={"T_sup": "degF"})
+    <fastcoil Log> DataFrame
+    3 rows, 60 s apart, in 1 piece: 120 s
+    command [%] from the column 'CHW VLV (%)'
+    T_sup [degF] from the column 'SAT'
+    Note: 'CHW VLV (%)' is read as command, 'SAT' is read as T_sup
+    """
+    with argument_checks() as check:
+        source = check(require_log, "source", source)
+        options = _check_options(
+            check, units=units, columns=columns, drop=drop, jumps=jumps, max_gap=max_gap, time_format=time_format,
+            time_zone=time_zone, constants=constants,
+        )  # fmt: skip
+    log = Log(source, options)
+    log.check()
+    return log
+
+
+def check_read_options(options: Any) -> None:
+    """Check a mapping of options of ``read_log``, the argument ``read`` of a function that reads many logs."""
+    cure = "give a mapping of options of fc.read_log, such as {'drop': True}"
+    names = [name for name in inspect.signature(read_log).parameters if name != "source"]
+    with argument_checks() as check:
+        for name in require_mapping("read", options, cure):
+            check(require_choice, "read", name, names)
+        raise_problems(check.problems)
+        _check_options(check, **options)
+
+
+def _check_options(check: Checks, **options: Any) -> ReadingOptions:
+    defaults = {"units": None, "columns": None, "drop": False, "jumps": "refuse", "max_gap": None, "time_format": None}
+    return check_reading_options(
+        check, **(defaults | {"time_zone": None, "constants": None} | options), reader="read_log"
     )

@@ -8,33 +8,34 @@ from collections.abc import Collection, Mapping
 import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.base.errors import InputError, short_repr
+from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.logs.columns import ReadingOptions
 from fastcoil.logs.series import format_count
 from fastcoil.logs.table import REVERSED_ROWS_NOTE, Table
 from fastcoil.logs.timestamps import Timestamps, read_timestamps
 
-_MIN_STEP_SECONDS = 0.999
 MAX_RECORD_SECONDS = 50_000_000  # of a record on 1-s steps, 19 months: a few GB with its series
+GAP_MEDIAN_STEPS = 3.0  # steps longer than this many median steps are gaps, but in a log of changes
 
 
 def require_whole_seconds(name: str, step: float) -> None:
     """Refuse a log whose samples are less than a second apart; ``step``: its median step, s."""
-    if step < _MIN_STEP_SECONDS:
-        raise InputError(f"{name}: the rows are {step:g} s apart: thin or average the log to 1 s or more")
+    if step < 0.999:  # round-off of times in hours
+        cure = "thin or average the log to 1 s or more"
+        raise InputError(f"{name}: the rows are {step:g} s apart: {cure}", name, "time")
 
 
 def require_span_in_limits(name: str, seconds: float, cure: str = "cut the log") -> None:
     """Refuse a record that would fill the memory on 1-s steps; ``seconds``: from its first to its last."""
     if seconds > MAX_RECORD_SECONDS:
-        limit_text = f"at most {MAX_RECORD_SECONDS:,} s can be read, check the unit of the time, or {cure}"
-        raise InputError(f"{name} lasts {seconds:,.0f} s from the first row to the last: {limit_text}")
+        cure = f"at most {MAX_RECORD_SECONDS:,} s can be read, check the unit of the time, or {cure}"
+        raise InputError(f"{name} lasts {seconds:,.0f} s from the first row to the last: {cure}", name, "size")
 
 
 def resample_at_seconds(
     time: Array, values: Mapping[str, Array], seconds: Array, hold: Collection[str], slack: float = 0.0
 ) -> dict[str, Array]:
-    """Each series at the ``seconds`` asked for, (n_seconds,), within the log.
+    """Resample each series at ``seconds`` within the log, (n_seconds,).
 
     time, values: of the samples [s], ascending, and their values by name, each (n,).  hold: names of the series that
     hold until the next sample; the others run straight.  slack: by which a sample may be late for its second, with
@@ -46,71 +47,48 @@ def resample_at_seconds(
     }
 
 
-GAP_MEDIAN_STEPS = 3.0  # steps longer than this many median steps are gaps, but in a log of changes
-_REGULAR_STEP_SHARE, _REGULAR_STEP_TOLERANCE = (
-    0.6,
-    0.2,
-)  # steps are regular where more than this share of them is within so much of the median
-_UNEVEN_STEP_QUANTILES, _UNEVEN_STEP_RATIO = (0.1, 0.9), 4.0
-"""They are uneven where they are not regular and these quantiles are so far apart: further than lost rows make them."""
-_MIN_LONG_STEP_SHARE = 0.05  # share of steps that would be gaps, at least
-_MIN_CHANGED_ROW_SHARE, _MIN_REPEATED_ROW_SHARE = 0.9, 0.2
-"""In so many of the rows something changes, while one series stays as it was in so many of them."""
-_MIN_STEPS = 20  # steps
-_USUAL_STEP_QUANTILE, _GAP_USUAL_STEPS = (
-    0.95,
-    10.0,
-)  # A step so many times longer than this share of all steps is a gap even in such a log
-
-
 def longest_step_between_changes(time: Array, is_same_batch: Mask, values: Mapping[str, Array]) -> float | None:
-    """Longest step of a log of changes that is no gap, s; else None.  within: where a row follows one, (n - 1,)."""
+    """Longest step of a log of changes that is no gap, s; None for any other log.
+
+    In such a log steps are uneven, some value changes in nearly every row, and one series stays as it was in many.  An
+    outage is a gap in it as well.  is_same_batch: where a row follows one of its batch, (n - 1,).
+    """
     steps = np.diff(time)[is_same_batch]
-    if (
-        steps.size < _MIN_STEPS
-        or not has_uneven_steps(steps)
-        or np.mean(steps > GAP_MEDIAN_STEPS * np.median(steps)) < _MIN_LONG_STEP_SHARE
-    ):
+    if steps.size < 20 or not has_uneven_steps(steps) or np.mean(steps > GAP_MEDIAN_STEPS * np.median(steps)) < 0.05:
         return None
-    pairs = [(series[1:], series[:-1]) for name, series in values.items() if name != "batch"]
     changed = [
-        ~((current == previous) | (np.isnan(current) & np.isnan(previous)))[is_same_batch]
-        for current, previous in pairs
+        ~((series[1:] == series[:-1]) | (np.isnan(series[1:]) & np.isnan(series[:-1])))[is_same_batch]
+        for name, series in values.items()
+        if name != "batch"
     ]
-    repeats = any(has_changed.sum() > 2 and np.mean(~has_changed) >= _MIN_REPEATED_ROW_SHARE for has_changed in changed)
-    if not repeats or np.mean(np.any(changed, axis=0)) < _MIN_CHANGED_ROW_SHARE:
+    repeats = any(has_changed.sum() > 2 and np.mean(~has_changed) >= 0.2 for has_changed in changed)
+    if not repeats or np.mean(np.any(changed, axis=0)) < 0.9:
         return None
-    return float(_GAP_USUAL_STEPS * np.quantile(steps, _USUAL_STEP_QUANTILE))
+    return float(10.0 * np.quantile(steps, 0.95))
 
 
 def has_uneven_steps(steps: Array) -> bool:
-    """Whether steps are uneven; a single sample has none and may be of changes."""
+    """Whether steps are further apart than lost rows of a regular log make them; a single sample has uneven ones."""
     if not steps.size:
         return True
     median = float(np.median(steps))
-    is_regular = np.mean(np.abs(steps - median) <= _REGULAR_STEP_TOLERANCE * median) > _REGULAR_STEP_SHARE
-    short, long = np.quantile(steps, _UNEVEN_STEP_QUANTILES)
-    return bool(not is_regular and long >= _UNEVEN_STEP_RATIO * short)
-
-
-_MAX_BACKWARD_STEPS, _MAX_BACKWARD_SHARE = (
-    5,
-    1 / 3,
-)  # if more steps than both go back in time, no part of the log is in order
+    is_regular = np.mean(np.abs(steps - median) <= 0.2 * median) > 0.6
+    short, long = np.quantile(steps, (0.1, 0.9))
+    return bool(not is_regular and long >= 4.0 * short)
 
 
 def read_times(table: Table, column: int, options: ReadingOptions) -> Timestamps:
-    """The timestamps of the rows; the rows of a table whose newest is first are turned round."""
+    """Read the timestamps of the rows; reverse the rows of a table whose newest is first."""
     cure = options.cure("time_format='{format}'", "--time-format '{format}'")
     stamps = read_timestamps([row[column] for row in table.rows], table.row_numbers, options.time_format, cure)
     table.notes += stamps.notes
     if not (stamps.good.all() or options.drop):
         k = int(np.argmin(stamps.good))
         cell, number = table.rows[k][column], table.row_numbers[k]
-        raise InputError(f"timestamp = {short_repr(cell)} in row {number} {stamps.wrong}")
+        raise InputError(f"timestamp = {short_repr(cell)} in row {number} {stamps.problem}", "timestamp", "time")
     steps = np.diff(stamps.microseconds[stamps.good])
     if (steps < 0).any() and (steps <= 0).all():
-        table.take(range(len(table.rows))[::-1])
+        table.keep_rows(range(len(table.rows))[::-1])
         table.notes.append(REVERSED_ROWS_NOTE)
         stamps = stamps._replace(microseconds=stamps.microseconds[::-1], good=stamps.good[::-1])
     return stamps
@@ -124,21 +102,15 @@ def longest_regular_step(time: Array, max_gap: float | None) -> float:
 
 
 def number_pieces(
-    table: Table,
-    time: Array,
-    values: Mapping[str, Array],
-    options: ReadingOptions,
-    notes: list[str],
-    *,
-    has_timestamps: bool,
+    table: Table, time: Array, values: Mapping[str, Array], options: ReadingOptions, notes: list[str], time_name: str
 ) -> tuple[Index, bool]:
-    """Number of the unbroken piece of each row, (n,): a new one at ``batch``, gap or jump; whether rows are changes."""
+    """Number the pieces between batches, gaps and jumps, (n,) for each row; and say whether rows are changes."""
     steps, rows, batch = np.diff(time), table.row_numbers, values.get("batch")
     is_new_batch = np.zeros(steps.size, dtype=bool) if batch is None else np.diff(batch) != 0.0
     is_backward = (steps <= 0.0) & ~is_new_batch
-    is_shuffled = is_backward.sum() > _MAX_BACKWARD_STEPS and is_backward.mean() > _MAX_BACKWARD_SHARE
+    is_shuffled = is_backward.sum() > 5 and is_backward.mean() > 1 / 3  # no part of the log is in order
     if is_backward.any() and (options.jumps != "split" or is_shuffled):
-        table.problems.append(_describe_backward_time(time, is_backward, rows, options, has_timestamps))
+        table.problems.append(_describe_backward_time(time, is_backward, rows, options, time_name))
         return np.zeros(time.size, dtype=np.int64), False
     if is_backward.any():
         notes.append(
@@ -151,13 +123,12 @@ def number_pieces(
         table.notes.append(
             f"rows are {forward.min():g} to {forward.max():g} s apart, and each has a change: a log of changes, "
             f"values hold between rows; steps of up to {longest_change_step:g} s are no gaps "
-            f"(another limit: {options.cure('max_gap', '--max-gap')})"
+            f"(another limit: {options.cure('max_gap=...', '--max-gap')})"
         )
-    is_gap = (
-        ~is_new_batch & ~is_backward & (steps > (options.max_gap or longest_change_step or GAP_MEDIAN_STEPS * median))
-    )
-    if options.unbroken and (is_new_batch | is_gap).any():
-        table.problems.append(_describe_gap(steps, is_new_batch, is_gap, median, rows))
+    longest_bridged = options.max_gap or longest_change_step or GAP_MEDIAN_STEPS * median
+    is_gap = ~is_new_batch & ~is_backward & (steps > longest_bridged)
+    if options.refuse_gaps and (is_new_batch | is_gap).any():
+        table.problems.append(_describe_gap(steps, is_new_batch, is_gap, median, rows, time_name))
     elif is_gap.any():
         k = int(np.argmax(is_gap))
         notes.append(
@@ -168,22 +139,26 @@ def number_pieces(
 
 
 def _describe_backward_time(
-    time: Array, is_backward: Mask, rows: list[int], options: ReadingOptions, has_timestamps: bool
-) -> str:
+    time: Array, is_backward: Mask, rows: list[int], options: ReadingOptions, time_name: str
+) -> Problem:
     k, n_backward = int(np.argmax(is_backward)), int(is_backward.sum())
     cure = "give every row a time of its own, to the second, and sort the rows, oldest first"
-    if has_timestamps:
+    if time_name == "timestamp":
         cure += "; where clocks were set back log UTC or the UTC offset"
-    if options.jumps is not None:
+    if options.jumps is not None and not options.refuse_gaps:
         cure += "; or let the record start again there: " + options.cure("jumps='split'", "--jumps split")
     relation = "is at the same time as" if time[k + 1] == time[k] else "is earlier than"
     count_text = f" ({n_backward} such rows)" if n_backward > 1 else ""
-    return f"{'timestamp' if has_timestamps else 'elapsed_time'}: row {rows[k + 1]} {relation} row {rows[k]}{count_text}: {cure}"
+    sentence = f"{time_name}: row {rows[k + 1]} {relation} row {rows[k]}{count_text}: {cure}"
+    return Problem(sentence, time_name, "time")
 
 
-def _describe_gap(steps: Array, is_new_batch: Mask, is_gap: Mask, median: float, rows: list[int]) -> str:
+def _describe_gap(
+    steps: Array, is_new_batch: Mask, is_gap: Mask, median: float, rows: list[int], time_name: str
+) -> Problem:
     k = int(np.argmax(is_new_batch)) if is_new_batch.any() else int(np.argmax(np.where(is_gap, steps, 0.0)))
     rows_text, gap = f"rows {rows[k]} and {rows[k + 1]}", f"{steps[k]:g}"
     if is_new_batch[k]:
-        return f"{rows_text} are of two batches: give the rows of one"
-    return f"{rows_text} are {gap} s apart, others {median:g} s: fill the gap, cut the log, or bridge it with max_gap={gap}"
+        return Problem(f"{rows_text} are of two batches: give the rows of one", "batch", "time")
+    cure = f"fill the gap, cut the log, or bridge it with max_gap={gap}"
+    return Problem(f"{rows_text} are {gap} s apart, others {median:g} s: {cure}", time_name, "time")

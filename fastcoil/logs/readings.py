@@ -11,7 +11,7 @@ import numpy as np
 
 from fastcoil.base.arguments import collect_problems
 from fastcoil.base.arrays import Array, Mask
-from fastcoil.base.errors import InputError, short_repr
+from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.logs import plausibility
 from fastcoil.logs.cells import NumberStyle, ParsedCells, detect_number_style, parse_cells
 from fastcoil.logs.columns import ColumnSpec, ReadingOptions
@@ -27,10 +27,6 @@ from fastcoil.logs.series import (
 )
 from fastcoil.logs.table import Table
 
-_MISSING_VALUE_CODES = (-99.0, -999.0, -9999.0)
-_BOUND_TOLERANCE_SHARE = 0.02  # readings up to this share of the column's span outside a bound are taken as the bound
-_MIN_OTHERS_CELSIUS = 5.0  # A temperature of exactly 0 among others above this, °C, is a sensor that is off
-
 
 @dataclass
 class ColumnReadings:
@@ -40,27 +36,29 @@ class ColumnReadings:
     bad: dict[str, Mask] = field(default_factory=dict)  # where they may not be used
     missing: dict[str, Mask] = field(default_factory=dict)  # where a cell says that there is no value
     notes: list[str] = field(default_factory=list)  # what was taken for something else
-    complaints: list[str] = field(default_factory=list)  # a sentence for each column with bad numbers
+    complaints: list[Problem] = field(default_factory=list)  # one for each column with bad numbers
     units: dict[str, str] = field(default_factory=dict)  # as declared, where most numbers are possible
 
     def report_complaints(self, table: Table, options: ReadingOptions) -> None:
         """Make problems of the complaints, with the cure that the caller offers."""
-        cure = f"; or leave such values out and count them: {options.cure('drop=True', '--drop')}"
-        last_complaint = [complaint + cure * (options.drop is False) for complaint in self.complaints[-1:]]
-        table.problems += self.complaints[:-1] + last_complaint
+        table.problems += self.complaints
+        if self.complaints and options.drop is False:
+            cure = f"; or leave such values out and count them: {options.cure('drop=True', '--drop')}"
+            last = self.complaints[-1]
+            table.problems[-1] = Problem(last + cure, last.field, last.code)
 
 
 def read_columns(
     table: Table, column_by_name: Mapping[str, int], options: ReadingOptions, spec: ColumnSpec, *, sparse: bool = False
 ) -> ColumnReadings:
-    """Every column ``column_by_name`` but ``timestamp`` as numbers in our units; ``sparse``: a missing value is no mistake."""
+    """Read every column but ``timestamp`` as numbers in our units; ``sparse``: a missing value is no mistake."""
     readings = ColumnReadings()
     columns = {name: column for name, column in column_by_name.items() if name != "timestamp"}
     style = _detect_table_style(table, columns)
     for name, column in columns.items():
         series = COLUMNS[name]
         cells = parse_cells([row[column] for row in table.rows], style, is_switch=series.is_switch)
-        unit = _resolve_column_unit(table, series, column, options.units.get(name), cells, options.has_command)
+        unit = _resolve_column_unit(table, series, column, cells, options)
         if unit is None:
             continue
         values = series.convert(cells.values, unit)
@@ -68,7 +66,7 @@ def read_columns(
             values = _clip_to_bounds(table, series, values, readings.notes)
         values[cells.has_bad_status] = np.nan
         bad = series.is_bad(values)
-        missing = cells.missing | cells.has_bad_status | np.isin(cells.values, _MISSING_VALUE_CODES)
+        missing = cells.missing | cells.has_bad_status | np.isin(cells.values, (-99.0, -999.0, -9999.0))
         readings.units[name] = unit
         is_sensor_off = _sensor_off_mask(series, cells.values, values)
         wrong = bad & ~missing if sparse else bad
@@ -81,7 +79,8 @@ def read_columns(
                 )
                 values[is_sensor_off] = np.nan
             else:
-                readings.complaints.append(f"{reading_text}{first_row_text}, where others are far away: sensor off")
+                sentence = f"{reading_text}{first_row_text}, where others are far away: sensor off"
+                readings.complaints.append(Problem(sentence, name, "data"))
             bad = bad & ~is_sensor_off if name in spec.measured else bad | is_sensor_off
         elif wrong.any():
             complaint = _describe_bad_cells(table, series, column, unit, wrong, cells.has_bad_status, cells.values)
@@ -93,12 +92,10 @@ def read_columns(
                 readings.complaints.append(complaint)
         if series.units is TRAVEL and name not in options.units:
             numbers = cells.values[~bad]
-            likely_signal, _ = plausibility.detect_signal(numbers, unit)
-            reading_text = (
-                f"{name} is from {numbers.min():.3g} to {numbers.max():.3g}, read in {unit}" if likely_signal else ""
-            )
-            cure = f"write '[{likely_signal}]' in the header, or {options.unit_cure(name, likely_signal)}"
-            table.notes += [f"{reading_text}: if it is a signal in {likely_signal}, {cure}"] if likely_signal else []
+            if likely_signal := plausibility.detect_signal(numbers, unit)[0]:
+                reading_text = f"{name} is from {numbers.min():.3g} to {numbers.max():.3g}, read in {unit}"
+                cure = f"write '[{likely_signal}]' in the header, or {options.unit_cure(name, likely_signal)}"
+                table.notes.append(f"{reading_text}: if it is a signal in {likely_signal}, {cure}")
         readings.values[name], readings.bad[name], readings.missing[name] = values, bad, missing
     return readings
 
@@ -112,40 +109,49 @@ def check_plausible_units(
     for name, likely_unit in plausibility.find_misread_units(values, readings.units, trusted).items():
         unit, k = readings.units[name], int(np.argmax(np.isfinite(values[name])))
         cell, row = short_repr(table.rows[k][column_by_name[name]].strip()), table.row_numbers[k]
-        table.problems.append(
-            f"{name} = {cell} in row {row} is declared in {unit}, and {plausibility.describe_likely_unit(likely_unit)}: "
-            f"{table.unit_declaration_cure(column_by_name[name], likely_unit)}; if {unit} is right, declare it in the log and "
-            f"with {options.unit_cure(name, unit)}"
+        likeness = plausibility.describe_likely_unit(likely_unit)
+        table.add_problem(
+            f"{name} = {cell} in row {row} is declared in {unit}, and {likeness}: "
+            f"{table.unit_declaration_cure(column_by_name[name], likely_unit)}; if {unit} is right, declare it in the "
+            f"log and with {options.unit_cure(name, unit)}",
+            name,
+            "unit",
         )
     for name in sorted({"T_sup", "T_set", "T_a_in"} & values.keys() - trusted):
         if k := plausibility.find_unit_change(values[name]):
-            row = table.row_numbers[k]
-            table.problems.append(f"{name} jumps in row {row} as if °C and °F were in one column: write one unit")
+            sentence = f"{name} jumps in row {table.row_numbers[k]} as if °C and °F were in one column: write one unit"
+            table.add_problem(sentence, name, "unit")
     if "command" in values.keys() - trusted:
         scale, offset = TRAVEL[readings.units["command"]]
         command = (values["command"] - offset) / scale
         if k := plausibility.find_scale_change(command) if scale == TRAVEL["%"][0] else 0:
-            row = table.row_numbers[k]
-            table.problems.append(f"command goes on in row {row} as if in another unit than before: write one unit")
+            sentence = (
+                f"command goes on in row {table.row_numbers[k]} as if in another unit than before: write one unit"
+            )
+            table.add_problem(sentence, "command", "unit")
         if k := plausibility.find_column_exchange(values["T_sup"], command) if "T_sup" in values else 0:
-            row = table.row_numbers[k]
-            table.problems.append(f"T_sup and command go on exchanged in row {row}: write one order of columns")
+            sentence = f"T_sup and command go on exchanged in row {table.row_numbers[k]}: write one order of columns"
+            table.add_problem(sentence, "T_sup", "data")
     exchanged_column = plausibility.find_column_exchanged_with_supply(values) if not table.problems else ""
     if exchanged_column and not {"T_sup", exchanged_column} <= trusted:
-        table.problems.append(
-            f"T_sup, first in row {table.row_numbers[0]}, is outside what air and water enter with, as if {exchanged_column} and "
-            "it were exchanged: exchange the two headers, or check both sensors"
+        table.add_problem(
+            f"T_sup, first in row {table.row_numbers[0]}, is outside what air and water enter with, as if "
+            f"{exchanged_column} and it were exchanged: exchange the two headers, or check both sensors",
+            "T_sup",
+            "data",
         )
     if {"T_sup", "T_set"} <= values.keys() and plausibility.is_set_point_exchanged(values["T_sup"], values["T_set"]):
         k = int(np.argmax(np.diff(values["T_set"]) != 0.0)) + 1
-        table.problems.append(
+        table.add_problem(
             f"T_set changes in most rows (first in row {table.row_numbers[k]}) while T_sup is constant, as if they "
-            "were exchanged: exchange the two headers; if they are right, log T_sup in finer steps"
+            "were exchanged: exchange the two headers; if they are right, log T_sup in finer steps",
+            "T_set",
+            "data",
         )
 
 
 def mark_supersaturation(table: Table, readings: ColumnReadings, constants: Mapping[str, float]) -> None:
-    """Air above saturation is a bad value of its humidity, and a problem where most rows have it."""
+    """Mark the humidity of air above saturation as bad; make a problem of it where most rows have it."""
     values: dict[str, Any] = {**constants, **readings.values}
     name, above = plausibility.find_supersaturation(values)
     if not above.any():
@@ -156,10 +162,12 @@ def mark_supersaturation(table: Table, readings: ColumnReadings, constants: Mapp
     k, n_rows = int(np.argmax(above)), len(table.rows)
     humidity, T = (float(np.broadcast_to(values[column], n_rows)[k]) for column in (name, "T_a_in"))
     unit = COLUMNS[name].unit
-    complaint = (
+    complaint = Problem(
         f"{name} = {humidity:.4g}{' kg/kg' if unit == '1' else f' {unit}'} in row {table.row_numbers[k]} is above "
         f"saturation at T_a_in = {T:.4g} degC: check the units of both, or give the values that belong together"
-        f"{count_suffix(int(above.sum()))}"
+        f"{count_suffix(int(above.sum()))}",
+        name,
+        "data",
     )
     if bad_column not in readings.values or 2 * above.sum() > n_rows:
         table.problems.append(complaint)
@@ -169,11 +177,11 @@ def mark_supersaturation(table: Table, readings: ColumnReadings, constants: Mapp
 
 
 def read_numbers(table: Table, series: Series, column: int, unit: str | None = None) -> Array:
-    """A column as checked numbers in our unit, (n_rows,), else problems; ``unit``: of a header without one."""
-    cells = parse_cells(
-        [row[column] for row in table.rows], _detect_table_style(table, {series.name: column}), is_switch=False
-    )
-    known_unit = _resolve_column_unit(table, series, column, unit, cells, False)
+    """Read a column as checked numbers in our unit, (n_rows,), else problems; ``unit``: of a header without one."""
+    style = _detect_table_style(table, {series.name: column})
+    cells = parse_cells([row[column] for row in table.rows], style, is_switch=False)
+    options = ReadingOptions(units={} if unit is None else {series.name: unit})
+    known_unit = _resolve_column_unit(table, series, column, cells, options)
     if known_unit is not None:
         values = series.convert(cells.values, known_unit)
         bad = series.is_bad(values)
@@ -186,12 +194,14 @@ def read_numbers(table: Table, series: Series, column: int, unit: str | None = N
 
 
 def _detect_table_style(table: Table, columns: Mapping[str, int]) -> NumberStyle:
-    """How the numbers of the table are written; a problem if that is ambiguous."""
+    """Detect how the numbers of the table are written; raise if that is ambiguous."""
     style = detect_number_style(([row[column] for row in table.rows] for column in columns.values()), table.separator)
     if style.ambiguous_number:
-        table.problems.append(
+        table.add_problem(
             f"a number such as {style.ambiguous_number!r} may mean {style.ambiguous_number.replace(',', '')} or "
-            f"{style.ambiguous_number.replace(',', '.')}: write decimal points and no separators of thousands"
+            f"{style.ambiguous_number.replace(',', '.')}: write decimal points and no separators of thousands",
+            table.name,
+            "format",
         )
         table.raise_problems()
     if style.note and style.note not in table.notes:
@@ -200,26 +210,25 @@ def _detect_table_style(table: Table, columns: Mapping[str, int]) -> NumberStyle
 
 
 def _resolve_column_unit(
-    table: Table, series: Series, column: int, caller_unit: str | None, cells: ParsedCells, has_command: bool
+    table: Table, series: Series, column: int, cells: ParsedCells, options: ReadingOptions
 ) -> str | None:
-    """Unit of a column: by its header, the row below it, its cells, or ``caller_unit``; None, and a problem, without one."""
+    """Return the unit of a column by its header, the row below it, its cells or the caller; without one a problem."""
+    caller_unit = options.units.get(series.name)
     numbers = np.flatnonzero(~np.isnan(cells.values)).tolist()
     cell_unit = next(iter(cells.units.values()), "") if 2 * len(cells.units) >= len(numbers) else ""
     declared = table.declared_units(column) | ({"by units": caller_unit} if caller_unit else {})
     units = [*declared.items(), *([("by its cells", cell_unit)] if cell_unit else [])]
     if not units and series.units is not DIMENSIONLESS:
-        cure = f"{table.unit_declaration_cure(column, 'UNIT')}, or pass units={{{series.name!r}: 'UNIT'}}"
-        cure += f", --unit {series.name}='UNIT'" * has_command
-        table.problems.append(f"{series.name} has no unit: {cure} ({series.known_units})")
+        cure = f"{table.unit_declaration_cure(column, 'UNIT')}, or use {options.unit_cure(series.name, 'UNIT')}"
+        table.add_problem(f"{series.name} has no unit: {cure} ({series.known_units})", series.name, "unit")
         return None
     source, unit = units[0] if units else ("", "1")
     with collect_problems(table.problems):
         resolved = series.resolve_unit(unit)
         for other_source, other_unit in units[1:]:
             if not series.is_same_unit(unit, other_unit):
-                raise InputError(
-                    f"{series.name} is in {short_repr(unit)} {source}, in {short_repr(other_unit)} {other_source}: drop one"
-                )
+                two_units = f"{short_repr(unit)} {source}, in {short_repr(other_unit)} {other_source}"
+                raise InputError(f"{series.name} is in {two_units}: drop one", series.name, "unit")
         contradicting = [k for k, text in cells.units.items() if not series.is_same_unit(text, unit)]
         if not cell_unit:
             cells.values[contradicting] = np.nan  # a number with another unit among others is no number of this column
@@ -227,9 +236,8 @@ def _resolve_column_unit(
         contradicting += [] if declared else [k for k in numbers if k not in cells.units]
         if contradicting:
             cell, row = short_repr(table.rows[contradicting[0]][column]), table.row_numbers[contradicting[0]]
-            raise InputError(
-                f"{series.name} = {cell} in row {row}: others are in {short_repr(cell_unit)}, write one unit"
-            )
+            cure = f"others are in {short_repr(cell_unit)}, write one unit"
+            raise InputError(f"{series.name} = {cell} in row {row}: {cure}", series.name, "unit")
         table.notes.append(f"{series.name} is in {short_repr(cell_unit)} by its cells")
         return resolved
     return None
@@ -237,59 +245,49 @@ def _resolve_column_unit(
 
 def _describe_bad_cells(
     table: Table, series: Series, column: int, unit: str, bad: Mask, has_bad_status: Mask, numbers: Array
-) -> str:
-    """A sentence on the first ``bad`` cell of a column in ``unit``: its row, how many there are, and the cure."""
+) -> Problem:
+    """Describe the first ``bad`` cell of a column in ``unit``: its row, how many there are, and the cure."""
     i, n_bad = int(np.argmax(bad)), int(bad.sum())
     if np.isfinite(numbers[i]) and not has_bad_status[i]:
         return series.describe_bad_value(float(numbers[i]), f" in row {table.row_numbers[i]}", n_bad, unit)
     status = ", bad by its status" if has_bad_status[i] else ""
-    return (
-        f"{series.name} = {short_repr(table.rows[i][column].strip())} in row {table.row_numbers[i]}{status}: give a number "
-        f"with a decimal point, or fill or cut the gap{count_suffix(n_bad)}"
-    )
+    cell = short_repr(table.rows[i][column].strip())
+    cure = f"give a number with a decimal point, or fill or cut the gap{count_suffix(n_bad)}"
+    return Problem(f"{series.name} = {cell} in row {table.row_numbers[i]}{status}: {cure}", series.name, "value")
 
 
 def _clip_to_bounds(table: Table, series: Series, values: Array, notes: list[str]) -> Array:
-    """A valve that reads 100.3 %, a flow meter that reads a little less than 0: taken as the bound, and counted."""
+    """Clip values a little outside their bounds, such as a valve that reads 100.3 %, and count them."""
     bad = series.is_bad(values)
     if bad.all() or not bad.any():
         return values
-    slack = _BOUND_TOLERANCE_SHARE * np.ptp(values[~bad])
+    slack = 0.02 * np.ptp(values[~bad])
     is_near = bad & (values >= series.lower - slack) & (values <= series.upper + slack)
     if is_near.any():
-        subject, first_row_text = (
-            f"{format_count(is_near, 'value')} of {series.name}",
-            describe_first_row(table.row_numbers, is_near),
-        )
-        notes.append(f"{subject} just outside the possible range: taken as its bound ({first_row_text})")
+        subject = f"{format_count(is_near, 'value')} of {series.name} just outside the possible range"
+        notes.append(f"{subject}: taken as its bound ({describe_first_row(table.row_numbers, is_near)})")
     return np.where(is_near, np.clip(values, series.lower, series.upper), values)
 
 
 def _sensor_off_mask(series: Series, numbers: Array, values: Array) -> Mask:
-    """Where a temperature reads exactly 0 in its own unit, and nearly all others are far above freezing; or leaps."""
+    """Where a temperature reads exactly 0 in its unit, and nearly all others are above 5 °C; or where it leaps."""
     is_off: Mask = (numbers == 0.0) & (series.units is TEMPERATURE)
     other_values = values[~is_off & ~series.is_bad(values)]
-    is_off &= not other_values.size or float(np.quantile(other_values, 0.01)) >= _MIN_OTHERS_CELSIUS
+    is_off &= not other_values.size or float(np.quantile(other_values, 0.01)) >= 5.0
     if series.units is TEMPERATURE and not series.hold:
         is_off |= plausibility.find_sensor_faults(np.where(series.is_bad(values), np.nan, values))
     return is_off
 
 
 def fill_or_cut_rows(
-    table: Table,
-    readings: ColumnReadings,
-    time: Array,
-    options: ReadingOptions,
-    spec: ColumnSpec,
-    longest_step: float,
-    *,
-    has_timestamps: bool,
-) -> tuple[dict[str, Array], Array]:
-    """The columns, and the time, of the rows that are left; the table is cut to the same rows.
+    table: Table, readings: ColumnReadings, time: Array, options: ReadingOptions, spec: ColumnSpec, longest_step: float,
+    time_name: str,
+) -> tuple[dict[str, Array], Array]:  # fmt: skip
+    """Return the columns, and the time, of the rows that are left; the table is cut to the same rows.
 
     A bad value of a measured column becomes NaN.  An input that is missing in one row alone is bridged; rows with any
     other bad value are cut.  All that is a problem of the table unless ``drop`` is true.  time: of the rows [s], NaN
-    where it is bad.  longest: step over which an input is bridged [s].  stamped: whether the time is from timestamps.
+    where it is bad.  longest_step: over which an input is bridged [s].  time_name: of the column of the time.
     """
     columns, bad = readings.values, dict(readings.bad)
     if table.problems or (readings.complaints and not options.drop):
@@ -301,8 +299,8 @@ def fill_or_cut_rows(
         if is_bad.any():
             readings.notes.append(describe_left_out(table, name, is_bad, "value"))
         if is_bad.all():
-            raise InputError(f"{table.name}: {name} has no admissible number: check its unit")
-    if has_timestamps:
+            raise InputError(f"{table.name}: {name} has no admissible number: check its unit", name, "data")
+    if time_name == "timestamp":
         bad = {"timestamp": np.isnan(time)} | bad
     if options.drop:
         _bridge_missing_inputs(table, readings, bad, time, spec.measured, longest_step)
@@ -310,20 +308,17 @@ def fill_or_cut_rows(
     is_kept = ~np.any(list(bad.values()), axis=0)
     if is_kept.all():
         return columns, time
-    table.take(np.flatnonzero(is_kept).tolist())
+    table.keep_rows(np.flatnonzero(is_kept).tolist())
     if len(table.rows) < 2:
-        raise InputError(f"{table.name}: fewer than two rows are left: mend the log ({'; '.join(readings.notes)})")
+        sentence = f"{table.name}: fewer than two rows are left: mend the log ({'; '.join(readings.notes)})"
+        raise InputError(sentence, table.name, "data")
     return {name: values[is_kept] for name, values in columns.items()}, time[is_kept]
 
 
 def _bridge_missing_inputs(
-    table: Table,
-    readings: ColumnReadings,
-    bad: dict[str, Mask],
-    time: Array,
-    measured: Collection[str],
+    table: Table, readings: ColumnReadings, bad: dict[str, Mask], time: Array, measured: Collection[str],
     longest_step: float,
-) -> None:
+) -> None:  # fmt: skip
     """Fill an input that is missing in one row, from the rows before and after; and take it out of ``bad``."""
     usable = ~np.any([bad[name] for name in ("timestamp", "elapsed_time", "batch") if name in bad], axis=0)
     steps = np.where(usable[1:] & usable[:-1], np.diff(time), np.inf)
@@ -344,13 +339,11 @@ def _bridge_missing_inputs(
         values[holes] = values[holes - 1] + share * (values[holes + 1] - values[holes - 1])
         is_bad &= ~is_filled
         method = "held" if is_held else "on a straight line between its neighbours"
-        first_row_text = describe_first_row(table.row_numbers, is_filled)
-        readings.notes.append(
-            f"{format_count(is_filled, 'missing value')} of {name} bridged: {method} ({first_row_text})"
-        )
+        subject = f"{format_count(is_filled, 'missing value')} of {name} bridged"
+        readings.notes.append(f"{subject}: {method} ({describe_first_row(table.row_numbers, is_filled)})")
 
 
 def describe_left_out(table: Table, name: str, is_bad: Mask, noun: str) -> str:
-    """A note on what was left out."""
+    """Describe what was left out."""
     first_row_text = describe_first_row(table.row_numbers, is_bad)
     return f"{format_count(is_bad, noun)} left out: {name} is not an admissible number ({first_row_text})"

@@ -14,15 +14,13 @@ from typing import TypeAlias
 import numpy as np
 
 from fastcoil.base.arrays import Array, Mask
-from fastcoil.base.errors import InputError, did_you_mean, short_repr
+from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 
 Units: TypeAlias = Mapping[str, tuple[float, float]]
 """Each unit's (scale, offset) into the first of its family, which is the unit used inside fastcoil."""
 
-STANDARD_AIR_DENSITY = 1.2  # density that turns a volume flow of air into a mass flow, kg/m3 (ASHRAE standard air)
-WATER_DENSITY = 1000.0  # density that turns a volume flow of water into a mass flow, kg/m3
-
-_KG_PER_POUND, _M_PER_FOOT, _L_PER_GALLON = 0.45359237, 0.3048, 3.785411784e-3
+STANDARD_AIR_DENSITY = 1.2  # kg/m3, turns a volume flow of air into a mass flow (ASHRAE standard air)
+WATER_DENSITY = 1000.0  # kg/m3, turns a volume flow of water into a mass flow
 
 
 def _units_without_offset(scales: Mapping[str, float]) -> Units:
@@ -31,15 +29,15 @@ def _units_without_offset(scales: Mapping[str, float]) -> Units:
 
 TEMPERATURE: Units = {"degC": (1.0, 0.0), "degF": (5 / 9, -160 / 9), "K": (1.0, -273.15)}
 TEMPERATURE_DIFFERENCE = _units_without_offset({"K": 1.0, "degC": 1.0, "degF": 5 / 9})
-_MASS_FLOW = {"kg s-1": 1.0, "kg/s": 1.0, "kg/h": 1 / 3600, "lb/h": _KG_PER_POUND / 3600}
-AIR_FLOW = _units_without_offset(
-    {**_MASS_FLOW, "m3/s": STANDARD_AIR_DENSITY, "m3/h": STANDARD_AIR_DENSITY / 3600, "L/s": STANDARD_AIR_DENSITY / 1000,
-     "cfm": STANDARD_AIR_DENSITY * _M_PER_FOOT**3 / 60}
-)  # fmt: skip
-WATER_FLOW = _units_without_offset(
-    {**_MASS_FLOW, "m3/s": WATER_DENSITY, "m3/h": WATER_DENSITY / 3600, "L/s": WATER_DENSITY / 1000, "L/min": WATER_DENSITY / 60e3,
-     "L/h": WATER_DENSITY / 3600e3, "gpm": WATER_DENSITY * _L_PER_GALLON / 60}
-)  # fmt: skip
+_MASS_FLOW = {"kg s-1": 1.0, "kg/s": 1.0, "kg/h": 1 / 3600, "lb/h": 0.45359237 / 3600}
+AIR_FLOW = _units_without_offset({
+    **_MASS_FLOW, "m3/s": STANDARD_AIR_DENSITY, "m3/h": STANDARD_AIR_DENSITY / 3600,
+    "L/s": STANDARD_AIR_DENSITY / 1000, "cfm": STANDARD_AIR_DENSITY * 0.3048**3 / 60,
+})  # fmt: skip
+WATER_FLOW = _units_without_offset({
+    **_MASS_FLOW, "m3/s": WATER_DENSITY, "m3/h": WATER_DENSITY / 3600, "L/s": WATER_DENSITY / 1000,
+    "L/min": WATER_DENSITY / 60e3, "L/h": WATER_DENSITY / 3600e3, "gpm": WATER_DENSITY * 3.785411784e-3 / 60,
+})  # fmt: skip
 HUMIDITY_RATIO = _units_without_offset({"1": 1.0, "kg/kg": 1.0, "g/kg": 1e-3})
 FRACTION = _units_without_offset({"1": 1.0, "percent": 0.01, "%": 0.01})
 TRAVEL: Units = {
@@ -58,12 +56,10 @@ VOCABULARY = tomllib.loads(Path(__file__).with_name("names.toml").read_text(enco
 """What building systems write, in headers, in cells, for units and for zones, and what it means."""
 _ABBREVIATIONS: Mapping[str, str] = VOCABULARY["abbreviations"]
 _SPELLINGS: Mapping[str, str] = VOCABULARY["spellings"]
-_UNIT_FAMILIES = (TEMPERATURE, AIR_FLOW, WATER_FLOW, HUMIDITY_RATIO, TRAVEL, PRESSURE, TIME)
-_MAX_UNIT_CHARACTERS = 16  # letters
 
 
 def resolve_unit(name: str, unit: str, units: Units) -> str:
-    """``unit`` of the column ``name`` as ``units`` spells it; ``°C``, ``l/s`` and ``GPM`` are understood."""
+    """Return ``unit`` of the column ``name`` as ``units`` spells it; ``°C``, ``l/s`` and ``GPM`` are understood."""
     by_folded = {_fold_unit(known_unit): known_unit for known_unit in units}
     if _fold_unit(unit) in by_folded:
         return by_folded[_fold_unit(unit)]
@@ -71,12 +67,12 @@ def resolve_unit(name: str, unit: str, units: Units) -> str:
         return spelling
     full_unit = _ABBREVIATIONS.get(_fold_unit(unit))
     hint = f", did you mean {full_unit!r}?" if full_unit in units else did_you_mean(unit, units)
-    raise InputError(f"{name} is in {short_repr(unit)}{hint} (known units: {', '.join(units)})")
+    raise InputError(f"{name} is in {short_repr(unit)}{hint} (known units: {', '.join(units)})", name, "unit")
 
 
 def is_unit(text: str) -> bool:
     """Whether a text is a unit, or an abbreviation of one; a bare number such as the unit 1 is not."""
-    return len(text) <= _MAX_UNIT_CHARACTERS and not text.isdigit() and _fold_unit(text) in _KNOWN_UNITS
+    return len(text) <= 16 and not text.isdigit() and _fold_unit(text) in _KNOWN_UNITS
 
 
 def _fold_unit(unit: str) -> str:
@@ -85,16 +81,13 @@ def _fold_unit(unit: str) -> str:
     return ascii_unit if ascii_unit[:4] != "deg " else f"deg{ascii_unit[4:]}"
 
 
-_KNOWN_UNITS = (
-    frozenset(_fold_unit(unit) for units in _UNIT_FAMILIES for unit in units)
-    | _ABBREVIATIONS.keys()
-    | _SPELLINGS.keys()
-)
+_UNIT_FAMILIES = (TEMPERATURE, AIR_FLOW, WATER_FLOW, HUMIDITY_RATIO, TRAVEL, PRESSURE, TIME)
+_KNOWN_UNITS = {_fold_unit(u) for units in _UNIT_FAMILIES for u in units} | _ABBREVIATIONS.keys() | _SPELLINGS.keys()
 
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """One series."""
+    """A column that a log may have, or a series of a boundary: name, units, bounds."""
 
     name: str
     long_name: str
@@ -120,7 +113,7 @@ class Series:
         return f"known units: {', '.join(self.units)}"
 
     def resolve_unit(self, unit: str) -> str:
-        """``unit`` as ``units`` spells it."""
+        """Return ``unit`` as ``units`` spells it."""
         return resolve_unit(self.name, unit, self.units)
 
     def is_same_unit(self, unit: str, other_unit: str) -> bool:
@@ -131,7 +124,7 @@ class Series:
             return False
 
     def convert(self, values: Array, unit: str) -> Array:
-        """``values`` from a declared ``unit`` into ours."""
+        """Convert ``values`` from a declared ``unit`` into ours."""
         scale, offset = self.units[self.resolve_unit(unit)]
         with np.errstate(over="ignore"):  # what overflows is out of bounds
             return values * scale + offset
@@ -142,17 +135,18 @@ class Series:
             good = np.isfinite(values) & (values >= self.lower) & (values <= self.upper)
             return ~(good & (values == np.rint(values))) if self.whole else ~good
 
-    def describe_bad_value(self, value: float, place: str, n_bad: int, unit: str | None = None) -> str:
-        """A sentence on a bad ``value`` (in ``unit``): where it is, the bounds, and the cure."""
+    def describe_bad_value(self, value: float, place: str, n_bad: int, unit: str | None = None) -> Problem:
+        """Describe a bad ``value`` (in ``unit``): where it is, the bounds, and the cure."""
         unit = unit or self.unit
         if not math.isfinite(value):
-            return f"{self.name} is {value:g}{place}: fill or cut the gap{count_suffix(n_bad)}"
+            sentence = f"{self.name} is {value:g}{place}: fill or cut the gap{count_suffix(n_bad)}"
+            return Problem(sentence, self.name, "value")
         unit_text = "" if unit == "1" else f" {unit}"
         scale, offset = self.units[unit]
         low, high = (round((bound - offset) / scale, 6) for bound in (self.lower, self.upper))
         bounds = f"{'whole, ' if self.whole else ''}from {low:g} to {high:g}{unit_text}"
         text = f"{self.name} = {value:g}{unit_text}{place}: must be {bounds}"
-        return f"{text}; check its unit, or fill or cut the gap{count_suffix(n_bad)}"
+        return Problem(f"{text}; check its unit, or fill or cut the gap{count_suffix(n_bad)}", self.name, "value")
 
 
 def count_suffix(n_bad: int) -> str:
@@ -169,12 +163,8 @@ COLUMNS: dict[str, Series] = {
         Series("T_w_in", "entering water temperature", TEMPERATURE, 0.5, 120.0),
         Series("T_set", "set-point of the supply air temperature", TEMPERATURE, -20.0, 80.0, hold=True),
         Series("noise", "recorded noise of the measured temperature", TEMPERATURE_DIFFERENCE, -50.0, 50.0, default=0.0),
-        Series(
-            "enabled", "whether the loop is in operation", DIMENSIONLESS, 0.0, 1.0, hold=True, whole=True, default=1.0
-        ),
-        Series(
-            "backlash_scale", "what the backlash is multiplied by", DIMENSIONLESS, 0.0, 100.0, hold=True, default=1.0
-        ),
+        Series("enabled", "whether the loop is in operation", DIMENSIONLESS, 0.0, 1.0, True, True, default=1.0),
+        Series("backlash_scale", "what the backlash is multiplied by", DIMENSIONLESS, 0.0, 100.0, True, default=1.0),
         Series("elapsed_time", "time", TIME, -1e10, 1e10),  # three centuries
         Series("RH_a_in", "relative humidity of the entering air", FRACTION, 0.0, 1.0, scatters=True),
         Series("T_dp_in", "dew point of the entering air", TEMPERATURE, -60.0, 50.0),
@@ -189,21 +179,17 @@ COLUMNS: dict[str, Series] = {
 """Every column that a log may have, except ``timestamp``."""
 
 TIME_COLUMNS = ("elapsed_time", "timestamp")  # a log gives its time in one of these columns
-HUMIDITY_COLUMNS = (
-    "W_a_in",
-    "RH_a_in",
-    "T_dp_in",
-)  # a log gives the humidity of the entering air in one of these columns
+HUMIDITY_COLUMNS = ("W_a_in", "RH_a_in", "T_dp_in")  # and the humidity of the entering air in one of these
 
 
 def format_count(mask_or_count: Mask | int, noun: str) -> str:
-    """``1 row``, ``2 rows``; of a mask, how many it marks."""
+    """Format a number with its noun, ``1 row``, ``2 rows``; of a mask, how many it marks."""
     n = int(np.sum(mask_or_count))
     return f"{n:,} {noun}{'' if n == 1 else 's'}"
 
 
 def describe_first_row(row_numbers: Sequence[int], mask: Mask) -> str:
-    """``first in row 7``: the row number of the first sample that ``mask`` marks."""
+    """Return ``first in row 7``: the row number of the first sample that ``mask`` marks."""
     return f"first in row {row_numbers[int(np.argmax(mask))]}"
 
 

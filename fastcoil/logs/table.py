@@ -10,7 +10,7 @@ import csv
 import io
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain, islice, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fastcoil.base.arguments import collect_problems, raise_problems, require_choice
-from fastcoil.base.errors import InputError, short_repr
+from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.base.files import read_text
 from fastcoil.logs.cells import GOOD_STATUS_WORDS, is_missing_word, is_number_cell, is_number_or_switch_word
 from fastcoil.logs.series import TIME, format_count, is_unit
@@ -28,14 +28,14 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-_MAX_FILE_BYTES = 2**30  # bytes
-_MAX_CELLS = 100_000_000
-"""As a table of text, more cells would fill the memory; no building logs so many points in one file."""
+_MAX_CELLS = 100_000_000  # as a table of text, more would fill the memory; no building logs so many points in a file
 _SEPARATOR_NAMES = {",": "commas", ";": "semicolons", "\t": "tabs"}
-_HEADER_SEARCH_ROWS = 200  # rows from the start of a file among which the header is
-_MAX_CHECKED_CELLS = 50  # cells of a row
-_MAX_FOOTER_ROWS = 20  # rows at the end of a file among which a footer may be
-_MAX_UNIT_CHARACTERS = 24
+_HEADER_SEARCH_ROWS = 200  # from the start of a file
+_MAX_CHECKED_CELLS = 50  # of a row
+TIME_HEADERS = ("timestamp", "ts", "time", "date", "datetime", "zeit", "zeitstempel", "datum")
+"""Headers of a column of times, as ``normalise_header`` gives them."""
+_STATUS_HEADERS = ("status", "quality")  # of columns that say which values of a row count
+REVERSED_ROWS_NOTE = "the newest row is first: turned round"
 NumberedRows = list[tuple[int, list[str]]]  # rows that are not blank, with their numbers in the file
 
 
@@ -44,26 +44,24 @@ def _split_rows(text: str, separator: str) -> Iterator[list[str]]:
 
 
 def _detect_separator(text: str) -> str:
-    """What separates the columns: commas, unless the header and the data are of one width with something else only."""
+    """Detect what separates the columns: commas, unless only something else makes header and data of one width."""
     head = text[: _HEADER_SEARCH_ROWS * 1000]
     shares = {",": 0.0}
     for separator in _SEPARATOR_NAMES:
         if separator not in head:
             continue
         try:
-            rows = [
-                row for row in islice(_split_rows(head, separator), _HEADER_SEARCH_ROWS) if any(map(str.strip, row))
-            ]
+            first_rows = islice(_split_rows(head, separator), _HEADER_SEARCH_ROWS)
+            rows = [row for row in first_rows if any(map(str.strip, row))]
         except csv.Error:
             continue
-        header_index = _header_index(rows)
-        data_rows = [row for row in rows[header_index + 1 : -1] or rows[header_index + 1 :] if not _is_unit_row(row)]
-        if data_rows and len(rows[header_index]) > 1:
-            cells = [
-                cell for row in data_rows if len(row) == len(rows[header_index]) for cell in row[:_MAX_CHECKED_CELLS]
-            ]
-            n_cells = len(data_rows) * len(rows[header_index][:_MAX_CHECKED_CELLS])
-            shares[separator] = sum(_is_data_cell(cell) or is_missing_word(cell) for cell in cells) / n_cells
+        k = _header_index(rows)
+        width = len(rows[k])
+        data_rows = [row for row in rows[k + 1 : -1] or rows[k + 1 :] if not _is_unit_row(row)]
+        if data_rows and width > 1:
+            cells = [cell for row in data_rows if len(row) == width for cell in row[:_MAX_CHECKED_CELLS]]
+            n_data = sum(_is_data_cell(cell) or is_missing_word(cell) for cell in cells)
+            shares[separator] = n_data / (len(data_rows) * min(width, _MAX_CHECKED_CELLS))
     best = max(shares, key=lambda separator: shares[separator])
     return best if shares[best] > shares[","] else ","
 
@@ -113,7 +111,7 @@ def _is_unit_row(row: Sequence[str]) -> bool:
     """Whether a row has units: one at least that is known, and nothing long, no number and no time."""
     cells = [_strip_brackets(cell) for cell in row]
     return (
-        all(len(cell) <= _MAX_UNIT_CHARACTERS for cell in cells)
+        all(len(cell) <= 24 for cell in cells)
         and any(map(is_unit, cells))
         and not any(cell != "1" and _is_data_cell(cell) for cell in cells[:_MAX_CHECKED_CELLS])
     )
@@ -124,22 +122,23 @@ def _strip_brackets(cell: str) -> str:
 
 
 def _drop_repeated_headers(path: Path, header: list[str], data: NumberedRows, notes: list[str]) -> NumberedRows:
-    """The rows without those that repeat the header; another one, with some of its names, is refused."""
+    """Drop the rows that repeat the header; refuse another header, with some of its names."""
     names, kept_rows = {*header} - {""}, []
     for number, row in data:
         if names.isdisjoint(row) or any(map(_is_data_cell, row)):
             kept_rows.append((number, row))
         elif [cell.strip() for cell in _trim_blank_end(row)] != header:
-            raise InputError(f"{path}: row {number} is another header, {short_repr(','.join(row))}: cut the file there")
+            sentence = f"{path}: row {number} is another header, {short_repr(','.join(row))}: cut the file there"
+            raise InputError(sentence, str(path), "format")
     if len(kept_rows) < len(data):
         notes.append(f"{format_count(len(data) - len(kept_rows), 'row')} left out: the header again")
     return kept_rows
 
 
 def _footer_length(data: NumberedRows, width: int) -> int:
-    """How many rows at the end are text, and fill fewer columns than there are: sums, remarks, "End of report"."""
+    """Count the rows at the end that are text in fewer columns than there are: sums, remarks, "End of report"."""
     n = 0
-    while n < min(_MAX_FOOTER_ROWS, len(data) - 2):
+    while n < min(20, len(data) - 2):
         cells = _trim_blank_end(data[-1 - n][1])
         filled = [cell for cell in cells if cell.strip()]
         first = cells[0].strip()
@@ -150,33 +149,20 @@ def _footer_length(data: NumberedRows, width: int) -> int:
 
 
 def _trim_blank_end(row: Sequence[str]) -> Sequence[str]:
-    """The row up to its last cell that is not blank."""
+    """Return the row up to its last cell that is not blank."""
     end = len(row)
     while end and not row[end - 1].strip():
         end -= 1
     return row[:end]
 
 
-_DATE_AND_CLOCK_HEADERS = ("date", "datum"), ("time", "time of day", "zeit", "uhrzeit")  # headers, in small letters
-_CLOCK_SEARCH_ROWS = 3  # rows that are looked at
-TIME_HEADERS = ("timestamp", "ts", "time", "date", "datetime", "zeit", "zeitstempel", "datum")
-"""Headers of a column of times, as ``normalise_header`` gives them."""
-_STATUS_HEADERS = ("status", "quality")  # headers of columns that say which values of a row count
-_STATUS_SEARCH_ROWS = 1000  # rows in which some status is good, or the column is none of status
-REVERSED_ROWS_NOTE = "the newest row is first: turned round"
-_MAX_LABEL_CHARACTERS = 100  # characters of a header that a message repeats
-
-
 def normalise_header(header: str) -> str:
-    """The label of a header in small letters, without what separates its words: ``datetime`` of ``Date / Time``."""
+    """Return the label of a header in small letters, its words together: ``datetime`` of ``Date / Time``."""
     return "".join(filter(str.isalnum, split_label_and_unit(header)[0].lower()))
 
 
-_MAX_HEADER_CHARACTERS = 200  # longest header in which a unit without brackets is looked for, letters
-
-
 def split_label_and_unit(header: str) -> tuple[str, str | None]:
-    """``"T_a_in [degF]"`` as ``("T_a_in", "degF")``; known units in round brackets, after comma, slash too; or None."""
+    """Split ``"T_a_in [degF]"`` into label and unit, or None; ``Cmd (%)``, ``Flow, L/s``, ``T / °C`` if it is known."""
     text = header.strip()
     label, bracket, unit = text.partition("[")
     if bracket and text.endswith("]"):
@@ -184,11 +170,8 @@ def split_label_and_unit(header: str) -> tuple[str, str | None]:
         return (header, None) if "\n" in label + unit else (label, unit)
     if "\n" in text:
         return header, None
-    return _split_unbracketed_unit(text) if len(text) <= _MAX_HEADER_CHARACTERS else (text, None)
-
-
-def _split_unbracketed_unit(text: str) -> tuple[str, str | None]:
-    """``Cmd (%)``, ``Flow, L/s`` and ``T / °C`` as label and unit."""
+    if len(text) > 200:
+        return text, None
     label, bracket, rest = text.rpartition("(")
     if bracket and rest.endswith(")") and label.strip() and is_unit(rest[:-1].strip()):
         return label.rstrip(), rest[:-1].strip()
@@ -204,7 +187,7 @@ def _split_unbracketed_unit(text: str) -> tuple[str, str | None]:
 
 @dataclass
 class Table:
-    """The cells of a log, and the mistakes found in it so far."""
+    """The cells of a log as text, and the mistakes found in it so far."""
 
     name: str  # of the file, for messages
     header: list[str]
@@ -215,31 +198,30 @@ class Table:
     units: list[str] | None = None  # cells of a row of units below the header
     separator: str = ","  # of the columns in the file
     notes: list[str] = field(default_factory=list)  # how it was read
-    column_of_joined_header: dict[str, int] = field(
-        default_factory=dict
-    )  # index of the column that has the cells of these headers now
+    column_of_joined_header: dict[str, int] = field(default_factory=dict)  # where cells of other headers went
 
     @classmethod
     def read(cls, path: str | Path) -> Table:
         """Read a CSV file of at least two rows; blank lines are skipped."""
         path = Path(path)
-        text = read_text(path, "a CSV file", _MAX_FILE_BYTES, utf_16=True)
+        text = read_text(path, "a CSV file", 2**30, utf_16=True)
         try:
             separator = _detect_separator(text)
             if text.count(separator) + text.count("\n") > _MAX_CELLS:
-                raise InputError(f"{path} has more than {_MAX_CELLS:,} cells: leave out columns, or cut it into parts")
+                sentence = f"{path} has more than {_MAX_CELLS:,} cells: leave out columns, or cut it into parts"
+                raise InputError(sentence, str(path), "size")
             rows = [(i, row) for i, row in enumerate(_split_rows(text, separator), start=1) if any(map(str.strip, row))]
         except csv.Error as error:
-            raise InputError(f"{path} is not a CSV file ({error}): save it as 'CSV UTF-8'") from None
+            sentence = f"{path} is not a CSV file ({error}): save it as 'CSV UTF-8'"
+            raise InputError(sentence, str(path), "format") from None
         if not rows:
-            raise InputError(f"{path} is empty: give a header row and at least two rows of data")
+            raise InputError(f"{path} is empty: give a header row and at least two rows of data", str(path), "data")
         notes = [] if separator == "," else [f"columns are separated by {_SEPARATOR_NAMES[separator]}"]
         header_index = _header_index([row for _, row in rows[:_HEADER_SEARCH_ROWS]])
         (first, header), data = rows[header_index], rows[header_index + 1 :]
         if header_index:
-            notes.append(
-                f"what is above row {first} is not part of the table, from {short_repr(' '.join(rows[0][1]))} on"
-            )
+            remark = short_repr(" ".join(rows[0][1]))
+            notes.append(f"what is above row {first} is not part of the table, from {remark} on")
         units = None
         if data and _is_unit_row(data[0][1]) and any(map(_is_data_cell, chain(*(row for _, row in data[1:3])))):
             number, cells = data.pop(0)
@@ -255,7 +237,8 @@ class Table:
             (last, footer), data = data[-n_footer], data[:-n_footer]
             notes.append(f"row {last} and what follows is not part of the table: {short_repr(' '.join(footer))}")
         if len(data) < 2:
-            raise InputError(f"{path} has {format_count(len(data), 'row')} of data below its header: give at least two")
+            sentence = f"{path} has {format_count(len(data), 'row')} of data below its header: give at least two"
+            raise InputError(sentence, str(path), "data")
         table = cls(path.name, header, [row for _, row in data], [i for i, _ in data], separator=separator, notes=notes)
         table.units = None if units is None else (units + [""] * width)[:width]
         table._check_header()
@@ -265,30 +248,27 @@ class Table:
             count_text = f" ({len(ragged_rows)} rows in total)" if len(ragged_rows) > 1 else ""
             problem = f"row {number} has {format_count(len(row), 'cell')} where the header has {width}{count_text}"
             cure = "begin the file with the header, separate its cells as those of the rows, complete the row"
-            table.problems.append(f"{problem}: {cure}")
+            table.add_problem(f"{problem}: {cure}", str(path), "format")
         table.raise_problems()
         table._join_clock()
         table._merge_status()
         return table
 
     def _check_header(self) -> None:
-        self.problems += [
-            f"column {short_repr(cell)} appears {count} times: begin the file with the header, name every column once"
-            for cell, count in Counter(self.header).items()
-            if count > 1 and cell.lower() not in _STATUS_HEADERS
-        ]
+        cure = "begin the file with the header, name every column once"
+        for cell, count in Counter(self.header).items():
+            if count > 1 and cell.lower() not in _STATUS_HEADERS:
+                self.add_problem(f"column {short_repr(cell)} appears {count} times: {cure}", cell, "duplicate")
 
     def _join_clock(self) -> None:
         """Make a column timestamp of a date and a time of day in separate columns."""
-        columns = [
-            [k for k, cell in enumerate(self.header) if cell.strip().lower() in names]
-            for names in _DATE_AND_CLOCK_HEADERS
-        ]
+        headers = ("date", "datum"), ("time", "time of day", "zeit", "uhrzeit")
+        columns = [[k for k, cell in enumerate(self.header) if cell.strip().lower() in names] for names in headers]
         labels = {split_label_and_unit(cell)[0] for cell in self.header}
         if [len(matching) for matching in columns] != [1, 1] or labels & {"timestamp", "elapsed_time"}:
             return
         (date,), (clock,) = columns
-        if not all(is_date_beside_clock(row[date], row[clock]) for row in self.rows[:_CLOCK_SEARCH_ROWS]):
+        if not all(is_date_beside_clock(row[date], row[clock]) for row in self.rows[:3]):
             return
         names = self.header[date], self.header[clock]
         for row in self.rows:
@@ -306,8 +286,7 @@ class Table:
         status_columns = [
             k
             for k, label in enumerate(labels)
-            if label in _STATUS_HEADERS
-            and any(row[k].strip().lower() in GOOD_STATUS_WORDS for row in self.rows[:_STATUS_SEARCH_ROWS])
+            if label in _STATUS_HEADERS and any(row[k].strip().lower() in GOOD_STATUS_WORDS for row in self.rows[:1000])
         ]
         other_columns = [k for k in range(len(labels)) if k not in status_columns]
         values = [k for k in other_columns if labels[k] not in (*TIME_HEADERS, "elapsedtime")]
@@ -322,10 +301,22 @@ class Table:
         for row in filter(None, (self.header, self.units, *self.rows) if status_columns else ()):
             row[:] = [row[k] for k in other_columns]
 
+    def copy(self) -> Table:
+        """Return a table with lists of its own, of the same rows."""
+        return replace(
+            self, header=[*self.header], rows=[*self.rows], row_numbers=[*self.row_numbers], problems=[*self.problems],
+            notes=[*self.notes],
+        )  # fmt: skip
+
+    def add_problem(self, sentence: str, field: str, code: str) -> None:
+        """Add a mistake in the log about ``field``, with a code of ``fastcoil.base.errors.CODES``."""
+        self.problems.append(Problem(sentence, field, code))
+
     def raise_problems(self) -> None:
         """Raise all problems found so far, if any, as one `InputError`."""
         if self.problems:
-            raise InputError([f"{self.name}: {problem}" if self.name else problem for problem in self.problems])
+            prefix = f"{self.name}: " if self.name else ""
+            raise InputError([p.prefixed(prefix) for p in InputError(self.problems).problems])
 
     def column(self, header: str) -> int | None:
         """Index of the column with this header, given with or without its unit; None if there is none."""
@@ -349,27 +340,24 @@ class Table:
         return units | ({"by the row of units": below} if below and (not units or is_unit(below)) else {})
 
     def unit_declaration_cure(self, column: int, unit: str) -> str:
-        """How to declare the unit of a column in the log itself."""
+        """Say how to declare the unit of a column in the log itself."""
         label = split_label_and_unit(self.header[column])[0]
-        return self.unit_cure.format(header=label if len(label) <= _MAX_LABEL_CHARACTERS else "…", unit=unit)
+        return self.unit_cure.format(header=label if len(label) <= 100 else "…", unit=unit)
 
     def check_names(self, argument: str, names: Iterable[str], known_names: Iterable[str]) -> None:
-        """Every name ``names`` in the argument ``argument`` that is not ``known_names`` is a problem."""
+        """Make a problem of each of ``names`` in an argument that is none of ``known_names``."""
         for name in names:
             with collect_problems(self.problems):
                 require_choice(argument, name, [*known_names])
 
-    def take(self, rows: Iterable[int]) -> None:
+    def keep_rows(self, rows: Iterable[int]) -> None:
         """Keep these rows, in this order."""
-        row_indices = list(rows)
-        self.rows, self.row_numbers = [self.rows[i] for i in row_indices], [self.row_numbers[i] for i in row_indices]
-
-
-_TIME_COORDINATES = ("elapsed_time", "timestamp", "time")
+        indices = list(rows)
+        self.rows, self.row_numbers = [self.rows[i] for i in indices], [self.row_numbers[i] for i in indices]
 
 
 def table_from_data(source: Any, columns: Mapping[str, str] | None, names: Collection[str]) -> Table:
-    """A Dataset or DataFrame as a table whose rows count from 0, as in ``isel`` and ``iloc``.
+    """Convert a Dataset or DataFrame to a table whose rows count from 0, as in ``isel`` and ``iloc``.
 
     Of a Dataset the variables with one of our ``names``, and those that ``columns`` (our name: its name) asks for; they
     lie along one coordinate: ``elapsed_time``, or one of datetime64 called so, ``timestamp`` or ``time``.  Of a
@@ -386,7 +374,7 @@ def table_from_data(source: Any, columns: Mapping[str, str] | None, names: Colle
         header, series = _dataset_columns(source, dict(columns or {}), names)
     rows = [list(row) for row in zip(*map(_format_cells, series), strict=True)]
     if len(rows) < 2:
-        raise InputError(f"the {kind} has fewer than two samples: give a longer log")
+        raise InputError(f"the {kind} has fewer than two samples: give a longer log", kind, "data")
     table = Table(kind, header, rows, list(range(len(rows))), unit_cure=cure)
     table._check_header()
     table.raise_problems()
@@ -397,27 +385,27 @@ def table_from_data(source: Any, columns: Mapping[str, str] | None, names: Colle
 def _dataset_columns(
     ds: xr.Dataset, requested: Mapping[str, str], names: Collection[str]
 ) -> tuple[list[str], list[Any]]:
-    """Header and values of the columns of a Dataset, the time first."""
-    dims = [
-        d
-        for d in (*(requested.get(n, n) for n in _TIME_COORDINATES), *_TIME_COORDINATES)
-        if d in ds.coords and ds[d].dims == (d,)
-    ]
+    """Return header and values of the columns of a Dataset, the time first."""
+    coordinates = ("elapsed_time", "timestamp", "time")
+    times = (*(requested.get(name, name) for name in coordinates), *coordinates)
+    dims = [name for name in times if name in ds.coords and ds[name].dims == (name,)]
     if not dims:
         cure = "give every variable one of them as dimension"
-        raise InputError(f"the Dataset has no coordinate elapsed_time, nor timestamp: {cure}")
+        raise InputError(
+            f"the Dataset has no coordinate elapsed_time, nor timestamp: {cure}", "elapsed_time", "missing"
+        )
     time = dims[0]
     read_names = [str(n) for n in ds.data_vars if n in names or n in requested.values()]
+    cure = f"choose one loop, so that only {time} is left"
     wrong_dims = [name for name in read_names if ds[name].dims != (time,)]
-    raise_problems(
-        [f"{name} has dims {ds[name].dims}: choose one loop, so that only {time} is left" for name in wrong_dims]
-    )
+    raise_problems([Problem(f"{name} has dims {ds[name].dims}: {cure}", name, "shape") for name in wrong_dims])
     scale, _ = TIME.get(str(ds[time].attrs.get("units")), (0.0, 0.0))
     for name in {"timestamp", "time"} & {*ds.coords} if scale else ():  # dates beside the seconds, minutes or hours
         if ds[name].dims == (time,) and ds[name].dtype.kind == "M":
             steps = np.diff(ds[name].values) / np.timedelta64(1, "s")
             if not np.allclose(steps, scale * np.diff(ds[time].values), rtol=0.0, atol=1.0):
-                raise InputError(f"{name} and {time} of the Dataset differ in their steps: drop the one that is wrong")
+                sentence = f"{name} and {time} of the Dataset differ in their steps: drop the one that is wrong"
+                raise InputError(sentence, str(name), "conflict")
     values, label = ds[time].values, time if time in requested.values() else "elapsed_time"
     if values.dtype.kind == "M" and requested.get("elapsed_time") != time:
         time_header = time if requested.get("timestamp") == time else "timestamp"
@@ -426,10 +414,8 @@ def _dataset_columns(
         time_header, values = f"{label} [s]", (values - values[:1]) / np.timedelta64(1, "s")
     else:
         time_header = _header_with_unit(label, ds[time])
-    return [time_header, *(_header_with_unit(name, ds[name]) for name in read_names)], [
-        values,
-        *(ds[name].values for name in read_names),
-    ]
+    headers = [time_header, *(_header_with_unit(name, ds[name]) for name in read_names)]
+    return headers, [values, *(ds[name].values for name in read_names)]
 
 
 def _header_with_unit(name: str, series: xr.DataArray) -> str:
@@ -437,6 +423,6 @@ def _header_with_unit(name: str, series: xr.DataArray) -> str:
 
 
 def _format_cells(values: Any) -> list[str]:
-    """Numbers as text that reads back to the bit; times with the zone that they have."""
+    """Convert numbers to text that reads back to the bit, and times with the zone that they have."""
     is_number = values.dtype.kind in "iuf"
     return [repr(v) for v in np.asarray(values, float).tolist()] if is_number else [str(v) for v in values]

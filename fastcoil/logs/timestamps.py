@@ -9,19 +9,20 @@ import re
 import zoneinfo
 from collections.abc import Mapping, Sequence
 from datetime import datetime, timedelta, timezone, tzinfo
+from itertools import chain
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from fastcoil.base.arguments import require_text
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.base.errors import InputError, short_repr
+from fastcoil.base.errors import InputError, did_you_mean, short_repr
 from fastcoil.logs.series import VOCABULARY
 
 MAX_CELL_CHARACTERS = 64  # of a cell that can be a time or a number
 MICROSECOND_DTYPE = np.dtype("datetime64[us]")
-SECOND_US, MINUTE_US = 1_000_000, 60_000_000  # µs
-EXCEL_FORMAT, EPOCH_FORMAT = "excel", "epoch"  # formats that are numbers
+SECOND_US = 1_000_000  # µs
+MINUTE_US = 60 * SECOND_US
 _EXAMPLE_TIME = datetime(2024, 7, 1, 8, 5, 30)
 
 
@@ -31,108 +32,125 @@ class Timestamps(NamedTuple):
     microseconds: Index  # since 1970-01-01, of UTC where ``absolute``, else of the clock that wrote them
     good: Mask  # where a cell holds a time
     absolute: bool
-    wrong: str  # what the others are not, and the cure
+    problem: str  # what the others are not, and the cure
     notes: list[str]  # how the column was read
     time_zone: str = ""  # of that clock, ``UTC`` if its offset changes; else the name beside the times, or blank
     offset: int = 0  # by which that clock is ahead, µs
 
     def seconds_since_first(self) -> Array:
-        """Seconds since the first good time, (n,); NaN where there is none."""
+        """Return the seconds since the first good time, (n,); NaN where there is none."""
         since = self.microseconds - self.microseconds[np.argmax(self.good)]
         return np.where(self.good, since / 1e6, np.nan)
 
-    def first(self) -> tuple[np.datetime64, str]:
-        """The first time, to the second, on the clock that wrote it; its time zone, blank if unknown."""
-        local_microseconds = self.microseconds[np.argmax(self.good)] + self.offset
-        return np.datetime64(
-            int(local_microseconds + SECOND_US // 2) // SECOND_US, "s"
-        ), self.time_zone if self.absolute else ""
+    def first_time(self) -> tuple[np.datetime64, str]:
+        """Return the first time, to the second, on the clock that wrote it; and its time zone, blank if unknown."""
+        local = int(self.microseconds[np.argmax(self.good)] + self.offset)
+        return np.datetime64((local + SECOND_US // 2) // SECOND_US, "s"), self.time_zone if self.absolute else ""
 
 
 def format_utc_offset(minutes: int) -> str:
-    """An offset from UTC as the name of a time zone: ``UTC-08:00``."""
+    """Format an offset from UTC as the name of a time zone: ``UTC-08:00``."""
     return f"UTC{'-' if minutes < 0 else '+'}{abs(minutes) // 60:02d}:{abs(minutes) % 60:02d}" if minutes else "UTC"
 
 
 def time_zone_from_name(name: str) -> tzinfo:
-    """The time zone of a name: ``America/New_York``, or as of `format_utc_offset`."""
+    """Return the time zone of a name: ``America/New_York``, or as of `format_utc_offset`."""
     offset = re.fullmatch(r"UTC([+-][0-9:]{5})", name)
     return cast(tzinfo, datetime.strptime(offset[1], "%z").tzinfo) if offset else zoneinfo.ZoneInfo(name)
 
 
+def require_time_zone(name: str, value: Any) -> str:
+    """Return the name of a time zone, or an offset from UTC; blank if it is None or blank."""
+    text = "" if value is None else require_text(name, value).strip()
+    if not text or re.fullmatch(r"UTC[+-](0\d|1[0-4]):[0-5]\d", text, re.ASCII):
+        return text
+    if text in (known_zones := zoneinfo.available_timezones()):
+        return text
+    cure = "give a name such as 'America/Los_Angeles', or an offset such as 'UTC-08:00'"
+    raise InputError(f"{name} = {short_repr(text)}{did_you_mean(text, known_zones)}: {cure}", name, "choice")
+
+
 def require_time_format(name: str, value: Any) -> str:
-    """A format of times: a pattern as of strftime, ``excel`` or ``epoch``."""
+    """Require a format of times: a pattern as of strftime, ``excel`` or ``epoch``."""
     text = require_text(name, value)
-    if text.strip().lower() in (EXCEL_FORMAT, EPOCH_FORMAT):
+    if text.strip().lower() in _NUMBER_KINDS:
         return text.strip().lower()
     try:
         is_usable = "%" in text and datetime.strptime(_EXAMPLE_TIME.strftime(text), text).year > 0
     except Exception:  # patterns fail in many ways, not all of them documented
         is_usable = False
     if not is_usable:
-        raise InputError(
-            f"{name} = {short_repr(text)}: give a pattern such as '%d/%m/%Y %H:%M', or {EXCEL_FORMAT} or {EPOCH_FORMAT}"
-        )
+        cure = "give a pattern such as '%d/%m/%Y %H:%M', or excel or epoch"
+        raise InputError(f"{name} = {short_repr(text)}: {cure}", name, "format")
     return text
 
 
-_SERIAL_DAYS = ("serial days of a spreadsheet", 20_000.0, 80_000.0, 25_569.0, 86400.0, SECOND_US, "")
-_EPOCH_SECONDS = ("seconds since 1970 (UTC)", 1e8, 1e10, 0.0, 1e6, 1, "UTC")
-_EPOCH_MILLISECONDS = ("milliseconds since 1970 (UTC)", 1e11, 1e13, 0.0, 1e3, 1, "UTC")
-"""The arguments of ``_timestamps_from_numbers``: days from 1954 to 2119, to the second, as their decimals have round-off; epoch from
-1973 to 2286."""
-_NUMBER_KINDS = {EXCEL_FORMAT: [_SERIAL_DAYS], EPOCH_FORMAT: [_EPOCH_SECONDS, _EPOCH_MILLISECONDS]}
+class _NumberKind(NamedTuple):
+    """A way to write times as numbers."""
+
+    text: str
+    least: float
+    most: float
+    number_in_1970: float  # of 1970-01-01
+    ticks: float  # in the number 1
+    tick_us: int  # µs; the decimals of serial days have round-off, so that they are read to the second
+    time_zone: str
+
+    def timestamps(self, numbers: Array) -> Timestamps:
+        """Convert numbers to times; those that are too small or too large are none."""
+        with np.errstate(invalid="ignore"):
+            is_good = (numbers >= self.least) & (numbers <= self.most)
+        ticks = self.ticks * (np.where(is_good, numbers, self.number_in_1970) - self.number_in_1970)
+        problem = f"is not one of the {self.text}, {self.least:g} to {self.most:g}"
+        microseconds = self.tick_us * np.rint(ticks).astype(np.int64)
+        return Timestamps(microseconds, is_good, bool(self.time_zone), problem, [], self.time_zone)
 
 
-def _timestamps_from_numbers(
-    numbers: Array, kind: str, least: float, most: float, number_in_1970: float, ticks: float, tick: int, time_zone: str
-) -> Timestamps:
-    """Numbers from ``least`` to ``most`` as times: 1 is so many ticks of so many µs; ``number_in_1970`` is 1970-01-01."""
-    with np.errstate(invalid="ignore"):
-        is_good = (numbers >= least) & (numbers <= most)
-    since = tick * np.rint(ticks * (np.where(is_good, numbers, number_in_1970) - number_in_1970)).astype(np.int64)
-    return Timestamps(
-        since, is_good, bool(time_zone), f"is not one of the {kind}, {least:g} to {most:g}", [], time_zone
-    )
+_NUMBER_KINDS = {
+    "excel": [_NumberKind("serial days of a spreadsheet", 20_000.0, 80_000.0, 25_569.0, 86400.0, SECOND_US, "")],
+    "epoch": [
+        _NumberKind("seconds since 1970 (UTC)", 1e8, 1e10, 0.0, 1e6, 1, "UTC"),
+        _NumberKind("milliseconds since 1970 (UTC)", 1e11, 1e13, 0.0, 1e3, 1, "UTC"),
+    ],
+}
+"""By the name of their format: days from 1954 to 2119, epoch from 1973 to 2286."""
 
 
 def read_timestamps(cells: Sequence[str], row_numbers: Sequence[int], time_format: str | None, cure: str) -> Timestamps:
-    """The times of a column, by ``time_format`` or recognised; ``cure``: how to give one, with ``{format}`` in it."""
+    """Read the times of a column, by ``time_format`` or recognised; ``cure``: how to give one, with ``{format}``."""
     if time_format in _NUMBER_KINDS:
         numbers = np.array([_parse_number(cell) for cell in cells])
-        return max(
-            (_timestamps_from_numbers(numbers, *kind) for kind in _NUMBER_KINDS[time_format]),
-            key=lambda stamps: stamps.good.sum(),
-        )
+        stamps_by_kind = [kind.timestamps(numbers) for kind in _NUMBER_KINDS[time_format]]
+        return max(stamps_by_kind, key=lambda stamps: stamps.good.sum())
     no_zones = [""] * len(cells)
     if time_format is not None:
-        times, wrong = [_parse_by_pattern(cell, time_format) for cell in cells], f"is not as {time_format!r} says"
-        return _timestamps_from_times(times, no_zones, row_numbers, f"{wrong}: mend it or time_format", [])
+        times = [_parse_by_pattern(cell, time_format) for cell in cells]
+        problem = f"is not as {time_format!r} says: mend it or time_format"
+        return _timestamps_from_times(times, no_zones, row_numbers, problem, [])
     times = [parse_iso_time(cell) for cell in cells]
     n_iso = sum(time is not None for time in times)
     format_advice = f"say how to read it: {cure.format(format='%d/%m/%Y %H:%M')}"
     if 2 * n_iso < len(times):
         numbers = np.array([_parse_number(cell) for cell in cells])
-        for kind in (_SERIAL_DAYS, _EPOCH_SECONDS, _EPOCH_MILLISECONDS):
-            stamps = _timestamps_from_numbers(numbers, *kind)
+        for kind in chain(*_NUMBER_KINDS.values()):
+            stamps = kind.timestamps(numbers)
             if 2 * stamps.good.sum() > numbers.size:
                 example = short_repr(cells[int(np.argmax(stamps.good))].strip())
-                return stamps._replace(notes=[f"timestamp read as {kind[0]}: {example} is {stamps.first()[0]}"])
+                return stamps._replace(notes=[f"timestamp read as {kind.text}: {example} is {stamps.first_time()[0]}"])
         parts = [parse_date_parts(cell) for cell in cells]
         n_parts = sum(date_parts is not None for date_parts in parts)
         if 2 * n_parts >= len(parts) and n_parts >= n_iso:
-            return _timestamps_from_parts(
-                parts, row_numbers, f"is not as the others: mend it, or {format_advice}", cure
-            )
-    wrong = f"is not ISO 8601: write it as 2024-07-01T08:00:00, or {format_advice}"
-    return _timestamps_from_times(times, no_zones, row_numbers, wrong, [])
+            problem = f"is not as the others: mend it, or {format_advice}"
+            return _timestamps_from_parts(parts, row_numbers, problem, cure)
+    problem = f"is not ISO 8601: write it as 2024-07-01T08:00:00, or {format_advice}"
+    return _timestamps_from_times(times, no_zones, row_numbers, problem, [])
 
 
 _COMPACT_TIME_PATTERN = re.compile(r"(?:19|20)[0-9]{2}(?:0[1-9]|1[0-2])[0-3][0-9][0-2][0-9](?:[0-5][0-9]){0,2}")
 
 
 def parse_iso_time(cell: str) -> datetime | None:
-    """The time in a cell (ISO 8601, also without any marks between the digits), or None."""
+    """Parse the time in a cell (ISO 8601, also without any marks between the digits); None if there is none."""
     text = cell.strip()
     if _COMPACT_TIME_PATTERN.fullmatch(text):
         text = f"{text[:8]}T{text[8:]}"
@@ -174,7 +192,7 @@ _AMBIGUOUS_ZONES = {"cst": "cdt", "ast": "adt", "bst": "gmt"}
 
 
 def apply_time_zone(stamps: Timestamps, time_zone: str) -> Timestamps:
-    """Times of a local clock as absolute ones, given its zone: ``America/New_York`` or ``UTC-05:00``."""
+    """Convert times of a local clock to absolute ones, given its zone: ``America/New_York`` or ``UTC-05:00``."""
     zone = time_zone_from_name(time_zone)
     local_times = [time.replace(tzinfo=zone) for time in stamps.microseconds.astype(MICROSECOND_DTYPE).tolist()]
     offsets = np.array([(time.utcoffset() or timedelta()) // timedelta(microseconds=1) for time in local_times])
@@ -184,13 +202,12 @@ def apply_time_zone(stamps: Timestamps, time_zone: str) -> Timestamps:
 
 
 def _timestamps_from_times(
-    times: Sequence[datetime | None], zones: Sequence[str], row_numbers: Sequence[int], wrong: str, notes: list[str]
+    times: Sequence[datetime | None], zones: Sequence[str], row_numbers: Sequence[int], problem: str, notes: list[str]
 ) -> Timestamps:
-    """Times by the clock that wrote them, absolute if each has an offset or the name of a zone that is known."""
+    """Convert times by the clock that wrote them; absolute if each has an offset or the name of a known zone."""
     is_good = np.array([time is not None for time in times])
-    local_microseconds = np.array(
-        [(time or _EXAMPLE_TIME).replace(tzinfo=None) for time in times], dtype=MICROSECOND_DTYPE
-    ).astype(np.int64)
+    local_times = [(time or _EXAMPLE_TIME).replace(tzinfo=None) for time in times]
+    local_microseconds = np.array(local_times, dtype=MICROSECOND_DTYPE).astype(np.int64)
     good_indices = np.flatnonzero(is_good).tolist()
     names = {zones[k] for k in good_indices} - {""}
     ambiguous = {name for name, companion in _AMBIGUOUS_ZONES.items() if companion not in names}
@@ -205,13 +222,14 @@ def _timestamps_from_times(
     clocks = ["absolute" if k in offsets else zones[k] for k in good_indices]
     first_unlike = next((k for k, clock in zip(good_indices, clocks, strict=True) if clock != clocks[0]), None)
     if first_unlike is not None:
-        problem = f"timestamp in row {row_numbers[first_unlike]} has another time zone than the first, or one of them has none"
-        raise InputError(f"{problem}: write one time zone, with or without UTC offset")
+        row = row_numbers[first_unlike]
+        sentence = f"timestamp in row {row} has another time zone than the first, or one of them has none"
+        raise InputError(f"{sentence}: write one time zone, with or without UTC offset", "timestamp", "time")
     if not good_indices or good_indices[0] not in offsets:
         name = clocks[0].upper() if good_indices else ""
         if name:
             notes.append(f"timestamp is in {name} throughout: its times are read as they stand")
-        return Timestamps(local_microseconds, is_good, False, wrong, notes, name)
+        return Timestamps(local_microseconds, is_good, False, problem, notes, name)
     first_offset = offsets[good_indices[0]]
     first_changed = next((k for k in good_indices if offsets[k] != first_offset), None)
     if names:
@@ -219,17 +237,9 @@ def _timestamps_from_times(
     elif first_changed is not None:
         notes.append(f"timestamp has another UTC offset from row {row_numbers[first_changed]} on: read in UTC")
     offset_microseconds = np.array([offsets.get(k, 0) for k in range(len(times))], dtype=np.int64)
-    if first_changed is None:
-        return Timestamps(
-            local_microseconds - first_offset,
-            is_good,
-            True,
-            wrong,
-            notes,
-            format_utc_offset(first_offset // MINUTE_US),
-            first_offset,
-        )
-    return Timestamps(local_microseconds - offset_microseconds, is_good, True, wrong, notes, "UTC")
+    microseconds = local_microseconds - (first_offset if first_changed is None else offset_microseconds)
+    zone, offset = ("UTC", 0) if first_changed else (format_utc_offset(first_offset // MINUTE_US), first_offset)
+    return Timestamps(microseconds, is_good, True, problem, notes, zone, offset)
 
 
 # ---------------------------------------------------------------------------------------------------- national forms
@@ -242,9 +252,6 @@ _DATE_AND_TIME_PATTERN = re.compile(
     r"\s*(?:(?P<half>[AaPp])\.?[Mm]\.?(?![A-Za-z]))?"
     r"\s*\(?(?:(?P<utc>Z)|(?:UTC|GMT)?(?P<offset>[+-][0-9]{2}:?[0-9]{2}|[+-][0-9]{1,2}))?"
     r"\s*[\[]?(?P<zone>[A-Za-z_/]{1,32})?[)\]]?)?\s*"
-)
-_WRONG_ORDER_RATIO = (
-    5.0  # the order of day and month that makes a log this much longer than the other one, and uneven, is wrong
 )
 
 
@@ -259,8 +266,8 @@ class DateParts(NamedTuple):
     zone: str  # its name, blank if there is none
     mark: str  # between the numbers of the date
 
-    def at(self, order: tuple[int, int, int]) -> datetime | None:
-        """The time if year, month and day are in these places; None if there is no such day."""
+    def in_order(self, order: tuple[int, int, int]) -> datetime | None:
+        """Return the time if year, month and day are in these places; None if there is no such day."""
         year, month, day = (self.date[place] for place in order)
         year += 2000 if year < 70 else 1900 if year < 100 else 0
         try:
@@ -271,7 +278,7 @@ class DateParts(NamedTuple):
 
 
 def parse_date_parts(cell: str) -> DateParts | None:
-    """The numbers of a date and a time, or None if the cell is written otherwise."""
+    """Parse the numbers of a date and a time; None if the cell is written otherwise."""
     match = _DATE_AND_TIME_PATTERN.fullmatch(cell) if len(cell) <= MAX_CELL_CHARACTERS else None
     if match is None:
         return None
@@ -279,9 +286,8 @@ def parse_date_parts(cell: str) -> DateParts | None:
     month_places = [k for k, text in enumerate(words) if not text.isdigit()]
     if len(month_places) > 1 or any(words[k][:3].lower() not in _MONTH_NAMES for k in month_places):
         return None
-    a, b, c = (
-        1 + _MONTH_NAMES.index(text[:3].lower()) if k in month_places else int(text) for k, text in enumerate(words)
-    )
+    months = [1 + _MONTH_NAMES.index(words[k][:3].lower()) for k in month_places]
+    a, b, c = (months[0] if k in month_places else int(text) for k, text in enumerate(words))
     hour, minute, second = (int(match[name] or 0) for name in ("h", "min", "s"))
     if minute > 59 or second > 59 or hour > 24 or (match["half"] and not 1 <= hour <= 12):
         return None
@@ -294,77 +300,62 @@ def parse_date_parts(cell: str) -> DateParts | None:
         digits = text[1:].replace(":", "")
         offset = timedelta(hours=int(digits[:2]), minutes=int(digits[2:] or 0)) * (-1 if text[0] == "-" else 1)
     zone = "" if match["offset"] else (match["zone"] or "").lower()
-    return DateParts(
-        (a, b, c), month_places[0] if month_places else -1, clock, bool(match["half"]), offset, zone, match["mark"]
-    )
+    month = month_places[0] if month_places else -1
+    return DateParts((a, b, c), month, clock, bool(match["half"]), offset, zone, match["mark"])
 
 
-_DAY_FIRST_PLACES, _MONTH_FIRST_PLACES = (2, 1, 0), (2, 0, 1)  # where year, month and day are
+_DAY_FIRST = (2, 1, 0)  # the places of year, month and day
+_MONTH_FIRST = (2, 0, 1)
 
 
 def _timestamps_from_parts(
-    parts: Sequence[DateParts | None], row_numbers: Sequence[int], wrong: str, cure: str
+    parts: Sequence[DateParts | None], row_numbers: Sequence[int], problem: str, cure: str
 ) -> Timestamps:
-    """The times of a column of ``parts``; None is a cell that is no time.  cure: as of `read_timestamps`."""
-    parts_by_row = {
-        row: date_parts for row, date_parts in zip(row_numbers, parts, strict=True) if date_parts is not None
-    }
+    """Convert a column of ``parts``, None for a cell that is no time; ``cure``: as of `read_timestamps`."""
+    known = {row: date_parts for row, date_parts in zip(row_numbers, parts, strict=True) if date_parts is not None}
     notes: list[str] = []
-    month_places = {date_parts.month for date_parts in parts_by_row.values()}
-    if all(date_parts.date[0] > 999 for date_parts in parts_by_row.values()):
+    month_places = {date_parts.month for date_parts in known.values()}
+    if all(date_parts.date[0] > 999 for date_parts in known.values()):
         order = (0, 1, 2)
     elif month_places in ({0}, {1}):
-        order = _MONTH_FIRST_PLACES if month_places == {0} else _DAY_FIRST_PLACES
+        order = _MONTH_FIRST if month_places == {0} else _DAY_FIRST
     else:
-        order = _find_date_order(parts_by_row, cure, notes)
-    has_halves = any(
-        date_parts.has_half for date_parts in parts_by_row.values()
-    )  # a time without AM or PM among others is none
-    times = [date_parts.at(order) if date_parts and date_parts.has_half == has_halves else None for date_parts in parts]
-    return _timestamps_from_times(
-        times, [date_parts.zone if date_parts else "" for date_parts in parts], row_numbers, wrong, notes
-    )
+        order = _find_date_order(known, cure, notes)
+    has_halves = any(date_parts.has_half for date_parts in known.values())  # a time without AM or PM is none then
+    times = [each.in_order(order) if each and each.has_half == has_halves else None for each in parts]
+    zones = [each.zone if each else "" for each in parts]
+    return _timestamps_from_times(times, zones, row_numbers, problem, notes)
 
 
 def _find_date_order(parts: Mapping[int, DateParts], cure: str, notes: list[str]) -> tuple[int, int, int]:
-    """The order of day and month in times by row: from numbers above 12, or from the order in which time goes on."""
-    day_first, month_first = (
-        next((row for row, date_parts in parts.items() if date_parts.date[k] > 12), None) for k in (0, 1)
-    )
+    """Find the order of day and month in times by row, by numbers above 12 or by the order in which time goes on."""
+    day_first, month_first = (next((row for row, each in parts.items() if each.date[k] > 12), None) for k in (0, 1))
     if day_first is not None and month_first is not None:
-        contradiction = f"the day before the month in row {day_first} and after it in row {month_first}"
-        raise InputError(f"timestamp has {contradiction}: write one order, such as 2024-07-01T08:00:00")
-    times = [
-        [date_parts.at(order) for date_parts in parts.values()] for order in (_DAY_FIRST_PLACES, _MONTH_FIRST_PLACES)
-    ]
-    steps_by_order = [
-        np.diff(np.array([time.replace(tzinfo=None) for time in order_times if time], dtype=MICROSECOND_DTYPE))
-        for order_times in times
-    ]
-    steps = [np.abs(order_times.astype(float)) for order_times in steps_by_order]
+        sentence = f"timestamp has the day before the month in row {day_first} and after it in row {month_first}"
+        raise InputError(f"{sentence}: write one order, such as 2024-07-01T08:00:00", "timestamp", "time")
+    steps_by_order = []
+    for order in (_DAY_FIRST, _MONTH_FIRST):
+        times = [time.replace(tzinfo=None) for each in parts.values() if (time := each.in_order(order))]
+        steps_by_order.append(np.diff(np.array(times, dtype=MICROSECOND_DTYPE)))
+    steps = [np.abs(order_steps.astype(float)) for order_steps in steps_by_order]
     shorter, longer = sorted(steps, key=np.sum)
-    has_dots = all(date_parts.mark == "." for date_parts in parts.values())
-    order = _DAY_FIRST_PLACES
+    has_dots = all(each.mark == "." for each in parts.values())
+    order = _DAY_FIRST
     if day_first is not None:
         reason = f"a number exceeds 12 in row {day_first}"
     elif month_first is not None:
-        order, reason = _MONTH_FIRST_PLACES, f"a number exceeds 12 in row {month_first}"
+        order, reason = _MONTH_FIRST, f"a number exceeds 12 in row {month_first}"
     elif has_dots:
         reason = "the order that goes with points"
     elif np.array_equal(steps_by_order[0], steps_by_order[1]):
         reason = "the order cannot be told, and makes no difference within this log"
-    elif longer.sum() > _WRONG_ORDER_RATIO * shorter.sum() and longer.max() > _WRONG_ORDER_RATIO * np.median(
-        longer[longer > 0.0]
-    ):
-        order, reason = (
-            _DAY_FIRST_PLACES if shorter is steps[0] else _MONTH_FIRST_PLACES,
-            "in the other order time would jump",
-        )
+    elif longer.sum() > 5.0 * shorter.sum() and longer.max() > 5.0 * np.median(longer[longer > 0.0]):
+        order = _DAY_FIRST if shorter is steps[0] else _MONTH_FIRST
+        reason = "in the other order time would jump"
     else:
-        raise InputError(
-            "timestamp: no number shows whether the day or the month comes first: say it with "
-            f"{cure.format(format='%d/%m/%Y %H:%M')} or '%m/%d/%Y %H:%M'"
-        )
-    words = ("dd", "mm", "yyyy") if order == _DAY_FIRST_PLACES else ("mm", "dd", "yyyy")
+        sentence = "timestamp: no number shows whether the day or the month comes first: say it with "
+        cure = f"{cure.format(format='%d/%m/%Y %H:%M')} or '%m/%d/%Y %H:%M'"
+        raise InputError(sentence + cure, "timestamp", "time")
+    words = ("dd", "mm", "yyyy") if order == _DAY_FIRST else ("mm", "dd", "yyyy")
     notes.append(f"timestamp read as {('.' if has_dots else '/').join(words)}: {reason}")
     return order

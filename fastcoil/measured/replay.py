@@ -83,7 +83,7 @@ def replay(
         log = check(require_log, "log", log)
         trace_interval = check(require_integer, "trace_interval", trace_interval, 1)
         reading = check_reading_options(check, columns=columns, units=units, constants=constants, max_gap=max_gap,
-                              time_format=time_format, unbroken=True)  # fmt: skip
+                              time_format=time_format, refuse_gaps=True)  # fmt: skip
     raise_problems(missing_parameters(loop))
     air_estimators = {estimator.name for estimator in ESTIMATORS if estimator is not None and estimator.sees_air}
     sees_air = bool(loop.rules) or not air_estimators.isdisjoint(used_choices(loop, "estimator"))

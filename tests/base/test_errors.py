@@ -7,7 +7,7 @@ import pytest
 
 import fastcoil as fc
 from fastcoil.base.arguments import collect_problems
-from fastcoil.base.errors import WrongTypeMessage, short_repr
+from fastcoil.base.errors import Problem, short_repr
 
 BUILTIN_BASE_OF_ERROR = {
     "InputError": ValueError,
@@ -27,9 +27,10 @@ def test_the_whole_family_is_public():
 
 def test_a_sentence_on_a_wrong_type_makes_a_type_error_of_the_whole_call():
     assert type(fc.InputError("n = 3: lower it")) is fc.InputError
-    mixed = fc.InputError(["n = 3: lower it", WrongTypeMessage("m = 'x': give a number")])
+    mixed = fc.InputError(["n = 3: lower it", Problem("m = 'x': give a number", "m", "type")])
     assert type(mixed) is fc.InputTypeError
-    assert mixed.exit_code == 2
+    assert (mixed.exit_code, mixed.field, mixed.code) == (2, "", "")
+    assert (mixed.problems[1].field, mixed.problems[1].code) == ("m", "type")
     assert str(mixed) == "n = 3: lower it\nm = 'x': give a number"
     unpickled = pickle.loads(pickle.dumps(mixed))
     assert (type(unpickled), str(unpickled)) == (fc.InputTypeError, str(mixed))
@@ -39,11 +40,11 @@ def test_a_sentence_on_a_wrong_type_makes_a_type_error_of_the_whole_call():
 def test_a_sentence_collected_as_it_is_keeps_its_kind_and_one_of_a_file_does_not():
     problems: list[str] = []
     with collect_problems(problems):
-        raise fc.InputError(WrongTypeMessage("m = 'x': give a number"))
+        raise fc.InputError(Problem("m = 'x': give a number", "m", "type"))
     assert isinstance(fc.InputError(problems), fc.InputTypeError)
     file_problems: list[str] = []
     with collect_problems(file_problems, "[loop] "):
-        raise fc.InputError(WrongTypeMessage("m = 'x': give a number"))
+        raise fc.InputError(Problem("m = 'x': give a number", "m", "type"))
     assert not isinstance(fc.InputError(file_problems), fc.InputTypeError)
 
 

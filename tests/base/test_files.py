@@ -6,8 +6,9 @@ import socket
 from pathlib import Path
 
 import pytest
+from helpers.refusals import assert_refused
 
-from fastcoil.base.errors import InputError, StorageError
+from fastcoil.base.errors import StorageError
 from fastcoil.base.files import IrregularFileError, TooLargeError, read_bytes, read_text, write_atomically
 
 
@@ -17,35 +18,23 @@ def test_a_byte_order_mark_is_dropped_and_line_ends_are_kept(tmp_path):
     assert read_text(path, "a CSV file", limit=100) == "Größe\r\nΔ\n"
 
 
-@pytest.mark.parametrize(
-    ("data", "sentence"),
-    [
-        (b"123456", "has 6 bytes, more than 5: give a CSV file"),
-        (b"ab\xe9", r"is not UTF-8 \(byte 2\): save it as 'CSV UTF-8'"),
-        (None, "does not exist: give a CSV file"),
-    ],
-)
-def test_a_file_that_cannot_be_used_is_refused(tmp_path, data, sentence):
+@pytest.mark.parametrize(("data", "code"), [(b"123456", "path"), (b"ab\xe9", "format"), (None, "path")])
+def test_a_file_that_cannot_be_used_is_refused(tmp_path, data, code):
     path = tmp_path / "log.csv"
     if data is not None:
         path.write_bytes(data)
-    with pytest.raises(InputError, match=f"^{path} {sentence}$"):
-        read_text(path, "a CSV file", limit=5)
+    assert_refused(str(path), code, read_text, path, "a CSV file", limit=5)
 
 
 @pytest.mark.timeout(20)
-@pytest.mark.parametrize(
-    ("name", "kind"),
-    [("folder", "is a folder"), *((name, "is not a regular file") for name in ("/dev/zero", "pipe", "socket"))],
-)  # fmt: skip
-def test_what_is_no_file_is_refused_at_once(tmp_path, monkeypatch, name, kind):
+@pytest.mark.parametrize("name", ["folder", "/dev/zero", "pipe", "socket"])
+def test_what_is_no_file_is_refused_immediately(tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)  # the name of a socket must be short
     Path("folder").mkdir()
     os.mkfifo("pipe")
     with socket.socket(socket.AF_UNIX) as listening:
         listening.bind("socket")
-        with pytest.raises(InputError, match=f"^{name} {kind}: give a CSV file$"):
-            read_text(Path(name), "a CSV file", limit=1000)
+        assert_refused(name, "path", read_text, Path(name), "a CSV file", limit=1000)
 
 
 @pytest.mark.timeout(20)
@@ -76,25 +65,12 @@ def test_a_link_is_followed_only_where_it_may_be(tmp_path):
         read_bytes(tmp_path / "link", limit=5, follow=False)
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("a\0b", "'a\\x00b' is not a usable path (embedded null byte): give a CSV file"),
-        ("a\ud800", "surrogates not allowed): give a CSV file"),
-        ("é" * 150, "is not a usable path (File name too long): give a CSV file"),
-        ("folder/" * 1000, "is not a usable path (File name too long): give a CSV file"),
-        ("s3://bucket/x", "'s3:/bucket/x' is an address, and fastcoil reads and writes local files: give a CSV file"),
-        ("loop", "'loop' is not a usable path (Too many levels of symbolic links): give a CSV file"),
-    ],
-)
-def test_a_path_that_no_file_has_is_refused_in_one_short_sentence(tmp_path, monkeypatch, name, words):
+@pytest.mark.parametrize("name", ["a\0b", "a\ud800", "é" * 150, "folder/" * 1000, "s3://bucket/x", "loop"])
+def test_a_path_that_no_file_has_is_refused_in_one_short_sentence(tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
     Path("loop").symlink_to("loop")
-    with pytest.raises(InputError) as raised:
-        read_text(Path(name), "a CSV file", limit=1000)
-    (problem,) = raised.value.problems
-    assert problem.endswith(words)
-    assert len(problem) < 240
+    error = assert_refused(str(Path(name)), "path", read_text, Path(name), "a CSV file", limit=1000)
+    assert len(error.problems[0]) < 240
 
 
 def test_a_committed_file_is_whole_and_a_failed_commit_leaves_the_earlier_one(tmp_path, monkeypatch):

@@ -11,7 +11,7 @@ import types
 import pytest
 from helpers.processes import wait_for
 
-from fastcoil.base import progress as shown
+from fastcoil.base import progress as progress_module
 from fastcoil.base.progress import ProgressDisplay, display_for_call
 
 
@@ -22,7 +22,7 @@ class Terminal(io.StringIO):
 
 @pytest.fixture
 def without_test_variables(monkeypatch):
-    monkeypatch.setattr(shown, "_TEST_VARIABLES", ())
+    monkeypatch.setattr(progress_module, "_TEST_VARIABLES", ())
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def make_stderr_terminal(without_test_variables, monkeypatch):
 @pytest.fixture
 def short_delay(monkeypatch):
     """What takes long takes this test an instant."""
-    monkeypatch.setattr(shown, "SECONDS_BEFORE_DISPLAY", 0.02)
+    monkeypatch.setattr(progress_module, "SECONDS_BEFORE_DISPLAY", 0.02)
 
 
 @pytest.fixture
@@ -57,7 +57,7 @@ def test_work_done_at_once_shows_nothing(make_stderr_terminal):
         with context as progress:
             progress.start(3)(3)
     assert terminal.getvalue() == ""
-    assert shown.SECONDS_BEFORE_DISPLAY == 2.0
+    assert progress_module.SECONDS_BEFORE_DISPLAY == 2.0
 
 
 @pytest.mark.parametrize("start", [lambda: display_for_call(None), lambda: ProgressDisplay(delay=0.02)])
@@ -100,7 +100,7 @@ def test_nobody_looks_at_a_test_a_worker_or_a_thread(make_stderr_terminal, monke
     make_stderr_terminal()
     assert is_displayed_by_default()
     with monkeypatch.context() as patch:
-        patch.setattr(shown, "_TEST_VARIABLES", ("PYTEST_CURRENT_TEST",))
+        patch.setattr(progress_module, "_TEST_VARIABLES", ("PYTEST_CURRENT_TEST",))
         assert not is_displayed_by_default()
     with monkeypatch.context() as patch:
         patch.setattr(multiprocessing, "current_process", lambda: types.SimpleNamespace(name="LokyProcess-1"))

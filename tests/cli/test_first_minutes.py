@@ -52,7 +52,7 @@ def test_the_demo_shows_commands_that_the_user_can_type_and_what_they_say(tmp_pa
 def test_without_a_folder_the_demo_leaves_nothing(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    monkeypatch.setattr("fastcoil.cli.demo._COMMANDS", (("Which presets are there?", "fastcoil presets"),))
+    monkeypatch.setattr("fastcoil.cli.demo._DEMO_COMMANDS", (("Which presets are there?", "fastcoil presets"),))
     result = fastcoil("demo")
     assert result.exit_code == 0, result.output
     assert "paper_like" in result.output

@@ -53,7 +53,7 @@ def modules_loaded_by(folder, *commands):
 
 
 def modules_below(loaded, names):
-    return sorted(name for name in loaded for package in names if f"{name}.".startswith(f"{other}."))
+    return sorted(name for name in loaded for package in names if f"{name}.".startswith(f"{package}."))
 
 
 @pytest.mark.kernel

@@ -44,7 +44,7 @@ def save_text(tmp_path, text, encoding="utf-8", name="export.csv"):
 
 def read_text_as_log(tmp_path, text, encoding="utf-8", **options):
     """The log in this text."""
-    return read_checked_log(save_text(tmp_path, text, encoding), WANTED, ReadingOptions(has_command=True, **options))
+    return read_checked_log(save_text(tmp_path, text, encoding), WANTED, ReadingOptions(reader="read_log", **options))
 
 
 def assert_same_log(log, step=STEP):

@@ -33,7 +33,7 @@ def value_rows_text(header, row_format, newest_first=False):
 
 def read(tmp_path, text, **options):
     return read_checked_log(
-        save_text(tmp_path, text), WANTED, ReadingOptions(has_command=True, **({"drop": False} | options))
+        save_text(tmp_path, text), WANTED, ReadingOptions(reader="read_log", **({"drop": False} | options))
     )
 
 

@@ -17,7 +17,7 @@ def log_rows():
 
 
 def read(write_log, rows, **options):
-    return read_checked_log(write_log(HEADER, rows), WANTED, ReadingOptions(drop=True, has_command=True, **options))
+    return read_checked_log(write_log(HEADER, rows), WANTED, ReadingOptions(drop=True, reader="read_log", **options))
 
 
 def assert_equals_complete_log(log, ignored=()):
@@ -94,7 +94,7 @@ def test_without_drop_missing_values_are_refused_with_the_cure(write_log):
     rows = log_rows()
     rows[4][2] = ""
     problem = only_problem(
-        read_checked_log, write_log(HEADER, rows), WANTED, ReadingOptions(drop=False, has_command=True)
+        read_checked_log, write_log(HEADER, rows), WANTED, ReadingOptions(drop=False, reader="read_log")
     )
     assert "m_a = '' in row 6" in problem
     assert problem.endswith("or leave such values out and count them: drop=True, --drop")

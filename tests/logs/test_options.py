@@ -27,13 +27,13 @@ def test_gaps_and_batches_make_pieces_or_are_refused(write_log):
     log = read_checked_log(gap, WANTED)
     np.testing.assert_array_equal(log.batch, [0, 0, 0, 0, 1])
     assert any("1 gap in time (first: 819 s between rows 5 and 6)" in note for note in log.notes)
-    message = only_problem(read_checked_log, gap, WANTED, ReadingOptions(unbroken=True))
+    message = only_problem(read_checked_log, gap, WANTED, ReadingOptions(refuse_gaps=True))
     assert "rows 5 and 6 are 819 s apart, others 60 s" in message
     assert "max_gap=819" in message
-    assert read_checked_log(gap, WANTED, ReadingOptions(unbroken=True, max_gap=819)).n_batches == 1
+    assert read_checked_log(gap, WANTED, ReadingOptions(refuse_gaps=True, max_gap=819)).n_batches == 1
     batches = write_log([*HEADER, "batch"], [[*row, i // 2] for i, row in enumerate(ROWS)], "batches.csv")
     assert read_checked_log(batches, WANTED).n_batches == 2
-    message = only_problem(read_checked_log, batches, WANTED, ReadingOptions(unbroken=True))
+    message = only_problem(read_checked_log, batches, WANTED, ReadingOptions(refuse_gaps=True))
     assert "rows 3 and 4 are of two batches" in message
 
 
@@ -46,21 +46,21 @@ def test_options_of_a_command_are_named_only_where_there_is_one(write_log):
     assert "--" not in python_problems
     assert "columns={'elapsed_time': 'its header'}" in python_problems
     command_problems = "\n".join(
-        problems(read_checked_log, path, WANTED, ReadingOptions(constants={}, has_command=True))
+        problems(read_checked_log, path, WANTED, ReadingOptions(constants={}, reader="read_log"))
     )
     assert "columns={'elapsed_time': 'its header'}, --column elapsed_time='its header'" in command_problems
     unit = write_log(["elapsed_time [s]", "m_a", "T_a_in [degC]"], ROWS)
     assert "units={'m_a': 'UNIT'} (" in only_problem(read_checked_log, unit, WANTED)
     assert "units={'m_a': 'UNIT'}, --unit m_a='UNIT' (" in only_problem(
-        read_checked_log, unit, WANTED, ReadingOptions(has_command=True)
+        read_checked_log, unit, WANTED, ReadingOptions(reader="read_log")
     )
 
 
 def test_a_constant_is_suggested_only_where_it_can_be_given(write_log):
     spec = ColumnSpec(required=("m_a", "T_a_in", HUMIDITY_COLUMNS, "T_sup"))
     path = write_log(HEADER, ROWS)
-    humidity, supply = problems(read_checked_log, path, spec, ReadingOptions(constants={}, has_command=True))
+    humidity, supply = problems(read_checked_log, path, spec, ReadingOptions(constants={}, reader="read_log"))
     assert "W_a_in or RH_a_in or T_dp_in is missing" in humidity
     assert "constants={'W_a_in': NUMBER}, --constant W_a_in=NUMBER" in humidity
     assert "constant" not in supply  # what a sensor should show is no constant
-    assert "constant" not in problems(read_checked_log, path, spec, ReadingOptions(has_command=True))[0]
+    assert "constant" not in problems(read_checked_log, path, spec, ReadingOptions(reader="read_log"))[0]

@@ -51,7 +51,7 @@ def change_log_rows(seed=1, hours=8, noise=0.01):
 
 def test_a_log_of_changes_is_one_piece_and_says_so(write_log):
     rows = change_log_rows()
-    log = read_checked_log(write_log(HEADER, rows), WANTED, ReadingOptions(has_command=True))
+    log = read_checked_log(write_log(HEADER, rows), WANTED, ReadingOptions(reader="read_log"))
     steps = np.diff(log.time)
     assert np.sum(steps > 3 * np.median(steps)) > 30  # each of them was a gap
     assert log.n_batches == 1

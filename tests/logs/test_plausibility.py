@@ -46,7 +46,7 @@ def read(tmp_path, text, log, **options):
     path.write_text(text, encoding="utf-8")
     humidity = tuple({"RH_a_in", "W_a_in", "T_dp_in"} & set(log)) or ("RH_a_in",)
     spec = ColumnSpec(("command", "T_sup", "T_a_in", "T_w_in", "m_a", humidity), ("T_set",), ("T_sup",))
-    return read_checked_log(path, spec, ReadingOptions(has_command=True, **options))
+    return read_checked_log(path, spec, ReadingOptions(reader="read_log", **options))
 
 
 def contradictory_log(kind, rng, heats):

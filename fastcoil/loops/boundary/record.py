@@ -328,7 +328,7 @@ class Boundary(Samples):
             n_steps = None if hours is None else check(hours_to_seconds, hours)
             reading = check_reading_options(
                 check, units=units, columns=columns, constants=constants, max_gap=max_gap, time_format=time_format,
-                unbroken=True,
+                refuse_gaps=True,
             )  # fmt: skip
         log = read_checked_log(path, _LOG_COLUMNS, reading)
         require_whole_seconds(log.name, log.step)

@@ -5,9 +5,7 @@ metric, and a warning says so.
 """
 
 import math
-import re
 import warnings
-import zoneinfo
 from collections.abc import Iterable, Mapping
 from datetime import UTC, date, datetime, timedelta
 from itertools import islice
@@ -21,13 +19,12 @@ from fastcoil.base.arguments import (
     raise_problems,
     require_array,
     require_integer,
-    require_text,
     to_builtin,
 )
 from fastcoil.base.arrays import Array
-from fastcoil.base.errors import InputError, WrongTypeMessage, did_you_mean, short_repr
+from fastcoil.base.errors import InputError, WrongTypeMessage, short_repr
 from fastcoil.logs.series import COLUMNS, Series
-from fastcoil.logs.timestamps import format_utc_offset, time_zone_from_name
+from fastcoil.logs.timestamps import format_utc_offset, require_time_zone, time_zone_from_name
 from fastcoil.loops.labelled import SeriesLabels, as_data_array, convert_units, label_mismatches, read_series_labels
 from fastcoil.model.parameter_table import PARAMETERS, Parameter
 
@@ -212,8 +209,6 @@ Times: TypeAlias = NDArray[np.datetime64]
 DATETIME_SECONDS = np.dtype("datetime64[s]")
 YEAR_RANGE = (1700, 2200)  # every file of results can hold the dates between
 _CURE = "give a date and time such as '2024-07-01T08:00', one for each day or one for the first"
-_ZONE_CURE = "give a name such as 'America/Los_Angeles', or an offset such as 'UTC-08:00'"
-_OFFSET_PATTERN = re.compile(r"UTC[+-](0\d|1[0-4]):[0-5]\d", re.ASCII)
 
 
 class Clock(NamedTuple):
@@ -270,14 +265,6 @@ def make_clock(
 
 def _round_to_seconds(times: Any) -> Times:
     return np.asarray((times.astype("datetime64[us]") + np.timedelta64(500_000, "us")).astype(DATETIME_SECONDS))
-
-
-def require_time_zone(name: str, value: Any) -> str:
-    """The name of a time zone or an offset from UTC; blank if it is None or blank."""
-    text = "" if value is None else require_text(name, value).strip()
-    if not text or _OFFSET_PATTERN.fullmatch(text) or text in (known_zones := zoneinfo.available_timezones()):
-        return text
-    raise InputError(f"{name} = {short_repr(text)}{did_you_mean(text, known_zones)}: {_ZONE_CURE}")
 
 
 def is_clock_changed(time_zone: str, start: np.datetime64, n_steps: int) -> bool:
