@@ -34,7 +34,8 @@ from fastcoil.study.file.spec import read_study
 from fastcoil.study.file.user_code import UserCode, load_function
 from fastcoil.study.folder.folder import StudyFolder, find_holder, find_running_slices, hold_folder
 from fastcoil.study.folder.results import find_folder_problems, open_metrics
-from fastcoil.study.folder.stored import Manifest, is_result_of, study_attributes
+from fastcoil.study.folder.state import is_result_of
+from fastcoil.study.folder.stored import Manifest, study_attributes
 
 RERUNS_FOLDER = "reruns"
 

@@ -21,7 +21,7 @@ from fastcoil.model.user_rules import user_code_hashes
 from fastcoil.study.file.spec import Study, read_study
 from fastcoil.study.file.user_code import load_code, load_function
 from fastcoil.study.folder.folder import StudyFolder, hold_folder
-from fastcoil.study.folder.merged import merge_metrics, publish_results
+from fastcoil.study.folder.merged import merge_metrics, publish_results, repair_results
 from fastcoil.study.folder.state import FolderState, StudyRun
 from fastcoil.study.folder.stored import Manifest
 from fastcoil.study.workers import Job, PoolOptions, check_backend, make_pool, run_shards
@@ -157,11 +157,11 @@ def execute(
         while larger is not None:
             run = state.start_run(larger, extend)
             is_new = run.results is None
-            if is_new:
+            if run.results is None:
                 n_computed, ds = _run_and_merge(run, options, progress, scope)
                 n_run += n_computed
             else:
-                ds = run.repair()
+                ds = repair_results(run, run.results)
             larger = run.study.with_more_batches(ds)
             if larger and larger.precision:
                 state, extend = FolderState.read(store, Manifest.read(store.path)), True
@@ -187,28 +187,26 @@ def execute_slice(
             "--shard",
             "unsupported",
         )
-    plan, index = study.plan, job_slice.index(study.plan)
     with convert_os_errors(folder, "found"):
         store = StudyFolder(folder.absolute())
     with hold_folder(store.path, str(job_slice)):
-        load_code(plan.layout.loop.rules, study.rules, study.reduction)
-        run = FolderState.read(store, Manifest.read(store.path)).start_run(study, extend=False, scenarios=index)
-        if run.missing.size:
-            disk_bytes, _ = plan.disk_bytes(traces_kept=study.reduction is None)
-            check_disk(disk_bytes * run.missing.size // plan.n_scenarios, store.path)
-            of_slice = progress and (lambda n_missing, n, scope: progress(n_missing, index.size, scope))
-            _run_missing(run, options, of_slice, SCENARIO_DAYS)
-        return run.missing.size if run.results is None else None
+        load_code(study.plan.layout.loop.rules, study.rules, study.reduction)
+        state = FolderState.read(store, Manifest.read(store.path))
+        run = state.start_run(study, extend=False, scenarios=job_slice.index(study.plan))
+        if run.results is not None:
+            return None
+        _run_missing(run, options, progress, SCENARIO_DAYS)
+        return run.missing.size
 
 
 def _run_and_merge(
     run: StudyRun, options: PoolOptions, progress: ProgressStarter | None, scope: str
 ) -> tuple[int, xr.Dataset]:
-    """Run what is missing, merge all of it, and add what theory predicts; the number of scenarios run, and results."""
+    """Run what is missing, merge all of it, add predictions; return the number of scenarios run, and the results."""
     study, plan, start = run.study, run.study.plan, time.monotonic()
-    check_disk(plan.disk_bytes(traces_kept=study.reduction is None)[0], run.store.path)
     n_run, n_workers = _run_missing(run, options, progress, scope)
     seconds = time.monotonic() - start
+    run.record()
     ds = merge_metrics(run)
     if study.predict:
         predicted = predict_study(plan)
@@ -225,15 +223,18 @@ def _run_and_merge(
 
 
 def _run_missing(run: StudyRun, options: PoolOptions, progress: ProgressStarter | None, scope: str) -> tuple[int, int]:
-    """Run the missing scenarios and commit their shards; the numbers of scenarios and of workers."""
+    """Run the missing scenarios and commit their shards; return the numbers of scenarios and of workers."""
     study, plan, missing, n_workers = run.study, run.study.plan, run.missing, options.n_workers
+    n, traces_kept = plan.n_scenarios, study.reduction is None
+    disk_bytes, _ = plan.disk_bytes(traces_kept=traces_kept)
+    check_disk(disk_bytes if run.scenarios is None else disk_bytes * missing.size // n, run.store.path)
     if not missing.size:
-        run.record()
         return 0, n_workers
     if options.scheduler is None:
-        check_workers(*plan.memory_of_run(n_workers, options.backend, traces_kept=study.reduction is None), n_workers)
+        check_workers(*plan.memory_of_run(n_workers, options.backend, traces_kept=traces_kept), n_workers)
     n_run = sum(shard.size for shard in cut_into_shards(plan, n_workers, missing))
-    advance = progress(n_run, plan.n_scenarios, scope) if progress else lambda n: None
+    n_all = n if run.scenarios is None else run.scenarios.size
+    advance = progress(n_run, n_all, scope) if progress else lambda n: None
     for rule in plan.layout.loop.rules.values():
         rule.check()
     compile_kernel()

@@ -304,6 +304,6 @@ def _build_study(
     warn_unusual_values(plan.layout.loop)
     study = Study(
         text, tables, file.title or name, file.question, plan, folder, reduction, included,
-        sample_file_hashes(file.sample, folder), sources, run.predict, tuning, billing, precision, batches, plan,
+        sample_file_hashes(file.sample, folder) if file.sample else (), sources, run.predict, tuning, billing, precision, batches, plan,
     )  # fmt: skip
     return study.with_batches(MIN_BATCHES) if precision else study

@@ -106,8 +106,9 @@ class StudyFolder:
     def write_manifest(self, manifest: Manifest, text: str) -> None:
         """Record which study is run, before its first shard."""
         # in this order: if it is killed in between, the manifest is still that of the results, or there is none
-        write_atomically(self.study_path, text.encode())
-        manifest.write(self.path)
+        if self.read_text() != text:
+            write_atomically(self.study_path, text.encode())
+        write_atomically(self.path / MANIFEST_FILE, manifest.text.encode())
 
     def has_recorded(self, manifest: Manifest, text: str) -> bool:
         """Whether the folder has this manifest and text of the study that is run."""

@@ -22,7 +22,14 @@ from fastcoil.loops.provenance import VariableHash, combined_sha256, variable_sh
 from fastcoil.loops.scenarios import check_same_form, join_flat, unflatten
 from fastcoil.model.metric_table import METRICS, TRACES
 from fastcoil.study.folder.state import StudyRun
-from fastcoil.study.folder.stored import Manifest, add_traces, finished_manifest, publish_file, study_attributes
+from fastcoil.study.folder.stored import (
+    DESCRIPTIVE_ATTRIBUTES,
+    Manifest,
+    add_traces,
+    finished_manifest,
+    publish_file,
+    study_attributes,
+)
 
 
 def merge_metrics(run: StudyRun) -> xr.Dataset:
@@ -47,11 +54,30 @@ def publish_results(run: StudyRun, ds: xr.Dataset, measured: Mapping[str, Any]) 
     if study.plan.traces.names and not study.reduction:
         manifest, traces = _merge_traces(run, ds.attrs)
         ds = ds.assign_coords(traces.coords).assign_attrs(traces.attrs)
+    return _write_results(run, ds, manifest)
+
+
+def repair_results(run: StudyRun, ds: xr.Dataset) -> xr.Dataset:
+    """Complete the folder of a finished study: a changed title, files that were lost, files it no longer needs."""
+    attrs = study_attributes(run.study, run.manifest)
+    title = {name: attrs[name] for name in DESCRIPTIVE_ATTRIBUTES}
+    if any(ds.attrs.get(name) != value for name, value in title.items()):
+        metrics = ds.drop_vars([name for name in ds.data_vars if name in TRACES]).load()
+        return _write_results(run, metrics.assign_attrs(title), run.manifest)
+    run.manifest = finished_manifest(ds, run.store.path, run.manifest)
+    run.record()
+    run.store.remove_superseded(ds, run.manifest)
+    return ds
+
+
+def _write_results(run: StudyRun, ds: xr.Dataset, manifest: Manifest) -> xr.Dataset:
+    """Write results.nc and what says that it is complete; remove what it replaces."""
+    store = run.store
     ds.attrs["content_sha256"] = combined_sha256(ds)
     manifest = publish_file(store.results_path, lambda unfinished: write(ds, unfinished, mode="w"), manifest)
     result = add_traces(ds, store.path, manifest)
     store.remove_superseded(result, manifest)
-    finished_manifest(result, store.path, manifest).write(store.path)
+    store.write_manifest(finished_manifest(result, store.path, manifest), run.study.text)
     return result
 
 

@@ -18,15 +18,13 @@ from fastcoil.loops.netcdf import probe_file
 from fastcoil.loops.scenarios import check_result, check_same_form, join_flat, unflatten
 from fastcoil.model.metric_table import STATUS_NOT_RUN, TRACES
 from fastcoil.study.folder.folder import StudyFolder
-from fastcoil.study.folder.state import FolderState, Stage, StudyRun
+from fastcoil.study.folder.state import FolderState, Stage, StudyRun, is_complete_result_of, is_result_of
 from fastcoil.study.folder.stored import (
     MANIFEST_FILE,
     RESULTS_FILE,
     Manifest,
     Shards,
     find_problems,
-    is_complete_result_of,
-    is_result_of,
     open_final_results,
     study_attributes,
 )

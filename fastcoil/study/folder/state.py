@@ -25,20 +25,15 @@ from fastcoil.loops.scenarios import check_same_form, parameter_columns
 from fastcoil.model.engine.lanes import parameter_matrix
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, STATUS_NOT_RUN, TRACES
 from fastcoil.model.numerics.jit import is_same_model
-from fastcoil.model.user_rules import RULE_KINDS, refuse_changed_code
+from fastcoil.model.user_rules import RULE_KINDS, RuleHashes, refuse_changed_code
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.stored import (
-    DESCRIPTIVE_ATTRIBUTES,
     Manifest,
     Shards,
     find_problems,
-    finished_manifest,
-    is_complete_result_of,
-    is_result_of,
     open_final_results,
     study_attributes,
-    with_updated_title,
 )
 
 _SCENARIOS_AT_ONCE = 10_000  # of which keys are made
@@ -52,6 +47,17 @@ _DECISIVE_ATTRIBUTES = {
     "reduction_sha256": "[run] reduce",
 }
 """What a scenario depends on besides its parameters and its day: attribute and its name in messages."""
+
+
+def is_complete_result_of(ds: xr.Dataset, manifest: Manifest) -> bool:
+    """Whether a result is that of the run, complete and of the same model."""
+    return is_result_of(ds, manifest) and not bool((ds["status"].values == STATUS_NOT_RUN).any())
+
+
+def is_result_of(ds: xr.Dataset, manifest: Manifest) -> bool:
+    """Whether a result is of the run, complete or not, and of the same model."""
+    hashes = ds.attrs.get("study_sha256"), ds.attrs.get("model_sha256")
+    return hashes == (manifest.study_sha256, manifest.model_sha256)
 
 
 class Stage(Enum):
@@ -105,10 +111,7 @@ class FolderState:
         return study.find_by_hash(self.manifest.study_sha256, n_samples) or study
 
     def start_run(self, study: Study, extend: bool, scenarios: np.ndarray | None = None) -> StudyRun:
-        """Find what is left to do of a study; refuse one that does not fit what the folder holds.
-
-        scenarios: those of a job slice, beside which others run the rest.
-        """
+        """Find what is left to do of a study, or of a job slice; refuse one that does not fit what the folder holds."""
         requested = Manifest.from_study(study)
         stage = self.stage_of(requested)
         if stage is Stage.UNRECORDED:
@@ -121,20 +124,23 @@ class FolderState:
                 "extend it"
             )
         stored = None if stage is Stage.NEW else self.manifest
-        run = StudyRun(self.store, study, requested.with_files_of(stored))
+        user_code: RuleHashes = {}
         if stage is Stage.FINISHED and self.results is not None:
-            refuse_changed_code(requested.user_code, json.loads(self.results.attrs.get("user_code", "{}")))
-            run.results = self.results
-            return run
-        if stored is not None and not is_same_model(stored.model_sha256, requested.model_sha256):
+            user_code = json.loads(self.results.attrs.get("user_code", "{}"))
+        elif stored is not None and not is_same_model(stored.model_sha256, requested.model_sha256):
             warnings.warn(
                 f"{self.store.path} was computed with other sources of the model: everything is computed again",
                 stacklevel=2,
             )
         elif stored is not None and stage is Stage.RESUMABLE:
-            refuse_changed_code(requested.user_code, stored.user_code)
+            user_code = stored.user_code
+        refuse_changed_code(requested.user_code, user_code)
+        run = StudyRun(self.store, study, requested.with_files_of(stored), scenarios)
+        if stage is Stage.FINISHED:
+            run.results = self.results
+            return run
         run.match(self.results)
-        run.find_missing(scenarios, () if scenarios is None or stored is None else stored.computed_on)
+        run.find_missing(() if scenarios is None or stored is None else stored.computed_on)
         return run
 
 
@@ -172,12 +178,14 @@ class StudyRun:
     """A study in its folder: what is computed of it and what is missing.
 
     results: of a finished study, None where something is left to do.  earlier: results in the folder of which scenarios
-    are kept, those at ``earlier_index`` as those at ``study_index`` of the study.  missing: flat indices to compute.
+    are kept, those at ``earlier_index`` as those at ``study_index`` of the study.  scenarios: those of a job slice,
+    beside which others run the rest.  missing: flat indices to compute.
     """
 
     store: StudyFolder
     study: Study
     manifest: Manifest
+    scenarios: np.ndarray | None = None
     results: xr.Dataset | None = None
     earlier: xr.Dataset | None = None
     earlier_index: np.ndarray = field(default_factory=_no_scenarios)
@@ -204,11 +212,12 @@ class StudyRun:
             raise IntegrityError("\n".join(problems))
         self.earlier = results if self.study_index.size else None
 
-    def find_missing(self, scenarios: np.ndarray | None = None, environments: Sequence[Mapping[str, str]] = ()) -> None:
+    def find_missing(self, environments: Sequence[Mapping[str, str]]) -> None:
         """Find the scenarios to compute, and where the others were computed; damaged shards are set aside.
 
-        scenarios: only these and the shards that begin with one of them.  environments: further ones.
+        environments: those of other job slices, whose shards are not read.
         """
+        scenarios = self.scenarios
         done = np.zeros(self.study.plan.n_scenarios, dtype=bool)
         done[self.study_index] = True
         computed_on = [] if self.earlier is None else environments_of(self.earlier)
@@ -248,20 +257,6 @@ class StudyRun:
                 "study in another folder",
                 stacklevel=4,
             )
-
-    def repair(self) -> xr.Dataset:
-        """Complete the folder of a finished study: a changed title, files that were lost, files it no longer needs."""
-        ds = self.results
-        assert ds is not None
-        manifest = finished_manifest(ds, self.store.path, self.manifest)
-        attrs = study_attributes(self.study, self.manifest)
-        title = {name: value for name, value in attrs.items() if name in DESCRIPTIVE_ATTRIBUTES}
-        if any(ds.attrs.get(name) != value for name, value in title.items()):
-            ds, manifest = with_updated_title(ds, title, self.store.path, manifest)
-        self.manifest = manifest
-        self.record()
-        self.store.remove_superseded(ds, manifest)
-        return ds
 
     def parts(self, leave_out: Collection[str] = (), *, quarantine: bool = True) -> Iterator[xr.Dataset]:
         """Read all parts, without the variables ``leave_out``: the earlier results and the shards.

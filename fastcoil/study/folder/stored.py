@@ -38,11 +38,10 @@ from fastcoil.base.files import (
     write_atomically,
 )
 from fastcoil.base.machine import retry_while_locked
-from fastcoil.loops.netcdf import StoredFile, file_sha256, load, netcdf_bytes, open_lazily, probe_file, write
+from fastcoil.loops.netcdf import StoredFile, file_sha256, load, netcdf_bytes, open_lazily, probe_file
 from fastcoil.loops.plan import simulation_attributes
 from fastcoil.loops.provenance import RESULT_FORMAT, combined_sha256, environments_of, provenance, variable_sha256
 from fastcoil.loops.scenarios import check_result
-from fastcoil.model.metric_table import STATUS_NOT_RUN, TRACES
 from fastcoil.model.user_rules import RuleHashes, merge_rule_hashes, user_code_hashes
 from fastcoil.study.file.spec import Study
 
@@ -169,17 +168,6 @@ def study_attributes(study: Study, manifest: Manifest, measured: Mapping[str, An
     if manifest.user_code:
         attrs["user_code"] = json.dumps(manifest.user_code)
     return attrs | dict(measured or {})
-
-
-def is_complete_result_of(ds: xr.Dataset, manifest: Manifest) -> bool:
-    """Whether a result is that of the run, complete and of the same model."""
-    return is_result_of(ds, manifest) and not bool((ds["status"].values == STATUS_NOT_RUN).any())
-
-
-def is_result_of(ds: xr.Dataset, manifest: Manifest) -> bool:
-    """Whether a result is of the run, complete or not, and of the same model."""
-    hashes = ds.attrs.get("study_sha256"), ds.attrs.get("model_sha256")
-    return hashes == (manifest.study_sha256, manifest.model_sha256)
 
 
 # --- shards -----------------------------------------------------------------------------------------------------------
@@ -348,20 +336,6 @@ def trace_file(ds: xr.Dataset, folder: Path, manifest: Manifest | None) -> Store
             f"{folder / RESULTS_FILE} names traces in {short_repr(name)}, which holds none; {_RESULTS_CURE}"
         )
     return _final_file(folder / name, manifest)
-
-
-def with_updated_title(
-    ds: xr.Dataset, attrs: Mapping[str, Any], folder: Path, manifest: Manifest
-) -> tuple[xr.Dataset, Manifest]:
-    """Write the complete results ``ds`` again with another title, question and text; traces stay as they are.
-
-    Returns the results and their manifest.
-    """
-    metrics = ds.drop_vars([name for name in ds.data_vars if name in TRACES]).load().assign_attrs(attrs)
-    metrics.attrs["content_sha256"] = combined_sha256(metrics)
-    recorded = publish_file(folder / RESULTS_FILE, lambda unfinished: write(metrics, unfinished, mode="w"), manifest)
-    result = add_traces(metrics, folder, recorded)
-    return result, finished_manifest(result, folder, recorded)
 
 
 def find_variable_problems(ds: xr.Dataset, path: Path) -> list[str]:
