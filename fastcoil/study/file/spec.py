@@ -302,8 +302,9 @@ def _build_study(
     if problems or plan is None:
         raise InputError(problems)
     warn_unusual_values(plan.layout.loop)
+    hashes = sample_file_hashes(file.sample, folder) if file.sample else []
     study = Study(
-        text, tables, file.title or name, file.question, plan, folder, reduction, included,
-        sample_file_hashes(file.sample, folder) if file.sample else (), sources, run.predict, tuning, billing, precision, batches, plan,
+        text, tables, file.title or name, file.question, plan, folder, reduction, included, hashes, sources,
+        run.predict, tuning, billing, precision, batches, plan,
     )  # fmt: skip
     return study.with_batches(MIN_BATCHES) if precision else study

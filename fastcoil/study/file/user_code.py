@@ -110,7 +110,7 @@ def find_rules(file: StudyFile, folder: Path) -> tuple[StudyFile, dict[str, User
 
 
 def parse_rule(kind: str, name: str, source: UserCode) -> Rule:
-    """Parse the rule that a source declares: its decorator, and the class of its parameters, with numbers as defaults."""
+    """Parse the rule that a source declares by its decorator and the class of its parameters, with their defaults."""
     if is_built_in_rule(name):
         raise InputError(f"{name} is taken, call the function something else", kind, "duplicate")
     try:
