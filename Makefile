@@ -42,10 +42,11 @@ lint: $(VENV)/.installed-lint
 	$(BIN)/mypy
 	$(BIN)/deptry fastcoil
 
-# numbers and tables of the studies into the pages that quote them
+# numbers and tables of the studies into the pages that quote them, parameters and presets into the type stub of Loop
 .PHONY: pages
 pages: $(VENV)/.installed
 	$(BIN)/python docs/builder/numbers.py
+	$(BIN)/python docs/builder/stub.py
 
 # the site, build/docs/site/index.html, rebuilt from scratch so that its examples show the current behaviour; warnings
 # and dead links are errors

@@ -190,9 +190,7 @@ def compare_numbers(this_checkout: Checkout, other_checkout: Checkout) -> int:
     """Print what differs; returns in how many variables."""
     differing = n = 0
     for name in (name for name in this_checkout.names if name in other_checkout.names):
-        this_digests, other_digests = (
-            _rename_former_metrics(checkout.ask("numbers", name)) for checkout in (this_checkout, other_checkout)
-        )
+        this_digests, other_digests = (checkout.ask("numbers", name) for checkout in (this_checkout, other_checkout))
         shared = this_digests.keys() & other_digests.keys()
         differing_variables = sorted(v for v in shared if this_digests[v] != other_digests[v])
         n, differing = n + len(shared), differing + len(differing_variables)
@@ -200,13 +198,6 @@ def compare_numbers(this_checkout: Checkout, other_checkout: Checkout) -> int:
             print(f"{name}: {', '.join(differing_variables)} differ")
     print(f"{n - differing:,} of {n:,} variables are equal to the last bit")
     return differing
-
-
-def _rename_former_metrics(digests_by_name: dict[str, str]) -> dict[str, str]:
-    """Digests by the names that metrics have now: the other checkout may be older."""
-    from fastcoil.model.metric_table import FORMER_METRICS
-
-    return {FORMER_METRICS.get(name, (name, ""))[0]: digest for name, digest in digests_by_name.items()}
 
 
 if __name__ == "__main__":

@@ -22,8 +22,8 @@ STUDY = Path(__file__).parents[1] / "studies" / "robustness" / "robustness.toml"
 LANES, SECONDS, ROUNDS = 1024, 7200, 15
 NARROWED = {
     r"(?<![\w.])\d+\.\d*(e-?\d+)?|np\.(inf|nan)": r"np.float32(\g<0>)",  # constants
-    r"1\.0\) / common.substeps": "1.0 / common.substeps)",  # numba divides by whole numbers in double
-    r"shared else 0\)": "shared else 0), np.float32",  # an array
+    r"1\.0\) / config.substeps": "1.0 / config.substeps)",  # numba divides by whole numbers in double
+    r"shares_air_side else 0\)": "shares_air_side else 0), np.float32",  # an array
 }
 
 
@@ -61,15 +61,15 @@ def narrow():
     elementary.fma = jit.scalar(lambda a, b, c: a * b + c)
     for name in ("exp", "log"):
         setattr(elementary, name, compile_in_double(jit.exact, getattr(elementary, name)))
-    stages.ROWS = numba.types.CPointer(numba.float32)
+    stages.ROW_POINTER = numba.types.CPointer(numba.float32)
     jit.kernel_folder = stages.kernel_folder = lambda _: None
     for name in ("scalar", "section", "exact", "kernel"):
         setattr(jit, name, narrowing(getattr(jit, name)))
     lanes = importlib.import_module("fastcoil.model.engine.lanes")
-    emulate, aligned = lanes.emulate, lanes._aligned
-    lanes._aligned = lambda size: aligned(size).view(np.float32)[:size]
-    lanes.emulate = lambda rows, common, day, *more: emulate(
-        rows, common, day._replace(series=day.series.astype("f4"), command=day.command.astype("f4")), *more
+    emulate, aligned = lanes.emulate, lanes._allocate_aligned
+    lanes._allocate_aligned = lambda size: aligned(size).view(np.float32)[:size]
+    lanes.emulate = lambda rows, config, day, *more: emulate(
+        rows, config, day._replace(series=day.series.astype("f4"), command=day.command.astype("f4")), *more
     )
 
 

@@ -313,7 +313,7 @@ static void run_block(const scenarios *s, long k, long n, const day *d, double *
         if (t == next) {
             next += period;
             double counts = f & IN_SWITCH_BLOCK ? 1.0 : 0.0;
-            int counted = (f & COUNTED) != 0;
+            int counted = (f & IS_COUNTED) != 0;
             uint64_t moved = together ? control(b, t, T_set, counts, counted, 1) : control(b, t, T_set, counts, counted, 0);
             if (moved || t == 0) deliver(b);
         }
@@ -322,12 +322,12 @@ static void run_block(const scenarios *s, long k, long n, const day *d, double *
             T_set_from = T_set;
         }
         double T_moved = T_set - T_set_from;
-        int64_t kind = f & (COUNTED | SETTLED | IN_PEAK_BLOCK);
-        if (kind == COUNTED) account(b, T_set, T_w_in, m_a, T_moved, 0, 0);
-        if (kind == (COUNTED | SETTLED)) account(b, T_set, T_w_in, m_a, T_moved, 1, 0);
-        if (kind == (COUNTED | IN_PEAK_BLOCK)) account(b, T_set, T_w_in, m_a, T_moved, 0, 1);
-        if (kind == (COUNTED | SETTLED | IN_PEAK_BLOCK)) account(b, T_set, T_w_in, m_a, T_moved, 1, 1);
-        if (f & HUNTING_SEEN) see_periods(b, t, T_set);
+        int64_t kind = f & (IS_COUNTED | IS_SETTLED | IN_PEAK_BLOCK);
+        if (kind == IS_COUNTED) account(b, T_set, T_w_in, m_a, T_moved, 0, 0);
+        if (kind == (IS_COUNTED | IS_SETTLED)) account(b, T_set, T_w_in, m_a, T_moved, 1, 0);
+        if (kind == (IS_COUNTED | IN_PEAK_BLOCK)) account(b, T_set, T_w_in, m_a, T_moved, 0, 1);
+        if (kind == (IS_COUNTED | IS_SETTLED | IN_PEAK_BLOCK)) account(b, T_set, T_w_in, m_a, T_moved, 1, 1);
+        if (f & IS_HUNTING_SAMPLE) see_periods(b, t, T_set);
         if (f & WINDOW_ENDS) EACH_LANE b->sum[SWING][j] += b->highest[j] - b->lowest[j];
         if (f & PEAK_BLOCK_ENDS) EACH_LANE {
             b->sum[PEAK_POWER][j] = max(b->power_block[j], b->sum[PEAK_POWER][j]);
@@ -338,7 +338,7 @@ static void run_block(const scenarios *s, long k, long n, const day *d, double *
             b->omega[N][j] = d->W_a_in[t] / MASS_RATIO;
             b->T_w_in[j] = T_w_in;
         }
-        march(b, m_a, d->eps_a[t], d->eps_star[t], f & COUNTED ? m_a : 0.0, d->T_dry[t], damp);
+        march(b, m_a, d->eps_a[t], d->eps_star[t], f & IS_COUNTED ? m_a : 0.0, d->T_dry[t], damp);
     }
     for (int i = 0; i < N_SUMS; i++) memcpy(sums + i * n + k, b->sum[i], sizeof b->sum[i]);
 }

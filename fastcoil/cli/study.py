@@ -113,7 +113,7 @@ def plan(study: Path, jobs: int | None) -> None:
     from fastcoil.base.machine import available_memory, format_bytes, private_memory
     from fastcoil.loops.labels import sizes_in_words
     from fastcoil.loops.plan import check_disk, cut_into_shards
-    from fastcoil.loops.simulate import estimate, number_of_threads
+    from fastcoil.loops.simulate import estimate_run_time, number_of_threads
     from fastcoil.model.engine.lanes import compile_kernel
     from fastcoil.study.file.spec import read_study
     from fastcoil.study.run import default_folder
@@ -129,7 +129,7 @@ def plan(study: Path, jobs: int | None) -> None:
     shared_bytes, worker_bytes = run_plan.memory_of_run(n_jobs, "threads", traces_kept=traces_kept)
     library_bytes = private_memory() or 150 * 2**20  # a typical value where the system does not say it
     memory_bytes = library_bytes + shared_bytes + n_jobs * worker_bytes
-    seconds, metrics_left, traces_left = estimate(run_plan, n_jobs)
+    seconds, metrics_left, traces_left = estimate_run_time(run_plan, n_jobs)
     disk_bytes = run_plan.disk_bytes(traces_kept=traces_kept, metrics_left=metrics_left, traces_left=traces_left)
     sizes = sizes_in_words(run_plan.layout.sizes) or "a single scenario"
     echo(f"Scenarios:   {run_plan.n_scenarios:,} ({sizes})")

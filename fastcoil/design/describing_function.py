@@ -10,6 +10,7 @@ import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.design.plants import Columns, Complex, Plants, frequency_response, unique_columns
+from fastcoil.model.parameter_table import PARAMETERS
 
 
 def describing_function(amplitude: Array, width: Array, reversal_band: Array) -> Complex:
@@ -369,30 +370,20 @@ class Elements(NamedTuple):
 
 
 def unpredictable_loops(columns: Columns) -> dict[str, Mask]:
-    """Why the theory says nothing about a loop, and of which loops that is so, (n,)."""
-
-    def is_above(name: str, least: float = 0.0) -> Mask:
-        return np.asarray(np.asarray(columns[name], float) > least)
-
-    learns = (np.asarray(columns["estimator"]) != "none") & is_above("estimate_share")
-    jumps = (_assumed_backlash(columns) > np.asarray(columns["backlash"], float)) & (
-        _effective_buffer(columns) > _ROUND_OFF_BUFFER
-    )
-    small_cycles = "makes small cycles of its own: give 0, or simulate it"
-    return {
-        "a control law of your own has no describing function: simulate it": np.asarray(columns["law"]) != "pi",
-        "an estimator changes the estimate as it goes: give estimator = 'none' and the backlash_estimate that you want "
-        "to know about": learns,
-        "an estimate above the backlash with a buffer is beyond prediction: give buffer = 1e-9, or simulate it": (
-            jumps & ~learns & (np.asarray(columns["compensation"]) != "smooth")
-        ),
-        f"a stem that sticks and slips (slip_jump) {small_cycles}": is_above("slip_jump"),
-        f"a neutral_zone {small_cycles}": is_above("neutral_zone"),
-        f"a resolution (of sensor or command) {small_cycles}": is_above("sensor_resolution")
-        | is_above("command_resolution"),
-        "a gap that wears has no one size: give wear_rate = 0 and the backlash that you mean": is_above("wear_rate"),
-        "an error_dead_band stops small cycles and starts others: give 0, or simulate it": is_above("error_dead_band"),
-    }
+    """Return why theory says nothing about a loop, and of which loops that is so, (n,): see ``Parameter.theory``."""
+    reasons: dict[str, Mask] = {}
+    for p in PARAMETERS.values():
+        nearest, clause, other = p.theory
+        if clause:
+            # NaN, for a parameter that is not given, is neither below nor above
+            values = np.asarray(columns[p.name], str if p.is_word else float)
+            differs = values != nearest if p.is_word else (values < nearest) | (values > nearest)
+            is_uncovered = differs & (np.asarray(columns[other], float) > 0.0) if other else differs
+            reasons[clause] = reasons.get(clause, False) | is_uncovered
+    jumps = _assumed_backlash(columns) > np.asarray(columns["backlash"], float)
+    jumps &= (_effective_buffer(columns) > _ROUND_OFF_BUFFER) & ~reasons[PARAMETERS["estimator"].theory.clause]
+    clause = "an estimate above the backlash with a buffer is beyond prediction: give buffer = 1e-9, or simulate it"
+    return reasons | {clause: jumps & (np.asarray(columns["compensation"]) != "smooth")}
 
 
 def is_too_smooth(columns: Columns, amplitude: Array, w: Array) -> Mask:

@@ -164,9 +164,9 @@ def _solve_plants(*parts: bytes) -> tuple[np.ndarray, ...]:
             np.empty((OPENINGS.size, LANES)),
         )
         at_rest.simulate_step_response(
-            block.rows, block.common, of_lanes, rest, V.copy(), S, V, _SERIES_TOLERANCE, response, ends
+            block.rows, block.config, of_lanes, rest, V.copy(), S, V, _SERIES_TOLERANCE, response, ends
         )
-        at_rest.rest_curve(block.rows, block.common, of_lanes, OPENINGS, S, V, curve)
+        at_rest.rest_curve(block.rows, block.config, of_lanes, OPENINGS, S, V, curve)
         return [rest, response, ends, curve]
 
     return run_sets(matrix, run)
@@ -235,7 +235,7 @@ def _bring_to_rest(block: Block, members: Index, entering: Array, T_set: Array) 
     """Bring a block to rest: what enters, STEADY of its lanes, and the work space S and V."""
     lanes, (S, V, *_) = pad_members(members), work_space(block)
     steady, of_lanes = np.empty((len(at_rest.STEADY_ROWS), LANES)), np.ascontiguousarray(entering[:, lanes])
-    at_rest.find_rest(block.rows, block.common, of_lanes, T_set[lanes], S, V, steady)
+    at_rest.find_rest(block.rows, block.config, of_lanes, T_set[lanes], S, V, steady)
     return of_lanes, steady, S, V
 
 
@@ -252,7 +252,7 @@ def state_space_of(columns: Columns, conditions: Mapping[str, Array]) -> tuple[A
     def run(block: Block, members: Index) -> list[np.ndarray]:
         of_lanes, rest, S, V = _bring_to_rest(block, members, entering, T_set)
         A, B = np.empty((size, size, LANES)), np.empty((size, LANES))
-        at_rest.linearise_step(block.rows, block.common, of_lanes, rest, V.copy(), S, V, A, B)
+        at_rest.linearise_step(block.rows, block.config, of_lanes, rest, V.copy(), S, V, A, B)
         return [A, B]
 
     A, B = run_sets(matrix, run)

@@ -17,6 +17,7 @@ from fastcoil.loops.loop import Loop
 from fastcoil.loops.plan import Plan
 from fastcoil.loops.scenarios import cf_attributes, parameter_columns
 from fastcoil.model.metric_table import PREDICTIONS
+from fastcoil.model.parameter_table import PARAMETERS
 
 
 class Prediction(NamedTuple):
@@ -188,12 +189,9 @@ def phase_shares(prediction: Prediction) -> xr.DataArray:
 
 
 def nearest_linear(loop: Loop) -> Loop:
-    """The plain PI of a loop, for which theory holds whatever the loop has besides."""
-    zeros = dict.fromkeys(
-        ("learning_step", "backlash_estimate", "neutral_zone", "slip_jump", "sensor_resolution", "command_resolution",
-         "wear_rate", "error_dead_band"), 0.0,
-    )  # fmt: skip
-    return loop.assign(law="pi", estimator="none", **zeros)
+    """Return the plain PI of a loop, which theory covers whatever else the loop has: see ``Parameter.theory``."""
+    nearest = {name: p.theory.nearest for name, p in PARAMETERS.items()}
+    return loop.assign(**{name: value for name, value in nearest.items() if value is not None})
 
 
 def why_not_linear(loop: Loop) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""``Loop.assign``: checks of values, parameters of user rules, stand-ins and the parameters that they replace."""
+"""Checks of ``Loop.assign``: values, parameters of user rules, stand-ins and the parameters that they replace."""
 
 import inspect
 from collections.abc import Collection, Hashable, Mapping
@@ -17,7 +17,7 @@ from fastcoil.base.arguments import (
     require_flag,
     to_builtin,
 )
-from fastcoil.base.errors import InputError, WrongTypeMessage, short_repr
+from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.loops.labelled import accepted_units, as_data_array, convert_units
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
 from fastcoil.model.parameter_table import (
@@ -31,10 +31,12 @@ from fastcoil.model.parameter_table import (
 )
 from fastcoil.model.user_rules import RULE_KINDS, Rule
 
-FORBIDDEN_DIMS = {"day", "replicate", "volume", "elapsed_time", "status", *METRICS, *PREDICTIONS, *TRACES}
-FORBIDDEN_DIMS |= {"method", "tolerance", "drop", "indexers", "missing_dims"}
-"""Names that a swept dimension cannot have: dimensions and variables of a result, and what xarray's ``sel`` takes."""
-MIN_SERIES_VALUES = 3600  # values, an hour of seconds: a list of that many may be a time series by mistake
+FORBIDDEN_DIMS = {
+    "day", "replicate", "volume", "elapsed_time", "status", *METRICS, *PREDICTIONS, *TRACES,
+    "method", "tolerance", "drop", "indexers", "missing_dims",
+}  # fmt: skip
+"""Names that a swept dimension cannot have: dimensions and variables of a result, and arguments of xarray's ``sel``."""
+MIN_SERIES_VALUES = 3600  # an hour of seconds: a list of that many values may be a time series by mistake
 SERIES_HINT = (
     "did you mean a series?  A parameter does not change during a run: a series goes into fc.Boundary(…), an open-loop "
     "command into simulate(…, command=…)"
@@ -42,7 +44,7 @@ SERIES_HINT = (
 
 
 def check_value(parameter: Parameter, value: Any) -> Scalar | xr.DataArray:
-    """A scalar in the parameter's type and unit, or a DataArray of admissible values; ``value`` as of ``Loop``."""
+    """Return a scalar in the parameter's type and unit, or a DataArray of admissible values."""
     name = parameter.name
     array = as_data_array(name, value, name)
     if array is not None and array.dtype.kind in "iuf":
@@ -60,22 +62,23 @@ def check_value(parameter: Parameter, value: Any) -> Scalar | xr.DataArray:
 
 
 def _sweep_values(parameter: Parameter, values: Any) -> np.ndarray:
-    """A sweep along one dim, of values of the right type."""
+    """Return values of a sweep along one dim, each of the right type."""
     name, cure = parameter.name, "give a DataArray with named dims for more dimensions"
     if as_data_array(name, values, name) is not None:
-        raise InputError(f"{name} has labels of its own: give it as it is, without the name of a dimension")
+        sentence = f"{name} has labels of its own: give it as it is, without the name of a dimension"
+        raise InputError(sentence, name, "conflict")
     if not isinstance(values, (list, tuple)):
         values = require_array(name, values, "give a list of values", "iufUbOM")
         if values.ndim != 1:
-            raise InputError(f"{name}: a sweep is a list of values; {cure}")
+            raise InputError(f"{name}: a sweep is a list of values; {cure}", name, "shape")
     if len(values) > MAX_ARRAY_VALUES:
-        raise InputError(f"{name} has {len(values):,} values: give at most {MAX_ARRAY_VALUES:,}")
+        raise InputError(f"{name} has {len(values):,} values: give at most {MAX_ARRAY_VALUES:,}", name, "size")
     if isinstance(values, np.ndarray) and values.dtype.kind in "iuf" and not parameter.is_word:
         return values
     right_types = (str,) if parameter.is_word else (float, int)
     for value in (to_builtin(item) for item in values if type(item) not in right_types):
         if isinstance(value, (np.ndarray, list, tuple)):
-            raise InputError(f"{name} = {short_repr(value)} in a list: {cure}")
+            raise InputError(f"{name} = {short_repr(value)} in a list: {cure}", name, "shape")
         if problem := parameter.problem(value):
             raise InputError(problem)
     return np.asarray(values)
@@ -84,11 +87,11 @@ def _sweep_values(parameter: Parameter, values: Any) -> np.ndarray:
 def _check_array(parameter: Parameter, array: xr.DataArray) -> xr.DataArray:
     name = parameter.name
     if array.size == 0:
-        raise InputError(f"{name} = []: a sweep needs at least one value")
+        raise InputError(f"{name} = []: a sweep needs at least one value", name, "missing")
     for dim in array.dims:
         _check_dim(name, dim, array)
     if not parameter.is_word and array.dtype.kind not in "iuf":
-        raise InputError(WrongTypeMessage(f"{name} has values of type {array.dtype}: give numbers"))
+        raise InputError(f"{name} has values of type {array.dtype}: give numbers", name, "type")
     flat = array.values.ravel()
     is_valid = np.zeros(flat.size, dtype=bool)
     if not parameter.is_word:
@@ -98,9 +101,9 @@ def _check_array(parameter: Parameter, array: xr.DataArray) -> xr.DataArray:
         is_valid &= (flat == np.floor(flat)) | (not parameter.whole)
     problems = [p for p in map(parameter.problem, flat[~is_valid].tolist()) if p]
     if problems:
-        raise InputError(
-            problems[0] if len(problems) == 1 else f"{problems[0]} (and {len(problems) - 1} more of its values)"
-        )
+        more = f" (and {len(problems) - 1} more of its values)" if len(problems) > 1 else ""
+        first = InputError(problems).problems[0]
+        raise InputError(first + more, first.field, first.code)
     if not parameter.is_word:
         array = array.copy(data=array.values.astype(int if name in INTEGER_PARAMETERS else float))
     if array.dims == (name,):
@@ -109,38 +112,41 @@ def _check_array(parameter: Parameter, array: xr.DataArray) -> xr.DataArray:
         unique, counts = np.unique(values, return_counts=True)
         if unique.size < values.size:
             hint = f"; {SERIES_HINT}" if values.size >= MIN_SERIES_VALUES else ""
-            raise InputError(f"{name}: {unique[counts > 1][0]} appears twice on its axis: leave one out{hint}")
+            sentence = f"{name}: {unique[counts > 1][0]} appears twice on its axis: leave one out{hint}"
+            raise InputError(sentence, name, "duplicate")
         array = xr.DataArray(values, dims=name)
     return array
 
 
 def _check_dim(name: str, dim: Hashable, array: xr.DataArray) -> None:
-    """Refuse names of dims that are taken or unusable, labels that no file can hold, and labels in another unit."""
+    """Refuse names of dims that are taken or unusable, labels that cannot be stored, and labels in another unit."""
     if not isinstance(dim, str) or not dim.isidentifier() or dim in FORBIDDEN_DIMS:
         cure = "it is taken, choose another" if dim in FORBIDDEN_DIMS else "use letters, digits and _"
-        raise InputError(f"{name}: {short_repr(dim)} cannot be the name of a swept dimension: {cure}")
+        sentence = f"{name}: {short_repr(dim)} cannot be the name of a swept dimension: {cure}"
+        raise InputError(sentence, name, "name")
     if dim in PARAMETERS and dim == name and array.ndim > 1:
-        raise InputError(f"{name}: its own name can only be the dimension of a plain list of its values")
+        sentence = f"{name}: its own name can only be the dimension of a plain list of its values"
+        raise InputError(sentence, name, "name")
     if dim not in array.coords:
         return
     labels = array.coords[dim]
-    if labels.dtype.kind not in "biuf" and not all(
-        isinstance(label, str) and is_storable_text(label) for label in labels.values
-    ):
-        raise InputError(f"{name}: the labels along {dim!r} are of type {labels.dtype}: give numbers or text")
+    is_text = [isinstance(label, str) and is_storable_text(label) for label in labels.values]
+    if labels.dtype.kind not in "biuf" and not all(is_text):
+        sentence = f"{name}: the labels along {dim!r} are of type {labels.dtype}: give numbers or text"
+        raise InputError(sentence, name, "type")
     converted = labels.values
     if dim in PARAMETERS and labels.dtype.kind in "iuf":
         converted = convert_units(dim, labels, accepted_units(PARAMETERS[dim].unit))
     if not np.array_equal(converted, array.values if dim == name else labels.values):
-        text = f"{name}: the labels along {dim}, {short_repr(converted.tolist())}, are not its values"
-        raise InputError(f"{text}: give them in our unit, or none")
+        sentence = f"{name}: the labels along {dim}, {short_repr(converted.tolist())}, are not its values"
+        raise InputError(f"{sentence}: give them in the unit of {dim}, or none", name, "unit")
 
 
 NO_RULES: Mapping[str, Rule] = {}
 
 
 def all_parameters(rules: Mapping[str, Rule]) -> Mapping[str, Parameter]:
-    """Every parameter by name: those of the package, with the rules among the choices, then the rules' own."""
+    """Return every parameter by name: those of the package, with the rules among the choices, then those of rules."""
     if not rules:
         return PARAMETERS
     table = dict(PARAMETERS)
@@ -153,7 +159,7 @@ def all_parameters(rules: Mapping[str, Rule]) -> Mapping[str, Parameter]:
 
 
 def extract_rules(name: str, value: Any) -> tuple[Any, list[Rule]]:
-    """The value of ``estimator`` or ``law`` with words in place of rules, and these rules."""
+    """Replace rules in a value of ``estimator`` or ``law`` by their names; return it and the rules."""
     if isinstance(value, tuple) and len(value) == 2 and isinstance(value[1], (list, tuple, np.ndarray)):
         words, rules = extract_rules(name, value[1])
         return (value[0], words), rules
@@ -166,10 +172,11 @@ def extract_rules(name: str, value: Any) -> tuple[Any, list[Rule]]:
     rules = [item for item in items if isinstance(item, Rule)]
     for rule in rules:
         if rule.kind != name:
-            raise InputError(f"{name}: {rule.name} is made with @fc.{rule.kind}: give {rule.kind} = {rule.name}")
+            sentence = f"{name}: {rule.name} is made with @fc.{rule.kind}: give {rule.kind} = {rule.name}"
+            raise InputError(sentence, name, "conflict")
     for function in filter(inspect.isfunction, items):
-        cure = f"put @fc.{name}(Parameters, Memory) before it"
-        raise InputError(WrongTypeMessage(f"{name}: {function.__name__} is a plain function: {cure}"))
+        sentence = f"{name}: {function.__name__} is a plain function: put @fc.{name}(Parameters, Memory) before it"
+        raise InputError(sentence, name, "type")
     words = [item.name if isinstance(item, Rule) else item for item in items]
     return (words if items is value else words[0]) if rules else value, rules
 
@@ -177,38 +184,28 @@ def extract_rules(name: str, value: Any) -> tuple[Any, list[Rule]]:
 def merge_rules(
     known_rules: Mapping[str, Rule], new_rules: Collection[Rule], used_names: Collection[str]
 ) -> dict[str, Rule]:
-    """The rules known so far with new ones; those not ``used_names`` give way where names of parameters clash."""
+    """Add new rules to known ones; known rules that are not used are dropped if names of parameters clash."""
     new_by_name: dict[str, Rule] = {}
     for rule in new_rules:
         if new_by_name.setdefault(rule.name, rule) != rule:
-            raise InputError(f"two rules are called {rule.name}: rename one of them")
+            raise InputError(f"two rules are called {rule.name}: rename one of them", rule.kind, "duplicate")
     new_parameters = {n for rule in new_rules for n in rule.own}
-    kept_rules = {
-        n: r
-        for n, r in known_rules.items()
-        if n not in new_by_name and (n in used_names or not new_parameters & r.own.keys())
-    }
-    rules = kept_rules | new_by_name
+    kept = {n: r for n, r in known_rules.items() if n in used_names or not new_parameters & r.own.keys()}
+    rules = {n: r for n, r in kept.items() if n not in new_by_name} | new_by_name
     first_rules: dict[str, Rule] = {}
     for rule in rules.values():
         for name, parameter in rule.own.items():
-            first_rule = first_rules.setdefault(name, rule)
-            if _without_texts(first_rule.own[name]) != _without_texts(parameter):
-                raise InputError(
-                    f"{name} is a parameter of {first_rule.name} and another one of {rule.name}: rename one"
-                )
+            first = first_rules.setdefault(name, rule)
+            if replace(first.own[name], group="", text="") != replace(parameter, group="", text=""):
+                sentence = f"{name} is a parameter of {first.name} and another one of {rule.name}: rename one"
+                raise InputError(sentence, name, "duplicate")
     return rules
-
-
-def _without_texts(parameter: Parameter) -> Parameter:
-    """The parameter without what each rule says of it in its own words."""
-    return replace(parameter, group="", text="")
 
 
 def values_for_rules(
     values: Mapping[str, Any], old_rules: Mapping[str, Rule], rules: Mapping[str, Rule]
 ) -> dict[str, Any]:
-    """The values of a loop whose rules change: without parameters that no rule has any more, with new ones."""
+    """Return the values of a loop whose rules change: drop parameters that no rule has any more, add new ones."""
     old_parameters = {n: p for rule in old_rules.values() for n, p in rule.own.items()}
     new_parameters = {n: p for rule in rules.values() for n, p in rule.own.items()}
     kept_values = {n: v for n, v in values.items() if n not in old_parameters or n in new_parameters}
@@ -220,20 +217,19 @@ def values_for_rules(
 
 CONVERGED_KEYWORD = "converged"
 CONVERGED: Mapping[str, Any] = {"air_march": "quasistatic", "substeps": 8}
-"""Parameters that the word ``converged`` sets."""
+"""Parameters that ``converged=True`` sets, within 1 % of the RMSE of a finer scheme, see docs/model.md."""
 CONVERGED_TEXT = " and ".join(f"{name} = {value!r}" for name, value in CONVERGED.items())
 
 
 def expand_converged(changes: Mapping[str, Any]) -> dict[str, Any]:
-    """The changes of a loop with the parameters that ``converged`` stands for; False changes nothing."""
+    """Replace ``converged`` in the changes of a loop by the parameters that it stands for; False changes nothing."""
     other_changes = {name: value for name, value in changes.items() if name != CONVERGED_KEYWORD}
     if CONVERGED_KEYWORD not in changes or not require_flag(CONVERGED_KEYWORD, changes[CONVERGED_KEYWORD]):
         return other_changes
     conflicting = [name for name in CONVERGED if name in other_changes]
     if conflicting:
-        raise InputError(
-            f"converged stands for {CONVERGED_TEXT}: leave it out, or leave out {' and '.join(conflicting)}"
-        )
+        sentence = f"converged stands for {CONVERGED_TEXT}: leave it out, or leave out {' and '.join(conflicting)}"
+        raise InputError(sentence, CONVERGED_KEYWORD, "conflict")
     return other_changes | dict(CONVERGED)
 
 
@@ -246,7 +242,7 @@ _ALTERNATIVES = (
 def assign_values(
     values: Mapping[str, Any], known_rules: Mapping[str, Rule], changes: Mapping[str, Any]
 ) -> tuple[dict[str, Any], Mapping[str, Rule]]:
-    """Apply ``changes``; all of their mistakes are reported together.  Returns the values and the rules known."""
+    """Apply ``changes``, reporting all mistakes together; return the values and the known rules."""
     problems: list[str] = []
     checked: dict[str, Any] = {}
     with collect_problems(problems):
@@ -262,9 +258,8 @@ def assign_values(
     for stand_ins, replaced in _ALTERNATIVES:
         given_stand_ins, given_replaced = [n for n in stand_ins if n in checked], [n for n in replaced if n in checked]
         if given_stand_ins and given_replaced:
-            problems.append(
-                f"{' and '.join(given_stand_ins)} stand in for {' and '.join(given_replaced)}: give one or the other"
-            )
+            both = f"{' and '.join(given_stand_ins)} stand in for {' and '.join(given_replaced)}"
+            problems.append(Problem(f"{both}: give one or the other", given_stand_ins[0], "conflict"))
     raise_problems(problems)
 
     result = dict(values)
@@ -273,7 +268,8 @@ def assign_values(
             if not checked.keys() & set(new):
                 continue
             if missing := [n for n in new if n not in checked and n not in result]:
-                raise InputError(f"{', '.join(new)} go together: {' and '.join(missing)} missing")
+                sentence = f"{', '.join(new)} go together: {' and '.join(missing)} missing"
+                raise InputError(sentence, missing[0], "missing")
             result = {n: v for n, v in result.items() if n not in old}
     for name, value in checked.items():
         if isinstance(value, xr.DataArray):
@@ -286,15 +282,14 @@ def assign_values(
 def _resolve_rules(
     values: Mapping[str, Any], known_rules: Mapping[str, Rule], changes: Mapping[str, Any]
 ) -> tuple[dict[str, Any], Mapping[str, Rule]]:
-    """The changes with words in place of rules, and the rules then known."""
+    """Return the changes with names in place of rules, and the rules known then."""
     extracted = {kind: extract_rules(kind, changes[kind]) for kind in RULE_KINDS if kind in changes}
     new_rules = [rule for _, rules in extracted.values() for rule in rules]
     if not new_rules:
         return dict(changes), known_rules
     changes = {**changes, **{kind: words for kind, (words, _) in extracted.items()}}
-    used_names = {
-        str(word) for kind in RULE_KINDS for word in np.ravel(np.asarray(values.get(kind))) if kind not in changes
-    }
+    unchanged_kinds = [kind for kind in RULE_KINDS if kind not in changes]
+    used_names = {str(word) for kind in unchanged_kinds for word in np.ravel(np.asarray(values.get(kind)))}
     return changes, merge_rules(known_rules, new_rules, used_names)
 
 
@@ -303,31 +298,29 @@ def _check_axes(values: Mapping[str, Any]) -> None:
     first_names: dict[str, str] = {}
     labelled: dict[str, tuple[str, np.ndarray]] = {}
     problems = []
-    for name, value in values.items():
-        for dim, size in value.sizes.items() if isinstance(value, xr.DataArray) else ():
+    arrays = {name: value for name, value in values.items() if isinstance(value, xr.DataArray)}
+    for name, value in arrays.items():
+        for dim, size in value.sizes.items():
             first_name = first_names.setdefault(str(dim), name)
             expected = values[first_name].sizes[dim]
             if size != expected:
+                sentence = f"{name} has {size} values along {dim!r}, {first_name} has {expected}"
                 cure = "give all of them in one call, of the same length"
-                problems.append(f"{name} has {size} values along {dim!r}, {first_name} has {expected}: {cure}")
+                problems.append(Problem(f"{sentence}: {cure}", name, "shape"))
             elif name == dim or dim in value.coords:
                 labels = value.values if name == dim else value.coords[dim].values
-                labelled_name, first_labels = labelled.setdefault(str(dim), (name, labels))
-                is_float = labels.dtype.kind == first_labels.dtype.kind == "f"  # rounded to 12 digits
-                if not (
-                    np.allclose(labels, first_labels, 1e-11, 0.0) if is_float else np.array_equal(labels, first_labels)
-                ):
-                    problems.append(
-                        f"{name} has the labels {short_repr(labels.tolist())} along {dim!r} where {labelled_name} has "
-                        f"{short_repr(first_labels.tolist())}: give the same, in one order"
-                    )
+                labelled_name, first = labelled.setdefault(str(dim), (name, labels))
+                is_float = labels.dtype.kind == first.dtype.kind == "f"  # rounded to 12 digits
+                if not (np.allclose(labels, first, 1e-11, 0.0) if is_float else np.array_equal(labels, first)):
+                    sentence = f"{name} has the labels {short_repr(labels.tolist())} along {dim!r}"
+                    other = f"where {labelled_name} has {short_repr(first.tolist())}"
+                    problems.append(Problem(f"{sentence} {other}: give the same, in one order", name, "shape"))
     for dim, (name, labels) in labelled.items():
-        unlabelled = [
-            n for n, v in values.items() if isinstance(v, xr.DataArray) and dim in v.dims and dim not in v.coords
-        ]
+        unlabelled = [n for n, v in arrays.items() if dim in v.dims and dim not in v.coords]
         numbers = np.arange(labels.size)  # which bare values have as labels in a result
         is_mixed = np.array_equal(np.sort(labels), numbers) and not np.array_equal(labels, numbers)
         if unlabelled and is_mixed and dim not in PARAMETERS:
-            labels_text = f"{short_repr(labels.tolist())} along {dim!r} where {unlabelled[0]} counts from 0"
-            problems.append(f"{name} has the labels {labels_text}: give {name} in that order, or without labels")
+            sentence = f"{name} has the labels {short_repr(labels.tolist())} along {dim!r}"
+            cure = f"where {unlabelled[0]} counts from 0: give {name} in that order, or without labels"
+            problems.append(Problem(f"{sentence} {cure}", name, "shape"))
     raise_problems(problems)

@@ -1,8 +1,8 @@
-"""What is refused before anything runs: parameters that clash, unstable coils; warned of: days that do not suit.
+"""Refusals before anything runs (parameters that clash, unstable coils), and warnings of days that do not suit.
 
-Stability is that of the explicit scheme of Eq (3) at dt = 1 s / substeps.  Every temperature stays a weighted mean of
-its neighbours, and nothing overshoots, exactly if γ ≤ 1 and λ ≤ 1 in every control volume (γ: Courant number of the
-water, λ: rate of the metal).
+Stability is that of the explicit scheme of Eq (3) at dt = 1 s / substeps: every temperature remains a weighted mean of
+its neighbours, without overshoot, exactly if γ ≤ 1 and λ ≤ 1 in every control volume (γ: Courant number of the water,
+λ: rate of the metal).
 """
 
 import warnings
@@ -13,7 +13,7 @@ import xarray as xr
 
 from fastcoil.base.arguments import raise_problems
 from fastcoil.base.arrays import Array
-from fastcoil.base.errors import InputError
+from fastcoil.base.errors import InputError, Problem
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop, used_choices
 from fastcoil.loops.presets import COOLING_PRESETS
@@ -25,73 +25,61 @@ from fastcoil.model.estimators.registry import ESTIMATORS
 from fastcoil.model.parameter_table import ESTIMATOR_GROUPS, PARAMETERS, STAND_INS
 from fastcoil.model.valve_test import LARGEST_RATE_RATIO
 
-SET_POINT_TOLERANCE_K = 1.0
-"""Set-points that lie closer together than this count as one, K: a record of a constant one drifts and has steps."""
-_CAP_PARAMETERS = {"learner": "learning_cap", "gradient": "gradient_cap"}
-"""The parameter that limits the estimate of an estimator."""
+_CAP_PARAMETERS = {"learner": "learning_cap", "gradient": "gradient_cap"}  # which limit the estimate
 
 
 def check_clashes(loop: Loop, T_set: Array, least_scale: float = 1.0) -> None:
-    """Refuse values that only clash together; ``T_set``: all set-points, °C; ``least_scale``: of the backlash."""
-    unused_rules = [rule for rule in loop.rules.values() if rule.name not in used_choices(loop, rule.kind)]
-    problems = [
-        *_size_clashes(loop, least_scale),
-        *_unread_by_estimators(loop).values(),
-        *(
-            f"{rule.name}, which no scenario has, alone reads {' and '.join(rule.own)}: give {rule.kind} = "
-            f"{rule.name!r}, or leave them out"
-            for rule in unused_rules
-        ),
-        *missing_parameters(loop),
-        *controller_clashes(loop, T_set),
-    ]
-    raise_problems(problems)
+    """Refuse values that clash with each other; ``T_set``: all set-points, °C; ``least_scale``: of the backlash."""
+    problems = [*_size_clashes(loop, least_scale), *_unread_by_estimators(loop).values()]
+    for rule in loop.rules.values():
+        if rule.name not in used_choices(loop, rule.kind):
+            sentence = f"{rule.name}, which no scenario has, alone reads {' and '.join(rule.own)}"
+            cure = f"give {rule.kind} = {rule.name!r}, or leave them out"
+            problems.append(Problem(f"{sentence}: {cure}", next(iter(rule.own)), "conflict"))
+    raise_problems([*problems, *missing_parameters(loop), *controller_clashes(loop, T_set)])
 
 
-def missing_parameters(loop: Loop) -> list[str]:
-    """Parameters that an estimator or a rule reads and that the loop does not give, a sentence each."""
+def missing_parameters(loop: Loop) -> list[Problem]:
+    """Return a problem for each parameter that an estimator or a rule reads and that the loop does not give."""
     used = used_choices(loop, "estimator")
-    problems = [
-        f"estimator = {estimator.name!r} without {name}: give the {PARAMETERS[name].text} "
-        f"({PARAMETERS[name].unit}, {PARAMETERS[name].bounds})"
-        for estimator in ESTIMATORS
-        if estimator is not None and estimator.name in used
-        for name in estimator.Parameters._fields
-        if name not in STAND_INS and PARAMETERS[name].default is None and loop[name] is None
-    ]
+    problems = []
+    for estimator in filter(None, ESTIMATORS):
+        for name in estimator.Parameters._fields if estimator.name in used else ():
+            if name not in STAND_INS and PARAMETERS[name].default is None and loop[name] is None:
+                cure = f"give the {PARAMETERS[name].text} ({PARAMETERS[name].unit}, {PARAMETERS[name].bounds})"
+                problems.append(Problem(f"estimator = {estimator.name!r} without {name}: {cure}", name, "missing"))
     return problems + [
-        f"{rule.name} reads {name}, which the loop does not give: give {name}"
+        Problem(f"{rule.name} reads {name}, which the loop does not give: give {name}", name, "missing")
         for rule in loop.rules.values()
         for name in rule.reads
         if loop[name] is None
     ]
 
 
-def controller_clashes(loop: Loop, T_set: Array) -> list[str]:
-    """Clashes within the controller, a sentence each.  T_set: all its set-points, °C."""
+def controller_clashes(loop: Loop, T_set: Array) -> list[Problem]:
+    """Return a problem for each clash within the controller.  T_set: all its set-points, °C."""
     problems = [*_unread_by_controller(loop).values(), *_buffer_clashes(loop), *_test_clashes(loop)]
-    dead_band, set_point_range = (
-        float(np.max(np.asarray(loop["error_dead_band"]))),
-        float(np.max(T_set) - np.min(T_set)),
-    )
-    if SET_POINT_TOLERANCE_K <= set_point_range <= dead_band:
+    dead_band = float(np.max(np.asarray(loop["error_dead_band"])))
+    # set-points within 1 K count as one: a record of a constant one drifts and has steps
+    if 1.0 <= (set_point_range := float(np.max(T_set) - np.min(T_set))) <= dead_band:
         effect = f"set-points within {set_point_range:g} K would not move the valve"
-        problems.append(f"error_dead_band = {dead_band:g} K: {effect}, give less")
+        sentence = f"error_dead_band = {dead_band:g} K: {effect}, give less"
+        problems.append(Problem(sentence, "error_dead_band", "conflict"))
     return problems
 
 
-def unread_values(loop: Loop) -> dict[str, str]:
-    """Parameters that differ from their defaults and that no scenario reads, with the sentences that refuse them."""
+def unread_values(loop: Loop) -> dict[str, Problem]:
+    """Return the parameters that differ from their defaults and that no scenario reads, with the problems."""
     return _unread_by_estimators(loop) | _unread_by_controller(loop)
 
 
 def _parameter_arrays(loop: Loop, *names: str) -> list[xr.DataArray]:
-    """The values of parameters, which then broadcast against each other by their dims."""
+    """Return the values of parameters as arrays that broadcast against each other by their dims."""
     return [xr.DataArray(loop[name]) for name in names]
 
 
-def _size_clashes(loop: Loop, least_scale: float) -> Iterator[str]:
-    """An estimate of 1 or above its cap, a learner without a step or reference, a jump of the stem above its gap."""
+def _size_clashes(loop: Loop, least_scale: float) -> Iterator[Problem]:
+    """Refuse an estimate of 1 or above its cap, a learner without step or reference, a jump above the backlash."""
     if loop["estimate_ratio"] is None:
         (estimate,) = _parameter_arrays(loop, "backlash_estimate")
     else:
@@ -99,67 +87,73 @@ def _size_clashes(loop: Loop, least_scale: float) -> Iterator[str]:
         estimate = ratio * backlash
     largest = float(estimate.max())
     if largest >= 1.0:
-        yield f"estimate_ratio × backlash reaches {largest:g}: an estimate must stay below 1, lower one of them"
+        sentence = f"estimate_ratio × backlash reaches {largest:g}: an estimate must stay below 1, lower one of them"
+        yield Problem(sentence, "estimate_ratio", "value")
     used = used_choices(loop, "estimator")
-    step, error_ratio, reference = _parameter_arrays(
-        loop, "learning_step", "learning_error_ratio", "learning_reference"
-    )
+    names = ("learning_step", "learning_error_ratio", "learning_reference")
+    step, error_ratio, reference = _parameter_arrays(loop, *names)
     learns = (step > 0.0) if loop["estimator"] is None else xr.DataArray(loop["estimator"]) == "learner"
     for name, cap_name in _CAP_PARAMETERS.items():
         has_estimator = learns if name == "learner" else xr.DataArray(loop["estimator"]) == name
         if name in used and (has_estimator & (estimate > xr.DataArray(loop[cap_name]))).any():
-            yield f"backlash_estimate up to {largest:g}: it cannot start above {cap_name}, lower it or raise {cap_name}"
+            cure = f"it cannot start above {cap_name}, lower it or raise {cap_name}"
+            yield Problem(f"backlash_estimate up to {largest:g}: {cure}", "backlash_estimate", "conflict")
     if "learner" in used and (learns & (step == 0.0)).any():
-        yield "estimator = 'learner' with learning_step = 0: give the step by which it changes its estimate"
-    if (error_ratio > 0.0).any() and ((error_ratio > 0.0) & (reference == 0.0)).any():
-        yield "learning_error_ratio without learning_reference: give the number of intervals of which it is the mean"
+        sentence = "estimator = 'learner' with learning_step = 0: give the step by which it changes its estimate"
+        yield Problem(sentence, "learning_step", "missing")
+    if ((error_ratio > 0.0) & (reference == 0.0)).any():
+        cure = "give the number of intervals of which it is the mean"
+        yield Problem(f"learning_error_ratio without learning_reference: {cure}", "learning_reference", "missing")
     jump, backlash = _parameter_arrays(loop, "slip_jump", "backlash")
     smallest_scale = min(least_scale, 1.0)
     if (jump > 0.0).any() and (excess := float((jump - smallest_scale * backlash).where(jump > 0.0, 0.0).max())) > 0.0:
         scaled = "" if smallest_scale == 1.0 else f", which backlash_scale makes {smallest_scale:g} times as large"
-        yield f"slip_jump is up to {excess:g} above the backlash{scaled}: lower slip_jump or raise backlash"
+        sentence = f"slip_jump is up to {excess:g} above the backlash{scaled}: lower slip_jump or raise backlash"
+        yield Problem(sentence, "slip_jump", "conflict")
 
 
-def _unread_by_estimators(loop: Loop) -> dict[str, str]:
+def _unread_by_estimators(loop: Loop) -> dict[str, Problem]:
     used = {"learner"} if loop["estimator"] is None else used_choices(loop, "estimator")
-    unread = {
-        p.name: f"{p.name} belongs to the estimator {p.group}, which no scenario has: give estimator = {p.group!r}, or "
-        f"leave {p.name} out"
-        for p in PARAMETERS.values()
-        if p.group in ESTIMATOR_GROUPS and p.group not in used and _is_changed(loop, p.name)
-    }
+    unread = {}
+    for p in PARAMETERS.values():
+        if p.group in ESTIMATOR_GROUPS and p.group not in used and _is_changed(loop, p.name):
+            sentence = f"{p.name} belongs to the estimator {p.group}, which no scenario has"
+            cure = f"give estimator = {p.group!r}, or leave {p.name} out"
+            unread[p.name] = Problem(f"{sentence}: {cure}", p.name, "conflict")
     if _is_changed(loop, "estimate_share") and used <= {"none"}:
-        unread["estimate_share"] = "estimate_share without an estimator: give estimator, or leave estimate_share out"
+        sentence = "estimate_share without an estimator: give estimator, or leave estimate_share out"
+        unread["estimate_share"] = Problem(sentence, "estimate_share", "conflict")
     return unread
 
 
-def _unread_by_controller(loop: Loop) -> dict[str, str]:
+def _unread_by_controller(loop: Loop) -> dict[str, Problem]:
     ratio, noise, swing, law = _parameter_arrays(loop, "buffer_ratio", "buffer_noise", "buffer_swing", "compensation")
     is_rate_changed = xr.DataArray(_is_changed(loop, "smooth_rate"))
-    readers = {  # where a value is given, where it is read, and what reads it
-        "buffer_noise": (noise == "measured", ratio > 0.0, "buffer_noise = 'measured' without buffer_ratio"),
-        "buffer_swing": (swing > 0.0, ratio > 0.0, "buffer_swing without buffer_ratio"),
-        "smooth_rate": (is_rate_changed, law == "smooth", "smooth_rate without compensation = 'smooth'"),
-    }
+    readers = (  # a parameter, where it is given, where it is read, text, what to give
+        ("buffer_noise", noise == "measured", ratio > 0.0, " = 'measured' without buffer_ratio", "buffer_ratio"),
+        ("buffer_swing", swing > 0.0, ratio > 0.0, " without buffer_ratio", "buffer_ratio"),
+        ("smooth_rate", is_rate_changed, law == "smooth", " without compensation = 'smooth'", "that word"),
+    )
     return {
-        name: f"{text}: give {'that word' if name == 'smooth_rate' else 'buffer_ratio'}, or leave {name} out"
-        for name, (is_given, is_read, text) in readers.items()
+        name: Problem(f"{name}{text}: give {cure}, or leave {name} out", name, "conflict")
+        for name, is_given, is_read, text, cure in readers
         if is_given.any() and not (is_given & is_read).any()
     }
 
 
-def _buffer_clashes(loop: Loop) -> list[str]:
-    ratio, swing, noise_source, kp, noise = _parameter_arrays(
-        loop, "buffer_ratio", "buffer_swing", "buffer_noise", "kp", "noise_std"
-    )
+def _buffer_clashes(loop: Loop) -> list[Problem]:
+    names = ("buffer_ratio", "buffer_swing", "buffer_noise", "kp", "noise_std")
+    ratio, swing, noise_source, kp, noise = _parameter_arrays(loop, *names)
     if not (ratio > 0.0).any() and not (swing > 0.0).any():
         return []
     is_measured, gain = noise_source == "measured", loop["plant_gain"]
     problems = []
     if (is_measured & (ratio > 0.0) & (swing == 0.0)).any():  # a loop that rings looks like noise
-        problems = ["buffer_noise = 'measured' without buffer_swing: give buffer_swing and plant_gain, which limit it"]
+        sentence = "buffer_noise = 'measured' without buffer_swing: give buffer_swing and plant_gain, which limit it"
+        problems.append(Problem(sentence, "buffer_swing", "missing"))
     if gain is None and (swing > 0.0).any():
-        problems.append("buffer_swing without plant_gain: give plant_gain, by which the swing limits the buffer")
+        sentence = "buffer_swing without plant_gain: give plant_gain, by which the swing limits the buffer"
+        problems.append(Problem(sentence, "plant_gain", "missing"))
     if problems:
         return problems
     # measured noise has no upper bound: the swing alone limits the buffer
@@ -169,27 +163,29 @@ def _buffer_clashes(loop: Loop) -> list[str]:
         buffer = buffer.where((swing == 0.0) | (buffer < buffer_limit), buffer_limit)
         if (is_measured & (buffer >= 1.0)).any():
             largest = float(buffer_limit.where(is_measured).max())
-            return [f"buffer_swing / plant_gain reaches {largest:g}: a buffer must stay below 1, lower buffer_swing"]
+            sentence = f"buffer_swing / plant_gain reaches {largest:g}: a buffer must stay below 1, lower buffer_swing"
+            return [Problem(sentence, "buffer_swing", "value")]
     largest = float(buffer.max())
-    text = f"buffer_ratio × kp × noise_std reaches {largest:g}: a buffer must stay below 1, lower one"
-    return [text] if largest >= 1.0 else []
+    sentence = f"buffer_ratio × kp × noise_std reaches {largest:g}: a buffer must stay below 1, lower one"
+    return [Problem(sentence, "buffer_ratio", "value")] if largest >= 1.0 else []
 
 
-def _test_clashes(loop: Loop) -> Iterator[str]:
-    """A valve test that never starts, with another law, or with ramps that the motor cannot follow."""
+def _test_clashes(loop: Loop) -> Iterator[Problem]:
+    """Refuse a valve test that never starts, with another law, or with ramps that the motor cannot follow."""
     if loop["test_start"] is None:
         changed_names = [p.name for p in PARAMETERS.values() if p.group == "test" and _is_changed(loop, p.name)]
         if changed_names:
-            yield f"{' and '.join(changed_names)} without test_start: give the time at which the valve test starts"
+            sentence = f"{' and '.join(changed_names)} without test_start"
+            yield Problem(f"{sentence}: give the time at which the valve test starts", "test_start", "missing")
         return
     if used_choices(loop, "law") != {"pi"}:
-        yield "test_start with a law of your own: a valve test hands back to the PI, leave one out"
+        sentence = "test_start with a user-defined law: a valve test hands back to the PI, leave one out"
+        yield Problem(sentence, "test_start", "unsupported")
     rate, stroke_time = _parameter_arrays(loop, "test_rate", "stroke_time")
     if (LARGEST_RATE_RATIO * rate * stroke_time >= 1.0).any():
-        yield (
-            f"test_rate = {float(rate.max()):g} 1/s: ramps take up to {LARGEST_RATE_RATIO:g} times that, and a motor of "
-            f"{float(stroke_time.max()):g} s for its stroke is slower, give a lower rate"
-        )
+        sentence = f"test_rate = {float(rate.max()):g} 1/s: ramps take up to {LARGEST_RATE_RATIO:g} times that"
+        cure = f"a motor of {float(stroke_time.max()):g} s for its stroke is slower, give a lower rate"
+        yield Problem(f"{sentence}, and {cure}", "test_rate", "conflict")
 
 
 def check_test_times(loop: Loop, seconds: int, *, closed: bool) -> None:
@@ -197,18 +193,17 @@ def check_test_times(loop: Loop, seconds: int, *, closed: bool) -> None:
     if loop["test_start"] is None:
         return
     if not closed:
-        raise InputError("test_start with a command: a valve test commands the valve itself, leave one out")
+        sentence = "test_start with a command: a valve test commands the valve itself, leave one out"
+        raise InputError(sentence, "command", "conflict")
     starts, minutes = _parameter_arrays(loop, "test_start", "test_minutes")
     is_late = starts >= seconds
     if is_late.any():
-        warnings.warn(
-            f"test_start = {float(starts.max()):g} s: the simulation ends at {seconds:,} s, there is no test",
-            stacklevel=5,
-        )
+        sentence = f"test_start = {float(starts.max()):g} s: the simulation ends at {seconds:,} s, there is no test"
+        warnings.warn(sentence, stacklevel=5)
     ends = (starts + 60.0 * minutes).where(~is_late, 0.0)
     if (ends > seconds).any():
-        times_text = f"the valve test would end at {float(ends.max()):,g} s, the simulation ends at {seconds:,} s"
-        raise InputError(f"{times_text}: start it earlier, or give a longer day")
+        sentence = f"the valve test would end at {float(ends.max()):,g} s, the simulation ends at {seconds:,} s"
+        raise InputError(f"{sentence}: start it earlier, or give a longer day", "test_start", "value")
 
 
 def _is_changed(loop: Loop, name: str) -> bool:
@@ -217,51 +212,36 @@ def _is_changed(loop: Loop, name: str) -> bool:
     return value is not None and bool(np.any(np.asarray(value) != PARAMETERS[name].default))
 
 
-HOT_WATER_EXCESS_K = (
-    35.0  # water that much warmer than the air, K, changes it at least twice as much per stroke as chilled water does
-)
-MIST_RELATIVE_HUMIDITY = 1.05  # relative humidity up to which air may be mist, or readings may be rounded
-IDLE_MARGIN_K = 10.0  # air that is always so much beyond its set-point, K, leaves a loop nothing to do
-
-
 def warn_mismatch(loop: Loop, boundary: Boundary, *, closed: bool = True) -> None:
-    """Warn where loop and days do not suit each other.  closed: the controller is on, its action and gains count."""
+    """Warn of loops and days that do not suit each other.  closed: the controller is on, its action and gains count."""
     for mismatch in _mismatches(loop, boundary) if closed else ():
         warnings.warn(mismatch, stacklevel=5)
     pressure = float(np.max(np.asarray(loop["pressure"])))
     humidity_per_pressure, sample = boundary.dampest
-    if humidity_per_pressure * pressure > MIST_RELATIVE_HUMIDITY:
-        warnings.warn(
-            f"{sample} is a relative humidity of {humidity_per_pressure * pressure:.0%} at {pressure:.6g} Pa: check the units of both, "
-            "or give the loop the pressure of the place",
-            stacklevel=5,
-        )
+    humidity = humidity_per_pressure * pressure
+    if humidity > 1.05:  # up to there air may be mist, or readings may be rounded
+        cure = "check the units of both, or give the loop the pressure of the place"
+        warnings.warn(f"{sample} is a relative humidity of {humidity:.0%} at {pressure:.6g} Pa: {cure}", stacklevel=5)
 
 
 def warn_saturated(loop: Loop, ds: xr.Dataset) -> None:
-    """Warn of an own estimator whose estimate ends at its limit, as one in per cent does."""
+    """Warn of a user's estimator whose estimate ends at its limit, such as an estimate in per cent."""
     rule_names = [name for name, rule in loop.rules.items() if rule.kind == "estimator"]
     n_saturated = int((ds["estimate_final"] == 1.0).sum()) if rule_names and "estimate_final" in ds else 0
     if n_saturated:
-        warnings.warn(
-            f"{' or '.join(rule_names)}: the estimate is at its limit of 1 at the end of {n_saturated} of "
-            f"{ds['estimate_final'].size} runs: it is a fraction of the stroke, divide per cent by 100",
-            stacklevel=4,
-        )
+        place = f"at its limit of 1 at the end of {n_saturated} of {ds['estimate_final'].size} runs"
+        cure = "it is a fraction of the stroke, divide per cent by 100"
+        warnings.warn(f"{' or '.join(rule_names)}: the estimate is {place}: {cure}", stacklevel=4)
 
 
 def _mismatches(loop: Loop, boundary: Boundary) -> Iterator[str]:
-    """Mismatches of loop and days, a sentence each."""
+    """Return a sentence for each mismatch of loop and days."""
     actions = np.unique(np.asarray(loop["action"]))
     has_negative_gain = bool(np.any(np.asarray(loop["kp"]) < 0.0))
     if has_negative_gain or used_choices(loop, "law") != {"pi"}:  # the meaning of the action is then unknown
         return
-    for action, opposite_action, verb, sign in (
-        ("heating", "cooling", "warm", 1.0),
-        ("cooling", "heating", "cool", -1.0),
-    ):
-        if action not in actions:
-            continue
+    kinds = (("heating", "cooling", "warm", 1.0), ("cooling", "heating", "cool", -1.0))
+    for action, opposite_action, verb, sign in (kind for kind in kinds if kind[0] in actions):
         # the least and the most, in the direction of the action
         ends = (sorted(sign * end for end in boundary.extremes[name]) for name in ("T_w_in", "T_a_in", "T_set"))
         (_, water), (least_air, air), (T_set, highest_set_point) = ends
@@ -275,17 +255,16 @@ def _mismatches(loop: Loop, boundary: Boundary) -> Iterator[str]:
                 f"T_set is {sign * T_set:.3g} degC at best: water and air of {sign * max(water, air):.3g} degC cannot "
                 f"{verb} the air that far, change T_set or the water"
             )
-        elif least_air - highest_set_point > IDLE_MARGIN_K:
+        elif least_air - highest_set_point > 10.0:  # K, at all times: the loop has nothing to do
             yield (
-                f"nothing to {verb}: T_set is {sign * highest_set_point:.3g} degC where the air is {sign * least_air:.3g} degC, and "
-                "never closer, give T_set in degC, or exchange T_set and T_a_in"
+                f"nothing to {verb}: T_set is {sign * highest_set_point:.3g} degC where the air is "
+                f"{sign * least_air:.3g} degC, and never closer, give T_set in degC, or exchange T_set and T_a_in"
             )
-        elif action == "heating" and water - least_air > HOT_WATER_EXCESS_K:
+        elif action == "heating" and water - least_air > 35.0:
+            # K, from where water changes the air at least twice as much per stroke as chilled water does
             kp, ti = (loop.constants.get(name) for name in ("kp", "ti"))
-            cooling_presets = [
-                name for name in COOLING_PRESETS if (kp, ti) == (Loop.preset(name)["kp"], Loop.preset(name)["ti"])
-            ]
-            for name in cooling_presets[:1]:
+            presets = [n for n in COOLING_PRESETS if (kp, ti) == (Loop.preset(n)["kp"], Loop.preset(n)["ti"])]
+            for name in presets[:1]:
                 yield (
                     f"action = 'heating' with kp = {kp:g} 1/K and ti = {ti:g} s, those of the cooling coil {name}: "
                     "with hot water they may ring, or be slow; begin with the preset heating or heating_45, or give "
@@ -293,12 +272,11 @@ def _mismatches(loop: Loop, boundary: Boundary) -> Iterator[str]:
                 )
 
 
-_SCENARIOS_PER_CHUNK = 65536
-_N_AIR_FLOWS = 17  # air flows tried between the least and the largest of the boundary: λ need not rise with the flow
+_SCENARIOS_PER_CHUNK = 65536  # whose parameters are in memory
 
 
 def check_stability(layout: Layout) -> None:
-    """Refuse the whole study if one scenario breaks γ ≤ 1 or λ ≤ 1.
+    """Refuse the whole study if one scenario violates γ ≤ 1 or λ ≤ 1.
 
     Flows are the largest that can occur: water at full opening, air over the boundary's series.  The wet λ takes
     dh_s/dT at the largest entering dew point, unless the coil cannot get wet.
@@ -308,20 +286,15 @@ def check_stability(layout: Layout) -> None:
     largest_numbers = numbers.max(axis=0)
     if n_unstable := int(np.count_nonzero(~(largest_numbers <= 1.0))):
         worst = int(np.nanargmax(largest_numbers))
-        raise InputError(_instability_sentence(layout, coil, n_unstable, worst, *numbers[:, worst].tolist()))
-
-
-def is_stable(loop: Loop, boundary: Boundary) -> xr.DataArray:
-    """Whether γ ≤ 1 and λ ≤ 1, over the dims of ``loop``: as ``check_stability``, without refusing."""
-    layout = Layout(loop, boundary)
-    flags = (_stability_numbers(layout).max(axis=0) <= 1.0).reshape(tuple(loop.sizes.values()))
-    return xr.DataArray(flags, dims=tuple(loop.sizes), coords=layout.coordinates())
+        gamma, lam = numbers[:, worst].tolist()
+        sentence = _instability_sentence(layout, coil, n_unstable, worst, gamma, lam)
+        raise InputError(sentence, "C_w" if gamma > 1.0 else "C_c", "value")
 
 
 def _stability_numbers(layout: Layout) -> np.ndarray:
-    """γ and λ of every scenario, (2, n)."""
+    """Return γ and λ of every scenario, (2, n)."""
     numbers, extremes = [], layout.boundary.extremes
-    air_flows = np.linspace(*extremes["m_a"], _N_AIR_FLOWS)
+    air_flows = np.linspace(*extremes["m_a"], 17)  # λ need not rise with the air flow
     for start in range(0, layout.size, _SCENARIOS_PER_CHUNK):
         columns = layout.columns(np.arange(start, min(start + _SCENARIOS_PER_CHUNK, layout.size)))
         coldest = min(extremes["T_w_in"][0], extremes["T_a_in"][0], columns["T_initial"].min())
@@ -331,7 +304,7 @@ def _stability_numbers(layout: Layout) -> np.ndarray:
 
 
 def _coil_and_valve_layout(layout: Layout) -> Layout:
-    """The study with only the parameters swept that stability depends on."""
+    """Return the study with only those parameters swept on which stability depends."""
     # whatever a closed valve leaks, fully open it delivers the same
     names = [p.name for p in PARAMETERS.values() if p.group in ("coil", "valve") and p.name != "leakage"]
     values = {n: v for n, v in layout.loop.items() if n in names}
@@ -343,13 +316,13 @@ def _coil_and_valve_layout(layout: Layout) -> Layout:
 
 
 def wet_slope(W: float, coldest: float, pressure: float) -> float:
-    """dh_s/dT at the dew point of the dampest air, 0 of a coil that cannot get wet."""
+    """Return dh_s/dT at the dew point of the dampest air, 0 for a coil that cannot get wet."""
     dew_point = float(moist_air.wetting_point(W, pressure))
     return 0.0 if coldest >= dew_point else float(moist_air.saturation_enthalpy_slope(dew_point, pressure))
 
 
 def _instability_sentence(layout: Layout, coil: Layout, n_unstable: int, worst: int, gamma: float, lam: float) -> str:
-    """worst: flat index of the least stable scenario, of γ and λ."""
+    """Describe an unstable study.  worst: flat index of the least stable scenario, with its γ and λ."""
     columns = coil.columns(np.array([worst]))
     n_volumes, substeps = int(columns["n_volumes"][0]), int(columns["substeps"][0])
     violations = [f"γ = m_w cp_w dt/C_w = {gamma:.3g}"] if gamma > 1.0 else []

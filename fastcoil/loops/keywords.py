@@ -1,56 +1,29 @@
-"""The parameters of a loop as keywords, in signatures and help; for type checkers they are in the stub beside this.
+"""Parameters of a loop as keywords: the table in the docstring of ``Loop``; the stub beside this is for type checkers.
 
-Parameters that a user's rule brings are passed as ``loop.assign(**{"gain": 0.5})``.
+Parameters of user rules are passed as ``loop.assign(**{"gain": 0.5})``.
 """
 
 import inspect
-from collections.abc import Callable, Mapping
 from typing import Any, TypedDict, TypeVar
 
 from fastcoil.loops.assignment import CONVERGED_KEYWORD, CONVERGED_TEXT
-from fastcoil.model.parameter_table import INTEGER_PARAMETERS, PARAMETERS
+from fastcoil.model.parameter_table import PARAMETERS
 
 PresetName = Any
 Keywords = TypedDict("Keywords", dict.fromkeys((CONVERGED_KEYWORD, *PARAMETERS), Any), total=False)  # type: ignore[misc]
-
-Function = TypeVar("Function", bound=Callable[..., Any])
 Class = TypeVar("Class", bound=type)
 
 
-class _Unchanged:
-    """Stands in a signature for the value that a parameter has already."""
-
-    def __repr__(self) -> str:
-        return "unchanged"
-
-
-UNCHANGED = _Unchanged()
-
-
-def take_parameters(defaults: Mapping[str, object]) -> Callable[[Function], Function]:
-    """Show ``**values`` of a method as one keyword for each parameter, with these defaults."""
-
-    def decorate(method: Function) -> Function:
-        signature = inspect.signature(method)
-        positional = [p for p in signature.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
-        keywords = [inspect.Parameter(n, inspect.Parameter.KEYWORD_ONLY, default=v) for n, v in defaults.items()]
-        method.__signature__ = signature.replace(parameters=[*positional, *keywords])  # type: ignore[attr-defined]
-        return method
-
-    return decorate
-
-
 def describe_parameters(cls: Class) -> Class:
-    """Put the list of parameters into the docstring of a class, before its examples."""
-    if cls.__doc__ is None:  # python -OO
-        return cls
-    text, heading, examples = inspect.cleandoc(cls.__doc__).partition("Examples\n")
-    lines = ["Parameters", "----------"]
+    """Put the table of parameters into the docstring of a class, in place of ``{parameters}``."""
+    rows = [("name", "unit", "default", "meaning")]
     for p in PARAMETERS.values():
-        type_name = "str" if p.is_word else "int" if p.name in INTEGER_PARAMETERS else "float"
-        default = "optional" if p.default is None else f"default {p.default!r}"
-        unit = "" if p.unit in ("", "1") else f" {p.unit}"
-        lines += [f"{p.name} : {type_name}, {default}{unit}", f"    {p.text} ({p.bounds})."]
-    lines += [f"{CONVERGED_KEYWORD} : bool, default False", f"    True stands for {CONVERGED_TEXT}."]
-    cls.__doc__ = "\n".join([text.rstrip(), "", *lines, "", heading + examples])
+        default = "" if p.default is None else str(p.default) if p.is_word else f"{p.default:g}"
+        rows.append((p.name, "" if p.unit == "1" else p.unit, default, p.text))
+    rows.append((CONVERGED_KEYWORD, "", "False", f"True stands for {CONVERGED_TEXT}"))
+    widths = [*(max(map(len, column)) for column in list(zip(*rows, strict=True))[:3]), len("meaning")]
+    border = "  ".join("=" * width for width in widths)
+    lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
+    table = "\n".join([border, lines[0], border, *lines[1:], border])
+    cls.__doc__ = cls.__doc__ and inspect.cleandoc(cls.__doc__).replace("{parameters}", table)  # None with python -OO
     return cls

@@ -1,6 +1,6 @@
 """The parameters of a loop as keywords, for type checkers and editors, which read no table; a test compares them."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Literal, TypeAlias, TypedDict, TypeVar
 
 import numpy as np
@@ -100,9 +100,6 @@ class Keywords(TypedDict, total=False):
     identify_interval: Value
     identify_certainty: Value
 
-Function = TypeVar("Function", bound=Callable[..., Any])
 Class = TypeVar("Class", bound=type)
-UNCHANGED: object
 
-def take_parameters(defaults: Mapping[str, object]) -> Callable[[Function], Function]: ...
 def describe_parameters(cls: Class) -> Class: ...

@@ -1,8 +1,7 @@
-"""The one door for labelled data: a DataArray, a pandas Series or a DataFrame becomes numbers in our units.
+"""Convert labelled input (DataArray, pandas Series, DataFrame) to arrays in the units of the tables.
 
-What the labels say is honoured or refused, never passed over: units are converted, dims have known names, samples are
-1 s apart in ascending order, and the time of the first one is kept, to be compared with that of other data.  A bare
-array has no labels and stays as it is.
+Labels are honoured or refused, never ignored: units are converted, dims have known names, samples are 1 s apart in
+ascending order, and the time of the first one is kept for comparison with other data.  A bare array has no labels.
 """
 
 from collections.abc import Mapping
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from fastcoil.base.arguments import require_array
 from fastcoil.base.arrays import Array
-from fastcoil.base.errors import InputError, WrongTypeMessage, short_repr
+from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.logs.series import (
     COLUMNS,
     FRACTION,
@@ -37,17 +36,19 @@ _PARAMETER_SCALES = (
     {"rad s-1": 1.0, "rad/s": 1.0, "Hz": 2.0 * np.pi},
 )
 _PARAMETER_UNITS = [{unit: (scale, 0.0) for unit, scale in family.items()} for family in _PARAMETER_SCALES]
-_UNIT_FAMILIES = (FRACTION, TIME, TEMPERATURE, TEMPERATURE_DIFFERENCE, WATER_FLOW, PRESSURE, *_PARAMETER_UNITS)
-_ACCEPTED_UNITS = {next(iter(units)): units for units in _UNIT_FAMILIES}
+_ACCEPTED_UNITS = {
+    next(iter(units)): units
+    for units in (FRACTION, TIME, TEMPERATURE, TEMPERATURE_DIFFERENCE, WATER_FLOW, PRESSURE, *_PARAMETER_UNITS)
+}
 
 
 def accepted_units(unit: str) -> Units:
-    """The units that values in ``unit``, one of our tables, may be given in."""
+    """Return the units in which values of a table's ``unit`` may be given."""
     return _ACCEPTED_UNITS.get(unit, {unit: (1.0, 0.0)})
 
 
 def as_data_array(name: str, value: Any, dim: str) -> xr.DataArray | None:
-    """``value`` as a DataArray if it has labels, None if it is bare; ``dim``: of a pandas index without a name."""
+    """Convert a labelled ``value`` to a DataArray, None if it is bare; ``dim``: of a pandas index without a name."""
     if isinstance(value, xr.DataArray):
         return value
     if isinstance(value, xr.Variable):
@@ -59,10 +60,8 @@ def as_data_array(name: str, value: Any, dim: str) -> xr.DataArray | None:
         return _from_pandas(name, value, axes)
     first_item = value[0] if isinstance(value, (list, tuple)) and value else value
     if isinstance(first_item, (xr.DataArray, xr.Variable, pd.Series)) or isinstance(value, xr.Dataset):
-        type_name = type(value).__name__
-        raise InputError(
-            WrongTypeMessage(f"{name} is a {type_name} with labels: give one DataArray, Series or bare array")
-        )
+        sentence = f"{name} is a {type(value).__name__} with labels: give one DataArray, Series or bare array"
+        raise InputError(sentence, name, "type")
     return None
 
 
@@ -71,40 +70,38 @@ def _is_time(index: Any) -> bool:
 
 
 def _from_pandas(name: str, value: Any, axes: list[tuple[Any, str | None]]) -> xr.DataArray:
-    """Times in an index become seconds since the first, and a coordinate ``start``."""
+    """Convert times in an index to seconds since the first, and to a coordinate ``start``."""
     dims: list[str] = []
     coords: dict[str, xr.Variable] = {}
     for index, default in axes:
         if isinstance(index, pd.MultiIndex) or (index.name is None and default is None):
-            raise InputError(f"{name}: name the axes of the DataFrame, such as day and elapsed_time")
+            raise InputError(f"{name}: name the axes of the DataFrame, such as day and elapsed_time", name, "shape")
         if _is_time(index) and index.hasnans:
-            raise InputError(f"{name} has a time that is missing (NaT): drop or fill it")
+            raise InputError(f"{name} has a time that is missing (NaT): drop or fill it", name, "time")
         dim = str(default if index.name is None or _is_time(index) else index.name)
         labels = index
         if isinstance(index, pd.DatetimeIndex) and index.size:
-            first_time, labels = index[0], index - index[0]
-            zone = {}
-            if first_time.tzinfo is not None:  # its name, or its offset from UTC
-                zone_name = getattr(first_time.tzinfo, "key", None) or getattr(first_time.tzinfo, "zone", None)
-                zone["time_zone"] = str(
-                    zone_name or format_utc_offset(round(first_time.utcoffset().total_seconds() / 60))
-                )
-            coords["start"] = xr.Variable((), np.datetime64(first_time.tz_localize(None), "ns"), zone)
+            first, labels, attrs = index[0], index - index[0], {}
+            if (zone := first.tzinfo) is not None:  # its name, or its offset from UTC
+                zone_name = getattr(zone, "key", None) or getattr(zone, "zone", None)
+                attrs["time_zone"] = str(zone_name or format_utc_offset(round(first.utcoffset().total_seconds() / 60)))
+            coords["start"] = xr.Variable((), np.datetime64(first.tz_localize(None), "ns"), attrs)
         if index.name is not None or not labels.equals(pd.RangeIndex(index.size)):
             coords[dim] = xr.Variable(dim, labels.values)
         if dim in dims:
-            raise InputError(f"{name} has {dim} along both axes of the DataFrame: give the other one its own name")
+            sentence = f"{name} has {dim} along both axes of the DataFrame: give the other one its own name"
+            raise InputError(sentence, name, "duplicate")
         dims.append(dim)
     return xr.DataArray(value.to_numpy(), coords, dims, attrs=dict(value.attrs))
 
 
 def convert_units(name: str, array: xr.DataArray, units: Units) -> NDArray[Any]:
-    """Numbers in the first of ``units``, from the unit in the attribute ``units``, if it has one."""
+    """Convert values to the first of ``units`` from the unit in the attribute ``units``, if it has one."""
     unit = array.attrs.get("units")
     if unit is None:
         return np.asarray(array.values)
     if not isinstance(unit, str):
-        raise InputError(WrongTypeMessage(f"{name} has units = {short_repr(unit)}: give a text ({', '.join(units)})"))
+        raise InputError(f"{name} has units = {short_repr(unit)}: give a text ({', '.join(units)})", name, "type")
     scale, offset = units[resolve_unit(name, unit or "1", units)]
     if (scale, offset) == (1.0, 0.0):
         return np.asarray(array.values)
@@ -113,7 +110,7 @@ def convert_units(name: str, array: xr.DataArray, units: Units) -> NDArray[Any]:
 
 
 class SeriesLabels(NamedTuple):
-    """What the labels of a series of 1-s samples say; None where they say nothing."""
+    """Labels of a series of 1-s samples; None where it has none."""
 
     n_steps: int | None = None  # samples of a day
     n_days: int | None = None
@@ -124,9 +121,10 @@ class SeriesLabels(NamedTuple):
 
 
 def read_series_labels(name: str, array: xr.DataArray) -> SeriesLabels:
-    """The labels of a series along ``day`` and ``elapsed_time``; refused with other dims or steps than 1 s."""
+    """Read the labels of a series along ``day`` and ``elapsed_time``; refuse other dims, and steps other than 1 s."""
     if not set(array.dims) <= {"day", "elapsed_time"}:
-        raise InputError(f"{name} has dims {array.dims}: name them elapsed_time and, for several days, day")
+        sentence = f"{name} has dims {array.dims}: name them elapsed_time and, for several days, day"
+        raise InputError(sentence, name, "shape")
     first_second, start, zone = None, None, None
     for name_of_time in ("elapsed_time", "timestamp", "time"):
         time_coord = array.coords.get(name_of_time)
@@ -143,9 +141,8 @@ def read_series_labels(name: str, array: xr.DataArray) -> SeriesLabels:
     if "start" in array.coords:
         start_coord = array.coords["start"]
         if start_coord.dtype.kind != "M" or not set(start_coord.dims) <= {"day"}:
-            raise InputError(
-                WrongTypeMessage(f"start is of type {start_coord.dtype}: give dates and times, datetime64")
-            )
+            sentence = f"start is of type {start_coord.dtype}: give dates and times, datetime64"
+            raise InputError(sentence, "start", "type")
         start = start_coord.values.astype("datetime64[us]") + np.timedelta64(round(1e6 * (first_second or 0.0)), "us")
         zone = start_coord.attrs.get("time_zone", "")
     day = array.coords["day"].values if "day" in array.coords else None
@@ -156,24 +153,29 @@ def _elapsed_seconds(name: str, time_coord: xr.DataArray) -> Array:
     if time_coord.dtype.kind == "m":
         return np.asarray(time_coord.values / np.timedelta64(1, "s"))
     if time_coord.dtype.kind not in "iuf":
-        raise InputError(f"{name} is of type {time_coord.dtype}: give the seconds 0, 1, ...")
+        raise InputError(f"{name} is of type {time_coord.dtype}: give the seconds 0, 1, ...", name, "type")
     return np.asarray(convert_units(name, time_coord, COLUMNS["elapsed_time"].units), dtype=float)
 
 
 def _check_steps(name: str, steps: Array) -> None:
     wrong = np.flatnonzero(~(np.abs(steps - 1.0) < 1e-6))
     if wrong.size:
-        raise InputError(f"{name} has a step of {steps[wrong[0]]:g} s after sample {wrong[0]}: give 1-s steps")
+        sentence = f"{name} has a step of {steps[wrong[0]]:g} s after sample {wrong[0]}: give 1-s steps"
+        raise InputError(sentence, name, "time")
 
 
-def label_mismatches(template: str, labels: Mapping[str, Any], cure: str) -> list[str]:
-    """A sentence for each of ``labels``, by name, that differs from the first; ``template``: with a place for it."""
-    first_name = next(iter(labels), "")
+def label_mismatches(template: str, labels: Mapping[str, Any], cure: str, code: str, field: str = "") -> list[Problem]:
+    """Return a problem for each of ``labels``, by name, that differs from the first; ``template``: with a place for it.
+
+    field: of the problems, by default the name of each.
+    """
+    first_name, first = next(iter(labels.items()), ("", None))
     return [
-        f"{name} has {template.format(_short_text(label))} where {first_name} has {_short_text(labels[first_name])}: {cure}"
+        Problem(f"{name} has {template.format(_short_text(label))} where {first_name} has {_short_text(first)}: {cure}",
+                field or name, code)
         for name, label in labels.items()
-        if not np.array_equal(np.atleast_1d(label), np.atleast_1d(labels[first_name]))
-    ]
+        if not np.array_equal(np.atleast_1d(label), np.atleast_1d(first))  # type: ignore[arg-type]
+    ]  # fmt: skip
 
 
 def _short_text(value: Any) -> str:

@@ -1,4 +1,4 @@
-"""Words for axes and legends: a short name, the unit a reader expects, the factor to it."""
+"""Texts for axes and legends: a short name, the usual unit, the factor to it."""
 
 import json
 from collections.abc import Hashable, Mapping
@@ -27,17 +27,17 @@ _IN_PERCENT = (
     "estimate_first_down", "share_off", "hunts",
     "u", "integral", "command", "position", "opening", "estimate",
 )  # fmt: skip
-"""Shares that are read in per cent."""
+"""Fractions that are shown in per cent."""
 _DISPLAY_UNITS = {
     **dict.fromkeys(_IN_PERCENT, ("%", 100.0)),
     **dict.fromkeys(("learn_time_reached", "learn_time_confirmed", "learn_time_first_down"), ("h", 1 / 3600)),
     "learning_interval": ("min", 1 / 60),
 }
-"""Unit and factor of what is read in another unit than that of its table."""
+"""Unit and factor of quantities that are shown in another unit than that of their table."""
 
 
 class Quantity(NamedTuple):
-    """``value × factor`` is in ``unit``.  meaning: of a rule's own parameter, which no reader has met before."""
+    """A quantity as it is shown: ``value × factor`` in ``unit``.  meaning: of the parameter of a user's rule."""
 
     text: str
     unit: str
@@ -51,16 +51,16 @@ class Quantity(NamedTuple):
         return f"{text_with_unit}: {self.meaning}" if self.meaning else text_with_unit
 
     def equals(self, value: float) -> str:
-        """``backlash = 7 %``, for legends and headings."""
+        """Format ``backlash = 7 %``, for legends and headings."""
         return f"{self.text} = {self.number(value)}"
 
     def number(self, value: float) -> str:
-        """``7 %``."""
+        """Format ``7 %``."""
         return f"{value * self.factor:.3g} {self.unit}".rstrip()
 
 
 def quantity(name: str) -> Quantity:
-    """How a parameter, metric or trace is shown; another name is its own label."""
+    """Return how a parameter, metric or trace is shown; any other name is its own label."""
     entry = METRICS.get(name) or PREDICTIONS.get(name) or TRACES.get(name) or PARAMETERS.get(name)
     if entry is None:
         return Quantity(name.replace("_", " "), "", 1.0)
@@ -68,20 +68,17 @@ def quantity(name: str) -> Quantity:
 
 
 def unit_in_words(unit: str) -> str:
-    """A unit of the tables as a reader expects it; empty for a plain number."""
+    """Return a unit of the tables in its usual spelling; empty for a number."""
     return _UNIT_TEXTS.get(unit, unit)
 
 
 def is_parameter(ds: xr.Dataset | xr.DataArray, dim: Hashable) -> bool:
-    """Whether a coordinate of a result is a parameter: one of the table, or one that a rule declares."""
+    """Whether a coordinate of a result is a parameter, of the table or of a rule."""
     return dim in PARAMETERS or (dim in ds.coords and "comment" in ds[dim].attrs)
 
 
-_ROUND_OFF_BUFFER = 1e-9  # the default buffer: it ignores no reversal but that of the last digits
-
-
 def plain_pi_label(ds: xr.Dataset | xr.DataArray) -> str:
-    """A loop of this result without estimate: ``plain PI``, or ``PI with a buffer``, which holds back reversals."""
+    """Name the loop of a result without estimate: ``plain PI``, or ``PI with a buffer``, which suppresses reversals."""
     stored = json.loads(ds.attrs.get("parameters", "{}"))
     values = {
         name: np.asarray(ds.coords[name].values if name in ds.coords else stored.get(name, 0.0))
@@ -89,11 +86,12 @@ def plain_pi_label(ds: xr.Dataset | xr.DataArray) -> str:
     }
     noise = (values["noise_std"] > 0.0).any() or (values["buffer_noise"] == "measured").any()
     follows_noise = (values["buffer_ratio"] > 0.0).any() and noise
-    return "PI with a buffer" if follows_noise or (values["buffer"] > _ROUND_OFF_BUFFER).any() else "plain PI"
+    # the default buffer, 1e-9, only ignores round-off
+    return "PI with a buffer" if follows_noise or (values["buffer"] > 1e-9).any() else "plain PI"
 
 
 def coordinate_quantity(ds: xr.Dataset | xr.DataArray, dim: str) -> Quantity:
-    """How a coordinate of a result is shown; that of a rule with the unit and words that it declares."""
+    """Return how a coordinate of a result is shown; that of a rule with the unit and text that it declares."""
     if dim in PARAMETERS or not is_parameter(ds, dim):
         return quantity(dim)
     attrs = ds[dim].attrs
@@ -102,7 +100,7 @@ def coordinate_quantity(ds: xr.Dataset | xr.DataArray, dim: str) -> Quantity:
 
 
 def sizes_in_words(sizes: Mapping[Any, int]) -> str:
-    """The sizes of a result: ``2 days × 15 values of backlash``."""
+    """Format the sizes of a result: ``2 days × 15 values of backlash``."""
     return " × ".join(
         f"{n:,} {dim}{'s' * (n != 1)}" if dim in RESERVED_DIMS else f"{n:,} value{'s' * (n != 1)} of {dim}"
         for dim, n in sizes.items()
@@ -110,7 +108,7 @@ def sizes_in_words(sizes: Mapping[Any, int]) -> str:
 
 
 def label_in_words(ds: xr.Dataset | xr.DataArray, dim: str, k: int) -> str:
-    """A label along a dimension: a name as it is, a parameter as ``backlash = 7 %``, any other as ``day 3``."""
+    """Format a label along a dimension: a text unchanged, a parameter as ``backlash = 7 %``, others as ``day 3``."""
     if dim not in ds.coords:
         return f"{dim} {k}"
     value = ds[dim].values[k]
@@ -120,7 +118,7 @@ def label_in_words(ds: xr.Dataset | xr.DataArray, dim: str, k: int) -> str:
 
 
 def values_quantity(values: xr.DataArray) -> Quantity:
-    """How values are shown: as of our tables, or by their attributes; shares of a baseline in per cent."""
+    """Return how values are shown: by the tables, or by their attributes; shares of a baseline in per cent."""
     name, attrs = str(values.name or ""), values.attrs
     entry = METRICS.get(name) or PREDICTIONS.get(name) or TRACES.get(name)
     if entry is not None and "relative_to" in attrs:

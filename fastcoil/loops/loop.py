@@ -1,8 +1,4 @@
-"""``Loop``: the parameters of one valve loop, or of a whole sweep of them.
-
-Any parameter may be a number, a list (its own dimension), ``(dim, values)`` (zipped along a shared
-dimension) or an ``xarray.DataArray``.  The union of the dimensions is the shape of the study.
-"""
+"""``Loop``: the parameters of one valve loop, or of a sweep; the union of their dims is the shape of the study."""
 
 from __future__ import annotations
 
@@ -15,9 +11,8 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import raise_problems, require_choice, require_instance
-from fastcoil.base.errors import InputError, WrongTypeMessage, did_you_mean, short_repr
+from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 from fastcoil.loops.assignment import (
-    CONVERGED_KEYWORD,
     NO_RULES,
     all_parameters,
     assign_values,
@@ -25,21 +20,39 @@ from fastcoil.loops.assignment import (
     merge_rules,
     values_for_rules,
 )
-from fastcoil.loops.keywords import UNCHANGED, Keywords, PresetName, describe_parameters, take_parameters
+from fastcoil.loops.keywords import Keywords, PresetName, describe_parameters
 from fastcoil.loops.presets import PRESETS, Preset
 from fastcoil.model.metric_table import METRICS
 from fastcoil.model.parameter_table import PARAMETERS, STAND_INS, Parameter, Scalar, require_parameter_name
 from fastcoil.model.user_rules import RULE_KINDS, Rule
 
-_DEFAULTS = {p.name: p.default for p in PARAMETERS.values()}
-
 
 @describe_parameters
 class Loop:
-    """An immutable set of loop parameters, each a number, a word or an ``xarray.DataArray``.
+    """Immutable set of loop parameters; ``fc.Loop()`` is the preset ``paper_like``.
 
-    ``fc.Loop()`` is the preset ``paper_like``.  A parameter may be a number or word, a list (a dimension of its own),
-    ``(dim, values)`` (zipped with others along a shared dimension) or a DataArray.
+    Parameters
+    ----------
+    **values
+        Parameters by name, from the table below.  Each may be a number or word, a list (a dimension of its own),
+        ``(dim, values)`` (zipped with others along a shared dimension) or a DataArray, converted from its ``units``.
+        ``estimator`` and ``law`` also take rules made with ``fc.estimator`` and ``fc.law``.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each unknown name, wrong type, value out of bounds, empty or duplicated axis, or zipped
+        parameter of another length.
+
+    See Also
+    --------
+    parameters : bounds of the parameters.
+    presets : named loops.
+    simulate : simulate the loop on days.
+
+    Notes
+    -----
+    {parameters}
 
     Examples
     --------
@@ -52,11 +65,9 @@ class Loop:
     _values: dict[str, Scalar | xr.DataArray]
     _rules: Mapping[str, Rule]
 
-    @take_parameters(_DEFAULTS | {CONVERGED_KEYWORD: False})
     def __init__(self, **values: Unpack[Keywords]) -> None:
-        self._values, self._rules = assign_values(
-            {n: v for n, v in _DEFAULTS.items() if v is not None}, NO_RULES, values
-        )
+        defaults = {p.name: p.default for p in PARAMETERS.values() if p.default is not None}
+        self._values, self._rules = assign_values(defaults, NO_RULES, values)
 
     @classmethod
     def preset(cls, name: PresetName | str, *, converged: bool = False) -> Loop:
@@ -68,7 +79,7 @@ class Loop:
 
     @classmethod
     def from_dataset(cls, ds: xr.Dataset, rules: Sequence[Rule] = ()) -> Loop:
-        """Rebuild the loop behind a result, or behind a part of it such as ``ds.isel(backlash=3)``.
+        """Return the loop of a result, or of a part of it such as ``ds.isel(backlash=3)``.
 
         A parameter that the result does not hold takes its default, with a warning: either it was added after the
         result was made, or its coordinate was dropped, as by ``ds.isel(backlash=3, drop=True)``.  A result holds the
@@ -81,15 +92,20 @@ class Loop:
         """
         require_instance("ds", ds, xr.Dataset, "give a result, or a part of one such as ds.isel(backlash=3)")
         if not isinstance(rules, (list, tuple)) or not all(isinstance(rule, Rule) for rule in rules):
-            raise InputError(
-                WrongTypeMessage(f"rules = {short_repr(rules)}: give a list of what @fc.estimator or @fc.law made")
-            )
+            sentence = f"rules = {short_repr(rules)}: give a list of what @fc.estimator or @fc.law made"
+            raise InputError(sentence, "rules", "type")
         rules_by_name = merge_rules(NO_RULES, rules, ())
         table = all_parameters(rules_by_name)
         constants = _stored_constants(ds, table)
         dims = next((list(ds[n].dims) for n in ("status", *METRICS) if n in ds), list(ds.dims))
         unlabelled = [d for d in dims if d in table and d not in ds.coords]
-        raise_problems([f"the Dataset has no values along its dimension {d}: keep that coordinate" for d in unlabelled])
+        cure = "keep that coordinate"
+        raise_problems(
+            [
+                Problem(f"the Dataset has no values along its dimension {d}: {cure}", str(d), "missing")
+                for d in unlabelled
+            ]
+        )
         names = [n for n in ds.coords if n in table and set(ds[n].dims) <= set(dims)]
         names.sort(key=lambda n: [dims.index(d) for d in ds[n].dims])
         swept = {str(n): ds[n].reset_coords(drop=True) for n in names}
@@ -97,18 +113,14 @@ class Loop:
         loop._values = constants | _defaults_of_missing(constants, swept, table)
         return loop.assign(**swept)
 
-    @take_parameters(dict.fromkeys((*PARAMETERS, CONVERGED_KEYWORD), UNCHANGED))
     def assign(self, **values: Unpack[Keywords]) -> Loop:
-        """Return a copy with parameters changed.
+        """Return a copy with parameters changed; arguments and errors as for ``Loop``."""
+        return self._copy(*assign_values(self._values, self._rules, values))
 
-        Raises
-        ------
-        InputError
-            With one sentence for each unknown name, wrong type, value out of bounds, empty or duplicated axis, or
-            zipped parameter of another length.
-        """
+    @staticmethod
+    def _copy(values: dict[str, Any], rules: Mapping[str, Rule]) -> Loop:
         changed = Loop.__new__(Loop)
-        changed._values, changed._rules = assign_values(self._values, self._rules, values)
+        changed._values, changed._rules = values, rules
         return changed
 
     @property
@@ -118,7 +130,7 @@ class Loop:
 
     @property
     def parameters(self) -> Mapping[str, Parameter]:
-        """Every parameter that this loop may have: those of ``fc.parameters()``, then its rules' own."""
+        """Every parameter that this loop may have: those of ``fc.parameters()``, then those of its rules."""
         return all_parameters(self._rules)
 
     def __getitem__(self, name: str) -> Any:
@@ -144,17 +156,17 @@ class Loop:
         return list(self.parameters)
 
     def items(self) -> Iterable[tuple[str, Scalar | xr.DataArray]]:
-        """(name, value) of every parameter that is given."""
+        """Return (name, value) of every parameter that is given."""
         return self._values.items()
 
     @property
     def swept(self) -> dict[str, xr.DataArray]:
-        """The parameters that have dimensions, in the order in which they were assigned."""
+        """Parameters with dimensions, in the order in which they were assigned."""
         return {n: v for n, v in self._values.items() if isinstance(v, xr.DataArray)}
 
     @property
     def constants(self) -> dict[str, Scalar]:
-        """The parameters that have no dimensions."""
+        """Parameters without dimensions."""
         return {n: v for n, v in self._values.items() if not isinstance(v, xr.DataArray)}
 
     @property
@@ -163,7 +175,7 @@ class Loop:
         return {str(dim): size for value in self.swept.values() for dim, size in value.sizes.items()}
 
     def coordinates(self) -> dict[str, xr.DataArray]:
-        """Labels of every dimension, and the swept parameters along them."""
+        """Return the labels of every dimension, and the swept parameters along them."""
         labels: dict[str, xr.DataArray] = {}
         for name, value in self.swept.items():
             for dim in value.dims:
@@ -174,7 +186,8 @@ class Loop:
             if value_of_dim is not None and not (
                 isinstance(value_of_dim, xr.DataArray) and value_of_dim.dims == (dim,)
             ):
-                raise InputError(f"{dim} is a parameter but not swept: give the dimension another name, such as tuning")
+                sentence = f"{dim} is a parameter but not swept: give the dimension another name, such as tuning"
+                raise InputError(sentence, dim, "name")
             if isinstance(value_of_dim, xr.DataArray):
                 labels[dim] = xr.DataArray(value_of_dim.values, dims=dim)
             labels.setdefault(dim, xr.DataArray(np.arange(size), dims=dim))
@@ -205,17 +218,17 @@ class Loop:
 
 
 def add_rules(loop: Loop, rules: Iterable[Rule]) -> Loop:
-    """The loop with user rules and their parameters added."""
+    """Return the loop with user rules and their parameters added."""
     return _replace_rules(loop, merge_rules(loop.rules, list(rules), loop.rules))
 
 
 def remove_rules(loop: Loop, rule_names: Collection[str]) -> Loop:
-    """The loop without the user rules of these names and without their parameters."""
+    """Return the loop without the user rules of these names and without their parameters."""
     return _replace_rules(loop, {n: rule for n, rule in loop.rules.items() if n not in rule_names})
 
 
 def used_choices(loop: Loop, kind: str) -> set[str]:
-    """The estimators, or the laws, that some scenario has."""
+    """Return the estimators, or the laws, that some scenario has."""
     if loop[kind] is None:
         learns = bool(np.any(np.asarray(loop["learning_step"]) > 0.0))
         return {"learner"} if learns else {"none"}
@@ -223,31 +236,31 @@ def used_choices(loop: Loop, kind: str) -> set[str]:
 
 
 def _replace_rules(loop: Loop, rules: Mapping[str, Rule]) -> Loop:
-    changed = Loop.__new__(Loop)
-    changed._rules, changed._values = rules, values_for_rules(dict(loop.items()), loop.rules, rules)
-    return changed
+    return Loop._copy(values_for_rules(dict(loop.items()), loop.rules, rules), rules)
 
 
 def _stored_constants(ds: xr.Dataset, table: Mapping[str, Parameter]) -> dict[str, Any]:
-    """The constants that a result holds in its attributes."""
+    """Read the constants in the attributes of a result."""
     if "parameters" not in ds.attrs:
-        raise InputError("this Dataset has no attribute 'parameters': it was not made by fastcoil")
+        raise InputError("this Dataset has no attribute 'parameters': it was not made by fastcoil", "ds", "data")
     try:
         stored = dict(json.loads(ds.attrs["parameters"]))
     except (TypeError, ValueError, RecursionError):
-        raise InputError("the attribute 'parameters' of this Dataset is not as fastcoil made it") from None
+        sentence = "the attribute 'parameters' of this Dataset is not as fastcoil made it"
+        raise InputError(sentence, "ds", "data") from None
     for kind in RULE_KINDS:
         words = {str(word) for word in [stored.get(kind), *np.ravel(ds[kind].values if kind in ds.coords else [])]}
         unknown = sorted(words - {"None", *table[kind].choices})
         if unknown:
-            raise InputError(f"the result has the {kind} {unknown[0]}: give its rule, from_dataset(ds, rules=[…])")
+            sentence = f"the result has the {kind} {unknown[0]}: give its rule, from_dataset(ds, rules=[…])"
+            raise InputError(sentence, "rules", "missing")
     return {name: check_value(table[require_parameter_name(name, table)], value) for name, value in stored.items()}
 
 
 def _defaults_of_missing(
     constants: Mapping[str, Scalar], swept: Mapping[str, xr.DataArray], table: Mapping[str, Parameter]
 ) -> dict[str, Scalar]:
-    """Defaults of the parameters that a result has neither as constant nor as coordinate, with a warning."""
+    """Return defaults for the parameters that are neither constant nor coordinate of a result, with a warning."""
     given_names = constants.keys() | swept.keys()
     replaced = {name for stand_in, names in STAND_INS.items() if stand_in in given_names for name in names}
     missing = {
@@ -261,17 +274,17 @@ def _defaults_of_missing(
     return missing
 
 
-_MAX_LISTED_VALUES = 5  # so many values of a sweep are written one by one
+_MAX_LISTED_VALUES = 5  # of a sweep; of more values the range is written
 
 
 def _changed_names(loop: Loop, preset: Preset) -> list[str]:
-    """Parameters of another value than in a preset: those swept, then constants, in the order of the table."""
+    """Return the parameters that differ from a preset: those swept, then constants, in the order of the table."""
     constants = {name: loop.constants[name] for name in loop.parameters if name in loop.constants}
-    return [*loop.swept, *preset.changed(constants, loop.parameters)]
+    return [*loop.swept, *preset.changed_names(constants, loop.parameters)]
 
 
 def _summarise_values(value: xr.DataArray) -> str:
-    """A few values one by one; of many the range, and the median unless they rise along an axis."""
+    """Write a few values one by one; of many the range, and the median unless they rise along an axis."""
     flat = np.ravel(value)
     if flat.size <= _MAX_LISTED_VALUES or flat.dtype.kind not in "iuf":
         words = list(dict.fromkeys(f"{v:.6g}" if isinstance(v, (int, float)) else v for v in flat.tolist()))

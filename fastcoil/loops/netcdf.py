@@ -1,12 +1,11 @@
 """NetCDF files: the only module that calls the library to read or write results.
 
-Neither netCDF-C nor HDF5 may be called by two threads at once: every call holds the lock of xarray's netcdf4 backend,
-so that a user's own datasets wait too; inside, xarray gets no lock, for this one is not reentrant.  Nothing that is
-opened here is left to the garbage collector, which takes no lock.
+Neither netCDF-C nor HDF5 may be called by two threads at a time: every call holds the lock of xarray's netcdf4 backend,
+for which a user's datasets wait as well; inside, xarray gets no lock, since this one is not reentrant.  Every file that
+is opened here is closed here: the garbage collector takes no lock.
 
-On damaged bytes the library may crash or hang, deaf to Ctrl-C.  A file whose hash was recorded is parsed only if its
-bytes have that hash.  Any other file, a foreign one or one of a folder that lost its ``run.json``, is first read to its
-end by a child process.  Traces are read on demand.
+On damaged bytes the library may crash or hang, deaf to Ctrl-C.  A file with a recorded hash is parsed only if its bytes
+have that hash.  Any other file is first read to its end by a child process.  Traces are read on demand.
 """
 
 import hashlib
@@ -37,12 +36,11 @@ from fastcoil.base.files import convert_os_errors, replace_atomically
 from fastcoil.base.machine import IS_POSIX, available_memory, format_bytes
 
 COMPRESSION = {"zlib": True, "complevel": 1, "shuffle": True, "fletcher32": True}
-MAX_UNCOMPRESSED_VALUES = 64
-"""Values; a variable with more is compressed."""
+MAX_UNCOMPRESSED_VALUES = 64  # of a variable; a larger one is compressed
 WITHOUT_DECODING: dict[str, Any] = {"decode_times": False, "decode_timedelta": False}
 unclosed_files: list[netCDF4.Dataset] = []
-"""Files that could not be written or closed, as on a full disk.  Closing them may crash the library, and the garbage
-collector would try: a reference is kept."""
+"""Files that could not be written or closed, as on a full disk.  A reference keeps the garbage collector from closing
+them, which may crash the library."""
 
 # a forked child inherits the lock in its current state: no thread may hold it then
 if IS_POSIX:
@@ -54,7 +52,7 @@ if IS_POSIX:
 
 
 def close_file(file: netCDF4.Dataset) -> Any:
-    """Close a file, with the lock held.  Returns the bytes of one in memory."""
+    """Close a file, with the lock held; return the bytes of a file in memory."""
     try:
         return file.close()
     except BaseException:
@@ -63,15 +61,12 @@ def close_file(file: netCDF4.Dataset) -> Any:
 
 
 def netcdf_bytes(ds: xr.Dataset) -> bytes | memoryview:
-    """The Dataset as an uncompressed NetCDF file in memory: a killed writer leaves no file that opens."""
+    """Write a Dataset as an uncompressed NetCDF file in memory: a killed writer leaves no file that opens."""
     return _write_file(ds, "in memory", "w", {}, lambda file: None, memory=0)  # type: ignore[no-any-return]
 
 
 def save(ds: xr.Dataset, path: Path) -> None:
-    """Write a Dataset as NetCDF, atomically: ``path`` is the whole new file or remains as it was.
-
-    ``StorageError`` if the file cannot be written; nothing half-written is left behind.
-    """
+    """Write a Dataset as NetCDF atomically; ``StorageError`` if that fails, with ``path`` unchanged."""
     replace_atomically(path, lambda unfinished: write(ds, unfinished, mode="w"))
 
 
@@ -81,7 +76,7 @@ def write(
     mode: Literal["w", "a"],
     append_rest: Callable[[netCDF4.Dataset], object] = lambda file: None,
 ) -> None:
-    """Write or append to an unpublished file, without a copy of it in memory; ``append_rest`` goes on writing, unlocked."""
+    """Write or append to an unpublished file, without a copy in memory; ``append_rest`` writes more, unlocked."""
     large = {n for n, v in ds.variables.items() if v.dtype.kind in "fi" and v.ndim and v.size > MAX_UNCOMPRESSED_VALUES}
     without_fill_values(ds)
     encoding = {n: COMPRESSION | {k: v for k, v in ds[n].encoding.items() if k == "_FillValue"} for n in large}
@@ -91,8 +86,7 @@ def write(
 def parse(source: str | Path | bytes) -> netCDF4.Dataset:
     """Open a file by its name or from its bytes, with the lock held and after a check of their hash.
 
-    ``OSError``, ``RuntimeError`` or ``ValueError`` if it is no NetCDF file; damaged bytes may also crash the library or
-    make it hang.
+    ``OSError``, ``RuntimeError`` or ``ValueError`` if it is no NetCDF file; damaged bytes may crash the library.
     """
     with _small_caches():
         if isinstance(source, (str, Path)):
@@ -102,9 +96,9 @@ def parse(source: str | Path | bytes) -> netCDF4.Dataset:
 
 @contextmanager
 def _small_caches() -> Iterator[None]:
-    """Give variables that are opened or made, with the lock held, small caches: each is read or written in one go."""
+    """Give variables that are opened or made, with the lock held, 1 MiB of cache: each is read or written once."""
     size, n, preemption = netCDF4.get_chunk_cache()
-    netCDF4.set_chunk_cache(_CACHE_BYTES, n, preemption)
+    netCDF4.set_chunk_cache(2**20, n, preemption)
     try:
         yield
     finally:
@@ -119,7 +113,7 @@ def load(
 ) -> xr.Dataset:
     """Read a file as ``parse`` opens it, without the variables ``skipped_names``; damage may raise anything.
 
-    most, later: of a file with more bytes, the results are those that ``open_later`` opens by their layout.
+    max_bytes, open_later: results of a larger file are opened by ``open_later`` from their layout.
 
     ``MemoryError`` if it takes more than is available: a small file may hold a large array of one value.
     """
@@ -132,10 +126,8 @@ def load(
             names = [*ds.data_vars]
             large = [n for n in names if ds[n].dtype.kind == "f"] if ds.nbytes > max_bytes else []
             layout, ds = describe_variables((n, ds.variables[n]) for n in large), ds.drop_vars(large)
-            if ds.nbytes > available_memory():
-                raise MemoryError(
-                    f"its values take {format_bytes(ds.nbytes)}, {format_bytes(available_memory())} are available"
-                )
+            if ds.nbytes > (available := available_memory()):
+                raise MemoryError(f"its values take {format_bytes(ds.nbytes)}, {format_bytes(available)} are available")
             ds = without_fill_values(with_decoded_times(ds.load()))
             variables = {**ds.variables, **open_later(layout).variables}
             return xr.Dataset({n: variables[n] for n in names}, ds.coords, ds.attrs)
@@ -173,15 +165,15 @@ def _write_file(
         return close_file(file)
 
 
-_CACHE_BYTES = 2**20  # bytes of a variable
-_CHUNK_VALUES, _CHUNK_TIMES, _SLAB_VALUES = 2**17, 2**10, 2**23
-"""Values of a chunk, and of these along time if there are several scenarios; values written at a time."""
+_CHUNK_VALUES = 2**17  # of a chunk
+_CHUNK_TIMES = 2**10  # the values of a chunk along time if there are several scenarios
+_SLAB_VALUES = 2**23  # written or read at a time
 Slabs = Iterable[tuple[tuple[slice, ...], np.ndarray]]
 """Parts of an array, in C order, and their values."""
 
 
 def cut_into_pieces(shape: tuple[int, ...], max_values: int) -> Iterator[tuple[slice, ...]]:
-    """Cut an array, in C order, into blocks whose values are neighbours: of ``max_values`` values, or of a single one."""
+    """Cut an array, in C order, into blocks of neighbouring values, at most ``max_values`` or one."""
     axis, inner = len(shape), 1
     while axis and inner * shape[axis - 1] <= max_values:
         axis -= 1
@@ -198,7 +190,7 @@ def cut_into_pieces(shape: tuple[int, ...], max_values: int) -> Iterator[tuple[s
 
 
 def trace_slabs(shape: tuple[int, ...], n_dims: int) -> tuple[list[tuple[slice, ...]], tuple[int, ...]]:
-    """How a trace is written and compressed: the slabs of scenarios, over the first ``n_dims`` dims; a chunk.
+    """Return the slabs of scenarios, over the first ``n_dims`` dims, in which a trace is written; and its chunk.
 
     A chunk has neighbouring scenarios over a part of the time, so that neither one scenario at all times nor all
     scenarios at one time need the whole file.
@@ -234,28 +226,26 @@ def append_slabs(file: netCDF4.Dataset, name: str, template: xr.Variable, chunk:
 
 
 def compressed_share(arrays: Iterable[np.ndarray]) -> float:
-    """Which share of their bytes some values take when they are compressed as in a file; 1 without any."""
+    """Return the share of bytes that is left when values are compressed as in a file; 1 without any."""
     shuffled = [np.ascontiguousarray(a).reshape(-1, 1).view(np.uint8).T.tobytes() for a in arrays]
     compressed_size = sum(len(zlib.compress(raw, COMPRESSION["complevel"])) for raw in shuffled)
     return compressed_size / sum(map(len, shuffled)) if shuffled else 1.0
 
 
 def without_fill_values(ds: xr.Dataset) -> xr.Dataset:
-    """The Dataset, whose coordinates say, also in a file that a user writes, that nothing is missing (CF 2.5.1)."""
+    """Give the coordinates no fill value, also in a file that a user writes (CF 2.5.1)."""
     for name in ds.coords:
         ds.variables[name].encoding["_FillValue"] = None
     return ds
 
 
-TRACE_DIMS = ("volume", "elapsed_time")
-"""Dims of a trace after those of scenarios."""
-CLOCK_COORDINATES = ("start", "time")
-"""Coordinates of a result whose boundary has a start."""
+TRACE_DIMS = ("volume", "elapsed_time")  # after those of scenarios
+CLOCK_COORDINATES = ("start", "time")  # of a result whose boundary has a start
 _TIME_ENCODING = {"units": "seconds since 1970-01-01 00:00:00", "calendar": "standard"}
 
 
 def encode_times(variable: xr.Variable) -> xr.Variable:
-    """A variable as a file holds it: times as numbers."""
+    """Convert a variable to its form in a file: times to numbers."""
     if variable.dtype.kind != "M":
         return variable
     seconds = variable.values.astype("datetime64[s]").astype(np.int64)
@@ -263,12 +253,12 @@ def encode_times(variable: xr.Variable) -> xr.Variable:
 
 
 def with_encoded_times(ds: xr.Dataset) -> xr.Dataset:
-    """A Dataset as a file holds it."""
+    """Convert the times of a Dataset to numbers, as in a file."""
     return ds.assign({name: encode_times(v) for name, v in ds.variables.items() if v.dtype.kind == "M"})
 
 
 def with_decoded_times(ds: xr.Dataset) -> xr.Dataset:
-    """A Dataset as it was before it was written."""
+    """Convert the times of a Dataset from numbers, as before it was written."""
     times = {}
     for name in CLOCK_COORDINATES:
         variable = ds.variables.get(name)
@@ -281,21 +271,19 @@ def with_decoded_times(ds: xr.Dataset) -> xr.Dataset:
 
 
 _PROBE_SCRIPT = Path(__file__).with_name("netcdf_probe.py")
-_PROBE_SECONDS, _PROBE_BYTES_PER_SECOND = 30, 5e6  # limits of the child process, far above what reading takes
-_PROBE_MEMORY_BYTES = 2**31
 FileIdentity = tuple[int, ...]
 """Device, inode, size and times: they change when the file does."""
 _readable_files: set[FileIdentity] = set()  # files that a child process read to their end
 TraceLayout = Mapping[str, Mapping[str, Any]]
-"""Of each variable in a file: its ``dims``, ``shape``, ``dtype`` and ``attrs``."""
+"""``dims``, ``shape``, ``dtype`` and ``attrs`` of each variable in a file."""
 
 
 @dataclass(frozen=True)
 class StoredFile:
     """A NetCDF file in the folder of a study.
 
-    accepted: SHA-256 that its bytes may have; they are compared before they are parsed, once in each process.  cure:
-    what to do if it is damaged.
+    accepted: SHA-256 that its bytes may have, compared before they are parsed, once in each process.  cure: what to do
+    if it is damaged.
     """
 
     path: Path
@@ -303,7 +291,7 @@ class StoredFile:
     cure: str
 
     def identity(self) -> FileIdentity:
-        """Identity of the file.
+        """Return the identity of the file.
 
         ``StorageError`` if it cannot be examined, ``IntegrityError`` if it is missing or no regular file.
         """
@@ -317,28 +305,27 @@ class StoredFile:
         return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns
 
     def sha256(self, *, afresh: bool = False) -> str:
-        """SHA-256 of its bytes, computed ``afresh`` or only if the file changed; raises as ``identity``."""
+        """Return the SHA-256 of its bytes, computed ``afresh`` or only if the file changed; raises as ``identity``."""
         digest = _sha256_of.__wrapped__ if afresh else _sha256_of
         identity = self.identity()
         with convert_os_errors(self.path, "read"):
             return str(digest(self.path, identity))
 
     def check(self, *, afresh: bool = False) -> str:
-        """Compare ``sha256`` and return it; ``IntegrityError`` if it is not that of what was written."""
+        """Compare ``sha256`` and return it; ``IntegrityError`` if it is not accepted."""
         digest = self.sha256(afresh=afresh)
         if digest not in self.accepted:
-            raise IntegrityError(
-                f"{self.path} is damaged, or not of this run (the hash of its bytes differs); {self.cure}"
-            )
+            sentence = f"{self.path} is damaged, or not of this run (the hash of its bytes differs)"
+            raise IntegrityError(f"{sentence}; {self.cure}")
         return digest
 
     def load(self, max_bytes: float = math.inf) -> xr.Dataset:
-        """Read it; of more than ``max_bytes`` bytes, results when their values are needed; raises as ``check``."""
+        """Read it; results of more than ``max_bytes`` bytes when their values are needed; raises as ``check``."""
         with self._guard_reading():
             return load(self.path, (), max_bytes, lambda layout: open_lazily(self, layout))
 
     def read(self, name: str, shape: tuple[int, ...], key: Any) -> np.ndarray:
-        """Read a part of a variable that has a ``shape``; raises as ``check``."""
+        """Read a part of a variable of this ``shape``; raises as ``check``."""
         with self._guard_reading(), NETCDF4_PYTHON_LOCK:
             file = parse(self.path)
             try:
@@ -386,7 +373,7 @@ def file_sha256(path: Path) -> str:
 
 
 def probe_file(path: Path, cure: str) -> StoredFile:
-    """Have a child process read a file to its end, once in each process, and give it with the hash of its bytes.
+    """Read a file to its end in a child process, once in each process; return it with the hash of its bytes.
 
     cure: what to do if it is damaged.
 
@@ -394,19 +381,13 @@ def probe_file(path: Path, cure: str) -> StoredFile:
     """
     identity = StoredFile(path, (), cure).identity()
     if identity not in _readable_files:
-        seconds = int(_PROBE_SECONDS + identity[2] / _PROBE_BYTES_PER_SECOND)
-        arguments = [
-            path,
-            seconds,
-            _PROBE_MEMORY_BYTES,
-            json.dumps([*filter(None, sys.path), str(_PROBE_SCRIPT.parents[2])]),
-        ]
-        command = [sys.executable, "-I", str(_PROBE_SCRIPT), *map(str, arguments)]
+        seconds = int(30 + identity[2] / 5e6)  # far above what reading takes
+        paths = json.dumps([*filter(None, sys.path), str(_PROBE_SCRIPT.parents[2])])
+        command = [sys.executable, "-I", str(_PROBE_SCRIPT), str(path), str(seconds), str(2**31), paths]
+        options: Any = {"stdin": subprocess.DEVNULL, "capture_output": True, "timeout": seconds, "check": False}
         try:
             with convert_os_errors(path, "read by another process"):
-                child = subprocess.run(
-                    command, stdin=subprocess.DEVNULL, capture_output=True, timeout=seconds, check=False
-                )
+                child = subprocess.run(command, **options)
         except subprocess.TimeoutExpired:
             raise IntegrityError(f"{path} is damaged: reading it did not end in {seconds} s; {cure}") from None
         if child.returncode:
@@ -424,7 +405,7 @@ def probe_file(path: Path, cure: str) -> StoredFile:
 
 
 def describe_variables(variables: Iterable[tuple[Any, xr.Variable]]) -> dict[str, Any]:
-    """Describe variables, so that they can be offered before their file is opened; all of it is valid JSON."""
+    """Describe variables, in valid JSON, so that they can be listed before their file is opened."""
     return {
         name: {
             "dims": list(variable.dims),
@@ -437,7 +418,7 @@ def describe_variables(variables: Iterable[tuple[Any, xr.Variable]]) -> dict[str
 
 
 def open_lazily(file: StoredFile, layout: TraceLayout) -> xr.Dataset:
-    """The variables of a file, read when their values are needed; the file is not opened before."""
+    """Return the variables of a file, which is opened when their values are needed."""
     variables = {}
     for name, description in layout.items():
         array = _LazyVariable(file, name, description)
@@ -471,7 +452,7 @@ class _LazyVariable(BackendArray):
         return values.astype(self.dtype, copy=False)
 
     def _read_all(self) -> np.ndarray:
-        """All values, which xarray keeps: in a nameless file, so that those of many scenarios take no memory."""
+        """Read all values, which xarray keeps, into a nameless file, so that many scenarios take no memory."""
         values = allocate_on_disk(self.shape, 0, self.dtype)
         for piece in cut_into_pieces(self.shape, _SLAB_VALUES):
             values[piece] = self.file.read(self.name, self.shape, piece)

@@ -1,13 +1,11 @@
-"""Reads every variable of a NetCDF file: the child process of ``probe_file``.
+"""Read every variable of a NetCDF file: the child process of ``probe_file``.
 
-A file of its own because it is run by its path, with: name of the file, seconds it may compute, bytes of memory it may
-take, ``sys.path`` as JSON.  On damaged bytes the library may crash, fill the memory or never return.
+Run by its path, with: name of the file, limits of seconds and of bytes of memory, ``sys.path`` as JSON.  On damaged
+bytes the library may crash, fill the memory or never return.
 """
 
 import json
 import sys
-
-_VALUES_PER_READ = 2**20  # values
 
 
 def main(name: str, seconds: int, memory: int, path: list[str]) -> None:
@@ -24,7 +22,7 @@ def main(name: str, seconds: int, memory: int, path: list[str]) -> None:
         for variable in file.variables.values():
             _ = {name: variable.getncattr(name) for name in variable.ncattrs()}
             rows = variable.shape[0] if variable.shape else 1
-            step = max(1, _VALUES_PER_READ * rows // max(1, variable.size))
+            step = max(1, 2**20 * rows // max(1, variable.size))  # 2**20 values
             for start in range(0, rows, step):
                 _ = variable[start : start + step] if variable.shape else variable[...]
 

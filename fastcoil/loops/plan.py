@@ -23,7 +23,7 @@ from fastcoil.base.arguments import (
     require_integer,
 )
 from fastcoil.base.arrays import MEMMAP_MIN_BYTES
-from fastcoil.base.errors import InputError, WrongTypeMessage, short_repr
+from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.base.files import convert_os_errors, exists
 from fastcoil.base.machine import available_memory, format_bytes
 from fastcoil.loops.assignment import MIN_SERIES_VALUES, SERIES_HINT
@@ -42,32 +42,30 @@ _CURE = "sweep fewer values, ask for fewer traces or a longer trace_interval"
 
 
 def check_memory(needed_bytes: int, n_scenarios: int) -> None:
-    """Refuse results of ``needed_bytes`` bytes that do not fit into memory."""
+    """Refuse results that do not fit into memory."""
     available = available_memory()
     if needed_bytes > available:
         sizes = f"{format_bytes(needed_bytes)} of memory, {format_bytes(available)} are available"
-        raise InputError(f"{n_scenarios:,} scenarios need {sizes}: {_CURE}")
+        raise InputError(f"{n_scenarios:,} scenarios need {sizes}: {_CURE}", "loop", "size")
 
 
 def check_workers(run_bytes: int, worker_bytes: int, n_jobs: int) -> None:
-    """Refuse ``n_jobs`` workers of ``worker_bytes`` bytes that, with a run of ``run_bytes`` bytes, do not fit into memory."""
+    """Refuse ``n_jobs`` workers of ``worker_bytes`` each that do not fit into memory beside ``run_bytes``."""
     available = available_memory()
     if run_bytes + n_jobs * worker_bytes > available:
         fit = (available - run_bytes) // worker_bytes
         sizes = f"{format_bytes(run_bytes + n_jobs * worker_bytes)} of memory, {format_bytes(available)} are available"
-        raise InputError(f"{n_jobs} workers need {sizes}: {f'use -j {fit}' if fit >= 1 else _CURE}")
+        raise InputError(f"{n_jobs} workers need {sizes}: {f'use -j {fit}' if fit >= 1 else _CURE}", "n_jobs", "size")
 
 
 def check_disk(needed_bytes: int, folder: Path) -> None:
-    """Refuse results of ``needed_bytes`` bytes that do not fit where they are to be written; ``folder`` need not exist."""
-    nearest_existing = next(p for p in [folder, *folder.absolute().parents] if exists(p))
-    with convert_os_errors(nearest_existing, "read"):
-        free = shutil.disk_usage(nearest_existing).free
+    """Refuse results that do not fit on the disk of ``folder``, which need not exist."""
+    existing = next(p for p in [folder, *folder.absolute().parents] if exists(p))
+    with convert_os_errors(existing, "read"):
+        free = shutil.disk_usage(existing).free
     if needed_bytes > free:
-        raise InputError(
-            f"the study needs up to {format_bytes(needed_bytes)} on disk, {format_bytes(free)} are free in {nearest_existing}: "
-            f"choose another folder, or {_CURE}"
-        )
+        sizes = f"{format_bytes(needed_bytes)} on disk, {format_bytes(free)} are free in {existing}"
+        raise InputError(f"the study needs up to {sizes}: choose another folder, or {_CURE}", "out", "size")
 
 
 RUN_LIMITS: dict[str, tuple[int, int | None]] = {
@@ -76,24 +74,21 @@ RUN_LIMITS: dict[str, tuple[int, int | None]] = {
     "seed": (0, 2**64 - 1),
     "replicates": (1, 2**32),
 }
-"""Least and largest value of the whole numbers that say how to run; a boundary may limit them further."""
+"""Least and largest value of the whole numbers of a run; a boundary may limit them further."""
 
+# chosen on two cores, see benchmarks/README.md
 _LANE_STEPS_PER_SHARD = 60e6  # about 1 to 2 s of work on one core
-_SHARDS_PER_WORKER = 4
-_BYTES_PER_SHARD, _BYTES_IN_FLIGHT = 64 * 2**20, 192 * 2**20  # of results; of the shards of all workers and one more
-_LANE_STEPS_PER_SEQUENCE = 1e10  # about two minutes, which a kill costs at most, but for the fewest blocks
-_MIN_SEQUENCE_BLOCKS = 8  # of days in sequence: each shard makes its days itself, which fewer do not repay
-_BLOCKS_PER_GROUP, _GROUPS_PER_WORKER = 4, 4
-"""Fewer, where workers would have nothing to do; more groups even out what they have to do."""
-_PROCESS_BYTES = 170 * 2**20
-"""Memory of a worker that is a process, measured; libraries are shared."""
-_PARAMETER_BYTES, SCENARIOS_AT_ONCE = 2400, 128 * LANES
-"""Bytes of the parameters of a scenario, measured, ten times those of its metrics; scenarios with them at a time."""
+_SHARDS_PER_WORKER = 4  # at least
+_BYTES_PER_SHARD = 64 * 2**20  # results of a shard
+_BYTES_IN_FLIGHT = 192 * 2**20  # results of the shards of all workers and one more
+_LANE_STEPS_PER_SEQUENCE = 1e10  # about two minutes, the most that a kill costs where a shard has more than 8 blocks
+_MIN_SEQUENCE_BLOCKS = 8  # of days in sequence: each shard makes its days itself, which fewer blocks do not repay
+SCENARIOS_AT_ONCE = 128 * LANES  # whose parameters are in memory
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A validated simulation: everything a shard needs, and the size of the result."""
+    """A validated simulation: everything that a shard needs, and the size of the result."""
 
     layout: Layout
     traces: TraceRequest
@@ -144,12 +139,12 @@ class Plan:
         return len(self.days) * self.n_steps * 8 * len(DAY_COLUMNS)
 
     def memory_of_run(self, n_jobs: int, backend: str, *, traces_kept: bool = True) -> tuple[int, int]:
-        """Memory in bytes that a run with traces on disk takes besides what this process has: itself, each worker.
+        """Return the memory [bytes] of a run with traces on disk: added to this process, and of each worker.
 
-        Itself: while workers run, indices of all scenarios, a shard on its way to the disk, its file, and one that the
+        This process: while workers run, indices of all scenarios, a shard being written, its file, and one that the
         allocator keeps; then values and labels of the results and, in the merge, the file of a shard twice with a trace
         of it and of two others, or two copies of a metric in the summary.  A worker: a shard, parameters, a block and a
-        day; a trace more to reduce it; as another process, the shard twice, its own libraries and boundary.
+        day; one trace more to reduce it; as another process, the shard twice, and its own libraries and boundary.
         """
         n, layout = self.n_scenarios, self.layout
         if self.carry_over:
@@ -162,9 +157,9 @@ class Plan:
         trace_bytes = max(map(self._trace_bytes, self.traces.names), default=0) // n * shard_size
         worker_bytes += trace_bytes * (not traces_kept) if backend == "threads" else worker_bytes
         worker_bytes += -(-self.trace_bytes // n) * LANES + self.n_steps * 8 * (len(DAY_COLUMNS) + 8)
-        worker_bytes += _PARAMETER_BYTES * min(shard_size, SCENARIOS_AT_ONCE)
-        if backend != "threads":
-            worker_bytes += _PROCESS_BYTES + (0 if layout.boundary.is_streamed else 2 * self.boundary_bytes)
+        worker_bytes += 2400 * min(shard_size, SCENARIOS_AT_ONCE)  # of parameters, measured
+        if backend != "threads":  # 170 MiB of a process, measured; libraries are shared
+            worker_bytes += 170 * 2**20 + (0 if layout.boundary.is_streamed else 2 * self.boundary_bytes)
         merge_bytes = max(2 * written_bytes + 3 * trace_bytes * traces_kept, 16 * n)  # when there are no workers
         merge_bytes += sum(values.nbytes for values in layout.loop.swept.values()) + 2 * 8 * sum(layout.sizes.values())
         return max(8 * n + 3 * written_bytes, merge_bytes - n_jobs * worker_bytes), worker_bytes
@@ -172,23 +167,22 @@ class Plan:
     def disk_bytes(
         self, *, traces_kept: bool = True, metrics_left: float = 1.0, traces_left: float = 1.0
     ) -> tuple[int, int]:
-        """Room that a study takes on disk while it is merged, and what is left of it.
+        """Return the disk space [bytes] of a study while it is merged, and afterwards.
 
-        Shards are not compressed, and are there until the results are; in between metrics are put together, and each
-        trace of days in sequence, whose shards are not in their order.
+        Shards are not compressed, and exist until the results do; meanwhile metrics are joined, and each trace of days
+        in sequence, whose shards are not in their order.
 
-        metrics_left, traces_left: the share of their bytes that results take, see ``estimate``; by default the most.
+        metrics_left, traces_left: the share of bytes left after compression, see ``estimate_run_time``; by default all.
         """
         traces = [self._trace_bytes(name) // (8 if name == "mode" else 1) for name in self.traces.names if traces_kept]
         left_bytes = int(self.n_scenarios * 8 * len(METRICS) * metrics_left + sum(traces) * traces_left)
         left_bytes += sum(values.nbytes for values in self.layout.loop.swept.values())
-        joined_bytes = (
-            self.metric_bytes * (8 * self.n_scenarios >= MEMMAP_MIN_BYTES) + max([0, *traces]) * self.carry_over
-        )
+        joined_bytes = self.metric_bytes * (8 * self.n_scenarios >= MEMMAP_MIN_BYTES)
+        joined_bytes += max([0, *traces]) * self.carry_over
         return self.metric_bytes + sum(traces) + joined_bytes + left_bytes, left_bytes
 
     def shard_limits(self, n_jobs: int, n_blocks: int) -> tuple[int, int]:
-        """Most blocks and most scenarios of a shard, if ``n_blocks`` are to be run."""
+        """Return the most blocks and the most scenarios of a shard of a run of ``n_blocks``."""
         by_work = _LANE_STEPS_PER_SHARD / (self.n_steps * LANES)
         by_workers = n_blocks / (n_jobs * _SHARDS_PER_WORKER)
         shard_bytes = min(_BYTES_PER_SHARD, _BYTES_IN_FLIGHT // (n_jobs + 1))
@@ -196,10 +190,10 @@ class Plan:
         return max(1, round(min(by_work, by_workers))), max(LANES, by_size)
 
     def lanes_of_sequence(self, n_jobs: int, n_lanes: int) -> int:
-        """Most lanes of a shard, if ``n_lanes`` are to be run on days in sequence."""
+        """Return the most lanes of a shard of a run of ``n_lanes`` on days in sequence."""
         n_blocks, n_groups = -(-n_lanes // LANES), 1
-        if n_jobs > 1:
-            n_groups = max(n_jobs, min(n_blocks // _BLOCKS_PER_GROUP, n_jobs * _GROUPS_PER_WORKER))
+        if n_jobs > 1:  # groups of four blocks, up to four for each worker, so that none is idle for long
+            n_groups = max(n_jobs, min(n_blocks // 4, n_jobs * 4))
         by_work = max(_MIN_SEQUENCE_BLOCKS, int(_LANE_STEPS_PER_SEQUENCE / (self.n_steps * len(self.days) * LANES)))
         shard_bytes = min(_BYTES_PER_SHARD, _BYTES_IN_FLIGHT // (n_jobs + 1))
         by_size = shard_bytes * self.n_per_day // (self.metric_bytes + self.trace_bytes)
@@ -219,12 +213,11 @@ def plan_simulation(
     carry_over: bool = False,
     traces_on_disk: bool = False,
 ) -> Plan:
-    """Validate the arguments of ``simulate``: nothing is allocated and nothing runs."""
+    """Validate the arguments of ``simulate`` without allocating or running anything."""
     with argument_checks() as check:
         check(require_instance, "loop", loop, Loop, "give a fastcoil.Loop")
-        check(
-            require_instance, "boundary", boundary, Boundary, "give a fastcoil.Boundary, such as fastcoil.paper_day()"
-        )
+        cure = "give a fastcoil.Boundary, such as fastcoil.paper_day()"
+        check(require_instance, "boundary", boundary, Boundary, cure)
     with argument_checks() as check:
         trace_interval = check(require_integer, "trace_interval", trace_interval, 1, boundary.n_steps)
         warm_up = check(require_integer, "warm_up", warm_up, *RUN_LIMITS["warm_up"])
@@ -232,15 +225,15 @@ def plan_simulation(
         replicates = check(require_integer, "replicates", replicates, *RUN_LIMITS["replicates"])
         carry_over = check(require_flag, "carry_over", carry_over)
         check.problems += _trace_problems(traces)
-        check.problems += [  # most likely series, and not sweeps
-            f"{name} has {value.size:,} values, one for each second of the boundary: {SERIES_HINT}; "
-            f'to sweep it, name the dimension: {name}=("sample", values)'
-            for name, value in loop.swept.items()
-            if value.dims == (name,) and value.size == boundary.n_steps >= MIN_SERIES_VALUES
-        ]
+        for name, value in loop.swept.items():
+            if value.dims == (name,) and value.size == boundary.n_steps >= MIN_SERIES_VALUES:  # likely a series
+                sentence = f"{name} has {value.size:,} values, one for each second of the boundary: {SERIES_HINT}"
+                cure = f'to sweep it, name the dimension: {name}=("sample", values)'
+                check.problems.append(Problem(f"{sentence}; {cure}", name, "shape"))
         if not check.problems and boundary.n_steps <= warm_up:
             durations = f"a day lasts {boundary.n_steps} s, the warm-up {short_repr(warm_up)} s"
-            check.problems.append(f"{durations}: nothing is left to count, give longer days")
+            sentence = f"{durations}: nothing is left to count, give longer days"
+            check.problems.append(Problem(sentence, "boundary", "data"))
     layout = Layout(loop, boundary, replicates)
     with argument_checks() as check:
         for rule in layout.loop.rules.values():
@@ -249,7 +242,7 @@ def plan_simulation(
     commands = read_commands(command, boundary)
     days = Days(boundary, commands, warm_up, seed, carry_over=carry_over)
     plan = Plan(layout, TraceRequest(tuple(traces), trace_interval), warm_up, seed, commands, days)
-    in_memory = 5 * plan.metric_bytes + 3 * plan.trace_bytes  # what simulate takes at most, measured
+    in_memory = 5 * plan.metric_bytes + 3 * plan.trace_bytes  # the most that simulate takes, measured
     check_memory(sum(plan.memory_of_run(1, "threads")) if traces_on_disk else in_memory, plan.n_scenarios)
     check_clashes(layout.loop, np.array(boundary.extremes["T_set"]), boundary.extremes["backlash_scale"][0])
     seconds = boundary.n_steps * (len(days) if carry_over else 1)
@@ -260,7 +253,7 @@ def plan_simulation(
 
 
 def simulation_attributes(plan: Plan) -> dict[str, Any]:
-    """Attributes of a result that, with its coordinates, say what was simulated."""
+    """Return the attributes of a result that, with its coordinates, identify the simulation."""
     attrs = {
         "parameters": json.dumps(plan.layout.loop.constants),
         "boundary": plan.layout.boundary.describe(),
@@ -273,7 +266,7 @@ def simulation_attributes(plan: Plan) -> dict[str, Any]:
     if plan.carry_over:
         attrs["carry_over"] = 1
     if plan.command is not None:
-        import joblib  # takes 0.1 s, which a study that is only looked at need not wait
+        import joblib  # takes 0.1 s, not needed to open a study
 
         attrs["command_sha256"] = joblib.hash(plan.command, hash_name="sha1")
     return attrs
@@ -281,48 +274,54 @@ def simulation_attributes(plan: Plan) -> dict[str, Any]:
 
 def _trace_problems(traces: object) -> list[str]:
     if not isinstance(traces, (list, tuple)):
-        return [WrongTypeMessage(f"traces = {short_repr(traces)}: give a list of names")]
+        return [Problem(f"traces = {short_repr(traces)}: give a list of names", "traces", "type")]
     problems: list[str] = []
     for name in traces:
         if name in BOUNDARY_SERIES:
-            problems.append(f"traces: {name!r} is an input: it is in the boundary, as boundary.series[{name!r}]")
+            sentence = f"traces: {name!r} is an input: it is in the boundary, as boundary.series[{name!r}]"
+            problems.append(Problem(sentence, "traces", "choice"))
         else:
             with collect_problems(problems):
                 require_choice("traces", name, TRACES)
-    return problems + [f"traces: {n} is listed twice" for n in TRACES if traces.count(n) > 1]
+    twice = [n for n in TRACES if traces.count(n) > 1]
+    return problems + [Problem(f"traces: {n} is listed twice", "traces", "duplicate") for n in twice]
 
 
 @dataclass(frozen=True)
 class Shard:
-    """Scenarios that one worker runs: of independent days any, of a sequence of days some lanes on all of them."""
+    """Scenarios that one worker runs: any of independent days, or some lanes on all days of a sequence.
 
-    lanes: np.ndarray  # (n,), ascending: flat indices, or in a sequence positions among the ``of`` scenarios of a day
-    of: int = 0
-    first: int = 0  # day of a sequence from which on results are kept
-    end: int = 1  # day before which a sequence ends
+    lanes: (n,), ascending: flat indices, or in a sequence positions among the ``n_per_day`` scenarios of a day.
+    first_day, end_day: of a sequence, the first day whose results are kept, and the end of the range.
+    """
+
+    lanes: np.ndarray
+    n_per_day: int = 0
+    first_day: int = 0
+    end_day: int = 1
 
     @property
     def is_sequence(self) -> bool:
         """Whether its days are a sequence."""
-        return self.of > 0
+        return self.n_per_day > 0
 
     @property
     def index(self) -> np.ndarray:
         """Flat indices of its scenarios, ascending."""
-        return np.asarray(np.arange(self.first, self.end)[:, np.newaxis] * self.of + self.lanes).ravel()
+        return np.asarray(np.arange(self.first_day, self.end_day)[:, np.newaxis] * self.n_per_day + self.lanes).ravel()
 
     @property
     def size(self) -> int:
-        return self.lanes.size * (self.end - self.first)
+        return self.lanes.size * (self.end_day - self.first_day)
 
     def halves(self) -> "list[Shard]":
-        """Two groups of its lanes."""
+        """Return two groups of its lanes."""
         return [replace(self, lanes=half) for half in np.array_split(self.lanes, 2)]
 
 
 @dataclass(frozen=True)
 class JobSlice:
-    """The ``k``-th of ``n`` shares of the scenarios of a study, counted from 1, which different machines run."""
+    """The ``k``-th of ``n`` slices of the scenarios of a study, counted from 1, for different machines."""
 
     k: int
     n: int
@@ -332,21 +331,22 @@ class JobSlice:
         """Read ``K/N``."""
         match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
         if match is None or not 1 <= int(match[1]) <= int(match[2]):
-            raise InputError(f"--shard {text}: give K/N, the K-th of N shares, such as 1/8 to 8/8")
+            sentence = f"--shard {text}: give K/N, the K-th of N shares, such as 1/8 to 8/8"
+            raise InputError(sentence, "--shard", "format")
         return cls(int(match[1]), int(match[2]))
 
     def __str__(self) -> str:
         return f"{self.k}-of-{self.n}"
 
     def index(self, plan: Plan) -> np.ndarray:
-        """Flat indices of its scenarios, ascending: neighbours, or of days in sequence some lanes on all days."""
+        """Return flat indices of its scenarios, ascending: neighbours, or some lanes on all days of a sequence."""
         n_total = plan.n_per_day if plan.carry_over else plan.n_scenarios
         selected = np.arange(n_total * (self.k - 1) // self.n, n_total * self.k // self.n)
         return Shard(selected, n_total, 0, len(plan.days)).index if plan.carry_over else selected
 
 
 def cut_into_shards(plan: Plan, n_jobs: int, todo: np.ndarray | None = None) -> list[Shard]:
-    """The shards of ``todo``, flat indices, ascending, or of all: ranges of whole blocks, each of one day; or lanes."""
+    """Cut ``todo``, ascending flat indices, or all scenarios into shards: whole blocks of one day each; or lanes."""
     n_per_day, todo = plan.n_per_day, np.arange(plan.n_scenarios) if todo is None else todo
     if not plan.carry_over:
         day = todo // n_per_day
@@ -368,9 +368,7 @@ def cut_into_shards(plan: Plan, n_jobs: int, todo: np.ndarray | None = None) -> 
     day_ranges, range_index = np.unique(np.stack([first_day[lanes], end_day[lanes]]), axis=1, return_inverse=True)
     sequences = []
     for k, (begin, stop) in enumerate(day_ranges.T.tolist()):
-        lanes_of_range = lanes[range_index.ravel() == k]
-        sequences += [
-            Shard(lanes_of_range[n : n + max_lanes], n_per_day, begin, stop)
-            for n in range(0, lanes_of_range.size, max_lanes)
-        ]
+        members = lanes[range_index.ravel() == k]
+        pieces = [members[n : n + max_lanes] for n in range(0, members.size, max_lanes)]
+        sequences += [Shard(piece, n_per_day, begin, stop) for piece in pieces]
     return sequences

@@ -1,4 +1,4 @@
-"""Named loops to start from, of ``presets.toml``: what each describes and how it differs from the defaults."""
+"""Named loops of ``presets.toml``: a description of each, and its differences from the defaults."""
 
 import tomllib
 from collections.abc import Mapping
@@ -27,17 +27,17 @@ class Preset:
         return self.values.get("action") == "heating"
 
     def value(self, parameter: Parameter) -> Scalar | None:
-        """Its value of a parameter; None where others take the place of it."""
+        """Return its value of a parameter; None if others replace it."""
         if "rangeability" in self.values and parameter.name in _CURVE_PARAMETERS:
             return None
         return self.values.get(parameter.name, parameter.default)
 
-    def changed(self, values: Mapping[str, Any], table: Mapping[str, Parameter] = PARAMETERS) -> list[str]:
-        """Names of the values that differ from the preset; ``table`` may include the parameters of rules."""
+    def changed_names(self, values: Mapping[str, Any], table: Mapping[str, Parameter] = PARAMETERS) -> list[str]:
+        """Return the names of values that differ from the preset; ``table`` may include parameters of rules."""
         return [name for name, value in values.items() if name not in table or value != self.value(table[name])]
 
     def __str__(self) -> str:
-        """Description and, on a second line, differences from the defaults."""
+        """Return the description and, on a second line, the differences from the defaults."""
         changed = [PARAMETERS[name].equation(value) for name, value in self.values.items()]
         return f"{self.text}\n{', '.join(changed) or 'the defaults'}"
 
@@ -61,5 +61,16 @@ COOLING_PRESETS = {
 
 
 def presets() -> Presets:
-    """Every preset by name: what it stands for, and the ``values`` in which it differs from the defaults."""
+    """Return every preset by name: its text, and the ``values`` that differ from the defaults.
+
+    See Also
+    --------
+    Loop : ``Loop.preset(name)`` is the loop.
+
+    Examples
+    --------
+    >>> import fastcoil as fc
+    >>> fc.presets()["lbnl"].values["kp"]
+    0.018
+    """
     return Presets(PRESETS)

@@ -24,16 +24,15 @@ VOLATILE_ATTRIBUTES = (
     "user_code",
 )  # fmt: skip
 """Attributes that may differ between two runs with the same content."""
-_VALUES_PER_READ, _VALUES_PER_UPDATE = 2**23, 2**20  # values; these bound the memory that hashing takes
 
 
 def content_sha256(ds: xr.Dataset) -> str:
-    """Hash of names, dims, values and all but volatile attributes: equal for equal results, also through NetCDF."""
+    """Hash names, dims, values and all but volatile attributes: equal for equal results, also through NetCDF."""
     return combined_sha256(ds, {str(n): variable_sha256(v) for n, v in ds.variables.items()})
 
 
 def combined_sha256(ds: xr.Dataset, variables: Mapping[str, str] | None = None) -> str:
-    """``content_sha256`` from the hashes of variables, by default those of ``ds`` and of its traces in other files."""
+    """Combine hashes of variables, by default of ``ds`` and its traces in other files, to ``content_sha256``."""
     if variables is None:
         trace_hashes = json.loads(ds.attrs.get("trace_sha256", "{}"))
         variables = trace_hashes | {str(n): variable_sha256(v) for n, v in ds.variables.items()}
@@ -45,27 +44,27 @@ def combined_sha256(ds: xr.Dataset, variables: Mapping[str, str] | None = None) 
 
 
 def variable_sha256(variable: xr.Variable) -> str:
-    """Hash of a variable's dims, values and attributes; a variable on disk is read piece by piece."""
+    """Hash dims, values and attributes of a variable; a variable on disk is read in pieces of 64 MiB."""
     digest = VariableHash(variable.dims, variable.shape)
-    for piece in cut_into_pieces(variable.shape, _VALUES_PER_READ):
+    for piece in cut_into_pieces(variable.shape, 2**23):
         digest.update(encode_times(variable[piece]).values)
     return digest.hexdigest(variable.attrs)
 
 
 class VariableHash:
-    """``variable_sha256`` of values that come piece by piece, in C order."""
+    """Hash as of ``variable_sha256``, from values in C order, piece by piece."""
 
     def __init__(self, dims: tuple[Any, ...], shape: tuple[int, ...]) -> None:
         self._digest = hashlib.sha256(f"{dims} {shape}\n".encode())
 
     def update(self, values: np.ndarray) -> None:
         flat = values.ravel()
-        for start in range(0, flat.size, _VALUES_PER_UPDATE):
-            chunk = flat[start : start + _VALUES_PER_UPDATE]
+        for start in range(0, flat.size, 2**20):
+            chunk = flat[start : start + 2**20]
             if chunk.dtype.kind in "OUS":
                 self._digest.update("".join(f"{v}\0" for v in chunk).encode())
             else:
-                # one NaN is as good as another, and integers may come back in another width
+                # the bits of NaN and the width of integers may change in a file
                 self._digest.update(np.where(np.isnan(chunk), np.nan, chunk).astype("<f8").tobytes())
 
     def hexdigest(self, attrs: Mapping[str, Any]) -> str:
@@ -81,13 +80,11 @@ def _hash_attrs(digest: Any, attrs: Mapping[str, Any]) -> None:
 
 
 RESULT_FORMAT = 1  # of results on disk; a file of a later one is refused
-
-
-PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "xarray", "netCDF4")  # whose versions a result keeps
+PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "xarray", "netCDF4")  # whose versions a result records
 
 
 def provenance() -> dict[str, Any]:
-    """Attributes that say what made a result: versions and machine, no user and no path."""
+    """Return the attributes on the origin of a result: versions and machine, no user and no path."""
     now, fastcoil_version = datetime.now(UTC).isoformat(timespec="seconds"), VERSION
     return {
         "Conventions": "CF-1.11",
@@ -107,12 +104,12 @@ def provenance() -> dict[str, Any]:
 
 @cache
 def package_versions() -> dict[str, str]:
-    """Versions of this installation by package."""
+    """Return the versions of this installation by package."""
     return {package: version(package) for package in PACKAGES}
 
 
 def environments_of(ds: xr.Dataset) -> list[dict[str, str]]:
-    """The environments that computed a result, see ``numeric_environment``; an empty one if it does not say."""
+    """Return the environments that computed a result, see ``numeric_environment``; an empty one if unknown."""
     try:
         environments = json.loads(ds.attrs.get("computed_on", "[{}]"))
         return [{str(k): str(v) for k, v in environment.items()} for environment in environments]

@@ -1,4 +1,4 @@
-"""The scenarios of a study in one flat order, its days as the kernel takes them, its results as a Dataset."""
+"""Scenarios of a study in one flat order, its days in the form of the kernel, its results as a Dataset."""
 
 import hashlib
 import math
@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import raise_problems, require_instance
-from fastcoil.base.errors import InputError, IntegrityError, short_repr
+from fastcoil.base.errors import InputError, IntegrityError, Problem, short_repr
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.series import is_clock_changed, read_series
 from fastcoil.loops.labelled import SeriesLabels
@@ -31,11 +31,9 @@ from fastcoil.model.metric_table import (
 )
 from fastcoil.model.parameter_table import PARAMETERS, Parameter
 
-_SECOND = np.timedelta64(1, "s")
-
 
 def clock_coordinates(boundary: Boundary, elapsed_time: xr.Variable | None = None) -> dict[str, xr.DataArray]:
-    """``start``; of a single day also the ``time`` of its traces, unless its clock is changed on the way."""
+    """Return ``start``, and for a single day the ``time`` of its traces unless clocks are changed during it."""
     start = boundary.start_coordinate
     if start is None or boundary.start is None:
         return {}
@@ -43,10 +41,10 @@ def clock_coordinates(boundary: Boundary, elapsed_time: xr.Variable | None = Non
     if elapsed_time is None or boundary.has_day_dim:
         return coordinates
     if not is_clock_changed(boundary.time_zone, boundary.start[0], boundary.n_steps):
-        time = start.values + np.rint(elapsed_time.values).astype(np.int64) * _SECOND
+        time = start.values + np.rint(elapsed_time.values).astype(np.int64).astype("timedelta64[s]")
         attrs = {"long_name": "date and time", "standard_name": "time"}
-        zone = {"time_zone": boundary.time_zone} if boundary.time_zone else {}
-        coordinates["time"] = xr.DataArray(time.astype("datetime64[ns]"), dims="elapsed_time", attrs=attrs | zone)
+        attrs |= {"time_zone": boundary.time_zone} if boundary.time_zone else {}
+        coordinates["time"] = xr.DataArray(time.astype("datetime64[ns]"), dims="elapsed_time", attrs=attrs)
     return coordinates
 
 
@@ -59,9 +57,8 @@ class Layout:
 
     def __init__(self, loop: Loop, boundary: Boundary, replicates: int = 1) -> None:
         if boundary.start is not None and (names := {*loop.sizes, *loop.swept} & set(CLOCK_COORDINATES)):
-            raise InputError(
-                [f"{name} is swept, and the boundary has a start: give the dim another name" for name in sorted(names)]
-            )
+            sentence = "{} is swept, and the boundary has a start: give the dim another name"
+            raise InputError([Problem(sentence.format(name), name, "name") for name in sorted(names)])
         self.loop = _with_used_rules(loop)
         self.boundary = boundary
         self.sizes = ({"day": boundary.n_days} if boundary.has_day_dim else {}) | self.loop.sizes
@@ -71,18 +68,18 @@ class Layout:
         self._labels = self.loop.coordinates()
 
     def columns(self, index: np.ndarray) -> dict[str, np.ndarray]:
-        """Every parameter of the scenarios ``index``, see ``parameter_columns``."""
+        """Return every parameter of the scenarios ``index``, see ``parameter_columns``."""
         return parameter_columns(self.loop, self.sizes, index)
 
     def describe(self, flat: int) -> str:
-        """One scenario in words: its labels in the sweep; empty if there is only one scenario."""
+        """Return the labels of one scenario in the sweep as text; empty if there is only one scenario."""
         labels = self.coordinates()
         place = np.unravel_index(flat, tuple(self.sizes.values())) if self.sizes else ()
         labels_here = {d: labels[d].values[i] for d, i in zip(self.sizes, place, strict=True)}
         return ", ".join(f"{d}={v}" if isinstance(v, str) else f"{d}={v:g}" for d, v in labels_here.items())
 
     def coordinates(self) -> dict[str, xr.DataArray]:
-        """Labels of every dimension and the swept parameters along them."""
+        """Return the labels of every dimension and the swept parameters along them."""
         coordinates = dict(self._labels)
         if "day" in self.sizes:
             coordinates["day"] = xr.DataArray(self.boundary.day, dims="day")
@@ -92,7 +89,7 @@ class Layout:
 
 
 def _with_used_rules(loop: Loop) -> Loop:
-    """The loop without rules that no scenario has, unless their parameters were changed."""
+    """Return the loop without rules that no scenario has, unless their parameters were changed."""
     used_rules = [rule for rule in loop.rules.values() if rule.name in used_choices(loop, rule.kind)]
     parameters_read = {n for rule in used_rules for n in rule.own}
     unused_names = [
@@ -104,9 +101,9 @@ def _with_used_rules(loop: Loop) -> Loop:
 
 
 def parameter_columns(loop: Loop, sizes: Mapping[str, int], index: np.ndarray) -> dict[str, np.ndarray]:
-    """Every parameter of the scenarios ``index`` of a study with these sizes, (n,) each; NaN where one is not given.
+    """Return every parameter of the scenarios ``index`` of a study with these sizes, (n,) each; NaN if not given.
 
-    ``day`` is the position along that dimension, ``replicate`` the replicate's number.
+    ``day`` is the position along that dimension, ``replicate`` the number of the replicate.
     """
     place = dict(zip(sizes, np.unravel_index(index, tuple(sizes.values())), strict=True)) if sizes else {}
     columns: dict[str, np.ndarray] = {}
@@ -123,14 +120,11 @@ def parameter_columns(loop: Loop, sizes: Mapping[str, int], index: np.ndarray) -
     return columns
 
 
-_MAX_CACHED_DAYS = 2  # days; the threads of a run work on neighbours
-
-
 class Days:
-    """The days of a boundary with their commands, (n_days, n_steps) or ``None``, warm-up and seed.
+    """Days of a boundary with their commands, (n_days, n_steps) or ``None``, warm-up and seed.
 
-    Each is made from the boundary when it is asked for, and the last few are kept, so that they do not take the memory
-    of the boundary once more.
+    Each is made from the boundary on demand, and the last two are kept, for threads that work on neighbours: all days
+    would take the memory of the boundary once more.
 
     carry_over: whether they are a sequence.  Then the warm-up counts on the first day only, the clock continues, and
     the label of the first day keys the noise of all.
@@ -141,30 +135,30 @@ class Days:
     ) -> None:
         self._boundary, self._command, self.carry_over = boundary, command, carry_over
         self._warm_up, self._seed = warm_up, (seed & 0xFFFFFFFF, seed >> 32)
-        self._kept: dict[int, Day] = {}
-        self._after: dict[int, DayHistory] = {}
-        self._making = threading.Lock()
+        self._cached_days: dict[int, Day] = {}
+        self._histories: dict[int, DayHistory] = {}
+        self._lock = threading.Lock()
 
     def __len__(self) -> int:
         return self._boundary.n_days
 
     def __getitem__(self, k: int) -> Day:
-        with self._making:
-            if k not in self._kept:
-                while len(self._kept) >= _MAX_CACHED_DAYS:
-                    del self._kept[next(iter(self._kept))]
-                self._kept[k] = self._make(k)
-            return self._kept[k]
+        with self._lock:
+            if k not in self._cached_days:
+                while len(self._cached_days) >= 2:
+                    del self._cached_days[next(iter(self._cached_days))]
+                self._cached_days[k] = self._make_day(k)
+            return self._cached_days[k]
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_kept": {}, "_making": None}
+        return {**self.__dict__, "_cached_days": {}, "_lock": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state | {"_making": threading.Lock()})
+        self.__dict__.update(state | {"_lock": threading.Lock()})
 
     @cached_property
     def sha256(self) -> list[str]:
-        """Hash of all that acts on each day: its series, its command and its label, which keys the noise.
+        """Hash of the inputs of each day: its series, its command and its label, which keys the noise.
 
         In a sequence this includes the days before.
         """
@@ -175,12 +169,12 @@ class Days:
             accumulate(hashes, lambda before, day_hash: hashlib.sha256(f"{before} {day_hash}".encode()).hexdigest())
         )
 
-    def _make(self, k: int) -> Day:
+    def _make_day(self, k: int) -> Day:
         is_continued = self.carry_over and k > 0
-        before = self._before(k) if is_continued else NO_HISTORY
+        before = self._history_before(k) if is_continued else NO_HISTORY
         series = self._boundary.of_day(k)
         if self.carry_over:
-            self._after[k] = history_after(series["T_set"], series["enabled"], before)
+            self._histories[k] = history_after(series["T_set"], series["enabled"], before)
         return Day(
             series=np.stack([series[name] for name in DAY_COLUMNS], axis=1),
             command=self._commands(k),
@@ -191,10 +185,10 @@ class Days:
             was_enabled=before.enabled,
         )
 
-    def _before(self, k: int) -> DayHistory:
-        """Time since the last disturbance before day ``k`` of a sequence, up to the settling time."""
-        if k - 1 in self._after:
-            return self._after[k - 1]
+    def _history_before(self, k: int) -> DayHistory:
+        """Return the time since the last disturbance before day ``k`` of a sequence, up to the settling time."""
+        if k - 1 in self._histories:
+            return self._histories[k - 1]
         first_day = max(0, k - -(-SETTLING_TIME_S // self._boundary.n_steps))
         before = NO_HISTORY if first_day == 0 else DayHistory(disturbed_at=-SETTLING_TIME_S)
         for day in range(first_day, k):
@@ -215,7 +209,7 @@ class Days:
 
 
 def read_commands(command: Any, boundary: Boundary) -> np.ndarray | None:
-    """The open-loop command as (n_days, n_steps), or None in closed loop."""
+    """Return the open-loop command as (n_days, n_steps), or None in closed loop."""
     if command is None:
         return None
     problems: list[str] = []
@@ -237,7 +231,7 @@ _DIM_ATTRS = {
 def flat_dataset(
     index: np.ndarray, metrics: np.ndarray, status: np.ndarray, traces: Mapping[str, np.ndarray], trace_interval: int
 ) -> xr.Dataset:
-    """Name the results of some scenarios, along the dim ``scenario``.
+    """Put the results of some scenarios into a Dataset along the dim ``scenario``.
 
     index: (n,) flat indices; metrics: (len(METRICS), n); status: (n,); traces: name → (n, n_points) or
     (n, N, n_points).
@@ -256,9 +250,7 @@ def flat_dataset(
         labels["elapsed_time"] = trace_interval * np.arange(values.shape[-1], dtype=float)
         if output.per_volume:
             labels["volume"] = np.arange(1, values.shape[1] + 1)
-    coords = {
-        d: (d, values_along, coordinate_attrs(d) if d != "scenario" else {}) for d, values_along in labels.items()
-    }
+    coords = {d: (d, values, coordinate_attrs(d) if d != "scenario" else {}) for d, values in labels.items()}
     return xr.Dataset(variables, coords)
 
 
@@ -269,8 +261,8 @@ def join_flat(
 ) -> xr.Dataset:
     """Join flat parts (see ``flat_dataset``) into one Dataset of all scenarios.
 
-    allocate: makes an array of a shape, value and type.  A scenario that no part holds gets the status ``not_run`` and
-    NaN as results.
+    allocate: makes an array of a shape, value and type.  Scenarios without a part get the status ``not_run`` and NaN as
+    results.
 
     ``IntegrityError`` if two parts hold the same scenario.
     """
@@ -283,9 +275,8 @@ def join_flat(
         if index.size and index.max() >= n_scenarios:
             raise IntegrityError(f"scenario {index.max()} was found, of {n_scenarios}: delete the folder and run again")
         if is_joined[index].any():
-            raise IntegrityError(
-                f"scenario {index[is_joined[index]][0]} was found twice: delete the folder and run again"
-            )
+            twice = index[is_joined[index]][0]
+            raise IntegrityError(f"scenario {twice} was found twice: delete the folder and run again")
         is_joined[index] = True
         reference_part = check_same_form(reference_part, part)
         for name in part.data_vars:
@@ -303,31 +294,30 @@ def join_flat(
 def check_same_form(reference_part: xr.Dataset | None, part: xr.Dataset) -> xr.Dataset:
     """Refuse to join flat parts whose variables differ in name, type, dims, shape or labels.
 
-    first: an earlier part, if there is one.  Crashed scenarios have no answers of a reduction, and are not compared.
-    Returns the part to compare the next one with.
+    reference_part: an earlier part, if there is one.  Crashed scenarios have no variables of a reduction, and are not
+    compared.  Returns the part to compare the next one with.
 
-    ``InputError`` if a reduction answers in another form for some scenarios than for others.  ``IntegrityError`` if
-    anything else differs, which no run leaves behind.
+    ``InputError`` if the variables of a reduction differ.  ``IntegrityError`` if anything else does, which no run
+    writes.
     """
     if reference_part is None or _is_crashed(reference_part):
         return part
     if _is_crashed(part):
         return reference_part
-    reference_forms, part_forms = _variable_forms(reference_part), _variable_forms(part)
-    for name in sorted({*reference_forms, *part_forms}, key=str) if reference_forms != part_forms else ():
-        if reference_forms.get(name) != part_forms.get(name):
+    first, second = _variable_forms(reference_part), _variable_forms(part)
+    for name in sorted({*first, *second}, key=str) if first != second else ():
+        if first.get(name) != second.get(name):
             problem = f"{name} has another form in some scenarios than in others"
             if name in METRICS or name in TRACES or name == "status":
                 raise IntegrityError(f"{problem}: delete the folder, run again")
-            raise InputError(
-                f"{problem}, {short_repr(part_forms.get(name, ()))} and {short_repr(reference_forms.get(name, ()))}: let the reduction give the same "
-                "variables, types, dims and labels for all"
-            )
+            forms = f"{short_repr(second.get(name, ()))} and {short_repr(first.get(name, ()))}"
+            cure = "let the reduction give the same variables, types, dims and labels for all"
+            raise InputError(f"{problem}, {forms}: {cure}", str(name), "shape")
     return reference_part
 
 
 def _variable_forms(part: xr.Dataset) -> dict[Hashable, tuple[Any, ...]]:
-    """Type, sizes and labels of every variable but those of scenarios, the first dim."""
+    """Return type, sizes and labels of every variable, without those of scenarios, the first dim."""
     labels = {d: part.variables[d].values.tolist() for d in part.dims if d in part.coords and d != "scenario"}
     forms = {}
     for name in part.data_vars:
@@ -355,7 +345,7 @@ def unflatten(flat: xr.Dataset, layout: Layout) -> xr.Dataset:
 
 
 def cf_attributes(output: Output) -> dict[str, Any]:
-    """CF attributes of a result variable."""
+    """Return the CF attributes of a result variable."""
     attrs: dict[str, Any] = {"long_name": output.long_name, "units": output.unit}
     if output.flags:
         attrs |= {"flag_values": np.arange(len(output.flags), dtype=float), "flag_meanings": " ".join(output.flags)}
@@ -367,7 +357,7 @@ def cf_attributes(output: Output) -> dict[str, Any]:
 
 
 def coordinate_attrs(name: str, table: Mapping[str, Parameter] = PARAMETERS) -> dict[str, str]:
-    """CF attributes of a coordinate: a parameter, a reserved or a user-defined dimension."""
+    """Return the CF attributes of a coordinate: a parameter, a reserved or a user-defined dimension."""
     if name in table:
         parameter = table[name]
         units = {"units": parameter.unit} if parameter.unit else {}
@@ -375,22 +365,23 @@ def coordinate_attrs(name: str, table: Mapping[str, Parameter] = PARAMETERS) -> 
     return dict(_DIM_ATTRS.get(name, {"long_name": name}))
 
 
-_CURE = "give a Dataset of fastcoil.simulate or open_study"
-
-
 def check_result(ds: xr.Dataset) -> None:
     """Refuse anything but the result of a simulation or a study."""
-    require_instance("ds", ds, xr.Dataset, _CURE)
+    cure = "give a Dataset of fastcoil.simulate or open_study"
+    require_instance("ds", ds, xr.Dataset, cure)
     if "status" not in ds:
-        raise InputError(f"ds has no status: {_CURE}")
+        raise InputError(f"ds has no status: {cure}", "ds", "data")
     not_numeric = [n for n in ("status", *METRICS) if n in ds and ds[n].dtype.kind not in "iuf"]
     if not_numeric:
-        raise InputError(f"ds has no numbers as {', '.join(not_numeric)}: {_CURE}")
+        raise InputError(f"ds has no numbers as {', '.join(not_numeric)}: {cure}", "ds", "type")
     require_table_units(ds, PARAMETERS, METRICS)
 
 
 def require_table_units(ds: xr.Dataset, *tables: Mapping[str, Any]) -> None:
-    """Refuse what these tables name, if it is in other units than theirs."""
+    """Refuse variables of these tables that are in other units than theirs."""
     units = {name: entry.unit for table in tables for name, entry in table.items() if name in ds}
-    wrong_names = [name for name, unit in units.items() if ds[name].attrs.get("units", unit) != unit]
-    raise_problems([f"ds.{n} is in {short_repr(ds[n].attrs['units'])}: give it in {units[n]}" for n in wrong_names])
+    raise_problems([
+        Problem(f"ds.{n} is in {short_repr(ds[n].attrs['units'])}: give it in {unit}", f"ds.{n}", "unit")
+        for n, unit in units.items()
+        if ds[n].attrs.get("units", unit) != unit
+    ])  # fmt: skip

@@ -1,4 +1,4 @@
-"""``simulate``: loops × days × replicates → Dataset; shards through the kernels, on threads, and how long that takes.
+"""``simulate``: loops × days × replicates → Dataset.  Runs shards through the kernels on threads, estimates run times.
 
 A shard is the unit of scheduling and of progress; parameters exist only while the blocks that have them run.
 """
@@ -42,11 +42,10 @@ from fastcoil.model.user_rules import rules_for_kernels
 
 S = TypeVar("S")
 T = TypeVar("T")
-_WAIT_SLICE_S = 0.5  # seconds; a long wait is cut into pieces
 
 
 def call_with_timeout(seconds: float | None, call: Callable[[], T]) -> T:
-    """Make a call, or raise TimeoutError and leave it to a daemon thread if it takes longer; None: no limit."""
+    """Make a call in a daemon thread, and raise TimeoutError if it takes longer; None: no limit."""
     future = _start_in_thread(call)
     if seconds is None:
         _wait_for_futures([future])
@@ -55,7 +54,7 @@ def call_with_timeout(seconds: float | None, call: Callable[[], T]) -> T:
 
 @contextmanager
 def run_on_threads(n_threads: int, call: Callable[[S], None], items: Sequence[S]) -> Iterator[None]:
-    """Call with each item on threads during the body of ``with``, whose end waits; after an error no more begin."""
+    """Call with each item on threads during a ``with`` block, whose end waits; after an error no more calls begin."""
     queue = deque(items)
 
     def work() -> None:
@@ -76,7 +75,7 @@ def run_on_threads(n_threads: int, call: Callable[[S], None], items: Sequence[S]
 
 
 def _start_in_thread(call: Callable[[], T]) -> cf.Future[T]:
-    """The future result of a call in a daemon thread."""
+    """Return the future result of a call in a daemon thread."""
     future: cf.Future[T] = cf.Future()
 
     def run() -> None:
@@ -90,10 +89,10 @@ def _start_in_thread(call: Callable[[], T]) -> cf.Future[T]:
 
 
 def _wait_for_futures(futures: Sequence[cf.Future[T]]) -> Collection[cf.Future[T]]:
-    """Wait for all of them, or for the first error; returns those that are done."""
+    """Wait for all futures, or for the first error; return those that are done."""
     while True:
-        # in pieces: a Ctrl-C just before a wait is handled after it
-        done, running = cf.wait(futures, timeout=_WAIT_SLICE_S, return_when=cf.FIRST_EXCEPTION)
+        # half a second at a time: a Ctrl-C just before a wait is handled after it
+        done, running = cf.wait(futures, timeout=0.5, return_when=cf.FIRST_EXCEPTION)
         if not running or any(future.exception() for future in done):
             return done
 
@@ -102,7 +101,7 @@ def run_interruptibly(
     block: Block, day: Day, traces: TraceRequest, work: WorkSpace | None = None
 ) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
     """As ``run_block``: Ctrl-C ends the wait for a rule of the user that loops for ever."""
-    has_user_rule = block.law is not None or (block.estimator is not None and block.estimator.identity)
+    has_user_rule = block.law is not None or (block.estimator is not None and block.estimator.fingerprint)
     if has_user_rule and threading.current_thread() is threading.main_thread():
         return call_with_timeout(None, lambda: run_block(block, day, traces, work))
     return run_block(block, day, traces, work)
@@ -134,7 +133,7 @@ class Results:
         metrics, flags, signals = run_interruptibly(block, day, self._plan.traces, work)
         self.metrics[:, members], self.status[members] = metrics[:, : members.size], flags[: members.size]
         for name, signal in signals.items():
-            volumes = (slice(block.common.n_volumes),) if TRACES[name].per_volume else ()
+            volumes = (slice(block.config.n_volumes),) if TRACES[name].per_volume else ()
             self.traces[name][members, *volumes] = signal[..., : members.size].T
 
 
@@ -158,43 +157,35 @@ def _run_days_in_sequence(results: Results, plan: Plan, shard: Shard, places: np
     # parameters do not change from day to day
     matrix = parameter_matrix(plan.layout.columns(shard.lanes), rules)
     lane_blocks = [(lanes, block, work_space(block)) for lanes, block in cut_into_blocks(matrix, rules)]
-    for number in range(shard.end):
+    for number in range(shard.end_day):
         day = plan.days[number]
-        day_places = places[(number - shard.first) * shard.lanes.size :]
+        day_places = places[(number - shard.first_day) * shard.lanes.size :]
         for lanes, block, work in lane_blocks:
-            if number < shard.first:
+            if number < shard.first_day:
                 run_interruptibly(block, day, TraceRequest(), work)
             else:
                 results.run(block, day, day_places[lanes], work)
 
 
-_N_TIMED_SHARDS, _MAX_TIMED_STEPS, _N_SAMPLED_LANES = 3, 28_800, 8
-_SECONDS_PER_SHARD = 0.06  # seconds to write a shard and to read it in the merge, on a server with two cores
-_SECONDS_PER_TRACE_BYTE, _SECONDS_PER_METRIC_BYTE, _SECONDS_PER_BOUNDARY_BYTE = 32e-9, 12e-9, 1e-9
-"""Seconds to write, merge and compress, or to hash, there."""
+def estimate_run_time(plan: Plan, n_jobs: int) -> tuple[float, float, float]:
+    """Estimate the seconds from the first scenario to results on the disk, with ``n_jobs`` threads, by running blocks.
 
-
-def estimate(plan: Plan, n_jobs: int) -> tuple[float, float, float]:
-    """Seconds from the first scenario to the results on the disk, with ``n_jobs`` threads; runs some blocks.
-
-    Also the shares of the bytes of metrics, and of traces, that are left when these are compressed.
+    Also returns the shares of the bytes of metrics, and of traces, that are left when these are compressed.
     """
     shards = cut_into_shards(plan, n_jobs)
-    timed_shards = [shards[k] for k in np.unique(np.linspace(0, len(shards) - 1, _N_TIMED_SHARDS).astype(int))]
+    timed_shards = [shards[k] for k in np.unique(np.linspace(0, len(shards) - 1, 3).astype(int))]
     # of a sequence the first day stands for all
     index_pieces = [shard.lanes[:SCENARIOS_AT_ONCE] for shard in timed_shards]
     seconds, metrics, traces = zip(*(_time_block(plan, index) for index in index_pieces), strict=True)
     work_seconds = sum(seconds) * plan.n_scenarios / sum(map(len, index_pieces))
-    compressed_shares = compressed_share(np.concatenate(metrics, axis=1)), compressed_share(chain.from_iterable(traces))
-    bytes_written = plan.trace_bytes * _SECONDS_PER_TRACE_BYTE + plan.metric_bytes * _SECONDS_PER_METRIC_BYTE
-    overhead_seconds = (
-        len(shards) * _SECONDS_PER_SHARD + bytes_written + plan.boundary_bytes * _SECONDS_PER_BOUNDARY_BYTE
-    )
-    return work_seconds / min(n_jobs, len(shards)) + overhead_seconds, *compressed_shares
+    # measured on a server with two cores: to write and merge a shard; to write, merge and compress or hash a byte
+    io_seconds = 0.06 * len(shards) + 32e-9 * plan.trace_bytes + 12e-9 * plan.metric_bytes + 1e-9 * plan.boundary_bytes
+    shares = compressed_share(np.concatenate(metrics, axis=1)), compressed_share(chain.from_iterable(traces))
+    return work_seconds / min(n_jobs, len(shards)) + io_seconds, *shares
 
 
 def _time_block(plan: Plan, index: np.ndarray) -> tuple[float, np.ndarray, list[np.ndarray]]:
-    """Seconds that a thread takes for scenarios on days like their first, by one block; some of its results."""
+    """Estimate the seconds of a thread for scenarios on days like their first, by one block; also some results."""
     columns, rules = plan.layout.columns(index), rules_for_kernels(plan.layout.loop.rules)
     is_first_day = columns["day"] == columns["day"][0]
     matrix = parameter_matrix(columns, rules)[:, is_first_day]
@@ -202,7 +193,7 @@ def _time_block(plan: Plan, index: np.ndarray) -> tuple[float, np.ndarray, list[
     start = time.perf_counter()
     lane_blocks = cut_into_blocks(matrix, rules)
     members, block = lane_blocks[len(lane_blocks) // 2]
-    day, n_steps = plan.days[int(columns["day"][0])], min(plan.n_steps, _MAX_TIMED_STEPS)
+    day, n_steps = plan.days[int(columns["day"][0])], min(plan.n_steps, 28_800)
     seconds, block_seconds = time.perf_counter() - start, np.inf
     part_schedule = day.schedule._replace(flags=day.schedule.flags[:n_steps])
     day_part = day._replace(series=day.series[:n_steps], command=day.command[:n_steps], schedule=part_schedule)
@@ -212,7 +203,7 @@ def _time_block(plan: Plan, index: np.ndarray) -> tuple[float, np.ndarray, list[
         block_seconds = min(block_seconds, time.perf_counter() - start)
     seconds += len(lane_blocks) * block_seconds * plan.n_steps / n_steps
     stored_traces = [np.nan_to_num(v).astype(np.int8) if n == "mode" else v for n, v in traces.items()]
-    sampled_traces = [values[..., : members.size][..., :_N_SAMPLED_LANES].T for values in stored_traces]
+    sampled_traces = [values[..., : members.size][..., :8].T for values in stored_traces]
     return seconds * index.size / int(np.count_nonzero(is_first_day)), metrics[:, : members.size], sampled_traces
 
 
@@ -243,27 +234,26 @@ def simulate(
         For an open loop: the command to the actuator, 0–1, (n_steps,) or (day, n_steps) in 1-s samples.  The
         controller is then off: ``u``, ``integral``, ``estimate`` are NaN, ``mode`` is 0.
     test
-        A valve test of every loop, in place of what these say of one; see ``fc.ValveTest``.
+        A valve test of every loop, in place of their parameters ``test_...``; see ``fc.ValveTest``.
     traces
         Names of the signals to keep: T_sup, T_measured, u, integral, command, position, opening, m_w, estimate, mode,
         test, T_w_out, W_sup, wet_volumes, power and, with dim ``volume``, T_w, T_c, T_a, W_a.
     trace_interval
         Seconds between the samples of a trace; a sample is the value at that second, not a mean.
     warm_up
-        Seconds at the start that no metric counts.
+        Seconds at the start that are excluded from all metrics.
     seed
         Seed of the measurement noise, 0 … 2**64 - 1.
     replicates
         Noise realisations; more than one become the dim ``replicate``.
     carry_over
-        Whether the days are a sequence: each begins in the state in which the last ended (coil, controller, estimator,
-        actuator), and its metrics are its own.  The warm-up counts on the first day alone; times since the start, such
-        as ``learn_time_reached``, count from the first day on.
+        Whether the days are a sequence: each begins in the final state of the one before (coil, controller, estimator,
+        actuator), and has its own metrics.  The warm-up applies to the first day only; times since the start, such as
+        ``learn_time_reached``, count from the first day on.
     n_jobs
         Threads; all cores by default.  The result does not depend on it.
     progress
-        Whether to show how many scenario-days are done, on stderr: True always, False never; None on a terminal, after
-        2 s.
+        Whether to show the number of finished scenario-days on stderr; by default on a terminal, after 2 s.
 
     Returns
     -------
@@ -275,6 +265,23 @@ def simulate(
     InputError
         With one sentence for each mistake in the arguments; for an unstable coil; for a result that does not fit in
         memory.
+
+    See Also
+    --------
+    run_study : the same for a study file, with results on disk.
+    explain : what theory says of a loop.
+    replay : the controller of a loop on a trend log.
+
+    References
+    ----------
+    Cai, J. and Braun, J. E. (2016), Purdue, paper 1801, Eqs (1) to (4), https://docs.lib.purdue.edu/iracc/1801
+
+    Examples
+    --------
+    >>> import fastcoil as fc
+    >>> ds = fc.simulate(fc.Loop(backlash=[0.0, 0.07]), fc.paper_day(hours=2), traces=["T_sup"], trace_interval=60)
+    >>> ds.rmse.round(2).values.tolist(), dict(ds.T_sup.sizes)
+    ([0.82, 0.87], {'backlash': 2, 'elapsed_time': 120})
     """
     with argument_checks() as check:
         n_threads = check(number_of_threads, n_jobs)
@@ -305,9 +312,8 @@ def run_plan(plan: Plan, n_jobs: int, advance: Advance) -> xr.Dataset:
     for shard in () if is_parallel else shards:
         run(shard)
     index = np.arange(plan.n_scenarios)
-    ds = unflatten(
-        flat_dataset(index, results.metrics, results.status, results.traces, plan.traces.interval), plan.layout
-    )
+    flat = flat_dataset(index, results.metrics, results.status, results.traces, plan.traces.interval)
+    ds = unflatten(flat, plan.layout)
     ds.attrs = attrs
     ds.attrs["content_sha256"] = content_sha256(ds)
     warn_saturated(plan.layout.loop, ds)
@@ -315,9 +321,9 @@ def run_plan(plan: Plan, n_jobs: int, advance: Advance) -> xr.Dataset:
 
 
 def number_of_threads(n_jobs: int | None) -> int:
-    """Number of threads: all cores by default."""
+    """Return the number of threads, by default that of all cores."""
     if n_jobs is None:
-        import joblib  # takes 0.1 s, which a study that is only looked at need not wait
+        import joblib  # takes 0.1 s, not needed to open a study
 
         return int(joblib.cpu_count())
     return require_integer("n_jobs", n_jobs, 1, 1024)

@@ -1,4 +1,4 @@
-"""``ValveTest``: twenty minutes in which the command goes up and down, so that the temperature tells the gap."""
+"""``ValveTest``: twenty minutes of commands up and down, from which the temperature shows the backlash."""
 
 from dataclasses import dataclass, fields, replace
 from typing import Any, Self
@@ -8,35 +8,32 @@ from fastcoil.loops.assignment import check_value
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.model.valve_test import LARGEST_OVERSHOOT_SHARE, LONGEST_RAMP_STROKE, TARGET_OVERSHOOT_K
 
-_COMMAND_INTERVAL_S = 30.0  # seconds between two commands of a technician
-
 
 @dataclass(frozen=True, kw_only=True)
 class ValveTest:
     """A valve test: the command takes over from the PI, goes up and down past the gap, and hands back without a bump.
 
-    A test does not begin where the valve is at an end of its stroke and the temperature asks for more.  Else the
+    A test does not begin while the valve is at an end of its stroke and the temperature requires more.  Otherwise the
     command holds for ``settle`` s, then moves at ``rate`` in the direction that brings the temperature back to the
-    set-point of the start.  Once the temperature has passed it by ``threshold``, the command holds for ``hold`` s,
-    turns, and moves the other way; each next ramp has the rate at which the temperature runs on by 0.5 K, or by
-    a third of ``excursion`` if that is less.  A loop may have the same as parameters, ``test_start`` and so on, with
-    values that are swept.
+    set-point of the start.  Once the temperature has passed it by ``threshold``, the command holds for ``hold`` s, and
+    moves the other way; each next ramp has the rate at which the temperature overshoots by 0.5 K, or by a third of
+    ``excursion`` if that is less.  The same are parameters of a loop, ``test_start`` and so on, and can be swept.
 
     Parameters
     ----------
     start
-        When it starts, s from the start of the day.
+        Start, s from the start of the day.
     every
         Days from one test to the next where days are a sequence; 0 for a single test.
     minutes
-        How long it takes at most.
+        Longest duration, min.
     rate
         Rate of the first ramp, 1/s: slower than the motor.  Later ones have 0.2 to 4 times as much.
     threshold
         Error at which a ramp ends, K.
     settle, hold
         Seconds for which the command holds before the first ramp, and after each.  A loop that hunts takes 300 s or
-        more to settle; with 900 s the test also tells whether a swing comes from outside the loop.
+        more to settle; with 900 s the test also shows whether a swing comes from outside the loop.
     excursion
         Error at which the test is aborted, K; twice that before the first ramp has ended, since a loop that hunts may
         be anywhere at the start.
@@ -45,6 +42,10 @@ class ValveTest:
     ------
     InputError
         With one sentence for each value out of its bounds.
+
+    See Also
+    --------
+    simulate, read_test
 
     Examples
     --------
@@ -72,24 +73,23 @@ class ValveTest:
 
     @classmethod
     def gentle(cls, **options: Any) -> Self:
-        """The test that moves the temperature less: 45 minutes, most days within 1 K."""
+        """Return a test that moves the temperature less: 45 minutes, most days within 1 K."""
         return cls(**{"minutes": 45.0, "rate": 3e-4, "threshold": 0.1, "hold": 90.0, "excursion": 1.0} | options)
 
     @classmethod
     def heating(cls, **options: Any) -> Self:
-        """The test of a heating coil, whose temperature answers more: 30 minutes, within 3 K."""
+        """Return a test of a heating coil, whose temperature responds more: 30 minutes, within 3 K."""
         return cls(**{"minutes": 30.0, "rate": 5e-4, "hold": 60.0, "excursion": 3.0} | options)
 
     def parameters(self) -> dict[str, float]:
-        """The test as parameters of a loop."""
+        """Return the test as parameters of a loop."""
         return {f"test_{field.name}": getattr(self, field.name) for field in fields(self)}
 
     def instructions(self) -> list[str]:
-        """What a technician does with a stop-watch, step by step."""
-        step, overshoot = (
-            100 * self.rate * _COMMAND_INTERVAL_S,
-            min(TARGET_OVERSHOOT_K, LARGEST_OVERSHOOT_SHARE * self.excursion),
-        )
+        """Return instructions for a technician with a stop-watch, step by step."""
+        interval = 30.0  # s between two commands
+        step, stroke = 100 * self.rate * interval, 100 * LONGEST_RAMP_STROKE
+        overshoot = min(TARGET_OVERSHOOT_K, LARGEST_OVERSHOOT_SHARE * self.excursion)
         return [
             "Before: log command, T_sup and, if possible, m_a, T_a_in and T_w_in every 5 s, from an hour before the "
             "test.  Choose an hour in which load and water are steady, the valve neither fully closed nor fully open.",
@@ -97,9 +97,9 @@ class ValveTest:
             "change, stop: give the valve back to the controller.",
             "1. Note the time, the set-point and the command.  Switch the valve to manual and keep its command.",
             f"2. Wait {self.settle:g} s.  If T_sup still moves by more than 0.3 K in a minute, keep waiting, or stop.",
-            f"3. Change the command by {step:.2g} % of the stroke every {_COMMAND_INTERVAL_S:g} s, in the direction that brings T_sup"
-            " back to the set-point: open to cool (to heat, if it heats) where that is needed, else close.",
-            f"4. When T_sup has passed the set-point by {self.threshold:g} K, or after {100 * LONGEST_RAMP_STROKE:.0f} % of the "
+            f"3. Change the command by {step:.2g} % of the stroke every {interval:g} s, in the direction that brings "
+            "T_sup back to the set-point: open to cool (to heat, if it heats) where that is needed, else close.",
+            f"4. When T_sup has passed the set-point by {self.threshold:g} K, or after {stroke:.0f} % of the "
             f"stroke, leave the command for {self.hold:g} s.",
             f"5. If T_sup overran by more than {overshoot:.2g} K after step 4, halve the change of step 3; if by less"
             f" than {overshoot / 2:.2g} K, double it.  Then move the command the other way, as in steps 3 and 4.",

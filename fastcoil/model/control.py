@@ -1,7 +1,7 @@
 """The paper's controller, Figs 6 and 8, as scalar functions: the PI law, the backlash inverse behind it, its buffer.
 
-Further what may stand in place of the inverse (half the gap added to u, an inverse without a jump), the buffer as a
-multiple of the noise, given or measured by the controller, and what a law in place of the PI is made of.
+Also two alternatives to the inverse (half the gap added to u, an inverse without a jump), the buffer as a multiple of
+the noise, given or measured by the controller, and the class of a law in place of the PI.
 """
 
 import math
@@ -16,7 +16,7 @@ from fastcoil.model.numerics.jit import exact
 
 @exact
 def clip01(x):
-    """x limited to 0–1."""
+    """Limit x to 0–1."""
     x = 0.0 if x < 0.0 else x
     return 1.0 if x > 1.0 else x
 
@@ -51,7 +51,7 @@ FALLING = -1.0
 
 @exact
 def next_mode(u, mode, u_ext, buffer):
-    """Mode after seeing u: it turns when u comes back from its extreme by more than ``buffer``.
+    """Mode at u: it turns when u comes back from its extreme by more than ``buffer``.
 
     mode: RISING or FALLING; u_ext: furthest u since the last turn; buffer: fraction of stroke, 0 as in the
     paper, 1e-9 so that round-off is no reversal.
@@ -64,7 +64,7 @@ def next_mode(u, mode, u_ext, buffer):
 
 @exact
 def next_extreme(u, mode, u_ext, has_turned):
-    """u_ext after seeing u: u itself at a turn or further on, else held."""
+    """u_ext at u: u itself at a turn or further on, else held."""
     is_further = (mode > 0.0 and u > u_ext) or (mode < 0.0 and u < u_ext)
     return u if has_turned or is_further else u_ext
 
@@ -96,37 +96,33 @@ def smooth_steepness(rate, sample_time):
 def smooth_command(u, u_before, x_hat, steepness):
     """(1 - x̂) u + x̂ ½ (1 + tanh(k du/dt)) with k = 2/rate, 0–1: Zhou, Zhang and Wen (2007), Eqs 5–7.
 
-    du/dt is the change over one controller sample; steepness: of ``slope``.  At ``rate`` 98 % of the gap has been
-    crossed, at a standstill the motor is in the middle of it.  The logistic function of 2 k du/dt is that tanh; exp
+    du/dt is the change over one controller sample; steepness: of ``smooth_steepness``.  At ``rate`` 98 % of the gap has
+    been crossed, at a standstill the motor is in its middle.  The logistic function of 2 k du/dt is that tanh; exp
     limits its argument, so nothing overflows.
     """
     crossed_share = 1.0 / (1.0 + exp(steepness * (u_before - u)))
     return clip01((1.0 - x_hat) * u + x_hat * crossed_share)
 
 
-NOISE_MEMORY_SAMPLES = 100.0
-"""Samples that the measured noise goes back over."""
-FIRST_MEDIAN_DIFFERENCE_K, LEAST_MEDIAN_DIFFERENCE_K = 0.1, 1e-3
-"""Median second difference at the start, and the least that it may fall to, K: none would never rise again."""
-# half of all normal numbers lie within 0.674 σ, and second differences of white noise have the variance 6 σ²
-_NOISE_PER_MEDIAN_DIFFERENCE = 1.0 / (0.6744897501960817 * math.sqrt(6.0))
-
-
 @exact
-def noise_buffer(least_buffer, ratio, kp, sigma, highest):
-    """Buffer: ``ratio`` times the noise K_p σ that a PI passes on to u, up to ``highest``, but at least ``least_buffer``.
+def noise_buffer(least, ratio, kp, sigma, highest):
+    """Buffer: ``ratio`` times the noise K_p σ that a PI passes on to u, up to ``highest``, but at least ``least``.
 
-    sigma: K.  A ratio of 0 leaves ``least_buffer``.
+    sigma: K.  A ratio of 0 leaves ``least``.
     """
     b = ratio * abs(kp) * sigma
     b = highest if b > highest else b
-    return least_buffer if b < least_buffer else b
+    return least if b < least else b
 
 
 @exact
 def largest_buffer(swing, plant_gain):
     """Buffer at which the jump of u across it moves the supply temperature by ``swing``; both in K; swing 0 = any."""
     return swing / plant_gain if swing > 0.0 else math.inf
+
+
+FIRST_MEDIAN_DIFFERENCE_K = 0.1  # before the third reading, and a guess until the median has been learned
+LEAST_MEDIAN_DIFFERENCE_K = 1e-3  # a median of 0 would never rise again: it moves by shares of itself
 
 
 @exact
@@ -139,10 +135,14 @@ def median_difference(median, readings, e, e_1, e_2):
     """
     size = abs((e - e_1) - (e_1 - e_2))
     share = 1.0 / readings
-    share = 1.0 / NOISE_MEMORY_SAMPLES if share < 1.0 / NOISE_MEMORY_SAMPLES else share
+    share = 0.01 if share < 0.01 else share
     new_median = median * (1.0 + share if size > median else 1.0 - share)
     new_median = LEAST_MEDIAN_DIFFERENCE_K if new_median < LEAST_MEDIAN_DIFFERENCE_K else new_median
     return new_median if readings >= 3.0 else FIRST_MEDIAN_DIFFERENCE_K
+
+
+# half of all normal numbers lie within 0.674 σ, and second differences of white noise have the variance 6 σ²
+_NOISE_PER_MEDIAN_DIFFERENCE = 1.0 / (0.6744897501960817 * math.sqrt(6.0))
 
 
 @exact
@@ -153,16 +153,16 @@ def noise_level(median):
 
 @dataclass(frozen=True)
 class Law:
-    """A rule that decides the opening u that the controller asks for, in place of the PI.
+    """A rule for the requested opening u, in place of the PI.
 
     name: the word in ``law = …``.
     Parameters, Memory: named tuples of floats, as of an estimator.
     step: (Sample, Parameters, Memory) → (u, Memory), called at every controller sample.
-    identity: all that decides what it does, in words.
+    fingerprint: text that changes with what it does.
     """
 
     name: str
     Parameters: Any
     Memory: Any
     step: Any
-    identity: str
+    fingerprint: str

@@ -8,30 +8,19 @@ STATUS_MEANINGS = ("ok", "non_finite", "out_of_range", "not_run", "crashed")
 STATUS_OK, STATUS_NON_FINITE, STATUS_OUT_OF_RANGE, STATUS_NOT_RUN, STATUS_CRASHED = range(5)
 
 LEARNING_STATUS_MEANINGS = ("off", "learning", "stepped_down", "stopped", "no_evidence", "not_identifiable")
-"""Flags of ``learning_status``."""
 TEST_ABORTED_MEANINGS = ("no", "excursion", "end_of_stroke", "swing", "disabled")
-"""Flags of ``test_aborted``."""
 
-WARM_UP_S = 1800
-"""Default of the seconds left out of every metric, as in section 2.2 of the paper."""
-SETTLING_TIME_S = 600
-"""Seconds after a step of the set-point, or a start of the loop, that the settled metrics leave out."""
-SET_POINT_STEP_K = 0.05
-"""Change of the set-point from one second to the next that is a step, K; less is a reset."""
-SWITCH_BLOCK_S = 600
-"""Block of the switch frequency (section 3.3 of the paper: 10-minute blocks), s."""
-PEAK_BLOCK_S = 900
-"""Averaging time of the peak power, s."""
-ESTIMATE_WINDOW_S = 7200
-"""Last part of a run over which the estimate is averaged, s."""
-OFF_SET_POINT_ERROR_K = 0.5
-"""Control error beyond which the supply temperature counts as off its set-point, K."""
-HUNTING_SWING_K = 0.1
-"""Mean peak-to-peak supply temperature above which a loop may hunt, K."""
-HUNTING_SAMPLE_S = 10
-"""Seconds between the control errors in which ``hunts`` seeks periods: it sees none shorter than two of them."""
-LEAST_HUNTING_PERIODS = 10
-"""Least number of whole periods that a loop must show before it counts as hunting."""
+WARM_UP_S = 1800  # default of the time left out of every metric, as in section 2.2 of the paper
+SETTLING_TIME_S = 600  # after a step of the set-point, or a start of the loop, that the settled metrics leave out
+SET_POINT_STEP_K = 0.05  # change of the set-point from one second to the next that is a step; less is a reset
+SWITCH_BLOCK_S = 600  # of the switch frequency, as in section 3.3 of the paper
+PEAK_BLOCK_S = 900  # averaging time of the peak power
+ESTIMATE_WINDOW_S = 7200  # last part of a run, over which the estimate is averaged
+OFF_SET_POINT_ERROR_K = 0.5  # control error beyond which the supply temperature counts as off its set-point
+# calibrated in studies/hunting
+HUNTING_SWING_K = 0.1  # mean peak-to-peak supply temperature above which a loop may hunt
+HUNTING_SAMPLE_S = 10  # between the errors in which ``hunts`` looks for periods: it sees none shorter than two of them
+LEAST_HUNTING_PERIODS = 10  # whole periods that a loop must show before it counts as hunting
 
 
 def is_same_period(period: float, previous_period: float) -> bool:
@@ -41,7 +30,7 @@ def is_same_period(period: float, previous_period: float) -> bool:
 
 
 def is_hunting(swing: float, n_periods: float, n_same_periods: float) -> bool:
-    """The rule of ``hunts``: by the swing, K, the number of whole periods, and how many are like the one before."""
+    """Rule of ``hunts``: swing, K, number of whole periods, and number of periods as long as the one before."""
     # & in place of `and`, which would branch in a kernel
     return (swing > HUNTING_SWING_K) & (n_periods >= LEAST_HUNTING_PERIODS) & (3.0 * n_same_periods >= 2.0 * n_periods)
 
@@ -87,8 +76,8 @@ METRICS: dict[str, Output] = {
         Output("hunting_period", "s", "period of the control error",
                "settled seconds per upward zero crossing of e; NaN below 2 crossings", label="hunting period"),
         Output("hunts", "1", "whether the loop hunts",
-               f"1 where the hunting swing exceeds {HUNTING_SWING_K} K and e shows at least {LEAST_HUNTING_PERIODS} whole "
-               "periods, two thirds of them as long, to 20 %, as the one before; else 0.  A period lies between "
+               f"1 where the hunting swing exceeds {HUNTING_SWING_K} K and e shows at least {LEAST_HUNTING_PERIODS} "
+               "whole periods, two thirds of them as long, to 20 %, as the one before; else 0.  A period lies between "
                f"two upward zero crossings of e within a settled window, e taken every {HUNTING_SAMPLE_S} s",
                label="share that hunts"),
         Output("switch_frequency", "1", "mode switches per 10 min",
@@ -136,8 +125,8 @@ METRICS: dict[str, Output] = {
                label="abortion of the test"),
         Output("coil_energy", "kW h", "heat exchanged by the water",
                "sum of m_w cp_w (T_w_out - T_w_in) dt; sign turned for heating", label="coil energy"),
-        Output("coil_peak_power", "kW", "peak heat rate of the water", f"largest mean over whole {PEAK_BLOCK_S}-s blocks",
-               label="peak coil power"),
+        Output("coil_peak_power", "kW", "peak heat rate of the water",
+               f"largest mean over whole {PEAK_BLOCK_S}-s blocks", label="peak coil power"),
         Output("reheat_energy", "kW h", "heat that the supply air lacks of its set-point",
                "sum of m_a cp_a (T_set - T_sup) dt where that is positive", label="reheat energy"),
         Output("recool_energy", "kW h", "heat that the supply air has above its set-point",
@@ -192,9 +181,6 @@ COSTS: dict[str, Output] = {
 """What ``fc.cost`` gives of every billing month; of a year the names begin with ``yearly_``."""
 YEARLY_PREFIX = "yearly_"
 
-FORMER_METRICS = {"hunting_amplitude": ("hunting_swing", "peak to peak, as before: an amplitude is half of it")}
-"""Names that metrics had in earlier versions: the name of today, and why."""
-
 TRACES: dict[str, Output] = {
     t.name: t
     for t in (
@@ -225,8 +211,5 @@ TRACES: dict[str, Output] = {
 
 
 def metric_hint(name: str) -> str:
-    """A clause for a name that is no metric of a result: what it is called today, or the nearest; else empty."""
-    if name in FORMER_METRICS:
-        current_name, reason = FORMER_METRICS[name]
-        return f", it is called {current_name!r} now ({reason})"
+    """Clause with the most similar metric for a name that is none; else empty."""
     return "" if name in METRICS else did_you_mean(name, METRICS)

@@ -1,4 +1,4 @@
-"""Moist-air relations on NumPy arrays, for what the host does with days, weather and logs.
+"""Moist-air relations on NumPy arrays, for days, weather and logs.
 
 Sources: ASHRAE Handbook - Fundamentals (2017), chapter 1 (equation numbers below); Hyland & Wexler (1983).
 Temperatures are in degC, pressures in Pa, humidity ratios W in kg/kg dry air, enthalpies in kJ/kg dry air.
@@ -17,27 +17,22 @@ from numpy.typing import ArrayLike
 
 from fastcoil.base.arrays import Array
 
-MASS_RATIO = 0.621945
-"""Molar mass of water over that of dry air, eq (20)."""
-LEAST_HUMIDITY_RATIO = 1e-7
-"""Dry air has no dew point; drier air than this is given the dew point of this (-92 degC)."""
-TRIPLE_POINT_C = 0.01
-"""Of water [degC]: it freezes below."""
-
-
-_ICE_CONSTANTS = (-5.6745359e3, 6.3925247, -9.677843e-3, 6.2215701e-7, 2.0747825e-9, -9.484024e-13, 4.1635019)
-_LIQUID_CONSTANTS = (-5.8002206e3, 1.3914993, -4.8640239e-2, 4.1764768e-5, -1.4452093e-8, 0.0, 6.5459673)
+MASS_RATIO = 0.621945  # molar mass of water over that of dry air, eq (20)
+LEAST_HUMIDITY_RATIO = 1e-7  # dry air has no dew point; drier air than this gets the dew point of this, -92 degC
+TRIPLE_POINT_C = 0.01  # of water: it freezes below
+_ICE = (-5.6745359e3, 6.3925247, -9.677843e-3, 6.2215701e-7, 2.0747825e-9, -9.484024e-13, 4.1635019)
+_LIQUID = (-5.8002206e3, 1.3914993, -4.8640239e-2, 4.1764768e-5, -1.4452093e-8, 0.0, 6.5459673)
 """Constants of eqs (5), stated for -100 to 0 degC, and (6), for 0 to 200 degC and continued below."""
 
 
-def _saturation_pressure_from(T: ArrayLike, c: tuple[float, ...]) -> Array:
+def _hyland_wexler(T: ArrayLike, c: tuple[float, ...]) -> Array:
     """Saturation pressure, eq (5) or (6) [Pa]."""
     K = np.asarray(T, dtype=np.float64) + 273.15
     log_p = c[0] / K + c[1] + c[2] * K + c[3] * K**2 + c[4] * K**3 + c[5] * K**4 + c[6] * np.log(K)
     return np.asarray(np.exp(log_p))
 
 
-def _log_pressure_slope(T: ArrayLike, c: tuple[float, ...]) -> Array:
+def _log_slope(T: ArrayLike, c: tuple[float, ...]) -> Array:
     """Slope d(ln p_s)/dT of eq (5) or (6) [1/K]."""
     K = np.asarray(T, dtype=np.float64) + 273.15
     return np.asarray(-c[0] / K**2 + c[2] + 2 * c[3] * K + 3 * c[4] * K**2 + 4 * c[5] * K**3 + c[6] / K)
@@ -45,33 +40,33 @@ def _log_pressure_slope(T: ArrayLike, c: tuple[float, ...]) -> Array:
 
 def liquid_saturation_pressure(T: ArrayLike) -> Array:
     """Saturation pressure over liquid water, eq (6) [Pa]."""
-    return _saturation_pressure_from(T, _LIQUID_CONSTANTS)
+    return _hyland_wexler(T, _LIQUID)
 
 
 def saturation_pressure(T: ArrayLike) -> Array:
     """Saturation pressure over ice below 0.01 degC, eq (5), and over liquid water above, eq (6) [Pa]."""
     T = np.asarray(T, dtype=np.float64)
-    return np.where(T < TRIPLE_POINT_C, _saturation_pressure_from(T, _ICE_CONSTANTS), liquid_saturation_pressure(T))
+    return np.where(T < TRIPLE_POINT_C, _hyland_wexler(T, _ICE), liquid_saturation_pressure(T))
 
 
-def _humidity_ratio_from_vapour_pressure(p_w: Array, pressure: ArrayLike) -> Array:
+def _ratio_at_vapour_pressure(p_w: Array, pressure: ArrayLike) -> Array:
     return np.asarray(MASS_RATIO * p_w / (np.asarray(pressure, dtype=np.float64) - p_w))
 
 
 def saturation_humidity_ratio(T: ArrayLike, pressure: ArrayLike = 101325.0) -> Array:
     """Humidity ratio of saturated air, eq (21), over ice below 0.01 degC [kg/kg]."""
-    return _humidity_ratio_from_vapour_pressure(saturation_pressure(T), pressure)
+    return _ratio_at_vapour_pressure(saturation_pressure(T), pressure)
 
 
 def humidity_ratio(T: ArrayLike, relative_humidity: ArrayLike, pressure: ArrayLike = 101325.0) -> Array:
     """Humidity ratio from temperature and relative humidity (0 to 1), eqs (20) and (22) [kg/kg]."""
     p_w = np.asarray(relative_humidity, dtype=np.float64) * liquid_saturation_pressure(T)
-    return _humidity_ratio_from_vapour_pressure(p_w, pressure)
+    return _ratio_at_vapour_pressure(p_w, pressure)
 
 
 def humidity_ratio_from_dew_point(T_dew: ArrayLike, pressure: ArrayLike = 101325.0) -> Array:
     """Humidity ratio from the dew point, eq (36) [kg/kg]."""
-    return _humidity_ratio_from_vapour_pressure(liquid_saturation_pressure(T_dew), pressure)
+    return _ratio_at_vapour_pressure(liquid_saturation_pressure(T_dew), pressure)
 
 
 def humidity_ratio_from_wet_bulb(T: ArrayLike, T_wet_bulb: ArrayLike, pressure: ArrayLike = 101325.0) -> Array:
@@ -83,13 +78,13 @@ def humidity_ratio_from_wet_bulb(T: ArrayLike, T_wet_bulb: ArrayLike, pressure: 
 
 
 def dew_point(W: ArrayLike, pressure: ArrayLike = 101325.0) -> Array:
-    """Temperature at which air of humidity ratio ``W`` is saturated over liquid: the inverse of eq (6) [degC]."""
+    """Temperature at which air of humidity ratio ``W`` is saturated over liquid, the inverse of eq (6) [degC]."""
     log_p_w = _log_vapour_pressure(W, pressure)
     # The Magnus formula is within 0.5 K here, so four Newton steps on ln p_s reach round-off.
     x = log_p_w - np.log(610.94)
     T = np.asarray(243.04 * x / (17.625 - x))
     for _ in range(4):
-        T = T - (np.log(liquid_saturation_pressure(T)) - log_p_w) / _log_pressure_slope(T, _LIQUID_CONSTANTS)
+        T = T - (np.log(liquid_saturation_pressure(T)) - log_p_w) / _log_slope(T, _LIQUID)
     return np.asarray(T)
 
 
@@ -101,9 +96,7 @@ def wetting_point(W: ArrayLike, pressure: ArrayLike = 101325.0) -> Array:
     T, log_p_w = dew_point(W, pressure), _log_vapour_pressure(W, pressure)
     T_frost = T
     for _ in range(5):  # from the dew point, at most 9 K away
-        T_frost = T_frost - (
-            np.log(_saturation_pressure_from(T_frost, _ICE_CONSTANTS)) - log_p_w
-        ) / _log_pressure_slope(T_frost, _ICE_CONSTANTS)
+        T_frost = T_frost - (np.log(_hyland_wexler(T_frost, _ICE)) - log_p_w) / _log_slope(T_frost, _ICE)
     return np.where(T < TRIPLE_POINT_C, T_frost, T)
 
 
@@ -128,10 +121,8 @@ def saturation_enthalpy_slope(T: ArrayLike, pressure: ArrayLike = 101325.0) -> A
     """dh_s/dT of saturated air [kJ/(kg K)]: the heat capacity that a wet coil sees."""
     T, p = np.asarray(T, dtype=np.float64), np.asarray(pressure, dtype=np.float64)
     p_s = saturation_pressure(T)
-    W_s = _humidity_ratio_from_vapour_pressure(p_s, p)
-    slope = np.where(
-        T < TRIPLE_POINT_C, _log_pressure_slope(T, _ICE_CONSTANTS), _log_pressure_slope(T, _LIQUID_CONSTANTS)
-    )
+    W_s = _ratio_at_vapour_pressure(p_s, p)
+    slope = np.where(T < TRIPLE_POINT_C, _log_slope(T, _ICE), _log_slope(T, _LIQUID))
     dW_s = MASS_RATIO * p * p_s * slope / (p - p_s) ** 2
     return np.asarray(1.006 + 1.86 * W_s + (2501.0 + 1.86 * T) * dW_s)
 

@@ -1,23 +1,39 @@
-"""Every parameter once: name, unit, bounds, default, meaning.
+"""Table of all parameters: name, unit, bounds, default, meaning, and what theory makes of each.
 
-Kernel rows, ``Loop``, study files, the command line and the attributes of a result derive from this
-table, so a name never changes on its way from a TOML key to a NetCDF coordinate.  The defaults are the
+Kernel rows, ``Loop``, study files, the command line, the attributes of a result and the limits of ``limit_cycle`` and
+``explain`` derive from it, so a name is the same from the TOML key to the NetCDF coordinate.  The defaults are the
 preset ``paper_like``.
-
-The parameters of a loop as a list to read: in a terminal, in a notebook, on the command line.
 """
 
 import math
 import sys
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from itertools import groupby
 from operator import attrgetter
+from typing import NamedTuple
 
-from fastcoil.base.errors import InputError, WrongTypeMessage, did_you_mean, short_repr
+from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 
 Scalar = float | int | str
 LARGEST_FLOAT = sys.float_info.max
+
+
+class Theory(NamedTuple):
+    """What the theory of a PI loop with a gap (``linearise``, ``limit_cycle``, ``explain``) makes of a parameter.
+
+    nearest: value in the nearest loop that theory covers; None where it covers the parameter as it is, or is not
+    affected by it.  clause: why it says nothing at other values and, behind a colon, what to do in Python; empty where
+    it covers them, too.  only_with: a parameter that must be above 0 for the clause to hold.
+    """
+
+    nearest: Scalar | None = None
+    clause: str = ""
+    only_with: str = ""
+
+
+COVERED = Theory()
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +42,7 @@ class Parameter:
 
     ``text`` says what it is, in help and docs; ``label`` is a few words for the axis of a figure.  ``default`` is
     ``None`` for parameters that replace others when given (``rangeability``, …).  Bounds are inclusive unless
-    ``open_lower``/``open_upper``.
+    ``open_lower``/``open_upper``.  ``theory`` has no default: each new parameter needs one.
     """
 
     name: str
@@ -41,6 +57,7 @@ class Parameter:
     whole: bool = False
     choices: tuple[str, ...] = ()
     label: str = ""
+    theory: Theory = field(kw_only=True)
 
     @property
     def is_word(self) -> bool:
@@ -48,7 +65,7 @@ class Parameter:
 
     @property
     def bounds(self) -> str:
-        """The admissible values in words, for tables and messages."""
+        """Admissible values in words, for tables and messages."""
         if self.is_word:
             return " or ".join(repr(c) for c in self.choices)
         low, high = f"{self.lower:g}", f"{self.upper:g}"
@@ -62,218 +79,240 @@ class Parameter:
         return f"whole, {text}" if self.whole else text
 
     def equation(self, value: object) -> str:
-        """``name = value unit``, as loops and presets are printed."""
+        """Text ``name = value unit``, as in printed loops and presets."""
         return f"{self.name} = {value}" + ("" if self.unit in ("", "1") else f" {self.unit}")
 
-    def problem(self, value: object) -> str | None:
-        """One sentence naming field, value and cure if ``value`` is not admissible, else ``None``."""
+    def problem(self, value: object) -> Problem | None:
+        """Return the mistake in a value that is not admissible, else ``None``."""
         if self.is_word:
             if isinstance(value, str) and value in self.choices:
                 return None
-            sentence = f"{self.name} = {short_repr(value)}: choose {self.bounds}"
-            return sentence if isinstance(value, str) else WrongTypeMessage(sentence)
+            code = "choice" if isinstance(value, str) else "type"
+            return Problem(f"{self.name} = {short_repr(value)}: choose {self.bounds}", self.name, code)
         if isinstance(value, bool) or not isinstance(value, (int, float)):
-            return WrongTypeMessage(f"{self.name} = {short_repr(value)}: give a number ({self.bounds})")
+            return Problem(f"{self.name} = {short_repr(value)}: give a number ({self.bounds})", self.name, "type")
         if not -LARGEST_FLOAT <= value <= LARGEST_FLOAT:
             text = f"{value}" if isinstance(value, float) else "a number of too many digits"
-            return f"{self.name} = {text}: give a finite number ({self.bounds})"
+            return Problem(f"{self.name} = {text}: give a finite number ({self.bounds})", self.name, "value")
         too_low = value <= self.lower if self.open_lower else value < self.lower
         too_high = value >= self.upper if self.open_upper else value > self.upper
         if too_low or too_high or (self.whole and value != math.floor(value)):
             unit = "" if self.unit == "1" else f" {self.unit}"
-            return f"{self.name} = {value:g}{unit}: must be {self.bounds}"
+            return Problem(f"{self.name} = {value:g}{unit}: must be {self.bounds}", self.name, "value")
         return None
 
 
-def _positive(name: str, group: str, unit: str, default: float | None, text: str, *, label: str) -> Parameter:
-    return Parameter(name, group, unit, default, text, lower=0.0, open_lower=True, label=label)
-
+_positive = partial(Parameter, lower=0.0, open_lower=True)
+_SMALL_CYCLES = "makes small cycles of its own: give 0, or simulate it"
+_RESOLUTION = Theory(0.0, f"a resolution (of sensor or command) {_SMALL_CYCLES}")
 
 # fmt: off
 _TABLE = (
     _positive("C_w", "coil", "kJ K-1", 8.8, "heat capacity of the water in one control volume (of 8), Eq (3)",
-              label="water heat capacity C_w"),
+              label="water heat capacity C_w", theory=COVERED),
     _positive("C_c", "coil", "kJ K-1", 30.0, "heat capacity of the metal of one control volume (of 8), Eq (3)",
-              label="metal heat capacity C_c"),
-    _positive("beta1", "coil", "1", 0.32, "water-side effectiveness: factor, Eq (4)", label="water-side factor β1"),
+              label="metal heat capacity C_c", theory=COVERED),
+    _positive("beta1", "coil", "1", 0.32, "water-side effectiveness: factor, Eq (4)",
+              label="water-side factor β1", theory=COVERED),
     Parameter("beta2", "coil", "1", -0.20, "water-side effectiveness: exponent of m_w, Eq (4)", -5.0, 5.0,
-              label="water-side exponent β2"),
+              label="water-side exponent β2", theory=COVERED),
     _positive("beta3", "coil", "1", 0.40, "air-side effectiveness (heat): factor, Eq (4)",
-              label="air-side heat factor β3"),
+              label="air-side heat factor β3", theory=COVERED),
     Parameter("beta4", "coil", "1", -0.45, "air-side effectiveness (heat): exponent of m_a, Eq (4)", -5.0, 5.0,
-              label="air-side heat exponent β4"),
+              label="air-side heat exponent β4", theory=COVERED),
     _positive("beta5", "coil", "1", 0.42, "air-side effectiveness (heat and mass): factor, Eq (4)",
-              label="air-side heat and mass factor β5"),
+              label="air-side heat and mass factor β5", theory=COVERED),
     Parameter("beta6", "coil", "1", -0.42, "air-side effectiveness (heat and mass): exponent of m_a, Eq (4)", -5.0, 5.0,
-              label="air-side heat and mass exponent β6"),
-    _positive("cp_w", "coil", "kJ kg-1 K-1", 4.186, "specific heat of water", label="specific heat of water"),
-    _positive("cp_a", "coil", "kJ kg-1 K-1", 1.02, "specific heat of moist air", label="specific heat of air"),
-    Parameter("pressure", "coil", "Pa", 101325.0, "barometric pressure", 50e3, 110e3, label="barometric pressure"),
+              label="air-side heat and mass exponent β6", theory=COVERED),
+    _positive("cp_w", "coil", "kJ kg-1 K-1", 4.186, "specific heat of water",
+              label="specific heat of water", theory=COVERED),
+    _positive("cp_a", "coil", "kJ kg-1 K-1", 1.02, "specific heat of moist air",
+              label="specific heat of air", theory=COVERED),
+    Parameter("pressure", "coil", "Pa", 101325.0, "barometric pressure", 50e3, 110e3,
+              label="barometric pressure", theory=COVERED),
     Parameter("n_volumes", "coil", "1", 8, "number of control volumes N along the water", 1, 64, whole=True,
-              label="control volumes N"),
+              label="control volumes N", theory=COVERED),
     Parameter("air_march", "coil", "", "lagged",
               "upstream air that a control volume takes: of the step before, as printed in Eq (3), or of this step",
-              choices=("lagged", "quasistatic"), label="air march"),
+              choices=("lagged", "quasistatic"), label="air march", theory=COVERED),
     Parameter("substeps", "coil", "1", 1, "steps a second in which Eqs (3) and (4) are taken", 1, 64, whole=True,
-              label="substeps"),
+              label="substeps", theory=COVERED),
     Parameter("T_initial", "coil", "degC", 20.0, "all temperatures at the start", 0.0, 50.0,
-              label="initial temperature"),
-    _positive("m_max", "valve", "kg s-1", 2.0, "asymptotic water flow, Eq (2)", label="asymptotic water flow"),
-    _positive("valve_a", "valve", "1", 0.7, "asymmetry a of the flow curve, Eq (2)", label="valve asymmetry a"),
+              label="initial temperature", theory=COVERED),
+    _positive("m_max", "valve", "kg s-1", 2.0, "asymptotic water flow, Eq (2)",
+              label="asymptotic water flow", theory=COVERED),
+    _positive("valve_a", "valve", "1", 0.7, "asymmetry a of the flow curve, Eq (2)",
+              label="valve asymmetry a", theory=COVERED),
     _positive("valve_b", "valve", "1", 9.0, "growth rate b of the flow curve per unit opening, Eq (2)",
-              label="valve growth rate b"),
+              label="valve growth rate b", theory=COVERED),
     Parameter("valve_c", "valve", "1", 0.38, "opening c of steepest growth, Eq (2)", -5.0, 5.0,
-              label="opening of steepest growth c"),
+              label="opening of steepest growth c", theory=COVERED),
     Parameter("rangeability", "valve", "1", None,
               "inherent rangeability R of an equal-percentage valve (with authority and m_full, replaces Eq (2)'s "
-              "m_max, a, b, c)", 1.0, 1000.0, open_lower=True, label="rangeability"),
+              "m_max, a, b, c)", 1.0, 1000.0, open_lower=True, label="rangeability", theory=COVERED),
     Parameter("authority", "valve", "1", None, "valve authority N: share of the total pressure drop, fully open",
-              0.0, 1.0, open_lower=True, open_upper=True, label="valve authority"),
-    _positive("m_full", "valve", "kg s-1", None, "water flow at full opening", label="water flow, fully open"),
+              0.0, 1.0, open_lower=True, open_upper=True, label="valve authority", theory=COVERED),
+    _positive("m_full", "valve", "kg s-1", None, "water flow at full opening",
+              label="water flow, fully open", theory=COVERED),
     Parameter("leakage", "valve", "1", None,
               "share of the fully open water flow that passes at opening 0; not given: as much as Eq (2) as printed",
-              0.0, 1.0, open_upper=True, label="leakage"),
+              0.0, 1.0, open_upper=True, label="leakage", theory=COVERED),
     Parameter("backlash", "actuator", "1", 0.07, "true backlash x_BL, fraction of stroke, Eq (1)", 0.0, 0.9,
-              label="backlash"),
+              label="backlash", theory=COVERED),
     Parameter("stroke_time", "actuator", "s", 0.0, "time the motor takes for a full stroke; 0 = instantaneous", 0.0,
-              label="stroke time"),
+              label="stroke time", theory=COVERED),
     Parameter("command_resolution", "actuator", "1", 0.0, "step of the actuator's input; 0 = continuous", 0.0, 0.5,
-              label="command resolution"),
+              label="command resolution", theory=_RESOLUTION),
     Parameter("neutral_zone", "actuator", "1", 0.0,
               "a motor at rest starts where its target is further away than this, and runs until there; 0 = none",
-              0.0, 1.0, open_upper=True, label="neutral zone"),
+              0.0, 1.0, open_upper=True, label="neutral zone", theory=Theory(0.0, f"a neutral_zone {_SMALL_CYCLES}")),
     Parameter("slip_jump", "actuator", "1", 0.0,
               "jump J of a sticking stem when it breaks loose; the backlash is then the stick band S; 0 = Eq (1)",
-              0.0, 0.9, label="slip jump J"),
+              0.0, 0.9, label="slip jump J",
+              theory=Theory(0.0, f"a stem that sticks and slips (slip_jump) {_SMALL_CYCLES}")),
     Parameter("wear_rate", "actuator", "1", 0.0,
               "growth of the backlash, fraction of stroke, per stroke that the stem travels; 0 = no wear", 0.0, 0.01,
-              label="wear rate"),
+              label="wear rate",
+              theory=Theory(0.0, "a gap that wears has no one size: give wear_rate = 0 and the backlash that you "
+                                 "mean")),
     Parameter("sensor_time_constant", "sensor", "s", 0.0, "first-order lag of the supply air sensor; 0 = none", 0.0,
-              label="sensor time constant"),
+              label="sensor time constant", theory=COVERED),
     Parameter("noise_std", "sensor", "K", 0.0, "standard deviation of the measurement noise at controller samples", 0.0,
-              label="measurement noise"),
+              label="measurement noise", theory=COVERED),
     Parameter("sensor_resolution", "sensor", "K", 0.0, "step of the measured temperature; 0 = continuous", 0.0,
-              label="sensor resolution"),
+              label="sensor resolution", theory=_RESOLUTION),
     Parameter("kp", "controller", "K-1", 0.03, "proportional gain K_p, stroke per kelvin",
-              label="proportional gain Kp"),
-    _positive("ti", "controller", "s", 8.0, "integral time T_i", label="integral time Ti"),
+              label="proportional gain Kp", theory=COVERED),
+    _positive("ti", "controller", "s", 8.0, "integral time T_i", label="integral time Ti", theory=COVERED),
     Parameter("sample_time", "controller", "s", 30.0, "controller sample time", 1, 3600, whole=True,
-              label="sample time"),
+              label="sample time", theory=COVERED),
     Parameter("error_dead_band", "controller", "K", 0.0,
-              "control error up to which the controller holds its output; 0 = none", 0.0, label="error dead band"),
+              "control error up to which the controller holds its output; 0 = none", 0.0, label="error dead band",
+              theory=Theory(0.0, "an error_dead_band stops small cycles and starts others: give 0, or simulate it")),
     Parameter("action", "controller", "", "cooling", "whether the valve opens to cool or to heat",
-              choices=("cooling", "heating"), label="action"),
+              choices=("cooling", "heating"), label="action", theory=COVERED),
     _positive("plant_gain", "controller", "K", None,
               "change of the supply temperature per full stroke that the controller reckons with",
-              label="reckoned plant gain"),
+              label="reckoned plant gain", theory=COVERED),
     Parameter("law", "controller", "", "pi", "what decides the opening that the controller asks for",
-              choices=("pi",), label="control law"),
+              choices=("pi",), label="control law",
+              theory=Theory("pi", "a control law of your own has no describing function: simulate it")),
     Parameter("test_start", "test", "s", None, "when the valve test starts; not given: there is none", 0.0,
-              label="start of the test"),
+              label="start of the test", theory=COVERED),
     Parameter("test_every", "test", "d", 0.0, "days between tests where days are a sequence; 0 = one test", 0.0,
-              label="days between tests"),
-    _positive("test_minutes", "test", "min", 20.0, "how long the valve test takes", label="minutes of the test"),
+              label="days between tests", theory=COVERED),
+    _positive("test_minutes", "test", "min", 20.0, "how long the valve test takes",
+              label="minutes of the test", theory=COVERED),
     Parameter("test_rate", "test", "s-1", 7e-4, "rate of the command in the first ramp", 0.0, 0.01, open_lower=True,
-              label="rate of the test"),
+              label="rate of the test", theory=COVERED),
     _positive("test_threshold", "test", "K", 0.3, "error beyond the set-point of the start at which a ramp ends",
-              label="threshold of the test"),
+              label="threshold of the test", theory=COVERED),
     Parameter("test_settle", "test", "s", 60.0, "time for which the command holds before the first ramp", 0.0,
-              label="settling of the test"),
+              label="settling of the test", theory=COVERED),
     Parameter("test_hold", "test", "s", 120.0, "time for which the command holds after a ramp", 0.0,
-              label="hold of the test"),
-    _positive("test_excursion", "test", "K", 1.5, "error at which the test is aborted", label="limit of the test"),
+              label="hold of the test", theory=COVERED),
+    _positive("test_excursion", "test", "K", 1.5, "error at which the test is aborted",
+              label="limit of the test", theory=COVERED),
     Parameter("backlash_estimate", "inverse", "1", 0.0,
               "backlash that the inverse assumes; 0 = no inverse; the learner starts here and never goes below it",
-              0.0, 1.0, open_upper=True, label="backlash estimate"),
+              0.0, 1.0, open_upper=True, label="backlash estimate", theory=Theory(0.0)),
     Parameter("estimate_ratio", "inverse", "1", None, "backlash_estimate / backlash, in place of backlash_estimate",
-              0.0, label="estimate / backlash"),
+              0.0, label="estimate / backlash", theory=COVERED),
     Parameter("buffer", "inverse", "1", 1e-9, "reversals of u up to this size are ignored by the inverse; 0 = none are",
-              0.0, 1.0, open_upper=True, label="buffer"),
+              0.0, 1.0, open_upper=True, label="buffer", theory=COVERED),
     Parameter("buffer_ratio", "inverse", "1", 0.0,
               "buffer / (K_p x standard deviation of the noise), where that exceeds buffer; 0 = buffer counts", 0.0,
-              label="buffer / noise in u"),
+              label="buffer / noise in u", theory=COVERED),
     Parameter("buffer_noise", "inverse", "", "given",
               "noise that buffer_ratio takes: noise_std, or what the controller measures in its own readings",
-              choices=("given", "measured"), label="noise of the buffer"),
+              choices=("given", "measured"), label="noise of the buffer", theory=COVERED),
     Parameter("buffer_swing", "inverse", "K", 0.0,
               "largest change of the supply temperature, by plant_gain, from a jump of u across the buffer of "
-              "buffer_ratio; 0 = any", 0.0, label="largest swing by the buffer"),
+              "buffer_ratio; 0 = any", 0.0, label="largest swing by the buffer", theory=COVERED),
     Parameter("compensation", "inverse", "", "inverse",
               "how the command crosses the gap: by the inverse, by half the estimate added to u, or by an inverse "
-              "without a jump", choices=("inverse", "additive", "smooth"), label="compensation"),
+              "without a jump", choices=("inverse", "additive", "smooth"), label="compensation", theory=COVERED),
     _positive("smooth_rate", "inverse", "s-1", 1e-4,
               "rate of u at which the smooth compensation has crossed 98 % of the gap",
-              label="rate of the smooth inverse"),
+              label="rate of the smooth inverse", theory=COVERED),
     Parameter("estimator", "estimator", "", None,
               "what finds the backlash estimate; by default the learner where learning_step > 0, else nothing does",
-              choices=("none", "learner", "hagglund", "gradient", "identify"), label="estimator"),
+              choices=("none", "learner", "hagglund", "gradient", "identify"), label="estimator",
+              theory=Theory("none", "an estimator changes the estimate as it goes: give estimator = 'none' and the "
+                             "backlash_estimate that you want to know about", only_with="estimate_share")),
     Parameter("estimate_share", "estimator", "1", 1.0,
               "share of the estimate that the inverse assumes; 0 = the estimate is only reported", 0.0, 1.0,
-              label="share of the estimate"),
+              label="share of the estimate", theory=COVERED),
     Parameter("learning_step", "learner", "1", 0.0, "step by which the learner changes its estimate; 0 = no learning",
-              0.0, 0.25, label="learning step"),
+              0.0, 0.25, label="learning step", theory=Theory(0.0)),
     Parameter("learning_interval", "learner", "s", 1800.0, "time between updates of the estimate",
-              600, 86400, whole=True, label="learning interval"),
+              600, 86400, whole=True, label="learning interval", theory=COVERED),
     _positive("learning_ratio", "learner", "1", 2.0,
               "the learner steps down if switches are more than this many times as frequent as in the first interval",
-              label="learning ratio"),
+              label="learning ratio", theory=COVERED),
     Parameter("learning_floor", "learner", "1", 0.0,
-              "lower limit of the first interval's switch frequency, switches per 10 min", 0.0, label="learning floor"),
+              "lower limit of the first interval's switch frequency, switches per 10 min", 0.0,
+              label="learning floor", theory=COVERED),
     Parameter("learning_cap", "learner", "1", 0.25, "largest estimate the learner may reach", 0.0, 0.9, open_lower=True,
-              label="learning cap"),
+              label="learning cap", theory=COVERED),
     Parameter("learning_min_switches", "learner", "1", 0.0,
               "an interval with fewer mode switches is not counted: the estimate stays", 0.0,
-              label="least switches per interval"),
+              label="least switches per interval", theory=COVERED),
     Parameter("learning_max_reference", "learner", "1", 1.0,
               "a first interval with switches in more than this share of samples is not counted: the estimate stays",
-              0.0, 1.0, open_lower=True, label="largest reference switch share"),
+              0.0, 1.0, open_lower=True, label="largest reference switch share", theory=COVERED),
     Parameter("learning_early_trip", "learner", "1", 0.0,
               "1 = step down as soon as an interval has too many switches, 0 = at its end", 0.0, 1.0, whole=True,
-              label="early trip"),
+              label="early trip", theory=COVERED),
     Parameter("learning_growth", "learner", "1", 1.0,
               "each step up is this many times the one before, until the first step down", 1.0, 10.0,
-              label="step growth"),
+              label="step growth", theory=COVERED),
     Parameter("learning_shrink", "learner", "1", 1.0, "factor applied to all steps after a step down", 0.0, 1.0,
-              open_lower=True, label="step shrink"),
+              open_lower=True, label="step shrink", theory=COVERED),
     Parameter("learning_final", "learner", "1", 1.0, "factor applied to the estimate when learning stops", 0.0, 1.0,
-              open_lower=True, label="final factor"),
+              open_lower=True, label="final factor", theory=COVERED),
     Parameter("learning_reference", "learner", "1", 0.0,
               "intervals that the reference is the mean of, after a first one that is left out; 0 = the first interval "
-              "is the reference", 0.0, 100.0, whole=True, label="intervals of the reference"),
+              "is the reference", 0.0, 100.0, whole=True, label="intervals of the reference", theory=COVERED),
     Parameter("learning_error_ratio", "learner", "1", 0.0,
               "the learner steps down, too, if the settled rms error of an interval is more than this many times that "
-              "of the reference; 0 = it does not look at the error", 0.0, label="error ratio of the learner"),
+              "of the reference; 0 = it does not look at the error", 0.0,
+              label="error ratio of the learner", theory=COVERED),
     Parameter("learning_stop", "learner", "", "never", "whether the first step down ends the learning",
-              choices=("never", "first_step_down"), label="learning stop"),
+              choices=("never", "first_step_down"), label="learning stop", theory=COVERED),
     Parameter("hagglund_filter_ratio", "hagglund", "1", 0.1,
-              "filter time of the control error over ti; 0 = not filtered", 0.0, 10.0, label="filter time / Ti"),
+              "filter time of the control error over ti; 0 = not filtered", 0.0, 10.0,
+              label="filter time / Ti", theory=COVERED),
     Parameter("hagglund_least_half_periods", "hagglund", "1", 10,
               "half periods that must count before there is an estimate: the median gap of the last five; it is final "
-              "where estimate_share > 0", 5, 1000, whole=True, label="least half periods"),
-    _positive("gradient_gain", "gradient", "K-1 s-1", 3e-4, "gain of the adaptation", label="adaptation gain"),
+              "where estimate_share > 0", 5, 1000, whole=True, label="least half periods", theory=COVERED),
+    _positive("gradient_gain", "gradient", "K-1 s-1", 3e-4, "gain of the adaptation",
+              label="adaptation gain", theory=COVERED),
     _positive("gradient_filter_time", "gradient", "s", 60.0,
-              "filter time of the regressor, about the dominant time constant of the loop", label="filter time"),
+              "filter time of the regressor, about the dominant time constant of the loop",
+              label="filter time", theory=COVERED),
     Parameter("gradient_reference_time", "gradient", "s", 60.0,
-              "time constant with which the loop should follow its set-point", 0.0, label="reference time constant"),
+              "time constant with which the loop should follow its set-point", 0.0,
+              label="reference time constant", theory=COVERED),
     Parameter("gradient_dead_zone", "gradient", "K", 0.05,
               "deviations from the reference up to this size are ignored; about twice the noise", 0.0,
-              label="dead zone"),
+              label="dead zone", theory=COVERED),
     Parameter("gradient_pause", "gradient", "s", 400.0,
               "time without adaptation after a start, or a step of set-point (over 0.1 K) or air flow (over 5 %)", 0.0,
-              label="pause"),
+              label="pause", theory=COVERED),
     Parameter("gradient_cap", "gradient", "1", 0.2, "largest estimate the adaptation may reach", 0.0, 0.9,
-              open_lower=True, label="adaptation cap"),
+              open_lower=True, label="adaptation cap", theory=COVERED),
     Parameter("identify_stroke_time", "identify", "s", 90.0,
               "time for a full stroke that the identification reckons with; 0 = instantaneous", 0.0,
-              label="reckoned stroke time"),
+              label="reckoned stroke time", theory=COVERED),
     _positive("identify_memory", "identify", "s", 86400.0,
               "time after which what was seen counts 1/e as much; only time within 2 h of a step of the set-point "
-              "and of valve tests counts or passes", label="memory"),
+              "and of valve tests counts or passes", label="memory", theory=COVERED),
     _positive("identify_interval", "identify", "s", 600.0, "time between comparisons of the possible sizes",
-              label="interval of comparisons"),
+              label="interval of comparisons", theory=COVERED),
     Parameter("identify_certainty", "identify", "1", 0.7,
               "least probability of being right, to 20 % of the backlash or 1 % of stroke, at which an estimate is "
-              "taken over", 0.0, 1.0, open_upper=True, label="certainty"),
+              "taken over", 0.0, 1.0, open_upper=True, label="certainty", theory=COVERED),
 )
 # fmt: on
 
@@ -301,26 +340,26 @@ CHANCE_DIMS = ("sample", "design", "day", "replicate")
 
 
 def require_parameter_name(name: str, table: Mapping[str, Parameter] = PARAMETERS) -> str:
-    """Return ``name`` if it is a parameter, one of ``table``, else raise ``InputError`` with the nearest of them."""
+    """Return ``name`` if ``table`` has it, else raise ``InputError`` with the most similar name."""
     if not isinstance(name, str):
-        raise InputError(
-            WrongTypeMessage(f"{short_repr(name)} is not the name of a parameter (see `fastcoil parameters`)")
-        )
+        text = f"{short_repr(name)} is not the name of a parameter (see `fastcoil parameters`)"
+        raise InputError(text, code="type")
     if name not in table:
         text = name if name.isidentifier() and len(name) < 60 else short_repr(name)
-        raise InputError(f"{text} is not a parameter{did_you_mean(name, table)} (see `fastcoil parameters`)")
+        sentence = f"{text} is not a parameter{did_you_mean(name, table)} (see `fastcoil parameters`)"
+        raise InputError(sentence, name, "name")
     return name
 
 
 class ParameterListing(dict[str, Parameter]):
-    """Parameters by name, shown as a list by the parts of the loop."""
+    """Parameters by name; printed as a list, by the parts of the loop."""
 
     def __repr__(self) -> str:
         return "\n".join(parameter_lines(self.values()))
 
 
 def parameter_lines(parameters: Iterable[Parameter]) -> list[str]:
-    """A heading for each part of the loop, and a line for each parameter: default, unit, meaning, allowed values."""
+    """Lines of a list: the parts of the loop, and default, unit, meaning and allowed values of each parameter."""
     lines = []
     for group, group_parameters in groupby(parameters, attrgetter("group")):
         lines.append(group)

@@ -5,9 +5,6 @@ import numpy as np
 from fastcoil.model.numerics.elementary import exp, log, polynomial
 from fastcoil.model.numerics.jit import scalar
 
-LARGEST_GAP = 0.9
-"""Backlash, fraction of stroke, that nothing exceeds: the largest that a loop may have, too."""
-
 
 @scalar
 def backlash(q, position, x_bl):
@@ -23,8 +20,8 @@ def backlash(q, position, x_bl):
 
     q, position, x_bl: fractions of stroke; position is the motor's (the paper's cmd).
     """
-    after_rising_flank = position - x_bl if q < position - x_bl else q
-    return position if after_rising_flank > position else after_rising_flank
+    pushed_up = position - x_bl if q < position - x_bl else q
+    return position if pushed_up > position else pushed_up
 
 
 @scalar
@@ -40,7 +37,7 @@ def initial_stem_position(position, x_bl, x):
 
 @scalar
 def opening(q, x_bl):
-    """Valve opening α q with α = 1/(1 - x_BL), so that a full command opens fully.  Eq (1).
+    """Valve opening α q with α = 1/(1 - x_BL), so that a full command opens fully, Eq (1).
 
     x_bl: the backlash that the valve was commissioned with.  A gap that has grown since leaves α as it is: it moves no
     stem that stands still, and a full command no longer opens fully.  With a smaller gap the stem meets its stop early.
@@ -57,9 +54,9 @@ def worn_backlash(x_bl, wear_rate, travel):
 
 @scalar
 def scaled_backlash(x_bl, scale):
-    """Backlash of this second, ``scale`` times as large as by itself, at most LARGEST_GAP."""
+    """Backlash of this second, ``scale`` times x_bl, at most 0.9, the largest that a loop may have."""
     x = x_bl * scale
-    return LARGEST_GAP if x > LARGEST_GAP else x
+    return 0.9 if x > 0.9 else x
 
 
 @scalar
@@ -71,7 +68,7 @@ def stick_slip(q, direction, position, previous_position, x_bl, slip_jump):
     at the motor position u_s is let go where the motor leaves the interval from q - J to q + S.  J = 0 is ``backlash``,
     to the bit.
 
-    q, position, previous (of the second before), x_bl, slip_jump: fractions of stroke, slip_jump J at most x_bl.
+    q, position, previous_position (one second before), x_bl, slip_jump J (at most x_bl): fractions of stroke.
     direction: 1 rising, -1 falling, 0 stuck.  M. Kano, H. Maruta, H. Kugemoto, K. Shimizu: Practical model and
     detection algorithm for valve stiction.  IFAC DYCOPS 2004.
     """
@@ -137,8 +134,8 @@ def actuator_input(command, resolution):
 def motor_position(position, target, max_travel):
     """Motor position one step on: ``target``, or as near as ``max_travel`` (inf: no limit) lets it come."""
     low, high = position - max_travel, position + max_travel
-    not_below = low if target < low else target
-    return high if not_below > high else not_below
+    nearest = low if target < low else target
+    return high if nearest > high else nearest
 
 
 @scalar
@@ -176,29 +173,32 @@ def sensor_reading(y_s, noise, resolution):
     return round_to_resolution(y_s + noise, resolution)
 
 
-T_FROST, T_HOT = 0.01, 50.0
-"""Over ice below the triple point, where Eqs 5 and 6 meet to 6e-9 of p_ws; rarely above the other in a coil."""
-T_SATURATION_MIN, T_SATURATION_MAX = -20.0, 60.0
-MASS_RATIO = 0.621945
-"""Molar mass of water over that of dry air."""
+T_FROST = 0.01  # °C, triple point: over ice below it, where Eqs 5 and 6 meet to 6e-9 of p_ws
+T_HOT = 50.0  # °C: another polynomial above; a coil is rarely as warm
+T_SATURATION_MIN = -20.0  # °C, end of the polynomial over ice
+T_SATURATION_MAX = 60.0  # °C, end of the hot polynomial
+MASS_RATIO = 0.621945  # molar mass of water over that of dry air
 
 # p_ws, Pa, interpolated at Chebyshev nodes, without the logarithm, division and exponential of Eqs 5 and 6.
-# In T - 25 °C on 0..50 °C: 3.3e-11 relative at worst
-_MILD_CENTRE_C, _MILD_COEFFICIENTS = 25.0, (
+_MILD_CENTRE_C = 25.0
+_MILD_COEFFICIENTS = (
     6.337648701247726e-19, 4.843596783206397e-16, -5.599997570513241e-14, -3.0331269952404774e-11,
     2.8276007599474568e-09, 2.8250279786507624e-06, 0.0006149997625258774, 0.07159297906653218, 4.91264330714873,
     188.9310647032762, 3169.2164701436113,
 )  # fmt: skip
-# in T + 10 °C on -20..0.01 °C, over ice: 4.4e-11
-_FROST_CENTRE_C, _FROST_COEFFICIENTS = -10.0, (
+"""In T - 25 °C on 0–50 °C: within 3.3e-11 relative."""
+_FROST_CENTRE_C = -10.0
+_FROST_COEFFICIENTS = (
     2.166482455294341e-13, 1.364296417216959e-10, 3.0164038582249346e-08, 4.057612631985733e-06,
     0.00036773757795715217, 0.022801634494503644, 0.9359654830054085, 23.07378361055915, 259.902864952159,
 )  # fmt: skip
-# in T - 55 °C on 50..60 °C: 2.8e-12
-_HOT_CENTRE_C, _HOT_COEFFICIENTS = 55.0, (
+"""In T + 10 °C on -20–0.01 °C, over ice: within 4.4e-11."""
+_HOT_CENTRE_C = 55.0
+_HOT_COEFFICIENTS = (
     -3.804957288664999e-09, 2.726680428272405e-06, 0.001046644188296657, 0.17144009348699968, 15.457900310573544,
     755.1027089840052, 15759.706943242232,
 )  # fmt: skip
+"""In T - 55 °C on 50–60 °C: within 2.8e-12."""
 
 
 @scalar
@@ -215,18 +215,16 @@ def saturation_pressure_mild(T):
 def saturation_pressure_frost(T):
     """Saturation pressure p_ws over ice, Pa, below 0.01 °C; T is clamped to -20 °C."""
     x = T - _FROST_CENTRE_C
-    return polynomial(
-        T_SATURATION_MIN - _FROST_CENTRE_C if x < T_SATURATION_MIN - _FROST_CENTRE_C else x, _FROST_COEFFICIENTS
-    )
+    x = T_SATURATION_MIN - _FROST_CENTRE_C if x < T_SATURATION_MIN - _FROST_CENTRE_C else x
+    return polynomial(x, _FROST_COEFFICIENTS)
 
 
 @scalar
 def saturation_pressure_hot(T):
     """Saturation pressure p_ws over liquid water, Pa, above 50 °C; T is clamped to 60 °C."""
     x = T - _HOT_CENTRE_C
-    return polynomial(
-        T_SATURATION_MAX - _HOT_CENTRE_C if x > T_SATURATION_MAX - _HOT_CENTRE_C else x, _HOT_COEFFICIENTS
-    )
+    x = T_SATURATION_MAX - _HOT_CENTRE_C if x > T_SATURATION_MAX - _HOT_CENTRE_C else x
+    return polynomial(x, _HOT_COEFFICIENTS)
 
 
 @scalar
@@ -271,8 +269,7 @@ def enthalpy_difference(T, W, T_s, W_s):
 
 
 LEAST_WATER_FLOW_KG_S = 1e-9
-"""Least water flow, kg/s, at which the effectiveness is taken: below it, whatever the exponent, the conductance of
-Eq (4) goes to 0 with the flow."""
+"""Least water flow at which Eq (4) holds: below, whatever the exponent, the conductance goes to 0 with the flow."""
 
 
 @scalar
@@ -296,9 +293,9 @@ def effectiveness(factor, exponent, m):
 
 @scalar
 def air_heat(wet, m_a, dT, dh, cp_a):
-    """Heat from the air into the metal, kW: by its fall in temperature (Eq 3) or, when wet, in enthalpy.
+    """Heat from the air into the metal, kW: by its fall in temperature, Eq (3), or, when wet, in enthalpy.
 
-    cooled = ε_a (T_in - T_c), K; dried = ε_a* (h_in - h_s), kJ/kg, with h_s saturated at T_c.
+    dT = ε_a (T_in - T_c), K; dh = ε_a* (h_in - h_s), kJ/kg, with h_s saturated at T_c.
     """
     return m_a * (dh if wet else cp_a * dT)
 

@@ -1,6 +1,6 @@
 """``@fc.estimator`` and ``@fc.law``: a plain function becomes a rule of the user.
 
-What parameters a rule may read and declare, the rule itself, and whether it is still the rule that it was.
+What parameters a rule may read and declare, the rule itself, and hashes that show whether it has changed.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from keyword import iskeyword
 from typing import Any
 
 from fastcoil.base.arguments import is_number, raise_problems, require_number, require_text, to_builtin
-from fastcoil.base.errors import InputError, WrongTypeMessage, did_you_mean, short_repr
+from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 from fastcoil.model.control import Law
 from fastcoil.model.engine.lanes import UserRules
 from fastcoil.model.estimators.interface import Estimator, Sample
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
 from fastcoil.model.numerics.compile_user_function import UserFunction
-from fastcoil.model.parameter_table import ESTIMATOR_GROUPS, PARAMETERS, RESERVED_DIMS, Parameter
+from fastcoil.model.parameter_table import COVERED, ESTIMATOR_GROUPS, PARAMETERS, RESERVED_DIMS, Parameter
 
 _HIDDEN_GROUPS = ("coil", "valve", "actuator")  # groups of what a controller in the field cannot know
 _TAKEN_NAMES = {
@@ -30,7 +30,7 @@ _TAKEN_NAMES = {
 
 
 class RuleParameter(float):
-    """The default of a rule's own parameter, with what is known of it; a number like any other."""
+    """Default of a rule's parameter, with unit, bounds and meaning; otherwise a number."""
 
     unit: str
     lower: float
@@ -41,18 +41,32 @@ class RuleParameter(float):
 def parameter(
     default: float, *, unit: str = "1", lower: float = -math.inf, upper: float = math.inf, text: str = ""
 ) -> float:
-    """Declare a parameter of a rule of your own, as the default of a field of its ``Parameters``.
+    """Declare a parameter of a user's rule, as the default of a field of its ``Parameters``.
 
     Parameters
     ----------
-    default
-        Its value where a loop does not give it.
-    unit
+    default : float
+        Value where a loop does not give one.
+    unit : str, default "1"
         Such as ``"K-1 s-1"``; ``"1"`` for a fraction or a count.
-    lower, upper
-        Its bounds, inclusive.
-    text
-        What it is, for help and the attributes of results.
+    lower, upper : float
+        Bounds, inclusive.
+    text : str
+        Meaning, for help and the attributes of results.
+
+    Returns
+    -------
+    float
+        The default, which carries the rest as attributes.
+
+    Raises
+    ------
+    InputError
+        If the default is no finite number within the bounds, or a text is none.
+
+    See Also
+    --------
+    estimator, law : make a rule of a function and its ``Parameters``.
 
     Examples
     --------
@@ -61,63 +75,53 @@ def parameter(
     >>> class Parameters(NamedTuple):
     ...     sample_time: float  # of the loop
     ...     gain: float = fc.parameter(3e-4, unit="K-1 s-1", lower=0.0, text="how fast the estimate moves")
-
-    Raises
-    ------
-    InputError
-        If the default is no finite number within the bounds, or a text is none.
+    >>> Parameters(30.0).gain
+    0.0003
     """
     lower, upper = _require_bound("lower", lower, -math.inf), _require_bound("upper", upper, math.inf)
-    cure = f"give a number ({Parameter('', '', unit, None, text, lower, upper).bounds})"
-    rule_parameter = RuleParameter(
-        require_number("default", default, cure, least=lower, most=min(upper, sys.float_info.max))
-    )
-    rule_parameter.unit, rule_parameter.text = require_text("unit", unit), require_text("text", text)
-    rule_parameter.lower, rule_parameter.upper = lower, upper
-    return rule_parameter
+    cure = f"give a number ({Parameter('', '', unit, None, text, lower, upper, theory=COVERED).bounds})"
+    number = RuleParameter(require_number("default", default, cure, least=lower, most=min(upper, sys.float_info.max)))
+    number.unit, number.text = require_text("unit", unit), require_text("text", text)
+    number.lower, number.upper = lower, upper
+    return number
 
 
 def _require_bound(name: str, value: object, no_bound: float) -> float:
-    """A bound; ``no_bound`` stands for the lack of one."""
+    """Require a number, or ``no_bound``, -inf or inf."""
     value = to_builtin(value)
     return no_bound if isinstance(value, float) and value == no_bound else require_number(name, value, "give a number")
 
 
-def declared_parameters(rule: str, fields: Mapping[str, object]) -> dict[str, Parameter]:
-    """What a rule declares of its own; the other fields are parameters of the loop that it may read.
+def declared_parameters(rule: str, fields: Mapping[str, Any]) -> dict[str, Parameter]:
+    """Return the parameters that a rule declares; its other fields are parameters of the loop that it may read.
 
     fields: name → default, ``None`` for a field without one.
     """
-    parameters, problems = {}, []
+    parameters: dict[str, Parameter] = {}
+    problems: list[str] = []
     for name, default in fields.items():
-        loop_parameter = PARAMETERS.get(name)
-        if loop_parameter and (
-            loop_parameter.group in (*_HIDDEN_GROUPS, *ESTIMATOR_GROUPS)
-            or loop_parameter.is_word
-            or name == "estimate_ratio"
-        ):
-            problems.append(
-                f"{rule} reads {name}, which a rule must not know: leave it out, or call its own parameter otherwise"
-            )
-        elif loop_parameter and default is not None:
-            problems.append(
-                f"{rule}: {name} = {short_repr(default)}: {name} is a parameter of the loop, which has its value; write "
-                f"{name}: float"
-            )
-        elif loop_parameter:
+        p = PARAMETERS.get(name)
+        if p and (p.group in (*_HIDDEN_GROUPS, *ESTIMATOR_GROUPS) or p.is_word or name == "estimate_ratio"):
+            cure = "leave it out, or call its own parameter otherwise"
+            sentence = f"{rule} reads {name}, which a rule must not know: {cure}"
+            problems.append(Problem(sentence, name, "unsupported"))
+        elif p and default is not None:
+            cure = f"{name} is a parameter of the loop, which has its value; write {name}: float"
+            problems.append(Problem(f"{rule}: {name} = {short_repr(default)}: {cure}", name, "conflict"))
+        elif p:
             continue
         elif default is None:
-            problems.append(
-                f"{rule}: {name} is no parameter of the loop{did_you_mean(name, PARAMETERS)}: give it a default to make it "
-                f"one of the rule's own, {name}: float = fc.parameter(0.0, text=…)"
-            )
+            cure = f"give it a default to make it one of the rule's own, {name}: float = fc.parameter(0.0, text=…)"
+            sentence = f"{rule}: {name} is no parameter of the loop{did_you_mean(name, PARAMETERS)}: {cure}"
+            problems.append(Problem(sentence, name, "name"))
         elif name in _TAKEN_NAMES or iskeyword(name) or not name.isidentifier() or name.startswith("_"):
-            problems.append(f"{rule}: the name {name} is taken: call the parameter something else")
+            sentence = f"{rule}: the name {name} is taken: call the parameter something else"
+            problems.append(Problem(sentence, name, "name"))
         else:
-            rule_parameter: Any = default if isinstance(default, RuleParameter) else parameter(default)  # type: ignore[arg-type]
+            number: Any = default if isinstance(default, RuleParameter) else parameter(default)
             parameters[name] = Parameter(
-                name, rule, rule_parameter.unit, float(rule_parameter), rule_parameter.text or f"parameter of {rule}", rule_parameter.lower,
-                rule_parameter.upper, label=name.replace("_", " "),
+                name, rule, number.unit, float(number), number.text or f"parameter of {rule}", number.lower,
+                number.upper, label=name.replace("_", " "), theory=COVERED,
             )  # fmt: skip
     raise_problems(problems)
     return parameters
@@ -128,63 +132,60 @@ RULE_KINDS = ("estimator", "law")
 
 
 class Rule:
-    """A rule of the user's own.  Called, it is the function that it was made of.
+    """A rule of the user.  Calling it calls the function that it was made from.
 
-    name: the word in the results.  kind: the parameter that it is a value of.  own: the parameters that it brings.
+    name: the word in the results.  kind: the parameter that it is a value of.  own: the parameters that it declares.
     reads: those of the loop that it reads.  sha256: of its source, where it comes from a study file.
     """
 
     def __init__(self, kind: str, name: str, own: Mapping[str, Parameter], reads: tuple[str, ...], sha256: str) -> None:
         self.kind, self.name, self.own, self.reads, self.sha256 = kind, name, dict(own), reads, sha256
-        self._made_of: tuple[Any, Any, Any] | None = None
+        self._definition: tuple[Any, Any, Any] | None = None
         self._code: UserFunction | None = None
 
     @classmethod
-    def of(cls, kind: str, function: Any, Parameters: Any, Memory: Any) -> Rule:  # noqa: N803 — classes
-        """Check what a decorator is given."""
+    def from_function(cls, kind: str, function: Any, Parameters: Any, Memory: Any) -> Rule:  # noqa: N803 — classes
+        """Check what a decorator is given, and make the rule."""
         name = getattr(function, "__name__", "")
         if not inspect.isfunction(function) or not name.isidentifier():
-            raise InputError(
-                WrongTypeMessage(f"@fc.{kind}(…) stands before {short_repr(function)}: put it before a function")
-            )
+            sentence = f"@fc.{kind}(…) stands before {short_repr(function)}: put it before a function"
+            raise InputError(sentence, kind, "type")
         if is_built_in_rule(name):
-            raise InputError(f"{name} is taken, call the function something else")
+            raise InputError(f"{name} is taken, call the function something else", name, "name")
         arguments = list(inspect.signature(function).parameters.values())
         if len(arguments) != 3 or any(p.kind is not p.POSITIONAL_OR_KEYWORD for p in arguments):
-            raise InputError(f"{name}: write it as def {name}(now, p, memory)")
-        defaults = Parameters._field_defaults
-        parameters = declared_parameters(name, {n: defaults.get(n) for n in Parameters._fields})
+            raise InputError(f"{name}: write it as def {name}(now, p, memory)", name, "code")
+        parameters = declared_parameters(name, {n: Parameters._field_defaults.get(n) for n in Parameters._fields})
         rule = cls(kind, name, parameters, tuple(n for n in Parameters._fields if n not in parameters), "")
-        rule._made_of = (function, Parameters, Memory)
+        rule._definition = (function, Parameters, Memory)
         return rule
 
     @property
     def is_loaded(self) -> bool:
-        """Whether its code is here; of a study that is only looked at, it is not."""
-        return self._made_of is not None
+        """Whether its code has been run; that of a study that is only inspected has not."""
+        return self._definition is not None
 
     @property
     def parts(self) -> tuple[Any, Any, Any]:
         """Function, Parameters and Memory."""
-        if self._made_of is None:
-            raise InputError(f"the code of {self.name} has not been run: run the study with `fastcoil run`")
-        return self._made_of
+        if self._definition is None:
+            sentence = f"the code of {self.name} has not been run: run the study with `fastcoil run`"
+            raise InputError(sentence, self.name, "missing")
+        return self._definition
 
-    def adopt_code(self, loaded_rule: object) -> None:
-        """Take over the code that the source of this rule makes, which has to be what it declares."""
+    def adopt_code(self, loaded: object) -> None:
+        """Take over the code of the rule that the source makes, which has to be as declared."""
         declared = (self.kind, self.name, self.own, self.reads)
-        if (
-            not isinstance(loaded_rule, Rule)
-            or (loaded_rule.kind, loaded_rule.name, loaded_rule.own, loaded_rule.reads) != declared
-        ):
-            raise InputError(
+        if not isinstance(loaded, Rule) or (loaded.kind, loaded.name, loaded.own, loaded.reads) != declared:
+            sentence = (
                 f"{self.name} is not the {self.kind} that its source declares: put @fc.{self.kind}(Parameters, Memory) "
                 "before its function, write every default as a number, and give each rule a name of its own"
             )
-        self._made_of = loaded_rule.parts
+            raise InputError(sentence, self.name, "code")
+        self._definition = loaded.parts
 
     def check(self) -> None:
-        """Compile it as its module is now; refused if it does not compile, allocates or may raise."""
+        """Compile it with the present values of its module; refuse what does not compile, allocates or may raise."""
         function, Parameters, Memory = self.parts
         code = UserFunction(self.name, function, Memory)
         if self._code is None or code.sha256 != self._code.sha256:
@@ -193,21 +194,21 @@ class Rule:
 
     @property
     def code_sha256(self) -> str:
-        """Hash of all that decides what it does, with the values of its module when it was compiled, or now."""
+        """Hash of its code and of the values of its module when it was compiled, or now."""
         function, _, Memory = self.parts
         return (self._code or UserFunction(self.name, function, Memory)).sha256
 
     @property
     def kernel_rule(self) -> Estimator | Law:
-        """The rule for the kernels."""
+        """The rule as the kernels take it."""
         if self._code is None:
             self.check()
         assert self._code is not None
         _, Parameters, Memory = self.parts
-        identity = repr((self.name, Parameters._fields, Memory._fields, Memory._field_defaults, self._code.sha256))
+        fingerprint = repr((self.name, Parameters._fields, Memory._fields, Memory._field_defaults, self._code.sha256))
         if self.kind == "law":
-            return Law(self.name, Parameters, Memory, self._code.function, identity)
-        return Estimator(self.name, Parameters, Memory, self._code.function, identity=identity)
+            return Law(self.name, Parameters, Memory, self._code.function, fingerprint)
+        return Estimator(self.name, Parameters, Memory, self._code.function, fingerprint=fingerprint)
 
     def __call__(self, now: Sample, p: Any, memory: Any) -> Any:
         return self.parts[0](now, p, memory)
@@ -223,26 +224,36 @@ class Rule:
 
     def __getstate__(self) -> dict[str, Any]:
         # code goes to other processes as text
-        return self.__dict__ | {"_made_of": None, "_code": None}
+        return self.__dict__ | {"_definition": None, "_code": None}
 
 
 def estimator(Parameters: Any, Memory: Any = None) -> Callable[[Any], Rule]:  # noqa: N803 — classes
-    """Make an estimator of your own of a function ``(now, p, memory) -> (estimate, Memory)``.
+    """Make an estimator from a function ``(now, p, memory) -> (estimate, Memory)``.
 
     It is called at every controller sample but the first, before the control law.  Its estimate, a fraction of stroke,
     is limited to 0–1 and is what the inverse assumes from then on.
 
     Parameters
     ----------
-    Parameters, Memory
+    Parameters, Memory : type
         Two classes, each a ``typing.NamedTuple`` of floats.  ``Parameters`` has names of parameters of the loop, such
-        as ``sample_time``, and parameters of your own, with ``fc.parameter(…)`` as default.  ``Memory`` is what one
-        call leaves to the next; its defaults are where it starts.
+        as ``sample_time``, and new parameters with ``fc.parameter(…)`` as default.  ``Memory`` is what one call
+        leaves to the next; its defaults are the initial values.
 
     Returns
     -------
     callable
-        A decorator for the function.  What it makes of it stands for the estimator in ``fc.Loop(estimator=…)``.
+        A decorator for the function.  The rule that it returns stands for the estimator in ``fc.Loop(estimator=…)``.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake in the classes or the function.
+
+    See Also
+    --------
+    parameter : declare a parameter of the rule.
+    law : replace the PI.
 
     Examples
     --------
@@ -258,99 +269,109 @@ def estimator(Parameters: Any, Memory: Any = None) -> Callable[[Any], Rule]:  # 
     ...     return p.gain * largest, Memory(largest)
     >>> fc.Loop(estimator=by_largest_error, gain=[0.0, 0.02]).sizes
     {'gain': 2}
-
-    Raises
-    ------
-    InputError
-        With one sentence for each mistake in the classes or the function.
     """
     return _make_decorator("estimator", Parameters, Memory)
 
 
 def law(Parameters: Any, Memory: Any = None) -> Callable[[Any], Rule]:  # noqa: N803 — classes
-    """Make a control law of your own of a function ``(now, p, memory) -> (u, Memory)``, in place of the PI.
+    """Make a control law, in place of the PI, from a function ``(now, p, memory) -> (u, Memory)``.
 
-    It is called at every controller sample; in ``now``, ``T`` and ``e`` are of this sample, ``u`` and what follows of
-    the one before.  Its u, the opening it asks for, is limited to 0–1; the inverse stays behind it.
+    It is called at every controller sample; in ``now``, ``T`` and ``e`` belong to this sample, ``u`` and what follows
+    to the previous one.  Its u, the requested opening, is limited to 0–1; the inverse stays behind it.
 
     Parameters
     ----------
-    Parameters, Memory
+    Parameters, Memory : type
         As for ``fc.estimator``.
 
     Returns
     -------
     callable
-        A decorator for the function.  What it makes of it stands for the law in ``fc.Loop(law=…)``.
+        A decorator for the function.  The rule that it returns stands for the law in ``fc.Loop(law=…)``.
 
     Raises
     ------
     InputError
         With one sentence for each mistake in the classes or the function.
+
+    See Also
+    --------
+    parameter : declare a parameter of the rule.
+    estimator : replace the estimator.
+
+    Examples
+    --------
+    >>> import fastcoil as fc
+    >>> from typing import NamedTuple
+    >>> class Parameters(NamedTuple):
+    ...     ki: float = fc.parameter(0.003, unit="K-1", lower=0.0, text="integral gain per sample")
+    >>> class Memory(NamedTuple):
+    ...     u: float = 0.0
+    >>> @fc.law(Parameters, Memory)
+    ... def integrate(now, p, memory):
+    ...     u = min(max(memory.u + p.ki * now.e, 0.0), 1.0)
+    ...     return u, Memory(u)
+    >>> fc.Loop(law=["pi", integrate], ki=0.002).sizes
+    {'law': 2}
     """
     return _make_decorator("law", Parameters, Memory)
 
 
 def rules_for_kernels(rules: Mapping[str, Rule]) -> UserRules:
-    """The rules as the kernels take them."""
+    """Return the rules as the kernels take them."""
     kernel_rules = [rule.kernel_rule for rule in rules.values()]
-    return UserRules(
-        tuple(f for f in kernel_rules if isinstance(f, Estimator)), tuple(f for f in kernel_rules if isinstance(f, Law))
-    )
+    estimators = tuple(rule for rule in kernel_rules if isinstance(rule, Estimator))
+    return UserRules(estimators, tuple(rule for rule in kernel_rules if isinstance(rule, Law)))
 
 
 def _make_decorator(kind: str, Parameters: Any, Memory: Any) -> Callable[[Any], Rule]:  # noqa: N803 — classes
     raise_problems(_field_problems("Parameters", Parameters) + _field_problems("Memory", Memory))
-    return lambda function: Rule.of(kind, function, Parameters, Memory)
+    return lambda function: Rule.from_function(kind, function, Parameters, Memory)
 
 
 def is_built_in_rule(name: str) -> bool:
-    """Whether a word of the package is called so."""
+    """Whether an estimator or law of the package has this name."""
     return any(name in PARAMETERS[kind].choices for kind in RULE_KINDS)
 
 
-def _field_problems(role: str, namedtuple_class: Any) -> list[str]:
-    """What is wrong with the class of parameters or memory."""
-    is_class: bool = isinstance(namedtuple_class, type)
-    if not is_class or not getattr(namedtuple_class, "_fields", ()) or not hasattr(namedtuple_class, "_field_defaults"):
-        return [
-            WrongTypeMessage(
-                f"{role} is {short_repr(namedtuple_class)}: give a class made with typing.NamedTuple that has fields"
-            )
-        ]
-    hints = getattr(namedtuple_class, "__annotations__", {})
+def _field_problems(role: str, cls: Any) -> list[Problem]:
+    """Return the mistakes in the class of parameters or memory."""
+    is_class: bool = isinstance(cls, type)
+    if not is_class or not getattr(cls, "_fields", ()) or not hasattr(cls, "_field_defaults"):
+        sentence = f"{role} is {short_repr(cls)}: give a class made with typing.NamedTuple that has fields"
+        return [Problem(sentence, role, "type")]
+    hints = getattr(cls, "__annotations__", {})
     # with annotations from the future they are texts
-    not_float = [
-        n for n in namedtuple_class._fields if getattr(hints.get(n, float), "__forward_arg__", "float") != "float"
-    ]
-    not_float += [n for n in namedtuple_class._fields if isinstance(hints.get(n), type) and hints[n] is not float]
-    not_float += [
-        n for n, v in namedtuple_class._field_defaults.items() if not is_number(v) or not isinstance(v, (int, float))
-    ]
-    return [f"{n} of {role} is no float: a rule works with numbers, write {n}: float" for n in dict.fromkeys(not_float)]
+    not_float = [n for n in cls._fields if getattr(hints.get(n, float), "__forward_arg__", "float") != "float"]
+    not_float += [n for n in cls._fields if isinstance(hints.get(n), type) and hints[n] is not float]
+    not_float += [n for n, v in cls._field_defaults.items() if not is_number(v) or not isinstance(v, (int, float))]
+    sentence = "{0} of {1} is no float: a rule works with numbers, write {0}: float"
+    return [Problem(sentence.format(n, role), n, "code") for n in dict.fromkeys(not_float)]
 
 
 RuleHashes = Mapping[str, Mapping[str, str]]
-"""Name of a rule → version of Python, whose machine code differs → hash of all that decides what the rule does."""
+"""Name of a rule → version of Python, on which the machine code depends → ``Rule.code_sha256``."""
 
 
 def user_code_hashes(rules: Iterable[Rule]) -> RuleHashes:
-    """The hashes of those whose code is here."""
+    """Return the hashes of the rules whose code has been run."""
     version = ".".join(platform.python_version_tuple()[:2])
     return {rule.name: {version: rule.code_sha256} for rule in rules if rule.is_loaded}
 
 
-def merge_rule_hashes(hashes: RuleHashes, added_hashes: RuleHashes) -> RuleHashes:
-    """The hashes of both."""
-    return {name: {**hashes.get(name, {}), **added_hashes.get(name, {})} for name in sorted({*hashes, *added_hashes})}
+def merge_rule_hashes(first: RuleHashes, second: RuleHashes) -> RuleHashes:
+    """Return the hashes of both."""
+    return {name: {**first.get(name, {}), **second.get(name, {})} for name in sorted({*first, *second})}
 
 
-def refuse_changed_code(current_hashes: RuleHashes, stored_hashes: RuleHashes) -> None:
-    """Refuse a rule that does something else than before, though its source is the same."""
+def refuse_changed_code(current: RuleHashes, stored: RuleHashes) -> None:
+    """Refuse a rule that behaves otherwise than before, though its source is the same."""
     raise_problems([
-        f"{name} is another rule than in the rest of the study: its module takes a value from elsewhere, such as a "
-        "variable of the environment, a file or another module, and it changed: restore it, or choose another folder "
-        "with -o"
-        for name, hashes in current_hashes.items()
-        if any(stored_hashes.get(name, {}).get(version, sha256) != sha256 for version, sha256 in hashes.items())
+        Problem(
+            f"{name} is another rule than in the rest of the study: its module takes a value from elsewhere, such as "
+            "a variable of the environment, a file or another module, and it changed: restore it, or choose another "
+            "folder with -o", name, "code",
+        )
+        for name, hashes in current.items()
+        if any(stored.get(name, {}).get(version, sha256) != sha256 for version, sha256 in hashes.items())
     ])  # fmt: skip

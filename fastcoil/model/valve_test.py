@@ -14,28 +14,33 @@ from fastcoil.model.control import clip01
 from fastcoil.model.estimators.interface import filter_weight, low_pass
 from fastcoil.model.numerics.jit import exact
 
-PHASE_OFF, PHASE_SETTLE, PHASE_RAMP, PHASE_HOLD = 0.0, 1.0, 2.0, 3.0
-"""Phases."""
-NOT_ABORTED, ABORTED_EXCURSION, ABORTED_END_OF_STROKE, ABORTED_SWING, ABORTED_DISABLED = 0.0, 1.0, 2.0, 3.0, 4.0
-"""Why a test was aborted, in the order of the flags of the metric ``test_aborted``."""
-CALM_WINDOW_S, LARGEST_CALM_SWING_K = 60.0, 0.3
-"""Last seconds of settling, and K that the temperature may move in them."""
-TARGET_OVERSHOOT_K, LARGEST_OVERSHOOT_SHARE = 0.5, 1 / 3
-"""K by which the temperature is to run on beyond the threshold while the command holds, and at most this share of the
-limit: gain x rate x lag of the plant.  The next ramp has the rate at which it does."""
-LEAST_RATE_RATIO, LARGEST_RATE_RATIO, LARGEST_RATE_INCREASE = 0.2, 4.0, 2.0
-"""A ramp's least and greatest rate over the given one, and over that of the ramp before."""
-LONGEST_RAMP_STROKE = 0.3
-"""Fraction of stroke after which a ramp ends though the temperature has not passed the threshold."""
-FIRST_RAMP_LIMIT_RATIO = 2.0
-"""Times the limit that the error may reach before the first ramp has ended: a loop that hunts starts anywhere."""
-MEAN_COMMAND_TIME_S, LARGEST_CALM_DEVIATION = 600.0, 0.05
-"""Seconds that the mean of the command goes back over, and fraction of stroke off that mean from which a test begins
-at the mean: the command of a loop that swings widely is held in its middle, and not at an end of its swing."""
+PHASE_OFF = 0.0
+PHASE_SETTLE = 1.0
+PHASE_RAMP = 2.0
+PHASE_HOLD = 3.0
+# why a test was aborted, in the order of the flags of the metric ``test_aborted``
+NOT_ABORTED = 0.0
+ABORTED_EXCURSION = 1.0
+ABORTED_END_OF_STROKE = 2.0
+ABORTED_SWING = 3.0
+ABORTED_DISABLED = 4.0
+
+# calibrated in studies/valve_test
+CALM_WINDOW_S = 60.0  # last part of settling
+LARGEST_CALM_SWING_K = 0.3  # that the temperature may move in it
+TARGET_OVERSHOOT_K = 0.5  # beyond the threshold while the command holds: gain x rate x lag; sets the next ramp's rate
+LARGEST_OVERSHOOT_SHARE = 1 / 3  # of ``test_excursion``, that the overshoot aims at
+LEAST_RATE_RATIO = 0.2  # of a ramp's rate over ``test_rate``
+LARGEST_RATE_RATIO = 4.0
+LARGEST_INCREASE = 2.0  # of a ramp's rate over that of the ramp before
+LONGEST_RAMP_STROKE = 0.3  # after which a ramp ends though the temperature has not passed the threshold
+FIRST_RAMP_LIMIT_RATIO = 2.0  # of the limit before the first ramp has ended: a loop that hunts starts anywhere
+MEAN_COMMAND_TIME_S = 600.0  # of the filter of the command before the test
+LARGEST_CALM_DEVIATION = 0.05  # fraction of stroke from that mean; a command that swings wider is held at its mean
 
 
 class Parameters(NamedTuple):
-    """Parameters of the loop that the test uses."""
+    """Parameters of the loop that the test reads."""
 
     sample_time: float
     test_minutes: float
@@ -47,74 +52,61 @@ class Parameters(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """What it remembers."""
+    """State of the test from one sample to the next."""
 
     phase: float = PHASE_OFF
     elapsed: float = 0.0
-    """Since the start of the test, s."""
+    """Time since the start of the test, s."""
     phase_elapsed: float = 0.0
-    """Since the start of the phase, s."""
+    """Time since the start of the phase, s."""
     direction: float = 0.0
     """1 opening, -1 closing."""
     ramp_rate: float = 0.0
     """Rate of the ramps, 1/s."""
-    ramp_start_command: float = 0.0
+    ramp_start: float = 0.0
     """Command at which the ramp began."""
     reference: float = 0.0
-    """Set-point of the start, °C."""
+    """Set-point at the start, °C."""
     lowest: float = 0.0
     highest: float = 0.0
-    """Error so far in this phase, K; of settling in its last part."""
+    """Extremes of the error in this phase, K; while settling in its last part."""
     ramps_ended: float = 0.0
-    """That have ended."""
+    """Number of ramps that have ended."""
     mean: float = np.nan
-    """Of the command before the test."""
+    """Filtered command before the test."""
     aborted: float = NOT_ABORTED
 
 
 @exact
 def begin_test(T_set, p, memory):
     """Memory at the start of a test."""
-    time_before_start = -p.sample_time  # the first step is at 0
-    return Memory(
-        PHASE_SETTLE,
-        time_before_start,
-        time_before_start,
-        0.0,
-        p.test_rate,
-        0.0,
-        T_set,
-        0.0,
-        0.0,
-        0.0,
-        memory.mean,
-        NOT_ABORTED,
-    )
+    t = -p.sample_time  # the first step is at 0
+    return Memory(PHASE_SETTLE, t, t, 0.0, p.test_rate, 0.0, T_set, 0.0, 0.0, 0.0, memory.mean, NOT_ABORTED)
 
 
 @exact
 def held_command(command, memory):
-    """Command that is held from the start of a test on."""
+    """Command at which a test starts to hold."""
     return memory.mean if abs(command - memory.mean) > LARGEST_CALM_DEVIATION else command
 
 
 @exact
 def update_command_mean(command, p, memory):
-    """Memory after one more sample without a test."""
+    """Memory after a sample without a test."""
     m = memory
     mean = low_pass(m.mean, command, filter_weight(MEAN_COMMAND_TIME_S, p.sample_time))
-    return Memory(PHASE_OFF, m.elapsed, m.phase_elapsed, m.direction, m.ramp_rate, m.ramp_start_command, m.reference, m.lowest, m.highest, m.ramps_ended,
-                  mean, m.aborted)  # fmt: skip
+    return Memory(
+        PHASE_OFF, m.elapsed, m.phase_elapsed, m.direction, m.ramp_rate, m.ramp_start, m.reference, m.lowest,
+        m.highest, m.ramps_ended, mean, m.aborted,
+    )  # fmt: skip
 
 
 @exact
 def next_ramp_rate(rate, overshoot, p):
-    """Rate of the next ramp, 1/s: so that the temperature runs on as is wished; at most twice as fast as the last."""
+    """Rate of the next ramp, 1/s, by which the temperature overshoots as intended; at most twice the last one."""
     largest_overshoot = LARGEST_OVERSHOOT_SHARE * p.test_excursion
     target_overshoot = TARGET_OVERSHOOT_K if TARGET_OVERSHOOT_K < largest_overshoot else largest_overshoot
-    rate_ratio = (
-        target_overshoot / overshoot if overshoot > target_overshoot / LARGEST_RATE_INCREASE else LARGEST_RATE_INCREASE
-    )
+    rate_ratio = target_overshoot / overshoot if overshoot > target_overshoot / LARGEST_INCREASE else LARGEST_INCREASE
     rate = rate * rate_ratio
     rate = LARGEST_RATE_RATIO * p.test_rate if rate > LARGEST_RATE_RATIO * p.test_rate else rate
     return LEAST_RATE_RATIO * p.test_rate if rate < LEAST_RATE_RATIO * p.test_rate else rate
@@ -122,35 +114,32 @@ def next_ramp_rate(rate, overshoot, p):
 
 @exact
 def step_test(e, command, enabled, p, memory):
-    """One sample of the test: (command, Memory).  e: error from ``reference``, K, positive where the valve should open.
+    """Take one sample of the test: (command, Memory).
 
-    The phase is OFF after the last sample, and after an abort.
+    e: error from ``reference``, K, positive where the valve should open.  The phase is PHASE_OFF after the last sample,
+    and after an abort.
     """
     m = memory
     elapsed, phase_elapsed = m.elapsed + p.sample_time, m.phase_elapsed + p.sample_time
-    is_phase_start = phase_elapsed <= 0.0 or (
-        m.phase == PHASE_SETTLE and phase_elapsed <= p.test_settle - CALM_WINDOW_S
-    )
-    lowest = e if is_phase_start or e < m.lowest else m.lowest
-    highest = e if is_phase_start or e > m.highest else m.highest
+    is_new = phase_elapsed <= 0.0 or (m.phase == PHASE_SETTLE and phase_elapsed <= p.test_settle - CALM_WINDOW_S)
+    lowest = e if is_new or e < m.lowest else m.lowest
+    highest = e if is_new or e > m.highest else m.highest
 
     at_end = (m.direction > 0.0 and command >= 1.0) or (m.direction < 0.0 and command <= 0.0)
-    has_passed = (
-        at_end or m.direction * e < -p.test_threshold or abs(command - m.ramp_start_command) >= LONGEST_RAMP_STROKE
-    )
+    has_passed = at_end or m.direction * e < -p.test_threshold or abs(command - m.ramp_start) >= LONGEST_RAMP_STROKE
     has_settled = m.phase == PHASE_SETTLE and phase_elapsed >= p.test_settle
-    has_ended_ramp = m.phase == PHASE_RAMP and has_passed
+    ends_ramp = m.phase == PHASE_RAMP and has_passed
     turns = m.phase == PHASE_HOLD and phase_elapsed >= p.test_hold
-    phase = PHASE_RAMP if has_settled or turns else (PHASE_HOLD if has_ended_ramp else m.phase)
+    phase = PHASE_RAMP if has_settled or turns else (PHASE_HOLD if ends_ramp else m.phase)
     overshoot = (-lowest if m.direction > 0.0 else highest) - p.test_threshold
     ramp_rate = next_ramp_rate(m.ramp_rate, overshoot, p) if turns else m.ramp_rate
     first_direction = 1.0 if e > 0.0 else -1.0
     direction = first_direction if has_settled else (-m.direction if turns else m.direction)
-    ramp_start_command = command if has_settled or turns else m.ramp_start_command
+    ramp_start = command if has_settled or turns else m.ramp_start
     next_command = command + (direction * ramp_rate * p.sample_time if phase == PHASE_RAMP else 0.0)
 
     aborted = ABORTED_SWING if has_settled and highest - lowest > LARGEST_CALM_SWING_K else NOT_ABORTED
-    # turning there is enough where the temperature has come back
+    # where the temperature has come back, turning at the end is enough
     aborted = ABORTED_END_OF_STROKE if m.phase == PHASE_RAMP and at_end and m.direction * e > 0.0 else aborted
     no_room = (e < 0.0 and command <= 0.0) or (e > 0.0 and command >= 1.0)
     aborted = ABORTED_END_OF_STROKE if elapsed <= 0.0 and no_room else aborted
@@ -159,8 +148,11 @@ def step_test(e, command, enabled, p, memory):
     is_over = elapsed >= 60.0 * p.test_minutes
     aborted = NOT_ABORTED if is_over else (aborted if enabled else ABORTED_DISABLED)
     ends = is_over or aborted != NOT_ABORTED
-    changes_phase = phase != m.phase
-    ramps_ended = m.ramps_ended + (1.0 if has_ended_ramp else 0.0)
-    next_memory = Memory(PHASE_OFF if ends else phase, elapsed, 0.0 if changes_phase else phase_elapsed, direction, ramp_rate, ramp_start_command, m.reference,
-                   e if changes_phase else lowest, e if changes_phase else highest, ramps_ended, m.mean, aborted)  # fmt: skip
+    changes = phase != m.phase
+    ramps_ended = m.ramps_ended + (1.0 if ends_ramp else 0.0)
+    next_memory = Memory(
+        PHASE_OFF if ends else phase, elapsed, 0.0 if changes else phase_elapsed, direction, ramp_rate,
+        ramp_start, m.reference, e if changes else lowest, e if changes else highest, ramps_ended, m.mean,
+        aborted,
+    )  # fmt: skip
     return command if aborted != NOT_ABORTED else clip01(next_command), next_memory

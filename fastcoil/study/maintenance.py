@@ -25,7 +25,7 @@ from fastcoil.loops.scenarios import Layout, clock_coordinates, coordinate_attrs
 from fastcoil.loops.simulate import run_shard
 from fastcoil.model.engine.lanes import TraceRequest, compile_kernel
 from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, STATUS_OK, TRACES
-from fastcoil.model.numerics.jit import is_model_sha256, numeric_environment
+from fastcoil.model.numerics.jit import model_sha256, numeric_environment
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.model.user_rules import refuse_changed_code, user_code_hashes
 from fastcoil.study.analysis.precision import read_precision
@@ -63,7 +63,7 @@ def status(folder: Path) -> list[str]:
         f"{'Unfinished' if unfinished else 'Finished'}: {n - n_left:,} of {n:,} scenarios ({words})",
         *([precision.describe_result(ds)] if precision else []),
     ]
-    if not is_model_sha256(manifest.model_sha256):
+    if manifest.model_sha256 != model_sha256():
         lines.append("The sources of the model have changed since: a new run computes everything again.")
     if slices and n_left:
         plan, missing = store.read_study(manifest).plan, ds["status"].values.ravel() == STATUS_NOT_RUN
@@ -106,7 +106,7 @@ def rerun(
         pass
     for word, rule in layout.loop.rules.items():
         rule.adopt_code(prepare(rule.kind, study.rules[word]))
-    if is_model_sha256(manifest.model_sha256):
+    if manifest.model_sha256 == model_sha256():
         refuse_changed_code(user_code_hashes(layout.loop.rules.values()), manifest.user_code)
     compile_kernel()
     shard = Shard(np.array([flat]))

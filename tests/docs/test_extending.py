@@ -44,9 +44,9 @@ def run(folder, code):
 
 def test_the_example_fits_the_sources(extended):
     code = (
-        "import fastcoil as fc; from fastcoil.model.control import slowed;"
+        "import fastcoil as fc; from fastcoil.model.control import limit_rate;"
         "print(fc.Loop(output_rate=0.001)['output_rate']);"
-        "print(*(slowed(u, 0.5, 0.1) for u in (0.2, 0.45, 0.9)), slowed(0.9, 0.5, 0.0))"
+        "print(*(limit_rate(u, 0.5, 0.1) for u in (0.2, 0.45, 0.9)), limit_rate(0.9, 0.5, 0.0))"
     )
     assert run(extended, code).split() == ["0.001", "0.4", "0.45", "0.6", "0.9"]
 

@@ -72,11 +72,11 @@ class HarmfulLayout(Layout):
         if self._log:
             with open(self._log, "a") as file:
                 file.write(f"{os.getpid()} {index.size}\n")
-        if self._harm and not self._culprits.isdisjoint(index.tolist()) and not self._done():
+        if self._harm and not self._culprits.isdisjoint(index.tolist()) and not self._is_done():
             self._harm()
         return super().columns(index)
 
-    def _done(self):
+    def _is_done(self):
         if self._once is None:
             return False
         try:

@@ -177,8 +177,8 @@ def fails_later(now, p, m):
 def test_a_lane_that_failed_stays_failed():
     ds = fc.simulate(fc.Loop(law=[leaky, fails_later]), daily_boundary(), carry_over=True, warm_up=WARM_UP, n_jobs=1)
     assert ds["status"].sel(law="leaky").values.tolist() == [0, 0, 0]
-    assert ds["status"].sel(law="gives_up").values.tolist() == [0, 1, 1]
-    assert np.isnan(ds["rmse"].sel(law="gives_up").values).tolist() == [False, True, True]
+    assert ds["status"].sel(law="fails_later").values.tolist() == [0, 1, 1]
+    assert np.isnan(ds["rmse"].sel(law="fails_later").values).tolist() == [False, True, True]
 
 
 def test_the_bits_do_not_depend_on_the_threads():

@@ -79,7 +79,7 @@ def test_what_goes_together_is_planned(parameters):
 
 
 @pytest.mark.parametrize(
-    ("day", "dead_band", "refused"),
+    ("day", "dead_band", "is_refused"),
     [
         (day_with_set_points([14.0, 16.0]), 2.0, True),
         (day_with_set_points([14.0, 16.0]), 1.99, False),
@@ -88,8 +88,8 @@ def test_what_goes_together_is_planned(parameters):
         (fc.paper_day(hours=0.75, seed=[1, 2]), 0.9, False),
     ],
 )
-def test_a_dead_band_that_no_change_of_the_set_point_leaves_is_refused(day, dead_band, simulate_problems):
-    if simulate_problems:
+def test_a_dead_band_that_no_change_of_the_set_point_leaves_is_refused(day, dead_band, is_refused):
+    if is_refused:
         assert "would not move the valve" in only_problem(plan_loop, day, error_dead_band=dead_band)
     else:
         plan_loop(day, error_dead_band=dead_band)

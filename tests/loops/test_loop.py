@@ -2,17 +2,14 @@
 
 import inspect
 import json
-import typing
-from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
+from builder.stub import STUB, filled
 from helpers.refusals import assert_only_problem
 
 import fastcoil as fc
-from fastcoil.loops import keywords
-from fastcoil.loops.assignment import CONVERGED_KEYWORD
 from fastcoil.model.metric_table import METRICS, TRACES
 from fastcoil.model.parameter_table import PARAMETERS, RESERVED_DIMS
 
@@ -183,15 +180,9 @@ def test_no_parameter_hides_behind_a_method_of_the_loop():
     assert not {name for name in vars(fc.Loop) if not name.startswith("_")} & PARAMETERS.keys()
 
 
-def test_keywords_for_type_checkers_are_those_of_the_table_with_its_words():
-    stub = {"__name__": "stub"}
-    exec(Path(keywords.__file__).with_suffix(".pyi").read_text(), stub)
-    assert typing.get_args(stub["PresetName"]) == tuple(fc.presets())
-    hints = typing.get_type_hints(stub["Keywords"])
-    assert list(hints) == [CONVERGED_KEYWORD, *PARAMETERS] == list(typing.get_type_hints(keywords.Keywords))
-    for name, p in PARAMETERS.items():
-        words = {typing.Literal[p.choices]} if p.is_word else set()
-        assert set(typing.get_args(hints[name])) == {*typing.get_args(stub["Value"]), *words}, name
+def test_the_type_stub_has_the_presets_and_parameters_of_the_table():
+    text = STUB.read_text()
+    assert filled(text) == text, f"{STUB} lacks a preset or parameter: run `make pages`"
 
 
 CHECKED_PROGRAM = """

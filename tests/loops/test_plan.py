@@ -160,7 +160,7 @@ def test_days_in_sequence_are_shards_of_bounded_work_and_size_with_what_is_left_
         assert all(shard.lanes.size % LANES == 0 for shard in shards[:-1])
     todo = np.r_[7, 307, 1208, 1499]  # a lane from its first day to its second, two on their last
     left = resources.cut_into_shards(plan, 1, todo)
-    assert sorted((shard.lanes.tolist(), shard.first, shard.end) for shard in left) == [
+    assert sorted((shard.lanes.tolist(), shard.first_day, shard.end_day) for shard in left) == [
         ([7], 0, 2),
         ([8, 299], 4, 5),
     ]

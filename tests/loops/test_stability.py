@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.loops.clashes import check_stability, is_stable
+from fastcoil.loops.clashes import check_stability
 from fastcoil.loops.scenarios import Layout
 from fastcoil.model import moist_air
 from fastcoil.model.parameter_table import PARAMETERS
@@ -88,10 +88,3 @@ def test_one_unstable_scenario_refuses_the_study_and_is_counted(days, simulate_p
     )
     assert "12 of 36 scenarios" in problem
     assert "C_w=1" in problem
-
-
-def test_stable_says_what_a_simulation_refuses(half_hour_day):
-    loop = fc.Loop(n_volumes=[8, 9])
-    assert is_stable(loop, half_hour_day).values.tolist() == [True, False]
-    with pytest.raises(fc.InputError, match="unstable"):
-        fc.simulate(loop, half_hour_day, warm_up=0)

@@ -1,9 +1,21 @@
-"""Texts and labels of parameters, metrics and traces, which help, results and figures show."""
+"""The table of parameters: its texts and defaults, what theory makes of each, and that nothing forgets a parameter."""
 
+import re
+from pathlib import Path
+
+import numpy as np
 import pytest
+import reference
+from helpers.refusals import assert_refused
+from helpers.rules import by_error, own_pi
 
+import fastcoil as fc
+from fastcoil.design.describing_function import unpredictable_loops
+from fastcoil.design.prediction import nearest_linear
+from fastcoil.loops.scenarios import parameter_columns
+from fastcoil.model import parameter_table
 from fastcoil.model.metric_table import METRICS, TRACES
-from fastcoil.model.parameter_table import PARAMETERS
+from fastcoil.model.parameter_table import PARAMETERS, STAND_INS, Parameter, Theory, require_parameter_name
 
 
 def test_a_label_fits_an_axis_and_is_its_own_in_its_table():
@@ -21,9 +33,95 @@ def test_every_parameter_is_explained_in_one_line():
         assert not parameter.text.endswith(".")
 
 
+def test_the_defaults_of_the_coil_are_those_of_the_paper_like_preset():
+    betas = [PARAMETERS[f"beta{k}"].default for k in range(1, 7)]
+    assert betas == [0.32, -0.20, 0.40, -0.45, 0.42, -0.42]
+    names = (
+        "C_w",
+        "C_c",
+        "cp_w",
+        "cp_a",
+        "pressure",
+        "m_max",
+        "valve_a",
+        "valve_b",
+        "valve_c",
+        "backlash",
+        "T_initial",
+    )
+    assert [PARAMETERS[n].default for n in names] == [8.8, 30.0, 4.186, 1.02, 101325.0, 2.0, 0.7, 9.0, 0.38, 0.07, 20.0]
+
+
+def test_a_value_is_shown_with_name_and_unit():
+    assert PARAMETERS["kp"].equation(0.05) == "kp = 0.05 K-1"
+    assert PARAMETERS["backlash"].equation(0.07) == "backlash = 0.07"
+    assert PARAMETERS["action"].equation("heating") == "action = heating"
+
+
 @pytest.mark.parametrize(
-    ("name", "value", "shown"),
-    [("kp", 0.05, "kp = 0.05 K-1"), ("backlash", 0.07, "backlash = 0.07"), ("action", "heating", "action = heating")],
-)
-def test_a_value_is_shown_with_name_and_unit(name, value, shown):
-    assert PARAMETERS[name].equation(value) == shown
+    ("name", "value", "code"),
+    [("action", "warming", "choice"), ("action", 1.0, "type"), ("kp", "a", "type"), ("kp", True, "type"),
+     ("kp", np.inf, "value"), pytest.param("kp", 10**400, "value", id="many digits"), ("backlash", 0.95, "value"), ("ti", 0.0, "value"),
+     ("n_volumes", 2.5, "value"), ("backlsh", 0.1, "name"), ("back lash", 0.1, "name")],
+)  # fmt: skip
+def test_a_value_that_is_not_admissible_is_refused_with_its_field(name, value, code):
+    assert_refused(name, code, lambda: fc.Loop(**{name: value}))
+
+
+def test_a_name_is_a_text():
+    assert_refused("", "type", require_parameter_name, 3)
+
+
+def test_a_parameter_without_what_theory_makes_of_it_does_not_import():
+    with pytest.raises(TypeError, match="missing 1 required keyword-only argument: 'theory'"):
+        Parameter("stem_friction", "actuator", "1", 0.0, "friction of the stem", 0.0, label="friction")
+
+
+def test_the_kernel_and_its_twin_in_plain_python_read_every_parameter():
+    table = Path(parameter_table.__file__)
+    kernel = "".join(path.read_text() for path in table.parent.rglob("*.py") if path != table)
+    twin = "".join(path.read_text() for path in Path(reference.__file__).parent.glob("*.py"))
+    for name, p in PARAMETERS.items():
+        assert re.search(rf"\b{name}\b", kernel), f"fastcoil/model/engine does not read {name}"
+        has_twin = re.search(rf"\b{name}\b", twin)
+        assert has_twin or p.group == "test" or name in STAND_INS, f"tests/reference does not read {name}"
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("name", [p.name for p in PARAMETERS.values() if p.group == "actuator" and p.default == 0.0])
+def test_every_option_of_the_actuator_has_an_effect_and_is_that_of_its_twin(name, half_hour_day, run_reference):
+    p = PARAMETERS[name]
+    loop = fc.Loop(**{name: 60.0 if p.unit == "s" else 0.4 * min(p.upper, 0.1)})
+    options = {"traces": ["opening"], "warm_up": 600}
+    opening = fc.simulate(loop, half_hour_day, **options).opening
+    traces, _ = run_reference(loop, half_hour_day, warm_up=600)
+    np.testing.assert_allclose(opening, traces["opening"], rtol=0.0, atol=1e-9, err_msg=f"{name} in tests/reference")
+    assert (opening != fc.simulate(fc.Loop(), half_hour_day, **options).opening).any(), f"{name} in engine/plant.py"
+
+
+@pytest.fixture
+def stem_friction(monkeypatch):
+    """A parameter of the actuator that theory does not cover, added to the table alone."""
+    theory = Theory(0.0, "a stem_friction makes a dead band: give 0, or simulate it")
+    p = Parameter("stem_friction", "actuator", "1", 0.0, "friction of the stem", 0.0, label="friction", theory=theory)
+    monkeypatch.setitem(PARAMETERS, p.name, p)
+    return fc.Loop.preset("lbnl").assign(stem_friction=[0.0, 0.1])
+
+
+@pytest.mark.kernel
+def test_what_theory_does_not_cover_is_refused_or_simulated_because_the_table_says_so(stem_friction):
+    day = fc.paper_day(hours=1)
+    with pytest.warns(UserWarning, match="NaN in 1 of 2 scenarios: a stem_friction makes a dead band"):
+        assert np.isnan(fc.limit_cycle(stem_friction, day).hunting_index).values.tolist() == [False, True]
+    rough = stem_friction.assign(stem_friction=0.1)
+    with pytest.raises(fc.InputError, match="a stem_friction makes a dead band: give 0, or simulate it"):
+        fc.limit_cycle(rough, day)
+    assert "theory cannot tell, since a stem_friction makes a dead band." in fc.explain(rough, day, warm_up=600).why
+
+
+@pytest.mark.parametrize("name", [name for name, p in PARAMETERS.items() if p.theory.clause])
+def test_a_clause_holds_for_its_loop_and_not_for_the_nearest_that_theory_covers(name):
+    loop = fc.Loop.preset("lbnl").assign(**{name: {"law": own_pi, "estimator": by_error}.get(name, 0.005)})
+    for variant, clauses in ((loop, [PARAMETERS[name].theory.clause]), (nearest_linear(loop), [])):
+        columns = parameter_columns(variant, {}, np.zeros(1, dtype=np.int64))
+        assert [clause for clause, where in unpredictable_loops(columns).items() if where.any()] == clauses

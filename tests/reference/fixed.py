@@ -1,13 +1,13 @@
-"""What every estimator has in common; by itself, an estimate that stays as it is."""
+"""Base class of the estimators: a constant estimate."""
 
 import math
 
 
 class FixedEstimate:
-    """The estimate that is given.
+    """The estimate of the parameters.
 
-    ``look(t, seen)`` is called once a second, before the controller.  ``seen`` has T_set, m_a and enabled of this
-    second; T and e of the last sample of the controller; and u, mode and the number of switches so far.
+    ``observe(t, sample)`` is called once a second, before the controller.  ``sample`` has T_set, m_a and enabled of
+    this second; T and e of the last sample of the controller; u, mode and the number of switches so far.
     """
 
     def __init__(self, parameters):
@@ -15,16 +15,9 @@ class FixedEstimate:
         self.estimate = parameters["backlash_estimate"]
 
     def observe(self, t, sample):
-        """Nothing to see."""
+        """Do nothing."""
 
     def metrics(self):
-        """What only some estimators have."""
-        return {
-            "learn_time_reached": math.nan,
-            "learn_time_confirmed": math.nan,
-            "learn_time_first_down": math.nan,
-            "estimate_first_down": math.nan,
-            "learning_status": 0.0,
-            "half_periods": math.nan,
-            "half_period_spread": math.nan,
-        }
+        """Metrics of single estimators; here none of them."""
+        names = ("learn_time_reached", "learn_time_confirmed", "learn_time_first_down", "estimate_first_down")
+        return dict.fromkeys((*names, "half_periods", "half_period_spread"), math.nan) | {"learning_status": 0.0}

@@ -14,7 +14,7 @@ class Gradient(FixedEstimate):
         self.T_ref = None
 
     def observe(self, t, sample):
-        """One more sample: the one before, whose set-point follows from its error."""
+        """Add the sample before this one, whose set-point follows from its error."""
         sample_time = self.p["sample_time"]
         if t == 0 or t % sample_time != 0 or not sample.enabled:
             return
@@ -26,7 +26,7 @@ class Gradient(FixedEstimate):
             self.continue_adaptation(t, sample, phi)
 
     def start(self, t, sample, phi):
-        """Start everything where the loop is, and pause."""
+        """Start all filters at the present values, and pause."""
         self.T_ref = sample.T
         self.filter_towards("T_ref", self.T_set, self.p["gradient_reference_time"])
         self.fast = self.slow = phi
@@ -35,7 +35,7 @@ class Gradient(FixedEstimate):
         self.adapt(t, sample, 0.0)
 
     def continue_adaptation(self, t, sample, phi):
-        """Follow the set-point, and adapt to what phi was before this sample."""
+        """Follow the set-point, and adapt with phi of the samples before."""
         self.filter_towards("T_ref", self.T_set, self.p["gradient_reference_time"])
         zeta = self.fast - self.slow
         self.filter_towards("fast", phi, self.p["gradient_filter_time"])
@@ -48,13 +48,13 @@ class Gradient(FixedEstimate):
         self.adapt(t, sample, zeta)
 
     def filter_towards(self, name, x, time_constant):
-        """One step of a first-order filter towards x."""
+        """Step a first-order filter towards x."""
         z = getattr(self, name)
         weight = self.p["sample_time"] / (time_constant + self.p["sample_time"])
         setattr(self, name, z + weight * (x - z))
 
     def adapt(self, t, sample, zeta):
-        """One step along the gradient, unless it pauses or u is at an end."""
+        """Step along the gradient, unless paused or with u at a limit."""
         if t < self.pause_ends or not 0.0 < sample.u < 1.0:
             return
         error = self.sign * (sample.T - self.T_ref)

@@ -20,7 +20,7 @@ class Hagglund(FixedEstimate):
         self.gaps = []
 
     def observe(self, t, sample):
-        """One more error, if this is a sample."""
+        """Add an error, if this is a sample."""
         sample_time = self.p["sample_time"]
         if t % sample_time != 0 or not sample.enabled:
             return
@@ -40,7 +40,7 @@ class Hagglund(FixedEstimate):
             self.half_period = None
 
     def end_half_period(self):
-        """Take its gap, if it is evidence."""
+        """Add the gap of this half period, if it qualifies."""
         K, Ti, Kp = self.p["kp"], self.p["ti"], self.p["plant_gain"]
         Dt = len(self.half_period) * self.p["sample_time"]
         Dy = sum(self.half_period) / len(self.half_period)
@@ -54,7 +54,7 @@ class Hagglund(FixedEstimate):
                 self.estimate = median(self.gaps[-5:])
 
     def metrics(self):
-        """Half periods that counted, and how far the last five are apart."""
+        """Number of half periods that count, and the range of the last five gaps."""
         last_gaps = self.gaps[-5:]
         spread = max(last_gaps) - min(last_gaps) if len(last_gaps) == 5 else math.nan
         return super().metrics() | {"half_periods": float(len(self.gaps)), "half_period_spread": spread}

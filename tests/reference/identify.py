@@ -1,4 +1,4 @@
-"""The backlash from command and temperature: every candidate's model fitted to the whole record, time and again."""
+"""The backlash from command and temperature: the model of every candidate, fitted to the whole record repeatedly."""
 
 import math
 
@@ -14,13 +14,13 @@ CANDIDATES = [
 
 
 def motor_path(start, end, stroke_time, seconds):
-    """Corners of the path of a motor: times and places, while it runs from start to end and then stands."""
+    """Times and positions of the corners of a motor's path: it runs from start to end and then stands."""
     running = abs(end - start) * stroke_time
     return [0.0, running, seconds], [start, end, end]
 
 
 def stem_behind_gap(times, places, stem, gap, seconds):
-    """Where a stem behind a gap ends on the way of a motor, and its mean place."""
+    """Final and mean position of a stem behind a gap along the path of a motor."""
     end = clip(stem, places[-1] - gap, places[-1])
     if end == stem:
         return stem, stem
@@ -32,7 +32,7 @@ def stem_behind_gap(times, places, stem, gap, seconds):
 
 
 class Identify(FixedEstimate):
-    """Whole record in lists; a row of the model is one horizon of 30 s, or one sample if that is longer."""
+    """The whole record in lists; a row of the model is one horizon of 30 s, or one sample if that is longer."""
 
     def __init__(self, parameters):
         super().__init__(parameters)
@@ -46,14 +46,14 @@ class Identify(FixedEstimate):
         self.before, self.T_set, self.step_at, self.inside_at = 0.0, None, -math.inf, 0.0
         self.m_a, self.gust_at = math.nan, -math.inf
         self.rows, self.rows_compared = [], 0  # (change and 6 before, 3 changes of the openings, that of the motor)
-        self.begin()
+        self.start_piece()
 
-    def begin(self):
-        """Nothing of what came before is known to be unbroken."""
+    def start_piece(self):
+        """Start a new unbroken piece of the record."""
         self.temperatures, self.means, self.openings, self.places, self.place_means = [], [], None, [], []
 
     def observe(self, t, sample):
-        """One more sample."""
+        """Add a sample."""
         if t % self.sample_time != 0 or not sample.enabled:
             return
         elapsed, interrupted = t - self.before, t - self.before > 1.5 * self.sample_time
@@ -63,7 +63,7 @@ class Identify(FixedEstimate):
             self.gust_at = t if abs(sample.m_a - self.m_a) > 0.05 * self.m_a else self.gust_at
             self.m_a = sample.m_a
         if interrupted:
-            self.begin()
+            self.start_piece()
         elif self.openings is None:
             self.temperatures, self.openings, self.places = [sample.T], [], []
         elif len(self.openings) == self.width:
@@ -95,7 +95,7 @@ class Identify(FixedEstimate):
                 self.compare()
 
     def compare(self):
-        """Fit every candidate to all rows, and see what may be said."""
+        """Fit every candidate to all rows and decide on the estimate."""
         n = len(self.rows)
         root_weights = np.sqrt(self.decay ** np.arange(n - 1, -1, -1.0))[:, np.newaxis]
         n_effective = float(np.sum(root_weights**2))
@@ -110,7 +110,7 @@ class Identify(FixedEstimate):
         self.judge(probability, earlier if self.width > 1 else probability)
 
     def judge(self, probability, earlier):
-        """Keep the estimate, or take the mean of the probabilities, or none."""
+        """Keep the estimate, or take the mean of the probabilities, or 0."""
         sizes = np.array(CANDIDATES)
         tolerance = np.maximum(0.2 * sizes, 0.01) + 1e-9
         mean = float(probability @ sizes)
@@ -126,7 +126,7 @@ class Identify(FixedEstimate):
 
 
 def probabilities(change, before, moves, freedom):
-    """Of the candidates, from one row a horizon: changes, what comes before them, moves of the openings (n, k, N)."""
+    """Probabilities of the candidates; a row per horizon: changes, regressors, moves of the openings (n, k, N)."""
     basis, _ = np.linalg.qr(before)
     y = change - basis @ (basis.T @ change)
     precision = 0.01 * (y @ y) / freedom

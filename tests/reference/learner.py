@@ -7,9 +7,9 @@ from reference.rounding import clip
 
 
 class Learner(FixedEstimate):
-    """The self-learning rule of section 3.3 of the paper, and what can be changed in it.
+    """The self-learning rule of section 3.3 of the paper, and its variants.
 
-    An interval that is no evidence is as if it had not been: no step, and no reference frequency from it.
+    An interval without evidence is ignored: no step, and no reference frequency from it.
     """
 
     def __init__(self, parameters):
@@ -54,7 +54,7 @@ class Learner(FixedEstimate):
 
     @property
     def status(self):
-        """What became of the learner: its number among the flags of learning_status."""
+        """State of the learner: its number among the flags of learning_status."""
         if self.has_stopped:
             return 3.0
         if not math.isnan(self.time_first_down):
@@ -64,7 +64,7 @@ class Learner(FixedEstimate):
         return 1.0
 
     def observe(self, t, sample):
-        """Update the estimate where an interval ends."""
+        """Update the estimate at the end of an interval."""
         if t > 0 and t % self.sample_time == 0 and self.error_ratio > 0.0:
             self.collect_error(t, sample)
         switches = sample.switches - self.switches_before
@@ -74,7 +74,7 @@ class Learner(FixedEstimate):
             self.errors = []
 
     def collect_error(self, t, sample):
-        """Keep an error that no set-point step of the last 600 s, nor an end of the valve, explains."""
+        """Keep an error unless a set-point step of the last 600 s or an end of the valve explains it."""
         has_stepped = self.T_set is not None and abs(sample.T_set - self.T_set) > 0.1
         self.T_set = sample.T_set
         if not 0.0 < sample.u < 1.0:
@@ -86,7 +86,7 @@ class Learner(FixedEstimate):
             self.settled_after = t + 600
 
     def metrics(self):
-        """When the estimate moved, and what became of it."""
+        """Times at which the estimate moved, and the state of the learner."""
         return super().metrics() | {
             "learn_time_reached": self.time_reached,
             "learn_time_confirmed": self.time_confirmed,
@@ -96,7 +96,7 @@ class Learner(FixedEstimate):
         }
 
     def is_due(self, t, switches):
-        """Whether the estimate is looked at in second t, after so many mode switches in the interval so far."""
+        """Whether the estimate is updated in second t, after so many mode switches in the interval."""
         if self.has_stopped or t == 0:
             return False
         if t == self.interval_end:
@@ -125,7 +125,7 @@ class Learner(FixedEstimate):
             self.add_to_reference(t, frequency)
 
     def add_to_reference(self, t, frequency):
-        """Take an interval into the reference; the one that completes it steps, too."""
+        """Add an interval to the reference; the one that completes it also steps."""
         self.frequencies.append(frequency)
         self.reference_errors += self.errors
         if len(self.frequencies) >= self.n_reference_intervals:
@@ -140,20 +140,20 @@ class Learner(FixedEstimate):
         return now > self.error_ratio * before
 
     def move(self, t, is_down):
-        """One step, down or up."""
+        """Step down or up."""
         if is_down:
             self.step_down(t)
         else:
             self.step_up(t)
 
     def step_up(self, t):
-        """One step up, longer than the last one if none went down yet."""
+        """Step up, by more than the last time if there was no step down yet."""
         if math.isnan(self.time_first_down):
             self.step *= self.growth
         self.move_by(self.step, t)
 
     def step_down(self, t):
-        """One step down, as long as the last one up, and shorter ones after it; the first one may be the end."""
+        """Step down as far as the last step up; later steps are shorter, and the first one may end the learning."""
         self.move_by(-self.step, t)
         self.step *= self.shrink
         if math.isnan(self.time_confirmed) and not math.isnan(self.time_reached):

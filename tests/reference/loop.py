@@ -1,6 +1,7 @@
 """The closed loop over time."""
 
 import math
+from collections import defaultdict
 from types import SimpleNamespace
 
 from reference.coil import coil_step
@@ -24,35 +25,13 @@ from reference.psychrometrics import saturation_humidity_ratio
 from reference.rounding import round_half_up
 from reference.valve import NeutralZone, StickSlip, backlash, leaking_valve
 
-SCALAR_TRACES = (
-    "T_sup",
-    "T_measured",
-    "u",
-    "integral",
-    "command",
-    "position",
-    "opening",
-    "m_w",
-    "estimate",
-    "mode",
-    "test",
-    "T_w_out",
-    "W_sup",
-    "wet_volumes",
-    "power",
-)
-VOLUME_TRACES = ("T_w", "T_c", "T_a", "W_a")
 ESTIMATORS = {
-    "none": FixedEstimate,
-    "learner": Learner,
-    "hagglund": Hagglund,
-    "gradient": Gradient,
-    "identify": Identify,
-}
+    "none": FixedEstimate, "learner": Learner, "hagglund": Hagglund, "gradient": Gradient, "identify": Identify,
+}  # fmt: skip
 
 
 def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replicate=0, day=0, saturation=None):
-    """Run one scenario; returns (traces, metrics).
+    """Run one scenario; return (traces, metrics).
 
     parameters: a dict with the keys and units of PAPER_LIKE.
     boundary: 1-s series of one length, m_a [kg/s], T_a_in [degC], W_a_in [kg/kg], T_w_in [degC], T_set [degC]
@@ -66,11 +45,9 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
     """
     p = parameters
     n_volumes = p["n_volumes"]
-    m_a = to_floats(boundary["m_a"])
-    T_a_in = to_floats(boundary["T_a_in"])
-    W_a_in = to_floats(boundary["W_a_in"])
-    T_w_in = to_floats(boundary["T_w_in"])
-    T_set = to_floats(boundary["T_set"])
+    m_a, T_a_in, W_a_in, T_w_in, T_set = (
+        to_floats(boundary[name]) for name in ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")
+    )
     n_steps = len(T_set)
     recorded_noise = to_floats(boundary.get("noise", [0.0] * n_steps))
     enabled = [value != 0 for value in boundary.get("enabled", [1] * n_steps)]
@@ -82,9 +59,7 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
     sign = -1.0 if p["action"] == "heating" else 1.0
     tau = p["sensor_time_constant"]
 
-    T_w = [p["T_initial"]] * n_volumes
-    T_c = [p["T_initial"]] * n_volumes
-    T_a = [p["T_initial"]] * n_volumes
+    T_w = T_c = T_a = [p["T_initial"]] * n_volumes
     W_a = [W_a_in[0]] * n_volumes
     T_sensor = drawn_noise = 0.0
     default = "learner" if p["learning_step"] > 0.0 else "none"
@@ -97,9 +72,7 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
     position = x = 0.0
     opening_before, travelled, gaps = 0.0, 0.0, []
 
-    traces = {name: [] for name in SCALAR_TRACES + VOLUME_TRACES}
-    switches = []
-    condensates = []
+    traces, switches, condensates = defaultdict(list), [], []
     out_of_range = not are_temperatures_in_range(T_w, T_c, T_a)
     frost_time, freeze_time, last_look = 0.0, 0.0, -1
 
@@ -160,25 +133,16 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
         T_w_next, T_c_next, T_a_next, W_a_next = state
 
         # Record the states the step started from, beside the signals of the step
-        traces["T_sup"].append(T_a[0])
-        traces["T_measured"].append(T_measured)
-        traces["u"].append(math.nan if open_loop else controller.u)
-        traces["integral"].append(math.nan if open_loop else controller.integral)
-        traces["command"].append(cmd)
-        traces["position"].append(position)
-        traces["opening"].append(opening)
-        traces["m_w"].append(m_w)
-        traces["estimate"].append(math.nan if open_loop else estimator.estimate)
-        traces["mode"].append(0 if open_loop else controller.mode)
-        traces["test"].append(0)  # of the valve test, whose reference is ``valve_test``
-        traces["T_w_out"].append(T_w[-1])
-        traces["W_sup"].append(W_a[0])
-        traces["wet_volumes"].append(wet_volumes)
-        traces["power"].append(sign * m_w * p["cp_w"] * (T_w[-1] - T_w_in[t]))
-        traces["T_w"].append(T_w)
-        traces["T_c"].append(T_c)
-        traces["T_a"].append(T_a)
-        traces["W_a"].append(W_a)
+        signals = {
+            "T_sup": T_a[0], "T_measured": T_measured, "command": cmd, "position": position, "opening": opening,
+            "u": math.nan if open_loop else controller.u, "integral": math.nan if open_loop else controller.integral,
+            "estimate": math.nan if open_loop else estimator.estimate, "mode": 0 if open_loop else controller.mode,
+            "m_w": m_w, "T_w_out": T_w[-1], "power": sign * m_w * p["cp_w"] * (T_w[-1] - T_w_in[t]),
+            "W_sup": W_a[0], "wet_volumes": wet_volumes, "T_w": T_w, "T_c": T_c, "T_a": T_a, "W_a": W_a,
+            "test": 0,  # the valve test has a reference apart, ``valve_test``
+        }  # fmt: skip
+        for name, value in signals.items():
+            traces[name].append(value)
         switches.append(int(switched))
         condensates.append(condensate)
 
@@ -214,7 +178,7 @@ def gap_after(p, travelled, scale):
 
 
 def to_floats(series):
-    """The series as a list of Python floats."""
+    """Convert a series to a list of floats."""
     return [float(value) for value in series]
 
 

@@ -4,39 +4,12 @@ import math
 from itertools import pairwise
 
 METRICS = (
-    "rmse",
-    "rmse_settled",
-    "iae",
-    "share_off",
-    "hunting_swing",
-    "hunting_period",
-    "hunts",
-    "stem_travel",
-    "motor_travel",
-    "reversals",
-    "switch_frequency",
-    "estimate_final",
-    "estimate_settled",
-    "size_error",
-    "backlash_final",
-    "learn_time_reached",
-    "learn_time_confirmed",
-    "time_identified",
-    "learn_time_first_down",
-    "estimate_first_down",
-    "learning_status",
-    "half_periods",
-    "half_period_spread",
-    "test_aborted",
-    "coil_energy",
-    "coil_peak_power",
-    "reheat_energy",
-    "recool_energy",
-    "water_volume",
-    "condensate",
-    "frost_time",
-    "freeze_time",
-)
+    "rmse", "rmse_settled", "iae", "share_off", "hunting_swing", "hunting_period", "hunts", "stem_travel",
+    "motor_travel", "reversals", "switch_frequency", "estimate_final", "estimate_settled", "size_error",
+    "backlash_final", "learn_time_reached", "learn_time_confirmed", "time_identified", "learn_time_first_down",
+    "estimate_first_down", "learning_status", "half_periods", "half_period_spread", "test_aborted", "coil_energy",
+    "coil_peak_power", "reheat_energy", "recool_energy", "water_volume", "condensate", "frost_time", "freeze_time",
+)  # fmt: skip
 
 SETTLING_TIME = 600  # s since the last step of the set-point or start of the loop
 SET_POINT_STEP = 0.05  # K

@@ -9,7 +9,7 @@ def actuator_position(command, position, resolution, stroke_time):
     """Position of the motor [strokes] one second after `position`, driven to `command` [strokes].
 
     The command is rounded to `resolution` [strokes] (0: off); the motor then moves at most
-    1/stroke_time per second (stroke_time in s, 0: at once).
+    1/stroke_time per second (stroke_time in s, 0: immediately).
     """
     target = command
     if resolution > 0.0:

@@ -2,19 +2,19 @@
 
 
 class EndOfTest(Exception):
-    """The test is over; the argument says why, empty at its end."""
+    """End of the test; the argument is the reason, empty after the full time."""
 
 
 def valve_test(errors, command, sample_time, *, minutes, rate, threshold, settle, hold, excursion):
-    """Commands of a test that begins at the first of ``errors``, K, and why it ended early.
+    """Run a test that begins at the first of ``errors``, K; return its commands, and why it ended early.
 
-    errors: one a sample, positive where the valve should open.  command: that is held first.
+    errors: one a sample, positive where the valve should open.  command: held at first.
     """
     remaining_errors, commands = iter(list(errors)), []
     first_ramp = True
 
     def next_error():
-        """The next error, unless the test is over."""
+        """Return the next error, or end the test."""
         if len(commands) * sample_time >= 60 * minutes:
             raise EndOfTest("")
         e = next(remaining_errors, None)
@@ -58,13 +58,9 @@ def valve_test(errors, command, sample_time, *, minutes, rate, threshold, settle
                     break
                 commands.append(command)
             overshoot = max(-direction * e for e in hold_errors) - threshold
-            target_overshoot = min(0.5, excursion / 3)
-            rate = min(
-                max(
-                    rate * (target_overshoot / overshoot if overshoot > target_overshoot / 2 else 2.0), 0.2 * first_rate
-                ),
-                4.0 * first_rate,
-            )
+            target = min(0.5, excursion / 3)
+            rate *= target / overshoot if overshoot > target / 2 else 2.0
+            rate = min(max(rate, 0.2 * first_rate), 4.0 * first_rate)
             direction = -direction
     except EndOfTest as end:
         return commands, str(end)

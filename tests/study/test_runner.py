@@ -70,7 +70,7 @@ def test_results_are_labelled_as_an_xarray_user_expects(finished):
 
 def test_results_of_other_physics_are_run_again(study, tmp_path, monkeypatch):
     fc.run_study(study, tmp_path / "out")
-    monkeypatch.setattr(spec, "model_sha256", lambda estimators: "another model")
+    monkeypatch.setattr(spec, "model_sha256", lambda: "another model")
     with pytest.warns(UserWarning, match="other sources of the model: everything is computed again"):
         finished = runner.execute(read_study(study), tmp_path / "out")
     assert finished.n_run == 16

@@ -93,7 +93,7 @@ class Controller:
         rules = rules_for_kernels(loop.rules)
         columns = parameter_columns(loop, {}, np.zeros(1, dtype=np.int64))
         values = parameter_matrix(columns, rules)[:, 0].tolist()
-        self.number: dict[str, float] = dict(zip((*PARAMETER_ROWS, *rules.own), values, strict=True))
+        self.number: dict[str, float] = dict(zip((*PARAMETER_ROWS, *rules.parameter_names), values, strict=True))
         self.word = {name: str(columns[name][0]) for name, p in PARAMETERS.items() if p.is_word}
         self.parameters = loop.parameters
         self.heats = self.word["action"] == "heating"

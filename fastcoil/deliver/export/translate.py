@@ -67,7 +67,7 @@ class Translator(Formulas):
         names: list[str],
     ) -> None:  # fmt: skip
         super().__init__(kind, rule.name, [*names, *(reserved_name.upper() for reserved_name in numbers)])
-        self.step, self.start, self.words = function, getattr(rule, "start", None), getattr(rule, "words", 0)
+        self.step, self.start, self.words = function, getattr(rule, "start", None), getattr(rule, "n_floats", 0)
         self.Memory = rule.Memory
         self.numbers, self.literal_names, self.estimate = numbers, literal_names, estimate
         self.goal = {"law": "s.decided", "estimator": "s.estimate", "test": "s.command"}[kind]

@@ -230,7 +230,7 @@ def changed_parameters(constants: Mapping[str, Any], preset: str, against: str =
     base = PRESETS[preset if preset in PRESETS else "paper_like"]
     values = {name: value for name, value in constants.items() if value is not None}
     rows = []
-    for name in base.changed(values):
+    for name in base.changed_names(values):
         preset_value = base.value(PARAMETERS[name]) if name in PARAMETERS else None
         meaning = PARAMETERS[name].text if name in PARAMETERS else "of its own rule"
         rows.append(

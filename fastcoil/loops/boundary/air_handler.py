@@ -1,17 +1,17 @@
-"""How an air handler is run, and everything that acts on its coil on a day: a stand-in for a building.
+"""Operation of an air handler, and everything that acts on its coil on a day: a stand-in for a building.
 
 Each zone has a load, as a share of what it gets at full air flow and the lowest set-point.  It takes the air that keeps
-its temperature, between a least and its full flow; at full flow it becomes warmer instead.  It holds no heat: load,
+its temperature, between a least and its full flow; at full flow it becomes warmer instead.  Zones store no heat: load,
 flow and temperature of a minute belong together.
 
 ASHRAE Guideline 36-2021: section 5.1.14 (trim and respond), section 5.16.2.2 with its table (supply air temperature of
 an air handler with several zones), section 5.6.8.1 (requests of zones).
 
 The noise of a day continues that of the day before, and each day can be made alone: its filters start in the white
-noise of the day before.
+noise of the day before.  Thresholds of the operation are usual values or guesses, described in docs/years.md.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from types import SimpleNamespace
 from typing import Any, NamedTuple, TypeAlias
 
@@ -19,19 +19,17 @@ import numpy as np
 
 from fastcoil.base.arguments import argument_checks, raise_problems, require_choice, require_integer
 from fastcoil.base.arrays import Array, Mask
-from fastcoil.base.errors import InputError
-from fastcoil.loops.boundary.days import Drift, smooth
+from fastcoil.base.errors import InputError, Problem
+from fastcoil.loops.boundary.days import Drift, filter_white_noise
 from fastcoil.loops.boundary.series import CONDITIONS, require_condition
 from fastcoil.loops.boundary.weather_files import Weather
 from fastcoil.model.moist_air import humidity_ratio, mix
 
 Settings: TypeAlias = SimpleNamespace
-"""How the air handler is run; names and units as the arguments of `weather_year`."""
-DAY_SECONDS = 86_400  # s
-_READ_WITH_RESET, _READ_WITH_TRIM = (
-    ("set_point", "outdoor_reset", "trim_and_respond"),
-    ("set_point", "trim_and_respond"),
-)
+"""Settings of the air handler; names and units as the arguments of `weather_year`."""
+DAY_SECONDS = 86_400
+_READ_WITH_RESET = ("set_point", "outdoor_reset", "trim_and_respond")
+_READ_WITH_TRIM = ("set_point", "trim_and_respond")
 _MODE_DEFAULTS: dict[str, tuple[Any, Any, Any]] = {
     "economiser": ("differential", "none", None),
     "economiser_limit": (24.0, 24.0, ("economiser", "fixed")),
@@ -57,9 +55,8 @@ _MODE_DEFAULTS: dict[str, tuple[Any, Any, Any]] = {
     "T_out_w_min": (16.0, -7.0, ("water", "outdoor")),
     "T_out_w_max": (27.0, 10.0, ("water", "outdoor")),
 }
-"""Defaults in cooling and in heating; of arguments that only some choices read, which and with what.
-
-The module `weather` names the sources of the defaults.
+"""Defaults in cooling and in heating, see `weather` for their sources; of arguments that only some choices read: the
+argument that decides, and its words.
 """
 DEFAULTS = {mode: {n: row[k] for n, row in _MODE_DEFAULTS.items()} for k, mode in enumerate(("cooling", "heating"))}
 """Defaults of `weather_year`, by mode."""
@@ -69,28 +66,19 @@ CHOICES = {
     "water": ("fixed", "load", "outdoor"),
 }
 _WHOLE_NUMBER_BOUNDS = {
-    "zones": (1, 1000),
-    "ignored_requests": (0, 3000),
-    "trim_delay": (0, 86_400),
-    "trim_interval": (1, 86_400),
+    "zones": (1, 1000), "ignored_requests": (0, 3000), "trim_delay": (0, 86_400), "trim_interval": (1, 86_400),
     "seed": (0, 2**32 - 1),
-}
+}  # fmt: skip
 _ORDERED_PAIRS = (
-    ("m_a_min", "m_a_design"),
-    ("outdoor_air_min", "m_a_design"),
-    ("T_set_min", "T_set_max"),
-    ("T_out_min", "T_out_max"),
-    ("T_w_min", "T_w_max"),
-    ("T_out_w_min", "T_out_w_max"),
-)
-MIN_COOLING_K = 2.0  # K by which the supply air must be cooler than the zones, which would take endless air otherwise
-PLANT_STEP_S, ZONE_STEP_S = 10, 60  # s between the samples of the noise, straight between them
+    ("m_a_min", "m_a_design"), ("outdoor_air_min", "m_a_design"), ("T_set_min", "T_set_max"),
+    ("T_out_min", "T_out_max"), ("T_w_min", "T_w_max"), ("T_out_w_min", "T_out_w_max"),
+)  # fmt: skip
+MIN_COOLING_K = 2.0  # by which supply air is cooler than the zones: with less they would take endless air
+PLANT_STEP_S = 10  # between the samples of the noise of the plant, straight between them
+ZONE_STEP_S = 60  # the same of loads and flows
 _PLANT_DRIFTS = {
-    "m_a": Drift(0.013, 60),
-    "T_a_in": Drift(0.10, 120),
-    "W_a_in": Drift(0.009, 300),
-    "T_w_in": Drift(0.05, 120),
-}
+    "m_a": Drift(0.013, 60), "T_a_in": Drift(0.10, 120), "W_a_in": Drift(0.009, 300), "T_w_in": Drift(0.05, 120),
+}  # fmt: skip
 """As strong and as slow as that of `paper_day`; flow and humidity as a share.  The order numbers the random numbers."""
 _ZONE_DRIFT = Drift(0.05, 1200)  # of the load of one zone, as a share: a guess
 
@@ -108,12 +96,12 @@ class Outdoors(NamedTuple):
 
     @property
     def days(self) -> range:
-        """The days of the year that the rows cover; before the first row its values hold, up to an hour."""
+        """Days of the year that the rows cover; before the first row its values hold, up to an hour."""
         first, last = float(self.hour_of_year[0]), float(self.hour_of_year[-1])
         return range(int(-(-(first - 1.0) // 24.0)) + 1, int(last // 24.0) + 1)
 
     def of_day(self, label: int) -> tuple[Array, Array]:
-        """Temperature and humidity ratio at the seconds of a day of the year, (86400,) each."""
+        """Return temperature and humidity ratio at the seconds of a day of the year, (86400,) each."""
         begin = 24.0 * (label - 1)
         low = max(int(np.searchsorted(self.hour_of_year, begin, side="right")) - 1, 0)
         rows = slice(low, int(np.searchsorted(self.hour_of_year, begin + 24.0)) + 1)
@@ -123,16 +111,16 @@ class Outdoors(NamedTuple):
 
 
 def make_outdoors(weather: Weather, pressure: float | None, file: str) -> Outdoors:
-    """The weather that was read; ``pressure`` [Pa] in the place of that of the file."""
+    """Return the weather of a file; ``pressure`` [Pa] replaces that of the file."""
     series, p = weather.series, weather.pressure(pressure)
     outdoors = Outdoors(series["hour_of_year"], series["T_drybulb"], weather.humidity(p), float(np.mean(p)))
     if not outdoors.days:
-        raise InputError(f"{file} has no whole day from midnight to midnight: give at least 24 h")
+        raise InputError(f"{file} has no whole day from midnight to midnight: give at least 24 h", "path", "data")
     return outdoors
 
 
 def check_settings(arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """The arguments of `weather_year`, checked and completed with the defaults of the mode."""
+    """Check the arguments of `weather_year` and complete them with the defaults of the mode."""
     with argument_checks() as check:
         mode = check(require_choice, "mode", arguments["mode"], DEFAULTS)
         settings: dict[str, Any] = {
@@ -147,16 +135,17 @@ def check_settings(arguments: Mapping[str, Any]) -> dict[str, Any]:
     given_names = {name for name, value in settings.items() if value is not None}
     settings |= {name: value for name, value in DEFAULTS[mode].items() if name not in given_names}
     settings["mode"] = mode
-    raise_problems(_setting_clashes(settings, given_names))
+    raise_problems(list(_setting_clashes(settings, given_names)))
     return settings
 
 
 def make_settings(
     chosen: Mapping[str, Any], outdoors: Outdoors, fan: Mapping[int, tuple[float, float] | None], file: str
 ) -> Settings:
-    """The settings at a site, with ``fan``: first and last hour of the fan by day label, None where it stands.
+    """Return the settings at a site; ``fan``: first and last hour of the fan by day label, None where it is off.
 
-    W_return: humidity ratio of the return air.  high_limit: outdoor temperature that locks the economiser out [degC].
+    They add ``W_return``, the humidity ratio of the return air, and ``high_limit``, the outdoor temperature that locks
+    the economiser out [degC].
     """
     values = dict(chosen)
     is_cooling = chosen["mode"] == "cooling"
@@ -164,10 +153,8 @@ def make_settings(
         values["T_design"] = float(np.quantile(outdoors.T, 0.996 if is_cooling else 0.004))
     low, high = ("T_balance", "T_design") if is_cooling else ("T_design", "T_balance")
     if values[high] - values[low] < 1.0:
-        raise InputError(
-            f"T_balance = {values['T_balance']:g} degC, T_design = {values['T_design']:.4g} degC in {file}: give a "
-            f"{low} at least 1 K below {high}"
-        )
+        sentence = f"T_balance = {values['T_balance']:g} degC, T_design = {values['T_design']:.4g} degC in {file}"
+        raise InputError(f"{sentence}: give a {low} at least 1 K below {high}", low, "conflict")
     if values["set_point"] == "fixed":
         values["T_set_min"] = values["T_set"]
     limits = {"differential": values["T_return"], "fixed": values["economiser_limit"], "none": -np.inf}
@@ -180,46 +167,39 @@ def make_settings(
     )
 
 
-def _setting_clashes(chosen: Mapping[str, Any], given_names: set[str]) -> list[str]:
-    problems = [
-        f"{name} = {chosen[name]:g} has no effect with {read[0]} = {chosen[read[0]]!r}: leave it out, or choose "
-        + " or ".join(map(repr, read[1:]))
-        for name, (*_, read) in _MODE_DEFAULTS.items()
-        if read and name in given_names and chosen[read[0]] not in read[1:]
-    ]
-    problems += [
-        f"{low} = {chosen[low]:g} is not below {high} = {chosen[high]:g}: exchange or change them"
-        for low, high in _ORDERED_PAIRS
-        if not chosen[low] < chosen[high]
-    ]
+def _setting_clashes(chosen: Mapping[str, Any], given_names: set[str]) -> Iterator[Problem]:
+    for name, (*_, reader) in _MODE_DEFAULTS.items():
+        if reader and name in given_names and chosen[reader[0]] not in reader[1:]:
+            text = f"{name} = {chosen[name]:g} has no effect with {reader[0]} = {chosen[reader[0]]!r}"
+            cure = f"leave it out, or choose {' or '.join(map(repr, reader[1:]))}"
+            yield Problem(f"{text}: {cure}", name, "conflict")
+    for low, high in _ORDERED_PAIRS:
+        if not chosen[low] < chosen[high]:
+            text = f"{low} = {chosen[low]:g} is not below {high} = {chosen[high]:g}: exchange or change them"
+            yield Problem(text, low, "conflict")
     if chosen["mode"] == "heating":
         if chosen["economiser"] != "none":
-            problems.append(f"economiser = {chosen['economiser']!r}: only cooling has one, choose 'none'")
+            text = f"economiser = {chosen['economiser']!r}: only cooling has one, choose 'none'"
+            yield Problem(text, "economiser", "conflict")
         if chosen["set_point"] == "trim_and_respond":
-            problems.append("set_point = 'trim_and_respond': only cooling has it, choose 'outdoor_reset' or 'fixed'")
-        return problems
+            text = "set_point = 'trim_and_respond': only cooling has it, choose 'outdoor_reset' or 'fixed'"
+            yield Problem(text, "set_point", "conflict")
+        return
     top = "T_set" if chosen["set_point"] == "fixed" else "T_set_max"
     if chosen[top] > chosen["T_return"] - MIN_COOLING_K:
-        problems.append(
-            f"{top} = {chosen[top]:g} degC: the zones need air at least {MIN_COOLING_K:g} K cooler than T_return = "
-            f"{chosen['T_return']:g} degC, lower it"
-        )
-    return problems
-
-
-ARRIVAL_HOURS, DEPARTURE_HOURS = 2.0, 2.0
-"""Hours after the start of the fan over which the internal load rises, and before its stop over which it falls."""
+        text = f"{top} = {chosen[top]:g} degC: the zones need air at least {MIN_COOLING_K:g} K cooler than T_return = "
+        yield Problem(f"{text}{chosen['T_return']:g} degC, lower it", top, "conflict")
 
 
 def make_day_series(s: Settings, outdoors: Outdoors, label: int) -> dict[str, Array]:
-    """All series of a day by its label, the day of the year from 1: (86400,) each."""
+    """Return all series of a day by its label, the day of the year from 1: (86400,) each."""
     T_out, W_out = outdoors.of_day(label)
     begin, end = (round(3600 * hour) for hour in s.fan[label] or (0.0, 0.0))
     drifts = {name: s.disturbances * drift for name, drift in plant_drifts(s.seed, label).items()}
     minutes = slice(None, None, ZONE_STEP_S)
-    mean_load = load(s, T_out[minutes], begin, end)
+    mean_load = building_load(s, T_out[minutes], begin, end)
     loads = zone_loads(mean_load, s.zone_spread, s.disturbances * zone_drifts(s.seed, label, s.zones))
-    T_set = set_point(s, T_out, loads, begin, end)
+    T_set = set_point_series(s, T_out, loads, begin, end)
     flow = air_flow(s, loads, T_set[minutes])
     m_a = interpolate_to_seconds(np.append(flow, flow[-1]), ZONE_STEP_S) * (1.0 + drifts["m_a"])
     T_a_in, W_a_in = np.full(DAY_SECONDS, s.T_return), np.full(DAY_SECONDS, s.W_return)
@@ -230,7 +210,7 @@ def make_day_series(s: Settings, outdoors: Outdoors, label: int) -> dict[str, Ar
         air = T_out[on], W_out[on], s.T_return, s.W_return
         requested_share = outdoor_share(*air, T_set[on], least, s.high_limit)
         T_mixed, W_mixed = mix(delay_by_dampers(requested_share), *air)
-        # As the dampers will have it: the coil does not help out while they move.
+        # with the dampers at their target: the coil does not run only because they are still moving
         excess = s.T_return + requested_share * (T_out[on] - s.T_return) - T_set[on]
         enabled[on] = is_coil_needed(excess if s.cools else -excess)
         T_a_in[on] = T_mixed + drifts["T_a_in"][on]
@@ -246,17 +226,20 @@ def make_day_series(s: Settings, outdoors: Outdoors, label: int) -> dict[str, Ar
     }
 
 
-def load(s: Settings, T_out: Array, begin: int, end: int) -> Array:
-    """Load as a share of the design load, from the outdoor temperature each minute, 0 to 1; seconds of the fan."""
+def building_load(s: Settings, T_out: Array, begin: int, end: int) -> Array:
+    """Load as a share of the design load each minute, 0 to 1; ``begin``, ``end``: seconds at which the fan runs.
+
+    The internal load rises over two hours from the start of the fan, and falls over the last two.
+    """
     outdoors = np.clip((T_out - s.T_balance) / (s.T_design - s.T_balance), 0.0, 1.0)
     hour = np.arange(T_out.size) * ZONE_STEP_S / 3600.0
-    people = np.clip(np.minimum((hour - begin / 3600) / ARRIVAL_HOURS, (end / 3600 - hour) / DEPARTURE_HOURS), 0.0, 1.0)
+    people = np.clip(np.minimum((hour - begin / 3600) / 2.0, (end / 3600 - hour) / 2.0), 0.0, 1.0)
     if not s.cools:
         return np.asarray(np.clip(outdoors - s.internal_load * people, 0.0, 1.0))
     return np.asarray((1.0 - s.internal_load) * outdoors + s.internal_load * people)
 
 
-def set_point(s: Settings, T_out: Array, loads: Array, begin: int, end: int) -> Array:
+def set_point_series(s: Settings, T_out: Array, loads: Array, begin: int, end: int) -> Array:
     """Set-point at each second [degC]."""
     if s.set_point == "fixed":
         return np.full(DAY_SECONDS, s.T_set)
@@ -264,11 +247,11 @@ def set_point(s: Settings, T_out: Array, loads: Array, begin: int, end: int) -> 
     if s.set_point == "trim_and_respond" and end > begin:
         step_seconds = np.arange(begin, end, s.trim_interval)
         limits = request_limits(loads[step_seconds // ZONE_STEP_S], s.T_return, s.T_set_min)
-        share = between(T_out[step_seconds], s.T_out_min, s.T_out_max, 0.0, 1.0)
+        share = reset_line(T_out[step_seconds], s.T_out_min, s.T_out_max, 0.0, 1.0)
         steps = trim_and_respond(s, share, limits)
         top = np.full(DAY_SECONDS, s.T_set_max)
         top[begin:end] = np.repeat(steps, s.trim_interval)[: end - begin]
-    return between(T_out, s.T_out_min, s.T_out_max, top, s.T_set_min)
+    return reset_line(T_out, s.T_out_min, s.T_out_max, top, s.T_set_min)
 
 
 def air_flow(s: Settings, loads: Array, T_set: Array) -> Array:
@@ -284,7 +267,7 @@ def water_temperature(s: Settings, T_out: Array, loads: Array) -> Array:
     if s.water == "fixed":
         return np.full(DAY_SECONDS, s.T_w_in)
     if s.water == "outdoor":
-        return between(T_out, s.T_out_w_min, s.T_out_w_max, s.T_w_max, s.T_w_min)
+        return reset_line(T_out, s.T_out_w_min, s.T_out_w_max, s.T_w_max, s.T_w_min)
     mean = np.clip(loads, 0.0, 1.0).mean(axis=1)
     share = interpolate_to_seconds(np.append(mean, mean[-1]), ZONE_STEP_S)  # the last minute holds
     idle, full = (s.T_w_max, s.T_w_min) if s.cools else (s.T_w_min, s.T_w_max)
@@ -307,31 +290,27 @@ def zone_drifts(seed: int, day: int, n_zones: int) -> Array:
 
 
 def interpolate_to_seconds(values: Array, step: int) -> Array:
-    """Values each ``step`` seconds, (n + 1,), at every second up to the last one, (n step,), straight between them."""
+    """Interpolate values each ``step`` seconds, (n + 1,), to every second but the last one, (n step,)."""
     part = np.multiply.outer(np.diff(values), np.arange(step) / step)
     return np.asarray((values[:-1, None] + part).ravel())
 
 
 def _drift_noise(drift: Drift, step: int, white: Array) -> Array:
-    """Noise each ``step`` seconds from midnight to midnight from the white noise of two days, (86400 / step + 1,)."""
+    """Filter white noise of two days: noise each ``step`` seconds of the second, (86400 / step + 1,)."""
     coarse = Drift(drift.std, drift.tau // step)
-    return smooth(white[DAY_SECONDS // step - 10 * coarse.tau - 1 :].copy(), coarse)
+    return filter_white_noise(white[DAY_SECONDS // step - 10 * coarse.tau - 1 :].copy(), coarse)
 
 
 def _white_noise(step: int, seed: int, day: int, stream: int, n: int) -> Array:
-    """White noise of the day before and of a day, (n, 2 x 86400 / step)."""
-    draws = [
-        np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(noise_day, stream))).standard_normal(
-            (n, DAY_SECONDS // step)
-        )
-        for noise_day in (day - 1, day)
-    ]
-    return np.concatenate(draws, axis=1)
+    """Draw white noise of the day before and of a day, (n, 2 x 86400 / step)."""
+    sources = [np.random.SeedSequence(seed, spawn_key=(noise_day, stream)) for noise_day in (day - 1, day)]
+    shape = (n, DAY_SECONDS // step)
+    return np.concatenate([np.random.default_rng(source).standard_normal(shape) for source in sources], axis=1)
 
 
-DAMPER_STROKE_S = 90  # s that the dampers take for a full stroke: usual for their motors
-COIL_ON_K, COIL_OFF_K = 0.5, 0.2
-"""Deviation of the mixture from the set-point at which the loop of the coil is switched on and off, K."""
+DAMPER_STROKE_S = 90  # of a full stroke of the dampers: usual for their motors
+COIL_ON_K = 0.5  # deviation of the mixture from the set-point at which the loop of the coil is switched on
+COIL_OFF_K = 0.2  # the same, switched off
 
 
 def outdoor_share(
@@ -349,22 +328,17 @@ def outdoor_share(
 
 
 def delay_by_dampers(share: Array) -> Array:
-    """A share as the dampers follow it, (n,): its mean over the last ``DAMPER_STROKE_S`` seconds, at first as it is."""
+    """Average a share, (n,), over the last ``DAMPER_STROKE_S`` seconds, as the dampers follow it from rest."""
     total = np.cumsum(np.concatenate((np.zeros(1), np.full(DAMPER_STROKE_S, share[0]), share)))
     return np.asarray((total[DAMPER_STROKE_S + 1 :] - total[1:-DAMPER_STROKE_S]) / DAMPER_STROKE_S)
 
 
 def is_coil_needed(missing: Array) -> Mask:
-    """Where the coil's loop is on, (n,): from `COIL_ON_K` missing kelvins on until less than `COIL_OFF_K` are missing."""
+    """Where the loop of the coil is on, (n,): from `COIL_ON_K` missing until less than `COIL_OFF_K` is."""
     decides = (missing > COIL_ON_K) | (missing < COIL_OFF_K)
     decides[0] = True
     last_deciding = np.maximum.accumulate(np.where(decides, np.arange(missing.size), 0))
     return np.asarray(missing[last_deciding] > COIL_ON_K)
-
-
-REQUEST_START_SHARE, REQUEST_STOP_SHARE = 0.95, 0.85
-"""A zone sends one request from the upper share of its full flow until it falls below the lower one."""
-TWO_REQUESTS_K, THREE_REQUESTS_K = 2.0, 3.0  # excess temperatures at which a zone sends two and three requests, K
 
 
 def zone_loads(mean: Array, spread: float, noise: Array) -> Array:
@@ -387,33 +361,27 @@ def flow_share(loads: Array, T_set: Array, T_zone: float, T_set_min: float, leas
 def request_limits(loads: Array, T_zone: float, T_set_min: float) -> Array:
     """Set-points at which zones send one request, stop doing so, send two, and three, (n_times, 4, n_zones) [degC].
 
-    With the set-point T a zone of load L wants the share L (T_zone - T_set_min) / (T_zone - T) of its full flow, and at
-    full flow it has the temperature T + L (T_zone - T_set_min).
+    Guideline 36, section 5.6.8.1: one request from 95 % of the full flow of the zone until it falls below 85 %, two
+    where the zone is 2 K too warm, three from 3 K.  With the set-point T a zone of load L takes the share
+    L (T_zone - T_set_min) / (T_zone - T) of its full flow, and at full flow its temperature is
+    T + L (T_zone - T_set_min).
     """
     rise = loads * (T_zone - T_set_min)
-    return np.stack(
-        [
-            T_zone - rise / REQUEST_START_SHARE,
-            T_zone - rise / REQUEST_STOP_SHARE,
-            T_zone - rise + TWO_REQUESTS_K,
-            T_zone - rise + THREE_REQUESTS_K,
-        ],
-        1,
-    )
+    return np.stack([T_zone - rise / 0.95, T_zone - rise / 0.85, T_zone - rise + 2.0, T_zone - rise + 3.0], 1)
 
 
-def between(T_out: Array, T_out_min: float, T_out_max: float, at_min: Array | float, at_max: float) -> Array:
-    """``at_min`` up to the one outdoor temperature, ``at_max`` from the other on, a straight line between them."""
+def reset_line(T_out: Array, T_out_min: float, T_out_max: float, at_min: Array | float, at_max: float) -> Array:
+    """Return ``at_min`` up to ``T_out_min``, ``at_max`` from ``T_out_max`` on, and a straight line between them."""
     share = np.clip((T_out - T_out_min) / (T_out_max - T_out_min), 0.0, 1.0)
     return np.asarray(at_min + share * (at_max - at_min))
 
 
 def trim_and_respond(s: Settings, share: Array, limits: Array) -> Array:
-    """Upper end of the line at each time step, (n_times,): ``T_set_max`` at first, trimmed and lowered by requests.
+    """Upper end of the reset line at each time step, (n_times,): starts at ``T_set_max``, lowered by requests.
 
-    From the step on that is ``trim_delay`` after the start, the value rises by ``trim`` and, with R requests, falls by
-    ``respond`` for each beyond ``ignored_requests``, at most by ``respond_max``.  share: how far the outdoor air
-    is along the line of reset, (n_times,).  limits: as of `request_limits`, at each step.
+    From ``trim_delay`` after the start, each step raises the value by ``trim`` and lowers it by ``respond`` for each
+    request beyond ``ignored_requests``, at most by ``respond_max``.  share: position of the outdoor temperature on the
+    reset line, (n_times,).  limits: see `request_limits`, at each step.
     """
     low, high = s.T_set_min, s.T_set_max
     value, values = high, np.empty(share.size)
@@ -423,9 +391,8 @@ def trim_and_respond(s: Settings, share: Array, limits: Array) -> Array:
         is_above = value + reset_share * (low - value) > limits[k]
         is_requesting = is_above[0] | (is_requesting & is_above[1])
         if k >= first_step:
-            n_requests = max(
-                int(np.count_nonzero(is_requesting) + np.count_nonzero(is_above[2:])) - s.ignored_requests, 0
-            )
-            value = min(max(value + s.trim - min(s.respond * n_requests, s.respond_max), low), high)
+            n_requests = int(np.count_nonzero(is_requesting) + np.count_nonzero(is_above[2:]))
+            response = min(s.respond * max(n_requests - s.ignored_requests, 0), s.respond_max)
+            value = min(max(value + s.trim - response, low), high)
         values[k] = value
     return values

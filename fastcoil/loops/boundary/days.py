@@ -17,6 +17,7 @@ from fastcoil.loops.boundary.series import (
     Values,
     hours_to_seconds,
     require_condition,
+    require_distinct,
     require_items,
 )
 from fastcoil.model.moist_air import humidity_ratio, humidity_ratio_from_wet_bulb, mix
@@ -31,18 +32,17 @@ class Drift(NamedTuple):
 
 
 def smooth_noise(n_steps: int, drift: Drift, stream: tuple[int, int]) -> Array:
-    """Gaussian noise through two equal first-order filters, 1-s samples, (n_steps,).
+    """Draw Gaussian noise and filter it twice, first order, 1-s samples, (n_steps,).
 
-    ``stream`` (seed, number of the signal) names the random stream.  The filters start 10 time constants
-    early, from zero; the scale is the theoretical standard deviation: that of the samples differs a little.
+    ``stream``: seed and number of the signal.  The filters start 10 time constants early, from zero; the scale is the
+    theoretical standard deviation: that of the samples differs a little.
     """
-    seed, number = stream
-    random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
-    return smooth(random.standard_normal(10 * drift.tau + n_steps), drift)
+    random = np.random.default_rng(np.random.SeedSequence(stream[0], spawn_key=stream[1:]))
+    return filter_white_noise(random.standard_normal(10 * drift.tau + n_steps), drift)
 
 
-def smooth(white: Array, drift: Drift) -> Array:
-    """White noise of standard deviation 1, (n,), as that of ``drift``, without its first 10 time constants.
+def filter_white_noise(white: Array, drift: Drift) -> Array:
+    """Turn white noise of standard deviation 1, (n,), into that of ``drift``, without its first 10 time constants.
 
     ``white`` is overwritten.
     """
@@ -59,30 +59,40 @@ SET_POINTS = (14.0, 13.0, 15.0, 14.0, 12.5, 13.5, 15.5, 14.5, 13.0, 12.0, 14.0, 
 """Set-points of `paper_day`, degC, each held for `SET_POINT_HOLD_S`, repeated."""
 SET_POINT_HOLD_S = 1800  # s
 
-DRIFTS = {
-    "m_a": Drift(0.015, 60),
-    "T_a_in": Drift(0.10, 120),
-    "RH": Drift(0.005, 300),
-    "T_w_in": Drift(0.05, 120),
-}
+DRIFTS = {"m_a": Drift(0.015, 60), "T_a_in": Drift(0.10, 120), "RH": Drift(0.005, 300), "T_w_in": Drift(0.05, 120)}
 """Noise of `paper_day`.  The order numbers the random streams: add at the end only."""
 
 
 def paper_day(hours: float = 8.0, seed: int | Iterable[int] = 1) -> Boundary:
-    """A cooling day like those of the paper: set-point steps every half hour, slow swings, smooth noise.
+    """Return a cooling day like those of the paper: set-point steps every half hour, slow swings, smooth noise.
 
-    Air 1.15 + 0.18 D kg/s, 25 + 1.5 D degC, relative humidity 0.56 - 0.05 D, with D(h) = sin(pi (h - 1)/9) up
-    to h = 8 hours from the start, mirrored there and at every further multiple of 8 h; water
-    7 + 0.4 sin(2 pi h/1.5) degC.  Each carries noise as in `DRIFTS`; the humidity ratio is that at 101325 Pa.
-    The paper publishes no series: this is a generic day.
+    Air 1.15 + 0.18 D kg/s, 25 + 1.5 D degC, relative humidity 0.56 - 0.05 D, with D(h) = sin(pi (h - 1)/9) up to h = 8
+    hours from the start, mirrored there and at every further multiple of 8 h; water 7 + 0.4 sin(2 pi h/1.5) degC.  Each
+    carries noise as in `DRIFTS`; the humidity ratio is that at 101325 Pa.  The paper publishes no series: this is a
+    generic day.
 
     Parameters
     ----------
     hours
-        Length, a whole number of seconds.  A shorter day is the beginning of a longer one, to the bit.
+        Length [h], a whole number of seconds.  A shorter day is the beginning of a longer one, to the bit.
     seed
         Whole number from 0 to 2**32 - 1 for the noise; several give a dim ``day`` with the seeds as labels.  Very many
         days are a stream: they are made when they are needed.
+
+    Returns
+    -------
+    Boundary
+        One day, or several along ``day``.
+
+    See Also
+    --------
+    heating_day, constant_day, design_day
+
+    Examples
+    --------
+    >>> import fastcoil as fc
+    >>> fc.paper_day(hours=1, seed=[1, 2]).extent
+    '1 h x 2 days'
     """
     return _days_of_seeds(_paper_day, hours, seed)
 
@@ -100,7 +110,7 @@ def _paper_day(n_steps: int, seed: int) -> dict[str, Values]:
 
 
 def _day_signals(n_steps: int, seed: int, drifts: Mapping[str, Drift]) -> tuple[Array, Array, dict[str, Array]]:
-    """Hours from the start, the slow swing D, and the noise of each signal, (n_steps,) each.
+    """Return hours from the start, the slow swing D, and the noise of each signal, (n_steps,) each.
 
     D is a sine up to hour 8, mirrored every 8 h.  The order of the signals numbers their streams.
     """
@@ -110,7 +120,7 @@ def _day_signals(n_steps: int, seed: int, drifts: Mapping[str, Drift]) -> tuple[
 
 
 def _days_of_seeds(make_day: Callable[..., dict[str, Values]], hours: Any, seed: Any, **conditions: Any) -> Boundary:
-    """Days of a kind, of their seeds: a single one without a dim ``day``, very many as a stream."""
+    """Make the days of some seeds: a single one without a dim ``day``, very many as a stream."""
     with argument_checks() as check:
         n_steps = check(hours_to_seconds, hours)
         seeds = check(_require_seeds, seed)
@@ -119,7 +129,8 @@ def _days_of_seeds(make_day: Callable[..., dict[str, Values]], hours: Any, seed:
     if isinstance(to_builtin(seed), int):
         return Boundary(**make(seeds[0]), day=seeds[0])
     days = Boundary.from_days(make, day=seeds, hours=n_steps / 3600)
-    return days if len(seeds) * n_steps > LARGE_BOUNDARY_SAMPLES else Boundary.of(days.to_dataset(), by_air=True)
+    is_large = len(seeds) * n_steps > LARGE_BOUNDARY_SAMPLES
+    return days if is_large else Boundary.from_samples(days.to_dataset(), enabled_by_air=True)
 
 
 def _stepped_set_point(n_steps: int) -> Array:
@@ -127,13 +138,12 @@ def _stepped_set_point(n_steps: int) -> Array:
 
 
 def _require_seeds(seed: int | Iterable[int]) -> list[int]:
-    """The seeds of days: whole numbers, each once."""
+    """Return the seeds of days: whole numbers, each once."""
     seed = to_builtin(seed)
     cure = f"give a whole number from 0 to {LARGEST_DAY_LABEL}, or several distinct ones"
     items = [seed] if isinstance(seed, int) else require_items("seed", seed, cure)
     seeds = [require_integer("seed", item, 0, LARGEST_DAY_LABEL, cure) for item in items]
-    if len(set(seeds)) < max(len(seeds), 1):
-        raise InputError(f"seed {'has a number twice' if seeds else 'is empty'}: {cure}")
+    require_distinct("seed", seeds, "a number", cure)
     return seeds
 
 
@@ -148,7 +158,7 @@ def constant_day(
     T_set: Values = 14.0,
     pressure: float = 101325.0,
 ) -> Boundary:
-    """A day on which nothing happens; the defaults are the centre of `paper_day`.
+    """Return a day on which nothing changes; the defaults are the centre of `paper_day`.
 
     Parameters
     ----------
@@ -159,22 +169,38 @@ def constant_day(
     T_a_in
         Temperature of the entering air [degC].
     W_a_in, relative_humidity, pressure
-        Its humidity ratio [kg/kg], a number or a series, or its relative humidity at a barometric pressure [Pa];
-        without both the relative humidity is 0.56.
+        Its humidity ratio [kg/kg], a number or a series, or its relative humidity at a barometric pressure [Pa], by
+        default 0.56.
+
+    Returns
+    -------
+    Boundary
+        A day without a dim ``day``.
+
+    See Also
+    --------
+    paper_day, design_day
+
+    Examples
+    --------
+    >>> import fastcoil as fc
+    >>> fc.constant_day(hours=1, W_a_in=0.01).describe()
+    '1 h: m_a 1.15 kg s-1, T_a_in 25 degC, W_a_in 0.01, T_w_in 7 degC, T_set 14 degC'
     """
     with argument_checks() as check:
         n_steps = check(hours_to_seconds, hours)
         if W_a_in is None:
             T_a_in = check(require_condition, "T_a_in", T_a_in)
-            relative_or_default = 0.56 if relative_humidity is None else relative_humidity
-            humidity = check(require_condition, "relative_humidity", relative_or_default)
+            humidity = 0.56 if relative_humidity is None else relative_humidity
+            humidity = check(require_condition, "relative_humidity", humidity)
             pressure = check(require_condition, "pressure", pressure)
     if W_a_in is None:
         W_a_in = humidity_ratio(T_a_in, humidity, pressure)
     elif relative_humidity is not None:
-        raise InputError("W_a_in and relative_humidity are both given: give one of them")
-    # The one series; it sets the length.
-    noise = np.zeros(n_steps)
+        raise InputError(
+            "W_a_in and relative_humidity are both given: give one of them", "relative_humidity", "conflict"
+        )
+    noise = np.zeros(n_steps)  # a series, which sets the length
     return Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_a_in, T_w_in=T_w_in, T_set=T_set, noise=noise)
 
 
@@ -184,7 +210,7 @@ RANGE_FRACTIONS = (
     0.05, 0.00, 0.00, 0.06, 0.14, 0.24, 0.39, 0.50, 0.59, 0.68, 0.75, 0.82,
 )
 # fmt: on
-"""How far below the day's maximum the temperature lies at hours 1 ... 24, as a fraction of the daily range.
+"""Drop of the temperature below the day's maximum at hours 1 ... 24, as a fraction of the daily range.
 
 ASHRAE Handbook - Fundamentals (2009), chapter 14, table 6 (from research project RP-1363).
 """
@@ -208,11 +234,10 @@ DESIGN_CONDITIONS = {
 }
 """Outdoor air of Chicago O'Hare (WMO 725300): annual design conditions, ASHRAE Fundamentals (2009).
 
-Cooling: 0.4 % dry bulb, mean coincident wet bulb, daily range of the hottest month.  Heating: 99.6 % dry
-bulb, all day, as is the convention for sizing.  Return air, water and set-points are usual values, not
-published ones.
+Cooling: 0.4 % dry bulb, mean coincident wet bulb, daily range of the hottest month.  Heating: 99.6 % dry bulb, all day,
+as is the convention for sizing.  Return air, water and set-points are usual values, not published ones.
 """
-DESIGN_PRESSURE_PA = 98934.0  # Pa, the standard one at the station, 201 m
+DESIGN_PRESSURE_PA = 98934.0  # the standard pressure at the station, 201 m
 
 
 def design_day(
@@ -231,14 +256,13 @@ def design_day(
     T_set: Values = None,
     pressure: float = DESIGN_PRESSURE_PA,
 ) -> Boundary:
-    """A design day: outdoor air on ASHRAE's diurnal profile, mixed with return air.
+    """Return a design day: outdoor air on ASHRAE's diurnal profile, mixed with return air.
 
-    The outdoor temperature follows `RANGE_FRACTIONS`, straight between the hours.  In cooling ``T_design`` is
-    its maximum (hours 14 and 15), in heating its minimum (hour 5).  The humidity ratio is constant, that of
-    ``T_wet_bulb`` at ``T_design`` (in heating: saturated there, if not given), but at most saturated.  The
-    defaults are in `DESIGNS`; heating has no daily range there: give one for a day that varies, or take
-    `heating_day`, on which set-point, air and water move.
-    Nothing here is faster than the hourly profile.
+    The outdoor temperature follows `RANGE_FRACTIONS` (ASHRAE Handbook - Fundamentals, 2009), straight between hours:
+    nothing is faster.  In cooling ``T_design`` is its maximum (hours 14 and 15), in heating its minimum (hour 5).  The
+    humidity ratio is constant, that of ``T_wet_bulb`` at ``T_design`` (in heating: saturated there, if not given), but
+    at most saturated.  The defaults are in `DESIGN_CONDITIONS`; heating has no daily range there: give one for a day
+    that varies, or take `heating_day`, on which set-point, air and water move.
 
     Parameters
     ----------
@@ -252,25 +276,37 @@ def design_day(
         Air flow [kg/s], entering water [degC] and set-point [degC]: numbers or series of 1-s samples.
     pressure
         Barometric pressure [Pa].
+
+    Returns
+    -------
+    Boundary
+        A day without a dim ``day``.
+
+    See Also
+    --------
+    weather_day, heating_day, constant_day
+
+    Examples
+    --------
+    >>> import fastcoil as fc
+    >>> fc.design_day(hours=1, outdoor_fraction=1.0).extent
+    '1 h'
     """
-    arguments = {
-        name: value for name, value in locals().items() if name in DesignConditions._fields and value is not None
-    }
+    names = DesignConditions._fields
+    arguments = {name: value for name, value in locals().items() if name in names and value is not None}
     with argument_checks() as check:
         mode = check(require_choice, "mode", mode, DESIGN_CONDITIONS)
         n_steps = check(hours_to_seconds, hours)
         start_hour = check(require_condition, "start_hour", start_hour)
-        arguments |= {
-            name: check(require_condition, name, value)
-            for name, value in arguments.items()
-            if name not in BOUNDARY_SERIES
-        }
+        for name in arguments.keys() - BOUNDARY_SERIES.keys():
+            arguments[name] = check(require_condition, name, arguments[name])
         outdoor_fraction = check(require_condition, "outdoor_fraction", outdoor_fraction)
         pressure = check(require_condition, "pressure", pressure)
     design = DESIGN_CONDITIONS[mode]._replace(**arguments)
     wet_bulb = design.T_design if design.T_wet_bulb is None else design.T_wet_bulb
     if wet_bulb > design.T_design:
-        raise InputError(f"T_wet_bulb = {wet_bulb:g} degC is above T_design = {design.T_design:g} degC: lower it")
+        sentence = f"T_wet_bulb = {wet_bulb:g} degC is above T_design = {design.T_design:g} degC: lower it"
+        raise InputError(sentence, "T_wet_bulb", "conflict")
     clock = (start_hour + np.arange(n_steps) / 3600) % 24.0
     range_fraction = np.interp(clock, np.arange(25), (RANGE_FRACTIONS[-1], *RANGE_FRACTIONS))
     T_max = design.T_design if mode == "cooling" else design.T_design + design.T_daily_range
@@ -282,30 +318,39 @@ def design_day(
     return Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_a_in, T_w_in=design.T_w_in, T_set=design.T_set)
 
 
-HEATING_SET_POINT_OFFSET_K = 11.0  # set-points above those of `paper_day`, K
-WINTER_HUMIDITY_RATIO = (
-    0.0035  # humidity ratio of the mixed air of a winter day, kg/kg; a heating coil stays dry whatever it is
-)
+WINTER_HUMIDITY_RATIO = 0.0035  # of the mixed air, kg/kg; a heating coil stays dry at any
 HEATING_DRIFTS = {"m_a": Drift(0.015, 60), "T_a_in": Drift(0.20, 120), "T_w_in": Drift(0.3, 300)}
 """Noise of `heating_day`.  The order numbers the random streams: add at the end only."""
 
 
 def heating_day(hours: float = 8.0, seed: int | Iterable[int] = 1, *, T_w_in: float = 60.0) -> Boundary:
-    """A heating day: set-point steps every half hour, slow swings, smooth noise.
+    """Return a heating day: set-point steps every half hour, slow swings, smooth noise.
 
-    Air 0.9 + 0.2 D kg/s, 12 + 2 D degC, with D(h) = sin(pi (h - 1)/9) up to h = 8 hours from the start, mirrored
-    there and at every further multiple of 8 h: with 30 % of outdoor air and return air of 21 degC that is -11 to
-    -2 degC outdoors.  Water T_w_in + sin(2 pi h/1.5) degC.  Each carries noise as in `HEATING_DRIFTS`.  Set-points from
-    23 to 27 degC.  Nobody measured this day: it is a generic one, as `paper_day` is for cooling.
+    Air 0.9 + 0.2 D kg/s, 12 + 2 D degC, D as for `paper_day`: with 30 % of outdoor air and return air of 21 degC that
+    is -11 to -2 degC outdoors.  Water T_w_in + sin(2 pi h/1.5) degC.  Each carries noise as in `HEATING_DRIFTS`.
+    Set-points from 23 to 27 degC.  This day was not measured: it is generic, as `paper_day` is for cooling.
 
     Parameters
     ----------
-    hours
-        Length, a whole number of seconds.  A shorter day is the beginning of a longer one, to the bit.
-    seed
-        Whole number from 0 to 2**32 - 1 for the noise; several give a dim ``day`` with the seeds as labels.
+    hours, seed
+        As for `paper_day`.
     T_w_in
         Mean temperature of the entering water [degC].
+
+    Returns
+    -------
+    Boundary
+        One day, or several along ``day``.
+
+    See Also
+    --------
+    paper_day
+
+    Examples
+    --------
+    >>> import fastcoil as fc
+    >>> fc.heating_day(hours=1).extremes["T_set"]
+    (24.0, 25.0)
     """
     return _days_of_seeds(_heating_day, hours, seed, T_w_in=T_w_in)
 
@@ -317,5 +362,5 @@ def _heating_day(n_steps: int, seed: int, T_w_in: float) -> dict[str, Values]:
         "T_a_in": 12.0 + 2.0 * D + noise["T_a_in"],
         "W_a_in": WINTER_HUMIDITY_RATIO,
         "T_w_in": T_w_in + np.sin(2 * np.pi * h / 1.5) + noise["T_w_in"],
-        "T_set": _stepped_set_point(n_steps) + HEATING_SET_POINT_OFFSET_K,
+        "T_set": _stepped_set_point(n_steps) + 11.0,
     }

@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from fastcoil.base.arguments import argument_checks, collect_problems, raise_problems, require_instance, require_path
-from fastcoil.base.errors import InputError, WrongTypeMessage, did_you_mean, short_repr
+from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 from fastcoil.logs import read_checked_log, warn_of_reading_notes
 from fastcoil.logs.columns import ColumnSpec, check_reading_options
 from fastcoil.logs.pieces import require_span_in_limits, require_whole_seconds, resample_at_seconds
@@ -49,35 +49,48 @@ _HELD_SERIES = [name for name, series in BOUNDARY_SERIES.items() if series.hold]
 
 
 class Boundary(Samples):
-    """The series that act on the loop, in 1-s samples, on one day or several; immutable.
+    """Series that act on the loop, in 1-s samples, on one day or several; immutable.
+
+    Each series is a number, a 1-D array of 1-s samples, a 2-D array (day, second) or a DataArray with dims
+    ``elapsed_time`` and/or ``day``; at least one must have samples, and all the same number.  A DataArray with the
+    attribute ``units`` is converted from them.  Other ways to make one: `from_csv`, `from_dataset`, `from_days`.
 
     Parameters
     ----------
     m_a, T_a_in, W_a_in, T_w_in, T_set
-        Air flow [kg/s], temperature [degC] and humidity ratio [kg/kg dry air] of the entering air,
-        temperature of the entering water [degC], set-point [degC].  `simulate` warns of
-        air of more than 105 % relative humidity at the pressure of its loop.
+        Air flow [kg/s], temperature [degC] and humidity ratio [kg/kg dry air] of the entering air, temperature of the
+        entering water [degC], set-point [degC].  `simulate` warns of air of more than 105 % relative humidity at the
+        pressure of its loop.
     noise
         Recorded noise, added to the measured temperature every second [K]; none if left out.
     enabled
-        1 where the loop is in operation, 0 where not.  If left out, it is 1 where air flows, and a warning states how
-        long none does.
+        1 where the loop is in operation, 0 where not.  By default 1 where air flows; a warning says how long none does.
     backlash_scale
-        What the backlash of every loop is multiplied by, such as 2 from the second at which a linkage comes loose; 1
-        throughout if left out.
+        Factor of the backlash of every loop, such as 2 from the second at which a linkage comes loose; 1 by default.
     day
-        Labels of the days: distinct whole numbers from 0 to 2**32 - 1; 0, 1, 2, ... if left out.  They, not
-        the order, seed the noise of a day.  One number labels a boundary without a dim ``day``.
+        Labels of the days: distinct whole numbers from 0 to 2**32 - 1, by default 0, 1, 2, ...  They, not the order,
+        seed the noise of a day.  One number labels a boundary without a dim ``day``.
     start
-        Date and time of the first sample of each day, to the second; one is that of the first of consecutive days of
-        24 h.  On the clock of ``time_zone``; a UTC offset that it has is taken as the zone.
+        Date and time of the first sample of each day, to the second, on the clock of ``time_zone``; one for all: that
+        of the first of consecutive days of 24 h.  A UTC offset in it is taken as the zone.
     time_zone
-        A name such as ``America/Los_Angeles``, or an offset such as ``UTC-08:00``; unknown if left out.
+        A name such as ``America/Los_Angeles``, or an offset such as ``UTC-08:00``; unknown by default.
 
-    Each series is a number, a 1-D array of 1-s samples, a 2-D array (day, second) or a DataArray with dims
-    ``elapsed_time`` and/or ``day``; at least one must have samples, and all the same number.  A
-    DataArray that declares ``units`` is converted from them.  All mistakes are raised together, in one
-    `InputError`.
+    Raises
+    ------
+    InputError
+        With one sentence for each value out of bounds, wrong unit, and length or label that does not fit.
+
+    See Also
+    --------
+    paper_day, constant_day, design_day, heating_day, weather_day, weather_year : ready-made days
+
+    Examples
+    --------
+    >>> import fastcoil as fc
+    >>> day = fc.Boundary(m_a=1.2, T_a_in=25.0, W_a_in=0.01, T_w_in=7.0, T_set=np.full(3600, 14.0))
+    >>> day.assign(T_set=15.0, start="2024-07-01T08:00").describe()
+    '1 h from 2024-07-01 08:00:00: m_a 1.2 kg s-1, T_a_in 25 degC, W_a_in 0.01, T_w_in 7 degC, T_set 15 degC'
     """
 
     def __init__(
@@ -100,18 +113,19 @@ class Boundary(Samples):
         entries, common_labels = read_series(series, problems, day=day)
         labels, n_steps = np.asarray(common_labels.day), common_labels.n_steps
         if n_steps is None and not problems:
-            problems.append("every series is a number: give at least one as 1-s samples, or use constant_day")
+            sentence = "every series is a number: give at least one as 1-s samples, or use constant_day"
+            problems.append(Problem(sentence, "m_a", "shape"))
         clock = Clock()
         with collect_problems(problems):
             clock = make_clock(start, time_zone, labels, n_steps or 0, common_labels)
         raise_problems(list(dict.fromkeys(problems)))  # series that share a coordinate share its mistakes
-        arrays, n_stopped = complete_series(entries, labels.size, n_steps or 0, enabled_follows_air=enabled is None)
+        arrays, n_stopped = complete_series(entries, labels.size, n_steps or 0, enabled_by_air=enabled is None)
         warn_of_no_air_flow(n_stopped)
         ds = boundary_dataset(arrays, labels, n_steps or 0, clock)
-        self.__setstate__({"_ds": ds, "_make": None, "_time_zone": clock.time_zone, "_by_air": enabled is None})
+        self._set(ds, None, clock.time_zone, enabled is None)
 
     def __repr__(self) -> str:
-        """For a terminal; a stream without known ranges shows how many days it has: making all takes too long."""
+        """Show series and ranges; of a stream without known ranges only the extent: making all days takes too long."""
         stream_text = ", made day by day" if self.is_streamed else ""
         if self.is_streamed and not self.has_summary:
             return f"<fastcoil.Boundary {self.extent}{stream_text}>"
@@ -123,14 +137,16 @@ class Boundary(Samples):
         return "\n".join([f"<fastcoil.Boundary {self.extent}{stream_text}, sha256 {self.sha256[:8]}>", *lines])
 
     def assign(self, **changes: Values) -> Boundary:
-        """A copy with other series, labels or clock, each given as to `Boundary`; None takes one back to its default.
+        """Return a copy with other series, labels or clock, each as for `Boundary`; None restores a default.
 
         Where ``enabled`` follows from the air flow, it is computed from the new one.
         """
         names = (*BOUNDARY_SERIES, "day", "start", "time_zone")
         unknown = [name for name in changes if name not in names]
-        raise_problems([f"{name}{did_you_mean(name, names)}: use {', '.join(names)}" for name in unknown])
-        by_air = changes["enabled"] is None if "enabled" in changes else self._by_air
+        raise_problems(
+            [Problem(f"{name}{did_you_mean(name, names)}: use {', '.join(names)}", name, "name") for name in unknown]
+        )
+        enabled_by_air = changes["enabled"] is None if "enabled" in changes else self._enabled_by_air
         clock = {name: changes.get(name, getattr(self, name)) for name in ("start", "time_zone")}
         start = None if "start" in changes else self.start
         zone = None if {"start", "time_zone"} & changes.keys() else self.clock_zone
@@ -140,100 +156,106 @@ class Boundary(Samples):
         entries, common_labels = read_series(series, problems, day=changes.get("day"), known_labels=known_labels)
         raise_problems(problems)
         replacements = {name: None if changes[name] is None else entry for name, entry in entries.items()}
-        if by_air and "m_a" in changes:
+        if enabled_by_air and "m_a" in changes:
             replacements["enabled"] = None
         make = partial(replace_series, self.maker, replacements) if replacements else self.maker
-        changed = Boundary._stream(make, np.asarray(common_labels.day), self.n_steps, **clock, by_air=by_air)
-        if self._make is not None:
+        changed = Boundary._stream(
+            make, np.asarray(common_labels.day), self.n_steps, **clock, enabled_by_air=enabled_by_air
+        )
+        if self._maker is not None:
             return changed
-        if by_air and {"m_a", "enabled"} & changes.keys():
+        if enabled_by_air and {"m_a", "enabled"} & changes.keys():
             warn_of_no_air_flow(int(np.count_nonzero(changed.series["enabled"] == 0.0)))
-        return Boundary.of(changed.to_dataset(), time_zone=changed.time_zone, by_air=by_air)
+        return Boundary.from_samples(changed.to_dataset(), time_zone=changed.time_zone, enabled_by_air=enabled_by_air)
 
     @classmethod
     def _stream(
-        cls, make: DayMaker, day: NDArray[Any], n_steps: int, start: Any, time_zone: Any, by_air: bool = False
+        cls, make: DayMaker, day: NDArray[Any], n_steps: int, start: Any, time_zone: Any, enabled_by_air: bool = False
     ) -> Boundary:
-        """Days that are made by position."""
+        """Return a stream of days that are made by position."""
         clock = make_clock(start, time_zone, day, n_steps)
-        return cls.of(boundary_dataset({}, day, n_steps, clock), make=make, time_zone=clock.time_zone, by_air=by_air)
+        ds = boundary_dataset({}, day, n_steps, clock)
+        return cls.from_samples(ds, make=make, time_zone=clock.time_zone, enabled_by_air=enabled_by_air)
 
     def isel(self, day: Any) -> Boundary:
-        """Some days by position: a number, which leaves no dim ``day``, a list, flags or a slice."""
-        return self._chosen("isel", day)
+        """Select days by position: a number, which drops the dim ``day``, a list, flags or a slice."""
+        return self._select_days("isel", day)
 
     def sel(self, day: Any) -> Boundary:
-        """Some days by label: one, which leaves no dim ``day``, a list, or a slice from one to another."""
-        return self._chosen("sel", day)
+        """Select days by label: one, which drops the dim ``day``, a list, or a slice of labels."""
+        return self._select_days("sel", day)
 
-    def _chosen(self, method: str, day: Any) -> Boundary:
+    def _select_days(self, method: str, day: Any) -> Boundary:
         ds = with_day_dim(self._ds).assign_coords(position=("day", np.arange(self.n_days)))
         try:
             ds = getattr(ds, method)(day=day)
         except (KeyError, IndexError, TypeError, ValueError):
-            labels_text = short_repr(self.day.tolist()) if self.n_days <= 8 else f"{self.day[0]} to {self.day[-1]}"
-            cure = (
-                f"give positions from 0 to {self.n_days - 1}" if method == "isel" else f"its labels are {labels_text}"
-            )
-            raise InputError(f"day = {short_repr(day)}: the boundary has no such day; {cure}") from None
+            cure = f"give positions from 0 to {self.n_days - 1}"
+            if method == "sel":
+                labels = short_repr(self.day.tolist()) if self.n_days <= 8 else f"{self.day[0]} to {self.day[-1]}"
+                cure = f"its labels are {labels}"
+            sentence = f"day = {short_repr(day)}: the boundary has no such day; {cure}"
+            raise InputError(sentence, "day", "name" if method == "sel" else "value") from None
         positions = ds["position"].values
         if not positions.size or np.unique(positions).size < positions.size:
-            raise InputError(
-                f"day = {short_repr(day)} chooses {'a day twice' if positions.size else 'no day'}: give each day once"
-            )
+            number, code = ("a day twice", "duplicate") if positions.size else ("no day", "missing")
+            raise InputError(f"day = {short_repr(day)} chooses {number}: give each day once", "day", code)
         ds, make = ds.drop_vars("position"), None
-        if self._make is not None and positions.ndim:
-            make = partial(pick_day, [self._make], np.zeros_like(positions), positions)
-        elif self._make is not None:
+        if self._maker is not None and positions.ndim:
+            make = partial(pick_day, [self._maker], np.zeros_like(positions), positions)
+        elif self._maker is not None:
             ds = ds.assign(series_variables(self.of_day(int(positions))))
-        return Boundary.of(ds, make=make, time_zone=self.time_zone, by_air=self._by_air)
+        return Boundary.from_samples(ds, make=make, time_zone=self.time_zone, enabled_by_air=self._enabled_by_air)
 
     @staticmethod
     def concat(boundaries: Sequence[Boundary]) -> Boundary:
-        """Put the days of boundaries together; streams give a stream.
+        """Join the days of boundaries; streams give a stream.
 
-        Days must have one length, distinct labels and one time zone, and a start all or none.
+        Days must have one length, distinct labels and one time zone, and all of them a start or none.
         """
         cure = "give a list of boundaries"
         if not isinstance(boundaries, (list, tuple)) or not boundaries:
-            raise InputError(WrongTypeMessage(f"boundaries = {short_repr(boundaries)}: {cure}"))
+            raise InputError(f"boundaries = {short_repr(boundaries)}: {cure}", "boundaries", "type")
         for i, boundary in enumerate(boundaries):
             require_instance(f"boundaries[{i}]", boundary, Boundary, cure)
         raise_problems(list(_joining_problems(boundaries)))
-        zone, by_air = next(filter(None, (b.time_zone for b in boundaries)), ""), all(b._by_air for b in boundaries)
-        is_streamed = any(boundary.is_streamed for boundary in boundaries)
-        datasets = [
-            boundary._ds.drop_vars(list(boundary._ds.data_vars)) if is_streamed else boundary._ds
-            for boundary in boundaries
-        ]
-        datasets = [with_day_dim(ds) for ds in datasets]
+        zone = next(filter(None, (b.time_zone for b in boundaries)), "")
+        is_streamed = any(b.is_streamed for b in boundaries)
+        datasets = [with_day_dim(b._ds.drop_vars(list(b._ds.data_vars)) if is_streamed else b._ds) for b in boundaries]
         ds = xr.concat(datasets, "day", data_vars="minimal", coords="minimal", compat="override", join="exact")
         make = None
         if is_streamed:
-            days = [(i, k) for i, boundary in enumerate(boundaries) for k in range(boundary.n_days)]
-            make = partial(pick_day, [boundary.maker for boundary in boundaries], *np.array(days).T)
-        return Boundary.of(ds, make=make, time_zone=zone, by_air=by_air)
+            days = [(i, k) for i, b in enumerate(boundaries) for k in range(b.n_days)]
+            make = partial(pick_day, [b.maker for b in boundaries], *np.array(days).T)
+        enabled_by_air = all(b._enabled_by_air for b in boundaries)
+        return Boundary.from_samples(ds, make=make, time_zone=zone, enabled_by_air=enabled_by_air)
 
     def to_dataset(self) -> xr.Dataset:
-        """The series as a Dataset with dims (``day``,) ``elapsed_time``, units, long names, and ``start`` if known."""
-        if self._make is None:
+        """Return the series as a Dataset over (``day``,) ``elapsed_time``, with units, long names, and ``start``."""
+        if self._maker is None:
             return self._ds.copy(deep=True)
         return boundary_dataset(self.series, self._ds["day"].values, self.n_steps, Clock(self.start, self.time_zone))
 
     @classmethod
     def from_dataset(cls, ds: xr.Dataset) -> Boundary:
-        """Inverse of `to_dataset`; ignores variables of other names.
+        """Return the boundary of a Dataset, the inverse of `to_dataset`; variables of other names are ignored.
 
-        Strict: ``elapsed_time`` in steps of 1 s (from any start), and a ``units`` attribute on every series.
+        Raises
+        ------
+        InputError
+            Unless ``elapsed_time`` has steps of 1 s (from any start) and every series an attribute ``units``.
         """
         require_instance("ds", ds, xr.Dataset, "give a Dataset, as of to_dataset")
         problems = [
-            f"{name} has no units attribute: set ds[{name!r}].attrs['units'] ({series.known_units})"
+            Problem(
+                f"{name} has no units attribute: set ds[{name!r}].attrs['units'] ({series.known_units})", name, "unit"
+            )
             for name, series in BOUNDARY_SERIES.items()
             if name in ds and "units" not in ds[name].attrs
         ]
         if "elapsed_time" in ds.dims and "elapsed_time" not in ds.coords:
-            problems.append("elapsed_time has no coordinate: give ds['elapsed_time'] the seconds 0, 1, ...")
+            sentence = "elapsed_time has no coordinate: give ds['elapsed_time'] the seconds 0, 1, ..."
+            problems.append(Problem(sentence, "elapsed_time", "missing"))
         raise_problems(problems)
         return cls(**{name: ds.get(name) for name in BOUNDARY_SERIES})
 
@@ -247,26 +269,26 @@ class Boundary(Samples):
         start: Any = None,
         time_zone: str | None = None,
     ) -> Boundary:
-        """A stream: days that are made when they are needed, so that a year of seconds never lies in memory.
+        """Return a stream: days are made when they are needed, so that a year of seconds is never in memory.
 
         Parameters
         ----------
         make
-            Gives the series of a day from its label, by name, each a number or 1-D array of 1-s samples, as to
-            `Boundary`.  It is called several times for each day and must give the same each time: seed random numbers
-            with the label.  To run in several processes it must be a function of a module, or another object that can
-            be pickled.
+            Function that returns the series of a day from its label, by name, each a number or 1-D array of 1-s
+            samples, as for `Boundary`.  It is called several times for each day and must return the same each time:
+            seed random numbers with the label.  To run in several processes it must be picklable, such as a function of
+            a module.
         day
             Labels of the days, as for `Boundary`.
         hours
-            Length of each day, a whole number of seconds.
+            Length of each day [h], a whole number of seconds.
         start, time_zone
             As for `Boundary`.
         """
         with argument_checks() as check:
             if not callable(make):
                 cure = "give a function that returns the series of the day of a label"
-                check.problems.append(WrongTypeMessage(f"make = {short_repr(make)}: {cure}"))
+                check.problems.append(Problem(f"make = {short_repr(make)}: {cure}", "make", "type"))
             n_steps = check(hours_to_seconds, hours)
             labels = np.asarray(label_array(day, check.problems))
         maker = partial(make_labelled_day, make, np.atleast_1d(labels).astype(np.int64))
@@ -339,7 +361,8 @@ class Boundary(Samples):
             n_steps = int(np.floor(last_second - first_second + 1e-6)) + 1
         if n_steps < 1 or first_second + n_steps - 1 > last_second + 1e-6:
             window_text = f"start = {start:g} h" + ("" if hours is None else f", hours = {hours:g}")
-            raise InputError(f"{log.name}: {window_text} needs more than the {last_second:g} s of the log: lower it")
+            sentence = f"{log.name}: {window_text} needs more than the {last_second:g} s of the log: lower it"
+            raise InputError(sentence, "start" if hours is None else "hours", "value")
         seconds = np.minimum(first_second + np.arange(n_steps), last_second)
         values = {name: log.values[name] for name in BOUNDARY_SERIES if name in log.values}
         values["W_a_in"] = log.humidity_ratio(pressure)
@@ -348,20 +371,22 @@ class Boundary(Samples):
         return cls(**series, start=begins, time_zone=log.time_zone)
 
 
-def _joining_problems(boundaries: Sequence[Boundary]) -> Iterator[str]:
-    zones = sorted({boundary.time_zone for boundary in boundaries} - {""})
+def _joining_problems(boundaries: Sequence[Boundary]) -> Iterator[Problem]:
+    zones = sorted({b.time_zone for b in boundaries} - {""})
     if len(zones) > 1:
-        yield f"the boundaries are in the time zones {' and '.join(zones)}: put together those of one"
-    has_start = [boundary.start is not None for boundary in boundaries]
+        text = f"the boundaries are in the time zones {' and '.join(zones)}: put together those of one"
+        yield Problem(text, "boundaries", "time")
+    has_start = [b.start is not None for b in boundaries]
     if len(set(has_start)) > 1:
-        yield (
-            f"boundary {has_start.index(True)} has a start and boundary {has_start.index(False)} has none: give it one with "
-            "assign(start=…), or assign(start=None) to the others"
-        )
+        text = f"boundary {has_start.index(True)} has a start and boundary {has_start.index(False)} has none"
+        cure = "give it one with assign(start=…), or assign(start=None) to the others"
+        yield Problem(f"{text}: {cure}", "boundaries", "time")
     first_length = boundaries[0].n_steps
-    for i, boundary in enumerate(boundaries):
-        if boundary.n_steps != first_length:
-            yield f"boundary {i} lasts {boundary.n_steps:,} s, the first {first_length:,} s: give days of one length"
-    labels, counts = np.unique(np.concatenate([boundary.day for boundary in boundaries]), return_counts=True)
+    for i, b in enumerate(boundaries):
+        if b.n_steps != first_length:
+            text = f"boundary {i} lasts {b.n_steps:,} s, the first {first_length:,} s: give days of one length"
+            yield Problem(text, "boundaries", "shape")
+    labels, counts = np.unique(np.concatenate([b.day for b in boundaries]), return_counts=True)
     if counts.max() > 1:
-        yield f"day label {labels[counts.argmax()]} appears twice: give each day its own label, as assign(day=7)"
+        text = f"day label {labels[counts.argmax()]} appears twice: give each day its own label, as assign(day=7)"
+        yield Problem(text, "boundaries", "duplicate")

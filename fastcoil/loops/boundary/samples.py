@@ -1,4 +1,4 @@
-"""The days of a boundary: the Dataset of all samples, or makers of days; digests and ranges of either."""
+"""Days of a boundary: the Dataset of all samples, or makers of days; digests and ranges of either."""
 
 import hashlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -10,9 +10,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fastcoil.base.arguments import raise_problems, require_integer, require_mapping
+from fastcoil.base.arguments import raise_problems, require_integer
 from fastcoil.base.arrays import Array, Index
-from fastcoil.base.errors import InputError, did_you_mean, short_repr
+from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 from fastcoil.base.machine import available_memory, format_bytes
 from fastcoil.logs.series import TEMPERATURE_DIFFERENCE
 from fastcoil.loops.boundary.series import (
@@ -29,11 +29,11 @@ from fastcoil.loops.boundary.series import (
 from fastcoil.loops.labelled import SeriesLabels
 from fastcoil.model.moist_air import MASS_RATIO, liquid_saturation_pressure
 
-DaySeries = Mapping[str, Any]  # series of a day by name, as a user gives them
+DaySeries = Mapping[str, Any]  # unchecked series of a day by name
 DayMaker = Callable[[int], DaySeries]  # makes a day from its position
 LARGE_BOUNDARY_SAMPLES = 2**22
-"""Samples of a series.  A larger boundary is hashed day by day, so that a stream needs no memory; a smaller one series
-by series."""
+"""Samples of a series; a larger boundary is hashed day by day, which needs no memory, a smaller one series by series.
+"""
 
 
 class SampleSummary(NamedTuple):
@@ -54,16 +54,22 @@ class Samples:
 
     _ds: xr.Dataset
     """Labels and clock as coordinates, ``start`` only if it is known; the series unless a maker gives them."""
-    _make: DayMaker | None
+    _maker: DayMaker | None
     _time_zone: str
-    _by_air: bool
+    _enabled_by_air: bool
 
     @classmethod
-    def of(cls, ds: xr.Dataset, *, make: DayMaker | None = None, time_zone: str = "", by_air: bool = False) -> Self:
-        """A boundary of checked samples; ``by_air``: the air flow alone decides on ``enabled``."""
+    def from_samples(
+        cls, ds: xr.Dataset, *, make: DayMaker | None = None, time_zone: str = "", enabled_by_air: bool = False
+    ) -> Self:
+        """Return a boundary of checked samples; ``enabled_by_air``: the air flow alone decides on ``enabled``."""
         self = cls.__new__(cls)
-        self.__setstate__({"_ds": ds, "_make": make, "_time_zone": time_zone, "_by_air": by_air})
+        self._set(ds, make, time_zone, enabled_by_air)
         return self
+
+    def _set(self, ds: xr.Dataset, make: DayMaker | None, time_zone: str, enabled_by_air: bool) -> None:
+        state = {"_ds": ds, "_maker": make, "_time_zone": time_zone, "_enabled_by_air": enabled_by_air}
+        self.__setstate__(state)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -73,7 +79,7 @@ class Samples:
     @property
     def is_streamed(self) -> bool:
         """Whether days are made on demand instead of held in memory."""
-        return self._make is not None
+        return self._maker is not None
 
     @property
     def day(self) -> NDArray[np.int64]:
@@ -105,12 +111,12 @@ class Samples:
 
     @property
     def time_zone(self) -> str:
-        """The time zone of ``start``; blank if unknown."""
+        """Time zone of ``start``; blank if unknown."""
         return self._time_zone
 
     @property
     def clock_zone(self) -> str | None:
-        """The time zone of ``start``, blank if it has none; None if nothing is known of the clock."""
+        """Time zone of ``start``, blank if it has none; None if the clock is unknown."""
         return self._time_zone or (None if self.start is None else "")
 
     @property
@@ -120,15 +126,14 @@ class Samples:
 
     @property
     def series(self) -> dict[str, Array]:
-        """All series by name, each float64 (n_days, n_steps), read-only; all days of a stream are made for it."""
-        if self._make is None:
+        """All series by name, each float64 (n_days, n_steps), read-only; makes all days of a stream."""
+        if self._maker is None:
             return {str(name): np.atleast_2d(values.values) for name, values in self._ds.data_vars.items()}
         needed, available = 8 * len(BOUNDARY_SERIES) * self.n_days * self.n_steps, available_memory()
         if needed > available:
-            raise InputError(
-                f"series of {self.n_days} days of {self.n_steps:,} s take {format_bytes(needed)} of memory, {format_bytes(available)} "
-                "are available: take a day at a time with of_day, or some days with isel"
-            )
+            sizes = f"take {format_bytes(needed)} of memory, {format_bytes(available)} are available"
+            cure = "take a day at a time with of_day, or some days with isel"
+            raise InputError(f"series of {self.n_days} days of {self.n_steps:,} s {sizes}: {cure}", "series", "size")
         arrays = {name: np.empty((self.n_days, self.n_steps)) for name in BOUNDARY_SERIES}
         for k in range(self.n_days):
             for name, values in self.of_day(k).items():
@@ -136,56 +141,53 @@ class Samples:
         return {name: freeze(values) for name, values in arrays.items()}
 
     def of_day(self, k: int) -> dict[str, Array]:
-        """The series of one day by position, each float64 (n_steps,), read-only."""
+        """Return the series of one day by position, each float64 (n_steps,), read-only."""
         k = require_integer("k", k, 0, self.n_days - 1)
-        rows, _ = self.made(k)
-        if self._make is not None and self.has_summary and day_digest(int(self.day[k]), rows) != self.day_sha256[k]:
-            raise InputError(
-                f"make gives other samples for day {self.day[k]} than before: it must give the same each time, draw "
-                "random numbers from a generator that is seeded with the label"
-            )
+        rows, _ = self.make_day(k)
+        if self._maker is not None and self.has_summary and day_digest(int(self.day[k]), rows) != self.day_sha256[k]:
+            cure = "it must give the same each time, draw random numbers from a generator that is seeded with the label"
+            raise InputError(f"make gives other samples for day {self.day[k]} than before: {cure}", "make", "code")
         return rows
 
-    def made(self, k: int) -> tuple[dict[str, Array], int]:
-        """The series of a day, and how many of its seconds a stream finds to be off for want of air flow."""
-        if self._make is None:
+    def make_day(self, k: int) -> tuple[dict[str, Array], int]:
+        """Return the series of a day and, of a stream, its number of seconds that are off because no air flows."""
+        if self._maker is None:
             return {name: values[k] for name, values in self.series.items()}, 0
         label, start = int(self.day[k]), None if self.start is None else self.start[k]
         known_labels = SeriesLabels(day=np.asarray(label), start=start, time_zone=self.clock_zone)
-        return read_day(self._make(k), self.n_steps, known_labels)
+        return read_day(self._maker(k), self.n_steps, known_labels)
 
     @property
     def has_summary(self) -> bool:
         """Whether ranges and digests are known: those of a stream take a pass over all its days."""
-        return "_survey" in self.__dict__
+        return "_summary" in self.__dict__
 
     @property
     def extremes(self) -> dict[str, tuple[float, float]]:
-        """Least and largest value of each series; a stream makes all its days for it, once."""
-        return dict(self._survey.extremes)
+        """Least and largest value of each series; makes all days of a stream, once."""
+        return dict(self._summary.extremes)
 
     @property
     def sha256(self) -> str:
         """Digest of the day labels and of every name and sample; the clock does not count."""
-        return self._survey.sha256
+        return self._summary.sha256
 
     @property
     def day_sha256(self) -> list[str]:
         """Digest of each day's label and samples."""
-        return list(self._survey.day_sha256)
+        return list(self._summary.day_sha256)
 
     @cached_property
-    def _survey(self) -> SampleSummary:
+    def _summary(self) -> SampleSummary:
         is_small = self.n_days * self.n_steps <= LARGE_BOUNDARY_SAMPLES
         extremes: dict[str, tuple[float, float]] = {}
-        hashes, kept_rows, n_stopped, dampest_so_far = [], [], 0, (0.0, "")
+        hashes, kept_rows, n_stopped, dampest = [], [], 0, (0.0, "")
         for k, label in enumerate(self.day.tolist()):
-            rows, seconds = self.made(k)
+            rows, seconds = self.make_day(k)
             n_stopped += seconds
             hashes.append(day_digest(label, rows))
-            dampest_so_far = dampest_sample(
-                rows["T_a_in"], rows["W_a_in"], f" of day {label}" if self.has_day_dim else "", dampest_so_far
-            )
+            place = f" of day {label}" if self.has_day_dim else ""
+            dampest = dampest_sample(rows["T_a_in"], rows["W_a_in"], place, dampest)
             for name, values in rows.items():
                 low, high = extremes.get(name, (np.inf, -np.inf))
                 extremes[name] = min(low, float(values.min())), max(high, float(values.max()))
@@ -193,21 +195,17 @@ class Samples:
                 kept_rows.append(rows)
         warn_of_no_air_flow(n_stopped)
         if not is_small:
-            return SampleSummary(
-                extremes, boundary_digest(self, 2, (day_hash.encode() for day_hash in hashes)), hashes, dampest_so_far
-            )
-        arrays_by_name = ((name, [rows[name] for rows in kept_rows]) for name in names_to_hash(extremes))
-        named_bytes = (
-            (name.encode(), np.stack(rows, dtype="<f8").data) for name, rows in arrays_by_name
-        )  # one at a time
-        return SampleSummary(
-            extremes, boundary_digest(self, 1, chain.from_iterable(named_bytes)), hashes, dampest_so_far
+            return SampleSummary(extremes, boundary_digest(self, 2, map(str.encode, hashes)), hashes, dampest)
+        named_bytes = (  # one at a time
+            (name.encode(), np.stack([rows[name] for rows in kept_rows], dtype="<f8").data)
+            for name in names_to_hash(extremes)
         )
+        return SampleSummary(extremes, boundary_digest(self, 1, chain.from_iterable(named_bytes)), hashes, dampest)
 
     @property
     def dampest(self) -> tuple[float, str]:
-        """The sample of entering air that is nearest to saturation, see ``SampleSummary``."""
-        return self._survey.dampest
+        """Sample of entering air that is nearest to saturation, see ``SampleSummary``."""
+        return self._summary.dampest
 
     @property
     def extent(self) -> str:
@@ -218,7 +216,7 @@ class Samples:
         return text
 
     def describe(self) -> str:
-        """One line: the length, the days, and the range of every series that is not at its default."""
+        """Return one line: length, days, and the range of every series that is not at its default."""
         ranges = []
         for name, (low, high) in self.non_default_extremes.items():
             unit = "" if BOUNDARY_SERIES[name].unit == "1" else f" {BOUNDARY_SERIES[name].unit}"
@@ -227,7 +225,7 @@ class Samples:
 
     @property
     def non_default_extremes(self) -> dict[str, tuple[float, float]]:
-        """The ranges of the series that are not at their default throughout."""
+        """Ranges of the series that are not at their default throughout."""
         return {n: ends for n, ends in self.extremes.items() if ends != (BOUNDARY_SERIES[n].default,) * 2}
 
     def __eq__(self, other: object) -> bool:
@@ -240,12 +238,12 @@ class Samples:
 
     @property
     def maker(self) -> DayMaker:
-        """Makes its days again, for a stream of other days."""
-        return self._make or self.of_day
+        """Function that makes its days again, for a stream of other days."""
+        return self._maker or self.of_day
 
 
 def boundary_dataset(series: Mapping[str, Array], day: NDArray[Any], n_steps: int, clock: Clock) -> xr.Dataset:
-    """The Dataset of a boundary: series, (n_days, n_steps) each; none of a stream."""
+    """Return the Dataset of a boundary: series, (n_days, n_steps) each; none of a stream."""
     dims, row = (("day",), slice(None)) if day.ndim else ((), 0)
     seconds = np.arange(float(n_steps))
     ds = xr.Dataset(
@@ -263,13 +261,13 @@ def boundary_dataset(series: Mapping[str, Array], day: NDArray[Any], n_steps: in
 
 
 def with_day_dim(ds: xr.Dataset) -> xr.Dataset:
-    """The Dataset of a boundary with the dim ``day``."""
+    """Return the Dataset of a boundary with the dim ``day``."""
     clock = [name for name in ("start",) if name in ds.coords]
     return ds if "day" in ds.dims else ds.reset_coords(clock).expand_dims("day").set_coords(clock)
 
 
 def series_variables(series: Mapping[str, Array]) -> dict[str, xr.Variable]:
-    """Series, (n_days, n_steps) or (n_steps,), with dims, units and long names."""
+    """Give series, (n_days, n_steps) or (n_steps,), their dims, units and long names."""
     variables = {}
     for name, values in series.items():
         definition = BOUNDARY_SERIES[name]
@@ -284,49 +282,49 @@ def series_variables(series: Mapping[str, Array]) -> dict[str, xr.Variable]:
 
 
 def make_labelled_day(make: Callable[[int], DaySeries], labels: NDArray[np.int64], k: int) -> DaySeries:
-    """A day that a user's function makes from its label."""
+    """Call a user's function for the day of a label."""
     label = int(labels[k])
     try:
         return make(label)
     except InputError as error:
-        raise InputError([f"day {label}: {problem}" for problem in error.problems]) from None
+        raise InputError([problem.prefixed(f"day {label}: ") for problem in error.problems]) from None
     except Exception as error:  # a user's function may raise anything
-        cure = "it must give the series of every day"
-        raise InputError(f"make fails for day {label}, {short_repr(error)}: {cure}") from error
+        sentence = f"make fails for day {label}, {short_repr(error)}: it must give the series of every day"
+        raise InputError(sentence, "make", "code") from error
 
 
 def replace_series(make: DayMaker, replacements: Mapping[str, LabelledSeries | None], k: int) -> DaySeries:
-    """A day of which some series are given; None goes back to the default."""
-    return {
-        **make(k),
-        **{name: None if replacement is None else replacement.of_day(k) for name, replacement in replacements.items()},
-    }
+    """Make a day and replace some of its series; None goes back to the default."""
+    return {**make(k), **{name: None if entry is None else entry.of_day(k) for name, entry in replacements.items()}}
 
 
 def pick_day(makers: Sequence[DayMaker], maker_index: Index, position: Index, k: int) -> DaySeries:
-    """A day of others: of the ``maker_index`` of each, the one ``position`` a position, both (n_days,)."""
+    """Make day ``k`` by the maker ``maker_index[k]`` from its day ``position[k]``."""
     make: DayMaker = makers[maker_index[k]]
     return make(int(position[k]))
 
 
 def read_day(day_series: DaySeries, n_steps: int, known_labels: SeriesLabels) -> tuple[dict[str, Array], int]:
-    """A day that was made as series of (n_steps,), and how many seconds have no air flow; mistakes name the day."""
+    """Check a day, series of (n_steps,), and count the seconds without air flow; mistakes name the day."""
     label = int(np.asarray(known_labels.day))
-    require_mapping(f"what make gives for day {label}", day_series, "give a mapping of series by name, such as a dict")
-    unknown, names = [name for name in day_series if name not in BOUNDARY_SERIES], ", ".join(BOUNDARY_SERIES)
-    raise_problems(
-        [f"make gives {short_repr(n)} for day {label}{did_you_mean(n, BOUNDARY_SERIES)}: use {names}" for n in unknown]
-    )
+    if not isinstance(day_series, Mapping) or not all(isinstance(name, str) for name in day_series):
+        sentence = f"what make gives for day {label} = {short_repr(day_series)}"
+        raise InputError(f"{sentence}: give a mapping of series by name, such as a dict", "make", "type")
+    raise_problems([
+        Problem(f"make gives {short_repr(name)} for day {label}{did_you_mean(name, BOUNDARY_SERIES)}: use "
+                f"{', '.join(BOUNDARY_SERIES)}", name, "name")
+        for name in day_series if name not in BOUNDARY_SERIES
+    ])  # fmt: skip
     problems: list[str] = []
     series = {name: day_series.get(name) for name in BOUNDARY_SERIES}
     entries, _ = read_series(series, problems, known_labels=known_labels._replace(n_steps=n_steps))
-    raise_problems([f"day {label}: {problem}" for problem in problems])
-    rows, n_stopped = complete_series(entries, 1, n_steps, enabled_follows_air=day_series.get("enabled") is None)
+    raise_problems([problem.prefixed(f"day {label}: ") for problem in InputError(problems).problems])
+    rows, n_stopped = complete_series(entries, 1, n_steps, enabled_by_air=day_series.get("enabled") is None)
     return {name: freeze(values[0]) for name, values in rows.items()}, n_stopped
 
 
 def dampest_sample(T: Array, W: Array, day: str, dampest_so_far: tuple[float, str]) -> tuple[float, str]:
-    """``Survey.dampest`` of a day, (n_steps,) each, or ``dampest_so_far`` if that is nearer to saturation."""
+    """Return ``SampleSummary.dampest`` of a day, (n_steps,) each, or ``dampest_so_far`` if nearer to saturation."""
     ratio = W / (MASS_RATIO + W)
     if ratio.max() / liquid_saturation_pressure(T.min()) <= dampest_so_far[0]:  # no sample can be nearer
         return dampest_so_far
@@ -336,20 +334,20 @@ def dampest_sample(T: Array, W: Array, day: str, dampest_so_far: tuple[float, st
 
 
 def freeze(values: NDArray[Any]) -> NDArray[Any]:
-    """The array, read-only from now on."""
+    """Make an array read-only."""
     values.flags.writeable = False
     return values
 
 
 def day_digest(label: int, rows: Mapping[str, Array]) -> str:
-    """Hash of a day: of its label, and of its samples, second by second."""
+    """Hash the label of a day and its samples, second by second."""
     digest = hashlib.sha256(f"{label} ".encode())
     digest.update(np.stack([rows[name] for name in names_to_hash(rows)], axis=1).data)
     return digest.hexdigest()
 
 
 def boundary_digest(days: Samples, version: int, parts: Iterable[Any]) -> str:
-    """Hash of the day labels and of the bytes of all parts."""
+    """Hash the day labels and the bytes of all parts."""
     digest = hashlib.sha256(f"boundary {version} {days.has_day_dim} {days.n_days} {days.n_steps}".encode())
     digest.update(days.day.astype("<i8").tobytes())
     for part in parts:
@@ -358,6 +356,6 @@ def boundary_digest(days: Samples, version: int, parts: Iterable[Any]) -> str:
 
 
 def names_to_hash(series: Mapping[str, Any]) -> list[str]:
-    """The series, given by their values or ranges, that count; one of ``ADDED_SERIES`` only where it does something."""
+    """Return the names that count of series with values or ranges: ``ADDED_SERIES`` only if not at their default."""
     default = {name: BOUNDARY_SERIES[name].default for name in ADDED_SERIES}
     return [n for n, values in series.items() if n not in default or np.any(np.asarray(values) != default[n])]

@@ -1,12 +1,11 @@
-"""What a user gives of a boundary, its series, the clock of its days and numbers that describe a day, and the checks.
+"""Input of a boundary and its checks: series, the clock of the days, numbers that describe a day.
 
-All labels must agree.  A loop without air flow is not in operation: its seconds count in no
-metric, and a warning says so.
+All labels must agree.  A loop without air flow is off: these seconds count in no metric, and a warning says so.
 """
 
 import math
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from datetime import UTC, date, datetime, timedelta
 from itertools import islice
 from typing import Any, NamedTuple, TypeAlias, cast
@@ -22,24 +21,25 @@ from fastcoil.base.arguments import (
     to_builtin,
 )
 from fastcoil.base.arrays import Array
-from fastcoil.base.errors import InputError, WrongTypeMessage, short_repr
+from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.logs.series import COLUMNS, Series
 from fastcoil.logs.timestamps import format_utc_offset, require_time_zone, time_zone_from_name
 from fastcoil.loops.labelled import SeriesLabels, as_data_array, convert_units, label_mismatches, read_series_labels
-from fastcoil.model.parameter_table import PARAMETERS, Parameter
+from fastcoil.model.parameter_table import COVERED, PARAMETERS, Parameter
 
 Values: TypeAlias = Any
-"""A series as a user gives it: a number, array-like or DataArray; checked at run time."""
+"""A series in an argument: a number, array-like or DataArray; checked at run time."""
 
-ADDED_SERIES = ("backlash_scale",)  # they count in a digest only where they do something
-_SERIES_NAMES = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set", "noise", "enabled", *ADDED_SERIES)
-BOUNDARY_SERIES = {name: COLUMNS[name] for name in _SERIES_NAMES}
+ADDED_SERIES = ("backlash_scale",)  # count in a digest only where they differ from their default
+BOUNDARY_SERIES = {
+    name: COLUMNS[name] for name in ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set", "noise", "enabled", *ADDED_SERIES)
+}
 """Every series of a `Boundary` by name."""
-LARGEST_DAY_LABEL = 2**32 - 1
+LARGEST_DAY_LABEL = 2**32 - 1  # a label is one 32-bit word of the key of the noise
 
 
 class LabelledSeries(NamedTuple):
-    """One series as read: dims (of ``day``, ``elapsed_time``), values in our unit, and what its labels say."""
+    """One series as read: dims (of ``day``, ``elapsed_time``), values in the unit of the table, and labels."""
 
     dims: tuple[str, ...]
     values: Array
@@ -60,41 +60,37 @@ _NO_LABELS = SeriesLabels()
 def read_series(
     values: Mapping[str, Values], problems: list[str], *, day: Values = None, known_labels: SeriesLabels = _NO_LABELS
 ) -> tuple[dict[str, LabelledSeries], SeriesLabels]:
-    """Series as a user gives them in our units, and what their labels and sizes say of all of them.
+    """Convert series to the units of the tables; return them and the labels and sizes common to all of them.
 
-    Mistakes are added to ``problems``, a sentence each.  Labels that series carry must be alike, and as ``known_labels``;
-    ``day`` replaces those of days.
+    Mistakes are added to ``problems``.  Labels of the series must agree with each other and with ``known_labels``;
+    ``day`` replaces the labels of days.
     """
     series: dict[str, LabelledSeries] = {}
     for name, value in values.items():
         with collect_problems(problems):
             series[name] = _read_one(COLUMNS[name], value)
-    if known_labels.time_zone:  # times without a zone are on the clock of the boundary
-        without_zone = [name for name, entry in series.items() if entry.labels.time_zone == ""]
-        series |= {
-            name: series[name]._replace(labels=series[name].labels._replace(time_zone=None)) for name in without_zone
-        }
+    for name, entry in series.items():
+        if known_labels.time_zone and entry.labels.time_zone == "":  # is on the clock of the boundary
+            series[name] = entry._replace(labels=entry.labels._replace(time_zone=None))
     if known_labels.day is not None:
         known_labels = known_labels._replace(n_days=known_labels.day.size)
     common = SeriesLabels()
-    for field, text, cure in _LABEL_SENTENCES:
-        boundary_label = getattr(known_labels, field)
-        values_of_label = ({} if boundary_label is None else {"the boundary": boundary_label}) | _labels_by_series(
-            series, field
-        )
-        problems += label_mismatches(text, values_of_label, cure)
-        common = common._replace(**{field: next(iter(values_of_label.values()), None)})
+    for field, text, cure, code in _LABEL_SENTENCES:
+        known = getattr(known_labels, field)
+        labels = ({} if known is None else {"the boundary": known}) | _labels_by_series(series, field)
+        problems += label_mismatches(text, labels, cure, code)
+        common = common._replace(**{field: next(iter(labels.values()), None)})
     day_labels = common.day if day is None else day
     if day_labels is not None:
         day_labels = label_array(day_labels, problems)
     if day is not None and day_labels is not None and known_labels.day is None:
-        problems += label_mismatches(
-            "day {}", {"day": day_labels} | _labels_by_series(series, "day"), "leave day out, or give bare arrays"
-        )
+        labels = {"day": day_labels} | _labels_by_series(series, "day")
+        problems += label_mismatches("day {}", labels, "leave day out, or give bare arrays", "shape")
     if day_labels is None:
         day_labels = np.arange(common.n_days) if common.n_days else np.asarray(0)
     elif common.n_days is not None and day_labels.size != common.n_days:
-        problems.append(f"day has {day_labels.size} labels for {common.n_days} days: give one label for each day")
+        sentence = f"day has {day_labels.size} labels for {common.n_days} days: give one label for each day"
+        problems.append(Problem(sentence, "day", "shape"))
     elif any("day" in entry.dims for entry in series.values()):
         day_labels = np.atleast_1d(day_labels)
     for name, entry in series.items():
@@ -103,35 +99,31 @@ def read_series(
 
 
 _LABEL_SENTENCES = (
-    ("n_steps", "{} samples", "give every series the same number"),
-    ("n_days", "{} days", "give every series the same number"),
-    ("day", "day {}", "align them, or give bare arrays"),
-    ("second", "its first sample at elapsed_time {} s", "align them, or drop_vars('elapsed_time')"),
-    ("start", "its first sample at {}", "align them, or give bare arrays"),
-    ("time_zone", "the time zone {}", "align them, or convert to one zone"),
+    ("n_steps", "{} samples", "give every series the same number", "shape"),
+    ("n_days", "{} days", "give every series the same number", "shape"),
+    ("day", "day {}", "align them, or give bare arrays", "shape"),
+    ("second", "its first sample at elapsed_time {} s", "align them, or drop_vars('elapsed_time')", "time"),
+    ("start", "its first sample at {}", "align them, or give bare arrays", "time"),
+    ("time_zone", "the time zone {}", "align them, or convert to one zone", "time"),
 )
-"""Labels of a ``SeriesLabels``, in words, and what to do where they differ."""
+"""Labels of a ``SeriesLabels``: words for them, the cure and the code where they differ."""
 
 
 def _labels_by_series(series: Mapping[str, LabelledSeries], field: str) -> dict[str, Any]:
-    """What series say of a label; those with several days first."""
+    """Return one label of the series that have it, those with several days first."""
     labels = {name: label for name, entry in series.items() if (label := getattr(entry.labels, field)) is not None}
     return dict(sorted(labels.items(), key=lambda item: np.ndim(item[1]) == 0))
 
 
 def complete_series(
-    series: Mapping[str, LabelledSeries], n_days: int, n_steps: int, *, enabled_follows_air: bool
+    series: Mapping[str, LabelledSeries], n_days: int, n_steps: int, *, enabled_by_air: bool
 ) -> tuple[dict[str, Array], int]:
-    """All series, (n_days, n_steps), and the samples that are off for want of air flow where it decides ``enabled_follows_air``."""
+    """Return all series, (n_days, n_steps), and the number of samples that are off because no air flows."""
     arrays = {name: values.broadcast(n_days, n_steps) for name, values in series.items()}
-    n_stopped = 0
-    if enabled_follows_air:
-        is_flowing = arrays["m_a"] > 0.0
-        arrays["enabled"], n_stopped = (
-            is_flowing.astype(np.float64),
-            int(is_flowing.size - np.count_nonzero(is_flowing)),
-        )
-    return arrays, n_stopped
+    if not enabled_by_air:
+        return arrays, 0
+    arrays["enabled"] = (arrays["m_a"] > 0.0).astype(np.float64)
+    return arrays, int(np.count_nonzero(arrays["enabled"] == 0.0))
 
 
 def warn_of_no_air_flow(seconds: int) -> None:
@@ -145,20 +137,17 @@ def warn_of_no_air_flow(seconds: int) -> None:
 
 
 def label_array(day: Values, problems: list[str]) -> NDArray[Any] | None:
-    """Day labels as an array; None, and a problem, if they are not distinct whole numbers."""
+    """Convert day labels to an array; None, and a problem, if they are not distinct whole numbers."""
     cure = f"give whole numbers from 0 to {LARGEST_DAY_LABEL}, one a day"
     with collect_problems(problems):
         labels = require_array("day", day, cure)
-        as_float = labels.astype(np.float64)
-        if (
-            labels.ndim > 1
-            or not labels.size
-            or np.any((as_float % 1 != 0) | (as_float < 0) | (as_float > LARGEST_DAY_LABEL))
-        ):
-            raise InputError(f"day = {short_repr(day)}: {cure}")
+        wide = labels.astype(np.float64)
+        if labels.ndim > 1 or not labels.size or np.any((wide % 1 != 0) | (wide < 0) | (wide > LARGEST_DAY_LABEL)):
+            raise InputError(f"day = {short_repr(day)}: {cure}", "day", "value")
         values, counts = np.unique(labels, return_counts=True)
         if counts.max() > 1:
-            raise InputError(f"day label {values[counts.argmax()]} appears twice: give each day its own label")
+            sentence = f"day label {values[counts.argmax()]} appears twice: give each day its own label"
+            raise InputError(sentence, "day", "duplicate")
         return labels
     return None
 
@@ -166,19 +155,20 @@ def label_array(day: Values, problems: list[str]) -> NDArray[Any] | None:
 def _read_one(series: Series, value: Values) -> LabelledSeries:
     if value is None:
         if series.default is None:
-            raise InputError(f"{series.name} is missing: give the {series.long_name} ({series.known_units})")
+            sentence = f"{series.name} is missing: give the {series.long_name} ({series.known_units})"
+            raise InputError(sentence, series.name, "missing")
         value = series.default
     array = as_data_array(series.name, value, "elapsed_time")
     if array is not None:
         labels = read_series_labels(series.name, array)
         dims = tuple(dim for dim in ("day", "elapsed_time") if dim in array.dims)
         _float_array(series, array.values)
-        return LabelledSeries(
-            dims, _float_array(series, convert_units(series.name, array.transpose(*dims), series.units)), labels
-        )
+        values = _float_array(series, convert_units(series.name, array.transpose(*dims), series.units))
+        return LabelledSeries(dims, values, labels)
     values = _float_array(series, value)
     if values.ndim > 2:
-        raise InputError(f"{series.name} has {values.ndim} dimensions: give (seconds) or (days, seconds)")
+        sentence = f"{series.name} has {values.ndim} dimensions: give (seconds) or (days, seconds)"
+        raise InputError(sentence, series.name, "shape")
     sizes = dict(zip(("n_days", "n_steps")[2 - values.ndim :], values.shape, strict=True))
     return LabelledSeries(("day", "elapsed_time")[2 - values.ndim :], values, SeriesLabels(**sizes))
 
@@ -186,12 +176,12 @@ def _read_one(series: Series, value: Values) -> LabelledSeries:
 def _float_array(series: Series, value: Values) -> Array:
     values = require_array(series.name, value, "give numbers", "iufb" if series.whole else "iuf")
     if values.size == 0:
-        raise InputError(f"{series.name} is empty: give at least one 1-s sample")
+        raise InputError(f"{series.name} is empty: give at least one 1-s sample", series.name, "shape")
     with np.errstate(over="ignore"):  # a number that overflows is refused as infinite
         return values.astype(np.float64)
 
 
-def _value_problems(series: Series, entry: LabelledSeries, labels: NDArray[Any]) -> list[str]:
+def _value_problems(series: Series, entry: LabelledSeries, labels: NDArray[Any]) -> list[Problem]:
     is_bad = series.is_bad(entry.values)
     if not is_bad.any():
         return []
@@ -201,7 +191,8 @@ def _value_problems(series: Series, entry: LabelledSeries, labels: NDArray[Any])
     if "day" in index_by_dim:
         i = index_by_dim["day"]
         text += f" of day {labels[i] if labels.ndim and i < labels.size else i}"
-    return [series.describe_bad_value(float(entry.values[position]), text, int(is_bad.sum()))]
+    sentence = series.describe_bad_value(float(entry.values[position]), text, int(is_bad.sum()))
+    return [Problem(sentence, series.name, "value")]
 
 
 Times: TypeAlias = NDArray[np.datetime64]
@@ -212,7 +203,7 @@ _CURE = "give a date and time such as '2024-07-01T08:00', one for each day or on
 
 
 class Clock(NamedTuple):
-    """When days start, (n_days,), on the clock of a time zone; None and blank if unknown."""
+    """Starts of the days, (n_days,), on the clock of a time zone; None and blank if unknown."""
 
     start: Times | None = None
     time_zone: str = ""
@@ -221,9 +212,9 @@ class Clock(NamedTuple):
 def make_clock(
     start: Any, time_zone: Any, day: NDArray[Any], n_steps: int, series_labels: SeriesLabels = _NO_LABELS
 ) -> Clock:
-    """The clock of a boundary; one start is that of the first of consecutive days of 24 h.
+    """Return the clock of a boundary; one start is that of the first of consecutive days of 24 h.
 
-    day: labels of its days.  carried: what its series say; that stands in for what is not given, or must agree.
+    day: labels of its days.  series_labels: of its series; they stand in for what is not given, or must agree.
     """
     zone = require_time_zone("time_zone", time_zone)
     if start is None and series_labels.start is None:
@@ -234,31 +225,33 @@ def make_clock(
     elif hasattr(start, "to_numpy") and hasattr(start, "dtype"):  # of xarray or pandas
         array = as_data_array("start", start, "day") if hasattr(start, "dims") else None
         labels = {} if array is None or "day" not in array.coords else {"start": array["day"].values}
-        raise_problems(label_mismatches("day {}", {"the boundary": day} | labels, "align them"))
+        raise_problems(label_mismatches("day {}", {"the boundary": day} | labels, "align them", "shape"))
         zones["start"] = require_time_zone("time_zone", getattr(start, "attrs", {}).get("time_zone"))
         start = start.to_numpy()
     zones = {name: item for name, item in zones.items() if item}
-    raise_problems(label_mismatches("the time zone {}", zones, "convert to one zone"))
+    raise_problems(label_mismatches("the time zone {}", zones, "convert to one zone", "time", "time_zone"))
     is_list = isinstance(start, (list, tuple)) or (isinstance(start, np.ndarray) and start.ndim)
     items = start if is_list else [start]
     times = [_parse_time(item[()] if isinstance(item, np.ndarray) else item) for item in items]
     if len(times) not in (1, day.size):
-        raise InputError(f"start has {len(times)} times for {day.size} days: {_CURE}")
+        raise InputError(f"start has {len(times)} times for {day.size} days: {_CURE}", "start", "shape")
     zone = _resolve_zone(times, next(iter(zones.values()), ""))
+    cure = f"clocks of {zone} are put forward over that time: give one that they show"
     raise_problems([
-        f"start = {short_repr(str(time))}: clocks of {zone} are put forward over that time: give one that they show"
+        Problem(f"start = {short_repr(str(time))}: {cure}", "start", "time")
         for time in times
         if time.tzinfo is None and _is_skipped_time(time, zone)
     ])  # fmt: skip
     starts = _round_to_seconds(np.array([time.replace(tzinfo=None) for time in times], dtype="datetime64[us]"))
     if series_labels.start is not None:
         start_times = {"start": starts, "the first sample": _round_to_seconds(np.atleast_1d(series_labels.start))}
-        raise_problems(label_mismatches("the time {}", start_times, "leave start out, or give bare arrays"))
+        raise_problems(
+            label_mismatches("the time {}", start_times, "leave start out, or give bare arrays", "time", "start")
+        )
     if len(times) < day.size:
         if n_steps > 86400:
-            raise InputError(
-                f"start = {short_repr(start)}: days of {n_steps / 3600:g} h overlap, give one start for each"
-            )
+            sentence = f"start = {short_repr(start)}: days of {n_steps / 3600:g} h overlap, give one start for each"
+            raise InputError(sentence, "start", "time")
         starts = starts[0] + np.arange(day.size) * np.timedelta64(86400, "s")
     return Clock(starts, zone)
 
@@ -269,11 +262,10 @@ def _round_to_seconds(times: Any) -> Times:
 
 def is_clock_changed(time_zone: str, start: np.datetime64, n_steps: int) -> bool:
     """Whether clocks of the zone are changed within ``n_steps`` s of ``start``, or may show it twice."""
-    first_time = cast(datetime, start.astype(DATETIME_SECONDS).item())
     zone = time_zone_from_name(time_zone or "UTC")
-    first_local = first_time.replace(tzinfo=zone)
-    last_local = (first_local.astimezone(UTC) + timedelta(seconds=n_steps - 1)).astimezone(zone)
-    return len({first_local.utcoffset(), first_local.replace(fold=1).utcoffset(), last_local.utcoffset()}) > 1
+    first = cast(datetime, start.astype(DATETIME_SECONDS).item()).replace(tzinfo=zone)
+    last = (first.astimezone(UTC) + timedelta(seconds=n_steps - 1)).astimezone(zone)
+    return len({first.utcoffset(), first.replace(fold=1).utcoffset(), last.utcoffset()}) > 1
 
 
 def _is_skipped_time(local: datetime, time_zone: str) -> bool:
@@ -284,7 +276,7 @@ def _is_skipped_time(local: datetime, time_zone: str) -> bool:
 
 def _parse_time(value: Any) -> datetime:
     if not isinstance(value, (str, date, np.datetime64)):
-        raise InputError(WrongTypeMessage(f"start = {short_repr(value)}: {_CURE}"))
+        raise InputError(f"start = {short_repr(value)}: {_CURE}", "start", "type")
     try:
         time = datetime.fromisoformat(value.strip()) if isinstance(value, str) else value
     except ValueError:
@@ -294,29 +286,30 @@ def _parse_time(value: Any) -> datetime:
     if isinstance(time, date) and not isinstance(time, datetime):
         time = datetime(time.year, time.month, time.day)
     if not isinstance(time, datetime) or not YEAR_RANGE[0] <= time.year <= YEAR_RANGE[1]:
-        raise InputError(f"start = {short_repr(value)}: {_CURE}, of the years {YEAR_RANGE[0]} to {YEAR_RANGE[1]}")
+        sentence = f"start = {short_repr(value)}: {_CURE}, of the years {YEAR_RANGE[0]} to {YEAR_RANGE[1]}"
+        raise InputError(sentence, "start", "value")
     return time
 
 
 def _resolve_zone(times: list[datetime], zone: str) -> str:
-    """The zone, from the offsets that the times themselves have if it is not given."""
+    """Return the zone, from the UTC offsets of the times if it is not given."""
     offsets = {time.utcoffset() for time in times}
     if offsets == {None}:
         return zone
     for time in times if zone else []:
         if time.replace(tzinfo=time_zone_from_name(zone)).utcoffset() != time.utcoffset():
-            raise InputError(
-                f"start = {short_repr(str(time))} has another UTC offset than {zone} at that time: give local times"
-            )
+            sentence = f"start = {short_repr(str(time))} has another UTC offset than {zone} at that time"
+            raise InputError(f"{sentence}: give local times", "start", "conflict")
     zone_names = {getattr(time.tzinfo, "key", None) for time in times}
     if zone or (len(zone_names) == 1 and None not in zone_names):
         return zone or require_time_zone("the time zone of start", zone_names.pop())
     if len(offsets) > 1:
-        raise InputError("start has times of different UTC offsets, or some without: give local times, and time_zone")
+        sentence = "start has times of different UTC offsets, or some without: give local times, and time_zone"
+        raise InputError(sentence, "start", "conflict")
     return format_utc_offset(round(cast(timedelta, offsets.pop()).total_seconds() / 60))
 
 
-_CONDITION_BOUNDS: tuple[tuple[str, str, float, float], ...] = (
+_CONDITION_BOUNDS: tuple[tuple[str, str, float, float], ...] = (  # names, unit, least and largest value
     ("relative_humidity outdoor_fraction RH_return internal_load zone_spread", "1", 0.0, 1.0),
     ("W_return", "1", 0.0, 0.1),
     ("disturbances", "1", 0.0, 10.0),
@@ -333,19 +326,18 @@ _CONDITION_BOUNDS: tuple[tuple[str, str, float, float], ...] = (
     ("hours", "h", 0.0, 8760.0),
     ("m_a_design m_a_min outdoor_air_min", "kg s-1", 0.0, math.inf),
 )
-_ABOVE_0 = ("hours", "m_a_design", "m_a_min")
+_ABOVE_0 = ("hours", "m_a_design", "m_a_min")  # 0 itself is refused
 CONDITIONS = {
-    name: Parameter(name, "boundary", unit, None, "", least, most, open_lower=name in _ABOVE_0)
+    name: Parameter(name, "boundary", unit, None, "", least, most, open_lower=name in _ABOVE_0, theory=COVERED)
     for names, unit, least, most in _CONDITION_BOUNDS
     for name in names.split()
 } | {"pressure": PARAMETERS["pressure"]}
 """The numbers that describe a day, each with its unit and bounds."""
-_MAX_DAY_OF_YEAR = 366
-_MAX_ITEMS = 1_000_000
+_MAX_ITEMS = 1_000_000  # more days are a mistake, or an endless iterable
 
 
 def require_condition(name: str, value: Any) -> Any:
-    """A number that describes a day, within its bounds."""
+    """Return a number that describes a day if it is within its bounds."""
     number = to_builtin(value)
     if problem := CONDITIONS[name].problem(number):
         raise InputError(problem)
@@ -353,29 +345,35 @@ def require_condition(name: str, value: Any) -> Any:
 
 
 def hours_to_seconds(hours: float | None) -> int:
-    """``hours`` in seconds, or an `InputError` if they are not a whole number of them."""
+    """Convert ``hours`` to seconds; `InputError` if they are not a whole number of seconds."""
     hours = float(require_condition("hours", hours))
     seconds = round(hours * 3600)
     if abs(hours * 3600 - seconds) > 1e-6 or seconds < 1:
-        raise InputError(f"hours = {hours:g}: give a whole number of seconds (n / 3600)")
+        raise InputError(f"hours = {hours:g}: give a whole number of seconds (n / 3600)", "hours", "value")
     return seconds
 
 
 def require_items(name: str, value: object, cure: str) -> list[object]:
-    """The items of an iterable of at most ``_MAX_ITEMS``."""
+    """Return the items of an iterable, at most ``_MAX_ITEMS``."""
     if isinstance(value, str | bytes) or not isinstance(value, Iterable) or getattr(value, "ndim", 1) == 0:
-        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)}: {cure}"))
+        raise InputError(f"{name} = {short_repr(value)}: {cure}", name, "type")
     items = list(islice(value, _MAX_ITEMS + 1))
     if len(items) > _MAX_ITEMS:
-        raise InputError(f"{name} has more than {_MAX_ITEMS:,} items: give fewer")
+        raise InputError(f"{name} has more than {_MAX_ITEMS:,} items: give fewer", name, "size")
     return items
 
 
 def require_days_of_year(name: str, value: object) -> list[int]:
-    """Days of the year."""
-    cure = f"give whole numbers from 1 to {_MAX_DAY_OF_YEAR}"
+    """Return distinct days of the year, 1 to 366."""
     items = require_items(name, value, "give a list of days of the year")
-    days = [require_integer(name, item, 1, _MAX_DAY_OF_YEAR, cure) for item in items]
-    if not days or len(set(days)) < len(days):
-        raise InputError(f"{name} {'has a day twice' if days else 'is empty'}: give each day once")
+    days = [require_integer(name, item, 1, 366, "give whole numbers from 1 to 366") for item in items]
+    require_distinct(name, days, "a day", "give each day once")
     return days
+
+
+def require_distinct(name: str, items: Collection[object], noun: str, cure: str) -> None:
+    """Raise `InputError` unless there is at least one item, and none twice."""
+    if not items:
+        raise InputError(f"{name} is empty: {cure}", name, "missing")
+    if len(set(items)) < len(items):
+        raise InputError(f"{name} has {noun} twice: {cure}", name, "duplicate")

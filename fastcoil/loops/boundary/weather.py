@@ -1,4 +1,4 @@
-"""Days of hourly weather, and a year of it with the real operation of an air handler: schedule, economiser, resets.
+"""Days of hourly weather, and years of it with the operation of an air handler: schedule, economiser, resets.
 
 Sources of the defaults.  ASHRAE Guideline 36-2021, section 5.16.2.2: set-point from 13 to 18 degC (55 to 65 degF) over
 outdoor temperatures of 16 and 21 degC (60 and 70 degF); trim and respond from 10 min after the start, every 2 min, by
@@ -19,7 +19,7 @@ import numpy as np
 
 from fastcoil.base.arguments import argument_checks, require_integer, require_number, require_path, require_text
 from fastcoil.base.arrays import Array
-from fastcoil.base.errors import InputError, short_repr
+from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.logs.columns import require_name_mappings
 from fastcoil.logs.plausibility import find_supersaturation
 from fastcoil.loops.boundary.air_handler import check_settings, make_day_series, make_outdoors, make_settings
@@ -34,8 +34,6 @@ from fastcoil.loops.boundary.series import (
 from fastcoil.loops.boundary.weather_files import MAX_DATE_GAP_H, Weather, read_weather, warn_of_interpolation
 from fastcoil.model.moist_air import humidity_ratio, mix
 
-_FIRST_YEAR, _LAST_YEAR = 1970, 2199
-
 
 def _require_leap_year(year: int, weather: Weather, file: str) -> None:
     s = weather.series
@@ -44,23 +42,24 @@ def _require_leap_year(year: int, weather: Weather, file: str) -> None:
         is_leap = is_leap or bool(((s["month"] == 2) & (s["day"] == 29)).any())
     if isleap(year) != is_leap:
         has, right_year = ("a", "a leap year") if is_leap else ("no", "a year that is not a leap year")
-        raise InputError(f"year = {year}: {file} has {has} 29 February, give {right_year}")
+        raise InputError(f"year = {year}: {file} has {has} 29 February, give {right_year}", "year", "conflict")
 
 
 def _labels_between(first: date | None, last: date | None, available: range, year: int) -> list[int]:
-    """Days of the year from a date to another, across the end of the year if the last one comes first."""
+    """Return the days of the year from ``first`` to ``last``, across the end of the year if the last comes first."""
     low = first.timetuple().tm_yday if first else available[0]
     high = last.timetuple().tm_yday if last else available[-1]
     return list(range(low, high + 1)) if low <= high else [*range(low, 366 + isleap(year)), *range(1, high + 1)]
 
 
 def _dates_of_labels(labels: Sequence[int], first_year: int) -> list[date]:
-    """Dates of days of the year; a day before the one in front of it is one of the next year."""
+    """Return the dates of days of the year; a day below the one before it is one of the next year."""
     year, previous_label, dates = first_year, 0, []
     for label in labels:
         year += label < previous_label
         if isleap(first_year) and year != first_year:
-            raise InputError("days go on into the next year, but the weather has a 29 February: end at 12-31")
+            sentence = "days go on into the next year, but the weather has a 29 February: end at 12-31"
+            raise InputError(sentence, "days", "conflict")
         # in the next year it is the same date, whatever the number of the day
         dates.append((date(first_year, 1, 1) + timedelta(days=label - 1)).replace(year=year))
         previous_label = label
@@ -68,12 +67,13 @@ def _dates_of_labels(labels: Sequence[int], first_year: int) -> list[date]:
 
 
 def _parse_date(name: str, value: object, year: int) -> date:
-    """The date in a year of a text such as ``06-15``."""
+    """Read a date such as ``06-15`` in a year."""
     text = require_text(name, value)
     try:
         return datetime.strptime(f"{year}-{text.strip()}", "%Y-%m-%d").date()
     except ValueError:
-        raise InputError(f"{name} = {short_repr(text)}: give month and day of {year}, such as 06-15") from None
+        sentence = f"{name} = {short_repr(text)}: give month and day of {year}, such as 06-15"
+        raise InputError(sentence, name, "format") from None
 
 
 def _parse_holidays(name: str, value: object, year: int) -> set[tuple[int, int]]:
@@ -82,70 +82,45 @@ def _parse_holidays(name: str, value: object, year: int) -> set[tuple[int, int]]
 
 
 def _parse_hours(name: str, value: object) -> tuple[float, float]:
-    """First and last hour of a day, in whole seconds."""
+    """Return first and last hour of a day, in whole seconds."""
     cure = "give the hours of start and stop, such as 6, 20"
     pair = [require_number(name, hour, cure, least=0.0, most=24.0) for hour in require_items(name, value, cure)]
     if len(pair) != 2 or pair[1] - pair[0] < 0.25 or any(abs(3600 * h - round(3600 * h)) > 1e-6 for h in pair):
         cure = "give a start before the stop, a quarter of an hour at least, from 0 to 24, in whole seconds (n / 3600)"
-        raise InputError(f"{name} = {short_repr(value)}: {cure}")
+        raise InputError(f"{name} = {short_repr(value)}: {cure}", name, "value")
     return pair[0], pair[1]
 
 
+# fmt: off
 def weather_year(
-    path: str | Path,
-    *,
-    mode: str = "cooling",
-    year: int,
-    days: Sequence[int] | None = None,
-    first_date: str | None = None,
-    last_date: str | None = None,
-    fan_hours: Sequence[float] = (6.0, 20.0),
-    weekend_fan_hours: Sequence[float] | None = None,
+    path: str | Path, *, mode: str = "cooling", year: int, days: Sequence[int] | None = None,
+    first_date: str | None = None, last_date: str | None = None,
+    fan_hours: Sequence[float] = (6.0, 20.0), weekend_fan_hours: Sequence[float] | None = None,
     holidays: Sequence[str] | None = None,
-    m_a_design: float = 1.3,
-    m_a_min: float = 0.5,
-    outdoor_air_min: float = 0.25,
-    economiser: Literal["differential", "fixed", "none"] | None = None,
-    economiser_limit: float | None = None,
-    T_return: float | None = None,
-    RH_return: float | None = None,
-    T_balance: float | None = None,
-    T_design: float | None = None,
-    internal_load: float | None = None,
-    zones: int = 20,
-    zone_spread: float = 0.3,
-    set_point: Literal["fixed", "outdoor_reset", "trim_and_respond"] | None = None,
-    T_set: float | None = None,
-    T_set_min: float | None = None,
-    T_set_max: float | None = None,
-    T_out_min: float | None = None,
-    T_out_max: float | None = None,
-    trim: float | None = None,
-    respond: float | None = None,
-    respond_max: float | None = None,
-    ignored_requests: int | None = None,
-    trim_delay: int | None = None,
-    trim_interval: int | None = None,
-    water: Literal["fixed", "load", "outdoor"] = "fixed",
-    T_w_in: float | None = None,
-    T_w_min: float | None = None,
-    T_w_max: float | None = None,
-    T_out_w_min: float | None = None,
-    T_out_w_max: float | None = None,
-    disturbances: float = 1.0,
-    seed: int = 1,
-    pressure: float | None = None,
-    columns: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | None = None,
+    m_a_design: float = 1.3, m_a_min: float = 0.5, outdoor_air_min: float = 0.25,
+    economiser: Literal["differential", "fixed", "none"] | None = None, economiser_limit: float | None = None,
+    T_return: float | None = None, RH_return: float | None = None,
+    T_balance: float | None = None, T_design: float | None = None, internal_load: float | None = None,
+    zones: int = 20, zone_spread: float = 0.3,
+    set_point: Literal["fixed", "outdoor_reset", "trim_and_respond"] | None = None, T_set: float | None = None,
+    T_set_min: float | None = None, T_set_max: float | None = None,
+    T_out_min: float | None = None, T_out_max: float | None = None,
+    trim: float | None = None, respond: float | None = None, respond_max: float | None = None,
+    ignored_requests: int | None = None, trim_delay: int | None = None, trim_interval: int | None = None,
+    water: Literal["fixed", "load", "outdoor"] = "fixed", T_w_in: float | None = None,
+    T_w_min: float | None = None, T_w_max: float | None = None,
+    T_out_w_min: float | None = None, T_out_w_max: float | None = None,
+    disturbances: float = 1.0, seed: int = 1, pressure: float | None = None,
+    columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None,
 ) -> Boundary:
-    """Days of a weather year, of 24 h each, as an air handler sees them: a stream, made day by day.
+    # fmt: on
+    r"""Return days of a weather year, of 24 h each, with the operation of an air handler: a stream, made day by day.
 
     The weather is read as by `weather_day`; before the first row its values hold.  A day runs from midnight to midnight
-    in the standard time of the site, its label is the day of the year.  Outside its hours the fan stands (``m_a`` = 0)
-    and the loop is off (``enabled`` = 0); so it is where the mixture needs nothing of the coil: from less than 0.2 K
-    beyond the set-point on until it is more than 0.5 K.  The load, the zones and their requests are a stand-in for a
-    building, described with all formulas in docs/years.md.  Arguments left out take the
-    defaults of the mode, `DEFAULTS`.
+    in the standard time of the site, its label is the day of the year.  Outside its hours the fan is off (``m_a`` = 0)
+    and so is the loop (``enabled`` = 0).  The loop is also off where the mixture does not need the coil: from less than
+    0.2 K beyond the set-point until more than 0.5 K.  Load, zones and their requests are a stand-in for a building,
+    described with all formulas in docs/years.md.  Arguments left out take the defaults of the mode, `DEFAULTS`.
 
     Parameters
     ----------
@@ -154,14 +129,14 @@ def weather_year(
     mode
         ``cooling`` or ``heating``: of the coil.
     year
-        Whose days of the week and dates count.
+        Year of the dates and of the days of the week, 1970 to 2199.
     days
-        Days of the year, from 1; all if left out.  A day before the one in front of it is one of the next year.
+        Days of the year, from 1; by default all.  A day below the one before it is one of the next year.
     first_date, last_date
         Or month and day of the first and the last one, ``"06-01"``; also across the end of the year.
     fan_hours, weekend_fan_hours, holidays
-        Hours of start and stop of the fan, Monday to Friday, and Saturday and Sunday (it stands if left out); dates
-        such as ``"12-25"`` that are run like a Saturday or Sunday.
+        Hours of start and stop of the fan, Monday to Friday, and Saturday and Sunday (off by default); dates such as
+        ``"12-25"`` that are run like a Saturday or Sunday.
     m_a_design, m_a_min
         Air flow at full load and least air flow [kg/s].
     outdoor_air_min
@@ -172,12 +147,12 @@ def weather_year(
     T_return, RH_return
         Return air [degC, 1]; the zones have its temperature.
     T_balance, T_design
-        Outdoor temperatures [degC] at which the building's shell has no load and its full one.  Without ``T_design``
-        the one that 0.4 % of the hours of the file exceed, in heating fall below.
+        Outdoor temperatures [degC] at which the building's shell has no load and its full load.  ``T_design`` is by
+        default the temperature that 0.4 % of the hours of the file exceed, in heating fall below.
     internal_load
-        Load by people and devices as a share of the design load; in heating it is taken off.
+        Load by people and devices as a share of the design load; in heating it is subtracted.
     zones, zone_spread
-        Number of zones, and how far their loads lie apart, as a share of their mean.
+        Number of zones, and spread of their loads, as a share of their mean.
     set_point
         ``fixed`` (``T_set``), ``outdoor_reset`` (``T_set_max`` up to the outdoor temperature ``T_out_min``,
         ``T_set_min`` from ``T_out_max`` on, straight between) or ``trim_and_respond`` (the same, its ``T_set_max``
@@ -192,15 +167,33 @@ def weather_year(
         heating the other way round) or ``outdoor`` (``T_w_max`` up to the outdoor temperature ``T_out_w_min``,
         ``T_w_min`` from ``T_out_w_max`` on) [degC].
     disturbances, seed
-        Noise that is faster than hours, over that of `paper_day` (0: none); a whole number from 0 to 2**32 - 1 for it.
+        Noise faster than hours as a multiple of that of `paper_day` (0: none), and its seed, 0 to 2**32 - 1.
+
+    Returns
+    -------
+    Boundary
+        A stream along ``day``.
+
+    See Also
+    --------
+    weather_day, design_day
+
+    Examples
+    --------
+    >>> import fastcoil as fc
+    >>> rows = [f"{hour},{20 + hour % 24 / 2},12\n" for hour in range(1, 49)]
+    >>> with open("site.csv", "w") as file:
+    ...     file.writelines(["hour_of_year,T_drybulb_C,T_dewpoint_C\n", *rows])
+    >>> fc.weather_year("site.csv", year=2023, T_design=32.0).extent
+    '24 h x 2 days from 2023-01-01 00:00:00'
     """
     arguments = dict(locals())
     with argument_checks() as check:
         path = check(require_path, "path", path, "give the path of an EPW, TMY3 or CSV file")
         check(require_name_mappings, columns=columns, units=units)
         pressure = check.unless_none(require_condition, "pressure", pressure)
-        years = f"give a year from {_FIRST_YEAR} to {_LAST_YEAR}"
-        year = check(require_integer, "year", year, _FIRST_YEAR, _LAST_YEAR, years) or 2000  # refused below
+        cure = "give a year from 1970 to 2199"
+        year = check(require_integer, "year", year, 1970, 2199, cure) or 2000  # refused below
         labels = check.unless_none(require_days_of_year, "days", days)
         first = check.unless_none(_parse_date, "first_date", first_date, year)
         last = check.unless_none(_parse_date, "last_date", last_date, year)
@@ -209,7 +202,8 @@ def weather_year(
         holiday_dates = check.unless_none(_parse_holidays, "holidays", holidays, year) or set()
         chosen = check(check_settings, arguments)
         if days is not None and not (first_date is None and last_date is None):
-            check.problems.append("days and first_date, last_date are both given: give one of them")
+            sentence = "days and first_date, last_date are both given: give one of them"
+            check.problems.append(Problem(sentence, "days", "conflict"))
     weather = read_weather(path, columns, units, pressure)
     outdoors = make_outdoors(weather, pressure, path.name)
     _require_leap_year(year, weather, path.name)
@@ -219,7 +213,7 @@ def weather_year(
     if absent := [label for label in labels if label not in outdoors.days]:
         covered_text = f"{path.name} holds the whole days {outdoors.days[0]} to {outdoors.days[-1]} of the year"
         total_text = f" ({len(absent)} days in total)" if len(absent) > 1 else ""
-        raise InputError(f"days: {covered_text}, not {absent[0]}{total_text}: choose among them")
+        raise InputError(f"days: {covered_text}, not {absent[0]}{total_text}: choose among them", "days", "value")
     fan = {
         label: weekend if date.weekday() >= 5 or (date.month, date.day) in holiday_dates else weekday
         for label, date in zip(labels, dates, strict=True)
@@ -256,14 +250,14 @@ def weather_day(
     columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
 ) -> Boundary:
-    """Hourly weather, mixed with return air, as the air that enters the coil.
+    """Return days of hourly weather, mixed with return air, as the air that enters the coil.
 
-    The file is an EnergyPlus weather file (EPW), a TMY3 file or any CSV file, recognised by its content.
-    A row gives the values at the full hour it names (hour 1 is 01:00, in the standard time of the site; of several rows
-    an hour, the last one); between rows they run straight, and a warning says what this cannot show.  The humidity
-    comes from the dew point if the file has one, else from the relative humidity.  The mixture keeps dry air, water and
-    enthalpy.  The years in EPW and TMY3 files, which change from month to month, do not count; the days start at their
-    dates, in the time zone of the file.
+    The file is an EnergyPlus weather file (EPW), a TMY3 file or any CSV file, recognised by its content.  A row gives
+    the values at the full hour it names (hour 1 is 01:00, in the standard time of the site; of several rows an hour,
+    the last one), with straight lines between rows; a warning says what these cannot show.  The humidity comes from the
+    dew point if the file has one, else from the relative humidity.  The mixture keeps dry air, water and enthalpy.  The
+    years in EPW and TMY3 files, which change from month to month, are ignored; the days start at their dates, in the
+    time zone of the file.
 
     Parameters
     ----------
@@ -282,9 +276,18 @@ def weather_day(
         First hour as an hour of the year, from 1.  Or give ``month``, ``day`` and ``hour`` as in the file.  Or
         ``days``, several days of the year from 1, and ``hour``: a dim ``day`` with those labels.
     pressure
-        Barometric pressure [Pa]; that of the file if left out, 101325 if it has none.
+        Barometric pressure [Pa]; by default that of the file, or 101325 if it has none.
     columns, units
         Headers and units of a CSV file that differ from `WEATHER_COLUMNS`.
+
+    Returns
+    -------
+    Boundary
+        One day, or several along ``day``.
+
+    See Also
+    --------
+    weather_year, design_day
     """
     arguments = dict(locals())
     with argument_checks() as check:
@@ -296,18 +299,16 @@ def weather_day(
         W_return = check.unless_none(require_condition, "W_return", W_return)
         pressure = check.unless_none(require_condition, "pressure", pressure)
         bounds = {"start_hour": (1, 8784), "month": (1, 12), "day": (1, 31), "hour": (0, 24)}
-        date: dict[str, Any] = {
-            n: check.unless_none(require_integer, n, arguments[n], *ends) for n, ends in bounds.items()
-        }
+        date: dict[str, Any]
+        date = {n: check.unless_none(require_integer, n, arguments[n], *ends) for n, ends in bounds.items()}
         check(require_name_mappings, columns=columns, units=units)
         date["days"] = check.unless_none(require_days_of_year, "days", days)
     if (RH_return is None) == (W_return is None):
-        raise InputError("RH_return and W_return: give one of them")
+        code = "missing" if W_return is None else "conflict"
+        raise InputError("RH_return and W_return: give one of them", "RH_return", code)
     if W_return is not None and find_supersaturation({"W_a_in": W_return, "T_a_in": T_return})[1]:
-        raise InputError(
-            f"W_return = {W_return:g} is above saturation at T_return = {T_return:g} degC: give kg of water per kg of "
-            "dry air, such as 0.009"
-        )
+        sentence = f"W_return = {W_return:g} is above saturation at T_return = {T_return:g} degC"
+        raise InputError(f"{sentence}: give kg of water per kg of dry air, such as 0.009", "W_return", "unit")
     file = read_weather(path, columns, units, pressure)
     weather = file.series
     p = file.pressure(pressure)
@@ -317,10 +318,8 @@ def weather_day(
     for start in starts:
         end = start + (n_steps - 1) / 3600
         if start < low or end > high:
-            raise InputError(
-                f"{path.name} holds hours of the year {low:g} to {high:g}, not {start:g} to {end:g}: "
-                "start elsewhere, or take fewer hours"
-            )
+            sentence = f"{path.name} holds hours of the year {low:g} to {high:g}, not {start:g} to {end:g}"
+            raise InputError(f"{sentence}: start elsewhere, or take fewer hours", "hours", "data")
     sample_hours = np.add.outer(starts, np.arange(n_steps) / 3600)
     T_out, W_out, p_out = (
         np.interp(sample_hours, weather["hour_of_year"], np.broadcast_to(hourly, W_hourly.shape))
@@ -338,15 +337,13 @@ def weather_day(
     if start_times is None and boundary.start is not None:  # of a series that has dates
         date_gaps = np.abs((boundary.start - boundary.start.astype("datetime64[Y]")) / np.timedelta64(1, "h") - starts)
         if (np.minimum(date_gaps, 8760.0 - date_gaps) > MAX_DATE_GAP_H).any():
-            raise InputError(
-                f"the series begin at {boundary.start[0]}, the weather at hour {starts[0]:g} of the year: take one "
-                "date, or give bare arrays"
-            )
+            sentence = f"the series begin at {boundary.start[0]}, the weather at hour {starts[0]:g} of the year"
+            raise InputError(f"{sentence}: take one date, or give bare arrays", "start_hour", "time")
     return boundary
 
 
 def _start_hours(weather: Mapping[str, Array], file: str, date: Mapping[str, Any]) -> Array:
-    """Hours of the year at which the days start, (n_days,)."""
+    """Return the hours of the year at which the days start, (n_days,)."""
     given_names = [name for name, value in date.items() if value is not None]
     if given_names == ["start_hour"]:
         return np.array([date["start_hour"]], dtype=np.float64)
@@ -354,12 +351,15 @@ def _start_hours(weather: Mapping[str, Array], file: str, date: Mapping[str, Any
         return np.array([24 * (day - 1) + date["hour"] for day in date["days"]], dtype=np.float64)
     date_in_row = {name: date[name] for name in ("month", "day", "hour")}
     if given_names != [*date_in_row]:
-        all_given = f"the start is given by {' and '.join(given_names) or 'nothing'}"
-        raise InputError(f"{all_given}: give start_hour, or month, day and hour, or days and hour")
+        sentence = f"the start is given by {' and '.join(given_names) or 'nothing'}"
+        cure = "give start_hour, or month, day and hour, or days and hour"
+        raise InputError(f"{sentence}: {cure}", "start_hour", "conflict" if given_names else "missing")
     if absent := [name for name in date_in_row if name not in weather]:
-        raise InputError(f"{file} has no column {', '.join(absent)}: name it, or give start_hour")
+        sentence = f"{file} has no column {', '.join(absent)}: name it, or give start_hour"
+        raise InputError(sentence, absent[0], "missing")
     rows = np.flatnonzero(np.all([weather[name] == value for name, value in date_in_row.items()], axis=0))
     if rows.size != 1:
         date_text = ", ".join(f"{name} {value}" for name, value in date_in_row.items())
-        raise InputError(f"{file} has {rows.size} rows for {date_text}: give one of the file's own dates")
+        sentence = f"{file} has {rows.size} rows for {date_text}: give one of the file's own dates"
+        raise InputError(sentence, "day", "data")
     return weather["hour_of_year"][rows]

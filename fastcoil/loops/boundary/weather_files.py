@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.base.arrays import Array
-from fastcoil.base.errors import InputError, short_repr
+from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.base.files import read_text
 from fastcoil.logs.columns import find_requested_columns
 from fastcoil.logs.plausibility import find_supersaturation
@@ -36,8 +36,8 @@ from fastcoil.logs.timestamps import format_utc_offset
 from fastcoil.loops.boundary.series import YEAR_RANGE, Times
 from fastcoil.model.moist_air import humidity_ratio, humidity_ratio_from_dew_point
 
-MAX_DATE_GAP_H = 48.0  # h from noon of a date to its hour of the year, in years with and without the 29th of February
-_MAX_FILE_BYTES = 2**28  # bytes; a year by minutes has half as many
+MAX_DATE_GAP_H = 48.0  # from noon of a date to its hour of the year, in years with and without 29 February
+_MAX_FILE_BYTES = 2**28  # a year by minutes has half as many
 
 WEATHER_COLUMNS = {
     series.name: (series, header, unit)
@@ -52,7 +52,7 @@ WEATHER_COLUMNS = {
         (Series("p", "barometric pressure", PRESSURE, 50e3, 110e3), "p_Pa", "Pa"),
     )
 }
-"""Columns that a weather file may have by name: the series, its usual header, and the unit under that header."""
+"""Columns of a weather file by name: the series, its usual header, and the unit under that header."""
 
 
 class Weather(NamedTuple):
@@ -100,9 +100,9 @@ def read_weather(
     units: Mapping[str, str] | None = None,
     pressure: float | None = None,
 ) -> Weather:
-    """Read an EPW, TMY3 or CSV file, told apart by its content, and warn about assumptions made in reading it.
+    """Read an EPW, TMY3 or CSV file, recognised by its content, and warn about assumptions made in reading it.
 
-    The pressure of a file is not read where ``pressure`` [Pa] is given.
+    The pressure of a file is not read if ``pressure`` [Pa] is given.
     """
     text = read_text(path, "an EPW, TMY3 or CSV file", _MAX_FILE_BYTES, utf_16=True, latin_1=True)
     lines = re.split("\r\n|\n|\r", text)
@@ -113,7 +113,8 @@ def read_weather(
     else:
         layout = (_epw_layout if is_epw else _tmy3_layout)(path.name, lines)
         if columns or units:
-            raise InputError(f"columns, units: {path.name} is {layout.format}, which has its own: leave them out")
+            sentence = f"columns, units: {path.name} is {layout.format}, which has its own: leave them out"
+            raise InputError(sentence, "columns" if columns else "units", "conflict")
         fields = {name: field for name, field in layout.fields.items() if name != "p" or pressure is None}
         weather = _read_year(path.name, lines, layout, fields)
     warn_of_reading_notes(path.name, weather.notes)
@@ -124,12 +125,12 @@ def warn_of_interpolation(weather: Weather) -> None:
     """Warn of what straight lines between the rows cannot show."""
     m = weather.minutes
     often, step = ("hourly", "an hour") if m == 60 else (f"{m}-min", f"{m} min")
-    words = f"{often} weather is interpolated to 1 s: it says nothing about disturbances faster than {step}"
-    warnings.warn(words, UserWarning, stacklevel=3)
+    sentence = f"{often} weather is interpolated to 1 s: it says nothing about disturbances faster than {step}"
+    warnings.warn(sentence, UserWarning, stacklevel=3)
 
 
 def _read_csv(path: Path, columns: Mapping[str, str] | None, units: Mapping[str, str] | None) -> Weather:
-    """A CSV file of hourly weather; ``columns`` and ``units`` say what differs from `WEATHER_COLUMNS`."""
+    """Read a CSV file of hourly weather; ``columns`` and ``units``: differences from `WEATHER_COLUMNS`."""
     table = Table.read(path)
     columns, units = dict(columns or {}), dict(units or {})
     table.check_names("columns", columns, WEATHER_COLUMNS)
@@ -140,13 +141,14 @@ def _read_csv(path: Path, columns: Mapping[str, str] | None, units: Mapping[str,
         if name not in columns and column is not None:
             column_indices[name] = column
             if series.units[series.resolve_unit(units.setdefault(name, unit))] != series.units[unit]:
-                table.problems.append(
-                    f"units has {units[name]} for {name}: the header {header!r} says {unit}, drop one"
-                )
+                sentence = f"units has {units[name]} for {name}: the header {header!r} says {unit}, drop one"
+                table.problems.append(Problem(sentence, name, "unit"))
         elif name in ("hour_of_year", "T_drybulb") and name not in columns:
-            table.problems.append(f"{name} is missing: add a column {header!r}, or name one in columns")
+            sentence = f"{name} is missing: add a column {header!r}, or name one in columns"
+            table.problems.append(Problem(sentence, name, "missing"))
     if not {"T_dewpoint", "RH"} & {*column_indices, *columns}:
-        table.problems.append("T_dewpoint and RH are both missing: add or name a column for one of them")
+        sentence = "T_dewpoint and RH are both missing: add or name a column for one of them"
+        table.problems.append(Problem(sentence, "T_dewpoint", "missing"))
     table.raise_problems()
     if "T_dewpoint" in column_indices:
         column_indices.pop("RH", None)
@@ -156,44 +158,42 @@ def _read_csv(path: Path, columns: Mapping[str, str] | None, units: Mapping[str,
     }
     jump = int(np.argmax(np.diff(weather["hour_of_year"]) != 1.0))
     if weather["hour_of_year"][jump + 1] != weather["hour_of_year"][jump] + 1.0:
-        row = table.row_numbers[jump]
-        table.problems.append(f"hour_of_year does not rise by 1 from row {row} to the next: give every hour")
+        sentence = f"hour_of_year does not rise by 1 from row {table.row_numbers[jump]} to the next: give every hour"
+        table.problems.append(Problem(sentence, "hour_of_year", "time"))
     if {"month", "day"} <= weather.keys() and not table.problems:
-        noon = 24.0 * (
-            (np.cumsum(_DAYS_PER_MONTH) - _DAYS_PER_MONTH)[weather["month"].astype(np.int64) - 1] + weather["day"] - 0.5
-        )
+        days_before = np.cumsum(_DAYS_PER_MONTH) - _DAYS_PER_MONTH
+        noon = 24.0 * (days_before[weather["month"].astype(np.int64) - 1] + weather["day"] - 0.5)
         is_far = np.abs(noon - weather["hour_of_year"]) > MAX_DATE_GAP_H
         if is_far.any():
             row = table.row_numbers[int(np.argmax(is_far))]
-            table.problems.append(f"month and day in row {row} are not those of hour_of_year there: mend one of them")
+            sentence = f"month and day in row {row} are not those of hour_of_year there: fix one of them"
+            table.problems.append(Problem(sentence, "month", "conflict"))
     _require_plausible(table, weather)
     return Weather(weather, 60, table.notes)
 
 
 def _require_plausible(table: Table, series: Mapping[str, Array]) -> None:
-    """Refuse dew points above the temperature beside them, and fractions read as percent; and all other problems."""
+    """Refuse dew points above the temperature, fractions read as percent, and all other problems of the table."""
     if not table.problems and "T_dewpoint" in series:
         dew, T = series["T_dewpoint"], series["T_drybulb"]
         _, is_above = find_supersaturation({"T_dp_in": dew, "T_a_in": T})
         if is_above.any():
             k = int(np.argmax(is_above))
-            table.problems.append(
-                f"T_dewpoint = {dew[k]:g} degC in row {table.row_numbers[k]} is above T_drybulb = {T[k]:g} degC: check "
-                f"their units, or exchange the columns{count_suffix(int(is_above.sum()))}"
-            )
+            place = f"T_dewpoint = {dew[k]:g} degC in row {table.row_numbers[k]} is above T_drybulb = {T[k]:g} degC"
+            cure = f"check their units, or exchange the columns{count_suffix(int(is_above.sum()))}"
+            table.problems.append(Problem(f"{place}: {cure}", "T_dewpoint", "data"))
     if not table.problems and "RH" in series and series["RH"].max() <= 0.01:
-        table.problems.append(
-            f"RH is at most {100 * series['RH'].max():.3g} %, first in row {table.row_numbers[0]}: if it is a "
-            "fraction, write 'RH [1]' in the header and pass columns={'RH': 'RH'}"
-        )
+        place = f"RH is at most {100 * series['RH'].max():.3g} %, first in row {table.row_numbers[0]}"
+        cure = "if it is a fraction, write 'RH [1]' in the header and pass columns={'RH': 'RH'}"
+        table.problems.append(Problem(f"{place}: {cure}", "RH", "unit"))
     table.raise_problems()
 
 
 class Field(NamedTuple):
     """A field of a format.
 
-    name: in the format's documents.  cell: its place in a row, from 0.  missing: this value and those beyond it, away
-    from zero, stand for a missing one.
+    name: in the documents of the format.  cell: index in a row.  missing: this value, and values farther from zero,
+    mark a missing one.
     """
 
     name: str
@@ -210,10 +210,9 @@ class Field(NamedTuple):
 
 
 class FileLayout(NamedTuple):
-    """Where a file has what; time_zone as of `Weather`.
+    """Layout of a file; time_zone: see `Weather`.
 
-    n_top: lines above the rows.  date: cells of month, day and hour, as ``clock`` matches them when they are joined by
-    blanks.
+    date: cells of month, day and hour, which ``clock`` matches when they are joined by blanks.
     """
 
     format: str
@@ -238,7 +237,6 @@ _TMY3_HEADERS = {
     "RH": ("RHum (%)", "percent"),
     "p": ("Pressure (mbar)", "hPa"),
 }
-_TMY3_MISSING = -99.0  # files mark a missing reading with -9900; no reading is as low as -99
 _DAYS_PER_MONTH = np.array([31, 29, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31])
 
 
@@ -248,10 +246,9 @@ def _epw_layout(file: str, lines: Sequence[str]) -> FileLayout:
     records = "".join(cell.strip() for cell in lines[n_header_lines - 1].split(",")[2:3]) if n_header_lines else ""
     rows_per_hour = int(records) if re.fullmatch(r"\d\d?", records, re.ASCII) else 0
     if not rows_per_hour or 60 % rows_per_hour:
-        raise InputError(
-            f"{file} begins as an EPW file, but its line DATA PERIODS has {short_repr(records)} records per hour: give all "
-            "eight lines of its header, with 1 or another number that divides 60"
-        )
+        sentence = f"{file} begins as an EPW file, but its line DATA PERIODS has {short_repr(records)} records per hour"
+        cure = "give all eight lines of its header, with 1 or another number that divides 60"
+        raise InputError(f"{sentence}: {cure}", "DATA PERIODS", "format")
     clock = r"\s*(\d\d?)\s+(\d\d?)\s+(\d\d?)\s*"
     zone = _parse_time_zone(lines[0].split(",")[8:9])
     return FileLayout("an EPW file", n_header_lines, rows_per_hour, (1, 2, 3), clock, _EPW_FIELDS, zone)
@@ -261,17 +258,17 @@ def _tmy3_layout(file: str, lines: Sequence[str]) -> FileLayout:
     header = [cell.strip() for cell in lines[1].split(",")]
     absent = [label for label, _ in _TMY3_HEADERS.values() if label not in header]
     if absent:
-        raise InputError(f"{file} begins as a TMY3 file, but has no column {', '.join(absent)}: give the whole file")
-    fields = {
-        name: Field(label, header.index(label), unit, _TMY3_MISSING) for name, (label, unit) in _TMY3_HEADERS.items()
-    }
+        sentence = f"{file} begins as a TMY3 file, but has no column {', '.join(absent)}: give the whole file"
+        raise InputError(sentence, absent[0], "format")
+    # files mark a missing reading with -9900; no reading is as low as -99
+    fields = {name: Field(label, header.index(label), unit, -99.0) for name, (label, unit) in _TMY3_HEADERS.items()}
     station = next(csv.reader(lines[:1]))
     clock = r"\s*(\d\d?)/(\d\d?)/\d{2,4}\s+(\d\d?):00\s*"
     return FileLayout("a TMY3 file", 2, 1, (0, 1), clock, fields, _parse_time_zone(station[3:4]))
 
 
 def _parse_time_zone(cells: Sequence[str]) -> str:
-    """Hours ahead of UTC as text; blank if there are none."""
+    """Format hours ahead of UTC as a time zone; blank if there are none."""
     match = re.fullmatch(r"[+-]?\d\d?(\.\d{1,2})?", "".join(cells).strip(), re.ASCII)
     minutes = round(60 * float(match[0])) if match else 24 * 60
     return format_utc_offset(minutes) if abs(minutes) <= 14 * 60 else ""
@@ -279,18 +276,15 @@ def _parse_time_zone(cells: Sequence[str]) -> str:
 
 def _read_year(file: str, lines: Sequence[str], layout: FileLayout, fields: Mapping[str, Field]) -> Weather:
     width = 1 + max(*layout.date, *(field.cell for field in fields.values()))
-    rows = {
-        i: line.split(",", width)[:width]
-        for i, line in enumerate(lines, 1)
-        if i > layout.n_header_lines and line.strip()
-    }
+    first = layout.n_header_lines + 1
+    rows = {i: line.split(",", width)[:width] for i, line in enumerate(lines[first - 1 :], first) if line.strip()}
     for i, row in rows.items():
         if len(row) < width:
-            raise InputError(
-                f"{file}: row {i} has {format_count(len(row), 'cell')}, {layout.format} at least {width}: mend it"
-            )
+            sentence = f"{file}: row {i} has {format_count(len(row), 'cell')}, {layout.format} at least {width}"
+            raise InputError(f"{sentence}: fix it", f"row {i}", "format")
     if len(rows) < 2:
-        raise InputError(f"{file} has {format_count(len(rows), 'row')} of data: give at least two")
+        sentence = f"{file} has {format_count(len(rows), 'row')} of data: give at least two"
+        raise InputError(sentence, "path", "data")
     cells = [[row[field.cell] for field in fields.values()] for row in rows.values()]
     table = Table(file, list(fields), cells, list(rows))
     times = _row_times(table, layout, [" ".join(row[i] for i in layout.date) for row in rows.values()])
@@ -310,19 +304,18 @@ def _read_year(file: str, lines: Sequence[str], layout: FileLayout, fields: Mapp
 
 
 def _row_times(table: Table, layout: FileLayout, dates_text: Sequence[str]) -> dict[str, Array]:
-    """Month, day, hour and hour of the year at which each row stands: those at the end of its interval, (n_rows,).
+    """Return month, day, hour and hour of the year of each row: those at the end of its interval, (n_rows,).
 
-    A year has the 29th of February if the file has.
+    The year has a 29 February if the file has.
     """
     dates = np.zeros((len(dates_text), 3), dtype=np.int64)
     for k, text in enumerate(dates_text):
         match = re.fullmatch(layout.clock, text, re.ASCII)
         m, d, h = map(int, match.groups()) if match else (0, 0, 0)
         if not (1 <= m <= 12 and 1 <= d <= _DAYS_PER_MONTH[m - 1] and 1 <= h <= 24):
-            raise InputError(
-                f"{table.name}: row {table.row_numbers[k]} has the date and hour {short_repr(text)}: give month, day and a "
-                "full hour from 1 to 24"
-            )
+            row = f"row {table.row_numbers[k]}"
+            sentence = f"{table.name}: {row} has the date and hour {short_repr(text)}"
+            raise InputError(f"{sentence}: give month, day and a full hour from 1 to 24", row, "format")
         dates[k] = m, d, h
     month, day, hour = dates.T
     is_leap = ((month == 2) & (day == 29)).any()
@@ -331,12 +324,12 @@ def _row_times(table: Table, layout: FileLayout, dates_text: Sequence[str]) -> d
     index = np.arange(len(dates_text))
     out_of_step = hour_of_year != hour_of_year[0] + index // layout.per_hour
     if out_of_step.any():
-        first_row = int(np.argmax(out_of_step))
+        k = int(np.argmax(out_of_step))
+        row = f"row {table.row_numbers[k]}"
         many = "one row" if layout.per_hour == 1 else f"{layout.per_hour} rows"
-        table.problems.append(
-            f"row {table.row_numbers[first_row]}, {month[first_row]}/{day[first_row]} hour {hour[first_row]}, does not follow the one "
-            f"before: give {many} for each hour, in the order of one calendar year"
-        )
+        sentence = f"{row}, {month[k]}/{day[k]} hour {hour[k]}, does not follow the one before"
+        cure = f"give {many} for each hour, in the order of one calendar year"
+        table.problems.append(Problem(f"{sentence}: {cure}", row, "time"))
     hours_early = 1.0 - (index % layout.per_hour + 1) / layout.per_hour
     return {
         "month": month.astype(np.float64),
@@ -347,24 +340,20 @@ def _row_times(table: Table, layout: FileLayout, dates_text: Sequence[str]) -> d
 
 
 def _used_fields(table: Table, fields: Mapping[str, Field]) -> list[str]:
-    """The fields that are needed: one humidity, the dew point unless it alone has gaps.  Gaps are problems."""
+    """Return the fields to read: of humidities the dew point, unless only it has gaps.  Gaps are problems."""
     gaps = {
         name: [k for k, row in enumerate(table.rows) if field.is_gap(row[j])]
         for j, (name, field) in enumerate(fields.items())
     }
     uses_relative_humidity = bool(gaps["T_dewpoint"]) and not gaps["RH"]
     if uses_relative_humidity:
-        first, n_gaps = table.row_numbers[gaps["T_dewpoint"][0]], len(gaps["T_dewpoint"])
-        table.notes.append(
-            f"the dew point is missing in row {first}{count_suffix(n_gaps)}: the relative humidity is used in all rows"
-        )
+        place = f"row {table.row_numbers[gaps['T_dewpoint'][0]]}{count_suffix(len(gaps['T_dewpoint']))}"
+        table.notes.append(f"the dew point is missing in {place}: the relative humidity is used in all rows")
     used = [name for name in fields if name != ("T_dewpoint" if uses_relative_humidity else "RH")]
     for name in filter(gaps.get, used):
         k = gaps[name][0]
         cell = short_repr(table.rows[k][table.header.index(name)].strip())
-        cure = "fill the gap, or give pressure" if name == "p" else "fill the gap"
-        table.problems.append(
-            f"{name} ({fields[name].name}) is missing, {cell}, in row {table.row_numbers[k]}: "
-            f"{cure}{count_suffix(len(gaps[name]))}"
-        )
+        cure = f"fill the gap{', or give pressure' * (name == 'p')}{count_suffix(len(gaps[name]))}"
+        sentence = f"{name} ({fields[name].name}) is missing, {cell}, in row {table.row_numbers[k]}: {cure}"
+        table.problems.append(Problem(sentence, name, "data"))
     return used

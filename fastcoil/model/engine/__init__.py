@@ -1,4 +1,4 @@
-"""Thousands of loops at once: the scalar formulas of ``physics`` and ``control`` over blocks of lanes.
+"""Thousands of loops side by side: the scalar formulas of ``physics`` and ``control`` over blocks of lanes.
 
 Read ``emulator``, the loop, first; then what it calls, in the order of a step: ``controller``, ``plant``, ``metrics``;
 ``rules`` (estimators and laws of a user); ``rows``, the state; ``lanes``, which cuts scenarios into blocks and runs

@@ -1,11 +1,11 @@
-"""The plant of each lane under its own constant conditions: at rest, linearised, and its answer to a small step.
+"""The plant of each lane under constant conditions: at rest, linearised, and its response to a small step.
 
-The march is that of the emulator with one addition.  Eq (3) gives a control volume more heat when it is wet than when
-it is dry, at the same state.  So a volume at its dew point may have no state of rest: it changes between wet and dry
+The march is that of the emulator with one addition.  At the same state, Eq (3) gives a control volume more heat when it
+is wet than when it is dry.  So a volume at its dew point may have no state of rest: it changes between wet and dry
 every few seconds.  Here such a volume is wet to the share that keeps it in between.  Every other volume is as in the
 emulator, to the bit.
 
-What a lane does never depends on the others in its block: each has its own end, and stands still behind it.
+No lane depends on the others in its block: each ends on its own and is then left as it is.
 """
 
 import numpy as np
@@ -24,12 +24,10 @@ from fastcoil.model.physics import (
 )
 
 CONDITIONS = ("m_a", "T_a_in", "W_a_in", "T_w_in")
-"""Rows of what enters the coils of a block, (4, LANES)."""
+"""Rows of the conditions at the inlets of a block's coils, (4, LANES)."""
 CONDITION = name_offsets(CONDITIONS)
 _SATURATION_SLOPE = 0.065  # d ln W_s / dT near the dew points of air conditioning, 1/K: it only scales the band
-_MIN_BAND_K = 0.02  # width of the band around the dew point in which a volume is partly wet, at least, K
-_NEAR_DEW_POINT_K = 0.5
-"""No volume on its way to rest passes this distance from the dew point, K, in one sweep without slowing down."""
+_MIN_BAND_K = 0.02  # least width of the band around the dew point in which a volume is partly wet
 
 
 @section
@@ -44,7 +42,7 @@ def set_inlets_per_lane(V, n_volumes, entering):
 
 @section
 def begin_per_lane(rows, config, entering, S, V):
-    """Set up the coils of a block, dry and at their initial temperature; air-side effectiveness of each, Eq (4)."""
+    """Set up the coils of a block, dry and at their initial temperature, with their air-side effectiveness, Eq (4)."""
     begin_run(S, V, rows, config.n_volumes, True, True, 0.0)
     for j in range(LANES):
         S[R.eps_a + j] = effectiveness(S[R.ntu_a_factor + j], S[R.beta4 + j], entering[CONDITION.m_a, j])
@@ -53,7 +51,7 @@ def begin_per_lane(rows, config, entering, S, V):
 
 @section
 def set_openings(S, leaks, openings):
-    """Open the valve of each lane, (LANES,)."""
+    """Set the valve opening of each lane, (LANES,)."""
     for j in range(LANES):
         S[R.opening + j] = openings[j]
     update_water_flow(S, leaks)
@@ -71,11 +69,11 @@ def march_second_per_lane(S, V, config, entering):
 
 @section
 def march_air_per_lane(S, V, n_volumes, lagged_air, entering, is_settling):
-    """Eq (3) for air and metal as in ``march_air``, but for volumes at their dew point, see the file's docstring.
+    """March air and metal as ``march_air`` does, except volumes at their dew point, see the file's docstring.
 
-    The band is two changes of T_c wide, by one step of being wet: the emulator's own grain.
-    hurries: on the way to rest, with the largest step that cannot overshoot in place of a second; lanes without a time
-    step of the water stand still.
+    The band is as wide as two changes of T_c by one wet step, the resolution of the emulator.
+    is_settling: take the largest step that cannot overshoot in place of a second; lanes whose water has no time step
+    are left as they are.
     """
     for j in range(LANES):
         S[R.wet_volumes + j] = 0.0
@@ -106,7 +104,7 @@ def march_air_per_lane(S, V, n_volumes, lagged_air, entering, is_settling):
                 slope = heat_capacity(W_s) + vapour_enthalpy(T_c) * (_SATURATION_SLOPE * W_s)
                 G_dry, G_wet = S[R.eps_a + j] * S[R.cp_a + j], S[R.eps_star + j] * slope
                 G_a = m_a * (G_wet if G_wet > G_dry else G_dry)
-                is_near = abs(W_in - W_s) < _NEAR_DEW_POINT_K * _SATURATION_SLOPE * W_s
+                is_near = abs(W_in - W_s) < 0.5 * _SATURATION_SLOPE * W_s  # slow down within 0.5 K of the dew point
                 dt_C_c = 1.0 / (S[R.G_w + j] + G_a + (jump / band if is_near else 0.0))
                 dt_C_c = 0.0 if S[R.dt_C_w + j] == 0.0 else dt_C_c
             T_next = next_metal_temperature(T_c, Q_a, Q_w, dt_C_c)
@@ -120,48 +118,45 @@ def march_air_per_lane(S, V, n_volumes, lagged_air, entering, is_settling):
 
 
 STEADY_ROWS = ("opening", "T_sup", "m_w", "wet_volumes", "gain", "T_stepped", "nearest")
-"""Rows of what is found of a plant at rest.
+"""Rows that describe a plant at rest.
 
-T_stepped: T_sup at rest after the first of ``neighbour_openings``.  nearest: 1 if no opening holds the set-point.  gain: NaN
-where T_sup jumps past it, as it may if a coil exchanges less when it is wet than when it is dry.
+T_stepped: T_sup at rest after the first of ``neighbour_openings``.  nearest: 1 if no opening holds the set-point.
+gain: NaN where T_sup jumps past it, as it may if a coil exchanges less when it is wet than when it is dry.
 """
 STEADY_ROW = name_offsets(STEADY_ROWS)
 OPENING_STEP = 1e-4
-"""Of the opening, to each side, for a derivative."""
-_SETTLED_CHANGE_K, _MAX_SWEEPS = 1e-11, 4000
-"""A coil is at rest when no metal temperature moves further than this, K, in a sweep; it gets as many sweeps."""
-_REST_TOLERANCE_K, _MAX_ITERATIONS = 1e-9, 60
-_JUMP_THRESHOLD_K = 1e-4  # distance from the set-point, K, at an opening that ought to hold it
-_MIN_C_FLOW = 1e-12  # kW/K; without water flow its temperature does not matter
+"""Change of the opening to each side, for a derivative."""
+_REST_TOLERANCE_K = 1e-9  # distance from the set-point at which an opening holds it
 
 
 @section
 def neighbour_openings(opening):
-    """Two openings, one to each side of an opening but within 0–1, that differ by 2 STEP or, at an end, by STEP."""
+    """Openings OPENING_STEP to both sides of an opening, or, at an end of the stroke, to one side and at it."""
     first = opening + OPENING_STEP if opening + OPENING_STEP <= 1.0 else opening - OPENING_STEP
     return first, min(max(opening + opening - first, 0.0), 1.0)
 
 
 @section
 def settle(S, V, n_volumes, leaks, entering, openings, is_at_rest):
-    """Bring every coil to rest at an opening, (LANES,).  The heat capacities do not matter for where that is.
+    """Bring every coil to rest at an opening, (LANES,); the heat capacities do not matter for the state of rest.
 
-    rests: (LANES,), coils that are left as they are.
+    is_at_rest: (LANES,), coils that are left as they are.
     """
     set_openings(S, leaks, openings)
     for j in range(LANES):
-        C_flow = S[R.C_flow + j] if S[R.C_flow + j] > _MIN_C_FLOW else _MIN_C_FLOW
+        # kW/K; without flow the temperature of the water does not matter
+        C_flow = S[R.C_flow + j] if S[R.C_flow + j] > 1e-12 else 1e-12
         S[R.dt_C_w + j] = 0.0 if is_at_rest[j] else 1.0 / C_flow
     all_volumes = np.ones(n_volumes + 1, np.bool_)
-    for _ in range(_MAX_SWEEPS):
+    for _ in range(4000):  # sweeps, at most
         set_inlets_per_lane(V, n_volumes, entering)
         march_water(S, V, n_volumes, False, all_volumes)
         march_air_per_lane(S, V, n_volumes, False, entering, True)
-        # one sweep more after the last, so that the air is that of the coil as it stands
+        # at rest when no metal moves by 1e-11 K in a sweep, and then one sweep more, for air that fits the metal
         all_rest = True
         for j in range(LANES):
             all_rest &= S[R.dt_C_w + j] == 0.0
-            S[R.dt_C_w + j] = S[R.dt_C_w + j] if S[R.farthest_T_c + j] > _SETTLED_CHANGE_K else 0.0
+            S[R.dt_C_w + j] = S[R.dt_C_w + j] if S[R.farthest_T_c + j] > 1e-11 else 0.0
         if all_rest:
             break
 
@@ -170,8 +165,8 @@ def settle(S, V, n_volumes, leaks, entering, openings, is_at_rest):
 def find_rest(rows, config, entering, T_set, S, V, steady):
     """Find the opening at which each plant of a block rests at its set-point.
 
-    rows, common: of a Block.  entering: (4, LANES), see CONDITIONS.  T_set: (LANES,), °C.  S, V: work space; V holds
-    the coils at rest afterwards.  found: out, (6, LANES), see STEADY; gain in K per unit opening.
+    rows, config: of a Block.  entering: (4, LANES), see CONDITIONS.  T_set: (LANES,), °C.  S, V: work space; V holds
+    the coils at rest afterwards.  steady: out, (7, LANES), see STEADY_ROWS; gain in K per unit opening.
     """
     n_volumes = config.n_volumes
     begin_per_lane(rows, config, entering, S, V)
@@ -195,10 +190,10 @@ def find_rest(rows, config, entering, T_set, S, V, steady):
         openings[j] = 1.0 if e_high[j] < 0.0 else 0.0
         is_found[j] = steady[STEADY_ROW.nearest, j] != 0.0
 
-    for k in range(_MAX_ITERATIONS):
+    for k in range(60):  # openings, at most
         for j in range(LANES):
             if not is_found[j]:
-                # the secant, and every third time the middle, so that the bracket shrinks whatever the curve
+                # the secant, and every third time the middle, so that the bracket shrinks for every curve
                 share = 0.5 if k % 3 == 2 else -e_low[j] / (e_high[j] - e_low[j])
                 openings[j] = low[j] + share * (high[j] - low[j])
         settle(S, V, n_volumes, config.leaks, entering, openings, is_found)
@@ -227,7 +222,7 @@ def find_rest(rows, config, entering, T_set, S, V, steady):
         steady[STEADY_ROW.gain, j] = (supply[j] - steady[STEADY_ROW.T_stepped, j]) / (high[j] - low[j])
     settle(S, V, n_volumes, config.leaks, entering, openings, none_at_rest)
     for j in range(LANES):
-        if steady[STEADY_ROW.nearest, j] == 0.0 and abs(supply[j] - T_set[j]) > _JUMP_THRESHOLD_K:
+        if steady[STEADY_ROW.nearest, j] == 0.0 and abs(supply[j] - T_set[j]) > 1e-4:  # K: T_sup jumps
             steady[STEADY_ROW.nearest, j] = 1.0
             steady[STEADY_ROW.gain, j] = np.nan
         steady[STEADY_ROW.T_sup, j] = supply[j]
@@ -237,7 +232,7 @@ def find_rest(rows, config, entering, T_set, S, V, steady):
 
 @kernel
 def rest_curve(rows, config, entering, openings, S, V, T_sup):
-    """T_sup at rest at each of some openings, (n,): out, (n, LANES), °C."""
+    """Fill T_sup, (n, LANES), °C, with the supply temperature at rest at each of the openings, (n,)."""
     n_volumes = config.n_volumes
     begin_per_lane(rows, config, entering, S, V)
     same_openings, none_at_rest = np.empty(LANES), np.zeros(LANES, np.bool_)
@@ -249,22 +244,20 @@ def rest_curve(rows, config, entering, openings, S, V, T_sup):
 
 
 STATES = ("T_w", "T_c", "T_a", "W_a")
-"""Each for volume 1 to N, in this order."""
+"""States of a linearised plant, in this order, each for volume 1 to N."""
 _STATE_CHANGES = (1e-4, 1e-4, 1e-4, 1e-7)
-"""Of each kind of state to either side, K and kg/kg: well inside the band around the dew point."""
+"""Change of each of STATES to either side, K and kg/kg, for a derivative: well inside the band at the dew point."""
 
 
 @section
 def state_offset(k, n_volumes):
     """Offset in V of state k, 0 to 4 N - 1, see STATES."""
-    kind, i = k // n_volumes, k % n_volumes + 1
-    row = T_W if kind == 0 else (T_C if kind == 1 else (T_A if kind == 2 else W_A))
-    return i * VOLUME_STRIDE + row
+    return (k % n_volumes + 1) * VOLUME_STRIDE + k // n_volumes * LANES  # STATES are the first VOLUME_ROWS
 
 
 @section
 def add_states(V, n_volumes, factors, total):
-    """Add every state, times a factor for each lane, to ``total``, (4 N, LANES)."""
+    """Add every state times the factor of its lane to ``total``, (4 N, LANES)."""
     for k in range(4 * n_volumes):
         row = state_offset(k, n_volumes)
         for j in range(LANES):
@@ -275,7 +268,7 @@ def add_states(V, n_volumes, factors, total):
 def linearise_step(rows, config, entering, steady, V_at_rest, S, V, A, B):
     """Differentiate one second of the march at rest, with all its substeps, by central differences.
 
-    rows, common, entering, S, V: as for ``find_rest``; found, at_rest: what that found, its V.
+    rows, config, entering, S, V: as for ``find_rest``; steady, V_at_rest: its results.
     A: out, (4 N, 4 N, LANES); B: out, (4 N, LANES), per unit opening.  States as in STATES, in K and kg/kg.
     """
     n_volumes = config.n_volumes
@@ -306,20 +299,19 @@ def linearise_step(rows, config, entering, steady, V_at_rest, S, V, A, B):
             add_states(V, n_volumes, factors, A[:, k])
 
 
-_RESPONSE_TOLERANCE_K = 1e-9  # distance, K, from where a response ends, that is none
 TAIL_STEPS = 60
-"""Steps over which the ratio of successive changes is taken, behind the end of a response."""
+"""Steps before the end of a response over which the ratio of successive changes is taken."""
 MAX_TAIL_RATIO = 0.99999
 """Largest such ratio: a time constant of a day."""
 
 
 @kernel
 def simulate_step_response(rows, config, entering, steady, V_at_rest, S, V, tolerance, response, ends):
-    """Answer of T_sup to a small step of the opening, K per unit opening.
+    """Simulate the response of T_sup to a small step of the opening, K per unit opening.
 
-    found, at_rest: of ``find_rest``, its V.  response: out, (n_steps, LANES), seconds 1 to n_steps after the step.
-    ends: out, (LANES,), the second from which a lane stays within ``tolerance`` (fraction of its gain) of where it
-    ends.  From there on its changes are a geometric series.  n_steps, if fewer than FEW + 1 seconds are left for that.
+    steady, V_at_rest: results of ``find_rest``.  response: out, (n_steps, LANES), seconds 1 to n_steps after the step.
+    ends: out, (LANES,), the second from which a lane stays within ``tolerance`` (fraction of its gain) of its end; the
+    changes after it are a geometric series.  n_steps, if fewer than TAIL_STEPS + 1 seconds are left for that.
     """
     n_steps = response.shape[0]
     begin_per_lane(rows, config, entering, S, V)
@@ -337,7 +329,7 @@ def simulate_step_response(rows, config, entering, steady, V_at_rest, S, V, tole
             response[t, j] = supply[j]
             change = steady[STEADY_ROW.T_stepped, j] - steady[STEADY_ROW.T_sup, j]
             remaining = abs(steady[STEADY_ROW.T_stepped, j] - supply[j])
-            ends[j] = t + 2 if remaining > tolerance * abs(change) + _RESPONSE_TOLERANCE_K else ends[j]
+            ends[j] = t + 2 if remaining > tolerance * abs(change) + _REST_TOLERANCE_K else ends[j]
 
     V[:] = V_at_rest
     set_openings(S, config.leaks, second)
@@ -351,9 +343,8 @@ def simulate_step_response(rows, config, entering, steady, V_at_rest, S, V, tole
         ends[j] = ends[j] if ends[j] + TAIL_STEPS + 1 <= n_steps else n_steps
         end = ends[j]
         tail_steps = TAIL_STEPS if TAIL_STEPS < end - 1 else end - 1
-        before = response[end - tail_steps - 1, j] - (
-            response[end - tail_steps - 2, j] if end - tail_steps > 1 else 0.0
-        )
+        k = end - tail_steps
+        before = response[k - 1, j] - (response[k - 2, j] if k > 1 else 0.0)
         change, ratio = response[end - 1, j] - response[end - 2, j], 0.0
         if end < n_steps and change * before > 0.0:
             ratio = min((change / before) ** (1.0 / tail_steps), MAX_TAIL_RATIO)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -42,39 +43,44 @@ from fastcoil.model.numerics.stages import (
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.model.physics import sensor_reading
 
-CONTROL_SIGNATURE = StageSignature(ROW_POINTER, INTEGER, NUMBER, NUMBER, FLAG, NUMBER)
+CONTROL_SIGNATURE = StageSignature(
+    S=ROW_POINTER, t=INTEGER, T_set=NUMBER, noise=NUMBER, enabled=FLAG, counts_switches=NUMBER
+)
 """Stages that decide u and the command, see ``control_stage``."""
 call_control = CONTROL_SIGNATURE.call
-ADDITIVE, SMOOTH = (float(PARAMETERS["compensation"].choices.index(word)) for word in ("additive", "smooth"))
-SECONDS_PER_DAY = 86400.0  # s
+ADDITIVE = float(PARAMETERS["compensation"].choices.index("additive"))
+SMOOTH = float(PARAMETERS["compensation"].choices.index("smooth"))
 MEASURED_NOISE = float(PARAMETERS["buffer_noise"].choices.index("measured"))
 
 
-class ControllerFeatures(NamedTuple):
-    """What the controllers of a block have in common: which parts of ``control`` are compiled for it.
+@dataclass(frozen=True, kw_only=True)
+class ControllerFeatures:
+    """Parts of ``control`` that are compiled for a block, because one of its lanes needs them.
 
-    A lane that needs a part less than its neighbours keeps its bits.
+    They change no bits of a lane that does not need them.
     """
 
-    is_watched: bool = False
-    """An estimator wants to know what was measured."""
+    keeps_reading: bool = False
+    """An estimator reads T and e of the last sample."""
     has_resolution: bool = False
-    """What the sensor says is rounded."""
+    """The reading of the sensor is rounded."""
     has_law: bool = False
-    """Another law than the PI decides u; it has no integral."""
+    """A law in place of the PI decides u; it has no integral."""
     has_dead_band: bool = False
     is_additive: bool = False
     is_smooth: bool = False
     measures_noise: bool = False
     waives_buffer: bool = False
-    """Lanes without an estimate need none: a good valve is left alone."""
+    """Lanes whose estimate is 0 have no buffer, so that a valve without backlash has the plain PI."""
     has_test: bool = False
 
     @classmethod
-    def of(cls, estimator: Estimator | None, law: Law | None, row: Mapping[str, np.ndarray]) -> ControllerFeatures:
-        """For a block whose lanes have this estimator, this law, ``None`` for the PI, and these parameters."""
+    def of_lanes(
+        cls, estimator: Estimator | None, law: Law | None, row: Mapping[str, np.ndarray]
+    ) -> ControllerFeatures:
+        """Return the features of a block with this estimator, this law (``None``: the PI) and these parameters."""
         return cls(
-            is_watched=estimator is not None and estimator.is_watching(row),
+            keeps_reading=estimator is not None and estimator.is_watching(row),
             has_resolution=bool(np.any(row["sensor_resolution"] > 0.0)),
             has_law=law is not None,
             has_dead_band=bool(np.any(row["error_dead_band"] > 0.0)),
@@ -86,13 +92,9 @@ class ControllerFeatures(NamedTuple):
         )
 
 
-PLAIN_CONTROLLER = ControllerFeatures()
-"""What the kernel has built in."""
-
-
 @section
 def draw_noise(S, t, k, config, day):
-    """Draw a normal number for the lanes that sample now.  k: number of the sample, where all lanes sample together."""
+    """Draw a normal number for the lanes that sample now; k: number of the sample where all lanes sample together."""
     if config.samples_together and k % 2 == 1:
         for j in range(LANES):
             S[R.noise + j] = S[R.noise_next + j]
@@ -109,18 +111,13 @@ def draw_noise(S, t, k, config, day):
 
 
 def make_control(features: ControllerFeatures) -> Any:
-    """The section ``control`` with these parts.  It closes over them, so that the compiler never sees the others."""
-    (
-        is_watched,
-        has_resolution,
-        has_law,
-        has_dead_band,
-        is_additive,
-        is_smooth,
-        measures_noise,
-        waives_buffer,
-        has_test,
-    ) = features
+    """Return the section ``control`` with these features.
+
+    It closes over a name for each, which the compiler takes as a constant: it never sees the other parts.
+    """
+    keeps_reading, has_resolution, has_law = features.keeps_reading, features.has_resolution, features.has_law
+    has_dead_band, is_additive, is_smooth = features.has_dead_band, features.is_additive, features.is_smooth
+    measures_noise, waives_buffer, has_test = features.measures_noise, features.waives_buffer, features.has_test
 
     @section
     def control(S, t, T_set, noise, enabled, counts_switches):
@@ -131,7 +128,7 @@ def make_control(features: ControllerFeatures) -> Any:
             e = S[R.sign + j] * (y - T_set)
             due = sample_number(t, S[R.sample_time + j]) * S[R.sample_time + j] == t
             integral = integral_part(S[R.integral + j], e, S[R.ki + j])
-            u = S[R.decided + j] if has_law else desired_opening(e, integral, S[R.kp + j])
+            u = S[R.u_law + j] if has_law else desired_opening(e, integral, S[R.kp + j])
             integral = 0.0 if has_law else integral
             acts = due
             if has_dead_band:
@@ -142,27 +139,28 @@ def make_control(features: ControllerFeatures) -> Any:
             u = u if acts else S[R.u + j]
             integral = integral if enabled else 0.0
             u = u if enabled else 0.0
-            if is_watched:
+            if keeps_reading:
                 S[R.T_seen + j] = y if due else S[R.T_seen + j]
                 S[R.e_seen + j] = e if due else S[R.e_seen + j]
             buffer = S[R.buffer + j]
             if measures_noise:
                 buffer = update_noise_buffer(S, j, e, due)
             if waives_buffer:
-                buffer = buffer if S[R.assumed + j] > 0.0 else 0.0
+                buffer = buffer if S[R.assumed_backlash + j] > 0.0 else 0.0
 
             mode = next_mode(u, S[R.mode + j], S[R.u_ext + j], buffer)
             turned = mode != S[R.mode + j]
             u_ext = next_extreme(u, mode, S[R.u_ext + j], turned)
-            command = inverse_command(u_ext, mode, S[R.assumed + j])
+            command = inverse_command(u_ext, mode, S[R.assumed_backlash + j])
             moves = u_ext != S[R.u_ext + j]
             if is_additive:
-                command = (
-                    additive_command(u_ext, mode, S[R.assumed + j]) if S[R.compensation + j] == ADDITIVE else command
-                )
+                adds = S[R.compensation + j] == ADDITIVE
+                command = additive_command(u_ext, mode, S[R.assumed_backlash + j]) if adds else command
             if is_smooth:
                 smooths = S[R.compensation + j] == SMOOTH
-                command = smooth_command(u, S[R.u + j], S[R.assumed + j], S[R.steepness + j]) if smooths else command
+                command = (
+                    smooth_command(u, S[R.u + j], S[R.assumed_backlash + j], S[R.steepness + j]) if smooths else command
+                )
                 moves = (due or u != S[R.u + j]) if smooths else moves
             if has_test:
                 moves = moves and S[R.test + j] == 0.0
@@ -177,12 +175,13 @@ def make_control(features: ControllerFeatures) -> Any:
     return control
 
 
-control = make_control(PLAIN_CONTROLLER)
+control = make_control(ControllerFeatures())
+"""The controller without any feature, which the kernel has built in."""
 
 
 @section
 def run_test(S, t, T_set, noise, enabled):
-    """Run the valve test of the lanes that sample now: it sets the command, and the PI follows it without a bump."""
+    """Run the valve test of the lanes that sample now: it sets the command, and the PI tracks it without a bump."""
     for j in range(LANES):
         y = sensor_reading(S[R.y_s + j], S[R.noise + j] + noise, S[R.sensor_resolution + j])
         due = sample_number(t, S[R.sample_time + j]) * S[R.sample_time + j] == t
@@ -192,7 +191,7 @@ def run_test(S, t, T_set, noise, enabled):
         )  # fmt: skip
         before = values_at(valve_test.Memory, S, R.test_phase + j, LANES)
         elapsed = t - S[R.test_start + j]
-        repeat_period = SECONDS_PER_DAY * S[R.test_every + j]
+        repeat_period = 86400.0 * S[R.test_every + j]  # s from days
         elapsed = elapsed % repeat_period if elapsed > 0.0 and repeat_period > 0.0 else elapsed
         is_start_time = due and elapsed >= 0.0 and elapsed < S[R.sample_time + j]
         is_start = is_start_time and enabled
@@ -208,7 +207,7 @@ def run_test(S, t, T_set, noise, enabled):
         runs = S[R.test_phase + j] != valve_test.PHASE_OFF
         S[R.test + j] = 1.0 if runs else 0.0
         mode = after.direction if after.direction != 0.0 else S[R.mode + j]
-        u = opening_behind(command, mode, S[R.assumed + j], S[R.compensation + j])
+        u = opening_behind(command, mode, S[R.assumed_backlash + j], S[R.compensation + j])
         follows_test = runs and acts
         S[R.command + j] = command if follows_test else S[R.command + j]
         S[R.mode + j] = mode if follows_test else S[R.mode + j]
@@ -220,7 +219,7 @@ def run_test(S, t, T_set, noise, enabled):
 
 @exact
 def opening_behind(command, mode, x_hat, compensation):
-    """u from which the compensation of an estimate x_hat makes a command: from there the PI goes on without a bump."""
+    """Return the u for which the compensation of an estimate x_hat gives a command: a bumpless start of the PI."""
     rising_share = 1.0 if mode > 0.0 else 0.0
     if compensation == ADDITIVE:
         return clip01(command - (rising_share - 0.5) * x_hat)
@@ -230,7 +229,7 @@ def opening_behind(command, mode, x_hat, compensation):
 
 @section
 def update_noise_buffer(S, j, e, due):
-    """Buffer of lane j, from the noise that it measures if it is to, after its reading e."""
+    """Update the measured noise of lane j with its reading e; return the buffer, from that noise where it counts."""
     readings = S[R.readings + j] + (1.0 if due else 0.0)
     median = median_difference(S[R.difference + j], readings, e, S[R.e_1 + j], S[R.e_2 + j])
     median = median if due else S[R.difference + j]
@@ -246,10 +245,9 @@ def update_noise_buffer(S, j, e, due):
 
 @cache
 def control_stage(features: ControllerFeatures) -> Any:
-    """Where ``control`` is, compiled for these parts: (S, t, T_set, noise, enabled, counts_switches) → nothing."""
-    if features == PLAIN_CONTROLLER:
+    """Return the address of ``control`` compiled with these features, see CONTROL_SIGNATURE."""
+    if features == ControllerFeatures():
         return BUILT_IN
-
     has_test, control_lanes = features.has_test, make_control(features)
 
     def controller(S, t, T_set, noise, enabled, counts_switches):
@@ -257,4 +255,4 @@ def control_stage(features: ControllerFeatures) -> Any:
             run_test(S, t, T_set, noise, enabled)
         control_lanes(S, t, T_set, noise, enabled, counts_switches)
 
-    return CONTROL_SIGNATURE.compiled(controller, repr(features))
+    return CONTROL_SIGNATURE.compile(controller, repr(features))

@@ -1,10 +1,10 @@
-"""THE loop: time × control volumes × lanes, the closed loop of Figs 6 and 8 of the paper.
+"""The time loop: time × control volumes × lanes, the closed loop of Figs 6 and 8 of the paper.
 
 ``emulate`` runs one block of lanes through one day.  It keeps the state and the order of the steps; every
 formula is a scalar function of ``physics`` or ``control``.  In second t: measure, estimate, PI, inverse, actuator,
 Eq (1), Eq (2), record states[t] and signals[t], then Eqs (3) and (4) give states[t + 1].
 
-Sections that would change nothing are skipped for the whole block; a lane's bits are the same either way.
+Sections that would change nothing are skipped for the whole block, which changes no lane's bits.
 """
 
 from typing import NamedTuple
@@ -33,10 +33,8 @@ from fastcoil.model.engine.plant import (
     count_wet_volumes,
     dew_point_bound,
     fill_air_effectiveness,
-    highest_pressure,
     march_air,
     march_water,
-    scale_gap,
     set_inlets,
     update_air_effectiveness,
     update_water_flow,
@@ -45,7 +43,7 @@ from fastcoil.model.engine.rows import LANES, T_A, T_W, VOLUME_STRIDE, R, begin_
 from fastcoil.model.engine.rules import call_estimator, call_law
 from fastcoil.model.numerics.jit import kernel, section
 from fastcoil.model.numerics.stages import BUILT_IN
-from fastcoil.model.physics import sensor_reading, sensor_temperature
+from fastcoil.model.physics import scaled_backlash, sensor_reading, sensor_temperature
 
 DAY_COLUMNS = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set", "noise", "enabled", "backlash_scale")
 """Columns of ``Day.series``."""
@@ -55,9 +53,9 @@ DAY_COLUMN = name_offsets(DAY_COLUMNS)
 class Day(NamedTuple):
     """The day that all lanes of a block share.
 
-    series: (n_steps, 8), columns as in DAY_COLUMNS.  command: (n_steps,) for an open loop, or empty.  label: of the
-    day; it and the seed, two 32-bit words, key the noise.  start: seconds from the first of several days that follow
-    one another; from there on controllers, estimators and noise go on.  was_enabled: whether the loop was on before.
+    series: (n_steps, 8), columns as in DAY_COLUMNS.  command: (n_steps,) for an open loop, or empty.  label, seed (two
+    32-bit words): key of the noise.  start: seconds since the start of the first of consecutive days, over which
+    controllers, estimators and noise go on.  was_enabled: whether the loop was on before.
     """
 
     series: np.ndarray
@@ -90,35 +88,36 @@ def emulate(
     law_state,
     metrics,
     status,
-    traced_rows,
-    traced_rows_after,
+    rows_before,
+    rows_after,
     trace_interval,
     traces,
 ):
     """Run the lanes of a block through a day.
 
-    rows, common: of a Block; day: Day; S, V, own, own_law: work space, see ``work_space``.  A day that does not start
-    at 0 goes on with what they hold.
+    rows, config: of a Block; day: Day; S, V, estimator_state, law_state: a WorkSpace, from which a day that does not
+    start at 0 goes on.
     metrics: out, (N_METRICS, LANES); status: out, (LANES,).
-    traced_rows, rows_after: offsets of the traced rows known before, and only after, the march of step t.
-    traces: out, (n_points, n_rows + n_rows_after, LANES), the sample at every ``trace_interval`` seconds.
+    rows_before, rows_after: offsets of the traced rows that are known before and only after the march of step t.
+    traces: out, (n_points, n_rows, LANES), the sample at every ``trace_interval`` seconds.
     """
-    n_volumes, n_steps = config.n_volumes, day.series.shape[0]
+    n_volumes, n_steps, lagged = config.n_volumes, day.series.shape[0], config.lagged_air
     open_loop = day.command.size > 0
     begin_run(S, V, rows, n_volumes, open_loop, day.start == 0, day.series[0, DAY_COLUMN.W_a_in])
-    has_estimator = config.estimate != BUILT_IN and not open_loop
+    has_estimator = config.estimator != BUILT_IN and not open_loop
     has_law = config.law != BUILT_IN and not open_loop
-    if day.start == 0:
-        if has_estimator:
-            call_estimator(config.estimate, (S, estimator_state, 0.0, 0.0, 0.0, True, True))
-        if has_law:
-            call_law(config.law, (S, law_state, 0.0, 0.0, 0.0, 0.0, True, True))
+    if day.start == 0 and has_estimator:
+        call_estimator(config.estimator, (S, estimator_state, 0.0, 0.0, 0.0, True, True))
+    if day.start == 0 and has_law:
+        call_law(config.law, (S, law_state, 0.0, 0.0, 0.0, 0.0, True, True))
 
     shares_air_side = config.shares_air_side
     eps = np.empty((2, n_steps if shares_air_side else 0))
     fill_air_effectiveness(S, day.series[:, DAY_COLUMN.m_a], eps)
     coldest, dampest = coldest_and_dampest(S, V, n_volumes)
-    pressure = highest_pressure(S)
+    highest_pressure = S[R.pressure]
+    for j in range(1, LANES):  # the method of arrays would load numba's linear algebra with the kernel
+        highest_pressure = max(highest_pressure, S[R.pressure + j])
     T_dry, dampest_known = 15.0, np.nan
     may_condense = np.ones(n_volumes + 1, np.bool_)
     m_a_known, scale_known = np.nan, np.nan
@@ -128,25 +127,19 @@ def emulate(
     dt = 1.0 / config.substeps
     for t in range(n_steps):
         clock = day.start + t
-        m_a, T_a_in, W_a_in = (
-            day.series[t, DAY_COLUMN.m_a],
-            day.series[t, DAY_COLUMN.T_a_in],
-            day.series[t, DAY_COLUMN.W_a_in],
-        )
-        T_w_in, T_set, noise = (
-            day.series[t, DAY_COLUMN.T_w_in],
-            day.series[t, DAY_COLUMN.T_set],
-            day.series[t, DAY_COLUMN.noise],
-        )
-        enabled = day.series[t, DAY_COLUMN.enabled] != 0.0
+        now = day.series[t]
+        m_a, T_a_in, W_a_in = now[DAY_COLUMN.m_a], now[DAY_COLUMN.T_a_in], now[DAY_COLUMN.W_a_in]
+        T_w_in, T_set, noise = now[DAY_COLUMN.T_w_in], now[DAY_COLUMN.T_set], now[DAY_COLUMN.noise]
+        enabled, scale = now[DAY_COLUMN.enabled] != 0.0, now[DAY_COLUMN.backlash_scale]
         flags = day.schedule.flags[t]
         counted = flags & IS_COUNTED != 0
 
-        scale = day.series[t, DAY_COLUMN.backlash_scale]
         if scale != scale_known:
-            scale_gap(S, scale)
+            for j in range(LANES):
+                S[R.backlash_scale + j] = scale
+                S[R.gap + j] = scaled_backlash(S[R.worn_backlash + j], scale)
             scale_known = scale
-            is_actuator_busy = True
+            is_actuator_busy = True  # the stem moves into the new gap
         is_sample = clock % config.control_period == 0
         traced = traces.shape[0] > 0 and t % trace_interval == 0
         if config.has_lag or is_sample or traced or was_enabled != enabled:
@@ -159,7 +152,7 @@ def emulate(
                 S[R.command + j] = day.command[t]
         else:
             if has_estimator and clock > 0 and clock % config.estimating_period == 0:
-                call_estimator(config.estimate, (S, estimator_state, float(clock), T_set, m_a, enabled, False))
+                call_estimator(config.estimator, (S, estimator_state, float(clock), T_set, m_a, enabled, False))
             if is_sample or was_enabled != enabled:
                 if has_law:
                     call_law(config.law, (S, law_state, float(clock), T_set, noise, m_a, enabled, False))
@@ -171,8 +164,8 @@ def emulate(
                 is_actuator_busy = True
             was_enabled = enabled
         if open_loop or is_actuator_busy:
-            is_built_in = config.stem == BUILT_IN
-            actuator_flags = actuate(S, counted) if is_built_in else call_actuator(config.stem, (S, counted))
+            is_built_in = config.actuator == BUILT_IN
+            actuator_flags = actuate(S, counted) if is_built_in else call_actuator(config.actuator, (S, counted))
             is_actuator_busy = actuator_flags & ACTUATOR_BUSY != 0
             if actuator_flags & VALVE_MOVED != 0 or t == 0:
                 update_water_flow(S, config.leaks)
@@ -187,33 +180,30 @@ def emulate(
                 S[R.measured + j] = sensor_reading(S[R.y_s + j], S[R.noise + j] + noise, S[R.sensor_resolution + j])
                 T_w_out = V[n_volumes * VOLUME_STRIDE + T_W + j]
                 S[R.power + j] = S[R.sign + j] * (S[R.C_flow + j] * (T_w_out - T_w_in))
-            record(S, V, traced_rows, traces[t // trace_interval])
+            record(S, V, rows_before, traces[t // trace_interval])
         set_inlets(V, n_volumes, T_a_in, W_a_in, T_w_in)
         coldest = min(coldest, T_a_in, T_w_in)
-        dampest = max(
-            dampest, W_a_in, day.series[min(t + 1, n_steps - 1), DAY_COLUMN.W_a_in]
-        )  # damp is for the next march
+        # may_condense is for the next march
+        dampest = max(dampest, W_a_in, day.series[min(t + 1, n_steps - 1), DAY_COLUMN.W_a_in])
         if dampest != dampest_known:
-            T_dry = dew_point_bound(T_dry, dampest, pressure)
+            T_dry = dew_point_bound(T_dry, dampest, highest_pressure)
             dampest_known = dampest
         if traced:
-            may_condense[:] = True  # who counts wet volumes wants saturation everywhere
+            may_condense[:] = True  # counting wet volumes takes saturation everywhere
         is_mild = coldest > MILD_T and dampest < MILD_W
         dt_counted = dt if counted else 0.0
         for substep in range(config.substeps):
             march_water(S, V, n_volumes, is_mild, may_condense)
-            if traced and substep == 0 and config.lagged_air:
+            if traced and substep == 0 and lagged:
                 count_wet_volumes(S, V, n_volumes)
             if shares_air_side:
-                march_air(
-                    S, V, n_volumes, config.lagged_air, True, eps[0, t], eps[1, t], m_a, dt_counted, T_dry, may_condense
-                )
+                march_air(S, V, n_volumes, lagged, True, eps[0, t], eps[1, t], m_a, dt_counted, T_dry, may_condense)
             else:
-                march_air(S, V, n_volumes, config.lagged_air, False, 0.0, 0.0, m_a, dt_counted, T_dry, may_condense)
-            if traced and substep == 0 and not config.lagged_air:
+                march_air(S, V, n_volumes, lagged, False, 0.0, 0.0, m_a, dt_counted, T_dry, may_condense)
+            if traced and substep == 0 and not lagged:
                 count_wet_volumes(S, V, n_volumes)
         if traced:
-            record(S, V, traced_rows_after, traces[t // trace_interval, traced_rows.size :])
+            record(S, V, rows_after, traces[t // trace_interval, rows_before.size :])
 
         if t % WATCH_INTERVAL_S == 0 or t == n_steps - 1:
             track_metal_extremes(S, V, n_volumes)

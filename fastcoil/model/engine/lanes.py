@@ -1,4 +1,4 @@
-"""Blocks of lanes, seen from the host: scenarios cut into blocks, work space, a run, what a day leaves to the next."""
+"""Blocks of lanes on the host side: scenarios cut into blocks, work space, runs, the state from one day to the next."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -19,26 +19,25 @@ from fastcoil.model.numerics.stages import BUILT_IN
 from fastcoil.model.parameter_table import PARAMETERS
 
 Columns = Mapping[str, np.ndarray]
-"""Parameter name → one value per scenario; words as words, NaN where a stand-in is not given."""
+"""Parameter name → one value per scenario; words as words, NaN where a parameter without default is not given."""
 BLOCK_KEYS = ("law", "estimator", "air_march", "n_volumes", "substeps")
-"""Parameters of which a block has one value.  Lanes of different estimators or laws never share a block."""
-_DOUBLES_PER_CACHE_LINE = 8  # doubles in a cache line of 64 bytes
+"""Parameters of which a block has one value: lanes of different estimators or laws never share a block."""
 
 
 class UserRules(NamedTuple):
-    """Rules of the user's own: their number as an estimator, or a law, follows those of the package."""
+    """Estimators and laws of the user; their numbers follow those of the package."""
 
     estimators: tuple[Estimator, ...] = ()
     laws: tuple[Law, ...] = ()
 
-    def words(self, name: str) -> tuple[str, ...]:
-        """The words for the parameter ``estimator`` or ``law``, by number; for another, its choices."""
+    def choices(self, name: str) -> tuple[str, ...]:
+        """Return the choices of a parameter, by number, with these rules."""
         user_rules: dict[str, tuple[Estimator | Law, ...]] = {"estimator": self.estimators, "law": self.laws}
         return (*PARAMETERS[name].choices, *(rule.name for rule in user_rules.get(name, ())))
 
     @property
-    def own(self) -> tuple[str, ...]:
-        """Names of the parameters that no loop has without these rules: the last rows of a matrix."""
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of the parameters that these rules add: the last rows of a matrix."""
         rules: tuple[Estimator | Law, ...] = (*self.estimators, *self.laws)
         names = [n for rule in rules for n in rule.Parameters._fields if n not in PARAMETERS]
         return tuple(dict.fromkeys(names))
@@ -48,10 +47,10 @@ NO_USER_RULES = UserRules()
 
 
 class BlockConfig(NamedTuple):
-    """What the lanes of a block have in common, for the kernel.
+    """Settings of the kernel for all lanes of a block.
 
-    Periods are common divisors of the lanes' own, s (0 = nothing is estimated).  Flags say what the whole block may
-    skip or share; they change no lane's bits.  The last four are stages.
+    Periods are common divisors of those of the lanes, s (0 = nothing is estimated).  Flags allow the whole block to
+    skip or share work; they change no lane's bits.  The last four are stages.
     """
 
     n_volumes: int
@@ -64,21 +63,21 @@ class BlockConfig(NamedTuple):
     has_lag: bool
     shares_air_side: bool
     leaks: bool
-    estimate: Any
+    estimator: Any
     law: Any
     control: Any
-    stem: Any
+    actuator: Any
 
 
 class Block(NamedTuple):
-    """LANES scenarios that share a day and all of KIND.
+    """LANES scenarios that share a day and all of BLOCK_KEYS.
 
-    rows: (len(PARAMETER_ROWS), LANES), below them the rules' own parameters.  for_estimator, for_law: the parameters
-    that these read.
+    rows: (len(PARAMETER_ROWS), LANES), below them the parameters of user rules.  estimator_parameters, law_parameters:
+    those that the rule reads, (n, LANES).
     """
 
     rows: np.ndarray
-    common: BlockConfig
+    config: BlockConfig
     estimator: Estimator | None
     law: Law | None
     estimator_parameters: np.ndarray
@@ -88,9 +87,8 @@ class Block(NamedTuple):
 def cut_into_blocks(matrix: np.ndarray, rules: UserRules = NO_USER_RULES) -> list[tuple[np.ndarray, Block]]:
     """Cut scenarios of one day into blocks: (index of the scenario in each used lane, block).
 
-    matrix, rules: see ``parameter_matrix``.  Scenarios that share all of KIND are sorted by
-    sample time, so that most blocks sample in step; the last block of each kind is padded with copies of its last
-    scenario.
+    matrix, rules: see ``parameter_matrix``.  Scenarios that share all of BLOCK_KEYS are sorted by sample time, so that
+    most blocks sample in step; the last block is padded with copies of its last scenario.
     """
     row = _rows_by_name(matrix, rules)
     order = np.lexsort([row[name] for name in ("learning_interval", "sample_time", *BLOCK_KEYS)])
@@ -100,14 +98,13 @@ def cut_into_blocks(matrix: np.ndarray, rules: UserRules = NO_USER_RULES) -> lis
     for group in np.split(order, starts[1:]):
         for start in range(0, group.size, LANES):
             members = group[start : start + LANES]
-            members_and_blocks.append(
-                (members, _make_block(np.ascontiguousarray(matrix[:, pad_members(members)]), rules))
-            )
+            rows = np.ascontiguousarray(matrix[:, pad_members(members)])
+            members_and_blocks.append((members, _make_block(rows, rules)))
     return members_and_blocks
 
 
 def pad_members(members: np.ndarray) -> np.ndarray:
-    """The scenario in each lane of a block."""
+    """Index of the scenario in each lane of a block, padded with the last one."""
     return np.concatenate([members, np.full(LANES - members.size, members[-1])])
 
 
@@ -116,7 +113,7 @@ def run_sets(
 ) -> tuple[np.ndarray, ...]:
     """Run many parameter sets, block by block.
 
-    matrix, rules: see ``parameter_matrix``.  run: takes a block and its members, returns arrays (…, LANES).  Returns
+    matrix, rules: see ``parameter_matrix``.  run: takes a block and its members, returns arrays (…, LANES).  Return
     the same arrays for all sets, (…, n_sets), in their order.
     """
     results: tuple[np.ndarray, ...] = ()
@@ -129,8 +126,11 @@ def run_sets(
 
 
 def parameter_matrix(columns: Columns, rules: UserRules = NO_USER_RULES) -> np.ndarray:
-    """The columns as numbers, (len(PARAMETER_ROWS), n), a word as the index of its choice; the rules' own below."""
-    matrix = np.stack([_as_numbers(name, columns[name], rules) for name in (*PARAMETER_ROWS, *rules.own)])
+    """Stack the columns as numbers, (len(PARAMETER_ROWS), n), a word as the index of its choice.
+
+    The parameters of user rules are below.
+    """
+    matrix = np.stack([_as_numbers(name, columns[name], rules) for name in (*PARAMETER_ROWS, *rules.parameter_names)])
     row = _rows_by_name(matrix, rules)
     has_ratio = row["estimate_ratio"] >= 0.0
     np.copyto(row["backlash_estimate"], row["estimate_ratio"] * row["backlash"], where=has_ratio)
@@ -139,13 +139,13 @@ def parameter_matrix(columns: Columns, rules: UserRules = NO_USER_RULES) -> np.n
 
 def _as_numbers(name: str, values: np.ndarray, rules: UserRules) -> np.ndarray:
     if name in PARAMETERS and PARAMETERS[name].is_word:
-        choices = np.array(rules.words(name))
+        choices = np.array(rules.choices(name))
         return np.asarray((values[:, None] == choices) @ np.arange(choices.size), dtype=float)
     return np.asarray(values, dtype=float)
 
 
 def _rows_by_name(matrix: np.ndarray, rules: UserRules) -> dict[str, np.ndarray]:
-    return dict(zip((*PARAMETER_ROWS, *rules.own), matrix, strict=True))
+    return dict(zip((*PARAMETER_ROWS, *rules.parameter_names), matrix, strict=True))
 
 
 def _make_block(rows: np.ndarray, rules: UserRules) -> Block:
@@ -163,22 +163,22 @@ def _make_block(rows: np.ndarray, rules: UserRules) -> Block:
         has_lag=bool(np.any(row["sensor_time_constant"] > 0.0)),
         shares_air_side=all(np.ptp(row[name]) == 0.0 for name in ("beta3", "beta4", "beta5", "beta6")),
         leaks=bool(np.any(row["leakage"] >= 0.0)),
-        estimate=BUILT_IN if estimator is None else estimator_stage(estimator),
+        estimator=BUILT_IN if estimator is None else estimator_stage(estimator),
         law=BUILT_IN if law is None else law_stage(law),
-        control=control_stage(ControllerFeatures.of(estimator, law, row)),
-        stem=actuator_stage(ActuatorFeatures.of(row)),
+        control=control_stage(ControllerFeatures.of_lanes(estimator, law, row)),
+        actuator=actuator_stage(ActuatorFeatures.of_lanes(row)),
     )
     return Block(rows, config, estimator, law, _rule_parameters(estimator, row), _rule_parameters(law, row))
 
 
 def _rule_parameters(rule: Estimator | Law | None, row: Mapping[str, np.ndarray]) -> np.ndarray:
-    """The parameters that a rule reads, (n, LANES)."""
+    """Stack the parameters that a rule reads, (n, LANES)."""
     names = () if rule is None else rule.Parameters._fields
     return np.array([row[name] for name in names]).reshape(len(names), LANES)
 
 
 def _estimating_period(row: Mapping[str, np.ndarray], estimator: Estimator | None) -> int:
-    """Seconds between calls of the estimator: a common divisor of when the lanes' own act."""
+    """Seconds between calls of the estimator: a common divisor of the periods of the lanes."""
     if estimator is None:
         return 0
     seconds = row["sample_time"] if estimator.periods is None else estimator.periods(row)
@@ -186,27 +186,27 @@ def _estimating_period(row: Mapping[str, np.ndarray], estimator: Estimator | Non
 
 
 class WorkSpace(NamedTuple):
-    """The flat states of one block: S and V, what its estimator and its law remember behind their parameters."""
+    """Flat states of one block: S and V, see ``rows``; parameters and memory of its estimator and of its law."""
 
     S: np.ndarray
     V: np.ndarray
-    own: np.ndarray
+    estimator_state: np.ndarray
     law_state: np.ndarray
 
 
 def work_space(block: Block) -> WorkSpace:
-    """Room for the states of a block: uninitialised, but for the parameters of its estimator and its law."""
+    """Allocate the states of a block, uninitialised except the parameters of its estimator and its law."""
     return WorkSpace(
         _allocate_aligned(len(ROWS) * LANES),
-        _allocate_aligned((block.common.n_volumes + 2) * VOLUME_STRIDE),
-        allocate_rule_state(block.estimator, block.estimator_parameters),
-        allocate_rule_state(block.law, block.law_parameters),
+        _allocate_aligned((block.config.n_volumes + 2) * VOLUME_STRIDE),
+        _allocate_rule_state(block.estimator, block.estimator_parameters),
+        _allocate_rule_state(block.law, block.law_parameters),
     )
 
 
-def allocate_rule_state(rule: Estimator | Law | None, parameters: np.ndarray) -> np.ndarray:
-    """The parameters of a rule and, behind them, room for its memory and an estimator's arrays."""
-    n_array = rule.words if isinstance(rule, Estimator) else 0
+def _allocate_rule_state(rule: Estimator | Law | None, parameters: np.ndarray) -> np.ndarray:
+    """Allocate the parameters of a rule and, behind them, its memory and the arrays of an estimator, both 0."""
+    n_array = rule.n_floats if isinstance(rule, Estimator) else 0
     state = _allocate_aligned(parameters.size + (0 if rule is None else LANES * (len(rule.Memory._fields) + n_array)))
     state[: parameters.size] = parameters.ravel()
     state[parameters.size :] = 0.0
@@ -214,30 +214,25 @@ def allocate_rule_state(rule: Estimator | Law | None, parameters: np.ndarray) ->
 
 
 def _allocate_aligned(size: int) -> np.ndarray:
-    """Allocate from the edge of a cache line on: a vector across two lines costs twice."""
-    buffer = np.empty(size + _DOUBLES_PER_CACHE_LINE)
-    start = -buffer.ctypes.data // buffer.itemsize % _DOUBLES_PER_CACHE_LINE
+    """Allocate from the edge of a cache line, 8 doubles, on: a vector across two lines costs twice."""
+    buffer = np.empty(size + 8)
+    start = -buffer.ctypes.data // buffer.itemsize % 8
     return buffer[start : start + size]
 
 
 def trace_rows(names: Sequence[str], n_volumes: int) -> np.ndarray:
     """Offsets of the named traces, (n_rows,), volume by volume where they have volumes.
 
-    Offsets of S are given as they are, offsets of V as -1 - offset.
+    An offset of V is given as -1 - offset, one of S as it is.
     """
-    volume = {"T_w": T_W, "T_c": T_C, "T_a": T_A, "W_a": W_A}
-    end_volumes = {
-        "T_sup": T_A + VOLUME_STRIDE,
-        "W_sup": W_A + VOLUME_STRIDE,
-        "T_w_out": T_W + n_volumes * VOLUME_STRIDE,
-    }
-    signal = vars(R) | {"T_measured": R.measured}
+    volumes = range(VOLUME_STRIDE, (n_volumes + 1) * VOLUME_STRIDE, VOLUME_STRIDE)
+    states = {"T_w": (T_W, volumes), "T_c": (T_C, volumes), "T_a": (T_A, volumes), "W_a": (W_A, volumes)}
+    states |= {"T_sup": (T_A, volumes[:1]), "W_sup": (W_A, volumes[:1]), "T_w_out": (T_W, volumes[-1:])}
+    signals = vars(R) | {"T_measured": R.measured}
     rows: list[int] = []
     for name in names:
-        if name in volume:
-            rows += [-1 - (volume[name] + i * VOLUME_STRIDE) for i in range(1, n_volumes + 1)]
-        else:
-            rows.append(-1 - end_volumes[name] if name in end_volumes else signal[name])
+        row, places = states.get(name, (0, range(0)))
+        rows += [-1 - row - place for place in places] or [signals[name]]
     return np.array(rows, dtype=np.int64)
 
 
@@ -246,13 +241,13 @@ TRACES_AFTER_MARCH = ("wet_volumes",)
 
 
 class TraceRequest(NamedTuple):
-    """Which traces to record, every how many seconds."""
+    """Traces to record, and the interval between their samples, s."""
 
     names: tuple[str, ...] = ()
     interval: int = 1
 
     def n_points(self, n_steps: int) -> int:
-        """Samples of a run of ``n_steps``: one at every ``interval``, from second 0 on."""
+        """Number of samples in a run of ``n_steps`` seconds: one at every ``interval``, from second 0 on."""
         return -(-n_steps // self.interval) if self.names else 0
 
 
@@ -261,38 +256,34 @@ def run_block(
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
     """Run one block.
 
-    work: its state, taken from there by a day that does not start at 0, and left there.  Returns metrics
-    (N_METRICS, LANES), status (LANES,) and traces by name.  A trace is (n_points, LANES), or (n_points, N, LANES) if it
-    has volumes; those of failed lanes are NaN.
+    work: its state, from which a day that does not start at 0 goes on, and where the state at its end is left.  Return
+    metrics (N_METRICS, LANES), status (LANES,) and traces by name.  A trace is (n_points, LANES), or
+    (n_points, N, LANES) if it has volumes; those of failed lanes are NaN.
     """
-    names_before = [n for n in request.names if n not in TRACES_AFTER_MARCH]
-    names_after = [n for n in request.names if n in TRACES_AFTER_MARCH]
-    rows, rows_after = trace_rows(names_before, block.common.n_volumes), trace_rows(names_after, block.common.n_volumes)
-    n_points = request.n_points(day.series.shape[0])
-    traces = np.empty((n_points, rows.size + rows_after.size, LANES))
+    n_volumes = block.config.n_volumes
+    names = sorted(request.names, key=TRACES_AFTER_MARCH.__contains__)
+    n_before = sum(name not in TRACES_AFTER_MARCH for name in names)
+    rows, rows_after = trace_rows(names[:n_before], n_volumes), trace_rows(names[n_before:], n_volumes)
+    traces = np.empty((request.n_points(day.series.shape[0]), rows.size + rows_after.size, LANES))
     metrics, status = np.full((N_METRICS, LANES), np.nan), np.empty(LANES, dtype=np.int64)
     work = work_space(block) if work is None else work
-    emulate(block.rows, block.common, day, *work, metrics, status, rows, rows_after, request.interval, traces)
-    for name, values in _estimator_metrics(block, work.own, day.command.size > 0).items():
+    emulate(block.rows, block.config, day, *work, metrics, status, rows, rows_after, request.interval, traces)
+    for name, values in _estimator_metrics(block, work.estimator_state, day.command.size > 0).items():
         metrics[list(METRICS).index(name)] = np.where(status == STATUS_OK, values, np.nan)
 
     traces[:, :, status != STATUS_OK] = np.nan
     traces_by_name, k = {}, 0
-    for name in names_before + names_after:
-        if name in VOLUME_ROWS:
-            traces_by_name[name] = traces[:, k : k + block.common.n_volumes]
-            k += block.common.n_volumes
-        else:
-            traces_by_name[name] = traces[:, k]
-            k += 1
+    for name in names:
+        has_volumes = name in VOLUME_ROWS
+        traces_by_name[name] = traces[:, k : k + n_volumes] if has_volumes else traces[:, k]
+        k += n_volumes if has_volumes else 1
     return metrics, status, traces_by_name
 
 
 def _estimator_metrics(block: Block, estimator_state: np.ndarray, open_loop: bool) -> dict[str, Any]:
-    """The metrics that only an estimator brings; NaN, or off, where the block has another one."""
-    metrics: dict[str, Any] = {name: np.nan for name in ESTIMATOR_METRICS} | {
-        "learning_status": LEARNING_STATUS_MEANINGS.index("off")
-    }
+    """Compute ESTIMATOR_METRICS; those of other estimators are NaN, or off."""
+    metrics: dict[str, Any] = dict.fromkeys(ESTIMATOR_METRICS, np.nan)
+    metrics["learning_status"] = LEARNING_STATUS_MEANINGS.index("off")
     rule = block.estimator
     if rule is not None and rule.results is not None and not open_loop:
         first, n = len(rule.Parameters._fields), len(rule.Memory._fields)
@@ -300,14 +291,16 @@ def _estimator_metrics(block: Block, estimator_state: np.ndarray, open_loop: boo
     return metrics
 
 
+def default_block() -> Block:
+    """Return a block of default loops."""
+    columns = {p.name: np.array([np.nan if p.default is None else p.default]) for p in PARAMETERS.values()}
+    columns |= {"replicate": np.zeros(1), "estimator": np.array(["none"])}
+    ((_, block),) = cut_into_blocks(parameter_matrix(columns))
+    return block
+
+
 def compile_kernel() -> None:
     """Compile the kernel, or load it from the cache, by running the default loop for one second."""
     series = np.array([[1.0, 25.0, 0.01, 7.0, 14.0, 0.0, 1.0, 1.0]])  # DAY_COLUMNS
-    day = Day(
-        series, np.empty(0), make_schedule(series[:, DAY_COLUMN.T_set], series[:, DAY_COLUMN.enabled], 0), 0, (0, 0)
-    )
-    defaults = {p.name: np.array([np.nan if p.default is None else p.default]) for p in PARAMETERS.values()}
-    ((_, block),) = cut_into_blocks(
-        parameter_matrix(defaults | {"replicate": np.zeros(1), "estimator": np.array(["none"])})
-    )
-    run_block(block, day, TraceRequest())
+    schedule = make_schedule(series[:, DAY_COLUMN.T_set], series[:, DAY_COLUMN.enabled], warm_up=0)
+    run_block(default_block(), Day(series, np.empty(0), schedule, 0, (0, 0)), TraceRequest())

@@ -1,8 +1,8 @@
 """The metrics of a run, accumulated in the loop: one number per scenario and metric, no traces needed.
 
-All lanes of a block share the day, so ``schedule`` says before the loop runs which seconds count, are settled, or start
-or end a block of the metrics.  ``account_*`` add one event or second to the sums; ``summarise`` turns the sums into the
-rows of ``METRICS``.
+All lanes of a block share the day: ``make_schedule`` flags, before the loop runs, which seconds count, are settled, or
+start or end a block of the metrics.  ``accumulate_*`` add to the sums; ``summarise`` turns them into the rows of
+``METRICS``.
 """
 
 from typing import NamedTuple
@@ -41,7 +41,7 @@ IS_HUNTING_SAMPLE = 256
 
 
 class DayHistory(NamedTuple):
-    """What the first second of a day follows: set-point, °C, whether the loop was on, and when it was last disturbed.
+    """State of a loop before the first second of a day: set-point, °C, and whether the loop was on.
 
     disturbed_at: second of this day, 0 or negative, of the last step of the set-point or start of the loop.
     """
@@ -55,7 +55,10 @@ NO_HISTORY = DayHistory()
 
 
 class Schedule(NamedTuple):
-    """``flags``, (n_steps,) int64, are sums of the constants above; the others count flagged seconds or blocks."""
+    """Seconds of a day that the metrics use.
+
+    flags: (n_steps,) int64, sums of the constants above; the other fields count flagged seconds or blocks.
+    """
 
     flags: np.ndarray
     n_counted: int
@@ -74,13 +77,13 @@ def last_disturbance(T_set: np.ndarray, enabled: np.ndarray, history: DayHistory
 
 
 def history_after(T_set: np.ndarray, enabled: np.ndarray, history: DayHistory = NO_HISTORY) -> DayHistory:
-    """What the day after a day follows."""
+    """History of the day that follows a day."""
     disturbed_at = int(last_disturbance(T_set, enabled, history)[-1])
     return DayHistory(float(T_set[-1]), bool(enabled[-1] != 0.0), disturbed_at - T_set.size)
 
 
 def is_in_whole_block(counted: np.ndarray, warm_up: int, length: int) -> np.ndarray:
-    """Which seconds lie in blocks of ``length`` s, aligned at ``warm_up``, that are counted throughout."""
+    """Flag the seconds of the blocks of ``length`` s, aligned at ``warm_up``, that are counted throughout."""
     inside = np.zeros(counted.size, bool)
     n_blocks = max((counted.size - warm_up) // length, 0)
     is_whole = counted[warm_up : warm_up + n_blocks * length].reshape(n_blocks, length).all(axis=1)
@@ -89,7 +92,7 @@ def is_in_whole_block(counted: np.ndarray, warm_up: int, length: int) -> np.ndar
 
 
 def make_schedule(T_set: np.ndarray, enabled: np.ndarray, warm_up: int, history: DayHistory = NO_HISTORY) -> Schedule:
-    """Flags of every second of a day.  T_set, °C, and enabled, 0/1: (n_steps,); warm_up: s."""
+    """Flag every second of a day.  T_set, °C, and enabled, 0/1: (n_steps,); warm_up: s."""
     t = np.arange(T_set.size)
     counted = (t >= warm_up) & (enabled != 0.0)
     settled = counted & (t - last_disturbance(T_set, enabled, history) >= SETTLING_TIME_S)
@@ -122,15 +125,14 @@ M = name_offsets(METRICS)
 ESTIMATOR_METRICS = (
     "learn_time_first_down", "estimate_first_down", "learning_status", "half_periods", "half_period_spread",
 )  # fmt: skip
-"""Metrics that one kind of estimator brings, see ``Estimator.results``."""
+"""Metrics of a single kind of estimator, see ``Estimator.results``."""
 
 WATCH_INTERVAL_S = 60
-"""Seconds between looks at the coil: a temperature that leaves its range does not come back, and frost stays long."""
+"""Seconds between checks of range and frost: a temperature that leaves its range does not return, and frost lasts."""
 MIN_STEM_MOVE = 1e-9
-"""Change of opening, fraction, that counts as a movement of the stem."""
-T_RANGE_CENTRE, T_RANGE_HALF_WIDTH = 50.0, 100.0
-"""Temperatures outside -50…150 °C are out of range."""
-_WATER_DENSITY = 1000.0
+"""Change of opening, fraction, that counts as a movement of the stem: above round-off."""
+T_RANGE = (-50.0, 150.0)
+"""Temperatures outside, °C, are out of range."""
 
 
 @section
@@ -152,7 +154,7 @@ def accumulate_second(S, V, t, flags, T_set, T_w_in, m_a, n_volumes):
         e = first[T_A + j] - T_set
         S[R.sum_e2 + j] += e * e
         S[R.sum_abs_e + j] += abs(e)
-        S[R.off + j] += 1.0 if abs(e) > OFF_SET_POINT_ERROR_K else 0.0
+        S[R.seconds_off + j] += 1.0 if abs(e) > OFF_SET_POINT_ERROR_K else 0.0
         S[R.reheat + j] += m_a * (e if e < 0.0 else 0.0)
         S[R.recool + j] += m_a * (e if e > 0.0 else 0.0)
         S[R.sum_m_w + j] += S[R.m_w + j]
@@ -165,7 +167,7 @@ def accumulate_second(S, V, t, flags, T_set, T_w_in, m_a, n_volumes):
             S[R.lowest + j] = first[T_A + j]
             S[R.e_previous + j] = 0.0
             S[R.e_sampled + j] = 0.0
-            S[R.up_at + j] = np.nan
+            S[R.crossed_up_at + j] = np.nan
     if flags & IS_SETTLED:
         for j in range(LANES):
             e = first[T_A + j] - T_set
@@ -182,13 +184,13 @@ def accumulate_second(S, V, t, flags, T_set, T_w_in, m_a, n_volumes):
             rises |= (S[R.e_sampled + j] < 0.0) & (first[T_A + j] - T_set >= 0.0)
         if rises:
             for j in range(LANES):
-                period, last = t - S[R.up_at + j], S[R.last_period + j]
+                period, last_period = t - S[R.crossed_up_at + j], S[R.last_period + j]
                 crosses_up = (S[R.e_sampled + j] < 0.0) & (first[T_A + j] - T_set >= 0.0)
                 is_whole_period = crosses_up & (period > 0.0)  # not at the first crossing of a window
                 S[R.periods + j] += 1.0 if is_whole_period else 0.0
-                S[R.alike + j] += 1.0 if is_whole_period & is_same_period(period, last) else 0.0
-                S[R.last_period + j] = period if is_whole_period else last
-                S[R.up_at + j] = t if crosses_up else S[R.up_at + j]
+                S[R.same_periods + j] += 1.0 if is_whole_period & is_same_period(period, last_period) else 0.0
+                S[R.last_period + j] = period if is_whole_period else last_period
+                S[R.crossed_up_at + j] = t if crosses_up else S[R.crossed_up_at + j]
         for j in range(LANES):
             S[R.e_sampled + j] = first[T_A + j] - T_set
     if flags & WINDOW_ENDS:
@@ -209,22 +211,22 @@ def accumulate_second(S, V, t, flags, T_set, T_w_in, m_a, n_volumes):
 
 @section
 def track_metal_extremes(S, V, n_volumes):
-    """Keep how far the metal has ever been from the middle of the temperature range.
+    """Update the largest distance of the metal from the middle of T_RANGE.
 
     Water and air are weighted means of the metal and of what enters, so neither leaves the range before it does.
     """
     for i in range(1, n_volumes + 1):
         cv = V[i * VOLUME_STRIDE :]
         for j in range(LANES):
-            deviation = abs(cv[T_C + j] - T_RANGE_CENTRE)
+            deviation = abs(cv[T_C + j] - 0.5 * (T_RANGE[0] + T_RANGE[1]))
             S[R.farthest_T_c + j] = deviation if deviation > S[R.farthest_T_c + j] else S[R.farthest_T_c + j]
 
 
 @section
 def accumulate_frost(S, V, n_volumes, seconds):
-    """Add the seconds since the look before to the lanes in which water freezes on the metal or in the tubes.
+    """Add the seconds since the last check to the lanes in which water freezes on the metal or in the tubes.
 
-    Water that stands still counts with the temperature of its metal: Eq (3) leaves it as it was.
+    Standing water has the temperature of its metal here: Eq (3) does not change it.
     """
     for j in range(LANES):
         S[R.coldest_wet + j] = np.inf
@@ -245,23 +247,23 @@ def accumulate_frost(S, V, n_volumes, seconds):
 
 @scalar
 def lane_status(S, V, j, n_volumes):
-    """0 ok, 1 non-finite, 2 out of range.  A lane that was once inf or NaN never becomes finite again."""
+    """Return the status of a lane.  A lane that was once inf or NaN never becomes finite again."""
     total = S[R.sum_e2 + j] + S[R.sum_power + j] + S[R.opening + j] + S[R.command + j]
-    # an open loop has none of these
+    # NaN in an open loop
     total += 0.0 if S[R.mode + j] == 0.0 else S[R.integral + j] + S[R.u + j] + S[R.estimate + j]
     for i in range(1, n_volumes + 1):
         v = i * VOLUME_STRIDE + j
         total += V[v + T_W] + V[v + T_C] + V[v + T_A] + V[v + W_A]
     if not np.isfinite(total):
         return STATUS_NON_FINITE
-    return STATUS_OUT_OF_RANGE if S[R.farthest_T_c + j] > T_RANGE_HALF_WIDTH else STATUS_OK
+    return STATUS_OUT_OF_RANGE if S[R.farthest_T_c + j] > 0.5 * (T_RANGE[1] - T_RANGE[0]) else STATUS_OK
 
 
 @section
 def summarise(S, V, n_volumes, schedule, metrics, status):
     """Fill ``metrics``, (N_METRICS, LANES), and ``status``, (LANES,), at the end of a run.
 
-    Failed lanes are NaN.  The metrics that an estimator brings itself are not touched.
+    Failed lanes are NaN.  ESTIMATOR_METRICS are left as they are.
     """
     seconds, settled, blocks = schedule.n_counted, schedule.n_settled, schedule.n_switch_blocks
     for j in range(LANES):
@@ -270,10 +272,10 @@ def summarise(S, V, n_volumes, schedule, metrics, status):
         m[M.rmse] = np.sqrt(S[R.sum_e2 + j] / seconds)
         m[M.rmse_settled] = np.sqrt(S[R.sum_e2_settled + j] / settled)
         m[M.iae] = S[R.sum_abs_e + j] / 3600.0
-        m[M.share_off] = S[R.off + j] / seconds
+        m[M.share_off] = S[R.seconds_off + j] / seconds
         m[M.hunting_swing] = S[R.sum_swing + j] / schedule.n_windows
         m[M.hunting_period] = settled / S[R.crossings + j] if S[R.crossings + j] >= 2.0 else np.nan
-        hunts = is_hunting(m[M.hunting_swing], S[R.periods + j], S[R.alike + j])
+        hunts = is_hunting(m[M.hunting_swing], S[R.periods + j], S[R.same_periods + j])
         m[M.hunts] = np.nan if schedule.n_windows == 0 else (1.0 if hunts else 0.0)
         m[M.switch_frequency] = S[R.sum_switches + j] / blocks
         m[M.stem_travel] = S[R.stem_travel + j]
@@ -292,7 +294,7 @@ def summarise(S, V, n_volumes, schedule, metrics, status):
         m[M.coil_peak_power] = S[R.peak_power + j] if schedule.n_peak_blocks > 0 else np.nan
         m[M.reheat_energy] = -S[R.reheat + j] * S[R.cp_a + j] / 3600.0
         m[M.recool_energy] = S[R.recool + j] * S[R.cp_a + j] / 3600.0
-        m[M.water_volume] = S[R.sum_m_w + j] / _WATER_DENSITY
+        m[M.water_volume] = S[R.sum_m_w + j] / 1000.0  # m3 from kg
         m[M.condensate] = S[R.condensate + j]
         m[M.frost_time] = S[R.frost_time + j]
         m[M.freeze_time] = S[R.freeze_time + j]

@@ -3,25 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from fastcoil.model.engine.metrics import accumulate_travel
-from fastcoil.model.engine.rows import (
-    LANES,
-    PARAMETER_ROWS,
-    Q_W,
-    T_A,
-    T_C,
-    T_W,
-    VOLUME_STRIDE,
-    W_A,
-    W_S,
-    R,
-    name_offsets,
-)
+from fastcoil.model.engine.rows import LANES, Q_W, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, P, R
 from fastcoil.model.numerics.elementary import exp, log
 from fastcoil.model.numerics.jit import kernel, scalar, section
 from fastcoil.model.numerics.stages import BUILT_IN, FLAG, INTEGER, ROW_POINTER, StageSignature
@@ -60,19 +49,18 @@ from fastcoil.model.physics import (
     worn_backlash,
 )
 
-MILD_T, MILD_W = 1.0, 0.07
-"""While all is warmer, °C, and drier, kg/kg, no metal is near freezing, and none above 50 °C gets wet."""
-_DEW_POINT_STEP_K, _SATURATION_MARGIN = (
-    0.0625,
-    1.000001,
-)  # K; and a factor, as saturation is in pieces that meet to some 1e-9 of it
+MILD_T = 1.0
+"""°C; while everything in a coil is warmer, no metal is near freezing."""
+MILD_W = 0.07
+"""kg/kg; while all air is drier, no metal above 50 °C gets wet."""
+_DEW_POINT_STEP_K = 0.0625
 
 
 @section
 def update_water_flow(S, leaks):
-    """Water flow, Eq (2), and water-side conductance, Eq (4): a short loop for each exponential and logarithm.
+    """Update water flow, Eq (2), and water-side conductance, Eq (4): a short loop for each exponential and logarithm.
 
-    leaks: whether any lane has its leakage given.
+    leaks: whether the leakage of any lane is given.
     """
     for j in range(LANES):
         S[R.growth + j] = flow_exponential(S[R.opening + j], S[R.valve_b + j], S[R.valve_c + j])
@@ -81,26 +69,20 @@ def update_water_flow(S, leaks):
     for j in range(LANES):
         S[R.m_w + j] = exp(S[R.log_m_w + j])
         S[R.C_flow + j] = S[R.m_w + j] * S[R.cp_w + j]
-    if leaks:
-        apply_leakage(S)
+    if leaks:  # the lanes without leakage keep the flow of Eq (2)
+        for j in range(LANES):
+            m_w = leaky_flow(S[R.m_w + j], S[R.m_0 + j], S[R.m_1 + j], S[R.leakage + j])
+            S[R.m_w + j] = m_w if S[R.leakage + j] >= 0.0 else S[R.m_w + j]
+            S[R.C_flow + j] = S[R.m_w + j] * S[R.cp_w + j]
+        for j in range(LANES):
+            log_m_w = log(S[R.m_w + j] if S[R.m_w + j] > LEAST_WATER_FLOW_KG_S else LEAST_WATER_FLOW_KG_S)
+            S[R.log_m_w + j] = log_m_w if S[R.leakage + j] >= 0.0 else S[R.log_m_w + j]
     update_water_conductance(S)
 
 
 @section
-def apply_leakage(S):
-    """Water flow of the lanes whose leakage is given; the others keep that of Eq (2)."""
-    for j in range(LANES):
-        m_w = leaky_flow(S[R.m_w + j], S[R.m_0 + j], S[R.m_1 + j], S[R.leakage + j])
-        S[R.m_w + j] = m_w if S[R.leakage + j] >= 0.0 else S[R.m_w + j]
-        S[R.C_flow + j] = S[R.m_w + j] * S[R.cp_w + j]
-    for j in range(LANES):
-        log_m_w = log(S[R.m_w + j] if S[R.m_w + j] > LEAST_WATER_FLOW_KG_S else LEAST_WATER_FLOW_KG_S)
-        S[R.log_m_w + j] = log_m_w if S[R.leakage + j] >= 0.0 else S[R.log_m_w + j]
-
-
-@section
 def update_water_conductance(S):
-    """Water-side conductance of every lane, Eq (4)."""
+    """Update the water-side conductance of every lane, Eq (4)."""
     for j in range(LANES):
         S[R.ntu_w + j] = transfer_units(S[R.ntu_w_factor + j], S[R.beta2 + j], S[R.log_m_w + j])
     for j in range(LANES):
@@ -109,7 +91,7 @@ def update_water_conductance(S):
 
 @section
 def update_air_effectiveness(S, m_a):
-    """Air-side effectiveness of every lane, Eq (4)."""
+    """Update the air-side effectiveness of every lane, Eq (4)."""
     for j in range(LANES):
         S[R.eps_a + j] = effectiveness(S[R.ntu_a_factor + j], S[R.beta4 + j], m_a)
         S[R.eps_star + j] = effectiveness(S[R.ntu_star_factor + j], S[R.beta6 + j], m_a)
@@ -117,7 +99,7 @@ def update_air_effectiveness(S, m_a):
 
 @section
 def fill_air_effectiveness(S, m_a, eps):
-    """Air-side effectiveness of the whole day, where all lanes share β3…β6; eps: out, ε_a and ε_a*, (2, n_steps)."""
+    """Fill eps, (2, n_steps), with ε_a and ε_a* of the whole day, for lanes that share β3…β6."""
     eps_a, eps_star = eps[0], eps[1]
     for t in range(eps_a.size):  # out of its column: a loop over every eighth number is not vectorised
         eps_a[t] = m_a[t]
@@ -140,8 +122,8 @@ def set_inlets(V, n_volumes, T_a_in, W_a_in, T_w_in):
 def coldest_and_dampest(S, V, n_volumes):
     """Lowest temperature, °C, and highest humidity ratio, kg/kg, in the coils of a block.
 
-    Eqs (3) and (4) take weighted means, at dt within the stability limits, and nothing but a loss of humidity: until
-    something colder or damper enters, no volume goes beyond.
+    Within the stability limits of dt, Eqs (3) and (4) take weighted means and only remove humidity: no volume goes
+    beyond these values until something colder or damper enters.
     """
     for j in range(LANES):
         S[R.coldest + j] = np.inf
@@ -159,23 +141,13 @@ def coldest_and_dampest(S, V, n_volumes):
     return coldest, dampest
 
 
-@section
-def highest_pressure(S):
-    """Of the lanes of a block, Pa."""
-    highest = S[R.pressure]
-    for j in range(1, LANES):  # the method of arrays would load numba's linear algebra with the kernel
-        highest = max(highest, S[R.pressure + j])
-    return highest
-
-
 @scalar
 def dew_point_bound(T, W, pressure):
-    """A temperature, °C, from which up no air as damp as W condenses on metal: the one from before, moved as needed.
+    """A temperature, °C, at and above which no air of humidity ratio W condenses on metal; inf if there is none.
 
-    It is up to ``_DEW_POINT_STEP_K`` above the dew point, and the search is short where W has hardly changed.  inf: there is
-    none.
+    It lies up to ``_DEW_POINT_STEP_K`` above the dew point.  T: where the search starts, the bound before.
     """
-    W *= _SATURATION_MARGIN
+    W *= 1.000001  # the pieces of the saturation curve meet to some 1e-9 of it
     T = T_SATURATION_MIN if T == np.inf else T
     while T < T_SATURATION_MAX and saturation_humidity_ratio(T, pressure) < W:
         T += _DEW_POINT_STEP_K
@@ -186,13 +158,13 @@ def dew_point_bound(T, W, pressure):
 
 @section
 def march_water(S, V, n_volumes, is_mild, may_condense):
-    """Eq (3) for the water of every volume, and what the air march reads: heat into the water, saturation.
+    """March the water of every volume, Eq (3); also heat into the water and saturation, which the air march reads.
 
     It runs from the water's outlet to its inlet, so that the water entering a volume is still in state [t].  It is
     separate from the air march because two short chains of arithmetic overlap better than a long one.
     is_mild: no metal is near freezing, and no air so moist that it condenses above 50 °C.
-    damp: (at least n_volumes + 1,), whether air may condense in a volume in some lane; elsewhere nobody asks for
-    saturation.
+    may_condense: (at least n_volumes + 1,), whether air may condense in a volume in some lane; saturation is computed
+    there only.
     """
     for k in range(n_volumes):
         i = n_volumes - k
@@ -206,7 +178,7 @@ def march_water(S, V, n_volumes, is_mild, may_condense):
 
 @section
 def water_step(S, V, i, saturates):
-    """Eq (3) for the water of volume i, and the heat into it; with ``saturates`` also saturation at its metal."""
+    """March the water of volume i, Eq (3); with ``saturates`` also compute saturation at its metal."""
     pair = V[(i - 1) * VOLUME_STRIDE : (i + 1) * VOLUME_STRIDE]
     for j in range(LANES):
         row = VOLUME_STRIDE + j
@@ -220,7 +192,7 @@ def water_step(S, V, i, saturates):
 
 @section
 def saturate_cold_and_hot(S, V, i):
-    """Saturation at the metal of volume i in the lanes in which it is near freezing, or above 50 °C."""
+    """Compute saturation at the metal of volume i in the lanes in which it is near freezing or above 50 °C."""
     cv = V[i * VOLUME_STRIDE : (i + 1) * VOLUME_STRIDE]
     cold, hot = False, False
     for j in range(LANES):
@@ -257,7 +229,7 @@ def march_air(S, V, n_volumes, lagged_air, shares_air_side, eps_a, eps_star, m_a
 
 @section
 def air_step_wet(S, V, i, shares_air_side, eps_a, eps_star, m_a, m_a_dt, T_dry):
-    """Let air pass volume i, where some of it may condense.  Returns whether some may again, see ``march_air``."""
+    """March air and metal of volume i, where air may condense; return whether it may again, see ``march_air``."""
     pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
     may_condense = False
     for j in range(LANES):
@@ -282,7 +254,7 @@ def air_step_wet(S, V, i, shares_air_side, eps_a, eps_star, m_a, m_a_dt, T_dry):
 
 @section
 def air_step_dry(S, V, i, shares_air_side, eps_a, m_a, T_dry):
-    """Let air pass volume i, where none condenses in any lane: the same numbers as ``air_step_wet`` with less work."""
+    """March air and metal of volume i, where no air condenses in any lane: ``air_step_wet`` with less work."""
     pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
     may_condense = False
     for j in range(LANES):
@@ -299,7 +271,7 @@ def air_step_dry(S, V, i, shares_air_side, eps_a, m_a, T_dry):
 
 @section
 def count_wet_volumes(S, V, n_volumes):
-    """Count the wet volumes: the rows hold what a march compares before a lagged one, after a quasistatic one."""
+    """Count the wet volumes, before a lagged march or after a quasistatic one: the rows hold what it compares."""
     for j in range(LANES):
         S[R.wet_volumes + j] = 0.0
     for i in range(1, n_volumes + 1):
@@ -308,48 +280,48 @@ def count_wet_volumes(S, V, n_volumes):
             S[R.wet_volumes + j] += 1.0 if pair[VOLUME_STRIDE + W_A + j] > pair[W_S + j] else 0.0
 
 
-ACTUATOR_SIGNATURE = StageSignature(ROW_POINTER, FLAG, returns=INTEGER)
+ACTUATOR_SIGNATURE = StageSignature(S=ROW_POINTER, counted=FLAG, returns=INTEGER)
 """Stages that move motor and stem, see ``actuator_stage``."""
 call_actuator = ACTUATOR_SIGNATURE.call
-VALVE_MOVED, ACTUATOR_BUSY = 1, 2
-"""What a stage returns, summed: a valve moved; something happens next second whatever the command."""
+VALVE_MOVED = 1
+"""Flag that ``actuate`` returns if any valve moved."""
+ACTUATOR_BUSY = 2
+"""Flag that ``actuate`` returns if any motor or stem has to be computed in the next second whatever the command."""
 
 
-@section
-def scale_gap(S, scale):
-    """Let the boundary multiply every backlash by ``scale``; the stem is taken into the new gap when next actuated."""
-    for j in range(LANES):
-        S[R.backlash_scale + j] = scale
-        S[R.gap + j] = scaled_backlash(S[R.worn + j], scale)
-
-
-class ActuatorFeatures(NamedTuple):
-    """What the motors and valves of a block have in common: which parts of ``actuate`` are compiled for it."""
+@dataclass(frozen=True, kw_only=True)
+class ActuatorFeatures:
+    """Parts of ``actuate`` that are compiled for a block, because one of its lanes needs them."""
 
     has_resolution: bool = False
-    has_zones: bool = False
-    slips: bool = False
-    wears: bool = False
+    has_neutral_zone: bool = False
+    has_stick_slip: bool = False
+    has_wear: bool = False
 
     @classmethod
-    def of(cls, row: Mapping[str, np.ndarray]) -> ActuatorFeatures:
-        """For a block with these parameters, each (LANES,)."""
-        names = ("command_resolution", "neutral_zone", "slip_jump", "wear_rate")
-        return cls(*(bool(np.any(row[name] > 0.0)) for name in names))
+    def of_lanes(cls, row: Mapping[str, np.ndarray]) -> ActuatorFeatures:
+        """Return the features of a block with these parameters, each (LANES,)."""
+        return cls(
+            has_resolution=bool(np.any(row["command_resolution"] > 0.0)),
+            has_neutral_zone=bool(np.any(row["neutral_zone"] > 0.0)),
+            has_stick_slip=bool(np.any(row["slip_jump"] > 0.0)),
+            has_wear=bool(np.any(row["wear_rate"] > 0.0)),
+        )
 
 
 def make_actuate(features: ActuatorFeatures) -> Any:
-    """The section ``actuate`` with these parts.  It closes over them, so that the compiler never sees the others."""
-    has_resolution, has_zones, slips, wears = features
+    """Return the section ``actuate`` with these features, see ``make_control``."""
+    has_resolution, has_neutral_zone = features.has_resolution, features.has_neutral_zone
+    has_stick_slip, has_wear = features.has_stick_slip, features.has_wear
 
     @section
     def actuate(S, counted):
-        """Move motor and gearbox, Eq (1).  Returns MOVED if any valve moved, plus RUNNING if any motor still runs."""
+        """Move motor and gearbox, Eq (1); return VALVE_MOVED and ACTUATOR_BUSY as they apply."""
         moved, running = False, False
         for j in range(LANES):
             target = actuator_input(S[R.command + j], S[R.command_resolution + j] if has_resolution else 0.0)
             previous, x_bl, commissioned_gap = S[R.position + j], S[R.gap + j], S[R.backlash + j]
-            if has_zones:
+            if has_neutral_zone:
                 runs = S[R.motor_runs + j] != 0.0
                 position, runs = move_with_dead_zone(previous, target, S[R.max_travel + j], S[R.neutral_zone + j], runs)
                 S[R.motor_runs + j] = 1.0 if runs else 0.0
@@ -357,7 +329,7 @@ def make_actuate(features: ActuatorFeatures) -> Any:
             else:
                 position = motor_position(previous, target, S[R.max_travel + j])
                 running |= position != target
-            if slips:
+            if has_stick_slip:
                 direction = S[R.stem_direction + j]
                 q, direction = stick_slip(S[R.q + j], direction, position, previous, x_bl, S[R.slip_jump + j])
                 S[R.stem_direction + j] = direction
@@ -372,9 +344,9 @@ def make_actuate(features: ActuatorFeatures) -> Any:
             S[R.position + j] = position
             S[R.q + j] = q
             S[R.opening + j] = open_
-            if wears:
-                S[R.worn + j] = worn_backlash(S[R.worn + j], S[R.wear_rate + j], abs(d_opening))
-                S[R.gap + j] = scaled_backlash(S[R.worn + j], S[R.backlash_scale + j])
+            if has_wear:
+                S[R.worn_backlash + j] = worn_backlash(S[R.worn_backlash + j], S[R.wear_rate + j], abs(d_opening))
+                S[R.gap + j] = scaled_backlash(S[R.worn_backlash + j], S[R.backlash_scale + j])
                 running |= S[R.gap + j] != x_bl
             moved |= d_opening != 0.0
         return (VALVE_MOVED if moved else 0) + (ACTUATOR_BUSY if running else 0)
@@ -387,28 +359,25 @@ actuate = make_actuate(ActuatorFeatures())
 
 @cache
 def actuator_stage(features: ActuatorFeatures) -> Any:
-    """Where ``actuate`` is, compiled for these parts: (S, counted) → MOVED and RUNNING."""
+    """Return the address of ``actuate`` compiled with these features, see ACTUATOR_SIGNATURE."""
     if features == ActuatorFeatures():
         return BUILT_IN
-
     actuate_lanes = make_actuate(features)
 
-    def stem(S, counted):
+    def actuator(S, counted):
         return actuate_lanes(S, counted)
 
-    return ACTUATOR_SIGNATURE.compiled(stem, repr(features))
-
-
-P = name_offsets(PARAMETER_ROWS)
+    return ACTUATOR_SIGNATURE.compile(actuator, repr(features))
 
 
 @kernel
-def fill_stability_numbers(matrix, m_a, slope, gamma, lam):
-    """γ = m_w c_p,w dt / C_w and λ = dt (G_a + G_w) / C_c at full opening, per scenario; dt = 1 s / substeps.
+def stability_numbers(matrix, m_a, slope):
+    """Return γ = m_w c_p,w dt / C_w and λ = dt (G_a + G_w) / C_c of every scenario at full opening, (n,) each.
 
-    matrix: (len(PARAMETER_ROWS), n).  m_a: air flows to try, kg/s.  slope: dh_s/dT of the wettest entering
-    air, kJ/(kg K), for the wet form of λ; 0 where no volume can be wet.  gamma, lam: out, (n,).
+    dt = 1 s / substeps.  matrix: (len(PARAMETER_ROWS), n).  m_a: air flows to try, kg/s.  slope: dh_s/dT of the
+    wettest entering air, kJ/(kg K), for the wet form of λ; 0 where no volume can be wet.
     """
+    gamma, lam = np.empty(matrix.shape[1]), np.empty(matrix.shape[1])
     for k in range(matrix.shape[1]):
         p = matrix[:, k]
         per_volume = 8.0 / p[P.n_volumes]
@@ -424,10 +393,4 @@ def fill_stability_numbers(matrix, m_a, slope, gamma, lam):
             G_air = max(G_air, G_a, G_wet)
         gamma[k] = m_w * p[P.cp_w] / (per_volume * p[P.C_w]) / p[P.substeps]
         lam[k] = (G_air + G_w) / (per_volume * p[P.C_c]) / p[P.substeps]
-
-
-def stability_numbers(matrix: np.ndarray, m_a: np.ndarray, slope: float) -> tuple[np.ndarray, np.ndarray]:
-    """(γ, λ) of every scenario, each (n,)."""
-    gamma, lam = np.empty(matrix.shape[1]), np.empty(matrix.shape[1])
-    fill_stability_numbers(matrix, m_a, slope, gamma, lam)
     return gamma, lam

@@ -1,7 +1,6 @@
 """Parts of the loop on recorded signals: the coil alone, the valve alone, the gap of a stem, the controller alone.
 
-Each is a march of its own around the same scalar formulas as in ``emulator``; what the missing parts would give comes
-from a record.
+Each marches with the same scalar formulas as ``emulator``; the signals of the missing parts come from a record.
 """
 
 import numpy as np
@@ -33,7 +32,7 @@ from fastcoil.model.physics import (
 )
 
 COIL_COLUMNS = ("m_a", "T_a_in", "W_a_in", "T_w_in", "m_w")
-"""Columns of what enters the coil."""
+"""Columns of the signals at the inlets of the coil."""
 _COIL_COLUMN = name_offsets(COIL_COLUMNS)
 
 
@@ -41,7 +40,7 @@ _COIL_COLUMN = name_offsets(COIL_COLUMNS)
 def march_coil(rows, config, series, seconds, S, V, T_sup, T_w_out, wet):
     """March the coils of a block through a record.
 
-    series: (n_steps, 5), columns as in COIL_COLUMNS, 1-s samples.  at: (n,), the seconds to record, ascending.
+    series: (n_steps, 5), columns as in COIL_COLUMNS, 1-s samples.  seconds: (n,), those to record, ascending.
     S, V: work space as for ``emulate``.  T_sup, T_w_out, wet: out, (n, LANES): temperatures at those seconds, °C,
     and the number of wet volumes.
     """
@@ -52,12 +51,9 @@ def march_coil(rows, config, series, seconds, S, V, T_sup, T_w_out, wet):
     all_volumes = np.ones(n_volumes + 1, np.bool_)
     k = 0
     for t in range(n_steps):
-        m_a, T_a_in, W_a_in = (
-            series[t, _COIL_COLUMN.m_a],
-            series[t, _COIL_COLUMN.T_a_in],
-            series[t, _COIL_COLUMN.W_a_in],
-        )
-        T_w_in, m_w = series[t, _COIL_COLUMN.T_w_in], series[t, _COIL_COLUMN.m_w]
+        now = series[t]
+        m_a, T_a_in, W_a_in = now[_COIL_COLUMN.m_a], now[_COIL_COLUMN.T_a_in], now[_COIL_COLUMN.W_a_in]
+        T_w_in, m_w = now[_COIL_COLUMN.T_w_in], now[_COIL_COLUMN.m_w]
         recorded = k < seconds.size and seconds[k] == t
         if recorded:
             for j in range(LANES):
@@ -90,15 +86,15 @@ def march_coil(rows, config, series, seconds, S, V, T_sup, T_w_out, wet):
 def run_coil(matrix: np.ndarray, series: np.ndarray, seconds: np.ndarray) -> tuple[np.ndarray, ...]:
     """March many parameter sets, (len(PARAMETER_ROWS), n_sets), through a record.
 
-    Returns T_sup, T_w_out, °C, and the number of wet volumes at the seconds ``seconds``, (n, n_sets).
+    Return T_sup, T_w_out, °C, and the number of wet volumes at the ``seconds``, (n, n_sets).
     """
 
-    def run(block: Block, _: np.ndarray) -> list[np.ndarray]:
+    def run_block(block: Block, _: np.ndarray) -> list[np.ndarray]:
         T_sup, T_w_out, wet = (np.empty((seconds.size, LANES)) for _ in range(3))
-        march_coil(block.rows, block.common, series, seconds, *work_space(block)[:2], T_sup, T_w_out, wet)
+        march_coil(block.rows, block.config, series, seconds, *work_space(block)[:2], T_sup, T_w_out, wet)
         return [T_sup, T_w_out, wet]
 
-    return run_sets(matrix, run)
+    return run_sets(matrix, run_block)
 
 
 VALVE_ROWS = ("backlash", "m_max", "valve_a", "valve_b", "valve_c")
@@ -108,10 +104,10 @@ _VALVE_ROW = name_offsets(VALVE_ROWS)
 
 @kernel
 def valve_flows(command, batch, sets, start, openings, flows):
-    """Water flow of every parameter set at every recorded command.
+    """Compute the water flow of every parameter set at every recorded command.
 
-    command: (n,), fraction of stroke.  batch: (n,), number of the unbroken piece a sample belongs to; what came before
-    a piece is unknown.  sets: (5, n_sets), rows as in VALVE_ROWS.  start: (n_batches, n_sets), place in the gap where
+    command: (n,), fraction of stroke.  batch: (n,), number of the unbroken piece of a sample; nothing is known of the
+    time before a piece.  sets: (5, n_sets), rows as in VALVE_ROWS.  start: (n_batches, n_sets), place in the gap where
     a piece starts, 0 falling to 1 rising.  openings, flows: out, (n, n_sets), fraction and kg/s.
     """
     n_sets = sets.shape[1]
@@ -132,16 +128,16 @@ def valve_flows(command, batch, sets, start, openings, flows):
             q[j] = backlash(q[j], command[t], sets[_VALVE_ROW.backlash, j])
             openings[t, j] = opening(q[j], sets[_VALVE_ROW.backlash, j])
         for j in range(n_sets):
-            growth_term = flow_exponential(openings[t, j], sets[_VALVE_ROW.valve_b, j], sets[_VALVE_ROW.valve_c, j])
-            flows[t, j] = exp(log_flow(log_m_max[j], sets[_VALVE_ROW.valve_a, j], growth_term))
+            growth = flow_exponential(openings[t, j], sets[_VALVE_ROW.valve_b, j], sets[_VALVE_ROW.valve_c, j])
+            flows[t, j] = exp(log_flow(log_m_max[j], sets[_VALVE_ROW.valve_a, j], growth))
 
 
 @kernel
 def motor_positions(command, max_travel, positions):
-    """Motor position at each sample, just before the command of that sample acts, and one sample after the last.
+    """Compute the motor position just before the command of each sample acts, and one sample after the last.
 
-    command: (n,), fraction of stroke, held from sample to sample.  most_travel: fraction of stroke between two samples.
-    positions: out, (n + 1,).  The motor stands at the first command when the log begins.
+    command: (n,), fraction of stroke, held from sample to sample.  max_travel: fraction of stroke between two samples.
+    positions: out, (n + 1,).  The motor starts at the first command.
     """
     positions[0] = command[0]
     for k in range(command.size):
@@ -150,14 +146,14 @@ def motor_positions(command, max_travel, positions):
 
 @kernel
 def mean_openings(positions, sizes, width, openings, squares):
-    """Mean opening behind each candidate backlash, and the mean of its square, over ``width`` intervals at a time.
+    """Average the opening behind each candidate backlash, and its square, over ``width`` intervals at a time.
 
     positions: (n + 1,), of the motor.  sizes: (c,), fractions of stroke.  openings, squares: out, (m, c); row k covers
     the samples from k · width to (k + 1) · width.
 
     Between two samples the motor runs one way, so that Eq (1) at the samples is exact; the opening between them counts
-    as the mean of both.  Nobody knows where the stem stood when the log began; it starts in the middle of its play, and
-    the first turn of the motor that closes the gap makes up for that.
+    as the mean of both.  The position of the stem at the start of the log is unknown: it starts in the middle of its
+    play, which matters until a turn of the motor first closes the gap.
     """
     q = np.empty(sizes.size)
     before = np.empty(sizes.size)
@@ -180,37 +176,34 @@ def mean_openings(positions, sizes, width, openings, squares):
 
 
 REPLAY_COLUMNS = ("T_sup", "T_set", "enabled", "m_a")
-"""Columns of what the controller sees."""
+"""Columns of the inputs of the controller."""
 _REPLAY_COLUMN = name_offsets(REPLAY_COLUMNS)
 REPLAY_TRACES = ("u", "integral", "command", "estimate", "mode")
 
 
 @kernel
 def replay_controllers(rows, config, series, S, V, estimator_state, law_state, traced_rows, interval, traces):
-    """What the controllers of a block command on a record.
+    """Run the controllers of a block on a record.
 
-    series: (n_steps, 4), columns as in REPLAY_COLUMNS, 1-s samples; m_a is NaN where it is not known.  S, V, own,
-    own_law: work space as for ``emulate``; V is not read.  traced_rows: their offsets.  traces: out,
+    series: (n_steps, 4), columns as in REPLAY_COLUMNS, 1-s samples; m_a is NaN where it is not known.  S, V,
+    estimator_state, law_state: a WorkSpace; V is not read.  traced_rows: offsets.  traces: out,
     (n_points, n_rows, LANES), every ``interval`` seconds.
     """
     begin_run(S, V, rows, config.n_volumes, False, True, 0.0)
-    has_estimator = config.estimate != BUILT_IN
+    has_estimator = config.estimator != BUILT_IN
     if has_estimator:
-        call_estimator(config.estimate, (S, estimator_state, 0.0, 0.0, 0.0, True, True))
+        call_estimator(config.estimator, (S, estimator_state, 0.0, 0.0, 0.0, True, True))
     has_law = config.law != BUILT_IN
     if has_law:
         call_law(config.law, (S, law_state, 0.0, 0.0, 0.0, 0.0, True, True))
     was_enabled = True
     for t in range(series.shape[0]):
-        enabled, T_set, m_a = (
-            series[t, _REPLAY_COLUMN.enabled] != 0.0,
-            series[t, _REPLAY_COLUMN.T_set],
-            series[t, _REPLAY_COLUMN.m_a],
-        )
+        now = series[t]
+        enabled, T_set, m_a = now[_REPLAY_COLUMN.enabled] != 0.0, now[_REPLAY_COLUMN.T_set], now[_REPLAY_COLUMN.m_a]
         for j in range(LANES):
-            S[R.y_s + j] = series[t, _REPLAY_COLUMN.T_sup]
+            S[R.y_s + j] = now[_REPLAY_COLUMN.T_sup]
         if has_estimator and t > 0 and t % config.estimating_period == 0:
-            call_estimator(config.estimate, (S, estimator_state, float(t), T_set, m_a, enabled, False))
+            call_estimator(config.estimator, (S, estimator_state, float(t), T_set, m_a, enabled, False))
         if t % config.control_period == 0 or was_enabled != enabled:
             if has_law:
                 call_law(config.law, (S, law_state, float(t), T_set, 0.0, m_a, enabled, False))
@@ -226,13 +219,13 @@ def replay_controllers(rows, config, series, S, V, estimator_state, law_state, t
 def run_replay(
     matrix: np.ndarray, series: np.ndarray, interval: int, rules: UserRules = NO_USER_RULES
 ) -> dict[str, np.ndarray]:
-    """Replay many controllers, (len(PARAMETER_ROWS), n_sets).  Returns each of REPLAY_TRACES, (n_points, n_sets)."""
+    """Replay many controllers, (len(PARAMETER_ROWS), n_sets); return each of REPLAY_TRACES, (n_points, n_sets)."""
 
-    def run(block: Block, _: np.ndarray) -> list[np.ndarray]:
-        rows = trace_rows(REPLAY_TRACES, block.common.n_volumes)
+    def run_block(block: Block, _: np.ndarray) -> list[np.ndarray]:
+        rows = trace_rows(REPLAY_TRACES, block.config.n_volumes)
         traces = np.empty((-(-series.shape[0] // interval), rows.size, LANES))
-        replay_controllers(block.rows, block.common, series, *work_space(block), rows, interval, traces)
+        replay_controllers(block.rows, block.config, series, *work_space(block), rows, interval, traces)
         return [traces]
 
-    (replays,) = run_sets(matrix, run, rules)
+    (replays,) = run_sets(matrix, run_block, rules)
     return {name: replays[:, k] for k, name in enumerate(REPLAY_TRACES)}

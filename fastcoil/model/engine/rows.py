@@ -3,9 +3,9 @@
 A block is LANES scenarios side by side.  Its state is one flat array of rows of LANES doubles, so that row offsets are
 compile-time constants and the compiler needs no alias checks between rows.
 
-Four groups of rows follow one another.  *Parameter* rows are what a scenario is given.  *Derived* rows follow from them
-and stay as they are.  *State* rows are what a later day carries over.  *Sums* are what the metrics accumulate; they
-start again with every run.
+Four groups of rows follow one another.  *Parameter* rows hold the parameters of a scenario; *derived* rows follow from
+them and do not change.  *State* rows carry over to a later day.  *Sums* are what the metrics accumulate; every run
+resets them.
 """
 
 from collections.abc import Iterable
@@ -28,40 +28,37 @@ DERIVED_ROWS = (
     "dt_C_w", "dt_C_c", "ntu_w_factor", "ntu_a_factor", "ntu_star_factor", "log_m_max", "m_0", "m_1", "max_travel",
     "sensor_decay", "ki", "sign", "largest_buffer", "steepness",
 )  # fmt: skip
-"""What the parameters amount to per step."""
+"""Quantities per step that follow from the parameters."""
 STATE_ROWS = (
     # sensor
     "y_s", "noise", "noise_next", "measured",
-    # what a law that is not the PI decided; PI, inverse
-    "decided", "u", "integral", "mode", "u_ext", "command",
-    # what the estimator sees of the last sample; the estimate, and what the inverse assumes of it
-    "T_seen", "e_seen", "switches", "estimate", "assumed",
-    # whether the valve test runs, and what it remembers
+    # u of a law in place of the PI; PI, inverse
+    "u_law", "u", "integral", "mode", "u_ext", "command",
+    # reading and error of the last sample, for the estimator; its estimate, and the backlash that the inverse assumes
+    "T_seen", "e_seen", "switches", "estimate", "assumed_backlash",
+    # whether the valve test runs, and its memory
     "test", *(f"test_{name}" for name in Memory._fields),
-    # noise measured on line: readings so far, the last two errors, median size of second differences
+    # measured noise: number of readings, the last two errors, median size of second differences
     "readings", "e_1", "e_2", "difference",
     # actuator, valve
     "position", "motor_runs", "q", "stem_direction", "opening", "growth", "log_m_w", "m_w",
-    # backlash as worn so far, what the boundary multiplies it by, the gap that this makes; direction of the last move
-    "worn", "backlash_scale", "gap", "last_turn",
+    # backlash with wear, its factor from the boundary, the gap that results; direction of the last move
+    "worn_backlash", "backlash_scale", "gap", "last_turn",
     # coil: flow, conductance and effectiveness of this step
     "C_flow", "ntu_w", "G_w", "eps_a", "eps_star", "wet_volumes", "power",
-    # since the start of the first day: how far the metal was out of range, and when the estimate was right
+    # since the start of the first day: largest distance of the metal from mid-range, and when the estimate was right
     "farthest_T_c", "time_reached", "time_confirmed", "time_identified",
 )  # fmt: skip
-"""What the next step, or a later day, starts from.
-
-The temperatures of the coil are in VOLUME_ROWS, what an estimator remembers is in rows of its own.
-"""
+"""State that the next step or a later day starts from, beside that of the coil (VOLUME_ROWS) and of an estimator."""
 SUM_ROWS = (
-    "sum_e2", "sum_e2_settled", "sum_abs_e", "off", "reheat", "recool",
+    "sum_e2", "sum_e2_settled", "sum_abs_e", "seconds_off", "reheat", "recool",
     "T_set_from", "e_previous", "crossings", "highest", "lowest", "sum_swing",
-    "e_sampled", "up_at", "periods", "last_period", "alike",
+    "e_sampled", "crossed_up_at", "periods", "last_period", "same_periods",
     "sum_switches", "stem_travel", "motor_travel", "reversals", "sum_estimate",
     "sum_power", "sum_power_block", "peak_power", "sum_m_w", "condensate",
     "coldest_wet", "coldest_water", "frost_time", "freeze_time", "coldest", "dampest",
 )  # fmt: skip
-"""What the metrics are made of."""
+"""Sums and extremes from which ``summarise`` computes the metrics."""
 VOLUME_ROWS = ("T_w", "T_c", "T_a", "W_a", "Q_w", "W_s")
 """Rows of each control volume: the states, heat from the metal into the water, and saturation at T_c.
 
@@ -70,21 +67,23 @@ Volume 0 carries the entering water in T_w, volume N + 1 the entering air in T_a
 
 
 def name_offsets(names: Iterable[str], stride: int = 1) -> Any:
-    """Each name's place in an enumeration, times ``stride``.
+    """Return an object with an attribute for each name: its index, times ``stride``.
 
-    As a module: what the compiler reads from one is a constant.  A field of a named tuple is the whole tuple first,
-    which took a fifth of a compilation.
+    It is a module, whose attributes are constants to the compiler.  A field of a named tuple would load the whole tuple
+    first, which took a fifth of a compilation.
     """
-    places = ModuleType("positions")
-    vars(places).update({name: stride * k for k, name in enumerate(names)})
-    return places
+    offsets = ModuleType("offsets")
+    vars(offsets).update({name: stride * k for k, name in enumerate(names)})
+    return offsets
 
 
 ROWS = PARAMETER_ROWS + DERIVED_ROWS + STATE_ROWS + SUM_ROWS
 R = name_offsets(ROWS, LANES)
 """Offset of each row in the flat state S."""
-STATE_START, SUMS_START = len(PARAMETER_ROWS + DERIVED_ROWS) * LANES, (len(ROWS) - len(SUM_ROWS)) * LANES
-"""Where the state rows and the sums start in S."""
+P = name_offsets(PARAMETER_ROWS)
+"""Index of each parameter in the rows of a block or a matrix of scenarios."""
+STATE_START = len(PARAMETER_ROWS + DERIVED_ROWS) * LANES
+SUMS_START = (len(ROWS) - len(SUM_ROWS)) * LANES
 T_W, T_C, T_A, W_A, Q_W, W_S = range(0, len(VOLUME_ROWS) * LANES, LANES)
 """Offset of each row of volume 0 in the flat state V; volume i is i * VOLUME_STRIDE further."""
 VOLUME_STRIDE = LANES * len(VOLUME_ROWS)
@@ -92,7 +91,7 @@ VOLUME_STRIDE = LANES * len(VOLUME_ROWS)
 
 @section
 def derive_rows(S, rows, n_volumes):
-    """Fill the parameter rows, from a block's ``rows``, and the derived rows; coil parameters are for 8 volumes."""
+    """Fill the parameter rows from a block's ``rows``, and the derived rows; coil parameters are for 8 volumes."""
     for k in range(len(PARAMETER_ROWS)):
         for j in range(LANES):
             S[k * LANES + j] = rows[k, j]
@@ -116,8 +115,8 @@ def derive_rows(S, rows, n_volumes):
             S[R.valve_c + j] = c
         S[R.log_m_max + j] = log(S[R.m_max + j])
         for opening, flow in ((0.0, R.m_0), (1.0, R.m_1)):
-            growth_term = flow_exponential(opening, S[R.valve_b + j], S[R.valve_c + j])
-            S[flow + j] = exp(log_flow(S[R.log_m_max + j], S[R.valve_a + j], growth_term))
+            growth = flow_exponential(opening, S[R.valve_b + j], S[R.valve_c + j])
+            S[flow + j] = exp(log_flow(S[R.log_m_max + j], S[R.valve_a + j], growth))
         highest = largest_buffer(S[R.buffer_swing + j], S[R.plant_gain + j])
         S[R.largest_buffer + j] = highest
         sigma = 0.0 if S[R.buffer_noise + j] > 0.0 else S[R.noise_std + j]
@@ -127,7 +126,7 @@ def derive_rows(S, rows, n_volumes):
 
 @section
 def set_initial_state(S, open_loop):
-    """Fill the state rows: everything at rest, and no controller in an open loop."""
+    """Fill the state rows: everything at rest; NaN for the controller in an open loop."""
     S[STATE_START:SUMS_START] = 0.0
     initial_signal = np.nan if open_loop else 0.0
     for j in range(LANES):
@@ -136,8 +135,8 @@ def set_initial_state(S, open_loop):
         S[R.integral + j] = initial_signal
         S[R.mode + j] = 0.0 if open_loop else FALLING
         S[R.estimate + j] = np.nan if open_loop else S[R.backlash_estimate + j]
-        S[R.assumed + j] = S[R.estimate_share + j] * S[R.backlash_estimate + j]
-        S[R.worn + j] = S[R.backlash + j]
+        S[R.assumed_backlash + j] = S[R.estimate_share + j] * S[R.backlash_estimate + j]
+        S[R.worn_backlash + j] = S[R.backlash + j]
         S[R.gap + j] = S[R.backlash + j]
         S[R.backlash_scale + j] = 1.0
         S[R.test_mean + j] = np.nan
@@ -148,7 +147,7 @@ def set_initial_state(S, open_loop):
 
 @section
 def reset_sums(S, open_loop):
-    """Fill the rows of the sums: nothing counted yet."""
+    """Reset the sums."""
     S[SUMS_START:] = 0.0
     for j in range(LANES):
         S[R.sum_switches + j] = np.nan if open_loop else 0.0
@@ -156,8 +155,13 @@ def reset_sums(S, open_loop):
 
 
 @section
-def fill_coil(S, V, n_volumes, W_a):
-    """Set every volume to ``T_initial``, with air of humidity ratio W_a."""
+def begin_run(S, V, rows, n_volumes, open_loop, is_first, W_a):
+    """Fill the rows of a block for a run; in the first one also the coil, with T_initial and humidity ratio W_a."""
+    derive_rows(S, rows, n_volumes)
+    reset_sums(S, open_loop)
+    if not is_first:
+        return
+    set_initial_state(S, open_loop)
     for i in range(1, n_volumes + 1):
         v = i * VOLUME_STRIDE
         for j in range(LANES):
@@ -165,13 +169,3 @@ def fill_coil(S, V, n_volumes, W_a):
             V[v + T_C + j] = S[R.T_initial + j]
             V[v + T_A + j] = S[R.T_initial + j]
             V[v + W_A + j] = W_a
-
-
-@section
-def begin_run(S, V, rows, n_volumes, open_loop, is_first, W_a):
-    """Fill the rows of a block for a run; if it is the first also the coil, with air of humidity ratio W_a."""
-    derive_rows(S, rows, n_volumes)
-    reset_sums(S, open_loop)
-    if is_first:
-        set_initial_state(S, open_loop)
-        fill_coil(S, V, n_volumes, W_a)

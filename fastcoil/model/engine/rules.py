@@ -1,7 +1,7 @@
 """The rules of a block of lanes: the estimator in front of the PI, and the law in place of it.
 
-A rule sees one lane: a Sample, its parameters and its memory.  Both are rows of the rule's own, so that no row of the
-loop depends on which rules there are.
+A rule sees one lane: a Sample, its parameters and its memory.  The last two are rows apart from those of the loop,
+which therefore do not depend on the rules.
 """
 
 from functools import cache
@@ -16,8 +16,10 @@ from fastcoil.model.numerics.jit import exact, section
 from fastcoil.model.numerics.stages import FLAG, NUMBER, ROW_POINTER, StageSignature, array_at, store_if_due, values_at
 from fastcoil.model.physics import sensor_reading
 
-ESTIMATOR_SIGNATURE = StageSignature(ROW_POINTER, ROW_POINTER, NUMBER, NUMBER, NUMBER, FLAG, FLAG)
-"""Stages that find the estimate, see ``estimator_stage``."""
+ESTIMATOR_SIGNATURE = StageSignature(
+    S=ROW_POINTER, rule_state=ROW_POINTER, t=NUMBER, T_set=NUMBER, m_a=NUMBER, enabled=FLAG, is_start=FLAG
+)
+"""Stages that estimate the backlash, see ``estimator_stage``."""
 call_estimator = ESTIMATOR_SIGNATURE.call
 
 
@@ -30,33 +32,28 @@ def is_estimate_right(x_hat, x_bl):
 
 @section
 def adopt_estimate(S, j, t, x_hat):
-    """Take over lane j's new estimate, and note since when the estimate has been right."""
-    # once no number, always none, so that the status says so at the end
+    """Set the estimate of lane j, and update the time since which it has been right."""
+    # a NaN stays, so that the status reports it
     x_hat = S[R.estimate + j] if np.isnan(S[R.estimate + j]) else clip01(x_hat)
-    is_right = is_estimate_right(x_hat, S[R.gap + j])
     since = S[R.time_identified + j]
     since = since if since <= t else t
-    S[R.time_identified + j] = since if is_right else np.nan
+    S[R.time_identified + j] = since if is_estimate_right(x_hat, S[R.gap + j]) else np.nan
     S[R.estimate + j] = x_hat
-    S[R.assumed + j] = S[R.estimate_share + j] * x_hat
+    S[R.assumed_backlash + j] = S[R.estimate_share + j] * x_hat
 
 
 @cache
 def estimator_stage(estimator: Estimator) -> Any:
-    """Where the estimator is, compiled: (S, own, t, T_set, m_a, enabled, begins) → nothing.
+    """Return the address of an estimator compiled for a block, see ESTIMATOR_SIGNATURE.
 
-    own: its parameters, then its memory, (n_parameters + n_memory) * LANES, then an array for each lane, if it has one.
-    With ``begins`` it only fills the memory.
+    rule_state: its parameters, its memory, (n_parameters + n_memory) * LANES, and an array for each lane if it has one.
+    At the start only the memory is filled.
     """
-    step, start, confirms = (
-        _compile_exact(estimator.step),
-        _compile_exact(estimator.start),
-        _compile_exact(estimator.confirms),
-    )
+    step, start, confirms = map(_compile_exact, (estimator.step, estimator.start, estimator.confirms))
     Parameters, Memory, defaults = estimator.Parameters, estimator.Memory, memory_defaults(estimator.Memory)
     memory_at, every_call = len(Parameters._fields) * LANES, estimator.periods is not None
     has_start, has_confirms = start is not None, confirms is not None
-    n_array, arrays_at = estimator.words, memory_at + len(Memory._fields) * LANES
+    n_array, arrays_at = estimator.n_floats, memory_at + len(Memory._fields) * LANES
     has_array, sees_test = n_array > 0, estimator.sees_test
 
     def estimate(S, rule_state, t, T_set, m_a, enabled, is_start):
@@ -64,9 +61,8 @@ def estimator_stage(estimator: Estimator) -> Any:
             for j in range(LANES):
                 p = values_at(Parameters, rule_state, j, LANES)
                 memory = values_at(Memory, rule_state, memory_at + j, LANES)
-                store_if_due(
-                    True, start(p) if has_start else Memory(*defaults), memory, rule_state, memory_at + j, LANES
-                )
+                initial = start(p) if has_start else Memory(*defaults)
+                store_if_due(True, initial, memory, rule_state, memory_at + j, LANES)
                 adopt_estimate(S, j, t, S[R.estimate + j])
             return
         for j in range(LANES):
@@ -91,24 +87,25 @@ def estimator_stage(estimator: Estimator) -> Any:
                 S[R.time_reached + j] = reached
                 S[R.time_confirmed + j] = confirmed
 
-    return ESTIMATOR_SIGNATURE.compiled(estimate, estimator.identity or estimator.name)
+    return ESTIMATOR_SIGNATURE.compile(estimate, estimator.fingerprint or estimator.name)
 
 
 def _compile_exact(function: Any) -> Any:
     return function if function is None or hasattr(function, "py_func") else exact(function)
 
 
-LAW_SIGNATURE = StageSignature(ROW_POINTER, ROW_POINTER, NUMBER, NUMBER, NUMBER, NUMBER, FLAG, FLAG)
+LAW_SIGNATURE = StageSignature(
+    S=ROW_POINTER, rule_state=ROW_POINTER, t=NUMBER, T_set=NUMBER, noise=NUMBER, m_a=NUMBER, enabled=FLAG, is_start=FLAG
+)
 """Stages that decide u, see ``law_stage``."""
 call_law = LAW_SIGNATURE.call
 
 
 @cache
 def law_stage(law: Law) -> Any:
-    """Where the law is, compiled: (S, own, t, T_set, noise, m_a, enabled, begins) → nothing.
+    """Return the address of a control law compiled for a block, see LAW_SIGNATURE.
 
-    own: its parameters, then its memory.  With ``begins`` it only fills the memory.  Where the controller is off, the
-    memory starts again.
+    rule_state: its parameters, then its memory.  The memory is reset at the start and while the controller is off.
     """
     step, Parameters, Memory, defaults = law.step, law.Parameters, law.Memory, memory_defaults(law.Memory)
     memory_at = len(Parameters._fields) * LANES
@@ -129,8 +126,8 @@ def law_stage(law: Law) -> Any:
                 u, after = step(now, p, memory)
                 due = sample_number(t, S[R.sample_time + j]) * S[R.sample_time + j] == t
                 store_if_due(due, after, memory, rule_state, memory_at + j, LANES)
-                # once no number, always none, so that the status says so at the end
-                u = S[R.decided + j] if np.isnan(S[R.decided + j]) else clip01(u)
-                S[R.decided + j] = u if due else S[R.decided + j]
+                # a NaN stays, so that the status reports it
+                u = S[R.u_law + j] if np.isnan(S[R.u_law + j]) else clip01(u)
+                S[R.u_law + j] = u if due else S[R.u_law + j]
 
-    return LAW_SIGNATURE.compiled(decide, law.identity)
+    return LAW_SIGNATURE.compile(decide, law.fingerprint)

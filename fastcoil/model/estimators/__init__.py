@@ -1,5 +1,5 @@
-"""What finds the backlash estimate: one file for each estimator, with its memory and its step.
+"""Estimators of the backlash: one file for each, with its memory and its step.
 
-Read ``interface`` first, what an estimator is made of and sees, and ``learner``, the rule of the paper; ``hagglund``,
+Read ``interface`` first, the class of estimators, and ``learner``, the rule of the paper; ``hagglund``,
 ``gradient`` and ``identify`` are the others; ``registry`` finds them by name.
 """

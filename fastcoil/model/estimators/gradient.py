@@ -1,8 +1,8 @@
 """The adaptive backlash inverse, simplified: one gap, a normalised gradient step, a band-pass for the closed loop.
 
 After Tao and Kokotović (1993).  Engaged, an inverse with estimate x̂ behind a gap X gives an opening that is off by
-(x̂ - X) φ / (1 - X), φ = m - u, where m is 1 rising and 0 falling: what φ and the error have in common says which way
-x̂ is wrong.
+(x̂ - X) φ / (1 - X), φ = m - u, where m is 1 rising and 0 falling: what φ and the error have in common shows in which
+direction x̂ is wrong.
 """
 
 from typing import NamedTuple
@@ -12,12 +12,9 @@ import numpy as np
 from fastcoil.model.estimators.interface import Estimator, filter_weight, low_pass
 from fastcoil.model.numerics.jit import exact
 
-WASHOUT_RATIO = 20.0
-"""Time constant of the washout over that of the filter: what lasts so long is no reversal."""
-SET_POINT_STEP_K = 0.1
-"""A change of the set-point between two samples that is a step, K; the reference model follows smaller ones."""
-AIR_FLOW_STEP_SHARE = 0.05
-"""A change of the air flow since its last step that is one, as a share of the flow."""
+WASHOUT_RATIO = 20.0  # time constant of the washout over that of the filter: what lasts so long is no reversal
+SET_POINT_STEP_K = 0.1  # change between two samples that is a step; the reference model follows smaller ones
+AIR_FLOW_STEP_SHARE = 0.05  # change since the last step that is one, over the flow
 
 
 @exact
@@ -35,7 +32,7 @@ def outside_dead_zone(e, dead_zone):
 
 @exact
 def has_stepped(reference, now, size):
-    """Whether a signal is more than ``size`` away from what it was; one that is not known has no steps."""
+    """Whether a signal is more than ``size`` away from ``reference``; one that is not known, NaN, has no steps."""
     return abs(now - reference) > size
 
 
@@ -48,7 +45,7 @@ def gradient_step(x_hat, gain, sample_time, e, zeta, cap):
 
 
 class Parameters(NamedTuple):
-    """Parameters of the loop that the adaptation uses."""
+    """Parameters of the loop that the adaptation reads."""
 
     sample_time: float
     action: float
@@ -61,10 +58,10 @@ class Parameters(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """What it remembers.  NaN: nothing yet."""
+    """State from one sample to the next.  NaN: nothing yet."""
 
     weight_ref: float
-    """Of a new value in the reference model, the filter, and the filter of the washout."""
+    """Weight of a new value in the reference model; below, in the filter and in that of the washout."""
     weight_fast: float
     weight_slow: float
     m_a: float
@@ -80,7 +77,7 @@ class Memory(NamedTuple):
 
 
 @exact
-def start(p):
+def initial_memory(p):
     """Memory at the start: nothing yet."""
     ref = filter_weight(p.gradient_reference_time, p.sample_time)
     fast = filter_weight(p.gradient_filter_time, p.sample_time)
@@ -89,7 +86,7 @@ def start(p):
 
 
 @exact
-def step(now, p, memory):
+def update_estimate(now, p, memory):
     """Move the estimate along the gradient, unless u is at an end or a step was not long ago.
 
     It starts anew at u = 0, as after a time off.  The reference model has no dead time: what the loop makes of one is
@@ -117,4 +114,4 @@ def step(now, p, memory):
     return x_hat if acts else now.estimate, next_memory
 
 
-ESTIMATOR = Estimator("gradient", Parameters, Memory, step, start)
+ESTIMATOR = Estimator("gradient", Parameters, Memory, update_estimate, initial_memory)

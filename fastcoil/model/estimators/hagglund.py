@@ -10,10 +10,9 @@ import numpy as np
 from fastcoil.model.estimators.interface import Estimator, filter_weight, low_pass
 from fastcoil.model.numerics.jit import exact
 
-LEAST_HALF_PERIOD_RATIO = 5.0
-"""A half period of at least so many integral times counts."""
-LARGEST_PEAK_RATIO = 2.0
-"""One whose largest error is at least so many times its mean is not square and does not count."""
+# conditions of acceptance, Hägglund (2007)
+LEAST_DURATION_RATIO = 5.0  # duration of a half period over the integral time
+LARGEST_PEAK_RATIO = 2.0  # largest error of a half period over its mean: a square wave has 1
 
 
 @exact
@@ -30,14 +29,12 @@ def crossed_gap(duration, iae, kp, ti, plant_gain):
 @exact
 def is_evidence(duration, iae, peak, ti, d):
     """Whether a half period is evidence: long, nearly square, and with a gap d that a valve can have."""
-    return (
-        duration >= LEAST_HALF_PERIOD_RATIO * ti and peak * duration < LARGEST_PEAK_RATIO * iae and d > 0.0 and d < 1.0
-    )
+    return duration >= LEAST_DURATION_RATIO * ti and peak * duration < LARGEST_PEAK_RATIO * iae and d > 0.0 and d < 1.0
 
 
 @exact
 def has_changed_sign(previous_e, e):
-    """Whether an error changed sides; NaN has none."""
+    """Whether an error changed its sign; NaN has none."""
     return (previous_e > 0.0 and e <= 0.0) or (previous_e <= 0.0 and e > 0.0)
 
 
@@ -60,7 +57,7 @@ def median_of_five(a, b, c, d, e):
 
 
 class Parameters(NamedTuple):
-    """Parameters of the loop that the estimate uses."""
+    """Parameters of the loop that the estimator reads."""
 
     sample_time: float
     kp: float
@@ -72,14 +69,14 @@ class Parameters(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """What it remembers."""
+    """State from one sample to the next."""
 
     weight: float
-    """Of a new value in the filter."""
+    """Weight of a new value in the filter."""
     e: float
     """Filtered error, K."""
     duration: float
-    """Of this half period so far, s; NaN before there is a zero crossing."""
+    """Duration of this half period so far, s; NaN before there is a zero crossing."""
     iae: float
     """Integral of the absolute error over it, K s."""
     peak: float
@@ -95,14 +92,14 @@ class Memory(NamedTuple):
 
 
 @exact
-def start(p):
+def initial_memory(p):
     """Memory at the start: nothing yet."""
     weight = filter_weight(p.hagglund_filter_ratio * p.ti, p.sample_time)
     return Memory(weight, np.nan, np.nan, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @exact
-def step(now, p, memory):
+def update_estimate(now, p, memory):
     """Add a sample to its half period, and where one ends, take its gap into the running median.
 
     The median of the last five needs five rows, forgets what is old, and ignores single disturbances, whose gaps are
@@ -115,30 +112,28 @@ def step(now, p, memory):
 
     d = crossed_gap(memory.duration, memory.iae, p.kp, p.ti, p.plant_gain)
     is_final = p.estimate_share > 0.0 and memory.n_counted >= p.hagglund_least_half_periods
-    is_new_evidence = ends and not is_final and is_evidence(memory.duration, memory.iae, memory.peak, p.ti, d)
-    n_counted = memory.n_counted + 1.0 if is_new_evidence else memory.n_counted
-    d1 = d if is_new_evidence else memory.d1
-    d2 = memory.d1 if is_new_evidence else memory.d2
-    d3 = memory.d2 if is_new_evidence else memory.d3
-    d4 = memory.d3 if is_new_evidence else memory.d4
-    d5 = memory.d4 if is_new_evidence else memory.d5
+    counts = ends and not is_final and is_evidence(memory.duration, memory.iae, memory.peak, p.ti, d)
+    n_counted = memory.n_counted + 1.0 if counts else memory.n_counted
+    d1 = d if counts else memory.d1
+    d2 = memory.d1 if counts else memory.d2
+    d3 = memory.d2 if counts else memory.d3
+    d4 = memory.d3 if counts else memory.d4
+    d5 = memory.d4 if counts else memory.d5
     duration = (0.0 if ends else memory.duration) + p.sample_time
     # where the loop is off, or the valve at an end, the PI is not on its way across the gap
     duration = np.nan if now.u <= 0.0 or now.u >= 1.0 else duration
     iae = (0.0 if ends else memory.iae) + size * p.sample_time
     peak = size if ends or size > memory.peak else memory.peak
-    has_estimate = is_new_evidence and n_counted >= p.hagglund_least_half_periods
+    has_estimate = counts and n_counted >= p.hagglund_least_half_periods
     next_memory = Memory(memory.weight, e, duration, iae, peak, n_counted, d1, d2, d3, d4, d5)
     return median_of_five(d1, d2, d3, d4, d5) if has_estimate else now.estimate, next_memory
 
 
-def results(memory: Any) -> dict[str, np.ndarray]:
-    """The estimator's own metrics at the end of a run."""
-    last_gaps = np.stack([memory.d1, memory.d2, memory.d3, memory.d4, memory.d5])
-    spread = np.where(
-        np.asarray(memory.n_counted) >= len(last_gaps), last_gaps.max(axis=0) - last_gaps.min(axis=0), np.nan
-    )
+def final_metrics(memory: Any) -> dict[str, np.ndarray]:
+    """Return the metrics of this estimator at the end of a run."""
+    gaps = np.stack([memory.d1, memory.d2, memory.d3, memory.d4, memory.d5])
+    spread = np.where(np.asarray(memory.n_counted) >= len(gaps), np.ptp(gaps, axis=0), np.nan)
     return {"half_periods": np.asarray(memory.n_counted), "half_period_spread": spread}
 
 
-ESTIMATOR = Estimator("hagglund", Parameters, Memory, step, start, results=results)
+ESTIMATOR = Estimator("hagglund", Parameters, Memory, update_estimate, initial_memory, results=final_metrics)

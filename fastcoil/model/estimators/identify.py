@@ -1,15 +1,15 @@
 """The backlash from the controller's own command and temperature, while it works, without provoking anything.
 
 The play operator turns the command into an opening behind each of CANDIDATES.  A linear model from opening to
-temperature is fitted to each: the change of the temperature over a horizon, from its own changes before, a constant,
-and the last changes of the opening behind the candidate, as in ``fastcoil.measured.identify``.  The
-candidates that fit best are the likely ones.  After Jelali (2008), done recursively.
+temperature is fitted to each: the change of the temperature over a horizon, from its changes before, a constant, and
+the last changes of the opening behind the candidate, as in ``fastcoil.measured.identify``.  The candidates that fit
+best are the likely ones.  After Jelali (2008), done recursively.
 
 Only the hours after a step of the set-point and the time of a valve test count, and not the minutes after a step of the
 air flow.  Otherwise the command follows the temperature and nothing else, and a stem that stands still looks like one
 without a gap.  Nothing is forgotten meanwhile.
 
-What the candidates share is summed once.  All is in one array of WORDS floats, the candidates innermost, so that loops
+Sums that the candidates share are taken once.  All is in one array of floats, the candidates innermost, so that loops
 over them run as vectors.
 """
 
@@ -25,50 +25,47 @@ from fastcoil.model.physics import backlash, motor_position
 CANDIDATES = np.concatenate([np.arange(10) * 0.005, np.arange(5, 16) * 0.01, np.array([0.165, 0.18, 0.20, 0.22, 0.25])])
 """Sizes that are compared, fractions of stroke: closer together where a valve is nearly good."""
 N_CANDIDATES = 26
-N_TEMPERATURE_LAGS, N_OPENING_LAGS = 6, 3
-"""Changes of the temperature before this one, and of the opening, that the model has."""
-MOTOR_COLUMN = N_TEMPERATURE_LAGS + 2
-N_COMMON = MOTOR_COLUMN + 1
-"""The change that is to be explained, those before it, the constant, and the change of the motor: in this order."""
-PRIOR_PRECISION = 0.01
-"""Of the prior of the opening's coefficients, 1/K²: each is known to ± 10 K per stroke before anything is seen."""
-REDUNDANT_SHARE = 1e-10
-"""A column of which less than this share is its own is left out."""
+N_LAGS = 6  # changes of the temperature before this one, in the model
+N_MOVES = 3  # last changes of the opening, in the model
+MOTOR_AT = N_LAGS + 2
+N_COMMON = MOTOR_AT + 1
+"""The change to be explained, those before it, the constant, and the change of the motor, in this order."""
+PRIOR_PRECISION = 0.01  # of the coefficients of the opening, 1/K²: ± 10 K per stroke before anything is seen
+REDUNDANT_SHARE = 1e-10  # a column of which less than this share is independent of the others is left out
 
-LAGS_AT = 0
-"""Where each part starts: what the candidates have in common, (COMMON,)."""
-SUMS_AT = LAGS_AT + N_COMMON
-"""Sums of their products, (COMMON, COMMON), lower half."""
+# Where each part of the array starts, and its shape.
+LAGS_AT = 0  # (N_COMMON,): what the candidates have in common
+SUMS_AT = LAGS_AT + N_COMMON  # (N_COMMON, N_COMMON), lower half: sums of their products
 FACTOR_AT = SUMS_AT + N_COMMON * N_COMMON
 """Scratch: the Cholesky factor of those sums but for the first, with the reciprocals of its diagonal."""
-SOLVED_ROWS_AT = FACTOR_AT + N_COMMON * N_COMMON
-"""Scratch: one row of what is to be explained and DRIVEN rows of the openings, each solved with that factor."""
-RESIDUAL_PRODUCTS_AT = SOLVED_ROWS_AT + (N_OPENING_LAGS + 1) * N_COMMON
-"""Scratch: what each opening of a candidate shares with the change and not with the rest, (2, DRIVEN): without, and
-with the motor among the rest."""
-RESIDUAL_PAIRS_AT = RESIDUAL_PRODUCTS_AT + 2 * N_OPENING_LAGS
-"""Scratch: the same of the openings with one another, (2, DRIVEN, DRIVEN)."""
-PROBABILITY_AT = RESIDUAL_PAIRS_AT + 2 * N_OPENING_LAGS * N_OPENING_LAGS
-"""Log-likelihoods, then probabilities, (N,)."""
-EARLIER_PROBABILITY_AT = PROBABILITY_AT + N_CANDIDATES
+SOLVED_AT = FACTOR_AT + N_COMMON * N_COMMON
+"""Scratch: a row of what is to be explained and N_MOVES rows of the openings, each solved with that factor."""
+RESIDUALS_AT = SOLVED_AT + (N_MOVES + 1) * N_COMMON
+"""Scratch, (2, N_MOVES): product of each opening of a candidate with the change, less what the rest explains, without
+and with the motor among the rest."""
+PAIRS_AT = RESIDUALS_AT + 2 * N_MOVES  # scratch, (2, N_MOVES, N_MOVES): the same of the openings with one another
+P_AT = PAIRS_AT + 2 * N_MOVES * N_MOVES  # (N_CANDIDATES,): log-likelihoods, then probabilities
+P_EARLIER_AT = P_AT + N_CANDIDATES
 """The same, with the motor in place of the opening in the horizon in which the change happens."""
-MOVES_AT = EARLIER_PROBABILITY_AT + N_CANDIDATES
-"""Last changes of the opening, (DRIVEN, N)."""
-CROSS_PRODUCTS_AT = MOVES_AT + N_OPENING_LAGS * N_CANDIDATES
-"""Sums of their products with LAGS, (DRIVEN, COMMON, N)."""
-PAIR_PRODUCTS_AT = CROSS_PRODUCTS_AT + N_OPENING_LAGS * N_COMMON * N_CANDIDATES
-"""Sums of their products with one another, the lower half row by row, (DRIVEN * (DRIVEN + 1) / 2, N)."""
-ARRAY_SIZE = PAIR_PRODUCTS_AT + N_OPENING_LAGS * (N_OPENING_LAGS + 1) // 2 * N_CANDIDATES
+MOVES_AT = P_EARLIER_AT + N_CANDIDATES  # (N_MOVES, N_CANDIDATES): last changes of the opening
+CROSS_AT = MOVES_AT + N_MOVES * N_CANDIDATES
+"""(N_MOVES, N_COMMON, N_CANDIDATES): sums of their products with what the candidates have in common."""
+PRODUCTS_AT = CROSS_AT + N_MOVES * N_COMMON * N_CANDIDATES
+"""(N_MOVES * (N_MOVES + 1) / 2, N_CANDIDATES): sums of their products with one another, lower half row by row."""
+STEMS_AT = PRODUCTS_AT + N_MOVES * (N_MOVES + 1) // 2 * N_CANDIDATES  # (N_CANDIDATES,): place of each stem
+OPENING_SUMS_AT = STEMS_AT + N_CANDIDATES  # (N_CANDIDATES,): opening summed over the horizon
+OPENING_MEANS_AT = OPENING_SUMS_AT + N_CANDIDATES  # (N_CANDIDATES,): mean opening of the last horizon
+N_FLOATS = OPENING_MEANS_AT + N_CANDIDATES
 
 
 @exact
 def remember_change(w, change, motor_change):
-    """Move the last changes of temperature on by one, and put this one, K, in front; moved: that of the motor."""
-    for i in range(N_TEMPERATURE_LAGS, 0, -1):
+    """Shift the last changes of temperature by one, and put this one, K, and that of the motor in front."""
+    for i in range(N_LAGS, 0, -1):
         w[LAGS_AT + i] = w[LAGS_AT + i - 1]
     w[LAGS_AT] = change
-    w[LAGS_AT + N_TEMPERATURE_LAGS + 1] = 1.0
-    w[LAGS_AT + MOTOR_COLUMN] = motor_change
+    w[LAGS_AT + N_LAGS + 1] = 1.0
+    w[LAGS_AT + MOTOR_AT] = motor_change
 
 
 @exact
@@ -78,14 +75,14 @@ def add_row(w, decay):
         for k in range(i + 1):
             at = SUMS_AT + i * N_COMMON + k
             w[at] = decay * w[at] + w[LAGS_AT + i] * w[LAGS_AT + k]
-    for a in range(N_OPENING_LAGS):
+    for a in range(N_MOVES):
         first_move = MOVES_AT + a * N_CANDIDATES
         for i in range(N_COMMON):
-            at, lag = CROSS_PRODUCTS_AT + (a * N_COMMON + i) * N_CANDIDATES, w[LAGS_AT + i]
+            at, lag = CROSS_AT + (a * N_COMMON + i) * N_CANDIDATES, w[LAGS_AT + i]
             for c in range(N_CANDIDATES):
                 w[at + c] = decay * w[at + c] + lag * w[first_move + c]
         for b in range(a + 1):
-            at, other_move = PAIR_PRODUCTS_AT + (a * (a + 1) // 2 + b) * N_CANDIDATES, MOVES_AT + b * N_CANDIDATES
+            at, other_move = PRODUCTS_AT + (a * (a + 1) // 2 + b) * N_CANDIDATES, MOVES_AT + b * N_CANDIDATES
             for c in range(N_CANDIDATES):
                 w[at + c] = decay * w[at + c] + w[first_move + c] * w[other_move + c]
 
@@ -107,94 +104,89 @@ def factorise(w):
 
 @exact
 def solve_row(w, row, at, stride):
-    """Solve the factor for the products at ``at``, ``at + stride`` and so on; into a row of SOLVED."""
+    """Solve the factor for the products at ``at``, ``at + stride`` and so on; into a row at SOLVED_AT."""
     for i in range(1, N_COMMON):
         remainder = w[at + i * stride]
         for m in range(1, i):
-            remainder -= w[FACTOR_AT + i * N_COMMON + m] * w[SOLVED_ROWS_AT + row * N_COMMON + m]
-        w[SOLVED_ROWS_AT + row * N_COMMON + i] = remainder * w[FACTOR_AT + i * N_COMMON + i]
+            remainder -= w[FACTOR_AT + i * N_COMMON + m] * w[SOLVED_AT + row * N_COMMON + m]
+        w[SOLVED_AT + row * N_COMMON + i] = remainder * w[FACTOR_AT + i * N_COMMON + i]
 
 
 @exact
 def project_out_common(w, c):
-    """What the openings behind candidate c share with the change, and with one another, less what the rest explains."""
-    for a in range(N_OPENING_LAGS):
-        solve_row(w, 1 + a, CROSS_PRODUCTS_AT + a * N_COMMON * N_CANDIDATES + c, N_CANDIDATES)
-    for a in range(N_OPENING_LAGS):
+    """Products of the openings of candidate c with the change, and with one another, less what the rest explains."""
+    for a in range(N_MOVES):
+        solve_row(w, 1 + a, CROSS_AT + a * N_COMMON * N_CANDIDATES + c, N_CANDIDATES)
+    for a in range(N_MOVES):
         common = 0.0
-        for i in range(1, MOTOR_COLUMN):
-            common += w[SOLVED_ROWS_AT + (1 + a) * N_COMMON + i] * w[SOLVED_ROWS_AT + i]
-        w[RESIDUAL_PRODUCTS_AT + a] = w[CROSS_PRODUCTS_AT + a * N_COMMON * N_CANDIDATES + c] - common
-        common += w[SOLVED_ROWS_AT + (1 + a) * N_COMMON + MOTOR_COLUMN] * w[SOLVED_ROWS_AT + MOTOR_COLUMN]
-        w[RESIDUAL_PRODUCTS_AT + N_OPENING_LAGS + a] = w[CROSS_PRODUCTS_AT + a * N_COMMON * N_CANDIDATES + c] - common
+        for i in range(1, MOTOR_AT):
+            common += w[SOLVED_AT + (1 + a) * N_COMMON + i] * w[SOLVED_AT + i]
+        w[RESIDUALS_AT + a] = w[CROSS_AT + a * N_COMMON * N_CANDIDATES + c] - common
+        common += w[SOLVED_AT + (1 + a) * N_COMMON + MOTOR_AT] * w[SOLVED_AT + MOTOR_AT]
+        w[RESIDUALS_AT + N_MOVES + a] = w[CROSS_AT + a * N_COMMON * N_CANDIDATES + c] - common
         for b in range(a + 1):
-            pair = w[PAIR_PRODUCTS_AT + (a * (a + 1) // 2 + b) * N_CANDIDATES + c]
+            pair = w[PRODUCTS_AT + (a * (a + 1) // 2 + b) * N_CANDIDATES + c]
             common = 0.0
-            for i in range(1, MOTOR_COLUMN):
-                common += w[SOLVED_ROWS_AT + (1 + a) * N_COMMON + i] * w[SOLVED_ROWS_AT + (1 + b) * N_COMMON + i]
-            w[RESIDUAL_PAIRS_AT + a * N_OPENING_LAGS + b] = pair - common
-            common += (
-                w[SOLVED_ROWS_AT + (1 + a) * N_COMMON + MOTOR_COLUMN]
-                * w[SOLVED_ROWS_AT + (1 + b) * N_COMMON + MOTOR_COLUMN]
-            )
-            w[RESIDUAL_PAIRS_AT + (N_OPENING_LAGS + a) * N_OPENING_LAGS + b] = pair - common
+            for i in range(1, MOTOR_AT):
+                common += w[SOLVED_AT + (1 + a) * N_COMMON + i] * w[SOLVED_AT + (1 + b) * N_COMMON + i]
+            w[PAIRS_AT + a * N_MOVES + b] = pair - common
+            common += w[SOLVED_AT + (1 + a) * N_COMMON + MOTOR_AT] * w[SOLVED_AT + (1 + b) * N_COMMON + MOTOR_AT]
+            w[PAIRS_AT + (N_MOVES + a) * N_MOVES + b] = pair - common
 
 
 @exact
-def log_likelihood(total, explained_sum, sharpness, freedom):
-    """Log-likelihood of a candidate that explains ``explained_sum`` of the ``total``, K², its coefficients integrated out."""
-    residual_sum = total - explained_sum
-    residual_sum = REDUNDANT_SHARE * total if residual_sum < REDUNDANT_SHARE * total else residual_sum
-    return -0.5 * freedom * log(residual_sum / total) - sharpness
+def log_likelihood(total, explained, sharpness, freedom):
+    """Log-likelihood of a candidate that explains so much of the ``total``, K², its coefficients integrated out."""
+    residual = total - explained
+    residual = REDUNDANT_SHARE * total if residual < REDUNDANT_SHARE * total else residual
+    return -0.5 * freedom * log(residual / total) - sharpness
 
 
 @exact
 def weigh_candidate(w, c, total, freedom):
-    """Log-likelihood of candidate c by all its openings, whose coefficients have a normal prior, into PROBABILITY."""
+    """Store the log-likelihood of candidate c by all its openings, whose coefficients have a normal prior."""
     prior = PRIOR_PRECISION * total / freedom
-    s_00 = w[RESIDUAL_PAIRS_AT] + prior
-    r_10 = w[RESIDUAL_PAIRS_AT + N_OPENING_LAGS] / s_00
-    r_20 = w[RESIDUAL_PAIRS_AT + 2 * N_OPENING_LAGS] / s_00
-    s_11 = w[RESIDUAL_PAIRS_AT + N_OPENING_LAGS + 1] + prior - r_10 * r_10 * s_00
-    s_21 = w[RESIDUAL_PAIRS_AT + 2 * N_OPENING_LAGS + 1] - r_10 * r_20 * s_00
-    s_22 = w[RESIDUAL_PAIRS_AT + 2 * N_OPENING_LAGS + 2] + prior - r_20 * r_20 * s_00 - s_21 * s_21 / s_11
-    b_0 = w[RESIDUAL_PRODUCTS_AT]
-    b_1 = w[RESIDUAL_PRODUCTS_AT + 1] - r_10 * b_0
-    b_2 = w[RESIDUAL_PRODUCTS_AT + 2] - r_20 * b_0 - s_21 / s_11 * b_1
-    explained_sum = b_0 * b_0 / s_00 + b_1 * b_1 / s_11 + b_2 * b_2 / s_22
+    s_00 = w[PAIRS_AT] + prior
+    r_10 = w[PAIRS_AT + N_MOVES] / s_00
+    r_20 = w[PAIRS_AT + 2 * N_MOVES] / s_00
+    s_11 = w[PAIRS_AT + N_MOVES + 1] + prior - r_10 * r_10 * s_00
+    s_21 = w[PAIRS_AT + 2 * N_MOVES + 1] - r_10 * r_20 * s_00
+    s_22 = w[PAIRS_AT + 2 * N_MOVES + 2] + prior - r_20 * r_20 * s_00 - s_21 * s_21 / s_11
+    b_0 = w[RESIDUALS_AT]
+    b_1 = w[RESIDUALS_AT + 1] - r_10 * b_0
+    b_2 = w[RESIDUALS_AT + 2] - r_20 * b_0 - s_21 / s_11 * b_1
+    explained = b_0 * b_0 / s_00 + b_1 * b_1 / s_11 + b_2 * b_2 / s_22
     sharpness = 0.5 * log(s_00 / prior * (s_11 / prior) * (s_22 / prior))
-    w[PROBABILITY_AT + c] = log_likelihood(total, explained_sum, sharpness, freedom)
+    w[P_AT + c] = log_likelihood(total, explained, sharpness, freedom)
 
 
 @exact
 def weigh_candidate_earlier(w, c, total, freedom):
-    """The same by the openings before this horizon, with what the motor did in it as given, into EARLIER."""
+    """Store the same by the openings before this horizon, with what the motor did in it as given."""
     prior = PRIOR_PRECISION * total / freedom
-    s_11 = w[RESIDUAL_PAIRS_AT + (N_OPENING_LAGS + 1) * N_OPENING_LAGS + 1] + prior
-    r_21 = w[RESIDUAL_PAIRS_AT + (N_OPENING_LAGS + 2) * N_OPENING_LAGS + 1] / s_11
-    s_22 = w[RESIDUAL_PAIRS_AT + (N_OPENING_LAGS + 2) * N_OPENING_LAGS + 2] + prior - r_21 * r_21 * s_11
-    b_1 = w[RESIDUAL_PRODUCTS_AT + N_OPENING_LAGS + 1]
-    b_2 = w[RESIDUAL_PRODUCTS_AT + N_OPENING_LAGS + 2] - r_21 * b_1
-    explained_sum = b_1 * b_1 / s_11 + b_2 * b_2 / s_22
-    w[EARLIER_PROBABILITY_AT + c] = log_likelihood(
-        total, explained_sum, 0.5 * log(s_11 / prior * (s_22 / prior)), freedom
-    )
+    s_11 = w[PAIRS_AT + (N_MOVES + 1) * N_MOVES + 1] + prior
+    r_21 = w[PAIRS_AT + (N_MOVES + 2) * N_MOVES + 1] / s_11
+    s_22 = w[PAIRS_AT + (N_MOVES + 2) * N_MOVES + 2] + prior - r_21 * r_21 * s_11
+    b_1 = w[RESIDUALS_AT + N_MOVES + 1]
+    b_2 = w[RESIDUALS_AT + N_MOVES + 2] - r_21 * b_1
+    explained = b_1 * b_1 / s_11 + b_2 * b_2 / s_22
+    w[P_EARLIER_AT + c] = log_likelihood(total, explained, 0.5 * log(s_11 / prior * (s_22 / prior)), freedom)
 
 
 @exact
-def compare(w, rows):
-    """Log-likelihoods of the candidates into PROBABILITY and, of earlier openings alone, into EARLIER.
+def compare_candidates(w, rows):
+    """Store the log-likelihoods of the candidates; return whether there is anything to explain.
 
-    rows: horizons in the sums, each by how much it still counts.  Returns whether there is anything to explain.
+    rows: horizons in the sums, each by how much it still counts.
     """
     factorise(w)
     solve_row(w, 0, SUMS_AT, N_COMMON)
     common = 0.0
-    for i in range(1, MOTOR_COLUMN):
-        common += w[SOLVED_ROWS_AT + i] * w[SOLVED_ROWS_AT + i]
+    for i in range(1, MOTOR_AT):
+        common += w[SOLVED_AT + i] * w[SOLVED_AT + i]
     total = w[SUMS_AT] - common
-    total_earlier = w[SUMS_AT] - (common + w[SOLVED_ROWS_AT + MOTOR_COLUMN] * w[SOLVED_ROWS_AT + MOTOR_COLUMN])
-    freedom = rows - N_TEMPERATURE_LAGS - 1.0
+    total_earlier = w[SUMS_AT] - (common + w[SOLVED_AT + MOTOR_AT] * w[SOLVED_AT + MOTOR_AT])
+    freedom = rows - N_LAGS - 1.0
     if not (freedom > 1.0 and total_earlier > REDUNDANT_SHARE * w[SUMS_AT]):
         return False
     for c in range(N_CANDIDATES):
@@ -204,20 +196,24 @@ def compare(w, rows):
     return True
 
 
-LIKELIHOOD_WEIGHT = 0.6
-"""Share of the log-likelihood that counts: residuals are neither independent nor normal."""
-GOOD_BACKLASH = 0.01
-"""Up to this backlash a valve is called good and left alone; also the least tolerance of an estimate."""
-TOLERANCE_SHARE = 0.2
-"""Of an estimate, as a share of it."""
-NEGLIGIBLE_BACKLASH = 0.0051
-"""Up to this size a candidate is no backlash."""
-LARGEST_P_NO_BACKLASH, LARGEST_P_NO_BACKLASH_EARLIER = 0.005, 0.05
-"""Largest probability of no backlash at which there is an estimate: on a good valve each does harm.  The second is by
-the openings of earlier horizons, where the controller samples several times in one: there it answers the very change
-that is to be explained, and a gap that filters its answer seems to explain the change."""
-GIVE_UP_PROBABILITY = 0.05
-"""Largest probability of being not too large at which an estimate is given up."""
+# calibrated in studies/learning/identify_online.py
+LIKELIHOOD_WEIGHT = 0.6  # share of the log-likelihood that counts: residuals are neither independent nor normal
+GOOD_BACKLASH = 0.01  # up to this a valve is called good and left alone; also the least tolerance of an estimate
+TOLERANCE_SHARE = 0.2  # of an estimate
+NEGLIGIBLE_BACKLASH = 0.0051  # up to this a candidate is no backlash
+LARGEST_P_NONE = 0.005  # probability of no backlash at which there is an estimate: on a good valve each does harm
+LARGEST_P_NONE_EARLIER = 0.05
+"""The same by the openings of earlier horizons, where the controller samples several times in one: there it answers the
+very change that is to be explained, and a gap that filters its answer seems to explain the change."""
+GIVE_UP_PROBABILITY = 0.05  # largest probability of being not too large at which an estimate is given up
+HORIZON_S = 30.0  # over which the model predicts: long against the noise of a sensor, short against a coil
+SET_POINT_STEP_K = 0.1  # change between two samples that is a step
+COUNTS_AFTER_STEP_S = 7200.0  # time after a step that counts
+COUNTS_AFTER_TEST_S = 600.0  # time after a valve test that counts
+AIR_FLOW_STEP_SHARE = 0.05  # change in a horizon that is a gust, over the flow
+PAUSE_AFTER_GUST_S = 300.0  # in which nothing counts
+MOST_AT_END_S = 600.0  # of the stroke, after which nothing counts: the coil is another one there
+LEAST_ROWS = 60.0  # horizons before there is an estimate
 
 
 @exact
@@ -241,63 +237,42 @@ def normalise_probabilities(w, at):
 
 
 @exact
-def decide_estimate(w, current_estimate, certainty, samples_in_horizon):
-    """The estimate after a comparison.
+def decide_estimate(w, estimate, certainty, samples_often):
+    """Estimate after a comparison.
 
-    It is the mean of the probabilities if that is right with this certainty, 0 for a good valve.  Otherwise it is what
-    was kept, unless that is nearly certainly too large.  answers: whether the controller samples several times in a
-    horizon.
+    It is the mean of the probabilities if that is right with this certainty, 0 for a good valve.  Otherwise it stays,
+    unless it is nearly certainly too large.  samples_often: whether the controller samples several times in a horizon.
     """
-    normalise_probabilities(w, PROBABILITY_AT)
-    normalise_probabilities(w, EARLIER_PROBABILITY_AT)
-    mean, p_right, p_no_backlash, p_no_backlash_earlier, p_large_enough = 0.0, 0.0, 0.0, 0.0, 0.0
+    normalise_probabilities(w, P_AT)
+    normalise_probabilities(w, P_EARLIER_AT)
+    mean, p_right, p_none, p_none_earlier, p_as_large = 0.0, 0.0, 0.0, 0.0, 0.0
     for c in range(N_CANDIDATES):
-        mean += w[PROBABILITY_AT + c] * CANDIDATES[c]
+        mean += w[P_AT + c] * CANDIDATES[c]
     mean = 0.0 if mean <= GOOD_BACKLASH else mean
     for c in range(N_CANDIDATES):
-        p = w[PROBABILITY_AT + c]
+        p = w[P_AT + c]
         p_right += p if is_right_estimate(CANDIDATES[c], mean) else 0.0
-        p_large_enough += (
-            p if CANDIDATES[c] >= current_estimate or is_right_estimate(CANDIDATES[c], current_estimate) else 0.0
-        )
-        p_no_backlash += p if CANDIDATES[c] <= NEGLIGIBLE_BACKLASH else 0.0
-        p_no_backlash_earlier += w[EARLIER_PROBABILITY_AT + c] if CANDIDATES[c] <= NEGLIGIBLE_BACKLASH else 0.0
-    has_backlash = p_no_backlash <= LARGEST_P_NO_BACKLASH and (
-        p_no_backlash_earlier <= LARGEST_P_NO_BACKLASH_EARLIER or not samples_in_horizon
-    )
+        p_as_large += p if CANDIDATES[c] >= estimate or is_right_estimate(CANDIDATES[c], estimate) else 0.0
+        p_none += p if CANDIDATES[c] <= NEGLIGIBLE_BACKLASH else 0.0
+        p_none_earlier += w[P_EARLIER_AT + c] if CANDIDATES[c] <= NEGLIGIBLE_BACKLASH else 0.0
+    has_backlash = p_none <= LARGEST_P_NONE and (p_none_earlier <= LARGEST_P_NONE_EARLIER or not samples_often)
     if p_right >= certainty and (mean == 0.0 or has_backlash):
         return mean
-    return (mean if has_backlash else 0.0) if p_large_enough <= GIVE_UP_PROBABILITY else current_estimate
-
-
-HORIZON_S = 30.0
-"""Seconds over which the model foretells: long against the noise of a sensor, short against a coil."""
-SET_POINT_STEP_K = 0.1
-"""A change of the set-point between two samples that is a step, K."""
-COUNTS_AFTER_STEP_S, COUNTS_AFTER_TEST_S = 7200.0, 600.0
-"""Seconds after a step, and after a valve test, that count."""
-AIR_FLOW_STEP_SHARE, PAUSE_AFTER_GUST_S = 0.05, 300.0
-"""A change of the air flow in a horizon, as a share of it, after which nothing counts for so many seconds."""
-LONGEST_TIME_AT_END_S = 600.0
-"""Seconds at an end of the stroke after which nothing counts: the coil is another one there."""
-LEAST_ROWS = 60.0
-"""Horizons before there is an estimate."""
-STEMS_AT, OPENING_SUMS_AT, OPENING_MEANS_AT = ARRAY_SIZE, ARRAY_SIZE + N_CANDIDATES, ARRAY_SIZE + 2 * N_CANDIDATES
-"""Behind the normal equations, (N,) each: place in the gap, opening summed over the horizon, mean of the last one."""
+    return (mean if has_backlash else 0.0) if p_as_large <= GIVE_UP_PROBABILITY else estimate
 
 
 @exact
 def mean_position(q_before, q, running_time, stroke_time, interval):
     """Mean place of a stem over an interval in which it waited for its gap to close, moved, and stopped at q.
 
-    ran: how long the motor ran, s; stroke_time: s.
+    running_time: of the motor, s; stroke_time, interval: s.
     """
     stroke = q - q_before
     return q - stroke * (running_time - 0.5 * abs(stroke) * stroke_time) / interval
 
 
 class Parameters(NamedTuple):
-    """Parameters of the loop that the identification uses."""
+    """Parameters of the loop that the identification reads."""
 
     sample_time: float
     identify_stroke_time: float
@@ -307,12 +282,12 @@ class Parameters(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """What it remembers beside its array.  NaN: nothing yet."""
+    """State from one sample to the next, beside the array.  NaN: nothing yet."""
 
     width: float
-    """Samples in a horizon."""
+    """Number of samples in a horizon."""
     decay: float
-    """What a horizon in the sums still counts after one more."""
+    """Weight of a horizon in the sums after one more."""
     sampled_at: float
     """Time of the last sample, s."""
     T_set: float
@@ -322,37 +297,38 @@ class Memory(NamedTuple):
     left_end_at: float
     """When u was last not at an end of the stroke, s."""
     position: float
-    """Of the motor, fraction of stroke."""
-    moved: float
-    """Sum of its mean places in this horizon so far, and their mean in the one before."""
-    motor: float
-    samples: float
-    """Since the horizon began."""
+    """Position of the motor, fraction of stroke."""
+    motor_sum: float
+    """Sum of its mean places in this horizon so far."""
+    motor_mean: float
+    """Mean of them in the horizon before."""
+    n_samples: float
+    """Number of samples since the horizon began."""
     T: float
     """Temperature when it began, °C."""
     m_a: float
     """Air flow when it began, kg/s; NaN where it is not known."""
     resumes_at: float
     """End of the time that does not count after a step of the air flow, s."""
-    horizons: float
-    """Since the last interruption."""
+    n_horizons: float
+    """Number of horizons since the last interruption."""
     rows: float
-    """Horizons in the sums, each by how much it still counts."""
+    """Number of horizons in the sums, each by how much it still counts."""
     compares_at: float
-    """When the candidates are compared next, s."""
-    has_new_horizon: float
-    """1 if a horizon was added since the last time."""
+    """Time of the next comparison, s."""
+    has_new_row: float
+    """1 if a horizon was added since the last comparison."""
 
 
 @exact
-def start(p):
+def initial_memory(p):
     """Memory at the start: a valve at rest and closed."""
     width = np.floor(HORIZON_S / p.sample_time + 0.5)
     width = 1.0 if width < 1.0 else width
     decay = exp(-width * p.sample_time / p.identify_memory)
-    first_comparison = p.identify_interval
+    first = p.identify_interval
     return Memory(
-        width, decay, 0.0, np.nan, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.nan, np.nan, 0.0, 0.0, 0.0, first_comparison, 0.0,
+        width, decay, 0.0, np.nan, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.nan, np.nan, 0.0, 0.0, 0.0, first, 0.0,
     )  # fmt: skip
 
 
@@ -360,7 +336,7 @@ def start(p):
 def close_horizon(w, width, change, motor_change):
     """Take the changes over the horizon that ends: of the temperature, K, the motor, and the candidates' openings."""
     remember_change(w, change, motor_change)
-    for a in range(N_OPENING_LAGS - 1, 0, -1):
+    for a in range(N_MOVES - 1, 0, -1):
         for c in range(N_CANDIDATES):
             w[MOVES_AT + a * N_CANDIDATES + c] = w[MOVES_AT + (a - 1) * N_CANDIDATES + c]
     for c in range(N_CANDIDATES):
@@ -381,7 +357,7 @@ def move_stems(w, position, running_time, stroke_time, interval):
 
 
 @exact
-def step(now, p, memory, w):
+def update_estimate(now, p, memory, w):
     """Follow motor and stems to this sample, close the horizon where one ends, and compare at every interval.
 
     The temperature is that of the sample before: the openings up to then are in the sums already.  After an
@@ -389,31 +365,27 @@ def step(now, p, memory, w):
     """
     elapsed = now.t - memory.sampled_at
     interrupted = elapsed > 1.5 * p.sample_time
-    begins_horizon = interrupted or np.isnan(memory.T)
-    ends_horizon = begins_horizon or memory.samples == memory.width
+    begins = interrupted or np.isnan(memory.T)
+    ends = begins or memory.n_samples == memory.width
     inside = now.u > 0.0 and now.u < 1.0
     left_end_at = now.t if inside or interrupted else memory.left_end_at
-    horizons = 0.0 if begins_horizon else memory.horizons
-    rows, has_new_horizon = memory.rows, memory.has_new_horizon
-    has_gust = ends_horizon and abs(now.m_a - memory.m_a) > AIR_FLOW_STEP_SHARE * memory.m_a
+    n_horizons = 0.0 if begins else memory.n_horizons
+    rows, has_new_row = memory.rows, memory.has_new_row
+    has_gust = ends and abs(now.m_a - memory.m_a) > AIR_FLOW_STEP_SHARE * memory.m_a
     resumes_at = now.t + PAUSE_AFTER_GUST_S if has_gust else memory.resumes_at
-    motor_now = memory.moved / memory.width
-    if ends_horizon:
-        close_horizon(w, memory.width, 0.0 if begins_horizon else now.T - memory.T, motor_now - memory.motor)
-        horizons += 0.0 if begins_horizon else 1.0
-        if (
-            horizons > N_TEMPERATURE_LAGS
-            and resumes_at <= now.t <= memory.counts_until
-            and now.t - left_end_at <= LONGEST_TIME_AT_END_S
-        ):
+    motor_mean = memory.motor_sum / memory.width
+    if ends:
+        close_horizon(w, memory.width, 0.0 if begins else now.T - memory.T, motor_mean - memory.motor_mean)
+        n_horizons += 0.0 if begins else 1.0
+        if n_horizons > N_LAGS and resumes_at <= now.t <= memory.counts_until and now.t - left_end_at <= MOST_AT_END_S:
             add_row(w, memory.decay)
             rows = memory.decay * rows + 1.0
-            has_new_horizon = 1.0
+            has_new_row = 1.0
 
     max_travel = elapsed / p.identify_stroke_time if p.identify_stroke_time > 0.0 else np.inf
     position = motor_position(memory.position, now.command, max_travel)
     running_time = abs(position - memory.position) * p.identify_stroke_time
-    motor_mean = mean_position(memory.position, position, running_time, p.identify_stroke_time, elapsed)
+    place = mean_position(memory.position, position, running_time, p.identify_stroke_time, elapsed)
     move_stems(w, position, running_time, p.identify_stroke_time, elapsed)
 
     has_step = abs(now.T_set - memory.T_set) >= SET_POINT_STEP_K
@@ -422,7 +394,7 @@ def step(now, p, memory, w):
     counts_until = after_test if now.test > 0.0 and after_test > counts_until else counts_until
     compares = now.t >= memory.compares_at
     x_hat = now.estimate
-    if compares and has_new_horizon > 0.0 and rows >= LEAST_ROWS and compare(w, rows):
+    if compares and has_new_row > 0.0 and rows >= LEAST_ROWS and compare_candidates(w, rows):
         x_hat = decide_estimate(w, now.estimate, p.identify_certainty, memory.width > 1.0)
     next_memory = Memory(
         memory.width,
@@ -432,20 +404,20 @@ def step(now, p, memory, w):
         counts_until,
         left_end_at,
         position,
-        motor_mean if ends_horizon else memory.moved + motor_mean,
-        motor_now if ends_horizon else memory.motor,
-        1.0 if ends_horizon else memory.samples + 1.0,
-        np.nan if interrupted else (now.T if ends_horizon else memory.T),
-        now.m_a if ends_horizon else memory.m_a,
+        place if ends else memory.motor_sum + place,
+        motor_mean if ends else memory.motor_mean,
+        1.0 if ends else memory.n_samples + 1.0,
+        np.nan if interrupted else (now.T if ends else memory.T),
+        now.m_a if ends else memory.m_a,
         resumes_at,
-        horizons,
+        n_horizons,
         rows,
         now.t + p.identify_interval if compares else memory.compares_at,
-        0.0 if compares else has_new_horizon,
+        0.0 if compares else has_new_row,
     )
     return x_hat, next_memory
 
 
 ESTIMATOR = Estimator(
-    "identify", Parameters, Memory, step, start, words=ARRAY_SIZE + 3 * N_CANDIDATES, waives_buffer=True
+    "identify", Parameters, Memory, update_estimate, initial_memory, n_floats=N_FLOATS, waives_buffer=True
 )

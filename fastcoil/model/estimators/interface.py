@@ -1,4 +1,4 @@
-"""What an estimator is made of, and what it sees of its loop."""
+"""Class of estimators, what they see of their loop, and filters for them."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -21,20 +21,20 @@ def filter_weight(time_constant, sample_time):
 
 @exact
 def low_pass(z, x, weight):
-    """z after one more value x of a first-order filter; NaN where x is the first."""
+    """Output of a first-order filter after one more value x; z, the output before, is NaN where x is the first."""
     return x if np.isnan(z) else z + weight * (x - z)
 
 
 @exact
 def is_sample(t, sample_time):
-    """Whether a controller sample is at t, in s: for the sake of other lanes an estimator may be called more often."""
+    """Whether a controller sample is at t, s: because of other lanes an estimator may be called more often."""
     return sample_number(t, sample_time) * sample_time == t
 
 
 class Sample(NamedTuple):
-    """What an estimator sees when a controller sample begins: nothing that a controller in the field would not know.
+    """Signals that an estimator sees when a controller sample begins; a controller in the field knows them all.
 
-    ``e`` to ``switches`` are of the sample before: the new estimate acts from this sample on.
+    ``e`` to ``switches`` belong to the sample before: the new estimate acts from this sample on.
     """
 
     t: float
@@ -56,35 +56,35 @@ class Sample(NamedTuple):
     switches: float
     """Mode switches since the start."""
     estimate: float
-    """The estimate so far, fraction of stroke."""
+    """Present estimate, fraction of stroke."""
     test: float
     """1 while a valve test runs.  Estimators that do not read it are not called then."""
 
 
 def memory_defaults(Memory: Any) -> tuple[float, ...]:  # noqa: N803 — a class
-    """Where a memory starts: the defaults of its fields, 0 for one without."""
+    """Initial values of a memory: the defaults of its fields, 0 for one without."""
     return tuple(float(Memory._field_defaults.get(n, 0.0)) for n in Memory._fields)
 
 
 @dataclass(frozen=True)
 class Estimator:
-    """A rule that finds the backlash estimate.
+    """A rule that estimates the backlash.
 
     name: the word in ``estimator = …``.
     Parameters, Memory: named tuples of floats.  The fields of ``Parameters`` are names of loop parameters; ``Memory``
     is what one call leaves to the next.
     step: (Sample, Parameters, Memory) → (estimate, Memory), called at every controller sample but the first.
     start: Parameters → Memory at the start; by default the defaults of Memory.
-    words: floats of an array that each lane has besides, from 0 on.  ``step`` then takes it, too, changes it in place,
-    and is called for no lane that does not sample or is off.
-    periods: rows of a block by name → seconds, all of whose multiples the rule may act at, where these are not the
-    controller samples; the rule then decides itself when to act.
+    periods: rows of a block by name → seconds at whose multiples the rule may act, where these are not the controller
+    samples; the rule then decides itself when to act.
     confirms: (t, Parameters, Memory, true backlash, reached, confirmed) → (reached, confirmed), the times at which an
     estimate that moves in steps reached the true backlash and stepped back from it.
-    watches: rows of a block by name → whether such a rule looks at T or e; one without periods always may.
     results: Memory of arrays, one value per lane, at the end of a run → metrics by name.
+    n_floats: size of an array that each lane has as well, 0 at the start.  ``step`` then takes it as fourth argument,
+    changes it in place, and is called for no lane that does not sample or is off.
     waives_buffer: whether the loop is plain PI, without the buffer of the inverse, while its estimate is 0.
-    identity: all that decides what a user's own rule does, in words; empty for those of the package.
+    fingerprint: text that changes with what a user's rule does; empty for those of the package.
+    sees_error: rows of a block by name → whether a rule with ``periods`` looks at T or e; without them it may.
     """
 
     name: str
@@ -95,10 +95,10 @@ class Estimator:
     periods: Callable[[Mapping[str, np.ndarray]], np.ndarray] | None = None
     confirms: Any = None
     results: Callable[[Any], dict[str, np.ndarray]] | None = None
-    words: int = 0
+    n_floats: int = 0
     waives_buffer: bool = False
-    identity: str = ""
-    watches: Callable[[Mapping[str, np.ndarray]], bool] | None = None
+    fingerprint: str = ""
+    sees_error: Callable[[Mapping[str, np.ndarray]], bool] | None = None
 
     @property
     def sees_air(self) -> bool:
@@ -110,9 +110,9 @@ class Estimator:
         """Whether it reads that a valve test runs."""
         return self._reads_field("test")
 
-    def _reads_field(self, field_name: str) -> bool:
-        return field_name in getattr(self.step, "py_func", self.step).__code__.co_names
+    def _reads_field(self, name: str) -> bool:
+        return name in getattr(self.step, "py_func", self.step).__code__.co_names
 
     def is_watching(self, rows: Mapping[str, np.ndarray]) -> bool:
-        """Whether T and e are kept for it in a block."""
-        return self.periods is None if self.watches is None else self.watches(rows)
+        """Whether a block has to keep T and e for it."""
+        return self.periods is None if self.sees_error is None else self.sees_error(rows)

@@ -9,11 +9,12 @@ from fastcoil.model.estimators.interface import Estimator, is_sample
 from fastcoil.model.metric_table import LEARNING_STATUS_MEANINGS
 from fastcoil.model.numerics.jit import exact
 
-EVIDENCE_ENOUGH, EVIDENCE_QUIET, EVIDENCE_UNMEASURABLE = 0.0, 1.0, 2.0
-SET_POINT_STEP_K = 0.1
-"""A change of the set-point between two samples that is a step, K."""
-SETTLING_TIME_S = 600.0
-"""Time after it, or after an end of the valve, in which the control error is not the estimate's, s."""
+# what an interval is worth, see ``classify_interval``
+EVIDENCE_ENOUGH = 0.0
+EVIDENCE_QUIET = 1.0
+EVIDENCE_UNMEASURABLE = 2.0
+SET_POINT_STEP_K = 0.1  # change between two samples that is a step
+SETTLING_TIME_S = 600.0  # after it, or after an end of the valve, in which the error is not due to the estimate
 
 
 @exact
@@ -31,15 +32,15 @@ def is_chatter(f, f_ref, ratio, floor):
 
 @exact
 def classify_interval(switches, f, f_ref, sample_time, min_switches, max_reference):
-    """Whether an interval is ENOUGH evidence for a step, too QUIET, or UNMEASURABLE as a reference.
+    """Return what an interval is worth: enough for a step, too quiet, or unmeasurable as a reference.
 
     f_ref: negative until there is a reference.  A controller switches at most once a sample: a reference near that
     limit cannot be exceeded ``ratio`` times, whatever the backlash.  With ``min_switches`` 0 and ``max_reference`` 1
     every interval is enough, as in the paper.
     """
     is_unmeasurable = f_ref < 0.0 and f > max_reference * 600.0 / sample_time
-    verdict = EVIDENCE_UNMEASURABLE if is_unmeasurable else EVIDENCE_ENOUGH
-    return EVIDENCE_QUIET if switches < min_switches else verdict
+    evidence = EVIDENCE_UNMEASURABLE if is_unmeasurable else EVIDENCE_ENOUGH
+    return EVIDENCE_QUIET if switches < min_switches else evidence
 
 
 @exact
@@ -54,26 +55,26 @@ def is_error_worse(squares, n, reference_squares, reference_n, ratio):
 @exact
 def next_estimate(x_hat, step, down, lower, cap):
     """Estimate after an update: one step down when it chatters, else one up, within lower–cap."""
-    unlimited_estimate = x_hat - step if down else x_hat + step
-    unlimited_estimate = lower if unlimited_estimate < lower else unlimited_estimate
-    return cap if unlimited_estimate > cap else unlimited_estimate
+    estimate = x_hat - step if down else x_hat + step
+    estimate = lower if estimate < lower else estimate
+    return cap if estimate > cap else estimate
 
 
 @exact
 def step_size(last_step, down, climbing, growth):
-    """Next step: it grows during the first climb of the estimate; a step down undoes the last one up."""
+    """Size of the next step: it grows during the first climb; a step down undoes the last one up."""
     return last_step * growth if climbing and not down else last_step
 
 
 @exact
 def final_estimate(x_hat, factor, lower):
     """Estimate to keep when learning stops: slightly too low is safer than slightly too high."""
-    reduced_estimate = x_hat * factor
-    return lower if reduced_estimate < lower else reduced_estimate
+    estimate = x_hat * factor
+    return lower if estimate < lower else estimate
 
 
 class Parameters(NamedTuple):
-    """Parameters of the loop that the learner uses."""
+    """Parameters of the loop that the learner reads."""
 
     sample_time: float
     backlash_estimate: float
@@ -94,7 +95,7 @@ class Parameters(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """What the learner remembers."""
+    """State from one sample to the next."""
 
     next_update: float
     """End of the interval, s."""
@@ -109,34 +110,34 @@ class Memory(NamedTuple):
     step: float
     """Last step."""
     evidence: float
-    """What the last interval was worth: ENOUGH, QUIET, UNMEASURABLE."""
+    """What the last interval was worth: EVIDENCE_ENOUGH, EVIDENCE_QUIET or EVIDENCE_UNMEASURABLE."""
     moved_at: float
     """Time of the last step, s; negative before the first."""
     moved_to: float
     """Estimate after it."""
     last_was_down: float
-    """1 if it was one down."""
+    """1 if it went down."""
     time_first_down: float
     estimate_first_down: float
     n_averaged: float
-    """Intervals that the reference is the mean of, so far; -1 in the interval that is left out."""
+    """Number of intervals in the mean that is the reference, so far; -1 in the interval that is left out."""
     frequencies: float
     """Sum of their switch frequencies, per 10 min."""
     squares: float
     """Sum of the squares of the settled control errors in the interval, K²."""
-    errors: float
-    """How many they are."""
+    n_errors: float
+    """Number of these errors."""
     reference_squares: float
-    """The same of all intervals of the reference."""
-    reference_errors: float
+    """The same in all intervals of the reference."""
+    reference_n_errors: float
     T_set: float
     """Set-point at the last sample, °C."""
-    settled: float
+    settled_from: float
     """Time from which the error is settled, s."""
 
 
 @exact
-def start(p):
+def initial_memory(p):
     """Memory at the start: the first interval has no reference yet."""
     step_before = p.learning_step / p.learning_growth  # as if one step had gone up before
     n_averaged = -1.0 if p.learning_reference > 0.0 else 0.0
@@ -147,42 +148,42 @@ def start(p):
 
 
 @exact
-def step(now, p, memory):
+def update_estimate(now, p, memory):
     """Update the estimate where an interval ends or, with an early trip, as soon as it chatters."""
-    is_sample_due = is_sample(now.t, p.sample_time)
-    sees_error = is_sample_due and p.learning_error_ratio > 0.0
+    is_due = is_sample(now.t, p.sample_time)
+    sees_error = is_due and p.learning_error_ratio > 0.0
     at_end = now.u <= 0.0 or now.u >= 1.0
-    counts_error = sees_error and now.t > memory.settled and not at_end
-    squares = memory.squares + now.e * now.e if counts_error else memory.squares
-    errors = memory.errors + 1.0 if counts_error else memory.errors
+    counts = sees_error and now.t > memory.settled_from and not at_end
+    squares = memory.squares + now.e * now.e if counts else memory.squares
+    n_errors = memory.n_errors + 1.0 if counts else memory.n_errors
     unsettles = sees_error and (at_end or abs(now.T_set - memory.T_set) > SET_POINT_STEP_K)
 
     learning, climbing = memory.learning > 0.0, memory.climbing > 0.0
     switches = now.switches - memory.switches
     f = switch_frequency(switches, p.learning_interval)
     # one that ends while a valve test runs is taken at the first sample after it
-    ends = now.t >= memory.next_update and (is_sample_due or now.t == memory.next_update)
-    evidence_class = classify_interval(
+    ends = now.t >= memory.next_update and (is_due or now.t == memory.next_update)
+    evidence = classify_interval(
         switches, f, memory.reference, p.sample_time, p.learning_min_switches, p.learning_max_reference
     )
-    is_enough = evidence_class == EVIDENCE_ENOUGH
+    is_enough = evidence == EVIDENCE_ENOUGH
     is_start_up = memory.n_averaged < 0.0
-    joins_reference = learning and ends and is_enough and memory.reference < 0.0 and not is_start_up
-    n_averaged = memory.n_averaged + 1.0 if joins_reference or (is_start_up and ends) else memory.n_averaged
-    frequencies = memory.frequencies + f if joins_reference else memory.frequencies
-    completes_reference = joins_reference and n_averaged >= p.learning_reference
-    reference = frequencies / n_averaged if completes_reference else memory.reference
-    chatter = is_chatter(reference if completes_reference else f, reference, p.learning_ratio, p.learning_floor)
-    error_rises = is_error_worse(
-        squares, errors, memory.reference_squares, memory.reference_errors, p.learning_error_ratio
+    joins = learning and ends and is_enough and memory.reference < 0.0 and not is_start_up
+    n_averaged = memory.n_averaged + 1.0 if joins or (is_start_up and ends) else memory.n_averaged
+    frequencies = memory.frequencies + f if joins else memory.frequencies
+    completes = joins and n_averaged >= p.learning_reference
+    reference = frequencies / n_averaged if completes else memory.reference
+    chatter = is_chatter(reference if completes else f, reference, p.learning_ratio, p.learning_floor)
+    rises = is_error_worse(
+        squares, n_errors, memory.reference_squares, memory.reference_n_errors, p.learning_error_ratio
     )
-    down = chatter or (ends and memory.reference >= 0.0 and error_rises)
-    trips = p.learning_early_trip > 0.0 and reference >= 0.0 and chatter and is_sample_due
+    down = chatter or (ends and memory.reference >= 0.0 and rises)
+    trips = p.learning_early_trip > 0.0 and reference >= 0.0 and chatter and is_due
     acts = learning and (ends or trips)
     moves = acts and is_enough and reference >= 0.0
 
-    step_width = step_size(memory.step, down, climbing, p.learning_growth)
-    moved_to = next_estimate(now.estimate, step_width, down, p.backlash_estimate, p.learning_cap)
+    size = step_size(memory.step, down, climbing, p.learning_growth)
+    moved_to = next_estimate(now.estimate, size, down, p.backlash_estimate, p.learning_cap)
     first_down = moves and down and climbing
     stops = first_down and p.learning_stop > 0.0
     x_hat = final_estimate(moved_to, p.learning_final, p.backlash_estimate) if stops else moved_to
@@ -192,8 +193,8 @@ def step(now, p, memory):
         reference,
         0.0 if stops else memory.learning,
         0.0 if first_down else memory.climbing,
-        (step_width * p.learning_shrink if down else step_width) if moves else memory.step,
-        evidence_class if acts else memory.evidence,
+        (size * p.learning_shrink if down else size) if moves else memory.step,
+        evidence if acts else memory.evidence,
         now.t if moves else memory.moved_at,
         moved_to if moves else memory.moved_to,
         (1.0 if down else 0.0) if moves else memory.last_was_down,
@@ -202,11 +203,11 @@ def step(now, p, memory):
         n_averaged,
         frequencies,
         0.0 if acts else squares,
-        0.0 if acts else errors,
-        memory.reference_squares + squares if joins_reference else memory.reference_squares,
-        memory.reference_errors + errors if joins_reference else memory.reference_errors,
+        0.0 if acts else n_errors,
+        memory.reference_squares + squares if joins else memory.reference_squares,
+        memory.reference_n_errors + n_errors if joins else memory.reference_n_errors,
         now.T_set if sees_error else memory.T_set,
-        now.t + SETTLING_TIME_S if unsettles else memory.settled,
+        now.t + SETTLING_TIME_S if unsettles else memory.settled_from,
     )
     return x_hat if moves else now.estimate, next_memory
 
@@ -222,39 +223,31 @@ def learn_times(t, p, memory, x_bl, reached, confirmed):
 
 
 def acting_periods(rows: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Seconds that the learners of a block act at multiples of: intervals, and samples where these count."""
-    samples_count = (
-        (rows["learning_early_trip"] > 0.0) | (rows["learning_error_ratio"] > 0.0) | (rows["test_start"] >= 0.0)
-    )
-    return np.concatenate([rows["learning_interval"], rows["sample_time"][samples_count]])
+    """Return the seconds at whose multiples the learners of a block act: intervals, and samples where these count."""
+    count = (rows["learning_early_trip"] > 0.0) | (rows["learning_error_ratio"] > 0.0) | (rows["test_start"] >= 0.0)
+    return np.concatenate([rows["learning_interval"], rows["sample_time"][count]])
 
 
 def is_error_watched(rows: Mapping[str, np.ndarray]) -> bool:
-    """Whether the learners of a block look at the control error."""
+    """Whether any learner of a block looks at the control error."""
     return bool(np.any(rows["learning_error_ratio"] > 0.0))
 
 
-def results(memory: Memory) -> dict[str, np.ndarray]:
-    """The learner's own metrics at the end of a run."""
-    status_flag = LEARNING_STATUS_MEANINGS.index
-    no_reference = np.where(
-        memory.evidence == EVIDENCE_QUIET, status_flag("no_evidence"), status_flag("not_identifiable")
-    )
-    status_climbing = np.where(
-        (np.asarray(memory.reference) >= 0.0) | (memory.evidence == EVIDENCE_ENOUGH),
-        status_flag("learning"),
-        no_reference,
-    )
-    status_after_step_down = np.where(
-        np.asarray(memory.learning) > 0.0, status_flag("stepped_down"), status_flag("stopped")
-    )
+def final_metrics(memory: Memory) -> dict[str, np.ndarray]:
+    """Return the metrics of this estimator at the end of a run."""
+    flag = LEARNING_STATUS_MEANINGS.index
+    no_reference = np.where(memory.evidence == EVIDENCE_QUIET, flag("no_evidence"), flag("not_identifiable"))
+    has_reference = (np.asarray(memory.reference) >= 0.0) | (memory.evidence == EVIDENCE_ENOUGH)
+    climbing = np.where(has_reference, flag("learning"), no_reference)
+    after_step_down = np.where(np.asarray(memory.learning) > 0.0, flag("stepped_down"), flag("stopped"))
     return {
         "learn_time_first_down": np.asarray(memory.time_first_down),
         "estimate_first_down": np.asarray(memory.estimate_first_down),
-        "learning_status": np.where(np.isnan(memory.time_first_down), status_climbing, status_after_step_down),
+        "learning_status": np.where(np.isnan(memory.time_first_down), climbing, after_step_down),
     }
 
 
 ESTIMATOR = Estimator(
-    "learner", Parameters, Memory, step, start, acting_periods, learn_times, results, watches=is_error_watched
-)
+    "learner", Parameters, Memory, update_estimate, initial_memory, acting_periods, learn_times, final_metrics,
+    sees_error=is_error_watched,
+)  # fmt: skip

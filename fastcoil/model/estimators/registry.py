@@ -1,7 +1,7 @@
-"""The estimators that come with the package: each has a file of its name here, and a word among the choices.
+"""Estimators of the package by number: each has a file of its name here, and a word among the choices.
 
-One more is a file with an ``ESTIMATOR`` and its word in the parameter ``estimator``; its parameters, if it has any, are
-rows of the same table.  The blocks, the checks, the replay and the export of a controller find it by that word.
+Another one needs a file with an ``ESTIMATOR`` and its word in the parameter ``estimator``; its parameters, if it has
+any, are rows of the same table.  Blocks, checks, replay and export of a controller find it by that word.
 """
 
 from importlib import import_module

@@ -1,8 +1,8 @@
-"""A user's own function, compiled: with the functions that it calls, and refused where it would not run like ours.
+"""Compile a function of the user with the functions that it calls; refuse one that cannot run in the kernel.
 
-What runs in the loop over lanes may neither allocate nor raise.  Both show in the machine code, so that nobody needs
-to guess from the source.  A table is a tuple: an index past its end raises an error, so that a rule that runs has none.
-Indices of arrays are not looked at, so that arrays are refused.
+Code in the loop over lanes may neither allocate nor raise.  Both are visible in the machine code.  A table is a tuple:
+an index past its end would raise, so a rule that compiles has none.  Indices of arrays and bytes are not checked, so
+both are refused.
 """
 
 import dis
@@ -22,34 +22,30 @@ from fastcoil.base.errors import InputError, short_repr
 from fastcoil.model.numerics.jit import JIT_ENABLED, exact
 
 _ALLOWED_OBJECTS = (math, np, int, float, bool, abs, min, max, round, range, len)
-"""What a function may use besides its own: nobody changes the attributes of the modules."""
-_ANSI_COLOUR = re.compile(r"\x1b\[[0-9;]*m")
-_MESSAGE_HEADINGS = ("Failed in ", "During: ")
-_MIN_INTEGER, _MAX_INTEGER = -(2**63), 2**64 - 1  # whole numbers of the machine
-_MAX_TABLE_NUMBERS = 256  # numbers of a tuple: to compile 1000 takes a minute
-ALLOWED_IN_RULES = (
-    "a rule works with numbers, if, loops, math, scalar numpy functions, functions of its own and tuples of up to "
+"""Objects of other modules that a function may use; the attributes of the modules are constant."""
+_MAX_TABLE_NUMBERS = 256  # in a tuple: compiling 1000 takes a minute
+_ALLOWED_IN_RULES = (
+    "a rule works with numbers, if, loops, math, scalar numpy functions, other such functions and tuples of up to "
     f"{_MAX_TABLE_NUMBERS} numbers, whose index it limits with min and max"
 )
 
 
 class UserFunction:
-    """A function of the user with all that it calls, ready to be compiled.
+    """A function of the user with everything that it calls, ready to be compiled.
 
-    function: as the compiler takes it.  sha256: of all that decides what it does.
+    function: for the compiler.  sha256: hash of everything that decides what it does.
     """
 
     def __init__(self, name: str, function: Any, memory: Any) -> None:
         self._name, self._memory = name, memory
-        self._replacements: dict[
-            int, tuple[Any, Any]
-        ] = {}  # id → what has it, so that it lives as long, and what it becomes
+        # id → the object, which keeps its id, and its replacement
+        self._replacements: dict[int, tuple[Any, Any]] = {}
         self._digest = hashlib.sha256()
         self.function = exact(self._prepare(function))
         self.sha256 = self._digest.hexdigest()
 
     def check(self, now: Any, parameters: Any) -> None:
-        """Compile the function for these classes of named tuples; refused where it would not run like ours."""
+        """Compile the function for these classes of named tuples, or raise `InputError`."""
         if not JIT_ENABLED:
             return
         arguments = tuple(
@@ -65,7 +61,8 @@ class UserFunction:
         is_number = is_pair and isinstance(return_type[0], (types.Float, types.Integer, types.Boolean))
         if not is_number or return_type[1] != arguments[2]:
             memory = self._memory.__name__
-            raise InputError(f"{self._name}: return a number and {memory}(…) with a number for each field")
+            sentence = f"{self._name}: return a number and {memory}(…) with a number for each field"
+            raise InputError(sentence, self._name, "code")
         self._check_machine_code(compiled)
 
     def _check_machine_code(self, compiled: Any) -> None:
@@ -81,38 +78,36 @@ class UserFunction:
             raise self._refusal("may raise an error, print or never return")
 
     def _refusal(self, reason: str) -> InputError:
-        return InputError(f"{self._name} {reason}: {ALLOWED_IN_RULES}")
+        return InputError(f"{self._name} {reason}: {_ALLOWED_IN_RULES}", self._name, "code")
 
     def _prepare(self, function: Any) -> Any:
-        """The function with its helpers compiled, too, and with nothing else of its module."""
+        """Return the function with compiled helpers and nothing else of its module."""
         code = function.__code__
         defaults = function.__defaults__ or ()
         for argument, default in zip(code.co_varnames[code.co_argcount - len(defaults) :], defaults, strict=False):
-            self._value(argument, default)
+            self._resolve(argument, default)
         names = set()
         for part in _nested_code(code):
             constants = [constant for constant in part.co_consts if not isinstance(constant, CodeType)]
-            if any(isinstance(constant, bytes) for constant in constants):  # nobody looks at their indices
+            if any(isinstance(constant, bytes) for constant in constants):
                 raise self._refusal("uses bytes")
-            self._add_to_hash(
-                part.co_code.hex(), repr((part.co_names, part.co_varnames, part.co_freevars, part.co_cellvars))
-            )
-            self._add_to_hash(*map(_exact_text, constants))
+            names_of_part = repr((part.co_names, part.co_varnames, part.co_freevars, part.co_cellvars))
+            self._add_to_hash(part.co_code.hex(), names_of_part, *map(_exact_text, constants))
             names |= {i.argval for i in dis.get_instructions(part) if i.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
         scope = {"__name__": __name__, "__builtins__": __builtins__}
         for name in sorted(names & function.__globals__.keys()):
-            scope[name] = self._value(name, function.__globals__[name])
+            scope[name] = self._resolve(name, function.__globals__[name])
         cells = []
         for name, cell in zip(code.co_freevars, function.__closure__ or (), strict=True):
             try:
                 content = cell.cell_contents
             except ValueError:
                 raise self._refusal(f"uses {name}, which has no value yet") from None
-            cells.append(CellType(self._value(name, content)))
+            cells.append(CellType(self._resolve(name, content)))
         return FunctionType(code, scope, function.__name__, function.__defaults__, tuple(cells))
 
-    def _value(self, name: str, value: Any) -> Any:
-        """What a name of the user's module stands for, as the compiler takes it."""
+    def _resolve(self, name: str, value: Any) -> Any:
+        """Return the value of a name of the user's module in a form for the compiler."""
         self._add_to_hash(name)
         if _is_constant(value) and _count_numbers(value) <= _MAX_TABLE_NUMBERS:
             self._add_to_hash(_exact_text(value))
@@ -132,7 +127,7 @@ class UserFunction:
             defaults = (f"{n} {_exact_text(default)}" for n, default in named_tuple._field_defaults.items())
             self._add_to_hash(named_tuple.__name__, *named_tuple._fields, *defaults)
             replacement = _make_constructor(value) if value is self._memory else value
-        elif any(value is known for known in _ALLOWED_OBJECTS):
+        elif any(value is allowed for allowed in _ALLOWED_OBJECTS):
             self._add_to_hash(value.__name__)
             replacement = value
         else:
@@ -146,7 +141,7 @@ class UserFunction:
 
 
 def _nested_code(code: CodeType) -> Iterator[CodeType]:
-    """The code of a function and of those that are written inside it."""
+    """Yield the code of a function and of the functions nested in it."""
     yield code
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
@@ -154,14 +149,14 @@ def _nested_code(code: CodeType) -> Iterator[CodeType]:
 
 
 def _exact_text(constant: Any) -> str:
-    """A constant in words: the same in every process, others for every other constant."""
+    """Write a constant as text: the same text in every process, another one for every other constant."""
     type_name = type(constant).__name__
     if isinstance(constant, (tuple, frozenset)):
         parts = [_exact_text(part) for part in constant]
         return f"{type_name} ({', '.join(parts if isinstance(constant, tuple) else sorted(parts))})"
     if isinstance(constant, np.generic):
         return f"{type_name} {constant.item()!r}"
-    if isinstance(constant, int):  # in hexadecimal numbers, of which Python writes as many as there are
+    if isinstance(constant, int):  # hexadecimal, because Python limits the digits of decimal numbers
         return f"{type_name} {int(constant):x}"
     return f"{type_name} {float.__repr__(constant) if isinstance(constant, float) else repr(constant)}"
 
@@ -170,7 +165,7 @@ def _is_constant(value: Any) -> bool:
     if isinstance(value, tuple):
         return all(map(_is_constant, value))
     if isinstance(value, int):
-        return _MIN_INTEGER <= value <= _MAX_INTEGER
+        return -(2**63) <= value < 2**64  # int64 or uint64
     return value is None or isinstance(value, (float, str, np.number, np.bool_))
 
 
@@ -179,16 +174,17 @@ def _count_numbers(constant: Any) -> int:
 
 
 def _place_and_reason(error: Exception) -> str:
-    """The useful line of the compiler's message, and the line of the rule that it is about, if it says one."""
-    text = _ANSI_COLOUR.sub("", str(error))  # written where colorama is installed
-    lines = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith(_MESSAGE_HEADINGS)]
+    """Extract the line of the rule, if there is one, and the useful line from a message of the compiler."""
+    text = re.sub(r"\x1b\[[0-9;]*m", "", str(error))  # colours, where colorama is installed
+    headings = ("Failed in ", "During: ")
+    lines = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith(headings)]
     place = re.findall(r'[("]([^"\n(]+?)"?,? (?:line |\()(\d+)[):]', text)
     location = f", line {place[-1][1]} of {Path(place[-1][0]).name}" if place else ""
     return f"{location}: {lines[0] if lines else type(error).__name__}"
 
 
 def _make_constructor(memory: Any) -> Any:
-    """What stands for the class of the memory: one type, whatever kind of numbers it is given."""
+    """Return a constructor of the memory that converts all numbers to floats, so that its type is always the same."""
     defaults = memory._field_defaults
     arguments = ", ".join(f"{n}={float(defaults[n])!r}" if n in defaults else n for n in memory._fields)
     # no field begins like these

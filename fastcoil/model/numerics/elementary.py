@@ -40,7 +40,7 @@ _COS_TAYLOR = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(8, 0, -1)
 
 @exact
 def polynomial(x, coefficients):
-    """Value at x; ``coefficients`` is a tuple of at least four, highest power first.
+    """Evaluate a polynomial at x; ``coefficients``: a tuple of at least four, highest power first.
 
     Even and odd powers are summed apart: two chains of half the length, which the processor overlaps.
     """

@@ -13,11 +13,11 @@ Flags:
     forceinline=True     a call in the loop over lanes keeps it scalar.
     nogil=True           threads are the only parallelism: no ``parallel=True``, whose threading layers abort
                          or oversubscribe inside a thread pool.
-    no_…_wrapper         entries for C, and into a section for Python: code that nobody calls, and a seventh of a
+    no_…_wrapper         entries for C, and of a section for Python, are never called and take a seventh of a
                          compilation.
     fastmath "contract"  a*b + c in one instruction: a third of the arithmetic of Eq (3).  All lanes run the same
                          instructions, so they still get the same bits: see ``tests/model/engine/test_lanes.py``.
-    never more of it     it deletes NaN tests and lets a lane's bits depend on its neighbours.
+    no other fastmath    it deletes NaN tests and lets a lane's bits depend on its neighbours.
     512-bit vectors      where the processor has them.  On Intel's, LLVM would take 256: a quarter more time.
 """
 
@@ -29,7 +29,6 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -42,19 +41,14 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import cpu_target
 from numba.extending import intrinsic
 
-from fastcoil.model.numerics.kernel_cache import KernelCache, has_kernel, kernel_folder
-from fastcoil.model.parameter_table import PARAMETERS
+from fastcoil.model.numerics.kernel_cache import KernelCache, kernel_folder
 
 FLAGS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
-_SECTION_FLAGS = FLAGS | {"no_cpython_wrapper": True}
 _NUMBA_SETTINGS = (
     "BOUNDSCHECK", "CPU_FEATURES", "CPU_NAME", "DISABLE_INTEL_SVML", "DISABLE_JIT", "ENABLE_AVX", "LOOP_VECTORIZE",
     "OPT", "SLP_VECTORIZE",
 )  # fmt: skip
 """Settings of Numba, from the environment or its configuration file, that decide what is compiled."""
-PACKAGE_ESTIMATORS = PARAMETERS["estimator"].choices
-"""Estimators of the package: each has a file of its name, or several that begin with it, but for the word none."""
-_GC_THRESHOLD_OBJECTS = 20_000
 JIT_ENABLED = not config.DISABLE_JIT  # type: ignore[attr-defined]
 
 
@@ -71,7 +65,7 @@ def exact(function: Callable[..., Any]) -> Any:
 
 def section(function: Callable[..., Any]) -> Any:
     """Compile a loop over lanes, inlined into its kernel; no Python calls it."""
-    return numba.njit(**_SECTION_FLAGS, forceinline=True, fastmath={"contract"})(function)
+    return numba.njit(**(FLAGS | {"no_cpython_wrapper": True}), forceinline=True, fastmath={"contract"})(function)
 
 
 def kernel(function: Callable[..., Any]) -> Any:
@@ -86,16 +80,16 @@ def kernel(function: Callable[..., Any]) -> Any:
 
 
 def with_rare_collection(compile: Callable[..., Any]) -> Callable[..., Any]:
-    """A function that compiles, without Python looking for garbage all the time: a quarter of a compilation.
+    """Wrap a compiling function so that garbage is collected rarely, which saves a quarter of a compilation.
 
     The compiler makes millions of objects, and nearly all of them live until it ends.
     """
 
     def wrapper(*arguments: Any) -> Any:
-        with global_compiler_lock:  # one after another, so that each puts back what the user has set
+        with global_compiler_lock:  # one after another, so that each restores the threshold of the user
             before = gc.get_threshold()
             if before[0]:
-                gc.set_threshold(max(_GC_THRESHOLD_OBJECTS, before[0]), *before[1:])
+                gc.set_threshold(max(20_000, before[0]), *before[1:])
             try:
                 with widest_vectors():
                     return compile(*arguments)
@@ -107,9 +101,9 @@ def with_rare_collection(compile: Callable[..., Any]) -> Callable[..., Any]:
 
 @contextmanager
 def widest_vectors() -> Iterator[None]:
-    """Let loops over lanes have vectors of 512 bits: the optimiser asks this machine how wide they should be.
+    """Allow vectors of 512 bits in loops over lanes: the optimiser asks this machine how wide they should be.
 
-    The numbers are the same: each lane has the arithmetic that it would have in a narrower vector.
+    The numbers are the same: each lane has the same arithmetic as in a narrower vector.
     """
     codegen = cpu_target.target_context.codegen()
     before, cpu, features = codegen._tm, codegen._get_host_cpu_name(), codegen._tm_features
@@ -138,39 +132,21 @@ if JIT_ENABLED:
 else:
 
     def fma(a: float, b: float, c: float) -> float:  # type: ignore[misc]
-        """a*b + c, rounded twice: close enough for the interpreter, where no bits are promised."""
+        """a*b + c, rounded twice: close enough for the interpreter, which promises no bits."""
         return a * b + c
 
 
 @cache
-def model_sha256(estimators: frozenset[str] | None = None) -> str:
-    """Hash of the sources that decide the results of a simulation: not of the cache, which only keeps them.
-
-    estimators: those of the package that the simulation has, all by default; the file of another decides nothing.
-    """
+def model_sha256() -> str:
+    """Hash of the sources that decide the results of a simulation; the kernel cache is not one of them."""
     digest = hashlib.sha256()
     package = Path(__file__).parents[1]
-    unused = set() if estimators is None else set(PACKAGE_ESTIMATORS) - estimators
     files = ("parameter_table.py", "metric_table.py", "physics.py", "control.py", "valve_test.py")
-    parts = (*files, "numerics", "estimators", "engine")
-    for part in parts:
+    for part in (*files, "numerics", "estimators", "engine"):
         for source in sorted((package / part).rglob("*.py")) or [package / part]:
-            name = source.relative_to(package).as_posix()
-            is_of_unused = part == "estimators" and source.stem.partition("_")[0] in unused
-            if source.name != "kernel_cache.py" and not is_of_unused:
-                digest.update(name.encode() + b"\0" + source.read_bytes())
+            if source.name != "kernel_cache.py":
+                digest.update(source.relative_to(package).as_posix().encode() + b"\0" + source.read_bytes())
     return digest.hexdigest()
-
-
-def is_model_sha256(sha256: str) -> bool:
-    """Whether a hash is that of these sources, with whichever estimators."""
-    choices_by_size = (combinations(PACKAGE_ESTIMATORS, n) for n in range(len(PACKAGE_ESTIMATORS) + 1))
-    return any(model_sha256(frozenset(names)) == sha256 for of_size in choices_by_size for names in of_size)
-
-
-def is_same_model(first: str, second: str) -> bool:
-    """Whether two hashes are of one model, perhaps with other estimators of it."""
-    return first == second or (is_model_sha256(first) and is_model_sha256(second))
 
 
 @cache
@@ -186,7 +162,7 @@ def fingerprint() -> str:
 
 
 def numeric_environment() -> dict[str, str]:
-    """On what the bits of a result depend besides the sources: processor, libraries and settings of the compiler."""
+    """Return what the bits of a result depend on besides the sources: processor, libraries, compiler settings."""
     features = llvmlite.binding.get_host_cpu_features().flatten()
     return {
         "machine": platform.machine(),
@@ -200,6 +176,6 @@ def numeric_environment() -> dict[str, str]:
 
 
 def is_compiled(kernel_name: str) -> bool:
-    """Whether the cache holds a kernel of this fingerprint, so that it need not be compiled."""
+    """Whether the cache holds a kernel of this fingerprint, which then need not be compiled."""
     folder = kernel_folder(fingerprint())
-    return folder is not None and has_kernel(folder, kernel_name)
+    return folder is not None and any(folder.glob(f"*.{kernel_name}-*.nbc"))

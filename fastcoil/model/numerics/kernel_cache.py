@@ -1,8 +1,8 @@
-"""The folder of compiled kernels: a file that is damaged, or that another may have written, is never loaded.
+"""The folder of compiled kernels: a file that is damaged, or that another user may have written, is never loaded.
 
-Loading a kernel unpickles a file and runs the machine code in it.  So a folder counts only if its owner and mode say
-that nobody else could put a file there, and a file only if the SHA-256 in front of its bytes is theirs.  Anything else
-counts as missing: the kernel is compiled again.
+Loading a kernel unpickles a file and runs the machine code in it.  So a folder is used only if its owner and mode
+prevent other users from putting a file there, and a file only if its bytes match the SHA-256 in front of them.
+Anything else counts as missing: the kernel is compiled again.
 
 No number depends on this file: it decides whether a kernel is compiled, not to what.
 """
@@ -31,14 +31,12 @@ from fastcoil.base.files import write_atomically
 from fastcoil.base.machine import is_writable_by_others, owned_by_other_user
 
 _FORMAT = b"fastcoil kernel 1\n"
-_MAX_FOLDERS = 4
-_FINGERPRINT = re.compile(r"[0-9a-f]{16}")
 
 
 class KernelCache(Cache):  # type: ignore[misc]
-    """The kernels of one function, a file for each signature: what a compiled function asks for them.
+    """Cache of the kernels of one function, a file for each signature, as Numba calls it.
 
-    identity: all that a closure closes over, in words; Numba's own key would not be the same in another process.
+    identity: everything that a closure closes over, as text; Numba's own key differs between processes.
     """
 
     def __init__(self, function: Callable[..., Any], folder: Path, identity: str = "") -> None:
@@ -50,26 +48,27 @@ class KernelCache(Cache):  # type: ignore[misc]
 
     @property
     def cache_path(self) -> str:
-        """The folder, by the name that Numba has for it."""
+        """The folder, under the name that Numba uses."""
         return str(self._folder)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The kernel for a signature, or ``None``."""
-        # all that machine code needs; the compiler itself loads the rest, a quarter of a second, if it has to compile
+        """Load the kernel for a signature, or return ``None``."""
+        # all that machine code needs; a compilation loads the rest, which takes a quarter of a second
         rtsys.initialize(target_context)
         key = self._key(sig, target_context.codegen())
         try:
             stored_key, reduced = pickle.loads(_read_checked(self._path(key)))
             return CompileResult._rebuild(target_context, *reduced) if stored_key == key else None
-        except Exception:  # missing, damaged, or sound and of a class that is no more
-            pass
-        return None
+        except Exception:  # missing, damaged, or of a class that no longer exists
+            return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep a compiled kernel, unless it holds for this process alone."""
+        """Store a compiled kernel, unless it is valid in this process only."""
         if not self._enabled or data.lifted or data.library.has_dynamic_globals:
             return
-        if self._settings != _numba_settings():  # the folder is of others; a study's own code may have changed them
+        if (
+            self._settings != _numba_settings()
+        ):  # changed since, for instance by user code: the folder is that of others
             return
         key = self._key(sig, data.codegen)
         path, payload = self._path(key), dumps((key, data._reduce()))
@@ -89,19 +88,19 @@ class KernelCache(Cache):  # type: ignore[misc]
 
 
 def _numba_settings() -> dict[str, str]:
-    """The settings of Numba, with those that the environment has by now."""
+    """Return the settings of Numba, updated from the environment."""
     config.reload_config()  # type: ignore[no-untyped-call]
     return {name: repr(value) for name, value in vars(config).items() if name.isupper()}
 
 
 @cache
 def kernel_folder(fingerprint: str) -> Path | None:
-    """The folder of the kernels with a fingerprint, made if missing.
+    """Return the folder of the kernels with a fingerprint, created if missing.
 
-    ``None``, with a warning, where it cannot be made or another user may write to it.
+    ``None``, with a warning, where it cannot be created or another user may write to it.
     """
     cache_home = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    # a relative one would be that of whoever made the current folder; the standard has it ignored
+    # the standard ignores a relative path, which would depend on the current folder
     base = cache_home if cache_home.is_absolute() else Path(os.path.expanduser("~")) / ".cache"
     folder = base / "fastcoil" / "kernels" / fingerprint
     problem = _folder_problem(folder)
@@ -115,7 +114,7 @@ def kernel_folder(fingerprint: str) -> Path | None:
 
 
 def _folder_problem(folder: Path) -> str:
-    """Why a folder is not used, after trying to make it: others may have written to it, or it cannot be made."""
+    """Create a folder if missing, and return why it is not used: other users may write to it, or it cannot be made."""
     if not folder.is_absolute():
         return "is in no home"
     try:
@@ -131,13 +130,8 @@ def _folder_problem(folder: Path) -> str:
     return "can be written by other users" if is_writable_by_others(status) else ""
 
 
-def has_kernel(folder: Path, name: str) -> bool:
-    """Whether a folder has a kernel of the function ``name``."""
-    return any(folder.glob(f"*.{name}-*.nbc"))
-
-
 def _read_checked(path: Path) -> bytes:
-    """The content of a file; ``OSError`` if it is missing, ``ValueError`` if it is damaged."""
+    """Read the content of a file; raise ``OSError`` if it is missing, ``ValueError`` if it is damaged."""
     data = path.read_bytes()
     n = len(_FORMAT) + hashlib.sha256().digest_size
     if data[:n] != _header(path, data[n:]):
@@ -146,25 +140,25 @@ def _read_checked(path: Path) -> bytes:
 
 
 def _header(path: Path, payload: bytes) -> bytes:
-    """Format and hash; a kernel under the name of another one, or in another folder, is as bad as a damaged one."""
+    """Format and hash, also of the name: a kernel under another name or in another folder counts as damaged."""
     return _FORMAT + hashlib.sha256(f"{path.parent.name}/{path.name}\0".encode() + payload).digest()
 
 
 def _make_private(folder: Path) -> None:
-    """Make a folder, and those above it, for this user alone."""
+    """Create a folder, and those above it, for this user only."""
     for each in (*reversed(folder.parents), folder):
         each.mkdir(mode=0o700, exist_ok=True)
 
 
 @cache
 def _warn_uncached(reason: str) -> None:
-    cure = "mend it, or set XDG_CACHE_HOME to a folder of your own"
+    cure = "fix it, or set XDG_CACHE_HOME to a folder that only you can write to"
     warnings.warn(f"every process compiles the kernels again: {reason}: {cure}", stacklevel=2)
 
 
 def _prune_folders(current: Path) -> None:
-    """Remove all but the most recently used folders; a process that still needs another compiles again."""
-    folders = [f for f in current.parent.iterdir() if _FINGERPRINT.fullmatch(f.name) and not f.is_symlink()]
-    for folder in sorted(folders, key=lambda f: f.stat().st_mtime)[:-_MAX_FOLDERS]:
+    """Remove all but the four most recently used folders; a process that needs an older one compiles again."""
+    folders = [f for f in current.parent.iterdir() if re.fullmatch(r"[0-9a-f]{16}", f.name) and not f.is_symlink()]
+    for folder in sorted(folders, key=lambda f: f.stat().st_mtime)[:-4]:
         if folder != current:
             shutil.rmtree(folder, ignore_errors=True)

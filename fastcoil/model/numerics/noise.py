@@ -2,8 +2,8 @@
 
 Salmon et al. (2011), doi:10.1145/2063384.2063405.
 
-A number depends on (seed, sample, channel, replicate, day) alone: not on the scenario, the thread, nor on
-what was drawn before.  Every loop of a study sees the same noise, so differences between loops are paired.
+A number depends on (seed, sample, channel, replicate, day) only: not on the scenario, the thread or earlier draws.
+Every loop of a study has the same noise, so differences between loops are paired.
 """
 
 import numpy as np
@@ -15,19 +15,18 @@ RNG_NAME = "philox4x32-10;boxmuller;v1"
 MEASUREMENT_CHANNEL = 0
 """Channel of the measurement noise."""
 
+# multipliers and key increments of Philox4x32, Salmon et al. (2011)
 _MULTIPLIER_0 = np.uint64(0xD2511F53)
 _MULTIPLIER_1 = np.uint64(0xCD9E8D57)
 _WEYL_0 = np.uint64(0x9E3779B9)
 _WEYL_1 = np.uint64(0xBB67AE85)
 _WORD_MASK = np.uint64(0xFFFFFFFF)
 _WORD_BITS = np.uint64(32)
-_SIGNIFICAND_SHIFT = np.uint64(12)
-_ONE_BITS = np.uint64(0x3FF0000000000000)
 
 
 @exact
 def philox(c0, c1, c2, c3, k0, k1):
-    """Four random 32-bit words of a counter c0–c3 and a key k0, k1, all held in uint64."""
+    """Return four random 32-bit words for a counter c0–c3 and a key k0, k1, all held in uint64."""
     for _ in range(10):
         product_0 = _MULTIPLIER_0 * c0
         product_1 = _MULTIPLIER_1 * c2
@@ -44,14 +43,15 @@ def philox(c0, c1, c2, c3, k0, k1):
 
 @exact
 def uniform(low, high):
-    """The top 52 of 64 random bits, centred in their cell: never 0 nor 1."""
-    bits = ((low | (high << _WORD_BITS)) >> _SIGNIFICAND_SHIFT) | _ONE_BITS
+    """Return the top 52 of 64 random bits as a number between 0 and 1, centred in its cell: never 0 nor 1."""
+    # as the significand of a number between 1 and 2
+    bits = ((low | (high << _WORD_BITS)) >> np.uint64(12)) | np.uint64(0x3FF0000000000000)
     return np.uint64(bits).view(np.float64) - (1.0 - 2.0**-53)
 
 
 @exact
 def normal_pair(pair, channel, replicate, day, k0, k1):
-    """Two independent standard normals: samples 2·pair and 2·pair + 1 of a channel."""
+    """Return two independent standard normal numbers: samples 2·pair and 2·pair + 1 of a channel."""
     r0, r1, r2, r3 = philox(pair, channel, replicate, day, k0, k1)
     radius = np.sqrt(-2.0 * log(uniform(r0, r1)))
     sin, cos = sincos_turns(uniform(r2, r3))

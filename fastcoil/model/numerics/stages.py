@@ -23,32 +23,36 @@ from numba.np.numpy_support import carray
 from fastcoil.model.numerics.jit import FLAGS, JIT_ENABLED, exact, fingerprint, with_rare_collection
 from fastcoil.model.numerics.kernel_cache import KernelCache, kernel_folder
 
-NUMBER, FLAG, ROW_POINTER, INTEGER = types.float64, types.boolean, types.CPointer(types.float64), types.int64
-"""Types of a stage's arguments and of what it returns.  Rows go by their address alone: seven words less a call."""
+NUMBER = types.float64
+FLAG = types.boolean
+INTEGER = types.int64
+ROW_POINTER = types.CPointer(types.float64)
+"""Type of flat states, which are passed by their address alone: seven words less a call."""
 BUILT_IN = np.intp(0) if JIT_ENABLED else 0
 """In place of an address: the kernel has this stage in its own machine code."""
 _COMPILE_LOCK = threading.RLock()
-_COMPILED_STAGES: list[Any] = []  # what has been compiled: machine code must not go away while its address is known
+_COMPILED_STAGES: list[Any] = []  # machine code must not go away while its address is known
 
 
 class StageSignature:
-    """A kind of stage: the types of its arguments and of what it returns.
+    """Names and types of the arguments of a kind of stage, and the type that it returns.
 
-    ``call(address, arguments)`` is how a kernel calls one.
+    A kernel calls a stage with ``call(address, arguments)``.
     """
 
-    def __init__(self, *arguments: Any, returns: Any = types.void) -> None:
+    def __init__(self, *, returns: Any = types.void, **arguments: Any) -> None:
         self._arguments, self._returns = arguments, returns
-        self.call = _make_caller(self._arguments, returns)
+        self.call = _make_caller(tuple(arguments.values()), returns)
 
-    def compiled(self, function: Callable[..., Any], identity: str) -> Any:
-        """The address of ``function``, compiled.  In the interpreter: the function itself.
+    def compile(self, function: Callable[..., Any], identity: str) -> Any:
+        """Compile ``function`` and return its address.  In the interpreter, return the function.
 
-        identity: all that the function closes over, in words, by which it is found in the cache again.
+        identity: everything that the function closes over, as text: its key in the cache.
         """
+        assert function.__code__.co_varnames[: function.__code__.co_argcount] == tuple(self._arguments)
         if not JIT_ENABLED:
             return function
-        stage: Any = CFunc(function, (self._arguments, self._returns), {}, dict(FLAGS))
+        stage: Any = CFunc(function, (tuple(self._arguments.values()), self._returns), {}, dict(FLAGS))
         folder = kernel_folder(fingerprint())
         if folder is not None:
             stage._cache = KernelCache(function, folder, identity)
@@ -72,12 +76,11 @@ if JIT_ENABLED:
                 llvm_values = []
                 for k, (given_type, stage_type) in enumerate(zip(stage_arguments, arguments, strict=True)):
                     value = builder.extract_value(args[1], k)
-                    is_array = isinstance(given_type, types.Array)
-                    llvm_values.append(
-                        context.make_array(given_type)(context, builder, value).data
-                        if is_array
-                        else context.cast(builder, value, given_type, stage_type)
-                    )
+                    if isinstance(given_type, types.Array):
+                        value = context.make_array(given_type)(context, builder, value).data
+                    else:
+                        value = context.cast(builder, value, given_type, stage_type)
+                    llvm_values.append(value)
                 result = builder.call(pointer, llvm_values)
                 return context.get_dummy_value() if returns == types.void else result
 
@@ -87,7 +90,7 @@ if JIT_ENABLED:
 
     @intrinsic(prefer_literal=True)
     def values_at(typingctx: Any, cls: Any, rows: Any, place: Any, stride: Any) -> Any:
-        """A named tuple of class ``cls`` from ``rows[place]``, ``rows[place + stride]`` and so on."""
+        """Return a named tuple of class ``cls`` from ``rows[place]``, ``rows[place + stride]`` and so on."""
         tuple_class = cls.instance_class
         n = len(tuple_class._fields)
 
@@ -100,7 +103,7 @@ if JIT_ENABLED:
 
     @intrinsic
     def store_if_due(typingctx: Any, due: Any, values: Any, before: Any, rows: Any, place: Any, stride: Any) -> Any:
-        """Store a tuple of numbers where ``values_at`` found it, or what was there ``before`` unless it is ``due``."""
+        """Store a tuple of numbers at the place of ``values_at`` if it is ``due``, else the tuple ``before``."""
         value_types = list(values)
 
         def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -115,7 +118,7 @@ if JIT_ENABLED:
 
     @exact
     def array_at(rows: Any, place: Any, size: Any) -> Any:
-        """``size`` numbers from ``rows[place]`` on, to be read and changed."""
+        """Return a view of ``size`` numbers from ``rows[place]`` on."""
         return carray(rows, (place + size,))[place:]
 
     def _pointers(builder: Any, args: Any, n: int) -> list[Any]:
@@ -126,17 +129,17 @@ if JIT_ENABLED:
 else:
 
     def _make_caller(arguments: Any, returns: Any) -> Any:
-        return lambda address, given: address(*given)
+        return lambda address, stage_arguments: address(*stage_arguments)
 
     def values_at(cls: Any, rows: Any, place: Any, stride: Any) -> Any:  # type: ignore[misc]
-        """A named tuple of class ``cls`` from ``rows[place]``, ``rows[place + stride]`` and so on."""
+        """Return a named tuple of class ``cls`` from ``rows[place]``, ``rows[place + stride]`` and so on."""
         return cls(*(rows[place + stride * k] for k in range(len(cls._fields))))
 
     def store_if_due(due: Any, values: Any, before: Any, rows: Any, place: Any, stride: Any) -> None:  # type: ignore[misc]
-        """Store a tuple of numbers where ``values_at`` found it, or what was there ``before`` unless it is ``due``."""
+        """Store a tuple of numbers at the place of ``values_at`` if it is ``due``, else the tuple ``before``."""
         for k, (new, old) in enumerate(zip(values, before, strict=True)):
             rows[place + stride * k] = new if due else old
 
     def array_at(rows: Any, place: Any, size: Any) -> Any:
-        """``size`` numbers from ``rows[place]`` on, to be read and changed."""
+        """Return a view of ``size`` numbers from ``rows[place]`` on."""
         return rows[place : place + size]

@@ -26,7 +26,7 @@ from fastcoil.design.tuning_plan import TuningRequest, plan_tuning
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.days import constant_day, design_day, heating_day, paper_day
 from fastcoil.loops.boundary.weather import weather_day, weather_year
-from fastcoil.loops.loop import Loop, used_choices
+from fastcoil.loops.loop import Loop
 from fastcoil.loops.plan import Plan, check_memory, plan_simulation
 from fastcoil.loops.scenarios import Layout
 from fastcoil.model.metric_table import METRICS
@@ -186,8 +186,8 @@ class Study:
 
     @property
     def model_sha256(self) -> str:
-        """Hash of the sources of the model that it uses."""
-        return model_sha256(frozenset(used_choices((self.largest_plan or self.plan).layout.loop, "estimator")))
+        """Hash of the sources of the model."""
+        return model_sha256()
 
     @property
     def sha256(self) -> str:

@@ -24,7 +24,6 @@ from fastcoil.loops.provenance import environments_of
 from fastcoil.loops.scenarios import check_same_form, parameter_columns
 from fastcoil.model.engine.lanes import parameter_matrix
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, STATUS_NOT_RUN, TRACES
-from fastcoil.model.numerics.jit import is_same_model
 from fastcoil.model.user_rules import RULE_KINDS, RuleHashes, refuse_changed_code
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.folder import StudyFolder
@@ -127,7 +126,7 @@ class FolderState:
         user_code: RuleHashes = {}
         if stage is Stage.FINISHED and self.results is not None:
             user_code = json.loads(self.results.attrs.get("user_code", "{}"))
-        elif stored is not None and not is_same_model(stored.model_sha256, requested.model_sha256):
+        elif stored is not None and stored.model_sha256 != requested.model_sha256:
             warnings.warn(
                 f"{self.store.path} was computed with other sources of the model: everything is computed again",
                 stacklevel=2,
@@ -203,7 +202,7 @@ class StudyRun:
 
         ``InputError`` if the study is no extension of the results.  ``IntegrityError`` if they are damaged.
         """
-        if results is None or not is_same_model(str(results.attrs.get("model_sha256")), self.manifest.model_sha256):
+        if results is None or results.attrs.get("model_sha256") != self.manifest.model_sha256:
             return
         attrs = study_attributes(self.study, self.manifest)
         self.earlier_index, self.study_index = match_scenarios(self.study.plan, attrs, results)
@@ -309,7 +308,7 @@ def match_scenarios(plan: Plan, attrs: dict[str, Any], earlier: xr.Dataset) -> t
     changed = [
         label for name, label in _DECISIVE_ATTRIBUTES.items() if str(attrs.get(name)) != str(earlier.attrs.get(name))
     ]
-    if not is_same_model(str(attrs.get("model_sha256")), str(earlier.attrs.get("model_sha256"))):
+    if attrs.get("model_sha256") != earlier.attrs.get("model_sha256"):
         changed.append("the sources of the model")
     if changed:
         raise _extension_error(

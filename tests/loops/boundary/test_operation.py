@@ -7,7 +7,7 @@ from reference.trim_and_respond import set_points
 from fastcoil.loops.boundary import air_handler as drifts
 from fastcoil.loops.boundary.air_handler import (
     Settings,
-    between,
+    reset_line,
     delay_by_dampers,
     flow_share,
     is_coil_needed,
@@ -36,7 +36,7 @@ def test_trim_and_respond_is_that_of_the_guideline_zone_by_zone(trim, spread):
     mean = 0.6 + 0.6 * np.sin(np.arange(n) / 40) + rng.normal(0, 0.02, n)
     loads = zone_loads(np.maximum(mean, 0.0), spread, rng.normal(0, 0.05, (n, 20)))
     T_out = 18.5 + 4 * np.sin(np.arange(n) / 30)
-    share = between(T_out, 16.0, 21.0, 0.0, 1.0)
+    share = reset_line(T_out, 16.0, 21.0, 0.0, 1.0)
     tops = trim_and_respond(trim, share, request_limits(loads, T_zone, low))
     expected = set_points(
         loads.tolist(),

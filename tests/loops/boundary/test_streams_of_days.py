@@ -58,7 +58,7 @@ def test_a_stream_is_the_same_boundary_as_its_days_in_memory():
 
 def test_a_large_boundary_has_one_digest_too_streamed_or_not(monkeypatch):
     small = held_boundary([3, 1, 2]).sha256
-    monkeypatch.setattr("fastcoil.loops.boundary.samples.LARGE", 2 * N)
+    monkeypatch.setattr("fastcoil.loops.boundary.samples.LARGE_BOUNDARY_SAMPLES", 2 * N)
     stream, held = streamed_boundary(), held_boundary([3, 1, 2])
     assert stream.sha256 == held.sha256 != small
     changed = held.assign(T_w_in=np.where(np.arange(N) == 5, 7.5, 7.0))
@@ -84,7 +84,7 @@ def test_a_stream_goes_to_another_process_with_what_is_known_of_it():
         np.testing.assert_array_equal(other.start, stream.start)
     stream.sha256  # noqa: B018
     again = pickle.loads(pickle.dumps(stream))
-    again._make = None  # nothing is made for what is known
+    again._maker = None  # nothing is made for what is known
     assert again.sha256 == stream.sha256
     held = pickle.loads(pickle.dumps(held_boundary([1])))
     assert not held.of_day(0)["m_a"].flags.writeable
@@ -125,7 +125,7 @@ def test_bad_arguments_of_from_days():
     assert "make fails for day 1, ZeroDivisionError" in message
 
 
-@pytest.mark.parametrize("kind", [paper_day, heating_day])
+@pytest.mark.parametrize("make_days", [paper_day, heating_day])
 def test_many_days_of_seeds_are_a_stream_of_the_same_days(make_days, monkeypatch):
     held = make_days(hours=0.05, seed=[4, 1, 7])
     monkeypatch.setattr(days, "LARGE_BOUNDARY_SAMPLES", 3 * held.n_steps - 1)

@@ -1,11 +1,12 @@
-"""Dead band, compensation and buffer from the noise: equal to their twins, alike in any block, replayed to the bit."""
+"""Dead band, compensation and buffer from the noise: as in the reference, in any block, and in a replay to the bit."""
 
 import numpy as np
 import pytest
+from helpers.twins import assert_equal_to_reference
 
 import fastcoil as fc
 from fastcoil.loops.scenarios import parameter_columns
-from fastcoil.model.engine.controller import PLAIN_CONTROLLER, ControllerFeatures, control_stage
+from fastcoil.model.engine.controller import ControllerFeatures, control_stage
 from fastcoil.model.engine.lanes import cut_into_blocks, parameter_matrix
 from fastcoil.model.metric_table import METRICS, TRACES
 from fastcoil.model.numerics.stages import BUILT_IN
@@ -14,7 +15,7 @@ pytestmark = pytest.mark.kernel
 
 SIGNALS = ["u", "integral", "command", "mode", "estimate"]
 WIDE_BUFFER = {"buffer_swing": 10.0, "plant_gain": 20.0}
-"""Up to half the stroke: no buffer of these loops gets there."""
+"""A limit of half the stroke, which no buffer of these loops reaches."""
 MEASURED_BUFFER = {"buffer_ratio": 6.0, "buffer_noise": "measured", **WIDE_BUFFER}
 PARTS = {
     "dead band": {"error_dead_band": 0.3},
@@ -24,7 +25,7 @@ PARTS = {
     "buffer at least so large": {"buffer_ratio": 5.0, "buffer": 0.006},
     "buffer up to a swing": {"buffer_ratio": 30.0, "buffer_swing": 0.1, "plant_gain": 25.0},
     "buffer from the measured noise": MEASURED_BUFFER,
-    "all at once": {
+    "all together": {
         **MEASURED_BUFFER, "buffer_swing": 0.15, "plant_gain": 20.0, "compensation": "additive", "error_dead_band": 0.1,
     },
     "smooth with a dead band": {"compensation": "smooth", "smooth_rate": 1e-3, "error_dead_band": 0.1},
@@ -37,7 +38,7 @@ CLOSED_LOOP_CASES = [(part, PRESETS[k % 3], NOISES[k % 2], SAMPLE_TIMES[k % 3 - 
 
 
 def with_pause(boundary, start=1000, end=1600):
-    """The day with a time without operation, which ends and begins between samples."""
+    """The day with a pause that begins and ends between samples."""
     enabled = np.ones(boundary.n_steps)
     enabled[start + 7 : end + 11] = 0.0
     series = {name: values[0] for name, values in boundary.series.items()}
@@ -45,24 +46,16 @@ def with_pause(boundary, start=1000, end=1600):
 
 
 @pytest.mark.parametrize(("part", "preset", "noise_std", "sample_time"), CLOSED_LOOP_CASES)
-def test_every_part_equals_its_twin_in_the_closed_loop(
-    part, preset, noise_std, sample_time, one_hour_day, run_reference
-):
+def test_every_part_equals_the_reference(part, preset, noise_std, sample_time, one_hour_day, run_reference):
     times = {} if sample_time is None else {"sample_time": sample_time}
     loop = fc.Loop.preset(preset).assign(backlash_estimate=0.06, noise_std=noise_std, **PARTS[part], **times)
     day, options = with_pause(one_hour_day), {"warm_up": 600, "seed": 11}
     ds = fc.simulate(loop, day, traces=list(TRACES), **options)
-    traces, metrics = run_reference(loop, day, **options)
-    for name in TRACES:
-        atol = 0.0 if name == "mode" else 1e-9
-        np.testing.assert_allclose(ds[name].values, traces[name], rtol=0.0, atol=atol, err_msg=name)
-    for name in METRICS:
-        np.testing.assert_allclose(ds[name].values, metrics[name], rtol=0.0, atol=1e-9, err_msg=name)
+    assert_equal_to_reference(ds, *run_reference(loop, day, **options))
 
 
 @pytest.mark.parametrize("part", PARTS)
 def test_every_part_changes_the_commands_and_is_replayed_to_the_bit(part, half_hour_day):
-    """As the inverse is: the same control at the same seconds."""
     loop, day = fc.Loop(**LOOP, **PARTS[part]), with_pause(half_hour_day, 600, 800)
     ds = fc.simulate(loop, day, traces=["T_measured", *SIGNALS], warm_up=0, seed=3)
     log = ds[["T_measured"]].rename(T_measured="T_sup")
@@ -75,7 +68,7 @@ def test_every_part_changes_the_commands_and_is_replayed_to_the_bit(part, half_h
 
 
 def test_a_lane_has_the_same_bits_beside_lanes_with_other_parts(half_hour_day):
-    """Every part, and none, in one block; each alone in a block that has compiled no more than it needs."""
+    """Every part, and none, in one block; each alone in a block with that part only."""
     rows = [{}, *PARTS.values(), {"sample_time": 7.0}, {"sample_time": 7.0, **PARTS["smooth with a dead band"]}]
     names = ("error_dead_band", "compensation", "buffer", "buffer_ratio", "buffer_noise", "buffer_swing")
     names += ("sample_time", "smooth_rate")
@@ -89,27 +82,21 @@ def test_a_lane_has_the_same_bits_beside_lanes_with_other_parts(half_hour_day):
             np.testing.assert_array_equal(together[name].isel(tuning=k), alone[name], err_msg=f"{rows[k]} {name}")
 
 
-def block_control_stage(**parameters):
-    """The stage that a block with these parameters calls."""
+@pytest.mark.parametrize(
+    ("parameters", "features"),
+    [
+        ({}, []),
+        ({"buffer_ratio": 6.0, "noise_std": 0.1}, []),
+        ({"sensor_resolution": 0.1}, ["has_resolution"]),
+        (PARTS["smooth with a dead band"], ["has_dead_band", "is_smooth"]),
+        ({**MEASURED_BUFFER, "compensation": "additive"}, ["is_additive", "measures_noise"]),
+    ],
+)
+def test_a_block_has_compiled_what_its_lanes_need_and_no_more(parameters, features):
     loop = fc.Loop(**parameters)
     ((_, block),) = cut_into_blocks(parameter_matrix(parameter_columns(loop, loop.sizes, np.arange(1))))
-    return block.common.control
-
-
-def test_a_block_has_compiled_what_its_lanes_need_and_no_more():
-    assert (
-        block_control_stage()
-        == block_control_stage(buffer_ratio=6.0, noise_std=0.1)
-        == control_stage(PLAIN_CONTROLLER)
-        == BUILT_IN
-    )
-    assert block_control_stage(**PARTS["smooth with a dead band"]) == control_stage(
-        ControllerFeatures(has_dead_band=True, is_smooth=True)
-    )
-    assert block_control_stage(sensor_resolution=0.1) == control_stage(ControllerFeatures(has_resolution=True))
-    assert block_control_stage(**MEASURED_BUFFER, compensation="additive") == control_stage(
-        ControllerFeatures(is_additive=True, measures_noise=True)
-    )
+    assert block.config.control == control_stage(ControllerFeatures(**dict.fromkeys(features, True)))
+    assert (block.config.control == BUILT_IN) == (not features)
 
 
 @pytest.mark.parametrize("compensation", ["additive", "smooth"])

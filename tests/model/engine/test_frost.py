@@ -1,4 +1,4 @@
-"""Frost and freezing water are reported: on the coil as it is, at all times, and nowhere else."""
+"""Frost and freezing water: metrics of the time in which they occur."""
 
 import numpy as np
 import pytest
@@ -20,11 +20,9 @@ def simulate_cold_day(command, warm_up=0, enabled=1.0, loop=None, **entering):
 
 
 def test_air_moister_than_ice_at_the_metal_frosts_it_and_drier_air_does_not():
-    """A shut coil comes to the temperature of the air; its water stands still and freezes, whatever the air holds."""
-    saturated = float(humidity_ratio(-12.0, 1.0))
-    moist, dry = (
-        simulate_cold_day(SHUT_COMMAND, W_a_in=share * saturated) for share in (0.95, 0.8)
-    )  # over ice it is saturated at 0.89
+    """A shut coil comes to the temperature of the air; its water stands and freezes, in moist air and in dry."""
+    saturated = float(humidity_ratio(-12.0, 1.0))  # over water; over ice 0.89 of it
+    moist, dry = (simulate_cold_day(SHUT_COMMAND, W_a_in=share * saturated) for share in (0.95, 0.8))
     assert float(moist.T_c.isel(elapsed_time=-1).max()) < -11.5
     assert float(moist.frost_time) > 1000.0
     assert float(dry.frost_time) == 0.0

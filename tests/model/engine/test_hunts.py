@@ -1,4 +1,4 @@
-"""``hunts``: who oscillates by itself, and who is only shaken by noise and disturbance."""
+"""``hunts``: loops that oscillate, and loops that only noise and disturbances move."""
 
 import numpy as np
 import pytest
@@ -19,14 +19,14 @@ LOOP, MEAN_OPENING = fc.Loop(backlash=0.0), 0.45
 
 
 def rest_temperature():
-    """Supply temperature where the valve stands still at LEVEL, °C."""
+    """Supply temperature, °C, with the valve at MEAN_OPENING."""
     command = np.full(1800, MEAN_OPENING)
     ds = fc.simulate(LOOP, fc.constant_day(hours=0.5), command=command, traces=["T_sup"], warm_up=600)
     return float(ds.T_sup[-1])
 
 
 def hunts_with_waves(periods, height=0.2):
-    """``hunts`` of a valve that goes up and down once in each of these periods, s, after 20 min at rest."""
+    """``hunts`` for a valve that moves up and down once in each of these periods, s, after 20 min at rest."""
     waves = [MEAN_OPENING - height * np.sin(2 * np.pi * np.arange(p) / p) for p in periods]
     command = np.concatenate([np.full(1200, MEAN_OPENING), *waves])
     day = fc.constant_day(hours=command.size / 3600, T_set=rest_temperature())
@@ -77,7 +77,7 @@ def test_no_period_reaches_across_a_set_point_step():
 @pytest.mark.full
 @pytest.mark.parametrize("preset", ["paper_like", "lbnl"])
 def test_the_rule_agrees_with_the_loop_left_alone(preset):
-    """A judge run has constant air and water and no noise: what swings there after four hours swings by itself."""
+    """A loop that swings after four hours of constant air and water without noise makes that swing itself."""
     draw, n = np.random.default_rng(77), 200
     loop = fc.Loop.preset(preset).assign(
         kp=("tuning", np.exp(draw.uniform(np.log(0.005), np.log(0.1), n))),

@@ -1,4 +1,4 @@
-"""A lane's bits depend on nothing but the lane: not on its neighbours, their number, order, or the shard."""
+"""The bits of a lane depend on the lane only: not on its neighbours, their number, their order, or the shard."""
 
 import math
 import os
@@ -24,7 +24,7 @@ TRACES = TraceRequest(("T_sup", "T_measured", "command", "mode", "wet_volumes"),
 
 @pytest.fixture(scope="module")
 def day():
-    """20 minutes with recorded noise, an air flow that changes every minute, and an hour off within."""
+    """20 minutes with recorded noise, an air flow that changes every minute, and a minute off."""
     boundary = fc.paper_day(hours=1 / 3, seed=2)
     series = {name: boundary.series[name][0].copy() for name in DAY_COLUMNS}
     seconds = np.arange(boundary.n_steps)
@@ -42,55 +42,41 @@ def default_columns(n):
     return columns | {"replicate": np.zeros(n)}
 
 
+CHOICES = {
+    "backlash_estimate": [0.0, 0.04, 0.07, 0.1], "estimate_ratio": [math.nan, 0.5, 1.0], "noise_std": [0.0, 0.0, 0.05],
+    "sample_time": [1.0, 5.0, 12.0, 30.0], "stroke_time": [0.0, 0.0, 90.0], "sensor_time_constant": [0.0, 30.0],
+    "sensor_resolution": [0.0, 0.1], "command_resolution": [0.0, 0.01], "buffer": [0.0, 1e-9, 0.01],
+    "learning_step": [0.0, 0.007], "learning_interval": [600.0, 660.0], "learning_early_trip": [0.0, 1.0],
+    "learning_ratio": [0.5, 2.0], "learning_growth": [1.0, 2.0], "action": ["cooling", "cooling", "heating"],
+    "n_volumes": [5.0, 8.0], "air_march": ["lagged", "quasistatic"], "substeps": [1.0, 1.0, 3.0],
+    "beta3": [0.38, 0.40], "rangeability": [math.nan, 40.0], "authority": [0.4], "m_full": [1.7],
+    "neutral_zone": [0.0, 0.0, 0.01], "slip_jump": [0.0, 0.0, 0.4], "leakage": [math.nan, 0.0, 0.02],
+    "wear_rate": [0.0, 0.0, 1e-3], "estimator": ["", "", "hagglund", "gradient"], "estimate_share": [0.0, 0.8, 1.0],
+    "plant_gain": [15.0, 25.0], "hagglund_least_half_periods": [5.0], "gradient_gain": [5e-3],
+    "gradient_pause": [60.0],
+}  # fmt: skip
+"""Values of which each loop gets one; slip_jump as a share of its backlash."""
+
+
 @pytest.fixture(scope="module")
 def mixed_columns():
-    """130 loops that differ in all that a loop may differ in."""
+    """130 loops that differ in every way in which loops may differ."""
     rng = np.random.default_rng(5)
     columns = default_columns(N_LOOPS)
-    columns["backlash"] = rng.uniform(0.0, 0.15, N_LOOPS)
-    columns["backlash_estimate"] = rng.choice([0.0, 0.04, 0.07, 0.1], N_LOOPS)
-    columns["estimate_ratio"] = rng.choice([math.nan, 0.5, 1.0], N_LOOPS)
-    columns["kp"] = rng.uniform(0.01, 0.05, N_LOOPS)
-    columns["noise_std"] = rng.choice([0.0, 0.0, 0.05], N_LOOPS)
-    columns["sample_time"] = rng.choice([1.0, 5.0, 12.0, 30.0], N_LOOPS)
-    columns["stroke_time"] = rng.choice([0.0, 0.0, 90.0], N_LOOPS)
-    columns["sensor_time_constant"] = rng.choice([0.0, 30.0], N_LOOPS)
-    columns["sensor_resolution"] = rng.choice([0.0, 0.1], N_LOOPS)
-    columns["command_resolution"] = rng.choice([0.0, 0.01], N_LOOPS)
-    columns["buffer"] = rng.choice([0.0, 1e-9, 0.01], N_LOOPS)
-    columns["learning_step"] = rng.choice([0.0, 0.007], N_LOOPS)
-    columns["learning_interval"] = rng.choice([600.0, 660.0], N_LOOPS)
+    columns["backlash"], columns["kp"] = rng.uniform(0.0, 0.15, N_LOOPS), rng.uniform(0.01, 0.05, N_LOOPS)
+    columns |= {name: rng.choice(values, N_LOOPS) for name, values in CHOICES.items()}
     columns["replicate"] = rng.integers(0, 3, N_LOOPS).astype(float)
-    columns["action"] = rng.choice(["cooling", "cooling", "heating"], N_LOOPS)
-    columns["n_volumes"] = rng.choice([5.0, 8.0], N_LOOPS)
-    columns["air_march"] = rng.choice(["lagged", "quasistatic"], N_LOOPS)
-    columns["beta3"] = rng.choice([0.38, 0.40], N_LOOPS)
-    columns["rangeability"] = rng.choice([math.nan, 40.0], N_LOOPS)
-    columns["authority"], columns["m_full"] = np.full(N_LOOPS, 0.4), np.full(N_LOOPS, 1.7)
-    columns["learning_early_trip"] = rng.choice([0.0, 1.0], N_LOOPS)
-    columns["learning_ratio"] = rng.choice([0.5, 2.0], N_LOOPS)
-    columns["learning_growth"] = rng.choice([1.0, 2.0], N_LOOPS)
-    columns["neutral_zone"] = rng.choice([0.0, 0.0, 0.01], N_LOOPS)
-    columns["slip_jump"] = rng.choice([0.0, 0.0, 0.4], N_LOOPS) * columns["backlash"]
-    columns["leakage"] = rng.choice([math.nan, 0.0, 0.02], N_LOOPS)
-    columns["estimator"] = np.where(columns["learning_step"] > 0.0, "learner", "none")
-    others = rng.choice(["", "", "hagglund", "gradient"], N_LOOPS)
-    columns["estimator"] = np.where(others == "", columns["estimator"], others)
-    columns["plant_gain"] = rng.choice([15.0, 25.0], N_LOOPS)
-    columns["hagglund_least_half_periods"] = np.full(N_LOOPS, 5.0)
-    columns["gradient_gain"] = np.full(N_LOOPS, 5e-3)
-    columns["gradient_pause"] = np.full(N_LOOPS, 60.0)
-    columns["estimate_share"] = rng.choice([0.0, 0.8, 1.0], N_LOOPS)
-    columns["wear_rate"] = rng.choice([0.0, 0.0, 1e-3], N_LOOPS)
-    columns["substeps"] = rng.choice([1.0, 1.0, 3.0], N_LOOPS)
+    columns["slip_jump"] *= columns["backlash"]
+    learner = np.where(columns["learning_step"] > 0.0, "learner", "none")
+    columns["estimator"] = np.where(columns["estimator"] == "", learner, columns["estimator"])
     return columns
 
 
 EVERY_SECOND = {"control_period": 1, "estimating_period": 1}
 
 
-def select_lanes(columns, index):
-    return {name: values[index] for name, values in columns.items()}
+def select_lanes(columns, index, names=None):
+    return {name: columns[name][index] for name in (columns if names is None else names)}
 
 
 def run_lanes(columns, day, change=lambda block: block):
@@ -99,15 +85,14 @@ def run_lanes(columns, day, change=lambda block: block):
     for lanes, block in cut_into_blocks(parameter_matrix(columns)):
         metrics, status, traces = run_block(change(block), day, TRACES)
         for j, lane in enumerate(lanes):
-            lane_values[lane] = np.concatenate(
-                [[status[j]], metrics[:, j], *(traces[name][:, j] for name in TRACES.names)]
-            )
+            parts = ([status[j]], metrics[:, j], *(traces[name][:, j] for name in TRACES.names))
+            lane_values[lane] = np.concatenate(parts)
     return lane_values
 
 
 @pytest.fixture(scope="module")
 def lanes_alone(mixed_columns, day):
-    """Every lane in a block of its own."""
+    """Every lane alone in a block."""
     return [run_lanes(select_lanes(mixed_columns, [k]), day)[0] for k in range(N_LOOPS)]
 
 
@@ -126,7 +111,8 @@ def test_a_neighbour_that_freezes_changes_nothing(mixed_columns, day, lanes_alon
     frosty = {**mixed_columns, "T_initial": np.where(np.arange(N_LOOPS) % 2 == 0, mixed_columns["T_initial"], 0.0)}
     lanes = run_lanes(frosty, day)
     assert_same_bits(lanes[::2], lanes_alone[::2])
-    assert not any(one.tobytes() == other.tobytes() for one, other in zip(lanes[1::2], lanes_alone[1::2], strict=True))
+    pairs = zip(lanes[1::2], lanes_alone[1::2], strict=True)
+    assert not any(frozen.tobytes() == lane.tobytes() for frozen, lane in pairs)
 
 
 def test_lanes_in_frost(mixed_columns, day):
@@ -134,9 +120,8 @@ def test_lanes_in_frost(mixed_columns, day):
     cold[:, DAY_COLUMN.T_a_in] = np.linspace(6.0, -12.0, cold.shape[0])
     cold[:, DAY_COLUMN.W_a_in] = 0.003
     cold = day._replace(series=cold)
-    assert_same_bits(
-        run_lanes(mixed_columns, cold), [run_lanes(select_lanes(mixed_columns, [k]), cold)[0] for k in range(N_LOOPS)]
-    )
+    alone = [run_lanes(select_lanes(mixed_columns, [k]), cold)[0] for k in range(N_LOOPS)]
+    assert_same_bits(run_lanes(mixed_columns, cold), alone)
 
 
 def test_number_of_lanes(mixed_columns, day, lanes_alone):
@@ -151,14 +136,9 @@ def test_order_of_lanes(mixed_columns, day, lanes_alone, seed):
 
 
 def with_same_block_keys(columns):
-    """The same loops, but for what keeps lanes out of one block."""
-    n = columns["kp"].size
-    return columns | {
-        "n_volumes": np.full(n, 8.0),
-        "air_march": np.full(n, "lagged"),
-        "substeps": np.full(n, 1.0),
-        "estimator": np.full(n, "learner"),
-    }
+    """The same loops with one value of all that a block shares."""
+    keys = {"n_volumes": 8.0, "air_march": "lagged", "substeps": 1.0, "estimator": "learner"}
+    return columns | {name: np.full(columns["kp"].size, value) for name, value in keys.items()}
 
 
 @pytest.mark.parametrize(
@@ -170,17 +150,15 @@ def with_same_block_keys(columns):
     ],
 )  # fmt: skip
 def test_what_a_block_skips_changes_no_bits(mixed_columns, day, flags):
-    plain = with_same_block_keys(mixed_columns) | {
-        name: default_columns(N_LOOPS)[name]
-        for name in ("noise_std", "sample_time", "beta3", "learning_step", "leakage")
-    }
+    uniform = ("noise_std", "sample_time", "beta3", "learning_step", "leakage")
+    plain = with_same_block_keys(mixed_columns) | select_lanes(default_columns(N_LOOPS), slice(None), uniform)
     plain["estimator"] = np.full(N_LOOPS, "none")
-    noisy = plain | {"noise_std": np.full(N_LOOPS, 0.05), "learning_step": mixed_columns["learning_step"]}
-    noisy["estimator"] = mixed_columns["estimator"]
+    noisy = plain | select_lanes(mixed_columns, slice(None), ("learning_step", "estimator"))
+    noisy["noise_std"] = np.full(N_LOOPS, 0.05)
     adaptive = noisy | {"estimator": np.full(N_LOOPS, "gradient"), "sample_time": mixed_columns["sample_time"]}
     passive = adaptive | {"estimator": np.full(N_LOOPS, "hagglund")}
     for columns in (plain, noisy, adaptive, passive):
-        cautious = run_lanes(columns, day, lambda block: block._replace(common=block.common._replace(**flags)))
+        cautious = run_lanes(columns, day, lambda block: block._replace(config=block.config._replace(**flags)))
         assert_same_bits(cautious, run_lanes(columns, day))
 
 
@@ -189,13 +167,12 @@ def test_a_lane_gone_nan_is_flagged_and_leaves_its_neighbours_alone(mixed_column
     columns = select_lanes(with_same_block_keys(mixed_columns), np.arange(LANES))
     columns["rangeability"] = np.full(LANES, math.nan)
     healthy = run_lanes(columns, day)
-    nan_lane = 13
     columns[name] = columns[name].copy()
-    columns[name][nan_lane] = math.nan
+    columns[name][13] = math.nan
     lanes = run_lanes(columns, day)
-    assert lanes[nan_lane][0] == STATUS_NON_FINITE
-    assert np.all(np.isnan(lanes[nan_lane][1:]))
-    assert_same_bits(lanes[:nan_lane] + lanes[nan_lane + 1 :], healthy[:nan_lane] + healthy[nan_lane + 1 :])
+    assert lanes[13][0] == STATUS_NON_FINITE
+    assert np.all(np.isnan(lanes[13][1:]))
+    assert_same_bits(lanes[:13] + lanes[14:], healthy[:13] + healthy[14:])
 
 
 def test_an_unstable_lane_goes_out_of_range_or_non_finite_alone(mixed_columns, day):
@@ -223,13 +200,13 @@ def test_blocks_never_mix_volumes_or_air_march_and_hold_every_lane_once(mixed_co
     lanes_and_blocks = cut_into_blocks(parameter_matrix(mixed_columns))
     assert sorted(np.concatenate([lanes for lanes, _ in lanes_and_blocks]).tolist()) == list(range(N_LOOPS))
     for lanes, block in lanes_and_blocks:
-        assert np.all(mixed_columns["n_volumes"][lanes] == block.common.n_volumes)
-        assert np.all((mixed_columns["air_march"][lanes] == "lagged") == block.common.lagged_air)
+        assert np.all(mixed_columns["n_volumes"][lanes] == block.config.n_volumes)
+        assert np.all((mixed_columns["air_march"][lanes] == "lagged") == block.config.lagged_air)
         assert block.rows.shape[1] == LANES
 
 
 def test_many_sets_on_one_record_come_back_in_their_order(mixed_columns):
-    """Sets of both kinds, in several blocks: every set finds its own numbers, whatever was padded."""
+    """Sets of both kinds, in several padded blocks."""
     matrix = parameter_matrix(mixed_columns)
     kp, beta3 = PARAMETER_ROWS.index("kp"), PARAMETER_ROWS.index("beta3")
     gains, both = run_sets(matrix, lambda block, _: [block.rows[kp], block.rows[[kp, beta3]]])

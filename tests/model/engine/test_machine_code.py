@@ -5,6 +5,7 @@ import platform
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,13 +20,13 @@ ARITHMETIC = r"\tv?(?:add|sub|mul|div|sqrt|min|max|fn?m(?:add|sub)\d+)"
 # loop; and, where two arrays might overlap, the whole loop once more, which never runs.
 SCALAR_SHARE = {
     "control, all parts": 0,
-    "actuate with zones and slips": 0,
+    "actuate without wear": 0,
     "actuate with wear": 0,
-    "deliver": 0,
-    "air_side": 0.3,
+    "update_water_flow": 0,
+    "update_air_effectiveness": 0.3,
     "march_water": 1.1,
     "march_air": 1.1,
-    "account_second": 1.1,
+    "accumulate_second": 1.1,
 }
 
 
@@ -36,19 +37,18 @@ def section_assembly(name):
 
     from fastcoil.model.engine import controller, metrics, plant
 
+    all_features = controller.ControllerFeatures(**dict.fromkeys(controller.ControllerFeatures.__annotations__, True))
+    without_wear = plant.ActuatorFeatures(has_resolution=True, has_neutral_zone=True, has_stick_slip=True)
     f, i, b, A = T.float64, T.int64, T.boolean, T.Array(T.float64, 1, "C")
     section, signature = {
-        "control, all parts": (
-            controller.make_control(controller.ControllerFeatures(*(True for _ in controller.PLAIN_CONTROLLER))),
-            (A, i, f, f, b, f),
-        ),
-        "actuate with zones and slips": (plant.make_actuate(plant.ActuatorFeatures(True, True, True, False)), (A, b)),
-        "actuate with wear": (plant.make_actuate(plant.ActuatorFeatures(wears=True)), (A, b)),
-        "deliver": (plant.update_water_flow, (A, b)),
-        "air_side": (plant.update_air_effectiveness, (A, f)),
+        "control, all parts": (controller.make_control(all_features), (A, i, f, f, b, f)),
+        "actuate without wear": (plant.make_actuate(without_wear), (A, b)),
+        "actuate with wear": (plant.make_actuate(plant.ActuatorFeatures(has_wear=True)), (A, b)),
+        "update_water_flow": (plant.update_water_flow, (A, b)),
+        "update_air_effectiveness": (plant.update_air_effectiveness, (A, f)),
         "march_water": (plant.march_water, (A, A, i, b, T.Array(b, 1, "C"))),
         "march_air": (plant.march_air, (A, A, i, b, b, f, f, f, b, f, T.Array(b, 1, "C"))),
-        "account_second": (metrics.accumulate_second, (A, A, i, i, f, f, f, i)),
+        "accumulate_second": (metrics.accumulate_second, (A, A, i, i, f, f, f, i)),
     }[name]
     return next(iter(numba.njit(signature, **FLAGS)(getattr(section, "py_func", section)).inspect_asm().values()))
 
@@ -106,68 +106,67 @@ def test_one_compiled_signature_serves_every_kind_of_run(half_hour_day):
     assert len(emulate.signatures) == 1
 
 
-# In the interpreter NumPy checks every index.  Small runs of all kernels, with everything switched on.
-EVERY_KERNEL = """
-import numpy as np
-import fastcoil as fc
-from fastcoil.model.engine.recorded import run_coil
-from fastcoil.model.engine.lanes import compile_kernel
-from fastcoil.model.engine.lanes import blocks, parameter_matrix, work_space
-from fastcoil.model.engine.at_rest import linearise_step
-from fastcoil.model.engine.recorded import run_replay
-from fastcoil.model.engine.rows import LANES
-from fastcoil.model.engine.at_rest import STEADY, find_rest, rest_curve
-from fastcoil.model.engine.at_rest import FEW, respond
-from fastcoil.model.engine.recorded import valve_flows
-from fastcoil.model.metric_table import TRACES
-from fastcoil.loops.scenarios import columns_of
+def run_every_kernel():
+    """Small runs of all kernels with every feature."""
+    from fastcoil.loops.scenarios import parameter_columns
+    from fastcoil.model.engine import at_rest
+    from fastcoil.model.engine.lanes import compile_kernel, default_block, parameter_matrix, work_space
+    from fastcoil.model.engine.recorded import run_coil, run_replay, valve_flows
+    from fastcoil.model.engine.rows import LANES
+    from fastcoil.model.metric_table import TRACES
 
-np.seterr(all="ignore")
-compile_kernel()
-learner = {"learning_step": 0.01, "learning_early_trip": 1, "sample_time": 5}
-remedies = {"error_dead_band": 0.1, "buffer_ratio": 6.0, "buffer_noise": "measured", "sample_time": 3}
-remedies |= {"buffer_swing": 0.2, "plant_gain": 20.0}
-for compensation in ("additive", "smooth"):
-    loop = fc.Loop(**remedies, compensation=compensation, noise_std=0.1, n_volumes=1)
-    ds = fc.simulate(loop, fc.paper_day(hours=10 / 3600, seed=1), warm_up=2, n_jobs=1)
-    assert not ds.status.any()
-test = fc.ValveTest(start=3, settle=0.0, minutes=0.1, excursion=50.0)
-for compensation in ("inverse", "additive", "smooth"):
-    loop = fc.Loop(compensation=compensation, backlash_estimate=0.05, sample_time=1, n_volumes=1)
-    ds = fc.simulate(loop, fc.paper_day(hours=10 / 3600, seed=1), warm_up=2, test=test, traces=["test"], n_jobs=1)
-    assert ds.test_aborted == 0 and ds.test.sum() == 6
-valve = {"neutral_zone": 0.01, "slip_jump": 0.02, "leakage": 0.0}
-loop = fc.Loop(**learner, **valve, noise_std=0.1, n_volumes=[1, 3], air_march=["lagged", "quasistatic"])
-day = fc.paper_day(hours=12 / 3600, seed=1)
-ds = fc.simulate(loop, day, warm_up=2, traces=list(TRACES), trace_interval=5, n_jobs=1)
-assert ds.sizes["elapsed_time"] == 3 and not ds.status.any()
-own = {"hagglund_least_half_periods": 5, "estimator": ["hagglund", "gradient"], "plant_gain": 25.0}
-ds = fc.simulate(fc.Loop(**own, sample_time=1), day, warm_up=2, n_jobs=1)
-assert not ds.status.any()
-matrix = parameter_matrix(columns_of(loop, loop.sizes, np.arange(4)))
-found = run_coil(matrix, np.tile([1.0, 25.0, 0.01, 7.0, 0.5], (4, 1)), np.array([0, 3]))
-assert [part.shape for part in found] == [(2, 4)] * 3
-assert run_replay(matrix, np.tile([15.0, 14.0, 1.0, 1.2], (7, 1)), 3)["u"].shape == (3, 4)
-openings, flows = np.empty((3, 1)), np.empty((3, 1))
-sets = np.array([[0.07], [2.0], [0.7], [9.0], [0.38]])
-valve_flows(np.array([0.2, 0.2, 0.5]), np.array([0, 0, 1]), sets, np.zeros((2, 1)), openings, flows)
-still = fc.Loop(n_volumes=1)
-((_, block),) = blocks(parameter_matrix(columns_of(still, still.sizes, np.arange(1))))
-S, V, *_ = work_space(block)
-found, entering = np.empty((len(STEADY), LANES)), np.tile([[1.0], [25.0], [0.01], [7.0]], LANES)
-find_rest(block.rows, block.common, entering, np.full(LANES, 50.0), S, V, found)
-at_rest, curve = V.copy(), np.empty((1, LANES))
-for n_steps in (2, FEW + 3):
-    response, ends = np.empty((n_steps, LANES)), np.empty(LANES, np.int64)
-    respond(block.rows, block.common, entering, found, at_rest, S, V, 1.0, response, ends)
-    assert (ends == 2).all()
-linearise_step(block.rows, block.common, entering, found, at_rest, S, V, np.empty((4, 4, LANES)), curve.repeat(4, 0))
-rest_curve(block.rows, block.common, entering, np.array([0.5]), S, V, curve)
-print("within bounds")
-"""
+    def run(seconds=10, **options):
+        loop, options = fc.Loop(**options.pop("loop")), {"warm_up": 2, "n_jobs": 1} | options
+        ds = fc.simulate(loop, fc.paper_day(hours=seconds / 3600, seed=1), **options)
+        assert not ds.status.any()
+        return ds, loop
+
+    np.seterr(all="ignore")
+    compile_kernel()
+    remedies = {"error_dead_band": 0.1, "buffer_ratio": 6.0, "buffer_noise": "measured", "sample_time": 3}
+    remedies |= {"buffer_swing": 0.2, "plant_gain": 20.0, "noise_std": 0.1, "n_volumes": 1}
+    test = fc.ValveTest(start=3, settle=0.0, minutes=0.1, excursion=50.0)
+    for compensation in ("inverse", "additive", "smooth"):
+        run(loop={**remedies, "compensation": compensation})
+        loop = {"compensation": compensation, "backlash_estimate": 0.05, "sample_time": 1, "n_volumes": 1}
+        ds, _ = run(loop=loop, test=test, traces=["test"])
+        assert ds.test_aborted == 0
+        assert ds.test.sum() == 6
+    learner = {"learning_step": 0.01, "learning_early_trip": 1, "sample_time": 5, "noise_std": 0.1}
+    valve = {"neutral_zone": 0.01, "slip_jump": 0.02, "leakage": 0.0}
+    coils = {"n_volumes": [1, 3], "air_march": ["lagged", "quasistatic"]}
+    ds, loop = run(12, loop=learner | valve | coils, traces=list(TRACES), trace_interval=5)
+    assert ds.sizes["elapsed_time"] == 3
+    estimators = {"hagglund_least_half_periods": 5, "estimator": ["hagglund", "gradient"], "plant_gain": 25.0}
+    run(12, loop=estimators | {"sample_time": 1})
+
+    matrix = parameter_matrix(parameter_columns(loop, loop.sizes, np.arange(4)))
+    results = run_coil(matrix, np.tile([1.0, 25.0, 0.01, 7.0, 0.5], (4, 1)), np.array([0, 3]))
+    assert [part.shape for part in results] == [(2, 4)] * 3
+    assert run_replay(matrix, np.tile([15.0, 14.0, 1.0, 1.2], (7, 1)), 3)["u"].shape == (3, 4)
+    sets = np.array([[0.07], [2.0], [0.7], [9.0], [0.38]])
+    start, flows = np.zeros((2, 1)), np.empty((3, 1))
+    valve_flows(np.array([0.2, 0.2, 0.5]), np.array([0, 0, 1]), sets, start, np.empty((3, 1)), flows)
+
+    block = default_block()
+    entering = np.tile([[1.0], [25.0], [0.01], [7.0]], LANES)
+    S, V, *_ = work_space(block)
+    steady, plant = np.empty((len(at_rest.STEADY_ROWS), LANES)), (block.rows, block.config, entering)
+    at_rest.find_rest(*plant, np.full(LANES, 50.0), S, V, steady)
+    V_at_rest = V.copy()
+    for n_steps in (2, at_rest.TAIL_STEPS + 3):
+        response, ends = np.empty((n_steps, LANES)), np.empty(LANES, np.int64)
+        at_rest.simulate_step_response(*plant, steady, V_at_rest, S, V, 1.0, response, ends)
+        assert (ends == 2).all()
+    n_states = 4 * block.config.n_volumes
+    A, B = np.empty((n_states, n_states, LANES)), np.empty((n_states, LANES))
+    at_rest.linearise_step(*plant, steady, V_at_rest, S, V, A, B)
+    at_rest.rest_curve(*plant, np.array([0.5]), S, V, np.empty((1, LANES)))
 
 
 def test_no_kernel_reads_out_of_bounds(tmp_path):
-    env = os.environ | {"NUMBA_DISABLE_JIT": "1", "XDG_CACHE_HOME": str(tmp_path)}
-    process = subprocess.run([sys.executable, "-c", EVERY_KERNEL], env=env, capture_output=True, text=True, check=False)
-    assert process.stdout == "within bounds\n", process.stderr
+    """In the interpreter NumPy checks every index."""
+    folders = [Path(__file__).parent, Path(__file__).parents[2], *filter(None, [os.environ.get("PYTHONPATH")])]
+    env = {"NUMBA_DISABLE_JIT": "1", "XDG_CACHE_HOME": str(tmp_path), "PYTHONPATH": os.pathsep.join(map(str, folders))}
+    code = "import test_machine_code; test_machine_code.run_every_kernel()"
+    subprocess.run([sys.executable, "-c", code], env=os.environ | env, check=True)

@@ -9,22 +9,11 @@ import numpy as np
 import pytest
 
 from fastcoil.model.engine import controller, recorded, rows
-from fastcoil.model.engine.lanes import cut_into_blocks, parameter_matrix, work_space
+from fastcoil.model.engine.lanes import default_block, work_space
 from fastcoil.model.engine.rows import LANES, ROWS, SUM_ROWS, R
 from fastcoil.model.numerics.jit import FLAGS
-from fastcoil.model.parameter_table import PARAMETERS
 
 GROUPS = (rows.PARAMETER_ROWS, rows.DERIVED_ROWS, rows.STATE_ROWS, rows.SUM_ROWS)
-
-
-@pytest.fixture(scope="module")
-def block():
-    """One default loop, 64 times."""
-    columns = {p.name: np.array([np.nan if p.default is None else p.default]) for p in PARAMETERS.values()}
-    ((_, block),) = cut_into_blocks(
-        parameter_matrix(columns | {"replicate": np.zeros(1), "estimator": np.array(["none"])})
-    )
-    return block
 
 
 def test_groups_follow_one_another_and_name_every_row_once():
@@ -38,13 +27,14 @@ def test_groups_follow_one_another_and_name_every_row_once():
 
 @pytest.mark.kernel
 @pytest.mark.full
-def test_each_group_is_filled_by_its_own_function_alone(block):
-    """So that a later day could start with fresh sums from the state of the one before."""
+def test_each_group_is_filled_by_its_own_function_alone():
+    """So that a later day can start with new sums from the state of the day before."""
+    block = default_block()
     edges = [0, rows.STATE_START, rows.SUMS_START, len(ROWS) * LANES]
     sections = (rows.derive_rows, rows.set_initial_state, rows.reset_sums)
     derive, set_initial_state, reset_sums = (numba.njit(**FLAGS)(section.py_func) for section in sections)
     fill = (
-        lambda S: derive(S, block.rows, block.common.n_volumes),
+        lambda S: derive(S, block.rows, block.config.n_volumes),
         lambda S: set_initial_state(S, False),
         lambda S: reset_sums(S, False),
     )
@@ -58,13 +48,9 @@ def test_each_group_is_filled_by_its_own_function_alone(block):
         np.testing.assert_array_equal(S[:start], before)
 
 
-@pytest.mark.parametrize(
-    "part",
-    [controller, getattr(recorded.replay_controllers, "py_func", recorded.replay_controllers)],
-    ids=["control", "replay"],
-)
+@pytest.mark.parametrize("part", [controller, recorded.replay_controllers], ids=["control", "replay"])
 def test_the_controller_knows_no_true_backlash_and_reads_no_sum(part):
-    tree = ast.parse(inspect.getsource(part))
+    tree = ast.parse(inspect.getsource(getattr(part, "py_func", part)))
     used_rows = {n.attr for n in ast.walk(tree) if isinstance(n, ast.Attribute) and ast.unparse(n.value) == "R"}
-    assert not used_rows & {"backlash", "worn", "gap", "backlash_scale"}
+    assert not used_rows & {"backlash", "worn_backlash", "gap", "backlash_scale"}
     assert used_rows & set(SUM_ROWS) <= {"sum_switches"}

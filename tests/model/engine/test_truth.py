@@ -1,7 +1,7 @@
 """Every trace and metric equals ``reference``, the paper in plain Python.
 
 With the package's saturation function handed to the reference only the logic is compared: 1e-9 in the unit of
-the trace.  With the reference's own Hyland-Wexler formula the approximation is compared too.
+the trace.  With the Hyland-Wexler formula of the reference the approximation is compared as well.
 """
 
 import os
@@ -12,9 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from helpers.full import full_except
+from helpers.twins import assert_equal_to_reference, assert_traces_equal
 
 import fastcoil as fc
-from fastcoil.model.metric_table import METRICS, TRACES
+from fastcoil.model.metric_table import TRACES
 
 pytestmark = pytest.mark.kernel
 
@@ -49,11 +50,14 @@ LOOSE_SCALE = np.where((SECONDS > 1100) & (SECONDS < 2500), 2.0, 0.8)
 GENTLE_PI = {"kp": 0.018, "ti": 30.0, "sample_time": 15.0}
 REAL_LOOP = {**GENTLE_PI, "C_c": 10.0, "sensor_time_constant": 30.0, "stroke_time": 90.0}
 LEARNER = {"learning_step": 0.007, "backlash_estimate": 0.007, "learning_interval": 600.0}
-BOLD_LEARNER = {
+BOLD_LEARNER = LEARNER | {
     "learning_early_trip": 1, "learning_ratio": 1.5, "learning_growth": 2.0, "learning_shrink": 0.5,
     "learning_interval": 700.0,
 }  # fmt: skip
-WARY_LEARNER = {"learning_reference": 1, "learning_error_ratio": 0.8, "learning_floor": 50.0, "noise_std": 0.02}
+WARY_LEARNER = LEARNER | {
+    "learning_reference": 1, "learning_error_ratio": 0.8, "learning_floor": 50.0, "noise_std": 0.02,
+}  # fmt: skip
+INSTALLED_VALVE = {"rangeability": 50.0, "authority": 0.3, "m_full": 1.8}
 
 CASES = {
     "plain PI": Case({}),
@@ -77,7 +81,7 @@ CASES = {
     "recorded noise": Case(GENTLE_PI, {"noise": RECORDED_NOISE}),
     "Gaussian noise": Case({"noise_std": 0.1, "sample_time": 5.0}),
     "Gaussian noise, open loop": Case(
-        {"noise_std": 0.1, "sample_time": 7.0, "sensor_resolution": 0.1}, {}, COMMAND_STEPS
+        {"noise_std": 0.1, "sample_time": 7.0, "sensor_resolution": 0.1}, command=COMMAND_STEPS
     ),
     "both noises, buffer": Case({"noise_std": 0.05, "buffer": 0.01, "estimate_ratio": 1.0}, {"noise": RECORDED_NOISE}),
     "resolutions": Case({"sensor_resolution": 0.1, "command_resolution": 0.004, "sample_time": 7.0}),
@@ -88,7 +92,7 @@ CASES = {
     "wear": Case({"wear_rate": 2e-3, "estimate_ratio": 0.6}),
     "wear on a real loop": Case({**REAL_LOOP, "wear_rate": 5e-3, "neutral_zone": 0.011, "noise_std": 0.05}),
     "wear, open loop": Case({"wear_rate": 2e-3, "stroke_time": 90.0}, {}, RINGING_COMMAND),
-    "a linkage that comes loose and is mended": Case(GENTLE_PI, {"backlash_scale": LOOSE_SCALE}),
+    "a linkage that comes loose and is fixed": Case(GENTLE_PI, {"backlash_scale": LOOSE_SCALE}),
     "a loose linkage that wears, with a learner": Case(
         {**LEARNER, "wear_rate": 1e-3, "noise_std": 0.02}, {"backlash_scale": LOOSE_SCALE}
     ),
@@ -102,7 +106,7 @@ CASES = {
     "5 volumes": Case({"n_volumes": 5, **GENTLE_PI}),
     "1 volume": Case({"n_volumes": 1}),
     "12 volumes": Case({"n_volumes": 12, "C_w": 13.2}),
-    "valve of given authority": Case({"rangeability": 50.0, "authority": 0.3, "m_full": 1.8}),
+    "valve of given authority": Case(INSTALLED_VALVE),
     "neutral zone": Case({"neutral_zone": 0.013, **GENTLE_PI}),
     "neutral zone, slow motor, coarse input": Case({"neutral_zone": 0.021, **REAL_LOOP, "command_resolution": 0.004}),
     "stick-slip": Case({"slip_jump": 0.023, **GENTLE_PI, "kp": 0.012}),
@@ -111,52 +115,34 @@ CASES = {
     "leakage": Case({"leakage": 0.02}),
     "tight valve": Case({"leakage": 0.0}, {}, COMMAND_STEPS),
     "tight valve, off and on": Case({"leakage": 0.0, "beta2": -0.9}, {"enabled": OFF_AND_ON}),
-    "valve as it is": Case(
-        {
-            **REAL_LOOP,
-            "neutral_zone": 0.011,
-            "slip_jump": 0.0313,
-            "leakage": 0.01,
-            "rangeability": 50.0,
-            "authority": 0.3,
-            "m_full": 1.8,
-            "noise_std": 0.05,
-        }
-    ),
+    "valve with all faults": Case(REAL_LOOP | INSTALLED_VALVE | {
+        "neutral_zone": 0.011, "slip_jump": 0.0313, "leakage": 0.01, "noise_std": 0.05,
+    }),
     "off and on": Case({"noise_std": 0.02}, {"enabled": OFF_AND_ON}),
     "no air for a while": Case({}, {"m_a": np.where((SECONDS > 1200) & (SECONDS < 2000), 0.0, 1.15)}),
     "98 kPa, other specific heats": Case({"pressure": 98000.0, "cp_w": 3.8, "cp_a": 1.006, "T_initial": 12.0}),
     "learner": Case({**LEARNER, "noise_std": 0.02, "sample_time": 7.0}),
     "learner that stops": Case({**LEARNER, "learning_ratio": 0.9, "learning_stop": "first_step_down"}),
     "learner at its cap": Case({**LEARNER, "learning_floor": 50.0, "learning_cap": 0.02}),
-    "learner that trips early": Case({**LEARNER, **BOLD_LEARNER, "noise_std": 0.03, "sample_time": 7.0}),
+    "learner that trips early": Case({**BOLD_LEARNER, "noise_std": 0.03, "sample_time": 7.0}),
     "learner that trips early and stops": Case(
-        {**LEARNER, **BOLD_LEARNER, "learning_stop": "first_step_down", "learning_final": 0.95, "noise_std": 0.02}
+        {**BOLD_LEARNER, "learning_stop": "first_step_down", "learning_final": 0.95, "noise_std": 0.02}
     ),
     "learner without evidence": Case({**LEARNER, "learning_min_switches": 12.0, "noise_std": 0.01}),
     "learner without a reference": Case({**LEARNER, "learning_max_reference": 0.25, "noise_std": 0.1}),
     "learner with an averaged reference": Case(
-        {
-            **LEARNER,
-            **BOLD_LEARNER,
-            "learning_interval": 600.0,
-            "learning_reference": 2,
-            "noise_std": 0.03,
-            "sample_time": 7.0,
-        }
+        {**BOLD_LEARNER, "learning_interval": 600.0, "learning_reference": 2, "noise_std": 0.03, "sample_time": 7.0}
     ),
-    "learner that looks at its error": Case({**LEARNER, **WARY_LEARNER, "sample_time": 7.0}),
-    "learner that looks at its error, off and on": Case(
-        {**LEARNER, **WARY_LEARNER}, {"enabled": OFF_AND_ON, "T_set": 14.0}
-    ),
-}
+    "learner that looks at its error": Case({**WARY_LEARNER, "sample_time": 7.0}),
+    "learner that looks at its error, off and on": Case(WARY_LEARNER, {"enabled": OFF_AND_ON, "T_set": 14.0}),
+}  # fmt: skip
 
 COVERED_CASES = (
     "no backlash", "inverse 60 %", "inverse 100 %", "steps, dry", "steps, wet", "stroke time 90 s", "sensor lag",
     "Gaussian noise", "quasistatic", "quasistatic, dry", "wear", "5 volumes", "neutral zone", "stick-slip", "leakage",
     "learner that stops", "learner that trips early", "learner that looks at its error",
 )  # fmt: skip
-"""Cases whose parts others have among more: `make test-full` runs them."""
+"""Cases that others contain: `make test-full` runs them."""
 EXACT_SATURATION_CASES = (
     "plain PI", "wet", "quasistatic, wet", "98 kPa, other specific heats", "heating", "frost", "hot and humid"
 )  # fmt: skip
@@ -165,7 +151,7 @@ EXACT_SATURATION_CASES = (
 WORKING_DAYS = {
     "learner": {"learning_step": 0.007, "backlash_estimate": 0.007},
     "learner on a real loop": {**REAL_LOOP, "learning_step": 0.007, "noise_std": 0.02, "buffer": 0.005},
-    "bold learner": {**LEARNER, **BOLD_LEARNER, "learning_min_switches": 3.0, "noise_std": 0.005, "sample_time": 25.0},
+    "bold learner": {**BOLD_LEARNER, "learning_min_switches": 3.0, "noise_std": 0.005, "sample_time": 25.0},
 }
 ROUND_OFF_CASES = {
     "hunting heating coil": Case({"action": "heating"}, HEATING),
@@ -200,34 +186,17 @@ def case(request, one_hour_day, run_reference):
 
 
 REFERENCE_HOURS = 8 if os.environ.get("FASTCOIL_FULL") else 2
-"""Of the reference, of which an hour takes a third of a second; the learners decide every half hour or more often."""
+"""An hour of the reference takes a third of a second; the learners decide every half hour or more often."""
 
 
 @pytest.fixture(scope="module", params=WORKING_DAYS)
 def many_hours(request, run_reference):
-    return run_both(
-        run_reference, fc.Loop(**WORKING_DAYS[request.param]), fc.paper_day(hours=REFERENCE_HOURS, seed=1), seed=SEED
-    )
+    day = fc.paper_day(hours=REFERENCE_HOURS, seed=1)
+    return run_both(run_reference, fc.Loop(**WORKING_DAYS[request.param]), day, seed=SEED)
 
 
-def assert_traces_equal(ds, traces, tolerance):
-    for name in TRACES:
-        atol = 0.0 if name == "mode" else tolerance
-        np.testing.assert_allclose(ds[name].values, traces[name], rtol=0.0, atol=atol, err_msg=name)
-
-
-def assert_metrics_equal(ds, metrics):
-    assert int(ds.status) == metrics["status"] == 0
-    for name in METRICS:
-        np.testing.assert_allclose(ds[name].values, metrics[name], rtol=0.0, atol=1e-9, err_msg=name)
-
-
-def test_traces(case):
-    assert_traces_equal(case.ds, case.traces, 1e-9)
-
-
-def test_metrics(case):
-    assert_metrics_equal(case.ds, case.metrics)
+def test_traces_and_metrics(case):
+    assert_equal_to_reference(case.ds, case.traces, case.metrics)
 
 
 @pytest.mark.parametrize("case", full_except(CASES, EXACT_SATURATION_CASES), indirect=True)
@@ -235,12 +204,8 @@ def test_traces_with_exact_saturation(case):
     assert_traces_equal(case.ds, case.exact()[0], 1e-5)
 
 
-def test_traces_over_many_hours(many_hours):
-    assert_traces_equal(many_hours.ds, many_hours.traces, 1e-9)
-
-
-def test_metrics_over_many_hours(many_hours):
-    assert_metrics_equal(many_hours.ds, many_hours.metrics)
+def test_traces_and_metrics_over_many_hours(many_hours):
+    assert_equal_to_reference(many_hours.ds, many_hours.traces, many_hours.metrics)
 
 
 @pytest.mark.parametrize("many_hours", full_except(WORKING_DAYS, ["learner"]), indirect=True)

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.model.estimators.gradient import Parameters, gradient_step, outside_dead_zone, start, step
+from fastcoil.model.estimators.gradient import (
+    Parameters,
+    gradient_step,
+    initial_memory,
+    outside_dead_zone,
+    update_estimate,
+)
 from fastcoil.model.estimators.interface import Sample
 
 SAMPLE_TIME_S = 5.0
@@ -16,12 +22,12 @@ SWING_DIRECTIONS = np.where(np.arange(400) // 20 % 2 == 0, 1.0, -1.0)
 def estimates_after(e, mode, p=PARAMETERS, u=0.5, estimate=0.03, T_set=14.0, m_a=1.0):
     """Estimate after each sample."""
     samples = np.broadcast_arrays(e, mode, u, T_set, m_a)
-    sign, memory, estimates = 1.0 - 2.0 * p.action, start(p), []
+    sign, memory, estimates = 1.0 - 2.0 * p.action, initial_memory(p), []
     now_set = np.append(samples[3][1:], samples[3][-1])
     for k, (e_k, mode_k, u_k, set_k, m_a_k) in enumerate(zip(*samples, strict=True)):
         T = set_k + sign * e_k
         now = Sample((k + 1) * p.sample_time, now_set[k], m_a_k, T, e_k, u_k, 0.5, mode_k, 0.0, estimate, 0.0)
-        estimate, memory = step(now, p, memory)
+        estimate, memory = update_estimate(now, p, memory)
         estimates.append(float(estimate))
     return np.array(estimates)
 

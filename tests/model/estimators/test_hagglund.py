@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.model.estimators.hagglund import Memory, Parameters, is_evidence, results, start, step
+from fastcoil.model.estimators.hagglund import (
+    Memory,
+    Parameters,
+    final_metrics,
+    initial_memory,
+    is_evidence,
+    update_estimate,
+)
 from fastcoil.model.estimators.interface import Sample
 
 KP, TI, PLANT_GAIN, SAMPLE_TIME_S = 0.03, 8.0, 25.0, 4.0
@@ -13,10 +20,12 @@ PARAMETERS = Parameters(SAMPLE_TIME_S, KP, TI, PLANT_GAIN, 0.0, 0.0, 5.0)
 
 def estimates_after(errors, p=PARAMETERS, u=0.5, estimate=0.0):
     """Estimate after each error, and the memory at the end."""
-    memory, estimates = start(p), []
+    memory, estimates = initial_memory(p), []
     for k, e in enumerate(errors):
         t = (k + 1.0) * p.sample_time
-        estimate, memory = step(Sample(t, 14.0, 1.0, 14.0 + e, e, u, 0.5, 1.0, 0.0, estimate, 0.0), p, memory)
+        estimate, memory = update_estimate(
+            Sample(t, 14.0, 1.0, 14.0 + e, e, u, 0.5, 1.0, 0.0, estimate, 0.0), p, memory
+        )
         estimates.append(float(estimate))
     return np.array(estimates), memory
 
@@ -34,7 +43,7 @@ def test_a_square_wave_gives_the_value_of_the_formula():
     assert estimates[-1] == pytest.approx(d, rel=1e-14)
     assert np.all(estimates[:-1] == 0.0)
     assert memory.n_counted == 5.0
-    assert results(Memory(*np.transpose([memory])))["half_period_spread"] == 0.0
+    assert final_metrics(Memory(*np.transpose([memory])))["half_period_spread"] == 0.0
 
 
 @pytest.mark.parametrize(

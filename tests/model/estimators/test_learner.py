@@ -18,34 +18,17 @@ STEP = 0.007
 LEARNING_LOOP = {"learning_step": STEP, "learning_interval": 600.0}
 
 
-@pytest.mark.parametrize(
-    ("f", "f_ref", "ratio", "floor", "expected"),
-    [
-        (8.0, 4.0, 2.0, 0.0, False),
-        (8.1, 4.0, 2.0, 0.0, True),
-        (5.9, 1.0, 2.0, 3.0, False),
-        (6.1, 1.0, 2.0, 3.0, True),
-        (0.0, 0.0, 2.0, 0.0, False),
-        (0.1, 0.0, 2.0, 0.0, True),
-    ],
-)
-def test_chatters_above_the_ratio_of_the_reference_or_the_floor(f, f_ref, ratio, floor, expected):
-    assert bool(is_chatter(f, f_ref, ratio, floor)) is expected
+def test_chatters_above_the_ratio_of_the_reference_or_the_floor():
+    assert [bool(is_chatter(f, 4.0, 2.0, 0.0)) for f in (8.0, 8.1)] == [False, True]
+    assert [bool(is_chatter(f, 1.0, 2.0, 3.0)) for f in (5.9, 6.1)] == [False, True]
+    assert [bool(is_chatter(f, 0.0, 2.0, 0.0)) for f in (0.0, 0.1)] == [False, True]
 
 
-@pytest.mark.parametrize(
-    ("x_hat", "down", "expected"),
-    [
-        (0.014, False, 0.021),
-        (0.014, True, 0.007),
-        (0.010, True, 0.007),
-        (0.007, True, 0.007),
-        (0.245, False, 0.25),
-        (0.25, False, 0.25),
-    ],
-)
-def test_updated_steps_within_start_and_cap(x_hat, down, expected):
-    assert next_estimate(x_hat, STEP, down, 0.007, 0.25) == pytest.approx(expected, abs=1e-16)
+def test_next_estimate_steps_within_start_and_cap():
+    up = [next_estimate(x_hat, STEP, False, 0.007, 0.25) for x_hat in (0.014, 0.245, 0.25)]
+    down = [next_estimate(x_hat, STEP, True, 0.007, 0.25) for x_hat in (0.014, 0.010, 0.007)]
+    assert up == pytest.approx([0.021, 0.25, 0.25], abs=1e-16)
+    assert down == pytest.approx([0.007, 0.007, 0.007], abs=1e-16)
 
 
 def run_learner(loop, day, **options):
@@ -109,24 +92,16 @@ def test_after_a_first_interval_without_switches_any_switch_is_chatter(one_hour_
     np.testing.assert_allclose(stairs, [0.0, STEP, 0.0, 0.0, 0.0, 0.0], atol=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("switches", "f", "f_ref", "min_switches", "max_reference", "expected"),
-    [
-        (0.0, 0.0, -1.0, 0.0, 1.0, EVIDENCE_ENOUGH),
-        (0.0, 0.0, -1.0, 1.0, 1.0, EVIDENCE_QUIET),
-        (0.0, 0.0, 3.0, 1.0, 1.0, EVIDENCE_QUIET),
-        (1.0, 0.3, -1.0, 1.0, 1.0, EVIDENCE_ENOUGH),
-        # at a sample time of 30 s there are 20 samples, and at most 20 switches, in 10 min
-        (60.0, 20.0, -1.0, 0.0, 1.0, EVIDENCE_ENOUGH),
-        (24.0, 8.0, -1.0, 0.0, 0.4, EVIDENCE_ENOUGH),
-        (25.0, 8.4, -1.0, 0.0, 0.4, EVIDENCE_UNMEASURABLE),
-        (25.0, 8.4, 2.0, 0.0, 0.4, EVIDENCE_ENOUGH),
-    ],
-)
-def test_an_interval_is_evidence_unless_it_is_quiet_or_no_reference(
-    switches, f, f_ref, min_switches, max_reference, expected
-):
-    assert classify_interval(switches, f, f_ref, 30.0, min_switches, max_reference) == expected
+def test_an_interval_is_evidence_unless_it_is_quiet_or_no_reference():
+    assert classify_interval(0.0, 0.0, -1.0, 30.0, 0.0, 1.0) == EVIDENCE_ENOUGH
+    assert classify_interval(0.0, 0.0, -1.0, 30.0, 1.0, 1.0) == EVIDENCE_QUIET
+    assert classify_interval(0.0, 0.0, 3.0, 30.0, 1.0, 1.0) == EVIDENCE_QUIET
+    assert classify_interval(1.0, 0.3, -1.0, 30.0, 1.0, 1.0) == EVIDENCE_ENOUGH
+    # at a sample time of 30 s there are 20 samples, and at most 20 switches, in 10 min
+    assert classify_interval(60.0, 20.0, -1.0, 30.0, 0.0, 1.0) == EVIDENCE_ENOUGH
+    assert classify_interval(24.0, 8.0, -1.0, 30.0, 0.0, 0.4) == EVIDENCE_ENOUGH
+    assert classify_interval(25.0, 8.4, -1.0, 30.0, 0.0, 0.4) == EVIDENCE_UNMEASURABLE
+    assert classify_interval(25.0, 8.4, 2.0, 30.0, 0.0, 0.4) == EVIDENCE_ENOUGH
 
 
 @pytest.mark.kernel

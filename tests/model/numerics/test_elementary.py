@@ -16,37 +16,22 @@ ULP = 1.1 if JIT_ENABLED else 2.0
 SINCOS_ULP = 2.0
 INFINITY, NAN = math.inf, math.nan
 TWO_PI = Decimal("6.283185307179586476925286766559005768394338798750")
-EXP_ARGUMENTS = np.concatenate(
-    [
-        np.linspace(-708.0, 708.0, 20011),
-        np.linspace(-2.0, 2.0, 10007),
-        # halfway between two reductions, where the polynomial is worst
-        math.log(2.0) * (np.arange(-1000, 1000) + 0.5),
-        np.logspace(-300, 0, 101),
-        -np.logspace(-300, 0, 101),
-    ]
-)
-LOG_ARGUMENTS = np.concatenate(
-    [
-        np.logspace(-307.6, 308.2, 20011),
-        np.linspace(0.5, 2.0, 10007),
-        1.0 + np.logspace(-15.9, -1, 2003),
-        1.0 - np.logspace(-15.9, -1, 2003),
-        np.nextafter(math.sqrt(0.5), [0.0, 1.0]),
-        [np.finfo(float).tiny, np.finfo(float).max],
-    ]
-)
+# the third array lies halfway between two reductions, where the polynomial is worst
+EXP_ARGUMENTS = np.r_[
+    np.linspace(-708.0, 708.0, 20011), np.linspace(-2.0, 2.0, 10007), math.log(2.0) * (np.arange(-1000, 1000) + 0.5),
+    np.logspace(-300, 0, 101), -np.logspace(-300, 0, 101),
+]  # fmt: skip
+LOG_ARGUMENTS = np.r_[
+    np.logspace(-307.6, 308.2, 20011), np.linspace(0.5, 2.0, 10007), 1.0 + np.logspace(-15.9, -1, 2003),
+    1.0 - np.logspace(-15.9, -1, 2003), np.nextafter(math.sqrt(0.5), [0.0, 1.0]),
+    np.finfo(float).tiny, np.finfo(float).max,
+]  # fmt: skip
 ARGUMENT_STRIDE = 1 if os.environ.get("FASTCOIL_FULL") else 4
-"""Of the arguments that are compared: 40 digits take their time."""
-TURNS = np.concatenate(
-    [
-        np.arange(0, 1, 2.0**-12),
-        np.random.default_rng(1).random(4001),
-        np.nextafter(np.arange(1, 9) / 8.0, 0.0),
-        np.nextafter(np.arange(8) / 8.0, 1.0),
-        [2.0**-53, 1.0 - 2.0**-53],
-    ]
-)
+"""Every so many arguments are compared: 40 digits take time."""
+TURNS = np.r_[
+    np.arange(0, 1, 2.0**-12), np.random.default_rng(1).random(4001), np.nextafter(np.arange(1, 9) / 8.0, 0.0),
+    np.nextafter(np.arange(8) / 8.0, 1.0), 2.0**-53, 1.0 - 2.0**-53,
+]  # fmt: skip
 
 
 @pytest.fixture(autouse=True)
@@ -70,7 +55,7 @@ def decimal_sin(x):
 
 
 def decimal_sincos_turns(u):
-    """Reduced to the nearest quarter of a turn, which is exact."""
+    """Sine and cosine, reduced to the nearest quarter of a turn, which is exact."""
     quarter = round(4 * u)
     r = (Decimal(u) - Decimal(quarter) / 4) * TWO_PI
     sin, cos = decimal_sin(r), 1 - 2 * decimal_sin(r / 2) ** 2

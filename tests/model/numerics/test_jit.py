@@ -34,6 +34,7 @@ def current_hashes():
     [
         ("model/physics.py", True),
         ("model/engine/rows.py", True),
+        ("model/estimators/learner.py", True),
         ("model/numerics/jit.py", True),
         ("model/parameter_table.py", True),
         # decides whether a kernel is compiled, not to what
@@ -51,19 +52,3 @@ def test_the_hashes_follow_what_kernels_are_made_of(package_copy, monkeypatch, p
     monkeypatch.setenv("NUMBA_OPT", "1")
     assert current_hashes()[0] == changed[0]
     assert current_hashes()[1] not in (fingerprint, changed[1])
-
-
-def test_an_estimator_decides_nothing_where_nobody_uses_it(package_copy):
-    def sha256_with(*names):
-        jit.model_sha256.cache_clear()
-        return jit.model_sha256(frozenset(names))
-
-    plain, learning = sha256_with("none"), sha256_with("none", "learner")
-    assert len({plain, learning, sha256_with(*jit.PACKAGE_ESTIMATORS)}) == 3
-    assert sha256_with(*jit.PACKAGE_ESTIMATORS) == current_hashes()[0]
-    with (package_copy / "model" / "estimators" / "learner.py").open("a") as file:
-        file.write("\n# changed\n")
-    assert sha256_with("none") == plain
-    assert sha256_with("none", "learner") != learning
-    assert not jit.is_model_sha256(learning)
-    assert jit.is_model_sha256(plain)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.refusals import assert_refused
 from helpers.rules import Memory, Parameters, by_error, by_switches, constant_rule, make_parameters, own_pi
 
 import fastcoil as fc
@@ -12,29 +13,21 @@ def equally_fine(now, p, memory):
 
 
 def test_functions_that_are_no_rules():
-    for arguments, sentence in (
-        ({"estimator": constant_rule}, "fine is a plain function: put @fc.estimator"),
-        ({"estimator": own_pi}, "own_pi is made with @fc.law: give law = own_pi"),
-        ({"estimator": [by_error, fc.estimator(Parameters, Memory)(constant_rule)], "gain": 2.0}, "gain = 2"),
-        ({"estimator": by_error, "gain": "a"}, "gain = 'a': give a number"),
-    ):
-        with pytest.raises(fc.InputError, match=sentence) as error_info:
-            fc.Loop(**arguments)
-        assert len(error_info.value.problems) == 1
-    with pytest.raises(fc.InputError, match="two rules are called by_error"):
-        fc.Loop(estimator=[by_error, fc.estimator(Parameters, Memory)(by_error.parts[0].__class__(
-            constant_rule.__code__, {}, "by_error"))])  # fmt: skip
+    assert_refused("estimator", "type", fc.Loop, estimator=constant_rule)
+    assert_refused("estimator", "conflict", fc.Loop, estimator=own_pi)
+    rules = [by_error, fc.estimator(Parameters, Memory)(constant_rule)]
+    assert_refused("gain", "value", fc.Loop, estimator=rules, gain=2.0)
+    assert_refused("gain", "type", fc.Loop, estimator=by_error, gain="a")
+    namesake = by_error.parts[0].__class__(constant_rule.__code__, {}, "by_error")
+    assert_refused("estimator", "duplicate", fc.Loop, estimator=[by_error, fc.estimator(Parameters, Memory)(namesake)])
 
 
 def test_two_rules_that_declare_a_parameter_differently():
-    fine_rule = fc.estimator(make_parameters(gain=0.5), Memory)(constant_rule)
-    with pytest.raises(fc.InputError, match="gain is a parameter of by_error and another one of fine: rename one"):
-        fc.Loop(estimator=[by_error, fine_rule])
-    assert fc.Loop(estimator=by_error).assign(estimator=fine_rule)["gain"] == 0.5
-    same_declarations = [
-        fc.estimator(make_parameters(share=0.5), Memory)(function) for function in (constant_rule, equally_fine)
-    ]
-    assert fc.Loop(estimator=same_declarations)["share"] == 0.5
+    half = fc.estimator(make_parameters(gain=0.5), Memory)(constant_rule)
+    assert_refused("gain", "duplicate", fc.Loop, estimator=[by_error, half])
+    assert fc.Loop(estimator=by_error).assign(estimator=half)["gain"] == 0.5
+    alike = [fc.estimator(make_parameters(share=0.5), Memory)(function) for function in (constant_rule, equally_fine)]
+    assert fc.Loop(estimator=alike)["share"] == 0.5
 
 
 @pytest.mark.kernel

@@ -30,7 +30,7 @@ from fastcoil.base.errors import StorageError
 from fastcoil.loops import netcdf
 from fastcoil.loops.provenance import variable_sha256
 from fastcoil.loops.scenarios import flat_dataset, join_flat
-from fastcoil.loops.simulate import estimate
+from fastcoil.loops.simulate import estimate_run_time
 from fastcoil.model.metric_table import METRICS
 from fastcoil.study import run as runner
 from fastcoil.study.analysis.summary import summary
@@ -190,7 +190,7 @@ def test_what_is_left_on_the_disk_is_foreseen(out, noise):
     text = text.replace("interval = 50", "interval = 1").replace("std = 0.02", f"std = {noise}")
     plan = write_study(text, out).plan
     run(text, out)
-    _, metrics, traces = estimate(plan, 1)
+    _, metrics, traces = estimate_run_time(plan, 1)
     _, foreseen = plan.disk_bytes(metrics_left=metrics, traces_left=traces)
     assert foreseen == pytest.approx(sum(path.stat().st_size for path in out.glob("*.nc")), rel=0.2)
     assert traces < 0.7

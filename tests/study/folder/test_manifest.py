@@ -102,7 +102,7 @@ def test_a_boundary_file_that_changes_between_a_run_and_its_resume_is_refused(ou
 
 def test_other_sources_of_the_model_between_run_and_resume_run_everything_again(interrupted_folder, monkeypatch):
     done = [p.name for p in shard_files(interrupted_folder)]
-    monkeypatch.setattr(spec, "model_sha256", lambda estimators: "another model")
+    monkeypatch.setattr(spec, "model_sha256", lambda: "another model")
     with pytest.warns(UserWarning, match="other sources of the model|another version of the model") as warned:
         finished = runner.execute(write_study(PLAIN_STUDY, interrupted_folder), interrupted_folder, n_jobs=1)
     assert "other sources of the model" in str(warned[0].message)
