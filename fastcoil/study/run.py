@@ -28,7 +28,7 @@ from fastcoil.study.workers import Job, PoolOptions, check_backend, make_pool, r
 
 SCENARIO_DAYS = "scenario-days"
 ProgressStarter = Callable[[int, int, str], Advance]
-"""Called with the numbers of scenarios to run and of all, and what they are; returns what to call with finished ones."""
+"""Called with the numbers of scenarios to run and of all, and their noun; returns what to call with finished ones."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def run_study(
     extend: bool = False,
     progress: bool | None = None,
 ) -> xr.Dataset:
-    """Run a study file and return its results.
+    r"""Run a study file and return its results.
 
     A study that is finished in ``out`` is only opened; one that was interrupted is resumed.
 
@@ -97,7 +97,7 @@ def run_study(
     --------
     >>> import pathlib, tempfile, fastcoil as fc
     >>> folder = pathlib.Path(tempfile.mkdtemp())
-    >>> text = "[loop]\\n[sweep]\\nbacklash = [0.0, 0.07]\\n[boundary]\\nhours = 0.6\\n"
+    >>> text = "[loop]\n[sweep]\nbacklash = [0.0, 0.07]\n[boundary]\nhours = 0.6\n"
     >>> _ = (folder / "gap.toml").write_text(text)
     >>> ds = fc.run_study(folder / "gap.toml", folder / "out", n_jobs=1)
     >>> dict(ds.rmse.sizes)

@@ -66,10 +66,10 @@ def _read_parameters(path: Path, name: str) -> dict[str, Any]:
     if not isinstance(loop, dict) or set(tables) - {"loop", "fit"}:
         sentence = f"{name} is not a file that `fastcoil fit` wrote: it needs a table [loop], and may have [fit]"
         raise InputError(sentence, name, "format")
-    problems: list[Problem] = []
-    known = known_parameters(loop, problems)
-    problems += [problem for n, value in known.items() if (problem := PARAMETERS[n].problem(value))]
-    raise_problems([problem.prefixed(f"{name}: ") for problem in problems])
+    problems: list[str] = []
+    known = known_parameters(loop, problems, f"{name}: ")
+    wrong = [problem for n, value in known.items() if (problem := PARAMETERS[n].problem(value))]
+    raise_problems([*problems, *(problem.prefixed(f"{name}: ") for problem in wrong)])
     return loop
 
 

@@ -180,8 +180,8 @@ class StudyFolder:
 def hold_folder(folder: Path, slice_name: str = "") -> Iterator[None]:
     """Hold the folder for one writer, make it if it is missing; one made here that stays empty is removed again.
 
-    slice_name: hold only this share of the study, such as ``2-of-8``, beside other shares.  Where the file system has no
-    locks, a share is not held: run twice at once, it is computed twice and counts once.
+    slice_name: hold only this share of the study, such as ``2-of-8``, beside other shares.  Where the file system
+    has no locks, a share is not held: run twice at the same time, it is computed twice and counts once.
 
     ``InputError`` if there is a file of that name, or no folder of results can have that name.  ``LockedError`` if
     another process holds it; the operating system frees it when that process ends, however it ends.  ``StorageError``

@@ -47,7 +47,7 @@ def publish_results(run: StudyRun, ds: xr.Dataset, measured: Mapping[str, Any]) 
 
     measured: attributes that say how the run went.  Returns the results as they are opened.
     """
-    study, store, manifest = run.study, run.store, run.manifest
+    study, manifest = run.study, run.manifest
     if study.precision:
         measured = {**measured, **study.precision.result_attributes(ds)}
     ds = ds.assign_attrs(study_attributes(study, manifest, measured))
