@@ -56,7 +56,7 @@ def _find_unusable_values(value: Any, place: str = "", depth: int = 0) -> Iterat
         for key, item in value.items():
             if len(key) > MAX_KEY_CHARACTERS or "\0" in key:
                 sentence = f"give a key of at most {MAX_KEY_CHARACTERS} characters, without NUL"
-                yield Problem(f"{place}{short_repr(key)}: {sentence}", place, "name")
+                yield Problem(f"{place}{short_repr(key)}: {sentence}", place or key[:MAX_KEY_CHARACTERS], "name")
             else:
                 yield from _find_unusable_values(item, f"{place}.{key}" if place else key, depth + 1)
     elif isinstance(value, str) and "\0" in value:
