@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 import fastcoil as fc
 from fastcoil.base.text import format_share
-from fastcoil.study.analysis.compare import wilson_interval
+from fastcoil.study.analysis.paired import wilson_interval
 
 STUDIES = Path(__file__).parent
 RESULTS = STUDIES.parent / "results"

@@ -11,8 +11,9 @@ import xarray as xr
 from fastcoil.loops.labels import coordinate_quantity, label_in_words, plain_pi_label, sizes_in_words
 from fastcoil.model.metric_table import STATUS_OK
 from fastcoil.model.parameter_table import CHANCE_DIMS, PARAMETERS
-from fastcoil.study.analysis.compare import mask_off_days, paired_change, summarise_median
+from fastcoil.study.analysis.compare import mask_off_days
 from fastcoil.study.analysis.cost import MONTH_DAYS, Tariff, compute_costs
+from fastcoil.study.analysis.paired import paired_change, summarise_median
 from fastcoil.study.analysis.precision import read_precision
 from fastcoil.study.analysis.selected import mask_dataset, numeric_dims
 

@@ -1,7 +1,7 @@
 """The JSON Schema of study files, with which an editor completes names, shows what they mean and marks wrong values.
 
 It is valid for Draft 4, which Taplo reads (the engine behind most TOML extensions), and for Draft 2020-12 alike.  What
-only the reader can know, such as parameters of a study's own rules, is left to the reader.
+only the reader can know, such as parameters of user-defined rules, is left to the reader.
 """
 
 import inspect

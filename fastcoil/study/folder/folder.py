@@ -7,7 +7,7 @@
     shards/        FIRST-HASH.nc, a file for each finished shard, until all of them are in results.nc
     quarantine/    damaged and foreign files from shards/
     results.nc     metrics and status, named and labelled
-    traces-ID.nc   the traces, if any are asked for; ``trace_file`` in the attributes of results.nc names it
+    traces-ID.nc   the traces, if there are any; ``trace_file`` in the attributes of results.nc names it
     figures/
     .lock-K-of-N   the lock of a share that is run, or was since the last merge
 """

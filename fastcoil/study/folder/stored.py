@@ -74,7 +74,7 @@ class Manifest:
     relative_to: folder from which the study's relative paths start.  computed_on: every environment that computed a
     part of it.  outputs: for each final file the SHA-256 that its bytes may have, that of the newest first; while a
     file is being replaced, there are two.  finished: whether the results are complete.  user_code: hashes of the
-    study's own rules, as they were compiled.
+    user-defined rules, as they were compiled.
     """
 
     study_sha256: str

@@ -12,8 +12,8 @@ from scipy import stats
 import fastcoil as fc
 from fastcoil.base import arrays
 from fastcoil.model.metric_table import STATUS_NON_FINITE
-from fastcoil.study.analysis import compare
-from fastcoil.study.analysis.compare import STATISTICS
+from fastcoil.study.analysis import paired
+from fastcoil.study.analysis.paired import STATISTICS
 from fastcoil.study.analysis.selected import mask_dataset
 
 
@@ -318,9 +318,9 @@ def test_the_numbers_are_those_of_the_dataset_to_the_digits_shown(ratios):
 def test_resamples_are_the_same_drawn_one_by_one(n, missing, monkeypatch):
     values = xr.DataArray(np.random.default_rng(3).normal(size=(n, 2)), dims=("sample", "kp"))
     values = values.where(values > -1.0) if missing else values
-    expected = compare.summarise_median(values)
-    monkeypatch.setattr(compare, "_MANY_VALUES", 0)
-    assert compare.summarise_median(values) == expected
+    expected = paired.summarise_median(values)
+    monkeypatch.setattr(paired, "_MANY_VALUES", 0)
+    assert paired.summarise_median(values) == expected
     assert expected.low < expected.median < expected.high
 
 

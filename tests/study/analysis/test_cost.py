@@ -10,7 +10,7 @@ from helpers.costly_results import PRICES, result
 from helpers.refusals import assert_refused
 
 import fastcoil as fc
-from fastcoil.study.analysis.compare import summarise_median
+from fastcoil.study.analysis.paired import summarise_median
 
 
 def bill_by_month(ds, prices, at, heating=False, electric=False):
