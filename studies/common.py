@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 import fastcoil as fc
 from fastcoil.base.text import format_share
-from fastcoil.study.analysis.compare import interval
+from fastcoil.study.analysis.paired import wilson_interval
 
 STUDIES = Path(__file__).parent
 RESULTS = STUDIES.parent / "results"
@@ -240,13 +240,13 @@ class Share(NamedTuple):
 def share_of(holds: xr.DataArray, among: xr.DataArray | None = None) -> Share:
     """In how many of the valves, and days where there are any, something holds, with its 95 % interval.
 
-    The variance is that of the means of the valves and of the means of the days, see ``interval``.
+    The variance is that of the means of the valves and of the means of the days, see ``wilson_interval``.
 
     among: the valves and days that count, all if None; of at least one.
     """
     values = holds.astype(float) if among is None else holds.astype(float).where(among.astype(bool))
     p, (variance, labels) = float(values.mean()), _crossed_variance(values)
-    low, high = interval(np.array(p), np.array(variance), int(values.count()), labels, Z_95)
+    low, high = wilson_interval(np.array(p), np.array(variance), int(values.count()), labels, Z_95)
     return Share(p, float(low), float(high))
 
 

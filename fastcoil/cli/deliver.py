@@ -1,4 +1,4 @@
-"""``fastcoil export``, ``report``, ``archive`` and ``cite``: files for others."""
+"""``fastcoil export``, ``report`` and ``cite``: files for others."""
 
 from __future__ import annotations
 
@@ -79,27 +79,6 @@ def cite(folder: Path | None, as_bibtex: bool) -> None:
 
 
 @click.command()
-@click.argument("folder", type=USABLE_PATH)
-@click.option(
-    "-o", "--out", type=USABLE_PATH, metavar="FILE.zip", help="File to write; FOLDER.zip beside it by default."
-)
-def archive(folder: Path, out: Path | None) -> None:
-    """Pack the finished study in FOLDER into one file that `fastcoil verify` checks on any machine.
-
-    It contains the study file, results and traces, the environment that made them, hashes, and every file that the
-    study reads: weather, logs, fitted parameters, its own code.  Check the list before you share it.
-    """
-    from fastcoil.study.archive import write_archive
-
-    packed = write_archive(folder, out)
-    size = packed.path.stat().st_size / 1e6
-    echo(f"Archive: {packed.path} ({size:,.1f} MB), content_sha256 {packed.content_sha256}")
-    echo(*(f"Input:   {name}" for name in packed.inputs))
-    for path, member in packed.elsewhere.items():
-        echo(f"Note:    the study reads {path}, which other machines do not have; packed as {member}", err=True)
-
-
-@click.command()
 @click.argument("path", type=USABLE_PATH)
 @click.option("--language", help="Controller as c, st, python, fmu or plcopen.  [default: by -o, else c]")
 @click.option("--test", "has_test", is_flag=True, help="Include a valve test, which the input start_test starts.")
@@ -144,14 +123,14 @@ def export_code(path: Path, language: str | None, out: Path | None, has_test: bo
     """Write the code of the controller in a study file, with a valve test if ``has_test``; only the loop counts."""
     from fastcoil.deliver.export.export import SUFFIXES
     from fastcoil.study.file.spec import read_study
-    from fastcoil.study.file.user_code import load_rules
+    from fastcoil.study.file.user_code import load_code
 
     by_suffix = {suffix: name for name, suffix in SUFFIXES.items()}
     default_language = by_suffix.get(out.suffix.lower(), "c") if out else "c"
     language = require_choice("language", language or default_language, SUFFIXES)
     study = read_study(path)
     loop = study.plan.layout.loop
-    load_rules(loop.rules, study.rules)
+    load_code(loop.rules, study.rules)
     announce_compilation()
     make_test = fc.ValveTest.heating if loop["action"] == "heating" else fc.ValveTest
     test = make_test() if has_test and loop["test_start"] is None else None

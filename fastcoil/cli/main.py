@@ -3,7 +3,7 @@
 import click
 
 from fastcoil.base.machine import VERSION
-from fastcoil.cli.deliver import archive, cite, export, report
+from fastcoil.cli.deliver import cite, export, report
 from fastcoil.cli.demo import demo
 from fastcoil.cli.logs import diagnose, fit, join, valve_test
 from fastcoil.cli.study import explain, explore, init, parameters, plan, plot, presets, rerun, run, status, tune, verify
@@ -39,7 +39,7 @@ def main(context: click.Context) -> None:
 
 
 for command in (
-    *(archive, cite, demo, diagnose, explain, explore, export, fit, init, join, parameters),
+    *(cite, demo, diagnose, explain, explore, export, fit, init, join, parameters),
     *(plan, plot, presets, report, rerun, run, status, tune, valve_test, verify),
 ):
     main.add_command(command)

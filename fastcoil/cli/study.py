@@ -134,7 +134,7 @@ def plan(study: Path, jobs: int | None) -> None:
     sizes = sizes_in_words(run_plan.layout.sizes) or "a single scenario"
     echo(f"Scenarios:   {run_plan.n_scenarios:,} ({sizes})")
     if spec.precision:
-        echo(f"Precision:   {spec.precision.how(run_plan.n_scenarios // spec.batches)}")
+        echo(f"Precision:   {spec.precision.describe_plan(run_plan.n_scenarios // spec.batches)}")
     n_shards = len(cut_into_shards(run_plan, n_jobs))
     n_steps = run_plan.n_scenarios * run_plan.n_steps
     echo(f"Steps:       {run_plan.n_steps:,} s each, {n_steps:,} in total, {n_shards} shards")
@@ -158,9 +158,9 @@ def status(folder: Path) -> None:
 
 
 @click.command()
-@click.argument("folder", type=USABLE_PATH, metavar="FOLDER|ARCHIVE.zip")
+@click.argument("folder", type=USABLE_PATH)
 def verify(folder: Path) -> None:
-    """Check all files in the FOLDER of a study, or in an archive of one, against their hashes; changes nothing."""
+    """Check all files in the FOLDER of a study against their hashes; changes nothing."""
     from fastcoil.study import maintenance
 
     problems = maintenance.verify(folder)
@@ -257,7 +257,7 @@ def plot(
     """Draw the standard figures of the finished study in FOLDER, or a custom one with -x."""
     from fastcoil.base.figures import FIGURES_FOLDER, check_format, write_figures
     from fastcoil.deliver.figures.swept import standard_figures
-    from fastcoil.study.folder.folder import StudyFolder, hold
+    from fastcoil.study.folder.folder import StudyFolder, hold_folder
     from fastcoil.study.folder.results import open_study
 
     suffix = out.suffix.removeprefix(".").lower() if out and not is_folder(out) else ""
@@ -283,7 +283,7 @@ def plot(
         return
     options: Any = {"format": file_format, "dpi": dots_per_inch, "drawn_from": ds.attrs.get("content_sha256")}
     if out is None:
-        with hold(folder):
+        with hold_folder(folder):
             paths = write_figures(figures, folder / FIGURES_FOLDER, **options)
     elif suffix:
         first, *other_names = figures
@@ -412,7 +412,7 @@ def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -
     from fastcoil.design.tune import run_tuning
     from fastcoil.loops.simulate import number_of_threads
     from fastcoil.study.file.spec import read_study
-    from fastcoil.study.folder.folder import hold
+    from fastcoil.study.folder.folder import hold_folder
     from fastcoil.study.run import default_folder
 
     n_jobs, folder = number_of_threads(jobs), out or default_folder(study)
@@ -421,7 +421,7 @@ def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -
         sentence = f"{study} has no table [tune]: add one, such as search = {{ kp = [0.005, 0.1] }}"
         raise InputError(sentence, "[tune]", "missing")
     announce_compilation()
-    with handle_interrupts(study, folder, "tune"), hold(folder):
+    with handle_interrupts(study, folder, "tune"), hold_folder(folder):
         with ProgressDisplay() as display:
             tuning = run_tuning(request._replace(n_jobs=n_jobs), display)
         echo(*tuning.summary(), "")

@@ -24,7 +24,7 @@ from fastcoil.base.machine import TERMINATION_SIGNALS, command_line
 from fastcoil.base.text import escape_control_characters
 
 if TYPE_CHECKING:
-    from fastcoil.study.file.user_code import UserFunction
+    from fastcoil.study.file.user_code import UserCode
 
 _MAX_SHUTDOWN_SECONDS = 4.0  # from an interrupt to the forced end of the process
 
@@ -139,13 +139,13 @@ def announce_compilation(kernel: str = "emulate") -> None:
         echo("Compiling the kernels, once per installation: about 10 s …", err=True)
 
 
-def load_user_code(what: str, source: UserFunction) -> object:
+def load_user_code(what: str, source: UserCode) -> object:
     """Announce and import the module of a study's own function."""
-    from fastcoil.study.file.user_code import load
+    from fastcoil.study.file.user_code import load_function
 
     function = source.name.partition(":")[2]
     echo(f"This study runs its own code: {function} from {source.path.absolute()}.", err=True)
-    return load(what, source)
+    return load_function(what, source)
 
 
 class SafeStream(io.TextIOWrapper):

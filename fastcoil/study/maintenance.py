@@ -1,4 +1,4 @@
-"""What a study's folder answers later: its progress, whether it is sound, one scenario in full or by its labels."""
+"""Look at a study's folder: its progress, whether it is sound, one scenario in full or by its labels."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import collect_problems, raise_problems
-from fastcoil.base.errors import InputError, did_you_mean
+from fastcoil.base.errors import InputError, Problem, did_you_mean
 from fastcoil.base.files import is_file, is_folder, portable_file_name
 from fastcoil.base.machine import command_line
 from fastcoil.base.text import parse_number_or_word
@@ -19,37 +19,34 @@ from fastcoil.loops.boundary.days import heating_day, paper_day
 from fastcoil.loops.clashes import unread_values
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.netcdf import save
-from fastcoil.loops.plan import JobSlice, Plan, Shard, plan_simulation, simulation_attributes
+from fastcoil.loops.plan import JobSlice, Plan, Shard, plan_simulation
 from fastcoil.loops.presets import PRESETS
-from fastcoil.loops.provenance import provenance
 from fastcoil.loops.scenarios import Layout, clock_coordinates, coordinate_attrs
 from fastcoil.loops.simulate import run_shard
 from fastcoil.model.engine.lanes import TraceRequest, compile_kernel
 from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, STATUS_OK, TRACES
-from fastcoil.model.numerics.jit import model_sha256
+from fastcoil.model.numerics.jit import model_sha256, numeric_environment
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.model.user_rules import refuse_changed_code, user_code_hashes
 from fastcoil.study.analysis.precision import read_precision
 from fastcoil.study.analysis.selected import list_first, select_labels
-from fastcoil.study.archive import find_archive_problems
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.file.user_code import UserFunction, load
-from fastcoil.study.folder.folder import StudyFolder, find_holder, find_running_slices, hold
-from fastcoil.study.folder.results import find_folder_problems, is_complete_result_of, open_metrics
-from fastcoil.study.folder.stored import Manifest
+from fastcoil.study.file.user_code import UserCode, load_function
+from fastcoil.study.folder.folder import StudyFolder, find_holder, find_running_slices, hold_folder
+from fastcoil.study.folder.results import find_folder_problems, open_metrics
+from fastcoil.study.folder.state import is_result_of
+from fastcoil.study.folder.stored import Manifest, study_attributes
 
 RERUNS_FOLDER = "reruns"
 
 
 def status(folder: Path) -> list[str]:
-    """The progress of the study in a folder, in words."""
-    store = StudyFolder(folder)
-    holder = find_holder(folder)
+    """Describe the progress of the study in a folder, in lines of text."""
+    store, holder, slices = StudyFolder(folder), find_holder(folder), find_running_slices(folder)
     running = [f"It is being run by {holder}."] if holder else []
-    slices = find_running_slices(folder)
-    held_slices = [slice_name.replace("-of-", "/") for slice_name, holder in slices.items() if holder]
-    if held_slices:
-        running.append(f"Shares that are being run: {list_first(held_slices)}.")
+    held = [name.replace("-of-", "/") for name, slice_holder in slices.items() if slice_holder]
+    if held:
+        running.append(f"Shares that are being run: {list_first(held)}.")
     try:
         manifest, ds = store.require_manifest(), open_metrics(folder, {*TRACES, *METRICS})
         ds = open_metrics(folder) if read_precision(ds) else ds
@@ -70,36 +67,27 @@ def status(folder: Path) -> list[str]:
         lines.append("The sources of the model have changed since: a new run computes everything again.")
     if slices and n_left:
         plan, missing = store.read_study(manifest).plan, ds["status"].values.ravel() == STATUS_NOT_RUN
-        for n in sorted({int(slice_name.partition("-of-")[2]) for slice_name in slices}):
-            due_slices = [f"{k}/{n}" for k in range(1, n + 1) if missing[JobSlice(k, n).index(plan)].any()]
-            due_slices = [slice_name for slice_name in due_slices if slice_name not in held_slices]
-            running.append(
-                f"Of {n} shares {len(due_slices)} are to be run{': ' * bool(due_slices)}{list_first(due_slices)}."
-            )
+        for n in sorted({int(name.partition("-of-")[2]) for name in slices}):
+            due = [f"{k}/{n}" for k in range(1, n + 1) if missing[JobSlice(k, n).index(plan)].any()]
+            due = [name for name in due if name not in held]
+            running.append(f"Of {n} shares {len(due)} are to be run{': ' * bool(due)}{list_first(due)}.")
     resume = f"To resume: {command_line(['fastcoil', 'run', 'STUDY.toml', '-o', str(folder)])}"
     return [*lines, *running, *([resume] if unfinished else [])]
 
 
 def verify(folder: Path) -> list[str]:
-    """Check everything in the folder of a study, or in an archive of it: a sentence for each problem.
-
-    Nothing is changed.
-    """
-    if is_file(folder):
-        return find_archive_problems(folder)
+    """Check everything in the folder of a study: a sentence for each problem.  Nothing is changed."""
     store = StudyFolder(folder)
-    return store.settled(lambda: find_folder_problems(store))
+    return store.read_consistently(lambda: find_folder_problems(store))
 
 
 def rerun(
-    folder: Path, at: Mapping[str, str], prepare: Callable[[str, UserFunction], object] = load
+    folder: Path, at: Mapping[str, str], prepare: Callable[[str, UserCode], object] = load_function
 ) -> tuple[Path, list[str]]:
     """Run one scenario of a study again, with all traces at every second.
 
-    at: dimension → label, for every dimension with more than one.  prepare: loads the study's own estimators and laws,
-    without which nothing can be run; its reduction is not.
-
-    Returns the file written, and the outcome in words.
+    at: dimension → label, for every dimension with more than one.  prepare: loads user-defined estimators and laws; a
+    reduction is not run.  Returns the file written, and the outcome in lines of text.
 
     ``InputError`` for a dimension or label that the study does not have.  ``IntegrityError`` if the study, or a file it
     reads, changed since it was run.
@@ -112,7 +100,9 @@ def rerun(
     flat, position, labels = _locate_scenario(layout, at)
     plan = replace(study.plan, traces=TraceRequest(tuple(TRACES), 1))
     path = folder / RERUNS_FOLDER / f"{portable_file_name('_'.join(labels) or 'scenario')}.nc"
-    with hold(path.parent):  # not the study, which may be running; a folder that cannot be written is refused now
+    with hold_folder(
+        path.parent
+    ):  # not the study, which may be running; a folder that cannot be written is refused now
         pass
     for word, rule in layout.loop.rules.items():
         rule.adopt_code(prepare(rule.kind, study.rules[word]))
@@ -129,24 +119,26 @@ def rerun(
         ds = ds.assign_coords({dim: label.assign_attrs(coordinate_attrs(dim, layout.loop.parameters))})
     boundary = layout.boundary if "day" not in position else layout.boundary.isel(position["day"])
     ds = ds.assign_coords(clock_coordinates(boundary, ds.variables["elapsed_time"]))
-    ds.attrs = {"title": study.title, "summary": study.question, **provenance(), **simulation_attributes(plan)}
-    with hold(path.parent):
+    here = replace(manifest, computed_on=[numeric_environment()])
+    ds.attrs = study_attributes(replace(study, plan=plan, reduction=None), here)
+    with hold_folder(path.parent):
         save(ds, path)
     return path, _compare_with_stored(store, ds, position)
 
 
 def _locate_scenario(layout: Layout, at: Mapping[str, str]) -> tuple[int, dict[str, int], list[str]]:
-    """The scenario with the labels ``at``, given as text: flat index, position along each dimension, DIM=LABEL of each.
+    """Find the scenario with the labels ``at``, given as text; a dimension of length 1 needs none.
 
-    A dimension of length 1 needs no label.
+    Returns its flat index, its position along each dimension, and DIM=LABEL of each.
     """
     sizes = layout.sizes
     flat = np.arange(math.prod(sizes.values())).reshape(tuple(sizes.values()))
-    selection = select_labels(
-        xr.Dataset({"status": (tuple(sizes), flat)}, layout.coordinates()), {dim: [text] for dim, text in at.items()}
-    )
-    missing = [dim for dim, n in selection["status"].sizes.items() if n > 1]
-    raise_problems([f"--at: {dim} is missing, choose one of {list_first(selection[dim].values)}" for dim in missing])
+    ds = xr.Dataset({"status": (tuple(sizes), flat)}, layout.coordinates())
+    selection = select_labels(ds, {dim: [text] for dim, text in at.items()})
+    labels = {str(dim): list_first(selection[dim].values) for dim, n in selection["status"].sizes.items() if n > 1}
+    raise_problems([
+        Problem(f"--at: {dim} is missing, choose one of {known}", "--at", "missing") for dim, known in labels.items()
+    ])  # fmt: skip
     selection = selection.squeeze()
     index = int(selection["status"])
     position = dict(zip(sizes, map(int, np.unravel_index(index, flat.shape)), strict=True))
@@ -154,25 +146,23 @@ def _locate_scenario(layout: Layout, at: Mapping[str, str]) -> tuple[int, dict[s
 
 
 def _compare_with_stored(store: StudyFolder, ds: xr.Dataset, position: Mapping[str, int]) -> list[str]:
-    """Say whether a rerun gave the result that the study has."""
-    rmse, status_word = float(ds["rmse"]), STATUS_MEANINGS[int(ds["status"])]
-    is_off = np.isnan(rmse) and int(ds["status"]) == STATUS_OK
-    words = [f"{'no rmse, the loop was off' if is_off else f'rmse {rmse:.4g} K'}, status {status_word}"]
+    """State whether a rerun gave the result that the study has."""
+    rmse, code = float(ds["rmse"]), int(ds["status"])
+    error = "no rmse, the loop was off" if np.isnan(rmse) and code == STATUS_OK else f"rmse {rmse:.4g} K"
+    lines = [f"{error}, status {STATUS_MEANINGS[code]}"]
     try:
         results = open_metrics(store.path)
     except InputError:
-        return words
+        return lines
     stored = results.isel(position)
     if int(stored["status"]) in (STATUS_NOT_RUN, STATUS_CRASHED):
-        return [*words, f"In the study its status is {STATUS_MEANINGS[int(stored['status'])]}."]
-    common_names = [n for n in (*METRICS, "status") if n in stored]  # an older version wrote fewer
-    different_names = [n for n in common_names if not np.array_equal(ds[n].values, stored[n].values, equal_nan=True)]
-    if not different_names:
-        return [*words, "Equal to the study's result to the last bit."]
-    reason = (
-        "" if is_complete_result_of(store.open_results(), store.require_manifest()) else "; the model changed since"
-    )
-    return [*words, f"Differs from the study's result in {', '.join(different_names)}{reason}."]
+        return [*lines, f"In the study its status is {STATUS_MEANINGS[int(stored['status'])]}."]
+    names = [n for n in (*METRICS, "status") if n in stored]  # an older version wrote fewer
+    different = [n for n in names if not np.array_equal(ds[n].values, stored[n].values, equal_nan=True)]
+    if not different:
+        return [*lines, "Equal to the study's result to the last bit."]
+    reason = "" if is_result_of(results, store.require_manifest()) else "; the model changed since"
+    return [*lines, f"Differs from the study's result in {', '.join(different)}{reason}."]
 
 
 class Scenario(NamedTuple):
@@ -189,7 +179,7 @@ class Scenario(NamedTuple):
 
 
 def pick_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str]) -> Scenario:
-    """Pick one scenario.
+    """Pick one scenario of a preset, a study or its results.
 
     target: the name of a preset, on ``paper_day()`` or, if it heats, on ``heating_day()``; the folder of a study; or a
     study file, run or not.  at: dimension → label, exactly as the study has it, for every dimension with more than
@@ -205,38 +195,40 @@ def pick_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str
     with collect_problems(problems, "--set "):
         loop = loop.assign(**{name: parse_number_or_word(text) for name, text in changes.items()})
     if "replicate" in at:
-        problems.append("--at replicate: replicates differ by their noise alone, leave it out")
+        sentence = "--at replicate: replicates differ by their noise alone, leave it out"
+        problems.append(Problem(sentence, "--at", "conflict"))
     layout = Layout(loop, boundary)
     position: dict[str, int] = {}
     with collect_problems(problems):
         _, position, labels = _locate_scenario(layout, {dim: label for dim, label in at.items() if dim != "replicate"})
     raise_problems(problems)
     swept = layout.loop.swept
-    scenario_loop = loop.assign(**{n: v.isel({d: position[str(d)] for d in v.dims}).item() for n, v in swept.items()})
-    unread_names = [name for name in unread_values(scenario_loop) if name not in changes] if layout.loop.sizes else []
-    unread_defaults: dict[str, Any] = {name: PARAMETERS[name].default for name in unread_names}
-    scenario_loop = scenario_loop.assign(**unread_defaults)
-    rules = Layout(scenario_loop, boundary).loop.rules
-    unloaded_rules = [word for word, rule in rules.items() if not rule.is_loaded]
-    if unloaded_rules:
+    loop = loop.assign(**{n: v.isel({d: position[str(d)] for d in v.dims}).item() for n, v in swept.items()})
+    unread = [name for name in unread_values(loop) if name not in changes] if layout.loop.sizes else []
+    defaults: dict[str, Any] = {name: PARAMETERS[name].default for name in unread}
+    loop = loop.assign(**defaults)
+    rules = [name for name, rule in Layout(loop, boundary).loop.rules.items() if not rule.is_loaded]
+    if rules:
         raise InputError(
-            f"{target}: the scenario uses {' and '.join(unloaded_rules)}, code of the study's own, which is not run here: "
-            "pick another scenario with --at, or use fc.explain in Python"
+            f"{target}: the scenario uses {' and '.join(rules)}, code of the study's own, which is not run here: pick "
+            "another scenario with --at, or use fc.explain in Python",
+            "--at",
+            "unsupported",
         )
     day_note = "this day alone, from rest" if plan.carry_over and position.get("day") else ""
     changes_text = ", ".join(f"{name}={text}" for name, text in changes.items())
     full_title = "; ".join(filter(None, [title, ", ".join(labels), changes_text, day_note]))
-    return Scenario(full_title, scenario_loop, boundary.isel(day=position.get("day", 0)), plan.warm_up, plan.seed)
+    return Scenario(full_title, loop, boundary.isel(day=position.get("day", 0)), plan.warm_up, plan.seed)
 
 
 def _load_target(target: Path) -> tuple[str, Plan]:
-    """Title and plan of all that a target holds."""
+    """Return title and plan of the study or preset."""
     name = str(target)
     if name in PRESETS:
         preset = PRESETS[name]
         day = heating_day(T_w_in=preset.T_w_in) if preset.heats else paper_day()
-        words = f"heating_day(T_w_in={preset.T_w_in:g})" if preset.heats else "paper_day()"
-        return f"{name} on {words}", plan_simulation(Loop.preset(name), day)
+        day_name = f"heating_day(T_w_in={preset.T_w_in:g})" if preset.heats else "paper_day()"
+        return f"{name} on {day_name}", plan_simulation(Loop.preset(name), day)
     if is_folder(target):
         store = StudyFolder(target)
         study = store.read_study(store.require_manifest())
@@ -244,7 +236,9 @@ def _load_target(target: Path) -> tuple[str, Plan]:
         study = read_study(target)
     else:
         raise InputError(
-            f"{target}: no such file, folder or preset{did_you_mean(name, PRESETS)}; give a study file, the folder of its "
-            f"results, or one of {', '.join(PRESETS)}"
+            f"{target}: no such file, folder or preset{did_you_mean(name, PRESETS)}; give a study file, the folder of "
+            f"its results, or one of {', '.join(PRESETS)}",
+            name,
+            "path",
         )
     return study.title, study.plan

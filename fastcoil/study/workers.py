@@ -1,7 +1,7 @@
 """Shards on workers: threads, processes of this machine or a dask cluster, and what happens when one dies.
 
 A worker runs one shard of a ``Job`` at a time.  A pool takes shards as ``concurrent.futures`` do, and names in
-``deaths`` the exceptions that say that the worker of a shard is gone; pools differ only in what happens then.
+``worker_errors`` the exceptions that say that the worker of a shard is gone; pools differ only in what happens then.
 ``run_shards`` hands them out and finds the scenarios that kill.
 """
 
@@ -44,12 +44,21 @@ from fastcoil.loops.simulate import call_with_timeout, run_shard
 from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, TRACES
 from fastcoil.model.numerics.jit import fingerprint, model_sha256
 from fastcoil.model.user_rules import RuleHashes, refuse_changed_code, user_code_hashes
-from fastcoil.study.file.user_code import UserFunction, load_rules, reduce
+from fastcoil.study.file.user_code import UserCode, load_code, reduce_traces
 
 BACKENDS = ("threads", "loky", "dask")
-_TEMPORARY_FOLDER = Path("the folder for temporary files")
-_SCHEDULER_TIMEOUT_S, _WORKERS_TIMEOUT_S = 10.0, 60.0  # seconds
-_MAX_DEATHS_WITHOUT_RESULT = 40  # without a result in between: one bad scenario in a shard of a million takes 20
+_TEMPORARY_FOLDER = Path("the folder for temporary files")  # its name in messages
+_SCHEDULER_TIMEOUT_S = 10.0
+_WORKERS_TIMEOUT_S = 60.0
+_MAX_DEATHS_WITHOUT_RESULT = 40  # one bad scenario in a shard of a million takes 20
+
+
+class PoolOptions(NamedTuple):
+    """Who runs a study: the backend, the number of workers, the address of the scheduler of a cluster."""
+
+    backend: str
+    n_workers: int
+    scheduler: str | None = None
 
 
 # --- a worker ---------------------------------------------------------------------------------------------------------
@@ -60,47 +69,46 @@ class Interrupt(Exception):
 
 
 class Job(NamedTuple):
-    """What a worker needs of a study; sent once to each, so that a shard is only its indices."""
+    """What a worker needs to know of a study; sent once to each, so that a shard is only its indices."""
 
     plan: Plan
-    reduction: UserFunction | None
-    rules: Mapping[str, UserFunction] = {}
+    reduction: UserCode | None
+    rules: Mapping[str, UserCode] = {}
     user_code: RuleHashes = {}
 
 
 def environment_id() -> tuple[str, str]:
-    """Hashes of what the bits of a result depend on: the model's sources; CPU, Python and libraries."""
+    """Return the hashes that decide the bits of a result: of the model's sources; of CPU, Python and libraries."""
     return model_sha256(), fingerprint()
 
 
 def run_scenarios(job: Job, shard: Shard) -> xr.Dataset:
-    """Run a shard, and reduce its traces if the study asks for it.  Returns a flat Dataset, see ``run_shard``."""
+    """Run a shard, and reduce its traces if the study says so.  Returns a flat Dataset, see ``run_shard``."""
     part = run_shard(job.plan, shard)
     if job.reduction is None:
         return part
     columns = job.plan.layout.columns(shard.index)
     swept = {name: ("scenario", columns[name]) for name in job.plan.layout.loop.swept}
     traces = part[list(job.plan.traces.names)].assign_coords(swept)
-    return (
-        part[[*METRICS, "status"]]
-        .drop_vars(["elapsed_time", "volume"], errors="ignore")
-        .merge(reduce(job.reduction, traces))
-    )
+    metrics = part[[*METRICS, "status"]].drop_vars(["elapsed_time", "volume"], errors="ignore")
+    return metrics.merge(reduce_traces(job.reduction, traces))
 
 
 def run_received_job(job: Job, shard: Shard, expected_id: tuple[str, str] | None = None) -> xr.Dataset:
-    """As ``run_scenarios``, for a job that came from another process, which has the code of its rules only as text.
+    """Run a shard of a job from another process, which has the code of its rules only as text.
 
-    expected: the identity this worker must have; it may have joined after the others were checked.
+    expected_id: what ``environment_id`` must be; this worker may have joined after the others were checked.
     """
     if expected_id is not None and environment_id() != expected_id:
         raise InputError(
             "a worker that joined the dask cluster differs from the others in its version of fastcoil, CPU, Python or "
-            "libraries: use workers of one kind; finished scenarios are kept, run the same command again to resume"
+            "libraries: use workers of one kind; finished scenarios are kept, run the same command again to resume",
+            "scheduler",
+            "unsupported",
         )
     rules = job.plan.layout.loop.rules
     try:
-        load_rules(rules, job.rules)
+        load_code(rules, job.rules)
         refuse_changed_code(user_code_hashes(rules.values()), job.user_code)
         return run_scenarios(job, shard)
     except KeyboardInterrupt:
@@ -138,15 +146,13 @@ def run_shard_file(path: Path) -> xr.Dataset:
 
 def crashed_part(job: Job, index: np.ndarray) -> xr.Dataset:
     """Results of scenarios that take every worker down: NaN, with the status ``crashed``."""
-    missing_metrics = np.full((len(METRICS), index.size), np.nan)
-    points = job.plan.traces.n_points(job.plan.n_steps)
-    names = job.plan.traces.names if job.reduction is None else ()
-    traces = {
-        n: np.full((index.size, *((job.plan.n_volumes,) if TRACES[n].per_volume else ()), points), np.nan)
-        for n in names
-    }
-    part = flat_dataset(index, missing_metrics, np.full(index.size, STATUS_CRASHED), traces, job.plan.traces.interval)
-    return part.assign_attrs(computed_on="[]")
+    plan, n_points = job.plan, job.plan.traces.n_points(job.plan.n_steps)
+    traces = {}
+    for name in plan.traces.names if job.reduction is None else ():
+        volumes = (plan.n_volumes,) if TRACES[name].per_volume else ()
+        traces[name] = np.full((index.size, *volumes, n_points), np.nan)
+    metrics, status = np.full((len(METRICS), index.size), np.nan), np.full(index.size, STATUS_CRASHED)
+    return flat_dataset(index, metrics, status, traces, plan.traces.interval).assign_attrs(computed_on="[]")
 
 
 # --- handing out ------------------------------------------------------------------------------------------------------
@@ -155,12 +161,12 @@ def crashed_part(job: Job, index: np.ndarray) -> xr.Dataset:
 def run_shards(pool: Pool, job: Job, shards: Sequence[Shard]) -> Iterator[xr.Dataset]:
     """Run every shard and yield its flat results (see ``run_shard``).
 
-    Shards that were in flight when a worker died are suspects: each is run again alone, and one that takes its worker
-    down once more is halved, until single scenarios, or days in sequence of a single loop, are found guilty.  These get
-    the status ``crashed``, but not before another result has shown that the workers are not to blame.
+    A shard that was in flight when a worker died is run again alone; one that takes its worker down once more is
+    halved, down to single scenarios, or days in sequence of a single loop.  These get the status ``crashed``, but not
+    before another result has shown that the workers are sound.
 
-    ``StorageError`` if the memory does not suffice, not even for a single scenario.  ``FastcoilError`` if workers die
-    again and again without a result in between.
+    ``StorageError`` if the memory does not suffice for a single scenario.  ``FastcoilError`` if workers die repeatedly
+    without a result in between.
     """
     waiting, retry = deque(shards), deque[Shard]()
     crashed: list[np.ndarray] = []
@@ -176,8 +182,9 @@ def run_shards(pool: Pool, job: Job, shards: Sequence[Shard]) -> Iterator[xr.Dat
             n_deaths += is_retry
             if n_deaths > _MAX_DEATHS_WITHOUT_RESULT:
                 raise FastcoilError(
-                    f"{_MAX_DEATHS_WITHOUT_RESULT} workers died in a row without a result: they may lack memory, use fewer with -j, "
-                    "or another --backend; finished scenarios are kept, run the same command again to resume"
+                    f"{_MAX_DEATHS_WITHOUT_RESULT} workers died in a row without a result: they may lack memory, use "
+                    "fewer with -j, or another --backend; finished scenarios are kept, run the same command again to "
+                    "resume"
                 )
             if not is_retry:
                 retry.append(shard)
@@ -191,7 +198,7 @@ def run_shards(pool: Pool, job: Job, shards: Sequence[Shard]) -> Iterator[xr.Dat
 
 
 def _outcomes(pool: Pool, waiting: deque[Shard]) -> Iterator[tuple[Shard, xr.Dataset | BaseException]]:
-    """Run shards until a worker dies: each that was started, with its results or with the death that it met."""
+    """Run shards until a worker dies: each that was started, with its results or with the error of its worker."""
     in_flight: dict[cf.Future[xr.Dataset], Shard] = {}
     has_died = False
     while in_flight or (waiting and not has_died):
@@ -207,15 +214,15 @@ def _outcomes(pool: Pool, waiting: deque[Shard]) -> Iterator[tuple[Shard, xr.Dat
                 outcome = future.result()
             except Interrupt:
                 raise KeyboardInterrupt from None
-            except pool.deaths as death:
-                outcome, has_died = death, True
+            except pool.worker_errors as error:
+                outcome, has_died = error, True
             yield shard, outcome
 
 
 class Threads:
     """Threads: the kernels release the interpreter's lock, and nothing is copied."""
 
-    deaths: tuple[type[BaseException], ...] = (MemoryError,)
+    worker_errors: tuple[type[BaseException], ...] = (MemoryError,)
 
     def __init__(self, job: Job, n_workers: int) -> None:
         self.n_workers = n_workers
@@ -238,7 +245,7 @@ class Loky:
     has read all of it.
     """
 
-    deaths: tuple[type[BaseException], ...] = (cf.BrokenExecutor, MemoryError)
+    worker_errors: tuple[type[BaseException], ...] = (cf.BrokenExecutor, MemoryError)
 
     def __init__(self, job: Job, n_workers: int) -> None:
         self.n_workers = n_workers
@@ -301,29 +308,31 @@ class Dask:
         except ImportError:
             raise missing_extra_error("the backend dask", "dask and distributed", "dask") from None
         # when the scheduler is lost, futures are cancelled
-        self.deaths: tuple[type[BaseException], ...] = (distributed.KilledWorker, cf.CancelledError, MemoryError)
+        self.worker_errors: tuple[type[BaseException], ...] = (distributed.KilledWorker, cf.CancelledError, MemoryError)
         try:
-            call_with_timeout(
-                None, lambda: asyncio.run(_probe_scheduler(scheduler))
-            )  # in a notebook this thread has an event loop
+            # in a notebook this thread has an event loop
+            call_with_timeout(None, lambda: asyncio.run(_probe_scheduler(scheduler)))
             self._client = distributed.Client(scheduler, timeout=_SCHEDULER_TIMEOUT_S, set_as_default=False)
             self._client.wait_for_workers(1, timeout=_WORKERS_TIMEOUT_S)
-            identities: set[tuple[str, str]] = set(
-                call_with_timeout(_WORKERS_TIMEOUT_S, lambda: self._client.run(environment_id)).values()
-            )
-            self._identity = min(identities)
+            answers = call_with_timeout(_WORKERS_TIMEOUT_S, lambda: self._client.run(environment_id))
+            environments: set[tuple[str, str]] = set(answers.values())
+            self._environment_id = min(environments)
         except Exception as error:  # the library may raise anything at an unexpected answer
             self.close()
             raise InputError(
                 f"no dask cluster answers at {scheduler!r} ({str(error) or type(error).__name__}): give the address "
                 "that the scheduler printed when it started, such as tcp://host:8786, with at least one worker, and "
-                "for tls:// dask's settings of the certificates"
+                "for tls:// dask's settings of the certificates",
+                "scheduler",
+                "value",
             ) from None
         try:
-            if len(identities) > 1 or self._identity[0] != model_sha256():
+            if len(environments) > 1 or self._environment_id[0] != model_sha256():
                 raise InputError(
                     "the workers of the dask cluster run another version of fastcoil, or differ in CPU, Python or "
-                    "library versions: results would not be bit-identical, use workers of one kind with this version"
+                    "library versions: results would not be bit-identical, use workers of one kind with this version",
+                    "scheduler",
+                    "unsupported",
                 )
             self.n_workers = sum(self._client.nthreads().values())
             self._executor = self._client.get_executor(pure=False)
@@ -337,7 +346,7 @@ class Dask:
     def submit(self, shard: Shard) -> cf.Future[Any]:
         if self._client.status != "running":
             raise FastcoilError("the dask scheduler is gone: start one and run the same command again to resume")
-        return self._executor.submit(run_received_job, self._job, shard, self._identity)  # type: ignore[no-any-return]
+        return self._executor.submit(run_received_job, self._job, shard, self._environment_id)  # type: ignore[no-any-return]
 
     def close(self) -> None:
         with contextlib.suppress(Exception):  # what was computed must not be lost for a cluster that is slow to end
@@ -357,11 +366,11 @@ async def _probe_scheduler(address: str) -> None:
 Pool = Threads | Loky | Dask
 
 
-def make_pool(backend: str, job: Job, n_workers: int, scheduler: str | None) -> Pool:
+def make_pool(job: Job, options: PoolOptions) -> Pool:
     """Start the workers of a backend."""
-    if scheduler is not None:
-        return Dask(job, scheduler)
-    return Loky(job, n_workers) if backend == "loky" else Threads(job, n_workers)
+    if options.scheduler is not None:
+        return Dask(job, options.scheduler)
+    return (Loky if options.backend == "loky" else Threads)(job, options.n_workers)
 
 
 def check_backend(backend: str, scheduler: str | None) -> None:
@@ -370,9 +379,10 @@ def check_backend(backend: str, scheduler: str | None) -> None:
     if backend == "dask" and not scheduler:
         raise InputError(
             "backend = 'dask' without scheduler: give its address, such as tcp://host:8786; on this machine alone, "
-            "loky does the same"
+            "loky does the same",
+            "scheduler",
+            "missing",
         )
     if backend != "dask" and scheduler is not None:
-        raise InputError(
-            f"scheduler = {short_repr(scheduler)}: only the backend dask has one, choose it or leave it out"
-        )
+        sentence = f"scheduler = {short_repr(scheduler)}: only the backend dask has one, choose it or leave it out"
+        raise InputError(sentence, "scheduler", "conflict")

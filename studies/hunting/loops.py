@@ -36,7 +36,7 @@ def loop_properties(loop: fc.Loop, day: fc.Boundary) -> xr.Dataset:
 
     K: K per unit of command.  T, theta: s, what an engineer reads from a step of the command, with the gap out of the
     way; half a sample time counts as dead time, since a sampled controller acts that much later on average.
-    opening: where the valve rests.  hunting_index: largest |L| |N|.  gain_margin.  phase_margin: degrees, 180 if |L| < 1.
+    opening: where the valve rests.  hunting index: largest |L| |N|.  gain_margin.  phase_margin: degrees, 180 if |L| < 1.
     reachable: whether the valve holds the set-point and changes anything.
     """
     linear = fc.linearise(loop, day)
@@ -47,7 +47,7 @@ def loop_properties(loop: fc.Loop, day: fc.Boundary) -> xr.Dataset:
             "T": linear.lag,
             "theta": linear.delay + 0.5 * ts,
             "opening": linear.opening,
-            "hunting_index": hunting_indices(loop, day),
+            "hunting_index": margins(loop, day),
             "gain_margin": linear.gain_margin.fillna(np.inf),
             "phase_margin": linear.phase_margin.fillna(180.0),
             "reachable": linear.reachable.astype(bool) & (abs(linear.gain) > LEAST_GAIN),
@@ -56,7 +56,7 @@ def loop_properties(loop: fc.Loop, day: fc.Boundary) -> xr.Dataset:
     return properties.reset_coords(drop=True)
 
 
-def hunting_indices(loop: fc.Loop, day: fc.Boundary) -> xr.DataArray:
+def margins(loop: fc.Loop, day: fc.Boundary) -> xr.DataArray:
     """Largest |L| |N| over the frequencies at which L and a gap together lag 180 degrees; 0 if there are none.
 
     N: describing function of a gap, whose lag goes from 0 to 90 degrees as its input shrinks to the gap: Slotine
@@ -64,10 +64,10 @@ def hunting_indices(loop: fc.Loop, day: fc.Boundary) -> xr.DataArray:
     ``fc.limit_cycle`` has them.  Proportional to kp.
     """
     points = OperatingPoints(loop, day, None)
-    return points.dataset({"hunting_index": (points.evaluate(_hunting_index)["hunting_index"], {})}).hunting_index
+    return points.dataset({"hunting_index": (points.evaluate(_margin)["hunting_index"], {})}).hunting_index
 
 
-def _hunting_index(columns: Columns, _: Mapping[str, np.ndarray], plants: Plants) -> Iterator[tuple[str, np.ndarray]]:
+def _margin(columns: Columns, _: Mapping[str, np.ndarray], plants: Plants) -> Iterator[tuple[str, np.ndarray]]:
     L = loop_response(columns, plants, FREQUENCIES)
     is_defined = np.isfinite(L)  # there is none above half the sampling frequency
     phase_left = np.pi + np.unwrap(np.where(is_defined, np.angle(L), 0.0), axis=1)

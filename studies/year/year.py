@@ -13,7 +13,7 @@ from matplotlib.dates import DateFormatter, MonthLocator
 
 import fastcoil as fc
 from fastcoil.base.figures import COLOURS, apply_style
-from fastcoil.study.analysis.compare import MedianSummary, summarise_median
+from fastcoil.study.analysis.paired import MedianSummary, summarise_median
 from studies.common import results, save_figure, share_of, write_table
 
 PI, SOUND = "pi", "sound"

@@ -42,7 +42,7 @@ def test_workers_that_do_not_fit_are_refused_before_anything_is_written(study, m
 def test_memory_that_runs_out_is_one_sentence_and_keeps_what_is_finished(study, monkeypatch):
     out = study.with_name("out")
     with monkeypatch.context() as patched:
-        patched.setattr(runner, "merge", lambda *_: (_ for _ in ()).throw(MemoryError))
+        patched.setattr(runner, "merge_metrics", lambda *_: (_ for _ in ()).throw(MemoryError))
         result = fastcoil("run", study, "-j", 2, "-o", out, "--no-figures")
     assert result.exit_code == 4
     assert (

@@ -7,7 +7,7 @@ from click.testing import CliRunner, Result
 
 from fastcoil.base.errors import EXIT_INPUT
 from fastcoil.cli.main import main
-from fastcoil.study.file.user_code import load
+from fastcoil.study.file.user_code import load_function
 from helpers.sentences import assert_worded
 
 
@@ -28,7 +28,7 @@ def assert_command_refused(*words: object, exit_code: int = EXIT_INPUT) -> None:
 def plan_and_run(path: Path, out: Path) -> Iterator[Result]:
     """Plan a study with code of its own, then run it: what each command said, which loads the code anew."""
     for command in (["plan", path], ["run", path, "-o", out, "-j", 1, "--no-figures"]):
-        load.cache_clear()
+        load_function.cache_clear()
         result = fastcoil(*command)
         assert result.exit_code == 0, result.output
         yield result

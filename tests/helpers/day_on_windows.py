@@ -152,15 +152,6 @@ def unknown_netcdf():
 
 
 @step
-def archived():
-    from fastcoil.study import maintenance
-    from fastcoil.study.archive import write_archive
-
-    path = write_archive(Path("out")).path
-    return maintenance.verify(path)
-
-
-@step
 def kernels_are_kept():
     """In a folder whose mode is meaningless there."""
     from fastcoil.model.numerics.jit import fingerprint, is_compiled

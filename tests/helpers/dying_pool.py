@@ -27,7 +27,7 @@ def healthy_part(index):
 class DyingPool:
     """A pool whose workers die of some scenarios, and at random."""
 
-    deaths = (WorkerDied,)
+    worker_errors = (WorkerDied,)
 
     def __init__(self, n_workers, *, fails_together, culprits=(), death_rate=0.0, seed=0):
         self.n_workers, self.fails_together = n_workers, fails_together

@@ -65,7 +65,7 @@ class SerialPool:
     """A pool without threads."""
 
     n_workers = 1
-    deaths: tuple = ()
+    worker_errors: tuple = ()
 
     def __init__(self, job: Job) -> None:
         self.job = job
@@ -82,7 +82,7 @@ class SerialPool:
 def warm_up() -> None:
     """Load once, without threads, what the first run of a process loads."""
     make_pool = runner.make_pool
-    runner.make_pool = lambda _backend, job, *_: SerialPool(job)
+    runner.make_pool = lambda job, _: SerialPool(job)
     try:
         with tempfile.TemporaryDirectory() as folder:
             run(TRACED_STUDY, Path(folder) / "out")

@@ -6,9 +6,9 @@ import pytest
 @pytest.fixture
 def trace(tmp_path):
     """A file that is made when the code of the study is run."""
-    from fastcoil.study.file.user_code import load
+    from fastcoil.study.file.user_code import load_function
 
-    load.cache_clear()
+    load_function.cache_clear()
     return tmp_path / "trace"
 
 

@@ -10,7 +10,7 @@ from helpers.studies import PLAIN_STUDY, copy_run, run_until_interrupted, write_
 
 from fastcoil.base.errors import StorageError
 from fastcoil.study import maintenance
-from fastcoil.study.folder.folder import hold
+from fastcoil.study.folder.folder import hold_folder
 
 pytestmark = pytest.mark.kernel
 
@@ -33,7 +33,7 @@ def test_an_interrupt_before_the_first_shard_promises_nothing_and_status_agrees(
     lines = fastcoil("run", tmp_path / "study.toml", "-o", out).stderr.splitlines()
     assert lines[-1] == "fastcoil: interrupted"
     assert "holds no study" in fastcoil("status", out).stderr
-    with hold(out):
+    with hold_folder(out):
         assert maintenance.status(out)[0] == "Nothing is finished yet."
 
 

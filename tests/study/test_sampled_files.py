@@ -1,11 +1,10 @@
-"""Files that [sample] names: their content is part of the study, its folder and its archive."""
+"""Files that [sample] names: their content is part of the study, and of its folder."""
 
 import warnings
 
 import pytest
 
 import fastcoil as fc
-from fastcoil.study.archive import find_archive_problems, write_archive
 from fastcoil.study.file.spec import read_study
 
 STUDY = """
@@ -43,12 +42,9 @@ def test_the_content_of_a_file_is_part_of_the_hash(path, name):
 
 
 @pytest.mark.kernel
-def test_a_study_is_not_resumed_with_other_measurements_and_its_archive_has_them(path, tmp_path):
+def test_a_study_is_not_resumed_with_other_measurements(path, tmp_path):
     out, gaps = tmp_path / "out", path.parent / "measured/gaps.csv"
     fc.run_study(path, out, n_jobs=1)
-    archive = write_archive(out, tmp_path / "out.zip")
-    assert {"inputs/measured/gaps.csv", "inputs/pi.toml"} < set(archive.inputs)
-    assert find_archive_problems(archive.path) == []
     gaps.write_text("gap [%]\n2\n5\n8\n")
     with warnings.catch_warnings(), pytest.raises(fc.IntegrityError, match="a file that the study reads changed"):
         fc.run_study(path, out, n_jobs=1)

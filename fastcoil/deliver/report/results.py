@@ -29,7 +29,8 @@ from fastcoil.measured.diagnosis import Diagnosis
 from fastcoil.measured.fit import Fit
 from fastcoil.measured.part import FITTING, VALIDATION
 from fastcoil.model.metric_table import METRICS, STATUS_MEANINGS, STATUS_OK
-from fastcoil.study.analysis.compare import mask_off_days, paired_change, summarise_median
+from fastcoil.study.analysis.compare import mask_off_days
+from fastcoil.study.analysis.paired import paired_change, summarise_median
 from fastcoil.study.analysis.selected import mask_dataset, reduction_metrics
 from fastcoil.study.analysis.summary import cautions, estimate_dim, findings, keep_comparable, recommended_estimate
 from fastcoil.study.file.spec import parse_billing

@@ -12,11 +12,11 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import argument_checks, raise_problems, require_flag, require_number, require_text
-from fastcoil.base.errors import did_you_mean, short_repr
+from fastcoil.base.errors import Problem, did_you_mean, short_repr
 from fastcoil.loops.scenarios import cf_attributes, check_result
 from fastcoil.model.metric_table import COSTS, METRICS, STATUS_OK, YEARLY_PREFIX
 
-DEFAULT_COP = 4.0  # of a chiller with its tower, at the mean of a year: 0.6 kW a ton is 5.9, 1.0 kW a ton is 3.5
+DEFAULT_COP = 4.0  # of a chiller with its tower, mean of a year: 0.6 kW a ton is 5.9, 1.0 kW a ton is 3.5
 COP_LIMITS = 0.5, 20.0
 DEFAULT_CURRENCY = "USD"
 MAX_CURRENCY_CHARACTERS = 20
@@ -27,8 +27,7 @@ PRICES = {
     "heat": ("the price of a kWh of heat, that of gas over the efficiency of the boiler", 0.05),
 }
 """Every price: what it is, and an example for messages."""
-MONTH_DAYS = 30  # days of a block where the results have no dates
-_MEAN_MONTH_DAYS = 365.0 / 12.0
+MONTH_DAYS = 30  # of a block where the results have no dates
 
 
 @dataclass(frozen=True)
@@ -48,20 +47,20 @@ class Tariff:
 
 
 def parse_tariff(table: Mapping[str, Any], cure: str = "give it") -> Tariff:
-    """The tariff of a table, without its ``baseline``; None stands for what is not given."""
+    """Parse the tariff of a table without its ``baseline``; None stands for a missing entry."""
     entries = {name: value for name, value in table.items() if value is not None and name != "baseline"}
     limits = {name: (f"give {meaning}", 0.0, MAX_PRICE) for name, (meaning, _) in PRICES.items()}
     low, high = COP_LIMITS
     limits["cop"] = (f"give the coefficient of performance of the chiller, from {low:g} to {high:g}", low, high)
     names = [each.name for each in fields(Tariff)]
     with argument_checks() as check:
-        unknown = [name for name in entries if name not in names]
-        check.problems += [
-            f"{n} is unknown{did_you_mean(n, names)}; known: {', '.join(names)}, baseline" for n in unknown
-        ]
+        for n in [n for n in entries if n not in names]:
+            sentence = f"{n} is unknown{did_you_mean(n, names)}; known: {', '.join(names)}, baseline"
+            check.problems.append(Problem(sentence, n, "name"))
         for name, (meaning, example) in PRICES.items():
             if name not in entries:
-                check.problems.append(f"{name} is missing: {cure}, {meaning}, such as {name} = {example:g}")
+                sentence = f"{name} is missing: {cure}, {meaning}, such as {name} = {example:g}"
+                check.problems.append(Problem(sentence, name, "missing"))
         for name, value in entries.items():
             if name in limits:
                 words, least, most = limits[name]
@@ -72,12 +71,12 @@ def parse_tariff(table: Mapping[str, Any], cure: str = "give it") -> Tariff:
             text = check(require_text, "currency", entries["currency"])
             if text is not None and not (text.strip() and text.isprintable() and len(text) <= MAX_CURRENCY_CHARACTERS):
                 cure = f"give its name in 1 to {MAX_CURRENCY_CHARACTERS} letters, such as 'USD'"
-                check.problems.append(f"currency = {short_repr(text)}: {cure}")
+                check.problems.append(Problem(f"currency = {short_repr(text)}: {cure}", "currency", "value"))
     return Tariff(**entries)
 
 
 def billing_months(n_days: int, start: xr.DataArray | None) -> tuple[list[np.ndarray], dict[str, Any]]:
-    """The positions of each month's days, and the coordinates of the months: label, number of days, share of a month.
+    """Return the positions of each month's days, and the coordinates of the months: label, days, share of a month.
 
     start: date and time of the first sample of each day; a day counts in the month in which it starts, and two that
     start on the same date are one.  None: every label is a day, and 30 of them are a month.
@@ -89,7 +88,7 @@ def billing_months(n_days: int, start: xr.DataArray | None) -> tuple[list[np.nda
     counts = np.array([np.unique(date[each]).size for each in days])
     attrs = {"long_name": "billing month"}
     if start is None:
-        labels, month_days = labels + 1, _MEAN_MONTH_DAYS
+        labels, month_days = labels + 1, 365.0 / 12.0
     else:
         first, last = (m.astype("datetime64[D]").astype(int) for m in (labels, labels + np.timedelta64(1, "M")))
         labels, month_days = labels.astype("datetime64[s]"), last - first
@@ -101,18 +100,10 @@ def billing_months(n_days: int, start: xr.DataArray | None) -> tuple[list[np.nda
     }
 
 
-SUMMED_METRICS = ("coil_energy", "reheat_energy", "recool_energy", "motor_travel")
-"""Metrics that are summed over the days of a month."""
+SUMMED_METRICS = ("coil_energy", "reheat_energy", "recool_energy", "motor_travel")  # over the days of a month
 REQUIRED_METRICS = (*SUMMED_METRICS, "coil_peak_power")
-COST_NAMES = {
-    "month",
-    "n_days",
-    "month_share",
-    *SUMMED_METRICS,
-    *COSTS,
-    *(f"{YEARLY_PREFIX}{name}" for name in (*SUMMED_METRICS, *COSTS)),
-}
-"""Names in the answer that no dim of a result may have."""
+COST_NAMES = {"month", "n_days", "month_share", *SUMMED_METRICS, *COSTS}
+COST_NAMES |= {f"{YEARLY_PREFIX}{name}" for name in (*SUMMED_METRICS, *COSTS)}  # no dim of a result may have one
 
 
 def cost(
@@ -127,7 +118,7 @@ def cost(
 ) -> xr.Dataset:
     """Value energy, demand, and supply air off its set-point, per billing month and per year.
 
-    What is not given is taken from the table ``[tariff]`` of the study; without one the three prices are needed.
+    A missing price is taken from the table ``[tariff]`` of the study; without one the three prices are required.
 
     Parameters
     ----------
@@ -164,6 +155,19 @@ def cost(
     ------
     InputError
         If a price is missing or impossible, or ``ds`` lacks a metric.
+
+    See Also
+    --------
+    compare : paired differences of costs.
+
+    Examples
+    --------
+    >>> import numpy as np, fastcoil as fc
+    >>> ds = fc.simulate(fc.Loop(), fc.constant_day(hours=0.6), warm_up=600, n_jobs=1)
+    >>> ds = ds.assign_coords(start=np.datetime64("2026-07-01"))
+    >>> costs = fc.cost(ds, electricity=0.13, demand=15, heat=0.05)
+    >>> costs.cost.attrs["units"]
+    'USD'
     """
     prices = {name: value for name, value in locals().items() if name != "ds" and value is not None}
     check_result(ds)
@@ -171,58 +175,54 @@ def cost(
     study_prices = tomllib.loads(str(ds.attrs.get("study_toml", ""))).get("tariff", {})
     tariff = parse_tariff(study_prices | prices, "give it, or a table [tariff] in the study file")
     if "start" not in ds.coords:
-        warnings.warn(
-            f"the results have no dates: {MONTH_DAYS} days are taken for a month; give the boundary a start to have the "
-            "months of the calendar",
-            stacklevel=2,
-        )
+        cure = "give the boundary a start to have the months of the calendar"
+        warnings.warn(f"the results have no dates: {MONTH_DAYS} days are taken for a month; {cure}", stacklevel=2)
     costs = compute_costs(ds, tariff)
-    n_negative = int((costs["yearly_coil_energy"] < 0.0).sum())
-    if n_negative:
+    if n_negative := int((costs["yearly_coil_energy"] < 0.0).sum()):
         warnings.warn(
-            f"the coil energy of the year is negative in {n_negative:,} of {costs['status'].size:,} loops: their valve acts "
-            "the wrong way and their bill is too small; check action and the entering water",
+            f"the coil energy of the year is negative in {n_negative:,} of {costs['status'].size:,} loops: their valve "
+            "acts the wrong way and their bill is too small; check action and the entering water",
             stacklevel=2,
         )
     return costs
 
 
 def _require_billable(ds: xr.Dataset) -> None:
-    """Refuse a result without what the costs are made of, or with a name that they need themselves."""
-    problems = []
-    missing = [name for name in REQUIRED_METRICS if name not in ds]
-    if missing:
-        problems.append(f"ds has no {', '.join(missing)}: keep all metrics, or simulate an older result again")
-    misshapen = [name for name in REQUIRED_METRICS if name in ds and set(ds[name].dims) != set(ds["status"].dims)]
-    if misshapen:
-        problems.append(
-            f"ds has {', '.join(misshapen)} over other dims than status: give a whole result, with every day"
-        )
-    problems += [f"ds has nothing along {dim}: choose a label at least" for dim, size in ds.sizes.items() if not size]
-    reserved_names = sorted(str(name) for name in {*ds.dims, *ds.coords} if name in COST_NAMES)
-    problems += [
-        f"ds has a dimension or coordinate {name}, which the costs also have: rename it" for name in reserved_names
-    ]
+    """Refuse a result without what the costs are made of, or with a name that they have themselves."""
+    problems: list[Problem] = []
+
+    def add(sentence: str, field: str, code: str) -> None:
+        problems.append(Problem(sentence, field, code))
+
+    if missing := [name for name in REQUIRED_METRICS if name not in ds]:
+        add(f"ds has no {', '.join(missing)}: keep all metrics, or simulate an older result again", "ds", "missing")
+    dims = set(ds["status"].dims)
+    if misshapen := [name for name in REQUIRED_METRICS if name in ds and set(ds[name].dims) != dims]:
+        cure = "give a whole result, with every day"
+        add(f"ds has {', '.join(misshapen)} over other dims than status: {cure}", "ds", "shape")
+    for dim in [dim for dim, size in ds.sizes.items() if not size]:
+        add(f"ds has nothing along {dim}: choose a label at least", str(dim), "shape")
+    for name in sorted(str(name) for name in {*ds.dims, *ds.coords} if name in COST_NAMES):
+        add(f"ds has a dimension or coordinate {name}, which the costs also have: rename it", name, "name")
     if not {*np.ravel(np.asarray(_coil_action(ds), dtype=object))} <= {"cooling", "heating"}:
-        problems.append(
-            "ds does not say whether its coils cool or heat: keep its attributes, or give "
-            "ds.assign_coords(action='cooling')"
-        )
+        cure = "keep its attributes, or give ds.assign_coords(action='cooling')"
+        add(f"ds does not say whether its coils cool or heat: {cure}", "action", "missing")
     start = ds.coords.get("start")
     # numbers would be taken for months since 1970
     if start is not None and (start.dtype.kind != "M" or not set(start.dims) <= {"day"} or bool(start.isnull().any())):
-        problems.append("start has something else than a date for each day: drop it with ds.drop_vars('start')")
+        cure = "drop it with ds.drop_vars('start')"
+        add(f"start has something else than a date for each day: {cure}", "start", "time")
     raise_problems(problems)
 
 
 def _coil_action(ds: xr.Dataset) -> xr.DataArray:
-    """Whether the coils of a result cool or heat, by a coordinate or by its attributes; neither where none says it."""
+    """Return whether the coils of a result cool or heat, by a coordinate or an attribute; None without either."""
     constant = json.loads(ds.attrs.get("parameters", "{}")).get("action")
     return ds.coords["action"] if "action" in ds.coords else xr.DataArray(constant)
 
 
 def compute_costs(ds: xr.Dataset, tariff: Tariff) -> xr.Dataset:
-    """The costs of a result; see ``cost``."""
+    """Compute the costs of a result; see ``cost``."""
     status = ds["status"]
     days = ds[list(REQUIRED_METRICS)].where(status == STATUS_OK).reset_coords(drop=True)
     # a day on which nothing ran for 15 min has no peak
@@ -234,11 +234,8 @@ def compute_costs(ds: xr.Dataset, tariff: Tariff) -> xr.Dataset:
     shares = months["month_share"][1]
     years = math.fsum(shares) / 12.0  # of twelve months
     heating = xr.DataArray(_coil_action(ds) == "heating").astype(float).reset_coords(drop=True)
-    parts = [
-        _month_costs(days.isel(day=at), share, tariff, heating)
-        for at, share in zip(days_of_months, shares, strict=True)
-    ]
-    monthly = xr.concat(parts, "month")
+    by_month = zip(days_of_months, shares, strict=True)
+    monthly = xr.concat([_month_costs(days.isel(day=at), share, tariff, heating) for at, share in by_month], "month")
     yearly = monthly.sum("month", skipna=False) / years
     yearly["demand"] = monthly["demand"].max("month", skipna=False)
     result = monthly.assign({f"{YEARLY_PREFIX}{name}": values for name, values in yearly.data_vars.items()})
@@ -252,7 +249,7 @@ def compute_costs(ds: xr.Dataset, tariff: Tariff) -> xr.Dataset:
 
 
 def _month_costs(days: xr.Dataset, share: float, tariff: Tariff, heating: xr.DataArray) -> xr.Dataset:
-    """Energies and costs of the days of a month, which are a ``share`` of it."""
+    """Compute energies and costs of the days of a month, which are a ``share`` of it."""
     costs = days[list(SUMMED_METRICS)].sum("day", skipna=False)
     cooling_price = tariff.electricity / tariff.cop
     peak = days["coil_peak_power"].max("day", skipna=False)

@@ -20,13 +20,13 @@ import xarray as xr
 from fastcoil.model.metric_table import METRICS, STATUS_NOT_RUN
 from fastcoil.model.parameter_table import CHANCE_DIMS
 
-MIN_BATCHES, DEFAULT_MAX_BATCHES = 32, 128
-"""Batches that are always drawn; batches at which a study ends where ``most`` is not given."""
+MIN_BATCHES = 32  # always drawn
+DEFAULT_MAX_BATCHES = 128  # where ``most`` is not given
 
 
 @dataclass(frozen=True)
 class Precision:
-    """The asked half-width of the 95 % interval of a metric's mean, in each case: over all dims but those of chance.
+    """The required half-width of the 95 % interval of a metric's mean, in each case: over all dims but those of chance.
 
     half_width: in the unit of the metric, or a share of the mean if ``relative``.  baseline: dim and label with which
     the other cases are compared; the interval is then that of the difference, or of the relative change.  size: samples
@@ -41,7 +41,7 @@ class Precision:
     most: int
 
     @property
-    def counts(self) -> list[int]:
+    def batch_counts(self) -> list[int]:
         """Numbers of batches after which the interval is judged."""
         counts, last = [MIN_BATCHES], self.most // self.size
         while counts[-1] < last:
@@ -49,7 +49,7 @@ class Precision:
         return counts
 
     def half_widths(self, ds: xr.Dataset) -> tuple[xr.DataArray, int]:
-        """The half-width of each case, from the leading batches that are complete, and how many these are.
+        """Return the half-width of each case, from the leading batches that are complete, and their number.
 
         Failed scenarios are left out; NaN where a batch has no value, or with fewer than two batches.
         """
@@ -73,63 +73,60 @@ class Precision:
             halves = _half_width_per_std(n) * scatter / scale
         return halves.where(scatter != 0.0, 0.0), n
 
-    def reached(self, ds: xr.Dataset) -> float:
+    def reached_half_width(self, ds: xr.Dataset) -> float:
         """The half-width of the least certain case."""
         return float(self.half_widths(ds)[0].max(skipna=False))
 
     def is_enough(self, ds: xr.Dataset) -> bool:
         """Whether a result is as precise as asked, or has the most samples."""
         halves, n = self.half_widths(ds)
-        return n == self.counts[-1] or n in self.counts and self.reached(ds) <= self.half_width
+        return n == self.batch_counts[-1] or n in self.batch_counts and self.reached_half_width(ds) <= self.half_width
 
     def result_attributes(self, ds: xr.Dataset) -> dict[str, str]:
         """What was reached, for the attributes of a result."""
-        reached_values = {"half_width": self.reached(ds), "samples": ds.sizes["sample"]}
-        return {"precision_reached": json.dumps(reached_values | {"reached": self.reached(ds) <= self.half_width})}
+        half_width = self.reached_half_width(ds)
+        reached = {"half_width": half_width, "samples": ds.sizes["sample"], "reached": half_width <= self.half_width}
+        return {"precision_reached": json.dumps(reached)}
 
-    def how(self, scenarios_per_batch: int) -> str:
-        """How a study of ``scenarios_per_batch`` scenarios a batch goes on."""
-        first, last = (
-            f"{n * self.size:,} samples ({n * scenarios_per_batch:,} scenarios)" for n in (MIN_BATCHES, self.counts[-1])
-        )
+    def describe_plan(self, scenarios_per_batch: int) -> str:
+        """Describe how many samples a study draws."""
+        counts = MIN_BATCHES, self.batch_counts[-1]
+        first, last = (f"{n * self.size:,} samples ({n * scenarios_per_batch:,} scenarios)" for n in counts)
         return f"{self._goal_text}: {first} first, half as many again until it is reached, {last} at most"
 
     def describe_progress(self, ds: xr.Dataset) -> str:
-        """The half-width that was reached and the asked one, in short."""
-        return f"± {self._format_half_width(self.reached(ds))} (± {self._format_half_width(self.half_width)} asked)"
+        """State the half-width that was reached and the required one, in short."""
+        return f"± {self._format(self.reached_half_width(ds))} (± {self._format(self.half_width)} asked)"
 
     def describe_result(self, ds: xr.Dataset) -> str:
-        """The half-width that was reached and that was asked, as a sentence."""
+        """State the half-width that was reached and the required one in a sentence."""
         halves, n = self.half_widths(ds)
         if n < 2:
             return f"Precision: {self._goal_text}; its first batches are not complete."
         least = f" in the least certain of {halves.size} cases" if halves.size > 1 else ""
-        sentence = f"Precision: {self._goal_text}; ± {self._format_half_width(self.reached(ds))}{least} from {n * self.size:,} samples"
-        if self.reached(ds) <= self.half_width:
-            return f"{sentence}."
-        return (
-            f"{sentence}, the most allowed: raise most, or half_width."
-            if self.is_enough(ds)
-            else f"{sentence}: draw more."
-        )
+        reached = self.reached_half_width(ds)
+        text = f"Precision: {self._goal_text}; ± {self._format(reached)}{least} from {n * self.size:,} samples"
+        if reached <= self.half_width:
+            return f"{text}."
+        return f"{text}, the most allowed: raise most, or half_width." if self.is_enough(ds) else f"{text}: draw more."
 
     @property
     def _goal_text(self) -> str:
         against = "".join(f" against {dim} = {label}" for dim, label in self.baseline.items())
-        return f"mean of {self.metric}{against} to ± {self._format_half_width(self.half_width)} (95 %)"
+        return f"mean of {self.metric}{against} to ± {self._format(self.half_width)} (95 %)"
 
-    def _format_half_width(self, half_width: float) -> str:
+    def _format(self, half_width: float) -> str:
         unit = "" if METRICS[self.metric].unit == "1" else f" {METRICS[self.metric].unit}"
         return f"{100.0 * half_width:.3g} %" if self.relative else f"{half_width:.3g}{unit}"
 
     @property
     def text(self) -> str:
-        """Itself, for the attributes of a result."""
+        """JSON for the attributes of a result."""
         return json.dumps(asdict(self))
 
 
 def read_precision(ds: xr.Dataset) -> Precision | None:
-    """What the study of a result asked; None if it asked nothing."""
+    """Return the precision that the study of a result required; None if it required none."""
     return Precision(**json.loads(ds.attrs["precision"])) if "precision" in ds.attrs else None
 
 

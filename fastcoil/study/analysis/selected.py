@@ -1,4 +1,4 @@
-"""Part of a result by labels that a user typed, and drawn parameters in groups, as axes."""
+"""Select part of a result by labels that a user typed, and group drawn parameters as axes."""
 
 from collections.abc import Hashable, Mapping, Sequence
 from contextlib import suppress
@@ -9,16 +9,15 @@ import xarray as xr
 
 from fastcoil.base.arguments import raise_problems
 from fastcoil.base.arrays import allocate_on_disk
-from fastcoil.base.errors import InputError, did_you_mean
+from fastcoil.base.errors import InputError, Problem, did_you_mean
 from fastcoil.loops.labels import coordinate_quantity, is_parameter, quantity
 from fastcoil.model.metric_table import METRICS, PREDICTIONS
 
-_MAX_LISTED = 12
-"""That a message lists; a parameter with more values than that along another dimension has none to choose from."""
+_MAX_LISTED = 12  # labels in a message
 
 
 def numeric_dims(values: xr.DataArray) -> list[str]:
-    """Dimensions that are axes of a swept number, with at least two values."""
+    """Return the dimensions that are axes of a swept number, with at least two values."""
     return [
         str(d) for d in values.dims
         if is_parameter(values, d) and d in values.coords and values[d].dtype.kind in "if" and values.sizes[d] > 1
@@ -26,14 +25,14 @@ def numeric_dims(values: xr.DataArray) -> list[str]:
 
 
 def reduction_metrics(ds: xr.Dataset) -> list[str]:
-    """The numbers that a study's own ``reduce`` gave for every scenario."""
+    """Return the names of the numbers that ``[run] reduce`` gave for every scenario."""
     known, dims = {"status", *METRICS, *PREDICTIONS}, set(ds["status"].dims)
     candidates = {str(n): v for n, v in ds.data_vars.items() if n not in known}
     return [name for name, values in candidates.items() if set(values.dims) == dims and values.dtype.kind in "iuf"]
 
 
 def mask_dataset(ds: xr.Dataset, mask: xr.DataArray) -> xr.Dataset:
-    """``ds.where(mask)``, a mask of the dims of all variables or fewer; many numbers are put into nameless files."""
+    """Return ``ds.where(mask)``, a mask of the dims of all variables or fewer; large arrays are in nameless files."""
     masked = {}
     for name, values in ds.data_vars.items():
         room = allocate_on_disk(values.shape, np.nan, np.result_type(values.dtype, np.float32))
@@ -55,44 +54,49 @@ def matches_label(label: object, text: str) -> bool:
 
 
 def select_labels(ds: xr.Dataset, at: Mapping[str, Sequence[str]], option: str = "--at") -> xr.Dataset:
-    """The scenarios with these labels; a dimension with one of them is fixed there.
+    """Select the scenarios with these labels; a dimension with a single one is fixed there.
 
     at: dimension, or a parameter with few values along another one, → its labels.  option: what the user typed.
     """
-    dims, problems = ds["status"].dims, []
+    dims = ds["status"].dims
+    problems: list[Problem] = []
     known = [str(n) for n in ds.coords if len(ds[n].dims) == 1 and ds[n].dims[0] in dims]
     kept: dict[Hashable, np.ndarray] = {}
     for name, texts in at.items():
         if name not in known:
             has = list_first(known) or "none"
-            problems.append(f"{option} {name}: no label of this study{did_you_mean(name, known)}; it has {has}")
+            sentence = f"{option} {name}: no label of this study{did_you_mean(name, known)}; it has {has}"
+            problems.append(Problem(sentence, option, "name"))
             continue
         labels, (dim,) = ds[name].values, ds[name].dims
         matches = [np.array([matches_label(label, text) for label in labels], dtype=bool) for text in texts]
         unknown = [text for text, matching in zip(texts, matches, strict=True) if not matching.any()]
-        problems += [f"{option} {name}={text}: {_list_choices(ds, name, text)}" for text in unknown]
+        for text in unknown:
+            problems.append(Problem(f"{option} {name}={text}: {_list_choices(ds, name, text)}", option, "choice"))
         kept[dim] = np.logical_and(kept.get(dim, True), np.logical_or.reduce(matches))
     if not problems and any(not mask.any() for mask in kept.values()):
-        problems.append(f"{option}: no scenario has all of these labels together")
+        problems.append(Problem(f"{option}: no scenario has all of these labels together", option, "conflict"))
     raise_problems(problems)
     single = [dim for dim in kept if len(at.get(str(dim), ())) == 1]
     return ds.isel({d: int(np.argmax(mask)) if d in single else np.flatnonzero(mask) for d, mask in kept.items()})
 
 
 def find_case(ds: xr.Dataset, labels: Mapping[str, Sequence[str]]) -> tuple[dict[str, int], str]:
-    """Position of one label along each of some dimensions, and the case in words."""
+    """Find the position of one label along each of some dimensions; return them, and the case in words."""
     option, dims = "--relative-to", [str(d) for d in ds["status"].dims if d in ds.coords]
-    has = f"it has {list_first(dims) or 'none'}"
-    unknown = [name for name in labels if name not in dims]
-    problems = [f"{option} {name}: no dimension of what is drawn{did_you_mean(name, dims)}; {has}" for name in unknown]
-    problems += [f"{option} {name}: give one label" for name, texts in labels.items() if len(texts) > 1]
+    problems: list[Problem] = []
+    for name in [name for name in labels if name not in dims]:
+        sentence = f"{option} {name}: no dimension of what is drawn{did_you_mean(name, dims)}"
+        problems.append(Problem(f"{sentence}; it has {list_first(dims) or 'none'}", option, "name"))
+    for name in [name for name, texts in labels.items() if len(texts) > 1]:
+        problems.append(Problem(f"{option} {name}: give one label", option, "shape"))
     raise_problems(problems)
     case = select_labels(ds, labels, option)
     return {d: int(np.argmax(ds[d].values == case[d].values)) for d in labels}, describe_labels(case, labels)
 
 
 def describe_labels(ds: xr.Dataset, at: Mapping[str, Sequence[str]]) -> str:
-    """``backlash = 7 %, tuning = faster``; ds: what was selected."""
+    """Describe a selection in words, such as ``backlash = 7 %, tuning = faster``."""
     words = []
     for name in at:
         axis_quantity, values = coordinate_quantity(ds, name), np.unique(ds[name].values)
@@ -102,7 +106,7 @@ def describe_labels(ds: xr.Dataset, at: Mapping[str, Sequence[str]]) -> str:
 
 
 def _list_choices(ds: xr.Dataset, name: str, text: str) -> str:
-    """What a user may give instead of an unknown label: of many numbers those nearest to it."""
+    """List what a user may give instead of an unknown label: of many numbers the nearest."""
     labels = np.unique(ds[name].values)
     if labels.size > _MAX_LISTED and labels.dtype.kind in "if":
         with suppress(ValueError):  # a word
@@ -111,17 +115,17 @@ def _list_choices(ds: xr.Dataset, name: str, text: str) -> str:
 
 
 def list_first(words: Sequence[Any] | np.ndarray) -> str:
-    """The first of many words."""
+    """Join the first of many words."""
     return ", ".join(map(str, words[:_MAX_LISTED])) + (", …" if len(words) > _MAX_LISTED else "")
 
 
 N_GROUPS = 8
-_MAX_DISTINCT_VALUES = 12  # A parameter with no more values than this has a group for each
-_MIN_GROUP_SIZE = 5  # members of a group, as a rule: their scatter would say nothing
+_MAX_DISTINCT_VALUES = 12  # a parameter with no more values than this has a group for each
+_MIN_GROUP_SIZE = 5  # the scatter of fewer would mean nothing
 
 
 def drawn_parameters(ds: xr.Dataset) -> list[str]:
-    """Parameters whose numbers differ along dimensions that have other names, such as ``sample``."""
+    """Return the parameters whose numbers differ along dimensions that have other names, such as ``sample``."""
     dims = ds["status"].dims
     return [
         str(n) for n, c in ds.coords.items()
@@ -149,8 +153,10 @@ def group_by_parameters(ds: xr.Dataset, names: Sequence[str]) -> xr.Dataset:
     counts = [int(g.max()) + 1 for g in groups]
     if min(counts) < 2 or values[0].size < 2 * np.prod(counts):
         raise InputError(
-            f"{' and '.join(names)}: {values[0].size} drawn scenarios are too few to group, about {_MIN_GROUP_SIZE} in each: "
-            "draw more of them"
+            f"{' and '.join(names)}: {values[0].size} drawn scenarios are too few to group, about {_MIN_GROUP_SIZE} in "
+            "each: draw more of them",
+            names[0],
+            "data",
         )
     # the cell of every scenario, how many each cell has, and its place in the cell
     cell = np.ravel_multi_index(tuple(groups), tuple(counts))
@@ -178,7 +184,7 @@ def group_by_parameters(ds: xr.Dataset, names: Sequence[str]) -> xr.Dataset:
 
 
 def _assign_groups(values: np.ndarray, n: int) -> np.ndarray:
-    """The group of each value: one for each of few values, else ``n`` of equal counts; equal values stay together."""
+    """Return the group of each value: one for each of few values, else ``n`` of equal counts; ties stay together."""
     distinct = np.unique(values)
     if distinct.size <= _MAX_DISTINCT_VALUES:
         return np.searchsorted(distinct, values)

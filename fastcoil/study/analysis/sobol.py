@@ -14,20 +14,20 @@ from fastcoil.base.arguments import (
     require_flag,
     require_names,
 )
-from fastcoil.base.errors import InputError, short_repr
+from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.loops.scenarios import check_result
 from fastcoil.model.metric_table import METRICS, STATUS_OK, metric_hint
 
 INDICES = ("first_order", "total")
 EDGES = ("value", "low", "high")
 _N_RESAMPLES = 1000
-_CHANCE_CORRELATION_STDS = 5.0  # standard deviations of the rank correlation of independent numbers
+_CHANCE_CORRELATION_STDS = 5.0  # of the rank correlation of independent numbers
 
 
 def sobol_indices(
     ds: xr.Dataset, metrics: str | Sequence[str] | None = None, *, drop_failed: bool = False, level: float = 0.95
 ) -> xr.Dataset:
-    """First-order and total Sobol' indices of the sampled parameters, with bootstrap intervals.
+    """Estimate first-order and total Sobol' indices of the sampled parameters, with bootstrap intervals.
 
     Parameters
     ----------
@@ -54,6 +54,19 @@ def sobol_indices(
     ------
     InputError
         For a result of another design, correlated parameters, an unknown metric, or failed scenarios.
+
+    See Also
+    --------
+    sample : draw the design in Python.
+
+    Examples
+    --------
+    >>> import fastcoil as fc
+    >>> shapes = {"kp": {"uniform": [0.01, 0.03]}, "backlash": {"uniform": [0.0, 0.1]}}
+    >>> loop = fc.Loop().assign(**fc.sample(4, method="saltelli", **shapes))
+    >>> ds = fc.simulate(loop, fc.paper_day(hours=0.6), warm_up=600, n_jobs=1)
+    >>> fc.sobol_indices(ds).rmse.dims
+    ('parameter', 'index', 'edge')
     """
     with argument_checks() as check:
         check(check_result, ds)
@@ -61,18 +74,21 @@ def sobol_indices(
         drop_failed = check(require_flag, "drop_failed", drop_failed)
         level = check(require_confidence_level, level)
     if not {"sample", "design"} <= set(ds.dims):
-        raise InputError('the result has no dims sample and design: run a study with [sample] method = "saltelli"')
+        sentence = 'the result has no dims sample and design: run a study with [sample] method = "saltelli"'
+        raise InputError(sentence, "ds", "shape")
     labels = [str(label) for label in ds["design"].values]
     parameters = [label for label in labels if label not in ("A", "B")]
     if not parameters or sorted(labels) != sorted({"A", "B", *parameters}):
-        raise InputError(f"design = {', '.join(labels)}: must have A, B and at least one parameter, each of them once")
-    problems = [
-        f"metrics: {short_repr(n)} is not in the result{metric_hint(n)}" for n in names if n not in ds.data_vars
-    ]
-    no_quantity = [n for n in names if n in ds.data_vars and not _is_metric(ds[n])]
-    problems += [
-        f"metrics: {n!r} is not a quantity over sample and design: give a metric such as rmse" for n in no_quantity
-    ]
+        cure = "must have A, B and at least one parameter, each of them once"
+        raise InputError(f"design = {', '.join(labels)}: {cure}", "design", "shape")
+    problems: list[Problem] = []
+    for name in names:
+        if name not in ds.data_vars:
+            sentence = f"metrics: {short_repr(name)} is not in the result{metric_hint(name)}"
+            problems.append(Problem(sentence, "metrics", "name"))
+        elif not _is_metric(ds[name]):
+            sentence = f"metrics: {name!r} is not a quantity over sample and design: give a metric such as rmse"
+            problems.append(Problem(sentence, "metrics", "unsupported"))
     raise_problems(problems)
     _require_independence(ds.sel(design="A"), parameters)
     variables = {}
@@ -83,7 +99,9 @@ def sobol_indices(
         if bool(missing.any()) and not drop_failed:
             raise InputError(
                 f"{name} is missing in {int(missing.sum()):,} of {missing.size:,} samples, because a "
-                "scenario failed or has no such result: give drop_failed=True to leave these samples out"
+                "scenario failed or has no such result: give drop_failed=True to leave these samples out",
+                "drop_failed",
+                "data",
             )
         others = [d for d in values.dims if d not in ("sample", "design")]
         shape = [values.sizes[d] for d in others]
@@ -106,7 +124,9 @@ def _require_independence(sample: xr.Dataset, parameters: Sequence[str]) -> None
         if abs(rho) * np.sqrt(sample.sizes["sample"]) > _CHANCE_CORRELATION_STDS:
             raise InputError(
                 f"{a} and {b} are correlated (rank correlation {rho:.2f}), and Sobol' indices share the spread among "
-                "independent parameters alone: draw them without correlation"
+                "independent parameters alone: draw them without correlation",
+                a,
+                "data",
             )
 
 
@@ -117,7 +137,7 @@ def _is_metric(values: xr.DataArray) -> bool:
 
 
 def _estimate_indices(values: np.ndarray, level: float) -> np.ndarray:
-    """(parameters, 2, 3) from one cell's values (samples, design)."""
+    """Estimate the indices of one cell, (parameters, 2, 3), from its values (samples, design)."""
     values = values[np.isfinite(values).all(axis=1)]
     n = values.shape[0]
     if n < 2:

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import collect_problems, raise_problems
-from fastcoil.base.errors import InputError, short_repr
+from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.base.files import read_text
 from fastcoil.loops.assignment import CONVERGED_KEYWORD, all_parameters, expand_converged
 from fastcoil.loops.labels import unit_in_words
@@ -31,7 +31,7 @@ from fastcoil.study.file.tables import (
 )
 
 _INCLUDE_HINT = "a file that `fastcoil fit` wrote, with a path from the study file's folder"
-_MAX_INCLUDE_BYTES = 2**20  # bytes
+_MAX_INCLUDE_BYTES = 2**20
 _MAX_INCLUDES = 100
 
 
@@ -42,8 +42,8 @@ def read_includes(loop: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """
     names = loop.get("include", [])
     if not isinstance(names, list) or len(names) > _MAX_INCLUDES or not all(isinstance(name, str) for name in names):
-        example = 'such as ["valve.toml", "coil.toml"]'
-        raise InputError(f"include = {short_repr(names)}: give a list of files, {_MAX_INCLUDES} at most, {example}")
+        cure = f'give a list of files, {_MAX_INCLUDES} at most, such as ["valve.toml", "coil.toml"]'
+        raise InputError(f"include = {short_repr(names)}: {cure}", "include", "value")
     included: dict[str, Any] = {}
     file_by_name: dict[str, str] = {}
     problems: list[str] = []
@@ -51,8 +51,9 @@ def read_includes(loop: Mapping[str, Any], folder: Path) -> dict[str, Any]:
         parameters: dict[str, Any] = {}
         with collect_problems(problems, "include: "):
             parameters = _read_parameters(folder / name, name)
-        repeated = [n for n in parameters if n in file_by_name]
-        problems += [f"include: {n} appears in {file_by_name[n]} and in {name}: leave one out" for n in repeated]
+        for n in [n for n in parameters if n in file_by_name]:
+            sentence = f"include: {n} appears in {file_by_name[n]} and in {name}: leave one out"
+            problems.append(Problem(sentence, n, "duplicate"))
         included |= parameters
         file_by_name.update((n, name) for n in parameters)
     raise_problems(problems)
@@ -63,15 +64,16 @@ def _read_parameters(path: Path, name: str) -> dict[str, Any]:
     tables = parse_toml(read_text(path, _INCLUDE_HINT, _MAX_INCLUDE_BYTES), name)
     loop = tables.get("loop")
     if not isinstance(loop, dict) or set(tables) - {"loop", "fit"}:
-        raise InputError(f"{name} is not a file that `fastcoil fit` wrote: it needs a table [loop], and may have [fit]")
+        sentence = f"{name} is not a file that `fastcoil fit` wrote: it needs a table [loop], and may have [fit]"
+        raise InputError(sentence, name, "format")
     problems: list[str] = []
-    known = known_parameters(loop, problems)
-    problems += [problem for problem in (PARAMETERS[n].problem(value) for n, value in known.items()) if problem]
-    raise_problems([f"{name}: {problem}" for problem in problems])
+    known = known_parameters(loop, problems, f"{name}: ")
+    wrong = [problem for n, value in known.items() if (problem := PARAMETERS[n].problem(value))]
+    raise_problems([*problems, *(problem.prefixed(f"{name}: ") for problem in wrong)])
     return loop
 
 
-MAX_AXIS_VALUES = 1_000_000  # values; more take minutes to label, and a design that large is drawn with [sample]
+MAX_AXIS_VALUES = 1_000_000  # more take minutes to label, and a design that large is drawn with [sample]
 _MAX_DIMS = 32
 SPACINGS: dict[str, Callable[..., Any]] = {"linspace": np.linspace, "geomspace": np.geomspace}
 
@@ -81,23 +83,21 @@ def build_loop(
 ) -> Loop:
     """Build the loop of a study: preset, what it includes, constants, swept axes, named cases, the sample.
 
-    rules: the study's own, by the names that stand for them in the tables.  folder: where the paths of ``[sample]``
+    rules: user-defined ones, by the names that stand for them in the tables.  folder: where the paths of ``[sample]``
     start.  batches: how many designs are drawn.
     """
     if len(file.cases) > _MAX_DIMS:
-        raise InputError(f"[cases] has {len(file.cases):,} tables: give at most {_MAX_DIMS}, each is a dimension")
+        sentence = f"[cases] has {len(file.cases):,} tables: give at most {_MAX_DIMS}, each is a dimension"
+        raise InputError(sentence, "cases", "size")
     problems: list[str] = []
     known = all_parameters(rules)
     entries = {name: value for name, value in file.loop.items() if name not in ("preset", "include")}
     constants = entries
     with collect_problems(problems, "[loop] "):
         constants = expand_converged(entries)
-    place_by_name = {
-        n: "[loop]" if n in entries else f"[loop] as part of {CONVERGED_KEYWORD}"
-        for n in constants
-        if n != CONVERGED_KEYWORD
-    }
-    constants = known_parameters({n: constants[n] for n in place_by_name}, problems, "[loop] ", known)
+    constants = {n: value for n, value in constants.items() if n != CONVERGED_KEYWORD}
+    places = {n: "[loop]" if n in entries else f"[loop] as part of {CONVERGED_KEYWORD}" for n in constants}
+    constants = known_parameters(constants, problems, "[loop] ", known)
     loop = add_rules(Loop(), rules.values())
     with collect_problems(problems, "[loop] "):
         loop = add_rules(Loop.preset(str(file.loop.get("preset", "paper_like"))), rules.values()).assign(**included)
@@ -105,10 +105,9 @@ def build_loop(
     if split_valve:
         # any installed valve, so that each table can change its part of it
         loop = loop.assign(rangeability=50.0, authority=0.5, m_full=1.5)
-        missing = [n for n in INSTALLED_VALVE_PARAMETERS if n not in split_valve]
-        problems += [
-            f"{', '.join(INSTALLED_VALVE_PARAMETERS)} go together: {n} is missing, give it too" for n in missing
-        ]
+        together = f"{', '.join(INSTALLED_VALVE_PARAMETERS)} go together"
+        for n in [n for n in INSTALLED_VALVE_PARAMETERS if n not in split_valve]:
+            problems.append(Problem(f"{together}: {n} is missing, give it too", n, "missing"))
     with collect_problems(problems, "[loop] "):
         loop = loop.assign(**constants)
     axes = {}
@@ -117,7 +116,7 @@ def build_loop(
             axes[name] = axis_values(name, axis)
     with collect_problems(problems, "[sweep] "):
         loop = loop.assign(**axes)
-    problems += _find_repeated_parameters(file, place_by_name)
+    problems += _find_repeated_parameters(file, places)
     for dim, cases in file.cases.items():
         with collect_problems(problems, f"[cases.{dim}] "):
             loop = loop.assign(**_zip_cases(dim, cases, loop, split_valve - constants.keys()))
@@ -141,7 +140,7 @@ _USUAL_RANGES: dict[str, tuple[float, float, str]] = {
     "noise_std": (0.0, 2.0, "mK, divide it by 1000"),
     "sensor_resolution": (0.0, 2.0, "mK, divide it by 1000"),
 }
-"""Least and largest usual value, and in which unit a value outside was perhaps meant; 0 always means off."""
+"""Least and largest usual value, and the unit in which a value outside was probably meant; 0 always means off."""
 
 
 def warn_unusual_values(loop: Loop) -> None:
@@ -151,29 +150,28 @@ def warn_unusual_values(loop: Loop) -> None:
         unusual = values[(values != 0.0) & ((values < least) | (values > most))]
         if unusual.size:
             value, unit = unusual[np.argmax(abs(unusual))], PARAMETERS[name].unit
-            value_text = f"{value:g}" if unit == "1" else f"{value:g} {unit_in_words(unit)}"
-            warnings.warn(
-                f"{name} = {value_text} is unusual and taken as it is: if it is in {meant_unit}", stacklevel=2
-            )
+            setting = f"{name} = {value:g}" if unit == "1" else f"{name} = {value:g} {unit_in_words(unit)}"
+            warnings.warn(f"{setting} is unusual and taken as it is: if it is in {meant_unit}", stacklevel=2)
 
 
-def _find_repeated_parameters(file: StudyFile, constants: Mapping[str, str]) -> list[str]:
-    """A sentence for each parameter that two tables give; constants: those of [loop], and where they stand."""
-    places = {"[sweep]": list(file.sweep)}
-    places |= {f"[cases.{dim}]": _case_parameters(cases) for dim, cases in file.cases.items()}
-    places["[sample]"] = sampled_names(file.sample)
-    problems: list[str] = []
-    place_by_name: dict[str, str] = {}
-    for place, names in places.items():
+def _find_repeated_parameters(file: StudyFile, constants: Mapping[str, str]) -> list[Problem]:
+    """Find the parameters that two tables give; constants: those of [loop], and where they stand."""
+    names_by_table = {"[sweep]": list(file.sweep)}
+    names_by_table |= {f"[cases.{dim}]": _case_parameters(cases) for dim, cases in file.cases.items()}
+    names_by_table["[sample]"] = sampled_names(file.sample)
+    problems: list[Problem] = []
+    places: dict[str, str] = {}
+    for table, names in names_by_table.items():
         # a case may differ from the constant that holds for the others
-        before = place_by_name if place.startswith("[cases") else {**place_by_name, **constants}
-        problems += [f"{n} appears in {before[n]} and in {place}: leave one out" for n in names if n in before]
-        place_by_name |= dict.fromkeys(names, place)
+        before = places if table.startswith("[cases") else {**places, **constants}
+        for n in [n for n in names if n in before]:
+            problems.append(Problem(f"{n} appears in {before[n]} and in {table}: leave one out", n, "duplicate"))
+        places |= dict.fromkeys(names, table)
     return problems
 
 
 def _split_valve_parameters(file: StudyFile) -> set[str]:
-    """The parameters of an installed valve in the file, if they are spread over several tables, else none."""
+    """Return the parameters of an installed valve if they are spread over several tables, else none."""
     tables = [file.loop, file.sweep, *map(_case_parameters, file.cases.values()), sampled_names(file.sample)]
     parts = [{n for n in INSTALLED_VALVE_PARAMETERS if n in table} for table in tables]
     all_names = set[str]().union(*parts)
@@ -185,22 +183,25 @@ def _case_parameters(cases: Mapping[str, Mapping[str, Any]]) -> list[str]:
 
 
 def axis_values(name: str, axis: object) -> list[Any]:
-    """Values of a swept axis: a list, ``{ linspace = [first, last, count] }`` or ``{ geomspace = […] }``."""
+    """Return the values of a swept axis: a list, ``{ linspace = [first, last, count] }`` or ``{ geomspace = […] }``."""
     if isinstance(axis, list):
         return axis
     spaced: dict[str, Any] = axis if isinstance(axis, dict) and len(axis) == 1 else {"": None}
     ((kind, spacing),) = spaced.items()
     if kind not in SPACINGS:
         kinds = "{ linspace = [first, last, count] } or { geomspace = [first, last, count] }"
-        raise InputError(f"{name} = {short_repr(axis)}: give a list of values, {kinds}")
+        raise InputError(f"{name} = {short_repr(axis)}: give a list of values, {kinds}", name, "value")
     if not is_number_list(spacing, 3) or type(spacing[2]) is not int or not 1 <= spacing[2] <= MAX_AXIS_VALUES:
         raise InputError(
             f"{name} = {{ {kind} = {short_repr(spacing)} }}: give [first, last, count], two finite numbers and a whole "
-            f"number from 1 to {MAX_AXIS_VALUES:,}; draw more with [sample]"
+            f"number from 1 to {MAX_AXIS_VALUES:,}; draw more with [sample]",
+            name,
+            "value",
         )
     first, last, count = spacing
     if kind == "geomspace" and min(first, last) <= 0.0:
-        raise InputError(f"{name} = {{ geomspace = {short_repr(spacing)} }}: first and last must be above 0")
+        sentence = f"{name} = {{ geomspace = {short_repr(spacing)} }}: first and last must be above 0"
+        raise InputError(sentence, name, "value")
     return list(SPACINGS[kind](float(first), float(last), count).tolist())
 
 
@@ -209,26 +210,27 @@ def _zip_cases(
 ) -> dict[str, xr.DataArray]:
     """Put the parameters of named cases along ``dim``; a case may leave out what the loop gives, unless ``unset``."""
     if not cases:
-        raise InputError("no case: give at least one, such as fast = { kp = 0.05, ti = 5 }")
+        raise InputError("no case: give at least one, such as fast = { kp = 0.05, ti = 5 }", dim, "missing")
     if dim in loop.parameters or dim in (SAMPLE_DIM, DESIGN_DIM):
         what = "a parameter" if dim in loop.parameters else "the dimension of [sample]"
-        raise InputError(f"{dim} is {what}: give the dimension another name, such as tuning or controller")
+        sentence = f"{dim} is {what}: give the dimension another name, such as tuning or controller"
+        raise InputError(sentence, dim, "name")
     zipped: dict[str, xr.DataArray] = {}
     problems: list[str] = []
     for name in known_parameters(dict.fromkeys(_case_parameters(cases)), problems, known=loop.parameters):
         default = None if name in unset else loop[name]
-        labels_without = [label for label, case in cases.items() if name not in case]
-        if labels_without and (default is None or isinstance(default, xr.DataArray)):
-            problems.append(f"{name} is missing in {list_first(labels_without)}: give it in every case")
+        without = [label for label, case in cases.items() if name not in case]
+        if without and (default is None or isinstance(default, xr.DataArray)):
+            sentence = f"{name} is missing in {list_first(without)}: give it in every case"
+            problems.append(Problem(sentence, name, "missing"))
             continue
         values = [case.get(name, default) for case in cases.values()]
-        value_problems = summarise_problems(
-            [problem for value in values if (problem := loop.parameters[name].problem(value))]
-        )
-        problems += value_problems
-        if not value_problems:
+        wrong = [problem for value in values if (problem := loop.parameters[name].problem(value))]
+        problems += summarise_problems(wrong)
+        if not wrong:
             zipped[name] = xr.DataArray(values, dims=dim, coords={dim: list(cases)})
     if not zipped and not problems:
-        problems.append("its cases are empty: give each the parameters that make it differ")
+        sentence = "its cases are empty: give each the parameters that make it differ"
+        problems.append(Problem(sentence, dim, "missing"))
     raise_problems(problems)
     return zipped

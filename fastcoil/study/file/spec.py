@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 import xarray as xr
 
 from fastcoil.base.arguments import collect_problems, raise_problems, require_choice
-from fastcoil.base.errors import InputError, did_you_mean, short_repr
+from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 from fastcoil.base.files import read_text
 from fastcoil.design.operating_points import require_one_gap
 from fastcoil.design.tuning_plan import TuningRequest, plan_tuning
@@ -38,7 +38,7 @@ from fastcoil.study.analysis.summary import Billing
 from fastcoil.study.file.loop import build_loop, read_includes, warn_unusual_values
 from fastcoil.study.file.sample import MAX_SAMPLE_SIZE, SALTELLI, SAMPLE_DIM, design_size, sample_file_hashes
 from fastcoil.study.file.tables import PrecisionTable, RunTable, StudyFile, pair_with_hints, parse_tables, parse_toml
-from fastcoil.study.file.user_code import UserFunction, find_function, find_rules
+from fastcoil.study.file.user_code import UserCode, find_function, find_rules
 
 BOUNDARY_KINDS: dict[str, Callable[..., Boundary]] = {
     "paper_day": paper_day,
@@ -64,14 +64,13 @@ def build_boundary(table: Mapping[str, Any], folder: Path) -> Boundary:
 
 def find_argument_problems(
     what: str, arguments: Mapping[str, Any], parameters: Mapping[str, inspect.Parameter]
-) -> list[str]:
-    """A sentence for each key of a table that its function does not take, and for each that it needs."""
+) -> list[Problem]:
+    """Find the keys of a table that its function does not take, and those that it needs."""
     unknown = pair_with_hints((name for name in arguments if name not in parameters), parameters)
     missing = [name for name, p in parameters.items() if p.default is p.empty and name not in arguments]
-    problems = [
-        f"{name} is not an argument of {what}{hint}; it takes {', '.join(parameters)}" for name, hint in unknown
-    ]
-    return problems + [f"{name} is missing: {what} needs it" for name in missing]
+    takes = f"it takes {', '.join(parameters)}"
+    problems = [Problem(f"{name} is not an argument of {what}{hint}; {takes}", name, "name") for name, hint in unknown]
+    return problems + [Problem(f"{name} is missing: {what} needs it", name, "missing") for name in missing]
 
 
 def require_memory(file: StudyFile, loop: Loop) -> None:
@@ -83,46 +82,51 @@ def require_memory(file: StudyFile, loop: Loop) -> None:
 
 
 def parse_billing(table: Mapping[str, Any], layout: Layout | None) -> Billing:
-    """The prices, and the label with which costs are compared.
+    """Parse the prices, and the label with which costs are compared.
 
     layout: of the study, None where it could not be planned; the label is then not checked.
     """
     tariff, baseline = parse_tariff(table), table.get("baseline", {})
     if not isinstance(baseline, dict) or len(baseline) > 1:
-        raise InputError(f"baseline = {short_repr(baseline)}: give one dimension and one of its labels")
+        sentence = f"baseline = {short_repr(baseline)}: give one dimension and one of its labels"
+        raise InputError(sentence, "baseline", "value")
     if layout is not None:
-        reserved_dims = [dim for dim in layout.sizes if dim in COST_NAMES]
-        problems = [f"the costs also have a dimension or number {dim}: rename it" for dim in reserved_dims]
+        taken = [dim for dim in layout.sizes if dim in COST_NAMES]
+        problems = [Problem(f"the costs also have a dimension or number {d}: rename it", d, "name") for d in taken]
         raise_problems([*problems, *_find_baseline_problems(baseline, layout)])
     return Billing(tariff, baseline)
 
 
-def _find_baseline_problems(baseline: Mapping[str, Any], layout: Layout) -> Iterator[str]:
+def _find_baseline_problems(baseline: Mapping[str, Any], layout: Layout) -> Iterator[Problem]:
+    """Find dims and labels that the loops of a study do not have."""
     dims = [name for name in layout.loop.sizes if name != SAMPLE_DIM]
     for dim, label in baseline.items():
         if dim not in dims:
             known = f"choose one of {', '.join(dims)}" if dims else "the study has no dimension of its own"
-            yield f"baseline: {short_repr(dim)} is not a dimension of the loops{did_you_mean(dim, dims)}: {known}"
+            sentence = f"baseline: {short_repr(dim)} is not a dimension of the loops{did_you_mean(dim, dims)}: {known}"
+            yield Problem(sentence, "baseline", "name")
         elif label not in (labels := layout.coordinates()[dim].values.tolist()):
-            yield f"baseline: {dim} has no label {short_repr(label)}: choose one of {list_first(labels)}"
+            sentence = f"baseline: {dim} has no label {short_repr(label)}: choose one of {list_first(labels)}"
+            yield Problem(sentence, "baseline", "choice")
 
 
 def parse_precision(table: PrecisionTable, sample: Mapping[str, Any] | None) -> Precision:
-    """The precision that a study asks; of a wrong [sample], which is refused elsewhere, with a batch of one."""
+    """Parse ``[run] precision``; of a wrong [sample], which is refused elsewhere, with a batch of one."""
     problems: list[str] = []
     with collect_problems(problems):
         require_choice("metric", table.metric, METRICS)
     if not table.half_width > 0.0:
-        problems.append(f"half_width = {table.half_width:g}: must be above 0")
+        problems.append(Problem(f"half_width = {table.half_width:g}: must be above 0", "half_width", "value"))
     if sample is None:
-        problems.append("[sample] is missing: give what is to be drawn")
+        problems.append(Problem("[sample] is missing: give what is to be drawn", "sample", "missing"))
     elif sample.get("method") == SALTELLI:
-        problems.append("saltelli draws for Sobol' indices: take another method")
+        problems.append(Problem("saltelli draws for Sobol' indices: take another method", "method", "conflict"))
     size = design_size({**(sample or {}), "method": ""})
     most = size * DEFAULT_MAX_BATCHES if table.most is None else table.most
     if not size * MIN_BATCHES <= most <= MAX_SAMPLE_SIZE:
-        fewest_text = f"{size * MIN_BATCHES:,}, {MIN_BATCHES} batches of [sample] size"
-        problems.append(f"most = {most:,}: must be at least {fewest_text}, and at most {MAX_SAMPLE_SIZE:,}")
+        fewest = f"{size * MIN_BATCHES:,}, {MIN_BATCHES} batches of [sample] size"
+        sentence = f"most = {most:,}: must be at least {fewest}, and at most {MAX_SAMPLE_SIZE:,}"
+        problems.append(Problem(sentence, "most", "value"))
     raise_problems(problems)
     return Precision(table.metric, table.half_width, table.relative, dict(table.baseline), size, most)
 
@@ -130,9 +134,10 @@ def parse_precision(table: PrecisionTable, sample: Mapping[str, Any] | None) -> 
 def parse_tuning(
     table: Mapping[str, Any], run: RunTable, loop: Loop, boundary: Boundary, folder: Path
 ) -> TuningRequest:
-    """The tuning of the valves and days of a study; ``holdout`` is labels of days, or a table like ``[boundary]``."""
+    """Parse the tuning of a study's valves and days; ``holdout`` is labels of days, or a table like ``[boundary]``."""
     if run.carry_over:
-        raise InputError("every day is tried alone: leave [run] carry_over out, or tune in a study of its own")
+        sentence = "every day is tried alone: leave [run] carry_over out, or tune in a study of its own"
+        raise InputError(sentence, "carry_over", "unsupported")
     holdout = table.get("holdout")
     if isinstance(holdout, dict):
         problems: list[str] = []
@@ -146,20 +151,20 @@ def parse_tuning(
     return plan_tuning(loop, boundary, **{**table, "holdout": holdout}, **run_options)
 
 
-MAX_STUDY_FILE_BYTES = 2**20  # bytes; no study written by hand is larger
+MAX_STUDY_FILE_BYTES = 2**20  # no study written by hand is larger
 Result = TypeVar("Result")
-_TABLES_WITHOUT_EFFECT = ("title", "question", "tune", "tariff")  # tables on which no scenario depends
+_TABLES_WITHOUT_EFFECT = ("title", "question", "tune", "tariff")  # on which no scenario depends
 
 
 @dataclass(frozen=True)
 class Study:
     """A study that can be run: its text and tables, its question, and the validated plan.
 
-    folder: where its relative paths start.  reduction: the function that ``[run] reduce`` names, if any.  included: the
-    parameters from the files in ``[loop] include``.  measured: hashes of the files that ``[sample]`` names.  rules: the
-    code of its own estimators and control laws, by name.  predict: whether results get ``PREDICTIONS``.  tuning: what
-    ``[tune]`` asks, if anything.  billing: what ``[tariff]`` asks, if anything.  precision: what ``[run] precision``
-    asks, if anything.  batches: of samples in ``plan``.  whole: the plan of the most samples that may be drawn.
+    folder: where its relative paths start.  reduction: the function that ``[run] reduce`` names.  included_parameters:
+    from the files in ``[loop] include``.  sample_file_hashes: of the files that ``[sample]`` names.  rules: the code of
+    user-defined estimators and control laws, by name.  predict: whether results get ``PREDICTIONS``.  tuning, billing,
+    precision: of ``[tune]``, ``[tariff]`` and ``[run] precision``.  batches: of samples in ``plan``.  largest_plan: the
+    plan of the most samples that may be drawn.
     """
 
     text: str
@@ -168,16 +173,16 @@ class Study:
     question: str
     plan: Plan
     folder: Path
-    reduction: UserFunction | None
+    reduction: UserCode | None
     included_parameters: Mapping[str, Any] = field(default_factory=dict)
-    measured: Sequence[str] = ()
-    rules: Mapping[str, UserFunction] = field(default_factory=dict)
+    sample_file_hashes: Sequence[str] = ()
+    rules: Mapping[str, UserCode] = field(default_factory=dict)
     predict: bool = False
     tuning: TuningRequest | None = None
     billing: Billing | None = None
     precision: Precision | None = None
     batches: int = 1
-    whole: Plan | None = field(default=None, repr=False)
+    largest_plan: Plan | None = field(default=None, repr=False)
 
     @property
     def model_sha256(self) -> str:
@@ -186,64 +191,68 @@ class Study:
 
     @property
     def sha256(self) -> str:
-        """Hash of everything that decides the result: the tables, included files, the boundary, its own code.
+        """Hash of everything that decides the result: the tables, included files, the boundary, the user's code.
 
-        Title, question, ``[tune]``, ``[tariff]``, comments and formatting do not.
+        Title, question, ``[tune]``, ``[tariff]``, comments and formatting do not count.
         """
         decisive = {name: table for name, table in self.tables.items() if name not in _TABLES_WITHOUT_EFFECT}
         # TOML has dates and times, JSON does not: their text will do
         parts = [json.dumps(decisive, default=str), self.plan.layout.boundary.sha256]
         parts += [self.reduction.sha256] if self.reduction else []
         parts += [json.dumps(self.included_parameters)] if self.included_parameters else []
-        parts += self.measured
+        parts += self.sample_file_hashes
         parts += [self.rules[name].sha256 for name in sorted(self.rules)]
         parts += [f"{self.batches} batches"] if self.precision else []
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
     def with_batches(self, batches: int) -> Study:
-        """The study with its first batches of samples, one with ``precision``."""
-        if self.precision is None or self.whole is None or batches == self.batches:
+        """Return the study with its first batches of samples, where it has ``precision``."""
+        if self.precision is None or self.largest_plan is None or batches == self.batches:
             return self
-        layout, n = self.whole.layout, batches * self.precision.size
+        layout, n = self.largest_plan.layout, batches * self.precision.size
         sampled = {name: values for name, values in layout.loop.swept.items() if SAMPLE_DIM in values.dims}
         loop = layout.loop.assign(**{name: values.isel({SAMPLE_DIM: slice(n)}) for name, values in sampled.items()})
         layout = Layout(loop, layout.boundary, layout.sizes.get("replicate", 1))
-        return replace(self, plan=replace(self.whole, layout=layout), batches=batches)
+        return replace(self, plan=replace(self.largest_plan, layout=layout), batches=batches)
 
-    def find_by_hash(self, sha256: str) -> Study | None:
-        """The study with as many batches as the one with this hash has; None if it is another study."""
-        counts = self.precision.counts if self.precision else [self.batches]
-        matching = (n for n in counts if replace(self, batches=n).sha256 == sha256)
-        return next((self.with_batches(n) for n in matching), None)
+    def find_by_hash(self, sha256: str, n_samples: int | None = None) -> Study | None:
+        """Return the study with as many batches as the one with this hash; None if it is another study.
+
+        n_samples: another study is extended, with at least so many samples.
+        """
+        counts = self.precision.batch_counts if self.precision else [self.batches]
+        matching = [n for n in counts if replace(self, batches=n).sha256 == sha256]
+        if not matching and self.precision and n_samples is not None:
+            matching = [n for n in counts if n * self.precision.size >= n_samples]
+        return self.with_batches(matching[0]) if matching else None
 
     def with_more_batches(self, ds: xr.Dataset) -> Study | None:
-        """The study with more batches than had the result ``ds``; None if these suffice, or are all."""
+        """Return the study with more batches than the result ``ds``; None if these suffice, or are all."""
         if self.precision is None or self.precision.is_enough(ds):
             return None
-        return self.with_batches(next(n for n in self.precision.counts if n > self.batches))
+        return self.with_batches(next(n for n in self.precision.batch_counts if n > self.batches))
 
 
 def read_study(
-    path: Path, folder: Path | None = None, *, prepare: Callable[[str, UserFunction], object] | None = None
+    path: Path, folder: Path | None = None, *, prepare: Callable[[str, UserCode], object] | None = None
 ) -> Study:
     """Read and validate a study file; ``InputError`` with one sentence for each mistake in it.
 
-    folder: where relative paths and the modules of its own code start from; the file's by default.  prepare: loads the
-    study's own code, called with the word that names it (``reduce``, ``estimator`` or ``law``) and its source, so that
-    its mistakes are reported with the others; by default nothing does: reading a study runs none of its code.
+    folder: where relative paths and modules of the user's code start; the file's by default.  prepare: loads the user's
+    code, called with the key that names it (``reduce``, ``estimator`` or ``law``) and its source, so that its mistakes
+    are reported with the others; by default reading a study runs none of its code.
     """
-    text = read_text(path, f"a study file, or make one with `fastcoil init {path}`", MAX_STUDY_FILE_BYTES).replace(
-        "\r\n", "\n"
-    )
+    text = read_text(path, f"a study file, or make one with `fastcoil init {path}`", MAX_STUDY_FILE_BYTES)
+    text = text.replace("\r\n", "\n")
     tables = parse_toml(text, str(path))
     try:
         return _build_study(text, tables, path.stem, path.parent if folder is None else folder, prepare)
     except InputError as error:
-        raise InputError([f"{path}: {problem}" for problem in error.problems]) from None
+        raise InputError([problem.prefixed(f"{path}: ") for problem in error.problems]) from None
 
 
 def _build_study(
-    text: str, tables: dict[str, Any], name: str, folder: Path, prepare: Callable[[str, UserFunction], object] | None
+    text: str, tables: dict[str, Any], name: str, folder: Path, prepare: Callable[[str, UserCode], object] | None
 ) -> Study:
     file, problems = parse_tables(tables)
     run = file.run
@@ -252,7 +261,7 @@ def _build_study(
         if run.precision is not None:
             with collect_problems(problems, "[run] precision: "):
                 precision = parse_precision(run.precision, file.sample)
-        batches = precision.counts[-1] if precision else 1
+        batches = precision.batch_counts[-1] if precision else 1
         file, sources, rules = find_rules(file, folder)
         if prepare is not None:
             for rule in rules.values():
@@ -286,16 +295,16 @@ def _build_study(
             attempt(prepare, "reduce", reduction, prefix="[run] ")
         if not run.traces:
             cure = 'list the traces it needs, such as traces = ["T_sup"]'
-            problems.append(f"[run] reduce = {run.reduce!r} without traces: {cure}")
+            problems.append(Problem(f"[run] reduce = {run.reduce!r} without traces: {cure}", "traces", "missing"))
     if precision is not None and plan is not None:
-        problems += [
-            f"[run] precision: {problem}" for problem in _find_baseline_problems(precision.baseline, plan.layout)
-        ]
+        wrong = _find_baseline_problems(precision.baseline, plan.layout)
+        problems += [problem.prefixed("[run] precision: ") for problem in wrong]
     if problems or plan is None:
         raise InputError(problems)
     warn_unusual_values(plan.layout.loop)
+    hashes = sample_file_hashes(file.sample, folder) if file.sample else []
     study = Study(
-        text, tables, file.title or name, file.question, plan, folder, reduction, included,
-        sample_file_hashes(file.sample, folder), sources, run.predict, tuning, billing, precision, batches, plan,
+        text, tables, file.title or name, file.question, plan, folder, reduction, included, hashes, sources,
+        run.predict, tuning, billing, precision, batches, plan,
     )  # fmt: skip
     return study.with_batches(MIN_BATCHES) if precision else study

@@ -1,71 +1,72 @@
-"""The text of a study file as tables of known shape, and the sentences for one of the wrong shape.
+"""Parse the text of a study file into tables of known shape, and describe what has the wrong shape.
 
-The checks of values are those of whoever uses them.
+Values are checked where they are used.
 """
 
 import re
 import tomllib
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fastcoil.base.arguments import raise_problems
-from fastcoil.base.errors import InputError, did_you_mean, short_repr
+from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 from fastcoil.model.metric_table import TRACES, WARM_UP_S
 from fastcoil.model.parameter_table import LARGEST_FLOAT, PARAMETERS, Parameter
 
 _MAX_NESTING = 20  # tables and lists inside each other: a study needs five
-MAX_KEY_CHARACTERS = 200  # characters; keys are labels of axes too
-_MAX_INTEGER_BITS = 8192  # bits; Python shows no number that is much longer
-_NESTING_CURE = f"give at most {_MAX_NESTING}"
+MAX_KEY_CHARACTERS = 200  # keys are labels of axes as well
+_MAX_INTEGER_BITS = 8192  # Python shows no number that is much longer
 _DEEPLY_DOTTED_KEY = re.compile(rf"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){{{_MAX_NESTING},}}""")
 
 
 def parse_toml(text: str, name: str) -> dict[str, Any]:
-    """The tables of a text; messages call it ``name``.
+    """Parse the tables of a text; messages call it ``name``.
 
     ``InputError`` if it is not TOML; for tables in tables without end, keys and numbers too long to be shown, and the
     character NUL in a text, at which the files of results would end it.
     """
-    nesting_problem = f"{name} has tables or lists inside each other without end: {_NESTING_CURE}"
+    sentence = f"{name} has tables or lists inside each other without end: give at most {_MAX_NESTING}"
     if _DEEPLY_DOTTED_KEY.search(text):  # the parser takes memory by the square of the dots in a key
-        raise InputError(nesting_problem)
+        raise InputError(sentence, name, "size")
     try:
         tables = tomllib.loads(text.replace("\r\n", "\n"))
     except RecursionError:
-        raise InputError(nesting_problem) from None
+        raise InputError(sentence, name, "size") from None
     except ValueError as error:  # also of a number with more digits than Python reads
         reason = str(error)
         short = reason if len(reason) <= 300 else reason[:200] + " … " + reason[-60:]
-        raise InputError(f"{name} is not valid TOML: {short}") from None
-    problems = list(_find_unusable_values(tables))
-    raise_problems([f"{name}: {problem}" for problem in problems])
+        raise InputError(f"{name} is not valid TOML: {short}", name, "format") from None
+    raise_problems([problem.prefixed(f"{name}: ") for problem in _find_unusable_values(tables)])
     return tables
 
 
-def _find_unusable_values(value: Any, place: str = "", depth: int = 0) -> Iterator[str]:
-    """A sentence for each value that is nested too deeply, or cannot be shown or stored."""
+def _find_unusable_values(value: Any, place: str = "", depth: int = 0) -> Iterator[Problem]:
+    """Find values that are nested too deeply, or cannot be shown or stored."""
     if isinstance(value, dict | list) and depth >= _MAX_NESTING:
-        yield f"{place} has more than {_MAX_NESTING} tables or lists inside each other: {_NESTING_CURE}"
+        sentence = (
+            f"{place} has more than {_MAX_NESTING} tables or lists inside each other: give at most {_MAX_NESTING}"
+        )
+        yield Problem(sentence, place, "size")
     elif isinstance(value, list):
         for item in value:
             yield from _find_unusable_values(item, place, depth + 1)
     elif isinstance(value, dict):
         for key, item in value.items():
             if len(key) > MAX_KEY_CHARACTERS or "\0" in key:
-                yield f"{place}{short_repr(key)}: give a key of at most {MAX_KEY_CHARACTERS} characters, without NUL"
+                sentence = f"give a key of at most {MAX_KEY_CHARACTERS} characters, without NUL"
+                yield Problem(f"{place}{short_repr(key)}: {sentence}", place or key[:MAX_KEY_CHARACTERS], "name")
             else:
                 yield from _find_unusable_values(item, f"{place}.{key}" if place else key, depth + 1)
     elif isinstance(value, str) and "\0" in value:
-        yield f"{place} = {short_repr(value)} holds the character NUL: delete it"
+        yield Problem(f"{place} = {short_repr(value)} holds the character NUL: delete it", place, "value")
     elif isinstance(value, int) and value.bit_length() > _MAX_INTEGER_BITS:
-        yield f"{place} is a number of too many digits: give a smaller one"
+        yield Problem(f"{place} is a number of too many digits: give a smaller one", place, "value")
 
 
 Value = TypeVar("Value")
 
-_MOST_HINTS = 20  # unknown names for which a similar one is suggested: it takes a millisecond each
 _MOST_TRACES = 2 * len(TRACES)
 
 
@@ -74,7 +75,7 @@ class _StrictTable(BaseModel):
 
 
 class PrecisionTable(_StrictTable):
-    """How precisely the mean of a metric is asked."""
+    """How precisely the mean of a metric is to be known."""
 
     metric: str = Field(..., examples=['"rmse"'])
     half_width: float = Field(..., examples=[0.01])
@@ -113,11 +114,11 @@ class StudyFile(_StrictTable):
 
 
 _TABLE_MODELS: dict[str, type[BaseModel]] = {"": StudyFile, "run": RunTable, "run.precision": PrecisionTable}
-"""Those whose keys are known, by the name of the table; without a name: the file."""
+"""Tables whose keys are known, by name; without a name: the file."""
 
 
 def parse_tables(tables: dict[str, Any]) -> tuple[StudyFile, list[str]]:
-    """Parse the file's tables.  Returns them without those of the wrong shape, and a sentence for each mistake."""
+    """Parse the tables of a file.  Returns them without those of the wrong shape, and a sentence for each mistake."""
     try:
         return StudyFile.model_validate(tables), []
     except ValidationError as error:
@@ -127,28 +128,31 @@ def parse_tables(tables: dict[str, Any]) -> tuple[StudyFile, list[str]]:
 
 
 def pair_with_hints(names: Iterable[str], known: Collection[str]) -> Iterator[tuple[str, str]]:
-    """Each unknown name and a clause with the one that was probably meant; an empty one after the first names."""
+    """Pair unknown names with a clause that suggests a known one; from the 21st on it is empty, to save time."""
     for k, name in enumerate(names):
-        yield name, did_you_mean(name, known) if k < _MOST_HINTS else ""
+        yield name, did_you_mean(name, known) if k < 20 else ""
 
 
-def summarise_problems(sentences: list[str]) -> list[str]:
-    """The sentence on the first of several wrong values, with how many more there are; nothing if there is none."""
-    rest = f" (and {len(sentences) - 1:,} more of its values)" if len(sentences) > 1 else ""
-    return [sentence + rest for sentence in sentences[:1]]
+def summarise_problems(problems: Sequence[Problem]) -> list[Problem]:
+    """Return the first of several wrong values, with how many more there are; nothing if there is none."""
+    if len(problems) < 2:
+        return list(problems)
+    first = problems[0]
+    return [Problem(f"{first} (and {len(problems) - 1:,} more of its values)", first.field, first.code)]
 
 
 def known_parameters(
     table: Mapping[str, Value], problems: list[str], prefix: str = "", known: Mapping[str, Parameter] = PARAMETERS
 ) -> dict[str, Value]:
-    """The entries of a table whose names are parameters; ``problems`` gets a sentence for each of the others."""
-    unknown = pair_with_hints((name for name in table if name not in known), known)
-    problems += [f"{prefix}{name} is not a parameter{hint} (see `fastcoil parameters`)" for name, hint in unknown]
+    """Return the entries of a table whose names are parameters; add a problem for each of the others."""
+    for name, hint in pair_with_hints((name for name in table if name not in known), known):
+        sentence = f"{prefix}{name} is not a parameter{hint} (see `fastcoil parameters`)"
+        problems.append(Problem(sentence, name, "name"))
     return {name: value for name, value in table.items() if name in known}
 
 
 def sampled_names(table: Mapping[str, Any] | None) -> list[str]:
-    """Names of the parameters in ``[sample]``; none if the table is absent."""
+    """Return the names of the parameters in ``[sample]``; none if the table is absent."""
     return [name for name in table or {} if name not in ("method", "size", "seed", "correlation")]
 
 
@@ -169,30 +173,32 @@ _CURE_BY_ERROR_TYPE = {
     "model": "give a table",
     "list": "give a list",
 }
-"""By how pydantic's name of a mistake begins."""
+"""By the beginning of pydantic's name of a mistake."""
 
 
-def _describe_errors(error: ValidationError) -> Iterator[str]:
+def _describe_errors(error: ValidationError) -> Iterator[Problem]:
     details = error.errors()
     unknown = [detail["loc"] for detail in details if detail["type"] == "extra_forbidden"]
     for table, model in _TABLE_MODELS.items():
         unknown_keys = [str(key) for *parents, key in unknown if ".".join(map(str, parents)) == table]
         for name, hint in pair_with_hints(unknown_keys, model.model_fields):
             prefix = f"[{table}] " if table else ""
-            yield f"{prefix}{name} is unknown{hint}; known: {', '.join(model.model_fields)}"
+            sentence = f"{prefix}{name} is unknown{hint}; known: {', '.join(model.model_fields)}"
+            yield Problem(sentence, name, "name")
     for detail in details:
         place = list(map(str, detail["loc"]))
         depth = 2 if ".".join(place[:2]) in _TABLE_MODELS else 1
         table, keys = ".".join(place[:depth]), place[depth:]
-        kind = detail["type"]
+        kind, field, value = detail["type"], place[-1], short_repr(detail["input"])
         where = f"[{table}] {'.'.join(keys)}" if keys else table
         if kind == "missing" and keys:
-            example = (_TABLE_MODELS[table].model_fields[keys[-1]].examples or ["…"])[0]
-            yield f"{where} is missing: give it, such as {keys[-1]} = {example}"
+            example = (_TABLE_MODELS[table].model_fields[field].examples or ["…"])[0]
+            yield Problem(f"{where} is missing: give it, such as {field} = {example}", field, "missing")
         elif kind == "missing":
-            yield f"[{table}] is missing: a study needs this table, it may be empty"
-        elif keys and keys[-1] in ("float", "str"):  # neither of the two types that the key may have
-            yield f"[{table}] {'.'.join(keys[:-1])} = {short_repr(detail['input'])}: give a number, or a text in quotes"
+            yield Problem(f"[{table}] is missing: a study needs this table, it may be empty", table, "missing")
+        elif keys and field in ("float", "str"):  # neither of the two types that the key may have
+            sentence = f"[{table}] {'.'.join(keys[:-1])} = {value}: give a number, or a text in quotes"
+            yield Problem(sentence, place[-2], "type")
         elif kind != "extra_forbidden":
             cure = next(cure for start, cure in _CURE_BY_ERROR_TYPE.items() if kind.startswith(start))
-            yield f"{where} = {short_repr(detail['input'])}: {cure}"
+            yield Problem(f"{where} = {value}: {cure}", field, "size" if kind == "too_long" else "type")

@@ -1,9 +1,9 @@
-"""A study's own code, ``module:function``: a reduction of traces, an estimator or a control law; the reduction is run.
+"""The user's code in a study, ``module:function``: a reduction of traces, an estimator or a control law.
 
 Its source, next to the study file, is read as text, hashed with the study and sent to other processes; what an
-estimator or law declares is parsed from it.  The study may come from a stranger: only ``load`` and ``load_rules`` run
-any of it, as freely as a module that is imported.  What a reduction answers is copied: numbers, labels and words,
-nothing else of its objects.
+estimator or law declares is parsed from it.  The study may come from a stranger: only ``load_function`` and
+``load_code`` run any of it, as freely as a module that is imported.  Of the answer of a reduction numbers, labels and
+words are copied, nothing else.
 """
 
 import ast
@@ -23,7 +23,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import collect_problems, is_storable_text, raise_problems
-from fastcoil.base.errors import InputError, short_repr
+from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.base.files import TooLargeError, is_file, read_bytes, require_usable_path
 from fastcoil.loops import netcdf
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
@@ -31,12 +31,12 @@ from fastcoil.model.parameter_table import PARAMETERS, RESERVED_DIMS
 from fastcoil.model.user_rules import RULE_KINDS, Rule, declared_parameters, is_built_in_rule, parameter
 from fastcoil.study.file.tables import StudyFile
 
-_MAX_SOURCE_BYTES = 2**18  # bytes of source: to read one as Python takes 500 times its memory
-_MAX_MESSAGE_CHARACTERS = 300  # characters of an exception's text
+_MAX_SOURCE_BYTES = 2**18  # to parse a source as Python takes 500 times its memory
+_MAX_MESSAGE_CHARACTERS = 300  # of an exception
 
 
 @dataclass(frozen=True)
-class UserFunction:
+class UserCode:
     """A function of the user: ``name`` is ``module:function``, ``source`` the text of the module, ``path`` its file."""
 
     name: str
@@ -48,39 +48,40 @@ class UserFunction:
         return hashlib.sha256(f"{self.name}\0{self.source}".encode()).hexdigest()
 
 
-def find_function(what: str, text: str, folder: Path) -> UserFunction:
+def find_function(what: str, text: str, folder: Path) -> UserCode:
     """Find ``module:function``, the function in ``module.py`` in ``folder``.
 
-    what: the word of the study file that names it.
+    what: the key of the study file that names it.
     """
     module, _, function = text.partition(":")
     parts, setting = module.split("."), f"{what} = {text!r}"
     if not all(part.isidentifier() for part in (*parts, function)):
-        raise InputError(
-            f"{setting}: give module:function, such as 'mine:overshoot' for the function overshoot in mine.py"
-        )
+        cure = "give module:function, such as 'mine:overshoot' for the function overshoot in mine.py"
+        raise InputError(f"{setting}: {cure}", what, "format")
     path = folder.joinpath(*parts).with_suffix(".py")
     require_usable_path(path, f"give {what} = {short_repr(text)} a shorter name")
     if not is_file(path):
-        raise InputError(f"{setting}: there is no {path}: put {path.name} next to the study file")
+        raise InputError(f"{setting}: there is no {path}: put {path.name} next to the study file", what, "path")
     try:
         source = importlib.util.decode_source(read_bytes(path, _MAX_SOURCE_BYTES))  # in the encoding that it declares
         source.encode()
     except TooLargeError as error:
-        raise InputError(f"{setting}: {path} {error}: move what the function does not need elsewhere") from None
+        cure = "move what the function does not need elsewhere"
+        raise InputError(f"{setting}: {path} {error}: {cure}", what, "size") from None
     except (OSError, SyntaxError, ValueError, LookupError) as error:
-        raise InputError(f"{setting}: {path} cannot be read: {type(error).__name__}: {error}") from None
-    return UserFunction(text, source, path)
+        sentence = f"{setting}: {path} cannot be read: {type(error).__name__}: {error}"
+        raise InputError(sentence, what, "path") from None
+    return UserCode(text, source, path)
 
 
-def find_rules(file: StudyFile, folder: Path) -> tuple[StudyFile, dict[str, UserFunction], dict[str, Rule]]:
+def find_rules(file: StudyFile, folder: Path) -> tuple[StudyFile, dict[str, UserCode], dict[str, Rule]]:
     """Find the rules that ``estimator`` or ``law`` name as ``module:function`` anywhere in a study file.
 
     Returns the file with the names of the rules in place of these words, and by name their sources and themselves,
     without their code.
     """
     problems: list[str] = []
-    source_by_word: dict[tuple[str, str], UserFunction] = {}
+    source_by_word: dict[tuple[str, str], UserCode] = {}
 
     def replace_by_names(value: Any, kind: str = "") -> Any:
         """A table with the name of a rule in place of each ``module:function``."""
@@ -95,12 +96,12 @@ def find_rules(file: StudyFile, folder: Path) -> tuple[StudyFile, dict[str, User
         return value.rpartition(":")[2]
 
     update = {table: replace_by_names(getattr(file, table)) for table in ("loop", "sweep", "cases", "sample")}
-    sources: dict[str, UserFunction] = {}
+    sources: dict[str, UserCode] = {}
     rules: dict[str, Rule] = {}
-    for (kind, word), source in sorted(source_by_word.items(), key=lambda one: list(RULE_KINDS).index(one[0][0])):
+    for (kind, word), source in sorted(source_by_word.items(), key=lambda item: list(RULE_KINDS).index(item[0][0])):
         name = word.rpartition(":")[2]
         if sources.setdefault(name, source) != source or rules.get(name, kind) != kind:
-            problems.append(f"two rules are called {name}: rename one of them")
+            problems.append(Problem(f"two rules are called {name}: rename one of them", kind, "duplicate"))
             continue
         with collect_problems(problems, f"{kind} = {word!r}: "):
             rules[name] = parse_rule(kind, name, source)
@@ -108,32 +109,31 @@ def find_rules(file: StudyFile, folder: Path) -> tuple[StudyFile, dict[str, User
     return file.model_copy(update=update), sources, rules
 
 
-def parse_rule(kind: str, name: str, source: UserFunction) -> Rule:
-    """The rule that a source declares: its decorator, and the class of its parameters, with numbers as defaults."""
+def parse_rule(kind: str, name: str, source: UserCode) -> Rule:
+    """Parse the rule that a source declares by its decorator and the class of its parameters, with their defaults."""
     if is_built_in_rule(name):
-        raise InputError(f"{name} is taken, call the function something else")
+        raise InputError(f"{name} is taken, call the function something else", kind, "duplicate")
     try:
         module = ast.parse(source.source)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
-        raise InputError(f"{source.path} is not Python: {type(error).__name__}: {error}") from None
+        raise InputError(f"{source.path} is not Python: {type(error).__name__}: {error}", kind, "code") from None
     functions = [node for node in module.body if isinstance(node, ast.FunctionDef) and node.name == name]
     if not functions:
-        raise InputError(f"{source.path} has no function {name}")
+        raise InputError(f"{source.path} has no function {name}", kind, "name")
     calls = [d for d in functions[-1].decorator_list if isinstance(d, ast.Call) and _last_identifier(d.func) == kind]
-    argument_nodes = [*calls[0].args, *(k.value for k in calls[0].keywords if k.arg == "Parameters")] if calls else []
-    classes = [
-        n
-        for n in module.body
-        if isinstance(n, ast.ClassDef) and argument_nodes and n.name == _last_identifier(argument_nodes[0])
-    ]
+    arguments = [*calls[0].args, *(k.value for k in calls[0].keywords if k.arg == "Parameters")] if calls else []
+    names = [_last_identifier(node) for node in arguments[:1]]
+    classes = [node for node in module.body if isinstance(node, ast.ClassDef) and node.name in names]
     if not classes:
         raise InputError(
             f"put @fc.{kind}(Parameters, Memory) before {name}, with classes of {source.path.name} itself, so that the "
-            "study can be read without running it"
+            "study can be read without running it",
+            kind,
+            "code",
         )
     fields = dict(_read_fields(name, classes[-1]))
-    user_parameters = declared_parameters(name, fields)
-    return Rule(kind, name, user_parameters, tuple(n for n in fields if n not in user_parameters), source.sha256)
+    parameters = declared_parameters(name, fields)
+    return Rule(kind, name, parameters, tuple(n for n in fields if n not in parameters), source.sha256)
 
 
 def _last_identifier(node: ast.expr) -> str:
@@ -149,8 +149,8 @@ def _read_fields(rule: str, cls: ast.ClassDef) -> Iterator[tuple[str, object]]:
         default, name = node.value, node.target.id
         try:
             if isinstance(default, ast.Call) and _last_identifier(default.func) == "parameter":
-                words = {str(k.arg): ast.literal_eval(k.value) for k in default.keywords}
-                yield name, parameter(*map(ast.literal_eval, default.args), **words)
+                options = {str(k.arg): ast.literal_eval(k.value) for k in default.keywords}
+                yield name, parameter(*map(ast.literal_eval, default.args), **options)
             else:
                 yield name, None if default is None else ast.literal_eval(default)
         except InputError:
@@ -158,44 +158,49 @@ def _read_fields(rule: str, cls: ast.ClassDef) -> Iterator[tuple[str, object]]:
         except (ValueError, TypeError, SyntaxError):
             raise InputError(
                 f"{rule}: the default of {name} is not a number: write one, so that the study can be read without "
-                "running it"
+                "running it",
+                name,
+                "code",
             ) from None
 
 
-def load_rules(rules: Mapping[str, Rule], sources: Mapping[str, UserFunction]) -> None:
-    """Give the rules of a study, of which only the declarations were read, their code.
+def load_code(rules: Mapping[str, Rule], sources: Mapping[str, UserCode], reduction: UserCode | None = None) -> None:
+    """Run the code of a study, of whose rules only the declarations were read.
 
     ``InputError`` if a source does not run, or makes another rule than it declares.
     """
+    if reduction is not None:
+        load_function("reduce", reduction)
     for name, rule in rules.items():
         if not rule.is_loaded:
-            rule.adopt_code(load(rule.kind, sources[name]))
+            function = load_function(rule.kind, sources[name])
+            rule.adopt_code(function)
 
 
 @functools.cache
-def load(what: str, code: UserFunction) -> Any:
-    """The function itself, from a module of its own that is run once in each process.
+def load_function(what: str, code: UserCode) -> Any:
+    """Load the function from a module that is run once in each process.
 
-    what: the word of the study file that names it.  ``InputError`` if the source does not run, or has no such function.
+    what: the key of the study file that names it.  ``InputError`` if the source does not run, or has no such function.
     """
     name, source = code.name, code.source
     function_name = name.partition(":")[2]
     module = ModuleType(f"own_code_{hashlib.sha256(source.encode()).hexdigest()}")
     # decorators such as dataclass look here for the module of their class
     sys.modules[module.__name__] = module
-    with user_code_errors(f"{what} = {name!r}: its module does not run:"):
+    with user_code_errors(what, f"= {name!r}: its module does not run:"):
         exec(compile(source, f"<{name}>", "exec", dont_inherit=True), module.__dict__)
         # tracebacks, and the export of a controller, read the source from here
         linecache.cache[f"<{name}>"] = (len(source), None, source.splitlines(keepends=True), f"<{name}>")
     function = getattr(module, function_name, None)
     if not callable(function):
-        raise InputError(f"{what} = {name!r}: its module has no function {function_name}")
+        raise InputError(f"{what} = {name!r}: its module has no function {function_name}", what, "name")
     return function
 
 
 @contextmanager
-def user_code_errors(what: str) -> Iterator[None]:
-    """Turn whatever the user's code raises, even SystemExit, into a sentence; numpy's error handling is restored."""
+def user_code_errors(what: str, failure: str) -> Iterator[None]:
+    """Turn all that the user's code raises, even SystemExit, into a sentence; numpy's error handling is restored."""
     try:
         with np.errstate():
             yield
@@ -204,7 +209,8 @@ def user_code_errors(what: str) -> Iterator[None]:
     except BaseException as error:
         text = " ".join(str(error).split())
         text = text if len(text) <= _MAX_MESSAGE_CHARACTERS else text[:_MAX_MESSAGE_CHARACTERS] + " …"
-        raise InputError(f"{what} {type(error).__name__}: {text}".removesuffix(": ")) from error
+        sentence = f"{what} {failure} {type(error).__name__}: {text}".removesuffix(": ")
+        raise InputError(sentence, what, "code") from error
 
 
 SCENARIO_DIM = "scenario"  # the dimension along which the function gets the traces of a shard
@@ -213,42 +219,42 @@ _TAKEN_NAMES = _PUBLIC_NAMES | set(RESERVED_DIMS)
 _TAKEN_DIMS = _PUBLIC_NAMES | {"day", "replicate", "sample"}
 _FLOAT_TYPES = (np.dtype(np.float32), np.dtype(np.float64))
 _TEXT_ATTRIBUTES = ("units", "long_name", "standard_name", "description", "comment", "source", "references")
-"""Attributes that are kept: words for a reader, nothing by which a decoder would change the numbers."""
+"""Attributes that are kept: text for a reader, nothing by which a decoder would change the numbers."""
 
 
-def reduce(reduction: UserFunction, traces: xr.Dataset) -> xr.Dataset:
-    """Reduce the traces of some scenarios.
+def reduce_traces(reduction: UserCode, traces: xr.Dataset) -> xr.Dataset:
+    """Reduce the traces of some scenarios with the user's function.
 
     traces: over (scenario, [volume,] elapsed_time), the swept parameters as coordinates along ``scenario``; the
-    function ``reduction`` gets them read-only.  Returns what it returns: numbers over (scenario, …), with the labels of
-    the further dimensions and those attributes that describe a number in words.
+    function gets them read-only.  Returns its answer: numbers over (scenario, …), with the labels of the further
+    dimensions and those attributes that describe a number in words.
     """
     traces = _make_read_only(traces)
     reduced = _call_reduction(reduction, traces)
     alone = _call_reduction(reduction, traces.isel({SCENARIO_DIM: slice(-1, None)}))
     variables, variables_alone = reduced.isel({SCENARIO_DIM: slice(-1, None)}).variables, alone.variables
-    equal_names = {
-        n
-        for n in variables
-        if n in variables_alone
-        and variables[n].dtype == variables_alone[n].dtype
-        and variables[n].equals(variables_alone[n])  # type: ignore[no-untyped-call]
-    }
-    differing = [str(n) for n in {**variables, **variables_alone} if n not in equal_names]
+    differing = []
+    for name in {**variables, **variables_alone}:
+        among_others, by_itself = variables.get(name), variables_alone.get(name)
+        is_same_kind = among_others is not None and by_itself is not None and among_others.dtype == by_itself.dtype
+        if not (is_same_kind and among_others.equals(by_itself)):  # type: ignore[union-attr]
+            differing.append(str(name))
     if differing:
         raise InputError(
             f"reduce = {reduction.name!r} gives another {' and '.join(differing)} for a scenario alone than among "
-            "others: treat each scenario alone, to the last bit"
+            "others: treat each scenario alone, to the last bit",
+            "reduce",
+            "code",
         )
     return reduced
 
 
-def _call_reduction(reduction: UserFunction, traces: xr.Dataset) -> xr.Dataset:
-    function = load("reduce", reduction)
-    with user_code_errors(f"reduce = {reduction.name!r} raised"):
+def _call_reduction(reduction: UserCode, traces: xr.Dataset) -> xr.Dataset:
+    function = load_function("reduce", reduction)
+    with user_code_errors("reduce", f"= {reduction.name!r} raised"):
         answer = function(traces.copy())
-    problems = list(_find_answer_problems(answer, traces))
-    raise_problems([f"reduce = {reduction.name!r} returned {problem}" for problem in problems])
+    returned = f"reduce = {reduction.name!r} returned"
+    raise_problems([Problem(f"{returned} {p}", "reduce", "code") for p in _find_answer_problems(answer, traces)])
     labels = {dim: _copy_variable(answer[dim].variable) for dim in _further_dims(answer) if dim in answer.coords}
     reduced = xr.Dataset(
         {n: _copy_variable(v.variable).transpose(SCENARIO_DIM, ...) for n, v in answer.data_vars.items()}, labels
@@ -258,24 +264,23 @@ def _call_reduction(reduction: UserFunction, traces: xr.Dataset) -> xr.Dataset:
         if are_names and netcdf.load(bytes(netcdf.netcdf_bytes(reduced))).identical(reduced):
             return reduced
     raise InputError(
-        f"reduce = {reduction.name!r} returned names or labels that no file gives back as they are: use letters, "
-        "digits and _ for names, numbers or words for labels"
+        f"{returned} names or labels that no file gives back as they are: use letters, digits and _ for names, numbers "
+        "or words for labels",
+        "reduce",
+        "code",
     )
 
 
 def _copy_variable(variable: xr.Variable) -> xr.Variable:
-    """The numbers or labels of a variable, in this machine's byte order, and its words."""
+    """Copy the numbers or labels of a variable, in this machine's byte order, and its attributes that are text."""
     values = np.array(variable.values, order="C")
-    attrs = {
-        word: text
-        for word in _TEXT_ATTRIBUTES
-        if isinstance(text := variable.attrs.get(word), str) and is_storable_text(text)
-    }
+    texts = {name: variable.attrs.get(name) for name in _TEXT_ATTRIBUTES}
+    attrs = {name: text for name, text in texts.items() if isinstance(text, str) and is_storable_text(text)}
     return xr.Variable(variable.dims, values.astype(values.dtype.newbyteorder("="), copy=False), attrs)
 
 
 def _find_answer_problems(answer: Any, traces: xr.Dataset) -> Iterable[str]:
-    """What is wrong with the answer of a reduction of ``traces``, a sentence each."""
+    """Check the answer of a reduction of ``traces``: the end of a sentence for each problem."""
     if not isinstance(answer, xr.Dataset):
         yield f"a {type(answer).__name__}: return an xarray.Dataset"
         return

@@ -7,7 +7,7 @@
     shards/        FIRST-HASH.nc, a file for each finished shard, until all of them are in results.nc
     quarantine/    damaged and foreign files from shards/
     results.nc     metrics and status, named and labelled
-    traces-ID.nc   the traces, if any are asked for; ``trace_file`` in the attributes of results.nc names it
+    traces-ID.nc   the traces, if there are any; ``trace_file`` in the attributes of results.nc names it
     figures/
     .lock-K-of-N   the lock of a share that is run, or was since the last merge
 """
@@ -32,7 +32,6 @@ from fastcoil.base.figures import FIGURES_FOLDER
 from fastcoil.base.files import (
     convert_os_errors,
     exists,
-    is_file,
     is_folder,
     list_folder,
     make_folder,
@@ -47,28 +46,22 @@ from fastcoil.study.file.spec import MAX_STUDY_FILE_BYTES, Study, read_study
 from fastcoil.study.folder.stored import (
     MANIFEST_FILE,
     RESULTS_FILE,
+    SHARDS_FOLDER,
     TRACE_FILE_PATTERN,
     Manifest,
     Shards,
-    open_final_results,
 )
 
 STUDY_FILE = "study.toml"
-_LOCK_NAME, _HOLDER_NAME = ".lock", ".holder"
+_LOCK_NAME = ".lock"
+_HOLDER_NAME = ".holder"
 _MAX_HOLDER_BYTES = 4096
-_LOCK_TIMEOUT_S, _SLICE_LOCK_TIMEOUT_S, _LOCK_POLL_S = 0.5, 10.0, 0.01
-"""Seconds to try to get the lock, which a reader may hold for a moment; seconds between two trials."""
-_SETTLING_TIME_S = 1.0  # seconds that a run may need between two files that belong together
+_LOCK_TIMEOUT_S = 0.5  # a reader may hold the lock for a moment
+_SLICE_LOCK_TIMEOUT_S = 10.0  # shares that are started together all look at the lock of the whole
+_SETTLING_TIME_S = 1.0  # that a run may need between two files that belong together
 _NOT_A_FILE_ERRORS = (errno.ELOOP, errno.EISDIR)
 _NO_LOCK_ERRORS = (errno.EOPNOTSUPP, errno.ENOLCK, errno.ENOSYS, *_NOT_A_FILE_ERRORS)
-"""Answers of a file system that has no locks, and where the lock is no file."""
 Content = TypeVar("Content")
-
-
-def refuse_archive(path: Path) -> None:
-    """Refuse the one file that ``fastcoil archive`` makes of a folder, where the folder is wanted."""
-    if path.suffix == ".zip" and is_file(path):
-        raise InputError(f"{path} is an archive: unpack it with `unzip {path}`, and give the folder that is in it")
 
 
 @dataclass(frozen=True)
@@ -78,27 +71,29 @@ class StudyFolder:
     path: Path
 
     @property
-    def results(self) -> Path:
+    def results_path(self) -> Path:
         return self.path / RESULTS_FILE
 
     @property
-    def study(self) -> Path:
+    def study_path(self) -> Path:
         return self.path / STUDY_FILE
 
     @property
     def has_results(self) -> bool:
-        return exists(self.results)
+        return exists(self.results_path)
+
+    @property
+    def has_shards(self) -> bool:
+        return bool(list_folder(self.path / SHARDS_FOLDER))
 
     def require_manifest(self) -> Manifest:
-        """The manifest of the run; ``InputError`` if the folder holds no study, ``IntegrityError`` if it is lost."""
+        """Return the manifest of the run; ``InputError`` without a study, ``IntegrityError`` if it is lost."""
         manifest = Manifest.read(self.path)
         if manifest is None and self.has_results:
             raise self.missing_manifest_error()
         if manifest is None:
-            refuse_archive(self.path)
-            raise InputError(
-                f"{self.path} holds no study: run one first, with `fastcoil run STUDY.toml -o {self.path}`"
-            )
+            cure = f"run one first, with `fastcoil run STUDY.toml -o {self.path}`"
+            raise InputError(f"{self.path} holds no study: {cure}", str(self.path), "path")
         return manifest
 
     def missing_manifest_error(self) -> IntegrityError:
@@ -111,21 +106,22 @@ class StudyFolder:
     def write_manifest(self, manifest: Manifest, text: str) -> None:
         """Record which study is run, before its first shard."""
         # in this order: if it is killed in between, the manifest is still that of the results, or there is none
-        write_atomically(self.study, text.encode())
-        manifest.write(self.path)
+        if self.read_text() != text:
+            write_atomically(self.study_path, text.encode())
+        write_atomically(self.path / MANIFEST_FILE, manifest.text.encode())
 
-    def records(self, manifest: Manifest, text: str) -> bool:
-        """Whether the folder says all this of the study that is run."""
-        stored_manifest = Manifest.read(self.path)
-        return stored_manifest is not None and stored_manifest.text == manifest.text and self.read_text() == text
+    def has_recorded(self, manifest: Manifest, text: str) -> bool:
+        """Whether the folder has this manifest and text of the study that is run."""
+        stored = Manifest.read(self.path)
+        return stored is not None and stored.text == manifest.text and self.read_text() == text
 
     def read_text(self) -> str | None:
-        """The text of the study that is run, or ``None`` if it is missing or damaged."""
-        if not exists(self.study):
+        """Return the text of the study that is run, or ``None`` if it is missing or damaged."""
+        if not exists(self.study_path):
             return None
         try:
-            with convert_os_errors(self.study, "read"):
-                return read_bytes(self.study, MAX_STUDY_FILE_BYTES).decode()
+            with convert_os_errors(self.study_path, "read"):
+                return read_bytes(self.study_path, MAX_STUDY_FILE_BYTES).decode()
         except ValueError:  # not UTF-8, or too large
             return None
 
@@ -134,14 +130,12 @@ class StudyFolder:
 
         ``IntegrityError`` if it, or a file it reads, is not what it was when the run was started.
         """
-        cure = (
-            f"`fastcoil run STUDY.toml -o {self.path}`, with the file the run was started from, restores {STUDY_FILE}"
-        )
+        command = f"`fastcoil run STUDY.toml -o {self.path}`"
+        cure = f"{command}, with the file the run was started from, restores {STUDY_FILE}"
         if self.read_text() is None:
-            raise IntegrityError(f"{self.study} is missing or damaged: {cure}")
+            raise IntegrityError(f"{self.study_path} is missing or damaged: {cure}")
         try:
-            # one that was unpacked from an archive has its files in the folder itself
-            study = read_study(self.study, self.path / manifest.relative_to)
+            study = read_study(self.study_path, self.path / manifest.relative_to)
         except InputError as error:
             raise IntegrityError(
                 f"{self.path}: the study can no longer be read: restore the files that it reads; {cure}\n"
@@ -149,29 +143,23 @@ class StudyFolder:
             ) from None
         matching = study.find_by_hash(manifest.study_sha256)
         if matching is None:
-            same_boundary = study.plan.layout.boundary.sha256 == manifest.boundary_sha256
-            what = (
-                f"{STUDY_FILE}, a file that it includes, or its own code"
-                if same_boundary
-                else "the series of its [boundary]"
-            )
+            changed = "the series of its [boundary]"
+            if study.plan.layout.boundary.sha256 == manifest.boundary_sha256:
+                changed = f"{STUDY_FILE}, a file that it includes, or its own code"
             raise IntegrityError(
-                f"{self.path}: {what} changed since the run was started: restore it, or use another folder; {cure}"
+                f"{self.path}: {changed} changed since the run was started: restore it, or use another folder; {cure}"
             )
         return matching
 
-    def open_results(self) -> xr.Dataset:
-        return open_final_results(self.path, Manifest.read(self.path))
-
-    def settled(self, read: Callable[[], Content]) -> Content:
-        """Read something that another run may be writing: again, as long as it is inconsistent and somebody writes."""
+    def read_consistently(self, read: Callable[[], Content]) -> Content:
+        """Call ``read`` again while what it reads is inconsistent and another run is writing it."""
         end = time.monotonic() + _SETTLING_TIME_S
         while time.monotonic() < end:
-            writing = find_holder(self.path)
+            is_held = find_holder(self.path)
             try:
                 return read()
             except IntegrityError:
-                if not writing:
+                if not is_held:
                     break
                 time.sleep(_SETTLING_TIME_S / 50)
         return read()
@@ -189,11 +177,11 @@ class StudyFolder:
 
 
 @contextmanager
-def hold(folder: Path, slice_name: str = "") -> Iterator[None]:
+def hold_folder(folder: Path, slice_name: str = "") -> Iterator[None]:
     """Hold the folder for one writer, make it if it is missing; one made here that stays empty is removed again.
 
-    share: hold only this share of the study, such as ``2-of-8``, beside other shares.  Where the file system has no
-    locks, a share is not held: run twice at once, it is computed twice and counts once.
+    slice_name: hold only this share of the study, such as ``2-of-8``, beside other shares.  Where the file system
+    has no locks, a share is not held: run twice at the same time, it is computed twice and counts once.
 
     ``InputError`` if there is a file of that name, or no folder of results can have that name.  ``LockedError`` if
     another process holds it; the operating system frees it when that process ends, however it ends.  ``StorageError``
@@ -202,12 +190,14 @@ def hold(folder: Path, slice_name: str = "") -> Iterator[None]:
     require_usable_path(folder, "choose another folder with -o")
     if "\\" in folder.as_posix() or not is_storable_text(str(folder.absolute())):
         raise InputError(
-            f"{short_repr(str(folder))} holds a backslash or bytes that are not UTF-8, with which the NetCDF library cannot "
-            "write: choose another folder with -o"
+            f"{short_repr(str(folder))} holds a backslash or bytes that are not UTF-8, with which the NetCDF library "
+            "cannot write: choose another folder with -o",
+            "-o",
+            "path",
         )
     with convert_os_errors(folder, "written"):  # a folder above it may be closed to us
         if folder.exists() and not folder.is_dir():
-            raise InputError(f"{folder} is a file: choose another folder with -o")
+            raise InputError(f"{folder} is a file: choose another folder with -o", "-o", "path")
         made_folders = [p for p in (folder, *folder.parents) if not p.exists()]
     lock, holder = _make_lock(folder, slice_name), _slice_path(folder, _HOLDER_NAME, slice_name)
     is_noted = False
@@ -253,32 +243,25 @@ def _slice_path(folder: Path, name: str, slice_name: str) -> Path:
 
 
 def _make_lock(folder: Path, slice_name: str) -> BaseFileLock:
-    return FileLock(
-        _slice_path(folder, _LOCK_NAME, slice_name), fallback_to_soft=False
-    )  # a soft lock would outlive a kill
+    # a soft lock would outlive a kill
+    return FileLock(_slice_path(folder, _LOCK_NAME, slice_name), fallback_to_soft=False)
 
 
 def _find_started_slices(folder: Path) -> list[str]:
     """The shares that were begun since the folder was last held as a whole."""
-    return [
-        path.name.removeprefix(f"{_LOCK_NAME}-") for path in list_folder(folder) if path.match(f"{_LOCK_NAME}-*-of-*")
-    ]
+    paths = list_folder(folder) if is_folder(folder) else []
+    return [p.name.removeprefix(f"{_LOCK_NAME}-") for p in paths if p.match(f"{_LOCK_NAME}-*-of-*")]
 
 
 def _acquire_lock(lock: BaseFileLock, folder: Path, slice_name: str, *, for_slice: bool) -> None:
-    """Get the lock of the whole folder or of a share; for a share, one that the file system does not have is missed."""
+    """Get the lock of the whole folder or of a share; a share goes without where the file system has no locks."""
     try:
-        # shares that are started together all look at the lock of the whole
-        lock.acquire(
-            timeout=_SLICE_LOCK_TIMEOUT_S if for_slice and not slice_name else _LOCK_TIMEOUT_S,
-            poll_interval=_LOCK_POLL_S,
-        )
+        timeout = _SLICE_LOCK_TIMEOUT_S if for_slice and not slice_name else _LOCK_TIMEOUT_S
+        lock.acquire(timeout=timeout, poll_interval=0.01)
     except Timeout:
         holder = _describe_holder(folder, slice_name) or "another run"
-        prefix = f"share {slice_name.replace('-', ' ')} of " if slice_name else ""
-        raise LockedError(
-            f"{prefix}{folder} is in use by {holder}: wait for it to end, or choose another folder"
-        ) from None
+        place = f"share {slice_name.replace('-', ' ')} of {folder}" if slice_name else str(folder)
+        raise LockedError(f"{place} is in use by {holder}: wait for it to end, or choose another folder") from None
     except (OSError, NotImplementedError) as error:
         if isinstance(error, OSError) and error.errno not in _NO_LOCK_ERRORS:
             raise
@@ -293,10 +276,7 @@ def _acquire_lock(lock: BaseFileLock, folder: Path, slice_name: str, *, for_slic
 
 def find_running_slices(folder: Path) -> dict[str, str]:
     """Share, such as ``2-of-8`` → who is running it, in words; empty if nobody is."""
-    return {
-        slice_name: find_holder(folder, slice_name) or ""
-        for slice_name in (_find_started_slices(folder) if is_folder(folder) else ())
-    }
+    return {name: find_holder(folder, name) or "" for name in _find_started_slices(folder)}
 
 
 def find_holder(folder: Path, slice_name: str = "") -> str | None:
@@ -316,11 +296,9 @@ def find_holder(folder: Path, slice_name: str = "") -> str | None:
 def _describe_holder(folder: Path, slice_name: str) -> str | None:
     """The note of the run that holds the folder; ``None`` without one, as of a lock that somebody looks at."""
     try:
-        text = read_bytes(_slice_path(folder, _HOLDER_NAME, slice_name), _MAX_HOLDER_BYTES, follow=False).decode(
-            errors="replace"
-        )
+        note = read_bytes(_slice_path(folder, _HOLDER_NAME, slice_name), _MAX_HOLDER_BYTES, follow=False)
     except FileNotFoundError:
         return None
     except (OSError, ValueError):
         return "another run"
-    return f"another run ({escape_control_characters(text)})"
+    return f"another run ({escape_control_characters(note.decode(errors='replace'))})"

@@ -38,25 +38,26 @@ from fastcoil.base.files import (
     write_atomically,
 )
 from fastcoil.base.machine import retry_while_locked
-from fastcoil.loops.netcdf import StoredFile, file_sha256, load, netcdf_bytes, open_lazily, probe_file, write
-from fastcoil.loops.provenance import RESULT_FORMAT, combined_sha256, environments_of, variable_sha256
+from fastcoil.loops.netcdf import StoredFile, file_sha256, load, netcdf_bytes, open_lazily, probe_file
+from fastcoil.loops.plan import simulation_attributes
+from fastcoil.loops.provenance import RESULT_FORMAT, combined_sha256, environments_of, provenance, variable_sha256
 from fastcoil.loops.scenarios import check_result
-from fastcoil.model.metric_table import TRACES
 from fastcoil.model.user_rules import RuleHashes, merge_rule_hashes, user_code_hashes
 from fastcoil.study.file.spec import Study
 
-MANIFEST_FILE, RESULTS_FILE, TRACE_FILE_PATTERN = "run.json", "results.nc", "traces-*.nc"
-SHARDS_FOLDER, QUARANTINE_FOLDER = "shards", "quarantine"
+MANIFEST_FILE = "run.json"
+RESULTS_FILE = "results.nc"
+TRACE_FILE_PATTERN = "traces-*.nc"
+SHARDS_FOLDER = "shards"
+QUARANTINE_FOLDER = "quarantine"
 SHARD_NAME_PATTERN = re.compile(r"(\d{9,})-([0-9a-f]{32})\.nc")
-DESCRIPTIVE_ATTRIBUTES = ("title", "summary", "study_toml")
-"""Attributes of a study that no scenario depends on."""
-_FOLDER_FORMAT = 2
-"""Of the folder; no other one is read."""
+DESCRIPTIVE_ATTRIBUTES = ("title", "summary", "study_toml")  # no scenario depends on them
+_FOLDER_FORMAT = 2  # no other one is read
 _CHECKSUM_KEY = "sha256"
-_MAX_MANIFEST_BYTES = 2**20  # bytes of ``run.json``
-_MAX_LOADED_BYTES = 2**28  # bytes; more, as of two million scenarios, stay on the disk as traces do
-_CURES = {True: "delete it and run the study again", False: f"delete {RESULTS_FILE} and run the study again"}
-"""What to do about a damaged final file, by whether it has the results."""
+_MAX_MANIFEST_BYTES = 2**20
+_MAX_LOADED_BYTES = 2**28  # metrics of two million scenarios; more stay on the disk as traces do
+_RESULTS_CURE = "delete it and run the study again"
+_TRACES_CURE = f"delete {RESULTS_FILE} and run the study again"
 
 
 # --- run.json ---------------------------------------------------------------------------------------------------------
@@ -73,7 +74,7 @@ class Manifest:
     relative_to: folder from which the study's relative paths start.  computed_on: every environment that computed a
     part of it.  outputs: for each final file the SHA-256 that its bytes may have, that of the newest first; while a
     file is being replaced, there are two.  finished: whether the results are complete.  user_code: hashes of the
-    study's own rules, as they were compiled.
+    user-defined rules, as they were compiled.
     """
 
     study_sha256: str
@@ -86,23 +87,22 @@ class Manifest:
     user_code: RuleHashes = field(default_factory=dict, compare=False)
 
     @classmethod
-    def of(cls, study: Study) -> Manifest:
-        """The manifest of a study, run with the model's sources of today."""
+    def from_study(cls, study: Study) -> Manifest:
+        """Return the manifest of a study that is run with the present sources of the model."""
         boundary = study.plan.layout.boundary
         user_code = user_code_hashes(study.plan.layout.loop.rules.values())
         return cls(study.sha256, boundary.sha256, study.model_sha256, str(study.folder.absolute()), user_code=user_code)
 
     @property
     def key(self) -> str:
-        """Names the shards that belong to this run."""
+        """The name by which shards belong to this run."""
         return hashlib.sha256(f"1 {self.study_sha256} {self.model_sha256}".encode()).hexdigest()
 
     def with_files_of(self, earlier: Manifest | None) -> Manifest:
-        """The same run, with what ``earlier``, the run in the folder so far, knows of the files there."""
+        """Return the same run with what ``earlier``, the manifest in the folder, records of the files there."""
         if earlier is None:
             return self
-        is_same_run = (self.study_sha256, self.model_sha256) == (earlier.study_sha256, earlier.model_sha256)
-        user_code = merge_rule_hashes(self.user_code, earlier.user_code) if is_same_run else self.user_code
+        user_code = merge_rule_hashes(self.user_code, earlier.user_code) if self.key == earlier.key else self.user_code
         return replace(self, outputs=earlier.outputs, user_code=user_code)
 
     @classmethod
@@ -118,8 +118,8 @@ class Manifest:
             folder_format = content.pop("format", 0)
             if folder_format != _FOLDER_FORMAT and isinstance(folder_format, int):
                 raise IntegrityError(
-                    f"{folder} was written by another version of fastcoil (format {folder_format}, this one reads and writes "
-                    f"{_FOLDER_FORMAT}): use that version, or choose another folder with -o"
+                    f"{folder} was written by another version of fastcoil (format {folder_format}, this one reads and "
+                    f"writes {_FOLDER_FORMAT}): use that version, or choose another folder with -o"
                 )
             if content.pop(_CHECKSUM_KEY, None) != checksum(content):
                 raise ValueError("its checksum differs")
@@ -140,8 +140,34 @@ class Manifest:
 
 
 def checksum(content: Mapping[str, Any]) -> str:
-    """SHA-256 of a table, by which a later change of it is seen."""
+    """SHA-256 of a table, which reveals a later change of it."""
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def study_attributes(study: Study, manifest: Manifest, measured: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """All attributes of the results of a study: provenance, settings, which study it is, and what the run measured."""
+    attrs = {
+        "title": study.title,
+        **provenance(),
+        **simulation_attributes(study.plan),
+        "summary": study.question,
+        "study_toml": study.text,
+        "study_sha256": study.sha256,
+        "model_sha256": manifest.model_sha256,
+        "computed_on": json.dumps(list(manifest.computed_on)),
+    }
+    traces = study.plan.traces
+    if traces.names:
+        attrs["traces"] = f"{', '.join(traces.names)} every {traces.interval} s"
+    if study.reduction:
+        attrs |= {"reduction": study.reduction.name, "reduction_sha256": study.reduction.sha256}
+    if study.rules:
+        attrs["rules"] = json.dumps({n: {"code": s.name, "sha256": s.sha256} for n, s in sorted(study.rules.items())})
+    if study.precision:
+        attrs["precision"] = study.precision.text
+    if manifest.user_code:
+        attrs["user_code"] = json.dumps(manifest.user_code)
+    return attrs | dict(measured or {})
 
 
 # --- shards -----------------------------------------------------------------------------------------------------------
@@ -169,16 +195,13 @@ class Shards:
         name = f"{part['scenario'].values[0]:09d}-{hashlib.sha256(data).hexdigest()[:32]}.nc"
         write_atomically(self.path / name, data)
 
-    def any(self) -> bool:
-        return bool(list_folder(self.path))
-
     def read(
         self, *, quarantine: bool, leave_out: Collection[str] = (), scenarios: np.ndarray | None = None
     ) -> Iterator[xr.Dataset]:
         """Read the sound shards, one by one, without the variables ``leave_out``, and warn of every other file.
 
         quarantine: move a file that is damaged, or not of this run, out of the way, so that its scenarios are
-        computed again.  own: only shards that begin with one of these scenarios.
+        computed again.  scenarios: only shards that begin with one of these.
         """
         if quarantine and is_folder(self.path):
             remove_temporary_files(self.path)
@@ -264,14 +287,14 @@ def publish_file(path: Path, write: Callable[[Path], object], manifest: Manifest
 
 
 def open_final_results(folder: Path, manifest: Manifest | None) -> xr.Dataset:
-    """Open the results in a folder, checked against their hashes; traces stay on the disk until they are asked for.
+    """Open the results in a folder, checked against their hashes; traces stay on the disk until they are read.
 
     ``InputError`` if there are none, or a later version of fastcoil wrote them.  ``StorageError`` if a file cannot be
     read, ``IntegrityError`` if its content is not what was written.
     """
     path = folder / RESULTS_FILE
     if not exists(path):
-        raise InputError(f"{path} does not exist: run the study first")
+        raise InputError(f"{path} does not exist: run the study first", str(path), "path")
     ds = _final_file(path, manifest).load(_MAX_LOADED_BYTES)
     try:
         is_later = int(ds.attrs.get("fastcoil_format", 0)) > RESULT_FORMAT
@@ -280,17 +303,18 @@ def open_final_results(folder: Path, manifest: Manifest | None) -> xr.Dataset:
             check_result(ds)
     except (ValueError, TypeError) as error:
         raise IntegrityError(
-            f"{path} is not a result of a study (its status or metrics are missing, or no numbers); {_CURES[True]}"
+            f"{path} is not a result of a study (its status or metrics are missing, or no numbers); {_RESULTS_CURE}"
         ) from error
     if is_later:
-        raise InputError(f"{path} was written by a later version of fastcoil: open it with that version")
+        sentence = f"{path} was written by a later version of fastcoil: open it with that version"
+        raise InputError(sentence, str(path), "format")
     if is_damaged:
-        raise IntegrityError(f"{path} is damaged (content_sha256 differs); {_CURES[True]}")
+        raise IntegrityError(f"{path} is damaged (content_sha256 differs); {_RESULTS_CURE}")
     return add_traces(ds, folder, manifest)
 
 
 def add_traces(ds: xr.Dataset, folder: Path, manifest: Manifest | None) -> xr.Dataset:
-    """Add to the results their traces, which stay on the disk until they are asked for; raises as ``open_final_results``."""
+    """Add the traces to the results; they stay on the disk until they are read.  Raises as ``open_final_results``."""
     file = trace_file(ds, folder, manifest)
     if file is None:
         return ds
@@ -309,27 +333,13 @@ def trace_file(ds: xr.Dataset, folder: Path, manifest: Manifest | None) -> Store
     name = str(ds.attrs["trace_file"])
     if not fnmatchcase(name, TRACE_FILE_PATTERN) or Path(name).name != name:
         raise IntegrityError(
-            f"{folder / RESULTS_FILE} names traces in {short_repr(name)}, which holds none; {_CURES[True]}"
+            f"{folder / RESULTS_FILE} names traces in {short_repr(name)}, which holds none; {_RESULTS_CURE}"
         )
     return _final_file(folder / name, manifest)
 
 
-def with_updated_title(
-    ds: xr.Dataset, attrs: Mapping[str, Any], folder: Path, manifest: Manifest
-) -> tuple[xr.Dataset, Manifest]:
-    """Write the complete results ``ds`` again with other words about the same study: title, question, text.
-
-    attrs: the words.  Traces stay as they are.  Returns the results and their manifest.
-    """
-    metrics = ds.drop_vars([name for name in ds.data_vars if name in TRACES]).load().assign_attrs(attrs)
-    metrics.attrs["content_sha256"] = combined_sha256(metrics)
-    recorded = publish_file(folder / RESULTS_FILE, lambda unfinished: write(metrics, unfinished, mode="w"), manifest)
-    result = add_traces(metrics, folder, recorded)
-    return result, finished_manifest(result, folder, recorded)
-
-
 def find_variable_problems(ds: xr.Dataset, path: Path) -> list[str]:
-    """What is wrong with the values of the traces in ``path``, a sentence each; reads all of them."""
+    """Compare the values of the traces in ``path`` with their hashes; a sentence for each that differs."""
     problems = []
     for name, digest in json.loads(ds.attrs.get("trace_sha256", "{}")).items():
         try:
@@ -339,12 +349,12 @@ def find_variable_problems(ds: xr.Dataset, path: Path) -> list[str]:
         except Exception:  # damaged bytes may raise anything in the library
             same = False
         if not same:
-            problems.append(f"{path}: {name} is damaged (its hash differs); {_CURES[False]}")
+            problems.append(f"{path}: {name} is damaged (its hash differs); {_TRACES_CURE}")
     return problems
 
 
 def find_problems(ds: xr.Dataset, folder: Path, manifest: Manifest) -> list[str]:
-    """What is wrong with the results ``ds`` and their traces, a sentence each; hashes and reads all of them."""
+    """Hash and read the results ``ds`` and their traces; a sentence for each problem."""
     problems = []
     for file in _final_files(ds, folder, manifest):
         try:
@@ -368,5 +378,6 @@ def _final_files(ds: xr.Dataset, folder: Path, manifest: Manifest) -> list[Store
 
 def _final_file(path: Path, manifest: Manifest | None) -> StoredFile:
     """A final file by its recorded hash; without one, as where ``run.json`` was lost, a child process tries it."""
-    accepted, cure = manifest.outputs.get(path.name) if manifest else None, _CURES[path.name == RESULTS_FILE]
+    accepted = manifest.outputs.get(path.name) if manifest else None
+    cure = _RESULTS_CURE if path.name == RESULTS_FILE else _TRACES_CURE
     return StoredFile(path, accepted, cure) if accepted else probe_file(path, cure)

@@ -3,7 +3,7 @@
 import time
 
 import pytest
-from helpers.refusals import only_problem, problems
+from helpers.refusals import assert_refused, only_problem
 
 from fastcoil.loops import plan
 from fastcoil.study.file.spec import read_study
@@ -39,53 +39,49 @@ def test_no_text_of_a_mebibyte_takes_long(text):
 
 
 def test_tables_and_lists_inside_each_other_have_an_end():
-    assert "x.a has more than 20 tables or lists inside each other" in only_problem(
-        parse_toml, "x.a = " + "[" * 30 + "]" * 30, "s.toml"
-    )
+    assert_refused("x.a", "size", parse_toml, "x.a = " + "[" * 30 + "]" * 30, "s.toml")
     # deeper than Python goes, or not, where hypothesis has raised its limit
     assert "give at most 20" in only_problem(parse_toml, "x = " + "[" * 5000 + "]" * 5000, "s.toml")
-    assert "give at most 20" in only_problem(parse_toml, "a." * 300_000 + "b = 1", "s.toml")
+    assert_refused("s.toml", "size", parse_toml, "a." * 300_000 + "b = 1", "s.toml")
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    ("text", "field", "code"),
     [
-        ('x = "a\\u0000"', "s.toml: x = 'a\\x00' holds the character NUL: delete it"),
-        ('x = [{ y = "\\u0000" }]', "s.toml: x.y = '\\x00' holds the character NUL: delete it"),
-        ('[x]\n"\\u0000" = 1', "s.toml: x'\\x00': give a key of at most 200 characters, without NUL"),
-        ("k" * 300_000 + " = 1", ": give a key of at most 200 characters, without NUL"),
-        ("x = 0x" + "f" * 5000, "s.toml: x is a number of too many digits: give a smaller one"),
+        ('x = "a\\u0000"', "x", "value"),
+        ('x = [{ y = "\\u0000" }]', "x.y", "value"),
+        ('[x]\n"\\u0000" = 1', "x", "name"),
+        ("k" * 300_000 + " = 1", 200 * "k", "name"),
+        ("x = 0x" + "f" * 5000, "x", "value"),
     ],
 )
-def test_what_no_study_can_hold_is_refused(text, sentence):
-    problem = only_problem(parse_toml, text, "s.toml")
-    assert sentence in problem
-    assert len(problem) < 200
+def test_what_no_study_can_hold_is_refused(text, field, code):
+    error = assert_refused(field, code, parse_toml, text, "s.toml")
+    assert len(str(error)) < 200
 
 
 DAY = "[boundary]\nhours = 1\n"
 
 
 @pytest.fixture
-def refused(tmp_path, monkeypatch):
-    """Return a function that gives the sentences with which a study is refused, in seconds and not minutes."""
+def read_soon(tmp_path, monkeypatch):
+    """Return a function that reads a study in seconds and not minutes."""
     monkeypatch.setattr(plan, "available_memory", lambda: 8 * 2**30)
 
-    def refuse(text):
+    def read(text):
         (tmp_path / "s.toml").write_text(text)
         start = time.process_time()
-        sentences = problems(read_study, tmp_path / "s.toml")
-        assert time.process_time() - start < 5.0
-        assert max(map(len, sentences)) < 1000
-        return [sentence.removeprefix(f"{tmp_path}/s.toml: ") for sentence in sentences]
+        try:
+            return read_study(tmp_path / "s.toml")
+        finally:
+            assert time.process_time() - start < 5.0
 
-    return refuse
+    return read
 
 
-def test_an_axis_of_millions_of_values_is_refused(refused):
-    (problem,) = refused(f"[loop]\n[sweep]\nbacklash = {{ linspace = [0.0, 0.5, 10000000] }}\n{DAY}")
-    assert problem.startswith("[sweep] backlash = { linspace = [0.0, 0.5, 10000000] }: give [first, last, count]")
-    assert problem.endswith("a whole number from 1 to 1,000,000; draw more with [sample]")
+def test_an_axis_of_millions_of_values_is_refused(read_soon):
+    text = f"[loop]\n[sweep]\nbacklash = {{ linspace = [0.0, 0.5, 10000000] }}\n{DAY}"
+    assert_refused("backlash", "value", read_soon, text)
 
 
 @pytest.mark.parametrize(
@@ -99,8 +95,7 @@ def test_an_axis_of_millions_of_values_is_refused(refused):
         f"[boundary]\nhours = 0.1\nseed = {list(range(500))}\n",
     ],
 )
-def test_more_scenarios_than_memory_holds_are_refused_before_they_are_made(refused, text):
-    (problem,) = refused("[loop]\n" + text + ("" if "[boundary]" in text else DAY))
+def test_more_scenarios_than_memory_holds_are_refused_before_they_are_made(read_soon, text):
+    problem = only_problem(read_soon, "[loop]\n" + text + ("" if "[boundary]" in text else DAY))
     assert "scenarios need" in problem
-    assert "of memory, " in problem
-    assert "sweep fewer values" in problem
+    assert len(problem) < 1000

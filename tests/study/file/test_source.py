@@ -3,12 +3,12 @@
 from pathlib import Path
 
 import pytest
+from helpers.refusals import assert_mistakes, assert_refused, only_problem
 from helpers.rules import RULE_HEADER
 
-from fastcoil.base.errors import InputError
 from fastcoil.study.file import user_code
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.file.user_code import UserFunction, find_function, load
+from fastcoil.study.file.user_code import UserCode, find_function, load_function
 
 SOURCE = """
 import numpy as np
@@ -32,31 +32,26 @@ def test_a_module_next_to_the_study_is_found_also_in_a_folder(tmp_path):
 
 
 def test_the_hash_is_of_name_and_text():
-    hashes = {UserFunction(*r, Path("a.py")).sha256 for r in (("a:f", "x = 1"), ("a:g", "x = 1"), ("a:f", "x = 2"))}
+    hashes = {UserCode(*r, Path("a.py")).sha256 for r in (("a:f", "x = 1"), ("a:g", "x = 1"), ("a:f", "x = 2"))}
     assert len(hashes) == 3
-    assert UserFunction("a:f", "x = 1", Path("elsewhere/a.py")).sha256 in hashes
+    assert UserCode("a:f", "x = 1", Path("elsewhere/a.py")).sha256 in hashes
 
 
 @pytest.mark.parametrize(
-    ("text", "source", "sentence"),
+    ("text", "source", "code"),
     [
         *(
-            (text, SOURCE, f"reduce = {text!r}: give module:function, such as 'mine:overshoot'")
-            for text in ("mine", "mine.py:overshoot()", "mine:", ":overshoot", "../mine:overshoot", "mine:a:b", "")
+            (text, b"", "format")
+            for text in ("mine", "mine.py:overshoot()", "mine:", ":f", "../mine:f", "mine:a:b", "")
         ),
-        ("statistics:f", SOURCE, "statistics.py: put statistics.py next to the study file"),
-        ("absent.mod:f", SOURCE, "absent/mod.py: put mod.py next to the study file"),
-        ("mine:f", b"# \xe9", "mine.py cannot be read: SyntaxError: "),
-        ("mine:f", b"# coding: zlib\n", "mine.py cannot be read: LookupError: "),
-        ("mine:f", b"# coding: utf-7\n# +2AA-", "mine.py cannot be read: UnicodeEncodeError: "),
+        *((text, b"", "path") for text in ("statistics:f", "absent.mod:f")),
+        *(("mine:f", source, "path") for source in (b"# \xe9", b"# coding: zlib\n", b"# coding: utf-7\n# +2AA-")),
     ],
 )
-def test_what_cannot_be_found_or_read_is_refused_with_one_sentence(tmp_path, text, source, sentence):
-    (tmp_path / "mine.py").write_bytes(source if isinstance(source, bytes) else source.encode())
-    with pytest.raises(InputError) as refused:
-        find_function("reduce", text, tmp_path)
-    (problem,) = refused.value.problems
-    assert sentence in problem
+def test_what_cannot_be_found_or_read_is_refused_with_one_sentence(tmp_path, text, source, code):
+    (tmp_path / "mine.py").write_bytes(source)
+    problem = only_problem(find_function, "reduce", text, tmp_path)
+    assert (problem.field, problem.code) == ("reduce", code)
     assert "\n" not in problem
 
 
@@ -78,12 +73,8 @@ def test_a_study_finds_its_reduction_next_to_it_or_in_a_given_folder(tmp_path):
 
 def test_a_reduction_without_traces_and_an_absent_one_are_both_named(tmp_path):
     (tmp_path / "study.toml").write_text("[loop]\nkpp = 1\n[run]\nreduce = 'absent:f'")
-    with pytest.raises(InputError) as refused:
-        read_study(tmp_path / "study.toml")
-    unknown, absent, without = refused.value.problems
-    assert "kpp" in unknown
-    assert "[run] reduce = 'absent:f': there is no" in absent
-    assert "[run] reduce = 'absent:f' without traces: list the traces it needs, such as traces = [\"T_sup\"]" in without
+    mistakes = [("kpp", "name"), ("reduce", "path"), ("traces", "missing")]
+    assert_mistakes(mistakes, read_study, tmp_path / "study.toml")
 
 
 # Rules of a study
@@ -108,15 +99,10 @@ def study(tmp_path):
 def test_a_source_that_is_too_large_is_not_read_as_python(study, monkeypatch):
     path = study(RULE + "\nif 0: y = [" + "1," * 140_000 + "]")
     monkeypatch.setattr(user_code, "parse_rule", lambda *rule: pytest.fail("it was read"))
-    with pytest.raises(InputError, match=r"mine.py has \d+,\d+ bytes, more than 262,144: move what") as refused:
-        read_study(path)
-    assert len(refused.value.problems) == 1
+    assert_refused("estimator", "size", read_study, path)
 
 
 def test_a_rule_keeps_the_name_that_its_source_gives_it(study):
     two = "\ndef two(now, p, memory): return 0.0, memory\none = fc.estimator(Parameters, Memory)(two)\n"
     path = study(RULE + two)
-    with pytest.raises(
-        InputError, match="one is not the estimator that its source declares: .* each rule a name of its own"
-    ):
-        read_study(path, prepare=load)
+    assert "one is not the estimator that its source declares" in only_problem(read_study, path, prepare=load_function)

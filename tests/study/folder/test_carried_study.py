@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 import pytest
 from helpers import failing_shards
+from helpers.refusals import refuses
 from helpers.studies import (
     quarantined_names,
     run,
@@ -17,7 +18,6 @@ from helpers.studies import (
 )
 
 import fastcoil as fc
-from fastcoil.base.errors import InputError
 from fastcoil.loops import netcdf, plan
 from fastcoil.model.metric_table import STATUS_CRASHED, STATUS_OK
 from fastcoil.study import maintenance
@@ -143,14 +143,14 @@ def test_lanes_and_later_days_can_be_added(tmp_path):
 )
 def test_days_before_others_are_the_cause_of_them(tmp_path, old, new):
     run(CARRIED, tmp_path / "out")
-    with pytest.raises(InputError, match="add days at the end alone"):
+    with refuses(("--extend", "conflict")):
         run(CARRIED.replace(old, new), tmp_path / "out", extend=True)
 
 
 def test_days_that_begin_to_follow_one_another_keep_nothing(tmp_path):
     apart = CARRIED.replace("carry_over = true", "carry_over = false")
     run(apart, tmp_path / "out")
-    with pytest.raises(InputError, match=r"\[run\] carry_over changed"):
+    with refuses(("--extend", "conflict")):
         run(CARRIED.replace("5, 6]", "5, 6, 7]"), tmp_path / "out", extend=True)
 
 
@@ -175,5 +175,5 @@ def test_a_reduction_gets_the_traces_of_each_day(tmp_path):
 
 
 def test_a_tuning_of_days_in_sequence_is_refused(tmp_path):
-    with pytest.raises(InputError, match="every day is tried alone: leave \\[run\\] carry_over out"):
+    with refuses(("carry_over", "unsupported")):
         write_study(CARRIED + "[tune]\nsearch = { kp = [0.01, 0.02] }\n", tmp_path / "out")

@@ -6,6 +6,7 @@ import time
 
 import pytest
 from click.testing import CliRunner
+from helpers.refusals import refuses
 from helpers.studies import (
     PLAIN_STUDY,
     TRACED_STUDY,
@@ -18,13 +19,13 @@ from helpers.studies import (
     write_study,
 )
 
-from fastcoil.base.errors import FastcoilError, InputError, LockedError, StorageError
+from fastcoil.base.errors import FastcoilError, LockedError, StorageError
 from fastcoil.cli.main import main
 from fastcoil.study import maintenance
 from fastcoil.study import run as runner
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder import folder
-from fastcoil.study.folder.folder import find_holder, hold
+from fastcoil.study.folder.folder import find_holder, hold_folder
 
 pytestmark = pytest.mark.kernel
 
@@ -48,7 +49,7 @@ def test_a_folder_whose_name_is_no_text_is_refused_before_anything_is_run(tmp_pa
         out.parent.mkdir()
     except OSError:
         pytest.skip("the file system takes only UTF-8")
-    with pytest.raises(InputError, match="bytes that are not UTF-8"):
+    with refuses(("-o", "path")):
         runner.execute(read_study(write_text(tmp_path / "study.toml")), out)
     assert not out.exists()
 
@@ -152,10 +153,7 @@ def test_half_written_reruns_are_removed_and_a_rerun_waits_for_no_run(out):
     half = out / "reruns" / ".backlash.nc.123.tmp"
     half.parent.mkdir()
     half.write_bytes(b"half")
-    with hold(out):
+    with hold_folder(out):
         path, _ = maintenance.rerun(out, AT)
     assert [p.name for p in half.parent.glob("[!.]*")] == [path.name]
     assert not half.exists()
-
-
-# --- places and names -------------------------------------------------------------------------------------------------

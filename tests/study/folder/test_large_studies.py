@@ -34,7 +34,7 @@ from fastcoil.loops.simulate import estimate_run_time
 from fastcoil.model.metric_table import METRICS
 from fastcoil.study import run as runner
 from fastcoil.study.analysis.summary import summary
-from fastcoil.study.folder import merged, results, stored
+from fastcoil.study.folder import merged, results, state, stored
 from fastcoil.study.maintenance import status
 
 pytestmark = pytest.mark.kernel
@@ -134,18 +134,18 @@ def test_the_memory_of_a_merge_does_not_grow_with_the_study(tmp_path, monkeypatc
     monkeypatch.setattr(netcdf, "_SLAB_VALUES", 2**16)
     monkeypatch.setattr(netcdf, "_CHUNK_VALUES", 2**12)
     cut_studies(monkeypatch, 2)
-    original, peaks, sizes = runner.merge, [], []
+    original, peaks, sizes = runner.publish_results, [], []
 
-    def merge(folder, study, *words):
+    def publish(study_run, *words):
         tracemalloc.start()
         try:
-            return original(folder, study, *words)
+            return original(study_run, *words)
         finally:
             peaks.append(tracemalloc.get_traced_memory()[1])
-            sizes.append(study.plan.trace_bytes)
+            sizes.append(study_run.study.plan.trace_bytes)
             tracemalloc.stop()
 
-    monkeypatch.setattr(runner, "merge", merge)
+    monkeypatch.setattr(runner, "publish_results", publish)
     text = TRACED_STUDY.replace('"T_sup", "mode"', '"T_c"').replace("interval = 50", "interval = 1")
     text = text.replace("hours = 0.25", "hours = 0.5")
     for k, days in enumerate((1, 2, 4)):  # the first imports what is needed
@@ -156,29 +156,29 @@ def test_the_memory_of_a_merge_does_not_grow_with_the_study(tmp_path, monkeypatc
 
 def test_an_extension_reads_earlier_results_some_scenarios_at_a_time(out, monkeypatch):
     copy_run(PLAIN_STUDY, out)
-    original, sizes = results.ComputedParts._earlier_parts, []
+    original, sizes = state.StudyRun._earlier_parts, []
 
     def counted(*words):
         for part in original(*words):
             sizes.append(part.sizes["scenario"])
             yield part
 
-    monkeypatch.setattr(results, "_VALUES_AT_ONCE", 2 * (len(METRICS) + 1))  # values of two scenarios
-    monkeypatch.setattr(results, "_SCENARIOS_AT_ONCE", 5)
-    monkeypatch.setattr(results.ComputedParts, "_earlier_parts", counted)
+    monkeypatch.setattr(state, "_VALUES_AT_ONCE", 2 * (len(METRICS) + 1))  # values of two scenarios
+    monkeypatch.setattr(state, "_SCENARIOS_AT_ONCE", 5)
+    monkeypatch.setattr(state.StudyRun, "_earlier_parts", counted)
     assert run(with_larger_sweep(PLAIN_STUDY), out, extend=True) == undisturbed_hash(with_larger_sweep(PLAIN_STUDY))
     assert sizes == [2] * 6
 
 
 def test_a_run_keeps_no_shard_for_a_comparison_with_later_ones(out, monkeypatch):
     cut_studies(monkeypatch, 2)
-    original, firsts = runner.check_same_form, []
+    original, firsts = state.check_same_form, []
 
     def compare(first, part):
         firsts.append(first)
         return original(first, part)
 
-    monkeypatch.setattr(runner, "check_same_form", compare)
+    monkeypatch.setattr(state, "check_same_form", compare)
     assert run(TRACED_STUDY, out) == undisturbed_hash(TRACED_STUDY)
     kept = [first.sizes["scenario"] for first in firsts if first is not None]
     assert kept == [1] * len(kept) != []

@@ -8,7 +8,7 @@ import threading
 import pytest
 
 from fastcoil.base.errors import InputError, LockedError, StorageError
-from fastcoil.study.folder.folder import find_holder, hold
+from fastcoil.study.folder.folder import find_holder, hold_folder
 
 
 @pytest.fixture
@@ -21,12 +21,12 @@ def test_the_note_of_the_holder_does_not_follow_a_link(folder, tmp_path):
     other = tmp_path / "mine.txt"
     other.write_text("precious")
     (folder / ".holder").symlink_to(other)
-    with hold(folder):
+    with hold_folder(folder):
         assert not (folder / ".holder").is_symlink()
         assert f"process {os.getpid()} on " in find_holder(folder)
     assert other.read_text() == "precious"
     (folder / ".holder").symlink_to(tmp_path / "absent")
-    with hold(folder):
+    with hold_folder(folder):
         pass
     assert not (tmp_path / "absent").exists()
 
@@ -40,11 +40,11 @@ def test_the_note_of_the_holder_does_not_follow_a_link(folder, tmp_path):
     ],
 )
 def test_a_note_of_any_bytes_is_shown_as_text(folder, monkeypatch, note, words):
-    monkeypatch.setattr("fastcoil.study.folder.folder._PATIENCE", 0.1)
-    with hold(folder):
+    monkeypatch.setattr("fastcoil.study.folder.folder._LOCK_TIMEOUT_S", 0.1)
+    with hold_folder(folder):
         (folder / ".holder").write_bytes(note)
         assert find_holder(folder) == words
-        with pytest.raises(LockedError, match="is in use by another run"), hold(folder):
+        with pytest.raises(LockedError, match="is in use by another run"), hold_folder(folder):
             pass
 
 
@@ -55,7 +55,7 @@ def test_a_lock_that_is_no_file_is_refused(folder, make):
     make(folder / ".lock")
     with (
         pytest.raises(StorageError, match=r"\.lock cannot be locked \(.*delete it if it is a link or a folder"),
-        hold(folder),
+        hold_folder(folder),
     ):
         pass
     assert find_holder(folder) is None
@@ -72,7 +72,7 @@ def test_a_file_system_without_locks_is_refused(tmp_path, monkeypatch, number):
         raise OSError(number, os.strerror(number))
 
     monkeypatch.setattr(fcntl, "flock", refuse)
-    with pytest.raises(StorageError) as refused, hold(tmp_path / "out"):
+    with pytest.raises(StorageError) as refused, hold_folder(tmp_path / "out"):
         pass
     assert f".lock cannot be locked ({os.strerror(number)})" in str(refused.value)
     assert "choose a folder on another file system with -o" in str(refused.value)
@@ -86,7 +86,7 @@ def test_who_only_looks_does_not_stop_a_run_that_starts(folder):
         fcntl.flock(looking, fcntl.LOCK_SH)
         release = threading.Timer(0.1, fcntl.flock, [looking, fcntl.LOCK_UN])
         release.start()
-        with hold(folder):
+        with hold_folder(folder):
             pass
         release.join()
 
@@ -102,7 +102,7 @@ def test_a_lock_whose_file_was_removed_is_not_held(folder, monkeypatch):
         real(lock, how)
 
     monkeypatch.setattr(fcntl, "flock", flock)
-    with hold(folder):
+    with hold_folder(folder):
         assert len(calls) >= 2
         monkeypatch.undo()
         assert find_holder(folder) is not None
@@ -110,6 +110,6 @@ def test_a_lock_whose_file_was_removed_is_not_held(folder, monkeypatch):
 
 @pytest.mark.parametrize("name", ["a\0b", "a" * 300, "\ud800"])
 def test_a_folder_that_cannot_be_is_refused(tmp_path, name):
-    with pytest.raises(InputError, match="choose another folder with -o$"), hold(tmp_path / name):
+    with pytest.raises(InputError, match="choose another folder with -o$"), hold_folder(tmp_path / name):
         pass
     assert list(tmp_path.iterdir()) == []

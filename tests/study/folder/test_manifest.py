@@ -164,6 +164,3 @@ def test_a_run_that_is_resumed_on_another_processor_says_so(interrupted_folder, 
     assert f"a part of {interrupted_folder} was computed elsewhere (cpu {elsewhere[0]['cpu']}, now another)" in warned
     assert stored.Manifest.read(interrupted_folder).computed_on == elsewhere
     assert json.loads(open_study(interrupted_folder).attrs["computed_on"]) == elsewhere
-
-
-# --- study.toml -------------------------------------------------------------------------------------------------------

@@ -22,24 +22,21 @@ from helpers.studies import (
 import fastcoil as fc
 from fastcoil.base import arrays
 from fastcoil.base.errors import IntegrityError, StorageError
-from fastcoil.study import run as runner
+from fastcoil.study.folder.state import StudyRun
 
 pytestmark = pytest.mark.kernel
 
 
 @pytest.mark.parametrize("text", [PLAIN_STUDY, TRACED_STUDY], ids=["plain", "traced"])
 def test_shards_lost_before_the_merge_make_no_finished_result(out, monkeypatch, text):
-    original = runner.merge
+    original = StudyRun.parts
 
-    def merge(folder, study, manifest, parts, *args, **options):
-        def losing(leave_out):
-            if text == PLAIN_STUDY or "rmse" in leave_out:  # of a study with traces, after its metrics were read
-                shutil.rmtree(folder.path / "shards")
-            return parts(leave_out)
+    def parts(self, leave_out=(), **options):
+        if text == PLAIN_STUDY or "rmse" in leave_out:  # of a study with traces, after its metrics were read
+            shutil.rmtree(out / "shards")
+        return original(self, leave_out, **options)
 
-        return original(folder, study, manifest, losing, *args, **options)
-
-    monkeypatch.setattr(runner, "merge", merge)
+    monkeypatch.setattr(StudyRun, "parts", parts)
     with pytest.raises(IntegrityError, match="scenarios were lost after they had been run: run the study again"):
         run(text, out)
     assert not (out / "results.nc").exists()

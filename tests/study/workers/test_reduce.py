@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import xarray as xr
 from click.testing import CliRunner
-from helpers.refusals import only_problem, problems
+from helpers.refusals import assert_mistakes, assert_refused, only_problem
 
 from fastcoil.cli.main import main
-from fastcoil.study.file.user_code import UserFunction, load, reduce
+from fastcoil.study.file.user_code import UserCode, load_function, reduce_traces
 
 SOURCE = """
 import numpy as np
@@ -41,7 +41,7 @@ def traces():
 
 
 def make_source(source, name="mine:overshoot"):
-    return UserFunction(name, source, Path("mine.py"))
+    return UserCode(name, source, Path("mine.py"))
 
 
 def make_reduction(body, name="mine:f"):
@@ -52,7 +52,7 @@ def make_reduction(body, name="mine:f"):
 
 
 def test_the_answer_is_that_of_the_function(traces):
-    reduced = reduce(make_source(SOURCE), traces)
+    reduced = reduce_traces(make_source(SOURCE), traces)
     expected = np.nanmax(traces.T_sup.values, axis=1) - 14.0
     np.testing.assert_array_equal(reduced.overshoot, expected)
     assert reduced.overshoot.dims == ("scenario",)
@@ -60,7 +60,7 @@ def test_the_answer_is_that_of_the_function(traces):
 
 
 def test_swept_parameters_and_volumes_are_at_hand(traces):
-    reduced = reduce(
+    reduced = reduce_traces(
         make_reduction("return xr.Dataset({'x': t.T_c.isel(volume=1).max('elapsed_time') * t.kp})"), traces
     )
     np.testing.assert_array_equal(reduced.x, (np.nanmax(traces.T_sup.values, axis=1) + 1.0) * traces.kp.values)
@@ -69,7 +69,7 @@ def test_swept_parameters_and_volumes_are_at_hand(traces):
 
 def test_further_dims_keep_their_labels_and_stand_behind_the_scenario(traces):
     body = "q = t.T_sup.quantile([0.1, 0.9], 'elapsed_time')\n    "
-    reduced = reduce(
+    reduced = reduce_traces(
         make_reduction(body + "return xr.Dataset({'q': q, 'n': (t.T_sup > 14).sum('elapsed_time')})"), traces
     )
     assert reduced.q.dims == ("scenario", "quantile")
@@ -85,18 +85,19 @@ def test_attributes_are_words_that_mean_nothing_to_a_decoder(traces):
     body = (
         f"return xr.Dataset({{'x': t.kp.rename(None).assign_attrs({attributes}, add_offset=1.0, missing_value=0.01)}})"
     )
-    assert reduce(make_reduction(body), traces).x.attrs == {"units": "K", "long_name": "an \u00e9"}
+    assert reduce_traces(make_reduction(body), traces).x.attrs == {"units": "K", "long_name": "an \u00e9"}
     for units in ("'K\\0'", "'\\ud800'", "10**40"):
         body = f"return xr.Dataset({{'x': ('scenario', t.kp.values, {{'units': {units}}})}})"
-        assert reduce(make_reduction(body), traces).x.attrs == {}
+        assert reduce_traces(make_reduction(body), traces).x.attrs == {}
 
 
 def test_the_traces_are_as_they_were_and_cannot_be_written_to(traces):
     before = traces.copy(deep=True)
-    reduce(make_reduction("t['more'] = t.T_sup + 1\n    return xr.Dataset({'x': t.more.max('elapsed_time')})"), traces)
+    reduce_traces(
+        make_reduction("t['more'] = t.T_sup + 1\n    return xr.Dataset({'x': t.more.max('elapsed_time')})"), traces
+    )
     for name in ("T_sup", "kp"):
-        problem = only_problem(reduce, make_reduction(f"t.{name}.values[:] = 0\n    return t"), traces)
-        assert problem == "reduce = 'mine:f' raised ValueError: assignment destination is read-only"
+        assert_refused("reduce", "code", reduce_traces, make_reduction(f"t.{name}.values[:] = 0\n    return t"), traces)
     assert traces.identical(before)
     traces.T_sup.values[0] = 0.0
 
@@ -114,85 +115,67 @@ def test_the_traces_are_as_they_were_and_cannot_be_written_to(traces):
     ],
 )
 def test_an_answer_that_depends_on_other_scenarios_is_refused(traces, body):
-    problem = only_problem(reduce, make_reduction(body), traces)
-    assert problem == (
-        "reduce = 'mine:f' gives another x for a scenario alone than among others: treat each scenario alone, to "
-        "the last bit"
-    )
+    assert_refused("reduce", "code", reduce_traces, make_reduction(body), traces)
 
 
 @pytest.mark.parametrize(
-    ("body", "sentence"),
+    "answer",
     [
-        ("return t.T_sup.max('elapsed_time')", "returned a DataArray: return an xarray.Dataset"),
-        ("return None", "returned a NoneType: return an xarray.Dataset"),
-        ("return xr.Dataset()", "returned an empty Dataset: return at least one variable"),
-        ("return xr.Dataset({'x': t.T_sup.max()})", "returned x with sizes {}: keep the dim 'scenario'"),
-        ("return xr.Dataset({'x': t.kp[1:]})", "returned x with sizes {'scenario': 4}: keep the dim"),
-        ("return xr.Dataset({'x': t.tuning})", "returned x of type <U4: return numbers"),
-        ("return xr.Dataset({'x': t.kp * 1j})", "returned x of type complex128: return numbers"),
-        ("return xr.Dataset({'x': t.kp.astype('f2')})", "returned x of type float16: return numbers (float64, float32"),
-        ("return xr.Dataset({'x': t.kp.astype('m8[s]')})", "returned x of type timedelta64[s]: return numbers"),
+        *("t.T_sup.max('elapsed_time')", "None", "xr.Dataset()", "t.missing"),
         *(
-            (
-                f"return xr.Dataset({{'{name}': ('scenario', t.kp.values)}})",
-                f"returned a variable {name}: the name is ta",
-            )
-            for name in ("backlash", "rmse", "T_w", "day", "gain")
-        ),
-        *(
-            (f"return xr.Dataset({{'x': t.kp.expand_dims({name}=2)}})", f"returned a dim {name}: the name is taken")
-            for name in ("backlash", "day", "sample", "status")
-        ),
-        *(
-            (f"return xr.Dataset({what})", "returned names or labels that no file gives back as they are")
-            for what in (
-                "{3: t.kp}",
-                "{'a/b': t.kp}",
-                "{'x' * 300: t.kp}",
-                "{'cafe\\u0301': t.kp}",
-                "{'x': t.kp.expand_dims({'a b': 2})}",
-                "{'x': t.kp.expand_dims(y=['a\\0b'])}",
-                "{'x': t.kp.expand_dims(y=2).assign_coords(y=np.array([1, 'a'], dtype=object))}",
+            f"xr.Dataset({{'x': {values}}})"
+            for values in (
+                *("t.T_sup.max()", "t.kp[1:]", "t.tuning", "t.kp * 1j", "t.kp.astype('f2')", "t.kp.astype('m8[s]')"),
+                *(f"t.kp.expand_dims({name}=2)" for name in ("backlash", "day", "sample", "status")),
+                *("t.kp.expand_dims({'a b': 2})", "t.kp.expand_dims(y=['a\\0b'])"),
+                "t.kp.expand_dims(y=2).assign_coords(y=np.array([1, 'a'], dtype=object))",
             )
         ),
-        ("return t.missing", "raised AttributeError: 'Dataset' object has no attribute 'missing'"),
-        ("raise ValueError('two\\n   lines')", "raised ValueError: two lines"),
-        ("raise SystemExit(3)", "raised SystemExit: 3"),
-        ("raise type('Mine', (BaseException,), {})('words')", "raised Mine: words"),
-        ("return f(t)", "raised RecursionError: maximum recursion depth exceeded"),
-        ("raise MemoryError", "raised MemoryError"),
-        ("raise ValueError('x' * 1000)", "raised ValueError: " + 300 * "x" + " …"),
+        *(f"xr.Dataset({{{name!r}: t.kp.variable}})" for name in ("backlash", "rmse", "T_w", "day", "gain")),
+        *(f"xr.Dataset({{{name}: t.kp}})" for name in ("3", "'a/b'", "'x' * 300", "'cafe\\u0301'")),
     ],
 )
-def test_a_wrong_answer_is_refused_with_one_sentence(traces, body, sentence):
-    problem = only_problem(reduce, make_reduction(body), traces)
-    assert problem.startswith(f"reduce = 'mine:f' {sentence}")
-    assert "\n" not in problem
+def test_a_wrong_answer_is_refused_with_one_sentence(traces, answer):
+    assert_refused("reduce", "code", reduce_traces, make_reduction(f"return {answer}"), traces)
 
 
 def test_all_that_is_wrong_is_named(traces):
     body = "return xr.Dataset({'rmse': t.T_sup.max(), 'x': t.tuning.expand_dims(day=2)})"
-    assert len(problems(reduce, make_reduction(body), traces)) == 4
-
-
-# The module
+    assert_mistakes(4 * [("reduce", "code")], reduce_traces, make_reduction(body), traces)
 
 
 @pytest.mark.parametrize(
-    ("source", "sentence"),
+    ("body", "words"),
+    [
+        ("raise ValueError('two\\n   lines')", "ValueError: two lines"),
+        ("raise SystemExit(3)", "SystemExit: 3"),
+        ("raise type('Mine', (BaseException,), {})('words')", "Mine: words"),
+        ("return f(t)", "RecursionError: maximum recursion depth exceeded"),
+        ("raise MemoryError", "MemoryError"),
+        ("raise ValueError('x' * 1000)", "ValueError: " + 300 * "x" + " …"),
+    ],
+)
+def test_whatever_the_function_raises_is_one_sentence(traces, body, words):
+    problem = only_problem(reduce_traces, make_reduction(body), traces)
+    assert (problem.field, problem.code) == ("reduce", "code")
+    assert problem.startswith(f"reduce = 'mine:f' raised {words}")
+    assert "\n" not in problem
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
     [
         (SOURCE, "its module has no function f"),
         ("f = 3", "its module has no function f"),
-        ("def f(:", "its module does not run: SyntaxError: invalid syntax"),
+        ("def f(:", "its module does not run: SyntaxError: "),
         ("f = 1\0", "its module does not run: "),
         ("import no_such_thing", "its module does not run: ModuleNotFoundError: No module named 'no_such_thing'"),
         ("class Mine(BaseException): pass\nraise Mine('words')", "its module does not run: Mine: words"),
     ],
 )
-def test_a_module_that_does_not_run_is_refused_with_one_sentence(source, sentence):
-    problem = only_problem(load, "reduce", make_source(source, "mine:f"))
-    assert problem.startswith(f"reduce = 'mine:f': {sentence}")
+def test_a_module_that_does_not_run_is_refused_with_one_sentence(source, words):
+    problem = only_problem(load_function, "reduce", make_source(source, "mine:f"))
+    assert problem.startswith(f"reduce = 'mine:f': {words}")
     assert "\n" not in problem
 
 

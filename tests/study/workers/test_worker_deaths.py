@@ -23,7 +23,7 @@ from fastcoil.study import workers as pools
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder.stored import SHARDS_FOLDER
 from fastcoil.study.run import execute
-from fastcoil.study.workers import Job, make_pool
+from fastcoil.study.workers import Job, PoolOptions, make_pool
 
 _PIPE_BYTES = 2**16
 """Bytes that a pipe takes before somebody reads."""
@@ -108,9 +108,9 @@ def test_a_process_that_dies_before_it_reads_anything_is_waited_for_by_nobody(st
     assert len(pickle.dumps(job)) > _PIPE_BYTES
     resource_tracker.ensure_running()
     monkeypatch.setattr(sys, "executable", shutil.which("false"))
-    pool = make_pool("loky", job, 2, None)
+    pool = make_pool(job, PoolOptions("loky", 2))
     try:
-        with pytest.raises(pool.deaths):
+        with pytest.raises(pool.worker_errors):
             pool.submit(Shard(np.arange(10**6))).result(timeout=40)
     finally:
         pool.close()
@@ -118,7 +118,7 @@ def test_a_process_that_dies_before_it_reads_anything_is_waited_for_by_nobody(st
 
 def test_the_folder_with_the_job_is_for_this_user_alone_and_is_removed(study, tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    pool = make_pool("loky", Job(study.plan, None), 1, None)
+    pool = make_pool(Job(study.plan, None), PoolOptions("loky", 1))
     (folder,) = tmp_path.iterdir()
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
     pool.close()
