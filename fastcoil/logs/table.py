@@ -316,7 +316,7 @@ class Table:
         """Raise all problems found so far, if any, as one `InputError`."""
         if self.problems:
             prefix = f"{self.name}: " if self.name else ""
-            raise InputError([p.prefixed(prefix) for p in InputError(self.problems).problems])
+            raise InputError([p.with_prefix(prefix) for p in InputError(self.problems).problems])
 
     def column(self, header: str) -> int | None:
         """Find the column with this header, given with or without its unit; None if there is none."""
