@@ -3,10 +3,9 @@
     python benchmarks/against.py ../before            # numbers, then kernel time in alternating rounds
     python benchmarks/against.py ../before --rounds 0 # numbers only
 
-Both checkouts run under this interpreter, each in a process of its own with its own sources and its own
-``benchmarks/suite.py``.  Only values are compared: units and texts may change, and metrics be called otherwise.
-Times are CPU time of one thread, so that other work on the machine disturbs them less; the figure to quote is the
-median of the ratios.
+Both checkouts run under this interpreter, each in its own process with its own sources and ``benchmarks/suite.py``.
+Only values of the same name are compared: units and texts may change.  Times are CPU time of one thread, so that other
+work on the machine disturbs them less; the figure to quote is the median of the ratios.
 """
 
 from __future__ import annotations
@@ -28,11 +27,12 @@ import numpy as np
 
 THIS_CHECKOUT = Path(__file__).parents[1]
 KERNEL_RUNS = [(options, sample_time) for options in ("bare", "all four") for sample_time in (30, 1)]
-LANES, SECONDS = 1024, 7200
+LANES = 1024
+SECONDS = 7200
 
 
 def cases(fc: Any) -> Iterator[tuple[str, Callable[[], Any]]]:
-    """Everything that is compared, by name: functions that return Datasets or dicts of arrays."""
+    """Yield the cases by name: functions that return Datasets or dicts of arrays."""
     days, hour = fc.paper_day(hours=2, seed=[3, 1]), fc.paper_day(hours=1, seed=5)
     presets = ("paper_like", "paper_like_fast", "lbnl", "g36")
     signals = ["T_sup", "T_measured", "u", "integral", "command", "position", "opening", "m_w", "estimate", "mode"]
@@ -97,23 +97,23 @@ def _fit_values(fit: Any) -> dict[str, Any]:
 
 
 def digests(dataset: Any) -> dict[str, str]:
-    """One hash for the values of each variable and coordinate; how numbers are stored does not matter."""
+    """Hash the values of each variable and coordinate, as doubles."""
     arrays = {str(n): v.values for n, v in dataset.variables.items()} if hasattr(dataset, "variables") else dataset
     numbers = {n: np.asarray(v).astype("<f8") for n, v in arrays.items() if np.asarray(v).dtype.kind in "biuf"}
-    # one NaN is as good as another
+    # all NaN count as equal
     comparable_arrays = {name: np.where(np.isnan(values), np.nan, values) for name, values in numbers.items()}
     return {name: hashlib.sha256(values.tobytes()).hexdigest()[:16] for name, values in comparable_arrays.items()}
 
 
 def serve() -> None:
-    """Answer the questions of the process that compares, in the checkout that PYTHONPATH names."""
+    """Answer the requests of the comparing process, in the checkout that PYTHONPATH names."""
     warnings.simplefilter("ignore")
     import suite
 
     import fastcoil as fc
 
     cases_by_name, out = dict(cases(fc)), os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # whatever a library prints is no answer
+    os.dup2(2, 1)  # output of libraries must not mix with the answers
     kernel_runs: dict[str, Callable[[], Any]] = {}
     print(json.dumps(list(cases_by_name)), file=out, flush=True)
     for line in sys.stdin:
@@ -174,20 +174,19 @@ def main() -> None:
     differing = compare_numbers(this_checkout, other_checkout)
     for options, sample_time in KERNEL_RUNS if arguments.rounds > 0 else []:
         pairs = []
-        for k in range(arguments.rounds):  # whoever goes first may find the machine in another state
+        for k in range(arguments.rounds):  # the first of a round may meet another state of the machine
             order = (this_checkout, other_checkout) if k % 2 == 0 else (other_checkout, this_checkout)
             seconds = {checkout: checkout.ask("time", [options, sample_time]) for checkout in order}
             pairs.append((seconds[this_checkout], seconds[other_checkout]))
         this_ns, other_ns = (1e9 * statistics.median(times) for times in zip(*pairs, strict=True))
         ratio = statistics.median(a / b for a, b in pairs)
-        print(
-            f"{options}, sample time {sample_time} s: {this_ns:.2f} against {other_ns:.2f} ns per lane-step, × {ratio:.3f}"
-        )
+        times = f"{this_ns:.2f} against {other_ns:.2f} ns per lane-step, × {ratio:.3f}"
+        print(f"{options}, sample time {sample_time} s: {times}")
     sys.exit(1 if differing else 0)
 
 
 def compare_numbers(this_checkout: Checkout, other_checkout: Checkout) -> int:
-    """Print what differs; returns in how many variables."""
+    """Print the differing variables; return their number."""
     differing = n = 0
     for name in (name for name in this_checkout.names if name in other_checkout.names):
         this_digests, other_digests = (checkout.ask("numbers", name) for checkout in (this_checkout, other_checkout))

@@ -8,14 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from bench_start import call
+from bench_start import run_command
 from conftest import Timed
 from suite import QUICK
 
 import fastcoil as fc
 from fastcoil.measured.identify import identify_backlash
 
-HOURS, INTERVAL = 2 if QUICK else 8, 10
+HOURS = 2 if QUICK else 8
+INTERVAL = 10  # s
 
 
 @pytest.fixture
@@ -40,4 +41,4 @@ def test_diagnose_command(timed: Timed, log: xr.Dataset, tmp_path: Path) -> None
     path = tmp_path / "log.csv"
     table = np.column_stack([log["elapsed_time"], log["command"], log["T_measured"], log["T_set"]])
     np.savetxt(path, table, delimiter=",", header="elapsed_time [s],command [1],T_sup [degC],T_set [degC]", comments="")
-    timed(lambda: call(sys.executable, "-m", "fastcoil", "diagnose", path), 5)
+    timed(lambda: run_command(sys.executable, "-m", "fastcoil", "diagnose", path), 5)

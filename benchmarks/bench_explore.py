@@ -15,8 +15,8 @@ from suite import QUICK
 
 from fastcoil.deliver.explore.loop import Model, Settings, initial_settings
 
-GAPS, NOISES = 31, 11
-"""Steps of two sliders."""
+GAPS = 31  # steps of the slider
+NOISES = 11
 ROUNDS = 3 if QUICK else 60
 STAGES = ("curves", "explanation", "map")
 MOVE = """
@@ -42,7 +42,7 @@ slider.value = slider.categories[at]
 """JavaScript: move a slider; milliseconds until each of ``STAGES`` is painted."""
 
 
-@pytest.mark.parametrize("what", ["loop", "explanation", "map", "all"])
+@pytest.mark.parametrize("stage", ["loop", "explanation", "map", "all"])
 def test_server(timed: Timed, stage: str) -> None:
     """All that a move makes new, on one thread."""
     model = Model()

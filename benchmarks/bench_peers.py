@@ -11,7 +11,8 @@ from conftest import Timed
 from peers import c_peer, common
 from suite import ALL, LANES, QUICK, SAMPLE_TIMES, contenders
 
-LANES_IN_ALL, SECONDS = (2 * LANES, 2400) if QUICK else (1024, 7200)
+LANES_IN_ALL = 2 * LANES if QUICK else 1024
+SECONDS = 2400 if QUICK else 7200
 ROUNDS = 5
 CONTENDERS = {f"{c.name}, {c.threads} threads": c for c in contenders()}
 
@@ -21,14 +22,14 @@ CONTENDERS = {f"{c.name}, {c.threads} threads": c for c in contenders()}
 def test_peer(timed: Timed, name: str, sample_time: int) -> None:
     contender = CONTENDERS[name]
     contender.check(sample_time)
-    run = contender.ready(*common.work(LANES_IN_ALL, SECONDS, sample_time))
+    run = contender.prepare(*common.work(LANES_IN_ALL, SECONDS, sample_time))
     timed(run, ROUNDS, lane_steps=LANES_IN_ALL * SECONDS, lanes=LANES_IN_ALL, threads=contender.threads)
 
 
 def test_c_is_here() -> None:
     """Skip with a message where the yardstick is missing."""
     try:
-        c_peer.compiled()
+        c_peer.load_library()
     except c_peer.Unavailable as reason:
         pytest.skip(str(reason))
 

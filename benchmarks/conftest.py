@@ -14,7 +14,7 @@ Timed = Callable[..., Any]
 
 
 @pytest.fixture(scope="session", autouse=True)
-def compiled() -> None:
+def kernel_compiled() -> None:
     """Load the kernel, or compile it, before anything is timed."""
     compile_kernel()
 

@@ -22,29 +22,26 @@ import numpy as np
 from llvmlite.binding import get_host_cpu_name
 from peers import common
 from suite import LANES, OPTIONS, QUICK, SAMPLE_TIMES, contenders, kernel, plan
-from waits import waits
+from waits import wait_rows
 
 from fastcoil.model.numerics.jit import fingerprint
 
-LANES_IN_ALL, SECONDS, ROUNDS = (2 * LANES, 2400, 1) if QUICK else (1024, 7200, 9)
-WARM_UP_ROUNDS = 1
+LANES_IN_ALL = 2 * LANES if QUICK else 1024
+SECONDS = 2400 if QUICK else 7200
+ROUNDS = 1 if QUICK else 9
 CURVES = Path(curves.__file__).with_name("curves.json")
-PAUSE = 0.0 if QUICK else 0.1
-"""Before each run, s: idle threads of the one before stop spinning."""
 
 
-def alternate(
-    runs: Mapping[Any, Callable[[], object]], rounds: int, clock: Callable[[], float] = time.perf_counter
-) -> dict[Any, np.ndarray]:
-    """Seconds of each run, (rounds,): A B C C B A A B C …, so that a slow moment of the machine hits all."""
+def alternate(runs: Mapping[Any, Callable[[], object]]) -> dict[Any, np.ndarray]:
+    """Time runs in turns, s, (ROUNDS,) each: A B C C B A A B C …, so that a slow moment of the machine hits all."""
     seconds: dict[Any, list[float]] = {name: [] for name in runs}
-    for k in range(WARM_UP_ROUNDS + rounds):
+    for k in range(1 + ROUNDS):  # the first one warms up
         for name, run in list(runs.items())[:: -1 if k % 2 else 1]:
-            time.sleep(PAUSE)
-            start = clock()
+            time.sleep(0.0 if QUICK else 0.1)  # until idle threads of the previous run stop spinning
+            start = time.perf_counter()
             run()
-            if k >= WARM_UP_ROUNDS:
-                seconds[name].append(clock() - start)
+            if k > 0:
+                seconds[name].append(time.perf_counter() - start)
     return {name: np.array(s) for name, s in seconds.items()}
 
 
@@ -67,11 +64,11 @@ def race(sample_time: int) -> dict[tuple[str, int], np.ndarray]:
     for contender in all_contenders:
         contender.check(sample_time)
     work = common.work(LANES_IN_ALL, SECONDS, sample_time)
-    return alternate({c[:2]: c.ready(*work) for c in all_contenders}, ROUNDS)
+    return alternate({c[:2]: c.prepare(*work) for c in all_contenders})
 
 
 def peer_rows(seconds_by_contender: dict[tuple[str, int], np.ndarray]) -> Iterator[tuple[object, ...]]:
-    """One row per contender, compared with the C on as many threads, or with fastcoil where there is no C."""
+    """Yield one row per contender, compared with the C on as many threads, or with fastcoil where there is no C."""
     lane_steps = LANES_IN_ALL * SECONDS
     for (name, threads), seconds in seconds_by_contender.items():
         yardstick = seconds_by_contender.get(("C", threads), seconds_by_contender["fastcoil, kernel", threads])
@@ -80,30 +77,26 @@ def peer_rows(seconds_by_contender: dict[tuple[str, int], np.ndarray]) -> Iterat
 
 
 def option_rows(sample_time: int) -> Iterator[tuple[object, ...]]:
-    """One row per set of options, compared with the bare loop."""
+    """Yield one row per set of options, compared with the bare loop."""
     lanes, seconds = (LANES, 2400) if QUICK else (4 * LANES, 7200)
     works = {name: plan(lanes, seconds, sample_time, option) for name, option in OPTIONS.items()}
-    seconds_by_option = alternate({name: kernel(work) for name, work in works.items()}, ROUNDS)
-    for name, seconds_of_option in seconds_by_option.items():
-        yield (
-            name,
-            spread(1e9 * seconds_of_option / (lanes * seconds), 1),
-            spread(seconds_of_option / seconds_by_option["bare"], 2),
-        )
+    times = alternate({name: kernel(work) for name, work in works.items()})
+    for name, s in times.items():
+        yield name, spread(1e9 * s / (lanes * seconds), 1), spread(s / times["bare"], 2)
 
 
 def lane_rows(sample_time: int) -> Iterator[tuple[object, ...]]:
-    """One row per number of lanes, compared with one block."""
+    """Yield one row per number of lanes, compared with one block."""
     seconds = 2400 if QUICK else 7200
     counts = (LANES, 4 * LANES, 16 * LANES)
-    seconds_by_lanes = alternate({n: kernel(plan(n, seconds, sample_time)) for n in counts}, ROUNDS)
+    seconds_by_lanes = alternate({n: kernel(plan(n, seconds, sample_time)) for n in counts})
     cost = {n: 1e9 * s / (n * seconds) for n, s in seconds_by_lanes.items()}
     for n in counts:
         yield n, spread(cost[n], 1), spread(cost[n] / cost[LANES], 2)
 
 
 def benchmark_rows(results: dict[str, Any]) -> Iterator[tuple[object, ...]]:
-    """One row per benchmark of the JSON file."""
+    """Yield one row per benchmark of the JSON file."""
     for b in results["benchmarks"]:
         info, stats = b["extra_info"], b["stats"]
         n, median = info["lane_steps"], stats["median"]
@@ -152,7 +145,7 @@ def report(results: dict[str, Any]) -> Iterator[str]:
         "Commands on a study of 100 scenarios × 8 h, each in a process of its own; ratios of alternating runs, round "
         f"by round, {LANES_IN_ALL} scenarios × {SECONDS} s, at two sample times.\n"
     )
-    yield from table(("", "asked", "reached", "met"), waits(results, races))
+    yield from table(("", "asked", "reached", "met"), wait_rows(results, races))
 
     yield "## Peers\n"
     yield (

@@ -1,4 +1,4 @@
-"""What the benchmarks share: sizes, contenders, and blocks ready for the kernel."""
+"""What the benchmarks share: sizes, contenders, and blocks prepare for the kernel."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ OPTIONS = {
 
 
 def plan(lanes: int, seconds: int, sample_time: float, options: Options = OPTIONS["bare"]) -> Plan:
-    """Make the common work, changed by ``options``, ready to run."""
+    """Make the common work, changed by ``options``, prepare to run."""
     scenarios, series = common.work(lanes, seconds, sample_time)
     swept = {{"estimate": "backlash_estimate"}.get(k, k): ("case", v) for k, v in scenarios.items()}
     for name, value in options.loop.items():
@@ -88,16 +88,16 @@ def kernel(work: Plan, threads: int = 1) -> Callable[[], common.Arrays]:
 
 
 class Contender(NamedTuple):
-    """A program that does the common work: ``ready(scenarios, series)`` returns what is timed."""
+    """A program that does the common work: ``prepare(scenarios, series)`` returns what is timed."""
 
     name: str
     threads: int
-    ready: Callable[[common.Arrays, common.Arrays], Callable[[], common.Arrays]]
+    prepare: Callable[[common.Arrays, common.Arrays], Callable[[], common.Arrays]]
 
     def check(self, sample_time: float) -> None:
         """Raise ``AssertionError`` unless the metrics are fastcoil's."""
         n, seconds = (LANES, 3600) if QUICK else (200, 7200)
-        common.check(lambda scenarios, series, _: self.ready(scenarios, series)(), n, seconds, sample_time)
+        common.check(lambda scenarios, series, _: self.prepare(scenarios, series)(), n, seconds, sample_time)
 
 
 def _make_peer(run: Callable[..., common.Arrays], **options: int) -> Callable[..., Callable[[], common.Arrays]]:
@@ -105,20 +105,20 @@ def _make_peer(run: Callable[..., common.Arrays], **options: int) -> Callable[..
 
 
 def _make_kernel(threads: int) -> Callable[..., Callable[[], common.Arrays]]:
-    def ready(scenarios: common.Arrays, series: common.Arrays) -> Callable[[], common.Arrays]:
+    def prepare(scenarios: common.Arrays, series: common.Arrays) -> Callable[[], common.Arrays]:
         swept = {{"estimate": "backlash_estimate"}.get(k, k): ("case", v) for k, v in scenarios.items()}
         return kernel(
             plan_simulation(fc.Loop().assign(**swept), fc.Boundary(**series), warm_up=common.WARM_UP), threads
         )
 
-    return ready
+    return prepare
 
 
 def contenders() -> Iterator[Contender]:
     """Every program that can run here; those with the same number of threads follow one another."""
     has_c, has_jax = True, importlib.util.find_spec("jax") is not None
     try:
-        c_peer.compiled()
+        c_peer.load_library()
     except c_peer.Unavailable:
         has_c = False
     for n in THREADS:

@@ -1,4 +1,4 @@
-"""Where people wait: what was asked for, and what this machine reached."""
+"""Waiting times of users: targets, and the results on this machine."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 
-MAX_SIMULATE_TO_KERNEL, MAX_KERNEL_TO_C = 1.3, 1.15
-"""``simulate`` over its kernel; kernel over C."""
 _COMMANDS = (
     ("import numpy, numba, xarray, netCDF4 and no more", "test_libraries", None),
     ("fastcoil --help", "test_help", None),
@@ -22,18 +20,18 @@ _COMMANDS = (
     ("first compilation", "test_first_compile", 9.0),
     ("fastcoil run, nothing compiled", "test_run_cold", 11.0),
 )
-"""What, benchmark, and the seconds asked for."""
+"""Label, benchmark, and target, s."""
 _MOVE_LIMITS_S = {"median": 0.15, "95 %": 0.2}
 """Seconds of a move in ``fastcoil explore`` until its answer is painted."""
 _STAGE_LIMITS_S = {"curves": _MOVE_LIMITS_S, "explanation": _MOVE_LIMITS_S, "map": dict.fromkeys(_MOVE_LIMITS_S)}
-"""What follows a move, in this order, and what was asked for; nothing was for the map."""
+"""Stages of a move and their targets; the map has none."""
 
 Rounds = Mapping[tuple[str, int], np.ndarray]
 """Seconds of each round of a contender on some threads."""
 
 
-def waits(results: dict[str, Any], peers: Mapping[int, Rounds]) -> Iterator[tuple[object, ...]]:
-    """One row for each wait.  results: of pytest-benchmark.  peers: alternating runs by sample time."""
+def wait_rows(results: dict[str, Any], peers: Mapping[int, Rounds]) -> Iterator[tuple[object, ...]]:
+    """Yield one row for each wait.  results: of pytest-benchmark.  peers: alternating runs by sample time."""
     timed = {b["name"]: b for b in results["benchmarks"]}
     for label, name, limit in _COMMANDS:
         if name in timed:
@@ -55,9 +53,9 @@ def waits(results: dict[str, Any], peers: Mapping[int, Rounds]) -> Iterator[tupl
             if name == "fastcoil, kernel":
                 at = f"{sample_time} s, {threads} threads" if threads > 1 else f"{sample_time} s, 1 thread"
                 whole = seconds_by_contender["fastcoil, simulate", threads]
-                yield _ratio_row(f"simulate / its kernel, {at}", whole / seconds, MAX_SIMULATE_TO_KERNEL)
+                yield _ratio_row(f"simulate / its kernel, {at}", whole / seconds, 1.3)
                 if ("C", threads) in seconds_by_contender:
-                    yield _ratio_row(f"kernel / C, {at}", seconds / seconds_by_contender["C", threads], MAX_KERNEL_TO_C)
+                    yield _ratio_row(f"kernel / C, {at}", seconds / seconds_by_contender["C", threads], 1.15)
 
 
 def _ratio_row(label: str, ratios: np.ndarray, limit: float) -> tuple[object, ...]:

@@ -18,7 +18,7 @@ BUILD_FOLDER = ROOT / "build" / "docs"
 sys.path.insert(0, str(ROOT / "docs"))
 
 from builder.pages import redirects, shown_file  # noqa: E402
-from builder.stage import home, stage, stage_scripts  # noqa: E402
+from builder.stage import defining_file, stage, stage_scripts  # noqa: E402
 
 for (
     name
@@ -100,7 +100,7 @@ html_theme_options = {
 def linkcode_resolve(domain: str, info: dict[str, str]) -> str:
     """Return the page that shows the source of a public function or class; for a method that of its class."""
     outermost = info["fullname"].partition(".")[0]
-    path = Path(home(f"{info['module']}.{outermost}")).relative_to(ROOT)
+    path = Path(defining_file(f"{info['module']}.{outermost}")).relative_to(ROOT)
     return f"../{shown_file(str(path))}.html"
 
 

@@ -67,7 +67,19 @@ __all__ = [*_MODULE_OF_NAME, "__version__", "parameters", "plot"]  # noqa: PLE06
 
 
 def parameters() -> dict[str, Any]:
-    """Every parameter of a loop by name: unit, bounds, default and meaning; printed as a list."""
+    """Return every parameter of a loop by name.
+
+    Returns
+    -------
+    dict of str to Parameter
+        Each with unit, bounds, default and meaning; printed as a list.
+
+    Examples
+    --------
+    >>> import fastcoil as fc
+    >>> fc.parameters()["kp"].unit
+    'K-1'
+    """
     from fastcoil.model.parameter_table import PARAMETERS, ParameterListing
 
     return ParameterListing(PARAMETERS)

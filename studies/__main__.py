@@ -15,7 +15,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
 
-from studies.common import replicating
+from studies.common import compare_with_tables
 
 _ROW = re.compile(r"^\| (?P<text>.+?) \| \[(?P<name>\w+)\]\((?P<path>[\w/]+)\.py\) \| (?P<time>.+?) \|", re.MULTILINE)
 
@@ -37,51 +37,55 @@ def questions() -> dict[str, Question]:
     }
 
 
-QUICK = ("seconds", "a minute")
+QUICK_TIMES = ("seconds", "a minute")
 """Studies that a sample runs whole, by their time."""
 
 
-def seeds_of(module: ModuleType) -> str:
+def format_seeds(module: ModuleType) -> str:
     """The seeds of a study and how much it draws, as its module names them."""
-    known = {name: value for name, value in vars(module).items() if name.isupper() and type(value) in (int, tuple)}
-    wanted = ("SEED", "FRESH", "FIRST_DAY", "VALVES", "DAYS", "SAMPLES")
-    return ", ".join(f"{name} = {value}" for name, value in known.items() if name.endswith(wanted))
+    constants = {name: value for name, value in vars(module).items() if name.isupper() and type(value) in (int, tuple)}
+    suffixes = ("SEED", "FRESH", "FIRST_DAY", "VALVES", "DAYS", "SAMPLES")
+    return ", ".join(f"{name} = {value}" for name, value in constants.items() if name.endswith(suffixes))
 
 
-def run(name: str, of: Question, *, is_sample: bool) -> list[str]:
+def run(name: str, question: Question, *, is_sample: bool) -> list[str]:
     """Run a study, or a sample of it; a line for each cell that changed."""
-    module, began = importlib.import_module(of.module), time.monotonic()
-    sample = getattr(module, "sample", module.main if of.time in QUICK else None)
-    print(f"{name}: {seeds_of(module) or 'seeds in its study file'}", flush=True)
+    module, start = importlib.import_module(question.module), time.monotonic()
+    sample = getattr(module, "sample", module.main if question.time in QUICK_TIMES else None)
+    print(f"{name}: {format_seeds(module) or 'seeds in its study file'}", flush=True)
     if is_sample and sample is None:
-        print(f"{name}: no sample; whole it takes {of.time}")
+        print(f"{name}: no sample; whole it takes {question.time}")
         return []
-    with replicating(is_sample=is_sample) as found:
+    with compare_with_tables(is_sample=is_sample) as replication:
         sample() if is_sample else module.main()
-    took = f"{time.monotonic() - began:.0f} s"
-    print(f"{name}: {len(found.changed)} of {sum(found.compared)} cells changed, {took}", flush=True)
-    return found.changed
+    duration = f"{time.monotonic() - start:.0f} s"
+    print(f"{name}: {len(replication.changed)} of {sum(replication.compared)} cells changed, {duration}", flush=True)
+    return replication.changed
 
 
 def main(args: list[str]) -> int:
     """Run the studies that are named; without any, list them."""
-    known = questions()
+    questions_by_name = questions()
     options, names = [arg for arg in args if arg.startswith("-")], [arg for arg in args if not arg.startswith("-")]
-    if wrong := [option for option in options if option not in ("--all", "--sample")]:
-        sys.exit(f"no option {wrong[0]}: give --all or --sample")
+    if unknown_options := [option for option in options if option not in ("--all", "--sample")]:
+        sys.exit(f"no option {unknown_options[0]}: give --all or --sample")
     for name in names:
-        if name not in known:
-            near = get_close_matches(name, known, 1)
-            sys.exit(f"no study {name!r}{f'; did you mean {near[0]!r}?' if near else ''}; python -m studies lists all")
+        if name not in questions_by_name:
+            matches = get_close_matches(name, questions_by_name, 1)
+            sys.exit(
+                f"no study {name!r}{f'; did you mean {matches[0]!r}?' if matches else ''}; python -m studies lists all"
+            )
     if not args:
-        print("\n".join(f"{name:22}  {of.text}  ({of.time})" for name, of in known.items()))
+        print(
+            "\n".join(f"{name:22}  {question.text}  ({question.time})" for name, question in questions_by_name.items())
+        )
     is_sample = "--sample" in options
-    changed: list[str] = []
-    for name in names or (known if options else ()):
-        changed += run(name, known[name], is_sample=is_sample)
-    if changed:
-        print("Changed:", *changed, sep="\n  ")
-    return int(is_sample and bool(changed))
+    changed_cells: list[str] = []
+    for name in names or (questions_by_name if options else ()):
+        changed_cells += run(name, questions_by_name[name], is_sample=is_sample)
+    if changed_cells:
+        print("Changed:", *changed_cells, sep="\n  ")
+    return int(is_sample and bool(changed_cells))
 
 
 if __name__ == "__main__":

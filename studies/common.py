@@ -21,13 +21,13 @@ from fastcoil.study.analysis.paired import wilson_interval
 
 STUDIES = Path(__file__).parent
 RESULTS = STUDIES.parent / "results"
-WRITTEN = STUDIES
+OUTPUT_FOLDER = STUDIES
 """Where tables and figures are written, each in the folder of its question."""
-PAIRED = ("sample", "day")
+PAIRED_DIMS = ("sample", "day")
 """Every loop is compared with its own baseline, valve by valve and day by day."""
 HEATING_GAIN = 0.3
 """A kp is drawn for cooling; a loop with water of 40 °C responds about three times as much."""
-SIZES = (0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.15)
+BACKLASH_SIZES = (0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.15)
 """Sizes of backlash, fraction of stroke."""
 
 
@@ -42,14 +42,14 @@ def study_file(name: str) -> Path:
     return path
 
 
-def markdown(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+def markdown_table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     """A table in Markdown."""
     head = list(head)
     lines = [head, ["---"] * len(head), *map(list, rows)]
     return "\n".join("| " + " | ".join(cells) + " |" for cells in lines) + "\n"
 
 
-class Replicated(NamedTuple):
+class Replication(NamedTuple):
     """What running a study again gave beside its tables: cells that were compared, and a line for each that changed."""
 
     compared: list[int]
@@ -58,26 +58,26 @@ class Replicated(NamedTuple):
     """Whether nothing is written."""
 
 
-_replicated = [Replicated([], [], is_sample=False)]
+_replications = [Replication([], [], is_sample=False)]
 
 
 @contextmanager
-def replicating(*, is_sample: bool) -> Iterator[Replicated]:
+def compare_with_tables(*, is_sample: bool) -> Iterator[Replication]:
     """Compare what is written in this context with the tables as they stand; a sample leaves these alone."""
-    _replicated.append(Replicated([], [], is_sample))
+    _replications.append(Replication([], [], is_sample))
     try:
-        yield _replicated[-1]
+        yield _replications[-1]
     finally:
-        _replicated.pop()
+        _replications.pop()
 
 
 def write_table(name: str, title: str, head: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
     """Write the table ``FOLDER/NAME`` to ``FOLDER/tables/NAME.md``, from where ``make pages`` puts it into pages."""
     head, rows = list(head), [list(row) for row in rows]
-    _compare(name, rows, title, head)
-    if _replicated[-1].is_sample:
+    _compare_with_table(name, rows, title, head)
+    if _replications[-1].is_sample:
         return
-    text, path = f"**{title}**\n\n{markdown(head, rows)}", _path_of(name)
+    text, path = f"**{title}**\n\n{markdown_table(head, rows)}", _table_path(name)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, encoding="utf-8")
     print(f"{path}  sha256 {hashlib.sha256(text.encode()).hexdigest()[:12]}")
@@ -85,68 +85,70 @@ def write_table(name: str, title: str, head: Iterable[str], rows: Iterable[Itera
 
 def compare_rows(name: str, rows: Iterable[Iterable[str]]) -> None:
     """Compare some rows of the table ``FOLDER/NAME`` with those as they stand."""
-    _compare(name, [list(row) for row in rows])
+    _compare_with_table(name, [list(row) for row in rows])
 
 
-def _path_of(name: str) -> Path:
+def _table_path(name: str) -> Path:
     folder, table = name.split("/")
-    return WRITTEN / folder / "tables" / f"{table}.md"
+    return OUTPUT_FOLDER / folder / "tables" / f"{table}.md"
 
 
-def _compare(name: str, rows: list[list[str]], title: str | None = None, head: list[str] | None = None) -> None:
+def _compare_with_table(
+    name: str, rows: list[list[str]], title: str | None = None, head: list[str] | None = None
+) -> None:
     """Note each cell that is not as in the table, in the row there that begins most alike."""
-    path, (compared, changed, is_sample) = _path_of(name), _replicated[-1]
+    path, (cell_counts, changes, is_sample) = _table_path(name), _replications[-1]
     if not path.is_file():
-        changed.append(f"{name}: there was no such table")
+        changes.append(f"{name}: there was no such table")
         return
-    first, _, *lines = path.read_text(encoding="utf-8").rstrip("\n").split("\n")
-    old_head, _, *old = ([cell.strip() for cell in line.strip("|").split(" | ")] for line in lines)
-    is_part = title is None or (is_sample and len(rows) < len(old))
-    if (head or old_head) != old_head or not (is_part or len(rows) == len(old)):
-        changed.append(f"{name}: other columns, or {len(rows)} rows in place of {len(old)}")
+    title_line, _, *lines = path.read_text(encoding="utf-8").rstrip("\n").split("\n")
+    old_head, _, *old_rows = ([cell.strip() for cell in line.strip("|").split(" | ")] for line in lines)
+    is_part = title is None or (is_sample and len(rows) < len(old_rows))
+    if (head or old_head) != old_head or not (is_part or len(rows) == len(old_rows)):
+        changes.append(f"{name}: other columns, or {len(rows)} rows in place of {len(old_rows)}")
         return
-    if not is_part and title != first.strip("*"):
-        changed.append(f"{name}: title: {first.strip('*')} → {title}")
+    if not is_part and title != title_line.strip("*"):
+        changes.append(f"{name}: title: {title_line.strip('*')} → {title}")
     for row in ([cell.strip() for cell in row] for row in rows):
-        alike = [len(list(takewhile(bool, map(str.__eq__, row, then)))) for then in old]
-        then = old[int(np.argmax(alike))]
-        compared.append(len(row))
-        cells = zip(old_head, then, row, strict=True)
-        changed += [f"{name}: {row[0]} | {column}: {a} → {b}" for column, a, b in cells if a != b]
+        equal_cells = [len(list(takewhile(bool, map(str.__eq__, row, old_row)))) for old_row in old_rows]
+        old_row = old_rows[int(np.argmax(equal_cells))]
+        cell_counts.append(len(row))
+        cells = zip(old_head, old_row, row, strict=True)
+        changes += [f"{name}: {row[0]} | {column}: {a} → {b}" for column, a, b in cells if a != b]
 
 
 def save_figure(figure: Figure, name: str, dpi: int = 150) -> None:
     """Write the figure ``FOLDER/NAME.png`` and close it."""
-    if _replicated[-1].is_sample:
+    if _replications[-1].is_sample:
         plt.close(figure)
         return
-    path = WRITTEN / name
+    path = OUTPUT_FOLDER / name
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=dpi)
     plt.close(figure)
     print(path)
 
 
-def progress() -> Callable[[str], None]:
+def progress_printer() -> Callable[[str], None]:
     """A function that prints what has been done, and the seconds since now."""
-    began = time.monotonic()
-    return lambda done: print(f"{done} after {time.monotonic() - began:.0f} s", flush=True)
+    start = time.monotonic()
+    return lambda stage: print(f"{stage} after {time.monotonic() - start:.0f} s", flush=True)
 
 
-def along(dim: str, parts: Mapping[Any, Any], **options: Any) -> Any:
+def concat_along(dim: str, parts: Mapping[Any, Any], **options: Any) -> Any:
     """Concatenate parts along a new dim that is labelled with their keys."""
     return xr.concat(list(parts.values()), xr.DataArray(list(parts), dims=dim, name=dim), **options)
 
 
-def pooled(found: Mapping[str, xr.Dataset], **options: Any) -> xr.Dataset:
+def pool_days(by_kind: Mapping[str, xr.Dataset], **options: Any) -> xr.Dataset:
     """All kinds of days as one dim of days."""
-    parts = [ds.assign_coords(day=[f"{kind} {day}" for day in ds.day.values]) for kind, ds in found.items()]
+    parts = [ds.assign_coords(day=[f"{kind} {day}" for day in ds.day.values]) for kind, ds in by_kind.items()]
     return xr.concat(parts, "day", **options)
 
 
-def failures(found: Iterable[xr.Dataset]) -> str:
+def failures_in_words(datasets: Iterable[xr.Dataset]) -> str:
     """How many of all simulated days failed."""
-    status = [ds.status for ds in found]
+    status = [ds.status for ds in datasets]
     return f"{sum(int((s > 0).sum()) for s in status)} of {sum(s.size for s in status):,} days failed"
 
 
@@ -159,39 +161,39 @@ def mean_change(
     fewer labels gives the degrees of freedom.
     """
     pair = ds[[metric, "status"]].sel({dim: [baseline, name]})
-    over = [d for d in PAIRED if d in ds.dims]
-    found = fc.compare(pair, baseline={dim: baseline}, over=over, metrics=metric, relative=True)[metric]
-    mean, low, high = (100 * float(found.sel({dim: name, "statistic": s})) for s in ("mean", "low", "high"))
+    over = [d for d in PAIRED_DIMS if d in ds.dims]
+    comparison = fc.compare(pair, baseline={dim: baseline}, over=over, metrics=metric, relative=True)[metric]
+    mean, low, high = (100 * float(comparison.sel({dim: name, "statistic": s})) for s in ("mean", "low", "high"))
     return mean, low, high
 
 
 def change_in_words(ds: xr.Dataset, name: str, baseline: str, dim: str = "controller", metric: str = "rmse") -> str:
     """``mean_change`` in words."""
-    return "0" if name == baseline else signed(*mean_change(ds, name, baseline, dim, metric))
+    return "0" if name == baseline else format_change(*mean_change(ds, name, baseline, dim, metric))
 
 
-def signed(value: float, low: float, high: float, digits: int = 0) -> str:
+def format_change(value: float, low: float, high: float, digits: int = 0) -> str:
     """A change in per cent with its interval."""
     return f"{value:+.{digits}f} % ({low:+.{digits}f} to {high:+.{digits}f})"
 
 
-def spread(ratio: xr.DataArray, quantiles: Sequence[float] = (0.05, 0.5, 0.95)) -> str:
+def format_spread(ratio: xr.DataArray, quantiles: Sequence[float] = (0.05, 0.5, 0.95)) -> str:
     """Quantiles of a ratio, as changes in per cent."""
     return ", ".join(f"{100 * float(ratio.quantile(q)) - 100:+.0f} %" for q in quantiles)
 
 
-def loguniform(draw: np.random.Generator, low: float, high: float, size: int) -> np.ndarray:
+def draw_loguniform(rng: np.random.Generator, low: float, high: float, size: int) -> np.ndarray:
     """Numbers whose logarithms are uniform."""
-    return np.exp(draw.uniform(np.log(low), np.log(high), size))
+    return np.exp(rng.uniform(np.log(low), np.log(high), size))
 
 
-def mixed_sizes(draw: np.random.Generator, n: int) -> np.ndarray:
+def draw_backlash(rng: np.random.Generator, n: int) -> np.ndarray:
     """Backlash of ``n`` valves: half have one of ``SIZES``, half any from 0.5 to 15 %."""
-    return np.where(np.arange(n) % 2, draw.choice(SIZES, n), draw.uniform(0.005, 0.15, n))
+    return np.where(np.arange(n) % 2, rng.choice(BACKLASH_SIZES, n), rng.uniform(0.005, 0.15, n))
 
 
-def drawn_loops(
-    draw: np.random.Generator,
+def draw_loop_parameters(
+    rng: np.random.Generator,
     n: int,
     *,
     heating: bool = False,
@@ -202,21 +204,21 @@ def drawn_loops(
 ) -> dict[str, np.ndarray]:
     """Parameters of ``n`` valves and loops as they are found in buildings, but for their backlash."""
     return {
-        "rangeability": loguniform(draw, 20, 100, n),
-        "authority": loguniform(draw, *authority, n),
-        "C_w": draw.uniform(8.8, 14.0, n),
-        "C_c": loguniform(draw, 10, 30, n),
-        "kp": loguniform(draw, *kp, n) * (HEATING_GAIN if heating else 1.0),
-        "ti": loguniform(draw, *ti, n),
-        "sample_time": draw.choice(sample_times, n),
-        "noise_std": draw.uniform(0.0, 0.05, n),
-        "sensor_time_constant": draw.uniform(5, 60, n),
-        "stroke_time": draw.uniform(30, 150, n),
+        "rangeability": draw_loguniform(rng, 20, 100, n),
+        "authority": draw_loguniform(rng, *authority, n),
+        "C_w": rng.uniform(8.8, 14.0, n),
+        "C_c": draw_loguniform(rng, 10, 30, n),
+        "kp": draw_loguniform(rng, *kp, n) * (HEATING_GAIN if heating else 1.0),
+        "ti": draw_loguniform(rng, *ti, n),
+        "sample_time": rng.choice(sample_times, n),
+        "noise_std": rng.uniform(0.0, 0.05, n),
+        "sensor_time_constant": rng.uniform(5, 60, n),
+        "stroke_time": rng.uniform(30, 150, n),
     }
 
 
-Z = 1.96
-CROSSED = ("sample", "day")
+Z_95 = 1.96
+CROSSED_DIMS = ("sample", "day")
 """Every valve meets every day."""
 
 
@@ -228,9 +230,9 @@ class Share(NamedTuple):
     high: float
 
     def __str__(self) -> str:
-        return self.written(0)
+        return self.to_text(0)
 
-    def written(self, decimals: int) -> str:
+    def to_text(self, decimals: int) -> str:
         """In per cent."""
         return format_share(*self, decimals=decimals)
 
@@ -243,19 +245,19 @@ def share_of(holds: xr.DataArray, among: xr.DataArray | None = None) -> Share:
     among: the valves and days that count, all if None; of at least one.
     """
     values = holds.astype(float) if among is None else holds.astype(float).where(among.astype(bool))
-    p, (variance, labels) = float(values.mean()), _crossed(values)
-    low, high = wilson_interval(np.array(p), np.array(variance), int(values.count()), labels, Z)
+    p, (variance, labels) = float(values.mean()), _crossed_variance(values)
+    low, high = wilson_interval(np.array(p), np.array(variance), int(values.count()), labels, Z_95)
     return Share(p, float(low), float(high))
 
 
 def mean_of(values: xr.DataArray) -> tuple[float, float]:
     """The mean over valves and days, and half of its 95 % interval over others of both."""
-    return float(values.mean()), Z * float(np.sqrt(_crossed(values)[0]))
+    return float(values.mean()), Z_95 * float(np.sqrt(_crossed_variance(values)[0]))
 
 
-def _crossed(values: xr.DataArray) -> tuple[float, int]:
+def _crossed_variance(values: xr.DataArray) -> tuple[float, int]:
     """The variance of the mean, of the means of valves and of those of days, and the larger number of them."""
-    dims = [dim for dim in CROSSED if dim in values.dims]
-    means = [values.mean([other for other in dims if other != dim]).dropna(dim) for dim in dims]
+    dims = [dim for dim in CROSSED_DIMS if dim in values.dims]
+    means = [values.mean([other_dim for other_dim in dims if other_dim != dim]).dropna(dim) for dim in dims]
     variance = sum((float(m.var(ddof=1)) / m.size for m in means if m.size > 1), 0.0)
     return variance, max(m.size for m in means)

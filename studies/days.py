@@ -1,7 +1,7 @@
 """Kinds of days: constant and stepped set-point, design days, days of a weather file, and heating.
 
 No verdict of these studies rests on one kind of day: a remedy that helps where the set-point steps every half hour may
-cost something where it stands still.  ``of_kind`` makes days of a kind from seeds; ``settings`` are the parameters of a
+cost something where it stands still.  ``make_days`` makes days of a kind from seeds; ``settings`` are the parameters of a
 loop that such days ask for.
 """
 
@@ -20,12 +20,12 @@ WEATHER_FILE = Path(__file__).parent / "year" / "weather.csv"
 HOURS = 8
 STEPPED, CONSTANT, DESIGN, WEATHER, HEATING = "stepped", "constant", "design", "weather", "heating"
 T_SET = 14.0
-HEATING_WATER, HEATING_SET = 40.0, 25.0
+HEATING_T_W_IN, HEATING_T_SET = 40.0, 25.0
 """Entering water and set-point of a heating day, °C: a low-temperature system, as heat pumps and condensing boilers
 need it."""
-OUTDOOR_AIR = 0.3
+OUTDOOR_FRACTION = 0.3
 """Share of outdoor air on days of weather."""
-SUMMER = range(140, 274)
+SUMMER_DAYS = range(140, 274)
 """Days of the year that a weather file is asked for."""
 
 
@@ -34,18 +34,18 @@ def kinds(weather: Path = WEATHER_FILE) -> tuple[str, ...]:
     return (STEPPED, CONSTANT, DESIGN, *((WEATHER,) if weather.is_file() else ()), HEATING)
 
 
-def settings(kind: str) -> dict[str, object]:
+def loop_settings(kind: str) -> dict[str, object]:
     """Parameters of a loop that days of this kind ask for."""
     return {"action": "heating"} if kind == HEATING else {}
 
 
-def of_kind(
+def make_days(
     kind: str,
     seeds: Sequence[int],
     weather: Path = WEATHER_FILE,
     *,
     hours: int | None = None,
-    outdoor: float = OUTDOOR_AIR,
+    outdoor_fraction: float = OUTDOOR_FRACTION,
 ) -> fc.Boundary:
     """One day for each seed, of 8 h unless ``hours`` says otherwise.
 
@@ -53,42 +53,44 @@ def of_kind(
     drawn from their seeds.  outdoor: share of outdoor air on days of weather.
     """
     hours = HOURS if hours is None else hours
-    paper = fc.paper_day(hours=hours, seed=list(seeds))
-    series = {name: paper.series[name] for name in ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")}
+    paper_days = fc.paper_day(hours=hours, seed=list(seeds))
+    series = {name: paper_days.series[name] for name in ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")}
     if kind != STEPPED:
-        series["T_set"] = np.full_like(series["m_a"], HEATING_SET if kind == HEATING else T_SET)
+        series["T_set"] = np.full_like(series["m_a"], HEATING_T_SET if kind == HEATING else T_SET)
     if kind in (DESIGN, WEATHER, HEATING):
-        drawn = (
-            _of_weather(weather, seeds, hours, outdoor)
+        outdoor_days = (
+            _weather_days(weather, seeds, hours, outdoor_fraction)
             if kind == WEATHER
-            else [_of_design(kind, seed, hours) for seed in seeds]
+            else [_design_day(kind, seed, hours) for seed in seeds]
         )
         for name in ("T_a_in", "W_a_in"):
-            series[name] = np.concatenate([day.series[name] for day in drawn])
+            series[name] = np.concatenate([day.series[name] for day in outdoor_days])
     if kind == HEATING:
-        series["T_w_in"] = series["T_w_in"] - 7.0 + HEATING_WATER
+        series["T_w_in"] = series["T_w_in"] - 7.0 + HEATING_T_W_IN
     return fc.Boundary(**series, day=list(seeds))
 
 
-def _of_design(kind: str, seed: int, hours: int) -> fc.Boundary:
+def _design_day(kind: str, seed: int, hours: int) -> fc.Boundary:
     """A design day whose outdoor temperature is milder than the extreme by what the seed draws."""
-    draw = np.random.default_rng([seed, 13])
+    rng = np.random.default_rng([seed, 13])
     if kind == HEATING:
-        mild = draw.uniform(0.0, 25.0)
-        return fc.design_day(hours=hours, mode="heating", T_design=-20.0 + mild, T_daily_range=draw.uniform(2.0, 10.0))
-    mild = draw.uniform(0.0, 6.0)
+        milder_by = rng.uniform(0.0, 25.0)
+        return fc.design_day(
+            hours=hours, mode="heating", T_design=-20.0 + milder_by, T_daily_range=rng.uniform(2.0, 10.0)
+        )
+    milder_by = rng.uniform(0.0, 6.0)
     return fc.design_day(
-        hours=hours, T_design=33.3 - mild, T_wet_bulb=23.7 - mild, outdoor_fraction=draw.uniform(0.2, 0.6)
+        hours=hours, T_design=33.3 - milder_by, T_wet_bulb=23.7 - milder_by, outdoor_fraction=rng.uniform(0.2, 0.6)
     )
 
 
-def _of_weather(path: Path, seeds: Sequence[int], hours: int, outdoor: float) -> list[fc.Boundary]:
+def _weather_days(path: Path, seeds: Sequence[int], hours: int, outdoor_fraction: float) -> list[fc.Boundary]:
     """Summer days of the file that the seeds draw."""
-    fixed = {
+    conditions = {
         "m_a": 1.15,
         "T_w_in": 7.0,
         "T_set": T_SET,
-        "outdoor_fraction": outdoor,
+        "outdoor_fraction": outdoor_fraction,
         "T_return": 24.0,
         "RH_return": 0.5,
     }
@@ -96,7 +98,11 @@ def _of_weather(path: Path, seeds: Sequence[int], hours: int, outdoor: float) ->
         warnings.simplefilter("ignore", UserWarning)  # hourly data have no fast disturbances: paper_day adds them
         return [
             fc.weather_day(
-                path, days=[int(np.random.default_rng([seed, 14]).choice(SUMMER))], hour=9, hours=hours, **fixed
+                path,
+                days=[int(np.random.default_rng([seed, 14]).choice(SUMMER_DAYS))],
+                hour=9,
+                hours=hours,
+                **conditions,
             )
             for seed in seeds
         ]

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import reference
 from filelock import FileLock
+from helpers import mistakes
 from helpers.sentences import is_rewording, rewrite_snapshot
 from hypothesis import settings
 
@@ -115,6 +116,14 @@ def _one_at_a_time(request, tmp_path_factory):
         return
     with FileLock(shared_folder(tmp_path_factory) / "alone.lock"):
         yield
+
+
+@pytest.fixture(autouse=True)
+def _mistakes_have_field_and_code():
+    """Let a test fail in which the package reports a mistake without field or code."""
+    mistakes.incomplete.clear()
+    yield
+    assert not mistakes.incomplete
 
 
 @pytest.fixture(scope="session")

@@ -94,7 +94,7 @@ def command(*to: str) -> list[str]:
 
 
 @functools.cache
-def compiled() -> ctypes.CDLL:
+def load_library() -> ctypes.CDLL:
     """Return the library; compiled once per source, flags and machine.
 
     Raises
@@ -135,7 +135,7 @@ def sums_of(scenarios: Arrays, series: Arrays, flags: np.ndarray) -> np.ndarray:
     sums, scratch = np.empty((len(SUMS), n)), np.empty((3, n_steps))
     day = _Day(*(r.ctypes.data for r in rows), flags.ctypes.data, None, None, None, n_steps)
     block = _Scenarios(*(c.ctypes.data for c in columns))
-    compiled().coil_loop(block, n, day, scratch.ctypes.data, sums.ctypes.data)
+    load_library().coil_loop(block, n, day, scratch.ctypes.data, sums.ctypes.data)
     return sums
 
 
@@ -149,7 +149,7 @@ def run(scenarios: Arrays, series: Arrays, warm_up: int, threads: int = 1) -> Ar
     def run_part(at: np.ndarray) -> np.ndarray:
         return sums_of({k: scenarios[k][at] for k in SCENARIO}, series, schedule.flags)
 
-    compiled()
+    load_library()
     with ThreadPoolExecutor(threads) as pool:
         sorted_sums = np.concatenate(list(pool.map(run_part, parts)), axis=1)
     sums = np.empty((len(SUMS), order.size))

@@ -36,7 +36,7 @@ class Page(HTMLParser):
             self.loads.add(address)
 
 
-def problems(folder: Path) -> list[str]:
+def find_problems(folder: Path) -> list[str]:
     """Return a line for each dead link and for each address that is loaded from the network."""
     pages = {
         path.resolve(): Page(path.read_text())
@@ -62,7 +62,7 @@ def problems(folder: Path) -> list[str]:
 
 def check(folder: Path) -> int:
     """Print the problems and return the exit code: 1 if there are any, or if there is no page."""
-    lines = problems(folder) if any(folder.rglob("*.html")) else [f"{folder} has no pages"]
+    lines = find_problems(folder) if any(folder.rglob("*.html")) else [f"{folder} has no pages"]
     sys.stdout.write("".join(f"{line}\n" for line in lines))
     return int(bool(lines))
 

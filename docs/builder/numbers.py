@@ -115,7 +115,7 @@ def number(root: Path, mark: str) -> str:
     return cells[0]
 
 
-def filled(root: Path, page: str) -> str:
+def fill_page(root: Path, page: str) -> str:
     """The text of a page with every marked number and table as ``studies/`` has it now."""
 
     def table(mark: re.Match[str]) -> str:
@@ -130,7 +130,7 @@ def main() -> None:
     """Refill all pages, and name those that changed."""
     for page in pages(ROOT):
         old = page.read_text(encoding="utf-8")
-        new = filled(ROOT, old)
+        new = fill_page(ROOT, old)
         if new != old:
             page.write_text(new, encoding="utf-8")
             sys.stdout.write(f"{page.relative_to(ROOT)}\n")

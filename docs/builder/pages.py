@@ -13,7 +13,7 @@ import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from builder.terms import linked, terms
+from builder.terms import link_terms, terms
 
 PAGES_OUTSIDE_DOCS = {
     "README.md": "overview.md",
@@ -85,7 +85,9 @@ def shown_file(path: str) -> str:
 def source_of(module: str, name: str) -> str:
     """Return the source of a function of a module, with its decorators."""
     lines = module.splitlines()
-    (node,) = (n for n in ast.parse(module).body if isinstance(n, ast.FunctionDef) and n.name == name)
+    node = next((n for n in ast.parse(module).body if isinstance(n, ast.FunctionDef) and n.name == name), None)
+    if node is None:
+        raise ValueError(f"no function {name} in the module that begins with {lines[0]}")
     return "\n".join(lines[node.decorator_list[0].lineno - 1 : node.end_lineno])
 
 
@@ -135,7 +137,7 @@ class Staging:
         unlinked_terms = {term: anchor for term, anchor in self.terms.items() if f"{GLOSSARY}#{anchor})" not in text}
         unlinked_terms = {} if page in WITHOUT_TERMS else unlinked_terms
         glossary = posixpath.relpath(GLOSSARY, posixpath.dirname(self.pages[page]) or ".")
-        text = outside_fences(text, lambda part: linked(part, unlinked_terms, glossary))
+        text = outside_fences(text, lambda part: link_terms(part, unlinked_terms, glossary))
         return NAMES.sub(_summaries, CODE_MARK.sub(self._listing, text))
 
     def _listing(self, marker: re.Match[str]) -> str:
@@ -163,7 +165,7 @@ def _toctree(pages: Iterable[tuple[str, str]]) -> str:
     return f"\n```{{toctree}}\n:hidden:\n\n{lines}\n```\n"
 
 
-def public(text: str) -> list[str]:
+def public_names(text: str) -> list[str]:
     """Return the dotted names of the functions and classes that a page of reference describes."""
     names_found = (name for names in NAMES.findall(text) for name in re.findall(r"`([\w.]+)`", names))
     return [re.sub(r"^fc\.", "fastcoil.", name) for name in names_found]
@@ -171,5 +173,5 @@ def public(text: str) -> list[str]:
 
 def _summaries(names: re.Match[str]) -> str:
     """Return an autosummary table of the named functions and classes."""
-    rows = "\n".join(f"   {name}" for name in public(names[0]))
+    rows = "\n".join(f"   {name}" for name in public_names(names[0]))
     return f"```{{eval-rst}}\n.. autosummary::\n   :toctree: api\n   :nosignatures:\n\n{rows}\n```\n"

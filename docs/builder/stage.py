@@ -8,13 +8,13 @@ from pathlib import Path
 from pkgutil import resolve_name
 
 from builder.listings import command_page, file_page, output_page, parameter_page, with_members
-from builder.pages import Staging, public, shown_file
+from builder.pages import Staging, public_names, shown_file
 
 SPHINX_FOLDERS = ("api", "examples")
 """Folders that Sphinx fills."""
 
 
-def home(name: str) -> str:
+def defining_file(name: str) -> str:
     """Return the file that defines the function, class, method or property of this dotted name."""
     return inspect.getsourcefile(inspect.unwrap(resolve_name(name))) or ""
 
@@ -25,8 +25,8 @@ def stage(root: Path, out: Path) -> None:
     texts = {page: staging.text(source) for source, page in staging.pages.items()}
     texts |= dict(staging.sections())
     texts |= {"parameters.md": parameter_page(), "outputs.md": output_page(), "commands.md": command_page()}
-    described = public((root / "docs" / "reference.md").read_text())
-    staging.files |= {str(Path(home(name)).relative_to(root)) for name in described}
+    described = public_names((root / "docs" / "reference.md").read_text())
+    staging.files |= {str(Path(defining_file(name)).relative_to(root)) for name in described}
     for path in sorted(with_members(root, staging.files)):
         texts[f"{shown_file(path)}.md"] = file_page(root, path)
     for page, text in texts.items():

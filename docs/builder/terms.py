@@ -5,20 +5,7 @@ from __future__ import annotations
 import re
 
 EVERYDAY_WORDS = {
-    *(
-        "boundary",
-        "command",
-        "dry",
-        "estimate",
-        "front",
-        "gain",
-        "interval",
-        "inverse",
-        "kernel",
-        "hunting_index",
-        "metric",
-        "pi",
-    ),
+    *("boundary", "command", "dry", "estimate", "front", "gain", "interval", "inverse", "kernel", "metric", "pi"),
     *("plant", "reset", "sample", "settled", "sweep", "wet"),
 }
 """Terms that are also everyday words, or too frequent to link."""
@@ -37,7 +24,7 @@ def terms(glossary: str) -> dict[str, str]:
     }
 
 
-def linked(text: str, anchor_by_term: dict[str, str], glossary: str) -> str:
+def link_terms(text: str, anchor_by_term: dict[str, str], glossary: str) -> str:
     """Return ``text``, without fenced blocks, with a link to ``glossary`` at the first use of each term.
 
     Remove linked terms from ``anchor_by_term``, with the other terms of their heading.

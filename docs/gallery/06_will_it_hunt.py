@@ -37,10 +37,10 @@ fc.plot.limit_cycle(swing, fc.limit_cycle(hunting, day))
 
 map_of = loop.assign(kp=np.geomspace(0.005, 0.08, 15).round(5), ti=np.geomspace(6, 120, 20).round(3))
 theory = fc.limit_cycle(map_of, day)
-seen = fc.simulate(map_of, day, warm_up=3 * 3600, n_jobs=1)
+simulated = fc.simulate(map_of, day, warm_up=3 * 3600, n_jobs=1)
 
 figure, axes = plt.subplots(figsize=(6.4, 4), layout="constrained")
-mesh = axes.pcolormesh(seen.ti, seen.kp, seen.hunting_swing, cmap="viridis", shading="nearest")
+mesh = axes.pcolormesh(simulated.ti, simulated.kp, simulated.hunting_swing, cmap="viridis", shading="nearest")
 axes.contour(theory.ti, theory.kp, theory.hunting_index.transpose("kp", "ti"), levels=[0.85], colors="#BB5566")
 axes.set(
     xscale="log", yscale="log", xlabel="ti [s]", ylabel="kp [1/K]", title="red: where hunting is predicted to begin"
@@ -50,7 +50,7 @@ figure.colorbar(mesh, label="simulated swing, peak to peak [K]")
 # %%
 # The answer:
 
-right = int((theory.hunts == seen.hunts).sum())
-one = fc.limit_cycle(hunting, day)
-print(f"With ti = 10 s it hunts by {2 * float(one.amplitude):.1f} K peak to peak every {float(one.period):.0f} s.")
-print(f"Theory and simulation agree on {right} of {theory.hunts.size} tunings.")
+n_agree = int((theory.hunts == simulated.hunts).sum())
+cycle = fc.limit_cycle(hunting, day)
+print(f"With ti = 10 s it hunts by {2 * float(cycle.amplitude):.1f} K peak to peak every {float(cycle.period):.0f} s.")
+print(f"Theory and simulation agree on {n_agree} of {theory.hunts.size} tunings.")

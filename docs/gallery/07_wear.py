@@ -37,9 +37,9 @@ ds = fc.simulate(loop, days, carry_over=True, n_jobs=1)
 
 figure, panels = plt.subplots(1, 2, figsize=(9, 3.4), layout="constrained")
 for name, colour, style in zip(ds.controller.values, ("#004488", "#BB5566", "#DDAA33"), ("-", "--", ":"), strict=True):
-    one = ds.sel(controller=name)
-    panels[0].plot(ds.day, 100 * one.backlash_final, style, color=colour, label=f"gap under {name}")
-    panels[1].plot(ds.day, one.rmse, style, color=colour, label=name)
+    run = ds.sel(controller=name)
+    panels[0].plot(ds.day, 100 * run.backlash_final, style, color=colour, label=f"gap under {name}")
+    panels[1].plot(ds.day, run.rmse, style, color=colour, label=name)
 panels[0].plot(
     ds.day, 100 * ds.estimate_final.sel(controller="identify"), "ko", markersize=4, label="estimate of identify"
 )

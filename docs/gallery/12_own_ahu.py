@@ -48,16 +48,16 @@ loop = fc.Loop.preset("lbnl").assign(
     **{**coil.parameters, **valve.parameters, "estimate_ratio": np.linspace(0, 1.5, 7).round(3), "buffer": 0.002}
 )
 result = fc.simulate(loop, fc.paper_day(hours=8, seed=[1, 2, 3, 4]), n_jobs=1)
-found = result[["rmse", "motor_travel"]].mean("day").to_dataframe().round(3)
-found[["rmse", "motor_travel"]]
+means = result[["rmse", "motor_travel"]].mean("day").to_dataframe().round(3)
+means[["rmse", "motor_travel"]]
 
 # %%
 # The answer:
 
-best = found.rmse.idxmin()
+best = means.rmse.idxmin()
 low, high = (100 * bound for bound in valve.intervals["backlash"])
 size = 100 * valve.parameters["backlash"]
 print(f"This valve has {size:.1f} % backlash (95 %: {low:.1f} to {high:.1f} %); in truth it has 9 %.")
 print(
-    f"An estimate of {100 * best:.0f} % of it lowers the error from {found.rmse[0.0]:.2f} to {found.rmse[best]:.2f} K."
+    f"An estimate of {100 * best:.0f} % of it lowers the error from {means.rmse[0.0]:.2f} to {means.rmse[best]:.2f} K."
 )

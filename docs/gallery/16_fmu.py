@@ -88,13 +88,13 @@ def run(path, hours=2):
     return np.array(T_sup), np.array(command)
 
 
-found = {name: run(f"{name}.fmu") for name in ("plain", "inverse")}
+runs = {name: run(f"{name}.fmu") for name in ("plain", "inverse")}
 
 # %%
 # Supply air and command:
 
 figure, panels = plt.subplots(2, 1, sharex=True, figsize=(8, 4.4), layout="constrained")
-for (name, series), color in zip(found.items(), ("#BB5566", "#004488"), strict=True):
+for (name, series), color in zip(runs.items(), ("#BB5566", "#004488"), strict=True):
     for panel, values in zip(panels, series, strict=True):
         panel.plot(np.arange(values.size) / 3600, values, color=color, label=name)
 panels[0].set(ylabel="supply air [°C]")
@@ -104,7 +104,7 @@ panels[0].legend()
 # %%
 # The answer:
 
-rms = {name: np.std(T_sup[1800:3600]) for name, (T_sup, _) in found.items()}
+rms = {name: np.std(T_sup[1800:3600]) for name, (T_sup, _) in runs.items()}
 print(
     f"The supply air swings by {rms['plain']:.2f} K rms with the plain PI, by {rms['inverse']:.2f} K with the inverse."
 )

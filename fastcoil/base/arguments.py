@@ -42,7 +42,7 @@ def collect_problems(problems: list[str], prefix: str = "") -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        problems += [p.prefixed(prefix) if prefix else p for p in error.problems]
+        problems += [p.with_prefix(prefix) if prefix else p for p in error.problems]
 
 
 class Checks:

@@ -95,18 +95,11 @@ class Problem(str):
     def __getnewargs__(self) -> tuple[str, str, str]:  # type: ignore[override]
         return str(self), self.field, self.code
 
-    def prefixed(self, prefix: str) -> Problem:
+    def with_prefix(self, prefix: str) -> Problem:
         """Return the problem of a file, with words before its sentence."""
         problem = Problem(prefix + self, self.field, self.code)
         problem.is_argument = False
         return problem
-
-
-class WrongTypeMessage(Problem):
-    """A message about an argument of the wrong type."""
-
-    def __new__(cls, sentence: str, field: str = "", code: str = "type") -> Self:
-        return super().__new__(cls, sentence, field, code)
 
 
 class InputError(FastcoilError, ValueError):

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import xarray as xr
 
 from fastcoil.base.arguments import raise_problems
-from fastcoil.base.errors import did_you_mean, short_repr
+from fastcoil.base.errors import Problem, did_you_mean, short_repr
 from fastcoil.base.files import replace_atomically
 from fastcoil.base.text import escape_formulas
 from fastcoil.model.metric_table import metric_hint
@@ -24,14 +24,12 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-_ROWS_PER_PIECE = 50_000  # of a piece
-_STUDY_FACTS = ("title", "question", "boundary", "fastcoil_version", "study_sha256", "content_sha256")
-"""What a table says of its study."""
-COMMENT_SIGN = "#"
+_ROWS_PER_PIECE = 50_000
+_STUDY_FACTS = ("title", "question", "boundary", "fastcoil_version", "study_sha256", "content_sha256")  # in comments
 
 
 class TidyTable:
-    """A checked result as rows: labels, parameters that differ, ``metrics`` (all that have a number), status."""
+    """A checked result as rows: labels, parameters that differ, ``metrics`` (by default all), status."""
 
     def __init__(self, ds: xr.Dataset, metrics: tuple[str, ...] = ()) -> None:
         dims = [str(d) for d in ds["status"].dims]
@@ -43,14 +41,14 @@ class TidyTable:
         self._table_data = ds.drop_vars([n for n in ds.variables if n not in self.columns]).assign_coords(labels)
 
     def header(self, name: str) -> str:
-        """``rmse [K]``; labels, words and flags have no unit."""
+        """Header of a column, such as ``rmse [K]``; labels, words and flags have no unit."""
         variable = self.ds[name]
         is_number = variable.dtype.kind in "iuf" and not _flag_words(variable) and name not in RESERVED_DIMS
         unit = str(variable.attrs.get("units", "")) if is_number else ""
         return escape_formulas(f"{name} [{unit}]" if unit else name)
 
     def pieces(self) -> Iterator[pd.DataFrame]:
-        """The rows, with plain names; the last label changes fastest."""
+        """Yield the rows in pieces; the last label changes fastest."""
         ds = self._table_data if self.dims else self._table_data.expand_dims("row")
         first = next((d for d in self.dims if ds.sizes[d] > 1), None)
         n = ds.sizes[first] if first else 1
@@ -65,20 +63,21 @@ class TidyTable:
 
 
 def check_metrics(ds: xr.Dataset, metrics: tuple[str, ...]) -> None:
-    """Refuse what a table of scenario-days cannot hold."""
+    """Refuse metrics that a table of scenario-days cannot hold."""
     dims, problems = ds["status"].dims, []
     for name in metrics:
         if name not in ds.data_vars:
-            suggestion = metric_hint(name) or did_you_mean(name, map(str, ds.data_vars))
-            problems.append(f"--metric {short_repr(name)} is not in this result{suggestion}")
-        elif extra_dims := [str(d) for d in ds[name].dims if d not in dims]:
-            extra_text = f"has values along {' and '.join(extra_dims)}"
-            problems.append(f"--metric {name} {extra_text}: name one that has a value for each scenario-day")
+            hint = metric_hint(name) or did_you_mean(name, map(str, ds.data_vars))
+            problems.append(Problem(f"--metric {short_repr(name)} is not in this result{hint}", "--metric", "name"))
+        elif others := [str(d) for d in ds[name].dims if d not in dims]:
+            sentence = f"--metric {name} has values along {' and '.join(others)}"
+            cure = "name one that has a value for each scenario-day"
+            problems.append(Problem(f"{sentence}: {cure}", "--metric", "shape"))
     raise_problems(problems)
 
 
 def _flag_words(variable: xr.DataArray) -> list[str]:
-    """The meanings of a flag; empty for all else."""
+    """Meanings of a flag; empty for other variables."""
     return str(variable.attrs.get("flag_meanings", "")).split()
 
 
@@ -89,13 +88,13 @@ def write_csv(table: TidyTable, path: Path) -> None:
     An apostrophe stands before a text that a spreadsheet would take as a formula.
     """
     texts = (v.values for v in table.ds.coords.values() if v.dtype.kind in "OU")
-    has_comment = any(COMMENT_SIGN in str(text) for values in texts for text in values.ravel())
+    has_comment = any("#" in str(text) for values in texts for text in values.ravel())
     attrs = table.ds.attrs | {"question": table.ds.attrs.get("summary", "")}
     facts = {name: " ".join(str(attrs.get(name, "")).split()) for name in _STUDY_FACTS}
 
     def write(unfinished: Path) -> None:
         with unfinished.open("x", encoding="utf-8", newline="") as file:
-            file.writelines(f"{COMMENT_SIGN} {name}: {escape_formulas(text)}\n" for name, text in facts.items() if text)
+            file.writelines(f"# {name}: {escape_formulas(text)}\n" for name, text in facts.items() if text)
             for k, piece in enumerate(table.pieces()):
                 for name in piece.select_dtypes(["object", "string"]):
                     piece[name] = piece[name].map(escape_formulas, na_action="ignore")

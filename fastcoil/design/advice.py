@@ -1,7 +1,7 @@
-"""What to do about a loop, with numbers: the cures, tried by simulation, and the one source of every advice.
+"""Advice on a loop, with numbers: cures, tried by simulation, and the one source of every advice.
 
-``propose_cures`` proposes, ``try_cures`` simulates, ``advise`` chooses and says it; a diagnosis and a tuning give it options
-of their own.
+``propose_cures`` lists changes, ``try_cures`` simulates them, ``advise`` chooses one; a diagnosis and a tuning give
+``advise`` other options.
 """
 
 import math
@@ -13,7 +13,7 @@ import xarray as xr
 
 from fastcoil.base.arrays import Array, Mask
 from fastcoil.base.text import format_kelvin, format_percent, format_two_digits
-from fastcoil.design.limit_cycle import HUNTING_MARGIN
+from fastcoil.design.limit_cycle import HUNTING_INDEX_LIMIT
 from fastcoil.design.operating_points import PointsOfDay
 from fastcoil.design.prediction import Prediction, predict_cycles_at, shortest_ti, simc_gains
 from fastcoil.loops.boundary import Boundary
@@ -23,26 +23,36 @@ from fastcoil.loops.simulate import simulate
 from fastcoil.model.metric_table import HUNTING_SWING_K, OFF_SET_POINT_ERROR_K, SETTLING_TIME_S, STATUS_OK
 from fastcoil.model.parameter_table import PARAMETERS, Scalar
 
-UNSURE_MARGINS = (0.7, 1.0)  # margins between which theory does not decide
-SAFE_MARGIN = 0.7  # hunting index that a cure has to reach
-AS_IS, LOWER_KP, LONGER_TI, SIMC, SIMULATED_GAINS, PLAIN_PI, NO_INVERSE, TURNED_ACTION, DEAD_BAND, INVERSE, SIMC_AND_INVERSE, REPAIRED_VALVE = (
-    "as_it_is", "lower_kp", "longer_ti", "simc", "simulated_gains", "pi", "no_inverse", "action", "dead_band",
-    "inverse", "simc_and_inverse", "repaired_valve",
-)  # fmt: skip
+# Thresholds; tests/design/test_advice.py checks them on 500 random loops.  Of the inverse: docs/findings/remedies.md
+UNSURE_HUNTING_INDEX = (0.7, 1.0)  # between these theory does not decide
+SAFE_HUNTING_INDEX = 0.7  # that the gains of a cure have to reach
+NOTICEABLE = 0.01  # difference of temperature that counts, K
+CLEAR_SWING_RATIO = 1.5  # swing where hunting is predicted over that elsewhere, from which the loop hunts there
+PREDICTED_SWING_RATIO = 0.7  # simulated over predicted swing from which the one counts as the other
+OVERESTIMATE_RATIO = 1.02  # estimate over gap from which a motor may chatter; estimators are right to a few thousandths
+CALM_TURNS = 2.0  # of the motor in 10 min that are no chatter
+CHATTER_SHARE = 1.0 / 3.0  # of the travel in the jumps at the turns from which a motor chatters
+WORSE = 1.05  # RMSE over that now above which an option is worse
+BETTER = 0.95  # and below which it is better
+LOST_SHARE = 0.5  # of the time off the set-point from which a loop does not hold it
+INVERSE_SHARE = 0.95  # estimate of the inverse over the gap
+BUFFER_SWING = 0.1  # K, see the parameter ``buffer_swing``
+
+AS_IS = "as_it_is"
+LOWER_KP = "lower_kp"
+LONGER_TI = "longer_ti"
+SIMC = "simc"
+SIMULATED_GAINS = "simulated_gains"
+DEAD_BAND = "dead_band"
+NO_INVERSE = "no_inverse"
+INVERSE = "inverse"
+SIMC_AND_INVERSE = "simc_and_inverse"
+REPAIRED_VALVE = "repaired_valve"
 GAIN_CURES = (LOWER_KP, LONGER_TI, SIMC, SIMULATED_GAINS)  # cures that change kp and ti alone
-INVERSE_ESTIMATE_SHARE, BUFFER_RATIO, BUFFER_SWING = 0.95, 6.0, 0.1
-"""Of an inverse with a buffer that goes with the noise; K of the last: what docs/findings/remedies.md recommends."""
-LEAST_PLANT_GAIN = (
-    0.2  # smallest plant gain that the buffer may reckon with, K per stroke: the buffer has to stay below 1
-)
-DEAD_BAND_WIDTHS = (0.1, 0.5)  # least and most, K; as wide as the swing is high in between
-_DEAD_BAND_WITHOUT_HUNTING = 0.25  # K, where nothing hunts
-_KP_FACTORS = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4)  # of the kp that is tried where no gains of theory stop the hunting
-_TI_FACTORS = (1.0, 2.0, 4.0, 8.0)  # of the ti that is tried with each
 
 
 class Cure(NamedTuple):
-    """What may be changed.  words: as a technician says it.  changes: parameter → value."""
+    """A change of a loop.  words: as a technician says it.  changes: parameter → value."""
 
     name: str
     words: str
@@ -54,109 +64,98 @@ def _gains_cure(name: str, kp: float, ti: float, words: str = "") -> Cure:
 
 
 def propose_cures(loop: Loop, prediction: Prediction, *, has_theory: bool) -> list[Cure]:
-    """What to try on a loop, as it is first; ``prediction``: of it, or of the nearest for which theory holds."""
+    """List changes to try on a loop, as it is first; prediction: of it, or of the nearest for which theory holds."""
     kp, ti, backlash = (float(loop[name]) for name in ("kp", "ti", "backlash"))  # type: ignore[arg-type]
     acts_backwards = prediction.loop["action"] != loop["action"]
     cures = [Cure(AS_IS, "as it is", {})]
-    if prediction.hunting_index > SAFE_MARGIN:
-        cures.append(
-            _gains_cure(LOWER_KP, _round_setting(kp * SAFE_MARGIN / prediction.hunting_index, round_down=True), ti)
-        )
-        safe_ti = shortest_ti(prediction, SAFE_MARGIN)
+    if prediction.hunting_index > SAFE_HUNTING_INDEX:
+        safe_kp = kp * SAFE_HUNTING_INDEX / prediction.hunting_index
+        cures.append(_gains_cure(LOWER_KP, _round_setting(safe_kp, round_down=True), ti))
+        safe_ti = shortest_ti(prediction, SAFE_HUNTING_INDEX)
         if math.isfinite(safe_ti):
             cures.append(_gains_cure(LONGER_TI, kp, _round_setting(safe_ti, round_down=False)))
     simc = simc_gains(prediction)
     if simc is not None:
-        simc_changes = {"kp": _round_setting(simc[0]), "ti": _round_setting(simc[1])}
-        hunting_index = float(
-            predict_cycles_at(
-                prediction.loop.assign(**simc_changes), prediction.plants, prediction.reached
-            ).hunting_index.max()
-        )
-        if SAFE_MARGIN < hunting_index <= HUNTING_MARGIN:  # the lower kp would be advised next
-            simc_changes["kp"] = _round_setting(simc_changes["kp"] * SAFE_MARGIN / hunting_index, round_down=True)
-        cures.append(_gains_cure(SIMC, **simc_changes, words="SIMC: "))
+        simc_kp, simc_ti = _round_setting(simc[0]), _round_setting(simc[1])
+        tuned = prediction.loop.assign(kp=simc_kp, ti=simc_ti)
+        cycles = predict_cycles_at(tuned, prediction.plants, prediction.reachable_points)
+        index = float(cycles.hunting_index.max())
+        if SAFE_HUNTING_INDEX < index <= HUNTING_INDEX_LIMIT:  # the lower kp would be advised next
+            simc_kp = _round_setting(simc_kp * SAFE_HUNTING_INDEX / index, round_down=True)
+        cures.append(_gains_cure(SIMC, simc_kp, simc_ti, "SIMC: "))
     gain_changes = cures[-1].changes if simc is not None else {}
-    has_other_law, plain_changes = loop["law"] != "pi", inverse_off_changes(loop)
-    if gain_changes and (has_other_law or plain_changes):
-        words, changes = (
-            ("the PI in place of this law", {"law": "pi"}) if has_other_law else ("no inverse", plain_changes)
-        )
-        cures.append(Cure(PLAIN_PI, cures[-1].words.replace("SIMC:", f"{words},"), {**changes, **gain_changes}))
-    if plain_changes:
-        cures.append(Cure(NO_INVERSE, "no inverse", plain_changes))
-    band_width = _DEAD_BAND_WITHOUT_HUNTING
-    if has_theory and prediction.hunting.size:  # as wide as the swing is high, to 0.05 K
-        height = float(np.nanmax(prediction.cycles.amplitude[prediction.reached]))
-        band_width = float(np.clip(math.ceil(round(height / 0.05, 6)) * 0.05, *DEAD_BAND_WIDTHS).round(2))
+    law_change, no_inverse = {"law": "pi"} if loop["law"] != "pi" else {}, inverse_off_changes(loop)
+    if gain_changes and (law_change or no_inverse):
+        words, changes = ("the PI in place of this law", law_change) if law_change else ("no inverse", no_inverse)
+        cures.append(Cure("pi", cures[-1].words.replace("SIMC:", f"{words},"), {**changes, **gain_changes}))
+    if no_inverse:
+        cures.append(Cure(NO_INVERSE, "no inverse", no_inverse))
+    band_width = 0.25  # K, where nothing hunts
+    if has_theory and prediction.hunting_points.size:  # as wide as the swing is high to 0.05 K, from 0.1 to 0.5 K
+        height = float(np.nanmax(prediction.cycles.amplitude[prediction.reachable_points]))
+        band_width = float(np.clip(math.ceil(round(height / 0.05, 6)) * 0.05, 0.1, 0.5).round(2))
     if float(loop["error_dead_band"]) < band_width:  # type: ignore[arg-type]
         cures.append(Cure(DEAD_BAND, f"error dead band of {band_width:g} K", {"error_dead_band": band_width}))
     if backlash > 0.0:
         if prediction.worst_point >= 0:
-            gain = max(abs(float(prediction.plants.gain[prediction.worst_point])), LEAST_PLANT_GAIN)
+            # K per stroke; with a smaller gain the buffer would exceed 1
+            gain = max(abs(float(prediction.plants.gain[prediction.worst_point])), 0.2)
             inverse_changes: dict[str, Scalar] = {
-                **plain_changes,
-                "backlash_estimate": INVERSE_ESTIMATE_SHARE * backlash,
+                **no_inverse,
+                "backlash_estimate": INVERSE_SHARE * backlash,
                 "compensation": "inverse",
-                "buffer_ratio": BUFFER_RATIO,
+                "buffer_ratio": 6.0,
                 "buffer_noise": "measured",
                 "buffer_swing": BUFFER_SWING,
                 "plant_gain": gain,
             }
-            sizes_text = f"{format_percent(INVERSE_ESTIMATE_SHARE * backlash)}, buffer by noise up to {format_percent(BUFFER_SWING / gain)}"
-            if not has_other_law:
-                cures.append(Cure(INVERSE, f"inverse of {sizes_text}", inverse_changes))
+            size, buffer = format_percent(INVERSE_SHARE * backlash), format_percent(BUFFER_SWING / gain)
+            words = f"inverse of {size}, buffer by noise up to {buffer}"
+            if not law_change:
+                cures.append(Cure(INVERSE, words, inverse_changes))
             if gain_changes:
-                law_change = {"law": "pi"} if has_other_law else {}
-                words = f"{'the PI' if has_other_law else 'SIMC'} and inverse of {sizes_text}"
+                words = f"{'the PI' if law_change else 'SIMC'} and {words}"
                 cures.append(Cure(SIMC_AND_INVERSE, words, {**gain_changes, **inverse_changes, **law_change}))
         # no gap, and whatever assumed one is off; a stem cannot stick without a gap in this model
         repair_changes = {"backlash": 0.0, "backlash_estimate": 0.0, "slip_jump": 0.0}
         cures.append(Cure(REPAIRED_VALVE, "valve repaired: no backlash", repair_changes))
     if acts_backwards:  # nothing works the wrong way round
         action = str(prediction.loop["action"])
-        words, action_change = f"action = {action}", {"action": action}
-        turned_cures = [
-            Cure(cure.name, f"{words}, {cure.words}", {**cure.changes, **action_change}) for cure in cures[1:]
-        ]
-        cures = [cures[0], Cure(TURNED_ACTION, words, action_change), *turned_cures]
+        words, turned = f"action = {action}", {"action": action}
+        others = [Cure(cure.name, f"{words}, {cure.words}", {**cure.changes, **turned}) for cure in cures[1:]]
+        cures = [cures[0], Cure("action", words, turned), *others]
     return cures
 
 
 def inverse_off_changes(loop: Loop) -> dict[str, Scalar]:
-    """What turns a compensation off; empty where there is none."""
-    active_values = {"backlash_estimate": loop["backlash_estimate"], "learning_step": loop["learning_step"]}
-    changes: dict[str, Any] = {name: 0.0 for name, value in active_values.items() if value}
+    """Changes that turn the compensation off; empty if there is none."""
+    changes: dict[str, Any] = {name: 0.0 for name in ("backlash_estimate", "learning_step") if loop[name]}
     if used_choices(loop, "estimator") != {"none"}:
         changes["estimator"] = "none"
     return changes | {name: PARAMETERS[name].default for name in unread_values(loop.assign(**changes))}
 
 
 def _round_setting(value: float, *, round_down: bool | None = None) -> float:
-    """A number that somebody types into a controller: two digits, on the safe side if that is said."""
+    """Round a setting to two digits, to the nearest one, down or up."""
     scale = 10.0 ** (math.floor(math.log10(value)) - 1)
     digits = value / scale
-    rounded = (
-        round(digits) if round_down is None else math.floor(digits + 1e-9) if round_down else math.ceil(digits - 1e-9)
-    )
-    return float(f"{rounded * scale:.6g}")
+    down, up = math.floor(digits + 1e-9), math.ceil(digits - 1e-9)
+    return float(f"{(round(digits) if round_down is None else down if round_down else up) * scale:.6g}")
 
 
 def sweep_cures(loop: Loop, cures: Sequence[Cure]) -> Loop:
-    """The loop as a sweep along ``cure``."""
-    swept_values = {}
+    """Return the loop as a sweep along ``cure``."""
+    swept = {}
     for name in dict.fromkeys(name for cure in cures for name in cure.changes):
-        current_value = loop[name] if loop[name] is not None else PARAMETERS[name].default
-        fallback = next(cure.changes[name] for cure in cures if name in cure.changes)
-        swept_values[name] = (
-            "cure",
-            [cure.changes.get(name, fallback if current_value is None else current_value) for cure in cures],
-        )
-    return loop.assign(**swept_values)
+        value = loop[name] if loop[name] is not None else PARAMETERS[name].default
+        if value is None:
+            value = next(cure.changes[name] for cure in cures if name in cure.changes)
+        swept[name] = ("cure", [cure.changes.get(name, value) for cure in cures])
+    return loop.assign(**swept)
 
 
 class Trial(NamedTuple):
-    """A day on which cures are tried, and what theory knows of the loop, if it does."""
+    """A loop and the day on which cures are tried; prediction: None where theory does not hold."""
 
     loop: Loop
     boundary: Boundary
@@ -166,25 +165,16 @@ class Trial(NamedTuple):
     seed: int
 
 
-_MOST_SAMPLES = 43200  # most samples of a trace: one every 2 s of a day
-NOTICEABLE_DIFFERENCE = 0.01  # temperature difference that counts, K
-CLEAR_SWING_RATIO = 1.5  # so many times as large a swing shows that a loop hunts here and not there
-PREDICTED_SWING_RATIO = 0.7  # simulated over predicted swing from which the one counts as the other
-TOO_LARGE_ESTIMATE_RATIO, MOST_CALM_TURNS, CHATTER_JUMP_SHARE = 1.02, 2.0, 1.0 / 3.0
-"""A motor chatters with so large an estimate relative to the gap (an estimator finds it to a few thousandths), more
-turns in 10 min than that, and so large a share of its travel in the jumps at the turns."""
-
-
 def try_cures(trial: Trial, cures: Sequence[Cure]) -> xr.Dataset:
-    """Simulate and predict every cure: metrics, the trace T_sup, the hunting index, and whether it hunts, over ``cure``.
+    """Simulate and predict every cure: metrics, the trace T_sup, hunting index and whether it hunts, over ``cure``.
 
-    ``hunting`` is 1 where the day hunts after the metric ``hunts``, or for a part of it (see ``_is_hunting_in_part``).
-    ``chatters`` is 1 where the motor turns again and again since the estimate is larger than the gap.
-    ``swings`` is K at each operating point.
+    ``hunting`` is 1 where the day hunts by the metric ``hunts``, or for a part of it (see ``_is_hunting_in_part``).
+    ``chatters`` is 1 where the motor keeps turning because the estimate is larger than the gap.
+    ``swings``: at each operating point, K.
     """
     swept, boundary = sweep_cures(trial.loop, cures), trial.boundary
     ds = simulate(
-        swept, boundary, traces=["T_sup"], trace_interval=max(2, -(-boundary.n_steps // _MOST_SAMPLES)),
+        swept, boundary, traces=["T_sup"], trace_interval=max(2, -(-boundary.n_steps // 43200)),
         warm_up=trial.warm_up, seed=trial.seed, n_jobs=1, progress=False,
     )  # fmt: skip
     ds = ds.isel(day=0, drop=True) if "day" in ds.dims else ds
@@ -192,19 +182,21 @@ def try_cures(trial: Trial, cures: Sequence[Cure]) -> xr.Dataset:
     swings = simulated_swings(trial.points, boundary, ds)
     hunting_index, hunting = np.full(len(cures), math.nan), ds["hunts"].values > 0.0
     if trial.prediction is not None:
-        reached = trial.prediction.reached
-        cycles = predict_cycles_at(swept, trial.prediction.plants, reached)
+        reachable = trial.prediction.reachable_points
+        cycles = predict_cycles_at(swept, trial.prediction.plants, reachable)
         hunting_index = cycles.hunting_index.max(axis=1)
-        points_of_cures = zip(swings[:, reached], cycles.hunts > 0.0, cycles.amplitude, strict=True)
-        hunting |= [_is_hunting_in_part(*part) for part in points_of_cures]
-    too_large = ds["estimate_settled"] > TOO_LARGE_ESTIMATE_RATIO * ds["backlash_final"]
+        swings_of_cures = zip(swings[:, reachable], cycles.hunts > 0.0, cycles.amplitude, strict=True)
+        hunting |= [_is_hunting_in_part(*of_cure) for of_cure in swings_of_cures]
     jump_travel = ds["switch_frequency"] * (boundary.n_steps - trial.warm_up) / 600.0 * ds["estimate_settled"]
-    chatters = (
-        too_large & (ds["switch_frequency"] > MOST_CALM_TURNS) & (jump_travel > CHATTER_JUMP_SHARE * ds["motor_travel"])
-    )
+    chatters = ds["estimate_settled"] > OVERESTIMATE_RATIO * ds["backlash_final"]
+    chatters &= (ds["switch_frequency"] > CALM_TURNS) & (jump_travel > CHATTER_SHARE * ds["motor_travel"])
     return ds.assign_coords(cure=[cure.name for cure in cures]).assign(
         words=("cure", [cure.words for cure in cures]),
-        hunting_index=("cure", hunting_index, {"long_name": "largest describing-function hunting index, predicted"}),
+        hunting_index=(
+            "cure",
+            hunting_index,
+            {"long_name": "largest hunting index of the describing function, predicted"},
+        ),
         hunting=("cure", hunting.astype(float), {"long_name": "whether it hunts, at least for a part of the day"}),
         chatters=("cure", chatters.values.astype(float), {"long_name": "whether the motor chatters"}),
         swings=(("cure", "point"), swings, {"long_name": "simulated, peak to peak", "units": "K"}),
@@ -212,50 +204,43 @@ def try_cures(trial: Trial, cures: Sequence[Cure]) -> xr.Dataset:
 
 
 def simulated_swings(points: PointsOfDay, boundary: Boundary, simulated: xr.Dataset) -> Array:
-    """Simulated swing at each operating point, K, (…, n_points): max - min of T_sup in settled seconds; NaN without."""
+    """Swing at each operating point, K, (…, n_points): max - min of T_sup in settled seconds; NaN if there are none."""
     T_set = boundary.series["T_set"][0]
     seconds = np.arange(T_set.size)
     last_change = np.maximum.accumulate(np.where(np.diff(T_set, prepend=T_set[0]) != 0.0, seconds, -SETTLING_TIME_S))
     settled_point = np.where(seconds - last_change >= SETTLING_TIME_S, points.point_of_second, -1)
-    point_of_second, T_sup = settled_point[simulated["elapsed_time"].values.astype(int)], simulated["T_sup"].values
-    point_temperatures = [T_sup[..., point_of_second == k] for k in range(points.size)]
-    return np.stack(
-        [np.ptp(T, axis=-1) if T.size else np.full(T.shape[:-1], np.nan) for T in point_temperatures], axis=-1
-    )
+    point, T_sup = settled_point[simulated["elapsed_time"].values.astype(int)], simulated["T_sup"].values
+    of_points = [T_sup[..., point == k] for k in range(points.size)]
+    return np.stack([np.ptp(T, axis=-1) if T.size else np.full(T.shape[:-1], np.nan) for T in of_points], axis=-1)
 
 
 def _is_hunting_in_part(swings: Array, is_predicted: Mask, amplitudes: Array) -> bool:
-    """Whether a loop hunts although the metric does not count it, since it does at times only, or not regularly enough.
+    """Whether a loop hunts although the metric does not count it: only at times, or not regularly enough.
 
-    At the operating points at which it is predicted to hunt, the simulated swings are, in the median, ``PLAIN`` times
-    those elsewhere; or they are of the size predicted, ``PREDICTED_SWING_RATIO``, and above ``OFF``.
+    At the operating points at which it is predicted to hunt, the simulated swings are, in the median,
+    ``CLEAR_SWING_RATIO`` times those elsewhere; or they are of the size predicted, ``PREDICTED_SWING_RATIO``, and above
+    ``OFF_SET_POINT_ERROR_K``.
     """
-    predicted_swing, other_swing = _finite_median(swings[is_predicted]), _finite_median(swings[~is_predicted])
-    expected_swing = 2.0 * _finite_median(amplitudes[is_predicted])
-    return predicted_swing > max(CLEAR_SWING_RATIO * other_swing, HUNTING_SWING_K) or predicted_swing > max(
-        PREDICTED_SWING_RATIO * expected_swing, OFF_SET_POINT_ERROR_K
-    )
 
+    def median(values: Array) -> float:
+        finite = values[np.isfinite(values)]
+        return float(np.median(finite)) if finite.size else math.nan
 
-def _finite_median(values: Array) -> float:
-    finite = values[np.isfinite(values)]
-    return float(np.median(finite)) if finite.size else math.nan
+    swing, elsewhere = median(swings[is_predicted]), median(swings[~is_predicted])
+    expected = 2.0 * median(amplitudes[is_predicted])
+    if swing > max(CLEAR_SWING_RATIO * elsewhere, HUNTING_SWING_K):
+        return True
+    return swing > max(PREDICTED_SWING_RATIO * expected, OFF_SET_POINT_ERROR_K)
 
 
 def with_simulated_gains(trial: Trial, cures: list[Cure]) -> list[Cure]:
-    """The cures, second the best kp and ti around those of SIMC that do not hunt, nor with the next larger kp."""
-    current_gains = {name: trial.loop[name] for name in ("kp", "ti")}
-    start: Mapping[str, Any] = next((cure.changes for cure in cures if cure.name == SIMC), current_gains)
-    pairs = [
-        [(start["kp"] * kp_factor, start["ti"] * ti_factor) for kp_factor in _KP_FACTORS] for ti_factor in _TI_FACTORS
-    ]
-    grid = [
-        _gains_cure(SIMULATED_GAINS, _round_setting(kp), _round_setting(ti), "found by simulation: ")
-        for row in pairs
-        for kp, ti in row
-    ]
-    ds = try_cures(trial, grid)
-    shape = len(_TI_FACTORS), len(_KP_FACTORS)
+    """Insert after the loop as it is the best kp and ti around SIMC's that do not hunt, nor with the next larger kp."""
+    current = {name: trial.loop[name] for name in ("kp", "ti")}
+    start: Mapping[str, Any] = next((cure.changes for cure in cures if cure.name == SIMC), current)
+    kps = [_round_setting(start["kp"] * factor) for factor in (0.25, 0.35, 0.5, 0.7, 1.0, 1.4)]
+    tis = [_round_setting(start["ti"] * factor) for factor in (1.0, 2.0, 4.0, 8.0)]
+    grid = [_gains_cure(SIMULATED_GAINS, kp, ti, "found by simulation: ") for ti in tis for kp in kps]
+    ds, shape = try_cures(trial, grid), (len(tis), len(kps))
     is_calm = ((ds["hunting"] == 0.0) & (ds["status"] == STATUS_OK)).values.reshape(shape)
     is_calm[:, :-1] &= is_calm[:, 1:]
     is_calm[:, -1] = False
@@ -265,7 +250,7 @@ def with_simulated_gains(trial: Trial, cures: list[Cure]) -> list[Cure]:
 
 
 class Option(NamedTuple):
-    """What a loop does as it is, or with a change.  error: RMS, K; hunting index: of the describing function."""
+    """Results of a loop as it is, or with a change.  error: RMS, K; travel: of the motor, strokes."""
 
     name: str
     words: str
@@ -277,69 +262,57 @@ class Option(NamedTuple):
 
 
 class Advice(NamedTuple):
-    """Which option to take, 0 for none, and the sentences that say so."""
+    """Index of the option to take, 0 for none, and the sentences that say so."""
 
     best: int
     text: str
 
 
-WORSE_ERROR_RATIO, BETTER_ERROR_RATIO = (
-    1.05,
-    0.95,
-)  # RMSE relative to now from which an option counts as worse, and up to which as better
 _CURE_RANKS = {INVERSE: 1, SIMC_AND_INVERSE: 1, DEAD_BAND: 3, REPAIRED_VALVE: 4}
-"""Settings of the PI come first, then what asks for the size of the gap, then (2) what is calm although its hunting index is
-too large or its motor chatters; a dead band hides the swing, a repair is no setting."""
+"""Settings of the PI come first, then what needs the size of the gap, then (2) what is calm although its hunting index
+is too large or its motor chatters; a dead band hides the swing, a repair is no setting."""
 
 
 def advise(
     options: Sequence[Option], *, holds_set_point: bool = True, error_name: str = "RMSE", least_error: float = 0.0
 ) -> Advice:
-    """Choose an option and say so.
+    """Choose an option, and say so in a sentence.
 
-    Where the loop hunts or its motor chatters, the first rank with an option that does not, and its least error; where
-    it does not, only what takes 5 % off the error.
+    Where the loop hunts or its motor chatters, it is the one of the first rank that does not, with the least error;
+    where it does not, only an option that takes 5 % off the error.
 
-    options: the loop as it is first.  holds: whether the loop holds its set-point as it is.  error: its name.  least:
-    error that counts, K.
+    options: the loop as it is first.  holds_set_point: whether it does as it is.  least_error: that counts, K.
     """
     current = options[0]
 
     def rank(k: int) -> tuple[int, float]:
-        cure_rank, option = _CURE_RANKS.get(options[k].name, 0), options[k]
-        return (
-            max(cure_rank, 2) if option.chatters or option.hunting_index > HUNTING_MARGIN else cure_rank
-        ), option.error
+        option, by_name = options[k], _CURE_RANKS.get(options[k].name, 0)
+        is_doubtful = option.chatters or option.hunting_index > HUNTING_INDEX_LIMIT
+        return max(by_name, 2) if is_doubtful else by_name, option.error
 
-    def describe_option(k: int, words: str = "") -> str:
-        travel_text = (
-            f", motor travel × {format_two_digits(options[k].travel / current.travel)}" if current.travel > 0.0 else ""
-        )
-        margin_warning = (
-            f"  This day stays calm, but a hunting index of {options[k].hunting_index:.2g} is above {HUNTING_MARGIN:g}."
-        )
-        sentence = f"{words or options[k].words}: {error_name} {100 * (options[k].error / current.error - 1.0):+.0f} %{travel_text}."
-        return sentence + margin_warning * (
-            options[k].hunting_index > HUNTING_MARGIN and rank(k)[0] == 2 and not options[k].hunts
-        )
+    def describe(k: int, words: str = "") -> str:
+        option = options[k]
+        text = f"{words or option.words}: {error_name} {100 * (option.error / current.error - 1.0):+.0f} %"
+        if current.travel > 0.0:
+            text += f", motor travel × {format_two_digits(option.travel / current.travel)}"
+        if option.hunting_index > HUNTING_INDEX_LIMIT and rank(k)[0] == 2 and not option.hunts:
+            index = f"a hunting index of {option.hunting_index:.2g} is above {HUNTING_INDEX_LIMIT:g}"
+            text += f".  This day stays calm, but {index}"
+        return f"{text}."
 
     trouble = "hunting" if current.hunts else "chatter" if current.chatters else ""
 
     def is_calm(option: Option) -> bool:
         return not option.hunts and (current.hunts or not option.chatters)
 
-    calm_options = [k for k, option in enumerate(options) if k and math.isfinite(option.error) and is_calm(option)]
-    better = [k for k in calm_options if options[k].error < BETTER_ERROR_RATIO * current.error]
-    inverse_options = [k for k in calm_options if options[k].name in (INVERSE, SIMC_AND_INVERSE)]
+    calm = [k for k, option in enumerate(options) if k and math.isfinite(option.error) and is_calm(option)]
+    better = [k for k in calm if options[k].error < BETTER * current.error]
+    inverses = [k for k in calm if options[k].name in (INVERSE, SIMC_AND_INVERSE)]
     if_known = "If the backlash is known to 5 %: "
 
     def describe_inverse(best: int) -> str:
-        k = min(
-            (k for k in inverse_options if options[k].error < BETTER_ERROR_RATIO * options[best].error),
-            key=rank,
-            default=0,
-        )
-        return f"  {if_known}{describe_option(k)}" if k and rank(best)[0] == 0 else ""
+        k = min((k for k in inverses if options[k].error < BETTER * options[best].error), key=rank, default=0)
+        return f"  {if_known}{describe(k)}" if k and rank(best)[0] == 0 else ""
 
     if not trouble:
         if holds_set_point and current.error < least_error:
@@ -347,32 +320,24 @@ def advise(
         settings = [k for k in better if options[k].name not in (DEAD_BAND, REPAIRED_VALVE)]
         best = min(settings, key=rank, default=0)
         if best:
-            start = (
-                "Do this: "
-                if not holds_set_point
-                else if_known
-                if best in inverse_options
-                else "If the error matters: "
-            )
-            return Advice(best, f"{start}{describe_option(best)}{describe_inverse(best)}")
+            start = if_known if best in inverses else "If the error matters: "
+            start = start if holds_set_point else "Do this: "
+            return Advice(best, f"{start}{describe(best)}{describe_inverse(best)}")
         if not holds_set_point:
             return Advice(0, "None of these changes makes the loop hold its set-point.")
         words = {DEAD_BAND: "an error dead band would", REPAIRED_VALVE: "a repaired valve would"}
         alternative = min(better, key=rank, default=0)
-        ends = f"; {describe_option(alternative, words[options[alternative].name])}" if alternative else "."
-        ends = (
-            " and stays calm"
-            * any(option.error < BETTER_ERROR_RATIO * current.error and not is_calm(option) for option in options)
-            + ends
-        )
+        ends = f"; {describe(alternative, words[options[alternative].name])}" if alternative else "."
+        if any(option.error < BETTER * current.error and not is_calm(option) for option in options):
+            ends = f" and stays calm{ends}"
         what = "gains" if options[alternative].name == DEAD_BAND else "settings"
         return Advice(0, f"Leave it: none of these {what} reduces the error by 5 %{ends}")
-    best = min(calm_options, key=rank, default=0)
+    best = min(calm, key=rank, default=0)
     if not best:
         least_wrong = min(range(len(options)), key=lambda k: np.nan_to_num(options[k].error, nan=np.inf))
-        ends = f"; least error: {describe_option(least_wrong)}" if least_wrong else "."
+        ends = f"; least error: {describe(least_wrong)}" if least_wrong else "."
         return Advice(0, f"None of these stops the {trouble}{ends}")
-    text = f"Do this: {describe_option(best)}{describe_inverse(best)}"
+    text = f"Do this: {describe(best)}{describe_inverse(best)}"
     if options[best].name == DEAD_BAND:
         text += "  It only hides the swing: the hunting index, and any error within the band, remain."
     if options[best].name == REPAIRED_VALVE:
@@ -381,28 +346,22 @@ def advise(
 
 
 def verdict(current: Option, changed: Option) -> str:
-    """What an option does, in a few words."""
+    """Effect of an option compared with the loop as it is, in a few words."""
     if not math.isfinite(changed.error):
         return "failed"
-    error_ratio = changed.error / current.error if current.error else math.nan
-    if not current.hunts:
-        return "makes it hunt" if changed.hunts else _compare_errors(error_ratio)
+    ratio = changed.error / current.error if current.error else math.nan
+    is_worse, is_better = ratio > WORSE, ratio < BETTER
+    if current.hunts and changed.hunts:
+        return "still hunts, and worse" if is_worse else "still hunts, but less" if is_better else "still hunts"
+    if current.hunts:
+        return "cures it, at a larger error" if is_worse else "cures it"
     if changed.hunts:
-        return {"worse": "still hunts, and worse", "better": "still hunts, but less"}.get(
-            _compare_errors(error_ratio), "still hunts"
-        )
-    return "cures it, at a larger error" if error_ratio > WORSE_ERROR_RATIO else "cures it"
-
-
-def _compare_errors(error_ratio: float) -> str:
-    return "worse" if error_ratio > WORSE_ERROR_RATIO else "better" if error_ratio < BETTER_ERROR_RATIO else "no gain"
-
-
-LOST_SHARE = 0.5  # share of the time off the set-point from which a loop does not hold it
+        return "makes it hunt"
+    return "worse" if is_worse else "better" if is_better else "no gain"
 
 
 def find_cures(trial: Trial, prediction: Prediction) -> tuple[xr.Dataset, Advice]:
-    """``try_cures`` with ``verdict``, also gains that only simulation finds where no others help; and what to do."""
+    """Try cures, with a ``verdict`` each, also gains from a grid of simulations if no others help; and advise."""
     cures = propose_cures(trial.loop, prediction, has_theory=trial.prediction is not None)
     ds = try_cures(trial, cures)
     if ds["hunting"][0] and not (ds["hunting"] == 0.0)[np.isin(ds["cure"], GAIN_CURES)].any():
@@ -411,4 +370,4 @@ def find_cures(trial: Trial, prediction: Prediction) -> tuple[xr.Dataset, Advice
     names = ("cure", "words", "error", "motor_travel", "hunts", "hunting_index", "chatters")
     options = [Option(*row) for row in zip(*(results[name].values.tolist() for name in names), strict=True)]
     ds = ds.assign(verdict=("cure", [verdict(options[0], option) for option in options]))
-    return ds, advise(options, holds_set_point=not ds["share_off"][0] > LOST_SHARE, least_error=NOTICEABLE_DIFFERENCE)
+    return ds, advise(options, holds_set_point=not ds["share_off"][0] > LOST_SHARE, least_error=NOTICEABLE)

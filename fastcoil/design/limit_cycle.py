@@ -1,4 +1,4 @@
-"""limit_cycle: loops x days x seconds -> hunting index, and whether, how fast and how far each hunts; its Nyquist plot."""
+"""limit_cycle: hunting index of every loop, whether, how fast and how far it hunts; and its Nyquist plot."""
 
 from __future__ import annotations
 
@@ -25,12 +25,14 @@ from fastcoil.design.describing_function import (
     unpredictable_loops,
 )
 from fastcoil.design.linearise import phase_crossover
-from fastcoil.design.operating_points import OperatingPoints, require_pi
+from fastcoil.design.operating_points import OperatingPoints, index_chunks, require_pi
 from fastcoil.design.plants import (
     Columns,
     Complex,
     Plants,
+    floats,
     frequency_response,
+    linearise_plants,
     loop_response,
     stroke_gain,
     unique_columns,
@@ -44,20 +46,15 @@ from fastcoil.model.metric_table import HUNTING_SWING_K
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-
-_PHASE_HALVINGS = 10
-_LEAST_PHASE_RISE = 0.01  # A rise of the phase, rad, from which a loop has more than one frequency for a phase
-
-
 DescribingFunction = Callable[[Array], Complex]
 """Frequencies, rad/s, of loops and amplitudes → the describing function there."""
 
 
 class HarmonicBalance(NamedTuple):
-    """Of each piece of the phase curves, loop and amplitude, (3, n, n_amplitudes).
+    """Balance of each piece of the phase curves, loop and amplitude, (3, n, n_amplitudes).
 
-    product: |L| |N| where L and N lag 180° together; 0 where they do nowhere.  place: where between the frequencies
-    that is, as an index with a fraction.  size: |N|.
+    product: |L| |N| where L and N lag 180° together; 0 where they do nowhere.  place: index of the frequency, with a
+    fraction.  size: |N|.
     """
 
     product: Array
@@ -66,20 +63,20 @@ class HarmonicBalance(NamedTuple):
 
 
 def frequency_at(w: Array, place: Array) -> Array:
-    """Frequencies at places between those of w, which ascend by equal ratios."""
+    """Frequencies at indices with a fraction of w, which ascends by equal ratios."""
     return np.asarray(w[0] * np.exp(place * np.log(w[1] / w[0])))
 
 
 def harmonic_balance(
     w: Array, L: Complex, N: Callable[[Index], DescribingFunction], n_amplitudes: int, lead: Array
 ) -> HarmonicBalance:
-    """Where L and N lag 180° together, for each loop and amplitude.
+    """Find where L and N lag 180° together, for each loop and amplitude.
 
     With fast integral action the phase of L falls, rises and falls again: the three pieces are kept apart.  In a loop
     where it only falls, all of it is the first piece.
 
-    w: rad/s, (n_w,), ascending by equal ratios.  L: linear part of the loops, (n, n_w).  N: which m loops → their
-    describing function at frequencies, (m, n_amplitudes).  lead: most that N may lead, rad, (n,).
+    w: rad/s, (n_w,), ascending by equal ratios.  L: linear part of the loops, (n, n_w).  N: members, (m,) → their
+    describing function at frequencies, (m, n_amplitudes).  lead: upper limit of the lead of N, rad, (n,).
     """
     phase_left, log_L, pieces = np.pi + np.unwrap(np.angle(L), axis=1), np.log(np.abs(L)), []
     for low, high, turn in _phase_pieces(phase_left, lead):
@@ -87,15 +84,15 @@ def harmonic_balance(
         a, b = (np.repeat(end[:, None].astype(float), n_amplitudes, axis=1) for end in (low, high))
         product, place, size = np.zeros(a.shape), a.copy(), np.zeros(a.shape)
         if members.size:
-            phase, describing = phase_left[members], N(members)
+            phase, N_of_members = phase_left[members], N(members)
 
             def excess(
-                place: Array, turn: float = turn, phase: Array = phase, describing: DescribingFunction = describing
+                at: Array, turn: float = turn, phase: Array = phase, N: DescribingFunction = N_of_members
             ) -> Array:
-                return turn * (interpolate(phase, place) + np.angle(describing(frequency_at(w, place))))
+                return turn * (interpolate(phase, at) + np.angle(N(frequency_at(w, at))))
 
             at, crosses = _find_root(excess, a[members], b[members])
-            place[members], size[members] = at, np.abs(describing(frequency_at(w, at)))
+            place[members], size[members] = at, np.abs(N_of_members(frequency_at(w, at)))
             product[members] = np.where(crosses, np.exp(interpolate(log_L[members], at)) * size[members], 0.0)
         pieces.append((product, place, size))
     product, place, size = (np.stack(part) for part in zip(*pieces, strict=True))
@@ -103,38 +100,30 @@ def harmonic_balance(
 
 
 def _find_root(excess: Callable[[Array], Array], a: Array, b: Array) -> tuple[Array, Mask]:
-    """Where a falling function crosses 0 between a and b, and whether it does."""
+    """Find where a falling function crosses 0 between a and b, and whether it does."""
     fa, fb = excess(a), excess(b)
     crosses = (fa >= 0.0) & (fb <= 0.0) & (b > a)
-    for _ in range(_PHASE_HALVINGS):
+    for _ in range(10):  # halvings
         x = 0.5 * (a + b)
         fx = excess(x)
-        is_positive = fx > 0.0
-        a, fa, b, fb = (
-            np.where(is_positive, x, a),
-            np.where(is_positive, fx, fa),
-            np.where(is_positive, b, x),
-            np.where(is_positive, fb, fx),
-        )
+        left = fx > 0.0
+        a, fa, b, fb = np.where(left, x, a), np.where(left, fx, fa), np.where(left, b, x), np.where(left, fb, fx)
     drop = np.where(fa > fb, fa - fb, 1.0)
     return a + (b - a) * np.clip(fa / drop, 0.0, 1.0), crosses
 
 
 def _phase_pieces(phase_left: Array, lead: Array) -> list[tuple[Index, Index, float]]:
-    """First and last index of the last fall of each curve, of a first one and of the rise between; -1 for the rise."""
+    """First and last index of the last fall of each curve, of the first and of the rise between; -1 for the rise."""
     n, n_w = phase_left.shape
-    rows = np.arange(n)
     is_over = phase_left < -lead[:, None]
     last = np.where(is_over.any(axis=1), is_over.argmax(axis=1), n_w - 1)
-    phase_until_last = np.where(np.arange(n_w) <= last[:, None], phase_left, -np.inf)
-    later_maximum = np.maximum.accumulate(phase_until_last[:, ::-1], axis=1)[:, ::-1]
-    rise = np.where(np.isfinite(phase_until_last), later_maximum, 0.0) - np.where(
-        np.isfinite(phase_until_last), phase_until_last, 0.0
-    )
+    phase = np.where(np.arange(n_w) <= last[:, None], phase_left, -np.inf)
+    later_maximum = np.maximum.accumulate(phase[:, ::-1], axis=1)[:, ::-1]
+    rise = np.where(np.isfinite(phase), later_maximum, 0.0) - np.where(np.isfinite(phase), phase, 0.0)
     dip = rise.argmax(axis=1)
-    has_rise = rise[rows, dip] > _LEAST_PHASE_RISE
+    has_rise = rise[np.arange(n), dip] > 0.01  # rad; below, it is round-off
     dip = np.where(has_rise, dip, 0)
-    peak = np.where(np.arange(n_w) >= dip[:, None], phase_until_last, -np.inf).argmax(axis=1)
+    peak = np.where(np.arange(n_w) >= dip[:, None], phase, -np.inf).argmax(axis=1)
     peak = np.where(has_rise, peak, 0)
     return [(peak, last, 1.0), (np.zeros_like(dip), dip, 1.0), (dip, peak, -1.0)]
 
@@ -152,13 +141,12 @@ class Swings(NamedTuple):
 
 
 def find_sustained_cycle(swings: Swings, disturbance: float) -> tuple[Mask, Swings]:
-    """The cycle at which a swing of T_sup with the amplitude ``disturbance``, K, ends: whether there is one, and it.
+    """Find the cycle in which a swing of T_sup with the amplitude ``disturbance``, K, ends, and whether there is one.
 
     Where |L| |N| falls through 1 as the amplitude grows, a larger swing decays and a smaller one grows: that cycle
     sustains itself.  Where it rises through 1, it parts the swings that grow from those that decay (Gelb and Vander
     Velde 1968, section 3.2).  Where the phase of L rises with the frequency it is the other way round.
-
-    points: (3, n, n_amplitudes) each, of the pieces of ``harmonic_balance``.
+    swings: (3, n, n_amplitudes) each, of the pieces of ``harmonic_balance``.
     """
     F = swings.product
     before, after = F[:, :, :-1], F[:, :, 1:]
@@ -173,17 +161,14 @@ def find_sustained_cycle(swings: Swings, disturbance: float) -> tuple[Mask, Swin
 
     def at_crossing(values: Array) -> Array:
         log_values = np.log(np.maximum(values, 1e-12))
-        interpolated = np.exp(log_values[:, :, :-1] * (1.0 - share) + log_values[:, :, 1:] * share)
-        return np.asarray(_join_pieces(interpolated))
+        return np.asarray(_join_pieces(np.exp(log_values[:, :, :-1] * (1.0 - share) + log_values[:, :, 1:] * share)))
 
     crossings = Swings(*map(at_crossing, swings))
-    is_stable, is_parting, is_above = _join_pieces(stable), _join_pieces(parting), crossings.T > disturbance
-    above, below = (
-        np.where(is_stable & is_above, crossings.T, np.inf),
-        np.where(is_stable & ~is_above, crossings.T, -np.inf),
-    )
-    parting_above = np.where(is_parting & is_above, crossings.T, np.inf).min(axis=1)
-    parting_below = np.where(is_parting & ~is_above, crossings.T, -np.inf).max(axis=1)
+    is_stable, is_parting, T = _join_pieces(stable), _join_pieces(parting), crossings.T
+    is_above = T > disturbance
+    above, below = np.where(is_stable & is_above, T, np.inf), np.where(is_stable & ~is_above, T, -np.inf)
+    parting_above = np.where(is_parting & is_above, T, np.inf).min(axis=1)
+    parting_below = np.where(is_parting & ~is_above, T, -np.inf).max(axis=1)
     nearest_above, nearest_below = above.min(axis=1), below.max(axis=1)
     nothing_below = (nearest_below == -np.inf) & (parting_below == -np.inf)
     is_growing = (parting_below > nearest_below) | (nothing_below & (nearest_above < parting_above))
@@ -192,31 +177,23 @@ def find_sustained_cycle(swings: Swings, disturbance: float) -> tuple[Mask, Swin
     return is_sustained, Swings(*(values[np.arange(k.size), k] for values in crossings))
 
 
-HUNTING_MARGIN = 0.85
-"""Hunting index from which a gap keeps a loop swinging for hours, though in the end it may come to rest."""
-GAP_SHAPED_RATIO = 1.5
-"""Amplitude of u over the gap up to which that is so: there the gap shapes the swing."""
-DISTURBANCE_AMPLITUDE = 2.0
-"""Amplitude of T_sup, K, of the disturbance that a cycle is started by."""
-UNSTABLE_GAIN = 1.02
-"""|L| at 180° above which a loop is unstable without a gap, and a little, by which that may be wrong."""
-ROUND_OFF_GAP = 1e-6
-"""A gap or a buffer up to this size is round-off."""
-LARGEST_AMPLITUDE = 30.0
-"""Largest amplitude of u that is looked at, before u is limited to 0–1."""
-_N_AMPLITUDES, _N_FREQUENCIES = 44, 136
-INTEGRAL_LIMIT_ROUNDS = 2
-"""How often a cycle that reaches an end of the integral is computed again."""
-_NEAR_CYCLE_PRODUCT = 0.7
-_LOWEST_FREQUENCY = 3e-4  # lowest frequency, rad/s: a period of 6 h
-_LOOPS_PER_CHUNK = 512
+# Thresholds of the verdict; the first is the best one of ``choose`` in studies/hunting/limit_cycles.py
+HUNTING_INDEX_LIMIT = 0.85  # from which a gap keeps a loop swinging for hours, though it may come to rest
+GAP_SHAPED_RATIO = 1.5  # amplitude of u over the gap up to which that is so: there the gap shapes the swing
+DISTURBANCE = 2.0  # amplitude of T_sup, K, of the disturbance that starts a cycle
+UNSTABLE_GAIN = 1.02  # |L| at 180° above which a loop is unstable without a gap; 2 % for errors of |L|
+INTEGRAL_LIMIT_ROUNDS = 2  # how often a cycle that reaches a limit of the integral is computed again
+
+_ROUND_OFF_GAP = 1e-6  # fraction of stroke; a gap or a buffer up to this size is round-off
+_LARGEST_AMPLITUDE = 30.0  # of u in strokes, before it is limited to 0–1
+_N_AMPLITUDES = 44  # of u, by equal ratios
 
 
 class Cycles(NamedTuple):
     """Hunting index and limit cycle of each loop, (n,).
 
-    hunting index: largest |L| |N|, where L and N lag 180° together, over the swings of T_sup of up to ``DISTURBANCE``; without
-    a gap, 1 over the gain margin.  0 where the two never do, or no opening holds the set-point.
+    hunting_index: largest |L| |N|, where L and N lag 180° together, over the swings of T_sup of up to ``DISTURBANCE``;
+    without a gap, 1 over the gain margin.  0 where the two never do, or no opening holds the set-point.
     hunts: 1 where a disturbance starts a swing of more than 0.1 K from peak to peak that goes on, else 0.
     period: s.  amplitude: half of peak to peak of true T_sup, K.  NaN where it does not hunt.
     frequency: of the hunting index, rad/s.
@@ -230,36 +207,34 @@ class Cycles(NamedTuple):
 
 
 def predict_cycles(columns: Columns, plants: Plants) -> Cycles:
-    """Predict hunting index and limit cycle; all NaN where theory says nothing (see ``unknown``), or a plant has no gain.
+    """Predict hunting index and limit cycle; all NaN in ``unpredictable_loops`` and where a plant has no gain.
 
     columns: parameter name → (n,), see ``parameter_columns``.  plants: of these loops, see ``linearise_plants``.
     """
-    n = plants.opening.size
-    periods = np.asarray(columns["sample_time"], float)
+    periods, kp = floats(columns, "sample_time", "kp")
     is_known = ~np.any(list(unpredictable_loops(columns).values()), axis=0) & np.isfinite(plants.gain)
-    cycles = Cycles(*(np.full(n, np.nan) for _ in Cycles._fields))
+    cycles = Cycles(*(np.full(plants.opening.size, np.nan) for _ in Cycles._fields))
     # where no opening holds the set-point, or the loop acts the wrong way round or not at all, the valve stands
-    is_acting = plants.reachable & (stroke_gain(columns, plants) > 0.0) & (np.asarray(columns["kp"], float) > 0.0)
+    is_acting = plants.reachable & (stroke_gain(columns, plants) > 0.0) & (kp > 0.0)
     cycles.hunting_index[is_known & ~is_acting], cycles.hunts[is_known & ~is_acting] = 0.0, 0.0
     for period in np.unique(periods):
         members = np.flatnonzero(is_known & is_acting & (periods == period))
-        for first in range(0, members.size, _LOOPS_PER_CHUNK):
-            chunk = members[first : first + _LOOPS_PER_CHUNK]
-            chunk_cycles = _predict_cycles_at_sample_time(
-                {name: values[chunk] for name, values in columns.items()}, plants.select(chunk), period
-            )
-            for values, chunk_values in zip(cycles, chunk_cycles, strict=True):
-                values[chunk] = chunk_values
+        for k in index_chunks(members.size, 512):
+            chunk = members[k]
+            part = {name: values[chunk] for name, values in columns.items()}
+            predicted = _predict_cycles_at_sample_time(part, plants.select(chunk), period)
+            for values, of_chunk in zip(cycles, predicted, strict=True):
+                values[chunk] = of_chunk
     return cycles
 
 
 def _predict_cycles_at_sample_time(columns: Columns, plants: Plants, period: float) -> Cycles:
-    """Of loops with one sample time."""
-    w = np.geomspace(_LOWEST_FREQUENCY, np.pi / period, _N_FREQUENCIES)
+    """``predict_cycles`` of loops with one sample time, s."""
+    w = np.geomspace(3e-4, np.pi / period, 136)  # from a period of 6 h
     L = loop_response(columns, plants, w)
     plants = plants._replace(curve=refine_curve(plants.curve))
-    elements = Elements.of(columns, plants)
-    A = elements.amplitudes(LARGEST_AMPLITUDE, _N_AMPLITUDES)
+    elements = Elements.from_columns(columns, plants)
+    A = elements.amplitudes(_LARGEST_AMPLITUDE, _N_AMPLITUDES)
     balance = _balance_with_limits(w, L, elements, A, plants)
     w_balance = frequency_at(w, balance.place)
     T = A * balance.size * _plant_gain_at(plants, w, balance.place) / (1.0 - elements.backlash)
@@ -267,44 +242,35 @@ def _predict_cycles_at_sample_time(columns: Columns, plants: Plants, period: flo
     pieces = Swings(balance.product, w_balance, np.broadcast_to(A, T.shape), T)
     swings = Swings(*map(_join_pieces, pieces))
     rows = np.arange(A.shape[0])
-    best = np.where(swings.T <= DISTURBANCE_AMPLITUDE, swings.product, 0.0).argmax(axis=1)
+    best = np.where(swings.T <= DISTURBANCE, swings.product, 0.0).argmax(axis=1)
     # without a gap, that of the smallest swing: the linear loop's
-    has_no_gap = (np.abs(elements.width) <= ROUND_OFF_GAP)[:, 0] & (elements.wait <= ROUND_OFF_GAP)[:, 0]
+    has_no_gap = ((np.abs(elements.width) <= _ROUND_OFF_GAP) & (elements.reversal_band <= _ROUND_OFF_GAP))[:, 0]
     smallest = np.arange(0, swings.product.shape[1], _N_AMPLITUDES)
     best = np.where(has_no_gap, smallest[swings.product[:, smallest].argmax(axis=1)], best)
     hunting_index, w_index = swings.product[rows, best], swings.w[rows, best]
     # a gap is crossed the more slowly the smaller the error: a swing that dies away takes hours
-    is_gap_shaped = (swings.u < GAP_SHAPED_RATIO * elements.width) & (swings.product > HUNTING_MARGIN)
+    is_gap_shaped = (swings.u < GAP_SHAPED_RATIO * elements.width) & (swings.product > HUNTING_INDEX_LIMIT)
     slowest = np.where(is_gap_shaped, swings.product, 0.0).argmax(axis=1)
     lingers = is_gap_shaped[rows, slowest]
-    is_sustained, cycle = find_sustained_cycle(pieces, DISTURBANCE_AMPLITUDE)
-    lingering = Swings(*(values[rows, slowest] for values in swings))
-    cycle = Swings(
-        *(
-            np.where(is_sustained, values, lingering_values)
-            for values, lingering_values in zip(cycle, lingering, strict=True)
-        )
-    )
+    is_sustained, cycle = find_sustained_cycle(pieces, DISTURBANCE)
+    cycle = Swings(*(np.where(is_sustained, c, s[rows, slowest]) for c, s in zip(cycle, swings, strict=True)))
     swing = np.full(A.shape[0], np.nan)
 
     def is_visible(members: Index) -> Mask:
         if members.size:
             u, part = cycle.u[members, None], elements.select(members)
-            swing[members] = swing_amplitude(u, part.mean(u), cycle.w[members, None], part, plants.select(members))
+            swing[members] = swing_amplitude(u, part.mean_u(u), cycle.w[members, None], part, plants.select(members))
         return 2.0 * swing > HUNTING_SWING_K
 
     hunts = is_visible(np.flatnonzero(is_sustained | lingers))
-    # an unstable loop swings from end to end, also where no balance is found, such as in a cycle of two samples
+    # an unstable loop swings from end to end, also where there is no balance, such as in a cycle of two samples
     size, w_180 = phase_crossover(L, w)
     runs_away = ~hunts & (size * elements.slope[:, 0] > UNSTABLE_GAIN)
-    end_swings = Swings(size, w_180, np.full(size.size, LARGEST_AMPLITUDE), size)
-    cycle = Swings(
-        *(np.where(runs_away, end_values, values) for values, end_values in zip(cycle, end_swings, strict=True))
-    )
+    end_to_end = Swings(size, w_180, np.full(size.size, _LARGEST_AMPLITUDE), size)
+    cycle = Swings(*(np.where(runs_away, e, c) for c, e in zip(cycle, end_to_end, strict=True)))
     hunts = is_visible(np.flatnonzero(runs_away))
-
-    checked_u, checked_w = np.where(hunts, cycle.u, swings.u[rows, best]), np.where(hunts, cycle.w, w_index)
-    is_known = ~is_too_smooth(columns, checked_u, checked_w)
+    u = np.where(hunts, cycle.u, swings.u[rows, best])
+    is_known = ~is_too_smooth(columns, u, np.where(hunts, cycle.w, w_index))
     hunts_known = hunts & is_known
     return Cycles(
         np.where(is_known, hunting_index, np.nan), np.where(is_known, hunts.astype(float), np.nan),
@@ -314,14 +280,14 @@ def _predict_cycles_at_sample_time(columns: Columns, plants: Plants, period: flo
 
 
 def _balance_with_limits(w: Array, L: Complex, elements: Elements, A: Array, plants: Plants) -> HarmonicBalance:
-    """Balance of the loops; where the integral reaches an end, again with what that changes, at the frequency found."""
-    mean = elements.mean(A)
+    """Balance the loops; where the integral reaches a limit, again with its effect at the resulting frequency."""
+    mean = elements.mean_u(A)
     limit_gain = limiter_gain(A, -mean, 1.0 - mean).astype(complex)
 
     def balance_loops(loops: Index) -> HarmonicBalance:
         part = elements.select(loops)
-        leads = (part.width < part.wait - ROUND_OFF_GAP)[:, 0] | (np.angle(limit_gain[loops]).max(axis=1) > 0.0)
-        lead = np.where(leads, 0.5 * np.pi, 0.0)
+        leads = (part.width < part.reversal_band - _ROUND_OFF_GAP)[:, 0]
+        lead = np.where(leads | (np.angle(limit_gain[loops]).max(axis=1) > 0.0), 0.5 * np.pi, 0.0)
 
         def N(which: Index) -> DescribingFunction:
             members = loops[which]
@@ -329,55 +295,43 @@ def _balance_with_limits(w: Array, L: Complex, elements: Elements, A: Array, pla
 
         return harmonic_balance(w, L[loops], N, _N_AMPLITUDES, lead)
 
-    balances = balance_loops(np.arange(A.shape[0]))
+    balance = balance_loops(np.arange(A.shape[0]))
     room = np.minimum(mean, 1.0 - mean)
-    reaches = elements.parts(A, frequency_at(w, balances.place[0]))[1] > room
-    limited_loops = np.flatnonzero((reaches & (balances.product[0] > _NEAR_CYCLE_PRODUCT)).any(axis=1))
-    for _ in range(INTEGRAL_LIMIT_ROUNDS if limited_loops.size else 0):
-        w_balance = frequency_at(w, balances.place[0][limited_loops])
-        limited_elements = elements.select(limited_loops)
-        reaches = limited_elements.parts(A[limited_loops], w_balance)[1] > room[limited_loops]
-        limit_gain[limited_loops] = np.where(
-            reaches,
-            limited_elements.pi_limit_gain(A[limited_loops], w_balance, plants.select(limited_loops))[0],
-            limit_gain[limited_loops],
-        )
-        for values, new_values in zip(balances, balance_loops(limited_loops), strict=True):
-            values[:, limited_loops] = new_values
-    return balances
+    reaches = elements.pi_amplitudes(A, frequency_at(w, balance.place[0]))[1] > room
+    k = np.flatnonzero((reaches & (balance.product[0] > 0.7)).any(axis=1))  # loops that may cycle there
+    for _ in range(INTEGRAL_LIMIT_ROUNDS if k.size else 0):
+        w_balance, part = frequency_at(w, balance.place[0][k]), elements.select(k)
+        reaches = part.pi_amplitudes(A[k], w_balance)[1] > room[k]
+        gain = part.pi_limit_gain(A[k], w_balance, plants.select(k))[0]
+        limit_gain[k] = np.where(reaches, gain, limit_gain[k])
+        for values, again in zip(balance, balance_loops(k), strict=True):
+            values[:, k] = again
+    return balance
 
 
 def _plant_gain_at(plants: Plants, w: Array, place: Array) -> Array:
     """|T_sup| per opening at places between frequencies w; smooth, so that every fifth of them is enough."""
-    first, kind = unique_columns(plants.same)
-    coarse_places = np.linspace(0.0, w.size - 1.0, (w.size + 4) // 5)
-    G = np.abs(frequency_response(plants.response[first], frequency_at(w, coarse_places)))
-    log_G = np.log(np.maximum(G, 1e-300))[kind]
-    return np.exp(
-        np.stack([interpolate(log_G, piece * (coarse_places.size - 1.0) / (w.size - 1.0)) for piece in place])
-    )
+    first, kind = unique_columns(plants.kind)
+    every_fifth = np.linspace(0.0, w.size - 1.0, (w.size + 4) // 5)
+    G = np.abs(frequency_response(plants.response[first], frequency_at(w, every_fifth)))
+    log_G, scale = np.log(np.maximum(G, 1e-300))[kind], every_fifth.size - 1.0
+    return np.exp(np.stack([interpolate(log_G, piece * scale / (w.size - 1.0)) for piece in place]))
 
 
 def _join_pieces(values: np.ndarray) -> np.ndarray:
+    """Put the pieces of each loop, (3, n, m), into one row, (n, 3 m)."""
     return values.transpose(1, 0, 2).reshape(values.shape[1], -1)
 
 
-_VARIABLE_ATTRS: Mapping[str, Mapping[str, str]] = {
-    "hunting_index": {
-        "long_name": "hunting index of the describing function", "units": "1",
-        "comment": f"largest |L| |N| where L and N lag 180 degrees together, over swings up to {DISTURBANCE_AMPLITUDE:g} K; from "
-        f"{HUNTING_MARGIN:g} on a gap keeps the loop swinging; without a gap 1/gain margin; 0 if T_set is out of reach",
-    },
-    "hunts": {
-        "long_name": "whether the loop is predicted to hunt", "units": "1",
-        "comment": f"1 if a swing of {DISTURBANCE_AMPLITUDE:g} K ends in one that goes on, by more than 0.1 K from peak to peak",
-    },
-    "period": {"long_name": "period of the predicted cycle", "units": "s", "comment": "NaN where it does not hunt"},
-    "amplitude": {
-        "long_name": "amplitude of T_sup in the predicted cycle", "units": "K",
-        "comment": "half of peak to peak; NaN where it does not hunt",
-    },
-    "frequency": {"long_name": "angular frequency of the hunting index", "units": "rad s-1"},
+_VARIABLES = {  # long_name, units, comment
+    "hunting_index": ("hunting index of the describing function", "1", "largest |L| |N| where L and N lag 180 degrees "
+        f"together, over swings up to {DISTURBANCE:g} K; from {HUNTING_INDEX_LIMIT:g} a gap keeps the loop swinging; "
+        "without a gap 1/gain margin; 0 if T_set is out of reach"),
+    "hunts": ("whether the loop is predicted to hunt", "1", f"1 if a swing of {DISTURBANCE:g} K ends in one that goes "
+        "on, by more than 0.1 K from peak to peak"),
+    "period": ("period of the predicted cycle", "s", "NaN where it does not hunt"),
+    "amplitude": ("amplitude of T_sup in the predicted cycle", "K", "half of peak to peak; NaN where it does not hunt"),
+    "frequency": ("angular frequency of the hunting index", "rad s-1", "NaN where the index is 0"),
 }  # fmt: skip
 
 
@@ -385,8 +339,8 @@ def limit_cycle(loop: Loop, boundary: Boundary, *, at: Any = None) -> xr.Dataset
     """Predict, without simulating, whether each loop hunts on each day, how fast and how far.
 
     The loop is linear but for one element, the describing function of all that lies between the controller's u and the
-    supply temperature at rest: limits of the stroke, the motor's speed, neutral zone, gap, inverse with a right or
-    wrong estimate, buffer, and the curve of valve and coil.  Noise and the resolutions are left out.
+    supply temperature at rest: limits of the stroke, the motor's speed, gap, inverse with a right or wrong estimate,
+    buffer, and the curve of valve and coil (Gelb and Vander Velde 1968).  Noise is left out.
 
     Parameters
     ----------
@@ -394,104 +348,128 @@ def limit_cycle(loop: Loop, boundary: Boundary, *, at: Any = None) -> xr.Dataset
         As for ``simulate``; a sweep and several days give results of these dims.
     at
         Where on the day: None for the mean conditions and the mean set-point of the enabled seconds after the warm-up
-        of 1,800 s; a second, or a list of them, for the conditions of that second, as if they were held for ever.  A
-        list becomes the dim ``elapsed_time``.
+        of 1,800 s; a second, or a list of them, for the conditions of that second, as if they were constant.  A list
+        becomes the dim ``elapsed_time``.
 
     Returns
     -------
     xarray.Dataset
-        hunting index, hunts (0 or 1), period [s], amplitude [K, half of peak to peak, of true T_sup], frequency of the hunting index
-        [rad/s].  The attributes of each say what it is.  All are NaN, with a warning that says why, in scenarios about
-        which theory says nothing: a law of your own, an estimator that changes the estimate, stick-slip, an error dead
-        band, a smooth compensation slower than the cycle.
+        hunting_index (above 0.85 a loop hunts), hunts (0 or 1), period [s], amplitude [K, half of peak to peak, of true
+        T_sup], frequency of the hunting index [rad/s].  The attributes of each say what it is.  All are NaN, with a
+        warning that says why, in scenarios about which theory says nothing: a user's law, an estimator that changes the
+        estimate, stick-slip, a neutral zone, resolutions, an error dead band, a smooth compensation slower than the
+        cycle.
 
     Raises
     ------
     InputError
         With one sentence for each mistake; for an unstable coil; if theory says nothing about any scenario.
+
+    See Also
+    --------
+    explain : says why a loop hunts, tries cures, and simulates what theory does not cover.
+    linearise : gives plant, margins and tunings without backlash.
+    nyquist : draws the open loop and the describing function.
+
+    Examples
+    --------
+    >>> loop = fc.Loop.preset("lbnl").assign(ti=[8.0, 30.0])
+    >>> cycles = fc.limit_cycle(loop, fc.constant_day(hours=1))
+    >>> cycles.hunting_index.values.round(2).tolist(), cycles.hunts.values.tolist()
+    ([1.27, 0.21], [1.0, 0.0])
     """
     points = OperatingPoints(loop, boundary, at)
     reasons: Counter[str] = Counter()
 
     def evaluate(columns: Columns, _: Mapping[str, Array], plants: Plants) -> Iterable[tuple[str, Array]]:
-        cycles, reasons_by_loop = predict_cycles(columns, plants), unpredictable_loops(columns)
-        reasons_by_loop |= {
-            "T_sup jumps past the set-point, from dry to wet: there is nothing to linearise": np.isnan(plants.gain)
-        }
-        slow = np.isnan(cycles.hunts) & ~np.any(list(reasons_by_loop.values()), axis=0)
-        slower = "the smooth compensation crosses the gap more slowly than u reverses"
-        reasons_by_loop[f"{slower}: lower smooth_rate, or simulate it"] = slow
-        reasons.update({reason: int(where.sum()) for reason, where in reasons_by_loop.items()})
+        cycles, why = predict_cycles(columns, plants), unpredictable_loops(columns)
+        why |= {"T_sup jumps past the set-point, from dry to wet: there is nothing to linearise": np.isnan(plants.gain)}
+        is_slow = np.isnan(cycles.hunts) & ~np.any(list(why.values()), axis=0)
+        slow = "the smooth compensation crosses the gap more slowly than u reverses: lower smooth_rate, or simulate it"
+        reasons.update({reason: int(where.sum()) for reason, where in (why | {slow: is_slow}).items()})
         return cycles._asdict().items()
 
     variables = points.evaluate(evaluate)
-    reason_counts, is_unpredicted = (
-        {reason: count for reason, count in reasons.items() if count},
-        np.isnan(variables["hunts"]),
-    )
+    n_unpredicted = {reason: count for reason, count in reasons.items() if count}
+    is_unpredicted = np.isnan(variables["hunts"])
     if is_unpredicted.all():
-        raise InputError([f"limit_cycle says nothing about these loops: {reason}" for reason in reason_counts])
-    note = "; ".join(
-        f"NaN in {count:,} of {is_unpredicted.size:,} scenarios: {reason}" for reason, count in reason_counts.items()
-    )
+        sentences = [f"limit_cycle says nothing about these loops: {reason}" for reason in n_unpredicted]
+        raise InputError(sentences, "loop", "unsupported")
+    n = is_unpredicted.size
+    note = "; ".join(f"NaN in {count:,} of {n:,} scenarios: {reason}" for reason, count in n_unpredicted.items())
     if note:
         warnings.warn(note, stacklevel=2)
-    ds = points.dataset({name: (values, _VARIABLE_ATTRS[name]) for name, values in variables.items()})
-    attrs = {"parameters": json.dumps(points.loop.constants)} | ({"note": note} if note else {})
-    return ds.assign_attrs(title="fastcoil limit cycles, predicted", **attrs, **provenance())
+    keys = ("long_name", "units", "comment")
+    attrs = {name: dict(zip(keys, texts, strict=True)) for name, texts in _VARIABLES.items()}
+    ds = points.dataset({name: (values, attrs[name]) for name, values in variables.items()})
+    about = {"parameters": json.dumps(points.loop.constants)} | ({"note": note} if note else {})
+    return ds.assign_attrs(title="fastcoil limit cycles, predicted", **about, **provenance())
 
 
-_LOWEST_CURVE_FREQUENCY, _N_CURVE_FREQUENCIES = (
-    1e-6,
-    4000,
-)  # frequencies of the curves: the lowest, rad/s, and their number
-_PLANE_REACH = 3.0  # A Nyquist plot shows this much of the plane to the left and below
 _HOW_TO_READ = (
     "Thick: L. Thin: -1/N. A loop hunts where L reaches -1/N, or nearly. One dot: the cycle. Two dots: the frequency "
     "at which a loop that does not hunt comes nearest to one."
 )
-_N_CURVE_AMPLITUDES, _SMALLEST_DRAWN_N = 400, 1e-3  # number of amplitudes, and least |N| that is drawn
-_WIDTH = 6.5  # inches
 
 
 @apply_style()
 def nyquist(loop: Loop, boundary: Boundary, *, at: Any = None) -> Figure:
-    """Draw the open loop L in the complex plane, with -1/N(A) and the hunting index between the two.
+    """Draw the open loop L in the complex plane, with -1/N(A) and the distance between the two.
 
-    N(A) is the describing function, for an input that swings by A, of all that lies between the controller and the
-    supply temperature and is not linear: see ``limit_cycle``.  Up to three loops.
+    N(A) is the describing function for an input that swings by A: see ``limit_cycle``.  Up to three loops.
 
     Parameters
     ----------
     loop, boundary, at
         As for ``linearise``.
 
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Not bound to a window; save it with ``savefig``.
+
     Raises
     ------
     InputError
         With one sentence for each mistake; for more loops than a figure shows.
+
+    See Also
+    --------
+    limit_cycle : the numbers behind the figure, for any number of loops.
+
+    Examples
+    --------
+    >>> figure = fc.nyquist(fc.Loop.preset("lbnl"), fc.constant_day(hours=1))
+    >>> figure.axes[0].get_legend().get_texts()[0].get_text()
+    'hunting index 0.21, does not hunt'
     """
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(_WIDTH, 5.6), layout="constrained")
+    width, reach = 6.5, 3.0  # inches; of the plane to the left and below
+    figure = Figure(figsize=(width, 5.6), layout="constrained")
     axes = figure.subplots()
-    axes.axhline(0.0, color="black", lw=0.6)
-    axes.axvline(0.0, color="black", lw=0.6)
+    for draw_axis in (axes.axhline, axes.axvline):
+        draw_axis(0.0, color="black", lw=0.6)
     turn = np.linspace(0.0, 2.0 * math.pi, 200)
     axes.plot(np.cos(turn), np.sin(turn), color="black", lw=0.8, ls=DOTTED_LINE)
     axes.plot(-1.0, 0.0, "+", color="black", ms=9)
-    for (words, columns, plant), colour, line in zip(
-        _labelled_loops(loop, boundary, at), COLOURS, LINE_STYLES, strict=False
-    ):
+    loops = _labelled_loops(loop, boundary, at)
+    for (words, columns, plant), colour, line in zip(loops, COLOURS, LINE_STYLES, strict=False):
         # up to the highest frequency that the controller can make
-        w = np.geomspace(_LOWEST_CURVE_FREQUENCY, math.pi / float(columns["sample_time"][0]), _N_CURVE_FREQUENCIES)
+        w = np.geomspace(1e-6, math.pi / float(columns["sample_time"][0]), 4000)
         L = loop_response(columns, plant, w)[0]
         cycles = predict_cycles(columns, plant)
         hunting_index, hunts = float(cycles.hunting_index[0]), bool(cycles.hunts[0] > 0.0)
         critical = float(2.0 * math.pi / cycles.period[0] if hunts else cycles.frequency[0])
-        minus_1_over_N = _minus_1_over_N(columns, plant, critical)
+        minus_1_over_N = np.empty(0, complex)  # over the amplitude of u
+        if math.isfinite(critical):
+            elements = Elements.from_columns(columns, plant)
+            A = elements.amplitudes(_LARGEST_AMPLITUDE, 400)
+            mean = elements.mean_u(A)
+            N = elements.make_describing_function(A, limiter_gain(A, -mean, 1.0 - mean))(np.array(critical))[0]
+            minus_1_over_N = -1.0 / N[np.abs(N) > 1e-3]
         answer = f"hunting index {hunting_index:.2g}, {'hunts' if hunts else 'does not hunt'}"
-        is_near = np.abs(L) < 3.0 * _PLANE_REACH
+        is_near = np.abs(L) < 3.0 * reach
         label = f"{words}{answer if minus_1_over_N.size else 'not predicted'}"
         axes.plot(L.real[is_near], L.imag[is_near], color=colour, ls=line, label=label)
         axes.plot(minus_1_over_N.real, minus_1_over_N.imag, color=colour, lw=0.7, label="_-1/N")
@@ -499,40 +477,24 @@ def nyquist(loop: Loop, boundary: Boundary, *, at: Any = None) -> Figure:
             on_L = complex(np.interp(critical, w, L))  # where the loop hunts, or comes nearest to it
             pair = np.array([on_L] if hunts else [on_L, on_L / hunting_index])
             axes.plot(pair.real, pair.imag, color=colour, lw=0.8, ls=DOTTED_LINE, marker="o", ms=3.5)
-    axes.set(
-        xlim=(-_PLANE_REACH, 1.2),
-        ylim=(-_PLANE_REACH, 1.2),
-        aspect="equal",
-        xlabel="real part",
-        ylabel="imaginary part",
-    )
+    axes.set(xlim=(-reach, 1.2), ylim=(-reach, 1.2), aspect="equal", xlabel="real part", ylabel="imaginary part")
     axes.legend(loc="upper left", framealpha=0.8, edgecolor="none")
-    axes.set_title(wrap_text(_HOW_TO_READ, 0.75 * _WIDTH, 9), loc="left")
+    axes.set_title(wrap_text(_HOW_TO_READ, 0.75 * width, 9), loc="left")
     return figure
 
 
 def _labelled_loops(loop: Loop, boundary: Boundary, at: Any) -> Iterator[tuple[str, Columns, Plants]]:
-    """What the legend calls each loop, with a colon behind, its parameters and its plant."""
+    """Yield the label of each loop with a colon, its parameters and its plant."""
     points = OperatingPoints(loop, boundary, at)
     require_pi(points.loop)
     if points.size > len(COLOURS):
-        raise InputError(f"{points.size} loops: a figure shows up to {len(COLOURS)}, select some")
+        raise InputError(f"{points.size} loops: a figure shows up to {len(COLOURS)}, select some", "loop", "size")
     index = np.arange(points.size)
-    columns, plants = points.columns(index), points.plants(index)
+    columns = points.columns(index)
+    plants = linearise_plants(columns, points.conditions(index))
     labelled = points.dataset({})
     for k, place in enumerate(np.ndindex(*points.sizes.values())):
         labels = [label_in_words(labelled, dim, i) for dim, i in zip(points.sizes, place, strict=True)]
         words = ", ".join([*labels, *([] if plants.reachable[k] else ["set-point out of reach"])])
         loop_columns = {name: values[k : k + 1] for name, values in columns.items()}
         yield f"{words}: " if words else "", loop_columns, plants.select(index[k : k + 1])
-
-
-def _minus_1_over_N(columns: Columns, plant: Plants, at: float) -> Complex:
-    """-1/N over the amplitude of u, at a frequency [rad/s]; empty where theory says nothing."""
-    if not math.isfinite(at):
-        return np.empty(0, complex)
-    elements = Elements.of(columns, plant)
-    amplitudes = elements.amplitudes(LARGEST_AMPLITUDE, _N_CURVE_AMPLITUDES)
-    mean = elements.mean(amplitudes)
-    N = elements.make_describing_function(amplitudes, limiter_gain(amplitudes, -mean, 1.0 - mean))(np.array(at))[0]
-    return np.asarray(-1.0 / N[np.abs(N) > _SMALLEST_DRAWN_N])

@@ -1,4 +1,4 @@
-"""linearise: plant, margins and the tunings of SIMC, AMIGO and lambda at each operating point."""
+"""linearise: plant, margins, and tunings after SIMC, lambda, and Ziegler and Nichols at each operating point."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -9,12 +9,13 @@ import xarray as xr
 
 from fastcoil.base.arguments import argument_checks, require_array, require_flag
 from fastcoil.base.arrays import Array
-from fastcoil.base.errors import InputError, WrongTypeMessage, short_repr
+from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.design.operating_points import OperatingPoints, require_pi
 from fastcoil.design.plants import (
     Columns,
     Complex,
     Plants,
+    floats,
     frequency_response,
     loop_response,
     sampled_plant_response,
@@ -30,14 +31,13 @@ from fastcoil.loops.loop import Loop
 from fastcoil.loops.plan import check_memory
 from fastcoil.loops.provenance import provenance
 
-_LOWEST_FREQUENCY = 1e-6  # lowest frequency, rad/s: any integral has brought L above 1 there
-_N_MARGIN_FREQUENCIES = 800
+_LOWEST_FREQUENCY = 1e-6  # rad/s: any integral has brought L above 1 there
 
 
 class Margins(NamedTuple):
-    """Of n loops, (n,) each, without a gap, so at its best.
+    """Margins of n loops without a gap, (n,) each.
 
-    ultimate_gain: kp at which the loop would swing for ever under a P controller, 1/K.  ultimate_period: s.
+    ultimate_gain: kp at which the loop would keep swinging under a P controller, 1/K.  ultimate_period: s.
     gain_margin: by how much kp may be multiplied; below 1 the loop is unstable.  phase_margin: degrees.
     NaN where there is no such thing: a valve that changes nothing, or acts the wrong way round.
     """
@@ -49,30 +49,29 @@ class Margins(NamedTuple):
 
 
 def margins_of(columns: Columns, plants: Plants) -> Margins:
-    """Margins of every loop, from the exact transfer function of the loop as it is sampled."""
+    """Return the margins of every loop, from the exact transfer function of the sampled loop."""
     n = plants.gain.size
     margins = Margins(*(np.full(n, math.nan) for _ in Margins._fields))
-    periods = np.asarray(columns["sample_time"], float)
-    gain = stroke_gain(columns, plants)
+    (periods,), gain = floats(columns, "sample_time"), stroke_gain(columns, plants)
     for period in np.unique(periods[gain > 0.0]):
         members = np.flatnonzero((periods == period) & (gain > 0.0))
-        member_columns = {name: values[members] for name, values in columns.items()}
-        member_plants = plants.select(members)
-        w = np.geomspace(_LOWEST_FREQUENCY, math.pi / period, _N_MARGIN_FREQUENCIES)
-        P, kind = sampled_plant_response(member_columns, member_plants, w)
+        subset = {name: values[members] for name, values in columns.items()}
+        subset_plants = plants.select(members)
+        w = np.geomspace(_LOWEST_FREQUENCY, math.pi / period, 800)
+        P, kind = sampled_plant_response(subset, subset_plants, w)
         first = np.unique(kind, return_index=True)[1]
-        size, w_180 = phase_crossover(np.sign(member_plants.gain[first])[:, None] * P, w)
-        unit = gain[members] / np.abs(member_plants.gain)
+        size, w_180 = phase_crossover(np.sign(subset_plants.gain[first])[:, None] * P, w)
+        unit = gain[members] / np.abs(subset_plants.gain)
         margins.ultimate_gain[members] = 1.0 / (unit * size[kind])
         margins.ultimate_period[members] = 2.0 * math.pi / w_180[kind]
-        L = loop_response(member_columns, member_plants, w)
+        L = loop_response(subset, subset_plants, w)
         margins.gain_margin[members] = 1.0 / phase_crossover(L, w)[0]
         margins.phase_margin[members] = _phase_margin(L)
     return margins
 
 
 def phase_crossover(L: Complex, w: Array) -> tuple[Array, Array]:
-    """|L| and ω, (n,) each, where L crosses the negative real axis with the largest |L|; its end at π/ts is on it."""
+    """Largest |L| on the negative real axis, and ω there, (n,) each; the end of L at π/ts is on it."""
     before, after = L[:, :-1].imag, L[:, 1:].imag
     crosses = (before < 0.0) & (after >= 0.0) & (L[:, 1:].real < 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -89,65 +88,57 @@ def phase_crossover(L: Complex, w: Array) -> tuple[Array, Array]:
 
 def _phase_margin(L: Complex) -> Array:
     """Least phase margin over the frequencies at which |L| = 1, degrees."""
-    with np.errstate(divide="ignore"):  # a loop with kp = 0 has a size of 0 and no hunting index
+    with np.errstate(divide="ignore"):  # a loop with kp = 0 has a size of 0 and no margin
         log_size = np.log(np.abs(L))
     phase = np.unwrap(np.angle(L), axis=1)
     before, after = log_size[:, :-1], log_size[:, 1:]
     crosses = before * after <= 0.0
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(crosses, before / (before - after), 0.0)
-    hunting_index = 180.0 + np.degrees(phase[:, :-1] + share * np.diff(phase, axis=1))
-    least = np.min(np.where(crosses, hunting_index, np.inf), axis=1)
+    margin = 180.0 + np.degrees(phase[:, :-1] + share * np.diff(phase, axis=1))
+    least = np.min(np.where(crosses, margin, np.inf), axis=1)
     return np.where(np.isfinite(least), least, math.nan)
 
 
-_EARLY_SHARE, _LATE_SHARE = (
-    0.353,
-    0.853,
-)  # shares of the response at which Sundaresan and Krishnaswamy read the two times
-_EXTRA_SECONDS = 36000  # by how much a response that has not come that far is followed, s
-_LAMBDA_LAGS = 3.0  # closed-loop time constant of lambda tuning, in lags
-
-
 class FirstOrder(NamedTuple):
-    """From the opening to the measured temperature: gain e^(-delay s)/(1 + lag s); lag and delay (n,), s."""
+    """Model from the opening to the measured temperature, gain e^(-delay s)/(1 + lag s); lag and delay (n,), s."""
 
     lag: Array
     delay: Array
 
 
 class Gains(NamedTuple):
-    """kp, 1/K, and ti, s, (n,) each; NaN where the valve changes nothing or acts the wrong way round."""
+    """Gains of a PI, kp, 1/K, and ti, s, (n,) each; NaN where the valve changes nothing or acts the wrong way round."""
 
     kp: Array
     ti: Array
 
 
 def first_order(columns: Columns, plants: Plants) -> FirstOrder:
-    """Reduce the answer to a step of the opening, seen through the sensor's lag, to first order with delay.
+    """Reduce the response to a step of the opening, seen through the sensor's lag, to first order with delay.
 
-    The model that meets the response at 35.3 and 85.3 % of its end; its delay is at least 0.  These are the two points
-    of K. R. Sundaresan, P. R. Krishnaswamy: Estimation of time delay time constant parameters in time, frequency, and
+    The model meets the response at 35.3 and 85.3 % of its end; its delay is at least 0.  These are the two points of
+    K. R. Sundaresan, P. R. Krishnaswamy: Estimation of time delay time constant parameters in time, frequency, and
     Laplace domains.  Can. J. Chem. Eng. 56 (1978), 257-262, who round lag = 0.67 (t2 - t1), delay = 1.3 t1 - 0.29 t2.
     """
-    tau = np.asarray(columns["sensor_time_constant"], float)
-    first, kind = unique_columns(plants.same, tau)
+    (tau,), early, late = floats(columns, "sensor_time_constant"), 0.353, 0.853
+    first, kind = unique_columns(plants.kind, tau)
     with np.errstate(divide="ignore", invalid="ignore"):
         response, gain = plants.response[first], plants.gain[first][:, None]
-        extra_seconds = _EXTRA_SECONDS if np.any(response[:, -1:] / gain < _LATE_SHARE) else 0
-        share = sensor_response(response, tau[first], extra_seconds) / gain
-    t1, t2 = _crossing_time(share, _EARLY_SHARE), _crossing_time(share, _LATE_SHARE)
-    lag = (t2 - t1) / math.log((1.0 - _EARLY_SHARE) / (1.0 - _LATE_SHARE))
-    delay = np.maximum(t1 + lag * math.log(1.0 - _EARLY_SHARE), 0.0)
+        n_more = 36000 if np.any(response[:, -1:] / gain < late) else 0  # s
+        share = sensor_response(response, tau[first], n_more) / gain
+    t1, t2 = _crossing_time(share, early), _crossing_time(share, late)
+    lag = (t2 - t1) / math.log((1.0 - early) / (1.0 - late))
+    delay = np.maximum(t1 + lag * math.log(1.0 - early), 0.0)
     return FirstOrder(lag[kind], delay[kind])
 
 
-def hunting_index(columns: Columns, plants: Plants, model: FirstOrder) -> Array:
-    """(kp K)^0.7 (T + 2 θ)/ti: how fast the integral is against the plant; K, T and θ are those of a step.
+def integral_speed(columns: Columns, plants: Plants, model: FirstOrder) -> Array:
+    """Speed of the integral against the plant, (kp K)^0.7 (T + 2 θ)/ti; K, T and θ are those of a step.
 
-    A fit over loops with a gap, see ``docs/findings/hunting.md``.
+    A fit over loops with a gap, see docs/findings/hunting.md.
     """
-    kp, ti = (np.asarray(columns[name], float) for name in ("kp", "ti"))
+    kp, ti = floats(columns, "kp", "ti")
     gain = np.maximum(kp * stroke_gain(columns, plants), 0.0)
     return np.asarray(gain**0.7 * (model.lag + 2.0 * _dead_time(columns, model)) / ti)
 
@@ -168,7 +159,7 @@ def lambda_tuning(columns: Columns, plants: Plants, model: FirstOrder) -> Gains:
     kp = lag/(K (λ + θ)), ti = lag, λ = 3 lag.  K. J. Åström, T. Hägglund: Advanced PID Control.  ISA (2006).
     """
     dead_time = _dead_time(columns, model)
-    return _valid_gains(plants, columns, model.lag / (_LAMBDA_LAGS * model.lag + dead_time), model.lag)
+    return _valid_gains(plants, columns, model.lag / (3.0 * model.lag + dead_time), model.lag)
 
 
 def ziegler_nichols(ultimate_gain: Array, ultimate_period: Array) -> Gains:
@@ -181,7 +172,7 @@ def ziegler_nichols(ultimate_gain: Array, ultimate_period: Array) -> Gains:
 
 
 def _dead_time(columns: Columns, model: FirstOrder) -> Array:
-    """θ, s: a controller acts half a sample time late on average."""
+    """Dead time θ, s: a controller acts half a sample time late on average."""
     return np.asarray(model.delay + 0.5 * np.asarray(columns["sample_time"], float))
 
 
@@ -193,7 +184,7 @@ def _valid_gains(plants: Plants, columns: Columns, kp_times_gain: Array, ti: Arr
 
 
 def _crossing_time(share: Array, level: float) -> Array:
-    """Seconds after the step at which each row, from second 1 on, first reaches a level; straight between seconds."""
+    """Seconds after the step at which each row, from second 1 on, first reaches a level; linear between seconds."""
     from_zero = np.concatenate([np.zeros((share.shape[0], 1)), share], axis=1)
     k = np.maximum(np.argmax(from_zero >= level, axis=1), 1)
     rows = np.arange(k.size)
@@ -202,59 +193,45 @@ def _crossing_time(share: Array, level: float) -> Array:
         return np.where(above >= level, k - 1 + (level - below) / (above - below), np.nan)
 
 
-Attributes = Mapping[str, Any]
-_N_PHASE_FREQUENCIES = 400  # number of those at which the phase of a response is unwrapped
 _NO_GAP_NOTE = "without the gap, the motor's stroke time and the inverse"
-_RULE_NOTE = (
-    "for a plain PI; half a sample time counts as dead time; NaN if the valve changes nothing or acts the wrong way"
-)
-_PHASE_ATTRS = {"dims": ("frequency",), "units": "degree", "comment": "unwrapped from the lowest frequency on"}
-_VARIABLE_ATTRS: Mapping[str, Attributes] = {
-    "opening": {"long_name": "opening at which T_sup rests at T_set", "units": "1"},
-    "T_sup": {"long_name": "supply air temperature at rest", "units": "degC"},
-    "m_w": {"long_name": "water flow", "units": "kg s-1"},
-    "wet_volumes": {
-        "long_name": "number of wet control volumes", "units": "1",
-        "comment": "a volume that is wet and dry by turns counts with the share of time in which it is wet",
-    },
-    "reachable": {
-        "long_name": "whether an opening holds the set-point", "units": "1",
-        "comment": "where False, the opening is 0 or 1, whichever is nearer; or T_sup jumps past it, and gain is NaN",
-    },
-    "gain": {"long_name": "gain from the opening to T_sup", "units": "K", "comment": "per unit opening"},
-    "lag": {
-        "long_name": "lag of the plant and its sensor", "units": "s",
-        "comment": "first order plus delay, through 35.3 and 85.3 % of the response (Sundaresan, Krishnaswamy 1978)",
-    },
-    "delay": {
-        "long_name": "delay of the plant and its sensor", "units": "s",
-        "comment": "first order plus delay, as lag; the controller's sample time is not in it",
-    },
-    "kp_simc": {"long_name": "kp after SIMC", "units": "K-1", "comment": f"lag/(2 gain dead time), {_RULE_NOTE}"},
-    "ti_simc": {"long_name": "ti after SIMC", "units": "s", "comment": "min(lag, 8 dead time)"},
-    "kp_lambda": {"long_name": "kp after lambda tuning", "units": "K-1", "comment": f"lambda = 3 lag, {_RULE_NOTE}"},
-    "ti_lambda": {"long_name": "ti after lambda tuning", "units": "s", "comment": "lag"},
-    "kp_zn": {"long_name": "kp after Ziegler and Nichols", "units": "K-1", "comment": "0.45 ultimate_gain"},
-    "ti_zn": {"long_name": "ti after Ziegler and Nichols", "units": "s", "comment": "ultimate_period/1.2"},
-    "ultimate_gain": {
-        "long_name": "ultimate gain of a P controller", "units": "K-1", "comment": f"at this sample time, {_NO_GAP_NOTE}",
-    },
-    "ultimate_period": {"long_name": "ultimate period of a P controller", "units": "s"},
-    "gain_margin": {
-        "long_name": "gain margin", "units": "1",
-        "comment": f"kp may grow by this factor until the loop swings, {_NO_GAP_NOTE}; below 1 it is unstable",
-    },
-    "phase_margin": {
-        "long_name": "phase margin", "units": "degree",
-        "comment": f"{_NO_GAP_NOTE}; NaN where |L| is above 1 at every frequency that the controller can make",
-    },
-    "plant_magnitude": {"dims": ("frequency",), "long_name": "gain from the opening to T_sup", "units": "K"},
-    "plant_phase": {"long_name": "phase from the opening to T_sup", **_PHASE_ATTRS},
-    "loop_magnitude": {"dims": ("frequency",), "long_name": "gain of the open loop L", "units": "1"},
-    "loop_phase": {"long_name": "phase of the open loop L", **_PHASE_ATTRS},
-    "A": {"dims": ("state", "state_before"), "long_name": "from the states of a second to those of the next"},
-    "B": {"dims": ("state",), "long_name": "from the opening to the states of the next second"},
+_RULE_NOTE = "for a plain PI; dead time: delay + sample_time/2; NaN if the valve changes nothing or acts the wrong way"
+_FIRST_ORDER_NOTE = "first order plus delay, through 35.3 and 85.3 % of the response (Sundaresan, Krishnaswamy 1978)"
+_VARIABLES = {  # long_name, units, comment
+    "opening": ("opening at which T_sup rests at T_set", "1", ""),
+    "T_sup": ("supply air temperature at rest", "degC", ""),
+    "m_w": ("water flow", "kg s-1", ""),
+    "wet_volumes": ("number of wet control volumes", "1", "share of time for one that is wet and dry by turns"),
+    "reachable": ("whether an opening holds the set-point", "1", "where False, the opening is 0 or 1, whichever is "
+        "nearer; or T_sup jumps past it, and gain is NaN"),
+    "gain": ("gain from the opening to T_sup", "K", "per unit opening"),
+    "lag": ("lag of the plant and its sensor", "s", _FIRST_ORDER_NOTE),
+    "delay": ("delay of the plant and its sensor", "s", "as lag; the controller's sample time is not in it"),
+    "kp_simc": ("kp after SIMC", "K-1", f"lag/(2 gain dead time), {_RULE_NOTE}"),
+    "ti_simc": ("ti after SIMC", "s", "min(lag, 8 dead time)"),
+    "kp_lambda": ("kp after lambda tuning", "K-1", f"lambda = 3 lag, {_RULE_NOTE}"),
+    "ti_lambda": ("ti after lambda tuning", "s", "lag"),
+    "kp_zn": ("kp after Ziegler and Nichols", "K-1", "0.45 ultimate_gain"),
+    "ti_zn": ("ti after Ziegler and Nichols", "s", "ultimate_period/1.2"),
+    "ultimate_gain": ("ultimate gain of a P controller", "K-1", f"at this sample time, {_NO_GAP_NOTE}"),
+    "ultimate_period": ("ultimate period of a P controller", "s", ""),
+    "gain_margin": ("gain margin", "1", f"kp may grow by this factor until the loop swings, {_NO_GAP_NOTE}; below 1 it "
+        "is unstable"),
+    "phase_margin": ("phase margin", "degree", f"{_NO_GAP_NOTE}; NaN where |L| is above 1 at every frequency"),
+    "plant_magnitude": ("gain from the opening to T_sup", "K", ""),
+    "plant_phase": ("phase from the opening to T_sup", "degree", "unwrapped from the lowest frequency on"),
+    "loop_magnitude": ("gain of the open loop L", "1", ""),
+    "loop_phase": ("phase of the open loop L", "degree", "unwrapped from the lowest frequency on"),
+    "A": ("from the states of a second to those of the next", "", ""),
+    "B": ("from the opening to the states of the next second", "", ""),
 }  # fmt: skip
+_DIMS = {"A": ("state", "state_before"), "B": ("state",)}
+
+
+def _attributes(name: str) -> dict[str, Any]:
+    """Attributes of a variable, and its dims beyond those of the points."""
+    texts = zip(("long_name", "units", "comment"), _VARIABLES[name], strict=True)
+    dims = ("frequency",) if name.endswith(("_magnitude", "_phase")) else _DIMS.get(name, ())
+    return {key: text for key, text in texts if text} | {"dims": dims}
 
 
 def linearise(
@@ -262,8 +239,8 @@ def linearise(
 ) -> xr.Dataset:
     """Linearise every loop of ``loop`` where it rests at its set-point on every day of ``boundary``.
 
-    The plant is the emulator's own one-second step, differentiated.  The controller and the sensor are taken as they
-    are sampled.
+    The plant is the emulator's own one-second step, differentiated.  Controller and sensor are sampled as in the
+    emulator.
 
     Parameters
     ----------
@@ -282,13 +259,26 @@ def linearise(
     Returns
     -------
     xarray.Dataset
-        opening, T_sup, m_w, wet_volumes, reachable; gain, lag, delay; kp and ti after SIMC, lambda tuning and Ziegler
-        and Nichols; ultimate gain and period, gain and phase margin.  The attributes of each say what it is.
+        opening, T_sup [°C], m_w [kg/s], wet_volumes, reachable; gain [K], lag and delay [s] of the plant; kp [1/K] and
+        ti [s] after SIMC (Skogestad 2003, doi:10.1016/S0959-1524(02)00062-8), lambda tuning, and Ziegler and Nichols
+        (1942); ultimate gain [1/K] and period [s], gain and phase margin [°].  The attributes of each say what it is.
 
     Raises
     ------
     InputError
         With one sentence for each mistake; for an unstable coil; for a result that does not fit in memory.
+
+    See Also
+    --------
+    limit_cycle : predicts hunting with backlash, which the margins here leave out.
+    to_control : gives a linearised loop to python-control.
+
+    Examples
+    --------
+    >>> loop, day = fc.Loop.preset("lbnl").assign(backlash=[0.0, 0.07]), fc.constant_day(hours=1)
+    >>> linear = fc.linearise(loop, day)
+    >>> linear.kp_simc.values.round(3).tolist(), linear.gain_margin.values.round(1).tolist()
+    ([0.031, 0.029], [8.8, 8.2])
     """
     points = OperatingPoints(loop, boundary, at)
     with argument_checks() as check:
@@ -297,44 +287,36 @@ def linearise(
         if frequency is not None:
             check(require_pi, points.loop)
         if wants_states and np.unique(np.asarray(points.loop["n_volumes"])).size > 1:
-            check.problems.append(
-                "n_volumes is swept, and each value has another number of states: ask for the state space one by one"
-            )
-    values_per_point = 22 + (0 if w is None else 4 * w.size)
-    names = state_names(int(np.max(np.asarray(points.loop["n_volumes"]))))
-    values_per_point += len(names) ** 2 if wants_states else 0
+            sentence = "n_volumes is swept, and each value has another number of states: request them one by one"
+            check.problems.append(Problem(sentence, "n_volumes", "conflict"))
+    states = list(state_names(int(np.max(np.asarray(points.loop["n_volumes"]))))) if wants_states else []
+    values_per_point = 22 + (0 if w is None else 4 * w.size) + len(states) ** 2
     check_memory(2 * 8 * values_per_point * points.size, points.size)
-    variables = points.evaluate(
-        lambda columns, conditions, plants: _variables_of_points(columns, conditions, plants, w, wants_states)
-    )
-    ds = points.dataset({name: (values, _VARIABLE_ATTRS[name]) for name, values in variables.items()})
+    variables = points.evaluate(lambda c, entering, plants: _variables_of_points(c, entering, plants, w, wants_states))
+    ds = points.dataset({name: (values, _attributes(name)) for name, values in variables.items()})
     if w is not None:
         ds = ds.assign_coords(frequency=("frequency", w, {"long_name": "angular frequency", "units": "rad s-1"}))
     if wants_states:
-        ds = ds.assign_coords(
-            state=("state", list(names), {"long_name": "state of the coil, by control volume"}),
-            state_before=("state_before", list(names), {"long_name": "state of the coil a second before"}),
-        )
+        before = ("state_before", states, {"long_name": "state of the coil a second before"})
+        ds = ds.assign_coords(state_before=before)
+        ds = ds.assign_coords(state=("state", states, {"long_name": "state of the coil, by control volume"}))
     return ds.assign_attrs(title="fastcoil linearised loops", **provenance())
 
 
 def _variables_of_points(
     columns: Columns, conditions: Mapping[str, Array], plants: Plants, w: Array | None, wants_states: bool
 ) -> Iterator[tuple[str, Array]]:
-    """Every variable of some points by name."""
+    """Yield every variable of some operating points by name."""
     for name in ("opening", "T_sup", "m_w", "wet_volumes", "reachable", "gain"):
         yield name, getattr(plants, name)
     model, margins = first_order(columns, plants), margins_of(columns, plants)
     yield "lag", model.lag
     yield "delay", model.delay
-    gains = {
-        "simc": simc(columns, plants, model),
-        "lambda": lambda_tuning(columns, plants, model),
-        "zn": ziegler_nichols(margins.ultimate_gain, margins.ultimate_period),
-    }
-    for rule, (kp, ti) in gains.items():
-        yield f"kp_{rule}", kp
-        yield f"ti_{rule}", ti
+    by_lambda = lambda_tuning(columns, plants, model)
+    zn = ziegler_nichols(margins.ultimate_gain, margins.ultimate_period)
+    for rule, gains in (("simc", simc(columns, plants, model)), ("lambda", by_lambda), ("zn", zn)):
+        yield f"kp_{rule}", gains.kp
+        yield f"ti_{rule}", gains.ti
     yield from margins._asdict().items()
     if w is not None:
         yield from _magnitude_and_phase("plant", lambda at: frequency_response(plants.response, at), w)
@@ -344,8 +326,8 @@ def _variables_of_points(
 
 
 def _magnitude_and_phase(name: str, transfer: Callable[[Array], Complex], w: Array) -> Iterator[tuple[str, Array]]:
-    """Magnitude, and phase without jumps, which takes frequencies in between."""
-    frequencies = np.union1d(w, np.geomspace(min(_LOWEST_FREQUENCY, w[0]), w[-1], _N_PHASE_FREQUENCIES))
+    """Yield the magnitude, and the phase without jumps, which takes 400 frequencies in between."""
+    frequencies = np.union1d(w, np.geomspace(min(_LOWEST_FREQUENCY, w[0]), w[-1], 400))
     G = transfer(frequencies)
     phase, is_finite = np.angle(G), np.isfinite(G)
     phase = np.where(is_finite, np.unwrap(np.where(is_finite, phase, 0.0), axis=-1), np.nan)
@@ -356,12 +338,13 @@ def _magnitude_and_phase(name: str, transfer: Callable[[Array], Complex], w: Arr
 
 def _parse_frequencies(name: str, value: Any) -> Array:
     cure = "give angular frequencies in rad/s, ascending and above 0"
+    sentence = f"{name} = {short_repr(value)}: {cure}"
     with np.errstate(over="ignore"):  # what does not fit is infinite, and refused as such
         labelled = as_data_array(name, value, name)
         frequencies = value if labelled is None else convert_units(name, labelled, accepted_units("rad s-1"))
         w = require_array(name, frequencies, cure).astype(float)
     if w.ndim != 1:
-        raise InputError(WrongTypeMessage(f"{name} = {short_repr(value)}: {cure}"))
+        raise InputError(sentence, name, "type")
     if not w.size or not (np.isfinite(w).all() and w[0] > 0.0 and (np.diff(w) > 0.0).all()):
-        raise InputError(f"{name} = {short_repr(value)}: {cure}")
+        raise InputError(sentence, name, "value")
     return w

@@ -7,16 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import (
-    argument_checks,
-    is_number,
-    raise_problems,
-    require_array,
-    require_instance,
-    to_builtin,
-)
+from fastcoil.base.arguments import argument_checks, is_number, require_array, require_instance, to_builtin
 from fastcoil.base.arrays import Array, Index
-from fastcoil.base.errors import InputError, WrongTypeMessage, short_repr
+from fastcoil.base.errors import InputError, short_repr
 from fastcoil.design.plants import Columns, Plants, linearise_plants
 from fastcoil.logs.series import TIME
 from fastcoil.loops.boundary import Boundary
@@ -26,41 +19,35 @@ from fastcoil.loops.loop import Loop
 from fastcoil.loops.scenarios import Layout, coordinate_attrs, parameter_columns
 from fastcoil.model.metric_table import WARM_UP_S
 
-CONDITION_SERIES = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")  # series of the boundary that make an operating point
+CONDITION_SERIES = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")  # of the boundary, the conditions of a point
 Evaluation = Callable[[Columns, Mapping[str, Array], Plants], Iterable[tuple[str, Array]]]
 """Variables by name, (n, …) each, of n points with these parameters, conditions and plants."""
-_POINTS_PER_CHUNK = 2048  # points at a time: their responses take up to 60 MB
 
 
-def index_chunks(n: int) -> list[Index]:
-    """The numbers 0 to n - 1 in parts that fit into memory."""
-    return [np.arange(first, min(first + _POINTS_PER_CHUNK, n)) for first in range(0, n, _POINTS_PER_CHUNK)]
+def index_chunks(n: int, size: int = 2048) -> list[Index]:
+    """Split the numbers 0 to n - 1 into chunks: the responses of 2,048 points take up to 60 MB."""
+    return [np.arange(first, min(first + size, n)) for first in range(0, n, size)]
 
 
 class OperatingPoints:
     """Every loop of a sweep at every operating point, in one flat order.
 
-    Dims are those of the loop, then ``day`` if the boundary has it, then ``elapsed_time`` if several seconds are asked
-    for.  loop, boundary, at: see ``linearise``.  warm_up: seconds that the mean of a day leaves out.
+    Dims are those of the loop, then ``day`` if the boundary has it, then ``elapsed_time`` if ``at`` is a list.
+    loop, boundary, at: see ``linearise``.  warm_up: seconds that the mean of a day leaves out.
     """
 
     def __init__(self, loop: Loop, boundary: Boundary, at: Any = None, warm_up: int = WARM_UP_S) -> None:
         with argument_checks() as check:
             check(require_instance, "loop", loop, Loop, "give a fastcoil.Loop")
-            check(
-                require_instance,
-                "boundary",
-                boundary,
-                Boundary,
-                "give a fastcoil.Boundary, such as fastcoil.paper_day()",
-            )
-        self.seconds = _parse_seconds(at, boundary.n_steps)
-        self.has_times = self.seconds is not None and np.ndim(to_builtin(at)) > 0
-        self._entering = (
-            _require_mean_conditions(boundary, warm_up)
-            if self.seconds is None
-            else _sample_conditions(boundary, self.seconds)
-        )
+            cure = "give a fastcoil.Boundary, such as fastcoil.paper_day()"
+            check(require_instance, "boundary", boundary, Boundary, cure)
+        seconds = _parse_seconds(at, boundary.n_steps)
+        self.seconds, self.has_times = seconds, seconds is not None and np.ndim(to_builtin(at)) > 0
+        if seconds is None:
+            self._entering = _require_mean_conditions(boundary, warm_up)
+        else:
+            days = [boundary.of_day(k) for k in range(boundary.n_days)]
+            self._entering = {name: np.stack([day[name][seconds] for day in days]) for name in CONDITION_SERIES}
         layout = Layout(loop, boundary)
         check_clashes(layout.loop, np.array(boundary.extremes["T_set"]), boundary.extremes["backlash_scale"][0])
         require_one_gap(boundary)
@@ -69,12 +56,12 @@ class OperatingPoints:
         self.sizes = dict(loop.sizes)
         if boundary.has_day_dim:
             self.sizes["day"] = boundary.n_days
-        if self.seconds is not None and self.has_times:
-            self.sizes["elapsed_time"] = self.seconds.size
+        if seconds is not None and self.has_times:
+            self.sizes["elapsed_time"] = seconds.size
         self.size = math.prod(self.sizes.values())
 
     def evaluate(self, variables: Evaluation) -> dict[str, Array]:
-        """Variables of all points, (size, …) each, computed in parts that fit into memory."""
+        """Return variables of all points, (size, …) each, computed in chunks that fit into memory."""
         parts = []
         for index in index_chunks(self.size):
             columns, conditions = self.columns(index), self.conditions(index)
@@ -86,39 +73,37 @@ class OperatingPoints:
         return parameter_columns(self.loop, self.sizes, index)
 
     def conditions(self, index: Index) -> dict[str, Array]:
-        """What enters at the points ``index``, and T_set: (n,) each."""
+        """``CONDITION_SERIES`` at the points ``index``, (n,) each."""
         places = np.unravel_index(index, tuple(self.sizes.values())) if self.sizes else ()
-        index_along = dict(zip(self.sizes, places, strict=True))
-        zeros = np.zeros(index.size, np.int64)
-        entering_index = index_along.get("day", zeros), index_along.get("elapsed_time", zeros)
-        return {name: values[entering_index] for name, values in self._entering.items()}
-
-    def plants(self, index: Index) -> Plants:
-        """The plants at the points ``index``, at rest."""
-        return linearise_plants(self.columns(index), self.conditions(index))
+        along, zeros = dict(zip(self.sizes, places, strict=True)), np.zeros(index.size, np.int64)
+        place = along.get("day", zeros), along.get("elapsed_time", zeros)
+        return {name: values[place] for name, values in self._entering.items()}
 
     def dataset(self, variables: Mapping[str, tuple[Array, Mapping[str, Any]]]) -> xr.Dataset:
-        """Name results, each (size, …) with its attributes; dims behind the first are in ``attrs["dims"]``."""
+        """Label results, (size, …) each, with their attributes; ``attrs["dims"]`` has the dims after the first."""
         labels = self._layout.coordinates()
         if self.seconds is not None:
             dims = ("elapsed_time",) if self.has_times else ()
             labels["elapsed_time"] = xr.DataArray(self.seconds.astype(float).reshape(-1 if dims else ()), dims=dims)
         clash = sorted({*labels, *self.sizes} & variables.keys())
         if clash:
-            raise InputError(f"{clash[0]} is swept, and a result has that name: give the dimension another name")
+            sentence = f"{clash[0]} is swept, and a result has that name: give the dimension another name"
+            raise InputError(sentence, clash[0], "conflict")
         shape, data_vars = tuple(self.sizes.values()), {}
         for name, (values, attrs) in variables.items():
-            extra_dims = tuple(attrs.get("dims", ()))
-            variable_attrs = {k: v for k, v in attrs.items() if k != "dims"}
-            data_vars[name] = ((*self.sizes, *extra_dims), values.reshape((*shape, *values.shape[1:])), variable_attrs)
+            dims = (*self.sizes, *attrs.get("dims", ()))
+            about = {key: text for key, text in attrs.items() if key != "dims"}
+            data_vars[name] = (dims, values.reshape((*shape, *values.shape[1:])), about)
         table = self.loop.parameters
         return xr.Dataset(data_vars, {n: c.assign_attrs(coordinate_attrs(n, table)) for n, c in labels.items()})
 
 
 def require_pi(loop: Loop) -> None:
-    """Refuse control laws other than the PI, whose open loop nobody knows."""
+    """Refuse control laws other than the PI, whose open loop is unknown."""
     laws = sorted(set(np.unique(np.asarray(loop["law"])).tolist()) - {"pi"})
-    raise_problems([f"law = {law!r}: the open loop is known for the PI only" for law in laws])
+    if laws:
+        sentences = [f"law = {law!r}: the open loop is known for the PI only" for law in laws]
+        raise InputError(sentences, "law", "unsupported")
 
 
 def _parse_seconds(at: Any, n_steps: int) -> Index | None:
@@ -129,10 +114,10 @@ def _parse_seconds(at: Any, n_steps: int) -> Index | None:
     at = at if labelled is None else convert_units("at", labelled, TIME)
     values = np.array([float(to_builtin(at))]) if is_number(at) else require_array("at", at, cure)
     if values.ndim != 1 or not values.size:
-        raise InputError(WrongTypeMessage(f"at = {short_repr(at)}: {cure}"))
+        raise InputError(f"at = {short_repr(at)}: {cure}", "at", "type")
     wrong = values[~((values >= 0) & (values < n_steps) & (values == np.floor(values)))]
     if wrong.size:
-        raise InputError(f"at has {wrong[0]:g}: {cure}")
+        raise InputError(f"at has {wrong[0]:g}: {cure}", "at", "value")
     return values.astype(np.int64)
 
 
@@ -141,12 +126,15 @@ def require_one_gap(boundary: Boundary) -> None:
     low, high = boundary.extremes["backlash_scale"]
     if not low == high == 1.0:
         scale_text = f"= {low:g}" if low == high else f"goes from {low:g} to {high:g}"
-        cure = "give boundary.assign(backlash_scale=1), and the backlash that you mean"
-        raise InputError(f"backlash_scale {scale_text}: theory knows a gap of one size; {cure}")
+        cure = "theory knows a gap of one size; give boundary.assign(backlash_scale=1), and the backlash that you mean"
+        raise InputError(f"backlash_scale {scale_text}: {cure}", "backlash_scale", "unsupported")
 
 
 def mean_conditions(boundary: Boundary, warm_up: int, *, carry_over: bool = False) -> dict[str, Array]:
-    """Means of ENTERING over enabled seconds, (n_days,); NaN without any.  carry_over: only day 1 has a warm-up."""
+    """Means of ``CONDITION_SERIES`` over enabled seconds, (n_days,) each; NaN if there are none.
+
+    carry_over: only day 1 has a warm-up.
+    """
     conditions = {name: np.empty(boundary.n_days) for name in CONDITION_SERIES}
     for k in range(boundary.n_days):
         rows = boundary.of_day(k)
@@ -164,28 +152,17 @@ def _require_mean_conditions(boundary: Boundary, warm_up: int) -> dict[str, Arra
     days_without = np.flatnonzero(np.isnan(conditions["T_set"]))
     if days_without.size:
         day_text = f"on day {boundary.day[days_without[0]]} " if boundary.has_day_dim else ""
-        raise InputError(
-            f"no second {day_text}is enabled after the warm-up of {warm_up} s: take another day, or a longer one, "
-            "or give the second as at="
-        )
+        cure = "take another day, or a longer one, or give the second as at="
+        sentence = f"no second {day_text}is enabled after the warm-up of {warm_up} s: {cure}"
+        raise InputError(sentence, "boundary", "data")
     return {name: means[:, None] for name, means in conditions.items()}
-
-
-def _sample_conditions(boundary: Boundary, seconds: Index) -> dict[str, Array]:
-    """What enters at some seconds, (n_days, n)."""
-    days = [{n: rows[n][seconds] for n in CONDITION_SERIES} for rows in map(boundary.of_day, range(boundary.n_days))]
-    return {name: np.stack([day[name] for day in days]) for name in CONDITION_SERIES}
-
-
-SAME_SET_POINT = 0.5  # set-points of an hour that differ by less may count as one, K
-SHORTEST_STAY = 300  # seconds that an hour must spend at a set-point before it counts as an operating point of its own
 
 
 class PointsOfDay(NamedTuple):
     """Operating points of a day, in the order of time."""
 
     start: Index  # first second, (n,)
-    seconds: Index  # how many the point stands for, (n,)
+    seconds: Index  # number of seconds at the point, (n,)
     conditions: dict[str, Array]  # means, (n,) each
     point_of_second: Index  # number of the point that a second belongs to, -1 for none, (n_steps,)
 
@@ -195,30 +172,32 @@ class PointsOfDay(NamedTuple):
 
 
 def operating_points(boundary: Boundary, warm_up: int, at: int | None = None) -> PointsOfDay:
-    """Points of a day: of each hour at each set-point, or of the second ``at``; plant on, after the warm-up."""
+    """Return the points of a day, each hour at each set-point, or the second ``at``; plant on, after the warm-up.
+
+    Set-points of an hour that differ by less than 0.5 K may count as one; one held for less than 300 s does not count.
+    """
     series = {name: boundary.series[name][0] for name in CONDITION_SERIES}
     is_on = boundary.series["enabled"][0] > 0.0
     if at is not None:
         if not is_on[at]:
-            raise InputError(f"at = {at}: the plant is off at that second, give one at which it runs")
-        only_point = np.where(np.arange(is_on.size) == at, 0, -1)
-        return PointsOfDay(
-            np.array([at]), np.array([1]), {n: v[at : at + 1].copy() for n, v in series.items()}, only_point
-        )
-    counted_seconds = np.flatnonzero(is_on & (np.arange(is_on.size) >= warm_up))
-    if not counted_seconds.size:
-        raise InputError("the loop is off all day: take a day on which it is enabled")
-    level = np.round(series["T_set"][counted_seconds] / SAME_SET_POINT)
+            raise InputError(f"at = {at}: the plant is off at that second, give one at which it runs", "at", "value")
+        conditions = {name: values[at : at + 1].copy() for name, values in series.items()}
+        return PointsOfDay(np.array([at]), np.array([1]), conditions, np.where(np.arange(is_on.size) == at, 0, -1))
+    counted = np.flatnonzero(is_on & (np.arange(is_on.size) >= warm_up))
+    if not counted.size:
+        raise InputError("the loop is off all day: take a day on which it is enabled", "boundary", "data")
+    level = np.round(series["T_set"][counted] / 0.5)
     level -= level.min()
-    _, member = np.unique(counted_seconds // 3600 * (level.max() + 1.0) + level, return_inverse=True)
+    _, member = np.unique(counted // 3600 * (level.max() + 1.0) + level, return_inverse=True)
     seconds = np.bincount(member)
     start = np.full(seconds.size, is_on.size)
-    np.minimum.at(start, member, counted_seconds)
-    means = {n: np.bincount(member, v[counted_seconds]) / seconds for n, v in series.items()}
-    is_long = seconds >= min(SHORTEST_STAY, int(seconds.max()))
+    np.minimum.at(start, member, counted)
+    means = {name: np.bincount(member, values[counted]) / seconds for name, values in series.items()}
+    is_long = seconds >= min(300, int(seconds.max()))
     order = np.flatnonzero(is_long)[np.argsort(start[is_long])]
-    point_number = np.full(seconds.size, -1)
-    point_number[order] = np.arange(order.size)
+    number = np.full(seconds.size, -1)
+    number[order] = np.arange(order.size)
     point_of_second = np.full(is_on.size, -1)
-    point_of_second[counted_seconds] = point_number[member]
-    return PointsOfDay(start[order], seconds[order], {n: v[order] for n, v in means.items()}, point_of_second)
+    point_of_second[counted] = number[member]
+    conditions = {name: values[order] for name, values in means.items()}
+    return PointsOfDay(start[order], seconds[order], conditions, point_of_second)

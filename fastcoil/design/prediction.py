@@ -1,4 +1,4 @@
-"""What the linear model predicts of one loop at the operating points of a day, and the gains that follow from it."""
+"""Predictions of the linear model for one loop at the operating points of a day, and the gains that follow."""
 
 import math
 from collections import Counter
@@ -10,7 +10,7 @@ import xarray as xr
 from fastcoil.base.arrays import Index
 from fastcoil.design.describing_function import unpredictable_loops
 from fastcoil.design.limit_cycle import Cycles, predict_cycles
-from fastcoil.design.linearise import first_order, hunting_index, simc
+from fastcoil.design.linearise import first_order, integral_speed, simc
 from fastcoil.design.operating_points import PointsOfDay, index_chunks, mean_conditions
 from fastcoil.design.plants import Columns, Plants, linearise_plants, loop_response
 from fastcoil.loops.loop import Loop
@@ -21,18 +21,18 @@ from fastcoil.model.parameter_table import PARAMETERS
 
 
 class Prediction(NamedTuple):
-    """A loop, a single scenario, at the operating points of a day.
+    """Prediction of a single loop at the operating points of a day.
 
     plants: linear models of valve and coil.  cycles: hunting index, hunts, period and amplitude, (n_points,) each.
-    reached: the points at which the valve can hold the set-point and theory has a hunting index.  worst: the one of them with
-    the largest hunting index; -1 if there is none.
+    reachable_points: those at which the valve can hold the set-point and theory has a hunting index.  worst_point: the
+    one of them with the largest hunting index; -1 if there is none.
     """
 
     loop: Loop
     points: PointsOfDay
     plants: Plants
     cycles: Cycles
-    reached: Index
+    reachable_points: Index
     worst_point: int
 
     @property
@@ -41,41 +41,36 @@ class Prediction(NamedTuple):
         return float(self.cycles.hunting_index[self.worst_point]) if self.worst_point >= 0 else math.nan
 
     @property
-    def hunting(self) -> Index:
+    def hunting_points(self) -> Index:
         """The operating points at which it is predicted to hunt."""
-        return self.reached[self.cycles.hunts[self.reached] > 0.0]
+        return self.reachable_points[self.cycles.hunts[self.reachable_points] > 0.0]
 
     @property
     def columns(self) -> Columns:
         """The parameters, (1,) each."""
         return _loop_columns(self.loop, 1)
 
-    @property
-    def plant(self) -> Plants:
-        """The plant at the worst operating point."""
-        return self.plants.select(np.array([self.worst_point]))
-
 
 def _loop_columns(loop: Loop, n: int) -> Columns:
-    """The parameters of a loop n times, without a dead band, which theory does not know."""
+    """Parameters of a loop, n times, without a dead band, which theory does not know."""
     return parameter_columns(loop.assign(error_dead_band=0.0), {}, np.zeros(n, dtype=np.int64))
 
 
 def predict(loop: Loop, points: PointsOfDay) -> Prediction:
-    """Linearise a loop at the operating points of a day and look for its cycles."""
+    """Linearise a loop at the operating points of a day and predict its cycles."""
     columns = _loop_columns(loop, points.size)
     plants = linearise_plants(columns, points.conditions)
     cycles = predict_cycles(columns, plants)
-    reached = np.flatnonzero(plants.reachable & np.isfinite(cycles.hunting_index))
-    worst = int(reached[np.argmax(cycles.hunting_index[reached])]) if reached.size else -1
-    return Prediction(loop, points, plants, cycles, reached, worst)
+    reachable = np.flatnonzero(plants.reachable & np.isfinite(cycles.hunting_index))
+    worst = int(reachable[np.argmax(cycles.hunting_index[reachable])]) if reachable.size else -1
+    return Prediction(loop, points, plants, cycles, reachable, worst)
 
 
 def predict_or_nearest(loop: Loop, points: PointsOfDay) -> tuple[Prediction, tuple[str, ...]]:
-    """Predict a loop, or the nearest one for which theory holds; and why it is not the loop itself, a clause each."""
+    """Predict a loop, or the nearest one for which theory holds; return also why it is not the loop, a clause each."""
     doubts = why_not_linear(loop)
     prediction = predict(nearest_linear(loop) if doubts else loop, points)
-    doubts = doubts or why_no_margin(prediction)
+    doubts = doubts or why_no_hunting_index(prediction)
     if prediction.worst_point < 0:  # gains are tried whatever compensates
         prediction = predict(nearest_linear(loop), points)
     if has_wrong_action(prediction):
@@ -85,7 +80,7 @@ def predict_or_nearest(loop: Loop, points: PointsOfDay) -> tuple[Prediction, tup
 
 
 def predict_cycles_at(loop: Loop, plants: Plants, members: Index) -> Cycles:
-    """Cycles of every scenario of a sweep at some operating points, (n_scenarios, n_points) each.
+    """Predict cycles of every scenario of a sweep at some operating points, (n_scenarios, n_points) each.
 
     The sweep may change the controller and the backlash, which leave the plants as they are.
     """
@@ -96,44 +91,34 @@ def predict_cycles_at(loop: Loop, plants: Plants, members: Index) -> Cycles:
 
 
 def simc_gains(prediction: Prediction) -> tuple[float, float] | None:
-    """kp and ti after SIMC where its kp is least, whatever the gains are now; None where the valve changes nothing."""
+    """Gains kp and ti after SIMC, whose kp is least over the points; None if the valve changes nothing."""
     if prediction.worst_point < 0:
         return None
-    plants = prediction.plants.select(prediction.reached)
-    columns = _loop_columns(prediction.loop, prediction.reached.size)
+    plants = prediction.plants.select(prediction.reachable_points)
+    columns = _loop_columns(prediction.loop, prediction.reachable_points.size)
     gains = simc(columns, plants, first_order(columns, plants))
     usable = np.flatnonzero(np.isfinite(gains.kp) & np.isfinite(gains.ti))
     k = usable[np.argmin(gains.kp[usable])] if usable.size else 0
     return (float(gains.kp[k]), float(gains.ti[k])) if usable.size else None
 
 
-HUNTING_INDEX_WITHOUT_NOISE, HUNTING_INDEX_WITH_NOISE = 5.0, 4.0
-"""Hunting indices from which a loop with a gap may hunt, without noise of its sensor and with it."""
+def largest_integral_speed(prediction: Prediction) -> float:
+    """Largest ``integral_speed`` of the operating points."""
+    plants = prediction.plants.select(prediction.reachable_points)
+    columns = _loop_columns(prediction.loop, prediction.reachable_points.size)
+    return float(np.nanmax(integral_speed(columns, plants, first_order(columns, plants)), initial=0.0))
 
 
-def largest_hunting_index(prediction: Prediction) -> float:
-    """Largest hunting index of the operating points."""
-    plants = prediction.plants.select(prediction.reached)
-    columns = _loop_columns(prediction.loop, prediction.reached.size)
-    return float(np.nanmax(hunting_index(columns, plants, first_order(columns, plants)), initial=0.0))
-
-
-_LONGEST_TI = 3600.0
-_TI_STEPS, _TI_PARTS = 60, 5
-
-
-def shortest_ti(prediction: Prediction, hunting_index: float) -> float:
-    """Shortest integral time that keeps the hunting index at or below ``hunting_index`` at every operating point, s; NaN if none.
-
-    All longer ones up to an hour keep it, too.
-    """
+def shortest_ti(prediction: Prediction, limit: float) -> float:
+    """Shortest integral time, s, from which on up to an hour the hunting index is at most ``limit``; NaN if none."""
     sample_time, ti = (float(prediction.columns[name][0]) for name in ("sample_time", "ti"))
-    grid = np.geomspace(min(sample_time, ti) / 10.0, max(_LONGEST_TI, 2.0 * ti), _TI_STEPS)
-    largest = np.empty(_TI_STEPS)
-    for part in np.array_split(np.arange(_TI_STEPS), _TI_PARTS)[::-1]:  # the longest decide, and are mostly enough
+    grid = np.geomspace(min(sample_time, ti) / 10.0, max(3600.0, 2.0 * ti), 60)
+    largest = np.empty(grid.size)
+    for part in np.array_split(np.arange(grid.size), 5)[::-1]:  # the longest decide, and are mostly enough
         swept = prediction.loop.assign(ti=("tuning", grid[part]))
-        largest[part] = predict_cycles_at(swept, prediction.plants, prediction.reached).hunting_index.max(axis=1)
-        above = part[largest[part] > hunting_index]
+        cycles = predict_cycles_at(swept, prediction.plants, prediction.reachable_points)
+        largest[part] = cycles.hunting_index.max(axis=1)
+        above = part[largest[part] > limit]
         if above.size:
             break
     else:
@@ -141,23 +126,19 @@ def shortest_ti(prediction: Prediction, hunting_index: float) -> float:
     k = int(above[-1])
     if k == grid.size - 1:
         return math.nan
-    share = (largest[k] - hunting_index) / (largest[k] - largest[k + 1])
+    share = (largest[k] - limit) / (largest[k] - largest[k + 1])
     return float(grid[k] * (grid[k + 1] / grid[k]) ** share)
 
 
 PHASE_PARTS = {
-    "integral": "integral of the PI",
-    "coil": "coil",
-    "sensor": "sensor",
-    "sampling": "sampling and hold",
+    "integral": "integral of the PI", "coil": "coil", "sensor": "sensor", "sampling": "sampling and hold",
     "backlash": "backlash (and motor)",
-}
-"""Parts of a loop that take phase, and what a text calls them."""
-_LOWEST_FREQUENCY, _N_FREQUENCIES = 1e-4, 600  # lowest of the frequencies, rad/s, and their number
+}  # fmt: skip
+"""Parts of a loop that lag, and what a text calls them."""
 
 
 def phase_shares(prediction: Prediction) -> xr.DataArray:
-    """Degrees that each part takes where the loop cycles, or is nearest to it; together 180°.
+    """Phase lag of each part of the loop where it cycles, or is nearest to a cycle, degrees; 180 in all.
 
     The sampled integral, the phase of 1 + (Ts/Ti)/(1 - z^-1), the sensor's lag and the hold, half a sample, are known
     in closed form.  The backlash, with the inverse and the motor, takes what the loop leaves until 180°, the coil all
@@ -165,10 +146,11 @@ def phase_shares(prediction: Prediction) -> xr.DataArray:
     """
     columns, cycles, worst = prediction.columns, prediction.cycles, prediction.worst_point
     ts, ti, tau = (float(columns[name][0]) for name in ("sample_time", "ti", "sensor_time_constant"))
-    frequencies = np.geomspace(_LOWEST_FREQUENCY, math.pi / ts, _N_FREQUENCIES)
-    phase_left = 180.0 + np.degrees(np.unwrap(np.angle(loop_response(columns, prediction.plant, frequencies)[0])))
-    w_cycle, w_index = 2.0 * math.pi / cycles.period[worst], cycles.frequency[worst]
-    w_critical = w_cycle if math.isfinite(w_cycle) else w_index
+    frequencies = np.geomspace(1e-4, math.pi / ts, 600)  # rad/s
+    L = loop_response(columns, prediction.plants.select(np.array([worst])), frequencies)[0]
+    phase_left = 180.0 + np.degrees(np.unwrap(np.angle(L)))
+    w_cycle = 2.0 * math.pi / cycles.period[worst]
+    w_critical = w_cycle if math.isfinite(w_cycle) else cycles.frequency[worst]
     # without any hunting index, where a gap would have most to add
     k = np.argmin(np.abs(np.log(frequencies / w_critical)) if math.isfinite(w_critical) else np.abs(phase_left - 45.0))
     w = float(frequencies[k])
@@ -183,9 +165,7 @@ def phase_shares(prediction: Prediction) -> xr.DataArray:
     }
     shares["coil"] = 180.0 - sum(shares.values())
     attrs = {"units": "degree", "long_name": "phase that each part of the loop takes", "period": 2.0 * math.pi / w}
-    return xr.DataArray(
-        [shares[part] for part in PHASE_PARTS], dims="part", coords={"part": list(PHASE_PARTS)}, attrs=attrs
-    )
+    return xr.DataArray([shares[p] for p in PHASE_PARTS], coords={"part": list(PHASE_PARTS)}, dims="part", attrs=attrs)
 
 
 def nearest_linear(loop: Loop) -> Loop:
@@ -195,43 +175,40 @@ def nearest_linear(loop: Loop) -> Loop:
 
 
 def why_not_linear(loop: Loop) -> tuple[str, ...]:
-    """Why theory does not hold for a single loop, a clause each; empty where it does."""
+    """Reasons why theory does not hold for a single loop, a clause each; empty where it does."""
     if loop["law"] == "pi" and float(loop["kp"]) <= 0.0:  # type: ignore[arg-type]
         return (f"kp = {loop['kp']:g} does not control: a kp has to be above 0",)
-    # behind the colon stands what to do about it in Python
-    return tuple(
-        reason.partition(":")[0]
-        for reason, is_unpredictable in unpredictable_loops(_loop_columns(loop, 1)).items()
-        if is_unpredictable.any()
-    )
+    # after the colon stands what to do about it in Python
+    return tuple(why.partition(":")[0] for why, m in unpredictable_loops(_loop_columns(loop, 1)).items() if m.any())
 
 
-def why_no_margin(prediction: Prediction) -> tuple[str, ...]:
-    """Why a prediction has no hunting index that means anything, a clause; empty where it has."""
+def why_no_hunting_index(prediction: Prediction) -> tuple[str, ...]:
+    """Reason why a prediction has no meaningful hunting index, a clause; empty where it has one."""
     if prediction.worst_point < 0:
         if not prediction.plants.reachable.any():
             return ("no set-point of the day can be held: the valve is at its end all the time",)
         return ("its compensation crosses the gap too slowly to count as an inverse",)
     if not has_wrong_action(prediction):
         return ()
-    effect, other_action = ("cools", "cooling") if prediction.loop["action"] == "heating" else ("warms", "heating")
-    return (f"the valve acts the wrong way round: opening it {effect} the air, so give action = {other_action}",)
+    effect, action = ("cools", "cooling") if prediction.loop["action"] == "heating" else ("warms", "heating")
+    return (f"the valve acts the wrong way round: opening it {effect} the air, so give action = {action}",)
 
 
 def has_wrong_action(prediction: Prediction) -> bool:
     """Whether opening the valve moves the temperature away from the set-point wherever it can be reached."""
-    gain = prediction.plants.gain[prediction.reached] * (1.0 if prediction.loop["action"] == "heating" else -1.0)
+    sign = 1.0 if prediction.loop["action"] == "heating" else -1.0
+    gain = sign * prediction.plants.gain[prediction.reachable_points]
     return bool(gain.size and not (gain > 0.0).any())
 
 
-def margin_omissions(prediction: Prediction) -> tuple[str, ...]:
-    """What the hunting index does not see, a clause each."""
+def hunting_index_omissions(prediction: Prediction) -> tuple[str, ...]:
+    """Effects that the hunting index does not include, a clause each."""
     clauses, dead_band = [], float(prediction.loop["error_dead_band"])  # type: ignore[arg-type]
-    noise, index = float(prediction.loop["noise_std"]), largest_hunting_index(prediction)  # type: ignore[arg-type]
-    if noise > 0.0:
+    noise = float(prediction.loop["noise_std"])  # type: ignore[arg-type]
+    if noise > 0.0:  # limits: docs/findings/hunting.md, with noise
         clauses.append(
-            f"the noise of {noise:.3g} K: with it a loop may hunt where (kp K)^0.7 (T + 2 θ)/ti is above "
-            f"{HUNTING_INDEX_WITH_NOISE:g}, without it above {HUNTING_INDEX_WITHOUT_NOISE:g}; here it is {index:.2g}"
+            f"the noise of {noise:.3g} K: with it a loop may hunt where (kp K)^0.7 (T + 2 θ)/ti is above 4, without it "
+            f"above 5; here it is {largest_integral_speed(prediction):.2g}"
         )
     if dead_band > 0.0:
         clauses.append(f"the error dead band of {dead_band:g} K, which may hold a loop still, or make it hunt")
@@ -241,38 +218,35 @@ def margin_omissions(prediction: Prediction) -> tuple[str, ...]:
     return tuple(clauses)
 
 
-_ROUNDING_FORMAT = "%.6g"  # theory is not more accurate, and the last bits depend on the machine's libraries
-
-
 def predict_study(plan: Plan) -> xr.Dataset:
     """Predict hunting index and limit cycle of every scenario of a study (``[run] predict``).
 
     The mean conditions and the mean set-point of each day's enabled seconds after the warm-up count, as if they were
-    held for ever; noise does not, so that all replicates are alike.  All scenarios are predicted together, so that the
-    numbers depend on their number alone and not on who ran them when.
+    constant; noise does not, so that all replicates are alike.  All scenarios are predicted together, so that the
+    numbers depend on their number alone and not on shards and workers.
 
-    Returns ``PREDICTIONS`` over the dims of the study; the attribute ``prediction_note`` says why some are NaN, if they
-    are.
+    Returns ``PREDICTIONS`` over the dims of the study; the attribute ``prediction_note`` says why some are NaN.
     """
     loop, sizes = plan.layout.loop, plan.layout.sizes
-    predicted_sizes = {dim: n for dim, n in sizes.items() if dim != "replicate"}
-    n = math.prod(predicted_sizes.values())
+    distinct = {dim: n for dim, n in sizes.items() if dim != "replicate"}
+    n = math.prod(distinct.values())
     entering = mean_conditions(plan.layout.boundary, plan.warm_up, carry_over=plan.carry_over)
     variables = {name: np.full(n, np.nan) for name in PREDICTIONS}
     reasons: Counter[str] = Counter()
     for index in index_chunks(n):
-        day = parameter_columns(loop, predicted_sizes, index)["day"]
+        day = parameter_columns(loop, distinct, index)["day"]
         usable = index[np.isfinite(entering["T_set"][day])]
         reasons["no second is enabled after the warm-up"] += index.size - usable.size
         if not usable.size:
             continue
-        columns = parameter_columns(loop, predicted_sizes, usable)
+        columns = parameter_columns(loop, distinct, usable)
         reasons.update({reason: int(loops.sum()) for reason, loops in unpredictable_loops(columns).items()})
         conditions = {name: means[columns["day"]] for name, means in entering.items()}
         cycles = predict_cycles(columns, linearise_plants(columns, conditions))
         predicted = cycles.hunting_index, cycles.hunts, cycles.period, 2.0 * cycles.amplitude
         for name, value in zip(variables, predicted, strict=True):
-            variables[name][usable] = np.char.mod(_ROUNDING_FORMAT, value).astype(float)
+            # theory is not more accurate, and the last bits depend on the machine's libraries
+            variables[name][usable] = np.char.mod("%.6g", value).astype(float)
     ds = xr.Dataset()
     for name, flat in variables.items():
         replicated = np.repeat(flat, sizes.get("replicate", 1)).reshape(tuple(sizes.values()))

@@ -13,7 +13,7 @@ from fastcoil.loops.loop import Loop
 
 
 def to_control(linearised: xr.Dataset, loop: Loop | None = None) -> Any:
-    """Give one operating point of ``linearise`` to python-control.
+    """Convert one operating point of ``linearise`` to a system of python-control.
 
     Parameters
     ----------
@@ -36,16 +36,22 @@ def to_control(linearised: xr.Dataset, loop: Loop | None = None) -> Any:
     ------
     InputError
         Without a state space, for more than one point, for laws other than the PI, and without python-control.
+
+    See Also
+    --------
+    linearise : makes the operating point, with margins of the sampled loop.
     """
     with argument_checks() as check:
         check(require_instance, "linearised", linearised, xr.Dataset, "give a result of fc.linearise")
         check.unless_none(require_instance, "loop", loop, Loop, "give the fastcoil.Loop that was linearised, or None")
     if not {"A", "B", "state"} <= {*linearised.variables}:
-        raise InputError("linearised has no state space: give fc.linearise(…, state_space=True)")
+        sentence = "linearised has no state space: give fc.linearise(…, state_space=True)"
+        raise InputError(sentence, "linearised", "missing")
     point = linearised[["A", "B"]].squeeze()
-    extra_dims = [str(dim) for dim in point.dims if dim not in ("state", "state_before")]
-    if extra_dims:
-        raise InputError(f"linearised has several points along {', '.join(extra_dims)}: choose one with .sel or .isel")
+    dims = ", ".join(str(dim) for dim in point.dims if dim not in ("state", "state_before"))
+    if dims:
+        sentence = f"linearised has several points along {dims}: choose one with .sel or .isel"
+        raise InputError(sentence, "linearised", "shape")
     try:
         import control
     except ImportError:
@@ -54,21 +60,19 @@ def to_control(linearised: xr.Dataset, loop: Loop | None = None) -> Any:
     states = [str(name) for name in point["state"].values]
     output_row = np.array([name == "T_a_1" for name in states], float)
     if loop is None:
-        return control.ss(
-            A, B[:, None], output_row, 0.0, 1.0, inputs="opening", outputs="T_sup", states=states, name="plant"
-        )
+        names = {"inputs": "opening", "outputs": "T_sup", "states": states, "name": "plant"}
+        return control.ss(A, B[:, None], output_row, 0.0, 1.0, **names)
     require_pi(loop)
     ts, tau, kp, ti, backlash = (
-        _parameter_at_point(point, loop, name)
-        for name in ("sample_time", "sensor_time_constant", "kp", "ti", "backlash")
+        _value_at(point, loop, name) for name in ("sample_time", "sensor_time_constant", "kp", "ti", "backlash")
     )
-    # what the sensor shows a second later is one state more; the PI holds the opening from sample to sample
+    # the reading a second later is one state more; the PI holds the opening from sample to sample
     decay = math.exp(-1.0 / tau) if tau > 0.0 else 0.0
     output_row = np.append((1.0 - decay) * output_row, decay)
     one_second_map = np.vstack([np.column_stack([A, np.zeros(B.size)]), output_row])
     powers = [np.linalg.matrix_power(one_second_map, k) for k in range(int(ts) + 1)]
     held_input = sum(power @ np.append(B, 0.0) for power in powers[:-1])
-    opening_per_stroke = (1.0 if _parameter_at_point(point, loop, "action") == "heating" else -1.0) / (1.0 - backlash)
+    opening_per_stroke = (1.0 if _value_at(point, loop, "action") == "heating" else -1.0) / (1.0 - backlash)
     plant = control.ss(powers[-1], held_input[:, None], opening_per_stroke * output_row, 0.0, ts)
     pi = control.ss(1.0, 1.0, kp * ts / ti, kp * (1.0 + ts / ti), ts)
     L = plant * pi
@@ -76,9 +80,10 @@ def to_control(linearised: xr.Dataset, loop: Loop | None = None) -> Any:
     return L
 
 
-def _parameter_at_point(point: xr.Dataset, loop: Loop, name: str) -> Any:
-    """A parameter of the loop at this point."""
+def _value_at(point: xr.Dataset, loop: Loop, name: str) -> Any:
+    """Value of a parameter of the loop at this point."""
     value = np.asarray(point[name] if name in point.coords else loop[name])
     if value.size != 1:
-        raise InputError(f"{name} is swept, and linearised does not say which value it has: keep that coordinate")
+        sentence = f"{name} is swept, and linearised does not say which value it has: keep that coordinate"
+        raise InputError(sentence, "linearised", "missing")
     return value.item()

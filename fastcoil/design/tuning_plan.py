@@ -1,4 +1,4 @@
-"""What is asked of a tuning, its valves and days, training and held out, and trying settings on them."""
+"""The request for a tuning, its valves and days, training and held out, and simulations of settings on them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from fastcoil.base.arguments import (
     to_builtin,
 )
 from fastcoil.base.arrays import Array, Index
-from fastcoil.base.errors import InputError, WrongTypeMessage, short_repr
+from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.design.describing_function import unpredictable_loops
 from fastcoil.design.limit_cycle import predict_cycles
 from fastcoil.design.linearise import first_order, simc
@@ -40,13 +40,19 @@ from fastcoil.model.parameter_table import Parameter, require_parameter_name
 
 _CONTROLLER_GROUPS = ("controller", "inverse", "estimator", "learner", "hagglund", "gradient", "identify")
 """Groups of parameters that a controller has; the others belong to the plant, and so does ``plant_gain``."""
-_LEAST_LOG_RATIO = 5.0  # an axis whose ends are positive and this many times apart is searched in logarithms
-_SIGNIFICANT_DIGITS = 4  # significant digits of a value that is tried: the one that is quoted was tried itself
-_END_SHARE = 0.01  # share of an axis that counts as its end
+DEFAULT_OBJECTIVE = "rmse"
+DEFAULT_QUANTILE = 0.95
+DEFAULT_EVALUATIONS = 240
+MAX_EVALUATIONS = 100_000
+HELD_OUT_ONE_IN = 3  # one valve of so many is held out, and one day
+VALVE_DIM = "sample"  # of the population once its own dims are flattened
+TUNING_DIM = "tuning"
+Changes = Mapping[str, tuple[str, Array]]
+"""Dim and values by parameter that changes."""
 
 
 class Axis(NamedTuple):
-    """A parameter and its bounds."""
+    """A parameter and its bounds; searched in logarithms if these are positive and 5 times apart."""
 
     parameter: Parameter
     low: float
@@ -58,22 +64,17 @@ class Axis(NamedTuple):
 
     @property
     def is_log(self) -> bool:
-        return self.low > 0.0 and self.high >= _LEAST_LOG_RATIO * self.low
+        return self.low > 0.0 and self.high >= 5.0 * self.low
 
     def values(self, shares: Array) -> Array:
-        """Values at (n,) shares of the axis, rounded to what is quoted."""
-        if self.is_log:
-            exact = self.low * (self.high / self.low) ** shares
-        else:
-            exact = self.low + (self.high - self.low) * shares
-        is_whole = self.parameter.whole
-        rounded = (
-            np.rint(exact) if is_whole else np.array([float(f"{value:.{_SIGNIFICANT_DIGITS}g}") for value in exact])
-        )
+        """Values at (n,) shares of the axis, rounded to the 4 digits that are quoted."""
+        ratio, width = self.high / self.low if self.is_log else 1.0, self.high - self.low
+        exact = self.low * ratio**shares if self.is_log else self.low + width * shares
+        rounded = np.rint(exact) if self.parameter.whole else np.array([float(f"{value:.4g}") for value in exact])
         return np.asarray(np.clip(rounded, self.low, self.high))
 
     def share(self, value: float) -> float:
-        """Where a value lies on the axis, from 0 to 1."""
+        """Position of a value on the axis, from 0 to 1."""
         if self.is_log:
             share = np.log(max(value, self.low) / self.low) / np.log(self.high / self.low)
         else:
@@ -81,30 +82,32 @@ class Axis(NamedTuple):
         return float(np.clip(share, 0.0, 1.0))
 
     def end(self, value: float) -> str:
-        """``lower`` or ``upper`` where a value lies at an end that the parameter itself would let it pass."""
+        """``lower`` or ``upper`` if a value lies in the last 1 % at an end beyond which the parameter continues."""
         share = self.share(value)
-        if share < _END_SHARE and self.low > self.parameter.lower:
+        if share < 0.01 and self.low > self.parameter.lower:
             return "lower"
-        return "upper" if share > 1.0 - _END_SHARE and self.high < self.parameter.upper else ""
+        return "upper" if share > 0.99 and self.high < self.parameter.upper else ""
 
 
 def parse_axes(search: object, loop: Loop) -> tuple[Axis, ...]:
-    """The axes of a search from ``{name: (low, high)}``."""
+    """Convert ``{name: (low, high)}`` to the axes of a search."""
     cure = 'give bounds by parameter, such as {"kp": (0.005, 0.1), "ti": (5, 600)}'
     bounds_by_name: Mapping[str, object] = require_mapping("search", search, cure)
     if not bounds_by_name:
-        raise InputError(f"search is empty: {cure}")
+        raise InputError(f"search is empty: {cure}", "search", "missing")
     axes, problems = [], list[str]()
     for name, bounds in bounds_by_name.items():
         with collect_problems(problems, "search: "):
             axes.append(_parse_axis(name, bounds, loop))
     if {"backlash_estimate", "estimate_ratio"} <= bounds_by_name.keys():
-        problems.append("search: estimate_ratio stands in for backlash_estimate: search one or the other")
+        sentence = "search: estimate_ratio stands in for backlash_estimate: search one or the other"
+        problems.append(Problem(sentence, "estimate_ratio", "conflict"))
     valve_dims = {dim for name, value in loop.swept.items() if name not in bounds_by_name for dim in value.dims}
+    cure = "where nothing else varies: sweep it along the dim of the valves"
     problems += [
-        f"search: {name} is swept along {dim!r}, where nothing else varies: sweep it along the dim of the valves"
-        for name in bounds_by_name.keys() & loop.swept.keys()
-        for dim in loop.swept[name].dims
+        Problem(f"search: {name} is swept along {dim!r}, {cure}", name, "conflict")
+        for name in bounds_by_name
+        for dim in getattr(loop.swept.get(name), "dims", ())
         if dim not in valve_dims
     ]
     raise_problems(problems)
@@ -114,26 +117,24 @@ def parse_axes(search: object, loop: Loop) -> tuple[Axis, ...]:
 def _parse_axis(name: str, bounds: object, loop: Loop) -> Axis:
     parameter = loop.parameters[require_parameter_name(name, loop.parameters)]
     if parameter.is_word:
-        raise InputError(f"{name} is a word: tune the loop with each of {parameter.bounds} and compare")
+        sentence = f"{name} is a word: tune the loop with each of {parameter.bounds} and compare"
+        raise InputError(sentence, name, "unsupported")
     is_of_controller = parameter.group in _CONTROLLER_GROUPS and name != "plant_gain"
     if not is_of_controller and not any(name in rule.own for rule in loop.rules.values()):
-        raise InputError(f"{name} is not the controller's to choose: draw it in the population, as a dim of the loop")
+        sentence = f"{name} is not the controller's to choose: draw it in the population, as a dim of the loop"
+        raise InputError(sentence, name, "name")
     pair = to_builtin(bounds)
     if not isinstance(pair, (list, tuple)) or len(pair) != 2 or not all(map(is_number, pair)):
-        raise InputError(WrongTypeMessage(f"{name} = {short_repr(bounds)}: give two numbers, (lowest, highest)"))
+        raise InputError(f"{name} = {short_repr(bounds)}: give two numbers, (lowest, highest)", name, "type")
     low, high = (float(to_builtin(end)) for end in pair)
     raise_problems([problem for end in (low, high) if (problem := parameter.problem(end))])
     if not low < high:
-        raise InputError(f"{name} = {short_repr(bounds)}: the lowest value must be below the highest")
+        raise InputError(f"{name} = {short_repr(bounds)}: the lowest value must be below the highest", name, "value")
     return Axis(parameter, low, high)
 
 
-DEFAULT_OBJECTIVE, DEFAULT_QUANTILE, DEFAULT_EVALUATIONS = "rmse", 0.95, 240
-MOST_EVALUATIONS = 100_000
-
-
 class TuningRequest(NamedTuple):
-    """A tuning that can be made: what is searched, for what, on whom, who is held out, and how it is tried."""
+    """A checked request for a tuning: axes, goal and limits, valves and days, and options of the simulations."""
 
     axes: tuple[Axis, ...]
     goal: Measure
@@ -162,12 +163,12 @@ class TuningRequest(NamedTuple):
 
     @property
     def travel(self) -> Measure:
-        """The measure of the motor's travel: that of its limit, if there is one."""
+        """Measure of the motor's travel: that of its limit, if there is one."""
         return next(measure for measure in self.measures if measure.metric == TRAVEL)
 
     @property
     def error(self) -> Measure:
-        """What stands against the travel on the front: the goal, or the error where the travel is the goal."""
+        """Measure against the travel on the front: the goal, or the error where the travel is the goal."""
         return next(measure for measure in self.measures if measure.metric != TRAVEL)
 
 
@@ -185,48 +186,37 @@ def plan_tuning(
     seed: int = 0,
     replicates: int = 1,
 ) -> TuningRequest:
-    """Check the arguments of ``tune`` and divide valves and days."""
-    run_options: dict[str, Any] = {"warm_up": warm_up, "seed": seed, "replicates": replicates}
-    plan = plan_simulation(loop, boundary, **run_options)
+    """Check the arguments of ``tune`` and split valves and days."""
+    options: dict[str, Any] = {"warm_up": warm_up, "seed": seed, "replicates": replicates}
+    plan = plan_simulation(loop, boundary, **options)
     with argument_checks() as check:
         axes = check(parse_axes, search, loop)
         goal = check(parse_goal, objective, quantile)
         parsed_limits = check(parse_limits, limits, quantile)
-        n_evaluations = check(require_integer, "evaluations", evaluations, 1, MOST_EVALUATIONS)
+        n_evaluations = check(require_integer, "evaluations", evaluations, 1, MAX_EVALUATIONS)
         groups = check(split_population, loop, boundary, holdout, plan.seed)
-    # all combinations of lowest and highest values: what cannot be together shows there
-    corners = zip(*product(*((axis.low, axis.high) for axis in axes[:_MOST_CORNER_AXES])), strict=True)
-    corner_values = {
-        axis.name: (TUNING_DIM, list(corner_loop)) for axis, corner_loop in zip(axes, corners, strict=False)
-    }
-    other_values = {axis.name: axis.low for axis in axes[_MOST_CORNER_AXES:]}
+    # clashes between parameters show at all combinations of the bounds, of up to six axes
+    corners = zip(*product(*((axis.low, axis.high) for axis in axes[:6])), strict=True)
+    values: dict[str, Any] = {a.name: (TUNING_DIM, list(ends)) for a, ends in zip(axes, corners, strict=False)}
+    values |= {axis.name: axis.low for axis in axes[6:]}
     for group in groups:
-        plan_simulation(group.loop, group.boundary, **run_options)
-        extremes = group.boundary.extremes
-        corner_loop = group.loop.assign(**corner_values, **other_values)
+        plan_simulation(group.loop, group.boundary, **options)
+        extremes, corner_loop = group.boundary.extremes, group.loop.assign(**values)
         check_clashes(corner_loop, np.array(extremes["T_set"]), extremes["backlash_scale"][0])
         if any(limit.measure.metric == HUNTING_INDEX for limit in parsed_limits):
-            reasons_by_loop = unpredictable_loops(
-                parameter_columns(corner_loop, corner_loop.sizes, np.arange(math.prod(corner_loop.sizes.values())))
-            )
-            reasons = [reason for reason, where in reasons_by_loop.items() if np.any(where)]
-            raise_problems(
-                [f"limits: {HUNTING_INDEX}: theory has none for some of these loops: {reason}" for reason in reasons]
-            )
+            flat = np.arange(math.prod(corner_loop.sizes.values()))
+            why = unpredictable_loops(parameter_columns(corner_loop, corner_loop.sizes, flat))
+            prefix = f"limits: {HUNTING_INDEX}: theory has none for some of these loops"
+            sentences = [f"{prefix}: {reason}" for reason, where in why.items() if np.any(where)]
+            raise_problems([Problem(sentence, HUNTING_INDEX, "unsupported") for sentence in sentences])
     measures = tuple(reported_measures(goal, parsed_limits))
     return TuningRequest(
         axes, goal, tuple(parsed_limits), measures, *groups, n_evaluations, plan.warm_up, plan.seed, replicates
     )
 
 
-_MOST_CORNER_AXES = 6  # axes of which all combinations of ends are looked at
-HELD_OUT_ONE_IN = 3  # one valve of so many is held out, and one day
-VALVE_DIM, TUNING_DIM = "sample", "tuning"
-"""Dim of the population once its own dims are flattened; dim of the tunings that it is tried with."""
-
-
 class Group(NamedTuple):
-    """Valves on days; ``members`` are the valves' flat positions in the loop's own dims."""
+    """Valves on days; members: flat positions of the valves in the dims of the population."""
 
     loop: Loop
     boundary: Boundary
@@ -239,7 +229,7 @@ class Group(NamedTuple):
 
 
 def draw_held_out(backlash: Array, seed: int) -> Index:
-    """One of every three valves, drawn in the order of backlash, (n,), so that both groups are alike; sorted."""
+    """Draw one of every three valves in the order of backlash, (n,), so that both groups are alike; sorted."""
     order = np.argsort(backlash, kind="stable")
     triples = order[: order.size // HELD_OUT_ONE_IN * HELD_OUT_ONE_IN].reshape(-1, HELD_OUT_ONE_IN)
     picks = np.random.default_rng([seed, 1]).integers(0, HELD_OUT_ONE_IN, triples.shape[0])
@@ -247,7 +237,7 @@ def draw_held_out(backlash: Array, seed: int) -> Index:
 
 
 def select_valves(loop: Loop, members: Index) -> Loop:
-    """These members of the population, along one dim."""
+    """Return some valves of the population, along one dim."""
     if not loop.sizes:
         return loop
     columns = parameter_columns(loop, loop.sizes, members)
@@ -255,83 +245,79 @@ def select_valves(loop: Loop, members: Index) -> Loop:
 
 
 def split_days(boundary: Boundary, holdout: object) -> tuple[Boundary, Boundary]:
-    """The days to tune on, and those held out: another boundary, labels of days, or by default the last third."""
+    """Split the days to tune on from those held out: another boundary, labels of days, by default the last third."""
     n = boundary.n_days
     if isinstance(holdout, Boundary):
         if holdout.n_steps != boundary.n_steps:
-            raise InputError(f"holdout lasts {holdout.hours:g} h, boundary {boundary.hours:g} h: give days as long")
-        searched_days = {day_digest(0, boundary.of_day(k)): boundary.day[k] for k in range(n)}
+            sentence = f"holdout lasts {holdout.hours:g} h, boundary {boundary.hours:g} h: give days as long"
+            raise InputError(sentence, "holdout", "shape")
+        searched = {day_digest(0, boundary.of_day(k)): boundary.day[k] for k in range(n)}
         of_holdout = {day_digest(0, holdout.of_day(k)): holdout.day[k] for k in range(holdout.n_days)}
-        shared = [f"day {name} is day {searched_days[day]}" for day, name in of_holdout.items() if day in searched_days]
-        raise_problems([f"holdout: its {days} of the boundary: give days that it does not have" for days in shared])
+        shared = [f"day {name} is day {searched[day]}" for day, name in of_holdout.items() if day in searched]
+        if shared:
+            sentences = [f"holdout: its {days} of the boundary: give days that it does not have" for days in shared]
+            raise InputError(sentences, "holdout", "duplicate")
         return boundary, holdout.isel(day=np.arange(holdout.n_days))
-    day_labels = boundary.day.tolist()
-    labels: Any = day_labels[n - max(1, n // HELD_OUT_ONE_IN) :] if holdout is None else np.asarray(holdout).tolist()
-    if not isinstance(labels, list) or not labels or not all(label in day_labels for label in labels):
-        raise InputError(
-            f"holdout = {short_repr(holdout)}: give a Boundary of other days, or some of {short_repr(day_labels)}"
-        )
-    held_out = np.array(sorted({day_labels.index(label) for label in labels}))
+    days = boundary.day.tolist()
+    labels: Any = days[n - max(1, n // HELD_OUT_ONE_IN) :] if holdout is None else np.asarray(holdout).tolist()
+    if not isinstance(labels, list) or not labels or not all(label in days for label in labels):
+        cure = f"give a Boundary of other days, or some of {short_repr(days)}"
+        raise InputError(f"holdout = {short_repr(holdout)}: {cure}", "holdout", "name")
+    held_out = np.array(sorted({days.index(label) for label in labels}))
     if held_out.size == n:
-        raise InputError(f"boundary has {n} days, all held out: give several, or others with holdout=…")
+        sentence = f"boundary has {n} days, all held out: give several, or others with holdout=…"
+        raise InputError(sentence, "holdout", "missing")
     kept = np.setdiff1d(np.arange(n), held_out)
     return boundary.isel(day=kept), boundary.isel(day=held_out)
 
 
 def split_population(loop: Loop, boundary: Boundary, holdout: object, seed: int) -> tuple[Group, Group]:
-    """The valves and days to tune on, and others to try the tuning on; with fewer than three valves the same ones."""
+    """Split valves and days to tune on from others to try the tuning on; with fewer than three valves, days alone."""
     all_valves = np.arange(math.prod(loop.sizes.values()))
     training_days, holdout_days = split_days(boundary, holdout)
     held_out = draw_held_out(parameter_columns(loop, loop.sizes, all_valves)["backlash"], seed)
     kept, held_out = (np.setdiff1d(all_valves, held_out), held_out) if held_out.size else (all_valves, all_valves)
-    return (
-        Group(select_valves(loop, kept), training_days, tuple(kept.tolist())),
-        Group(select_valves(loop, held_out), holdout_days, tuple(held_out.tolist())),
-    )
+    training = Group(select_valves(loop, kept), training_days, tuple(kept.tolist()))
+    return training, Group(select_valves(loop, held_out), holdout_days, tuple(held_out.tolist()))
 
 
-def population_margins(loop: Loop, boundary: Boundary, warm_up: int) -> xr.DataArray:
+def hunting_indices(loop: Loop, boundary: Boundary, warm_up: int) -> xr.DataArray:
     """Hunting index of every loop on every day, at the mean conditions of the seconds that count."""
-    points = OperatingPoints(loop, boundary, warm_up=warm_up)
-    variables = points.evaluate(
-        lambda columns, _, plants: [(HUNTING_INDEX, predict_cycles(columns, plants).hunting_index)]
-    )
-    return points.dataset({HUNTING_INDEX: (variables[HUNTING_INDEX], {})})[HUNTING_INDEX]
+    points, name = OperatingPoints(loop, boundary, warm_up=warm_up), HUNTING_INDEX
+    values = points.evaluate(lambda columns, _, plants: [(name, predict_cycles(columns, plants).hunting_index)])
+    return points.dataset({name: (values[name], {})})[name]
 
 
-Changes = Mapping[str, tuple[str, Array]]  # dim and values of parameters that change
-
-
-def simc_gains_of_valves(group: Group, names: Sequence[str], warm_up: int) -> Changes:
-    """kp and ti after SIMC of each valve, the median of its days; of all valves where it has none; or nothing."""
+def simc_changes(group: Group, names: Sequence[str], warm_up: int) -> Changes:
+    """Gains after SIMC of each valve, the median of its days, or of all valves; empty unless kp and ti are searched."""
     if not {"kp", "ti"} <= set(names):
         return {}
     points = OperatingPoints(group.loop, group.boundary, warm_up=warm_up)
 
     def gains(columns: Columns, _: Mapping[str, Array], plants: Plants) -> list[tuple[str, Array]]:
-        tuned_gains = simc(columns, plants, first_order(columns, plants))
-        return [(name, np.where(plants.reachable, values, np.nan)) for name, values in tuned_gains._asdict().items()]
+        after_simc = simc(columns, plants, first_order(columns, plants))._asdict()
+        return [(name, np.where(plants.reachable, values, np.nan)) for name, values in after_simc.items()]
 
-    gains_by_name = {}
+    changes = {}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of valves without a day: reported above
         for name, values in points.evaluate(gains).items():
-            valve_medians = np.nanmedian(values.reshape(-1, group.boundary.n_days), axis=1)
-            gains_by_name[name] = np.where(np.isfinite(valve_medians), valve_medians, np.nanmedian(valve_medians))
-    usable = all(np.isfinite(values).all() and (values > 0.0).all() for values in gains_by_name.values())
-    return {name: (VALVE_DIM, values) for name, values in gains_by_name.items()} if usable else {}
+            medians = np.nanmedian(values.reshape(-1, group.boundary.n_days), axis=1)
+            changes[name] = (VALVE_DIM, np.where(np.isfinite(medians), medians, np.nanmedian(medians)))
+    usable = all(np.isfinite(values).all() and (values > 0.0).all() for _, values in changes.values())
+    return changes if usable else {}
 
 
 def simulate_group(request: TuningRequest, group: Group, changes: Changes) -> dict[str, Array]:
-    """Metrics of a group with changes of its loop: metric → (tuning, day, valve, replicate)."""
+    """Simulate a group with changes of its loop: metric → (tuning, day, valve, replicate)."""
     loop = group.loop.assign(**changes)
     ds = simulate(
-        loop, group.boundary, warm_up=request.warm_up, seed=request.seed, replicates=request.replicates, n_jobs=request.n_jobs,
-        progress=False,
+        loop, group.boundary, warm_up=request.warm_up, seed=request.seed, replicates=request.replicates,
+        n_jobs=request.n_jobs, progress=False,
     )  # fmt: skip
     order, cases = (TUNING_DIM, "day", VALVE_DIM, "replicate"), {}
     for metric in dict.fromkeys(measure.metric for measure in request.measures):
-        values = population_margins(loop, group.boundary, request.warm_up) if metric == HUNTING_INDEX else ds[metric]
+        values = hunting_indices(loop, group.boundary, request.warm_up) if metric == HUNTING_INDEX else ds[metric]
         missing = [dim for dim in order if dim not in values.dims]
         ordered = values.reset_coords(drop=True).expand_dims(missing).transpose(*order)
         cases[metric] = np.asarray(ordered.values, dtype=float)

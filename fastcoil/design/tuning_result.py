@@ -24,20 +24,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-NOW, CHOSEN, SIMC = "now", "chosen", "simc"
-_FEW_VALVES = 20
-_HUNTING_SHARE = 0.05  # share of valves and days above which a population counts as hunting
-_LEAST_VALVES_IN_TAIL = (
-    3  # valves held out that should lie above a quantile, or it is little more than the worst of them
-)
+NOW = "now"
+CHOSEN = "chosen"
+SIMC = "simc"
 
 
 def _broken_limits(limits: Sequence[Limit], held_out: xr.Dataset) -> Iterator[tuple[Limit, float, float]]:
-    """The limits that the choice breaks on the hold-out, with what it does there and the most that is allowed."""
+    """Yield the limits that the choice breaks on the hold-out, with its value and the most that is allowed."""
     for limit in limits:
-        value, current = (
-            float(held_out[limit.measure.name].sel(tuning=tuning, edge="value")) for tuning in (CHOSEN, NOW)
-        )
+        value, current = (float(held_out[limit.measure.name].sel(tuning=t, edge="value")) for t in (CHOSEN, NOW))
         most = current if limit.as_now else limit.most
         if not value <= most:
             yield limit, value, most
@@ -46,16 +41,15 @@ def _broken_limits(limits: Sequence[Limit], held_out: xr.Dataset) -> Iterator[tu
 def collect_notes(
     request: TuningRequest, parameters: Mapping[str, float], meets_limits: bool, held_out: xr.Dataset
 ) -> tuple[str, ...]:
-    """Failures first, then what the search ran into, then what the population lacks."""
+    """List failures first, then bounds that the search reached, then what the population lacks."""
     notes = []
     if not meets_limits:
-        notes.append(
-            "No tuning in these ranges keeps every limit: widen the ranges, raise a limit, or mend the valves."
-        )
+        cure = "widen the ranges, raise a limit, or repair the valves"
+        notes.append(f"No tuning in these ranges keeps every limit: {cure}.")
     for limit, value, most in _broken_limits(request.limits, held_out):
-        excess_text = f"{limit.measure.shown(value)} there, above {limit.measure.shown(most)}"
-        current_text = ", what it is there now" * limit.as_now
-        notes.append(f"The hold-out breaks a limit: {limit.measure.words}, is {excess_text}{current_text}.")
+        excess = f"{limit.measure.format_value(value)} there, above {limit.measure.format_value(most)}"
+        excess += ", what it is there now" * limit.as_now
+        notes.append(f"The hold-out breaks a limit: {limit.measure.words}, is {excess}.")
     low, high = (float(held_out[CHANGE].sel(tuning=CHOSEN, edge=edge)) for edge in ("low", "high"))
     if low > 0.0:
         notes.append("On the hold-out the objective is worse than now.")
@@ -67,79 +61,72 @@ def collect_notes(
             notes.append(f"{axis.name} = {value:g} lies at the {end} end of its range: the best may lie beyond.")
     training, holdout = request.training, request.holdout
     if not any(np.any(np.asarray(group.loop["backlash"]) == 0.0) for group in (training, holdout)):
-        notes.append(
-            "No valve of the population is without backlash: add some with backlash = 0, or what was chosen may make a "
-            "good valve worse."
-        )
+        cure = "add some with backlash = 0, or the chosen settings may make a good valve worse"
+        notes.append(f"No valve of the population is without backlash: {cure}.")
     n = len(holdout.members)
     quantiles = [measure.quantile for measure in request.measures if measure.quantile not in (None, 1.0)]
-    needed = max([_FEW_VALVES, *(math.ceil(_LEAST_VALVES_IN_TAIL / (1.0 - q) - 1e-9) for q in quantiles if q)])
+    # three valves above a quantile, or it is little more than the worst of them
+    needed = max([20, *(math.ceil(3.0 / (1.0 - q) - 1e-9) for q in quantiles if q)])
     if training.members == holdout.members:
-        notes.append(
-            f"The population has {n} valve{'s' * (n > 1)}, so none is held out, only days: nothing says how the tuning "
-            "does on another valve."
-        )
+        doubt = "so none is held out, only days: results on other valves are unknown"
+        notes.append(f"The population has {n} valve{'s' * (n > 1)}, {doubt}.")
     elif n < needed:
-        notes.append(
-            f"{n} valves held out are few for these quantiles: draw {HELD_OUT_ONE_IN * needed} or more in all."
-        )
+        n_drawn = HELD_OUT_ONE_IN * needed
+        notes.append(f"{n} valves held out are few for these quantiles: draw {n_drawn} or more in all.")
     if holdout.boundary.n_days == 1:
-        notes.append(
-            "The hold-out has a single day, so that the intervals hold no scatter between days: give more with holdout."
-        )
+        doubt = "the intervals hold no scatter between days: give more with holdout"
+        notes.append(f"The hold-out has a single day, so that {doubt}.")
     return tuple(notes)
 
 
 def table_rows(ds: xr.Dataset, limits: tuple[Limit, ...]) -> list[list[str]]:
-    """Every measure of every tuning and its limit as cells, the heads first."""
-    tunings, limit_by_name = ds["tuning"].values.tolist(), {limit.measure.name: limit for limit in limits}
+    """Rows of a table of every measure of every tuning and its limit, the heads first."""
+    tunings, limit_of = ds["tuning"].values.tolist(), {limit.measure.name: limit for limit in limits}
     rows = [["", *(_TUNING_LOOKS[name][2] for name in tunings), *["limit"] * bool(limits)]]
     for name, variable in ds.drop_vars(CHANGE).data_vars.items():
         factor = quantity(str(name).rpartition("_")[0]).factor
         cells = [variable.attrs["long_name"]]
         for value, low, high in factor * variable.transpose("tuning", "edge").values:
             cells.append(f"{value:.3g}" + (f" ({low:.3g} to {high:.3g})" if not math.isnan(low) else ""))
-        limit = limit_by_name.get(str(name))
+        limit = limit_of.get(str(name))
         if limit is not None:
-            cells.append(limit.measure.shown(float(variable[0, 0]) if limit.as_now else limit.most))
+            cells.append(limit.measure.format_value(float(variable[0, 0]) if limit.as_now else limit.most))
         rows.append([*cells, *[""] * (len(rows[0]) - len(cells))])
     return rows
 
 
-_FIGURE_SIZE = (6.5, 4.6)
-_TITLE_WIDTH = 5.6  # inches: the axes are narrower than the figure
 _TUNING_LOOKS = {NOW: ("s", "black", "now"), CHOSEN: ("o", RED, "chosen"), SIMC: ("^", YELLOW, "SIMC")}
 
 
 @dataclass(frozen=True, repr=False)
 class Tuning(Result):
-    """What a search found for the valves and days of a population.
+    """Result of a search of settings for the valves and days of a population.
 
     Attributes
     ----------
     parameters
-        The values that were chosen, by name.
+        The chosen values by name.
     meets_limits
-        Whether a tuning was found that keeps every limit on the valves and days of the search.  If not, ``parameters``
-        break them least, and are no recommendation.
+        Whether a tuning keeps every limit on the valves and days of the search.  If not, ``parameters`` break them
+        least, and are no recommendation.
     held_out, trained
-        Datasets over ``tuning`` (``now``, the loop as it came, ``chosen``, and ``simc`` where kp and ti were searched)
-        and ``edge`` (value, low, high: 95 % by bootstrap over valves and days): the objective, every limited
-        metric, motor travel and share that hunts; ``change`` of the objective against now.  ``held_out``: on valves
-        and days that the search never saw, which is the result; ``trained``: on its own.
+        Datasets over ``tuning`` (``now``, the loop as given, ``chosen``, and ``simc`` where kp and ti were searched)
+        and ``edge`` (value, low, high: 95 % by bootstrap over valves and days): the objective, every limited metric,
+        motor travel and share that hunts; ``change`` of the objective against now.  ``held_out``: on valves and days
+        that the search never saw, which is the result; ``trained``: on those of the search.
     front
         Dataset over ``point``: the tunings of which no other has both a lower objective and less motor travel on the
         valves and days of the search, with the same measures on those held out (``held_out_…``).
     evaluations
         Dataset over ``evaluation``: every tuning that was tried.
     objective, limits
-        What was sought, what was limited.
+        The goal and the limits of the search.
     axes
-        Error and travel that the front is made of.
+        Measures of error and travel along the front.
     advice
         What to do, in a sentence.
     notes
-        What to mind: a limit broken on the hold-out, an end of a range reached, what the population lacks.
+        Warnings: a limit broken on the hold-out, an end of a range reached, what the population lacks.
     """
 
     parameters: Mapping[str, float]
@@ -155,7 +142,7 @@ class Tuning(Result):
 
     @property
     def advice(self) -> str:
-        """What to do, in a sentence: nothing, unless the choice keeps its limits and is better beyond chance."""
+        """Advice in a sentence: leave it, unless the choice keeps its limits and is better beyond chance."""
         may_be_chance = float(self.held_out[CHANGE].sel(tuning=CHOSEN, edge="high")) >= 0.0
         if not self.meets_limits or may_be_chance or any(_broken_limits(self.limits, self.held_out)):
             return f"Leave it: {self.notes[0][0].lower()}{self.notes[0][1:]}"
@@ -163,23 +150,18 @@ class Tuning(Result):
         for name, words in ((NOW, "as it is"), (CHOSEN, self._settings)):
             measures = self.held_out.sel(tuning=name, edge="value")
             error, travel = (float(measures[measure.name]) for measure in (self.objective, self.axes[1]))
-            hunts = any(
-                float(measures[measure]) > _HUNTING_SHARE
-                for measure in measures.data_vars
-                if str(measure).startswith(HUNTS)
-            )
+            # a population hunts if more than 5 % of its valves and days do
+            hunts = any(float(value) > 0.05 for key, value in measures.data_vars.items() if str(key).startswith(HUNTS))
             options.append(Option(name, words, error, travel, hunts))
         return advise(options, error_name=self.objective.words).text
 
     @property
     def _settings(self) -> str:
-        return ", ".join(
-            f"{name} = {value!r} {quantity(name).unit.removesuffix('%')}".rstrip()
-            for name, value in self.parameters.items()
-        )
+        units = {name: quantity(name).unit.removesuffix("%") for name in self.parameters}
+        return ", ".join(f"{name} = {value!r} {units[name]}".rstrip() for name, value in self.parameters.items())
 
     def summary(self) -> list[str]:
-        """The tuning in words, and a table of now and chosen, line by line."""
+        """Lines of a summary: the tuning in words, and tables of the current and the chosen settings."""
         head = "Chosen" if self.meets_limits else "No tuning keeps the limits; nearest to them"
         lines = [f"{head}: {self._settings} ({self.evaluations.sizes['evaluation']:,} tunings tried)", ""]
         for title, ds in (("Held out", self.held_out), ("Searched on", self.trained)):
@@ -192,56 +174,51 @@ class Tuning(Result):
 
     @apply_style()
     def plot(self) -> Figure:
-        """The front and what the hold-out makes of it, as a matplotlib ``Figure``."""
+        """Draw the front where it was searched and on the hold-out; return a matplotlib ``Figure``."""
         from matplotlib.figure import Figure
         from matplotlib.ticker import LogLocator
 
-        fig = Figure(figsize=_FIGURE_SIZE, layout="constrained")
+        fig = Figure(figsize=(6.5, 4.6), layout="constrained")
         axes = fig.add_subplot()
         measures = self.axes[::-1]  # travel below, error on the left
 
-        def scaled(values: Array, measure: Measure) -> Array:
+        def scale_values(values: Array, measure: Measure) -> Array:
             values = values * quantity(measure.metric).factor
             return np.where(np.isfinite(values), values, np.nan)
 
-        searched, held_out = (
-            [scaled(self.front[prefix + m.name].values, m) for m in measures] for prefix in ("", "held_out_")
-        )
+        searched = [scale_values(self.front[m.name].values, m) for m in measures]
+        held_out = [scale_values(self.front[f"held_out_{m.name}"].values, m) for m in measures]
         axes.plot([searched[0], held_out[0]], [searched[1], held_out[1]], color=LINE_GREY, lw=0.6, zorder=1)
         axes.plot(*searched, "o-", color=BLUE, ms=3, label="front where it was searched")
         axes.plot(*held_out, "o", color=BLUE, ms=4, mfc="white", label="the same tunings, held out")
         for name in self.held_out["tuning"].values:
             marker, colour, words = _TUNING_LOOKS[str(name)]
-            edges = [scaled(self.held_out[measure.name].sel(tuning=name).values, measure) for measure in measures]
+            edges = [scale_values(self.held_out[m.name].sel(tuning=name).values, m) for m in measures]
             if np.isfinite([value for value, *_ in edges]).all():
                 bars = [np.abs([[value - low], [high - value]]) for value, low, high in edges]
-                bar_options: dict[str, Any] = {"color": colour, "ms": 6, "lw": 1.0, "capsize": 2, "zorder": 3}
-                bar_options |= {"xerr": bars[0], "yerr": bars[1]} if np.isfinite(bars).all() else {}
-                axes.errorbar(edges[0][0], edges[1][0], fmt=marker, label=f"{words}, held out", **bar_options)
+                look: dict[str, Any] = {"color": colour, "ms": 6, "lw": 1.0, "capsize": 2, "zorder": 3}
+                look |= {"xerr": bars[0], "yerr": bars[1]} if np.isfinite(bars).all() else {}
+                axes.errorbar(edges[0][0], edges[1][0], fmt=marker, label=f"{words}, held out", **look)
         for limit in self.limits:
             if limit.measure in measures:
                 draw_line = axes.axvline if limit.measure == measures[0] else axes.axhline
-                draw_line(
-                    limit.most * quantity(limit.measure.metric).factor,
-                    color="black",
-                    lw=1.0,
-                    ls=DOTTED_LINE,
-                    label="limit",
-                )
+                most = limit.most * quantity(limit.measure.metric).factor
+                draw_line(most, color="black", lw=1.0, ls=DOTTED_LINE, label="limit")
         axes.set(xlabel=measures[0].words, ylabel=measures[1].words, xscale="log", yscale="log")
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             axis.set_major_formatter("{x:g}")
             axis.set_minor_formatter("")
         groups = f"Searched on {self.trained.attrs['group']}, held out {self.held_out.attrs['group']}."
-        axes.set_title(wrap_text(f"{groups}  Bars: 95 % for other valves and days.", _TITLE_WIDTH, 9), loc="left")
+        # 5.6 inches: the axes are narrower than the figure
+        axes.set_title(wrap_text(f"{groups}  Bars: 95 % for other valves and days.", 5.6, 9), loc="left")
         axes.legend(frameon=False)
         return fig
 
     def to_toml(self, path: str | Path | None = None) -> str:
-        """The chosen values as TOML, written to ``path`` if given; for ``include`` in the ``[loop]`` of a study file.
+        """Return the chosen values as TOML for ``include`` in ``[loop]`` of a study file; write it to ``path``, if any.
 
-        ``[loop]`` has nothing where no tuning keeps the limits; ``[fit]`` is for readers.
+        ``[loop]`` is empty where no tuning keeps the limits; ``[fit]`` is for readers.
         """
         lines = ["# settings chosen by fastcoil tune", *(f"# {line}".rstrip() for line in self.summary())]
         chosen = self.parameters if self.meets_limits else {}

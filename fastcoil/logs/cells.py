@@ -35,7 +35,7 @@ _ONE_GROUP_PATTERN = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d
 
 
 class NumberStyle(NamedTuple):
-    """How the numbers of a table are written."""
+    """Style in which the numbers of a table are written."""
 
     mark: str = "."  # of the decimals
     may_be_grouped: bool = False  # whether thousands may be separated by the other mark

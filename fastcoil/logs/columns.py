@@ -51,7 +51,7 @@ class ColumnSpec(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingOptions:
-    """How a log is read: what the caller declares besides its header, and what becomes of its flaws.
+    """Options of reading a log: what is declared besides its header, and what becomes of its flaws.
 
     Parameters
     ----------
@@ -108,8 +108,6 @@ class ReadingOptions:
 
 def check_reading_options(check: Checks, **arguments: Any) -> ReadingOptions:
     """Check the arguments of a public function that say how its log is read; it passes those that it offers."""
-    if arguments.pop("has_command", False):
-        arguments["reader"] = "read_log"
     if "drop" in arguments:
         check(require_flag, "drop", arguments["drop"])
     if "jumps" in arguments:
@@ -189,10 +187,10 @@ _MAX_LISTED_COLUMNS = 3  # of unknown columns in a message, which counts the res
 
 def find_columns(table: Table, options: ReadingOptions, spec: ColumnSpec) -> dict[str, int]:
     """Find the index of each column to read; unknown, missing or doubled ones, and bad constants, are problems."""
-    names = [*dict.fromkeys([*COLUMNS, *TIME_COLUMNS])]
+    names = [*COLUMNS, "timestamp"]
     requested, constants = options.columns or {}, options.constants or {}
     table.check_names("columns", requested, names)
-    table.check_names("units", options.units, [name for name in names if name != "timestamp"])
+    table.check_names("units", options.units, COLUMNS)
     table.check_names("constants", constants, spec.names)
     for name, series in COLUMNS.items():
         value = constants.get(name, 0.0)

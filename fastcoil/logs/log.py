@@ -29,10 +29,10 @@ from fastcoil.logs.columns import (
     interpret_header,
     require_log,
 )  # fmt: skip
-from fastcoil.logs.join import find_value_columns, pivot_points
+from fastcoil.logs.join import POINT_NAMES, find_value_columns, pivot_points
 from fastcoil.logs.pieces import longest_regular_step, number_pieces, read_times
 from fastcoil.logs.readings import check_plausible_units, fill_or_cut_rows, mark_supersaturation, read_columns
-from fastcoil.logs.series import COLUMNS, TIME_COLUMNS, format_count
+from fastcoil.logs.series import COLUMNS, format_count
 from fastcoil.logs.table import Table, table_from_data
 from fastcoil.logs.timestamps import apply_time_zone
 from fastcoil.model import moist_air
@@ -220,11 +220,10 @@ class Log:
         if isinstance(self._source, Path):
             self._table = table
         table = table.copy()
-        names = [*dict.fromkeys([*COLUMNS, *TIME_COLUMNS])]
         columns = self._options.columns or {}
-        table.check_names("columns", columns, names)
-        table.check_names("units", self._options.units, [name for name in names if name != "timestamp"])
-        table.check_names("constants", self._options.constants or {}, names)
+        table.check_names("columns", columns, [*COLUMNS, "timestamp"])
+        table.check_names("units", self._options.units, COLUMNS)
+        table.check_names("constants", self._options.constants or {}, POINT_NAMES)
         if find_value_columns(table) is None:
             find_requested_columns(table, columns)
         table.raise_problems()
@@ -248,7 +247,7 @@ class Log:
 
     def summary(self) -> list[str]:
         """Return the log as lines of text: rows, times, columns with their units as read, and notes."""
-        spec = ColumnSpec((), [name for name in COLUMNS if name not in ("elapsed_time", "batch")])
+        spec = ColumnSpec((), POINT_NAMES)
         problems: list[str] = []
         with collect_problems(problems):
             data = self.read(spec)

@@ -48,7 +48,7 @@ def resample_at_seconds(
 
 
 def longest_step_between_changes(time: Array, is_same_batch: Mask, values: Mapping[str, Array]) -> float | None:
-    """Longest step of a log of changes that is no gap, s; None for any other log.
+    """Return the longest step of a log of changes that is no gap, s; None for any other log.
 
     In such a log steps are uneven, some value changes in nearly every row, and one series stays as it was in many.  An
     outage is a gap in it as well.  is_same_batch: where a row follows one of its batch, (n - 1,).
@@ -95,7 +95,7 @@ def read_times(table: Table, column: int, options: ReadingOptions) -> Timestamps
 
 
 def longest_regular_step(time: Array, max_gap: float | None) -> float:
-    """Longest step that is no gap of a log of regular steps, s."""
+    """Return the longest step that is no gap of a log of regular steps, s."""
     steps = np.diff(time[np.isfinite(time)])
     forward = steps[steps > 0.0]
     return max_gap or GAP_MEDIAN_STEPS * (float(np.median(forward)) if forward.size else 0.0)

@@ -125,7 +125,7 @@ def find_column_exchanged_with_supply(values: Mapping[str, Array]) -> str:
 
 
 def find_unit_change(T: Array) -> int:
-    """Index from which an air temperature [degC] goes on in °F instead of °C, or the reverse; 0 if nowhere."""
+    """Find the index from which an air temperature [degC] goes on in °F instead of °C, or the reverse; 0 if nowhere."""
     for k in (np.flatnonzero(np.abs(np.diff(T)) > 25.0) + 1).tolist()[:10]:
         low, high = sorted(float(np.nanmedian(side)) for side in (T[max(k - 10, 0) : k], T[k : k + 10]))
         if abs(1.8 * low + 32.0 - high) < 3.0:
@@ -144,7 +144,7 @@ def detect_signal(numbers: Array, unit: str) -> tuple[str, bool]:
 
 
 def find_scale_change(percent: Array) -> int:
-    """Index from which a command [%] goes on as a fraction or in V, or the reverse; 0 if nowhere."""
+    """Find the index from which a command [%] goes on as a fraction or in V, or the reverse; 0 if nowhere."""
     for full_travel, step in ((1.0, 1), (10.0, 1), (1.0, -1), (10.0, -1)):
         directed = percent[::step]
         k = int(np.max(np.flatnonzero(directed > full_travel), initial=-1)) + 1
@@ -160,7 +160,7 @@ def find_scale_change(percent: Array) -> int:
 
 
 def find_column_exchange(T: Array, command: Array) -> int:
-    """Index from which a temperature goes on with the numbers of the command, and the reverse; 0 if nowhere."""
+    """Find the index from which a temperature and the command go on with each other's numbers; 0 if nowhere."""
     (T_before, T_after), (command_before, command_after) = ((series[:-1], series[1:]) for series in (T, command))
     jump = np.minimum(np.abs(T_after - T_before), np.abs(command_after - command_before))
     mismatch = np.maximum(np.abs(T_after - command_before), np.abs(command_after - T_before))
@@ -168,7 +168,7 @@ def find_column_exchange(T: Array, command: Array) -> int:
 
 
 def find_sensor_faults(T: Array) -> Mask:
-    """Where a temperature [degC] leaps by 20 K and back to within 5 K, in one reading or several of one number."""
+    """Find where a temperature [degC] leaps by 20 K and back to within 5 K, in one reading or several of one number."""
     finite = np.isfinite(T)
     run_number = np.cumsum(np.diff(T[finite], prepend=np.inf) != 0.0) - 1
     level = T[finite][np.unique(run_number, return_index=True)[1]]
@@ -180,7 +180,7 @@ def find_sensor_faults(T: Array) -> Mask:
 
 
 def describe_likely_unit(unit: str) -> str:
-    """The end of a sentence on numbers that are in another unit than the declared one."""
+    """Return the end of a sentence on numbers that are in another unit than the declared one."""
     return f"its numbers look like {'a fraction' if unit == '1' else unit}"
 
 

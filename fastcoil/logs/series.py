@@ -150,7 +150,7 @@ class Series:
 
 
 def count_suffix(n_bad: int) -> str:
-    """The end of a message that names the first of several bad samples."""
+    """Return the end of a message that names the first of several bad samples."""
     return f" ({n_bad} samples in total)" if n_bad > 1 else ""
 
 

@@ -67,7 +67,7 @@ def _detect_separator(text: str) -> str:
 
 
 def _header_index(rows: Sequence[list[str]]) -> int:
-    """Index of the header: the row of names with most data below it before the next such row; 0 if there is none."""
+    """Find the header: the row of names with most data below it before the next such row; 0 if there is none."""
     name_rows = [k for k, row in enumerate(rows) if _is_possible_header(row) and _has_data_below(rows, k)]
     for row in rows[: name_rows[0]] if name_rows else ():  # rows of data in another order are no remarks
         if len(row) > 1 and all(_is_data_cell(cell) or is_missing_word(cell) for cell in row[:_MAX_CHECKED_CELLS]):
@@ -316,17 +316,17 @@ class Table:
         """Raise all problems found so far, if any, as one `InputError`."""
         if self.problems:
             prefix = f"{self.name}: " if self.name else ""
-            raise InputError([p.prefixed(prefix) for p in InputError(self.problems).problems])
+            raise InputError([p.with_prefix(prefix) for p in InputError(self.problems).problems])
 
     def column(self, header: str) -> int | None:
-        """Index of the column with this header, given with or without its unit; None if there is none."""
+        """Find the column with this header, given with or without its unit; None if there is none."""
         if header in self.header:
             return self.header.index(header)
         labels = [split_label_and_unit(cell)[0] for cell in self.header]
         return labels.index(header) if header in labels else self.column_of_joined_header.get(header)
 
     def find_time_column(self) -> int | None:
-        """Index of the column of times: by its header, or the first one if it has times; None if there is none."""
+        """Find the column of times: by its header, or the first one if it has times; None if there is none."""
         for k, header in enumerate(self.header):
             if normalise_header(header) in TIME_HEADERS:
                 return k

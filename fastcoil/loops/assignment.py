@@ -181,16 +181,14 @@ def extract_rules(name: str, value: Any) -> tuple[Any, list[Rule]]:
     return (words if items is value else words[0]) if rules else value, rules
 
 
-def merge_rules(
-    known_rules: Mapping[str, Rule], new_rules: Collection[Rule], used_names: Collection[str]
-) -> dict[str, Rule]:
+def merge_rules(known_rules: Mapping[str, Rule], new_rules: Collection[Rule], used: Collection[str]) -> dict[str, Rule]:
     """Add new rules to known ones; known rules that are not used are dropped if names of parameters clash."""
     new_by_name: dict[str, Rule] = {}
     for rule in new_rules:
         if new_by_name.setdefault(rule.name, rule) != rule:
             raise InputError(f"two rules are called {rule.name}: rename one of them", rule.kind, "duplicate")
-    new_parameters = {n for rule in new_rules for n in rule.own}
-    kept = {n: r for n, r in known_rules.items() if n in used_names or not new_parameters & r.own.keys()}
+    new = {n for rule in new_rules for n in rule.own}
+    kept = {n: r for n, r in known_rules.items() if n in used or not new & r.own.keys()}
     rules = {n: r for n, r in kept.items() if n not in new_by_name} | new_by_name
     first_rules: dict[str, Rule] = {}
     for rule in rules.values():
@@ -203,16 +201,16 @@ def merge_rules(
 
 
 def values_for_rules(
-    values: Mapping[str, Any], old_rules: Mapping[str, Rule], rules: Mapping[str, Rule]
+    values: Mapping[str, Any], before: Mapping[str, Rule], rules: Mapping[str, Rule]
 ) -> dict[str, Any]:
     """Return the values of a loop whose rules change: drop parameters that no rule has any more, add new ones."""
-    old_parameters = {n: p for rule in old_rules.values() for n, p in rule.own.items()}
-    new_parameters = {n: p for rule in rules.values() for n, p in rule.own.items()}
-    kept_values = {n: v for n, v in values.items() if n not in old_parameters or n in new_parameters}
-    for name, parameter in new_parameters.items():
-        if name not in kept_values or (name in old_parameters and kept_values[name] is old_parameters[name].default):
-            kept_values[name] = parameter.default
-    return kept_values
+    old = {n: p for rule in before.values() for n, p in rule.own.items()}
+    new = {n: p for rule in rules.values() for n, p in rule.own.items()}
+    kept = {n: v for n, v in values.items() if n not in old or n in new}
+    for name, parameter in new.items():
+        if name not in kept or (name in old and kept[name] is old[name].default):
+            kept[name] = parameter.default
+    return kept
 
 
 CONVERGED_KEYWORD = "converged"
@@ -289,8 +287,8 @@ def _resolve_rules(
         return dict(changes), known_rules
     changes = {**changes, **{kind: words for kind, (words, _) in extracted.items()}}
     unchanged_kinds = [kind for kind in RULE_KINDS if kind not in changes]
-    used_names = {str(word) for kind in unchanged_kinds for word in np.ravel(np.asarray(values.get(kind)))}
-    return changes, merge_rules(known_rules, new_rules, used_names)
+    used = {str(word) for kind in unchanged_kinds for word in np.ravel(np.asarray(values.get(kind)))}
+    return changes, merge_rules(known_rules, new_rules, used)
 
 
 def _check_axes(values: Mapping[str, Any]) -> None:

@@ -291,6 +291,13 @@ def check_stability(layout: Layout) -> None:
         raise InputError(sentence, "C_w" if gamma > 1.0 else "C_c", "value")
 
 
+def is_stable(loop: Loop, boundary: Boundary) -> xr.DataArray:
+    """Return whether γ ≤ 1 and λ ≤ 1, over the dims of ``loop``: as ``check_stability``, without refusing."""
+    layout = Layout(loop, boundary)
+    flags = (_stability_numbers(layout).max(axis=0) <= 1.0).reshape(tuple(loop.sizes.values()))
+    return xr.DataArray(flags, dims=tuple(loop.sizes), coords=layout.coordinates())
+
+
 def _stability_numbers(layout: Layout) -> np.ndarray:
     """Return γ and λ of every scenario, (2, n)."""
     numbers, extremes = [], layout.boundary.extremes

@@ -11,16 +11,9 @@ from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
 from fastcoil.model.parameter_table import PARAMETERS, RESERVED_DIMS
 
 _UNIT_TEXTS = {
-    "1": "",
-    "K-1": "1/K",
-    "s-1": "1/s",
-    "kg s-1": "kg/s",
-    "kJ K-1": "kJ/K",
-    "kW h": "kWh",
-    "degC": "°C",
-    "m3": "m³",
+    "1": "", "K-1": "1/K", "s-1": "1/s", "kg s-1": "kg/s", "kJ K-1": "kJ/K", "kW h": "kWh", "degC": "°C", "m3": "m³",
     "kJ kg-1 K-1": "kJ/(kg K)",
-}
+}  # fmt: skip
 _IN_PERCENT = (
     "backlash", "backlash_estimate", "estimate_ratio", "buffer", "command_resolution", "learning_step",
     "learning_cap", "learning_max_reference", "estimate_final", "estimate_settled", "size_error",

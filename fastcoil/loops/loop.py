@@ -99,13 +99,8 @@ class Loop:
         constants = _stored_constants(ds, table)
         dims = next((list(ds[n].dims) for n in ("status", *METRICS) if n in ds), list(ds.dims))
         unlabelled = [d for d in dims if d in table and d not in ds.coords]
-        cure = "keep that coordinate"
-        raise_problems(
-            [
-                Problem(f"the Dataset has no values along its dimension {d}: {cure}", str(d), "missing")
-                for d in unlabelled
-            ]
-        )
+        sentence = "the Dataset has no values along its dimension {}: keep that coordinate"
+        raise_problems([Problem(sentence.format(d), str(d), "missing") for d in unlabelled])
         names = [n for n in ds.coords if n in table and set(ds[n].dims) <= set(dims)]
         names.sort(key=lambda n: [dims.index(d) for d in ds[n].dims])
         swept = {str(n): ds[n].reset_coords(drop=True) for n in names}
@@ -263,14 +258,12 @@ def _defaults_of_missing(
     """Return defaults for the parameters that are neither constant nor coordinate of a result, with a warning."""
     given_names = constants.keys() | swept.keys()
     replaced = {name for stand_in, names in STAND_INS.items() if stand_in in given_names for name in names}
-    missing = {
-        p.name: p.default for p in table.values() if p.default is not None and p.name not in given_names | replaced
-    }
+    known = given_names | replaced
+    missing = {p.name: p.default for p in table.values() if p.default is not None and p.name not in known}
     if missing:
-        defaults_text = ", ".join(table[name].equation(value) for name, value in missing.items())
-        warnings.warn(
-            f"the result does not hold these parameters, so their defaults are used: {defaults_text}", stacklevel=3
-        )
+        defaults = ", ".join(table[name].equation(value) for name, value in missing.items())
+        sentence = f"the result does not hold these parameters, so their defaults are used: {defaults}"
+        warnings.warn(sentence, stacklevel=3)
     return missing
 
 

@@ -71,11 +71,9 @@ def save(ds: xr.Dataset, path: Path) -> None:
 
 
 def write(
-    ds: xr.Dataset,
-    path: Path,
-    mode: Literal["w", "a"],
+    ds: xr.Dataset, path: Path, mode: Literal["w", "a"],
     append_rest: Callable[[netCDF4.Dataset], object] = lambda file: None,
-) -> None:
+) -> None:  # fmt: skip
     """Write or append to an unpublished file, without a copy in memory; ``append_rest`` writes more, unlocked."""
     large = {n for n, v in ds.variables.items() if v.dtype.kind in "fi" and v.ndim and v.size > MAX_UNCOMPRESSED_VALUES}
     without_fill_values(ds)
@@ -106,11 +104,9 @@ def _small_caches() -> Iterator[None]:
 
 
 def load(
-    source: str | Path | bytes,
-    skipped_names: Collection[str] = (),
-    max_bytes: float = math.inf,
+    source: str | Path | bytes, skipped_names: Collection[str] = (), max_bytes: float = math.inf,
     open_later: "Callable[[TraceLayout], xr.Dataset]" = lambda layout: xr.Dataset(),
-) -> xr.Dataset:
+) -> xr.Dataset:  # fmt: skip
     """Read a file as ``parse`` opens it, without the variables ``skipped_names``; damage may raise anything.
 
     max_bytes, open_later: results of a larger file are opened by ``open_later`` from their layout.
@@ -136,13 +132,9 @@ def load(
 
 
 def _write_file(
-    ds: xr.Dataset,
-    name: str,
-    mode: Literal["w", "a"],
-    encoding: Any,
-    append_rest: Callable[[netCDF4.Dataset], object],
-    **options: Any,
-) -> Any:
+    ds: xr.Dataset, name: str, mode: Literal["w", "a"], encoding: Any,
+    append_rest: Callable[[netCDF4.Dataset], object], **options: Any,
+) -> Any:  # fmt: skip
     ds = with_encoded_times(ds.compute())  # values may be in another file, behind the same lock
     with NETCDF4_PYTHON_LOCK:
         file = netCDF4.Dataset(name, mode=mode, format="NETCDF4", **options)
@@ -197,9 +189,8 @@ def trace_slabs(shape: tuple[int, ...], n_dims: int) -> tuple[list[tuple[slice, 
     """
     *volumes, n_points = shape[n_dims:] or (1,)
     values_per_point = math.prod(volumes)
-    max_scenarios = min(
-        _CHUNK_VALUES // (values_per_point * min(n_points, _CHUNK_TIMES)), _SLAB_VALUES // (values_per_point * n_points)
-    )
+    per_chunk = _CHUNK_VALUES // (values_per_point * min(n_points, _CHUNK_TIMES))
+    max_scenarios = min(per_chunk, _SLAB_VALUES // (values_per_point * n_points))
     slabs = list(cut_into_pieces(shape[:n_dims], max(1, max_scenarios)))
     sizes = [piece.stop - piece.start for piece in slabs[0]]
     along_time = min(n_points, max(1, _CHUNK_VALUES // (values_per_point * math.prod(sizes))))
@@ -384,10 +375,10 @@ def probe_file(path: Path, cure: str) -> StoredFile:
         seconds = int(30 + identity[2] / 5e6)  # far above what reading takes
         paths = json.dumps([*filter(None, sys.path), str(_PROBE_SCRIPT.parents[2])])
         command = [sys.executable, "-I", str(_PROBE_SCRIPT), str(path), str(seconds), str(2**31), paths]
-        options: Any = {"stdin": subprocess.DEVNULL, "capture_output": True, "timeout": seconds, "check": False}
+        options: Any = {"stdin": subprocess.DEVNULL, "capture_output": True, "timeout": seconds}
         try:
             with convert_os_errors(path, "read by another process"):
-                child = subprocess.run(command, **options)
+                child = subprocess.run(command, check=False, **options)
         except subprocess.TimeoutExpired:
             raise IntegrityError(f"{path} is damaged: reading it did not end in {seconds} s; {cure}") from None
         if child.returncode:

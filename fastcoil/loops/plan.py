@@ -69,11 +69,8 @@ def check_disk(needed_bytes: int, folder: Path) -> None:
 
 
 RUN_LIMITS: dict[str, tuple[int, int | None]] = {
-    "trace_interval": (1, None),
-    "warm_up": (0, None),
-    "seed": (0, 2**64 - 1),
-    "replicates": (1, 2**32),
-}
+    "trace_interval": (1, None), "warm_up": (0, None), "seed": (0, 2**64 - 1), "replicates": (1, 2**32),
+}  # fmt: skip
 """Least and largest value of the whole numbers of a run; a boundary may limit them further."""
 
 # chosen on two cores, see benchmarks/README.md
@@ -201,18 +198,10 @@ class Plan:
 
 
 def plan_simulation(
-    loop: Loop,
-    boundary: Boundary,
-    *,
-    command: Any = None,
-    traces: Sequence[str] = (),
-    trace_interval: int = 1,
-    warm_up: int = WARM_UP_S,
-    seed: int = 0,
-    replicates: int = 1,
-    carry_over: bool = False,
+    loop: Loop, boundary: Boundary, *, command: Any = None, traces: Sequence[str] = (), trace_interval: int = 1,
+    warm_up: int = WARM_UP_S, seed: int = 0, replicates: int = 1, carry_over: bool = False,
     traces_on_disk: bool = False,
-) -> Plan:
+) -> Plan:  # fmt: skip
     """Validate the arguments of ``simulate`` without allocating or running anything."""
     with argument_checks() as check:
         check(require_instance, "loop", loop, Loop, "give a fastcoil.Loop")

@@ -51,13 +51,9 @@ class Presets(dict[str, Preset]):
         return "\n".join([*rows, NOT_THE_PAPER_FIT])
 
 
-_FILE = Path(__file__).with_suffix(".toml")
-PRESETS = Presets(
-    (name, Preset(name, **entry)) for name, entry in tomllib.loads(_FILE.read_text(encoding="utf-8")).items()
-)
-COOLING_PRESETS = {
-    name: preset for name, preset in PRESETS.items() if not preset.heats
-}  # the presets of a cooling coil
+_TABLE = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+PRESETS = Presets((name, Preset(name, **entry)) for name, entry in _TABLE.items())
+COOLING_PRESETS = {name: preset for name, preset in PRESETS.items() if not preset.heats}  # of a cooling coil
 
 
 def presets() -> Presets:

@@ -165,9 +165,7 @@ class Days:
         hashes = self._boundary.day_sha256 if self._command is None else [self._hash(k) for k in range(len(self))]
         if not self.carry_over:
             return hashes
-        return list(
-            accumulate(hashes, lambda before, day_hash: hashlib.sha256(f"{before} {day_hash}".encode()).hexdigest())
-        )
+        return list(accumulate(hashes, lambda before, one: hashlib.sha256(f"{before} {one}".encode()).hexdigest()))
 
     def _make_day(self, k: int) -> Day:
         is_continued = self.carry_over and k > 0
@@ -237,9 +235,9 @@ def flat_dataset(
     (n, N, n_points).
     """
     flags = {"flag_values": np.arange(len(STATUS_MEANINGS), dtype=np.int8), "flag_meanings": " ".join(STATUS_MEANINGS)}
-    variables: dict[str, Any] = {
-        output.name: ("scenario", metrics[k], cf_attributes(output)) for k, output in enumerate(METRICS.values())
-    }
+    variables: dict[str, Any] = {}
+    for output, values in zip(METRICS.values(), metrics, strict=True):
+        variables[output.name] = ("scenario", values, cf_attributes(output))
     variables["status"] = ("scenario", status.astype(np.int8), {"long_name": "status of the scenario", **flags})
     labels = {"scenario": index}
     for name, values in traces.items():

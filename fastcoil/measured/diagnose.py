@@ -1,48 +1,43 @@
-"""``diagnose``: whether a valve has backlash, and whether that is why its loop hunts, from a trend log."""
+"""``diagnose``: backlash of a valve, and whether it is why its loop hunts, from a trend log."""
 
-from collections.abc import Mapping
-from typing import Any
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import argument_checks, require_instance, require_number
 from fastcoil.base.errors import InputError
-from fastcoil.logs import CheckedLog, read_checked_log
-from fastcoil.logs.columns import ColumnSpec, check_reading_options, require_log
+from fastcoil.logs.columns import ColumnSpec
+from fastcoil.logs.log import CheckedLog, as_log
 from fastcoil.logs.series import COLUMNS, format_count
+from fastcoil.measured import identify, thresholds
 from fastcoil.measured.agreement import require_agreement
 from fastcoil.measured.cause import PriorEvidence, judge_cause, predict_cases, revise_after_hold, stops_on_hold
 from fastcoil.measured.diagnosis import INDICES, Diagnosis, ValveReading, probability_profile
 from fastcoil.measured.fitted_loop import fit_loop_model
 from fastcoil.measured.grid import Grid, join_grids, resample_log
-from fastcoil.measured.identify import (
-    CANDIDATES,
-    MORE_EVIDENCE_CURE,
-    USUAL_STROKE_TIME,
-    Identification,
-    combine_days,
-    gather_evidence,
-)
+from fastcoil.measured.identify import Identification, combine_days, gather_evidence
 from fastcoil.measured.measures import Measures, hourly_summary, measure_loop, write_warnings
 from fastcoil.measured.part import true_runs
+
+if TYPE_CHECKING:
+    from fastcoil.measured.part import LogSource
 
 _MEASURED_COLUMNS = ("T_sup", "T_set", "m_a", "T_a_in")
 DIAGNOSIS_COLUMNS = ColumnSpec(
     required=("command", "T_sup"), optional=(*_MEASURED_COLUMNS[1:], "enabled"), measured=_MEASURED_COLUMNS
 )
-_LONGEST_TIME_S, _SHORTEST_SAMPLE_S = 3600.0, 0.1  # of a stroke or of the time between two samples of a controller, s
-_LEAST_KP, _MOST_KP = 1e-5, 10.0  # 1/K
-_LEAST_OFF_TIME_S = 600.0  # s; values that are missing for less are held
-WIDEST_COMMAND_SWING, LARGEST_INCREMENT_K = 0.4, 0.06
-"""Swing of the command, fraction of stroke, and change of a temperature that makes the log write it, K, above which no
-size is claimed."""
-WIDEST_INTERVAL = 0.1  # interval of a backlash that may be claimed, fraction of stroke
+_SHORTEST_SAMPLE_S = 0.1  # between two samples of a controller
+_LONGEST_TIME_S = 3600.0  # of a stroke, a sample time, an integral time or a lag
+_KP_RANGE = (1e-5, 10.0)  # 1/K
 
 
 @np.errstate(all="ignore")
 def diagnose(
-    log: Any,
+    log: LogSource | Sequence[LogSource],
     stroke_time: float | None = None,
     sample_time: float | None = None,
     *,
@@ -50,63 +45,63 @@ def diagnose(
     kp: float | None = None,
     ti: float | None = None,
     test: ValveReading | None = None,
-    units: Mapping[str, str] | None = None,
-    columns: Mapping[str, str] | None = None,
-    drop: bool = False,
-    jumps: str = "refuse",
-    max_gap: float | None = None,
-    time_format: str | None = None,
 ) -> Diagnosis:
     """Find the backlash of a valve in a trend log of its loop, and why the loop hunts if it does.
 
     Parameters
     ----------
-    log
-        CSV file, DataFrame or Dataset; or a list of them, days of one valve at one interval, whose evidence is added.
-        Needed: ``command`` (1, percent, deg of 90, V of 10), ``T_sup`` (°C, °F, K),
-        and ``elapsed_time`` or ``timestamp``; of a Dataset of ``fc.simulate``, ``T_measured`` is taken if it is there.
-        Optional: ``T_set``, without which no cause can be given; ``m_a`` and ``T_a_in``, air flow and entering air,
-        with which smaller gaps show; ``enabled``, 0 where the plant is off.
-    stroke_time
-        Seconds of the motor from closed to open, 0 if it is as good as immediate; 90 if left out.
-    sample_time
-        Seconds between two samples of the controller; found from the log if left out.
-    lag
-        Seconds by which T_sup is logged late beside the command, negative if early; found from the log if left out.
-    kp, ti
-        Gain, 1/K, and integral time, s, of the controller, both; found from the log if left out.
-    test
-        What ``fc.read_test`` found of this valve: its gap is taken if identified, and what a held command left of the
-        swing counts.
-    units, columns, drop, jumps, max_gap, time_format
-        How the log is read: see ``fastcoil.logs.ReadingOptions``.
+    log : path, DataFrame, Dataset or Log, or a list of them
+        A list holds days of one valve at one interval, whose evidence is added.  Needed: ``command`` (fraction of
+        stroke, %, deg of 90, V of 10), ``T_sup`` (°C, °F, K), and ``elapsed_time`` or ``timestamp``; of a Dataset of
+        `simulate`, ``T_measured`` is read as ``T_sup``.  Optional: ``T_set``, without which no cause can be given;
+        ``m_a`` and ``T_a_in``, air flow and entering air, with which smaller gaps show; ``enabled``, 0 where the plant
+        is off.  `read_log` has the options of reading.
+    stroke_time : float, default 90
+        Time of the motor from closed to open, s; 0 if it is immediate.
+    sample_time : float, optional
+        Time between two samples of the controller, s; estimated by default.
+    lag : float, optional
+        Time by which T_sup is logged after the command, s, negative if before; estimated by default.
+    kp, ti : float, optional
+        Gain, 1/K, and integral time, s, of the controller, both or neither; estimated by default.
+    test : ValveReading, optional
+        Result of `read_test` for this valve: its gap is used if identified, and the swing that remained while the
+        command was held decides on the cause.
 
     Returns
     -------
     Diagnosis
-        ``backlash`` counts only if ``identified``; ``reason`` says why it is not.
+        ``backlash``, fraction of stroke, counts only if ``identified``; ``reason`` says why it is not.
 
     Raises
     ------
     InputError
         With one sentence for each mistake in the log or the arguments.
+
+    See Also
+    --------
+    read_log, read_test, survey, explain, tune
+
+    Examples
+    --------
+    >>> loop = fc.Loop.preset("lbnl").assign(backlash=0.06, noise_std=0.01)
+    >>> ds = fc.simulate(loop, fc.paper_day(hours=4), traces=["command", "T_measured"], trace_interval=10)
+    >>> diagnosis = fc.diagnose(ds, stroke_time=90)
+    >>> f"{diagnosis.backlash:.3f}", diagnosis.identified
+    ('0.060', True)
     """
     with argument_checks() as check:
-        logs = [check(require_log, "log", source) for source in (log if isinstance(log, (list, tuple)) else [log])]
+        logs = [check(as_log, "log", source) for source in (log if isinstance(log, (list, tuple)) else [log])]
         stroke_time = check.unless_none(require_seconds, "stroke_time", stroke_time, 0.0)
         sample_time = check.unless_none(require_seconds, "sample_time", sample_time, _SHORTEST_SAMPLE_S)
         lag = check.unless_none(require_seconds, "lag", lag, -_LONGEST_TIME_S)
         gains = check(_require_gains, kp, ti)
         test = check.unless_none(require_instance, "test", test, ValveReading, "give what fastcoil.read_test found")
-        reading = check_reading_options(check, columns=columns, units=units, drop=drop, jumps=jumps,
-                              max_gap=max_gap, time_format=time_format, has_command=True)  # fmt: skip
     if not logs:
-        raise InputError("log = []: give a log, or a list of logs of one valve")
+        raise InputError("log = []: give a log, or a list of logs of one valve", "log", "missing")
     names, grids, notes, warnings = [], [], [], []
     for source in logs:
-        data = read_checked_log(
-            use_measured_temperature(source) if "T_sup" not in (columns or {}) else source, DIAGNOSIS_COLUMNS, reading
-        )
+        data = source.read(DIAGNOSIS_COLUMNS, use_sensor=True)
         warnings += require_agreement(data)
         _infer_off_times(data)
         grid, grid_notes = resample_log(data)
@@ -115,21 +110,19 @@ def diagnose(
         notes += [note for note in (*data.notes, *grid_notes) if note not in notes]
     grid = grids[0] if len(grids) == 1 else join_grids(grids)
     values, interval = grid.values, grid.interval
-    motor_seconds = USUAL_STROKE_TIME if stroke_time is None else stroke_time
+    motor_seconds = identify.USUAL_STROKE_TIME if stroke_time is None else stroke_time
     identification, measures = identify_and_measure(grid, motor_seconds, sample_time, lag)
     if test is not None and test.identified:
         low, high = test.interval
-        test_probability = test.profile["probability"].values
-        identification = Identification(
-            test.backlash, low, high, True, test.reason, test_probability, identification.late
-        )
+        probability, temperature_lag = test.profile["probability"].values, identification.temperature_lag
+        identification = Identification(test.backlash, low, high, True, test.reason, probability, temperature_lag)
     backlash = identification.backlash if np.isfinite(identification.backlash) else 0.0
     loop = fit_loop_model(
-        values["command"], values["T_sup"], values.get("T_set"), interval, backlash, motor_seconds, sample_time, grid.on,
-        gains,
+        values["command"], values["T_sup"], values.get("T_set"), interval, backlash, motor_seconds, sample_time,
+        grid.on, gains,
     )  # fmt: skip
     hold = (np.nan, 0.0) if test is None else (test.held_swing, test.held_for)
-    evidence = PriorEvidence(identification.identified, own=stops_on_hold(measures, *hold))
+    evidence = PriorEvidence(identification.identified, is_own_swing=stops_on_hold(measures, *hold))
     cause = revise_after_hold(judge_cause(measures, loop, evidence), measures, *hold)
     doubt = loop if isinstance(loop, str) else loop.doubt
     attrs = {name: {"units": unit, "long_name": meaning} for name, (unit, meaning) in INDICES.items()}
@@ -139,11 +132,11 @@ def diagnose(
         indices |= {} if doubt else {"plant_gain": loop.plant.gain}
     if stroke_time is None:
         notes.append(f"the motor is assumed to take {motor_seconds:g} s per stroke: give stroke_time if you know it")
-    if lag is None and identification.late:
+    if lag is None and (late := identification.temperature_lag):
         notes.append(
-            f"judging by the controller's response, T_sup is logged {abs(identification.late):g} s "
-            f"{'later' if identification.late > 0.0 else 'earlier'} than the command, which was corrected; if that is wrong, "
-            "give the lag (lag, --lag)"
+            f"judging by the controller's response, T_sup is logged {abs(late):g} s "
+            f"{'later' if late > 0.0 else 'earlier'} than the command, which was corrected; if that is wrong, give the "
+            "lag (lag, --lag)"
         )
     if "T_set" not in values:
         notes.append("without a set-point (T_set), no control error, cause or prediction is computed")
@@ -157,92 +150,76 @@ def diagnose(
     triage = hourly_summary(grid)
     return Diagnosis(
         source=names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more",
-        backlash=identification.backlash,
-        interval=(identification.low, identification.high),
-        identified=identification.identified,
-        reason=identification.reason,
-        cause=cause.name,
-        because=cause.because,
-        hunts=measures.swing.is_regular,
-        profile=probability_profile(identification),
+        backlash=identification.backlash, interval=(identification.low, identification.high),
+        identified=identification.identified, reason=identification.reason, cause=cause.name, because=cause.because,
+        hunts=measures.swing.is_regular, profile=probability_profile(identification),
         indices=xr.Dataset({name: ((), value, attrs[name]) for name, value in indices.items()}),
         predictions=None if doubt or isinstance(loop, str) else predict_cases(loop, cause.name),
-        signals=_signals(grid, measures),
-        triage=triage,
-        warnings=[*write_warnings(triage), *warnings],
-        notes=notes,
-    )
-
-
-def use_measured_temperature(log: Any) -> Any:
-    """A Dataset of ``fc.simulate`` with the temperature that its controller read."""
-    return log.assign(T_sup=log["T_measured"]) if hasattr(log, "data_vars") and "T_measured" in log else log
+        signals=_signals(grid, measures), triage=triage, warnings=[*write_warnings(triage), *warnings], notes=notes,
+    )  # fmt: skip
 
 
 def _infer_off_times(log: CheckedLog) -> None:
-    """Take the plant for off where the set-point is missing for ten minutes or more, if no column says when it is."""
+    """Count the plant as off where the set-point is missing for ten minutes or more, unless ``enabled`` is logged."""
     if "T_set" not in log.values or "enabled" in log.values or log.change_of_value:
         return
     missing = np.isnan(log.values["T_set"])
     off = np.zeros(missing.size, dtype=bool)
     for first, last in true_runs(missing):
-        off[first:last] = last - first > 1 and (last - first) * log.step >= _LEAST_OFF_TIME_S
+        off[first:last] = last - first > 1 and (last - first) * log.step >= 600.0
     if off.any():
         log.values["enabled"] = np.where(off, 0.0, 1.0)
         log.notes.append(f"{format_count(off, 'row')} without T_set: the plant counts as off there")
 
 
 def require_seconds(name: str, value: Any, least: float) -> float:
-    """A time of the plant or the log, from ``least`` to an hour."""
-    return require_number(
-        name, value, f"give seconds, from {least:g} to {_LONGEST_TIME_S:g}", least=least, most=_LONGEST_TIME_S
-    )
+    """Check a time of the plant or the log, from ``least`` to an hour."""
+    cure = f"give seconds, from {least:g} to {_LONGEST_TIME_S:g}"
+    return require_number(name, value, cure, least=least, most=_LONGEST_TIME_S)
 
 
 def _require_gains(kp: Any, ti: Any) -> tuple[float, float] | None:
     if (kp is None) != (ti is None):
-        raise InputError("kp, ti: give both, or leave both out")
+        raise InputError("kp, ti: give both, or leave both out", "ti" if ti is None else "kp", "missing")
     if kp is None:
         return None
-    cure = f"give 1/K, from {_LEAST_KP:g} to {_MOST_KP:g}"
-    return require_number("kp", kp, cure, least=_LEAST_KP, most=_MOST_KP), require_seconds("ti", ti, _SHORTEST_SAMPLE_S)
+    least, most = _KP_RANGE
+    kp = require_number("kp", kp, f"give 1/K, from {least:g} to {most:g}", least=least, most=most)
+    return kp, require_seconds("ti", ti, _SHORTEST_SAMPLE_S)
 
 
 def identify_and_measure(
     grid: Grid, stroke_time: float, sample_time: float | None = None, lag: float | None = None
 ) -> tuple[Identification, Measures]:
-    """The backlash as far as a log may claim it, and what it shows before any model; times in s."""
+    """Identify the backlash as far as a log may claim it, and measure the loop; times in s."""
     days = []
-    for day in map(grid.part, grid.days()):
+    for day in map(grid.part, grid.day_slices()):
         values = day.values
         inputs = tuple(values[name] for name in ("m_a", "T_a_in") if name in values)
-        days.append(
-            gather_evidence(values["command"], values["T_sup"], grid.interval, values.get("T_set"), inputs, day.on,
-                     stroke_time, sample_time, lag)
-        )  # fmt: skip
+        series = values["command"], values["T_sup"], grid.interval, values.get("T_set"), inputs, day.on
+        days.append(gather_evidence(*series, stroke_time, sample_time, lag))
     measures = measure_loop(grid, stroke_time)
     return _withhold_doubtful(combine_days(days), grid, measures), measures
 
 
 def _withhold_doubtful(identification: Identification, grid: Grid, measures: Measures) -> Identification:
-    """The backlash, not identified where the log holds a trap that the likelihood does not know."""
+    """Withhold a size where the log has a trap that the likelihood does not know."""
     if not identification.identified:
         return identification
-    low, high = 0.0, float(CANDIDATES[-1])
-    if measures.swing.is_regular and measures.command_swing > WIDEST_COMMAND_SWING:
-        # the squared opening of the model does not follow the curve of a valve over so much of its stroke
+    low, high = 0.0, float(identify.CANDIDATES[-1])
+    if measures.swing.is_regular and measures.command_swing > thresholds.WIDEST_COMMAND_SWING:
         reason = (
             f"the command swings over {100 * measures.command_swing:.0f} % of the stroke, where the valve's curve "
             "hides the gap: raise Ti until the loop is calm, then log again"
         )
-    elif grid.increment > LARGEST_INCREMENT_K:
+    elif grid.increment > thresholds.LARGEST_INCREMENT_K:
         reason = (
             f"the temperature is logged when it has changed by {grid.increment:.2g} K, which looks like a gap: log it "
             "at fixed times, or at changes of 0.05 K"
         )
-    elif identification.high - identification.low > WIDEST_INTERVAL:
+    elif identification.high - identification.low > thresholds.WIDEST_INTERVAL:
         low, high = identification.low, identification.high
-        reason = f"gaps from {100 * low:.2g} to {100 * high:.2g} % explain the log: {MORE_EVIDENCE_CURE}"
+        reason = f"gaps from {100 * low:.2g} to {100 * high:.2g} % explain the log: {identify.MORE_EVIDENCE_CURE}"
     else:
         return identification
     return identification._replace(low=low, high=high, identified=False, reason=reason)

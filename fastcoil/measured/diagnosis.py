@@ -1,4 +1,4 @@
-"""The results of a diagnosis and of reading a valve test: backlash, cause, predictions; their words, TOML, pages."""
+"""Results of a diagnosis and of a valve test: backlash, cause, predictions, as text, TOML and pages."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Diagnosis(Result):
     signals
         Dataset over ``elapsed_time``: the log at equal intervals, as it was used.
     triage, warnings
-        Dataset over ``hour``: ``state`` in a word, shares of the hour (``enabled``, ``is_in_control``, ``saturated``,
+        Dataset over ``hour``: ``state`` in a word, shares of the hour (``enabled``, ``in_control``, ``saturated``,
         ``not_responding``), ``error`` and ``swing`` (peak to peak, K), ``period`` (s), and in ``log_limits`` what the
         log of that hour cannot show; and a sentence on each fault that lasts, the worst first.
     advice
@@ -99,7 +99,7 @@ class Diagnosis(Result):
     notes: list[str]
 
     def summary(self) -> list[str]:
-        """The diagnosis in words, line by line."""
+        """The diagnosis as lines of text."""
         hours = self.signals.attrs["hours"]
         lines = [f"{self.source}: {hours:.1f} h, a sample every {self.signals.attrs['interval']:.4g} s"]
         kp, ti, every = (float(self.indices[name]) for name in ("kp", "ti", "sample_time"))
@@ -112,24 +112,25 @@ class Diagnosis(Result):
 
     @property
     def headline(self) -> str:
-        """What matters most in the log, and what to log again, in one or two sentences."""
+        """The most important finding of the log, and what to log again, in one or two sentences."""
         return write_headline(self.triage)
 
     @property
     def advice(self) -> GainAdvice:
-        """What to do, by the rule of ``fc.explain``; the reason is empty where the log shows nothing to do."""
+        """Advice by the rule of ``fc.explain``; the reason is empty where the log shows nothing to do."""
         kp, ti = float(self.indices["kp"]), float(self.indices["ti"])
-        by_step_test = GainAdvice(math.nan, math.nan, _STEP_TEST_ADVICE)
+        by_step_test = GainAdvice(
+            math.nan, math.nan, "Do this: raise Ti to the time constant T found by one step test (see "
+            "docs/findings/hunting.md), then log again.",
+        )  # fmt: skip
         if self.cause == DISTURBANCE:
             return GainAdvice(kp, ti, "Leave the gains: the swing comes from outside the loop.")
         if self.predictions is None:
             return by_step_test if self.hunts else GainAdvice(kp, ti, "")
         cases = {"as_found": (AS_IS, "present gains"), "simc": (SIMC, _describe_simc_gains(self.predictions))}
         if self.identified and self.backlash > GOOD_BACKLASH:
-            cases |= {
-                "inverse": (INVERSE, f"inverse of {format_percent(self.backlash)}"),
-                "no_gap": (REPAIRED_VALVE, "repair"),
-            }
+            cases["inverse"] = (INVERSE, f"inverse of {format_percent(self.backlash)}")
+            cases["no_gap"] = (REPAIRED_VALVE, "repair")
         options = []
         for case, (name, label) in cases.items():
             prediction = self.predictions.sel(case=case)
@@ -144,10 +145,10 @@ class Diagnosis(Result):
 
     @apply_style()
     def plot(self) -> Figure:
-        """The diagnosis on one page, as a matplotlib ``Figure``."""
+        """Plot the diagnosis on one page."""
         from matplotlib.figure import Figure
 
-        fig = Figure(figsize=_PAGE_SIZE_INCHES, layout="constrained")
+        fig = Figure(figsize=(_PAGE_WIDTH, 7.6), layout="constrained")
         grid = fig.add_gridspec(4, 2, height_ratios=(0.2, 1.0, 0.8, 1.3))
         _draw_hours(fig.add_subplot(grid[0, :]), self.triage)
         temperature = fig.add_subplot(grid[1, :])
@@ -155,21 +156,14 @@ class Diagnosis(Result):
         _draw_log(temperature, fig.add_subplot(grid[2, :], sharex=temperature), excerpt)
         _draw_profile(fig.add_subplot(grid[3, 0]), self)
         _draw_predictions(fig.add_subplot(grid[3, 1]), self)
-        headline = [
-            *self.summary()[:2],
-            _describe_gap(self),
-            _describe_hunting(self),
-            *filter(None, [self.advice.reason]),
-        ]
-        fig.suptitle(
-            "\n".join(wrap_text(line, _PAGE_SIZE_INCHES[0], 9) for line in headline), x=0.01, ha="left", fontsize=9
-        )
+        _set_head(fig, [*self.summary()[:2], _describe_gap(self), _describe_hunting(self), self.advice.reason])
         return fig
 
     def to_toml(self, path: str | Path | None = None) -> str:
-        """The backlash as TOML, written to ``path`` if one is given; for ``include`` in the ``[loop]`` of a study file.
+        """Return the backlash as TOML; write it to ``path`` if given.
 
-        ``[loop]`` has the backlash if it is identified, and nothing else; ``[fit]`` is for readers.
+        For ``include`` in the ``[loop]`` of a study file: ``[loop]`` has the backlash if it is identified, and nothing
+        else; ``[fit]`` is for readers.
         """
         lines = toml_table("fit.indices", {str(name): float(value) for name, value in self.indices.items()})
         if self.predictions is not None:
@@ -233,7 +227,7 @@ class ValveReading(Result):
     notes: list[str]
 
     def summary(self) -> list[str]:
-        """The reading in words, line by line."""
+        """The reading as lines of text."""
         return [
             f"{self.source}: a valve test of {self.minutes:.0f} min",
             _describe_gap(self),
@@ -245,11 +239,11 @@ class ValveReading(Result):
 
     @apply_style()
     def plot(self) -> Figure:
-        """The reading on one page, as a matplotlib ``Figure``."""
+        """Plot the reading on one page."""
         from matplotlib.figure import Figure
 
-        ds, width = self.signals, 7.5
-        fig = Figure(figsize=(width, 6.4), layout="constrained")
+        ds = self.signals
+        fig = Figure(figsize=(_PAGE_WIDTH, 6.4), layout="constrained")
         above, middle, below = fig.subplots(3, 1, height_ratios=(1.2, 1.0, 1.0))
         minutes = (ds["elapsed_time"] - ds["elapsed_time"].values[ds["test"].values > 0][0]) / 60.0
         above.plot(minutes, ds["T_sup"], color=BLUE, lw=1.0, label="supply air")
@@ -264,31 +258,28 @@ class ValveReading(Result):
         above.tick_params(labelbottom=False)
         middle.set(xlabel="minutes from the start of the test", ylabel="of the stroke [%]")
         _draw_profile(below, self)
-        lines = [wrap_text(line, width, 9) for line in self.summary() if not line.startswith("Note: ")]
-        fig.suptitle("\n".join(lines), x=0.01, ha="left", fontsize=9)
+        _set_head(fig, [line for line in self.summary() if not line.startswith("Note: ")])
         return fig
 
     def to_toml(self, path: str | Path | None = None) -> str:
-        """The backlash as TOML, written to ``path`` if one is given; for ``include`` in the ``[loop]`` of a study file.
+        """Return the backlash as TOML; write it to ``path`` if given.
 
-        ``[loop]`` has the backlash if it is identified, and nothing else; ``[fit]`` is for readers, its posterior
-        also for ``fit`` in the ``[sample]`` of a study file.
+        For ``include`` in the ``[loop]`` of a study file: ``[loop]`` has the backlash if it is identified, and nothing
+        else; ``[fit]`` is for readers, its posterior also for ``fit`` in the ``[sample]`` of a study file.
         """
         names = ("gain", "lag", "dead_time", "held_swing", "held_for", "minutes")
         posterior: list[str] = []
         if self.identified:
-            likely = np.flatnonzero(self.profile["probability"].values > _NEGLIGIBLE_PROBABILITY)
+            likely = np.flatnonzero(self.profile["probability"].values > 1e-6)
             likely_sizes = self.profile.isel(backlash=slice(likely[0], likely[-1] + 1))
-            posterior = toml_table(
-                "fit.posterior", {n: likely_sizes[n].values.tolist() for n in ("backlash", "probability")}
-            )
-        return _gap_as_toml(
-            self, "valve-test", "valve test", {name: getattr(self, name) for name in names}, posterior, path
-        )
+            columns = {name: likely_sizes[name].values.tolist() for name in ("backlash", "probability")}
+            posterior = toml_table("fit.posterior", columns)
+        numbers = {name: getattr(self, name) for name in names}
+        return _gap_as_toml(self, "valve-test", "valve test", numbers, posterior, path)
 
 
 class GainAdvice(NamedTuple):
-    """What to do about a loop."""
+    """Advice on the gains of a loop."""
 
     kp: float  # gain to set, 1/K: that of now where it may stay, NaN where the log shows none
     ti: float  # integral time to set, s, likewise
@@ -296,7 +287,7 @@ class GainAdvice(NamedTuple):
 
 
 def probability_profile(identification: Identification) -> xr.Dataset:
-    """The probability of each size."""
+    """Dataset with the probability of each size."""
     attrs = {"units": "1", "long_name": "backlash, fraction of stroke"}
     return xr.Dataset(
         {"probability": ("backlash", identification.probability, {"long_name": "probability of each size"})},
@@ -305,26 +296,17 @@ def probability_profile(identification: Identification) -> xr.Dataset:
 
 
 def _gap_as_toml(
-    result: Any,
-    command: str,
-    kind: str,
-    numbers: Mapping[str, float],
-    extra_tables: Sequence[str],
+    result: Any, command: str, kind: str, numbers: Mapping[str, float], extra_tables: Sequence[str],
     path: str | Path | None,
-) -> str:
+) -> str:  # fmt: skip
     """The gap as TOML, with ``numbers`` of the fit; ``extra_tables``: tables at the end."""
-    fit_table = {"kind": kind, "source": result.source, "identified": result.identified, "reason": result.reason, "cause": result.cause,
-              "because": result.because, **numbers, "notes": result.notes}  # fmt: skip
-    lines = [
-        f"# backlash fitted to {result.source} by fastcoil {command}",
-        *(f"# {line}" for line in result.summary()[1:]),
-    ]
-    lines += toml_table("loop", {"backlash": result.backlash} if result.identified else {}) + toml_table(
-        "fit", fit_table
-    )
-    return toml_document(
-        [*lines, *toml_table("fit.interval_95", {"backlash": list(result.interval)}), *extra_tables], path
-    )
+    texts = {name: getattr(result, name) for name in ("source", "identified", "reason", "cause", "because")}
+    lines = [f"# backlash fitted to {result.source} by fastcoil {command}"]
+    lines += [f"# {line}" for line in result.summary()[1:]]
+    lines += toml_table("loop", {"backlash": result.backlash} if result.identified else {})
+    lines += toml_table("fit", {"kind": kind, **texts, **numbers, "notes": result.notes})
+    lines += toml_table("fit.interval_95", {"backlash": list(result.interval)})
+    return toml_document([*lines, *extra_tables], path)
 
 
 def _describe_gap(result: Any) -> str:
@@ -346,14 +328,11 @@ def _describe_hunting(diagnosis: Diagnosis) -> str:
         return f"Hunting: not clear: {diagnosis.because}"
     rhythm = f"{period:.0f} s" if period < 120 else f"{period / 60:.0f} min"
     swinging = diagnosis.triage["swing"].values[diagnosis.triage["state"].values == SWINGING]
-    if swinging.size and np.median(swinging) > _LARGER_SWING_FACTOR * 2 * size:
+    if swinging.size and np.median(swinging) > 1.3 * 2 * size:
         rhythm += " on average over the log"
     # of the three, the gap is blamed wrongly most often: see the table diagnosis_answers
-    blame = {
-        BACKLASH: ", probably caused by the gap:",
-        TUNING: ", caused by the tuning:",
-        DISTURBANCE: ", caused by a disturbance:",
-    }
+    blame = {BACKLASH: ", probably caused by the gap:", TUNING: ", caused by the tuning:",
+             DISTURBANCE: ", caused by a disturbance:"}  # fmt: skip
     return f"Hunting: ± {size:.2g} K every {rhythm}{blame.get(diagnosis.cause, ';')} {diagnosis.because}"
 
 
@@ -361,17 +340,17 @@ def _describe_predictions(diagnosis: Diagnosis, cases: Sequence[str]) -> list[st
     """What the fitted loop would do with other gains, another valve or an inverse."""
     if diagnosis.predictions is None:
         return []
-    labels = {"as_found": "Now", "simc": f"With {_describe_simc_gains(diagnosis.predictions)}", "no_gap": "Without the gap",
-             "half_gap": "With half the gap", "inverse": "With a backlash inverse"}  # fmt: skip
+    labels = {"as_found": "Now", "simc": f"With {_describe_simc_gains(diagnosis.predictions)}",
+              "no_gap": "Without the gap", "half_gap": "With half the gap",
+              "inverse": "With a backlash inverse"}  # fmt: skip
     hunting = float(diagnosis.predictions["hunts"].sel(case="as_found"))
     lines = []
     for case in cases:
         prediction = diagnosis.predictions.sel(case=case)
         stops = ", no hunting" if hunting > float(prediction["hunts"]) else ""
-        answer = (
-            f"error {float(prediction['rmse']):.2g} K, motor {float(prediction['travel_per_day']):.0f} strokes a day, stem reverses "
-            f"{float(prediction['reversals_per_day']):.0f} times a day{stops}"
-        )
+        rmse, travel, reversals = (float(prediction[n]) for n in ("rmse", "travel_per_day", "reversals_per_day"))
+        answer = f"error {rmse:.2g} K, motor {travel:.0f} strokes a day, "
+        answer += f"stem reverses {reversals:.0f} times a day{stops}"
         doubt = str(prediction["doubt"].values)
         lines.append(f"{labels[case]}: {f'not predicted: {doubt}' if doubt else answer}")
     return lines
@@ -382,41 +361,36 @@ def _describe_simc_gains(predictions: xr.Dataset) -> str:
     return f"kp {kp:g} 1/K, ti {ti:g} s"
 
 
-_STEP_TEST_ADVICE = (
-    "Do this: raise Ti to the time constant T found by one step test (see docs/findings/hunting.md), then log again."
-)
-
-
-_DRAWN_SECONDS = 7200.0  # seconds that are drawn
-_PAGE_SIZE_INCHES = (7.5, 7.6)
-_NEGLIGIBLE_PROBABILITY = 1e-6  # probability of a size
-_BAR_ROOM_PERCENT = 160.0  # per cent of the longest bar, for the words behind it
-_LARGER_SWING_FACTOR = 1.3  # a swing of some hours is that much larger than the mean of the log
-_LONG_LOG_HOURS = 48  # hours from which the strip shows days
+_PAGE_WIDTH = 7.5  # inches
 _STATE_SHADES = (SHADE_GREY, "#997700", "#882255", RED, "#EE99AA", YELLOW, "0.45", "0.75", "#EECC66", "#6699CC", BLUE)
 _STATE_COLOURS = dict(zip(STATES, _STATE_SHADES, strict=True))
 _LEGEND_ABOVE: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "frameon": False, "borderaxespad": 0.2}
 
 
 def _find_busiest_hours(signals: xr.Dataset) -> slice:
-    """The two hours in which the motor travels most; settled, where the loop ever is."""
+    """The two hours with the most travel of the motor, settled if the loop ever is."""
     calm, is_known = signals["calm"].values, np.isfinite(signals["T_sup"].values + signals["command"].values)
     moves = np.abs(np.diff(signals["position"].values, prepend=signals["position"].values[0]))
     counts = np.where(is_known & (calm if calm.any() else is_known), moves, 0.0)
-    width = min(counts.size, max(2, round(_DRAWN_SECONDS / signals.attrs["interval"])))
+    width = min(counts.size, max(2, round(7200.0 / signals.attrs["interval"])))
     travel = np.cumsum(np.concatenate([[0.0], counts]))
     start = int(np.argmax(travel[width:] - travel[:-width]))
     return slice(start, start + width)
 
 
+def _set_head(fig: Figure, lines: Sequence[str]) -> None:
+    text = "\n".join(wrap_text(line, _PAGE_WIDTH, 9) for line in lines if line)
+    fig.suptitle(text, x=0.01, ha="left", fontsize=9)
+
+
 def _draw_hours(axes: Axes, triage: xr.Dataset) -> None:
-    """A strip of the states, hour by hour; lines between days in a log of more than two."""
+    """Draw the states hour by hour; lines between days in a log of more than two."""
     from matplotlib.patches import Patch
 
     hours, state = triage["hour"].values, triage["state"].values
     places = np.arange(hours.size)  # hours without a sample take no room
     axes.bar(places, 1.0, width=1.0, align="edge", color=[_STATE_COLOURS[word] for word in state])
-    if hours.size > _LONG_LOG_HOURS:
+    if hours.size > 48:
         ends = np.flatnonzero(np.diff(hours // 24)) + 1
         axes.vlines(ends, 0.0, 1.0, color="black", lw=0.6)
         axes.set_xticks([0, *ends], hours[[0, *ends]])
@@ -424,8 +398,8 @@ def _draw_hours(axes: Axes, triage: xr.Dataset) -> None:
     axes.grid(visible=False)
     axes.set_title("Hour by hour", loc="left")
     occurring = [word for word in STATES if word in state]
-    axes.legend(handles=[Patch(color=_STATE_COLOURS[word], label=word) for word in occurring], ncols=len(occurring), handlelength=0.8,
-                columnspacing=1.0, **_LEGEND_ABOVE)  # fmt: skip
+    patches = [Patch(color=_STATE_COLOURS[word], label=word) for word in occurring]
+    axes.legend(handles=patches, ncols=len(occurring), handlelength=0.8, columnspacing=1.0, **_LEGEND_ABOVE)
 
 
 def _draw_log(above: Axes, below: Axes, excerpt: xr.Dataset) -> None:
@@ -454,7 +428,7 @@ def _draw_profile(axes: Axes, result: Any) -> None:
 
 
 def _draw_predictions(axes: Axes, diagnosis: Diagnosis) -> None:
-    """Error and travel in every case, as shares of what the model does with the present gains."""
+    """Draw error and travel in every case, as shares of those with the present gains."""
     axes.set_title("What the fitted loop would do", loc="left")
     if diagnosis.predictions is None:
         notice = "no prediction: see the notes"
@@ -464,10 +438,8 @@ def _draw_predictions(axes: Axes, diagnosis: Diagnosis) -> None:
     predictions, cases = diagnosis.predictions, list(diagnosis.predictions["case"].values)
     places = np.arange(len(cases))[::-1]
     error, travel = predictions["rmse"].values, predictions["travel_per_day"].values
-    for values, shift, colour, text_format in (
-        (error, 0.2, BLUE, "{:.2g} K"),
-        (travel, -0.2, YELLOW, "{:.0f} strokes a day"),
-    ):
+    bars = ((error, 0.2, BLUE, "{:.2g} K"), (travel, -0.2, YELLOW, "{:.0f} strokes a day"))
+    for values, shift, colour, text_format in bars:
         share = np.nan_to_num(100 * values / values[0])
         axes.barh(places + shift, share, height=0.38, color=colour)
         for place, value, end in zip(places + shift, values, share, strict=True):
@@ -475,7 +447,7 @@ def _draw_predictions(axes: Axes, diagnosis: Diagnosis) -> None:
                 axes.text(end + 2, place, text_format.format(value), va="center", fontsize=7)
     for place in places[~np.isfinite(error)]:
         axes.text(2, place, "not predicted", va="center", fontsize=7)
-    axes.set_xlim(0, _BAR_ROOM_PERCENT * np.nanmax(np.concatenate([error / error[0], travel / travel[0]])))
+    axes.set_xlim(0, 160.0 * np.nanmax(np.concatenate([error / error[0], travel / travel[0]])))
     axes.axvline(100, color="black", lw=0.8, ls=DOTTED_LINE)
     hunting = predictions["hunts"].values > 0
     axes.set_yticks(places, [CASE_LABELS[c] + "\n(hunts)" * bool(h) for c, h in zip(cases, hunting, strict=True)])

@@ -1,4 +1,4 @@
-"""The result of a fit: parameters, their uncertainty and residuals, with its words, TOML and figures."""
+"""Result of a fit: parameters, their uncertainty and residuals, as text, TOML and figure."""
 
 from __future__ import annotations
 
@@ -25,15 +25,12 @@ if TYPE_CHECKING:
 
 AT_BOUND = "at the bound of its range: the data do not limit it"
 NOT_UNIQUE = "one of many that fit as well: the data do not identify it"
-_LEAST_LINKED_CORRELATION = 0.95  # correlation of two parameters that are known only together
-_LEAST_EXPLAINED = 0.8  # a model of the right thing explains at least this share of the variance
-_LARGEST_VALIDATION_RATIO, _ROUND_OFF = 2.0, 1e-9
 _SERIES_BY_KIND = {
     "valve": ("m_w", "flow [kg/s]", "", "whether the pump ran"),
     "coil": ("T_sup", "supply air [°C]", "T_sup_", "how the inputs run between samples"),
     "loop": ("T_sup", "supply air [°C]", "", "whether the loop is that of the log"),
 }
-"""The measured series, its label, how the names of the modelled one and of the residual begin, what may be wrong."""
+"""Measured series, its label, prefix of the names of the modelled one and the residual, what may be wrong."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -93,12 +90,12 @@ class Fit(Result):
 
     @property
     def backlash(self) -> float:
-        """The best size of a valve or a loop, fraction of stroke, identified or not; NaN of a coil."""
+        """Most probable backlash of a valve or a loop, fraction of stroke, identified or not; NaN of a coil."""
         return float("nan") if self.profile is None else float(self.profile.attrs["backlash"])
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Its 95 % interval; NaN of a coil."""
+        """95 % interval of the backlash; NaN of a coil."""
         low, high = (float("nan"),) * 2 if self.profile is None else self.profile.attrs["interval_95"]
         return low, high
 
@@ -109,12 +106,12 @@ class Fit(Result):
 
     @property
     def reason(self) -> str:
-        """Why not; empty if it does."""
+        """Why the log does not resolve the backlash; empty if it does."""
         return self.held.get("backlash", "")
 
     @apply_style()
     def plot(self) -> Figure:
-        """Measured and fitted values over time, the residual below, a column for each part of the log."""
+        """Plot measured and fitted values over time, the residual below, a column for each part of the log."""
         from matplotlib.figure import Figure
 
         measured, label, prefix, _ = _SERIES_BY_KIND[self.kind]
@@ -133,8 +130,12 @@ class Fit(Result):
             above.set_title(f"{part}: RMSE {self.rmse[part]:.2g} {self.unit}", loc="left")
             above.legend(ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False)
             below.set_xlabel("time [h]")
+            unused = excerpt["part"].values == UNUSED
+            unused[1:] |= unused[:-1]  # up to the next sample
+            hours = excerpt["elapsed_time"].values / 3600
             for axes in (above, below):
-                _shade_unused(axes, excerpt)
+                across = axes.get_xaxis_transform()
+                axes.fill_between(hours, 0.0, 1.0, where=unused, transform=across, color=SHADE_GREY, lw=0, zorder=0)
         rows[0, 0].set_ylabel(label)
         rows[1, 0].set_ylabel(f"measured - fitted [{self.unit}]")
         if (ds["part"] == UNUSED).any():
@@ -142,7 +143,7 @@ class Fit(Result):
         return fig
 
     def summary(self) -> list[str]:
-        """The fit in words, line by line."""
+        """The fit as lines of text."""
         sample_count = f"{self.n_used:,} samples compared, equivalent to {self.n_effective:,.0f} independent ones"
         lines = [f"{self.source}: {sample_count}; {self.seconds:.1f} s"]
         for name, value in self.parameters.items():
@@ -158,7 +159,7 @@ class Fit(Result):
         lines += [
             f"{names[i]} and {names[j]} are identified only in combination (correlation {correlation[i, j]:.3f}): use "
             "them as a pair"
-            for i, j in np.argwhere(np.triu(np.abs(np.nan_to_num(correlation)) > _LEAST_LINKED_CORRELATION, 1))
+            for i, j in np.argwhere(np.triu(np.abs(np.nan_to_num(correlation)) > 0.95, 1))
         ]
         for name, value in self.rmse.items():
             part, _, quantity = name.partition("_")
@@ -167,18 +168,14 @@ class Fit(Result):
         return lines + [f"Note: {note}" for note in self.notes]
 
     def to_toml(self, path: str | Path | None = None) -> str:
-        """The fit as TOML, written to ``path`` if one is given; for ``include`` in the ``[loop]`` of a study file.
+        """Return the fit as TOML; write it to ``path`` if given.
 
-        ``[loop]`` holds the parameters; ``[fit]`` and its tables are for readers.
+        For ``include`` in the ``[loop]`` of a study file: ``[loop]`` holds the parameters; ``[fit]`` and its tables are
+        for readers.
         """
-        fit_table = {
-            "kind": self.kind,
-            "source": self.source,
-            "samples": self.n_used,
-            "effective_samples": round(self.n_effective, 1),
-            "held": [f"{name}: {why}" for name, why in self.held.items()],
-            "notes": self.notes,
-        }
+        held = [f"{name}: {why}" for name, why in self.held.items()]
+        fit_table = {"kind": self.kind, "source": self.source, "samples": self.n_used,
+                     "effective_samples": round(self.n_effective, 1), "held": held, "notes": self.notes}  # fmt: skip
         lines = [f"# {self.kind} fitted to {self.source} by fastcoil", *(f"# {line}" for line in self.summary()[1:])]
         lines += toml_table("loop", self.parameters) + toml_table("fit", fit_table)
         lines += toml_table("fit.rmse", self.rmse, self.unit) + toml_table("fit.standard_error", self.standard_errors)
@@ -191,7 +188,7 @@ def build_fit(
     series: Mapping[str, tuple[Array, str]], names: Sequence[str], covariance: Array, *, kind: str, notes: list[str],
     **fields: Any,
 ) -> Fit:  # fmt: skip
-    """The fit of a log, begun at ``start_time``; ``errors`` by their ending in ``rmse``, NaN where they do not count."""
+    """Assemble the fit of a log; ``errors`` by their ending in ``rmse``, NaN where they do not count."""
     part_of_sample = np.where(fitting, FITTING, VALIDATION)
     part, rmse = np.where(compared, part_of_sample, UNUSED), {}
     for name in (FITTING, VALIDATION):
@@ -200,24 +197,20 @@ def build_fit(
             if counts.any():
                 rmse[f"{name}{ending}"] = float(np.sqrt(np.mean(error[counts] ** 2)))
     measured, _, _, check = _SERIES_BY_KIND[kind]
+    fitted = series[measured][0][compared & fitting]
     columns = {"part": part, "batch": data.batch, "row": data.rows, "log": np.array(data.names)[data.source]}
+    residuals: dict[str, tuple[Any, ...]] = {
+        name: ("elapsed_time", values, {"units": unit}) for name, (values, unit) in series.items()
+    }
+    residuals |= {name: ("elapsed_time", values) for name, values in columns.items()}
     return Fit(
-        kind=kind,
-        source=data.name,
-        unit="kg/s" if kind == "valve" else "K",
-        rmse=rmse,
-        notes=notes
-        + fit_warnings(rmse, series[measured][0][compared & fitting], measured, f"units, columns, and {check}"),
-        residuals=xr.Dataset(
-            {name: ("elapsed_time", values, {"units": unit}) for name, (values, unit) in series.items()}
-            | {name: ("elapsed_time", values) for name, values in columns.items()},
-            {"elapsed_time": ("elapsed_time", data.time, {"units": "s"})},
-        ),
+        kind=kind, source=data.name, unit="kg/s" if kind == "valve" else "K", rmse=rmse,
+        notes=notes + fit_warnings(rmse, fitted, measured, f"units, columns, and {check}"),
+        residuals=xr.Dataset(residuals, {"elapsed_time": ("elapsed_time", data.time, {"units": "s"})}),
         standard_errors=dict(zip(names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
         covariance=xr.DataArray(covariance, {"parameter": names, "parameter_2": names}, ("parameter", "parameter_2")),
-        seconds=time.perf_counter() - start_time,
-        **fields,
-    )
+        seconds=time.perf_counter() - start_time, **fields,
+    )  # fmt: skip
 
 
 def natural_interval(middle: float, half: float, of_logarithm: bool) -> tuple[float, float]:
@@ -229,7 +222,7 @@ def natural_interval(middle: float, half: float, of_logarithm: bool) -> tuple[fl
 def rmse_profile(
     grid: Array, rmse: Array, unit: str, backlash: float, interval: tuple[float, float], **limit: float
 ) -> xr.Dataset:
-    """The ``profile`` of a fit: least RMSE with the backlash held at each value of ``grid``; the best, its interval."""
+    """Profile of a fit: least RMSE with the backlash held at each value of ``grid``; the best and its interval."""
     attrs = limit | {"backlash": backlash, "interval_95": list(interval)}
     return xr.Dataset(
         {"rmse": ("backlash", rmse, {"units": unit})}, {"backlash": ("backlash", grid, {"units": "1"})}, attrs
@@ -237,34 +230,24 @@ def rmse_profile(
 
 
 def fit_warnings(rmse: Mapping[str, float], fitted: Array, name: str, check: str) -> list[str]:
-    """Notes if the model explains little of the fitted data, if nothing validates it, if the validation fails."""
+    """Notes if the model explains little of the fitted data, or if nothing validates it, or the validation fails."""
     notes = []
     if VALIDATION not in rmse:
         notes.append("nothing was held back: the fit is not validated")
-    elif (
-        ratio := rmse[VALIDATION] / max(rmse[FITTING], _ROUND_OFF * float(np.std(fitted)))
-    ) > _LARGEST_VALIDATION_RATIO:
+    elif (ratio := rmse[VALIDATION] / max(rmse[FITTING], 1e-9 * float(np.std(fitted)))) > 2.0:
         notes.append(
             f"the validation error is {ratio:.1f} times the fitting error: do not rely on the fit under other "
             "operating conditions"
         )
     explained = 1.0 - (rmse[FITTING] / float(np.std(fitted))) ** 2
-    if explained < _LEAST_EXPLAINED:
+    if explained < 0.8:
         share = 100 * max(explained, 0.0)
         notes.append(f"the model explains only {share:.0f} % of the variance of {name}: check {check}")
     return notes
 
 
 def _plot_over_hours(axes: Axes, ds: xr.Dataset, name: str, **style: Any) -> None:
-    """Plot a series, with a break wherever the record has one."""
+    """Plot a series with a break at each gap of the record."""
     breaks = np.flatnonzero(np.diff(ds["batch"])) + 1
     hours, values = (np.insert(ds[n].values.astype(float), breaks, np.nan) for n in ("elapsed_time", name))
     axes.plot(hours / 3600, values, **style)
-
-
-def _shade_unused(axes: Axes, ds: xr.Dataset) -> None:
-    """Samples that are not compared, in grey, up to the next sample."""
-    unused = ds["part"].values == UNUSED
-    unused[1:] |= unused[:-1]
-    hours, across = ds["elapsed_time"].values / 3600, axes.get_xaxis_transform()
-    axes.fill_between(hours, 0.0, 1.0, where=unused, transform=across, color=SHADE_GREY, lw=0, zorder=0)

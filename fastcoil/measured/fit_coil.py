@@ -1,6 +1,6 @@
 """``fit_coil``: C_c, C_w, β1 … β6 of Eqs (3) and (4) from recorded flows and temperatures (section 2.2).
 
-The log becomes 1-s series; the coil runs over them with many parameter sets at once.
+The coil runs over the log, resampled at 1 s, with many parameter sets at once.
 """
 
 from __future__ import annotations
@@ -9,15 +9,15 @@ import math
 import time
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from fastcoil.base.arguments import argument_checks, require_choice, require_names, require_number
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.base.errors import InputError, short_repr
-from fastcoil.logs import CheckedLog
-from fastcoil.logs.columns import ColumnSpec, check_reading_options, require_log
+from fastcoil.base.errors import InputError, Problem, short_repr
+from fastcoil.logs.columns import ColumnSpec
+from fastcoil.logs.log import CheckedLog, as_log
 from fastcoil.logs.pieces import require_whole_seconds, resample_at_seconds
 from fastcoil.logs.series import HUMIDITY_COLUMNS, describe_first_row, format_count
 from fastcoil.loops.clashes import wet_slope
@@ -35,35 +35,25 @@ from fastcoil.model.engine.rows import PARAMETER_ROWS
 from fastcoil.model.metric_table import WARM_UP_S
 from fastcoil.model.parameter_table import PARAMETERS
 
+if TYPE_CHECKING:
+    from fastcoil.measured.part import LogSource
+
 COIL_PARAMETERS = ("C_w", "C_c", "beta1", "beta2", "beta3", "beta4", "beta5", "beta6")
-IS_LOGARITHMIC = np.array([True, True, True, False, True, False, True, False])
-"""Which of ``COIL`` are searched by their logarithm."""
+IS_LOGARITHMIC = np.array([True, True, True, False, True, False, True, False])  # which are searched by their logarithm
 LN_C_W, LN_C_C, LN_NTU_W, BETA2, LN_NTU_A, BETA4, LN_NTU_STAR, BETA6 = range(8)
-"""The searched parameters: as ``COIL``, but numbers of transfer units at the typical flow in place of their factors."""
-MODEL_OUTPUTS = ("T_sup", "T_w_out", "wet_volumes")  # what the model gives: °C, °C, number of wet volumes
+"""Indices of a searched set: numbers of transfer units at the typical flow stand for the factors of the exponents."""
 COUPLED_PARAMETERS = {LN_NTU_STAR: LN_NTU_A, BETA6: BETA4}
 """Parameters that the data may not separate: the first is then held at the value of the second."""
-_HELD_AS_DRY = "as that of heat alone"
-_COIL_ROWS = np.array([PARAMETER_ROWS.index(name) for name in COIL_PARAMETERS])
-_N_AIR_FLOWS = 9
-_STILL_AIR_SHARE, _TYPICAL_FLOW_QUANTILE = 0.05, 0.95
-"""Air stands still below the first share of the flow that it stays below for the second share of the time."""
-_ROUND_OFF = 1e-6  # of times counted from the start of a piece, s
+MODEL_OUTPUTS = ("T_sup", "T_w_out", "wet_volumes")  # °C, °C, number of wet volumes
 COMPARED_OUTPUTS = {"T_sup": ("T_sup",), "both": ("T_sup", "T_w_out")}
-_INPUT_COLUMNS = ("m_w", "m_a", "T_w_in", "T_a_in", *HUMIDITY_COLUMNS)
-_NEEDED_COLUMNS = ("m_w", "m_a", "T_w_in", "T_a_in", HUMIDITY_COLUMNS, "T_sup")
-_LARGEST_HALF_INTERVAL = 5.0  # half an interval this wide means nothing: a factor of 150, or an exponent
-_MARCH_PARAMETERS = ("n_volumes", "air_march", "substeps")
-_AT_STABILITY_LIMIT = "at the stability limit (γ = 1 at the largest flow)"
+_FLOWS_AND_TEMPERATURES = ("m_w", "m_a", "T_w_in", "T_a_in")
+_HELD_AS_DRY = "as that of heat alone"
 
 
 @np.errstate(all="ignore")
 def fit_coil(
-    log: Any,
+    log: LogSource,
     *,
-    units: Mapping[str, str] | None = None,
-    columns: Mapping[str, str] | None = None,
-    constants: Mapping[str, float] | None = None,
     minimise_on: str = "T_sup",
     warm_up: float = WARM_UP_S,
     T_initial: float = 20.0,
@@ -73,34 +63,30 @@ def fit_coil(
     pressure: float = 101325.0,
     holds: str | Sequence[str] | None = None,
     split: float | None = None,
-    validation: Any = None,
-    drop: bool = False,
-    jumps: str = "refuse",
-    max_gap: float | None = None,
-    time_format: str | None = None,
+    validation: LogSource | None = None,
 ) -> Fit:
     """Fit the eight parameters of a coil to a log of its flows and temperatures.
 
     Parameters
     ----------
-    log
-        CSV file, DataFrame or Dataset.  Needed: ``m_w``, ``m_a``, ``T_w_in``, ``T_a_in``, one of ``W_a_in``,
-        ``RH_a_in``, ``T_dp_in``, ``T_sup``, and ``elapsed_time`` or ``timestamp``; optional: ``T_w_out`` and
-        ``enabled``.  Samples are 1 s apart or more.  After a gap, and after a time without air flow or ``enabled``, the
-        model starts again from ``T_initial``.
-    minimise_on
-        ``T_sup`` as in the paper, or ``both`` to compare the leaving water too.
-    warm_up, T_initial
-        Seconds left out at each start of the model [s], and all temperatures there [degC].
+    log : path, DataFrame, Dataset or Log
+        Needed: ``m_w``, ``m_a``, ``T_w_in``, ``T_a_in``, one of ``W_a_in``, ``RH_a_in``, ``T_dp_in``, ``T_sup``, and
+        ``elapsed_time`` or ``timestamp``; optional: ``T_w_out`` and ``enabled``.  Samples are 1 s apart or more.  After
+        a gap, and after a time without air flow or ``enabled``, the model restarts from ``T_initial``.  `read_log` has
+        the options of reading.
+    minimise_on : "T_sup" or "both", default "T_sup"
+        ``T_sup`` as in the paper, or ``both`` to compare the leaving water as well.
+    warm_up : float, default 1800
+        Time left out at each start of the model, s.
+    T_initial : float, default 20
+        All temperatures of the model at its start, °C.
     n_volumes, air_march, substeps, pressure
-        Of the model, see ``fc.parameters()``.  Fit with those that the loop will have: parameters take up the error of
-        the march that they were fitted with.
-    holds
-        Name or names of inputs that hold between samples; the others run straight.
+        Of the model, see `parameters`.  Fit with those that the loop will have: the fitted parameters compensate the
+        error of their march.
+    holds : str or sequence of str, optional
+        Inputs that hold between samples; the others run straight.
     split, validation
-        As in ``fc.fit_valve``; the pieces between gaps are its batches.
-    units, columns, constants, drop, jumps, max_gap, time_format
-        How the log is read: see ``fastcoil.logs.ReadingOptions``.
+        As in `fit_valve`; the pieces between gaps are the batches.
 
     Returns
     -------
@@ -113,43 +99,51 @@ def fit_coil(
     InputError
         With one sentence for each mistake in the log or the arguments.
 
+    See Also
+    --------
+    fit_valve, fit_loop, read_log
+
     Notes
     -----
     Cai and Braun (2016), section 2.2: start at 20 °C, the first 1,800 s left out, T_sup alone minimised.  A trial set
     that is unstable at the recorded flows gets a large residual.
+
+    Examples
+    --------
+    >>> day, loop = fc.paper_day(hours=0.5), fc.Loop(n_volumes=2)
+    >>> ds = fc.simulate(loop, day, traces=["m_w", "T_sup"], warm_up=300)[["m_w", "T_sup"]]
+    >>> log = ds.merge(day.to_dataset()[["m_a", "T_a_in", "W_a_in", "T_w_in"]])
+    >>> fit = fc.fit_coil(log.isel(elapsed_time=slice(None, None, 5)), warm_up=300, n_volumes=2)
+    >>> f"{fit.rmse['fit']:.2f} {fit.unit}"
+    '0.01 K'
     """
     start_time = time.perf_counter()
     with argument_checks() as check:
-        log = check(require_log, "log", log)
+        log = check(as_log, "log", log)
         minimise_on = check(require_choice, "minimise_on", minimise_on, COMPARED_OUTPUTS)
         warm_up = check(require_number, "warm_up", warm_up, "give a number of seconds, 0 or more", least=0.0)
         held_inputs = check(_require_held_inputs, holds)
         loop = check(Loop, n_volumes=n_volumes, air_march=air_march, substeps=substeps, pressure=pressure,
                      T_initial=T_initial)  # fmt: skip
         for name, array in loop.swept.items() if loop else ():
-            check.problems.append(f"{name} = {short_repr(array.values.tolist())}: give one value")
-        reading = check_reading_options(check, columns=columns, units=units, constants=constants, drop=drop, jumps=jumps,
-                              max_gap=max_gap, time_format=time_format, has_command=True)  # fmt: skip
-        part = check_split(check, split, validation)
+            sentence = f"{name} = {short_repr(array.values.tolist())}: give one value"
+            check.problems.append(Problem(sentence, name, "value"))
+        part = check_split(check, log, split, validation)
     outputs = COMPARED_OUTPUTS[minimise_on]
+    required: list[str | tuple[str, ...]] = [*_FLOWS_AND_TEMPERATURES, HUMIDITY_COLUMNS, *outputs]
     optional = [name for name in ("enabled", "T_w_out") if name not in outputs]
-    data = part.read(
-        log,
-        ColumnSpec((*_NEEDED_COLUMNS, *outputs[1:]), optional, COMPARED_OUTPUTS["both"]),
-        reading,
-        drop_idle_samples,
-    )
-    record = build_record(data, loop, held_inputs, part.fitted(data))
+    data = part.read(log, ColumnSpec(required, optional, COMPARED_OUTPUTS["both"]), drop_idle_samples)
+    record = build_record(data, loop, held_inputs, part.fitting_mask(data))
     problem = CoilProblem(data, record, outputs, warm_up, part, held_inputs)
     return _assemble_fit(problem, start_time)
 
 
 def _require_held_inputs(holds: Any) -> tuple[str, ...]:
-    """The inputs that hold, under the names that the model has for them."""
+    """Check the inputs that hold, under the names that the model has for them."""
     is_empty = holds is None or (isinstance(holds, Sequence) and not holds)
-    names = (
-        [] if is_empty else [require_choice("holds", name, _INPUT_COLUMNS) for name in require_names("holds", holds)]
-    )
+    names = [] if is_empty else require_names("holds", holds)
+    for name in names:
+        require_choice("holds", name, (*_FLOWS_AND_TEMPERATURES, *HUMIDITY_COLUMNS))
     return tuple("W_a_in" if name in HUMIDITY_COLUMNS else name for name in names)
 
 
@@ -157,8 +151,8 @@ def _assemble_fit(problem: CoilProblem, start_time: float) -> Fit:
     record, data, notes = problem.record, problem.data, problem.notes
     best, spread, wet = problem.solve()
     x = problem.coupling @ best.x[:, None]
-    values = record.values(x)[:, 0]
-    A = record.named() @ problem.coupling
+    values = record.coil_parameters(x)[:, 0]
+    A = record.coil_matrix() @ problem.coupling
     y, spread_y = A @ x[:, 0], A @ np.nan_to_num(spread.covariance, posinf=0.0) @ A.T
     half = spread.quantile() * np.sqrt(np.diag(spread_y))
     scale = np.where(IS_LOGARITHMIC, values, 1.0)
@@ -166,28 +160,26 @@ def _assemble_fit(problem: CoilProblem, start_time: float) -> Fit:
 
     held = {COIL_PARAMETERS[k]: why for k, why in sorted(problem.held.items())}
     for k, variance in enumerate(np.diag(spread.covariance)):
-        if math.isinf(variance) or half[k] > _LARGEST_HALF_INTERVAL:
+        if math.isinf(variance) or half[k] > 5.0:  # a factor of 150, or an exponent
             held.setdefault(COIL_PARAMETERS[k], NOT_UNIQUE)
         if math.isnan(variance):
-            held.setdefault(
-                COIL_PARAMETERS[k], _AT_STABILITY_LIMIT if k == LN_C_W and best.x[k] < problem.prior[k] else AT_BOUND
-            )
+            is_just_stable = k == LN_C_W and best.x[k] < problem.prior[k]
+            why = "at the stability limit (γ = 1 at the largest flow)" if is_just_stable else AT_BOUND
+            held.setdefault(COIL_PARAMETERS[k], why)
     estimated = [k for k, name in enumerate(COIL_PARAMETERS) if name not in held]
 
     series, errors = _compare_series(problem, x)
     notes.append(f"{100 * (wet > 0).mean():.0f} % of the fitted samples have wet volumes, {wet.mean():.1f} on average")
-    largest_flow = record.limits.m_w_max
-    notes.append(
-        f"stable up to the {largest_flow:.3g} kg/s of water in the part fitted; for more, raise C_w in proportion"
-    )
-    march_settings = [
-        f"{name} = {record.loop[name]!r}" for name in _MARCH_PARAMETERS if record.loop[name] != PARAMETERS[name].default
-    ]
-    if march_settings:
-        notes.append(f"fitted with {', '.join(march_settings)}: give the loop the same, the parameters belong to it")
+    largest = f"{record.limits.m_w_max:.3g} kg/s"
+    notes.append(f"stable up to the {largest} of water in the part fitted; for more, raise C_w in proportion")
+    march = {name: record.loop[name] for name in ("n_volumes", "air_march", "substeps")}
+    changed = [f"{name} = {value!r}" for name, value in march.items() if value != PARAMETERS[name].default]
+    if changed:
+        notes.append(f"fitted with {', '.join(changed)}: give the loop the same, the parameters belong to it")
     return build_fit(
-        data, start_time, problem.compared["T_sup"], problem.fitting, errors, series, [COIL_PARAMETERS[k] for k in estimated],
-        covariance[np.ix_(estimated, estimated)], kind="coil", parameters=dict(zip(COIL_PARAMETERS, values.tolist(), strict=True)),
+        data, start_time, problem.compared["T_sup"], problem.fitting, errors, series,
+        [COIL_PARAMETERS[k] for k in estimated], covariance[np.ix_(estimated, estimated)], kind="coil",
+        parameters=dict(zip(COIL_PARAMETERS, values.tolist(), strict=True)),
         intervals={COIL_PARAMETERS[k]: natural_interval(y[k], half[k], bool(IS_LOGARITHMIC[k])) for k in estimated},
         profile=None, held=held, notes=notes, n_used=spread.n_used, n_effective=spread.n_effective,
     )  # fmt: skip
@@ -231,7 +223,7 @@ class StabilityLimits(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class CoilRecord:
-    """The series that enter the coil second by second, and the seconds of the samples."""
+    """Series that enter the coil at every second, and the seconds of the samples."""
 
     pieces: tuple[RecordPiece, ...]  # each starts from ``T_initial``
     loop: Loop
@@ -249,20 +241,20 @@ class CoilRecord:
             n_samples -= piece.at.size
         return replace(self, pieces=tuple(kept))
 
-    def named(self) -> Array:
-        """Matrix from the searched parameters to (the logarithms of) ``COIL``: ln β = ln NTU - β' ln m."""
+    def coil_matrix(self) -> Array:
+        """Matrix from a searched set to (the logarithms of) ``COIL_PARAMETERS``: ln β = ln NTU - β' ln m."""
         A = np.eye(8)
         A[LN_NTU_W, BETA2] = -math.log(self.m_w)
         A[LN_NTU_A, BETA4] = A[LN_NTU_STAR, BETA6] = -math.log(self.m_a)
         return A
 
-    def values(self, sets: Array) -> Array:
-        """``COIL`` of parameter sets as searched, (8, sets)."""
-        y = self.named() @ sets
+    def coil_parameters(self, sets: Array) -> Array:
+        """``COIL_PARAMETERS`` of searched sets, (8, sets)."""
+        y = self.coil_matrix() @ sets
         return np.where(IS_LOGARITHMIC[:, None], np.exp(np.minimum(y, 50.0)), y)
 
     def run(self, sets: Array) -> dict[str, Array]:
-        """Each of ``RECORDED`` at the samples with each parameter set (8, sets), (n, sets); NaN for unstable sets."""
+        """Each of ``MODEL_OUTPUTS`` at the samples, (n, sets), of searched sets, (8, sets); NaN for unstable sets."""
         matrix, unstable = self._matrix(sets), self.is_unstable(sets, self.limits)
         # Ctrl-C is heard while a long one runs
         runs = call_with_timeout(None, lambda: [run_coil(matrix, piece.series, piece.at) for piece in self.pieces])
@@ -272,29 +264,29 @@ class CoilRecord:
         return outputs
 
     def is_unstable(self, sets: Array, limits: StabilityLimits) -> Mask:
-        """Sets (8, sets) with γ or λ above 1 at the flows of ``limits``, (sets,)."""
+        """Whether γ or λ of each searched set, (8, sets), exceeds 1 at the flows of ``limits``, (sets,)."""
         matrix = self._matrix(sets)
         # a valve that delivers just that at full opening
         valve = {"m_max": limits.m_w_max, "valve_a": 1.0, "valve_b": 100.0, "valve_c": -5.0, "rangeability": np.nan}
         for name, value in valve.items():
             matrix[PARAMETER_ROWS.index(name)] = value
-        gamma, lam = stability_numbers(matrix, np.linspace(*limits.m_a_span, _N_AIR_FLOWS), limits.wet_slope)
+        gamma, lam = stability_numbers(matrix, np.linspace(*limits.m_a_span, 9), limits.wet_slope)
         return np.asarray(~((gamma <= 1.0) & (lam <= 1.0)))
 
     def _matrix(self, sets: Array) -> Array:
         base = parameter_matrix(parameter_columns(self.loop, {}, np.array([0])))
         matrix = np.repeat(base, sets.shape[1], axis=1)
-        matrix[_COIL_ROWS] = self.values(sets)
+        matrix[[PARAMETER_ROWS.index(name) for name in COIL_PARAMETERS]] = self.coil_parameters(sets)
         return matrix
 
 
 def drop_idle_samples(log: CheckedLog) -> CheckedLog:
-    """The log without times of no air flow or ``enabled`` 0, in which sensors say nothing of the coil."""
+    """Drop times without air flow or with ``enabled`` 0, in which sensors say nothing of the coil."""
     require_agreement(log)
     m_a, enabled = log.values["m_a"], log.values.pop("enabled", np.ones(log.time.size))
-    is_on = (m_a > _STILL_AIR_SHARE * np.quantile(m_a, _TYPICAL_FLOW_QUANTILE)) & (enabled != 0.0)
+    is_on = (m_a > 0.05 * np.quantile(m_a, 0.95)) & (enabled != 0.0)
     if not is_on.any():
-        raise InputError(f"{log.name}: m_a is 0 throughout: give a log with air flow")
+        raise InputError(f"{log.name}: m_a is 0 throughout: give a log with air flow", "m_a", "data")
     if is_on.all():
         return log
     spells = int(is_on[0] == 0) + int(np.sum(np.diff(is_on.astype(int)) < 0))
@@ -306,25 +298,22 @@ def drop_idle_samples(log: CheckedLog) -> CheckedLog:
 
 
 def build_record(log: CheckedLog, loop: Loop, holds: tuple[str, ...], fitting: Mask) -> CoilRecord:
-    """The log on 1-s steps, straight or held as ``holds`` says; scales and limits are those of ``fitting``, (n,)."""
+    """Resample a log at 1 s, straight or held as in ``holds``; scales and limits are those of ``fitting``, (n,)."""
     require_whole_seconds(log.name, log.step)
     values = log.values | {"W_a_in": log.humidity_ratio(loop["pressure"])}
     fitted_values = {name: series[fitting] for name, series in values.items()}
     if not fitted_values["m_w"].any():
-        raise InputError(f"{log.name}: m_w is 0 throughout the part to fit: give a log with water flow")
+        sentence = f"{log.name}: m_w is 0 throughout the part to fit: give a log with water flow"
+        raise InputError(sentence, "m_w", "data")
     holds = COIL_COLUMNS if log.change_of_value else holds
     record_pieces = []
     for piece in split_segments(log.batch):
         series, at = resample_to_seconds(log.time[piece], {name: values[name][piece] for name in COIL_COLUMNS}, holds)
         record_pieces.append(RecordPiece(np.stack(list(series.values()), axis=1), at))
-    return CoilRecord(
-        pieces=tuple(record_pieces),
-        loop=loop,
-        m_w=_typical_flow(fitted_values["m_w"]),
-        m_a=_typical_flow(fitted_values["m_a"]),
-        limits=_stability_limits(fitted_values, loop),
-        limits_of_all=_stability_limits(values, loop),
-    )
+    m_w, m_a = (_typical_flow(fitted_values[name]) for name in ("m_w", "m_a"))
+    limits, limits_of_all = (_stability_limits(series, loop) for series in (fitted_values, values))
+    pieces = tuple(record_pieces)
+    return CoilRecord(pieces=pieces, loop=loop, m_w=m_w, m_a=m_a, limits=limits, limits_of_all=limits_of_all)
 
 
 def resample_to_seconds(
@@ -333,16 +322,14 @@ def resample_to_seconds(
     """The series of an unbroken piece at every second since its first sample, and the second of each sample."""
     time = time - time[0]
     seconds = np.arange(int(time[-1] + 0.5) + 1, dtype=float)
-    return resample_at_seconds(time, values, seconds, holds, slack=_ROUND_OFF), np.floor(time + 0.5).astype(np.int64)
+    return resample_at_seconds(time, values, seconds, holds, slack=1e-6), np.floor(time + 0.5).astype(np.int64)
 
 
 def _stability_limits(values: Mapping[str, Array], loop: Loop) -> StabilityLimits:
     coldest = min(values["T_a_in"].min(), values["T_w_in"].min(), loop["T_initial"])
-    return StabilityLimits(
-        m_w_max=float(values["m_w"].max()),
-        m_a_span=(float(values["m_a"].min()), float(values["m_a"].max())),
-        wet_slope=wet_slope(values["W_a_in"].max(), coldest, loop["pressure"]),
-    )
+    m_a_span = float(values["m_a"].min()), float(values["m_a"].max())
+    slope = wet_slope(values["W_a_in"].max(), coldest, loop["pressure"])
+    return StabilityLimits(float(values["m_w"].max()), m_a_span, slope)
 
 
 def _typical_flow(flow: Array) -> float:
@@ -352,20 +339,12 @@ def _typical_flow(flow: Array) -> float:
 
 _PRIOR_EXPONENT = {BETA2: -0.2, BETA4: -0.45, BETA6: -0.42}
 """Exponents of turbulent flow: NTU = UA/(m cp) with UA rising as m^0.8 in the tubes, m^0.55 over the fins."""
-_LARGEST_STANDARD_ERRORS = np.where(IS_LOGARITHMIC, 0.7, 0.5)
-"""A parameter with a larger standard error is not identified: of a logarithm (a factor of 2), of an exponent."""
-_CONSTANT_FLOW_SHARE = 0.02  # a flow that varies by less than this share is constant
 _N_STARTS = 256
-_DIFFERENCE_STEP = 2e-3  # of the differences: long compared with the jumps where a volume turns wet
 _FEWEST_SAMPLES = 16
-_STILL_WATER_SHARE = (
-    0.02  # water stands still below this share of its typical flow: its sensor says nothing of the coil
-)
-_COARSE_INTERVAL_S = 10.0  # between samples further apart than this an input may step, s
 
 
 class CoilProblem:
-    """The record, which samples of it are compared, and which parameters are held."""
+    """A record of a coil: the samples that are compared, and the parameters that are held."""
 
     def __init__(
         self, data: CheckedLog, record: CoilRecord, outputs: tuple[str, ...], warm_up: float, part: LogSplit,
@@ -373,9 +352,9 @@ class CoilProblem:
     ) -> None:  # fmt: skip
         self.data, self.record, self.outputs, self.notes = data, record, outputs, list(data.notes)
         self.is_warm = data.seconds_since_batch_start() >= warm_up
-        self.fitting = part.fitted(data)
+        self.fitting = part.fitting_mask(data)
         self.n_fit = int(self.fitting.sum())
-        flowing = data.values["m_w"] > _STILL_WATER_SHARE * record.m_w
+        flowing = data.values["m_w"] > 0.02 * record.m_w  # in still water a sensor says nothing of the coil
         self.compared = {
             name: self.is_warm & np.isfinite(values) & (flowing | (name == "T_sup"))
             for name in ("T_sup", "T_w_out")
@@ -386,7 +365,7 @@ class CoilProblem:
             self.notes.append(f"{format_count(~flowing, 'sample')} of T_w_out not compared: no water flows")
         compared = self.compared["T_sup"] & self.fitting
         require_temperatures(data, compared, _FEWEST_SAMPLES, warm_up, self.notes)
-        if data.step > _COARSE_INTERVAL_S and not holds:
+        if data.step > 10.0 and not holds:
             self.notes.append(
                 f"samples are {data.step:.4g} s apart and the inputs run straight between them: if some hold until the "
                 "next sample, name them: holds=['m_w'], --hold m_w"
@@ -400,16 +379,17 @@ class CoilProblem:
         self.held: dict[int, str] = {}
         for flow, exponents, what in (("m_a", (BETA4, BETA6), "air"), ("m_w", (BETA2,), "water")):
             values = data.values[flow][compared]
-            if np.ptp(values) < _CONSTANT_FLOW_SHARE * values.mean():
+            if np.ptp(values) < 0.02 * values.mean():
                 self.held |= {k: f"held at a prior: the {what} flow is constant" for k in exponents}
 
     @property
     def coupling(self) -> Array:
-        """Matrix that fills in the coupled parameters: a dry coil's ε* is its ε, and as uncertain."""
+        """Matrix that fills in coupled parameters: ε* of a dry coil is its ε, and as uncertain."""
         rows = [COUPLED_PARAMETERS[k] if self.held.get(k, "").startswith(_HELD_AS_DRY) else k for k in range(8)]
         return np.asarray(np.eye(8)[rows])
 
     def model(self) -> Model:
+        """Model of the fitted samples."""
         n, record = self.n_fit, self.record.take_samples(self.n_fit)
         used = np.concatenate([self.compared[name][:n] for name in self.outputs])
 
@@ -421,7 +401,8 @@ class CoilProblem:
         lower = np.array([low, low - 5.0, -5.0, -2.0, -5.0, -2.0, -5.0, -2.0])
         upper = np.array([low + 4.0, low + 8.0, 3.0, 1.0, 3.0, 1.0, 3.0, 1.0])
         segment = np.concatenate([self.data.batch[:n] + k * self.data.n_batches for k in range(len(self.outputs))])
-        return Model(residuals, lower, upper, np.full(8, _DIFFERENCE_STEP), segment, used)
+        step = np.full(8, 2e-3)  # long compared with the jumps where a volume turns wet
+        return Model(residuals, lower, upper, step, segment, used)
 
     def starts(self) -> Array:
         """A space-filling set of physical guesses, (8, sets)."""
@@ -438,7 +419,10 @@ class CoilProblem:
         return np.asarray(x)
 
     def solve(self) -> tuple[Estimate, Uncertainty, Array]:
-        """Fit, hold what is unknown, fit again; the minimum, its uncertainty, wet volumes of fitted samples, (n,)."""
+        """Fit, hold what is not identified, and fit again.
+
+        Returns the minimum, its uncertainty, and the number of wet volumes of the fitted samples, (n,).
+        """
         model = self.model()
         best = minimise(model, self.starts(), list(self.held))
         run = self.record.take_samples(self.n_fit).run(best.x[:, None])
@@ -462,15 +446,15 @@ class CoilProblem:
         return best, spread, wet
 
     def _least_identified(self, model: Model, best: Estimate, spread: Uncertainty, not_held: set[int]) -> int | None:
-        """The free parameter that the data say least about, if they do not identify it."""
-        error = np.sqrt(np.diag(spread.covariance)) / _LARGEST_STANDARD_ERRORS
+        """Free parameter that the data identify least, None if they identify all."""
+        # largest standard errors of what is identified: of a logarithm (a factor of 2), of an exponent
+        error = np.sqrt(np.diag(spread.covariance)) / np.where(IS_LOGARITHMIC, 0.7, 0.5)
         span = model.upper - model.lower
         is_at_lower = best.x < model.lower + 1e-6 * span
         is_at_lower[LN_C_W] = False  # a good answer: there the scheme is just stable
         is_at_bound = is_at_lower | (best.x > model.upper - 1e-6 * span)
-        error = np.where(
-            is_at_bound | np.isin(np.arange(8), spread.without_effect), np.inf, np.nan_to_num(error, posinf=np.inf)
-        )
+        is_unknown = is_at_bound | np.isin(np.arange(8), spread.without_effect)
+        error = np.where(is_unknown, np.inf, np.nan_to_num(error, posinf=np.inf))
         # give up a factor last: without it no heat is exchanged
         rank = np.where(np.isin(np.arange(8), (LN_NTU_W, LN_NTU_A)), error / 10.0, error)
         rank[[*self.held, *not_held]] = 0.0
@@ -479,7 +463,7 @@ class CoilProblem:
 
 
 def piece_notes(data: CheckedLog, loop: Loop, warm_up: float) -> list[str]:
-    """A note where the log has more than one unbroken piece."""
+    """A note if the log has more than one unbroken piece."""
     if data.n_batches == 1:
         return []
     n_short = data.n_batches - np.unique(data.batch[data.seconds_since_batch_start() >= warm_up]).size
@@ -490,13 +474,13 @@ def piece_notes(data: CheckedLog, loop: Loop, warm_up: float) -> list[str]:
 
 
 def require_temperatures(data: CheckedLog, compared: Mask, least: int, warm_up: float, notes: list[str]) -> None:
-    """Refuse a log with fewer than ``least`` temperatures to compare, or with a sensor that is constant."""
+    """Refuse a log with fewer than ``least`` temperatures to compare, or with a constant one."""
     if compared.sum() < least:
         available = (
             f"{format_count(compared, 'temperature')} to compare in the part to fit, after the warm-up of {warm_up:g} s"
         )
         cure = f"give at least {least}, lower warm_up, or raise split ({'; '.join(notes) or 'no gaps'})"
-        raise InputError(f"{data.name}: {available}: {cure}")
+        raise InputError(f"{data.name}: {available}: {cure}", "log", "data")
     T_sup = data.values["T_sup"][compared]
     if np.ptp(T_sup) == 0.0:
-        raise InputError(f"{data.name}: T_sup is {T_sup[0]:g} throughout: check the sensor")
+        raise InputError(f"{data.name}: T_sup is {T_sup[0]:g} throughout: check the sensor", "T_sup", "data")

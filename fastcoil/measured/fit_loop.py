@@ -6,16 +6,16 @@ The grey-box problem: the emulator behind the logged command with each candidate
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from fastcoil.base.arguments import argument_checks, require_instance, require_number
 from fastcoil.base.arrays import Array, Index
-from fastcoil.base.errors import InputError, short_repr
-from fastcoil.logs import CheckedLog
-from fastcoil.logs.columns import ColumnSpec, check_reading_options, require_log
+from fastcoil.base.errors import InputError, Problem, short_repr
+from fastcoil.logs.columns import ColumnSpec
+from fastcoil.logs.log import CheckedLog, as_log
 from fastcoil.logs.pieces import require_whole_seconds
 from fastcoil.logs.series import HUMIDITY_COLUMNS, format_count
 from fastcoil.loops.boundary import Boundary
@@ -28,115 +28,114 @@ from fastcoil.measured.part import LogSplit, check_split, split_segments
 from fastcoil.measured.valve_problem import count_piece_reversals, why_unidentified
 from fastcoil.model.metric_table import WARM_UP_S
 
-FEWEST_BLOCKS = 6
-LEAST_EXPLAINED = 0.8  # share of the changes of T_sup below which the model is one of another coil
-_LOOP_COLUMNS = ColumnSpec(
-    required=("command", "m_a", "T_w_in", "T_a_in", HUMIDITY_COLUMNS, "T_sup"),
-    optional=("enabled",),
-    measured=("T_sup",),
-)
+if TYPE_CHECKING:
+    from fastcoil.measured.part import LogSource
 
-LARGEST_CANDIDATE = 0.25  # candidate, fraction of stroke
-_COARSE_STEP, _FINE_STEP, _FINE_RANGE = 0.005, 0.0005, 0.01
-"""Steps of the candidates, over the whole range and this near to the best, fractions of stroke."""
-_BLOCK_LENGTH_S = 1800.0  # seconds whose residuals are taken to belong together
-_N_RESAMPLES = 400
+_LOOP_COLUMNS = ColumnSpec(
+    required=("command", "m_a", "T_w_in", "T_a_in", HUMIDITY_COLUMNS, "T_sup"), optional=("enabled",),
+    measured=("T_sup",),
+)  # fmt: skip
+LARGEST_CANDIDATE = 0.25  # fraction of stroke, as the two steps
+_COARSE_STEP = 0.005  # of the candidates, over the whole range
+_FINE_STEP = 0.0005  # near the best
+_CHANGE_SPAN_S = 120.0  # between the temperatures whose difference is compared
+_LEAST_MOVING_SHARE = 0.25  # of the samples, at which the command changes: it then moves between them as well
 _FEWEST_SAMPLES = 60
-_CHANGE_SPAN_S = 120.0  # seconds between the temperatures whose difference is compared
-_LEAST_SLOPE = 0.02  # of measured over modelled changes
-_CONFIDENCE, _INTERVAL_ALLOWANCE = 0.95, 0.005
-"""Of the interval, and by how much it is widened on both sides for what the model gets wrong, fraction of stroke."""
-_COARSE_INTERVAL_S = 90.0  # above so many seconds between samples, turns of a command that moves are missed
-_LARGEST_HELD_CHANGE, _LEAST_MOVING_SHARE = 2e-3, 0.25
-"""A command that changes by more than the first in more than this share of the samples also moves between them."""
-_OPEN_LOOP_SETTINGS: dict[str, Any] = {"noise_std": 0.0, "sensor_resolution": 0.0, "backlash_estimate": 0.0, "learning_step": 0.0,
-            "estimator": "none", "law": "pi"}  # fmt: skip
+_OPEN_LOOP_SETTINGS: dict[str, Any] = {
+    "noise_std": 0.0, "sensor_resolution": 0.0, "backlash_estimate": 0.0, "learning_step": 0.0, "estimator": "none",
+    "law": "pi",
+}  # fmt: skip
 """What a loop may have and an emulator in open loop does not use."""
 
 
 @np.errstate(all="ignore")
 def fit_loop(
-    log: Any,
+    log: LogSource,
     loop: Loop,
     *,
-    units: Mapping[str, str] | None = None,
-    columns: Mapping[str, str] | None = None,
-    constants: Mapping[str, float] | None = None,
     warm_up: float = WARM_UP_S,
     split: float | None = None,
-    validation: Any = None,
-    drop: bool = False,
-    jumps: str = "refuse",
-    max_gap: float | None = None,
-    time_format: str | None = None,
+    validation: LogSource | None = None,
 ) -> Fit:
     """Fit the backlash of a valve to a log of commands and supply temperatures; no flow meter is needed.
 
     Parameters
     ----------
-    log
-        CSV file, DataFrame or Dataset.  Needed: ``command``, ``T_sup``, ``m_a``, ``T_w_in``, ``T_a_in``, one of
-        ``W_a_in``, ``RH_a_in``, ``T_dp_in``, and ``elapsed_time`` or ``timestamp``; optional: ``enabled``.  The
-        command holds until the next sample.
-    loop
-        Valve curve, coil, motor and sensor: fitted (``fc.Loop(**fit.parameters)``) or of a preset.  They need not be
-        quite right: the modelled temperature is corrected by a straight line in each unbroken piece of the log.  Its
-        ``backlash`` and its controller play no part.
-    warm_up
-        Seconds left out at each start of the model [s].
+    log : path, DataFrame, Dataset or Log
+        Needed: ``command``, ``T_sup``, ``m_a``, ``T_w_in``, ``T_a_in``, one of ``W_a_in``, ``RH_a_in``, ``T_dp_in``,
+        and ``elapsed_time`` or ``timestamp``; optional: ``enabled``.  The command holds until the next sample.
+        `read_log` has the options of reading.
+    loop : Loop
+        Valve curve, coil, motor and sensor: fitted (``fc.Loop(**fit.parameters)``) or of a preset.  They may be
+        approximate: the modelled temperature is corrected by a straight line in each unbroken piece of the log.  Its
+        ``backlash`` and its controller are not used.
+    warm_up : float, default 1800
+        Time left out at each start of the model, s.
     split, validation
-        As in ``fc.fit_valve``.
-    units, columns, constants, drop, jumps, max_gap, time_format
-        How the log is read: see ``fastcoil.logs.ReadingOptions``.
+        As in `fit_valve`.
 
     Returns
     -------
     Fit
-        ``backlash``, ``interval``, ``identified`` and, if not, the ``reason``; ``backlash`` is not among its
-        ``parameters`` if the log does not identify it.
+        ``backlash`` (fraction of stroke), ``interval``, ``identified`` and, if not, the ``reason``; ``backlash`` is not
+        among its ``parameters`` if the log does not identify it.
 
     Raises
     ------
     InputError
         With one sentence for each mistake in the log or the arguments, and for a loop that is unstable.
 
+    See Also
+    --------
+    fit_valve, fit_coil, diagnose, read_log
+
     Notes
     -----
     The emulator of Cai and Braun (2016) in open loop behind the logged command, once for each candidate backlash.
+
+    Examples
+    --------
+    >>> day, loop = fc.paper_day(hours=6), fc.Loop.preset("lbnl").assign(backlash=0.08)
+    >>> ds = fc.simulate(loop, day, traces=["command", "T_measured"]).rename(T_measured="T_sup")
+    >>> log = ds[["command", "T_sup"]].merge(day.to_dataset()[["m_a", "T_a_in", "W_a_in", "T_w_in"]])
+    >>> fit = fc.fit_loop(log.isel(elapsed_time=slice(None, None, 60)), loop)
+    >>> f"{fit.backlash:.3f}", fit.identified
+    ('0.081', True)
     """
     start_time = time.perf_counter()
     with argument_checks() as check:
-        log = check(require_log, "log", log)
+        log = check(as_log, "log", log)
         check(require_instance, "loop", loop, Loop, "give a fastcoil.Loop")
         warm_up = check(require_number, "warm_up", warm_up, "give a number of seconds, 0 or more", least=0.0)
-        reading = check_reading_options(check, columns=columns, units=units, constants=constants, drop=drop, jumps=jumps,
-                              max_gap=max_gap, time_format=time_format, has_command=True)  # fmt: skip
-        part = check_split(check, split, validation)
+        part = check_split(check, log, split, validation)
         for name, values in loop.swept.items() if isinstance(loop, Loop) else ():
             if name != "backlash":
-                check.problems.append(f"loop has {name} = {short_repr(values.values.tolist())}: give one value")
+                sentence = f"loop has {name} = {short_repr(values.values.tolist())}: give one value"
+                check.problems.append(Problem(sentence, name, "value"))
         if isinstance(loop, Loop) and (loop["slip_jump"] or 0.0) != 0.0:
-            check.problems.append("loop has a slip_jump: give it none, a backlash without one is fitted")
-
-    problem = LoopProblem(part.read(log, _LOOP_COLUMNS, reading, drop_idle_samples), loop, warm_up, part)
+            sentence = "loop has a slip_jump: give it none, a backlash without one is fitted"
+            check.problems.append(Problem(sentence, "slip_jump", "unsupported"))
+    problem = LoopProblem(part.read(log, _LOOP_COLUMNS, drop_idle_samples), loop, warm_up, part)
     return _assemble_fit(problem, start_time)
 
 
 def _assemble_fit(problem: LoopProblem, start_time: float) -> Fit:
-    """The best candidate, how far it moves when blocks of the log are resampled, and what a user may ask beside it."""
+    """Choose the best candidate and resample blocks of the log for its interval."""
     data, measured = problem.data, problem.T_sup
     grid, modelled = problem.candidates()
-    sums = problem.sums(modelled)
+    sums = problem.sum_blocks(modelled)
     best = fit_correction(sums)
     k = int(best.rss.argmin())
     x = float(grid[k])
     draws = grid[[int(fit_correction(resampled).rss.argmin()) for resampled in _resample_blocks(sums)]]
-    low, high = np.quantile(draws, (0.5 - _CONFIDENCE / 2, 0.5 + _CONFIDENCE / 2))
-    interval = max(float(low) - _INTERVAL_ALLOWANCE, 0.0), min(float(high) + _INTERVAL_ALLOWANCE, LARGEST_CANDIDATE)
+    low, high = np.quantile(draws, (0.5 - 0.95 / 2, 0.5 + 0.95 / 2))
+    # what the model gets wrong widens both sides by half a per cent of the stroke
+    interval = max(float(low) - 0.005, 0.0), min(float(high) + 0.005, LARGEST_CANDIDATE)
     explained = 1.0 - float(best.rss[k]) / max(best.total, 1e-12)
     why = _why_unidentified(problem, x, interval, sums.n.size, explained)
-    with_backlash, without = (problem.shown(modelled, best, candidate) for candidate in (k, 0))
-    compared_T_sup = np.where(problem.compared, measured, np.nan)
+    with_backlash, without = (problem.correct_temperature(modelled, best, candidate) for candidate in (k, 0))
+    seen = np.where(problem.compared, measured, np.nan)
+    errors = {"": with_backlash - seen, "_without_backlash": without - seen}
     series = {
         "T_sup": (measured, "degC"),
         "modelled": (with_backlash, "degC"),
@@ -146,9 +145,9 @@ def _assemble_fit(problem: LoopProblem, start_time: float) -> Fit:
     }
     parameters = {} if why else {"backlash": x}
     return build_fit(
-        data, start_time, problem.compared, problem.fitting, {"": with_backlash - compared_T_sup, "_without_backlash": without - compared_T_sup},
-        series, list(parameters), np.full((len(parameters), len(parameters)), float(draws.std()) ** 2),
-        kind="loop", parameters=parameters, intervals=dict.fromkeys(parameters, interval), held={"backlash": why} if why else {},
+        data, start_time, problem.compared, problem.fitting, errors, series, list(parameters),
+        np.full((len(parameters), len(parameters)), float(draws.std()) ** 2), kind="loop", parameters=parameters,
+        intervals=dict.fromkeys(parameters, interval), held={"backlash": why} if why else {},
         profile=rmse_profile(grid, np.sqrt(np.maximum(best.rss, 0.0) / sums.n.sum()), "K", x, interval),
         notes=problem.notes, n_used=int(problem.used.sum()), n_effective=float(sums.n.size),
     )  # fmt: skip
@@ -160,14 +159,14 @@ def _why_unidentified(
     """Why the log does not resolve the backlash; empty if it does."""
     low, high = interval
     why = ""
-    if n_blocks < FEWEST_BLOCKS:
+    if n_blocks < 6:
         why = f"not identified: {n_blocks} half hours are left to compare: give a log of five hours or more"
-    elif problem.data.step > _COARSE_INTERVAL_S and problem.moving_share > _LEAST_MOVING_SHARE:
+    elif problem.data.step > 90.0 and problem.moving_share > _LEAST_MOVING_SHARE:
         why = (
             f"not identified: samples are {problem.data.step:.4g} s apart and the command moves between them; "
             f"reversals are missed, so the best fit, {x:.3g}, is too small: log every 60 s or faster"
         )
-    elif not explained > LEAST_EXPLAINED:
+    elif not explained > 0.8:  # the model is one of another coil
         why = (
             f"not identified: the model explains {100 * max(explained, 0.0):.0f} % of the changes of T_sup: fit the "
             "coil first, or check units and columns"
@@ -177,7 +176,7 @@ def _why_unidentified(
 
 
 class BlockSums(NamedTuple):
-    """Sums over the compared changes in each block: measured y, modelled m for each candidate."""
+    """Sums over the compared changes of each block: measured y, modelled m of each candidate."""
 
     piece: Index  # of each block, (blocks,)
     n: Array  # (blocks,), as y and yy
@@ -189,7 +188,7 @@ class BlockSums(NamedTuple):
 
 
 class Correction(NamedTuple):
-    """Measured over modelled change, (pieces, candidates); squares left, (candidates,), and of the changes, K²."""
+    """Slope of measured over modelled changes, (pieces, candidates); residual and total sums of squares, K²."""
 
     slope: Array
     rss: Array
@@ -197,7 +196,7 @@ class Correction(NamedTuple):
 
 
 class _LoopPiece(NamedTuple):
-    """An unbroken piece that has something to compare."""
+    """An unbroken piece with samples to compare."""
 
     samples: Index
     day: Boundary
@@ -206,19 +205,19 @@ class _LoopPiece(NamedTuple):
 
 
 class LoopProblem:
-    """A log, the emulator that is run behind its command, and which samples are compared."""
+    """A log of a loop, the emulator behind its command, and the samples that are compared."""
 
     def __init__(self, data: CheckedLog, loop: Loop, warm_up: float, part: LogSplit) -> None:
         require_whole_seconds(data.name, data.step)
         self.data, self.notes = data, [*data.notes, *piece_notes(data, loop, warm_up)]
         self.loop = loop.assign(**_OPEN_LOOP_SETTINGS)
         self.T_sup, command = data.values["T_sup"], data.values["command"]
-        self.fitting = part.fitted(data)
+        self.fitting = part.fitting_mask(data)
         self.compared = (data.seconds_since_batch_start() >= warm_up) & np.isfinite(self.T_sup)
         self.used = self.compared & self.fitting
         require_temperatures(data, self.used, _FEWEST_SAMPLES, warm_up, self.notes)
         self.n_reversals = count_piece_reversals(command[self.used], data.batch[self.used])
-        self.moving_share = float(np.mean(np.abs(np.diff(command)) > _LARGEST_HELD_CHANGE))
+        self.moving_share = float(np.mean(np.abs(np.diff(command)) > 2e-3))
         self.pieces = self._pieces()
 
     def _pieces(self) -> list[_LoopPiece]:
@@ -236,7 +235,7 @@ class LoopProblem:
         return pieces
 
     def simulate_temperature(self, backlash: Array, course: str) -> Array:
-        """T_sup at the samples, (n, candidates), °C, if the command is ``held`` or ``straight``; NaN where left out."""
+        """T_sup at the samples, (n, candidates), °C; the command is held or runs straight: ``course``."""
         temperatures = np.full((self.data.time.size, backlash.size), np.nan)
         sweep = self.loop.assign(backlash=("candidate", backlash))
         for piece in self.pieces:
@@ -245,16 +244,15 @@ class LoopProblem:
                 sweep, piece.day, command=piece.commands[course], traces=["T_measured"], trace_interval=every,
                 warm_up=0, progress=False,
             )  # fmt: skip
-            temperatures[piece.samples] = (
-                ds["T_measured"].transpose("elapsed_time", "candidate").values[piece.at // every]
-            )
+            T = ds["T_measured"].transpose("elapsed_time", "candidate")
+            temperatures[piece.samples] = T.values[piece.at // every]
         return temperatures
 
-    def sums(self, modelled: Array) -> BlockSums:
-        """Sums over the fitted changes of each block.
+    def sum_blocks(self, modelled: Array) -> BlockSums:
+        """Sum over the fitted changes of each block.
 
-        Changes over ``_CHANGE_SPAN_S`` s are compared, not temperatures: what a coil that is not quite the right one gets wrong
-        changes slowly, and a command that follows the temperature would be blamed for it.
+        Changes over ``_CHANGE_SPAN_S`` are compared, not temperatures: the error of an approximate coil changes slowly,
+        and a command that follows the temperature would be blamed for it.
         """
         used, batch, width = self.used, self.data.batch, max(1, round(_CHANGE_SPAN_S / self.data.step))
         piece_of_sample = np.concatenate([np.full(piece.samples.size, k) for k, piece in enumerate(self.pieces)])
@@ -264,10 +262,9 @@ class LoopProblem:
         at, piece_of_sample = at[is_compared], piece_of_sample[is_compared]
         if at.size < _FEWEST_SAMPLES:
             available = f"{format_count(at.size, 'change')} of T_sup over {_CHANGE_SPAN_S:g} s"
-            raise InputError(
-                f"{self.data.name}: {available} to compare: give at least {_FEWEST_SAMPLES}, with fewer gaps"
-            )
-        block = (self.data.seconds_since_batch_start()[at] // _BLOCK_LENGTH_S).astype(np.int64)
+            cure = f"give at least {_FEWEST_SAMPLES}, with fewer gaps"
+            raise InputError(f"{self.data.name}: {available} to compare: {cure}", "log", "data")
+        block = (self.data.seconds_since_batch_start()[at] // 1800.0).astype(np.int64)
         first = np.flatnonzero(np.diff(block, prepend=-1) | np.diff(piece_of_sample, prepend=-1))
         _, piece = np.unique(piece_of_sample[first], return_inverse=True)
         y, m = (series[at] - series[at - width] for series in (self.T_sup, modelled))
@@ -275,24 +272,19 @@ class LoopProblem:
         return BlockSums(piece, *(np.add.reduceat(column, first, axis=0) for column in columns))
 
     def candidates(self) -> tuple[Array, Array]:
-        """A grid refined near the best, and ``modelled``; a moving command runs held or straight, as fits better."""
+        """Candidates, refined near the best, and their temperatures; a moving command is held or straight, as fits."""
         coarse = np.arange(0.0, LARGEST_CANDIDATE + _COARSE_STEP / 2, _COARSE_STEP)
         courses = ("held", "straight") if self.moving_share > _LEAST_MOVING_SHARE else ("held",)
-        rss_by_course = {
-            best_course: fit_correction(self.sums(self.simulate_temperature(coarse, best_course))).rss
-            for best_course in courses
-        }
-        best_course = min(rss_by_course, key=lambda course: float(rss_by_course[course].min()))
-        best_backlash = float(coarse[rss_by_course[best_course].argmin()])
-        fine = np.arange(
-            max(best_backlash - _FINE_RANGE, 0.0),
-            min(best_backlash + _FINE_RANGE, LARGEST_CANDIDATE) + _FINE_STEP / 2,
-            _FINE_STEP,
-        )
+        sums = {course: self.sum_blocks(self.simulate_temperature(coarse, course)) for course in courses}
+        rss = {course: fit_correction(sums[course]).rss for course in courses}
+        course = min(rss, key=lambda course: float(rss[course].min()))
+        best = float(coarse[rss[course].argmin()])
+        end = min(best + 0.01, LARGEST_CANDIDATE) + _FINE_STEP / 2
+        fine = np.arange(max(best - 0.01, 0.0), end, _FINE_STEP)
         grid = np.unique(np.round(np.concatenate([coarse, fine]), 6))
-        return grid, self.simulate_temperature(grid, best_course)
+        return grid, self.simulate_temperature(grid, course)
 
-    def shown(self, modelled: Array, correction: Correction, k: int) -> Array:
+    def correct_temperature(self, modelled: Array, correction: Correction, k: int) -> Array:
         """Corrected temperature of a candidate at every sample; a piece held back gets the mean correction."""
         batch, used, n = self.data.batch, self.used, self.data.n_batches
         slope = np.full(n, correction.slope[:, k].mean())
@@ -307,10 +299,10 @@ class LoopProblem:
 
 
 def fit_correction(sums: BlockSums) -> Correction:
-    """The least squares of y on slope · m and a drift in each piece, for each candidate.
+    """Least squares of y on slope · m and a drift in each piece, for each candidate.
 
-    The coil of the model is not quite the one of the log; a factor takes out most of what that does to the
-    temperature, and nothing of what a gap does to its turns.
+    The slope removes most of what an approximate coil does to the temperature, and nothing of what a gap does at its
+    reversals.
     """
     is_of_piece = np.zeros((int(sums.piece[-1]) + 1, sums.n.size))
     is_of_piece[sums.piece, np.arange(sums.n.size)] = 1.0
@@ -318,13 +310,13 @@ def fit_correction(sums: BlockSums) -> Correction:
     n = np.maximum(n, 1.0)  # a piece that no resampled block is of
     n, y, yy = n[:, np.newaxis], y[:, np.newaxis], yy[:, np.newaxis]
     var_y, var_m, cov = yy - y * y / n, mm - m * m / n, my - m * y / n
-    slope = np.maximum(cov / np.maximum(var_m, 1e-12), _LEAST_SLOPE)
+    slope = np.maximum(cov / np.maximum(var_m, 1e-12), 0.02)
     return Correction(slope, np.sum(var_y - 2.0 * slope * cov + slope * slope * var_m, axis=0), float(var_y.sum()))
 
 
 def _resample_blocks(sums: BlockSums) -> Iterator[BlockSums]:
-    """The sums with as many blocks, drawn with replacement (Künsch 1989)."""
+    """Draw as many blocks with replacement (Künsch 1989)."""
     rng = np.random.default_rng(0)
-    for _ in range(_N_RESAMPLES):
+    for _ in range(400):
         times = np.bincount(rng.integers(0, sums.n.size, sums.n.size), minlength=sums.n.size).astype(float)
         yield BlockSums(sums.piece, *(times * v if v.ndim == 1 else times[:, np.newaxis] * v for v in sums[1:]))

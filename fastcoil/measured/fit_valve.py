@@ -1,126 +1,111 @@
 """``fit_valve``: x_BL, m_max, a, b, c of Eqs (1) and (2) from recorded commands and flows (section 2.1.3).
 
 The time shift between the command and the flow is estimated per piece, reported, removed.  Each candidate shift and
-backlash turns the command into an opening; a piecewise linear curve from opening to flow, one for the whole log, which
-needs no shape of Eq (2), is solved for.  Shift and backlash are estimated together, so that neither is mistaken for the
-other.  The shift of each piece is the one that fits best, less a price for every piece that differs from the others, so
-that noise moves no log.
+backlash turns the command into an opening; a piecewise linear curve from opening to flow is fitted to the whole log,
+without the shape of Eq (2).  Shift and backlash are estimated together, so that neither is mistaken for the other.
+Every piece whose shift differs from the others has a price, so that noise shifts no log.
 """
+
+from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from fastcoil.base.arguments import argument_checks, raise_problems, require_choice, require_number, to_builtin
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.base.errors import InputError
-from fastcoil.logs import CheckedLog
-from fastcoil.logs.columns import ColumnSpec, check_reading_options, require_log
+from fastcoil.base.errors import InputError, Problem
+from fastcoil.logs.columns import ColumnSpec
+from fastcoil.logs.log import CheckedLog, as_log
 from fastcoil.logs.series import format_count
+from fastcoil.measured import valve_problem
 from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, build_fit, natural_interval, rmse_profile
 from fastcoil.measured.least_squares import autocorrelation
 from fastcoil.measured.part import ABOVE_0, check_split, split_segments
-from fastcoil.measured.valve_problem import (
-    IS_LOGARITHMIC,
-    X_BL,
-    ValveProblem,
-    ValveSolution,
-    judge_interval,
-    median_step,
-)
+from fastcoil.measured.valve_problem import X_BL, ValveProblem, ValveSolution, judge_interval, median_step
 from fastcoil.model.engine.recorded import VALVE_ROWS, valve_flows
 
-_VALVE_COLUMNS = ColumnSpec(required=("command", "m_w"), optional=("enabled",), measured=("m_w",))
-_LEAST_REACH = 0.02  # a command that stays below this share of the stroke has the wrong unit
-_LEAST_M_MAX_SHARE = 0.8  # noise may lift readings above the asymptotic flow, but it is at least this share of them
-_FEWEST_ROWS = 3  # rows of a piece, on average: where in its gap a piece starts is one more unknown
-_LONGEST_LAG_S = 86400.0
+if TYPE_CHECKING:
+    from fastcoil.measured.part import LogSource
 
-# what is suspicious about a command
-_INVERTED_CORRELATION = -0.5  # its correlation with the flow is below this
-_LIVE_ZERO_RANGE = (0.185, 0.215)  # where the least command of a 2-10 V signal lies if it is read as 0-10 V
-_LEAST_LIVE_ZERO_REACH = 0.5  # a signal that is never above this says nothing of its range
-_LOWEST_COMMAND_BAND, _CLOSED_FLOW_SHARE = 0.02, 0.1
-"""At commands this close to the least, a closed valve passes no more than this share of the largest flow."""
-_FEWEST_LOWEST_SAMPLES = 3
+_VALVE_COLUMNS = ColumnSpec(required=("command", "m_w"), optional=("enabled",), measured=("m_w",))
 
 
 @np.errstate(all="ignore")
 def fit_valve(
-    log: Any,
+    log: LogSource,
     *,
-    units: Mapping[str, str] | None = None,
-    columns: Mapping[str, str] | None = None,
     m_max: float | None = None,
     split: float | None = None,
-    validation: Any = None,
+    validation: LogSource | None = None,
     lag: float | str = "auto",
     holds: str | None = None,
-    drop: bool = False,
-    jumps: str = "refuse",
-    max_gap: float | None = None,
-    time_format: str | None = None,
 ) -> Fit:
     """Fit the backlash and the flow curve of a valve to a log of commands and flows.
 
     Parameters
     ----------
-    log
-        CSV file, DataFrame or Dataset.  Needed: ``command`` (1, percent, deg of 90, V of 10), ``m_w`` (kg/s, L/s,
-        m3/h, gpm, …), and ``elapsed_time`` or ``timestamp``; optional: ``enabled``, 0 where the pump is off, and
-        ``batch``, the number of the experiment if the log holds several.
-    m_max
-        Asymptotic flow of Eq (2) [kg/s], if it is known; estimated if left out.
-    split
-        Share of the log that is fitted (of its batches, if it has at least four), 0.7 if left out.  The rest is held
-        back for validation.
-    validation
-        Another log, of the same columns, to validate with; then all of the first is fitted.  What is held back has no
-        influence on the fit.
-    lag
-        Seconds by which the flow is logged after the command, negative if before; ``auto``: estimated for each piece
-        of the part that is fitted, reported, removed; what is held back is moved like the last of them.
-    holds
-        ``command`` if the command holds from row to row, as in a test of the valve; else a controller may move it
-        between the rows, and the interval of the backlash allows for that.
-    units, columns, drop, jumps, max_gap, time_format
-        How the log is read: see ``fastcoil.logs.ReadingOptions``.
+    log : path, DataFrame, Dataset or Log
+        Needed: ``command`` (fraction of stroke, %, deg of 90, V of 10), ``m_w`` (kg/s, L/s, m3/h, gpm, …), and
+        ``elapsed_time`` or ``timestamp``; optional: ``enabled``, 0 where the pump is off, and ``batch``, the number of
+        the experiment.  `read_log` has the options of reading.
+    m_max : float, optional
+        Asymptotic flow of Eq (2), kg/s; estimated by default.
+    split : float, default 0.7
+        Share of the log that is fitted (of its batches, if it has at least four).  The rest validates the fit.
+    validation : path, DataFrame, Dataset or Log, optional
+        Another log with the same columns that validates the fit of all of ``log``; a path is read with the options of
+        ``log``.  Samples held back have no influence on the fit.
+    lag : float or "auto", default "auto"
+        Time by which the flow is logged after the command, s, negative if before; ``auto``: estimated for each piece of
+        the fitted part, reported, removed.  The part held back is shifted like the last piece.
+    holds : "command", optional
+        The command holds from row to row, as in a test of the valve.  By default a controller may move it between the
+        rows, and the interval of the backlash allows for that.
 
     Returns
     -------
     Fit
-        ``backlash`` is not among its parameters if the data do not identify it; ``held`` then says why.
+        ``backlash``, ``m_max``, ``valve_a``, ``valve_b`` and ``valve_c`` with intervals and residuals.  ``backlash`` is
+        not among its ``parameters`` if the data do not identify it; ``held`` then says why.
 
     Raises
     ------
     InputError
         With one sentence for each mistake in the log or the arguments.
 
+    See Also
+    --------
+    fit_coil, fit_loop, read_log
+
     Notes
     -----
-    Cai and Braun (2016), section 2.1.3.  Where in the gap each batch starts, and the floor of the meter, are
+    Cai and Braun (2016), section 2.1.3.  The start of each batch within the gap and the floor of the meter are
     estimated.  If the command is held, flows of the first half of a typical hold are not compared.  Only b/(1 - x_BL)
     and (1 - x_BL) c enter Eq (2): α = 1/(1 - x_BL) assumes that a full command opens the valve fully.
+
+    Examples
+    --------
+    >>> ds = fc.simulate(fc.Loop(backlash=0.07), fc.paper_day(hours=3), traces=["command", "m_w"], trace_interval=30)
+    >>> fit = fc.fit_valve(ds, holds="command")
+    >>> f"{fit.backlash:.3f}", fit.identified
+    ('0.070', True)
     """
     start_time = time.perf_counter()
     with argument_checks() as check:
-        log = check(require_log, "log", log)
+        log = check(as_log, "log", log)
         m_max = check.unless_none(require_number, "m_max", m_max, "give a flow above 0 kg/s", least=ABOVE_0)
         lag = check(_require_lag, lag)
         holds = check.unless_none(require_choice, "holds", holds, ("command",))
-        reading = check_reading_options(check, columns=columns, units=units, drop=drop, jumps=jumps,
-                              max_gap=max_gap, time_format=time_format, has_command=True)  # fmt: skip
-        part = check_split(check, split, validation)
-
-    data = part.read(log, _VALVE_COLUMNS, reading, _require_rows_per_piece)
+        part = check_split(check, log, split, validation)
+    data = part.read(log, _VALVE_COLUMNS, _require_rows_per_piece)
     _require_movement(data, m_max)
     if isinstance(lag, float) and lag != 0.0:
         note = f"the flow is compared with the command {abs(lag):g} s {'before' if lag > 0.0 else 'after'} it, as given"
-        data = _shift_command(data, np.full(data.time.size, lag), part.fitted(data), [note])
+        data = _shift_command(data, np.full(data.time.size, lag), part.fitting_mask(data), [note])
     problem = ValveProblem(data, part)
     if lag == "auto":
         shifted = remove_lag(data, problem.good, problem.fitting)
@@ -132,15 +117,16 @@ def _require_lag(lag: Any) -> float | str:
     if isinstance(lag := to_builtin(lag), str) and lag == "auto":
         return lag
     cure = "give seconds by which the flow is logged after the command, or 'auto'"
-    return float(require_number("lag", lag, cure, least=-_LONGEST_LAG_S, most=_LONGEST_LAG_S))
+    return float(require_number("lag", lag, cure, least=-86400.0, most=86400.0))
 
 
 def _require_rows_per_piece(data: CheckedLog) -> CheckedLog:
-    """Refuse a log that is no record in time, before any work."""
+    """Refuse a log that is no record in time: where in its gap a piece starts is one more unknown."""
     n_rows, n_pieces = data.time.size, data.n_batches
-    if n_rows < _FEWEST_ROWS * n_pieces:
-        cure = f"give at least {_FEWEST_ROWS} rows for each, pass max_gap to bridge gaps, sort the rows by time"
-        raise InputError(f"{data.name}: its {n_rows:,} rows are in {n_pieces:,} pieces: {cure}")
+    if n_rows < 3 * n_pieces:
+        cure = "give at least 3 rows for each, bridge gaps with fc.read_log(..., max_gap=SECONDS), --max-gap, or sort "
+        sentence = f"{data.name}: its {n_rows:,} rows are in {n_pieces:,} pieces: {cure}the rows by time"
+        raise InputError(sentence, "log", "time")
     return data
 
 
@@ -152,36 +138,34 @@ def _require_movement(data: CheckedLog, m_max: float | None) -> None:
     top, reach = float(known.max()), float(command.max())
     rows = f"from row {data.rows[first][0]} to row {data.rows[first][-1]}"
     problems = [
-        f"{data.name}: {name} is {values[0]:g} {rows}: give a log in which the valve moves"
+        Problem(f"{data.name}: {name} is {values[0]:g} {rows}: give a log in which the valve moves", name, "data")
         for name, values in (("command", command), ("m_w", known))
         if np.ptp(values) == 0.0
     ]
-    if reach < _LEAST_REACH:
-        problems.append(f"{data.name}: command is never above {reach:.3g} of the stroke: check its unit")
-    if m_max is not None and m_max < _LEAST_M_MAX_SHARE * top:
-        problems.append(f"m_max = {m_max:g} kg/s: {data.name} has flows up to {top:.3g} kg/s, give at least that")
+    if reach < 0.02:
+        sentence = f"{data.name}: command is never above {reach:.3g} of the stroke: check its unit"
+        problems.append(Problem(sentence, "command", "unit"))
+    if m_max is not None and m_max < 0.8 * top:  # noise may lift readings above the asymptotic flow
+        sentence = f"m_max = {m_max:g} kg/s: {data.name} has flows up to {top:.3g} kg/s, give at least that"
+        problems.append(Problem(sentence, "m_max", "conflict"))
     raise_problems(problems)
 
 
 def has_live_zero(command: Array, flow: Array) -> bool:
-    """Whether the samples look like a signal of 2-10 V that was read as 0-10 V: closed at 20 %, never below."""
+    """Whether the samples look like a signal of 2-10 V read as 0-10 V: closed at 20 %, never below."""
     least = float(command.min())
-    lowest = flow[command <= least + _LOWEST_COMMAND_BAND]
-    closed = lowest.size >= _FEWEST_LOWEST_SAMPLES and float(np.median(lowest)) <= _CLOSED_FLOW_SHARE * float(
-        flow.max()
-    )
-    return bool(
-        _LIVE_ZERO_RANGE[0] <= least <= _LIVE_ZERO_RANGE[1] and command.max() > _LEAST_LIVE_ZERO_REACH and closed
-    )
+    lowest = flow[command <= least + 0.02]
+    is_closed = lowest.size >= 3 and float(np.median(lowest)) <= 0.1 * float(flow.max())
+    return bool(0.185 <= least <= 0.215 and command.max() > 0.5 and is_closed)
 
 
 def _assemble_fit(problem: ValveProblem, solution: ValveSolution, holds: bool, start_time: float) -> Fit:
-    """The fit with everything a user may ask of it; ``holds``: the command holds between the rows."""
+    """Assemble the result; ``holds``: the command holds between the rows."""
     best, spread, notes = solution.estimate, solution.uncertainty, problem.notes
-    fitted = problem.good & problem.fitting
+    fitted, is_logarithmic = problem.good & problem.fitting, valve_problem.IS_LOGARITHMIC
     command, flow = problem.command[fitted], problem.flow[fitted]
-    natural = np.where(IS_LOGARITHMIC, np.exp(best.x[:5]), best.x[:5])
-    is_inverted = bool(np.corrcoef(command, flow)[0, 1] < _INVERTED_CORRELATION)
+    natural = np.where(is_logarithmic, np.exp(best.x[:5]), best.x[:5])
+    is_inverted = bool(np.corrcoef(command, flow)[0, 1] < -0.5)
     verdict = judge_interval(problem, solution, holds or is_inverted or problem.data.change_of_value)
     signal_notes = []
     if is_inverted:
@@ -203,12 +187,12 @@ def _assemble_fit(problem: ValveProblem, solution: ValveSolution, holds: bool, s
             held.setdefault(name, AT_BOUND if math.isnan(variance) else NOT_UNIQUE)
     estimated = [k for k, name in enumerate(VALVE_ROWS) if name not in held]
     half = spread.quantile() * np.sqrt(variances)
-    intervals = {VALVE_ROWS[k]: natural_interval(best.x[k], half[k], bool(IS_LOGARITHMIC[k])) for k in estimated}
+    intervals = {VALVE_ROWS[k]: natural_interval(best.x[k], half[k], bool(is_logarithmic[k])) for k in estimated}
     if not verdict.why:
         intervals["backlash"] = verdict.interval
     # the deviation of the backlash belongs to its interval
     width = 0.5 * (verdict.interval[1] - verdict.interval[0]) / max(half[X_BL], 1e-12)
-    scale = np.where(IS_LOGARITHMIC, natural, 1.0)
+    scale = np.where(is_logarithmic, natural, 1.0)
     scale[X_BL] = max(1.0, width)
     covariance = spread.covariance[:5, :5] * np.outer(scale, scale)
 
@@ -253,14 +237,11 @@ def _assemble_fit(problem: ValveProblem, solution: ValveSolution, holds: bool, s
 
 
 N_KNOTS = 11
-_RIDGE, _TINY, _ROUND_OFF, _LARGEST_MEMORY = 1e-9, 1e-300, 1e-6, 0.98
 TRIAL_BACKLASHES = np.array([0.0, 0.01, 0.02, 0.03, 0.045, 0.06, 0.08, 0.1, 0.125, 0.15, 0.18, 0.22, 0.27, 0.33, 0.4])
-_WORTHWHILE_RESIDUAL_SHARE = 0.8  # a shift leaves at most this share of the squared residuals of the rows that it moves
-_MOST_ROUNDS = 10
-_NEAR_SHIFTS, _SHIFTS_AROUND_PEAK = 6, 2
-"""Shifts tried: up to so many samples either way, and around the one that the cross-correlation proposes."""
-_LONGEST_SHIFT_S = 7200.0  # s, proposed by the cross-correlation: clocks that differ by an hour
-_SHIFT_PRICE = 12.0  # of a shift, and of a piece with another one, in logarithms of likelihood
+_NEAR_SHIFTS = 6  # samples either way that are always tried
+_SHIFT_PRICE = 12.0  # log-likelihood of a shift, and of each change of it
+_ROUND_OFF = 1e-6
+_TINY = 1e-300
 
 
 def knot_weights(opening: Array) -> Array:
@@ -278,13 +259,6 @@ def simulate_openings(command: Array, batch: Index, backlashes: Array) -> Array:
     return openings
 
 
-def _solve_knot_flows(products: Array) -> Array:
-    """Flows at the knots, (…, k - 1), from sums of products of the weights and, last, the flow, (…, k, k)."""
-    A, b = products[..., :-1, :-1], products[..., :-1, -1:]
-    ridge = _RIDGE * np.trace(A, axis1=-2, axis2=-1) + _TINY
-    return np.asarray(np.linalg.solve(A + ridge[..., None, None] * np.eye(A.shape[-1]), b)[..., 0])
-
-
 def _squared_errors(products: Array, flows: Array) -> Array:
     """Sums of squared residuals, (…,), of a curve, (…, k - 1) or (k - 1,)."""
     v = np.concatenate([flows, np.full((*flows.shape[:-1], 1), -1.0)], axis=-1)
@@ -292,32 +266,35 @@ def _squared_errors(products: Array, flows: Array) -> Array:
 
 
 class _Curve(NamedTuple):
-    backlash: int  # index in BACKLASHES
+    backlash: int  # index in ``TRIAL_BACKLASHES``
     flows: Array  # at the knots, kg/s
     variance: float  # of a residual, (kg/s)²
 
 
 class _LagSums(NamedTuple):
-    """What the search needs of some pieces of a log."""
+    """Sums over the pieces of a log that determine lags and curve."""
 
     lags: Array  # that are tried, samples, (lags,)
     products: Array  # of the curve's terms and the flow, (pieces, lags, backlashes, knots + 1, knots + 1)
     counts: Array  # samples in each, (pieces, lags)
 
-    def curve(self, chosen: Index) -> _Curve:
-        """The best curve with each piece at its lag, an index in ``lags``."""
+    def fit_curve(self, chosen: Index) -> _Curve:
+        """Best curve with each piece at its lag, an index in ``lags``."""
         at = np.arange(chosen.size), chosen
         total, n = self.products[at].sum(axis=0), max(float(self.counts[at].sum()), 1.0)
-        flows = _solve_knot_flows(total)
+        A, b = total[:, :-1, :-1], total[:, :-1, -1:]
+        ridge = 1e-9 * np.trace(A, axis1=-2, axis2=-1) + _TINY
+        flows = np.linalg.solve(A + ridge[:, None, None] * np.eye(N_KNOTS), b)[..., 0]
         errors = _squared_errors(total, flows)
         j = int(np.argmin(errors))
         return _Curve(j, flows[j], max(float(errors[j]) / n, _ROUND_OFF**2 * float(total[j, -1, -1]) / n, _TINY))
 
     def cheapest_lags(self, curve: _Curve, worth: float) -> Index:
-        """The lag of each piece with the least errors and prices, an index in ``lags``; worth: samples, of one.
+        """Lag of each piece with the least sum of errors and prices, an index in ``lags``.
 
-        Samples that a lag leaves without a command cost as much as others; they may not be most of a piece.  Where all
-        of a piece fits worse than the rest, chance moves it more easily: its own variance counts.
+        worth: samples that count as an independent one.  Samples that a lag leaves without a command cost as much as
+        others; they may not be most of a piece.  The variance of a piece that fits worse than the rest is its own,
+        since chance moves it more easily.
         """
         most = self.counts.max(axis=1, keepdims=True)
         errors = _squared_errors(self.products[:, :, curve.backlash], curve.flows)
@@ -330,33 +307,33 @@ class _LagSums(NamedTuple):
         return np.asarray(whole[common].argmin(axis=1))
 
     def search(self, worth: float) -> tuple[Index, _Curve]:
-        """The lag of each piece and the curve: from each common lag until neither changes."""
+        """Lag of each piece and the curve, iterated from each common lag until neither changes."""
         solutions, n = [], self.counts.sum(axis=0)
         for common in np.flatnonzero(n >= 0.5 * n.max()):
             chosen = np.full(self.counts.shape[0], common)
-            for _ in range(_MOST_ROUNDS):
+            for _ in range(10):
                 before = chosen
-                chosen = self.cheapest_lags(self.curve(before), worth)
+                chosen = self.cheapest_lags(self.fit_curve(before), worth)
                 if (chosen == before).all():
                     break
-            curve = self.curve(chosen)
+            curve = self.fit_curve(chosen)
             changes = np.count_nonzero(np.diff(self.lags[chosen], prepend=0))
             cost = 0.5 * self.counts.max(axis=1).sum() / worth * np.log(curve.variance)
             solutions.append((_SHIFT_PRICE * changes + cost, chosen, curve))
         return min(solutions, key=lambda solution: float(solution[0]))[1:]
 
     def worthwhile_lags(self, chosen: Index, curve: _Curve) -> Array:
-        """The lag of each piece in samples, 0 where a run of pieces with one lag gains little by it."""
+        """Lag of each piece in samples, 0 where a run of pieces with one lag gains little by it."""
         errors = _squared_errors(self.products[:, :, curve.backlash], curve.flows)
         lags, no_lag = self.lags[chosen], int(np.flatnonzero(self.lags == 0)[0])
         for run in split_segments(chosen):
-            if errors[run, chosen[run]].sum() > _WORTHWHILE_RESIDUAL_SHARE * errors[run, no_lag].sum():
+            if errors[run, chosen[run]].sum() > 0.8 * errors[run, no_lag].sum():
                 lags[run] = 0
         return lags
 
 
 def delay_command(log: CheckedLog, lag: Array | float) -> tuple[Array, Mask]:
-    """The command ``lag`` seconds before each sample, (n,) each, and where no row of its piece gives it."""
+    """The command ``lag`` seconds before each sample, (n,), and where no row of its piece gives it."""
     logged, lag = log.values["command"], np.broadcast_to(lag, log.time.shape)
     command, outside = logged.copy(), np.zeros(logged.size, dtype=bool)
     for piece in split_segments(log.batch):
@@ -369,21 +346,21 @@ def delay_command(log: CheckedLog, lag: Array | float) -> tuple[Array, Mask]:
 
 
 def remove_lag(log: CheckedLog, good: Mask, fitting: Mask) -> CheckedLog:
-    """The log with the shift of each piece taken out, and a note of it; itself if it has none.
+    """Remove the shift of each piece from a log and note it; a log without one is returned itself.
 
-    good, fitting: (n,), samples that may be compared, and those of the part to fit.  Shifts are found in that part
-    alone; what follows it is moved like its last piece.
+    good, fitting: (n,), samples that may be compared, and those of the part to fit.  Shifts are estimated in that part
+    alone; what follows is shifted like its last piece.
     """
     fitted_log, used, step = log.where(fitting), good[fitting], median_step(log, fitting)
     lags, memory, worth = _lags_to_try(fitted_log, used, step).astype(float), 0.0, 1.0
-    for is_white in (False, True):  # first how the residuals are correlated, then with that taken out
-        sums = _sum_products(fitted_log, used, step, split_segments(fitted_log.batch), lags, memory)
+    for is_white in (False, True):  # first the correlation of the residuals, then without it
+        sums = _sum_products(fitted_log, used, step, lags, memory)
         chosen, curve = sums.search(worth)
         rho = _residual_correlation(fitted_log, used, lags[chosen][fitted_log.batch] * step, curve, memory)
         if is_white:
             worth = max(1.0 + 2.0 * float(rho.sum()), 1.0)
         elif rho.size:
-            memory = min(float(rho[0]), _LARGEST_MEMORY)
+            memory = min(float(rho[0]), 0.98)
     shifts = sums.worthwhile_lags(*sums.search(worth))[fitted_log.batch]
     shifts = np.pad(shifts, (0, log.time.size - shifts.size), mode="edge")
     return _shift_command(log, shifts * step, fitting, _describe_shifts(log, shifts, step)) if shifts.any() else log
@@ -408,10 +385,9 @@ def _describe_shifts(log: CheckedLog, shifts: Array, step: float) -> list[str]:
     return notes
 
 
-def _sum_products(
-    log: CheckedLog, good: Mask, step: float, pieces: list[Index], lags: Array, memory: float
-) -> _LagSums:
-    """Sums of products of the terms and the flow behind each lag and backlash, less ``memory`` of the sample before."""
+def _sum_products(log: CheckedLog, good: Mask, step: float, lags: Array, memory: float) -> _LagSums:
+    """Sum products of the terms and the flow for each lag and backlash, less ``memory`` of the sample before."""
+    pieces = split_segments(log.batch)
     starts = [int(piece[0]) for piece in pieces]
     products = np.zeros((len(pieces), lags.size, TRIAL_BACKLASHES.size, N_KNOTS + 1, N_KNOTS + 1))
     counts = np.zeros((len(pieces), lags.size))
@@ -434,11 +410,11 @@ def _sum_products(
 
 
 def _lags_to_try(log: CheckedLog, used: Mask, step: float) -> Index:
-    """Shifts in samples: a few either way, and some around the peak of the cross-correlation of the changes."""
+    """Shifts in samples: a few either way, and around the peak of the cross-correlation of the changes."""
     from scipy.signal import correlate
 
     lags = np.arange(-_NEAR_SHIFTS, _NEAR_SHIFTS + 1)
-    most = min(int(_LONGEST_SHIFT_S / step), log.time.size // 4)
+    most = min(int(7200.0 / step), log.time.size // 4)  # clocks may differ by an hour
     is_compared = used[1:] & used[:-1] & (np.diff(log.batch) == 0)
     if most <= _NEAR_SHIFTS or not is_compared.any():
         return lags
@@ -446,11 +422,11 @@ def _lags_to_try(log: CheckedLog, used: Mask, step: float) -> Index:
     product = correlate(answers, moves)  # at lags from 1 - n
     far = np.concatenate([np.arange(-most, -_NEAR_SHIFTS), np.arange(_NEAR_SHIFTS + 1, most + 1)])
     peak = int(far[np.argmax(product[far + moves.size - 1])])
-    return np.union1d(lags, np.arange(peak - _SHIFTS_AROUND_PEAK, peak + _SHIFTS_AROUND_PEAK + 1))
+    return np.union1d(lags, np.arange(peak - 2, peak + 2 + 1))
 
 
 def _residual_correlation(log: CheckedLog, used: Mask, lag: Array, curve: _Curve, memory: float) -> Array:
-    """Autocorrelation of the residuals of the fitted part, each less ``memory`` times the one before; lag: (n,), s."""
+    """Autocorrelation of the residuals, each less ``memory`` times the one before; lag: (n,), s."""
     command, outside = delay_command(log, lag)
     opening = simulate_openings(command, log.batch, TRIAL_BACKLASHES[[curve.backlash]])[:, 0]
     used = used & ~outside

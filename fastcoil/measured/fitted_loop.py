@@ -1,8 +1,8 @@
-"""The loop behind a trend log as a model, and what its day would have been with another valve or controller.
+"""Model of the loop behind a trend log, and its day with another valve or controller.
 
-``play`` replays the day of the log with the fitted plant in place of the coil.  It is not the loop of the engine: the
-plant has no control volumes, a step is a part of the log's interval (at 1 s, as in the engine, predicted errors change
-by up to 4 %), and the day starts in the state that the log shows.
+``replay_day`` replays the day of the log with the fitted plant in place of the coil.  It is not the loop of the engine:
+the plant has no control volumes, a step is a part of the log's interval (at 1 s, as in the engine, predicted errors
+change by up to 4 %), and the day starts in the state that the log shows.
 
 ``Outcome.hunts`` is the metric of that name and is meant for true temperatures; ``Swing.is_regular`` (``measures``)
 answers for a measured temperature, with noise, drift and gaps.
@@ -15,17 +15,16 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
+from fastcoil.measured import thresholds
 from fastcoil.measured.fitted_plant import FittedPlant, RecoveredPI, first_order_lag, fit_plant, recover_pi
 from fastcoil.measured.grid import SECONDS_PER_DAY, forward_fill
-from fastcoil.measured.identify import PREDICTION_HORIZON_S
+from fastcoil.measured.identify import HORIZON_S
 from fastcoil.measured.part import true_runs
 from fastcoil.model.metric_table import HUNTING_SAMPLE_S, SETTLING_TIME_S, WARM_UP_S, is_hunting, is_same_period
 
-LEAST_BUFFER = 1e-9  # least buffer of the inverse, so that round-off is no reversal
-
 
 class ReplayInputs(NamedTuple):
-    """What a replay takes from the log, at the steps of the simulation, (n_steps,)."""
+    """Series of a day that is replayed, at the steps of the simulation, (n_steps,)."""
 
     disturbance: Array  # without noise, K
     noise: Array  # that the controller reads, K
@@ -35,7 +34,7 @@ class ReplayInputs(NamedTuple):
 
 
 class Replay(NamedTuple):
-    """Signals of a replay, (n_steps,): true temperature, °C; command, motor position and opening, fractions."""
+    """Signals of a replay, (n_steps,): true temperature, °C; command, position and opening, fractions of stroke."""
 
     temperature: Array
     command: Array
@@ -44,16 +43,21 @@ class Replay(NamedTuple):
 
 
 def _build_inputs(plant: FittedPlant, command: Array, T_set: Array, good: Mask, period: float) -> ReplayInputs:
-    """The day of a log; noise and disturbance are separated by how they change from sample to sample.
+    """Separate noise and disturbance of the day of a log by their changes from sample to sample.
 
-    period: samples to a period of a loop that hunts, else 0.  What is left of the hunting in the disturbance is what
-    the plant does not get right, and would go on in a loop that is calm: a mean over whole periods takes it out.
+    period: of a loop that hunts, in samples, else 0.  Hunting that is left in the disturbance is an error of the plant
+    and would go on in a calm loop: a mean over whole periods removes it.
     """
     n = plant.disturbance.size
     smooth, level = remove_noise(plant.disturbance, good)
     noise_seen = plant.disturbance - smooth
     if period > 0.0:
-        smooth = _moving_mean(smooth, period)
+        # moving mean over a period, over less at the ends
+        total = np.concatenate([[0.0], np.cumsum(smooth)])
+        k, ends = np.arange(n), np.arange(n + 1, dtype=float)
+        half = np.minimum(np.minimum(k, n - 1 - k) + 0.5, 0.5 * period)
+        above, below = (np.interp(k + 0.5 + side, ends, total) for side in (half, -half))
+        smooth = (above - below) / (2.0 * half)
     at = np.arange((n - 1) * plant.per_sample + 1) / plant.per_sample
     sample = at.astype(int)
     noise = level * np.random.default_rng(0).standard_normal(at.size)  # between samples it is unknown
@@ -62,20 +66,11 @@ def _build_inputs(plant: FittedPlant, command: Array, T_set: Array, good: Mask, 
     return ReplayInputs(np.interp(at, np.arange(n), smooth), noise, T_set[sample], command[sample], is_automatic)
 
 
-def _moving_mean(series: Array, width: float) -> Array:
-    """Moving mean over ``width`` samples around each; fewer at the ends."""
-    total = np.concatenate([[0.0], np.cumsum(series)])
-    k = np.arange(series.size)
-    half = np.minimum(np.minimum(k, series.size - 1 - k) + 0.5, 0.5 * width)
-    ends = np.arange(total.size, dtype=float)
-    return np.asarray((np.interp(k + 0.5 + half, ends, total) - np.interp(k + 0.5 - half, ends, total)) / (2.0 * half))
-
-
 def remove_noise(series: Array, good: Mask) -> tuple[Array, float]:
-    """A random walk seen through white noise, smoothed, and the noise's standard deviation.
+    """Smooth a random walk observed through white noise; return the standard deviation of the noise as well.
 
-    Changes from sample to sample have the variance q + 2 r and, one after the other, the covariance -r, with r that of
-    the noise and q that of a step of the walk; the smoother is the one that is best for these (Muth 1960, both ways).
+    Changes from sample to sample have the variance q + 2 r and successive ones the covariance -r, where r is that of
+    the noise and q that of a step of the walk; the smoother is optimal for these (Muth 1960, both ways).
     """
     changes = np.diff(series)
     changes = changes[good[1:] & good[:-1]]
@@ -96,7 +91,7 @@ def replay_day(
     plant: FittedPlant, pi: RecoveredPI, day: ReplayInputs, stroke_time: float, backlash: float, estimate: float = 0.0,
     buffer: float = 0.0,
 ) -> Replay:  # fmt: skip
-    """Replay a day: PI with clamped integral, inverse (none with an estimate of 0), motor, play, plant, disturbance."""
+    """Replay a day: PI with clamped integral, inverse (none with an estimate of 0), motor, gap, plant, disturbance."""
     n, step = day.T_set.size, plant.step
     c_1, c_2 = plant.curve
     least, most = plant.least, plant.most
@@ -105,16 +100,14 @@ def replay_day(
     kp, ki = pi.kp, pi.kp * every * step / pi.ti
     travel = step / stroke_time if stroke_time > 0.0 else 1.0
     stretch = 1.0 / (1.0 - backlash)
-    buffer = max(buffer, LEAST_BUFFER)
+    buffer = max(buffer, 1e-9)  # so that round-off is no reversal
     disturbance, noise, T_set, logged = (s.tolist() for s in (day.disturbance, day.noise, day.T_set, day.command))
     is_automatic = day.is_automatic.tolist()
     position = command = u_ext = logged[0]
     mode = 1.0
     q = min(max(position - 0.5 * backlash, 0.0), 1.0 - backlash)
-    opening_in_range = min(max(q * stretch, least), most)
-    level = (c_1 + c_2 * opening_in_range) * opening_in_range + (c_1 + 2.0 * c_2 * opening_in_range) * (
-        q * stretch - opening_in_range
-    )
+    inside = min(max(q * stretch, least), most)
+    level = (c_1 + c_2 * inside) * inside + (c_1 + 2.0 * c_2 * inside) * (q * stretch - inside)
     slow = fast = level
     delayed_levels = [level] * (plant.delay + 1)
     integral, was_automatic = 0.0, False
@@ -143,10 +136,8 @@ def replay_day(
         q = position - backlash if q < position - backlash else q
         q = position if q > position else q
         opening = q * stretch
-        opening_in_range = least if opening < least else most if opening > most else opening
-        level = (c_1 + c_2 * opening_in_range) * opening_in_range + (c_1 + 2.0 * c_2 * opening_in_range) * (
-            opening - opening_in_range
-        )
+        inside = least if opening < least else most if opening > most else opening
+        level = (c_1 + c_2 * inside) * inside + (c_1 + 2.0 * c_2 * inside) * (opening - inside)
         temperatures[k], commands[k], positions[k], openings[k] = temperature, command, position, opening
         delayed_levels[k % len(delayed_levels)] = level
         slow += (delayed_levels[(k + 1) % len(delayed_levels)] - slow) * (1.0 - a_1)
@@ -154,12 +145,8 @@ def replay_day(
     return Replay(*map(np.array, (temperatures, commands, positions, openings)))
 
 
-LARGEST_WARM_UP_SHARE = 0.125  # share of a short log that is left out at its start in place of ``WARM_UP``
-LEAST_MOVEMENT = 1e-9  # change of opening that counts as a movement, fraction of stroke
-
-
 class Outcome(NamedTuple):
-    """A day of a loop; a day is 24 h of operation."""
+    """Outcome of a day of a loop; a day is 24 h of operation."""
 
     rmse: float  # of the true temperature against the set-point, K
     amplitude: float  # half of the mean peak to peak of the settled windows, K
@@ -170,14 +157,14 @@ class Outcome(NamedTuple):
 
 
 def _is_counted(day: ReplayInputs, step: float) -> Mask:
-    """Steps that count, (n_steps,): the loop works, and the warm-up is over."""
+    """Whether a step counts, (n_steps,): the loop is in automatic and the warm-up is over."""
     counted = day.is_automatic.copy()
-    counted[: int(min(WARM_UP_S, LARGEST_WARM_UP_SHARE * counted.size * step) / step)] = False
+    counted[: int(min(WARM_UP_S, 0.125 * counted.size * step) / step)] = False
     return counted
 
 
 def evaluate_replay(replay: Replay, day: ReplayInputs, step: float) -> Outcome:
-    """What a replayed day was like; step: s."""
+    """Evaluate a replayed day; step: s."""
     n = day.T_set.size
     counted = _is_counted(day, step)
     error = replay.temperature - day.T_set
@@ -185,39 +172,30 @@ def evaluate_replay(replay: Replay, day: ReplayInputs, step: float) -> Outcome:
     is_changed |= ~day.is_automatic
     last_change = np.maximum.accumulate(np.where(is_changed, np.arange(n), 0))
     is_settled = counted & ((np.arange(n) - last_change) * step >= SETTLING_TIME_S)
-    windows = [slice(first, last_change) for first, last_change in true_runs(is_settled)]
+    windows = [slice(*run) for run in true_runs(is_settled)]
     swing = float(np.mean([np.ptp(replay.temperature[w]) for w in windows])) if windows else math.nan
     every = max(1, round(HUNTING_SAMPLE_S / step))
-    periods = np.concatenate(
-        [np.zeros(0), *(np.diff(_find_upward_crossings(error[w][::every])) * every * step for w in windows)]
-    )
+    gaps = (np.diff(_find_upward_crossings(error[w][::every])) for w in windows)
+    periods = np.concatenate([np.zeros(0), *(gap * every * step for gap in gaps)])
     n_alike = sum(is_same_period(period, before) for before, period in pairwise(periods))
     crossings = sum(_find_upward_crossings(error[w]).size for w in windows)
     days = max(int(counted.sum()), 1) * step / SECONDS_PER_DAY
-    is_counted_twice = counted[1:] & counted[:-1]
-    directions = np.sign(np.diff(replay.opening)[is_counted_twice & (np.abs(np.diff(replay.opening)) > LEAST_MOVEMENT)])
+    both = counted[1:] & counted[:-1]
+    moves = np.diff(replay.opening)
+    directions = np.sign(moves[both & (np.abs(moves) > 1e-9)])
     return Outcome(
         rmse=float(np.sqrt(np.mean(error[counted] ** 2))) if counted.any() else math.nan,
         amplitude=0.5 * swing,
         period=float(is_settled.sum()) * step / crossings if crossings >= 2 else math.nan,
-        travel_per_day=float(np.sum(np.abs(np.diff(replay.position))[is_counted_twice])) / days,
+        travel_per_day=float(np.sum(np.abs(np.diff(replay.position))[both])) / days,
         reversals_per_day=float(np.sum(np.diff(directions) != 0.0)) / days,
         hunts=bool(is_hunting(swing, periods.size, n_alike)),
     )
 
 
 def _find_upward_crossings(error: Array) -> Index:
-    """Where the error comes up through 0."""
+    """Indices at which the error rises through 0."""
     return np.asarray(np.flatnonzero((error[:-1] < 0.0) & (error[1:] >= 0.0)) + 1)
-
-
-MOST_SECONDS = 172800.0  # of a longer log the end is replayed
-LARGEST_ERROR_LOG_RATIO, LARGEST_TRAVEL_LOG_RATIO = 0.2, 0.4
-"""By how much control error and motor travel of the replayed log may differ from the logged ones, as logarithms."""
-GAIN_ERROR_FACTOR, LARGEST_ERROR_RATIO = 1.15, 1.5
-"""A what-if is reported if that much more and less loop gain change no verdict, and the error by less than this."""
-LEAST_EXPLAINED = 0.1
-"""Share of the changes of the temperature that the command has to explain in a model of the loop that is used."""
 
 
 class FittedLoop(NamedTuple):
@@ -231,7 +209,7 @@ class FittedLoop(NamedTuple):
     doubt: str = ""  # why the loop is not to be trusted; empty if it is
 
     def replay_with(self, backlash: float, kp_factor: float = 1.0, ti_factor: float = 1.0, *inverse: float) -> Outcome:
-        """Its day with another backlash, with kp and ti times as large, with an inverse (estimate, buffer)."""
+        """Replay its day with another backlash, with kp and ti times as large, with an inverse (estimate, buffer)."""
         pi = self.pi._replace(kp=kp_factor * self.pi.kp, ti=ti_factor * self.pi.ti)
         replay = replay_day(self.plant, pi, self.day, self.stroke_time, backlash, *inverse)
         return evaluate_replay(replay, self.day, self.plant.step)
@@ -242,19 +220,19 @@ def fit_loop_model(
     sample_time: float | None = None, enabled: Mask | None = None, gains: tuple[float, float] | None = None,
     by_hand: Mask | None = None,
 ) -> FittedLoop | str:  # fmt: skip
-    """Fit controller and plant to a trend log; one sentence if that cannot be done.
+    """Fit controller and plant to a trend log; a sentence if that is impossible.
 
     command, temperature, T_set: (n,), fraction of stroke, °C, °C; NaN where missing.  interval: s.  backlash,
-    stroke_time: of valve (fraction of stroke) and motor (s, 0 if it is as good as immediate).  sample_time: of the
-    controller, s; found from the log if None.  enabled: whether the plant was on; all of it if None.  gains: kp, 1/K
-    and above 0, and ti, s, of the controller; found from the log if None.  by_hand: where a test, not the controller,
-    moved the valve: it tells of the plant only.
+    stroke_time: of the valve (fraction of stroke) and its motor (s, 0 if immediate).  sample_time: of the controller,
+    s; estimated if None.  enabled: whether the plant was on, always if None.  gains: kp, 1/K and above 0, and ti, s, of
+    the controller; estimated if None.  by_hand: where a test, not the controller, moved the valve, which shows the
+    plant only.
     """
     if T_set is None:
         return "the log has no set-point (T_set)"
-    if interval > PREDICTION_HORIZON_S:
-        return f"the log has only one sample every {interval:.4g} s: log every {PREDICTION_HORIZON_S:g} s or faster"
-    last = slice(-int(MOST_SECONDS / interval), None)
+    if interval > HORIZON_S:
+        return f"the log has only one sample every {interval:.4g} s: log every {HORIZON_S:g} s or faster"
+    last = slice(-int(172800.0 / interval), None)  # two days
     command, temperature, T_set = (np.asarray(series, float)[last] for series in (command, temperature, T_set))
     good = np.isfinite(command) & np.isfinite(temperature) & np.isfinite(T_set)
     good = good if enabled is None else good & np.asarray(enabled, bool)[last]
@@ -278,9 +256,9 @@ def fit_loop_model(
 
 
 def why_unusable(fitted: FittedLoop) -> str:
-    """Why the model of a loop holds too little of it to be used, or nothing."""
+    """Why the model of a loop explains too little of its log; empty if it does not."""
     share = fitted.plant.explained
-    if share >= LEAST_EXPLAINED:
+    if share >= 0.1:
         return ""
     return f"the command explains only {100 * share:.0f} % of the changes of the temperature"
 
@@ -289,34 +267,32 @@ def what_if(
     fitted: FittedLoop, backlash: float | None = None, kp_factor: float = 1.0, ti_factor: float = 1.0,
     estimate: float = 0.0, buffer: float = 0.0,
 ) -> Outcome | str:  # fmt: skip
-    """What the logged day would have been with another backlash, kp, ti, or with a backlash inverse.
+    """Predict the logged day with another backlash, kp, ti, or with a backlash inverse.
 
-    A sentence where the answer turns on less than the fit can know: what changes is simulated with ``GAIN_ERROR_FACTOR`` more
-    and less loop gain too, and all three have to agree.  backlash: that of the fit if None.  kp_factor, ti_factor:
-    times the kp and ti of the log.  estimate, buffer: of the inverse; an estimate of 0 is the plain PI.
+    Returns a sentence where the answer depends on more than the fit can know: the change is simulated with 15 % more
+    and less loop gain as well, and all three have to agree.  backlash: that of the fit if None.  kp_factor, ti_factor:
+    times those of the log.  estimate, buffer: of the inverse; an estimate of 0 is the plain PI.
     """
     size = fitted.backlash if backlash is None else backlash
     if (size, kp_factor, ti_factor, estimate) == (fitted.backlash, 1.0, 1.0, 0.0):
         return fitted.replay_with(size, 1.0, 1.0, 0.0, buffer)  # the log itself, which is known
-    factors = (1.0, GAIN_ERROR_FACTOR, 1.0 / GAIN_ERROR_FACTOR)
-    expected, with_more_gain, with_less_gain = (
-        fitted.replay_with(size, factor * kp_factor, ti_factor, estimate, buffer) for factor in factors
-    )
-    errors = [expected.rmse, with_more_gain.rmse, with_less_gain.rmse]
-    if not expected.hunts == with_more_gain.hunts == with_less_gain.hunts:
+    factors = (1.0, thresholds.GAIN_ERROR_FACTOR, 1.0 / thresholds.GAIN_ERROR_FACTOR)
+    outcomes = [fitted.replay_with(size, factor * kp_factor, ti_factor, estimate, buffer) for factor in factors]
+    errors = [outcome.rmse for outcome in outcomes]
+    if len({outcome.hunts for outcome in outcomes}) > 1:
         undecided = "whether the loop hunts"
-    elif not max(errors) < LARGEST_ERROR_RATIO * min(errors):
+    elif not max(errors) < thresholds.LARGEST_ERROR_RATIO * min(errors):
         undecided = f"between control errors of {min(errors):.2g} and {max(errors):.2g} K"
     else:
-        return expected
+        return outcomes[0]
     return (
-        f"a {100 * (GAIN_ERROR_FACTOR - 1.0):.0f} % change of the loop gain decides {undecided}, and the log does not show "
-        "the gain that accurately"
+        f"a {100 * (thresholds.GAIN_ERROR_FACTOR - 1.0):.0f} % change of the loop gain decides {undecided}, and the "
+        "log does not show the gain that accurately"
     )
 
 
 def _why_doubtful(fitted: FittedLoop, command: Array, temperature: Array, T_set: Array) -> str:
-    """Why the fitted loop is not to be trusted, or nothing: it has to repeat the log that it was fitted to."""
+    """Why the fitted loop does not repeat the log that it was fitted to; empty if it does."""
     day, plant = fitted.day, fitted.plant
     replay = replay_day(plant, fitted.pi, day, fitted.stroke_time, fitted.backlash)
     counted = _is_counted(day, plant.step)[:: plant.per_sample]
@@ -324,14 +300,11 @@ def _why_doubtful(fitted: FittedLoop, command: Array, temperature: Array, T_set:
     true_temperature = temperature - day.noise[at]
     logged_error = float(np.sqrt(np.mean((true_temperature - T_set)[counted] ** 2)))
     replayed_error = float(np.sqrt(np.mean((replay.temperature[at] - T_set)[counted] ** 2)))
-    replayed_travel, logged_travel = (
-        float(np.sum(np.abs(np.diff(series))[counted[1:]])) for series in (replay.command[at], command)
-    )
-    travel_ratio = max(replayed_travel, 1e-9) / max(logged_travel, 1e-9)
-    if (
-        abs(math.log(replayed_error / logged_error)) < LARGEST_ERROR_LOG_RATIO
-        and abs(math.log(travel_ratio)) < LARGEST_TRAVEL_LOG_RATIO
-    ):
+    moves = (np.abs(np.diff(series))[counted[1:]] for series in (replay.command[at], command))
+    replayed_travel, logged_travel = (float(np.sum(move)) for move in moves)
+    error_ratio, travel_ratio = replayed_error / logged_error, max(replayed_travel, 1e-9) / max(logged_travel, 1e-9)
+    is_error_close = abs(math.log(error_ratio)) < thresholds.LARGEST_ERROR_LOG_RATIO
+    if is_error_close and abs(math.log(travel_ratio)) < thresholds.LARGEST_TRAVEL_LOG_RATIO:
         return ""
     return (
         f"the fitted loop does not reproduce the log: its control error is {replayed_error:.2g} K, the logged one "

@@ -1,4 +1,4 @@
-"""A log of any rhythm as samples at equal intervals, and the positions of motor and stem at these samples.
+"""A log resampled at equal intervals, and the positions of motor and stem at these samples.
 
 Values are missing where the log is silent, and held where it has changes only.
 """
@@ -17,25 +17,20 @@ from fastcoil.logs import CheckedLog
 from fastcoil.logs.series import format_count
 from fastcoil.model.engine import recorded
 
-HELD_COLUMNS = ("command", "T_set", "enabled", "test")  # keep their values until the next sample in every log
+HELD_COLUMNS = ("command", "T_set", "enabled", "test")  # hold until the next sample in every log
 LEAST_SAMPLES = 20
-_REGULAR_SHARE, _STEP_TOLERANCE = 0.8, 0.25
-"""A log is regular if this share of its steps are whole multiples of the median, to this share of it."""
-_SMALL_CHANGE_QUANTILE, _ROUNDED_TOLERANCE, _LARGEST_MEDIAN_RATIO = 0.1, 0.05, 2.0
-"""Of the changes of a temperature logged at changes, half are below twice the smallest tenth."""
-_SHORTEST_INTERVAL_S, _LONGEST_FILLED_INTERVAL_S = 1.0, 10.0  # interval between the samples made of an irregular log, s
-SECONDS_PER_DAY = 86400.0  # s
-_LONGEST_INTERVAL_S = 3600.0  # s between samples; a log that is slower shows nothing of a loop
-_LONGEST_SILENCE_S = 600.0  # of longer ones only so many seconds stay: nothing is looked for across them
-_FINE_INTERVAL_S, _USUAL_STEPS_S = 30.0, (10, 15, 20, 30, 60, 120, 180, 300, 600, 900, 1800)
-"""Filled-in values matter where logged ones are farther apart than so many s; steps of a clock that are looked for."""
-_MOST_MISSED, _LEAST_MISSED_ELSEWHERE, _ROUND_OFF = 0.02, 0.1, 1e-6
-"""Share of the samples that own samples may fail to give back, and that samples at other places do fail to."""
-MOST_SAMPLES = 200_000  # of the part that is diagnosed: 11 days of a log every 5 s
+MOST_SAMPLES = 200_000  # 11 days of a log every 5 s
+SECONDS_PER_DAY = 86400.0
+_LONGEST_SILENCE_S = 600.0  # of a longer silence only this much stays
+_REGULAR_SHARE = 0.8  # of the steps that are whole multiples of the median, in a regular log
+_STEP_TOLERANCE = 0.25  # of the median, by which a step may differ from a whole multiple
+_SMALL_CHANGE_QUANTILE = 0.1  # of the changes of a temperature
+_USUAL_STEPS_S = (10, 15, 20, 30, 60, 120, 180, 300, 600, 900, 1800)  # of loggers
+_ROUND_OFF = 1e-6
 
 
 class Grid(NamedTuple):
-    """The series of a log at equal intervals."""
+    """A log at equal intervals."""
 
     interval: float  # s
     time: Array  # since the first sample of the log, s, (n,); it jumps where a long silence was cut out
@@ -45,12 +40,12 @@ class Grid(NamedTuple):
     starts: tuple[int, ...] = (0,)  # first sample of each log that was joined
 
     def part(self, at: slice) -> "Grid":
-        """Some samples of one log."""
+        """The samples of a slice within one log."""
         values = {name: series[at] for name, series in self.values.items()}
         return Grid(self.interval * (at.step or 1), self.time[at], values, self.on[at], self.increment)
 
-    def days(self) -> list[slice]:
-        """The samples of each day, of 24 h at most from the start of a log; shorter rests belong to the day before."""
+    def day_slices(self) -> list[slice]:
+        """Slices of at most 24 h from the start of each log; a rest of less than half a day stays with its day."""
         ends = (*self.starts[1:], self.on.size)
         samples_per_day, days = round(SECONDS_PER_DAY / self.interval), []
         for first, end in zip(self.starts, ends, strict=True):
@@ -60,11 +55,11 @@ class Grid(NamedTuple):
 
 
 def resample_log(log: CheckedLog) -> tuple[Grid, list[str]]:
-    """The series of a log at equal intervals, and notes on what was done to it.
+    """Resample a log at equal intervals; return notes on what was changed.
 
-    Samples at times that are nearly regular are moved to the nearest regular time.  In a log that is not regular, such
-    as one of changes of value, every series holds until its next sample: the value that the building system knew.
-    Steps beyond the longest that may be bridged are silences (``Log.batch`` counts the pieces between).
+    Samples at nearly regular times are moved to the nearest regular time.  In any other log, such as one of changes of
+    value, every series holds until its next sample: the value that the building system knew.  Steps beyond the longest
+    that may be bridged are silences (``CheckedLog.batch`` numbers the pieces between).
     """
     steps, is_same_piece = np.diff(log.time), np.diff(log.batch) == 0
     forward = steps[is_same_piece & (steps > 0.0)]
@@ -72,18 +67,21 @@ def resample_log(log: CheckedLog) -> tuple[Grid, list[str]]:
     if forward.size + 1 < LEAST_SAMPLES:
         raise InputError(
             f"{log.name}: {format_count(forward.size + 1, 'sample')} in unbroken pieces, {LEAST_SAMPLES} are needed: "
-            f"give a longer log, or bridge its gaps: max_gap, --max-gap ({left_out})"
-        )
+            f"give a longer log, or bridge its gaps: fc.read_log(..., max_gap=SECONDS), --max-gap ({left_out})",
+            "log", "data",
+        )  # fmt: skip
     interval, is_regular = _find_rhythm(log, forward, is_same_piece)
-    if interval > _LONGEST_INTERVAL_S:
-        raise InputError(f"{log.name}: a sample every {interval:,.0f} s is left: log every minute ({left_out})")
+    if interval > 3600.0:  # a slower log shows nothing of a loop
+        sentence = f"{log.name}: a sample every {interval:,.0f} s is left: log every minute ({left_out})"
+        raise InputError(sentence, "log", "time")
     ticks = _number_intervals(log, interval)
     longest_silence = int(np.ceil(_LONGEST_SILENCE_S / interval))
     cut = np.concatenate([[0], np.cumsum(np.where(is_same_piece, 0, np.maximum(np.diff(ticks) - longest_silence, 0)))])
     at = ticks - cut
     if at[-1] >= MOST_SAMPLES:
         days = MOST_SAMPLES * interval / SECONDS_PER_DAY
-        raise InputError(f"{log.name}: {at[-1] + 1:,} samples of {interval:.4g} s: give {days:.0f} days or less")
+        sentence = f"{log.name}: {at[-1] + 1:,} samples of {interval:.4g} s: give {days:.0f} days or less"
+        raise InputError(sentence, "log", "size")
     grid = _fill_grid(log, at, interval, is_regular, is_same_piece)
     if is_regular:
         return _drop_filled_samples(grid)
@@ -92,24 +90,22 @@ def resample_log(log: CheckedLog) -> tuple[Grid, list[str]]:
 
 
 def _drop_filled_samples(grid: Grid) -> tuple[Grid, list[str]]:
-    """Only the samples that were logged, where those between them were filled in; and a note of it."""
-    logged_every_by_name = {
-        name: find_logged_samples(grid.values[name], grid.interval) for name in ("command", "T_sup")
-    }
-    width = max(step for step, _ in logged_every_by_name.values())
-    if width == 1 or width * grid.interval <= _FINE_INTERVAL_S:
+    """Keep only logged samples where those between them were filled in, and note it."""
+    logged = {name: find_logged_samples(grid.values[name], grid.interval) for name in ("command", "T_sup")}
+    width = max(step for step, _ in logged.values())
+    if width == 1 or width * grid.interval <= 30.0:  # s; finer ones do not matter
         return grid, []
-    name = "T_sup" if logged_every_by_name["T_sup"][0] > 1 else "command"
-    thinned = grid.part(slice(logged_every_by_name[name][1], None, width))
+    name = "T_sup" if logged["T_sup"][0] > 1 else "command"
+    thinned = grid.part(slice(logged[name][1], None, width))
     rhythm = f"only every {thinned.interval:.4g} s"
-    return thinned, [f"{name} has a value of its own {rhythm}, those between are filled in: only its own count"]
+    return thinned, [f"{name} is logged {rhythm}, the values between are filled in: only logged ones count"]
 
 
 def join_grids(grids: Sequence[Grid]) -> Grid:
-    """The logs of several days one after the other, with a silence between them."""
+    """Join the logs of several days, with a silence between them."""
     if len({round(grid.interval, 3) for grid in grids}) > 1:
         intervals = ", ".join(f"{interval:.4g} s" for interval in sorted({grid.interval for grid in grids}))
-        raise InputError(f"the logs have a sample every {intervals}: give logs of one interval")
+        raise InputError(f"the logs have a sample every {intervals}: give logs of one interval", "log", "time")
     interval = grids[0].interval
     silence = int(np.ceil(_LONGEST_SILENCE_S / interval))
     sizes = [grid.on.size + silence for grid in grids]
@@ -129,10 +125,10 @@ def join_grids(grids: Sequence[Grid]) -> Grid:
 
 
 def find_logged_samples(series: Array, interval: float) -> tuple[int, int]:
-    """At which samples a series has values of its own: every how many, and the first of them; (1, 0) for all.
+    """Find the logged samples of a series that was filled in: every how many, and the first; (1, 0) for all.
 
-    Those between are filled in if own samples, held or joined by straight lines, give all of them back to within the
-    resolution, and samples at other places do not: a slow temperature of a coarse sensor is given back by any.
+    A series is filled in if samples at one spacing, held or joined by straight lines, reproduce all others within the
+    resolution, and samples at other places do not: any reproduce a slow temperature of a coarse sensor.
     """
     known = np.where(np.isfinite(series), series, 0.0)
     level_differences = np.diff(np.unique(known))
@@ -151,15 +147,15 @@ def find_logged_samples(series: Array, interval: float) -> tuple[int, int]:
             continue
         for straight in (True, False):
             missed_shares = np.array([missed_share(samples[first::width], straight) for first in range(width)])
-            if missed_shares.min() <= _MOST_MISSED and np.median(missed_shares) >= _LEAST_MISSED_ELSEWHERE:
+            if missed_shares.min() <= 0.02 and np.median(missed_shares) >= 0.1:  # calibrated, see ``thresholds``
                 return width, int(missed_shares.argmin())
     return 1, 0
 
 
 def _find_rhythm(log: CheckedLog, forward: Array, is_same_piece: Mask) -> tuple[float, bool]:
-    """The interval of a log whose steps are ``forward``, s, and whether samples come at every interval.
+    """Find the interval of a log with steps ``forward``, s, and whether samples come at every interval.
 
-    A log of changes never repeats a row: one that misses some intervals, and repeats none, is such a log as well.
+    A log of changes never repeats a row: one that misses intervals and repeats none is such a log.
     """
     median = float(np.median(forward))
     multiples = forward / median
@@ -168,14 +164,14 @@ def _find_rhythm(log: CheckedLog, forward: Array, is_same_piece: Mask) -> tuple[
     is_single_step = is_whole & (nearest_multiples == 1.0)
     is_repeated = np.all([np.diff(log.values[name]) == 0.0 for name in ("command", "T_sup")], axis=0) & is_same_piece
     if is_whole.mean() < _REGULAR_SHARE or (is_single_step.mean() < _REGULAR_SHARE and not is_repeated.any()):
-        return float(np.clip(round(median), _SHORTEST_INTERVAL_S, _LONGEST_FILLED_INTERVAL_S)), False
+        return float(np.clip(round(median), 1.0, 10.0)), False  # s
     mean = float(forward[is_single_step].mean())
     # seconds are what loggers know: a mean of 9.998 s is 10 s with a little jitter
     return float(round(mean)) if abs(mean - round(mean)) < 0.01 * mean else mean, True
 
 
 def _number_intervals(log: CheckedLog, interval: float) -> Index:
-    """Number of the interval in which each sample lies, ascending; pieces where time goes back follow each other."""
+    """Number the interval of each sample, ascending; pieces where time goes back follow each other."""
     ticks = np.empty(log.time.size, dtype=np.int64)
     last = -1
     for piece in range(log.n_batches):
@@ -188,7 +184,7 @@ def _number_intervals(log: CheckedLog, interval: float) -> Index:
 
 
 def _fill_grid(log: CheckedLog, at: Index, interval: float, is_regular: bool, is_same_piece: Mask) -> Grid:
-    """Every series at 0, 1, … intervals: the latest sample in each, held where the log is of changes."""
+    """The latest sample of every series at intervals 0, 1, …; held in a log of changes."""
     n = int(at[-1]) + 1
     is_silent = np.zeros(n, dtype=bool)
     for k in np.flatnonzero(~is_same_piece):
@@ -210,16 +206,16 @@ def _fill_grid(log: CheckedLog, at: Index, interval: float, is_regular: bool, is
 
 
 def _last_known(is_known: Mask, at: Index, n: int) -> Index:
-    """The last sample that is known up to each of n intervals; -1 before the first.  at: interval of each sample."""
+    """Index of the last known sample up to each of n intervals, -1 before the first; at: interval of a sample."""
     last_sample = np.full(n, -1)
     last_sample[at[is_known]] = np.flatnonzero(is_known)
     return np.asarray(np.maximum.accumulate(last_sample))
 
 
 def logging_increment(temperature: Array) -> float:
-    """By how much a temperature had to change to be logged, K; 0 if it was logged anyway, or rounded.
+    """Change that a temperature needs to be logged, K; 0 if it is logged anyway, or rounded.
 
-    Rounded values are whole steps apart; those logged at changes are anywhere, but never near the one before.
+    Rounded values are whole steps apart; those logged at changes are never close to the one before.
     """
     known = temperature[np.isfinite(temperature)]
     changes = np.abs(np.diff(known))
@@ -228,13 +224,13 @@ def logging_increment(temperature: Array) -> float:
         return 0.0
     small_change = float(np.quantile(changed, _SMALL_CHANGE_QUANTILE))
     steps = (known - known[0]) / small_change
-    is_rounded = float(np.quantile(np.abs(steps - np.rint(steps)), 1.0 - _SMALL_CHANGE_QUANTILE)) < _ROUNDED_TOLERANCE
-    is_alike = float(np.median(changed)) < _LARGEST_MEDIAN_RATIO * small_change
+    is_rounded = float(np.quantile(np.abs(steps - np.rint(steps)), 1.0 - _SMALL_CHANGE_QUANTILE)) < 0.05
+    is_alike = float(np.median(changed)) < 2.0 * small_change
     return small_change if is_alike and not is_rounded else 0.0
 
 
 def forward_fill(series: Array) -> Array:
-    """Missing values replaced by the last before them, those at the beginning by the first there is."""
+    """Replace missing values by the last before them, those at the beginning by the first."""
     return np.array(pd.Series(series).ffill().bfill())
 
 
@@ -245,7 +241,7 @@ def is_range_good(good: Mask, first: Index, last: Index) -> Mask:
 
 
 def motor_positions(command: Array, interval: float, stroke_time: float) -> Array:
-    """Motor position before the command of each sample acts, and after the last; ``stroke_time``: s, 0 if immediate."""
+    """Positions before the command of each sample acts, and after the last; ``stroke_time``: s, 0 if immediate."""
     positions = np.empty(command.size + 1)
     travel = interval / stroke_time if stroke_time > 0.0 else 1.0
     recorded.motor_positions(np.ascontiguousarray(command, float), travel, positions)
@@ -253,7 +249,7 @@ def motor_positions(command: Array, interval: float, stroke_time: float) -> Arra
 
 
 def openings(positions: Array, backlash: float) -> Array:
-    """Opening behind a backlash, Eq (1), at each position; the stem starts in the middle of its play."""
+    """Opening behind a backlash, Eq (1), at each position; the stem starts in the middle of its gap."""
     q = min(max(float(positions[0]) - backlash / 2.0, 0.0), 1.0 - backlash)
     stem_places = np.empty_like(positions)
     for k, position in enumerate(positions.tolist()):
@@ -263,7 +259,7 @@ def openings(positions: Array, backlash: float) -> Array:
 
 
 def mean_openings(positions: Array, backlash: Array, width: int) -> tuple[Array, Array]:
-    """Mean opening behind each backlash and of its square, (pieces, candidates), in whole pieces of ``width`` steps."""
+    """Mean opening behind each backlash and of its square, (pieces, candidates), over pieces of ``width`` steps."""
     openings, squares = np.empty((2, (positions.size - 1) // width, backlash.size))
     recorded.mean_openings(positions, np.ascontiguousarray(backlash, float), width, openings, squares)
     return openings, squares

@@ -17,18 +17,16 @@ import numpy as np
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.measured.part import split_segments
 
-CONFIDENCE = 0.95
-FORBIDDEN_RESIDUAL = 1e6  # residual of a parameter set that cannot be run
-_RANK_TOLERANCE = 1e-8
-_SEGMENTS_PER_MAX_LAG = 4  # autocorrelation is estimated up to lags of one segment divided by this
-_N_REFINED, _SCREENED_AT_ONCE = 4, 64
-_POLISH_DIVISOR = 20.0
+CONFIDENCE = 0.95  # of intervals
+FORBIDDEN_RESIDUAL = 1e6  # of a parameter set that cannot be run
+_N_REFINED = 4  # best starts that are refined
+_SCREENED_AT_ONCE = 64
 _TINY = 1e-300
 
 
 @dataclass(frozen=True)
 class Model:
-    """A least-squares problem whose residuals are known for many parameter sets at once."""
+    """A least-squares problem whose residuals are computed for many parameter sets at once."""
 
     residuals: Callable[[Array], Array]  # (p, sets) → (n, sets)
     lower: Array  # bounds, (p,)
@@ -42,8 +40,8 @@ class Model:
     def n_common(self) -> int:
         return self.lower.size - self.n_nuisance
 
-    def compared(self, sets: Array) -> Array:
-        """Residuals (n, sets) of parameter sets (p, sets), 0 at samples that are not compared."""
+    def compared_residuals(self, sets: Array) -> Array:
+        """Residuals, (n, sets), of parameter sets, (p, sets); 0 at samples that are not compared."""
         r = self.residuals(sets)
         return np.where(self.used[:, None], np.where(np.isfinite(r), r, FORBIDDEN_RESIDUAL), 0.0)
 
@@ -68,7 +66,7 @@ def evaluate(model: Model, x: Array) -> tuple[Array, Array]:
         step = model.step[parameters]
         sets[parameters, 1 + 2 * k] = np.minimum(x[parameters] + step, model.upper[parameters])
         sets[parameters, 2 + 2 * k] = np.maximum(x[parameters] - step, model.lower[parameters])
-    residuals = model.compared(sets)
+    residuals = model.compared_residuals(sets)
     J = np.zeros((residuals.shape[0], p))
     forbidden = np.atleast_1d((np.abs(residuals) >= FORBIDDEN_RESIDUAL).any(axis=0))
     # where one side is forbidden the slope comes from the other alone
@@ -84,17 +82,17 @@ def evaluate(model: Model, x: Array) -> tuple[Array, Array]:
 
 
 def minimise(model: Model, starts: Array, fixed: Sequence[int] = (), max_steps: int = 80) -> Estimate:
-    """The best minimum found from the best of ``starts`` (p, sets); parameters in ``fixed`` stay where they start."""
+    """Find the best minimum from the best of ``starts``, (p, sets); parameters in ``fixed`` keep their start."""
     if starts.shape[1] == 1:
         return _descend(model, starts[:, 0], fixed, max_steps)
     groups = (starts[:, k : k + _SCREENED_AT_ONCE] for k in range(0, starts.shape[1], _SCREENED_AT_ONCE))
-    order = np.argsort(np.concatenate([np.einsum("ij,ij->j", r, r) for r in map(model.compared, groups)]))[:_N_REFINED]
+    sums = np.concatenate([np.einsum("ij,ij->j", r, r) for r in map(model.compared_residuals, groups)])
+    order = np.argsort(sums)[:_N_REFINED]
     best = min((_descend(model, starts[:, k], fixed, max_steps) for k in order), key=lambda estimate: estimate.rss)
     # long steps see past the kinks of Eq (1), short steps end nearer to the minimum
-    polished = _descend(replace(model, step=model.step / _POLISH_DIVISOR), best.x, fixed, max_steps)
-    return _estimate_at(
-        model, min(best, polished, key=lambda estimate: estimate.rss).x
-    )  # with short steps a kink looks like a slope
+    polished = _descend(replace(model, step=model.step / 20.0), best.x, fixed, max_steps)
+    best = min(best, polished, key=lambda estimate: estimate.rss)
+    return _estimate_at(model, best.x)  # with short steps a kink looks like a slope
 
 
 def _estimate_at(model: Model, x: Array) -> Estimate:
@@ -132,7 +130,7 @@ def _descend(model: Model, x0: Array, fixed: Sequence[int], max_steps: int) -> E
 
 
 def _condense(A: Array) -> Array:
-    """A square matrix R with RᵀR = AᵀA: enough for a descent on n residuals, and far quicker to decompose."""
+    """Square matrix R with RᵀR = AᵀA: enough for a descent, and much faster to decompose."""
     norms = np.linalg.norm(A, axis=0)
     norms[norms == 0.0] = 1.0
     rows = np.ascontiguousarray((A / norms).T)
@@ -143,7 +141,7 @@ def _condense(A: Array) -> Array:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """How well an estimate is known, and the basis of that."""
+    """How well an estimate is known."""
 
     covariance: Array  # (p, p), NaN for parameters that are fixed or at a bound
     inflation: Array  # factor on the variance of white residuals, (p,)
@@ -154,7 +152,7 @@ class Uncertainty:
     without_effect: tuple[int, ...]  # index of the parameters without any effect
 
     def quantile(self, freedom: float | None = None) -> float:
-        """Half width of a 95 % interval in standard errors, with its own or another number of degrees of freedom."""
+        """Half width of a 95 % interval in standard errors, for ``freedom`` degrees of freedom, its own if None."""
         from scipy.stats import t
 
         return float(t.ppf(0.5 + CONFIDENCE / 2, freedom or self.freedom))
@@ -182,7 +180,7 @@ def uncertainty(
     freedom = max(n_effective - free.size, 1.0)
     variance = estimate.rss / n * n_effective / freedom
     _, s, Vt = np.linalg.svd(estimate.J[:, free] / norms[free], full_matrices=False)
-    is_resolved = s > _RANK_TOLERANCE * s[0] if s.size else np.zeros(0, dtype=bool)
+    is_resolved = s > 1e-8 * s[0] if s.size else np.zeros(0, dtype=bool)
     inverse = (Vt[is_resolved].T / s[is_resolved] ** 2) @ Vt[is_resolved] / np.outer(norms[free], norms[free])
     white = np.diag(inverse).copy()
     coloured = white + 2.0 * _lagged_products(estimate.J[:, free] @ inverse, model.segment, rho)
@@ -199,10 +197,10 @@ def uncertainty(
 
 
 def autocorrelation(r: Array, segment: Index, used: Mask) -> Array:
-    """ρ(1), ρ(2), … of the residuals up to where they are lost in noise (Geyer's initial monotone sequence)."""
+    """ρ(1), ρ(2), … of the residuals, up to where they are lost in noise (initial monotone sequence of Geyer)."""
     r, mark = np.where(used, r, 0.0), used.astype(float)
     pieces = split_segments(segment)
-    most = max(piece.size for piece in pieces) // _SEGMENTS_PER_MAX_LAG
+    most = max(piece.size for piece in pieces) // 4  # a longer lag has too few pairs
     sums, counts = np.zeros(most + 1), np.zeros(most + 1)
     for piece in pieces:
         lags = min(most + 1, piece.size)
@@ -221,14 +219,14 @@ def autocorrelation(r: Array, segment: Index, used: Mask) -> Array:
 
 
 def _autoproducts(x: Array) -> Array:
-    """Sum over t of x[t] x[t + k], for every lag k, (n,)."""
+    """Sum over t of x[t] x[t + k] for every lag k, (n,)."""
     size = 1 << (2 * x.size - 1).bit_length()
     f = np.fft.rfft(x, size)
     return np.fft.irfft(f * np.conj(f), size)[: x.size]
 
 
 def _lagged_products(Z: Array, segment: Index, rho: Array) -> Array:
-    """Sum over lags of ρ(k) times the sum over t of z[t] z[t + k], for every column of Z."""
+    """Sum over lags k of ρ(k) times the sum over t of z[t] z[t + k], for every column of Z."""
     total = np.zeros(Z.shape[1])
     for piece in split_segments(segment):
         lags = min(rho.size, piece.size - 1)
@@ -238,7 +236,7 @@ def _lagged_products(Z: Array, segment: Index, rho: Array) -> Array:
 
 
 def profile_parameter(model: Model, best: Estimate, k: int, grid: Array, fixed: Sequence[int] = ()) -> list[Estimate]:
-    """The minimum with parameter k held at each value of ``grid`` (ascending), outward from the free minimum."""
+    """Minima with parameter k held at each value of ``grid`` (ascending), outward from the free minimum."""
     middle = int(np.searchsorted(grid, best.x[k]))
     estimates: dict[int, Estimate] = {}
     for indices in (range(middle, grid.size), range(middle - 1, -1, -1)):
@@ -251,14 +249,11 @@ def profile_parameter(model: Model, best: Estimate, k: int, grid: Array, fixed: 
     return [estimates[i] for i in range(grid.size)]
 
 
-_N_DRAWS = 400
-_FEWEST_BLOCKS, _MOST_BLOCKS = 8, 30  # blocks that a log in fewer pieces is cut into
-_INDEPENDENT_PER_BLOCK = 5.0  # independent samples in each of them, if it has them
-_RIDGE = 1e-10
+_FEWEST_BLOCKS = 8  # that a log in fewer pieces is cut into
 
 
 def widen_by_bootstrap(model: Model, best: Estimate, spread: Uncertainty, fixed: list[int]) -> Uncertainty:
-    """The uncertainty, no smaller than that of a bootstrap over blocks."""
+    """Widen an uncertainty to that of a bootstrap over blocks, if that is larger."""
     block = bootstrap_blocks(model.segment, model.used, spread.n_effective)
     n_blocks = int(block.max()) + 1
     free = np.setdiff1d(np.flatnonzero(np.isfinite(np.diag(spread.covariance))), fixed)
@@ -277,11 +272,11 @@ def widen_by_bootstrap(model: Model, best: Estimate, spread: Uncertainty, fixed:
 
 
 def bootstrap_blocks(segment: Index, used: Mask, n_effective: float) -> Index:
-    """Number of the block of each sample, (n,): the unbroken pieces, cut where they are too few."""
+    """Block number of each sample, (n,): the unbroken pieces, cut if they are too few."""
     pieces = np.unique(segment[used])
     if pieces.size >= _FEWEST_BLOCKS:
         return np.asarray(np.clip(np.searchsorted(pieces, segment), 0, pieces.size - 1))
-    n_wanted = int(np.clip(n_effective / _INDEPENDENT_PER_BLOCK, _FEWEST_BLOCKS, _MOST_BLOCKS))
+    n_wanted = int(np.clip(n_effective / 5.0, _FEWEST_BLOCKS, 30))
     number, n = np.zeros(segment.size, dtype=np.int64), 0
     for piece in pieces:
         samples = np.flatnonzero((segment == piece) & used)
@@ -300,6 +295,6 @@ def _bootstrap_steps(best: Estimate, block: Index, n_blocks: int, free: Index) -
     gradient = np.add.reduceat(J * r[:, None], np.concatenate([[0], ends]), axis=0)
     curvature = np.stack([part.T @ part for part in np.split(J, ends)])
     rng = np.random.default_rng(0)
-    draws = rng.multinomial(n_blocks, np.full(n_blocks, 1.0 / n_blocks), size=_N_DRAWS).astype(float)
-    H = np.einsum("db,bij->dij", draws, curvature) + _RIDGE * np.eye(free.size)
+    draws = rng.multinomial(n_blocks, np.full(n_blocks, 1.0 / n_blocks), size=400).astype(float)
+    H = np.einsum("db,bij->dij", draws, curvature) + 1e-10 * np.eye(free.size)
     return np.asarray(-np.linalg.solve(H, (draws @ gradient)[..., None])[..., 0] / scale)

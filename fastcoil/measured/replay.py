@@ -1,9 +1,10 @@
 """``replay``: what a controller would have commanded on a recorded day, without acting on it (shadow mode)."""
 
+from __future__ import annotations
+
 import json
 import math
-from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
@@ -12,8 +13,9 @@ from fastcoil.base.arguments import argument_checks, raise_problems, require_ins
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
 from fastcoil.base.machine import available_memory, format_bytes
-from fastcoil.logs import CheckedLog, read_checked_log, warn_of_reading_notes
-from fastcoil.logs.columns import ColumnSpec, check_reading_options, require_log
+from fastcoil.logs import CheckedLog, warn_of_reading_notes
+from fastcoil.logs.columns import ColumnSpec
+from fastcoil.logs.log import as_log
 from fastcoil.logs.pieces import require_span_in_limits, require_whole_seconds, resample_at_seconds
 from fastcoil.loops.clashes import controller_clashes, missing_parameters
 from fastcoil.loops.loop import Loop, used_choices
@@ -25,43 +27,27 @@ from fastcoil.model.estimators.registry import ESTIMATORS
 from fastcoil.model.metric_table import TRACES
 from fastcoil.model.user_rules import rules_for_kernels
 
-_ROUND_OFF = 1e-6  # of the times of a log, s
+if TYPE_CHECKING:
+    from fastcoil.measured.part import LogSource
 
 
 @np.errstate(all="ignore")
-def replay(
-    loop: Loop,
-    log: Any,
-    *,
-    units: Mapping[str, str] | None = None,
-    columns: Mapping[str, str] | None = None,
-    constants: Mapping[str, float] | None = None,
-    trace_interval: int = 1,
-    max_gap: float | None = None,
-    time_format: str | None = None,
-) -> xr.Dataset:
-    """Feed recorded temperatures and set-points to the controllers of a loop, and return what they command.
+def replay(loop: Loop, log: LogSource, *, trace_interval: int = 1) -> xr.Dataset:
+    """Feed recorded temperatures and set-points to the controllers of a loop; return their commands.
 
     The loop stays open: the commands do not change the record.  Plant and sensor parameters play no part, except
     ``sensor_resolution``, and ``noise_std`` where it sizes the buffer; the record has its own noise.
 
     Parameters
     ----------
-    loop
+    loop : Loop
         One loop or a sweep of them: PI, or a law of the user, inverse and estimator.
-    log
-        CSV file, DataFrame or Dataset.  Needed: ``T_sup`` (as the controller read it), ``T_set``, and
-        ``elapsed_time`` or ``timestamp``; optional: ``enabled``, and ``m_a``, after whose steps ``gradient`` and
-        ``identify`` rest.
-        Samples are 1 s apart or more.  A value holds until the next.
-    units, columns, constants
-        As in ``fc.Boundary.from_csv``.
-    trace_interval
-        Seconds between the samples of the result.
-    max_gap
-        Longest step to be bridged [s]; three times the median step if left out.
-    time_format
-        How ``timestamp`` is written, as in ``fc.Boundary.from_csv``.
+    log : path, DataFrame, Dataset or Log
+        Needed: ``T_sup`` (as the controller read it), ``T_set``, and ``elapsed_time`` or ``timestamp``; optional:
+        ``enabled``, and ``m_a``, after whose steps the estimators ``gradient`` and ``identify`` pause.  Samples are 1 s
+        apart or more; a value holds until the next.  `read_log` has the options of reading.
+    trace_interval : int, default 1
+        Time between the samples of the result, s.
 
     Returns
     -------
@@ -73,23 +59,32 @@ def replay(
     InputError
         With one sentence for each mistake in the log or the arguments.
 
+    See Also
+    --------
+    simulate, read_log
+
     Notes
     -----
     Cai and Braun (2016), section 3.3 and Fig 8.  With ``T_measured`` of a simulation as ``T_sup`` it returns the
     commands of that simulation to the last bit.
+
+    Examples
+    --------
+    >>> day = fc.paper_day(hours=1)
+    >>> ds = fc.simulate(fc.Loop(), day, traces=["T_measured", "command"])
+    >>> log = day.to_dataset()[["T_set"]].assign(T_sup=ds["T_measured"])
+    >>> bool((fc.replay(fc.Loop(), log)["command"] == ds["command"]).all())
+    True
     """
     with argument_checks() as check:
         check(require_instance, "loop", loop, Loop, "give a fastcoil.Loop")
-        log = check(require_log, "log", log)
+        source = check(as_log, "log", log)
         trace_interval = check(require_integer, "trace_interval", trace_interval, 1)
-        reading = check_reading_options(check, columns=columns, units=units, constants=constants, max_gap=max_gap,
-                              time_format=time_format, refuse_gaps=True)  # fmt: skip
     raise_problems(missing_parameters(loop))
     air_estimators = {estimator.name for estimator in ESTIMATORS if estimator is not None and estimator.sees_air}
     sees_air = bool(loop.rules) or not air_estimators.isdisjoint(used_choices(loop, "estimator"))
-    data = read_checked_log(
-        log, ColumnSpec(("T_sup", "T_set"), optional=("enabled", "m_a") if sees_air else ("enabled",)), reading
-    )
+    optional = ("enabled", "m_a") if sees_air else ("enabled",)
+    data = source.read(ColumnSpec(("T_sup", "T_set"), optional), refuse_gaps=True)
     warn_of_reading_notes(data.name, data.notes)
     series = _controller_inputs(data)
     raise_problems(controller_clashes(loop, series[:, REPLAY_COLUMNS.index("T_set")]))
@@ -100,14 +95,13 @@ def replay(
 
 
 def run_controllers(loop: Loop, series: Array, trace_interval: int) -> xr.Dataset:
-    """What the controllers of a loop command, as ``replay``; series: REPLAY_COLUMNS at every second, (n_steps, 4)."""
+    """Commands of the controllers of a loop; series: ``REPLAY_COLUMNS`` at every second, (n_steps, 4)."""
     n = math.prod(loop.sizes.values())
     points = np.arange(0, series.shape[0], trace_interval)
     needed_bytes = 8 * n * len(REPLAY_TRACES) * points.size
     if 2 * needed_bytes > available_memory():
-        raise InputError(
-            f"the commands need {format_bytes(needed_bytes)} of memory: raise trace_interval or sweep fewer values"
-        )
+        words = f"the commands need {format_bytes(needed_bytes)} of memory"
+        raise InputError(f"{words}: raise trace_interval or sweep fewer values", "trace_interval", "size")
     rules = rules_for_kernels(loop.rules)
     matrix = parameter_matrix(parameter_columns(loop, loop.sizes, np.arange(n)), rules)
     signals = run_replay(matrix, series, trace_interval, rules)
@@ -120,10 +114,10 @@ def run_controllers(loop: Loop, series: Array, trace_interval: int) -> xr.Datase
 
 
 def _controller_inputs(log: CheckedLog) -> Array:
-    """Input of the controller at every second, (n_steps, 4): the last recorded values, NaN for an unknown air flow."""
+    """Inputs of the controller at every second, (n_steps, 4): the last recorded values, NaN for an unknown air flow."""
     require_whole_seconds(log.name, log.step)
     require_span_in_limits(log.name, float(log.time[-1]))
     recorded = {"enabled": np.ones(log.time.size), "m_a": np.full(log.time.size, np.nan), **log.values}
     values = {name: recorded[name] for name in REPLAY_COLUMNS}
-    seconds = np.arange(int(log.time[-1] + _ROUND_OFF) + 1, dtype=float)
-    return np.stack(list(resample_at_seconds(log.time, values, seconds, REPLAY_COLUMNS, _ROUND_OFF).values()), axis=1)
+    seconds = np.arange(int(log.time[-1] + 1e-6) + 1, dtype=float)
+    return np.stack(list(resample_at_seconds(log.time, values, seconds, REPLAY_COLUMNS, 1e-6).values()), axis=1)

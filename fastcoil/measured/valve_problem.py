@@ -1,7 +1,7 @@
-"""The least-squares problem of a valve: holds, reversals and floor of its log, the model over it, and its solution.
+"""The least-squares problem of a valve and its solution.
 
-Between two rows a controller may move the valve and turn it back, unseen.  What that leaves in the residuals, beside
-the noise of the meter, widens the interval of the backlash; where it is much, the backlash is not identified.
+Between two rows a controller may move the valve and turn it back.  What that leaves in the residuals, besides the noise
+of the meter, widens the interval of the backlash; if it is much, the backlash is not identified.
 """
 
 import math
@@ -15,41 +15,22 @@ from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError
 from fastcoil.logs import CheckedLog
 from fastcoil.logs.series import describe_first_row, format_count
-from fastcoil.measured.least_squares import (
-    Estimate,
-    Model,
-    Uncertainty,
-    minimise,
-    profile_parameter,
-    uncertainty,
-    widen_by_bootstrap,
-)
+from fastcoil.measured import least_squares, thresholds
+from fastcoil.measured.least_squares import Estimate, Model, Uncertainty, minimise, uncertainty
 from fastcoil.measured.part import LogSplit, count_reversals, split_segments
 from fastcoil.model.engine.recorded import valve_flows
 
-# shares of the stroke
-_HOLD_TOLERANCE = 2e-3  # commands within this of each other are one hold
-LEAST_REVERSAL = 0.01  # a reversal goes back by more than this
-_SURELY_OPEN_MARGIN = 0.25  # a valve this much further open than one that passes water passes water too
-_NO_BACKLASH_WIDTH = 0.02  # an interval from 0 to less than this means no backlash
-LARGEST_BACKLASH = 0.5
-
-_LEAST_HOLD_SAMPLES = 4  # if a typical hold has at least this many samples, the command is taken to be held
-_FLOOR_SHARE, _FLOOR_SAMPLES = 0.02, 5
-_BIN_WIDTH, _LEAST_BIN_SAMPLES = 0.05, 3
-_FEWEST_REVERSALS = 2
+X_BL = 0  # index of the backlash in a parameter set
+M_MAX = 1
+IS_LOGARITHMIC = np.array([False, True, True, True, False])  # of backlash, m_max, a, b, c: searched by its logarithm
+LARGEST_BACKLASH = 0.5  # fraction of stroke, as all below
+LEAST_REVERSAL = 0.01
+_HOLD_TOLERANCE = 2e-3  # between the commands of one hold
 FEWEST_SAMPLES = 20
-_PROFILE_POINTS, _FINE_POINTS = 25, 12
-_SAMPLES_PER_PART, _PART_COUNT_RANGE, _MOST_PART_STEPS = 30, (4, 6), 25
-_PART_SPREAD_FACTOR = 1.6  # widens what parts say until the halves of simulated logs lie in each other's interval
-X_BL, M_MAX, _SHAPE_PARAMETERS = 0, 1, (2, 3, 4)
-IS_LOGARITHMIC = np.array(
-    [False, True, True, True, False]
-)  # which of backlash, m_max, a, b, c are searched by their logarithm
 
 
 def _is_flow_settled(log: CheckedLog, fitting: Mask, notes: list[str]) -> Mask:
-    """Where the flow has settled, (n,): half a typical hold after a change; everywhere if the command is not held."""
+    """Whether half a typical hold has passed since the command changed, (n,); always if it is not held."""
     command, step = log.values["command"], median_step(log, fitting)
     since, starts = np.zeros(command.size), [0]
     for t in range(1, command.size):
@@ -60,13 +41,13 @@ def _is_flow_settled(log: CheckedLog, fitting: Mask, notes: list[str]) -> Mask:
     lengths = np.diff(np.minimum([*starts, command.size], last_fitted + 1))
     lengths = lengths[lengths > 0]
     typical = float(np.median(lengths))
-    if typical < _LEAST_HOLD_SAMPLES:
+    if typical < 4:  # the command is not held
         return np.ones(command.size, dtype=bool)
     wait = 0.5 * typical * step
     is_settled = since >= wait
     notes.append(
-        f"{int((~is_settled).sum()):,} of {is_settled.size:,} flows not compared: less than {wait:g} s after the command "
-        f"changed ({lengths.size:,} holds, typically {typical * step:.4g} s)"
+        f"{int((~is_settled).sum()):,} of {is_settled.size:,} flows not compared: less than {wait:g} s after the "
+        f"command changed ({lengths.size:,} holds, typically {typical * step:.4g} s)"
     )
     return np.asarray(is_settled)
 
@@ -77,40 +58,42 @@ def median_step(log: CheckedLog, fitting: Mask) -> float:
 
 
 def count_piece_reversals(command: Array, batch: Index) -> int:
-    """How often the command reverses by more than ``TURN``."""
+    """Count reversals of the command by more than ``LEAST_REVERSAL`` within the pieces."""
     return sum(count_reversals(command[piece], LEAST_REVERSAL) for piece in split_segments(batch))
 
 
 def _find_meter_floor(flow: Array, notes: list[str]) -> float:
-    """The flow meter's floor: its lowest reading above 0 if that is frequent, else 0."""
+    """Floor of the flow meter: its lowest reading above 0 if that is frequent, else 0."""
     above = flow[np.isfinite(flow) & (flow > 0.0)]
     lowest = float(above.min(initial=np.inf))
     times = int((above == lowest).sum())
-    if times < max(_FLOOR_SAMPLES, _FLOOR_SHARE * above.size):
+    if times < max(5, 0.02 * above.size):
         return 0.0
     notes.append(f"the flow meter reads {lowest:.4g} kg/s {times:,} times and never less: taken as its floor")
     return lowest
 
 
 def _is_sensor_off(command: Array, flow: Array, floor: float, fitting: Mask) -> Mask:
-    """Where the valve does not explain that none flows: 0 below the floor; 0, or the floor, if it is far open."""
+    """Whether the valve does not explain a flow of 0, or of the floor with the valve far open, (n,)."""
     is_still = flow <= floor
     flows_from = 1.0
-    for low in np.arange(0.0, 1.0, _BIN_WIDTH):
-        is_in_bin = (command >= low) & (command < low + _BIN_WIDTH) & np.isfinite(flow) & fitting
-        if is_in_bin.sum() >= _LEAST_BIN_SAMPLES and is_still[is_in_bin].mean() < 0.5:
+    for low in np.arange(0.0, 1.0, 0.05):
+        is_in_bin = (command >= low) & (command < low + 0.05) & np.isfinite(flow) & fitting
+        if is_in_bin.sum() >= 3 and is_still[is_in_bin].mean() < 0.5:
             flows_from = low
             break
-    is_off = is_still & (command > flows_from + _SURELY_OPEN_MARGIN)
+    # a valve this much further open than one that passes water passes water
+    is_off = is_still & (command > flows_from + 0.25)
     return np.asarray(is_off | (flow == 0.0) if floor > 0.0 else is_off)
 
 
 def why_unidentified(n_reversals: int, interval: tuple[float, float], *, is_wide: bool) -> str:
-    """Why a log does not identify the backlash; empty if it does.  n_reversals: of the command, within the pieces."""
-    if n_reversals < _FEWEST_REVERSALS:
+    """Why a log does not identify the backlash, or empty; n_reversals: of the command, within the pieces."""
+    if n_reversals < 2:
         return (
-            f"not identified: the command reverses only {format_count(n_reversals, 'time')} by more than {100 * LEAST_REVERSAL:.0f} % "
-            "of stroke: give a log in which it goes up and down, or bridge gaps with max_gap, --max-gap"
+            f"not identified: the command reverses only {format_count(n_reversals, 'time')} by more than "
+            f"{100 * LEAST_REVERSAL:.0f} % of stroke: give a log in which it goes up and down, or bridge gaps with "
+            "fc.read_log(..., max_gap=SECONDS), --max-gap"
         )
     if is_wide:
         return (
@@ -121,7 +104,7 @@ def why_unidentified(n_reversals: int, interval: tuple[float, float], *, is_wide
 
 
 class ValveSolution(NamedTuple):
-    """The minimum of a valve's ``model``, how well it is known, and the profile over the backlash."""
+    """Solution of a valve: the minimum, its uncertainty, and the profile over the backlash."""
 
     model: Model
     estimate: Estimate
@@ -136,18 +119,18 @@ class ValveSolution(NamedTuple):
 
 
 class ValveProblem:
-    """The log, which samples of it are compared, and the model over it."""
+    """A log of a valve: the samples that are compared, and the model."""
 
     def __init__(self, data: CheckedLog, part: LogSplit) -> None:
         self.data, self.notes, self.batch = data, list(data.notes), data.batch
         self.command, self.flow = data.values["command"], data.values["m_w"]
-        self.fitting = part.fitted(data)
+        self.fitting = part.fitting_mask(data)
         self.floor = _find_meter_floor(self.flow[self.fitting], self.notes)
         is_off = _is_sensor_off(self.command, self.flow, self.floor, self.fitting)
         if is_off.any():
             self.notes.append(
-                f"{format_count(is_off, 'flow')} left out, sensor or pump off: 0, or the meter's floor with the valve open "
-                f"({describe_first_row(data.rows.tolist(), is_off)})"
+                f"{format_count(is_off, 'flow')} left out, sensor or pump off: 0, or the meter's floor with the valve "
+                f"open ({describe_first_row(data.rows.tolist(), is_off)})"
             )
         is_settled = _is_flow_settled(data, self.fitting, self.notes)
         enabled = data.values.get("enabled", np.ones(self.flow.size)) != 0.0
@@ -157,14 +140,14 @@ class ValveProblem:
         to_fit = self.good & self.fitting
         if to_fit.sum() < FEWEST_SAMPLES:
             cure = f"give at least {FEWEST_SAMPLES}, or raise split ({'; '.join(self.notes)})"
-            raise InputError(f"{data.name}: {format_count(to_fit, 'flow')} left to fit: {cure}")
+            raise InputError(f"{data.name}: {format_count(to_fit, 'flow')} left to fit: {cure}", "log", "data")
         self.n_fit = int(np.flatnonzero(self.fitting)[-1]) + 1
         self.n_pieces = int(self.batch[self.n_fit - 1]) + 1  # of the part to fit
         self.top = float(np.nanmax(self.flow[self.fitting]))
         self.n_reversals = count_piece_reversals(self.command[self.fitting], self.batch[self.fitting])
 
     def flows(self, sets: Array, start: Array, command: Array) -> tuple[Array, Array]:
-        """Openings and flows of parameter sets (5, sets) behind the first commands, the meter's floor included."""
+        """Openings and flows of parameter sets, (5, sets), behind the first commands; not below the floor."""
         n = command.size
         openings, flows = np.empty((2, n, sets.shape[1]))
         rows = np.where(IS_LOGARITHMIC[:, None], np.exp(sets), sets)
@@ -172,6 +155,7 @@ class ValveProblem:
         return openings, np.maximum(flows, self.floor)
 
     def model(self, m_max: float | None) -> Model:
+        """Model of the fitted samples."""
         n, n_pieces = self.n_fit, self.n_pieces
         used = self.good[:n] & self.fitting[:n]
 
@@ -203,18 +187,19 @@ class ValveProblem:
         model, fixed = self.model(m_max), [] if m_max is None else [M_MAX]
         best = minimise(model, self._starts(m_max), fixed)
         for n_restarts in range(3):
-            spread = widen_by_bootstrap(model, best, uncertainty(model, best, fixed, profiled=[X_BL]), fixed)
+            spread = least_squares.widen_by_bootstrap(
+                model, best, uncertainty(model, best, fixed, profiled=[X_BL]), fixed
+            )
             grid = _profile_grid(best, spread)
-            minima = profile_parameter(model, best, X_BL, grid, fixed)
+            minima = least_squares.profile_parameter(model, best, X_BL, grid, fixed)
             sums = np.array([minimum.rss for minimum in minima])
             if sums.min() > best.rss * (1.0 - 1e-6) or n_restarts == 2:
                 break
             best = minimise(model, np.stack([best.x, minima[int(sums.argmin())].x], axis=1), fixed)
         limit = best.rss + spread.inflation[X_BL] * spread.quantile() ** 2 * spread.variance
         parts = _fit_parts(model, best, fixed)
-        between = (
-            _PART_SPREAD_FACTOR * spread.quantile(parts.size - 1) * float(parts.std(ddof=1)) / math.sqrt(parts.size)
-        )
+        quantile, deviation = spread.quantile(parts.size - 1), float(parts.std(ddof=1))
+        between = thresholds.PART_SPREAD_FACTOR * quantile * deviation / math.sqrt(parts.size)
         interval = _profile_interval(grid, sums, best, limit, between)
         return ValveSolution(model, best, spread, grid, sums, limit, parts, interval, minima[0], m_max is not None)
 
@@ -225,12 +210,12 @@ def _profile_grid(best: Estimate, spread: Uncertainty) -> Array:
     top = min(max(0.25, 2.0 * x), LARGEST_BACKLASH)
     width = 3.0 * math.sqrt(variance) if np.isfinite(variance) else 0.02
     width = min(max(width, 2e-3), 0.1)
-    fine = np.linspace(max(x - width, 0.0), min(x + width, top), _FINE_POINTS)
-    return np.unique(np.round(np.concatenate([np.linspace(0.0, top, _PROFILE_POINTS), fine]), 6))
+    fine = np.linspace(max(x - width, 0.0), min(x + width, top), 12)
+    return np.unique(np.round(np.concatenate([np.linspace(0.0, top, 25), fine]), 6))
 
 
 def _profile_interval(grid: Array, sums: Array, best: Estimate, limit: float, between: float) -> tuple[float, float]:
-    """Where the profile stays below its limit, between the outermost crossings; ``between`` at least on both sides."""
+    """Outermost crossings of the profile and its limit, and at least ``between`` on both sides of the best."""
     middle = float(best.x[X_BL])
     x, y = np.append(grid, middle), np.append(sums, best.rss)
     order = np.argsort(x, kind="stable")
@@ -247,44 +232,18 @@ def _profile_interval(grid: Array, sums: Array, best: Estimate, limit: float, be
 
 
 def _fit_parts(model: Model, best: Estimate, fixed: list[int]) -> Array:
-    """The backlash of each of some parts of the log, one after the other, (parts,), behind a curve of one shape."""
+    """Backlashes of parts of the log, one after the other, (parts,), with a curve of one shape."""
     count = np.cumsum(model.used) - 1
-    n_parts = int(np.clip(count[-1] // _SAMPLES_PER_PART, *_PART_COUNT_RANGE))
+    n_parts = int(np.clip(count[-1] // 30, 4, 6))
     number = np.maximum(count, 0) * n_parts // (count[-1] + 1)
-    estimates = [
-        minimise(
-            replace(model, used=model.used & (number == k)),
-            best.x[:, None],
-            [*fixed, *_SHAPE_PARAMETERS],
-            _MOST_PART_STEPS,
-        )
-        for k in range(n_parts)
-    ]
+    shape = (2, 3, 4)  # a, b, c
+    parts = (replace(model, used=model.used & (number == k)) for k in range(n_parts))
+    estimates = [minimise(part, best.x[:, None], [*fixed, *shape], max_steps=25) for part in parts]
     return np.array([estimate.x[X_BL] for estimate in estimates])
 
 
-_LEAST_MOVING_SHARE = (
-    0.4  # a controller may move the valve between the rows where the command changes at this share of them
-)
-_END_TOLERANCE = 0.01  # a command this close to 0 or 1 may rest there while the valve still travels
-_FEWEST_STILL_CHANGES = 20
-_LARGEST_MOTION_SHARE = 0.5
-"""Where the square of the residual, less the meter's noise, is more than this share of what the backlash explains, it
-may all be motion between the rows."""
-_ALLOWANCE_PER_SHARE, _LEAST_ALLOWANCE = 0.6, 0.002
-"""Below that the interval is widened by so much of the backlash for the square root of that share, and by so much."""
-_TINY_RESIDUAL, _LITTLE_RESIDUAL, _LEAST_EXPLAINED_BY_BACKLASH = 0.04, 0.12, 0.5
-"""So little of the flow's change from row to row is left as a residual, that motion between them leaves more.
-
-The second holds if the backlash explains more than half of the residual that there is without it.
-"""
-_NOTED_ALLOWANCE = 0.05  # of the backlash: a smaller allowance is made without a note
-_NOISE_MARGIN = 1.2  # squared residuals below this many times the meter's noise may be that noise alone
-_OUTLIER_FACTOR = 6.0  # changes of the flow at rest that exceed the typical one by this factor count as that much
-
-
 class Verdict(NamedTuple):
-    """The 95 % interval of the backlash; why it is not identified, empty if it is; a note, empty if there is none."""
+    """95 % interval of the backlash; why it is not identified, or empty; a note, or empty."""
 
     interval: tuple[float, float]
     why: str
@@ -292,76 +251,69 @@ class Verdict(NamedTuple):
 
 
 def judge_interval(problem: ValveProblem, solution: ValveSolution, holds: bool) -> Verdict:
-    """What remains of the interval of a fit if motion between the rows is allowed for; ``holds``: there is none.
+    """Widen the interval of a fit for motion between the rows, and judge it; ``holds``: there is no such motion.
 
-    It identifies the backlash if it is no wider than that itself, or than ``_SMALL``.  One that just misses 0 can be
+    An interval no wider than the backlash, or than 2 % of the stroke, identifies it.  One that just misses 0 can be
     chance, and its middle is then too large.
     """
     interval, x, largest = solution.interval, float(solution.estimate.x[X_BL]), solution.grid[-1]
 
     def why_not(low: float, high: float) -> str:
-        is_wide = bool(high >= largest or high - low > max(x, _NO_BACKLASH_WIDTH))
+        is_wide = bool(high >= largest or high - low > max(x, 0.02))
         return why_unidentified(problem.n_reversals, (low, high), is_wide=is_wide)
 
     sampling_cause = (
-        f"rows are {median_step(problem.data, problem.fitting):.4g} s apart, and a controller may move the valve between "
-        "them, unseen: log as often as it acts; if the command holds from row to row, say so: holds='command', "
-        "--hold command"
+        f"rows are {median_step(problem.data, problem.fitting):.4g} s apart, and a controller may move the valve "
+        "between them, unseen: log as often as it acts; if the command holds from row to row, say so: "
+        "holds='command', --hold command"
     )
     why = why_not(*interval)
     share = 0.0 if holds else _motion_share(problem, solution)
-    if share > _LARGEST_MOTION_SHARE and not why:
+    if share > thresholds.LARGEST_MOTION_SHARE and not why:
         why = f"not identified: {sampling_cause}"
-    elif share > _LARGEST_MOTION_SHARE and problem.n_reversals > 1:
+    elif share > thresholds.LARGEST_MOTION_SHARE and problem.n_reversals > 1:
         why += f"; or {sampling_cause}"
     if why or share == 0.0:
         return Verdict(interval, why, "")
-    allowance = _ALLOWANCE_PER_SHARE * math.sqrt(share) * x + _LEAST_ALLOWANCE
+    allowance = thresholds.ALLOWANCE_PER_MOTION_SHARE * math.sqrt(share) * x + thresholds.LEAST_ALLOWANCE
     low, high = max(interval[0] - allowance, 0.0), interval[1] + allowance
     if why_not(low, high):
-        return Verdict(
-            (low, high), f"not identified: a backlash of {low:.2g} to {high:.2g} is possible: {sampling_cause}", ""
-        )
+        why = f"not identified: a backlash of {low:.2g} to {high:.2g} is possible: {sampling_cause}"
+        return Verdict((low, high), why, "")
     note = f"the interval of the backlash allows {allowance:.2g} for motion between the rows: {sampling_cause}"
-    return Verdict((low, high), "", note if allowance > _NOTED_ALLOWANCE * x else "")
+    return Verdict((low, high), "", note if allowance > 0.05 * x else "")
 
 
 def _motion_share(problem: ValveProblem, solution: ValveSolution) -> float:
-    """What motion between the rows may have left in the residuals, as a share of what the backlash explains in them.
+    """Share of the variance explained by the backlash that motion between the rows may have left as residual.
 
-    That is their square less that of the meter's noise; 0 if the command rests at most rows, or if so little is left
-    that there can be no such motion.
+    The noise of the meter is subtracted; 0 if the command rests at most rows, or the residual is too small for motion.
     """
     n = problem.n_fit
     command, batch = problem.command[:n], problem.batch[:n]
     flow = np.where(problem.good & problem.fitting, problem.flow, np.nan)[:n]
     same_piece = np.diff(batch) == 0
     moves = np.abs(np.diff(command)) > _HOLD_TOLERANCE
-    if not same_piece.any() or moves[same_piece].mean() < _LEAST_MOVING_SHARE:
+    if not same_piece.any() or moves[same_piece].mean() < thresholds.LEAST_MOVING_SHARE:
         return 0.0
     n_compared = max(int(solution.model.used.sum()), 1)
-    residual, residual_without_backlash = (
-        estimate.rss / n_compared for estimate in (solution.estimate, solution.without_backlash)
-    )
+    residual, plain = (estimate.rss / n_compared for estimate in (solution.estimate, solution.without_backlash))
     changes = np.diff(flow)[same_piece]
     change = float(np.nanmean(changes**2)) if np.isfinite(changes).any() else 0.0
-    if residual < _TINY_RESIDUAL**2 * change or (
-        residual < _LITTLE_RESIDUAL**2 * change
-        and residual < _LEAST_EXPLAINED_BY_BACKLASH**2 * residual_without_backlash
-    ):
+    is_little = residual < thresholds.LITTLE_RESIDUAL**2 * change and residual < 0.5**2 * plain
+    if is_little or residual < thresholds.TINY_RESIDUAL**2 * change:
         return 0.0
     noise = _meter_noise(command, np.where(flow > problem.floor, flow, np.nan), ~moves & same_piece) ** 2
-    return max(residual - _NOISE_MARGIN * noise, 1e-6 * residual) / max(
-        residual_without_backlash - min(noise, 0.9 * residual), 1e-300
-    )
+    # squared residuals up to 1.2 times the meter's noise may be that noise alone
+    return max(residual - 1.2 * noise, 1e-6 * residual) / max(plain - min(noise, 0.9 * residual), 1e-300)
 
 
 def _meter_noise(command: Array, flow: Array, still: Mask) -> float:
-    """Standard deviation of the meter's noise where the command rests for three rows, kg/s; 0 if it hardly does."""
+    """Standard deviation of the meter's noise while the command rests for three rows, kg/s; 0 if it hardly rests."""
     # two equal commands may be chance: the valve may have moved between them
-    inner = (command[1:-1] > _END_TOLERANCE) & (command[1:-1] < 1.0 - _END_TOLERANCE)
+    inner = (command[1:-1] > 0.01) & (command[1:-1] < 1.0 - 0.01)
     changes = np.abs(np.diff(flow)[1:][still[1:] & still[:-1] & inner])
     changes = changes[np.isfinite(changes)]
-    if changes.size < _FEWEST_STILL_CHANGES:
+    if changes.size < 20:
         return 0.0
-    return float(np.sqrt(0.5 * np.mean(np.clip(changes, 0.0, _OUTLIER_FACTOR * np.median(changes)) ** 2)))
+    return float(np.sqrt(0.5 * np.mean(np.clip(changes, 0.0, 6.0 * np.median(changes)) ** 2)))

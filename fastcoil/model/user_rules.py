@@ -10,6 +10,7 @@ import math
 import platform
 import sys
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from keyword import iskeyword
 from typing import Any
 
@@ -30,12 +31,9 @@ _TAKEN_NAMES = {
 
 
 class RuleParameter(float):
-    """Default of a rule's parameter, with unit, bounds and meaning; otherwise a number."""
+    """Default of a rule's parameter, a number with unit, bounds and meaning."""
 
-    unit: str
-    lower: float
-    upper: float
-    text: str
+    declared: Parameter
 
 
 def parameter(
@@ -57,7 +55,7 @@ def parameter(
     Returns
     -------
     float
-        The default, which carries the rest as attributes.
+        The default; the rest is in its attribute ``declared``.
 
     Raises
     ------
@@ -79,10 +77,10 @@ def parameter(
     0.0003
     """
     lower, upper = _require_bound("lower", lower, -math.inf), _require_bound("upper", upper, math.inf)
-    cure = f"give a number ({Parameter('', '', unit, None, text, lower, upper, theory=COVERED).bounds})"
-    number = RuleParameter(require_number("default", default, cure, least=lower, most=min(upper, sys.float_info.max)))
-    number.unit, number.text = require_text("unit", unit), require_text("text", text)
-    number.lower, number.upper = lower, upper
+    declared = Parameter("", "", unit, None, text, lower, upper, theory=COVERED)
+    cure, most = f"give a number ({declared.bounds})", min(upper, sys.float_info.max)
+    number = RuleParameter(require_number("default", default, cure, least=lower, most=most))
+    number.declared = replace(declared, unit=require_text("unit", unit), text=require_text("text", text))
     return number
 
 
@@ -100,29 +98,26 @@ def declared_parameters(rule: str, fields: Mapping[str, Any]) -> dict[str, Param
     parameters: dict[str, Parameter] = {}
     problems: list[str] = []
     for name, default in fields.items():
-        p = PARAMETERS.get(name)
+        p, sentence, code = PARAMETERS.get(name), "", ""
         if p and (p.group in (*_HIDDEN_GROUPS, *ESTIMATOR_GROUPS) or p.is_word or name == "estimate_ratio"):
-            cure = "leave it out, or call its own parameter otherwise"
+            cure, code = "leave it out, or call its own parameter otherwise", "unsupported"
             sentence = f"{rule} reads {name}, which a rule must not know: {cure}"
-            problems.append(Problem(sentence, name, "unsupported"))
         elif p and default is not None:
-            cure = f"{name} is a parameter of the loop, which has its value; write {name}: float"
-            problems.append(Problem(f"{rule}: {name} = {short_repr(default)}: {cure}", name, "conflict"))
-        elif p:
-            continue
-        elif default is None:
-            cure = f"give it a default to make it one of the rule's own, {name}: float = fc.parameter(0.0, text=…)"
-            sentence = f"{rule}: {name} is no parameter of the loop{did_you_mean(name, PARAMETERS)}: {cure}"
-            problems.append(Problem(sentence, name, "name"))
-        elif name in _TAKEN_NAMES or iskeyword(name) or not name.isidentifier() or name.startswith("_"):
-            sentence = f"{rule}: the name {name} is taken: call the parameter something else"
-            problems.append(Problem(sentence, name, "name"))
-        else:
+            cure, code = f"{name} is a parameter of the loop, which has its value; write {name}: float", "conflict"
+            sentence = f"{rule}: {name} = {short_repr(default)}: {cure}"
+        elif default is None and not p:
+            cure, code = f"make it one of the rule's own, {name}: float = fc.parameter(0.0, text=…)", "name"
+            suggestion = did_you_mean(name, PARAMETERS)
+            sentence = f"{rule}: {name} is no parameter of the loop{suggestion}: give it a default to {cure}"
+        elif not p and (name in _TAKEN_NAMES or iskeyword(name) or not name.isidentifier() or name.startswith("_")):
+            sentence, code = f"{rule}: the name {name} is taken: call the parameter something else", "name"
+        elif not p:
             number: Any = default if isinstance(default, RuleParameter) else parameter(default)
-            parameters[name] = Parameter(
-                name, rule, number.unit, float(number), number.text or f"parameter of {rule}", number.lower,
-                number.upper, label=name.replace("_", " "), theory=COVERED,
-            )  # fmt: skip
+            text, label = number.declared.text or f"parameter of {rule}", name.replace("_", " ")
+            of_rule = {"name": name, "group": rule, "default": float(number), "text": text, "label": label}
+            parameters[name] = replace(number.declared, **of_rule)
+        if sentence:
+            problems.append(Problem(sentence, name, code))
     raise_problems(problems)
     return parameters
 

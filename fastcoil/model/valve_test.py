@@ -55,25 +55,16 @@ class Memory(NamedTuple):
     """State of the test from one sample to the next."""
 
     phase: float = PHASE_OFF
-    elapsed: float = 0.0
-    """Time since the start of the test, s."""
-    phase_elapsed: float = 0.0
-    """Time since the start of the phase, s."""
-    direction: float = 0.0
-    """1 opening, -1 closing."""
-    ramp_rate: float = 0.0
-    """Rate of the ramps, 1/s."""
-    ramp_start: float = 0.0
-    """Command at which the ramp began."""
-    reference: float = 0.0
-    """Set-point at the start, °C."""
-    lowest: float = 0.0
+    elapsed: float = 0.0  # time since the start of the test, s
+    phase_elapsed: float = 0.0  # time since the start of the phase, s
+    direction: float = 0.0  # 1 opening, -1 closing
+    ramp_rate: float = 0.0  # rate of the ramps, 1/s
+    ramp_start: float = 0.0  # command at which the ramp began
+    reference: float = 0.0  # set-point at the start, °C
+    lowest: float = 0.0  # extremes of the error in this phase, K; while settling in its last part
     highest: float = 0.0
-    """Extremes of the error in this phase, K; while settling in its last part."""
-    ramps_ended: float = 0.0
-    """Number of ramps that have ended."""
-    mean: float = np.nan
-    """Filtered command before the test."""
+    ramps_ended: float = 0.0  # number of ramps that have ended
+    mean: float = np.nan  # filtered command before the test
     aborted: float = NOT_ABORTED
 
 

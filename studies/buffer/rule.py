@@ -14,15 +14,15 @@ from scipy.special import ndtr, ndtri
 
 Values = Any
 """A number, or an array of numbers."""
-PER_HOUR = 10.0
+ALLOWED_TURNS_PER_HOUR = 10.0
 """False turns per hour that the lower bound allows: about as many as a loop makes without any noise."""
 LOWER_SCALE = 0.9
 """Measured lower bound over the one of white noise, median of the valves and days of the choice."""
 UPPER_SCALE = 1.3
 """Factor of the cycle's swing, median of the valves of the choice; the describing function alone gives 1.2."""
-POWER = 0.4
+SWING_POWER = 0.4
 """Along the describing function 2 A |N| / b is 1.2 (90° / phase) to this power, within 7 % from 5 to 90°."""
-CROSSING = np.pi / 4
+CROSSING_GAIN = np.pi / 4
 """|L| where a lag of 90° meets the describing function: the least loop gain that a cycle of this buffer needs."""
 LEAST_PHASE = np.radians(5.0)
 """Phase margins below this count as this: such a loop rings whatever the buffer."""
@@ -50,7 +50,7 @@ def turns_per_sample(c: float) -> float:
     return float(step * np.sum(2.0 * density * (back / (onward + back)) ** 2))
 
 
-def noise_factor(sample_time: Values, per_hour: float = PER_HOUR) -> Values:
+def noise_factor(sample_time: Values, per_hour: float = ALLOWED_TURNS_PER_HOUR) -> Values:
     """Buffer over the noise in u at which white noise turns the inverse so often per hour: 2 z, Q(z) = 2 p / π.
 
     p: turns per sample, per_hour x sample_time / 3600.  For c of 3 and more the exact rate is (π/2) Q(c/2) to 5 %: near
@@ -60,13 +60,13 @@ def noise_factor(sample_time: Values, per_hour: float = PER_HOUR) -> Values:
     return -2.0 * ndtri(np.minimum(2.0 * p / np.pi, 0.5))
 
 
-def mean_range(samples: float) -> float:
+def mean_noise_range(samples: float) -> float:
     """Mean peak to peak of so many samples of white noise, in standard deviations: what a trend of them shows."""
     y, step = np.linspace(-9.0, 9.0, 4001, retstep=True)
     return float(step * np.sum(1.0 - ndtr(y) ** samples - ndtr(-y) ** samples))
 
 
-def smallest(kp: Values, sigma: Values, sample_time: Values, per_hour: float = PER_HOUR) -> Values:
+def smallest_buffer(kp: Values, sigma: Values, sample_time: Values, per_hour: float = ALLOWED_TURNS_PER_HOUR) -> Values:
     """Lower bound: the buffer behind which noise of standard deviation ``sigma``, K, turns it so often an hour."""
     return LOWER_SCALE * noise_factor(sample_time, per_hour) * kp * sigma
 
@@ -90,27 +90,30 @@ def loop_response(plant: Plant, kp: Values, ti: Values, w: Values) -> Values:
     return kp * plant.gain * (1.0 + 1.0 / (s * ti)) * np.exp(-s * plant.theta) / (1.0 + s * plant.tau)
 
 
-def frequency(plant: Plant, kp: Values, ti: Values) -> Values:
+def cycle_frequency(plant: Plant, kp: Values, ti: Values) -> Values:
     """ω at which |L| = π/4, rad/s, from a quadratic in ω²: about that of the buffer's cycle."""
-    loop, lag = (kp * plant.gain / CROSSING) ** 2, (plant.tau / ti) ** 2
-    excess = loop - 1.0
-    return np.sqrt((excess + np.sqrt(excess**2 + 4.0 * lag * loop)) / (2.0 * lag)) / ti
+    loop_gain_squared, lag_ratio_squared = (kp * plant.gain / CROSSING_GAIN) ** 2, (plant.tau / ti) ** 2
+    excess = loop_gain_squared - 1.0
+    return (
+        np.sqrt((excess + np.sqrt(excess**2 + 4.0 * lag_ratio_squared * loop_gain_squared)) / (2.0 * lag_ratio_squared))
+        / ti
+    )
 
 
-def phase(plant: Plant, kp: Values, ti: Values) -> Values:
-    """Phase hunting index at that frequency, rad.  Above 90° the buffer has no cycle, at 0 the loop rings without it."""
-    w = frequency(plant, kp, ti)
+def phase_margin(plant: Plant, kp: Values, ti: Values) -> Values:
+    """Phase margin at that frequency, rad.  Above 90° the buffer has no cycle, at 0 the loop rings without it."""
+    w = cycle_frequency(plant, kp, ti)
     return 0.5 * np.pi - (w * plant.theta + np.arctan(w * plant.tau) - np.arctan(w * ti))
 
 
 def swing_per_buffer(plant: Plant, kp: Values, ti: Values) -> Values:
     """Swing of the supply temperature, peak to peak, over b, K: 2 A |N| K / √(1 + ω²τ²), with A from the phase."""
-    w = frequency(plant, kp, ti)
-    hunting_index = np.clip(phase(plant, kp, ti), LEAST_PHASE, 0.5 * np.pi)
-    return UPPER_SCALE * plant.gain * (0.5 * np.pi / hunting_index) ** POWER / np.sqrt(1.0 + (w * plant.tau) ** 2)
+    w = cycle_frequency(plant, kp, ti)
+    margin = np.clip(phase_margin(plant, kp, ti), LEAST_PHASE, 0.5 * np.pi)
+    return UPPER_SCALE * plant.gain * (0.5 * np.pi / margin) ** SWING_POWER / np.sqrt(1.0 + (w * plant.tau) ** 2)
 
 
-def largest(plant: Plant, kp: Values, ti: Values, swing: Values) -> Values:
+def largest_buffer(plant: Plant, kp: Values, ti: Values, swing: Values) -> Values:
     """Upper bound: buffer whose own cycle swings the supply temperature by ``swing``, K peak to peak."""
     return swing / swing_per_buffer(plant, kp, ti)
 
@@ -122,7 +125,7 @@ class Cycle(NamedTuple):
     swing: Values
 
 
-def cycle(plant: Plant, kp: Values, ti: Values) -> Cycle:
+def predict_cycle(plant: Plant, kp: Values, ti: Values) -> Cycle:
     """The buffer's cycle after its describing function, without the fits: where L = -1/N, at falling |L||N|.
 
     All arguments along one dim.
@@ -131,19 +134,23 @@ def cycle(plant: Plant, kp: Values, ti: Values) -> Cycle:
     n = describing_function(amplitude)
     lags = -np.angle(n)
     w = np.geomspace(1e-4, 0.3, 3000)
-    loop = np.abs(loop_response(Plant(*(np.asarray(v)[:, None] for v in plant)), _up(kp), _up(ti), w))
-    hunting_index = 0.5 * np.pi - (w * _up(plant.theta) + np.arctan(w * _up(plant.tau)) - np.arctan(w * _up(ti)))
-    fits = (hunting_index > lags[-1]) & (hunting_index <= lags[0])
-    a = np.interp(hunting_index, lags[::-1], amplitude[::-1])
-    product = np.where(fits, loop * np.abs(describing_function(a)), np.nan)
-    falls = (product[:, :-1] >= 1.0) & (product[:, 1:] < 1.0)
-    at = falls.shape[1] - 1 - falls[:, ::-1].argmax(1)
-    row = np.arange(len(at))
-    opening = a[row, at] * np.abs(describing_function(a[row, at]))
-    swing = 2.0 * opening * np.asarray(plant.gain) / np.sqrt(1.0 + (w[at] * np.asarray(plant.tau)) ** 2)
-    none = ~falls.any(1)
-    return Cycle(np.where(none, np.nan, 2.0 * np.pi / w[at]), np.where(none, np.nan, swing))
+    loop_gain = np.abs(
+        loop_response(Plant(*(np.asarray(v)[:, None] for v in plant)), _as_column(kp), _as_column(ti), w)
+    )
+    margin = 0.5 * np.pi - (
+        w * _as_column(plant.theta) + np.arctan(w * _as_column(plant.tau)) - np.arctan(w * _as_column(ti))
+    )
+    is_in_range = (margin > lags[-1]) & (margin <= lags[0])
+    a = np.interp(margin, lags[::-1], amplitude[::-1])
+    product = np.where(is_in_range, loop_gain * np.abs(describing_function(a)), np.nan)
+    is_falling = (product[:, :-1] >= 1.0) & (product[:, 1:] < 1.0)
+    last_fall = is_falling.shape[1] - 1 - is_falling[:, ::-1].argmax(1)
+    row = np.arange(len(last_fall))
+    opening = a[row, last_fall] * np.abs(describing_function(a[row, last_fall]))
+    swing = 2.0 * opening * np.asarray(plant.gain) / np.sqrt(1.0 + (w[last_fall] * np.asarray(plant.tau)) ** 2)
+    has_no_cycle = ~is_falling.any(1)
+    return Cycle(np.where(has_no_cycle, np.nan, 2.0 * np.pi / w[last_fall]), np.where(has_no_cycle, np.nan, swing))
 
 
-def _up(values: Values) -> Values:
+def _as_column(values: Values) -> Values:
     return np.asarray(values)[:, None]

@@ -17,27 +17,27 @@ import xarray as xr
 from joblib import Parallel, delayed
 
 import fastcoil as fc
-from studies.common import compare_rows, mean_of, progress, share_of, signed, write_table
-from studies.days import CONSTANT, DESIGN, STEPPED, WEATHER, kinds, of_kind
+from studies.common import compare_rows, format_change, mean_of, progress_printer, share_of, write_table
+from studies.days import CONSTANT, DESIGN, STEPPED, WEATHER, kinds, make_days
 from studies.diagnosis.cause import valves
 
 SEED, VALVES, DAYS, ROUNDS = 20601, 128, 4, 4
 CP = 1.02
 """Specific heat of air, kJ/(kg K)."""
-ROOM, HEATED_TO, CAPACITY = 24.0, 22.0, 1800.0
+ROOM_SET_POINT, HEATING_SET_POINT, ROOM_CAPACITY_SECONDS = 24.0, 22.0, 1800.0
 """Set-points of cooling and of heating, °C; seconds of the greatest flow whose heat capacity is that of a room."""
 CORE, PERIMETER = 0, 1
-SHARE, LEAST, LOAD = np.array([0.7, 0.3]), np.array([0.3, 0.4]), np.array([1.0, 0.35])
+AIR_SHARES, LEAST_FLOWS, LOAD_SHARES = np.array([0.7, 0.3]), np.array([0.3, 0.4]), np.array([1.0, 0.35])
 """Of the two groups: share of the air, least flow over the greatest, load over what the day's air would carry off."""
-OVERSIZED = 1.4
+OVERSIZE_FACTOR = 1.4
 """Greatest flow over the mean of the day's."""
-BAND, TI, WARMEST = 2.0, 900.0, 12.0
+BOX_BAND_K, BOX_TI, LARGEST_REHEAT_K = 2.0, 900.0, 12.0
 """Of the PI of a box: K for all of its range, s; K by which it reheats at most."""
-FAN, PUMP, COP = 1.5, 0.25, 4.0
+FAN_POWER, PUMP_POWER, COP = 1.5, 0.25, 4.0
 """kW per kg/s of the fan at its greatest flow, and of a pump against a constant pressure; the chiller's."""
-QUARTER, WARM_UP = 900, 1800
+QUARTER_SECONDS, WARM_UP_SECONDS = 900, 1800
 """Seconds of a demand, and at the start that do not count."""
-GAP_HUNTS, ALL = "hunt by the gap", "all"
+HUNTS_BY_GAP, ALL_LOOPS = "hunt by the gap", "all"
 KINDS = (CONSTANT, STEPPED, DESIGN, WEATHER)
 
 
@@ -53,26 +53,28 @@ def fan_power(share: np.ndarray) -> np.ndarray:
     return 0.0013 + 0.147 * share + 0.9506 * share**2 - 0.0998 * share**3
 
 
-def rooms(T_sup: np.ndarray, usual: np.ndarray, T_set: float) -> Rooms:
+def simulate_rooms(T_sup: np.ndarray, usual_flow: np.ndarray, T_set: float) -> Rooms:
     """Two groups of rooms, each at its set-point at first.
 
     T_sup: (lane, second), °C; usual: (lane, second), kg/s, the flow that would carry the core's load at ``T_set``.
     """
-    greatest = OVERSIZED * usual.mean(-1, keepdims=True) * SHARE
-    load = CP * (ROOM - T_set) * usual[:, :, np.newaxis] * SHARE * LOAD
-    T = np.full(greatest.shape, ROOM) - np.array([0.0, ROOM - HEATED_TO])
-    integral = np.clip(load[:, 0] / (CP * (ROOM - T_set)) / greatest, LEAST, 1.0)
+    greatest_flow = OVERSIZE_FACTOR * usual_flow.mean(-1, keepdims=True) * AIR_SHARES
+    load = CP * (ROOM_SET_POINT - T_set) * usual_flow[:, :, np.newaxis] * AIR_SHARES * LOAD_SHARES
+    T = np.full(greatest_flow.shape, ROOM_SET_POINT) - np.array([0.0, ROOM_SET_POINT - HEATING_SET_POINT])
+    integral = np.clip(load[:, 0] / (CP * (ROOM_SET_POINT - T_set)) / greatest_flow, LEAST_FLOWS, 1.0)
     warming = np.where(np.arange(2) == PERIMETER, 0.3, 0.0) * np.ones_like(T)
     flow, reheat = np.empty(T_sup.shape), np.empty(T_sup.shape)
     for k in range(T_sup.shape[1]):
-        error, cold = (T - ROOM) / BAND, (HEATED_TO - T) / BAND
-        integral = np.clip(integral + error / TI, LEAST, 1.0)
-        warming = np.clip(warming + cold / TI, 0.0, 1.0)
-        m = greatest * np.clip(integral + error, LEAST, 1.0)
-        heat = np.where(m <= LEAST * greatest * (1.0 + 1e-9), np.clip(warming + cold, 0.0, 1.0) * WARMEST, 0.0)
+        error, cold = (T - ROOM_SET_POINT) / BOX_BAND_K, (HEATING_SET_POINT - T) / BOX_BAND_K
+        integral = np.clip(integral + error / BOX_TI, LEAST_FLOWS, 1.0)
+        warming = np.clip(warming + cold / BOX_TI, 0.0, 1.0)
+        m = greatest_flow * np.clip(integral + error, LEAST_FLOWS, 1.0)
+        heat = np.where(
+            m <= LEAST_FLOWS * greatest_flow * (1.0 + 1e-9), np.clip(warming + cold, 0.0, 1.0) * LARGEST_REHEAT_K, 0.0
+        )
         heat *= CP * m
         supply = T_sup[:, k, np.newaxis]
-        T = T + (load[:, k] + heat - CP * m * (T - supply)) / (CP * greatest * CAPACITY)
+        T = T + (load[:, k] + heat - CP * m * (T - supply)) / (CP * greatest_flow * ROOM_CAPACITY_SECONDS)
         flow[:, k], reheat[:, k] = m.sum(-1), heat.sum(-1)
     return Rooms(flow, reheat)
 
@@ -86,98 +88,115 @@ class Coil(NamedTuple):
     hunts: np.ndarray
 
 
-def coil(loops: list[fc.Loop], days: fc.Boundary, flow: np.ndarray) -> Coil:
+def simulate_coil(loops: list[fc.Loop], days: fc.Boundary, flow: np.ndarray) -> Coil:
     """Simulate every loop on its days; flow: (loop × day, second), kg/s."""
     n = days.n_days
 
-    def one(k: int) -> tuple[np.ndarray, ...]:
+    def simulate_loop(k: int) -> tuple[np.ndarray, ...]:
         day = days.assign(m_a=flow[k * n : (k + 1) * n])
         ds = fc.simulate(loops[k], day, traces=["T_sup", "m_w", "power"], seed=SEED, n_jobs=1)
         return *(ds[name].transpose("day", ...).values for name in ("T_sup", "m_w", "power")), ds.hunts.values
 
-    found = Parallel(n_jobs=-1)(delayed(one)(k) for k in range(len(loops)))
-    return Coil(*(np.concatenate(each) for each in zip(*found, strict=True)))
+    results = Parallel(n_jobs=-1)(delayed(simulate_loop)(k) for k in range(len(loops)))
+    return Coil(*(np.concatenate(series) for series in zip(*results, strict=True)))
 
 
-def sums(of: Rooms, at: Coil, usual: np.ndarray) -> dict[str, np.ndarray]:
+def daily_sums(room_state: Rooms, coil_traces: Coil, usual_flow: np.ndarray) -> dict[str, np.ndarray]:
     """Means of a day, kW, its demand, and water over heat, by lane."""
-    share = of.flow / (OVERSIZED * usual.mean(-1, keepdims=True))
-    fan = FAN * OVERSIZED * usual.mean(-1, keepdims=True) * fan_power(share)
-    pump, chiller = PUMP * at.m_w, at.power / COP
-    total = (fan + pump + chiller)[:, WARM_UP:]
-    quarters = total[:, : total.shape[1] // QUARTER * QUARTER].reshape(total.shape[0], -1, QUARTER).mean(-1)
-    mean = {"fan": fan, "pump": pump, "chiller": chiller, "reheat": of.reheat, "water": at.m_w}
-    found = {name: np.asarray(series[:, WARM_UP:].mean(-1), float) for name, series in mean.items()}
-    return found | {"electricity": total.mean(-1), "demand": quarters.max(-1)}
+    share = room_state.flow / (OVERSIZE_FACTOR * usual_flow.mean(-1, keepdims=True))
+    fan = FAN_POWER * OVERSIZE_FACTOR * usual_flow.mean(-1, keepdims=True) * fan_power(share)
+    pump, chiller = PUMP_POWER * coil_traces.m_w, coil_traces.power / COP
+    total = (fan + pump + chiller)[:, WARM_UP_SECONDS:]
+    quarters = (
+        total[:, : total.shape[1] // QUARTER_SECONDS * QUARTER_SECONDS]
+        .reshape(total.shape[0], -1, QUARTER_SECONDS)
+        .mean(-1)
+    )
+    mean = {"fan": fan, "pump": pump, "chiller": chiller, "reheat": room_state.reheat, "water": coil_traces.m_w}
+    means = {name: np.asarray(series[:, WARM_UP_SECONDS:].mean(-1), float) for name, series in mean.items()}
+    return means | {"electricity": total.mean(-1), "demand": quarters.max(-1)}
 
 
-def drawn_valves(kind: str, size: int) -> dict[str, np.ndarray]:
+def valves_of_kind(kind: str, size: int) -> dict[str, np.ndarray]:
     """Valves and loops for a kind of day, none of them for another."""
     return valves(CONSTANT, SEED + KINDS.index(kind), size)
 
 
-def of_kind_of_day(kind: str, size: int = VALVES, n_days: int = DAYS) -> xr.Dataset:
-    """Sums over (gap, sample, day), with and without its gap, after the last round; ``moved``: by it, as a share."""
-    drawn = drawn_valves(kind, size)
-    days = of_kind(kind, [SEED + k for k in range(n_days)])
-    usual = np.tile(np.asarray(days.series["m_a"], float), (size, 1))
+def simulate_kind(kind: str, size: int = VALVES, n_days: int = DAYS) -> xr.Dataset:
+    """Sums over (gap, sample, day), with and without its gap, after the last round; ``relative_step``: by it, as a share."""
+    parameters = valves_of_kind(kind, size)
+    days = make_days(kind, [SEED + k for k in range(n_days)])
+    usual_flow = np.tile(np.asarray(days.series["m_a"], float), (size, 1))
     T_set = float(np.mean(days.series["T_set"]))
     parts = []
-    for worn in (True, False):
+    for is_worn in (True, False):
         loops = [
             fc.Loop.preset("lbnl").assign(
-                m_full=1.7, estimate_ratio=0.0, **{n: float(v[k]) * (worn or n != "backlash") for n, v in drawn.items()}
+                m_full=1.7,
+                estimate_ratio=0.0,
+                **{n: float(v[k]) * (is_worn or n != "backlash") for n, v in parameters.items()},
             )
             for k in range(size)
         ]
-        of, before = rooms(np.full(usual.shape, T_set), usual, T_set), np.nan
+        room_state, previous = simulate_rooms(np.full(usual_flow.shape, T_set), usual_flow, T_set), np.nan
         for _ in range(ROUNDS):
-            at = coil(loops, days, of.flow)
-            of = rooms(at.T_sup, usual, T_set)
-            now = sums(of, at, usual)
-            moved, before = abs(now["electricity"] / before - 1.0), now["electricity"]
-        now |= {"moved": moved, "hunts": at.hunts, "T": at.T_sup[:, WARM_UP:].mean(-1)}
+            coil_traces = simulate_coil(loops, days, room_state.flow)
+            room_state = simulate_rooms(coil_traces.T_sup, usual_flow, T_set)
+            totals = daily_sums(room_state, coil_traces, usual_flow)
+            relative_step, previous = abs(totals["electricity"] / previous - 1.0), totals["electricity"]
+        totals |= {
+            "moved": relative_step,
+            "hunts": coil_traces.hunts,
+            "T": coil_traces.T_sup[:, WARM_UP_SECONDS:].mean(-1),
+        }
         dims = ("sample", "day")
-        parts.append(xr.Dataset({name: (dims, each.reshape(size, n_days)) for name, each in now.items()}))
+        parts.append(xr.Dataset({name: (dims, values.reshape(size, n_days)) for name, values in totals.items()}))
     return xr.concat(parts, xr.DataArray([True, False], dims="worn", name="worn"))
 
 
-SUMS = ("fan", "pump", "chiller", "electricity", "demand", "water", "reheat")
-HEAD = ("days", "loops", "loops × days", *(f"{name}, mean" for name in SUMS), "demand more than 1 % up", "last round")
+SUM_NAMES = ("fan", "pump", "chiller", "electricity", "demand", "water", "reheat")
+HEAD = (
+    "days",
+    "loops",
+    "loops × days",
+    *(f"{name}, mean" for name in SUM_NAMES),
+    "demand more than 1 % up",
+    "last round",
+)
 
 
-def rows(kind: str, ds: xr.Dataset) -> list[list[str]]:
+def change_rows(kind: str, ds: xr.Dataset) -> list[list[str]]:
     """Change of each sum with the gap against the same loop without, over valves and days."""
     worn, good = ds.sel(worn=True), ds.sel(worn=False)
-    gap = xr.DataArray(drawn_valves(kind, ds.sizes["sample"])["backlash"] > 0.0, dims="sample")
+    has_gap = xr.DataArray(valves_of_kind(kind, ds.sizes["sample"])["backlash"] > 0.0, dims="sample")
     by_gap = (worn.hunts > 0.0) & (good.hunts == 0.0)
-    found = []
-    for name, among in ((GAP_HUNTS, by_gap), (ALL, gap & (worn.hunts >= 0.0))):
+    table = []
+    for name, among in ((HUNTS_BY_GAP, by_gap), (ALL_LOOPS, has_gap & (worn.hunts >= 0.0))):
         changes = []
-        for each in SUMS:
+        for quantity in SUM_NAMES:
             # reheat and water may be next to nothing: against the mean of the good valves
-            change = 100.0 * (worn[each] - good[each]) / good[each].mean()
+            change = 100.0 * (worn[quantity] - good[quantity]) / good[quantity].mean()
             middle, half = mean_of(change.where(among))
-            changes.append(f"{signed(middle, middle - half, middle + half, 1)}")
-        up = share_of(worn.demand > 1.01 * good.demand, among)
-        moved = f"{100 * float(ds.moved.sel(worn=True).where(among).quantile(0.95)):.2f} %"
-        found.append([kind, name, f"{int(among.sum())}", *changes, f"{up}", moved])
-    return found
+            changes.append(f"{format_change(middle, middle - half, middle + half, 1)}")
+        share_up = share_of(worn.demand > 1.01 * good.demand, among)
+        last_step = f"{100 * float(ds.moved.sel(worn=True).where(among).quantile(0.95)):.2f} %"
+        table.append([kind, name, f"{int(among.sum())}", *changes, f"{share_up}", last_step])
+    return table
 
 
 def sample() -> None:
     """The first kind of day."""
-    compare_rows("cost/zone", rows(CONSTANT, of_kind_of_day(CONSTANT)))
+    compare_rows("cost/zone", change_rows(CONSTANT, simulate_kind(CONSTANT)))
 
 
 def main(size: int = VALVES) -> None:
     """Write the table."""
-    done, table = progress(), []
+    report, table = progress_printer(), []
     for kind in KINDS:
         if kind in kinds():
-            table += rows(kind, of_kind_of_day(kind, size))
+            table += change_rows(kind, simulate_kind(kind, size))
             print(*table[-2:], sep="\n")
-            done(kind)
+            report(kind)
     write_table(
         "cost/zone",
         f"Fan, pump, chiller and reheat behind a coil with a gap, against the same loop without: change of the daily "

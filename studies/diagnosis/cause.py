@@ -16,20 +16,20 @@ from joblib import Parallel, delayed
 
 import fastcoil as fc
 from fastcoil.measured.identify import GOOD_BACKLASH, SIZE_TOLERANCE
-from studies.common import HEATING_GAIN, compare_rows, loguniform, write_table
-from studies.days import CONSTANT, DESIGN, HEATING, STEPPED, of_kind, settings
-from studies.diagnosis.diagnosis import share
+from studies.common import HEATING_GAIN, compare_rows, draw_loguniform, write_table
+from studies.days import CONSTANT, DESIGN, HEATING, STEPPED, loop_settings, make_days
+from studies.diagnosis.diagnosis import share_or_none
 
-SEED, VALVES, DAY = 7411, 448, 74111
+SEED, VALVES, DAY_SEED = 7411, 448, 74111
 SWINGING = "swinging"
 KINDS = (STEPPED, CONSTANT, DESIGN, SWINGING, HEATING)
 CAUSES = ("none", "backlash", "tuning", "disturbance")
 ANSWERS = (*CAUSES, "unknown")
-LOGGED = 10
+LOG_INTERVAL = 10
 """Seconds."""
-RESTLESS = 0.7
+RESTLESS_SHARE = 0.7
 """Share of the loops that have a large gain and a short integral time."""
-VISIBLE = 0.035
+VISIBLE_STD = 0.035
 """K, standard deviation of a swing of 0.1 K from peak to peak."""
 
 
@@ -44,85 +44,95 @@ class Logs(NamedTuple):
 
 def valves(kind: str, seed: int = SEED, n: int = VALVES) -> dict[str, np.ndarray]:
     """Parameters of the valves and loops of a kind of day: a quarter has no backlash, tunings are calm to restless."""
-    draw = np.random.default_rng([seed, KINDS.index(kind)])
+    rng = np.random.default_rng([seed, KINDS.index(kind)])
 
-    restless = draw.uniform(size=n) < RESTLESS
+    is_restless = rng.uniform(size=n) < RESTLESS_SHARE
     gain = HEATING_GAIN if kind == HEATING else 1.0
     return {
-        "backlash": np.where(np.arange(n) % 4 == 0, 0.0, draw.uniform(0.02, 0.15, n)),
-        "rangeability": loguniform(draw, 20, 100, n),
-        "authority": loguniform(draw, 0.05, 0.9, n),
-        "C_w": draw.uniform(8.8, 14.0, n),
-        "C_c": loguniform(draw, 10, 30, n),
-        "kp": np.where(restless, loguniform(draw, 0.03, 0.1, n), loguniform(draw, 0.005, 0.06, n)) * gain,
-        "ti": np.where(restless, loguniform(draw, 4, 30, n), loguniform(draw, 20, 300, n)),
-        "sample_time": draw.choice([5.0, 10.0, 15.0, 30.0], n),
-        "noise_std": draw.uniform(0.0, 0.05, n),
-        "sensor_time_constant": draw.uniform(5, 60, n),
-        "stroke_time": draw.uniform(30, 150, n),
+        "backlash": np.where(np.arange(n) % 4 == 0, 0.0, rng.uniform(0.02, 0.15, n)),
+        "rangeability": draw_loguniform(rng, 20, 100, n),
+        "authority": draw_loguniform(rng, 0.05, 0.9, n),
+        "C_w": rng.uniform(8.8, 14.0, n),
+        "C_c": draw_loguniform(rng, 10, 30, n),
+        "kp": np.where(is_restless, draw_loguniform(rng, 0.03, 0.1, n), draw_loguniform(rng, 0.005, 0.06, n)) * gain,
+        "ti": np.where(is_restless, draw_loguniform(rng, 4, 30, n), draw_loguniform(rng, 20, 300, n)),
+        "sample_time": rng.choice([5.0, 10.0, 15.0, 30.0], n),
+        "noise_std": rng.uniform(0.0, 0.05, n),
+        "sensor_time_constant": rng.uniform(5, 60, n),
+        "stroke_time": rng.uniform(30, 150, n),
     }
 
 
-def swinging(day: fc.Boundary, seed: int, n: int) -> list[fc.Boundary]:
+def swinging_days(day: fc.Boundary, seed: int, n: int) -> list[fc.Boundary]:
     """The day with water or air that swings, as a chiller or a mixing damper makes it; each valve has its own."""
-    draw = np.random.default_rng([seed, 21])
+    rng = np.random.default_rng([seed, 21])
     t = np.arange(day.series["T_set"].shape[-1])
-    found = []
+    days = []
     for k in range(n):
-        name, size = ("T_w_in", draw.uniform(0.5, 2.0)) if k % 2 else ("T_a_in", draw.uniform(0.5, 3.0))
-        period = np.exp(draw.uniform(np.log(240), np.log(1500)))
+        name, size = ("T_w_in", rng.uniform(0.5, 2.0)) if k % 2 else ("T_a_in", rng.uniform(0.5, 3.0))
+        period = np.exp(rng.uniform(np.log(240), np.log(1500)))
         series = {name: values[0] for name, values in day.series.items() if name not in ("noise", "enabled")}
         series[name] = series[name] + size * np.sin(2 * np.pi * t / period)
-        found.append(fc.Boundary(**series))
-    return found
+        days.append(fc.Boundary(**series))
+    return days
 
 
-def logs(
-    kind: str, seed: int = SEED, n: int = VALVES, day_seed: int = DAY, test: fc.ValveTest | None = None
+def simulate_logs(
+    kind: str, seed: int = SEED, n: int = VALVES, day_seed: int = DAY_SEED, test: fc.ValveTest | None = None
 ) -> Logs:  # fmt: skip
     """Simulate the valves of a kind, and find out why each swings.  test: a valve test in the log, not in the truth."""
-    drawn = valves(kind, seed, n)
-    day = of_kind(CONSTANT if kind == SWINGING else kind, [day_seed])
-    days = swinging(day, seed, n) if kind == SWINGING else [day] * n
+    drawn_parameters = valves(kind, seed, n)
+    day = make_days(CONSTANT if kind == SWINGING else kind, [day_seed])
+    days = swinging_days(day, seed, n) if kind == SWINGING else [day] * n
     names = ["command", "T_measured", *(["test"] if test else [])]
-    traces = {"traces": names, "trace_interval": LOGGED, "seed": seed}
+    traces = {"traces": names, "trace_interval": LOG_INTERVAL, "seed": seed}
 
-    def simulated(
+    def simulate(
         boundary: fc.Boundary, k: slice, traced: bool = False, tested: bool = False, **changes: object
     ) -> xr.Dataset:
-        parameters = {name: ("sample", values[k]) for name, values in drawn.items()} | changes
-        loop = fc.Loop.preset("lbnl").assign(m_full=1.7, estimate_ratio=0.0, **parameters, **settings(kind))
+        parameters = {name: ("sample", values[k]) for name, values in drawn_parameters.items()} | changes
+        loop = fc.Loop.preset("lbnl").assign(m_full=1.7, estimate_ratio=0.0, **parameters, **loop_settings(kind))
         ds = fc.simulate(loop, boundary, test=test if tested else None, **(traces if traced else {"seed": seed}))
         return ds.isel(day=0) if "day" in ds.dims else ds
 
-    everyone = slice(None)
-    alone = simulated(day, everyone, traced=True)
-    without = simulated(day, everyone, backlash=0.0)
+    all_valves = slice(None)
+    undisturbed = simulate(day, all_valves, traced=True)
+    without_gap = simulate(day, all_valves, backlash=0.0)
     if kind == SWINGING:
-        swung = [simulated(days[k], slice(k, k + 1), traced=True).isel(sample=0) for k in range(n)]
+        disturbed = [simulate(days[k], slice(k, k + 1), traced=True).isel(sample=0) for k in range(n)]
     else:
-        swung = [alone.isel(sample=k) for k in range(n)]
-    seen = swung
+        disturbed = [undisturbed.isel(sample=k) for k in range(n)]
+    logged = disturbed
     if test is not None and kind == SWINGING:
-        seen = [simulated(days[k], slice(k, k + 1), traced=True, tested=True).isel(sample=0) for k in range(n)]
+        logged = [simulate(days[k], slice(k, k + 1), traced=True, tested=True).isel(sample=0) for k in range(n)]
     elif test is not None:
-        of_all = simulated(day, everyone, traced=True, tested=True)
-        seen = [of_all.isel(sample=k) for k in range(n)]
-    cause = []
+        tested = simulate(day, all_valves, traced=True, tested=True)
+        logged = [tested.isel(sample=k) for k in range(n)]
+    causes = []
     for k in range(n):
-        itself, good = bool(alone.hunts[k]), bool(without.hunts[k])
-        forced = kind == SWINGING and VISIBLE < float((swung[k].T_measured - alone.T_measured[k]).std())
-        cause.append("tuning" if good else "backlash" if itself else "disturbance" if forced else "none")
-    found = []
-    for ds, one in zip(seen, days, strict=True):
-        T_set = one.series["T_set"][0, ::LOGGED]
+        hunts_undisturbed, hunts_without_gap = bool(undisturbed.hunts[k]), bool(without_gap.hunts[k])
+        is_forced = kind == SWINGING and VISIBLE_STD < float(
+            (disturbed[k].T_measured - undisturbed.T_measured[k]).std()
+        )
+        causes.append(
+            "tuning"
+            if hunts_without_gap
+            else "backlash"
+            if hunts_undisturbed
+            else "disturbance"
+            if is_forced
+            else "none"
+        )
+    valve_logs = []
+    for ds, boundary in zip(logged, days, strict=True):
+        T_set = boundary.series["T_set"][0, ::LOG_INTERVAL]
         log = xr.Dataset({name: ("elapsed_time", ds[name].values.astype(float)) for name in names})
         log["T_set"] = ("elapsed_time", np.asarray(T_set, float))
         log = log.assign_coords(elapsed_time=("elapsed_time", ds.elapsed_time.values, {"units": "s"}))
         for name in log:
             log[name].attrs["units"] = "degC" if str(name).startswith("T_") else "1"
-        found.append(log)
-    return Logs(found, cause, drawn["backlash"], drawn["stroke_time"])
+        valve_logs.append(log)
+    return Logs(valve_logs, causes, drawn_parameters["backlash"], drawn_parameters["stroke_time"])
 
 
 class Answer(NamedTuple):
@@ -141,62 +151,80 @@ class Answer(NamedTuple):
         return bool(abs(self.found - self.backlash) <= max(SIZE_TOLERANCE * self.backlash, GOOD_BACKLASH) + 1e-9)
 
 
-def answers(kind: str) -> list[Answer]:
+def diagnose_logs(kind: str) -> list[Answer]:
     """Diagnose every log of a kind; of every other valve the stroke time is known."""
-    of = logs(kind)
-    found = []
-    for k, log in enumerate(of.logs):
-        d = fc.diagnose(log, stroke_time=float(of.stroke_time[k]) if k % 2 else None)
-        found.append(Answer(kind, of.cause[k], d.cause, float(of.backlash[k]), d.identified, d.backlash))
-    return found
+    logs_of_kind = simulate_logs(kind)
+    answers = []
+    for k, log in enumerate(logs_of_kind.logs):
+        diagnosis = fc.diagnose(log, stroke_time=float(logs_of_kind.stroke_time[k]) if k % 2 else None)
+        answers.append(
+            Answer(
+                kind,
+                logs_of_kind.cause[k],
+                diagnosis.cause,
+                float(logs_of_kind.backlash[k]),
+                diagnosis.identified,
+                diagnosis.backlash,
+            )
+        )
+    return answers
 
 
-def of_logs(flags: list[bool]) -> str:
+def share_of_logs(flags: list[bool]) -> str:
     """A share of logs with its interval."""
-    return share(xr.DataArray([flags], dims=("day", "sample")).astype(float)) if flags else "none"
+    return share_or_none(xr.DataArray([flags], dims=("day", "sample")).astype(float)) if flags else "none"
 
 
-def counted(kind: str, answered: Sequence[tuple[str, str]]) -> list[list[str]]:
+def count_answers(kind: str, pairs: Sequence[tuple[str, str]]) -> list[list[str]]:
     """A row for each true cause on a kind of day, from pairs of truth and answer."""
-    of = {true: [said for truth, said in answered if truth == true] for true in CAUSES}
-    return [[kind, true, f"{len(said)}", *(f"{said.count(a)}" for a in ANSWERS)] for true, said in of.items() if said]
+    answers_by_cause = {true: [said for truth, said in pairs if truth == true] for true in CAUSES}
+    return [
+        [kind, true, f"{len(said)}", *(f"{said.count(a)}" for a in ANSWERS)]
+        for true, said in answers_by_cause.items()
+        if said
+    ]
 
 
 def sample() -> None:
     """The first kind of day."""
-    compare_rows("diagnosis/diagnosis_cause", counted(KINDS[0], [(one.true, one.said) for one in answers(KINDS[0])]))
+    compare_rows(
+        "diagnosis/diagnosis_cause",
+        count_answers(KINDS[0], [(answer.true, answer.said) for answer in diagnose_logs(KINDS[0])]),
+    )
 
 
 def main() -> None:
     """Measure on every kind of day and write the tables."""
-    everything: list[Answer] = []
+    all_answers: list[Answer] = []
     rows = []
-    for kind, found in zip(KINDS, Parallel(n_jobs=-1)(delayed(answers)(kind) for kind in KINDS), strict=True):
-        everything += found
-        rows += counted(kind, [(one.true, one.said) for one in found])
+    for kind, kind_answers in zip(
+        KINDS, Parallel(n_jobs=-1)(delayed(diagnose_logs)(kind) for kind in KINDS), strict=True
+    ):
+        all_answers += kind_answers
+        rows += count_answers(kind, [(answer.true, answer.said) for answer in kind_answers])
     write_table(
         "diagnosis/diagnosis_cause",
-        f"Why loops swing: {VALVES} valves on a day of each kind, logged every {LOGGED} s; diagnosed cause by true "
+        f"Why loops swing: {VALVES} valves on a day of each kind, logged every {LOG_INTERVAL} s; diagnosed cause by true "
         "cause",
         ["day", "truth", "loops", *ANSWERS],
         rows,
     )
     summary = []
-    for answer in ANSWERS:
-        given = [one for one in everything if one.said == answer]
-        right = of_logs([one.true == answer for one in given]) if answer in CAUSES else "–"
-        true = [one for one in everything if one.true == answer]
-        share = of_logs([one.said == answer for one in true]) if answer in CAUSES else "–"
-        summary.append([f"cause: {answer}", str(len(given)), right, share])
-    claimed = [one for one in everything if one.claimed]
-    good = [one for one in everything if one.backlash == 0.0]
-    summary.append(["a backlash", str(len(claimed)), of_logs([one.is_right for one in claimed]),
-                    of_logs([one.claimed and one.is_right for one in everything])])  # fmt: skip
-    accused = [one.claimed and one.found > GOOD_BACKLASH + 1e-9 for one in good]
-    summary.append(["a backlash above 1 %, of good valves", str(sum(accused)), "–", of_logs(accused)])
+    for cause in ANSWERS:
+        with_answer = [answer for answer in all_answers if answer.said == cause]
+        right_share = share_of_logs([answer.true == cause for answer in with_answer]) if cause in CAUSES else "–"
+        with_cause = [answer for answer in all_answers if answer.true == cause]
+        share_found = share_of_logs([answer.said == cause for answer in with_cause]) if cause in CAUSES else "–"
+        summary.append([f"cause: {cause}", str(len(with_answer)), right_share, share_found])
+    claims = [answer for answer in all_answers if answer.claimed]
+    of_good_valves = [answer for answer in all_answers if answer.backlash == 0.0]
+    summary.append(["a backlash", str(len(claims)), share_of_logs([answer.is_right for answer in claims]),
+                    share_of_logs([answer.claimed and answer.is_right for answer in all_answers])])  # fmt: skip
+    is_accused = [answer.claimed and answer.found > GOOD_BACKLASH + 1e-9 for answer in of_good_valves]
+    summary.append(["a backlash above 1 %, of good valves", str(sum(is_accused)), "–", share_of_logs(is_accused)])
     write_table(
         "diagnosis/diagnosis_answers",
-        f"{len(everything):,} logs, grouped by the cause and the backlash that `diagnose` gives",
+        f"{len(all_answers):,} logs, grouped by the cause and the backlash that `diagnose` gives",
         ["answer", "logs", "right of these", "share of the logs of which it is true"],
         summary,
     )

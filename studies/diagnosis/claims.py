@@ -24,12 +24,12 @@ from fastcoil.measured.grid import forward_fill, join_grids, motor_positions, re
 from fastcoil.measured.identify import GOOD_BACKLASH, SIZE_TOLERANCE, Identification
 from fastcoil.measured.part import count_reversals
 from studies.common import compare_rows, write_table
-from studies.days import CONSTANT, STEPPED, of_kind
-from studies.diagnosis.diagnosis import SIMULATED, Population, logs, share, valves
+from studies.days import CONSTANT, STEPPED, make_days
+from studies.diagnosis.diagnosis import TRACE_INTERVAL, Population, share_or_none, simulate_logs, valves
 
 SEED = 9547
 VALVES, HOURS = 128, 6
-LEVELS = 1.5
+SET_POINT_SPREAD_K = 1.5
 """K; the set-points of days that are taken together lie within so much of the middle."""
 
 
@@ -41,74 +41,84 @@ class Columns(NamedTuple):
     T_set: np.ndarray
 
 
-def every(own: Columns, _: Columns, draw: np.random.Generator, seconds: int) -> tuple[Columns, float]:
+def resample_columns(columns: Columns, _: Columns, rng: np.random.Generator, seconds: int) -> tuple[Columns, float]:
     """The log as it is, a sample every so many seconds."""
-    step = seconds // SIMULATED
-    return Columns(*(series[::step] for series in own)), float(seconds)
+    stride = seconds // TRACE_INTERVAL
+    return Columns(*(series[::stride] for series in columns)), float(seconds)
 
 
-def coarse(own: Columns, _: Columns, draw: np.random.Generator, steps: tuple[int, ...]) -> tuple[Columns, float]:
+def join_coarse_columns(
+    columns: Columns, _: Columns, rng: np.random.Generator, steps: tuple[int, ...]
+) -> tuple[Columns, float]:
     """Command and temperature logged at times of their own, joined to the 10 s of the set-point."""
-    seconds, clock = draw.choice(steps), np.arange(0, own.T_set.size * SIMULATED, 10)
-    held, straight = (np.arange(SIMULATED * draw.integers(seconds // SIMULATED), clock[-1], seconds) for _ in range(2))
-    last = np.maximum(np.searchsorted(held, clock, side="right") - 1, 0)
-    T = np.interp(clock, straight, own.T_sup[straight // SIMULATED])
-    return Columns(own.command[held[last] // SIMULATED], T, own.T_set[::2]), 10.0
+    seconds, clock = rng.choice(steps), np.arange(0, columns.T_set.size * TRACE_INTERVAL, 10)
+    command_times, temperature_times = (
+        np.arange(TRACE_INTERVAL * rng.integers(seconds // TRACE_INTERVAL), clock[-1], seconds) for _ in range(2)
+    )
+    last_command = np.maximum(np.searchsorted(command_times, clock, side="right") - 1, 0)
+    T = np.interp(clock, temperature_times, columns.T_sup[temperature_times // TRACE_INTERVAL])
+    return Columns(columns.command[command_times[last_command] // TRACE_INTERVAL], T, columns.T_set[::2]), 10.0
 
 
-def of_another(own: Columns, other: Columns, draw: np.random.Generator, seconds: int) -> tuple[Columns, float]:
+def with_other_temperature(
+    columns: Columns, other_columns: Columns, rng: np.random.Generator, seconds: int
+) -> tuple[Columns, float]:
     """The temperature of another plant on the same schedule."""
-    return every(own._replace(T_sup=other.T_sup), other, draw, seconds)
+    return resample_columns(columns._replace(T_sup=other_columns.T_sup), other_columns, rng, seconds)
 
 
-def backwards(own: Columns, other: Columns, draw: np.random.Generator, seconds: int) -> tuple[Columns, float]:
+def reverse_columns(
+    columns: Columns, other_columns: Columns, rng: np.random.Generator, seconds: int
+) -> tuple[Columns, float]:
     """All columns from last to first."""
-    return every(Columns(*(series[::-1] for series in own)), other, draw, seconds)
+    return resample_columns(Columns(*(series[::-1] for series in columns)), other_columns, rng, seconds)
 
 
-def late(own: Columns, other: Columns, draw: np.random.Generator, seconds: int) -> tuple[Columns, float]:
+def delay_command(
+    columns: Columns, other_columns: Columns, rng: np.random.Generator, seconds: int
+) -> tuple[Columns, float]:
     """The command logged 30 to 60 s late."""
-    shift = int(draw.integers(30 // SIMULATED, 60 // SIMULATED + 1))
-    rest = slice(shift, None)
-    moved = Columns(own.command[:-shift], own.T_sup[rest], own.T_set[rest])
-    return every(moved, other, draw, seconds)
+    shift = int(rng.integers(30 // TRACE_INTERVAL, 60 // TRACE_INTERVAL + 1))
+    from_shift = slice(shift, None)
+    shifted = Columns(columns.command[:-shift], columns.T_sup[from_shift], columns.T_set[from_shift])
+    return resample_columns(shifted, other_columns, rng, seconds)
 
 
 class Case(NamedTuple):
     """A way in which logs mislead, and the kind of their days."""
 
     made: Callable[..., tuple[Columns, float]]
-    given: object
+    argument: object
     kind: str = STEPPED
-    belongs: bool = True
+    is_consistent: bool = True
 
 
 CASES = {
-    "in order, 10 s": Case(every, 10),
-    "in order, 30 s": Case(every, 30),
-    "in order, 60 s": Case(every, 60),
-    "in order, 10 s, steady": Case(every, 10, CONSTANT),
-    "every 60 to 300 s, joined to 10 s": Case(coarse, (60, 120, 300)),
-    "every 60 s, joined to 10 s": Case(coarse, (60,)),
-    "two plants on one schedule, 10 s": Case(of_another, 10, belongs=False),
-    "two plants on one schedule, 60 s": Case(of_another, 60, belongs=False),
-    "two plants, steady, 10 s": Case(of_another, 10, CONSTANT, belongs=False),
-    "backwards, 10 s": Case(backwards, 10, belongs=False),
-    "backwards, 60 s": Case(backwards, 60, belongs=False),
-    "backwards, steady, 10 s": Case(backwards, 10, CONSTANT, belongs=False),
-    "command 30 to 60 s late, 10 s": Case(late, 10),
-    "command 30 to 60 s late, 60 s": Case(late, 60),
+    "in order, 10 s": Case(resample_columns, 10),
+    "in order, 30 s": Case(resample_columns, 30),
+    "in order, 60 s": Case(resample_columns, 60),
+    "in order, 10 s, steady": Case(resample_columns, 10, CONSTANT),
+    "every 60 to 300 s, joined to 10 s": Case(join_coarse_columns, (60, 120, 300)),
+    "every 60 s, joined to 10 s": Case(join_coarse_columns, (60,)),
+    "two plants on one schedule, 10 s": Case(with_other_temperature, 10, is_consistent=False),
+    "two plants on one schedule, 60 s": Case(with_other_temperature, 60, is_consistent=False),
+    "two plants, steady, 10 s": Case(with_other_temperature, 10, CONSTANT, is_consistent=False),
+    "backwards, 10 s": Case(reverse_columns, 10, is_consistent=False),
+    "backwards, 60 s": Case(reverse_columns, 60, is_consistent=False),
+    "backwards, steady, 10 s": Case(reverse_columns, 10, CONSTANT, is_consistent=False),
+    "command 30 to 60 s late, 10 s": Case(delay_command, 10),
+    "command 30 to 60 s late, 60 s": Case(delay_command, 60),
 }
 
 
-def claimed(columns: Columns, interval: float, stroke_time: float) -> Identification:
+def identify_gap(columns: Columns, interval: float, stroke_time: float) -> Identification:
     """What ``fc.diagnose`` claims of a log."""
     return identify_and_measure(
-        resample_log(read_checked_log(dataset(columns._asdict(), interval), DIAGNOSIS_COLUMNS))[0], stroke_time
+        resample_log(read_checked_log(make_log(columns._asdict(), interval), DIAGNOSIS_COLUMNS))[0], stroke_time
     )[0]
 
 
-def dataset(columns: dict[str, np.ndarray], interval: float) -> xr.Dataset:
+def make_log(columns: dict[str, np.ndarray], interval: float) -> xr.Dataset:
     """A log as a Dataset."""
     units = {"command": "1", "test": "1", "m_a": "kg/s"}
     series = {n: ("elapsed_time", values, {"units": units.get(n, "degC")}) for n, values in columns.items()}
@@ -116,36 +126,44 @@ def dataset(columns: dict[str, np.ndarray], interval: float) -> xr.Dataset:
     return xr.Dataset(series, {"elapsed_time": ("elapsed_time", time, {"units": "s"})})
 
 
-def is_right(found: Identification, backlash: float) -> bool:
+def is_right(identification: Identification, backlash: float) -> bool:
     """To 20 % of the gap or 1 % of the stroke."""
-    return abs(found.backlash - backlash) <= max(SIZE_TOLERANCE * backlash, GOOD_BACKLASH) + 1e-9
+    return abs(identification.backlash - backlash) <= max(SIZE_TOLERANCE * backlash, GOOD_BACKLASH) + 1e-9
 
 
-def misled() -> list[list[str]]:
+def misleading_rows() -> list[list[str]]:
     """Claims of each case, the largest share of wrong ones first."""
-    simulated = {
-        kind: logs(Population(kind), [SEED, k], [10 * SEED + 2 * k, 10 * SEED + 2 * k + 1], VALVES)
+    logs_by_kind = {
+        kind: simulate_logs(Population(kind), [SEED, k], [10 * SEED + 2 * k, 10 * SEED + 2 * k + 1], VALVES)
         for k, kind in enumerate((STEPPED, CONSTANT))
     }
     rows = []
     for name, case in CASES.items():
-        of, draw = simulated[case.kind], np.random.default_rng(SEED)
-        end = HOURS * 3600 // SIMULATED
-        T_set = of.signals["T_set"][:, 0, :end]
-        claims, wrong = (xr.DataArray(np.zeros((len(T_set), VALVES), bool), dims=("day", "sample")) for _ in range(2))
+        kind_logs, rng = logs_by_kind[case.kind], np.random.default_rng(SEED)
+        end = HOURS * 3600 // TRACE_INTERVAL
+        T_set = kind_logs.signals["T_set"][:, 0, :end]
+        claims, is_wrong = (
+            xr.DataArray(np.zeros((len(T_set), VALVES), bool), dims=("day", "sample")) for _ in range(2)
+        )
         for day in range(len(T_set)):
             for valve in range(VALVES):
-                own, other = (
-                    Columns(of.signals["command"][day, v, :end], of.signals["T_measured"][day, v, :end], T_set[day])
+                own_columns, other_columns = (
+                    Columns(
+                        kind_logs.signals["command"][day, v, :end],
+                        kind_logs.signals["T_measured"][day, v, :end],
+                        T_set[day],
+                    )
                     for v in (valve, (valve + 1) % VALVES)
                 )
-                columns, interval = case.made(own, other, draw, case.given)
-                found = claimed(columns, interval, float(of.stroke_time[valve]))
-                claims[day, valve] = found.identified
-                wrong[day, valve] = found.identified and not (case.belongs and is_right(found, of.backlash[valve]))
+                columns, interval = case.made(own_columns, other_columns, rng, case.argument)
+                identification = identify_gap(columns, interval, float(kind_logs.stroke_time[valve]))
+                claims[day, valve] = identification.identified
+                is_wrong[day, valve] = identification.identified and not (
+                    case.is_consistent and is_right(identification, kind_logs.backlash[valve])
+                )
         print(f"{name}: done", flush=True)
-        counted = f"{int(wrong.sum())} of {int(claims.sum())}"
-        rows.append((float(wrong.mean()), [name, share(claims), counted, share(wrong)]))
+        count_text = f"{int(is_wrong.sum())} of {int(claims.sum())}"
+        rows.append((float(is_wrong.mean()), [name, share_or_none(claims), count_text, share_or_none(is_wrong)]))
     return [cells for _, cells in sorted(rows, key=lambda row: -row[0])]
 
 
@@ -165,27 +183,31 @@ class Pool(NamedTuple):
         return [days, f"{self.seconds} s", "with air flow and T_in" if self.inputs else "command, T_sup, T_set"]
 
 
-AIR = ("m_a", "T_a_in")
+AIR_COLUMNS = ("m_a", "T_a_in")
 POOLS = [
     Pool(days, seconds, steps_every, inputs, n)
     for days, seconds, n in ((10, 60, 240), (6, 10, 120), (30, 60, 120), (10, 300, 120), (30, 300, 120))
     for steps_every in (0, 3)
-    for inputs in ((), AIR)
+    for inputs in ((), AIR_COLUMNS)
 ]
 
 
-def days_of_valves(pool: Pool) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+def simulate_pool(pool: Pool) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Parameters of the valves, an eighth of them good, and their signals, (days, valves or one, n)."""
-    draw = np.random.default_rng([SEED, 3])
-    drawn = valves(Population(CONSTANT), [SEED, 4], pool.valves)
-    worn = np.where(drawn["backlash"] > 0.0, drawn["backlash"], draw.uniform(0.005, 0.15, pool.valves))
-    drawn["backlash"] = np.where(np.arange(pool.valves) % 8 == 0, 0.0, worn)
+    rng = np.random.default_rng([SEED, 3])
+    parameters = valves(Population(CONSTANT), [SEED, 4], pool.valves)
+    worn_backlash = np.where(
+        parameters["backlash"] > 0.0, parameters["backlash"], rng.uniform(0.005, 0.15, pool.valves)
+    )
+    parameters["backlash"] = np.where(np.arange(pool.valves) % 8 == 0, 0.0, worn_backlash)
     seeds = [10 * SEED + 100 + day for day in range(pool.days)]
-    days = of_kind(CONSTANT, seeds)
-    T_set = days.series["T_set"] + draw.uniform(-LEVELS, LEVELS, (pool.days, 1))
+    days = make_days(CONSTANT, seeds)
+    T_set = days.series["T_set"] + rng.uniform(-SET_POINT_SPREAD_K, SET_POINT_SPREAD_K, (pool.days, 1))
     if pool.steps_every:
-        T_set[:: pool.steps_every] = of_kind(STEPPED, seeds).series["T_set"][:: pool.steps_every]
-    loop = fc.Loop.preset("lbnl").assign(m_full=1.7, **{name: ("sample", values) for name, values in drawn.items()})
+        T_set[:: pool.steps_every] = make_days(STEPPED, seeds).series["T_set"][:: pool.steps_every]
+    loop = fc.Loop.preset("lbnl").assign(
+        m_full=1.7, **{name: ("sample", values) for name, values in parameters.items()}
+    )
     ds = fc.simulate(
         loop,
         days.assign(T_set=T_set),
@@ -199,60 +221,72 @@ def days_of_valves(pool: Pool) -> tuple[dict[str, np.ndarray], dict[str, np.ndar
         for name, trace in (("command", "command"), ("T_sup", "T_measured"))
     }
     inputs = {"T_set": T_set} | {name: np.asarray(days.series[name]) for name in pool.inputs}
-    return drawn, signals | {name: values[:, np.newaxis, :: pool.seconds] for name, values in inputs.items()}
+    return parameters, signals | {name: values[:, np.newaxis, :: pool.seconds] for name, values in inputs.items()}
 
 
-def of_days(pool: Pool, signals: dict[str, np.ndarray], valve: int, stroke_time: float) -> Identification:
+def identify_from_days(pool: Pool, signals: dict[str, np.ndarray], valve: int, stroke_time: float) -> Identification:
     """What ``fc.diagnose`` claims of all days of a valve."""
     days = [
         {name: series[day, valve if series.shape[1] > 1 else 0] for name, series in signals.items()}
         for day in range(pool.days)
     ]
-    grids = [resample_log(read_checked_log(dataset(day, float(pool.seconds)), DIAGNOSIS_COLUMNS))[0] for day in days]
+    grids = [resample_log(read_checked_log(make_log(day, float(pool.seconds)), DIAGNOSIS_COLUMNS))[0] for day in days]
     return identify_and_measure(join_grids(grids), stroke_time)[0]
 
 
-def pooled(pool: Pool) -> list[str]:
+def pool_row(pool: Pool) -> list[str]:
     """Row of a pool; the interval that the tool refuses is let pass."""
-    drawn, signals = days_of_valves(pool)
-    sizes = drawn["backlash"]
+    parameters, signals = simulate_pool(pool)
+    sizes = parameters["backlash"]
     with patch.object(identify, "LONGEST_INTERVAL", max(identify.LONGEST_INTERVAL, pool.seconds)):
-        found = [of_days(pool, signals, v, float(drawn["stroke_time"][v])) for v in range(pool.valves)]
+        identifications = [
+            identify_from_days(pool, signals, v, float(parameters["stroke_time"][v])) for v in range(pool.valves)
+        ]
 
-    def each(flags: Iterable[object]) -> xr.DataArray:
-        return xr.DataArray([bool(one) for one in flags], dims="sample")
+    def along_sample(flags: Iterable[object]) -> xr.DataArray:
+        return xr.DataArray([bool(flag) for flag in flags], dims="sample")
 
-    claims, right = each(one.identified for one in found), each(map(is_right, found, sizes))
-    covers = each(one.low <= size <= one.high for one, size in zip(found, sizes, strict=True))
-    accused = claims & each(one.backlash > GOOD_BACKLASH + 1e-9 for one in found) & (sizes == 0.0)
+    claims, right = (
+        along_sample(identification.identified for identification in identifications),
+        along_sample(map(is_right, identifications, sizes)),
+    )
+    is_covered = along_sample(
+        identification.low <= size <= identification.high
+        for identification, size in zip(identifications, sizes, strict=True)
+    )
+    is_accused = (
+        claims
+        & along_sample(identification.backlash > GOOD_BACKLASH + 1e-9 for identification in identifications)
+        & (sizes == 0.0)
+    )
     print(", ".join(pool.cells), "done", flush=True)
     return [
-        *pool.cells, share(claims), f"{int((claims & ~right).sum())} of {int(claims.sum())}", share(right, claims),
-        share(covers, claims), f"{int(accused.sum())} of {int((sizes == 0.0).sum())}",
+        *pool.cells, share_or_none(claims), f"{int((claims & ~right).sum())} of {int(claims.sum())}", share_or_none(right, claims),
+        share_or_none(is_covered, claims), f"{int(is_accused.sum())} of {int((sizes == 0.0).sum())}",
     ]  # fmt: skip
 
 
-TURNS = (0, 1, 10, 100, 1000, 10**9)
+TURN_EDGES = (0, 1, 10, 100, 1000, 10**9)
 """Turns of the motor by more than the gap, in all days: groups from one to below the next."""
 
 
-def by_turns(pool: Pool) -> list[list[str]]:
+def rows_by_turns(pool: Pool) -> list[list[str]]:
     """What is claimed of worn valves, by how often the motor turns by more than the gap."""
-    drawn, signals = days_of_valves(pool)
-    worn = np.flatnonzero(drawn["backlash"] > 0.0)
-    counted, claims = np.zeros(worn.size), np.zeros(worn.size, bool)
-    for k, v in enumerate(worn):
-        stroke_time, gap = float(drawn["stroke_time"][v]), float(drawn["backlash"][v])
+    parameters, signals = simulate_pool(pool)
+    worn_valves = np.flatnonzero(parameters["backlash"] > 0.0)
+    turn_counts, claims = np.zeros(worn_valves.size), np.zeros(worn_valves.size, bool)
+    for k, v in enumerate(worn_valves):
+        stroke_time, gap = float(parameters["stroke_time"][v]), float(parameters["backlash"][v])
         days = [
             motor_positions(forward_fill(command), pool.seconds, stroke_time) for command in signals["command"][:, v]
         ]
-        counted[k] = sum(count_reversals(positions, gap) for positions in days)
-        claims[k] = of_days(pool, signals, int(v), stroke_time).identified
-    groups = [(counted >= low) & (counted < high) for low, high in pairwise(TURNS)]
-    names = ["none", *(f"{low} to {high - 1}" for low, high in pairwise(TURNS[1:-1])), f"{TURNS[-2]} or more"]
-    of_valve = xr.DataArray(claims, dims="sample")
+        turn_counts[k] = sum(count_reversals(positions, gap) for positions in days)
+        claims[k] = identify_from_days(pool, signals, int(v), stroke_time).identified
+    groups = [(turn_counts >= low) & (turn_counts < high) for low, high in pairwise(TURN_EDGES)]
+    names = ["none", *(f"{low} to {high - 1}" for low, high in pairwise(TURN_EDGES[1:-1])), f"{TURN_EDGES[-2]} or more"]
+    is_claimed = xr.DataArray(claims, dims="sample")
     return [
-        [name, str(int(group.sum())), share(of_valve, xr.DataArray(group, dims="sample"))]
+        [name, str(int(group.sum())), share_or_none(is_claimed, xr.DataArray(group, dims="sample"))]
         for name, group in zip(names, groups, strict=True)
         if group.any()
     ]
@@ -260,22 +294,22 @@ def by_turns(pool: Pool) -> list[list[str]]:
 
 def sample() -> None:
     """Six steady days of each valve."""
-    compare_rows("diagnosis/claims_pooled", [pooled(POOLS[4])])
+    compare_rows("diagnosis/claims_pooled", [pool_row(POOLS[4])])
 
 
 def main() -> None:
     """Measure both and write the tables."""
     title = f"Logs of {HOURS} h that mislead, and logs in order: {VALVES} valves × 2 days each"
     head = ["log", "claimed", "wrong claims", "wrong, of all logs"]
-    write_table("diagnosis/claims_misled", title, head, misled())
+    write_table("diagnosis/claims_misled", title, head, misleading_rows())
     title = (
         f"Days of 8 h taken together: {POOLS[0].valves} valves in the first four rows, {POOLS[4].valves} in the others"
     )
     head = ["days", "logged every", "columns", "claimed", "wrong claims", "right of claimed",
             "interval of claimed covers", "good valves accused"]  # fmt: skip
-    write_table("diagnosis/claims_pooled", title, head, Parallel(n_jobs=-1)(delayed(pooled)(pool) for pool in POOLS))
+    write_table("diagnosis/claims_pooled", title, head, Parallel(n_jobs=-1)(delayed(pool_row)(pool) for pool in POOLS))
     title = (
         f"{POOLS[1].days} steady days of 8 h, logged every {POOLS[1].seconds} s, with air flow and T_in: worn valves"
     )
     head = ["reversals by more than the gap", "valves", "claimed"]
-    write_table("diagnosis/claims_turns", title, head, by_turns(POOLS[1]))
+    write_table("diagnosis/claims_turns", title, head, rows_by_turns(POOLS[1]))

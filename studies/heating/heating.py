@@ -23,22 +23,27 @@ COLOURS = {"heating": BLUE, "heating_45": RED}
 STYLES = {"heating": "-", "heating_45": "--"}
 LEVELS = np.linspace(0.0, 1.0, 41)
 BACKLASH, SEED = 0.07, 16301
-BEFORE, AFTER = 600, 2400
+SECONDS_BEFORE, SECONDS_AFTER = 600, 2400
 """Seconds shown around the step."""
 
 
-def _rest(panel: Axes) -> None:
+def _draw_rest(panel: Axes) -> None:
     """Supply air over the opening at the design load, and where the presets meet it."""
     for name, colour in COLOURS.items():
         loop, water = fc.Loop.preset(name).assign(backlash=0.0), fc.presets()[name].T_w_in
-        sets = np.linspace(9.0, 30.2, 60)
+        set_points = np.linspace(9.0, 30.2, 60)
         day = fc.Boundary(
-            m_a=1.15, T_a_in=8.76, W_a_in=0.003, T_w_in=water, T_set=np.repeat(sets[:, None], 2, 1), day=np.arange(60)
+            m_a=1.15,
+            T_a_in=8.76,
+            W_a_in=0.003,
+            T_w_in=water,
+            T_set=np.repeat(set_points[:, None], 2, 1),
+            day=np.arange(60),
         )
         rest = fc.linearise(loop, day, at=0)
         panel.plot(100 * rest.opening, rest.T_sup, STYLES[name], color=colour, label=f"{name}, {water:g} °C")
-        met = fc.linearise(loop, fc.design_day(0.5, "heating", T_w_in=water), at=0)
-        panel.plot(100 * float(met.opening), 25.0, "o", color=colour, ms=5)
+        design_point = fc.linearise(loop, fc.design_day(0.5, "heating", T_w_in=water), at=0)
+        panel.plot(100 * float(design_point.opening), 25.0, "o", color=colour, ms=5)
     panel.axhline(25.0, color="black", lw=0.8, ls=":")
     panel.annotate("design load", (3, 25.3), fontsize=8)
     panel.set(xlabel="opening [%]", ylabel="supply air at rest [°C]", xlim=(0, 100), ylim=(8, 31),
@@ -46,19 +51,21 @@ def _rest(panel: Axes) -> None:
     panel.legend(loc="lower right")
 
 
-def _steps(panel: Axes, conditions: Callable[[fc.Loop], tuple[fc.Boundary, np.ndarray]], at: int, size: float) -> None:
+def _draw_steps(
+    panel: Axes, conditions: Callable[[fc.Loop], tuple[fc.Boundary, np.ndarray]], at: int, size: float
+) -> None:
     """Response to a step: middle and the middle 90 % of the conditions, own gains and those of a cooling loop."""
-    own = fc.Loop.preset("heating").assign(backlash=0.0)
-    boundary, T_set = conditions(own)
+    heating_loop = fc.Loop.preset("heating").assign(backlash=0.0)
+    boundary, T_set = conditions(heating_loop)
     cooling = fc.Loop.preset("lbnl")
-    for label, gains, colour, style in (
-        ("gains of heating", own, BLUE, "-"),
-        ("gains of lbnl", own.assign(**{n: cooling[n] for n in ("kp", "ti", "sample_time")}), RED, "--"),
+    for label, loop, colour, style in (
+        ("gains of heating", heating_loop, BLUE, "-"),
+        ("gains of lbnl", heating_loop.assign(**{n: cooling[n] for n in ("kp", "ti", "sample_time")}), RED, "--"),
     ):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # of gains made for cooling: they are why it is run
-            ds = fc.simulate(gains, boundary, traces=["T_sup"], trace_interval=5)
-        T = ds.T_sup.sel(elapsed_time=slice(at - BEFORE, at + AFTER)).transpose("day", "elapsed_time")
+            ds = fc.simulate(loop, boundary, traces=["T_sup"], trace_interval=5)
+        T = ds.T_sup.sel(elapsed_time=slice(at - SECONDS_BEFORE, at + SECONDS_AFTER)).transpose("day", "elapsed_time")
         share = 100 * (T.values - T_set[:, None]) / size
         low, middle, high = np.quantile(share, (0.05, 0.5, 0.95), axis=0)
         minutes = (T.elapsed_time.values - at) / 60
@@ -70,7 +77,7 @@ def _steps(panel: Axes, conditions: Callable[[fc.Loop], tuple[fc.Boundary, np.nd
     panel.legend(loc="lower right")
 
 
-def _worn(panel: Axes) -> None:
+def _draw_worn(panel: Axes) -> None:
     """Two hours of a heating day with a worn valve."""
     loop = fc.Loop.preset("heating").assign(
         backlash=BACKLASH, noise_std=0.02, estimate_ratio=[0.0, 0.95], buffer_ratio=6.0, buffer_swing=0.1,
@@ -95,30 +102,30 @@ def _worn(panel: Axes) -> None:
 def draw(conditions: Callable[[fc.Loop], tuple[fc.Boundary, np.ndarray]], at: int, size: float) -> None:
     """Draw the figure.  conditions: days with a step of ``size`` K at second ``at``, and set-points before it."""
     figure, panels = plt.subplots(1, 3, figsize=(11, 3.2), layout="constrained")
-    _rest(panels[0])
-    _steps(panels[1], conditions, at, size)
-    _worn(panels[2])
+    _draw_rest(panels[0])
+    _draw_steps(panels[1], conditions, at, size)
+    _draw_worn(panels[2])
     save_figure(figure, "heating/heating.png", dpi=200)
 
 
 SEARCH_SEED, FRESH_SEED = 16001, 16002
 SEARCH_SIZE, FRESH_SIZE = 200, 400
-OUTDOOR, OUTDOOR_SHARE, T_RETURN, W_IN = (-20.0, 15.0), 0.3, 21.0, 0.003
-AIR, WATER, SETS = (0.4, 1.3), (45.0, 70.0), (16.0, 30.0)
+OUTDOOR_TEMPERATURES, OUTDOOR_SHARE, T_RETURN, W_A_IN = (-20.0, 15.0), 0.3, 21.0, 0.003
+AIR_FLOWS, WATER_TEMPERATURES, SET_POINTS = (0.4, 1.3), (45.0, 70.0), (16.0, 30.0)
 """Air flow, kg/s; water and set-points, °C."""
-STEP, STEP_AT, SECONDS = 2.0, 5400, 10800
+STEP_SIZE, STEP_AT, DAY_SECONDS = 2.0, 5400, 10800
 """Step of the set-point, K, and second of it."""
-SEEN = 5
+RESPONSE_INTERVAL = 5
 """Seconds between the samples of the response."""
-SETTLED = 0.05
+SETTLED_DISTANCE = 0.05
 """Distance from the new set-point, of the step, within which a loop has settled."""
 KP, TI = (0.01, 0.015, 0.02, 0.025, 0.03, 0.04), (40.0, 50.0, 60.0, 70.0, 80.0, 100.0, 120.0)
 MOST_OVERSHOOT = 0.10
 """Of the step, in 95 % of the conditions of either coil."""
-GAPS, VALVES = (0.01, 0.15), 12
+GAP_RANGE, VALVES = (0.01, 0.15), 12
 """Backlash of the worn valves, drawn evenly, and how many."""
 COOLING_GAINS = ("lbnl", "paper_like", "paper_like_fast", "g36")
-GAINS = ("kp", "ti", "sample_time")
+GAIN_NAMES = ("kp", "ti", "sample_time")
 
 
 class Conditions(NamedTuple):
@@ -138,38 +145,44 @@ class Response(NamedTuple):
 
 def conditions(loop: fc.Loop, seed: int, size: int) -> Conditions:
     """Conditions at which the valve of ``loop`` works: both set-points need between 2 and 97 % of its stroke."""
-    draw = np.random.default_rng(seed)
-    at: dict[str, np.ndarray] = {}
+    rng = np.random.default_rng(seed)
+    series: dict[str, np.ndarray] = {}
     n = 2 * size
-    outdoor = draw.uniform(*OUTDOOR, n)
-    at["T_a_in"] = OUTDOOR_SHARE * outdoor + (1.0 - OUTDOOR_SHARE) * T_RETURN
-    at["m_a"], at["T_w_in"] = draw.uniform(*AIR, n), draw.uniform(*WATER, n)
-    T_set = draw.uniform(*SETS, n)
-    at_both = []
-    for more in (0.0, STEP):
-        still = {name: np.repeat(values[:, None], 2, 1) for name, values in (at | {"T_set": T_set + more}).items()}
-        rest = fc.linearise(loop, fc.Boundary(**still, W_a_in=W_IN, day=np.arange(n)), at=0)
-        at_both.append((rest.reachable > 0.0) & (rest.opening > 0.02) & (rest.opening < 0.97))
-    works = np.flatnonzero(np.asarray(at_both[0] & at_both[1]).ravel())[:size]
-    if works.size < size:
+    outdoor = rng.uniform(*OUTDOOR_TEMPERATURES, n)
+    series["T_a_in"] = OUTDOOR_SHARE * outdoor + (1.0 - OUTDOOR_SHARE) * T_RETURN
+    series["m_a"], series["T_w_in"] = rng.uniform(*AIR_FLOWS, n), rng.uniform(*WATER_TEMPERATURES, n)
+    T_set = rng.uniform(*SET_POINTS, n)
+    is_held = []
+    for step in (0.0, STEP_SIZE):
+        constant_series = {
+            name: np.repeat(values[:, None], 2, 1) for name, values in (series | {"T_set": T_set + step}).items()
+        }
+        rest = fc.linearise(loop, fc.Boundary(**constant_series, W_a_in=W_A_IN, day=np.arange(n)), at=0)
+        is_held.append((rest.reachable > 0.0) & (rest.opening > 0.02) & (rest.opening < 0.97))
+    valid = np.flatnonzero(np.asarray(is_held[0] & is_held[1]).ravel())[:size]
+    if valid.size < size:
         raise RuntimeError("too few of the drawn conditions are within reach")
-    wide = {name: np.repeat(values[works, None], SECONDS, 1) for name, values in at.items()}
-    steps = np.repeat(T_set[works, None], SECONDS, 1)
-    steps[:, STEP_AT:] += STEP
-    return Conditions(fc.Boundary(**wide, W_a_in=W_IN, T_set=steps, day=np.arange(size)), T_set[works])
+    day_series = {name: np.repeat(values[valid, None], DAY_SECONDS, 1) for name, values in series.items()}
+    steps = np.repeat(T_set[valid, None], DAY_SECONDS, 1)
+    steps[:, STEP_AT:] += STEP_SIZE
+    return Conditions(fc.Boundary(**day_series, W_a_in=W_A_IN, T_set=steps, day=np.arange(size)), T_set[valid])
 
 
-def response(loop: fc.Loop, of: Conditions) -> Response:
+def step_response(loop: fc.Loop, step_conditions: Conditions) -> Response:
     """What a step of the set-point does."""
-    ds = fc.simulate(loop, of.boundary, traces=["T_sup"], trace_interval=SEEN)
+    ds = fc.simulate(loop, step_conditions.boundary, traces=["T_sup"], trace_interval=RESPONSE_INTERVAL)
     T = ds.T_sup.sel(elapsed_time=slice(STEP_AT, None))
-    share = (T - xr.DataArray(of.T_set, dims="day")) / STEP - 1.0
-    late = xr.DataArray(np.arange(1, T.elapsed_time.size + 1) * SEEN, dims="elapsed_time")
-    settling = late.where((abs(share) > SETTLED).drop_vars("elapsed_time")).max("elapsed_time").fillna(0.0)
+    share = (T - xr.DataArray(step_conditions.T_set, dims="day")) / STEP_SIZE - 1.0
+    seconds_after_step = xr.DataArray(np.arange(1, T.elapsed_time.size + 1) * RESPONSE_INTERVAL, dims="elapsed_time")
+    settling = (
+        seconds_after_step.where((abs(share) > SETTLED_DISTANCE).drop_vars("elapsed_time"))
+        .max("elapsed_time")
+        .fillna(0.0)
+    )
     return Response(share.max("elapsed_time").clip(0.0), settling, ds.drop_vars("T_sup"))
 
 
-def good(name: str, **values: object) -> fc.Loop:
+def good_valve_loop(name: str, **values: object) -> fc.Loop:
     """A preset with a valve without backlash."""
     return fc.Loop.preset(name).assign(backlash=0.0, **values)
 
@@ -178,39 +191,39 @@ def sizing_rows() -> list[list[str]]:
     """The design load of each preset: -20 °C outdoors, 1.15 kg/s, set-point 25 °C."""
     rows = []
     for name in PRESETS:
-        preset, loop = fc.presets()[name], good(name)
+        preset, loop = fc.presets()[name], good_valve_loop(name)
         day = fc.design_day(0.5, "heating", T_w_in=preset.T_w_in)
         rest = fc.linearise(loop, day, at=0)
-        full = fc.linearise(loop, fc.design_day(0.5, "heating", T_w_in=preset.T_w_in, T_set=80.0), at=0)
+        fully_open = fc.linearise(loop, fc.design_day(0.5, "heating", T_w_in=preset.T_w_in, T_set=80.0), at=0)
         air = {n: float(v[0, 0]) for n, v in day.series.items()}
         heat = air["m_a"] * float(loop["cp_a"]) * (25.0 - air["T_a_in"])  # type: ignore[arg-type]
         m_w = float(rest.m_w)
-        back = preset.T_w_in - heat / (m_w * float(loop["cp_w"]))  # type: ignore[arg-type]
+        T_w_out = preset.T_w_in - heat / (m_w * float(loop["cp_w"]))  # type: ignore[arg-type]
         rows.append(
             [f"`{name}`", f"{preset.T_w_in:g}", f"{air['T_a_in']:.1f}", f"{heat:.1f}", f"{float(rest.opening):.0%}",
-             f"{m_w:.2f}", f"{back:.0f}", f"{float(full.T_sup):.1f}", f"{float(rest.gain):.0f}"]
+             f"{m_w:.2f}", f"{T_w_out:.0f}", f"{float(fully_open.T_sup):.1f}", f"{float(rest.gain):.0f}"]
         )  # fmt: skip
     return rows
 
 
-def choice(size: int = SEARCH_SIZE) -> tuple[list[list[str]], tuple[float, float]]:
+def choose_gains(size: int = SEARCH_SIZE) -> tuple[list[list[str]], tuple[float, float]]:
     """Overshoot and settling of the gains on both coils, and the pair that settles soonest of the calm ones."""
-    found = []
+    responses = []
     for name in PRESETS:
-        loop = good(name)
-        found.append(response(loop.assign(kp=list(KP), ti=list(TI)), conditions(loop, SEARCH_SEED, size)))
-    overshoot = [r.overshoot.quantile(0.95, "day") for r in found]
-    settling = [r.settling.quantile(0.95, "day") for r in found]
+        loop = good_valve_loop(name)
+        responses.append(step_response(loop.assign(kp=list(KP), ti=list(TI)), conditions(loop, SEARCH_SEED, size)))
+    overshoot = [r.overshoot.quantile(0.95, "day") for r in responses]
+    settling = [r.settling.quantile(0.95, "day") for r in responses]
     is_calm = (overshoot[0] <= MOST_OVERSHOOT) & (overshoot[1] <= MOST_OVERSHOOT)
     slowest = np.maximum(settling[0], settling[1])
-    at = slowest.where(is_calm).argmin(["kp", "ti"])
-    best = KP[int(at["kp"])], TI[int(at["ti"])]
+    best_index = slowest.where(is_calm).argmin(["kp", "ti"])
+    best = KP[int(best_index["kp"])], TI[int(best_index["ti"])]
     rows = [
         [f"{kp:g}", f"{ti:g}", *(f"{float(o.sel(kp=kp, ti=ti)):.0%}, {float(s.sel(kp=kp, ti=ti)):.0f}"
                                  for o, s in zip(overshoot, settling, strict=True)),
          "chosen" if (kp, ti) == best else ("yes" if bool(is_calm.sel(kp=kp, ti=ti)) else "no")]
         for kp in KP for ti in TI
-        if abs(float(slowest.sel(kp=kp, ti=ti)) / float(slowest.isel(at)) - 1.0) < 0.25
+        if abs(float(slowest.sel(kp=kp, ti=ti)) / float(slowest.isel(best_index)) - 1.0) < 0.25
     ]  # fmt: skip
     return rows, best
 
@@ -219,23 +232,23 @@ def fresh_rows(size: int = FRESH_SIZE) -> list[list[str]]:
     """The presets on fresh conditions, and beside them the gains of the cooling presets on the same coils."""
     rows = []
     for name in PRESETS:
-        of = conditions(good(name), FRESH_SEED, size)
-        gaps = np.random.default_rng(FRESH_SEED).uniform(*GAPS, VALVES)
+        fresh_conditions = conditions(good_valve_loop(name), FRESH_SEED, size)
+        gaps = np.random.default_rng(FRESH_SEED).uniform(*GAP_RANGE, VALVES)
         for gains in (name, *COOLING_GAINS):
-            loop = good(name, **{n: fc.Loop.preset(gains)[n] for n in GAINS})
+            loop = good_valve_loop(name, **{n: fc.Loop.preset(gains)[n] for n in GAIN_NAMES})
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", UserWarning)  # of gains made for cooling: they are why it is run
-                r = response(loop, of)
-                worn = fc.simulate(loop.assign(backlash=("sample", gaps)), of.boundary)
-                hunting_index = fc.limit_cycle(loop, of.boundary, at=STEP_AT - 1).hunting_index
-            o, s = r.overshoot, r.settling.where(r.settling < SECONDS - STEP_AT)
-            never = float(s.isnull().mean())
+                step = step_response(loop, fresh_conditions)
+                worn = fc.simulate(loop.assign(backlash=("sample", gaps)), fresh_conditions.boundary)
+                hunting_index = fc.limit_cycle(loop, fresh_conditions.boundary, at=STEP_AT - 1).hunting_index
+            overshoot, settling = step.overshoot, step.settling.where(step.settling < DAY_SECONDS - STEP_AT)
+            unsettled_share = float(settling.isnull().mean())
             rows.append(
                 [f"`{name}`", "own" if gains == name else f"those of `{gains}`",
                  f"{float(loop['kp']):g}, {float(loop['ti']):g}, {float(loop['sample_time']):g}",  # type: ignore[arg-type]
-                 f"{float(o.median()):.0%}, {float(o.quantile(0.95)):.0%}, {float(o.max()):.0%}",
-                 f"{never:.0%} never" if never > 0.05 else f"{float(s.median()):.0f}, {float(s.quantile(0.95)):.0f}",
-                 f"{float(hunting_index.max()):.2f}", str(share_of(r.ds.hunts)), str(share_of(worn.hunts))]
+                 f"{float(overshoot.median()):.0%}, {float(overshoot.quantile(0.95)):.0%}, {float(overshoot.max()):.0%}",
+                 f"{unsettled_share:.0%} never" if unsettled_share > 0.05 else f"{float(settling.median()):.0f}, {float(settling.quantile(0.95)):.0f}",
+                 f"{float(hunting_index.max()):.2f}", str(share_of(step.ds.hunts)), str(share_of(worn.hunts))]
             )  # fmt: skip
     return rows
 
@@ -254,10 +267,10 @@ def main() -> None:
          "supply air, fully open, °C", "gain there, K per stroke"],
         sizing_rows(),
     )  # fmt: skip
-    rows, best = choice()
+    rows, best = choose_gains()
     write_table(
         "heating/heating_choice",
-        f"Gains for both coils on {SEARCH_SIZE} conditions without backlash: overshoot of a step of {STEP:g} K and "
+        f"Gains for both coils on {SEARCH_SIZE} conditions without backlash: overshoot of a step of {STEP_SIZE:g} K and "
         "settling time to 5 % of it in s, both the 95 % quantile; pairs that settle about as fast as the chosen pair",
         ["kp, 1/K", "ti, s", "`heating`", "`heating_45`", f"overshoot up to {MOST_OVERSHOOT:.0%} on both"],
         rows,
@@ -266,11 +279,11 @@ def main() -> None:
     write_table(
         "heating/heating_fresh",
         f"The heating presets on {FRESH_SIZE} fresh conditions, and the gains of the cooling presets on the same "
-        f"coils; overshoot, settling and hunting index without backlash, worn valves of {100 * GAPS[0]:g} to "
-        f"{100 * GAPS[1]:g} %",
+        f"coils; overshoot, settling and hunting index without backlash, worn valves of {100 * GAP_RANGE[0]:g} to "
+        f"{100 * GAP_RANGE[1]:g} %",
         ["coil", "gains", "kp in 1/K, ti in s, sample time in s", "overshoot: median, 95 %, most",
          "settling, s: median, 95 %", "largest hunting index", "hunting, X = 0", "hunting, worn"],
         fresh_rows(),
     )  # fmt: skip
     write_backlash()
-    draw(lambda loop: conditions(loop, FRESH_SEED, 100), STEP_AT, STEP)
+    draw(lambda loop: conditions(loop, FRESH_SEED, 100), STEP_AT, STEP_SIZE)

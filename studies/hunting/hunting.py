@@ -17,42 +17,42 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from fastcoil.base.figures import BLUE, RED, YELLOW, apply_style
 from fastcoil.study.file.spec import read_study
-from studies.common import STUDIES, progress, results, save_figure, share_of, write_table
+from studies.common import STUDIES, progress_printer, results, save_figure, share_of, write_table
 from studies.days import kinds
 from studies.hunting import backlash as hunting_backlash
 from studies.hunting import cures
 from studies.hunting import loops as hunting_loops
 from studies.hunting.loops import (
-    MISREAD,
+    MODEL_ERROR,
     Rule,
-    able,
-    any_place,
-    by_one_step,
-    counted,
-    errors,
-    foreseen,
-    hunting_of,
-    misread,
-    share_written,
-    smallest,
+    error_shares,
+    first_condition,
+    hunting_metrics,
+    is_counted,
+    is_usable,
+    loop_properties,
+    predict_from_one_step,
+    share_or_dash,
+    smallest_opening,
+    with_model_errors,
 )
 
-SHOWN = ("hunting_index", "formula", "`fc.limit_cycle`")
+SHOWN_RULES = ("hunting_index", "formula", "`fc.limit_cycle`")
 
 
 def write_one_step(formula: Rule, limit: float, ds: xr.Dataset) -> None:
     """Write how good the formula is where the step was made elsewhere; limit: see ``cautious``."""
-    given = {
+    by_step = {
         "where it works": ds,
-        f"where it works, K, T and θ off by {MISREAD:.0%}": misread(ds),
-        "anywhere": by_one_step(ds, any_place),
-        "at the smallest opening": by_one_step(ds, smallest),
-        "at the largest opening": by_one_step(ds, lambda of: -of.opening),
+        f"where it works, K, T and θ off by {MODEL_ERROR:.0%}": with_model_errors(ds),
+        "anywhere": predict_from_one_step(ds, first_condition),
+        "at the smallest opening": predict_from_one_step(ds, smallest_opening),
+        "at the largest opening": predict_from_one_step(ds, lambda of: -of.opening),
     }
     table = []
-    for name, found in given.items():
-        more = errors(found, formula._replace(limit=limit))
-        table.append([name, *errors(found, formula), *more[1:]])
+    for name, predictions in by_step.items():
+        with_limit = error_shares(predictions, formula._replace(limit=limit))
+        table.append([name, *error_shares(predictions, formula), *with_limit[1:]])
     write_table(
         "hunting/hunting_one_step",
         f"The formula with K, T and θ from a single step test of each valve, applied to all its other conditions: "
@@ -63,22 +63,22 @@ def write_one_step(formula: Rule, limit: float, ds: xr.Dataset) -> None:
     )  # fmt: skip
 
 
-def write_errors(rules: list[Rule], found: Mapping[str, xr.Dataset]) -> None:
-    """Write the error rates of all rules; ``found``: fresh valves, and other plants."""
-    (fresh, ds), *others = found.items()
+def write_errors(rules: list[Rule], by_population: Mapping[str, xr.Dataset]) -> None:
+    """Write the error rates of all rules; ``by_population``: fresh valves, and other plants."""
+    (fresh, ds), *other_plants = by_population.items()
     table = []
     for rule in rules:
-        row = [rule.name, f"{rule.limit:g}", *errors(ds, rule)]
-        row += [errors(other, rule)[0] for _, other in others]
+        row = [rule.name, f"{rule.limit:g}", *error_shares(ds, rule)]
+        row += [error_shares(plant_ds, rule)[0] for _, plant_ds in other_plants]
         table.append(row)
-    among = counted(ds)
+    among = is_counted(ds)
     write_table(
         "hunting/hunting_rules",
         f"Rules for hunting on {fresh}: {ds.sizes['sample']:,} loops × {ds.sizes['day']} conditions, of which "
         f"{int(among.sum()):,} can hold their set-point and {share_of(ds.hunts > 0, among)} hunt; shares with 95 % "
         "intervals over valves and conditions",
         ["what it looks at", "hunts above", "predicted right", "of those that hunt", "of those that are calm",
-         *(f"predicted right, {name}" for name, _ in others)],
+         *(f"predicted right, {name}" for name, _ in other_plants)],
         table,
     )  # fmt: skip
 
@@ -88,15 +88,15 @@ def write_by_backlash(rules: list[Rule], ds: xr.Dataset) -> None:
     table = []
     for size in np.unique(ds.backlash):
         part = ds.isel(sample=np.flatnonzero(ds.backlash.isel(day=0) == size))
-        row = [f"{size:.0%}", share_of(part.hunts > 0, able(part)).written(0)]
+        row = [f"{size:.0%}", share_of(part.hunts > 0, is_usable(part)).to_text(0)]
         for rule in (*rules[:2], rules[-1]):
-            row += errors(part, rule, able(part))[:2]
+            row += error_shares(part, rule, is_usable(part))[:2]
         table.append(row)
-    of = [f"{name}: {what}" for name in SHOWN for what in ("right", "of those that hunt")]
+    heads = [f"{name}: {what}" for name in SHOWN_RULES for what in ("right", "of those that hunt")]
     write_table(
         "hunting/hunting_by_backlash",
         f"Predictions of hunting by backlash: {ds.sizes['sample']:,} fresh loops × {ds.sizes['day']} conditions",
-        ["backlash", "hunt", *of],
+        ["backlash", "hunt", *heads],
         table,
     )
 
@@ -104,24 +104,24 @@ def write_by_backlash(rules: list[Rule], ds: xr.Dataset) -> None:
 def write_practice(rules: list[Rule], ds: xr.Dataset) -> None:
     """Write what happens to those who obey a rule of thumb, and to those who do not."""
     formula = rules[1]
-    of_two = rules[2]
-    given = {
+    two_delays_rule = rules[2]
+    rules_of_thumb = {
         "Ti ≥ T": ds.ti >= ds["T"],
         "Ti ≥ T / 2": ds.ti >= 0.5 * ds["T"],
-        f"Ti ≥ kp K (T + 2 θ) / {of_two.safe:g}": of_two.of(ds) <= of_two.safe,
+        f"Ti ≥ kp K (T + 2 θ) / {two_delays_rule.safe:g}": two_delays_rule.of(ds) <= two_delays_rule.safe,
         f"Ti ≥ {formula.name.removesuffix(' / Ti')} / {formula.safe:g}": formula.of(ds) <= formula.safe,
         f"Ti ≥ {formula.name.removesuffix(' / Ti')} / {formula.limit:g}": formula.of(ds) <= formula.limit,
         f"hunting index ≤ {rules[0].safe:g}": ds.hunting_index <= rules[0].safe,
     }
-    among, hunts, table = counted(ds), ds.hunts > 0.0, []
-    for name, obeys in given.items():
+    among, hunts, table = is_counted(ds), ds.hunts > 0.0, []
+    for name, obeys in rules_of_thumb.items():
         table.append(
             [
                 name,
-                share_written(obeys, among, 0),
-                share_written(hunts, among & obeys),
-                share_written(hunts, among & ~obeys, 0),
-                share_written(~obeys, among & ~hunts, 0),
+                share_or_dash(obeys, among, 0),
+                share_or_dash(hunts, among & obeys),
+                share_or_dash(hunts, among & ~obeys, 0),
+                share_or_dash(~obeys, among & ~hunts, 0),
             ]
         )
     write_table(
@@ -133,53 +133,53 @@ def write_practice(rules: list[Rule], ds: xr.Dataset) -> None:
     )
 
 
-def write_days(rules: list[Rule], found: Mapping[str, xr.Dataset]) -> None:
+def write_days(rules: list[Rule], by_kind: Mapping[str, xr.Dataset]) -> None:
     """Write the error rates on days on which air, water and set-point move."""
     table = []
-    for kind, ds in found.items():
-        among = counted(ds)
+    for kind, ds in by_kind.items():
+        among = is_counted(ds)
         row = [kind, f"{int(among.sum()):,}", str(share_of(ds.hunts > 0, among))]
         for rule in (*rules[:2], rules[-1]):
-            row += errors(ds, rule)
+            row += error_shares(ds, rule)
         table.append(row)
-    of = [f"{name}: {what}" for name in SHOWN for what in ("right", "of those that hunt", "of the calm")]
+    heads = [f"{name}: {what}" for name in SHOWN_RULES for what in ("right", "of those that hunt", "of the calm")]
     write_table(
         "hunting/hunting_days",
         "Rules for hunting on days with noise and with varying air, water and set-point: predictions from the mean "
         "conditions of the day",
-        ["days", "loops × days", "hunt", *of],
+        ["days", "loops × days", "hunt", *heads],
         table,
     )
 
 
 STUDY = STUDIES / "hunting" / "hunting.toml"
-SWING = (0.1, 30.0)
+SWING_LIMITS = (0.1, 30.0)
 """K, peak to peak: the ends of the colours; below lies what does not hunt."""
-DOTS = 2500
+MAX_DOTS = 2500
 """Loops in the panels without dimensions."""
-PERIODS = (120, 200, 300, 500, 800)
+PERIOD_LEVELS = (120, 200, 300, 500, 800)
 """s"""
 
 
-def of_presets() -> xr.Dataset:
+def preset_results() -> xr.Dataset:
     """Metrics of the study ``hunting.toml``, and what is foreseen of its loops: (plant, kp, ti)."""
     layout = read_study(STUDY).plan.layout
-    plant = foreseen(layout.loop, layout.boundary)
+    plant = loop_properties(layout.loop, layout.boundary)
     ds = results("hunting")
-    return xr.merge([hunting_of(ds), plant], compat="override", join="override").load()
+    return xr.merge([hunting_metrics(ds), plant], compat="override", join="override").load()
 
 
 def write_presets(ds: xr.Dataset, rules: list[Rule]) -> None:
     """Write how far the boundary on the maps is right."""
     table = []
     for plant in ds.plant.values:
-        at = ds.sel(plant=plant)
-        hunts, row = at.hunts > 0, [f"`{plant}`", f"{float((at.hunts > 0).mean()):.0%}"]
+        of_plant = ds.sel(plant=plant)
+        hunts, row = of_plant.hunts > 0, [f"`{plant}`", f"{float((of_plant.hunts > 0).mean()):.0%}"]
         for rule in rules[:2]:
-            said = rule.of(at.assign(kp=at.kp, ti=at.ti)) > rule.limit
+            is_predicted = rule.of(of_plant.assign(kp=of_plant.kp, ti=of_plant.ti)) > rule.limit
             row += [
-                f"{float((said == hunts).mean()):.1%}",
-                f"{int((said & ~hunts).sum())}, {int((~said & hunts).sum())}",
+                f"{float((is_predicted == hunts).mean()):.1%}",
+                f"{int((is_predicted & ~hunts).sum())}, {int((~is_predicted & hunts).sum())}",
             ]
         table.append(row)
     heads = [f"{rule.name}: {what}" for rule in rules[:2] for what in ("right", "false alarms, missed")]
@@ -193,17 +193,19 @@ def draw_presets(ds: xr.Dataset, rules: list[Rule]) -> None:
     figure, panels = plt.subplots(2, 2, figsize=(9.0, 7.6), sharex=True, sharey=True, layout="constrained")
     mesh = None
     for panel, plant in zip(panels.flat, ds.plant.values, strict=True):
-        at = ds.sel(plant=plant).transpose("kp", "ti")
-        swing = at.swing.where(at.hunts > 0)
-        mesh = panel.pcolormesh(at.ti, at.kp, swing, norm=LogNorm(*SWING), cmap="cividis_r", shading="nearest")
+        of_plant = ds.sel(plant=plant).transpose("kp", "ti")
+        swing = of_plant.swing.where(of_plant.hunts > 0)
+        mesh = panel.pcolormesh(
+            of_plant.ti, of_plant.kp, swing, norm=LogNorm(*SWING_LIMITS), cmap="cividis_r", shading="nearest"
+        )
         mesh.set_rasterized(True)
-        lines = panel.contour(at.ti, at.kp, at.period.where(at.regular > 0), levels=PERIODS, colors="white",
+        lines = panel.contour(of_plant.ti, of_plant.kp, of_plant.period.where(of_plant.regular > 0), levels=PERIOD_LEVELS, colors="white",
                               linewidths=0.9)  # fmt: skip
         panel.clabel(lines, fmt=lambda s: f"{s:g} s", fontsize=7)
         for rule, colour, style in zip(rules[:2], (RED, "black"), ("-", "--"), strict=True):
-            panel.contour(at.ti, at.kp, rule.of(at).transpose("kp", "ti"), levels=[rule.limit], colors=[colour],
+            panel.contour(of_plant.ti, of_plant.kp, rule.of(of_plant).transpose("kp", "ti"), levels=[rule.limit], colors=[colour],
                           linestyles=[style], linewidths=1.8)  # fmt: skip
-        T = float(at["T"].isel(kp=0, ti=0))
+        T = float(of_plant["T"].isel(kp=0, ti=0))
         panel.axvline(T, color="0.4", lw=1.0, ls=":")
         panel.annotate("Ti = T", (T, 0.0023), fontsize=7, color="0.3", rotation=90, xytext=(2, 0),
                        textcoords="offset points", va="bottom")  # fmt: skip
@@ -230,24 +232,24 @@ def draw_presets(ds: xr.Dataset, rules: list[Rule]) -> None:
 def draw_population(ds: xr.Dataset, sizes: xr.Dataset, rules: list[Rule]) -> None:
     """Draw loops without dimensions: Ti/T × gain margin, the formula, and the swing over the hunting index."""
     figure, panels = plt.subplots(1, 3, figsize=(12.0, 4.3), layout="constrained")
-    at = np.flatnonzero(counted(ds).transpose(*ds.hunts.dims).values.ravel())
-    at = np.random.default_rng(1).choice(at, min(DOTS, at.size), replace=False)
+    at = np.flatnonzero(is_counted(ds).transpose(*ds.hunts.dims).values.ravel())
+    at = np.random.default_rng(1).choice(at, min(MAX_DOTS, at.size), replace=False)
     flat = {name: np.asarray(ds[name].transpose(*ds.hunts.dims).values).ravel()[at]
             for name in ("kp", "ti", "K", "T", "theta", "gain_margin", "hunts")}  # fmt: skip
     hunts = flat["hunts"] > 0
     gain = flat["kp"] * flat["K"]
-    _two(panels[0], flat["ti"] / flat["T"], flat["gain_margin"], hunts)
+    _draw_hunting_dots(panels[0], flat["ti"] / flat["T"], flat["gain_margin"], hunts)
     panels[0].set(xlabel="Ti / T", ylabel="gain margin", xlim=(0.02, 6), ylim=(0.3, 60))
     panels[0].axhline(1.0, color="0.4", ls=":")
     name = rules[1].name
-    _two(panels[1], (flat["T"] + _delays(name) * flat["theta"]) / flat["ti"], gain, hunts)
+    _draw_hunting_dots(panels[1], (flat["T"] + _parse_delays(name) * flat["theta"]) / flat["ti"], gain, hunts)
     ratio = np.geomspace(0.2, 60, 50)
-    panels[1].plot(ratio, (rules[1].limit / ratio) ** (1.0 / _power(name)), color="black", ls="--")
-    panels[1].set(xlabel=f"(T + {_delays(name):g} θ) / Ti", ylabel="kp K", xlim=(0.2, 60), ylim=(0.03, 6))
+    panels[1].plot(ratio, (rules[1].limit / ratio) ** (1.0 / _parse_power(name)), color="black", ls="--")
+    panels[1].set(xlabel=f"(T + {_parse_delays(name):g} θ) / Ti", ylabel="kp K", xlim=(0.2, 60), ylim=(0.03, 6))
     for size, colour, mark in ((0.01, "0.55", "s"), (0.03, YELLOW, "^"), (0.07, RED, "o"), (0.15, BLUE, "D")):
         at = sizes.sel(backlash=size)
-        ok = at.cycles & at.reachable.astype(bool) & (at.gain_margin > 1.0)
-        scaled = (at.swing / (size * at.K)).where(ok).values.ravel()
+        is_drawn = at.cycles & at.reachable.astype(bool) & (at.gain_margin > 1.0)
+        scaled = (at.swing / (size * at.K)).where(is_drawn).values.ravel()
         panels[2].plot(
             at.hunting_index.values.ravel(), scaled, mark, color=colour, ms=3, alpha=0.7, mew=0, label=f"X = {size:.0%}"
         )
@@ -263,60 +265,62 @@ def draw_population(ds: xr.Dataset, sizes: xr.Dataset, rules: list[Rule]) -> Non
     save_figure(figure, "hunting/hunting_population.png")
 
 
-def _two(panel: Axes, x: np.ndarray, y: np.ndarray, hunts: np.ndarray) -> None:
+def _draw_hunting_dots(panel: Axes, x: np.ndarray, y: np.ndarray, hunts: np.ndarray) -> None:
     for part, colour, mark, label in ((~hunts, BLUE, "o", "calm"), (hunts, RED, "x", "hunts")):
         panel.plot(x[part], y[part], mark, color=colour, ms=2.6, alpha=0.5, mew=0.7, label=label, rasterized=True)
 
 
-def _power(name: str) -> float:
+def _parse_power(name: str) -> float:
     return float(name.split("^")[1].split(" ", maxsplit=1)[0])
 
 
-def _delays(name: str) -> float:
+def _parse_delays(name: str) -> float:
     return float(name.split("+ ")[1].split(" ", maxsplit=1)[0])
 
 
-CHOICE, FRESH, WIDE, ON_DAYS, SIZES, START, PARTS, COST, CURES = range(15001, 15900, 100)
+CHOICE_SEED, FRESH_SEED, WIDE_SEED, DAYS_SEED, SIZES_SEED, START_SEED, PARTS_SEED, COST_SEED, CURES_SEED = range(
+    15001, 15900, 100
+)
 """Seeds of the valves; those of the conditions are one more."""
-OF_DAYS = range(15911, 15914)
+DAY_SEEDS = range(15911, 15914)
 
 
 def sample(size: int = 384, days: int = 6) -> None:
     """How hunting begins."""
-    hunting_backlash.write_start(hunting_backlash.run_start(START, size // 2, max(days // 2, 2)))
+    hunting_backlash.write_start(hunting_backlash.run_start(START_SEED, size // 2, max(days // 2, 2)))
 
 
 def main(size: int = 384, days: int = 6) -> None:
     """Run everything, write the tables and draw the figures; ``size`` valves, ``days`` conditions of a kind."""
-    done = progress()
-    choice = hunting_loops.population(CHOICE, 2 * size, days)
-    rules, shape = hunting_loops.chosen(choice)
-    done(f"chose {', '.join(f'{rule.name}: {rule.limit:g}' for rule in rules)}")
-    fresh = hunting_loops.population(FRESH, 2 * size, days + 2)
-    wide = hunting_loops.population(WIDE, size, days, wide=True)
+    report = progress_printer()
+    choice = hunting_loops.population(CHOICE_SEED, 2 * size, days)
+    rules, shape = hunting_loops.choose_rules(choice)
+    report(f"chose {', '.join(f'{rule.name}: {rule.limit:g}' for rule in rules)}")
+    fresh = hunting_loops.population(FRESH_SEED, 2 * size, days + 2)
+    wide = hunting_loops.population(WIDE_SEED, size, days, wide=True)
     write_errors(rules, {"fresh valves": fresh, "other plants": wide})
     write_by_backlash(rules, fresh)
-    cautious = hunting_loops.cautious(rules[1], choice)
-    write_one_step(rules[1], cautious, fresh)
+    cautious_limit = hunting_loops.cautious_limit(rules[1], choice)
+    write_one_step(rules[1], cautious_limit, fresh)
     write_practice(rules, fresh)
-    done("ran fresh valves and other plants")
-    write_days(rules, {kind: hunting_loops.on_days(ON_DAYS, size, kind, OF_DAYS) for kind in kinds()})
-    done("ran other days")
-    sizes = hunting_backlash.run_backlash(SIZES, size // 2, max(days // 2, 2))
+    report("ran fresh valves and other plants")
+    write_days(rules, {kind: hunting_loops.population_on_days(DAYS_SEED, size, kind, DAY_SEEDS) for kind in kinds()})
+    report("ran other days")
+    sizes = hunting_backlash.run_backlash(SIZES_SEED, size // 2, max(days // 2, 2))
     hunting_backlash.write_backlash(sizes, rules[0].limit)
     hunting_backlash.write_bands(sizes)
-    hunting_backlash.write_start(hunting_backlash.run_start(START, size // 2, max(days // 2, 2)))
-    done("ran every backlash, and kicks")
-    hunting_backlash.write_parts(hunting_backlash.run_parts(PARTS, size // 8, 2))
-    done("ran other motors, sensors and controllers")
-    hunting_index, formula, product, *_ = rules
-    slow = Rule("Ti ≥ T", lambda ds: ds["T"] / ds.ti, 1.0, 1.0)
-    obeyed = {f"{rule.name} ≤ {rule.limit:g}": rule for rule in (hunting_index, formula, product)}
-    cures.write_cost(*cures.run_cost(COST, size // 4, {**obeyed, slow.name: slow}))
-    cures.write_cures(*cures.run_cures(CURES, size, formula, shape, cautious))
-    done("ran what rules cost")
-    presets = of_presets()
+    hunting_backlash.write_start(hunting_backlash.run_start(START_SEED, size // 2, max(days // 2, 2)))
+    report("ran every backlash, and kicks")
+    hunting_backlash.write_parts(hunting_backlash.run_parts(PARTS_SEED, size // 8, 2))
+    report("ran other motors, sensors and controllers")
+    index_rule, formula, product_rule, *_ = rules
+    slow_rule = Rule("Ti ≥ T", lambda ds: ds["T"] / ds.ti, 1.0, 1.0)
+    rules_with_limits = {f"{rule.name} ≤ {rule.limit:g}": rule for rule in (index_rule, formula, product_rule)}
+    cures.write_cost(*cures.run_cost(COST_SEED, size // 4, {**rules_with_limits, slow_rule.name: slow_rule}))
+    cures.write_cures(*cures.run_cures(CURES_SEED, size, formula, shape, cautious_limit))
+    report("ran what rules cost")
+    presets = preset_results()
     write_presets(presets, rules)
     draw_presets(presets, rules)
     draw_population(fresh, sizes, rules)
-    done("drew")
+    report("drew")

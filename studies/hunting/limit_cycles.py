@@ -18,14 +18,14 @@ import xarray as xr
 import fastcoil as fc
 from fastcoil.design import limit_cycle as cycles
 from fastcoil.design.describing_function import describing_function
-from fastcoil.design.limit_cycle import HUNTING_MARGIN, Cycles, frequency_at, harmonic_balance, predict_cycles
+from fastcoil.design.limit_cycle import HUNTING_INDEX_LIMIT, Cycles, frequency_at, harmonic_balance, predict_cycles
 from fastcoil.design.operating_points import OperatingPoints
 from fastcoil.design.plants import OPENINGS, Plants, frequency_response, loop_response
 from fastcoil.model.moist_air import humidity_ratio
-from studies.common import HEATING_GAIN, compare_rows, loguniform, share_of, write_table
-from studies.days import HEATING, kinds, of_kind, settings
+from studies.common import HEATING_GAIN, compare_rows, draw_loguniform, share_of, write_table
+from studies.days import HEATING, kinds, loop_settings, make_days
 
-HOURS, STEP_AT, STEP = 16, 2 * 3600, 1.5
+HOURS, STEP_AT, STEP_SIZE = 16, 2 * 3600, 1.5
 """Length of a constant day, h; when its set-point steps, s, and by how much, K."""
 
 
@@ -50,103 +50,109 @@ POPULATIONS = {
 }
 
 
-def drawn(name: str, seed: int, n_loops: int, n_points: int) -> tuple[fc.Loop, dict[str, np.ndarray]]:
+def draw_population(name: str, seed: int, n_loops: int, n_points: int) -> tuple[fc.Loop, dict[str, np.ndarray]]:
     """A population: loops along ``sample``, and operating points, (n_points,) each.
 
     An eighth of the valves has no gap.
     """
-    of = POPULATIONS[name]
-    heats = of.loop.get("action") == "heating"
-    draw = np.random.default_rng([seed, list(POPULATIONS).index(name)])
+    population = POPULATIONS[name]
+    is_heating = population.loop.get("action") == "heating"
+    rng = np.random.default_rng([seed, list(POPULATIONS).index(name)])
 
     backlash = np.where(
-        draw.random(n_loops) < 0.5, loguniform(draw, 0.005, 0.15, n_loops), draw.uniform(0.01, 0.15, n_loops)
+        rng.random(n_loops) < 0.5, draw_loguniform(rng, 0.005, 0.15, n_loops), rng.uniform(0.01, 0.15, n_loops)
     )
     backlash[::8] = 0.0
     values = {
         "backlash": backlash,
-        "rangeability": loguniform(draw, 20.0, 100.0, n_loops),
-        "authority": loguniform(draw, 0.02, 0.9, n_loops),
-        "m_full": draw.uniform(1.2, 2.0, n_loops),
-        "C_w": draw.uniform(8.8, 14.0, n_loops),
-        "C_c": loguniform(draw, 10.0, 30.0, n_loops),
-        "kp": loguniform(draw, 0.005, 0.06, n_loops) * (HEATING_GAIN if heats else 1.0),
-        "ti": loguniform(draw, 5.0, 600.0, n_loops),
-        "sample_time": draw.choice([1.0, 5.0, 10.0, 15.0, 30.0, 60.0], n_loops),
-        "sensor_time_constant": np.where(draw.random(n_loops) < 0.25, 0.0, draw.uniform(0.0, 60.0, n_loops)),
-        "stroke_time": np.where(draw.random(n_loops) < 0.3, 0.0, draw.uniform(15.0, 150.0, n_loops)),
-        "backlash_estimate": draw.uniform(*of.ratio, n_loops) * backlash,
-        "buffer": draw.uniform(*of.buffer, n_loops),
+        "rangeability": draw_loguniform(rng, 20.0, 100.0, n_loops),
+        "authority": draw_loguniform(rng, 0.02, 0.9, n_loops),
+        "m_full": rng.uniform(1.2, 2.0, n_loops),
+        "C_w": rng.uniform(8.8, 14.0, n_loops),
+        "C_c": draw_loguniform(rng, 10.0, 30.0, n_loops),
+        "kp": draw_loguniform(rng, 0.005, 0.06, n_loops) * (HEATING_GAIN if is_heating else 1.0),
+        "ti": draw_loguniform(rng, 5.0, 600.0, n_loops),
+        "sample_time": rng.choice([1.0, 5.0, 10.0, 15.0, 30.0, 60.0], n_loops),
+        "sensor_time_constant": np.where(rng.random(n_loops) < 0.25, 0.0, rng.uniform(0.0, 60.0, n_loops)),
+        "stroke_time": np.where(rng.random(n_loops) < 0.3, 0.0, rng.uniform(15.0, 150.0, n_loops)),
+        "backlash_estimate": rng.uniform(*population.ratio, n_loops) * backlash,
+        "buffer": rng.uniform(*population.buffer, n_loops),
     }
-    loop = fc.Loop().assign(**{name: ("sample", value) for name, value in values.items()}, **of.loop)
-    return loop, _points(draw, n_points, heats)
+    loop = fc.Loop().assign(**{name: ("sample", value) for name, value in values.items()}, **population.loop)
+    return loop, _draw_points(rng, n_points, is_heating)
 
 
-def _points(draw: np.random.Generator, n: int, heats: bool) -> dict[str, np.ndarray]:
-    m_a = draw.uniform(0.6, 1.5, n)
-    if heats:
-        T_a_in, T_w_in = draw.uniform(-5.0, 20.0, n), draw.uniform(35.0, 65.0, n)
-        T_set = draw.uniform(np.maximum(T_a_in + 4.0, 18.0), np.maximum(T_a_in + 8.0, 30.0))
+def _draw_points(rng: np.random.Generator, n: int, is_heating: bool) -> dict[str, np.ndarray]:
+    m_a = rng.uniform(0.6, 1.5, n)
+    if is_heating:
+        T_a_in, T_w_in = rng.uniform(-5.0, 20.0, n), rng.uniform(35.0, 65.0, n)
+        T_set = rng.uniform(np.maximum(T_a_in + 4.0, 18.0), np.maximum(T_a_in + 8.0, 30.0))
         return {"m_a": m_a, "T_a_in": T_a_in, "W_a_in": np.full(n, 0.003), "T_w_in": T_w_in, "T_set": T_set}
-    T_a_in, T_w_in = draw.uniform(20.0, 33.0, n), draw.uniform(5.0, 10.0, n)
-    W_a_in = humidity_ratio(T_a_in, draw.uniform(0.2, 0.8, n))
-    T_set = draw.uniform(T_w_in + 5.5, np.minimum(T_a_in - 2.0, 19.0))
+    T_a_in, T_w_in = rng.uniform(20.0, 33.0, n), rng.uniform(5.0, 10.0, n)
+    W_a_in = humidity_ratio(T_a_in, rng.uniform(0.2, 0.8, n))
+    T_set = rng.uniform(T_w_in + 5.5, np.minimum(T_a_in - 2.0, 19.0))
     return {"m_a": m_a, "T_a_in": T_a_in, "W_a_in": W_a_in, "T_w_in": T_w_in, "T_set": T_set}
 
 
 def constant_days(points: Mapping[str, np.ndarray], population: str) -> fc.Boundary:
     """A day for each point on which nothing happens but one step of the set-point."""
-    heats = POPULATIONS[population].loop.get("action") == "heating"
+    is_heating = POPULATIONS[population].loop.get("action") == "heating"
     series = {name: np.repeat(values[:, None], HOURS * 3600, axis=1) for name, values in points.items()}
-    series["T_set"][:, :STEP_AT] += -STEP if heats else STEP
+    series["T_set"][:, :STEP_AT] += -STEP_SIZE if is_heating else STEP_SIZE
     return fc.Boundary(**series, day=list(range(points["T_set"].size)))
 
 
-def textbook(columns: Mapping[str, np.ndarray], plants: Plants) -> Cycles:
+def cycles_of_gap_alone(columns: Mapping[str, np.ndarray], plants: Plants) -> Cycles:
     """The gap alone: the same threshold, and amplitude and period where |L| |N| is 1, or nearest to it."""
     n, w = plants.opening.size, np.geomspace(3e-4, np.pi, 300)
-    found = Cycles(*(np.full(n, np.nan) for _ in Cycles._fields))
-    found.hunting_index[:], found.hunts[:] = 0.0, 0.0
+    predictions = Cycles(*(np.full(n, np.nan) for _ in Cycles._fields))
+    predictions.hunting_index[:], predictions.hunts[:] = 0.0, 0.0
     for ts in np.unique(columns["sample_time"]):
-        some = np.flatnonzero((columns["sample_time"] == ts) & plants.reachable)
-        if not some.size:
+        indices = np.flatnonzero((columns["sample_time"] == ts) & plants.reachable)
+        if not indices.size:
             continue
-        of, of_plants, x_bl = {k: v[some] for k, v in columns.items()}, plants.select(some), columns["backlash"][some]
+        columns_at_time, plants_at_time, x_bl = (
+            {k: v[indices] for k, v in columns.items()},
+            plants.select(indices),
+            columns["backlash"][indices],
+        )
         w = np.geomspace(3e-4, np.pi / ts, 200)
         gap = np.maximum(x_bl, 1e-6)[:, None]
         A = 0.5005 * gap * np.geomspace(1.0, 1e4, 120)
         N = describing_function(A, gap, gap)
-        at = harmonic_balance(w, loop_response(of, of_plants, w), lambda _, N=N: N, A.shape[1], np.zeros(some.size))
-        product, place = at.product.max(axis=0), at.place[0]
+        balance = harmonic_balance(
+            w, loop_response(columns_at_time, plants_at_time, w), lambda _, N=N: N, A.shape[1], np.zeros(indices.size)
+        )
+        product, place = balance.product.max(axis=0), balance.place[0]
         hunting_index = np.where(x_bl > 0.0, product.max(axis=1), product[:, -1])
         last = product.shape[1] - 1 - (product[:, ::-1] >= 1.0).argmax(axis=1)
-        rows = np.arange(some.size)
+        rows = np.arange(indices.size)
         k = np.where(hunting_index >= 1.0, last, product.argmax(axis=1))
-        cycle = frequency_at(w, place[rows, k])
-        G = np.abs(frequency_response(of_plants.response, w))
+        cycle_frequency = frequency_at(w, place[rows, k])
+        G = np.abs(frequency_response(plants_at_time.response, w))
         T = (
             A[rows, k]
             * np.abs(N[rows, k])
             / (1.0 - x_bl)
             * G[rows, np.clip(place[rows, k].round().astype(int), 0, 199)]
         )
-        hunts = (hunting_index > np.where(x_bl > 0.0, HUNTING_MARGIN, 1.0)) & (2.0 * T > 0.1)
-        found.hunting_index[some], found.hunts[some] = hunting_index, hunts
-        found.period[some], found.amplitude[some] = (
-            np.where(hunts, values, np.nan) for values in (2.0 * np.pi / cycle, T)
+        hunts = (hunting_index > np.where(x_bl > 0.0, HUNTING_INDEX_LIMIT, 1.0)) & (2.0 * T > 0.1)
+        predictions.hunting_index[indices], predictions.hunts[indices] = hunting_index, hunts
+        predictions.period[indices], predictions.amplitude[indices] = (
+            np.where(hunts, values, np.nan) for values in (2.0 * np.pi / cycle_frequency, T)
         )
-    return found
+    return predictions
 
 
-SEARCH, FRESH = 901, 1201
+SEARCH_SEED, FRESH_SEED = 901, 1201
 LOOPS, POINTS = 400, 12
 OTHER_LOOPS = 200
 """Of the populations that are not plain."""
 DAY_SEEDS = range(1301, 1307)
-WARM_UP = 8 * 3600
-PERIOD, SWING = 0.15, 1.5
-PLAIN = ("cooling", "heating")
-Foretell = Callable[[fc.Loop, fc.Boundary, int], xr.Dataset]
+WARM_UP_SECONDS = 8 * 3600
+PERIOD_TOLERANCE, SWING_FACTOR = 0.15, 1.5
+PLAIN_POPULATIONS = ("cooling", "heating")
+PredictFunction = Callable[[fc.Loop, fc.Boundary, int], xr.Dataset]
 
 
 class Case(NamedTuple):
@@ -158,17 +164,17 @@ class Case(NamedTuple):
     predicted: xr.Dataset
 
 
-def compared(population: str, seed: int, loops: int, points: int = POINTS) -> Case:
+def simulate_and_predict(population: str, seed: int, loops: int, points: int = POINTS) -> Case:
     """Simulate a population and predict it."""
-    loop, conditions = drawn(population, seed, loops, points)
+    loop, conditions = draw_population(population, seed, loops, points)
     days = constant_days(conditions, population)
-    seen = fc.simulate(loop, days, warm_up=WARM_UP)
+    seen = fc.simulate(loop, days, warm_up=WARM_UP_SECONDS)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # what theory cannot predict is left out of the cases
         return Case(loop, days, seen, fc.limit_cycle(loop, days, at=days.n_steps - 1))
 
 
-class Judged(NamedTuple):
+class Verdicts(NamedTuple):
     """What was right where the set-point can be held and something is predicted (``among``), over (sample, day)."""
 
     among: xr.DataArray
@@ -178,29 +184,29 @@ class Judged(NamedTuple):
     swing: xr.DataArray
 
     @classmethod
-    def of(cls, seen: xr.Dataset, predicted: xr.Dataset) -> Judged:
+    def of(cls, seen: xr.Dataset, predicted: xr.Dataset) -> Verdicts:
         """Of a simulation and its forecast."""
         seen, predicted = (ds.reset_coords(drop=True).transpose("sample", "day") for ds in (seen, predicted))
         hunts, hunts_by_theory = seen.hunts == 1.0, predicted.hunts == 1.0
         among = (predicted.hunting_index > 0.0) & (seen.status == 0)
-        period = abs(predicted.period / seen.hunting_period - 1.0) <= PERIOD
-        swing = abs(np.log(2.0 * predicted.amplitude / seen.hunting_swing)) <= np.log(SWING)
+        period = abs(predicted.period / seen.hunting_period - 1.0) <= PERIOD_TOLERANCE
+        swing = abs(np.log(2.0 * predicted.amplitude / seen.hunting_swing)) <= np.log(SWING_FACTOR)
         return cls(among, hunts, hunts_by_theory, period, swing)
 
-    def cells(self, some: xr.DataArray | None = None) -> list[str]:
+    def cells(self, group: xr.DataArray | None = None) -> list[str]:
         """Failures first: missed, false alarms, then shares with their intervals."""
-        among = self.among if some is None else self.among & some
+        among = self.among if group is None else self.among & group
         both = among & self.hunts & self.predicted
         right = self.hunts == self.predicted
-        few = int(both.sum()) < 10
+        is_few = int(both.sum()) < 10
         return [
             f"{int((among & self.hunts & ~self.predicted).sum())}",
             f"{int((among & ~self.hunts & self.predicted).sum())}",
             f"{int(among.sum()):,}",
             f"{int((among & self.hunts).sum())}",
-            share_of(right, among).written(1) if bool(among.any()) else "—",
-            "—" if few else str(share_of(self.period, both)),
-            "—" if few else str(share_of(self.swing, both)),
+            share_of(right, among).to_text(1) if bool(among.any()) else "—",
+            "—" if is_few else str(share_of(self.period, both)),
+            "—" if is_few else str(share_of(self.swing, both)),
         ]
 
 
@@ -208,152 +214,166 @@ HEAD = ["missed", "false alarms", "cases", "hunt", "hunts or not: right", "perio
         "peak to peak within × 1.5"]  # fmt: skip
 
 
-def rows_where(judged: Mapping[str, Judged], cases: Mapping[str, Case]) -> Iterable[list[str]]:
+def rows_where(verdicts: Mapping[str, Verdicts], cases: Mapping[str, Case]) -> Iterable[list[str]]:
     """The plain loops by what they are."""
 
-    def joined(of: Callable[[str], xr.DataArray]) -> xr.DataArray:
-        return xr.concat([of(name) for name in PLAIN], "sample")
+    def join_plain(values_of: Callable[[str], xr.DataArray]) -> xr.DataArray:
+        return xr.concat([values_of(name) for name in PLAIN_POPULATIONS], "sample")
 
-    def judgement(i: int) -> xr.DataArray:
-        return joined(lambda name: judged[name][i].drop_vars(["sample", "day"], errors="ignore"))
+    def join_verdicts(i: int) -> xr.DataArray:
+        return join_plain(lambda name: verdicts[name][i].drop_vars(["sample", "day"], errors="ignore"))
 
-    both = Judged(*(judgement(i) for i in range(len(Judged._fields))))
+    plain_verdicts = Verdicts(*(join_verdicts(i) for i in range(len(Verdicts._fields))))
 
-    def parameter(name: str) -> xr.DataArray:
-        return joined(lambda case: xr.DataArray(cases[case].loop[name]).drop_vars("sample", errors="ignore"))
+    def join_parameter(name: str) -> xr.DataArray:
+        return join_plain(lambda case: xr.DataArray(cases[case].loop[name]).drop_vars("sample", errors="ignore"))
 
-    def theory(name: str) -> xr.DataArray:
-        return joined(
+    def join_theory(name: str) -> xr.DataArray:
+        return join_plain(
             lambda case: (
                 cases[case].predicted[name].reset_coords(drop=True).drop_vars(["sample", "day"], errors="ignore")
             )
         )
 
     at_rest = {
-        name: fc.linearise(c.loop, c.days, at=c.days.n_steps - 1).reset_coords(drop=True) for name, c in cases.items()
+        name: fc.linearise(case.loop, case.days, at=case.days.n_steps - 1).reset_coords(drop=True)
+        for name, case in cases.items()
     }
 
-    def rest(name: str) -> xr.DataArray:
-        return joined(lambda case: at_rest[case][name].drop_vars(["sample", "day"], errors="ignore"))
+    def join_at_rest(name: str) -> xr.DataArray:
+        return join_plain(lambda case: at_rest[case][name].drop_vars(["sample", "day"], errors="ignore"))
 
-    wet, opening, hunting_index = rest("wet_volumes"), rest("opening"), theory("hunting_index")
-    samples = theory("period") / parameter("sample_time")
+    wet, opening, hunting_index = join_at_rest("wet_volumes"), join_at_rest("opening"), join_theory("hunting_index")
+    samples = join_theory("period") / join_parameter("sample_time")
     conditions = {
-        "no gap": parameter("backlash") == 0.0,
-        **_bands("gap", parameter("backlash"), (0.0, 0.02, 0.05, 0.15), "{:.0%}"),
-        **_bands("hunting_index", hunting_index, (0.0, 0.7, 0.85, 1.0, 1.2, 2.0, 4.0, np.inf), "{:g}"),
-        **_bands("sample time", parameter("sample_time"), (0.0, 5.0, 15.0, 60.0), "{:g} s"),
-        **_bands("predicted samples to a period", samples, (0.0, 6.0, 10.0, 20.0, np.inf), "{:g}"),
-        "motor at once": parameter("stroke_time") == 0.0,
-        **_bands("stroke", parameter("stroke_time"), (0.0, 60.0, 150.0), "{:g} s"),
-        "no sensor lag": parameter("sensor_time_constant") == 0.0,
-        **_bands("sensor lag", parameter("sensor_time_constant"), (0.0, 30.0, 60.0), "{:g} s"),
-        **_bands("authority", parameter("authority"), (0.0, 0.1, 0.9), "{:g}"),
-        **_bands("opening", opening, (0.0, 0.05, 0.2, 0.5, 1.0), "{:g}"),
+        "no gap": join_parameter("backlash") == 0.0,
+        **_band_conditions("gap", join_parameter("backlash"), (0.0, 0.02, 0.05, 0.15), "{:.0%}"),
+        **_band_conditions("hunting_index", hunting_index, (0.0, 0.7, 0.85, 1.0, 1.2, 2.0, 4.0, np.inf), "{:g}"),
+        **_band_conditions("sample time", join_parameter("sample_time"), (0.0, 5.0, 15.0, 60.0), "{:g} s"),
+        **_band_conditions("predicted samples to a period", samples, (0.0, 6.0, 10.0, 20.0, np.inf), "{:g}"),
+        "motor at once": join_parameter("stroke_time") == 0.0,
+        **_band_conditions("stroke", join_parameter("stroke_time"), (0.0, 60.0, 150.0), "{:g} s"),
+        "no sensor lag": join_parameter("sensor_time_constant") == 0.0,
+        **_band_conditions("sensor lag", join_parameter("sensor_time_constant"), (0.0, 30.0, 60.0), "{:g} s"),
+        **_band_conditions("authority", join_parameter("authority"), (0.0, 0.1, 0.9), "{:g}"),
+        **_band_conditions("opening", opening, (0.0, 0.05, 0.2, 0.5, 1.0), "{:g}"),
         "dry": wet == 0.0,
         "partly wet": (wet > 0.0) & (wet < 8.0),
         "wet all over": wet == 8.0,
     }
-    for name, holds in conditions.items():
-        yield [name, *both.cells(holds)]
+    for name, is_member in conditions.items():
+        yield [name, *plain_verdicts.cells(is_member)]
 
 
-def _bands(name: str, values: xr.DataArray, edges: tuple[float, ...], form: str) -> dict[str, xr.DataArray]:
+def _band_conditions(
+    name: str, values: xr.DataArray, edges: tuple[float, ...], template: str
+) -> dict[str, xr.DataArray]:
     """Conditions of a value, each above one edge and up to the next."""
-    found = {}
+    conditions = {}
     for low, high in zip(edges[:-1], edges[1:], strict=True):
-        words = f"above {form.format(low)}" if np.isinf(high) else f"{form.format(low)} to {form.format(high)}"
-        found[f"{name} {words}"] = (values > low) & (values <= high)
-    return found
+        label = (
+            f"above {template.format(low)}" if np.isinf(high) else f"{template.format(low)} to {template.format(high)}"
+        )
+        conditions[f"{name} {label}"] = (values > low) & (values <= high)
+    return conditions
 
 
-def predicted_with(
-    loop: fc.Loop, days: fc.Boundary, of: Callable[[dict[str, np.ndarray], Plants], Cycles]
+def predict_with(
+    loop: fc.Loop, days: fc.Boundary, predict: Callable[[dict[str, np.ndarray], Plants], Cycles]
 ) -> xr.Dataset:
     """What another way of reckoning predicts."""
     points = OperatingPoints(loop, days, days.n_steps - 1)
-    found = points.evaluate(lambda columns, _, plants: list(of(columns, plants)._asdict().items()))
-    return points.dataset({name: (values, {}) for name, values in found.items()})
+    predictions = points.evaluate(lambda columns, _, plants: list(predict(columns, plants)._asdict().items()))
+    return points.dataset({name: (values, {}) for name, values in predictions.items()})
 
 
-def without_motor(columns: dict[str, np.ndarray], plants: Plants) -> Cycles:
+def cycles_without_motor(columns: dict[str, np.ndarray], plants: Plants) -> Cycles:
     """As if the motor were at its target at once."""
     return predict_cycles(columns | {"stroke_time": np.zeros_like(columns["stroke_time"])}, plants)
 
 
-def straight(columns: dict[str, np.ndarray], plants: Plants) -> Cycles:
+def cycles_of_straight_plant(columns: dict[str, np.ndarray], plants: Plants) -> Cycles:
     """As if valve and coil were a straight line."""
-    line = plants.T_sup[:, None] + plants.gain[:, None] * (OPENINGS - plants.opening[:, None])
-    return predict_cycles(columns, plants._replace(curve=line))
+    straight_curve = plants.T_sup[:, None] + plants.gain[:, None] * (OPENINGS - plants.opening[:, None])
+    return predict_cycles(columns, plants._replace(curve=straight_curve))
 
 
-def free_integral(columns: dict[str, np.ndarray], plants: Plants) -> Cycles:
+def cycles_of_free_integral(columns: dict[str, np.ndarray], plants: Plants) -> Cycles:
     """As if the integral had no ends."""
     with patch.object(cycles, "INTEGRAL_LIMIT_ROUNDS", 0):
         return predict_cycles(columns, plants)
 
 
-PARTS = {
-    "gap alone": textbook,
-    "all but the motor's speed": without_motor,
-    "all but the curve of valve and coil": straight,
-    "all but the ends of the integral": free_integral,
+THEORY_PARTS = {
+    "gap alone": cycles_of_gap_alone,
+    "all but the motor's speed": cycles_without_motor,
+    "all but the curve of valve and coil": cycles_of_straight_plant,
+    "all but the ends of the integral": cycles_of_free_integral,
     "all": predict_cycles,
 }
 
 
-def rows_of_days() -> Iterable[list[str]]:
+def day_rows() -> Iterable[list[str]]:
     """Every kind of day, predicted from its mean conditions."""
     for kind in kinds():
         population = "heating" if kind == HEATING else "cooling"
-        loop, _ = drawn(population, FRESH + 1, LOOPS, POINTS)
-        days = of_kind(kind, DAY_SEEDS)
-        loop = loop.assign(**settings(kind))
-        yield [kind, *Judged.of(fc.simulate(loop, days), fc.limit_cycle(loop, days)).cells()]
+        loop, _ = draw_population(population, FRESH_SEED + 1, LOOPS, POINTS)
+        days = make_days(kind, DAY_SEEDS)
+        loop = loop.assign(**loop_settings(kind))
+        yield [kind, *Verdicts.of(fc.simulate(loop, days), fc.limit_cycle(loop, days)).cells()]
 
 
-def choose() -> None:
+def print_threshold_choice() -> None:
     """Print how often the forecast is right with other thresholds, on the loops of another seed."""
-    cases = [compared(name, SEARCH, LOOPS) for name in PLAIN]
-    for above in (0.75, 0.8, 0.825, 0.85, 0.875, 0.9, 0.95, 1.0):
-        with patch.object(cycles, "HUNTING_MARGIN", above):
-            right = [Judged.of(c.seen, fc.limit_cycle(c.loop, c.days, at=c.days.n_steps - 1)) for c in cases]
-        print(f"{above:g}", *(share_of(j.hunts == j.predicted, j.among).written(2) for j in right), sep="   ")
+    cases = [simulate_and_predict(name, SEARCH_SEED, LOOPS) for name in PLAIN_POPULATIONS]
+    for threshold in (0.75, 0.8, 0.825, 0.85, 0.875, 0.9, 0.95, 1.0):
+        with patch.object(cycles, "HUNTING_INDEX_LIMIT", threshold):
+            verdicts = [
+                Verdicts.of(case.seen, fc.limit_cycle(case.loop, case.days, at=case.days.n_steps - 1)) for case in cases
+            ]
+        print(
+            f"{threshold:g}",
+            *(share_of(verdict.hunts == verdict.predicted, verdict.among).to_text(2) for verdict in verdicts),
+            sep="   ",
+        )
 
 
 def sample() -> None:
     """The first population."""
     name = next(iter(POPULATIONS))
-    case = compared(name, FRESH, LOOPS if name in PLAIN else OTHER_LOOPS)
-    found = Judged.of(case.seen, case.predicted).cells()
-    compare_rows("hunting/limit_cycles", [[POPULATIONS[name].words, *found]])
+    case = simulate_and_predict(name, FRESH_SEED, LOOPS if name in PLAIN_POPULATIONS else OTHER_LOOPS)
+    cells = Verdicts.of(case.seen, case.predicted).cells()
+    compare_rows("hunting/limit_cycles", [[POPULATIONS[name].words, *cells]])
 
 
 def main() -> None:
     """Write every table."""
-    cases = {name: compared(name, FRESH, LOOPS if name in PLAIN else OTHER_LOOPS) for name in POPULATIONS}
-    judged = {name: Judged.of(case.seen, case.predicted) for name, case in cases.items()}
+    cases = {
+        name: simulate_and_predict(name, FRESH_SEED, LOOPS if name in PLAIN_POPULATIONS else OTHER_LOOPS)
+        for name in POPULATIONS
+    }
+    verdicts = {name: Verdicts.of(case.seen, case.predicted) for name, case in cases.items()}
     write_table(
         "hunting/limit_cycles",
-        f"Prediction compared with simulation: random loops × plants × {POINTS} operating points, seed {FRESH}; only "
+        f"Prediction compared with simulation: random loops × plants × {POINTS} operating points, seed {FRESH_SEED}; only "
         "cases whose set-point can be held",
         ["loops", *HEAD],
-        ([POPULATIONS[name].words, *of.cells()] for name, of in judged.items()),
+        ([POPULATIONS[name].words, *of.cells()] for name, of in verdicts.items()),
     )
-    plain = {name: cases[name] for name in PLAIN}
+    plain = {name: cases[name] for name in PLAIN_POPULATIONS}
     write_table(
         "hunting/limit_cycles_where",
         "Where the prediction is wrong: plain PI loops in cooling and heating, by property",
         ["of the plain loops", *HEAD],
-        rows_where(judged, plain),
+        rows_where(verdicts, plain),
     )
     write_table(
         "hunting/limit_cycles_parts",
         "Contribution of each part of the theory, for plain PI loops in cooling and in heating",
         ["what theory counts", *HEAD],
         (
-            [f"{part}; {name}", *Judged.of(case.seen, predicted_with(case.loop, case.days, of)).cells()]
-            for part, of in PARTS.items()
+            [f"{part}; {name}", *Verdicts.of(case.seen, predict_with(case.loop, case.days, of)).cells()]
+            for part, of in THEORY_PARTS.items()
             for name, case in plain.items()
         ),
     )
@@ -362,5 +382,5 @@ def main() -> None:
         f"Prediction from the mean conditions of a day compared with the metric `hunts` of that day: {len(DAY_SEEDS)} "
         f"days of each kind, {LOOPS} loops",
         ["days", *HEAD],
-        rows_of_days(),
+        day_rows(),
     )

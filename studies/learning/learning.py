@@ -23,72 +23,74 @@ from studies.learning import maps as learning_maps
 TOO_LOW, TOO_HIGH = 0.8, 1.2
 """A final estimate outside these shares of the backlash is a failure: the learner stopped early, or ran away."""
 MOST_FAILURES = 0.05
-LEVEL = 0.95
+CONFIDENCE = 0.95
 RESAMPLES = 2000
-CHOICE = ["rule", "learning_step", "learning_interval", "learning_ratio", "buffer"]
-LOOPS = ["tuning", "noise_std"]
-PAIRED = ["backlash", "backlash_estimate", "day"]
+CHOICE_DIMS = ["rule", "learning_step", "learning_interval", "learning_ratio", "buffer"]
+LOOP_DIMS = ["tuning", "noise_std"]
+PAIRED_DIMS = ["backlash", "backlash_estimate", "day"]
 HOURS = 16
 FRESH_DAYS = range(301, 401)
 
 
-def judged(ds: xr.Dataset, over: Sequence[str] = PAIRED) -> xr.Dataset:
+def judge_learners(ds: xr.Dataset, dims: Sequence[str] = PAIRED_DIMS) -> xr.Dataset:
     """Shares of failures, error, and hours to reach and confirm, over all days, backlashes and starts."""
-    learned = (ds.estimate_final / ds.backlash).round(9)  # steps of 1.4 % reach 80 % of 7 % but for round-off
+    estimate_ratio = (ds.estimate_final / ds.backlash).round(9)  # steps of 1.4 % reach 80 % of 7 % but for round-off
     hours = {n: ds[f"learn_time_{n}"].fillna(np.inf) / 3600.0 for n in ("reached", "confirmed")}
     return xr.Dataset(
         {
-            "low": (learned < TOO_LOW).mean(over),
-            "high": (learned > TOO_HIGH).mean(over),
+            "low": (estimate_ratio < TOO_LOW).mean(dims),
+            "high": (estimate_ratio > TOO_HIGH).mean(dims),
             # an estimate of NaN fails, too
-            "failed": (~((learned >= TOO_LOW) & (learned <= TOO_HIGH))).mean(over),
-            "error": abs(learned - 1.0).reduce(middle, over),
+            "failed": (~((estimate_ratio >= TOO_LOW) & (estimate_ratio <= TOO_HIGH))).mean(dims),
+            "error": abs(estimate_ratio - 1.0).reduce(lower_median, dims),
             # never is later than all else: the median is censored where it is infinite
-            "never": np.isinf(hours["confirmed"]).mean(over),
-            "reached": hours["reached"].reduce(middle, over),
-            "confirmed": hours["confirmed"].reduce(middle, over),
+            "never": np.isinf(hours["confirmed"]).mean(dims),
+            "reached": hours["reached"].reduce(lower_median, dims),
+            "confirmed": hours["confirmed"].reduce(lower_median, dims),
         }
     )
 
 
-def middle(values: np.ndarray, axis: int | tuple[int, ...] = -1) -> np.ndarray:
+def lower_median(values: np.ndarray, axis: int | tuple[int, ...] = -1) -> np.ndarray:
     """Lower median: always one of the values, so that they may be infinite."""
     axes = {k % values.ndim for k in np.atleast_1d(axis)}
-    kept = [k for k in range(values.ndim) if k not in axes]
-    rows = np.sort(values.transpose(*kept, *sorted(axes)).reshape(*(values.shape[k] for k in kept), -1), axis=-1)
+    kept_axes = [k for k in range(values.ndim) if k not in axes]
+    rows = np.sort(
+        values.transpose(*kept_axes, *sorted(axes)).reshape(*(values.shape[k] for k in kept_axes), -1), axis=-1
+    )
     return rows[..., (rows.shape[-1] - 1) // 2]
 
 
-def chosen(of: xr.Dataset) -> dict[str, Any]:
+def best_choice(judgement: xr.Dataset) -> dict[str, Any]:
     """The safe choice that confirms soonest; ties go to the more accurate.  Where none is safe, the safest."""
-    flat = of.stack(choice=CHOICE)
-    beyond = np.maximum(flat.failed.values.round(9) - MOST_FAILURES, 0.0)
-    best = flat.isel(choice=int(np.lexsort((flat.error.values, flat.confirmed.values, beyond))[0]))
-    return dict(zip(CHOICE, best.choice.item(), strict=True))
+    flat = judgement.stack(choice=CHOICE_DIMS)
+    excess = np.maximum(flat.failed.values.round(9) - MOST_FAILURES, 0.0)
+    best = flat.isel(choice=int(np.lexsort((flat.error.values, flat.confirmed.values, excess))[0]))
+    return dict(zip(CHOICE_DIMS, best.choice.item(), strict=True))
 
 
-def tried(ds: xr.Dataset, choice: dict[str, Any], loop: dict[str, Any], days: fc.Boundary) -> xr.Dataset:
+def try_choice(ds: xr.Dataset, choice: dict[str, Any], loop: dict[str, Any], days: fc.Boundary) -> xr.Dataset:
     """What a choice does on fresh days, and what it costs.
 
     ``rmse`` and ``travel`` of the motor are relative to the plain PI of the same backlash, day and noise,
     ``rmse_known`` to an inverse that knows the backlash from the start, with the same buffer.
     """
     learner = fc.Loop.from_dataset(ds.sel(choice | loop).isel(day=0))
-    without = learner.assign(learning_step=0.0, backlash_estimate=0.0, buffer=fc.parameters()["buffer"].default)
-    known = learner.assign(learning_step=0.0, backlash_estimate=xr.DataArray(ds.backlash))
-    found, plain, exact = (fc.simulate(of, days) for of in (learner, without, known))
-    kept = ["estimate_final", "learn_time_reached", "learn_time_confirmed", "switch_frequency"]
-    return found[kept].assign(
-        rmse=found.rmse / plain.rmse - 1.0,
-        rmse_known=found.rmse / exact.rmse - 1.0,
-        travel=found.motor_travel / plain.motor_travel,
-        plain_switches=plain.switch_frequency.broadcast_like(found.rmse),
+    plain_loop = learner.assign(learning_step=0.0, backlash_estimate=0.0, buffer=fc.parameters()["buffer"].default)
+    known_loop = learner.assign(learning_step=0.0, backlash_estimate=xr.DataArray(ds.backlash))
+    learned, plain, with_known = (fc.simulate(variant, days) for variant in (learner, plain_loop, known_loop))
+    kept_metrics = ["estimate_final", "learn_time_reached", "learn_time_confirmed", "switch_frequency"]
+    return learned[kept_metrics].assign(
+        rmse=learned.rmse / plain.rmse - 1.0,
+        rmse_known=learned.rmse / with_known.rmse - 1.0,
+        travel=learned.motor_travel / plain.motor_travel,
+        plain_switches=plain.switch_frequency.broadcast_like(learned.rmse),
     )
 
 
 def share_with_interval(failed: float, n_days: int) -> str:
     """A share with its interval (Clopper and Pearson), as if the learners of one day failed together."""
-    k, tail = failed * n_days, 0.5 - 0.5 * LEVEL
+    k, tail = failed * n_days, 0.5 - 0.5 * CONFIDENCE
     low = beta.ppf(tail, k, n_days - k + 1) if k > 0 else 0.0
     high = beta.ppf(1.0 - tail, k + 1, n_days - k) if k < n_days else 1.0
     return f"{100 * failed:.0f} % ({100 * low:.0f} to {100 * high:.0f})"
@@ -97,48 +99,51 @@ def share_with_interval(failed: float, n_days: int) -> str:
 def median_with_interval(values: xr.DataArray) -> tuple[float, float, float]:
     """Median over all days, backlashes and starts, and its bootstrap interval, which draws whole days."""
     by_day = values.transpose("day", ...).values.reshape(values.sizes["day"], -1)
-    drawn = np.random.default_rng(0).integers(len(by_day), size=(RESAMPLES, len(by_day)))
-    medians = np.sort(middle(by_day[drawn], (1, 2)))
+    day_indices = np.random.default_rng(0).integers(len(by_day), size=(RESAMPLES, len(by_day)))
+    medians = np.sort(lower_median(by_day[day_indices], (1, 2)))
     last = RESAMPLES - 1
-    low, high = (medians[round(last * q)] for q in (0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL))
-    return float(middle(by_day, (0, 1))), float(low), float(high)
+    low, high = (medians[round(last * q)] for q in (0.5 - 0.5 * CONFIDENCE, 0.5 + 0.5 * CONFIDENCE))
+    return float(lower_median(by_day, (0, 1))), float(low), float(high)
 
 
-def words(values: xr.DataArray, form: str, scale: float = 1.0) -> str:
+def median_in_words(values: xr.DataArray, template: str, scale: float = 1.0) -> str:
     """A median with its interval; a time beyond the day is given as such."""
-    texts = [form.format(scale * x) if np.isfinite(x) else f"> {HOURS}" for x in median_with_interval(values)]
+    texts = [template.format(scale * x) if np.isfinite(x) else f"> {HOURS}" for x in median_with_interval(values)]
     return "{} ({} to {})".format(*texts)
 
 
-def recommendations(ds: xr.Dataset, of: xr.Dataset) -> None:
+def write_recommendations(ds: xr.Dataset, judgement: xr.Dataset) -> None:
     """For each loop and noise, and for all together, the choice, how it did on fresh days, and what it cost there."""
     days = fc.paper_day(hours=HOURS, seed=FRESH_DAYS)
-    loops = [{"tuning": str(t), "noise_std": float(n)} for t, n in product(of.tuning.values, of.noise_std.values)]
-    ship, found = [], []
+    loops = [
+        {"tuning": str(t), "noise_std": float(n)}
+        for t, n in product(judgement.tuning.values, judgement.noise_std.values)
+    ]
+    choice_rows, cost_rows = [], []
     for loop in [*loops, {}]:
-        here = of.sel(loop) if loop else judged(ds, [*PAIRED, *LOOPS])
-        choice = chosen(here)
-        new = tried(ds, choice, loop, days)
-        failed = judged(new, new.estimate_final.dims)
+        loop_judgement = judgement.sel(loop) if loop else judge_learners(ds, [*PAIRED_DIMS, *LOOP_DIMS])
+        choice = best_choice(loop_judgement)
+        fresh_ds = try_choice(ds, choice, loop, days)
+        fresh_judgement = judge_learners(fresh_ds, fresh_ds.estimate_final.dims)
         name = [loop["tuning"], f"{loop['noise_std']:g}"] if loop else ["all", "all"]
-        ship.append(
-            [*name, *described(choice), "yes" if failed.failed <= MOST_FAILURES else "**none is safe**; the best:",
-             f"{100 * float(here.failed.sel(choice)):.0f} %", share_with_interval(float(failed.failed), days.n_days)]
+        choice_rows.append(
+            [*name, *describe_choice(choice), "yes" if fresh_judgement.failed <= MOST_FAILURES else "**none is safe**; the best:",
+             f"{100 * float(loop_judgement.failed.sel(choice)):.0f} %", share_with_interval(float(fresh_judgement.failed), days.n_days)]
         )  # fmt: skip
-        reached, confirmed = (new[f"learn_time_{n}"].fillna(np.inf) for n in ("reached", "confirmed"))
-        found.append(
-            [*name, words(reached, "{:.0f}", 1 / 60), words(confirmed, "{:.0f}", 1 / 60),
-             share_with_interval(float(failed.never), days.n_days),
-             words(abs(new.estimate_final / new.backlash - 1), "{:.0f}", 100),
-             words(new.rmse, "{:+.0f}", 100), words(new.rmse_known, "{:+.0f}", 100), words(new.travel, "{:.2f}"),
-             f"{words(new.switch_frequency, '{:.1f}')}; {float(new.plain_switches.median()):.1f}"]
+        reached, confirmed = (fresh_ds[f"learn_time_{n}"].fillna(np.inf) for n in ("reached", "confirmed"))
+        cost_rows.append(
+            [*name, median_in_words(reached, "{:.0f}", 1 / 60), median_in_words(confirmed, "{:.0f}", 1 / 60),
+             share_with_interval(float(fresh_judgement.never), days.n_days),
+             median_in_words(abs(fresh_ds.estimate_final / fresh_ds.backlash - 1), "{:.0f}", 100),
+             median_in_words(fresh_ds.rmse, "{:+.0f}", 100), median_in_words(fresh_ds.rmse_known, "{:+.0f}", 100), median_in_words(fresh_ds.travel, "{:.2f}"),
+             f"{median_in_words(fresh_ds.switch_frequency, '{:.1f}')}; {float(fresh_ds.plain_switches.median()):.1f}"]
         )  # fmt: skip
     write_table(
         "learning/learning_choice",
         "The learning rule and settings to ship, for each loop and noise",
         ["loop", "noise, K", "rule", "step", "interval", "ratio", "buffer", "safe?", "failures: days chosen on",
          f"{days.n_days} fresh days"],
-        ship,
+        choice_rows,
     )  # fmt: skip
     write_table(
         "learning/learning_cost",
@@ -146,11 +151,11 @@ def recommendations(ds: xr.Dataset, of: xr.Dataset) -> None:
         ["loop", "noise, K", "reached, min", "confirmed, min", "never confirmed", "error of the estimate, %",
          "RMSE against plain PI, %", "RMSE against known backlash, %", "motor travel / plain PI",
          "switches per 10 min; plain PI"],
-        found,
+        cost_rows,
     )  # fmt: skip
 
 
-def described(choice: dict[str, Any]) -> list[str]:
+def describe_choice(choice: dict[str, Any]) -> list[str]:
     """Rule, step, interval, ratio and buffer in words."""
     return [
         choice["rule"],
@@ -161,92 +166,99 @@ def described(choice: dict[str, Any]) -> list[str]:
     ]
 
 
-def failures(of: xr.Dataset) -> None:
+def write_failures(judgement: xr.Dataset) -> None:
     """How often each rule fails over loops and noise, all of its settings together."""
-    rest = [d for d in CHOICE if d not in ("rule", "buffer")]
-    low, high = (100 * of[n].mean(rest) for n in ("low", "high"))
+    other_dims = [d for d in CHOICE_DIMS if d not in ("rule", "buffer")]
+    low, high = (100 * judgement[n].mean(other_dims) for n in ("low", "high"))
     write_table(
         "learning/learning_failures",
         "How often the rules fail: stops early / runs away, % of learners",
-        ["loop", "noise, K", *(f"{r}, buffer {100 * b:.0f} %" for r in of.rule.values for b in of.buffer.values)],
+        [
+            "loop",
+            "noise, K",
+            *(f"{r}, buffer {100 * b:.0f} %" for r in judgement.rule.values for b in judgement.buffer.values),
+        ],
         (
             [str(t), f"{n:g}"]
             + [
                 f"{float(low.sel(tuning=t, noise_std=n, rule=r, buffer=b)):.0f} / "
                 f"{float(high.sel(tuning=t, noise_std=n, rule=r, buffer=b)):.0f}"
-                for r in of.rule.values
-                for b in of.buffer.values
+                for r in judgement.rule.values
+                for b in judgement.buffer.values
             ]
-            for t in of.tuning.values
-            for n in of.noise_std.values
+            for t in judgement.tuning.values
+            for n in judgement.noise_std.values
         ),
     )
 
 
-def quiet(ds: xr.Dataset, of: xr.Dataset) -> None:
+def write_quiet(ds: xr.Dataset, judgement: xr.Dataset) -> None:
     """A day on which nothing changes: where each rule ends, and where the choice for no noise does."""
-    still, valve = fc.constant_day(hours=HOURS), {"backlash": 0.07, "backlash_estimate": 0.0}
-    printed = {"learning_step": 0.007, "learning_interval": 1800, "learning_ratio": 2.0}
-    cell = ds.isel(day=0, noise_std=0, buffer=0).sel(printed | valve)
-    found = fc.simulate(fc.Loop.from_dataset(cell), still).estimate_final
+    still_day, valve_settings = fc.constant_day(hours=HOURS), {"backlash": 0.07, "backlash_estimate": 0.0}
+    printed_settings = {"learning_step": 0.007, "learning_interval": 1800, "learning_ratio": 2.0}
+    cell = ds.isel(day=0, noise_std=0, buffer=0).sel(printed_settings | valve_settings)
+    final_estimates = fc.simulate(fc.Loop.from_dataset(cell), still_day).estimate_final
     loops = [{"tuning": str(t), "noise_std": 0.0} for t in ds.tuning.values]
-    shipped = [fc.Loop.from_dataset(ds.isel(day=0).sel(loop | chosen(of.sel(loop)) | valve)) for loop in loops]
+    shipped_loops = [
+        fc.Loop.from_dataset(ds.isel(day=0).sel(loop | best_choice(judgement.sel(loop)) | valve_settings))
+        for loop in loops
+    ]
     write_table(
         "learning/learning_quiet",
         "A perfectly quiet day: backlash 7 %, steps of 0.7 % every 30 min, final estimate",
-        ["loop", *map(str, found.rule.values), "the choice to ship"],
+        ["loop", *map(str, final_estimates.rule.values), "the choice to ship"],
         (
             [loop["tuning"]]
-            + [f"{100 * float(x):.1f} %" for x in found.sel(tuning=loop["tuning"])]
-            + [f"{100 * float(fc.simulate(choice, still).estimate_final):.1f} %"]
-            for loop, choice in zip(loops, shipped, strict=True)
+            + [f"{100 * float(x):.1f} %" for x in final_estimates.sel(tuning=loop["tuning"])]
+            + [f"{100 * float(fc.simulate(choice, still_day).estimate_final):.1f} %"]
+            for loop, choice in zip(loops, shipped_loops, strict=True)
         ),
     )
 
 
-def figures(ds: xr.Dataset, of: xr.Dataset) -> dict[str, Figure]:
+def draw_figures(ds: xr.Dataset, judgement: xr.Dataset) -> dict[str, Figure]:
     """Time against failures and error, maps over the settings, maps over noise and sample time."""
     by_sensor = results("learning_failures").load()
-    noises_too, days = [*PAIRED, "noise_std"], ["backlash", "day"]
+    dims_with_noise, backlash_and_day = [*PAIRED_DIMS, "noise_std"], ["backlash", "day"]
     noises = ", ".join(f"{n:g}" for n in ds.noise_std.values)
-    bold = f"Bold: at most {100 * MOST_FAILURES:.0f} % fail."
-    best = "The best of all steps, intervals, ratios and buffers."
+    bold_note = f"Bold: at most {100 * MOST_FAILURES:.0f} % fail."
+    best_note = "The best of all steps, intervals, ratios and buffers."
     return {
-        "learning_front": learning_maps.front(of, "failed", "failures [% of learners]", 100.0, HOURS, best),
-        "learning_front_error": learning_maps.front(of, "error", "error of the estimate [%]", 50.0, HOURS, best),
-        "learning_settings": learning_maps.settings(
-            judged(ds.isel(buffer=-1), noises_too), ("literal", "growing"), HOURS, MOST_FAILURES,
+        "learning_front": learning_maps.draw_front(judgement, "failed", "failures [% of learners]", 100.0, HOURS, best_note),
+        "learning_front_error": learning_maps.draw_front(judgement, "error", "error of the estimate [%]", 50.0, HOURS, best_note),
+        "learning_settings": learning_maps.draw_settings(
+            judge_learners(ds.isel(buffer=-1), dims_with_noise), ("literal", "growing"), HOURS, MOST_FAILURES,
             f"Buffer {100 * float(ds.buffer[-1]):.0f} %, noise of {noises} K together: "
-            f"{_learners(ds, noises_too)} learners a cell.  {bold}",
+            f"{_n_learners(ds, dims_with_noise)} learners a cell.  {bold_note}",
         ),
-        "learning_failures": learning_maps.failure_map(
-            judged(by_sensor, days), MOST_FAILURES, f"{_learners(by_sensor, days)} learners a cell.  {bold}"
+        "learning_failures": learning_maps.draw_failure_map(
+            judge_learners(by_sensor, backlash_and_day), MOST_FAILURES, f"{_n_learners(by_sensor, backlash_and_day)} learners a cell.  {bold_note}"
         ),
     }  # fmt: skip
 
 
-def _learners(ds: xr.Dataset, over: Sequence[str]) -> int:
-    return int(np.prod([ds.sizes[d] for d in over]))
+def _n_learners(ds: xr.Dataset, dims: Sequence[str]) -> int:
+    return int(np.prod([ds.sizes[d] for d in dims]))
 
 
 def sample() -> None:
     """The rule as it is printed."""
-    printed_rule()
+    write_printed_rule()
 
 
 def main() -> None:
     """Write the tables, draw the figures."""
     ds = results("learning_step").load()
-    of = judged(ds)
-    recommendations(ds, of)
-    failures(of)
-    quiet(ds, of)
-    printed_rule()
-    for path in write_figures(figures(ds, of), RESULTS / "learning_step" / "figures"):
+    judgement = judge_learners(ds)
+    write_recommendations(ds, judgement)
+    write_failures(judgement)
+    write_quiet(ds, judgement)
+    write_printed_rule()
+    for path in write_figures(draw_figures(ds, judgement), RESULTS / "learning_step" / "figures"):
         print(path)
 
 
-def printed_rule() -> None:
+def write_printed_rule() -> None:
     """When the rule reaches the backlash, how often, and where it ends."""
     ds = results("learner")
     n_days = ds.sizes["day"]
@@ -260,9 +272,9 @@ def printed_rule() -> None:
                     rule,
                     loop,
                     f"{int(reached.notnull().sum())} of {n_days}",
-                    hours(reached),
+                    median_hours(reached),
                     f"{int(confirmed.notnull().sum())} of {n_days}",
-                    hours(confirmed),
+                    median_hours(confirmed),
                     f"{float(d.estimate_first_down.median()):.3f}",
                     f"{float(d.estimate_final.median()):.3f}",
                 ]
@@ -271,7 +283,7 @@ def printed_rule() -> None:
     write_table("learning/learner", f"The self-learning rule: backlash 7 %, {n_days} days of 8 h", head, rows)
 
 
-def hours(times: xr.DataArray) -> str:
+def median_hours(times: xr.DataArray) -> str:
     """Median time in hours; a dash where fewer than half of the days have one, for the others come later than all."""
     in_time = times.fillna(float("inf")).median()
     return f"{float(in_time) / 3600:.2f} h" if float(in_time) < float("inf") else "—"

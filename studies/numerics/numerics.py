@@ -19,8 +19,8 @@ from scipy.stats import t
 import fastcoil as fc
 from fastcoil.model.moist_air import enthalpy
 from studies.common import write_table
-from studies.days import HEATING, WEATHER_FILE, kinds, of_kind
-from studies.learning.identify_online import IDENTIFY
+from studies.days import HEATING, WEATHER_FILE, kinds, make_days
+from studies.learning.identify_online import IDENTIFY_SETTINGS
 from studies.numerics import populations as numerics_populations
 from studies.robustness.best_pi import PRESETS as COOLING
 
@@ -33,7 +33,7 @@ SUBSTEPS = (1, 2, 4, 8, 16, 32)
 FINEST = ("quasistatic", 32)
 WAYS = (("lagged", 1), ("quasistatic", 8), FINEST)
 """As printed, converged, and finer."""
-SHOWN = (*(("lagged", n) for n in (1, 2, 8, 32)), *(("quasistatic", n) for n in (1, 2, 4, 8, 16)))
+SHOWN_WAYS = (*(("lagged", n) for n in (1, 2, 8, 32)), *(("quasistatic", n) for n in (1, 2, 4, 8, 16)))
 VOLUMES = (8, 16, 32, 64)
 METRICS = ("rmse", "hunting_swing", "motor_travel", "coil_energy", "condensate")
 CONTROLLERS: dict[str, dict[str, Any]] = {
@@ -42,68 +42,68 @@ CONTROLLERS: dict[str, dict[str, Any]] = {
     "95 %": {"backlash_estimate": 0.0665},
     "120 %": {"backlash_estimate": 0.084},
     "learning rule": {"estimator": "learner", "learning_step": 0.007, "backlash_estimate": 0.007},
-    "identify": IDENTIFY,
+    "identify": IDENTIFY_SETTINGS,
 }
-CONTROLLED = tuple(dict.fromkeys(name for given in CONTROLLERS.values() for name in given))
-KEPT = (*METRICS, "hunting_period", "hunts", "switch_frequency")
+CONTROLLER_PARAMETERS = tuple(dict.fromkeys(name for given in CONTROLLERS.values() for name in given))
+KEPT_METRICS = (*METRICS, "hunting_period", "hunts", "switch_frequency")
 
 
 def presets(names: Sequence[str] = COOLING) -> fc.Loop:
     """Presets along ``preset``, as a plain PI; all of them cool, or all heat."""
     loops = {name: fc.Loop.preset(name) for name in names}
-    plain, varied = dict(fc.Loop().items()), dict[str, None]()
+    defaults, varied_names = dict(fc.Loop().items()), dict[str, None]()
     for loop in loops.values():
-        varied |= {n: None for n, value in loop.items() if value != plain.get(n)}
+        varied_names |= {n: None for n, value in loop.items() if value != defaults.get(n)}
 
-    def along(name: str) -> xr.DataArray:
+    def preset_values(name: str) -> xr.DataArray:
         return xr.DataArray([loop[name] for loop in loops.values()], {"preset": list(loops)}, "preset")
 
-    return fc.Loop(**{name: along(name) for name in varied})
+    return fc.Loop(**{name: preset_values(name) for name in varied_names})
 
 
-def steps(days: range = DAYS) -> xr.Dataset:
+def simulate_steps(days: range = DAYS) -> xr.Dataset:
     """The presets, each on days of its own kind, with every march, number of substeps and backlash."""
     parts = []
-    for names, day in ((COOLING, fc.paper_day), (("heating",), fc.heating_day), (("heating_45",), _cooler)):
+    for names, day in ((COOLING, fc.paper_day), (("heating",), fc.heating_day), (("heating_45",), _cooler_heating_day)):
         loop = presets(names).assign(air_march=list(MARCHES), substeps=list(SUBSTEPS), backlash=list(BACKLASH))
         ds = fc.simulate(loop, day(hours=8, seed=list(days)))
-        parts.append(ds[list(KEPT)].reset_coords(drop=True))
+        parts.append(ds[list(KEPT_METRICS)].reset_coords(drop=True))
     return xr.concat(parts, "preset")
 
 
-def _cooler(hours: int, seed: list[int]) -> fc.Boundary:
+def _cooler_heating_day(hours: int, seed: list[int]) -> fc.Boundary:
     return fc.heating_day(hours=hours, seed=seed, T_w_in=45.0)
 
 
-def volumes(days: range = DAYS) -> xr.Dataset:
+def simulate_volumes(days: range = DAYS) -> xr.Dataset:
     """The presets, converged in time, with more and more volumes."""
     loop = presets().assign(converged=True).assign(n_volumes=list(VOLUMES), backlash=list(BACKLASH[:2]))
     return fc.simulate(loop, fc.paper_day(hours=8, seed=list(days)))
 
 
-def of_kinds(days: range = DAYS, weather: Path = WEATHER_FILE) -> dict[str, xr.Dataset]:
+def simulate_kinds(days: range = DAYS, weather: Path = WEATHER_FILE) -> dict[str, xr.Dataset]:
     """The presets on every kind of day with cooling, as printed, converged and finest: (way, backlash, preset, day)."""
     ways = {"air_march": [march for march, _ in WAYS], "substeps": [n for _, n in WAYS]}
     loop = presets().assign(backlash=list(BACKLASH), **{name: ("way", values) for name, values in ways.items()})
-    return {kind: fc.simulate(loop, of_kind(kind, list(days), weather)) for kind in kinds(weather) if kind != HEATING}
+    return {kind: fc.simulate(loop, make_days(kind, list(days), weather)) for kind in kinds(weather) if kind != HEATING}
 
 
-def claims(days: range = DAYS) -> xr.Dataset:
+def simulate_claims(days: range = DAYS) -> xr.Dataset:
     """The presets with 7 % backlash and every controller, as printed and converged: (way, controller, preset, day)."""
-    loop = presets().assign(**{name: ("controller", _filled(name)) for name in CONTROLLED})
+    loop = presets().assign(**{name: ("controller", _controller_values(name)) for name in CONTROLLER_PARAMETERS})
     day = fc.paper_day(hours=8, seed=list(days))
     parts = [fc.simulate(loop.assign(air_march=march, substeps=n), day) for march, n in WAYS[:2]]
-    kept = ["rmse", "switch_frequency", "estimate_settled"]
-    ds = xr.concat([part[kept].reset_coords(drop=True) for part in parts], "way")
+    kept_metrics = ["rmse", "switch_frequency", "estimate_settled"]
+    ds = xr.concat([part[kept_metrics].reset_coords(drop=True) for part in parts], "way")
     return ds.assign_coords(controller=list(CONTROLLERS))
 
 
-def _filled(name: str) -> list[Any]:
+def _controller_values(name: str) -> list[Any]:
     default = "none" if name == "estimator" else fc.Loop()[name]
-    return [{"plant_gain": 20.0, **given}.get(name, default) for given in CONTROLLERS.values()]
+    return [{"plant_gain": 20.0, **parameters}.get(name, default) for parameters in CONTROLLERS.values()]
 
 
-def change(now: xr.DataArray, before: xr.DataArray) -> str:
+def format_change(now: xr.DataArray, before: xr.DataArray) -> str:
     """Change of the mean over days in per cent, and half its 95 % interval over days."""
     relative = (now / float(before.mean()) - before / float(before.mean())).values
     n, middle = relative.size, 100.0 * float(relative.mean())
@@ -111,30 +111,35 @@ def change(now: xr.DataArray, before: xr.DataArray) -> str:
     return f"{middle:+.1f} ± {half:.1f} %" if max(abs(middle), half) >= 0.05 else "0.0 %"
 
 
-def row(now: xr.Dataset, before: xr.Dataset) -> list[str]:
+def change_row(now: xr.Dataset, before: xr.Dataset) -> list[str]:
     """The change of every metric."""
-    return [change(now[name], before[name]) for name in METRICS]
+    return [format_change(now[name], before[name]) for name in METRICS]
 
 
 def write_steps(ds: xr.Dataset) -> None:
     """Write how far each march and number of substeps is from the finest."""
-    finest = _at(ds, FINEST)
+    finest = _select_way(ds, FINEST)
     write_table(
         "numerics/convergence_steps",
         f"Change against the quasistatic march in {FINEST[1]} substeps, at 7 % backlash: means of {ds.sizes['day']} "
         "days with set-point steps, and half their 95 % interval",
         ["preset", "air march", "substeps", *(name.replace("_", " ") for name in METRICS)],
         (
-            [name, march, str(n), *row(*(d.sel(preset=name, backlash=0.07) for d in (_at(ds, (march, n)), finest)))]
+            [
+                name,
+                march,
+                str(n),
+                *change_row(*(d.sel(preset=name, backlash=0.07) for d in (_select_way(ds, (march, n)), finest))),
+            ]
             for name in map(str, ds.preset.values)
-            for march, n in SHOWN
+            for march, n in SHOWN_WAYS
         ),
     )
 
 
 def write_backlash(ds: xr.Dataset) -> None:
     """Write what becomes of each preset and backlash, as printed and converged."""
-    ways = [_at(ds, way) for way in WAYS]
+    ways = [_select_way(ds, way) for way in WAYS]
     forms = {"rmse": "{:.3f}", "hunting_swing": "{:.3f}", "hunting_period": "{:.0f}", "hunts": "{:.0%}",
              "switch_frequency": "{:.1f}", "motor_travel": "{:.1f}"}  # fmt: skip
     write_table(
@@ -152,22 +157,22 @@ def write_backlash(ds: xr.Dataset) -> None:
     )  # fmt: skip
 
 
-def write_kinds(found: Mapping[str, xr.Dataset]) -> None:
+def write_kinds(by_kind: Mapping[str, xr.Dataset]) -> None:
     """Write whether each preset hunts on each kind of day."""
     rows = []
-    for kind, ds in found.items():
+    for kind, ds in by_kind.items():
         for name in map(str, ds.preset.values):
             cells = []
             for x in BACKLASH:
-                at = ds.sel(preset=name, backlash=x)
-                counts = [int(at.hunts.isel(way=k).sum()) for k in range(len(WAYS))]
-                swings = [float(at.hunting_swing.isel(way=k).mean()) for k in range(len(WAYS))]
+                of_preset = ds.sel(preset=name, backlash=x)
+                counts = [int(of_preset.hunts.isel(way=k).sum()) for k in range(len(WAYS))]
+                swings = [float(of_preset.hunting_swing.isel(way=k).mean()) for k in range(len(WAYS))]
                 cells += [" → ".join(map(str, counts)), " → ".join(f"{swing:.2f}" for swing in swings)]
             rows.append([kind, name, *cells])
-    one = next(iter(found.values()))
+    first_ds = next(iter(by_kind.values()))
     write_table(
         "numerics/convergence_kinds",
-        f"Number of days, of {one.sizes['day']}, on which each preset hunts, and mean swing, K, as printed → converged "
+        f"Number of days, of {first_ds.sizes['day']}, on which each preset hunts, and mean swing, K, as printed → converged "
         f"→ in {FINEST[1]} substeps",
         ["days", "preset", *(f"{what}, X = {x:.0%}" for x in BACKLASH for what in ("hunts", "swing"))],
         rows,
@@ -178,20 +183,22 @@ def write_claims(ds: xr.Dataset) -> None:
     """Write what the paper says of its loop, as printed and converged."""
     plain, mean = ds.rmse.sel(controller="plain PI"), ds.mean("day")
 
-    def arrow(values: xr.DataArray, form: str) -> str:
+    def join_with_arrows(values: xr.DataArray, form: str) -> str:
         return " → ".join(form.format(float(value)) for value in values)
 
     rows = []
     for name in map(str, ds.preset.values):
         gains = [
-            arrow(100 * (ds.rmse.sel(controller=c) / plain - 1.0).sel(preset=name).mean("day"), "{:+.0f}") + " %"
+            join_with_arrows(100 * (ds.rmse.sel(controller=c) / plain - 1.0).sel(preset=name).mean("day"), "{:+.0f}")
+            + " %"
             for c in ("60 %", "95 %", "120 %")
         ]
         switches = [
-            arrow(mean.switch_frequency.sel(controller=c, preset=name), "{:.1f}") for c in ("plain PI", "95 %", "120 %")
+            join_with_arrows(mean.switch_frequency.sel(controller=c, preset=name), "{:.1f}")
+            for c in ("plain PI", "95 %", "120 %")
         ]
         estimates = [
-            arrow(100 * mean.estimate_settled.sel(controller=c, preset=name), "{:.1f}") + " %"
+            join_with_arrows(100 * mean.estimate_settled.sel(controller=c, preset=name), "{:.1f}") + " %"
             for c in ("learning rule", "identify")
         ]
         rows.append([name, *gains, *switches, *estimates])
@@ -213,7 +220,7 @@ def write_volumes(ds: xr.Dataset) -> None:
         f"{ds.sizes['day']} days with set-point steps, and half their 95 % interval",
         ["preset", "backlash", "N", *(name.replace("_", " ") for name in METRICS)],
         (
-            [name, f"{x:.0%}", str(n), *row(*(ds.sel(preset=name, backlash=x, n_volumes=k) for k in (n, 8)))]
+            [name, f"{x:.0%}", str(n), *change_row(*(ds.sel(preset=name, backlash=x, n_volumes=k) for k in (n, 8)))]
             for name in map(str, ds.preset.values)
             for x in map(float, ds.backlash.values)
             for n in VOLUMES[1:]
@@ -221,7 +228,7 @@ def write_volumes(ds: xr.Dataset) -> None:
     )
 
 
-def closure() -> list[list[str]]:
+def energy_balance_rows() -> list[list[str]]:
     """Heat that the water takes at rest, against the enthalpy that the air loses: a row each humidity and opening."""
     rows = []
     for W in HUMIDITY:
@@ -244,26 +251,26 @@ def write_closure() -> None:
         "Energy balance in steady state, c_p,a 1.02 kJ/(kg K): heat taken up by the water compared with the enthalpy "
         "lost by the air",
         ["humidity ratio, g/kg", "command", "wet volumes", "water, kW", "air, kW", "water over air"],
-        closure(),
+        energy_balance_rows(),
     )
 
 
-def _at(ds: xr.Dataset, way: tuple[str, int]) -> xr.Dataset:
+def _select_way(ds: xr.Dataset, way: tuple[str, int]) -> xr.Dataset:
     return ds.sel(air_march=way[0], substeps=way[1], drop=True)
 
 
 def sample() -> None:
     """Numbers of control volumes."""
-    write_volumes(volumes(DAYS))
+    write_volumes(simulate_volumes(DAYS))
 
 
 def main(days: range = DAYS, weather: Path = WEATHER_FILE, **size: Any) -> None:
     """Run everything and write every table; size: of the populations."""
-    marched = steps(days)
-    write_steps(marched)
-    write_backlash(marched)
-    write_kinds(of_kinds(days, weather))
-    write_claims(claims(days))
-    write_volumes(volumes(days))
+    steps_ds = simulate_steps(days)
+    write_steps(steps_ds)
+    write_backlash(steps_ds)
+    write_kinds(simulate_kinds(days, weather))
+    write_claims(simulate_claims(days))
+    write_volumes(simulate_volumes(days))
     write_closure()
     numerics_populations.main(weather=weather, **size)

@@ -11,17 +11,17 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from studies.common import drawn_loops, mixed_sizes, progress, share_of, write_table
-from studies.days import CONSTANT, STEPPED, of_kind
+from studies.common import draw_backlash, draw_loop_parameters, progress_printer, share_of, write_table
+from studies.days import CONSTANT, STEPPED, make_days
 from studies.paper.grid import FIGURE_PRESETS
-from studies.wear.runs import FAST
+from studies.wear.runs import FAST_FACTORS
 
-SEED, LOOPS, DAY, PRESET_DAYS = 20801, 512, 20811, 32
-NUDGE = 1e-9
+SEED, LOOPS, DAY_SEED, PRESET_DAYS = 20801, 512, 20811, 32
+NUDGE_K = 1e-9
 """Of the temperature of the entering air, K."""
-APART = (1e-6, 1e-3, 0.1)
+APART_LIMITS = (1e-6, 1e-3, 0.1)
 """Differences of the supply temperature whose first time is noted, K."""
-BEGIN = 1800
+BEGIN_SECOND = 1800
 """Seconds until the start has passed; the air is warmer from then on."""
 METRICS = ("rmse", "hunting_swing", "hunting_period", "motor_travel", "switch_frequency", "hunts")
 HUNTING, CALM = "hunts", "calm"
@@ -29,29 +29,29 @@ HUNTING, CALM = "hunts", "calm"
 
 def loops(size: int = LOOPS, *, noise: bool = False) -> fc.Loop:
     """Loops with fast gains, of which many hunt, with or without noise of the sensor."""
-    draw = np.random.default_rng(SEED)
-    drawn = drawn_loops(draw, size) | {"backlash": mixed_sizes(draw, size)}
-    drawn |= {name: drawn[name] * factor for name, factor in FAST.items()}
-    drawn["noise_std"] = drawn["noise_std"] * noise
-    return fc.Loop.preset("lbnl").assign(m_full=1.7, **{name: ("sample", list(v)) for name, v in drawn.items()})
+    rng = np.random.default_rng(SEED)
+    parameters = draw_loop_parameters(rng, size) | {"backlash": draw_backlash(rng, size)}
+    parameters |= {name: parameters[name] * factor for name, factor in FAST_FACTORS.items()}
+    parameters["noise_std"] = parameters["noise_std"] * noise
+    return fc.Loop.preset("lbnl").assign(m_full=1.7, **{name: ("sample", list(v)) for name, v in parameters.items()})
 
 
-def first_apart(one: xr.DataArray, other: xr.DataArray, limit: float) -> xr.DataArray:
+def minutes_until_apart(trace: xr.DataArray, nudged_trace: xr.DataArray, limit: float) -> xr.DataArray:
     """Minutes from the nudge until two traces differ by more than a limit; inf if they never do."""
-    apart = abs(one - other) > limit
-    minutes = (one.elapsed_time - BEGIN) / 60.0
-    return minutes.where(apart).min("elapsed_time").fillna(np.inf)
+    is_apart = abs(trace - nudged_trace) > limit
+    minutes = (trace.elapsed_time - BEGIN_SECOND) / 60.0
+    return minutes.where(is_apart).min("elapsed_time").fillna(np.inf)
 
 
-def pair(loop: fc.Loop, day: fc.Boundary) -> tuple[xr.Dataset, xr.Dataset]:
+def simulate_pair(loop: fc.Loop, day: fc.Boundary) -> tuple[xr.Dataset, xr.Dataset]:
     """The loop on its day, and on the day that is warmer by the nudge."""
-    warmer = np.array(day.series["T_a_in"], float)
-    warmer[..., BEGIN:] += NUDGE
-    traced = {"traces": ["T_sup"], "trace_interval": 5, "seed": SEED}
-    return fc.simulate(loop, day, **traced), fc.simulate(loop, day.assign(T_a_in=warmer), **traced)
+    T_a_in = np.array(day.series["T_a_in"], float)
+    T_a_in[..., BEGIN_SECOND:] += NUDGE_K
+    options = {"traces": ["T_sup"], "trace_interval": 5, "seed": SEED}
+    return fc.simulate(loop, day, **options), fc.simulate(loop, day.assign(T_a_in=T_a_in), **options)
 
 
-def minutes(times: xr.DataArray) -> str:
+def format_minutes(times: xr.DataArray) -> str:
     """Median of the times and 5 to 95 % of them."""
     if not times.size:
         return "—"
@@ -59,58 +59,62 @@ def minutes(times: xr.DataArray) -> str:
     return f"{middle:.0f} ({low:.0f} to {high:.0f})"
 
 
-def row_of_times(one: xr.DataArray, other: xr.DataArray) -> list[str]:
+def times_row(trace: xr.DataArray, nudged_trace: xr.DataArray) -> list[str]:
     """How many loops come apart, and when those do."""
-    whole = first_apart(one, other, APART[-1])
-    comes = np.isfinite(whole)
-    at = {"sample": np.flatnonzero(comes)}
-    times = (first_apart(one.isel(at), other.isel(at), limit) for limit in APART)
-    return [f"{comes.size}", f"{share_of(comes)}", *map(minutes, times)]
+    minutes_apart = minutes_until_apart(trace, nudged_trace, APART_LIMITS[-1])
+    comes_apart = np.isfinite(minutes_apart)
+    apart_loops = {"sample": np.flatnonzero(comes_apart)}
+    times = (
+        minutes_until_apart(trace.isel(apart_loops), nudged_trace.isel(apart_loops), limit) for limit in APART_LIMITS
+    )
+    return [f"{comes_apart.size}", f"{share_of(comes_apart)}", *map(format_minutes, times)]
 
 
-def moved(one: xr.DataArray, other: xr.DataArray) -> str:
+def format_difference(values: xr.DataArray, other_values: xr.DataArray) -> str:
     """Median and 95 % of what a metric moved by, as a share of it."""
-    change = (abs(other - one) / abs(one)).where((one != 0.0) & one.notnull())
+    change = (abs(other_values - values) / abs(values)).where((values != 0.0) & values.notnull())
     return " · ".join(f"{100 * float(change.quantile(q)):.2g} %" for q in (0.5, 0.95))
 
 
 def presets() -> fc.Loop:
     """The two presets that are the paper's, along ``preset``; both hunt."""
-    own = {name: dict(fc.Loop.preset(name).items()) for name in FIGURE_PRESETS}
-    names = [name for name, value in own[FIGURE_PRESETS[1]].items() if value != fc.Loop()[name]]
-    return fc.Loop(**{name: ("preset", [each[name] for each in own.values()]) for name in names})
+    parameters = {name: dict(fc.Loop.preset(name).items()) for name in FIGURE_PRESETS}
+    names = [name for name, value in parameters[FIGURE_PRESETS[1]].items() if value != fc.Loop()[name]]
+    return fc.Loop(**{name: ("preset", [preset[name] for preset in parameters.values()]) for name in names})
 
 
 def main(size: int = LOOPS) -> None:
     """Write both tables."""
-    done, times, changes = progress(), [], []
+    report, times, changes = progress_printer(), [], []
     for kind in (CONSTANT, STEPPED):
-        days = of_kind(kind, list(range(DAY, DAY + PRESET_DAYS)))
-        one, other = (ds.rename(day="sample") for ds in pair(presets(), days))
+        days = make_days(kind, list(range(DAY_SEED, DAY_SEED + PRESET_DAYS)))
+        base, nudged = (ds.rename(day="sample") for ds in simulate_pair(presets(), days))
         for k, name in enumerate(FIGURE_PRESETS):
-            of = (ds.T_sup.isel(preset=k) for ds in (one, other))
-            times.append([kind, f"`{name}`", "none", *row_of_times(*of)])
+            traces = (ds.T_sup.isel(preset=k) for ds in (base, nudged))
+            times.append([kind, f"`{name}`", "none", *times_row(*traces)])
         for noise in (False, True):
-            loop, day = loops(size, noise=noise), of_kind(kind, [DAY])
-            one, other = (ds.squeeze("day", drop=True) for ds in pair(loop, day))
-            again = fc.simulate(loop, day, seed=SEED + 1).squeeze("day", drop=True)
+            loop, day = loops(size, noise=noise), make_days(kind, [DAY_SEED])
+            base, nudged = (ds.squeeze("day", drop=True) for ds in simulate_pair(loop, day))
+            reseeded = fc.simulate(loop, day, seed=SEED + 1).squeeze("day", drop=True)
             sensor = "to 0.05 K" if noise else "none"
-            for group, among in ((HUNTING, one.hunts > 0.0), (CALM, one.hunts == 0.0)):
-                at = {"sample": np.flatnonzero(among)}
-                a, b, c = one.isel(at), other.isel(at), again.isel(at)
-                times.append([kind, group, sensor, *row_of_times(a.T_sup, b.T_sup)])
+            for group, among in ((HUNTING, base.hunts > 0.0), (CALM, base.hunts == 0.0)):
+                members = {"sample": np.flatnonzero(among)}
+                of_base, of_nudged, of_reseeded = base.isel(members), nudged.isel(members), reseeded.isel(members)
+                times.append([kind, group, sensor, *times_row(of_base.T_sup, of_nudged.T_sup)])
                 for name in METRICS[:-1]:
-                    seed = moved(a[name], c[name]) if noise else "—"
-                    changes.append([kind, group, sensor, name, moved(a[name], b[name]), seed])
-                verdicts = [f"{share_of(a.hunts != each.hunts)}" for each in (b, c)]
+                    seed_change = format_difference(of_base[name], of_reseeded[name]) if noise else "—"
+                    changes.append(
+                        [kind, group, sensor, name, format_difference(of_base[name], of_nudged[name]), seed_change]
+                    )
+                verdicts = [f"{share_of(of_base.hunts != rerun.hunts)}" for rerun in (of_nudged, of_reseeded)]
                 changes.append([kind, group, sensor, "`hunts` changes", verdicts[0], verdicts[1] if noise else "—"])
-            done(f"{kind}, noise {sensor}")
-    limits = (f"minutes to {limit:g} K, of these" for limit in APART)
+            report(f"{kind}, noise {sensor}")
+    limits = (f"minutes to {limit:g} K, of these" for limit in APART_LIMITS)
     write_table(
         "numerics/traces",
         "Two runs whose entering air differs by 1e-9 K: share of supply temperatures that diverge, and time until they "
         "do, median (5 to 95 %)",
-        ["days", "loops", "noise", "n", f"come apart by {APART[-1]:g} K in 8 h", *limits],
+        ["days", "loops", "noise", "n", f"come apart by {APART_LIMITS[-1]:g} K in 8 h", *limits],
         times,
     )
     write_table(

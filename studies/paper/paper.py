@@ -14,11 +14,11 @@ import numpy as np
 
 import fastcoil as fc
 from studies.common import RESULTS, results, write_table
-from studies.days import SUMMER, WEATHER_FILE
-from studies.paper.grid import KINDS, T_SET, Days, replaced, stepped
+from studies.days import SUMMER_DAYS, WEATHER_FILE
+from studies.paper.grid import KINDS, T_SET, Days, stepped_days, with_constant_set_point
 from studies.paper.regenerate import regenerate
 
-TITLES = {
+TABLE_TITLES = {
     "scorecard_changes": "Claims that depend on the kind of day",
     "scorecard": "Claims that do not depend on the kind of day",
 }
@@ -29,34 +29,36 @@ def all_kinds(path: Path) -> dict[str, Days]:
 
     def weather(hours: float, seeds: Sequence[int]) -> fc.Boundary:
         """Summer days of a weather file with 30 % outdoor air, drawn by the seed, and a constant set-point."""
-        return replaced(stepped(hours, seeds), seeds, [_summer_day(path, hours, seed) for seed in seeds])
+        return with_constant_set_point(
+            stepped_days(hours, seeds), seeds, [_summer_day(path, hours, seed) for seed in seeds]
+        )
 
     return {**KINDS, "weather": weather} if path.is_file() else dict(KINDS)
 
 
 def _summer_day(path: Path, hours: float, seed: int) -> fc.Boundary:
-    chosen = int(np.random.default_rng([seed, 21]).choice(SUMMER))
+    day_of_year = int(np.random.default_rng([seed, 21]).choice(SUMMER_DAYS))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # hourly data have no fast disturbances: the paper's days add them
         return fc.weather_day(
-            path, days=[chosen], hour=9 if hours <= 8 else 0, hours=hours, m_a=1.15, T_w_in=7.0, T_set=T_SET,
+            path, days=[day_of_year], hour=9 if hours <= 8 else 0, hours=hours, m_a=1.15, T_w_in=7.0, T_set=T_SET,
             outdoor_fraction=0.3, T_return=24.0, RH_return=0.5,
         )  # fmt: skip
 
 
-def tables(text: str) -> list[tuple[list[str], list[list[str]]]]:
+def parse_tables(text: str) -> list[tuple[list[str], list[list[str]]]]:
     """Head and rows of every table in a Markdown text."""
-    found = []
+    parsed = []
     for block in text.split("\n\n"):
         if block.startswith("| "):
             head, _, *rows = ([cell.strip() for cell in line.strip("|").split("|")] for line in block.splitlines())
-            found.append((head, rows))
-    return found
+            parsed.append((head, rows))
+    return parsed
 
 
 def sample() -> None:
     """One loop."""
-    one_loop()
+    write_one_loop()
 
 
 def main(*, quick: bool = False) -> None:
@@ -66,13 +68,13 @@ def main(*, quick: bool = False) -> None:
         folder, quick=quick, report=lambda line: print(line, flush=True), kinds=all_kinds(WEATHER_FILE)
     )
     print(*verdicts, f"Page, figures and data: {folder}", sep="\n")
-    found = tables((folder / "scorecard.md").read_text(encoding="utf-8"))
-    one_loop()
-    for (name, title), (head, rows) in zip(TITLES.items(), found, strict=False):
+    markdown_tables = parse_tables((folder / "scorecard.md").read_text(encoding="utf-8"))
+    write_one_loop()
+    for (name, title), (head, rows) in zip(TABLE_TITLES.items(), markdown_tables, strict=False):
         write_table(f"paper/{name}", title, head, rows)
 
 
-def one_loop() -> None:
+def write_one_loop() -> None:
     """Section 3 of the paper on one loop, median of ten days."""
     days = results("paper_like")
     ds = days.median("day")

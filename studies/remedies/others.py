@@ -15,71 +15,78 @@ import fastcoil as fc
 from fastcoil.study.file.spec import read_study
 from studies.common import (
     compare_rows,
-    drawn_loops,
-    failures,
+    draw_backlash,
+    draw_loop_parameters,
+    failures_in_words,
+    format_change,
     mean_of,
-    mixed_sizes,
-    pooled,
-    progress,
+    pool_days,
+    progress_printer,
     share_of,
-    signed,
     write_table,
 )
 from studies.days import HEATING, STEPPED, kinds
-from studies.paper.grid import along as along_cases
-from studies.remedies.runs import DRAWN, LEAST_TRAVEL, SIMC, STUDY, groups, on_days, picked
-from studies.remedies.tables import LABELS
+from studies.paper.grid import cases_along as along_cases
+from studies.remedies.runs import AS_FOUND, LEAST_TRAVEL, SIMC, STUDY, kind_groups, select_loop, simulate_days
+from studies.remedies.tables import REMEDY_LABELS
 from studies.robustness.best_pi import simc_gains
 
 SEED, VALVES = 20701, 384
 DAYS = range(20711, 20721)
 PI, NO_BUFFER, OVERESTIMATE = "pi", "inverse_95", "inverse_120_buffer"
-SHOWN = (PI, "inverse_95_small_buffer", "inverse_95_noise_buffer", "inverse_95_buffer", OVERESTIMATE, NO_BUFFER)
-STILL = "set-point stands still"
+SHOWN_REMEDIES = (
+    PI,
+    "inverse_95_small_buffer",
+    "inverse_95_noise_buffer",
+    "inverse_95_buffer",
+    OVERESTIMATE,
+    NO_BUFFER,
+)
+STILL_LABEL = "set-point stands still"
 
 
 def valves(size: int, *, heating: bool) -> fc.Loop:
     """Fresh valves, all with a gap, behind each remedy that is shown."""
-    draw = np.random.default_rng(SEED)
-    drawn = drawn_loops(draw, size, heating=heating) | {"backlash": mixed_sizes(draw, size)}
+    rng = np.random.default_rng(SEED)
+    parameters = draw_loop_parameters(rng, size, heating=heating) | {"backlash": draw_backlash(rng, size)}
     remedies = read_study(STUDY).tables["cases"]["controller"]
-    cases = {name: {"estimate_ratio": 0.0, **remedies[name]} for name in SHOWN}
+    cases = {name: {"estimate_ratio": 0.0, **remedies[name]} for name in SHOWN_REMEDIES}
     return fc.Loop.preset("lbnl").assign(
         m_full=1.7,
         plant_gain=20.0,
         estimator="none",
-        **{name: xr.DataArray(series, dims="sample") for name, series in drawn.items()},
+        **{name: xr.DataArray(series, dims="sample") for name, series in parameters.items()},
         **along_cases("controller", cases),
     )
 
 
-def ran(size: int = VALVES, some: Sequence[str] | None = None) -> dict[str, dict[str, xr.Dataset]]:
-    """Population → kind of day, of ``some`` or all → metrics over controller, sample and day."""
-    found: dict[str, dict[str, xr.Dataset]] = {SIMC: {}, DRAWN: {}}
-    done = progress()
-    for group in ([kind for kind in group if some is None or kind in some] for group in groups()):
+def run_populations(size: int = VALVES, day_kinds: Sequence[str] | None = None) -> dict[str, dict[str, xr.Dataset]]:
+    """Population → kind of day, of ``day_kinds`` or all → metrics over controller, sample and day."""
+    by_gains: dict[str, dict[str, xr.Dataset]] = {SIMC: {}, AS_FOUND: {}}
+    report = progress_printer()
+    for group in ([kind for kind in group if day_kinds is None or kind in day_kinds] for group in kind_groups()):
         if not group:
             continue
         loop = valves(size, heating=group == [HEATING])
-        simc = simc_gains(picked(loop, controller=0), group[0])
+        simc = simc_gains(select_loop(loop, controller=0), group[0])
         for kind in group:
-            found[SIMC][kind] = on_days(loop, simc, kind, DAYS)
-            found[DRAWN][kind] = on_days(loop, simc[["plant_gain"]], kind, DAYS)
-            done(kind)
-    return found
+            by_gains[SIMC][kind] = simulate_days(loop, simc, kind, DAYS)
+            by_gains[AS_FOUND][kind] = simulate_days(loop, simc[["plant_gain"]], kind, DAYS)
+            report(kind)
+    return by_gains
 
 
-def changed(ds: xr.Dataset, name: str, metric: str, least: float = 0.0) -> tuple[float, float, float]:
+def geometric_mean_ratio(ds: xr.Dataset, name: str, metric: str, floor: float = 0.0) -> tuple[float, float, float]:
     """Geometric mean of a metric over that of the plain PI, with its 95 % interval over valves and days."""
-    sizes = np.log(ds[metric].clip(least))
-    middle, half = mean_of(sizes.sel(controller=name) - sizes.sel(controller=PI))
+    logarithms = np.log(ds[metric].clip(floor))
+    middle, half = mean_of(logarithms.sel(controller=name) - logarithms.sel(controller=PI))
     return float(np.exp(middle)), float(np.exp(middle - half)), float(np.exp(middle + half))
 
 
-def cells(ds: xr.Dataset, name: str) -> list[str]:
+def remedy_cells(ds: xr.Dataset, name: str) -> list[str]:
     """Change of the error, of the travel, and the share of days on which the loop hunts."""
-    error = signed(*(100.0 * (ratio - 1.0) for ratio in changed(ds, name, "rmse")))
-    middle, low, high = changed(ds, name, "motor_travel", LEAST_TRAVEL)
+    error = format_change(*(100.0 * (ratio - 1.0) for ratio in geometric_mean_ratio(ds, name, "rmse")))
+    middle, low, high = geometric_mean_ratio(ds, name, "motor_travel", LEAST_TRAVEL)
     hunts = share_of(ds.hunts.sel(controller=name) > 0.0)
     return [error, f"× {middle:.2f} ({low:.2f} to {high:.2f})", f"{hunts}"]
 
@@ -89,25 +96,33 @@ HEAD = ("gains", "days", "remedy", "RMSE", "motor travel", "hunting")
 
 def sample() -> None:
     """Days with set-point steps."""
-    for gains, of_kinds in ran(some=[STEPPED]).items():
-        rows = [[gains, STEPPED, LABELS[name], *cells(of_kinds[STEPPED], name)] for name in SHOWN[1:]]
+    for gains, by_kind in run_populations(day_kinds=[STEPPED]).items():
+        rows = [
+            [gains, STEPPED, REMEDY_LABELS[name], *remedy_cells(by_kind[STEPPED], name)] for name in SHOWN_REMEDIES[1:]
+        ]
         compare_rows("remedies/remedies_others", rows)
 
 
 def main(size: int = VALVES) -> None:
     """Write the table."""
-    found, rows = ran(size), []
-    for gains, of_kinds in found.items():
-        still = pooled({kind: ds for kind, ds in of_kinds.items() if kind not in (STEPPED, HEATING)})
-        parts = {STEPPED: of_kinds[STEPPED], STILL: still, HEATING: of_kinds[HEATING]}
-        rows += [[gains, days, LABELS[name], *cells(ds, name)] for days, ds in parts.items() for name in SHOWN[1:]]
-        rows += [[gains, days, LABELS[PI], "0", "× 1.00", cells(ds, PI)[-1]] for days, ds in parts.items()]
-    every = [ds for of_kinds in found.values() for ds in of_kinds.values()]
+    by_gains, rows = run_populations(size), []
+    for gains, by_kind in by_gains.items():
+        still_ds = pool_days({kind: ds for kind, ds in by_kind.items() if kind not in (STEPPED, HEATING)})
+        parts = {STEPPED: by_kind[STEPPED], STILL_LABEL: still_ds, HEATING: by_kind[HEATING]}
+        rows += [
+            [gains, days, REMEDY_LABELS[name], *remedy_cells(ds, name)]
+            for days, ds in parts.items()
+            for name in SHOWN_REMEDIES[1:]
+        ]
+        rows += [
+            [gains, days, REMEDY_LABELS[PI], "0", "× 1.00", remedy_cells(ds, PI)[-1]] for days, ds in parts.items()
+        ]
+    datasets = [ds for by_kind in by_gains.values() for ds in by_kind.values()]
     write_table(
         "remedies/remedies_others",
         f"The price of an inverse on other valves: geometric mean over plain PI with the same gains (95 % over valves "
         f"and days); {size} valves × {len(DAYS)} days of each kind, cooling with a constant set-point pooled "
-        f"({', '.join(kind for kind in kinds() if kind not in (STEPPED, HEATING))}; {failures(every)})",
+        f"({', '.join(kind for kind in kinds() if kind not in (STEPPED, HEATING))}; {failures_in_words(datasets)})",
         HEAD,
         rows,
     )

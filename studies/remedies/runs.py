@@ -14,8 +14,8 @@ import xarray as xr
 
 import fastcoil as fc
 from fastcoil.study.file.spec import read_study
-from studies.common import HEATING_GAIN, STUDIES, along, progress
-from studies.days import DESIGN, HEATING, kinds, of_kind, settings
+from studies.common import HEATING_GAIN, STUDIES, concat_along, progress_printer
+from studies.days import DESIGN, HEATING, kinds, loop_settings, make_days
 from studies.robustness.best_pi import simc_gains
 
 
@@ -54,33 +54,33 @@ LEAST_TRAVEL = 0.1
 """Travel in 8 h below which nothing more is saved, strokes."""
 SIMC_VALVES = 512
 """The first so many valves run with the gains of SIMC, too."""
-BASELINE, DRAWN, SIMC = "best PI", "PI as found", "PI by SIMC"
-HALF, FASTER, OWN, PERFECT = "half_kp", "faster", "own_rule", "no_backlash"
+BASELINE, AS_FOUND, SIMC = "best PI", "PI as found", "PI by SIMC"
+HALF_KP, FASTER, OWN_RULE, NO_BACKLASH = "half_kp", "faster", "own_rule", "no_backlash"
 METRICS = ("rmse", "rmse_settled", "motor_travel", "reversals", "share_off", "hunts")
 
 
 def population(size: int | None = None) -> fc.Loop:
     """The valves and loops of the study along ``sample``, with all its remedies along ``controller``."""
     loop = read_study(STUDY).plan.layout.loop
-    return loop if size is None else picked(loop, sample=slice(0, size))
+    return loop if size is None else select_loop(loop, sample=slice(0, size))
 
 
-def picked(loop: fc.Loop, **at: int | slice | list[int]) -> fc.Loop:
+def select_loop(loop: fc.Loop, **at: int | slice | list[int]) -> fc.Loop:
     """A part of a loop's dims."""
     values = {name: xr.DataArray(loop[name]) for name in fc.parameters() if loop[name] is not None}
     return fc.Loop(**{n: v.isel(at, missing_dims="ignore", drop=True) for n, v in values.items()})
 
 
-def of_remedies(loop: fc.Loop, names: Sequence[str]) -> fc.Loop:
+def select_remedies(loop: fc.Loop, names: Sequence[str]) -> fc.Loop:
     """A loop with these remedies alone, in this order."""
     known = [str(n) for n in loop.coordinates()["controller"].values]
-    return picked(loop, controller=[known.index(n) for n in names])
+    return select_loop(loop, controller=[known.index(n) for n in names])
 
 
-def tuned(
+def tune_gains(
     loop: fc.Loop,
     simc: xr.Dataset,
-    some: Sequence[str],
+    day_kinds: Sequence[str],
     grid: Mapping[str, Sequence[float]],
     prices: Sequence[float],
 ) -> xr.Dataset:
@@ -93,59 +93,63 @@ def tuned(
     factors = {name: xr.DataArray(list(values), dims=f"{name}_factor") for name, values in grid.items()}
     swept = loop.assign(kp=simc.kp * factors["kp"], ti=simc.ti * factors["ti"], plant_gain=simc.plant_gain)
     error, travel = xr.DataArray(0.0), xr.DataArray(0.0)
-    searched = [kind for kind in some if kind != DESIGN] or list(some)
-    for kind in searched:
-        days = of_kind(kind, SEARCH_DAYS if len(searched) == 1 else SEARCH_DAYS[:1])
-        ds = fc.simulate(swept.assign(**settings(kind)), days)[["rmse", "motor_travel"]].reset_coords(drop=True)
+    search_kinds = [kind for kind in day_kinds if kind != DESIGN] or list(day_kinds)
+    for kind in search_kinds:
+        days = make_days(kind, SEARCH_DAYS if len(search_kinds) == 1 else SEARCH_DAYS[:1])
+        ds = fc.simulate(swept.assign(**loop_settings(kind)), days)[["rmse", "motor_travel"]].reset_coords(drop=True)
         error = error + np.log(ds.rmse.fillna(np.inf)).mean("day")
         travel = travel + np.log(ds.motor_travel.clip(LEAST_TRAVEL)).mean("day")
-    found = {}
+    by_price = {}
     for price in prices:
-        at = (error + price * travel).argmin([f"{name}_factor" for name in grid])
-        found[price] = xr.Dataset({n: simc[n] * factors[n].isel(at, missing_dims="ignore") for n in grid})
-    best = along("price", found).reset_coords(drop=True)
+        best_index = (error + price * travel).argmin([f"{name}_factor" for name in grid])
+        by_price[price] = xr.Dataset({n: simc[n] * factors[n].isel(best_index, missing_dims="ignore") for n in grid})
+    best = concat_along("price", by_price).reset_coords(drop=True)
     return best.assign(plant_gain=simc.plant_gain).drop_vars("controller", errors="ignore")
 
 
-def on_days(loop: fc.Loop, gains: xr.Dataset, kind: str, seeds: Sequence[int]) -> xr.Dataset:
+def simulate_days(loop: fc.Loop, gains: xr.Dataset, kind: str, seeds: Sequence[int]) -> xr.Dataset:
     """Metrics of a loop with these gains on days of a kind."""
-    given = {name: gains[name] for name in ("kp", "ti", "plant_gain") if name in gains}
-    ds = fc.simulate(loop.assign(**given, **settings(kind)), of_kind(kind, seeds))
+    gain_parameters = {name: gains[name] for name in ("kp", "ti", "plant_gain") if name in gains}
+    ds = fc.simulate(loop.assign(**gain_parameters, **loop_settings(kind)), make_days(kind, seeds))
     return ds[[*METRICS, "size_error", "status"]].reset_coords(drop=True)
 
 
-def every_remedy(loop: fc.Loop, gains: xr.Dataset, kind: str, seeds: Sequence[int]) -> xr.Dataset:
+def run_every_remedy(loop: fc.Loop, gains: xr.Dataset, kind: str, seeds: Sequence[int]) -> xr.Dataset:
     """All remedies of the study, half the gain, a rule of the user's own, and a perfect valve."""
-    plain = picked(loop, controller=0)
-    half = on_days(plain, gains.assign(kp=0.5 * gains.kp), kind, seeds).expand_dims(controller=[HALF])
-    own = on_days(plain.assign(estimator=by_count, buffer=0.01), gains, kind, seeds).expand_dims(controller=[OWN])
-    perfect = on_days(plain.assign(backlash=0.0), gains, kind, seeds).expand_dims(controller=[PERFECT])
-    return xr.concat([on_days(loop, gains, kind, seeds), half, own, perfect], "controller")
+    plain = select_loop(loop, controller=0)
+    half_ds = simulate_days(plain, gains.assign(kp=0.5 * gains.kp), kind, seeds).expand_dims(controller=[HALF_KP])
+    own_rule_ds = simulate_days(plain.assign(estimator=by_count, buffer=0.01), gains, kind, seeds).expand_dims(
+        controller=[OWN_RULE]
+    )
+    perfect_ds = simulate_days(plain.assign(backlash=0.0), gains, kind, seeds).expand_dims(controller=[NO_BACKLASH])
+    return xr.concat([simulate_days(loop, gains, kind, seeds), half_ds, own_rule_ds, perfect_ds], "controller")
 
 
-def faster(loop: fc.Loop, simc: xr.Dataset, kind: str, seeds: Sequence[int]) -> xr.Dataset:
+def run_faster_pi(loop: fc.Loop, simc: xr.Dataset, kind: str, seeds: Sequence[int]) -> xr.Dataset:
     """Plain PI with kp and ti twice those of SIMC: a rule that needs no search."""
     gains = simc.assign(kp=2.0 * simc.kp, ti=2.0 * simc.ti)
-    return on_days(picked(loop, controller=0), gains, kind, seeds).expand_dims(controller=[FASTER])
+    return simulate_days(select_loop(loop, controller=0), gains, kind, seeds).expand_dims(controller=[FASTER])
 
 
-def drawn_kp(plain: fc.Loop, kind: str) -> xr.DataArray:
+def kp_as_found(plain: fc.Loop, kind: str) -> xr.DataArray:
     """The gain as somebody left it; of heating, what suits that plant."""
     return xr.DataArray(plain["kp"]) * (HEATING_GAIN if kind == HEATING else 1.0)
 
 
 def as_found(loop: fc.Loop, kind: str) -> xr.Dataset:
     """Plain PI with the gains as they were drawn."""
-    plain = picked(loop, controller=0)
-    return on_days(plain, xr.Dataset({"kp": drawn_kp(plain, kind)}), kind, FRESH_DAYS).expand_dims(controller=[DRAWN])
+    plain = select_loop(loop, controller=0)
+    return simulate_days(plain, xr.Dataset({"kp": kp_as_found(plain, kind)}), kind, FRESH_DAYS).expand_dims(
+        controller=[AS_FOUND]
+    )
 
 
-def renamed(ds: xr.Dataset, plain: str) -> xr.Dataset:
+def rename_plain_pi(ds: xr.Dataset, plain: str) -> xr.Dataset:
     """A result whose plain PI has this name."""
     return ds.assign_coords(controller=[plain if n == "pi" else str(n) for n in ds.controller.values])
 
 
-def groups() -> list[list[str]]:
+def kind_groups() -> list[list[str]]:
     """Kinds of days that share their gains: all of cooling, and heating."""
     return [[k for k in kinds() if k != HEATING], [HEATING]]
 
@@ -153,29 +157,29 @@ def groups() -> list[list[str]]:
 def run(size: int | None) -> tuple[dict[str, xr.Dataset], dict[str, xr.Dataset], dict[str, float]]:
     """Results by kind of day with the best gains and with those of SIMC; share of valves at the edge of the grid."""
     loop = population(size)
-    plain, few = picked(loop, controller=0), picked(loop, sample=slice(0, SIMC_VALVES))
-    best_found: dict[str, xr.Dataset] = {}
-    simc_found: dict[str, xr.Dataset] = {}
+    plain, simc_valves = select_loop(loop, controller=0), select_loop(loop, sample=slice(0, SIMC_VALVES))
+    best_by_kind: dict[str, xr.Dataset] = {}
+    simc_by_kind: dict[str, xr.Dataset] = {}
     edges: dict[str, float] = {}
-    done = progress()
-    for group in groups():
+    report = progress_printer()
+    for group in kind_groups():
         simc = simc_gains(plain, group[0])
-        best = tuned(plain, simc, group, GRID, [NO_PRICE]).isel(price=0, drop=True)
-        edges[group[0]] = at_edge(best, simc)
-        done(f"tuned for {', '.join(group)}")
+        best = tune_gains(plain, simc, group, GRID, [NO_PRICE]).isel(price=0, drop=True)
+        edges[group[0]] = edge_share(best, simc)
+        report(f"tuned for {', '.join(group)}")
         for kind in group:
-            found = renamed(every_remedy(loop, best, kind, FRESH_DAYS), BASELINE)
-            best_found[kind] = xr.concat([as_found(loop, kind), found], "controller")
-            first = {"sample": slice(0, SIMC_VALVES)}
-            by_simc = renamed(every_remedy(few, simc.isel(first), kind, FRESH_DAYS), SIMC)
-            twice = faster(few, simc.isel(first), kind, FRESH_DAYS)
-            base = best_found[kind].sel(controller=[DRAWN, BASELINE]).isel(first)
-            simc_found[kind] = xr.concat([base, by_simc, twice], "controller")
-            done(f"ran {kind}")
-    return best_found, simc_found, edges
+            best_ds = rename_plain_pi(run_every_remedy(loop, best, kind, FRESH_DAYS), BASELINE)
+            best_by_kind[kind] = xr.concat([as_found(loop, kind), best_ds], "controller")
+            first_valves = {"sample": slice(0, SIMC_VALVES)}
+            simc_ds = rename_plain_pi(run_every_remedy(simc_valves, simc.isel(first_valves), kind, FRESH_DAYS), SIMC)
+            faster_ds = run_faster_pi(simc_valves, simc.isel(first_valves), kind, FRESH_DAYS)
+            base_ds = best_by_kind[kind].sel(controller=[AS_FOUND, BASELINE]).isel(first_valves)
+            simc_by_kind[kind] = xr.concat([base_ds, simc_ds, faster_ds], "controller")
+            report(f"ran {kind}")
+    return best_by_kind, simc_by_kind, edges
 
 
-def at_edge(best: xr.Dataset, simc: xr.Dataset) -> float:
+def edge_share(best: xr.Dataset, simc: xr.Dataset) -> float:
     """Share of the valves whose gains lie at the upper edge of the grid: more might be better still."""
-    high = (best.kp / simc.kp > 0.99 * GRID["kp"][-1]) | (best.ti / simc.ti > 0.99 * GRID["ti"][-1])
-    return float(high.mean())
+    is_at_edge = (best.kp / simc.kp > 0.99 * GRID["kp"][-1]) | (best.ti / simc.ti > 0.99 * GRID["ti"][-1])
+    return float(is_at_edge.mean())

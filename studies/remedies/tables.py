@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from studies.common import change_in_words, failures, pooled, spread, write_table
+from studies.common import change_in_words, failures_in_words, format_spread, pool_days, write_table
 from studies.remedies.runs import BASELINE, SIMC
 
-LABELS = {
+REMEDY_LABELS = {
     "PI as found": "PI as found",
     BASELINE: BASELINE,
     SIMC: SIMC,
@@ -34,102 +34,110 @@ LABELS = {
     "no_backlash": "(a valve without backlash)",
 }
 """The names of the remedies for readers, in the order of the tables."""
-NO_CHANGE = 0.01
+HARM_SHARE = 0.01
 """Share of the error, above which a remedy counts as harm."""
 
 
-def ordered(ds: xr.Dataset) -> list[str]:
+def ordered_remedies(ds: xr.Dataset) -> list[str]:
     """The remedies of a result in the order of the tables."""
-    return [name for name in LABELS if name in ds.controller.values]
+    return [name for name in REMEDY_LABELS if name in ds.controller.values]
 
 
-def error_rows(found: dict[str, xr.Dataset], baseline: str) -> list[list[str]]:
+def error_rows(by_kind: dict[str, xr.Dataset], baseline: str) -> list[list[str]]:
     """A row for each remedy: the change of RMSE on each kind of day, and on all; the last row is what it changes."""
-    of_kinds = [*found.values(), pooled(found)]
-    size = [
+    datasets = [*by_kind.values(), pool_days(by_kind)]
+    size_row = [
         "(RMSE of plain PI, median)",
-        *(f"{float(ds.rmse.sel(controller=baseline).median()):.3f} K" for ds in of_kinds),
+        *(f"{float(ds.rmse.sel(controller=baseline).median()):.3f} K" for ds in datasets),
     ]
     return [
-        *([LABELS[name], *(change_in_words(ds, name, baseline) for ds in of_kinds)] for name in ordered(of_kinds[0])),
-        size,
+        *(
+            [REMEDY_LABELS[name], *(change_in_words(ds, name, baseline) for ds in datasets)]
+            for name in ordered_remedies(datasets[0])
+        ),
+        size_row,
     ]
 
 
-def cost_rows(found: dict[str, xr.Dataset], baseline: str) -> list[list[str]]:
+def cost_rows(by_kind: dict[str, xr.Dataset], baseline: str) -> list[list[str]]:
     """A row for each remedy: what becomes of single valves, and what the motor pays; all kinds of days alike."""
-    ds = pooled(found)
+    ds = pool_days(by_kind)
     base, table = ds.sel(controller=baseline), []
-    for name in ordered(ds):
-        d = ds.sel(controller=name)
-        of_valves, settled, travel = (
-            d[m].mean("day") / base[m].mean("day") for m in ("rmse", "rmse_settled", "motor_travel")
+    for name in ordered_remedies(ds):
+        of_remedy = ds.sel(controller=name)
+        error_ratio, settled_ratio, travel_ratio = (
+            of_remedy[m].mean("day") / base[m].mean("day") for m in ("rmse", "rmse_settled", "motor_travel")
         )
         table.append(
             [
-                LABELS[name],
-                spread(of_valves),
-                f"{float((of_valves > 1.0 + NO_CHANGE).mean()):.0%}",
-                f"{100 * float(settled.median()) - 100:+.0f} %",
-                f"× {float(travel.median()):.2f}",
-                f"× {float(travel.quantile(0.95)):.1f}",
-                f"{float(d.motor_travel.median()):.1f}",
-                f"× {float(d.reversals.sum() / base.reversals.sum()):.2f}",
-                f"{float(d.share_off.mean()):.1%}",
-                f"{float(d.hunts.mean()):.1%}",
+                REMEDY_LABELS[name],
+                format_spread(error_ratio),
+                f"{float((error_ratio > 1.0 + HARM_SHARE).mean()):.0%}",
+                f"{100 * float(settled_ratio.median()) - 100:+.0f} %",
+                f"× {float(travel_ratio.median()):.2f}",
+                f"× {float(travel_ratio.quantile(0.95)):.1f}",
+                f"{float(of_remedy.motor_travel.median()):.1f}",
+                f"× {float(of_remedy.reversals.sum() / base.reversals.sum()):.2f}",
+                f"{float(of_remedy.share_off.mean()):.1%}",
+                f"{float(of_remedy.hunts.mean()):.1%}",
             ]
         )
     return table
 
 
-COST = [
+COST_HEAD = [
     "remedy", "RMSE: 5 %, median, 95 % of the valves", "over 1 % worse in", "settled RMSE, median",
     "motor travel, median", "travel, 95 % of the valves", "strokes in 7.5 h, median", "reversals",
     "time beyond 0.5 K", "hunting",
 ]  # fmt: skip
 
 
-def backlash_rows(found: dict[str, xr.Dataset], baseline: str, backlash: xr.DataArray) -> list[list[str]]:
+def backlash_rows(by_kind: dict[str, xr.Dataset], baseline: str, backlash: xr.DataArray) -> list[list[str]]:
     """Median change of RMSE by true backlash, over all kinds of days; 0 shows the harm."""
-    error = pooled(found).rmse.mean("day")
+    error = pool_days(by_kind).rmse.mean("day")
     relative = error / error.sel(controller=baseline) - 1.0
     table = []
-    for name in ordered(pooled(found)):
+    for name in ordered_remedies(pool_days(by_kind)):
         of_remedy = relative.sel(controller=name)
         cells = (of_remedy.isel(sample=(backlash == x).values) for x in np.unique(backlash))
-        table.append([LABELS[name], *(f"{100 * float(part.median()):+.0f} %" for part in cells)])
+        table.append([REMEDY_LABELS[name], *(f"{100 * float(part.median()):+.0f} %" for part in cells)])
     return table
 
 
-def write(
-    best: dict[str, xr.Dataset], simc: dict[str, xr.Dataset], edges: dict[str, float], backlash: xr.DataArray
+def write_tables(
+    best_by_kind: dict[str, xr.Dataset],
+    simc_by_kind: dict[str, xr.Dataset],
+    edges: dict[str, float],
+    backlash: xr.DataArray,
 ) -> None:
     """Write the tables of ``remedies.py``; ``edges``: share of the valves whose best gains lie at the grid's edge."""
-    at_edge = ", ".join(f"{share:.0%} {'heating' if kind == 'heating' else 'cooling'}" for kind, share in edges.items())
-    for of, found, baseline, notes in (
-        ("remedies", best, BASELINE, f"; at the edge of the grid of gains: {at_edge}"),
-        ("remedies_simc", simc, SIMC, ""),
+    edge_text = ", ".join(
+        f"{share:.0%} {'heating' if kind == 'heating' else 'cooling'}" for kind, share in edges.items()
+    )
+    for table_name, by_kind, baseline, notes in (
+        ("remedies", best_by_kind, BASELINE, f"; at the edge of the grid of gains: {edge_text}"),
+        ("remedies_simc", simc_by_kind, SIMC, ""),
     ):
-        first, sizes = next(iter(found.values())), backlash.isel(sample=slice(0, None))
-        sizes = sizes.isel(sample=slice(0, first.sizes["sample"]))
-        where = f"{first.sizes['sample']:,} valves and loops, {first.sizes['day']} days of each kind"
-        gains = "the best gains of each valve's plain PI" if baseline == BASELINE else "the gains of SIMC"
+        first_ds, sizes = next(iter(by_kind.values())), backlash.isel(sample=slice(0, None))
+        sizes = sizes.isel(sample=slice(0, first_ds.sizes["sample"]))
+        sizes_text = f"{first_ds.sizes['sample']:,} valves and loops, {first_ds.sizes['day']} days of each kind"
+        gains_text = "the best gains of each valve's plain PI" if baseline == BASELINE else "the gains of SIMC"
         write_table(
-            f"remedies/{of}",
-            f"RMSE with {gains}: mean change against plain PI with these gains (95 % over valves and days); {where} "
-            f"({failures(found.values())}{notes})",
-            ["remedy", *found, "all"],
-            error_rows(found, baseline),
+            f"remedies/{table_name}",
+            f"RMSE with {gains_text}: mean change against plain PI with these gains (95 % over valves and days); {sizes_text} "
+            f"({failures_in_words(by_kind.values())}{notes})",
+            ["remedy", *by_kind, "all"],
+            error_rows(by_kind, baseline),
         )
         write_table(
-            f"remedies/{of}_cost",
-            f"Remedies with {gains} on all kinds of days: single valves, motor and hunting; {where}",
-            COST,
-            cost_rows(found, baseline),
+            f"remedies/{table_name}_cost",
+            f"Remedies with {gains_text} on all kinds of days: single valves, motor and hunting; {sizes_text}",
+            COST_HEAD,
+            cost_rows(by_kind, baseline),
         )
         write_table(
-            f"remedies/{of}_by_backlash",
-            f"Remedies with {gains} by true backlash: median change of RMSE on all kinds of days; {where}",
+            f"remedies/{table_name}_by_backlash",
+            f"Remedies with {gains_text} by true backlash: median change of RMSE on all kinds of days; {sizes_text}",
             ["remedy", *(f"{x:.0%}" for x in np.unique(sizes))],
-            backlash_rows(found, baseline, sizes),
+            backlash_rows(by_kind, baseline, sizes),
         )

@@ -8,20 +8,20 @@ from fastcoil.study.analysis.summary import best_plain_pi
 from studies.common import results, write_table
 
 
-def change(values: xr.DataArray, reference: xr.DataArray) -> str:
+def median_change(values: xr.DataArray, reference: xr.DataArray) -> str:
     """Median relative change in percent."""
     return f"{100 * float((values / reference - 1).median()):+.0f} %"
 
 
-def share(holds: xr.DataArray) -> str:
+def percent_of_loops(holds: xr.DataArray) -> str:
     """Share of the loops in which something holds."""
     return f"{float(holds.mean()):.1%}"
 
 
-def robustness() -> None:
+def write_robustness() -> None:
     """Estimate by estimate against the plain PI of the same loop and the best one, then by backlash; then baselines."""
-    everything = results("robustness").load()
-    ds = everything.isel(tuning=(everything.error_dead_band == 0.0).values)
+    all_results = results("robustness").load()
+    ds = all_results.isel(tuning=(all_results.error_dead_band == 0.0).values)
     plain = ds.sel(estimate_ratio=0.0)
     at = best_plain_pi(plain)
     assert at is not None
@@ -35,10 +35,10 @@ def robustness() -> None:
         (
             [
                 f"{ratio:g}",
-                change(d.rmse, plain.rmse),
-                change(d.rmse_settled, plain.rmse_settled),
-                share(d.rmse < plain.rmse),
-                share(d.rmse < best),
+                median_change(d.rmse, plain.rmse),
+                median_change(d.rmse_settled, plain.rmse_settled),
+                percent_of_loops(d.rmse < plain.rmse),
+                percent_of_loops(d.rmse < best),
                 f"{float(d.switch_frequency.median()):.1f}",
                 f"× {float((d.motor_travel / plain.motor_travel).median()):.1f}",
             ]
@@ -46,7 +46,7 @@ def robustness() -> None:
             for d in [ds.sel(estimate_ratio=ratio)]
         ),
     )  # fmt: skip
-    baselines(everything)
+    write_baselines(all_results)
     at, exact = ds.sel(estimate_ratio=0.95), ds.sel(estimate_ratio=1.0)
     write_table(
         "robustness/robustness_by_backlash",
@@ -56,9 +56,9 @@ def robustness() -> None:
             [
                 f"{x:.0%}",
                 f"{float(plain.rmse.sel(backlash=x).median()):.3f} K",
-                change(at.rmse.sel(backlash=x), plain.rmse.sel(backlash=x)),
-                change(at.rmse_settled.sel(backlash=x), plain.rmse_settled.sel(backlash=x)),
-                change(exact.rmse.sel(backlash=x), plain.rmse.sel(backlash=x)),
+                median_change(at.rmse.sel(backlash=x), plain.rmse.sel(backlash=x)),
+                median_change(at.rmse_settled.sel(backlash=x), plain.rmse_settled.sel(backlash=x)),
+                median_change(exact.rmse.sel(backlash=x), plain.rmse.sel(backlash=x)),
             ]
             for x in (0.02, 0.05, 0.07, 0.1, 0.15)
         ),
@@ -84,7 +84,7 @@ BASELINES = {
 """Tuning and estimate of each remedy on the plant of ``paper_like``, at its sample time of 30 s."""
 
 
-def baselines(ds: xr.Dataset) -> None:
+def write_baselines(ds: xr.Dataset) -> None:
     """What an inverse, a dead band and a better tuning each do for one loop, against its plain PI."""
     plain = ds.sel(tuning="paper_like", estimate_ratio=0.0)
     write_table(
@@ -95,9 +95,9 @@ def baselines(ds: xr.Dataset) -> None:
         (
             [
                 name,
-                change(d.rmse, plain.rmse),
-                change(d.rmse_settled, plain.rmse_settled),
-                *(change(d.rmse.sel(backlash=x), plain.rmse.sel(backlash=x)) for x in (0.02, 0.07, 0.15)),
+                median_change(d.rmse, plain.rmse),
+                median_change(d.rmse_settled, plain.rmse_settled),
+                *(median_change(d.rmse.sel(backlash=x), plain.rmse.sel(backlash=x)) for x in (0.02, 0.07, 0.15)),
                 f"× {float((d.motor_travel / plain.motor_travel).median()):.1f}",
                 f"{int(d.hunts.sum())} of {d.hunts.size}",
             ]
@@ -109,4 +109,4 @@ def baselines(ds: xr.Dataset) -> None:
 
 def main() -> None:
     """Write every table."""
-    robustness()
+    write_robustness()

@@ -12,12 +12,12 @@ from joblib import Parallel, delayed
 import fastcoil as fc
 from studies.common import compare_rows, write_table
 from studies.days import CONSTANT, DESIGN
-from studies.diagnosis.cause import ANSWERS, CAUSES, SWINGING, counted, logs, of_logs
+from studies.diagnosis.cause import ANSWERS, CAUSES, SWINGING, count_answers, share_of_logs, simulate_logs
 
-SEED, VALVES, DAY = 9651, 256, 96511
+SEED, VALVES, DAY_SEED = 9651, 256, 96511
 KINDS = (CONSTANT, DESIGN, SWINGING)
 TEST = fc.ValveTest(start=4 * 3600, minutes=45, settle=900)
-BEFORE = TEST.start / 3600
+HOURS_BEFORE_TEST = TEST.start / 3600
 """Hours of normal operation in the log before the test."""
 
 
@@ -30,43 +30,47 @@ class Answer(NamedTuple):
     tested: str
 
 
-def answers(kind: str, seed: int = SEED, n: int = VALVES, day_seed: int = DAY) -> list[Answer]:
+def read_answers(kind: str, seed: int = SEED, n: int = VALVES, day_seed: int = DAY_SEED) -> list[Answer]:
     """Read the test of every loop of a kind, and diagnose the log before it."""
-    of = logs(kind, seed, n, day_seed, TEST)
-    found = []
-    for log, true, stroke_time in zip(of.logs, of.cause, of.stroke_time.tolist(), strict=True):
+    logs_of_kind = simulate_logs(kind, seed, n, day_seed, TEST)
+    answers = []
+    for log, cause, stroke_time in zip(
+        logs_of_kind.logs, logs_of_kind.cause, logs_of_kind.stroke_time.tolist(), strict=True
+    ):
         before = log.where(log.elapsed_time < TEST.start, drop=True).drop_vars("test")
         alone = fc.diagnose(before, stroke_time=stroke_time).cause
-        began = bool((log.test > 0.0).any())
-        tested = fc.read_test(log, stroke_time=stroke_time).cause if began else alone
-        found.append(Answer(kind, true, alone, tested))
-    return found
+        has_test = bool((log.test > 0.0).any())
+        tested = fc.read_test(log, stroke_time=stroke_time).cause if has_test else alone
+        answers.append(Answer(kind, cause, alone, tested))
+    return answers
 
 
 def sample() -> None:
     """The first kind of day."""
-    compare_rows("valve_test/blame", counted(KINDS[0], [(one.true, one.tested) for one in answers(KINDS[0])]))
+    compare_rows(
+        "valve_test/blame", count_answers(KINDS[0], [(answer.true, answer.tested) for answer in read_answers(KINDS[0])])
+    )
 
 
 def main() -> None:
     """Write the tables."""
-    of_kinds = Parallel(n_jobs=-1)(delayed(answers)(kind) for kind in KINDS)
-    everything = [one for found in of_kinds for one in found]
+    answers_by_kind = Parallel(n_jobs=-1)(delayed(read_answers)(kind) for kind in KINDS)
+    all_answers = [answer for kind_answers in answers_by_kind for answer in kind_answers]
     rows = []
-    for kind, found in zip(KINDS, of_kinds, strict=True):
-        rows += counted(kind, [(one.true, one.tested) for one in found])
+    for kind, kind_answers in zip(KINDS, answers_by_kind, strict=True):
+        rows += count_answers(kind, [(answer.true, answer.tested) for answer in kind_answers])
     title = f"Why loops swing, after a test: {VALVES} valves on a day of each kind; diagnosed cause by true cause"
     write_table("valve_test/blame", title, ["day", "truth", "loops", *ANSWERS], rows)  # fmt: skip
     summary = []
-    for answer in CAUSES:
-        row = [answer]
+    for cause in CAUSES:
+        row = [cause]
         for way in ("alone", "tested"):
-            given = [one for one in everything if getattr(one, way) == answer]
-            true = [one for one in everything if one.true == answer]
-            row += [str(len(given)), of_logs([one.true == answer for one in given]),
-                    of_logs([getattr(one, way) == answer for one in true])]  # fmt: skip
+            with_answer = [answer for answer in all_answers if getattr(answer, way) == cause]
+            with_cause = [answer for answer in all_answers if answer.true == cause]
+            row += [str(len(with_answer)), share_of_logs([answer.true == cause for answer in with_answer]),
+                    share_of_logs([getattr(answer, way) == cause for answer in with_cause])]  # fmt: skip
         summary.append(row)
-    head = [f"{what}, {way}" for way in (f"log of {BEFORE:.0f} h alone", "with the test")
+    head = [f"{what}, {way}" for way in (f"log of {HOURS_BEFORE_TEST:.0f} h alone", "with the test")
             for what in ("answers", "right of these", "share of the true ones")]  # fmt: skip
-    title = f"Causes diagnosed from the log alone and with the test: {len(everything)} loops"
+    title = f"Causes diagnosed from the log alone and with the test: {len(all_answers)} loops"
     write_table("valve_test/blame_answers", title, ["cause", *head], summary)

@@ -18,22 +18,32 @@ import fastcoil as fc
 from fastcoil.measured.identify import GOOD_BACKLASH, SIZE_TOLERANCE
 from fastcoil.measured.read_test import AR, MA
 from studies.common import compare_rows, write_table
-from studies.days import of_kind, settings
+from studies.days import loop_settings, make_days
 from studies.diagnosis.diagnosis import valves
-from studies.valve_test.valve_test import ASKED, HOURS, LOGGED, SEQUENCES, START, Case, log_of, read, simulated
+from studies.valve_test.valve_test import (
+    BASIC_CASES,
+    HOURS,
+    LOG_INTERVAL,
+    SEQUENCE_CASES,
+    TEST_START,
+    Case,
+    read_gap,
+    select_log,
+    simulate_case,
+)
 
 SEED, VALVES, DAYS = 9671, 64, 8
-EVERY, AFTER = 10, 600
+SAMPLE_INTERVAL, SECONDS_AFTER = 10, 600
 """Seconds between the temperatures that count, and after the test in which they do."""
-CALMS_DOWN = 1800
+SETTLING_SECONDS = 1800
 """Seconds for which the command stands still before drift and noise are taken."""
 MEDIAN_OF_NORMAL = 0.674
 """Median size of a normal number, in standard deviations."""
-SMALL = {"backlash": 0.002, "m_full": 0.02, "C_c": 0.05}
+PARAMETER_STEPS = {"backlash": 0.002, "m_full": 0.02, "C_c": 0.05}
 """Change of the gap, fraction of stroke, and relative changes of gain and lag."""
 
 
-class Bounded(NamedTuple):
+class BoundedReadings(NamedTuple):
     """Of each worn valve: gap, bound and error of the reading, fractions of stroke; excursion, K."""
 
     gap: np.ndarray
@@ -42,72 +52,89 @@ class Bounded(NamedTuple):
     excursion: np.ndarray
 
 
-def whitened(series: np.ndarray, ar: float, ma: float) -> np.ndarray:
+def whiten(series: np.ndarray, ar: float, ma: float) -> np.ndarray:
     """Innovations of an ARIMA(1,1,1)."""
     return np.asarray(lfilter(np.convolve([1.0, -1.0], [1.0, -ar]), [1.0, -ma], series, axis=-1)[..., 2:])
 
 
-def bound(responses: np.ndarray, changes: np.ndarray, drift: np.ndarray) -> float:
+def gap_bound(responses: np.ndarray, changes: np.ndarray, drift: np.ndarray) -> float:
     """Least standard deviation of an unbiased estimate of the gap.
 
     responses: (3, n), dT per unit of gap, of gain and of lag; changes: what a unit is; drift: (n,), K.
     """
-    models = [(float(np.mean(whitened(drift, ar, ma) ** 2)), ar, ma) for ar in AR for ma in MA]
-    variance, ar, ma = min(models)
-    gap, *others = whitened(responses / changes[:, np.newaxis], ar, ma)
-    unknown, _ = np.linalg.qr(np.stack([*others, np.ones(gap.size)], axis=1))
-    left = gap - unknown @ (unknown.T @ gap)
-    return float(np.sqrt(variance / (left @ left)))
+    noise_models = [(float(np.mean(whiten(drift, ar, ma) ** 2)), ar, ma) for ar in AR for ma in MA]
+    variance, ar, ma = min(noise_models)
+    gap, *other_responses = whiten(responses / changes[:, np.newaxis], ar, ma)
+    nuisance, _ = np.linalg.qr(np.stack([*other_responses, np.ones(gap.size)], axis=1))
+    residual = gap - nuisance @ (nuisance.T @ gap)
+    return float(np.sqrt(variance / (residual @ residual)))
 
 
-def bound_of(loop: fc.Loop, day: fc.Boundary, command: np.ndarray, still: np.ndarray, rows: slice, seed: int) -> float:
+def simulate_bound(
+    loop: fc.Loop, day: fc.Boundary, command: np.ndarray, still_command: np.ndarray, rows: slice, seed: int
+) -> float:
     """The bound of one day of which ``rows`` are seen, s.  command: (n,), as it was; still: as it is for the drift."""
 
-    def temperature(command: np.ndarray, trace: str = "T_sup", **changed: float) -> np.ndarray:
-        ds = fc.simulate(loop.assign(**changed), day, command=command, traces=[trace], seed=seed, n_jobs=1)
+    def temperature(command: np.ndarray, trace: str = "T_sup", **changes: float) -> np.ndarray:
+        ds = fc.simulate(loop.assign(**changes), day, command=command, traces=[trace], seed=seed, n_jobs=1)
         return np.asarray(ds[trace].squeeze().values[rows], dtype=float)
 
-    values = {name: float(loop[name]) for name in SMALL}
-    steps = np.array([SMALL["backlash"], SMALL["m_full"] * values["m_full"], SMALL["C_c"] * values["C_c"]])
+    values = {name: float(loop[name]) for name in PARAMETER_STEPS}
+    steps = np.array(
+        [
+            PARAMETER_STEPS["backlash"],
+            PARAMETER_STEPS["m_full"] * values["m_full"],
+            PARAMETER_STEPS["C_c"] * values["C_c"],
+        ]
+    )
     responses = [
         temperature(command, **{name: values[name] + step}) - temperature(command, **{name: values[name] - step})
-        for name, step in zip(SMALL, steps, strict=True)
+        for name, step in zip(PARAMETER_STEPS, steps, strict=True)
     ]
-    return bound(np.array(responses), 2.0 * steps, temperature(still, "T_measured"))
+    return gap_bound(np.array(responses), 2.0 * steps, temperature(still_command, "T_measured"))
 
 
-def bounded(case: Case, seed: int, n: int = VALVES, days: int = DAYS) -> Bounded:
+def bound_case(case: Case, seed: int, n: int = VALVES, days: int = DAYS) -> BoundedReadings:
     """Bounds and readings of the worn valves of a case whose test came to its end."""
-    of = simulated(case, seed, n, days)
-    drawn = valves(case.population, [seed, 1], n)
-    boundary = of_kind(case.population.kind, [100 * seed + k for k in range(days)], hours=HOURS)
-    whole = (of.signals.test > 0.0).any("elapsed_time") & (of.signals.test_aborted == 0.0)
-    pairs = [(k, k % days) for k in range(n) if of.backlash[k] > 0.0 and whole[k, k % days]]
+    tests = simulate_case(case, seed, n, days)
+    parameters = valves(case.population, [seed, 1], n)
+    boundary = make_days(case.population.kind, [100 * seed + k for k in range(days)], hours=HOURS)
+    is_complete = (tests.signals.test > 0.0).any("elapsed_time") & (tests.signals.test_aborted == 0.0)
+    pairs = [(k, k % days) for k in range(n) if tests.backlash[k] > 0.0 and is_complete[k, k % days]]
 
-    def one(k: int, day: int) -> tuple[float, ...]:
-        values = {name: float(each[k]) for name, each in drawn.items()} | {"backlash_estimate": 0.0}
-        loop = fc.Loop.preset("lbnl").assign(m_full=1.7, **values, **settings(case.population.kind))
-        signals = of.signals.isel(sample=k, day=day)
-        runs = np.flatnonzero(signals.test.values > 0.0)
-        command = np.repeat(signals.command.values, LOGGED).astype(float)
-        end = LOGGED * int(runs[-1])
-        still = np.where(np.arange(command.size) < START - CALMS_DOWN, command, command[START:end].mean())
-        least = bound_of(loop, boundary.isel(day), command, still, slice(START, end + AFTER, EVERY), seed)
-        size, *_ = read(log_of(of, case, k, day), of.stroke_time[k])
-        excursion = float(abs(signals.T_sup - signals.T_set).values[runs].max())
-        return of.backlash[k], least, size - of.backlash[k], excursion
+    def bound_test(k: int, day: int) -> tuple[float, ...]:
+        values = {name: float(column[k]) for name, column in parameters.items()} | {"backlash_estimate": 0.0}
+        loop = fc.Loop.preset("lbnl").assign(m_full=1.7, **values, **loop_settings(case.population.kind))
+        signals = tests.signals.isel(sample=k, day=day)
+        test_rows = np.flatnonzero(signals.test.values > 0.0)
+        command = np.repeat(signals.command.values, LOG_INTERVAL).astype(float)
+        end = LOG_INTERVAL * int(test_rows[-1])
+        still_command = np.where(
+            np.arange(command.size) < TEST_START - SETTLING_SECONDS, command, command[TEST_START:end].mean()
+        )
+        bound = simulate_bound(
+            loop,
+            boundary.isel(day),
+            command,
+            still_command,
+            slice(TEST_START, end + SECONDS_AFTER, SAMPLE_INTERVAL),
+            seed,
+        )
+        estimate, *_ = read_gap(select_log(tests, case, k, day), tests.stroke_time[k])
+        excursion = float(abs(signals.T_sup - signals.T_set).values[test_rows].max())
+        return tests.backlash[k], bound, estimate - tests.backlash[k], excursion
 
-    return Bounded(*np.array(Parallel(n_jobs=-1)(delayed(one)(*pair) for pair in pairs)).T)
+    return BoundedReadings(*np.array(Parallel(n_jobs=-1)(delayed(bound_test)(*pair) for pair in pairs)).T)
 
 
-def row(found: Bounded) -> list[str]:
+def bound_row(readings: BoundedReadings) -> list[str]:
     """A row of the table, sizes in per cent of stroke."""
-    typical, large = (100 * float(np.quantile(found.bound, q)) for q in (0.5, 0.9))
-    ratio = float(np.median(abs(found.error) / found.bound)) / MEDIAN_OF_NORMAL
-    clear = found.bound < np.maximum(SIZE_TOLERANCE * found.gap, GOOD_BACKLASH) / 1.96
+    median_bound, large_bound = (100 * float(np.quantile(readings.bound, q)) for q in (0.5, 0.9))
+    ratio = float(np.median(abs(readings.error) / readings.bound)) / MEDIAN_OF_NORMAL
+    is_claimable = readings.bound < np.maximum(SIZE_TOLERANCE * readings.gap, GOOD_BACKLASH) / 1.96
     return [
-        f"{found.gap.size}", f"{np.median(found.excursion):.2f}", f"{typical:.2f} · {large:.2f}",
-        f"{100 * np.sqrt(np.mean(found.error**2)):.2f}", f"{ratio:.1f}", f"{100 * clear.mean():.0f} %",
+        f"{readings.gap.size}", f"{np.median(readings.excursion):.2f}", f"{median_bound:.2f} · {large_bound:.2f}",
+        f"{100 * np.sqrt(np.mean(readings.error**2)):.2f}", f"{ratio:.1f}", f"{100 * is_claimable.mean():.0f} %",
     ]  # fmt: skip
 
 
@@ -119,16 +146,18 @@ HEAD = (
 
 def sample() -> None:
     """The first test."""
-    name, case = next(iter(ASKED.items()))
-    compare_rows("valve_test/valve_test_bound", [[name, *row(bounded(case, SEED))]])
+    name, case = next(iter(BASIC_CASES.items()))
+    compare_rows("valve_test/valve_test_bound", [[name, *bound_row(bound_case(case, SEED))]])
 
 
 def main() -> None:
     """Write the table."""
-    chosen = {name: case for name, case in (ASKED | SEQUENCES).items() if case.command is None and not case.inputs}
+    chosen = {
+        name: case for name, case in (BASIC_CASES | SEQUENCE_CASES).items() if case.command is None and not case.inputs
+    }
     rows = []
     for k, (name, case) in enumerate(chosen.items()):
-        rows.append([name, *row(bounded(case, SEED + k))])
+        rows.append([name, *bound_row(bound_case(case, SEED + k))])
         print(rows[-1], flush=True)
     write_table(
         "valve_test/valve_test_bound", "The Cramér–Rao bound of the gap, and the error of this reading", HEAD, rows

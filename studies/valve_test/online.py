@@ -17,51 +17,51 @@ import xarray as xr
 import fastcoil as fc
 from fastcoil.measured.identify import GOOD_BACKLASH, SIZE_TOLERANCE
 from studies.common import compare_rows, share_of, write_table
-from studies.days import CONSTANT, DESIGN, HEATING, HOURS, STEPPED, WEATHER, kinds, of_kind, settings
-from studies.learning.identify_online import IDENTIFY, WORSE, population
+from studies.days import CONSTANT, DESIGN, HEATING, HOURS, STEPPED, WEATHER, kinds, loop_settings, make_days
+from studies.learning.identify_online import HARM_RISE, IDENTIFY_SETTINGS, population
 
 SEED, VALVES = 9661, 256
 SEQUENCES, WEEKS, DAYS_A_WEEK = 4, 2, 5
-WEEKLY: dict[str, Any] = {"start": 1800, "every": DAYS_A_WEEK * HOURS / 24}
-GENTLE = fc.ValveTest.gentle(**WEEKLY)
+WEEKLY_SCHEDULE: dict[str, Any] = {"start": 1800, "every": DAYS_A_WEEK * HOURS / 24}
+GENTLE_TEST = fc.ValveTest.gentle(**WEEKLY_SCHEDULE)
 """Days of operation alone count here: a week has 40 hours."""
 TESTS: Mapping[str, Mapping[str, fc.ValveTest | None]] = {
-    CONSTANT: {"none": None, "gentle, 45 min": GENTLE, "45 min": fc.ValveTest(minutes=45, **WEEKLY),
-               "20 min": fc.ValveTest(**WEEKLY)},
-    DESIGN: {"none": None, "gentle, 45 min": GENTLE},
-    STEPPED: {"none": None, "gentle, 45 min": GENTLE},
-    HEATING: {"none": None, "heating, 30 min": fc.ValveTest.heating(**WEEKLY)},
-    WEATHER: {"none": None, "gentle, 45 min": GENTLE},
+    CONSTANT: {"none": None, "gentle, 45 min": GENTLE_TEST, "45 min": fc.ValveTest(minutes=45, **WEEKLY_SCHEDULE),
+               "20 min": fc.ValveTest(**WEEKLY_SCHEDULE)},
+    DESIGN: {"none": None, "gentle, 45 min": GENTLE_TEST},
+    STEPPED: {"none": None, "gentle, 45 min": GENTLE_TEST},
+    HEATING: {"none": None, "heating, 30 min": fc.ValveTest.heating(**WEEKLY_SCHEDULE)},
+    WEATHER: {"none": None, "gentle, 45 min": GENTLE_TEST},
 }  # fmt: skip
 
 
-def weeks(kind: str, seed: int) -> fc.Boundary:
+def days_in_sequence(kind: str, seed: int) -> fc.Boundary:
     """Days of a kind in sequence."""
-    return of_kind(kind, [100 * seed + k for k in range(WEEKS * DAYS_A_WEEK)])
+    return make_days(kind, [100 * seed + k for k in range(WEEKS * DAYS_A_WEEK)])
 
 
-def weekly(kind: str, test: fc.ValveTest | None, seed: int = SEED, n: int = VALVES) -> xr.Dataset:
+def simulate_weekly_test(kind: str, test: fc.ValveTest | None, seed: int = SEED, n: int = VALVES) -> xr.Dataset:
     """What identification with this test does, beside plain PI: (sample, day), a ``day`` being a sequence of them."""
-    loop = population(seed, n, heating=kind == HEATING).assign(**settings(kind))
+    loop = population(seed, n, heating=kind == HEATING).assign(**loop_settings(kind))
     true = xr.DataArray(loop["backlash"]).values
     parts = []
     for sequence in range(SEQUENCES):
-        days = weeks(kind, seed + sequence)
-        how: dict[str, Any] = {"seed": seed + sequence, "carry_over": True}
-        plain = fc.simulate(loop, days, **how)
-        found = fc.simulate(loop.assign(**IDENTIFY), days, test=test, **how)
-        days_of_test = found.day.copy(data=np.arange(found.sizes["day"]) % DAYS_A_WEEK == 0)
-        rise = found.rmse / plain.rmse - 1.0
-        after = found.estimate_final.isel(day=slice(DAYS_A_WEEK - 1, None, DAYS_A_WEEK))
-        first, last = (after.isel(day=k).reset_coords(drop=True) for k in (0, -1))
+        days = days_in_sequence(kind, seed + sequence)
+        options: dict[str, Any] = {"seed": seed + sequence, "carry_over": True}
+        plain = fc.simulate(loop, days, **options)
+        identified = fc.simulate(loop.assign(**IDENTIFY_SETTINGS), days, test=test, **options)
+        is_test_day = identified.day.copy(data=np.arange(identified.sizes["day"]) % DAYS_A_WEEK == 0)
+        rise = identified.rmse / plain.rmse - 1.0
+        weekly_estimates = identified.estimate_final.isel(day=slice(DAYS_A_WEEK - 1, None, DAYS_A_WEEK))
+        first, last = (weekly_estimates.isel(day=k).reset_coords(drop=True) for k in (0, -1))
         parts.append(
             xr.Dataset(
                 {
                     "first": first,
                     "last": last,
-                    "highest": found.estimate_final.max("day"),
-                    "rise": rise.where(~days_of_test).mean("day"),
-                    "on_test_days": rise.where(days_of_test).mean("day"),
+                    "highest": identified.estimate_final.max("day"),
+                    "rise": rise.where(~is_test_day).mean("day"),
+                    "on_test_days": rise.where(is_test_day).mean("day"),
                 },
             ).reset_coords(drop=True)
         )  # fmt: skip
@@ -76,26 +76,29 @@ HEAD = (
 )  # fmt: skip
 
 
-def row(ds: xr.Dataset) -> list[str]:
+def test_row(ds: xr.Dataset) -> list[str]:
     """What a test does to the valves of a kind of day."""
     tolerance = np.maximum(SIZE_TOLERANCE * ds.true, GOOD_BACKLASH) + 1e-9
-    worn, good = (ds.true > GOOD_BACKLASH) & (ds.last >= 0.0), (ds.true == 0.0) & (ds.last >= 0.0)
-    right = {name: abs(ds[name] - ds.true) <= tolerance for name in ("first", "last")}
-    found = ds["last"] > 0.0
-    changes = [100 * float(ds[name].where(worn).median()) for name in ("rise", "on_test_days")]
+    is_worn, is_good = (ds.true > GOOD_BACKLASH) & (ds.last >= 0.0), (ds.true == 0.0) & (ds.last >= 0.0)
+    is_right = {name: abs(ds[name] - ds.true) <= tolerance for name in ("first", "last")}
+    has_estimate = ds["last"] > 0.0
+    changes = [100 * float(ds[name].where(is_worn).median()) for name in ("rise", "on_test_days")]
     return [
-        *(f"{share_of(right[name], worn)}" for name in right),
-        share_of(right["last"], worn & found).written(1) if bool((worn & found).any()) else "none",
-        f"{share_of(ds.highest > ds.true + tolerance, worn)}",
-        f"{int((ds.highest > GOOD_BACKLASH).where(good).sum())} of {int(good.sum())}",
+        *(f"{share_of(is_right[name], is_worn)}" for name in is_right),
+        share_of(is_right["last"], is_worn & has_estimate).to_text(1) if bool((is_worn & has_estimate).any()) else "none",
+        f"{share_of(ds.highest > ds.true + tolerance, is_worn)}",
+        f"{int((ds.highest > GOOD_BACKLASH).where(is_good).sum())} of {int(is_good.sum())}",
         *(f"{change:+.1f}" for change in changes),
-        f"{share_of(ds.rise > WORSE, worn)}", f"{share_of(ds.rise > WORSE, good)}",
+        f"{share_of(ds.rise > HARM_RISE, is_worn)}", f"{share_of(ds.rise > HARM_RISE, is_good)}",
     ]  # fmt: skip
 
 
 def sample() -> None:
     """Days with a constant set-point, without a test."""
-    compare_rows("valve_test/valve_test_online", [[CONSTANT, "none", *row(weekly(CONSTANT, TESTS[CONSTANT]["none"]))]])
+    compare_rows(
+        "valve_test/valve_test_online",
+        [[CONSTANT, "none", *test_row(simulate_weekly_test(CONSTANT, TESTS[CONSTANT]["none"]))]],
+    )
 
 
 def main() -> None:
@@ -103,7 +106,7 @@ def main() -> None:
     rows = []
     for kind in kinds():
         for name, test in TESTS[kind].items():
-            rows.append([kind, name, *row(weekly(kind, test))])
+            rows.append([kind, name, *test_row(simulate_weekly_test(kind, test))])
             print(rows[-1], flush=True)
     title = f'A weekly valve test and `estimator = "identify"`: {VALVES} valves, {SEQUENCES} sequences of {WEEKS} weeks'
     write_table("valve_test/valve_test_online", title, HEAD, rows)

@@ -17,25 +17,36 @@ import fastcoil as fc
 from fastcoil.logs import read_checked_log
 from fastcoil.measured.diagnose import DIAGNOSIS_COLUMNS, identify_and_measure
 from fastcoil.measured.grid import join_grids, resample_log
-from studies.common import progress, share_of, write_table
+from studies.common import progress_printer, share_of, write_table
 from studies.days import CONSTANT, STEPPED
-from studies.diagnosis.claims import dataset
-from studies.remedies.runs import picked
-from studies.wear.runs import DAYS, MONTHLY, REAL, SEED, Sequence, days_of, growths, kinds_here, loops_of, rates
+from studies.diagnosis.claims import make_log
+from studies.remedies.runs import select_loop
+from studies.wear.runs import (
+    DAYS,
+    MONTHLY_STEPS,
+    REAL_WEATHER,
+    SEED,
+    Sequence,
+    available_kinds,
+    sequence_days,
+    sequence_loops,
+    target_growths,
+    wear_rates,
+)
 
 VALVES, FIRST_DAY = 48, 7351
-POOLED = 4
+POOLED_DAYS = 4
 """Days that are read together, and from one valve test to the next."""
-MONTHS = 12 * POOLED / DAYS
-LOGGED, LOGGED_IN_TEST = 30, 5
+MONTHS_PER_READING = 12 * POOLED_DAYS / DAYS
+LOG_INTERVAL, TEST_LOG_INTERVAL = 30, 5
 """Seconds."""
-START = 8 * 3600
-BEFORE, AFTER = 3600, 600
+TEST_START = 8 * 3600
+SECONDS_BEFORE, SECONDS_AFTER = 3600, 600
 """Seconds of the log of a test before and after it."""
 LOGS, TESTS = "logs", "valve test"
-LOOSE_AT = DAYS // 3 // POOLED
+LOOSE_READING = DAYS // 3 // POOLED_DAYS
 """First reading after the linkage came loose; it is repaired as many readings later."""
-GROWN, LOOSE, NO_GAP = "grows", "comes loose", "no gap"
+GROWS, LOOSE, NO_GAP = "grows", "comes loose", "no gap"
 
 
 class Readings(NamedTuple):
@@ -48,79 +59,88 @@ class Readings(NamedTuple):
     """(sample,), that was given, fraction of stroke in the year."""
 
 
-def of_logs(signals: dict[str, np.ndarray], stroke_time: float) -> tuple[float, float, bool]:
+def read_logs(signals: dict[str, np.ndarray], stroke_time: float) -> tuple[float, float, bool]:
     """What trend logs of several days show of one valve; signals: (day, row)."""
     days = range(signals["command"].shape[0])
     grids = [
         resample_log(
-            read_checked_log(dataset({name: of[day] for name, of in signals.items()}, float(LOGGED)), DIAGNOSIS_COLUMNS)
+            read_checked_log(
+                make_log({name: series[day] for name, series in signals.items()}, float(LOG_INTERVAL)),
+                DIAGNOSIS_COLUMNS,
+            )
         )[0]
         for day in days
     ]
-    found = identify_and_measure(join_grids(grids), stroke_time)[0]
-    return found.low, found.high, found.identified
+    identification = identify_and_measure(join_grids(grids), stroke_time)[0]
+    return identification.low, identification.high, identification.identified
 
 
-def of_test(signals: dict[str, np.ndarray], stroke_time: float) -> tuple[float, float, bool]:
+def read_test_log(signals: dict[str, np.ndarray], stroke_time: float) -> tuple[float, float, bool]:
     """What a valve test shows; signals: (row,)."""
     if not signals["test"].any():
         return np.nan, np.nan, False
-    found = fc.read_test(dataset(signals, float(LOGGED_IN_TEST)), stroke_time=stroke_time)
-    return *found.interval, found.identified
+    reading = fc.read_test(make_log(signals, float(TEST_LOG_INTERVAL)), stroke_time=stroke_time)
+    return *reading.interval, reading.identified
 
 
-def readings(sequence: Sequence, size: int = VALVES) -> Readings:
+def simulate_readings(sequence: Sequence, size: int = VALVES) -> Readings:
     """Simulate a year of plain PI with and without tests, and read both."""
-    loop, days = loops_of(sequence, size), days_of(sequence)
-    growth = growths(loop) * (0.0 if sequence.in_steps or sequence.is_good else 1.0)
+    loop, days = sequence_loops(sequence, size), sequence_days(sequence)
+    growth = target_growths(loop) * (0.0 if sequence.in_steps or sequence.is_good else 1.0)
     plain = fc.simulate(loop, days, carry_over=True, seed=SEED)
-    loop = loop.assign(wear_rate=rates(growth, plain))
+    loop = loop.assign(wear_rate=wear_rates(growth, plain))
     T_set = np.broadcast_to(np.asarray(days.series["T_set"]), (DAYS, days.n_steps))
     stroke_time = np.broadcast_to(xr.DataArray(loop["stroke_time"]).values, size)
-    test = fc.ValveTest.gentle(start=START, every=POOLED * days.n_steps / 86400)
-    end = START + 60 * int(test.minutes)
-    within = slice((START - BEFORE) // LOGGED_IN_TEST, (end + AFTER) // LOGGED_IN_TEST)
+    test = fc.ValveTest.gentle(start=TEST_START, every=POOLED_DAYS * days.n_steps / 86400)
+    end = TEST_START + 60 * int(test.minutes)
+    test_rows = slice((TEST_START - SECONDS_BEFORE) // TEST_LOG_INTERVAL, (end + SECONDS_AFTER) // TEST_LOG_INTERVAL)
     jobs = []
     for k in range(size):
-        one = picked(loop, sample=slice(k, k + 1))
-        signals = _simulated(one, days, LOGGED) | {"T_set": T_set[:, ::LOGGED]}
-        for first in range(0, DAYS, POOLED):
-            pooled = {name: series[first : first + POOLED] for name, series in signals.items()}
-            jobs.append(delayed(of_logs)(pooled, stroke_time[k]))
-        tested = _simulated(one, days, LOGGED_IN_TEST, test)
-        for day in range(0, DAYS, POOLED):
-            jobs.append(delayed(of_test)({name: of[day, within] for name, of in tested.items()}, stroke_time[k]))
-    found = np.array(Parallel(n_jobs=-1)(jobs), dtype=float).reshape(size, 2, DAYS // POOLED, 3)
+        valve_loop = select_loop(loop, sample=slice(k, k + 1))
+        signals = _simulate_signals(valve_loop, days, LOG_INTERVAL) | {"T_set": T_set[:, ::LOG_INTERVAL]}
+        for first in range(0, DAYS, POOLED_DAYS):
+            days_signals = {name: series[first : first + POOLED_DAYS] for name, series in signals.items()}
+            jobs.append(delayed(read_logs)(days_signals, stroke_time[k]))
+        test_signals = _simulate_signals(valve_loop, days, TEST_LOG_INTERVAL, test)
+        for day in range(0, DAYS, POOLED_DAYS):
+            jobs.append(
+                delayed(read_test_log)(
+                    {name: series[day, test_rows] for name, series in test_signals.items()}, stroke_time[k]
+                )
+            )
+    values = np.array(Parallel(n_jobs=-1)(jobs), dtype=float).reshape(size, 2, DAYS // POOLED_DAYS, 3)
     low, high, claimed = (
-        xr.DataArray(found[..., k], dims=("sample", "way", "reading")).assign_coords(way=[LOGS, TESTS])
+        xr.DataArray(values[..., k], dims=("sample", "way", "reading")).assign_coords(way=[LOGS, TESTS])
         for k in range(3)
     )
     return Readings(low, high, claimed > 0.0, growth.reset_coords(drop=True))
 
 
-def _simulated(loop: fc.Loop, days: fc.Boundary, every: int, test: fc.ValveTest | None = None) -> dict[str, np.ndarray]:
+def _simulate_signals(
+    loop: fc.Loop, days: fc.Boundary, every: int, test: fc.ValveTest | None = None
+) -> dict[str, np.ndarray]:
     names = {"command": "command", "T_measured": "T_sup"} | ({"test": "test"} if test else {})
     ds = fc.simulate(
         loop, days, test=test, carry_over=True, traces=list(names), trace_interval=every, seed=SEED, n_jobs=1
     )
-    return {to: ds[name].squeeze("sample").values.astype(float) for name, to in names.items()}
+    return {column: ds[name].squeeze("sample").values.astype(float) for name, column in names.items()}
 
 
-def alarms(found: Readings) -> xr.DataArray:
+def first_alarms(gap_readings: Readings) -> xr.DataArray:
     """First reading whose interval lies above that of the first claim; inf: none."""
-    reading = xr.DataArray(np.arange(found.low.sizes["reading"], dtype=float), dims="reading")
-    first = reading.where(found.claimed).min("reading")
-    high = found.high.where(reading == first).max("reading")
-    return reading.where(found.claimed & (found.low > high)).min("reading").fillna(np.inf)
+    reading = xr.DataArray(np.arange(gap_readings.low.sizes["reading"], dtype=float), dims="reading")
+    first = reading.where(gap_readings.claimed).min("reading")
+    high = gap_readings.high.where(reading == first).max("reading")
+    return reading.where(gap_readings.claimed & (gap_readings.low > high)).min("reading").fillna(np.inf)
 
 
-def sequences(first: int = FIRST_DAY) -> dict[str, dict[str, Sequence]]:
+def make_sequences(first: int = FIRST_DAY) -> dict[str, dict[str, Sequence]]:
     """Kind of day → what the gap does → sequence."""
-    kinds = [kind for kind in (STEPPED, MONTHLY, REAL, CONSTANT) if kind in kinds_here()]
+    kinds = [kind for kind in (STEPPED, MONTHLY_STEPS, REAL_WEATHER, CONSTANT) if kind in available_kinds()]
     return {
         kind: {
-            does: Sequence(f"{kind}, {does}", kind, False, does == LOOSE, does == NO_GAP, first)
-            for does in ((GROWN, LOOSE, NO_GAP) if kind in (STEPPED, MONTHLY) else (GROWN,))
+            gap_course: Sequence(f"{kind}, {gap_course}", kind, False, gap_course == LOOSE, gap_course == NO_GAP, first)
+            for gap_course in ((GROWS, LOOSE, NO_GAP) if kind in (STEPPED, MONTHLY_STEPS) else (GROWS,))
         }
         for kind in kinds
     }
@@ -132,43 +152,56 @@ HEAD = (
 )  # fmt: skip
 
 
-def row(of: dict[str, Readings], way: str) -> list[str]:
+def alarm_row(by_course: dict[str, Readings], way: str) -> list[str]:
     """Cells of a kind of day and a way to read."""
-    of = {does: Readings(*(each.sel(way=way) for each in found[:3]), found.growth) for does, found in of.items()}
-    grown = of[GROWN]
-    raised, shown = alarms(grown), []
+    by_course = {
+        gap_course: Readings(*(field.sel(way=way) for field in gap_readings[:3]), gap_readings.growth)
+        for gap_course, gap_readings in by_course.items()
+    }
+    grown = by_course[GROWS]
+    alarm_reading, growth_shares = first_alarms(grown), []
     for growth in (0.0, 0.02, 0.04):
-        shown.append(_share(np.isfinite(raised), abs(grown.growth - growth) < 1e-9))
-    late = raised.where(np.isfinite(raised) & (grown.growth > 0.015))
-    months = f"{MONTHS * float(late.median()):.0f}" if bool(late.notnull().any()) else "—"
-    loose, after = "—", "—"
-    if LOOSE in of:
-        raised = alarms(of[LOOSE])
-        noticed = (raised >= LOOSE_AT) & (raised < 2 * LOOSE_AT)
-        loose = _share(noticed, raised >= LOOSE_AT)
-        if bool(noticed.any()):
-            after = f"{MONTHS * float((raised - LOOSE_AT).where(noticed).median()):.0f}"
-    good = "—"
-    if NO_GAP in of:
-        none = np.isfinite(alarms(of[NO_GAP]))
-        good = _share(none, none.notnull())
-    at_first = grown.claimed.isel(reading=0)
-    return [_share(at_first, at_first.notnull()), shown[0], good, *shown[1:], months, loose, after]
+        growth_shares.append(_share_among(np.isfinite(alarm_reading), abs(grown.growth - growth) < 1e-9))
+    growth_alarms = alarm_reading.where(np.isfinite(alarm_reading) & (grown.growth > 0.015))
+    months = f"{MONTHS_PER_READING * float(growth_alarms.median()):.0f}" if bool(growth_alarms.notnull().any()) else "—"
+    loose_share, loose_months = "—", "—"
+    if LOOSE in by_course:
+        alarm_reading = first_alarms(by_course[LOOSE])
+        is_noticed = (alarm_reading >= LOOSE_READING) & (alarm_reading < 2 * LOOSE_READING)
+        loose_share = _share_among(is_noticed, alarm_reading >= LOOSE_READING)
+        if bool(is_noticed.any()):
+            loose_months = (
+                f"{MONTHS_PER_READING * float((alarm_reading - LOOSE_READING).where(is_noticed).median()):.0f}"
+            )
+    good_share = "—"
+    if NO_GAP in by_course:
+        has_alarm = np.isfinite(first_alarms(by_course[NO_GAP]))
+        good_share = _share_among(has_alarm, has_alarm.notnull())
+    is_claimed_first = grown.claimed.isel(reading=0)
+    return [
+        _share_among(is_claimed_first, is_claimed_first.notnull()),
+        growth_shares[0],
+        good_share,
+        *growth_shares[1:],
+        months,
+        loose_share,
+        loose_months,
+    ]
 
 
-def _share(holds: xr.DataArray, among: xr.DataArray) -> str:
+def _share_among(holds: xr.DataArray, among: xr.DataArray) -> str:
     return f"{share_of(holds & among, among)}"
 
 
 def main(size: int = VALVES) -> None:
     """Write the table."""
-    done, rows = progress(), []
-    for kind, does in sequences().items():
-        of = {}
-        for name, sequence in does.items():
-            of[name] = readings(sequence, size)
-            done(sequence.name)
-        rows += [[kind, way, *row(of, way)] for way in (LOGS, TESTS)]
+    report, rows = progress_printer(), []
+    for kind, courses in make_sequences().items():
+        readings_by_course = {}
+        for gap_course, sequence in courses.items():
+            readings_by_course[gap_course] = simulate_readings(sequence, size)
+            report(sequence.name)
+        rows += [[kind, way, *alarm_row(readings_by_course, way)] for way in (LOGS, TESTS)]
     write_table(
         "wear/wear_logs",
         f"A year of wear in trend logs of 4 days, and in valve tests every two months: alarms; {size} valves",

@@ -15,29 +15,29 @@ import xarray as xr
 
 import fastcoil as fc
 from fastcoil.study.file.spec import read_study
-from studies.common import HEATING_GAIN, STUDIES, along, progress
-from studies.days import CONSTANT, HEATING, STEPPED, WEATHER_FILE, of_kind, settings
-from studies.learning.learners_runs import ONE, ROUND_OFF, TWENTY
-from studies.remedies.runs import picked
+from studies.common import HEATING_GAIN, STUDIES, concat_along, progress_printer
+from studies.days import CONSTANT, HEATING, STEPPED, WEATHER_FILE, loop_settings, make_days
+from studies.learning.learners_runs import RELATIVE_TOLERANCE, ROUND_OFF, STROKE_TOLERANCE
+from studies.remedies.runs import select_loop
 from studies.robustness.best_pi import simc_gains
 
 STUDY = STUDIES / "wear" / "wear.toml"
-PI, KNOWN = "pi", "known_once"
+PI, KNOWN_ONCE = "pi", "known_once"
 DAYS, HOURS = 24, 12
 """Days that stand for a year, and the hours of operation of each."""
 DAYS_OF_YEAR = 365
-FAN = (6, 20)
+FAN_HOURS = (6, 20)
 """Hours between which the fan of a real day runs."""
-GROWTH = (0.0, 0.01, 0.02, 0.04)
+GROWTHS = (0.0, 0.01, 0.02, 0.04)
 """Of the gap in the year, fraction of stroke, as long as it does not feed on itself."""
-LARGEST_RATE = 0.01
+LARGEST_WEAR_RATE = 0.01
 """That a loop may have."""
-LOOSE, REPAIRED = 2.0, 0.25
+LOOSE_FACTOR, REPAIRED_FACTOR = 2.0, 0.25
 """What the gap is multiplied by in the second third of the days, after a linkage came loose, and in the last."""
-MONTHLY, REAL = "weather, steps on one day in six", "weather"
-FAST = {"kp": 2.5, "ti": 1.0 / 6.0}
+MONTHLY_STEPS, REAL_WEATHER = "weather, steps on one day in six", "weather"
+FAST_FACTORS = {"kp": 2.5, "ti": 1.0 / 6.0}
 """What the gains of every valve are multiplied by, for loops of which many hunt."""
-STEP = 1.0
+STEP_SIZE = 1.0
 """Of the set-point on a morning of steps, K, up and down every half hour for four hours."""
 
 
@@ -54,94 +54,94 @@ class Sequence(NamedTuple):
 
 def sequences(seed: int) -> list[Sequence]:
     """Every kind of days; ``seed``: of the days."""
-    found = [Sequence(kind, kind, False, False, False, seed) for kind in kinds_here()]
-    found += [Sequence(f"{kind}, fast gains", kind, True, False, False, seed) for kind in (STEPPED, CONSTANT)]
-    stepped = [kind for kind in kinds_here() if kind in (STEPPED, MONTHLY)]
-    found += [Sequence(f"{kind}, loose and repaired", kind, False, True, False, seed) for kind in stepped]
-    return found + [Sequence(f"{kind}, no gap", kind, False, False, True, seed) for kind in kinds_here()]
+    all_sequences = [Sequence(kind, kind, False, False, False, seed) for kind in available_kinds()]
+    all_sequences += [Sequence(f"{kind}, fast gains", kind, True, False, False, seed) for kind in (STEPPED, CONSTANT)]
+    stepped_kinds = [kind for kind in available_kinds() if kind in (STEPPED, MONTHLY_STEPS)]
+    all_sequences += [Sequence(f"{kind}, loose and repaired", kind, False, True, False, seed) for kind in stepped_kinds]
+    return all_sequences + [Sequence(f"{kind}, no gap", kind, False, False, True, seed) for kind in available_kinds()]
 
 
-def kinds_here() -> tuple[str, ...]:
+def available_kinds() -> tuple[str, ...]:
     """The kinds of days; those of weather only where there is a weather file."""
-    weather = (REAL, MONTHLY) if WEATHER_FILE.is_file() else ()
+    weather = (REAL_WEATHER, MONTHLY_STEPS) if WEATHER_FILE.is_file() else ()
     return (STEPPED, CONSTANT, *weather, HEATING)
 
 
 @cache
 def controllers() -> dict[str, dict[str, object]]:
     """Parameters of the study's controllers, and of an inverse that knows the gap of the first day."""
-    own = dict(read_study(STUDY).tables["cases"]["controller"])
-    buffer = {name: value for name, value in own["identify"].items() if name.startswith("buffer")}
-    return {PI: own.pop(PI), KNOWN: {"estimate_ratio": 0.95, **buffer}, **own}
+    study_controllers = dict(read_study(STUDY).tables["cases"]["controller"])
+    buffer = {name: value for name, value in study_controllers["identify"].items() if name.startswith("buffer")}
+    return {PI: study_controllers.pop(PI), KNOWN_ONCE: {"estimate_ratio": 0.95, **buffer}, **study_controllers}
 
 
 @cache
 def valves(size: int | None = None) -> fc.Loop:
     """The valves of the study under plain PI, without wear; the plant's gain is that of a step of each."""
-    loop = picked(read_study(STUDY).plan.layout.loop, controller=0, sample=slice(0, size)).assign(wear_rate=0.0)
+    loop = select_loop(read_study(STUDY).plan.layout.loop, controller=0, sample=slice(0, size)).assign(wear_rate=0.0)
     return loop.assign(plant_gain=simc_gains(loop, STEPPED).plant_gain)
 
 
-def loops_of(sequence: Sequence, size: int | None = None) -> fc.Loop:
+def sequence_loops(sequence: Sequence, size: int | None = None) -> fc.Loop:
     """The valves with the gains that the sequence asks for."""
     loop = valves(size)
-    factors = FAST if sequence.is_fast else {"kp": HEATING_GAIN} if sequence.kind == HEATING else {}
-    changed = {name: xr.DataArray(loop[name]) * factor for name, factor in factors.items()}
+    factors = FAST_FACTORS if sequence.is_fast else {"kp": HEATING_GAIN} if sequence.kind == HEATING else {}
+    parameters = {name: xr.DataArray(loop[name]) * factor for name, factor in factors.items()}
     if sequence.is_good:
-        changed["backlash"] = xr.zeros_like(xr.DataArray(loop["backlash"]))
-    return loop.assign(**changed, **settings(sequence.kind))
+        parameters["backlash"] = xr.zeros_like(xr.DataArray(loop["backlash"]))
+    return loop.assign(**parameters, **loop_settings(sequence.kind))
 
 
-def growths(loop: fc.Loop) -> xr.DataArray:
+def target_growths(loop: fc.Loop) -> xr.DataArray:
     """What the gap of each valve is to grow by in the year, fraction of stroke: the same share of all sizes."""
     n = xr.DataArray(loop["backlash"]).sizes["sample"]
-    drawn = np.random.default_rng([7, n]).permutation(n) % len(GROWTH)
-    return xr.DataArray(np.array(GROWTH)[drawn], dims="sample")
+    growth_indices = np.random.default_rng([7, n]).permutation(n) % len(GROWTHS)
+    return xr.DataArray(np.array(GROWTHS)[growth_indices], dims="sample")
 
 
-def rates(growth: xr.DataArray, plain: xr.Dataset) -> xr.DataArray:
+def wear_rates(growth: xr.DataArray, plain: xr.Dataset) -> xr.DataArray:
     """Wear of each valve by which its gap grows so far in the year; plain: that year under plain PI, without wear."""
-    return np.minimum(growth / plain.stem_travel.sum("day").clip(1e-3), LARGEST_RATE).reset_coords(drop=True)
+    return np.minimum(growth / plain.stem_travel.sum("day").clip(1e-3), LARGEST_WEAR_RATE).reset_coords(drop=True)
 
 
-def days_of(sequence: Sequence, n: int = DAYS) -> fc.Boundary:
+def sequence_days(sequence: Sequence, n: int = DAYS) -> fc.Boundary:
     """The days of a sequence, each of the hours in which the fan runs."""
     labels = np.arange(sequence.seed, sequence.seed + n)
-    if sequence.kind in (REAL, MONTHLY):
-        days = real_days(labels, sequence.kind == MONTHLY)
+    if sequence.kind in (REAL_WEATHER, MONTHLY_STEPS):
+        days = weather_days(labels, sequence.kind == MONTHLY_STEPS)
     else:
-        days = of_kind(sequence.kind, labels.tolist(), hours=HOURS)
+        days = make_days(sequence.kind, labels.tolist(), hours=HOURS)
     if not sequence.in_steps:
         return days
-    scale = np.repeat([1.0, LOOSE, REPAIRED], -(-n // 3))[:n, None]
+    scale = np.repeat([1.0, LOOSE_FACTOR, REPAIRED_FACTOR], -(-n // 3))[:n, None]
     return days.assign(backlash_scale=np.broadcast_to(scale, (n, days.n_steps)))
 
 
-def real_year(seed: int, days: list[int] | None = None) -> fc.Boundary:
+def weather_year(seed: int, days: list[int] | None = None) -> fc.Boundary:
     """Days of the weather file with a fixed set-point, of 24 h each; all of the year without ``days``."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return fc.weather_year(
-            WEATHER_FILE, year=2023, set_point="fixed", T_set=13.0, fan_hours=FAN, weekend_fan_hours=FAN, days=days,
+            WEATHER_FILE, year=2023, set_point="fixed", T_set=13.0, fan_hours=FAN_HOURS, weekend_fan_hours=FAN_HOURS, days=days,
             seed=seed,
         )  # fmt: skip
 
 
-def real_days(labels: np.ndarray, stepped: bool) -> fc.Boundary:
+def weather_days(labels: np.ndarray, is_stepped: bool) -> fc.Boundary:
     """Days of a year of weather, evenly over it, from the start of the fan to its end."""
-    at = np.linspace(0, DAYS_OF_YEAR, labels.size, endpoint=False).astype(int) + 1 + int(labels[0]) % 7
-    year = real_year(int(labels[0]), at.tolist())
-    hours = slice(FAN[0] * 3600, FAN[1] * 3600)
-    made = [{name: values[hours] for name, values in year.of_day(k).items()} for k in range(labels.size)]
-    series = {name: np.stack([of[name] for of in made]) for name in made[0]}
-    if stepped:
-        first, second = 3 * 3600, np.arange(4 * 3600)
-        series["T_set"][::6, first : first + second.size] += STEP * (second // 1800 % 2)
+    days_of_year = np.linspace(0, DAYS_OF_YEAR, labels.size, endpoint=False).astype(int) + 1 + int(labels[0]) % 7
+    year = weather_year(int(labels[0]), days_of_year.tolist())
+    hours = slice(FAN_HOURS[0] * 3600, FAN_HOURS[1] * 3600)
+    day_series = [{name: values[hours] for name, values in year.of_day(k).items()} for k in range(labels.size)]
+    series = {name: np.stack([day_values[name] for day_values in day_series]) for name in day_series[0]}
+    if is_stepped:
+        start, seconds = 3 * 3600, np.arange(4 * 3600)
+        series["T_set"][::6, start : start + seconds.size] += STEP_SIZE * (seconds // 1800 % 2)
     return fc.Boundary(**series, day=labels)
 
 
 SEED = 20261122
-FRESH = 7301
+FRESH_FIRST_DAY = 7301
 """Of the first day."""
 METRICS = (
     "rmse", "estimate_final", "backlash_final", "stem_travel", "motor_travel", "reversals", "coil_energy",
@@ -163,49 +163,52 @@ class Run(NamedTuple):
     """That it was given, fraction of stroke in the year."""
 
 
-def run(size: int | None = None, first: int = FRESH, chosen: list[str] | None = None) -> list[Run]:
-    """Every controller on every sequence; ``size``: only so many valves; ``chosen``: only these sequences."""
-    done, found = progress(), []
-    for sequence in sequences(first):
-        if chosen is None or sequence.name in chosen:
-            found.append(lived(sequence, size))
-            done(sequence.name)
-    return found
+def run(size: int | None = None, first_day: int = FRESH_FIRST_DAY, names: list[str] | None = None) -> list[Run]:
+    """Every controller on every sequence; ``size``: only so many valves; ``names``: only these sequences."""
+    report, results = progress_printer(), []
+    for sequence in sequences(first_day):
+        if names is None or sequence.name in names:
+            results.append(simulate_sequence(sequence, size))
+            report(sequence.name)
+    return results
 
 
-def lived(sequence: Sequence, size: int | None = None) -> Run:
+def simulate_sequence(sequence: Sequence, size: int | None = None) -> Run:
     """Every controller through a sequence.  The rate of wear of a valve follows from its travel under plain PI."""
-    loop, days = loops_of(sequence, size), days_of(sequence)
-    plain = _metrics(loop, days)
-    growth = growths(loop) * (0.0 if sequence.in_steps or sequence.is_good else 1.0)
-    loop = loop.assign(wear_rate=rates(growth, plain))
-    ds = along("controller", {name: _metrics(loop.assign(**how), days) for name, how in controllers().items()})
+    loop, days = sequence_loops(sequence, size), sequence_days(sequence)
+    plain = _simulate_metrics(loop, days)
+    growth = target_growths(loop) * (0.0 if sequence.in_steps or sequence.is_good else 1.0)
+    loop = loop.assign(wear_rate=wear_rates(growth, plain))
+    ds = concat_along(
+        "controller",
+        {name: _simulate_metrics(loop.assign(**parameters), days) for name, parameters in controllers().items()},
+    )
     return Run(sequence, ds, plain, xr.DataArray(loop["backlash"]), growth)
 
 
-def _metrics(loop: fc.Loop, days: fc.Boundary) -> xr.Dataset:
+def _simulate_metrics(loop: fc.Loop, days: fc.Boundary) -> xr.Dataset:
     ds = fc.simulate(loop, days, carry_over=True, seed=SEED)
     return ds[list(METRICS)].reset_coords(drop=True).assign_coords(day=np.arange(ds.sizes["day"]))
 
 
-def wrong(run: Run, name: str) -> xr.DataArray:
+def is_wrong(run: Run, name: str) -> xr.DataArray:
     """Whether the estimate at the end of a day is off by over 20 % of the gap and 1 % of the stroke, or missing."""
     ds = run.ds.sel(controller=name)
-    tolerance = np.maximum(TWENTY * ds.backlash_final, ONE) + ROUND_OFF
+    tolerance = np.maximum(RELATIVE_TOLERANCE * ds.backlash_final, STROKE_TOLERANCE) + ROUND_OFF
     return ~(abs(ds.estimate_final - ds.backlash_final) <= tolerance)
 
 
-def change(run: Run, name: str, metric: str = "rmse") -> xr.DataArray:
+def relative_change(run: Run, name: str, metric: str = "rmse") -> xr.DataArray:
     """By how much a metric of every valve and day differs from that under plain PI; as a share of it."""
     return run.ds[metric].sel(controller=name) / run.ds[metric].sel(controller=PI) - 1.0
 
 
-def of_year(run: Run, name: str, metric: str) -> xr.DataArray:
+def yearly_change(run: Run, name: str, metric: str) -> xr.DataArray:
     """The change of a metric summed over the days of the sequence, by valve, as a share of that under plain PI."""
     total = run.ds[metric].sum("day")
     return total.sel(controller=name) / total.sel(controller=PI) - 1.0
 
 
-def grown(run: Run, name: str) -> xr.DataArray:
+def actual_growth(run: Run, name: str) -> xr.DataArray:
     """Growth of the gap from the first to the last day, fraction of stroke, by valve."""
     return run.ds.backlash_final.sel(controller=name).isel(day=-1) - run.first

@@ -12,29 +12,40 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from fastcoil.base.figures import BLUE, RED, YELLOW, apply_style
-from studies.common import change_in_words, compare_rows, failures, save_figure, share_of, write_table
+from studies.common import change_in_words, compare_rows, failures_in_words, save_figure, share_of, write_table
 from studies.days import CONSTANT, STEPPED
-from studies.learning.learners_runs import HARM
+from studies.learning.learners_runs import HARM_RISE_GOOD
 from studies.wear import detect
 from studies.wear import runs as wear_runs
 from studies.wear.detect import (
     AT_ONCE,
-    BEFORE,
-    GOOD,
-    HOURS,
+    DAY_HOURS,
+    DAYS_BEFORE,
     KINDS,
-    SEQUENCE,
+    NO_GAP,
+    SEQUENCE_DAYS,
     SLOWLY,
     STEADY,
     Estimates,
-    alarms,
-    threshold_of,
+    alarm_hours,
+    choose_threshold,
 )
-from studies.wear.runs import DAYS, DAYS_OF_YEAR, GROWTH, KNOWN, PI, Run, change, grown, of_year, wrong
+from studies.wear.runs import (
+    DAYS,
+    DAYS_OF_YEAR,
+    GROWTHS,
+    KNOWN_ONCE,
+    PI,
+    Run,
+    actual_growth,
+    is_wrong,
+    relative_change,
+    yearly_change,
+)
 
-LABELS = {
+CONTROLLER_LABELS = {
     PI: "plain PI",
-    KNOWN: "95 % of the gap of the first day",
+    KNOWN_ONCE: "95 % of the gap of the first day",
     "paper": "paper's rule",
     "hagglund": "Hägglund",
     "gradient": "gradient",
@@ -42,16 +53,16 @@ LABELS = {
     "identify_8h": "identify, memory 8 h",
 }
 """The names of the controllers for readers."""
-LAST = 4
+LAST_DAYS = 4
 """Days at the end of each third that count."""
-STROKES, STARTS = 20_000, 1_800_000
+RATED_STROKES, RATED_STARTS = 20_000, 1_800_000
 """What an actuator of up to 125 N m endures after EN 15714-2: 10,000 cycles of open and close (classes A and B), and
 starts where it modulates (class C)."""
-FEWEST = 5
+FEWEST_VALVES = 5
 """Valves of which something is said."""
-HUNTING = 0.5
+HUNTING_SHARE = 0.5
 """Share of the days on which a loop hunts that is said to hunt."""
-DETECTORS = {
+DETECTOR_LABELS = {
     "bank, plant known": "bank of models, plant known",
     "bank, plant 5 % off": "bank of models, plant 5 % off",
     "bank, plant 15 % off": "bank of models, plant 15 % off",
@@ -62,9 +73,9 @@ DETECTORS = {
 }
 
 
-def others() -> list[str]:
+def other_controllers() -> list[str]:
     """All controllers but the one they are compared with."""
-    return [name for name in LABELS if name != PI]
+    return [name for name in CONTROLLER_LABELS if name != PI]
 
 
 def follow_rows(runs: list[Run]) -> list[list[str]]:
@@ -75,24 +86,28 @@ def follow_rows(runs: list[Run]) -> list[list[str]]:
         ends = {"": 3 * third}
         if run.sequence.in_steps:
             ends = {": loose": 2 * third, ": repaired": 3 * third}
-        for words, end in ends.items():
-            days = slice(max(end - LAST, 0), end)
+        for label, end in ends.items():
+            days = slice(max(end - LAST_DAYS, 0), end)
             name = run.sequence.name.removesuffix(", loose and repaired")
-            rows.append([f"{name}{words}", *(str(share_of(wrong(run, c).isel(day=days))) for c in others())])
+            rows.append(
+                [f"{name}{label}", *(str(share_of(is_wrong(run, c).isel(day=days))) for c in other_controllers())]
+            )
     return rows
 
 
 def cost_rows(runs: list[Run]) -> list[list[str]]:
     """What each controller does to the error, to the motor and to the gap, against plain PI."""
     rows = []
-    for name in others():
+    for name in other_controllers():
         cells = []
         for run in runs:
-            counted = run.ds.isel(day=np.flatnonzero(run.ds.rmse.notnull().all(["controller", "sample"])))
-            travel = 1.0 + float(of_year(run, name, "motor_travel").median())
-            wears = (grown(run, name) / grown(run, PI)).where(run.growth > 0.0)
-            cells.append(f"{change_in_words(counted, name, PI)}, × {travel:.2f}, × {float(wears.median()):.2f}")
-        rows.append([LABELS[name], *cells])
+            counted_days = run.ds.isel(day=np.flatnonzero(run.ds.rmse.notnull().all(["controller", "sample"])))
+            travel = 1.0 + float(yearly_change(run, name, "motor_travel").median())
+            growth_ratio = (actual_growth(run, name) / actual_growth(run, PI)).where(run.growth > 0.0)
+            cells.append(
+                f"{change_in_words(counted_days, name, PI)}, × {travel:.2f}, × {float(growth_ratio.median()):.2f}"
+            )
+        rows.append([CONTROLLER_LABELS[name], *cells])
     return rows
 
 
@@ -101,11 +116,11 @@ def energy_rows(runs: list[Run]) -> list[list[str]]:
     rows = []
     for run in runs:
         total = run.ds.sum("day")
-        lacks = (total.reheat_energy + total.recool_energy) / total.coil_energy.sel(controller=PI)
-        cells = [f"{100 * float(lacks.sel(controller=PI).median()):.1f} %"]
-        for name in others():
-            less = 100 * float((lacks.sel(controller=name) - lacks.sel(controller=PI)).median())
-            cells.append(f"{100 * float(of_year(run, name, 'coil_energy').median()):+.2f} %, {less:+.2f}")
+        reheat_share = (total.reheat_energy + total.recool_energy) / total.coil_energy.sel(controller=PI)
+        cells = [f"{100 * float(reheat_share.sel(controller=PI).median()):.1f} %"]
+        for name in other_controllers():
+            share_change = 100 * float((reheat_share.sel(controller=name) - reheat_share.sel(controller=PI)).median())
+            cells.append(f"{100 * float(yearly_change(run, name, 'coil_energy').median()):+.2f} %, {share_change:+.2f}")
         rows.append([run.sequence.name, *cells])
     return rows
 
@@ -114,21 +129,21 @@ def life_rows(runs: list[Run]) -> list[list[str]]:
     """Strokes and reversals in a year, and shares of what an actuator endures: the median valve, and 95 % of them."""
     rows = []
     for run in runs:
-        for hunts, words in ((False, ""), (True, ", loops that hunt")):
-            of_kind = (run.plain.hunts.mean("day") > HUNTING) == hunts
-            if int(of_kind.sum()) < FEWEST:
+        for hunts, label in ((False, ""), (True, ", loops that hunt")):
+            is_member = (run.plain.hunts.mean("day") > HUNTING_SHARE) == hunts
+            if int(is_member.sum()) < FEWEST_VALVES:
                 continue
             for name in (PI, "identify", "gradient"):
                 year = run.ds.sel(controller=name).sum("day") * DAYS_OF_YEAR / DAYS
                 strokes, motor, turns = (
-                    year[metric].where(of_kind).quantile([0.5, 0.95]).values
+                    year[metric].where(is_member).quantile([0.5, 0.95]).values
                     for metric in ("stem_travel", "motor_travel", "reversals")
                 )
                 counts = (f"{a:,.0f}, {b:,.0f}" for a, b in (strokes, motor, turns))
                 rows.append([
-                    f"{run.sequence.name}{words}", LABELS[name], *counts,
-                    f"{100 * motor[0] / STROKES:.1f}, {100 * motor[1] / STROKES:.0f} %",
-                    f"{100 * turns[0] / STARTS:.1f}, {100 * turns[1] / STARTS:.0f} %",
+                    f"{run.sequence.name}{label}", CONTROLLER_LABELS[name], *counts,
+                    f"{100 * motor[0] / RATED_STROKES:.1f}, {100 * motor[1] / RATED_STROKES:.0f} %",
+                    f"{100 * turns[0] / RATED_STARTS:.1f}, {100 * turns[1] / RATED_STARTS:.0f} %",
                 ])  # fmt: skip
     return rows
 
@@ -137,12 +152,12 @@ def feedback_rows(runs: list[Run]) -> list[list[str]]:
     """Growth under plain PI against what it would be if a larger gap did not move the stem more."""
     rows = []
     for run in runs:
-        of_given = (grown(run, PI) / run.growth).where(run.growth > 0.0)
-        hunts = run.plain.hunts.mean("day") > HUNTING
+        growth_ratio = (actual_growth(run, PI) / run.growth).where(run.growth > 0.0)
+        hunts = run.plain.hunts.mean("day") > HUNTING_SHARE
         cells = []
-        for group in (of_given.where(~hunts), of_given.where(hunts)):
+        for group in (growth_ratio.where(~hunts), growth_ratio.where(hunts)):
             n = int(group.count())
-            if n < FEWEST:
+            if n < FEWEST_VALVES:
                 cells.append("—")
                 continue
             low, middle, high = group.quantile([0.05, 0.5, 0.95]).values
@@ -155,175 +170,184 @@ def good_rows(runs: list[Run]) -> list[list[str]]:
     """Valves without gap and without wear: those that get worse, and what becomes of their RMSE."""
     rows = []
     for run in runs:
-        of_valves = {name: change(run, name).mean("day") for name in others()}
-        cells = (f"{share_of(of > HARM)}, {100 * float(of.median()):+.1f} %" for of in of_valves.values())
+        changes = {name: relative_change(run, name).mean("day") for name in other_controllers()}
+        cells = (
+            f"{share_of(valve_changes > HARM_RISE_GOOD)}, {100 * float(valve_changes.median()):+.1f} %"
+            for valve_changes in changes.values()
+        )
         rows.append([run.sequence.kind, *cells])
     return rows
 
 
-def noticed_rows(chosen_on: Estimates, fresh: Estimates) -> list[list[str]]:
+def noticed_rows(choice_estimates: Estimates, fresh_estimates: Estimates) -> list[list[str]]:
     """Alarms of each detector: false ones, true ones, and how long they take."""
     rows = []
-    for name, words in DETECTORS.items():
-        threshold = threshold_of(chosen_on, name)
+    for name, label in DETECTOR_LABELS.items():
+        threshold = choose_threshold(choice_estimates, name)
         if np.isnan(threshold):
-            rows.append([words, "none", *["—"] * 6])
+            rows.append([label, "none", *["—"] * 6])
             continue
-        raised = {key: alarms(found, threshold).sel(detector=name) for key, found in fresh.items()}
-        false = [
-            share_of(xr.concat([np.isfinite(raised[case, kind]) for kind in KINDS], "day")) for case in (STEADY, GOOD)
+        alarms_by_case = {
+            key: alarm_hours(gap_estimates, threshold).sel(detector=name)
+            for key, gap_estimates in fresh_estimates.items()
+        }
+        false_alarms = [
+            share_of(xr.concat([np.isfinite(alarms_by_case[case, kind]) for kind in KINDS], "day"))
+            for case in (STEADY, NO_GAP)
         ]
-        true = []
+        true_alarms = []
         for kind in KINDS:
             for case in (AT_ONCE, SLOWLY):
-                hours = raised[case, kind]
+                hours = alarms_by_case[case, kind]
                 middle = float(np.sort(hours.values.ravel())[(hours.size - 1) // 2])
-                true.append(f"{share_of(np.isfinite(hours))}, " + (f"{middle:.1f} h" if np.isfinite(middle) else "—"))
-        rows.append([words, f"{100 * threshold:g} %", *map(str, false), *true])
+                true_alarms.append(
+                    f"{share_of(np.isfinite(hours))}, " + (f"{middle:.1f} h" if np.isfinite(middle) else "—")
+                )
+        rows.append([label, f"{100 * threshold:g} %", *map(str, false_alarms), *true_alarms])
     return rows
 
 
-def write(runs: list[Run], chosen_on: Estimates, fresh: Estimates) -> None:
+def write_tables(runs: list[Run], choice_estimates: Estimates, fresh_estimates: Estimates) -> None:
     """Write every table."""
-    good = [run for run in runs if run.sequence.is_good]
-    worn = [run for run in runs if not run.sequence.is_good]
-    by_law = [run for run in worn if not run.sequence.in_steps]
-    names = [LABELS[name] for name in others()]
+    good_runs = [run for run in runs if run.sequence.is_good]
+    worn_runs = [run for run in runs if not run.sequence.is_good]
+    wearing_runs = [run for run in worn_runs if not run.sequence.in_steps]
+    names = [CONTROLLER_LABELS[name] for name in other_controllers()]
     sizes = f"{runs[0].ds.sizes['sample']} valves × {DAYS} days that represent a year"
     write_table(
         "wear/wear_follow",
-        f"Wrong estimates in the last {LAST} days: off by more than 20 % of the gap and 1 % of the stroke; {sizes} "
-        f"({failures(run.ds for run in runs)})",
+        f"Wrong estimates in the last {LAST_DAYS} days: off by more than 20 % of the gap and 1 % of the stroke; {sizes} "
+        f"({failures_in_words(run.ds for run in runs)})",
         ["days", *names],
-        follow_rows(worn),
+        follow_rows(worn_runs),
     )
     write_table(
         "wear/wear_cost",
         f"Against plain PI on the same valves: RMSE, mean over the year (95 %); motor travel and growth of the gap of "
         f"the median valve; {sizes}",
-        ["controller", *(run.sequence.name for run in by_law)],
-        cost_rows(by_law),
+        ["controller", *(run.sequence.name for run in wearing_runs)],
+        cost_rows(wearing_runs),
     )
     write_table(
         "wear/wear_energy",
         "Under plain PI: heat needed to bring the supply air to its set-point (reheat plus recooling), as a share of "
         "the coil's heat.  Other controllers: change of the coil's heat, and change of that share in percentage "
         "points; a year of the median valve",
-        ["days", LABELS[PI], *names],
-        energy_rows(by_law),
+        ["days", CONTROLLER_LABELS[PI], *names],
+        energy_rows(wearing_runs),
     )
     write_table(
         "wear/wear_life",
         "One year, median and 95th percentile of the valves: strokes of stem and motor, reversals; "
         "motor strokes as a share of 20,000, reversals as a share of 1.8 million",
         ["days", "controller", "stem, strokes", "motor, strokes", "reversals", "of the strokes", "of the starts"],
-        life_rows(by_law),
+        life_rows(wearing_runs),
     )
     write_table(
         "wear/wear_feedback",
         "Growth of the gap over the year under plain PI, relative to the growth if the gap did not change the travel: "
         "median (5 to 95 % of the valves)",
         ["days", "loops that do not hunt", "loops that hunt"],
-        feedback_rows(by_law),
+        feedback_rows(wearing_runs),
     )
     write_table(
         "wear/wear_good",
         "Valves without gap and wear: loops whose RMSE rises by more than 1 % in the year, and its median change",
         ["days", *names],
-        good_rows(good),
+        good_rows(good_runs),
     )
     heads = [f"{case}, {kind}" for kind in KINDS for case in (AT_ONCE, SLOWLY)]
-    some = next(iter(fresh.values()))
+    first_estimates = next(iter(fresh_estimates.values()))
     write_table(
         "wear/wear_noticed",
         f"A gap that triples: share of sequences with an alarm within 5 days of 6 h, and median hours until the alarm; "
-        f"{some.sizes['sample']} fresh valves × {some.sizes['day']} sequences",
+        f"{first_estimates.sizes['sample']} fresh valves × {first_estimates.sizes['day']} sequences",
         ["detector", "alarm at", "false: constant gap", "false: no gap", *heads],
-        noticed_rows(chosen_on, fresh),
+        noticed_rows(choice_estimates, fresh_estimates),
     )
 
 
 COLOURS = {PI: "black", "paper": YELLOW, "gradient": RED, "identify": BLUE, "identify_8h": BLUE, "hagglund": "0.55"}
-DRAWN = {"bank, plant known": "black", "bank, plant 15 % off": "0.55", "identify": BLUE, "gradient": RED}
+DRAWN_DETECTORS = {"bank, plant known": "black", "bank, plant 15 % off": "0.55", "identify": BLUE, "gradient": RED}
 """The detectors that are shown."""
 MONTHS = 12
-WORN = 0.02
+WORN_GAP = 0.02
 """Gap from which on a loose linkage is shown, fraction of stroke."""
 
 
 @apply_style()
-def draw(runs: list[Run], chosen_on: Estimates, fresh: Estimates) -> None:
+def draw(runs: list[Run], choice_estimates: Estimates, fresh_estimates: Estimates) -> None:
     """Draw the three panels."""
     by_name = {run.sequence.name: run for run in runs}
     figure, panels = plt.subplots(1, 3, figsize=(12.0, 4.6), layout="constrained")
-    _grows(panels[0], by_name[STEPPED])
-    _loose(panels[1], by_name[f"{STEPPED}, loose and repaired"])
-    _noticed(panels[2], chosen_on, fresh)
+    _draw_growth(panels[0], by_name[STEPPED])
+    _draw_loose(panels[1], by_name[f"{STEPPED}, loose and repaired"])
+    _draw_noticed(panels[2], choice_estimates, fresh_estimates)
     save_figure(figure, "wear/wear.png")
 
 
-def _months(n: int) -> np.ndarray:
+def _month_axis(n: int) -> np.ndarray:
     return (np.arange(n) + 1.0) * MONTHS / n
 
 
-def _mean(gap: xr.DataArray, some: xr.DataArray) -> xr.DataArray:
+def _mean_gap(gap: xr.DataArray, among: xr.DataArray) -> xr.DataArray:
     """Of some valves, by day; % of stroke."""
-    return 100 * gap.where(some).mean("sample")
+    return 100 * gap.where(among).mean("sample")
 
 
-def _legend(panel: Axes) -> None:
+def _draw_legend(panel: Axes) -> None:
     """Below the panel: the lines fill it."""
     panel.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, fontsize=8, frameon=False)
 
 
-def _grows(panel: Axes, run: Run) -> None:
+def _draw_growth(panel: Axes, run: Run) -> None:
     """The mean gap under each controller, and what `identify` takes it for."""
-    some = run.growth == max(GROWTH)
-    months = _months(run.ds.sizes["day"])
+    among = run.growth == max(GROWTHS)
+    months = _month_axis(run.ds.sizes["day"])
     for name in (PI, "identify", "paper", "gradient"):
-        gap = _mean(run.ds.backlash_final.sel(controller=name), some)
-        panel.plot(months, gap, color=COLOURS[name], label=f"gap under {LABELS[name]}")
-    estimate = _mean(run.ds.estimate_final.sel(controller="identify"), some)
+        gap = _mean_gap(run.ds.backlash_final.sel(controller=name), among)
+        panel.plot(months, gap, color=COLOURS[name], label=f"gap under {CONTROLLER_LABELS[name]}")
+    estimate = _mean_gap(run.ds.estimate_final.sel(controller="identify"), among)
     panel.plot(months, estimate, "o", ms=3, color=BLUE, mfc="white", label="estimate of identify")
     panel.set(xlabel="time [months]", ylabel="gap, mean [% of stroke]", xlim=(0, MONTHS), ylim=(0, None))
     panel.set_title("Wear: set-point steps, the valves that wear most", fontsize=9)
-    _legend(panel)
+    _draw_legend(panel)
 
 
-def _loose(panel: Axes, run: Run) -> None:
+def _draw_loose(panel: Axes, run: Run) -> None:
     """The mean gap of a linkage that comes loose and is repaired, and each estimate."""
-    some = run.first >= WORN
-    months = _months(run.ds.sizes["day"])
-    gap = _mean(run.ds.backlash_final.sel(controller=PI), some)
+    among = run.first >= WORN_GAP
+    months = _month_axis(run.ds.sizes["day"])
+    gap = _mean_gap(run.ds.backlash_final.sel(controller=PI), among)
     panel.step(months, gap, color="black", where="mid", label="gap")
     for name, line in (("identify", "-"), ("identify_8h", "--"), ("hagglund", "-"), ("paper", "-")):
-        estimate = _mean(run.ds.estimate_final.sel(controller=name), some)
-        panel.plot(months, estimate, line, color=COLOURS[name], label=LABELS[name])
+        estimate = _mean_gap(run.ds.estimate_final.sel(controller=name), among)
+        panel.plot(months, estimate, line, color=COLOURS[name], label=CONTROLLER_LABELS[name])
     panel.set(xlabel="time [months]", ylabel="gap, mean [% of stroke]", xlim=(0, MONTHS), ylim=(0, None))
     panel.set_title("A linkage comes loose, and is repaired", fontsize=9)
-    _legend(panel)
+    _draw_legend(panel)
 
 
-def _noticed(panel: Axes, chosen_on: Estimates, fresh: Estimates) -> None:
+def _draw_noticed(panel: Axes, choice_estimates: Estimates, fresh_estimates: Estimates) -> None:
     """The share of the loops whose loose linkage was noticed, over the hours of operation since."""
-    hours = np.linspace(0.0, (SEQUENCE - BEFORE) * HOURS, 200)
-    for name, colour in DRAWN.items():
-        threshold = threshold_of(chosen_on, name)
+    hours = np.linspace(0.0, (SEQUENCE_DAYS - DAYS_BEFORE) * DAY_HOURS, 200)
+    for name, colour in DRAWN_DETECTORS.items():
+        threshold = choose_threshold(choice_estimates, name)
         if np.isnan(threshold):
             continue
         for kind, line in ((STEPPED, "-"), (CONSTANT, "--")):
-            found = alarms(fresh[AT_ONCE, kind], threshold).sel(detector=name).values.ravel()
-            share = [100 * float((found <= hour).mean()) for hour in hours]
-            panel.plot(hours, share, line, color=colour, label=DETECTORS[name] if line == "-" else None)
+            hours_to_alarm = alarm_hours(fresh_estimates[AT_ONCE, kind], threshold).sel(detector=name).values.ravel()
+            shares = [100 * float((hours_to_alarm <= hour).mean()) for hour in hours]
+            panel.plot(hours, shares, line, color=colour, label=DETECTOR_LABELS[name] if line == "-" else None)
     panel.plot([], [], "--", color="0.3", label="dashed: constant set-point")
     panel.set(xlabel="operation since it came loose [h]", ylabel="noticed [% of the loops]", ylim=(-3, 103))
     panel.set_title("Three times the gap at once", fontsize=9)
-    _legend(panel)
+    _draw_legend(panel)
 
 
 def sample() -> None:
     """A linkage that comes loose and is repaired, and valves without a gap."""
-    runs = wear_runs.run(chosen=[f"{STEPPED}, loose and repaired", f"{CONSTANT}, no gap"])
+    runs = wear_runs.run(names=[f"{STEPPED}, loose and repaired", f"{CONSTANT}, no gap"])
     compare_rows("wear/wear_follow", follow_rows(runs[:1]))
     compare_rows("wear/wear_good", good_rows(runs[1:]))
 
@@ -331,6 +355,6 @@ def sample() -> None:
 def main(size: int | None = None) -> None:
     """Run everything, write the tables and draw the figure; ``size``: only so many valves."""
     runs = wear_runs.run(size)
-    chosen_on, fresh = detect.run(detect.CHOSEN_ON), detect.run(detect.FRESH)
-    write(runs, chosen_on, fresh)
-    draw(runs, chosen_on, fresh)
+    choice_estimates, fresh_estimates = detect.run(detect.CHOICE_FIRST_DAYS), detect.run(detect.FRESH_FIRST_DAYS)
+    write_tables(runs, choice_estimates, fresh_estimates)
+    draw(runs, choice_estimates, fresh_estimates)

@@ -12,18 +12,18 @@ from studies.common import write_table
 from studies.wear.runs import (
     DAYS,
     DAYS_OF_YEAR,
-    FRESH,
-    REAL,
+    FRESH_FIRST_DAY,
+    REAL_WEATHER,
     SEED,
     Sequence,
-    days_of,
-    growths,
-    loops_of,
-    rates,
-    real_year,
+    sequence_days,
+    sequence_loops,
+    target_growths,
+    wear_rates,
+    weather_year,
 )
 
-METRICS = {
+METRIC_LABELS = {
     "growth": "growth of the gap",
     "stem_travel": "travel of the stem",
     "motor_travel": "travel of the motor",
@@ -32,41 +32,43 @@ METRICS = {
 }
 
 
-def both(size: int | None = None) -> tuple[xr.Dataset, xr.Dataset]:
+def simulate_both_years(size: int | None = None) -> tuple[xr.Dataset, xr.Dataset]:
     """The year of 24 days and the whole one under plain PI, metrics summed by valve; ``size``: only so many valves."""
-    sequence = Sequence(REAL, REAL, False, False, False, FRESH)
-    loop, days = loops_of(sequence, size), days_of(sequence)
-    rate = rates(growths(loop), fc.simulate(loop, days, carry_over=True, seed=SEED))
+    sequence = Sequence(REAL_WEATHER, REAL_WEATHER, False, False, False, FRESH_FIRST_DAY)
+    loop, days = sequence_loops(sequence, size), sequence_days(sequence)
+    rate = wear_rates(target_growths(loop), fc.simulate(loop, days, carry_over=True, seed=SEED))
     share = DAYS / DAYS_OF_YEAR
-    sampled = _summed(loop.assign(wear_rate=rate), days, 1.0 / share)
-    return sampled, _summed(loop.assign(wear_rate=rate * share), real_year(FRESH), 1.0)
+    sampled = _sum_metrics(loop.assign(wear_rate=rate), days, 1.0 / share)
+    return sampled, _sum_metrics(loop.assign(wear_rate=rate * share), weather_year(FRESH_FIRST_DAY), 1.0)
 
 
-def _summed(loop: fc.Loop, days: fc.Boundary, times: float) -> xr.Dataset:
+def _sum_metrics(loop: fc.Loop, days: fc.Boundary, factor: float) -> xr.Dataset:
     ds = fc.simulate(loop, days, carry_over=True, seed=SEED).reset_coords(drop=True)
-    found = ds[[name for name in METRICS if name in ds]].sum("day") * times
-    return found.assign(growth=ds.backlash_final.isel(day=-1, drop=True) - xr.DataArray(loop["backlash"]))
+    sums = ds[[name for name in METRIC_LABELS if name in ds]].sum("day") * factor
+    return sums.assign(growth=ds.backlash_final.isel(day=-1, drop=True) - xr.DataArray(loop["backlash"]))
 
 
-def rows(sampled: xr.Dataset, whole: xr.Dataset) -> list[list[str]]:
+def ratio_rows(sampled: xr.Dataset, whole: xr.Dataset) -> list[list[str]]:
     """Both years of the median valve, and what the whole one is of the sampled one."""
     table = []
-    for name, words in METRICS.items():
-        worn = sampled[name] > 1e-6
-        low, middle, high = (whole[name] / sampled[name]).where(worn).quantile([0.05, 0.5, 0.95]).values
+    for name, label in METRIC_LABELS.items():
+        is_worn = sampled[name] > 1e-6
+        low, middle, high = (whole[name] / sampled[name]).where(is_worn).quantile([0.05, 0.5, 0.95]).values
         scale, unit = (100.0, " % of stroke") if name == "growth" else (1.0, "")
-        each = (f"{scale * float(of[name].where(worn).median()):,.4g}{unit}" for of in (sampled, whole))
-        table.append([words, *each, f"× {middle:.2f} ({low:.2f} to {high:.2f})"])
+        year_medians = (
+            f"{scale * float(year_sums[name].where(is_worn).median()):,.4g}{unit}" for year_sums in (sampled, whole)
+        )
+        table.append([label, *year_medians, f"× {middle:.2f} ({low:.2f} to {high:.2f})"])
     return table
 
 
 def main(size: int | None = None) -> None:
     """Simulate both and write the table."""
-    sampled, whole = both(size)
+    sampled, whole = simulate_both_years(size)
     write_table(
         "wear/wear_whole_year",
         f"{sampled.sizes['sample']} valves under plain PI in a year of weather: {DAYS} days that represent it, and "
         f"all {DAYS_OF_YEAR}; the median valve, and the ratio (5 to 95 % of the valves)",
         ["in the year", f"{DAYS} days", f"{DAYS_OF_YEAR} days", "ratio"],
-        rows(sampled, whole),
+        ratio_rows(sampled, whole),
     )

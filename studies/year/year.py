@@ -17,17 +17,17 @@ from fastcoil.study.analysis.paired import MedianSummary, summarise_median
 from studies.common import results, save_figure, share_of, write_table
 
 PI, SOUND = "pi", "sound"
-NAMES = {"pi": "plain PI", "hagglund": "Hägglund", "identify": "identify"}
-LEAST = 0.01
+CONTROLLER_LABELS = {"pi": "plain PI", "hagglund": "Hägglund", "identify": "identify"}
+LEAST_ERROR = 0.01
 """Fraction of stroke by which an estimate may always be wrong, and the rise of an error that counts as harm."""
-QUARTER = 91
+LAST_QUARTER = 91
 """Days at the end of the year that are counted apart."""
-PARTS = {"coil": "coil_cost", "demand": "demand_cost", "reheat": "reheat_cost", "recooling": "recool_cost"}
+COST_PARTS = {"coil": "coil_cost", "demand": "demand_cost", "reheat": "reheat_cost", "recooling": "recool_cost"}
 
 
-def money(found: MedianSummary) -> str:
+def format_money(summary: MedianSummary) -> str:
     """A median and its 95 % interval over the loops."""
-    return f"{found.median:+.1f} ({found.low:+.1f} to {found.high:+.1f})"
+    return f"{summary.median:+.1f} ({summary.low:+.1f} to {summary.high:+.1f})"
 
 
 def cost_rows(ds: xr.Dataset) -> list[list[str]]:
@@ -39,12 +39,17 @@ def cost_rows(ds: xr.Dataset) -> list[list[str]]:
         for controller in costs["controller"].values:
             if valve == SOUND and controller == PI:
                 continue
-            more = costs.sel(valve=valve, controller=controller, drop=True) - base
-            share = 100.0 * more["yearly_cost"] / base["yearly_cost"]
-            extra = summarise_median(more["yearly_cost"])
-            parts = [f"{float(more[f'yearly_{name}'].mean()):+.1f}" for name in PARTS.values()]
+            extra_costs = costs.sel(valve=valve, controller=controller, drop=True) - base
+            share = 100.0 * extra_costs["yearly_cost"] / base["yearly_cost"]
+            extra_summary = summarise_median(extra_costs["yearly_cost"])
+            parts = [f"{float(extra_costs[f'yearly_{name}'].mean()):+.1f}" for name in COST_PARTS.values()]
             rows.append(
-                [valve, NAMES[controller], money(extra), f"{extra.q05:+.1f} to {extra.q95:+.1f}"]
+                [
+                    valve,
+                    CONTROLLER_LABELS[controller],
+                    format_money(extra_summary),
+                    f"{extra_summary.q05:+.1f} to {extra_summary.q95:+.1f}",
+                ]
                 + [f"{float(share.median()):+.1f} %", *parts]
             )
     return rows
@@ -52,21 +57,26 @@ def cost_rows(ds: xr.Dataset) -> list[list[str]]:
 
 def valve_rows(ds: xr.Dataset) -> list[list[str]]:
     """What becomes of gap, estimate, temperature and motor in the year."""
-    on = ds["rmse"].notnull()
+    is_on = ds["rmse"].notnull()
     rows = []
     for valve in ds["valve"].values:
         for controller in ds["controller"].values:
-            at = {"valve": valve, "controller": controller}
-            some, days = ds.sel(at), on.sel(at)
-            last = some.isel(day=-1)
+            lane = {"valve": valve, "controller": controller}
+            part, part_is_on = ds.sel(lane), is_on.sel(lane)
+            last = part.isel(day=-1)
             gap = 100.0 * last["backlash_final"]
             estimate = "" if controller == PI else f"{100.0 * float(last['estimate_final'].median()):.1f} %"
-            error = np.sqrt((some["rmse_settled"] ** 2).mean("day"))
-            travel = some["motor_travel"].sum("day")
-            hunting = some["hunts"].where(days).mean("day")
+            error = np.sqrt((part["rmse_settled"] ** 2).mean("day"))
+            travel = part["motor_travel"].sum("day")
+            hunting = part["hunts"].where(part_is_on).mean("day")
             rows.append(
-                [valve, NAMES[controller], f"{float(gap.median()):.1f} % (to {float(gap.max()):.1f} %)", estimate]
-                + [f"{float(error.median()):.3f} K", f"{100 * float(some['share_off'].mean('day').median()):.0f} %"]
+                [
+                    valve,
+                    CONTROLLER_LABELS[controller],
+                    f"{float(gap.median()):.1f} % (to {float(gap.max()):.1f} %)",
+                    estimate,
+                ]
+                + [f"{float(error.median()):.3f} K", f"{100 * float(part['share_off'].mean('day').median()):.0f} %"]
                 + [f"{float(travel.median()):,.0f}", f"{100.0 * float(hunting.mean()):.0f} %"]
             )
     return rows
@@ -74,28 +84,35 @@ def valve_rows(ds: xr.Dataset) -> list[list[str]]:
 
 def estimate_rows(ds: xr.Dataset) -> list[list[str]]:
     """How often each estimator is right on the days of operation, and what it does to the error of a loop."""
-    on = ds["rmse"].notnull()
+    is_on = ds["rmse"].notnull()
     error = np.sqrt((ds["rmse"] ** 2).mean("day"))
     rows = []
     for valve in ds["valve"].values:
         for controller in ds["controller"].values:
             if controller == PI:
                 continue
-            some, days = ds.sel(valve=valve, controller=controller), on.sel(valve=valve, controller=controller)
-            gap = some["backlash_final"]
-            wrong = abs(some["estimate_final"] - gap) > np.maximum(0.2 * gap, LEAST)
-            late = days & xr.DataArray(np.arange(days["day"].size) >= days["day"].size - QUARTER, dims="day")
+            part, part_is_on = ds.sel(valve=valve, controller=controller), is_on.sel(valve=valve, controller=controller)
+            gap = part["backlash_final"]
+            is_wrong = abs(part["estimate_final"] - gap) > np.maximum(0.2 * gap, LEAST_ERROR)
+            is_in_last_quarter = part_is_on & xr.DataArray(
+                np.arange(part_is_on["day"].size) >= part_is_on["day"].size - LAST_QUARTER, dims="day"
+            )
             change = error.sel(valve=valve, controller=controller) / error.sel(valve=valve, controller=PI) - 1.0
             rows.append(
-                [valve, NAMES[controller], str(share_of(wrong, days)), str(share_of(wrong, late))]
-                + [f"{int((wrong & days).any('day').sum())} of {change.size}"]
-                + [f"{100.0 * float(change.median()):+.1f} %", str(share_of(change > LEAST))]
+                [
+                    valve,
+                    CONTROLLER_LABELS[controller],
+                    str(share_of(is_wrong, part_is_on)),
+                    str(share_of(is_wrong, is_in_last_quarter)),
+                ]
+                + [f"{int((is_wrong & part_is_on).any('day').sum())} of {change.size}"]
+                + [f"{100.0 * float(change.median()):+.1f} %", str(share_of(change > LEAST_ERROR))]
             )
     return rows
 
 
 @apply_style()
-def figure(ds: xr.Dataset) -> None:
+def draw_figure(ds: xr.Dataset) -> None:
     """Gap and estimate over the year, and what the gap costs by month."""
     costs = fc.cost(ds)
     valves = [v for v in ds["valve"].values if v != SOUND]
@@ -104,17 +121,17 @@ def figure(ds: xr.Dataset) -> None:
     for column, valve in zip(axes.T, valves, strict=True):
         top, bottom = column
         for k, controller in enumerate(ds["controller"].values):
-            some = ds.sel(valve=valve, controller=controller)
-            label, color = NAMES[controller], COLOURS[k]
-            gap = 100.0 * some["backlash_final"].median("sample")
+            part = ds.sel(valve=valve, controller=controller)
+            label, color = CONTROLLER_LABELS[controller], COLOURS[k]
+            gap = 100.0 * part["backlash_final"].median("sample")
             top.plot(start, gap, color=color, lw=1.2, label=f"gap, {label}")
             if controller != PI:
-                low, middle, high = (100.0 * some["estimate_final"]).quantile([0.1, 0.5, 0.9], "sample").values
+                low, middle, high = (100.0 * part["estimate_final"]).quantile([0.1, 0.5, 0.9], "sample").values
                 top.plot(start, middle, color=color, lw=1.2, ls="--", label=f"estimate, {label}")
                 top.fill_between(start, low, high, color=color, alpha=0.15, lw=0)
             month = costs["cost"].sel(valve=valve, controller=controller)
-            more = (month - costs["cost"].sel(valve=SOUND, controller=PI)).mean("sample")
-            bottom.plot(np.arange(1, more.size + 1), more.cumsum(), color=color, label=label)
+            extra_cost = (month - costs["cost"].sel(valve=SOUND, controller=PI)).mean("sample")
+            bottom.plot(np.arange(1, extra_cost.size + 1), extra_cost.cumsum(), color=color, label=label)
         top.set_title(f"{valve}, {100 * float(ds['backlash'].sel(valve=valve)):g} % in January")
         top.xaxis.set_major_locator(MonthLocator((1, 5, 9)))
         top.xaxis.set_major_formatter(DateFormatter("%b"))
@@ -134,7 +151,7 @@ def main() -> None:
         "year/year_cost",
         "Extra cost of a loop per year, compared with the same loop with a sound valve under plain PI, USD: median "
         "(its 95 % interval), 5th to 95th percentile of the loops, share of the bill, and mean of each component",
-        ["valve", "controller", "more", "5 to 95 %", "of the bill", *PARTS],
+        ["valve", "controller", "more", "5 to 95 %", "of the bill", *COST_PARTS],
         cost_rows(ds),
     )
     write_table(
@@ -153,4 +170,4 @@ def main() -> None:
         ["valve", "controller", "wrong", "at last", "loops ever wrong", "RMS error", "harmed"],
         estimate_rows(ds),
     )
-    figure(ds)
+    draw_figure(ds)

@@ -1,11 +1,10 @@
 """``fastcoil explain``: a preset, a study file or a folder, one scenario of it, and mistakes in a sentence."""
 
 import pytest
-from click.testing import CliRunner
+from helpers.commands import assert_command_refused, fastcoil
 from helpers.studies import PLAIN_STUDY
 
 import fastcoil as fc
-from fastcoil.cli.main import main
 from fastcoil.study.maintenance import pick_scenario
 
 pytestmark = pytest.mark.kernel
@@ -28,17 +27,6 @@ def folder(study):
     return study.parent / "out"
 
 
-def explain(*words):
-    return CliRunner().invoke(main, ["explain", *map(str, words)])
-
-
-def refusal_message(*words):
-    """The message of a call that is refused."""
-    result = explain(*words)
-    assert result.exit_code == 2, result.output
-    return result.output.replace("fastcoil: ", "").strip()
-
-
 def test_the_scenario_of_a_file_and_of_a_folder_is_that_of_the_study(study, folder):
     stored = fc.open_study(folder).sel(backlash=0.07, estimate_ratio=0.9, day=2)
     for target in (study, folder):
@@ -49,7 +37,7 @@ def test_the_scenario_of_a_file_and_of_a_folder_is_that_of_the_study(study, fold
 
 
 def test_the_folder_is_explained_on_the_command_line(folder):
-    result = explain(folder, *SCENARIO_OPTIONS)
+    result = fastcoil("explain", folder, *SCENARIO_OPTIONS)
     assert result.exit_code == 0, result.output
     title, answer = result.output.splitlines()[:2]
     assert title == "small; day=2, backlash=0.07, estimate_ratio=0.9"
@@ -85,28 +73,21 @@ def test_a_preset_that_heats_runs_on_a_heating_day_with_its_water():
 
 
 def test_a_label_that_there_is_not_is_answered_with_those_there_are(study):
-    assert refusal_message(study, "--at", "backlash=0.05", "--at", "day=9,estimate_ratio=0") == (
-        "--at backlash=0.05: choose one of 0.02, 0.07\n--at day=9: choose one of 1, 2, 3"
-    )
-    assert refusal_message(study, "--at", "day=1") == (
-        "--at: backlash is missing, choose one of 0.02, 0.07\n--at: estimate_ratio is missing, choose one of 0.0, 0.9"
-    )
+    assert_command_refused("explain", study, "--at", "backlash=0.05", "--at", "day=9,estimate_ratio=0")
+    assert_command_refused("explain", study, "--at", "day=1")
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    "words",
     [
-        (["lbnk"], "lbnk: no such file, folder or preset, did you mean 'lbnl'?; give a study file"),
-        (["lbnl", "--set", "kpp=3"], "--set kpp is not a parameter, did you mean 'kp'?"),
-        (["lbnl", "--set", "kp=fast"], "--set kp = 'fast': give a number"),
-        (["lbnl", "--set", "ti=0"], "--set ti = 0 s: must be above 0"),
-        (["lbnl", "--set", "kp"], "--set kp: give NAME=VALUE"),
-        (["lbnl", "--set", "kp=1", "--set", "kp=2"], "--set: 'kp' is given twice"),
-        (["lbnl", "--at", "replicate=1"], "--at replicate: replicates differ by their noise alone"),
-        (["lbnl", "--at", "day=1"], "--at day: no label of this study; it has none"),
-        (["lbnl", "-o", "figure.gif"], "-o figure.gif: give a file NAME.png or NAME.pdf or NAME.svg"),
-        (["lbnl", "-o", "nowhere/figure.png"], "-o nowhere/figure.png: give a file"),
+        ["lbnk"],
+        *(["lbnl", "--set", change] for change in ("kpp=3", "kp=fast", "ti=0", "kp")),
+        ["lbnl", "--set", "kp=1", "--set", "kp=2"],
+        ["lbnl", "--at", "replicate=1"],
+        ["lbnl", "--at", "day=1"],
+        ["lbnl", "-o", "figure.gif"],
+        ["lbnl", "-o", "nowhere/figure.png"],
     ],
-)  # fmt: skip
-def test_a_mistake_is_one_sentence(words, said):
-    assert said in refusal_message(*words)
+)
+def test_a_mistake_is_one_sentence(words):
+    assert_command_refused("explain", *words)

@@ -1,21 +1,17 @@
 """``fastcoil join``: a new file or none, and words that say how it was made."""
 
-from click.testing import CliRunner
-
-from fastcoil.cli.main import main
+from helpers.commands import assert_command_refused, fastcoil
 
 CSV_ROWS = "\n".join(f"{k:02}/07/2024 0{k % 10}:00,{k}" for k in range(10, 28))
-
-
-def run(*arguments):
-    return CliRunner().invoke(main, ["join", *map(str, arguments)])
 
 
 def test_files_are_joined_and_how_is_said(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "command.csv").write_text(f"Time,Value (%)\n{CSV_ROWS}\n")
     (tmp_path / "SAT.csv").write_text(f"Time,Value\n{CSV_ROWS}\n")
-    result = run("command.csv", "SAT.csv", "--column", "T_sup=SAT.csv", "--unit", "T_sup=degC", "--step", 3600)
+    result = fastcoil(
+        "join", "command.csv", "SAT.csv", "--column", "T_sup=SAT.csv", "--unit", "T_sup=degC", "--step", 3600
+    )
     assert result.exit_code == 0, result.output
     assert (
         (tmp_path / "log.csv").read_text().startswith("timestamp,command [1],T_sup [degC]\n2024-07-10T00:00:00,0.1,10")
@@ -29,20 +25,10 @@ def test_no_file_is_replaced_and_nothing_is_left_of_a_refused_call(tmp_path):
     command, foreign = tmp_path / "command.csv", tmp_path / "mine.csv"
     command.write_text(f"Time,Value (%)\n{CSV_ROWS}\n")
     foreign.write_text("mine")
-    for out in (foreign, command):
-        result = run(command, "-o", out)
-        assert result.exit_code == 2
-        assert "this file exists: choose another name, or delete it" in result.output + str(result.exception)
+    for out in (foreign, command, tmp_path, tmp_path / "none" / "x.csv", tmp_path / "x.txt"):
+        assert_command_refused("join", command, "-o", out)
     assert foreign.read_text() == "mine"
-    for arguments in (
-        [],
-        [tmp_path / "none.csv"],
-        [command, "--unit", "command=furlong"],
-        [command, "--time-format", "x"],
-        [command, "--step", 0],
-        [command, "--max-gap", 0],
-    ):
-        assert run(*arguments, "-o", tmp_path / "new.csv").exit_code == 2
-    for out in (tmp_path, tmp_path / "none" / "x.csv", tmp_path / "x.txt"):
-        assert run(command, "-o", out).exit_code == 2
+    options = [("--unit", "command=furlong"), ("--time-format", "x"), ("--step", 0), ("--max-gap", 0)]
+    for arguments in ([], [tmp_path / "none.csv"], *([command, *option] for option in options)):
+        assert_command_refused("join", *arguments, "-o", tmp_path / "new.csv")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["command.csv", "mine.csv"]

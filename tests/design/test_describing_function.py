@@ -1,7 +1,5 @@
 """Describing function of gap, inverse and buffer: the textbook's, python-control's, and that of the laws themselves."""
 
-import warnings
-
 import numpy as np
 import pytest
 
@@ -10,30 +8,16 @@ from fastcoil.model.control import FALLING, additive_command, inverse_command, n
 from fastcoil.model.physics import backlash, opening
 
 
-def play_gain(amplitude, gap):
-    return describing_function(np.asarray(amplitude, float), gap, gap)
-
-
-@pytest.mark.parametrize("gap", [0.02, 0.07, 0.3])
-def test_a_play_is_that_of_python_control(gap):
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("size", [0.02, 0.07, 0.3])
+def test_play_and_limiter_are_those_of_python_control(size):
     control = pytest.importorskip("control")
-    amplitude = gap * np.array([0.2, 0.49, 0.51, 0.6, 1.0, 3.0, 50.0])
-    theirs = control.friction_backlash_nonlinearity(gap)
-    expected = [theirs.describing_function(A) for A in amplitude]
-    np.testing.assert_allclose(play_gain(amplitude, gap), expected, atol=1e-12)
-
-
-def test_a_limiter_is_that_of_python_control():
-    control = pytest.importorskip("control")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        theirs = control.saturation_nonlinearity(0.3)
-    amplitude = np.array([0.1, 0.29, 0.31, 0.5, 4.0])
-    np.testing.assert_allclose(
-        limiter_gain(amplitude, np.array(-0.3), np.array(0.3)),
-        [theirs.describing_function(A) for A in amplitude],
-        atol=1e-12,
-    )
+    amplitude = size * np.array([0.2, 0.49, 0.51, 0.6, 0.99, 1.0, 1.01, 3.0, 50.0])
+    gap, limit = np.array(size), np.array(size)
+    play, limiter = control.friction_backlash_nonlinearity(size), control.saturation_nonlinearity(size)
+    expected = [[theirs.describing_function(A) for A in amplitude] for theirs in (play, limiter)]
+    np.testing.assert_allclose(describing_function(amplitude, gap, gap), expected[0], atol=1e-12)
+    np.testing.assert_allclose(limiter_gain(amplitude, -limit, limit), expected[1], atol=1e-12)
 
 
 def simulate_laws(A, x_bl, x_hat, buffer, law=inverse_command, n=4000):
@@ -41,10 +25,9 @@ def simulate_laws(A, x_bl, x_hat, buffer, law=inverse_command, n=4000):
     phase = 2.0 * np.pi * np.arange(2 * n) / n
     mode, u_ext, command, q, out = FALLING, 0.5, 0.5, 0.5 * (1.0 - x_bl), []
     for u in (0.5 + A * np.sin(phase)).tolist():
-        next_mode = next_mode(u, mode, u_ext, buffer)
-        next_extreme = next_extreme(u, next_mode, u_ext, next_mode != mode)
-        command = law(next_extreme, next_mode, x_hat) if next_extreme != u_ext else command
-        mode, u_ext = next_mode, next_extreme
+        mode_before, u_before, mode = mode, u_ext, next_mode(u, mode, u_ext, buffer)
+        u_ext = next_extreme(u, mode, u_before, mode != mode_before)
+        command = law(u_ext, mode, x_hat) if u_ext != u_before else command
         q = backlash(q, command, x_bl)
         out.append(opening(q, x_bl))
     return complex(np.mean(np.array(out[n:]) * np.exp(-1j * phase[n:])) * 2j / A)

@@ -42,17 +42,15 @@ def test_nyquist_says_what_limit_cycle_predicts_and_its_dots_are_the_cycle_or_li
     thin = [complex_of(line) for line in axes.lines if line.get_label() == "_-1/N"]
     thick = [line @ np.array([1.0, 1.0j]) for line in thick_curves(axes)]
     for k, (text, marked, minus_1_over_N, L) in enumerate(zip(texts, dots, thin, thick, strict=True)):
-        predicted_loop = predicted.isel(ti=k)
-        ends = "hunts" if predicted_loop.hunts > 0 else "does not hunt"
-        assert (
-            text
-            == f"integral time Ti = {float(predicted_loop.ti):g} s: hunting index {float(predicted_loop.hunting_index):.2g}, {ends}"
-        )
+        cycle = predicted.isel(ti=k)
+        ends = "hunts" if cycle.hunts > 0 else "does not hunt"
+        index = f"hunting index {float(cycle.hunting_index):.2g}"
+        assert text == f"integral time Ti = {float(cycle.ti):g} s: {index}, {ends}"
         assert np.abs(L - marked[0]).min() < 0.01
-        at = 2.0 * np.pi / predicted_loop.period if predicted_loop.hunts > 0 else predicted_loop.frequency
-        linear = fc.linearise(loops.assign(ti=float(predicted_loop.ti)), day, frequency=[float(at)])
+        at = 2.0 * np.pi / cycle.period if cycle.hunts > 0 else cycle.frequency
+        linear = fc.linearise(loops.assign(ti=float(cycle.ti)), day, frequency=[float(at)])
         assert abs(marked[0]) == pytest.approx(float(linear.loop_magnitude.squeeze()), rel=1e-3)
-        assert marked.size == (1 if predicted_loop.hunts > 0 else 2)
+        assert marked.size == (1 if cycle.hunts > 0 else 2)
         if marked.size == 2:
             assert np.angle(marked[0] / marked[1]) == pytest.approx(0.0, abs=1e-9)
             assert np.abs(minus_1_over_N - marked[1]).min() < 0.02

@@ -78,8 +78,8 @@ def test_the_emulator_answers_a_small_step_of_the_set_point_as_the_closed_loop(n
     control = pytest.importorskip("control")
     step, before, after = 0.005, 6000, 900
     columns, conditions = rest_points(name, stroke_time=0.0, **SAMPLED[sampling])
-    hunting_index = margins_of(columns, linearise_plants(columns, conditions)).gain_margin
-    columns["kp"] = 0.3 * hunting_index * columns["kp"]
+    margin = margins_of(columns, linearise_plants(columns, conditions)).gain_margin
+    columns["kp"] = 0.3 * margin * columns["kp"]
     theirs = sampled_loop(control, columns, conditions)
     ts = SAMPLED[sampling]["sample_time"]
     expected = control.step_response(control.feedback(theirs), np.arange(0.0, after, ts)).outputs

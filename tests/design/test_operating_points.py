@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.refusals import assert_refused
 
 import fastcoil as fc
 from fastcoil.design.operating_points import operating_points
@@ -45,7 +46,5 @@ def test_a_second_is_the_conditions_of_that_second_and_one_that_is_off_is_refuse
     points = operating_points(boundary, 1800, at=36)
     assert points.size == 1
     assert points.conditions["T_a_in"].tolist() == [20.01]
-    with pytest.raises(fc.InputError, match="at = 5000: the plant is off at that second"):
-        operating_points(boundary, 1800, at=5000)
-    with pytest.raises(fc.InputError, match="the loop is off all day"):
-        operating_points(day(np.full(7200, 14.0), enabled=0.0), 1800)
+    assert_refused("at", "value", operating_points, boundary, 1800, at=5000)
+    assert_refused("boundary", "data", operating_points, day(np.full(7200, 14.0), enabled=0.0), 1800)

@@ -5,6 +5,7 @@ import pytest
 from helpers.linear_loops import LINEAR_LOOPS, conditions_of, rest_plants, rest_points, state_space
 
 import fastcoil as fc
+from fastcoil.design.operating_points import CONDITION_SERIES
 from fastcoil.design.plants import LONGEST_RESPONSE, frequency_response, linearise_plants
 
 pytestmark = pytest.mark.kernel
@@ -17,9 +18,7 @@ def emulate(name, openings, seconds):
     """Traces of the emulator in open loop, one run for each series of openings, (n, n_steps)."""
     loop, entering = LINEAR_LOOPS[name]
     day = fc.constant_day(seconds / 3600, **entering)
-    days = fc.Boundary(
-        **{n: np.repeat(day.series[n], len(openings), 0) for n in ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")}
-    )
+    days = fc.Boundary(**{n: np.repeat(day.series[n], len(openings), 0) for n in CONDITION_SERIES})
     traces = ["T_sup", "m_w", "wet_volumes", "opening"]
     return fc.simulate(loop.assign(backlash=0.0), days, command=openings, traces=traces, warm_up=0, n_jobs=1)
 
@@ -93,9 +92,8 @@ def test_a_volume_at_its_dew_point_is_wet_to_the_share_that_the_emulator_shows()
     late = []
     for step in (0.0, size, -size):
         opening = np.repeat(plant.opening[at_edge, None] + step, seconds, axis=1)
-        ds = fc.simulate(
-            fc.Loop(backlash=0.0), held, command=opening, traces=["T_sup", "wet_volumes"], warm_up=0, n_jobs=1
-        )
+        options = {"traces": ["T_sup", "wet_volumes"], "warm_up": 0, "n_jobs": 1}
+        ds = fc.simulate(fc.Loop(backlash=0.0), held, command=opening, **options)
         late.append(ds.isel(elapsed_time=slice(3000, None)))
     rest, up, down = (ds.T_sup.mean("elapsed_time").values for ds in late)
     assert (late[0].wet_volumes.std("elapsed_time") > 0.1).all()
@@ -113,7 +111,7 @@ def test_equal_plants_are_found_once_and_their_order_does_not_matter():
     )  # fmt: skip
     columns, conditions = conditions_of(loop, fc.constant_day(0.6))
     plant = linearise_plants(columns, conditions)
-    assert plant.same.max() == 5
+    assert plant.kind.max() == 5
     order = rng.permutation(n)
     shuffled = linearise_plants({k: v[order] for k, v in columns.items()}, {k: v[order] for k, v in conditions.items()})
     np.testing.assert_array_equal(shuffled.response, plant.response[order])

@@ -7,13 +7,13 @@ import pytest
 from helpers.first_order_plants import first_order_plants, join_plants
 
 import fastcoil as fc
-from fastcoil.design.limit_cycle import HUNTING_MARGIN, predict_cycles
+from fastcoil.design.limit_cycle import HUNTING_INDEX_LIMIT, predict_cycles
 from fastcoil.design.operating_points import PointsOfDay
 from fastcoil.design.prediction import (
     PHASE_PARTS,
     Prediction,
-    largest_hunting_index,
-    margin_omissions,
+    hunting_index_omissions,
+    largest_integral_speed,
     phase_shares,
     predict_cycles_at,
     shortest_ti,
@@ -33,9 +33,8 @@ def predict_at_plants(loop, *plants):
     nothing = np.zeros(len(plants), dtype=np.int64)
     cycles = predict_cycles(parameter_columns(loop, {}, nothing), join_plants(*plants))
     points = PointsOfDay(nothing, nothing + 1, {"T_set": nothing + 14.0}, nothing)
-    return Prediction(
-        loop, points, join_plants(*plants), cycles, np.arange(len(plants)), int(np.argmax(cycles.hunting_index))
-    )
+    worst = int(np.argmax(cycles.hunting_index))
+    return Prediction(loop, points, join_plants(*plants), cycles, np.arange(len(plants)), worst)
 
 
 def loop_with_ratios(kappa, rho, **changes):
@@ -79,19 +78,19 @@ def test_the_hunting_index_is_that_of_a_step_of_the_command():
     """(kp K)^0.7 (T + 2 θ)/ti, θ with half of the sample time; of several operating points the largest."""
     loop = loop_with_ratios(1.6, 0.3, noise_std=0.02)
     expected = 1.6**0.7 * (LAG + 2.0 * (20.0 + 0.5)) / (0.3 * LAG)
-    assert largest_hunting_index(predict_at_delay(loop, 20)) == pytest.approx(expected, rel=0.02)
+    assert largest_integral_speed(predict_at_delay(loop, 20)) == pytest.approx(expected, rel=0.02)
     slower = first_order_plants(GAIN, LAG, 50.0)
-    assert largest_hunting_index(predict_at_plants(loop, first_order_plants(GAIN, LAG, 20.0), slower)) > 1.2 * expected
-    (clause,) = margin_omissions(predict_at_delay(loop, 20))
+    assert largest_integral_speed(predict_at_plants(loop, first_order_plants(GAIN, LAG, 20.0), slower)) > 1.2 * expected
+    (clause,) = hunting_index_omissions(predict_at_delay(loop, 20))
     assert clause.startswith("the noise of 0.02 K")
-    assert clause.endswith(f"here it is {largest_hunting_index(predict_at_delay(loop, 20)):.2g}")
-    assert margin_omissions(predict_at_delay(loop_with_ratios(1.6, 0.3, noise_std=0.0), 20)) == ()
+    assert clause.endswith(f"here it is {largest_integral_speed(predict_at_delay(loop, 20)):.2g}")
+    assert hunting_index_omissions(predict_at_delay(loop_with_ratios(1.6, 0.3, noise_std=0.0), 20)) == ()
 
 
 def test_twice_the_kp_is_twice_the_margin_and_needs_a_longer_ti():
     near, far = (predict_at_delay(loop_with_ratios(kappa, 0.5), 20) for kappa in (2.0, 1.0))
     assert near.hunting_index == pytest.approx(2.0 * far.hunting_index, rel=1e-6)
-    assert shortest_ti(near, HUNTING_MARGIN) > shortest_ti(far, HUNTING_MARGIN)
+    assert shortest_ti(near, HUNTING_INDEX_LIMIT) > shortest_ti(far, HUNTING_INDEX_LIMIT)
 
 
 def test_the_parts_take_180_degrees_each_what_its_formula_says():

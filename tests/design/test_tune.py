@@ -29,7 +29,7 @@ def days():
 
 
 @pytest.fixture(scope="module")
-def tuning_result(loop, days):
+def result(loop, days):
     return fc.tune(loop, days, search=SEARCH, limits=LIMITS, evaluations=64, n_jobs=1, **HOW)
 
 
@@ -48,12 +48,12 @@ def test_it_finds_what_a_grid_of_gains_finds(loop, days):
     assert errors.min() < 0.8 * errors.max(), "or any gain would do"
 
 
-def test_its_numbers_are_those_of_simulations_of_valves_and_days_on_either_side(loop, days, tuning_result):
+def test_its_numbers_are_those_of_simulations_of_valves_and_days_on_either_side(loop, days, result):
     request = plan_tuning(loop, days, search=SEARCH, **HOW)
-    for ds, group in ((tuning_result.trained, request.training), (tuning_result.held_out, request.holdout)):
+    for ds, group in ((result.trained, request.training), (result.held_out, request.holdout)):
         valves = [k for k in range(N) if X[k] in np.asarray(group.loop["backlash"])]
         assert tuple(valves) == group.members
-        chosen = fc.Loop(backlash=("sample", X[valves]), noise_std=0.02, **tuning_result.parameters)
+        chosen = fc.Loop(backlash=("sample", X[valves]), noise_std=0.02, **result.parameters)
         for tuning, tuned_loop in (("now", chosen.assign(kp=0.03, ti=8.0)), ("chosen", chosen)):
             simulated = fc.simulate(tuned_loop, group.boundary, n_jobs=1, **HOW)
             at = ds.sel(tuning=tuning, edge="value")
@@ -65,61 +65,57 @@ def test_its_numbers_are_those_of_simulations_of_valves_and_days_on_either_side(
         assert float(ds.change.sel(tuning="chosen", edge="value")) == pytest.approx(chosen_there / now - 1.0)
 
 
-def test_no_tuning_that_keeps_the_limits_and_was_tried_is_better(tuning_result):
-    tried = tuning_result.evaluations
-    now = tuning_result.trained.sel(tuning="now", edge="value")
+def test_no_tuning_that_keeps_the_limits_and_was_tried_is_better(result):
+    tried = result.evaluations
+    now = result.trained.sel(tuning="now", edge="value")
     keeps = (tried.motor_travel_p95 <= 0.17) & (tried.reversals_mean <= float(now.reversals_mean))
-    chosen = tuning_result.trained.sel(tuning="chosen", edge="value")
-    assert tuning_result.meets_limits
+    chosen = result.trained.sel(tuning="chosen", edge="value")
+    assert result.meets_limits
     assert float(chosen.rmse_p95) == float(tried.rmse_p95.where(keeps).min())
     assert float(tried.rmse_p95.min()) < float(chosen.rmse_p95), "or the limits would not have mattered"
-    assert {
-        name: float(tried[name][int(np.nanargmin(tried.rmse_p95.where(keeps).values))]) for name in SEARCH
-    } == tuning_result.parameters
+    best = tried.isel(evaluation=int(np.nanargmin(tried.rmse_p95.where(keeps).values)))
+    assert {name: float(best[name]) for name in SEARCH} == result.parameters
 
 
-def test_intervals_hold_the_value_and_vary_with_the_valves(tuning_result):
-    for ds in (tuning_result.trained, tuning_result.held_out):
+def test_intervals_hold_the_value_and_vary_with_the_valves(result):
+    for ds in (result.trained, result.held_out):
         low, value, high = (ds.rmse_p95.sel(edge=edge) for edge in ("low", "value", "high"))
         assert ((low <= value) & (value <= high)).all()
         assert (low < high).all()
 
 
-def test_simc_stands_beside_with_the_gains_of_every_valve(loop, days, tuning_result):
+def test_simc_stands_beside_with_the_gains_of_every_valve(loop, days, result):
     group = plan_tuning(loop, days, search=SEARCH, **HOW).training
     days = group.boundary
     means = {name: values[:, 300:].mean(axis=1) for name, values in days.series.items()}
     steady = {name: np.repeat(values[:, None], 2000, axis=1) for name, values in means.items()}
     gains = fc.linearise(group.loop, fc.Boundary(**steady, day=days.day))
     simc_loop = group.loop.assign(kp=gains.kp_simc.median("day"), ti=gains.ti_simc.median("day"))
-    first, second = (tuning_result.evaluations.isel(evaluation=k) for k in (0, 1))
+    first, second = (result.evaluations.isel(evaluation=k) for k in (0, 1))
     assert (float(first.kp), float(first.ti)) == (0.03, 8.0), "the search begins with the loop's own gains"
     assert float(second.kp) == pytest.approx(float(np.median(simc_loop["kp"])), rel=1e-3), "then SIMC's"
     simulated = fc.simulate(simc_loop, group.boundary, n_jobs=1, **HOW)
-    assert float(tuning_result.trained.rmse_p95.sel(tuning="simc", edge="value")) == pytest.approx(
-        p95(simulated.rmse.values), rel=1e-6
-    )
+    trained = float(result.trained.rmse_p95.sel(tuning="simc", edge="value"))
+    assert trained == pytest.approx(p95(simulated.rmse.values), rel=1e-6)
 
 
-def test_the_front_is_retried_on_the_hold_out(loop, days, tuning_result):
+def test_the_front_is_retried_on_the_hold_out(loop, days, result):
     group = plan_tuning(loop, days, search=SEARCH, **HOW).holdout
-    front = tuning_result.front.isel(point=-1)
+    front = result.front.isel(point=-1)
     simulated = fc.simulate(group.loop.assign(kp=float(front.kp), ti=float(front.ti)), group.boundary, n_jobs=1, **HOW)
     assert float(front.held_out_rmse_p95) == p95(simulated.rmse.values)
-    assert (np.diff(tuning_result.front.motor_travel_p95) > 0).all()
-    assert (np.diff(tuning_result.front.rmse_p95) < 0).all()
+    assert (np.diff(result.front.motor_travel_p95) > 0).all()
+    assert (np.diff(result.front.rmse_p95) < 0).all()
 
 
-def test_threads_decide_nothing(loop, days, tuning_result):
+def test_threads_decide_nothing(loop, days, result):
     again = fc.tune(loop, days, search=SEARCH, limits=LIMITS, evaluations=64, n_jobs=2, **HOW)
     for name in ("trained", "held_out", "front", "evaluations"):
-        assert getattr(again, name).identical(getattr(tuning_result, name))
+        assert getattr(again, name).identical(getattr(result, name))
 
 
 def test_limits_that_nothing_keeps_are_said_and_nothing_is_recommended(loop, days, tmp_path):
-    tuned = fc.tune(
-        loop, days, search={"kp": (0.5, 2.0)}, limits={"rmse": 1e-3}, evaluations=8, n_jobs=1, **HOW
-    )  # fmt: skip
+    tuned = fc.tune(loop, days, search={"kp": (0.5, 2.0)}, limits={"rmse": 1e-3}, evaluations=8, n_jobs=1, **HOW)
     assert not tuned.meets_limits
     assert "No tuning keeps the limits" in tuned.summary()[0]
     assert any(note.startswith("No tuning in these ranges") for note in tuned.notes)
@@ -130,17 +126,15 @@ def test_limits_that_nothing_keeps_are_said_and_nothing_is_recommended(loop, day
     assert read_includes({"include": ["tuning.toml"]}, tmp_path) == {}
 
 
-def test_the_advice_is_to_change_only_what_is_better_and_keeps_its_limits_on_the_hold_out(tuning_result):
-    settings = f"kp = {tuning_result.parameters['kp']!r} 1/K, ti = {tuning_result.parameters['ti']!r} s"
-    change = float(tuning_result.held_out.change.sel(tuning="chosen", edge="value"))
-    assert f": {settings}: RMS error [K], 95 % quantile {100 * change:+.0f} %, motor travel × " in tuning_result.advice
-    assert tuning_result.advice in tuning_result.summary()
-    travel = float(tuning_result.held_out.motor_travel_p95.sel(tuning="chosen", edge="value"))
-    tight = dataclasses.replace(tuning_result, limits=(tuning_result.limits[0]._replace(most=0.99 * travel),))
-    worse = dataclasses.replace(
-        tuning_result, held_out=tuning_result.held_out.assign(change=tuning_result.held_out.change + 2.0)
-    )
-    for rejected in (tight, worse, dataclasses.replace(tuning_result, meets_limits=False)):
+def test_the_advice_is_to_change_only_what_is_better_and_keeps_its_limits_on_the_hold_out(result):
+    settings = f"kp = {result.parameters['kp']!r} 1/K, ti = {result.parameters['ti']!r} s"
+    change = float(result.held_out.change.sel(tuning="chosen", edge="value"))
+    assert f": {settings}: RMS error [K], 95 % quantile {100 * change:+.0f} %, motor travel × " in result.advice
+    assert result.advice in result.summary()
+    travel = float(result.held_out.motor_travel_p95.sel(tuning="chosen", edge="value"))
+    tight = dataclasses.replace(result, limits=(result.limits[0]._replace(most=0.99 * travel),))
+    worse = dataclasses.replace(result, held_out=result.held_out.assign(change=result.held_out.change + 2.0))
+    for rejected in (tight, worse, dataclasses.replace(result, meets_limits=False)):
         assert rejected.advice.startswith("Leave it: ")
         assert settings not in rejected.advice
 
@@ -154,10 +148,8 @@ def test_settings_beside_the_gains_are_tuned_and_whole_ones_stay_whole(days):
     assert list(tuned.held_out.tuning.values) == ["now", "chosen"]
 
 
-def test_the_table_of_either_side_has_what_the_loop_does_there_now_as_its_limit(tuning_result):
-    limits = [line.split()[-1] for line in tuning_result.summary() if line.strip().startswith("stem reversals")]
-    current_values = [
-        ds.reversals_mean.sel(tuning="now", edge="value") for ds in (tuning_result.held_out, tuning_result.trained)
-    ]
+def test_the_table_of_either_side_has_what_the_loop_does_there_now_as_its_limit(result):
+    limits = [line.split()[-1] for line in result.summary() if line.strip().startswith("stem reversals")]
+    current_values = [ds.reversals_mean.sel(tuning="now", edge="value") for ds in (result.held_out, result.trained)]
     assert limits == [f"{float(value):.3g}" for value in current_values]
     assert limits[0] != limits[1]

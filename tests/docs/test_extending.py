@@ -16,7 +16,7 @@ PAGE = PACKAGE.parent / "docs" / "own-rule.md"
 
 
 @pytest.fixture
-def extended(tmp_path):
+def extended_package(tmp_path):
     """A copy of the package with the slow output of the page."""
     shutil.copytree(PACKAGE, tmp_path / "fastcoil", ignore=shutil.ignore_patterns("__pycache__"))
     diffs = re.findall(r"^```diff\n\+\+\+ (\S+)\n(.*?)^```$", PAGE.read_text(), re.DOTALL | re.MULTILINE)
@@ -42,25 +42,25 @@ def run(folder, code):
     ).stdout
 
 
-def test_the_example_fits_the_sources(extended):
+def test_the_example_fits_the_sources(extended_package):
     code = (
         "import fastcoil as fc; from fastcoil.model.control import limit_rate;"
         "print(fc.Loop(output_rate=0.001)['output_rate']);"
         "print(*(limit_rate(u, 0.5, 0.1) for u in (0.2, 0.45, 0.9)), limit_rate(0.9, 0.5, 0.0))"
     )
-    assert run(extended, code).split() == ["0.001", "0.4", "0.45", "0.6", "0.9"]
+    assert run(extended_package, code).split() == ["0.001", "0.4", "0.45", "0.6", "0.9"]
 
 
 @pytest.mark.full
 @pytest.mark.kernel
-def test_the_example_works(extended):
+def test_the_example_works(extended_package):
     """The output moves no faster; a rate of 0 changes no bit."""
     code = (
         "import fastcoil as fc; loop = fc.Loop.preset('lbnl').assign(output_rate=[0.0, 0.0005], noise_std=0.02);"
         "ds = fc.simulate(loop, fc.paper_day(hours=2), traces=['u']);"
         "print(*abs(ds.u.diff('elapsed_time')).max('elapsed_time').values, *ds.rmse.values)"
     )
-    fastest, slow, rmse, _ = map(float, run(extended, code).split())
+    fastest, slow, rmse, _ = map(float, run(extended_package, code).split())
     ds = fc.simulate(fc.Loop.preset("lbnl").assign(noise_std=0.02), fc.paper_day(hours=2), traces=["u"])
     assert (fastest, rmse) == (float(abs(ds.u.diff("elapsed_time")).max()), float(ds.rmse))
     assert slow == pytest.approx(0.0005 * 15.0)

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
-from builder.numbers import FIRST, filled, number, pages, rows, table_file
+from builder.numbers import FIRST, fill_page, number, pages, rows, table_file
 
 ROOT = Path(__file__).parents[2]
 PAGES = pages(ROOT)
@@ -28,7 +28,7 @@ def root(tmp_path):
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_a_page_quotes_what_its_tables_say(page):
     text = page.read_text()
-    assert filled(ROOT, text) == text, "run: python docs/builder/numbers.py"
+    assert fill_page(ROOT, text) == text, "run: python docs/builder/numbers.py"
     assert not re.search(r"(?m)^\s*(?:\* )?<!-- number", text), "a line that begins with a comment is no Markdown"
 
 
@@ -42,8 +42,9 @@ def test_every_table_is_shown_or_linked_and_has_a_name_of_its_own():
 
 @pytest.mark.parametrize(
     "mark",
-    ["rules | stepped | right", "rules | nobody | right", "rules | hunting index & stepped | r", "rule | hunting index | right",
-     "rules | hunting index & stepped | right | of (nothing)", "rules | title | (nothing)"],
+    ["rules | stepped | right", "rules | nobody | right", "rules | hunting index & stepped | r",
+     "rule | hunting index | right", "rules | hunting index & stepped | right | of (nothing)",
+     "rules | title | (nothing)"],
 )  # fmt: skip
 def test_a_mark_that_fits_nothing_or_more_than_one_cell_is_refused(root, mark):
     (root / "studies" / "rules" / "tables" / "rules.md").write_text(RULES.replace("travel", "rest"))
@@ -53,7 +54,7 @@ def test_a_mark_that_fits_nothing_or_more_than_one_cell_is_refused(root, mark):
 
 def test_a_table_is_put_between_its_marks(root):
     page = "a\n\n<!-- table rules -->\nold\n<!-- end rules -->\nb\n"
-    assert filled(root, page) == f"a\n\n<!-- table rules -->\n\n{RULES}\n<!-- end rules -->\nb\n"
+    assert fill_page(root, page) == f"a\n\n<!-- table rules -->\n\n{RULES}\n<!-- end rules -->\nb\n"
 
 
 FOUR_VOLUMES = ("quasistatic", "4")

@@ -7,7 +7,7 @@ from types import ModuleType
 
 import pytest
 from builder.links import check
-from builder.pages import public, redirects, source_of
+from builder.pages import public_names, redirects, source_of
 from builder.stage import stage
 
 import fastcoil as fc
@@ -66,7 +66,7 @@ def test_the_reference_has_every_public_name_once():
     packages = {name for name in fc.__all__ if isinstance(getattr(fc, name), ModuleType)}
     inside = {f"fastcoil.{package}.{name}" for package in packages for name in getattr(fc, package).__all__}
     expected_names = {f"fastcoil.{name}" for name in fc.__all__ if name not in packages} | inside
-    names_in_reference = public(text) + re.findall(r"`fc(.__version__)`", text)
+    names_in_reference = public_names(text) + re.findall(r"`fc(.__version__)`", text)
     assert len(set(names_in_reference)) == len(names_in_reference)
     # classes of results are named with their module, three dots and more
     assert {name.replace(".__", "fastcoil.__") for name in names_in_reference if name.count(".") < 3} == expected_names

@@ -39,9 +39,9 @@ def command(run_forked, out):
 
 
 @pytest.fixture(scope="module")
-def undisturbed(run_forked, tmp_path_factory):
+def undisturbed_run(run_forked, tmp_path_factory):
     """All files of a command that was not disturbed, and how many got a name."""
-    out = tmp_path_factory.mktemp("undisturbed") / "out"
+    out = tmp_path_factory.mktemp("undisturbed_run") / "out"
     words = ["run", str(out.with_name("study.toml")), "-o", str(out), "-j", "1"]
     code, steps, output = run_forked(STUDY, out, arguments=words, of="replace")
     assert code == 0, output
@@ -91,9 +91,9 @@ def check_same(contents, expected):
             assert contents[name] == content, name
 
 
-def kill_and_restart(command, out, undisturbed, step, *words):
+def kill_and_restart(command, out, undisturbed_run, step, *words):
     """Kill a command before a file gets its name, and give it again, perhaps to other workers."""
-    expected, _ = undisturbed
+    expected, _ = undisturbed_run
     shutil.rmtree(out, ignore_errors=True)
     code, n_named, output = command("-j", "1", kill_before=step)
     assert (code, n_named) == (-9, step), output
@@ -110,15 +110,15 @@ def kill_and_restart(command, out, undisturbed, step, *words):
     assert {p: p.stat().st_mtime_ns for p in modified_before} == modified_before
 
 
-def test_a_command_that_is_killed_and_given_again_leaves_the_same_files(command, out, undisturbed):
-    contents, steps = undisturbed
+def test_a_command_that_is_killed_and_given_again_leaves_the_same_files(command, out, undisturbed_run):
+    contents, steps = undisturbed_run
     file_names = [name for name in contents if not name.endswith("/") and not name.startswith(".")]
     assert len(file_names) == len(FILES_IN_ORDER)
     assert steps > len(FILES_IN_ORDER)  # the shards too
-    kill_and_restart(command, out, undisturbed, steps, "-j", "2")
+    kill_and_restart(command, out, undisturbed_run, steps, "-j", "2")
 
 
 @pytest.mark.full
-def test_a_command_that_is_killed_at_any_step_leaves_the_same_files(command, out, undisturbed):
-    for step in range(1, undisturbed[1] + 1):
-        kill_and_restart(command, out, undisturbed, step, "-j", "3")
+def test_a_command_that_is_killed_at_any_step_leaves_the_same_files(command, out, undisturbed_run):
+    for step in range(1, undisturbed_run[1] + 1):
+        kill_and_restart(command, out, undisturbed_run, step, "-j", "3")

@@ -138,8 +138,8 @@ def test_drive_letters_and_backslashes_are_no_addresses_and_no_names(path):
 
 
 def test_no_file_but_machine_asks_for_what_only_unix_has():
-    words = (*(f"os.{n}" for n in windows.MISSING_OS_NAMES), *(f"import {n}" for n in windows.MISSING_MODULES), "signal.SIGHUP",
-             "signal.SIGKILL", "import msvcrt", "sys.platform ==", "os.name")  # fmt: skip
+    words = (*(f"os.{n}" for n in windows.MISSING_OS_NAMES), *(f"import {n}" for n in windows.MISSING_MODULES),
+             "signal.SIGHUP", "signal.SIGKILL", "import msvcrt", "sys.platform ==", "os.name")  # fmt: skip
     package = Path(machine.__file__).parents[1]
     places = {
         f"{path.relative_to(package).as_posix()}: {word}"

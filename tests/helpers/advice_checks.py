@@ -1,4 +1,4 @@
-"""Random loops, and what contradicts itself, or the simulation, in what is said of one."""
+"""Random loops, and contradictions in their explanation, or between it and the simulation."""
 
 import re
 from typing import NamedTuple
@@ -16,7 +16,7 @@ PLAIN_PI = {"law": "pi", "estimator": "none", "learning_step": 0.0}
 
 
 def random_loop(seed):
-    """A loop as somebody may have it: any gains, a gap, and one thing in two that theory does not know."""
+    """Draw a loop: any gains, a backlash, and in half of them an element that theory does not cover."""
     rng = np.random.default_rng([7, seed])
     loop = fc.Loop.preset(str(rng.choice(["lbnl", "g36", "paper_like_fast", "paper_like"])))
     gains = {
@@ -51,7 +51,7 @@ def integrate(now, p, memory):
 
 
 def any_loop(seed):
-    """(loop, day): any preset, gains, law, estimator, compensation, coarseness, action and kind of day."""
+    """Draw (loop, day): any preset, gains, law, estimator, compensation, coarseness, action and kind of day."""
     rng = np.random.default_rng([28, seed])
 
     def draw(*words):
@@ -84,7 +84,7 @@ def any_loop(seed):
 
 
 def change_loop(loop, changes):
-    """The loop with other values; with the PI in place of its law it has no parameters of that law."""
+    """Change values of the loop; the PI in place of its law removes the parameters of that law."""
     if changes.get("law") == "pi" and loop["law"] != "pi":
         loop = fc.Loop(**{name: value for name, value in loop.constants.items() if name not in ("law", "ki")})
     return loop.assign(**changes)
@@ -95,16 +95,16 @@ def simulate_loop(loop, day, **changes):
 
 
 def follow_advice(explanation):
-    """The loop with what is recommended."""
+    """Return the loop with the recommended parameters."""
     cures = explanation.cures
     row = cures.sel(cure=explanation.recommended)
     return change_loop(explanation.loop, {n: row[n].item() for n in cures.coords if cures[n].ndim and n != "cure"})
 
 
 def advice_problems(explanation):
-    """What is wrong with the advice on the loop that has followed the advice, a word or two each.
+    """Return the problems of the advice on the loop that has followed the advice.
 
-    Nothing more may be asked for but what was offered the first time.
+    It may require nothing but what was offered the first time.
     """
     if explanation.recommended == "as_it_is":
         return []
@@ -120,7 +120,7 @@ def advice_problems(explanation):
 
 
 def contradictions(explanation):
-    """Every contradiction in an explanation, a word or two each."""
+    """Return every contradiction in an explanation."""
     loop, day = explanation.loop, explanation.boundary
     text, cures, problems = explanation.text, explanation.cures, []
     first, reason = text.splitlines()[:2]
@@ -151,56 +151,43 @@ def contradictions(explanation):
     check("gains cure it, but none is proposed", any(one.hunts == 0 for one in calm_gains))
     better = {name for name, change in error.items() if change < 0.95}
     better -= {"repaired_valve"} if "a repaired valve would" in advice else set()
+    verdicts = dict(zip(words, cures["verdict"].values.tolist(), strict=True))
     if "and stays calm" in advice:
-        better -= {
-            name for name, verdict in zip(words, cures["verdict"].values, strict=True) if verdict == "makes it hunt"
-        }
+        better -= {name for name, verdict in verdicts.items() if verdict == "makes it hunt"}
     better -= {"dead_band", "repaired_valve"} if "none of these gains" in advice else set()
     check("none is better, but a row is", "Leave it" in advice and "below 0.01 K" not in advice and better)
-    cured = any(str(one).startswith("cures it") for one in cures["verdict"].values)
-    check(
-        "none stops it, but a row does", "None of these " in advice and cured and explanation.recommended == "as_it_is"
-    )
+    recommended = explanation.recommended
+    is_cured = any(verdict.startswith("cures it") for verdict in verdicts.values())
+    is_untouched = "None of these " in advice and recommended == "as_it_is"
+    check("none stops it, but a row does", is_untouched and is_cured)
     hunting_index = re.search(r"hunting index ([\d.e+-]+); a loop hunts above ([\d.]+\d)", reason)
     if hunting_index:
         above = float(hunting_index[1]) > float(hunting_index[2])
-        explained = "no swing large enough" in reason or (
-            "go by the simulation" in text and ("theory" in reason or "swing" in reason)
-        )
-        check(
-            "hunting index below its limit, but hunts",
-            says_hunts and not above and "large swing" not in reason and not explained,
-        )
+        names_theory = "go by the simulation" in text and ("theory" in reason or "swing" in reason)
+        explained = "no swing large enough" in reason or names_theory
+        is_unexplained = not above and "large swing" not in reason and not explained
+        check("hunting index below its limit, but hunts", says_hunts and is_unexplained)
         check("hunting index above its limit, but calm", not says_hunts and above and not explained)
     perfect = "even with a perfect valve" in reason
     if "repaired_valve" in error:
         stops = simulate_loop(loop, day, backlash=0.0, backlash_estimate=0.0, slip_jump=0.0).hunts == 0
-        cured = next(v for n, v in zip(words, cures["verdict"].values, strict=True) if n == "repaired_valve")
-        check("the valve is to blame and is not", perfect and stops and cured.startswith("cures"))
-        check(
-            "the valve is not to blame and is", "Any backlash triggers it" in reason and not cured.startswith("cures")
-        )
-    recommended = explanation.recommended
+        repair_cures = verdicts["repaired_valve"].startswith("cures")
+        check("the valve is to blame and is not", perfect and stops and repair_cures)
+        check("the valve is not to blame and is", "Any backlash triggers it" in reason and not repair_cures)
     if recommended != "as_it_is":
         check("the advice is not the recommended row", words[recommended] not in advice)
         quoted = re.search(r"RMSE ([+-]\d+) %", advice[advice.find(words[recommended]) :])
-        check(
-            "another number than the row", not quoted or abs(float(quoted[1]) - 100 * (error[recommended] - 1)) > 0.51
-        )
-        changes = {
-            n: cures[n].values[list(words).index(recommended)] for n in cures.coords if cures[n].ndim and n != "cure"
-        }
-        advised_result = simulate_loop(loop, day, **{n: v.item() for n, v in changes.items()})
-        check("recommended, but it hunts", advised_result.hunts > 0)
-        check(
-            "recommended, but simulated otherwise",
-            abs(float(advised_result.rmse / result.rmse) - error[recommended]) > 1e-9,
-        )
+        change = 100 * (error[recommended] - 1)
+        check("another number than the row", not quoted or abs(float(quoted[1]) - change) > 0.51)
+        advised = fc.simulate(follow_advice(explanation), day, n_jobs=1, progress=False)
+        check("recommended, but it hunts", advised.hunts > 0)
+        differs = abs(float(advised.rmse / result.rmse) - error[recommended]) > 1e-9
+        check("recommended, but simulated otherwise", differs)
     return problems
 
 
 def contradictions_of_log(loop):
-    """The same for the diagnosis of a log of 6 h of the loop, every 10 s, and for its advice on that day."""
+    """Return the same for the diagnosis of a log of 6 h of the loop, every 10 s, and its advice on that day."""
     day, problems = fc.paper_day(hours=6), []
     result = fc.simulate(loop, day, traces=["T_measured", "command"], trace_interval=10, n_jobs=1, progress=False)
     log = result.assign(T_set=("elapsed_time", day.series["T_set"][0][::10], {"units": "degC"}))
@@ -208,16 +195,12 @@ def contradictions_of_log(loop):
     calls = diagnosis.advice.reason.partition(":")[0]
     if diagnosis.hunts != (calls in ("Do this", "Leave the gains")):
         problems.append(f"hunts: {diagnosis.hunts}, but: {calls}")
-    if (
-        diagnosis.predictions is not None
-        and "log again" in diagnosis.advice.reason
-        and diagnosis.predictions.sel(case="simc").hunts == 0
-    ):
+    predictions = diagnosis.predictions
+    if "log again" in diagnosis.advice.reason and predictions is not None and predictions.sel(case="simc").hunts == 0:
         problems.append("other gains are predicted to be calm, but none is advised")
     gains = re.search(r": kp ([\d.e-]+) 1/K, ti ([\d.e+]+) s: RMSE", diagnosis.advice.reason)
     if gains:
-        advised_result = fc.simulate(loop.assign(kp=float(gains[1]), ti=float(gains[2])), day, n_jobs=1, progress=False)
-        problems += ["advised gains hunt"] * int(advised_result.hunts > 0) + ["advised gains are worse"] * int(
-            advised_result.rmse > 1.05 * result.rmse
-        )
+        advised = simulate_loop(loop, day, kp=float(gains[1]), ti=float(gains[2]))
+        problems += ["advised gains hunt"] * int(advised.hunts > 0)
+        problems += ["advised gains are worse"] * int(advised.rmse > 1.05 * result.rmse)
     return problems

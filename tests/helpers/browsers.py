@@ -19,7 +19,7 @@ _MAX_WAIT_S = 60.0
 
 
 def why_no_browser():
-    """Why there is no browser to test with; empty if there is one."""
+    """Return why there is no browser to test with; empty if there is one."""
     try:
         import bokeh  # noqa: F401
         import selenium  # noqa: F401
@@ -31,7 +31,7 @@ def why_no_browser():
 
 @contextmanager
 def chromium(width=1280, height=800):
-    """A driver of Chromium that remembers all requests and all that the page says on its console."""
+    """Start a driver of Chromium that records all requests and the console of the page."""
     if why_no_browser():
         pytest.skip(why_no_browser())
     from selenium import webdriver
@@ -56,7 +56,7 @@ def chromium(width=1280, height=800):
 
 @contextmanager
 def explore_page(*words):
-    """A process of ``fastcoil explore``, and the address of its page."""
+    """Start a process of ``fastcoil explore``; yield it and the address of its page."""
     command = [sys.executable, "-m", "fastcoil", "explore", *words, "--no-browser", "--port", "0"]
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ | {"PYTHONUNBUFFERED": "1"}
@@ -74,7 +74,7 @@ def explore_page(*words):
 
 
 def wait_for_page(driver, views_before=0):
-    """Wait until the page shows what its controls say, ``views_before`` so many views; how many it has shown."""
+    """Wait until the page shows its settings after ``views_before`` views; return the number of views."""
     end = time.monotonic() + _MAX_WAIT_S
     while time.monotonic() < end:
         phase, turn = driver.execute_script("return [document.body.dataset.phase, document.body.dataset.turn]")
@@ -85,18 +85,18 @@ def wait_for_page(driver, views_before=0):
 
 
 def element_text(driver, name):
-    """The text of an element of the page."""
+    """Return the text of an element of the page."""
     return driver.execute_script("return document.getElementById(arguments[0]).textContent", name)
 
 
 def figure_column(driver, source, column):
-    """A column of the data behind a figure."""
+    """Return a column of the data of a figure."""
     code = "return Array.from(Bokeh.documents[0].get_model_by_name(arguments[0]).get_array(arguments[1]))"
     return driver.execute_script(code, source, column)
 
 
 def find_all(driver, selector):
-    """All elements of the page that match, those in shadow trees too, in the order of the page."""
+    """Return all elements of the page that match, also in shadow trees, in the order of the page."""
     code = """
     const found = []
     const walk = root => {
@@ -111,12 +111,12 @@ def find_all(driver, selector):
 
 
 def requested_urls(driver):
-    """Addresses that the browser has asked for."""
+    """Return the addresses that the browser requested."""
     messages = [json.loads(entry["message"])["message"] for entry in driver.get_log("performance")]
     sent = [m["params"]["request"]["url"] for m in messages if m["method"] == "Network.requestWillBeSent"]
     return sent + [m["params"]["url"] for m in messages if m["method"] == "Network.webSocketCreated"]
 
 
 def console_problems(driver):
-    """What the page complained about on its console."""
+    """Return errors and warnings on the console of the page."""
     return [entry["message"] for entry in driver.get_log("browser") if entry["level"] in ("SEVERE", "WARNING")]

@@ -1,4 +1,4 @@
-"""Results whose energy is written by hand: a number for each day, loop by loop."""
+"""Results with energies by hand: a number for each day and loop."""
 
 import json
 
@@ -10,12 +10,12 @@ METRICS = ("coil_energy", "coil_peak_power", "reheat_energy", "recool_energy", "
 
 
 def days_from(first, n):
-    """The dates of n days in a row."""
+    """Return the dates of n consecutive days."""
     return np.datetime64(first, "s") + np.arange(n) * np.timedelta64(24 * 3600, "s")
 
 
 def result(n_days, *dims, start=None, seed=1, action="cooling", **coords):
-    """A result over (day, *dims), each dim (name, labels), with energies that a seed draws."""
+    """Make a result over (day, *dims), each dim (name, labels), with random energies."""
     draw, sizes = np.random.default_rng(seed), [n_days, *(len(labels) for _, labels in dims)]
     names = ["day", *(name for name, _ in dims)]
     ds = xr.Dataset(

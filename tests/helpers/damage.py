@@ -1,4 +1,4 @@
-"""Damage to files, drawn at random from a seed: what failing disks, broken copies and careless editors do."""
+"""Random damage to files, as by failing disks, broken copies and careless editing."""
 
 import json
 import random
@@ -50,7 +50,8 @@ def _overwrite_sector(data: bytearray, dice: random.Random) -> None:
 
 
 _BYTE_DAMAGES: list[Callable[[bytearray, random.Random], None]] = [
-    _flip_bits, _flip_bits, _zero_sector, _zero_sector, _repeat_sector, _swap_sectors, _cut_end, _append_bytes, _overwrite_sector,
+    _flip_bits, _flip_bits, _zero_sector, _zero_sector, _repeat_sector, _swap_sectors, _cut_end, _append_bytes,
+    _overwrite_sector,
 ]  # fmt: skip
 _ODD_VALUES: list[Any] = [
     None, True, 0, -1, 2, 1e308, 10**40, "", "x", "\0", "a\0b", "\ud800", "/", "../..", [], {}, [1], [[]], {"a": 1},
@@ -59,7 +60,7 @@ _ODD_VALUES: list[Any] = [
 
 
 def damage_bytes(data: bytes, dice: random.Random) -> bytes:
-    """The bytes of a file after one misfortune."""
+    """Damage the bytes of a file once."""
     changed = bytearray(data)
     if changed:
         dice.choice(_BYTE_DAMAGES)(changed, dice)
@@ -67,7 +68,7 @@ def damage_bytes(data: bytes, dice: random.Random) -> bytes:
 
 
 def edit_json(data: bytes, dice: random.Random, checksum: Callable[[dict[str, Any]], str]) -> bytes:
-    """A JSON object after somebody changed a value in it, and perhaps its checksum and format."""
+    """Change a value of a JSON object, and perhaps its checksum and format."""
     content = json.loads(data)
     name = dice.choice([*content, "more"])
     if dice.random() < 0.2:

@@ -1,4 +1,4 @@
-"""What a user does, in a process as on Windows: prints what came of it as JSON, a value or a traceback by step."""
+"""Steps of a user in a process as on Windows: prints as JSON a value or a traceback for each."""
 
 import json
 import os
@@ -71,7 +71,7 @@ def export_controller():
 
 @step
 def interrupted_study():
-    """Interrupted after its first shard; then there are shards and no results."""
+    """Interrupt after the first shard: there are shards and no results."""
     from fastcoil.loops import plan
     from fastcoil.study import run
     from fastcoil.study.file.spec import read_study
@@ -107,7 +107,7 @@ def _run_with_title(title):
 
 @step
 def results_that_somebody_looks_at():
-    """They are replaced once the reader has closed them."""
+    """Results are replaced once the reader has closed them."""
     reader = open("out/results.nc", "rb")  # noqa: SIM115
     threading.Timer(0.5, reader.close).start()
     start = time.monotonic()
@@ -129,7 +129,7 @@ def results_that_stay_open():
 
 @step
 def unknown_netcdf():
-    """A file without a recorded hash is read by another process, which is one of Windows as well."""
+    """A file without a recorded hash is read by another process, also as on Windows."""
     from fastcoil.loops import netcdf
     from fastcoil.study.folder.results import open_results
 
@@ -153,7 +153,7 @@ def unknown_netcdf():
 
 @step
 def kernels_are_kept():
-    """In a folder whose mode says nothing there."""
+    """In a folder whose mode is meaningless there."""
     from fastcoil.model.numerics.jit import fingerprint, is_compiled
     from fastcoil.model.numerics.kernel_cache import kernel_folder
 
@@ -178,7 +178,7 @@ def machine():
 
 @step
 def commands():
-    """Exit codes, and whether figures are there, where the code page has no letter for what is said."""
+    """Exit codes, and whether figures exist, with a code page that lacks letters of the messages."""
     from fastcoil.__main__ import run
 
     text = "[loop]\n[sweep]\nbacklash = [0.02, 0.07]\n[boundary]\nhours = 0.25\n[run]\nwarm_up = 100\n"
@@ -194,7 +194,7 @@ def commands():
 
 
 def main(folder):
-    """Take every step in a folder."""
+    """Run every step in a folder."""
     from helpers.windows import emulate
 
     os.chdir(folder)

@@ -25,7 +25,7 @@ def healthy_part(index):
 
 
 class DyingPool:
-    """A pool whose workers die of some scenarios, and now and then of nothing."""
+    """A pool whose workers die of some scenarios, and at random."""
 
     worker_errors = (WorkerDied,)
 
@@ -39,7 +39,7 @@ class DyingPool:
     def submit(self, shard):
         index = shard.index
         assert not any(set(index) & set(pending_index) for pending_index in self.pending.values()), (
-            "a scenario is run twice at once"
+            "a scenario is run twice at a time"
         )
         future = cf.Future()
         self.pending[future] = index.tolist()
@@ -56,7 +56,7 @@ class DyingPool:
         self.n_deaths += 1
 
     def wait(self, futures, return_when):
-        """Some shard ends, one way or the other."""
+        """End some shards, with results or a death."""
         unfinished = [f for f in futures if not f.done()]
         for future in self.dice.sample(unfinished, min(len(unfinished), self.dice.randint(1, 2))):
             if future.done():
@@ -74,7 +74,7 @@ class DyingPool:
 
 
 def collect_status(pool, job, shards, status=None):
-    """Status of every scenario that was yielded, also put into ``status``; none is yielded twice."""
+    """Collect the status of every scenario, also in ``status``; assert that none is yielded twice."""
     status = {} if status is None else status
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(pools, "cf", SimpleNamespace(wait=pool.wait, FIRST_COMPLETED=cf.FIRST_COMPLETED))
@@ -86,5 +86,5 @@ def collect_status(pool, job, shards, status=None):
 
 
 def cut_into_sizes(size, n=N_SCENARIOS):
-    """The scenarios from 0 to ``n`` in shards of this size."""
+    """Cut the scenarios from 0 to ``n`` into shards of this size."""
     return [Shard(np.arange(start, min(start + size, n))) for start in range(0, n, size)]

@@ -1,4 +1,4 @@
-"""Exported controllers, run in each of the three languages on their own vectors."""
+"""Run exported controllers in each of the three languages on their vectors."""
 
 import csv
 import importlib.util
@@ -12,24 +12,24 @@ import pytest
 from helpers.structured_text import Project
 
 INPUT_COLUMNS = {"T_sup", "T_set", "m_a", "enabled", "start_test", "reset", "start_command"}
-"""Columns of what a controller is given; the others are what it must answer."""
+"""Columns of inputs; the others are the required answers."""
 COMPILER_FLAGS = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-ffp-contract=off"]
 
 
 def skip_without_compiler(language):
-    """Skip a test of the exported C where nothing compiles it."""
+    """Skip a test of the exported C if there is no compiler."""
     if language == "c" and shutil.which("gcc") is None:
         pytest.skip("gcc is not installed")
 
 
 def read_vectors(path):
-    """Rows of a file of vectors, numbers by name."""
+    """Read the rows of a file of vectors, numbers by name."""
     with path.open() as file:
         return [{n: float(x) for n, x in row.items()} for row in csv.DictReader(x for x in file if x[0] != "#")]
 
 
 def load_module(path):
-    """An exported Python file, loaded."""
+    """Load an exported Python file."""
     spec = importlib.util.spec_from_file_location("exported", path)
     loaded = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(loaded)
@@ -37,7 +37,7 @@ def load_module(path):
 
 
 def python_runner(text):
-    """A function that takes the exported Python through one cycle, and what it has found then."""
+    """Return a function that runs one cycle of the exported Python and returns its state."""
     names = {}
     exec(compile(text, "exported.py", "exec"), names)
     s = names["State"]()
@@ -45,14 +45,14 @@ def python_runner(text):
 
 
 def structured_text_runner(text):
-    """The same of an exported function block."""
+    """Return the same for an exported function block."""
     project = Project(text)
     block = project.block(next(unit.name for unit in project.units.values() if unit.name.startswith("fb_")))
     return lambda given: (block(**given), block)[1]
 
 
 def differences(run, stored):
-    """Largest difference of each cycle from its vector."""
+    """Yield the largest difference of each cycle from its vector."""
     for row in read_vectors(stored):
         inputs = {
             n: x > 0.5 if n in ("enabled", "start_test", "reset") else x for n, x in row.items() if n in INPUT_COLUMNS
@@ -62,12 +62,12 @@ def differences(run, stored):
 
 
 def worst_in_python(code, stored):
-    """Largest difference of the exported Python from its vectors."""
+    """Return the largest difference of the exported Python from its vectors."""
     return max(differences(python_runner(code.read_text()), stored))
 
 
 def worst_in_c(code, stored):
-    """The same of the exported C, compiled without a warning."""
+    """Return the same for the exported C, compiled without a warning."""
     subprocess.run(["gcc", *COMPILER_FLAGS, "-DFASTCOIL_CHECK", code, "-lm", "-o", code.with_suffix("")], check=True)
     process = subprocess.run([code.with_suffix(""), stored], check=False, capture_output=True, text=True)
     worst = [float(x) for x in re.findall(r"largest difference (\S+)", process.stdout)]
@@ -77,7 +77,7 @@ def worst_in_c(code, stored):
 
 
 def worst_in_structured_text(code, stored, program):
-    """The same of the exported function block, by an interpreter; its program of checks must agree."""
+    """Return the same for the exported function block, by an interpreter; its program of checks must agree."""
     worst = max(differences(structured_text_runner(code.read_text()), stored))
     check = Project(code.read_text(), program.read_text()).block(f"{code.stem}_check")
     check()

@@ -68,7 +68,7 @@ def intercept_operations(folder: Path, before: Callable[[str], None]) -> Iterato
 
 
 class NthOperation:
-    """Does something at the n-th operation, and at every one from there on if ``lasting``."""
+    """Act at the n-th operation, and at every later one if ``lasting``."""
 
     def __init__(self, n: int, act: Callable[[], None], *, lasting: bool = False) -> None:
         self.n, self.act, self.lasting = n, act, lasting

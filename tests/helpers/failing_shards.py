@@ -1,4 +1,4 @@
-"""Scenarios that harm their worker; in a file of its own, so that workers can import it."""
+"""Scenarios that harm their worker, in a file that workers can import."""
 
 import ctypes
 import os
@@ -43,7 +43,7 @@ def refuse_input():
 
 
 def exhaust_memory():
-    """Leave this process little memory, then ask for much."""
+    """Limit the memory of this process, then allocate more."""
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (used + 2**20, resource.RLIM_INFINITY))
     np.ones(2**26)
@@ -58,10 +58,10 @@ def sleep_briefly():
 
 
 class HarmfulLayout(Layout):
-    """A layout that harms whoever asks it for one of the scenarios ``culprits``: that is only the worker.
+    """A layout that harms the process, always a worker, that reads one of the scenarios ``culprits``.
 
-    once: a file that tells that the harm was done, and is not to be done again.
-    log: a file that takes a line for each shard: process, number of scenarios.
+    once: a file whose existence shows that the harm was done, and is not repeated.
+    log: a file with a line for each shard: process, number of scenarios.
     """
 
     def __init__(self, layout, harm=None, culprits=(), once=None, log=None):
@@ -87,12 +87,12 @@ class HarmfulLayout(Layout):
 
 
 def with_harmful_layout(study, *arguments, **options):
-    """The study with a layout that is ``HarmfulLayout``."""
+    """Return the study with a ``HarmfulLayout``."""
     return replace(study, plan=replace(study.plan, layout=HarmfulLayout(study.plan.layout, *arguments, **options)))
 
 
 def harm_every_study(monkeypatch, *arguments, **options):
-    """Have every study that is read harm its workers."""
+    """Make every study that is read harm its workers."""
     from fastcoil.study.file import spec
 
     read = spec.read_study

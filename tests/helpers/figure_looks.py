@@ -1,4 +1,4 @@
-"""What every figure must keep: texts inside it and apart from each other, colours of the one palette."""
+"""Requirements of every figure: texts inside it and apart from each other, colours of the palette."""
 
 from itertools import combinations
 
@@ -13,10 +13,10 @@ PALETTE = {to_hex(colour) for colour in (*COLOURS, LINE_GREY, SHADE_GREY, "black
 
 
 def assert_texts_fit(figure):
-    """Every text with letters lies within the figure and on no other."""
+    """Assert that every text with letters lies within the figure and on no other."""
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
-    # ticks outside of an axis, or hidden by a neighbour's, are Texts, too
+    # ticks outside of an axis, or hidden by a neighbour's, are also Texts
     extents = {
         text: text.get_window_extent(canvas.get_renderer())
         for text in figure.findobj(Text)
@@ -32,7 +32,7 @@ def assert_texts_fit(figure):
 
 
 def figure_colours(figure):
-    """The colours of all lines, areas and dots; maps have a scale of their own."""
+    """Return the colours of all lines, areas and dots; maps have another scale."""
     drawn_colours = set()
     for axes in figure.axes:
         drawn_colours |= {to_hex(line.get_color()) for line in axes.lines}
@@ -47,5 +47,5 @@ def figure_colours(figure):
 
 
 def assert_palette(figure):
-    """Lines, areas and dots have colours that can be told apart."""
+    """Assert that lines, areas and dots have colours of the palette."""
     assert figure_colours(figure) <= PALETTE

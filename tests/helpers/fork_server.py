@@ -1,10 +1,10 @@
-"""A process that forks runs of studies and reports how they ended; a fork costs milliseconds, an import seconds.
+"""Process that forks runs of studies and reports how they ended; a fork costs milliseconds, an import seconds.
 
-It starts no thread itself, so that a fork is safe.  Loads the modules that its arguments name.  Reads a JSON object per
-line: {"text": …, "folder": …, "extend": …, "kill_before": n or null, "of": name of the operations that count (all of
-them without it), "kill_after": seconds or null, "limits": {…}, "arguments": words of the command line, instead of a run
-by ``execute``}, and answers with the exit code of the child (negative: a signal) and the number of operations on files
-that it began.
+It starts no thread, so that a fork is safe, and loads the modules in its arguments.  Reads a JSON object per line:
+{"text": …, "folder": …, "extend": …, "kill_before": n or null, "of": name of the operations that count (by default
+all), "kill_after": seconds or null, "limits": {…}, "arguments": words of the command line, instead of a run by
+``execute``}, and answers with the exit code of the child (negative: a signal) and the number of file operations that it
+began.
 """
 
 import importlib
@@ -80,7 +80,7 @@ class SerialPool:
 
 
 def warm_up() -> None:
-    """Do once, without threads, what the first run of a process has to load."""
+    """Load once, without threads, what the first run of a process loads."""
     make_pool = runner.make_pool
     runner.make_pool = lambda job, _: SerialPool(job)
     try:
@@ -120,12 +120,12 @@ def main() -> None:
         os.close(count_pipe)
         if order.get("kill_after") is not None:
             time.sleep(order["kill_after"])
-            os.kill(pid, signal.SIGKILL)  # it is not reaped yet: nobody else has its number
+            os.kill(pid, signal.SIGKILL)  # it is not reaped yet: no other process has its number
         with os.fdopen(reading, "rb") as pipe:
             n_operations = len(pipe.read())
         _, status = os.waitpid(pid, 0)
         print(json.dumps([os.waitstatus_to_exitcode(status), n_operations]), flush=True)
-    os._exit(0)  # to take everything down by the rules would last a second
+    os._exit(0)  # an orderly exit takes a second
 
 
 if __name__ == "__main__":

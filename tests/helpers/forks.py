@@ -13,15 +13,15 @@ from helpers.processes import child_environment
 COMMAND_MODULES = ("fastcoil.cli.main", "fastcoil.study.analysis.summary", "fastcoil.study.maintenance",
             "fastcoil.deliver.figures.swept",
             "matplotlib.figure")  # fmt: skip
-"""What commands import."""
+"""Modules that commands import."""
 SERVER_SCRIPT = Path(__file__).with_name("fork_server.py")
 
 
 @contextmanager
 def fork_runner(*modules: str, **env: str) -> Iterator[Callable[..., tuple[int, int, str]]]:
-    """A function that runs a study in a process forked for it: exit code, operations on files, what it said.
+    """Yield a function that runs a study in a forked process: exit code, number of file operations, output.
 
-    modules: what all of them need; env: more of their environment.
+    modules: loaded before the fork; env: additions to the environment.
     """
     command = [sys.executable, str(SERVER_SCRIPT), *modules]
     with subprocess.Popen(

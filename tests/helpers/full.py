@@ -4,7 +4,7 @@ import pytest
 
 
 def full_except(cases, chosen):
-    """All cases, those that are not chosen only in `make test-full`."""
+    """Mark the cases that are not chosen to run in `make test-full` only."""
     chosen = list(chosen)
     marks = [() if case in chosen else pytest.mark.full for case in cases]
     return [

@@ -18,31 +18,31 @@ LINEAR_LOOPS = {
 
 
 def rest_points(name, **changes):
-    """Parameters and conditions of one kind, as for ``linearise_plants``."""
+    """Return parameters and conditions of one kind, as for ``linearise_plants``."""
     loop, entering = LINEAR_LOOPS[name]
     return conditions_of(loop.assign(backlash=0.0).assign(**changes), fc.constant_day(0.6, **entering))
 
 
 def conditions_of(loop, day):
-    """Parameters and conditions of a loop, or a sweep, on a day that is always the same."""
+    """Return parameters and conditions of a loop, or a sweep, on a constant day."""
     operating_points = OperatingPoints(loop, day, at=0)
     index = np.arange(operating_points.size)
     return operating_points.columns(index), operating_points.conditions(index)
 
 
 def rest_plants(name, **changes):
-    """Parameters of one kind, and its plant at rest."""
+    """Return the parameters of one kind, and its plant at rest."""
     columns, conditions = rest_points(name, **changes)
     return columns, linearise_plants(columns, conditions)
 
 
 def plants_at(loop, day):
-    """Parameters of a loop, or a sweep, and its plants on a day that is always the same."""
+    """Return the parameters of a loop, or a sweep, and its plants on a constant day."""
     columns, conditions = conditions_of(loop, day)
     return columns, linearise_plants(columns, conditions)
 
 
 def state_space(columns, conditions):
-    """A, B and C of one plant: the opening to true T_sup, in steps of a second."""
+    """Return A, B and C of one plant: from opening to true T_sup, in steps of a second."""
     A, B = state_space_of(columns, conditions)
     return A[0], B[0], np.array(state_names(int(columns["n_volumes"][0]))) == "T_a_1"

@@ -15,7 +15,7 @@ def write_csv(path, header, rows):
 
 
 def change_cell(rows, row, column, value):
-    """Rows with one cell changed."""
+    """Change one cell of the rows."""
     rows = [list(r) for r in rows]
     rows[row][column] = value
     return rows
@@ -23,18 +23,12 @@ def change_cell(rows, row, column, value):
 
 VALVE_HEADER = ["elapsed_time [s]", "command [1]", "m_w [kg/s]"]
 COIL_HEADER = [
-    "elapsed_time [s]",
-    "m_w [kg/s]",
-    "m_a [kg/s]",
-    "T_w_in [degC]",
-    "T_a_in [degC]",
-    "RH_a_in [%]",
-    "T_sup [degC]",
-]
+    "elapsed_time [s]", "m_w [kg/s]", "m_a [kg/s]", "T_w_in [degC]", "T_a_in [degC]", "RH_a_in [%]", "T_sup [degC]",
+]  # fmt: skip
 
 
 def valve_rows(n=60):
-    """Cells of a valve's log without noise, a sample a minute."""
+    """Return the cells of a valve's log without noise, a sample a minute."""
     command = random_walk(np.random.default_rng(17), n=n)
     return [
         [60 * i, f"{c:.4f}", f"{m:.4f}"] for i, (c, m) in enumerate(zip(command, valve_flows(command), strict=True))
@@ -42,5 +36,5 @@ def valve_rows(n=60):
 
 
 def coil_rows(n=80):
-    """Cells of a coil's log, a sample a minute; good numbers, but of no coil."""
+    """Return the cells of a coil's log, a sample a minute; good numbers, but of no coil."""
     return [[60 * i, 1.0 + 0.5 * (i // 5 % 2), 1.2, 7.0, 26.0, 50.0, 15.0 + i % 3] for i in range(n)]

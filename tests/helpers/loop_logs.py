@@ -13,7 +13,7 @@ def make_loop_log(
     hours=4.0, backlash=0.08, kp=0.02, ti=90.0, sample_time=15.0, stroke_time=90.0, steps=True, swing=0.0, period=900.0,
     noise=0.01, interval=10.0, seed=1,
 ):  # fmt: skip
-    """A log as a Dataset: command, T_sup, T_set along elapsed_time; ``swing``: of the air outside, ± K."""
+    """Simulate a log: command, T_sup, T_set along elapsed_time; ``swing``: of the air outside, ± K."""
     draw, n = np.random.default_rng(seed), int(hours * 3600 / STEP)
     levels = draw.permutation(np.linspace(12.5, 16.5, max(int(hours * 2), 1)))
     T_set = np.repeat(levels if steps else np.full(levels.size, 14.5), math.ceil(n / levels.size))[:n]
@@ -44,7 +44,7 @@ def make_loop_log(
 
 
 def write_log(ds, path):
-    """The log as a CSV file, command in per cent; returns the path."""
+    """Write the log as a CSV file, command in per cent; return the path."""
     table = np.stack([ds.elapsed_time, 100 * ds.command, ds.T_sup, ds.T_set], axis=1)
     header = "elapsed_time [s],command [%],T_sup [degC],T_set [degC]"
     np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.4f", encoding="utf-8")

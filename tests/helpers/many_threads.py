@@ -21,7 +21,7 @@ TEXT = TRACED_STUDY.replace("seed = [1, 2, 3]", "seed = 1").replace('"mode"]', '
 
 
 def study_file(folder: Path) -> Path:
-    """The file of a small study with traces."""
+    """Write the file of a small study with traces, once."""
     path = folder / "small.toml"
     if not path.exists():
         path.write_text(TEXT, encoding="utf-8")
@@ -29,7 +29,7 @@ def study_file(folder: Path) -> Path:
 
 
 def read_study_folder(folder: Path, golden: str) -> float:
-    """Open a study, read parts of its traces and all of one, and drop it."""
+    """Open a study, and read parts of its traces and all of one."""
     ds = fc.open_study(folder)
     assert ds.attrs["content_sha256"] == golden
     part = ds["T_c"].isel(backlash=0, volume=[1, 3]).values
@@ -38,7 +38,7 @@ def read_study_folder(folder: Path, golden: str) -> float:
 
 
 def run_in_threads(folder: Path, times: int = 2 if os.environ.get("FASTCOIL_FULL") else 1) -> None:
-    """Three threads run studies into folders of their own, while others look at these and at a finished one."""
+    """Run studies on three threads, each into its folder, while others read these and a finished one."""
     golden = fc.run_study(study_file(folder), folder / "one", n_jobs=1).attrs["content_sha256"]
     targets = [folder / f"out{k}" for k in range(3 * times)]
     is_done = threading.Event()
@@ -65,7 +65,7 @@ def run_in_threads(folder: Path, times: int = 2 if os.environ.get("FASTCOIL_FULL
 
 
 def run_inside_an_event_loop(folder: Path, backend: str) -> None:
-    """A notebook: whatever it calls is called inside a running event loop."""
+    """Run a study as in a notebook, inside a running event loop."""
     golden = fc.run_study(study_file(folder), folder / "one", n_jobs=1).attrs["content_sha256"]
 
     async def cell() -> str:

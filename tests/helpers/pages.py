@@ -1,18 +1,18 @@
-"""HTML pages as a browser would see them: what they show, what they load, what runs in them."""
+"""HTML pages as in a browser: shown text, loaded files, scripts."""
 
 import base64
 from html.parser import HTMLParser
 from pathlib import Path
 
 _LOADING_ATTRIBUTES = {"src", "href", "data", "action", "poster", "srcset", "background", "formaction", "xlink:href"}
-"""Attributes that name another file."""
+"""Attributes with the name of another file."""
 
 
 class Page(HTMLParser):
     """A page, parsed.
 
-    tags: every element.  loads: what attributes and styles name.  handlers: attributes that run something.
-    text: what a reader sees, with spaces in one.
+    tags: every element.  loads: addresses in attributes and styles.  handlers: attributes that run something.
+    text: visible text, with single spaces.
     """
 
     def __init__(self, path: Path) -> None:
@@ -58,7 +58,7 @@ class Page(HTMLParser):
         return [base64.b64decode(uri.partition(",")[2]) for uri in self.loads if uri.startswith("data:image/png")]
 
     def assert_self_contained(self) -> None:
-        """It needs no other file, no network and no script."""
+        """Assert that it needs no other file, no network and no script."""
         assert all(uri.startswith("data:image/png;base64,") for uri in self.loads), self.loads
         assert not {"script", "iframe", "object", "embed", "link", "base", "form"} & set(self.tags)
         assert not self.handlers

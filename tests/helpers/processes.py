@@ -35,11 +35,11 @@ trace_interval = 100
 N_SCENARIOS = 160
 
 IGNORED_HELPER = "resource_tracker"
-"""A helper of the standard library and of loky that ends with the process that uses them."""
+"""Process of the standard library and of loky that ends with the process that uses them."""
 
 
 def living_descendants(process=None):
-    """Living descendants by process id, without the helpers that end with this process."""
+    """Return living descendants by process id, without those that end with this process."""
     import psutil
 
     processes = {}
@@ -47,13 +47,13 @@ def living_descendants(process=None):
         try:
             if child.status() != psutil.STATUS_ZOMBIE and IGNORED_HELPER not in " ".join(child.cmdline()):
                 processes[child.pid] = child
-        except psutil.NoSuchProcess:  # gone while it was looked at
+        except psutil.NoSuchProcess:  # ended meanwhile
             pass
     return processes
 
 
 def have_ended(processes, seconds):
-    """Whether all of them end within some seconds."""
+    """Whether all processes end within some seconds."""
     import psutil
 
     _, alive = psutil.wait_procs(list(processes), timeout=seconds)
@@ -61,7 +61,7 @@ def have_ended(processes, seconds):
 
 
 def wait_for(condition, seconds=30.0, interval=0.02):
-    """Wait until a condition holds, and give what it found."""
+    """Wait until a condition holds, and return its value."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         answer = condition()
@@ -72,7 +72,7 @@ def wait_for(condition, seconds=30.0, interval=0.02):
 
 
 def cut_studies(monkeypatch, size, seed=None, alone=None):
-    """Have studies cut into shards of ``size`` scenarios, or of random sizes up to it and in random order.
+    """Cut studies into shards of ``size`` scenarios, or of random sizes up to it in random order.
 
     alone: a scenario that is a shard of its own.
     """
@@ -102,7 +102,7 @@ def cut_studies(monkeypatch, size, seed=None, alone=None):
 
 
 def assert_crashed(results, healthy, culprits):
-    """Exactly the culprits are crashed and empty, all others as in a healthy run."""
+    """Assert that exactly the culprits are crashed and empty, and all others as in a healthy run."""
     crashed = np.flatnonzero(results["status"].values == STATUS_CRASHED)
     assert crashed.tolist() == sorted(culprits)
     others = np.setdiff1d(np.arange(N_SCENARIOS), crashed)
@@ -115,14 +115,14 @@ def assert_crashed(results, healthy, culprits):
 
 
 def child_environment(**variables):
-    """The environment of a child process that imports this package and these tests."""
+    """Return the environment of a child process that imports this package and these tests."""
     places = [str(ROOT), str(ROOT / "tests"), os.environ.get("PYTHONPATH", "")]
     path = os.pathsep.join(place for place in places if place)  # an empty one is the current folder
     return {**os.environ, "PYTHONPATH": path, **variables}
 
 
 def start_python(*words, cwd, **env):
-    """A Python process in a process group of its own, as a terminal starts it."""
+    """Start Python in a new process group, as a terminal does."""
     return subprocess.Popen(
         [sys.executable, *map(str, words)],
         cwd=cwd,
@@ -137,7 +137,7 @@ def start_python(*words, cwd, **env):
 
 
 def wait_for_end(process, seconds=60):
-    """Exit code, stdout and stderr of a process; it and its group are killed if they do not end."""
+    """Return exit code, stdout and stderr of a process; kill it and its group if they do not end."""
     try:
         out, err = process.communicate(timeout=seconds)
     finally:
@@ -197,7 +197,7 @@ class Cluster:
 
     @contextmanager
     def client(self):
-        """Look at it from outside."""
+        """Connect to it as a client."""
         from distributed import Client
 
         with Client(self.address, set_as_default=False, timeout=20) as client:

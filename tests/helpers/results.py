@@ -1,4 +1,4 @@
-"""Results as simulate gives them, with values of the test's own."""
+"""Results in the form of ``simulate``, with given values."""
 
 import numpy as np
 import xarray as xr
@@ -8,7 +8,7 @@ from fastcoil.model.metric_table import METRICS, STATUS_MEANINGS
 
 
 def make_result(dims, coords=None, attrs=None, **metrics):
-    """A result with these metrics along ``dims``; coords: labels and drawn parameters, numbered labels by default."""
+    """Make a result with these metrics along ``dims``; coords: labels and drawn parameters, numbered by default."""
     values = {name: np.asarray(v, dtype=float) for name, v in metrics.items()}
     ds = xr.Dataset({n: (dims, v, cf_attributes(METRICS[n])) for n, v in values.items()})
     flags = {"flag_values": np.arange(len(STATUS_MEANINGS)), "flag_meanings": " ".join(STATUS_MEANINGS)}
@@ -20,7 +20,7 @@ def make_result(dims, coords=None, attrs=None, **metrics):
 
 
 def drawn_result(n, seed=1, **others):
-    """A result of ``n`` samples on two days with drawn kp, ti and sample_time."""
+    """Make a result of ``n`` samples on two days with drawn kp, ti and sample_time."""
     rng = np.random.default_rng(seed)
     kp, ti = rng.lognormal(-4.0, 0.5, n), rng.uniform(10.0, 100.0, n)
     coords = {"kp": ("sample", kp), "ti": ("sample", ti), "sample_time": ("sample", rng.choice([5.0, 10.0, 30.0], n))}

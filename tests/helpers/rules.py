@@ -1,4 +1,4 @@
-"""Rules of a user's own, to try."""
+"""User rules for the tests."""
 
 from collections import namedtuple
 from typing import NamedTuple
@@ -53,7 +53,7 @@ def own_pi(now, p, memory):
 
 
 def clip_to(x, largest):
-    """Stands below the rules that call it."""
+    """Clip to 0 … ``largest``; defined below the rules that call it."""
     return min(max(x, 0.0), largest)
 
 
@@ -62,6 +62,6 @@ def constant_rule(now, p, memory):
 
 
 def make_parameters(**fields):
-    """A class of parameters with these defaults; ``None`` for a field without one."""
+    """Make a class of parameters with these defaults; ``None`` for a field without one."""
     names = sorted(fields, key=lambda n: fields[n] is not None)
     return namedtuple("Parameters", names, defaults=[fields[n] for n in names if fields[n] is not None])

@@ -14,7 +14,7 @@ INPUTS = ["m_a", "T_a_in", "W_a_in", "T_w_in"]
 
 
 def valve_flows(command, start=0.0, **truth):
-    """Eqs (1) and (2) in plain Python; ``start``: place within the backlash, 1 on the rising flank."""
+    """Evaluate Eqs (1) and (2) in plain Python; ``start``: place within the backlash, 1 on the rising flank."""
     p = VALVE_TRUTH | truth
     x_bl = p["backlash"]
     low, high = max(command[0] - x_bl, 0.0), min(command[0], 1.0 - x_bl)
@@ -27,7 +27,7 @@ def valve_flows(command, start=0.0, **truth):
 
 
 def random_walk(rng, n=400, top=1.0, largest=0.3):
-    """A random walk of the command: it moves at every sample, mostly by little, so that the backlash matters."""
+    """Draw a random walk of the command in steps small enough for the backlash to matter."""
     command = [rng.uniform(0.2, 0.8) * top]
     while len(command) < n:
         moved = command[-1] + rng.normal(0.0, largest / 2)
@@ -36,20 +36,25 @@ def random_walk(rng, n=400, top=1.0, largest=0.3):
 
 
 def make_valve_log(command, flow, interval=60.0, **others):
-    """A valve's log as a Dataset."""
+    """Make a valve's log as a Dataset."""
     t = ("elapsed_time", np.arange(command.size) * interval, {"units": "s"})
     variables = {"command": ("elapsed_time", command, {"units": "1"}), "m_w": ("elapsed_time", flow, {"units": "kg/s"})}
     variables |= {name: ("elapsed_time", values) for name, values in others.items()}
     return xr.Dataset(variables, {"elapsed_time": t})
 
 
+def noisy_valve_log(rng, command, sd, phi=0.0, interval=60.0, **truth):
+    """A valve's log of a command, with AR(1) noise on its flows."""
+    return make_valve_log(command, add_noise(rng, valve_flows(command, **truth), sd, phi), interval)
+
+
 def add_noise(rng, flow, sd, phi=0.0):
-    """Flow with AR(1) noise of standard deviation ``sd``."""
+    """Add AR(1) noise of standard deviation ``sd`` to a flow."""
     return np.maximum(flow + ar1_noise(rng, flow.size, sd, phi), 1e-3)
 
 
 def ar1_noise(rng, n, sd, phi=0.0):
-    """AR(1) noise of standard deviation ``sd``, (n,)."""
+    """Draw AR(1) noise of standard deviation ``sd``, (n,)."""
     e = rng.normal(0.0, sd, n)
     for t in range(1, n if phi else 0):
         e[t] = phi * e[t - 1] + math.sqrt(1 - phi**2) * e[t]
@@ -57,12 +62,12 @@ def ar1_noise(rng, n, sd, phi=0.0):
 
 
 def random_steps(rng, low, high, seconds, n):
-    """Random values, each held for ``seconds``."""
+    """Draw random values, each held for ``seconds``."""
     return np.repeat(rng.uniform(low, high, n // seconds + 1), seconds)[:n]
 
 
 def coil_log(hours=2.0, seed=0, sd=0.05, phi=0.0, every=1, air=True, dry=False, **truth):
-    """A log of a coil with perturbed flows: simulated in open loop, with AR(1) noise on the supply air."""
+    """Simulate a log of a coil with perturbed flows in open loop, with AR(1) noise on the supply air."""
     rng, n = np.random.default_rng(seed), int(hours * 3600)
     day = {name: values[0] for name, values in fc.paper_day(hours=hours, seed=1).series.items()}
     day["m_a"] = day["m_a"] * random_steps(rng, 0.4, 1.1, 600, n) if air else 1.0
@@ -83,17 +88,17 @@ def coil_log(hours=2.0, seed=0, sd=0.05, phi=0.0, every=1, air=True, dry=False, 
 
 
 def join_logs(*logs):
-    """Logs in a row, each with its own times."""
+    """Join logs, each with its own times."""
     return xr.concat(logs, "elapsed_time", combine_attrs="override")
 
 
 def shift_log(log, seconds):
-    """A log some seconds later."""
+    """Shift a log by some seconds."""
     return log.assign_coords(elapsed_time=(log["elapsed_time"] + seconds).assign_attrs(units="s"))
 
 
 def assert_covered(fit, truth, names=None):
-    """The true values lie in the 95 % intervals of a fit."""
+    """Assert that the true values lie in the 95 % intervals of a fit."""
     for name in names or fit.intervals:
         low, high = fit.intervals[name]
         assert low <= truth[name] <= high, f"{name} = {truth[name]} is not in {low:.4g} to {high:.4g}"

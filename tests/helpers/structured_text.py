@@ -1,7 +1,7 @@
-"""Runs Structured Text: a small interpreter for the tests, no compiler of a PLC.
+"""Run Structured Text: a small interpreter for the tests, no compiler of a PLC.
 
-The text is parsed by the grammar of tree-sitter; each statement of the tree then becomes one of Python.  Names are told
-apart as the standard does, by their letters alone, small or capital; numbers of two types do not mix.
+The text is parsed by the grammar of tree-sitter; each statement of the tree becomes one of Python.  Names ignore case,
+as in the standard; numbers of two types do not mix.
 """
 
 import math
@@ -16,13 +16,13 @@ STANDARD_FUNCTIONS = {
 }  # fmt: skip
 CONVERSIONS = {"INT_TO_LREAL": ("INT", "float", "LREAL"), "DINT_TO_LREAL": ("INT", "float", "LREAL"),
                "TRUNC": ("LREAL", "int", "INT")}  # fmt: skip
-"""What they take, do and give; INT and DINT count as one."""
+"""Type of the argument, Python function, type of the result; INT and DINT count as one."""
 OPERATORS = {"=": "==", "<>": "!=", "AND": "and", "OR": "or", "NOT": "not "}
 START_VALUES = {"LREAL": 0.0, "INT": 0, "BOOL": False}
 
 
 def parse_tree(code):
-    """The tree of a text without mistakes."""
+    """Parse a text; assert that it has no mistakes."""
     parser = tree_sitter.Parser(tree_sitter.Language(grammar.language()))
     root = parser.parse(code.encode("ascii")).root_node
     assert not root.has_error, first_error(root)
@@ -30,7 +30,7 @@ def parse_tree(code):
 
 
 def first_error(node):
-    """Where the grammar does not fit."""
+    """Return the first place that does not fit the grammar."""
     if node.type == "ERROR" or node.is_missing:
         return f"line {node.start_point[0] + 1}: {node.text.decode()[:80]!r}"
     return next(filter(None, map(first_error, node.children)), None)
@@ -51,12 +51,12 @@ class Project:
             unit.translate()
 
     def block(self, name):
-        """A new function block or program."""
+        """Return a new function block or program."""
         return Block(self.units[name.lower()])
 
 
 class Block:
-    """A function block: what it holds, and a call."""
+    """A function block: its variables, and a call."""
 
     def __init__(self, unit):
         self.unit, self.v = unit, SimpleNamespace(**{name: start() for name, start in unit.start.items()})
@@ -85,7 +85,7 @@ class Unit:
                     self.declare(child_node, block)
 
     def declare(self, node, block):
-        """Take the variables of a declaration."""
+        """Add the variables of a declaration."""
         parts = node.named_children
         kind = next(part for part in parts if part.type != "identifier" or part == parts[-1])
         values = [node_text(part) for part in parts if part.type.endswith("_literal")]
@@ -109,7 +109,7 @@ class Unit:
                 self.constants.add(name)
 
     def translate(self):
-        """Make Python of the statements."""
+        """Translate the statements to Python."""
         code = "\n".join(["def run(v):", *self.body(self.node.named_children, 1)])
         names = {name: getattr(math, name) for name in STANDARD_FUNCTIONS.values() if hasattr(math, name)} | {
             "call": self.call
@@ -118,7 +118,7 @@ class Unit:
         self.run = names["run"]
 
     def call(self, name, *arguments):
-        """A function's value."""
+        """Call a function."""
         block = self.project.block(name)
         block(**dict(zip(block.unit.inputs, arguments, strict=True)))
         return getattr(block, name)
@@ -158,7 +158,7 @@ class Unit:
         return []
 
     def condition(self, word, node, depth):
-        """An IF or ELSIF with what follows."""
+        """Translate an IF or ELSIF with its branches."""
         test, *inner = node.named_children
         condition, kind = self.expression(test)
         assert kind == "BOOL"
@@ -173,7 +173,7 @@ class Unit:
         return lines
 
     def expression(self, node):  # noqa: PLR0911 — one for each kind
-        """(Python, type) of an expression."""
+        """Return (Python, type) of an expression."""
         source, children = node_text(node), node.named_children
         if node.type == "identifier":
             return f"v.{source.lower()}", self.types[source.lower()]
@@ -206,7 +206,7 @@ class Unit:
         return f"({left} {OPERATORS.get(sign, sign)} {right})", "BOOL" if is_boolean else kind
 
     def translate_call(self, function_name, arguments):
-        """(Python, type) of a function's value."""
+        """Return (Python, type) of a call."""
         arguments_text, kinds = ", ".join(name for name, _ in arguments), [kind for _, kind in arguments]
         if function_name in CONVERSIONS:
             argument_type, python_name, result_type = CONVERSIONS[function_name]
@@ -223,12 +223,12 @@ class Unit:
 
 
 def node_text(node):
-    """What is written."""
+    """Return the source of a node."""
     return node.text.decode()
 
 
 def parse_literal(source, kind):
-    """A number or truth as written."""
+    """Convert a literal to Python."""
     if kind == "BOOL":
         return {"TRUE": True, "FALSE": False}[source]
     assert (kind == "LREAL") == ("." in source), source

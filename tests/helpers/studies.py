@@ -35,7 +35,7 @@ TRACED_STUDY = PLAIN_STUDY + 'traces = ["T_sup", "mode"]\ntrace_interval = 50\n'
 
 
 def with_larger_sweep(text: str) -> str:
-    """The study with a value more."""
+    """Add a value to the study."""
     return text.replace("[0.02, 0.07]", "[0.02, 0.07, 0.1]")
 
 
@@ -47,7 +47,7 @@ def write_study(text: str, folder: Path) -> Study:
 
 
 def run(text: str, folder: Path, **options: Any) -> str:
-    """Run a study into a folder, one worker by default.  Returns the hash of its results."""
+    """Run a study into a folder, one worker by default; return the hash of its results."""
     options = {"n_jobs": 1} | options
     finished = runner.execute(write_study(text, folder), folder, **options)
     return str(finished.results.attrs["content_sha256"])
@@ -55,7 +55,7 @@ def run(text: str, folder: Path, **options: Any) -> str:
 
 @cache
 def _run_once(text: str, n_shards: int | None = None) -> Path:
-    """A folder that nobody changes, with the study run to its end or interrupted after some shards."""
+    """Return a folder, not to be changed, with the study run to its end or interrupted after some shards."""
     place = Path(tempfile.mkdtemp())
     atexit.register(shutil.rmtree, place, ignore_errors=True)
     folder = place / "out"
@@ -67,7 +67,7 @@ def _run_once(text: str, n_shards: int | None = None) -> Path:
 
 
 def copy_run(text: str, folder: Path, n_shards: int | None = None) -> None:
-    """Leave what a run to the end, or interrupted after some shards, would; each study is run only once for all."""
+    """Copy the folder of a run to the end, or interrupted after some shards; each study is run only once for all."""
     original = _run_once(text, n_shards)
     write_study(text, folder)
     shutil.copytree(original, folder, dirs_exist_ok=True)
@@ -79,12 +79,12 @@ def copy_run(text: str, folder: Path, n_shards: int | None = None) -> None:
 
 @cache
 def undisturbed_hash(text: str) -> str:
-    """The hash of an undisturbed run."""
+    """Return the hash of an undisturbed run."""
     return str(netcdf.load(str(_run_once(text) / "results.nc")).attrs["content_sha256"])
 
 
 def run_until_stopped(study: Study, folder: Path, n_shards: int, **options: Any) -> int:
-    """Run a study until some shards are committed, then interrupt it as Ctrl-C does.  Returns how much was run."""
+    """Run a study until some shards are committed, then interrupt it as Ctrl-C does; return the scenarios run."""
     sizes: list[int] = []
 
     def advance(n_scenarios: int) -> None:
@@ -105,12 +105,12 @@ def run_until_interrupted(text: str, folder: Path, n_shards: int, **options: Any
 
 
 def shard_files(folder: Path) -> list[Path]:
-    """All files among the shards, hidden ones too."""
+    """Return all files among the shards, also hidden ones."""
     return sorted((folder / "shards").glob("*"))
 
 
 def folder_contents(folder: Path) -> dict[str, tuple[bytes, int]]:
-    """Bytes and time of change of every file; of a folder, its time."""
+    """Return bytes and time of change of every file; of a folder, its time."""
     return {
         str(p.relative_to(folder)): (p.read_bytes() if p.is_file() else b"", p.stat().st_mtime_ns)
         for p in sorted(folder.rglob("*"))
@@ -118,12 +118,12 @@ def folder_contents(folder: Path) -> dict[str, tuple[bytes, int]]:
 
 
 def unfinished_files(folder: Path) -> list[Path]:
-    """Half-written files."""
+    """Return half-written files."""
     return [p for p in folder.rglob("*") if p.name.endswith(".tmp")]
 
 
 def quarantined_names(folder: Path) -> list[str]:
-    """The names of the files in quarantine."""
+    """Return the names of the files in quarantine."""
     return sorted(p.name for p in (folder / "quarantine").glob("*"))
 
 
@@ -136,7 +136,7 @@ def verify_unchanged(folder: Path) -> list[str]:
 
 
 def resume_to_end(folder: Path, text: str = PLAIN_STUDY, **options: Any) -> list[str]:
-    """Resume a study to its end; the result is that of an undisturbed run.  Returns the warnings."""
+    """Resume a study to its end, with the result of an undisturbed run; return the warnings."""
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
         assert run(text, folder, **options) == undisturbed_hash(text)
@@ -152,4 +152,4 @@ SITUATIONS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "extended": (with_larger_sweep(TRACED_STUDY), lambda folder: copy_run(TRACED_STUDY, folder)),
     "resumed": (TRACED_STUDY, lambda folder: copy_run(TRACED_STUDY, folder, 1)),
 }
-"""The study to run, and how its folder is prepared."""
+"""The study to run, and the preparation of its folder."""

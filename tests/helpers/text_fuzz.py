@@ -1,4 +1,4 @@
-"""Damaged study files, logs and weather files, and what the readers make of them.
+"""Damaged study files, logs and weather files for the readers.
 
 ``python -m helpers.text_fuzz SEED COUNT FOLDER`` reads that many of each in a process of bounded memory, and prints a
 line for each that was neither read nor refused in sentences.
@@ -11,6 +11,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,8 +20,7 @@ from helpers.weather_years import epw, hours_from, tmy3
 
 MAX_MEMORY_BYTES = 2**30
 """Bytes that reading one file may take."""
-MAX_READ_SECONDS = 10.0
-"""So long takes none, even on a machine that does other things."""
+MAX_READ_SECONDS = 10.0  # generous for a loaded machine
 MAX_SENTENCE_CHARACTERS = 1500
 ROOT = Path(__file__).parents[2]
 STUDIES = (
@@ -87,7 +87,7 @@ WORDS = (
     *("[]", "{}", "[" * 5000, "[" + "1, " * 20_000 + "]", "{ a = " * 300 + "1" + " }" * 300, '["T_sup", "T_sup"]'),
     *("{ linspace = [0, 1, 10000000] }", "10000000", "18446744073709551615", '"/dev/zero"', '["/dev/zero"]'),
 )
-"""In place of a word or number: what is hard to read, or asks for a lot."""
+"""Replacements of a word or number that are hard to read, or large."""
 LINES = (
     *("a." * 20_000 + "b = 1", "[" + "a." * 20_000 + "b]", "\n".join(f"x{i} = 1" for i in range(5000))),
     *("\n".join(f"[cases.d{i}.c]\nkp = 1" for i in range(500)), '"""' + '\\"""' * 20_000, "'''" * 20_001),
@@ -98,7 +98,7 @@ _WORD = re.compile(r"[^\s,;=\[\]{}]+|\[.*\]|\{.*\}")
 
 
 def damage_bytes(data: bytes, r: random.Random) -> bytes:
-    """Some bytes flipped, cut out, put in, doubled or cut off."""
+    """Flip, cut out, insert, double or cut off some bytes."""
     changed = bytearray(data)
     for _ in range(r.randint(1, 8)):
         k, n = r.randrange(len(changed) + 1), r.choice([1, 2, 10, 200])
@@ -111,7 +111,7 @@ def damage_bytes(data: bytes, r: random.Random) -> bytes:
 
 
 def change_encoding(data: bytes, r: random.Random) -> bytes:
-    """As other programs save text: other line ends, byte order marks, other encodings."""
+    """Save text as other programs do: other line ends, byte order marks, other encodings."""
     text = data.decode(errors="replace")
     return r.choice([
         text.replace("\n", "\r\n").encode(), text.replace("\n", "\r").encode(), b"\xef\xbb\xbf" * 2 + data,
@@ -120,7 +120,7 @@ def change_encoding(data: bytes, r: random.Random) -> bytes:
 
 
 def damage_words(data: bytes, r: random.Random) -> bytes:
-    """Words and numbers replaced, lines doubled, lost, put in or in another order, many cells more."""
+    """Replace words and numbers; double, drop, insert or reorder lines; add many cells."""
     lines = data.decode(errors="replace").split("\n")
     for _ in range(r.randint(1, 4)):
         k, kind = r.randrange(len(lines)), r.randrange(8)
@@ -141,7 +141,7 @@ def damage_words(data: bytes, r: random.Random) -> bytes:
 
 
 def damage_text(data: bytes, r: random.Random) -> bytes:
-    """The bytes with one to three kinds of damage."""
+    """Apply one to three kinds of damage."""
     kinds = (damage_bytes, change_encoding, *[damage_words] * 3)
     for _ in range(r.choice([1, 1, 1, 2, 3])):
         data = r.choice(kinds)(data, r)
@@ -149,7 +149,7 @@ def damage_text(data: bytes, r: random.Random) -> bytes:
 
 
 def reading_problem(read: Callable[[], object]) -> str | None:
-    """What is wrong with how a file was read, or refused; ``None`` if nothing is."""
+    """Return the problem of how a file was read, or refused; ``None`` without one."""
     from fastcoil.base.errors import InputError
 
     start = time.monotonic()
@@ -191,6 +191,7 @@ def main(seed: int, count: int, folder: Path) -> None:
     of_valve = ColumnSpec(required=("command", "m_w"), measured=("m_w",))
     of_day = {"m_a": 1.0, "T_w_in": 7.0, "T_set": 14.0, "outdoor_fraction": 0.3, "T_return": 24.0, "RH_return": 0.5}
     columns, units, year = {"T_set": "T_set"}, {"command": "1"}, hours_from(1, 1, 59)
+    strict = ReadingOptions(units=units)
     foreign = ReadingOptions(columns={"timestamp": "Zeit"}, drop=True, jumps="split")
     study, csv = folder / "damaged.toml", folder / "damaged.csv"
 
@@ -202,8 +203,8 @@ def main(seed: int, count: int, folder: Path) -> None:
         ("include", VALVE, folder / "valve.toml", partial(read_study, folder / "including.toml")),
         ("day", LOG, csv, lambda: Boundary.from_csv(csv, units={"T_set": "degC"}, columns=columns)),
         ("day, timed", TIMED, csv, lambda: Boundary.from_csv(csv, columns=columns)),
-        ("log", LOG, csv, lambda: read_checked_log(csv, of_valve, ReadingOptions(drop=True, jumps="split", units=units))),
-        ("log, strict", LOG, csv, lambda: read_checked_log(csv, of_valve, ReadingOptions(units=units))),
+        ("log", LOG, csv, lambda: read_checked_log(csv, of_valve, replace(strict, drop=True, jumps="split"))),
+        ("log, strict", LOG, csv, lambda: read_checked_log(csv, of_valve, strict)),
         ("log, foreign", FOREIGN, csv, lambda: read_checked_log(csv, of_valve, foreign)),
         ("joined", FOREIGN, csv, lambda: join_points([csv], columns={}, units={}, time_format=None, step=None,
                                                      max_gap=None)),

@@ -11,5 +11,5 @@ ROWS = [row(0), row(60, m_a=1.6, T_set=15.0), row(120, T_a_in=27.0)]
 
 
 def replace_column(column, values, rows=ROWS):
-    """``rows`` with the values of one column, by its index, replaced."""
+    """Replace the values of one column, by its index."""
     return [[*r[:column], value, *r[column + 1 :]] for r, value in zip(rows, values, strict=True)]

@@ -9,7 +9,7 @@ Row = Mapping[str, Any]
 
 
 def hours_from(month: int, day: int, n_hours: int, *, leap: bool = False) -> list[dict[str, Any]]:
-    """Rows from hour 1 of a date on, in the order of `CSV_HEADER`."""
+    """Return rows from hour 1 of a date on, in the order of `CSV_HEADER`."""
     year = 2024 if leap else 2023
     rows = []
     for k in range(n_hours):
@@ -31,7 +31,7 @@ def hours_from(month: int, day: int, n_hours: int, *, leap: bool = False) -> lis
 
 
 def epw(rows: Sequence[Row], per_hour: int = 1) -> list[str]:
-    """The lines of an EnergyPlus weather file: eight of header, rows of 35 cells; the year changes with the month."""
+    """Return the lines of an EPW file: eight of header, rows of 35 cells; the year changes with the month."""
     header = [
         "LOCATION,Testville,XX,ZZZ,Made up,999999,45.00,-73.50,-5.0,36.0",
         "DESIGN CONDITIONS,0",
@@ -50,7 +50,7 @@ def epw(rows: Sequence[Row], per_hour: int = 1) -> list[str]:
 
 
 def tmy3(rows: Sequence[Row]) -> list[str]:
-    """The lines of a TMY3 file: station, header, rows; with some of the columns that nobody here reads."""
+    """Return the lines of a TMY3 file: station, header, rows; with some columns that are not read."""
     header = [
         '999999,"TESTVILLE, NORTH",XX,-5.0,45.000,-73.500,36',
         "Date (MM/DD/YYYY),Time (HH:MM),ETR (W/m^2),Dry-bulb (C),Dry-bulb source,Dew-point (C),RHum (%),"

@@ -1,7 +1,7 @@
-"""A process as on Windows, as far as Linux can play it: what Windows lacks is taken away, what it refuses is refused.
+"""A process as on Windows, as far as Linux can emulate it: what Windows lacks is removed, what it refuses is refused.
 
-``emulate`` is called before fastcoil is imported.  Libraries are imported before, since they
-have their own code for Windows; so the compiler, HDF5 and the locks of filelock are those of Linux.
+``emulate`` is called before fastcoil is imported.  Libraries are imported before, since they have code for Windows: the
+compiler, HDF5 and the locks of filelock are those of Linux.
 """
 
 import errno
@@ -33,7 +33,7 @@ MEMORY_BYTES = 3 * 2**30
 
 
 def emulate(libraries=LIBRARIES):
-    """Make this process one of Windows; it imports no others of these libraries."""
+    """Make this process one of Windows, after importing the libraries."""
     for name in libraries:
         import_module(name)
     assert not [name for name in sys.modules if name.partition(".")[0] == "fastcoil"]
@@ -65,7 +65,7 @@ def _memory_status(pointer):
 
 
 def _refuse_open_files():
-    """No folder is opened or flushed, and no open file is replaced, renamed or removed."""
+    """Refuse to open or flush folders, and to replace, rename or remove open files."""
     opened, synced = os.open, os.fsync
 
     def open_(path, flags, mode=0o777, **options):
@@ -93,7 +93,7 @@ def _refuse_open_files():
 
 
 def is_open(path):
-    """Whether this process has a file open, by whatever library."""
+    """Whether this process has a file open, in any library."""
     path, open_paths = os.path.realpath(path), set()
     for name in os.listdir("/proc/self/fd"):
         with suppress(OSError):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.refusals import only_problem
+from helpers.refusals import assert_refused
 
 from fastcoil.logs import ReadingOptions, read_checked_log
 from fastcoil.logs.columns import ColumnSpec
@@ -93,8 +93,6 @@ def test_nothing_is_bridged_over_gaps_jumps_and_batches(write_log):
 def test_without_drop_missing_values_are_refused_with_the_cure(write_log):
     rows = log_rows()
     rows[4][2] = ""
-    problem = only_problem(
-        read_checked_log, write_log(HEADER, rows), WANTED, ReadingOptions(drop=False, reader="read_log")
+    assert_refused(
+        "m_a", "value", read_checked_log, write_log(HEADER, rows), WANTED, ReadingOptions(drop=False, reader="read_log")
     )
-    assert "m_a = '' in row 6" in problem
-    assert problem.endswith("or leave such values out and count them: drop=True, --drop")

@@ -4,7 +4,7 @@ from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
-from helpers.refusals import only_problem, problems
+from helpers.refusals import assert_mistakes, assert_refused
 
 from fastcoil.logs import read_checked_log
 from fastcoil.logs.columns import ColumnSpec
@@ -163,15 +163,13 @@ def test_files_of_two_zones_are_joined_by_absolute_time(write_point_file):
 def test_a_local_clock_beside_an_absolute_one_is_refused_unless_its_zone_is_given(write_point_file, zone):
     east = write_point_file("command.csv", PERIODIC_SECONDS, np.arange(40), "Time,Value (%)", "%Y-%m-%d %H:%M:%S EDT")
     local = write_point_file("T_sup.csv", PERIODIC_SECONDS, np.arange(40), "Time,Value (°C)")
-    problem = only_problem(join_files, east, local)
-    assert "different time zones (command.csv UTC, T_sup.csv none): export all alike, or give the zone" in problem
-    assert "such as --time-zone America/New_York" in problem
+    assert_refused("--time-zone", "conflict", join_files, east, local)
     text, _ = join_files(east, local, time_zone=zone)
     _, _, values = parse_table(text)
     assert text.splitlines()[1].startswith("2024-07-25T08:01:00-04:00,")
     np.testing.assert_allclose(100 * values[:, 0] + 47 / 60, values[:, 1], atol=1e-6)
     china = write_point_file("T_sup.csv", PERIODIC_SECONDS, np.arange(40), "Time,Value (°C)", "%Y-%m-%d %H:%M:%S CST")
-    assert "T_sup.csv CST" in only_problem(join_files, east, china)
+    assert_refused("--time-zone", "conflict", join_files, east, china)
 
 
 # --------------------------------------------------------------------------------------------------------- refused
@@ -181,39 +179,31 @@ def test_files_that_cannot_be_joined_are_refused_with_the_cure(write_point_file)
     seconds = 60 * np.arange(5)
     command = write_point_file("command.csv", seconds, np.arange(5), "Time,Value (%)")
     unnamed = write_point_file("VLV-1.csv", seconds, np.arange(5), "Time,Value (%)")
-    assert "VLV-1.csv has no point that is known: say which one it is, with --column NAME=FILE" in only_problem(
-        join_files, command, unnamed
-    )
-    assert "command is in two columns, 'command [%]' and 'command [%]'" in only_problem(join_files, command, command)
-    assert (
-        "columns = 'T_supp', did you mean 'T_sup'?"
-        in problems(join_files, command, unnamed, columns={"T_supp": "VLV-1.csv"})[0]
-    )
-    assert "T_sup: there is no column 'SAT.csv'" in only_problem(join_files, command, columns={"T_sup": "SAT.csv"})
-    assert "--column command=Value: it is in 2 columns, give FILE:HEADER" in only_problem(
-        join_files, command, unnamed, columns={"command": "Value"}
-    )
+    assert_refused("VLV-1.csv", "missing", join_files, command, unnamed)
+    assert_refused("command", "duplicate", join_files, command, command)
+    assert_mistakes([("columns", "choice")], join_files, command, unnamed, columns={"T_supp": "VLV-1.csv"})
+    assert_refused("columns", "name", join_files, command, columns={"T_sup": "SAT.csv"})
+    assert_refused("--column", "conflict", join_files, command, unnamed, columns={"command": "Value"})
     late = write_point_file("T_sup.csv", seconds + 10_000, np.arange(5), "Time,Value (°C)")
-    problem = only_problem(join_files, command, late)
-    assert "no two times at which all points have values (command 2024-07-25T08:00:00 to" in problem
+    assert_refused("command", "data", join_files, command, late)
     offset = write_point_file("T_sup.csv", seconds, np.arange(5), "Time,Value (°C)", "%Y-%m-%dT%H:%M:%SZ")
-    assert "export all alike" in only_problem(join_files, command, offset)
+    assert_refused("--time-zone", "conflict", join_files, command, offset)
 
 
 def test_bad_cells_are_refused_with_file_row_and_cure(write_point_file):
     seconds = 60 * np.arange(5)
-    assert "command.csv: command = 'off' in row 4" in only_problem(
-        join_files, write_point_file("command.csv", seconds, [0, 1, "off", 3, 4], "Time,Value (%)")
+    assert_refused(
+        "command", "value", join_files, write_point_file("command.csv", seconds, [0, 1, "off", 3, 4], "Time,Value (%)")
     )
-    assert "command.csv: command has no unit: write 'command [UNIT]' in the header" in only_problem(
-        join_files, write_point_file("command.csv", seconds, [0, 10, 20, 30, 40], "Time,Value")
+    assert_refused(
+        "command", "unit", join_files, write_point_file("command.csv", seconds, [0, 10, 20, 30, 40], "Time,Value")
     )
     to_and_fro = write_point_file("command.csv", [0, 60, 30, 90, 120], range(5), "Time,Value (%)")
-    assert "command.csv: time goes back between rows 3 and 4" in only_problem(join_files, to_and_fro)
+    assert_refused("timestamp", "time", join_files, to_and_fro)
     no_time = write_point_file("command.csv", seconds, range(5), "Zone,Value (%)", "x")
-    assert "command.csv has no column of times: call it timestamp" in only_problem(join_files, no_time)
+    assert_refused("timestamp", "missing", join_files, no_time)
 
 
 def test_a_clock_that_would_fill_the_memory_is_refused(write_point_file):
     years = write_point_file("command.csv", 3e7 * np.arange(5), range(5), "Time,Value (%)")
-    assert "raise --step" in only_problem(join_files, years, step=1)
+    assert_refused("--step", "size", join_files, years, step=1)

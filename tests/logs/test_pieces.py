@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.refusals import only_problem
+from helpers.refusals import assert_refused
 
 import fastcoil as fc
 from fastcoil.logs import ReadingOptions, read_checked_log
@@ -23,8 +23,7 @@ def test_held_series_keep_their_value_and_others_run_straight():
 
 def test_steps_of_less_than_a_second_are_refused():
     require_whole_seconds("log.csv", 0.999)
-    message = only_problem(require_whole_seconds, "log.csv", 0.5)
-    assert message == "log.csv: the rows are 0.5 s apart: thin or average the log to 1 s or more"
+    assert_refused("log.csv", "time", require_whole_seconds, "log.csv", 0.5)
 
 
 WANTED = ColumnSpec(required=("command", "m_w"), measured=("m_w",))
@@ -58,7 +57,7 @@ def test_a_log_of_changes_is_one_piece_and_says_so(write_log):
     assert log.change_of_value
     (note,) = log.notes
     assert note.startswith("rows are 5 to 900 s apart, and each has a change: a log of changes, values hold between")
-    assert note.endswith("are no gaps (another limit: max_gap, --max-gap)")
+    assert note.endswith("are no gaps (another limit: fc.read_log(..., max_gap=...), --max-gap)")
 
 
 def test_max_gap_still_rules(write_log):

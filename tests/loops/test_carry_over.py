@@ -13,8 +13,9 @@ from fastcoil.model.metric_table import METRICS, TRACES
 
 pytestmark = pytest.mark.kernel
 
-N_DAYS, N_STEPS, WARM_UP = 3, 2407, 300
-"""A day is no multiple of a sample time, of a learning interval, or of a minute."""
+N_DAYS = 3
+N_STEPS = 2407  # s, no multiple of a sample time, of a learning interval, or of a minute
+WARM_UP = 300  # s
 SUMS = (
     "iae", "stem_travel", "motor_travel", "reversals", "coil_energy", "reheat_energy", "recool_energy", "water_volume",
     "condensate",

@@ -19,13 +19,9 @@ from fastcoil.loops.simulate import call_with_timeout, run_interruptibly, run_on
 def test_only_blocks_with_rules_of_the_user_and_of_the_main_thread_get_a_thread(monkeypatch):
     monkeypatch.setattr(running, "run_block", lambda block, *_: threading.current_thread() is this_thread)
     this_thread = threading.current_thread()
-    package_rule, user_rule = SimpleNamespace(identity=""), SimpleNamespace(identity="own")
-    for law, estimator, stays in (
-        (None, None, True),
-        (None, package_rule, True),
-        (None, user_rule, False),
-        (user_rule, None, False),
-    ):
+    package_rule, user_rule = SimpleNamespace(fingerprint=""), SimpleNamespace(fingerprint="user")
+    cases = ((None, None, True), (None, package_rule, True), (None, user_rule, False), (user_rule, None, False))
+    for law, estimator, stays in cases:
         assert run_interruptibly(SimpleNamespace(law=law, estimator=estimator), None, None) is stays
     assert call_with_timeout(10.0, lambda: run_interruptibly(SimpleNamespace(law=user_rule), None, None)) is False
     assert call_with_timeout(10.0, lambda: threading.current_thread().daemon)

@@ -19,16 +19,9 @@ pytestmark = pytest.mark.kernel
 
 
 def test_dims_are_those_of_the_sweep_and_the_day_and_the_replicates(swept_result):
-    assert dict(swept_result.sizes) == {
-        "day": 2,
-        "backlash": 3,
-        "tuning": 2,
-        "n_volumes": 2,
-        "replicate": 2,
-        "elapsed_time": 18,
-        "volume": 8,
-    }
     dims = ("day", "backlash", "tuning", "n_volumes", "replicate")
+    sizes = dict(zip(dims, (2, 3, 2, 2, 2), strict=True))
+    assert dict(swept_result.sizes) == sizes | {"elapsed_time": 18, "volume": 8}
     assert all(swept_result[name].dims == dims for name in [*METRICS, "status"])
     assert swept_result.T_sup.dims == (*dims, "elapsed_time")
     assert swept_result.T_c.dims == (*dims, "volume", "elapsed_time")

@@ -49,9 +49,8 @@ def logs_with_batch_errors(seed, sd=0.06, n_batches=12, n=50):
     """Batches of a valve, the meter wrong by a share of its own in each."""
     rng = np.random.default_rng(seed)
     commands = [random_walk(rng, n=n) for _ in range(n_batches)]
-    measured = [
-        add_noise(rng, valve_flows(c, start=rng.uniform()), 0.02, 0.5) * (1.0 + rng.normal(0.0, sd)) for c in commands
-    ]  # fmt: skip
+    flows = (add_noise(rng, valve_flows(c, start=rng.uniform()), 0.02, 0.5) for c in commands)
+    measured = [flow * (1.0 + rng.normal(0.0, sd)) for flow in flows]
     return make_valve_log(
         np.concatenate(commands), np.concatenate(measured), batch=np.repeat(np.arange(float(n_batches)), n)
     )

@@ -4,12 +4,13 @@ import warnings
 
 import numpy as np
 import pytest
+from helpers.refusals import assert_refused
 from helpers.simulated_logs import add_noise, ar1_noise, make_valve_log, random_walk, valve_flows
 
 import fastcoil as fc
 from fastcoil.logs import read_checked_log
 from fastcoil.logs.columns import ColumnSpec
-from fastcoil.measured import valve_problem
+from fastcoil.measured import thresholds, valve_problem
 from fastcoil.measured.part import LogSplit
 from fastcoil.measured.valve_problem import ValveProblem, Verdict, judge_interval
 
@@ -50,7 +51,7 @@ def test_residuals_that_may_be_unseen_motion_widen_the_interval_unless_the_comma
 ):
     assert valve_problem._motion_share(*coarse) > 0.2
     monkeypatch.setattr(valve_problem, "_motion_share", lambda *_: share)
-    monkeypatch.setattr(valve_problem, "_ALLOWANCE_PER_SHARE", per_share)
+    monkeypatch.setattr(thresholds, "ALLOWANCE_PER_MOTION_SHARE", per_share)
     allowed, held = judge_interval(*coarse, False), judge_interval(*coarse, True)
     assert held == (coarse[1].interval, "", "")
     assert allowed.interval[0] <= held.interval[0] < held.interval[1] <= allowed.interval[1]
@@ -64,14 +65,15 @@ def test_the_fit_has_the_wider_interval(monkeypatch):
     log = make_valve_log(command := random_walk(rng, n=80), add_noise(rng, valve_flows(command), 0.01))
     narrow = fc.fit_valve(log, lag=0, holds="command")
     low, high = narrow.intervals["backlash"]
-    monkeypatch.setattr("fastcoil.measured.fit_valve.judged", lambda *_: Verdict((low - 0.01, high + 0.01), "", "so"))
+    monkeypatch.setattr(
+        "fastcoil.measured.fit_valve.judge_interval", lambda *_: Verdict((low - 0.01, high + 0.01), "", "so")
+    )
     wide = fc.fit_valve(log, lag=0)
     assert wide.intervals["backlash"] == tuple(wide.profile.attrs["interval_95"]) == (low - 0.01, high + 0.01)
     ratio = wide.standard_errors["backlash"] / narrow.standard_errors["backlash"]
     assert ratio == pytest.approx((high - low + 0.02) / (high - low))
     assert "so" in wide.notes
-    with pytest.raises(fc.InputError, match="holds = 'm_w': choose 'command'"):
-        fc.fit_valve(log, holds="m_w")
+    assert_refused("holds", "choice", fc.fit_valve, log, holds="m_w")
 
 
 @pytest.mark.full

@@ -134,6 +134,6 @@ def test_a_coil_of_another_library_is_matched_as_well_as_two_of_its_models_match
     units = {"elapsed_time": "s", "m_w": "kg/s", "m_a": "kg/s", "RH_a_in": "1"}
     units |= dict.fromkeys(("T_w_in", "T_a_in", "T_sup"), "degC")
     path = measured_file("wetcoil_counterflow_picontrol.csv")
-    fit = fc.fit_coil(path, columns=columns, units=units, warm_up=36, split=0.337)
+    fit = fc.fit_coil(fc.read_log(path, columns=columns, units=units), warm_up=36, split=0.337)
     assert fit.rmse["validation"] < 0.57
     assert {"beta4", "beta6"} <= fit.held.keys()

@@ -64,9 +64,8 @@ def test_every_piece_starts_as_the_whole_record_does(two_days):
 def test_nights_without_air_are_left_out_and_counted(two_days):
     """What remains is the log of both days, so that the fit is the one of that log."""
     first, second = two_days
-    log = drop_idle_samples(
-        read_checked_log(join_logs(first, shift_log(make_night(first), 3599.0), shift_log(second, 7200.0)), COIL_SERIES)
-    )
+    with_night = join_logs(first, shift_log(make_night(first), 3599.0), shift_log(second, 7200.0))
+    log = drop_idle_samples(read_checked_log(with_night, COIL_SERIES))
     assert "3,600 samples in 1 spell left out, no air flows (first in row 3600)" in log.notes[-1]
     days = read_checked_log(join_logs(first, shift_log(second, 7200.0)), COIL_SERIES)
     np.testing.assert_array_equal(log.batch, days.batch)
@@ -77,7 +76,7 @@ def test_nights_without_air_are_left_out_and_counted(two_days):
 def build_problem(log, warm_up=1800.0, share=1.0):
     """The problem that ``fit_coil`` solves, both temperatures compared."""
     data, part = read_checked_log(log, COIL_SERIES), LogSplit(share)
-    record = build_record(data, fc.Loop(), (), part.fitted(data))
+    record = build_record(data, fc.Loop(), (), part.fitting_mask(data))
     return CoilProblem(data, record, ("T_sup", "T_w_out"), warm_up, part)
 
 
@@ -97,5 +96,5 @@ def test_four_pieces_or_more_are_held_back_whole():
     batch, compared = problem.data.batch, problem.compared["T_sup"]
     assert set(batch[compared & problem.fitting]) == {0, 1, 2}
     assert set(batch[compared & ~problem.fitting]) == {4}
-    assert not LogSplit(0.99).fitted(problem.data)[batch == 4].any()  # the last piece is never fitted
+    assert not LogSplit(0.99).fitting_mask(problem.data)[batch == 4].any()  # the last piece is never fitted
     assert any("5 unbroken pieces" in note and "(1 shorter than that)" in note for note in problem.notes)

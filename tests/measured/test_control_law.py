@@ -70,8 +70,8 @@ def test_a_chattering_inverse_moves_to_and_fro_and_a_loop_that_hunts_does_not():
 def test_a_column_that_stands_late_is_found_by_the_control_law_without_its_set_point(samples):
     command, T = simulate_loop(stepped_set_point())
     law = imply_pi(command, np.roll(T, samples), None, ALL_GOOD, INTERVAL)
-    assert law.late == samples
-    assert law.share > law.least
+    assert law.temperature_lag == samples
+    assert law.explained > law.least_explained
 
 
 def test_a_command_that_answers_no_temperature_of_the_log_implies_no_law():
@@ -79,9 +79,9 @@ def test_a_command_that_answers_no_temperature_of_the_log_implies_no_law():
     command, T = simulate_loop()
     for unrelated in (np.clip(0.5 + np.cumsum(draw.normal(0, 0.01, 2160)), 0, 1), command + draw.normal(0, 0.02, 2160)):
         law = imply_pi(unrelated, T, None, ALL_GOOD, INTERVAL)
-        assert law.share < law.least
+        assert law.explained < law.least_explained
     for still, good in ((np.full(2160, 0.5), ALL_GOOD), (command, np.arange(2160) % 8 > 0)):
-        assert np.isnan(imply_pi(still, T, None, good, INTERVAL).share)
+        assert np.isnan(imply_pi(still, T, None, good, INTERVAL).explained)
 
 
 @pytest.mark.kernel

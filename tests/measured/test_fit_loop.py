@@ -68,7 +68,7 @@ def test_missing_temperatures_and_a_gap_cost_what_they_are(log):
     T = log.T_sup.values.copy()
     T[200:204] = np.nan
     holed = log.assign(T_sup=("elapsed_time", T, log.T_sup.attrs)).drop_isel(elapsed_time=range(240, 250))
-    fit = fc.fit_loop(holed, MODEL, drop=True)
+    fit = fc.fit_loop(fc.read_log(holed, drop=True), MODEL)
     assert fit.backlash == pytest.approx(0.09, abs=0.004)
     assert any("2 unbroken pieces" in note for note in fit.notes)
     assert set(np.unique(fit.residuals.batch)) == {0, 1}

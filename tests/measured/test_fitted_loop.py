@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from fastcoil.measured import thresholds
 from fastcoil.measured.fitted_loop import (
     FittedLoop,
     Replay,
@@ -19,8 +20,10 @@ from fastcoil.measured.fitted_plant import recover_pi
 INTERVAL, STROKE = 15.0, 90.0
 
 
-def simulate_day(hours=4, backlash=0.08, kp=0.03, ti=80.0, every=15, noise=0.01, sign=1.0, estimate=0.0, seed=3, swing=1.5,
-        by_hand_from=math.inf):  # fmt: skip
+def simulate_day(
+    hours=4, backlash=0.08, kp=0.03, ti=80.0, every=15, noise=0.01, sign=1.0, estimate=0.0, seed=3, swing=1.5,
+    by_hand_from=math.inf,
+):  # fmt: skip
     """A loop second by second, written here on its own: PI, inverse, motor, play, two lags, a drifting load.
 
     by_hand_from: s, from which on a triangle of ten minutes moves the valve in place of the controller.
@@ -112,10 +115,8 @@ def test_a_loop_that_hunts_is_foretold_to_stop_with_a_slower_controller():
     assert as_it_is.rmse == pytest.approx(rmse, rel=0.1)
     assert as_it_is.travel_per_day == pytest.approx(travel, rel=0.1)
     assert 150.0 < as_it_is.period < 300.0
-    calm, (_, rmse, travel) = (
-        what_if(fitted_loop, kp_factor=0.5, ti_factor=5.0),
-        simulate_day(kp=0.025, ti=55.0, backlash=0.1),
-    )
+    calm = what_if(fitted_loop, kp_factor=0.5, ti_factor=5.0)
+    _, rmse, travel = simulate_day(kp=0.025, ti=55.0, backlash=0.1)
     assert not calm.hunts
     assert calm.rmse == pytest.approx(rmse, rel=0.15)
     assert calm.travel_per_day == pytest.approx(travel, rel=0.3)
@@ -166,19 +167,19 @@ def test_a_command_that_is_not_the_pi_s_is_refused(logged):
     assert "an inverse" in fit_loop_model(*inverse, INTERVAL, 0.08, STROKE)
 
 
-@pytest.mark.parametrize("bound", ["LARGEST_ERROR", "LARGEST_TRAVEL_ERROR"])
+@pytest.mark.parametrize("bound", ["LARGEST_ERROR_LOG_RATIO", "LARGEST_TRAVEL_LOG_RATIO"])
 def test_a_replay_that_does_not_repeat_the_log_is_refused(logged, monkeypatch, bound):
-    monkeypatch.setattr(f"fastcoil.measured.fitted_loop.{bound}", 0.0)
+    monkeypatch.setattr(thresholds, bound, 0.0)
     assert "does not reproduce the log" in fit_loop_model(*logged[0], INTERVAL, 0.08, STROKE).doubt
 
 
-@pytest.mark.parametrize(("every", "found"), [(5, 7.5), (30, 30.0)])
-def test_a_controller_may_sample_faster_or_slower_than_the_log(every, found):
+@pytest.mark.parametrize(("every", "estimate"), [(5, 7.5), (30, 30.0)])
+def test_a_controller_may_sample_faster_or_slower_than_the_log(every, estimate):
     """Faster ones show no sample time of theirs; given it, kp and ti are theirs."""
     (command, T, T_set), _, _ = simulate_day(every=every, hours=3, noise=0.002)
     good = np.ones(T.size, bool)
     pi = recover_pi(command, T, T_set, INTERVAL, good, None)
-    assert pi.sample_time == found
+    assert pi.sample_time == estimate
     pi = recover_pi(command, T, T_set, INTERVAL, good, float(every))
     assert pi.kp == pytest.approx(0.03, rel=0.04)
     assert pi.ti == pytest.approx(80.0, rel=0.04)
@@ -219,9 +220,8 @@ def test_a_verdict_that_turns_on_a_little_gain_is_a_sentence(fitted, monkeypatch
     assert kinds[0] is False
     assert kinds[-1] is True
     assert "a sentence" in kinds
-    monkeypatch.setattr("fastcoil.measured.fitted_loop.LARGEST_ERROR_RATIO", 1e9)
-    assert "whether the loop hunts" in what_if(
-        fitted, kp_factor=float(factors[kinds.index("a sentence")]), ti_factor=0.3
-    )
-    monkeypatch.setattr("fastcoil.measured.fitted_loop.LARGEST_ERROR_RATIO", 1.0)
+    monkeypatch.setattr(thresholds, "LARGEST_ERROR_RATIO", 1e9)
+    factor = float(factors[kinds.index("a sentence")])
+    assert "whether the loop hunts" in what_if(fitted, kp_factor=factor, ti_factor=0.3)
+    monkeypatch.setattr(thresholds, "LARGEST_ERROR_RATIO", 1.0)
     assert "decides between control errors of" in what_if(fitted, kp_factor=0.5)

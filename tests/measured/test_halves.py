@@ -70,9 +70,8 @@ def simulate_valve(seed):
     gap = np.full(batch.size, backlash)
     if len(commands) > 1:
         of_batch = rng.uniform(0.0, 0.2) * rng.normal(size=len(commands))[batch]
-        gap *= np.maximum(
-            1.0 + of_batch + wandering_noise(rng, time, rng.uniform(48.0, 240.0), rng.uniform(0.0, 0.12)), 0.1
-        )
+        drift = wandering_noise(rng, time, rng.uniform(48.0, 240.0), rng.uniform(0.0, 0.12))
+        gap *= np.maximum(1.0 + of_batch + drift, 0.1)
     q = np.empty(batch.size)
     for piece in split_segments(batch):
         stem = command[piece[0]] - rng.uniform() * min(gap[piece[0]], command[piece[0]])
@@ -116,10 +115,11 @@ def count_claims(seeds, **options):
         counts["claimed"] += len(identified_fits)
         counts["true"] += sum(is_inside(fit.interval, backlash) for fit in identified_fits)
         if len(identified_fits) == 3:
-            whole, part, two = identified_fits
+            whole, first, second = identified_fits
             counts["pairs"] += 1
-            counts["in each other"] += is_inside(part.interval, two.backlash) and is_inside(two.interval, part.backlash)
-            counts["in the whole"] += all(is_inside(whole.interval, half.backlash) for half in (part, two))
+            both = ((first, second), (second, first))
+            counts["in each other"] += all(is_inside(a.interval, b.backlash) for a, b in both)
+            counts["in the whole"] += all(is_inside(whole.interval, half.backlash) for half in (first, second))
     return counts
 
 

@@ -3,20 +3,27 @@
 import numpy as np
 import pytest
 from helpers.full import full_except
+from helpers.loop_logs import make_loop_log
 from helpers.shared_data import measured_file
 
 from fastcoil.measured.agreement import ImpliedPI
-from fastcoil.measured.identify import (
-    CANDIDATES,
-    GOOD_BACKLASH,
-    DayEvidence,
-    Likelihood,
-    combine_days,
-    identify_backlash,
-)
+from fastcoil.measured.identify import CANDIDATES, DayEvidence, Likelihood, combine_days, identify_backlash
 
 pytestmark = pytest.mark.kernel
 INTERVAL = 10.0
+
+
+def assert_identified(identification, backlash, tolerance):
+    assert identification.identified
+    assert not identification.reason
+    assert identification.backlash == pytest.approx(backlash, abs=tolerance)
+
+
+def assert_withheld(identification, words):
+    """Nothing is claimed, for a reason with these words, and any size remains possible."""
+    assert not identification.identified
+    assert words in identification.reason
+    assert (identification.low, identification.high) == (0.0, CANDIDATES[-1])
 
 
 def simulate_plant(command, backlash, noise=0.01, seed=0, gain=-20.0, tau=90.0, stroke_time=90.0):
@@ -47,9 +54,7 @@ def stepped_day(hours=6, seed=1):
 def test_the_true_backlash_is_found_claimed_and_covered(backlash):
     command, T_set = stepped_day()
     identification = identify_backlash(command, simulate_plant(command, backlash), INTERVAL, T_set)
-    assert identification.identified
-    assert not identification.reason
-    assert identification.backlash == pytest.approx(backlash, abs=0.005)
+    assert_identified(identification, backlash, 0.005)
     assert identification.low <= backlash <= identification.high
     assert identification.probability.sum() == pytest.approx(1.0)
 
@@ -62,9 +67,7 @@ def test_neither_the_stroke_time_nor_resolution_of_command_and_sensor_matters_mu
         (command, simulate_plant(command, 0.06, stroke_time=60.0), 0.0),
         (coarse, np.round(simulate_plant(coarse, 0.06), 1), None),
     ):
-        identification = identify_backlash(command_seen, T, INTERVAL, T_set, stroke_time=stroke_time)
-        assert identification.identified
-        assert identification.backlash == pytest.approx(0.06, abs=0.012)
+        assert_identified(identify_backlash(command_seen, T, INTERVAL, T_set, stroke_time=stroke_time), 0.06, 0.012)
 
 
 def test_gaps_and_times_off_are_left_out():
@@ -75,9 +78,7 @@ def test_gaps_and_times_off_are_left_out():
     T[700:900] = 35.0  # the fan stands still
     T[300:305] = np.nan
     command[1200:1203] = np.nan
-    identification = identify_backlash(command, T, INTERVAL, T_set, enabled=enabled)
-    assert identification.identified
-    assert identification.backlash == pytest.approx(0.08, abs=0.01)
+    assert_identified(identify_backlash(command, T, INTERVAL, T_set, enabled=enabled), 0.08, 0.01)
     assert not identify_backlash(command, T, INTERVAL, T_set, enabled=np.zeros(T.size, bool)).identified
 
 
@@ -93,16 +94,8 @@ def test_gaps_and_times_off_are_left_out():
 )
 def test_what_cannot_tell_says_why(change, says):
     command, T_set = stepped_day()
-    log = {
-        "command": command,
-        "temperature": simulate_plant(command, 0.05),
-        "interval": INTERVAL,
-        "T_set": T_set,
-    } | change
-    identification = identify_backlash(**log)
-    assert not identification.identified
-    assert says in identification.reason
-    assert (identification.low, identification.high) == (0.0, 0.25)
+    log = {"command": command, "temperature": simulate_plant(command, 0.05), "interval": INTERVAL, "T_set": T_set}
+    assert_withheld(identify_backlash(**(log | change)), says)
 
 
 def test_no_relation_between_command_and_temperature_is_not_claimed():
@@ -115,40 +108,41 @@ def test_no_relation_between_command_and_temperature_is_not_claimed():
 
 
 def test_a_stuck_stem_under_a_command_that_follows_the_temperature_is_not_called_good():
-    """The temperature wanders by itself; the command follows its noise and drift, the stem never moves."""
+    """The temperature wanders; the command follows its noise and drift, the stem never moves."""
     for seed in range(3):
         draw = np.random.default_rng(seed)
-        true_temperature = 14.0 + np.convolve(np.cumsum(draw.normal(0, 0.01, 2400)), np.ones(30) / 30, "same")[:2160]
-        T = true_temperature + draw.normal(0, 0.03, true_temperature.size)
+        drift = np.convolve(np.cumsum(draw.normal(0, 0.01, 2400)), np.ones(30) / 30, "same")[:2160]
+        T = 14.0 + drift + draw.normal(0, 0.03, drift.size)
         command = np.clip(0.5 + 0.03 * (T - T.mean()) + 0.0005 * np.cumsum(T - T.mean()), 0.0, 1.0)
         identification = identify_backlash(command, T, INTERVAL, np.full(T.size, 14.0))
-        assert not (identification.identified and identification.backlash <= GOOD_BACKLASH)
+        assert not (identification.identified and identification.backlash <= 0.01)
         assert not identify_backlash(command, T, INTERVAL).identified
 
 
-def make_evidence(*day, **fields):
-    """A day on which the valve turned often."""
-    return DayEvidence(*day, **{"positions": np.tile([0.2, 0.8], 8)} | fields)
-
-
-def judge_day(likelihood, reaction=None, provoked=True, doubt="", counts=1.0):
-    reaction = likelihood if reaction is None else reaction
-    return combine_days([make_evidence([Likelihood(likelihood, reaction, 900)], provoked, doubt, counts)])
-
-
-def peak_likelihood(size, width=0.001):
+def peak(size, width=0.001):
+    """A log-likelihood with its maximum at a size."""
     return -(((CANDIDATES - size) / width) ** 2)
 
 
+def make_day(without_command, with_command=None, **fields):
+    """Evidence of a day on which the valve reversed often, by default one with steps of the set-point."""
+    likelihood = Likelihood(without_command, without_command if with_command is None else with_command, 900)
+    defaults = {"likelihoods": [likelihood], "provoked": True, "positions": np.tile([0.2, 0.8], 8)}
+    return DayEvidence(**defaults | fields)
+
+
+def judge_day(*likelihoods, **fields):
+    return combine_days([make_day(*likelihoods, **fields)])
+
+
+def make_steady_days(n, without_command, with_command):
+    return [make_day(without_command, with_command, provoked=False) for _ in range(n)]
+
+
 def test_a_good_valve_is_claimed_only_if_something_else_than_the_temperature_moved_the_command():
-    assert judge_day(peak_likelihood(0.0)).identified
-    identification = judge_day(peak_likelihood(0.0), provoked=False)
-    assert not identification.identified
-    assert "stem that stands still" in identification.reason
-    assert (identification.low, identification.high) == (0.0, 0.25)
-    assert judge_day(peak_likelihood(0.0), reaction=peak_likelihood(0.08), provoked=False).backlash == pytest.approx(
-        0.08
-    )
+    assert judge_day(peak(0.0)).identified
+    assert_withheld(judge_day(peak(0.0), provoked=False), "stem that stands still")
+    assert judge_day(peak(0.0), peak(0.08), provoked=False).backlash == pytest.approx(0.08)
 
 
 def test_a_valve_is_called_worse_than_good_only_at_odds_of_300_to_1():
@@ -163,51 +157,37 @@ def test_a_valve_is_called_worse_than_good_only_at_odds_of_300_to_1():
 
 def test_of_sizes_that_explain_alike_the_one_that_is_surely_right_is_named():
     """0, 1 and 2 % are as probable: within 1 % of all of them lies 1 % alone."""
-    is_likely = np.isclose(CANDIDATES, 0.0) | np.isclose(CANDIDATES, 0.01) | np.isclose(CANDIDATES, 0.02)
-    identification = judge_day(np.where(is_likely, 0.0, -50.0) + 1e-3 * np.isclose(CANDIDATES, 0.0))
-    assert identification.identified
-    assert identification.backlash == pytest.approx(0.01)
+    is_likely = np.isclose(CANDIDATES[:, np.newaxis], [0.0, 0.01, 0.02]).any(axis=1)
+    likelihood = np.where(is_likely, 0.0, -50.0) + 1e-3 * np.isclose(CANDIDATES, 0.0)
+    assert_identified(judge_day(likelihood), 0.01, 1e-6)
 
 
 def test_doubt_the_largest_size_and_what_counts_for_less_are_not_claimed():
-    assert judge_day(peak_likelihood(0.1)).identified
-    assert judge_day(peak_likelihood(0.1), doubt="because").reason == "because"
-    assert "larger gaps are not tested" in judge_day(peak_likelihood(0.25)).reason
-    assert "larger gaps are not tested" in judge_day(peak_likelihood(0.245, 0.003)).reason
-    assert not judge_day(peak_likelihood(0.1, 0.012), counts=0.5).identified
-    assert judge_day(peak_likelihood(0.1, 0.012)).identified
+    assert judge_day(peak(0.1)).identified
+    assert judge_day(peak(0.1), doubt="because").reason == "because"
+    assert "larger gaps are not tested" in judge_day(peak(0.25)).reason
+    assert "larger gaps are not tested" in judge_day(peak(0.245, 0.003)).reason
+    assert not judge_day(peak(0.1, 0.012), weight=0.5).identified
+    assert judge_day(peak(0.1, 0.012)).identified
 
 
 def test_readings_of_columns_that_do_not_agree_are_not_claimed():
-    small, large = (Likelihood(peak_likelihood(size), peak_likelihood(size), 900) for size in (0.03, 0.1))
-    assert not combine_days([make_evidence([small, large], provoked=True)]).identified
-    assert combine_days([make_evidence([small, small], provoked=True)]).identified
+    small, large = (Likelihood(peak(size), peak(size), 900) for size in (0.03, 0.1))
+    assert not judge_day(peak(0.03), likelihoods=[small, large]).identified
+    assert judge_day(peak(0.03), likelihoods=[small, small]).identified
 
 
-def simulate_control(backlash, samples=0, every=1):
-    """A PI loop around ``plant`` with set-points that step: (command, temperatures that stand late, T_set)."""
-    _, T_set = stepped_day()
-    draw = np.random.default_rng(7)
-    position = q = 0.5
-    T, u, integral, commands, temperatures = 14.0, 0.5, 0.5, [], []
-    for k, target in enumerate(T_set):
-        reading = T + 0.01 * draw.standard_normal()
-        if k % every == 0:
-            integral += 0.03 * (reading - target) * every * INTERVAL / 150
-            integral = min(max(integral, 0), 1)
-            u = min(max(0.03 * (reading - target) + integral, 0), 1)
-        commands.append(u)
-        temperatures.append(reading)
-        position += min(max(u - position, -0.11), 0.11)
-        q = min(max(q, position - backlash), position)
-        T += (24 - 20 * q / (1 - backlash) - T) * INTERVAL / 90
-    return np.array(commands), np.roll(temperatures, samples), T_set
+def simulate_control(backlash, samples=0):
+    """A loop with steps of the set-point: (command, temperatures logged so many samples late, T_set)."""
+    log = make_loop_log(hours=6.0, backlash=backlash, kp=0.03, ti=150.0, sample_time=10.0, noise=0.01)
+    command, T, T_set = (log[name].values for name in ("command", "T_sup", "T_set"))
+    return command, np.roll(T, samples), T_set
 
 
 def test_temperatures_that_stand_late_are_moved_back():
     command, T, T_set = simulate_control(0.07, 2)
     identification = identify_backlash(command, T, INTERVAL, T_set)
-    assert identification.late == 2 * INTERVAL
+    assert identification.temperature_lag == 2 * INTERVAL
     assert identification.identified
     in_time = simulate_control(0.07)
     n = command.size - 2
@@ -218,7 +198,7 @@ def test_temperatures_that_stand_late_are_moved_back():
 def test_commands_that_stand_late_or_answer_slowly_are_reckoned_with_as_both(monkeypatch):
     command, T, T_set = simulate_control(0.07, -2)
     identification = identify_backlash(command, T, INTERVAL, T_set)
-    assert identification.late == -2 * INTERVAL
+    assert identification.temperature_lag == -2 * INTERVAL
     assert identification.backlash == pytest.approx(0.07, abs=0.014)
     monkeypatch.setattr("fastcoil.measured.identify.imply_pi", lambda *_: ImpliedPI(0, np.nan, 0.0))
     as_is, moved = (
@@ -237,16 +217,14 @@ def test_a_command_that_jumps_to_and_fro_needs_the_sample_time_and_counts_for_le
     assert identification.backlash == pytest.approx(0.05, abs=0.01)
     assert "back and forth" not in identification.reason
     monkeypatch.setattr("fastcoil.measured.identify.back_and_forth_share", lambda *_: 0.0)
-    full_weight = identify_backlash(*log, sample_time=10.0).probability
-    np.testing.assert_allclose(identification.probability, np.sqrt(full_weight) / np.sqrt(full_weight).sum(), atol=1e-9)
+    root = np.sqrt(identify_backlash(*log, sample_time=10.0).probability)
+    np.testing.assert_allclose(identification.probability, root / root.sum(), atol=1e-9)
 
 
 def test_a_log_coarser_than_the_controller_counts_for_less(monkeypatch):
     command, T_set = stepped_day(hours=12)
     T = simulate_plant(command, 0.06, noise=0.04)
-    monkeypatch.setattr(
-        "fastcoil.measured.identify.imply_pi", lambda *_: ImpliedPI(0, np.nan, 0.0)
-    )  # nobody controls it
+    monkeypatch.setattr("fastcoil.measured.identify.imply_pi", lambda *_: ImpliedPI(0, np.nan, 0.0))  # no controller
     log = (command[::6], T[::6], 60.0, T_set[::6])
     coarse, fine = identify_backlash(*log), identify_backlash(*log, sample_time=60.0)
     assert fine.identified
@@ -254,19 +232,11 @@ def test_a_log_coarser_than_the_controller_counts_for_less(monkeypatch):
     assert coarse.high - coarse.low > fine.high - fine.low
 
 
-HOUR = 720
-
-
-@pytest.mark.parametrize(
-    ("first", "n"),
-    full_except(
-        [(0, 8 * HOUR), (24 * HOUR, 8 * HOUR), (48 * HOUR, 8 * HOUR), (72 * HOUR, 8 * HOUR), (0, 105 * HOUR)],
-        [(0, 8 * HOUR)],
-    ),
-)
-def test_a_measured_loop_without_backlash_is_never_accused(first, n):
+@pytest.mark.parametrize(("start", "hours"), full_except([(0, 8), (24, 8), (48, 8), (72, 8), (0, 105)], [(0, 8)]))
+def test_a_measured_loop_without_backlash_is_never_accused(start, hours):
     """105 h of a loop that hunts for another reason, whole and a third of each day, with and without its set-point."""
-    rows = np.genfromtxt(measured_file("b33_ahu2_5s.csv"), delimiter=",", skip_header=1 + first, max_rows=n)
+    path = measured_file("b33_ahu2_5s.csv")
+    rows = np.genfromtxt(path, delimiter=",", skip_header=1 + 720 * start, max_rows=720 * hours)
     command, T, T_set, on = rows[:, 1] / 100, rows[:, 2], rows[:, 3], rows[:, 6]
     for set_point in (T_set, None):
         identification = identify_backlash(command, T, 5.0, set_point, enabled=on > 0)
@@ -274,84 +244,62 @@ def test_a_measured_loop_without_backlash_is_never_accused(first, n):
 
 
 def test_days_of_one_valve_show_together_what_none_of_them_shows_alone():
-    days = [
-        make_evidence([Likelihood(peak_likelihood(0.08, 0.02 + 0.001 * k), peak_likelihood(0.08), 900)], provoked=True)
-        for k in range(8)
-    ]
+    days = [make_day(peak(0.08, 0.02 + 0.001 * k)) for k in range(8)]
     assert not any(combine_days([day]).identified for day in days)
-    identification = combine_days(days)
-    assert identification.identified
-    assert identification.backlash == pytest.approx(0.08)
+    assert_identified(combine_days(days), 0.08, 1e-6)
 
 
-def test_a_gap_is_claimed_from_three_turns_beyond_it_on_all_days_together():
-    """Two turns a day, of 9 % of the stroke, and gaps below and above that."""
-    for gap, days, n_turns in ((0.05, 1, 2), (0.05, 2, 4), (0.12, 3, 0)):
-        likely = Likelihood(peak_likelihood(gap, 0.004), peak_likelihood(gap, 0.004), 900)
-        identification = combine_days(
-            [make_evidence([likely], True, positions=np.array([0.4, 0.49, 0.4, 0.49]))] * days
-        )
-        assert identification.identified == (n_turns > 2)
-        if not identification.identified:
-            assert identification.reason.startswith(f"the valve reversed only {n_turns} times by more than such a gap")
-            assert (identification.low, identification.high) == (0.0, CANDIDATES[-1])
+def test_a_gap_is_claimed_from_three_reversals_beyond_it_on_all_days_together():
+    """Two reversals a day, of 9 % of the stroke, and gaps below and above that."""
+    for gap, n_days, n_reversals in ((0.05, 1, 2), (0.05, 2, 4), (0.12, 3, 0)):
+        day = make_day(peak(gap, 0.004), positions=np.array([0.4, 0.49, 0.4, 0.49]))
+        identification = combine_days(n_days * [day])
+        assert identification.identified == (n_reversals > 2)
+        if n_reversals < 3:
+            assert_withheld(identification, f"reversed only {n_reversals} times by more than such a gap")
 
 
 def test_a_day_with_a_doubt_does_not_count_beside_others():
-    doubted = make_evidence(
-        [Likelihood(peak_likelihood(0.2), peak_likelihood(0.2), 900)], provoked=True, doubt="because", late=30.0
-    )
-    sound = make_evidence([Likelihood(peak_likelihood(0.05), peak_likelihood(0.05), 900)], provoked=True)
+    doubted = make_day(peak(0.2), doubt="because", temperature_lag=30.0)
+    sound = make_day(peak(0.05))
     assert combine_days([doubted, sound])[:5] == combine_days([sound])[:5]
     assert combine_days([doubted, doubted, sound]).reason == "because"
-    assert combine_days([make_evidence([], doubt="nothing"), sound]).backlash == pytest.approx(0.05)
+    empty = make_day(peak(0.05), likelihoods=[], doubt="nothing")
+    assert combine_days([empty, sound]).backlash == pytest.approx(0.05)
 
 
 def test_days_of_a_command_that_jumps_count_where_there_are_four():
-    jumpy = make_evidence([Likelihood(peak_likelihood(0.05), peak_likelihood(0.05), 900)], provoked=True, is_jumpy=True)
+    jumpy = make_day(peak(0.05), is_jumpy=True)
     assert "back and forth" in combine_days(3 * [jumpy]).reason
-    assert combine_days(4 * [jumpy]).backlash == pytest.approx(0.05)
-    assert combine_days(4 * [jumpy]).identified
+    assert_identified(combine_days(4 * [jumpy]), 0.05, 1e-6)
 
 
 def test_steady_days_acquit_no_valve_that_stepped_days_accuse():
     """A command that only follows the temperature predicts it as well as an opening without a gap."""
     trap = np.where(CANDIDATES <= 0.01, 0.0, -80.0)
-    steady = [make_evidence([Likelihood(trap, trap, 900)]) for _ in range(8)]
-    stepped = make_evidence([Likelihood(peak_likelihood(0.05, 0.01), peak_likelihood(0.05, 0.01), 900)], provoked=True)
-    assert combine_days([stepped, *steady]).backlash == pytest.approx(0.05)
+    days = [make_day(peak(0.05, 0.01)), *make_steady_days(8, trap, trap)]
+    assert combine_days(days).backlash == pytest.approx(0.05)
 
 
 def test_steady_days_that_differ_from_each_other_show_no_gap():
-    def combine_sizes(sizes):
-        return combine_days(
-            [make_evidence([Likelihood(peak_likelihood(0.0), peak_likelihood(size), 900)]) for size in sizes]
-        )
+    def combine_sizes(*sizes):
+        return combine_days([make_day(peak(0.0), peak(size), provoked=False) for size in sizes])
 
-    assert combine_sizes([0.06, 0.065, 0.06, 0.055, 0.06, 0.065]).backlash == pytest.approx(0.06, abs=0.0025)
-    assert "the days show different gaps" in combine_sizes([0.06, 0.06, 0.06, 0.12, 0.06, 0.02]).reason
+    assert combine_sizes(0.06, 0.065, 0.06, 0.055, 0.06, 0.065).backlash == pytest.approx(0.06, abs=0.0025)
+    assert "the days show different gaps" in combine_sizes(0.06, 0.06, 0.06, 0.12, 0.06, 0.02).reason
 
 
 def test_more_steady_days_than_ten_count_as_ten():
     """What the linear model gets wrong is wrong every day."""
-    ten, thirty = (
-        combine_days(n * [make_evidence([Likelihood(peak_likelihood(0.0), peak_likelihood(0.06), 900)])])
-        for n in (10, 30)
-    )
-    np.testing.assert_allclose(ten.probability, thirty.probability)
-    assert (
-        combine_days(
-            5 * [make_evidence([Likelihood(peak_likelihood(0.0), peak_likelihood(0.06), 900)])]
-        ).probability.max()
-        < ten.probability.max()
-    )
+    five, ten, thirty = (combine_days(make_steady_days(n, peak(0.0), peak(0.06))).probability for n in (5, 10, 30))
+    np.testing.assert_allclose(ten, thirty)
+    assert five.max() < ten.max()
 
 
 def test_steady_days_alone_never_show_a_good_valve():
-    steady = [make_evidence([Likelihood(peak_likelihood(0.0), peak_likelihood(0.0), 900)]) for _ in range(3)]
+    steady = make_steady_days(3, peak(0.0), peak(0.0))
     assert "stem that stands still" in combine_days(steady).reason
-    stepped = make_evidence([Likelihood(peak_likelihood(0.0), peak_likelihood(0.0), 900)], provoked=True)
-    assert combine_days([*steady, stepped]).identified
+    assert combine_days([*steady, make_day(peak(0.0))]).identified
 
 
 def test_a_log_backwards_in_time_shows_no_gap(monkeypatch):
@@ -366,14 +314,14 @@ def test_a_log_backwards_in_time_shows_no_gap(monkeypatch):
 def test_a_lag_that_is_given_is_taken_in_place_of_the_one_found():
     command, T, T_set = simulate_control(0.07, 3)
     identification = identify_backlash(command, T, INTERVAL, T_set, lag=3 * INTERVAL)
-    assert identification.late == 3 * INTERVAL
+    assert identification.temperature_lag == 3 * INTERVAL
     assert identification.backlash == pytest.approx(0.07, abs=0.005)
-    assert identify_backlash(command, T, INTERVAL, T_set, lag=0.0).late == 0.0
+    assert identify_backlash(command, T, INTERVAL, T_set, lag=0.0).temperature_lag == 0.0
 
 
 def test_temperatures_of_other_hours_that_answer_as_well_show_no_gap(monkeypatch):
     """A day whose commands and temperatures come back every quarter: any quarter belongs to any other."""
-    monkeypatch.setattr("fastcoil.measured.identify.SHIFTS", (0.0,))  # nothing is cut off, so that quarters stay whole
+    monkeypatch.setattr("fastcoil.measured.identify.CLOCK_SHIFTS_S", (0.0,))  # cuts nothing off: quarters stay whole
     command, T, T_set = simulate_control(0.07)
     quarter = T.size // 4
     command, T, T_set = (np.tile(series[quarter : 2 * quarter], 4) for series in (command, T, T_set))

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 from helpers.full import full_except
+from helpers.refusals import assert_refused
 from helpers.simulated_logs import VALVE_TRUTH, add_noise, ar1_noise, make_valve_log, random_walk, valve_flows
 
 import fastcoil as fc
-from fastcoil.logs import CheckedLog
+from fastcoil.logs import read_checked_log
+from fastcoil.logs.columns import ColumnSpec
 from fastcoil.measured.fit_valve import delay_command, remove_lag
 
 pytestmark = pytest.mark.kernel
@@ -27,14 +29,8 @@ def log_in_pieces(seed, shifts, n=60, sd=0.03, backlash=0.07):
 
 def to_checked_log(log):
     """The same as a checked log, all of it fitted."""
-    n = log["command"].size
-    values = {name: log[name].values for name in ("command", "m_w")}
-    batch = log["batch"].values.astype(np.int64)
-    time = log["elapsed_time"].values
-    checked_log = CheckedLog(
-        names=("log",), source=np.zeros(n, int), time=time, values=values, batch=batch, rows=np.arange(n)
-    )
-    return checked_log, np.ones(n, dtype=bool)
+    checked_log = read_checked_log(log, ColumnSpec(("command", "m_w")))
+    return checked_log, np.ones(checked_log.time.size, dtype=bool)
 
 
 def test_a_shift_from_one_piece_on_is_told_and_taken_out():
@@ -54,10 +50,8 @@ def test_a_shift_from_one_piece_on_is_told_and_taken_out():
 
 def test_what_is_held_back_is_moved_like_the_last_piece_that_is_fitted():
     """Its own flows, logged at once, do not say so."""
-    late, in_time = (
-        fc.fit_valve(log_in_pieces(1, [0, 1, 1, last_shift], n=80), split=0.75, holds="command")
-        for last_shift in (1, 0)
-    )
+    logs = (log_in_pieces(1, [0, 1, 1, last_shift], n=80) for last_shift in (1, 0))
+    late, in_time = (fc.fit_valve(log, split=0.75, holds="command") for log in logs)
     assert late.parameters == in_time.parameters
     assert late.rmse["validation"] < 1.3 * late.rmse["fit"] < 0.5 * in_time.rmse["validation"]
     assert any(
@@ -80,10 +74,9 @@ def test_nothing_that_is_held_back_changes_a_bit_of_the_fit(shift, lag):
     assert fit_1.rmse["fit"] == fit_2.rmse["fit"]
     assert fit_1.profile.identical(fit_2.profile)
     assert fit_1.rmse["validation"] != fit_2.rmse["validation"]
-    is_shifted = [
-        any(note.startswith("throughout the flow is logged 1 sample") for note in fit.notes) for fit in (fit_1, fit_2)
-    ]
-    assert is_shifted == [lag == "auto" and shift != 0] * 2
+    for fit in (fit_1, fit_2):
+        is_noted = any(note.startswith("throughout the flow is logged 1 sample") for note in fit.notes)
+        assert is_noted == (lag == "auto" and shift != 0)
 
 
 @pytest.mark.parametrize(
@@ -105,7 +98,8 @@ def test_no_shift_is_found_where_there_is_none():
     for seed in range(8):
         rng = np.random.default_rng(3000 + seed)
         backlash = (0.0, 0.05, 0.12)[seed % 3]
-        command = (random_walk(rng, n=240), 0.5 + 0.3 * np.sin(np.arange(240) / 8.0), np.repeat(rng.uniform(0, 1, 24), 10),
+        command = (random_walk(rng, n=240), 0.5 + 0.3 * np.sin(np.arange(240) / 8.0),
+                   np.repeat(rng.uniform(0, 1, 24), 10),
                    np.clip(0.5 + np.cumsum(rng.normal(0.0, 0.03, 240)), 0.05, 0.95))[seed % 4]  # fmt: skip
         flow = add_noise(rng, valve_flows(command, backlash=backlash), (0.02, 0.1)[seed % 2], (0.0, 0.9)[seed // 2 % 2])
         log, all_of_it = to_checked_log(make_valve_log(command, flow, batch=np.arange(240) // (80, 12)[seed // 4]))
@@ -119,8 +113,7 @@ def test_a_given_lag_is_taken_as_it_is():
     assert fit.parameters["backlash"] == pytest.approx(VALVE_TRUTH["backlash"], abs=0.01)
     assert (fit.residuals["part"].values[:2] == "unused").all()  # no row says what the command was
     for wrong in ("later", True, 1e9, [60.0]):
-        with pytest.raises(fc.InputError, match="lag = .*give seconds by which the flow is logged after the command"):
-            fc.fit_valve(log, lag=wrong)
+        assert_refused("lag", "value" if wrong == 1e9 else "type", fc.fit_valve, log, lag=wrong)
 
 
 def test_the_shift_of_the_part_to_fit_does_not_depend_on_what_follows():

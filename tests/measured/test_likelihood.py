@@ -25,8 +25,8 @@ def simulate_log(noise, play=0.1, n=600, seed=3):
 def test_the_likelihood_is_that_of_a_least_squares_fit_with_the_coefficients_integrated_out():
     """Bayesian linear regression, written out for one candidate: marginal likelihood against that without a stem."""
     positions, T = simulate_log(0.1)
-    likelihoods_found = likelihoods(T, positions, (), np.ones(T.size, bool), INTERVAL, CANDIDATES)
-    assert CANDIDATES[likelihoods_found.plain.argmax()] == 0.1
+    result = likelihoods(T, positions, (), np.ones(T.size, bool), INTERVAL, CANDIDATES)
+    assert CANDIDATES[result.without_command.argmax()] == 0.1
     q, stem = min(max(positions[0] - 0.05, 0), 0.9), []
     for position in positions:
         q = min(max(q, position - 0.1), position)
@@ -39,10 +39,7 @@ def test_the_likelihood_is_that_of_a_least_squares_fit_with_the_coefficients_int
     y = d[rows - 1] - Z @ np.linalg.lstsq(Z, d[rows - 1], rcond=None)[0]
     freedom = rows.size - 9
     ridge = 0.01 * (y @ y) / freedom
-    for stem_series, likelihood in (
-        ((do, ds), likelihoods_found.plain),
-        ((do, ds, dm), likelihoods_found.with_command),
-    ):
+    for stem_series, likelihood in (((do, ds), result.without_command), ((do, ds, dm), result.with_command)):
         X = np.stack([series[rows - 2 - lag] for series in stem_series for lag in range(4)], 1)
         X = X - Z @ np.linalg.lstsq(Z, X, rcond=None)[0]
         k = X.shape[1]
@@ -51,21 +48,23 @@ def test_the_likelihood_is_that_of_a_least_squares_fit_with_the_coefficients_int
         expected = -freedom / 2 * np.log((residual + MODEL_ERROR * (y @ y - residual)) / (y @ y))
         expected -= np.linalg.slogdet(np.eye(k) + X.T @ X / ridge)[1] / 2
         assert likelihood[2] == pytest.approx(expected, rel=1e-6)
-    assert likelihoods_found.rows == rows.size
+    assert result.rows == rows.size
 
 
 def test_a_clean_log_is_not_believed_beyond_what_a_linear_model_can_know():
     positions, T = simulate_log(1e-4)
     likelihood = likelihoods(T, positions, (), np.ones(T.size, bool), INTERVAL, CANDIDATES)
-    assert likelihood.plain.argmax() == 2
-    assert likelihood.plain[2] - likelihood.plain[0] < likelihood.rows / 2 * np.log(1 / MODEL_ERROR + 1) + 20
+    assert likelihood.without_command.argmax() == 2
+    largest = likelihood.rows / 2 * np.log(1 / MODEL_ERROR + 1) + 20
+    assert likelihood.without_command[2] - likelihood.without_command[0] < largest
 
 
 def test_a_stem_that_follows_the_command_explains_little_once_the_command_has_coefficients_of_its_own():
     positions, T = simulate_log(0.1, play=0.0)
     likelihood = likelihoods(T, positions, (), np.ones(T.size, bool), INTERVAL, CANDIDATES)
-    assert likelihood.plain.argmax() == 0
-    assert likelihood.with_command[0] - likelihood.with_command[2] < 0.3 * (likelihood.plain[0] - likelihood.plain[2])
+    assert likelihood.without_command.argmax() == 0
+    without, with_command = (values[0] - values[2] for values in likelihood[:2])
+    assert with_command < 0.3 * without
 
 
 def test_a_known_disturbance_takes_what_it_explains():
@@ -75,4 +74,4 @@ def test_a_known_disturbance_takes_what_it_explains():
     alone, known = (
         likelihoods(upset, positions, d, np.ones(T.size, bool), INTERVAL, CANDIDATES) for d in ((), (gust,))
     )
-    assert np.ptp(known.plain) > 2 * np.ptp(alone.plain)
+    assert np.ptp(known.without_command) > 2 * np.ptp(alone.without_command)

@@ -23,7 +23,7 @@ from fastcoil.measured.fit_coil import CoilProblem, build_record
 from fastcoil.measured.least_squares import FORBIDDEN_RESIDUAL, Model, autocorrelation, evaluate, minimise, uncertainty
 from fastcoil.measured.part import LogSplit
 from fastcoil.measured.valve_problem import ValveProblem
-from fastcoil.model.engine.recorded import valve_flows
+from fastcoil.model.engine.recorded import valve_flows as run_valve
 
 COIL_SERIES = ColumnSpec(required=("m_w", *INPUTS, "T_sup"), measured=("T_sup", "T_w_out"), optional=("T_w_out",))
 pytestmark = pytest.mark.kernel
@@ -31,29 +31,25 @@ pytestmark = pytest.mark.kernel
 
 def build_problem(log, **truth):
     data = read_checked_log(log, COIL_SERIES)
-    return CoilProblem(
-        data,
-        build_record(data, fc.Loop(**truth), (), np.ones(data.time.size, dtype=bool)),
-        ("T_sup",),
-        600.0,
-        LogSplit(1.0),
-    )
+    record = build_record(data, fc.Loop(**truth), (), np.ones(data.time.size, dtype=bool))
+    return CoilProblem(data, record, ("T_sup",), 600.0, LogSplit(1.0))
 
 
 def to_search_space(problem, values):
     """The parameters as the search sees them."""
     y = np.array([np.log(v) if name not in ("beta2", "beta4", "beta6") else v for name, v in values.items()])
-    return np.linalg.solve(problem.record.named(), y)
+    return np.linalg.solve(problem.record.coil_matrix(), y)
 
 
 def assert_jacobian_is_of_single_runs(model, x):
     r, J = evaluate(model, x)
-    np.testing.assert_array_equal(r, model.compared(x[:, None])[:, 0])
+    np.testing.assert_array_equal(r, model.compared_residuals(x[:, None])[:, 0])
     for k in range(x.size):
         up, down = x.copy(), x.copy()
         up[k] += model.step[k]
         down[k] -= model.step[k]
-        single = (model.compared(up[:, None]) - model.compared(down[:, None]))[:, 0] / (up[k] - down[k])
+        above, below = (model.compared_residuals(side[:, None])[:, 0] for side in (up, down))
+        single = (above - below) / (up[k] - down[k])
         np.testing.assert_allclose(J[:, k], single, rtol=1e-9, atol=1e-9)
 
 
@@ -70,7 +66,7 @@ def test_the_loop_is_that_of_the_emulator():
     # the emulator starts with the gear at 0
     command0 = np.concatenate([[0.0], command])
     openings, valve_flow = np.empty((3601, 1)), np.empty((3601, 1))
-    valve_flows(command0, np.zeros(3601, dtype=np.int64), sets, np.zeros((1, 1)), openings, valve_flow)
+    run_valve(command0, np.zeros(3601, dtype=np.int64), sets, np.zeros((1, 1)), openings, valve_flow)
     np.testing.assert_allclose(valve_flow[1:, 0], ds["m_w"], rtol=1e-13)
     np.testing.assert_allclose(openings[1:, 0], ds["opening"], atol=1e-15)
     assert np.allclose(valve_flows(command0), valve_flow[:, 0], rtol=1e-13)
@@ -142,7 +138,7 @@ def test_an_unstable_trial_set_gets_a_large_residual_and_its_neighbours_do_not()
     model = problem.model()
     good = to_search_space(problem, COIL_TRUTH)
     bad = to_search_space(problem, COIL_TRUTH | {"C_c": 1.5})
-    r = model.compared(np.stack([good, bad, good], axis=1))
+    r = model.compared_residuals(np.stack([good, bad, good], axis=1))
     assert (np.abs(r[model.used, 1]) == FORBIDDEN_RESIDUAL).all()
     np.testing.assert_array_equal(r[:, 0], r[:, 2])
     assert np.abs(r[:, 0]).max() < 1.0

@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from helpers.full import full_except
+from helpers.refusals import assert_refused
 
 import fastcoil as fc
 from fastcoil.measured.cause import DISTURBANCE, NONE, TUNING, Cause, revise_after_hold, stops_on_hold
@@ -79,23 +80,15 @@ def test_a_csv_file_and_the_time_of_the_test_give_the_same(logs, reading, tmp_pa
     assert (of_file.backlash, of_file.interval) == (reading.backlash, reading.interval)
 
 
-@pytest.mark.parametrize(
-    ("changed", "how", "says"),
-    [
-        (lambda log: log.drop_vars("test"), {}, "no column test"),
-        (lambda log: log.assign(test=0 * log.test), {}, "the log contains no test"),
-        (lambda log: log.isel(elapsed_time=slice(None, None, 3)), {}, "a sample every 30 s: log the test every 5 s"),
-        (lambda log: log, {"between": (6000, 5000)}, "the end is not after the start"),
-        (lambda log: log, {"between": (5400, 90000)}, "between ends at 90000 s, the log at 10790 s"),
-        (lambda log: log, {"between": (5401, 5409)}, "the log contains no test"),
-        (lambda log: log, {"between": 5}, "between = 5: give start and end in seconds"),
-        (lambda log: log, {"stroke_time": -1}, "stroke_time = -1"),
-        (lambda log: log.assign(T_measured=log.T_measured * 0.0 + 14.0), {}, "T_sup does not move in the test"),
-    ],
-)
-def test_a_log_without_a_readable_test_is_refused(logs, changed, how, says):
-    with pytest.raises(fc.InputError, match=says):
-        fc.read_test(changed(logs[0.08]), **how)
+def test_a_log_without_a_readable_test_is_refused(logs):
+    log = logs[0.08]
+    assert_refused("between", "missing", fc.read_test, log.drop_vars("test"))
+    assert_refused("test", "data", fc.read_test, log.assign(test=0 * log.test))
+    assert_refused("log", "time", fc.read_test, log.isel(elapsed_time=slice(None, None, 3)))
+    assert_refused("T_sup", "data", fc.read_test, log.assign(T_measured=log.T_measured * 0.0 + 14.0))
+    assert_refused("stroke_time", "value", fc.read_test, log, -1)
+    for between, code in (((6000, 5000), "value"), ((5400, 90000), "value"), ((5401, 5409), "data"), (5, "type")):
+        assert_refused("between", code, fc.read_test, log, between=between)
 
 
 def test_a_test_that_shows_nothing_is_not_identified_and_says_why(logs, early):
@@ -104,7 +97,7 @@ def test_a_test_that_shows_nothing_is_not_identified_and_says_why(logs, early):
     assert "does not reverse" in early.reason
     holes = log.T_measured.where(np.arange(log.sizes["elapsed_time"]) % 8 != 0)
     holes[START // STEP] = np.nan
-    torn = fc.read_test(log.assign(T_measured=holes), stroke_time=90, drop=True)
+    torn = fc.read_test(fc.read_log(log.assign(T_measured=holes), drop=True), stroke_time=90)
     assert np.isfinite(torn.signals["model"]).any()
     assert not torn.identified
     assert "of the temperatures are missing" in torn.reason
@@ -146,7 +139,8 @@ def test_clocks_that_are_minutes_apart_are_refused(logs, reading):
 def test_a_test_with_a_hole_in_its_log_is_one_test(logs):
     log = logs[0.08]
     rows = np.arange(log.sizes["elapsed_time"])
-    r = fc.read_test(log.isel(elapsed_time=(rows < 600) | (rows >= 605)), stroke_time=90, drop=True)
+    torn = log.isel(elapsed_time=(rows < 600) | (rows >= 605))
+    r = fc.read_test(fc.read_log(torn, drop=True), stroke_time=90)
     assert r.minutes == pytest.approx(30.0, abs=0.5)
     assert not any("tests" in note for note in r.notes)
 
@@ -172,12 +166,13 @@ def test_toml_gives_the_gap_to_a_study_only_if_it_is_identified(early, reading, 
 def test_diagnose_takes_the_gap_of_a_test(logs, reading):
     d = fc.diagnose(logs[0.08].drop_vars("test"), stroke_time=90, test=reading)
     assert (d.backlash, d.interval, d.identified) == (reading.backlash, reading.interval, True)
-    with pytest.raises(fc.InputError, match="test is a str: give what fastcoil.read_test found"):
-        fc.diagnose(logs[0.08], test="gap.toml")
+    assert_refused("test", "type", fc.diagnose, logs[0.08], test="gap.toml")
 
 
 def make_measures(peak_to_peak, period):
-    swing = NO_SWING._replace(period=period, regularity=5.0, share=0.9, peak_to_peak=peak_to_peak, periods=20.0)
+    swing = NO_SWING._replace(
+        period=period, regularity=5.0, periodic_share=0.9, peak_to_peak=peak_to_peak, periods=20.0
+    )
     return Measures(np.ones(1, bool), swing, np.zeros(1), 0.1, {}, "")
 
 

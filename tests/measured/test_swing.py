@@ -16,11 +16,8 @@ def generator(seed):
 
 @pytest.mark.parametrize("period", [200.0, 700.0, 2400.0])
 def test_a_swing_under_noise_drift_and_gaps_is_found_with_its_size_and_period(period):
-    series = (
-        0.4 * np.sin(2 * np.pi * TIME / period)
-        + generator(1).normal(0, 0.1, N)
-        + np.cumsum(generator(2).normal(0, 0.01, N))
-    )
+    noise, drift = generator(1).normal(0, 0.1, N), np.cumsum(generator(2).normal(0, 0.01, N))
+    series = 0.4 * np.sin(2 * np.pi * TIME / period) + noise + drift
     good = EVERYWHERE.copy()
     good[1000:1040] = False
     swing = measure_swing(np.where(good, series, 99.0), good, INTERVAL)
@@ -30,13 +27,8 @@ def test_a_swing_under_noise_drift_and_gaps_is_found_with_its_size_and_period(pe
 
 
 def test_what_wanders_without_a_rhythm_is_no_swing():
-    swings = [
-        measure_swing(
-            np.convolve(generator(s).normal(size=N), np.exp(-np.arange(60) / 15), "same"), EVERYWHERE, INTERVAL
-        )
-        for s in range(20)
-    ]
-    assert sum(swing.is_regular for swing in swings) <= 1
+    series = (np.convolve(generator(s).normal(size=N), np.exp(-np.arange(60) / 15), "same") for s in range(20))
+    assert sum(measure_swing(s, EVERYWHERE, INTERVAL).is_regular for s in series) <= 1
 
 
 def test_regularity_is_a_third_of_the_mean_over_the_deviation_of_the_intervals():

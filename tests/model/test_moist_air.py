@@ -52,31 +52,17 @@ def test_liquid_pressure_below_freezing_is_that_of_supercooled_water():
 @pytest.mark.parametrize("pressure", PRESSURES)
 def test_humidity_ratios_are_those_of_psychrolib(psychrolib, pressure):
     T, rh = (grid.ravel() for grid in np.meshgrid(ABOVE_FREEZING, [0.05, 0.5, 1.0]))
-    lib = psychrolib
-    np.testing.assert_allclose(
-        moist_air.humidity_ratio(T, rh, pressure),
-        apply_elementwise(lambda t, r: lib.GetHumRatioFromRelHum(t, r, pressure), T, rh),
-        rtol=1e-10,
-    )
-    np.testing.assert_allclose(
-        moist_air.saturation_humidity_ratio(T, pressure),
-        apply_elementwise(lambda t: lib.GetSatHumRatio(t, pressure), T),
-        rtol=1e-10,
-    )
-    np.testing.assert_allclose(
-        moist_air.humidity_ratio_from_dew_point(T, pressure),
-        apply_elementwise(lambda t: lib.GetHumRatioFromTDewPoint(t, pressure), T),
-        rtol=1e-10,
-    )
     wet_bulb = T - 3.0 * (1.0 - rh)
-    is_above_freezing = wet_bulb > 0.01
-    np.testing.assert_allclose(
-        moist_air.humidity_ratio_from_wet_bulb(T, wet_bulb, pressure)[is_above_freezing],
-        apply_elementwise(
-            lambda t, w: lib.GetHumRatioFromTWetBulb(t, w, pressure), T[is_above_freezing], wet_bulb[is_above_freezing]
-        ),
-        rtol=1e-10,
+    above = wet_bulb > 0.01
+    cases = (
+        ("humidity_ratio", psychrolib.GetHumRatioFromRelHum, T, rh),
+        ("saturation_humidity_ratio", psychrolib.GetSatHumRatio, T),
+        ("humidity_ratio_from_dew_point", psychrolib.GetHumRatioFromTDewPoint, T),
+        ("humidity_ratio_from_wet_bulb", psychrolib.GetHumRatioFromTWetBulb, T[above], wet_bulb[above]),
     )
+    for name, function, *arguments in cases:
+        expected = apply_elementwise(lambda *a, of=function: of(*a, pressure), *arguments)
+        np.testing.assert_allclose(getattr(moist_air, name)(*arguments, pressure), expected, rtol=1e-10, err_msg=name)
 
 
 @pytest.mark.parametrize("pressure", PRESSURES)

@@ -9,22 +9,19 @@ from reference.valve_test import valve_test as script
 import fastcoil as fc
 from fastcoil.model import valve_test
 from fastcoil.model.metric_table import TEST_ABORTED_MEANINGS
-from fastcoil.model.valve_test import LARGEST_RATE_RATIO, LEAST_RATE_RATIO, PHASE_OFF, Memory
 
 DEFAULTS = {name.removeprefix("test_"): value for name, value in fc.ValveTest().parameters().items()}
 del DEFAULTS["start"], DEFAULTS["every"]
 
 
-def run_test(errors, command=0.5, sample_time=5.0, **settings_changed):
+def run_test(errors, command=0.5, sample_time=5.0, **changes):
     """(Commands, memories after them, why it ended) on given errors; equal to those of the script."""
-    settings = DEFAULTS | settings_changed
-    p = valve_test.Parameters(
-        sample_time, *(settings[n.removeprefix("test_")] for n in valve_test.Parameters._fields[1:])
-    )
-    memory, first_command, commands, memories = valve_test.begin_test(14.0, p, Memory()), command, [], []
+    settings = DEFAULTS | changes
+    p = valve_test.Parameters(sample_time, **{f"test_{name}": value for name, value in settings.items()})
+    memory, first_command, commands, memories = valve_test.begin_test(14.0, p, valve_test.Memory()), command, [], []
     for e in errors:
         command, memory = valve_test.step_test(e, command, True, p, memory)
-        if memory.phase == PHASE_OFF:
+        if memory.phase == valve_test.PHASE_OFF:
             break
         commands.append(command)
         memories.append(memory)
@@ -47,13 +44,11 @@ def wandering_errors(seed, n, size):
 def test_the_commands_are_those_of_the_script_on_errors_that_wander(size, sample_time):
     reasons = set()
     for seed in range(40):
-        settings = {
-            "settle": 60.0 * (1 + seed % 4),
-            "hold": 60.0 * (1 + seed % 2),
-            "threshold": (0.1, 0.3)[seed % 3 // 2],
-        }
+        times = {"settle": 60.0 * (1 + seed % 4), "hold": 60.0 * (1 + seed % 2)}
         errors = wandering_errors(seed, int(1200 / sample_time), size * (sample_time / 5.0) ** 0.5)
-        reasons.add(run_test(errors, (0.5, 0.03, 0.98)[seed % 3], sample_time, **settings)[-1])
+        reasons.add(
+            run_test(errors, (0.5, 0.03, 0.98)[seed % 3], sample_time, threshold=(0.1, 0.3)[seed % 3 // 2], **times)[-1]
+        )
     assert "" in reasons if size < 0.1 else reasons >= {"swing", "end_of_stroke"}
 
 
@@ -65,11 +60,11 @@ def test_ramps_have_between_a_fifth_and_four_times_the_given_rate():
         commands, memories, _ = run_test(errors, minutes=40, excursion=50.0, settle=0.0, hold=30.0)
         moves = np.abs(np.diff(commands))
         ends = (np.array(commands[1:]) == 0.0) | (np.array(commands[1:]) == 1.0)
-        assert (moves <= LARGEST_RATE_RATIO * DEFAULTS["rate"] * 5.0 + 1e-12).all()
-        assert (moves[(moves > 0.0) & ~ends] >= LEAST_RATE_RATIO * DEFAULTS["rate"] * 5.0 - 1e-12).all()
+        assert (moves <= valve_test.LARGEST_RATE_RATIO * DEFAULTS["rate"] * 5.0 + 1e-12).all()
+        assert (moves[(moves > 0.0) & ~ends] >= valve_test.LEAST_RATE_RATIO * DEFAULTS["rate"] * 5.0 - 1e-12).all()
         rates |= {memory.ramp_rate for memory in memories}
-    assert min(rates) == pytest.approx(LEAST_RATE_RATIO * DEFAULTS["rate"])
-    assert max(rates) == pytest.approx(LARGEST_RATE_RATIO * DEFAULTS["rate"])
+    assert min(rates) == pytest.approx(valve_test.LEAST_RATE_RATIO * DEFAULTS["rate"])
+    assert max(rates) == pytest.approx(valve_test.LARGEST_RATE_RATIO * DEFAULTS["rate"])
 
 
 @pytest.mark.parametrize(("ran_on", "share"), [(0.5, 1.0), (1.0, 0.5), (0.1, 2.0), (-0.2, 2.0), (9.0, 0.2)])

@@ -21,7 +21,7 @@ from reference.control import (
     backlash_inverse,
     pi_controller,
     smooth_inverse,
-)  # fmt: skip
+)
 from reference.loop import simulate
 from reference.noise import philox4x32, standard_normal
 from reference.parameters import PAPER_LIKE

@@ -7,7 +7,7 @@ import pytest
 import fastcoil as fc
 from studies import common as report
 
-SHORT = {r"(seed = \[\d+, \d+).*\]": r"\1]", r"hours = \d+": "hours = 2", r"size = 4096": "size = 16",
+SHORT_SIZES = {r"(seed = \[\d+, \d+).*\]": r"\1]", r"hours = \d+": "hours = 2", r"size = 4096": "size = 16",
          r"size = 1024": "size = 4"}  # fmt: skip
 FEW_RULES = {
     r"\n(learning_step) = \[.*": r"\n\1 = [0.007, 0.028]",
@@ -20,22 +20,22 @@ FEW_RULES = {
 
 
 @pytest.fixture(scope="module")
-def small(tmp_path_factory):
+def run_small(tmp_path_factory):
     """Return a function that runs a study of the repository made small, once, in place of ``report.results``."""
     folder = tmp_path_factory.mktemp("studies")
 
-    def small(name):
+    def run_small(name):
         text = report.study_file(name).read_text()
-        for long, short in (SHORT | FEW_RULES if name.startswith("learning") else SHORT).items():
+        for long, short in (SHORT_SIZES | FEW_RULES if name.startswith("learning") else SHORT_SIZES).items():
             text = re.sub(long, short, text)
         (folder / f"{name}.toml").write_text(text)
         return fc.run_study(folder / f"{name}.toml", folder / name).load()
 
-    return small
+    return run_small
 
 
 @pytest.fixture
-def weather(tmp_path):
+def weather_file(tmp_path):
     """A file with the weather of a year, whose days differ."""
     lines = [f"{h},{(h - 1) % 24 + 1},{20 + h % 7 + h // 100 % 3},12" for h in range(1, 8761)]
     path = tmp_path / "weather.csv"
@@ -44,11 +44,11 @@ def weather(tmp_path):
 
 
 @pytest.fixture
-def written(monkeypatch, tmp_path):
+def read_table(monkeypatch, tmp_path):
     """Have tables written elsewhere; return a function that reads one: title, then rows of cells, head first."""
-    monkeypatch.setattr(report, "WRITTEN", tmp_path / "studies")
+    monkeypatch.setattr(report, "OUTPUT_FOLDER", tmp_path / "studies")
 
-    def written(name):
+    def read_table(name):
         (path,) = (tmp_path / "studies").glob(f"*/tables/{name}.md")
         title, table = path.read_text().split("\n\n")
         rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines()]
@@ -56,4 +56,4 @@ def written(monkeypatch, tmp_path):
         assert len({len(row) for row in rows}) == 1
         return title.strip("*"), rows
 
-    return written
+    return read_table

@@ -11,7 +11,7 @@ TUNINGS = ["paper_like", "paper_like_fast", "lbnl", "g36"]
 SMALL_PRINT = "Of all steps, intervals, ratios and buffers the best, over as many learners as there are. " * 3
 
 
-def judged(**dims):
+def make_judgement(**dims):
     """Made-up shares of failures and hours over these dims; some never confirm."""
     rng = np.random.default_rng(1)
     shape = tuple(len(labels) for labels in dims.values())
@@ -23,16 +23,16 @@ def judged(**dims):
 
 @pytest.mark.full
 def test_the_figures_fit():
-    settings = judged(
-        rule=list(maps.LINES), tuning=TUNINGS, learning_step=[0.0035, 0.028],
+    settings = make_judgement(
+        rule=list(maps.RULE_LINES), tuning=TUNINGS, learning_step=[0.0035, 0.028],
         learning_interval=[600, 1800], learning_ratio=[1.25, 2.0],
     )  # fmt: skip
-    of = settings.expand_dims(noise_std=[0.0, 0.05])
-    figure = maps.front(of, "failed", "failures [% of learners]", 100.0, 16, SMALL_PRINT)
+    judgement = settings.expand_dims(noise_std=[0.0, 0.05])
+    figure = maps.draw_front(judgement, "failed", "failures [% of learners]", 100.0, 16, SMALL_PRINT)
     assert_palette(figure)
     assert_texts_fit(figure)
-    assert_texts_fit(maps.settings(settings, ("literal", "growing"), 16, 0.05, SMALL_PRINT))
-    of = judged(
+    assert_texts_fit(maps.draw_settings(settings, ("literal", "growing"), 16, 0.05, SMALL_PRINT))
+    judgement = make_judgement(
         rule=["literal", "growing"], buffer=[1e-9, 0.01], tuning=TUNINGS[:2], noise_std=[0.0, 0.1], sample_time=[1, 30]
     )
-    assert_texts_fit(maps.failure_map(of, 0.05, SMALL_PRINT))
+    assert_texts_fit(maps.draw_failure_map(judgement, 0.05, SMALL_PRINT))

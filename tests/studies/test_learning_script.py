@@ -20,7 +20,7 @@ def median_low(values):
 # numbers and choices
 
 
-def learners(**metrics):
+def make_learners(**metrics):
     """Learners of 10 % backlash over days and starts: final size, hours until reached and confirmed."""
     dims = ("day", "backlash_estimate")
     ds = xr.Dataset({name: (dims, np.array(values, dtype=float)) for name, values in metrics.items()})
@@ -28,17 +28,17 @@ def learners(**metrics):
 
 
 def test_failures_errors_and_censored_times_are_counted_one_by_one():
-    ds = learners(
+    ds = make_learners(
         estimate_final=[[0.10, 0.12], [0.08, 0.0799], [0.121, np.nan], [0.11, 0.02]],
         learn_time_reached=3600 * np.array([[1.0, 2.0], [3.0, np.nan], [0.5, np.nan], [1.5, 1.0]]),
         learn_time_confirmed=3600 * np.array([[1.0, 2.0], [np.nan, np.nan], [0.5, np.nan], [np.nan, 1.0]]),
     )
-    found = {n: float(v) for n, v in learning.judged(ds, ["day", "backlash_estimate"]).items()}
-    assert (found["low"], found["high"], found["failed"]) == (2 / 8, 1 / 8, 4 / 8)
-    assert found["never"] == 4 / 8
-    assert found["reached"] == median_low(ds.learn_time_reached) / 3600 == 1.5
-    assert found["confirmed"] == median_low(ds.learn_time_confirmed) / 3600 == 2.0
-    by_day = learning.judged(ds, ["backlash_estimate"]).confirmed
+    judgement = {n: float(v) for n, v in learning.judge_learners(ds, ["day", "backlash_estimate"]).items()}
+    assert (judgement["low"], judgement["high"], judgement["failed"]) == (2 / 8, 1 / 8, 4 / 8)
+    assert judgement["never"] == 4 / 8
+    assert judgement["reached"] == median_low(ds.learn_time_reached) / 3600 == 1.5
+    assert judgement["confirmed"] == median_low(ds.learn_time_confirmed) / 3600 == 2.0
+    by_day = learning.judge_learners(ds, ["backlash_estimate"]).confirmed
     assert by_day.values.tolist() == [1.0, np.inf, 0.5, 1.0]
 
 
@@ -46,52 +46,52 @@ def test_failures_errors_and_censored_times_are_counted_one_by_one():
 
 
 @pytest.fixture
-def quick(monkeypatch, small):
+def quick_study(monkeypatch, run_small):
     """The learning script on small studies and few fresh days."""
-    monkeypatch.setattr(learning, "results", small)
+    monkeypatch.setattr(learning, "results", run_small)
     monkeypatch.setattr(learning, "FRESH_DAYS", range(301, 303))
     monkeypatch.setattr(learning, "HOURS", 2)
-    return small("learning_step")
+    return run_small("learning_step")
 
 
 @pytest.mark.full
-def test_learning_writes_what_it_found_and_draws_its_figures(quick, written, monkeypatch, tmp_path):
+def test_learning_writes_what_it_found_and_draws_its_figures(quick_study, read_table, monkeypatch, tmp_path):
     monkeypatch.setattr(learning, "RESULTS", tmp_path / "results")
     learning.main()
-    _, (head, *ship) = written("learning_choice")
-    assert [row[:2] for row in ship] == [["paper_like", "0"], ["paper_like", "0.1"], ["g36", "0"], ["g36", "0.1"],
+    _, (head, *choices) = read_table("learning_choice")
+    assert [row[:2] for row in choices] == [["paper_like", "0"], ["paper_like", "0.1"], ["g36", "0"], ["g36", "0.1"],
                                          ["all", "all"]]  # fmt: skip
-    for row in ship:
+    for row in choices:
         failed = float(row[head.index("2 fresh days")].split(" %")[0])
         assert (row[head.index("safe?")] == "yes") == (failed <= 5.0)
         assert row[head.index("safe?")] in ("yes", "**none is safe**; the best:")
-    assert {row[head.index("safe?")] for row in ship if row[1] == "0.1"} == {"**none is safe**; the best:"}
-    title, cost = written("learning_cost")
+    assert {row[head.index("safe?")] for row in choices if row[1] == "0.1"} == {"**none is safe**; the best:"}
+    title, cost = read_table("learning_cost")
     assert title == "What it does on the 2 fresh days: medians"
-    assert [row[:2] for row in cost[1:]] == [row[:2] for row in ship]
-    assert len(written("learning_failures")[1]) == len(ship)
-    assert [row[0] for row in written("learning_quiet")[1][1:]] == ["paper_like", "g36"]
+    assert [row[:2] for row in cost[1:]] == [row[:2] for row in choices]
+    assert len(read_table("learning_failures")[1]) == len(choices)
+    assert [row[0] for row in read_table("learning_quiet")[1][1:]] == ["paper_like", "g36"]
     figures = tmp_path / "results" / "learning_step" / "figures"
     assert {p.name for p in figures.iterdir()} == {
         "learning_front.png", "learning_front_error.png", "learning_settings.png", "learning_failures.png"
     }  # fmt: skip
 
 
-def test_a_choice_is_tried_on_fresh_days_against_the_plain_pi_and_a_known_backlash(quick):
+def test_a_choice_is_tried_on_fresh_days_against_the_plain_pi_and_a_known_backlash(quick_study):
     loop = {"tuning": "g36", "noise_std": 0.1}
     settings = {"learning_step": 0.028, "learning_interval": 900, "learning_ratio": 1.5, "buffer": 0.01}
     day = fc.paper_day(hours=2, seed=[301, 302])
-    found = learning.tried(quick, {"rule": "growing"} | settings, loop, day)
-    found = found.sel(backlash=0.12, backlash_estimate=0.014)
-    real = fc.Loop.preset("g36").assign(backlash=0.12, noise_std=0.1)
+    metrics = learning.try_choice(quick_study, {"rule": "growing"} | settings, loop, day)
+    metrics = metrics.sel(backlash=0.12, backlash_estimate=0.014)
+    preset_loop = fc.Loop.preset("g36").assign(backlash=0.12, noise_std=0.1)
     rule = settings | {
         "learning_min_switches": 1, "learning_max_reference": 0.4, "learning_early_trip": 1, "learning_growth": 2,
         "learning_shrink": 0.5, "backlash_estimate": 0.014,
     }  # fmt: skip
-    learner, plain = fc.simulate(real.assign(**rule), day), fc.simulate(real, day)
-    known = fc.simulate(real.assign(backlash_estimate=0.12, buffer=0.01), day)
-    np.testing.assert_array_equal(found.estimate_final, learner.estimate_final)
-    np.testing.assert_allclose(found.rmse, learner.rmse / plain.rmse - 1)
-    np.testing.assert_allclose(found.rmse_known, learner.rmse / known.rmse - 1)
-    np.testing.assert_allclose(found.travel, learner.motor_travel / plain.motor_travel)
-    np.testing.assert_array_equal(found.plain_switches, plain.switch_frequency)
+    learner, plain = fc.simulate(preset_loop.assign(**rule), day), fc.simulate(preset_loop, day)
+    known = fc.simulate(preset_loop.assign(backlash_estimate=0.12, buffer=0.01), day)
+    np.testing.assert_array_equal(metrics.estimate_final, learner.estimate_final)
+    np.testing.assert_allclose(metrics.rmse, learner.rmse / plain.rmse - 1)
+    np.testing.assert_allclose(metrics.rmse_known, learner.rmse / known.rmse - 1)
+    np.testing.assert_allclose(metrics.travel, learner.motor_travel / plain.motor_travel)
+    np.testing.assert_array_equal(metrics.plain_switches, plain.switch_frequency)

@@ -9,15 +9,15 @@ from studies.least_movement import least_movement as least
 
 
 def test_set_points_move_as_said():
-    moved = {name: move(1.2, np.random.default_rng(4)) for name, move in least.MOVES.items()}
-    assert {series.shape for series in moved.values()} == {(28800,)}
-    assert np.ptp(moved["still"]) == 0.0
-    jumps = np.diff(moved["steps"])
+    set_points = {name: move(1.2, np.random.default_rng(4)) for name, move in least.MOVES.items()}
+    assert {series.shape for series in set_points.values()} == {(28800,)}
+    assert np.ptp(set_points["still"]) == 0.0
+    jumps = np.diff(set_points["steps"])
     assert np.flatnonzero(jumps).tolist() == [1800 * k - 1 for k in range(1, 16)]
     assert abs(jumps[jumps != 0.0]) == pytest.approx(1.2)
-    assert abs(np.diff(moved["ramps of 15 min"])).max() == pytest.approx(1.2 / 900)
-    assert moved["ramps of 15 min"][3599] == pytest.approx(moved["steps"][3599])
-    assert np.ptp(moved["outdoor reset"]) == pytest.approx(3.0)
+    assert abs(np.diff(set_points["ramps of 15 min"])).max() == pytest.approx(1.2 / 900)
+    assert set_points["ramps of 15 min"][3599] == pytest.approx(set_points["steps"][3599])
+    assert np.ptp(set_points["outdoor reset"]) == pytest.approx(3.0)
 
 
 def test_trim_and_respond_goes_up_by_a_tenth_and_down_by_fifths_up_to_six_tenths():
@@ -29,7 +29,7 @@ def test_trim_and_respond_goes_up_by_a_tenth_and_down_by_fifths_up_to_six_tenths
         assert (np.diff(T_set)[np.arange(28799) % 120 != 119] == 0.0).all()
 
 
-def drawn_by_hand() -> xr.Dataset:
+def make_readings() -> xr.Dataset:
     """Six loops whose readings are known: (sample, day)."""
     one_day = ("sample", "day")
     gap = np.array([0.0, 0.02, 0.05, 0.05, 0.1, 0.1])
@@ -43,17 +43,17 @@ def drawn_by_hand() -> xr.Dataset:
     return ds.assign({name: ("sample", values) for name, values in known.items()})
 
 
-def test_the_tables_count_wrong_claims_and_good_valves(written, monkeypatch):
-    monkeypatch.setattr(least, "measured", lambda *_: drawn_by_hand())
+def test_the_tables_count_wrong_claims_and_good_valves(read_table, monkeypatch):
+    monkeypatch.setattr(least, "run_move", lambda *_: make_readings())
     monkeypatch.setattr(least, "draw", lambda _: None)
     least.main(6)
-    head, *rows = written("least_movement")[1]
-    found = dict(zip(head, next(row for row in rows if row[:2] == ["steps", "0.5 to 1"]), strict=True))
-    assert [found["loops"], found["wrong claims"], found["claimed"][:4]] == ["5", "1 of 3", "60 %"]
-    assert found["hours to certify, by the bound, median"] == f"{8 * 0.5**2:.2g}"
-    head, *rows = written("least_movement_ways")[1]
+    head, *rows = read_table("least_movement")[1]
+    cells = dict(zip(head, next(row for row in rows if row[:2] == ["steps", "0.5 to 1"]), strict=True))
+    assert [cells["loops"], cells["wrong claims"], cells["claimed"][:4]] == ["5", "1 of 3", "60 %"]
+    assert cells["hours to certify, by the bound, median"] == f"{8 * 0.5**2:.2g}"
+    head, *rows = read_table("least_movement_ways")[1]
     assert {row[head.index("good valves accused")] for row in rows} == {"1 of 1"}
-    head, *rows = written("least_movement_turns")[1]
+    head, *rows = read_table("least_movement_turns")[1]
     assert [row[head.index("loops")] for row in rows if row[0] in ("0", "6 to 11")] == ["6", "24"]
 
 
@@ -61,9 +61,9 @@ def test_the_tables_count_wrong_claims_and_good_valves(written, monkeypatch):
 def test_a_loop_is_read_as_the_whole_population_is(monkeypatch):
     """Its day, values and seed put together by hand."""
     monkeypatch.setattr(least, "Parallel", lambda n_jobs: lambda jobs: [call(*args) for call, args, _ in jobs])
-    ds = least.measured("still", 702, 2)
-    values = {name: float(each[1]) for name, each in least.drawn(702, 2).values.items()}
-    series = least.of_kind(least.CONSTANT, [70201]).series
+    ds = least.run_move("still", 702, 2)
+    values = {name: float(column[1]) for name, column in least.draw_loops(702, 2).values.items()}
+    series = least.make_days(least.CONSTANT, [70201]).series
     entering = {name: series[name][0] for name in ("m_a", "T_a_in", "W_a_in", "T_w_in")}
     day = fc.Boundary(**entering, T_set=np.full(28800, 14.0))
     loop = fc.Loop.preset("lbnl").assign(m_full=1.7, **values)

@@ -2,14 +2,14 @@
 
 import pytest
 
-from studies.hunting.limit_cycles import Judged, compared
+from studies.hunting.limit_cycles import Verdicts, simulate_and_predict
 
 
 @pytest.mark.full
 @pytest.mark.kernel
 @pytest.mark.parametrize("population", ["cooling", "heating", "too small"])
 def test_on_loops_of_another_seed_97_of_100_forecasts_are_right(population):
-    case = compared(population, 3101, 100)
-    of = Judged.of(case.seen, case.predicted)
-    right = ((of.hunts == of.predicted) & of.among).sum() / of.among.sum()
-    assert float(right) >= 0.97
+    case = simulate_and_predict(population, 3101, 100)
+    verdicts = Verdicts.of(case.seen, case.predicted)
+    right_share = ((verdicts.hunts == verdicts.predicted) & verdicts.among).sum() / verdicts.among.sum()
+    assert float(right_share) >= 0.97

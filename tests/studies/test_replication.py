@@ -6,7 +6,7 @@ import pytest
 
 import studies.__main__ as command
 from studies import common
-from studies.common import compare_rows, replicating, write_table
+from studies.common import compare_rows, compare_with_tables, write_table
 
 HEAD = ["days", "loops", "share"]
 ROWS = [["constant", "hunt", "1 %"], ["constant", "calm", "2 %"], ["stepped", "hunt", "3 %"]]
@@ -15,7 +15,7 @@ ROWS = [["constant", "hunt", "1 %"], ["constant", "calm", "2 %"], ["stepped", "h
 @pytest.fixture
 def table(tmp_path, monkeypatch):
     """A table as it stands, and its path."""
-    monkeypatch.setattr(common, "WRITTEN", tmp_path)
+    monkeypatch.setattr(common, "OUTPUT_FOLDER", tmp_path)
     write_table("of/shares", "Shares", HEAD, ROWS)
     return tmp_path / "of" / "tables" / "shares.md"
 
@@ -23,33 +23,33 @@ def table(tmp_path, monkeypatch):
 @pytest.mark.parametrize("is_sample", [True, False])
 def test_the_same_numbers_change_no_cell(table, is_sample):
     before = table.read_text()
-    with replicating(is_sample=is_sample) as found:
+    with compare_with_tables(is_sample=is_sample) as replication:
         write_table("of/shares", "Shares", HEAD, ROWS)
-    assert (found.changed, sum(found.compared)) == ([], 9)
+    assert (replication.changed, sum(replication.compared)) == ([], 9)
     assert table.read_text() == before
 
 
 def test_a_sample_names_the_cell_that_changed_and_leaves_the_table(table):
     before = table.read_text()
-    with replicating(is_sample=True) as found:
+    with compare_with_tables(is_sample=True) as replication:
         compare_rows("of/shares", [["constant", "calm", "4 %"]])
-    assert found.changed == ["of/shares: constant | share: 2 % → 4 %"]
+    assert replication.changed == ["of/shares: constant | share: 2 % → 4 %"]
     assert table.read_text() == before
 
 
 def test_a_whole_run_names_it_and_writes_the_table(table):
-    with replicating(is_sample=False) as found:
+    with compare_with_tables(is_sample=False) as replication:
         write_table("of/shares", "Shares, anew", HEAD, [*ROWS[:2], ["stepped", "hunt", "5 %"]])
-    assert found.changed == ["of/shares: title: Shares → Shares, anew", "of/shares: stepped | share: 3 % → 5 %"]
+    assert replication.changed == ["of/shares: title: Shares → Shares, anew", "of/shares: stepped | share: 3 % → 5 %"]
     assert "5 %" in table.read_text()
 
 
 @pytest.mark.parametrize(("head", "rows"), [(HEAD, ROWS[:2]), (HEAD[:2], [row[:2] for row in ROWS])])
 def test_a_row_or_a_column_that_is_missing_is_named(table, head, rows):
-    with replicating(is_sample=False) as found:
+    with compare_with_tables(is_sample=False) as replication:
         write_table("of/shares", "Shares", head, rows)
-    assert len(found.changed) == 1
-    assert found.changed[0].startswith("of/shares: other columns, or ")
+    assert len(replication.changed) == 1
+    assert replication.changed[0].startswith("of/shares: other columns, or ")
 
 
 def test_the_command_ends_with_1_if_a_sample_changed(table, monkeypatch, capsys):
@@ -57,10 +57,10 @@ def test_the_command_ends_with_1_if_a_sample_changed(table, monkeypatch, capsys)
     monkeypatch.setattr(command, "questions", lambda: {"one": command.Question("?", "of.one", "minutes")})
     monkeypatch.setattr(command.importlib, "import_module", {"of.one": study}.__getitem__)
     assert command.main(["--sample"]) == 1
-    said = capsys.readouterr().out
-    assert "one: SEED = 7" in said
-    assert "one: 1 of 3 cells changed" in said
-    assert said.endswith("Changed:\n  of/shares: stepped | share: 3 % → 9 %\n")
+    output = capsys.readouterr().out
+    assert "one: SEED = 7" in output
+    assert "one: 1 of 3 cells changed" in output
+    assert output.endswith("Changed:\n  of/shares: stepped | share: 3 % → 9 %\n")
 
 
 def test_an_unknown_study_or_option_is_refused():

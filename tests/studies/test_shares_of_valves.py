@@ -11,21 +11,21 @@ from studies.common import mean_of, share_of
 
 
 def test_a_share_has_the_interval_of_wilson_where_cases_are_independent_and_a_wider_one_where_days_are_alike():
-    draw = np.random.default_rng(3)
-    alone = xr.DataArray(draw.random(50) < 0.2, dims="sample")
-    p = float(alone.mean())
+    rng = np.random.default_rng(3)
+    without_days = xr.DataArray(rng.random(50) < 0.2, dims="sample")
+    p = float(without_days.mean())
     low, high = (
         (p + 1.96**2 / 100 + s * 1.96 * math.sqrt(p * (1 - p) / 50 + 1.96**2 / 10000)) / (1 + 1.96**2 / 50)
         for s in (-1, 1)
     )
-    assert share_of(alone) == pytest.approx((p, low, high), abs=0.003)
-    of_valve = np.repeat(draw.random((50, 1)) < 0.2, 20, axis=1)
-    alike = share_of(xr.DataArray(of_valve, dims=("sample", "day")))
-    free = share_of(xr.DataArray(draw.random((50, 20)) < 0.2, dims=("sample", "day")))
-    assert alike.high - alike.low > 3 * (free.high - free.low)
-    never = share_of(xr.DataArray(np.zeros((50, 20)), dims=("sample", "day")))
-    assert (never.value, never.low) == (0.0, 0.0)
-    assert str(never) == "0 % (0 to 7)"
+    assert share_of(without_days) == pytest.approx((p, low, high), abs=0.003)
+    of_valve = np.repeat(rng.random((50, 1)) < 0.2, 20, axis=1)
+    share_of_alike_days = share_of(xr.DataArray(of_valve, dims=("sample", "day")))
+    share_of_free_days = share_of(xr.DataArray(rng.random((50, 20)) < 0.2, dims=("sample", "day")))
+    assert share_of_alike_days.high - share_of_alike_days.low > 3 * (share_of_free_days.high - share_of_free_days.low)
+    share_of_none = share_of(xr.DataArray(np.zeros((50, 20)), dims=("sample", "day")))
+    assert (share_of_none.value, share_of_none.low) == (0.0, 0.0)
+    assert str(share_of_none) == "0 % (0 to 7)"
 
 
 def test_a_mean_scatters_with_its_valves_and_with_its_days():

@@ -23,28 +23,34 @@ def case(monkeypatch):
 
 
 @pytest.mark.full
-def test_every_row_is_what_a_simulation_of_that_tuning_gives(case, written, monkeypatch):
+def test_every_row_is_what_a_simulation_of_that_tuning_gives(case, read_table, monkeypatch):
     monkeypatch.setattr(tuning, "CASES", (case,))
-    found = {}
-    monkeypatch.setattr(tuning, "tuned", lambda of, real=tuning.tuned: found.setdefault(of, real(of)))
+    tunings = {}
+    monkeypatch.setattr(tuning, "tune_case", lambda of, real=tuning.tune_case: tunings.setdefault(of, real(of)))
     tuning.main()
-    pi, inverse = found[case]
-    _, (head, *rows) = written("tuning")
+    pi, inverse = tunings[case]
+    _, (head, *rows) = read_table("tuning")
     fresh = case.loop(5, 2)
-    days = kinds.of_kind(kinds.HEATING, tuning.FRESH_DAYS)
+    days = kinds.make_days(kinds.HEATING, tuning.FRESH_DAYS)
     loops = {
-        tuning.OWN: fresh,
-        tuning.PI: fresh.assign(**pi.parameters),
-        tuning.INVERSE: fresh.assign(estimate_ratio=0.95, **inverse.parameters),
+        tuning.PRESET: fresh,
+        tuning.TUNED_PI: fresh.assign(**pi.parameters),
+        tuning.TUNED_INVERSE: fresh.assign(estimate_ratio=0.95, **inverse.parameters),
     }
-    assert [row[1] for row in rows] == [tuning.OWN, tuning.SIMC, tuning.BEST, tuning.PI, tuning.INVERSE]
+    assert [row[1] for row in rows] == [
+        tuning.PRESET,
+        tuning.SIMC,
+        tuning.BEST_PI,
+        tuning.TUNED_PI,
+        tuning.TUNED_INVERSE,
+    ]
     for name, loop in loops.items():
         (row,) = [dict(zip(head, cells, strict=True)) for cells in rows if cells[1] == name]
         ds = fc.simulate(loop, days, n_jobs=1)
         worst = np.sort(ds.rmse.values.ravel())[int(np.ceil(0.95 * ds.rmse.size - 1e-9)) - 1]
         assert row["RMSE, 95 % quantile, K"].startswith(f"{worst:.3f} (")
         assert row["hunting"].startswith(f"{100 * float(ds.hunts.mean()):.0f} %")
-    _, (_, kind_row) = written("tuning_kinds")
-    both = [fc.simulate(loop, days, n_jobs=1).rmse.values for loop in (fresh, loops[tuning.PI])]
-    assert kind_row[-2].startswith(f"{100 * (both[1] / both[0] - 1).mean():+.0f} %")
+    _, (_, kind_row) = read_table("tuning_kinds")
+    errors = [fc.simulate(loop, days, n_jobs=1).rmse.values for loop in (fresh, loops[tuning.TUNED_PI])]
+    assert kind_row[-2].startswith(f"{100 * (errors[1] / errors[0] - 1).mean():+.0f} %")
     assert inverse.limits[0].most == pi.limits[0].most, "the inverse travels no more than the plain preset"

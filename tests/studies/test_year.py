@@ -34,8 +34,8 @@ def test_the_year_wears_and_is_one_sequence(ds):
     assert bool((gap.sel(valve="sound") == 0.0).all())
     assert bool((gap.sel(valve=["new", "used", "loose"]).diff("day") > 0.0).all())
     # wear by itself: what the stem has travelled, counted or not, is at least what the days counted
-    worn = gap.isel(day=-1) - ds["backlash"]
-    assert bool((worn >= 1e-4 * ds["stem_travel"].sum("day") * (ds["backlash"] > 0.0) - 1e-12).all())
+    growth = gap.isel(day=-1) - ds["backlash"]
+    assert bool((growth >= 1e-4 * ds["stem_travel"].sum("day") * (ds["backlash"] > 0.0) - 1e-12).all())
 
 
 @pytest.mark.kernel
@@ -43,17 +43,17 @@ def test_rows_compare_each_loop_with_its_own_sound_valve(ds):
     rows = {(row[0], row[1]): row for row in year.cost_rows(ds)}
     assert len(rows) == 4 * 3 - 1
     costs = fc.cost(ds)["yearly_cost"]
-    more = costs.sel(valve="loose", controller="pi") - costs.sel(valve="sound", controller="pi")
-    assert float(rows["loose", "plain PI"][2].split()[0]) == pytest.approx(float(more.median()), abs=0.051)
+    extra_cost = costs.sel(valve="loose", controller="pi") - costs.sel(valve="sound", controller="pi")
+    assert float(rows["loose", "plain PI"][2].split()[0]) == pytest.approx(float(extra_cost.median()), abs=0.051)
     parts = [float(cell) for cell in rows["loose", "plain PI"][5:]]
-    assert sum(parts) == pytest.approx(float(more.mean()), abs=0.21)
+    assert sum(parts) == pytest.approx(float(extra_cost.mean()), abs=0.21)
 
 
 @pytest.mark.kernel
-def test_the_tables_and_the_figure_are_written(ds, written, monkeypatch, tmp_path):
+def test_the_tables_and_the_figure_are_written(ds, read_table, monkeypatch, tmp_path):
     monkeypatch.setattr(year, "results", lambda name: ds)
     year.main()
-    head, *rows = written("year_valve")[1]
+    head, *rows = read_table("year_valve")[1]
     assert len(rows) == 12
     assert all(len(row) == len(head) for row in rows)
     assert [row[0] for row in rows[:3]] == ["sound"] * 3

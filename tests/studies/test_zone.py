@@ -12,18 +12,20 @@ from studies.cost import zone
 def at_rest(T_sup, T_set=14.0, hours=4):
     """Rooms with air of one temperature for so long that nothing moves any more; a lane of 1 kg/s."""
     usual = np.ones((1, hours * 3600))
-    return zone.rooms(np.full(usual.shape, T_sup), usual, T_set)
+    return zone.simulate_rooms(np.full(usual.shape, T_sup), usual, T_set)
 
 
 @pytest.mark.parametrize("T_sup", [13.0, 15.0])
 def test_rooms_at_rest_take_the_flow_that_carries_their_load_or_reheat(T_sup):
-    found = at_rest(T_sup)
-    core_load, other_load = (zone.CP * (zone.ROOM - 14.0) * share for share in zone.SHARE * zone.LOAD)
-    core = core_load / (zone.CP * (zone.ROOM - T_sup))
-    least = zone.LEAST[zone.PERIMETER] * zone.OVERSIZED * zone.SHARE[zone.PERIMETER]
-    reheat = zone.CP * least * (zone.HEATED_TO - T_sup) - other_load
-    assert found.flow[0, -1] == pytest.approx(core + least, rel=1e-3)
-    assert found.reheat[0, -1] == pytest.approx(reheat, rel=1e-3)
+    room_state = at_rest(T_sup)
+    core_load, other_load = (
+        zone.CP * (zone.ROOM_SET_POINT - 14.0) * share for share in zone.AIR_SHARES * zone.LOAD_SHARES
+    )
+    core = core_load / (zone.CP * (zone.ROOM_SET_POINT - T_sup))
+    least_flow = zone.LEAST_FLOWS[zone.PERIMETER] * zone.OVERSIZE_FACTOR * zone.AIR_SHARES[zone.PERIMETER]
+    reheat = zone.CP * least_flow * (zone.HEATING_SET_POINT - T_sup) - other_load
+    assert room_state.flow[0, -1] == pytest.approx(core + least_flow, rel=1e-3)
+    assert room_state.reheat[0, -1] == pytest.approx(reheat, rel=1e-3)
 
 
 def test_rooms_answer_warmer_air_with_more_air_and_less_heat():
@@ -38,13 +40,18 @@ def test_the_fan_takes_its_rated_power_at_its_greatest_flow_and_far_less_at_half
 
 
 def test_the_demand_is_the_largest_mean_of_a_quarter_of_an_hour():
-    n = zone.WARM_UP + 3 * zone.QUARTER
+    n = zone.WARM_UP_SECONDS + 3 * zone.QUARTER_SECONDS
     power = np.zeros((1, n))
-    power[0, zone.WARM_UP + zone.QUARTER : zone.WARM_UP + 3 * zone.QUARTER // 2] = 2.0 * zone.COP
-    still = zone.Rooms(np.ones((1, n)), np.full((1, n), 2.0))
+    power[0, zone.WARM_UP_SECONDS + zone.QUARTER_SECONDS : zone.WARM_UP_SECONDS + 3 * zone.QUARTER_SECONDS // 2] = (
+        2.0 * zone.COP
+    )
+    room_state = zone.Rooms(np.ones((1, n)), np.full((1, n), 2.0))
     coil = zone.Coil(np.full((1, n), 14.0), np.full((1, n), 0.5), power, np.zeros(1))
-    found = zone.sums(still, coil, np.ones((1, n)))
-    base = zone.FAN * zone.OVERSIZED * zone.fan_power(np.array(1 / zone.OVERSIZED)) + zone.PUMP * 0.5
-    assert found["demand"] == pytest.approx(base + 1.0)
-    assert found["electricity"] == pytest.approx(base + 1.0 / 3.0)
-    assert (found["reheat"], found["water"]) == (2.0, 0.5)
+    sums = zone.daily_sums(room_state, coil, np.ones((1, n)))
+    base = (
+        zone.FAN_POWER * zone.OVERSIZE_FACTOR * zone.fan_power(np.array(1 / zone.OVERSIZE_FACTOR))
+        + zone.PUMP_POWER * 0.5
+    )
+    assert sums["demand"] == pytest.approx(base + 1.0)
+    assert sums["electricity"] == pytest.approx(base + 1.0 / 3.0)
+    assert (sums["reheat"], sums["water"]) == (2.0, 0.5)

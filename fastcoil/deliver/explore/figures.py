@@ -12,23 +12,21 @@ from bokeh.plotting import figure
 from fastcoil.base.arrays import Array
 from fastcoil.base.figures import BLUE, RED, YELLOW
 from fastcoil.deliver.explore.loop import AXES, CHOICES, DIALS, TRACE_INTERVAL_S, Run, Settings
-from fastcoil.design.advice import UNSURE_MARGINS
-from fastcoil.design.limit_cycle import HUNTING_MARGIN
+from fastcoil.design.advice import UNSURE_HUNTING_INDEX
+from fastcoil.design.limit_cycle import HUNTING_INDEX_LIMIT
 
-_INK, _GREY, _SHADE = "#222222", "#999999", "#cccccc"
+_INK = "#222222"
+_SHADE = "#cccccc"
 _FONT_SIZE = "1rem"
-_LINE_WIDTH_PX = 3  # width of the lines that count, px
-_WINDOW_HOURS = {"2h": 2.0, "half": 0.5}  # length of a window at the end of the day
-_MARGIN_SCALE, _MARK_LIMITS = (0.03, 30.0), (0.036, 25.0)  # ends of the scale, and of where the mark can lie
+_LINE_WIDTH_PX = 3  # of the main lines
 _COLOUR_MAXIMA_K = {"tuning": {"rmse": 1.2, "hunting_swing": 2.5}, "size": {"rmse": 0.6, "hunting_swing": 1.5}}
-"""Upper end of the colours of a map, K: the same for all loops, so that maps can be compared."""
-_LABEL_EVERY = 3  # every so many cells of a map
+"""Upper end of the colours of a map, the same for all loops, so that maps can be compared."""
 Change = tuple[str, dict[str, Any]]
 """Id of a model, new values of its properties.  Bokeh would send a message each, and the browser draw in between."""
 
 
 def _figure(name: str, x: tuple[float, float] | Range1d, y: tuple[float, float], **options: Any) -> Any:
-    """A figure that fills its place, without tools that could be clicked by mistake."""
+    """Return a figure that fills its place, without tools that could be clicked by mistake."""
     fig = figure(
         name=name, x_range=x if isinstance(x, Range1d) else Range1d(*x), y_range=Range1d(*y), toolbar_location=None,
         sizing_mode="stretch_both", tools="", min_height=60, min_width=120, outline_line_color=None, **options,
@@ -67,12 +65,12 @@ class LoopFigures:
         names = ("hours", "T_sup", "T_measured", "T_set", "u", "command", "opening", "estimate", "backlash")
         self._traces = traces = ColumnDataSource({name: [] for name in names}, name="traces")
         self._edges = ColumnDataSource({"command": [], "opening": []})
-        self._point = ColumnDataSource({"hunting_index": [], "at": []}, name="margins")
+        self._point = ColumnDataSource({"hunting_index": [], "at": []}, name="hunting_indices")
         hours = Range1d(0.0, 8.0)
         dashed: Any = {"source": traces, "color": _INK, "width": 2, "dash": [8, 4]}
 
         self.temperature = fig = _figure("temperature", hours, (12.0, 16.0), y_axis_label="temperature [°C]")
-        fig.line("hours", "T_measured", source=traces, color=_GREY, width=1, legend_label="sensor")
+        fig.line("hours", "T_measured", source=traces, color="#999999", width=1, legend_label="sensor")
         fig.line("hours", "T_set", legend_label="set-point", **dashed)
         fig.line("hours", "T_sup", source=traces, color=BLUE, width=_LINE_WIDTH_PX, legend_label="supply air")
 
@@ -90,96 +88,84 @@ class LoopFigures:
 
         self.estimate = fig = _figure("estimate", hours, (0, 8), x_axis_label="time [h]", y_axis_label="gap [%]")
         fig.line("hours", "backlash", legend_label="gap", **dashed)
-        fig.step(
-            "hours", "estimate", source=traces, color=RED, width=_LINE_WIDTH_PX, mode="after", legend_label="estimate"
-        )
+        thick: Any = {"color": RED, "width": _LINE_WIDTH_PX}
+        fig.step("hours", "estimate", source=traces, mode="after", legend_label="estimate", **thick)
         fig.yaxis.ticker.desired_num_ticks = 3
 
         self.gap = fig = _figure("gap", (0, 100), (0, 100), x_axis_label="command [%]", y_axis_label="opening [%]")
-        edges: Any = {"color": _GREY, "width": 1.5, "dash": [4, 4]}
+        edges: Any = {"color": "#999999", "width": 1.5, "dash": [4, 4]}
         fig.line("command", "opening", source=self._edges, legend_label="edges", **edges)
         fig.line("command", "opening", source=traces, color=RED, width=1.5, legend_label="command")
         fig.line("u", "opening", source=traces, color=BLUE, width=_LINE_WIDTH_PX, legend_label="PI asks")
         _legend_above(self.temperature, self.valve, self.estimate, self.gap)
 
         self.hunting_index = fig = _figure(
-            "hunting_index", _MARGIN_SCALE, (-1.0, 1.0), x_axis_type="log", title="Hunting index, predicted by theory"
+            "hunting_index", (0.03, 30.0), (-1.0, 1.0), x_axis_type="log", title="Hunting index, predicted by theory"
         )
         band: Any = {"fill_alpha": 0.5, "line_alpha": 0.0, "level": "underlay"}
-        fig.add_layout(BoxAnnotation(left=UNSURE_MARGINS[0], right=UNSURE_MARGINS[1], fill_color=_SHADE, **band))
-        fig.add_layout(BoxAnnotation(left=UNSURE_MARGINS[1], fill_color=YELLOW, **band))
         fig.add_layout(
-            Span(location=HUNTING_MARGIN, dimension="height", line_color=_INK, line_dash=[6, 4], line_width=2)
+            BoxAnnotation(left=UNSURE_HUNTING_INDEX[0], right=UNSURE_HUNTING_INDEX[1], fill_color=_SHADE, **band)
         )
+        fig.add_layout(BoxAnnotation(left=UNSURE_HUNTING_INDEX[1], fill_color=YELLOW, **band))
+        limit: Any = {"line_color": _INK, "line_dash": [6, 4], "line_width": 2}
+        fig.add_layout(Span(location=HUNTING_INDEX_LIMIT, dimension="height", **limit))
         fig.text([0.15, 7.0], [-0.35, -0.35], text=["calm", "hunts"], text_align="center", text_font_size=_FONT_SIZE)
-        fig.scatter(
-            "hunting_index", "at", source=self._point, marker="diamond", size=26, color=BLUE, line_color="white"
-        )
+        mark: Any = {"marker": "diamond", "size": 26, "color": BLUE, "line_color": "white"}
+        fig.scatter("hunting_index", "at", source=self._point, **mark)
         fig.yaxis.visible = fig.ygrid.visible = False
         fig.xaxis.ticker = [0.1, 0.3, 0.85, 3, 10]
         self.all = (self.temperature, self.valve, self.estimate, self.gap, self.hunting_index)
 
     def show(self, run: Run, window: str) -> list[Change]:
         """Fill them with one loop: all of the day after the warm-up, or its last hours."""
-        n = run.hours.size
-        hours = _WINDOW_HOURS.get(window)
-        first = (
-            min(run.scene.warm_up // TRACE_INTERVAL_S, n - 1)
-            if hours is None
-            else max(0, n - int(hours * 3600 / TRACE_INTERVAL_S) - 1)
-        )
-        visible_traces = {name: values[first:] for name, values in run.traces.items()}
+        n, seconds = run.hours.size, {"2h": 7200, "half": 1800}.get(window)
+        first = min(run.scene.warm_up // TRACE_INTERVAL_S, n - 1)
+        if seconds is not None:
+            first = max(0, n - seconds // TRACE_INTERVAL_S - 1)
+        hours, traces = run.hours[first:], {name: values[first:] for name, values in run.traces.items()}
         for name in ("u", "command", "opening", "estimate"):
-            visible_traces[name] = 100.0 * visible_traces[name]
-        visible_traces["backlash"] = np.full(n - first, 100.0 * run.parameter("backlash"))
-        test_hours = run.hours[first:][visible_traces.pop("test") > 0.0]
+            traces[name] = 100.0 * traces[name]
+        traces["backlash"] = np.full(n - first, 100.0 * run.parameter("backlash"))
+        in_test = hours[traces.pop("test") > 0.0]
         test = {
-            "left": test_hours.min(initial=np.inf),
-            "right": test_hours.max(initial=-np.inf),
-            "visible": test_hours.size > 0,
-        }
+            "left": in_test.min(initial=np.inf), "right": in_test.max(initial=-np.inf), "visible": in_test.size > 0
+        }  # fmt: skip
         has_sensor = run.parameter("noise_std") > 0.0 or run.parameter("sensor_time_constant") > 0.0
         has_compensation = run.learns or run.parameter("backlash_estimate") > 0.0
-        pi_output = [visible_traces["u"]] * has_compensation
+        pi_output, measured = [traces["u"]] * has_compensation, [traces["T_measured"]] * has_sensor
         return [
-            (self._traces.id, {"data": {"hours": run.hours[first:], **visible_traces}}),
+            (self._traces.id, {"data": {"hours": hours, **traces}}),
             (self._edges.id, {"data": _edges(run.parameter("backlash"))}),
             *((shade.id, test) for shade in self._test_shades),
             *_line_visibility(self.temperature, "sensor", has_sensor),
             *_line_visibility(self.valve, "PI asks", has_compensation),
             *_line_visibility(self.gap, "PI asks", has_compensation),
             (self.estimate.id, {"visible": run.learns}),
-            (self.temperature.x_range.id, {"start": float(run.hours[first]), "end": float(run.hours[-1])}),
-            _fit_axis(
-                self.temperature.y_range,
-                1.0,
-                visible_traces["T_sup"],
-                visible_traces["T_set"],
-                *[visible_traces["T_measured"]] * has_sensor,
-            ),
-            _fit_axis(self.valve.y_range, 10.0, visible_traces["command"], visible_traces["opening"], *pi_output),
-            _fit_axis(self.gap.x_range, 12.0, visible_traces["command"], *pi_output),
-            _fit_axis(self.gap.y_range, 12.0, visible_traces["opening"]),
-            _fit_axis(self.estimate.y_range, 8.0, visible_traces["estimate"], visible_traces["backlash"], np.zeros(1)),
+            (self.temperature.x_range.id, {"start": float(hours[0]), "end": float(hours[-1])}),
+            _fit_axis(self.temperature.y_range, 1.0, traces["T_sup"], traces["T_set"], *measured),
+            _fit_axis(self.valve.y_range, 10.0, traces["command"], traces["opening"], *pi_output),
+            _fit_axis(self.gap.x_range, 12.0, traces["command"], *pi_output),
+            _fit_axis(self.gap.y_range, 12.0, traces["opening"]),
+            _fit_axis(self.estimate.y_range, 8.0, traces["estimate"], traces["backlash"], np.zeros(1)),
         ]
 
     def show_hunting_index(self, *hunting_index: float) -> list[Change]:
-        """Mark a hunting index, or none."""
-        at = np.clip(hunting_index, *_MARK_LIMITS).tolist()
+        """Mark a hunting index, or none; one beyond the scale at its end."""
+        at = np.clip(hunting_index, 0.036, 25.0).tolist()
         return [(self._point.id, {"data": {"hunting_index": at, "at": [0] * len(at)}})]
 
 
 def _fit_axis(span: Range1d, least: float, *values: Array) -> Change:
-    """Make an axis show all finite values, at least so much of it."""
-    finite_values = np.concatenate(values)
-    finite_values = finite_values[np.isfinite(finite_values)] if np.isfinite(finite_values).any() else np.zeros(1)
-    low, high = float(finite_values.min()), float(finite_values.max())
+    """Make an axis show all finite values, over a length of at least ``least``."""
+    finite = np.concatenate(values)
+    finite = finite[np.isfinite(finite)] if np.isfinite(finite).any() else np.zeros(1)
+    low, high = float(finite.min()), float(finite.max())
     room = max(0.04 * (high - low), 0.5 * (least - (high - low)))
     return span.id, {"start": low - room, "end": high + room}
 
 
 def _edges(backlash: float) -> dict[str, list[float]]:
-    """Both edges of Eq (1) in %: the opening while the motor opens the valve, and while it closes it."""
+    """Return both edges of Eq (1) in %: the opening while the motor opens the valve, and while it closes it."""
     return {
         "command": [100.0 * backlash, 100.0, np.nan, 0.0, 100.0 * (1.0 - backlash)],
         "opening": [0.0, 100.0, np.nan, 0.0, 100.0],
@@ -204,7 +190,8 @@ class MapFigure:
         self.fig.scatter("x", "y", line_color=RED, line_width=4, **ring)
         self._bar = ColorBar(
             color_mapper=self._colours, title_text_font_size=_FONT_SIZE, title_text_color=_INK,
-            title_text_font_style="normal", major_label_text_font_size=_FONT_SIZE, width=14, padding=4, title_standoff=6,
+            title_text_font_style="normal", title_standoff=6, major_label_text_font_size=_FONT_SIZE, width=14,
+            padding=4,
         )  # fmt: skip
         self.fig.add_layout(self._bar, "right")
         self.fig.add_tools(HoverTool(renderers=[cell_glyphs], tooltips=[("", "@value{0.00} K at @at_x, @at_y")]))
@@ -212,7 +199,7 @@ class MapFigure:
         self.fig.grid.visible = False
 
     def show(self, metrics: Mapping[str, Array], settings: Settings) -> tuple[list[Change], bool]:
-        """Fill it with a map, and mark a loop on it; and whether the loop lies on the map."""
+        """Fill it with a map and mark a loop on it; also return whether the loop lies on the map."""
         if self._axes != settings.axes:
             self._axes, self._cell_data = settings.axes, self._label_axes(settings.axes)
         at = {}
@@ -227,7 +214,7 @@ class MapFigure:
         return changes, bool(np.isfinite([*at["x"], *at["y"]]).all())
 
     def _label_axes(self, axes: str) -> dict[str, Any]:
-        """Label the axes of a map; where its cells lie, and their values in words."""
+        """Label the axes of a map; return the places of its cells, and their values in words."""
         columns: dict[str, Any] = {}
         sides = (self.fig.xaxis[0], self.fig.yaxis[0]), (self.fig.x_range, self.fig.y_range)
         at = np.meshgrid(*(np.arange(len(values)) for values in AXES[axes].values()))
@@ -236,7 +223,7 @@ class MapFigure:
             texts = [dial.text(value) for value in values]
             columns |= {side: cells.ravel(), f"at_{side}": [texts[k] for k in cells.ravel()]}
             axis.axis_label = f"{dial.label} [{dial.unit}]"
-            axis.ticker = list(range(0, n, _LABEL_EVERY))
+            axis.ticker = list(range(0, n, 3))
             axis.major_label_overrides = {k: f"{dial.factor * values[k]:.3g}" for k in range(n)}
             span.update(start=-0.5, end=n - 0.5)
         return columns

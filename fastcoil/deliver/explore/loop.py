@@ -1,6 +1,6 @@
-"""Settings of the page in; traces and metrics, an explanation and a map of the loop out, from a cache where repeated.
+"""The model behind the page: settings in; traces, metrics, an explanation and a map of the loop out, cached.
 
-The settings: every number and word that can be moved, the loops to start from, links and stories.
+Settings are the numbers and words that the reader can change; they begin at a loop, a link or a story.
 """
 
 import math
@@ -31,8 +31,7 @@ from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.study.maintenance import Scenario
 
 STUDY_LOOP_NAME = "given"
-"""Name of the loop of a study, which is no preset."""
-_LONGEST_DAY_S = 24 * 3600  # seconds of the day of a study; longer days are refused
+"""Name of the loop of a study, beside those of the presets."""
 
 
 class Start(NamedTuple):
@@ -51,23 +50,15 @@ class Start(NamedTuple):
 
 
 def start_loops(study_scenario: Scenario | None = None) -> dict[str, Start]:
-    """Loops to start from by name: the one of a study, then the presets."""
+    """Return the loops to start from by name: the one of a study, then the presets."""
     loops = {}
     if study_scenario is not None:
-        if study_scenario.boundary.n_steps > _LONGEST_DAY_S:
-            raise InputError(
-                f"{study_scenario.title}: its day lasts {study_scenario.boundary.hours:g} h: give at most {_LONGEST_DAY_S // 3600} h"
-            )
-        loop, ratio = study_scenario.loop, study_scenario.loop["estimate_ratio"]
-        if ratio is not None:  # the gap moves without the estimate
-            loop = loop.assign(backlash_estimate=ratio * loop["backlash"])  # type: ignore[operator]
-        loops[STUDY_LOOP_NAME] = Start(
-            study_scenario.title,
-            loop,
-            study_scenario.boundary,
-            warm_up=study_scenario.warm_up,
-            seed=study_scenario.seed,
-        )
+        title, loop, day, warm_up, seed = study_scenario
+        if day.n_steps > 24 * 3600:
+            raise InputError(f"{title}: its day lasts {day.hours:g} h: give at most 24 h", "hours", "size")
+        if loop["estimate_ratio"] is not None:  # the slider of the gap leaves the estimate
+            loop = loop.assign(backlash_estimate=loop["estimate_ratio"] * loop["backlash"])  # type: ignore[operator]
+        loops[STUDY_LOOP_NAME] = Start(title, loop, day, warm_up=warm_up, seed=seed)
     return loops | {name: Start(name, Loop.preset(name), T_w_in=preset.T_w_in) for name, preset in PRESETS.items()}
 
 
@@ -149,7 +140,7 @@ class Settings:
 
 
 def initial_settings(name: str, start: Start) -> Settings:
-    """The settings at which a loop is as it was given."""
+    """Return the settings of a loop without changes."""
     numbers: Any = {dial: float(start.loop[dial]) for dial in DIALS if dial != "m_a"}  # type: ignore[arg-type]
     estimator = "none" if used_choices(start.loop, "estimator") == {"none"} else "own"
     day = "steps" if start.day is None else "own"
@@ -157,39 +148,35 @@ def initial_settings(name: str, start: Start) -> Settings:
 
 
 def menu_words(name: str, start: Start) -> dict[str, str]:
-    """The words of a menu that suit a loop: "own" only where it has a day or an estimator of its own."""
-    is_unavailable = {"day": start.day is None, "estimator": used_choices(start.loop, "estimator") == {"none"}}.get(
-        name, False
-    )
-    return {word: text for word, text in CHOICES[name].words.items() if not (is_unavailable and word == "own")}
+    """Return the words of a menu for a loop: "own" only where the loop has a day or an estimator."""
+    without = {"day": start.day is None, "estimator": used_choices(start.loop, "estimator") == {"none"}}
+    return {word: text for word, text in CHOICES[name].words.items() if word != "own" or not without.get(name)}
 
 
 def link_query(settings: Settings, starts: Mapping[str, Start]) -> str:
-    """The query of a link: the loop, and what differs from it as it was given."""
+    """Return the query of a link: the loop, and its changes."""
     start = starts[settings.loop]
-    usual = asdict(initial_settings(settings.loop, start))
-    differs = {name: value for name, value in asdict(settings).items() if value != usual[name]}
-    texts = {
-        name: repr(value).removesuffix(".0") if isinstance(value, float) else value for name, value in differs.items()
-    }
-    return urlencode({"loop": start.title} | texts)
+    usual, texts = asdict(initial_settings(settings.loop, start)), {"loop": start.title}
+    for name, value in asdict(settings).items():
+        if value != usual[name]:
+            texts[name] = repr(value).removesuffix(".0") if isinstance(value, float) else value
+    return urlencode(texts)
 
 
 def read_query(query: Mapping[str, str], starts: Mapping[str, Start], first: str) -> tuple[Settings, list[str]]:
-    """The settings of a link, and a sentence on what in it this page does not have, which is left out.
+    """Return the settings of a link, and a sentence on entries that this page does not have.
 
-    first: the loop of a link that names none.
+    first: the loop of a link without one.
     """
     links = {start.title: name for name, start in starts.items()}
     loop_title = query.get("loop", starts[first].title)
     name = links.get(loop_title, first)
     usual = initial_settings(name, starts[name])
     if loop_title not in links:
-        return usual, [
-            f"loop = {short_repr(loop_title)} is not on this page{did_you_mean(loop_title, links)}: {starts[name].title} is shown"
-        ]
+        problem = f"loop = {short_repr(loop_title)} is not on this page{did_you_mean(loop_title, links)}"
+        return usual, [f"{problem}: {starts[name].title} is shown"]
     values: dict[str, Any] = {}
-    unknown_settings = []
+    unknown = []
     for key, text in query.items():
         # the loop itself may lie beyond the steps
         allowed_values = (*DIALS[key].steps, getattr(usual, key)) if key in DIALS else ()
@@ -198,9 +185,9 @@ def read_query(query: Mapping[str, str], starts: Mapping[str, Start], first: str
         elif allowed_values and min(allowed_values) <= _parse_number(text) <= max(allowed_values):
             values[key] = float(text)
         elif key != "loop":
-            unknown_settings.append(f"{key} = {text}")
-    problem = f"{short_repr(', '.join(unknown_settings))}: no setting of this page, or beyond its bounds; the rest of the link is shown"
-    return replace(usual, **values), [problem] if unknown_settings else []
+            unknown.append(f"{key} = {text}")
+    note = "no setting of this page, or beyond its bounds; the rest of the link is shown"
+    return replace(usual, **values), [f"{short_repr(', '.join(unknown))}: {note}"] if unknown else []
 
 
 def _parse_number(text: str) -> float:
@@ -222,45 +209,40 @@ STORIES: Mapping[str, Mapping[str, Any]] = {
 
 
 def loop_settings(settings: Settings) -> Settings:
-    """The settings of the loop and its day, those of the map and the time shown at one value."""
+    """Return the settings of the loop and its day, with those of the map and the window at their first values."""
     return replace(settings, axes="tuning", colour="rmse", window="day")
 
 
 def story_settings(title: str, starts: Mapping[str, Start]) -> Settings:
-    """The settings of a story."""
+    """Return the settings of a story."""
     return replace(initial_settings("paper_like", starts["paper_like"]), **STORIES[title])
 
 
-_MENU_VALVE = {
-    "rangeability": 50.0,
-    "m_full": 1.7,
-}  # an equal-percentage valve; flow in kg/s of the presets' cooling coil
-_LEARNING_STEP = 0.01  # finds a gap of 7 % in half a day
-_ESTIMATE_SHARE = 0.95  # of what is identified: an estimate above the gap chatters
-_HEATING_DAY = {"T_a_in": 12.0, "W_a_in": WINTER_HUMIDITY_RATIO, "T_set": 25.0}  # means of ``heating_day``, degC
-
-
 def build_loop(settings: Settings, start: Start) -> Loop:
-    """The loop of some settings."""
+    """Return the loop of some settings."""
     values: dict[str, Any] = {name: getattr(settings, name) for name in DIALS if name != "m_a"}
-    if settings.valve != "own":
-        full_flow = {} if start.loop["m_full"] is None else {"m_full": start.loop["m_full"]}
-        values |= _MENU_VALVE | full_flow | {"authority": float(settings.valve)}
+    if settings.valve != "own":  # an equal-percentage valve
+        m_full = start.loop["m_full"]  # kg/s; 1.7 is that of the presets' cooling coil
+        values |= {
+            "rangeability": 50.0,
+            "authority": float(settings.valve),
+            "m_full": 1.7 if m_full is None else m_full,
+        }
     loop = start.loop.assign(**values)
     if settings.estimator == "own":
         return loop
     learning: dict[str, Any] = {}
     if settings.estimator == "learner":
-        learning = {"learning_step": _LEARNING_STEP}
-    elif settings.estimator == "identify":
-        learning = {"estimate_share": _ESTIMATE_SHARE, "identify_stroke_time": settings.stroke_time}
+        learning = {"learning_step": 0.01}  # finds a gap of 7 % in half a day
+    elif settings.estimator == "identify":  # an estimate above the gap chatters
+        learning = {"estimate_share": 0.95, "identify_stroke_time": settings.stroke_time}
     loop = loop.assign(estimator=settings.estimator, **learning)
     unread: dict[str, Any] = {name: PARAMETERS[name].default for name in unread_values(loop)}
     return loop.assign(**unread)
 
 
 def build_day(settings: Settings, start: Start) -> Boundary:
-    """The day of some settings."""
+    """Return the day of some settings."""
     if settings.day == "own" and start.day is not None:
         return start.day
     return _menu_day(settings.day, settings.m_a, start.T_w_in if start.heats else None)
@@ -268,34 +250,30 @@ def build_day(settings: Settings, start: Start) -> Boundary:
 
 @lru_cache(8)  # of 2 MB each; most moves leave the day as it is
 def _menu_day(name: str, m_a: float, heating_water: float | None) -> Boundary:
-    """A day of the menu.  m_a: air flow, kg/s.  heating_water: degC; None for a cooling coil."""
+    """Return a day of the menu.  m_a: air flow, kg/s.  heating_water: degC; None for a cooling coil."""
     heats = heating_water is not None
     water: dict[str, Any] = {"T_w_in": heating_water} if heats else {}
     if name == "steps":
         return heating_day(**water) if heats else paper_day()
     if name == "design":
         return design_day(mode="heating" if heats else "cooling", m_a=m_a, **water)
-    return constant_day(m_a=m_a, **(_HEATING_DAY if heats else {}), **water)
+    # the means of ``heating_day``
+    means: dict[str, Any] = {"T_a_in": 12.0, "W_a_in": WINTER_HUMIDITY_RATIO, "T_set": 25.0} if heats else {}
+    return constant_day(m_a=m_a, **means, **water)
 
 
 def build_scene(settings: Settings, start: Start) -> Scenario:
-    """The loop and the day of some settings."""
+    """Return the loop and the day of some settings."""
     return Scenario(start.title, build_loop(settings, start), build_day(settings, start), start.warm_up, start.seed)
 
 
-_TEST_BEFORE_END_S, _TEST_SETTLE_S = (
-    4500.0,
-    300.0,
-)  # s from the start of a valve test to the end of the day, and for a loop to calm
-
-
 def build_valve_test(settings: Settings, scene: Scenario) -> ValveTest | None:
-    """The valve test of some settings, in the last hours of the day."""
+    """Return the valve test of some settings, in the last 75 min of the day; None without one."""
     if settings.test == "none":
         return None
     usual = ValveTest.heating if scene.loop["action"] == "heating" else ValveTest
     make = ValveTest.gentle if settings.test == "gentle" else usual
-    return make(start=max(0.0, scene.boundary.n_steps - _TEST_BEFORE_END_S), settle=_TEST_SETTLE_S)
+    return make(start=max(0.0, scene.boundary.n_steps - 4500.0), settle=300.0)
 
 
 TRACE_INTERVAL_S = 5
@@ -304,9 +282,9 @@ TRACES = ("T_sup", "T_measured", "u", "command", "opening", "estimate", "test")
 
 
 class Run(NamedTuple):
-    """One loop on one day: a sample of each trace every ``EVERY`` seconds, and its metrics.
+    """One loop on one day: traces every ``TRACE_INTERVAL_S`` seconds, and metrics.
 
-    reading: what a valve test shows; empty without one.
+    reading: result of a valve test in words; empty without one.
     """
 
     scene: Scenario
@@ -327,20 +305,16 @@ class Run(NamedTuple):
 
     @property
     def error(self) -> str:
-        """The error in words; empty where the loop cannot be simulated."""
+        """RMS error in words; empty where the loop cannot be simulated."""
         return f"RMS error {format_kelvin(rmse)}" if math.isfinite(rmse := self.value("rmse")) else ""
 
     @property
     def learning(self) -> str:
-        """What an estimator has found; empty without one."""
-        estimate, hours_identified = self.value("estimate_final"), self.value("time_identified") / 3600.0
+        """Result of an estimator in words; empty without one."""
+        estimate, hour = self.value("estimate_final"), self.value("time_identified") / 3600.0
         if not self.learns or not math.isfinite(estimate):
             return ""
-        since = (
-            f", right since hour {hours_identified:.1f}"
-            if math.isfinite(hours_identified)
-            else ", which is not right yet"
-        )
+        since = f", right since hour {hour:.1f}" if math.isfinite(hour) else ", which is not right yet"
         gap = format_percent(self.value("backlash_final"))
         return f"The estimate ends at {format_percent(round(estimate, 3))} for a gap of {gap}{since}."
 
@@ -349,8 +323,8 @@ def run(scene: Scenario, test: ValveTest | None = None) -> Run:
     """Simulate a loop, with a valve test if there is one."""
     loop, day = scene.loop, scene.boundary
     ds = simulate(
-        loop, day, test=test, traces=TRACES, trace_interval=TRACE_INTERVAL_S, warm_up=scene.warm_up, seed=scene.seed, n_jobs=1,
-        progress=False,
+        loop, day, test=test, traces=TRACES, trace_interval=TRACE_INTERVAL_S, warm_up=scene.warm_up, seed=scene.seed,
+        n_jobs=1, progress=False,
     )  # fmt: skip
     traces = {name: ds[name].values for name in TRACES} | {"T_set": day.series["T_set"][0][::TRACE_INTERVAL_S]}
     hours, metrics = ds["elapsed_time"].values / 3600.0, ds.drop_vars(TRACES)
@@ -359,7 +333,7 @@ def run(scene: Scenario, test: ValveTest | None = None) -> Run:
 
 
 def reading_text(ds: xr.Dataset, stroke_time: float) -> str:
-    """What a valve test shows, in words."""
+    """Return the result of a valve test in words."""
     reason = TEST_ABORTED_MEANINGS[int(ds["test_aborted"])].replace("_", " ")
     early = f"  The test ended early: {reason}." if ds["test_aborted"] else ""
     if not ds["test"].any():
@@ -372,39 +346,33 @@ def reading_text(ds: xr.Dataset, stroke_time: float) -> str:
 
 
 class ExplanationText(NamedTuple):
-    """What ``explain`` says of a loop."""
+    """Sentences of ``explain`` on a loop."""
 
     answer: str
-    compared: str  # what the day shows without the gap, and without the inverse
+    compared: str  # the day without the gap, and without the inverse
     why: str
     advice: str
-    hunting_index: float  # NaN where theory cannot tell
+    hunting_index: float  # NaN where theory does not apply
 
 
 def explain_scene(scene: Scenario) -> ExplanationText:
-    """Explain a loop, which takes several times as long as to simulate it."""
-    explanation = explain(scene.loop, scene.boundary, warm_up=scene.warm_up, seed=scene.seed)
-    part_by_cure = {REPAIRED_VALVE: "the gap", NO_INVERSE: "the inverse"}
+    """Explain a loop; this takes several times as long as its simulation."""
+    e = explain(scene.loop, scene.boundary, warm_up=scene.warm_up, seed=scene.seed)
     compared = [] if scene.loop["backlash"] else ["The valve has no gap."]
-    tried_cures = explanation.cures["cure"].values
-    compared += [
-        f"Without {part}: {explanation.describe_day(name)}."
-        for name, part in part_by_cure.items()
-        if name in tried_cures
-    ]
-    return ExplanationText(
-        explanation.answer, "  ".join(compared), explanation.why, explanation.advice, explanation.hunting_index
-    )
+    for cure, part in ((REPAIRED_VALVE, "the gap"), (NO_INVERSE, "the inverse")):
+        compared += [f"Without {part}: {e.describe_day(cure)}."] if cure in e.cures["cure"].values else []
+    return ExplanationText(e.answer, "  ".join(compared), e.why, e.advice, e.hunting_index)
 
 
-_TI = (4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0, 100.0, 140.0, 200.0, 280.0, 400.0, 560.0, 800.0)
-_KP = (0.002, 0.003, 0.0045, 0.0065, 0.01, 0.015, 0.02, 0.03, 0.045, 0.065, 0.1, 0.15)
 _SIZES_ON_MAP = tuple(round(0.01 * k, 2) for k in range(16))
 AXES: Mapping[str, Mapping[str, tuple[float, ...]]] = {
-    "tuning": {"ti": _TI, "kp": _KP},
+    "tuning": {
+        "ti": (4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0, 100.0, 140.0, 200.0, 280.0, 400.0, 560.0, 800.0),
+        "kp": (0.002, 0.003, 0.0045, 0.0065, 0.01, 0.015, 0.02, 0.03, 0.045, 0.065, 0.1, 0.15),
+    },
     "size": {"backlash": _SIZES_ON_MAP, "backlash_estimate": _SIZES_ON_MAP},
 }
-"""Parameters along the sides of a map and their values, x first: three or four blocks of lanes."""
+"""Parameters along the sides of a map and their values, x first; a map is three or four blocks of lanes."""
 
 
 def simulate_map(axes: str, scene: Scenario) -> Mapping[str, Array]:
@@ -415,21 +383,18 @@ def simulate_map(axes: str, scene: Scenario) -> Mapping[str, Array]:
     return {name: ds[name].transpose(y, x).values for name in ("rmse", "hunting_swing")}
 
 
-_RUN_CACHE_SIZE, _MAP_CACHE_SIZE = 200, 100  # sizes of the caches: 0.3 MB and 4 kB an entry; of words less
-
-
 class Model:
-    """The loops to start from, simulated as the page asks; shared by threads.
+    """Simulates, explains and maps loops, with caches; shared by threads.
 
-    given: the scenario of a study, added to the presets and shown first.  preset: shown first without one.
+    study_scenario: of a study, added to the presets and shown first.  preset: shown first without one.
     """
 
     def __init__(self, study_scenario: Scenario | None = None, preset: str = "paper_like") -> None:
         self.starts = start_loops(study_scenario)
         self.first = preset if study_scenario is None else STUDY_LOOP_NAME
-        self._run = lru_cache(_RUN_CACHE_SIZE)(self._run_with_test)
-        self._explain = lru_cache(_RUN_CACHE_SIZE)(lambda settings: explain_scene(self._scene(settings)))
-        self._map = lru_cache(_MAP_CACHE_SIZE)(lambda settings: simulate_map(settings.axes, self._scene(settings)))
+        self._run = lru_cache(200)(self._run_with_test)  # 0.3 MB an entry
+        self._explain = lru_cache(200)(lambda settings: explain_scene(self._scene(settings)))
+        self._map = lru_cache(100)(lambda settings: simulate_map(settings.axes, self._scene(settings)))  # 4 kB an entry
 
     def _scene(self, settings: Settings) -> Scenario:
         return build_scene(settings, self.starts[settings.loop])
@@ -445,7 +410,7 @@ class Model:
         return self._explain(replace(loop_settings(settings), test="none"))
 
     def map(self, settings: Settings) -> Mapping[str, Array]:
-        """The map around it, which does not depend on where its own point lies."""
+        """Return the map for some settings, the same for all points on it."""
         (x, along_x), (y, along_y) = AXES[settings.axes].items()
         point: Any = {x: along_x[-1], y: along_y[0]}
         return self._map(replace(settings, colour="rmse", window="day", test="none", **point))

@@ -1,4 +1,4 @@
-"""What one reader sees and moves, and the work behind it; the server: one page, for this machine alone."""
+"""The page of one reader, with its work on other threads; the server, for this machine only."""
 
 import asyncio
 import logging
@@ -32,8 +32,6 @@ from fastcoil.deliver.explore.loop import AXES, CHOICES, DIALS, STORIES, Explana
 from fastcoil.model.engine.lanes import compile_kernel
 from fastcoil.model.numerics.jit import is_compiled
 
-_REFUSED_HEADLINE = "This loop cannot be simulated."
-_CRASHED_HEADLINE = "fastcoil failed here: the terminal says where."
 _STYLE_SHEET = """
 :host, .bk-input, .bk-btn, .bk-slider-title, label { font-size: 1rem; color: #222; }
 .bk-slider-title { padding: 0; white-space: nowrap; }
@@ -43,19 +41,19 @@ _STYLE_SHEET = """
 _TEXT_IDS = ("headline", "compared", "learning", "why", "advice", "note", "problems", "error")
 """Elements of the template that hold a sentence."""
 _SHOW_SCRIPT = """
-const [changes, said] = sent.tags
+const [changes, texts] = sent.tags
 for (const [id, values] of changes) sent.document.get_model_by_id(id).setv(values, {sync: false})
-for (const id of ids) document.getElementById(id).textContent = said[id]
-for (const word of ['phase', 'told', 'turn']) document.body.dataset[word] = said[word]
-document.body.dataset.learns = said.learning ? 'yes' : ''
-const search = said.query ? '?' + said.query : ''
+for (const id of ids) document.getElementById(id).textContent = texts[id]
+for (const word of ['phase', 'explained', 'turn']) document.body.dataset[word] = texts[word]
+document.body.dataset.learns = texts.learning ? 'yes' : ''
+const search = texts.query ? '?' + texts.query : ''
 if (search !== location.search) history.replaceState(null, '', location.pathname + search)
 """
 _MOVED_SCRIPT = "document.body.dataset.phase = 'loop'"
 _COPY_SCRIPT = """
 navigator.clipboard.writeText(location.href).then(
-    () => { document.getElementById('said').textContent = 'The link is copied.' },
-    () => { document.getElementById('said').textContent = 'The browser does not let this page copy.' })
+    () => { document.getElementById('notice').textContent = 'The link is copied.' },
+    () => { document.getElementById('notice').textContent = 'The browser does not let this page copy.' })
 """
 _LOST_SCRIPT = """
 document.getElementById('headline').textContent =
@@ -67,24 +65,24 @@ document.body.dataset.phase = 'refused'
 class Page:
     """The page of one reader.
 
-    The work is done on other threads, so that every move is noticed: ``first`` simulates the loop, ``then`` explains it
-    and makes its map.  Of several moves during a simulation only the last counts; a move gives up what follows of the
-    one before.
+    Other threads do the work, so that the page always responds: ``simulate_pool`` simulates the loop, ``explain_pool``
+    explains it and makes its map.  Of several moves during a simulation only the last counts; a move cancels the
+    explanation and the map of the previous one.
     """
 
     def __init__(
         self, doc: Document, model: Model, simulate_pool: Executor, explain_pool: Executor, first_words: str
     ) -> None:
-        self._doc, self._model, self._first, self._explain_pool = doc, model, simulate_pool, explain_pool
+        self._doc, self._model, self._simulate_pool, self._explain_pool = doc, model, simulate_pool, explain_pool
         self._on_next_tick = doc.add_next_tick_callback
         arguments = doc.session_context.request.arguments
         query = {name: values[-1].decode(errors="replace") for name, values in arguments.items()}
         self._settings, self._problems = loop.read_query(query, model.starts, model.first)
-        self._begin = self._settings
+        self._initial_settings = self._settings
         self._is_working, self._turns = False, 0
-        self._pending_stage: asyncio.Future[Any] | None = None  # what follows the simulation
-        self._explained_settings: Settings | None = None  # the loop that is explained; None while the one drawn is not
-        self._said = dict.fromkeys((*_TEXT_IDS, "phase", "query", "told", "turn"), "")
+        self._pending_stage: asyncio.Future[Any] | None = None  # explanation or map
+        self._explained_settings: Settings | None = None  # None while the loop in the figures is not explained
+        self._texts = dict.fromkeys((*_TEXT_IDS, "phase", "query", "explained", "turn"), "")
         self._outbox = ColumnDataSource(name="sent")  # its tags take changes and texts to the browser
         self._figures, self._map = LoopFigures(), MapFigure(self._move_to_cell)
         style: Any = {"sizing_mode": "stretch_width", "stylesheets": [InlineStyleSheet(css=_STYLE_SHEET)]}
@@ -98,11 +96,11 @@ class Page:
         for name, slider in self._dials.items():
             slider.on_change("value", partial(self._on_dial, name))
         for name, menu in self._menus.items():
-            menu.on_change("value", partial(self._chosen, name))
+            menu.on_change("value", partial(self._on_menu, name))
         self._build_layout(first_words)
         self._show_waiting()
-        self._send(headline=first_words, told="yes")
-        # a request alone computes nothing: a page that is shown asks for it
+        self._send(headline=first_words, explained="yes")
+        # a request alone computes nothing, only a page in a browser does
         doc.on_event(DocumentReady, lambda _: self._move(self._settings))
 
     # --- moves --------------------------------------------------------------------------------------------------------
@@ -112,7 +110,7 @@ class Page:
         if value != getattr(self._settings, name):
             self._move(replace(self._settings, **{name: value}))
 
-    def _chosen(self, name: str, _attribute: str, _old: str, word: str) -> None:
+    def _on_menu(self, name: str, _attribute: str, _old: str, word: str) -> None:
         settings, changed = self._settings, {name: word}
         if word != getattr(settings, name):
             if name == "loop":
@@ -121,7 +119,7 @@ class Page:
             self._move(replace(settings, **changed))  # type: ignore[arg-type]
 
     def _move_to_cell(self, x: float, y: float) -> None:
-        """To a cell of the map, at the nearest steps of its dials."""
+        """Move to a cell of the map, at the nearest steps of its dials."""
         changed: Any = {}
         for at, (name, values) in zip((x, y), AXES[self._settings.axes].items(), strict=True):
             value = values[min(max(round(at), 0), len(values) - 1)]
@@ -148,9 +146,8 @@ class Page:
             slider.update(categories=list(steps), value=DIALS[name].text(value))
         self._dials["m_a"].disabled = self._settings.day in ("own", "steps")
         for name, menu in self._menus.items():
-            texts = (
-                loop.menu_words(name, start) if name in CHOICES else {n: s.title for n, s in self._model.starts.items()}
-            )
+            titles = {n: s.title for n, s in self._model.starts.items()}
+            texts = loop.menu_words(name, start) if name in CHOICES else titles
             menu.update(options=list(texts.items()), value=getattr(self._settings, name))
         self._send(phase="loop", problems="")
 
@@ -158,7 +155,7 @@ class Page:
 
     @without_document_lock  # type: ignore[untyped-decorator]
     async def _compute_until_settled(self) -> None:
-        """Compute and show until nothing has moved any more."""
+        """Compute and show until the settings no longer change."""
         target = None
         try:
             while target != self._settings:
@@ -168,31 +165,31 @@ class Page:
                 except asyncio.CancelledError:  # moved on
                     pass
                 except InputError as error:
-                    self._refuse(_REFUSED_HEADLINE, error.problems)
+                    self._refuse("This loop cannot be simulated.", error.problems)
         except Exception:
-            self._refuse(_CRASHED_HEADLINE, [])
+            self._refuse("fastcoil failed here: the terminal says where.", [])
             raise
         finally:
             self._is_working = False
 
     async def _compute_stages(self, settings: Settings) -> None:
-        """Simulate a loop, then explain it and make its map, and show each as soon as it is there."""
-        run = await asyncio.get_running_loop().run_in_executor(self._first, self._model.run, settings)
-        if self._explained_settings != loop.loop_settings(settings):  # what is explained is not what is drawn
+        """Simulate a loop, then explain it and make its map; show each result when it is ready."""
+        run = await asyncio.get_running_loop().run_in_executor(self._simulate_pool, self._model.run, settings)
+        if self._explained_settings != loop.loop_settings(settings):
             self._explained_settings = None
         self._on_next_tick(partial(self._show_run, settings, run, is_explained=self._explained_settings is not None))
         if self._explained_settings is None:
-            explanation = await self._after(settings, self._model.explain)
+            explanation = await self._run_stage(settings, self._model.explain)
             self._explained_settings = loop.loop_settings(settings)
             self._on_next_tick(partial(self._show_explanation, settings, run, explanation))
         try:
-            metrics = await self._after(settings, self._model.map)
-        except InputError as error:  # it may be refused where the loop itself is not
+            metrics = await self._run_stage(settings, self._model.map)
+        except InputError as error:  # a map may be refused although the loop is not
             metrics = error
         self._on_next_tick(partial(self._show_map, settings, metrics))
 
-    async def _after(self, settings: Settings, compute: Callable[[Settings], Any]) -> Any:
-        """The result of what follows a simulation; cancelled where the page has moved on."""
+    async def _run_stage(self, settings: Settings, compute: Callable[[Settings], Any]) -> Any:
+        """Return the explanation or the map; cancelled if the page has moved on."""
         if settings != self._settings:
             raise asyncio.CancelledError
         self._pending_stage = asyncio.get_running_loop().run_in_executor(self._explain_pool, compute, settings)
@@ -201,16 +198,14 @@ class Page:
     def _show_run(self, settings: Settings, run: Run, *, is_explained: bool) -> None:
         changes = self._figures.show(run, settings.window)
         changes += [] if is_explained else self._figures.show_hunting_index()
-        self._send(
-            changes, settings, error=run.error, learning=run.learning, told="yes" if is_explained else "", phase="words",
-            query=loop.link_query(settings, self._model.starts),
-        )  # fmt: skip
+        query = loop.link_query(settings, self._model.starts)
+        texts = {"error": run.error, "learning": run.learning, "explained": "yes" if is_explained else ""}
+        self._send(changes, settings, query=query, phase="words", **texts)
 
-    def _show_explanation(self, settings: Settings, run: Run, explanation: ExplanationText) -> None:
-        self._send(
-            self._figures.show_hunting_index(explanation.hunting_index), settings, headline=explanation.answer, why=explanation.why,
-            compared=run.reading or explanation.compared, advice=explanation.advice, told="yes", phase="map",
-        )  # fmt: skip
+    def _show_explanation(self, settings: Settings, run: Run, e: ExplanationText) -> None:
+        changes = self._figures.show_hunting_index(e.hunting_index)
+        texts = {"headline": e.answer, "why": e.why, "compared": run.reading or e.compared, "advice": e.advice}
+        self._send(changes, settings, explained="yes", phase="map", **texts)
 
     def _show_map(self, settings: Settings, metrics: Mapping[str, Array] | InputError) -> None:
         if isinstance(metrics, InputError):
@@ -225,13 +220,13 @@ class Page:
 
     def _refuse(self, headline: str, sentences: Sequence[str]) -> None:
         self._explained_settings, empty_texts = None, dict.fromkeys(("compared", "learning", "why", "advice"), "")
-        texts = {"headline": headline, "problems": _join_sentences(sentences), "told": "yes", "phase": "refused"}
+        texts = {"headline": headline, "problems": _join_sentences(sentences), "explained": "yes", "phase": "refused"}
         self._on_next_tick(partial(self._send, **texts, **empty_texts))
 
     def _send(self, changes: Sequence[Change] = (), of: Settings | None = None, /, **texts: str) -> None:
-        """Send changes of the figures and texts in one message.  of: what they show; the page may have moved on."""
-        self._said |= texts if of in (None, self._settings) else texts | {"phase": "loop"}
-        self._outbox.tags = [list(changes), dict(self._said)]
+        """Send changes of the figures and texts in one message.  of: their settings; the page may have moved on."""
+        self._texts |= texts if of in (None, self._settings) else texts | {"phase": "loop"}
+        self._outbox.tags = [list(changes), dict(self._texts)]
 
     # --- layout -------------------------------------------------------------------------------------------------------
 
@@ -247,16 +242,15 @@ class Page:
         pairs = [Row(menus[a], menus[b], **wide) for a, b in (("valve", "estimator"), ("day", "test"))]
         doc.add_root(Column(menus["loop"], *self._dials.values(), *pairs, menus["window"], name="controls", **wide))
         doc.add_root(Row(menus["axes"], menus["colour"], name="map-choices", **wide))
-        stories = [
-            _make_button(name, partial(self._move, loop.story_settings(name, self._model.starts))) for name in STORIES
-        ]
-        reset = _make_button("Reset", partial(self._move, self._begin))
+        story_settings = {name: loop.story_settings(name, self._model.starts) for name in STORIES}
+        stories = [_make_button(name, partial(self._move, settings)) for name, settings in story_settings.items()]
+        reset = _make_button("Reset", partial(self._move, self._initial_settings))
         link = _make_button("Copy link")
-        # a document holds what its widgets refer to: by this button what is sent, too
+        # a document holds the models of its widgets, through this button also the outbox
         link.js_on_click(CustomJS(code=_COPY_SCRIPT, args={"sent": self._outbox}))
         for name, buttons in (("stories", stories), ("tools", [reset, link])):
             doc.add_root(Row(*buttons, name=name, styles={"flex-wrap": "wrap", "gap": "4px"}))
-        # what was said before the page was there is no change any more
+        # texts that were sent before the page was ready cause no change any more
         doc.js_on_event(DocumentReady, show)
         doc.js_on_event(ConnectionLost, CustomJS(code=_LOST_SCRIPT))
         doc.title = "fastcoil: a valve with a gap"
@@ -269,31 +263,25 @@ def _join_sentences(sentences: Sequence[str]) -> str:
 
 
 def _make_button(title: str, act: Callable[[], None] | None = None) -> Button:
-    button = Button(
-        label=title, name=title, stylesheets=[InlineStyleSheet(css=_STYLE_SHEET)], width_policy="min", margin=0
-    )
+    sheets = [InlineStyleSheet(css=_STYLE_SHEET)]
+    button = Button(label=title, name=title, stylesheets=sheets, width_policy="min", margin=0)
     if act is not None:
         button.on_click(lambda *_: act())
     return button
 
 
-ADDRESS = "127.0.0.1"
-"""Not reachable from the network."""
-_HOST_NAMES = ("localhost", ADDRESS)
-_POOL_THREADS = 2  # for what comes first, and as many for what follows
-COMPILING_TEXT = "Compiling the simulator, once: about 10 s.  The page then begins by itself."
-STARTING_TEXT = "Starting …"
-_IDLE_MS = 10_000  # ms without a connection, after which a page and its 2 MB are given back
-_MAX_MESSAGE_BYTES = 2**16  # bytes; what a slider says has a few hundred
+_ADDRESS = "127.0.0.1"  # not reachable from the network
+_HOST_NAMES = ("localhost", _ADDRESS)
+_IDLE_MS = 10_000  # without a connection; then a page and its 2 MB are released
 
 
 class _LocalOnlyMatcher(Matcher):  # type: ignore[misc]
-    """Lets through what a reader or the page itself asks for; anything else is not found.
+    """Accepts requests of a reader or of the page itself; anything else is not found.
 
-    Host: a foreign page whose name leads here (DNS rebinding) gives its own.  Origin: browsers name the page that opens
-    a socket or fetches, so a socket without one is refused.  Sec-Fetch-Dest: a foreign page that shows this one, or
-    takes it for an image or a script, gets nothing.  Names of sessions and tokens are made here, never taken from an
-    address, or a link would lead into the page of another.
+    Host: a foreign page whose name resolves to this machine (DNS rebinding) sends its own name.  Origin: browsers name
+    the page that opens a socket or fetches, so a socket without one is refused.  Sec-Fetch-Dest: a foreign page that
+    embeds this one, or requests it as an image or a script, gets nothing.  Names of sessions and tokens come from the
+    server, never from an address, or a link would lead into another reader's page.
     """
 
     def __init__(self, port: int) -> None:
@@ -316,25 +304,32 @@ class _LocalOnlyMatcher(Matcher):  # type: ignore[misc]
 async def serve(model: Model, port: int, on_ready: Callable[[str], None]) -> None:
     """Serve the page until SIGINT or SIGTERM; all sessions share the model.
 
-    port: 0 takes any that is free.  ready: called with the address of the page once it can be opened.
+    port: 0 takes any free one.  on_ready: called with the address of the page once it can be opened.
     """
-    listener = _listen(port)
+    try:
+        listener = socket.create_server((_ADDRESS, port), backlog=128)
+    except OSError as error:
+        problem = f"port {port} cannot be used ({error.strerror})"
+        cure = f"give another one above 1023, such as --port {max(port, 5009) + 1}"
+        raise InputError(f"{problem}: {cure}", "--port", "conflict") from None
+    listener.setblocking(False)
     port = listener.getsockname()[1]
-    # foreign connections, and readers who leave, are no errors
+    # foreign connections and closed pages are no errors
     for name in ("tornado.access", "tornado.application", "bokeh"):
         logging.getLogger(name).setLevel(logging.ERROR)
-    # no environment variable opens the page to others, or has it loaded from elsewhere
+    # no environment variable opens the page to others, or loads it from elsewhere
     settings.resources = "server"
     settings.allowed_ws_origin = [f"{name}:{port}" for name in _HOST_NAMES]
-    simulate_pool, explain_pool = ThreadPoolExecutor(_POOL_THREADS), ThreadPoolExecutor(_POOL_THREADS)
+    simulate_pool, explain_pool = ThreadPoolExecutor(2), ThreadPoolExecutor(2)
+    compiling = "Compiling the simulator, once: about 10 s.  The page then begins by itself."
 
     def begin(doc: Document) -> None:
-        Page(doc, model, simulate_pool, explain_pool, STARTING_TEXT if is_compiled("emulate") else COMPILING_TEXT)
+        Page(doc, model, simulate_pool, explain_pool, "Starting …" if is_compiled("emulate") else compiling)
 
     app = BokehTornado(
         {"/": begin}, extra_websocket_origins=settings.allowed_ws_origin(), secret_key=secrets.token_bytes(32),
         sign_sessions=True, unused_session_lifetime_milliseconds=_IDLE_MS, check_unused_sessions_milliseconds=_IDLE_MS,
-        websocket_max_message_size_bytes=_MAX_MESSAGE_BYTES, session_token_expiration=60,
+        websocket_max_message_size_bytes=2**16, session_token_expiration=60,  # a message of a slider has a few hundred
     )  # fmt: skip
     http = HTTPServer(RuleRouter([Rule(_LocalOnlyMatcher(port), app)]))
     server = BaseServer(IOLoop.current(), app, http)
@@ -347,18 +342,8 @@ async def serve(model: Model, port: int, on_ready: Callable[[str], None]) -> Non
         signal.signal(number, lambda *_: wake(end_event.set))
     on_ready(f"http://{_HOST_NAMES[0]}:{port}/")
     await end_event.wait()
-    # what is under way is given up, which is no mistake
+    # cancelled work is no error
     logging.getLogger("tornado.application").setLevel(logging.CRITICAL)
     server.stop()
     for pool in (simulate_pool, explain_pool):
         pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _listen(port: int) -> socket.socket:
-    try:
-        listener = socket.create_server((ADDRESS, port), backlog=128)
-    except OSError as error:
-        problem = f"port {port} cannot be used ({error.strerror})"
-        raise InputError(f"{problem}: give another one above 1023, such as --port {max(port, 5009) + 1}") from None
-    listener.setblocking(False)
-    return listener

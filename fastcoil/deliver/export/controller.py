@@ -1,4 +1,4 @@
-"""The controller of one loop: its numbers, its rules, and its laws in Python, of which C and ST are made.
+"""The controller of one loop: parameters, rules, and laws in Python, from which C and Structured Text are made.
 
 The frame of the laws (PI, compensation, start, bad readings) is in ``laws/controller.py.jinja``; the estimator, and a
 law in place of the PI, are translated from the functions that the kernel runs.
@@ -14,7 +14,7 @@ import jinja2
 import numpy as np
 
 from fastcoil.base.arguments import raise_problems
-from fastcoil.base.errors import InputError
+from fastcoil.base.errors import InputError, Problem
 from fastcoil.base.machine import VERSION
 from fastcoil.deliver.export.translate import Port, Translator
 from fastcoil.deliver.export.words import add_comment, names_in, number_literal, plain_text
@@ -32,16 +32,7 @@ from fastcoil.model.parameter_table import LARGEST_FLOAT, PARAMETERS
 from fastcoil.model.user_rules import rules_for_kernels
 from fastcoil.model.valve_test import PHASE_OFF, begin_test, held_command, step_test, update_command_mean
 
-ANY_SET_POINTS = np.array([0.0, LARGEST_FLOAT])  # a controller may get any
-_RULE_ONLY_NAMES = (
-    "m_a",
-    "T_seen",
-    "decided",
-    "begin_law",
-    "estimate",
-    "assumed",
-    "w",
-)  # the laws have them only with a rule
+ANY_SET_POINTS = np.array([0.0, LARGEST_FLOAT])  # degC; a controller may get any
 
 
 def run_test(now: Any, p: Any, memory: Any) -> Any:
@@ -66,14 +57,14 @@ def run_test(now: Any, p: Any, memory: Any) -> Any:
 VALVE_TEST_RULE = SimpleNamespace(
     name="run_test", Memory=valve_test.Memory, step=run_test,
     Parameters=SimpleNamespace(_fields=(*valve_test.Parameters._fields, "kp", "action", "compensation")),
-    follows=("test", "e", "rising", "u", "u_ext", "integral_part"),
+    controller_fields=("test", "e", "rising", "u", "u_ext", "integral_part"),
 )  # fmt: skip
-"""As a rule.  follows: state of the controller that it returns behind its memory."""
+"""The valve test as a rule.  controller_fields: state of the controller that it returns after its memory."""
 
 
 @cache
 def templates() -> jinja2.Environment:
-    """The templates; a line that begins with ``#:`` is for them alone."""
+    """Return the environment of the templates; a line that begins with ``#:`` is a template statement."""
     return jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent / "laws"),
         line_statement_prefix="#:",
@@ -85,10 +76,12 @@ def templates() -> jinja2.Environment:
 
 
 class Controller:
-    """The parameters of one controller, its words by their parameter, and its rules as laws."""
+    """One controller: its numbers and words by parameter, and its rules as laws."""
 
     def __init__(self, loop: Loop) -> None:
-        raise_problems([f"{name} is swept: give it one value, a controller has one" for name in loop.swept])
+        raise_problems([
+            Problem(f"{name} is swept: give it one value, a controller has one", name, "shape") for name in loop.swept
+        ])  # fmt: skip
         check_clashes(loop, ANY_SET_POINTS)
         rules = rules_for_kernels(loop.rules)
         columns = parameter_columns(loop, {}, np.zeros(1, dtype=np.int64))
@@ -97,58 +90,61 @@ class Controller:
         self.word = {name: str(columns[name][0]) for name, p in PARAMETERS.items() if p.is_word}
         self.parameters = loop.parameters
         self.heats = self.word["action"] == "heating"
+        self.set_point = 24.0 if self.heats else 14.0  # degC, of its vectors
         sample, interval = self.number["sample_time"], self.number["learning_interval"]
         if self.word["estimator"] == "learner" and interval % sample != 0.0:
+            problem = f"learning_interval = {interval:g} s is not a whole number of cycles"
             cure = f"give a multiple of sample_time, {sample:g} s"
-            raise InputError(f"learning_interval = {interval:g} s is not a whole number of cycles: {cure}")
+            raise InputError(f"{problem}: {cure}", "learning_interval", "conflict")
         estimators = [e for e in (*ESTIMATORS, *rules.estimators) if e is not None]
         estimator = next((candidate for candidate in estimators if candidate.name == self.word["estimator"]), None)
         if estimator is None:
             self.number["backlash_estimate"] *= self.number["estimate_share"]
             self.number["estimate_share"] = 1.0
         law = next((candidate for candidate in rules.laws if candidate.name == self.word["law"]), None)
-        # the function as it was written, not as it was compiled
+        # as written, not as compiled
         source_functions = {rule.name: rule.parts[0] for rule in loop.rules.values() if rule.is_loaded}
-        self.own = [name for name in source_functions if name in self.word.values()]  # rules of the user
+        self.user_rules = {parameter: name for parameter, name in self.word.items() if name in source_functions}
         self.waives_buffer = estimator is not None and estimator.waives_buffer
-        self.tests = loop["test_start"] is not None
-        self.rests = estimator is None or estimator.periods is None
-        self.pauses = self.tests and not (estimator is not None and estimator.sees_test)
-        self.estimating = self.deciding = None  # the estimator, and the law in place of the PI
-        self.testing: Port | None = None
+        self.has_test = loop["test_start"] is not None
+        self.rests_when_off = estimator is None or estimator.periods is None
+        self.pauses_in_test = self.has_test and not (estimator is not None and estimator.sees_test)
+        self.estimator_port = self.law_port = None
+        self.test_port: Port | None = None
         self.ports: list[Port] = []
         self.sees_air = False
-        # names of what stands around the rules
-        taken_names = [*names_in(self.text()), *(name.upper() for name in self.number), *_RULE_ONLY_NAMES]
+        # used around the rules; the last ones only where there is a rule
+        taken_names = [*names_in(self.text()), *(name.upper() for name in self.number)]
+        taken_names += ["m_a", "T_seen", "decided", "begin_law", "estimate", "assumed", "w"]
         if estimator is not None:
             law_memory_names = [variable for n in (law.Memory._fields if law else ()) for variable in (n, f"{n}_known")]
             function = source_functions.get(estimator.name, estimator.step)
-            self.estimating = self._port("estimator", estimator, function, [*taken_names, *law_memory_names])
-            taken_names += names_in(self.estimating.step)
+            self.estimator_port = self._port("estimator", estimator, function, [*taken_names, *law_memory_names])
+            taken_names += names_in(self.estimator_port.step)
         if law is not None:
-            self.deciding = self._port("law", law, source_functions.get(law.name, law.step), taken_names)
-        self.testing = self._port("test", VALVE_TEST_RULE, VALVE_TEST_RULE.step, taken_names) if self.tests else None
-        self.ports = [port for port in (self.estimating, self.deciding, self.testing) if port is not None]
+            self.law_port = self._port("law", law, source_functions.get(law.name, law.step), taken_names)
+        if self.has_test:
+            self.test_port = self._port("test", VALVE_TEST_RULE, VALVE_TEST_RULE.step, taken_names)
+        self.ports = [port for port in (self.estimator_port, self.law_port, self.test_port) if port is not None]
         self.sees_air = any("m_a" in port.reads for port in self.ports)
 
     def _port(self, kind: str, rule: Any, function: Any, taken_names: list[str]) -> Port:
-        """A rule as laws; a word among its parameters is a number."""
-        if non_ascii_names := [name for name in rule.Parameters._fields if not name.isascii()]:
-            raise InputError(
-                f"{kind} = {rule.name!r} cannot be exported: name {non_ascii_names[0]!r} with letters a to z alone"
-            )
+        """Return a rule as laws; a word among its parameters is a number."""
+        names = rule.Parameters._fields
+        if non_ascii_names := [name for name in names if not name.isascii()]:
+            cure = f"name {non_ascii_names[0]!r} with letters a to z alone"
+            raise InputError(f"{kind} = {rule.name!r} cannot be exported: {cure}", kind, "code")
         estimate = "s.estimate" if self.word["estimator"] != "none" else "BACKLASH_ESTIMATE"
         if kind == "test" and self.number["estimate_share"] != 1.0:
             estimate = f"ESTIMATE_SHARE * {estimate}"
-        names = rule.Parameters._fields
         return Translator(
             kind, rule, function, {name: self.number[name] for name in names},
             literal_names={name for name in names if name in self.word}, estimate=estimate, names=taken_names,
         ).port()  # fmt: skip
 
     def text(self) -> str:
-        """The laws in Python, without what this controller does not need."""
-        number, has_estimator = self.number, self.estimating is not None
+        """Return the laws in Python, without what this controller does not need."""
+        number, has_estimator = self.number, self.estimator_port is not None
         has_share, has_buffer_ratio = has_estimator and number["estimate_share"] != 1.0, number["buffer_ratio"] > 0.0
         parts: dict[str, Any] = {
             "controller": self,
@@ -163,7 +159,7 @@ class Controller:
             "measures_noise": self.word["buffer_noise"] == "measured",
             "band": "band" if has_buffer_ratio or self.waives_buffer else "BUFFER",
             "noise_of_median": repr(float(noise_level(1.0))),
-            "words": plain_text(self.words()),
+            "words": plain_text(self.describe()),
             "version": VERSION,
         }
         template = templates().get_template("controller.py.jinja")
@@ -174,18 +170,17 @@ class Controller:
         text = re.sub(r"\n+(?=(def|class) )", "\n\n\n", text)
         return re.sub(r"\n+(?=# (Parameters|Fixed)|import )", "\n\n", text)
 
-    def words(self) -> str:
-        text_by_compensation = {
-            "additive": "half the backlash added to its output",
-            "smooth": "a smooth backlash inverse",
-        }
-        inverse_text = "a backlash inverse" if self.estimating or self.number["backlash_estimate"] > 0.0 else ""
+    def describe(self) -> str:
+        """Return the parts of the controller in words."""
+        inverse = "a backlash inverse" if self.estimator_port or self.number["backlash_estimate"] > 0.0 else ""
         parts = [
-            f"the law {self.word['law']}" if self.deciding else "a PI law",
+            f"the law {self.word['law']}" if self.law_port else "a PI law",
             "a dead band" if self.number["error_dead_band"] > 0.0 else "",
-            text_by_compensation.get(self.word["compensation"], inverse_text),
-            f"the estimator {self.word['estimator']}" if self.estimating else "",
-            "a valve test" if self.tests else "",
+            {"additive": "half the backlash added to its output", "smooth": "a smooth backlash inverse"}.get(
+                self.word["compensation"], inverse
+            ),
+            f"the estimator {self.word['estimator']}" if self.estimator_port else "",
+            "a valve test" if self.has_test else "",
         ]
         return " and ".join(", ".join(filter(None, parts)).rsplit(", ", 1))
 

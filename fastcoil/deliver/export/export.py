@@ -1,4 +1,4 @@
-"""``export_controller``: the controller of a loop as code for the field, with vectors that prove a port of it."""
+"""``export_controller``: the controller of a loop as code for the field, with test vectors to verify a port."""
 
 import hashlib
 import io
@@ -19,7 +19,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 
 from fastcoil.base.arguments import argument_checks, raise_problems, require_choice, require_instance, require_path
-from fastcoil.base.errors import InputError, short_repr
+from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.base.files import exists, has_mark, require_output_file, write_atomically
 from fastcoil.base.machine import VERSION
 from fastcoil.deliver.export.controller import Controller, templates
@@ -31,9 +31,7 @@ from fastcoil.loops.loop import Loop
 from fastcoil.loops.valve_test import ValveTest
 
 SUFFIXES = {"c": ".c", "st": ".st", "python": ".py", "fmu": ".fmu", "plcopen": ".xml"}  # by language
-MAX_CHECK_VECTORS = 400  # that a program in Structured Text holds, which cannot read files
 _MARK = b"ritten by fastcoil "  # in the head of every file
-_TOLERANCE = 1e-12
 
 
 def export_controller(
@@ -41,25 +39,25 @@ def export_controller(
 ) -> list[Path]:
     """Write the controller of a loop as code for the field: PI, backlash inverse and estimator.
 
-    Beside the code, ``NAME_vectors.csv`` gives what it must answer, cycle by cycle, as fastcoil's own kernel does; with
-    Structured Text, ``NAME_check.st`` is a program that holds the first of them.  Earlier files of these names are
-    replaced, files that fastcoil did not write are not.
+    Beside the code, ``NAME_vectors.csv`` has the expected answers of fastcoil's kernel, cycle by cycle; with Structured
+    Text, the program ``NAME_check.st`` holds the first 400 of them.  Earlier exports of these names are replaced, other
+    files are not.
 
     Parameters
     ----------
     loop
-        One loop, no sweep: parameters of its controller, inverse and estimator are in the code.  Its plant is only that
-        of the simulated day among the vectors.
+        One loop, no sweep: the code has the parameters of its controller, inverse and estimator.  Its plant appears
+        only in the simulated day among the vectors.
     path
-        File of the code: ``NAME.c``, ``NAME.st``, ``NAME.py``, ``NAME.fmu`` or ``NAME.xml``.  NAME is in the names that
-        other code sees.
+        File of the code: ``NAME.c``, ``NAME.st``, ``NAME.py``, ``NAME.fmu`` or ``NAME.xml``.  NAME is part of the
+        public names in the code.
     language
         ``"c"`` (C99), ``"st"`` (Structured Text of IEC 61131-3), ``"python"``, ``"fmu"`` (the C for co-simulation by
         FMI 2.0, compiled where this machine has a C compiler) or ``"plcopen"`` (the Structured Text as XML of PLCopen,
         TC6 2.01).
     test
-        A valve test that the controller runs when its input ``start_test`` turns true; ``start`` and ``every`` play no
-        part.  A loop with ``test_start`` has one without this.
+        A valve test that the controller runs when its input ``start_test`` turns true; its ``start`` and ``every`` are
+        ignored.  Not needed for a loop with ``test_start``.
 
     Returns
     -------
@@ -70,6 +68,18 @@ def export_controller(
     ------
     InputError
         With one sentence for each mistake, before anything is written.
+    StorageError
+        If a file cannot be written.
+
+    See Also
+    --------
+    ValveTest, simulate, estimator, law
+
+    Examples
+    --------
+    >>> loop = fc.Loop.preset("lbnl").assign(backlash_estimate=0.05)
+    >>> [path.name for path in fc.export_controller(loop, "inverse.c")]
+    ['inverse.c', 'inverse_vectors.csv']
     """
     with argument_checks() as check:
         check(require_instance, "loop", loop, Loop, "give a fastcoil.Loop")
@@ -79,31 +89,31 @@ def export_controller(
     require_output_file("path", path, SUFFIXES[language])
     if not _program_name(path) or not re.fullmatch(r"[A-Za-z0-9 _.,()+-]+", path.name):
         cure = "give it a name of letters a to z, digits, spaces and _ . , ( ) + -, which the code and comments contain"
-        raise InputError(f"path = {short_repr(str(path))}: {cure}")
+        raise InputError(f"path = {short_repr(str(path))}: {cure}", "path", "path")
     loop = loop if test is None else loop.assign(**test.parameters())
     controller = Controller(loop)
     text = controller.text()
     try:
         vectors = make_vectors(loop, controller, text)
-        problem = _translation_fault(text, vectors) if controller.own else ""
+        problem = _translation_fault(text, vectors) if controller.user_rules else ""
     except ArithmeticError as error:
         problem = f"a cycle of its vectors has a {error}"
     if problem:
         cure = "leave out what a number may overflow or be divided by 0 in, or port its Python by hand"
-        raise InputError(f"{' and '.join(controller.own)} cannot be exported: {problem}: {cure}")
+        sentence = f"{' and '.join(controller.user_rules.values())} cannot be exported: {problem}: {cure}"
+        raise InputError(sentence, next(iter(controller.user_rules), "loop"), "code")
     files = _file_contents(path, language, text, vectors, controller)
-    # somebody else's, such as a rule in mine.py beside the loop in mine.toml
+    # the user's files, such as a rule in mine.py beside the loop in mine.toml
     foreign_files = [file for file in map(path.with_name, files) if exists(file) and not has_mark(file, _MARK)]
-    raise_problems(
-        [f"{file} exists, and fastcoil did not write it: choose another name, or delete it" for file in foreign_files]
-    )
+    cure = "exists, and fastcoil did not write it: choose another name, or delete it"
+    raise_problems([Problem(f"{file} {cure}", "path", "path") for file in foreign_files])
     for name, content in files.items():
         write_atomically(path.with_name(name), content if isinstance(content, bytes) else content.encode())
     return [path.with_name(name) for name in files]
 
 
 def _program_name(path: Path) -> str:
-    """The file's name as part of names in a program."""
+    """Return the file's name as part of names in a program."""
     name = re.sub(r"[^A-Za-z0-9]+", "_", path.stem).strip("_")
     return f"c_{name}" if name[:1].isdigit() else name
 
@@ -119,9 +129,8 @@ def _file_contents(
     files: dict[str, str | bytes] = {vectors_file: vectors.csv(path.name, controller.number["sample_time"])}
     code: str | bytes
     if language == "c":
-        code = CPrinter(Laws(text), name).text() + _render_check(
-            "c", template_values | {"columns": len(vectors.columns)}
-        )
+        check = _render_check("c", template_values | {"columns": len(vectors.columns)})
+        code = CPrinter(Laws(text), name).text() + check
     elif language == "python":
         code = text.rstrip() + "\n" + _render_check("py", template_values | {"zeros": "zeros(" in text})
     elif language == "fmu":
@@ -131,46 +140,40 @@ def _file_contents(
         code = template.render(name=name, block=StructuredTextPrinter(Laws(text), name), escape=escape, version=VERSION)
     else:
         code = StructuredTextPrinter(Laws(text), name).text()
-        n = min(MAX_CHECK_VECTORS, vectors.size)
-        # no number has a literal; far beyond the limits does the same
-        columns = {
-            column: "\n        ".join(
-                wrap(", ".join(map(st_literal, np.nan_to_num(values[:n], True, -1e30, 1e30, -1e30))), 92)
-            )
-            for column, values in vectors.columns.items()
-        }
+        n = min(400, vectors.size)  # in the program itself, which cannot read files
+        columns = {}
+        for column, values in vectors.columns.items():
+            # NaN has no literal; a number far beyond the limits is refused as well
+            literals = map(st_literal, np.nan_to_num(values[:n], True, -1e30, 1e30, -1e30))
+            columns[column] = "\n        ".join(wrap(", ".join(literals), 92))
         files[f"{path.stem}_check.st"] = _render_check("st", template_values | {"n": n, "columns": columns})
     return {path.name: code, **files}
 
 
 def _translation_fault(text: str, vectors: Vectors) -> str:
-    """Where the translation of a rule of the user does something else than the kernel; empty where it does the same."""
+    """Return the first cycle in which the translation of a user's rule differs from the kernel; empty if none does."""
     inputs = {name: vectors.columns[name] for name in vectors.inputs}
     expected = np.array([vectors.columns[name] for name in vectors.outputs])
     answers = np.array(list(run_cycles(text, inputs, vectors.outputs))).T
     deviation = np.abs(answers - expected).max(axis=0)
-    wrong_cycles = np.flatnonzero(~(deviation <= _TOLERANCE))
-    return (
-        f"cycle {wrong_cycles[0]} of its vectors is off by {deviation[wrong_cycles[0]]:.2g}"
-        if wrong_cycles.size
-        else ""
-    )
+    for cycle in np.flatnonzero(~(deviation <= 1e-12)):  # exp and log may differ in the last digit
+        return f"cycle {cycle} of its vectors is off by {deviation[cycle]:.2g}"
+    return ""
 
 
 def _render_check(kind: str, template_values: dict[str, object]) -> str:
     return templates().get_template(f"check.{kind}.jinja").render(template_values, version=VERSION)
 
 
-_COMPILER_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden", "-s")
-_INPUT_UNITS = {"T_sup": "degC", "T_set": "degC", "m_a": "kg s-1"}
 _BASE_UNITS = {
     "degC": 'K="1" offset="273.15"', "K": 'K="1"', "K-1": 'K="-1"', "s": 's="1"', "s-1": 's="-1"',
     "min": 's="1" factor="60"', "kg s-1": 'kg="1" s="-1"', "K-1 s-1": 'K="-1" s="-1"', "1": "",
 }  # fmt: skip
+"""Attributes of ``BaseUnit`` of FMI 2.0 by unit."""
 
 
 class _Variable(NamedTuple):
-    """A variable as the description has it: texts fit for XML; start: empty where it is calculated."""
+    """A variable of the model description: texts escaped for XML; start: empty for a calculated one."""
 
     name: str
     causality: str
@@ -181,11 +184,11 @@ class _Variable(NamedTuple):
 
 
 def fmu(controller: Controller, text: str, name: str, vectors: Vectors) -> bytes:
-    """The file, with the same bytes whenever the same compiler makes it; warns where there is no binary in it."""
+    """Return the content of an FMU, the same bytes with the same compiler; warn if it has no binary."""
     laws = Laws(text)
     variables = _variables(controller, laws, vectors)
     template_values = {
-        "controller": controller, "name": name, "version": VERSION, "text": _xml_attribute(controller.words()),
+        "controller": controller, "name": name, "version": VERSION, "text": _xml_text(controller.describe()),
         "inputs": vectors.inputs, "outputs": vectors.outputs, "flags": FLAG_INPUTS, "variables": variables,
         "units": {variable.unit: _BASE_UNITS.get(variable.unit) for variable in variables if not variable.is_flag},
     }  # fmt: skip
@@ -195,7 +198,7 @@ def fmu(controller: Controller, text: str, name: str, vectors: Vectors) -> bytes
         "sources/controller.c": CPrinter(laws, name).text().encode(),
     }
     guid = ""
-    for _ in range(2):  # the second time with what identifies the first
+    for _ in range(2):  # the second time with the identifier of the first
         for path in list(files)[:2]:
             template = templates().get_template(f"{Path(path).name}.jinja")
             files[path] = template.render(template_values, guid=guid).encode()
@@ -204,57 +207,39 @@ def fmu(controller: Controller, text: str, name: str, vectors: Vectors) -> bytes
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w") as archive:
         for path, content in files.items():
-            info = zipfile.ZipInfo(path)  # of 1980, whenever it is written
+            info = zipfile.ZipInfo(path)  # dated 1980, for the same bytes
             info.external_attr = 0o644 << 16
-            # the description begins with the mark of what fastcoil wrote
+            # the description begins with ``_MARK``, uncompressed
             info.compress_type = zipfile.ZIP_STORED if path.endswith("xml") else zipfile.ZIP_DEFLATED
             archive.writestr(info, content)
     return stream.getvalue()
 
 
 def _variables(controller: Controller, laws: Laws, vectors: Vectors) -> list[_Variable]:
-    """Inputs and outputs as the vectors have them, then the parameters of the controller, which are in its code."""
-    mid_temperature = 24.0 if controller.heats else 14.0
-    start = {"T_sup": mid_temperature, "T_set": mid_temperature, "m_a": -1.0, "enabled": 1.0}
-    descriptions = {one.name: one.said for one in (*laws.fields, *laws.functions["step"].arguments)}
-    columns = [*vectors.inputs, *vectors.outputs]
-    used_constants = {one.name for one in laws.constants}
-    return [
-        *(
-            _Variable(
-                one,
-                "input",
-                _xml_attribute(descriptions[one]),
-                _INPUT_UNITS.get(one, "1"),
-                number_literal(start.get(one, 0.0)),
-                one in FLAG_INPUTS,
-            )
-            for one in vectors.inputs
-        ),
-        *(
-            _Variable(one, "output", _xml_attribute(descriptions[one]), "1", "", one == "rising")
-            for one in vectors.outputs
-        ),
-        *(
-            _Variable(
-                one,
-                "local",
-                _xml_attribute(p.text),
-                _xml_attribute(p.unit or "1"),
-                number_literal(controller.number[one]),
-            )
-            for one, p in controller.parameters.items()
-            if one.upper() in used_constants and one not in columns
-        ),
-    ]
+    """Return inputs and outputs in the order of the vectors, then the parameters that are constants of the code."""
+    start = {"T_sup": controller.set_point, "T_set": controller.set_point, "m_a": -1.0, "enabled": 1.0}
+    units = {"T_sup": "degC", "T_set": "degC", "m_a": "kg s-1"}
+    declarations = (*laws.fields, *laws.functions["step"].arguments)
+    texts = {declaration.name: _xml_text(declaration.description) for declaration in declarations}
+    variables = []
+    for name in vectors.inputs:
+        value = number_literal(start.get(name, 0.0))
+        variables.append(_Variable(name, "input", texts[name], units.get(name, "1"), value, name in FLAG_INPUTS))
+    variables += [_Variable(name, "output", texts[name], "1", "", name == "rising") for name in vectors.outputs]
+    constants = {constant.name for constant in laws.constants}
+    for name, p in controller.parameters.items():
+        if name.upper() in constants and name not in vectors.columns:
+            value = number_literal(controller.number[name])
+            variables.append(_Variable(name, "local", _xml_text(p.text), _xml_text(p.unit or "1"), value))
+    return variables
 
 
-def _xml_attribute(text: str) -> str:
+def _xml_text(text: str) -> str:
     return escape(plain_text(text))
 
 
 def _compile_library(files: dict[str, bytes]) -> list[bytes]:
-    """The sources as a shared library; none, with a warning, where this machine does not compile them."""
+    """Compile the sources to a shared library; return none, with a warning, if this machine cannot."""
     compiler = shutil.which("cc") or shutil.which("gcc")
     if (platform.system(), platform.machine()) != ("Linux", "x86_64"):
         reason = "binaries are for Linux on x86-64"
@@ -264,7 +249,8 @@ def _compile_library(files: dict[str, bytes]) -> list[bytes]:
         with tempfile.TemporaryDirectory() as folder:
             for path, content in files.items():
                 Path(folder, Path(path).name).write_bytes(content)
-            command = [compiler, *_COMPILER_FLAGS, "fmi2.c", "-o", "fmu.so", "-lm"]
+            options = ["-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden", "-s"]
+            command = [compiler, *options, "fmi2.c", "-o", "fmu.so", "-lm"]
             compiler_run = subprocess.run(command, cwd=folder, check=False, capture_output=True, text=True)
             if compiler_run.returncode == 0:
                 return [Path(folder, "fmu.so").read_bytes()]

@@ -1,4 +1,4 @@
-"""Expressions of a rule, evaluated: what the loop decides is decided, the rest stays an expression of variables."""
+"""Evaluate expressions of a rule: what the loop's parameters decide becomes a value, the rest stays an expression."""
 
 import ast
 import builtins
@@ -8,6 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from types import ModuleType
 from typing import Any
 
@@ -44,7 +45,7 @@ FUNCTIONS: Mapping[str, tuple[Any, ...]] = {
     "abs": (abs, np.abs, math.fabs, np.fabs), "min": (min, np.minimum), "max": (max, np.maximum),
     "isnan": (math.isnan, np.isnan), "int": (int,), "float": (float,), "bool": (bool,),
 }  # fmt: skip
-"""What a rule may call, by the name that the laws have for it."""
+"""Functions that a rule may call, by their name in the laws."""
 SUPPORTED_FUNCTIONS = "abs, cos, exp, floor, log, max, min, sin, sqrt, tan, tanh, their inverses"
 SUPPORTED_SYNTAX = (
     "assignments, if, for k in range(…), return, numbers, tables of them, + - * / ** % // and comparisons"
@@ -52,49 +53,47 @@ SUPPORTED_SYNTAX = (
 
 
 class TranslateAgainError(Exception):
-    """More than was known may be NaN, changes, or is no whole number: translate once more."""
+    """A variable turned out to be real, or to be NaN at times: translate once more."""
 
 
 class Formulas(ABC):
     """Evaluates expressions, and collects statements and the variables in them."""
 
     def __init__(self, kind: str, rule: str, names: Sequence[str]) -> None:
-        self.kind, self.rule, self.where = kind, rule, ""  # law or estimator, and its name
-        self.taken_names = {name.casefold() for name in (*names, *RESERVED_WORDS)}  # names that are taken
+        self.kind, self.rule, self.source_line = kind, rule, ""  # law or estimator, and its name
+        self.taken_names = {name.casefold() for name in (*names, *RESERVED_WORDS)}
         self.names: dict[Any, str] = {}  # by what they stand for, the same in every round
         self.kinds: dict[str, str] = {}  # of variables
-        self.may_be_nan: set[str] = set()  # those that may be NaN; beside each is a flag, ``name_known``
-        self.out: list[ast.stmt] = []  # the statements so far
-        self._begin()
+        self.may_be_nan: set[str] = set()  # variables; each has a flag, ``name_known``
+        self.statements: list[ast.stmt] = []
+        self._begin_round()
 
-    def _begin(self) -> None:
-        """Begin a round: all but names, kinds and what may be NaN is found anew."""
+    def _begin_round(self) -> None:
+        """Begin a round: forget all but names, kinds and which variables may be NaN."""
         self.constants: dict[str, Any] = {}
-        self.reassigned_names: set[str] = set()  # variables that get several values
+        self.reassigned_names: set[str] = set()
         self._begin_function()
 
     def _begin_function(self) -> list[ast.stmt]:
-        """Begin another function of the laws.  Returns the statements of the one before."""
-        previous_statements = self.out
+        """Begin another function of the laws; return the statements of the previous one."""
+        previous_statements, self.statements = self.statements, []
         self.path: Any = ()  # the calls that led here
-        self.wanted_name = "value"  # the name of what is evaluated
-        self.true_conditions: set[str] = set()  # conditions that hold here
+        self.wanted_name = "value"  # of the expression under evaluation
+        self.true_conditions: set[str] = set()  # at this place
         self.definitions: dict[str, ast.expr] = {}  # of flags, by name
-        self.out = []
         return previous_statements
 
     def _refusal(self, problem: str, cure: str) -> InputError:
-        place = f"{self.where}: " if self.where else ""
-        return InputError(
-            f"{self.kind} = {self.rule!r} cannot be exported: {place}{problem}: {cure}, or export the loop with "
-            f"{'an estimator' if self.kind == 'estimator' else 'the law'} of fastcoil"
-        )
+        place = f"{self.source_line}: " if self.source_line else ""
+        alternative = f"{'an estimator' if self.kind == 'estimator' else 'the law'} of fastcoil"
+        sentence = f"{self.kind} = {self.rule!r} cannot be exported: {place}{problem}: {cure}, or export the loop with "
+        return InputError(sentence + alternative, self.kind, "code")
 
     def _unsupported_syntax(self, node: ast.AST) -> InputError:
         return self._refusal(f"it has {ast.unparse(node)}", f"use {SUPPORTED_SYNTAX}")
 
     def _unique_name(self, preferred: str, key: Any) -> str:
-        """A name that all languages can have and nothing else has; key: what it stands for."""
+        """Return a name that is free in all languages; key: what it stands for."""
         if (key, preferred) not in self.names:
             name = "_".join(filter(None, plain_text(preferred).split("_"))) or "x"
             candidate, k = name, 1
@@ -105,38 +104,37 @@ class Formulas(ABC):
         return self.names[key, preferred]
 
     def _local_name(self, preferred: str, key: Any) -> str:
-        """The name of a variable in the call that led here."""
+        """Return the name of a variable of the current call."""
         return self._unique_name(preferred, (self.path, key))
 
     def _variable(self, name: str) -> Number:
-        needs = frozenset({f"{name}_known"} & {f"{variable}_known" for variable in self.may_be_nan})
-        return Number(expression(name), self.kinds.get(name, "real"), None, needs)
+        flags = frozenset([f"{name}_known"] if name in self.may_be_nan else [])
+        return Number(expression(name), self.kinds.get(name, "real"), None, flags)
 
     def _known_flags(self, *numbers: Number) -> list[ast.expr]:
-        """Flags that hold where numbers are none of them NaN, without those that hold here anyway."""
-        needs = frozenset().union(*(number.known_flags for number in numbers)) - self.true_conditions
-        return [expression(flag) for flag in sorted(needs)]
+        """Return the flags that hold where none of the numbers is NaN, without those that hold here anyway."""
+        flags = frozenset().union(*(number.known_flags for number in numbers)) - self.true_conditions
+        return [expression(flag) for flag in sorted(flags)]
 
     # statements
 
     @contextmanager
     def _separate_block(self, test: ast.expr | None = None, truth: bool = True) -> Iterator[list[ast.stmt]]:
-        """Collects the statements that are made inside apart, where a condition is true or false."""
-        outer_statements, self.out = self.out, []
-        new_conditions = (
-            set() if test is None else implied_conditions(test, truth, self.definitions) - self.true_conditions
-        )
-        self.true_conditions |= new_conditions
+        """Collect the statements made inside separately, where a condition is true or false."""
+        outer_statements, self.statements = self.statements, []
+        implied = set() if test is None else implied_conditions(test, truth, self.definitions)
+        implied -= self.true_conditions
+        self.true_conditions |= implied
         try:
-            yield self.out
+            yield self.statements
         finally:
-            self.out = outer_statements
-            self.true_conditions -= new_conditions
+            self.statements = outer_statements
+            self.true_conditions -= implied
 
     def _branch(
         self, test: ast.expr, runs: tuple[Callable[[], Any], Callable[[], Any]], name: str = "", key: Any = None
     ) -> Any:
-        """What one of two functions gives, by a condition; ``None`` where only their statements matter."""
+        """Return the value of one of two functions, by a condition; ``None`` where only their statements matter."""
         results, blocks = [], []
         for run, truth in zip(runs, (True, False), strict=True):
             with self._separate_block(test, truth) as block:
@@ -145,13 +143,13 @@ class Formulas(ABC):
         value = results[0]
         if value is not results[1]:
             value = self._merge_branches(name, (results[0], results[1]), key, test, blocks)
-        self.out += if_statement(test, *blocks)
+        self.statements += if_statement(test, *blocks)
         return value
 
     def _merge_branches(
         self, name: str, pair: tuple[Any, Any], key: Any, test: ast.expr, blocks: list[list[ast.stmt]]
     ) -> Any:
-        """One of two values, which blocks of statements store in a variable where they differ."""
+        """Return one of two values; where they differ, the blocks store them in a variable."""
         yes, no = pair
         if isinstance(yes, dict):  # a tuple, by name or place
             return {n: self._merge_branches(f"{name}_{n}", (part, no[n]), key, test, blocks) for n, part in yes.items()}
@@ -166,36 +164,33 @@ class Formulas(ABC):
         return self._variable(out)
 
     def _store(self, name: str, value: Number) -> None:
-        """``name`` = value, and whether it is a number, where that is not certain."""
+        """Store a value under a name, with its flag where it may be NaN."""
         kinds, flag = self.kinds, f"{name}_known"
         if not value.is_nan and kinds.setdefault(name, "real" if name[:2] == "s." else value.kind) != value.kind:
             if kinds[name] != "real":
                 kinds[name] = "real"
                 raise TranslateAgainError
             value = self._real(value)
-        needs = self._known_flags(value)
-        if (needs or value.is_nan) and name not in self.may_be_nan:
+        flags = self._known_flags(value)
+        if (flags or value.is_nan) and name not in self.may_be_nan:
             self.may_be_nan.add(name)
             raise TranslateAgainError
         store: list[ast.stmt] = [assignment(name, value.text)]
         if ast.unparse(value.text) == name and not value.is_nan:
             return
         if name in self.may_be_nan:
-            is_known = ast.Constant(not value.is_nan) if not needs else join_conditions(ast.And(), needs)
+            is_known = ast.Constant(not value.is_nan) if not flags else join_conditions(ast.And(), flags)
             self.true_conditions.discard(flag)
-            self.out.append(assignment(flag, is_known))
-            store = [ast.If(expression(flag), store, [])] if needs else store
-        self.out += [] if value.is_nan else store
+            self.statements.append(assignment(flag, is_known))
+            store = [ast.If(expression(flag), store, [])] if flags else store
+        self.statements += [] if value.is_nan else store
 
     def _bind(self, name: str, value: Any, key: Any, is_reassigned: bool = False) -> Any:
-        """A value as later statements may read it; many: it is one of several that a variable gets."""
+        """Return a value as later statements may read it; is_reassigned: the variable gets several values."""
         if isinstance(value, dict):
-            return {
-                n: part
-                if not is_reassigned and self._is_steady(part)
-                else self._bind(f"{name}_{n}", part, key, is_reassigned)
-                for n, part in value.items()
-            }
+            kept = {n for n, part in value.items() if not is_reassigned and self._is_steady(part)}
+            bind = partial(self._bind, key=key, is_reassigned=is_reassigned)
+            return {n: part if n in kept else bind(f"{name}_{n}", part) for n, part in value.items()}
         if not isinstance(value, Number) or (not is_reassigned and value.is_atom and self._is_steady(value)):
             return value
         out = self._local_name(name, key)
@@ -207,7 +202,7 @@ class Formulas(ABC):
         return self._variable(out)
 
     def _is_steady(self, value: Any) -> bool:
-        """Whether a value reads nothing that changes."""
+        """Whether a value reads no variable that changes."""
         return isinstance(value, Number) and not names_read_in(value.text) & {*self.reassigned_names, "s.w"}
 
     # kinds
@@ -226,7 +221,7 @@ class Formulas(ABC):
     # expressions
 
     def _value_of(self, name: str, node: ast.expr, scope: Scope) -> Any:
-        """A value that will have a name."""
+        """Evaluate an expression whose value will have a name."""
         outer_name, self.wanted_name = self.wanted_name, name
         value = self._value(node, scope)
         self.wanted_name = outer_name
@@ -272,17 +267,14 @@ class Formulas(ABC):
 
     def _look_up(self, name: str, scope: Scope) -> Any:
         python = scope.function
-        cells = dict(zip(python.__code__.co_freevars, python.__closure__ or (), strict=True))
         if name in scope.names:
             return scope.names[name]
-        if name in cells:
-            return self._lift_constant(name, cells[name].cell_contents)
-        if name in python.__globals__:
-            return self._lift_constant(name, python.__globals__[name])
-        return getattr(builtins, name)
+        cells = zip(python.__code__.co_freevars, python.__closure__ or (), strict=True)
+        outer = python.__globals__ | {cell_name: cell.cell_contents for cell_name, cell in cells}
+        return self._lift_constant(name, outer[name]) if name in outer else getattr(builtins, name)
 
     def _lift_constant(self, name: str, value: Any) -> Any:
-        """A name of the module: numbers become constants of the laws."""
+        """Return the value of a name of the module; numbers become constants of the laws."""
         value = value.item() if isinstance(value, (np.number, np.bool_)) else value
         if isinstance(value, (int, float)):
             number = constant(value)
@@ -295,6 +287,7 @@ class Formulas(ABC):
         return value
 
     def _module_constant(self, name: str, value: Any) -> str:
+        """Return the name of a constant of the laws with this value."""
         constant_name = self._unique_name(plain_text(name).strip("_").upper(), ("constant", repr(value)))
         self.constants[constant_name] = value
         return constant_name
@@ -319,14 +312,14 @@ class Formulas(ABC):
     # conditions
 
     def _flag(self, number: Number) -> Number:
-        """A truth; of a number, whether it is not 0."""
+        """Return a truth value; of a number, whether it is not 0."""
         if number.kind != "flag":
             return self._compare(ast.NotEq(), number, constant(0 if number.kind == "whole" else 0.0))
         return number
 
     @staticmethod
     def _join_flags(sign: ast.boolop, parts: list[Number]) -> Number:
-        """Flags joined by and, or by or, without those that are known."""
+        """Join flags by and, or by or, without those whose value is known."""
         is_and = isinstance(sign, ast.And)
         if any(part.value is not None and bool(part.value) != is_and for part in parts):
             return constant(not is_and)
@@ -334,7 +327,7 @@ class Formulas(ABC):
         return Number(join_conditions(sign, unknown), "flag") if unknown else constant(is_and)
 
     def _evaluate_bool_op(self, node: ast.BoolOp, scope: Scope) -> Number:
-        """``and`` or ``or``: what stands further right is evaluated only where it matters."""
+        """Evaluate ``and`` or ``or``: the operands further right only where they matter."""
         is_and, parts = isinstance(node.op, ast.And), [self._flag(self._value(node.values[0], scope))]
         for operand in node.values[1:]:
             first = self._join_flags(node.op, parts)
@@ -346,12 +339,12 @@ class Formulas(ABC):
                 name = self._local_name("holds", id(operand))
                 self._store(name, first)
                 block.append(assignment(name, parts[-1].text))
-                self.out.append(ast.If(ast.Name(name) if is_and else negation(ast.Name(name)), block, []))
+                self.statements.append(ast.If(ast.Name(name) if is_and else negation(ast.Name(name)), block, []))
                 parts = [self._variable(name)]
         return self._join_flags(node.op, parts)
 
     def _compare(self, sign: ast.cmpop, left: Number, right: Number) -> Number:
-        """Whether a comparison holds, which none with NaN does but !=."""
+        """Compare two numbers; with NaN only != holds."""
         holds = _OPERATORS[type(sign)]
         left, right = (self._real(side) if side.kind == "flag" else side for side in (left, right))
         if left.is_nan or right.is_nan:
@@ -418,14 +411,13 @@ class Formulas(ABC):
         return square if right.value == 2 else self._arithmetic(ast.Mult(), square, left)
 
     def _apply_function(self, name: str, arguments: list[Number]) -> Number:
-        """The value of a function that the languages have."""
+        """Evaluate a function that the languages have."""
         if name == "bool":
             return self._flag(arguments[0])
         if name == "isnan":
-            needs = self._known_flags(arguments[0])
-            return (
-                Number(negation(join_conditions(ast.And(), needs)), "flag") if needs else constant(arguments[0].is_nan)
-            )
+            if flags := self._known_flags(arguments[0]):
+                return Number(negation(join_conditions(ast.And(), flags)), "flag")
+            return constant(arguments[0].is_nan)
         is_whole = name in ("min", "max", "abs") and all(number.kind == "whole" for number in arguments)
         numbers = arguments if is_whole else [self._real(number) for number in arguments]
         if name == "float":

@@ -1,9 +1,9 @@
-"""The laws in C99, and as a function block in Structured Text of IEC 61131-3.
+"""Print the laws in C99, and as a function block in Structured Text of IEC 61131-3.
 
-C is one file without dynamic memory, with nothing but headers of the standard library.  Structured Text has what its
-second edition has, and so every later one: functions of numbers stay functions; what works on the state is written
-where it is called, for functions of that edition see no state but their own, and function blocks have no methods.
-The XML of PLCopen (TC6 2.01, IEC 61131-10; ``laws/plcopen.xml.jinja``) has the units as elements, their bodies as text.
+C is one file without dynamic memory that needs only the standard library.  Structured Text is that of the second
+edition: functions of numbers stay functions; sections, which work on the state, are inlined, since functions of that
+edition have no access to the state of a block, and function blocks have no methods.  The XML of PLCopen (TC6 2.01,
+IEC 61131-10; ``laws/plcopen.xml.jinja``) has the units as elements, their bodies as text.
 """
 
 import ast
@@ -13,44 +13,40 @@ from typing import ClassVar, NamedTuple
 from fastcoil.deliver.export.printer import Declaration, Function, Laws, Printer, statements_in
 from fastcoil.deliver.export.words import WIDTH, break_line, number_literal
 
-_ZERO_LITERALS = {"real": "0.0", "flag": "false", "whole": "0"}
-_MATH_FUNCTIONS = ("exp", "log", "sqrt", "pow", "sin", "cos", "tan", "asin", "acos", "atan", "tanh", "floor")
-_INCLUDES = "#include <math.h>\n#include <stdbool.h>\n#include <string.h>"
-_COMPILER_NOTE = "GCC and Clang need -ffp-contract=off for that, and never -ffast-math."
 _PUBLIC_FUNCTIONS = ("start", "step")
 
 
 class CPrinter(Printer):
-    """Writes the laws in C, with ``name`` before the names that other files see."""
+    """Prints the laws in C; ``name`` is the prefix of the public names."""
 
     TYPES: ClassVar = {"real": "double", "flag": "bool", "whole": "int", "": "void"}
-    WORDS: ClassVar = {
+    SYNTAX: ClassVar = {
         "or": "||", "and": "&&", "not": "!", "True": "true", "False": "false", "state": "s->", "=": "{} = {};",
         "return": "return {};", "if": "if ({}) {{", "elif": "}} else if ({}) {{", "else": "} else {", "end if": "}",
         "up": "for (int {i} = {low}; {i} < {high}; {i}++) {{", "down": "for (int {i} = {low}; {i} > {high}; {i}--) {{",
         "end for": "}", "zeros": "memset({0}, 0, sizeof {0});",
     }  # fmt: skip
-    FUNCTIONS: ClassVar = {f"math.{name}": name for name in _MATH_FUNCTIONS} | {
-        "abs": "fabs", "max": "fmax", "min": "fmin", "float": "(double)", "int": "(int)",
-    }  # fmt: skip
+    FUNCTIONS: ClassVar = {
+        f"math.{name}": name
+        for name in ("exp", "log", "sqrt", "pow", "sin", "cos", "tan", "asin", "acos", "atan", "tanh", "floor")
+    } | {"abs": "fabs", "max": "fmax", "min": "fmin", "float": "(double)", "int": "(int)"}
     COMMENT = ("/*", " * ", "*/")
-    BREAKS = r" (?=&& |\|\| |[-+*/] )|(?<=,) "
+    LINE_BREAKS = r" (?=&& |\|\| |[-+*/] )|(?<=,) "
 
     def __init__(self, laws: Laws, name: str) -> None:
         super().__init__(laws)
         self.struct_name = f"{name}_state"
-        self.functions |= {
-            function: f"{name}_{function}" if function in _PUBLIC_FUNCTIONS else function for function in laws.functions
-        }
+        self.functions |= {function: function for function in laws.functions}
+        self.functions |= {function: f"{name}_{function}" for function in _PUBLIC_FUNCTIONS}
 
     def text(self) -> str:
         laws = self.laws
-        fields = "\n".join(self.listed(laws.fields, self._field, "    "))
+        fields = "\n".join(self.declaration_lines(laws.fields, self._field, "    "))
         state = self.comment(f"{laws.state_text}\n\nOne full of zeros starts by itself.")
         parts = [
-            self.comment(f"{laws.text}\n{_COMPILER_NOTE}"),
-            _INCLUDES,
-            "\n".join(self.listed(laws.constants, self._constant)),
+            self.comment(f"{laws.text}\nGCC and Clang need -ffp-contract=off for that, and never -ffast-math."),
+            "#include <math.h>\n#include <stdbool.h>\n#include <string.h>",
+            "\n".join(self.declaration_lines(laws.constants, self._constant)),
             f"{state}\ntypedef struct {{\n{fields}\n}} {self.struct_name};",
             "\n".join(f"{self._head(laws.functions[function])};" for function in _PUBLIC_FUNCTIONS),
             *(self._function(function) for function in laws.functions.values()),
@@ -60,9 +56,8 @@ class CPrinter(Printer):
     def _constant(self, constant: Declaration) -> str:
         if isinstance(constant.value, list):
             numbers = wrap(", ".join(map(number_literal, constant.value)), WIDTH - 4)
-            return (
-                "\n    ".join([f"static const double {constant.name}[{len(constant.value)}] = {{", *numbers]) + "\n};"
-            )
+            head = f"static const double {constant.name}[{len(constant.value)}] = {{"
+            return "\n    ".join([head, *numbers]) + "\n};"
         value = self.constant(constant.value)
         return f"#define {constant.name} {f'({value})' if constant.value < 0 else value}"
 
@@ -77,19 +72,17 @@ class CPrinter(Printer):
         return "\n".join(break_line(head, r"(?<=,) "))
 
     def _function(self, function: Function) -> str:
-        """A function, its variables before all but the counters of loops."""
+        """Print a function; its variables, except the counters of loops, are declared first."""
         counters = {ast.unparse(node.target) for node in statements_in(function.body) if isinstance(node, ast.For)}
-        kinds = {
-            name: kind for name, kind in self.locals_of(function.body, function.kinds).items() if name not in counters
-        }
-        declarations = [f"    {self.TYPES[kind]} {name} = {_ZERO_LITERALS[kind]};" for name, kind in kinds.items()]
-        return "\n".join(
-            [self.comment(function.text), self._head(function), "{", *declarations, *self.block(function.body, 1), "}"]
-        )
+        zeros = {"real": "0.0", "flag": "false", "whole": "0"}
+        lines = [self.comment(function.text), self._head(function), "{"]
+        for name, kind in self.locals_of(function.body, function.kinds).items():
+            lines += [f"    {self.TYPES[kind]} {name} = {zeros[kind]};"] if name not in counters else []
+        return "\n".join([*lines, *self.block(function.body, 1), "}"])
 
     def _term(self, node: ast.expr) -> str:
         if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Call):  # fmin of whole numbers is a double
-            return f"{self.say(node.value)}[(int){self.say(node.slice)}]"
+            return f"{self.expression_text(node.value)}[(int){self.expression_text(node.slice)}]"
         return super()._term(node)
 
 
@@ -99,7 +92,7 @@ _INTERMEDIATE = "VAR  (* Intermediate values. *)"
 
 
 class Unit(NamedTuple):
-    """A function, or the block, which ``returns`` nothing; ``variables`` by what their declaration begins with."""
+    """A function, or the block, which ``returns`` nothing; ``variables`` by the opening of their section."""
 
     name: str
     returns: str
@@ -108,28 +101,28 @@ class Unit(NamedTuple):
     body: list[str]
 
 
-_X_INPUT = {"VAR_INPUT": [Declaration("x", "real")]}
 _MISSING_FUNCTIONS = {
     "math.floor": Unit(
-        "floor", "real", "Largest whole number up to x, between -2E9 and 2E9.", _X_INPUT | {"VAR": [Declaration("found", "real")]},
+        "floor", "real", "Largest whole number up to x, between -2E9 and 2E9.",
+        {"VAR_INPUT": [Declaration("x", "real")], "VAR": [Declaration("whole", "real")]},
         [
-            *("found := DINT_TO_LREAL(TRUNC(x));", "IF found > x THEN", f"{_INDENT}found := found - 1.0;", "END_IF;"),
-            "{} := found;",
+            *("whole := DINT_TO_LREAL(TRUNC(x));", "IF whole > x THEN", f"{_INDENT}whole := whole - 1.0;", "END_IF;"),
+            "{} := whole;",
         ],
     ),
     "math.tanh": Unit(
-        "tanh", "real", "Hyperbolic tangent.", _X_INPUT,
+        "tanh", "real", "Hyperbolic tangent.", {"VAR_INPUT": [Declaration("x", "real")]},
         ["{} := 1.0 - 2.0 / (EXP(2.0 * MAX(MIN(x, 20.0), -20.0)) + 1.0);"],
     ),
 }  # fmt: skip
-"""Functions that the standard lacks."""
+"""Functions that the standard does not have, with {} for their name."""
 
 
 class StructuredTextPrinter(Printer):
-    """Writes the laws in Structured Text; ``name`` is part of the names that a project sees."""
+    """Prints the laws in Structured Text; ``name`` is part of the public names."""
 
     TYPES: ClassVar = {"real": "LREAL", "flag": "BOOL", "whole": "INT"}
-    WORDS: ClassVar = {
+    SYNTAX: ClassVar = {
         "or": "OR", "and": "AND", "not": "NOT ", "True": "TRUE", "False": "FALSE", "==": "=", "!=": "<>", "state": "",
         "=": "{} := {};", "if": "IF {} THEN", "elif": "ELSIF {} THEN", "else": "ELSE", "end if": "END_IF;",
         "up": "FOR {i} := {low} TO {last} DO", "down": "FOR {i} := {low} TO {last} BY -1 DO", "end for": "END_FOR;",
@@ -141,53 +134,46 @@ class StructuredTextPrinter(Printer):
         "math.atan": "ATAN", "math.pow": "EXPT", "float": "INT_TO_LREAL", "int": "TRUNC",
     }  # fmt: skip
     COMMENT = ("(*", "   ", "*)")
-    BREAKS = r" (?=AND |OR |[-+*/] )|(?<=,) "
+    LINE_BREAKS = r" (?=AND |OR |[-+*/] )|(?<=,) "
 
     def __init__(self, laws: Laws, name: str) -> None:
         super().__init__(laws)
         self.block_name = f"FB_{name}"
-        self.missing = {word: f"F_{name}_{word[5:]}" for word in _MISSING_FUNCTIONS if f"{word}(" in laws.source}
-        self.functions |= self.missing
-        self.functions |= {
-            function_name: f"F_{name}_{function_name}"
-            for function_name, function in laws.functions.items()
-            if not function.is_section
-        }
+        missing = [word for word in _MISSING_FUNCTIONS if f"{word}(" in laws.source]
+        self.missing_functions = {word: f"F_{name}_{word.removeprefix('math.')}" for word in missing}
+        functions = [function.name for function in laws.functions.values() if not function.is_section]
+        self.functions |= self.missing_functions | {function: f"F_{name}_{function}" for function in functions}
 
     def text(self) -> str:
-        return "\n\n".join([self.comment(self.laws.text), *map(self._written, self.units())]) + "\n"
+        return "\n\n".join([self.comment(self.laws.text), *map(self._unit_text, self.units())]) + "\n"
 
     def units(self) -> list[Unit]:
-        """The functions, and the block at the end."""
-        missing = [
-            _MISSING_FUNCTIONS[word]._replace(
-                name=name, body=[line.format(name) for line in _MISSING_FUNCTIONS[word].body]
-            )
-            for word, name in self.missing.items()
-        ]
-        functions = [self._function(function) for function in self.laws.functions.values() if not function.is_section]
-        return [*missing, *functions, self._block()]
+        """Return the functions, and the block at the end."""
+        units = []
+        for word, name in self.missing_functions.items():
+            unit = _MISSING_FUNCTIONS[word]
+            units.append(unit._replace(name=name, body=[line.format(name) for line in unit.body]))
+        units += [self._function(function) for function in self.laws.functions.values() if not function.is_section]
+        return [*units, self._block()]
 
-    def _written(self, unit: Unit) -> str:
+    def _unit_text(self, unit: Unit) -> str:
         if unit.returns:
             lines = [self.comment(unit.text), f"FUNCTION {unit.name} : {self.TYPES[unit.returns]}"]
         else:
             lines = [f"FUNCTION_BLOCK {unit.name}"]
         for opening, variables in unit.variables.items():
             declare = self._constant if opening == "VAR CONSTANT" else self._declaration
-            is_intermediate = opening == _INTERMEDIATE
-            declarations = (
-                self._intermediate_declarations(variables)
-                if is_intermediate
-                else self.listed(variables, declare, _INDENT)
-            )
+            if opening == _INTERMEDIATE:
+                declarations = self._intermediate_declarations(variables)
+            else:
+                declarations = self.declaration_lines(variables, declare, _INDENT)
             lines += [opening, *declarations, "END_VAR"]
         lines += unit.body if unit.returns else ["", *unit.body]
         return "\n".join([*lines, "END_FUNCTION" if unit.returns else "END_FUNCTION_BLOCK"])
 
     def _function(self, function: Function) -> Unit:
         name = self.functions[function.name]
-        self.words["return"] = f"{name} := {{}};\nRETURN;"
+        self.syntax["return"] = f"{name} := {{}};\nRETURN;"
         body = self.block(function.body, 0)
         return Unit(
             name, function.returns, function.text,
@@ -210,18 +196,16 @@ class StructuredTextPrinter(Printer):
         return {_INTERMEDIATE: [Declaration(name, kind) for name, kind in kinds.items()]} if kinds else {}
 
     def locals_of(self, body: list[ast.stmt], arguments: dict[str, str]) -> dict[str, str]:
-        """With those of the sections that are called, which are written there."""
+        """Add the variables of the called sections, which are inlined."""
         kinds = super().locals_of(body, arguments)
         for node in statements_in(body):
-            inner: dict[str, str] = {}
             if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
                 section = self.laws.functions[ast.unparse(node.value.func)]
-                argument_values = zip(section.kinds.items(), node.value.args[1:], strict=True)
-                inner = {name: kind for (name, kind), value in argument_values if ast.unparse(value) != name}
-                inner |= self.locals_of(section.body, section.kinds)
+                values = zip(section.kinds.items(), node.value.args[1:], strict=True)
+                kinds |= {name: kind for (name, kind), value in values if ast.unparse(value) != name}
+                kinds |= self.locals_of(section.body, section.kinds)
             elif isinstance(node, ast.Assign) and ast.unparse(node.value).startswith("zeros("):
-                inner = {"i": "whole"}
-            kinds |= inner
+                kinds["i"] = "whole"
         return kinds
 
     def _declaration(self, variable: Declaration) -> str:
@@ -238,16 +222,16 @@ class StructuredTextPrinter(Printer):
     def _constant(self, constant: Declaration) -> str:
         if isinstance(constant.value, list):
             numbers = [_INDENT * 2 + line for line in wrap(", ".join(map(st_literal, constant.value)), WIDTH - 8)]
-            return "\n".join(
-                [f"{constant.name} : ARRAY[0..{len(constant.value) - 1}] OF LREAL := [", *numbers, f"{_INDENT}];"]
-            )
+            head = f"{constant.name} : ARRAY[0..{len(constant.value) - 1}] OF LREAL := ["
+            return "\n".join([head, *numbers, f"{_INDENT}];"])
         return f"{constant.name} : {self.TYPES[constant.kind]} := {self.constant(constant.value)};"
 
     def call(self, function: Function, arguments: list[ast.expr]) -> list[str]:
-        """What it does, behind the values of its arguments."""
-        argument_values = zip(function.kinds, arguments, strict=True)
-        values = [f"{name} := {self.say(value)};" for name, value in argument_values if ast.unparse(value) != name]
-        return [*values, *self._inlined_section(function), ""]
+        """Inline a section, after assignments to its arguments."""
+        lines = []
+        for name, value in zip(function.kinds, arguments, strict=True):
+            lines += [f"{name} := {self.expression_text(value)};"] if ast.unparse(value) != name else []
+        return [*lines, *self._inlined_section(function), ""]
 
     def _inlined_section(self, function: Function) -> list[str]:
         body = (
@@ -261,6 +245,6 @@ class StructuredTextPrinter(Printer):
 
 
 def st_literal(value: float) -> str:
-    """A number as Structured Text writes it: 1.0E-9."""
+    """Return a number as a literal of Structured Text: 1.0E-9."""
     mantissa, e, power = number_literal(value).partition("e")
     return mantissa + ("" if "." in mantissa else ".0") + (f"E{power}" if e else "")

@@ -1,4 +1,4 @@
-"""The rendered laws, taken apart with what is said of each part, and said in C or Structured Text."""
+"""Parse the rendered laws, with the comment on each part, and print them in C or Structured Text."""
 
 import ast
 import io
@@ -16,18 +16,18 @@ _KINDS = {"float": "real", "bool": "flag", "int": "whole", "None": "", "list[flo
 
 @dataclass(frozen=True)
 class Declaration:
-    """A constant with its value, a field of the state or an argument, and what is said of it; size: of an array."""
+    """A constant with its value, a field of the state or an argument; size: of an array."""
 
     name: str
     kind: str
-    said: str = ""
+    description: str = ""
     value: float | int | list[float] = 0.0
     size: int = 0
 
 
 @dataclass(frozen=True)
 class Function:
-    """A function of numbers, or a section: one that works on the state, given first."""
+    """A function of numbers, or a section, whose first argument is the state."""
 
     name: str
     arguments: list[Declaration]
@@ -42,7 +42,7 @@ class Function:
 
 
 class Laws:
-    """What the text of the laws holds."""
+    """The constants, fields and functions in the text of the laws."""
 
     def __init__(self, text: str) -> None:
         tree, comments = ast.parse(text), _comments(text)
@@ -54,10 +54,8 @@ class Laws:
         for node in tree.body:
             if isinstance(node, ast.Assign):
                 value = ast.literal_eval(node.value)
-                kind = "whole" if isinstance(value, int) else "real"
-                self.constants.append(
-                    Declaration(ast.unparse(node.targets[0]), kind, comments.get(node.lineno, ""), value)
-                )
+                name, kind = ast.unparse(node.targets[0]), "whole" if isinstance(value, int) else "real"
+                self.constants.append(Declaration(name, kind, comments.get(node.lineno, ""), value))
             elif isinstance(node, ast.FunctionDef):
                 self.functions[node.name] = _function(node, comments)
         sizes = {
@@ -73,14 +71,13 @@ class Laws:
                 self.fields.append(Declaration(name, kind, comments.get(node.lineno, ""), size=sizes.get(name, 0)))
             elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
                 self.state_text = str(node.value.value)
-        self.kinds = {item.name: item.kind for item in self.constants} | {
-            f"s.{item.name}": item.kind for item in self.fields
-        }
-        self.kinds |= {item.name: item.returns for item in self.functions.values()}
+        self.kinds = {constant.name: constant.kind for constant in self.constants}
+        self.kinds |= {f"s.{field.name}": field.kind for field in self.fields}
+        self.kinds |= {function.name: function.returns for function in self.functions.values()}
 
 
 def _comments(text: str) -> dict[int, str]:
-    """What is said of a line, behind it or right above it, by the number of the line."""
+    """Return the comment on each line, behind it or right above it, by the number of the line."""
     comments: dict[int, str] = {}
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         if token.type == tokenize.COMMENT:
@@ -93,19 +90,15 @@ def _comments(text: str) -> dict[int, str]:
 
 
 def _function(node: ast.FunctionDef, comments: dict[int, str]) -> Function:
-    kinds = {argument.arg: ast.unparse(argument.annotation or ast.Name("float")) for argument in node.args.args}
-    return Function(
-        node.name,
-        [
-            Declaration(argument.arg, _KINDS[kinds[argument.arg]], comments.get(argument.lineno, ""))
-            for argument in node.args.args
-            if kinds[argument.arg] != "State"
-        ],
-        _KINDS[ast.unparse(node.returns or ast.Name("None"))],
-        ast.get_docstring(node) or "",
-        node.body[1:],  # behind its text
-        "State" in kinds.values(),
-    )
+    arguments, is_section = [], False
+    for argument in node.args.args:
+        python_type = ast.unparse(argument.annotation or ast.Name("float"))
+        if python_type == "State":
+            is_section = True
+        else:
+            arguments.append(Declaration(argument.arg, _KINDS[python_type], comments.get(argument.lineno, "")))
+    returns = _KINDS[ast.unparse(node.returns or ast.Name("None"))]
+    return Function(node.name, arguments, returns, ast.get_docstring(node) or "", node.body[1:], is_section)
 
 
 _PRECEDENCE = {"or": 1, "and": 2, "compare": 4, "sum": 5, "product": 6, "unary": 7, "whole": 8}
@@ -118,16 +111,16 @@ _OPERATORS: Mapping[type, tuple[str, str]] = {
 
 
 class Printer:
-    """What the languages share."""
+    """Base class of the printers of C and Structured Text."""
 
-    WORDS: ClassVar[dict[str, str]]  # of operators, truths and parts of a statement, with {} for what is in them
+    SYNTAX: ClassVar[dict[str, str]]  # of operators, truths and parts of a statement, with {} for what is in them
     FUNCTIONS: ClassVar[dict[str, str]]  # their names by those of Python
     TYPES: ClassVar[dict[str, str]]  # of numbers by their kind
     COMMENT: ClassVar[tuple[str, str, str]]  # what stands before, in and behind one
-    BREAKS: ClassVar[str]  # where a line may end
+    LINE_BREAKS: ClassVar[str]  # where a line may end
 
     def __init__(self, laws: Laws) -> None:
-        self.laws, self.words, self.functions = laws, dict(self.WORDS), dict(self.FUNCTIONS)
+        self.laws, self.syntax, self.functions = laws, dict(self.SYNTAX), dict(self.FUNCTIONS)
 
     def comment(self, text: str) -> str:
         first, mark, last = self.COMMENT
@@ -139,44 +132,46 @@ class Printer:
 
     def constant(self, value: object) -> str:
         if isinstance(value, bool):
-            return self.words[str(value)]
+            return self.syntax[str(value)]
         return self.number(value) if isinstance(value, float) else str(value)
 
-    def listed(self, items: Iterable[Declaration], text: Callable[[Declaration], str], indent: str = "") -> list[str]:
-        """Declarations with what is said of them, behind or above."""
+    def declaration_lines(
+        self, items: Iterable[Declaration], text: Callable[[Declaration], str], indent: str = ""
+    ) -> list[str]:
+        """Return declarations with their descriptions, behind or above."""
         lines: list[str] = []
         for item in items:
-            code, comment = indent + text(item), self.comment(item.said)
-            if not item.said:
+            code, comment = indent + text(item), self.comment(item.description)
+            if not item.description:
                 lines.append(code)
             elif len(code) + len(comment) < WIDTH - 1:
                 lines.append(f"{code}  {comment}")
             else:
-                lines += [*(indent + self.comment(part) for part in wrap(item.said, WIDTH - 8)), code]
+                lines += [*(indent + self.comment(part) for part in wrap(item.description, WIDTH - 8)), code]
         return lines
 
-    def say(self, node: ast.expr, around: str = "or") -> str:
-        """An expression inside one that binds like ``around``."""
-        text, level = self._said(node)
+    def expression_text(self, node: ast.expr, around: str = "or") -> str:
+        """Print an expression inside one that binds like ``around``."""
+        text, level = self._text_and_level(node)
         return f"({text})" if _PRECEDENCE[level] < _PRECEDENCE[around] else text
 
-    def _said(self, node: ast.expr) -> tuple[str, str]:
+    def _text_and_level(self, node: ast.expr) -> tuple[str, str]:
         if isinstance(node, ast.BinOp):
             sign, level = _OPERATORS[type(node.op)]
-            # what stands on the right is grouped first, or the rounding would be another
+            # the right operand keeps its group, for the same rounding
             right = {"sum": "product", "product": "unary"}[level]
-            return f"{self.say(node.left, level)} {sign} {self.say(node.right, right)}", level
+            return f"{self.expression_text(node.left, level)} {sign} {self.expression_text(node.right, right)}", level
         if isinstance(node, ast.BoolOp):
             sign, level = _OPERATORS[type(node.op)]
-            # a comparison among conditions is grouped for the reader; of one kind with another it has to be
-            return f" {self.words[sign]} ".join(self.say(operand, "sum") for operand in node.values), level
+            # brackets around a comparison help the reader; between ``and`` and ``or`` they are necessary
+            return f" {self.syntax[sign]} ".join(self.expression_text(operand, "sum") for operand in node.values), level
         if isinstance(node, ast.Compare):
             sign, level = _OPERATORS[type(node.ops[0])]
-            sides = (self.say(operand, "sum") for operand in (node.left, node.comparators[0]))
-            return f" {self.words.get(sign, sign)} ".join(sides), level
+            sides = (self.expression_text(operand, "sum") for operand in (node.left, node.comparators[0]))
+            return f" {self.syntax.get(sign, sign)} ".join(sides), level
         if isinstance(node, ast.UnaryOp):
-            sign = self.words["not"] if isinstance(node.op, ast.Not) else "-"
-            return f"{sign}{self.say(node.operand, 'unary')}", "unary"
+            sign = self.syntax["not"] if isinstance(node.op, ast.Not) else "-"
+            return f"{sign}{self.expression_text(node.operand, 'unary')}", "unary"
         return self._term(node), "whole"
 
     def _term(self, node: ast.expr) -> str:
@@ -185,65 +180,65 @@ class Printer:
         if isinstance(node, ast.Name):
             return node.id
         if isinstance(node, ast.Attribute):
-            return self.words["state"] + node.attr
+            return self.syntax["state"] + node.attr
         if isinstance(node, ast.Subscript):
-            return f"{self.say(node.value)}[{self.say(node.slice)}]"
+            return f"{self.expression_text(node.value)}[{self.expression_text(node.slice)}]"
         call: Any = node
-        return f"{self.functions[ast.unparse(call.func)]}({', '.join(map(self.say, call.args))})"
+        return f"{self.functions[ast.unparse(call.func)]}({', '.join(map(self.expression_text, call.args))})"
 
     def block(self, body: list[ast.stmt], depth: int) -> list[str]:
         lines: list[str] = []
         indent = "    " * depth
         for node in body:
             first, *rest = self._statement(node, depth)
-            lines += [*break_line(indent + first, self.BREAKS), *rest]
+            lines += [*break_line(indent + first, self.LINE_BREAKS), *rest]
         return lines
 
     def _statement(self, node: ast.stmt, depth: int) -> list[str]:
-        """A statement, its first line without indentation."""
-        words, say, indent = self.words, self.say, "    " * depth
+        """Print a statement, its first line without indentation."""
+        syntax, text_of, indent = self.syntax, self.expression_text, "    " * depth
         if isinstance(node, ast.For) and isinstance(node.iter, ast.Call):
             ends, goes_up = node.iter.args, len(node.iter.args) < 3
-            low = say(ends[0]) if len(ends) > 1 else "0"
+            low = text_of(ends[0]) if len(ends) > 1 else "0"
             high: Any = ends[min(len(ends), 2) - 1]
-            last = f"{say(high)} {'-' if goes_up else '+'} 1"
+            last = f"{text_of(high)} {'-' if goes_up else '+'} 1"
             if isinstance(high, ast.Constant):
                 last = str(int(str(high.value)) + (-1 if goes_up else 1))
-            loop_template = words["up" if goes_up else "down"]
-            head = loop_template.format(i=say(node.target), low=low, high=say(high), last=last)
-            return [head, *self.block(node.body, depth + 1), indent + words["end for"]]
+            loop_template = syntax["up" if goes_up else "down"]
+            head = loop_template.format(i=text_of(node.target), low=low, high=text_of(high), last=last)
+            return [head, *self.block(node.body, depth + 1), indent + syntax["end for"]]
         if isinstance(node, ast.If):
-            lines = [words["if"].format(say(node.test)), *self.block(node.body, depth + 1)]
+            lines = [syntax["if"].format(text_of(node.test)), *self.block(node.body, depth + 1)]
             while node.orelse and isinstance(node.orelse[0], ast.If) and node.orelse[0].col_offset == node.col_offset:
                 node = node.orelse[0]  # an elif, which begins where its if does
-                lines += break_line(indent + words["elif"].format(say(node.test)), self.BREAKS)
+                lines += break_line(indent + syntax["elif"].format(text_of(node.test)), self.LINE_BREAKS)
                 lines += self.block(node.body, depth + 1)
-            lines += [indent + words["else"], *self.block(node.orelse, depth + 1)] if node.orelse else []
-            return [*lines, indent + words["end if"]]
+            lines += [indent + syntax["else"], *self.block(node.orelse, depth + 1)] if node.orelse else []
+            return [*lines, indent + syntax["end if"]]
         first, *rest = self._simple_statement(node)
         return [first, *(indent + line if line else "" for line in rest)]
 
     def _simple_statement(self, node: ast.stmt) -> list[str]:
-        """A statement without others inside."""
-        words, say = self.words, self.say
+        """Print a statement without others inside."""
+        syntax, text_of = self.syntax, self.expression_text
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
             return self.call(self.laws.functions[ast.unparse(node.value.func)], node.value.args[1:])
         if isinstance(node, ast.Return) and node.value is not None:
-            return words["return"].format(say(node.value)).splitlines()
+            return syntax["return"].format(text_of(node.value)).splitlines()
         if isinstance(node, ast.AugAssign):
-            return [words["="].format(say(node.target), say(ast.BinOp(node.target, node.op, node.value)))]
+            return [syntax["="].format(text_of(node.target), text_of(ast.BinOp(node.target, node.op, node.value)))]
         if isinstance(node, ast.Assign):
             target, value = node.targets[0], node.value
             if isinstance(value, ast.Call) and ast.unparse(value.func) == "zeros":
-                return words["zeros"].format(say(target), int(ast.unparse(value.args[0])) - 1).splitlines()
-            return [words["="].format(say(target), say(value))]
+                return syntax["zeros"].format(text_of(target), int(ast.unparse(value.args[0])) - 1).splitlines()
+            return [syntax["="].format(text_of(target), text_of(value))]
         raise TypeError(f"the laws have no {ast.unparse(node)}")
 
     def call(self, function: Function, arguments: list[ast.expr]) -> list[str]:
-        return [f"{self.functions[function.name]}({', '.join(['s', *map(self.say, arguments)])});"]
+        return [f"{self.functions[function.name]}({', '.join(['s', *map(self.expression_text, arguments)])});"]
 
     def locals_of(self, body: list[ast.stmt], arguments: dict[str, str]) -> dict[str, str]:
-        """Kinds of the intermediate values and the counters that some statements store, in their order."""
+        """Return the kinds of the intermediate values and counters that statements store, in their order."""
         kinds: dict[str, str] = {}
         for node in statements_in(body):
             targets = (
@@ -259,7 +254,7 @@ class Printer:
 
 
 def statements_in(body: list[ast.stmt]) -> Iterator[ast.stmt]:
-    """Statements with those inside them, in their order."""
+    """Iterate over statements and those inside them, in their order."""
     for node in body:
         yield node
         if isinstance(node, (ast.If, ast.For)):
@@ -267,7 +262,7 @@ def statements_in(body: list[ast.stmt]) -> Iterator[ast.stmt]:
 
 
 def kind_of(node: ast.expr, kinds: Mapping[str, str]) -> str:
-    """Whether an expression is a flag, a whole number or a real one; kinds: of names, fields and functions."""
+    """Return the kind of an expression: flag, whole or real; kinds: of names, fields and functions."""
     if isinstance(node, ast.Constant):
         return {bool: "flag", int: "whole"}.get(type(node.value), "real")
     if isinstance(node, (ast.BoolOp, ast.Compare)) or (isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not)):

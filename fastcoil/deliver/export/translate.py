@@ -1,11 +1,11 @@
-"""A rule of the kernel, of the package or of the user, written anew as laws for the field.
+"""Translate a rule of the kernel, of the package or of the user, into laws for the field.
 
-``Translator`` follows the Python of a rule with expressions in place of numbers, and that of all functions that it
-calls.  What is left is one function of the state, without classes, tuples or conditional expressions.  What the
-parameters of the loop decide is decided here: a branch that this controller never takes is not in its code.
+``Translator`` executes the Python of a rule, and of all functions that it calls, with expressions in place of numbers.
+The result is one function of the state, without classes, tuples or conditional expressions.  Branches that the
+parameters of the loop exclude are left out.
 
 NaN, which stands for "nothing yet" in a memory, has no portable form in Structured Text.  A variable that may be NaN
-gets a flag beside it, ``x_known``, and every comparison asks for the flag first.
+gets a flag, ``x_known``, and every comparison tests the flag first.
 """
 
 import ast
@@ -41,7 +41,7 @@ from fastcoil.deliver.export.values import (
 from fastcoil.deliver.export.words import constant_text, definition_of, function_text, lines_of, names_in, summary_of
 from fastcoil.model.estimators.interface import is_sample, memory_defaults
 
-_ALREADY_STORED = object()  # what a block gives whose values are stored already
+_ALREADY_STORED = object()  # value of a block whose values are stored already
 
 
 class Port(NamedTuple):
@@ -58,30 +58,31 @@ class Port(NamedTuple):
 class Translator(Formulas):
     """Translates one rule.
 
-    kind: estimator, law or test.  function: its step as it was written.  numbers: its parameters; literal: those that
-    are written as numbers.  estimate: the text of the estimate that it sees.  names: those that the laws have already.
+    kind: estimator, law or test.  function: its step in Python.  numbers: its parameters; literal_names: those that
+    become literals.  estimate: the text of the estimate that it sees.  names: those in use in the laws.
     """
 
     def __init__(
-        self, kind: str, rule: Any, function: Any, numbers: Mapping[str, float], *, literal_names: set[str], estimate: str,
-        names: list[str],
+        self, kind: str, rule: Any, function: Any, numbers: Mapping[str, float], *, literal_names: set[str],
+        estimate: str, names: list[str],
     ) -> None:  # fmt: skip
-        super().__init__(kind, rule.name, [*names, *(reserved_name.upper() for reserved_name in numbers)])
+        super().__init__(kind, rule.name, [*names, *map(str.upper, numbers)])
         self.step, self.start, self.words = function, getattr(rule, "start", None), getattr(rule, "n_floats", 0)
         self.Memory = rule.Memory
         self.numbers, self.literal_names, self.estimate = numbers, literal_names, estimate
         self.goal = {"law": "s.decided", "estimator": "s.estimate", "test": "s.command"}[kind]
-        # state and inputs of the controller that the valve test alone knows
-        self.follows = [f"s.{n}" for n in getattr(rule, "follows", ())]
+        # state and inputs of the controller for the valve test only
+        self.controller_fields = [f"s.{n}" for n in getattr(rule, "controller_fields", ())]
         self.flags = ("enabled", "begins") if kind == "test" else ()
         self.kinds["s.rising"] = "flag"
-        taken_names = {reserved_name.casefold() for reserved_name in names}
+        taken_names = set(map(str.casefold, names))
         field_names = {n: f"{n}_kept" if n.casefold() in taken_names else n for n in self.Memory._fields}
         field_names |= {n: f"test_{n}" for n in field_names if kind == "test"}
         self.fields = {n: "s." + self._unique_name(name, "field") for n, name in field_names.items()}
 
     def port(self) -> Port:
-        while True:  # each round knows more of finitely many variables
+        """Translate the rule; rounds repeat until the kinds of all variables are known."""
+        while True:
             try:
                 return self._port()
             except TranslateAgainError:
@@ -92,9 +93,9 @@ class Translator(Formulas):
                 raise self._refusal("it has what other languages lack", f"use {SUPPORTED_SYNTAX}") from error
 
     def _port(self) -> Port:
-        self._begin()
+        self._begin_round()
         self.bounds: dict[str, int] = {}
-        """Largest value of each counter."""
+        """Upper bound of each counter."""
         parameters = {
             n: constant(float(x)) if n in self.literal_names else Number(ast.Name(n.upper()), "real", float(x))
             for n, x in self.numbers.items()
@@ -102,24 +103,25 @@ class Translator(Formulas):
         first = {n: constant(x) for n, x in zip(self.Memory._fields, memory_defaults(self.Memory), strict=True)}
         if self.start is not None:
             self.path = ("start",)
-            first = self._inline(self.start, [parameters], lambda returned: returned)
+            first = self._inline(self.start, [parameters], lambda value: value)
         memory: dict[str, Any] = {}
         for n, name in self.fields.items():
             value = self._real(first[n])
             if value.is_nan:
                 self.may_be_nan.add(name)
-                self.out += [assignment(name, ast.Constant(0.0)), assignment(f"{name}_known", ast.Constant(False))]
+                for target, unknown in ((name, 0.0), (f"{name}_known", False)):
+                    self.statements.append(assignment(target, ast.Constant(unknown)))
             else:
                 self._store(name, value)
             memory[n] = self._variable(name)
         begins = self._begin_function()
         arguments = [self._sample(), parameters, memory, *([Table()] if self.words else [])]
         self._inline(self.step, arguments, self._commit)
-        test_outputs = ["s.test_aborted"] if self.kind == "test" else []
-        return self._written(begins, needed_statements(self.out, {self.goal, "s.w", *self.follows, *test_outputs}))
+        goals = {self.goal, "s.w", *self.controller_fields, *(["s.test_aborted"] if self.kind == "test" else [])}
+        return self._assemble_port(begins, needed_statements(self.statements, goals))
 
     def _sample(self) -> dict[str, Any]:
-        """What the rule sees, by the names that the controller has for it."""
+        """Return the inputs of the rule, by their names in the controller."""
         texts = {
             "t": "s.clock", "T_set": "T_set", "T": "s.T_seen" if self.kind == "estimator" else "T_sup", "e": "s.e",
             "u": "s.u", "command": "s.command", "switches": "s.switches", "estimate": self.estimate,
@@ -135,10 +137,10 @@ class Translator(Formulas):
     # what a step leaves
 
     def _commit(self, returned: Any) -> Any:
-        """Store what the rule returns; what reads a value of before is kept aside until all are found."""
+        """Store the returned values; one that reads an old value is computed before any is stored."""
         decided, memory, *field_values = returned.values()
         numbers: dict[str, Number] = {self.fields[n]: value for n, value in memory.items()}
-        numbers |= dict(zip(self.follows, field_values, strict=False))
+        numbers |= dict(zip(self.controller_fields, field_values, strict=False))
         numbers[self.goal] = self._real(decided)
         changed = {target: number for target, number in numbers.items() if ast.unparse(number.text) != target}
         fields = {*changed, *(f"{target}_known" for target in changed)}
@@ -151,8 +153,8 @@ class Translator(Formulas):
         for target, number in changed.items():
             self._store(target, number)
         if goal is not None and not goal.is_nan:  # an estimate that is NaN is none
-            needs, store = self._known_flags(goal), assignment(self.goal, call_of("clipped", goal.text))
-            self.out.append(ast.If(join_conditions(ast.And(), needs), [store], []) if needs else store)
+            flags, store = self._known_flags(goal), assignment(self.goal, call_of("clipped", goal.text))
+            self.statements.append(ast.If(join_conditions(ast.And(), flags), [store], []) if flags else store)
         return _ALREADY_STORED
 
     # statements
@@ -165,23 +167,23 @@ class Translator(Formulas):
         return Scope(python, definition, finish)
 
     def _inline(self, function: Any, arguments: Sequence[Any], finish: Any) -> Any:
-        """All that a function does, written here."""
+        """Inline a function."""
         scope = self._scope(function, finish)
         for name, value in zip(scope.arguments, arguments, strict=True):
             scope.names[name] = self._bind(name, value, "local", scope.store_counts[name] > 0)
-        return self._run(scope.definition.body, scope)
+        return self._run_statements(scope.definition.body, scope)
 
-    def _run(self, body: list[ast.stmt], scope: Scope) -> Any:
-        """Take the statements in turn.  Returns what the function returns; ``None`` where it goes on behind them."""
+    def _run_statements(self, body: list[ast.stmt], scope: Scope) -> Any:
+        """Translate statements; return the function's value, or ``None`` if it continues after them."""
         for k, node in enumerate(body):
-            self.where = f"line {node.lineno} of {Path(scope.function.__code__.co_filename).name}"
+            self.source_line = f"line {node.lineno} of {Path(scope.function.__code__.co_filename).name}"
             returned = self._translate_statement(node, body[k + 1 :], scope)
             if returned is not None:
                 return returned
         return None
 
     def _translate_statement(self, node: ast.stmt, rest: list[ast.stmt], scope: Scope) -> Any:
-        """Take one statement; a condition with a return takes the rest with it."""
+        """Translate a statement; a condition with a return includes the rest of the function."""
         if isinstance(node, ast.Return):
             return scope.finish(None if node.value is None else self._value(node.value, scope))
         if isinstance(node, ast.If):
@@ -190,10 +192,10 @@ class Translator(Formulas):
             tails = [[*branch, *(rest if forks else [])] for branch in (node.body, node.orelse)]
             if test.value is None:
                 name = f"{scope.function.__name__.strip('_')}_found"
-                runs = (lambda: self._run(tails[0], scope), lambda: self._run(tails[1], scope))
+                runs = (lambda: self._run_statements(tails[0], scope), lambda: self._run_statements(tails[1], scope))
                 returned = self._branch(test.text, runs, name, id(node))
             else:
-                returned = self._run(tails[0 if test.value else 1], scope)
+                returned = self._run_statements(tails[0 if test.value else 1], scope)
             return _ALREADY_STORED if forks and returned is None else returned
         if isinstance(node, (ast.Assign, ast.AnnAssign)) and node.value is not None:
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
@@ -210,9 +212,8 @@ class Translator(Formulas):
         elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
             self._value(node.value, scope)
         elif not isinstance(node, ast.Pass) and not isinstance(getattr(node, "value", None), ast.Constant):
-            raise self._refusal(
-                f"it has {ast.unparse(node).partition(chr(10))[0].rstrip(':')}", f"use {SUPPORTED_SYNTAX}"
-            )
+            first_line = ast.unparse(node).partition("\n")[0].rstrip(":")
+            raise self._refusal(f"it has {first_line}", f"use {SUPPORTED_SYNTAX}")
         return None
 
     def _assign(self, target: ast.expr, value: Any, scope: Scope) -> None:
@@ -220,14 +221,14 @@ class Translator(Formulas):
             scope.names[target.id] = self._bind(target.id, value, "local", scope.store_counts[target.id] > 1)
         elif isinstance(target, (ast.Tuple, ast.List)):
             parts = [*value.values()]
-            # all are found before the first is stored, as in a, b = b, a
+            # all are evaluated before the first is stored, as in a, b = b, a
             if any(isinstance(element, ast.Name) and scope.store_counts[element.id] > 1 for element in target.elts):
-                parts = [self._bind("before", element, ("before", id(target), k)) for k, element in enumerate(parts)]
+                parts = [self._bind("before", part, ("before", id(target), k)) for k, part in enumerate(parts)]
             for element, part in zip(target.elts, parts, strict=True):
                 self._assign(element, part, scope)
         elif isinstance(target, ast.Subscript) and self._value(target.value, scope) == Table():
             index = self._value(target.slice, scope)
-            self.out.append(ast.Assign([ast.Subscript(expression("s.w"), index.text)], self._real(value).text))
+            self.statements.append(ast.Assign([ast.Subscript(expression("s.w"), index.text)], self._real(value).text))
         else:
             raise self._refusal(f"it changes {ast.unparse(target)}", "return a new memory, or keep it in a name")
 
@@ -236,12 +237,8 @@ class Translator(Formulas):
         if has_return(node):
             raise self._refusal("it returns from a loop", "keep what is found, and return behind the loop")
         ends = [self._value(end, scope) for end in call.args] if isinstance(call, ast.Call) else []
-        if (
-            not ends
-            or node.orelse
-            or ast.unparse(node.iter).partition("(")[0] != "range"
-            or (len(ends) == 3 and ends[2].value != -1)
-        ):
+        is_range = ends and ast.unparse(call).startswith("range(") and (len(ends) < 3 or ends[2].value == -1)
+        if node.orelse or not is_range:
             raise self._refusal(f"it has for … in {ast.unparse(call)}", "write for k in range(…), by one up or down")
         name = ast.unparse(node.target)
         i = self._local_name(name, "loop")
@@ -251,24 +248,20 @@ class Translator(Formulas):
         if len(ends) < 3:  # a loop of the languages has constant ends
             largest = self._largest_value(ends[-1])
             if largest is None:
-                problem = f"{ast.unparse(call)} has no largest end"
-                raise self._refusal(problem, "give the loop a constant number of passes")
+                cure = "give the loop a constant number of passes"
+                raise self._refusal(f"{ast.unparse(call)} has no largest end", cure)
             if ends[-1].value is None:
                 loop_conditions = [ast.Compare(ast.Name(i), [ast.Lt()], [ends[-1].text])]
             ends[-1] = ends[-1] if not loop_conditions else constant(largest)
             self.bounds[i] = largest - 1
-        # what a pass changes is not known in the next
-        self.true_conditions = {
-            condition
-            for condition in self.true_conditions
-            if condition.removesuffix("_known") not in self.reassigned_names
-        }
+        # a pass may change what the previous one left
+        self.true_conditions -= self.reassigned_names | {f"{name}_known" for name in self.reassigned_names}
         with self._separate_block() as block:
-            self._run(node.body, scope)
+            self._run_statements(node.body, scope)
         block = [ast.If(loop_conditions[0], block, [])] if loop_conditions and block else block
         if block:
             range_call = ast.Call(ast.Name("range"), [end.text for end in ends], [])
-            self.out.append(ast.For(ast.Name(i), range_call, block, []))
+            self.statements.append(ast.For(ast.Name(i), range_call, block, []))
 
     def _largest_value(self, end: Number) -> int | None:
         if end.value is not None:
@@ -286,33 +279,32 @@ class Translator(Formulas):
     def _call(self, node: ast.Call, scope: Scope) -> Any:
         function = self._value(node.func, scope)
         names = chain(getattr(function, "_fields", ()), repeat("value"))
-        positional = [self._value_of(name, one, scope) for name, one in zip(names, node.args, strict=False)]
-        keywords = {str(one.arg): self._value_of(str(one.arg), one.value, scope) for one in node.keywords}
+        positional = [self._value_of(name, value, scope) for name, value in zip(names, node.args, strict=False)]
+        keywords = {str(k.arg): self._value_of(str(k.arg), k.value, scope) for k in node.keywords}
         if isinstance(function, type) and hasattr(function, "_fields"):
             values = {n: constant(x) for n, x in zip(function._fields, memory_defaults(function), strict=True)}
             return values | dict(zip(function._fields, positional, strict=False)) | keywords
-        if function is is_sample:  # an exported controller is called at its samples alone
+        if function is is_sample:  # an exported controller is called only at its samples
             return constant(True)
         if function is len and isinstance(positional[0], Table):
             return constant(len(positional[0].values))
         for name, alternatives in FUNCTIONS.items():
-            if any(function is one for one in alternatives):
+            if any(function is alternative for alternative in alternatives):
                 return self._apply_function(name, positional)
         python = getattr(function, "py_func", function)
         if not isinstance(python, FunctionType):
-            raise self._refusal(
-                f"it calls {ast.unparse(node.func)}", f"use {SUPPORTED_FUNCTIONS} and functions written in Python"
-            )
-        caller, self.path = (self.path, self.where), (*self.path, id(node))
+            cure = f"use {SUPPORTED_FUNCTIONS} and functions written in Python"
+            raise self._refusal(f"it calls {ast.unparse(node.func)}", cure)
+        caller, self.path = (self.path, self.source_line), (*self.path, id(node))
         arguments, defaults = self._scope(python, None).arguments, python.__defaults__ or ()
         default_values = dict(zip(arguments[len(arguments) - len(defaults) :], map(constant, defaults), strict=True))
         values = default_values | dict(zip(arguments, positional, strict=False)) | keywords
-        returned = self._inline(python, [values[n] for n in arguments], lambda one: one)
-        self.path, self.where = caller
+        returned = self._inline(python, [values[n] for n in arguments], lambda value: value)
+        self.path, self.source_line = caller
         return returned
 
-    def _written(self, begins: list[ast.stmt], body: list[ast.stmt]) -> Port:
-        """The texts, without constants and fields that nothing reads."""
+    def _assemble_port(self, begins: list[ast.stmt], body: list[ast.stmt]) -> Port:
+        """Assemble the texts, without constants and fields that nothing reads."""
         python = getattr(self.step, "py_func", self.step)
         name = self._unique_name(self.rule, "rule")
         arguments = [n for n in ("T_sup", "T_set", "m_a", *self.flags) if n in names_read_in(body)]

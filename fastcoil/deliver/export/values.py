@@ -1,4 +1,4 @@
-"""What a rule computes with while it is translated: expressions in place of numbers, and what the statements read."""
+"""Expressions that stand for numbers while a rule is translated, and the names that statements read and store."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from fastcoil.model.parameter_table import LARGEST_FLOAT
 
 @dataclass(frozen=True, eq=False)
 class Number:
-    """An expression."""
+    """An expression, with its value where the loop's parameters decide it."""
 
     text: ast.expr
     kind: str = "real"  # or flag, or whole
-    value: Any = None  # where the loop decides it
-    known_flags: frozenset[str] = frozenset()  # flags that all hold where it is a number, and not NaN
+    value: Any = None
+    known_flags: frozenset[str] = frozenset()  # all of them hold where it is not NaN
 
     @property
     def is_nan(self) -> bool:
@@ -36,63 +36,62 @@ class Number:
 
 @dataclass(frozen=True)
 class Table:
-    """A table of constant numbers; without values the array of an estimator."""
+    """A table of constant numbers; without values, the array of an estimator."""
 
     name: str = "s.w"
     values: tuple[float, ...] = ()
 
 
 class Scope:
-    """One call of a function; ``finish``: what is done with what it returns."""
+    """One call of a function; ``finish`` receives the returned value."""
 
     def __init__(self, function: FunctionType, definition: ast.FunctionDef, finish: Callable[[Any], Any]) -> None:
         self.function, self.definition, self.finish = function, definition, finish
-        self.names: dict[str, Any] = {}  # what they stand for
+        self.names: dict[str, Any] = {}  # value by name
         self.arguments = [node.arg for node in (*definition.args.posonlyargs, *definition.args.args)]
         nodes = list(ast.walk(definition))
         nodes += [node.target for node in nodes if isinstance(node, ast.AugAssign)]
         names = [node for node in nodes if isinstance(node, ast.Name)]
-        # how often each is stored
         self.store_counts = Counter(node.id for node in names if not isinstance(node.ctx, ast.Load))
         self.store_counts.update(set(self.arguments) & set(self.store_counts))
 
 
 def constant(value: Any) -> Number:
-    """A number as it is, without a name."""
+    """Return a number without a name."""
     kind = {bool: "flag", int: "whole"}.get(type(value), "real")
     if kind == "flag":
         return Number(ast.Constant(value), kind, value)
     if kind == "real":
-        # nothing exceeds the largest number either
+        # as in the kernel, infinity is the largest number
         value = math.copysign(LARGEST_FLOAT, value) if math.isinf(value) else float(value)
     text: ast.expr = ast.Constant(0.0 if math.isnan(value) else abs(value))
     return Number(ast.UnaryOp(ast.USub(), text) if math.copysign(1.0, value) < 0.0 else text, kind, value)
 
 
 def expression(text: str) -> ast.expr:
-    """The tree of an expression."""
+    """Parse an expression."""
     return ast.parse(text, mode="eval").body
 
 
 def call_of(name: str, *arguments: ast.expr) -> ast.Call:
-    """The call of a function by its name."""
+    """Return the call of a function by its name."""
     return ast.Call(expression(name), list(arguments), [])
 
 
 def assignment(name: str, value: ast.expr) -> ast.Assign:
-    """A statement that stores a value."""
+    """Return a statement that stores a value."""
     return ast.Assign([expression(name)], value)
 
 
 def negation(text: ast.expr) -> ast.expr:
-    """The opposite of a condition."""
+    """Return the opposite of a condition."""
     if isinstance(text, ast.UnaryOp) and isinstance(text.op, ast.Not):
         return text.operand
     return ast.UnaryOp(ast.Not(), text)
 
 
 def join_conditions(sign: ast.boolop, texts: Iterable[ast.expr]) -> ast.expr:
-    """Conditions joined by and, or by or."""
+    """Join conditions by and, or by or."""
     conditions: list[ast.expr] = []
     for text in texts:
         conditions += text.values if isinstance(text, ast.BoolOp) and isinstance(text.op, type(sign)) else [text]
@@ -100,7 +99,7 @@ def join_conditions(sign: ast.boolop, texts: Iterable[ast.expr]) -> ast.expr:
 
 
 def implied_conditions(text: ast.expr, truth: bool, definitions: Mapping[str, ast.expr]) -> set[str]:
-    """Conditions that hold where one is true, or false.  definitions: of flags by name."""
+    """Return the conditions that hold where one is true, or false.  definitions: of flags by name."""
     if isinstance(text, ast.UnaryOp) and isinstance(text.op, ast.Not):
         return implied_conditions(text.operand, not truth, definitions)
     if isinstance(text, ast.BoolOp):
@@ -113,7 +112,7 @@ def implied_conditions(text: ast.expr, truth: bool, definitions: Mapping[str, as
 
 
 def names_read_in(nodes: list[ast.stmt] | ast.expr) -> set[str]:
-    """Names and fields of the state that are read."""
+    """Return the names and fields of the state that are read."""
     names: set[str] = set()
     for node in nodes if isinstance(nodes, list) else [nodes]:
         targets = {id(n.targets[0]) for n in ast.walk(node) if isinstance(n, ast.Assign)}
@@ -129,7 +128,7 @@ def has_return(node: ast.AST) -> bool:
 
 
 def needed_statements(body: list[ast.stmt], goals: set[str]) -> list[ast.stmt]:
-    """The statements that what is sought depends on."""
+    """Return the statements on which the goals depend."""
     goals = set(goals)
     while True:
         kept_statements = _statements_storing(body, goals)
@@ -140,7 +139,7 @@ def needed_statements(body: list[ast.stmt], goals: set[str]) -> list[ast.stmt]:
 
 
 def _statements_storing(body: list[ast.stmt], goals: set[str]) -> list[ast.stmt]:
-    """The statements that store one of the goals."""
+    """Return the statements that store one of the goals."""
     statements: list[ast.stmt] = []
     for node in body:
         kept_parts: list[ast.stmt] = [node]
@@ -160,7 +159,7 @@ def _statements_storing(body: list[ast.stmt], goals: set[str]) -> list[ast.stmt]
 
 
 def if_statement(test: ast.expr, yes: list[ast.stmt], no: list[ast.stmt]) -> list[ast.stmt]:
-    """An if; nothing where nothing is done in either case."""
+    """Return an if statement; none where both branches are empty."""
     if not yes:
         test, yes, no = negation(test), no, yes
     return [ast.If(test, yes, no)] if yes else []

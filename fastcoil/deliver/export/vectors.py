@@ -1,7 +1,7 @@
-"""Golden vectors: made-up records that take a controller through all that it does, and what fastcoil makes of them.
+"""Test vectors: synthetic records that exercise every branch of a controller, with the expected answers.
 
-Each row is a cycle: what the controller sees, and what it answers.  The answers are those of fastcoil's own kernel, but
-for starts from a command, bad readings, holds and made-up valve tests: there the laws in Python answer.
+Each row is a cycle: the inputs of the controller, and its answers.  The answers are those of fastcoil's kernel, except
+for starts from a command, bad readings, holds and synthetic valve tests, which the laws in Python answer.
 """
 
 import math
@@ -28,15 +28,12 @@ TRACE_BY_OUTPUT = {
     "command": "command", "u": "u", "integral_part": "integral", "rising": "mode", "estimate": "estimate",
     "test": "test",
 }  # fmt: skip
-"""What the code calls a trace."""
-_DAY_HOURS, _IDENTIFY_DAY_HOURS = 1, 3  # of the simulated day: an estimate from steps of the set-point takes longer
-_TEST_START = 1800.0  # s
-_READING_LIMITS = -50.0, 150.0  # of a good reading, degC
-_INPUTS = ("T_sup", "T_set", "m_a", "enabled", "start_test", "reset", "start_command")
+"""Trace by the output of the code that has it."""
+_TEST_START = 1800.0  # s from the start of the simulated day
+_READING_LIMITS = (-50.0, 150.0)  # degC: a good reading lies between them
 FLAG_INPUTS = ("enabled", "start_test", "reset")  # inputs that are true or false
 _LARGEST_ERROR = 25.0  # K; a reading stays plausible
 _MOST_CYCLES = 6000  # of a record: intervals of a day would fill a disk
-_OFF_CYCLES = (95, 103, 150)  # cycles at which the plant goes off for the next four
 
 
 @dataclass(frozen=True)
@@ -56,7 +53,7 @@ class Vectors:
 
     @cached_property
     def lines(self) -> str:
-        """The names and the numbers, with 17 digits, each line with its end."""
+        """Names and numbers, with 17 digits, each line with its end."""
         rows = zip(*(column.tolist() for column in self.columns.values()), strict=True)
         return "".join(
             f"{line}\n" for line in (",".join(self.columns), *(",".join(f"{x:.17g}" for x in row) for row in rows))
@@ -64,7 +61,7 @@ class Vectors:
 
     @property
     def checksum(self) -> int:
-        """CRC-32 of the lines, by which a file that was cut or edited is found."""
+        """CRC-32 of the lines, to detect a file that was cut or edited."""
         return zlib.crc32(self.lines.encode())
 
     def csv(self, code: str, sample_time: float) -> str:
@@ -80,23 +77,24 @@ class Vectors:
 
 
 def make_vectors(loop: Loop, controller: Controller, text: str) -> Vectors:
-    """Answer a record of handling, replay others through the loop's controller, and simulate the loop on a day."""
-    lacks = {"estimate": controller.estimating is None, "integral_part": controller.deciding is not None}
-    lacks |= dict.fromkeys(("start_test", "test", "test_aborted"), not controller.tests)
+    """Return vectors of operation by hand, of replays of synthetic records, and of the loop on a simulated day."""
+    lacks = {"estimate": controller.estimator_port is None, "integral_part": controller.law_port is not None}
+    lacks |= dict.fromkeys(("start_test", "test", "test_aborted"), not controller.has_test)
     lacks["m_a"] = not controller.sees_air
-    inputs = tuple(name for name in _INPUTS if not lacks.get(name, False))
+    all_inputs = ("T_sup", "T_set", "m_a", "enabled", "start_test", "reset", "start_command")
+    inputs = tuple(name for name in all_inputs if not lacks.get(name, False))
     outputs = [name for name in (*TRACE_BY_OUTPUT, "switches", "test_aborted") if not lacks.get(name, False)]
     runs = []
-    for record in (_handling_record(controller), *([_valve_test_record(controller)] if controller.tests else [])):
+    for record in (_handling_record(controller), *([_valve_test_record(controller)] if controller.has_test else [])):
         input_columns = {name: record[name] for name in inputs}
         answers = np.array(list(run_cycles(text, input_columns, outputs))).T
         runs.append(input_columns | dict(zip(outputs, answers, strict=True)))
-    untested = loop.assign(test_start=LARGEST_FLOAT) if controller.tests else loop
+    untested = loop.assign(test_start=LARGEST_FLOAT) if controller.has_test else loop
     for readings in _replay_records(controller):
         sample_time = int(controller.number["sample_time"])
-        replay_readings = readings if controller.sees_air else readings | {"m_a": np.full(readings["m_a"].size, np.nan)}
-        series = np.repeat(np.stack([replay_readings[name] for name in REPLAY_COLUMNS], axis=1), sample_time, axis=0)
-        # not as a log, which may not jump as this does
+        no_air = {} if controller.sees_air else {"m_a": np.full(readings["m_a"].size, np.nan)}
+        series = np.stack([(readings | no_air)[name] for name in REPLAY_COLUMNS], axis=1).repeat(sample_time, axis=0)
+        # not by ``fc.replay``, which refuses such jumps
         runs.append(_record_of_run(run_controllers(untested, series, sample_time), readings))
     runs.append(_day_record(loop, controller))
     if controller.word["estimator"] == "identify":
@@ -105,7 +103,7 @@ def make_vectors(loop: Loop, controller: Controller, text: str) -> Vectors:
 
 
 def run_cycles(text: str, inputs: Mapping[str, Array], outputs: Sequence[str]) -> Iterator[list[float]]:
-    """What the laws in Python answer, cycle by cycle.  given: by the names of the inputs, in their order."""
+    """Iterate over the answers of the laws in Python.  inputs: series by name, in the order of the arguments."""
     laws: dict[str, Any] = {"zeros": lambda size: [0.0] * size}
     exec(compile(text, "<laws>", "exec"), laws)
     s = laws["State"]()
@@ -115,9 +113,8 @@ def run_cycles(text: str, inputs: Mapping[str, Array], outputs: Sequence[str]) -
 
 
 def _handling_record(controller: Controller) -> dict[str, Array]:
-    """Starts from a command, hand, bad readings, off and on, ends of the stroke and holds."""
+    """Return a record of starts from a command, hand, bad readings, off and on, ends of the stroke and holds."""
     number, sign = controller.number, -1.0 if controller.heats else 1.0
-    mid_temperature = 24.0 if controller.heats else 14.0
     # K: moves the output by a tenth of the stroke at most
     gain = abs(number["kp"]) * max(1.0, number["sample_time"] / number["ti"])
     size = min(0.1 / max(gain, 1e-9), 5.0) + number["error_dead_band"]
@@ -125,8 +122,8 @@ def _handling_record(controller: Controller) -> dict[str, Array]:
     def cycle(
         e: float = 0.0, start_command: float = 0.0, reset: float = 0.0, enabled: float = 1.0, **reading: float
     ) -> tuple[float, ...]:
-        T_sup, T_set = reading.get("T_sup", mid_temperature + sign * size * e), reading.get("T_set", mid_temperature)
-        return T_sup, T_set, 1.2, enabled, reset, start_command
+        T_sup = reading.get("T_sup", controller.set_point + sign * size * e)
+        return T_sup, reading.get("T_set", controller.set_point), 1.2, enabled, reset, start_command
 
     rows = [cycle(1.0, 0.3), cycle(-1.0), cycle(2.0), cycle(-1.0)]  # a state of zeros starts by itself
     rows += [cycle(-1.0, hand, reset=1.0) for hand in (0.2, 0.35, 0.6)]
@@ -138,36 +135,22 @@ def _handling_record(controller: Controller) -> dict[str, Array]:
     for reading in (math.nan, math.inf, -math.inf, *_READING_LIMITS, *inside):
         for name in ("T_sup", "T_set"):
             rows += [cycle(0.5, 0.5, reset=1.0), cycle(**{name: reading}), cycle(-1.0), cycle(1.0)]
-    bad_reading = cycle(T_sup=math.nan)
-    rows += [cycle(1.0, 0.4, reset=1.0, T_sup=math.nan), bad_reading, cycle(1.0), cycle(-1.0)]
-    off_cycles = [cycle(e, enabled=0.0) for e in (1.0, 2.0)]
-    rows += [
-        *off_cycles,
-        cycle(1.0),
-        cycle(-1.0),
-        cycle(1.0, 0.4, 1.0, 0.0),
-        *off_cycles,
-        bad_reading,
-        cycle(1.0),
-        bad_reading,
-        *off_cycles,
-    ]
+    up, down, bad = cycle(1.0), cycle(-1.0), cycle(T_sup=math.nan)
+    rows += [cycle(1.0, 0.4, reset=1.0, T_sup=math.nan), bad, up, down]
+    off = [cycle(e, enabled=0.0) for e in (1.0, 2.0)]
+    rows += [*off, up, down, cycle(1.0, 0.4, 1.0, 0.0), *off, bad, up, bad, *off]
     rows += [cycle(e) for e in (4.0, -4.0, 4.0) for _ in range(12)]
     # a hold in which an interval of a learner ends
     n = min(int(number["learning_interval"] / number["sample_time"]), 100)
-    turns = [cycle(1.0 if k % 8 < 4 else -1.0) for k in range(4 * n + n // 2)]
-    rows += (
-        [cycle(0.5, 0.4, reset=1.0), *turns, *[bad_reading] * n, *turns[:n]]
-        if controller.estimating
-        else [bad_reading] * 20
-    )
-    rows += [cycle(1.0), cycle(-1.0)]
+    turns = [up if k % 8 < 4 else down for k in range(4 * n + n // 2)]
+    rows += [cycle(0.5, 0.4, reset=1.0), *turns, *[bad] * n, *turns[:n]] if controller.estimator_port else [bad] * 20
+    rows += [up, down]
     names = ("T_sup", "T_set", "m_a", "enabled", "reset", "start_command")
     return dict(zip(names, np.array(rows).T, strict=True)) | {"start_test": np.zeros(len(rows))}
 
 
 def _valve_test_record(controller: Controller) -> dict[str, Array]:
-    """A valve test to its end, then one ended by each of: excursion, end of the stroke, swing, plant off."""
+    """Return a record of a full valve test, then of one ended by excursion, end of stroke, swing and plant off."""
     number = controller.number
     dt, settle, excursion = number["sample_time"], number["test_settle"], number["test_excursion"]
     s = dt * np.arange(min(math.ceil(60.0 * number["test_minutes"] / dt), _MOST_CYCLES) + 20)
@@ -178,24 +161,24 @@ def _valve_test_record(controller: Controller) -> dict[str, Array]:
     e = np.stack([size * np.sin(moving / 60.0), beyond, steady, swing, steady])
     enabled, start_test, reset, start_command = (np.full(e.shape, x) for x in (1.0, 1.0, 0.0, 0.0))
     reset[:, 0], start_command[:, 0] = 1.0, (0.5, 0.5, 0.98, 0.5, 0.5)
-    start_test[:, 1:3] = 0.0  # on from the start begins none
+    start_test[:, 1:3] = 0.0  # a request from the start on begins no test
     enabled[4, 6:14] = 0.0
-    start_test[4, [9, 10, 16, 17]] = 0.0  # asked for again while the plant is off, and on
-    readings = _readings(controller, e.ravel(), np.full(e.size, 24.0 if controller.heats else 14.0), enabled.ravel())
+    start_test[4, [9, 10, 16, 17]] = 0.0  # requested again while the plant is off, and on
+    readings = _readings(controller, e.ravel(), np.full(e.size, controller.set_point), enabled.ravel())
     readings["T_sup"][10] = math.nan
     handling = {"start_test": start_test, "reset": reset, "start_command": start_command}
     return readings | {name: values.ravel() for name, values in handling.items()}
 
 
 def _day_record(loop: Loop, controller: Controller, *, disturbed: bool = False) -> dict[str, Array]:
-    """The loop on its generic day, with gusts and some time off if it is to be disturbed."""
-    hours = _IDENTIFY_DAY_HOURS if controller.word["estimator"] == "identify" else _DAY_HOURS
-    if controller.tests:
+    """Simulate the loop on its generic day; if disturbed, with steps of air flow and some time off."""
+    hours = 3 if controller.word["estimator"] == "identify" else 1  # it needs steps of the set-point
+    if controller.has_test:
         loop = loop.assign(test_start=_TEST_START, test_every=0.0)
         hours = max(hours, math.ceil(controller.number["test_minutes"] / 60.0 + 0.75))
     day = heating_day(hours) if controller.heats else paper_day(hours)
     sample_time, band = int(controller.number["sample_time"]), controller.number["error_dead_band"]
-    if band > 0.0:  # steps that it would not answer are refused
+    if band > 0.0:  # smaller steps are refused
         T_set = day.series["T_set"][0]
         day = day.assign(T_set=T_set[0] + (1.0 + 2.0 * band) * (T_set - T_set[0]))
     enabled = np.ones(day.series["T_set"].shape[1])
@@ -208,9 +191,8 @@ def _day_record(loop: Loop, controller: Controller, *, disturbed: bool = False) 
     series = {name: np.asarray(day.series[name][0])[::sample_time] for name in ("T_set", "m_a")}
     T_sup = ds["T_measured"].values
     test_requested = (np.arange(0, enabled.size, sample_time) >= _TEST_START).astype(float)
-    rows = _record_of_run(
-        ds, {"T_sup": T_sup, **series, "enabled": enabled[::sample_time], "start_test": test_requested}
-    )
+    series |= {"T_sup": T_sup, "enabled": enabled[::sample_time], "start_test": test_requested}
+    rows = _record_of_run(ds, series)
     is_good = np.logical_and.accumulate((T_sup > _READING_LIMITS[0]) & (T_sup < _READING_LIMITS[1]))
     return {name: values[is_good] for name, values in rows.items()}
 
@@ -227,9 +209,9 @@ def _record_of_run(ds: xr.Dataset, inputs: dict[str, Array]) -> dict[str, Array]
 
 
 def _replay_records(controller: Controller) -> list[dict[str, Array]]:
-    """A tour of PI and inverse for every controller, and a record for estimators that need another."""
+    """Return a record for PI and inverse, and another one for estimators that need it."""
     e, enabled = _stroke_tour(controller)
-    T_set = np.full(e.size, 24.0 if controller.heats else 14.0)
+    T_set = np.full(e.size, controller.set_point)
     T_set[60:] += 1.0 + 2.0 * controller.number["error_dead_band"]
     T_set[130:] -= 0.5
     records = [_readings(controller, e, T_set, enabled)]
@@ -249,12 +231,12 @@ def _readings(controller: Controller, e: Array, T_set: Array, enabled: Array) ->
 
 
 def _stroke_tour(controller: Controller) -> tuple[Array, Array]:
-    """Errors, K, and when the plant is on: along the stroke to its ends, back and forth, off and on."""
+    """Return errors, K, and when the plant is on: along the stroke to its ends, back and forth, off and on."""
     number = controller.number
     k, band = np.arange(30), number["error_dead_band"]
-    # a weak or slow PI takes its time from one end to the other
-    slowly = 1.5 * number["ti"] / max(abs(number["kp"]) * number["sample_time"] * _LARGEST_ERROR, 1e-9)
-    crossing = min(math.ceil(slowly), _MOST_CYCLES // 4)
+    # cycles of a weak or slow PI from one end of the stroke to the other
+    n_cycles = 1.5 * number["ti"] / max(abs(number["kp"]) * number["sample_time"] * _LARGEST_ERROR, 1e-9)
+    crossing = min(math.ceil(n_cycles), _MOST_CYCLES // 4)
     openings = np.concatenate(
         [
             *(np.linspace(0.05, 0.7, 15), np.linspace(0.68, 0.3, 15)),
@@ -269,7 +251,7 @@ def _stroke_tour(controller: Controller) -> tuple[Array, Array]:
         ]
     )
     enabled = np.ones(openings.size)
-    for start in _OFF_CYCLES:
+    for start in (95, 103, 150):
         enabled[start : start + 4] = 0.0
     e = _errors_for_openings(controller, openings, enabled)
     e[110:120] = np.linspace(-1.2, 1.2, 10) * band if band > 0.0 else e[110:120]
@@ -277,7 +259,7 @@ def _stroke_tour(controller: Controller) -> tuple[Array, Array]:
 
 
 def _errors_for_openings(controller: Controller, openings: Array, enabled: Array) -> Array:
-    """The errors, K, that the PI answers with the openings wanted, but for a dead band or the limit of errors."""
+    """Return the errors, K, for which the PI gives these openings, except for a dead band or the limit of errors."""
     number = controller.number
     kp, ki = number["kp"], number["kp"] * number["sample_time"] / number["ti"]
     e, integral = np.zeros(openings.size), 0.0
@@ -288,7 +270,7 @@ def _errors_for_openings(controller: Controller, openings: Array, enabled: Array
 
 
 def _learner_errors(controller: Controller) -> Array:
-    """Errors over the intervals of a learner, K: some turns in those of the reference, then none, few or many."""
+    """Return errors over the intervals of a learner, K: some turns in the reference ones, then none, few or many."""
     number = controller.number
     n = int(number["learning_interval"] / number["sample_time"])
     k = np.arange(n)
@@ -302,7 +284,7 @@ def _learner_errors(controller: Controller) -> Array:
 
 
 def _square_waves(controller: Controller) -> Array:
-    """Errors of half periods that Hägglund's rule counts, K: each as long as the PI needs to cross a gap."""
+    """Return errors with half periods that Hägglund's rule counts, K: each long enough for the PI to cross a gap."""
     number = controller.number
     n = math.ceil(7.0 * number["ti"] / number["sample_time"]) + 2
     size = 0.15 * number["ti"] / (abs(number["kp"]) * n * number["sample_time"])

@@ -21,7 +21,7 @@ RESERVED_WORDS = frozenset(" ".join(_WORD_LISTS.values()).split())  # in small l
 
 
 def plain_text(text: str) -> str:
-    """A text in ASCII, as the oldest tools read it, that cannot begin or end a comment or a string of any language."""
+    """Convert a text to ASCII, for the oldest tools; it cannot begin or end a comment or a string of any language."""
     spelled = "".join(_ASCII_SPELLINGS.get(letter, letter) for letter in text)
     ascii_text = unicodedata.normalize("NFKD", spelled).encode("ascii", "ignore").decode()
     printable = "".join(letter if letter.isprintable() or letter == "\n" else " " for letter in ascii_text)
@@ -30,12 +30,12 @@ def plain_text(text: str) -> str:
 
 
 def number_literal(value: float) -> str:
-    """A number with all its digits: 1e-9, not 1e-09."""
+    """Return a number with all its digits: 1e-9, not 1e-09."""
     return re.sub(r"e([-+])0", r"e\1", repr(float(value)))
 
 
 def break_line(line: str, breaks: str, width: int = WIDTH) -> list[str]:
-    """A line that is too long as several, each after the first further in; breaks: before which words it may end."""
+    """Break a line that is too long, with further indentation; breaks: pattern of the places where it may end."""
     if len(line) <= width:
         return [line]
     indent = " " * (len(line) - len(line.lstrip()) + 4)
@@ -48,14 +48,14 @@ def break_line(line: str, breaks: str, width: int = WIDTH) -> list[str]:
 
 
 def names_in(text: str) -> list[str]:
-    """The names in a text, without its comments and docstrings."""
+    """Return the names in a text of Python, without its comments and docstrings."""
     tokens = tokenize.generate_tokens(io.StringIO(text).readline)
     return [token.string for token in tokens if token.type == tokenize.NAME]
 
 
 @cache
 def definition_of(python: FunctionType) -> ast.FunctionDef | None:
-    """The tree of a function, with the lines of its file; ``None`` where its source is not at hand."""
+    """Return the tree of a function, with the line numbers of its file; None if its source is not available."""
     try:
         lines, first = inspect.getsourcelines(python.__code__)
         tree = ast.parse(dedent("".join(lines)))
@@ -66,14 +66,14 @@ def definition_of(python: FunctionType) -> ast.FunctionDef | None:
 
 
 def summary_of(python: FunctionType) -> str:
-    """The first line of a function's docstring."""
+    """Return the first line of a function's docstring."""
     definition = definition_of(python)
     text = (definition and ast.get_docstring(definition)) or f"As {python.__name__}."
     return plain_text(text.splitlines()[0])
 
 
 def add_comment(code: str, comment: str) -> str:
-    """Code with what is said of it: behind it, or above it where the line is too short."""
+    """Return code with a comment behind it, or above it where the line is too short."""
     comment = " ".join(plain_text(comment).split())
     if not comment:
         return code
@@ -83,7 +83,7 @@ def add_comment(code: str, comment: str) -> str:
 
 
 def constant_text(name: str, value: Any) -> str:
-    """A constant, or a table of them."""
+    """Return the definition of a constant, or of a table of them."""
     if isinstance(value, tuple):
         numbers = "\n    ".join(wrap(", ".join(map(repr, value)), WIDTH - 8))
         return f"{name} = [\n    {numbers},\n]"
@@ -91,7 +91,7 @@ def constant_text(name: str, value: Any) -> str:
 
 
 def function_text(name: str, head: list[str], returns: str, doc: str, body: list[ast.stmt]) -> str:
-    """A function of the laws."""
+    """Return the text of a function of the laws."""
     start = f"def {name}({', '.join(head)}) -> {returns}:"
     if len(start) > WIDTH:
         start = "\n".join([f"def {name}(", *break_line(f"    {', '.join(head)}", r" (?=\w+: )"), f") -> {returns}:"])
@@ -99,13 +99,13 @@ def function_text(name: str, head: list[str], returns: str, doc: str, body: list
 
 
 def lines_of(body: list[ast.stmt], depth: int = 0) -> list[str]:
-    """Statements as lines of Python."""
+    """Return statements as lines of Python."""
     lines = ast.unparse(ast.fix_missing_locations(ast.Module(body, []))).splitlines()
     return [part for line in lines for part in _wrap_statement("    " * depth + line)]
 
 
 def _wrap_statement(line: str) -> list[str]:
-    """A line of Python, in brackets over several lines where it is too long."""
+    """Wrap a line of Python in brackets where it is too long."""
     match = re.match(r"( *)(\w[\w.\[\] +*]* = |return |elif |if )(.*?)(:?)$", line)
     if len(line) <= WIDTH or match is None:
         return [line]

@@ -1,4 +1,4 @@
-"""What all figures draw with: places to draw into, a map, a curve, a row of dots, and words for what was pooled."""
+"""Parts of all figures: axes, a map, a curve, a row of dots, and captions that say what is pooled."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import raise_problems
-from fastcoil.base.errors import InputError, WrongTypeMessage, did_you_mean, short_repr
+from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 from fastcoil.base.figures import STYLE, apply_style, wrap_text
 from fastcoil.loops.labels import coordinate_quantity, sizes_in_words, values_quantity
 from fastcoil.model.metric_table import STATUS_OK
@@ -24,94 +24,98 @@ if TYPE_CHECKING:
     from matplotlib.collections import QuadMesh
 
 
-_COLUMN_WIDTH = 3.5  # width of a figure, inches: 89 mm, a column of a journal
-_LEGEND_LETTERS, _SHORT_LABEL_LETTERS = 36, 18  # letters of a line in a legend, and of one that has another beside it
-_FONT_SIZE, _SMALL_FONT_SIZE = 9, 7  # points
+_FONT_SIZE = 9  # points
+_LEAST_FOR_A_BAND = 5  # members; fewer are drawn one by one: percentiles would lie between two or three numbers
+# marks of the median, of a band and of single members
+COLOUR_MARKS = ("Colour", "", "")
+LINE_MARKS = ("Line", "band", "thin lines")
+DOT_MARKS = ("Dot", "line", "small dots")
 
 
 @contextmanager
 def use_style() -> Iterator[None]:
-    """Draw in the style of our figures, which is then taken back."""
+    """Apply the style of our figures in a block or function."""
     import matplotlib.pyplot as plt
 
-    # a back end loaded inside a style, as that of a notebook, would have its own settings taken back
+    # a back end loaded inside a style, as that of a notebook, would lose its own settings at the end
     plt.draw_if_interactive()  # type: ignore[no-untyped-call]
     with apply_style():
         yield
 
 
 def prepare_axes(ax: Any, heights: Sequence[float]) -> list[Axes]:
-    """The axes that are given, one for each of ``heights`` [inches], or those of a new figure, one above the other."""
+    """Return ``ax``, one for each of ``heights`` [inches], or the axes of a new figure, one above the other."""
     import matplotlib.pyplot as plt
     from matplotlib.axes import Axes
 
     if ax is not None:
-        given_axes = list(np.ravel(ax)) if isinstance(ax, (np.ndarray, list, tuple)) else [ax]
-        if len(given_axes) != len(heights) or not all(isinstance(item, Axes) for item in given_axes):
+        panels = list(np.ravel(ax)) if isinstance(ax, (np.ndarray, list, tuple)) else [ax]
+        if len(panels) != len(heights) or not all(isinstance(panel, Axes) for panel in panels):
             cure = f"give {len(heights)} matplotlib axes, one for each panel, or leave it out"
-            raise InputError(WrongTypeMessage(f"ax is a {type(ax).__name__}: {cure}"))
-        return given_axes
-    figure, panels = plt.subplots(
-        len(heights), squeeze=False, sharex=True, height_ratios=list(heights), figsize=(_COLUMN_WIDTH, sum(heights)),
-        layout="constrained",
-    )  # fmt: skip
-    new_axes = list(panels[:, 0])
-    for axes in new_axes:
+            raise InputError(f"ax is a {type(ax).__name__}: {cure}", "ax", "type")
+        return panels
+    size = (3.5, sum(heights))  # inches: 89 mm, a column of a journal
+    figure, grid = plt.subplots(
+        len(heights), squeeze=False, sharex=True, height_ratios=list(heights), figsize=size, layout="constrained"
+    )
+    panels = list(grid[:, 0])
+    for axes in panels:
         # ticks are made when they are first needed, when the style of this figure is no longer in force
         axes.tick_params(labelsize=STYLE["font.size"])
         axes.grid(visible=True, alpha=STYLE["grid.alpha"])
-    figure.align_ylabels(new_axes)
-    return new_axes
+    figure.align_ylabels(panels)
+    return panels
 
 
 def wrap_to_axes(axes: Axes, text: str, points: int = _FONT_SIZE) -> str:
-    """Text in lines that are no wider than some axes."""
+    """Break a text into lines that are no wider than some axes."""
     return wrap_text(text, axes.bbox.width / axes.figure.dpi, points)
 
 
 def label_axes(axes: Axes, x: str, y: str) -> None:
-    """Name both axes."""
+    """Label both axes."""
     axes.set(xlabel=wrap_to_axes(axes, x), ylabel=wrap_text(y, 2.0, _FONT_SIZE))
 
 
 def draw_legend_above(axes: Axes) -> None:
-    """A legend above its axes, in two columns where its words are short."""
+    """Draw a legend above its axes, in two columns if no label has more than 18 letters."""
     handles, labels = axes.get_legend_handles_labels()
     if handles:
-        columns = 2 if max(map(len, labels)) <= _SHORT_LABEL_LETTERS else 1
+        columns = 2 if max(map(len, labels)) <= 18 else 1
         axes.legend(
-            handles, [fill(label, _LEGEND_LETTERS) for label in labels], ncols=columns, loc="lower left",
+            handles, [fill(label, 36) for label in labels], ncols=columns, loc="lower left",
             bbox_to_anchor=(0.0, 1.0), frameon=False, borderaxespad=0.2, columnspacing=1.0,
         )  # fmt: skip
 
 
 def draw_caption(axes: Axes, words: str) -> None:
-    """Small print above some axes."""
-    axes.set_title(wrap_to_axes(axes, words, _SMALL_FONT_SIZE), loc="left", fontsize=_SMALL_FONT_SIZE)
+    """Draw a caption above some axes, 7 points high."""
+    axes.set_title(wrap_to_axes(axes, words, 7), loc="left", fontsize=7)
 
 
 def resolve_swept_axes(values: xr.DataArray, **requested: str | None) -> list[str]:
-    """The swept numbers along the axes: those that are given, for the others those that are left."""
+    """Return the swept number along each axis: the requested one, or for None one of the others."""
     swept = numeric_dims(values)
     has = f"this result sweeps {', '.join(swept) or 'no number'}"
     named = [dim for dim in requested.values() if dim is not None]
-    problems = [
-        f"{argument} = {short_repr(dim)} is not a swept number{did_you_mean(str(dim), swept)}: {has}"
-        for argument, dim in requested.items()
-        if dim is not None and dim not in swept
-    ]
+    problems = []
+    for argument, dim in requested.items():
+        if dim is not None and dim not in swept:
+            sentence = f"{argument} = {short_repr(dim)} is not a swept number{did_you_mean(str(dim), swept)}: {has}"
+            problems.append(Problem(sentence, argument, "name"))
     if len({*named}) < len(named):
-        problems.append(f"{named[0]} is named twice: choose two different axes")
+        problems.append(Problem(f"{named[0]} is named twice: choose two different axes", named[0], "duplicate"))
     unnamed = [dim for dim in swept if dim not in named]
     missing = [argument for argument, dim in requested.items() if dim is None]
     if not problems and missing and len(unnamed) != len(missing):
-        problems.append(f"{' and '.join(missing)}: {has}, name a swept number for each")
+        sentence = f"{' and '.join(missing)}: {has}, name a swept number for each"
+        problems.append(Problem(sentence, missing[0], "missing"))
     raise_problems(problems)
     return [unnamed.pop(0) if dim is None else dim for dim in requested.values()]
 
 
 def pick_labels(n: int, most: int = 3) -> list[int]:
-    """Which of ``n`` labels get a curve or a row: all of up to ``most``; of more the first, the middle, the last."""
+    """Indices of the labels that get a curve or a row: all of up to ``most``, else the first, the middle, the last."""
     return list(range(n)) if n <= most else [0, round((n - 1) / 2), n - 1]
 
 
@@ -121,38 +125,29 @@ def _pooled_dims(values: xr.DataArray, *drawn: str) -> list[str]:
 
 def draw_map(axes: Axes, values: xr.DataArray, x: str, y: str) -> QuadMesh | None:
     """Draw the median over all dims but ``x`` and ``y`` as colours, with a scale; None where no value is finite."""
-    shown_quantity, x_quantity, y_quantity = (
-        values_quantity(values),
-        coordinate_quantity(values, x),
-        coordinate_quantity(values, y),
-    )
+    quantity = values_quantity(values)
+    x_quantity, y_quantity = (coordinate_quantity(values, dim) for dim in (x, y))
     label_axes(axes, x_quantity.axis, y_quantity.axis)
     values = values.sortby([x, y])
-    middle = shown_quantity.factor * values.median(_pooled_dims(values, x, y)).transpose(y, x)
-    if mark_if_empty(axes, middle):
+    median = quantity.factor * values.median(_pooled_dims(values, x, y)).transpose(y, x)
+    if mark_if_empty(axes, median):
         return None
-    mesh = axes.pcolormesh(
-        x_quantity.factor * values[x],
-        y_quantity.factor * values[y],
-        middle,
-        cmap="cividis",
-        shading="nearest",
-        rasterized=True,
-    )
+    edges = x_quantity.factor * values[x], y_quantity.factor * values[y]
+    mesh = axes.pcolormesh(*edges, median, cmap="cividis", shading="nearest", rasterized=True)
     axes.grid(visible=False)
     scale = axes.figure.colorbar(mesh, ax=axes)
-    scale.set_label(wrap_text(shown_quantity.axis, 2.0, _FONT_SIZE))
+    scale.set_label(wrap_text(quantity.axis, 2.0, _FONT_SIZE))
     scale.ax.tick_params(labelsize=STYLE["font.size"])
     return mesh
 
 
 def draw_curve(axes: Axes, values: xr.DataArray, x: str, *, color: str, **look: Any) -> None:
-    """Draw the median over all dims but ``x``, with what scatters around it; from 0 where it can be."""
-    shown_quantity, x_quantity = values_quantity(values), coordinate_quantity(values, x)
-    label_axes(axes, x_quantity.axis, shown_quantity.axis)
+    """Draw the median over all dims but ``x``, with its band or members; from 0 if possible."""
+    quantity, x_quantity = values_quantity(values), coordinate_quantity(values, x)
+    label_axes(axes, x_quantity.axis, quantity.axis)
     axes.axhline(0.0, color="black", lw=0.8).sticky_edges.y.append(0.0)
     values = values.sortby(x)
-    draw_median_curve(axes, x_quantity.factor * values[x], shown_quantity.factor * values, color=color, **look)
+    draw_median_curve(axes, x_quantity.factor * values[x], quantity.factor * values, color=color, **look)
     mark_if_empty(axes, values)
 
 
@@ -169,12 +164,12 @@ def draw_median_curve(axes: Axes, along: xr.DataArray, values: xr.DataArray, *, 
 
 def draw_dots(axes: Axes, values: xr.DataArray, dim: str, color: str) -> None:
     """Draw the medians of named alternatives as dots, with a line from 10 to 90 % or a small dot per member."""
-    shown_quantity, n = values_quantity(values), values.sizes[dim]
-    axes.set_xlabel(wrap_to_axes(axes, shown_quantity.axis))
+    quantity, n = values_quantity(values), values.sizes[dim]
+    axes.set_xlabel(wrap_to_axes(axes, quantity.axis))
     axes.set_yticks(range(n), [str(v) for v in values[dim].values])
     axes.set_ylim(n - 0.4, -0.6)
     axes.axvline(0.0, color="black", lw=0.8).sticky_edges.x.append(0.0)
-    values = shown_quantity.factor * values
+    values = quantity.factor * values
     band, members = _band_or_members(values, dim)
     if band is not None:
         axes.hlines(range(n), *band, color=color, lw=1.0)
@@ -185,20 +180,17 @@ def draw_dots(axes: Axes, values: xr.DataArray, dim: str, color: str) -> None:
 
 
 def mark_if_empty(axes: Axes, values: xr.DataArray) -> bool:
-    """Whether no value is finite; the panel then says so."""
+    """Write into the panel that no value is finite, and return whether that is so."""
     if np.isfinite(values).any():
         return False
     axes.text(0.5, 0.5, "no finite value", ha="center", transform=axes.transAxes)
     return True
 
 
-_FEWEST_FOR_A_BAND = 5  # fewer are drawn one by one: percentiles would lie between two or three numbers
-
-
 def _band_or_members(values: xr.DataArray, dim: str) -> tuple[xr.DataArray | None, np.ndarray | None]:
-    """Along a dim the band of all others, (2, n), or if they are few their members, (n, members); neither if alone."""
+    """Return the band over all dims but one, (2, n), or if they are few their members, (n, members); else neither."""
     pooled = _pooled_dims(values, dim)
-    if math.prod(values.sizes[d] for d in pooled) >= _FEWEST_FOR_A_BAND:
+    if math.prod(values.sizes[d] for d in pooled) >= _LEAST_FOR_A_BAND:
         with warnings.catch_warnings():
             # where every member is NaN the band has a gap, which says enough
             warnings.filterwarnings("ignore", "All-NaN slice encountered", RuntimeWarning)
@@ -206,31 +198,27 @@ def _band_or_members(values: xr.DataArray, dim: str) -> tuple[xr.DataArray | Non
     return None, values.transpose(dim, ...).values.reshape(values.sizes[dim], -1) if pooled else None
 
 
-COLOUR_MARKS, LINE_MARKS, DOT_MARKS = ("Colour", "", ""), ("Line", "band", "thin lines"), ("Dot", "line", "small dots")
-"""What shows the median, a band and single members."""
-
-
 def pooled_in_words(values: xr.DataArray, drawn: Sequence[str | None], marks: Sequence[str]) -> str:
-    """Over what a figure pools, and what its marks are: those of the median, of a band, of a single member."""
+    """Caption of a figure: what it pools, and the marks of the median, of a band, of a single member."""
     median, band, member = marks
     sizes = {str(d): n for d, n in values.sizes.items() if d not in drawn and n > 1}
     if not sizes:
         return f"{median}: a single scenario"
     grouped = {d: values[d].attrs["pooled_as"] for d in sizes if d in values.coords and "pooled_as" in values[d].attrs}
     over = " × ".join(grouped.get(d) or sizes_in_words({d: n}) for d, n in sizes.items())
-    has_band = math.prod(sizes.values()) >= _FEWEST_FOR_A_BAND
+    has_band = math.prod(sizes.values()) >= _LEAST_FOR_A_BAND
     words = f"; {band}: 10th to 90th percentile" if has_band else f"; {member}: each of these"
     return f"{median}: median of {over}{words if band else ''}"
 
 
 def left_out_in_words(ds: xr.Dataset | xr.DataArray, dim: str | None, n_shown: int) -> str:
-    """How many labels have no curve or row, as a clause of a heading; empty if all have."""
+    """Clause of a caption with the number of labels that have a curve or row; empty if all have."""
     n = n_shown if dim is None else ds.sizes[dim]
     return "" if n_shown == n else f"; shown are {n_shown} of {n} values of {coordinate_quantity(ds, str(dim)).text}"
 
 
 def failed_in_words(ds: xr.Dataset) -> str:
-    """How many scenarios of a result failed, as a clause of a heading; empty if none did."""
+    """Clause of a caption with the number of scenarios that failed; empty if none did."""
     has_status = ds["status"].notnull()  # in groups that differ in size places stay empty
     failed = int((has_status & (ds["status"] != STATUS_OK)).sum())
     return f"; without {failed:,} of {int(has_status.sum()):,} scenarios, which failed" if failed else ""

@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import argument_checks, require_choice, require_instance, require_text
-from fastcoil.base.errors import InputError, did_you_mean, short_repr
+from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 from fastcoil.base.figures import BLUE, COLOURS, LINE_STYLES, apply_style, wrap_text
 from fastcoil.deliver.figures import drawing
 from fastcoil.loops.labels import label_in_words, plain_pi_label
@@ -32,8 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.collections import QuadMesh
     from matplotlib.figure import Figure
 
-_AXES_HEIGHT = 2.8
-_DEFAULT_METRIC = "rmse"
+_AXES_HEIGHT = 2.8  # inches
 
 
 @drawing.use_style()
@@ -111,39 +110,35 @@ def bands(data: Any, metric: str | None = None, *, x: str | None = None, by: str
 
 
 def _select_values(data: Any, metric: Any, **axes: Any) -> tuple[xr.DataArray, str]:
-    """What is drawn, and which part of the result failed, in words; drawn parameters among the axes in groups."""
+    """Return the values to draw, and a clause on failed scenarios; drawn parameters among the axes are grouped."""
     with argument_checks() as check:
         for argument, name in axes.items():
             check.unless_none(require_text, argument, name)
         check.unless_none(require_text, "metric", metric)
     if isinstance(data, xr.DataArray):
         if metric is not None:
-            raise InputError(f"metric = {short_repr(metric)}: leave it out, data is one variable already")
+            sentence = f"metric = {short_repr(metric)}: leave it out, data is one variable already"
+            raise InputError(sentence, "metric", "conflict")
         if data.dtype.kind not in "iufb":
-            raise InputError(f"data is of type {data.dtype}: give numbers")
+            raise InputError(f"data is of type {data.dtype}: give numbers", "data", "data")
         require_table_units(data.coords.to_dataset(), PARAMETERS)
         return data, ""
     cure = "give a Dataset of fastcoil.simulate or open_study, or one of its variables"
     check_result(require_instance("data", data, xr.Dataset, cure))
-    drawn_names = [name for name in drawn_parameters(data) if name in axes.values()]
-    ds, name = group_by_parameters(data, drawn_names) if drawn_names else data, metric or _DEFAULT_METRIC
+    drawn = [name for name in drawn_parameters(data) if name in axes.values()]
+    ds, name = group_by_parameters(data, drawn) if drawn else data, metric or "rmse"
     numbers = [str(n) for n in ds.data_vars if ds[n].dtype.kind in "iufb" and "elapsed_time" not in ds[n].dims]
     if name not in numbers:
-        suggestion = metric_hint(name) if name not in METRICS else ""
-        raise InputError(f"metric = {short_repr(name)} is not in this result{suggestion}; it has {', '.join(numbers)}")
+        hint = metric_hint(name) if name not in METRICS else ""
+        sentence = f"metric = {short_repr(name)} is not in this result{hint}; it has {', '.join(numbers)}"
+        raise InputError(sentence, "metric", "name")
     return ds[name], drawing.failed_in_words(ds)
 
 
-_PANEL_WIDTH = 3.2  # width of a panel where the figure may be as wide as it likes, inches
-_NARROWEST_PANEL = 2.2  # width in which a panel is still read, inches
-_MOST_ABREAST = 3
-_MILLIMETRES_PER_INCH = 25.4
-_MOST_ROWS = 6
-ESTIMATE_PARAMETERS = ("estimate_ratio", "backlash_estimate")
-_PLAIN_PI_VALUES = {**dict.fromkeys(ESTIMATE_PARAMETERS, 0.0), "learning_step": 0.0, "estimator": "none", "law": "pi"}
-"""What a plain PI has: it assumes no backlash, and learns none."""
+_NARROWEST_PANEL = 2.2  # legible width, inches
+_ESTIMATES = ("estimate_ratio", "backlash_estimate")
+_PLAIN_PI_VALUES = {**dict.fromkeys(_ESTIMATES, 0.0), "learning_step": 0.0, "estimator": "none", "law": "pi"}
 STANDARD_METRICS = ("rmse", "rmse_settled", "switch_frequency")
-_MOST_ALTERNATIVES = 100  # more rows of names than this are no figure
 
 
 @apply_style()
@@ -151,25 +146,23 @@ def draw_panels(
     ds: xr.Dataset, x: str, y: str | None = None, by: str | None = None, metrics: Sequence[str] = STANDARD_METRICS,
     width: float | None = None,
 ) -> Figure:  # fmt: skip
-    """Metrics, a panel each: maps over two swept parameters, curves along one, or dots for the names along ``x``.
+    """Draw a panel for each metric: maps over two swept parameters, curves along one, or dots for names along ``x``.
 
     All other dimensions are pooled: their median, along one of them with its 10–90 % range, or single members.
-    ``by``: a further dimension, with a row of panels for each of the labels that ``rows_of`` chooses.
-    ``width``: of the figure, inches.
+    by: a further dimension, with a row of panels for each of ``panel_rows``.  width: of the figure, inches.
     """
     from matplotlib.figure import Figure
 
-    drawn_dims, has_names = tuple(filter(None, (x, y))), x in ds.coords and ds[x].dtype.kind in "OUST"
+    dims, has_names = tuple(filter(None, (x, y))), x in ds.coords and ds[x].dtype.kind in "OUST"
     with argument_checks() as check:
         if not has_names or y:
             check(drawing.resolve_swept_axes, ds["status"], x=x, **({"y": y} if y else {}))
-        check.problems += [
-            f"metrics: {short_repr(name)} is not in this result{metric_hint(name) or did_you_mean(name, METRICS)}"
-            for name in metrics
-            if name not in ds
-        ]
-    if by in drawn_dims:
-        raise InputError(f"{by} is named twice: choose two different axes")
+        for name in (name for name in metrics if name not in ds):
+            sentence = f"metrics: {short_repr(name)} is not in this result"
+            hint = metric_hint(name) or did_you_mean(name, METRICS)
+            check.problems.append(Problem(sentence + hint, "metrics", "name"))
+    if by in dims:
+        raise InputError(f"{by} is named twice: choose two different axes", "by", "duplicate")
     draw: Callable[[Axes, xr.DataArray], QuadMesh | None]
     if y:
         draw, marks, height = partial(drawing.draw_map, x=x, y=y), drawing.COLOUR_MARKS, 3.0
@@ -180,15 +173,15 @@ def draw_panels(
         draw, marks, height = partial(drawing.draw_curve, x=x, color=BLUE), drawing.LINE_MARKS, 2.4
     rows, n = panel_rows(ds, by), len(metrics)
     columns = n if by else min(n, panels_abreast(width))
-    inches = _PANEL_WIDTH * max(columns, 2) if width is None else width
+    inches = 3.2 * max(columns, 2) if width is None else width
     if by and inches < n * _NARROWEST_PANEL:
-        raise InputError(f"{n} panels in {_MILLIMETRES_PER_INCH * inches:.0f} mm: give fewer metrics, or more width")
+        sentence = f"{n} panels in {25.4 * inches:.0f} mm: give fewer metrics, or more width"
+        raise InputError(sentence, "width", "size")
     n_rows = math.ceil(len(rows) * n / columns)
     figure = Figure(figsize=(inches, height * n_rows + 0.5), layout="constrained")
     shared: Any = "col" if by else False
-    grid = figure.subplots(
-        n_rows, columns, squeeze=False, sharex=shared, sharey=(has_names and not y) or shared
-    ).ravel()
+    sharey = (has_names and not y) or shared
+    grid = figure.subplots(n_rows, columns, squeeze=False, sharex=shared, sharey=sharey).ravel()
     for unused in grid[len(rows) * n :]:
         unused.remove()
     meshes: dict[str, list[QuadMesh]] = defaultdict(list)
@@ -198,32 +191,32 @@ def draw_panels(
         axes.set_title(drawing.wrap_to_axes(axes, words), loc="left")
         if by and not axes.get_subplotspec().is_last_row():
             axes.set_xlabel("")
-    for rows_of_maps in meshes.values():  # rows are compared
-        ends = [end for mesh in rows_of_maps for end in mesh.get_clim()]
-        for mesh in rows_of_maps:
+    for maps in meshes.values():  # rows are compared
+        ends = [end for mesh in maps for end in mesh.get_clim()]
+        for mesh in maps:
             mesh.set_clim(min(ends), max(ends))
-    words = drawing.pooled_in_words(ds["status"], (*drawn_dims, by), marks)
+    words = drawing.pooled_in_words(ds["status"], (*dims, by), marks)
     words += drawing.left_out_in_words(ds, by, len(rows)) + drawing.failed_in_words(ds)
     figure.suptitle(wrap_text("\n".join(filter(None, [str(ds.attrs.get("title", "")), words])), inches, 9))
     return figure
 
 
 def panels_abreast(width: float | None) -> int:
-    """How many panels stand side by side in a width in inches."""
-    return _MOST_ABREAST if width is None else int(np.clip(width / _NARROWEST_PANEL, 1, _MOST_ABREAST))
+    """Number of panels side by side in a width in inches, at most 3."""
+    return 3 if width is None else int(np.clip(width / _NARROWEST_PANEL, 1, 3))
 
 
 def standard_figures(ds: xr.Dataset, width: float | None = None) -> dict[str, Callable[[], Figure]]:
-    """What draws the figures that suit a study's dimensions, by file name without suffix; empty for a single scenario.
+    """Return functions that draw the figures for a study's dimensions, by file name; none for a single scenario.
 
-    A plain PI and an inverse are never pooled: what a figure does not show of them has rows of its own.  A row has as
-    many metrics as fit into ``width``, inches.  Nothing is drawn, or imported to draw, before one of them is called.
+    A plain PI and an inverse are never pooled: a dimension with both that a figure does not show has a row for each
+    label.  A row has as many metrics as fit into ``width``, inches.  Nothing is imported before a function is called.
     """
     numeric, control = numeric_dims(ds["status"]), control_dims(ds)
     named = [str(d) for d in ds["status"].dims if d not in numeric and d in ds.coords and ds.sizes[d] > 1]
     row_metrics = [name for name in STANDARD_METRICS if name in ds][: panels_abreast(width)]
 
-    def undrawn_control(*drawn: str) -> str | None:
+    def row_dim(*drawn: str) -> str | None:
         return next((d for d in control if d not in drawn), None)
 
     def panel_figure(x: str, y: str | None = None, by: str | None = None) -> Callable[[], Figure]:
@@ -234,38 +227,36 @@ def standard_figures(ds: xr.Dataset, width: float | None = None) -> dict[str, Ca
     if len(numeric) >= 2:
         swept = [d for d in numeric if d in control]
         y, x = numeric[:2] if not swept or {*numeric[:2]} & {*swept} else (numeric[0], swept[0])
-        figures["maps"] = panel_figure(x, y, by=undrawn_control(x, y))
-        figures["bands"] = panel_figure(x, by=undrawn_control(x) or y)
+        figures["maps"] = panel_figure(x, y, by=row_dim(x, y))
+        figures["bands"] = panel_figure(x, by=row_dim(x) or y)
     elif numeric:
-        figures["bands"] = panel_figure(numeric[0], by=undrawn_control(numeric[0]))
+        figures["bands"] = panel_figure(numeric[0], by=row_dim(numeric[0]))
     for dim in named:
-        by = undrawn_control(dim)
-        if ds[dim].dtype.kind in "OUST" and ds.sizes[dim] * len(panel_rows(ds, by)) <= _MOST_ALTERNATIVES:
+        by = row_dim(dim)
+        if ds[dim].dtype.kind in "OUST" and ds.sizes[dim] * len(panel_rows(ds, by)) <= 100:
             figures[dim] = panel_figure(dim, by=by)
     return figures
 
 
 def panel_rows(ds: xr.Dataset, by: str | None) -> list[tuple[int | None, str]]:
-    """Position and words of the labels that get a row: all of up to six, else the first, the middle, the last."""
+    """Index and words of the labels that get a row: all of up to six, else the first, the middle, the last."""
     if by is None:
         return [(None, "")]
     dims = [str(d) for d in ds["status"].dims if d in ds.coords and ds.sizes[d] > 1]
     require_choice("by", by, dims)
-    chosen = drawing.pick_labels(ds.sizes[by], _MOST_ROWS)
-    is_plain, pi = (ds[by].values == 0.0) & (by in ESTIMATE_PARAMETERS), plain_pi_label(ds)
+    chosen = drawing.pick_labels(ds.sizes[by], 6)
+    is_plain, pi = (ds[by].values == 0.0) & (by in _ESTIMATES), plain_pi_label(ds)
     return [(k, label_in_words(ds, by, k) + (f", {pi}" if is_plain[k] else "")) for k in chosen]
 
 
 def control_dims(ds: xr.Dataset) -> list[str]:
-    """Dimensions along which a plain PI is one of several controllers: a median over them would be of unlike things."""
+    """Dimensions along which a plain PI is one of several controllers: a median over them would mix unlike things."""
     dims = [str(d) for d in ds["status"].dims if ds.sizes[d] > 1 and d not in CHANCE_DIMS]
     controls = []
     for dim in dims:
         # some labels, and not all, are a plain PI by what differs along the dimension
-        is_plain = [
-            ds[n].values == value for n, value in _PLAIN_PI_VALUES.items() if n in ds.coords and ds[n].dims == (dim,)
-        ]
-        is_all_plain = np.logical_and.reduce(is_plain) if is_plain else np.zeros(1, dtype=bool)
-        if dim == "controller" or (is_all_plain.any() and not is_all_plain.all()):
+        along = {n: v for n, v in _PLAIN_PI_VALUES.items() if n in ds.coords and ds[n].dims == (dim,)}
+        is_plain = np.array([ds[n].values == v for n, v in along.items()] or [[False]]).all(axis=0)
+        if dim == "controller" or (is_plain.any() and not is_plain.all()):
             controls.append(dim)
     return controls

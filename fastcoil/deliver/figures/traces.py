@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _CURE = "give a Dataset of fastcoil.simulate with traces"
-_SECONDS_PER_HOUR = 3600.0
 
 
 class _Scenario(NamedTuple):
@@ -41,23 +40,22 @@ class _Scenario(NamedTuple):
     def backlash(self) -> float:
         backlash = self.ds.coords.get("backlash", json.loads(self.ds.attrs.get("parameters", "{}")).get("backlash"))
         if backlash is None:
-            raise InputError(f"data does not say its backlash: {_CURE}")
+            raise InputError(f"data does not say its backlash: {_CURE}", "data", "missing")
         return float(backlash)
 
     @property
     def times(self) -> Array:
-        """Where its points lie along the x axis: dates where they are known, else hours."""
-        return (
-            self.ds["time"].values if "time" in self.ds.coords else self.ds["elapsed_time"].values / _SECONDS_PER_HOUR
-        )
+        """Positions along the x axis: dates if they are known, else hours."""
+        return self.ds["time"].values if "time" in self.ds.coords else self.ds["elapsed_time"].values / 3600.0
 
 
 def _require_traces(data: Any, *names: str) -> xr.Dataset:
-    """A result with traces, some or those of ``names``."""
+    """Check that a result has traces, some or those of ``names``, and return it."""
     ds: xr.Dataset = require_instance("data", data, xr.Dataset, _CURE)
     if "elapsed_time" not in ds.coords or not any(n in ds for n in TRACES) or not all(n in ds for n in names):
         needed = list(names or ("T_sup", "command"))
-        raise InputError(f"data lacks traces such as {' and '.join(needed)}: simulate with traces={needed}")
+        sentence = f"data lacks traces such as {' and '.join(needed)}: simulate with traces={needed}"
+        raise InputError(sentence, "data", "missing")
     require_table_units(ds, PARAMETERS, TRACES, {"elapsed_time": COLUMNS["elapsed_time"]})
     return ds
 
@@ -65,10 +63,11 @@ def _require_traces(data: Any, *names: str) -> xr.Dataset:
 def _select_scenarios(ds: xr.Dataset, names: Collection[str]) -> list[_Scenario]:
     sizes = {str(d): n for name in names for d, n in ds[name].sizes.items() if d != "elapsed_time"}
     if "volume" in sizes:
-        raise InputError(f"the traces have {sizes['volume']} volumes: select one, such as ds.sel(volume=1)")
+        sentence = f"the traces have {sizes['volume']} volumes: select one, such as ds.sel(volume=1)"
+        raise InputError(sentence, "data", "shape")
     n = math.prod(sizes.values())
     if n > len(COLOURS):
-        raise InputError(f"data has {n:,} scenarios: select up to {len(COLOURS)} with isel or sel")
+        raise InputError(f"data has {n:,} scenarios: select up to {len(COLOURS)} with isel or sel", "data", "shape")
     scenarios = []
     for index, colour, style in zip(np.ndindex(*sizes.values()), COLOURS, LINE_STYLES, strict=False):
         place = dict(zip(sizes, index, strict=True))
@@ -79,13 +78,7 @@ def _select_scenarios(ds: xr.Dataset, names: Collection[str]) -> list[_Scenario]
 
 _TEMPERATURE_TRACES = ("T_sup", "T_measured", "T_w_out", "T_w", "T_c", "T_a")
 _VALVE_TRACES = ("command", "position", "opening", "u", "integral")
-_SHARED_PANELS = {
-    "temperature [°C]": _TEMPERATURE_TRACES,
-    "valve [%]": _VALVE_TRACES,
-}  # panels that several traces share
-_DEFAULT_TRACES = ("T_sup", "command", "position", "opening", "estimate")
-_FIRST_PANEL_HEIGHT, _PANEL_HEIGHT = 1.9, 1.3  # height of the first panel over time and of the others, inches
-_ESTIMATE_HEIGHT, _SWING_HEIGHT = 2.4, 3.0
+_SHARED_PANELS = {"temperature [°C]": _TEMPERATURE_TRACES, "valve [%]": _VALVE_TRACES}
 _STEPPED_TRACES = ("command", "u", "integral", "estimate", "mode")  # they hold between two samples of the controller
 
 
@@ -122,7 +115,7 @@ def traces(data: Any, boundary: Boundary | None = None, *, show: Any = None, ax:
     scenarios = _select_scenarios(ds, names)
     set_points = [] if boundary is None else _set_point_curves(boundary, scenarios)
     panels = _group_by_panel(names)
-    panel_axes = prepare_axes(ax, [_FIRST_PANEL_HEIGHT, *[_PANEL_HEIGHT] * (len(panels) - 1)])
+    panel_axes = prepare_axes(ax, [1.9, *[1.3] * (len(panels) - 1)])
     for k, (axes, (label, panel_traces)) in enumerate(zip(panel_axes, panels.items(), strict=True)):
         _draw_traces(axes, scenarios, panel_traces, is_first=k == 0)
         for i, (x, values) in enumerate(set_points if panel_traces[0] in _TEMPERATURE_TRACES else []):
@@ -137,7 +130,8 @@ def traces(data: Any, boundary: Boundary | None = None, *, show: Any = None, ax:
 def _select_traces(ds: xr.Dataset, show: Any) -> list[str]:
     available = [n for n in TRACES if n in ds and "elapsed_time" in ds[n].dims]
     if show is None:
-        default = [n for n in _DEFAULT_TRACES if n in available and (n != "estimate" or bool((ds[n] > 0.0).any()))]
+        default: list[str] = [n for n in ("T_sup", "command", "position", "opening", "estimate") if n in available]
+        default = [n for n in default if n != "estimate" or bool((ds[n] > 0.0).any())]
         if ds[available[0]].size > ds.sizes["elapsed_time"]:  # several scenarios
             valve = [n for n in default if n in _VALVE_TRACES]
             default = [n for n in default if n not in valve[:-1]]
@@ -150,7 +144,7 @@ def _select_traces(ds: xr.Dataset, show: Any) -> list[str]:
 
 
 def _group_by_panel(names: list[str]) -> dict[str, list[str]]:
-    """The traces of each panel, by its label: what has the same scale shares one."""
+    """Group traces by the label of their panel: those of the same scale share one."""
     panels: dict[str, list[str]] = {}
     for name in names:
         label = next((words for words, alike in _SHARED_PANELS.items() if name in alike), quantity(name).axis)
@@ -159,42 +153,33 @@ def _group_by_panel(names: list[str]) -> dict[str, list[str]]:
 
 
 def _draw_traces(axes: Axes, scenarios: list[_Scenario], names: list[str], *, is_first: bool) -> None:
-    """Scenarios differ in colour and traces in line style; of a single scenario, traces differ in colour."""
+    """Draw traces into a panel: scenarios differ in colour and traces in line style, or traces in colour if alone."""
     for scenario in scenarios:
         for k, name in enumerate(names):
-            trace_quantity = quantity(name)
-            look: Any = (
-                {"color": scenario.colour, "ls": LINE_STYLES[k % 3]} if scenario.words else {"color": COLOURS[k % 3]}
-            )
-            words = [scenario.words, trace_quantity.text if len(names) > 1 or not scenario.words else ""]
-            label = ", ".join(filter(None, words)) if is_first or len(names) > 1 else "_"
-            draw_style = "steps-post" if name in _STEPPED_TRACES else "default"
-            axes.plot(
-                scenario.times,
-                trace_quantity.factor * scenario.ds[name],
-                lw=1.0,
-                drawstyle=draw_style,
-                label=label,
-                **look,
-            )
+            words = [scenario.words, quantity(name).text if len(names) > 1 or not scenario.words else ""]
+            look: dict[str, Any] = {"color": COLOURS[k % 3]}
+            if scenario.words:
+                look = {"color": scenario.colour, "ls": LINE_STYLES[k % 3]}
+            look["label"] = ", ".join(filter(None, words)) if is_first or len(names) > 1 else "_"
+            look["drawstyle"] = "steps-post" if name in _STEPPED_TRACES else "default"
+            axes.plot(scenario.times, quantity(name).factor * scenario.ds[name], lw=1.0, **look)
 
 
 def _set_point_curves(boundary: Boundary, scenarios: list[_Scenario]) -> list[tuple[Array, Array]]:
-    """The set-point of each day that is drawn, over the same axis as the traces; days that are alike once."""
+    """Set-point of each day that is drawn, over the same axis as the traces; equal ones once."""
     curves: list[tuple[Array, Array]] = []
     for scenario in scenarios:
-        seconds = np.rint(scenario.ds["elapsed_time"].values).astype(np.int64)
-        day = (
-            boundary.sel(int(scenario.ds["day"])) if boundary.has_day_dim and "day" in scenario.ds.coords else boundary
-        )
+        ds = scenario.ds
+        seconds = np.rint(ds["elapsed_time"].values).astype(np.int64)
+        day = boundary.sel(int(ds["day"])) if boundary.has_day_dim and "day" in ds.coords else boundary
         if day.n_days > 1:
-            raise InputError(f"boundary has {day.n_days} days and the traces do not say of which they are: select one")
-        attrs = scenario.ds.attrs
-        known_days = (
-            {} if attrs.keys() & {"command_sha256", "carry_over"} else json.loads(attrs.get("day_sha256", "{}"))
-        )
-        if seconds[-1] >= day.n_steps or (known_days and day.day_sha256[0] not in known_days):
-            raise InputError("boundary has another day than the traces: give the boundary that was simulated")
+            sentence = f"boundary has {day.n_days} days and the traces do not say of which they are: select one"
+            raise InputError(sentence, "boundary", "shape")
+        has_days = not ds.attrs.keys() & {"command_sha256", "carry_over"}
+        days = json.loads(ds.attrs.get("day_sha256", "{}")) if has_days else {}
+        if seconds[-1] >= day.n_steps or (days and day.day_sha256[0] not in days):
+            sentence = "boundary has another day than the traces: give the boundary that was simulated"
+            raise InputError(sentence, "boundary", "conflict")
         values = day.of_day(0)["T_set"][seconds]
         if not any(np.array_equal(values, other) for _, other in curves):
             curves.append((scenario.times, values))
@@ -235,26 +220,18 @@ def learning(data: Any, *, ax: Any = None) -> Axes:
     ds = _require_traces(data, "estimate")
     scenarios = _select_scenarios(ds, ["estimate"])
     gaps = [100.0 * scenario.backlash for scenario in scenarios]
-    (axes,) = prepare_axes(ax, [_ESTIMATE_HEIGHT])
+    (axes,) = prepare_axes(ax, [2.4])
     for scenario in scenarios:
         estimate = 100.0 * scenario.ds["estimate"]
-        hours = estimate["elapsed_time"] / _SECONDS_PER_HOUR
+        hours = estimate["elapsed_time"] / 3600.0
         words = scenario.words or "estimate"
         axes.plot(hours, estimate, drawstyle="steps-post", label=words, color=scenario.colour, ls=scenario.style)
         for name, mark in (("learn_time_reached", "o"), ("learn_time_confirmed", "s")):
             at = float(scenario.ds[name]) if name in scenario.ds and scenario.ds[name].ndim == 0 else math.nan
             if math.isfinite(at):
-                estimate_at_mark = float(estimate.sel(elapsed_time=at, method="nearest"))
-                axes.plot(
-                    at / _SECONDS_PER_HOUR,
-                    estimate_at_mark,
-                    mark,
-                    color=scenario.colour,
-                    mec="black",
-                    mew=0.6,
-                    ms=5,
-                    ls="none",
-                )
+                y = float(estimate.sel(elapsed_time=at, method="nearest"))
+                look: dict[str, Any] = {"color": scenario.colour, "mec": "black", "mew": 0.6, "ms": 5}
+                axes.plot(at / 3600.0, y, mark, ls="none", **look)
     for k, gap in enumerate(dict.fromkeys(gaps)):
         axes.axhline(gap, color="black", lw=0.9, ls=":", label="_" if k else "true backlash")
     axes.set(xlabel="time from the start [h]", ylabel=quantity("estimate").axis)
@@ -264,9 +241,6 @@ def learning(data: Any, *, ax: Any = None) -> Axes:
     return axes
 
 
-_DRAWN_PERIODS = 4  # the last periods of a swing that are drawn
-_DRAWN_SECONDS = 3600.0  # seconds that are drawn of a loop without a period
-_PLANE_TRACES = ("command", "opening")
 _PREDICTED_VARIABLES = ("hunting_index", "hunts", "period", "amplitude")
 
 
@@ -282,7 +256,7 @@ def limit_cycle(data: Any, predicted: xr.Dataset | None = None, *, ax: Any = Non
     data
         Dataset of ``simulate`` with the traces ``command`` and ``opening``, up to three scenarios.
     predicted
-        What ``fc.limit_cycle(loop, boundary)`` gives for the same sweep.
+        Result of ``fc.limit_cycle(loop, boundary)`` for the same sweep.
     ax
         Axes to draw into; a new figure if left out.
 
@@ -291,28 +265,21 @@ def limit_cycle(data: Any, predicted: xr.Dataset | None = None, *, ax: Any = Non
     InputError
         With one sentence for each mistake.
     """
-    ds = _require_traces(data, *_PLANE_TRACES)
+    ds = _require_traces(data, "command", "opening")
     if predicted is not None:
         cure = "give what fastcoil.limit_cycle(loop, boundary) returns"
         require_instance("predicted", predicted, xr.Dataset, cure)
         missing = [name for name in _PREDICTED_VARIABLES if name not in predicted]
         if missing:
-            raise InputError(f"predicted has no {', '.join(missing)}: {cure}")
-        data_parameters, predicted_parameters = (
-            json.loads(each.attrs.get("parameters", "{}")) for each in (ds, predicted)
-        )
-        for name in (
-            name
-            for name in data_parameters
-            if data_parameters[name] != predicted_parameters.get(name, data_parameters[name])
-        ):
-            difference = f"predicted is of another loop, with {name} = {predicted_parameters[name]}, in data {data_parameters[name]}"
-            raise InputError(f"{difference}: give that of the same loop")
-    scenarios = _select_scenarios(ds, _PLANE_TRACES)
-    lines = [
-        ": ".join(filter(None, [scenario.words, _describe_swings(scenario.ds, predicted)])) for scenario in scenarios
-    ]
-    (axes,) = prepare_axes(ax, [_SWING_HEIGHT])
+            raise InputError(f"predicted has no {', '.join(missing)}: {cure}", "predicted", "missing")
+        simulated, theory = (json.loads(each.attrs.get("parameters", "{}")) for each in (ds, predicted))
+        for name, value in simulated.items():
+            if value != theory.get(name, value):
+                loops = f"predicted is of another loop, with {name} = {theory[name]}, in data {value}"
+                raise InputError(f"{loops}: give that of the same loop", "predicted", "conflict")
+    scenarios = _select_scenarios(ds, ("command", "opening"))
+    lines = [": ".join(filter(None, [s.words, _describe_swings(s.ds, predicted)])) for s in scenarios]
+    (axes,) = prepare_axes(ax, [3.0])
     axes.set(xlabel="command [%]", ylabel="opening [%]")
     if mark_if_empty(axes, ds["opening"]):
         return axes
@@ -327,13 +294,11 @@ def limit_cycle(data: Any, predicted: xr.Dataset | None = None, *, ax: Any = Non
 
 
 def _draw_swings(axes: Axes, scenario: _Scenario) -> Array:
-    """Draw the last swings of a scenario, and the edges of its gap; return the opening [%]."""
+    """Draw the last four periods, or the last hour, and the edges of the gap; return the opening [%]."""
     gap = scenario.backlash
     period = float(scenario.ds["hunting_period"]) if "hunting_period" in scenario.ds else math.nan
-    end = float(scenario.ds["elapsed_time"][-1])
-    last = scenario.ds.sel(
-        elapsed_time=slice(end - (_DRAWN_PERIODS * period if math.isfinite(period) else _DRAWN_SECONDS), None)
-    )
+    start = float(scenario.ds["elapsed_time"][-1]) - (4 * period if math.isfinite(period) else 3600.0)
+    last = scenario.ds.sel(elapsed_time=slice(start, None))
     command, opening = 100.0 * last["command"].values, 100.0 * last["opening"].values
     axes.plot(command, opening, color=scenario.colour, ls=scenario.style, lw=1.2, label=scenario.words or "_only")
     ends = np.array([command.min(), command.max()])
@@ -344,22 +309,19 @@ def _draw_swings(axes: Axes, scenario: _Scenario) -> Array:
 
 
 def _describe_swings(scenario: xr.Dataset, predicted: xr.Dataset | None) -> str:
-    """The simulated and the predicted swing of one scenario in words."""
+    """Describe the simulated and the predicted swing of one scenario."""
     words = []
     if "hunting_swing" in scenario:
         words.append(f"simulated {_swing_text(float(scenario['hunting_swing']), float(scenario['hunting_period']))}")
     if predicted is not None:
-        place = {
-            d: scenario[d].item()
-            for d in predicted["hunting_index"].dims
-            if d in scenario.coords and scenario[d].ndim == 0
-        }
-        if len(place) < predicted["hunting_index"].ndim or any(label not in predicted[d] for d, label in place.items()):
-            dims = ", ".join(str(dim) for dim in predicted["hunting_index"].dims)
-            raise InputError(f"predicted has other labels along {dims} than data: give that of the same sweep")
-        hunting_index, hunts, period, amplitude = (float(predicted[name].sel(place)) for name in _PREDICTED_VARIABLES)
+        dims = predicted["hunting_index"].dims
+        place = {d: scenario[d].item() for d in dims if d in scenario.coords and scenario[d].ndim == 0}
+        if len(place) < len(dims) or any(label not in predicted[d] for d, label in place.items()):
+            sentence = f"predicted has other labels along {', '.join(map(str, dims))} than data"
+            raise InputError(f"{sentence}: give that of the same sweep", "predicted", "shape")
+        index, hunts, period, amplitude = (float(predicted[name].sel(place)) for name in _PREDICTED_VARIABLES)
         swing = _swing_text(2.0 * amplitude, period) if hunts > 0.0 else "no swing"
-        words.append(f"predicted {swing} (hunting index {hunting_index:.2g})")
+        words.append(f"predicted {swing} (hunting index {index:.2g})")
     return ", ".join(words)
 
 

@@ -30,11 +30,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-MOST_ROWS, _TOLERATED_ROWS = 12, 4  # rows of a table along a swept parameter; all of them are in the results
+MOST_ROWS = 12  # of a table along a swept parameter; results.nc has all of them
 
 
 def format_significant(value: float, digits: int = 3) -> str:
-    """A measured number of so many digits, zeros at its end too, without an exponent as far as it can be read."""
+    """Format a measured number with so many significant digits, without an exponent between 1e-4 and 1e7."""
     if not math.isfinite(value):
         return MISSING_VALUE
     if value == 0.0:
@@ -47,21 +47,21 @@ def format_significant(value: float, digits: int = 3) -> str:
 
 
 def format_change(share: float) -> str:
-    """A difference as a share of what it is compared with: ``−43 %``."""
+    """Format a relative difference: ``−43 %``."""
     if not math.isfinite(share):
         return MISSING_VALUE
     return f"{format_number(100.0 * share, 0, sign=True)} %"
 
 
 def format_change_range(low: float, high: float) -> str:
-    """An interval of such shares."""
+    """Format an interval of relative differences."""
     if not (math.isfinite(low) and math.isfinite(high)):
         return MISSING_VALUE
     return f"{format_change(low).removesuffix(' %')} to {format_change(high)}"
 
 
 def format_parameter(name: str, value: object) -> str:
-    """The value of a parameter with its unit: ``7 %``, ``0.03 1/K``, ``cooling``."""
+    """Format the value of a parameter with its unit: ``7 %``, ``0.03 1/K``, ``cooling``."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return str(value)
     display = quantity(name)
@@ -72,24 +72,21 @@ def format_parameter(name: str, value: object) -> str:
 
 
 def select_rows(n: int, keep: tuple[int, ...] = (), most: int = MOST_ROWS) -> list[int]:
-    """Rows to show of ``n``: all, or evenly spaced ones with the first, the last and those to ``keep``."""
-    if n <= most + _TOLERATED_ROWS:
+    """Select rows of ``n``: all, up to four more than ``most``; else evenly spaced ones and those to ``keep``."""
+    if n <= most + 4:
         return list(range(n))
-    spaced_rows = np.linspace(0, n - 1, most - len(keep)).round().astype(int).tolist()
-    return sorted({*spaced_rows, *keep})
+    return sorted({*np.linspace(0, n - 1, most - len(keep)).round().astype(int).tolist(), *keep})
 
 
 def omission_note(n: int, n_shown: int, noun: str) -> str:
-    """A note on rows that are not shown; empty if all are."""
+    """Return a note on rows that are not shown; empty if all are."""
     return "" if n_shown == n else f"{n_shown} of {n:,} {noun} are shown; all of them are in results.nc."
 
 
 _MARK = b'<meta name="generator" content="fastcoil '
-DPI = 200  # of the pictures, for print on A4
-_WORDS_AMONG_NUMBERS = ("baseline", "never", "yes", "no")  # words in a column of numbers
 
 
-class Words(NamedTuple):
+class Paragraphs(NamedTuple):
     """Paragraphs, or with ``bullets`` the items of a list."""
 
     lines: Sequence[str]
@@ -97,7 +94,7 @@ class Words(NamedTuple):
 
 
 class Table(NamedTuple):
-    """Cells as they are shown; the first column names the row.  note: what is left out, or means what."""
+    """Cells as they are printed; the first column names the row.  note: omissions, and meanings of the columns."""
 
     caption: str
     head: Sequence[str]
@@ -106,21 +103,19 @@ class Table(NamedTuple):
 
     @property
     def sides(self) -> list[str]:
-        """A class for each column: numbers stand to the right, words to the left."""
+        """A style class for each column: numbers are aligned right, words left."""
         columns = list(zip(*self.rows, strict=True)) or [()] * len(self.head)
-        return [
-            "words" if any(cell[:1].isalpha() for cell in column if cell not in _WORDS_AMONG_NUMBERS) else ""
-            for column in columns
-        ]
+        has_words = [any(c[:1].isalpha() and c not in ("baseline", "never", "yes", "no") for c in cs) for cs in columns]
+        return ["words" if has else "" for has in has_words]
 
 
 def facts_table(*pairs: tuple[str, str]) -> Table:
-    """Names and values, a row each."""
+    """Return a table of names and values, a row each."""
     return Table("", (), pairs)
 
 
 class Picture(NamedTuple):
-    """A PNG; what its dots, lines and bands mean; ``alt``: a few words for who cannot see it; file: where it lies."""
+    """A PNG; caption: meaning of its dots, lines and bands; alt: text in place of the picture; file: its path."""
 
     png: bytes
     caption: str
@@ -133,7 +128,7 @@ class Picture(NamedTuple):
 
 
 class Code(NamedTuple):
-    """Text in which every space counts."""
+    """Preformatted text."""
 
     text: str
 
@@ -142,11 +137,11 @@ class Code(NamedTuple):
         return self.text.rstrip("\n").replace("\r\n", "\n").split("\n")
 
 
-Block = Words | Table | Picture | Code
+Block = Paragraphs | Table | Picture | Code
 
 
 class Section(NamedTuple):
-    """A heading and what follows it."""
+    """A heading and its blocks."""
 
     title: str
     blocks: Sequence[Block]
@@ -155,13 +150,13 @@ class Section(NamedTuple):
 class Page(NamedTuple):
     """A report."""
 
-    label: str  # what kind of report
+    label: str  # kind of report
     title: str
     question: str
-    warnings: Sequence[str]  # what the reader must know before the answer
+    warnings: Sequence[str]  # printed before the answer
     answer: Sequence[str]  # sentences, the most important first
     sections: Sequence[Section]
-    origin: str = ""  # SHA-256 of what it was made from
+    origin: str = ""  # SHA-256 of the results
 
     def html(self) -> str:
         from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -179,32 +174,32 @@ class Page(NamedTuple):
 
 
 def _escape_text(value: Any) -> Any:
-    """Escape control characters of texts; what the template makes stays as it is."""
+    """Escape control characters of texts; leave markup of the template unchanged."""
     return escape_control_characters(value) if type(value) is str else value
 
 
 def require_page(path: Path, option: str = "path") -> None:
     """Refuse, before any work, a path that cannot be written, or that holds anything but an earlier report."""
     require_output_file(option, path, ".html", ".htm")
-    if exists(path) and not has_mark(path, _MARK):
-        raise InputError(f"{option} {path}: this file exists and is not a report: choose another name, or delete it")
+    if exists(path) and not has_mark(path, b'<meta name="generator" content="fastcoil '):
+        sentence = f"{option} {path}: this file exists and is not a report: choose another name, or delete it"
+        raise InputError(sentence, option, "path")
 
 
 def make_picture(figure: Figure, caption: str, alt: str) -> Picture:
-    """A figure without its head, which the page has in words."""
+    """Encode a figure without its title, which the page has as text."""
     figure.suptitle("")
-    return Picture(encode_figure(figure, "png", DPI), caption, alt)
+    return Picture(encode_figure(figure, "png", 200), caption, alt)  # dpi for print on A4
 
 
 def method_section(ds: xr.Dataset) -> Section:
-    """The section on how a study was computed."""
+    """Return the section on how a study was computed."""
     constants, loop = json.loads(ds.attrs["parameters"]), tomllib.loads(ds.attrs["study_toml"])["loop"]
     preset = str(loop.get("preset", "paper_like"))
     substeps, noise, n = constants.get("substeps", 1), constants.get("noise_std"), ds.sizes.get("replicate", 1)
     sizes = sizes_in_words(ds["status"].sizes)
-    spread = (
-        "swept" if noise is None else f"standard deviation {format_parameter('noise_std', noise)}" if noise else "none"
-    )
+    spread = f"standard deviation {format_parameter('noise_std', noise)}" if noise else "none"
+    spread = "swept" if noise is None else spread
     pairs = [
         ("Model", "closed loop of sensor, PI, backlash inverse, motor, valve with backlash and coil, after Cai and "
                   "Braun (2016); every scenario is a day of the loop"),
@@ -226,38 +221,28 @@ def method_section(ds: xr.Dataset) -> Section:
 
 
 def changed_parameters(constants: Mapping[str, Any], preset: str, against: str = "preset") -> Table:
-    """The parameters that a loop gives other values than its preset; ``against``: what to call it."""
+    """Return a table of the parameters whose values differ from those of a preset; ``against``: its name."""
     base = PRESETS[preset if preset in PRESETS else "paper_like"]
     values = {name: value for name, value in constants.items() if value is not None}
     rows = []
     for name in base.changed_names(values):
         preset_value = base.value(PARAMETERS[name]) if name in PARAMETERS else None
-        meaning = PARAMETERS[name].text if name in PARAMETERS else "of its own rule"
-        rows.append(
-            [
-                name,
-                format_parameter(name, values[name]),
-                MISSING_VALUE if preset_value is None else format_parameter(name, preset_value),
-                meaning,
-            ]
-        )
+        before = MISSING_VALUE if preset_value is None else format_parameter(name, preset_value)
+        meaning = PARAMETERS[name].text if name in PARAMETERS else "parameter of the user's rule"
+        rows.append([name, format_parameter(name, values[name]), before, meaning])
     return Table(f"Parameters that differ from the {against}", ["name", "value", against, "meaning"], rows)
 
 
 def versions_section(attrs: Mapping[str, Any]) -> Section:
-    """What made the results with these attributes, and their hashes."""
-    names = {
-        "fastcoil_version": "fastcoil",
-        "python_version": "Python",
-        "platform": "Machine",
-        "date_created": "Run on",
-    }
-    packages = ", ".join(f"{name} {number}" for name, number in json.loads(attrs["package_versions"]).items())
+    """Return the section on the versions that made the results with these attributes, and on their hashes."""
+    labels = [("fastcoil_version", "fastcoil"), ("python_version", "Python"), ("platform", "Machine"),
+              ("date_created", "Run on")]  # fmt: skip
+    facts = [(label, str(attrs[name])) for name, label in labels if name in attrs]
+    packages = json.loads(attrs["package_versions"]).items()
+    facts.append(("Packages", ", ".join(f"{name} {number}" for name, number in packages)))
     hashes = [f"{name}_sha256" for name in ("content", "study", "model", "boundary")]
-    return Section("Versions and hashes", [facts_table(
-        *((label, str(attrs[name])) for name, label in names.items() if name in attrs), ("Packages", packages),
-        *((name, str(attrs[name])) for name in hashes if name in attrs),
-    )])  # fmt: skip
+    facts += [(name, str(attrs[name])) for name in hashes if name in attrs]
+    return Section("Versions and hashes", [facts_table(*facts)])
 
 
 TITLE = "fastcoil: closed-loop emulation of HVAC coil valves with backlash"
@@ -276,22 +261,20 @@ PAPER: Mapping[str, str] = {
 
 
 def citation(results: Mapping[str, Any] | None = None) -> list[str]:
-    """Plain text, a line each, also for results with these attributes: the version that made them, their hash."""
+    """Return citations as plain text, a line each; with attributes of results, also their version and hash."""
     lines = [
         f"{AUTHORS}. {TITLE}. Version {_version(results)}, {LICENCE} licence.",
         f"{PAPER['authors']} ({PAPER['year']}). {PAPER['title']}. {PAPER['series']}, paper {PAPER['number']}, "
         f"{PAPER['publisher']}. {PAPER['url']}",
     ]
     if results is not None:
-        lines.append(
-            f"Results: {results['title']}. Made with fastcoil {_version(results)}; content_sha256 "
-            f"{results['content_sha256']}."
-        )
+        made_with = f"Made with fastcoil {_version(results)}; content_sha256 {results['content_sha256']}."
+        lines.append(f"Results: {results['title']}. {made_with}")
     return lines
 
 
 def bibtex(results: Mapping[str, Any] | None = None) -> list[str]:
-    """The same as BibTeX."""
+    """Return the same as BibTeX."""
     entries = [
         _bibtex_entry(
             "software", "fastcoil",
@@ -323,7 +306,7 @@ _TEX_ESCAPES = str.maketrans({
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
     **{letter: f"\\{letter}" for letter in "{}$&#_%"},
 })  # fmt: skip
-"""What TeX would read as a command."""
+"""Escapes of the letters that begin a command of TeX."""
 
 
 def _bibtex_entry(kind: str, key: str, **fields: str) -> list[str]:
@@ -331,6 +314,6 @@ def _bibtex_entry(kind: str, key: str, **fields: str) -> list[str]:
 
 
 def citation_section(ds: xr.Dataset | None = None) -> Section:
-    """How to cite the results, or fastcoil alone."""
+    """Return the section on how to cite the results, or fastcoil alone."""
     attrs = None if ds is None else ds.attrs
-    return Section("How to cite", [Words(citation(attrs)), Code("\n".join(bibtex(attrs)))])
+    return Section("How to cite", [Paragraphs(citation(attrs)), Code("\n".join(bibtex(attrs)))])

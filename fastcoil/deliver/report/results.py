@@ -1,8 +1,8 @@
 """``report``: one HTML file that a client can open, of a study, a fit, a diagnosis, a tuning or an explanation.
 
-Each says what was asked, the answer, a figure, and all numbers.  That of a study compares every estimate with the plain
-PI, every gap with the sound valve, within pairs of scenarios that differ in nothing else.  An interval is by bootstrap
-over drawn valves or days, where the study has several; swept values were chosen, so they get a range instead.
+Each has question, answer, figure and all numbers.  A report of a study compares every estimate with the plain PI, and
+every gap with the sound valve, within pairs of scenarios that differ in nothing else.  Intervals are bootstrap
+intervals over drawn valves or days, where the study has several; swept values are chosen, so they get a range instead.
 """
 
 import math
@@ -17,7 +17,7 @@ from typing import Any
 import xarray as xr
 
 from fastcoil.base.arguments import require_path
-from fastcoil.base.errors import InputError, WrongTypeMessage
+from fastcoil.base.errors import InputError
 from fastcoil.base.text import format_share
 from fastcoil.deliver.figures.swept import standard_figures
 from fastcoil.deliver.report import page
@@ -38,21 +38,21 @@ from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.results import open_finished
 
 _CHANCE_DIMS = {"sample": "drawn valves", "day": "days", "replicate": "noise realisations"}
-"""Dims that are chance, the first of them is what an interval is over."""
+"""Dims of chance in words; an interval is over the first of them that a study has."""
 _COLUMN_HEADS = {
     "rmse_settled": "settled RMS error [K]",
     "hunts": "share that hunts",
     "motor_travel": "motor travel [strokes]",
     "switch_frequency": "mode switches per 10 min",
 }
-_TABLE_METRICS = ("rmse", *_COLUMN_HEADS)
-_MAX_NAME_ROWS = 40
+_MAX_NAME_ROWS = 40  # of a table along a dim of names
 
 
 def comparison_tables(ds: xr.Dataset) -> list[page.Table]:
-    """A table for every dimension with labels."""
+    """Return a table for every dimension with labels."""
     ratio, pi = estimate_dim(ds), plain_pi_label(ds)
-    ds = mask_off_days(ds[[name for name in (*_TABLE_METRICS, *reduction_metrics(ds), "status") if name in ds]])
+    names = ("rmse", *_COLUMN_HEADS, *reduction_metrics(ds), "status")
+    ds = mask_off_days(ds[[name for name in names if name in ds]])
     ds = mask_dataset(ds.drop_vars("status"), ds["status"] == STATUS_OK)
     dims = [str(d) for d in ds["rmse"].dims if ds.sizes[d] > 1 and d not in _CHANCE_DIMS and d in ds.coords]
     without_inverse, condition = (ds, "") if ratio is None else (ds.sel({ratio: 0.0}, drop=True), f" with the {pi}")
@@ -74,61 +74,47 @@ def comparison_tables(ds: xr.Dataset) -> list[page.Table]:
 
 
 def _comparison_table(
-    ds: xr.Dataset,
-    dim: str,
-    condition: str,
-    baseline_row: int | None = None,
-    baseline_words: str = "",
+    ds: xr.Dataset, dim: str, condition: str, baseline_row: int | None = None, baseline_words: str = "",
     recommended_row: int | None = None,
-) -> page.Table:
-    """A row for every label, or some, with medians; ``baseline_row``: the baseline, ``baseline_words``; ``recommended_row``: a label to keep."""
-    unit = next((unit for unit in _CHANCE_DIMS if ds.sizes.get(unit, 1) > 1), "") if baseline_row is not None else ""
-    base, n, has_names = ds.isel({dim: baseline_row or 0}, drop=True), ds.sizes[dim], ds[dim].dtype.kind in "OUST"
+) -> page.Table:  # fmt: skip
+    """Return a table of medians with a row for every label, or for some, among them baseline and recommendation."""
+    chance = next((d for d in _CHANCE_DIMS if ds.sizes.get(d, 1) > 1), "") if baseline_row is not None else ""
+    n, has_names, number = ds.sizes[dim], ds[dim].dtype.kind in "OUST", page.format_significant
+    base = ds["rmse"].isel({dim: baseline_row or 0}, drop=True)
     best = ds["rmse"].median([d for d in ds["rmse"].dims if d != dim]).fillna(math.inf)
-    keep = [k for k in (baseline_row, recommended_row, int(best.values.argmin())) if k is not None]
-    row_numbers = page.select_rows(n, tuple(keep), _MAX_NAME_ROWS if has_names else page.MOST_ROWS)
+    keep = tuple(k for k in (baseline_row, recommended_row, int(best.values.argmin())) if k is not None)
+    others = {str(name): values for name, values in ds.data_vars.items() if name != "rmse"}
     rows = []
-    for k in row_numbers:
-        scenarios, label = ds.isel({dim: k}, drop=True), ds[dim].values[k]
+    for k in page.select_rows(n, keep, _MAX_NAME_ROWS if has_names else page.MOST_ROWS):
+        rmse, label = ds["rmse"].isel({dim: k}, drop=True), ds[dim].values[k]
         cells = [str(label) if isinstance(label, str) else coordinate_quantity(ds, dim).number(float(label))]
-        cells.append(page.format_significant(float(scenarios["rmse"].median())))
+        cells.append(number(float(rmse.median())))
         if baseline_row is None:
-            cells.append(
-                " to ".join(page.format_significant(float(scenarios["rmse"].quantile(q))) for q in (0.05, 0.95))
-            )
+            cells.append(" to ".join(number(float(rmse.quantile(q))) for q in (0.05, 0.95)))
         elif k == baseline_row:
-            cells += ["baseline", *[""] * (2 + bool(unit))]
+            cells += ["baseline", *[""] * (2 + bool(chance))]
         else:
-            middle = summarise_median(paired_change(scenarios["rmse"], base["rmse"]).rename("rmse"), unit)
-            pair = scenarios["rmse"].notnull() & base["rmse"].notnull()
-            is_lower = (scenarios["rmse"] < base["rmse"]) + 0.5 * (scenarios["rmse"] == base["rmse"])
-            cells += [
-                page.format_change(middle.median),
-                *([page.format_change_range(middle.low, middle.high)] if unit else []),
-            ]
-            cells += [
-                page.format_change_range(middle.q05, middle.q95),
-                format_share(float(is_lower.where(pair).mean())),
-            ]
-        for name in (name for name in scenarios.data_vars if name != "rmse"):
-            values = scenarios[name]
-            typical = values_quantity(values).factor * float(values.median())
-            cells.append(format_share(float(values.mean())) if name == "hunts" else page.format_significant(typical))
+            change = summarise_median(paired_change(rmse, base).rename("rmse"), chance)
+            is_lower = ((rmse < base) + 0.5 * (rmse == base)).where(rmse.notnull() & base.notnull())
+            cells += [page.format_change(change.median)]
+            cells += [page.format_change_range(change.low, change.high)] if chance else []
+            cells += [page.format_change_range(change.q05, change.q95), format_share(float(is_lower.mean()))]
+        for name, values in others.items():
+            of_label = values.isel({dim: k})
+            median = values_quantity(values).factor * float(of_label.median())
+            cells.append(format_share(float(of_label.mean())) if name == "hunts" else number(median))
         rows.append(cells)
     dim_text = coordinate_quantity(ds, dim).text
-    other_heads = [
-        _COLUMN_HEADS.get(str(name)) or values_quantity(ds[name]).axis for name in ds.data_vars if name != "rmse"
-    ]
     omitted = page.omission_note(n, len(rows), "names" if has_names else "values")
-    spread = ["change", *(["95 % interval"] if unit else []), "5 to 95 % of pairs", "lower in"]
-    head = [dim_text, "RMS error [K]", *(["5 to 95 % of scenarios"] if baseline_row is None else spread), *other_heads]
+    spread = ["change", *(["95 % interval"] if chance else []), "5 to 95 % of pairs", "lower in"]
+    head = [dim_text, "RMS error [K]", *(["5 to 95 % of scenarios"] if baseline_row is None else spread)]
+    head += [_COLUMN_HEADS.get(name) or values_quantity(values).axis for name, values in others.items()]
     if baseline_row is None:
-        return page.Table(
-            f"Along {dim_text}", head, rows, f"Medians{condition} over everything else.  {omitted}".strip()
-        )
+        note = f"Medians{condition} over everything else.  {omitted}".strip()
+        return page.Table(f"Along {dim_text}", head, rows, note)
     note = (
         f"RMS error: median{condition}.  Change: median within pairs that differ in nothing else.  "
-        f"{f'95 % interval: of the median change, over {ds.sizes[unit]} {_CHANCE_DIMS[unit]}.  ' if unit else ''}"
+        f"{f'95 % interval: of the median change, over {ds.sizes[chance]} {_CHANCE_DIMS[chance]}.  ' if chance else ''}"
         f"5 to 95 % of pairs: how much the change differs from loop to loop.  Lower in: share of pairs with less "
         f"error, ties half.  {omitted}"
     ).strip()
@@ -136,32 +122,21 @@ def _comparison_table(
 
 
 def metrics_table(ds: xr.Dataset) -> page.Table:
-    """Every metric of a single scenario that is known, with its unit."""
+    """Return a table of the metrics of a single scenario, with units."""
     rows = []
     for name, output in METRICS.items():
         if name in ds and name != "hunts" and not output.flags and bool(ds[name].notnull().any()):
-            value, axis_quantity = float(ds[name].max()), quantity(name)
-            is_count = name in ("reversals", "half_periods")
-            text = (
-                f"{value:.0f}"
-                if is_count
-                else f"{page.format_significant(value * axis_quantity.factor)} {axis_quantity.unit}"
-            )
-            rows.append([output.long_name, text.rstrip(), name])
+            value, axis = float(ds[name].max()), quantity(name)
+            text = f"{page.format_significant(value * axis.factor)} {axis.unit}".rstrip()
+            rows.append([output.long_name, f"{value:.0f}" if name in ("reversals", "half_periods") else text, name])
     for name in reduction_metrics(ds):
-        axis_quantity = values_quantity(ds[name])
-        rows.append(
-            [
-                axis_quantity.text,
-                f"{page.format_significant(float(ds[name].max()))} {axis_quantity.unit}".rstrip(),
-                name,
-            ]
-        )
+        axis = values_quantity(ds[name])
+        rows.append([axis.text, f"{page.format_significant(float(ds[name].max()))} {axis.unit}".rstrip(), name])
     return page.Table("Every metric", ["metric", "value", "name in results.nc"], rows)
 
 
 def study_page(folder: Path) -> page.Page:
-    """The report of the finished study in a folder; raises as ``open_finished``."""
+    """Return the report of the finished study in a folder; errors are those of ``open_finished``."""
     ds = open_finished(folder)
     tariff, warnings = tomllib.loads(ds.attrs["study_toml"]).get("tariff"), []
     counts = Counter(ds["status"].values[ds["status"].values != STATUS_OK].tolist())
@@ -178,20 +153,15 @@ def study_page(folder: Path) -> page.Page:
         answer = findings(ds, None if tariff is None else parse_billing(tariff, None))
         numbers = [metrics_table(ds)] if ds["status"].size == 1 else comparison_tables(ds)
         sections += [page.Section("Figures", _pictures(ds, title)), page.Section("In numbers", numbers)]
-    file = page.Section("The study file", [page.Code(ds.attrs["study_toml"])])
-    sections += [
-        page.method_section(ds),
-        page.versions_section(ds.attrs),
-        file,
-        _reproduction_section(folder, ds),
-        page.citation_section(ds),
-    ]
+    sections += [page.method_section(ds), page.versions_section(ds.attrs)]
+    sections.append(page.Section("The study file", [page.Code(ds.attrs["study_toml"])]))
+    sections += [_reproduction_section(folder, ds), page.citation_section(ds)]
     question, origin = str(ds.attrs.get("summary", "")).strip(), str(ds.attrs["content_sha256"])
     return page.Page("Study", title, question, warnings, answer, sections, origin)
 
 
 def _pictures(ds: xr.Dataset, title: str) -> list[page.Block]:
-    """The standard figures; their heads, the title and what the marks mean, become captions."""
+    """Return the standard figures; the meaning of the marks moves from their titles to the captions."""
     pictures: list[page.Block] = []
     for k, (name, draw) in enumerate(standard_figures(ds).items(), 1):
         figure = draw()
@@ -212,137 +182,123 @@ def _reproduction_section(folder: Path, ds: xr.Dataset) -> page.Section:
         "Save the study file above as study.toml, with the files that it names beside it.  On one kind of processor "
         "and with the same versions, content_sha256 is the same to the last digit."
     )
-    return page.Section("Do it again", [page.Words([instruction]), page.Code("\n".join(lines))])
+    return page.Section("Do it again", [page.Paragraphs([instruction]), page.Code("\n".join(lines))])
 
 
 def _result_page(
     label: str, title: str, question: str, answer: Sequence[str], warnings: Sequence[str], picture: page.Picture,
     hashed_data: xr.Dataset, extra_sections: Sequence[page.Section],
 ) -> page.Page:  # fmt: skip
-    """The page of a single result.  found: what its hash is of.  more: the sections behind the figure."""
-    provenance_here = {name: value for name, value in provenance().items() if name != "date_created"}
-    sections = [
-        page.Section("In one figure", [picture]),
-        *extra_sections,
-        page.versions_section(provenance_here),
-        page.citation_section(),
-    ]
+    """Return the page of a single result.  hashed_data: the origin.  extra_sections: those after the figure."""
+    versions = page.versions_section({name: value for name, value in provenance().items() if name != "date_created"})
+    sections = [page.Section("In one figure", [picture]), *extra_sections, versions, page.citation_section()]
     return page.Page(label, title, question, warnings, answer, sections, content_sha256(hashed_data))
 
 
 def _study_sections(name: str, toml: str, notes: Sequence[str]) -> list[page.Section]:
-    """All numbers, as a study takes them, behind what to mind."""
+    """Return sections of notes, and of all numbers as a file for a study."""
     instruction = f'Save this as {name}.toml; in a study file, [loop] include = ["{name}.toml"] takes it.'
     return [
-        page.Section("What to mind", [page.Words(notes, bullets=True)] if notes else []),
-        page.Section("All numbers, for a study", [page.Words([instruction]), page.Code(toml)]),
+        page.Section("What to mind", [page.Paragraphs(notes, bullets=True)] if notes else []),
+        page.Section("All numbers, for a study", [page.Paragraphs([instruction]), page.Code(toml)]),
     ]
 
 
-_QUESTIONS = {
-    "valve": "Which backlash and which flow curve does this valve have?",
-    "coil": "Which heat transfer and which heat capacity does this coil have?",
-    "loop": "Which backlash does this valve have, seen from the supply air temperature?",
-}
-_FIT_CAPTION = (
-    "Measured (broad line) and (dashed) as the fitted model gives it, over their difference; on the left the part that "
-    "was fitted, on the right the part held back.  Grey: not compared."
-)
-
-
 def fit_page(fit: Fit) -> page.Page:
-    """The report of a fit."""
+    """Return the report of a fit."""
+    question = {
+        "valve": "Which backlash and which flow curve does this valve have?",
+        "coil": "Which heat transfer and which heat capacity does this coil have?",
+        "loop": "Which backlash does this valve have, seen from the supply air temperature?",
+    }[fit.kind]
+    caption = (
+        "Measured (broad line) and (dashed) as the fitted model gives it, over their difference; on the left the part "
+        "that was fitted, on the right the part held back.  Grey: not compared."
+    )
     known_together = [line for line in fit.summary() if " are identified only in combination " in line]
     warnings = [f"{name}: {why}" for name, why in fit.held.items() if why != "given"]
     return _result_page(
-        "Fit", f"{fit.kind.capitalize()} fitted to {fit.source}", _QUESTIONS[fit.kind], _fit_answer(fit), warnings,
-        page.make_picture(fit.plot(), _FIT_CAPTION, f"Measured and modelled {fit.kind}"), fit.residuals,
+        "Fit", f"{fit.kind.capitalize()} fitted to {fit.source}", question, _fit_answer(fit), warnings,
+        page.make_picture(fit.plot(), caption, f"Measured and modelled {fit.kind}"), fit.residuals,
         _study_sections(fit.kind, fit.to_toml(), [*known_together, *fit.notes]),
     )  # fmt: skip
 
 
 def _fit_answer(fit: Fit) -> list[str]:
-    """The size of the gap, and the error of the model where it was fitted, where it was not, and without the gap."""
-    rmse, unit, lines = fit.rmse, fit.unit, []
-    fitting = page.format_significant(rmse[FITTING])
+    """Return the size of the gap, and the error of the model in fitting, in validation, and without the gap."""
+    rmse, unit, lines, number = fit.rmse, fit.unit, [], page.format_significant
+    fitting = number(rmse[FITTING])
     if "backlash" in fit.intervals:
-        gap, low, high = (
-            page.format_significant(100 * v) for v in (fit.parameters["backlash"], *fit.intervals["backlash"])
-        )
+        gap, low, high = (number(100 * v) for v in (fit.parameters["backlash"], *fit.intervals["backlash"]))
         lines.append(f"The gap is {gap} % of the stroke (95 %: {low} to {high} %).")
     elif fit.kind != "coil" and "backlash" not in fit.parameters:
         why = fit.held.get("backlash", "see what to mind")
         lines.append(f"The log does not identify the size of the gap: {why}.")
     if VALIDATION not in rmse:
         return [*lines, f"The RMS error of the model is {fitting} {unit}.  Nothing was held back to check it."]
-    rmse_without_gap, validation = rmse.get(f"{VALIDATION}_without_backlash"), page.format_significant(rmse[VALIDATION])
-    without = (
-        ""
-        if rmse_without_gap is None
-        else f"; without a gap it would be {page.format_significant(rmse_without_gap)} {unit}"
-    )
-    sentence = f"On the part of the log held back, the RMS error of the model is {validation} {unit}{without}."
-    return [*lines, f"{sentence}  On the part that it was fitted to, it is {fitting} {unit}."]
-
-
-_DIAGNOSIS_CAPTION = (
-    "From the top: what each hour was like; supply air (line) and its set-point (dashed) in the two hours in which the "
-    "motor moves most; the command of the controller; the probability of each size of the gap (bars) with its 95 % "
-    "interval (grey band), grey bars where the log does not identify it; what the loop fitted to this log would do "
-    "with another valve, gain or controller, present value = 100 %."
-)
-_TUNING_CAPTION = (
-    "Dots joined by a line: every tuning that no other beats in both error and motor travel, on the valves and days of "
-    "the search; a grey line leads from each to its hollow dot, the same tuning held out.  Marks with bars: the tuning "
-    "of now, the chosen one and that of the SIMC rule, held out; bars are 95 % intervals for other valves and days.  "
-    "Dotted: a limit."
-)
-_DAY_CAPTION = "upply air as it is (red), with the recommended cure (blue) if there is one, and the set-point (dashed)."
-_EXPLANATION_CAPTION = (
-    "Top: gains that make the loop hunt (shaded), with lines of equal hunting index, the loop as it is (red dot) and other "
-    f"tunings (marks).  Bottom: s{_DAY_CAPTION}"
-)
+    rmse_without_gap = rmse.get(f"{VALIDATION}_without_backlash")
+    sentence = f"On the part of the log held back, the RMS error of the model is {number(rmse[VALIDATION])} {unit}"
+    if rmse_without_gap is not None:
+        sentence += f"; without a gap it would be {number(rmse_without_gap)} {unit}"
+    return [*lines, f"{sentence}.  On the part that it was fitted to, it is {fitting} {unit}."]
 
 
 def diagnosis_page(d: Diagnosis) -> page.Page:
-    """The report of a diagnosis."""
+    """Return the report of a diagnosis."""
+    caption = (
+        "From the top: what each hour was like; supply air (line) and its set-point (dashed) in the two hours in which "
+        "the motor moves most; the command of the controller; the probability of each size of the gap (bars) with its "
+        "95 % interval (grey band), grey bars where the log does not identify it; what the loop fitted to this log "
+        "would do with another valve, gain or controller, present value = 100 %."
+    )
     warnings = [] if d.identified else [f"The log does not identify the size of the gap: {d.reason}"]
     answer = [line for line in d.summary() if not line.startswith("Note: ")]
     return _result_page(
         "Diagnosis", f"Is it the valve? {d.source}",
         "How large is the gap of this valve, does its loop hunt, and is the valve to blame?", answer, warnings,
-        page.make_picture(d.plot(), _DIAGNOSIS_CAPTION, "Signals, probability of each gap, predictions"), d.signals,
+        page.make_picture(d.plot(), caption, "Signals, probability of each gap, predictions"), d.signals,
         _study_sections("diagnosis", d.to_toml(), d.notes),
     )  # fmt: skip
 
 
 def tuning_page(t: Tuning) -> page.Page:
-    """The report of a tuning."""
+    """Return the report of a tuning."""
     limits_warning = "No tuning keeps every limit: the one shown breaks them least, and is not a recommendation."
+    caption = (
+        "Dots joined by a line: every tuning that no other beats in both error and motor travel, on the valves and "
+        "days of the search; a grey line leads from each to its hollow dot, the same tuning held out.  Marks with "
+        "bars: the tuning of now, the chosen one and that of the SIMC rule, held out; bars are 95 % intervals for "
+        "other valves and days.  Dotted: a limit."
+    )
     first, *lines = t.summary()
     answer = [first, next(line for line in lines if line.startswith("Held out, ")), t.advice]
     return _result_page(
         "Tuning", "Tuning of " + ", ".join(quantity(name).text for name in t.parameters),
         "Which settings suit all these valves and days, and what do they do on valves and days not searched on?",
         answer, [*([] if t.meets_limits else [limits_warning]), *t.notes],
-        page.make_picture(t.plot(), _TUNING_CAPTION, "Error against motor travel of the tunings"), t.evaluations,
+        page.make_picture(t.plot(), caption, "Error against motor travel of the tunings"), t.evaluations,
         _study_sections("tuning", t.to_toml(), ()),
     )  # fmt: skip
 
 
 def explanation_page(e: Explanation) -> page.Page:
-    """The report of an explanation."""
+    """Return the report of an explanation."""
     lines, parameter_table = e.text.splitlines(), page.changed_parameters(e.loop.constants, "paper_like", "default")
     loop_facts = [
         page.facts_table(("Day", e.boundary.describe())),
         *([parameter_table] if parameter_table.rows else []),
     ]
     answer = [*lines[: lines.index("")], *filter(None, [e.advice])]
+    gains = ", ".join(f"{name} = {page.format_parameter(name, e.loop[name])}" for name in ("kp", "ti"))
+    day = "upply air as it is (red), with the recommended cure (blue) if there is one, and the set-point (dashed)."
+    caption = f"S{day}" if e.phase is None else (
+        "Top: gains that make the loop hunt (shaded), with lines of equal hunting index, the loop as it is (red dot) "
+        f"and other tunings (marks).  Bottom: s{day}"
+    )  # fmt: skip
     return _result_page(
-        "Explanation",
-        "Will this loop hunt? " + ", ".join(f"{name} = {page.format_parameter(name, e.loop[name])}" for name in ("kp", "ti")),
+        "Explanation", f"Will this loop hunt? {gains}",
         "Will it hunt on this day, why, what would cure it, and what does that cost?", answer, list(e.doubts),
-        page.make_picture(e.plot(), f"S{_DAY_CAPTION}" if e.phase is None else _EXPLANATION_CAPTION, "Hunting index, gains and the day"), e.cures,
+        page.make_picture(e.plot(), caption, "Hunting index, gains and the day"), e.cures,
         [page.Section("In full", [page.Code(e.text)]), page.Section("Which loop, on which day", loop_facts)],
     )  # fmt: skip
 
@@ -352,12 +308,7 @@ PAGE_MAKERS: Mapping[type, Callable[[Any], page.Page]] = {
 }  # fmt: skip
 
 
-REPORT_NAME = "report.html"  # name of the page in a folder
-_WHAT_CURE = (
-    "give the folder of a study, or what fc.diagnose, fc.fit_valve, fc.fit_coil, fc.fit_loop, fc.tune or fc.explain "
-    "returned"
-)
-_PATH_CURE = "give a file NAME.html, such as 'report.html'"
+REPORT_NAME = "report.html"  # in the folder of a study
 
 
 def report(what: Any, path: str | os.PathLike[str] | None = None) -> Path:
@@ -369,7 +320,7 @@ def report(what: Any, path: str | os.PathLike[str] | None = None) -> Path:
         The folder of a finished study, as `run_study` writes it; or the result of `diagnose`, `fit_valve`, `fit_coil`,
         `fit_loop`, `tune` or `explain`.
     path
-        The file to write, NAME.html.  For a folder ``report.html`` in it by default.
+        The file to write, NAME.html; for a folder, ``report.html`` in it by default.
 
     Returns
     -------
@@ -379,21 +330,33 @@ def report(what: Any, path: str | os.PathLike[str] | None = None) -> Path:
     Raises
     ------
     InputError
-        If ``what`` is nothing of the kind, the study is unfinished, or ``path`` cannot be written.
+        If ``what`` has another type, the study is unfinished, or ``path`` is not possible.
     StorageError, IntegrityError
-        If a file cannot be read or written; if results are damaged.  Nothing half-written is left behind.
+        If a file cannot be read or written; if results are damaged.  No partial file remains.
+
+    See Also
+    --------
+    survey, compare, plot
+
+    Examples
+    --------
+    >>> fc.report(fc.explain(fc.Loop(), fc.constant_day(hours=2)), "loop.html").name
+    'loop.html'
     """
+    result_functions = "fc.diagnose, fc.fit_valve, fc.fit_coil, fc.fit_loop, fc.tune or fc.explain"
+    cure = f"give the folder of a study, or what {result_functions} returned"
     make: Callable[[Any], page.Page] | None
     if isinstance(what, (str, os.PathLike)):
-        what, make = require_path("what", what, _WHAT_CURE), study_page
+        what, make = require_path("what", what, cure), study_page
         StudyFolder(what).require_manifest()
         path = what / REPORT_NAME if path is None else path
     else:
         make = next((maker for kind, maker in PAGE_MAKERS.items() if isinstance(what, kind)), None)
     if make is None:
-        raise InputError(WrongTypeMessage(f"what is a {type(what).__name__}: {_WHAT_CURE}"))
+        raise InputError(f"what is a {type(what).__name__}: {cure}", "what", "type")
+    cure = "give a file NAME.html, such as 'report.html'"
     if path is None:
-        raise InputError(f"path is missing: {_PATH_CURE}")
-    target = require_path("path", path, _PATH_CURE)
+        raise InputError(f"path is missing: {cure}", "path", "missing")
+    target = require_path("path", path, cure)
     page.require_page(target)
     return make(what).write(target)

@@ -26,6 +26,7 @@ from fastcoil.base.files import (
 from fastcoil.base.progress import Advance, display_for_call
 from fastcoil.base.text import MISSING_VALUE, escape_control_characters, escape_formulas
 from fastcoil.deliver.report.page import Page, Section, Table, format_significant, require_page
+from fastcoil.logs.log import Log, check_read_options, read_log
 from fastcoil.loops.provenance import content_sha256
 from fastcoil.loops.simulate import number_of_threads
 from fastcoil.measured.cause import UNKNOWN
@@ -33,8 +34,6 @@ from fastcoil.measured.diagnose import diagnose
 from fastcoil.measured.diagnosis import INDICES, Diagnosis
 from fastcoil.measured.identify import GOOD_BACKLASH
 
-CLOSED_COMMAND = 0.005  # of the stroke: up to this command a valve counts as shut
-_MIN_LOGS_PER_PROCESS = 4  # logs for each process: fewer do not pay for its start
 _NUMBER_COLUMNS = {
     "degree_hours": ("K h d-1", "control error that the valve could act on, integrated over a day of operation"),
     "motor_travel": INDICES["motor_travel"],
@@ -46,7 +45,6 @@ _NUMBER_COLUMNS = {
 _TEXT_COLUMNS = ("cause", "because", "warnings", "advice", "reason", "notes", "problem", "log")
 _EMPTY_ROW: dict[str, Any] = {**dict.fromkeys(_NUMBER_COLUMNS, np.nan), "identified": False, "hunts": False,
                             **dict.fromkeys(_TEXT_COLUMNS, "")}  # fmt: skip
-_CURE = "give CSV files, a folder of them, or a mapping of names to logs"
 _TABLE_MARK = b"valve,degree_hours [K h d-1],"  # begins the header of a table
 
 
@@ -55,6 +53,7 @@ def survey(
     out: str | os.PathLike[str] | None = None,
     *,
     n_jobs: int | None = None,
+    read: Mapping[str, Any] | None = None,
     progress: bool | None = None,
     **options: Any,
 ) -> xr.Dataset:
@@ -69,17 +68,19 @@ def survey(
         FILE.html, a page; FILE.csv, a table; or a folder for both, ``survey.html`` and ``survey.csv``.
     n_jobs
         Processes; all cores by default.
+    read
+        Options of `read_log` for all logs, such as ``{"drop": True}``; a `Log` has its own.
     progress
-        Whether to show how many logs are done, on stderr: True always, False never; None on a terminal, after 2 s.
+        Whether to show the number of finished logs on stderr: True always, False never; None on a terminal, after 2 s.
     options
-        Of `diagnose`, for all logs: ``stroke_time``, ``sample_time``, ``lag``, ``units``, ``columns``, ``drop``, …
+        Of `diagnose`, for all logs: ``stroke_time``, ``sample_time``, ``lag``, …
 
     Returns
     -------
     xarray.Dataset
         Along ``valve`` (name of the file, with its folder where several are alike), the costliest first.
-        ``degree_hours``: size of the control error, but where the valve is shut and rightly so, integrated over a day
-        of operation, K h d-1, NaN without a set-point; ``backlash``, ``low``, ``high`` (fractions of stroke),
+        ``degree_hours``: size of the control error integrated over a day of operation, K h d-1, 0 where the valve is
+        shut as it should be, NaN without a set-point; ``backlash``, ``low``, ``high`` (fractions of stroke),
         ``identified``, ``hunts``, ``cause``, ``because``, ``warnings``, ``advice``, ``reason``, ``notes`` and the
         indices of `diagnose`; ``hours`` of operation; ``log``.  ``problem`` says why a log cannot be diagnosed; its
         numbers are NaN, and it is last.
@@ -90,19 +91,31 @@ def survey(
         With one sentence for each mistake in the arguments; if there is no log.
     StorageError
         If a folder cannot be read or ``out`` cannot be written; no partial file remains.
+
+    See Also
+    --------
+    diagnose, read_log, report
+
+    Examples
+    --------
+    >>> loops = {"good": fc.Loop.preset("lbnl"), "worn": fc.Loop.preset("lbnl").assign(backlash=0.1, kp=0.04, ti=18)}
+    >>> traces = ["command", "T_sup"]
+    >>> logs = {name: fc.simulate(loop, fc.paper_day(hours=2), traces=traces) for name, loop in loops.items()}
+    >>> fc.survey(logs, n_jobs=1).valve.values.tolist()
+    ['worn', 'good']
     """
     with argument_checks() as check:
         with collect_problems(check.problems):
-            diagnose([], **options)  # its arguments are checked before its logs
+            diagnose([], **options)  # checks its arguments before its logs
         check.problems[:] = [problem for problem in check.problems if not problem.startswith("log = []")]
         n_jobs = check(number_of_threads, n_jobs)
+        check.unless_none(lambda _, value: check_read_options(value), "read", read)
         progress = check.unless_none(require_flag, "progress", progress)
         targets = check.unless_none(_target_files, "out", out) or []
         logs_by_valve = check(_logs_by_valve, logs)
-    with display_for_call(progress) as progress_display:
-        rows = list(
-            _diagnose_logs(logs_by_valve, options, n_jobs, progress_display.start(len(logs_by_valve), items="logs"))
-        )
+    with display_for_call(progress) as display:
+        advance = display.start(len(logs_by_valve), items="logs")
+        rows = list(_diagnose_logs(logs_by_valve, read or {}, options, n_jobs, advance))
     ds = _dataset(sorted(rows, key=_rank))
     for target in targets:
         with convert_os_errors(target.parent, "written"):
@@ -113,7 +126,7 @@ def survey(
 
 
 def _target_files(name: str, out: Any) -> list[Path]:
-    """The files to write; refused, before any work, where one exists that is no earlier survey."""
+    """Return the files to write; refuse, before any work, an existing file that is not an earlier survey."""
     path = require_path(name, out, "give FILE.html, FILE.csv or a folder")
     if is_folder(path) or not (path.suffix or exists(path)):
         targets = [path / "survey.html", path / "survey.csv"]
@@ -124,22 +137,24 @@ def _target_files(name: str, out: Any) -> list[Path]:
         if target.suffix.lower() != ".csv":
             require_page(target, name)
         elif not has_mark(target, _TABLE_MARK):
-            raise InputError(f"{name} {target}: the file exists and is not a survey: choose another name, or delete it")
+            sentence = f"{name} {target}: the file exists and is not a survey: choose another name, or delete it"
+            raise InputError(sentence, name, "path")
     return targets
 
 
 def _logs_by_valve(logs: Any) -> dict[str, Any]:
-    """Log by name of the valve: the stem of its file, with the folder or the whole path where several are alike."""
+    """Return the logs by valve: the stem of the file, with the folder or the whole path where several are alike."""
     if isinstance(logs, Mapping) and logs and not hasattr(logs, "data_vars"):
         return {str(valve): log for valve, log in logs.items()}
     sources = list(logs) if isinstance(logs, list | tuple | Iterator) else [logs]
+    cure = "give CSV files, a folder of them, or a mapping of names to logs"
     files: dict[Path, None] = {}
-    for path in (require_path("logs", source, _CURE) for source in sources):
+    for path in (require_path("logs", source, cure) for source in sources):
         files_inside = list_folder(path) if is_folder(path) else [path]
         files |= dict.fromkeys(file for file in files_inside if file == path or file.suffix.lower() == ".csv")
     paths = [file for file in files if not has_mark(file, _TABLE_MARK)]
     if not paths:
-        raise InputError(f"logs: no CSV file: {_CURE}")
+        raise InputError(f"logs: no CSV file: {cure}", "logs", "missing")
     names = [path.stem for path in paths]
     for longer in (lambda path: f"{path.absolute().parent.name}/{path.stem}", str):
         times = Counter(names)
@@ -148,25 +163,24 @@ def _logs_by_valve(logs: Any) -> dict[str, Any]:
 
 
 def _diagnose_logs(
-    logs: Mapping[str, Any], options: Mapping[str, Any], n_jobs: int, advance: Advance
+    logs: Mapping[str, Any], read: Mapping[str, Any], options: Mapping[str, Any], n_jobs: int, advance: Advance
 ) -> Iterator[dict[str, Any]]:
-    """The row of each log; from processes, since two threads, which share the interpreter's lock, are no faster."""
-    tasks = (joblib.delayed(diagnosis_row)(valve, log, options) for valve, log in logs.items())
+    """Iterate over the rows of the logs; in processes, since threads share the interpreter's lock."""
+    tasks = (joblib.delayed(diagnosis_row)(valve, log, read, options) for valve, log in logs.items())
+    n_processes = max(1, min(n_jobs, len(logs) // 4))  # fewer logs do not pay for the start of a process
     try:
-        for row in joblib.Parallel(max(1, min(n_jobs, len(logs) // _MIN_LOGS_PER_PROCESS)), return_as="generator")(
-            tasks
-        ):
+        for row in joblib.Parallel(n_processes, return_as="generator")(tasks):
             yield row
             advance(1)
     except cf.BrokenExecutor:
         raise StorageError("a process was killed, probably for want of memory: use fewer (n_jobs, --jobs)") from None
 
 
-def diagnosis_row(valve: str, log: Any, options: Mapping[str, Any]) -> dict[str, Any]:
-    """The diagnosis of one log as numbers and texts by name; without numbers and with its ``problem`` if it fails."""
+def diagnosis_row(valve: str, log: Any, read: Mapping[str, Any], options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the diagnosis of a log as numbers and texts by name; if it fails, its ``problem`` and no numbers."""
     row = {"valve": valve, **_EMPTY_ROW, "log": str(log) if isinstance(log, Path) else ""}
     try:
-        d = diagnose(log, **options)
+        d = diagnose(log if isinstance(log, Log) or not read else read_log(log, **read), **options)
     except Exception as error:  # one log must not end the survey of all others
         bug = "" if isinstance(error, FastcoilError) else f"please report this error: {type(error).__name__}: "
         return row | {"problem": bug + "; ".join(str(error).split("\n"))}
@@ -179,21 +193,22 @@ def diagnosis_row(valve: str, log: Any, options: Mapping[str, Any]) -> dict[str,
 
 
 def degree_hours(d: Diagnosis) -> float:
-    """Control error integrated over 24 h of operation, K h/d; NaN without a set-point.
+    """Return the control error integrated over 24 h of operation, K h/d; NaN without a set-point.
 
-    A valve that is shut while the air is colder than the set-point (of a heating coil: warmer) counts as no error.
+    There is no error while the valve is shut and the air is colder than the set-point (of a heating coil: warmer).
     """
     if "T_set" not in d.signals:
         return np.nan
     T, T_set, command = (d.signals[name].values for name in ("T_sup", "T_set", "command"))
     on = d.signals["enabled"].values > 0.0 if "enabled" in d.signals else True
-    counts = (command > CLOSED_COMMAND) | (d.triage.attrs["cools"] * (T - T_set) > 0.0)
+    # up to 0.5 % of the stroke a valve counts as shut
+    counts = (command > 0.005) | (d.triage.attrs["cools"] * (T - T_set) > 0.0)
     error = np.where(counts, np.abs(T - T_set), 0.0)[np.isfinite(T + T_set + command) & on]
     return 24.0 * float(error.mean()) if error.size else np.nan
 
 
 def _rank(row: Mapping[str, Any]) -> tuple[Any, ...]:
-    """Costliest first; logs without a set-point by the travel of the motor; then those without a diagnosis."""
+    """Sort key: costliest first; logs without a set-point by motor travel; last those without a diagnosis."""
     cost, travel = row["degree_hours"], row["motor_travel"]
     return row["problem"] != "", np.isnan(cost), -np.nan_to_num(cost), -np.nan_to_num(travel), row["valve"]
 
@@ -204,11 +219,8 @@ def _dataset(rows: list[dict[str, Any]]) -> xr.Dataset:
     ds = xr.Dataset(coords={"valve": np.array([row["valve"] for row in rows], dtype=object)})
     for name in _EMPTY_ROW:
         attrs = dict(zip(("units", "long_name"), _NUMBER_COLUMNS.get(name, ()), strict=False))
-        ds[name] = (
-            "valve",
-            np.array([row[name] for row in rows], dtype=object if name in _TEXT_COLUMNS else None),
-            attrs,
-        )
+        values = np.array([row[name] for row in rows], dtype=object if name in _TEXT_COLUMNS else None)
+        ds[name] = ("valve", values, attrs)
     return ds.assign_attrs(title="fastcoil survey")
 
 
@@ -226,29 +238,30 @@ TABLE_HEAD = ("valve", "K·h a day", "strokes a day", "gap", "swing", "cause")
 
 
 def ranked_rows(ds: xr.Dataset) -> list[list[str]]:
-    """Rows of ``HEAD`` for the valves with a diagnosis."""
-    rows = []
+    """Return rows of ``TABLE_HEAD`` for the valves with a diagnosis."""
+    rows, number = [], format_significant
     for k in np.flatnonzero(ds["problem"].values == ""):
-        values_of_valve = {str(name): values.values[k] for name, values in ds.variables.items()}
-        gap = f"{100 * values_of_valve['backlash']:.3g} % ({100 * values_of_valve['low']:.3g} to {100 * values_of_valve['high']:.3g})"
-        swing = f"± {format_significant(values_of_valve['peak_to_peak'] / 2, 2)} K, {format_significant(values_of_valve['period'] / 60, 2)} min"
-        rows.append([values_of_valve["valve"], format_significant(values_of_valve["degree_hours"]), format_significant(values_of_valve["motor_travel"]),
-                     gap if values_of_valve["identified"] else MISSING_VALUE, swing if values_of_valve["hunts"] else MISSING_VALUE, values_of_valve["cause"]])  # fmt: skip
+        v = {str(name): values.values[k] for name, values in ds.variables.items()}
+        gap = f"{100 * v['backlash']:.3g} % ({100 * v['low']:.3g} to {100 * v['high']:.3g})"
+        swing = f"± {number(v['peak_to_peak'] / 2, 2)} K, {number(v['period'] / 60, 2)} min"
+        gap, swing = gap if v["identified"] else MISSING_VALUE, swing if v["hunts"] else MISSING_VALUE
+        rows.append([v["valve"], number(v["degree_hours"]), number(v["motor_travel"]), gap, swing, v["cause"]])
     return rows
 
 
 def state_counts(ds: xr.Dataset) -> dict[str, int]:
-    """How many valves are in which state; each is in one."""
+    """Count the valves by state; each is in one."""
     is_unread, needs_work = ds["problem"] != "", ds["hunts"] | (ds["identified"] & (ds["backlash"] > GOOD_BACKLASH))
     has_other_fault = ~needs_work & (ds["warnings"] != "")
-    is_undecided = ~(is_unread | needs_work | has_other_fault) & (ds["cause"] == UNKNOWN)
-    mask_by_state = {AT_FAULT: needs_work, "with another fault": has_other_fault, "without": ~(is_unread | needs_work | has_other_fault | is_undecided),
+    is_quiet = ~(is_unread | needs_work | has_other_fault)
+    is_undecided = is_quiet & (ds["cause"] == UNKNOWN)
+    masks = {AT_FAULT: needs_work, "with another fault": has_other_fault, "without": is_quiet & ~is_undecided,
              "undecided": is_undecided, "not read": is_unread}  # fmt: skip
-    return {label: int(mask.sum()) for label, mask in mask_by_state.items()}
+    return {state: int(mask.sum()) for state, mask in masks.items()}
 
 
 def headline(ds: xr.Dataset) -> str:
-    """``states`` in a sentence."""
+    """Return ``state_counts`` as a sentence."""
     return f"{ds.sizes['valve']:,} valves: " + ", ".join(f"{n:,} {state}" for state, n in state_counts(ds).items() if n)
 
 

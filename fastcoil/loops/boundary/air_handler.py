@@ -31,40 +31,27 @@ DAY_SECONDS = 86_400
 _READ_WITH_RESET = ("set_point", "outdoor_reset", "trim_and_respond")
 _READ_WITH_TRIM = ("set_point", "trim_and_respond")
 _MODE_DEFAULTS: dict[str, tuple[Any, Any, Any]] = {
-    "economiser": ("differential", "none", None),
-    "economiser_limit": (24.0, 24.0, ("economiser", "fixed")),
-    "T_return": (24.0, 21.0, None),
-    "RH_return": (0.5, 0.3, None),
-    "T_balance": (12.0, 15.0, None),
-    "internal_load": (0.5, 0.0, None),
-    "set_point": ("outdoor_reset", "outdoor_reset", None),
-    "T_set": (13.0, 25.0, ("set_point", "fixed")),
-    "T_set_min": (13.0, 18.0, _READ_WITH_RESET),
-    "T_set_max": (18.0, 30.0, _READ_WITH_RESET),
-    "T_out_min": (16.0, -10.0, _READ_WITH_RESET),
-    "T_out_max": (21.0, 15.0, _READ_WITH_RESET),
-    "trim": (0.1, 0.1, _READ_WITH_TRIM),
-    "respond": (0.2, 0.2, _READ_WITH_TRIM),
-    "respond_max": (0.6, 0.6, _READ_WITH_TRIM),
-    "ignored_requests": (2, 2, _READ_WITH_TRIM),
-    "trim_delay": (600, 600, _READ_WITH_TRIM),
-    "trim_interval": (120, 120, _READ_WITH_TRIM),
-    "T_w_in": (7.0, 60.0, ("water", "fixed")),
-    "T_w_min": (7.0, 40.0, ("water", "load", "outdoor")),
-    "T_w_max": (12.0, 60.0, ("water", "load", "outdoor")),
-    "T_out_w_min": (16.0, -7.0, ("water", "outdoor")),
-    "T_out_w_max": (27.0, 10.0, ("water", "outdoor")),
-}
+    "economiser": ("differential", "none", None), "economiser_limit": (24.0, 24.0, ("economiser", "fixed")),
+    "T_return": (24.0, 21.0, None), "RH_return": (0.5, 0.3, None), "T_balance": (12.0, 15.0, None),
+    "internal_load": (0.5, 0.0, None), "set_point": ("outdoor_reset", "outdoor_reset", None),
+    "T_set": (13.0, 25.0, ("set_point", "fixed")), "T_set_min": (13.0, 18.0, _READ_WITH_RESET),
+    "T_set_max": (18.0, 30.0, _READ_WITH_RESET), "T_out_min": (16.0, -10.0, _READ_WITH_RESET),
+    "T_out_max": (21.0, 15.0, _READ_WITH_RESET), "trim": (0.1, 0.1, _READ_WITH_TRIM),
+    "respond": (0.2, 0.2, _READ_WITH_TRIM), "respond_max": (0.6, 0.6, _READ_WITH_TRIM),
+    "ignored_requests": (2, 2, _READ_WITH_TRIM), "trim_delay": (600, 600, _READ_WITH_TRIM),
+    "trim_interval": (120, 120, _READ_WITH_TRIM), "T_w_in": (7.0, 60.0, ("water", "fixed")),
+    "T_w_min": (7.0, 40.0, ("water", "load", "outdoor")), "T_w_max": (12.0, 60.0, ("water", "load", "outdoor")),
+    "T_out_w_min": (16.0, -7.0, ("water", "outdoor")), "T_out_w_max": (27.0, 10.0, ("water", "outdoor")),
+}  # fmt: skip
 """Defaults in cooling and in heating, see `weather` for their sources; of arguments that only some choices read: the
 argument that decides, and its words.
 """
 DEFAULTS = {mode: {n: row[k] for n, row in _MODE_DEFAULTS.items()} for k, mode in enumerate(("cooling", "heating"))}
 """Defaults of `weather_year`, by mode."""
 CHOICES = {
-    "economiser": ("differential", "fixed", "none"),
-    "set_point": ("fixed", "outdoor_reset", "trim_and_respond"),
+    "economiser": ("differential", "fixed", "none"), "set_point": ("fixed", "outdoor_reset", "trim_and_respond"),
     "water": ("fixed", "load", "outdoor"),
-}
+}  # fmt: skip
 _WHOLE_NUMBER_BOUNDS = {
     "zones": (1, 1000), "ignored_requests": (0, 3000), "trim_delay": (0, 86_400), "trim_interval": (1, 86_400),
     "seed": (0, 2**32 - 1),
@@ -115,7 +102,7 @@ def make_outdoors(weather: Weather, pressure: float | None, file: str) -> Outdoo
     series, p = weather.series, weather.pressure(pressure)
     outdoors = Outdoors(series["hour_of_year"], series["T_drybulb"], weather.humidity(p), float(np.mean(p)))
     if not outdoors.days:
-        raise InputError(f"{file} has no whole day from midnight to midnight: give at least 24 h", "path", "data")
+        raise InputError(f"{file} has no whole day from midnight to midnight: give at least 24 h", file, "data")
     return outdoors
 
 
@@ -158,13 +145,9 @@ def make_settings(
     if values["set_point"] == "fixed":
         values["T_set_min"] = values["T_set"]
     limits = {"differential": values["T_return"], "fixed": values["economiser_limit"], "none": -np.inf}
-    return Settings(
-        **values,
-        cools=is_cooling,
-        fan=fan,
-        high_limit=limits[values["economiser"]],
-        W_return=float(humidity_ratio(values["T_return"], chosen["RH_return"], outdoors.pressure)),
-    )
+    W_return = float(humidity_ratio(values["T_return"], chosen["RH_return"], outdoors.pressure))
+    high_limit = limits[values["economiser"]]
+    return Settings(**values, cools=is_cooling, fan=fan, high_limit=high_limit, W_return=W_return)
 
 
 def _setting_clashes(chosen: Mapping[str, Any], given_names: set[str]) -> Iterator[Problem]:
@@ -216,14 +199,8 @@ def make_day_series(s: Settings, outdoors: Outdoors, label: int) -> dict[str, Ar
         T_a_in[on] = T_mixed + drifts["T_a_in"][on]
         W_a_in[on] = W_mixed * (1.0 + drifts["W_a_in"][on])
     m_a[:begin] = m_a[end:] = 0.0
-    return {
-        "m_a": m_a,
-        "T_a_in": T_a_in,
-        "W_a_in": W_a_in,
-        "T_w_in": water_temperature(s, T_out, loads) + drifts["T_w_in"],
-        "T_set": T_set,
-        "enabled": enabled,
-    }
+    T_w_in = water_temperature(s, T_out, loads) + drifts["T_w_in"]
+    return {"m_a": m_a, "T_a_in": T_a_in, "W_a_in": W_a_in, "T_w_in": T_w_in, "T_set": T_set, "enabled": enabled}
 
 
 def building_load(s: Settings, T_out: Array, begin: int, end: int) -> Array:

@@ -130,7 +130,7 @@ def _days_of_seeds(make_day: Callable[..., dict[str, Values]], hours: Any, seed:
         return Boundary(**make(seeds[0]), day=seeds[0])
     days = Boundary.from_days(make, day=seeds, hours=n_steps / 3600)
     is_large = len(seeds) * n_steps > LARGE_BOUNDARY_SAMPLES
-    return days if is_large else Boundary.from_samples(days.to_dataset(), enabled_by_air=True)
+    return days if is_large else Boundary.from_samples(days.to_dataset(), time_zone="", enabled_by_air=True)
 
 
 def _stepped_set_point(n_steps: int) -> Array:
@@ -148,16 +148,9 @@ def _require_seeds(seed: int | Iterable[int]) -> list[int]:
 
 
 def constant_day(
-    hours: float = 8.0,
-    *,
-    m_a: Values = 1.15,
-    T_a_in: float = 25.0,
-    W_a_in: Values = None,
-    relative_humidity: float | None = None,
-    T_w_in: Values = 7.0,
-    T_set: Values = 14.0,
-    pressure: float = 101325.0,
-) -> Boundary:
+    hours: float = 8.0, *, m_a: Values = 1.15, T_a_in: float = 25.0, W_a_in: Values = None,
+    relative_humidity: float | None = None, T_w_in: Values = 7.0, T_set: Values = 14.0, pressure: float = 101325.0,
+) -> Boundary:  # fmt: skip
     """Return a day on which nothing changes; the defaults are the centre of `paper_day`.
 
     Parameters
@@ -197,9 +190,8 @@ def constant_day(
     if W_a_in is None:
         W_a_in = humidity_ratio(T_a_in, humidity, pressure)
     elif relative_humidity is not None:
-        raise InputError(
-            "W_a_in and relative_humidity are both given: give one of them", "relative_humidity", "conflict"
-        )
+        sentence = "W_a_in and relative_humidity are both given: give one of them"
+        raise InputError(sentence, "relative_humidity", "conflict")
     noise = np.zeros(n_steps)  # a series, which sets the length
     return Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_a_in, T_w_in=T_w_in, T_set=T_set, noise=noise)
 
@@ -241,21 +233,11 @@ DESIGN_PRESSURE_PA = 98934.0  # the standard pressure at the station, 201 m
 
 
 def design_day(
-    hours: float = 8.0,
-    mode: str = "cooling",
-    *,
-    start_hour: float = 9.0,
-    T_design: float | None = None,
-    T_daily_range: float | None = None,
-    T_wet_bulb: float | None = None,
-    outdoor_fraction: float = 0.3,
-    T_return: float | None = None,
-    RH_return: float | None = None,
-    m_a: Values = 1.15,
-    T_w_in: Values = None,
-    T_set: Values = None,
-    pressure: float = DESIGN_PRESSURE_PA,
-) -> Boundary:
+    hours: float = 8.0, mode: str = "cooling", *, start_hour: float = 9.0, T_design: float | None = None,
+    T_daily_range: float | None = None, T_wet_bulb: float | None = None, outdoor_fraction: float = 0.3,
+    T_return: float | None = None, RH_return: float | None = None, m_a: Values = 1.15, T_w_in: Values = None,
+    T_set: Values = None, pressure: float = DESIGN_PRESSURE_PA,
+) -> Boundary:  # fmt: skip
     """Return a design day: outdoor air on ASHRAE's diurnal profile, mixed with return air.
 
     The outdoor temperature follows `RANGE_FRACTIONS` (ASHRAE Handbook - Fundamentals, 2009), straight between hours:

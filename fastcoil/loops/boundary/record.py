@@ -42,9 +42,8 @@ from fastcoil.loops.boundary.series import (
 from fastcoil.loops.labelled import SeriesLabels
 from fastcoil.loops.labels import unit_in_words
 
-_LOG_COLUMNS = ColumnSpec(
-    required=("m_a", "T_a_in", HUMIDITY_COLUMNS, "T_w_in", "T_set"), optional=("noise", "enabled", "backlash_scale")
-)
+_OPTIONAL_COLUMNS = ("noise", "enabled", "backlash_scale")
+_LOG_COLUMNS = ColumnSpec(required=("m_a", "T_a_in", HUMIDITY_COLUMNS, "T_w_in", "T_set"), optional=_OPTIONAL_COLUMNS)
 _HELD_SERIES = [name for name, series in BOUNDARY_SERIES.items() if series.hold]
 
 
@@ -94,20 +93,10 @@ class Boundary(Samples):
     """
 
     def __init__(
-        self,
-        *,
-        m_a: Values,
-        T_a_in: Values,
-        W_a_in: Values,
-        T_w_in: Values,
-        T_set: Values,
-        noise: Values = None,
-        enabled: Values = None,
-        backlash_scale: Values = None,
-        day: Values = None,
-        start: Values = None,
+        self, *, m_a: Values, T_a_in: Values, W_a_in: Values, T_w_in: Values, T_set: Values, noise: Values = None,
+        enabled: Values = None, backlash_scale: Values = None, day: Values = None, start: Values = None,
         time_zone: Values = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         series = {name: value for name, value in locals().items() if name in BOUNDARY_SERIES}
         problems: list[str] = []
         entries, common_labels = read_series(series, problems, day=day)
@@ -122,7 +111,7 @@ class Boundary(Samples):
         arrays, n_stopped = complete_series(entries, labels.size, n_steps or 0, enabled_by_air=enabled is None)
         warn_of_no_air_flow(n_stopped)
         ds = boundary_dataset(arrays, labels, n_steps or 0, clock)
-        self._set(ds, None, clock.time_zone, enabled is None)
+        self._initialise(ds, None, clock.time_zone, enabled is None)
 
     def __repr__(self) -> str:
         """Show series and ranges; of a stream without known ranges only the extent: making all days takes too long."""
@@ -143,9 +132,8 @@ class Boundary(Samples):
         """
         names = (*BOUNDARY_SERIES, "day", "start", "time_zone")
         unknown = [name for name in changes if name not in names]
-        raise_problems(
-            [Problem(f"{name}{did_you_mean(name, names)}: use {', '.join(names)}", name, "name") for name in unknown]
-        )
+        cure = f"use {', '.join(names)}"
+        raise_problems([Problem(f"{n}{did_you_mean(n, names)}: {cure}", n, "name") for n in unknown])
         enabled_by_air = changes["enabled"] is None if "enabled" in changes else self._enabled_by_air
         clock = {name: changes.get(name, getattr(self, name)) for name in ("start", "time_zone")}
         start = None if "start" in changes else self.start
@@ -159,9 +147,8 @@ class Boundary(Samples):
         if enabled_by_air and "m_a" in changes:
             replacements["enabled"] = None
         make = partial(replace_series, self.maker, replacements) if replacements else self.maker
-        changed = Boundary._stream(
-            make, np.asarray(common_labels.day), self.n_steps, **clock, enabled_by_air=enabled_by_air
-        )
+        day = np.asarray(common_labels.day)
+        changed = Boundary._stream(make, day, self.n_steps, **clock, enabled_by_air=enabled_by_air)
         if self._maker is not None:
             return changed
         if enabled_by_air and {"m_a", "enabled"} & changes.keys():
@@ -261,14 +248,9 @@ class Boundary(Samples):
 
     @classmethod
     def from_days(
-        cls,
-        make: Callable[[int], Mapping[str, Any]],
-        *,
-        day: Values,
-        hours: float,
-        start: Any = None,
+        cls, make: Callable[[int], Mapping[str, Any]], *, day: Values, hours: float, start: Any = None,
         time_zone: str | None = None,
-    ) -> Boundary:
+    ) -> Boundary:  # fmt: skip
         """Return a stream: days are made when they are needed, so that a year of seconds is never in memory.
 
         Parameters
@@ -298,18 +280,10 @@ class Boundary(Samples):
 
     @classmethod
     def from_csv(
-        cls,
-        path: str | Path,
-        *,
-        units: Mapping[str, str] | None = None,
-        columns: Mapping[str, str] | None = None,
-        constants: Mapping[str, float] | None = None,
-        pressure: float = 101325.0,
-        start: float = 0.0,
-        hours: float | None = None,
-        max_gap: float | None = None,
-        time_format: str | None = None,
-    ) -> Boundary:
+        cls, path: str | Path, *, units: Mapping[str, str] | None = None, columns: Mapping[str, str] | None = None,
+        constants: Mapping[str, float] | None = None, pressure: float = 101325.0, start: float = 0.0,
+        hours: float | None = None, max_gap: float | None = None, time_format: str | None = None,
+    ) -> Boundary:  # fmt: skip
         """Read the trend log of a building into 1-s samples.
 
         The header names each column and its unit: ``m_a [kg/s]``, ``T_a_in [degF]``; a volume flow of air is taken at

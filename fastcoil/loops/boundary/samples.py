@@ -60,14 +60,14 @@ class Samples:
 
     @classmethod
     def from_samples(
-        cls, ds: xr.Dataset, *, make: DayMaker | None = None, time_zone: str = "", enabled_by_air: bool = False
+        cls, ds: xr.Dataset, *, make: DayMaker | None = None, time_zone: str, enabled_by_air: bool
     ) -> Self:
         """Return a boundary of checked samples; ``enabled_by_air``: the air flow alone decides on ``enabled``."""
         self = cls.__new__(cls)
-        self._set(ds, make, time_zone, enabled_by_air)
+        self._initialise(ds, make, time_zone, enabled_by_air)
         return self
 
-    def _set(self, ds: xr.Dataset, make: DayMaker | None, time_zone: str, enabled_by_air: bool) -> None:
+    def _initialise(self, ds: xr.Dataset, make: DayMaker | None, time_zone: str, enabled_by_air: bool) -> None:
         state = {"_ds": ds, "_maker": make, "_time_zone": time_zone, "_enabled_by_air": enabled_by_air}
         self.__setstate__(state)
 
@@ -287,7 +287,7 @@ def make_labelled_day(make: Callable[[int], DaySeries], labels: NDArray[np.int64
     try:
         return make(label)
     except InputError as error:
-        raise InputError([problem.prefixed(f"day {label}: ") for problem in error.problems]) from None
+        raise InputError([problem.with_prefix(f"day {label}: ") for problem in error.problems]) from None
     except Exception as error:  # a user's function may raise anything
         sentence = f"make fails for day {label}, {short_repr(error)}: it must give the series of every day"
         raise InputError(sentence, "make", "code") from error
@@ -318,7 +318,7 @@ def read_day(day_series: DaySeries, n_steps: int, known_labels: SeriesLabels) ->
     problems: list[str] = []
     series = {name: day_series.get(name) for name in BOUNDARY_SERIES}
     entries, _ = read_series(series, problems, known_labels=known_labels._replace(n_steps=n_steps))
-    raise_problems([problem.prefixed(f"day {label}: ") for problem in InputError(problems).problems])
+    raise_problems([problem.with_prefix(f"day {label}: ") for problem in InputError(problems).problems])
     rows, n_stopped = complete_series(entries, 1, n_steps, enabled_by_air=day_series.get("enabled") is None)
     return {name: freeze(values[0]) for name, values in rows.items()}, n_stopped
 

@@ -245,9 +245,8 @@ def make_clock(
     starts = _round_to_seconds(np.array([time.replace(tzinfo=None) for time in times], dtype="datetime64[us]"))
     if series_labels.start is not None:
         start_times = {"start": starts, "the first sample": _round_to_seconds(np.atleast_1d(series_labels.start))}
-        raise_problems(
-            label_mismatches("the time {}", start_times, "leave start out, or give bare arrays", "time", "start")
-        )
+        cure = "leave start out, or give bare arrays"
+        raise_problems(label_mismatches("the time {}", start_times, cure, "time", "start"))
     if len(times) < day.size:
         if n_steps > 86400:
             sentence = f"start = {short_repr(start)}: days of {n_steps / 3600:g} h overlap, give one start for each"

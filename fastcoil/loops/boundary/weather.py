@@ -77,8 +77,8 @@ def _parse_date(name: str, value: object, year: int) -> date:
 
 
 def _parse_holidays(name: str, value: object, year: int) -> set[tuple[int, int]]:
-    dates = [_parse_date(name, item, year) for item in require_items(name, value, "give a list such as 01-01, 12-25")]
-    return {(day.month, day.day) for day in dates}
+    items = require_items(name, value, "give a list such as 01-01, 12-25")
+    return {(day.month, day.day) for day in (_parse_date(name, item, year) for item in items)}
 
 
 def _parse_hours(name: str, value: object) -> tuple[float, float]:
@@ -91,7 +91,6 @@ def _parse_hours(name: str, value: object) -> tuple[float, float]:
     return pair[0], pair[1]
 
 
-# fmt: off
 def weather_year(
     path: str | Path, *, mode: str = "cooling", year: int, days: Sequence[int] | None = None,
     first_date: str | None = None, last_date: str | None = None,
@@ -112,8 +111,7 @@ def weather_year(
     T_out_w_min: float | None = None, T_out_w_max: float | None = None,
     disturbances: float = 1.0, seed: int = 1, pressure: float | None = None,
     columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None,
-) -> Boundary:
-    # fmt: on
+) -> Boundary:  # fmt: skip
     r"""Return days of a weather year, of 24 h each, with the operation of an air handler: a stream, made day by day.
 
     The weather is read as by `weather_day`; before the first row its values hold.  A day runs from midnight to midnight
@@ -221,35 +219,16 @@ def weather_year(
     settings = make_settings(chosen, outdoors, fan, path.name)
     if settings.disturbances == 0.0:
         warn_of_interpolation(weather)
-    return Boundary.from_days(
-        partial(make_day_series, settings, outdoors),
-        day=labels,
-        hours=24,
-        start=[day.isoformat() for day in dates],
-        time_zone=weather.time_zone,
-    )
+    make, start = partial(make_day_series, settings, outdoors), [day.isoformat() for day in dates]
+    return Boundary.from_days(make, day=labels, hours=24, start=start, time_zone=weather.time_zone)
 
 
 def weather_day(
-    path: str | Path,
-    *,
-    m_a: Values,
-    T_w_in: Values,
-    T_set: Values,
-    outdoor_fraction: float,
-    T_return: float,
-    RH_return: float | None = None,
-    W_return: float | None = None,
-    hours: float = 8.0,
-    start_hour: int | None = None,
-    month: int | None = None,
-    day: int | None = None,
-    hour: int | None = None,
-    days: Sequence[int] | None = None,
-    pressure: float | None = None,
-    columns: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | None = None,
-) -> Boundary:
+    path: str | Path, *, m_a: Values, T_w_in: Values, T_set: Values, outdoor_fraction: float, T_return: float,
+    RH_return: float | None = None, W_return: float | None = None, hours: float = 8.0, start_hour: int | None = None,
+    month: int | None = None, day: int | None = None, hour: int | None = None, days: Sequence[int] | None = None,
+    pressure: float | None = None, columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None,
+) -> Boundary:  # fmt: skip
     """Return days of hourly weather, mixed with return air, as the air that enters the coil.
 
     The file is an EnergyPlus weather file (EPW), a TMY3 file or any CSV file, recognised by its content.  A row gives

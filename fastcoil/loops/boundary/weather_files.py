@@ -95,11 +95,9 @@ class Weather(NamedTuple):
 
 
 def read_weather(
-    path: Path,
-    columns: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | None = None,
+    path: Path, columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None,
     pressure: float | None = None,
-) -> Weather:
+) -> Weather:  # fmt: skip
     """Read an EPW, TMY3 or CSV file, recognised by its content, and warn about assumptions made in reading it.
 
     The pressure of a file is not read if ``pressure`` [Pa] is given.
@@ -152,10 +150,8 @@ def _read_csv(path: Path, columns: Mapping[str, str] | None, units: Mapping[str,
     table.raise_problems()
     if "T_dewpoint" in column_indices:
         column_indices.pop("RH", None)
-    weather = {
-        name: read_numbers(table, WEATHER_COLUMNS[name][0], column, units.get(name))
-        for name, column in column_indices.items()
-    }
+    columns_read = column_indices.items()
+    weather = {name: read_numbers(table, WEATHER_COLUMNS[name][0], k, units.get(name)) for name, k in columns_read}
     jump = int(np.argmax(np.diff(weather["hour_of_year"]) != 1.0))
     if weather["hour_of_year"][jump + 1] != weather["hour_of_year"][jump] + 1.0:
         sentence = f"hour_of_year does not rise by 1 from row {table.row_numbers[jump]} to the next: give every hour"
@@ -284,7 +280,7 @@ def _read_year(file: str, lines: Sequence[str], layout: FileLayout, fields: Mapp
             raise InputError(f"{sentence}: fix it", f"row {i}", "format")
     if len(rows) < 2:
         sentence = f"{file} has {format_count(len(rows), 'row')} of data: give at least two"
-        raise InputError(sentence, "path", "data")
+        raise InputError(sentence, file, "data")
     cells = [[row[field.cell] for field in fields.values()] for row in rows.values()]
     table = Table(file, list(fields), cells, list(rows))
     times = _row_times(table, layout, [" ".join(row[i] for i in layout.date) for row in rows.values()])
@@ -295,10 +291,8 @@ def _read_year(file: str, lines: Sequence[str], layout: FileLayout, fields: Mapp
         times["year"] = years
     used = _used_fields(table, fields)
     table.raise_problems()
-    series = {
-        name: read_numbers(table, WEATHER_COLUMNS[name][0], table.header.index(name), fields[name].unit)
-        for name in used
-    }
+    indices = {name: table.header.index(name) for name in used}
+    series = {name: read_numbers(table, WEATHER_COLUMNS[name][0], k, fields[name].unit) for name, k in indices.items()}
     _require_plausible(table, series)
     return Weather(times | series, 60 // layout.per_hour, table.notes, layout.time_zone)
 
@@ -331,20 +325,15 @@ def _row_times(table: Table, layout: FileLayout, dates_text: Sequence[str]) -> d
         cure = f"give {many} for each hour, in the order of one calendar year"
         table.problems.append(Problem(f"{sentence}: {cure}", row, "time"))
     hours_early = 1.0 - (index % layout.per_hour + 1) / layout.per_hour
-    return {
-        "month": month.astype(np.float64),
-        "day": day.astype(np.float64),
-        "hour": hour - hours_early,
-        "hour_of_year": hour_of_year - hours_early,
-    }
+    times = {"month": month.astype(float), "day": day.astype(float)}
+    return times | {"hour": hour - hours_early, "hour_of_year": hour_of_year - hours_early}
 
 
 def _used_fields(table: Table, fields: Mapping[str, Field]) -> list[str]:
     """Return the fields to read: of humidities the dew point, unless only it has gaps.  Gaps are problems."""
-    gaps = {
-        name: [k for k, row in enumerate(table.rows) if field.is_gap(row[j])]
-        for j, (name, field) in enumerate(fields.items())
-    }
+    gaps = {}
+    for j, (name, field) in enumerate(fields.items()):
+        gaps[name] = [k for k, row in enumerate(table.rows) if field.is_gap(row[j])]
     uses_relative_humidity = bool(gaps["T_dewpoint"]) and not gaps["RH"]
     if uses_relative_humidity:
         place = f"row {table.row_numbers[gaps['T_dewpoint'][0]]}{count_suffix(len(gaps['T_dewpoint']))}"

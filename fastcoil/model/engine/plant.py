@@ -53,7 +53,7 @@ MILD_T = 1.0
 """°C; while everything in a coil is warmer, no metal is near freezing."""
 MILD_W = 0.07
 """kg/kg; while all air is drier, no metal above 50 °C gets wet."""
-_DEW_POINT_STEP_K = 0.0625
+_DEW_POINT_STEP_K = 0.0625  # exact in binary
 
 
 @section

@@ -18,12 +18,6 @@ AIR_FLOW_STEP_SHARE = 0.05  # change since the last step that is one, over the f
 
 
 @exact
-def regressor(mode, u):
-    """φ = m - u: by how much of its error the estimate shifts the opening."""
-    return (1.0 if mode > 0.0 else 0.0) - u
-
-
-@exact
 def outside_dead_zone(e, dead_zone):
     """The part of e outside the dead zone, K."""
     above = e - dead_zone if e > dead_zone else 0.0
@@ -60,20 +54,14 @@ class Parameters(NamedTuple):
 class Memory(NamedTuple):
     """State from one sample to the next.  NaN: nothing yet."""
 
-    weight_ref: float
-    """Weight of a new value in the reference model; below, in the filter and in that of the washout."""
-    weight_fast: float
-    weight_slow: float
-    m_a: float
-    """Air flow at its last step, kg/s."""
-    T_ref: float
-    """Output of the reference model, °C."""
-    fast: float
-    """φ behind the filter."""
-    slow: float
-    """φ behind the filter of the washout."""
-    resumes_at: float
-    """End of the pause, s."""
+    weight_ref: float  # weight of a new value in the reference model
+    weight_fast: float  # in the filter
+    weight_slow: float  # in the filter of the washout
+    m_a: float  # air flow at its last step, kg/s
+    T_ref: float  # output of the reference model, °C
+    fast: float  # φ behind the filter
+    slow: float  # φ behind the filter of the washout
+    resumes_at: float  # end of the pause, s
 
 
 @exact
@@ -97,7 +85,7 @@ def update_estimate(now, p, memory):
     T_set = now.T - sign * now.e  # of the sample that is seen
     T_ref = low_pass(now.T if starts_anew else memory.T_ref, T_set, memory.weight_ref)
     zeta = 0.0 if starts_anew else memory.fast - memory.slow  # before φ answered to this very error, and to its noise
-    phi = regressor(now.mode, now.u)
+    phi = (1.0 if now.mode > 0.0 else 0.0) - now.u  # by how much of its error the estimate shifts the opening
     fast = low_pass(np.nan if starts_anew else memory.fast, phi, memory.weight_fast)
     slow = low_pass(np.nan if starts_anew else memory.slow, phi, memory.weight_slow)
 

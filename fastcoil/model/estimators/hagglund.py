@@ -71,20 +71,13 @@ class Parameters(NamedTuple):
 class Memory(NamedTuple):
     """State from one sample to the next."""
 
-    weight: float
-    """Weight of a new value in the filter."""
-    e: float
-    """Filtered error, K."""
-    duration: float
-    """Duration of this half period so far, s; NaN before there is a zero crossing."""
-    iae: float
-    """Integral of the absolute error over it, K s."""
-    peak: float
-    """Largest absolute error in it, K."""
-    n_counted: float
-    """Half periods that counted."""
-    d1: float
-    """Gap of the last of them, and of the four before."""
+    weight: float  # weight of a new value in the filter
+    e: float  # filtered error, K
+    duration: float  # duration of this half period so far, s; NaN before there is a zero crossing
+    iae: float  # integral of the absolute error over it, K s
+    peak: float  # largest absolute error in it, K
+    n_counted: float  # half periods that counted
+    d1: float  # gap of the last of them; below, of the four before
     d2: float
     d3: float
     d4: float

@@ -284,40 +284,23 @@ class Parameters(NamedTuple):
 class Memory(NamedTuple):
     """State from one sample to the next, beside the array.  NaN: nothing yet."""
 
-    width: float
-    """Number of samples in a horizon."""
-    decay: float
-    """Weight of a horizon in the sums after one more."""
-    sampled_at: float
-    """Time of the last sample, s."""
-    T_set: float
-    """Set-point of the last sample, °C."""
-    counts_until: float
-    """End of the time that counts, s."""
-    left_end_at: float
-    """When u was last not at an end of the stroke, s."""
-    position: float
-    """Position of the motor, fraction of stroke."""
-    motor_sum: float
-    """Sum of its mean places in this horizon so far."""
-    motor_mean: float
-    """Mean of them in the horizon before."""
-    n_samples: float
-    """Number of samples since the horizon began."""
-    T: float
-    """Temperature when it began, °C."""
-    m_a: float
-    """Air flow when it began, kg/s; NaN where it is not known."""
-    resumes_at: float
-    """End of the time that does not count after a step of the air flow, s."""
-    n_horizons: float
-    """Number of horizons since the last interruption."""
-    rows: float
-    """Number of horizons in the sums, each by how much it still counts."""
-    compares_at: float
-    """Time of the next comparison, s."""
-    has_new_row: float
-    """1 if a horizon was added since the last comparison."""
+    width: float  # number of samples in a horizon
+    decay: float  # weight of a horizon in the sums after one more
+    sampled_at: float  # time of the last sample, s
+    T_set: float  # set-point of the last sample, °C
+    counts_until: float  # end of the time that counts, s
+    left_end_at: float  # when u was last not at an end of the stroke, s
+    position: float  # position of the motor, fraction of stroke
+    motor_sum: float  # sum of its mean places in this horizon so far
+    motor_mean: float  # mean of them in the horizon before
+    n_samples: float  # number of samples since the horizon began
+    T: float  # temperature when it began, °C
+    m_a: float  # air flow when it began, kg/s; NaN where it is not known
+    resumes_at: float  # end of the time that does not count after a step of the air flow, s
+    n_horizons: float  # number of horizons since the last interruption
+    rows: float  # number of horizons in the sums, each by how much it still counts
+    compares_at: float  # time of the next comparison, s
+    has_new_row: float  # 1 if a horizon was added since the last comparison
 
 
 @exact

@@ -37,28 +37,17 @@ class Sample(NamedTuple):
     ``e`` to ``switches`` belong to the sample before: the new estimate acts from this sample on.
     """
 
-    t: float
-    """Time since the start, s."""
-    T_set: float
-    """Set-point now, °C."""
-    m_a: float
-    """Air flow now, kg/s."""
-    T: float
-    """Measured supply temperature, °C."""
-    e: float
-    """Control error, K; positive where the valve should open."""
-    u: float
-    """Output of the control law, 0–1."""
-    command: float
-    """Command to the actuator, 0–1."""
-    mode: float
-    """Direction of the inverse: 1 rising, -1 falling."""
-    switches: float
-    """Mode switches since the start."""
-    estimate: float
-    """Present estimate, fraction of stroke."""
-    test: float
-    """1 while a valve test runs.  Estimators that do not read it are not called then."""
+    t: float  # time since the start, s
+    T_set: float  # set-point now, °C
+    m_a: float  # air flow now, kg/s
+    T: float  # measured supply temperature, °C
+    e: float  # control error, K; positive where the valve should open
+    u: float  # output of the control law, 0–1
+    command: float  # command to the actuator, 0–1
+    mode: float  # direction of the inverse: 1 rising, -1 falling
+    switches: float  # mode switches since the start
+    estimate: float  # present estimate, fraction of stroke
+    test: float  # 1 while a valve test runs; estimators that do not read it are not called then
 
 
 def memory_defaults(Memory: Any) -> tuple[float, ...]:  # noqa: N803 — a class

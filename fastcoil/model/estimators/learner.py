@@ -60,19 +60,6 @@ def next_estimate(x_hat, step, down, lower, cap):
     return cap if estimate > cap else estimate
 
 
-@exact
-def step_size(last_step, down, climbing, growth):
-    """Size of the next step: it grows during the first climb; a step down undoes the last one up."""
-    return last_step * growth if climbing and not down else last_step
-
-
-@exact
-def final_estimate(x_hat, factor, lower):
-    """Estimate to keep when learning stops: slightly too low is safer than slightly too high."""
-    estimate = x_hat * factor
-    return lower if estimate < lower else estimate
-
-
 class Parameters(NamedTuple):
     """Parameters of the loop that the learner reads."""
 
@@ -97,43 +84,26 @@ class Parameters(NamedTuple):
 class Memory(NamedTuple):
     """State from one sample to the next."""
 
-    next_update: float
-    """End of the interval, s."""
-    switches: float
-    """Mode switches before the interval."""
-    reference: float
-    """Switch frequency of the first interval, per 10 min; negative until there is one."""
-    learning: float
-    """1 until learning is over."""
-    climbing: float
-    """1 until the first step down."""
-    step: float
-    """Last step."""
-    evidence: float
-    """What the last interval was worth: EVIDENCE_ENOUGH, EVIDENCE_QUIET or EVIDENCE_UNMEASURABLE."""
-    moved_at: float
-    """Time of the last step, s; negative before the first."""
-    moved_to: float
-    """Estimate after it."""
-    last_was_down: float
-    """1 if it went down."""
+    next_update: float  # end of the interval, s
+    switches: float  # mode switches before the interval
+    reference: float  # switch frequency of the first interval, per 10 min; negative until there is one
+    learning: float  # 1 until learning is over
+    climbing: float  # 1 until the first step down
+    step: float  # last step
+    evidence: float  # what the last interval was worth: EVIDENCE_ENOUGH, EVIDENCE_QUIET or EVIDENCE_UNMEASURABLE
+    moved_at: float  # time of the last step, s; negative before the first
+    moved_to: float  # estimate after it
+    last_was_down: float  # 1 if it went down
     time_first_down: float
     estimate_first_down: float
-    n_averaged: float
-    """Number of intervals in the mean that is the reference, so far; -1 in the interval that is left out."""
-    frequencies: float
-    """Sum of their switch frequencies, per 10 min."""
-    squares: float
-    """Sum of the squares of the settled control errors in the interval, K²."""
-    n_errors: float
-    """Number of these errors."""
-    reference_squares: float
-    """The same in all intervals of the reference."""
+    n_averaged: float  # intervals in the mean that is the reference, so far; -1 in the interval that is left out
+    frequencies: float  # sum of their switch frequencies, per 10 min
+    squares: float  # sum of the squares of the settled control errors in the interval, K²
+    n_errors: float  # number of these errors
+    reference_squares: float  # the same in all intervals of the reference
     reference_n_errors: float
-    T_set: float
-    """Set-point at the last sample, °C."""
-    settled_from: float
-    """Time from which the error is settled, s."""
+    T_set: float  # set-point at the last sample, °C
+    settled_from: float  # time from which the error is settled, s
 
 
 @exact
@@ -182,11 +152,14 @@ def update_estimate(now, p, memory):
     acts = learning and (ends or trips)
     moves = acts and is_enough and reference >= 0.0
 
-    size = step_size(memory.step, down, climbing, p.learning_growth)
+    # it grows during the first climb; a step down undoes the last one up
+    size = memory.step * p.learning_growth if climbing and not down else memory.step
     moved_to = next_estimate(now.estimate, size, down, p.backlash_estimate, p.learning_cap)
     first_down = moves and down and climbing
     stops = first_down and p.learning_stop > 0.0
-    x_hat = final_estimate(moved_to, p.learning_final, p.backlash_estimate) if stops else moved_to
+    kept = moved_to * p.learning_final  # slightly too low is safer than slightly too high
+    kept = p.backlash_estimate if kept < p.backlash_estimate else kept
+    x_hat = kept if stops else moved_to
     next_memory = Memory(
         now.t + p.learning_interval if acts else memory.next_update,
         now.switches if acts else memory.switches,

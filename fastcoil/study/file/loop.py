@@ -69,7 +69,7 @@ def _read_parameters(path: Path, name: str) -> dict[str, Any]:
     problems: list[str] = []
     known = known_parameters(loop, problems, f"{name}: ")
     wrong = [problem for n, value in known.items() if (problem := PARAMETERS[n].problem(value))]
-    raise_problems([*problems, *(problem.prefixed(f"{name}: ") for problem in wrong)])
+    raise_problems([*problems, *(problem.with_prefix(f"{name}: ") for problem in wrong)])
     return loop
 
 

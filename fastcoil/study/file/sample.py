@@ -208,7 +208,7 @@ def _parse_distribution(parameter: Parameter, shape: object, folder: Path) -> Qu
     except InputError as error:
         (first, *_) = summarise_problems(error.problems)
         prefix = f"{name} = {{ {kind} = {short_repr(arguments)} }}: "
-        raise InputError(Problem(first, first.field or name, first.code or "value").prefixed(prefix)) from None
+        raise InputError(Problem(first, first.field or name, first.code or "value").with_prefix(prefix)) from None
 
 
 def _parse_shape(parameter: Parameter, kind: str, arguments: Any, shape: Mapping[str, Any], folder: Path) -> Quantiles:

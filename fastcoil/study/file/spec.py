@@ -248,7 +248,7 @@ def read_study(
     try:
         return _build_study(text, tables, path.stem, path.parent if folder is None else folder, prepare)
     except InputError as error:
-        raise InputError([problem.prefixed(f"{path}: ") for problem in error.problems]) from None
+        raise InputError([problem.with_prefix(f"{path}: ") for problem in error.problems]) from None
 
 
 def _build_study(
@@ -298,7 +298,7 @@ def _build_study(
             problems.append(Problem(f"[run] reduce = {run.reduce!r} without traces: {cure}", "traces", "missing"))
     if precision is not None and plan is not None:
         wrong = _find_baseline_problems(precision.baseline, plan.layout)
-        problems += [problem.prefixed("[run] precision: ") for problem in wrong]
+        problems += [problem.with_prefix("[run] precision: ") for problem in wrong]
     if problems or plan is None:
         raise InputError(problems)
     warn_unusual_values(plan.layout.loop)

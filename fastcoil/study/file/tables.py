@@ -38,7 +38,7 @@ def parse_toml(text: str, name: str) -> dict[str, Any]:
         reason = str(error)
         short = reason if len(reason) <= 300 else reason[:200] + " … " + reason[-60:]
         raise InputError(f"{name} is not valid TOML: {short}", name, "format") from None
-    raise_problems([problem.prefixed(f"{name}: ") for problem in _find_unusable_values(tables)])
+    raise_problems([problem.with_prefix(f"{name}: ") for problem in _find_unusable_values(tables)])
     return tables
 
 

@@ -20,7 +20,7 @@ MOVES = (("backlash", (0.05, 0.1, REFUSED_GAP)), ("test", ("none", "usual")), ("
 
 
 class DeferredExecutor(Executor):
-    """Does a piece of work when told to."""
+    """Does a piece of work when requested."""
 
     def __init__(self):
         self.waiting = []
@@ -124,19 +124,19 @@ def test_words_and_margin_are_those_of_the_loop_that_is_drawn_and_come_in_the_en
     settings, messages = asyncio.run(play_random_moves(seed))
     for message in messages:
         is_refused = message["headline"] == "This loop cannot be simulated."
-        if message["told"] and message["traces"] is not None and not is_refused:
+        if message["explained"] and message["traces"] is not None and not is_refused:
             assert message["headline"] == str(loop_settings(message["traces"]))
             assert message["hunting_index"] == (message["traces"].backlash,)
-        elif not message["told"]:
+        elif not message["explained"]:
             assert message["hunting_index"] == ()
         assert is_refused or message["phase"] == "loop" or message["traces"] == message["asked"]
     if settings.backlash == REFUSED_GAP:
         assert (messages[-1]["phase"], messages[-1]["advice"]) == ("refused", "")
     else:
         assert (messages[-1]["phase"], messages[-1]["traces"], messages[-1]["map"]) == ("", settings, settings)
-        assert messages[-1]["told"] == "yes"
-    assert any(not message["told"] for message in messages)
-    assert any(message["phase"] == "loop" and message["told"] for message in messages)
+        assert messages[-1]["explained"] == "yes"
+    assert any(not message["explained"] for message in messages)
+    assert any(message["phase"] == "loop" and message["explained"] for message in messages)
 
 
 def test_a_move_does_not_wait_for_the_explanation_of_the_loop_before():

@@ -9,7 +9,6 @@ import time
 from urllib.parse import urlsplit
 
 import pytest
-from click.testing import CliRunner
 from helpers.browsers import (
     chromium,
     console_problems,
@@ -19,9 +18,9 @@ from helpers.browsers import (
     find_all,
     wait_for_page,
 )
+from helpers.commands import assert_command_refused, fastcoil
 
 import fastcoil as fc
-from fastcoil.cli.main import main
 
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("bokeh") is None, reason="bokeh is not installed")
 HANDSHAKE = {
@@ -81,7 +80,7 @@ def test_it_is_there_for_this_machine_alone(program):
 @pytest.mark.kernel
 def test_a_port_that_is_taken_is_refused_in_a_sentence(program):
     port = urlsplit(program[1]).port
-    result = CliRunner().invoke(main, ["explore", "--no-browser", "--port", str(port)])
+    result = fastcoil("explore", "--no-browser", "--port", port)
     assert result.exit_code == 2
     assert result.output.startswith(f"fastcoil: port {port} cannot be used (Address already in use")
     assert f"give another one above 1023, such as --port {port + 1}\n" in result.output
@@ -97,25 +96,19 @@ def test_sigterm_ends_it_as_ctrl_c_does(program):
 
 def test_without_the_extra_there_is_the_command_that_installs_it(monkeypatch):
     find = importlib.util.find_spec
-    monkeypatch.setattr(
-        importlib.util, "find_spec", lambda name, *arguments: None if name == "bokeh" else find(name, *arguments)
-    )
-    result = CliRunner().invoke(main, ["explore"])
-    assert result.exit_code == 2
-    assert result.output == "fastcoil: explore needs the package bokeh: pip install 'fastcoil[explore]'\n"
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name == "bokeh" else find(name, *more))
+    assert_command_refused("explore")
 
 
 def test_what_cannot_be_explored_is_refused_before_a_page_is_there(tmp_path):
-    result = CliRunner().invoke(main, ["explore", str(tmp_path / "mine.toml"), "--no-browser"])
-    assert result.exit_code == 2
-    assert "no such file, folder or preset" in result.output
+    assert_command_refused("explore", tmp_path / "mine.toml", "--no-browser")
 
 
 # In a browser
 
 
 @pytest.fixture(scope="module")
-def shown_program():
+def browser_program():
     with explore_page() as process_and_address:
         yield process_and_address
 
@@ -127,12 +120,12 @@ def driver():
 
 
 @pytest.fixture
-def page(shown_program, driver):
+def page(browser_program, driver):
     """The page, shown."""
-    driver.get(shown_program[1])
+    driver.get(browser_program[1])
     wait_for_page(driver)
     yield driver
-    assert shown_program[0].poll() is not None or not console_problems(driver)
+    assert browser_program[0].poll() is not None or not console_problems(driver)
 
 
 def press(driver, slider, times):
@@ -175,7 +168,8 @@ const shows = id => getComputedStyle(document.getElementById(id)).visibility ===
 const source = (name, column) => Array.from(Bokeh.documents[0].get_model_by_name(name).get_array(column))
 new MutationObserver(() => window.seen.push([
   document.body.dataset.phase, ['headline', 'advice', 'why', 'error'].map(shows),
-  document.getElementById('headline').textContent, source('traces', 'T_sup').at(-1), source('margins', 'hunting index'),
+  document.getElementById('headline').textContent, source('traces', 'T_sup').at(-1),
+  source('hunting_indices', 'hunting_index'),
 ])).observe(document.body, {attributes: true, attributeFilter: ['data-phase']})
 """
 
@@ -199,8 +193,8 @@ def test_while_a_loop_is_not_explained_the_words_and_the_margin_of_the_one_befor
 
 @pytest.mark.kernel
 @pytest.mark.full
-def test_ctrl_c_ends_it_in_a_line_and_the_page_says_so(shown_program, page):
-    process, _ = shown_program
+def test_ctrl_c_ends_it_in_a_line_and_the_page_says_so(browser_program, page):
+    process, _ = browser_program
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=30)
     assert (process.returncode, out, err) == (0, "Ended.\n", "")

@@ -1,18 +1,19 @@
 """Estimators and laws of the user, exported: in all three languages they answer as the kernel does, or are refused."""
 
 import math
+import re
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from helpers import rules
+from helpers.commands import fastcoil
 from helpers.exported import WORST_DIFFERENCE, skip_without_compiler
 from helpers.full import full_except
+from helpers.sentences import assert_worded
 
 import fastcoil as fc
-from fastcoil.cli.main import main
 
 pytestmark = pytest.mark.kernel
 
@@ -178,11 +179,10 @@ def test_own_rules_give_the_kernels_numbers(tmp_path, language, name):
 
 def test_the_command_exports_a_rule_of_a_study_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "mine.py").write_text(
-        rules.RULE_HEADER + "def mine(now, p, memory):\n    return p.gain * abs(now.e), memory\n"
-    )
+    rule = "def mine(now, p, memory):\n    return p.gain * abs(now.e), memory\n"
+    (tmp_path / "mine.py").write_text(rules.RULE_HEADER + rule)
     (tmp_path / "loop.toml").write_text('[loop]\nestimator = "mine:mine"\ngain = 0.02\n')
-    result = CliRunner().invoke(main, ["export", "loop.toml", "--language", "python"])
+    result = fastcoil("export", "loop.toml", "--language", "python")
     assert result.exit_code == 0, result.output
     assert WORST_DIFFERENCE["python"](tmp_path / "loop.py", tmp_path / "loop_vectors.csv") == 0.0
 
@@ -229,22 +229,16 @@ scaled = lambda x: 0.1 * x  # noqa: E731 — what is refused
 
 
 @pytest.mark.parametrize(
-    ("function", "words"),
+    "function",
     [
-        (by_while, ["while x < 0.1", "line", "for k in range"]),
-        (by_a_long_loop, ["no largest end", "constant number of passes"]),
-        (by_other_functions, ["it calls math.gamma", "sqrt"]),
-        (by_division, ["cycle", "division by zero"]),
-        (by_negative_division, ["cycle", "is off by 0.01"]),
-        (by_bits, ["line", "it has what other languages lack", "+ - * /"]),
-        (by_identity, ["line", "it has what other languages lack"]),
-        (by_lambda, ["the source of <lambda> is not at hand", "as a def"]),
+        *(by_while, by_a_long_loop, by_other_functions, by_division),
+        *(by_negative_division, by_bits, by_identity, by_lambda),
     ],
 )
-def test_what_the_languages_lack_is_refused_in_a_sentence(tmp_path, function, words):
+def test_what_the_languages_lack_is_refused_in_a_sentence(tmp_path, function):
     rule = fc.estimator(rules.Parameters, rules.Memory)(function)
     with pytest.raises(fc.InputError) as caught:
         fc.export_controller(fc.Loop(estimator=rule), tmp_path / "valve.c")
-    text = str(caught.value)
-    assert all(word in text for word in [function.__name__, "cannot be exported", *words]), text
+    assert (caught.value.field, caught.value.code) == ("estimator", "code")
+    assert_worded(re.sub(r"line \d+", "line N", str(caught.value)))
     assert not list(tmp_path.iterdir())

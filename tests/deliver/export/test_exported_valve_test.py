@@ -7,8 +7,8 @@ from itertools import product
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from helpers import rules
+from helpers.commands import assert_command_refused, fastcoil
 from helpers.exported import (
     COMPILER_FLAGS,
     WORST_DIFFERENCE,
@@ -19,9 +19,10 @@ from helpers.exported import (
     skip_without_compiler,
 )
 from helpers.full import full_except
+from helpers.sentences import assert_worded
+from test_same_controller import break_law
 
 import fastcoil as fc
-from fastcoil.cli.main import main
 from fastcoil.deliver.export.export import SUFFIXES
 
 pytestmark = pytest.mark.kernel
@@ -144,9 +145,11 @@ def test_every_language_passes_vectors_that_hold_a_test_of_every_end(tmp_path, l
 
 BREAKS = [
     ("s.test_asked = start_test", "s.test_asked = False"), ("start_test and not s.test_asked", "start_test"),
-    ("s.test_asked = True", "s.test_asked = False"), ("wished / FASTER", "wished"), ("> SWINGS", "> 0.0"),
-    ("limit_2 = AT_FIRST", "limit_2 = 1.0"), ("u_2 - KP * e_3", "u_2"), (" and s.test == 0.0", ""),
-    ("since >= TEST_HOLD", "since > TEST_HOLD"), ("s.u_ext = u_2", "s.u_ext = s.u_ext"), ("= DISABLED", "= NO"),
+    ("s.test_asked = True", "s.test_asked = False"), ("target_overshoot / …", "target_overshoot + 0.0 * …"),
+    ("> LARGEST_CALM…", "> 0.0 * LARGEST_CALM…"),
+    ("= FIRST_RAMP…", "= 1.0 + 0.0 * FIRST_RAMP…"), ("u_2 - KP * e_3", "u_2"), (" and s.test == 0.0", ""),
+    (">= TEST_HOLD", "> TEST_HOLD"), ("s.u_ext = u_2", "s.u_ext = s.u_ext"),
+    ("= ABORTED_DISABLED", "= 0.0 * ABORTED_DISABLED"),
     ("x_hat = ESTIMATE_SHARE * s.estimate", "x_hat = s.estimate"), ("s.rising = mode_2 > 0.0", "s.rising = s.rising"),
     ("-SAMPLE_TIME", "0.0"), ("mean = s.test_mean + weight", "mean = s.test_mean + 0.9 * weight"),
 ]  # fmt: skip
@@ -156,8 +159,7 @@ def test_a_broken_test_is_found_by_the_vectors(tmp_path):
     code, stored = export(tmp_path, "learner", "python")
     text = code.read_text()
     for law, broken_law in BREAKS:
-        assert law in text, law
-        assert has_differences(python_runner(text.replace(law, broken_law)), stored), law
+        assert has_differences(python_runner(break_law(text, law, broken_law)), stored), law
 
 
 def test_it_begins_at_an_edge_alone_and_bad_readings_hold_it(tmp_path):
@@ -177,9 +179,10 @@ def test_a_law_of_your_own_and_a_motor_slower_than_the_ramps_are_refused(tmp_pat
     def law(now, p, memory):
         return 0.5, memory
 
-    for loop, says in ((fc.Loop(law=law), "back to the PI"), (fc.Loop(stroke_time=400), "400 s")):
-        with pytest.raises(fc.InputError, match=says):
+    for loop in (fc.Loop(law=law), fc.Loop(stroke_time=400)):
+        with pytest.raises(fc.InputError) as caught:
             fc.export_controller(loop, tmp_path / "valve.c", test=fc.ValveTest())
+        assert_worded(*caught.value.problems)
     assert not list(tmp_path.iterdir())
 
 
@@ -188,9 +191,8 @@ def test_the_command_has_it_by_an_option_or_by_the_file(tmp_path, monkeypatch):
     (tmp_path / "bare.toml").write_text('[loop]\npreset = "lbnl"\n')
     (tmp_path / "full.toml").write_text('[loop]\npreset = "lbnl"\ntest_start = 0\ntest_hold = 150\n')
     for name, options in (("bare", ["--test"]), ("full", []), ("full", ["--test"])):
-        result = CliRunner().invoke(main, ["export", f"{name}.toml", "-o", "valve.c", *options])
+        result = fastcoil("export", f"{name}.toml", "-o", "valve.c", *options)
         assert result.exit_code == 0, result.output
         text = (tmp_path / "valve.c").read_text()
         assert f"TEST_HOLD {150 if name == 'full' else 120}.0" in text
-    result = CliRunner().invoke(main, ["export", ".", "--csv", "--test"])
-    assert "--test works only for the controller in a TOML file" in result.output
+    assert_command_refused("export", ".", "--csv", "--test")

@@ -4,12 +4,11 @@ import re
 import xml.etree.ElementTree as ET
 
 import pytest
-from click.testing import CliRunner
+from helpers.commands import assert_command_refused, fastcoil
 from helpers.exported import has_differences, structured_text_runner
 from test_same_controller import loop_of
 
 import fastcoil as fc
-from fastcoil.cli.main import main
 from fastcoil.deliver.export.words import IEC_KEYWORDS
 
 pytestmark = pytest.mark.kernel
@@ -35,7 +34,7 @@ ATTRIBUTES = {
 
 
 @pytest.fixture(scope="module")
-def exported(tmp_path_factory):
+def export_files(tmp_path_factory):
     """name → the project as an element, the Structured Text of the same controller, and the vectors."""
     project_by_name = {}
 
@@ -100,9 +99,9 @@ def parts_of(text):
 
 
 @each_loop
-def test_its_elements_are_those_of_the_standard_in_their_order(exported, name):
+def test_its_elements_are_those_of_the_standard_in_their_order(export_files, name):
     """Names, order, attributes and types; the schema itself is not ours to copy."""
-    project, *_ = exported(name)
+    project, *_ = export_files(name)
     assert project.tag == f"{TC6}project"
     for element in project.iter():
         assert element.tag == XHTML or element.tag.startswith(TC6)
@@ -120,21 +119,21 @@ def test_its_elements_are_those_of_the_standard_in_their_order(exported, name):
 
 
 @each_loop
-def test_the_class_model_of_the_schema_reads_it(tmp_path, exported, name):
+def test_the_class_model_of_the_schema_reads_it(tmp_path, export_files, name):
     """Names, attributes and values that are not in the schema are errors; order is checked above."""
     plcopen = pytest.importorskip("plcopen", reason="plcopen is not installed: pip install --group test")
     from xsdata.formats.dataclass.parsers import XmlParser
 
-    project, *_ = exported(name)
+    project, *_ = export_files(name)
     parsed_project = XmlParser().from_string(ET.tostring(project, encoding="unicode"), plcopen.Project)
     assert [pou.name for pou in parsed_project.types.pous.pou][-1] == "FB_valve"
     assert len(parsed_project.types.pous.pou) == len(project.findall(f".//{TC6}pou"))
 
 
 @each_loop
-def test_interface_and_body_are_the_structured_text(exported, name):
+def test_interface_and_body_are_the_structured_text(export_files, name):
     """Declarations one by one, bodies byte by byte; and the whole of it gives the kernel's numbers."""
-    project, text, stored = exported(name)
+    project, text, stored = export_files(name)
     structured_text = recombine(project)
     assert list(parts_of(structured_text)) == list(parts_of(text))
     assert len(list(parts_of(text))) == text.count("END_FUNCTION")
@@ -145,8 +144,8 @@ def test_interface_and_body_are_the_structured_text(exported, name):
         )
 
 
-def test_what_the_code_says_of_a_variable_is_its_documentation(exported):
-    project, text, _ = exported("inverse")
+def test_what_the_code_says_of_a_variable_is_its_documentation(export_files):
+    project, text, _ = export_files("inverse")
     documentation = {
         variable.get("name"): variable.find(f"{TC6}documentation/{XHTML}").text
         for variable in project.iter(f"{TC6}variable")
@@ -161,12 +160,10 @@ def test_the_command_finds_it_by_its_suffix_and_it_has_the_same_bytes_again(tmp_
     (tmp_path / "loop.toml").write_text("[loop]\nbacklash_estimate = 0.05\n")
     contents = []
     for _ in range(2):
-        result = CliRunner().invoke(main, ["export", "loop.toml", "-o", "valve.xml"])
+        result = fastcoil("export", "loop.toml", "-o", "valve.xml")
         assert result.exit_code == 0, result.output
         assert result.output.splitlines()[-2:] == ["Written: valve.xml", "Written: valve_vectors.csv"]
         contents.append((tmp_path / "valve.xml").read_bytes())
     assert contents[0] == contents[1]
     (tmp_path / "other.xml").write_text("<project/>")
-    result = CliRunner().invoke(main, ["export", "loop.toml", "-o", "other.xml"])
-    assert result.exit_code == 2
-    assert "other.xml exists, and fastcoil did not write it" in result.output
+    assert_command_refused("export", "loop.toml", "-o", "other.xml")

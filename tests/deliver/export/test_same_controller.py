@@ -71,7 +71,7 @@ def loop_of(name):
 
 
 @pytest.fixture(scope="module")
-def exported(tmp_path_factory):
+def export_files(tmp_path_factory):
     """(name, language) → the files of that export, made once."""
     files_by_export = {}
 
@@ -88,10 +88,10 @@ def exported(tmp_path_factory):
 
 @pytest.mark.parametrize("name", EACH_LOOP)
 @pytest.mark.parametrize("language", WORST_DIFFERENCE)
-def test_every_language_gives_the_kernels_numbers(exported, name, language):
+def test_every_language_gives_the_kernels_numbers(export_files, name, language):
     """C compiled without a warning; Structured Text by an interpreter of ours, with the program that checks it."""
     skip_without_compiler(language)
-    files = exported(name, language)
+    files = export_files(name, language)
     # exp and log of the C library may differ from the kernel's in the last digit
     assert WORST_DIFFERENCE[language](*files) <= (1e-12 if "identify" in name or name == "smooth" else 0.0)
     text = files[0].read_text()
@@ -103,8 +103,8 @@ def test_every_language_gives_the_kernels_numbers(exported, name, language):
 
 
 @pytest.mark.parametrize("name", EACH_LOOP)
-def test_structured_text_keeps_clear_of_the_standards_own_names_and_its_loops_are_bounded(exported, name):
-    code = re.sub(r"\(\*.*?\*\)", "", exported(name, "st")[0].read_text(), flags=re.DOTALL)
+def test_structured_text_keeps_clear_of_the_standards_own_names_and_its_loops_are_bounded(export_files, name):
+    code = re.sub(r"\(\*.*?\*\)", "", export_files(name, "st")[0].read_text(), flags=re.DOTALL)
     lists = re.findall(r"^[ \t]*([\w, \n]+) :(?!=)", code, re.MULTILINE)
     variable_names = {name.strip() for names in lists for name in names.split(",")}
     assert len(variable_names) > 20
@@ -117,8 +117,8 @@ def test_structured_text_keeps_clear_of_the_standards_own_names_and_its_loops_ar
 
 
 @pytest.mark.parametrize("name", EACH_LOOP)
-def test_the_vectors_go_through_all_that_a_controller_does(exported, name):
-    rows = read_vectors(exported(name, "python")[1])
+def test_the_vectors_go_through_all_that_a_controller_does(export_files, name):
+    rows = read_vectors(export_files(name, "python")[1])
     pairs = [(a, b) for a, b in zip(rows, rows[1:], strict=False) if not b["reset"]]
     assert sum(row["reset"] for row in rows) >= 2.0
     assert sum(a["rising"] != b["rising"] for a, b in pairs) > 20
@@ -131,6 +131,13 @@ def test_the_vectors_go_through_all_that_a_controller_does(exported, name):
         steps = [b["estimate"] - a["estimate"] for a, b in pairs]
         assert max(steps) > 0.0 or name == "identify_slow"
         assert min(steps) < 0.0 or name not in ("learner", "variants", "gradient", "identify", "stops")
+
+
+def break_law(text, law, broken_law):
+    """Replace a law in exported Python; … stands for the rest of a name, the same in both."""
+    broken, n = re.subn(re.escape(law).replace("…", r"(\w*)"), broken_law.replace("…", r"\1"), text)
+    assert n, law
+    return broken
 
 
 BREAKS = [
@@ -175,42 +182,41 @@ BREAKS = [
     ("inverse", "s.u < s.u_ext - BUFFER", "s.u < s.u_ext - 0.001"),
     ("additive", "BUFFER_RATIO * abs(KP)", "0.3 * BUFFER_RATIO * abs(KP)"),
     # estimators
-    ("learner", "reference_3 < LEARNING_FLOOR", "reference_3 >= LEARNING_FLOOR"),
-    ("learner", "stepped = s.estimate - size", "stepped = s.estimate"),
+    ("learner", "… < LEARNING_FLOOR", "… >= LEARNING_FLOOR"),
+    ("learner", "= s.estimate - …", "= s.estimate + 0.0 * …"),
     ("learner", "s.clock >= s.next_update", "s.clock > s.next_update"),
-    ("variants", "size * LEARNING_SHRINK", "size"),
+    ("variants", "… * LEARNING_SHRINK", "…"),
     ("variants", "chatter or ", "chatter or False and "),
     ("variants", "ESTIMATE_SHARE * s.estimate", "s.estimate"),
     ("hagglund", "KP * PLANT_GAIN * s.duration - TI", "KP * PLANT_GAIN * s.duration"),
     ("hagglund", "low < high", "low > high"),
     ("gradient", "/ (1.0 + zeta * zeta)", "/ 1.0"),
-    ("gradient", "e_3 = e_2 + GRADIENT_DEAD_ZONE", "e_3 = e_2"),
+    ("gradient", "… + GRADIENT_DEAD_ZONE", "…"),
     ("gradient", "s.clock + GRADIENT_PAUSE", "s.clock"),
-    ("identify", "s.clock + PROVOKED", "s.clock + 600.0"),
+    ("identify", "s.clock + COUNTS_AFTER_STEP…", "s.clock + 600.0 + 0.0 * COUNTS_AFTER_STEP…"),
     ("identify", "s.decay * rows_2 + 1.0", "rows_2 + 1.0"),
-    ("identify", "mean_4 <= GOOD", "mean_4 <= 0.2"),
+    ("identify", " <= GOOD…", " <= 0.2 + 0.0 * GOOD…"),
     ("identify", "band = 0.0", "band = BUFFER"),
     ("identify", "interrupted or not s.T_known", "not s.T_known"),
-    ("identify", "resumes_2 = s.clock + DISTURBED", "resumes_2 = s.resumes"),
+    ("identify", "= s.clock + PAUSE_AFTER_GUST…", "= s.clock + 0.0 * PAUSE_AFTER_GUST…"),
     ("identify", "= 1.0 / ", "= 1.001 / "),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize("broken", BREAKS)
-def test_a_law_that_is_broken_anywhere_is_found_by_the_vectors(exported, broken):
+def test_a_law_that_is_broken_anywhere_is_found_by_the_vectors(export_files, broken):
     """Each break in the Python that was exported: the other languages have the same statements."""
     name, *pairs = broken
-    code, stored = exported(name, "python")
+    code, stored = export_files(name, "python")
     text = code.read_text()
     for law, broken_law in zip(pairs[::2], pairs[1::2], strict=True):
-        assert law in text
-        text = text.replace(law, broken_law)
+        text = break_law(text, law, broken_law)
     assert has_differences(python_runner(text), stored)
 
 
-def test_the_check_in_c_finds_a_broken_law_and_missing_vectors(exported, tmp_path):
+def test_the_check_in_c_finds_a_broken_law_and_missing_vectors(export_files, tmp_path):
     skip_without_compiler("c")
-    code, stored = exported("inverse", "c")
+    code, stored = export_files("inverse", "c")
     (tmp_path / "valve.c").write_text(code.read_text().replace("s->u > s->u_ext)", "s->u > s->u_ext + 0.1)"))
     subprocess.run(
         ["gcc", *COMPILER_FLAGS, "-DFASTCOIL_CHECK", "valve.c", "-lm", "-o", "broken"], cwd=tmp_path, check=True
@@ -222,8 +228,8 @@ def test_the_check_in_c_finds_a_broken_law_and_missing_vectors(exported, tmp_pat
         assert process.returncode == 1, arguments
 
 
-def test_the_check_in_structured_text_finds_a_broken_law(exported):
-    code, _, program = exported("inverse", "st")
+def test_the_check_in_structured_text_finds_a_broken_law(export_files):
+    code, _, program = export_files("inverse", "st")
     check = Project(code.read_text().replace("u > u_ext ", "u > u_ext + 0.1 "), program.read_text()).block(
         "valve_check"
     )
@@ -246,10 +252,10 @@ DAMAGES = {
 
 
 @pytest.mark.parametrize("language", ["python", "c"])
-def test_vectors_that_were_cut_or_edited_are_reported(exported, tmp_path, language):
+def test_vectors_that_were_cut_or_edited_are_reported(export_files, tmp_path, language):
     """Line ends of another system are no edit."""
     skip_without_compiler(language)
-    code, stored = exported("inverse", language)
+    code, stored = export_files("inverse", language)
     program = [sys.executable, code]
     if language == "c":
         program = [tmp_path / "check"]

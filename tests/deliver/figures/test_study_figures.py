@@ -4,22 +4,20 @@ import numpy as np
 import pytest
 from helpers.figure_looks import assert_palette, assert_texts_fit
 from helpers.full import full_except
+from helpers.refusals import assert_refused
 from helpers.results import drawn_result, make_result
 
-from fastcoil.base.errors import InputError
 from fastcoil.deliver.figures import swept as plots
 from fastcoil.deliver.figures.swept import control_dims
 from fastcoil.study.analysis.compare import relative_to
 from fastcoil.study.analysis.selected import group_by_parameters
 
 SHAPE = (2, 3, 4, 6)
-LONG_TITLE = (
-    "A title that somebody made as long as a question of research may be, with all its conditions and exceptions. "
-)
+LONG_TITLE = "A title as long as a question of research may be, with all its conditions and exceptions. "
 
 
 @pytest.fixture(scope="module")
-def swept_result():
+def study():
     """Named tunings, backlashes and estimates on six days."""
     rng = np.random.default_rng(1)
     metrics = {name: rng.random(SHAPE) for name in (*plots.STANDARD_METRICS, "water_volume")}
@@ -33,24 +31,20 @@ def median_lines(axes):
     return axes.lines[1:]
 
 
-def test_curves_by_a_second_parameter_have_a_row_each_with_its_median_from_0(swept_result):
-    figure = plots.draw_panels(swept_result, "estimate_ratio", by="backlash", metrics=["rmse"])
-    assert [axes.get_title(loc="left") for axes in figure.axes] == [
-        "backlash = 2 %",
-        "backlash = 5 %",
-        "backlash = 8 %",
-    ]
-    for axes, backlash in zip(figure.axes, swept_result.backlash.values, strict=True):
+def test_curves_by_a_second_parameter_have_a_row_each_with_its_median_from_0(study):
+    figure = plots.draw_panels(study, "estimate_ratio", by="backlash", metrics=["rmse"])
+    assert [axes.get_title(loc="left") for axes in figure.axes] == [f"backlash = {x} %" for x in (2, 5, 8)]
+    for axes, backlash in zip(figure.axes, study.backlash.values, strict=True):
         (line,) = median_lines(axes)
         np.testing.assert_array_equal(line.get_xdata(), [0, 50, 100, 150])
-        np.testing.assert_allclose(line.get_ydata(), swept_result.rmse.sel(backlash=backlash).median(["tuning", "day"]))
+        np.testing.assert_allclose(line.get_ydata(), study.rmse.sel(backlash=backlash).median(["tuning", "day"]))
         low, high = axes.get_ylim()
         assert (low, high) == figure.axes[0].get_ylim()
         assert low == 0.0 < np.max(line.get_ydata()) < high
 
 
-def test_a_few_members_are_drawn_one_by_one_and_many_as_a_band(swept_result):
-    ds = swept_result.isel(day=0)
+def test_a_few_members_are_drawn_one_by_one_and_many_as_a_band(study):
+    ds = study.isel(day=0)
     (axes,) = plots.draw_panels(ds, "backlash", metrics=["rmse"]).axes
     low, high = (ds.rmse.quantile(q, ["estimate_ratio", "tuning"]) for q in (0.1, 0.9))
     (band,) = axes.collections
@@ -65,12 +59,8 @@ def test_a_few_members_are_drawn_one_by_one_and_many_as_a_band(swept_result):
 
 
 @pytest.mark.parametrize("millimetres", full_except([84, 174, None], [84]))
-def test_the_standard_figures_are_as_wide_as_asked_and_no_text_is_clipped_or_hides_another(swept_result, millimetres):
-    ds = (
-        relative_to(swept_result, {"estimate_ratio": 0}, "estimate / backlash = 0 %")
-        if millimetres == 84
-        else swept_result
-    )
+def test_the_standard_figures_are_as_wide_as_asked_and_no_text_is_clipped_or_hides_another(study, millimetres):
+    ds = relative_to(study, {"estimate_ratio": 0}, "estimate / backlash = 0 %") if millimetres == 84 else study
     inches = None if millimetres is None else millimetres / 25.4
     for draw in plots.standard_figures(ds.assign_attrs(title=2 * LONG_TITLE), inches).values():
         figure = draw()
@@ -97,8 +87,8 @@ def test_a_study_gets_the_figures_that_suit_its_dims(sizes, names):
     assert set(plots.standard_figures(make_result(tuple(sizes), coords, rmse=np.ones(tuple(sizes.values()))))) == names
 
 
-def test_a_study_in_which_all_failed_still_gets_its_figures(swept_result):
-    for draw in plots.standard_figures(swept_result * np.nan).values():
+def test_a_study_in_which_all_failed_still_gets_its_figures(study):
+    for draw in plots.standard_figures(study * np.nan).values():
         assert "no finite value" in [text.get_text() for text in draw().axes[0].texts]
 
 
@@ -119,26 +109,21 @@ def test_a_plain_pi_among_others_is_seen_by_what_differs(dim, values, is_control
     assert control_dims(make_result((dim, "kp"), coords, rmse=np.ones((2, 2)))) == [dim] * is_control
 
 
-def test_the_standard_figures_never_pool_a_plain_pi_with_others(swept_result):
-    for draw in plots.standard_figures(swept_result.rename(day="kp")).values():
+def test_the_standard_figures_never_pool_a_plain_pi_with_others(study):
+    for draw in plots.standard_figures(study.rename(day="kp")).values():
         assert "estimate_ratio" not in draw().get_suptitle()
-    tuning = plots.standard_figures(swept_result)["tuning"]()
+    tuning = plots.standard_figures(study)["tuning"]()
     titles = [" ".join(axes.get_title(loc="left").split()) for axes in tuning.axes]
-    assert titles[::3] == [
-        "estimate / backlash = 0 %, plain PI",
-        "estimate / backlash = 50 %",
-        "estimate / backlash = 100 %",
-        "estimate / backlash = 150 %",
-    ]
+    shares = ("0 %, plain PI", "50 %", "100 %", "150 %")
+    assert titles[::3] == [f"estimate / backlash = {share}" for share in shares]
     dots = tuning.axes[0].lines[-1].get_xdata()
-    np.testing.assert_allclose(dots, swept_result.rmse.sel(estimate_ratio=0.0).median(["backlash", "day"]))
+    np.testing.assert_allclose(dots, study.rmse.sel(estimate_ratio=0.0).median(["backlash", "day"]))
 
 
 def test_named_controllers_have_rows_and_maps_of_rows_one_scale():
     rng = np.random.default_rng(2)
-    ds = make_result(
-        ("controller", "kp", "ti", "day"), {"controller": ["pi", "inverse"]}, rmse=rng.random((2, 3, 3, 5))
-    )
+    dims, labels = ("controller", "kp", "ti", "day"), {"controller": ["pi", "inverse"]}
+    ds = make_result(dims, labels, rmse=rng.random((2, 3, 3, 5)))
     ds["rmse"] = ds.rmse * ds.rmse.controller.copy(data=[1.0, 3.0])
     figures = plots.standard_figures(ds)
     meshes = [axes.collections[0] for axes in figures["maps"]().axes if axes.get_title(loc="left")]
@@ -159,13 +144,12 @@ def test_a_drawn_parameter_is_drawn_with_the_scatter_in_each_group():
     edges = axes.collections[0].get_paths()[0].vertices[:, 1]
     assert edges.min() == pytest.approx(min(np.quantile(ds.rmse.values[:, g], 0.1) for g in groups))
     heading = " ".join(figure.get_suptitle().split())
-    assert heading == (
-        "Line: median of 2 days × 10 samples in each of 8 groups of proportional gain Kp; band: 10th to 90th percentile"
-    )
+    median = "Line: median of 2 days × 10 samples in each of 8 groups of proportional gain Kp"
+    assert heading == f"{median}; band: 10th to 90th percentile"
 
 
-def test_changes_are_in_per_cent_around_a_line_at_0(swept_result):
-    against = relative_to(swept_result, {"estimate_ratio": 0}, "the plain PI")
+def test_changes_are_in_per_cent_around_a_line_at_0(study):
+    against = relative_to(study, {"estimate_ratio": 0}, "the plain PI")
     (axes,) = plots.draw_panels(against, "backlash", metrics=["switch_frequency"]).axes
     assert axes.get_ylabel() == "change of mode switches per\n10 min [%]"
     zero, median = axes.lines
@@ -175,9 +159,13 @@ def test_changes_are_in_per_cent_around_a_line_at_0(swept_result):
 
 
 @pytest.mark.parametrize(
-    ("by", "words"),
-    [("tunin", "by = 'tunin', did you mean 'tuning'"), ("backlash", "is named twice")],
+    ("options", "field", "code"),
+    [
+        ({"by": "tunin"}, "by", "choice"),
+        ({"by": "backlash"}, "by", "duplicate"),
+        ({"metrics": ["rms"]}, "metrics", "name"),
+        ({"by": "tuning", "width": 4.0}, "width", "size"),
+    ],
 )
-def test_rows_that_there_cannot_be_are_refused(swept_result, by, words):
-    with pytest.raises(InputError, match=words):
-        plots.draw_panels(swept_result, "backlash", by=by)
+def test_rows_that_there_cannot_be_are_refused(study, options, field, code):
+    assert_refused(field, code, plots.draw_panels, study, "backlash", **options)

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.commands import fastcoil
+from helpers.commands import assert_command_refused, fastcoil
 from helpers.loop_logs import make_loop_log, write_log
 from helpers.pages import Page
+from helpers.refusals import assert_refused
 from helpers.simulated_logs import add_noise, make_valve_log, random_walk, valve_flows
 
 import fastcoil as fc
-from fastcoil.base.errors import InputError, InputTypeError
 
 pytestmark = [pytest.mark.kernel, pytest.mark.usefixtures("blank_figures")]
 
@@ -78,18 +78,13 @@ def test_a_diagnosis_on_the_command_line(tmp_path):
 )  # fmt: skip
 def test_a_path_that_cannot_be_written_is_refused_before_anything_is_read(words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    result = fastcoil(*words, "--report", "absent/page.html")
-    assert result.exit_code == 2
-    assert "--report absent/page.html: give a file NAME.html or NAME.htm in a folder that exists" in result.stderr
+    assert_command_refused(*words, "--report", "absent/page.html")
     assert not list(tmp_path.iterdir())
 
 
 def test_what_has_no_page_is_refused_in_a_sentence(valve, tmp_path):
-    with pytest.raises(InputTypeError, match="what is a Loop: give the folder of a study"):
-        fc.report(fc.Loop(), tmp_path / "x.html")
+    assert_refused("what", "type", fc.report, fc.Loop(), tmp_path / "x.html")
     (tmp_path / "mine.html").write_text("<p>mine</p>")
-    with pytest.raises(InputError, match=r"mine\.html: this file exists and is not a report"):
-        fc.report(valve, tmp_path / "mine.html")
-    with pytest.raises(InputError, match=r"path is missing: give a file NAME.html, such as 'report.html'"):
-        fc.report(valve)
+    assert_refused("path", "path", fc.report, valve, tmp_path / "mine.html")
+    assert_refused("path", "missing", fc.report, valve)
     assert [path.name for path in tmp_path.iterdir()] == ["mine.html"]

@@ -5,13 +5,14 @@ import math
 import numpy as np
 import pytest
 import xarray as xr
-from helpers.commands import fastcoil
+from helpers.commands import assert_command_refused, fastcoil
 from helpers.pages import Page
+from helpers.refusals import assert_refused
 from helpers.results import make_result
 from helpers.studies import DAYS, PLAIN_STUDY, TRACED_STUDY, copy_run, folder_contents, run, undisturbed_hash
 
 import fastcoil as fc
-from fastcoil.base.errors import InputError, IntegrityError
+from fastcoil.base.errors import EXIT_INPUT, EXIT_INTEGRITY
 from fastcoil.deliver.report import results as module
 from fastcoil.deliver.report.page import Table, format_change, format_change_range, format_parameter, format_significant
 from fastcoil.deliver.report.results import comparison_tables
@@ -57,7 +58,7 @@ def test_the_same_results_give_the_same_bytes_and_the_folder_stays_sound(out, tm
     assert fastcoil("verify", out).exit_code == 0
 
 
-@pytest.mark.parametrize("what", ["unfinished", "damaged"])
+@pytest.mark.parametrize("state", ["unfinished", "damaged"])
 def test_an_unfinished_or_damaged_study_is_not_reported(out, state):
     copy_run(PLAIN_STUDY, out, DAYS - 1 if state == "unfinished" else None)
     if state == "damaged":
@@ -65,10 +66,8 @@ def test_an_unfinished_or_damaged_study_is_not_reported(out, state):
         data[len(data) // 2] ^= 1
         (out / "results.nc").write_bytes(data)
     before = folder_contents(out)
-    outcome = fastcoil("report", out)
-    assert outcome.exit_code == (2 if state == "unfinished" else IntegrityError.exit_code)
-    unfinished = f"{out} is unfinished: 8 of 12 scenarios are done; finish it with `fastcoil run"
-    assert (unfinished if state == "unfinished" else "results.nc is damaged") in outcome.stderr
+    exit_code = EXIT_INPUT if state == "unfinished" else EXIT_INTEGRITY
+    assert_command_refused("report", out, exit_code=exit_code)
     assert folder_contents(out) == before
 
 
@@ -168,21 +167,16 @@ def test_a_file_that_is_no_report_is_not_replaced_and_another_folder_is_refused(
     copy_run(PLAIN_STUDY, out)
     user_file, empty_folder = tmp_path / "mine.html", tmp_path / "other"
     user_file.write_text("<p>mine</p>")
-    with pytest.raises(InputError, match=r"mine\.html: this file exists and is not a report"):
-        fc.report(out, user_file)
-    outcome = fastcoil("report", out, "-o", tmp_path / "page.pdf")
-    assert outcome.exit_code == 2
-    assert "give a file NAME.html or NAME.htm in a folder that exists" in outcome.stderr
+    assert_refused("path", "path", fc.report, out, user_file)
+    assert_command_refused("report", out, "-o", tmp_path / "page.pdf")
     empty_folder.mkdir()
-    outcome = fastcoil("report", empty_folder)
-    assert outcome.exit_code == 2
-    assert "holds no study" in outcome.stderr
+    assert_command_refused("report", empty_folder)
     assert not (empty_folder / "report.html").exists()
 
 
 def test_numbers_shares_changes_and_settings_as_they_are_read():
-    text_by_value = {0.1: "0.100", 3: "3.00", 0.99999: "1.00", -0.04567: "−0.0457", 12345: "12,300", 0: "0", 9.996: "10.0",
-             1e-9: "1.00e-09", math.nan: "–", math.inf: "–", 159.4: "159"}  # fmt: skip
+    text_by_value = {0.1: "0.100", 3: "3.00", 0.99999: "1.00", -0.04567: "−0.0457", 12345: "12,300", 0: "0",
+                     9.996: "10.0", 1e-9: "1.00e-09", math.nan: "–", math.inf: "–", 159.4: "159"}  # fmt: skip
     assert {value: format_significant(value) for value in text_by_value} == text_by_value
     assert [format_change(x) for x in (-0.431, 0.004, -0.004, 1.87, math.nan)] == ["−43 %", "0 %", "0 %", "+187 %", "–"]
     assert format_change_range(-0.7, 0.2) == "−70 to +20 %"

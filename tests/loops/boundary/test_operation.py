@@ -7,12 +7,12 @@ from reference.trim_and_respond import set_points
 from fastcoil.loops.boundary import air_handler as drifts
 from fastcoil.loops.boundary.air_handler import (
     Settings,
-    reset_line,
     delay_by_dampers,
     flow_share,
     is_coil_needed,
     outdoor_share,
     request_limits,
+    reset_line,
     trim_and_respond,
     zone_loads,
 )

@@ -5,7 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
-from helpers.refusals import assert_only_problem, only_problem, problems
+from helpers.refusals import assert_mistakes, assert_refused
 
 from fastcoil.loops.boundary import Boundary, days
 from fastcoil.loops.boundary.days import heating_day, paper_day
@@ -95,34 +95,26 @@ def test_a_function_that_gives_another_day_the_second_time_is_refused():
     stream = streamed_boundary(day_maker=lambda label: make_day(label) | {"T_w_in": 7.0 + rng.random(N)})
     stream.of_day(1)  # nothing to compare with yet
     stream.sha256  # noqa: B018
-    assert_only_problem(["other samples for day 1 than before", "seeded"], stream.of_day, 1)
+    assert_refused("make", "code", stream.of_day, 1)
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("field", "code", "value"),
     [
-        ({"T_w_in": None}, ["day 1: T_w_in is missing"]),
-        ({"T_a_in": np.full(N, 99.0)}, ["day 1: T_a_in = 99 degC at second 0", "900 samples"]),
-        ({"T_a_in": np.ones(N - 1)}, ["day 1: T_a_in has 899 samples where the boundary has 900"]),
-        ({"T_a_in": np.ones((2, N))}, ["day 1: T_a_in has 2 days where the boundary has 1"]),
-        ({"T_A_in": 3.0}, ["'T_A_in' for day 1", "did you mean 'T_a_in'?: use m_a, T_a_in"]),
+        ("T_w_in", "missing", None), ("T_a_in", "value", np.full(N, 99.0)), ("T_a_in", "shape", np.ones(N - 1)),
+        ("T_a_in", "shape", np.ones((2, N))), ("T_A_in", "name", 3.0),
     ],
-)
-def test_a_bad_day_is_named_when_it_is_made(changes, words):
-    stream = streamed_boundary(day_maker=lambda label: make_day(label) | (changes if label == 1 else {}))
-    assert_only_problem(words, lambda: stream.sha256)
+)  # fmt: skip
+def test_a_bad_day_is_named_when_it_is_made(field, code, value):
+    stream = streamed_boundary(day_maker=lambda label: make_day(label) | ({field: value} if label == 1 else {}))
+    assert_refused(field, code, lambda: stream.sha256)
 
 
 def test_bad_arguments_of_from_days():
-    sentences = problems(Boundary.from_days, "weather", day=[1, 1], hours=-1.0)
-    assert len(sentences) == 3
-    for sentence, word in zip(sentences, ("make = 'weather'", "hours = -1", "twice"), strict=True):
-        assert word in sentence
-    assert "what make gives for day 1 = [1]: give a mapping" in only_problem(
-        Boundary.from_days, lambda label: [label], day=[1], hours=N / 3600
-    )
-    message = only_problem(Boundary.from_days, lambda label: 1 / 0, day=[1], hours=N / 3600)
-    assert "make fails for day 1, ZeroDivisionError" in message
+    mistakes = [("make", "type"), ("hours", "value"), ("day", "duplicate")]
+    assert_mistakes(mistakes, Boundary.from_days, "weather", day=[1, 1], hours=-1.0)
+    assert_refused("make", "type", Boundary.from_days, lambda label: [label], day=[1], hours=N / 3600)
+    assert_refused("make", "code", Boundary.from_days, lambda label: 1 / 0, day=[1], hours=N / 3600)
 
 
 @pytest.mark.parametrize("make_days", [paper_day, heating_day])

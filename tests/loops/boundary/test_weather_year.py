@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pytest
 from helpers.made_weather import write_weather
-from helpers.refusals import only_problem, problems
+from helpers.refusals import assert_refused
 from helpers.weather_years import epw, hours_from
 
 import fastcoil as fc
@@ -65,9 +65,9 @@ def test_a_leap_year_needs_a_leap_year(tmp_path):
     path.write_text("\n".join(epw(hours_from(2, 28, 72, leap=True))))
     days = fc.weather_year(path, year=2024)
     assert [str(start)[:10] for start in days.start] == ["2024-02-28", "2024-02-29", "2024-03-01"]
-    assert "site.epw has a 29 February, give a leap year" in only_problem(fc.weather_year, path, year=2023)
+    assert_refused("year", "conflict", fc.weather_year, path, year=2023)
     path = write_weather(tmp_path, 20.0, days=60)
-    assert "has no 29 February" in only_problem(fc.weather_year, path, year=2024)
+    assert_refused("year", "conflict", fc.weather_year, path, year=2024)
     whole = fc.weather_year(write_weather(tmp_path, 20.0, days=366), **CALM_YEAR | {"year": 2024})
     assert (whole.n_days, str(whole.start[-1])[:10]) == (366, "2024-12-31")
 
@@ -122,15 +122,11 @@ def test_air_flow_follows_the_load_between_least_and_design(tmp_path):
 @pytest.mark.parametrize(
     ("mode", "water", "T_out", "expected"),
     [
-        ("cooling", "fixed", 20.0, 7.0),
-        ("cooling", "outdoor", 21.5, 9.5),
-        ("cooling", "outdoor", 30.0, 7.0),
-        ("cooling", "load", 22.0, 12.0 - 5.0 * 0.75),
-        ("heating", "fixed", 0.0, 60.0),
-        ("heating", "outdoor", 1.5, 50.0),
-        ("heating", "load", 10.0, 45.0),
+        ("cooling", "fixed", 20.0, 7.0), ("cooling", "outdoor", 21.5, 9.5), ("cooling", "outdoor", 30.0, 7.0),
+        ("cooling", "load", 22.0, 12.0 - 5.0 * 0.75), ("heating", "fixed", 0.0, 60.0),
+        ("heating", "outdoor", 1.5, 50.0), ("heating", "load", 10.0, 45.0),
     ],
-)
+)  # fmt: skip
 def test_water_is_fixed_or_follows_the_load_or_the_weather(tmp_path, mode, water, T_out, expected):
     shell = {"T_balance": 12.0, "T_design": 32.0} if mode == "cooling" else {"T_balance": 15.0, "T_design": -5.0}
     noon = noon_values(series_on_day(write_weather(tmp_path, T_out), mode=mode, water=water, **shell))
@@ -167,37 +163,25 @@ def test_a_study_file_takes_the_same_arguments(tmp_path):
     path = write_weather(tmp_path, 20.0)
     table = {"kind": "weather_year", "path": path.name, "year": 2023, "days": [3], "fan_hours": [7, 19]}
     assert build_boundary(table, tmp_path) == fc.weather_year(path, year=2023, days=[3], fan_hours=[7, 19])
-    sentence = only_problem(build_boundary, table | {"fan_hour": [7, 19]}, tmp_path)
-    assert "fan_hour is not an argument of weather_year" in sentence
-    assert "fan_hours" in sentence.split(";")[0]
+    with pytest.raises(fc.InputError, match=r"fan_hour is not .*fan_hours"):
+        build_boundary(table | {"fan_hour": [7, 19]}, tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("field", "code", "options"),
     [
-        ({"year": None}, ["year = None", "from 1970 to 2199"]),
-        ({"fan_hours": [20, 6]}, ["fan_hours = [20, 6]", "start before the stop"]),
-        ({"fan_hours": [6, 6.1]}, ["quarter of an hour"]),
-        ({"holidays": ["25.12."]}, ["holidays = '25.12.'", "06-15"]),
-        ({"days": [5, 5]}, ["days has a day twice"]),
-        ({"days": [5, 9]}, ["whole days 1 to 7", "not 9"]),
-        ({"days": [5], "first_date": "01-02"}, ["days and first_date"]),
-        ({"last_date": "03-01"}, ["whole days 1 to 7", "not 8", "53 days in total"]),
-        ({"m_a_min": 1.5}, ["m_a_min = 1.5 is not below m_a_design = 1.3"]),
-        ({"T_out_min": 22}, ["T_out_min = 22 is not below T_out_max = 21"]),
-        ({"T_set_max": 23}, ["T_set_max = 23 degC", "2 K cooler than T_return = 24"]),
-        ({"T_set": 14}, ["T_set = 14 has no effect with set_point = 'outdoor_reset'", "'fixed'"]),
-        ({"trim": 0.1}, ["trim = 0.1 has no effect with set_point = 'outdoor_reset'", "'trim_and_respond'"]),
-        ({"trim_delay": 60, "set_point": "fixed"}, ["trim_delay = 60 has no effect with set_point = 'fixed'"]),
-        ({"T_w_max": 12}, ["T_w_max = 12 has no effect with water = 'fixed'"]),
-        ({"mode": "heating", "set_point": "trim_and_respond"}, ["only cooling has it"]),
-        ({"mode": "heating", "economiser": "differential"}, ["only cooling has one"]),
-        ({"T_design": 12.5}, ["T_balance = 12 degC, T_design = 12.5 degC", "1 K below"]),
-        ({"set_point": "outdor_reset"}, ["set_point = 'outdor_reset'", "outdoor_reset"]),
+        ("year", "type", {"year": None}), ("fan_hours", "value", {"fan_hours": [20, 6]}),
+        ("fan_hours", "value", {"fan_hours": [6, 6.1]}), ("holidays", "format", {"holidays": ["25.12."]}),
+        ("days", "duplicate", {"days": [5, 5]}), ("days", "value", {"days": [5, 9]}),
+        ("days", "conflict", {"days": [5], "first_date": "01-02"}), ("days", "value", {"last_date": "03-01"}),
+        ("m_a_min", "conflict", {"m_a_min": 1.5}), ("T_out_min", "conflict", {"T_out_min": 22}),
+        ("T_set_max", "conflict", {"T_set_max": 23}), ("T_set", "conflict", {"T_set": 14}),
+        ("trim", "conflict", {"trim": 0.1}), ("T_w_max", "conflict", {"T_w_max": 12}),
+        ("set_point", "conflict", {"mode": "heating", "set_point": "trim_and_respond"}),
+        ("economiser", "conflict", {"mode": "heating", "economiser": "differential"}),
+        ("T_balance", "conflict", {"T_design": 12.5}), ("set_point", "choice", {"set_point": "outdor_reset"}),
     ],
-)
-def test_what_does_not_fit_is_refused_in_a_sentence(tmp_path, options, words):
+)  # fmt: skip
+def test_what_does_not_fit_is_refused(tmp_path, field, code, options):
     path = write_weather(tmp_path, lambda h: 20.0 + h % 24 / 4)
-    sentences = problems(fc.weather_year, path, **{"year": 2023} | options)
-    for word in words:
-        assert word in sentences[0], sentences
+    assert_refused(field, code, fc.weather_year, path, **{"year": 2023} | options)

@@ -8,76 +8,72 @@ import reference
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fastcoil.model.control import (
-    FALLING,
-    FIRST_MEDIAN_DIFFERENCE_K,
-    LEAST_MEDIAN_DIFFERENCE_K,
-    RISING,
-    additive_command,
-    in_dead_band,
-    inverse_command,
-    largest_buffer,
-    median_difference,
-    noise_buffer,
-    noise_level,
-    smooth_command,
-    smooth_steepness,
-)
+from fastcoil.model import control
 
 SHARES, ESTIMATES = st.floats(0.0, 1.0), st.floats(0.0, 0.9)
 
 
-@given(SHARES, ESTIMATES, st.sampled_from([RISING, FALLING]))
+@given(SHARES, ESTIMATES, st.sampled_from([control.RISING, control.FALLING]))
 def test_additive_equals_the_references_and_the_inverse_but_for_a_slow_term(u, x_hat, mode):
-    assert additive_command(u, mode, x_hat) == reference.additive_compensation(u, x_hat, mode)
+    assert control.additive_command(u, mode, x_hat) == reference.additive_compensation(u, x_hat, mode)
     if x_hat / 2.0 <= u <= 1.0 - x_hat / 2.0:
-        assert inverse_command(u, mode, x_hat) - additive_command(u, mode, x_hat) == pytest.approx(
+        assert control.inverse_command(u, mode, x_hat) - control.additive_command(u, mode, x_hat) == pytest.approx(
             x_hat * (0.5 - u), abs=1e-15
         )
 
 
 @given(SHARES, SHARES, ESTIMATES, st.floats(1e-9, 1e3), st.sampled_from([1.0, 7.0, 3600.0]))
 def test_smooth_equals_the_references(u, u_before, x_hat, rate, sample_time):
-    command = smooth_command(u, u_before, x_hat, smooth_steepness(rate, sample_time))
+    command = control.smooth_command(u, u_before, x_hat, control.smooth_steepness(rate, sample_time))
     assert command == pytest.approx(reference.smooth_inverse(u, u_before, sample_time, x_hat, rate), abs=1e-14)
 
 
 def test_smooth_overflows_nowhere_and_ends_at_the_inverse():
     for rate in (1e-300, 1e-12, 1e-6):
-        assert smooth_command(0.5, 0.4, 0.06, smooth_steepness(rate, 30.0)) == inverse_command(0.5, RISING, 0.06)
-        assert smooth_command(0.5, 0.6, 0.06, smooth_steepness(rate, 30.0)) == inverse_command(0.5, FALLING, 0.06)
+        assert control.smooth_command(0.5, 0.4, 0.06, control.smooth_steepness(rate, 30.0)) == control.inverse_command(
+            0.5, control.RISING, 0.06
+        )
+        assert control.smooth_command(0.5, 0.6, 0.06, control.smooth_steepness(rate, 30.0)) == control.inverse_command(
+            0.5, control.FALLING, 0.06
+        )
 
 
 def test_smooth_is_in_the_middle_of_the_gap_at_rest_and_98_percent_across_at_its_rate():
     rate, sample_time = 1e-3, 10.0
-    steepness = smooth_steepness(rate, sample_time)
-    assert smooth_command(0.5, 0.5, 0.06, steepness) == 0.94 * 0.5 + 0.03
-    crossed = (smooth_command(0.5, 0.5 - rate * sample_time, 0.06, steepness) - 0.94 * 0.5) / 0.06
+    steepness = control.smooth_steepness(rate, sample_time)
+    assert control.smooth_command(0.5, 0.5, 0.06, steepness) == 0.94 * 0.5 + 0.03
+    crossed = (control.smooth_command(0.5, 0.5 - rate * sample_time, 0.06, steepness) - 0.94 * 0.5) / 0.06
     assert crossed == pytest.approx(0.5 * (1.0 + math.tanh(2.0)), abs=1e-12)
     assert round(crossed, 2) == 0.98
 
 
 def test_a_dead_band_holds_up_to_its_edge_and_one_of_0_never():
-    assert [in_dead_band(e, 0.2) for e in (-0.2, 0.0, 0.2, 0.2000001, -0.3)] == [True, True, True, False, False]
-    assert not in_dead_band(0.0, 0.0)
+    assert [control.in_dead_band(e, 0.2) for e in (-0.2, 0.0, 0.2, 0.2000001, -0.3)] == [True, True, True, False, False]
+    assert not control.in_dead_band(0.0, 0.0)
 
 
 def test_the_buffer_is_a_multiple_of_the_noise_in_u_within_its_limits():
-    any_swing, small = largest_buffer(0.0, math.nan), largest_buffer(0.1, 20.0)
-    assert noise_buffer(1e-9, 6.0, 0.05, 0.02, any_swing) == pytest.approx(0.006, abs=1e-17)
-    assert noise_buffer(1e-9, 6.0, -0.05, 0.02, any_swing) == noise_buffer(1e-9, 6.0, 0.05, 0.02, any_swing)
-    assert noise_buffer(1e-9, 6.0, 0.05, 0.02, small) == 0.005
-    assert noise_buffer(0.01, 6.0, 0.05, 0.02, small) == noise_buffer(0.01, 0.0, 0.05, 0.02, any_swing) == 0.01
-    assert noise_buffer(1e-9, 6.0, 0.05, 0.0, small) == 1e-9
+    any_swing, small = control.largest_buffer(0.0, math.nan), control.largest_buffer(0.1, 20.0)
+    assert control.noise_buffer(1e-9, 6.0, 0.05, 0.02, any_swing) == pytest.approx(0.006, abs=1e-17)
+    assert control.noise_buffer(1e-9, 6.0, -0.05, 0.02, any_swing) == control.noise_buffer(
+        1e-9, 6.0, 0.05, 0.02, any_swing
+    )
+    assert control.noise_buffer(1e-9, 6.0, 0.05, 0.02, small) == 0.005
+    assert (
+        control.noise_buffer(0.01, 6.0, 0.05, 0.02, small)
+        == control.noise_buffer(0.01, 0.0, 0.05, 0.02, any_swing)
+        == 0.01
+    )
+    assert control.noise_buffer(1e-9, 6.0, 0.05, 0.0, small) == 1e-9
 
 
 def noise_after_each_reading(readings):
     """Noise found in a series of readings, after every one of them."""
     median, before_last, last, noise_levels = 0.0, 0.0, 0.0, []
     for k, e in enumerate(readings, 1):
-        median = median_difference(median, float(k), e, last, before_last)
+        median = control.median_difference(median, float(k), e, last, before_last)
         before_last, last = last, e
-        noise_levels.append(noise_level(median))
+        noise_levels.append(control.noise_level(median))
     return np.array(noise_levels)
 
 
@@ -102,6 +98,6 @@ def test_measured_noise_is_that_of_the_readings_whatever_drifts_and_steps(sigma)
 
 def test_measured_noise_starts_from_a_guess_and_rises_again_from_none():
     sigma_measured = noise_after_each_reading([14.0] * 500 + np.random.default_rng(2).normal(0.0, 0.05, 800).tolist())
-    assert sigma_measured[0] == sigma_measured[1] == noise_level(FIRST_MEDIAN_DIFFERENCE_K)
-    assert sigma_measured[499] == noise_level(LEAST_MEDIAN_DIFFERENCE_K)
+    assert sigma_measured[0] == sigma_measured[1] == control.noise_level(control.FIRST_MEDIAN_DIFFERENCE_K)
+    assert sigma_measured[499] == control.noise_level(control.LEAST_MEDIAN_DIFFERENCE_K)
     assert sigma_measured[-1] == pytest.approx(0.05, rel=0.4)

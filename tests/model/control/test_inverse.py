@@ -1,5 +1,6 @@
 """The backlash inverse: exact behind its own backlash, its known errors behind another, buffer and hold."""
 
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
@@ -12,9 +13,7 @@ from fastcoil.model.control import FALLING, RISING, inverse_command, next_extrem
 from fastcoil.model.physics import backlash, opening
 
 # halts, and both ends of the stroke, more often than chance would have them
-DESIRED_OPENINGS = st.lists(
-    st.one_of(st.floats(0.0, 1.0), st.sampled_from([0.0, 1.0, 0.3, 0.5])), min_size=1, max_size=60
-)
+OPENINGS = st.lists(st.one_of(st.floats(0.0, 1.0), st.sampled_from([0.0, 1.0, 0.3, 0.5])), min_size=1, max_size=60)
 BACKLASHES = st.floats(0.0, 0.9)
 
 
@@ -35,10 +34,8 @@ def step_inverse(state, u, estimate, buffer=0.0):
 
 
 def inverse_states(desired, estimate, buffer=0.0):
-    found = [State()]
-    for u in desired:
-        found.append(step_inverse(found[-1], u, estimate, buffer))
-    return found[1:]
+    states = accumulate(desired, lambda state, u: step_inverse(state, u, estimate, buffer), initial=State())
+    return list(states)[1:]
 
 
 def cascade_openings(desired, estimate, x_bl, buffer=0.0):
@@ -50,50 +47,50 @@ def cascade_openings(desired, estimate, x_bl, buffer=0.0):
     return np.array(openings)
 
 
-@given(DESIRED_OPENINGS, BACKLASHES, st.sampled_from([0.0, 1e-9, 0.01, 0.2]))
-def test_equals_the_references(wanted, estimate, buffer):
+@given(OPENINGS, BACKLASHES, st.sampled_from([0.0, 1e-9, 0.01, 0.2]))
+def test_equals_the_references(desired, estimate, buffer):
     command, mode, u_ext = 0.0, reference.FALLING, 0.0
-    for u, state in zip(wanted, inverse_states(wanted, estimate, buffer), strict=True):
+    for u, state in zip(desired, inverse_states(desired, estimate, buffer), strict=True):
         command, mode, u_ext = reference.backlash_inverse(u, estimate, buffer, mode, u_ext, command)
         assert state == (mode, u_ext, command)
 
 
-@given(DESIRED_OPENINGS, BACKLASHES)
-def test_exact_estimate_makes_the_cascade_the_identity(wanted, x_bl):
-    np.testing.assert_allclose(cascade_openings(wanted, x_bl, x_bl), wanted, rtol=0.0, atol=4e-16 / (1.0 - x_bl))
+@given(OPENINGS, BACKLASHES)
+def test_exact_estimate_makes_the_cascade_the_identity(desired, x_bl):
+    np.testing.assert_allclose(cascade_openings(desired, x_bl, x_bl), desired, rtol=0.0, atol=4e-16 / (1.0 - x_bl))
 
 
-@given(DESIRED_OPENINGS, st.floats(0.001, 0.9), st.floats(0.0, 1.0))
-def test_under_estimate_leaves_a_smaller_play_with_a_gain(wanted, x_bl, ratio):
+@given(OPENINGS, st.floats(0.001, 0.9), st.floats(0.0, 1.0))
+def test_under_estimate_leaves_a_smaller_play_with_a_gain(desired, x_bl, ratio):
     estimate = ratio * x_bl
     width, gain = (x_bl - estimate) / (1.0 - estimate), (1.0 - estimate) / (1.0 - x_bl)
     q, expected = 0.0, []
-    for u in wanted:
+    for u in desired:
         q = backlash(q, u, width)
         expected.append(gain * q)
-    np.testing.assert_allclose(cascade_openings(wanted, estimate, x_bl), expected, rtol=0.0, atol=1e-15 / (1.0 - x_bl))
+    np.testing.assert_allclose(cascade_openings(desired, estimate, x_bl), expected, rtol=0.0, atol=1e-15 / (1.0 - x_bl))
 
 
-@given(DESIRED_OPENINGS, st.floats(0.0, 0.5), st.floats(0.0, 0.4))
-def test_over_estimate_is_a_relay_on_the_direction(wanted, x_bl, delta):
+@given(OPENINGS, st.floats(0.0, 0.5), st.floats(0.0, 0.4))
+def test_over_estimate_is_a_relay_on_the_direction(desired, x_bl, delta):
     excess = delta / (1.0 - x_bl)
-    openings = cascade_openings(wanted, x_bl + delta, x_bl)
-    mode = np.array([state.mode for state in inverse_states(wanted, x_bl + delta)])
-    u = np.array(wanted)
+    openings = cascade_openings(desired, x_bl + delta, x_bl)
+    mode = np.array([state.mode for state in inverse_states(desired, x_bl + delta)])
+    u = np.array(desired)
     has_moved = np.logical_or.accumulate(u != 0.0)
     expected = np.where(mode == RISING, u + excess * (1.0 - u), u - excess * u)
     np.testing.assert_allclose(openings, np.where(has_moved, expected, 0.0), rtol=0.0, atol=4e-15)
 
 
-@given(DESIRED_OPENINGS)
-def test_estimate_0_is_the_plain_controller(wanted):
-    assert [state.command for state in inverse_states(wanted, 0.0)] == wanted
+@given(OPENINGS)
+def test_estimate_0_is_the_plain_controller(desired):
+    assert [state.command for state in inverse_states(desired, 0.0)] == desired
 
 
-@given(DESIRED_OPENINGS, BACKLASHES, st.sampled_from([0.0, 1e-9, 0.01]))
-def test_a_held_u_holds_everything(wanted, estimate, buffer):
-    last = inverse_states(wanted, estimate, buffer)[-1]
-    assert step_inverse(last, wanted[-1], estimate, buffer) == last
+@given(OPENINGS, BACKLASHES, st.sampled_from([0.0, 1e-9, 0.01]))
+def test_a_held_u_holds_everything(desired, estimate, buffer):
+    last = inverse_states(desired, estimate, buffer)[-1]
+    assert step_inverse(last, desired[-1], estimate, buffer) == last
 
 
 def test_a_changed_estimate_acts_when_u_next_goes_on():
@@ -109,9 +106,9 @@ def test_buffer_ignores_reversals_up_to_its_size():
     assert back == [RISING, FALLING, FALLING, RISING]
 
 
-@given(DESIRED_OPENINGS, st.floats(0.01, 0.3), st.floats(0.0, 0.3))
-def test_opening_lags_the_wanted_one_by_the_buffer_at_most(wanted, x_bl, buffer):
-    lag = cascade_openings(wanted, x_bl, x_bl, buffer) - np.array(wanted)
+@given(OPENINGS, st.floats(0.01, 0.3), st.floats(0.0, 0.3))
+def test_opening_lags_the_wanted_one_by_the_buffer_at_most(desired, x_bl, buffer):
+    lag = cascade_openings(desired, x_bl, x_bl, buffer) - np.array(desired)
     assert np.all(np.abs(lag) <= buffer + 1e-15)
 
 

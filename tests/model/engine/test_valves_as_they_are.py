@@ -6,6 +6,7 @@ import reference
 
 import fastcoil as fc
 from fastcoil.model.engine.plant import ActuatorFeatures
+from fastcoil.model.parameter_table import PARAMETERS
 
 GENTLE_PI = {"kp": 0.018, "ti": 30.0, "sample_time": 15}
 VALVE_CURVE = (2.0, 0.7, 9.0, 0.38)
@@ -35,8 +36,8 @@ def simulate_openings(openings, **parameters):
     ],
 )
 def test_a_block_compiles_the_parts_that_a_lane_of_it_needs(parameters, features):
-    names = ("command_resolution", "neutral_zone", "slip_jump", "wear_rate")
-    lanes = {name: np.array([0.0, parameters.get(name, 0.0), 0.0]) for name in names}
+    options = [p for p in PARAMETERS.values() if p.group == "actuator"]
+    lanes = {p.name: np.array([p.default, parameters.get(p.name, p.default), p.default]) for p in options}
     assert ActuatorFeatures.of_lanes(lanes) == ActuatorFeatures(**dict.fromkeys(features, True))
 
 

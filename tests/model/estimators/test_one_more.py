@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.model.estimators.interface import Estimator, low_passed, weight_of_new
+from fastcoil.model.estimators.interface import Estimator, filter_weight, low_pass
 from fastcoil.model.numerics.jit import exact
 
 SCALE = 0.05
@@ -47,13 +47,13 @@ class Memory(NamedTuple):
 @exact
 def initial_memory(p):
     """Memory at the start: nothing yet."""
-    return Memory(weight_of_new(20.0 * p.ti, p.sample_time), 0.0, np.nan)
+    return Memory(filter_weight(20.0 * p.ti, p.sample_time), 0.0, np.nan)
 
 
 @exact
 def update_estimate(now, p, memory):
     """Let the estimate follow the share of turns."""
-    share = low_passed(memory.share, 1.0 if now.switches > memory.switches else 0.0, memory.weight)
+    share = low_pass(memory.share, 1.0 if now.switches > memory.switches else 0.0, memory.weight)
     return SCALE * share, Memory(memory.weight, now.switches, share)
 
 

@@ -5,16 +5,7 @@ import pytest
 import reference
 
 import fastcoil as fc
-from fastcoil.model.physics import (
-    air_heat,
-    condensed_water,
-    effectiveness,
-    enthalpy_difference,
-    next_metal_temperature,
-    next_water_temperature,
-    saturation_humidity_ratio,
-    water_heat,
-)
+from fastcoil.model import physics
 
 CP_W, CP_A = 4.186, 1.02
 EXPONENTS = [-5.0, -0.45, -0.2, 0.0, 0.3, 5.0]
@@ -28,18 +19,18 @@ VOLUME_TRACES = ["T_w", "T_c", "T_a", "W_a"]
 @pytest.mark.parametrize("m", [0.0, -0.0, -0.1])
 def test_effectiveness_without_flow_is_1(m, exponent):
     with np.errstate(over="ignore"):  # the interpreter notices that integers wrap around
-        assert effectiveness(0.32, exponent, m) == 1.0
+        assert physics.effectiveness(0.32, exponent, m) == 1.0
 
 
 @pytest.mark.parametrize("exponent", EXPONENTS)
 def test_effectiveness_is_the_printed_formula(exponent):
     for m in np.geomspace(1e-3, 50.0, 61).tolist():
         expected = reference.effectiveness(m, 0.32, exponent)
-        assert effectiveness(0.32, exponent, m) == pytest.approx(expected, rel=1e-13, abs=2e-16)
+        assert physics.effectiveness(0.32, exponent, m) == pytest.approx(expected, rel=1e-13, abs=2e-16)
 
 
 def test_effectiveness_lies_between_0_and_1_even_for_absurd_flows():
-    values = [effectiveness(0.32, k, m) for k in EXPONENTS for m in (1e-300, 1e-9, 1.0, 1e9)]
+    values = [physics.effectiveness(0.32, k, m) for k in EXPONENTS for m in (1e-300, 1e-9, 1.0, 1e9)]
     assert all(0.0 <= eps <= 1.0 for eps in values)
 
 
@@ -57,13 +48,13 @@ def random_volumes(n=200):
 def test_one_volume_stores_what_air_and_water_bring(wet):
     C_w, C_c = 8.8, 30.0
     for T_w, T_w_in, T_c, T_in, W_in, m_w, m_a in random_volumes():
-        G_w = effectiveness(0.32, -0.2, m_w) * m_w * CP_W
-        eps_a, eps_star = effectiveness(0.40, -0.45, m_a), effectiveness(0.42, -0.42, m_a)
-        W_s = saturation_humidity_ratio(T_c, 101325.0)
-        cooled, dried = eps_a * (T_in - T_c), eps_star * enthalpy_difference(T_in, W_in, T_c, W_s)
-        Q_a, Q_w = air_heat(wet, m_a, cooled, dried, CP_A), water_heat(G_w, T_c, T_w_in)
-        stored = C_c * (next_metal_temperature(T_c, Q_a, Q_w, 1.0 / C_c) - T_c)
-        stored += C_w * (next_water_temperature(T_w, T_w_in, Q_w, m_w * CP_W, 1.0 / C_w) - T_w)
+        G_w = physics.effectiveness(0.32, -0.2, m_w) * m_w * CP_W
+        eps_a, eps_star = physics.effectiveness(0.40, -0.45, m_a), physics.effectiveness(0.42, -0.42, m_a)
+        W_s = physics.saturation_humidity_ratio(T_c, 101325.0)
+        cooled, dried = eps_a * (T_in - T_c), eps_star * physics.enthalpy_difference(T_in, W_in, T_c, W_s)
+        Q_a, Q_w = physics.air_heat(wet, m_a, cooled, dried, CP_A), physics.water_heat(G_w, T_c, T_w_in)
+        stored = C_c * (physics.next_metal_temperature(T_c, Q_a, Q_w, 1.0 / C_c) - T_c)
+        stored += C_w * (physics.next_water_temperature(T_w, T_w_in, Q_w, m_w * CP_W, 1.0 / C_w) - T_w)
         lost_by_air = m_a * dried if wet else m_a * CP_A * cooled
         assert stored == pytest.approx(lost_by_air + m_w * CP_W * (T_w_in - T_w), abs=1e-11)
 
@@ -71,13 +62,13 @@ def test_one_volume_stores_what_air_and_water_bring(wet):
 def test_dry_air_keeps_its_humidity_and_wet_air_gains_none():
     for *_, T_c, T_in, W_in, _, m_a in random_volumes():
         h_in = reference.enthalpy(T_in, W_in)
-        h_s = reference.enthalpy(T_c, saturation_humidity_ratio(T_c, 101325.0))
-        cooled = effectiveness(0.4, -0.45, m_a) * (T_in - T_c)
-        dried = effectiveness(0.42, -0.42, m_a) * (h_in - h_s)
+        h_s = reference.enthalpy(T_c, physics.saturation_humidity_ratio(T_c, 101325.0))
+        cooled = physics.effectiveness(0.4, -0.45, m_a) * (T_in - T_c)
+        dried = physics.effectiveness(0.42, -0.42, m_a) * (h_in - h_s)
         T_out = T_in - cooled
         W_out = min(reference.humidity_ratio(h_in - dried, T_out), W_in)
-        assert condensed_water(False, W_in, cooled, dried, T_out) == 0.0
-        assert W_in - condensed_water(True, W_in, cooled, dried, T_out) == pytest.approx(W_out, abs=1e-16)
+        assert physics.condensed_water(False, W_in, cooled, dried, T_out) == 0.0
+        assert W_in - physics.condensed_water(True, W_in, cooled, dried, T_out) == pytest.approx(W_out, abs=1e-16)
 
 
 # The whole coil

@@ -85,7 +85,8 @@ def make_early():
 
 
 REFUSED_RULES = [
-    looks_up, beyond, too_long, make_early(), makes_an_array, raises, forgets, other_shape, of_bytes, draws, calls_itself,
+    looks_up, beyond, too_long, make_early(), makes_an_array, raises, forgets, other_shape, of_bytes, draws,
+    calls_itself,
 ]  # fmt: skip
 NOT_COMPILED = [  # with what the compiler says, which its version decides
     (knows, r"knows does not compile, line \d+ of test_rules_refused.py: Unknown attribute 'backlash'"),

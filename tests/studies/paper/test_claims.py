@@ -7,10 +7,10 @@ import xarray as xr
 from studies.paper import grid
 from studies.paper.claims import CLAIMS, IDENTITIES
 
-H = 3600.0
+HOUR_SECONDS = 3600.0
 
 
-def by_case(metric, **values):
+def result_by_case(metric, **values):
     """A result of one tuning and day: a metric by case."""
     data = np.array(list(values.values()))[:, None, None]
     return xr.Dataset(
@@ -18,94 +18,119 @@ def by_case(metric, **values):
     )
 
 
-def ratios(metric, *values):
+def result_by_ratio(metric, *values):
     """The metric for all estimates in turn."""
-    return by_case(metric, **dict(zip(map(grid.case, grid.RATIOS), values, strict=False)))
+    return result_by_case(metric, **dict(zip(map(grid.case_label, grid.RATIOS), values, strict=False)))
 
 
-def learned(case, first_down, confirmed, step=0.007):
-    ds = by_case("estimate_first_down", **{case: first_down})
+def learned_result(case, first_down, confirmed, step=0.007):
+    ds = result_by_case("estimate_first_down", **{case: first_down})
     ds["learn_time_confirmed"] = ds.estimate_first_down * 0 + confirmed
     return ds.assign_coords(learning_step=("case", [step]))
 
 
-def noisy(literal, noise):
-    return xr.concat([learned("literal", literal, 5.5 * H), learned("noise", noise, 5.5 * H)], "case")
+def noisy_result(literal, noise):
+    return xr.concat(
+        [learned_result("literal", literal, 5.5 * HOUR_SECONDS), learned_result("noise", noise, 5.5 * HOUR_SECONDS)],
+        "case",
+    )
 
 
-def buffered(switches, rmse):
+def buffered_result(switches, rmse):
     """Switches of the inverse with noise and buffer, where there are 5 without noise, and its error; the PI's is 1."""
     names = ("95 %", "95 %, noise, buffer", "plain PI, noise")
-    found = {"switch_frequency": (5.0, switches, 3.0), "rmse_settled": (0.1, rmse, 1.0)}
-    return xr.merge(by_case(metric, **dict(zip(names, values, strict=True))) for metric, values in found.items())
+    values_by_metric = {"switch_frequency": (5.0, switches, 3.0), "rmse_settled": (0.1, rmse, 1.0)}
+    return xr.merge(
+        result_by_case(metric, **dict(zip(names, values, strict=True))) for metric, values in values_by_metric.items()
+    )
 
 
-def pair(metric, one, other, value, holds, not_so):
+def result_pair(metric, fixed_case, varied_case, value, holds, fails):
     """A result with a value in one case and that in the other with which the claim holds, and one with which not."""
-    return tuple(by_case(metric, **{one: value, other: other_value}) for other_value in (holds, not_so))
+    return tuple(
+        result_by_case(metric, **{fixed_case: value, varied_case: varied_value}) for varied_value in (holds, fails)
+    )
 
 
-def errors(better, worse):
+def error_pair(better, worse):
     """A case that is 2 % lower than the other, and one that is half a per cent lower."""
-    return pair("rmse", worse, better, 0.100, 0.098, 0.0995)
+    return result_pair("rmse", worse, better, 0.100, 0.098, 0.0995)
 
 
-def hunting(without, with_it):
-    return by_case("hunts", **{"no backlash": without, "plain PI": with_it}).isel(day=0, drop=True)
+def hunting_result(without, with_it):
+    return result_by_case("hunts", **{"no backlash": without, "plain PI": with_it}).isel(day=0, drop=True)
 
 
 FLAT = (6.0, 6.1, 6.2, 6.3, 6.4, 6.5, 6.6)
 FALLING = (1.0, 0.9, 0.8, 0.6, 0.4, 0.2, 0.1, 0.05)
 GOOD_AND_WORN = ("no backlash", "plain PI")
-MADE_UP = {
-    "hunts": (hunting(False, True), hunting(True, True)),
-    "fluctuates": pair("rmse_settled", *GOOD_AND_WORN, 0.1, 0.21, 0.19),
-    "sixty": tuple(ratios("rmse_settled", 1.0, 0, 0, 0, at_sixty, 0, 0, 0, 0.1) for at_sixty in (0.5, 1.1)),
+MADE_UP_RESULTS = {
+    "hunts": (hunting_result(False, True), hunting_result(True, True)),
+    "fluctuates": result_pair("rmse_settled", *GOOD_AND_WORN, 0.1, 0.21, 0.19),
+    "sixty": tuple(result_by_ratio("rmse_settled", 1.0, 0, 0, 0, at_sixty, 0, 0, 0, 0.1) for at_sixty in (0.5, 1.1)),
     "ninety-five": tuple(
-        by_case("rmse_settled", **{"no backlash": 0.1, "plain PI": 1.1, "95 %": error}) for error in (0.19, 0.21)
+        result_by_case("rmse_settled", **{"no backlash": 0.1, "plain PI": 1.1, "95 %": error}) for error in (0.19, 0.21)
     ),
-    "unity": pair("rmse_settled", "no backlash", "100 %", 0.100, 0.104, 0.106),
-    "flat": (ratios("switch_frequency", *FLAT), ratios("switch_frequency", *FLAT[:-1], 9.5)),
-    "jump": pair("switch_frequency", "10 %", "110 %", 6.0, 13.0, 11.0),
-    "falls": (ratios("rmse", *FALLING, 0.04), ratios("rmse", *FALLING[:4], 0.7, *FALLING[5:], 0.04)),
-    "rises": pair("rmse", "100 %", "120 %", 0.100, 0.102, 0.1005),
-    "rises, settled": pair("rmse_settled", "100 %", "120 %", 0.100, 0.102, 0.1005),
-    "best": (ratios("rmse", *FALLING, 0.06, 0.2, 0.3, 0.4), ratios("rmse", *FALLING, 0.06, 0.04, 0.3, 0.4)),
-    "finds": (learned("literal", 0.077, 5.5 * H), learned("literal", 0.056, 5.5 * H)),
-    "three hours, every 15 min": (learned("every 15 min", 0.07, 2.9 * H), learned("every 15 min", 0.035, 1.0 * H)),
-    "three hours, twice the step": tuple(learned("twice the step", 0.07, hours * H) for hours in (3.0, 3.01)),
-    "three hours, growing steps": (learned("growing steps", 0.07, 2.9 * H), learned("growing steps", np.nan, np.nan)),
+    "unity": result_pair("rmse_settled", "no backlash", "100 %", 0.100, 0.104, 0.106),
+    "flat": (result_by_ratio("switch_frequency", *FLAT), result_by_ratio("switch_frequency", *FLAT[:-1], 9.5)),
+    "jump": result_pair("switch_frequency", "10 %", "110 %", 6.0, 13.0, 11.0),
+    "falls": (result_by_ratio("rmse", *FALLING, 0.04), result_by_ratio("rmse", *FALLING[:4], 0.7, *FALLING[5:], 0.04)),
+    "rises": result_pair("rmse", "100 %", "120 %", 0.100, 0.102, 0.1005),
+    "rises, settled": result_pair("rmse_settled", "100 %", "120 %", 0.100, 0.102, 0.1005),
+    "best": (
+        result_by_ratio("rmse", *FALLING, 0.06, 0.2, 0.3, 0.4),
+        result_by_ratio("rmse", *FALLING, 0.06, 0.04, 0.3, 0.4),
+    ),
+    "finds": (
+        learned_result("literal", 0.077, 5.5 * HOUR_SECONDS),
+        learned_result("literal", 0.056, 5.5 * HOUR_SECONDS),
+    ),
+    "three hours, every 15 min": (
+        learned_result("every 15 min", 0.07, 2.9 * HOUR_SECONDS),
+        learned_result("every 15 min", 0.035, 1.0 * HOUR_SECONDS),
+    ),
+    "three hours, twice the step": tuple(
+        learned_result("twice the step", 0.07, hours * HOUR_SECONDS) for hours in (3.0, 3.01)
+    ),
+    "three hours, growing steps": (
+        learned_result("growing steps", 0.07, 2.9 * HOUR_SECONDS),
+        learned_result("growing steps", np.nan, np.nan),
+    ),
     "any start": tuple(
-        xr.concat([learned("a", 0.07, 1.0), learned("b", 0.056, 1.0, step)], "case") for step in (0.014, 0.007)
+        xr.concat([learned_result("a", 0.07, 1.0), learned_result("b", 0.056, 1.0, step)], "case")
+        for step in (0.014, 0.007)
     ),
     "volumes": tuple(xr.Dataset({"largest": ("tuning", [n])}) for n in (8, 9)),
-    "heat": pair("coil_energy", *GOOD_AND_WORN, 100.0, 101.5, 99.0),
-    "peak": pair("coil_peak_power", *GOOD_AND_WORN, 100.0, 101.5, 100.5),
-    "noise": pair("switch_frequency", "95 %", "95 %, noise", 5.0, 11.0, 9.0),
-    "buffer": (buffered(7.0, 0.2), buffered(8.0, 0.2)),
-    "noise, learner": (noisy(0.07, 0.028), noisy(0.07, 0.077)),
-    "buffer, learner": (learned("noise, buffer", 0.07, 5.5 * H), learned("noise, buffer", np.nan, np.nan)),
-    "against dead band": errors("95 %", "dead band"),
-    "against best PI": errors("95 %", "best PI"),
-    "best PI alone": errors("best PI", "95 %"),
-    "best PI with inverse": errors("best PI, 95 %", "best PI"),
-    "best against best": errors("best inverse", "best PI"),
-    "best against best, noise": errors("best inverse, noise, buffer", "best PI, noise"),
+    "heat": result_pair("coil_energy", *GOOD_AND_WORN, 100.0, 101.5, 99.0),
+    "peak": result_pair("coil_peak_power", *GOOD_AND_WORN, 100.0, 101.5, 100.5),
+    "noise": result_pair("switch_frequency", "95 %", "95 %, noise", 5.0, 11.0, 9.0),
+    "buffer": (buffered_result(7.0, 0.2), buffered_result(8.0, 0.2)),
+    "noise, learner": (noisy_result(0.07, 0.028), noisy_result(0.07, 0.077)),
+    "buffer, learner": (
+        learned_result("noise, buffer", 0.07, 5.5 * HOUR_SECONDS),
+        learned_result("noise, buffer", np.nan, np.nan),
+    ),
+    "against dead band": error_pair("95 %", "dead band"),
+    "against best PI": error_pair("95 %", "best PI"),
+    "best PI alone": error_pair("best PI", "95 %"),
+    "best PI with inverse": error_pair("best PI, 95 %", "best PI"),
+    "best against best": error_pair("best inverse", "best PI"),
+    "best against best, noise": error_pair("best inverse, noise, buffer", "best PI, noise"),
 }
 """For each claim a result on which it holds, and one on which it does not."""
 
 
 @pytest.mark.parametrize("claim", CLAIMS, ids=lambda c: c.name)
 def test_a_claim_holds_where_it_should_and_not_where_it_should_not(claim):
-    holds, not_so = (claim.holds(ds) for ds in MADE_UP[claim.name])
+    holds, fails = (claim.holds(ds) for ds in MADE_UP_RESULTS[claim.name])
     assert bool(holds.all())
-    assert not bool(not_so.any())
+    assert not bool(fails.any())
     assert "case" not in holds.dims
 
 
 def test_a_claim_that_is_false_whatever_the_loop_gets_no_share():
     """Nine steps of half an hour each are no three hours, on any tuning."""
-    assert set(MADE_UP) == {claim.name for claim in CLAIMS}
+    assert set(MADE_UP_RESULTS) == {claim.name for claim in CLAIMS}
     ((_, words, verdict, why),) = IDENTITIES
     assert words not in {claim.words for claim in CLAIMS}
     assert "contradicts" in verdict
@@ -114,5 +139,5 @@ def test_a_claim_that_is_false_whatever_the_loop_gets_no_share():
 
 @pytest.mark.parametrize("claim", [c for c in CLAIMS if c.evidence in ("days", "learning")], ids=lambda c: c.name)
 def test_a_failed_scenario_holds_nothing(claim):
-    failed = MADE_UP[claim.name][0]
+    failed = MADE_UP_RESULTS[claim.name][0]
     assert not claim.holds(failed.assign({n: v * np.nan for n, v in failed.data_vars.items()})).any()

@@ -14,7 +14,7 @@ pytestmark = pytest.mark.kernel
 def test_the_grid_has_at_least_500_tunings_and_the_presets_by_name():
     loop = grid.tunings()
     assert loop.sizes["tuning"] >= 500
-    assert grid.named(loop["kp"]["tuning"]) == list(COOLING_PRESETS)
+    assert grid.preset_labels(loop["kp"]["tuning"]) == list(COOLING_PRESETS)
     lbnl = loop["stroke_time"].sel(tuning="lbnl")
     assert float(lbnl) == fc.Loop.preset("lbnl")["stroke_time"]
     for start, step in grid.STARTS_AND_STEPS:
@@ -22,23 +22,23 @@ def test_the_grid_has_at_least_500_tunings_and_the_presets_by_name():
         assert updates * grid.INTERVAL < grid.LONG_HOURS * 3600
 
 
-STEPPED = {"stepped": grid.stepped}
-TWO_KINDS = STEPPED | {"constant": grid.constant}
+STEPPED = {"stepped": grid.stepped_days}
+TWO_KINDS = STEPPED | {"constant": grid.constant_days}
 
 
-def few(*names):
+def loop_of_presets(*names):
     """The tunings of these presets."""
-    values = {n: grid.tunings(quick=True)[n].sel(tuning=list(names)) for n in (*grid.GAINS, *grid.PLANT)}
+    values = {n: grid.tunings(quick=True)[n].sel(tuning=list(names)) for n in (*grid.GAIN_NAMES, *grid.PLANT_NAMES)}
     return fc.Loop(**values)
 
 
 def test_days_of_a_kind_are_those_of_a_simulation_of_their_own(monkeypatch):
     monkeypatch.setattr(grid, "DAYS", (7, 8))
-    loop = few("lbnl")
+    loop = loop_of_presets("lbnl")
     best = {"best PI": loop.assign(kp=0.1, ti=100.0), "best inverse": loop.assign(kp=0.05, ti=50.0)}
-    ds = grid.on_days(loop, best, TWO_KINDS).isel(tuning=0)
+    ds = grid.simulate_days(loop, best, TWO_KINDS).isel(tuning=0)
     lbnl = fc.Loop.preset("lbnl").assign(backlash=0.07)
-    wanted = {
+    loops_by_case = {
         "95 %": lbnl.assign(estimate_ratio=0.95),
         "dead band": lbnl.assign(error_dead_band=grid.DEAD_BAND),
         "best PI, noise": lbnl.assign(kp=0.1, ti=100.0, noise_std=grid.NOISE),
@@ -47,9 +47,9 @@ def test_days_of_a_kind_are_those_of_a_simulation_of_their_own(monkeypatch):
             kp=0.05, ti=50.0, noise_std=grid.NOISE, estimate_ratio=0.95, buffer=grid.BUFFER_SIGMAS * grid.NOISE * 0.05
         ),
     }
-    for name, one in wanted.items():
+    for name, case_loop in loops_by_case.items():
         for kind, make in TWO_KINDS.items():
-            alone = fc.simulate(one, make(8, [7, 8]), seed=grid.SEED)
+            alone = fc.simulate(case_loop, make(8, [7, 8]), seed=grid.SEED)
             for metric in ("rmse", "motor_travel", "switch_frequency"):
                 np.testing.assert_array_equal(ds[metric].sel(case=name, kind=kind), alone[metric], err_msg=name)
 
@@ -59,14 +59,14 @@ SEEDS = (5, 6)
 
 def test_days_of_all_kinds_share_air_flow_water_and_the_seeds_of_the_noise():
     days = [make(1, SEEDS) for make in grid.KINDS.values()]
-    for other in days[1:]:
-        assert other.day.tolist() == days[0].day.tolist() == list(SEEDS)
+    for other_days in days[1:]:
+        assert other_days.day.tolist() == days[0].day.tolist() == list(SEEDS)
         for name in ("m_a", "T_w_in", "sensor_noise"):
-            if name in other.series:
-                np.testing.assert_array_equal(other.series[name], days[0].series[name])
+            if name in other_days.series:
+                np.testing.assert_array_equal(other_days.series[name], days[0].series[name])
 
 
 def test_switches_of_the_figure_are_those_of_the_metric(folder):
     ds = load(folder / "fig12.nc")
-    counted = ds.switches.sel(block_start=slice(1800, None)).mean("block_start")
-    np.testing.assert_allclose(counted.transpose(*ds.switch_frequency.dims), ds.switch_frequency)
+    mean_switches = ds.switches.sel(block_start=slice(1800, None)).mean("block_start")
+    np.testing.assert_allclose(mean_switches.transpose(*ds.switch_frequency.dims), ds.switch_frequency)

@@ -32,25 +32,25 @@ def test_data_carry_units_and_their_hash(folder):
 
 
 def test_a_figure_drawn_again_is_the_same_file(folder):
-    figure = figures.valve_curves(load(folder / "fig01.nc"))
+    figure = figures.draw_valve_curves(load(folder / "fig01.nc"))
     for suffix in ("png", "svg"):
         assert encode_figure(figure, suffix) == (folder / f"fig01.{suffix}").read_bytes()
 
 
 @pytest.fixture(scope="module")
-def drawn(folder, card):
+def figures_by_name(folder, card):
     """All figures, by name."""
     return {
-        "fig01": figures.valve_curves(load(folder / "fig01.nc")),
-        "fig10": figures.tracking(load(folder / "fig10.nc"), "95 %"),
-        "fig11": figures.estimates(load(folder / "fig11.nc")),
-        "fig12": figures.staircases(load(folder / "fig12.nc")),
-        "scorecard": figures.shares(card),
+        "fig01": figures.draw_valve_curves(load(folder / "fig01.nc")),
+        "fig10": figures.draw_tracking(load(folder / "fig10.nc"), "95 %"),
+        "fig11": figures.draw_estimates(load(folder / "fig11.nc")),
+        "fig12": figures.draw_staircases(load(folder / "fig12.nc")),
+        "scorecard": figures.draw_shares(card),
     }
 
 
-def test_texts_fit_and_colours_are_those_of_the_palette(drawn):
-    for figure in drawn.values():
+def test_texts_fit_and_colours_are_those_of_the_palette(figures_by_name):
+    for figure in figures_by_name.values():
         assert_palette(figure)
         assert_texts_fit(figure)
 
@@ -62,10 +62,10 @@ def test_every_claim_figure_and_warning_is_on_the_page(folder, card):
     assert page.text.index("Quick mode: too few tunings and days to be quoted.") < page.text.index("Answer")
     for claim in card["claims"]:
         assert f"{claim['claim']} ({claim['section']})" in page.text
-        for kind, found in claim["kinds"].items():
-            assert f"{kind}: {found['verdict_text']}" in page.text
-    shares = [found["share"] for claim in card["claims"] for found in claim["kinds"].values()]
-    n_hold, n_not = sum(one >= 0.95 for one in shares), sum(one <= 0.05 for one in shares)
+        for kind, verdict in claim["kinds"].items():
+            assert f"{kind}: {verdict['verdict_text']}" in page.text
+    shares = [verdict["share"] for claim in card["claims"] for verdict in claim["kinds"].values()]
+    n_hold, n_not = sum(share >= 0.95 for share in shares), sum(share <= 0.05 for share in shares)
     assert f"Of {len(shares)} verdicts, one for each claim and kind of day, {n_hold} say that it holds" in page.text
     assert f"{n_not} that it does not (5 % or less)" in page.text
     assert all(sha256 in page.text for sha256 in card["grid"]["content_sha256"].values())

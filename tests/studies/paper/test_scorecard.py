@@ -14,7 +14,7 @@ pytestmark = pytest.mark.kernel
 
 
 FIELDS = {"name", "section", "claim", "counts_as_holding", "n_tunings", "n_days", "change", "kinds"}
-OF_KIND = {
+KIND_FIELDS = {
     *("verdict", "condition", "share", "share_interval", "share_of_hunting", "share_of_hunting_interval"),
     *("share_where_condition", "share_elsewhere", "share_of_days", "measured"),
 }
@@ -24,13 +24,13 @@ def test_the_scorecard_has_every_claim_with_all_fields_on_every_kind_of_day(card
     assert sorted(c["name"] for c in card["claims"]) == sorted(c.name for c in CLAIMS)
     for claim in card["claims"]:
         assert claim.keys() >= FIELDS
-        for found in claim["kinds"].values():
-            assert found.keys() >= OF_KIND
-            assert found["verdict"] in ("holds", "holds only if", "does not hold")
-            shares = [found["share"], *found["share_of_days"].values(), *(found["share_interval"] or ())]
+        for verdict in claim["kinds"].values():
+            assert verdict.keys() >= KIND_FIELDS
+            assert verdict["verdict"] in ("holds", "holds only if", "does not hold")
+            shares = [verdict["share"], *verdict["share_of_days"].values(), *(verdict["share_interval"] or ())]
             assert all(0.0 <= share <= 1.0 for share in shares)
-            assert found["share_of_days"].keys() >= set(COOLING_PRESETS)
-            assert found["measured"].keys() >= {*COOLING_PRESETS, "grid"}
+            assert verdict["share_of_days"].keys() >= set(COOLING_PRESETS)
+            assert verdict["measured"].keys() >= {*COOLING_PRESETS, "grid"}
         by_day = claim["evidence"] not in ("quiet", "coils")
         assert list(claim["kinds"]) == (list(card["kinds"]) if by_day else [claim["evidence"]])
     assert "digitised" in card["caveat"]
@@ -56,14 +56,14 @@ def test_a_share_is_what_plain_python_counts(folder, card, name, one, factor, ot
     quiet, days = load(folder / "grid_quiet.nc"), load(folder / "grid_days.nc")
     (claim,) = (c for c in card["claims"] if c["name"] == name)
     for kind in card["kinds"]:
-        counted = []
+        exceeds = []
         for tuning in quiet.tuning.values:
             if not bool(quiet.hunts.sel(case="no backlash", tuning=tuning)):
                 rmse = days.rmse.sel(kind=kind, tuning=tuning)
                 pairs = zip(rmse.sel(case=one).values, rmse.sel(case=other).values, strict=True)
-                counted += [b > factor * a for a, b in pairs]
-        assert claim["kinds"][kind]["share"] == pytest.approx(sum(counted) / len(counted))
-        assert claim["n_tunings"] * claim["n_days"] == len(counted)
+                exceeds += [b > factor * a for a, b in pairs]
+        assert claim["kinds"][kind]["share"] == pytest.approx(sum(exceeds) / len(exceeds))
+        assert claim["n_tunings"] * claim["n_days"] == len(exceeds)
 
 
 TUNINGS = xr.Dataset(
@@ -75,7 +75,7 @@ TUNINGS = xr.Dataset(
     ("n", "word"), [(100, "holds"), (95, "holds"), (94, "holds only if"), (6, "holds only if"), (5, "does not hold")]
 )
 def test_the_share_decides(n, word):
-    verdict = verdicts.judge(xr.DataArray(np.arange(100) < n, dims="tuning"), TUNINGS)
+    verdict = verdicts.judge_claim(xr.DataArray(np.arange(100) < n, dims="tuning"), TUNINGS)
     assert (verdict.word, verdict.share) == (word, n / 100)
 
 
@@ -83,8 +83,8 @@ def test_a_region_that_tells_nothing_does_not_look_as_if_it_did():
     """Its shares are not those of the tunings on which it was the best of many."""
     rng, few = np.random.default_rng(3), TUNINGS.isel(tuning=slice(None, None, 4))
     few = few.assign(kp=("tuning", rng.uniform(0.005, 0.05, 25)), ti=("tuning", rng.uniform(10.0, 200.0, 25)))
-    found = [verdicts.judge(xr.DataArray(rng.random(25) < 0.5, dims="tuning"), few) for _ in range(200)]
-    differences = [one.inside - one.elsewhere for one in found if one.condition]
+    judgements = [verdicts.judge_claim(xr.DataArray(rng.random(25) < 0.5, dims="tuning"), few) for _ in range(200)]
+    differences = [judgement.inside - judgement.elsewhere for judgement in judgements if judgement.condition]
     assert len(differences) > 50
     assert np.mean(differences) == pytest.approx(0.0, abs=3 * np.std(differences) / len(differences) ** 0.5)
 
@@ -95,20 +95,20 @@ def test_an_interval_covers_the_share_of_other_days_as_often_as_it_says():
     n_studies, n_days, n_tunings = 400, 6, 1000
     of_day = rng.normal(0.5, 0.1, (n_studies, n_days, 1))
     holds = xr.DataArray(rng.random((n_studies, n_days, n_tunings)) < of_day, dims=("study", "day", "tuning"))
-    found = [verdicts.interval(study) for study in holds]
-    assert np.mean([low <= 0.5 <= high for low, high in found]) == pytest.approx(0.95, abs=0.03)
+    intervals = [verdicts.share_interval(study) for study in holds]
+    assert np.mean([low <= 0.5 <= high for low, high in intervals]) == pytest.approx(0.95, abs=0.03)
     expected = stats.ttest_1samp(holds[0].mean("tuning"), 0.0).confidence_interval(0.95)
-    np.testing.assert_allclose(found[0], expected)
+    np.testing.assert_allclose(intervals[0], expected)
 
 
 def test_a_condition_is_found_with_its_shares():
     slow = TUNINGS.sample_time >= 15.0
     days = xr.concat([slow, slow & (TUNINGS.sample_time > 15.0)], "day")
-    verdict = verdicts.judge(days, TUNINGS)
+    verdict = verdicts.judge_claim(days, TUNINGS)
     assert verdict.condition == "the sample time is 15 s or more"
     assert (verdict.inside, verdict.elsewhere) == (pytest.approx(0.75, abs=0.1), 0.0)
     inside = round(100 * verdict.inside)
     assert verdict.text == f"holds only if the sample time is 15 s or more ({inside} % there, 0 % elsewhere)"
-    verdict = verdicts.judge(slow | (np.arange(slow.size) % 4 == 0), TUNINGS)
+    verdict = verdicts.judge_claim(slow | (np.arange(slow.size) % 4 == 0), TUNINGS)
     assert verdict.elsewhere > 0.05
     assert verdict.text.startswith(f"holds in part, more often if {verdict.condition} (")
