@@ -64,11 +64,9 @@ def split_sources(table: Table, options: ReadingOptions) -> list[PointSource]:
     if not stamps.absolute and options.time_zone:
         stamps = apply_time_zone(stamps, options.time_zone)
     if (columns := find_value_columns(table)) is None:
-        return [
-            PointSource(_single_column_table(table, k, header), stamps)
-            for k, header in enumerate(table.header)
-            if k != time and split_label_and_unit(header)[0] not in _NON_POINT_COLUMNS
-        ]
+        labels = [split_label_and_unit(header)[0] for header in table.header]
+        indices = [k for k, label in enumerate(labels) if k != time and label not in _NON_POINT_COLUMNS]
+        return [PointSource(_single_column_table(table, k, table.header[k]), stamps) for k in indices]
     if not stamps.good.all():
         table.notes.append(describe_left_out(table, "timestamp", ~stamps.good, "row"))
     point, value, unit = columns
@@ -107,10 +105,8 @@ def _single_column_table(table: Table, column: int, header: str, rows: Sequence[
 def find_value_columns(table: Table) -> tuple[int, int, int | None] | None:
     """Find the columns of points, values and units of a log that has a row for each value; None of any other."""
     labels = [normalise_header(header) for header in table.header]
-    points, values, units = (
-        [k for k, label in enumerate(labels) if label in VOCABULARY["headers"][kind].split()]
-        for kind in ("point", "value", "unit")
-    )
+    words_by_kind = [VOCABULARY["headers"][kind].split() for kind in ("point", "value", "unit")]
+    points, values, units = ([k for k, label in enumerate(labels) if label in words] for words in words_by_kind)
     if not points or len(values) != 1 or table.find_time_column() is None:
         return None
     # of a path and a short name that one counts which tells more points apart

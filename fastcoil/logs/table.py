@@ -283,11 +283,8 @@ class Table:
     def _merge_status(self) -> None:
         """Write what columns of status say, of their row or of the column on the left, behind values, in braces."""
         labels = [normalise_header(header) for header in self.header]
-        status_columns = [
-            k
-            for k, label in enumerate(labels)
-            if label in _STATUS_HEADERS and any(row[k].strip().lower() in GOOD_STATUS_WORDS for row in self.rows[:1000])
-        ]
+        candidates, head = [k for k, label in enumerate(labels) if label in _STATUS_HEADERS], self.rows[:1000]
+        status_columns = [k for k in candidates if any(row[k].strip().lower() in GOOD_STATUS_WORDS for row in head)]
         other_columns = [k for k in range(len(labels)) if k not in status_columns]
         values = [k for k in other_columns if labels[k] not in (*TIME_HEADERS, "elapsedtime")]
         for k in status_columns:
