@@ -1,4 +1,4 @@
-"""Statistics of pairs: differences against a partner, their quantiles, shares and intervals, and bootstrapped medians."""
+"""Statistics of pairs: differences against a partner, their quantiles, shares, intervals and bootstrapped medians."""
 
 from __future__ import annotations
 

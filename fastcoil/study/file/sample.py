@@ -206,20 +206,21 @@ def _parse_distribution(parameter: Parameter, shape: object, folder: Path) -> Qu
     try:
         return _parse_shape(parameter, kind, arguments, shape, folder)
     except InputError as error:
-        (first, *_) = summarise_problems(error.problems)
         prefix = f"{name} = {{ {kind} = {short_repr(arguments)} }}: "
-        raise InputError(Problem(first, first.field or name, first.code or "value").with_prefix(prefix)) from None
+        raise InputError([p.with_prefix(prefix) for p in summarise_problems(error.problems)]) from None
 
 
 def _parse_shape(parameter: Parameter, kind: str, arguments: Any, shape: Mapping[str, Any], folder: Path) -> Quantiles:
     if kind not in DISTRIBUTION_KINDS:
         suggestion = did_you_mean(kind, DISTRIBUTION_KINDS)
-        raise InputError(f"unknown distribution{suggestion}; known: {', '.join(DISTRIBUTION_KINDS)}", code="name")
+        raise InputError(
+            f"unknown distribution{suggestion}; known: {', '.join(DISTRIBUTION_KINDS)}", parameter.name, "name"
+        )
     if kind == CHOICE:
-        return _choice_quantiles(_parse_choices(arguments))
+        return _choice_quantiles(_parse_choices(parameter.name, arguments))
     if parameter.is_word or (parameter.whole and kind != CSV):
         noun = "word" if parameter.is_word else "whole number"
-        raise InputError(f"{parameter.name} is a {noun}, use {{ {CHOICE} = […] }}")
+        raise InputError(f"{parameter.name} is a {noun}, use {{ {CHOICE} = […] }}", parameter.name, "value")
     if kind == CSV:
         return _choice_quantiles(_read_measured_values(parameter, arguments, shape.get("column"), folder))
     if kind == FIT:
@@ -227,11 +228,11 @@ def _parse_shape(parameter: Parameter, kind: str, arguments: Any, shape: Mapping
     return _continuous_quantiles(parameter, kind, arguments)
 
 
-def _parse_choices(values: object) -> np.ndarray:
+def _parse_choices(name: str, values: object) -> np.ndarray:
     if not isinstance(values, list) or not values:
-        raise InputError("give a list of at least one value")
+        raise InputError("give a list of at least one value", name, "value")
     twice = [value for value, n in Counter[Any](values).items() if n > 1]
-    raise_problems([Problem(f"{value} appears twice, leave one out", code="duplicate") for value in twice])
+    raise_problems([Problem(f"{value} appears twice, leave one out", name, "duplicate") for value in twice])
     return np.array(values if isinstance(values[0], str) else [float(v) for v in values])
 
 
@@ -249,10 +250,11 @@ def _continuous_quantiles(parameter: Parameter, kind: str, arguments: Any) -> Qu
         arguments = [*arguments, least, parameter.upper]
     elif not is_number_list(arguments, len(names)):
         short_form = f"[{', '.join(names[:2])}] or " if kind in _CUT_AT_BOUNDS else ""
-        raise InputError(f"give {short_form}[{', '.join(names)}], {len(names)} finite numbers")
+        sentence = f"give {short_form}[{', '.join(names)}], {len(names)} finite numbers"
+        raise InputError(sentence, parameter.name, "value")
     named = dict(zip(names, np.array(arguments, dtype=float), strict=True))
     if not np.isfinite(_ppf(kind, named, np.array(0.5))):
-        raise InputError(f"give [{', '.join(names)}] with {rule}")
+        raise InputError(f"give [{', '.join(names)}] with {rule}", parameter.name, "value")
     low, high = named["lowest"], named["highest"]
     ends = np.nextafter(low, high), np.nextafter(high, low)
     return lambda share: np.asarray(np.clip(_ppf(kind, named, np.clip(share, _MIN_SHARE, _MAX_SHARE)), *ends))
@@ -290,12 +292,14 @@ _NORMAL_QUANTILE_975 = 1.959963984540054  # standard deviations from the median 
 def _read_measured_values(parameter: Parameter, file: object, column: object, folder: Path) -> Array:
     """Read the values of a column, ascending: their quantiles draw them anew, as a bootstrap does."""
     if not isinstance(file, str) or not isinstance(column, str):
-        raise InputError('give a file and the header of a column, such as { csv = "gaps.csv", column = "gap" }')
+        cure = 'give a file and the header of a column, such as { csv = "gaps.csv", column = "gap" }'
+        raise InputError(cure, parameter.name, "value")
     table = Table.read(folder / file)
     place = table.column(column)
     if place is None:
         suggestion = did_you_mean(column, table.header)
-        raise InputError(f"{file} has no column {short_repr(column)}{suggestion}: give one of its headers", code="name")
+        sentence = f"{file} has no column {short_repr(column)}{suggestion}: give one of its headers"
+        raise InputError(sentence, parameter.name, "name")
     header_unit = None if table.declared_units(place) else parameter.unit
     series = Series(parameter.name, parameter.text, accepted_units(parameter.unit))
     values = read_numbers(table, series, place, header_unit)
@@ -310,13 +314,12 @@ def _fitted_quantiles(parameter: Parameter, file: object, folder: Path) -> Quant
     The normal distributions have the ends of the 95 % interval as quantiles, and end at the parameter's bounds.
     """
     if not isinstance(file, str):
-        raise InputError(f"give {_FITTED_FILE_HINT}")
+        raise InputError(f"give {_FITTED_FILE_HINT}", parameter.name, "value")
     tables, name = parse_toml(read_text(folder / file, _FITTED_FILE_HINT, _MAX_FITTED_FILE_BYTES), file), parameter.name
     value, interval = _nested_entry(tables, "loop", name), _nested_entry(tables, "fit", "interval_95", name)
     if not is_number_list([value], 1) or not is_number_list(interval, 2) or not interval[0] < interval[1]:
-        raise InputError(
-            f"{file} has no estimate of {name} with a 95 % interval: give {_FITTED_FILE_HINT}, with {name} identified"
-        )
+        cure = f"give {_FITTED_FILE_HINT}, with {name} identified"
+        raise InputError(f"{file} has no estimate of {name} with a 95 % interval: {cure}", name, "value")
     sizes, probability = (_nested_entry(tables, "fit", "posterior", key) or [] for key in (name, "probability"))
     if sizes and is_number_list(sizes, len(sizes)) and is_number_list(probability, len(sizes)):
         return _posterior_quantiles(np.array(sizes, dtype=float), np.array(probability, dtype=float))

@@ -27,13 +27,7 @@ from fastcoil.model.metric_table import METRICS, PREDICTIONS, STATUS_NOT_RUN, TR
 from fastcoil.model.user_rules import RULE_KINDS, RuleHashes, refuse_changed_code
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.folder import StudyFolder
-from fastcoil.study.folder.stored import (
-    Manifest,
-    Shards,
-    find_problems,
-    open_final_results,
-    study_attributes,
-)
+from fastcoil.study.folder.stored import Manifest, Shards, find_problems, open_final_results, study_attributes
 
 _SCENARIOS_AT_ONCE = 10_000  # of which keys are made
 _VALUES_AT_ONCE = 2**22  # read of earlier results
