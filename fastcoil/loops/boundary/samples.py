@@ -32,8 +32,7 @@ from fastcoil.model.moist_air import MASS_RATIO, liquid_saturation_pressure
 DaySeries = Mapping[str, Any]  # unchecked series of a day by name
 DayMaker = Callable[[int], DaySeries]  # makes a day from its position
 LARGE_BOUNDARY_SAMPLES = 2**22
-"""Samples of a series; a larger boundary is hashed day by day, which needs no memory, a smaller one series by series.
-"""
+"""Samples of a series; a larger boundary is hashed day by day, without memory, a smaller one series by series."""
 
 
 class SampleSummary(NamedTuple):
@@ -64,12 +63,8 @@ class Samples:
     ) -> Self:
         """Return a boundary of checked samples; ``enabled_by_air``: the air flow alone decides on ``enabled``."""
         self = cls.__new__(cls)
-        self._initialise(ds, make, time_zone, enabled_by_air)
+        self.__setstate__({"_ds": ds, "_maker": make, "_time_zone": time_zone, "_enabled_by_air": enabled_by_air})
         return self
-
-    def _initialise(self, ds: xr.Dataset, make: DayMaker | None, time_zone: str, enabled_by_air: bool) -> None:
-        state = {"_ds": ds, "_maker": make, "_time_zone": time_zone, "_enabled_by_air": enabled_by_air}
-        self.__setstate__(state)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
