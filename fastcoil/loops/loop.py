@@ -247,9 +247,8 @@ def _defaults_of_missing(given_names: Collection[str], table: Mapping[str, Param
     known = {*given_names}.union(*(names for stand_in, names in STAND_INS.items() if stand_in in given_names))
     missing = {p.name: p.default for p in table.values() if p.default is not None and p.name not in known}
     if missing:
-        defaults = ", ".join(table[name].equation(value) for name, value in missing.items())
-        sentence = f"the result does not hold these parameters, so their defaults are used: {defaults}"
-        warnings.warn(sentence, stacklevel=3)
+        text = ", ".join(table[name].equation(value) for name, value in missing.items())
+        warnings.warn(f"the result does not hold these parameters, so their defaults are used: {text}", stacklevel=3)
     return missing
 
 

@@ -380,9 +380,6 @@ def probe_file(path: Path, cure: str) -> StoredFile:
         return StoredFile(path, (_sha256_of(path, identity),), cure)
 
 
-# ------------------------------------------------------------------------------------------------- traces on demand
-
-
 def describe_variables(variables: Iterable[tuple[Any, xr.Variable]]) -> dict[str, Any]:
     """Describe variables, in valid JSON, so that they can be listed before their file is opened."""
     return {

@@ -133,9 +133,8 @@ class Boundary(Samples):
         Where ``enabled`` follows from the air flow, it is computed from the new one.
         """
         names = (*BOUNDARY_SERIES, "day", "start", "time_zone")
-        unknown = [name for name in changes if name not in names]
-        cure = f"use {', '.join(names)}"
-        raise_problems([Problem(f"{n}{did_you_mean(n, names)}: {cure}", n, "name") for n in unknown])
+        extra = [name for name in changes if name not in names]
+        raise_problems([Problem(f"{n}{did_you_mean(n, names)}: use {', '.join(names)}", n, "name") for n in extra])
         enabled_by_air = changes["enabled"] is None if "enabled" in changes else self._enabled_by_air
         clock = {name: changes.get(name, getattr(self, name)) for name in ("start", "time_zone")}
         start = None if "start" in changes else self.start

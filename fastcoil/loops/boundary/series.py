@@ -364,7 +364,7 @@ def require_seeds(seed: object) -> list[int]:
     return seeds
 
 
-def require_days_of_year(name: str, value: object) -> list[int]:
+def days_of_year(name: str, value: object) -> list[int]:
     """Return distinct days of the year, 1 to 366."""
     items = require_items(name, value, "give a list of days of the year")
     days = [require_integer(name, item, 1, 366, "give whole numbers from 1 to 366") for item in items]

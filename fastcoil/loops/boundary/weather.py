@@ -24,13 +24,7 @@ from fastcoil.logs.columns import require_name_mappings
 from fastcoil.logs.plausibility import find_supersaturation
 from fastcoil.loops.boundary.air_handler import check_settings, make_day_series, make_outdoors, make_settings
 from fastcoil.loops.boundary.record import Boundary
-from fastcoil.loops.boundary.series import (
-    Values,
-    hours_to_seconds,
-    require_condition,
-    require_days_of_year,
-    require_items,
-)
+from fastcoil.loops.boundary.series import Values, days_of_year, hours_to_seconds, require_condition, require_items
 from fastcoil.loops.boundary.weather_files import MAX_DATE_GAP_H, Weather, read_weather, warn_of_interpolation
 from fastcoil.model.moist_air import humidity_ratio, mix
 
@@ -192,7 +186,7 @@ def weather_year(
         pressure = check.unless_none(require_condition, "pressure", pressure)
         cure = "give a year from 1970 to 2199"
         year = check(require_integer, "year", year, 1970, 2199, cure) or 2000  # refused below
-        labels = check.unless_none(require_days_of_year, "days", days)
+        labels = check.unless_none(days_of_year, "days", days)
         first = check.unless_none(_parse_date, "first_date", first_date, year)
         last = check.unless_none(_parse_date, "last_date", last_date, year)
         weekday = check(_parse_hours, "fan_hours", fan_hours)
@@ -281,7 +275,7 @@ def weather_day(
         date: dict[str, Any]
         date = {n: check.unless_none(require_integer, n, arguments[n], *ends) for n, ends in bounds.items()}
         check(require_name_mappings, columns=columns, units=units)
-        date["days"] = check.unless_none(require_days_of_year, "days", days)
+        date["days"] = check.unless_none(days_of_year, "days", days)
     if (RH_return is None) == (W_return is None):
         code = "missing" if W_return is None else "conflict"
         raise InputError("RH_return and W_return: give one of them", "RH_return", code)
