@@ -44,11 +44,8 @@ them, which may crash the library."""
 
 # a forked child inherits the lock in its current state: no thread may hold it then
 if IS_POSIX:
-    os.register_at_fork(
-        before=NETCDF4_PYTHON_LOCK.acquire,
-        after_in_parent=NETCDF4_PYTHON_LOCK.release,
-        after_in_child=NETCDF4_PYTHON_LOCK.release,
-    )
+    _release = NETCDF4_PYTHON_LOCK.release
+    os.register_at_fork(before=NETCDF4_PYTHON_LOCK.acquire, after_in_parent=_release, after_in_child=_release)
 
 
 def close_file(file: netCDF4.Dataset) -> Any:
@@ -382,15 +379,11 @@ def probe_file(path: Path, cure: str) -> StoredFile:
 
 def describe_variables(variables: Iterable[tuple[Any, xr.Variable]]) -> dict[str, Any]:
     """Describe variables, in valid JSON, so that they can be listed before their file is opened."""
-    return {
-        name: {
-            "dims": list(variable.dims),
-            "shape": list(variable.shape),
-            "dtype": variable.dtype.name,
-            "attrs": {k: v if isinstance(v, str) else np.asarray(v).tolist() for k, v in variable.attrs.items()},
-        }
-        for name, variable in variables
-    }
+    layout = {}
+    for name, v in variables:
+        attrs = {k: value if isinstance(value, str) else np.asarray(value).tolist() for k, value in v.attrs.items()}
+        layout[name] = {"dims": list(v.dims), "shape": list(v.shape), "dtype": v.dtype.name, "attrs": attrs}
+    return layout
 
 
 def open_lazily(file: StoredFile, layout: TraceLayout) -> xr.Dataset:

@@ -278,7 +278,7 @@ def _check_traces(check: Checks, traces: object) -> None:
 class Shard:
     """Scenarios that one worker runs: any of independent days, or some lanes on all days of a sequence.
 
-    lanes: (n,), ascending: flat indices, or in a sequence positions among the ``n_per_day`` scenarios of a day.
+    lanes: (n,), ascending: flat indices, or in a sequence (``n_per_day`` > 0) positions among the scenarios of a day.
     first_day, end_day: of a sequence, the first day whose results are kept, and the end of the range.
     """
 
@@ -286,11 +286,6 @@ class Shard:
     n_per_day: int = 0
     first_day: int = 0
     end_day: int = 1
-
-    @property
-    def is_sequence(self) -> bool:
-        """Whether its days are a sequence."""
-        return self.n_per_day > 0
 
     @property
     def index(self) -> np.ndarray:

@@ -140,8 +140,7 @@ def make_settings(
         values["T_set_min"] = values["T_set"]
     limits = {"differential": values["T_return"], "fixed": values["economiser_limit"], "none": -np.inf}
     W_return = float(humidity_ratio(values["T_return"], chosen["RH_return"], outdoors.pressure))
-    high_limit = limits[values["economiser"]]
-    return Settings(**values, cools=is_cooling, fan=fan, high_limit=high_limit, W_return=W_return)
+    return Settings(**values, cools=is_cooling, fan=fan, high_limit=limits[values["economiser"]], W_return=W_return)
 
 
 def _setting_clashes(chosen: Mapping[str, Any], given_names: set[str]) -> Iterator[Problem]:

@@ -240,14 +240,10 @@ class Samples:
 def boundary_dataset(series: Mapping[str, Array], day: NDArray[Any], n_steps: int, clock: Clock) -> xr.Dataset:
     """Return the Dataset of a boundary: series, (n_days, n_steps) each; none of a stream."""
     dims, row = (("day",), slice(None)) if day.ndim else ((), 0)
-    seconds = np.arange(float(n_steps))
-    ds = xr.Dataset(
-        series_variables({name: values[row] for name, values in series.items()}),
-        {
-            "elapsed_time": ("elapsed_time", seconds, {"units": "s", "long_name": "time since the start"}),
-            "day": (dims, day.astype(np.int64), {"long_name": "label of the day"}),
-        },
-    )
+    seconds = ("elapsed_time", np.arange(float(n_steps)), {"units": "s", "long_name": "time since the start"})
+    labels = (dims, day.astype(np.int64), {"long_name": "label of the day"})
+    variables = series_variables({name: values[row] for name, values in series.items()})
+    ds = xr.Dataset(variables, {"elapsed_time": seconds, "day": labels})
     if clock.start is None:
         return ds
     attrs = {"long_name": "date and time at elapsed_time 0", "standard_name": "time"}
