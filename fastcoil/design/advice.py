@@ -78,8 +78,7 @@ def propose_cures(loop: Loop, prediction: Prediction, *, has_theory: bool) -> li
     if simc is not None:
         simc_kp, simc_ti = _round_setting(simc[0]), _round_setting(simc[1])
         tuned = prediction.loop.assign(kp=simc_kp, ti=simc_ti)
-        cycles = predict_cycles_at(tuned, prediction.plants, prediction.reachable_points)
-        index = float(cycles.hunting_index.max())
+        index = float(predict_cycles_at(tuned, prediction.plants, prediction.reachable_points).hunting_index.max())
         if SAFE_HUNTING_INDEX < index <= HUNTING_INDEX_LIMIT:  # the lower kp would be advised next
             simc_kp = _round_setting(simc_kp * SAFE_HUNTING_INDEX / index, round_down=True)
         cures.append(_gains_cure(SIMC, simc_kp, simc_ti, "SIMC: "))

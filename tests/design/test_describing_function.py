@@ -41,8 +41,7 @@ def test_an_inverse_is_what_its_law_does(x_hat, buffer, law):
     whole = 1.0 - x_hat if law is inverse_command else 1.0
     width = (x_bl - x_hat) / whole
     N = describing_function(np.array(A), np.array(width), np.array(max(width, buffer)))
-    expected = complex(N) * whole / (1.0 - x_bl)
-    assert simulate_laws(A, x_bl, x_hat, buffer, law) == pytest.approx(expected, abs=3e-3)
+    assert simulate_laws(A, x_bl, x_hat, buffer, law) == pytest.approx(complex(N) * whole / (1.0 - x_bl), abs=3e-3)
 
 
 def test_a_motor_far_too_slow_follows_a_triangle():

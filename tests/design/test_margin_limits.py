@@ -18,8 +18,7 @@ def population():
 
 
 def test_no_valve_has_a_larger_hunting_index_than_allowed_and_it_is_that_of_limit_cycle(population):
-    limits = {"hunting_index": (0.6, 1.0)}
-    tuned = fc.tune(*population, search={"kp": (0.005, 0.2)}, limits=limits, n_jobs=1, **HOW)
+    tuned = fc.tune(*population, search={"kp": (0.005, 0.2)}, limits={"hunting_index": (0.6, 1.0)}, n_jobs=1, **HOW)
     group = plan_tuning(*population, search={"kp": (0.005, 0.2)}, **HOW).training
     means = {name: values[:, 60:].mean(axis=1) for name, values in group.boundary.series.items()}
     steady = {name: np.repeat(values[:, None], 2000, axis=1) for name, values in means.items()}

@@ -16,8 +16,7 @@ def day(T_set, **changes):
 
 
 def test_each_hour_at_each_set_point_is_one_point_with_its_mean_conditions():
-    T_set = np.r_[np.full(5400, 14.0), np.full(5400, 16.0)]
-    points = operating_points(day(T_set), warm_up=1800)
+    points = operating_points(day(np.r_[np.full(5400, 14.0), np.full(5400, 16.0)]), warm_up=1800)
     assert points.start.tolist() == [1800, 3600, 5400, 7200]
     assert points.seconds.tolist() == [1800, 1800, 1800, 3600]
     assert points.conditions["T_set"].tolist() == [14.0, 14.0, 16.0, 16.0]
@@ -35,8 +34,7 @@ def test_a_set_point_that_drifts_counts_in_half_kelvins_and_one_held_for_a_minut
 
 
 def test_seconds_off_and_of_the_warm_up_do_not_count():
-    enabled = np.r_[np.ones(4000), np.zeros(3200)]
-    points = operating_points(day(np.full(7200, 14.0), enabled=enabled), warm_up=600)
+    points = operating_points(day(np.full(7200, 14.0), enabled=np.r_[np.ones(4000), np.zeros(3200)]), warm_up=600)
     assert points.start.tolist() == [600, 3600]
     assert points.seconds.tolist() == [3000, 400]
 

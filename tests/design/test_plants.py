@@ -75,8 +75,7 @@ def test_a_response_that_outlasts_the_longest_goes_on_as_a_geometric_series():
     assert plant.response.shape[1] == LONGEST_RESPONSE
     assert plant.response[0, -1] / plant.gain[0] < 0.99
     w = np.geomspace(1e-5, 0.1, 40)
-    theirs = control.ss(A, B[:, None], C[None, :], 0.0, 1.0)
-    expected = theirs.frequency_response(w).complex.ravel()
+    expected = control.ss(A, B[:, None], C[None, :], 0.0, 1.0).frequency_response(w).complex.ravel()
     np.testing.assert_allclose(frequency_response(plant.response, w)[0], expected, rtol=0.02)
 
 

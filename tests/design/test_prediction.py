@@ -94,8 +94,7 @@ def test_twice_the_kp_is_twice_the_margin_and_needs_a_longer_ti():
 
 
 def test_the_parts_take_180_degrees_each_what_its_formula_says():
-    loop = loop_with_ratios(4.0, 0.3, sensor_time_constant=20.0)
-    shares = phase_shares(predict_at_delay(loop, 10))
+    shares = phase_shares(predict_at_delay(loop_with_ratios(4.0, 0.3, sensor_time_constant=20.0), 10))
     w = 2.0 * math.pi / shares.attrs["period"]
     assert tuple(shares["part"].values) == tuple(PHASE_PARTS)
     assert float(shares.sum()) == pytest.approx(180.0)

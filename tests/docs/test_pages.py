@@ -203,8 +203,7 @@ def test_every_command_exists(page):
     all_commands = [words for _, text in blocks(page, "sh") for words in commands(text)]
     spans = [span for span in SPAN.findall(prose(page)) if re.match(r"(\.venv/bin/)?(fastcoil|make|python) ", span)]
     all_commands += [words for span in spans for words in commands(span.partition(">")[0])]
-    problems = [p for program, *words in all_commands if (p := command_problem(program, words, targets))]
-    assert not problems
+    assert not [p for program, *words in all_commands if (p := command_problem(program, words, targets))]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=is_named)

@@ -102,11 +102,10 @@ def base_calls(tmp_path_factory, _cheap):
     day, loop = fc.paper_day(hours=0.05), fc.Loop()
     ds = fc.simulate(fc.Loop(backlash=[0.02, 0.07], kp=[0.01, 0.02]), day, warm_up=60, replicates=2)
     dated = ds.assign_coords(start=np.datetime64("2023-06-01T00:00:00", "s"))
-    rng = np.random.default_rng(1)
     sampled = xr.Dataset(
         {
             "status": (("sample", "design"), np.zeros((8, 3), dtype=np.int8)),
-            "rmse": (("sample", "design"), rng.normal(size=(8, 3))),
+            "rmse": (("sample", "design"), np.random.default_rng(1).normal(size=(8, 3))),
         },
         coords={"design": ["A", "B", "kp"]},
     )

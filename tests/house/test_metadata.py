@@ -21,8 +21,7 @@ def test_the_wheel_takes_studies_and_type_marker_along():
 
 
 def test_the_citation_agrees_with_the_project():
-    yaml = pytest.importorskip("yaml")
-    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    citation = pytest.importorskip("yaml").safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     assert {"cff-version", "message", "title", "authors", "type", "abstract", "keywords"} <= citation.keys()
     project = PYPROJECT["project"]
     assert (citation["version"], citation["license"]) == (fc.__version__, project["license"])

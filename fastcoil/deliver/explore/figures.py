@@ -103,10 +103,9 @@ class LoopFigures:
             "hunting_index", (0.03, 30.0), (-1.0, 1.0), x_axis_type="log", title="Hunting index, predicted by theory"
         )
         band: Any = {"fill_alpha": 0.5, "line_alpha": 0.0, "level": "underlay"}
-        fig.add_layout(
-            BoxAnnotation(left=UNSURE_HUNTING_INDEX[0], right=UNSURE_HUNTING_INDEX[1], fill_color=_SHADE, **band)
-        )
-        fig.add_layout(BoxAnnotation(left=UNSURE_HUNTING_INDEX[1], fill_color=YELLOW, **band))
+        low, high = UNSURE_HUNTING_INDEX
+        fig.add_layout(BoxAnnotation(left=low, right=high, fill_color=_SHADE, **band))
+        fig.add_layout(BoxAnnotation(left=high, fill_color=YELLOW, **band))
         limit: Any = {"line_color": _INK, "line_dash": [6, 4], "line_width": 2}
         fig.add_layout(Span(location=HUNTING_INDEX_LIMIT, dimension="height", **limit))
         fig.text([0.15, 7.0], [-0.35, -0.35], text=["calm", "hunts"], text_align="center", text_font_size=_FONT_SIZE)
@@ -127,9 +126,7 @@ class LoopFigures:
             traces[name] = 100.0 * traces[name]
         traces["backlash"] = np.full(n - first, 100.0 * run.parameter("backlash"))
         in_test = hours[traces.pop("test") > 0.0]
-        test = {
-            "left": in_test.min(initial=np.inf), "right": in_test.max(initial=-np.inf), "visible": in_test.size > 0
-        }  # fmt: skip
+        test = {"left": in_test.min(initial=np.inf), "right": in_test.max(initial=-np.inf), "visible": in_test.size > 0}
         has_sensor = run.parameter("noise_std") > 0.0 or run.parameter("sensor_time_constant") > 0.0
         has_compensation = run.learns or run.parameter("backlash_estimate") > 0.0
         pi_output, measured = [traces["u"]] * has_compensation, [traces["T_measured"]] * has_sensor

@@ -222,12 +222,9 @@ def build_loop(settings: Settings, start: Start) -> Loop:
     """Return the loop of some settings."""
     values: dict[str, Any] = {name: getattr(settings, name) for name in DIALS if name != "m_a"}
     if settings.valve != "own":  # an equal-percentage valve
-        m_full = start.loop["m_full"]  # kg/s; 1.7 is that of the presets' cooling coil
-        values |= {
-            "rangeability": 50.0,
-            "authority": float(settings.valve),
-            "m_full": 1.7 if m_full is None else m_full,
-        }
+        m_full = start.loop["m_full"]
+        values |= {"rangeability": 50.0, "authority": float(settings.valve)}
+        values["m_full"] = 1.7 if m_full is None else m_full  # kg/s, of the presets' cooling coil
     loop = start.loop.assign(**values)
     if settings.estimator == "own":
         return loop

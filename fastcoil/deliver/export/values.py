@@ -144,9 +144,8 @@ def _statements_storing(body: list[ast.stmt], goals: set[str]) -> list[ast.stmt]
     for node in body:
         kept_parts: list[ast.stmt] = [node]
         if isinstance(node, ast.If):
-            kept_parts = if_statement(
-                node.test, _statements_storing(node.body, goals), _statements_storing(node.orelse, goals)
-            )
+            yes, no = (_statements_storing(branch, goals) for branch in (node.body, node.orelse))
+            kept_parts = if_statement(node.test, yes, no)
         elif isinstance(node, ast.For):
             inner = _statements_storing(node.body, goals)
             kept_parts = [ast.For(node.target, node.iter, inner, [])] if inner else []

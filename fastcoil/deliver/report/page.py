@@ -181,7 +181,7 @@ def _escape_text(value: Any) -> Any:
 def require_page(path: Path, option: str = "path") -> None:
     """Refuse, before any work, a path that cannot be written, or that holds anything but an earlier report."""
     require_output_file(option, path, ".html", ".htm")
-    if exists(path) and not has_mark(path, b'<meta name="generator" content="fastcoil '):
+    if exists(path) and not has_mark(path, _MARK):
         sentence = f"{option} {path}: this file exists and is not a report: choose another name, or delete it"
         raise InputError(sentence, option, "path")
 

@@ -136,8 +136,7 @@ def test_a_cell_of_the_map_is_its_loop_to_the_bit(model, axes, working_day):
     metrics = model.map(replace(default_settings(model), axes=axes))
     (x, along_x), (y, along_y) = AXES[axes].items()
     for i, j in ((3, 2), (-1, -1)):
-        loop = fc.Loop(**{x: along_x[i], y: along_y[j]})
-        ds = fc.simulate(loop, working_day, n_jobs=1)
+        ds = fc.simulate(fc.Loop(**{x: along_x[i], y: along_y[j]}), working_day, n_jobs=1)
         assert metrics["rmse"][j, i] == ds.rmse
         assert metrics["hunting_swing"][j, i] == ds.hunting_swing
 
@@ -146,8 +145,7 @@ def test_a_cell_of_the_map_is_its_loop_to_the_bit(model, axes, working_day):
 def test_a_study_of_ones_own_is_shown_on_its_own_day(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text('[loop]\npreset = "lbnl"\nkp = 0.4\nestimate_ratio = 0.5\n[boundary]\nhours = 1\nseed = 9\n')
-    scenario = pick_scenario(path, {}, {})
-    model = Model(scenario)
+    model = Model(pick_scenario(path, {}, {}))
     assert default_settings(model).loop == "given"
     run = model.run(default_settings(model))
     ds = fc.simulate(fc.Loop.preset("lbnl").assign(kp=0.4, estimate_ratio=0.5), fc.paper_day(hours=1, seed=9), n_jobs=1)

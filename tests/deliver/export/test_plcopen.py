@@ -85,8 +85,7 @@ def recombine(project):
 
 def parts_of(text):
     """Of each unit: its head, its declarations, and its body to the last byte."""
-    units = re.findall(r"^(FUNCTION(?:_BLOCK)?) (.*?)\n(.*?)^END_\1$", text, re.MULTILINE | re.DOTALL)
-    for kind, head, inner in units:
+    for kind, head, inner in re.findall(r"^(FUNCTION(?:_BLOCK)?) (.*?)\n(.*?)^END_\1$", text, re.MULTILINE | re.DOTALL):
         declarations, _, body = inner.rpartition("END_VAR\n")
         variables = []
         for section in f"{declarations}END_VAR\n".split("END_VAR\n")[:-1]:
@@ -108,8 +107,7 @@ def test_its_elements_are_those_of_the_standard_in_their_order(export_files, nam
         tag = element.tag.removeprefix(TC6)
         inside = " ".join(child.tag.rpartition("}")[2] for child in element)
         assert re.fullmatch(CHILDREN.get(tag, ""), inside) or re.fullmatch(CHILDREN.get(tag, ""), f"{inside} "), tag
-        expected_attributes = set(ATTRIBUTES.get(tag, "").split())
-        assert set(element.attrib) == expected_attributes | (
+        assert set(element.attrib) == set(ATTRIBUTES.get(tag, "").split()) | (
             {"constant"} if "constant" in element.attrib and tag == "localVars" else set()
         )
         assert not (element.text or "").strip() or tag == XHTML

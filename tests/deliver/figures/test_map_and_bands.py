@@ -23,8 +23,7 @@ def test_a_map_has_the_median_in_every_cell(ds):
     expected = ds.rmse.median("day").transpose("backlash", "estimate_ratio").values
     np.testing.assert_allclose(np.asarray(axes.collections[0].get_array()).reshape(4, 4), expected)
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("estimate / backlash [%]", "backlash [%]")
-    scale = axes.figure.axes[-1]
-    assert scale.get_ylabel() == "RMS error [K]"
+    assert axes.figure.axes[-1].get_ylabel() == "RMS error [K]"
     assert "median of 6 days" in axes.get_title(loc="left").replace("\n", " ")
 
 

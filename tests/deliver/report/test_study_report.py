@@ -66,8 +66,7 @@ def test_an_unfinished_or_damaged_study_is_not_reported(out, state):
         data[len(data) // 2] ^= 1
         (out / "results.nc").write_bytes(data)
     before = folder_contents(out)
-    exit_code = EXIT_INPUT if state == "unfinished" else EXIT_INTEGRITY
-    assert_command_refused("report", out, exit_code=exit_code)
+    assert_command_refused("report", out, exit_code=EXIT_INPUT if state == "unfinished" else EXIT_INTEGRITY)
     assert folder_contents(out) == before
 
 
@@ -112,8 +111,7 @@ def cells_by_row(table: Table):
 
 
 def test_changes_are_those_within_pairs():
-    rng = np.random.default_rng(1)
-    rmse = xr.DataArray(rng.uniform(0.1, 0.5, (3, 4, 9)), dims=("controller", "backlash", "day"))
+    rmse = xr.DataArray(np.random.default_rng(1).uniform(0.1, 0.5, (3, 4, 9)), dims=("controller", "backlash", "day"))
     rmse["controller"], rmse["backlash"] = ["pi", "half", "full"], [0.0, 0.02, 0.07, 0.1]
     ds = xr.Dataset({"rmse": rmse, "status": xr.zeros_like(rmse, dtype=np.int8), "motor_travel": 40 * rmse})
     ds["status"][2, 1, 3] = 1

@@ -76,8 +76,7 @@ def test_a_label_with_the_sign_of_a_comment_comes_back_whole(ds, tmp_path):
 def test_no_text_starts_a_formula_in_a_spreadsheet(ds, tmp_path):
     odd = ds.assign_coords(tuning=["=1+1", "@SUM(A1)"]).assign_attrs(title="fans, =HYPERLINK(1)")
     write_csv(TidyTable(odd, ("rmse",)), tmp_path / "t.csv")
-    text = (tmp_path / "t.csv").read_text()
-    assert text.startswith("# title: fans, '=HYPERLINK(1)\n")
+    assert (tmp_path / "t.csv").read_text().startswith("# title: fans, '=HYPERLINK(1)\n")
     assert set(pd.read_csv(tmp_path / "t.csv", comment="#").tuning) == {"'=1+1", "'@SUM(A1)"}
 
 
