@@ -95,8 +95,7 @@ def test_a_loop_with_too_large_an_estimate_is_told_of_its_chatter_and_of_what_en
 @pytest.mark.kernel
 def test_simc_does_not_depend_on_the_gains_that_a_loop_has():
     gains = [fc.explain(FAST.assign(kp=kp, ti=ti), DAY).cures.sel(cure="simc") for kp, ti in ((0.003, 200), (0.1, 8))]
-    assert float(gains[0].kp) == float(gains[1].kp)
-    assert float(gains[0].ti) == float(gains[1].ti)
+    assert (float(gains[0].kp), float(gains[0].ti)) == (float(gains[1].kp), float(gains[1].ti))
 
 
 @pytest.mark.kernel

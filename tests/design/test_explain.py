@@ -137,8 +137,7 @@ def test_a_sweep_several_days_and_a_second_beyond_the_end_are_refused_together()
 
 def test_the_figure_marks_loop_and_cures_on_the_map_and_draws_both_days(hunting):
     gains, day = hunting.plot().axes
-    assert day.get_xlabel() == "time from the start [h]"
-    assert gains.get_xlabel() == "integral time Ti [s]"
+    assert (day.get_xlabel(), gains.get_xlabel()) == ("time from the start [h]", "integral time Ti [s]")
     marks = {line.get_label(): line.get_xydata() for line in gains.lines}
     assert marks["as it is"].tolist() == [[10.0, 0.03]]
     assert marks["longer ti"][0, 0] == float(hunting.cures.sel(cure="longer_ti")["ti"])

@@ -56,8 +56,7 @@ def test_the_last_third_of_the_days_is_held_out_or_those_that_are_asked_for(days
     def labels(holdout):
         return [group.boundary.day.tolist() for group in split_population(fc.Loop(), days, holdout, 0)]
 
-    assert labels(None) == [[1, 2, 3], [4]]
-    assert labels([2, 1]) == [[3, 4], [1, 2]]
+    assert (labels(None), labels([2, 1])) == ([[1, 2, 3], [4]], [[3, 4], [1, 2]])
     assert labels(fc.paper_day(hours=0.1, seed=[8])) == [[1, 2, 3, 4], [8]]
 
 

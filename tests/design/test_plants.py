@@ -29,10 +29,8 @@ def test_the_emulator_rests_where_the_theory_says(name):
     ds = emulate(name, np.full((1, AT_REST), plant.opening[0]), AT_REST).isel(day=0, elapsed_time=-1)
     assert plant.reachable[0]
     T_set = LINEAR_LOOPS[name][1].get("T_set", 14.0)
-    assert plant.T_sup[0] == pytest.approx(T_set, abs=1e-8)
-    assert float(ds.T_sup) == pytest.approx(T_set, abs=1e-6)
-    assert float(ds.m_w) == pytest.approx(plant.m_w[0], rel=1e-12)
-    assert float(ds.wet_volumes) == plant.wet_volumes[0]
+    assert (plant.T_sup[0], float(ds.T_sup)) == (pytest.approx(T_set, abs=1e-8), pytest.approx(T_set, abs=1e-6))
+    assert (float(ds.m_w), float(ds.wet_volumes)) == (pytest.approx(plant.m_w[0], rel=1e-12), plant.wet_volumes[0])
 
 
 def test_the_kinds_are_dry_wet_and_partly_wet():

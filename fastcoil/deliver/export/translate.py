@@ -18,13 +18,7 @@ from types import FunctionType
 from typing import Any, NamedTuple
 
 from fastcoil.base.errors import InputError
-from fastcoil.deliver.export.formulas import (
-    ALLOWED_FUNCTIONS,
-    ALLOWED_SYNTAX,
-    FUNCTIONS,
-    Formulas,
-    TranslateAgainError,
-)
+from fastcoil.deliver.export.formulas import ALLOWED_FUNCTIONS, ALLOWED_SYNTAX, FUNCTIONS, Formulas, TranslateAgainError
 from fastcoil.deliver.export.values import (
     Number,
     Scope,

@@ -110,10 +110,8 @@ def test_the_story_of_a_valve_test_shades_it_and_says_what_read_test_reads(model
     settings, run, texts = tell("A valve test")
     start = run.scene.boundary.n_steps - 4500
     test = fc.ValveTest.gentle(start=start, settle=300)
-    traces = ["command", "T_measured", "test"]
-    ds = fc.simulate(
-        run.scene.loop, run.scene.boundary, test=test, traces=traces, trace_interval=TRACE_INTERVAL_S, n_jobs=1
-    )
+    options = {"traces": ["command", "T_measured", "test"], "trace_interval": TRACE_INTERVAL_S, "n_jobs": 1}
+    ds = fc.simulate(run.scene.loop, run.scene.boundary, test=test, **options)
     np.testing.assert_array_equal(run.traces["command"], ds.command.values)
     r = fc.read_test(ds, stroke_time=0)
     assert r.identified
@@ -137,8 +135,7 @@ def test_a_cell_of_the_map_is_its_loop_to_the_bit(model, axes, working_day):
     (x, along_x), (y, along_y) = AXES[axes].items()
     for i, j in ((3, 2), (-1, -1)):
         ds = fc.simulate(fc.Loop(**{x: along_x[i], y: along_y[j]}), working_day, n_jobs=1)
-        assert metrics["rmse"][j, i] == ds.rmse
-        assert metrics["hunting_swing"][j, i] == ds.hunting_swing
+        assert (metrics["rmse"][j, i], metrics["hunting_swing"][j, i]) == (ds.rmse, ds.hunting_swing)
 
 
 @pytest.mark.kernel
@@ -176,11 +173,8 @@ def test_the_experiments_of_the_page_show_what_it_says(model, tell, step):
     )
     for settings, changes, expected_words in experiments[::step]:
         changed = replace(settings, **changes)
-        explanation = model.explain(changed)
-        assert (
-            expected_words
-            in f"{explanation.answer}  {explanation.advice} {model.run(changed).learning} {explanation.why}"
-        ), changes
+        texts = model.explain(changed)
+        assert expected_words in f"{texts.answer}  {texts.advice} {model.run(changed).learning} {texts.why}", changes
     errors = model.map(plain_pi)["rmse"]
     j, i = np.unravel_index(np.argmin(errors), errors.shape)
     assert (AXES["tuning"]["kp"][j], AXES["tuning"]["ti"][i]) == (0.1, 64.0)
@@ -220,10 +214,8 @@ def test_a_link_to_the_loop_of_a_study_needs_that_study(tmp_path):
 @pytest.mark.parametrize("mistake", ["backlash=300", "kp=nan", "ti=", "day=own", "backlas=0.1", "m_a=1e400"])
 def test_a_link_with_a_mistake_is_refused_in_words_and_the_rest_is_shown(mistake):
     settings, problems = read_link(f"loop=lbnl&{mistake}&noise_std=0.02")
-    expected_entry = mistake.replace("=", " = ")
-    assert problems == [
-        f"'{expected_entry}': no setting of this page, or beyond its bounds; the rest of the link is shown"
-    ]
+    entry = mistake.replace("=", " = ")
+    assert problems == [f"'{entry}': no setting of this page, or beyond its bounds; the rest of the link is shown"]
     assert settings == replace(initial_settings("lbnl", STARTS["lbnl"]), noise_std=0.02)
 
 

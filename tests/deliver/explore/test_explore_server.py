@@ -144,11 +144,8 @@ def test_the_page_shows_what_is_computed_and_a_key_moves_all_of_it(page):
     assert element_text(page, "headline").startswith("This loop will hunt: about 0.9")
     assert figure_column(page, "traces", "T_sup") == ds.T_sup.values[-1441:].tolist()
     assert figure_column(page, "traces", "opening") == (100.0 * ds.opening.values[-1441:]).tolist()
-    traces, cells, ring = (
-        figure_column(page, "traces", "T_sup"),
-        figure_column(page, "cells", "value"),
-        figure_column(page, "here", "x"),
-    )
+    columns = ("traces", "T_sup"), ("cells", "value"), ("here", "x")
+    traces, cells, ring = (figure_column(page, *column) for column in columns)
     assert (ring, figure_column(page, "here", "y")) == ([2], [7])  # Ti 8 s, Kp 0.03/K
     press(page, TI, 7)
     assert element_text(page, "headline").startswith("This loop will not hunt")

@@ -29,8 +29,7 @@ def ds():
     result = drawn_result(12, attrs=ATTRS)
     result = result.expand_dims(tuning=["as found", "faster"]).transpose("day", "tuning", "sample")
     result["learning_status"] = result.rmse * 0.0 + np.arange(12) % 6
-    meanings = "off learning stepped_down stopped no_evidence not_identifiable"
-    result["learning_status"].attrs = {"flag_meanings": meanings}
+    result["learning_status"].attrs["flag_meanings"] = "off learning stepped_down stopped no_evidence not_identifiable"
     result["T_sup"] = result.rmse.expand_dims(elapsed_time=3)
     result = result.copy(deep=True)
     result.rmse[0, 1, 2] = np.nan
