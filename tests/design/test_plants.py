@@ -40,8 +40,9 @@ def test_the_kinds_are_dry_wet_and_partly_wet():
 
 
 @pytest.mark.parametrize("name", LINEAR_LOOPS)
-def test_the_response_is_that_of_the_emulator_to_a_small_step(name):
-    _, plant = rest_plants(name)
+def test_the_response_is_that_of_the_emulator_to_a_small_step_and_that_of_the_linear_map(name):
+    columns, conditions = rest_points(name)
+    plant, (A, B, C) = linearise_plants(columns, conditions), state_space(columns, conditions)
     size, after = 1e-4, 400
     openings = np.full((2, AT_REST + after), plant.opening[0])
     openings[0, AT_REST:] += size
@@ -51,12 +52,6 @@ def test_the_response_is_that_of_the_emulator_to_a_small_step(name):
     n = min(after - 1, plant.response.shape[1])
     np.testing.assert_allclose(plant.response[0, :n], expected[:n], atol=1e-6 * abs(plant.gain[0]))
     assert plant.response[0, -1] == pytest.approx(plant.gain[0], rel=2e-4)
-
-
-@pytest.mark.parametrize("name", LINEAR_LOOPS)
-def test_the_response_is_that_of_the_linear_map(name):
-    columns, conditions = rest_points(name)
-    plant, (A, B, C) = linearise_plants(columns, conditions), state_space(columns, conditions)
     x, T = np.zeros(B.size), []
     for _ in range(plant.response.shape[1]):
         x = A @ x + B

@@ -18,14 +18,10 @@ def closed_form(ts, tau=0.0, gap=0.0, delay=DELAY):
     return whole, first_order_plants(GAIN, LAG, delay)
 
 
-def test_a_first_order_plant_with_delay_is_found_as_it_is():
-    model = first_order(*closed_form(ts=1))
-    assert (model.lag[0], model.delay[0]) == (pytest.approx(LAG, rel=1e-4), pytest.approx(DELAY, abs=0.01))
-
-
-def test_the_sensor_is_part_of_what_is_reduced():
+def test_a_first_order_plant_with_delay_is_found_as_it_is_and_a_sensor_is_part_of_it():
     """Two lags in a row: their sum, and about the smaller one's half as delay."""
     bare, seen = first_order(*closed_form(ts=1)), first_order(*closed_form(ts=1, tau=20.0))
+    assert (bare.lag[0], bare.delay[0]) == (pytest.approx(LAG, rel=1e-4), pytest.approx(DELAY, abs=0.01))
     assert LAG < seen.lag[0] < LAG + 20.0
     assert seen.lag[0] + seen.delay[0] == pytest.approx(bare.lag[0] + bare.delay[0] + 20.0, rel=0.03)
 

@@ -198,9 +198,10 @@ def test_every_command_exists(page):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=is_named)
-def test_every_name_of_the_library_exists(page):
+def test_every_name_of_the_library_and_every_path_of_the_repository_exists(page):
     names = set(re.findall(r"`fc\.(\w+)", prose(page)))
     assert not {name for name in names if not hasattr(fc, name)}
+    assert [path for path in PATH.findall(prose(page)) if not (ROOT / path).exists()] == []
 
 
 def anchors(page):
@@ -227,8 +228,3 @@ def test_every_page_can_be_reached_from_the_index():
     docs = ROOT / "docs"
     pages = {path.relative_to(docs).as_posix() for path in [*docs.glob("*.md"), *docs.glob("findings/*.md")]}
     assert pages - {"index.md"} <= set(re.findall(r"\]\(([\w/-]+\.md)\)", index))
-
-
-@pytest.mark.parametrize("page", PAGES, ids=is_named)
-def test_every_path_of_the_repository_exists(page):
-    assert [path for path in PATH.findall(prose(page)) if not (ROOT / path).exists()] == []

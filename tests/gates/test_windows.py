@@ -68,11 +68,8 @@ def test_a_file_without_a_recorded_hash_is_probed_there(day):
     assert "damaged.nc holds no result of fastcoil, or it is damaged" in refused
 
 
-def test_kernels_are_kept_in_a_folder_whose_mode_says_nothing(day):
+def test_memory_commands_and_signals_are_those_of_windows_and_a_folder_whose_mode_says_nothing_keeps_kernels(day):
     assert day["kernels_are_kept"] == [True, True]
-
-
-def test_memory_commands_and_signals_are_those_of_windows(day):
     typed = 'fastcoil run "my study.toml" -o C:\\results\\a'
     assert day["machine"] == [windows.MEMORY_BYTES, typed, 1, False]
 
@@ -138,8 +135,7 @@ def test_no_file_but_machine_asks_for_what_only_unix_has():
              "signal.SIGHUP", "signal.SIGKILL", "import msvcrt", "sys.platform ==", "os.name")  # fmt: skip
     package = Path(machine.__file__).parents[1]
     texts = {path: path.read_text(encoding="utf-8") for path in package.rglob("*.py") if path.name != "machine.py"}
-    places = {
-        f"{p.relative_to(package).as_posix()}: {word}" for p, text in texts.items() for word in words if word in text
-    }
+    uses = [(path, word) for path, text in texts.items() for word in words if word in text]
+    places = {f"{path.relative_to(package).as_posix()}: {word}" for path, word in uses}
     # guarded there: the package loads nothing else, and the lock is the library's
     assert places == {"__init__.py: os.register_at_fork", "loops/netcdf.py: os.register_at_fork"}

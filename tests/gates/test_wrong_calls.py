@@ -107,22 +107,17 @@ def base_calls(tmp_path_factory, _cheap):
     toml.write_text(_STUDY, encoding="utf-8")
     fc.run_study(toml, out)
     series = {name: values[0] for name, values in day.series.items()}
+    at_14, seconds = ("elapsed_time", np.full(90, 14.0), {"units": "degC"}), np.arange(300.0)
     recorded = xr.Dataset(
-        {"T_sup": ("elapsed_time", np.full(90, 14.0)), "T_set": ("elapsed_time", np.full(90, 14.0))},
-        coords={"elapsed_time": ("elapsed_time", np.arange(90.0), {"units": "s"})},
+        {"T_sup": at_14, "T_set": at_14}, {"elapsed_time": ("elapsed_time", seconds[:90], {"units": "s"})}
     )
-    for name in ("T_sup", "T_set"):
-        recorded[name].attrs["units"] = "degC"
     hunting = write_log(make_loop_log(hours=1.0), folder / "loop.csv")
     tested = write_log(make_loop_log(hours=0.25, interval=15.0), folder / "test.csv")
     when = {"between": (300.0, 600.0), "stroke_time": 90.0}
     entering = {"m_a": 1.2, "T_a_in": 26.0, "W_a_in": 0.01, "T_w_in": 7.0}
-    seconds = np.arange(300.0)
-    commanded = xr.Dataset(
-        {"T_sup": ("elapsed_time", 14.0 + 0.01 * seconds), "command": ("elapsed_time", 0.5 + 0.0 * seconds)},
-        coords={"elapsed_time": ("elapsed_time", seconds, {"units": "s"})},
-    )
-    commanded["T_sup"].attrs["units"], commanded["command"].attrs["units"] = "degC", "1"
+    commanded = xr.Dataset(coords={"elapsed_time": ("elapsed_time", seconds, {"units": "s"})})
+    commanded["T_sup"] = "elapsed_time", 14.0 + 0.01 * seconds, {"units": "degC"}
+    commanded["command"] = "elapsed_time", 0.5 + 0.0 * seconds, {"units": "1"}
     plant = {"m_a": 1.2, "T_w_in": 7.0, "T_set": 14.0, "outdoor_fraction": 0.2, "T_return": 24.0, "RH_return": 0.5}
     days = {"hours": 0.05}
     tuning = {"loop": fc.Loop(backlash=[0.0, 0.07]), "boundary": fc.paper_day(hours=0.05, seed=[1, 2]), "n_jobs": 1}

@@ -87,10 +87,8 @@ class Page:
         self._figures, self._map = LoopFigures(), MapFigure(self._move_to_cell)
         style: Any = {"sizing_mode": "stretch_width", "stylesheets": [InlineStyleSheet(css=_STYLE_SHEET)]}
         self._steps: dict[str, dict[str, float]] = {name: {} for name in DIALS}
-        self._dials = {
-            name: CategoricalSlider(title=dial.label, categories=["", "…"], value="", name=name, **style)
-            for name, dial in DIALS.items()
-        }
+        empty = {"categories": ["", "…"], "value": "", **style}
+        self._dials = {n: CategoricalSlider(title=dial.label, name=n, **empty) for n, dial in DIALS.items()}
         labels = {"loop": "Begin with"} | {name: choice.label for name, choice in CHOICES.items()}
         self._menus = {name: Select(title=label, name=name, **style) for name, label in labels.items()}
         for name, slider in self._dials.items():

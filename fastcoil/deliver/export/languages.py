@@ -225,9 +225,8 @@ class StructuredTextPrinter(Printer):
 
     def call(self, function: Function, arguments: list[ast.expr]) -> list[str]:
         """Inline a section, after assignments to its arguments."""
-        lines = []
-        for name, value in zip(function.kinds, arguments, strict=True):
-            lines += [f"{name} := {self.expression_text(value)};"] if ast.unparse(value) != name else []
+        pairs = zip(function.kinds, arguments, strict=True)
+        lines = [f"{name} := {self.expression_text(value)};" for name, value in pairs if ast.unparse(value) != name]
         return [*lines, *self._inlined_section(function), ""]
 
     def _inlined_section(self, function: Function) -> list[str]:

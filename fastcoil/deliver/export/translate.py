@@ -88,12 +88,9 @@ class Translator(Formulas):
 
     def _port(self) -> Port:
         self._begin_round()
-        self.bounds: dict[str, int] = {}
-        """Upper bound of each counter."""
-        parameters = {
-            n: constant(float(x)) if n in self.literal_names else Number(ast.Name(n.upper()), "real", float(x))
-            for n, x in self.numbers.items()
-        }
+        self.bounds: dict[str, int] = {}  # upper one of each counter
+        parameters = {n: Number(ast.Name(n.upper()), "real", float(x)) for n, x in self.numbers.items()}
+        parameters |= {n: constant(float(self.numbers[n])) for n in self.literal_names}
         first = {n: constant(x) for n, x in zip(self.Memory._fields, memory_defaults(self.Memory), strict=True)}
         if self.start is not None:
             self.path = ("start",)

@@ -116,9 +116,8 @@ def names_read_in(nodes: list[ast.stmt] | ast.expr) -> set[str]:
     names: set[str] = set()
     for node in nodes if isinstance(nodes, list) else [nodes]:
         targets = {id(n.targets[0]) for n in ast.walk(node) if isinstance(n, ast.Assign)}
-        names |= {
-            ast.unparse(n) for n in ast.walk(node) if isinstance(n, (ast.Attribute, ast.Name)) and id(n) not in targets
-        }
+        reads = (n for n in ast.walk(node) if isinstance(n, (ast.Attribute, ast.Name)) and id(n) not in targets)
+        names |= {ast.unparse(n) for n in reads}
     return names
 
 

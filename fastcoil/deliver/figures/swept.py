@@ -174,8 +174,7 @@ def draw_panels(
     columns = n if by else min(n, panels_abreast(width))
     inches = 3.2 * max(columns, 2) if width is None else width
     if by and inches < n * _NARROWEST_PANEL:
-        sentence = f"{n} panels in {25.4 * inches:.0f} mm: give fewer metrics, or more width"
-        raise InputError(sentence, "width", "size")
+        raise InputError(f"{n} panels in {25.4 * inches:.0f} mm: give fewer metrics, or more width", "width", "size")
     n_rows = math.ceil(len(rows) * n / columns)
     figure = Figure(figsize=(inches, height * n_rows + 0.5), layout="constrained")
     shared: Any = "col" if by else False

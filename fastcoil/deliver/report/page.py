@@ -48,9 +48,7 @@ def format_significant(value: float, digits: int = 3) -> str:
 
 def format_change(share: float) -> str:
     """Format a relative difference: ``−43 %``."""
-    if not math.isfinite(share):
-        return MISSING_VALUE
-    return f"{format_number(100.0 * share, 0, sign=True)} %"
+    return f"{format_number(100.0 * share, 0, sign=True)} %" if math.isfinite(share) else MISSING_VALUE
 
 
 def format_change_range(low: float, high: float) -> str:

@@ -303,9 +303,6 @@ PAGE_MAKERS: Mapping[type, Callable[[Any], page.Page]] = {
 }  # fmt: skip
 
 
-REPORT_NAME = "report.html"  # in the folder of a study
-
-
 def report(what: Any, path: str | os.PathLike[str] | None = None) -> Path:
     """Write a report: one HTML file that needs no other file, no script and no network.
 
@@ -344,7 +341,7 @@ def report(what: Any, path: str | os.PathLike[str] | None = None) -> Path:
     if isinstance(what, (str, os.PathLike)):
         what, make = require_path("what", what, cure), study_page
         StudyFolder(what).require_manifest()
-        path = what / REPORT_NAME if path is None else path
+        path = what / "report.html" if path is None else path
     else:
         make = next((maker for kind, maker in PAGE_MAKERS.items() if isinstance(what, kind)), None)
     if make is None:

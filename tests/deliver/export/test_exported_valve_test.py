@@ -59,10 +59,8 @@ def simulate_test_day(name, off_seconds, **values):
     dt = int(loop["sample_time"])
     T_set = day.series["T_set"][0]
     day = day.assign(enabled=enabled, T_set=T_set[0] + 0.3 * (T_set - T_set[0]))
-    ds = fc.simulate(
-        loop, day, test=fc.ValveTest(start=START, **SHORT | values), traces=["T_measured", "command", "test"],
-        trace_interval=dt, warm_up=0,
-    )  # fmt: skip
+    options = {"traces": ["T_measured", "command", "test"], "trace_interval": dt, "warm_up": 0}
+    ds = fc.simulate(loop, day, test=fc.ValveTest(start=START, **SHORT | values), **options)
     inputs = {n: np.ravel(day.series[n])[::dt] for n in ("T_set", "m_a")} | {"T_sup": ds["T_measured"].values}
     return inputs | {"enabled": enabled[::dt] > 0.0, "start_test": np.arange(0, enabled.size, dt) >= START}, ds
 
@@ -85,13 +83,8 @@ def answers_of_c(code, rows):
     return np.array([[step(state, *row.values(), False, 0.0)] for row in rows])
 
 
-CASES = {
-    "to its end": (0.0, slice(0), {}),
-    "excursion": (1.0, slice(0), {"excursion": 0.35}),
-    "disabled": (4.0, slice(START + 100, START + 600), {}),
-}
-
-
+CASES = {"to its end": (0.0, slice(0), {}), "excursion": (1.0, slice(0), {"excursion": 0.35})}
+CASES["disabled"] = (4.0, slice(START + 100, START + 600), {})
 PYTHON = [("python", name) for name in LOOPS]
 KERNEL_CASES = [(*each, "to its end") for each in PYTHON]
 KERNEL_CASES += [("python", "additive", "excursion"), ("c", "learner", "disabled")]

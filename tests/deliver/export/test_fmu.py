@@ -43,10 +43,8 @@ class Slave:
         description = fmpy.read_model_description(str(folder))
         self.variables = {variable.name: variable for variable in description.modelVariables}
         self.messages = []
-        self.fmu = FMU2Slave(
-            guid=guid or description.guid, unzipDirectory=str(folder), instanceName="one",
-            modelIdentifier=description.coSimulation.modelIdentifier,
-        )  # fmt: skip
+        names = {"instanceName": "one", "modelIdentifier": description.coSimulation.modelIdentifier}
+        self.fmu = FMU2Slave(guid=guid or description.guid, unzipDirectory=str(folder), **names)
         self.callbacks = callbacks = fmi2CallbackFunctions()  # FMPy does not keep them
         callbacks.logger = fmi2CallbackLoggerTYPE(lambda *arguments: self.messages.append(arguments[-1].decode()))
         self.fmu.instantiate(callbacks=callbacks)

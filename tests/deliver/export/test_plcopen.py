@@ -2,6 +2,7 @@
 
 import re
 import xml.etree.ElementTree as ET
+from functools import cache
 
 import pytest
 from helpers.commands import assert_command_refused, fastcoil
@@ -36,16 +37,14 @@ ATTRIBUTES = {
 @pytest.fixture(scope="module")
 def export_files(tmp_path_factory):
     """name → the project as an element, the Structured Text of the same controller, and the vectors."""
-    project_by_name = {}
 
+    @cache
     def files(name):
-        if name not in project_by_name:
-            test = fc.ValveTest() if name == "identify" else None
-            folder = tmp_path_factory.mktemp(name)
-            xml, stored = fc.export_controller(loop_of(name), folder / "valve.xml", "plcopen", test=test)
-            text = fc.export_controller(loop_of(name), folder / "valve.st", "st", test=test)[0].read_text()
-            project_by_name[name] = ET.parse(xml).getroot(), text, stored
-        return project_by_name[name]
+        test = fc.ValveTest() if name == "identify" else None
+        folder = tmp_path_factory.mktemp(name)
+        xml, stored = fc.export_controller(loop_of(name), folder / "valve.xml", "plcopen", test=test)
+        text = fc.export_controller(loop_of(name), folder / "valve.st", "st", test=test)[0].read_text()
+        return ET.parse(xml).getroot(), text, stored
 
     return files
 

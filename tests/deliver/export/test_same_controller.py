@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+from functools import cache
 
 import pytest
 from helpers import exported
@@ -65,13 +66,11 @@ def loop_of(name):
 @pytest.fixture(scope="module")
 def export_files(tmp_path_factory):
     """(name, language) → the files of that export, made once."""
-    files_by_export = {}
 
+    @cache
     def files(name, language):
-        if (name, language) not in files_by_export:
-            path = tmp_path_factory.mktemp(f"{name}_{language}") / f"valve{SUFFIXES[language]}"
-            files_by_export[name, language] = fc.export_controller(loop_of(name), path, language)
-        return files_by_export[name, language]
+        path = tmp_path_factory.mktemp(f"{name}_{language}") / f"valve{SUFFIXES[language]}"
+        return fc.export_controller(loop_of(name), path, language)
 
     return files
 
