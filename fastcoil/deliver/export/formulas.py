@@ -46,10 +46,8 @@ FUNCTIONS: Mapping[str, tuple[Any, ...]] = {
     "isnan": (math.isnan, np.isnan), "int": (int,), "float": (float,), "bool": (bool,),
 }  # fmt: skip
 """Functions that a rule may call, by their name in the laws."""
-SUPPORTED_FUNCTIONS = "abs, cos, exp, floor, log, max, min, sin, sqrt, tan, tanh, their inverses"
-SUPPORTED_SYNTAX = (
-    "assignments, if, for k in range(…), return, numbers, tables of them, + - * / ** % // and comparisons"
-)
+ALLOWED_FUNCTIONS = "abs, cos, exp, floor, log, max, min, sin, sqrt, tan, tanh, their inverses"
+ALLOWED_SYNTAX = "assignments, if, for k in range(…), return, numbers, tables of them, + - * / ** % // and comparisons"
 
 
 class TranslateAgainError(Exception):
@@ -90,7 +88,7 @@ class Formulas(ABC):
         return InputError(sentence + alternative, self.kind, "code")
 
     def _unsupported_syntax(self, node: ast.AST) -> InputError:
-        return self._refusal(f"it has {ast.unparse(node)}", f"use {SUPPORTED_SYNTAX}")
+        return self._refusal(f"it has {ast.unparse(node)}", f"use {ALLOWED_SYNTAX}")
 
     def _unique_name(self, preferred: str, key: Any) -> str:
         """Return a name that is free in all languages; key: what it stands for."""
@@ -301,8 +299,7 @@ class Formulas(ABC):
         raise self._unsupported_syntax(node)
 
     def _element(self, node: ast.Subscript, scope: Scope) -> Any:
-        of = self._value(node.value, scope)
-        index = self._value(node.slice, scope)
+        of, index = self._value(node.value, scope), self._value(node.slice, scope)
         if isinstance(of, dict):
             return [*of.values()][index.value]
         if index.value is not None and of.values:
@@ -345,12 +342,11 @@ class Formulas(ABC):
 
     def _compare(self, sign: ast.cmpop, left: Number, right: Number) -> Number:
         """Compare two numbers; with NaN only != holds."""
-        holds = _OPERATORS[type(sign)]
         left, right = (self._real(side) if side.kind == "flag" else side for side in (left, right))
         if left.is_nan or right.is_nan:
             return constant(isinstance(sign, ast.NotEq))
         if left.value is not None and right.value is not None:
-            return constant(bool(holds(left.value, right.value)))
+            return constant(bool(_OPERATORS[type(sign)](left.value, right.value)))
         if left.kind != right.kind:
             left, right = self._real(left), self._real(right)
         flags, test = self._known_flags(left, right), ast.Compare(left.text, [sign], [right.text])
@@ -382,7 +378,6 @@ class Formulas(ABC):
             if isinstance(sign, ast.FloorDiv):
                 return floor
             return self._arithmetic(ast.Sub(), left, self._arithmetic(ast.Mult(), floor, right))
-        operation = _OPERATORS[type(sign)]
         if left.kind != right.kind or isinstance(sign, ast.Div):
             left, right = self._real(left), self._real(right)
         if isinstance(sign, ast.Mult):
@@ -392,7 +387,7 @@ class Formulas(ABC):
         value = None
         if left.value is not None and right.value is not None:
             with np.errstate(all="ignore"):
-                value = operation(np.float64(left.value), np.float64(right.value)).item()
+                value = _OPERATORS[type(sign)](np.float64(left.value), np.float64(right.value)).item()
             value = int(value) if left.kind == "whole" else value
             are_literals = isinstance(left.text, ast.Constant) and isinstance(right.text, ast.Constant)
             if are_literals or not math.isfinite(value):
