@@ -67,6 +67,16 @@ def test_a_cycle_has_to_be_started():
     assert len({round(float(cycle.u[0]), 9) for goes_on, cycle in ends if goes_on[0]}) == 1
 
 
+@pytest.mark.parametrize("scale", [1.0, 1e-10])
+def test_the_cycle_is_where_the_product_is_1_by_logarithms_however_small_the_swing(scale):
+    """One piece falls from 1e4 to 1e-8: a third of the way, in logarithms.  The others never balance."""
+    product, swing = np.zeros((3, 1, 2)), np.full((3, 1, 2), scale)
+    product[0, 0], swing[0, 0] = (1e4, 1e-8), (scale, 8.0 * scale)
+    goes_on, cycle = find_sustained_cycle(Swings(product, swing, swing, swing), 5.0 * scale)
+    assert goes_on.all()
+    np.testing.assert_allclose([cycle.product, *cycle[1:]], [[1.0], *3 * [[2.0 * scale]]], rtol=1e-9)
+
+
 def test_a_loop_without_a_gap_has_the_inverse_of_its_gain_margin():
     s = 1j * W
     L = 3.0 * np.exp(-0.2 * s) / (s * (1.0 + s))

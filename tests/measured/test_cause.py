@@ -61,6 +61,9 @@ def test_no_size_is_claimed_where_the_command_swings_over_most_of_the_stroke(res
     assert not doubted.identified
     assert (doubted.low, doubted.high) == (0.0, CANDIDATES[-1])
     assert "raise Ti until the loop is calm" in doubted.reason
+    for swing, is_claimed in ((0.38, True), (0.42, False)):
+        grid, measures = restless
+        assert _withhold_doubtful(IDENTIFIED, grid, measures._replace(command_swing=swing)).identified is is_claimed
     assert _withhold_doubtful(IDENTIFIED, *forced) is IDENTIFIED
     wide = _withhold_doubtful(IDENTIFIED._replace(low=0.0, high=0.2), *forced)
     assert (wide.identified, wide.high) == (False, 0.2)

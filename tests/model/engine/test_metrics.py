@@ -58,6 +58,13 @@ def test_hunting_period_takes_two_crossings(crossings, period):
     assert float(ds.hunting_period) == pytest.approx(period, nan_ok=True)
 
 
+@pytest.mark.parametrize(("step", "reversals"), [(1e-6, 119), (1e-8, 119), (1e-11, 0)])
+def test_a_stem_reverses_at_every_movement_above_round_off(step, reversals):
+    command = 0.5 + step * np.resize([0.0] * 30 + [1.0] * 30, 3600)
+    ds = fc.simulate(fc.Loop(backlash=0.0), fc.constant_day(hours=1), command=command, warm_up=0)
+    assert float(ds.reversals) == pytest.approx(reversals, abs=2)
+
+
 def test_metrics_of_a_run_that_never_counts_are_missing_or_zero():
     day = fc.constant_day(hours=1)
     never = fc.Boundary(**{name: values[0] for name, values in day.series.items()} | {"enabled": np.zeros(3600)})
