@@ -229,10 +229,7 @@ def expand_converged(changes: Values) -> dict[str, Any]:
     return other_changes | dict(CONVERGED)
 
 
-_ALTERNATIVES = (
-    (INSTALLED_VALVE_PARAMETERS, STAND_INS["rangeability"]),
-    (("estimate_ratio",), STAND_INS["estimate_ratio"]),
-)
+_EXCLUSIVE = {INSTALLED_VALVE_PARAMETERS: STAND_INS["rangeability"], ("estimate_ratio",): STAND_INS["estimate_ratio"]}
 
 
 def assign_values(values: Values, known_rules: Rules, changes: Values) -> tuple[dict[str, Any], Rules]:
@@ -249,7 +246,7 @@ def assign_values(values: Values, known_rules: Rules, changes: Values) -> tuple[
     for name in [name for name in changes if name not in refused]:
         with collect_problems(problems):
             checked[name] = check_value(table[require_parameter_name(name, table)], changes[name])
-    for stand_ins, replaced in _ALTERNATIVES:
+    for stand_ins, replaced in _EXCLUSIVE.items():
         given_stand_ins, given_replaced = [n for n in stand_ins if n in checked], [n for n in replaced if n in checked]
         if given_stand_ins and given_replaced:
             both = f"{' and '.join(given_stand_ins)} stand in for {' and '.join(given_replaced)}"
@@ -257,7 +254,7 @@ def assign_values(values: Values, known_rules: Rules, changes: Values) -> tuple[
     raise_problems(problems)
 
     result = dict(values)
-    for stand_ins, replaced in _ALTERNATIVES:
+    for stand_ins, replaced in _EXCLUSIVE.items():
         for new, old in ((stand_ins, replaced), (replaced, stand_ins)):
             if not checked.keys() & set(new):
                 continue

@@ -186,8 +186,7 @@ def trace_slabs(shape: tuple[int, ...], n_dims: int) -> tuple[list[tuple[slice, 
     *volumes, n_points = shape[n_dims:] or (1,)
     values_per_point = math.prod(volumes)
     per_chunk = _CHUNK_VALUES // (values_per_point * min(n_points, _CHUNK_TIMES))
-    per_slab = _SLAB_VALUES // (values_per_point * n_points)
-    slabs = list(cut_into_pieces(shape[:n_dims], max(1, min(per_chunk, per_slab))))
+    slabs = list(cut_into_pieces(shape[:n_dims], max(1, min(per_chunk, _SLAB_VALUES // (values_per_point * n_points)))))
     sizes = [piece.stop - piece.start for piece in slabs[0]]
     return slabs, (*sizes, *volumes, min(n_points, max(1, _CHUNK_VALUES // (values_per_point * math.prod(sizes)))))
 

@@ -173,9 +173,8 @@ class Plan:
         traces = [self._trace_bytes(name) // (8 if name == "mode" else 1) for name in self.traces.names if traces_kept]
         left_bytes = int(self.n_scenarios * 8 * len(METRICS) * metrics_left + sum(traces) * traces_left)
         left_bytes += sum(values.nbytes for values in self.layout.loop.swept.values())
-        joined_bytes = (
-            self.metric_bytes * (8 * self.n_scenarios >= MEMMAP_MIN_BYTES) + max([0, *traces]) * self.carry_over
-        )
+        joined_bytes = max([0, *traces]) * self.carry_over
+        joined_bytes += self.metric_bytes * (8 * self.n_scenarios >= MEMMAP_MIN_BYTES)
         return self.metric_bytes + sum(traces) + joined_bytes + left_bytes, left_bytes
 
     def shard_limits(self, n_jobs: int, n_blocks: int) -> tuple[int, int]:

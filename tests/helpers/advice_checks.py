@@ -19,18 +19,14 @@ def random_loop(seed):
     """Draw a loop: any gains, a backlash, and in half of them an element that theory does not cover."""
     rng = np.random.default_rng([7, seed])
     loop = fc.Loop.preset(str(rng.choice(["lbnl", "g36", "paper_like_fast", "paper_like"])))
-    gains = {
-        "kp": float(f"{loop['kp'] * 4.0 ** rng.uniform(-1, 1):.2g}"),
-        "ti": float(f"{10 ** rng.uniform(0.5, 2.5):.2g}"),
-    }
-    valve = {
-        "backlash": round(rng.choice([0.0, *rng.uniform(0.01, 0.15, 5)]), 3),
-        "stroke_time": float(rng.choice([0, 90, 300])),
-    }
+    kp, ti = loop["kp"] * 4.0 ** rng.uniform(-1, 1), 10 ** rng.uniform(0.5, 2.5)
+    gains = {"kp": float(f"{kp:.2g}"), "ti": float(f"{ti:.2g}")}
+    backlash = round(rng.choice([0.0, *rng.uniform(0.01, 0.15, 5)]), 3)
+    valve = {"backlash": backlash, "stroke_time": float(rng.choice([0, 90, 300]))}
     odd = [
         {}, {}, {}, {}, {"command_resolution": 0.001}, {"sensor_resolution": 0.05}, {"neutral_zone": 0.01},
         {"estimator": "identify"}, {"estimator": "gradient"}, {"error_dead_band": 0.2},
-        {"slip_jump": round(0.3 * valve["backlash"], 4)}, {"learning_step": 0.007, "estimator": "learner"},
+        {"slip_jump": round(0.3 * backlash, 4)}, {"learning_step": 0.007, "estimator": "learner"},
     ]  # fmt: skip
     return loop.assign(noise_std=float(rng.choice([0.0, 0.02, 0.05])), **gains, **valve, **odd[rng.integers(len(odd))])
 

@@ -320,8 +320,7 @@ def zone_loads(mean: Array, spread: float, noise: Array) -> Array:
 
 def flow_share(loads: Array, T_set: Array, T_zone: float, T_set_min: float, least: float) -> Array:
     """Mean flow of the zones over their full flow, (n_times,)."""
-    zone_shares = loads * ((T_zone - T_set_min) / (T_zone - T_set))[:, None]
-    return np.asarray(np.clip(zone_shares, least, 1.0).mean(axis=1))
+    return np.asarray(np.clip(loads * ((T_zone - T_set_min) / (T_zone - T_set))[:, None], least, 1.0).mean(axis=1))
 
 
 def request_limits(loads: Array, T_zone: float, T_set_min: float) -> Array:
@@ -338,8 +337,7 @@ def request_limits(loads: Array, T_zone: float, T_set_min: float) -> Array:
 
 def reset_line(T_out: Array, T_out_min: float, T_out_max: float, at_min: Array | float, at_max: float) -> Array:
     """Return ``at_min`` up to ``T_out_min``, ``at_max`` from ``T_out_max`` on, and a straight line between them."""
-    share = np.clip((T_out - T_out_min) / (T_out_max - T_out_min), 0.0, 1.0)
-    return np.asarray(at_min + share * (at_max - at_min))
+    return np.asarray(at_min + np.clip((T_out - T_out_min) / (T_out_max - T_out_min), 0.0, 1.0) * (at_max - at_min))
 
 
 def trim_and_respond(s: Settings, share: Array, limits: Array) -> Array:
