@@ -342,11 +342,12 @@ class Formulas(ABC):
 
     def _compare(self, sign: ast.cmpop, left: Number, right: Number) -> Number:
         """Compare two numbers; with NaN only != holds."""
+        holds = _OPERATORS[type(sign)]
         left, right = (self._real(side) if side.kind == "flag" else side for side in (left, right))
         if left.is_nan or right.is_nan:
             return constant(isinstance(sign, ast.NotEq))
         if left.value is not None and right.value is not None:
-            return constant(bool(_OPERATORS[type(sign)](left.value, right.value)))
+            return constant(bool(holds(left.value, right.value)))
         if left.kind != right.kind:
             left, right = self._real(left), self._real(right)
         flags, test = self._known_flags(left, right), ast.Compare(left.text, [sign], [right.text])
@@ -378,6 +379,7 @@ class Formulas(ABC):
             if isinstance(sign, ast.FloorDiv):
                 return floor
             return self._arithmetic(ast.Sub(), left, self._arithmetic(ast.Mult(), floor, right))
+        operation = _OPERATORS[type(sign)]
         if left.kind != right.kind or isinstance(sign, ast.Div):
             left, right = self._real(left), self._real(right)
         if isinstance(sign, ast.Mult):
@@ -387,7 +389,7 @@ class Formulas(ABC):
         value = None
         if left.value is not None and right.value is not None:
             with np.errstate(all="ignore"):
-                value = _OPERATORS[type(sign)](np.float64(left.value), np.float64(right.value)).item()
+                value = operation(np.float64(left.value), np.float64(right.value)).item()
             value = int(value) if left.kind == "whole" else value
             are_literals = isinstance(left.text, ast.Constant) and isinstance(right.text, ast.Constant)
             if are_literals or not math.isfinite(value):
