@@ -5,19 +5,23 @@
     python tests/mutants.py --show           # lists the changes without running a test
 
 A change is a comparison turned round, a number tripled, a sign flipped, ``min`` and ``max`` exchanged or ``and`` and
-``or``, at a place drawn at random over ``ROOMS``.  Each is tried in a copy of the tree: the tests of its own subpackage run
-first, until one fails, then those of the subpackages that use it.  What survives needs a test, or is dead code.
+``or``, at a place drawn at random over ``ROOMS``.  Each is tried in a copy of the tree.  A first round runs the tests
+that name its module or function, a second, for changes not caught by then, those of its subpackage, a third those of
+the subpackages that use it.  At the end the tests that failed run without a change: one that fails there too has caught
+nothing.  What survives needs a test, is dead code, or belongs into ``EQUIVALENT``.
 """
 
 import argparse
 import ast
 import os
 import random
+import re
 import shutil
 import subprocess
 import sys
 import tempfile
 import time
+from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -35,7 +39,12 @@ NEGATED = {ast.Lt: ">=", ast.LtE: ">", ast.Gt: "<=", ast.GtE: "<", ast.Eq: "!=",
 SIGNS = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*"}
 EXCHANGED = {"min": "max", "max": "min"}
 DRAWS = ("plot", "draw", "figure", "axes", "html")  # functions that draw: looked at with the eye, not by these tests
-TIMEOUT = 900  # s for the tests of one change
+MESSAGES = ("warn", "problem", "add_problem")  # calls whose arguments are words
+EQUIVALENT = {}
+"""Changed lines that compute the same, and why; not drawn."""
+MOST_NAMED = 8  # test files that run first
+TIMEOUT = 1800  # s for the tests of one change in one round
+TEST_TIMEOUT = 120  # s for one test, against a loop without end
 
 
 class Place(ast.NodeVisitor):
@@ -60,9 +69,13 @@ class Place(ast.NodeVisitor):
             self.changes.append((left.end_lineno, at, at + len(old), new, what))
 
     def visit_FunctionDef(self, node):
-        if not any(word in node.name.lower() for word in DRAWS):
+        if not any(word in node.name.lower() for word in DRAWS) and not returns_only_words(node):
             for part in node.body:  # neither defaults nor decorators
                 self.visit(part)
+
+    def visit_If(self, node):
+        if ast.unparse(node.test) != "TYPE_CHECKING":
+            self.generic_visit(node)
 
     def visit_JoinedStr(self, node):
         """What a message shows is not computed with."""
@@ -103,11 +116,19 @@ class Place(ast.NodeVisitor):
         name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
         if name in EXCHANGED and len(node.args) > 1:
             self.add(node.func, ast.unparse(node.func).replace(name, EXCHANGED[name]), "clamp")
-        self.generic_visit(node)
+        if name not in MESSAGES:
+            self.generic_visit(node)
 
     def visit_Constant(self, node):
         if isinstance(node.value, (int, float)) and not isinstance(node.value, bool) and node.value not in (0, 1, -1):
             self.add(node, repr(3 * node.value), "number")
+
+
+def returns_only_words(function):
+    """Whether all that a function returns is text for a reader."""
+    values = [node.value for node in ast.walk(function) if isinstance(node, ast.Return)]
+    texts = [value for value in values if isinstance(value, ast.JoinedStr)]
+    return bool(texts) and all(isinstance(value, (ast.JoinedStr, ast.Constant)) for value in values)
 
 
 def draw(n, seed):
@@ -117,9 +138,11 @@ def draw(n, seed):
     while len(drawn) < n:
         room = ROOMS[len(drawn) % len(ROOMS)]
         path = chance.choice(sorted((ROOT / "fastcoil" / room).rglob("*.py")))
+        source = path.read_text(encoding="utf-8")
         by_kind = {}
-        for change in Place(path.read_text(encoding="utf-8")).changes:
-            by_kind.setdefault(change[-1], []).append(change)
+        for change in Place(source).changes:
+            if mutated(source, change).split("\n")[change[0] - 1].strip() not in EQUIVALENT:
+                by_kind.setdefault(change[-1], []).append(change)
         if by_kind:
             kind = chance.choice(sorted(by_kind))
             change = (room, path.relative_to(ROOT), chance.choice(by_kind[kind]))
@@ -135,37 +158,72 @@ def mutated(source, change):
     return "\n".join(lines)
 
 
-def own_tests(room, path):
-    """The folder or file of the tests of a source file, as near to it as there is one."""
-    inside = path.relative_to("fastcoil").with_suffix("").parts
-    found = [f"tests/{'/'.join(inside[:k])}" for k in range(len(inside), 0, -1)]
-    return list(dict.fromkeys(p for p in found if (ROOT / p).is_dir())) or [f"tests/{room}"]
+def enclosing_names(source, line):
+    """The functions and classes that contain a line, and the constant that it defines."""
+    nodes = (node for node in ast.walk(ast.parse(source)) if node.__dict__.get("lineno", line + 1) <= line)
+    names = []
+    for node in nodes:
+        if line <= node.end_lineno:
+            if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+                names.append(node.name)
+            elif isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+                names += [node.targets[0].id] * node.targets[0].id.isupper()
+    return names
 
 
-def try_change(k, drawn, copies):
-    """Run the tests against one change: None if they all pass, else the first that fails."""
-    room, path, change = drawn
-    tree = copies / str(k % 2)
-    source = (ROOT / path).read_text(encoding="utf-8")
-    (tree / path).write_text(mutated(source, change), encoding="utf-8")
-    environment = os.environ | {"PYTHONPATH": str(tree), "NUMBA_CACHE_DIR": str(copies / f"cache{k % 2}")}
+def named_tests(room, path, names):
+    """The test files that name the module or a function, those of the subpackage first, then by how often."""
+    module = re.compile(rf"\b{re.escape('.'.join(path.with_suffix('').parts))}\b|\b{path.stem} import\b")
+    function = re.compile(rf"\b({'|'.join(names)})\b") if names else None
+    ranked = []
+    for file in sorted((ROOT / "tests").rglob("test_*.py")):
+        text = file.read_text(encoding="utf-8")
+        parts = file.relative_to(ROOT / "tests").parts
+        n = 5 * (file.stem == f"test_{path.stem}") + 3 * len(module.findall(text))
+        n += len(function.findall(text)) if function else 0
+        if n and parts[0] not in ("docs", "gates", "house", "notebooks", "studies"):
+            ranked.append((parts[0] != room, -n, file.relative_to(ROOT).as_posix()))
+    return [file for *_, file in sorted(ranked)[:MOST_NAMED]]
+
+
+def run_tests(tree, cache, *tests):
+    """Run tests: None if they all pass, else the first that fails."""
+    environment = os.environ | {"PYTHONPATH": str(tree), "NUMBA_CACHE_DIR": str(cache)}
+    options = ["-x", "-q", "--no-header", "-p", "no:cacheprovider", "-o", f"timeout={TEST_TIMEOUT}", "-m", "not alone"]
+    command = [sys.executable, "-m", "pytest", *options, *tests]
     try:
-        for tests in [*own_tests(room, path), *TESTS_AFTER[room]]:
-            command = [sys.executable, "-m", "pytest", "-x", "-q", "--no-header", "-p", "no:cacheprovider", tests]
-            try:
-                run = subprocess.run(
-                    command, cwd=tree, env=environment, capture_output=True, text=True, timeout=TIMEOUT
-                )
-            except subprocess.TimeoutExpired:
-                return f"{tests}: no end after {TIMEOUT} s"
-            if run.returncode == 1 or run.returncode > 2:
-                failed = [line for line in run.stdout.split("\n") if line.startswith(("FAILED", "ERROR"))]
-                return failed[0][:120] if failed else f"{tests}: exit {run.returncode}"
-            if run.returncode == 2:
-                return f"{tests}: cannot be collected"
+        run = subprocess.run(  # noqa: PLW1510
+            command, cwd=tree, env=environment, capture_output=True, text=True, timeout=TIMEOUT
+        )
+    except subprocess.TimeoutExpired:
+        return f"{tests[0]}: no end after {TIMEOUT} s"
+    if run.returncode in (0, 5):  # 5: no tests
         return None
+    failed = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", run.stdout, re.MULTILINE)
+    return failed[1] if failed else f"{tests[0]}: exit {run.returncode}"
+
+
+def try_change(tree, cache, drawn, round_number):
+    """Run the tests of one round against one change: None if they all pass, else the first that fails."""
+    room, path, change = drawn
+    source = (ROOT / path).read_text(encoding="utf-8")
+    named = named_tests(room, path, enclosing_names(source, change[0]))
+    ignored = [f"--ignore={file}" for file in named]
+    tests = (named, [f"tests/{room}", *ignored], [*TESTS_AFTER[room], *ignored])[round_number]
+    if not tests:
+        return None
+    (tree / path).write_text(mutated(source, change), encoding="utf-8")
+    try:
+        return run_tests(tree, cache, *tests)
     finally:
         (tree / path).write_text(source, encoding="utf-8")
+
+
+def failing_anyway(tree, cache, tests):
+    """Those of the tests that fail without a change too."""
+    if not tests or run_tests(tree, cache, *tests) is None:
+        return []
+    return [test for test in tests if run_tests(tree, cache, test)]
 
 
 def show(path, change):
@@ -187,26 +245,38 @@ def main():
         for _, path, change in drawn:
             print(show(path, change))
         return 0
-    survived = []
     with tempfile.TemporaryDirectory() as folder:
-        copies = Path(folder)
-        for k in range(2):
+        lanes = [(Path(folder, f"tree{k}"), Path(folder, f"cache{k}")) for k in range(2)]
+        for tree, _ in lanes:
             ignored = shutil.ignore_patterns(".git", ".venv*", "results", "build", "__pycache__")
-            shutil.copytree(ROOT, copies / str(k), ignore=ignored)
+            shutil.copytree(ROOT, tree, ignore=ignored)
+        caught_by = dict.fromkeys(range(len(drawn)))
 
-        def lane(first):
-            for k in range(first, len(drawn), 2):
+        def try_changes(lane, queue, round_number):
+            while queue:
+                k = queue.popleft()
                 began = time.monotonic()
-                caught = try_change(k, drawn[k], copies)
-                if caught is None:
-                    survived.append(k)
-                print(f"{k + 1:3d} {show(*drawn[k][1:])}\n    {caught or 'SURVIVED'} ({time.monotonic() - began:.0f} s)",
-                      flush=True)  # fmt: skip
+                caught_by[k] = try_change(*lane, drawn[k], round_number)
+                seconds = time.monotonic() - began
+                outcome = f"{caught_by[k] or 'not caught'} ({seconds:.0f} s)"
+                print(f"{k + 1:3d} {show(*drawn[k][1:])}\n    {outcome}", flush=True)
 
-        with ThreadPoolExecutor(2) as pool:
-            list(pool.map(lane, range(2)))
-    print(f"{len(drawn) - len(survived)} of {len(drawn)} changes caught")
-    return bool(survived)
+        for round_number in range(3):
+            left = [k for k, test in caught_by.items() if test is None]
+            print(f"round {round_number + 1}: {len(left)} changes", flush=True)
+            queue = deque(left)
+            with ThreadPoolExecutor(2) as pool:
+                list(pool.map(lambda lane: try_changes(lane, queue, round_number), lanes))  # noqa: B023
+        tests = {test for test in caught_by.values() if test and "::" in test}
+        for test in failing_anyway(*lanes[0], sorted(tests)):
+            changes = [k + 1 for k in caught_by if caught_by[k] == test]
+            print(f"{test} fails without a change too: not caught {changes}")
+            caught_by |= {k - 1: None for k in changes}
+    n_caught = sum(test is not None for test in caught_by.values())
+    for k in (k for k, test in caught_by.items() if test is None):
+        print(f"SURVIVED {k + 1} {show(*drawn[k][1:])}")
+    print(f"{n_caught} of {len(drawn)} changes caught")
+    return n_caught < len(drawn)
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from fastcoil.model.physics import saturation_humidity_ratio
 def test_a_coil_that_gets_wet_and_dry_again_is_the_same_whether_or_not_saturation_is_found_everywhere(air_march):
     t = np.arange(2400.0)
     humidity = 0.0085 + 0.004 * np.sin(t / 60.0) + 0.0005 * np.sin(t / 3.0)
+    humidity[1500:] = np.where(t[1500:] % 60 < 1, 0.014, 0.004)  # puffs, in the first volumes when these are looked at
     day = fc.Boundary(m_a=1.1, T_a_in=25.0, W_a_in=humidity, T_w_in=7.0, T_set=np.where(t % 1200 < 600, 14.0, 17.0))
     loop = fc.Loop(backlash=[0.0, 0.07], kp=[0.01, 0.03], pressure=[90_000.0, 101_325.0], air_march=air_march)
     traced = fc.simulate(loop, day, warm_up=300, traces=["wet_volumes"], n_jobs=1)
