@@ -13,7 +13,7 @@ from studies.buffer.rule import Plant
 
 
 def hold_extremes(signal, buffer):
-    """What the inverse makes of a series: its extreme since the last turn; and the number of turns."""
+    """Hold the extreme of a series since the last turn, as the inverse does; also count the turns."""
     extreme, rising, turns, out = signal[0], True, 0, []
     for u in signal:
         if (u < extreme - buffer) if rising else (u > extreme + buffer):

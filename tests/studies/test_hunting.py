@@ -42,7 +42,7 @@ def test_the_choice_finds_the_formula_by_which_loops_hunt(loops):
     assert formula.safe <= formula.limit
     at = loops.isel(sample=[7], day=[1])
     by_hand = (float(at.kp[0, 0]) * float(at.K[0, 0])) ** 0.8 * (float(at["T"][0, 0]) + 2 * float(at.theta[0, 0]))
-    assert float(formula.of(at)[0, 0]) == pytest.approx(by_hand / float(at.ti[0, 0]))
+    assert float(formula.indicator(at)[0, 0]) == pytest.approx(by_hand / float(at.ti[0, 0]))
 
 
 def test_the_describing_function_of_a_gap_is_that_of_another_library():

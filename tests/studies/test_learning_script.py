@@ -65,7 +65,7 @@ def test_learning_writes_what_it_found_and_draws_its_figures(quick_study, read_t
         assert row[head.index("safe?")] in ("yes", "**none is safe**; the best:")
     assert {row[head.index("safe?")] for row in choices if row[1] == "0.1"} == {"**none is safe**; the best:"}
     title, cost = read_table("learning_cost")
-    assert title == "What it does on the 2 fresh days: medians"
+    assert title == "Performance of the chosen learning rules on the 2 fresh days: medians"
     assert [row[:2] for row in cost[1:]] == [row[:2] for row in choices]
     assert len(read_table("learning_failures")[1]) == len(choices)
     assert [row[0] for row in read_table("learning_quiet")[1][1:]] == ["paper_like", "g36"]

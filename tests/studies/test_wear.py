@@ -31,7 +31,7 @@ def test_the_gap_grows_with_the_travel_and_by_what_it_was_given_where_that_stays
     assert ((warm_up_travel > 0.1) & (warm_up_travel < 2.0)).where(is_worn, True).all()
     assert 0.9 < float((growth / run.growth).where(is_worn).median()) < 1.1
     assert float(abs(wear_runs.actual_growth(run, wear_runs.PI)).where(~is_worn).max()) == 0.0
-    assert (run.plain.backlash_final == run.first).all()
+    assert (run.plain.backlash_final == run.first_gap).all()
 
 
 def python_probabilities(new, noise, leave):
