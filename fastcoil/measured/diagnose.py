@@ -128,20 +128,16 @@ def diagnose(
     if stroke_time is None:
         notes.append(f"the motor is assumed to take {motor_seconds:g} s per stroke: give stroke_time if you know it")
     if lag is None and (late := identification.temperature_lag):
-        notes.append(
-            f"judging by the controller's response, T_sup is logged {abs(late):g} s "
-            f"{'later' if late > 0.0 else 'earlier'} than the command, which was corrected; if that is wrong, give the "
-            "lag (lag, --lag)"
-        )
+        when = f"{abs(late):g} s {'later' if late > 0.0 else 'earlier'} than the command, which was corrected"
+        cure = "if that is wrong, give the lag (lag, --lag)"
+        notes.append(f"judging by the controller's response, T_sup is logged {when}; {cure}")
     if "T_set" not in values:
         notes.append("without a set-point (T_set), no control error, cause or prediction is computed")
     elif doubt:
         notes.append(f"no prediction: {doubt}")
     if sample_time is not None and sample_time < interval:
-        notes.append(
-            f"the log has a sample every {interval:.4g} s, the controller one every {sample_time:.4g} s: reversals "
-            "of the command between two samples are missed"
-        )
+        rhythms = f"the log has a sample every {interval:.4g} s, the controller one every {sample_time:.4g} s"
+        notes.append(f"{rhythms}: reversals of the command between two samples are missed")
     triage = hourly_summary(grid)
     return Diagnosis(
         source=names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more",
@@ -203,15 +199,11 @@ def _withhold_doubtful(identification: Identification, grid: Grid, measures: Mea
         return identification
     low, high = 0.0, float(identify.CANDIDATES[-1])
     if measures.swing.is_regular and measures.command_swing > thresholds.WIDEST_COMMAND_SWING:
-        reason = (
-            f"the command swings over {100 * measures.command_swing:.0f} % of the stroke, where the valve's curve "
-            "hides the gap: raise Ti until the loop is calm, then log again"
-        )
+        swings = f"the command swings over {100 * measures.command_swing:.0f} % of the stroke"
+        reason = f"{swings}, where the valve's curve hides the gap: raise Ti until the loop is calm, then log again"
     elif grid.increment > thresholds.LARGEST_INCREMENT_K:
-        reason = (
-            f"the temperature is logged when it has changed by {grid.increment:.2g} K, which looks like a gap: log it "
-            "at fixed times, or at changes of 0.05 K"
-        )
+        jumps = f"the temperature is logged when it has changed by {grid.increment:.2g} K, which looks like a gap"
+        reason = f"{jumps}: log it at fixed times, or at changes of 0.05 K"
     elif identification.high - identification.low > thresholds.WIDEST_INTERVAL:
         low, high = identification.low, identification.high
         reason = f"gaps from {100 * low:.2g} to {100 * high:.2g} % explain the log: {identify.MORE_EVIDENCE_CURE}"

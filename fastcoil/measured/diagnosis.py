@@ -119,10 +119,8 @@ class Diagnosis(Result):
     def advice(self) -> GainAdvice:
         """Advice by the rule of ``fc.explain``; the reason is empty where the log shows nothing to do."""
         kp, ti = float(self.indices["kp"]), float(self.indices["ti"])
-        by_step_test = GainAdvice(
-            math.nan, math.nan, "Do this: raise Ti to the time constant T found by one step test (see "
-            "docs/findings/hunting.md), then log again.",
-        )  # fmt: skip
+        cure = "raise Ti to the time constant T found by one step test (see docs/findings/hunting.md), then log again."
+        by_step_test = GainAdvice(math.nan, math.nan, f"Do this: {cure}")
         if self.cause == DISTURBANCE:
             return GainAdvice(kp, ti, "Leave the gains: the swing comes from outside the loop.")
         if self.predictions is None:
@@ -228,14 +226,11 @@ class ValveReading(Result):
 
     def summary(self) -> list[str]:
         """The reading as lines of text."""
-        return [
-            f"{self.source}: a valve test of {self.minutes:.0f} min",
-            _describe_gap(self),
-            f"Plant: {self.gain:.3g} K per stroke, lags of {self.lag:.0f} s, dead time {self.dead_time:.0f} s; "
-            f"the temperature moved by {self.held_swing:.2g} K while the command was held",
-            f"Cause of the swing before the test: {self.cause}: {self.because}",
-            *(f"Note: {note}" for note in self.notes),
-        ]
+        plant = f"Plant: {self.gain:.3g} K per stroke, lags of {self.lag:.0f} s, dead time {self.dead_time:.0f} s"
+        hold = f"the temperature moved by {self.held_swing:.2g} K while the command was held"
+        cause = f"Cause of the swing before the test: {self.cause}: {self.because}"
+        head = f"{self.source}: a valve test of {self.minutes:.0f} min"
+        return [head, _describe_gap(self), f"{plant}; {hold}", cause, *(f"Note: {note}" for note in self.notes)]
 
     @apply_style()
     def plot(self) -> Figure:
@@ -267,13 +262,13 @@ class ValveReading(Result):
         For ``include`` in the ``[loop]`` of a study file: ``[loop]`` has the backlash if it is identified, and nothing
         else; ``[fit]`` is for readers, its posterior also for ``fit`` in the ``[sample]`` of a study file.
         """
-        names = ("gain", "lag", "dead_time", "held_swing", "held_for", "minutes")
         posterior: list[str] = []
         if self.identified:
             likely = np.flatnonzero(self.profile["probability"].values > 1e-6)
             likely_sizes = self.profile.isel(backlash=slice(likely[0], likely[-1] + 1))
             columns = {name: likely_sizes[name].values.tolist() for name in ("backlash", "probability")}
             posterior = toml_table("fit.posterior", columns)
+        names = ("gain", "lag", "dead_time", "held_swing", "held_for", "minutes")
         numbers = {name: getattr(self, name) for name in names}
         return _gap_as_toml(self, "valve-test", "valve test", numbers, posterior, path)
 
@@ -385,8 +380,8 @@ def _draw_hours(axes: Axes, triage: xr.Dataset) -> None:
     from matplotlib.patches import Patch
 
     hours, state = triage["hour"].values, triage["state"].values
-    places = np.arange(hours.size)  # hours without a sample take no room
-    axes.bar(places, 1.0, width=1.0, align="edge", color=[_STATE_COLOURS[word] for word in state])
+    # hours without a sample take no room
+    axes.bar(np.arange(hours.size), 1.0, width=1.0, align="edge", color=[_STATE_COLOURS[word] for word in state])
     if hours.size > 48:
         ends = np.flatnonzero(np.diff(hours // 24)) + 1
         axes.vlines(ends, 0.0, 1.0, color="black", lw=0.6)

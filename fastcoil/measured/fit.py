@@ -156,11 +156,9 @@ class Fit(Result):
             lines.append(f"{name} = {value:.4g}{unit}")
         lines += [f"{name}: {why}" for name, why in self.held.items() if name not in self.parameters]
         names, correlation = self.covariance["parameter"].values, self.correlation.values
-        lines += [
-            f"{names[i]} and {names[j]} are identified only in combination (correlation {correlation[i, j]:.3f}): use "
-            "them as a pair"
-            for i, j in np.argwhere(np.triu(np.abs(np.nan_to_num(correlation)) > 0.95, 1))
-        ]
+        for i, j in np.argwhere(np.triu(np.abs(np.nan_to_num(correlation)) > 0.95, 1)):
+            pair = f"{names[i]} and {names[j]} are identified only in combination (correlation {correlation[i, j]:.3f})"
+            lines.append(f"{pair}: use them as a pair")
         for name, value in self.rmse.items():
             part, _, quantity = name.partition("_")
             quantity = quantity if quantity.startswith("T_") else quantity.replace("_", " ")
@@ -248,14 +246,11 @@ def fit_warnings(rmse: Mapping[str, float], fitted: Array, name: str, check: str
     if VALIDATION not in rmse:
         notes.append("nothing was held back: the fit is not validated")
     elif (ratio := rmse[VALIDATION] / max(rmse[FITTING], 1e-9 * float(np.std(fitted)))) > 2.0:
-        notes.append(
-            f"the validation error is {ratio:.1f} times the fitting error: do not rely on the fit under other "
-            "operating conditions"
-        )
-    explained = 1.0 - (rmse[FITTING] / float(np.std(fitted))) ** 2
+        cure = "do not rely on the fit under other operating conditions"
+        notes.append(f"the validation error is {ratio:.1f} times the fitting error: {cure}")
+    explained = max(1.0 - (rmse[FITTING] / float(np.std(fitted))) ** 2, 0.0)
     if explained < 0.8:
-        share = 100 * max(explained, 0.0)
-        notes.append(f"the model explains only {share:.0f} % of the variance of {name}: check {check}")
+        notes.append(f"the model explains only {100 * explained:.0f} % of the variance of {name}: check {check}")
     return notes
 
 

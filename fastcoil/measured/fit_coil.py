@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -186,10 +186,8 @@ def _compare_series(problem: CoilProblem, x: Array) -> tuple[dict[str, tuple[Arr
     if problem.record.is_unstable(x, problem.record.limits_of_all)[0]:
         for values in model_outputs.values():
             values[~problem.fitting] = np.nan
-        problem.notes.append(
-            f"not validated: the coil is unstable at the flows of the part held back, up to "
-            f"{problem.record.limits_of_all.m_w_max:.3g} kg/s of water: fit a part that has such flows"
-        )
+        flows = f"the flows of the part held back, up to {problem.record.limits_of_all.m_w_max:.3g} kg/s of water"
+        problem.notes.append(f"not validated: the coil is unstable at {flows}: fit a part that has such flows")
     series, errors = dict[str, tuple[Array, str]](), dict[str, Array]()
     for name, ending in (("T_sup", ""), ("T_w_out", "_T_w_out")):
         modelled, measured = model_outputs[name], data.values.get(name, np.full(data.time.size, np.nan))
@@ -283,10 +281,8 @@ def drop_idle_samples(log: CheckedLog) -> CheckedLog:
     if is_on.all():
         return log
     spells = int(is_on[0] == 0) + int(np.sum(np.diff(is_on.astype(int)) < 0))
-    log.notes.append(
-        f"{format_count(~is_on, 'sample')} in {format_count(spells, 'spell')} left out, no air flows "
-        f"({describe_first_row(log.rows.tolist(), ~is_on)}): the record starts again after each"
-    )
+    counts = f"{format_count(~is_on, 'sample')} in {format_count(spells, 'spell')} left out, no air flows"
+    log.notes.append(f"{counts} ({describe_first_row(log.rows.tolist(), ~is_on)}): the record starts again after each")
     return log.where(is_on)
 
 
@@ -307,9 +303,7 @@ def build_record(log: CheckedLog, loop: Loop, holds: tuple[str, ...], fitting: M
     return CoilRecord(tuple(pieces), loop, m_w, m_a, limits, limits_of_all)
 
 
-def resample_to_seconds(
-    time: Array, values: Mapping[str, Array], holds: Collection[str]
-) -> tuple[dict[str, Array], Index]:
+def resample_to_seconds(time: Array, values: dict[str, Array], holds: Sequence[str]) -> tuple[dict[str, Array], Index]:
     """The series of an unbroken piece at every second since its first sample, and the second of each sample."""
     time = time - time[0]
     seconds = np.arange(int(time[-1] + 0.5) + 1, dtype=float)
@@ -345,21 +339,16 @@ class CoilProblem:
         self.fitting = part.fitting_mask(data)
         self.n_fit = int(self.fitting.sum())
         flowing = data.values["m_w"] > 0.02 * record.m_w  # in still water a sensor says nothing of the coil
-        self.compared = {
-            name: self.is_warm & np.isfinite(values) & (flowing | (name == "T_sup"))
-            for name in ("T_sup", "T_w_out")
-            if (values := data.values.get(name)) is not None
-        }
+        readings: dict[str, Array] = {name: data.values[name] for name in ("T_sup", "T_w_out") if name in data.values}
+        self.compared = {n: self.is_warm & np.isfinite(T) & (flowing | (n == "T_sup")) for n, T in readings.items()}
         self.notes += piece_notes(data, record.loop, warm_up)
         if "T_w_out" in self.compared and not flowing.all():
             self.notes.append(f"{format_count(~flowing, 'sample')} of T_w_out not compared: no water flows")
         compared = self.compared["T_sup"] & self.fitting
         require_temperatures(data, compared, _FEWEST_SAMPLES, warm_up, self.notes)
         if data.step > 10.0 and not holds:
-            self.notes.append(
-                f"samples are {data.step:.4g} s apart and the inputs run straight between them: if some hold until the "
-                "next sample, name them: holds=['m_w'], --hold m_w"
-            )
+            cure = "if some hold until the next sample, name them: holds=['m_w'], --hold m_w"
+            self.notes.append(f"samples are {data.step:.4g} s apart and the inputs run straight between them: {cure}")
         # ln of the C_w with γ = 1 at the largest flow
         least = record.limits.m_w_max * record.loop["cp_w"] * record.loop["n_volumes"]
         self.least_C_w = math.log(least / 8.0 / record.loop["substeps"])
@@ -415,8 +404,7 @@ class CoilProblem:
         """
         model = self.model()
         best = minimise(model, self.starts(), list(self.held))
-        wet_volumes = self.record.take_samples(self.n_fit).run(best.x[:, None])["wet_volumes"]
-        wet = wet_volumes[self.is_warm[: self.n_fit], 0]
+        wet = self.record.take_samples(self.n_fit).run(best.x[:, None])["wet_volumes"][self.is_warm[: self.n_fit], 0]
         if not wet.any():
             self.held |= dict.fromkeys(COUPLED_PARAMETERS, f"{_HELD_AS_DRY}: the coil is never wet")
             best = minimise(model, best.x[:, None], list(self.held))
@@ -468,8 +456,7 @@ def require_temperatures(data: CheckedLog, compared: Mask, least: int, warm_up: 
     if compared.sum() < least:
         available = f"{format_count(compared, 'temperature')} to compare in the part to fit"
         cure = f"give at least {least}, lower warm_up, or raise split ({'; '.join(notes) or 'no gaps'})"
-        sentence = f"{data.name}: {available}, after the warm-up of {warm_up:g} s: {cure}"
-        raise InputError(sentence, "log", "data")
+        raise InputError(f"{data.name}: {available}, after the warm-up of {warm_up:g} s: {cure}", "log", "data")
     T_sup = data.values["T_sup"][compared]
     if np.ptp(T_sup) == 0.0:
         raise InputError(f"{data.name}: T_sup is {T_sup[0]:g} throughout: check the sensor", "T_sup", "data")

@@ -143,15 +143,11 @@ def _why_unidentified(problem: LoopProblem, x: float, low: float, high: float, n
     if n_blocks < 6:
         why = f"not identified: {n_blocks} half hours are left to compare: give a log of five hours or more"
     elif problem.data.step > 90.0 and problem.moving_share > _LEAST_MOVING_SHARE:
-        why = (
-            f"not identified: samples are {problem.data.step:.4g} s apart and the command moves between them; "
-            f"reversals are missed, so the best fit, {x:.3g}, is too small: log every 60 s or faster"
-        )
+        coarse = f"samples are {problem.data.step:.4g} s apart and the command moves between them; reversals are missed"
+        why = f"not identified: {coarse}, so the best fit, {x:.3g}, is too small: log every 60 s or faster"
     elif not explained > 0.8:  # the model is one of another coil
-        why = (
-            f"not identified: the model explains {100 * max(explained, 0.0):.0f} % of the changes of T_sup: fit the "
-            "coil first, or check units and columns"
-        )
+        share = f"{100 * max(explained, 0.0):.0f} % of the changes of T_sup"
+        why = f"not identified: the model explains {share}: fit the coil first, or check units and columns"
     is_wide = not why and (high >= LARGEST_CANDIDATE or max(high - x, x - low) > max(SIZE_TOLERANCE * x, GOOD_BACKLASH))
     return why_unidentified(problem.n_reversals, (low, high), is_wide=is_wide) or why
 

@@ -134,11 +134,9 @@ def _require_movement(data: CheckedLog, m_max: float | None) -> None:
     known = flow[np.isfinite(flow)]
     top, reach = float(known.max()), float(command.max())
     rows = f"from row {data.rows[first][0]} to row {data.rows[first][-1]}"
-    problems = [
-        Problem(f"{data.name}: {name} is {values[0]:g} {rows}: give a log in which the valve moves", name, "data")
-        for name, values in (("command", command), ("m_w", known))
-        if np.ptp(values) == 0.0
-    ]
+    still = {name: v[0] for name, v in (("command", command), ("m_w", known)) if np.ptp(v) == 0.0}
+    cure = "give a log in which the valve moves"
+    problems = [Problem(f"{data.name}: {name} is {v:g} {rows}: {cure}", name, "data") for name, v in still.items()]
     if reach < 0.02:
         sentence = f"{data.name}: command is never above {reach:.3g} of the stroke: check its unit"
         problems.append(Problem(sentence, "command", "unit"))

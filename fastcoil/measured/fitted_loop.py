@@ -280,10 +280,8 @@ def what_if(
         undecided = f"between control errors of {min(errors):.2g} and {max(errors):.2g} K"
     else:
         return outcomes[0]
-    return (
-        f"a {100 * (thresholds.GAIN_ERROR_FACTOR - 1.0):.0f} % change of the loop gain decides {undecided}, and the "
-        "log does not show the gain that accurately"
-    )
+    change = f"a {100 * (thresholds.GAIN_ERROR_FACTOR - 1.0):.0f} % change of the loop gain"
+    return f"{change} decides {undecided}, and the log does not show the gain that accurately"
 
 
 def _why_doubtful(fitted: FittedLoop, command: Array, temperature: Array, T_set: Array) -> str:
@@ -300,7 +298,6 @@ def _why_doubtful(fitted: FittedLoop, command: Array, temperature: Array, T_set:
     is_error_close = abs(math.log(error_ratio)) < thresholds.LARGEST_ERROR_LOG_RATIO
     if is_error_close and abs(math.log(travel_ratio)) < thresholds.LARGEST_TRAVEL_LOG_RATIO:
         return ""
-    return (
-        f"the fitted loop does not reproduce the log: its control error is {replayed_error:.2g} K, the logged one "
-        f"{logged_error:.2g} K; its command travels {replayed_travel:.3g} strokes, the logged one {logged_travel:.3g}"
-    )
+    errors = f"its control error is {replayed_error:.2g} K, the logged one {logged_error:.2g} K"
+    travels = f"its command travels {replayed_travel:.3g} strokes, the logged one {logged_travel:.3g}"
+    return f"the fitted loop does not reproduce the log: {errors}; {travels}"

@@ -98,10 +98,9 @@ def recover_pi(
     if gains is not None:
         return best._replace(kp=math.copysign(gains[0], best.kp), ti=gains[1])
     if best.explained < 0.9:
-        return (
-            f"a PI of the logged error explains only {100 * max(best.explained, 0.0):.0f} % of the command's changes: "
-            "the loop has another control law or an inverse, or the logged set-point is not the controller's"
-        )
+        share = f"{100 * max(best.explained, 0.0):.0f} % of the command's changes"
+        reason = "the loop has another control law or an inverse, or the logged set-point is not the controller's"
+        return f"a PI of the logged error explains only {share}: {reason}"
     if best.ti <= 0.0 or not np.isfinite(best.ti):
         return "the command moves without an error: not a PI"
     return best

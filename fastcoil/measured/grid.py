@@ -64,11 +64,9 @@ def resample_log(log: CheckedLog) -> tuple[Grid, list[str]]:
     forward = steps[is_same_piece & (steps > 0.0)]
     left_out = "; ".join(log.notes) or "nothing was left out"
     if forward.size + 1 < LEAST_SAMPLES:
-        raise InputError(
-            f"{log.name}: {format_count(forward.size + 1, 'sample')} in unbroken pieces, {LEAST_SAMPLES} are needed: "
-            f"give a longer log, or bridge its gaps: fc.read_log(..., max_gap=SECONDS), --max-gap ({left_out})",
-            "log", "data",
-        )  # fmt: skip
+        count = f"{format_count(forward.size + 1, 'sample')} in unbroken pieces, {LEAST_SAMPLES} are needed"
+        cure = f"give a longer log, or bridge its gaps: fc.read_log(..., max_gap=SECONDS), --max-gap ({left_out})"
+        raise InputError(f"{log.name}: {count}: {cure}", "log", "data")
     interval, is_regular = _find_rhythm(log, forward, is_same_piece)
     if interval > 3600.0:  # a slower log shows nothing of a loop
         sentence = f"{log.name}: a sample every {interval:,.0f} s is left: log every minute ({left_out})"

@@ -323,11 +323,9 @@ def gather_evidence(
     is_jumpy = back_and_forth_share(command, is_in_control(command, good, interval)) > thresholds.MOST_BACK_AND_FORTH
     weight *= thresholds.JUMPY_WEIGHT if is_jumpy else 1.0
     if law.is_another:
-        doubt = (
-            f"a PI of this temperature explains only {100 * law.explained:.3g} % of the command's changes: check that "
-            "both belong to the same loop and the same clock; no size can be claimed for a loop with another control "
-            "law"
-        )
+        cure = "check that both belong to the same loop and the same clock"
+        doubt = f"a PI of this temperature explains only {100 * law.explained:.3g} % of the command's changes: {cure}; "
+        doubt += "no size can be claimed for a loop with another control law"
     elif law.ti < -interval:
         cure = "check that the rows are in chronological order and that both points share one clock"
         doubt = f"the command moves before the temperature change that it responds to: {cure}"
@@ -349,11 +347,10 @@ def _why_misplaced(
     Other times are placebos, the log backwards and its other hours, and clocks that differ by one of the ``shifts``, s,
     which count if they explain more with another gap.  Only a provoked day can show this.
     """
-    ends = int(CLOCK_SHIFTS_S[-1] / interval) + abs(samples)
 
     def best(shift: int, **options: int) -> tuple[float, float]:
         """The largest likelihood and the gap that has it."""
-        likelihood = likelihood_at(shift, ends - abs(shift), **options)
+        likelihood = likelihood_at(shift, int(CLOCK_SHIFTS_S[-1] / interval) + abs(samples) - abs(shift), **options)
         if likelihood is None:
             return 0.0, 0.0
         return float(likelihood.without_command.max()), float(CANDIDATES[likelihood.without_command.argmax()])

@@ -11,6 +11,7 @@ a meter gets wrong for hours or for a whole batch does not average out within it
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -105,24 +106,21 @@ def _descend(model: Model, x0: Array, fixed: Sequence[int], max_steps: int) -> E
 
     free = np.setdiff1d(np.arange(x0.size), np.asarray(fixed, dtype=int))
     x = x0.copy()
-    last: tuple[bytes, Array] = (b"", np.empty(0))
 
-    def condensed_jacobian(part: Array) -> Array:
+    @lru_cache(maxsize=1)
+    def condensed_jacobian(part: bytes) -> Array:
         """Jacobian and, last, residuals."""
-        nonlocal last
-        if last[0] != part.tobytes():
-            x[free] = part
-            r, J = evaluate(model, x)
-            last = (part.tobytes(), _condense(np.column_stack([J[:, free], r])))
-        return last[1]
+        x[free] = np.frombuffer(part)
+        r, J = evaluate(model, x)
+        return _condense(np.column_stack([J[:, free], r]))
 
     if free.size:
         lower, upper = model.lower[free], model.upper[free]
         span = upper - lower
         solution = least_squares(
-            lambda part: condensed_jacobian(part)[:, -1],
+            lambda part: condensed_jacobian(part.tobytes())[:, -1],
             np.clip(x0[free], lower + 1e-9 * span, upper - 1e-9 * span),
-            jac=lambda part: condensed_jacobian(part)[:, :-1],
+            jac=lambda part: condensed_jacobian(part.tobytes())[:, :-1],
             bounds=(lower, upper), method="trf", x_scale="jac", ftol=1e-9, xtol=1e-9, gtol=1e-12, max_nfev=max_steps,
         )  # fmt: skip
         x[free] = solution.x

@@ -75,9 +75,8 @@ def _swing_from_autocovariance(detrended: Array, good: Mask, interval: float) ->
     samples = period / interval
     smooth = running_mean(detrended, good, max(1, round(samples / SMOOTHINGS_PER_PERIOD)))  # of noise
     sizes = _block_swings(smooth, good, max(2, round(samples)))
-    size = float(sizes.mean()) if sizes.size else np.nan
     share, periods = float(covariance[lag] / covariance[0]), float(good.sum()) * interval / period
-    return Swing(period, regularity, share, size, periods)
+    return Swing(period, regularity, share, float(sizes.mean()) if sizes.size else np.nan, periods)
 
 
 def _autocovariance(detrended: Array, good: Mask) -> Array:

@@ -44,18 +44,15 @@ class LogSplit(NamedTuple):
         share = 0.7 if self.split is None else self.split
         if data.n_batches >= 4 and share < 1.0:
             ends = np.cumsum(np.bincount(data.batch)) / data.batch.size
-            last = min(int(np.argmax(ends >= share - 1e-9)), data.n_batches - 2)
-            return np.asarray(data.batch <= last)
+            return np.asarray(data.batch <= min(int(np.argmax(ends >= share - 1e-9)), data.n_batches - 2))
         return np.arange(data.time.size) < max(round(share * data.time.size), 1)
 
 
 def check_split(check: Checks, log: Log, split: Any, validation: Any) -> LogSplit:
     """Check the arguments of a fit that say what is held back; a path is read like ``log``."""
     share = "give the share to fit, above 0 and at most 1"
-    part = LogSplit(
-        check.unless_none(require_number, "split", split, share, least=ABOVE_0, most=1.0),
-        check.unless_none(as_log, "validation", validation, like=log),
-    )
+    split = check.unless_none(require_number, "split", split, share, least=ABOVE_0, most=1.0)
+    part = LogSplit(split, check.unless_none(as_log, "validation", validation, like=log))
     if part.split is not None and part.validation is not None:
         sentence = "split and validation both say what is held back: give one of them"
         check.problems.append(Problem(sentence, "split", "conflict"))

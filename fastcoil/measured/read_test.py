@@ -101,10 +101,8 @@ def read_test(
     identification, response = _identify_gap(grid, positions, first, last, window)
     if response.dead_time in CLOCK_SKEWS_S:
         order = "after" if response.dead_time < 0.0 else "before"
-        notes.append(
-            f"the command seems to be logged {abs(response.dead_time):g} s {order} the temperature, and the reading "
-            "corrects for this: log both with one clock"
-        )
+        skew = f"the command seems to be logged {abs(response.dead_time):g} s {order} the temperature"
+        notes.append(f"{skew}, and the reading corrects for this: log both with one clock")
     swing, held_for = _measure_hold(grid, command, first, last)
     cause = _judge_cause_before(grid, stroke_time, first, last, identification, (swing, held_for))
     return ValveReading(
@@ -169,10 +167,9 @@ def _identify_gap(
     if not doubt and abs(response.dead_time) >= max(CLOCK_SKEWS_S):
         doubt = "command and temperature are logged minutes apart: log both with one clock, and test again"
     elif not doubt and response.explained < 0.5:
-        doubt = (
-            f"the command explains only {100 * max(response.explained, 0.0):.0f} % of the temperature changes: "
-            "something else moves the temperature; test again when water and air are steady"
-        )
+        share = f"{100 * max(response.explained, 0.0):.0f} % of the temperature changes"
+        cure = "something else moves the temperature; test again when water and air are steady"
+        doubt = f"the command explains only {share}: {cure}"
     weighted = 0.65 * response.likelihood  # residuals are neither independent nor normal
     cure = "test again, for 30 minutes or more, or log m_a, T_a_in and T_w_in too"
     return judge_size(np.exp(weighted - np.logaddexp.reduce(weighted)), True, doubt, cure), response
@@ -271,8 +268,7 @@ def fit_response(
     before = positions[: first + 1]
     low = stem_places(before, candidates, np.maximum(before[0] - candidates, 0.0))[-1]
     high = stem_places(before, candidates, np.full(candidates.size, before[0]))[-1]
-    n_starts = 4 if np.max(high - low) > 1e-3 else 1
-    starts = low + (high - low) * np.linspace(0.0, 1.0, n_starts)[:, np.newaxis]
+    starts = low + (high - low) * np.linspace(0.0, 1.0, (4 if np.max(high - low) > 1e-3 else 1))[:, np.newaxis]
     places = np.moveaxis(stem_places(positions[first:], candidates, starts), 0, -1)
     openings = places / (1.0 - candidates[:, np.newaxis])
     compared = slice(from_row - first, None)

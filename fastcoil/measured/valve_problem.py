@@ -44,10 +44,9 @@ def _is_flow_settled(log: CheckedLog, fitting: Mask, notes: list[str]) -> Mask:
         return np.ones(command.size, dtype=bool)
     wait = 0.5 * typical * step
     is_settled = since >= wait
-    notes.append(
-        f"{int((~is_settled).sum()):,} of {is_settled.size:,} flows not compared: less than {wait:g} s after the "
-        f"command changed ({lengths.size:,} holds, typically {typical * step:.4g} s)"
-    )
+    count = f"{int((~is_settled).sum()):,} of {is_settled.size:,} flows not compared"
+    holds = f"{lengths.size:,} holds, typically {typical * step:.4g} s"
+    notes.append(f"{count}: less than {wait:g} s after the command changed ({holds})")
     return np.asarray(is_settled)
 
 
@@ -89,16 +88,12 @@ def _is_sensor_off(command: Array, flow: Array, floor: float, fitting: Mask) -> 
 def why_unidentified(n_reversals: int, interval: tuple[float, float], *, is_wide: bool) -> str:
     """Why a log does not identify the backlash, or empty; n_reversals: of the command, within the pieces."""
     if n_reversals < 2:
-        return (
-            f"not identified: the command reverses only {format_count(n_reversals, 'time')} by more than "
-            f"{100 * LEAST_REVERSAL:.0f} % of stroke: give a log in which it goes up and down, or bridge gaps with "
-            "fc.read_log(..., max_gap=SECONDS), --max-gap"
-        )
+        count = f"{format_count(n_reversals, 'time')} by more than {100 * LEAST_REVERSAL:.0f} % of stroke"
+        cure = "bridge gaps with fc.read_log(..., max_gap=SECONDS), --max-gap"
+        return f"not identified: the command reverses only {count}: give a log in which it goes up and down, or {cure}"
     if is_wide:
-        return (
-            f"not identified: anything from {interval[0]:.3g} to {interval[1]:.3g} fits as well (95 %): give a longer "
-            "log, in which the command also makes small reversals where the curve is steep"
-        )
+        cure = "give a longer log, in which the command also makes small reversals where the curve is steep"
+        return f"not identified: anything from {interval[0]:.3g} to {interval[1]:.3g} fits as well (95 %): {cure}"
     return ""
 
 
@@ -127,10 +122,8 @@ class ValveProblem:
         self.floor = _find_meter_floor(self.flow[self.fitting], self.notes)
         is_off = _is_sensor_off(self.command, self.flow, self.floor, self.fitting)
         if is_off.any():
-            self.notes.append(
-                f"{format_count(is_off, 'flow')} left out, sensor or pump off: 0, or the meter's floor with the valve "
-                f"open ({describe_first_row(data.rows.tolist(), is_off)})"
-            )
+            which = f"0, or the meter's floor with the valve open ({describe_first_row(data.rows.tolist(), is_off)})"
+            self.notes.append(f"{format_count(is_off, 'flow')} left out, sensor or pump off: {which}")
         is_settled = _is_flow_settled(data, self.fitting, self.notes)
         enabled = data.values.get("enabled", np.ones(self.flow.size)) != 0.0
         if not enabled.all():

@@ -6,11 +6,15 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from fastcoil.measured.fit_coil import COIL_PARAMETERS
+from fastcoil.logs import read_checked_log
+from fastcoil.logs.columns import ColumnSpec
+from fastcoil.measured.fit_coil import COIL_PARAMETERS, CoilProblem, build_record
+from fastcoil.measured.part import LogSplit
 
 VALVE_TRUTH = {"backlash": 0.07, "m_max": 2.0, "valve_a": 0.7, "valve_b": 9.0, "valve_c": 0.38}
 COIL_TRUTH = {name: fc.parameters()[name].default for name in COIL_PARAMETERS}
 INPUTS = ["m_a", "T_a_in", "W_a_in", "T_w_in"]
+COIL_SERIES = ColumnSpec(required=("m_w", *INPUTS, "T_sup"), optional=("T_w_out",), measured=("T_sup", "T_w_out"))
 
 
 def valve_flows(command, start=0.0, **truth):
@@ -80,6 +84,13 @@ def coil_log(hours=2.0, seed=0, sd=0.05, phi=0.0, every=1, air=True, dry=False, 
     return log.isel(elapsed_time=slice(None, None, every))
 
 
+def build_coil_problem(log, outputs, warm_up, share=1.0, **truth):
+    """Build the problem that ``fit_coil`` solves for these outputs."""
+    data, part = read_checked_log(log, COIL_SERIES), LogSplit(share)
+    record = build_record(data, fc.Loop(**truth), (), part.fitting_mask(data))
+    return CoilProblem(data, record, outputs, warm_up, part)
+
+
 def join_logs(*logs):
     """Join logs, each with its own times."""
     return xr.concat(logs, "elapsed_time", combine_attrs="override")
@@ -90,8 +101,9 @@ def shift_log(log, seconds):
     return log.assign_coords(elapsed_time=(log["elapsed_time"] + seconds).assign_attrs(units="s"))
 
 
-def assert_covered(fit, truth, names=None):
+def assert_covered(fit, names=None):
     """Assert that the true values lie in the 95 % intervals of a fit."""
+    truth = COIL_TRUTH if fit.kind == "coil" else VALVE_TRUTH
     for name in names or fit.intervals:
         low, high = fit.intervals[name]
         assert low <= truth[name] <= high, f"{name} = {truth[name]} is not in {low:.4g} to {high:.4g}"

@@ -46,9 +46,7 @@ def coarse():
     ("share", "per_share", "why"),
     [(0.2, 0.6, "is possible"), (0.5, 3.0, "is possible"), (0.51, 0.6, "not identified: rows are 60 s apart")],
 )
-def test_residuals_that_may_be_unseen_motion_widen_the_interval_unless_the_command_holds(
-    monkeypatch, coarse, share, per_share, why
-):
+def test_unseen_motion_widens_the_interval_unless_the_command_holds(monkeypatch, coarse, share, per_share, why):
     assert valve_problem._motion_share(*coarse) > 0.2
     monkeypatch.setattr(valve_problem, "_motion_share", lambda *_: share)
     monkeypatch.setattr(thresholds, "ALLOWANCE_PER_MOTION_SHARE", per_share)

@@ -14,9 +14,6 @@ from fastcoil.measured.fit_coil import COIL_PARAMETERS
 pytestmark = pytest.mark.kernel
 
 
-# --------------------------------------------------------------------------------------------------- what is recovered
-
-
 @pytest.mark.parametrize(
     ("phi", "seed"),
     [pytest.param(0.0, 1, marks=pytest.mark.full), pytest.param(0.0, 2, marks=pytest.mark.full), (0.99, 3)],
@@ -24,7 +21,7 @@ pytestmark = pytest.mark.kernel
 def test_known_coils_with_white_and_autocorrelated_noise_are_found_within_the_intervals(phi, seed):
     fit = fc.fit_coil(coil_log(hours=2, seed=seed, phi=phi), split=1.0)
     assert fit.held.keys() <= {"C_w"}  # which may end where the scheme is just stable
-    assert_covered(fit, COIL_TRUTH)
+    assert_covered(fit)
     assert (fit.n_effective < 0.1 * fit.n_used) == (phi > 0.5)
     fc.Loop().assign(**fit.parameters)
 
@@ -70,17 +67,11 @@ def test_intervals_of_95_per_cent_cover_the_truth_that_often():
     assert min(n for _, n in hits.values()) > 40
 
 
-# -------------------------------------------------------------------------------------------- what is not identified
-
-
 def test_a_heat_capacity_at_the_limit_of_stability_is_an_answer_and_no_prior():
     """A coil of less water than a volume can hold at a step a second: C_w ends where γ = 1."""
     fit = fc.fit_coil(coil_log(hours=1, seed=20, sd=0.1, substeps=2, C_w=5.0, every=5), split=1.0)
     assert fit.held == {"C_w": "at the stability limit (γ = 1 at the largest flow)"}
     assert fit.parameters["C_w"] == pytest.approx(float(fit.residuals["m_w"].max()) * fc.Loop()["cp_w"], rel=1e-3)
-
-
-# ------------------------------------------------------------------------------------------------------ what comes out
 
 
 @pytest.fixture(scope="module")
@@ -111,9 +102,6 @@ def test_the_figure_marks_what_is_not_compared(fit):
     assert [axes.get_xlabel() for axes in figure.axes] == ["", "", "time [h]", "time [h]"]
     assert_palette(figure)
     assert_texts_fit(figure)
-
-
-# ----------------------------------------------------------------------------------------------------------- real data
 
 
 @pytest.mark.usefixtures("all_starts")

@@ -3,18 +3,14 @@
 import numpy as np
 import pytest
 import xarray as xr
-from helpers.simulated_logs import COIL_TRUTH, INPUTS, assert_covered, coil_log, join_logs, shift_log
+from helpers.simulated_logs import COIL_SERIES, assert_covered, build_coil_problem, coil_log, join_logs, shift_log
 
 import fastcoil as fc
 from fastcoil.logs import read_checked_log
-from fastcoil.logs.columns import ColumnSpec
-from fastcoil.measured.fit_coil import CoilProblem, build_record, drop_idle_samples
+from fastcoil.measured.fit_coil import build_record, drop_idle_samples
 from fastcoil.measured.part import LogSplit
 
 pytestmark = pytest.mark.kernel
-
-
-COIL_SERIES = ColumnSpec(required=("m_w", *INPUTS, "T_sup"), optional=("T_w_out",), measured=("T_sup", "T_w_out"))
 
 
 def make_night(log, hours=1.0):
@@ -38,7 +34,7 @@ def broken(two_days):
 
 
 def test_after_a_gap_the_model_starts_again_with_a_warm_up(broken):
-    assert_covered(broken, COIL_TRUTH)
+    assert_covered(broken)
     assert broken.rmse["fit"] == pytest.approx(0.05, rel=0.05)
     assert any("1 gap in time (first: 3601 s between rows 3599 and 3600)" in note for note in broken.notes)
     assert any("2 unbroken pieces, each starting at 20 degC, the first 1800 s of each" in note for note in broken.notes)
@@ -70,18 +66,11 @@ def test_nights_without_air_are_left_out_and_counted(two_days):
         np.testing.assert_array_equal(log.values[name], values)
 
 
-def build_problem(log, warm_up=1800.0, share=1.0):
-    """The problem that ``fit_coil`` solves, both temperatures compared."""
-    data, part = read_checked_log(log, COIL_SERIES), LogSplit(share)
-    record = build_record(data, fc.Loop(), (), part.fitting_mask(data))
-    return CoilProblem(data, record, ("T_sup", "T_w_out"), warm_up, part)
-
-
 def test_leaving_water_that_stands_still_is_not_compared(two_days):
     log = two_days[0].copy(deep=True)
     log["m_w"][2600:3200] = 0.0
     log["T_w_out"][2600:3200] = 60.0
-    problem = build_problem(log)
+    problem = build_coil_problem(log, ("T_sup", "T_w_out"), 1800.0)
     np.testing.assert_array_equal(np.flatnonzero(~problem.compared["T_w_out"][1800:]), np.arange(800, 1400))
     assert problem.compared["T_sup"][1800:].all()
     assert "600 samples of T_w_out not compared: no water flows" in problem.notes
@@ -89,7 +78,7 @@ def test_leaving_water_that_stands_still_is_not_compared(two_days):
 
 def test_four_pieces_or_more_are_held_back_whole():
     pieces = [shift_log(coil_log(hours=h, seed=30 + i), 20000.0 * i) for i, h in enumerate((1.0, 1.5, 0.7, 0.15, 0.8))]
-    problem = build_problem(join_logs(*pieces), warm_up=600.0, share=None)
+    problem = build_coil_problem(join_logs(*pieces), ("T_sup", "T_w_out"), 600.0, share=None)
     batch, compared = problem.data.batch, problem.compared["T_sup"]
     assert set(batch[compared & problem.fitting]) == {0, 1, 2}
     assert set(batch[compared & ~problem.fitting]) == {4}

@@ -34,13 +34,15 @@ def diagnosis(log):
     return fc.diagnose(log, stroke_time=90.0)
 
 
-def test_the_backlash_of_a_log_is_identified_with_its_interval_and_profile(diagnosis):
+def test_the_backlash_of_a_calm_loop_is_identified_with_its_interval_and_profile_and_it_has_no_cause(diagnosis):
     assert diagnosis.identified
     assert not diagnosis.reason
     assert diagnosis.backlash == pytest.approx(BACKLASH, abs=0.01)
     assert diagnosis.interval[0] <= BACKLASH <= diagnosis.interval[1]
     assert float(diagnosis.profile.probability.sum()) == pytest.approx(1.0)
     assert float(diagnosis.profile.probability.idxmax()) == diagnosis.backlash
+    assert (diagnosis.cause, diagnosis.hunts) == ("none", False)
+    assert any(line.startswith("Hunting: none") for line in diagnosis.summary())
 
 
 def test_the_controller_is_found_again_and_the_predictions_say_what_the_gap_is_worth(diagnosis, log):
@@ -52,11 +54,6 @@ def test_the_controller_is_found_again_and_the_predictions_say_what_the_gap_is_w
     assert 0.8 * strokes < float(diagnosis.indices.motor_travel) < strokes
     rmse = diagnosis.predictions.rmse
     assert float(rmse.sel(case="no_gap")) < float(rmse.sel(case="half_gap")) < float(rmse.sel(case="as_found"))
-
-
-def test_a_calm_loop_has_no_cause(diagnosis):
-    assert (diagnosis.cause, diagnosis.hunts) == ("none", False)
-    assert any(line.startswith("Hunting: none") for line in diagnosis.summary())
 
 
 def test_a_loop_that_swings_from_end_to_end_is_blamed_on_its_tuning_and_no_size_is_claimed():
@@ -72,16 +69,25 @@ def test_a_loop_whose_air_swings_is_blamed_on_a_disturbance():
     assert result.advice.reason == "Leave the gains: the swing comes from outside the loop."
 
 
-def test_a_loop_that_would_stand_still_without_its_gap_is_blamed_on_the_valve():
-    result = fc.diagnose(make_loop_log(kp=0.04, ti=18.0, backlash=0.06), stroke_time=90.0)
+def test_a_loop_that_would_stand_still_without_its_gap_is_blamed_on_the_valve_with_advice_on_its_gains():
+    log = make_loop_log(kp=0.04, ti=18.0, backlash=0.06)
+    result = fc.diagnose(log, stroke_time=90.0)
     assert result.cause == "backlash"
     assert result.identified
+    assert result.backlash == pytest.approx(0.06, abs=0.01)
     kp, ti = (float(result.predictions[name].sel(case="simc")) for name in ("kp", "ti"))
     assert kp <= 0.041, "no larger kp than that of a loop that hunts"
     assert ti > 36.0
+    assert (result.advice.kp, result.advice.ti) == (kp, ti)
     assert result.advice.reason.startswith(f"Do this: kp {kp:g} 1/K, ti {ti:g} s: RMSE -")
-    assert result.advice.reason in result.summary()
-    assert result.backlash == pytest.approx(0.06, abs=0.01)
+    lines = result.summary()
+    now = next(k for k, line in enumerate(lines) if line.startswith("Controller: kp 0.0"))
+    assert lines[now + 1] == result.advice.reason
+    assert lines[now + 2].startswith("Now: error ")
+    assert lines[now + 3].startswith(f"With kp {kp:g} 1/K, ti {ti:g} s: error ")
+    with_gains = fc.diagnose(log, stroke_time=90.0, kp=0.05, ti=20.0)
+    assert (float(with_gains.indices.kp), float(with_gains.indices.ti)) == (0.05, 20.0)
+    assert with_gains.backlash == result.backlash
 
 
 def test_a_prediction_that_contradicts_the_cause_is_withheld(monkeypatch):
@@ -169,21 +175,3 @@ def test_the_loop_that_hunts_at_lbnl_is_told_as_found():
     assert float(result.indices.period) == pytest.approx(1800.0, rel=0.05)
     assert float(result.indices.kp) == pytest.approx(0.018, rel=0.05)
     assert float(result.indices.ti) == pytest.approx(30.0, rel=0.05)
-
-
-def test_advice_has_the_gains_to_set_and_those_of_now_stand_above_it():
-    result = fc.diagnose(make_loop_log(kp=0.04, ti=18.0, backlash=0.06), stroke_time=90.0)
-    simc = result.predictions.sel(case="simc")
-    assert (result.advice.kp, result.advice.ti) == (float(simc.kp), float(simc.ti))
-    lines = result.summary()
-    now = next(k for k, line in enumerate(lines) if line.startswith("Controller: kp 0.0"))
-    assert lines[now + 1] == result.advice.reason
-    assert lines[now + 2].startswith("Now: error ")
-    assert lines[now + 3].startswith(f"With kp {result.advice.kp:g} 1/K, ti {result.advice.ti:g} s: error ")
-
-
-def test_gains_that_are_given_take_the_place_of_those_of_the_log():
-    log = make_loop_log(kp=0.04, ti=18.0, backlash=0.06)
-    result = fc.diagnose(log, stroke_time=90.0, kp=0.05, ti=20.0)
-    assert (float(result.indices.kp), float(result.indices.ti)) == (0.05, 20.0)
-    assert result.backlash == fc.diagnose(log, stroke_time=90.0).backlash

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from fastcoil.measured import thresholds
-from fastcoil.measured.fitted_loop import FittedLoop, Replay, ReplayInputs, evaluate_replay, fit_loop_model, what_if
+from fastcoil.measured.fitted_loop import (
+    FittedLoop,
+    Replay,
+    ReplayInputs,
+    evaluate_replay,
+    fit_loop_model,
+    remove_noise,
+    what_if,
+)
 from fastcoil.measured.fitted_plant import recover_pi
 
 INTERVAL, STROKE = 15.0, 90.0

@@ -59,12 +59,9 @@ def test_the_true_backlash_is_found_claimed_and_covered(backlash):
 
 def test_neither_the_stroke_time_nor_resolution_of_command_and_sensor_matters_much():
     command, T_set = stepped_day()
-    coarse = np.round(command, 2)
-    for command_seen, T, stroke_time in (
-        (command, simulate_plant(command, 0.06, stroke_time=60.0), None),
-        (command, simulate_plant(command, 0.06, stroke_time=60.0), 0.0),
-        (coarse, np.round(simulate_plant(coarse, 0.06), 1), None),
-    ):
+    coarse, T_fast = np.round(command, 2), simulate_plant(command, 0.06, stroke_time=60.0)
+    logs = ((command, T_fast, None), (command, T_fast, 0.0), (coarse, np.round(simulate_plant(coarse, 0.06), 1), None))
+    for command_seen, T, stroke_time in logs:
         assert_identified(identify_backlash(command_seen, T, INTERVAL, T_set, stroke_time=stroke_time), 0.06, 0.012)
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from helpers.simulated_logs import (
     COIL_TRUTH,
-    INPUTS,
     VALVE_TRUTH,
     add_noise,
     ar1_noise,
+    build_coil_problem,
     coil_log,
     make_valve_log,
     random_walk,
@@ -19,20 +19,12 @@ from helpers.simulated_logs import (
 import fastcoil as fc
 from fastcoil.logs import read_checked_log
 from fastcoil.logs.columns import ColumnSpec
-from fastcoil.measured.fit_coil import CoilProblem, build_record
 from fastcoil.measured.least_squares import FORBIDDEN_RESIDUAL, Model, autocorrelation, evaluate, minimise, uncertainty
 from fastcoil.measured.part import LogSplit
 from fastcoil.measured.valve_problem import ValveProblem
 from fastcoil.model.engine.recorded import valve_flows as run_valve
 
-COIL_SERIES = ColumnSpec(required=("m_w", *INPUTS, "T_sup"), measured=("T_sup", "T_w_out"), optional=("T_w_out",))
 pytestmark = pytest.mark.kernel
-
-
-def build_problem(log, **truth):
-    data = read_checked_log(log, COIL_SERIES)
-    record = build_record(data, fc.Loop(**truth), (), np.ones(data.time.size, dtype=bool))
-    return CoilProblem(data, record, ("T_sup",), 600.0, LogSplit(1.0))
 
 
 def to_search_space(problem, values):
@@ -50,9 +42,6 @@ def assert_jacobian_is_of_single_runs(model, x):
         down[k] -= model.step[k]
         above, below = (model.compared_residuals(side[:, None])[:, 0] for side in (up, down))
         np.testing.assert_allclose(J[:, k], (above - below) / (up[k] - down[k]), rtol=1e-9, atol=1e-9)
-
-
-# --------------------------------------------------------------------------------------------------------------- valve
 
 
 def test_the_loop_is_that_of_the_emulator():
@@ -105,13 +94,10 @@ def test_errors_allow_for_residuals_that_follow_each_other():
     assert np.mean(white_errors) < 0.35 * np.std(slopes)
 
 
-# ---------------------------------------------------------------------------------------------------------------- coil
-
-
 @pytest.mark.parametrize("form", [{}, {"n_volumes": 4}, {"air_march": "quasistatic"}])
 def test_the_coil_alone_is_that_of_the_emulator(form):
     log = coil_log(hours=0.5, sd=0.0, **form)
-    problem = build_problem(log, **form)
+    problem = build_coil_problem(log, ("T_sup",), 600.0, **form)
     x = to_search_space(problem, COIL_TRUTH)
     T_sup, T_w_out, wet = problem.record.run(np.repeat(x[:, None], 3, axis=1)).values()
     np.testing.assert_allclose(T_sup[:, 1], log["T_sup"], atol=1e-9)
@@ -120,12 +106,12 @@ def test_the_coil_alone_is_that_of_the_emulator(form):
 
 
 def test_the_jacobian_of_a_coil_is_that_of_single_runs():
-    problem = build_problem(coil_log(hours=0.5))
+    problem = build_coil_problem(coil_log(hours=0.5), ("T_sup",), 600.0)
     assert_jacobian_is_of_single_runs(problem.model(), to_search_space(problem, COIL_TRUTH) + 0.05)
 
 
 def test_an_unstable_trial_set_gets_a_large_residual_and_its_neighbours_do_not():
-    problem = build_problem(coil_log(hours=0.5))
+    problem = build_coil_problem(coil_log(hours=0.5), ("T_sup",), 600.0)
     model = problem.model()
     good = to_search_space(problem, COIL_TRUTH)
     bad = to_search_space(problem, COIL_TRUTH | {"C_c": 1.5})

@@ -10,8 +10,7 @@ TIME = np.arange(N) * INTERVAL
 EVERYWHERE = np.ones(N, bool)
 
 
-def generator(seed):
-    return np.random.default_rng(seed)
+generator = np.random.default_rng
 
 
 @pytest.mark.parametrize("period", [200.0, 700.0, 2400.0])

@@ -17,9 +17,6 @@ def median_low(values):
     return statistics.median_low([math.inf if math.isnan(v) else v for v in np.asarray(values).ravel()])
 
 
-# numbers and choices
-
-
 def make_learners(**metrics):
     """Learners of 10 % backlash over days and starts: final size, hours until reached and confirmed."""
     dims = ("day", "backlash_estimate")
@@ -39,9 +36,6 @@ def test_failures_errors_and_censored_times_are_counted_one_by_one():
     assert judgement["reached"] == median_low(ds.learn_time_reached) / 3600 == 1.5
     assert judgement["confirmed"] == median_low(ds.learn_time_confirmed) / 3600 == 2.0
     assert learning.judge_learners(ds, ["backlash_estimate"]).confirmed.values.tolist() == [1.0, np.inf, 0.5, 1.0]
-
-
-# the script
 
 
 @pytest.fixture
