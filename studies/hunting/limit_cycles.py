@@ -333,7 +333,8 @@ def print_threshold_choice() -> None:
     for threshold in (0.75, 0.8, 0.825, 0.85, 0.875, 0.9, 0.95, 1.0):
         with patch.object(cycles, "HUNTING_INDEX_LIMIT", threshold):
             verdicts = [
-                Verdicts.compare(case.seen, fc.limit_cycle(case.loop, case.days, at=case.days.n_steps - 1)) for case in cases
+                Verdicts.compare(case.seen, fc.limit_cycle(case.loop, case.days, at=case.days.n_steps - 1))
+                for case in cases
             ]
         print(
             f"{threshold:g}",
