@@ -29,7 +29,7 @@ class Question(NamedTuple):
 
 
 def questions() -> dict[str, Question]:
-    """Name → question, in the order of the table."""
+    """Return name → question, in the order of the table."""
     text = Path(__file__).with_name("README.md").read_text(encoding="utf-8")
     return {
         row["name"]: Question(row["text"], f"studies.{row['path'].replace('/', '.')}", row["time"])
@@ -42,14 +42,14 @@ QUICK_TIMES = ("seconds", "a minute")
 
 
 def format_seeds(module: ModuleType) -> str:
-    """The seeds of a study and how much it draws, as its module names them."""
+    """Format the seeds and sizes of a study, as its module names them."""
     constants = {name: value for name, value in vars(module).items() if name.isupper() and type(value) in (int, tuple)}
     suffixes = ("SEED", "FRESH", "FIRST_DAY", "VALVES", "DAYS", "SAMPLES")
     return ", ".join(f"{name} = {value}" for name, value in constants.items() if name.endswith(suffixes))
 
 
 def run(name: str, question: Question, *, is_sample: bool) -> list[str]:
-    """Run a study, or a sample of it; a line for each cell that changed."""
+    """Run a study, or a sample of it; return a line for each changed cell."""
     module, start = importlib.import_module(question.module), time.monotonic()
     sample = getattr(module, "sample", module.main if question.time in QUICK_TIMES else None)
     print(f"{name}: {format_seeds(module) or 'seeds in its study file'}", flush=True)
@@ -59,8 +59,8 @@ def run(name: str, question: Question, *, is_sample: bool) -> list[str]:
     with compare_with_tables(is_sample=is_sample) as replication:
         sample() if is_sample else module.main()
     duration = f"{time.monotonic() - start:.0f} s"
-    print(f"{name}: {len(replication.changed)} of {sum(replication.compared)} cells changed, {duration}", flush=True)
-    return replication.changed
+    print(f"{name}: {len(replication.changes)} of {sum(replication.cell_counts)} cells changed, {duration}", flush=True)
+    return replication.changes
 
 
 def main(args: list[str]) -> int:

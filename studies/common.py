@@ -1,4 +1,4 @@
-"""What the studies share: results, tables and figures, progress, comparison in pairs, and valves drawn at random."""
+"""Shared by the studies: results, tables and figures, progress, comparison in pairs, and random valves."""
 
 from __future__ import annotations
 
@@ -37,23 +37,23 @@ def results(name: str) -> xr.Dataset:
 
 
 def study_file(name: str) -> Path:
-    """The study file called ``name``, in whichever folder."""
+    """Return the path of the study file called ``name``, in any folder."""
     (path,) = STUDIES.glob(f"*/{name}.toml")
     return path
 
 
 def markdown_table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """A table in Markdown."""
+    """Format a table in Markdown."""
     head = list(head)
     lines = [head, ["---"] * len(head), *map(list, rows)]
     return "\n".join("| " + " | ".join(cells) + " |" for cells in lines) + "\n"
 
 
 class Replication(NamedTuple):
-    """What running a study again gave beside its tables: cells that were compared, and a line for each that changed."""
+    """Comparison of a new run with the tables: number of cells compared, and a line for each change."""
 
-    compared: list[int]
-    changed: list[str]
+    cell_counts: list[int]
+    changes: list[str]
     is_sample: bool
     """Whether nothing is written."""
 
@@ -63,7 +63,7 @@ _replications = [Replication([], [], is_sample=False)]
 
 @contextmanager
 def compare_with_tables(*, is_sample: bool) -> Iterator[Replication]:
-    """Compare what is written in this context with the tables as they stand; a sample leaves these alone."""
+    """Compare what is written in this context with the existing tables; a sample does not overwrite them."""
     _replications.append(Replication([], [], is_sample))
     try:
         yield _replications[-1]
@@ -84,7 +84,7 @@ def write_table(name: str, title: str, head: Iterable[str], rows: Iterable[Itera
 
 
 def compare_rows(name: str, rows: Iterable[Iterable[str]]) -> None:
-    """Compare some rows of the table ``FOLDER/NAME`` with those as they stand."""
+    """Compare some rows with those of the existing table ``FOLDER/NAME``."""
     _compare_with_table(name, [list(row) for row in rows])
 
 
@@ -96,7 +96,7 @@ def _table_path(name: str) -> Path:
 def _compare_with_table(
     name: str, rows: list[list[str]], title: str | None = None, head: list[str] | None = None
 ) -> None:
-    """Note each cell that is not as in the table, in the row there that begins most alike."""
+    """Record each cell that differs from the table, in the row whose first cells agree most."""
     path, (cell_counts, changes, is_sample) = _table_path(name), _replications[-1]
     if not path.is_file():
         changes.append(f"{name}: there was no such table")
@@ -130,7 +130,7 @@ def save_figure(figure: Figure, name: str, dpi: int = 150) -> None:
 
 
 def progress_printer() -> Callable[[str], None]:
-    """A function that prints what has been done, and the seconds since now."""
+    """Return a function that prints a finished stage and the seconds since this call."""
     start = time.monotonic()
     return lambda stage: print(f"{stage} after {time.monotonic() - start:.0f} s", flush=True)
 
@@ -141,13 +141,13 @@ def concat_along(dim: str, parts: Mapping[Any, Any], **options: Any) -> Any:
 
 
 def pool_days(by_kind: Mapping[str, xr.Dataset], **options: Any) -> xr.Dataset:
-    """All kinds of days as one dim of days."""
+    """Concatenate the days of all kinds along one dim."""
     parts = [ds.assign_coords(day=[f"{kind} {day}" for day in ds.day.values]) for kind, ds in by_kind.items()]
     return xr.concat(parts, "day", **options)
 
 
 def failures_in_words(datasets: Iterable[xr.Dataset]) -> str:
-    """How many of all simulated days failed."""
+    """Format how many of all simulated days failed."""
     status = [ds.status for ds in datasets]
     return f"{sum(int((s > 0).sum()) for s in status)} of {sum(s.size for s in status):,} days failed"
 
@@ -168,27 +168,27 @@ def mean_change(
 
 
 def change_in_words(ds: xr.Dataset, name: str, baseline: str, dim: str = "controller", metric: str = "rmse") -> str:
-    """``mean_change`` in words."""
+    """Format ``mean_change``."""
     return "0" if name == baseline else format_change(*mean_change(ds, name, baseline, dim, metric))
 
 
 def format_change(value: float, low: float, high: float, digits: int = 0) -> str:
-    """A change in per cent with its interval."""
+    """Format a change in per cent with its interval."""
     return f"{value:+.{digits}f} % ({low:+.{digits}f} to {high:+.{digits}f})"
 
 
 def format_spread(ratio: xr.DataArray, quantiles: Sequence[float] = (0.05, 0.5, 0.95)) -> str:
-    """Quantiles of a ratio, as changes in per cent."""
+    """Format quantiles of a ratio as changes in per cent."""
     return ", ".join(f"{100 * float(ratio.quantile(q)) - 100:+.0f} %" for q in quantiles)
 
 
 def draw_loguniform(rng: np.random.Generator, low: float, high: float, size: int) -> np.ndarray:
-    """Numbers whose logarithms are uniform."""
+    """Draw numbers whose logarithms are uniform."""
     return np.exp(rng.uniform(np.log(low), np.log(high), size))
 
 
 def draw_backlash(rng: np.random.Generator, n: int) -> np.ndarray:
-    """Backlash of ``n`` valves: half have one of ``SIZES``, half any from 0.5 to 15 %."""
+    """Draw the backlash of ``n`` valves: half have one of ``BACKLASH_SIZES``, half any from 0.5 to 15 %."""
     return np.where(np.arange(n) % 2, rng.choice(BACKLASH_SIZES, n), rng.uniform(0.005, 0.15, n))
 
 
@@ -202,7 +202,7 @@ def draw_loop_parameters(
     ti: tuple[float, float] = (20.0, 300.0),
     sample_times: Sequence[float] = (5.0, 10.0, 15.0, 30.0),
 ) -> dict[str, np.ndarray]:
-    """Parameters of ``n`` valves and loops as they are found in buildings, but for their backlash."""
+    """Draw parameters of ``n`` valves and loops as in buildings, without their backlash."""
     return {
         "rangeability": draw_loguniform(rng, 20, 100, n),
         "authority": draw_loguniform(rng, *authority, n),
@@ -233,12 +233,12 @@ class Share(NamedTuple):
         return self.to_text(0)
 
     def to_text(self, decimals: int) -> str:
-        """In per cent."""
+        """Format in per cent."""
         return format_share(*self, decimals=decimals)
 
 
 def share_of(holds: xr.DataArray, among: xr.DataArray | None = None) -> Share:
-    """In how many of the valves, and days where there are any, something holds, with its 95 % interval.
+    """Share of the valves, and days if any, in which ``holds`` is true, with its 95 % interval.
 
     The variance is that of the means of the valves and of the means of the days, see ``wilson_interval``.
 

@@ -1,8 +1,8 @@
 """Kinds of days: constant and stepped set-point, design days, days of a weather file, and heating.
 
 No verdict of these studies rests on one kind of day: a remedy that helps where the set-point steps every half hour may
-cost something where it stands still.  ``make_days`` makes days of a kind from seeds; ``settings`` are the parameters of a
-loop that such days ask for.
+cost something where it stands still.  ``make_days`` makes days of a kind from seeds; ``loop_settings`` are
+the parameters of a loop that such days require.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ need it."""
 OUTDOOR_FRACTION = 0.3
 """Share of outdoor air on days of weather."""
 SUMMER_DAYS = range(140, 274)
-"""Days of the year that a weather file is asked for."""
+"""Days of the year that are drawn from a weather file."""
 
 
 def kinds(weather: Path = WEATHER_FILE) -> tuple[str, ...]:
@@ -35,7 +35,7 @@ def kinds(weather: Path = WEATHER_FILE) -> tuple[str, ...]:
 
 
 def loop_settings(kind: str) -> dict[str, object]:
-    """Parameters of a loop that days of this kind ask for."""
+    """Parameters of a loop that days of this kind require."""
     return {"action": "heating"} if kind == HEATING else {}
 
 
@@ -47,10 +47,10 @@ def make_days(
     hours: int | None = None,
     outdoor_fraction: float = OUTDOOR_FRACTION,
 ) -> fc.Boundary:
-    """One day for each seed, of 8 h unless ``hours`` says otherwise.
+    """Make one day for each seed, of 8 h by default.
 
     All carry the smooth noise of ``paper_day`` on air flow and water; what else differs between days of a kind is
-    drawn from their seeds.  outdoor: share of outdoor air on days of weather.
+    drawn from their seeds.  outdoor_fraction: share of outdoor air on days of weather.
     """
     hours = HOURS if hours is None else hours
     paper_days = fc.paper_day(hours=hours, seed=list(seeds))

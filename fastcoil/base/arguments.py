@@ -13,7 +13,7 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
-from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
+from fastcoil.base.errors import InputError, did_you_mean, short_repr
 from fastcoil.base.files import require_usable_path
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ T = TypeVar("T")
 
 MAX_ARRAY_VALUES = 50_000_000
 """Upper limit of the size of an array argument, such as 1-s samples over all days."""
-_LARGEST_FLOAT = sys.float_info.max
+_MAX_FLOAT = sys.float_info.max
 _BUILTIN_BY_DTYPE_KIND: Mapping[str, Callable[[Any], object]] = {"b": bool, "i": int, "u": int, "f": float, "U": str}
 """Conversions by the kind of a numpy dtype."""
 
@@ -88,14 +88,12 @@ def is_number(value: Any) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool) and not hasattr(value, "dtype")
 
 
-def require_number(
-    name: str, value: object, cure: str, *, least: float = -math.inf, most: float = _LARGEST_FLOAT
-) -> float:
+def require_number(name: str, value: object, cure: str, *, least: float = -math.inf, most: float = _MAX_FLOAT) -> float:
     """Require a finite number from ``least`` to ``most``, both included."""
     if not is_number(value):
         raise InputError(f"{name} = {short_repr(value)}: {cure}", name, "type")
     number = to_builtin(value)
-    if not max(least, -_LARGEST_FLOAT) <= number <= most:
+    if not max(least, -_MAX_FLOAT) <= number <= most:
         raise InputError(f"{name} = {short_repr(value)}: {cure}", name, "value")
     return float(number)
 
@@ -170,16 +168,12 @@ def require_instance(name: str, value: object, kind: type[T], cure: str) -> T:
 
 
 def require_array(name: str, value: Any, cure: str, kinds: str = "iuf") -> "NDArray[Any]":
-    """Convert an array-like to a numpy array whose dtype is one of ``kinds``; masked values become NaN.
-
-    ``InputError`` if it cannot be converted, or is a range of more than ``MAX_ARRAY_VALUES`` values.
-    """
+    """Convert an array-like, but no huge range, to an array whose dtype is one of ``kinds``; masked values to NaN."""
     import numpy as np
 
     if isinstance(value, range) and len(value) > MAX_ARRAY_VALUES:
-        raise InputError(
-            f"{name} = {short_repr(value)}: more than {MAX_ARRAY_VALUES:,} values, give fewer", name, "size"
-        )
+        sentence = f"{name} = {short_repr(value)}: more than {MAX_ARRAY_VALUES:,} values, give fewer"
+        raise InputError(sentence, name, "size")
     try:
         if isinstance(value, np.ma.MaskedArray):
             value = np.ma.filled(value.astype(np.float64), np.nan)
@@ -196,8 +190,7 @@ def require_array(name: str, value: Any, cure: str, kinds: str = "iuf") -> "NDAr
 
 def require_mapping(name: str, value: object, cure: str, *, to_text: bool = False) -> Mapping[str, Any]:
     """Require a mapping with text keys, and text values if ``to_text``."""
-    items = list(value.items()) if isinstance(value, Mapping) else [(None, None)]
-    texts: list[Any] = [text for key, item in items for text in ((key, item) if to_text else (key,))]
+    texts = [*value, *(value.values() if to_text else ())] if isinstance(value, Mapping) else [None]
     if not all(isinstance(text, str) for text in texts):
         raise InputError(f"{name} = {short_repr(value)}: {cure}", name, "type")
     return cast("Mapping[str, Any]", value)
@@ -215,12 +208,9 @@ def require_names(argument: str, value: object) -> list[str]:
         names.append(name)
     if not names:
         raise InputError(f"{argument} is empty: give at least one name", argument, "missing")
-    raise_problems(
-        [
-            Problem(f"{argument}: {short_repr(name)} is given more than once: give it once", argument, "duplicate")
-            for name in sorted({name for name in names if names.count(name) > 1})
-        ]
-    )
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if sentences := [f"{argument}: {short_repr(name)} is given more than once: give it once" for name in repeated]:
+        raise InputError(sentences, argument, "duplicate")
     return names
 
 

@@ -20,8 +20,7 @@ def allocate_on_disk(
 ) -> NDArray[Any]:
     """Make an array; a large one is in a nameless file, so that results may be larger than the memory.
 
-    folder: of that file; ``OSError`` if there is no room.  By default it is in the folder for temporary files, or in
-    memory if there is no room.
+    folder: of that file, ``OSError`` if there is no room; by default that for temporary files, else the memory.
     """
     size = dtype.itemsize * int(np.prod(shape))
     if size < MEMMAP_MIN_BYTES:

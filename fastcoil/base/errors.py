@@ -30,24 +30,16 @@ class FastcoilError(Exception):
     """
 
     exit_code = EXIT_BUG
-    _code = "bug"
+    code = "bug"
+    """The kind of error, for programs."""
+    field = ""
+    """The argument, parameter, key, column or option to change, as the user writes it; blank if there is none."""
     _item_noun = "line"
-
-    @property
-    def code(self) -> str:
-        """The kind of error, for programs."""
-        return self._code
-
-    @property
-    def field(self) -> str:
-        """The argument, parameter, key, column or option to change, as the user writes it; blank if there is none."""
-        return ""
 
     def __str__(self) -> str:
         sentences = self._sentences()
-        n_hidden = len(sentences) - _MAX_SENTENCES
         lines = [*map(escape_control_characters, sentences[:_MAX_SENTENCES])]
-        if n_hidden > 0:
+        if (n_hidden := len(sentences) - _MAX_SENTENCES) > 0:
             lines.append(f"… and {n_hidden:,} more {self._item_noun}{'s' if n_hidden > 1 else ''}")
         return "\n".join(lines)
 
@@ -126,15 +118,9 @@ class InputError(FastcoilError, ValueError):
 
     def __init__(self, problems: str | Collection[str], field: str = "", code: str = "") -> None:
         self.problems = _as_problems(problems, field, code)
+        first = self.problems[0] if self.problems else Problem("")
+        self.field, self.code = first.field, first.code
         super().__init__("\n".join(self.problems))
-
-    @property
-    def field(self) -> str:
-        return self.problems[0].field if self.problems else ""
-
-    @property
-    def code(self) -> str:
-        return self.problems[0].code if self.problems else ""
 
     def _sentences(self) -> list[str]:
         return list(self.problems)
@@ -153,15 +139,13 @@ class StorageError(FastcoilError, OSError):
     """A result could not be read or written.  ``errno`` is the operating system's reason, if it gave one."""
 
     exit_code = EXIT_STORAGE
-    _code = "storage"
+    code = "storage"
 
 
 def out_of_memory_error(failure: str) -> StorageError:
     """Return the error for work that ran out of memory; ``failure``: what cannot be done."""
-    error = StorageError(
-        f"{failure}: the memory ran out; finished scenarios are kept: use fewer workers with -j, --backend loky, or "
-        "fewer traces, and run the same command again"
-    )
+    cure = "use fewer workers with -j, --backend loky, or fewer traces, and run the same command again"
+    error = StorageError(f"{failure}: the memory ran out; finished scenarios are kept: {cure}")
     error.errno = errno.ENOMEM
     return error
 
@@ -170,14 +154,14 @@ class LockedError(FastcoilError):
     """Another run holds the lock of the folder."""
 
     exit_code = EXIT_LOCKED
-    _code = "locked"
+    code = "locked"
 
 
 class IntegrityError(FastcoilError):
     """Files on disk are damaged, changed, or do not belong together."""
 
     exit_code = EXIT_INTEGRITY
-    _code = "integrity"
+    code = "integrity"
 
 
 def missing_extra_error(feature: str, packages: str, extra: str) -> InputError:

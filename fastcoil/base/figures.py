@@ -53,10 +53,7 @@ STYLE: Mapping[str, Any] = {
 
 @contextmanager
 def apply_style(**changes: Any) -> Iterator[None]:
-    """Apply ``STYLE``, as a context manager or decorator.
-
-    ``changes`` override settings: ``axes_grid=False`` for ``axes.grid``.
-    """
+    """Apply ``STYLE`` as a context manager or decorator, with ``changes``: ``axes_grid=False`` for ``axes.grid``."""
     from matplotlib import rc_context
 
     settings: Any = {**STYLE, **{name.replace("_", "."): value for name, value in changes.items()}}
@@ -95,10 +92,7 @@ _SAVE_SETTINGS: Any = {"svg.hashsalt": "fastcoil", "svg.fonttype": "none", "pdf.
 
 
 def check_format(format: str, dpi: object) -> None:
-    """Check the format and resolution of a figure file.
-
-    ``InputError`` if ``format`` is none of ``FIGURE_FORMATS`` or ``dpi`` no whole number from 50 to 1200.
-    """
+    """Raise an ``InputError`` unless ``format`` is one of ``FIGURE_FORMATS`` and ``dpi`` a whole number, 50 to 1200."""
     with argument_checks() as check:
         check(require_choice, "format", format, FIGURE_FORMATS)
         check(require_integer, "dpi", dpi, 50, 1200, "give a whole number from 50 to 1200")
@@ -128,24 +122,17 @@ def write_figures(
     dpi: int = DEFAULT_DPI,
     drawn_from: str | None = None,
 ) -> list[Path]:
-    """Write figures, given by file name without suffix, into a folder, which is made if missing; return their paths.
-
-    drawn_from: ``content_sha256`` of the results that they show, stored in their metadata; see ``origin``.
-    """
+    """Write figures, by name without suffix, into a folder, made if missing; ``drawn_from``: as of `encode_figure`."""
     with convert_os_errors(folder, "made"):
         make_folder(folder, parents=True)
-    paths = []
-    for name, figure in figures.items():
-        paths.append(folder / f"{name}.{format}")
-        write_atomically(paths[-1], encode_figure(figure, format, dpi, drawn_from))
+    paths = [folder / f"{name}.{format}" for name in figures]
+    for path, figure in zip(paths, figures.values(), strict=True):
+        write_atomically(path, encode_figure(figure, format, dpi, drawn_from))
     return paths
 
 
 def read_origin(path: Path) -> str | None:
-    """Return the ``content_sha256`` of the results that a PNG, PDF or SVG file was drawn from, or None.
-
-    Only the bytes are searched: no library decodes the untrusted file.
-    """
+    """Find the ``content_sha256`` that a figure was drawn from, or None; no library decodes the untrusted file."""
     try:
         data = read_bytes(path, 2**26) if path.is_file() else b""
     except (OSError, ValueError):  # unreadable, too large or not a regular file
@@ -160,10 +147,7 @@ def current_figures(folder: Path, content_sha256: str) -> list[Path]:
 
 
 def stale_figures(folder: Path, content_sha256: str) -> list[Path]:
-    """Return the figures in a study's folder that were drawn from other results.
-
-    Figures without an origin in their metadata are not included.
-    """
+    """Return the figures in a study's folder that were drawn from other results, as their metadata say."""
     return [path for path in _figure_files(folder) if read_origin(path) not in (content_sha256, None)]
 
 

@@ -37,9 +37,7 @@ def read_text(path: Path, what: str, limit: int, *, utf_16: bool = False, latin_
 
     path, limit: the file and its maximum size in bytes.  what: what to give if this file cannot be used, such as ``"a
     CSV file"``.  utf_16: also accept UTF-16 with a byte order mark.  latin_1: fall back to Latin-1 if the file is not
-    UTF-8, for formats whose meaning is ASCII only.
-
-    ``InputError`` if it does not exist, is not a regular file, is too large, is not UTF-8 or cannot be read.
+    UTF-8, for formats whose meaning is ASCII only.  ``InputError`` if it cannot be read, or is no such file.
     """
     require_usable_path(path, f"give {what}")
     try:
@@ -53,21 +51,20 @@ def read_text(path: Path, what: str, limit: int, *, utf_16: bool = False, latin_
         sentence = f"{path} is not UTF-8 (byte {error.start}): save it as {format}"
         raise InputError(sentence, str(path), "format") from None
     except (TooLargeError, IrregularFileError) as error:
-        raise InputError(f"{path} {error}: give {what}", str(path), "path") from None
+        reason = str(error)
     except FileNotFoundError:
-        raise InputError(f"{path} does not exist: give {what}", str(path), "path") from None
+        reason = "does not exist"
     except IsADirectoryError:
-        raise InputError(f"{path} is a folder: give {what}", str(path), "path") from None
+        reason = "is a folder"
     except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}): give {what}", str(path), "path") from None
+        reason = f"cannot be read ({error.strerror})"
+    raise InputError(f"{path} {reason}: give {what}", str(path), "path")
 
 
 def read_bytes(path: Path, limit: int, *, follow: bool = True) -> bytes:
     """Read a whole file of at most ``limit`` bytes; all reads except NetCDF go through here.
 
-    follow: follow symbolic links.
-
-    ``OSError`` from the operating system.  ``TooLargeError`` if it has more than ``limit`` bytes.
+    follow: follow symbolic links.  ``OSError`` from the operating system, ``TooLargeError`` above the limit,
     ``IrregularFileError`` if it is a pipe, a device or a socket.
     """
     # checked before opening: opening a device can have side effects
@@ -118,11 +115,13 @@ def _require_regular(status: os.stat_result) -> None:
 
 
 def write_atomically(path: Path, data: bytes | memoryview) -> None:
-    """Write ``data`` atomically: at any moment ``path`` is the complete new file or unchanged.
+    """Write ``data`` so that ``path`` is at any moment the complete new file or unchanged, or raise `StorageError`."""
 
-    ``StorageError`` if it cannot be written; no partial file remains.
-    """
-    replace_atomically(path, lambda temporary: _write_new_file(temporary, data))
+    def write(temporary: Path) -> None:
+        with temporary.open("xb") as file:
+            file.write(data)
+
+    replace_atomically(path, write)
 
 
 def replace_atomically(
@@ -149,12 +148,7 @@ def replace_atomically(
 
 
 def make_folder(path: Path, *, parents: bool = False) -> None:
-    """Make a folder and, with ``parents``, missing parents; flushed to disk before anything is written into it.
-
-    Without ``parents``, a symbolic link is refused.
-
-    ``OSError`` from the operating system.
-    """
+    """Make a folder, flushed to disk, and missing ``parents``; ``OSError`` of the system, or for a symbolic link."""
     if not parents and path.is_symlink():
         raise OSError(errno.ELOOP, "it is a symbolic link, which may lead anywhere: remove it")
     folders = (path, *path.parents) if parents else (path,)
@@ -195,11 +189,6 @@ def remove_temporary_files(folder: Path) -> None:
             path.unlink(missing_ok=True)
 
 
-def _write_new_file(path: Path, data: bytes | memoryview) -> None:
-    with path.open("xb") as file:
-        file.write(data)
-
-
 @contextmanager
 def _reveal_disk_error(path: Path) -> Iterator[None]:
     """Find the operating system's reason for a failed write: HDF5 reports a full disk as "Permission denied"."""
@@ -211,37 +200,23 @@ def _reveal_disk_error(path: Path) -> Iterator[None]:
         raise
 
 
-_IMPOSSIBLE_PATH_ERRNOS = (
-    errno.ELOOP,
-    errno.ENAMETOOLONG,
-    errno.EINVAL,
-)  # the last for a name that Windows does not allow
-_ABSENT_PATH_ERRNOS = (
-    errno.ENOENT,
-    errno.ENOTDIR,
-    errno.EBADF,
-    errno.ELOOP,
-)  # errors of ``stat`` for a path that does not exist
+_IMPOSSIBLE_PATH_ERRNOS = (errno.ELOOP, errno.ENAMETOOLONG, errno.EINVAL)  # the last: not allowed by Windows
+_ABSENT_PATH_ERRNOS = (errno.ENOENT, errno.ENOTDIR, errno.EBADF, errno.ELOOP)  # of ``stat``
 
 
 def exists(path: Path) -> bool:
-    """Whether a file or folder exists.
-
-    ``StorageError`` if it cannot be determined, for example without permission for a parent folder.
-    """
+    """Whether a file or folder exists; ``StorageError`` if that cannot be determined, as for lack of permission."""
     return _stat_or_none(path) is not None
 
 
 def is_folder(path: Path) -> bool:
     """Whether a folder exists; raises as ``exists``."""
-    status = _stat_or_none(path)
-    return status is not None and stat.S_ISDIR(status.st_mode)
+    return (status := _stat_or_none(path)) is not None and stat.S_ISDIR(status.st_mode)
 
 
 def is_file(path: Path) -> bool:
     """Whether a regular file exists; raises as ``exists``."""
-    status = _stat_or_none(path)
-    return status is not None and stat.S_ISREG(status.st_mode)
+    return (status := _stat_or_none(path)) is not None and stat.S_ISREG(status.st_mode)
 
 
 def has_mark(path: Path, mark: bytes, n_bytes: int = 2000) -> bool:
@@ -278,10 +253,7 @@ def _stat_or_none(path: Path) -> os.stat_result | None:
 
 
 def list_folder(folder: Path) -> list[Path]:
-    """List the sorted entries of a folder; none if it does not exist.
-
-    ``StorageError`` if it cannot be read.
-    """
+    """List the sorted entries of a folder; none if it does not exist, ``StorageError`` if it cannot be read."""
     with convert_os_errors(folder, "read"):
         try:
             return sorted(folder.iterdir())

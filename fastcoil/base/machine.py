@@ -175,8 +175,7 @@ def _address_space() -> Iterator[int]:
 
 def _read_integers(path: Path) -> dict[str, int]:
     """Read the integers in a file of the kernel by the word before them, a blank where a line has a number only."""
-    words_of_lines = [line.split() for line in _read_lines(path)]
-    pairs = [("", *words) if len(words) == 1 else words for words in words_of_lines]
+    pairs = [("", *words) if len(words) == 1 else words for words in map(str.split, _read_lines(path))]
     return {pair[0]: int(pair[1]) for pair in pairs if pair and pair[1].isdecimal()}
 
 

@@ -26,11 +26,7 @@ class Result(ABC):
 
 
 def toml_document(lines: Iterable[str], path: str | Path | None) -> str:
-    """Join lines of TOML, and write them to ``path`` if given.
-
-    ``InputError`` if ``path`` is a folder, or its folder does not exist.  ``StorageError`` if it cannot be written; no
-    partial file remains.
-    """
+    """Join lines of TOML, and write them to ``path`` if given; ``StorageError`` if it cannot be written."""
     text = "\n".join(lines) + "\n"
     if path is not None:
         path = require_path("path", path)

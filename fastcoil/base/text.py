@@ -49,10 +49,7 @@ def decimals_for_uncertainty(uncertainty: float) -> int | None:
 
 
 def format_number(value: float, decimals: int | None = None, *, sign: bool = False) -> str:
-    """Format a number with ``decimals``, or with three significant digits.
-
-    sign: write a plus before positive numbers.
-    """
+    """Format a number with ``decimals`` or three significant digits; ``sign``: write a plus before positive numbers."""
     if math.isnan(value):
         return MISSING_VALUE
     if math.isinf(value):
@@ -63,8 +60,7 @@ def format_number(value: float, decimals: int | None = None, *, sign: bool = Fal
             text = f"{float(text):,.0f}"
     else:
         text = f"{abs(value):.{decimals}f}"
-    is_zero = not text.strip("0.")
-    if is_zero:
+    if not text.strip("0."):  # zero has no sign
         return text
     return (MINUS_SIGN if value < 0.0 else "+" if sign else "") + text
 

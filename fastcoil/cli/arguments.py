@@ -21,7 +21,7 @@ class UsablePath(click.ParamType):  # type: ignore[type-arg]
         return require_path(param.opts[-1] if param else "path", value, "give a path, such as . for the current folder")
 
 
-USABLE_PATH = UsablePath()
+PATH = UsablePath()
 
 with_scenario = click.option(
     "--at",
@@ -46,8 +46,7 @@ def parse_pairs(option: str, arguments: Sequence[str]) -> dict[str, str]:
         if not sign:
             problems.append(Problem(f"{option} {argument}: give NAME=VALUE", option, "format"))
         elif name in values:
-            sentence = f"{option}: {short_repr(name)} is given twice: give it once"
-            problems.append(Problem(sentence, option, "duplicate"))
+            problems.append(Problem(f"{option}: {short_repr(name)} is given twice: give it once", option, "duplicate"))
         values[name] = value
     raise_problems(problems)
     return values

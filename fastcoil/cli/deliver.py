@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import fastcoil as fc
 from fastcoil.base.arguments import argument_checks, require_choice
 from fastcoil.base.errors import InputError
 from fastcoil.base.files import exists, has_mark, is_folder, require_output_file
-from fastcoil.cli.arguments import USABLE_PATH, parse_label_lists
+from fastcoil.cli.arguments import PATH, parse_label_lists
 from fastcoil.cli.terminal import announce_compilation, echo
 from fastcoil.model.metric_table import STATUS_NOT_RUN
 
@@ -20,24 +20,14 @@ REPORT_OPTION = "--report"
 
 
 @click.command()
-@click.argument("folder", type=USABLE_PATH)
-@click.option(
-    "-o", "--out", type=USABLE_PATH, metavar="FILE.html", help="File to write; FOLDER/report.html by default."
-)
+@click.argument("folder", type=PATH)
+@click.option("-o", "--out", type=PATH, metavar="FILE.html", help="File to write; FOLDER/report.html by default.")
 def report(folder: Path, out: Path | None) -> None:
     """Write a self-contained HTML report of the finished study in FOLDER.
 
     diagnose, explain, fit and tune have an option --report instead.
     """
     echo(f"Report:  {fc.report(folder, out)}")
-
-
-def with_report(command: Callable[..., None]) -> Callable[..., None]:
-    """Add the option ``--report``; its path is checked before the command runs."""
-    return click.option(
-        REPORT_OPTION, "report", type=USABLE_PATH, metavar="FILE.html", callback=_check_report_path,
-        help="Self-contained HTML report to write.",
-    )(command)  # fmt: skip
 
 
 def write_result(result: Any, out: Path | None, report: Path | None = None, *, label: str = "Written") -> None:
@@ -63,8 +53,15 @@ def _check_report_path(ctx: click.Context, param: click.Parameter, value: Path |
     return value
 
 
+with_report = click.option(
+    REPORT_OPTION, "report", type=PATH, metavar="FILE.html", callback=_check_report_path,
+    help="Self-contained HTML report to write.",
+)  # fmt: skip
+"""Option ``--report``; its path is checked before the command runs."""
+
+
 @click.command()
-@click.argument("folder", type=USABLE_PATH, required=False)
+@click.argument("folder", type=PATH, required=False)
 @click.option("--bibtex", "as_bibtex", is_flag=True, help="BibTeX instead of plain text.")
 def cite(folder: Path | None, as_bibtex: bool) -> None:
     """Print how to cite fastcoil and the paper, and with FOLDER its results and the version that made them."""
@@ -79,13 +76,13 @@ def cite(folder: Path | None, as_bibtex: bool) -> None:
 
 
 @click.command()
-@click.argument("path", type=USABLE_PATH)
+@click.argument("path", type=PATH)
 @click.option("--language", help="Controller as c, st, python, fmu or plcopen.  [default: by -o, else c]")
 @click.option("--test", "has_test", is_flag=True, help="Include a valve test, which the input start_test starts.")
 @click.option("--csv", is_flag=True, help="A row for each scenario-day.")
 @click.option("--metric", "metrics", multiple=True, help="Metric to have in the table; may be repeated.")
 @click.option("--at", multiple=True, metavar="NAME=LABEL", help="Only scenarios with this label; may be repeated.")
-@click.option("-o", "--out", type=USABLE_PATH, metavar="FILE",
+@click.option("-o", "--out", type=PATH, metavar="FILE",
               help="File to write; by default NAME with the matching suffix in the current folder.")  # fmt: skip
 def export(
     path: Path, language: str | None, has_test: bool, csv: bool, metrics: tuple[str, ...], at: tuple[str, ...],
@@ -103,8 +100,7 @@ def export(
     """  # noqa: D301 — click reads the backspace
     if path.suffix == ".toml" and not is_folder(path):
         options = {"--csv": csv, "--metric": metrics, "--at": at}
-        table_options = [option for option, value in options.items() if value]
-        if table_options:
+        if table_options := [option for option, value in options.items() if value]:
             options_work = f"{' and '.join(table_options)} work{'s' * (len(table_options) == 1)}"
             sentence = f"{options_work} only for tables of results, but {path} is a TOML file"
             raise InputError(f"{sentence}: give the folder of a study", table_options[0], "conflict")
@@ -152,8 +148,7 @@ def export_table(path: Path, metrics: tuple[str, ...], at: Sequence[str], out: P
         part = check(select_labels, ds, labels)
     if labels:
         part = part.assign_attrs(title=f"{ds.attrs.get('title', '')} at {describe_labels(part, labels)}".strip())
-    n_not_run = int((part["status"].values == STATUS_NOT_RUN).sum())
-    if n_not_run:
+    if n_not_run := int((part["status"].values == STATUS_NOT_RUN).sum()):
         echo(f"Unfinished: {n_not_run:,} of {part['status'].size:,} scenarios have not run (status not_run).", err=True)
     table = TidyTable(part, metrics)
     write_csv(table, target)

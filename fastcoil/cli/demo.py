@@ -10,10 +10,9 @@ import click
 import fastcoil as fc
 from fastcoil.base.errors import InputError
 from fastcoil.base.files import convert_os_errors, list_folder, make_folder, write_atomically
-from fastcoil.cli.arguments import USABLE_PATH
+from fastcoil.cli.arguments import PATH
 from fastcoil.cli.terminal import announce_compilation, echo
 
-_LOOP_PARAMETERS = {"backlash": 0.09, "kp": 0.03, "ti": 15.0}
 _DEMO_COMMANDS = (
     ("A loop hunts.  Is it the valve?", "fastcoil diagnose log.csv --stroke-time 90"),
     (
@@ -25,7 +24,7 @@ _DEMO_COMMANDS = (
 
 
 @click.command()
-@click.argument("folder", type=USABLE_PATH, required=False)
+@click.argument("folder", type=PATH, required=False)
 @click.pass_context
 def demo(context: click.Context, folder: Path | None) -> None:
     """Show a diagnosis, an explanation and a sweep in about a minute.
@@ -54,7 +53,7 @@ def demo(context: click.Context, folder: Path | None) -> None:
 def _simulate_log() -> str:
     """Six hours of a loop that hunts, as a building logs it."""
     day = fc.paper_day(hours=6, seed=2)
-    loop = fc.Loop.preset("lbnl").assign(**_LOOP_PARAMETERS, noise_std=0.01)
+    loop = fc.Loop.preset("lbnl").assign(backlash=0.09, kp=0.03, ti=15.0, noise_std=0.01)
     ds = fc.simulate(loop, day, traces=["command", "T_measured"], trace_interval=10, progress=False)
     T_set = day.to_dataset().T_set.sel(elapsed_time=ds.elapsed_time)
     rows = zip(ds.elapsed_time.values, ds.command.values, ds.T_measured.values, T_set.values, strict=True)

@@ -15,7 +15,7 @@ from fastcoil.base.arguments import raise_problems
 from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.base.files import exists, has_mark, require_output_file, write_atomically
 from fastcoil.base.text import align_columns, parse_number_or_word
-from fastcoil.cli.arguments import USABLE_PATH, combine_options, parse_pairs
+from fastcoil.cli.arguments import PATH, combine_options, parse_pairs
 from fastcoil.cli.deliver import with_report, write_result
 from fastcoil.cli.terminal import announce_compilation, echo
 
@@ -42,7 +42,7 @@ _add_reading_options = combine_options(
                  help="Unit of a column whose header has none."),
     click.option("--column", "columns", multiple=True, callback=_parse_pairs_option, metavar="NAME=HEADER",
                  help="Header of the column for NAME, if it differs."),
-    click.argument("data", type=USABLE_PATH),
+    click.argument("data", type=PATH),
 )  # fmt: skip
 _READING_OPTIONS = ("drop", "jumps", "max_gap", "time_format", "units", "columns")
 
@@ -58,9 +58,7 @@ def with_reading_options(command: Callable[..., None]) -> Callable[..., None]:
     return _add_reading_options(bundle_reading_options)
 
 
-with_toml = click.option(
-    "-o", "--out", type=USABLE_PATH, help="TOML file to write, and a figure beside it; none by default."
-)
+with_toml = click.option("-o", "--out", type=PATH, help="TOML file to write, and a figure beside it; none by default.")
 with_stroke_time = click.option(
     "--stroke-time", type=float, help="Seconds the motor takes from closed to open; 90 by default."
 )
@@ -72,18 +70,16 @@ with_warm_up = click.option(
 def require_fit_file(out: Path) -> None:
     """Raise, before any work, unless ``out`` can be written and is new or an earlier fit."""
     require_output_file("-o", out, ".toml")
+    figure, cure = out.with_suffix(".png"), "choose another name, or delete it"
     if exists(out) and not has_mark(out, b" fitted to ", 300):
-        sentence = f"-o {out}: this file exists and is not a fit: choose another name, or delete it"
-        raise InputError(sentence, "-o", "path")
-    figure = out.with_suffix(".png")
+        raise InputError(f"-o {out}: this file exists and is not a fit: {cure}", "-o", "path")
     if exists(figure) and not exists(out):
-        sentence = f"-o {out}: {figure} exists and would be replaced: choose another name, or delete it"
-        raise InputError(sentence, "-o", "path")
+        raise InputError(f"-o {out}: {figure} exists and would be replaced: {cure}", "-o", "path")
 
 
 @click.command()
 @with_reading_options
-@click.argument("other_logs", type=USABLE_PATH, nargs=-1, metavar="[DATA]...")
+@click.argument("other_logs", type=PATH, nargs=-1, metavar="[DATA]...")
 @with_report
 @with_toml
 @click.option("--fleet", is_flag=True, help="DATA are logs of many valves, or folders of logs: rank the valves.")
@@ -131,9 +127,8 @@ def _diagnose_fleet(
     from fastcoil.deliver.report.survey import AT_FAULT, TABLE_HEAD, headline, ranked_rows, state_counts
 
     if report is not None:
-        raise InputError(
-            "--report does not work with --fleet: write the page with -o FILE.html", "--report", "conflict"
-        )
+        sentence = "--report does not work with --fleet: write the page with -o FILE.html"
+        raise InputError(sentence, "--report", "conflict")
     announce_compilation("mean_openings")
     ds = fc.survey(logs, out, n_jobs=jobs, **options)
     rows = ranked_rows(ds)[:_MAX_LISTED]
@@ -204,10 +199,8 @@ _POINT_HELP = "File of the point NAME (or header, or FILE:HEADER), if neither he
 
 
 @click.command()
-@click.argument("files", type=USABLE_PATH, nargs=-1)
-@click.option(
-    "-o", "--out", type=USABLE_PATH, default="log.csv", show_default=True, help="CSV file to write; a new one."
-)
+@click.argument("files", type=PATH, nargs=-1)
+@click.option("-o", "--out", type=PATH, default="log.csv", show_default=True, help="CSV file to write; a new one.")
 @click.option("--column", "columns", multiple=True, metavar="NAME=FILE", help=_POINT_HELP)
 @click.option("--unit", "units", multiple=True, metavar="NAME=UNIT", help="Unit of a point whose header has none.")
 @click.option("--step", type=float, help="Time step of the joined log, s; that of the fastest point by default.")
@@ -264,7 +257,7 @@ with_common_options = combine_options(
         help="Share of the log to fit, in whole batches or pieces if there are four or more; 0.7 by default, 1 "
         "with --validate.",
     ),
-    click.option("--validate", "validation", type=USABLE_PATH, help="Another CSV file for validation."),
+    click.option("--validate", "validation", type=PATH, help="Another CSV file for validation."),
     with_report,
     with_reading_options,
 )
@@ -302,7 +295,7 @@ with_constants = click.option(
 
 @fit.command("valve")
 @with_common_options
-@click.option("-o", "--out", type=USABLE_PATH, default="valve.toml", show_default=True, help="TOML file to write.")
+@click.option("-o", "--out", type=PATH, default="valve.toml", show_default=True, help="TOML file to write.")
 @click.option("--m-max", type=float, help="Asymptotic flow, kg/s; fitted by default.")
 @click.option(
     "--lag",
@@ -329,7 +322,7 @@ def fit_valve_command(data: Path, read: dict[str, Any], out: Path, report: Path 
 
 @fit.command("coil")
 @with_common_options
-@click.option("-o", "--out", type=USABLE_PATH, default="coil.toml", show_default=True, help="TOML file to write.")
+@click.option("-o", "--out", type=PATH, default="coil.toml", show_default=True, help="TOML file to write.")
 @with_constants
 @click.option("--both", is_flag=True, help="Minimise the error of the leaving water as well as that of the supply air.")
 @with_warm_up
@@ -348,7 +341,7 @@ def fit_coil_command(
 
 @fit.command("loop")
 @with_common_options
-@click.option("-o", "--out", type=USABLE_PATH, default="loop.toml", show_default=True, help="TOML file to write.")
+@click.option("-o", "--out", type=PATH, default="loop.toml", show_default=True, help="TOML file to write.")
 @click.option(
     "--loop",
     "parts",

@@ -24,7 +24,7 @@ from fastcoil.base.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityErr
 from fastcoil.base.files import exists, is_folder, portable_file_name, require_output_file, write_atomically
 from fastcoil.base.machine import command_line
 from fastcoil.base.progress import format_duration
-from fastcoil.cli.arguments import USABLE_PATH, parse_label_lists, parse_labels, parse_pairs, with_scenario
+from fastcoil.cli.arguments import PATH, parse_label_lists, parse_labels, parse_pairs, with_scenario
 from fastcoil.cli.deliver import with_report, write_result
 from fastcoil.cli.terminal import announce_compilation, echo, handle_interrupts, load_user_code
 
@@ -34,11 +34,11 @@ if TYPE_CHECKING:
 
     from fastcoil.base.progress import Advance
 
-with_folder = click.option("-o", "--out", type=USABLE_PATH, help="Folder of the results; results/NAME by default.")
+with_folder = click.option("-o", "--out", type=PATH, help="Folder of the results; results/NAME by default.")
 
 
 @click.command()
-@click.argument("study", type=USABLE_PATH)
+@click.argument("study", type=PATH)
 @with_folder
 @click.option("-j", "--jobs", type=int, help="Number of workers; all cores by default.  Does not affect results.")
 @click.option("--backend", default="threads", show_default=True, help="threads, loky (processes) or dask.")
@@ -67,6 +67,7 @@ def run(
     if share and extend:
         raise InputError("--shard and --extend: an extension is one run, leave one of them out", "--shard", "conflict")
     spec = read_study(study, prepare=load_user_code)
+    workers: Any = {"n_jobs": jobs, "backend": backend, "scheduler": scheduler}
 
     def progress(n_todo: int, n: int, items: str) -> Advance:
         announce_compilation()
@@ -86,9 +87,7 @@ def run(
 
     if share:
         with handle_interrupts(study, folder, options=["--shard", str(shard)]), ProgressDisplay() as display:
-            n_run = execute_slice(
-                spec, folder, share, n_jobs=jobs, backend=backend, scheduler=scheduler, progress=progress
-            )
+            n_run = execute_slice(spec, folder, share, **workers, progress=progress)
         if n_run is None:
             echo(f"{folder} holds this study, finished: nothing to do.")
             return
@@ -97,16 +96,13 @@ def run(
         echo(f"When all shares are finished, merge them with: {merge}")
         return
     with handle_interrupts(study, folder), ProgressDisplay() as display:
-        finished = execute(
-            spec, folder, n_jobs=jobs, backend=backend, scheduler=scheduler, extend=extend, progress=progress,
-            present=present,
-        )  # fmt: skip
+        finished = execute(spec, folder, **workers, extend=extend, progress=progress, present=present)
     if bool((finished.results["status"].values != STATUS_OK).any()):
         sys.exit(EXIT_FAILED_SCENARIOS)
 
 
 @click.command()
-@click.argument("study", type=USABLE_PATH)
+@click.argument("study", type=PATH)
 @click.option("-j", "--jobs", type=int, help="Workers; all cores by default.")
 def plan(study: Path, jobs: int | None) -> None:
     """Check a STUDY file and show its size and run time; writes nothing."""
@@ -131,8 +127,7 @@ def plan(study: Path, jobs: int | None) -> None:
     memory_bytes = library_bytes + shared_bytes + n_jobs * worker_bytes
     seconds, metrics_left, traces_left = estimate_run_time(run_plan, n_jobs)
     disk_bytes = run_plan.disk_bytes(traces_kept=traces_kept, metrics_left=metrics_left, traces_left=traces_left)
-    sizes = sizes_in_words(run_plan.layout.sizes) or "a single scenario"
-    echo(f"Scenarios:   {run_plan.n_scenarios:,} ({sizes})")
+    echo(f"Scenarios:   {run_plan.n_scenarios:,} ({sizes_in_words(run_plan.layout.sizes) or 'a single scenario'})")
     if spec.precision:
         echo(f"Precision:   {spec.precision.describe_plan(run_plan.n_scenarios // spec.batches)}")
     n_shards = len(cut_into_shards(run_plan, n_jobs))
@@ -149,7 +144,7 @@ def plan(study: Path, jobs: int | None) -> None:
 
 
 @click.command()
-@click.argument("folder", type=USABLE_PATH)
+@click.argument("folder", type=PATH)
 def status(folder: Path) -> None:
     """Show the progress of the study in FOLDER, and how to resume it."""
     from fastcoil.study import maintenance
@@ -158,19 +153,18 @@ def status(folder: Path) -> None:
 
 
 @click.command()
-@click.argument("folder", type=USABLE_PATH)
+@click.argument("folder", type=PATH)
 def verify(folder: Path) -> None:
     """Check all files in the FOLDER of a study against their hashes; changes nothing."""
     from fastcoil.study import maintenance
 
-    problems = maintenance.verify(folder)
-    if problems:
+    if problems := maintenance.verify(folder):
         raise IntegrityError("\n".join(problems))
     echo(f"{folder} is sound.")
 
 
 @click.command()
-@click.argument("folder", type=USABLE_PATH)
+@click.argument("folder", type=PATH)
 @with_scenario
 def rerun(folder: Path, at: Sequence[str]) -> None:
     """Run one scenario of the study in FOLDER again, with all traces at every second."""
@@ -184,7 +178,7 @@ def rerun(folder: Path, at: Sequence[str]) -> None:
 
 
 @click.command()
-@click.argument("study", type=USABLE_PATH, required=False)
+@click.argument("study", type=PATH, required=False)
 @click.option("--from", "name", metavar="NAME", help="Start from an example study.")
 @click.option("--list", "only_list", is_flag=True, help="List the example studies; write nothing.")
 def init(study: Path | None, name: str | None, only_list: bool) -> None:
@@ -237,7 +231,7 @@ def presets() -> None:
 
 
 @click.command()
-@click.argument("folder", type=USABLE_PATH)
+@click.argument("folder", type=PATH)
 @click.option("--metric", "metrics", multiple=True, help="Metric to draw; may be repeated.  rmse, … by default.")
 @click.option("-x", help="Swept or sampled parameter along the x axis; a sampled one in bins of equal counts.")
 @click.option("-y", help="Second parameter: a map instead of a curve.")
@@ -246,7 +240,7 @@ def presets() -> None:
 @click.option(
     "--relative-to", multiple=True, metavar="NAME=LABEL", help="Draw changes against this case, pair by pair, in %."
 )
-@click.option("-o", "--out", type=USABLE_PATH, help="File or folder to write; the figures of FOLDER by default.")
+@click.option("-o", "--out", type=PATH, help="File or folder to write; the figures of FOLDER by default.")
 @click.option("--format", help="png, pdf or svg.  [default: png, or that of the file]")
 @click.option("--dpi", default="200", show_default=True, help="Dots per inch, 50 to 1200.")
 @click.option("--width", metavar="LENGTH", help="Width of the figure, such as 84mm; letters keep their size.")
@@ -267,8 +261,7 @@ def plot(
     check_format(file_format, dots_per_inch)
     StudyFolder(folder).require_manifest()
     if x is None and (metrics or y or by):
-        sentence = "--metric, -y and --by need -x: name the swept parameter along the x axis"
-        raise InputError(sentence, "-x", "missing")
+        raise InputError("--metric, -y and --by need -x: name the swept parameter along the x axis", "-x", "missing")
     inches, labels_at = _parse_width(width), parse_label_lists("--at", at)
     baseline = parse_label_lists("--relative-to", relative_to)
     ds = open_study(folder)
@@ -318,26 +311,20 @@ def _select_results(
     ds: xr.Dataset, axes: Sequence[str], at: Mapping[str, Sequence[str]], baseline: Mapping[str, Sequence[str]]
 ) -> xr.Dataset:
     """Select the part of the results to draw, with a title that describes it."""
+    from fastcoil.study.analysis import selected
     from fastcoil.study.analysis.compare import relative_to
-    from fastcoil.study.analysis.selected import (
-        describe_labels,
-        drawn_parameters,
-        find_case,
-        group_by_parameters,
-        select_labels,
-    )  # fmt: skip
 
-    part, title_parts = select_labels(ds, at), [str(ds.attrs.get("title", ""))]
+    part, title_parts = selected.select_labels(ds, at), [str(ds.attrs.get("title", ""))]
     if at:
-        title_parts.append(f"at {describe_labels(part, at)}")
+        title_parts.append(f"at {selected.describe_labels(part, at)}")
     if baseline:
-        case, baseline_name = find_case(part, baseline)
+        case, baseline_name = selected.find_case(part, baseline)
         part = relative_to(part, case, baseline_name)
         title_parts.append(f"against {baseline_name}")
     if len(set(axes)) < len(axes):
         raise InputError(f"{axes[0]} is named twice: choose two different axes", axes[0], "duplicate")
-    if sampled_axes := [name for name in axes if name in drawn_parameters(part)]:
-        part = group_by_parameters(part, sampled_axes)
+    if sampled_axes := [name for name in axes if name in selected.drawn_parameters(part)]:
+        part = selected.group_by_parameters(part, sampled_axes)
     return part.assign_attrs(title=", ".join(filter(None, title_parts)))
 
 
@@ -346,8 +333,7 @@ def _parse_width(width: str | None) -> float | None:
         return None
     match = re.fullmatch(r"(\d+\.?\d*)\s*mm", width.strip())
     if match is None or not 40.0 <= float(match[1]) <= 500.0:
-        sentence = f"--width {width}: give 40 to 500 mm with the unit, such as 84mm"
-        raise InputError(sentence, "--width", "value")
+        raise InputError(f"--width {width}: give 40 to 500 mm with the unit, such as 84mm", "--width", "value")
     return float(match[1]) / 25.4
 
 
@@ -365,14 +351,12 @@ def draw_standard_figures(folder: Path, ds: xr.Dataset) -> list[Path]:
 
 
 @click.command()
-@click.argument("target", type=USABLE_PATH)
+@click.argument("target", type=PATH)
 @with_scenario
 @click.option(
     "--set", "changes", multiple=True, metavar="NAME=VALUE", help="Another value for a parameter, such as kp=0.03."
 )
-@click.option(
-    "-o", "--out", type=USABLE_PATH, metavar="FIGURE", help="Figure to write: .png, .pdf or .svg; none by default."
-)
+@click.option("-o", "--out", type=PATH, metavar="FIGURE", help="Figure to write: .png, .pdf or .svg; none by default.")
 @with_report
 def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path | None, report: Path | None) -> None:
     """Explain whether and why one loop hunts, what would cure it, and what that costs.
@@ -395,11 +379,8 @@ def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path |
     write_result(explanation, out, report)
 
 
-TUNING_FILE = "tuning.toml"
-
-
 @click.command()
-@click.argument("study", type=USABLE_PATH)
+@click.argument("study", type=PATH)
 @with_folder
 @click.option("-j", "--jobs", type=int, help="Threads; all cores by default.  Results do not depend on it.")
 @with_report
@@ -425,18 +406,13 @@ def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -
         with ProgressDisplay() as display:
             tuning = run_tuning(request._replace(n_jobs=n_jobs), display)
         echo(*tuning.summary(), "")
-        write_result(tuning, folder / TUNING_FILE, report)
-
-
-DEFAULT_PORT = 5010
+        write_result(tuning, folder / "tuning.toml", report)
 
 
 @click.command()
-@click.argument("target", type=USABLE_PATH, default="paper_like")
+@click.argument("target", type=PATH, default="paper_like")
 @with_scenario
-@click.option(
-    "--port", type=click.IntRange(0, 65535), default=DEFAULT_PORT, show_default=True, help="0: any free port."
-)
+@click.option("--port", type=click.IntRange(0, 65535), default=5010, show_default=True, help="0: any free port.")
 @click.option("--browser/--no-browser", default=True, help="Whether to open the page.")
 def explore(target: Path, at: Sequence[str], port: int, browser: bool) -> None:
     """Open an interactive page for one loop: change gap, tuning or day and see the response.
@@ -459,8 +435,7 @@ def explore(target: Path, at: Sequence[str], port: int, browser: bool) -> None:
     from fastcoil.study.maintenance import pick_scenario
 
     name, labels = str(target), parse_labels(at)
-    scenario = None if name in PRESETS and not labels else pick_scenario(target, labels, {})
-    model = Model(scenario, name)
+    model = Model(None if name in PRESETS and not labels else pick_scenario(target, labels, {}), name)
     announce_compilation()
 
     def open_page(address: str) -> None:

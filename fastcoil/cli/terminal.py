@@ -169,11 +169,8 @@ class SafeStream(io.TextIOWrapper):
     def loss_reason(self) -> str | None:
         """Return why part of it was lost; None if nothing was lost, or only because the reader closed the pipe."""
         self.flush()
-        return (
-            None
-            if self.first_error is None or self.first_error.errno == errno.EPIPE
-            else os.strerror(self.first_error.errno or 0)
-        )
+        error = self.first_error
+        return None if error is None or error.errno == errno.EPIPE else os.strerror(error.errno or 0)
 
     def _redirect_to_null(self, error: OSError) -> None:
         self.first_error = self.first_error or error
@@ -199,8 +196,7 @@ def guard_streams() -> SafeStream:
 def _make_safe_stream(stream: TextIO | None, descriptor: int) -> SafeStream:
     """Make a stream like one of Python's, which is None where the descriptor was closed at its start."""
     buffer = open(descriptor, "wb", closefd=False)  # noqa: SIM115
-    encoding = stream.encoding if stream else "utf-8"
-    safe_stream = SafeStream(buffer, encoding, "backslashreplace", line_buffering=True)
+    safe_stream = SafeStream(buffer, stream.encoding if stream else "utf-8", "backslashreplace", line_buffering=True)
     if stream is None:
         safe_stream.first_error = OSError(errno.EBADF, os.strerror(errno.EBADF))
     return safe_stream

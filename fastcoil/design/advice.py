@@ -78,8 +78,7 @@ def propose_cures(loop: Loop, prediction: Prediction, *, has_theory: bool) -> li
     if simc is not None:
         simc_kp, simc_ti = _round_setting(simc[0]), _round_setting(simc[1])
         tuned = prediction.loop.assign(kp=simc_kp, ti=simc_ti)
-        cycles = predict_cycles_at(tuned, prediction.plants, prediction.reachable_points)
-        index = float(cycles.hunting_index.max())
+        index = float(predict_cycles_at(tuned, prediction.plants, prediction.reachable_points).hunting_index.max())
         if SAFE_HUNTING_INDEX < index <= HUNTING_INDEX_LIMIT:  # the lower kp would be advised next
             simc_kp = _round_setting(simc_kp * SAFE_HUNTING_INDEX / index, round_down=True)
         cures.append(_gains_cure(SIMC, simc_kp, simc_ti, "SIMC: "))
@@ -100,15 +99,9 @@ def propose_cures(loop: Loop, prediction: Prediction, *, has_theory: bool) -> li
         if prediction.worst_point >= 0:
             # K per stroke; with a smaller gain the buffer would exceed 1
             gain = max(abs(float(prediction.plants.gain[prediction.worst_point])), 0.2)
-            inverse_changes: dict[str, Scalar] = {
-                **no_inverse,
-                "backlash_estimate": INVERSE_SHARE * backlash,
-                "compensation": "inverse",
-                "buffer_ratio": 6.0,
-                "buffer_noise": "measured",
-                "buffer_swing": BUFFER_SWING,
-                "plant_gain": gain,
-            }
+            inverse_changes: dict[str, Scalar] = {**no_inverse, "backlash_estimate": INVERSE_SHARE * backlash}
+            inverse_changes |= {"compensation": "inverse", "buffer_ratio": 6.0, "buffer_noise": "measured"}
+            inverse_changes |= {"buffer_swing": BUFFER_SWING, "plant_gain": gain}
             size, buffer = format_percent(INVERSE_SHARE * backlash), format_percent(BUFFER_SWING / gain)
             words = f"inverse of {size}, buffer by noise up to {buffer}"
             if not law_change:
@@ -190,13 +183,10 @@ def try_cures(trial: Trial, cures: Sequence[Cure]) -> xr.Dataset:
     jump_travel = ds["switch_frequency"] * (boundary.n_steps - trial.warm_up) / 600.0 * ds["estimate_settled"]
     chatters = ds["estimate_settled"] > OVERESTIMATE_RATIO * ds["backlash_final"]
     chatters &= (ds["switch_frequency"] > CALM_TURNS) & (jump_travel > CHATTER_SHARE * ds["motor_travel"])
+    index_attrs = {"long_name": "largest hunting index of the describing function, predicted"}
     return ds.assign_coords(cure=[cure.name for cure in cures]).assign(
         words=("cure", [cure.words for cure in cures]),
-        hunting_index=(
-            "cure",
-            hunting_index,
-            {"long_name": "largest hunting index of the describing function, predicted"},
-        ),
+        hunting_index=("cure", hunting_index, index_attrs),
         hunting=("cure", hunting.astype(float), {"long_name": "whether it hunts, at least for a part of the day"}),
         chatters=("cure", chatters.values.astype(float), {"long_name": "whether the motor chatters"}),
         swings=(("cure", "point"), swings, {"long_name": "simulated, peak to peak", "units": "K"}),

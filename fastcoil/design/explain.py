@@ -276,8 +276,7 @@ class Explanation:
             _draw_gains(above[0], self.simulated, prediction)
             middle = int(prediction.points.start[prediction.worst_point])
         _draw_day(below, self.simulated, self.best_advice.best, self.boundary, middle)
-        heading = wrap_text(f"{self.answer}\n{self.why}", _WIDTH - 0.3, 9.0)
-        fig.suptitle(heading, x=0.01, ha="left", fontsize=9)
+        fig.suptitle(wrap_text(f"{self.answer}\n{self.why}", _WIDTH - 0.3, 9.0), x=0.01, ha="left", fontsize=9)
         return fig
 
     @property

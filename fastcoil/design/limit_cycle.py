@@ -84,15 +84,13 @@ def harmonic_balance(
         a, b = (np.repeat(end[:, None].astype(float), n_amplitudes, axis=1) for end in (low, high))
         product, place, size = np.zeros(a.shape), a.copy(), np.zeros(a.shape)
         if members.size:
-            phase, N_of_members = phase_left[members], N(members)
+            phase, N_members = phase_left[members], N(members)
 
-            def excess(
-                at: Array, turn: float = turn, phase: Array = phase, N: DescribingFunction = N_of_members
-            ) -> Array:
+            def excess(at: Array, turn: float = turn, phase: Array = phase, N: DescribingFunction = N_members) -> Array:
                 return turn * (interpolate(phase, at) + np.angle(N(frequency_at(w, at))))
 
             at, crosses = _find_root(excess, a[members], b[members])
-            place[members], size[members] = at, np.abs(N_of_members(frequency_at(w, at)))
+            place[members], size[members] = at, np.abs(N_members(frequency_at(w, at)))
             product[members] = np.where(crosses, np.exp(interpolate(log_L[members], at)) * size[members], 0.0)
         pieces.append((product, place, size))
     product, place, size = (np.stack(part) for part in zip(*pieces, strict=True))
@@ -108,8 +106,7 @@ def _find_root(excess: Callable[[Array], Array], a: Array, b: Array) -> tuple[Ar
         fx = excess(x)
         left = fx > 0.0
         a, fa, b, fb = np.where(left, x, a), np.where(left, fx, fa), np.where(left, b, x), np.where(left, fb, fx)
-    drop = np.where(fa > fb, fa - fb, 1.0)
-    return a + (b - a) * np.clip(fa / drop, 0.0, 1.0), crosses
+    return a + (b - a) * np.clip(fa / np.where(fa > fb, fa - fb, 1.0), 0.0, 1.0), crosses
 
 
 def _phase_pieces(phase_left: Array, lead: Array) -> list[tuple[Index, Index, float]]:
@@ -123,8 +120,7 @@ def _phase_pieces(phase_left: Array, lead: Array) -> list[tuple[Index, Index, fl
     dip = rise.argmax(axis=1)
     has_rise = rise[np.arange(n), dip] > 0.01  # rad; below, it is round-off
     dip = np.where(has_rise, dip, 0)
-    peak = np.where(np.arange(n_w) >= dip[:, None], phase, -np.inf).argmax(axis=1)
-    peak = np.where(has_rise, peak, 0)
+    peak = np.where(has_rise, np.where(np.arange(n_w) >= dip[:, None], phase, -np.inf).argmax(axis=1), 0)
     return [(peak, last, 1.0), (np.zeros_like(dip), dip, 1.0), (dip, peak, -1.0)]
 
 
@@ -302,8 +298,7 @@ def _balance_with_limits(w: Array, L: Complex, elements: Elements, A: Array, pla
     for _ in range(INTEGRAL_LIMIT_ROUNDS if k.size else 0):
         w_balance, part = frequency_at(w, balance.place[0][k]), elements.select(k)
         reaches = part.pi_amplitudes(A[k], w_balance)[1] > room[k]
-        gain = part.pi_limit_gain(A[k], w_balance, plants.select(k))[0]
-        limit_gain[k] = np.where(reaches, gain, limit_gain[k])
+        limit_gain[k] = np.where(reaches, part.pi_limit_gain(A[k], w_balance, plants.select(k))[0], limit_gain[k])
         for values, again in zip(balance, balance_loops(k), strict=True):
             values[:, k] = again
     return balance
@@ -399,8 +394,7 @@ def limit_cycle(loop: Loop, boundary: Boundary, *, at: Any = None) -> xr.Dataset
     note = "; ".join(f"NaN in {count:,} of {n:,} scenarios: {reason}" for reason, count in n_unpredicted.items())
     if note:
         warnings.warn(note, stacklevel=2)
-    keys = ("long_name", "units", "comment")
-    attrs = {name: dict(zip(keys, texts, strict=True)) for name, texts in _VARIABLES.items()}
+    attrs = {n: dict(zip(("long_name", "units", "comment"), texts, strict=True)) for n, texts in _VARIABLES.items()}
     ds = points.dataset({name: (values, attrs[name]) for name, values in variables.items()})
     about = {"parameters": json.dumps(points.loop.constants)} | ({"note": note} if note else {})
     return ds.assign_attrs(title="fastcoil limit cycles, predicted", **about, **provenance())

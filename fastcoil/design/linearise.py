@@ -50,8 +50,7 @@ class Margins(NamedTuple):
 
 def margins_of(columns: Columns, plants: Plants) -> Margins:
     """Return the margins of every loop, from the exact transfer function of the sampled loop."""
-    n = plants.gain.size
-    margins = Margins(*(np.full(n, math.nan) for _ in Margins._fields))
+    margins = Margins(*(np.full(plants.gain.size, math.nan) for _ in Margins._fields))
     (periods,), gain = floats(columns, "sample_time"), stroke_gain(columns, plants)
     for period in np.unique(periods[gain > 0.0]):
         members = np.flatnonzero((periods == period) & (gain > 0.0))
@@ -76,8 +75,7 @@ def phase_crossover(L: Complex, w: Array) -> tuple[Array, Array]:
     crosses = (before < 0.0) & (after >= 0.0) & (L[:, 1:].real < 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(crosses, before / (before - after), 0.0)
-    real = L[:, :-1].real + share * (L[:, 1:].real - L[:, :-1].real)
-    size = np.where(crosses, -real, 0.0)
+    size = np.where(crosses, -(L[:, :-1].real + share * (L[:, 1:].real - L[:, :-1].real)), 0.0)
     w_crossover = w[:-1] + share * np.diff(w)
     end = np.maximum(-L[:, -1].real, 0.0)
     size, w_crossover = np.column_stack([size, end]), np.column_stack([w_crossover, np.full(end.size, w[-1])])
@@ -129,8 +127,7 @@ def first_order(columns: Columns, plants: Plants) -> FirstOrder:
         share = sensor_response(response, tau[first], n_more) / gain
     t1, t2 = _crossing_time(share, early), _crossing_time(share, late)
     lag = (t2 - t1) / math.log((1.0 - early) / (1.0 - late))
-    delay = np.maximum(t1 + lag * math.log(1.0 - early), 0.0)
-    return FirstOrder(lag[kind], delay[kind])
+    return FirstOrder(lag[kind], np.maximum(t1 + lag * math.log(1.0 - early), 0.0)[kind])
 
 
 def integral_speed(columns: Columns, plants: Plants, model: FirstOrder) -> Array:
@@ -158,8 +155,7 @@ def lambda_tuning(columns: Columns, plants: Plants, model: FirstOrder) -> Gains:
 
     kp = lag/(K (λ + θ)), ti = lag, λ = 3 lag.  K. J. Åström, T. Hägglund: Advanced PID Control.  ISA (2006).
     """
-    dead_time = _dead_time(columns, model)
-    return _valid_gains(plants, columns, model.lag / (3.0 * model.lag + dead_time), model.lag)
+    return _valid_gains(plants, columns, model.lag / (3.0 * model.lag + _dead_time(columns, model)), model.lag)
 
 
 def ziegler_nichols(ultimate_gain: Array, ultimate_period: Array) -> Gains:
@@ -297,8 +293,7 @@ def linearise(
     if w is not None:
         ds = ds.assign_coords(frequency=("frequency", w, {"long_name": "angular frequency", "units": "rad s-1"}))
     if wants_states:
-        before = ("state_before", states, {"long_name": "state of the coil a second before"})
-        ds = ds.assign_coords(state_before=before)
+        ds = ds.assign_coords(state_before=("state_before", states, {"long_name": "state of the coil a second before"}))
         ds = ds.assign_coords(state=("state", states, {"long_name": "state of the coil, by control volume"}))
     return ds.assign_attrs(title="fastcoil linearised loops", **provenance())
 
@@ -310,8 +305,7 @@ def _variables_of_points(
     for name in ("opening", "T_sup", "m_w", "wet_volumes", "reachable", "gain"):
         yield name, getattr(plants, name)
     model, margins = first_order(columns, plants), margins_of(columns, plants)
-    yield "lag", model.lag
-    yield "delay", model.delay
+    yield from model._asdict().items()
     by_lambda = lambda_tuning(columns, plants, model)
     zn = ziegler_nichols(margins.ultimate_gain, margins.ultimate_period)
     for rule, gains in (("simc", simc(columns, plants, model)), ("lambda", by_lambda), ("zn", zn)):

@@ -121,8 +121,7 @@ def parse_limits(limits: object, quantile: object) -> list[Limit]:
             as_now = isinstance(to_builtin(most), str) and to_builtin(most) == NOW
             most = math.inf if as_now else check(require_number, f"limits: {metric}", most, cure)
             parsed.append(Limit(Measure(metric, share), most, as_now))
-        problems = InputError(check.problems).problems
-        check.problems = [Problem(p, p.field.rpartition(" ")[2], p.code) for p in problems]
+        check.problems = [Problem(p, p.field.rpartition(" ")[2], p.code) for p in InputError(check.problems).problems]
     return parsed
 
 
@@ -137,9 +136,7 @@ def reported_measures(goal: Measure, limits: Sequence[Limit]) -> list[Measure]:
 
 def resolve_limits(limits: Sequence[Limit], current: Mapping[str, Array]) -> tuple[Limit, ...]:
     """Fill in the values of the loop as it is, (1,) each, in the limits that are those."""
-    return tuple(
-        limit._replace(most=float(current[limit.measure.name][0])) if limit.as_now else limit for limit in limits
-    )
+    return tuple(each._replace(most=float(current[each.measure.name][0])) if each.as_now else each for each in limits)
 
 
 def violation(limits: Sequence[Limit], values: Mapping[str, Array]) -> Array:
@@ -152,9 +149,7 @@ def violation(limits: Sequence[Limit], values: Mapping[str, Array]) -> Array:
     return total
 
 
-def with_intervals(
-    cases: Mapping[str, Array], measures: Sequence[Measure], tunings: Sequence[str], seed: int
-) -> xr.Dataset:
+def with_intervals(cases: Mapping[str, Array], measures: Sequence[Measure], labels: list[str], seed: int) -> xr.Dataset:
     """Return measures along ``tuning`` and ``edge`` from metrics (tuning, day, valve, replicate).
 
     The interval is the 95 % interval of the bootstrap: valves and days are resampled independently, since every valve
@@ -166,7 +161,7 @@ def with_intervals(
     rng = np.random.default_rng([seed, 3])
     n_draws = 0 if days == valves == 1 else 400
     draws = [(rng.integers(0, days, days), rng.integers(0, valves, valves)) for _ in range(n_draws)]
-    ds = xr.Dataset(coords={"tuning": list(tunings), "edge": ["value", "low", "high"]})
+    ds = xr.Dataset(coords={"tuning": labels, "edge": ["value", "low", "high"]})
     resampled: dict[str, Array] = {}
     for measure in measures:
         values = cases[measure.metric]
@@ -178,8 +173,8 @@ def with_intervals(
     value = ds[goal.name].values[:, 0]
     with np.errstate(invalid="ignore", divide="ignore"):  # of something infinite or 0 there is no share
         change = _value_and_interval(value / value[0] - 1.0, resampled[goal.name] / resampled[goal.name][:1] - 1.0)
-    label = f"{quantity(goal.metric).text} against that of {tunings[0]}, as a share"
-    ds[CHANGE] = (("tuning", "edge"), change, {"long_name": label, "units": "1"})
+    words = f"{quantity(goal.metric).text} against that of {labels[0]}, as a share"
+    ds[CHANGE] = (("tuning", "edge"), change, {"long_name": words, "units": "1"})
     return ds
 
 

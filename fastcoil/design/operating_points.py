@@ -153,8 +153,7 @@ def _require_mean_conditions(boundary: Boundary, warm_up: int) -> dict[str, Arra
     if days_without.size:
         day_text = f"on day {boundary.day[days_without[0]]} " if boundary.has_day_dim else ""
         cure = "take another day, or a longer one, or give the second as at="
-        sentence = f"no second {day_text}is enabled after the warm-up of {warm_up} s: {cure}"
-        raise InputError(sentence, "boundary", "data")
+        raise InputError(f"no second {day_text}is enabled after the warm-up of {warm_up} s: {cure}", "boundary", "data")
     return {name: means[:, None] for name, means in conditions.items()}
 
 

@@ -27,8 +27,7 @@ def frequency_response(response: Array, w: Array, ratio: Array | None = None) ->
     ratio: of successive changes beyond the end, (n,); by default that of the last ones.
     """
     changes = np.diff(response, axis=1, prepend=0.0)
-    n = changes.shape[1]
-    rotations = np.exp(-1j * np.outer(np.arange(1, n + 1), w))
+    rotations = np.exp(-1j * np.outer(np.arange(1, changes.shape[1] + 1), w))
     ratio = (_last_ratio(changes) if ratio is None else ratio)[:, None]
     delay = np.exp(-1j * w)[None, :]
     tail = changes[:, -1:] * ratio * rotations[-1] * delay / (1.0 - ratio * delay)
@@ -199,9 +198,8 @@ def loop_response(columns: Columns, plants: Plants, w: Array) -> Complex:
     w = np.asarray(w, float)
     ts, kp, ti = floats(columns, "sample_time", "kp", "ti")
     P, kind = sampled_plant_response(columns, plants, w)
-    delayed = np.exp(-1j * np.outer(ts, w))
     with np.errstate(divide="ignore", invalid="ignore"):
-        C = kp[:, None] * (1.0 + ts[:, None] / ti[:, None] / (1.0 - delayed))
+        C = kp[:, None] * (1.0 + ts[:, None] / ti[:, None] / (1.0 - np.exp(-1j * np.outer(ts, w))))
     L = _opening_per_stroke(columns)[:, None] * C * P[kind]
     return np.where(np.outer(ts, w) <= math.pi * (1.0 + 1e-12), L, np.nan)
 

@@ -157,12 +157,8 @@ def phase_shares(prediction: Prediction) -> xr.DataArray:
     integral = -np.angle(1.0 + ts / ti / (1.0 - np.exp(-1j * w * ts)))
     pole = math.exp(-1.0 / tau) if tau > 0.0 else 0.0
     sensor = -np.angle((1.0 - pole) / (1.0 - pole * np.exp(-1j * w)))
-    shares = {
-        "integral": math.degrees(float(integral)),
-        "sensor": math.degrees(float(sensor)),
-        "sampling": math.degrees(0.5 * w * ts),
-        "backlash": float(phase_left[k]),
-    }
+    lags = {"integral": integral, "sensor": sensor, "sampling": 0.5 * w * ts}  # rad
+    shares = {part: math.degrees(lag) for part, lag in lags.items()} | {"backlash": float(phase_left[k])}
     shares["coil"] = 180.0 - sum(shares.values())
     attrs = {"units": "degree", "long_name": "phase that each part of the loop takes", "period": 2.0 * math.pi / w}
     return xr.DataArray([shares[p] for p in PHASE_PARTS], coords={"part": list(PHASE_PARTS)}, dims="part", attrs=attrs)
@@ -234,8 +230,7 @@ def predict_study(plan: Plan) -> xr.Dataset:
     variables = {name: np.full(n, np.nan) for name in PREDICTIONS}
     reasons: Counter[str] = Counter()
     for index in index_chunks(n):
-        day = parameter_columns(loop, distinct, index)["day"]
-        usable = index[np.isfinite(entering["T_set"][day])]
+        usable = index[np.isfinite(entering["T_set"][parameter_columns(loop, distinct, index)["day"]])]
         reasons["no second is enabled after the warm-up"] += index.size - usable.size
         if not usable.size:
             continue

@@ -63,9 +63,8 @@ def to_control(linearised: xr.Dataset, loop: Loop | None = None) -> Any:
         names = {"inputs": "opening", "outputs": "T_sup", "states": states, "name": "plant"}
         return control.ss(A, B[:, None], output_row, 0.0, 1.0, **names)
     require_pi(loop)
-    ts, tau, kp, ti, backlash = (
-        _value_at(point, loop, name) for name in ("sample_time", "sensor_time_constant", "kp", "ti", "backlash")
-    )
+    parameters = ("sample_time", "sensor_time_constant", "kp", "ti", "backlash")
+    ts, tau, kp, ti, backlash = (_value_at(point, loop, name) for name in parameters)
     # the reading a second later is one state more; the PI holds the opening from sample to sample
     decay = math.exp(-1.0 / tau) if tau > 0.0 else 0.0
     output_row = np.append((1.0 - decay) * output_row, decay)

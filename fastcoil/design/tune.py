@@ -188,8 +188,7 @@ def _compare_with_now(request: TuningRequest, group: Group, chosen: Array) -> xr
     changes = {NOW: {}, CHOSEN: request.tunings(chosen[None])} | ({SIMC: simc} if simc else {})
     cases = [simulate_group(request, group, change) for change in changes.values()]
     joined = {metric: np.concatenate([of_tuning[metric] for of_tuning in cases]) for metric in cases[0]}
-    ds = with_intervals(joined, request.measures, list(changes), request.seed)
-    return ds.assign_attrs(group=group.words)
+    return with_intervals(joined, request.measures, list(changes), request.seed).assign_attrs(group=group.words)
 
 
 def _tunings_dataset(dim: str, request: TuningRequest, values: Array, measured: Mapping[str, Array]) -> xr.Dataset:
@@ -275,8 +274,7 @@ def _draw_trials(rng: np.random.Generator, points: Array, best_index: int) -> Ar
     """Draw a trial for each point; one that leaves the cube comes back to its border."""
     n, d = points.shape
     pairs = np.argsort(rng.random((n, n)), axis=1)[:, :2]
-    scale = rng.uniform(0.3, 0.8, (n, 1))
-    new = points[best_index] + scale * (points[pairs[:, 0]] - points[pairs[:, 1]])
+    new = points[best_index] + rng.uniform(0.3, 0.8, (n, 1)) * (points[pairs[:, 0]] - points[pairs[:, 1]])
     is_new = rng.random((n, d)) < 0.8  # crossover
     is_new[np.arange(n), rng.integers(0, d, n)] = True
     return np.asarray(np.clip(np.where(is_new, new, points), 0.0, 1.0))

@@ -267,8 +267,7 @@ def split_days(boundary: Boundary, holdout: object) -> tuple[Boundary, Boundary]
     if held_out.size == n:
         sentence = f"boundary has {n} days, all held out: give several, or others with holdout=…"
         raise InputError(sentence, "holdout", "missing")
-    kept = np.setdiff1d(np.arange(n), held_out)
-    return boundary.isel(day=kept), boundary.isel(day=held_out)
+    return boundary.isel(day=np.setdiff1d(np.arange(n), held_out)), boundary.isel(day=held_out)
 
 
 def split_population(loop: Loop, boundary: Boundary, holdout: object, seed: int) -> tuple[Group, Group]:

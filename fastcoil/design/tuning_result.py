@@ -221,8 +221,7 @@ class Tuning(Result):
         ``[loop]`` is empty where no tuning keeps the limits; ``[fit]`` is for readers.
         """
         lines = ["# settings chosen by fastcoil tune", *(f"# {line}".rstrip() for line in self.summary())]
-        chosen = self.parameters if self.meets_limits else {}
-        lines += toml_table("loop", chosen)
+        lines += toml_table("loop", self.parameters if self.meets_limits else {})
         facts = {"kind": "tuning", "objective": self.objective.name, "meets_limits": self.meets_limits}
         lines += toml_table("fit", facts | {"notes": self.notes})
         for name, ds in (("held_out", self.held_out), ("trained", self.trained)):

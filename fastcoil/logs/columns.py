@@ -51,33 +51,11 @@ class ColumnSpec(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingOptions:
-    """Options of reading a log: what is declared besides its header, and what becomes of its flaws.
+    """Options of reading a log, as of ``fc.read_log``, and how messages name them.
 
-    Parameters
-    ----------
-    columns, units, constants
-        Our name → header (None if the log has our names), → unit for headers without one, → number for series that
-        the log lacks.  ``constants`` is None where the caller does not offer it.
-    drop
-        Whether blank, NaN and impossible values are left out and counted instead of refused: those of measured series
-        become NaN, an input that is missing in one row alone is bridged, other rows with one are left out.  None where
-        the caller does not offer it.
-    jumps
-        ``refuse`` time that goes back or does not advance within a batch, or ``split`` the batch there; None where the
-        caller does not offer it.
-    max_gap
-        Longest step that does not end a batch [s]; three times the median step if None, and more in a log whose rows
-        were written when a value changed.
-    time_format
-        How ``timestamp`` is written: a pattern as of strftime, ``excel`` for serial days, ``epoch`` for seconds or
-        milliseconds since 1970; recognised if None.
-    time_zone
-        Zone of timestamps without a UTC offset, such as ``America/New_York`` or ``UTC-05:00``; blank if unknown.
-    refuse_gaps
-        Refuse gaps and changes of batch.
-    reader
-        What the user calls, so that messages name its options: ``read_log`` and the commands built on it, the command
-        ``join``, or a function with the arguments themselves.
+    ``columns`` is None if the log has our names; ``constants``, ``drop`` and ``jumps`` where the caller does not offer
+    them.  refuse_gaps: refuse gaps and changes of batch.  reader: what the user calls: ``read_log`` or a command built
+    on it, the command ``join``, or a function with the arguments themselves.
     """
 
     columns: Mapping[str, str] | None = None
@@ -273,8 +251,7 @@ def _match_headers(
         example = spec.names[0]
         cure = options.cure(f"columns={{{example!r}: 'its header', ...}}", f"--column {example}='its header'")
         listed = _list_headers([f"{short_repr(cell)}{hints.get(cell, '')}" for cell in unread])
-        sentence = f"unknown columns: {listed}: delete them, or say what to read: {cure}"
-        table.add_problem(sentence, unread[0], "name")
+        table.add_problem(f"unknown columns: {listed}: delete them, or say what to read: {cure}", unread[0], "name")
     elif unread and (guesses or not options.columns):
         table.notes.append(f"left alone: {_list_headers([*map(short_repr, unread)])}")
     return column_by_name | guesses, candidates
@@ -296,9 +273,8 @@ def _guess_columns(
     candidates: dict[str, list[str]] = {}
     for name in [name for name in spec.names if name not in column_by_name and name not in (options.constants or {})]:
         matching = [k for k in unknown if k in meanings and meanings[k].name == name]
-        clear_matches = [
-            k for k in matching if meanings[k].is_clear and (meanings[k].place <= place or place <= meanings[k].place)
-        ]
+        in_plant = [k for k in matching if meanings[k].place <= place or place <= meanings[k].place]
+        clear_matches = [k for k in in_plant if meanings[k].is_clear]
         if len(clear_matches) == 1:
             guesses[name] = clear_matches[0]
             place |= meanings[clear_matches[0]].place

@@ -8,11 +8,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from fastcoil.base.arguments import collect_problems, raise_problems
+from fastcoil.base.arguments import argument_checks, collect_problems, raise_problems
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.logs.cells import is_missing_word, is_number_or_switch_word
@@ -22,14 +22,7 @@ from fastcoil.logs.plausibility import describe_likely_unit, find_misread_units
 from fastcoil.logs.readings import describe_left_out, read_columns
 from fastcoil.logs.series import COLUMNS, TIME_COLUMNS, VOCABULARY, format_count, is_unit
 from fastcoil.logs.table import REVERSED_ROWS_NOTE, Table, normalise_header, split_label_and_unit
-from fastcoil.logs.timestamps import (
-    MICROSECOND_DTYPE,
-    MINUTE_US,
-    SECOND_US,
-    Timestamps,
-    apply_time_zone,
-    format_utc_offset,
-)
+from fastcoil.logs.timestamps import MICROSECOND_DTYPE, SECOND_US, Timestamps, apply_time_zone, format_utc_offset
 
 _NON_POINT_COLUMNS = ("elapsed_time", "batch")
 POINT_NAMES = [name for name in COLUMNS if name not in _NON_POINT_COLUMNS]  # what a point may be
@@ -71,11 +64,9 @@ def split_sources(table: Table, options: ReadingOptions) -> list[PointSource]:
     if not stamps.absolute and options.time_zone:
         stamps = apply_time_zone(stamps, options.time_zone)
     if (columns := find_value_columns(table)) is None:
-        return [
-            PointSource(_single_column_table(table, k, header), stamps)
-            for k, header in enumerate(table.header)
-            if k != time and split_label_and_unit(header)[0] not in _NON_POINT_COLUMNS
-        ]
+        labels = [split_label_and_unit(header)[0] for header in table.header]
+        indices = [k for k, label in enumerate(labels) if k != time and label not in _NON_POINT_COLUMNS]
+        return [PointSource(_single_column_table(table, k, table.header[k]), stamps) for k in indices]
     if not stamps.good.all():
         table.notes.append(describe_left_out(table, "timestamp", ~stamps.good, "row"))
     point, value, unit = columns
@@ -114,28 +105,22 @@ def _single_column_table(table: Table, column: int, header: str, rows: Sequence[
 def find_value_columns(table: Table) -> tuple[int, int, int | None] | None:
     """Find the columns of points, values and units of a log that has a row for each value; None of any other."""
     labels = [normalise_header(header) for header in table.header]
-    points, values, units = (
-        [k for k, label in enumerate(labels) if label in VOCABULARY["headers"][kind].split()]
-        for kind in ("point", "value", "unit")
-    )
+    words_by_kind = [VOCABULARY["headers"][kind].split() for kind in ("point", "value", "unit")]
+    points, values, units = ([k for k, label in enumerate(labels) if label in words] for words in words_by_kind)
     if not points or len(values) != 1 or table.find_time_column() is None:
         return None
     # of a path and a short name that one counts which tells more points apart
     return max(points, key=lambda k: len({row[k] for row in table.rows})), values[0], units[0] if units else None
 
 
-def read_points(
-    sources: Sequence[PointSource], all_columns: Table, options: ReadingOptions, spec: ColumnSpec
-) -> list[Point]:
-    """Read the points of ``spec`` among several columns; ``all_columns`` gets the headers of all."""
-    all_columns.header = ["timestamp", *(source.table.header[0] for source in sources)]
-    column_by_name = find_columns(all_columns, options, spec)
-    all_columns.raise_problems()
-    points, problems = list[Point](), list[str]()
-    for name, column in sorted(column_by_name.items(), key=lambda entry: entry[1]):
-        with collect_problems(problems):
-            points += [_read_point(sources[column - 1], name, options)] if column else []
-    raise_problems(problems)
+def read_points(sources: Sequence[PointSource], union: Table, options: ReadingOptions, spec: ColumnSpec) -> list[Point]:
+    """Read the points of ``spec`` among several columns; ``union`` gets the headers of all."""
+    union.header = ["timestamp", *(source.table.header[0] for source in sources)]
+    column_by_name = find_columns(union, options, spec)
+    union.raise_problems()
+    columns = sorted(column_by_name.items(), key=lambda entry: entry[1])
+    with argument_checks() as check:
+        points = [check(_read_point, sources[column - 1], name, options) for name, column in columns if column]
     return points
 
 
@@ -143,10 +128,8 @@ def _read_point(source: PointSource, name: str, options: ReadingOptions) -> Poin
     """Read the point in a column; blanks are no mistake where ``drop`` is not offered."""
     table, stamps = source.table, source.stamps
     units = {name: options.units[name]} if name in options.units else {}
-    spec = ColumnSpec((), measured=POINT_NAMES)
-    readings = read_columns(
-        table, {name: 0}, replace(options, columns={}, units=units), spec, sparse=options.drop is None
-    )
+    spec, point_options = ColumnSpec((), measured=POINT_NAMES), replace(options, columns={}, units=units)
+    readings = read_columns(table, {name: 0}, point_options, spec, sparse=options.drop is None)
     if not options.drop:
         readings.report_complaints(table, options)
     elif readings.bad[name].any():
@@ -213,21 +196,17 @@ def join_points(
     left out.  max_gap: longest time without a sample over which a point holds or runs straight [s]; if left out, three
     usual steps for a point of regular samples, no limit for one that is written when it changes.
     """
-    options = ReadingOptions(
-        columns=columns, units=units, time_format=time_format, time_zone=time_zone or "", reader="join"
-    )
-    points, notes = _read_files(paths, options)
+    reading: Any = {"columns": columns, "units": units, "time_format": time_format, "time_zone": time_zone or ""}
+    points, notes = _read_files(paths, options := ReadingOptions(**reading, reader="join"))
     values, declared = {point.name: point.values for point in points}, {point.name: point.unit for point in points}
     likely_units = find_misread_units(values, declared, options.units)
     problems = []
     for point in points:
         if unit := likely_units.get(point.name):
-            cure = f"write '[{unit}]' in the header; if {point.unit} is right, say so: "
-            cure += options.unit_cure(point.name, point.unit)
-            sentence = (
-                f"{point.file}: {point.name} is declared in {point.unit}, and {describe_likely_unit(unit)}: {cure}"
-            )
-            problems.append(Problem(sentence, point.name, "unit"))
+            unit_cure = options.unit_cure(point.name, point.unit)
+            cure = f"write '[{unit}]' in the header; if {point.unit} is right, say so: {unit_cure}"
+            declaration = f"{point.file}: {point.name} is declared in {point.unit}"
+            problems.append(Problem(f"{declaration}, and {describe_likely_unit(unit)}: {cure}", point.name, "unit"))
     raise_problems(problems)
     points = [point._replace(unit=COLUMNS[point.name].unit) for point in points]
     points.sort(key=lambda point: list(COLUMNS).index(point.name))
@@ -272,10 +251,8 @@ def _read_files(paths: Sequence[Path], options: ReadingOptions) -> tuple[list[Po
     all_columns = Table("", [], [], [], column_of_joined_header=source_by_name)
     points = read_points(sources, all_columns, options, ColumnSpec((), POINT_NAMES))
     cure = f"say which one it is, with --column NAME=FILE or NAME=FILE:HEADER, of {', '.join(POINT_NAMES)}"
-    unread_files = {path.name for path in paths} - {point.file for point in points}
-    problems += [
-        Problem(f"{name} has no point that is known: {cure}", name, "missing") for name in sorted(unread_files)
-    ]
+    unread_files = sorted({path.name for path in paths} - {point.file for point in points})
+    problems += [Problem(f"{file} has no point that is known: {cure}", file, "missing") for file in unread_files]
     for name in sorted(options.units.keys() - {point.name for point in points}):
         sentence = f"--unit {name}={options.units[name]}: no file has the point {name}"
         problems.append(Problem(sentence, "--unit", "name"))
@@ -331,7 +308,7 @@ def _sample_on_clock(
         notes.append(f"{n_rows} left out: a point has no sample within its longest gap")
     offsets = {point.offset for point in points}
     offset = offsets.pop() if len(offsets) == 1 else 0
-    zone = format_utc_offset(offset // MINUTE_US)[3:] or "+00:00" if points[0].clock == "UTC" else ""
+    zone = format_utc_offset(offset // (60 * SECOND_US))[3:] or "+00:00" if points[0].clock == "UTC" else ""
     header = ["timestamp", *(f"{point.name} [{point.unit}]" for point in points)]
     cells = [[f"{stamp.isoformat()}{zone}" for stamp in (clock[is_good] + offset).astype(MICROSECOND_DTYPE).tolist()]]
     cells += [[f"{value:.{digits}g}" for value in series[is_good].tolist()] for series in values]
@@ -344,11 +321,9 @@ def _sample_point(point: Point, clock: Index, max_gap: float | None) -> tuple[Ar
     following = np.minimum(latest + 1, point.times.size - 1)
     steps = np.diff(point.times)
     is_held = COLUMNS[point.name].hold or not point.is_regular
-    limit = max_gap
-    if limit is None and point.is_regular:
-        limit = GAP_MEDIAN_STEPS * float(np.median(steps)) / SECOND_US
-    next_time = np.where(following > latest, point.times[following], clock)
-    gap_microseconds = next_time - point.times[latest]
+    usual_limit = GAP_MEDIAN_STEPS * float(np.median(steps)) / SECOND_US if point.is_regular else None
+    limit = usual_limit if max_gap is None else max_gap
+    gap_microseconds = np.where(following > latest, point.times[following], clock) - point.times[latest]
     is_good = (clock == point.times[latest]) | (gap_microseconds <= (np.inf if limit is None else limit * SECOND_US))
     values = point.values[latest] if is_held else np.interp(clock, point.times, point.values)
     method = "held from sample to sample" if is_held else "on straight lines"

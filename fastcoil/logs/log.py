@@ -10,14 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from fastcoil.base.arguments import (
-    Checks,
-    argument_checks,
-    collect_problems,
-    raise_problems,
-    require_choice,
-    require_mapping,
-)  # fmt: skip
+from fastcoil.base.arguments import argument_checks, collect_problems, require_choice, require_mapping
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError
 from fastcoil.logs.columns import (
@@ -76,8 +69,7 @@ class CheckedLog:
 
     def seconds_since_batch_start(self) -> Array:
         """Return the seconds since the start of each sample's batch, (n,)."""
-        first = np.searchsorted(self.batch, np.arange(self.n_batches))
-        return self.time - self.time[first][self.batch]
+        return self.time - self.time[np.searchsorted(self.batch, np.arange(self.n_batches))][self.batch]
 
     def humidity_ratio(self, pressure: float) -> Array:
         """Return the humidity ratio of the entering air, kg/kg, (n,); from RH or dew point at a ``pressure``, Pa."""
@@ -90,8 +82,7 @@ class CheckedLog:
     def with_validation_log(self, validation_log: Self) -> Self:
         """Return the samples of both logs, those of ``validation_log`` in separate batches."""
         name = validation_log.name if validation_log.name != self.name else f"{validation_log.name} (validation)"
-        missing_columns = (self.values.keys() ^ validation_log.values.keys()) - {"T_w_out"}
-        if missing_columns:
+        if missing_columns := (self.values.keys() ^ validation_log.values.keys()) - {"T_w_out"}:
             sentence = f"{self.name} or {name} has no {', '.join(sorted(missing_columns))}: log the same in both"
             raise InputError(sentence, "validation", "missing")
         logs = (self, validation_log)
@@ -212,10 +203,7 @@ class Log:
         return "DataFrame" if hasattr(self._source, "iloc") else "Dataset"
 
     def check(self) -> None:
-        """Check what needs no caller: that the source is a table, and that it has the columns that were named.
-
-        The table of a file is kept, so that the file is read once.
-        """
+        """Check that the source is a table with the columns that were named; the table of a file is kept."""
         table = _read_table(self._source, self._options)
         if isinstance(self._source, Path):
             self._table = table
@@ -229,15 +217,10 @@ class Log:
         table.raise_problems()
 
     def read(self, spec: ColumnSpec, *, refuse_gaps: bool = False, use_sensor: bool = False) -> CheckedLog:
-        """Read the columns of ``spec`` as checked numbers.
-
-        refuse_gaps: also refuse gaps and changes of batch.  use_sensor: of a Dataset of ``fc.simulate``, take
-        ``T_measured``, which its controller read, as ``T_sup``.
-        """
-        options = replace(self._options, refuse_gaps=refuse_gaps)
+        """Read the columns of ``spec`` as checked numbers; ``use_sensor``: of a simulation, what its sensor shows."""
         # constants are for whichever caller needs them
-        constants = options.constants or {}
-        options = replace(options, constants={name: constants[name] for name in constants if name in spec.names})
+        constants = {name: x for name, x in (self._options.constants or {}).items() if name in spec.names}
+        options = replace(self._options, refuse_gaps=refuse_gaps, constants=constants)
         if self._table is not None:
             return check_table(self._table.copy(), spec, options)
         source = self._source
@@ -247,15 +230,12 @@ class Log:
 
     def summary(self) -> list[str]:
         """Return the log as lines of text: rows, times, columns with their units as read, and notes."""
-        spec = ColumnSpec((), POINT_NAMES)
-        problems: list[str] = []
-        with collect_problems(problems):
-            data = self.read(spec)
-        if problems:
-            return [f"cannot be read as it is: {problem}" for problem in problems]
+        try:
+            data = self.read(ColumnSpec((), POINT_NAMES))
+        except InputError as error:
+            return [f"cannot be read as it is: {problem}" for problem in error.problems]
         span = f"{data.time[-1]:,.0f} s" + (f" from {data.start} {data.time_zone}".rstrip() if data.start else "")
-        pieces = format_count(data.n_batches, "piece")
-        lines = [f"{data.time.size:,} rows, {data.step:g} s apart, in {pieces}: {span}"]
+        lines = [f"{data.time.size:,} rows, {data.step:g} s apart, in {format_count(data.n_batches, 'piece')}: {span}"]
         lines += [
             f"{name} [{data.units[name]}] from the column {data.headers[name]!r}" if name in data.units
             else f"{name} = {data.values[name][0]:g}, a constant"
@@ -268,10 +248,7 @@ class Log:
 
 
 def as_log(name: str, source: Any, like: Log | None = None) -> Log:
-    """Return a `Log`: ``source`` itself, or that of a path, DataFrame or Dataset, with the options of ``like``.
-
-    ``InputError`` about the argument ``name`` if it is none of these.
-    """
+    """Return a `Log`: ``source`` itself, or that of a path, DataFrame or Dataset, with the options of ``like``."""
     if isinstance(source, Log):
         return source
     return Log(require_log(name, source), _DEFAULT_LOG_OPTIONS if like is None else like._options)
@@ -354,9 +331,9 @@ def read_log(
     """
     with argument_checks() as check:
         source = check(require_log, "source", source)
-        options = _check_options(
+        options = check_reading_options(
             check, units=units, columns=columns, drop=drop, jumps=jumps, max_gap=max_gap, time_format=time_format,
-            time_zone=time_zone, constants=constants,
+            time_zone=time_zone, constants=constants, reader="read_log",
         )  # fmt: skip
     log = Log(source, options)
     log.check()
@@ -366,16 +343,10 @@ def read_log(
 def check_read_options(options: Any) -> None:
     """Check a mapping of options of ``read_log``, the argument ``read`` of a function that reads many logs."""
     cure = "give a mapping of options of fc.read_log, such as {'drop': True}"
-    names = [name for name in inspect.signature(read_log).parameters if name != "source"]
+    parameters = inspect.signature(read_log).parameters
+    defaults = {name: parameter.default for name, parameter in parameters.items() if name != "source"}
     with argument_checks() as check:
         for name in require_mapping("read", options, cure):
-            check(require_choice, "read", name, names)
-        raise_problems(check.problems)
-        _check_options(check, **options)
-
-
-def _check_options(check: Checks, **options: Any) -> ReadingOptions:
-    defaults = {"units": None, "columns": None, "drop": False, "jumps": "refuse", "max_gap": None, "time_format": None}
-    return check_reading_options(
-        check, **(defaults | {"time_zone": None, "constants": None} | options), reader="read_log"
-    )
+            check(require_choice, "read", name, defaults)
+    with argument_checks() as check:
+        check_reading_options(check, **(defaults | options), reader="read_log")

@@ -37,14 +37,11 @@ def resample_at_seconds(
 ) -> dict[str, Array]:
     """Resample each series at ``seconds`` within the log, (n_seconds,).
 
-    time, values: of the samples [s], ascending, and their values by name, each (n,).  hold: names of the series that
-    hold until the next sample; the others run straight.  slack: by which a sample may be late for its second, with
-    round-off [s].
+    time: of the samples [s], ascending, (n,).  hold: names of the series that hold until the next sample; others run
+    straight.  slack: by which a sample may be late for its second, with round-off [s].
     """
     latest = np.searchsorted(time, seconds + slack, side="right") - 1
-    return {
-        name: series[latest] if name in hold else np.interp(seconds, time, series) for name, series in values.items()
-    }
+    return {name: x[latest] if name in hold else np.interp(seconds, time, x) for name, x in values.items()}
 
 
 def longest_step_between_changes(time: Array, is_same_batch: Mask, values: Mapping[str, Array]) -> float | None:
@@ -56,11 +53,8 @@ def longest_step_between_changes(time: Array, is_same_batch: Mask, values: Mappi
     steps = np.diff(time)[is_same_batch]
     if steps.size < 20 or not has_uneven_steps(steps) or np.mean(steps > GAP_MEDIAN_STEPS * np.median(steps)) < 0.05:
         return None
-    changed = [
-        ~((series[1:] == series[:-1]) | (np.isnan(series[1:]) & np.isnan(series[:-1])))[is_same_batch]
-        for name, series in values.items()
-        if name != "batch"
-    ]
+    pairs = [(series[1:], series[:-1]) for name, series in values.items() if name != "batch"]
+    changed = [~((new == old) | (np.isnan(new) & np.isnan(old)))[is_same_batch] for new, old in pairs]
     repeats = any(has_changed.sum() > 2 and np.mean(~has_changed) >= 0.2 for has_changed in changed)
     if not repeats or np.mean(np.any(changed, axis=0)) < 0.9:
         return None
@@ -113,28 +107,24 @@ def number_pieces(
         table.problems.append(_describe_backward_time(time, is_backward, rows, options, time_name))
         return np.zeros(time.size, dtype=np.int64), False
     if is_backward.any():
-        notes.append(
-            f"time goes back or does not advance {format_count(is_backward, 'time')}: the record starts again there"
-        )
+        count_text = format_count(is_backward, "time")
+        notes.append(f"time goes back or does not advance {count_text}: the record starts again there")
     forward = steps[~is_new_batch & ~is_backward]
     median = float(np.median(forward)) if forward.size else np.inf
     longest_change_step = longest_step_between_changes(time, ~is_new_batch & ~is_backward, values)
     if longest_change_step and not options.max_gap:
-        table.notes.append(
-            f"rows are {forward.min():g} to {forward.max():g} s apart, and each has a change: a log of changes, "
-            f"values hold between rows; steps of up to {longest_change_step:g} s are no gaps "
-            f"(another limit: {options.cure('max_gap=...', '--max-gap')})"
-        )
+        spacing = f"rows are {forward.min():g} to {forward.max():g} s apart, and each has a change: a log of changes"
+        limit_text = f"steps of up to {longest_change_step:g} s are no gaps"
+        cure = options.cure("max_gap=...", "--max-gap")
+        table.notes.append(f"{spacing}, values hold between rows; {limit_text} (another limit: {cure})")
     longest_bridged = options.max_gap or longest_change_step or GAP_MEDIAN_STEPS * median
     is_gap = ~is_new_batch & ~is_backward & (steps > longest_bridged)
     if options.refuse_gaps and (is_new_batch | is_gap).any():
         table.problems.append(_describe_gap(steps, is_new_batch, is_gap, median, rows, time_name))
     elif is_gap.any():
         k = int(np.argmax(is_gap))
-        notes.append(
-            f"{format_count(is_gap, 'gap')} in time (first: {steps[k]:g} s between rows {rows[k]} and {rows[k + 1]}): "
-            "the record starts again after each"
-        )
+        first_text = f"first: {steps[k]:g} s between rows {rows[k]} and {rows[k + 1]}"
+        notes.append(f"{format_count(is_gap, 'gap')} in time ({first_text}): the record starts again after each")
     return np.concatenate([[0], np.cumsum(is_new_batch | is_backward | is_gap)]), bool(longest_change_step)
 
 
@@ -149,16 +139,13 @@ def _describe_backward_time(
         cure += "; or let the record start again there: " + options.cure("jumps='split'", "--jumps split")
     relation = "is at the same time as" if time[k + 1] == time[k] else "is earlier than"
     count_text = f" ({n_backward} such rows)" if n_backward > 1 else ""
-    sentence = f"{time_name}: row {rows[k + 1]} {relation} row {rows[k]}{count_text}: {cure}"
-    return Problem(sentence, time_name, "time")
+    return Problem(f"{time_name}: row {rows[k + 1]} {relation} row {rows[k]}{count_text}: {cure}", time_name, "time")
 
 
-def _describe_gap(
-    steps: Array, is_new_batch: Mask, is_gap: Mask, median: float, rows: list[int], time_name: str
-) -> Problem:
+def _describe_gap(steps: Array, is_new_batch: Mask, is_gap: Mask, median: float, rows: list[int], time: str) -> Problem:
     k = int(np.argmax(is_new_batch)) if is_new_batch.any() else int(np.argmax(np.where(is_gap, steps, 0.0)))
     rows_text, gap = f"rows {rows[k]} and {rows[k + 1]}", f"{steps[k]:g}"
     if is_new_batch[k]:
         return Problem(f"{rows_text} are of two batches: give the rows of one", "batch", "time")
     cure = f"fill the gap, cut the log, or bridge it with max_gap={gap}"
-    return Problem(f"{rows_text} are {gap} s apart, others {median:g} s: {cure}", time_name, "time")
+    return Problem(f"{rows_text} are {gap} s apart, others {median:g} s: {cure}", time, "time")

@@ -61,8 +61,7 @@ def find_misread_units(
 
 def _control_mask(values: Mapping[str, Array]) -> Mask | slice:
     """Where the loop is in operation, its valve between the limits, (n,); everywhere if that is nowhere or unknown."""
-    sizes = {series.size for series in values.values()}
-    if len(sizes) > 1 or "command" not in values:
+    if len({series.size for series in values.values()}) > 1 or "command" not in values:
         return slice(None)
     in_control = np.abs(values["command"] - 0.5) < 0.49
     if "enabled" in values:
@@ -78,11 +77,8 @@ def _find_misread_temperatures(
     for name, number in medians.items():
         if units[name] == "degC" and number >= 32.0 and name not in trusted:
             other_units[name] = "degF"
-        if (
-            units[name] == "degF"
-            and number <= (100.0 if name == "T_w_in" else _MAX_AIR_CELSIUS)
-            and name not in trusted
-        ):
+        largest = 100.0 if name == "T_w_in" else _MAX_AIR_CELSIUS
+        if units[name] == "degF" and number <= largest and name not in trusted:
             other_units[name] = "degC"
 
     def contradicts(changed_units: Mapping[str, str]) -> bool:

@@ -15,16 +15,7 @@ from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.logs import plausibility
 from fastcoil.logs.cells import NumberStyle, ParsedCells, detect_number_style, parse_cells
 from fastcoil.logs.columns import ColumnSpec, ReadingOptions
-from fastcoil.logs.series import (
-    COLUMNS,
-    DIMENSIONLESS,
-    TEMPERATURE,
-    TRAVEL,
-    Series,
-    count_suffix,
-    describe_first_row,
-    format_count,
-)
+from fastcoil.logs.series import COLUMNS, TEMPERATURE, TRAVEL, Series, count_suffix, describe_first_row, format_count
 from fastcoil.logs.table import Table
 
 
@@ -74,16 +65,15 @@ def read_columns(
             k, first_row_text = int(np.argmax(is_sensor_off)), describe_first_row(table.row_numbers, is_sensor_off)
             reading_text = f"{name} is {cells.values[k]:g}{f' {unit}' if cells.values[k] else ''}, "
             if name in spec.measured:
-                readings.notes.append(
-                    f"{format_count(is_sensor_off, 'value')} left out: {reading_text}sensor off ({first_row_text})"
-                )
+                subject = f"{format_count(is_sensor_off, 'value')} left out"
+                readings.notes.append(f"{subject}: {reading_text}sensor off ({first_row_text})")
                 values[is_sensor_off] = np.nan
             else:
                 sentence = f"{reading_text}{first_row_text}, where others are far away: sensor off"
                 readings.complaints.append(Problem(sentence, name, "data"))
             bad = bad & ~is_sensor_off if name in spec.measured else bad | is_sensor_off
         elif wrong.any():
-            complaint = _describe_bad_cells(table, series, column, unit, wrong, cells.has_bad_status, cells.values)
+            complaint = _describe_bad_cells(table, series, column, unit, wrong, cells)
             impossible = wrong & ~missing & np.isfinite(values)
             if 2 * impossible.sum() > np.isfinite(values).sum():  # the unit is wrong, not some readings
                 table.problems.append(complaint)
@@ -110,13 +100,10 @@ def check_plausible_units(
         unit, k = readings.units[name], int(np.argmax(np.isfinite(values[name])))
         cell, row = short_repr(table.rows[k][column_by_name[name]].strip()), table.row_numbers[k]
         likeness = plausibility.describe_likely_unit(likely_unit)
-        table.add_problem(
-            f"{name} = {cell} in row {row} is declared in {unit}, and {likeness}: "
-            f"{table.unit_declaration_cure(column_by_name[name], likely_unit)}; if {unit} is right, declare it in the "
-            f"log and with {options.unit_cure(name, unit)}",
-            name,
-            "unit",
-        )
+        cure = table.unit_declaration_cure(column_by_name[name], likely_unit)
+        cure += f"; if {unit} is right, declare it in the log and with {options.unit_cure(name, unit)}"
+        sentence = f"{name} = {cell} in row {row} is declared in {unit}, and {likeness}: {cure}"
+        table.add_problem(sentence, name, "unit")
     for name in sorted({"T_sup", "T_set", "T_a_in"} & values.keys() - trusted):
         if k := plausibility.find_unit_change(values[name]):
             sentence = f"{name} jumps in row {table.row_numbers[k]} as if °C and °F were in one column: write one unit"
@@ -125,29 +112,23 @@ def check_plausible_units(
         scale, offset = TRAVEL[readings.units["command"]]
         command = (values["command"] - offset) / scale
         if k := plausibility.find_scale_change(command) if scale == TRAVEL["%"][0] else 0:
-            sentence = (
-                f"command goes on in row {table.row_numbers[k]} as if in another unit than before: write one unit"
-            )
+            row = table.row_numbers[k]
+            sentence = f"command goes on in row {row} as if in another unit than before: write one unit"
             table.add_problem(sentence, "command", "unit")
         if k := plausibility.find_column_exchange(values["T_sup"], command) if "T_sup" in values else 0:
             sentence = f"T_sup and command go on exchanged in row {table.row_numbers[k]}: write one order of columns"
             table.add_problem(sentence, "T_sup", "data")
     exchanged_column = plausibility.find_column_exchanged_with_supply(values) if not table.problems else ""
     if exchanged_column and not {"T_sup", exchanged_column} <= trusted:
-        table.add_problem(
-            f"T_sup, first in row {table.row_numbers[0]}, is outside what air and water enter with, as if "
-            f"{exchanged_column} and it were exchanged: exchange the two headers, or check both sensors",
-            "T_sup",
-            "data",
-        )
+        mistake = f"T_sup, first in row {table.row_numbers[0]}, is outside what air and water enter with"
+        cure = "exchange the two headers, or check both sensors"
+        sentence = f"{mistake}, as if {exchanged_column} and it were exchanged: {cure}"
+        table.add_problem(sentence, "T_sup", "data")
     if {"T_sup", "T_set"} <= values.keys() and plausibility.is_set_point_exchanged(values["T_sup"], values["T_set"]):
         k = int(np.argmax(np.diff(values["T_set"]) != 0.0)) + 1
-        table.add_problem(
-            f"T_set changes in most rows (first in row {table.row_numbers[k]}) while T_sup is constant, as if they "
-            "were exchanged: exchange the two headers; if they are right, log T_sup in finer steps",
-            "T_set",
-            "data",
-        )
+        mistake = f"T_set changes in most rows (first in row {table.row_numbers[k]}) while T_sup is constant"
+        cure = "exchange the two headers; if they are right, log T_sup in finer steps"
+        table.add_problem(f"{mistake}, as if they were exchanged: {cure}", "T_set", "data")
 
 
 def mark_supersaturation(table: Table, readings: ColumnReadings, constants: Mapping[str, float]) -> None:
@@ -161,14 +142,10 @@ def mark_supersaturation(table: Table, readings: ColumnReadings, constants: Mapp
         above &= ~(readings.bad[bad_column] | readings.bad.get("T_a_in", False))
     k, n_rows = int(np.argmax(above)), len(table.rows)
     humidity, T = (float(np.broadcast_to(values[column], n_rows)[k]) for column in (name, "T_a_in"))
-    unit = COLUMNS[name].unit
-    complaint = Problem(
-        f"{name} = {humidity:.4g}{' kg/kg' if unit == '1' else f' {unit}'} in row {table.row_numbers[k]} is above "
-        f"saturation at T_a_in = {T:.4g} degC: check the units of both, or give the values that belong together"
-        f"{count_suffix(int(above.sum()))}",
-        name,
-        "data",
-    )
+    row, unit = table.row_numbers[k], "kg/kg" if COLUMNS[name].unit == "1" else COLUMNS[name].unit
+    mistake = f"{name} = {humidity:.4g} {unit} in row {row} is above saturation at T_a_in = {T:.4g} degC"
+    cure = f"check the units of both, or give the values that belong together{count_suffix(int(above.sum()))}"
+    complaint = Problem(f"{mistake}: {cure}", name, "data")
     if bad_column not in readings.values or 2 * above.sum() > n_rows:
         table.problems.append(complaint)
     elif above.any():
@@ -187,22 +164,17 @@ def read_numbers(table: Table, series: Series, column: int, unit: str | None = N
         bad = series.is_bad(values)
         if not bad.any():
             return values
-        table.problems.append(
-            _describe_bad_cells(table, series, column, known_unit, bad, cells.has_bad_status, cells.values)
-        )
+        table.problems.append(_describe_bad_cells(table, series, column, known_unit, bad, cells))
     return np.arange(len(table.rows), dtype=np.float64)
 
 
 def _detect_table_style(table: Table, columns: Mapping[str, int]) -> NumberStyle:
     """Detect how the numbers of the table are written; raise if that is ambiguous."""
     style = detect_number_style(([row[column] for row in table.rows] for column in columns.values()), table.separator)
-    if style.ambiguous_number:
-        table.add_problem(
-            f"a number such as {style.ambiguous_number!r} may mean {style.ambiguous_number.replace(',', '')} or "
-            f"{style.ambiguous_number.replace(',', '.')}: write decimal points and no separators of thousands",
-            table.name,
-            "format",
-        )
+    if number := style.ambiguous_number:
+        meanings = f"{number.replace(',', '')} or {number.replace(',', '.')}"
+        cure = "write decimal points and no separators of thousands"
+        table.add_problem(f"a number such as {number!r} may mean {meanings}: {cure}", table.name, "format")
         table.raise_problems()
     if style.note and style.note not in table.notes:
         table.notes.append(style.note)
@@ -218,7 +190,7 @@ def _resolve_column_unit(
     cell_unit = next(iter(cells.units.values()), "") if 2 * len(cells.units) >= len(numbers) else ""
     declared = table.declared_units(column) | ({"by units": caller_unit} if caller_unit else {})
     units = [*declared.items(), *([("by its cells", cell_unit)] if cell_unit else [])]
-    if not units and series.units is not DIMENSIONLESS:
+    if not units and len(series.units) > 1:  # of a number without dimension the only unit is 1
         cure = f"{table.unit_declaration_cure(column, 'UNIT')}, or use {options.unit_cure(series.name, 'UNIT')}"
         table.add_problem(f"{series.name} has no unit: {cure} ({series.known_units})", series.name, "unit")
         return None
@@ -243,14 +215,12 @@ def _resolve_column_unit(
     return None
 
 
-def _describe_bad_cells(
-    table: Table, series: Series, column: int, unit: str, bad: Mask, has_bad_status: Mask, numbers: Array
-) -> Problem:
+def _describe_bad_cells(table: Table, series: Series, column: int, unit: str, bad: Mask, cells: ParsedCells) -> Problem:
     """Describe the first ``bad`` cell of a column in ``unit``: its row, how many there are, and the cure."""
     i, n_bad = int(np.argmax(bad)), int(bad.sum())
-    if np.isfinite(numbers[i]) and not has_bad_status[i]:
-        return series.describe_bad_value(float(numbers[i]), f" in row {table.row_numbers[i]}", n_bad, unit)
-    status = ", bad by its status" if has_bad_status[i] else ""
+    if np.isfinite(cells.values[i]) and not cells.has_bad_status[i]:
+        return series.describe_bad_value(float(cells.values[i]), f" in row {table.row_numbers[i]}", n_bad, unit)
+    status = ", bad by its status" if cells.has_bad_status[i] else ""
     cell = short_repr(table.rows[i][column].strip())
     cure = f"give a number with a decimal point, or fill or cut the gap{count_suffix(n_bad)}"
     return Problem(f"{series.name} = {cell} in row {table.row_numbers[i]}{status}: {cure}", series.name, "value")

@@ -60,12 +60,11 @@ _SPELLINGS: Mapping[str, str] = VOCABULARY["spellings"]
 
 def resolve_unit(name: str, unit: str, units: Units) -> str:
     """Return ``unit`` of the column ``name`` as ``units`` spells it; ``°C``, ``l/s`` and ``GPM`` are understood."""
-    by_folded = {_fold_unit(known_unit): known_unit for known_unit in units}
-    if _fold_unit(unit) in by_folded:
-        return by_folded[_fold_unit(unit)]
-    if (spelling := _SPELLINGS.get(_fold_unit(unit), "")) in units:
-        return spelling
-    full_unit = _ABBREVIATIONS.get(_fold_unit(unit))
+    folded = _fold_unit(unit)
+    spellings = {folded: _SPELLINGS.get(folded, "")} | {_fold_unit(known_unit): known_unit for known_unit in units}
+    if spellings[folded] in units:
+        return spellings[folded]
+    full_unit = _ABBREVIATIONS.get(folded)
     hint = f", did you mean {full_unit!r}?" if full_unit in units else did_you_mean(unit, units)
     raise InputError(f"{name} is in {short_repr(unit)}{hint} (known units: {', '.join(units)})", name, "unit")
 

@@ -220,8 +220,9 @@ class Table:
         header_index = _header_index([row for _, row in rows[:_HEADER_SEARCH_ROWS]])
         (first, header), data = rows[header_index], rows[header_index + 1 :]
         if header_index:
-            remark = short_repr(" ".join(rows[0][1]))
-            notes.append(f"what is above row {first} is not part of the table, from {remark} on")
+            notes.append(
+                f"what is above row {first} is not part of the table, from {short_repr(' '.join(rows[0][1]))} on"
+            )
         units = None
         if data and _is_unit_row(data[0][1]) and any(map(_is_data_cell, chain(*(row for _, row in data[1:3])))):
             number, cells = data.pop(0)
@@ -242,8 +243,7 @@ class Table:
         table = cls(path.name, header, [row for _, row in data], [i for i, _ in data], separator=separator, notes=notes)
         table.units = None if units is None else (units + [""] * width)[:width]
         table._check_header()
-        ragged_rows = [i for i, row in enumerate(table.rows) if len(row) != width]
-        if ragged_rows:
+        if ragged_rows := [i for i, row in enumerate(table.rows) if len(row) != width]:
             row, number = table.rows[ragged_rows[0]], table.row_numbers[ragged_rows[0]]
             count_text = f" ({len(ragged_rows)} rows in total)" if len(ragged_rows) > 1 else ""
             problem = f"row {number} has {format_count(len(row), 'cell')} where the header has {width}{count_text}"
@@ -283,11 +283,8 @@ class Table:
     def _merge_status(self) -> None:
         """Write what columns of status say, of their row or of the column on the left, behind values, in braces."""
         labels = [normalise_header(header) for header in self.header]
-        status_columns = [
-            k
-            for k, label in enumerate(labels)
-            if label in _STATUS_HEADERS and any(row[k].strip().lower() in GOOD_STATUS_WORDS for row in self.rows[:1000])
-        ]
+        candidates, head = [k for k, label in enumerate(labels) if label in _STATUS_HEADERS], self.rows[:1000]
+        status_columns = [k for k in candidates if any(row[k].strip().lower() in GOOD_STATUS_WORDS for row in head)]
         other_columns = [k for k in range(len(labels)) if k not in status_columns]
         values = [k for k in other_columns if labels[k] not in (*TIME_HEADERS, "elapsedtime")]
         for k in status_columns:
@@ -303,10 +300,9 @@ class Table:
 
     def copy(self) -> Table:
         """Return a table with lists of its own, of the same rows."""
-        return replace(
-            self, header=[*self.header], rows=[*self.rows], row_numbers=[*self.row_numbers], problems=[*self.problems],
-            notes=[*self.notes],
-        )  # fmt: skip
+        names = ("header", "rows", "row_numbers", "problems", "notes")
+        lists: Any = {name: [*getattr(self, name)] for name in names}
+        return replace(self, **lists)
 
     def add_problem(self, sentence: str, field: str, code: str) -> None:
         """Add a mistake in the log about ``field``, with a code of ``fastcoil.base.errors.CODES``."""
@@ -327,10 +323,8 @@ class Table:
 
     def find_time_column(self) -> int | None:
         """Find the column of times: by its header, or the first one if it has times; None if there is none."""
-        for k, header in enumerate(self.header):
-            if normalise_header(header) in TIME_HEADERS:
-                return k
-        return 0 if is_time(self.rows[0][0]) and not is_time(self.header[0]) else None
+        first = 0 if is_time(self.rows[0][0]) and not is_time(self.header[0]) else None
+        return next((k for k, header in enumerate(self.header) if normalise_header(header) in TIME_HEADERS), first)
 
     def declared_units(self, column: int) -> dict[str, str]:
         """Units of a column by where they are declared: ``by its header`` and ``by the row of units``."""
@@ -382,20 +376,18 @@ def table_from_data(source: Any, columns: Mapping[str, str] | None, names: Colle
     return table
 
 
-def _dataset_columns(
-    ds: xr.Dataset, requested: Mapping[str, str], names: Collection[str]
-) -> tuple[list[str], list[Any]]:
+def _dataset_columns(ds: xr.Dataset, columns: Mapping[str, str], names: Collection[str]) -> tuple[list[str], list[Any]]:
     """Return header and values of the columns of a Dataset, the time first."""
     coordinates = ("elapsed_time", "timestamp", "time")
-    times = (*(requested.get(name, name) for name in coordinates), *coordinates)
+    times = (*(columns.get(name, name) for name in coordinates), *coordinates)
     dims = [name for name in times if name in ds.coords and ds[name].dims == (name,)]
     if not dims:
-        cure = "give every variable one of them as dimension"
-        raise InputError(
-            f"the Dataset has no coordinate elapsed_time, nor timestamp: {cure}", "elapsed_time", "missing"
+        sentence = (
+            "the Dataset has no coordinate elapsed_time, nor timestamp: give every variable one of them as dimension"
         )
+        raise InputError(sentence, "elapsed_time", "missing")
     time = dims[0]
-    read_names = [str(n) for n in ds.data_vars if n in names or n in requested.values()]
+    read_names = [str(n) for n in ds.data_vars if n in names or n in columns.values()]
     cure = f"choose one loop, so that only {time} is left"
     wrong_dims = [name for name in read_names if ds[name].dims != (time,)]
     raise_problems([Problem(f"{name} has dims {ds[name].dims}: {cure}", name, "shape") for name in wrong_dims])
@@ -406,9 +398,9 @@ def _dataset_columns(
             if not np.allclose(steps, scale * np.diff(ds[time].values), rtol=0.0, atol=1.0):
                 sentence = f"{name} and {time} of the Dataset differ in their steps: drop the one that is wrong"
                 raise InputError(sentence, str(name), "conflict")
-    values, label = ds[time].values, time if time in requested.values() else "elapsed_time"
-    if values.dtype.kind == "M" and requested.get("elapsed_time") != time:
-        time_header = time if requested.get("timestamp") == time else "timestamp"
+    values, label = ds[time].values, time if time in columns.values() else "elapsed_time"
+    if values.dtype.kind == "M" and columns.get("elapsed_time") != time:
+        time_header = time if columns.get("timestamp") == time else "timestamp"
         values = values.astype("datetime64[us]")
     elif values.dtype.kind in "mM":
         time_header, values = f"{label} [s]", (values - values[:1]) / np.timedelta64(1, "s")

@@ -8,6 +8,7 @@ time of day may have a column each.
 import re
 import zoneinfo
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from datetime import datetime, timedelta, timezone, tzinfo
 from itertools import chain
 from typing import Any, NamedTuple, cast
@@ -39,8 +40,7 @@ class Timestamps(NamedTuple):
 
     def seconds_since_first(self) -> Array:
         """Return the seconds since the first good time, (n,); NaN where there is none."""
-        since = self.microseconds - self.microseconds[np.argmax(self.good)]
-        return np.where(self.good, since / 1e6, np.nan)
+        return np.where(self.good, (self.microseconds - self.microseconds[np.argmax(self.good)]) / 1e6, np.nan)
 
     def first_time(self) -> tuple[np.datetime64, str]:
         """Return the first time, to the second, on the clock that wrote it; and its time zone, blank if unknown."""
@@ -75,14 +75,11 @@ def require_time_format(name: str, value: Any) -> str:
     text = require_text(name, value)
     if text.strip().lower() in _NUMBER_KINDS:
         return text.strip().lower()
-    try:
-        is_usable = "%" in text and datetime.strptime(_EXAMPLE_TIME.strftime(text), text).year > 0
-    except Exception:  # patterns fail in many ways, not all of them documented
-        is_usable = False
-    if not is_usable:
-        cure = "give a pattern such as '%d/%m/%Y %H:%M', or excel or epoch"
-        raise InputError(f"{name} = {short_repr(text)}: {cure}", name, "format")
-    return text
+    with suppress(Exception):  # patterns fail in many ways, not all of them documented
+        if "%" in text and datetime.strptime(_EXAMPLE_TIME.strftime(text), text).year > 0:
+            return text
+    cure = "give a pattern such as '%d/%m/%Y %H:%M', or excel or epoch"
+    raise InputError(f"{name} = {short_repr(text)}: {cure}", name, "format")
 
 
 class _NumberKind(NamedTuple):
@@ -214,9 +211,7 @@ def _timestamps_from_times(
     hours = {name: _ZONE_HOURS[name] for name in names - ambiguous if name in _ZONE_HOURS}
     offsets: dict[int, int] = {}
     for k, time in enumerate(times):
-        utc_offset = time.utcoffset() if time else None
-        if zones[k] in hours:
-            utc_offset = timedelta(hours=hours[zones[k]])
+        utc_offset = timedelta(hours=hours[zones[k]]) if zones[k] in hours else time.utcoffset() if time else None
         if utc_offset is not None:
             offsets[k] = utc_offset // timedelta(microseconds=1)
     clocks = ["absolute" if k in offsets else zones[k] for k in good_indices]
@@ -226,8 +221,7 @@ def _timestamps_from_times(
         sentence = f"timestamp in row {row} has another time zone than the first, or one of them has none"
         raise InputError(f"{sentence}: write one time zone, with or without UTC offset", "timestamp", "time")
     if not good_indices or good_indices[0] not in offsets:
-        name = clocks[0].upper() if good_indices else ""
-        if name:
+        if name := clocks[0].upper() if good_indices else "":
             notes.append(f"timestamp is in {name} throughout: its times are read as they stand")
         return Timestamps(local_microseconds, is_good, False, problem, notes, name)
     first_offset = offsets[good_indices[0]]
@@ -323,8 +317,7 @@ def _timestamps_from_parts(
         order = _find_date_order(known, cure, notes)
     has_halves = any(date_parts.has_half for date_parts in known.values())  # a time without AM or PM is none then
     times = [each.in_order(order) if each and each.has_half == has_halves else None for each in parts]
-    zones = [each.zone if each else "" for each in parts]
-    return _timestamps_from_times(times, zones, row_numbers, problem, notes)
+    return _timestamps_from_times(times, [each.zone if each else "" for each in parts], row_numbers, problem, notes)
 
 
 def _find_date_order(parts: Mapping[int, DateParts], cure: str, notes: list[str]) -> tuple[int, int, int]:

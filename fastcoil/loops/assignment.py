@@ -3,7 +3,7 @@
 import inspect
 from collections.abc import Collection, Hashable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -142,10 +142,11 @@ def _check_dim(name: str, dim: Hashable, array: xr.DataArray) -> None:
         raise InputError(f"{sentence}: give them in the unit of {dim}, or none", name, "unit")
 
 
-NO_RULES: Mapping[str, Rule] = {}
+Values: TypeAlias = Mapping[str, Any]  # of parameters, by name
+Rules: TypeAlias = Mapping[str, Rule]
 
 
-def all_parameters(rules: Mapping[str, Rule]) -> Mapping[str, Parameter]:
+def all_parameters(rules: Rules) -> Mapping[str, Parameter]:
     """Return every parameter by name: those of the package, with the rules among the choices, then those of rules."""
     if not rules:
         return PARAMETERS
@@ -181,7 +182,7 @@ def extract_rules(name: str, value: Any) -> tuple[Any, list[Rule]]:
     return (words if items is value else words[0]) if rules else value, rules
 
 
-def merge_rules(known_rules: Mapping[str, Rule], new_rules: Collection[Rule], used: Collection[str]) -> dict[str, Rule]:
+def merge_rules(known_rules: Rules, new_rules: Collection[Rule], used: Collection[str]) -> dict[str, Rule]:
     """Add new rules to known ones; known rules that are not used are dropped if names of parameters clash."""
     new_by_name: dict[str, Rule] = {}
     for rule in new_rules:
@@ -200,9 +201,7 @@ def merge_rules(known_rules: Mapping[str, Rule], new_rules: Collection[Rule], us
     return rules
 
 
-def values_for_rules(
-    values: Mapping[str, Any], before: Mapping[str, Rule], rules: Mapping[str, Rule]
-) -> dict[str, Any]:
+def values_for_rules(values: Values, before: Rules, rules: Rules) -> dict[str, Any]:
     """Return the values of a loop whose rules change: drop parameters that no rule has any more, add new ones."""
     old = {n: p for rule in before.values() for n, p in rule.own.items()}
     new = {n: p for rule in rules.values() for n, p in rule.own.items()}
@@ -214,32 +213,26 @@ def values_for_rules(
 
 
 CONVERGED_KEYWORD = "converged"
-CONVERGED: Mapping[str, Any] = {"air_march": "quasistatic", "substeps": 8}
+CONVERGED: Values = {"air_march": "quasistatic", "substeps": 8}
 """Parameters that ``converged=True`` sets, within 1 % of the RMSE of a finer scheme, see docs/model.md."""
 CONVERGED_TEXT = " and ".join(f"{name} = {value!r}" for name, value in CONVERGED.items())
 
 
-def expand_converged(changes: Mapping[str, Any]) -> dict[str, Any]:
+def expand_converged(changes: Values) -> dict[str, Any]:
     """Replace ``converged`` in the changes of a loop by the parameters that it stands for; False changes nothing."""
     other_changes = {name: value for name, value in changes.items() if name != CONVERGED_KEYWORD}
     if CONVERGED_KEYWORD not in changes or not require_flag(CONVERGED_KEYWORD, changes[CONVERGED_KEYWORD]):
         return other_changes
-    conflicting = [name for name in CONVERGED if name in other_changes]
-    if conflicting:
+    if conflicting := [name for name in CONVERGED if name in other_changes]:
         sentence = f"converged stands for {CONVERGED_TEXT}: leave it out, or leave out {' and '.join(conflicting)}"
         raise InputError(sentence, CONVERGED_KEYWORD, "conflict")
     return other_changes | dict(CONVERGED)
 
 
-_ALTERNATIVES = (
-    (INSTALLED_VALVE_PARAMETERS, STAND_INS["rangeability"]),
-    (("estimate_ratio",), STAND_INS["estimate_ratio"]),
-)
+_EXCLUSIVE = {INSTALLED_VALVE_PARAMETERS: STAND_INS["rangeability"], ("estimate_ratio",): STAND_INS["estimate_ratio"]}
 
 
-def assign_values(
-    values: Mapping[str, Any], known_rules: Mapping[str, Rule], changes: Mapping[str, Any]
-) -> tuple[dict[str, Any], Mapping[str, Rule]]:
+def assign_values(values: Values, known_rules: Rules, changes: Values) -> tuple[dict[str, Any], Rules]:
     """Apply ``changes``, reporting all mistakes together; return the values and the known rules."""
     problems: list[str] = []
     checked: dict[str, Any] = {}
@@ -253,7 +246,7 @@ def assign_values(
     for name in [name for name in changes if name not in refused]:
         with collect_problems(problems):
             checked[name] = check_value(table[require_parameter_name(name, table)], changes[name])
-    for stand_ins, replaced in _ALTERNATIVES:
+    for stand_ins, replaced in _EXCLUSIVE.items():
         given_stand_ins, given_replaced = [n for n in stand_ins if n in checked], [n for n in replaced if n in checked]
         if given_stand_ins and given_replaced:
             both = f"{' and '.join(given_stand_ins)} stand in for {' and '.join(given_replaced)}"
@@ -261,13 +254,13 @@ def assign_values(
     raise_problems(problems)
 
     result = dict(values)
-    for stand_ins, replaced in _ALTERNATIVES:
+    for stand_ins, replaced in _EXCLUSIVE.items():
         for new, old in ((stand_ins, replaced), (replaced, stand_ins)):
             if not checked.keys() & set(new):
                 continue
             if missing := [n for n in new if n not in checked and n not in result]:
-                sentence = f"{', '.join(new)} go together: {' and '.join(missing)} missing"
-                raise InputError(sentence, missing[0], "missing")
+                together = f"{', '.join(new)} go together"
+                raise InputError(f"{together}: {' and '.join(missing)} missing", missing[0], "missing")
             result = {n: v for n, v in result.items() if n not in old}
     for name, value in checked.items():
         if isinstance(value, xr.DataArray):
@@ -277,9 +270,7 @@ def assign_values(
     return result, known_rules
 
 
-def _resolve_rules(
-    values: Mapping[str, Any], known_rules: Mapping[str, Rule], changes: Mapping[str, Any]
-) -> tuple[dict[str, Any], Mapping[str, Rule]]:
+def _resolve_rules(values: Values, known_rules: Rules, changes: Values) -> tuple[dict[str, Any], Rules]:
     """Return the changes with names in place of rules, and the rules known then."""
     extracted = {kind: extract_rules(kind, changes[kind]) for kind in RULE_KINDS if kind in changes}
     new_rules = [rule for _, rules in extracted.values() for rule in rules]
@@ -291,7 +282,7 @@ def _resolve_rules(
     return changes, merge_rules(known_rules, new_rules, used)
 
 
-def _check_axes(values: Mapping[str, Any]) -> None:
+def _check_axes(values: Values) -> None:
     """Refuse parameters of different lengths or labels along a dimension that they share."""
     first_names: dict[str, str] = {}
     labelled: dict[str, tuple[str, np.ndarray]] = {}

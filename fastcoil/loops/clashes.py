@@ -62,9 +62,8 @@ def controller_clashes(loop: Loop, T_set: Array) -> list[Problem]:
     dead_band = float(np.max(np.asarray(loop["error_dead_band"])))
     # set-points within 1 K count as one: a record of a constant one drifts and has steps
     if 1.0 <= (set_point_range := float(np.max(T_set) - np.min(T_set))) <= dead_band:
-        effect = f"set-points within {set_point_range:g} K would not move the valve"
-        sentence = f"error_dead_band = {dead_band:g} K: {effect}, give less"
-        problems.append(Problem(sentence, "error_dead_band", "conflict"))
+        effect = f"set-points within {set_point_range:g} K would not move the valve, give less"
+        problems.append(Problem(f"error_dead_band = {dead_band:g} K: {effect}", "error_dead_band", "conflict"))
     return problems
 
 
@@ -263,8 +262,7 @@ def _mismatches(loop: Loop, boundary: Boundary) -> Iterator[str]:
         elif action == "heating" and water - least_air > 35.0:
             # K, from where water changes the air at least twice as much per stroke as chilled water does
             kp, ti = (loop.constants.get(name) for name in ("kp", "ti"))
-            presets = [n for n in COOLING_PRESETS if (kp, ti) == (Loop.preset(n)["kp"], Loop.preset(n)["ti"])]
-            for name in presets[:1]:
+            for name in [n for n in COOLING_PRESETS if (kp, ti) == (Loop.preset(n)["kp"], Loop.preset(n)["ti"])][:1]:
                 yield (
                     f"action = 'heating' with kp = {kp:g} 1/K and ti = {ti:g} s, those of the cooling coil {name}: "
                     "with hot water they may ring, or be slow; begin with the preset heating or heating_45, or give "
@@ -287,7 +285,19 @@ def check_stability(layout: Layout) -> None:
     if n_unstable := int(np.count_nonzero(~(largest_numbers <= 1.0))):
         worst = int(np.nanargmax(largest_numbers))
         gamma, lam = numbers[:, worst].tolist()
-        sentence = _instability_sentence(layout, coil, n_unstable, worst, gamma, lam)
+        columns = coil.columns(np.array([worst]))
+        substeps = int(columns["substeps"][0])
+        violations = [f"γ = m_w cp_w dt/C_w = {gamma:.3g}"] if gamma > 1.0 else []
+        violations += [f"λ = dt (G_a + G_w)/C_c = {lam:.3g}"] if lam > 1.0 else []
+        stable = np.ceil(max(gamma, lam) * substeps * (1 - 1e-12))
+        cures = [f"substeps = {stable:.0f} is stable"] if stable <= PARAMETERS["substeps"].upper else []
+        cures.append("give fewer n_volumes or larger " + " and ".join(["C_w"] * (gamma > 1.0) + ["C_c"] * (lam > 1.0)))
+        place = ", ".join(filter(None, [coil.describe(worst), f"n_volumes={int(columns['n_volumes'][0])}"]))
+        sentence = (
+            f"unstable at dt = {'1 s' if substeps == 1 else f'1/{substeps} s'}: "
+            f"{n_unstable * (layout.size // coil.size):,} of {layout.size:,} scenarios have γ or λ above 1; "
+            f"worst: {' and '.join(violations)} at {place}; cure: {', or '.join(cures)}"
+        )
         raise InputError(sentence, "C_w" if gamma > 1.0 else "C_c", "value")
 
 
@@ -318,7 +328,7 @@ def _coil_and_valve_layout(layout: Layout) -> Layout:
     axes = {d for v in values.values() if isinstance(v, xr.DataArray) for d in v.dims}
     values |= {n: v for n, v in layout.loop.swept.items() if n in axes}
     if "rangeability" in values:
-        values = {n: v for n, v in values.items() if n not in ("m_max", "valve_a", "valve_b", "valve_c")}
+        values = {n: v for n, v in values.items() if n not in STAND_INS["rangeability"]}
     return Layout(Loop(**values), layout.boundary)
 
 
@@ -326,21 +336,3 @@ def wet_slope(W: float, coldest: float, pressure: float) -> float:
     """Return dh_s/dT at the dew point of the dampest air, 0 for a coil that cannot get wet."""
     dew_point = float(moist_air.wetting_point(W, pressure))
     return 0.0 if coldest >= dew_point else float(moist_air.saturation_enthalpy_slope(dew_point, pressure))
-
-
-def _instability_sentence(layout: Layout, coil: Layout, n_unstable: int, worst: int, gamma: float, lam: float) -> str:
-    """Describe an unstable study.  worst: flat index of the least stable scenario, with its γ and λ."""
-    columns = coil.columns(np.array([worst]))
-    n_volumes, substeps = int(columns["n_volumes"][0]), int(columns["substeps"][0])
-    violations = [f"γ = m_w cp_w dt/C_w = {gamma:.3g}"] if gamma > 1.0 else []
-    violations += [f"λ = dt (G_a + G_w)/C_c = {lam:.3g}"] if lam > 1.0 else []
-    stable_substeps = np.ceil(max(gamma, lam) * substeps * (1 - 1e-12))
-    cures = [f"substeps = {stable_substeps:.0f} is stable"] if stable_substeps <= PARAMETERS["substeps"].upper else []
-    cures.append("give fewer n_volumes or larger " + " and ".join(["C_w"] * (gamma > 1.0) + ["C_c"] * (lam > 1.0)))
-    place = ", ".join(filter(None, [coil.describe(worst), f"n_volumes={n_volumes}"]))
-    dt = "1 s" if substeps == 1 else f"1/{substeps} s"
-    n_scenarios = n_unstable * (layout.size // coil.size)
-    return (
-        f"unstable at dt = {dt}: {n_scenarios:,} of {layout.size:,} scenarios have γ or λ above 1; "
-        f"worst: {' and '.join(violations)} at {place}; cure: {', or '.join(cures)}"
-    )

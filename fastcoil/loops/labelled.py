@@ -15,17 +15,7 @@ from numpy.typing import NDArray
 from fastcoil.base.arguments import require_array
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, Problem, short_repr
-from fastcoil.logs.series import (
-    COLUMNS,
-    FRACTION,
-    PRESSURE,
-    TEMPERATURE,
-    TEMPERATURE_DIFFERENCE,
-    TIME,
-    WATER_FLOW,
-    Units,
-    resolve_unit,
-)
+from fastcoil.logs.series import COLUMNS, PRESSURE, Units, resolve_unit
 from fastcoil.logs.timestamps import format_utc_offset
 
 _PARAMETER_SCALES = (
@@ -36,10 +26,8 @@ _PARAMETER_SCALES = (
     {"rad s-1": 1.0, "rad/s": 1.0, "Hz": 2.0 * np.pi},
 )
 _PARAMETER_UNITS = [{unit: (scale, 0.0) for unit, scale in family.items()} for family in _PARAMETER_SCALES]
-_ACCEPTED_UNITS = {
-    next(iter(units)): units
-    for units in (FRACTION, TIME, TEMPERATURE, TEMPERATURE_DIFFERENCE, WATER_FLOW, PRESSURE, *_PARAMETER_UNITS)
-}
+_SERIES_UNITS = [COLUMNS[name].units for name in ("RH_a_in", "elapsed_time", "T_sup", "noise", "m_w")]
+_ACCEPTED_UNITS = {next(iter(units)): units for units in (*_SERIES_UNITS, PRESSURE, *_PARAMETER_UNITS)}
 
 
 def accepted_units(unit: str) -> Units:
@@ -165,10 +153,7 @@ def _check_steps(name: str, steps: Array) -> None:
 
 
 def label_mismatches(template: str, labels: Mapping[str, Any], cure: str, code: str, field: str = "") -> list[Problem]:
-    """Return a problem for each of ``labels``, by name, that differs from the first; ``template``: with a place for it.
-
-    field: of the problems, by default the name of each.
-    """
+    """Return a problem of ``field``, by default its name, for each label, put in ``template``, unlike the first."""
     first_name, first = next(iter(labels.items()), ("", None))
     return [
         Problem(f"{name} has {template.format(_short_text(label))} where {first_name} has {_short_text(first)}: {cure}",

@@ -12,14 +12,7 @@ import xarray as xr
 
 from fastcoil.base.arguments import raise_problems, require_choice, require_instance
 from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
-from fastcoil.loops.assignment import (
-    NO_RULES,
-    all_parameters,
-    assign_values,
-    check_value,
-    merge_rules,
-    values_for_rules,
-)
+from fastcoil.loops.assignment import all_parameters, assign_values, check_value, merge_rules, values_for_rules
 from fastcoil.loops.keywords import Keywords, PresetName, describe_parameters
 from fastcoil.loops.presets import PRESETS, Preset
 from fastcoil.model.metric_table import METRICS
@@ -67,7 +60,7 @@ class Loop:
 
     def __init__(self, **values: Unpack[Keywords]) -> None:
         defaults = {p.name: p.default for p in PARAMETERS.values() if p.default is not None}
-        self._values, self._rules = assign_values(defaults, NO_RULES, values)
+        self._values, self._rules = assign_values(defaults, {}, values)
 
     @classmethod
     def preset(cls, name: PresetName | str, *, converged: bool = False) -> Loop:
@@ -94,8 +87,7 @@ class Loop:
         if not isinstance(rules, (list, tuple)) or not all(isinstance(rule, Rule) for rule in rules):
             sentence = f"rules = {short_repr(rules)}: give a list of what @fc.estimator or @fc.law made"
             raise InputError(sentence, "rules", "type")
-        rules_by_name = merge_rules(NO_RULES, rules, ())
-        table = all_parameters(rules_by_name)
+        table = all_parameters(merge_rules({}, rules, ()))
         constants = _stored_constants(ds, table)
         dims = next((list(ds[n].dims) for n in ("status", *METRICS) if n in ds), list(ds.dims))
         unlabelled = [d for d in dims if d in table and d not in ds.coords]
@@ -105,7 +97,7 @@ class Loop:
         names.sort(key=lambda n: [dims.index(d) for d in ds[n].dims])
         swept = {str(n): ds[n].reset_coords(drop=True) for n in names}
         loop = add_rules(cls(), rules)
-        loop._values = constants | _defaults_of_missing(constants, swept, table)
+        loop._values = constants | _defaults_of_missing(constants.keys() | swept.keys(), table)
         return loop.assign(**swept)
 
     def assign(self, **values: Unpack[Keywords]) -> Loop:
@@ -177,22 +169,19 @@ class Loop:
                 if dim in value.coords and name != dim:
                     labels.setdefault(str(dim), value.coords[dim].reset_coords(drop=True))
         for dim, size in self.sizes.items():
-            value_of_dim = self._values.get(dim)
-            if value_of_dim is not None and not (
-                isinstance(value_of_dim, xr.DataArray) and value_of_dim.dims == (dim,)
-            ):
+            axis = self._values.get(dim)
+            if isinstance(axis, xr.DataArray) and axis.dims == (dim,):
+                labels[dim] = xr.DataArray(axis.values, dims=dim)
+            elif axis is not None:
                 sentence = f"{dim} is a parameter but not swept: give the dimension another name, such as tuning"
                 raise InputError(sentence, dim, "name")
-            if isinstance(value_of_dim, xr.DataArray):
-                labels[dim] = xr.DataArray(value_of_dim.values, dims=dim)
             labels.setdefault(dim, xr.DataArray(np.arange(size), dims=dim))
         for name, value in self.swept.items():
             labels.setdefault(name, value.drop_vars(list(value.coords)))
         return labels
 
     def __repr__(self) -> str:
-        lines = [f"  {dim}: {size}" for dim, size in self.sizes.items()]
-        text = ["<fastcoil.Loop>", *(["Dimensions:", *lines] if lines else [])]
+        sizes = [f"  {dim}: {size}" for dim, size in self.sizes.items()]
         # the one from which the loop differs in the fewest parameters; the first of them
         preset = min(PRESETS.values(), key=lambda candidate: len(_changed_names(self, candidate)))
         differences = []
@@ -202,7 +191,9 @@ class Loop:
                 differences.append(f"  {name} ({', '.join(map(str, value.dims))}): {_summarise_values(value)}")
             else:
                 differences.append(f"  {self.parameters[name].equation(value)}")
-        return "\n".join([*text, *([f"Differs from {preset.name}:", *differences] if differences else [preset.name])])
+        dimensions = ["Dimensions:", *sizes] if sizes else []
+        changes = [f"Differs from {preset.name}:", *differences] if differences else [preset.name]
+        return "\n".join(["<fastcoil.Loop>", *dimensions, *changes])
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Loop) or self._values.keys() != other._values.keys() or self._rules != other._rules:
@@ -225,8 +216,7 @@ def remove_rules(loop: Loop, rule_names: Collection[str]) -> Loop:
 def used_choices(loop: Loop, kind: str) -> set[str]:
     """Return the estimators, or the laws, that some scenario has."""
     if loop[kind] is None:
-        learns = bool(np.any(np.asarray(loop["learning_step"]) > 0.0))
-        return {"learner"} if learns else {"none"}
+        return {"learner" if np.any(np.asarray(loop["learning_step"]) > 0.0) else "none"}
     return set(np.unique(np.asarray(loop[kind])).tolist())
 
 
@@ -252,18 +242,13 @@ def _stored_constants(ds: xr.Dataset, table: Mapping[str, Parameter]) -> dict[st
     return {name: check_value(table[require_parameter_name(name, table)], value) for name, value in stored.items()}
 
 
-def _defaults_of_missing(
-    constants: Mapping[str, Scalar], swept: Mapping[str, xr.DataArray], table: Mapping[str, Parameter]
-) -> dict[str, Scalar]:
+def _defaults_of_missing(given_names: Collection[str], table: Mapping[str, Parameter]) -> dict[str, Scalar]:
     """Return defaults for the parameters that are neither constant nor coordinate of a result, with a warning."""
-    given_names = constants.keys() | swept.keys()
-    replaced = {name for stand_in, names in STAND_INS.items() if stand_in in given_names for name in names}
-    known = given_names | replaced
+    known = {*given_names}.union(*(names for stand_in, names in STAND_INS.items() if stand_in in given_names))
     missing = {p.name: p.default for p in table.values() if p.default is not None and p.name not in known}
     if missing:
-        defaults = ", ".join(table[name].equation(value) for name, value in missing.items())
-        sentence = f"the result does not hold these parameters, so their defaults are used: {defaults}"
-        warnings.warn(sentence, stacklevel=3)
+        text = ", ".join(table[name].equation(value) for name, value in missing.items())
+        warnings.warn(f"the result does not hold these parameters, so their defaults are used: {text}", stacklevel=3)
     return missing
 
 
@@ -281,9 +266,6 @@ def _summarise_values(value: xr.DataArray) -> str:
     flat = np.ravel(value)
     if flat.size <= _MAX_LISTED_VALUES or flat.dtype.kind not in "iuf":
         words = list(dict.fromkeys(f"{v:.6g}" if isinstance(v, (int, float)) else v for v in flat.tolist()))
-        text = ", ".join(words[:_MAX_LISTED_VALUES]) + (", …" if len(words) > _MAX_LISTED_VALUES else "")
-    else:
-        text = f"{flat.min():.4g} to {flat.max():.4g}"
-        if not (np.diff(flat) > 0.0).all():
-            text += f", median {np.median(flat):.4g}"
-    return text
+        return ", ".join(words[:_MAX_LISTED_VALUES]) + (", …" if len(words) > _MAX_LISTED_VALUES else "")
+    median = "" if (np.diff(flat) > 0.0).all() else f", median {np.median(flat):.4g}"
+    return f"{flat.min():.4g} to {flat.max():.4g}{median}"

@@ -44,11 +44,8 @@ them, which may crash the library."""
 
 # a forked child inherits the lock in its current state: no thread may hold it then
 if IS_POSIX:
-    os.register_at_fork(
-        before=NETCDF4_PYTHON_LOCK.acquire,
-        after_in_parent=NETCDF4_PYTHON_LOCK.release,
-        after_in_child=NETCDF4_PYTHON_LOCK.release,
-    )
+    _release = NETCDF4_PYTHON_LOCK.release
+    os.register_at_fork(before=NETCDF4_PYTHON_LOCK.acquire, after_in_parent=_release, after_in_child=_release)
 
 
 def close_file(file: netCDF4.Dataset) -> Any:
@@ -110,7 +107,6 @@ def load(
     """Read a file as ``parse`` opens it, without the variables ``skipped_names``; damage may raise anything.
 
     max_bytes, open_later: results of a larger file are opened by ``open_later`` from their layout.
-
     ``MemoryError`` if it takes more than is available: a small file may hold a large array of one value.
     """
     with NETCDF4_PYTHON_LOCK:
@@ -190,18 +186,13 @@ def trace_slabs(shape: tuple[int, ...], n_dims: int) -> tuple[list[tuple[slice, 
     *volumes, n_points = shape[n_dims:] or (1,)
     values_per_point = math.prod(volumes)
     per_chunk = _CHUNK_VALUES // (values_per_point * min(n_points, _CHUNK_TIMES))
-    max_scenarios = min(per_chunk, _SLAB_VALUES // (values_per_point * n_points))
-    slabs = list(cut_into_pieces(shape[:n_dims], max(1, max_scenarios)))
+    slabs = list(cut_into_pieces(shape[:n_dims], max(1, min(per_chunk, _SLAB_VALUES // (values_per_point * n_points)))))
     sizes = [piece.stop - piece.start for piece in slabs[0]]
-    along_time = min(n_points, max(1, _CHUNK_VALUES // (values_per_point * math.prod(sizes))))
-    return slabs, (*sizes, *volumes, along_time)
+    return slabs, (*sizes, *volumes, min(n_points, max(1, _CHUNK_VALUES // (values_per_point * math.prod(sizes)))))
 
 
 def append_slabs(file: netCDF4.Dataset, name: str, template: xr.Variable, chunk: Sequence[int], slabs: Slabs) -> None:
-    """Append a variable to an open file, slab by slab; these may come from other files, and no lock may be held.
-
-    like: a variable with its dims, shape, type and attributes.
-    """
+    """Append a variable like ``template``, slab by slab; slabs may come from other files, and no lock may be held."""
     with NETCDF4_PYTHON_LOCK, _small_caches():
         for dim, size in template.sizes.items():
             if dim not in file.dimensions:
@@ -256,8 +247,7 @@ def with_decoded_times(ds: xr.Dataset) -> xr.Dataset:
         if variable is None or variable.dtype.kind != "i" or variable.attrs.get("units") != _TIME_ENCODING["units"]:
             continue
         attrs = {key: value for key, value in variable.attrs.items() if key not in _TIME_ENCODING}
-        values = variable.values.astype("datetime64[s]").astype("datetime64[ns]")
-        times[name] = xr.Variable(variable.dims, values, attrs)
+        times[name] = xr.Variable(variable.dims, variable.values.astype("M8[s]").astype("M8[ns]"), attrs)
     return ds.assign(times)
 
 
@@ -282,10 +272,7 @@ class StoredFile:
     cure: str
 
     def identity(self) -> FileIdentity:
-        """Return the identity of the file.
-
-        ``StorageError`` if it cannot be examined, ``IntegrityError`` if it is missing or no regular file.
-        """
+        """Return its identity; ``StorageError`` if it cannot be read, ``IntegrityError`` if it is no regular file."""
         with convert_os_errors(self.path, "read"):
             try:
                 status = os.stat(self.path)
@@ -340,10 +327,9 @@ class StoredFile:
         except MemoryError as error:
             raise out_of_memory_error(f"{self.path} cannot be read ({error})") from error
         except (OSError, RuntimeError) as error:
-            storage_error = StorageError(
-                f"{self.path} cannot be read: {getattr(error, 'strerror', None) or error}; its bytes are as they were "
-                "written: repair that and try again"
-            )
+            cause = getattr(error, "strerror", None) or error
+            cure = "its bytes are as they were written: repair that and try again"
+            storage_error = StorageError(f"{self.path} cannot be read: {cause}; {cure}")
             storage_error.errno = getattr(error, "errno", None)
             raise storage_error from error
         except Exception as error:
@@ -366,9 +352,7 @@ def file_sha256(path: Path) -> str:
 def probe_file(path: Path, cure: str) -> StoredFile:
     """Read a file to its end in a child process, once in each process; return it with the hash of its bytes.
 
-    cure: what to do if it is damaged.
-
-    ``IntegrityError`` if that fails, or does not end.  ``StorageError`` if it cannot be tried.
+    cure: see ``StoredFile``.  ``IntegrityError`` if that fails or does not end, ``StorageError`` if it cannot be tried.
     """
     identity = StoredFile(path, (), cure).identity()
     if identity not in _readable_files:
@@ -392,20 +376,13 @@ def probe_file(path: Path, cure: str) -> StoredFile:
         return StoredFile(path, (_sha256_of(path, identity),), cure)
 
 
-# ------------------------------------------------------------------------------------------------- traces on demand
-
-
 def describe_variables(variables: Iterable[tuple[Any, xr.Variable]]) -> dict[str, Any]:
     """Describe variables, in valid JSON, so that they can be listed before their file is opened."""
-    return {
-        name: {
-            "dims": list(variable.dims),
-            "shape": list(variable.shape),
-            "dtype": variable.dtype.name,
-            "attrs": {k: v if isinstance(v, str) else np.asarray(v).tolist() for k, v in variable.attrs.items()},
-        }
-        for name, variable in variables
-    }
+    layout = {}
+    for name, v in variables:
+        attrs = {k: value if isinstance(value, str) else np.asarray(value).tolist() for k, value in v.attrs.items()}
+        layout[name] = {"dims": list(v.dims), "shape": list(v.shape), "dtype": v.dtype.name, "attrs": attrs}
+    return layout
 
 
 def open_lazily(file: StoredFile, layout: TraceLayout) -> xr.Dataset:
@@ -437,13 +414,9 @@ class _LazyVariable(BackendArray):
         return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._read)
 
     def _read(self, key: Any) -> np.ndarray:
-        if not self.is_trace and all(k == slice(None) for k in key):
-            return self._read_all()
-        values = self.file.read(self.name, self.shape, key)
-        return values.astype(self.dtype, copy=False)
-
-    def _read_all(self) -> np.ndarray:
-        """Read all values, which xarray keeps, into a nameless file, so that many scenarios take no memory."""
+        if self.is_trace or any(k != slice(None) for k in key):
+            return self.file.read(self.name, self.shape, key).astype(self.dtype, copy=False)
+        # all values, which xarray keeps, go into a nameless file, so that many scenarios take no memory
         values = allocate_on_disk(self.shape, 0, self.dtype)
         for piece in cut_into_pieces(self.shape, _SLAB_VALUES):
             values[piece] = self.file.read(self.name, self.shape, piece)

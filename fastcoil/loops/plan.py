@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from fastcoil.base.arguments import (
+    Checks,
     argument_checks,
-    collect_problems,
     require_choice,
     require_flag,
     require_instance,
@@ -168,14 +168,13 @@ class Plan:
 
         Shards are not compressed, and exist until the results do; meanwhile metrics are joined, and each trace of days
         in sequence, whose shards are not in their order.
-
         metrics_left, traces_left: the share of bytes left after compression, see ``estimate_run_time``; by default all.
         """
         traces = [self._trace_bytes(name) // (8 if name == "mode" else 1) for name in self.traces.names if traces_kept]
         left_bytes = int(self.n_scenarios * 8 * len(METRICS) * metrics_left + sum(traces) * traces_left)
         left_bytes += sum(values.nbytes for values in self.layout.loop.swept.values())
-        joined_bytes = self.metric_bytes * (8 * self.n_scenarios >= MEMMAP_MIN_BYTES)
-        joined_bytes += max([0, *traces]) * self.carry_over
+        joined_bytes = max([0, *traces]) * self.carry_over
+        joined_bytes += self.metric_bytes * (8 * self.n_scenarios >= MEMMAP_MIN_BYTES)
         return self.metric_bytes + sum(traces) + joined_bytes + left_bytes, left_bytes
 
     def shard_limits(self, n_jobs: int, n_blocks: int) -> tuple[int, int]:
@@ -213,7 +212,7 @@ def plan_simulation(
         seed = check(require_integer, "seed", seed, *RUN_LIMITS["seed"])
         replicates = check(require_integer, "replicates", replicates, *RUN_LIMITS["replicates"])
         carry_over = check(require_flag, "carry_over", carry_over)
-        check.problems += _trace_problems(traces)
+        _check_traces(check, traces)
         for name, value in loop.swept.items():
             if value.dims == (name,) and value.size == boundary.n_steps >= MIN_SERIES_VALUES:  # likely a series
                 sentence = f"{name} has {value.size:,} values, one for each second of the boundary: {SERIES_HINT}"
@@ -234,8 +233,7 @@ def plan_simulation(
     in_memory = 5 * plan.metric_bytes + 3 * plan.trace_bytes  # the most that simulate takes, measured
     check_memory(sum(plan.memory_of_run(1, "threads")) if traces_on_disk else in_memory, plan.n_scenarios)
     check_clashes(layout.loop, np.array(boundary.extremes["T_set"]), boundary.extremes["backlash_scale"][0])
-    seconds = boundary.n_steps * (len(days) if carry_over else 1)
-    check_test_times(layout.loop, seconds, closed=commands is None)
+    check_test_times(layout.loop, boundary.n_steps * (len(days) if carry_over else 1), closed=commands is None)
     check_stability(layout)
     warn_mismatch(layout.loop, boundary, closed=commands is None)
     return plan
@@ -261,26 +259,25 @@ def simulation_attributes(plan: Plan) -> dict[str, Any]:
     return attrs
 
 
-def _trace_problems(traces: object) -> list[str]:
+def _check_traces(check: Checks, traces: object) -> None:
     if not isinstance(traces, (list, tuple)):
-        return [Problem(f"traces = {short_repr(traces)}: give a list of names", "traces", "type")]
-    problems: list[str] = []
+        check.problems.append(Problem(f"traces = {short_repr(traces)}: give a list of names", "traces", "type"))
+        return
     for name in traces:
         if name in BOUNDARY_SERIES:
             sentence = f"traces: {name!r} is an input: it is in the boundary, as boundary.series[{name!r}]"
-            problems.append(Problem(sentence, "traces", "choice"))
+            check.problems.append(Problem(sentence, "traces", "choice"))
         else:
-            with collect_problems(problems):
-                require_choice("traces", name, TRACES)
+            check(require_choice, "traces", name, TRACES)
     twice = [n for n in TRACES if traces.count(n) > 1]
-    return problems + [Problem(f"traces: {n} is listed twice", "traces", "duplicate") for n in twice]
+    check.problems += [Problem(f"traces: {n} is listed twice", "traces", "duplicate") for n in twice]
 
 
 @dataclass(frozen=True)
 class Shard:
     """Scenarios that one worker runs: any of independent days, or some lanes on all days of a sequence.
 
-    lanes: (n,), ascending: flat indices, or in a sequence positions among the ``n_per_day`` scenarios of a day.
+    lanes: (n,), ascending: flat indices, or in a sequence (``n_per_day`` > 0) positions among the scenarios of a day.
     first_day, end_day: of a sequence, the first day whose results are kept, and the end of the range.
     """
 
@@ -288,11 +285,6 @@ class Shard:
     n_per_day: int = 0
     first_day: int = 0
     end_day: int = 1
-
-    @property
-    def is_sequence(self) -> bool:
-        """Whether its days are a sequence."""
-        return self.n_per_day > 0
 
     @property
     def index(self) -> np.ndarray:
@@ -320,8 +312,7 @@ class JobSlice:
         """Read ``K/N``."""
         match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
         if match is None or not 1 <= int(match[1]) <= int(match[2]):
-            sentence = f"--shard {text}: give K/N, the K-th of N shares, such as 1/8 to 8/8"
-            raise InputError(sentence, "--shard", "format")
+            raise InputError(f"--shard {text}: give K/N, the K-th of N shares, such as 1/8 to 8/8", "--shard", "format")
         return cls(int(match[1]), int(match[2]))
 
     def __str__(self) -> str:

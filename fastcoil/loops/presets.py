@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fastcoil.model.parameter_table import PARAMETERS, Parameter, Scalar
+from fastcoil.model.parameter_table import PARAMETERS, STAND_INS, Parameter, Scalar
 
 NOT_THE_PAPER_FIT = "None of them is the fit of the paper, which was not published."
-_CURVE_PARAMETERS = ("m_max", "valve_a", "valve_b", "valve_c")  # the curve of a valve that has no rangeability
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +27,7 @@ class Preset:
 
     def value(self, parameter: Parameter) -> Scalar | None:
         """Return its value of a parameter; None if others replace it."""
-        if "rangeability" in self.values and parameter.name in _CURVE_PARAMETERS:
+        if "rangeability" in self.values and parameter.name in STAND_INS["rangeability"]:
             return None
         return self.values.get(parameter.name, parameter.default)
 

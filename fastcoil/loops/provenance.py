@@ -74,8 +74,7 @@ class VariableHash:
 
 def _hash_attrs(digest: Any, attrs: Mapping[str, Any]) -> None:
     for key in sorted(attrs):
-        value = attrs[key]
-        text = str(np.asarray(value).tolist()) if not isinstance(value, str) else value
+        text = attrs[key] if isinstance(attrs[key], str) else np.asarray(attrs[key]).tolist()
         digest.update(f"{key}={text}\n".encode())
 
 

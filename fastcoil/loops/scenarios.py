@@ -101,10 +101,7 @@ def _with_used_rules(loop: Loop) -> Loop:
 
 
 def parameter_columns(loop: Loop, sizes: Mapping[str, int], index: np.ndarray) -> dict[str, np.ndarray]:
-    """Return every parameter of the scenarios ``index`` of a study with these sizes, (n,) each; NaN if not given.
-
-    ``day`` is the position along that dimension, ``replicate`` the number of the replicate.
-    """
+    """Return every parameter of the scenarios ``index``, (n,) each, NaN if not given; days and replicates by number."""
     place = dict(zip(sizes, np.unravel_index(index, tuple(sizes.values())), strict=True)) if sizes else {}
     columns: dict[str, np.ndarray] = {}
     for name in loop.parameters:
@@ -125,7 +122,6 @@ class Days:
 
     Each is made from the boundary on demand, and the last two are kept, for threads that work on neighbours: all days
     would take the memory of the boundary once more.
-
     carry_over: whether they are a sequence.  Then the warm-up counts on the first day only, the clock continues, and
     the label of the first day keys the noise of all.
     """
@@ -158,10 +154,7 @@ class Days:
 
     @cached_property
     def sha256(self) -> list[str]:
-        """Hash of the inputs of each day: its series, its command and its label, which keys the noise.
-
-        In a sequence this includes the days before.
-        """
+        """Hash of the inputs of each day: series, command, label (keys the noise); of a sequence also earlier ones."""
         hashes = self._boundary.day_sha256 if self._command is None else [self._hash(k) for k in range(len(self))]
         if not self.carry_over:
             return hashes
@@ -260,9 +253,7 @@ def join_flat(
     """Join flat parts (see ``flat_dataset``) into one Dataset of all scenarios.
 
     allocate: makes an array of a shape, value and type.  Scenarios without a part get the status ``not_run`` and NaN as
-    results.
-
-    ``IntegrityError`` if two parts hold the same scenario.
+    results.  ``IntegrityError`` if two parts hold the same scenario.
     """
     variables: dict[Hashable, tuple[Any, np.ndarray, dict[Any, Any]]] = {}
     coordinates: dict[Hashable, Any] = {}
@@ -293,10 +284,8 @@ def check_same_form(reference_part: xr.Dataset | None, part: xr.Dataset) -> xr.D
     """Refuse to join flat parts whose variables differ in name, type, dims, shape or labels.
 
     reference_part: an earlier part, if there is one.  Crashed scenarios have no variables of a reduction, and are not
-    compared.  Returns the part to compare the next one with.
-
-    ``InputError`` if the variables of a reduction differ.  ``IntegrityError`` if anything else does, which no run
-    writes.
+    compared.  Returns the part to compare the next one with.  ``InputError`` if the variables of a reduction differ,
+    ``IntegrityError`` if anything else does, which no run writes.
     """
     if reference_part is None or _is_crashed(reference_part):
         return part
@@ -332,10 +321,7 @@ def _is_crashed(part: xr.Dataset) -> bool:
 def unflatten(flat: xr.Dataset, layout: Layout) -> xr.Dataset:
     """Give the flat results of all scenarios the dims and coordinates of the study."""
     dims, shape = tuple(layout.sizes), tuple(layout.sizes.values())
-    variables = {
-        name: ((*dims, *v.dims[1:]), v.values.reshape((*shape, *v.shape[1:])), v.attrs)
-        for name, v in flat.data_vars.items()
-    }
+    variables = {n: ((*dims, *v.dims[1:]), v.values.reshape((*shape, *v.shape[1:])), v.attrs) for n, v in flat.items()}
     labels = {n: c.assign_attrs(coordinate_attrs(n, layout.loop.parameters)) for n, c in layout.coordinates().items()}
     labels |= clock_coordinates(layout.boundary, flat.variables.get("elapsed_time"))
     trace_coordinates = {n: c for n, c in flat.coords.items() if n != "scenario"}

@@ -140,7 +140,7 @@ class Results:
 def fill_results(results: Results, plan: Plan, shard: Shard, places: np.ndarray) -> None:
     """Run the scenarios of a shard.  places: (n,), where their results go; other threads may fill other places."""
     rules = rules_for_kernels(plan.layout.loop.rules)
-    if shard.is_sequence:
+    if shard.n_per_day:
         _run_days_in_sequence(results, plan, shard, places, rules)
         return
     for start in range(0, shard.size, SCENARIOS_AT_ONCE):

@@ -38,8 +38,7 @@ def require_agreement(log: CheckedLog) -> list[str]:
             statement = f"{log.name}: {typical} degC, as they typically are, do not agree: check "
             pair = T[where], values[names[1]][where]
             # come together if one is in °F instead of °C, or the reverse
-            pairs = (pair, pair[::-1])
-            if len(names) > 2 or any(np.median(np.abs(a - 32.0 - 1.8 * b)) < 10.0 for a, b in pairs):  # °F
+            if len(names) > 2 or any(np.median(np.abs(a - 32.0 - 1.8 * b)) < 10.0 for a, b in (pair, pair[::-1])):  # °F
                 problems.append(Problem(f"{statement}their units", names[0], "unit"))
             else:
                 warnings.append(f"{statement}the columns, the sensor and the valve")
@@ -102,30 +101,27 @@ def imply_pi(
     if T_set is not None:
         if settled:
             changed = np.append(False, np.diff(T_set) != 0.0)
-            shortly_after = np.convolve(changed, np.ones(int(300.0 / interval) + 1))[: good.size] > 0.5  # s
-            compared = good & ~shortly_after
+            compared = good & (np.convolve(changed, np.ones(int(300.0 / interval) + 1))[: good.size] <= 0.5)  # s
         error = np.where(compared, temperature - T_set, 0.0)
     error_integral = np.concatenate([[0.0], np.cumsum(interval * error)])
     before = width if T_set is None else 0
     first = np.arange(largest_shift + before, max(command.size - width - largest_shift, largest_shift + before))
     first = first[is_range_good(compared, first - largest_shift - before, first + width + largest_shift)]
-    ends = np.stack([command[first - before], command[first], command[first + width]])
-    first = first[is_unsaturated(ends).all(axis=0)]
+    first = first[is_unsaturated(command[first + np.array([[-before], [0], [width]])]).all(axis=0)]
 
     def changes(at: Index) -> Array:
         integral_change = error_integral[at + width + 1] - error_integral[at + 1]
         return np.stack((error[at + width] - error[at], integral_change, np.ones(at.size)), axis=1)
 
     command_change = command[first + width] - command[first]
-    if before:
-        command_change = command_change - (command[first] - command[first - width])
+    command_change -= command[first] - command[first - before]  # 0 with a set-point
     if first.size < LEAST_PI_ROWS or not np.any(command_change):
         if T_set is None or not settled:
             return ImpliedPI()
         unsettled_pi = imply_pi(command, temperature, T_set, good, interval, settled=False)
         return unsettled_pi if unsettled_pi.explained >= unsettled_pi.least_explained else ImpliedPI()
-    resolution = min(float(np.diff(np.unique(command[compared])).min()), 0.02)
-    rounding = resolution**2 / 6.0  # variance of a change, of its rounding alone
+    # variance of a change, of its rounding alone
+    rounding = min(float(np.diff(np.unique(command[compared])).min()), 0.02) ** 2 / 6.0
     unexplained_shares, ti, correlations = {}, {}, {}
     for shift in sorted(range(-largest_shift, largest_shift + 1), key=abs):
         at = first + shift

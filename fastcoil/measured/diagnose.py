@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -21,15 +21,10 @@ from fastcoil.measured.fitted_loop import fit_loop_model
 from fastcoil.measured.grid import Grid, join_grids, resample_log
 from fastcoil.measured.identify import Identification, combine_days, gather_evidence
 from fastcoil.measured.measures import Measures, hourly_summary, measure_loop, write_warnings
-from fastcoil.measured.part import true_runs
-
-if TYPE_CHECKING:
-    from fastcoil.measured.part import LogSource
+from fastcoil.measured.part import LogSource, true_runs
 
 _MEASURED_COLUMNS = ("T_sup", "T_set", "m_a", "T_a_in")
-DIAGNOSIS_COLUMNS = ColumnSpec(
-    required=("command", "T_sup"), optional=(*_MEASURED_COLUMNS[1:], "enabled"), measured=_MEASURED_COLUMNS
-)
+DIAGNOSIS_COLUMNS = ColumnSpec(("command", "T_sup"), (*_MEASURED_COLUMNS[1:], "enabled"), _MEASURED_COLUMNS)
 _SHORTEST_SAMPLE_S = 0.1  # between two samples of a controller
 _LONGEST_TIME_S = 3600.0  # of a stroke, a sample time, an integral time or a lag
 _KP_RANGE = (1e-5, 10.0)  # 1/K
@@ -114,8 +109,8 @@ def diagnose(
     identification, measures = identify_and_measure(grid, motor_seconds, sample_time, lag)
     if test is not None and test.identified:
         low, high = test.interval
-        probability, temperature_lag = test.profile["probability"].values, identification.temperature_lag
-        identification = Identification(test.backlash, low, high, True, test.reason, probability, temperature_lag)
+        probability, late = test.profile["probability"].values, identification.temperature_lag
+        identification = Identification(test.backlash, low, high, True, test.reason, probability, late)
     backlash = identification.backlash if np.isfinite(identification.backlash) else 0.0
     loop = fit_loop_model(
         values["command"], values["T_sup"], values.get("T_set"), interval, backlash, motor_seconds, sample_time,

@@ -100,8 +100,8 @@ class Diagnosis(Result):
 
     def summary(self) -> list[str]:
         """The diagnosis as lines of text."""
-        hours = self.signals.attrs["hours"]
-        lines = [f"{self.source}: {hours:.1f} h, a sample every {self.signals.attrs['interval']:.4g} s"]
+        attrs = self.signals.attrs
+        lines = [f"{self.source}: {attrs['hours']:.1f} h, a sample every {attrs['interval']:.4g} s"]
         kp, ti, every = (float(self.indices[name]) for name in ("kp", "ti", "sample_time"))
         controller = "" if np.isnan(kp) else f"Controller: kp {kp:.3g} 1/K, ti {ti:.3g} s, a sample every {every:.3g} s"
         lines += [self.headline, *filter(None, [controller, self.advice.reason])]
@@ -288,11 +288,9 @@ class GainAdvice(NamedTuple):
 
 def probability_profile(identification: Identification) -> xr.Dataset:
     """Dataset with the probability of each size."""
-    attrs = {"units": "1", "long_name": "backlash, fraction of stroke"}
-    return xr.Dataset(
-        {"probability": ("backlash", identification.probability, {"long_name": "probability of each size"})},
-        {"backlash": ("backlash", CANDIDATES, attrs)},
-    )
+    sizes = ("backlash", CANDIDATES, {"units": "1", "long_name": "backlash, fraction of stroke"})
+    probability = ("backlash", identification.probability, {"long_name": "probability of each size"})
+    return xr.Dataset({"probability": probability}, {"backlash": sizes})
 
 
 def _gap_as_toml(
@@ -379,8 +377,7 @@ def _find_busiest_hours(signals: xr.Dataset) -> slice:
 
 
 def _set_head(fig: Figure, lines: Sequence[str]) -> None:
-    text = "\n".join(wrap_text(line, _PAGE_WIDTH, 9) for line in lines if line)
-    fig.suptitle(text, x=0.01, ha="left", fontsize=9)
+    fig.suptitle("\n".join(wrap_text(line, _PAGE_WIDTH, 9) for line in lines if line), x=0.01, ha="left", fontsize=9)
 
 
 def _draw_hours(axes: Axes, triage: xr.Dataset) -> None:

@@ -185,10 +185,13 @@ class Fit(Result):
 
 def build_fit(
     data: CheckedLog, start_time: float, compared: Mask, fitting: Mask, errors: Mapping[str, Array],
-    series: Mapping[str, tuple[Array, str]], names: Sequence[str], covariance: Array, *, kind: str, notes: list[str],
-    **fields: Any,
+    series: Mapping[str, tuple[Array, str]], names: Sequence[str], covariance: Array, held: dict[str, str],
+    intervals: Sequence[tuple[float, float]], *, kind: str, notes: list[str], **fields: Any,
 ) -> Fit:  # fmt: skip
-    """Assemble the fit of a log; ``errors`` by their ending in ``rmse``, NaN where they do not count."""
+    """Assemble the fit of a log; ``errors`` by their ending in ``rmse``, NaN where they do not count.
+
+    covariance, intervals: of all ``names``; those of the ``held`` ones do not count.
+    """
     part_of_sample = np.where(fitting, FITTING, VALIDATION)
     part, rmse = np.where(compared, part_of_sample, UNUSED), {}
     for name in (FITTING, VALIDATION):
@@ -198,25 +201,36 @@ def build_fit(
                 rmse[f"{name}{ending}"] = float(np.sqrt(np.mean(error[counts] ** 2)))
     measured, _, _, check = _SERIES_BY_KIND[kind]
     fitted = series[measured][0][compared & fitting]
+    chosen = [k for k, name in enumerate(names) if name not in held]
+    estimated, covariance = [names[k] for k in chosen], covariance[np.ix_(chosen, chosen)]
     columns = {"part": part, "batch": data.batch, "row": data.rows, "log": np.array(data.names)[data.source]}
-    residuals: dict[str, tuple[Any, ...]] = {
-        name: ("elapsed_time", values, {"units": unit}) for name, (values, unit) in series.items()
-    }
+    residuals: dict[str, Any] = {n: ("elapsed_time", values, {"units": unit}) for n, (values, unit) in series.items()}
     residuals |= {name: ("elapsed_time", values) for name, values in columns.items()}
     return Fit(
         kind=kind, source=data.name, unit="kg/s" if kind == "valve" else "K", rmse=rmse,
         notes=notes + fit_warnings(rmse, fitted, measured, f"units, columns, and {check}"),
         residuals=xr.Dataset(residuals, {"elapsed_time": ("elapsed_time", data.time, {"units": "s"})}),
-        standard_errors=dict(zip(names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
-        covariance=xr.DataArray(covariance, {"parameter": names, "parameter_2": names}, ("parameter", "parameter_2")),
+        standard_errors=dict(zip(estimated, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
+        covariance=xr.DataArray(covariance, [("parameter", estimated), ("parameter_2", estimated)]),
+        intervals={names[k]: intervals[k] for k in chosen}, held=held,
         seconds=time.perf_counter() - start_time, **fields,
     )  # fmt: skip
 
 
-def natural_interval(middle: float, half: float, of_logarithm: bool) -> tuple[float, float]:
-    """95 % interval of a parameter that may be searched by its logarithm."""
-    low, high = middle - half, middle + half
-    return (math.exp(low), math.exp(min(high, 700.0))) if of_logarithm else (low, high)
+def natural_intervals(middle: Array, half: Array, is_logarithmic: Mask) -> list[tuple[float, float]]:
+    """95 % intervals of parameters of which some are searched by their logarithm."""
+    ends = zip((middle - half).tolist(), (middle + half).tolist(), is_logarithmic, strict=True)
+    return [(math.exp(low), math.exp(min(high, 700.0))) if is_log else (low, high) for low, high, is_log in ends]
+
+
+def backlash_series(
+    name: str, unit: str, measured: Array, modelled: Array, without: Array, compared: Mask
+) -> tuple[dict[str, tuple[Array, str]], dict[str, Array]]:
+    """Series of a fit with and without backlash, each with its unit, and their errors."""
+    series = {name: (measured, unit), "modelled": (modelled, unit), "modelled_without_backlash": (without, unit)}
+    series["residual"] = measured - modelled, "K" if unit == "degC" else unit
+    seen = np.where(compared, measured, np.nan)
+    return series, {"": modelled - seen, "_without_backlash": without - seen}
 
 
 def rmse_profile(
@@ -224,9 +238,8 @@ def rmse_profile(
 ) -> xr.Dataset:
     """Profile of a fit: least RMSE with the backlash held at each value of ``grid``; the best and its interval."""
     attrs = limit | {"backlash": backlash, "interval_95": list(interval)}
-    return xr.Dataset(
-        {"rmse": ("backlash", rmse, {"units": unit})}, {"backlash": ("backlash", grid, {"units": "1"})}, attrs
-    )
+    coords = {"backlash": ("backlash", grid, {"units": "1"})}
+    return xr.Dataset({"rmse": ("backlash", rmse, {"units": unit})}, coords, attrs)
 
 
 def fit_warnings(rmse: Mapping[str, float], fitted: Array, name: str, check: str) -> list[str]:

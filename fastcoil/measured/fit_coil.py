@@ -9,7 +9,7 @@ import math
 import time
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,18 +25,15 @@ from fastcoil.loops.loop import Loop
 from fastcoil.loops.scenarios import parameter_columns
 from fastcoil.loops.simulate import call_with_timeout
 from fastcoil.measured.agreement import require_agreement
-from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, build_fit, natural_interval
+from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, build_fit, natural_intervals
 from fastcoil.measured.least_squares import Estimate, Model, Uncertainty, minimise, uncertainty
-from fastcoil.measured.part import LogSplit, check_split, split_segments
+from fastcoil.measured.part import LogSource, LogSplit, check_split, split_segments
 from fastcoil.model.engine.lanes import parameter_matrix
 from fastcoil.model.engine.plant import stability_numbers
 from fastcoil.model.engine.recorded import COIL_COLUMNS, run_coil
 from fastcoil.model.engine.rows import PARAMETER_ROWS
 from fastcoil.model.metric_table import WARM_UP_S
 from fastcoil.model.parameter_table import PARAMETERS
-
-if TYPE_CHECKING:
-    from fastcoil.measured.part import LogSource
 
 COIL_PARAMETERS = ("C_w", "C_c", "beta1", "beta2", "beta3", "beta4", "beta5", "beta6")
 IS_LOGARITHMIC = np.array([True, True, True, False, True, False, True, False])  # which are searched by their logarithm
@@ -134,8 +131,7 @@ def fit_coil(
     optional = [name for name in ("enabled", "T_w_out") if name not in outputs]
     data = part.read(log, ColumnSpec(required, optional, COMPARED_OUTPUTS["both"]), drop_idle_samples)
     record = build_record(data, loop, held_inputs, part.fitting_mask(data))
-    problem = CoilProblem(data, record, outputs, warm_up, part, held_inputs)
-    return _assemble_fit(problem, start_time)
+    return _assemble_fit(CoilProblem(data, record, outputs, warm_up, part, held_inputs), start_time)
 
 
 def _require_held_inputs(holds: Any) -> tuple[str, ...]:
@@ -166,7 +162,6 @@ def _assemble_fit(problem: CoilProblem, start_time: float) -> Fit:
             is_just_stable = k == LN_C_W and best.x[k] < problem.prior[k]
             why = "at the stability limit (γ = 1 at the largest flow)" if is_just_stable else AT_BOUND
             held.setdefault(COIL_PARAMETERS[k], why)
-    estimated = [k for k, name in enumerate(COIL_PARAMETERS) if name not in held]
 
     series, errors = _compare_series(problem, x)
     notes.append(f"{100 * (wet > 0).mean():.0f} % of the fitted samples have wet volumes, {wet.mean():.1f} on average")
@@ -177,11 +172,10 @@ def _assemble_fit(problem: CoilProblem, start_time: float) -> Fit:
     if changed:
         notes.append(f"fitted with {', '.join(changed)}: give the loop the same, the parameters belong to it")
     return build_fit(
-        data, start_time, problem.compared["T_sup"], problem.fitting, errors, series,
-        [COIL_PARAMETERS[k] for k in estimated], covariance[np.ix_(estimated, estimated)], kind="coil",
+        data, start_time, problem.compared["T_sup"], problem.fitting, errors, series, COIL_PARAMETERS, covariance, held,
+        natural_intervals(y, half, IS_LOGARITHMIC), kind="coil", notes=notes, profile=None,
         parameters=dict(zip(COIL_PARAMETERS, values.tolist(), strict=True)),
-        intervals={COIL_PARAMETERS[k]: natural_interval(y[k], half[k], bool(IS_LOGARITHMIC[k])) for k in estimated},
-        profile=None, held=held, notes=notes, n_used=spread.n_used, n_effective=spread.n_effective,
+        n_used=spread.n_used, n_effective=spread.n_effective,
     )  # fmt: skip
 
 
@@ -221,7 +215,7 @@ class StabilityLimits(NamedTuple):
     wet_slope: float  # largest dh_s/dT
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class CoilRecord:
     """Series that enter the coil at every second, and the seconds of the samples."""
 
@@ -274,8 +268,7 @@ class CoilRecord:
         return np.asarray(~((gamma <= 1.0) & (lam <= 1.0)))
 
     def _matrix(self, sets: Array) -> Array:
-        base = parameter_matrix(parameter_columns(self.loop, {}, np.array([0])))
-        matrix = np.repeat(base, sets.shape[1], axis=1)
+        matrix = parameter_matrix(parameter_columns(self.loop, {}, np.zeros(sets.shape[1], dtype=int)))
         matrix[[PARAMETER_ROWS.index(name) for name in COIL_PARAMETERS]] = self.coil_parameters(sets)
         return matrix
 
@@ -303,17 +296,15 @@ def build_record(log: CheckedLog, loop: Loop, holds: tuple[str, ...], fitting: M
     values = log.values | {"W_a_in": log.humidity_ratio(loop["pressure"])}
     fitted_values = {name: series[fitting] for name, series in values.items()}
     if not fitted_values["m_w"].any():
-        sentence = f"{log.name}: m_w is 0 throughout the part to fit: give a log with water flow"
-        raise InputError(sentence, "m_w", "data")
+        raise InputError(f"{log.name}: m_w is 0 throughout the part to fit: give a log with water flow", "m_w", "data")
     holds = COIL_COLUMNS if log.change_of_value else holds
-    record_pieces = []
+    pieces = []
     for piece in split_segments(log.batch):
         series, at = resample_to_seconds(log.time[piece], {name: values[name][piece] for name in COIL_COLUMNS}, holds)
-        record_pieces.append(RecordPiece(np.stack(list(series.values()), axis=1), at))
+        pieces.append(RecordPiece(np.stack(list(series.values()), axis=1), at))
     m_w, m_a = (_typical_flow(fitted_values[name]) for name in ("m_w", "m_a"))
     limits, limits_of_all = (_stability_limits(series, loop) for series in (fitted_values, values))
-    pieces = tuple(record_pieces)
-    return CoilRecord(pieces=pieces, loop=loop, m_w=m_w, m_a=m_a, limits=limits, limits_of_all=limits_of_all)
+    return CoilRecord(tuple(pieces), loop, m_w, m_a, limits, limits_of_all)
 
 
 def resample_to_seconds(
@@ -327,9 +318,8 @@ def resample_to_seconds(
 
 def _stability_limits(values: Mapping[str, Array], loop: Loop) -> StabilityLimits:
     coldest = min(values["T_a_in"].min(), values["T_w_in"].min(), loop["T_initial"])
-    m_a_span = float(values["m_a"].min()), float(values["m_a"].max())
     slope = wet_slope(values["W_a_in"].max(), coldest, loop["pressure"])
-    return StabilityLimits(float(values["m_w"].max()), m_a_span, slope)
+    return StabilityLimits(float(values["m_w"].max()), (float(values["m_a"].min()), float(values["m_a"].max())), slope)
 
 
 def _typical_flow(flow: Array) -> float:
@@ -425,8 +415,8 @@ class CoilProblem:
         """
         model = self.model()
         best = minimise(model, self.starts(), list(self.held))
-        run = self.record.take_samples(self.n_fit).run(best.x[:, None])
-        wet = run["wet_volumes"][self.is_warm[: self.n_fit], 0]
+        wet_volumes = self.record.take_samples(self.n_fit).run(best.x[:, None])["wet_volumes"]
+        wet = wet_volumes[self.is_warm[: self.n_fit], 0]
         if not wet.any():
             self.held |= dict.fromkeys(COUPLED_PARAMETERS, f"{_HELD_AS_DRY}: the coil is never wet")
             best = minimise(model, best.x[:, None], list(self.held))
@@ -476,11 +466,10 @@ def piece_notes(data: CheckedLog, loop: Loop, warm_up: float) -> list[str]:
 def require_temperatures(data: CheckedLog, compared: Mask, least: int, warm_up: float, notes: list[str]) -> None:
     """Refuse a log with fewer than ``least`` temperatures to compare, or with a constant one."""
     if compared.sum() < least:
-        available = (
-            f"{format_count(compared, 'temperature')} to compare in the part to fit, after the warm-up of {warm_up:g} s"
-        )
+        available = f"{format_count(compared, 'temperature')} to compare in the part to fit"
         cure = f"give at least {least}, lower warm_up, or raise split ({'; '.join(notes) or 'no gaps'})"
-        raise InputError(f"{data.name}: {available}: {cure}", "log", "data")
+        sentence = f"{data.name}: {available}, after the warm-up of {warm_up:g} s: {cure}"
+        raise InputError(sentence, "log", "data")
     T_sup = data.values["T_sup"][compared]
     if np.ptp(T_sup) == 0.0:
         raise InputError(f"{data.name}: T_sup is {T_sup[0]:g} throughout: check the sensor", "T_sup", "data")

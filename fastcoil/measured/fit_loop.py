@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,20 +21,14 @@ from fastcoil.logs.series import HUMIDITY_COLUMNS, format_count
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.simulate import simulate
-from fastcoil.measured.fit import Fit, build_fit, rmse_profile
+from fastcoil.measured.fit import Fit, backlash_series, build_fit, rmse_profile
 from fastcoil.measured.fit_coil import drop_idle_samples, piece_notes, require_temperatures, resample_to_seconds
 from fastcoil.measured.identify import GOOD_BACKLASH, SIZE_TOLERANCE
-from fastcoil.measured.part import LogSplit, check_split, split_segments
+from fastcoil.measured.part import LogSource, LogSplit, check_split, split_segments
 from fastcoil.measured.valve_problem import count_piece_reversals, why_unidentified
 from fastcoil.model.metric_table import WARM_UP_S
 
-if TYPE_CHECKING:
-    from fastcoil.measured.part import LogSource
-
-_LOOP_COLUMNS = ColumnSpec(
-    required=("command", "m_a", "T_w_in", "T_a_in", HUMIDITY_COLUMNS, "T_sup"), optional=("enabled",),
-    measured=("T_sup",),
-)  # fmt: skip
+_LOOP_COLUMNS = ColumnSpec(("command", "m_a", "T_w_in", "T_a_in", HUMIDITY_COLUMNS, "T_sup"), ("enabled",), ("T_sup",))
 LARGEST_CANDIDATE = 0.25  # fraction of stroke, as the two steps
 _COARSE_STEP = 0.005  # of the candidates, over the whole range
 _FINE_STEP = 0.0005  # near the best
@@ -115,13 +109,11 @@ def fit_loop(
         if isinstance(loop, Loop) and (loop["slip_jump"] or 0.0) != 0.0:
             sentence = "loop has a slip_jump: give it none, a backlash without one is fitted"
             check.problems.append(Problem(sentence, "slip_jump", "unsupported"))
-    problem = LoopProblem(part.read(log, _LOOP_COLUMNS, drop_idle_samples), loop, warm_up, part)
-    return _assemble_fit(problem, start_time)
+    return _assemble_fit(LoopProblem(part.read(log, _LOOP_COLUMNS, drop_idle_samples), loop, warm_up, part), start_time)
 
 
 def _assemble_fit(problem: LoopProblem, start_time: float) -> Fit:
     """Choose the best candidate and resample blocks of the log for its interval."""
-    data, measured = problem.data, problem.T_sup
     grid, modelled = problem.candidates()
     sums = problem.sum_blocks(modelled)
     best = fit_correction(sums)
@@ -132,32 +124,21 @@ def _assemble_fit(problem: LoopProblem, start_time: float) -> Fit:
     # what the model gets wrong widens both sides by half a per cent of the stroke
     interval = max(float(low) - 0.005, 0.0), min(float(high) + 0.005, LARGEST_CANDIDATE)
     explained = 1.0 - float(best.rss[k]) / max(best.total, 1e-12)
-    why = _why_unidentified(problem, x, interval, sums.n.size, explained)
+    why = _why_unidentified(problem, x, *interval, sums.n.size, explained)
     with_backlash, without = (problem.correct_temperature(modelled, best, candidate) for candidate in (k, 0))
-    seen = np.where(problem.compared, measured, np.nan)
-    errors = {"": with_backlash - seen, "_without_backlash": without - seen}
-    series = {
-        "T_sup": (measured, "degC"),
-        "modelled": (with_backlash, "degC"),
-        "modelled_without_backlash": (without, "degC"),
-        "residual": (measured - with_backlash, "K"),
-        "command": (data.values["command"], "1"),
-    }
-    parameters = {} if why else {"backlash": x}
+    series, errors = backlash_series("T_sup", "degC", problem.T_sup, with_backlash, without, problem.compared)
+    series["command"] = problem.data.values["command"], "1"
     return build_fit(
-        data, start_time, problem.compared, problem.fitting, errors, series, list(parameters),
-        np.full((len(parameters), len(parameters)), float(draws.std()) ** 2), kind="loop", parameters=parameters,
-        intervals=dict.fromkeys(parameters, interval), held={"backlash": why} if why else {},
+        problem.data, start_time, problem.compared, problem.fitting, errors, series, ["backlash"],
+        np.full((1, 1), float(draws.std()) ** 2), {"backlash": why} if why else {}, [interval], kind="loop",
+        parameters={} if why else {"backlash": x},
         profile=rmse_profile(grid, np.sqrt(np.maximum(best.rss, 0.0) / sums.n.sum()), "K", x, interval),
         notes=problem.notes, n_used=int(problem.used.sum()), n_effective=float(sums.n.size),
     )  # fmt: skip
 
 
-def _why_unidentified(
-    problem: LoopProblem, x: float, interval: tuple[float, float], n_blocks: int, explained: float
-) -> str:
+def _why_unidentified(problem: LoopProblem, x: float, low: float, high: float, n_blocks: int, explained: float) -> str:
     """Why the log does not resolve the backlash; empty if it does."""
-    low, high = interval
     why = ""
     if n_blocks < 6:
         why = f"not identified: {n_blocks} half hours are left to compare: give a log of five hours or more"
@@ -172,7 +153,7 @@ def _why_unidentified(
             "coil first, or check units and columns"
         )
     is_wide = not why and (high >= LARGEST_CANDIDATE or max(high - x, x - low) > max(SIZE_TOLERANCE * x, GOOD_BACKLASH))
-    return why_unidentified(problem.n_reversals, interval, is_wide=is_wide) or why
+    return why_unidentified(problem.n_reversals, (low, high), is_wide=is_wide) or why
 
 
 class BlockSums(NamedTuple):
@@ -279,8 +260,7 @@ class LoopProblem:
         rss = {course: fit_correction(sums[course]).rss for course in courses}
         course = min(rss, key=lambda course: float(rss[course].min()))
         best = float(coarse[rss[course].argmin()])
-        end = min(best + 0.01, LARGEST_CANDIDATE) + _FINE_STEP / 2
-        fine = np.arange(max(best - 0.01, 0.0), end, _FINE_STEP)
+        fine = np.arange(max(best - 0.01, 0.0), min(best + 0.01, LARGEST_CANDIDATE) + _FINE_STEP / 2, _FINE_STEP)
         grid = np.unique(np.round(np.concatenate([coarse, fine]), 6))
         return grid, self.simulate_temperature(grid, course)
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,14 +22,11 @@ from fastcoil.logs.columns import ColumnSpec
 from fastcoil.logs.log import CheckedLog, as_log
 from fastcoil.logs.series import format_count
 from fastcoil.measured import valve_problem
-from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, build_fit, natural_interval, rmse_profile
+from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, backlash_series, build_fit, natural_intervals, rmse_profile
 from fastcoil.measured.least_squares import autocorrelation
-from fastcoil.measured.part import ABOVE_0, check_split, split_segments
+from fastcoil.measured.part import ABOVE_0, LogSource, check_split, split_segments
 from fastcoil.measured.valve_problem import X_BL, ValveProblem, ValveSolution, judge_interval, median_step
 from fastcoil.model.engine.recorded import VALVE_ROWS, valve_flows
-
-if TYPE_CHECKING:
-    from fastcoil.measured.part import LogSource
 
 _VALVE_COLUMNS = ColumnSpec(required=("command", "m_w"), optional=("enabled",), measured=("m_w",))
 
@@ -185,16 +182,12 @@ def _assemble_fit(problem: ValveProblem, solution: ValveSolution, holds: bool, s
     for name, variance in list(zip(VALVE_ROWS, variances, strict=True))[1:]:
         if not math.isfinite(variance):
             held.setdefault(name, AT_BOUND if math.isnan(variance) else NOT_UNIQUE)
-    estimated = [k for k, name in enumerate(VALVE_ROWS) if name not in held]
     half = spread.quantile() * np.sqrt(variances)
-    intervals = {VALVE_ROWS[k]: natural_interval(best.x[k], half[k], bool(is_logarithmic[k])) for k in estimated}
-    if not verdict.why:
-        intervals["backlash"] = verdict.interval
+    intervals = natural_intervals(best.x[:5], half, is_logarithmic)
+    intervals[X_BL] = verdict.interval
     # the deviation of the backlash belongs to its interval
-    width = 0.5 * (verdict.interval[1] - verdict.interval[0]) / max(half[X_BL], 1e-12)
     scale = np.where(is_logarithmic, natural, 1.0)
-    scale[X_BL] = max(1.0, width)
-    covariance = spread.covariance[:5, :5] * np.outer(scale, scale)
+    scale[X_BL] = max(1.0, 0.5 * (verdict.interval[1] - verdict.interval[0]) / max(half[X_BL], 1e-12))
 
     parameters = dict(zip(VALVE_ROWS, natural.tolist(), strict=True))
     if verdict.why:
@@ -212,27 +205,15 @@ def _assemble_fit(problem: ValveProblem, solution: ValveSolution, holds: bool, s
     start[: parameter_sets.shape[0] - 5] = parameter_sets[5:]
     openings, modelled = problem.flows(parameter_sets[:5], start, problem.command)
     with_backlash, without = modelled.T
-    measured = np.where(problem.good, problem.flow, np.nan)
-    errors = {"": with_backlash - measured, "_without_backlash": without - measured}
+    series, errors = backlash_series("m_w", "kg s-1", problem.flow, with_backlash, without, problem.good)
+    series |= {"command": (problem.command, "1"), "opening": (openings[:, 0], "1")}
     n_compared = solution.model.used.sum()
-    limit = math.sqrt(solution.limit / n_compared)
-    series = {
-        "m_w": (problem.flow, "kg s-1"),
-        "modelled": (with_backlash, "kg s-1"),
-        "modelled_without_backlash": (without, "kg s-1"),
-        "residual": (problem.flow - with_backlash, "kg s-1"),
-        "command": (problem.command, "1"),
-        "opening": (openings[:, 0], "1"),
-    }
+    rmse, limit = np.sqrt(solution.sums / n_compared), math.sqrt(solution.limit / n_compared)
     return build_fit(
-        problem.data, start_time, problem.good, problem.fitting, errors, series, [VALVE_ROWS[k] for k in estimated],
-        covariance[np.ix_(estimated, estimated)],
-        kind="valve", parameters=parameters, intervals=intervals, held=held, notes=notes,
-        profile=rmse_profile(
-            solution.grid, np.sqrt(solution.sums / n_compared), "kg s-1", float(natural[X_BL]), verdict.interval,
-            limit=limit,
-        ),
-        n_used=spread.n_used, n_effective=spread.n_effective,
+        problem.data, start_time, problem.good, problem.fitting, errors, series, VALVE_ROWS,
+        spread.covariance[:5, :5] * np.outer(scale, scale), held, intervals, kind="valve", parameters=parameters,
+        profile=rmse_profile(solution.grid, rmse, "kg s-1", float(natural[X_BL]), verdict.interval, limit=limit),
+        notes=notes, n_used=spread.n_used, n_effective=spread.n_effective,
     )  # fmt: skip
 
 
@@ -419,9 +400,8 @@ def _lags_to_try(log: CheckedLog, used: Mask, step: float) -> Index:
     if most <= _NEAR_SHIFTS or not is_compared.any():
         return lags
     moves, answers = (np.where(is_compared, np.diff(log.values[name]), 0.0) for name in ("command", "m_w"))
-    product = correlate(answers, moves)  # at lags from 1 - n
     far = np.concatenate([np.arange(-most, -_NEAR_SHIFTS), np.arange(_NEAR_SHIFTS + 1, most + 1)])
-    peak = int(far[np.argmax(product[far + moves.size - 1])])
+    peak = int(far[np.argmax(correlate(answers, moves)[far + moves.size - 1])])  # its lags begin at 1 - n
     return np.union1d(lags, np.arange(peak - 2, peak + 2 + 1))
 
 

@@ -83,8 +83,7 @@ def remove_noise(series: Array, good: Mask) -> tuple[Array, float]:
     q = variance - 2.0 * r
     gain_variance = 0.5 * (q + math.sqrt(q * q + 4.0 * q * r))
     share = gain_variance / (gain_variance + r)
-    smoothed_forward = first_order_lag(series, share)[::-1]
-    return first_order_lag(smoothed_forward, share)[::-1], math.sqrt(r)
+    return first_order_lag(first_order_lag(series, share)[::-1], share)[::-1], math.sqrt(r)
 
 
 def replay_day(
@@ -101,8 +100,7 @@ def replay_day(
     travel = step / stroke_time if stroke_time > 0.0 else 1.0
     stretch = 1.0 / (1.0 - backlash)
     buffer = max(buffer, 1e-9)  # so that round-off is no reversal
-    disturbance, noise, T_set, logged = (s.tolist() for s in (day.disturbance, day.noise, day.T_set, day.command))
-    is_automatic = day.is_automatic.tolist()
+    disturbance, noise, T_set, logged, is_automatic = (series.tolist() for series in day)
     position = command = u_ext = logged[0]
     mode = 1.0
     q = min(max(position - 0.5 * backlash, 0.0), 1.0 - backlash)
@@ -222,11 +220,9 @@ def fit_loop_model(
 ) -> FittedLoop | str:  # fmt: skip
     """Fit controller and plant to a trend log; a sentence if that is impossible.
 
-    command, temperature, T_set: (n,), fraction of stroke, °C, °C; NaN where missing.  interval: s.  backlash,
-    stroke_time: of the valve (fraction of stroke) and its motor (s, 0 if immediate).  sample_time: of the controller,
-    s; estimated if None.  enabled: whether the plant was on, always if None.  gains: kp, 1/K and above 0, and ti, s, of
-    the controller; estimated if None.  by_hand: where a test, not the controller, moved the valve, which shows the
-    plant only.
+    The arguments are those of ``gather_evidence``.  backlash: fraction of stroke.  gains: kp, 1/K and above 0, and ti,
+    s, of the controller, estimated if None.  by_hand: where a test, not the controller, moved the valve, which shows
+    the plant only.
     """
     if T_set is None:
         return "the log has no set-point (T_set)"
@@ -250,8 +246,7 @@ def fit_loop_model(
     logged_replay = Replay(temperature, zeros, zeros, zeros)
     logged_outcome = evaluate_replay(logged_replay, ReplayInputs(zeros, zeros, T_set, zeros, controlled), interval)
     period = logged_outcome.period / interval if logged_outcome.hunts else 0.0  # in samples
-    day = _build_inputs(plant, command, T_set, controlled, period)
-    fitted = FittedLoop(pi, plant, day, backlash, stroke_time)
+    fitted = FittedLoop(pi, plant, _build_inputs(plant, command, T_set, controlled, period), backlash, stroke_time)
     return fitted._replace(doubt=why_unusable(fitted) or _why_doubtful(fitted, command, temperature, T_set))
 
 
@@ -297,8 +292,7 @@ def _why_doubtful(fitted: FittedLoop, command: Array, temperature: Array, T_set:
     replay = replay_day(plant, fitted.pi, day, fitted.stroke_time, fitted.backlash)
     counted = _is_counted(day, plant.step)[:: plant.per_sample]
     at = slice(None, None, plant.per_sample)
-    true_temperature = temperature - day.noise[at]
-    logged_error = float(np.sqrt(np.mean((true_temperature - T_set)[counted] ** 2)))
+    logged_error = float(np.sqrt(np.mean((temperature - day.noise[at] - T_set)[counted] ** 2)))
     replayed_error = float(np.sqrt(np.mean((replay.temperature[at] - T_set)[counted] ** 2)))
     moves = (np.abs(np.diff(series))[counted[1:]] for series in (replay.command[at], command))
     replayed_travel, logged_travel = (float(np.sum(move)) for move in moves)

@@ -79,8 +79,7 @@ def recover_pi(
         if every > 1.2 * interval:
             # a log at least as fine as the controller: a row for each few changes that are one sample apart each
             is_one_sample = np.abs(np.diff(changes) * interval - every) < max(interval, 0.5 * every) - HELD
-            integral = np.cumsum(every * error[changes])
-            fit = _fit_best_pi(command, error, changes, is_one_sample, integral)
+            fit = _fit_best_pi(command, error, changes, is_one_sample, np.cumsum(every * error[changes]))
             candidates.append(fit and fit.to_pi(every))
         else:
             integrals = interval * (0.5 * (T[1:] + T[:-1]) - set_point[:-1])
@@ -111,8 +110,7 @@ def recover_pi(
 def _find_sample_time(command: Array, changes: Index, interval: float) -> float:
     """Time between the controller's samples, s, or ``interval`` if the log is coarser."""
     # a saturated command is held for as long as it stays so and carries no information
-    held_command = command[changes[:-1]]
-    gaps = np.diff(changes)[is_unsaturated(held_command)]
+    gaps = np.diff(changes)[is_unsaturated(command[changes[:-1]])]
     if gaps.size == 0:
         return interval
     busy = min(20, gaps.size)  # changes in a row whose mean distance is the sample time, where it is shortest
@@ -122,9 +120,7 @@ def _find_sample_time(command: Array, changes: Index, interval: float) -> float:
     return rounded if abs(estimate - rounded) < 0.05 * estimate and rounded > 0.0 else estimate
 
 
-def _fit_phases(
-    command: Array, temperature: Array, T_set: Array, good: Mask, interval: float, every: float
-) -> list[RecoveredPI]:
+def _fit_phases(command: Array, T: Array, T_set: Array, good: Mask, interval: float, every: float) -> list[RecoveredPI]:
     """Fit a controller of another rhythm than the log, at each phase that agrees with the changes of its command."""
     changes = np.flatnonzero(np.abs(np.diff(command)) > HELD) + 1
     phases = []
@@ -138,7 +134,7 @@ def _fit_phases(
         if agreement < best_agreement - 0.02:
             continue
         before = np.floor(at + HELD).astype(int)
-        error = np.interp(at, np.arange(command.size), temperature) - T_set[before]
+        error = np.interp(at, np.arange(command.size), T) - T_set[before]
         usable = good[before] & good[before + 1]
         integral = np.cumsum(every * np.where(usable, error, 0.0))
         last = np.append(np.diff(logged_at) > 0, False)  # of the controller's samples before one of the log
@@ -193,8 +189,7 @@ def regress_pi(command: Array, error: Array, before: Index, after: Index, integr
         if is_used.sum() < LEAST_PI_ROWS or not np.any(du[is_used]):
             return None
         kp, ki = np.linalg.lstsq(X[is_used], du[is_used], rcond=None)[0]
-        sums = np.stack([command[i] - kp * error[i] for i in (before, after)])
-        is_used = inside & is_unsaturated(sums).all(axis=0)
+        is_used = inside & is_unsaturated(np.stack([command[i] - kp * error[i] for i in (before, after)])).all(axis=0)
     residual, total = du[is_used] - X[is_used] @ (kp, ki), float(du[is_used] @ du[is_used])
     return _Regression(float(kp), float(ki), 1.0 - float(residual @ residual) / total) if total > 0.0 else None
 
@@ -280,8 +275,7 @@ class _WhitenedChanges:
 
     def fit_memory(self, residual: Array) -> None:
         """Fit the autoregression to the changes of a disturbance."""
-        n = residual.size
-        X = np.stack([residual[self.order - lag : n - lag] for lag in range(1, self.order + 1)], axis=1)
+        X = np.stack([residual[self.order - lag : residual.size - lag] for lag in range(1, self.order + 1)], axis=1)
         self.memory = np.asarray(np.linalg.lstsq(X[self.used], residual[self.order :][self.used], rcond=None)[0], float)
 
 

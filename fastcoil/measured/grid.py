@@ -46,9 +46,8 @@ class Grid(NamedTuple):
 
     def day_slices(self) -> list[slice]:
         """Slices of at most 24 h from the start of each log; a rest of less than half a day stays with its day."""
-        ends = (*self.starts[1:], self.on.size)
         samples_per_day, days = round(SECONDS_PER_DAY / self.interval), []
-        for first, end in zip(self.starts, ends, strict=True):
+        for first, end in zip(self.starts, (*self.starts[1:], self.on.size), strict=True):
             cuts = [*range(first, max(end - samples_per_day // 2, first + 1), samples_per_day), end]
             days += [slice(*pair) for pair in pairwise(cuts)]
         return days
@@ -114,14 +113,10 @@ def join_grids(grids: Sequence[Grid]) -> Grid:
         return np.concatenate([np.pad(part, (0, silence), constant_values=filler) for part in parts])[:-silence]
 
     names = [name for name in grids[0].values if all(name in grid.values for grid in grids)]
-    return Grid(
-        interval,
-        interval * np.arange(float(sum(sizes) - silence)),
-        {name: join_parts([grid.values[name] for grid in grids], np.nan) for name in names},
-        join_parts([grid.on for grid in grids], False),
-        max(grid.increment for grid in grids),
-        tuple(np.cumsum([0, *sizes[:-1]]).tolist()),
-    )
+    values = {name: join_parts([grid.values[name] for grid in grids], np.nan) for name in names}
+    is_on, starts = join_parts([grid.on for grid in grids], False), tuple(np.cumsum([0, *sizes[:-1]]).tolist())
+    time = interval * np.arange(float(sum(sizes) - silence))
+    return Grid(interval, time, values, is_on, max(grid.increment for grid in grids), starts)
 
 
 def find_logged_samples(series: Array, interval: float) -> tuple[int, int]:
@@ -225,8 +220,7 @@ def logging_increment(temperature: Array) -> float:
     small_change = float(np.quantile(changed, _SMALL_CHANGE_QUANTILE))
     steps = (known - known[0]) / small_change
     is_rounded = float(np.quantile(np.abs(steps - np.rint(steps)), 1.0 - _SMALL_CHANGE_QUANTILE)) < 0.05
-    is_alike = float(np.median(changed)) < 2.0 * small_change
-    return small_change if is_alike and not is_rounded else 0.0
+    return small_change if float(np.median(changed)) < 2.0 * small_change and not is_rounded else 0.0
 
 
 def forward_fill(series: Array) -> Array:

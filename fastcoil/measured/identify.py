@@ -55,8 +55,7 @@ def is_provoked(command: Array, temperature: Array, good: Mask, T_set: Array | N
     X = np.stack([last_change, change_before, temperature[now], np.ones(now.size)], axis=1)
     y, is_inlier = command[now] - command[before], np.ones(now.size, dtype=bool)
     for _ in range(4):
-        coefficients = np.linalg.lstsq(X[is_inlier], y[is_inlier], rcond=None)[0]
-        residual = np.abs(y - X @ coefficients)
+        residual = np.abs(y - X @ np.linalg.lstsq(X[is_inlier], y[is_inlier], rcond=None)[0])
         is_inlier = residual <= np.quantile(residual, JUMP_QUANTILE)
     jumps = now[residual > 4.0 * np.quantile(residual, JUMP_QUANTILE)]
     # a start-up makes some jumps, so three are needed, ten minutes apart
@@ -330,10 +329,8 @@ def gather_evidence(
             "law"
         )
     elif law.ti < -interval:
-        doubt = (
-            "the command moves before the temperature change that it responds to: check that the rows are in "
-            "chronological order and that both points share one clock"
-        )
+        cure = "check that the rows are in chronological order and that both points share one clock"
+        doubt = f"the command moves before the temperature change that it responds to: {cure}"
     elif provoked:
         doubt = _why_misplaced(likelihood_at, samples, interval, n, CLOCK_SHIFTS_S if lag is None else ())
     most_arrivals = thresholds.MOST_ARRIVALS_PER_REVERSAL * count_reversals(positions, 0.05)
@@ -364,23 +361,17 @@ def _why_misplaced(
     likelihood, size = best(samples)
     most = likelihood - thresholds.LEAST_PLACEBO_MARGIN  # of the placebos
     if best(samples, direction=-1)[0] > most:
-        return (
-            "the log fits just as well when it is read backwards: check that the command drives this valve, and that "
-            "the rows are in chronological order"
-        )
+        cure = "check that the command drives this valve, and that the rows are in chronological order"
+        return f"the log fits just as well when it is read backwards: {cure}"
     if max(best(samples, rolled=quarters * n // 4)[0] for quarters in (1, 2, 3)) > most:
-        return (
-            "the command explains the temperatures of other hours just as well: check that it drives this valve, or "
-            "log longer"
-        )
+        cure = "check that it drives this valve, or log longer"
+        return f"the command explains the temperatures of other hours just as well: {cure}"
     for shift in shifts:
         shifted_likelihood, shifted_size = best(samples - round(shift / interval))
         is_another_size = abs(shifted_size - size) > max(SIZE_TOLERANCE * size, GOOD_BACKLASH)
         if shifted_likelihood > likelihood + thresholds.LARGEST_SHIFT_GAIN and is_another_size:
-            return (
-                f"the temperature fits a command logged {shift:g} s after it even better: check that both points share "
-                "one clock, or give the lag between them (lag, --lag)"
-            )
+            cure = "check that both points share one clock, or give the lag between them (lag, --lag)"
+            return f"the temperature fits a command logged {shift:g} s after it even better: {cure}"
     return ""
 
 
@@ -397,10 +388,8 @@ def judge_size(probability: Array, provoked: bool, doubt: str, cure: str = MORE_
     backlash = float(CANDIDATES[best])
     is_worse = bool(probability.max() >= thresholds.LEAST_ODDS * probability[_IS_GOOD].max())
     if not doubt and backlash <= GOOD_BACKLASH and not provoked:
-        doubt = (
-            "the command only follows the temperature, so a stem that stands still looks like one without a gap: step "
-            "the set-point"
-        )
+        trap = "the command only follows the temperature, so a stem that stands still looks like one without a gap"
+        doubt = f"{trap}: step the set-point"
     low, high, reason = 0.0, float(CANDIDATES[-1]), doubt
     if not doubt:
         # equal tails; half a step is the width of a candidate, the rest the error of a linear model

@@ -158,32 +158,29 @@ class Uncertainty:
         return float(t.ppf(0.5 + CONFIDENCE / 2, freedom or self.freedom))
 
 
-def uncertainty(
-    model: Model, estimate: Estimate, fixed: Sequence[int] = (), profiled: Sequence[int] = ()
-) -> Uncertainty:
+def uncertainty(model: Model, best: Estimate, fixed: Sequence[int] = (), profiled: Sequence[int] = ()) -> Uncertainty:
     """Covariance by SVD of the Jacobian; correlated residuals count as fewer samples.
 
     The variance of each estimate is that of residuals with their estimated autocorrelation ρ,
     aᵀ Jᵀ Ω J a with Ω = ρ(t - s), never less than that of white ones.  ``profiled`` parameters have one at their bound
     too: the limit of the profile depends on it.
     """
-    r, n = estimate.r, int(model.used.sum())
-    p = estimate.x.size
+    r, n, p = best.r, int(model.used.sum()), best.x.size
     span = model.upper - model.lower
-    is_inside = (estimate.x > model.lower + 1e-6 * span) & (estimate.x < model.upper - 1e-6 * span)
+    is_inside = (best.x > model.lower + 1e-6 * span) & (best.x < model.upper - 1e-6 * span)
     is_inside[list(profiled)] = True
-    norms = np.linalg.norm(estimate.J, axis=0)
+    norms = np.linalg.norm(best.J, axis=0)
     has_effect = norms > 1e-12 * max(float(norms.max()), 1e-300)
     free = np.flatnonzero(is_inside & has_effect & ~np.isin(np.arange(p), np.asarray(fixed, dtype=int)))
     rho = autocorrelation(r, model.segment, model.used)
     n_effective = min(max(n / max(1.0 + 2.0 * float(rho.sum()), 1.0), 1.0), n)
     freedom = max(n_effective - free.size, 1.0)
-    variance = estimate.rss / n * n_effective / freedom
-    _, s, Vt = np.linalg.svd(estimate.J[:, free] / norms[free], full_matrices=False)
+    variance = best.rss / n * n_effective / freedom
+    _, s, Vt = np.linalg.svd(best.J[:, free] / norms[free], full_matrices=False)
     is_resolved = s > 1e-8 * s[0] if s.size else np.zeros(0, dtype=bool)
     inverse = (Vt[is_resolved].T / s[is_resolved] ** 2) @ Vt[is_resolved] / np.outer(norms[free], norms[free])
     white = np.diag(inverse).copy()
-    coloured = white + 2.0 * _lagged_products(estimate.J[:, free] @ inverse, model.segment, rho)
+    coloured = white + 2.0 * _lagged_products(best.J[:, free] @ inverse, model.segment, rho)
     inflation = np.maximum(coloured / white, 1.0)
     covariance, factors = np.full((p, p), np.nan), np.ones(p)
     covariance[np.ix_(free, free)] = variance * inverse * np.sqrt(np.outer(inflation, inflation))
@@ -191,9 +188,8 @@ def uncertainty(
         unknown = free[np.abs(v) > 0.1]
         covariance[unknown, :] = covariance[:, unknown] = np.inf
     factors[free] = inflation
-    return Uncertainty(
-        covariance, factors, n, n_effective, freedom, variance, tuple(np.flatnonzero(~has_effect).tolist())
-    )
+    without_effect = tuple(np.flatnonzero(~has_effect).tolist())
+    return Uncertainty(covariance, factors, n, n_effective, freedom, variance, without_effect)
 
 
 def autocorrelation(r: Array, segment: Index, used: Mask) -> Array:
@@ -260,8 +256,7 @@ def widen_by_bootstrap(model: Model, best: Estimate, spread: Uncertainty, fixed:
     common = free[free < model.n_common]
     if n_blocks < 2 or not common.size:
         return spread
-    steps = _bootstrap_steps(best, block, n_blocks, free)[:, : common.size]
-    low, high = np.quantile(steps, [0.1587, 0.8413], axis=0)
+    low, high = np.quantile(_bootstrap_steps(best, block, n_blocks, free)[:, : common.size], [0.1587, 0.8413], axis=0)
     deviation = 0.5 * (high - low) * np.sqrt(n_blocks / (n_blocks - 1))
     ratio = deviation / np.sqrt(np.diag(spread.covariance)[common])
     ratio *= spread.quantile(n_blocks - 1) / spread.quantile()
@@ -294,7 +289,6 @@ def _bootstrap_steps(best: Estimate, block: Index, n_blocks: int, free: Index) -
     J, r, ends = (J / scale)[order], r[order], np.flatnonzero(np.diff(block[order])) + 1
     gradient = np.add.reduceat(J * r[:, None], np.concatenate([[0], ends]), axis=0)
     curvature = np.stack([part.T @ part for part in np.split(J, ends)])
-    rng = np.random.default_rng(0)
-    draws = rng.multinomial(n_blocks, np.full(n_blocks, 1.0 / n_blocks), size=400).astype(float)
+    draws = np.random.default_rng(0).multinomial(n_blocks, np.full(n_blocks, 1.0 / n_blocks), size=400).astype(float)
     H = np.einsum("db,bij->dij", draws, curvature) + 1e-10 * np.eye(free.size)
     return np.asarray(-np.linalg.solve(H, (draws @ gradient)[..., None])[..., 0] / scale)

@@ -28,12 +28,8 @@ class Swing(NamedTuple):
     @property
     def is_regular(self) -> bool:
         """Whether it repeats regularly and matters: what a technician calls hunting."""
-        return (
-            self.regularity > LEAST_REGULARITY
-            and self.periodic_share > 0.5
-            and self.periods >= 8
-            and self.peak_to_peak > 0.1  # K
-        )
+        repeats = self.regularity > LEAST_REGULARITY and self.periodic_share > 0.5 and self.periods >= 8
+        return repeats and self.peak_to_peak > 0.1  # K
 
 
 NO_SWING = Swing(np.nan, 0.0, 0.0, np.nan, 0.0)
@@ -71,8 +67,7 @@ def _swing_from_autocovariance(detrended: Array, good: Mask, interval: float) ->
     at = np.flatnonzero(np.signbit(covariance[1:]) != np.signbit(covariance[:-1]))
     if covariance[0] <= 0.0 or at.size < _FEWEST_INTERVALS + 1:
         return NO_SWING
-    crossings = at + covariance[at] / (covariance[at] - covariance[at + 1])
-    intervals = np.diff(crossings)[:10] * interval
+    intervals = np.diff(at + covariance[at] / (covariance[at] - covariance[at + 1]))[:10] * interval
     spread = float(intervals.std(ddof=1))
     regularity = float(intervals.mean()) / (3.0 * spread) if spread > 0.0 else np.inf
     period = 2.0 * float(intervals.mean())
@@ -122,8 +117,7 @@ def is_settled(T_set: Array, good: Mask, interval: float) -> Mask:
     width = max(1, round(SETTLED_AFTER_S / interval))
     if T_set.size <= width:
         return np.zeros(T_set.size, dtype=bool)
-    filled = np.where(np.isfinite(T_set), T_set, np.inf)
-    windows = sliding_window_view(filled, width + 1)
+    windows = sliding_window_view(np.where(np.isfinite(T_set), T_set, np.inf), width + 1)
     with np.errstate(invalid="ignore"):
         is_steady = windows.max(axis=1) - windows.min(axis=1) < 0.3
     is_present = sliding_window_view(good, width + 1).mean(axis=1) > 0.5
@@ -419,11 +413,10 @@ def write_warnings(triage: xr.Dataset) -> list[str]:
     at_end, is_open = triage["saturated"].values >= 0.5, triage["command"].values > 0.5
     silent = state == NOT_RESPONDING
     is_fault = {OPEN_NOT_MET: (state == OPEN_NOT_MET) | (silent & at_end & is_open), SHUT: silent & at_end & ~is_open}
-    is_fault |= {NOT_RESPONDING: silent & ~at_end, SHUT_NOT_MET: state == SHUT_NOT_MET, SWINGING: state == SWINGING}
-    is_fault |= {OFF_SET_POINT: state == OFF_SET_POINT}
+    is_fault |= {NOT_RESPONDING: silent & ~at_end}
+    is_fault |= {fault: state == fault for fault in (SHUT_NOT_MET, SWINGING, OFF_SET_POINT)}
     # a set-point that moves makes hours off it as well
-    least_share = {OFF_SET_POINT: 0.3}
-    lasting = [f for f, at in is_fault.items() if at.sum() > least_share.get(f, _LEAST_FAULT_SHARE) * hours]
+    lasting = [f for f, at in is_fault.items() if at.sum() > {OFF_SET_POINT: 0.3}.get(f, _LEAST_FAULT_SHARE) * hours]
     return [f"{is_fault[f].sum()} of {hours} h: {_describe_fault(f, triage.isel(hour=is_fault[f]))}" for f in lasting]
 
 

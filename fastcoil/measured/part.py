@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    LogSource = str | Path | pd.DataFrame | xr.Dataset | Log
-
+LogSource: TypeAlias = "str | Path | pd.DataFrame | xr.Dataset | Log"
 FITTING = "fit"
 VALIDATION = "validation"
 UNUSED = "unused"
@@ -71,8 +70,7 @@ def split_segments(*numbers: NDArray[Any]) -> list[Index]:
 
 def true_runs(where: Mask) -> Index:
     """First sample of each run of True, and the one after its last, (runs, 2)."""
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], where, [False]]).astype(int)))
-    return ends.reshape(-1, 2)
+    return np.flatnonzero(np.diff(np.concatenate([[False], where, [False]]).astype(int))).reshape(-1, 2)
 
 
 def count_reversals(series: Array, least: float) -> int:

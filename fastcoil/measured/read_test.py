@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -27,25 +27,18 @@ from fastcoil.measured.fitted_loop import fit_loop_model
 from fastcoil.measured.grid import Grid, forward_fill, motor_positions, resample_log
 from fastcoil.measured.identify import CANDIDATES, LEAST_REVERSAL, USUAL_STROKE_TIME, Identification, judge_size
 from fastcoil.measured.measures import running_mean
-from fastcoil.measured.part import count_reversals, true_runs
-
-if TYPE_CHECKING:
-    from fastcoil.measured.part import LogSource
+from fastcoil.measured.part import LogSource, count_reversals, true_runs
 
 DISTURBANCE_COLUMNS = ("m_a", "T_a_in", "T_w_in")
 TEST_COLUMNS = ColumnSpec(
-    required=("command", "T_sup"), optional=("test", "T_set", *DISTURBANCE_COLUMNS, "enabled"),
-    measured=("T_sup", "T_set", *DISTURBANCE_COLUMNS),
-)  # fmt: skip
+    ("command", "T_sup"), ("test", "T_set", *DISTURBANCE_COLUMNS, "enabled"), ("T_sup", "T_set", *DISTURBANCE_COLUMNS)
+)
 _AFTER_TEST_S = 600.0  # that show the gap as well
 
 
 @np.errstate(all="ignore")
 def read_test(
-    log: LogSource,
-    stroke_time: float | None = None,
-    *,
-    between: tuple[float, float] | None = None,
+    log: LogSource, stroke_time: float | None = None, *, between: tuple[float, float] | None = None
 ) -> ValveReading:
     """Read the backlash of a valve from the log of a valve test.
 
@@ -191,8 +184,7 @@ def _measure_hold(grid: Grid, command: Array, first: int, last: int) -> tuple[fl
     end = first + 1 + (int(moves[0]) if moves.size else last - first - 1)
     hold = grid.values["T_sup"][(first + end) // 2 : end]
     seconds, is_known = hold.size * grid.interval, np.isfinite(hold)
-    width = max(1, min(round(60.0 / grid.interval), hold.size // 3))
-    smooth = running_mean(hold, is_known, width)[is_known]
+    smooth = running_mean(hold, is_known, max(1, min(round(60.0 / grid.interval), hold.size // 3)))[is_known]
     return (float(np.ptp(smooth)) if smooth.size > 1 else math.nan), seconds
 
 
@@ -274,8 +266,7 @@ def fit_response(
         return np.asarray(lfilter([1.0 - a], [1.0, -a], series, axis=-1, zi=a * series[..., :1])[0])
 
     def delay(series: Array, dead_time: float) -> Array:
-        rows = np.arange(series.shape[-1]) - round(dead_time / interval)
-        return np.take(series, rows, axis=-1, mode="clip")
+        return np.take(series, np.arange(series.shape[-1]) - round(dead_time / interval), axis=-1, mode="clip")
 
     before = positions[: first + 1]
     low = stem_places(before, candidates, np.maximum(before[0] - candidates, 0.0))[-1]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
@@ -21,14 +20,12 @@ from fastcoil.loops.clashes import controller_clashes, missing_parameters
 from fastcoil.loops.loop import Loop, used_choices
 from fastcoil.loops.provenance import provenance
 from fastcoil.loops.scenarios import cf_attributes, coordinate_attrs, parameter_columns
+from fastcoil.measured.part import LogSource
 from fastcoil.model.engine.lanes import parameter_matrix
 from fastcoil.model.engine.recorded import REPLAY_COLUMNS, REPLAY_TRACES, run_replay
 from fastcoil.model.estimators.registry import ESTIMATORS
 from fastcoil.model.metric_table import TRACES
 from fastcoil.model.user_rules import rules_for_kernels
-
-if TYPE_CHECKING:
-    from fastcoil.measured.part import LogSource
 
 
 @np.errstate(all="ignore")
@@ -104,10 +101,9 @@ def run_controllers(loop: Loop, series: Array, trace_interval: int) -> xr.Datase
         raise InputError(f"{words}: raise trace_interval or sweep fewer values", "trace_interval", "size")
     rules = rules_for_kernels(loop.rules)
     matrix = parameter_matrix(parameter_columns(loop, loop.sizes, np.arange(n)), rules)
-    signals = run_replay(matrix, series, trace_interval, rules)
     ds = xr.Dataset(coords={name: c.assign_attrs(coordinate_attrs(name)) for name, c in loop.coordinates().items()})
     ds = ds.assign_coords(elapsed_time=("elapsed_time", points.astype(float), coordinate_attrs("elapsed_time")))
-    for name, values in signals.items():
+    for name, values in run_replay(matrix, series, trace_interval, rules).items():
         shape = (*loop.sizes.values(), points.size)
         ds[name] = ((*loop.sizes, "elapsed_time"), values.T.reshape(shape), cf_attributes(TRACES[name]))
     return ds

@@ -37,8 +37,7 @@ def _is_flow_settled(log: CheckedLog, fitting: Mask, notes: list[str]) -> Mask:
         if abs(command[t] - command[starts[-1]]) > _HOLD_TOLERANCE or log.batch[t] != log.batch[t - 1]:
             starts.append(t)
         since[t] = log.time[t] - log.time[starts[-1]]
-    last_fitted = int(np.flatnonzero(fitting)[-1])
-    lengths = np.diff(np.minimum([*starts, command.size], last_fitted + 1))
+    lengths = np.diff(np.minimum([*starts, command.size], int(np.flatnonzero(fitting)[-1]) + 1))
     lengths = lengths[lengths > 0]
     typical = float(np.median(lengths))
     if typical < 4:  # the command is not held
@@ -187,9 +186,8 @@ class ValveProblem:
         model, fixed = self.model(m_max), [] if m_max is None else [M_MAX]
         best = minimise(model, self._starts(m_max), fixed)
         for n_restarts in range(3):
-            spread = least_squares.widen_by_bootstrap(
-                model, best, uncertainty(model, best, fixed, profiled=[X_BL]), fixed
-            )
+            spread = uncertainty(model, best, fixed, profiled=[X_BL])
+            spread = least_squares.widen_by_bootstrap(model, best, spread, fixed)
             grid = _profile_grid(best, spread)
             minima = least_squares.profile_parameter(model, best, X_BL, grid, fixed)
             sums = np.array([minimum.rss for minimum in minima])

@@ -47,12 +47,6 @@ def opening(q, x_bl):
 
 
 @scalar
-def worn_backlash(x_bl, wear_rate, travel):
-    """Backlash after the stem has travelled so many strokes more; it wears by ``wear_rate`` a stroke."""
-    return x_bl + wear_rate * travel
-
-
-@scalar
 def scaled_backlash(x_bl, scale):
     """Backlash of this second, ``scale`` times x_bl, at most 0.9, the largest that a loop may have."""
     x = x_bl * scale

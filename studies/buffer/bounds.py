@@ -38,7 +38,7 @@ TURNS_PER_HOUR = (3.0, 10.0, 30.0)
 
 
 def format_quantiles(values: Any) -> str:
-    """5 %, median and 95 % of what is finite or censored."""
+    """Format the 5 %, 50 % and 95 % quantiles, without NaN."""
     numbers = np.asarray(values, dtype=float)
     return " … ".join(f"{q:.2f}" for q in np.quantile(numbers[~np.isnan(numbers)], [0.05, 0.5, 0.95], method="nearest"))
 
@@ -50,7 +50,7 @@ def added_turns_per_hour(ds: xr.Dataset) -> xr.DataArray:
 
 
 def measured_lower_ratio(ds: xr.Dataset, allowed_per_hour: float = ALLOWED_TURNS_PER_HOUR) -> xr.DataArray:
-    """Buffer where the added turns fall below those allowed per hour, over the bound for ``ALLOWED_TURNS_PER_HOUR``; (sample, day).
+    """Buffer where the added turns fall below those allowed per hour, over the lower bound; (sample, day).
 
     Between sizes by the logarithm of the turns; 0 where they are below without any buffer, inf where they are above
     behind the largest.
@@ -97,19 +97,19 @@ def lower_bound_row(name: str, ds: xr.Dataset, among: Any = True) -> list[str]:
 
 
 def per_valve_and_day(runs: Runs, valve_quantity: Callable[[Valves], Any]) -> xr.DataArray:
-    """Something of the valves that ran on each day; (sample, day)."""
-    parts = [xr.DataArray(valve_quantity(runs.of(kind)), dims="sample").expand_dims(day=ds.sizes["day"])
+    """Repeat a quantity of the valves for each day they ran on: (sample, day)."""
+    parts = [xr.DataArray(valve_quantity(runs.valves_on(kind)), dims="sample").expand_dims(day=ds.sizes["day"])
              for kind, ds in runs.lower.items()]  # fmt: skip
     return xr.concat(parts, "day").transpose("sample", "day")
 
 
 def has_no_fitting_buffer(valves: Valves) -> Any:
-    """Where the lower bound lies above the upper one."""
-    return valves.lower > valves.upper(ALLOWED_SWING)
+    """Return where the lower bound lies above the upper one."""
+    return valves.lower_bound > valves.upper_bound(ALLOWED_SWING)
 
 
 def write_lower_bound(runs: Runs) -> None:
-    """The lower bound by kind of days and by loop."""
+    """Write the lower bound by kind of days and by loop."""
     table = [lower_bound_row(kind, ds) for kind, ds in runs.lower.items()]
     pooled_days = pool_days(runs.lower)
     loop_gain, sample_time = (
@@ -128,18 +128,25 @@ def write_lower_bound(runs: Runs) -> None:
     table += [lower_bound_row(name, pooled_days, among) for name, among in groups.items() if np.any(among)]
     write_table(
         "buffer/buffer_lower",
-        f"The lower bound, {ALLOWED_TURNS_PER_HOUR:g} false reversals per hour allowed: {pooled_days.sizes['sample']} fresh valves "
+        f"The lower bound, {ALLOWED_TURNS_PER_HOUR:g} false reversals per hour allowed: "
+        f"{pooled_days.sizes['sample']} fresh valves "
         f"and loops, {pooled_days.sizes['day'] // len(runs.lower)} days of each kind, inverse of 95 %",
-        ["days or loops", "need a buffer", "measured / formula (5 %, median, 95 %)", f"within a factor of {NEAR_FACTOR:g}",
-         "false reversals per hour at 0, ½, 1, 2 × the bound, median", "reversals per hour without noise",
-         f"over {2 * ALLOWED_TURNS_PER_HOUR:g} at the bound",
-         "travel at 0, ½, 1 ×, over that at 2 ×"],
+        [
+            "days or loops",
+            "need a buffer",
+            "measured / formula (5 %, median, 95 %)",
+            f"within a factor of {NEAR_FACTOR:g}",
+            "false reversals per hour at 0, ½, 1, 2 × the bound, median",
+            "reversals per hour without noise",
+            f"over {2 * ALLOWED_TURNS_PER_HOUR:g} at the bound",
+            "travel at 0, ½, 1 ×, over that at 2 ×",
+        ],
         table,
-    )  # fmt: skip
+    )
 
 
 def write_allowed_turns(runs: Runs) -> None:
-    """The lower bound for other numbers of turns, from the same runs."""
+    """Write the lower bound for other numbers of turns, from the same runs."""
     pooled_days, table = pool_days(runs.lower), []
     sample_time, has_fit = (
         per_valve_and_day(runs, lambda v: v.sample_time),
@@ -179,7 +186,7 @@ def lower_scales(runs: Runs) -> Any:
 
 
 def write_noise() -> None:
-    """The lower bound over kp σ by sample time and false turns allowed, beside what a trend shows."""
+    """Write the lower bound over kp σ by sample time and allowed false turns, beside what a trend shows."""
     rows: list[list[str]] = []
     for n in (1.0, *TURNS_PER_HOUR):
         rows.append([f"{n:g}", *(f"{LOWER_SCALE * float(noise_factor(t, n)):.1f}" for t in SAMPLE_TIMES)])
@@ -201,7 +208,7 @@ VISIBLE_SWING = 0.25
 
 
 class CycleComparison(NamedTuple):
-    """Of the days on which nothing changes: what is predicted, and what is seen; (swing, sample)."""
+    """Predicted and simulated cycles on days on which nothing changes; (swing, sample)."""
 
     predicted: xr.DataArray
     seen: xr.DataArray
@@ -218,12 +225,12 @@ def missed_play(valves: Valves, share_index: int) -> Any:
 
 
 def compare_cycles(valves: Valves, ds: xr.Dataset, share_index: int, deduction: Any = 0.0) -> CycleComparison:
-    """Swing and period over their formulas; less: what the formula takes off the buffer, (n_valves,).
+    """Compare swing and period with their formulas; deduction: what the formula takes off the buffer, (n_valves,).
 
     A cycle that is seen where nothing is left of the buffer has no formula: NaN.
     """
     ds = ds.isel(share=share_index).transpose("swing", "sample")
-    width = np.array([valves.upper(swing) for swing in SWINGS[1:]])
+    width = np.array([valves.upper_bound(swing) for swing in SWINGS[1:]])
     seen = ds.hunting_swing / width > VISIBLE_SWING * valves.plant.gain
     per_width = ds.hunting_swing / np.where(width > deduction, width - deduction, np.nan)
     plant_and_gains = (valves.plant, valves.kp, valves.ti)
@@ -254,7 +261,7 @@ def cycle_row(name: str, comparison: CycleComparison) -> list[str]:
 
 
 def write_cycles(runs: Runs) -> None:
-    """The buffer's own cycle against formula and theory."""
+    """Write the buffer's own cycle beside formula and theory."""
     table = []
     for is_heating, ds in runs.still.items():
         for share_index, size in reversed(list(enumerate(ESTIMATE_SHARES))):
@@ -296,7 +303,7 @@ def upper_bound_row(name: str, ds: xr.Dataset, among: Any = None) -> list[str]:
 
 
 def write_upper_bound(runs: Runs) -> None:
-    """What buffers for these swings cost on days as they are."""
+    """Write what buffers for these swings cost on ordinary days."""
     table = []
     for kind, ds in runs.upper.items():
         table += [
@@ -304,7 +311,7 @@ def write_upper_bound(runs: Runs) -> None:
             for share_index, size in enumerate(ESTIMATE_SHARES)
         ]
     kind, exact_index = CONSTANT, len(ESTIMATE_SHARES) - 1
-    valves = runs.of(kind)
+    valves = runs.valves_on(kind)
     predicted = phase_margin(valves.plant, valves.kp, valves.ti) < 0.5 * np.pi
     for among, label in ((predicted, "a cycle predicted"), (~predicted, "none predicted")):
         if among.any():

@@ -90,7 +90,7 @@ def relative_travel(ds: xr.Dataset, rule: str, q: float = 0.5) -> float:
 
 
 def write_rules(runs: Runs) -> None:
-    """Every rule for the buffer behind the same gains."""
+    """Write the results of every buffer rule with the same gains."""
     ds, is_good = pool_days(runs.rules), runs.valves[False].backlash == 0.0
     table = []
     for rule in RULES:
@@ -127,16 +127,16 @@ def write_rules(runs: Runs) -> None:
 
 
 def shipped_width(valves: Valves) -> Any:
-    """Buffer of the shipped rule with the noise as it is: 6 kp σ, up to ``ALLOWED`` over the plant's gain."""
+    """Buffer of the shipped rule with the noise as it is: 6 kp σ, up to ``ALLOWED_SWING`` over the plant's gain."""
     return np.minimum(SHIPPED_RATIO * valves.kp * valves.sigma, ALLOWED_SWING / valves.plant.gain)
 
 
 def write_crossing(runs: Runs) -> None:
-    """Loops on which no buffer fits: the lower bound lies above the upper one."""
+    """Write the loops for which no buffer fits: their lower bound lies above the upper one."""
     table = []
     for is_heating, valves in runs.valves.items():
         ds = pool_days({kind: ds for kind, ds in runs.rules.items() if (kind == HEATING) == is_heating})
-        lower, upper, shipped_buffer = valves.lower, valves.upper(ALLOWED_SWING), shipped_width(valves)
+        lower, upper, shipped_buffer = valves.lower_bound, valves.upper_bound(ALLOWED_SWING), shipped_width(valves)
         for among, label in (
             (has_no_fitting_buffer(valves), "none fits"),
             (~has_no_fitting_buffer(valves), "some fit"),
@@ -158,7 +158,8 @@ def write_crossing(runs: Runs) -> None:
             )
     write_table(
         "buffer/buffer_crossing",
-        f"Loops for which no buffer fits, and the others.  None fits where holding false reversals to {ALLOWED_TURNS_PER_HOUR:g} per "
+        "Loops for which no buffer fits, and the others.  None fits where holding false reversals to "
+        f"{ALLOWED_TURNS_PER_HOUR:g} per "
         f"hour needs a wider buffer than a swing of {ALLOWED_SWING:g} K allows; change of RMSE against plain PI with "
         "existing gains (95 %), and motor travel of the median valve",
         [
@@ -182,7 +183,7 @@ def format_median(values: Any) -> str:
 
 
 def write_constants(choice: Runs, fresh: Runs) -> None:
-    """The constants as the choice gives them, and as fresh valves would."""
+    """Write the constants fitted to the choice, and to fresh valves."""
     rows = [
         ["lower bound", f"{LOWER_SCALE:g}", *(format_median(lower_scales(runs)) for runs in (choice, fresh))],
         ["swing", f"{UPPER_SCALE:g}", *(format_median(upper_scales(runs)) for runs in (choice, fresh))],
@@ -263,11 +264,12 @@ def _draw_swings(panel: Axes, runs: Runs) -> None:
         valves = runs.valves[is_heating]
         plant_and_gains = (valves.plant, valves.kp, valves.ti)
         with_exact_inverse = ds.isel(share=len(ESTIMATE_SHARES) - 1).transpose("swing", "sample")
-        width = np.array([valves.upper(swing) for swing in SWINGS[1:]])
+        width = np.array([valves.upper_bound(swing) for swing in SWINGS[1:]])
         unit = width * valves.plant.gain / np.sqrt(1.0 + (cycle_frequency(*plant_and_gains) * valves.plant.tau) ** 2)
         has_cycle = with_exact_inverse.hunting_swing.values > VISIBLE_SWING * width * valves.plant.gain
         heights = np.where(has_cycle, with_exact_inverse.hunting_swing.values / unit, NO_CYCLE_LEVEL)
-        panel.plot(np.broadcast_to(np.degrees(phase_margin(*plant_and_gains)), heights.shape).ravel(), heights.ravel(), "s" if is_heating else "o",
+        panel.plot(np.broadcast_to(np.degrees(phase_margin(*plant_and_gains)), heights.shape).ravel(), heights.ravel(),
+                   "s" if is_heating else "o",
                    color=RED if is_heating else BLUE, ms=2.2, alpha=0.5,
                    label="heating" if is_heating else "cooling")  # fmt: skip
     panel.axvline(90.0, color="black", lw=0.8, ls=":")
@@ -304,7 +306,7 @@ VALVES = 256
 
 
 def run(size: int, seed: int, day_kinds: Sequence[str], day_seeds: Sequence[int], *, is_complete: bool = True) -> Runs:
-    """All runs on valves of a seed; without ``is_complete`` those that the constants come from."""
+    """Run valves of a seed on all days; unless ``is_complete``, only the runs that the constants come from."""
     report = progress_printer()
     groups = {False: [k for k in day_kinds if k != HEATING], True: [k for k in day_kinds if k == HEATING]}
     valves = {is_heating: population(size, seed, group[0]) for is_heating, group in groups.items() if group}
@@ -312,16 +314,16 @@ def run(size: int, seed: int, day_kinds: Sequence[str], day_seeds: Sequence[int]
         valves, {}, {is_heating: run_still(v, groups[is_heating][0]) for is_heating, v in valves.items()}, {}, {}
     )
     for kind in day_kinds:
-        runs.lower[kind] = run_lower(runs.of(kind), kind, day_seeds)
+        runs.lower[kind] = run_lower(runs.valves_on(kind), kind, day_seeds)
         if is_complete:
-            runs.upper[kind] = run_upper(runs.of(kind), kind, day_seeds)
-            runs.rules[kind] = run_rules(runs.of(kind), kind, day_seeds)
+            runs.upper[kind] = run_upper(runs.valves_on(kind), kind, day_seeds)
+            runs.rules[kind] = run_rules(runs.valves_on(kind), kind, day_seeds)
         report(kind)
     return runs
 
 
 def sample() -> None:
-    """What noise alone does."""
+    """Write the table of noise alone."""
     write_noise()
 
 

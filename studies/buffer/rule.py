@@ -72,7 +72,7 @@ def smallest_buffer(kp: Values, sigma: Values, sample_time: Values, per_hour: fl
 
 
 def describing_function(amplitude: Values) -> Values:
-    """N of u to the held u_ext (what a perfect inverse makes the opening), for a sine of ``amplitude`` over b.
+    """Describing function N from u to the held u_ext, for a sine of ``amplitude`` over b.
 
     After each extreme the output holds until u has come back by b, then jumps to u:
     N = 1 + (2/π) (sin φ - φ/2 - sin 2φ / 4) - j x²/π with x = b/A and cos φ = 1 - x; 0 below A = b/2.
@@ -126,7 +126,7 @@ class Cycle(NamedTuple):
 
 
 def predict_cycle(plant: Plant, kp: Values, ti: Values) -> Cycle:
-    """The buffer's cycle after its describing function, without the fits: where L = -1/N, at falling |L||N|.
+    """Predict the buffer's cycle from its describing function, without the fits: L = -1/N, at falling |L||N|.
 
     All arguments along one dim.
     """

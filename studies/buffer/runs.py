@@ -20,12 +20,17 @@ SWINGS = (0.0, 0.05, 0.1, 0.2, 0.4)
 """Swings by the buffer's own cycle that the upper bound is tried at, K."""
 ALLOWED_SWING = 0.1
 """Swing that the rules of ``run_rules`` allow, K."""
-NO_BUFFER, WIDEST_BUFFER = 1e-9, 0.9
-"""Least buffer, by which round-off is no reversal, and the largest."""
-STILL_HOURS, SHAKE_END, COUNTED_FROM = 8, 5400, 9000
-"""Days on which nothing changes: their hours, the second until which the set-point is ``SHAKE`` higher, and the one
-from which they count."""
+NO_BUFFER = 1e-9
+"""Smallest buffer: round-off is no reversal."""
+WIDEST_BUFFER = 0.9
+STILL_HOURS = 8
+"""Hours of a day on which nothing changes."""
 SHAKE_SIZE = 0.7
+"""By how much the set-point of such a day is higher at first, K."""
+SHAKE_END = 5400
+"""Second until which it is higher."""
+COUNTED_FROM = 9000
+"""Second from which such a day counts."""
 ESTIMATE_SHARES = (0.95, 1.0)
 """Estimates over the backlash: what one may know, and the case of the theory."""
 METRICS = ("rmse", "rmse_settled", "motor_travel", "switch_frequency", "hunting_swing", "hunting_period", "hunts",
@@ -64,7 +69,7 @@ RULES = (
 
 
 class Valves(NamedTuple):
-    """Valves and loops along ``sample``, and what their step says of their plants; all arrays are (n_valves,)."""
+    """Valves and loops along ``sample``, and the plant model of each from a step; all arrays are (n_valves,)."""
 
     loop: fc.Loop
     plant: Plant
@@ -75,11 +80,11 @@ class Valves(NamedTuple):
     backlash: Any
 
     @property
-    def lower(self) -> Any:
+    def lower_bound(self) -> Any:
         """Lower bound of the buffer."""
         return smallest_buffer(self.kp, self.sigma, self.sample_time)
 
-    def upper(self, swing: float) -> Any:
+    def upper_bound(self, swing: float) -> Any:
         """Upper bound of the buffer for this swing, K."""
         return np.minimum(largest_buffer(self.plant, self.kp, self.ti, swing), WIDEST_BUFFER)
 
@@ -114,7 +119,7 @@ def population(size: int, seed: int, kind: str) -> Valves:
 
 
 class Runs(NamedTuple):
-    """All that ran on valves of one seed: valves by heating or not, metrics by kind of day."""
+    """Simulations of valves of one seed: valves by heating or not, metrics by kind of day."""
 
     valves: dict[bool, Valves]
     lower: dict[str, xr.Dataset]
@@ -122,25 +127,25 @@ class Runs(NamedTuple):
     upper: dict[str, xr.Dataset]
     rules: dict[str, xr.Dataset]
 
-    def of(self, kind: str) -> Valves:
+    def valves_on(self, kind: str) -> Valves:
         """The valves that ran on this kind of days."""
         return self.valves[kind == HEATING]
 
 
 def simulate_metrics(loop: fc.Loop, days: fc.Boundary, **options: Any) -> xr.Dataset:
-    """The metrics that the tables need."""
+    """Simulate, and return the metrics that the tables need."""
     return fc.simulate(loop, days, **options)[list(METRICS)].reset_coords(drop=True)
 
 
 def buffer_parameter(valves: Valves, widths: Any, dim: str) -> xr.DataArray:
-    """Buffers (n_widths, n_valves) as a parameter."""
+    """Convert buffers (n_widths, n_valves) to a parameter."""
     return xr.DataArray(np.clip(widths, NO_BUFFER, WIDEST_BUFFER), dims=(dim, "sample"))
 
 
 def run_lower(valves: Valves, kind: str, seeds: Sequence[int]) -> xr.Dataset:
-    """Buffers around the lower bound, with the noise and without it, an inverse of 95 %."""
+    """Simulate buffers around the lower bound, with and without noise, with an inverse of 95 %."""
     noise_std = xr.DataArray(np.outer([0.0, 1.0], valves.sigma), dims=("noisy", "sample"))
-    widths = buffer_parameter(valves, np.outer(BUFFER_MULTIPLES, valves.lower), "size")
+    widths = buffer_parameter(valves, np.outer(BUFFER_MULTIPLES, valves.lower_bound), "size")
     return simulate_metrics(
         valves.loop.assign(estimate_ratio=ESTIMATE_SHARES[0], buffer=widths, noise_std=noise_std),
         make_days(kind, seeds),
@@ -159,29 +164,29 @@ def still_day(kind: str) -> fc.Boundary:
 
 
 def run_still(valves: Valves, kind: str) -> xr.Dataset:
-    """The buffer's cycle alone: no noise, no disturbance, buffers of these swings, both estimates."""
-    widths = buffer_parameter(valves, [valves.upper(swing) for swing in SWINGS[1:]], "swing")
+    """Simulate the buffer's cycle alone: no noise, no disturbance, buffers of these swings, both estimates."""
+    widths = buffer_parameter(valves, [valves.upper_bound(swing) for swing in SWINGS[1:]], "swing")
     quiet_loop = valves.loop.assign(noise_std=0.0, buffer=widths, estimate_ratio=("share", ESTIMATE_SHARES))
     return simulate_metrics(quiet_loop, still_day(kind), warm_up=COUNTED_FROM)
 
 
 def run_upper(valves: Valves, kind: str, seeds: Sequence[int]) -> xr.Dataset:
-    """Buffers of these swings on days as they are, without noise, both estimates."""
-    widths = buffer_parameter(valves, [valves.upper(swing) for swing in SWINGS], "swing")
+    """Simulate buffers of these swings on ordinary days, without noise, for both estimates."""
+    widths = buffer_parameter(valves, [valves.upper_bound(swing) for swing in SWINGS], "swing")
     quiet_loop = valves.loop.assign(noise_std=0.0, buffer=widths, estimate_ratio=("share", ESTIMATE_SHARES))
     return simulate_metrics(quiet_loop, make_days(kind, seeds))
 
 
 def trend_range(valves: Valves) -> Any:
-    """Peak to peak of the noise on one trend of as long as one false turn is to take, K."""
+    """Peak-to-peak noise on a trend as long as the allowed time between two false turns, K."""
     rng = np.random.default_rng(8)
     samples = np.maximum(np.round(3600.0 / (ALLOWED_TURNS_PER_HOUR * valves.sample_time)), 2).astype(int)
     return valves.sigma * np.array([np.ptp(rng.standard_normal(n)) for n in samples])
 
 
 def run_rules(valves: Valves, kind: str, seeds: Sequence[int]) -> xr.Dataset:
-    """Every rule for the buffer behind the same gains on the same days with the same noise, along ``controller``."""
-    lower, upper, n = valves.lower, valves.upper(ALLOWED_SWING), len(valves.kp)
+    """Simulate every buffer rule with the same gains, days and noise, along ``controller``."""
+    lower, upper, n = valves.lower_bound, valves.upper_bound(ALLOWED_SWING), len(valves.kp)
     width = {
         PI: np.full(n, NO_BUFFER),
         WITHOUT_BUFFER: np.full(n, NO_BUFFER),

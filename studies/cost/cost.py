@@ -29,7 +29,10 @@ HEAT, PEAK, AIR_HEAT, WITHOUT_REHEAT, EVENED_BILL, BILL, MONEY = (
     "bill",
     "money",
 )
-RESAMPLES, RESAMPLE_BATCH = 200, 20
+RESAMPLES = 200
+"""Resamples of the bootstrap."""
+RESAMPLE_BATCH = 20
+"""Resamples that are computed together."""
 COUNTED_HOURS = 7.5
 """Counted hours of a day."""
 
@@ -85,7 +88,7 @@ def changes_against_pi(ds: xr.Dataset, plain: str, backlash: float) -> xr.Datase
 def spread_over_valves(ds: xr.Dataset, measure, among: xr.DataArray | None = None, *arguments: object) -> xr.Dataset:
     """Median over valves with its interval, and what 5 and 95 % of the valves stay below, along ``statistic``.
 
-    measured: makes changes per valve from metrics by day.  among: the valves that count.  The interval comes from
+    measure: makes changes per valve from metrics by day.  among: the valves that count.  The interval comes from
     valves and days drawn anew.
     """
     ds = ds if among is None else ds.isel(sample=np.flatnonzero(among.values))
@@ -109,13 +112,13 @@ def spread_over_valves(ds: xr.Dataset, measure, among: xr.DataArray | None = Non
 
 
 def format_median(values: xr.DataArray, digits: int = 1, unit: str = " %") -> str:
-    """A median with its interval, from a cell of ``spread``."""
+    """A median with its interval, from a cell of ``spread_over_valves``."""
     value, low, high = (float(values.sel(statistic=s)) for s in ("median", "low", "high"))
     return f"{_format_signed(value, digits)}{unit} ({_format_signed(low, digits)} to {_format_signed(high, digits)})"
 
 
 def format_range(values: xr.DataArray, digits: int = 1) -> str:
-    """What 5 and 95 % of the valves stay below."""
+    """Format what 5 and 95 % of the valves stay below."""
     return " to ".join(_format_signed(float(values.sel(statistic=s)), digits) for s in ("q05", "q95"))
 
 
@@ -134,7 +137,8 @@ PLAIN_INDEX = 0
 HUNTING_SHARE = 0.5
 """Share of the days on which a loop that counts as hunting hunts."""
 _SUM_LABELS = {HEAT: "heat of the coil", PEAK: "peak of 15 min", AIR_HEAT: "reheat and recooling, of the coil's heat",
-         WITHOUT_REHEAT: "bill without reheat", EVENED_BILL: "bill, rooms even out a day", BILL: "bill with reheat"}  # fmt: skip
+         WITHOUT_REHEAT: "bill without reheat", EVENED_BILL: "bill, rooms even out a day",
+         BILL: "bill with reheat"}  # fmt: skip
 
 
 def is_hunting_by_gap(ds: xr.Dataset) -> xr.DataArray:
@@ -159,7 +163,7 @@ def _sizes_text(by_kind: Mapping[str, xr.Dataset]) -> str:
 
 
 def write_claim(by_kind: Mapping[str, xr.Dataset]) -> None:
-    """How many valves pay for the gap of the paper, by kind of day."""
+    """Write the share of valves whose bill the gap of the paper raises, by kind of day."""
     rows = []
     for kind, ds in by_kind.items():
         change = changes_against_sound(ds.isel(controller=[PLAIN_INDEX])).sel(backlash=GAP).isel(controller=0)
@@ -168,7 +172,8 @@ def write_claim(by_kind: Mapping[str, xr.Dataset]) -> None:
             rows.append([kind, name, *cells])
     write_table(
         "cost/cost_claim",
-        f"Share of the valves for which {_GAP_TEXT} raises each quantity by more than {NOTABLE_RISE:g} %, compared with the same "
+        f"Share of the valves for which {_GAP_TEXT} raises each quantity by more than {NOTABLE_RISE:g} %, compared "
+        "with the same "
         f"valve without a gap under the same plain PI (95 % over valves): {_sizes_text(by_kind)}",
         ["days", "valves", *(text for m, text in _SUM_LABELS.items() if m != AIR_HEAT)],
         rows,
@@ -176,7 +181,7 @@ def write_claim(by_kind: Mapping[str, xr.Dataset]) -> None:
 
 
 def write_sums(by_kind: Mapping[str, xr.Dataset]) -> None:
-    """By how much the gap of the paper raises everything, by kind of day."""
+    """Write by how much the gap of the paper raises each quantity, by kind of day."""
     rows = []
     for kind, ds in by_kind.items():
         plain = ds.isel(controller=[PLAIN_INDEX]).sel(backlash=[0.0, GAP])
@@ -187,7 +192,8 @@ def write_sums(by_kind: Mapping[str, xr.Dataset]) -> None:
             )
     write_table(
         "cost/cost_sums",
-        f"Effect of {_GAP_TEXT} under plain PI with existing gains: median over the valves (95 % over valves and days), "
+        f"Effect of {_GAP_TEXT} under plain PI with existing gains: median over the valves (95 % over valves and "
+        "days), "
         f"compared with the same valve without a gap; {_sizes_text(by_kind)}",
         ["days", "valves", *_SUM_LABELS.values(), "bill with reheat, 5 to 95 % of the valves"],
         rows,
@@ -195,7 +201,7 @@ def write_sums(by_kind: Mapping[str, xr.Dataset]) -> None:
 
 
 def write_by_backlash(by_kind: Mapping[str, xr.Dataset]) -> None:
-    """The bill by the size of the gap, and what the valve does meanwhile; all kinds of cooling days together."""
+    """Write the bill and the valve's travel by size of the gap, over all kinds of cooling days."""
     joined = _join_cooling(by_kind)
     plain = joined.isel(controller=[PLAIN_INDEX])
     medians = spread_over_valves(plain, changes_against_sound).isel(controller=0)
@@ -231,7 +237,7 @@ def write_by_backlash(by_kind: Mapping[str, xr.Dataset]) -> None:
 
 
 def write_remedies(by_kind: Mapping[str, xr.Dataset]) -> None:
-    """What better control of the same worn valve saves; and a valve without a gap."""
+    """Write what better control of the same worn valve saves, and what a valve without a gap saves."""
     rows = []
     for kind, ds in by_kind.items():
         plain = str(ds.controller.values[PLAIN_INDEX])
@@ -261,12 +267,19 @@ def write_remedies(by_kind: Mapping[str, xr.Dataset]) -> None:
             )
     write_table(
         "cost/cost_remedies",
-        f"Effect of other controls of a valve with {_GAP_TEXT}, compared with plain PI with existing gains: median over the "
+        f"Effect of other controls of a valve with {_GAP_TEXT}, compared with plain PI with existing gains: median "
+        "over the "
         f"valves (95 % over valves and days); {_sizes_text(by_kind)}",
-        ["days", "control", *(_SUM_LABELS[m] for m in (PEAK, WITHOUT_REHEAT, EVENED_BILL, BILL)), "USD a year", "motor travel",
-         "hours off by 0.5 K a day"],
+        [
+            "days",
+            "control",
+            *(_SUM_LABELS[m] for m in (PEAK, WITHOUT_REHEAT, EVENED_BILL, BILL)),
+            "USD a year",
+            "motor travel",
+            "hours off by 0.5 K a day",
+        ],
         rows,
-    )  # fmt: skip
+    )
 
 
 def _changes_without_gap(ds: xr.Dataset) -> xr.Dataset:
@@ -321,7 +334,7 @@ def simulate_days(seed: int, size: int, kind: str) -> xr.Dataset:
 
 
 def sample(size: int = 384) -> None:
-    """A single kind of day."""
+    """Write the table of one kind of day."""
     write_claim({CONSTANT: simulate_days(SEED, size, CONSTANT)})
 
 

@@ -31,18 +31,28 @@ AIR_SHARES, LEAST_FLOWS, LOAD_SHARES = np.array([0.7, 0.3]), np.array([0.3, 0.4]
 """Of the two groups: share of the air, least flow over the greatest, load over what the day's air would carry off."""
 OVERSIZE_FACTOR = 1.4
 """Greatest flow over the mean of the day's."""
-BOX_BAND_K, BOX_TI, LARGEST_REHEAT_K = 2.0, 900.0, 12.0
-"""Of the PI of a box: K for all of its range, s; K by which it reheats at most."""
-FAN_POWER, PUMP_POWER, COP = 1.5, 0.25, 4.0
-"""kW per kg/s of the fan at its greatest flow, and of a pump against a constant pressure; the chiller's."""
-QUARTER_SECONDS, WARM_UP_SECONDS = 900, 1800
-"""Seconds of a demand, and at the start that do not count."""
+BOX_BAND_K = 2.0
+"""Proportional band of the PI of a box, K for all of its range."""
+BOX_TI = 900.0
+"""Integral time of the PI of a box, s."""
+LARGEST_REHEAT_K = 12.0
+"""K by which a box reheats at most."""
+FAN_POWER = 1.5
+"""Power of the fan at its greatest flow, kW per kg/s."""
+PUMP_POWER = 0.25
+"""Power of a pump against a constant pressure, kW per kg/s."""
+COP = 4.0
+"""Of the chiller."""
+QUARTER_SECONDS = 900
+"""Averaging time of a demand."""
+WARM_UP_SECONDS = 1800
+"""Seconds at the start of a day that do not count."""
 HUNTS_BY_GAP, ALL_LOOPS = "hunt by the gap", "all"
 KINDS = (CONSTANT, STEPPED, DESIGN, WEATHER)
 
 
 class Rooms(NamedTuple):
-    """What the rooms of some lanes did, (lane, second): flow of air, kg/s; heat of all boxes, kW."""
+    """Traces of the rooms, (lane, second): flow of air, kg/s; heat of all boxes, kW."""
 
     flow: np.ndarray
     reheat: np.ndarray
@@ -54,9 +64,9 @@ def fan_power(share: np.ndarray) -> np.ndarray:
 
 
 def simulate_rooms(T_sup: np.ndarray, usual_flow: np.ndarray, T_set: float) -> Rooms:
-    """Two groups of rooms, each at its set-point at first.
+    """Simulate two groups of rooms, each of which starts at its set-point.
 
-    T_sup: (lane, second), °C; usual: (lane, second), kg/s, the flow that would carry the core's load at ``T_set``.
+    T_sup: (lane, second), °C; usual_flow: (lane, second), kg/s, which would carry the core's load at ``T_set``.
     """
     greatest_flow = OVERSIZE_FACTOR * usual_flow.mean(-1, keepdims=True) * AIR_SHARES
     load = CP * (ROOM_SET_POINT - T_set) * usual_flow[:, :, np.newaxis] * AIR_SHARES * LOAD_SHARES
@@ -118,12 +128,12 @@ def daily_sums(room_state: Rooms, coil_traces: Coil, usual_flow: np.ndarray) -> 
 
 
 def valves_of_kind(kind: str, size: int) -> dict[str, np.ndarray]:
-    """Valves and loops for a kind of day, none of them for another."""
+    """Valves and loops for a kind of day; each kind has its own."""
     return valves(CONSTANT, SEED + KINDS.index(kind), size)
 
 
 def simulate_kind(kind: str, size: int = VALVES, n_days: int = DAYS) -> xr.Dataset:
-    """Sums over (gap, sample, day), with and without its gap, after the last round; ``relative_step``: by it, as a share."""
+    """Sums over (gap, sample, day), with and without gap, after the last round; ``moved``: its relative change."""
     parameters = valves_of_kind(kind, size)
     days = make_days(kind, [SEED + k for k in range(n_days)])
     usual_flow = np.tile(np.asarray(days.series["m_a"], float), (size, 1))
@@ -185,7 +195,7 @@ def change_rows(kind: str, ds: xr.Dataset) -> list[list[str]]:
 
 
 def sample() -> None:
-    """The first kind of day."""
+    """Compare the rows of the first kind of day."""
     compare_rows("cost/zone", change_rows(CONSTANT, simulate_kind(CONSTANT)))
 
 

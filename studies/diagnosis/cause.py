@@ -34,7 +34,7 @@ VISIBLE_STD = 0.035
 
 
 class Logs(NamedTuple):
-    """Logs of a kind of day, one a valve, and what is true of them: (valves,)."""
+    """Logs of a kind of day, one per valve, and the truth: (valves,)."""
 
     logs: list[xr.Dataset]
     cause: list[str]
@@ -64,7 +64,7 @@ def valves(kind: str, seed: int = SEED, n: int = VALVES) -> dict[str, np.ndarray
 
 
 def swinging_days(day: fc.Boundary, seed: int, n: int) -> list[fc.Boundary]:
-    """The day with water or air that swings, as a chiller or a mixing damper makes it; each valve has its own."""
+    """Make days whose water or air swings, as behind a chiller or a mixing damper; one per valve."""
     rng = np.random.default_rng([seed, 21])
     t = np.arange(day.series["T_set"].shape[-1])
     days = []
@@ -88,25 +88,27 @@ def simulate_logs(
     traces = {"traces": names, "trace_interval": LOG_INTERVAL, "seed": seed}
 
     def simulate(
-        boundary: fc.Boundary, k: slice, traced: bool = False, tested: bool = False, **changes: object
+        boundary: fc.Boundary, k: slice, with_traces: bool = False, with_test: bool = False, **changes: object
     ) -> xr.Dataset:
         parameters = {name: ("sample", values[k]) for name, values in drawn_parameters.items()} | changes
         loop = fc.Loop.preset("lbnl").assign(m_full=1.7, estimate_ratio=0.0, **parameters, **loop_settings(kind))
-        ds = fc.simulate(loop, boundary, test=test if tested else None, **(traces if traced else {"seed": seed}))
+        ds = fc.simulate(
+            loop, boundary, test=test if with_test else None, **(traces if with_traces else {"seed": seed})
+        )
         return ds.isel(day=0) if "day" in ds.dims else ds
 
     all_valves = slice(None)
-    undisturbed = simulate(day, all_valves, traced=True)
+    undisturbed = simulate(day, all_valves, with_traces=True)
     without_gap = simulate(day, all_valves, backlash=0.0)
     if kind == SWINGING:
-        disturbed = [simulate(days[k], slice(k, k + 1), traced=True).isel(sample=0) for k in range(n)]
+        disturbed = [simulate(days[k], slice(k, k + 1), with_traces=True).isel(sample=0) for k in range(n)]
     else:
         disturbed = [undisturbed.isel(sample=k) for k in range(n)]
     logged = disturbed
     if test is not None and kind == SWINGING:
-        logged = [simulate(days[k], slice(k, k + 1), traced=True, tested=True).isel(sample=0) for k in range(n)]
+        logged = [simulate(days[k], slice(k, k + 1), with_traces=True, with_test=True).isel(sample=0) for k in range(n)]
     elif test is not None:
-        tested = simulate(day, all_valves, traced=True, tested=True)
+        tested = simulate(day, all_valves, with_traces=True, with_test=True)
         logged = [tested.isel(sample=k) for k in range(n)]
     causes = []
     for k in range(n):
@@ -136,19 +138,19 @@ def simulate_logs(
 
 
 class Answer(NamedTuple):
-    """What a diagnosis says of a log, and what is true."""
+    """Diagnosis of a log, and the truth."""
 
     kind: str
-    true: str
-    said: str
+    true_cause: str
+    said_cause: str
     backlash: float
     claimed: bool
-    found: float
+    estimate: float
 
     @property
     def is_right(self) -> bool:
-        """Whether the found backlash is right, to 20 % of itself or 1 % of the stroke."""
-        return bool(abs(self.found - self.backlash) <= max(SIZE_TOLERANCE * self.backlash, GOOD_BACKLASH) + 1e-9)
+        """Whether the estimate is right, to 20 % of the backlash or 1 % of the stroke."""
+        return bool(abs(self.estimate - self.backlash) <= max(SIZE_TOLERANCE * self.backlash, GOOD_BACKLASH) + 1e-9)
 
 
 def diagnose_logs(kind: str) -> list[Answer]:
@@ -171,13 +173,13 @@ def diagnose_logs(kind: str) -> list[Answer]:
 
 
 def share_of_logs(flags: list[bool]) -> str:
-    """A share of logs with its interval."""
+    """Format a share of logs with its interval."""
     return share_or_none(xr.DataArray([flags], dims=("day", "sample")).astype(float)) if flags else "none"
 
 
 def count_answers(kind: str, pairs: Sequence[tuple[str, str]]) -> list[list[str]]:
-    """A row for each true cause on a kind of day, from pairs of truth and answer."""
-    answers_by_cause = {true: [said for truth, said in pairs if truth == true] for true in CAUSES}
+    """Count the answers by true cause on a kind of day, from pairs of truth and answer."""
+    answers_by_cause = {true: [answer for cause, answer in pairs if cause == true] for true in CAUSES}
     return [
         [kind, true, f"{len(said)}", *(f"{said.count(a)}" for a in ANSWERS)]
         for true, said in answers_by_cause.items()
@@ -189,7 +191,7 @@ def sample() -> None:
     """The first kind of day."""
     compare_rows(
         "diagnosis/diagnosis_cause",
-        count_answers(KINDS[0], [(answer.true, answer.said) for answer in diagnose_logs(KINDS[0])]),
+        count_answers(KINDS[0], [(answer.true_cause, answer.said_cause) for answer in diagnose_logs(KINDS[0])]),
     )
 
 
@@ -201,26 +203,27 @@ def main() -> None:
         KINDS, Parallel(n_jobs=-1)(delayed(diagnose_logs)(kind) for kind in KINDS), strict=True
     ):
         all_answers += kind_answers
-        rows += count_answers(kind, [(answer.true, answer.said) for answer in kind_answers])
+        rows += count_answers(kind, [(answer.true_cause, answer.said_cause) for answer in kind_answers])
     write_table(
         "diagnosis/diagnosis_cause",
-        f"Why loops swing: {VALVES} valves on a day of each kind, logged every {LOG_INTERVAL} s; diagnosed cause by true "
+        f"Why loops swing: {VALVES} valves on a day of each kind, logged every {LOG_INTERVAL} s; diagnosed cause by "
+        "true "
         "cause",
         ["day", "truth", "loops", *ANSWERS],
         rows,
     )
     summary = []
     for cause in ANSWERS:
-        with_answer = [answer for answer in all_answers if answer.said == cause]
-        right_share = share_of_logs([answer.true == cause for answer in with_answer]) if cause in CAUSES else "–"
-        with_cause = [answer for answer in all_answers if answer.true == cause]
-        share_found = share_of_logs([answer.said == cause for answer in with_cause]) if cause in CAUSES else "–"
+        with_answer = [answer for answer in all_answers if answer.said_cause == cause]
+        right_share = share_of_logs([answer.true_cause == cause for answer in with_answer]) if cause in CAUSES else "–"
+        with_cause = [answer for answer in all_answers if answer.true_cause == cause]
+        share_found = share_of_logs([answer.said_cause == cause for answer in with_cause]) if cause in CAUSES else "–"
         summary.append([f"cause: {cause}", str(len(with_answer)), right_share, share_found])
     claims = [answer for answer in all_answers if answer.claimed]
     of_good_valves = [answer for answer in all_answers if answer.backlash == 0.0]
     summary.append(["a backlash", str(len(claims)), share_of_logs([answer.is_right for answer in claims]),
                     share_of_logs([answer.claimed and answer.is_right for answer in all_answers])])  # fmt: skip
-    is_accused = [answer.claimed and answer.found > GOOD_BACKLASH + 1e-9 for answer in of_good_valves]
+    is_accused = [answer.claimed and answer.estimate > GOOD_BACKLASH + 1e-9 for answer in of_good_valves]
     summary.append(["a backlash above 1 %, of good valves", str(sum(is_accused)), "–", share_of_logs(is_accused)])
     write_table(
         "diagnosis/diagnosis_answers",

@@ -34,7 +34,7 @@ SET_POINT_SPREAD_K = 1.5
 
 
 class Columns(NamedTuple):
-    """Columns of one valve on one day, a sample every ``SIMULATED`` s, (n,) each."""
+    """Columns of one valve on one day, a sample every ``TRACE_INTERVAL`` s, (n,) each."""
 
     command: np.ndarray
     T_sup: np.ndarray
@@ -42,7 +42,7 @@ class Columns(NamedTuple):
 
 
 def resample_columns(columns: Columns, _: Columns, rng: np.random.Generator, seconds: int) -> tuple[Columns, float]:
-    """The log as it is, a sample every so many seconds."""
+    """Resample the log, unchanged otherwise."""
     stride = seconds // TRACE_INTERVAL
     return Columns(*(series[::stride] for series in columns)), float(seconds)
 
@@ -50,7 +50,7 @@ def resample_columns(columns: Columns, _: Columns, rng: np.random.Generator, sec
 def join_coarse_columns(
     columns: Columns, _: Columns, rng: np.random.Generator, steps: tuple[int, ...]
 ) -> tuple[Columns, float]:
-    """Command and temperature logged at times of their own, joined to the 10 s of the set-point."""
+    """Log command and temperature at separate times, and join them to the 10-s grid of the set-point."""
     seconds, clock = rng.choice(steps), np.arange(0, columns.T_set.size * TRACE_INTERVAL, 10)
     command_times, temperature_times = (
         np.arange(TRACE_INTERVAL * rng.integers(seconds // TRACE_INTERVAL), clock[-1], seconds) for _ in range(2)
@@ -63,21 +63,21 @@ def join_coarse_columns(
 def with_other_temperature(
     columns: Columns, other_columns: Columns, rng: np.random.Generator, seconds: int
 ) -> tuple[Columns, float]:
-    """The temperature of another plant on the same schedule."""
+    """Replace the temperature by that of another plant on the same schedule."""
     return resample_columns(columns._replace(T_sup=other_columns.T_sup), other_columns, rng, seconds)
 
 
 def reverse_columns(
     columns: Columns, other_columns: Columns, rng: np.random.Generator, seconds: int
 ) -> tuple[Columns, float]:
-    """All columns from last to first."""
+    """Reverse all columns in time."""
     return resample_columns(Columns(*(series[::-1] for series in columns)), other_columns, rng, seconds)
 
 
 def delay_command(
     columns: Columns, other_columns: Columns, rng: np.random.Generator, seconds: int
 ) -> tuple[Columns, float]:
-    """The command logged 30 to 60 s late."""
+    """Delay the command by 30 to 60 s."""
     shift = int(rng.integers(30 // TRACE_INTERVAL, 60 // TRACE_INTERVAL + 1))
     from_shift = slice(shift, None)
     shifted = Columns(columns.command[:-shift], columns.T_sup[from_shift], columns.T_set[from_shift])
@@ -87,7 +87,7 @@ def delay_command(
 class Case(NamedTuple):
     """A way in which logs mislead, and the kind of their days."""
 
-    made: Callable[..., tuple[Columns, float]]
+    make_columns: Callable[..., tuple[Columns, float]]
     argument: object
     kind: str = STEPPED
     is_consistent: bool = True
@@ -112,14 +112,14 @@ CASES = {
 
 
 def identify_gap(columns: Columns, interval: float, stroke_time: float) -> Identification:
-    """What ``fc.diagnose`` claims of a log."""
+    """Return the identification that ``fc.diagnose`` makes of a log."""
     return identify_and_measure(
         resample_log(read_checked_log(make_log(columns._asdict(), interval), DIAGNOSIS_COLUMNS))[0], stroke_time
     )[0]
 
 
 def make_log(columns: dict[str, np.ndarray], interval: float) -> xr.Dataset:
-    """A log as a Dataset."""
+    """Make a log, as a Dataset."""
     units = {"command": "1", "test": "1", "m_a": "kg/s"}
     series = {n: ("elapsed_time", values, {"units": units.get(n, "degC")}) for n, values in columns.items()}
     time = np.arange(len(columns["command"])) * interval
@@ -127,7 +127,7 @@ def make_log(columns: dict[str, np.ndarray], interval: float) -> xr.Dataset:
 
 
 def is_right(identification: Identification, backlash: float) -> bool:
-    """To 20 % of the gap or 1 % of the stroke."""
+    """Return whether the size is right, to 20 % of the gap or 1 % of the stroke."""
     return abs(identification.backlash - backlash) <= max(SIZE_TOLERANCE * backlash, GOOD_BACKLASH) + 1e-9
 
 
@@ -155,7 +155,7 @@ def misleading_rows() -> list[list[str]]:
                     )
                     for v in (valve, (valve + 1) % VALVES)
                 )
-                columns, interval = case.made(own_columns, other_columns, rng, case.argument)
+                columns, interval = case.make_columns(own_columns, other_columns, rng, case.argument)
                 identification = identify_gap(columns, interval, float(kind_logs.stroke_time[valve]))
                 claims[day, valve] = identification.identified
                 is_wrong[day, valve] = identification.identified and not (
@@ -235,7 +235,7 @@ def identify_from_days(pool: Pool, signals: dict[str, np.ndarray], valve: int, s
 
 
 def pool_row(pool: Pool) -> list[str]:
-    """Row of a pool; the interval that the tool refuses is let pass."""
+    """Row of a pool; intervals that ``identify`` would refuse are accepted."""
     parameters, signals = simulate_pool(pool)
     sizes = parameters["backlash"]
     with patch.object(identify, "LONGEST_INTERVAL", max(identify.LONGEST_INTERVAL, pool.seconds)):
@@ -261,7 +261,8 @@ def pool_row(pool: Pool) -> list[str]:
     )
     print(", ".join(pool.cells), "done", flush=True)
     return [
-        *pool.cells, share_or_none(claims), f"{int((claims & ~right).sum())} of {int(claims.sum())}", share_or_none(right, claims),
+        *pool.cells, share_or_none(claims), f"{int((claims & ~right).sum())} of {int(claims.sum())}",
+        share_or_none(right, claims),
         share_or_none(is_covered, claims), f"{int(is_accused.sum())} of {int((sizes == 0.0).sum())}",
     ]  # fmt: skip
 
@@ -271,7 +272,7 @@ TURN_EDGES = (0, 1, 10, 100, 1000, 10**9)
 
 
 def rows_by_turns(pool: Pool) -> list[list[str]]:
-    """What is claimed of worn valves, by how often the motor turns by more than the gap."""
+    """Rows of the claims for worn valves, by how often the motor turns by more than the gap."""
     parameters, signals = simulate_pool(pool)
     worn_valves = np.flatnonzero(parameters["backlash"] > 0.0)
     turn_counts, claims = np.zeros(worn_valves.size), np.zeros(worn_valves.size, bool)
@@ -293,7 +294,7 @@ def rows_by_turns(pool: Pool) -> list[list[str]]:
 
 
 def sample() -> None:
-    """Six steady days of each valve."""
+    """Compare the row of six steady days of each valve."""
     compare_rows("diagnosis/claims_pooled", [pool_row(POOLS[4])])
 
 

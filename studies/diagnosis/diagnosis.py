@@ -28,8 +28,8 @@ class Population(NamedTuple):
     """What sets valves, loops and logs apart from the plain ones of a kind of day.
 
     inverse: estimate over true backlash of a running inverse, from and to; that of a good valve thinks of 3 %.
-    slips: jump over backlash.  late: samples by which the temperatures stand late beside the commands.  coarse:
-    resolution of the logged command, fraction of stroke, and of the temperature, K.  of_the_gap: whether what lies
+    slip_ratio: jump over backlash.  late: samples by which the temperatures lag the commands.  log_resolution:
+    resolution of the logged command, fraction of stroke, and of the temperature, K.  accepts_range: whether what lies
     between the gap and the gap with the neutral zone, or without the slip jump, counts as right too.
     """
 
@@ -41,7 +41,7 @@ class Population(NamedTuple):
     sample_times: tuple[float, ...] = (5.0, 10.0, 15.0, 30.0)
     inverse: tuple[float, float] = (0.0, 0.0)
     neutral_zone: float = 0.0
-    slips: float = 0.0
+    slip_ratio: float = 0.0
     stroke_time_wrong: float = 1.0
     late: int = 0
     log_resolution: tuple[float, float] = (0.0, 0.0)
@@ -77,8 +77,8 @@ OTHER_POPULATIONS = {
     "authority 0.02 to 0.1": Population(authority=(0.02, 0.1)),
     "neutral zone up to 2 %": Population(neutral_zone=0.02),
     "neutral zone up to 2 %, counted as gap": Population(neutral_zone=0.02, accepts_range=True),
-    "slip jump 0.3 X": Population(slips=0.3),
-    "slip jump 0.3 X, 0.7 X to X counted": Population(slips=0.3, accepts_range=True),
+    "slip jump 0.3 X": Population(slip_ratio=0.3),
+    "slip jump 0.3 X, 0.7 X to X counted": Population(slip_ratio=0.3, accepts_range=True),
     "leakage 0.1 %": Population(loop={"leakage": 0.001}),
     "sample time 7 or 20 s": Population(sample_times=(7.0, 20.0)),
     "fast tunings that hunt": Population(kp=(0.03, 0.1), ti=(8, 20)),
@@ -118,7 +118,7 @@ def valves(population: Population, seed: list[int], n: int, good_only: bool = Fa
             sample_times=population.sample_times,
         ),
         "backlash_estimate": estimate_ratio * np.where(backlash > 0.0, backlash, 0.03),
-        "slip_jump": population.slips * backlash,
+        "slip_jump": population.slip_ratio * backlash,
         "neutral_zone": rng.uniform(0.0, population.neutral_zone, n),
     }
 
@@ -166,7 +166,8 @@ def simulate_logs(population: Population, seed: list[int], days: list[int], n: i
     )
     interval = rng.choice(population.intervals, n)
     return Logs(
-        backlash, least, most, parameters["sample_time"], stroke_time, interval, signals, population.late, population.tells_sample_time
+        backlash, least, most, parameters["sample_time"], stroke_time, interval, signals, population.late,
+        population.tells_sample_time
     )  # fmt: skip
 
 
@@ -188,22 +189,22 @@ COLUMN_SETS = {
 
 
 class LogResult(NamedTuple):
-    """What the logs of one population, set of columns and length show."""
+    """Result of the logs of one population, set of columns and length."""
 
     name: str
     columns: str
     hours: int
-    found: xr.Dataset
+    estimates: xr.Dataset
 
     @property
-    def wrong(self) -> float:
+    def wrong_share(self) -> float:
         """Share of what was claimed that is wrong."""
-        claimed = self.found.identified > 0
-        return float(1.0 - self.found.right.where(claimed).mean()) if claimed.any() else 0.0
+        claimed = self.estimates.identified > 0
+        return float(1.0 - self.estimates.right.where(claimed).mean()) if claimed.any() else 0.0
 
 
 def identify_logs(logs: Logs, hours: int, columns: tuple[str, ...]) -> xr.Dataset:
-    """What the first hours of every log show; of two valves in three the stroke time is known."""
+    """Identify the backlash from the first hours of every log; the stroke time of two valves in three is known."""
     days, valves = logs.signals["command"].shape[:2]
     estimates = np.empty((days, valves, 4))
     for v, stride in enumerate(logs.interval // TRACE_INTERVAL):
@@ -216,7 +217,8 @@ def identify_logs(logs: Logs, hours: int, columns: tuple[str, ...]) -> xr.Datase
             command = columns_of_log["command"][max(logs.late, 0) :][:n]
             columns_of_log = {name: series[max(-logs.late, 0) :][:n] for name, series in columns_of_log.items()}
             estimate = identify_backlash(
-                command, columns_of_log["T_measured"], float(logs.interval[v]), columns_of_log["T_set"] if "T_set" in columns else None,
+                command, columns_of_log["T_measured"], float(logs.interval[v]),
+                columns_of_log["T_set"] if "T_set" in columns else None,
                 tuple(columns_of_log[n] for n in columns if n != "T_set"), **known_parameters,
             )  # fmt: skip
             estimates[d, v] = estimate.backlash, estimate.low, estimate.high, estimate.identified
@@ -231,18 +233,19 @@ def identify_logs(logs: Logs, hours: int, columns: tuple[str, ...]) -> xr.Datase
 
 
 def share_or_none(holds: xr.DataArray, among: xr.DataArray | None = None) -> str:
-    """A share with its interval, "none" if nothing counts."""
+    """Format a share with its interval, or "none" without any case."""
     return "none" if among is not None and not bool(among.any()) else share_of(holds, among).to_text(1)
 
 
 def result_cells(result: LogResult) -> list[str]:
-    """Wrong claims first, then the shares."""
-    ds = result.found
+    """Cells of a result: wrong claims first, then the shares."""
+    ds = result.estimates
     claimed, is_good = ds.identified > 0, (ds.true == 0.0).broadcast_like(ds.right)
     is_accused = (ds.backlash > GOOD_BACKLASH + 1e-9) & claimed & is_good
     return [
         result.name, result.columns, f"{result.hours} h", f"{int((claimed & ~ds.right).sum())} of {int(claimed.sum())}",
-        share_or_none(ds.right, claimed), f"{int(is_accused.sum())} of {int(is_good.sum())}", share_or_none(ds.covered), share_or_none(claimed),
+        share_or_none(ds.right, claimed), f"{int(is_accused.sum())} of {int(is_good.sum())}", share_or_none(ds.covered),
+        share_or_none(claimed),
         share_or_none(claimed, ~is_good), share_or_none(ds.right),
     ]  # fmt: skip
 
@@ -254,7 +257,7 @@ HEAD = ["day", "columns", "length", "wrong claims", "right of what is claimed", 
 def run_populations(
     populations: dict[str, Population], columns: list[str], valves: int, days: int, good_only: bool = False
 ) -> list[LogResult]:
-    """What the logs of populations show, the rows with the largest share of wrong claims first."""
+    """Run the populations; results with the largest share of wrong claims come first."""
     rows = []
     for k, (name, population) in enumerate(populations.items()):
         seeds = [10 * SEED + 5 * good_only + day for day in range(days)]
@@ -267,11 +270,11 @@ def run_populations(
                 for hours in LOG_HOURS
             ]
         print(f"{name}: done", flush=True)
-    return sorted(rows, key=lambda row: -row.wrong)
+    return sorted(rows, key=lambda row: -row.wrong_share)
 
 
 def sample() -> None:
-    """The logs of the first kind of day, with a set-point."""
+    """Compare the rows of the first kind of day, with a set-point."""
     kind, population = next(iter(POPULATIONS_BY_KIND.items()))
     compare_rows(
         "diagnosis/diagnosis", map(result_cells, run_populations({kind: population}, [WITH_SET_POINT], VALVES, DAYS))
@@ -290,10 +293,12 @@ def main() -> None:
     stepped = {kind: POPULATIONS_BY_KIND[kind] for kind in (STEPPED, STEPPED_HEATING)}
     rows += run_populations(stepped, ["with air flow and T_in"], N_GOOD_VALVES, GOOD_DAYS, good_only=True)
     accused_rows = [
-        [row.name, row.columns, f"{row.hours} h", f"{int((is_claimed & is_above_one_percent).sum())} of {row.found.right.size}",
+        [row.name, row.columns, f"{row.hours} h",
+         f"{int((is_claimed & is_above_one_percent).sum())} of {row.estimates.right.size}",
          share_or_none(is_claimed & is_above_one_percent), share_or_none(is_claimed & ~is_above_one_percent)]
         for row in rows
-        for is_claimed, is_above_one_percent in [(row.found.identified > 0, row.found.backlash > GOOD_BACKLASH + 1e-9)]
+        for is_claimed,
+        is_above_one_percent in [(row.estimates.identified > 0, row.estimates.backlash > GOOD_BACKLASH + 1e-9)]
     ]  # fmt: skip
     title = f"Good valves: {N_GOOD_VALVES} × {GOOD_DAYS} days each"
     write_table(

@@ -22,8 +22,10 @@ from studies.days import CONSTANT, DESIGN, HEATING, STEPPED, loop_settings, make
 from studies.diagnosis.diagnosis import share_or_none
 
 SEED, VALVES_SEED, VALVES = 7703, 9107, 128
-TRACE_INTERVAL, LOG_INTERVALS = 5, (10, 15, 30)
-"""Seconds: of the traces, and of the logs; each valve has one."""
+TRACE_INTERVAL = 5
+"""Seconds between samples of the traces."""
+LOG_INTERVALS = (10, 15, 30)
+"""Seconds between samples of the logs; each valve has one of these."""
 DAYS = range(77031, 77034)
 FAST_KP, FAST_TI = (0.01, 0.12), (5.0, 40.0)
 """Of the fast tunings: drawn by their logarithms."""
@@ -36,7 +38,8 @@ KINDS_AND_TUNINGS = (
     (HEATING, True),
 )
 """Kind of day, and whether the loops are tuned fast.  Calm loops are hardly ever identified on design days."""
-ESTIMATE_RATIO, BUFFER = 0.95, 0.01
+ESTIMATE_RATIO = 0.95
+BUFFER = 0.01
 CHANGES = ("no gap", "half kp", "inverse")
 FAR_FACTOR, FAR_KELVIN = 1.2, 0.02
 """A wrong prediction misses the RMSE by more than both, as a factor and in K."""
@@ -87,7 +90,7 @@ def simulate(parameters: dict[str, np.ndarray], kind: str, days: fc.Boundary, **
 
 
 def simulate_kind(kind: str, is_fast: bool) -> SimulatedLoops:
-    """The loops of a kind on its days."""
+    """Simulate the loops of a kind on its days."""
     parameters, days = loop_parameters(kind, is_fast), make_days(kind, DAYS)
     ds = simulate(parameters, kind, days)
     signals = {
@@ -160,7 +163,7 @@ def simulate_changes(loops: SimulatedLoops, backlash: np.ndarray) -> np.ndarray:
 def change_row(
     kind: str, is_fast: bool, change: int, predictions: tuple[np.ndarray, ...], true: np.ndarray
 ) -> list[str]:
-    """How the predictions of one change on one kind of day miss."""
+    """Row of the errors of predicting one change on one kind of day."""
     backlash, _, outcomes = predictions
     is_identified, is_predicted = np.isfinite(backlash), np.isfinite(outcomes[:, :, [0, change], 0]).all(axis=2)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -184,11 +187,12 @@ def change_row(
         share_or_none(to_data_array(~is_predicted), to_data_array(is_identified)),
         f"{is_predicted.sum()} of {backlash.size}",
         f"{int(true[:, :, 0, 2][is_predicted].sum())} → {int(true[:, :, change, 2][is_predicted].sum())}",
-        format_spread(true[:, :, change, 0] / true[:, :, 0, 0]), format_spread(error_ratio[..., 0]), format_spread(error_ratio[..., 1]),
+        format_spread(true[:, :, change, 0] / true[:, :, 0, 0]), format_spread(error_ratio[..., 0]),
+        format_spread(error_ratio[..., 1]),
     ]  # fmt: skip
 
 
-def rows_of(kind: str, is_fast: bool) -> list[list[str]]:
+def kind_rows(kind: str, is_fast: bool) -> list[list[str]]:
     """A row for each change, on a kind of day."""
     loops = simulate_kind(kind, is_fast)
     predictions = predict_changes(loops)
@@ -198,14 +202,14 @@ def rows_of(kind: str, is_fast: bool) -> list[list[str]]:
 
 def sample() -> None:
     """The first kind of day."""
-    compare_rows("diagnosis/diagnosis_predictions", rows_of(*KINDS_AND_TUNINGS[0]))
+    compare_rows("diagnosis/diagnosis_predictions", kind_rows(*KINDS_AND_TUNINGS[0]))
 
 
 def main() -> None:
     """Measure on every kind of day and write the table."""
     rows = []
     for kind, is_fast in KINDS_AND_TUNINGS:
-        rows += rows_of(kind, is_fast)
+        rows += kind_rows(kind, is_fast)
         print(*rows[-len(CHANGES) :], sep="\n", flush=True)
     write_table(
         "diagnosis/diagnosis_predictions",

@@ -19,8 +19,11 @@ from studies.inverse.conditions import GROWING_RULE
 from studies.learning.identify_online import IDENTIFY_SETTINGS
 
 PRESETS = ("heating", "heating_45")
-VALVES, GOOD_EVERY, LARGEST_BACKLASH = 60, 5, 0.15
-"""Valves; one of so many has no backlash; backlash of the worst."""
+VALVES = 60
+GOOD_EVERY = 5
+"""One valve of so many has no backlash."""
+LARGEST_BACKLASH = 0.15
+"""Backlash of the worst valve."""
 VALVES_SEED, DAYS = 16101, (16111, 16112, 16113, 16114)
 NOISE = 0.02
 """Measurement noise, K."""
@@ -95,7 +98,7 @@ def _winter_days(series: dict[str, np.ndarray], seeds: Sequence[int]) -> fc.Boun
 
 
 def tune_gains(preset: str, evaluations: int = EVALUATIONS) -> dict[str, float]:
-    """Gains that ``fc.tune`` chooses for other valves, on other days of every kind."""
+    """Tune the gains with ``fc.tune`` on other valves and other days of every kind."""
     tuning = fc.tune(
         valves(preset, SEARCH_SEED), _join_kinds(preset, SEARCH_DAYS), search=SEARCH, limits=LIMITS,
         holdout=_join_kinds(preset, HOLDOUT_DAYS), evaluations=evaluations,
@@ -104,7 +107,7 @@ def tune_gains(preset: str, evaluations: int = EVALUATIONS) -> dict[str, float]:
 
 
 def _join_kinds(preset: str, seeds: Sequence[int]) -> fc.Boundary:
-    """Days of all kinds in one boundary."""
+    """Join the days of all kinds in one boundary."""
     by_kind = days_by_kind(fc.presets()[preset].T_w_in, seeds)
     names = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")
     series = {n: np.concatenate([day.series[n] for day in by_kind.values()]) for n in names}
@@ -112,7 +115,7 @@ def _join_kinds(preset: str, seeds: Sequence[int]) -> fc.Boundary:
 
 
 def run_remedies(preset: str, gains: Mapping[str, float], seeds: Sequence[int] = DAYS) -> dict[str, xr.Dataset]:
-    """Every remedy on every kind of day; gains: of the tuned PI."""
+    """Run every remedy on every kind of day; gains: those of the tuned PI."""
     loop, by_kind, remedies = valves(preset), {}, REMEDIES | {TUNED_PI: dict(gains)}
     for kind, boundary in days_by_kind(fc.presets()[preset].T_w_in, seeds).items():
         datasets = {name: fc.simulate(loop.assign(**parameters), boundary) for name, parameters in remedies.items()}
@@ -134,7 +137,8 @@ def remedy_rows(preset: str, by_kind: dict[str, xr.Dataset]) -> list[list[str]]:
                 of_remedy = part.sel(remedy=remedy)
                 if remedy == PI:
                     cells.append(
-                        f"{float(of_remedy.rmse.mean()):.3f}, {float(of_remedy.motor_travel.mean()):.1f}, {share_of(of_remedy.hunts)}"
+                        f"{float(of_remedy.rmse.mean()):.3f}, {float(of_remedy.motor_travel.mean()):.1f}, "
+                        f"{share_of(of_remedy.hunts)}"
                     )
                     continue
                 travel = float(of_remedy.motor_travel.mean() / plain.motor_travel.mean())
@@ -145,7 +149,7 @@ def remedy_rows(preset: str, by_kind: dict[str, xr.Dataset]) -> list[list[str]]:
 
 
 def theory_rows() -> list[list[str]]:
-    """How often theory is right about loops drawn around the presets, which start with a closed valve."""
+    """Rows of how often theory is right about loops drawn around the presets; the valve is closed at the start."""
     table = []
     for k, preset in enumerate(PRESETS):
         for j, (gains, (kp, ti)) in enumerate(DRAWN_GAINS.items()):
@@ -176,8 +180,10 @@ def _agreement_cells(theory: xr.Dataset, ds: xr.Dataset, is_reachable: xr.DataAr
     ratio = float((ds.hunting_swing / (2.0 * theory.amplitude)).where(both).median())
     large = f", {float(ds.hunting_swing.where(missed).median()):.1f} K" if bool(missed.any()) else ""
     return [
-        f"{int(missed.sum())}{large}", f"{int((~hunts & predicted & is_reachable).sum())}", f"{int(is_reachable.sum())}",
-        f"{int((hunts & is_reachable).sum())}", share_of(hunts == predicted, is_reachable).to_text(1), f"{float(period):.0%}",
+        f"{int(missed.sum())}{large}", f"{int((~hunts & predicted & is_reachable).sum())}",
+        f"{int(is_reachable.sum())}",
+        f"{int((hunts & is_reachable).sum())}", share_of(hunts == predicted, is_reachable).to_text(1),
+        f"{float(period):.0%}",
         f"{float(swing):.0%}, {ratio:.2f}",
     ]  # fmt: skip
 

@@ -21,14 +21,13 @@ from studies.heating.backlash import PRESETS, write_backlash
 
 COLOURS = {"heating": BLUE, "heating_45": RED}
 STYLES = {"heating": "-", "heating_45": "--"}
-LEVELS = np.linspace(0.0, 1.0, 41)
 BACKLASH, SEED = 0.07, 16301
 SECONDS_BEFORE, SECONDS_AFTER = 600, 2400
 """Seconds shown around the step."""
 
 
 def _draw_rest(panel: Axes) -> None:
-    """Supply air over the opening at the design load, and where the presets meet it."""
+    """Draw the supply air over the opening at the design load, and the presets' design points."""
     for name, colour in COLOURS.items():
         loop, water = fc.Loop.preset(name).assign(backlash=0.0), fc.presets()[name].T_w_in
         set_points = np.linspace(9.0, 30.2, 60)
@@ -54,7 +53,7 @@ def _draw_rest(panel: Axes) -> None:
 def _draw_steps(
     panel: Axes, conditions: Callable[[fc.Loop], tuple[fc.Boundary, np.ndarray]], at: int, size: float
 ) -> None:
-    """Response to a step: middle and the middle 90 % of the conditions, own gains and those of a cooling loop."""
+    """Draw the step response, median and 90 % of the conditions, with heating gains and those of a cooling loop."""
     heating_loop = fc.Loop.preset("heating").assign(backlash=0.0)
     boundary, T_set = conditions(heating_loop)
     cooling = fc.Loop.preset("lbnl")
@@ -78,7 +77,7 @@ def _draw_steps(
 
 
 def _draw_worn(panel: Axes) -> None:
-    """Two hours of a heating day with a worn valve."""
+    """Draw two hours of a heating day with a worn valve."""
     loop = fc.Loop.preset("heating").assign(
         backlash=BACKLASH, noise_std=0.02, estimate_ratio=[0.0, 0.95], buffer_ratio=6.0, buffer_swing=0.1,
         plant_gain=25.0,
@@ -113,8 +112,11 @@ SEARCH_SIZE, FRESH_SIZE = 200, 400
 OUTDOOR_TEMPERATURES, OUTDOOR_SHARE, T_RETURN, W_A_IN = (-20.0, 15.0), 0.3, 21.0, 0.003
 AIR_FLOWS, WATER_TEMPERATURES, SET_POINTS = (0.4, 1.3), (45.0, 70.0), (16.0, 30.0)
 """Air flow, kg/s; water and set-points, °C."""
-STEP_SIZE, STEP_AT, DAY_SECONDS = 2.0, 5400, 10800
-"""Step of the set-point, K, and second of it."""
+STEP_SIZE = 2.0
+"""Step of the set-point, K."""
+STEP_AT = 5400
+"""Second of the step."""
+DAY_SECONDS = 10800
 RESPONSE_INTERVAL = 5
 """Seconds between the samples of the response."""
 SETTLED_DISTANCE = 0.05
@@ -122,8 +124,10 @@ SETTLED_DISTANCE = 0.05
 KP, TI = (0.01, 0.015, 0.02, 0.025, 0.03, 0.04), (40.0, 50.0, 60.0, 70.0, 80.0, 100.0, 120.0)
 MOST_OVERSHOOT = 0.10
 """Of the step, in 95 % of the conditions of either coil."""
-GAP_RANGE, VALVES = (0.01, 0.15), 12
-"""Backlash of the worn valves, drawn evenly, and how many."""
+GAP_RANGE = (0.01, 0.15)
+"""Backlash of the worn valves, drawn evenly."""
+VALVES = 12
+"""Number of worn valves."""
 COOLING_GAINS = ("lbnl", "paper_like", "paper_like_fast", "g36")
 GAIN_NAMES = ("kp", "ti", "sample_time")
 
@@ -169,7 +173,7 @@ def conditions(loop: fc.Loop, seed: int, size: int) -> Conditions:
 
 
 def step_response(loop: fc.Loop, step_conditions: Conditions) -> Response:
-    """What a step of the set-point does."""
+    """Simulate a step of the set-point."""
     ds = fc.simulate(loop, step_conditions.boundary, traces=["T_sup"], trace_interval=RESPONSE_INTERVAL)
     T = ds.T_sup.sel(elapsed_time=slice(STEP_AT, None))
     share = (T - xr.DataArray(step_conditions.T_set, dims="day")) / STEP_SIZE - 1.0
@@ -207,7 +211,7 @@ def sizing_rows() -> list[list[str]]:
 
 
 def choose_gains(size: int = SEARCH_SIZE) -> tuple[list[list[str]], tuple[float, float]]:
-    """Overshoot and settling of the gains on both coils, and the pair that settles soonest of the calm ones."""
+    """Choose the pair of gains that settles soonest without much overshoot; rows of all pairs for both coils."""
     responses = []
     for name in PRESETS:
         loop = good_valve_loop(name)
@@ -244,17 +248,25 @@ def fresh_rows(size: int = FRESH_SIZE) -> list[list[str]]:
             overshoot, settling = step.overshoot, step.settling.where(step.settling < DAY_SECONDS - STEP_AT)
             unsettled_share = float(settling.isnull().mean())
             rows.append(
-                [f"`{name}`", "own" if gains == name else f"those of `{gains}`",
-                 f"{float(loop['kp']):g}, {float(loop['ti']):g}, {float(loop['sample_time']):g}",  # type: ignore[arg-type]
-                 f"{float(overshoot.median()):.0%}, {float(overshoot.quantile(0.95)):.0%}, {float(overshoot.max()):.0%}",
-                 f"{unsettled_share:.0%} never" if unsettled_share > 0.05 else f"{float(settling.median()):.0f}, {float(settling.quantile(0.95)):.0f}",
-                 f"{float(hunting_index.max()):.2f}", str(share_of(step.ds.hunts)), str(share_of(worn.hunts))]
-            )  # fmt: skip
+                [
+                    f"`{name}`",
+                    "own" if gains == name else f"those of `{gains}`",
+                    f"{float(loop['kp']):g}, {float(loop['ti']):g}, {float(loop['sample_time']):g}",  # type: ignore[arg-type]
+                    f"{float(overshoot.median()):.0%}, {float(overshoot.quantile(0.95)):.0%}, "
+                    f"{float(overshoot.max()):.0%}",
+                    f"{unsettled_share:.0%} never"
+                    if unsettled_share > 0.05
+                    else f"{float(settling.median()):.0f}, {float(settling.quantile(0.95)):.0f}",
+                    f"{float(hunting_index.max()):.2f}",
+                    str(share_of(step.ds.hunts)),
+                    str(share_of(worn.hunts)),
+                ]
+            )
     return rows
 
 
 def sample() -> None:
-    """The design load."""
+    """Compare the rows of the design load."""
     compare_rows("heating/heating_sizing", sizing_rows())
 
 
@@ -270,7 +282,8 @@ def main() -> None:
     rows, best = choose_gains()
     write_table(
         "heating/heating_choice",
-        f"Gains for both coils on {SEARCH_SIZE} conditions without backlash: overshoot of a step of {STEP_SIZE:g} K and "
+        f"Gains for both coils on {SEARCH_SIZE} conditions without backlash: overshoot of a step of {STEP_SIZE:g} K "
+        "and "
         "settling time to 5 % of it in s, both the 95 % quantile; pairs that settle about as fast as the chosen pair",
         ["kp, 1/K", "ti, s", "`heating`", "`heating_45`", f"overshoot up to {MOST_OVERSHOOT:.0%} on both"],
         rows,

@@ -15,8 +15,10 @@ from studies.days import HEATING
 from studies.hunting.loops import OPERATING_KINDS, SERIES_NAMES, adapt_to_kind, conditions, loop_properties, valves
 
 BACKLASH_SIZES = (0.0, 0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.15)
-TRACE_INTERVAL, HOURS = 20, 8
-"""Seconds between samples of the temperature; hours of a day."""
+TRACE_INTERVAL = 20
+"""Seconds between samples of the temperature."""
+HOURS = 8
+"""Hours of a day."""
 LASTING_RATIO = 0.8
 """Swing in the last quarter of the day over that of the quarter before, which a decay stays below."""
 LEAST_SWING = 1e-3
@@ -25,7 +27,7 @@ INDEX_BANDS = ((0.0, 0.6), (0.6, 0.7), (0.7, 0.8), (0.8, 0.9), (0.9, 1.0), (1.0,
 
 
 def measure_cycles(T: xr.DataArray, least: xr.DataArray) -> xr.Dataset:
-    """Whether the swing of a temperature lasts, its size, peak to peak, K, and its period, s."""
+    """Measure whether the swing of a temperature lasts, its size, peak to peak, K, and its period, s."""
     n = T.sizes["elapsed_time"] // 4
     before, last = (T.isel(elapsed_time=slice(k * n, (k + 1) * n)) for k in (2, 3))
     sizes = [part.max("elapsed_time") - part.min("elapsed_time") for part in (before, last)]
@@ -42,7 +44,7 @@ def measure_cycles(T: xr.DataArray, least: xr.DataArray) -> xr.Dataset:
 
 
 def run_backlash(seed: int, size: int, days: int) -> xr.Dataset:
-    """The same loops with every size of backlash: (sample, backlash, day)."""
+    """Run the same loops with every size of backlash: (sample, backlash, day)."""
     parts = {}
     for kind in OPERATING_KINDS:
         loop = adapt_to_kind(valves(seed, size), kind).assign(backlash=list(BACKLASH_SIZES))
@@ -56,7 +58,7 @@ def run_backlash(seed: int, size: int, days: int) -> xr.Dataset:
 
 
 def fit_power(values: xr.DataArray, among: xr.DataArray) -> tuple[float, float, float]:
-    """Power of the backlash with which something grows: mean over loops, interval over valves and conditions."""
+    """Fit the power of the backlash with which ``values`` grow: mean over loops, with its interval."""
     part = values.sel(backlash=values.backlash > 0.0).where(among)
     x = np.log(part.backlash)
     x = x - x.mean()
@@ -66,7 +68,7 @@ def fit_power(values: xr.DataArray, among: xr.DataArray) -> tuple[float, float, 
 
 
 def format_quantiles(values: xr.DataArray, template: str = "{:.2g}") -> str:
-    """Median, 10 and 90 % of the loops."""
+    """Format median, 10 and 90 % of the loops."""
     low, middle, high = (template.format(float(values.quantile(q))) for q in (0.1, 0.5, 0.9))
     return f"{middle} ({low} to {high})"
 
@@ -95,16 +97,27 @@ def write_backlash(ds: xr.Dataset, limit: float) -> None:
     write_table(
         "hunting/hunting_backlash",
         f"Hunting by size of backlash: {ds.sizes['sample']} loops × {ds.sizes['day']} conditions, each with every "
-        f"backlash; {int(is_valid.sum()):,} can hold their set-point.  Of those that cycle with every gap, but not without "
-        f"({int(is_gap_cycle.sum()):,}), the swing grows with the backlash to the power {swing_power[0]:.2f} ({swing_power[1]:.2f} to "
-        f"{swing_power[2]:.2f}), the period to the power {period_power[0]:.2f} ({period_power[1]:.2f} to {period_power[2]:.2f}); medians, "
+        f"backlash; {int(is_valid.sum()):,} can hold their set-point.  Of those that cycle with every gap, but not "
+        "without "
+        f"({int(is_gap_cycle.sum()):,}), the swing grows with the backlash to the power {swing_power[0]:.2f} "
+        f"({swing_power[1]:.2f} to "
+        f"{swing_power[2]:.2f}), the period to the power {period_power[0]:.2f} ({period_power[1]:.2f} to "
+        f"{period_power[2]:.2f}); medians, "
         "10 and 90 %.  "
         f"Of those that are calm without a gap and have a hunting index above {limit:g} ({int(is_warned.sum()):,}) "
         f"{share_of(at_one_percent.cycles, is_warned)} cycle with one of 1 %",
-        ["backlash X", "cycle", "hunt, over 0.1 K", "cycle, but not at 1 %", "do not, but at 1 %",
-         "swing, peak to peak", "swing / (X K)", "period / that at 1 %"],
+        [
+            "backlash X",
+            "cycle",
+            "hunt, over 0.1 K",
+            "cycle, but not at 1 %",
+            "do not, but at 1 %",
+            "swing, peak to peak",
+            "swing / (X K)",
+            "period / that at 1 %",
+        ],
         table,
-    )  # fmt: skip
+    )
 
 
 def write_bands(ds: xr.Dataset) -> None:
@@ -127,11 +140,17 @@ def write_bands(ds: xr.Dataset) -> None:
         )  # fmt: skip
     write_table(
         "hunting/hunting_bands",
-        f"How loops behave, by their hunting index at 7 % backlash: {ds.sizes['sample']} loops × {ds.sizes['day']} conditions",
-        ["hunting_index", "loops", *(f"cycle at X = {x:.0%}" for x in (0.0, 0.01, 0.03, 0.07, 0.15)),
-         "swing / (X K) at 7 %", "period / (T + θ) at 7 %"],
+        f"How loops behave, by their hunting index at 7 % backlash: {ds.sizes['sample']} loops × {ds.sizes['day']} "
+        "conditions",
+        [
+            "hunting index",
+            "loops",
+            *(f"cycle at X = {x:.0%}" for x in (0.0, 0.01, 0.03, 0.07, 0.15)),
+            "swing / (X K) at 7 %",
+            "period / (T + θ) at 7 %",
+        ],
         table,
-    )  # fmt: skip
+    )
 
 
 RAMP_HOURS, HOLD_HOURS, KICK_HOURS, AFTER_HOURS = 6, 2, 1, 6
@@ -161,7 +180,7 @@ def make_kicked_days(kind: str, seed: int, days: int) -> tuple[fc.Boundary, fc.B
 
 
 def run_start(seed: int, size: int, days: int) -> xr.Dataset:
-    """Whether each loop cycles in the end: (sample, day, kick); valves without backlash are left out."""
+    """Run the kicks: whether each loop cycles in the end, (sample, day, kick); only valves with backlash."""
     parts = {}
     for kind in OPERATING_KINDS:
         loop = adapt_to_kind(valves(seed, size), kind)
@@ -191,10 +210,11 @@ def write_start(ds: xr.Dataset) -> None:
     share_without_kick = str(share_of(ds.cycles.sel(kick=0.0, drop=True), any_kick))
     write_table(
         "hunting/hunting_start",
-        f"Does a cycle need a disturbance to start?  The loop reaches its set-point over {RAMP_HOURS} h without reversing "
+        f"Does a cycle need a disturbance to start?  The loop reaches its set-point over {RAMP_HOURS} h without "
+        "reversing "
         "the valve and rests; the set-point is then moved for one hour (the kick).  Share of loops that cycle at the "
         f"end of {AFTER_HOURS} more hours; of those that cycle after any kick {share_without_kick} do without one",
-        ["hunting_index", "loops", *(f"kick {kick:g} K" if kick else "no kick" for kick in KICK_SIZES)],
+        ["hunting index", "loops", *(f"kick {kick:g} K" if kick else "no kick" for kick in KICK_SIZES)],
         table,
     )
 
@@ -223,7 +243,8 @@ CHANGES: dict[str, dict[str, float]] = {
 }
 KP = np.geomspace(0.004, 0.4, 24)
 TI = (6.0, 100.0)
-PARTS_HOURS, WARM_UP_SECONDS = 6, 2 * 3600
+PARTS_HOURS = 6
+WARM_UP_SECONDS = 2 * 3600
 
 
 def run_parts(seed: int, size: int, days: int) -> xr.Dataset:
@@ -273,7 +294,8 @@ def write_parts(ds: xr.Dataset) -> None:
         simulated, predicted = of_change.simulated / base.simulated, of_change.foreseen / base.foreseen
         is_valid = of_change.ok & base.ok & simulated.notnull()
         ratio = (simulated / predicted).where(is_valid)
-        table.append([name, f"{int(is_valid.sum()):,}", format_mean_change(simulated, is_valid), format_mean_change(predicted, is_valid),
+        table.append([name, f"{int(is_valid.sum()):,}", format_mean_change(simulated, is_valid),
+                      format_mean_change(predicted, is_valid),
                       f"{float(ratio.quantile(0.1)):.2f} to {float(ratio.quantile(0.9)):.2f}"])  # fmt: skip
     write_table(
         "hunting/hunting_parts",

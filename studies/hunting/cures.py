@@ -65,7 +65,9 @@ def tune_gains(loop: fc.Loop, group: list[str], still_day: fc.Boundary, rules: M
     by_rule = {}
     for name in [ANY_GAINS, *rules]:
         is_allowed = (
-            xr.ones_like(error, dtype=bool) if name == ANY_GAINS else rules[name].of(candidates) <= rules[name].limit
+            xr.ones_like(error, dtype=bool)
+            if name == ANY_GAINS
+            else rules[name].indicator(candidates) <= rules[name].limit
         )
         best_index = xr.where(is_allowed, error, np.inf).argmin(["kp_factor", "ti_factor"])
         by_rule[name] = xr.Dataset({"kp": kp, "ti": ti.broadcast_like(kp)}).isel(best_index)
@@ -82,7 +84,7 @@ def _index_per_kp(loop: fc.Loop, kind: str, ti: xr.DataArray, still_day: fc.Boun
 
 
 def format_cost(values: xr.DataArray, base: xr.DataArray) -> str:
-    """Change against the best of all, geometric mean, with its interval over valves and days."""
+    """Format the geometric mean change against the best gains, with its interval over valves and days."""
     logarithms = np.log(values / base)
     middle, half = mean_of(logarithms)
     value, low, high = (f"{100 * float(np.expm1(x)):+.0f}" for x in (middle, middle - half, middle + half))
@@ -104,7 +106,8 @@ def write_cost(ds: xr.Dataset, names: list[str]) -> None:
         )
     write_table(
         "hunting/hunting_cost",
-        f"RMSE with the best gains that meet a rule, against the best of {len(KP_FACTORS) * len(TI_FACTORS)} without one: geometric "
+        f"RMSE with the best gains that meet a rule, against the best of {len(KP_FACTORS) * len(TI_FACTORS)} without "
+        "one: geometric "
         f"mean (95 % over valves and days); {ds.sizes['sample']} valves, {len(FRESH_DAYS)} fresh days of each kind",
         ["gains", *names, "motor travel, median", "hunt"],
         table,
@@ -150,7 +153,7 @@ def run_cures(
         )
         gains = cured_gains(loop, plant, *power_and_delays, limit)
         is_worn = plant.reachable.astype(bool) & (xr.DataArray(loop["backlash"]) > 0.0)
-        hunts = formula.of(plant.assign(kp=gains[AS_FOUND][0], ti=gains[AS_FOUND][1])) > formula.limit
+        hunts = formula.indicator(plant.assign(kp=gains[AS_FOUND][0], ti=gains[AS_FOUND][1])) > formula.limit
         is_ill, is_short = is_worn & hunts, is_worn & ~hunts & (gains[AS_FOUND][1] < plant["T"])
         kp, ti = (
             concat_along("cure", {name: xr.DataArray(kp_and_ti[k]) for name, kp_and_ti in gains.items()})

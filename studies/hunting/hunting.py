@@ -41,7 +41,7 @@ SHOWN_RULES = ("hunting_index", "formula", "`fc.limit_cycle`")
 
 
 def write_one_step(formula: Rule, limit: float, ds: xr.Dataset) -> None:
-    """Write how good the formula is where the step was made elsewhere; limit: see ``cautious``."""
+    """Write how good the formula is where the step was made elsewhere; limit: see ``cautious_limit``."""
     by_step = {
         "where it works": ds,
         f"where it works, K, T and θ off by {MODEL_ERROR:.0%}": with_model_errors(ds),
@@ -102,15 +102,15 @@ def write_by_backlash(rules: list[Rule], ds: xr.Dataset) -> None:
 
 
 def write_practice(rules: list[Rule], ds: xr.Dataset) -> None:
-    """Write what happens to those who obey a rule of thumb, and to those who do not."""
+    """Write how many loops hunt that meet a rule of thumb, and that do not."""
     formula = rules[1]
     two_delays_rule = rules[2]
     rules_of_thumb = {
         "Ti ≥ T": ds.ti >= ds["T"],
         "Ti ≥ T / 2": ds.ti >= 0.5 * ds["T"],
-        f"Ti ≥ kp K (T + 2 θ) / {two_delays_rule.safe:g}": two_delays_rule.of(ds) <= two_delays_rule.safe,
-        f"Ti ≥ {formula.name.removesuffix(' / Ti')} / {formula.safe:g}": formula.of(ds) <= formula.safe,
-        f"Ti ≥ {formula.name.removesuffix(' / Ti')} / {formula.limit:g}": formula.of(ds) <= formula.limit,
+        f"Ti ≥ kp K (T + 2 θ) / {two_delays_rule.safe:g}": two_delays_rule.indicator(ds) <= two_delays_rule.safe,
+        f"Ti ≥ {formula.name.removesuffix(' / Ti')} / {formula.safe:g}": formula.indicator(ds) <= formula.safe,
+        f"Ti ≥ {formula.name.removesuffix(' / Ti')} / {formula.limit:g}": formula.indicator(ds) <= formula.limit,
         f"hunting index ≤ {rules[0].safe:g}": ds.hunting_index <= rules[0].safe,
     }
     among, hunts, table = is_counted(ds), ds.hunts > 0.0, []
@@ -162,7 +162,7 @@ PERIOD_LEVELS = (120, 200, 300, 500, 800)
 
 
 def preset_results() -> xr.Dataset:
-    """Metrics of the study ``hunting.toml``, and what is foreseen of its loops: (plant, kp, ti)."""
+    """Results of the study ``hunting.toml``, and properties of its loops: (plant, kp, ti)."""
     layout = read_study(STUDY).plan.layout
     plant = loop_properties(layout.loop, layout.boundary)
     ds = results("hunting")
@@ -176,7 +176,7 @@ def write_presets(ds: xr.Dataset, rules: list[Rule]) -> None:
         of_plant = ds.sel(plant=plant)
         hunts, row = of_plant.hunts > 0, [f"`{plant}`", f"{float((of_plant.hunts > 0).mean()):.0%}"]
         for rule in rules[:2]:
-            is_predicted = rule.of(of_plant.assign(kp=of_plant.kp, ti=of_plant.ti)) > rule.limit
+            is_predicted = rule.indicator(of_plant.assign(kp=of_plant.kp, ti=of_plant.ti)) > rule.limit
             row += [
                 f"{float((is_predicted == hunts).mean()):.1%}",
                 f"{int((is_predicted & ~hunts).sum())}, {int((~is_predicted & hunts).sum())}",
@@ -199,11 +199,13 @@ def draw_presets(ds: xr.Dataset, rules: list[Rule]) -> None:
             of_plant.ti, of_plant.kp, swing, norm=LogNorm(*SWING_LIMITS), cmap="cividis_r", shading="nearest"
         )
         mesh.set_rasterized(True)
-        lines = panel.contour(of_plant.ti, of_plant.kp, of_plant.period.where(of_plant.regular > 0), levels=PERIOD_LEVELS, colors="white",
+        lines = panel.contour(of_plant.ti, of_plant.kp, of_plant.period.where(of_plant.regular > 0),
+                              levels=PERIOD_LEVELS, colors="white",
                               linewidths=0.9)  # fmt: skip
         panel.clabel(lines, fmt=lambda s: f"{s:g} s", fontsize=7)
         for rule, colour, style in zip(rules[:2], (RED, "black"), ("-", "--"), strict=True):
-            panel.contour(of_plant.ti, of_plant.kp, rule.of(of_plant).transpose("kp", "ti"), levels=[rule.limit], colors=[colour],
+            panel.contour(of_plant.ti, of_plant.kp, rule.indicator(of_plant).transpose("kp", "ti"), levels=[rule.limit],
+                          colors=[colour],
                           linestyles=[style], linewidths=1.8)  # fmt: skip
         T = float(of_plant["T"].isel(kp=0, ti=0))
         panel.axvline(T, color="0.4", lw=1.0, ls=":")
@@ -247,11 +249,18 @@ def draw_population(ds: xr.Dataset, sizes: xr.Dataset, rules: list[Rule]) -> Non
     panels[1].plot(ratio, (rules[1].limit / ratio) ** (1.0 / _parse_power(name)), color="black", ls="--")
     panels[1].set(xlabel=f"(T + {_parse_delays(name):g} θ) / Ti", ylabel="kp K", xlim=(0.2, 60), ylim=(0.03, 6))
     for size, colour, mark in ((0.01, "0.55", "s"), (0.03, YELLOW, "^"), (0.07, RED, "o"), (0.15, BLUE, "D")):
-        at = sizes.sel(backlash=size)
-        is_drawn = at.cycles & at.reachable.astype(bool) & (at.gain_margin > 1.0)
-        scaled = (at.swing / (size * at.K)).where(is_drawn).values.ravel()
+        of_size = sizes.sel(backlash=size)
+        is_drawn = of_size.cycles & of_size.reachable.astype(bool) & (of_size.gain_margin > 1.0)
+        scaled = (of_size.swing / (size * of_size.K)).where(is_drawn).values.ravel()
         panels[2].plot(
-            at.hunting_index.values.ravel(), scaled, mark, color=colour, ms=3, alpha=0.7, mew=0, label=f"X = {size:.0%}"
+            of_size.hunting_index.values.ravel(),
+            scaled,
+            mark,
+            color=colour,
+            ms=3,
+            alpha=0.7,
+            mew=0,
+            label=f"X = {size:.0%}",
         )
     panels[2].axvline(rules[0].limit, color=RED)
     panels[2].set(xlabel="hunting index, largest |L| |N|", ylabel="swing / (X K)", xlim=(0.5, 6), ylim=(0.03, 20))
@@ -286,7 +295,7 @@ DAY_SEEDS = range(15911, 15914)
 
 
 def sample(size: int = 384, days: int = 6) -> None:
-    """How hunting begins."""
+    """Write the table of how hunting begins."""
     hunting_backlash.write_start(hunting_backlash.run_start(START_SEED, size // 2, max(days // 2, 2)))
 
 

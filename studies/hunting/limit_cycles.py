@@ -2,7 +2,8 @@
 
 Loops, plants and operating points are drawn at random.  Each loop runs for 16 hours of constant air and water; a step
 of the set-point after two hours starts what can be started, and the last eight hours count.  Other kinds of days
-follow, predicted from their mean conditions.  ``choose`` prints how the threshold was chosen, on loops of another seed.
+follow, predicted from their mean conditions.  ``print_threshold_choice`` prints how the threshold was chosen, on loops
+of another seed.
 """
 
 from __future__ import annotations
@@ -25,8 +26,12 @@ from fastcoil.model.moist_air import humidity_ratio
 from studies.common import HEATING_GAIN, compare_rows, draw_loguniform, share_of, write_table
 from studies.days import HEATING, kinds, loop_settings, make_days
 
-HOURS, STEP_AT, STEP_SIZE = 16, 2 * 3600, 1.5
-"""Length of a constant day, h; when its set-point steps, s, and by how much, K."""
+HOURS = 16
+"""Length of a constant day, h."""
+STEP_AT = 2 * 3600
+"""Second at which its set-point steps."""
+STEP_SIZE = 1.5
+"""Step of the set-point, K."""
 
 
 class Population(NamedTuple):
@@ -103,7 +108,7 @@ def constant_days(points: Mapping[str, np.ndarray], population: str) -> fc.Bound
 
 
 def cycles_of_gap_alone(columns: Mapping[str, np.ndarray], plants: Plants) -> Cycles:
-    """The gap alone: the same threshold, and amplitude and period where |L| |N| is 1, or nearest to it."""
+    """Predict cycles of the gap alone: same threshold, amplitude and period where |L| |N| is 1 or nearest to it."""
     n, w = plants.opening.size, np.geomspace(3e-4, np.pi, 300)
     predictions = Cycles(*(np.full(n, np.nan) for _ in Cycles._fields))
     predictions.hunting_index[:], predictions.hunts[:] = 0.0, 0.0
@@ -152,7 +157,6 @@ DAY_SEEDS = range(1301, 1307)
 WARM_UP_SECONDS = 8 * 3600
 PERIOD_TOLERANCE, SWING_FACTOR = 0.15, 1.5
 PLAIN_POPULATIONS = ("cooling", "heating")
-PredictFunction = Callable[[fc.Loop, fc.Boundary, int], xr.Dataset]
 
 
 class Case(NamedTuple):
@@ -175,7 +179,7 @@ def simulate_and_predict(population: str, seed: int, loops: int, points: int = P
 
 
 class Verdicts(NamedTuple):
-    """What was right where the set-point can be held and something is predicted (``among``), over (sample, day)."""
+    """Correct predictions where the set-point can be held and theory predicts (``among``), over (sample, day)."""
 
     among: xr.DataArray
     hunts: xr.DataArray
@@ -184,8 +188,8 @@ class Verdicts(NamedTuple):
     swing: xr.DataArray
 
     @classmethod
-    def of(cls, seen: xr.Dataset, predicted: xr.Dataset) -> Verdicts:
-        """Of a simulation and its forecast."""
+    def compare(cls, seen: xr.Dataset, predicted: xr.Dataset) -> Verdicts:
+        """Compare a simulation with its prediction."""
         seen, predicted = (ds.reset_coords(drop=True).transpose("sample", "day") for ds in (seen, predicted))
         hunts, hunts_by_theory = seen.hunts == 1.0, predicted.hunts == 1.0
         among = (predicted.hunting_index > 0.0) & (seen.status == 0)
@@ -215,7 +219,7 @@ HEAD = ["missed", "false alarms", "cases", "hunt", "hunts or not: right", "perio
 
 
 def rows_where(verdicts: Mapping[str, Verdicts], cases: Mapping[str, Case]) -> Iterable[list[str]]:
-    """The plain loops by what they are."""
+    """Rows of the plain loops, by their properties."""
 
     def join_plain(values_of: Callable[[str], xr.DataArray]) -> xr.DataArray:
         return xr.concat([values_of(name) for name in PLAIN_POPULATIONS], "sample")
@@ -248,7 +252,7 @@ def rows_where(verdicts: Mapping[str, Verdicts], cases: Mapping[str, Case]) -> I
     conditions = {
         "no gap": join_parameter("backlash") == 0.0,
         **_band_conditions("gap", join_parameter("backlash"), (0.0, 0.02, 0.05, 0.15), "{:.0%}"),
-        **_band_conditions("hunting_index", hunting_index, (0.0, 0.7, 0.85, 1.0, 1.2, 2.0, 4.0, np.inf), "{:g}"),
+        **_band_conditions("hunting index", hunting_index, (0.0, 0.7, 0.85, 1.0, 1.2, 2.0, 4.0, np.inf), "{:g}"),
         **_band_conditions("sample time", join_parameter("sample_time"), (0.0, 5.0, 15.0, 60.0), "{:g} s"),
         **_band_conditions("predicted samples to a period", samples, (0.0, 6.0, 10.0, 20.0, np.inf), "{:g}"),
         "motor at once": join_parameter("stroke_time") == 0.0,
@@ -281,25 +285,25 @@ def _band_conditions(
 def predict_with(
     loop: fc.Loop, days: fc.Boundary, predict: Callable[[dict[str, np.ndarray], Plants], Cycles]
 ) -> xr.Dataset:
-    """What another way of reckoning predicts."""
+    """Predict with another theory."""
     points = OperatingPoints(loop, days, days.n_steps - 1)
     predictions = points.evaluate(lambda columns, _, plants: list(predict(columns, plants)._asdict().items()))
     return points.dataset({name: (values, {}) for name, values in predictions.items()})
 
 
 def cycles_without_motor(columns: dict[str, np.ndarray], plants: Plants) -> Cycles:
-    """As if the motor were at its target at once."""
+    """Predict cycles without the motor's stroke time."""
     return predict_cycles(columns | {"stroke_time": np.zeros_like(columns["stroke_time"])}, plants)
 
 
 def cycles_of_straight_plant(columns: dict[str, np.ndarray], plants: Plants) -> Cycles:
-    """As if valve and coil were a straight line."""
+    """Predict cycles with valve and coil linearised."""
     straight_curve = plants.T_sup[:, None] + plants.gain[:, None] * (OPENINGS - plants.opening[:, None])
     return predict_cycles(columns, plants._replace(curve=straight_curve))
 
 
 def cycles_of_free_integral(columns: dict[str, np.ndarray], plants: Plants) -> Cycles:
-    """As if the integral had no ends."""
+    """Predict cycles without the limits of the integral."""
     with patch.object(cycles, "INTEGRAL_LIMIT_ROUNDS", 0):
         return predict_cycles(columns, plants)
 
@@ -320,7 +324,7 @@ def day_rows() -> Iterable[list[str]]:
         loop, _ = draw_population(population, FRESH_SEED + 1, LOOPS, POINTS)
         days = make_days(kind, DAY_SEEDS)
         loop = loop.assign(**loop_settings(kind))
-        yield [kind, *Verdicts.of(fc.simulate(loop, days), fc.limit_cycle(loop, days)).cells()]
+        yield [kind, *Verdicts.compare(fc.simulate(loop, days), fc.limit_cycle(loop, days)).cells()]
 
 
 def print_threshold_choice() -> None:
@@ -329,7 +333,7 @@ def print_threshold_choice() -> None:
     for threshold in (0.75, 0.8, 0.825, 0.85, 0.875, 0.9, 0.95, 1.0):
         with patch.object(cycles, "HUNTING_INDEX_LIMIT", threshold):
             verdicts = [
-                Verdicts.of(case.seen, fc.limit_cycle(case.loop, case.days, at=case.days.n_steps - 1)) for case in cases
+                Verdicts.compare(case.seen, fc.limit_cycle(case.loop, case.days, at=case.days.n_steps - 1)) for case in cases
             ]
         print(
             f"{threshold:g}",
@@ -342,7 +346,7 @@ def sample() -> None:
     """The first population."""
     name = next(iter(POPULATIONS))
     case = simulate_and_predict(name, FRESH_SEED, LOOPS if name in PLAIN_POPULATIONS else OTHER_LOOPS)
-    cells = Verdicts.of(case.seen, case.predicted).cells()
+    cells = Verdicts.compare(case.seen, case.predicted).cells()
     compare_rows("hunting/limit_cycles", [[POPULATIONS[name].words, *cells]])
 
 
@@ -352,13 +356,14 @@ def main() -> None:
         name: simulate_and_predict(name, FRESH_SEED, LOOPS if name in PLAIN_POPULATIONS else OTHER_LOOPS)
         for name in POPULATIONS
     }
-    verdicts = {name: Verdicts.of(case.seen, case.predicted) for name, case in cases.items()}
+    verdicts = {name: Verdicts.compare(case.seen, case.predicted) for name, case in cases.items()}
     write_table(
         "hunting/limit_cycles",
-        f"Prediction compared with simulation: random loops × plants × {POINTS} operating points, seed {FRESH_SEED}; only "
+        f"Prediction compared with simulation: random loops × plants × {POINTS} operating points, seed {FRESH_SEED}; "
+        "only "
         "cases whose set-point can be held",
         ["loops", *HEAD],
-        ([POPULATIONS[name].words, *of.cells()] for name, of in verdicts.items()),
+        ([POPULATIONS[name].words, *verdict.cells()] for name, verdict in verdicts.items()),
     )
     plain = {name: cases[name] for name in PLAIN_POPULATIONS}
     write_table(
@@ -372,8 +377,8 @@ def main() -> None:
         "Contribution of each part of the theory, for plain PI loops in cooling and in heating",
         ["what theory counts", *HEAD],
         (
-            [f"{part}; {name}", *Verdicts.of(case.seen, predict_with(case.loop, case.days, of)).cells()]
-            for part, of in THEORY_PARTS.items()
+            [f"{part}; {name}", *Verdicts.compare(case.seen, predict_with(case.loop, case.days, predict)).cells()]
+            for part, predict in THEORY_PARTS.items()
             for name, case in plain.items()
         ),
     )

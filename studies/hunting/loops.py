@@ -2,8 +2,8 @@
 
 A condition is air, water and set-point that stand still for a day: nothing but the loop itself can keep it swinging.
 Each day starts with a cold plant and a closed valve, so every loop gets its kick.  A rule is a number that a loop has,
-and a limit above which it is said to hunt; ``hunting_index`` and the margins of Bode require the plant, the others what a step
-of the command shows: gain K, time constant T and dead time theta.
+and a limit above which it is said to hunt; ``hunting_index`` and the margins of Bode require the plant, the others
+what a step of the command shows: gain K, time constant T and dead time theta.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ def loop_properties(loop: fc.Loop, day: fc.Boundary) -> xr.Dataset:
 
     K: K per unit of command.  T, theta: s, what an engineer reads from a step of the command, with the gap out of the
     way; half a sample time counts as dead time, since a sampled controller acts that much later on average.
-    opening: where the valve rests.  hunting index: largest |L| |N|.  gain_margin.  phase_margin: degrees, 180 if |L| < 1.
-    reachable: whether the valve holds the set-point and changes anything.
+    opening: where the valve rests.  hunting_index: largest |L| |N|.  gain_margin.  phase_margin: degrees, 180 where
+    |L| < 1.  reachable: whether the valve holds the set-point and changes anything.
     """
     linear = fc.linearise(loop, day)
     X, ts = (xr.DataArray(loop[name]).reset_coords(drop=True) for name in ("backlash", "sample_time"))
@@ -86,11 +86,13 @@ _GAP_TABLE = gap_describing_function(np.linspace(1e-6, 1.0 - 1e-6, 2000))
 
 WET, DRY = "wet cooling", "dry cooling"
 OPERATING_KINDS = (WET, DRY, HEATING)
-HOURS, WARM_UP_SECONDS = 8, 3 * 3600
+HOURS = 8
+WARM_UP_SECONDS = 3 * 3600
 BACKLASH_SIZES = (0.0, 0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.15)
 SERIES_NAMES = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")
-STEP_SIZE, HOURS_BEFORE_STEP, HOURS_AFTER_STEP = 0.3, 2, 1
-"""Of the set-point, K; hours before and after it."""
+STEP_SIZE = 0.3
+"""Step of the set-point, K."""
+HOURS_BEFORE_STEP, HOURS_AFTER_STEP = 2, 1
 
 
 def valves(seed: int, size: int, wide: bool = False) -> fc.Loop:
@@ -138,21 +140,21 @@ def conditions(kind: str, seed: int, size: int, hours: int = HOURS) -> fc.Bounda
 
 
 def adapt_to_kind(loop: fc.Loop, kind: str) -> fc.Loop:
-    """The loop as it is on such a day: the controller of a heating coil acts the other way, with less gain."""
+    """Adapt a loop to a kind of day: the controller of a heating coil acts in reverse, with less gain."""
     if kind != HEATING:
         return loop
     return loop.assign(kp=HEATING_GAIN * xr.DataArray(loop["kp"]), **loop_settings(HEATING))
 
 
 def simulate_hunting(loop: fc.Loop, day: fc.Boundary) -> xr.Dataset:
-    """Whether the loop hunts at such conditions, how much (K, peak to peak) and with which period (s)."""
+    """Simulate whether the loop hunts, its swing (K, peak to peak) and its period (s)."""
     return hunting_metrics(fc.simulate(loop, day, warm_up=WARM_UP_SECONDS))
 
 
 def hunting_metrics(ds: xr.Dataset) -> xr.Dataset:
     """The metrics of days that stand still; ``regular`` is the metric ``hunts``, and ``hunts`` asks for less.
 
-    Where nothing moves a swing need not be regular to be the loop's own: over 0.1 K in ``LEAST_HUNTING_PERIODS`` periods.
+    Without disturbances an irregular swing is the loop's own, too: over 0.1 K in ``LEAST_HUNTING_PERIODS`` periods.
     """
     metrics = ds[["hunts", "hunting_swing", "hunting_period"]].reset_coords(drop=True)
     metrics = metrics.rename(hunts="regular", hunting_swing="swing", hunting_period="period")
@@ -167,7 +169,7 @@ def loop_parameters(loop: fc.Loop, *names: str) -> xr.Dataset:
 
 
 def merge_results(loop: fc.Loop, day: fc.Boundary, metrics: xr.Dataset) -> xr.Dataset:
-    """What is foreseen, what was simulated, and the tuning, over the dims of the loop and ``day``.
+    """Merge properties, simulated metrics and tuning, over the dims of the loop and ``day``.
 
     predicted: ``hunts`` of ``fc.limit_cycle``, which counts the motor, the limits of the stroke and the curve, too.
     """
@@ -221,10 +223,10 @@ MODEL_ERROR = 0.2
 
 
 class Rule(NamedTuple):
-    """A loop hunts where ``of(ds)`` exceeds ``limit``; ``safe`` is the limit that misses hardly any."""
+    """Rule by which a loop hunts where ``indicator(ds)`` exceeds ``limit``; ``safe``: limit that misses hardly any."""
 
     name: str
-    of: Callable[[xr.Dataset], xr.DataArray]
+    indicator: Callable[[xr.Dataset], xr.DataArray]
     limit: float
     safe: float
 
@@ -235,7 +237,7 @@ def integral_speed(ds: xr.Dataset, power: float, delays: float) -> xr.DataArray:
 
 
 def candidate_indicators(power: float, delays: float) -> dict[str, Callable[[xr.Dataset], xr.DataArray]]:
-    """What each rule looks at; large where the loop is near to hunting."""
+    """Indicators that the rules use; large where the loop is near to hunting."""
     return {
         "hunting index of the describing function": lambda ds: ds.hunting_index,
         f"(kp K)^{power:g} (T + {delays:g} θ) / Ti": lambda ds: integral_speed(ds, power, delays),
@@ -249,17 +251,17 @@ def candidate_indicators(power: float, delays: float) -> dict[str, Callable[[xr.
 
 
 def is_counted(ds: xr.Dataset) -> xr.DataArray:
-    """Loops with backlash that reach their set-point and whose simulation did not fail."""
+    """Return the usable loops that have backlash."""
     return is_usable(ds) & (ds.backlash > 0.0)
 
 
 def is_usable(ds: xr.Dataset) -> xr.DataArray:
-    """The same with those that have no backlash."""
+    """Return the loops that reach their set-point and whose simulation did not fail."""
     return ds.reachable.astype(bool) & ds.hunts.notnull()
 
 
 def fit_limits(indicator: xr.DataArray, hunts: xr.DataArray, among: xr.DataArray) -> tuple[float, float]:
-    """The limit with the best mean of sensitivity and specificity, and one that predicts ``SURE`` of what hunts."""
+    """Fit the limit with the best mean of sensitivity and specificity, and a safe one (``SAFE_SENSITIVITY``)."""
     is_used = among.values.ravel()
     x, h = (
         indicator.transpose(*among.dims).values.ravel()[is_used],
@@ -284,7 +286,7 @@ def best_accuracy(indicator: xr.DataArray, hunts: xr.DataArray, among: xr.DataAr
 
 
 def choose_rules(ds: xr.Dataset) -> tuple[list[Rule], tuple[float, float]]:
-    """All rules with the limits that these valves ask for; power and delays of the formula."""
+    """Choose the limits of all rules from these valves; also power and delays of the formula."""
     among = is_counted(ds)
     power, delays = max(product(POWERS, DELAYS), key=lambda at: best_accuracy(integral_speed(ds, *at), ds.hunts, among))
     rules = [
@@ -295,7 +297,7 @@ def choose_rules(ds: xr.Dataset) -> tuple[list[Rule], tuple[float, float]]:
 
 
 def _round_limit(limit: float) -> float:
-    """As one remembers it: tens of degrees, halves between 1 and 100, else two digits."""
+    """Round a limit to halves between 1 and 100, else to two digits."""
     return round(2.0 * limit) / 2.0 if 1.0 <= limit < 100.0 else float(f"{limit:.2g}")
 
 
@@ -303,7 +305,7 @@ def error_shares(ds: xr.Dataset, rule: Rule, among: xr.DataArray | None = None) 
     """Shares of the loops predicted right, of those that hunt and of those that do not, with intervals."""
     among = is_counted(ds) if among is None else among
     is_hunting = ds.hunts > 0.0
-    is_right = (rule.of(ds) > rule.limit) == is_hunting
+    is_right = (rule.indicator(ds) > rule.limit) == is_hunting
     all_share, hunting_share, calm_share = (
         share_or_dash(is_right, part) for part in (among, among & is_hunting, among & ~is_hunting)
     )
@@ -316,7 +318,7 @@ def share_or_dash(holds: xr.DataArray, among: xr.DataArray, decimals: int = 1) -
 
 
 def predict_from_one_step(ds: xr.Dataset, place: Callable[[xr.Dataset], xr.DataArray]) -> xr.Dataset:
-    """The same, foreseen from one step of each valve and action; the condition of the step no longer counts.
+    """Predict all conditions from one step of each valve and action; the condition of the step is excluded.
 
     place: the step is made where this is lowest among the conditions that the valve can hold.
     """
@@ -335,7 +337,7 @@ def predict_from_one_step(ds: xr.Dataset, place: Callable[[xr.Dataset], xr.DataA
 
 
 def with_model_errors(ds: xr.Dataset) -> xr.Dataset:
-    """The same with a model that is wrong, by another factor for each valve, condition and number."""
+    """Multiply the model by random errors, independent for each valve, condition and number."""
     rng = np.random.default_rng(1)
     misread_model = {name: ds[name] * np.exp(rng.normal(0.0, MODEL_ERROR, ds[name].shape)) for name in MODEL_NAMES}
     return ds.assign(misread_model)
@@ -352,11 +354,11 @@ def smallest_opening(ds: xr.Dataset) -> xr.DataArray:
 
 
 def cautious_limit(formula: Rule, ds: xr.Dataset) -> float:
-    """The limit with which the formula predicts ``FEW`` of what hunts, from a step at the smallest opening."""
+    """Limit of ``CAUTIOUS_SENSITIVITY`` for the formula, from a step at the smallest opening."""
     predicted = predict_from_one_step(ds, smallest_opening)
     return _round_limit(
         float(
-            formula.of(predicted)
+            formula.indicator(predicted)
             .where(is_counted(predicted) & (predicted.hunts > 0.0))
             .quantile(1.0 - CAUTIOUS_SENSITIVITY)
         )

@@ -34,7 +34,8 @@ NOISE_LEVELS = (0.0, 0.01, 0.02, 0.05)
 SAMPLE_TIMES = (5.0, 10.0, 20.0, 30.0, 60.0)
 INDEX_EDGES = (0.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, np.inf)
 """Of the index."""
-INDEX_NAME, LIMITS = "(kp K)^0.7 (T + 2 θ) / Ti", (5.0, 4.0, 3.0, 2.0)
+INDEX_NAME = "(kp K)^0.7 (T + 2 θ) / Ti"
+LIMITS = (5.0, 4.0, 3.0, 2.0)
 BACKLASH_SIZES = (0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.15)
 SEED, VALVES, DAYS = 16001, 512, 6
 GAP_LABELS = ("with", "without")
@@ -84,7 +85,7 @@ def rows_by_index(ds: xr.Dataset) -> Iterator[list[str]]:
 
 
 def rows_by_limit(ds: xr.Dataset) -> Iterator[list[str]]:
-    """What becomes of those who keep the index below a limit, with a gap."""
+    """Shares of hunting loops among those that keep the index below a limit, with a gap."""
     with_gap = ds.sel(gap="with")
     among, hunts = is_usable(with_gap), with_gap.hunts > 0.0
     for limit in LIMITS:
@@ -135,7 +136,8 @@ def main() -> None:
                 ["gap", "index", "loops", *noises], rows_by_index(ds))  # fmt: skip
     write_table("hunting/hunting_noise_limits",
                 f"Share of hunting loops among those that meet each rule, with a gap: {cases_text}",
-                ["rule", "meet it", *noises, "calm loops that it forbids, without noise"], rows_by_limit(ds))  # fmt: skip
+                ["rule", "meet it", *noises, "calm loops that it forbids, without noise"],
+                rows_by_limit(ds))  # fmt: skip
     heads = [f"{noise}, index up to {limit:g}" for limit in (5.0, 3.0) for noise in noises]
     write_table("hunting/hunting_noise_sampling",
                 f"Share of hunting loops among those that meet the rule, by sample time, with a gap: {cases_text}",

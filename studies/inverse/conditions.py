@@ -184,7 +184,8 @@ def main() -> None:
     is_mild = (ds.overshoot < 0.2) & ~ds.alone
     write_table(
         "inverse/conditions_hunting",
-        f"Does backlash alone make a loop hunt?  {ds.overshoot.size:,} tunings, backlash 7 %; of the {int(is_mild.sum())} "
+        f"Does backlash alone make a loop hunt?  {ds.overshoot.size:,} tunings, backlash 7 %; of the "
+        f"{int(is_mild.sum())} "
         f"with less than 20 % overshoot {int((is_mild & ds.hunts).sum())} hunt",
         ["overshoot without backlash", *map(str, ds.plant.values)],
         hunting_rows(ds),

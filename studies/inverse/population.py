@@ -33,7 +33,7 @@ def share_with_t_interval(holds: xr.DataArray) -> str:
 
 
 def write_benefit() -> None:
-    """Every controller against the plain PI of the same valve, days and noise."""
+    """Write every controller against the plain PI of the same valve, days and noise."""
     ds = results("valve_population").load()
     pairs = fc.compare(ds, baseline={"controller": "pi"}, over=PAIRED_DIMS, metrics="rmse", relative=True).rmse
     valve_means = ds[["rmse", "rmse_settled", "motor_travel"]].mean("day")
@@ -85,7 +85,7 @@ def write_benefit() -> None:
 
 
 def write_dependence() -> None:
-    """First-order and total indices of the relative change of RMSE against the plain PI."""
+    """Write first-order and total Sobol' indices of the relative change of RMSE against the plain PI."""
     ds = results("valve_sensitivity")
     benefit = (ds.rmse / ds.rmse.sel(controller="pi", drop=True) - 1.0).sel(controller=["fixed_95", "fixed_120"])
     relative_changes = xr.Dataset({"benefit": benefit, "status": ds.status.sel(controller=["fixed_95", "fixed_120"])})

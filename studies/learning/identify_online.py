@@ -77,7 +77,7 @@ def with_air_steps(days: fc.Boundary) -> fc.Boundary:
 
 
 def compare_with_pi(loop: fc.Loop, days: fc.Boundary) -> xr.Dataset:
-    """What identification does to each valve on each day, beside plain PI."""
+    """Compare identification with plain PI, for each valve and day."""
     plain = fc.simulate(loop, days, seed=SEED)
     identified = fc.simulate(
         loop.assign(**IDENTIFY_SETTINGS), days, seed=SEED, traces=["estimate"], trace_interval=ESTIMATE_INTERVAL

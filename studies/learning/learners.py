@@ -28,6 +28,7 @@ from studies.learning.learners_runs import (
     GOOD_LABEL,
     HARM_RISE_GOOD,
     HARM_RISE_WORN,
+    KIND_LABELS,
     KNOWN_INVERSE,
     LOOPS_LABEL,
     MORNING_STEPS,
@@ -42,7 +43,6 @@ from studies.learning.learners_runs import (
     is_wrong,
     relative_change,
 )
-from studies.learning.learners_runs import KIND_LABELS as OF_KINDS
 
 CONTROLLER_LABELS = {
     PI: "plain PI",
@@ -122,7 +122,7 @@ def pool_kinds(runs: list[Run]) -> Run:
     by_kind = {
         run.condition.kind: run
         for run in runs
-        if run.condition.name in {f"{VALVES_LABEL}: {text}" for text in OF_KINDS.values()}
+        if run.condition.name in {f"{VALVES_LABEL}: {text}" for text in KIND_LABELS.values()}
     }
     return by_kind[STEPPED]._replace(ds=pool_days({kind: run.ds for kind, run in by_kind.items()}))
 
@@ -186,7 +186,7 @@ def write_tables(runs: list[Run]) -> None:
         ("learning/learners_cost", pool_kinds(runs), "days of every kind"),
         (
             "learning/learners_cost_stepped",
-            by_name[f"{VALVES_LABEL}: {OF_KINDS[STEPPED]}"],
+            by_name[f"{VALVES_LABEL}: {KIND_LABELS[STEPPED]}"],
             "days with set-point steps",
         ),
         (
@@ -243,7 +243,7 @@ def draw(runs: list[Run]) -> None:
 
 
 def _label_threshold(panel: Axes, row: int, least: float) -> None:
-    """Say from this row on what counts as worse."""
+    """Label the threshold of harm that holds from this row on."""
     panel.text(103, row - 0.4, f"by more than {100 * least:.0f} %", ha="right", va="top", color="0.3", fontsize=8)
 
 
@@ -271,7 +271,7 @@ def _draw_shares(panel: Axes, runs: list[Run], names: list[str], share_of_run: C
 
 def sample() -> None:
     """Two conditions, one of them without a gap."""
-    runs = learners_runs.run(names=(SMALL_BACKLASH, f"{GOOD_LABEL}, {LOOPS_LABEL}: {OF_KINDS[STEPPED]}"))
+    runs = learners_runs.run(names=(SMALL_BACKLASH, f"{GOOD_LABEL}, {LOOPS_LABEL}: {KIND_LABELS[STEPPED]}"))
     compare_rows("learning/learners_failures", failure_rows(runs))
     compare_rows("learning/learners_worse", worse_rows(runs))
     compare_rows("learning/learners_good", good_rows(runs))

@@ -143,7 +143,7 @@ HARM_RISE_GOOD, HARM_RISE_WORN = 0.01, 0.02
 
 
 class Run(NamedTuple):
-    """What came of a condition."""
+    """Result of a condition."""
 
     condition: Condition
     ds: xr.Dataset
@@ -162,7 +162,7 @@ def controllers() -> dict[str, dict[str, object]]:
 
 
 def run(size: int | None = None, names: Collection[str] | None = None) -> list[Run]:
-    """Every controller under every condition, or the ``names``; ``size``: only so many loops and valves."""
+    """Run every controller under every condition, or under those in ``names``; ``size``: number of loops and valves."""
     report, results = progress_printer(), []
     for condition in conditions(size):
         if names is not None and condition.name not in names:
@@ -189,7 +189,7 @@ def simulate_condition(condition: Condition) -> xr.Dataset:
 
 
 def is_wrong(run: Run, name: str, *, stroke_tolerance: float = STROKE_TOLERANCE) -> xr.DataArray:
-    """Whether the last estimate of a day is wrong; one of NaN is.  one: what is always right, of the stroke."""
+    """Return whether the last estimate of a day is wrong; NaN is.  stroke_tolerance: error that is always right."""
     tolerance = np.maximum(RELATIVE_TOLERANCE * run.backlash, stroke_tolerance) + ROUND_OFF
     return ~(abs(run.ds.estimate_final.sel(controller=name) - run.backlash) <= tolerance)
 
@@ -201,5 +201,5 @@ def relative_change(run: Run, name: str, metric: str = "rmse") -> xr.DataArray:
 
 
 def harmed_share(run: Run, name: str) -> Share:
-    """The share of loops that are worse than plain PI by more than may be."""
+    """Share of loops that are worse than plain PI by more than the tolerated rise."""
     return share_of(relative_change(run, name) > (HARM_RISE_GOOD if run.is_good else HARM_RISE_WORN))

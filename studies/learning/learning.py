@@ -70,7 +70,7 @@ def best_choice(judgement: xr.Dataset) -> dict[str, Any]:
 
 
 def try_choice(ds: xr.Dataset, choice: dict[str, Any], loop: dict[str, Any], days: fc.Boundary) -> xr.Dataset:
-    """What a choice does on fresh days, and what it costs.
+    """Simulate a choice on fresh days, and what it costs.
 
     ``rmse`` and ``travel`` of the motor are relative to the plain PI of the same backlash, day and noise,
     ``rmse_known`` to an inverse that knows the backlash from the start, with the same buffer.
@@ -113,7 +113,7 @@ def median_in_words(values: xr.DataArray, template: str, scale: float = 1.0) -> 
 
 
 def write_recommendations(ds: xr.Dataset, judgement: xr.Dataset) -> None:
-    """For each loop and noise, and for all together, the choice, how it did on fresh days, and what it cost there."""
+    """Write the choice for each loop and noise, and for all, with its performance and cost on fresh days."""
     days = fc.paper_day(hours=HOURS, seed=FRESH_DAYS)
     loops = [
         {"tuning": str(t), "noise_std": float(n)}
@@ -127,15 +127,18 @@ def write_recommendations(ds: xr.Dataset, judgement: xr.Dataset) -> None:
         fresh_judgement = judge_learners(fresh_ds, fresh_ds.estimate_final.dims)
         name = [loop["tuning"], f"{loop['noise_std']:g}"] if loop else ["all", "all"]
         choice_rows.append(
-            [*name, *describe_choice(choice), "yes" if fresh_judgement.failed <= MOST_FAILURES else "**none is safe**; the best:",
-             f"{100 * float(loop_judgement.failed.sel(choice)):.0f} %", share_with_interval(float(fresh_judgement.failed), days.n_days)]
+            [*name, *describe_choice(choice),
+             "yes" if fresh_judgement.failed <= MOST_FAILURES else "**none is safe**; the best:",
+             f"{100 * float(loop_judgement.failed.sel(choice)):.0f} %",
+             share_with_interval(float(fresh_judgement.failed), days.n_days)]
         )  # fmt: skip
         reached, confirmed = (fresh_ds[f"learn_time_{n}"].fillna(np.inf) for n in ("reached", "confirmed"))
         cost_rows.append(
             [*name, median_in_words(reached, "{:.0f}", 1 / 60), median_in_words(confirmed, "{:.0f}", 1 / 60),
              share_with_interval(float(fresh_judgement.never), days.n_days),
              median_in_words(abs(fresh_ds.estimate_final / fresh_ds.backlash - 1), "{:.0f}", 100),
-             median_in_words(fresh_ds.rmse, "{:+.0f}", 100), median_in_words(fresh_ds.rmse_known, "{:+.0f}", 100), median_in_words(fresh_ds.travel, "{:.2f}"),
+             median_in_words(fresh_ds.rmse, "{:+.0f}", 100), median_in_words(fresh_ds.rmse_known, "{:+.0f}", 100),
+             median_in_words(fresh_ds.travel, "{:.2f}"),
              f"{median_in_words(fresh_ds.switch_frequency, '{:.1f}')}; {float(fresh_ds.plain_switches.median()):.1f}"]
         )  # fmt: skip
     write_table(
@@ -167,7 +170,7 @@ def describe_choice(choice: dict[str, Any]) -> list[str]:
 
 
 def write_failures(judgement: xr.Dataset) -> None:
-    """How often each rule fails over loops and noise, all of its settings together."""
+    """Write how often each rule fails over loops and noise, over all its settings."""
     other_dims = [d for d in CHOICE_DIMS if d not in ("rule", "buffer")]
     low, high = (100 * judgement[n].mean(other_dims) for n in ("low", "high"))
     write_table(
@@ -193,7 +196,7 @@ def write_failures(judgement: xr.Dataset) -> None:
 
 
 def write_quiet(ds: xr.Dataset, judgement: xr.Dataset) -> None:
-    """A day on which nothing changes: where each rule ends, and where the choice for no noise does."""
+    """Write the final estimates on a day on which nothing changes: of each rule, and of the choice without noise."""
     still_day, valve_settings = fc.constant_day(hours=HOURS), {"backlash": 0.07, "backlash_estimate": 0.0}
     printed_settings = {"learning_step": 0.007, "learning_interval": 1800, "learning_ratio": 2.0}
     cell = ds.isel(day=0, noise_std=0, buffer=0).sel(printed_settings | valve_settings)
@@ -224,15 +227,18 @@ def draw_figures(ds: xr.Dataset, judgement: xr.Dataset) -> dict[str, Figure]:
     bold_note = f"Bold: at most {100 * MOST_FAILURES:.0f} % fail."
     best_note = "The best of all steps, intervals, ratios and buffers."
     return {
-        "learning_front": learning_maps.draw_front(judgement, "failed", "failures [% of learners]", 100.0, HOURS, best_note),
-        "learning_front_error": learning_maps.draw_front(judgement, "error", "error of the estimate [%]", 50.0, HOURS, best_note),
+        "learning_front": learning_maps.draw_front(judgement, "failed", "failures [% of learners]", 100.0, HOURS,
+                                                   best_note),
+        "learning_front_error": learning_maps.draw_front(judgement, "error", "error of the estimate [%]", 50.0, HOURS,
+                                                         best_note),
         "learning_settings": learning_maps.draw_settings(
             judge_learners(ds.isel(buffer=-1), dims_with_noise), ("literal", "growing"), HOURS, MOST_FAILURES,
             f"Buffer {100 * float(ds.buffer[-1]):.0f} %, noise of {noises} K together: "
             f"{_n_learners(ds, dims_with_noise)} learners a cell.  {bold_note}",
         ),
         "learning_failures": learning_maps.draw_failure_map(
-            judge_learners(by_sensor, backlash_and_day), MOST_FAILURES, f"{_n_learners(by_sensor, backlash_and_day)} learners a cell.  {bold_note}"
+            judge_learners(by_sensor, backlash_and_day), MOST_FAILURES,
+            f"{_n_learners(by_sensor, backlash_and_day)} learners a cell.  {bold_note}"
         ),
     }  # fmt: skip
 
@@ -259,7 +265,7 @@ def main() -> None:
 
 
 def write_printed_rule() -> None:
-    """When the rule reaches the backlash, how often, and where it ends."""
+    """Write how often and when the printed rule reaches the backlash, and where it ends."""
     ds = results("learner")
     n_days = ds.sizes["day"]
     rows = []

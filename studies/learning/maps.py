@@ -123,7 +123,7 @@ RULE_LINES = {
 
 
 def draw_front(judgement: xr.Dataset, measure: str, label: str, y_max: float, hours: float, small_print: str) -> Figure:
-    """Draw what each rule can reach: the lowest ``measure`` (a share, drawn in %) of the choices that confirm by a time.
+    """Draw for each rule the lowest ``measure`` (a share, drawn in %) of the choices that confirm by a time.
 
     A line for each rule, loops side by side, noises below each other.
     """

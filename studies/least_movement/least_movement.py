@@ -28,10 +28,16 @@ from studies.learning.identify_online import IDENTIFY_SETTINGS
 from studies.valve_test.bound import simulate_bound
 
 SEED, VALVES, DAYS, HOURS = 9701, 512, 8, 8
-LOG_INTERVAL, COUNTED_FROM = 10, 1800
-"""Seconds between samples, and those at the start of a day that no bound counts."""
-GAPS, NOISE_LEVELS, STEP_RANGE = (0.02, 0.05, 0.10), (0.0, 0.01, 0.02, 0.05), (0.05, 3.0)
-"""Gaps, fractions of stroke; standard deviations, K; smallest and largest step, K."""
+LOG_INTERVAL = 10
+"""Seconds between samples."""
+COUNTED_FROM = 1800
+"""Seconds at the start of a day that no bound counts."""
+GAPS = (0.02, 0.05, 0.10)
+"""Fractions of stroke."""
+NOISE_LEVELS = (0.0, 0.01, 0.02, 0.05)
+"""Standard deviations, K."""
+STEP_RANGE = (0.05, 3.0)
+"""Smallest and largest step, K."""
 GAP_SPREAD = 0.1
 """By how much a gap differs from these at most, as a share: those that readings compare are no better off."""
 GOOD_EVERY = 8
@@ -48,7 +54,7 @@ def stepped_set_point(size: float, rng: np.random.Generator) -> np.ndarray:
 
 
 def ramped_set_point(size: float, rng: np.random.Generator) -> np.ndarray:
-    """The same, each move spread over a quarter of an hour."""
+    """Steps spread over a quarter of an hour each."""
     quarter = HALF_HOUR // 2
     return np.convolve(
         np.pad(stepped_set_point(size, rng), (quarter - 1, 0), "edge"), np.full(quarter, 1.0 / quarter), "valid"
@@ -56,7 +62,7 @@ def ramped_set_point(size: float, rng: np.random.Generator) -> np.ndarray:
 
 
 def still_set_point(size: float, rng: np.random.Generator) -> np.ndarray:
-    """It stands still."""
+    """Constant set-point."""
     return np.full(HOURS * 3600, T_SET)
 
 
@@ -74,7 +80,9 @@ def outdoor_reset(size: float, rng: np.random.Generator) -> np.ndarray:
 TRIM_K, RESPOND_K, LARGEST_RESPONSE_K, TRIM_INTERVAL, IGNORED_REQUESTS = 0.1, 0.2, 0.6, 120, 2
 """Guideline 36, supply air temperature: K up every two minutes; K down for each request more than are ignored, at most
 so many K (ASHRAE Guideline 36-2021, 5.16.2.2)."""
-LOWEST_SET_POINT, HIGHEST_SET_POINT, ZONES = 12.0, 18.0, 20
+LOWEST_SET_POINT, HIGHEST_SET_POINT = 12.0, 18.0
+"""Limits of trim and respond, °C."""
+ZONES = 20
 
 
 def trim_and_respond(size: float, rng: np.random.Generator) -> np.ndarray:
@@ -99,7 +107,8 @@ def trim_and_respond(size: float, rng: np.random.Generator) -> np.ndarray:
 
 
 MOVES: Mapping[str, Callable[[float, np.random.Generator], np.ndarray]] = {
-    "steps": stepped_set_point, "ramps of 15 min": ramped_set_point, "still": still_set_point, "night setback": setback_set_point,
+    "steps": stepped_set_point, "ramps of 15 min": ramped_set_point, "still": still_set_point,
+    "night setback": setback_set_point,
     "outdoor reset": outdoor_reset, "trim and respond": trim_and_respond,
 }  # fmt: skip
 SIZED_MOVES = ("steps", "ramps of 15 min")
@@ -126,7 +135,7 @@ def draw_loops(seed: int, n: int) -> LoopSample:
 
 
 def read_log(command: np.ndarray, T: np.ndarray, T_set: np.ndarray, stroke_time: float) -> tuple[float, ...]:
-    """What a log shows: the gap, its interval, whether it is claimed."""
+    """Read a log: the gap, its interval, whether it is claimed."""
     identification = identify_backlash(command, T, float(LOG_INTERVAL), T_set, (), stroke_time=stroke_time)
     return identification.backlash, identification.low, identification.high, float(identification.identified)
 
@@ -185,7 +194,7 @@ TURN_EDGES = (0, 1, 3, 6, 12, 24, 48, np.inf)
 
 
 def is_right(ds: xr.Dataset, name: str) -> xr.DataArray:
-    """Where a size is right."""
+    """Return where a size is right."""
     return abs(ds[name] - ds.true) <= np.maximum(SIZE_TOLERANCE * ds.true, GOOD_BACKLASH) + 1e-9
 
 
@@ -212,7 +221,8 @@ def share_cells(ds: xr.Dataset, among: xr.DataArray) -> list[str]:
     return [
         f"{int(among.sum())}", f"{int((is_claimed & ~is_right(ds, 'found')).sum())} of {int(is_claimed.sum())}",
         share_or_dash(is_claimed, among), share_or_dash(is_right(ds, "found"), among), share_or_dash(is_covered, among),
-        share_or_dash(is_right(ds, "online"), among), share_or_dash(is_too_high, among), share_or_dash(hours_needed <= HOURS, among),
+        share_or_dash(is_right(ds, "online"), among), share_or_dash(is_too_high, among),
+        share_or_dash(hours_needed <= HOURS, among),
         f"{float(hours_needed.median()):.2g}" if bool(hours_needed.notnull().any()) else "—",
     ]  # fmt: skip
 
@@ -261,7 +271,7 @@ BOUND_OF_ONE_TURN = 0.06
 
 
 def join_moves(by_way: Mapping[str, xr.Dataset]) -> xr.Dataset:
-    """All loops, whatever moved their set-point."""
+    """Join all loops, of all set-point patterns."""
     return xr.concat(list(by_way.values()), "sample")
 
 
@@ -303,7 +313,8 @@ def draw(by_way: Mapping[str, xr.Dataset]) -> None:
     ds = join_moves(by_way)
     for noise in NOISE_LEVELS:
         at = is_worn(ds) & (ds.noise == noise) & (ds.turns > 0.0)
-        bound_panel.plot(ds.turns.where(at).values.ravel(), 1000 * (ds.bound * ds.K).where(at).values.ravel(), ".", ms=3,
+        bound_panel.plot(ds.turns.where(at).values.ravel(), 1000 * (ds.bound * ds.K).where(at).values.ravel(), ".",
+                         ms=3,
                    alpha=0.6, mew=0, label=f"noise {noise:g} K")  # fmt: skip
     turns = np.geomspace(1.0, 200.0, 50)
     bound_panel.plot(turns, 1000 * BOUND_OF_ONE_TURN / np.sqrt(turns), color="0.2", lw=1.2, label="60 mK / √turns")
@@ -334,10 +345,12 @@ def main(n: int = VALVES) -> None:
     write_table("least_movement/least_movement_collapse",
                 f"Share of the loops with set-point steps whose gap is claimed, by gap and by noise: {n} loops, one "
                 f"{HOURS}-h day each",
-                ["step / (X K)", *(f"gap {gap:.0%}" for gap in GAPS), *(f"noise {noise:g} K" for noise in NOISE_LEVELS)],
+                ["step / (X K)", *(f"gap {gap:.0%}" for gap in GAPS),
+                 *(f"noise {noise:g} K" for noise in NOISE_LEVELS)],
                 rows_by_gap_and_noise(by_way["steps"]))  # fmt: skip
     write_table("least_movement/least_movement_ways", f"Set-point patterns compared: {loops_text}",
-                ["set-point", "gap", *HEAD, "good valves accused", "RMSE, median, K"], rows_by_move(by_way))  # fmt: skip
+                ["set-point", "gap", *HEAD, "good valves accused", "RMSE, median, K"],
+                rows_by_move(by_way))  # fmt: skip
     write_table("least_movement/least_movement_turns",
                 f"Claims and estimates by reversals of the stem, all set-point patterns pooled: {loops_text}",
                 ["reversals", *HEAD, "bound × K, median, mK", "the same × √reversals",

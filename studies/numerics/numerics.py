@@ -172,7 +172,8 @@ def write_kinds(by_kind: Mapping[str, xr.Dataset]) -> None:
     first_ds = next(iter(by_kind.values()))
     write_table(
         "numerics/convergence_kinds",
-        f"Number of days, of {first_ds.sizes['day']}, on which each preset hunts, and mean swing, K, as printed → converged "
+        f"Number of days, of {first_ds.sizes['day']}, on which each preset hunts, and mean swing, K, as printed → "
+        "converged "
         f"→ in {FINEST[1]} substeps",
         ["days", "preset", *(f"{what}, X = {x:.0%}" for x in BACKLASH for what in ("hunts", "swing"))],
         rows,

@@ -74,12 +74,20 @@ def write_hunting(by_kind: Mapping[str, xr.Dataset]) -> None:
     first_ds = next(iter(by_kind.values()))
     write_table(
         "numerics/convergence_hunting",
-        f"Does the verdict change?  {first_ds.sizes['sample']} loops × {first_ds.sizes['day']} days of each kind, as printed and "
+        f"Does the verdict change?  {first_ds.sizes['sample']} loops × {first_ds.sizes['day']} days of each kind, as "
+        "printed and "
         "converged; shares with 95 % intervals over loops and days, changes as median (5 to 95 % of the cases)",
-        ["days, or backlash", "hunt as printed", "hunt converged", "hunt only as printed", "hunt only converged",
-         "change of RMSE", "change of motor travel"],
+        [
+            "days, or backlash",
+            "hunt as printed",
+            "hunt converged",
+            "hunt only as printed",
+            "hunt only converged",
+            "change of RMSE",
+            "change of motor travel",
+        ],
         rows,
-    )  # fmt: skip
+    )
 
 
 def _verdict_row(name: str, hunts: xr.DataArray, rmse: xr.DataArray, travel: xr.DataArray) -> list[str]:
@@ -131,13 +139,22 @@ def write_remedies(by_kind: Mapping[str, Mapping[str, xr.Dataset]]) -> None:
     first_ds = next(iter(by_kind.values()))["plain PI"]
     write_table(
         "numerics/convergence_remedies",
-        f"Benefit of controllers and accuracy of estimators, as printed → converged: {first_ds.sizes['sample']} valves with "
-        f"existing gains × {first_ds.sizes['day']} days of each kind; an estimate is right within 20 % of the backlash or "
+        f"Benefit of controllers and accuracy of estimators, as printed → converged: {first_ds.sizes['sample']} "
+        "valves with "
+        f"existing gains × {first_ds.sizes['day']} days of each kind; an estimate is right within 20 % of the "
+        "backlash or "
         "1 % of the stroke",
-        ["days", "controller", "RMSE against the plain PI, median", "lower RMSE", "better or worse changes",
-         "estimate right", "right or wrong changes"],
+        [
+            "days",
+            "controller",
+            "RMSE against the plain PI, median",
+            "lower RMSE",
+            "better or worse changes",
+            "estimate right",
+            "right or wrong changes",
+        ],
         rows,
-    )  # fmt: skip
+    )
 
 
 def simulate_rest() -> xr.Dataset:

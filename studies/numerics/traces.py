@@ -44,7 +44,7 @@ def minutes_until_apart(trace: xr.DataArray, nudged_trace: xr.DataArray, limit: 
 
 
 def simulate_pair(loop: fc.Loop, day: fc.Boundary) -> tuple[xr.Dataset, xr.Dataset]:
-    """The loop on its day, and on the day that is warmer by the nudge."""
+    """Simulate the loop on its day, and on the day that is warmer by the nudge."""
     T_a_in = np.array(day.series["T_a_in"], float)
     T_a_in[..., BEGIN_SECOND:] += NUDGE_K
     options = {"traces": ["T_sup"], "trace_interval": 5, "seed": SEED}
@@ -71,7 +71,7 @@ def times_row(trace: xr.DataArray, nudged_trace: xr.DataArray) -> list[str]:
 
 
 def format_difference(values: xr.DataArray, other_values: xr.DataArray) -> str:
-    """Median and 95 % of what a metric moved by, as a share of it."""
+    """Format the median and 95 % quantile of the relative difference of a metric."""
     change = (abs(other_values - values) / abs(values)).where((values != 0.0) & values.notnull())
     return " · ".join(f"{100 * float(change.quantile(q)):.2g} %" for q in (0.5, 0.95))
 

@@ -59,7 +59,7 @@ def design_days(hours: float, seeds: Sequence[int]) -> Boundary:
 
 
 def with_constant_set_point(days: Boundary, seeds: Sequence[int], air: Sequence[Boundary] = ()) -> Boundary:
-    """The days with a constant set-point and, if given, with the entering air of other days, one for each seed."""
+    """Replace the set-point by a constant and, if given, the entering air by that of other days, one for each seed."""
     series = dict(days.series)
     series["T_set"] = np.full_like(series["m_a"], T_SET)
     for name in ("T_a_in", "W_a_in") if air else ():
@@ -75,7 +75,7 @@ KINDS: Kinds = {
 
 
 def kind_in_words(days: Days) -> str:
-    """What a kind of days is, from its docstring."""
+    """Describe a kind of days, from its docstring."""
     return (days.__doc__ or "").strip().splitlines()[0].rstrip(".")
 
 
@@ -179,22 +179,24 @@ def simulate_staircases() -> xr.Dataset:
 
 
 def with_new_hash(ds: xr.Dataset, **attrs: Any) -> xr.Dataset:
-    """The Dataset with more attributes, and with the hash of its present content."""
+    """Add attributes to the Dataset, and renew the hash of its content."""
     ds = ds.assign_attrs(attrs)
     ds.attrs["content_sha256"] = content_sha256(ds)
     return ds
 
 
 def explain_three_hours() -> str:
-    """Why the literal rule cannot keep the paper's three hours, by its own numbers."""
+    """Explain from the paper's own numbers why the literal rule cannot keep three hours."""
     steps, updates = round((BACKLASH - STEP) / STEP), (THREE_HOURS - 1) // INTERVAL
     reached, confirmed = (n * INTERVAL / 3600 for n in (steps, steps + 2))
     sizes = (STEP, BACKLASH, BACKLASH + STEP, (updates + 1) * STEP)
     start, backlash, tried_size, largest_size = (format_share(size, decimals=1) for size in sizes)
     return (
         f"From {start}, {steps} steps of {start} every {INTERVAL // 60} min are needed to reach {backlash}: "
-        f"{steps} × {INTERVAL / 3600:g} h = {reached:g} h, and {confirmed:g} h until {tried_size} has been tried and taken "
-        f"back.  In less than {THREE_HOURS // 3600} h there are {updates} updates, which lead to {largest_size} at most."
+        f"{steps} × {INTERVAL / 3600:g} h = {reached:g} h, and {confirmed:g} h until {tried_size} has been tried and "
+        "taken "
+        f"back.  In less than {THREE_HOURS // 3600} h there are {updates} updates, which lead to {largest_size} at "
+        "most."
     )
 
 

@@ -67,14 +67,15 @@ def paper_page(card: Mapping[str, Any], folder: Path) -> Page:
         f"Under hunting: the share among the {tunings['n_hunting']} tunings that hunt by themselves with the backlash, "
         "as the paper's does.  Under the presets: days on which the claim holds."
     )
-    shares = [found["share"] for claim in claims for found in claim["kinds"].values() if found["share"] is not None]
+    shares = [kind["share"] for claim in claims for kind in claim["kinds"].values() if kind["share"] is not None]
     n_hold, n_fail = (
         sum(share >= HOLDING_SHARE for share in shares),
         sum(share <= 1.0 - HOLDING_SHARE for share in shares),
     )
     answer = [
         f"Of {len(shares)} verdicts, one for each claim and kind of day, {n_hold} say that it holds (for "
-        f"{format_share(HOLDING_SHARE)} of tunings × days or more), {n_fail} that it does not ({format_share(1.0 - HOLDING_SHARE)} or less), the "
+        f"{format_share(HOLDING_SHARE)} of tunings × days or more), {n_fail} that it does not "
+        f"({format_share(1.0 - HOLDING_SHARE)} or less), the "
         "others that it depends on the tuning.",
         *map(_change_sentence, changing_claims[:3]),
     ]
@@ -109,7 +110,8 @@ def _verdict_table(card: Mapping[str, Any], claims: Sequence[Mapping[str, Any]],
         for k, (kind, verdict) in enumerate(claim["kinds"].items()):
             first_cells = [claim["section"], claim["claim"]] if k == 0 else ["", ""]
             rows.append(
-                [*first_cells, kind, verdict["verdict_text"], _share_or_dash(verdict["share"], verdict["share_interval"]),
+                [*first_cells, kind, verdict["verdict_text"],
+                 _share_or_dash(verdict["share"], verdict["share_interval"]),
                  _share_or_dash(verdict["share_of_hunting"], verdict["share_of_hunting_interval"]),
                  *(f"{verdict['share_of_days'][p] * claim['n_days']:.0f} of {claim['n_days']}" for p in presets)]
             )  # fmt: skip

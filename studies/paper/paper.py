@@ -57,7 +57,7 @@ def parse_tables(text: str) -> list[tuple[list[str], list[list[str]]]]:
 
 
 def sample() -> None:
-    """One loop."""
+    """Write the table of one loop."""
     write_one_loop()
 
 
@@ -75,7 +75,7 @@ def main(*, quick: bool = False) -> None:
 
 
 def write_one_loop() -> None:
-    """Section 3 of the paper on one loop, median of ten days."""
+    """Write section 3 of the paper for one loop, median of ten days."""
     days = results("paper_like")
     ds = days.median("day")
     without = ds.sel(backlash=0.0, estimate_ratio=0.0)

@@ -116,8 +116,8 @@ def _half_width(of_day: xr.DataArray) -> float:
 def kind_difference(holds: xr.DataArray) -> float:
     """By how much the share differs between kinds of days, over dims ``kind`` and ``day``; 0 where it may be chance.
 
-    The largest difference of two kinds counts if it is at least ``MATTERS`` and its 95 % interval leaves out 0.  Days
-    of two kinds with the same seed are a pair, so it is Student's interval of the mean of their differences.
+    The largest difference of two kinds counts if it is at least ``LEAST_DIFFERENCE`` and its 95 % interval excludes 0.
+    Days of two kinds with the same seed are a pair, so it is Student's interval of the mean of their differences.
     """
     of_day = holds.mean([d for d in holds.dims if d not in ("kind", "day")])
     pairs = combinations(range(holds.sizes.get("kind", 1)), 2)
@@ -127,7 +127,7 @@ def kind_difference(holds: xr.DataArray) -> float:
 
 
 def judge_claim(holds: xr.DataArray, tuning_features: xr.Dataset, excluded_feature: str = "") -> Verdict:
-    """Judge ``holds``, over ``tuning`` and perhaps ``day``; regions about the feature ``excluded_feature`` are not tried."""
+    """Judge ``holds``, over ``tuning`` and perhaps ``day``; regions of ``excluded_feature`` are not tried."""
     share = float(holds.mean())
     if share >= HOLDING_SHARE or share <= 1.0 - HOLDING_SHARE:
         word = HOLDS if share >= HOLDING_SHARE else DOES_NOT_HOLD

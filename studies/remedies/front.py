@@ -72,7 +72,7 @@ REMEDIES_BY_NEED = {
 
 
 def other_valves(size: int = VALVES) -> fc.Loop:
-    """Valves of the same distributions as the study's, drawn anew."""
+    """Draw other valves from the distributions of the study."""
     table = read_study(STUDY).tables["sample"]
     return population().assign(**sample_values({**table, "size": size, "seed": SEED}))
 

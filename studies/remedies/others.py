@@ -26,7 +26,7 @@ from studies.common import (
     write_table,
 )
 from studies.days import HEATING, STEPPED, kinds
-from studies.paper.grid import cases_along as along_cases
+from studies.paper.grid import cases_along
 from studies.remedies.runs import AS_FOUND, LEAST_TRAVEL, SIMC, STUDY, kind_groups, select_loop, simulate_days
 from studies.remedies.tables import REMEDY_LABELS
 from studies.robustness.best_pi import simc_gains
@@ -56,12 +56,12 @@ def valves(size: int, *, heating: bool) -> fc.Loop:
         plant_gain=20.0,
         estimator="none",
         **{name: xr.DataArray(series, dims="sample") for name, series in parameters.items()},
-        **along_cases("controller", cases),
+        **cases_along("controller", cases),
     )
 
 
 def run_populations(size: int = VALVES, day_kinds: Sequence[str] | None = None) -> dict[str, dict[str, xr.Dataset]]:
-    """Population → kind of day, of ``day_kinds`` or all → metrics over controller, sample and day."""
+    """Return gains → kind of day, of ``day_kinds`` or all → metrics over controller, sample and day."""
     by_gains: dict[str, dict[str, xr.Dataset]] = {SIMC: {}, AS_FOUND: {}}
     report = progress_printer()
     for group in ([kind for kind in group if day_kinds is None or kind in day_kinds] for group in kind_groups()):

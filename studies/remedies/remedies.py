@@ -140,7 +140,8 @@ def variant_rows(by_variant: dict[str, dict[str, xr.Dataset]]) -> list[list[str]
     }
     reference = np.median(base["play alone"].rmse), np.median(base["play alone"].motor_travel)
     pi_cells = [
-        f"{100 * float(of_pi.rmse.median() / reference[0]) - 100:+.0f} %, × {float(of_pi.motor_travel.median() / reference[1]):.2f}"
+        f"{100 * float(of_pi.rmse.median() / reference[0]) - 100:+.0f} %, × "
+        f"{float(of_pi.motor_travel.median() / reference[1]):.2f}"
         for of_pi in base.values()
     ]
     table = [["PI by SIMC, against that of play alone", *pi_cells]]
@@ -155,7 +156,7 @@ def variant_rows(by_variant: dict[str, dict[str, xr.Dataset]]) -> list[list[str]
 
 
 def write_imperfect_valves(by_variant: dict[str, dict[str, xr.Dataset]]) -> None:
-    """Write the table of valves as they are."""
+    """Write the table of valves with imperfections."""
     ds = next(iter(next(iter(by_variant.values())).values()))
     write_table(
         "remedies/remedies_valves",
@@ -168,7 +169,7 @@ def write_imperfect_valves(by_variant: dict[str, dict[str, xr.Dataset]]) -> None
 
 
 def sample() -> None:
-    """The gains as found."""
+    """Write the table of existing gains."""
     write_existing_gains(run_existing_gains(FOUND_VALVES))
 
 

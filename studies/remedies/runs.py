@@ -28,7 +28,7 @@ class Parameters(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """What it remembers."""
+    """Memory of the rule."""
 
     next_look: float = 0.0
     switches: float = 0.0
@@ -66,13 +66,13 @@ def population(size: int | None = None) -> fc.Loop:
 
 
 def select_loop(loop: fc.Loop, **at: int | slice | list[int]) -> fc.Loop:
-    """A part of a loop's dims."""
+    """Select a part of a loop along its dims."""
     values = {name: xr.DataArray(loop[name]) for name in fc.parameters() if loop[name] is not None}
     return fc.Loop(**{n: v.isel(at, missing_dims="ignore", drop=True) for n, v in values.items()})
 
 
 def select_remedies(loop: fc.Loop, names: Sequence[str]) -> fc.Loop:
-    """A loop with these remedies alone, in this order."""
+    """Select these remedies of a loop, in this order."""
     known = [str(n) for n in loop.coordinates()["controller"].values]
     return select_loop(loop, controller=[known.index(n) for n in names])
 
@@ -84,7 +84,7 @@ def tune_gains(
     grid: Mapping[str, Sequence[float]],
     prices: Sequence[float],
 ) -> xr.Dataset:
-    """The best gains of every valve, and remedy where ``loop`` has several, at each price of travel.
+    """Find the best gains of every valve, and remedy where ``loop`` has several, at each price of travel.
 
     grid: multiples of SIMC's kp and ti that are tried.
     Best is the lowest mean, over the search days of these kinds, of log(RMSE) + price × log(motor travel).  The kinds
@@ -108,14 +108,14 @@ def tune_gains(
 
 
 def simulate_days(loop: fc.Loop, gains: xr.Dataset, kind: str, seeds: Sequence[int]) -> xr.Dataset:
-    """Metrics of a loop with these gains on days of a kind."""
+    """Simulate a loop with these gains on days of a kind."""
     gain_parameters = {name: gains[name] for name in ("kp", "ti", "plant_gain") if name in gains}
     ds = fc.simulate(loop.assign(**gain_parameters, **loop_settings(kind)), make_days(kind, seeds))
     return ds[[*METRICS, "size_error", "status"]].reset_coords(drop=True)
 
 
 def run_every_remedy(loop: fc.Loop, gains: xr.Dataset, kind: str, seeds: Sequence[int]) -> xr.Dataset:
-    """All remedies of the study, half the gain, a rule of the user's own, and a perfect valve."""
+    """Simulate all remedies of the study, half the gain, a user rule, and a perfect valve."""
     plain = select_loop(loop, controller=0)
     half_ds = simulate_days(plain, gains.assign(kp=0.5 * gains.kp), kind, seeds).expand_dims(controller=[HALF_KP])
     own_rule_ds = simulate_days(plain.assign(estimator=by_count, buffer=0.01), gains, kind, seeds).expand_dims(
@@ -126,18 +126,18 @@ def run_every_remedy(loop: fc.Loop, gains: xr.Dataset, kind: str, seeds: Sequenc
 
 
 def run_faster_pi(loop: fc.Loop, simc: xr.Dataset, kind: str, seeds: Sequence[int]) -> xr.Dataset:
-    """Plain PI with kp and ti twice those of SIMC: a rule that needs no search."""
+    """Simulate plain PI with kp and ti twice those of SIMC: a rule that needs no search."""
     gains = simc.assign(kp=2.0 * simc.kp, ti=2.0 * simc.ti)
     return simulate_days(select_loop(loop, controller=0), gains, kind, seeds).expand_dims(controller=[FASTER])
 
 
 def kp_as_found(plain: fc.Loop, kind: str) -> xr.DataArray:
-    """The gain as somebody left it; of heating, what suits that plant."""
+    """Existing gain kp; in heating, scaled to that plant."""
     return xr.DataArray(plain["kp"]) * (HEATING_GAIN if kind == HEATING else 1.0)
 
 
-def as_found(loop: fc.Loop, kind: str) -> xr.Dataset:
-    """Plain PI with the gains as they were drawn."""
+def run_as_found(loop: fc.Loop, kind: str) -> xr.Dataset:
+    """Simulate plain PI with the existing gains."""
     plain = select_loop(loop, controller=0)
     return simulate_days(plain, xr.Dataset({"kp": kp_as_found(plain, kind)}), kind, FRESH_DAYS).expand_dims(
         controller=[AS_FOUND]
@@ -145,7 +145,7 @@ def as_found(loop: fc.Loop, kind: str) -> xr.Dataset:
 
 
 def rename_plain_pi(ds: xr.Dataset, plain: str) -> xr.Dataset:
-    """A result whose plain PI has this name."""
+    """Rename the plain PI of a result."""
     return ds.assign_coords(controller=[plain if n == "pi" else str(n) for n in ds.controller.values])
 
 
@@ -169,7 +169,7 @@ def run(size: int | None) -> tuple[dict[str, xr.Dataset], dict[str, xr.Dataset],
         report(f"tuned for {', '.join(group)}")
         for kind in group:
             best_ds = rename_plain_pi(run_every_remedy(loop, best, kind, FRESH_DAYS), BASELINE)
-            best_by_kind[kind] = xr.concat([as_found(loop, kind), best_ds], "controller")
+            best_by_kind[kind] = xr.concat([run_as_found(loop, kind), best_ds], "controller")
             first_valves = {"sample": slice(0, SIMC_VALVES)}
             simc_ds = rename_plain_pi(run_every_remedy(simc_valves, simc.isel(first_valves), kind, FRESH_DAYS), SIMC)
             faster_ds = run_faster_pi(simc_valves, simc.isel(first_valves), kind, FRESH_DAYS)

@@ -60,7 +60,7 @@ def error_rows(by_kind: dict[str, xr.Dataset], baseline: str) -> list[list[str]]
 
 
 def cost_rows(by_kind: dict[str, xr.Dataset], baseline: str) -> list[list[str]]:
-    """A row for each remedy: what becomes of single valves, and what the motor pays; all kinds of days alike."""
+    """A row for each remedy: spread over single valves, and cost for the motor, over all kinds of days."""
     ds = pool_days(by_kind)
     base, table = ds.sel(controller=baseline), []
     for name in ordered_remedies(ds):
@@ -124,7 +124,8 @@ def write_tables(
         gains_text = "the best gains of each valve's plain PI" if baseline == BASELINE else "the gains of SIMC"
         write_table(
             f"remedies/{table_name}",
-            f"RMSE with {gains_text}: mean change against plain PI with these gains (95 % over valves and days); {sizes_text} "
+            f"RMSE with {gains_text}: mean change against plain PI with these gains (95 % over valves and days); "
+            f"{sizes_text} "
             f"({failures_in_words(by_kind.values())}{notes})",
             ["remedy", *by_kind, "all"],
             error_rows(by_kind, baseline),

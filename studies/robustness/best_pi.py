@@ -99,7 +99,7 @@ def simc_gains(loop: fc.Loop, kind: str) -> xr.Dataset:
 
 
 def gains_from_model(model: xr.Dataset) -> xr.Dataset:
-    """The gains that ``simc_gains`` takes from a model of ``first_order``."""
+    """Compute the gains of ``simc_gains`` from a model of ``fit_first_order``."""
     kp = model.tau / (model.gain * 2.0 * model.theta)
     gain = model.gain.clip(LEAST_GAIN)  # a valve that changes nothing still needs a number
     ti = np.minimum(model.tau, 8.0 * model.theta)

@@ -9,27 +9,27 @@ from studies.common import results, write_table
 
 
 def median_change(values: xr.DataArray, reference: xr.DataArray) -> str:
-    """Median relative change in percent."""
+    """Format the median relative change in per cent."""
     return f"{100 * float((values / reference - 1).median()):+.0f} %"
 
 
 def percent_of_loops(holds: xr.DataArray) -> str:
-    """Share of the loops in which something holds."""
+    """Format the share of the loops in which ``holds`` is true."""
     return f"{float(holds.mean()):.1%}"
 
 
 def write_robustness() -> None:
-    """Estimate by estimate against the plain PI of the same loop and the best one, then by backlash; then baselines."""
+    """Write each estimate against the plain PI of the same loop and the best one, by backlash, and the baselines."""
     all_results = results("robustness").load()
     ds = all_results.isel(tuning=(all_results.error_dead_band == 0.0).values)
     plain = ds.sel(estimate_ratio=0.0)
-    at = best_plain_pi(plain)
-    assert at is not None
-    best = plain.rmse.isel(at, drop=True)
+    best_index = best_plain_pi(plain)
+    assert best_index is not None
+    best = plain.rmse.isel(best_index, drop=True)
     write_table(
         "robustness/robustness",
         f"Robustness: change against the plain PI, {ds.rmse.size:,} days; the best plain PI of {ds.sizes['tuning']} "
-        f"tunings is `{ds.tuning.values[at['tuning']]}`",
+        f"tunings is `{ds.tuning.values[best_index['tuning']]}`",
         ["estimate / backlash", "RMSE", "settled RMSE", "lower RMSE in", "lower RMSE than the best plain PI in",
          "switches per 10 min", "motor travel"],
         (
@@ -47,7 +47,7 @@ def write_robustness() -> None:
         ),
     )  # fmt: skip
     write_baselines(all_results)
-    at, exact = ds.sel(estimate_ratio=0.95), ds.sel(estimate_ratio=1.0)
+    inverse_95, exact = ds.sel(estimate_ratio=0.95), ds.sel(estimate_ratio=1.0)
     write_table(
         "robustness/robustness_by_backlash",
         "Robustness: change against the plain PI, by backlash",
@@ -56,8 +56,8 @@ def write_robustness() -> None:
             [
                 f"{x:.0%}",
                 f"{float(plain.rmse.sel(backlash=x).median()):.3f} K",
-                median_change(at.rmse.sel(backlash=x), plain.rmse.sel(backlash=x)),
-                median_change(at.rmse_settled.sel(backlash=x), plain.rmse_settled.sel(backlash=x)),
+                median_change(inverse_95.rmse.sel(backlash=x), plain.rmse.sel(backlash=x)),
+                median_change(inverse_95.rmse_settled.sel(backlash=x), plain.rmse_settled.sel(backlash=x)),
                 median_change(exact.rmse.sel(backlash=x), plain.rmse.sel(backlash=x)),
             ]
             for x in (0.02, 0.05, 0.07, 0.1, 0.15)
@@ -85,7 +85,7 @@ BASELINES = {
 
 
 def write_baselines(ds: xr.Dataset) -> None:
-    """What an inverse, a dead band and a better tuning each do for one loop, against its plain PI."""
+    """Write an inverse, a dead band and a better tuning of one loop, against its plain PI."""
     plain = ds.sel(tuning="paper_like", estimate_ratio=0.0)
     write_table(
         "robustness/robustness_baselines",

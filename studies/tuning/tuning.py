@@ -97,7 +97,7 @@ def tune_case(case: Case) -> tuple[Tuning, Tuning]:
 
 
 def compare_tunings(case: Case, pi: Tuning, inverse: Tuning) -> tuple[dict[str, xr.Dataset], dict[str, str]]:
-    """Every tuning on valves and days that none of them has seen: results by kind of day, and the settings in words."""
+    """Simulate every tuning on fresh valves and days; return results by kind of day, and the settings as text."""
     fresh = case.loop(FRESH_VALVES, 2)
     simc = simc_changes(Group(fresh, case.days(SEARCH_DAYS), tuple(range(FRESH_VALVES))), list(SEARCH), WARM_UP_S)
     best = best_gains(fc.Loop.preset(case.preset).assign(noise_std=NOISE_STD, backlash=0.07), case.kinds)

@@ -22,12 +22,12 @@ HOURS_BEFORE_TEST = TEST.start / 3600
 
 
 class Answer(NamedTuple):
-    """What the log alone and what the test says of a loop, and what is true."""
+    """Cause of a swing from the log alone and from the test, and the truth."""
 
     kind: str
-    true: str
-    alone: str
-    tested: str
+    true_cause: str
+    log_cause: str
+    test_cause: str
 
 
 def read_answers(kind: str, seed: int = SEED, n: int = VALVES, day_seed: int = DAY_SEED) -> list[Answer]:
@@ -48,7 +48,8 @@ def read_answers(kind: str, seed: int = SEED, n: int = VALVES, day_seed: int = D
 def sample() -> None:
     """The first kind of day."""
     compare_rows(
-        "valve_test/blame", count_answers(KINDS[0], [(answer.true, answer.tested) for answer in read_answers(KINDS[0])])
+        "valve_test/blame",
+        count_answers(KINDS[0], [(answer.true_cause, answer.test_cause) for answer in read_answers(KINDS[0])]),
     )
 
 
@@ -58,16 +59,16 @@ def main() -> None:
     all_answers = [answer for kind_answers in answers_by_kind for answer in kind_answers]
     rows = []
     for kind, kind_answers in zip(KINDS, answers_by_kind, strict=True):
-        rows += count_answers(kind, [(answer.true, answer.tested) for answer in kind_answers])
+        rows += count_answers(kind, [(answer.true_cause, answer.test_cause) for answer in kind_answers])
     title = f"Why loops swing, after a test: {VALVES} valves on a day of each kind; diagnosed cause by true cause"
     write_table("valve_test/blame", title, ["day", "truth", "loops", *ANSWERS], rows)  # fmt: skip
     summary = []
     for cause in CAUSES:
         row = [cause]
-        for way in ("alone", "tested"):
+        for way in ("log_cause", "test_cause"):
             with_answer = [answer for answer in all_answers if getattr(answer, way) == cause]
-            with_cause = [answer for answer in all_answers if answer.true == cause]
-            row += [str(len(with_answer)), share_of_logs([answer.true == cause for answer in with_answer]),
+            with_cause = [answer for answer in all_answers if answer.true_cause == cause]
+            row += [str(len(with_answer)), share_of_logs([answer.true_cause == cause for answer in with_answer]),
                     share_of_logs([getattr(answer, way) == cause for answer in with_cause])]  # fmt: skip
         summary.append(row)
     head = [f"{what}, {way}" for way in (f"log of {HOURS_BEFORE_TEST:.0f} h alone", "with the test")

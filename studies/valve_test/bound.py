@@ -33,8 +33,10 @@ from studies.valve_test.valve_test import (
 )
 
 SEED, VALVES, DAYS = 9671, 64, 8
-SAMPLE_INTERVAL, SECONDS_AFTER = 10, 600
-"""Seconds between the temperatures that count, and after the test in which they do."""
+SAMPLE_INTERVAL = 10
+"""Seconds between the temperatures that count."""
+SECONDS_AFTER = 600
+"""Seconds after the test that count."""
 SETTLING_SECONDS = 1800
 """Seconds for which the command stands still before drift and noise are taken."""
 MEDIAN_OF_NORMAL = 0.674
@@ -44,7 +46,7 @@ PARAMETER_STEPS = {"backlash": 0.002, "m_full": 0.02, "C_c": 0.05}
 
 
 class BoundedReadings(NamedTuple):
-    """Of each worn valve: gap, bound and error of the reading, fractions of stroke; excursion, K."""
+    """Gap, bound and error of the reading of each worn valve, fractions of stroke; excursion, K."""
 
     gap: np.ndarray
     bound: np.ndarray
@@ -73,7 +75,10 @@ def gap_bound(responses: np.ndarray, changes: np.ndarray, drift: np.ndarray) -> 
 def simulate_bound(
     loop: fc.Loop, day: fc.Boundary, command: np.ndarray, still_command: np.ndarray, rows: slice, seed: int
 ) -> float:
-    """The bound of one day of which ``rows`` are seen, s.  command: (n,), as it was; still: as it is for the drift."""
+    """Simulate the bound of one day, of which ``rows`` are seen, s.
+
+    command: (n,), as it was; still_command: as it is for the drift.
+    """
 
     def temperature(command: np.ndarray, trace: str = "T_sup", **changes: float) -> np.ndarray:
         ds = fc.simulate(loop.assign(**changes), day, command=command, traces=[trace], seed=seed, n_jobs=1)

@@ -36,7 +36,7 @@ TESTS: Mapping[str, Mapping[str, fc.ValveTest | None]] = {
 
 
 def days_in_sequence(kind: str, seed: int) -> fc.Boundary:
-    """Days of a kind in sequence."""
+    """Make the days of a sequence of weeks."""
     return make_days(kind, [100 * seed + k for k in range(WEEKS * DAYS_A_WEEK)])
 
 
@@ -77,7 +77,7 @@ HEAD = (
 
 
 def test_row(ds: xr.Dataset) -> list[str]:
-    """What a test does to the valves of a kind of day."""
+    """Row of the effects of a test on the valves of a kind of day."""
     tolerance = np.maximum(SIZE_TOLERANCE * ds.true, GOOD_BACKLASH) + 1e-9
     is_worn, is_good = (ds.true > GOOD_BACKLASH) & (ds.last >= 0.0), (ds.true == 0.0) & (ds.last >= 0.0)
     is_right = {name: abs(ds[name] - ds.true) <= tolerance for name in ("first", "last")}
@@ -85,7 +85,8 @@ def test_row(ds: xr.Dataset) -> list[str]:
     changes = [100 * float(ds[name].where(is_worn).median()) for name in ("rise", "on_test_days")]
     return [
         *(f"{share_of(is_right[name], is_worn)}" for name in is_right),
-        share_of(is_right["last"], is_worn & has_estimate).to_text(1) if bool((is_worn & has_estimate).any()) else "none",
+        share_of(is_right["last"],
+                 is_worn & has_estimate).to_text(1) if bool((is_worn & has_estimate).any()) else "none",
         f"{share_of(ds.highest > ds.true + tolerance, is_worn)}",
         f"{int((ds.highest > GOOD_BACKLASH).where(is_good).sum())} of {int(is_good.sum())}",
         *(f"{change:+.1f}" for change in changes),

@@ -74,7 +74,8 @@ def main() -> None:
     """Write what the best relays tell on other valves, beside the shipped one."""
     rows = [relay_row(fc.ValveTest(start=TEST_START), SHIPPED_NOTE), *map(relay_row, search_relays())]
     title = (
-        f"The most informative 20-min relay tests of {SEARCH_RELAYS} drawn at random, excursion limit {EXCURSION_LIMIT:g} K: "
+        f"The most informative 20-min relay tests of {SEARCH_RELAYS} drawn at random, excursion limit "
+        f"{EXCURSION_LIMIT:g} K: "
         f"{VALVES} other valves"
     )
     write_table("valve_test/valve_test_optimised", title, HEAD, rows)

@@ -32,7 +32,7 @@ class Case(NamedTuple):
     """Tests of a population.
 
     changed: parameters of the loops; swing: a series of the boundary, and by how much it swings every 10 min.  inputs:
-    whether air and entering water are logged.  logged: s.  stroke_time: what the reader is told over what is true.
+    whether air and entering water are logged.  log_interval: s.  stroke_time: value given over the true one.
     late: s by which the command is logged after the temperature.
     command: in place of the test, the command from its start on, given that of the start: (n,) at every second.
     """
@@ -66,7 +66,7 @@ HARDER_CASES = {
     "sensor in steps of 0.1 K": Case(changed={"sensor_resolution": 0.1}),
     "command in steps of 1 %": Case(changed={"command_resolution": 0.01}),
     "neutral zone of 1 %": Case(changed={"neutral_zone": 0.01}),
-    "slip jump of 0.3 X": Case(Population(CONSTANT, slips=0.3)),
+    "slip jump of 0.3 X": Case(Population(CONSTANT, slip_ratio=0.3)),
     "authority 0.02 to 0.1": Case(Population(CONSTANT, authority=(0.02, 0.1))),
     "stroke time told is half the true one": Case(stroke_time=0.5),
     "logged every 15 s": Case(log_interval=15),
@@ -182,7 +182,7 @@ def read_gap(log: xr.Dataset, stroke_time: float) -> tuple[float, ...]:
 
 
 class CaseReadings(NamedTuple):
-    """What the readings of a case are worth: (sample, day) each, of the tests that began."""
+    """Readings of a case and their quality: (sample, day) each, of the tests that began."""
 
     began: xr.DataArray
     ended: xr.DataArray
@@ -218,7 +218,8 @@ def read_case(case: Case, seed: int, n: int = VALVES, days: int = DAYS) -> CaseR
     excursion = abs(tests.signals.T_sup - tests.signals.T_set).where(is_test).max("elapsed_time")
     is_good = (truth == 0.0) & has_begun
     return CaseReadings(
-        has_begun, has_begun & (aborted == 0.0), (claimed > 0.0) & has_begun, is_right & has_begun, (truth >= low) & (truth <= high), is_good,
+        has_begun, has_begun & (aborted == 0.0), (claimed > 0.0) & has_begun, is_right & has_begun,
+        (truth >= low) & (truth <= high), is_good,
         is_good & (claimed > 0.0) & (size > GOOD_BACKLASH + 1e-9), error, excursion, aborted,
     )  # fmt: skip
 
@@ -234,8 +235,10 @@ def reading_cells(readings: CaseReadings) -> list[str]:
     error = 100 * float(np.sqrt((readings.error**2).where(readings.ended).mean()))
     middle, large = (float(readings.excursion.where(readings.began).quantile(q)) for q in (0.5, 0.95))
     return [
-        f"{int(readings.began.sum())}", f"{share_of(readings.ended, readings.began)}", f"{share_of(readings.right, readings.ended).to_text(1)}",
-        f"{share_of(readings.claimed, readings.ended)}", _right_share(readings), f"{share_of(readings.covered, readings.ended).to_text(1)}",
+        f"{int(readings.began.sum())}", f"{share_of(readings.ended, readings.began)}",
+        f"{share_of(readings.right, readings.ended).to_text(1)}",
+        f"{share_of(readings.claimed, readings.ended)}", _right_share(readings),
+        f"{share_of(readings.covered, readings.ended).to_text(1)}",
         f"{error:.2f}", f"{middle:.2f} · {large:.2f}", f"{int(readings.accused.sum())} of {int(readings.good.sum())}",
     ]  # fmt: skip
 
@@ -247,7 +250,7 @@ def _right_share(readings: CaseReadings) -> str:
 def write_case_table(
     name: str, title: str, cases: dict[str, Case], seed_offset: int, n: int = VALVES
 ) -> dict[str, CaseReadings]:
-    """Write the table of some cases; ``seed_offset``: what is added to the seed."""
+    """Write the table of some cases; ``seed_offset`` is added to the seed."""
     by_label = {}
     for k, (label, case) in enumerate(cases.items()):
         by_label[label] = read_case(case, SEED + seed_offset + k, n)
@@ -262,7 +265,7 @@ MINUTES, THRESHOLDS = (10, 15, 20, 30, 45), (0.1, 0.2, 0.3, 0.5)
 
 
 def draw_claims_over_time(n: int = 128) -> None:
-    """Share that is claimed over minutes and kelvins."""
+    """Draw the share that is claimed over minutes and kelvins."""
     figure, axes = plt.subplots(figsize=(6.4, 3.8), layout="constrained")
     for k, threshold in enumerate(THRESHOLDS):
         tests = [fc.ValveTest(start=TEST_START, minutes=m, threshold=threshold, excursion=2.0) for m in MINUTES]
@@ -276,7 +279,7 @@ def draw_claims_over_time(n: int = 128) -> None:
 
 
 def draw_one_test() -> None:
-    """The test of the page, read."""
+    """Draw the test that the page shows, and its reading."""
     loop = fc.Loop.preset("lbnl").assign(
         backlash=0.08, noise_std=0.02, kp=0.06, ti=60, sample_time=LOG_INTERVAL, stroke_time=90
     )  # fmt: skip

@@ -38,7 +38,7 @@ PLANT_FACTORS = {"known": (1.0, 1.0), "5 % off": (0.95, 1.05), "15 % off": (0.85
 
 
 def predict_temperatures(valve: fc.Loop, days: fc.Boundary, command: np.ndarray) -> xr.DataArray:
-    """Temperature that the controller would measure with each gap and each plant, °C, over every INTERVAL.
+    """Temperature that the controller would measure with each gap and each plant, °C, every ``MODEL_INTERVAL``.
 
     valve: its ``backlash`` is that of its commissioning.  command: (day, second).
     """
@@ -60,7 +60,7 @@ def predict_temperatures(valve: fc.Loop, days: fc.Boundary, command: np.ndarray)
 
 
 def innovations(measured: np.ndarray, predicted: np.ndarray) -> np.ndarray:
-    """What is new in the errors of the models, K: (time, candidate)."""
+    """Innovations of the models' errors, K: (time, candidate)."""
     error = measured[:, None] - predicted
     innovation = np.zeros_like(error)
     innovation[1:] = error[1:] - np.exp(-MODEL_INTERVAL / ERROR_TIME_CONSTANT) * error[:-1]
@@ -68,12 +68,12 @@ def innovations(measured: np.ndarray, predicted: np.ndarray) -> np.ndarray:
 
 
 def innovation_std(innovation: np.ndarray) -> np.ndarray:
-    """Standard deviation of what is new where the best of the models explains it, K; new: (…, time, candidate)."""
+    """Standard deviation of what is new where the best model explains it, K; innovation: (…, time, candidate)."""
     return np.sqrt((innovation**2).mean(-2).min(-1)) + 1e-4
 
 
 def gap_probabilities(innovation: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """Probability of each gap; new: (case, time, candidate), K; noise: (case,), K."""
+    """Probability of each gap; innovation: (case, time, candidate), K; noise: (case,), K."""
     n = innovation.shape[-1]
     leave_probability = MODEL_INTERVAL / SOJOURN_SECONDS
     chain = np.eye(n) * (1.0 - leave_probability)
@@ -91,7 +91,10 @@ def gap_probabilities(innovation: np.ndarray, noise: np.ndarray) -> np.ndarray:
     return history
 
 
-SEQUENCE_DAYS, DAYS_BEFORE, DAY_HOURS = 8, 3, 6
+SEQUENCE_DAYS = 8
+DAYS_BEFORE = 3
+"""Days before the gap changes."""
+DAY_HOURS = 6
 GROWTH_FACTOR = 3.0
 """By what the gap is multiplied."""
 STEADY, NO_GAP, AT_ONCE, SLOWLY = "constant gap", "no gap", "three times as large at once", "within five days"
@@ -117,7 +120,7 @@ ACTING_RULES = ("paper", "gradient")
 
 
 Estimates = dict[tuple[str, str], xr.DataArray]
-"""What the detectors believe, by case and kind of day; see ``estimates``."""
+"""Gaps estimated by the detectors, by case and kind of day; see ``estimate_gaps``."""
 
 
 def sequence_days(kind: str, first_day: int) -> fc.Boundary:
@@ -126,7 +129,7 @@ def sequence_days(kind: str, first_day: int) -> fc.Boundary:
 
 
 def gap_scale(case: str, n_steps: int) -> np.ndarray:
-    """What the gap is multiplied by: (day, second)."""
+    """Factor of the gap: (day, second)."""
     second = np.arange(SEQUENCE_DAYS * n_steps, dtype=float)
     elapsed_share = (second - DAYS_BEFORE * n_steps) / ((SEQUENCE_DAYS - DAYS_BEFORE) * n_steps)
     grown_share = {
@@ -194,7 +197,7 @@ def _simulate_sequence(loop: fc.Loop, days: fc.Boundary, traces: list[str], ever
 
 
 def _join_days(estimate: xr.DataArray) -> xr.DataArray:
-    """One after the other: (sample, elapsed_time)."""
+    """Join the days of a sequence: (sample, elapsed_time)."""
     return xr.DataArray(estimate.values.reshape(estimate.shape[0], -1), dims=("sample", "elapsed_time"))
 
 

@@ -50,7 +50,7 @@ GROWS, LOOSE, NO_GAP = "grows", "comes loose", "no gap"
 
 
 class Readings(NamedTuple):
-    """Of the valves of a sequence: (way, sample, reading)."""
+    """Readings of the valves of a sequence: (way, sample, reading)."""
 
     low: xr.DataArray
     high: xr.DataArray
@@ -60,7 +60,7 @@ class Readings(NamedTuple):
 
 
 def read_logs(signals: dict[str, np.ndarray], stroke_time: float) -> tuple[float, float, bool]:
-    """What trend logs of several days show of one valve; signals: (day, row)."""
+    """Read the gap of one valve from trend logs of several days; signals: (day, row)."""
     days = range(signals["command"].shape[0])
     grids = [
         resample_log(
@@ -76,7 +76,7 @@ def read_logs(signals: dict[str, np.ndarray], stroke_time: float) -> tuple[float
 
 
 def read_test_log(signals: dict[str, np.ndarray], stroke_time: float) -> tuple[float, float, bool]:
-    """What a valve test shows; signals: (row,)."""
+    """Read the gap from a valve test; signals: (row,)."""
     if not signals["test"].any():
         return np.nan, np.nan, False
     reading = fc.read_test(make_log(signals, float(TEST_LOG_INTERVAL)), stroke_time=stroke_time)

@@ -83,7 +83,7 @@ def valves(size: int | None = None) -> fc.Loop:
 
 
 def sequence_loops(sequence: Sequence, size: int | None = None) -> fc.Loop:
-    """The valves with the gains that the sequence asks for."""
+    """Valves with the gains of the sequence."""
     loop = valves(size)
     factors = FAST_FACTORS if sequence.is_fast else {"kp": HEATING_GAIN} if sequence.kind == HEATING else {}
     parameters = {name: xr.DataArray(loop[name]) * factor for name, factor in factors.items()}
@@ -122,7 +122,8 @@ def weather_year(seed: int, days: list[int] | None = None) -> fc.Boundary:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return fc.weather_year(
-            WEATHER_FILE, year=2023, set_point="fixed", T_set=13.0, fan_hours=FAN_HOURS, weekend_fan_hours=FAN_HOURS, days=days,
+            WEATHER_FILE, year=2023, set_point="fixed", T_set=13.0, fan_hours=FAN_HOURS, weekend_fan_hours=FAN_HOURS,
+            days=days,
             seed=seed,
         )  # fmt: skip
 
@@ -150,21 +151,21 @@ METRICS = (
 
 
 class Run(NamedTuple):
-    """What came of a sequence."""
+    """Result of a sequence."""
 
     sequence: Sequence
     ds: xr.Dataset
     """Metrics over controller, sample, day."""
     plain: xr.Dataset
     """Of the plain PI whose gap does not grow."""
-    first: xr.DataArray
+    first_gap: xr.DataArray
     """Gap of the first day, fraction of stroke."""
     growth: xr.DataArray
     """That it was given, fraction of stroke in the year."""
 
 
 def run(size: int | None = None, first_day: int = FRESH_FIRST_DAY, names: list[str] | None = None) -> list[Run]:
-    """Every controller on every sequence; ``size``: only so many valves; ``names``: only these sequences."""
+    """Run every controller on every sequence; ``size``: number of valves; ``names``: only these sequences."""
     report, results = progress_printer(), []
     for sequence in sequences(first_day):
         if names is None or sequence.name in names:
@@ -174,7 +175,7 @@ def run(size: int | None = None, first_day: int = FRESH_FIRST_DAY, names: list[s
 
 
 def simulate_sequence(sequence: Sequence, size: int | None = None) -> Run:
-    """Every controller through a sequence.  The rate of wear of a valve follows from its travel under plain PI."""
+    """Simulate every controller on a sequence.  The wear rate of a valve follows from its travel under plain PI."""
     loop, days = sequence_loops(sequence, size), sequence_days(sequence)
     plain = _simulate_metrics(loop, days)
     growth = target_growths(loop) * (0.0 if sequence.in_steps or sequence.is_good else 1.0)
@@ -211,4 +212,4 @@ def yearly_change(run: Run, name: str, metric: str) -> xr.DataArray:
 
 def actual_growth(run: Run, name: str) -> xr.DataArray:
     """Growth of the gap from the first to the last day, fraction of stroke, by valve."""
-    return run.ds.backlash_final.sel(controller=name).isel(day=-1) - run.first
+    return run.ds.backlash_final.sel(controller=name).isel(day=-1) - run.first_gap

@@ -216,7 +216,8 @@ def write_tables(runs: list[Run], choice_estimates: Estimates, fresh_estimates: 
     sizes = f"{runs[0].ds.sizes['sample']} valves × {DAYS} days that represent a year"
     write_table(
         "wear/wear_follow",
-        f"Wrong estimates in the last {LAST_DAYS} days: off by more than 20 % of the gap and 1 % of the stroke; {sizes} "
+        f"Wrong estimates in the last {LAST_DAYS} days: off by more than 20 % of the gap and 1 % of the stroke; "
+        f"{sizes} "
         f"({failures_in_words(run.ds for run in runs)})",
         ["days", *names],
         follow_rows(worn_runs),
@@ -291,17 +292,17 @@ def _month_axis(n: int) -> np.ndarray:
 
 
 def _mean_gap(gap: xr.DataArray, among: xr.DataArray) -> xr.DataArray:
-    """Of some valves, by day; % of stroke."""
+    """Mean gap of some valves, by day; % of stroke."""
     return 100 * gap.where(among).mean("sample")
 
 
 def _draw_legend(panel: Axes) -> None:
-    """Below the panel: the lines fill it."""
+    """Draw the legend below the panel, which the lines fill."""
     panel.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, fontsize=8, frameon=False)
 
 
 def _draw_growth(panel: Axes, run: Run) -> None:
-    """The mean gap under each controller, and what `identify` takes it for."""
+    """Draw the mean gap under each controller, and the estimate of `identify`."""
     among = run.growth == max(GROWTHS)
     months = _month_axis(run.ds.sizes["day"])
     for name in (PI, "identify", "paper", "gradient"):
@@ -315,8 +316,8 @@ def _draw_growth(panel: Axes, run: Run) -> None:
 
 
 def _draw_loose(panel: Axes, run: Run) -> None:
-    """The mean gap of a linkage that comes loose and is repaired, and each estimate."""
-    among = run.first >= WORN_GAP
+    """Draw the mean gap of a linkage that comes loose and is repaired, and each estimate."""
+    among = run.first_gap >= WORN_GAP
     months = _month_axis(run.ds.sizes["day"])
     gap = _mean_gap(run.ds.backlash_final.sel(controller=PI), among)
     panel.step(months, gap, color="black", where="mid", label="gap")
@@ -329,7 +330,7 @@ def _draw_loose(panel: Axes, run: Run) -> None:
 
 
 def _draw_noticed(panel: Axes, choice_estimates: Estimates, fresh_estimates: Estimates) -> None:
-    """The share of the loops whose loose linkage was noticed, over the hours of operation since."""
+    """Draw the share of loops whose loose linkage is noticed, over the hours of operation since."""
     hours = np.linspace(0.0, (SEQUENCE_DAYS - DAYS_BEFORE) * DAY_HOURS, 200)
     for name, colour in DRAWN_DETECTORS.items():
         threshold = choose_threshold(choice_estimates, name)

@@ -56,7 +56,7 @@ def cost_rows(ds: xr.Dataset) -> list[list[str]]:
 
 
 def valve_rows(ds: xr.Dataset) -> list[list[str]]:
-    """What becomes of gap, estimate, temperature and motor in the year."""
+    """Rows of gap, estimate, temperature and motor travel over the year."""
     is_on = ds["rmse"].notnull()
     rows = []
     for valve in ds["valve"].values:
@@ -113,7 +113,7 @@ def estimate_rows(ds: xr.Dataset) -> list[list[str]]:
 
 @apply_style()
 def draw_figure(ds: xr.Dataset) -> None:
-    """Gap and estimate over the year, and what the gap costs by month."""
+    """Draw gap and estimate over the year, and what the gap costs by month."""
     costs = fc.cost(ds)
     valves = [v for v in ds["valve"].values if v != SOUND]
     fig, axes = plt.subplots(2, len(valves), figsize=(7.2, 4.6), sharey="row", layout="constrained")

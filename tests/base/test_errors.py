@@ -16,18 +16,18 @@ BUILTIN_BASE_OF_ERROR = {
     "LockedError": fc.FastcoilError,
     "IntegrityError": fc.FastcoilError,
 }
+WRONG_TYPE = Problem("m = 'x': give a number", "m", "type")
 
 
 def test_the_whole_family_is_public():
     assert set(BUILTIN_BASE_OF_ERROR) | {"FastcoilError"} <= set(fc.__all__)
     for name, builtin in BUILTIN_BASE_OF_ERROR.items():
-        assert issubclass(getattr(fc, name), fc.FastcoilError)
-        assert issubclass(getattr(fc, name), builtin)
+        assert {fc.FastcoilError, builtin} <= set(getattr(fc, name).__mro__)
 
 
 def test_a_sentence_on_a_wrong_type_makes_a_type_error_of_the_whole_call():
     assert type(fc.InputError("n = 3: lower it")) is fc.InputError
-    mixed = fc.InputError(["n = 3: lower it", Problem("m = 'x': give a number", "m", "type")])
+    mixed = fc.InputError(["n = 3: lower it", WRONG_TYPE])
     assert type(mixed) is fc.InputTypeError
     assert (mixed.exit_code, mixed.field, mixed.code) == (2, "", "")
     assert (mixed.problems[1].field, mixed.problems[1].code) == ("m", "type")
@@ -38,14 +38,11 @@ def test_a_sentence_on_a_wrong_type_makes_a_type_error_of_the_whole_call():
 
 
 def test_a_sentence_collected_as_it_is_keeps_its_kind_and_one_of_a_file_does_not():
-    problems: list[str] = []
-    with collect_problems(problems):
-        raise fc.InputError(Problem("m = 'x': give a number", "m", "type"))
-    assert isinstance(fc.InputError(problems), fc.InputTypeError)
-    file_problems: list[str] = []
-    with collect_problems(file_problems, "[loop] "):
-        raise fc.InputError(Problem("m = 'x': give a number", "m", "type"))
-    assert not isinstance(fc.InputError(file_problems), fc.InputTypeError)
+    for prefix, is_type_error in (("", True), ("[loop] ", False)):
+        problems: list[str] = []
+        with collect_problems(problems, prefix):
+            raise fc.InputError(WRONG_TYPE)
+        assert isinstance(fc.InputError(problems), fc.InputTypeError) is is_type_error
 
 
 @pytest.mark.parametrize(

@@ -51,6 +51,4 @@ def test_what_is_there_and_what_is_not(tmp_path):
     existence = {path: (exists(path), is_file(path), is_folder(path)) for path in (tmp_path, file)}
     assert existence == {tmp_path: (True, False, True), file: (True, True, False)}
     for absent in (tmp_path / "none", file / "below", tmp_path / "circle", tmp_path / "a\0b"):
-        assert not exists(absent)
-        assert not is_file(absent)
-        assert not is_folder(absent)
+        assert [exists(absent), is_file(absent), is_folder(absent)] == [False] * 3

@@ -31,11 +31,8 @@ def write_system_files(tmp_path, monkeypatch):
     return write
 
 
-def test_without_groups_and_limits_it_is_that_of_the_machine(write_system_files):
-    assert memory.available_memory() == 4096000 * 1024
-
-
 def test_a_control_group_of_version_2_counts_what_it_can_take_back(write_system_files):
+    assert memory.available_memory() == 4096000 * 1024, "that of the machine"
     group = "cgroup/user.slice/job"
     write_system_files({
         "proc/self/cgroup": "0::/user.slice/job\n",
@@ -51,16 +48,14 @@ def test_a_control_group_of_version_2_counts_what_it_can_take_back(write_system_
 
 @pytest.mark.parametrize("level", ["cgroup/a/b", "cgroup/a", "cgroup"])
 def test_the_tightest_level_up_to_the_root_rules(write_system_files, level):
-    write_system_files(
-        {"proc/self/cgroup": "12:cpu:/x\n0::/a/b\n", "cgroup/a/b/memory.max": "max", "cgroup/a/b/memory.current": 1}
-    )
+    write_system_files({f"cgroup/a/b/memory.{name}": value for name, value in (("max", "max"), ("current", 1))})
+    write_system_files({"proc/self/cgroup": "12:cpu:/x\n0::/a/b\n"})
     write_system_files({f"{level}/memory.max": 200 * MIB, f"{level}/memory.current": 150 * MIB})
     assert memory.available_memory() == 50 * MIB
 
 
 def test_the_limit_of_the_process_less_what_it_has(write_system_files, monkeypatch):
-    limits = {resource.RLIMIT_AS: (800 * MIB, resource.RLIM_INFINITY)}
-    monkeypatch.setattr(resource, "getrlimit", limits.get)
+    monkeypatch.setattr(resource, "getrlimit", {resource.RLIMIT_AS: (800 * MIB, resource.RLIM_INFINITY)}.get)
     assert memory.available_memory() == 800 * MIB
     write_system_files({"proc/self/status": f"Name:\tpython\nVmSize:\t {300 * 1024} kB\n"})
     assert memory.available_memory() == 500 * MIB
@@ -68,8 +63,8 @@ def test_the_limit_of_the_process_less_what_it_has(write_system_files, monkeypat
 
 @pytest.mark.parametrize("odd", [b"", b"\xff\xfe", b"-5", b"9" * 500, b"1.5", b"max 3", b"x" * 2**21, b"\0"])
 def test_whatever_is_odd_is_no_limit(write_system_files, odd):
-    write_system_files({"proc/self/cgroup": "4:memory:/\n0::/\n:::\n0::\n"})
-    write_system_files({"cgroup/memory.max": odd, "cgroup/memory.current": 1})
+    cgroup = "4:memory:/\n0::/\n:::\n0::\n"
+    write_system_files({"proc/self/cgroup": cgroup, "cgroup/memory.max": odd, "cgroup/memory.current": 1})
     assert memory.available_memory() == 4096000 * 1024
     write_system_files({"proc/self/cgroup": odd, "proc/meminfo": odd})
     assert memory.available_memory() == os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")

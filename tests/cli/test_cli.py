@@ -1,24 +1,20 @@
 """The command line: exit codes, messages without traceback, and that nothing is left after a mistake."""
 
 import pytest
-from click.testing import CliRunner
-from helpers.commands import assert_command_refused
-
-from fastcoil.cli.main import main
+from helpers.commands import assert_command_refused, fastcoil
 
 pytestmark = pytest.mark.kernel
 
 SMALL_STUDY = "[loop]\n[sweep]\nbacklash = [0.02, 0.07]\nestimate_ratio = [0.0, 0.5, 1.2]\n[boundary]\nhours = 1\n"
 
 
-@pytest.fixture
-def fastcoil(tmp_path, monkeypatch):
+@pytest.fixture(autouse=True)
+def write_study(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "small.toml").write_text(SMALL_STUDY)
-    return lambda *words: CliRunner().invoke(main, words)
 
 
-def test_run_writes_results_and_figures_and_says_where(fastcoil, tmp_path):
+def test_run_writes_results_and_figures_and_says_where(tmp_path):
     result = fastcoil("run", "small.toml")
     assert result.exit_code == 0, result.output
     for path in ("results.nc", "figures/maps.png", "figures/bands.png"):
@@ -31,40 +27,29 @@ def test_run_writes_results_and_figures_and_says_where(fastcoil, tmp_path):
     assert "finished: nothing to do" in again.output
 
 
-def test_plan_says_how_large_and_writes_nothing(fastcoil, tmp_path):
+def test_plan_says_how_large_and_writes_nothing(tmp_path):
     result = fastcoil("plan", "small.toml")
     assert result.exit_code == 0, result.output
-    for part in (
-        "6 (2 values of backlash × 3 values of estimate_ratio)",
-        "3,600 s each, 21,600 in total",
-        "Time:",
-        "Memory:",
-        "Disk:",
-    ):
-        assert part in result.output
+    assert "6 (2 values of backlash × 3 values of estimate_ratio)" in result.output
+    assert all(part in result.output for part in ("3,600 s each, 21,600 in total", "Time:", "Memory:", "Disk:"))
     assert sorted(p.name for p in tmp_path.iterdir()) == ["small.toml"]
 
 
 @pytest.mark.parametrize(
     "words",
     [
+        *(("run", "small.toml", *option) for option in (("-j", "0"), ("-o", "small.toml"), ("-o", ""))),
+        *(("plot", *arguments) for arguments in (("",), ("nowhere",), ("nowhere", "--by", "kp"))),
         ("run", "absent.toml"),
-        ("run", "small.toml", "-j", "0"),
-        ("run", "small.toml", "-o", "small.toml"),
         ("plan", "."),
-        ("run", "small.toml", "-o", ""),
-        ("plot", ""),
-        ("plot", "nowhere"),
-        ("plot", "nowhere", "--by", "kp"),
     ],
 )
-@pytest.mark.usefixtures("fastcoil")
 def test_a_mistake_exits_with_2_and_one_sentence(tmp_path, words):
     assert_command_refused(*words)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["small.toml"]
 
 
-def test_a_label_with_commas_is_a_scenario_to_run_again(fastcoil, tmp_path):
+def test_a_label_with_commas_is_a_scenario_to_run_again(tmp_path):
     cases = '[cases.tuning]\n"slow, old" = { kp = 0.02 }\n"fast,new,1" = { kp = 0.03 }\n'
     text = f"[loop]\n{cases}[sweep]\nbacklash = [0.02, 0.07]\n[boundary]\nhours = 0.1\n[run]\nwarm_up = 60\n"
     (tmp_path / "cases.toml").write_text(text)
@@ -77,7 +62,7 @@ def test_a_label_with_commas_is_a_scenario_to_run_again(fastcoil, tmp_path):
     assert_command_refused("rerun", "results/cases", "--at", "tuning=slow, old,backlash=0.07,backlash=0.02")
 
 
-def test_failed_scenarios_exit_with_3(fastcoil, monkeypatch):
+def test_failed_scenarios_exit_with_3(monkeypatch):
     from fastcoil.loops import simulate as simulation
 
     original = simulation.run_block
@@ -94,7 +79,7 @@ def test_failed_scenarios_exit_with_3(fastcoil, monkeypatch):
     assert "scenarios failed" in result.output
 
 
-def test_an_interrupt_exits_with_130(fastcoil, tmp_path, monkeypatch):
+def test_an_interrupt_exits_with_130(tmp_path, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 

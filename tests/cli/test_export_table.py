@@ -1,14 +1,14 @@
 """``fastcoil export`` of results: files that others read, and mistakes in a sentence."""
 
+from functools import partial
+
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
-from helpers.commands import assert_command_refused
+from helpers.commands import assert_command_refused, fastcoil
 from helpers.results import drawn_result
 
 import fastcoil as fc
-from fastcoil.cli.main import main
 
 STUDY = """
 [loop]
@@ -38,7 +38,7 @@ def folder(tmp_path_factory):
 def run_export(tmp_path, monkeypatch):
     """Return a function that runs the command in an empty folder."""
     monkeypatch.chdir(tmp_path)
-    return lambda *words: CliRunner().invoke(main, ["export", *map(str, words)])
+    return partial(fastcoil, "export")
 
 
 @pytest.mark.kernel
@@ -57,9 +57,7 @@ def test_a_folder_its_file_and_a_saved_result_give_the_same_table(folder, run_ex
     ds = fc.open_study(folder)
     ds.to_netcdf(tmp_path / "mine.nc")
     assert run_export(folder, "--csv").output == "Written: small.csv (128 scenario-days, 37 columns)\n"
-    assert (
-        run_export(folder / "results.nc", "--csv").exit_code == run_export(tmp_path / "mine.nc", "--csv").exit_code == 0
-    )
+    assert [run_export(path, "--csv").exit_code for path in (folder / "results.nc", tmp_path / "mine.nc")] == [0, 0]
     csv_bytes = (tmp_path / "small.csv").read_bytes()
     assert csv_bytes == (tmp_path / "results.csv").read_bytes() == (tmp_path / "mine.csv").read_bytes()
     table = pd.read_csv(tmp_path / "small.csv", comment="#").set_index(["day", "estimate_ratio [1]", "sample"])
@@ -79,32 +77,21 @@ def test_a_table_has_what_is_asked_for(folder, run_export, tmp_path):
 
 
 @pytest.mark.kernel
-@pytest.mark.parametrize(
-    "words",
-    [
-        (),
-        ("--csv", "-o", "results.nc"),
-        ("--csv", "--at", "day=3"),
-        ("--csv", "--metric", "rmsee"),
-        ("--csv", "--language", "c"),
-    ],
-)
 @pytest.mark.usefixtures("run_export")
-def test_a_mistake_is_one_sentence_and_writes_nothing(folder, tmp_path, words):
-    assert_command_refused("export", folder, *words)
-    assert not any(tmp_path.iterdir())
+def test_a_mistake_is_one_sentence_and_writes_nothing(folder, tmp_path):
+    for words in ("", "--csv -o results.nc", "--csv --at day=3", "--csv --metric rmsee", "--csv --language c"):
+        assert_command_refused("export", folder, *words.split())
+        assert not any(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(
-    "content", [None, "a,b\n1,2\n", drawn_result(3).drop_vars("status")], ids=["none", "text", "dataset"]
-)
 @pytest.mark.usefixtures("run_export")
-def test_what_is_no_result_is_refused(tmp_path, content):
+def test_what_is_no_result_is_refused(tmp_path):
     path = tmp_path / "table.nc"
-    if isinstance(content, str):
-        path.write_text(content)
-    elif content is not None:
-        content.to_netcdf(path)
+    assert_command_refused("export", "table.nc", "--csv")
+    path.write_text("a,b\n1,2\n")
+    assert_command_refused("export", "table.nc", "--csv")
+    path.unlink()
+    drawn_result(3).drop_vars("status").to_netcdf(path)
     assert_command_refused("export", "table.nc", "--csv")
 
 

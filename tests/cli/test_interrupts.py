@@ -44,15 +44,9 @@ for words in (["run", "study.toml", "-o", "out", "-j", "1"], ["plot", "out", "-x
 def test_no_setting_of_python_or_matplotlib_stops_a_command(out):
     run_until_interrupted(PLAIN_STUDY.replace("estimate_ratio", "# estimate_ratio"), out, 1)
     (out / "shards" / "notes.txt").write_text("mine")
-    process = subprocess.run(
-        [sys.executable, "-c", RUN_AND_PLOT],
-        cwd=out.parent,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-        env=child_environment(PYTHONWARNINGS="error", MPLBACKEND="no such backend"),
-    )
+    env = child_environment(PYTHONWARNINGS="error", MPLBACKEND="no such backend")
+    options = {"cwd": out.parent, "capture_output": True, "text": True, "timeout": 120, "env": env}
+    process = subprocess.run([sys.executable, "-c", RUN_AND_PLOT], check=False, **options)
     ends = [line for line in process.stdout.splitlines() if "ends with" in line]
     assert ends == ["run ends with 0", "plot ends with 0"], process
     assert "Traceback" not in process.stderr
@@ -96,13 +90,8 @@ entry.run()
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no process there ends by a signal")
 def test_ctrl_c_while_a_finished_command_waits_for_a_thread_says_nothing():
-    process = subprocess.Popen(
-        [sys.executable, "-c", LINGERING_THREAD],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=child_environment(),
-    )
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    process = subprocess.Popen([sys.executable, "-c", LINGERING_THREAD], env=child_environment(), **pipes)
     assert process.stdout.readline() == "at its end\n"
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=30)

@@ -9,13 +9,11 @@ def test_files_are_joined_and_how_is_said(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "command.csv").write_text(f"Time,Value (%)\n{CSV_ROWS}\n")
     (tmp_path / "SAT.csv").write_text(f"Time,Value\n{CSV_ROWS}\n")
-    result = fastcoil(
-        "join", "command.csv", "SAT.csv", "--column", "T_sup=SAT.csv", "--unit", "T_sup=degC", "--step", 3600
-    )
+    options = ["--column", "T_sup=SAT.csv", "--unit", "T_sup=degC", "--step", 3600]
+    result = fastcoil("join", "command.csv", "SAT.csv", *options)
     assert result.exit_code == 0, result.output
-    assert (
-        (tmp_path / "log.csv").read_text().startswith("timestamp,command [1],T_sup [degC]\n2024-07-10T00:00:00,0.1,10")
-    )
+    log = (tmp_path / "log.csv").read_text()
+    assert log.startswith("timestamp,command [1],T_sup [degC]\n2024-07-10T00:00:00,0.1,10")
     assert "command.csv: timestamp read as dd/mm/yyyy: a number exceeds 12 in row" in result.output
     assert "Joined:  log.csv" in result.output
     assert sorted(path.name for path in tmp_path.iterdir()) == ["SAT.csv", "command.csv", "log.csv"]

@@ -3,11 +3,8 @@
 import re
 
 import pytest
-from click.testing import CliRunner
-from helpers.commands import assert_command_refused
+from helpers.commands import assert_command_refused, fastcoil
 from helpers.full import full_except
-
-from fastcoil.cli.main import main
 
 pytestmark = pytest.mark.kernel
 
@@ -22,13 +19,16 @@ def folder(tmp_path_factory):
     """A finished study without figures."""
     path = tmp_path_factory.mktemp("plotted")
     (path / "small.toml").write_text(SMALL_STUDY)
-    words = ["run", str(path / "small.toml"), "-o", str(path / "out"), "--no-figures"]
-    assert CliRunner().invoke(main, words).exit_code == 0
+    assert fastcoil("run", path / "small.toml", "-o", path / "out", "--no-figures").exit_code == 0
     return path / "out"
 
 
 def plot(*words):
-    return CliRunner().invoke(main, ["plot", *map(str, words)])
+    return fastcoil("plot", *words)
+
+
+def read_files(folder):
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 @pytest.mark.parametrize(
@@ -47,29 +47,19 @@ def test_the_standard_figures_are_written_in_the_format_asked_for(folder, format
 @pytest.mark.parametrize(
     "words",
     [
-        ("-x", "estimate", "--metric", "rms"),
-        ("-x", "backlash", "-y", "backlash"),
-        ("-x", "backlash", "--by", "backlash"),
-        ("-x", "backlash", "-y", "estimate_ratio", "--by", "kp"),
-        ("-x", "backlash", "--by", "day"),
-        ("--dpi", "fine"),
-        ("--by", "backlash"),
-        ("--width", "84"),
-        ("--width", "20mm"),
-        ("-o", "figure.pdf", "--format", "png"),
-        ("-o", "figure.jpg"),
-        ("--at", "backlash=0.05"),
-        ("--relative-to", "backlash=0"),
+        *("--dpi fine", "--by backlash", "--width 84", "--width 20mm", "-o figure.pdf --format png", "-o figure.jpg"),
+        *(f"-x backlash {axes}" for axes in ("-y backlash", "--by backlash", "-y estimate_ratio --by kp", "--by day")),
+        *("-x estimate --metric rms", "--at backlash=0.05", "--relative-to backlash=0"),
     ],
 )
 def test_a_mistake_is_one_sentence_and_draws_nothing(folder, words):
-    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-    assert_command_refused("plot", folder, *words)
-    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+    before = read_files(folder)
+    assert_command_refused("plot", folder, *words.split())
+    assert read_files(folder) == before
 
 
 def test_a_figure_goes_where_it_is_sent_in_the_format_of_its_name(folder, tmp_path):
-    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    before = read_files(folder)
     result = plot(folder, "-x", "backlash", "--metric", "rmse", "-o", tmp_path / "one.pdf", "--width", "84mm")
     assert result.exit_code == 0, result.output
     assert [path.name for path in tmp_path.iterdir()] == ["one.pdf"]
@@ -77,12 +67,11 @@ def test_a_figure_goes_where_it_is_sent_in_the_format_of_its_name(folder, tmp_pa
     assert float(width[1]) == pytest.approx(84 / 25.4 * 72, abs=0.01)
     assert plot(folder, "--at", "backlash=0.02", "-o", tmp_path / "many").exit_code == 0
     assert [path.name for path in (tmp_path / "many").iterdir()] == ["bands_backlash=0.02.png"]
-    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+    assert read_files(folder) == before
 
 
 def test_labels_are_fixed_and_changes_are_told_in_the_name_and_in_the_heading(folder):
-    words = ["--at", "backlash=0.07", "--relative-to", "estimate_ratio=0", "--format", "svg"]
-    result = plot(folder, *words)
+    result = plot(folder, "--at", "backlash=0.07", "--relative-to", "estimate_ratio=0", "--format", "svg")
     assert result.exit_code == 0, result.output
     path = folder / "figures" / "bands_backlash=0.07_to-estimate_ratio=0.svg"
     assert result.output == f"{path}\n"

@@ -42,11 +42,9 @@ for command in sys.argv[1:]:
 
 def modules_loaded_by(folder, *commands):
     """The modules that commands load, one after the other, in a process of their own."""
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
     words = [sys.executable, "-X", "importtime", "-c", RUN_WITHOUT_DASK, *commands]
-    process = subprocess.run(
-        words, env=environment, cwd=folder, capture_output=True, text=True, check=False, timeout=300
-    )
+    options = {"env": os.environ | {"PYTHONPATH": str(ROOT)}, "cwd": folder, "timeout": 300}
+    process = subprocess.run(words, capture_output=True, text=True, check=False, **options)
     assert process.returncode == 0, process.stderr[-2000:]
     lines = [line for line in process.stderr.splitlines() if line.startswith("import time:")]
     return {line.rpartition("|")[2].strip() for line in lines}
@@ -67,10 +65,5 @@ def test_what_is_compiled_is_run_without_the_compiler_or_anything_that_draws(tmp
 
 
 def test_help_loads_no_library_that_computes(tmp_path):
-    assert (
-        modules_below(
-            modules_loaded_by(tmp_path, "run --help"),
-            ("numpy", "numba", "xarray", "pandas", "asyncio", *UNUSED_MODULES),
-        )
-        == []
-    )
+    computing_modules = ("numpy", "numba", "xarray", "pandas", "asyncio", *UNUSED_MODULES)
+    assert modules_below(modules_loaded_by(tmp_path, "run --help"), computing_modules) == []

@@ -18,11 +18,9 @@ def run_in_shell(tmp_path):
     root = Path(__file__).parents[2]
 
     def run(words, **env):
-        line = f"set -o pipefail; {COMMAND} {words}"
-        environment = os.environ | {"PYTHONPATH": str(root)} | env
-        return subprocess.run(
-            ["bash", "-c", line], cwd=tmp_path, capture_output=True, timeout=120, check=False, env=environment
-        )
+        command = ["bash", "-c", f"set -o pipefail; {COMMAND} {words}"]
+        env = os.environ | {"PYTHONPATH": str(root)} | env
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, timeout=120, check=False, env=env)
 
     return run
 
@@ -31,12 +29,10 @@ def run_in_shell(tmp_path):
 @pytest.mark.parametrize(
     ("streams", "code", "said"),
     [
-        pytest.param("2>&-", 0, "", marks=pytest.mark.full),
+        (">/dev/full", 4, f"{LOST_OUTPUT} (No space left on device)"),
         pytest.param(">&-", 4, f"{LOST_OUTPUT} (Bad file descriptor)", marks=pytest.mark.full),
         pytest.param("<&- >&- 2>&-", 4, "", marks=pytest.mark.full),
-        (">/dev/full", 4, f"{LOST_OUTPUT} (No space left on device)"),
-        pytest.param("2>/dev/full", 0, "", marks=pytest.mark.full),
-        pytest.param("| head -n 1", 0, "", marks=pytest.mark.full),
+        *(pytest.param(streams, 0, "", marks=pytest.mark.full) for streams in ("2>&-", "2>/dev/full", "| head -n 1")),
     ],
 )
 def test_a_study_is_run_whatever_becomes_of_the_streams(run_in_shell, tmp_path, streams, code, said):
@@ -49,11 +45,8 @@ def test_a_study_is_run_whatever_becomes_of_the_streams(run_in_shell, tmp_path, 
     assert "Exception" not in errors
     assert errors.splitlines()[-1:] == [line for line in errors.splitlines() if line.startswith(LOST_OUTPUT)][-1:]
     assert said in errors
-    assert sorted(p.name for p in (tmp_path / "out").iterdir() if p.name[0] != ".") == [
-        "results.nc",
-        "run.json",
-        "study.toml",
-    ]
+    names = {path.name for path in (tmp_path / "out").iterdir() if path.name[0] != "."}
+    assert names == {"results.nc", "run.json", "study.toml"}
 
 
 def test_help_that_cannot_be_printed_says_so(run_in_shell):

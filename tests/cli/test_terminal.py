@@ -4,12 +4,11 @@ import ast
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from helpers import commands
 
 import fastcoil
 from fastcoil.base.errors import InputError
 from fastcoil.base.text import escape_control_characters
-from fastcoil.cli.main import main
 from fastcoil.cli.terminal import print_error
 
 UNSAFE_TEXT = "\x1b[2J\x1b]0;x\x07\r\n\x00\x7f\x85\x9b\u202e\u2066\u2028\ud800"
@@ -21,7 +20,7 @@ ESCAPED_TEXT = r"\x1b[2J\x1b]0;x\x07\r\n\x00\x7f\x85\x9b\u202e\u2066\u2028\ud800
 @pytest.fixture
 def fastcoil_command(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    return lambda *words: CliRunner().invoke(main, words)
+    return commands.fastcoil
 
 
 def toml_string(text):
@@ -30,15 +29,8 @@ def toml_string(text):
 
 
 def test_no_character_controls_the_terminal():
-    for code in [
-        *range(0x20),
-        *range(0x7F, 0xA0),
-        0x61C,
-        0x200E,
-        0x200F,
-        *range(0x202A, 0x202F),
-        *range(0x2066, 0x206A),
-    ]:
+    directional_marks = [0x61C, 0x200E, 0x200F, *range(0x202A, 0x202F), *range(0x2066, 0x206A)]
+    for code in [*range(0x20), *range(0x7F, 0xA0), *directional_marks]:
         assert escape_control_characters(f"a{chr(code)}b") == f"a{chr(code).encode('unicode_escape').decode()}b"
     assert escape_control_characters(UNSAFE_TEXT) == ESCAPED_TEXT
 

@@ -95,8 +95,7 @@ def test_a_loop_with_too_large_an_estimate_is_told_of_its_chatter_and_of_what_en
 @pytest.mark.kernel
 def test_simc_does_not_depend_on_the_gains_that_a_loop_has():
     gains = [fc.explain(FAST.assign(kp=kp, ti=ti), DAY).cures.sel(cure="simc") for kp, ti in ((0.003, 200), (0.1, 8))]
-    assert float(gains[0].kp) == float(gains[1].kp)
-    assert float(gains[0].ti) == float(gains[1].ti)
+    assert (float(gains[0].kp), float(gains[0].ti)) == (float(gains[1].kp), float(gains[1].ti))
 
 
 @pytest.mark.kernel
@@ -160,8 +159,7 @@ def test_the_swing_at_an_operating_point_is_that_of_its_settled_seconds():
     T_sup += np.where((t >= 1800) & (t < 2400), 5.0, 0.0) + np.where(t < 600, 9.0, 0.0)
     now = xr.Dataset({"T_sup": ("elapsed_time", T_sup)}, coords={"elapsed_time": t})
     assert simulated_swings(points, day, now) == pytest.approx([0.6, 0.6], abs=1e-3)
-    short = operating_points(day, warm_up=0, at=2000)
-    assert np.isnan(simulated_swings(short, day, now)).all()
+    assert np.isnan(simulated_swings(operating_points(day, warm_up=0, at=2000), day, now)).all()
 
 
 @pytest.mark.parametrize(
@@ -198,6 +196,5 @@ def test_an_explanation_contradicts_neither_the_simulation_nor_itself_nor_the_ne
 def test_what_a_log_says_does_not_contradict_itself_and_its_gains_stop_the_hunting_of_all_but_one_in_a_hundred(seeds):
     problems = {seed: contradictions_of_log(random_loop(seed)) for seed in seeds}
     wrong = {seed: of_seed for seed, of_seed in problems.items() if of_seed}
-    alone = [problem for of_seed in wrong.values() for problem in of_seed if not problem.startswith("advised gains")]
-    assert not alone
+    assert not [problem for of_seed in wrong.values() for problem in of_seed if not problem.startswith("advised gains")]
     assert len(wrong) <= len(seeds) // 50, wrong

@@ -82,8 +82,7 @@ def test_a_loop_that_does_not_hunt_reports_how_far_it_is(quiet):
     assert quiet.predicted is False
     assert quiet.text.startswith("This loop will not hunt.")
     factor = float(re.search(r"this one would with ([\d.]+) times this kp", quiet.why)[1])
-    beyond = explain(LBNL.assign(kp=0.018 * factor), DAY)
-    assert beyond.hunting_index == pytest.approx(HUNTING_INDEX_LIMIT, rel=0.03)
+    assert explain(LBNL.assign(kp=0.018 * factor), DAY).hunting_index == pytest.approx(HUNTING_INDEX_LIMIT, rel=0.03)
     assert math.isnan(quiet.period)
 
 
@@ -137,10 +136,8 @@ def test_a_sweep_several_days_and_a_second_beyond_the_end_are_refused_together()
 
 
 def test_the_figure_marks_loop_and_cures_on_the_map_and_draws_both_days(hunting):
-    fig = hunting.plot()
-    gains, day = fig.axes
-    assert day.get_xlabel() == "time from the start [h]"
-    assert gains.get_xlabel() == "integral time Ti [s]"
+    gains, day = hunting.plot().axes
+    assert (day.get_xlabel(), gains.get_xlabel()) == ("time from the start [h]", "integral time Ti [s]")
     marks = {line.get_label(): line.get_xydata() for line in gains.lines}
     assert marks["as it is"].tolist() == [[10.0, 0.03]]
     assert marks["longer ti"][0, 0] == float(hunting.cures.sel(cure="longer_ti")["ti"])

@@ -31,8 +31,7 @@ def test_the_gain_at_which_a_lag_with_delay_begins_to_cycle(ratio, critical):
     s = 1j * W
     for delay, gain in critical.items():
         L = (1.0 + 1.0 / (ratio * s)) * np.exp(-delay * s) / (1.0 + s)
-        hunting_index = balance_with_gap(L)[1].product.max()
-        assert 1.0 / hunting_index == pytest.approx(gain, rel=0.04, abs=0.006), delay
+        assert 1.0 / balance_with_gap(L)[1].product.max() == pytest.approx(gain, rel=0.04, abs=0.006), delay
 
 
 @pytest.mark.parametrize(
@@ -53,16 +52,14 @@ def test_the_cycle_of_a_pi_before_an_integrator(z, amplitude, w, output):
     u = np.broadcast_to(A, at.shape)
     goes_on, cycle = find_sustained_cycle(Swings(balance.product, at, u, u * balance.size), 10.0 * GAP)
     assert goes_on.all()
-    assert cycle.u[0] / GAP == pytest.approx(amplitude, rel=0.01)
-    assert cycle.w[0] == pytest.approx(w, rel=0.01)
+    assert (cycle.u[0] / GAP, cycle.w[0]) == (pytest.approx(amplitude, rel=0.01), pytest.approx(w, rel=0.01))
     assert cycle.T[0] / GAP == pytest.approx(output, rel=0.01)
 
 
 def test_a_cycle_has_to_be_started():
     """Of the two cycles the smaller one parts: a swing below it dies, one above it ends in the larger one."""
     s = 1j * W
-    L = 0.5 * (1.0 + 10.0 / s) * np.exp(-0.1 * s) / (1.0 + s)
-    A, balance = balance_with_gap(L)
+    A, balance = balance_with_gap(0.5 * (1.0 + 10.0 / s) * np.exp(-0.1 * s) / (1.0 + s))
     at, u = frequency_at(W, balance.place), np.broadcast_to(A, balance.place.shape)
     swings = Swings(balance.product, at, u, u)
     ends = [find_sustained_cycle(swings, start) for start in (0.51 * GAP, 0.6 * GAP, 1.0, 20.0)]

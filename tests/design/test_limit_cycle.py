@@ -47,8 +47,7 @@ def test_what_is_predicted_happens_on_both_sides_of_the_boundary():
         {"ti": 15.0, "kp": 0.04, "sample_time": 5.0, "backlash": 0.03},
     ]  # fmt: skip
     names = sorted({name for case in named for name in case})
-    swept = {n: ("case", [case.get(n, LOOP[n]) for case in named]) for n in names}
-    loop = LOOP.assign(**swept)
+    loop = LOOP.assign(**{n: ("case", [case.get(n, LOOP[n]) for case in named]) for n in names})
     simulated = fc.simulate(loop, day(), warm_up=3 * 3600)
     predicted = fc.limit_cycle(loop, day(), at=HOURS * 3600 - 1)
     assert 4 <= int(simulated.hunts.sum()) < 10

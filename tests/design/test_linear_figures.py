@@ -8,39 +8,28 @@ import fastcoil as fc
 
 pytestmark = pytest.mark.kernel
 
-
-@pytest.fixture(scope="module")
-def day():
-    return fc.constant_day(1.0)
+DAY = fc.constant_day(1.0)
+LOOPS = fc.Loop.preset("lbnl").assign(ti=[10.0, 30.0, 100.0])
 
 
-@pytest.fixture(scope="module")
-def loops():
-    return fc.Loop.preset("lbnl").assign(ti=[10.0, 30.0, 100.0])
-
-
-def test_a_figure_is_readable(loops, day):
-    for loop in (loops, fc.Loop(backlash=0.0)):
-        figure = fc.nyquist(loop, day)
+def test_a_figure_is_readable():
+    for loop in (LOOPS, fc.Loop(backlash=0.0)):
+        figure = fc.nyquist(loop, DAY)
         assert_texts_fit(figure)
         assert_palette(figure)
-
-
-def thick_curves(axes):
-    return [line.get_xydata() for line in axes.lines if len(line.get_xydata()) > 1000]
 
 
 def complex_of(line):
     return line.get_xydata() @ np.array([1.0, 1.0j])
 
 
-def test_nyquist_says_what_limit_cycle_predicts_and_its_dots_are_the_cycle_or_lie_on_both_curves(loops, day):
-    predicted = fc.limit_cycle(loops, day)
-    axes = fc.nyquist(loops, day).axes[0]
+def test_nyquist_says_what_limit_cycle_predicts_and_its_dots_are_the_cycle_or_lie_on_both_curves():
+    predicted = fc.limit_cycle(LOOPS, DAY)
+    axes = fc.nyquist(LOOPS, DAY).axes[0]
     texts = [text.get_text() for text in axes.get_legend().get_texts()]
     dots = [complex_of(line) for line in axes.lines if line.get_marker() == "o"]
     thin = [complex_of(line) for line in axes.lines if line.get_label() == "_-1/N"]
-    thick = [line @ np.array([1.0, 1.0j]) for line in thick_curves(axes)]
+    thick = [complex_of(line) for line in axes.lines if len(line.get_xydata()) > 1000]
     for k, (text, marked, minus_1_over_N, L) in enumerate(zip(texts, dots, thin, thick, strict=True)):
         cycle = predicted.isel(ti=k)
         ends = "hunts" if cycle.hunts > 0 else "does not hunt"
@@ -48,7 +37,7 @@ def test_nyquist_says_what_limit_cycle_predicts_and_its_dots_are_the_cycle_or_li
         assert text == f"integral time Ti = {float(cycle.ti):g} s: {index}, {ends}"
         assert np.abs(L - marked[0]).min() < 0.01
         at = 2.0 * np.pi / cycle.period if cycle.hunts > 0 else cycle.frequency
-        linear = fc.linearise(loops.assign(ti=float(cycle.ti)), day, frequency=[float(at)])
+        linear = fc.linearise(LOOPS.assign(ti=float(cycle.ti)), DAY, frequency=[float(at)])
         assert abs(marked[0]) == pytest.approx(float(linear.loop_magnitude.squeeze()), rel=1e-3)
         assert marked.size == (1 if cycle.hunts > 0 else 2)
         if marked.size == 2:

@@ -11,20 +11,13 @@ from fastcoil.design.plants import frequency_response, linearise_plants
 
 pytestmark = pytest.mark.kernel
 
-
-@pytest.fixture(scope="module")
-def days():
-    return fc.paper_day(hours=1.0, seed=[3, 8])
+DAYS = fc.paper_day(hours=1.0, seed=[3, 8])
+SWEEP = fc.Loop(kp=[0.01, 0.05], backlash=("valve", [0.0, 0.07, 0.1]), m_max=("valve", [1.5, 1.8, 2.0]))
 
 
 @pytest.fixture(scope="module")
-def sweep():
-    return fc.Loop(kp=[0.01, 0.05], backlash=("valve", [0.0, 0.07, 0.1]), m_max=("valve", [1.5, 1.8, 2.0]))
-
-
-@pytest.fixture(scope="module")
-def linearised(sweep, days):
-    return fc.linearise(sweep, days, at=[100, 3000], frequency=[0.001, 0.02, 0.2], state_space=True)
+def linearised():
+    return fc.linearise(SWEEP, DAYS, at=[100, 3000], frequency=[0.001, 0.02, 0.2], state_space=True)
 
 
 def test_the_dims_are_those_of_the_loop_then_day_then_time(linearised):
@@ -36,17 +29,17 @@ def test_the_dims_are_those_of_the_loop_then_day_then_time(linearised):
     np.testing.assert_allclose(linearised.m_max, [1.5, 1.8, 2.0])
 
 
-def test_each_point_is_what_it_is_alone(linearised, sweep, days):
-    day, loop = fc.Boundary.from_dataset(days.to_dataset().isel(day=[1])), fc.Loop(kp=0.05, backlash=0.07, m_max=1.8)
+def test_each_point_is_what_it_is_alone(linearised):
+    day, loop = fc.Boundary.from_dataset(DAYS.to_dataset().isel(day=[1])), fc.Loop(kp=0.05, backlash=0.07, m_max=1.8)
     alone = fc.linearise(loop, day, at=3000, frequency=[0.001, 0.02, 0.2])
     there = linearised.sel(kp=0.05).isel(valve=1, day=1, elapsed_time=1)
     for name in alone:
         np.testing.assert_allclose(there[name], alone[name].isel(day=0), rtol=1e-6, err_msg=name)
 
 
-def test_what_enters_is_what_the_boundary_says_at_that_second(linearised, days):
+def test_what_enters_is_what_the_boundary_says_at_that_second(linearised):
     T_sup = linearised.T_sup.transpose("day", "elapsed_time", ...).values[..., 0, 0]
-    np.testing.assert_allclose(T_sup, days.series["T_set"][:, [100, 3000]], atol=1e-8)
+    np.testing.assert_allclose(T_sup, DAYS.series["T_set"][:, [100, 3000]], atol=1e-8)
 
 
 def test_without_at_the_means_of_the_enabled_seconds_after_the_warm_up_count():
@@ -62,11 +55,11 @@ def test_without_at_the_means_of_the_enabled_seconds_after_the_warm_up_count():
         np.testing.assert_allclose(mean[name], alone[name], rtol=1e-6, err_msg=name)
 
 
-def test_phase_and_magnitude_are_those_of_the_response(sweep, days):
+def test_phase_and_magnitude_are_those_of_the_response():
     """Far apart on the axis, the phase still has no jumps: from 180° of a cooling coil on downwards."""
     w = np.array([1e-5, 2.0])
-    ds = fc.linearise(sweep, days, at=5, frequency=w)
-    points = OperatingPoints(sweep, days, 5)
+    ds = fc.linearise(SWEEP, DAYS, at=5, frequency=w)
+    points = OperatingPoints(SWEEP, DAYS, 5)
     index = np.arange(points.size)
     plants = linearise_plants(points.columns(index), points.conditions(index))
     G = frequency_response(plants.response, w)
@@ -97,10 +90,10 @@ def test_phase_and_magnitude_are_those_of_the_response(sweep, days):
         ({"loop": fc.Loop(kp=("gain", [0.1, 0.2]))}, "gain", "conflict"),
     ],
 )
-def test_a_wrong_call_gets_one_sentence(changes, field, code, days):
-    assert_refused(field, code, fc.linearise, **{"loop": fc.Loop(), "boundary": days, "at": 0} | changes)
+def test_a_wrong_call_gets_one_sentence(changes, field, code):
+    assert_refused(field, code, fc.linearise, **{"loop": fc.Loop(), "boundary": DAYS, "at": 0} | changes)
 
 
-def test_an_unstable_coil_is_refused(days):
+def test_an_unstable_coil_is_refused():
     with pytest.raises(fc.InputError, match="unstable at dt = 1 s"):
-        fc.linearise(fc.Loop(C_w=1.0), days, at=0)
+        fc.linearise(fc.Loop(C_w=1.0), DAYS, at=0)

@@ -60,15 +60,13 @@ def test_open_loop_and_margins_are_those_of_python_control(name, sampling):
 def test_the_gap_opens_the_valve_faster_behind_it():
     w = np.array([0.001, 0.03])
     plain = loop_response(*rest_plants("wet, lagged"), w)
-    behind = loop_response(*rest_plants("wet, lagged", backlash=0.2), w)
-    np.testing.assert_allclose(behind, plain / 0.8, rtol=1e-12)
+    np.testing.assert_allclose(loop_response(*rest_plants("wet, lagged", backlash=0.2), w), plain / 0.8, rtol=1e-12)
 
 
 def test_a_loop_that_acts_the_wrong_way_has_neither_margins_nor_tunings():
     columns, plant = rest_plants("heating", action="cooling")
     margins = margins_of(columns, plant)
-    gains = simc(columns, plant, first_order(columns, plant))
-    for value in (*margins, *gains):
+    for value in (*margins, *simc(columns, plant, first_order(columns, plant))):
         assert np.isnan(value[0])
 
 

@@ -10,17 +10,12 @@ from fastcoil.design.tuning_plan import hunting_indices, plan_tuning
 pytestmark = pytest.mark.kernel
 
 HOW = {"warm_up": 60, "evaluations": 16}
+POPULATION = fc.Loop(backlash=("sample", [0.0, 0.05, 0.1])), fc.paper_day(hours=0.1, seed=[1, 2])
 
 
-@pytest.fixture(scope="module")
-def population():
-    return fc.Loop(backlash=("sample", [0.0, 0.05, 0.1])), fc.paper_day(hours=0.1, seed=[1, 2])
-
-
-def test_no_valve_has_a_larger_hunting_index_than_allowed_and_it_is_that_of_limit_cycle(population):
-    limits = {"hunting_index": (0.6, 1.0)}
-    tuned = fc.tune(*population, search={"kp": (0.005, 0.2)}, limits=limits, n_jobs=1, **HOW)
-    group = plan_tuning(*population, search={"kp": (0.005, 0.2)}, **HOW).training
+def test_no_valve_has_a_larger_hunting_index_than_allowed_and_it_is_that_of_limit_cycle():
+    tuned = fc.tune(*POPULATION, search={"kp": (0.005, 0.2)}, limits={"hunting_index": (0.6, 1.0)}, n_jobs=1, **HOW)
+    group = plan_tuning(*POPULATION, search={"kp": (0.005, 0.2)}, **HOW).training
     means = {name: values[:, 60:].mean(axis=1) for name, values in group.boundary.series.items()}
     steady = {name: np.repeat(values[:, None], 2000, axis=1) for name, values in means.items()}
     for tuning, kp in (("now", 0.03), ("chosen", tuned.parameters["kp"])):
@@ -33,8 +28,8 @@ def test_no_valve_has_a_larger_hunting_index_than_allowed_and_it_is_that_of_limi
     assert tuned.trained.hunting_index_p100.attrs["long_name"] == "hunting index, largest"
 
 
-def test_a_ratio_stands_in_for_the_estimate(population):
-    loop, days = population
+def test_a_ratio_stands_in_for_the_estimate():
+    loop, days = POPULATION
     estimates = loop.assign(backlash_estimate=("sample", [0.0, 0.04, 0.08]))
     both = [hunting_indices(swept, days, 60) for swept in (estimates, loop.assign(estimate_ratio=0.8))]
     np.testing.assert_allclose(*both, rtol=1e-9)
@@ -45,7 +40,7 @@ def test_a_ratio_stands_in_for_the_estimate(population):
     ("change", "search"),
     [({"slip_jump": 0.0}, {"error_dead_band": (0.0, 0.3)}), ({"learning_step": 0.01}, {"kp": (0.01, 0.1)})],
 )
-def test_loops_without_a_hunting_index_are_refused(population, change, search):
-    loop, days = population
+def test_loops_without_a_hunting_index_are_refused(change, search):
+    loop, days = POPULATION
     options = {"search": search, "limits": {"hunting_index": 0.8}} | HOW
     assert_refused("hunting_index", "unsupported", plan_tuning, loop.assign(**change), days, **options)

@@ -28,11 +28,8 @@ def test_what_failed_or_never_happened_is_worse_than_all():
 
 def test_limits_take_the_quantile_of_the_objective_or_their_own():
     parsed = parse_limits({"motor_travel": 20, "hunts": (0.05, "mean"), "reversals": ["now", 0.5]}, 0.9)
-    assert parsed == [
-        Limit(Measure("motor_travel", 0.9), 20.0),
-        Limit(Measure("hunts", None), 0.05),
-        Limit(Measure("reversals", 0.5), math.inf, as_now=True),
-    ]
+    of_their_own = Limit(Measure("hunts", None), 0.05), Limit(Measure("reversals", 0.5), math.inf, as_now=True)
+    assert parsed == [Limit(Measure("motor_travel", 0.9), 20.0), *of_their_own]
 
 
 def test_a_limit_counts_by_how_much_it_is_broken_of_itself():

@@ -29,10 +29,8 @@ def test_the_emulator_rests_where_the_theory_says(name):
     ds = emulate(name, np.full((1, AT_REST), plant.opening[0]), AT_REST).isel(day=0, elapsed_time=-1)
     assert plant.reachable[0]
     T_set = LINEAR_LOOPS[name][1].get("T_set", 14.0)
-    assert plant.T_sup[0] == pytest.approx(T_set, abs=1e-8)
-    assert float(ds.T_sup) == pytest.approx(T_set, abs=1e-6)
-    assert float(ds.m_w) == pytest.approx(plant.m_w[0], rel=1e-12)
-    assert float(ds.wet_volumes) == plant.wet_volumes[0]
+    assert (plant.T_sup[0], float(ds.T_sup)) == (pytest.approx(T_set, abs=1e-8), pytest.approx(T_set, abs=1e-6))
+    assert (float(ds.m_w), float(ds.wet_volumes)) == (pytest.approx(plant.m_w[0], rel=1e-12), plant.wet_volumes[0])
 
 
 def test_the_kinds_are_dry_wet_and_partly_wet():
@@ -42,8 +40,9 @@ def test_the_kinds_are_dry_wet_and_partly_wet():
 
 
 @pytest.mark.parametrize("name", LINEAR_LOOPS)
-def test_the_response_is_that_of_the_emulator_to_a_small_step(name):
-    _, plant = rest_plants(name)
+def test_the_response_is_that_of_the_emulator_to_a_small_step_and_that_of_the_linear_map(name):
+    columns, conditions = rest_points(name)
+    plant, (A, B, C) = linearise_plants(columns, conditions), state_space(columns, conditions)
     size, after = 1e-4, 400
     openings = np.full((2, AT_REST + after), plant.opening[0])
     openings[0, AT_REST:] += size
@@ -53,12 +52,6 @@ def test_the_response_is_that_of_the_emulator_to_a_small_step(name):
     n = min(after - 1, plant.response.shape[1])
     np.testing.assert_allclose(plant.response[0, :n], expected[:n], atol=1e-6 * abs(plant.gain[0]))
     assert plant.response[0, -1] == pytest.approx(plant.gain[0], rel=2e-4)
-
-
-@pytest.mark.parametrize("name", LINEAR_LOOPS)
-def test_the_response_is_that_of_the_linear_map(name):
-    columns, conditions = rest_points(name)
-    plant, (A, B, C) = linearise_plants(columns, conditions), state_space(columns, conditions)
     x, T = np.zeros(B.size), []
     for _ in range(plant.response.shape[1]):
         x = A @ x + B
@@ -75,8 +68,7 @@ def test_a_response_that_outlasts_the_longest_goes_on_as_a_geometric_series():
     assert plant.response.shape[1] == LONGEST_RESPONSE
     assert plant.response[0, -1] / plant.gain[0] < 0.99
     w = np.geomspace(1e-5, 0.1, 40)
-    theirs = control.ss(A, B[:, None], C[None, :], 0.0, 1.0)
-    expected = theirs.frequency_response(w).complex.ravel()
+    expected = control.ss(A, B[:, None], C[None, :], 0.0, 1.0).frequency_response(w).complex.ravel()
     np.testing.assert_allclose(frequency_response(plant.response, w)[0], expected, rtol=0.02)
 
 

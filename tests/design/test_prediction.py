@@ -7,17 +7,9 @@ import pytest
 from helpers.first_order_plants import first_order_plants, join_plants
 
 import fastcoil as fc
+from fastcoil.design import prediction
 from fastcoil.design.limit_cycle import HUNTING_INDEX_LIMIT, predict_cycles
 from fastcoil.design.operating_points import PointsOfDay
-from fastcoil.design.prediction import (
-    PHASE_PARTS,
-    Prediction,
-    hunting_index_omissions,
-    largest_integral_speed,
-    phase_shares,
-    predict_cycles_at,
-    shortest_ti,
-)
 from fastcoil.loops.scenarios import parameter_columns
 
 GAIN, LAG = -15.0, 100.0
@@ -34,7 +26,7 @@ def predict_at_plants(loop, *plants):
     cycles = predict_cycles(parameter_columns(loop, {}, nothing), join_plants(*plants))
     points = PointsOfDay(nothing, nothing + 1, {"T_set": nothing + 14.0}, nothing)
     worst = int(np.argmax(cycles.hunting_index))
-    return Prediction(loop, points, join_plants(*plants), cycles, np.arange(len(plants)), worst)
+    return prediction.Prediction(loop, points, join_plants(*plants), cycles, np.arange(len(plants)), worst)
 
 
 def loop_with_ratios(kappa, rho, **changes):
@@ -52,7 +44,7 @@ def loop_with_ratios(kappa, rho, **changes):
 def test_the_shortest_ti_is_that_of_the_published_table(rho, theta, kappa):
     """literature: critical gain of a first-order lag with delay behind any backlash, by ti/lag and delay/lag."""
     loop = loop_with_ratios(kappa, 0.05)
-    assert shortest_ti(predict_at_delay(loop, theta), 1.0) == pytest.approx(rho * LAG, rel=0.06)
+    assert prediction.shortest_ti(predict_at_delay(loop, theta), 1.0) == pytest.approx(rho * LAG, rel=0.06)
 
 
 def test_the_shortest_ti_holds_where_the_loop_is_worst_then_and_not_only_where_it_is_worst_now():
@@ -60,16 +52,16 @@ def test_the_shortest_ti_holds_where_the_loop_is_worst_then_and_not_only_where_i
     loop = fc.Loop(kp=0.1, ti=3.0, sample_time=1)
     both = predict_at_plants(loop, strong, late)
     assert both.worst_point == 0
-    alone = [shortest_ti(predict_at_plants(loop, plant), 0.33) for plant in (strong, late)]
+    alone = [prediction.shortest_ti(predict_at_plants(loop, plant), 0.33) for plant in (strong, late)]
     assert alone[1] > 1.2 * alone[0]
-    assert shortest_ti(both, 0.33) == pytest.approx(alone[1], rel=1e-3)
+    assert prediction.shortest_ti(both, 0.33) == pytest.approx(alone[1], rel=1e-3)
 
 
 def test_the_margins_of_a_sweep_are_those_of_its_loops_point_by_point():
     plants = [first_order_plants(GAIN, LAG, delay) for delay in (5, 20, 60)]
     loops = [loop_with_ratios(kappa, 0.3) for kappa in (0.5, 2.0)]
     swept = loops[0].assign(kp=("tuning", [loop["kp"] for loop in loops]))
-    margins = predict_cycles_at(swept, join_plants(*plants), np.array([2, 0])).hunting_index
+    margins = prediction.predict_cycles_at(swept, join_plants(*plants), np.array([2, 0])).hunting_index
     expected = [[predict_at_plants(loop, plant).hunting_index for plant in (plants[2], plants[0])] for loop in loops]
     assert margins == pytest.approx(np.array(expected), rel=1e-4)
 
@@ -78,26 +70,28 @@ def test_the_hunting_index_is_that_of_a_step_of_the_command():
     """(kp K)^0.7 (T + 2 θ)/ti, θ with half of the sample time; of several operating points the largest."""
     loop = loop_with_ratios(1.6, 0.3, noise_std=0.02)
     expected = 1.6**0.7 * (LAG + 2.0 * (20.0 + 0.5)) / (0.3 * LAG)
-    assert largest_integral_speed(predict_at_delay(loop, 20)) == pytest.approx(expected, rel=0.02)
+    assert prediction.largest_integral_speed(predict_at_delay(loop, 20)) == pytest.approx(expected, rel=0.02)
     slower = first_order_plants(GAIN, LAG, 50.0)
-    assert largest_integral_speed(predict_at_plants(loop, first_order_plants(GAIN, LAG, 20.0), slower)) > 1.2 * expected
-    (clause,) = hunting_index_omissions(predict_at_delay(loop, 20))
+    assert (
+        prediction.largest_integral_speed(predict_at_plants(loop, first_order_plants(GAIN, LAG, 20.0), slower))
+        > 1.2 * expected
+    )
+    (clause,) = prediction.hunting_index_omissions(predict_at_delay(loop, 20))
     assert clause.startswith("the noise of 0.02 K")
-    assert clause.endswith(f"here it is {largest_integral_speed(predict_at_delay(loop, 20)):.2g}")
-    assert hunting_index_omissions(predict_at_delay(loop_with_ratios(1.6, 0.3, noise_std=0.0), 20)) == ()
+    assert clause.endswith(f"here it is {prediction.largest_integral_speed(predict_at_delay(loop, 20)):.2g}")
+    assert prediction.hunting_index_omissions(predict_at_delay(loop_with_ratios(1.6, 0.3, noise_std=0.0), 20)) == ()
 
 
 def test_twice_the_kp_is_twice_the_margin_and_needs_a_longer_ti():
     near, far = (predict_at_delay(loop_with_ratios(kappa, 0.5), 20) for kappa in (2.0, 1.0))
     assert near.hunting_index == pytest.approx(2.0 * far.hunting_index, rel=1e-6)
-    assert shortest_ti(near, HUNTING_INDEX_LIMIT) > shortest_ti(far, HUNTING_INDEX_LIMIT)
+    assert prediction.shortest_ti(near, HUNTING_INDEX_LIMIT) > prediction.shortest_ti(far, HUNTING_INDEX_LIMIT)
 
 
 def test_the_parts_take_180_degrees_each_what_its_formula_says():
-    loop = loop_with_ratios(4.0, 0.3, sensor_time_constant=20.0)
-    shares = phase_shares(predict_at_delay(loop, 10))
+    shares = prediction.phase_shares(predict_at_delay(loop_with_ratios(4.0, 0.3, sensor_time_constant=20.0), 10))
     w = 2.0 * math.pi / shares.attrs["period"]
-    assert tuple(shares["part"].values) == tuple(PHASE_PARTS)
+    assert tuple(shares["part"].values) == tuple(prediction.PHASE_PARTS)
     assert float(shares.sum()) == pytest.approx(180.0)
     assert float(shares.sel(part="integral")) == pytest.approx(90.0 - math.degrees(math.atan(30.0 * w)), abs=2.0)
     assert float(shares.sel(part="sensor")) == pytest.approx(math.degrees(math.atan(20.0 * w)), abs=2.0)

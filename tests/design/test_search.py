@@ -11,8 +11,7 @@ def run_search(goal, violation, d, evaluations, seed, first=None, travel=None):
     points, scores = [], []
 
     def score(at):
-        violations = violation(at)
-        batch = Scores(violations, np.zeros(len(at)), goal(at), goal(at), at[:, 0] if travel is None else travel(at))
+        batch = Scores(violation(at), np.zeros(len(at)), goal(at), goal(at), at[:, 0] if travel is None else travel(at))
         points.append(at)
         scores.append(batch)
         return batch

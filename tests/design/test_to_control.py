@@ -33,8 +33,7 @@ def test_responses_and_margins_are_those_of_linearise(name):
     plant, L, w = fc.to_control(ds), fc.to_control(ds, loop), ds.frequency.values
     for system, part in ((plant, "plant"), (L, "loop")):
         expected = (ds[f"{part}_magnitude"] * np.exp(1j * np.radians(ds[f"{part}_phase"]))).values
-        response = system.frequency_response(w).complex.ravel()
-        np.testing.assert_allclose(response, expected, rtol=2e-3, atol=1e-5)
+        np.testing.assert_allclose(system.frequency_response(w).complex.ravel(), expected, rtol=2e-3, atol=1e-5)
     assert plant.dcgain() == pytest.approx(float(ds.gain), rel=1e-3)
     gain, phase, _, _ = control.margin(control.frd(L, w))
     end = -L(-1.0 + 0.0j).real  # python-control looks no further than before it

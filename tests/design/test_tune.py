@@ -16,40 +16,32 @@ X = np.linspace(0.0, 0.12, N)
 SEARCH = {"kp": (0.005, 0.2), "ti": (5, 200)}
 LIMITS = {"motor_travel": 0.17, "reversals": ("now", "mean")}
 HOW = {"warm_up": 300}
+LOOP = fc.Loop(backlash=("sample", X), noise_std=0.02)
+DAYS = fc.paper_day(hours=0.4, seed=[1, 2, 3])
 
 
 @pytest.fixture(scope="module")
-def loop():
-    return fc.Loop(backlash=("sample", X), noise_std=0.02)
-
-
-@pytest.fixture(scope="module")
-def days():
-    return fc.paper_day(hours=0.4, seed=[1, 2, 3])
-
-
-@pytest.fixture(scope="module")
-def result(loop, days):
-    return fc.tune(loop, days, search=SEARCH, limits=LIMITS, evaluations=64, n_jobs=1, **HOW)
+def result():
+    return fc.tune(LOOP, DAYS, search=SEARCH, limits=LIMITS, evaluations=64, n_jobs=1, **HOW)
 
 
 def p95(values):
     return np.sort(np.ravel(values))[int(np.ceil(0.95 * values.size - 1e-9)) - 1]
 
 
-def test_it_finds_what_a_grid_of_gains_finds(loop, days):
+def test_it_finds_what_a_grid_of_gains_finds():
     search = {"kp": (0.005, 0.3)}
-    group = plan_tuning(loop, days, search=search, **HOW).training
+    group = plan_tuning(LOOP, DAYS, search=search, **HOW).training
     grid = fc.simulate(group.loop.assign(kp=np.geomspace(0.005, 0.3, 60)), group.boundary, n_jobs=1, **HOW).rmse
     errors = grid.mean(["sample", "day"]).values
-    tuned = fc.tune(loop, days, search=search, quantile="mean", evaluations=48, n_jobs=1, **HOW)
+    tuned = fc.tune(LOOP, DAYS, search=search, quantile="mean", evaluations=48, n_jobs=1, **HOW)
     assert float(tuned.trained.rmse_mean.sel(tuning="chosen", edge="value")) <= errors.min() * 1.01
     assert tuned.parameters["kp"] == pytest.approx(float(grid.kp[errors.argmin()]), rel=0.2)
     assert errors.min() < 0.8 * errors.max(), "or any gain would do"
 
 
-def test_its_numbers_are_those_of_simulations_of_valves_and_days_on_either_side(loop, days, result):
-    request = plan_tuning(loop, days, search=SEARCH, **HOW)
+def test_its_numbers_are_those_of_simulations_of_valves_and_days_on_either_side(result):
+    request = plan_tuning(LOOP, DAYS, search=SEARCH, **HOW)
     for ds, group in ((result.trained, request.training), (result.held_out, request.holdout)):
         valves = [k for k in range(N) if X[k] in np.asarray(group.loop["backlash"])]
         assert tuple(valves) == group.members
@@ -84,12 +76,11 @@ def test_intervals_hold_the_value_and_vary_with_the_valves(result):
         assert (low < high).all()
 
 
-def test_simc_stands_beside_with_the_gains_of_every_valve(loop, days, result):
-    group = plan_tuning(loop, days, search=SEARCH, **HOW).training
-    days = group.boundary
-    means = {name: values[:, 300:].mean(axis=1) for name, values in days.series.items()}
+def test_simc_stands_beside_with_the_gains_of_every_valve(result):
+    group = plan_tuning(LOOP, DAYS, search=SEARCH, **HOW).training
+    means = {name: values[:, 300:].mean(axis=1) for name, values in group.boundary.series.items()}
     steady = {name: np.repeat(values[:, None], 2000, axis=1) for name, values in means.items()}
-    gains = fc.linearise(group.loop, fc.Boundary(**steady, day=days.day))
+    gains = fc.linearise(group.loop, fc.Boundary(**steady, day=group.boundary.day))
     simc_loop = group.loop.assign(kp=gains.kp_simc.median("day"), ti=gains.ti_simc.median("day"))
     first, second = (result.evaluations.isel(evaluation=k) for k in (0, 1))
     assert (float(first.kp), float(first.ti)) == (0.03, 8.0), "the search begins with the loop's own gains"
@@ -99,8 +90,8 @@ def test_simc_stands_beside_with_the_gains_of_every_valve(loop, days, result):
     assert trained == pytest.approx(p95(simulated.rmse.values), rel=1e-6)
 
 
-def test_the_front_is_retried_on_the_hold_out(loop, days, result):
-    group = plan_tuning(loop, days, search=SEARCH, **HOW).holdout
+def test_the_front_is_retried_on_the_hold_out(result):
+    group = plan_tuning(LOOP, DAYS, search=SEARCH, **HOW).holdout
     front = result.front.isel(point=-1)
     simulated = fc.simulate(group.loop.assign(kp=float(front.kp), ti=float(front.ti)), group.boundary, n_jobs=1, **HOW)
     assert float(front.held_out_rmse_p95) == p95(simulated.rmse.values)
@@ -108,14 +99,14 @@ def test_the_front_is_retried_on_the_hold_out(loop, days, result):
     assert (np.diff(result.front.rmse_p95) < 0).all()
 
 
-def test_threads_decide_nothing(loop, days, result):
-    again = fc.tune(loop, days, search=SEARCH, limits=LIMITS, evaluations=64, n_jobs=2, **HOW)
+def test_threads_decide_nothing(result):
+    again = fc.tune(LOOP, DAYS, search=SEARCH, limits=LIMITS, evaluations=64, n_jobs=2, **HOW)
     for name in ("trained", "held_out", "front", "evaluations"):
         assert getattr(again, name).identical(getattr(result, name))
 
 
-def test_limits_that_nothing_keeps_are_said_and_nothing_is_recommended(loop, days, tmp_path):
-    tuned = fc.tune(loop, days, search={"kp": (0.5, 2.0)}, limits={"rmse": 1e-3}, evaluations=8, n_jobs=1, **HOW)
+def test_limits_that_nothing_keeps_are_said_and_nothing_is_recommended(tmp_path):
+    tuned = fc.tune(LOOP, DAYS, search={"kp": (0.5, 2.0)}, limits={"rmse": 1e-3}, evaluations=8, n_jobs=1, **HOW)
     assert not tuned.meets_limits
     assert "No tuning keeps the limits" in tuned.summary()[0]
     assert any(note.startswith("No tuning in these ranges") for note in tuned.notes)
@@ -139,10 +130,10 @@ def test_the_advice_is_to_change_only_what_is_better_and_keeps_its_limits_on_the
         assert settings not in rejected.advice
 
 
-def test_settings_beside_the_gains_are_tuned_and_whole_ones_stay_whole(days):
+def test_settings_beside_the_gains_are_tuned_and_whole_ones_stay_whole():
     loop = fc.Loop(backlash=("sample", X[3:6]), noise_std=0.02, kp=("sample", [0.02, 0.03, 0.04]))
     search = {"sample_time": (5, 60), "error_dead_band": (0.0, 0.3), "kp": (0.01, 0.1)}
-    tuned = fc.tune(loop, days, search=search, quantile="mean", evaluations=12, n_jobs=1, **HOW)
+    tuned = fc.tune(loop, DAYS, search=search, quantile="mean", evaluations=12, n_jobs=1, **HOW)
     assert tuned.parameters["sample_time"] == int(tuned.parameters["sample_time"])
     assert f"sample_time = {int(tuned.parameters['sample_time'])}\n" in tuned.to_toml()
     assert list(tuned.held_out.tuning.values) == ["now", "chosen"]

@@ -7,10 +7,7 @@ from helpers.refusals import assert_refused
 import fastcoil as fc
 from fastcoil.design.tuning_plan import parse_axes
 
-
-@pytest.fixture(scope="module")
-def days():
-    return fc.paper_day(hours=0.6, seed=[1, 2])
+DAYS = fc.paper_day(hours=0.6, seed=[1, 2])
 
 
 @pytest.mark.parametrize(
@@ -67,6 +64,6 @@ def test_axes_are_logarithmic_where_their_ends_are_positive_and_far_apart():
         ({"warm_up": 9999}, "boundary", "data"),
     ],
 )
-def test_every_mistake_is_reported_in_a_sentence(days, change, field, code):
-    arguments = {"loop": fc.Loop(), "boundary": days, "search": {"kp": (0.01, 0.1)}} | change
+def test_every_mistake_is_reported_in_a_sentence(change, field, code):
+    arguments = {"loop": fc.Loop(), "boundary": DAYS, "search": {"kp": (0.01, 0.1)}} | change
     assert_refused(field, code, fc.tune, **arguments)

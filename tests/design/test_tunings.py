@@ -18,15 +18,10 @@ def closed_form(ts, tau=0.0, gap=0.0, delay=DELAY):
     return whole, first_order_plants(GAIN, LAG, delay)
 
 
-def test_a_first_order_plant_with_delay_is_found_as_it_is():
-    model = first_order(*closed_form(ts=1))
-    assert model.lag[0] == pytest.approx(LAG, rel=1e-4)
-    assert model.delay[0] == pytest.approx(DELAY, abs=0.01)
-
-
-def test_the_sensor_is_part_of_what_is_reduced():
+def test_a_first_order_plant_with_delay_is_found_as_it_is_and_a_sensor_is_part_of_it():
     """Two lags in a row: their sum, and about the smaller one's half as delay."""
     bare, seen = first_order(*closed_form(ts=1)), first_order(*closed_form(ts=1, tau=20.0))
+    assert (bare.lag[0], bare.delay[0]) == (pytest.approx(LAG, rel=1e-4), pytest.approx(DELAY, abs=0.01))
     assert LAG < seen.lag[0] < LAG + 20.0
     assert seen.lag[0] + seen.delay[0] == pytest.approx(bare.lag[0] + bare.delay[0] + 20.0, rel=0.03)
 
@@ -59,8 +54,7 @@ def test_ultimate_gain_and_period_are_those_of_the_textbook_plant(gap):
     assert margins.ultimate_period[0] == pytest.approx(2.0 * np.pi / ultimate, rel=2e-3)
     assert margins.ultimate_gain[0] == pytest.approx(np.hypot(1.0, ultimate * LAG) * (1.0 - gap) / -GAIN, rel=2e-3)
     gains = ziegler_nichols(margins.ultimate_gain, margins.ultimate_period)
-    assert gains.kp[0] == 0.45 * margins.ultimate_gain[0]
-    assert gains.ti[0] == margins.ultimate_period[0] / 1.2
+    assert (gains.kp[0], gains.ti[0]) == (0.45 * margins.ultimate_gain[0], margins.ultimate_period[0] / 1.2)
 
 
 @pytest.mark.kernel

@@ -32,14 +32,8 @@ def extended_package(tmp_path):
 
 
 def run(folder, code):
-    return subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=folder,
-        env=os.environ | {"PYTHONPATH": str(folder), "XDG_CACHE_HOME": str(folder)},
-        stdout=subprocess.PIPE,
-        text=True,
-        check=True,
-    ).stdout
+    environment = os.environ | {"PYTHONPATH": str(folder), "XDG_CACHE_HOME": str(folder)}
+    return subprocess.check_output([sys.executable, "-c", code], cwd=folder, env=environment, text=True)
 
 
 def test_the_example_fits_the_sources(extended_package):

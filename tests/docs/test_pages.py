@@ -20,13 +20,8 @@ from fastcoil.study.file.spec import read_study
 from studies.__main__ import questions
 
 ROOT = Path(__file__).parents[2]
-PAGES = [
-    ROOT / "README.md",
-    *sorted((ROOT / "docs").glob("*.md")),
-    *sorted((ROOT / "docs" / "findings").glob("*.md")),
-    ROOT / "studies" / "README.md",
-    ROOT / "benchmarks" / "README.md",
-]
+PAGES = [ROOT / "README.md", *sorted(ROOT.glob("docs/*.md")), *sorted(ROOT.glob("docs/findings/*.md"))]
+PAGES += [ROOT / "studies" / "README.md", ROOT / "benchmarks" / "README.md"]
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
 SPAN = re.compile(r"`([^`\n]+)`")
@@ -68,9 +63,8 @@ def line_matches(line, expected):
     """Whether a printed line is the one shown, but for numbers that another CPU or library may round otherwise."""
     if NUMBER.sub("0", line.strip()) != NUMBER.sub("0", expected.strip()):
         return False
-    return [float(n) for n in NUMBER.findall(line)] == pytest.approx(
-        [float(n) for n in NUMBER.findall(expected)], rel=0.01
-    )
+    numbers, expected_numbers = ([float(n) for n in NUMBER.findall(text)] for text in (line, expected))
+    return numbers == pytest.approx(expected_numbers, rel=0.01)
 
 
 PAGES_WITH_PYTHON = [page for page in PAGES if blocks(page, "python")]
@@ -113,10 +107,8 @@ def test_a_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capsys):
                 program, *words = shlex.split(line.removeprefix("$ "))
                 subprocess.run([sys.executable if program == "python" else program, *words], check=True, timeout=60)
         elif kind == "text" and printed is not None:
-            lines = printed.splitlines()
-            assert all(
-                any(line_matches(line, expected) for line in lines) for expected in text.splitlines() if expected != "…"
-            ), printed
+            for expected in text.splitlines():
+                assert expected == "…" or any(line_matches(line, expected) for line in printed.splitlines()), printed
 
 
 def test_the_readme_shows_the_script_of_the_first_look():
@@ -185,8 +177,7 @@ def command_problem(program, words, targets):
         return None if words[0] in SCRIPTS or (ROOT / words[0]).is_file() else f"no {words[0]}"
     if program != "fastcoil":
         return None if program in TOOLS else f"{program} is unknown"
-    command = main
-    words = list(words)
+    command, words = main, list(words)
     while isinstance(command, click.Group) and words and not words[0].startswith("-"):
         name = words.pop(0)
         command = command.commands.get(name)
@@ -203,14 +194,14 @@ def test_every_command_exists(page):
     all_commands = [words for _, text in blocks(page, "sh") for words in commands(text)]
     spans = [span for span in SPAN.findall(prose(page)) if re.match(r"(\.venv/bin/)?(fastcoil|make|python) ", span)]
     all_commands += [words for span in spans for words in commands(span.partition(">")[0])]
-    problems = [p for program, *words in all_commands if (p := command_problem(program, words, targets))]
-    assert not problems
+    assert not [p for program, *words in all_commands if (p := command_problem(program, words, targets))]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=is_named)
-def test_every_name_of_the_library_exists(page):
+def test_every_name_of_the_library_and_every_path_of_the_repository_exists(page):
     names = set(re.findall(r"`fc\.(\w+)", prose(page)))
     assert not {name for name in names if not hasattr(fc, name)}
+    assert [path for path in PATH.findall(prose(page)) if not (ROOT / path).exists()] == []
 
 
 def anchors(page):
@@ -237,8 +228,3 @@ def test_every_page_can_be_reached_from_the_index():
     docs = ROOT / "docs"
     pages = {path.relative_to(docs).as_posix() for path in [*docs.glob("*.md"), *docs.glob("findings/*.md")]}
     assert pages - {"index.md"} <= set(re.findall(r"\]\(([\w/-]+\.md)\)", index))
-
-
-@pytest.mark.parametrize("page", PAGES, ids=is_named)
-def test_every_path_of_the_repository_exists(page):
-    assert [path for path in PATH.findall(prose(page)) if not (ROOT / path).exists()] == []

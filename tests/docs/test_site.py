@@ -53,9 +53,7 @@ def test_an_equation_stands_beside_its_source(pages):
     page = pages["model.md"]
     assert source_of(module, "backlash") in page
     source = (ROOT / "docs" / "model.md").read_text()
-    function_names = [
-        name for names in re.findall(r"^<!-- code \S+: (.+) -->$", source, re.MULTILINE) for name in names.split(", ")
-    ]
+    function_names = ", ".join(re.findall(r"^<!-- code \S+: (.+) -->$", source, re.MULTILINE)).split(", ")
     assert [name for name in function_names if f"\ndef {name}(" not in page] == []
     assert len(function_names) > 30
     assert page.count("```{math}") == source.count("```math") > 10

@@ -59,8 +59,7 @@ def folder_contents(out):
             contents[name] = manifest(path)
         else:
             contents[name] = path.read_bytes()
-    folders = {f"{p.relative_to(out)}/": None for p in out.rglob("*") if p.is_dir()}
-    return contents | folders
+    return contents | {f"{p.relative_to(out)}/": None for p in out.rglob("*") if p.is_dir()}
 
 
 def netcdf(path):

@@ -18,10 +18,8 @@ from fastcoil.base.errors import IntegrityError
 from fastcoil.base.files import _URL_START
 from fastcoil.loops import netcdf
 
-pytestmark = [
-    pytest.mark.kernel,
-    pytest.mark.skipif(sys.platform != "linux", reason="open files are looked up in /proc"),
-]
+is_linux = pytest.mark.skipif(sys.platform != "linux", reason="open files are looked up in /proc")
+pytestmark = [pytest.mark.kernel, is_linux]
 
 
 @pytest.fixture(scope="module")
@@ -59,10 +57,8 @@ def test_a_study_is_interrupted_resumed_and_sound_there(day, golden, healthy):
 
 def test_results_that_somebody_reads_are_replaced_after_that_or_a_sentence_says_why_not(day):
     assert day["results_that_somebody_looks_at"] == ["Getriebespiel – Länge Δ", True]
-    assert (
-        "results.nc cannot be written: Access is denied; close the program that has it open"
-        in (day["results_that_stay_open"])
-    )
+    sentence = "results.nc cannot be written: Access is denied; close the program that has it open"
+    assert sentence in day["results_that_stay_open"]
 
 
 def test_a_file_without_a_recorded_hash_is_probed_there(day):
@@ -72,11 +68,8 @@ def test_a_file_without_a_recorded_hash_is_probed_there(day):
     assert "damaged.nc holds no result of fastcoil, or it is damaged" in refused
 
 
-def test_kernels_are_kept_in_a_folder_whose_mode_says_nothing(day):
+def test_memory_commands_and_signals_are_those_of_windows_and_a_folder_whose_mode_says_nothing_keeps_kernels(day):
     assert day["kernels_are_kept"] == [True, True]
-
-
-def test_memory_commands_and_signals_are_those_of_windows(day):
     typed = 'fastcoil run "my study.toml" -o C:\\results\\a'
     assert day["machine"] == [windows.MEMORY_BYTES, typed, 1, False]
 
@@ -141,11 +134,8 @@ def test_no_file_but_machine_asks_for_what_only_unix_has():
     words = (*(f"os.{n}" for n in windows.MISSING_OS_NAMES), *(f"import {n}" for n in windows.MISSING_MODULES),
              "signal.SIGHUP", "signal.SIGKILL", "import msvcrt", "sys.platform ==", "os.name")  # fmt: skip
     package = Path(machine.__file__).parents[1]
-    places = {
-        f"{path.relative_to(package).as_posix()}: {word}"
-        for path in package.rglob("*.py")
-        for word in words
-        if word in path.read_text(encoding="utf-8") and path.name != "machine.py"
-    }
+    texts = {path: path.read_text(encoding="utf-8") for path in package.rglob("*.py") if path.name != "machine.py"}
+    uses = [(path, word) for path, text in texts.items() for word in words if word in text]
+    places = {f"{path.relative_to(package).as_posix()}: {word}" for path, word in uses}
     # guarded there: the package loads nothing else, and the lock is the library's
     assert places == {"__init__.py: os.register_at_fork", "loops/netcdf.py: os.register_at_fork"}

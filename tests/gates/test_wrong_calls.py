@@ -27,14 +27,7 @@ pytestmark = [pytest.mark.kernel, pytest.mark.usefixtures("blank_figures")]
 
 _LONGEST = 3000
 """Characters of a message."""
-_STUDY = """
-[loop]
-backlash = 0.05
-[boundary]
-hours = 0.05
-[run]
-warm_up = 60
-"""
+_STUDY = "[loop]\nbacklash = 0.05\n[boundary]\nhours = 0.05\n[run]\nwarm_up = 60\n"
 WRONG_VALUES = {
     "None": None, "NaN": math.nan, "inf": math.inf, "-1": -1, "0": 0, "1.5": 1.5, "1e308": 1e308, "10**9": 10**9,
     "complex": 1j, "True": True, "empty text": "", "text": "x", "half a surrogate pair": "\ud800",
@@ -102,40 +95,29 @@ def base_calls(tmp_path_factory, _cheap):
     day, loop = fc.paper_day(hours=0.05), fc.Loop()
     ds = fc.simulate(fc.Loop(backlash=[0.02, 0.07], kp=[0.01, 0.02]), day, warm_up=60, replicates=2)
     dated = ds.assign_coords(start=np.datetime64("2023-06-01T00:00:00", "s"))
-    rng = np.random.default_rng(1)
-    sampled = xr.Dataset(
-        {
-            "status": (("sample", "design"), np.zeros((8, 3), dtype=np.int8)),
-            "rmse": (("sample", "design"), rng.normal(size=(8, 3))),
-        },
-        coords={"design": ["A", "B", "kp"]},
-    )
+    sampled = xr.Dataset({"status": (("sample", "design"), np.zeros((8, 3), dtype=np.int8))})
+    sampled["rmse"] = ("sample", "design"), np.random.default_rng(1).normal(size=(8, 3))
+    sampled["design"] = ["A", "B", "kp"]
     # a second apart: with a short max_gap they do not fall into pieces, each of which would have to be fitted
     valve = write_csv(folder / "valve.csv", VALVE_HEADER, [[k, *row[1:]] for k, row in enumerate(valve_rows(80))])
     coil = write_csv(folder / "coil.csv", COIL_HEADER, coil_rows(40))
     trend = write_csv(folder / "trend.csv", HEADER, ROWS)
     weather = write_csv(folder / "weather.csv", _WEATHER, [[h, 1, 1, h, 10.0, 5.0] for h in range(1, 25)])
-    toml = folder / "study.toml"
+    toml, out = folder / "study.toml", folder / "out"
     toml.write_text(_STUDY, encoding="utf-8")
-    out = folder / "out"
     fc.run_study(toml, out)
     series = {name: values[0] for name, values in day.series.items()}
+    at_14, seconds = ("elapsed_time", np.full(90, 14.0), {"units": "degC"}), np.arange(300.0)
     recorded = xr.Dataset(
-        {"T_sup": ("elapsed_time", np.full(90, 14.0)), "T_set": ("elapsed_time", np.full(90, 14.0))},
-        coords={"elapsed_time": ("elapsed_time", np.arange(90.0), {"units": "s"})},
+        {"T_sup": at_14, "T_set": at_14}, {"elapsed_time": ("elapsed_time", seconds[:90], {"units": "s"})}
     )
-    for name in ("T_sup", "T_set"):
-        recorded[name].attrs["units"] = "degC"
     hunting = write_log(make_loop_log(hours=1.0), folder / "loop.csv")
     tested = write_log(make_loop_log(hours=0.25, interval=15.0), folder / "test.csv")
     when = {"between": (300.0, 600.0), "stroke_time": 90.0}
     entering = {"m_a": 1.2, "T_a_in": 26.0, "W_a_in": 0.01, "T_w_in": 7.0}
-    seconds = np.arange(300.0)
-    commanded = xr.Dataset(
-        {"T_sup": ("elapsed_time", 14.0 + 0.01 * seconds), "command": ("elapsed_time", 0.5 + 0.0 * seconds)},
-        coords={"elapsed_time": ("elapsed_time", seconds, {"units": "s"})},
-    )
-    commanded["T_sup"].attrs["units"], commanded["command"].attrs["units"] = "degC", "1"
+    commanded = xr.Dataset(coords={"elapsed_time": ("elapsed_time", seconds, {"units": "s"})})
+    commanded["T_sup"] = "elapsed_time", 14.0 + 0.01 * seconds, {"units": "degC"}
+    commanded["command"] = "elapsed_time", 0.5 + 0.0 * seconds, {"units": "1"}
     plant = {"m_a": 1.2, "T_w_in": 7.0, "T_set": 14.0, "outdoor_fraction": 0.2, "T_return": 24.0, "RH_return": 0.5}
     days = {"hours": 0.05}
     tuning = {"loop": fc.Loop(backlash=[0.0, 0.07]), "boundary": fc.paper_day(hours=0.05, seed=[1, 2]), "n_jobs": 1}
@@ -252,12 +234,8 @@ def test_every_public_function_has_a_base_call(base_calls):
 @pytest.mark.parametrize("n", [150, pytest.param(None, marks=pytest.mark.full)])
 def test_a_wrong_argument_gets_a_sentence(base_calls, n):
     """Of all functions, arguments and wrong values some at random, or all."""
-    attacks = [
-        (name, argument, value)
-        for name, base in base_calls.items()
-        for argument in parameters(base[0])
-        for value in WRONG_VALUES
-    ]
+    arguments = [(name, argument) for name, base in base_calls.items() for argument in parameters(base[0])]
+    attacks = [(*each, value) for each in arguments for value in WRONG_VALUES]
     attacks = random.Random(12).sample(attacks, n or len(attacks))
     all_faults = [fault for name, *attack in attacks for fault in faults(base_calls[name], name, *attack)]
     assert not all_faults, "\n".join(all_faults)

@@ -1,7 +1,6 @@
 """A browser without a window, and the page of ``fastcoil explore`` in it."""
 
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -44,10 +43,8 @@ def chromium(width=1280, height=800):
         options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
         service = webdriver.ChromeService(shutil.which("chromedriver"))
         driver = webdriver.Chrome(options=options, service=service)
-        driver.execute_cdp_cmd(
-            "Emulation.setDeviceMetricsOverride",
-            {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False},
-        )
+        metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
         try:
             yield driver
         finally:
@@ -57,10 +54,8 @@ def chromium(width=1280, height=800):
 @contextmanager
 def explore_page(*words):
     """Start a process of ``fastcoil explore``; yield it and the address of its page."""
-    command = [sys.executable, "-m", "fastcoil", "explore", *words, "--no-browser", "--port", "0"]
-    process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ | {"PYTHONUNBUFFERED": "1"}
-    )
+    command = [sys.executable, "-u", "-m", "fastcoil", "explore", *words, "--no-browser", "--port", "0"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         line = process.stdout.readline()
         assert line.startswith("Page: http://localhost:"), line + process.stderr.read()

@@ -38,9 +38,7 @@ class DyingPool:
 
     def submit(self, shard):
         index = shard.index
-        assert not any(set(index) & set(pending_index) for pending_index in self.pending.values()), (
-            "a scenario is run twice at a time"
-        )
+        assert all({*index}.isdisjoint(others) for others in self.pending.values()), "a scenario is run twice at a time"
         future = cf.Future()
         self.pending[future] = index.tolist()
         self.max_pending = max(self.max_pending, len(self.pending))
@@ -49,8 +47,7 @@ class DyingPool:
         return future
 
     def _kill(self, future):
-        lost = list(self.pending) if self.fails_together else [future]
-        for lost_future in lost:
+        for lost_future in list(self.pending) if self.fails_together else [future]:
             if not lost_future.done():
                 lost_future.set_exception(WorkerDied())
         self.n_deaths += 1

@@ -13,6 +13,7 @@ from helpers.structured_text import Project
 
 INPUT_COLUMNS = {"T_sup", "T_set", "m_a", "enabled", "start_test", "reset", "start_command"}
 """Columns of inputs; the others are the required answers."""
+SWITCHES = ("enabled", "start_test", "reset")
 COMPILER_FLAGS = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-ffp-contract=off"]
 
 
@@ -54,9 +55,7 @@ def structured_text_runner(text):
 def differences(run, stored):
     """Yield the largest difference of each cycle from its vector."""
     for row in read_vectors(stored):
-        inputs = {
-            n: x > 0.5 if n in ("enabled", "start_test", "reset") else x for n, x in row.items() if n in INPUT_COLUMNS
-        }
+        inputs = {n: x > 0.5 if n in SWITCHES else x for n, x in row.items() if n in INPUT_COLUMNS}
         outputs = run(inputs | {"start_command": row.get("start_command", 0.0)})
         yield float(np.max([abs(getattr(outputs, n) - x) for n, x in row.items() if n not in INPUT_COLUMNS]))
 

@@ -30,14 +30,6 @@ def raise_memory_error():
     raise MemoryError
 
 
-def hang():
-    time.sleep(600)
-
-
-def stop_worker():
-    os.kill(os.getpid(), signal.SIGSTOP)
-
-
 def refuse_input():
     raise InputError("this reduction cannot be applied: give another")
 
@@ -95,7 +87,7 @@ def harm_every_study(monkeypatch, *arguments, **options):
     """Make every study that is read harm its workers."""
     from fastcoil.study.file import spec
 
-    read = spec.read_study
-    monkeypatch.setattr(
-        spec, "read_study", lambda *words, **more: with_harmful_layout(read(*words, **more), *arguments, **options)
-    )
+    def read_study(*words, read=spec.read_study, **more):
+        return with_harmful_layout(read(*words, **more), *arguments, **options)
+
+    monkeypatch.setattr(spec, "read_study", read_study)

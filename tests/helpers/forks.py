@@ -24,9 +24,8 @@ def fork_runner(*modules: str, **env: str) -> Iterator[Callable[..., tuple[int, 
     modules: loaded before the fork; env: additions to the environment.
     """
     command = [sys.executable, str(SERVER_SCRIPT), *modules]
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=child_environment(**env)
-    ) as server:
+    pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, env=child_environment(**env), **pipes) as server:
         assert server.stdin is not None
         assert server.stdout is not None
         assert server.stdout.readline() == "ready\n"

@@ -30,9 +30,8 @@ COIL_HEADER = [
 def valve_rows(n=60):
     """Return the cells of a valve's log without noise, a sample a minute."""
     command = random_walk(np.random.default_rng(17), n=n)
-    return [
-        [60 * i, f"{c:.4f}", f"{m:.4f}"] for i, (c, m) in enumerate(zip(command, valve_flows(command), strict=True))
-    ]
+    rows = zip(command, valve_flows(command), strict=True)
+    return [[60 * i, f"{c:.4f}", f"{m:.4f}"] for i, (c, m) in enumerate(rows)]
 
 
 def coil_rows(n=80):

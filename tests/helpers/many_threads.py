@@ -47,9 +47,8 @@ def run_in_threads(folder: Path, times: int = 2 if os.environ.get("FASTCOIL_FULL
         n_finished = 0
         while not is_done.is_set():
             with suppress(fc.InputError):  # nothing is finished there yet
-                n_finished += (
-                    fc.open_study(targets[(k + n_finished) % len(targets)]).attrs.get("content_sha256") == golden
-                )
+                ds = fc.open_study(targets[(k + n_finished) % len(targets)])
+                n_finished += ds.attrs.get("content_sha256") == golden
             read_study_folder(folder / "one", golden)
             gc.collect()
         return n_finished

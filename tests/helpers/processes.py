@@ -44,11 +44,9 @@ def living_descendants(process=None):
 
     processes = {}
     for child in psutil.Process(process).children(recursive=True):
-        try:
+        with suppress(psutil.NoSuchProcess):  # ended meanwhile
             if child.status() != psutil.STATUS_ZOMBIE and IGNORED_HELPER not in " ".join(child.cmdline()):
                 processes[child.pid] = child
-        except psutil.NoSuchProcess:  # ended meanwhile
-            pass
     return processes
 
 
@@ -64,8 +62,7 @@ def wait_for(condition, seconds=30.0, interval=0.02):
     """Wait until a condition holds, and return its value."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
-        answer = condition()
-        if answer:
+        if answer := condition():
             return answer
         time.sleep(interval)
     raise AssertionError("waited in vain")
@@ -121,19 +118,11 @@ def child_environment(**variables):
     return {**os.environ, "PYTHONPATH": path, **variables}
 
 
-def start_python(*words, cwd, **env):
-    """Start Python in a new process group, as a terminal does."""
-    return subprocess.Popen(
-        [sys.executable, *map(str, words)],
-        cwd=cwd,
-        env=child_environment(**env),
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        errors="replace",
-        start_new_session=True,
-    )
+def start_python(*words, cwd, output=subprocess.PIPE, **env):
+    """Start Python in a new process group, as a terminal does; ``output``: of what it prints and of its errors."""
+    streams = {"stdin": subprocess.DEVNULL, "stdout": output, "stderr": output, "text": True, "errors": "replace"}
+    command = [sys.executable, *map(str, words)]
+    return subprocess.Popen(command, cwd=cwd, env=child_environment(**env), start_new_session=True, **streams)
 
 
 def wait_for_end(process, seconds=60):
@@ -163,10 +152,8 @@ class Cluster:
     def __init__(self, folder, protocol="tcp", **env):
         self.folder, self.env = folder, env
         self.processes = []
-        file = folder / "scheduler.json"
-        words = ("--host", "127.0.0.1", "--port", "0", "--protocol", protocol, "--no-dashboard")
-        words += ("--scheduler-file", file)
-        self.scheduler = self._start("scheduler", *words)
+        file, words = folder / "scheduler.json", ("--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+        self.scheduler = self._start("scheduler", *words, "--protocol", protocol, "--scheduler-file", file)
         self.address = wait_for(lambda: file.exists() and self._address(file))
 
     @staticmethod
@@ -183,17 +170,8 @@ class Cluster:
 
     def _start(self, *words, **env):
         with (self.folder / f"{words[0]}.log").open("a") as log:
-            process = subprocess.Popen(
-                [sys.executable, "-m", "dask", *map(str, words)],
-                cwd=self.folder,
-                env=child_environment(**self.env, **env),
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
-                start_new_session=True,
-            )
-        self.processes.append(process)
-        return process
+            self.processes.append(start_python("-m", "dask", *words, cwd=self.folder, output=log, **self.env, **env))
+        return self.processes[-1]
 
     @contextmanager
     def client(self):

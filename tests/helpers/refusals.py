@@ -46,13 +46,6 @@ def only_problem(function: Callable, *args, **options):
     return problem
 
 
-def assert_only_problem(words, function: Callable, *args, **options):
-    """A call is refused with one sentence, in which all of these words stand."""
-    problem = only_problem(function, *args, **options)
-    for word in words:
-        assert word in problem, problem
-
-
 def refusal(function: Callable, *args, **options):
     """All sentences with which a call is refused, a line each."""
     return "\n".join(problems(function, *args, **options))

@@ -35,9 +35,8 @@ class Memory(NamedTuple):
 @fc.estimator(Parameters, Memory)
 def by_error(now, p, memory):
     if now.mode > 0:
-        return clip_to(now.estimate + p.gain * abs(now.e) * p.sample_time, LARGEST_ESTIMATE), Memory(
-            calls=memory.calls + 1
-        )
+        estimate = clip_to(now.estimate + p.gain * abs(now.e) * p.sample_time, LARGEST_ESTIMATE)
+        return estimate, Memory(calls=memory.calls + 1)
     return now.estimate, Memory(0, memory.calls + 1)
 
 

@@ -30,8 +30,7 @@ def random_walk(rng, n=400, top=1.0, largest=0.3):
     """Draw a random walk of the command in steps small enough for the backlash to matter."""
     command = [rng.uniform(0.2, 0.8) * top]
     while len(command) < n:
-        moved = command[-1] + rng.normal(0.0, largest / 2)
-        command.append(min(max(moved, 0.0), top))
+        command.append(min(max(command[-1] + rng.normal(0.0, largest / 2), 0.0), top))
     return np.array(command)
 
 
@@ -73,14 +72,8 @@ def coil_log(hours=2.0, seed=0, sd=0.05, phi=0.0, every=1, air=True, dry=False, 
     day["m_a"] = day["m_a"] * random_steps(rng, 0.4, 1.1, 600, n) if air else 1.0
     day["W_a_in"] = 0.003 if dry else day["W_a_in"]
     boundary = fc.Boundary(**day)
-    ds = fc.simulate(
-        fc.Loop(**truth),
-        boundary,
-        command=random_steps(rng, 0.1, 0.9, 300, n),
-        traces=["m_w", "T_sup", "T_w_out"],
-        warm_up=0,
-    )
-    log = ds[["m_w", "T_sup", "T_w_out"]]
+    command, traces = random_steps(rng, 0.1, 0.9, 300, n), ["m_w", "T_sup", "T_w_out"]
+    log = fc.simulate(fc.Loop(**truth), boundary, command=command, traces=traces, warm_up=0)[traces]
     for name in INPUTS:
         log[name] = boundary.to_dataset()[name]
     log["T_sup"] = (log["T_sup"] + ar1_noise(rng, n, sd, phi)).assign_attrs(units="degC")

@@ -111,9 +111,7 @@ class Unit:
     def translate(self):
         """Translate the statements to Python."""
         code = "\n".join(["def run(v):", *self.body(self.node.named_children, 1)])
-        names = {name: getattr(math, name) for name in STANDARD_FUNCTIONS.values() if hasattr(math, name)} | {
-            "call": self.call
-        }
+        names = {n: getattr(math, n) for n in STANDARD_FUNCTIONS.values() if hasattr(math, n)} | {"call": self.call}
         exec(compile(code, self.name, "exec"), names)
         self.run = names["run"]
 
@@ -184,9 +182,7 @@ class Unit:
             right_kind, name = (node_text(child).lower() for child in children)
             return f"v.{right_kind}.{name}", self.project.units[self.types[right_kind]].types[name]
         if node.type == "call_expression":
-            return self.translate_call(
-                node_text(children[0]), [self.expression(left) for left in children[1].named_children]
-            )
+            return self.translate_call(node_text(children[0]), [*map(self.expression, children[1].named_children)])
         operands = [self.expression(left) for left in children]
         (left, kind), sign = operands[0], node.children[len(operands) - 1].type
         if node.type == "parenthesized_expression":
@@ -213,9 +209,8 @@ class Unit:
             assert kinds == [argument_type], function_name
             return f"{python_name}({arguments_text})", result_type
         if function_name in STANDARD_FUNCTIONS:
-            assert set(kinds) == {"LREAL"} or (set(kinds) == {"INT"} and function_name in ("ABS", "MIN", "MAX")), (
-                function_name
-            )
+            has_integers = set(kinds) == {"INT"} and function_name in ("ABS", "MIN", "MAX")
+            assert set(kinds) == {"LREAL"} or has_integers, function_name
             return f"{STANDARD_FUNCTIONS[function_name]}({arguments_text})", kinds[0]
         unit = self.project.units[function_name.lower()]
         assert kinds == [unit.types[name] for name in unit.inputs], function_name

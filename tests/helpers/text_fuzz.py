@@ -170,12 +170,6 @@ def reading_problem(read: Callable[[], object]) -> str | None:
     return f"took {duration:.1f} s" if duration > MAX_READ_SECONDS else None
 
 
-def limit_memory() -> None:
-    """Let this process take no more than ``MEMORY`` in addition to what it has."""
-    used_bytes = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-    resource.setrlimit(resource.RLIMIT_AS, (used_bytes + MAX_MEMORY_BYTES, resource.getrlimit(resource.RLIMIT_AS)[1]))
-
-
 def main(seed: int, count: int, folder: Path) -> None:
     """Damage and read ``count`` files of each kind."""
     from fastcoil.logs import ReadingOptions, read_checked_log
@@ -217,7 +211,8 @@ def main(seed: int, count: int, folder: Path) -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             read()
-    limit_memory()
+    used_bytes = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (used_bytes + MAX_MEMORY_BYTES, resource.getrlimit(resource.RLIMIT_AS)[1]))
     for number in range(count):
         for kind, text, path, read in kinds:
             data = damage_text(text.encode(), random.Random(f"{seed} {number} {kind}"))

@@ -10,23 +10,14 @@ Row = Mapping[str, Any]
 
 def hours_from(month: int, day: int, n_hours: int, *, leap: bool = False) -> list[dict[str, Any]]:
     """Return rows from hour 1 of a date on, in the order of `CSV_HEADER`."""
-    year = 2024 if leap else 2023
     rows = []
     for k in range(n_hours):
-        begin = datetime(year, month, day) + timedelta(hours=k)
+        begin = datetime(2024 if leap else 2023, month, day) + timedelta(hours=k)
         hour = begin.hour + 1
-        rows.append(
-            {
-                "hour_of_year": 24 * (begin.timetuple().tm_yday - 1) + hour,
-                "month": begin.month,
-                "day": begin.day,
-                "hour": hour,
-                "T": 15.0 + hour / 2 + k // 24,
-                "T_dew": 6.0 + hour / 4,
-                "RH": 40 + hour,
-                "p": 99500 + 100 * (k % 7),
-            }
-        )
+        hour_of_year = 24 * (begin.timetuple().tm_yday - 1) + hour
+        date = {"hour_of_year": hour_of_year, "month": begin.month, "day": begin.day, "hour": hour}
+        T, T_dew = 15.0 + hour / 2 + k // 24, 6.0 + hour / 4
+        rows.append(date | {"T": T, "T_dew": T_dew, "RH": 40 + hour, "p": 99500 + 100 * (k % 7)})
     return rows
 
 
@@ -57,11 +48,7 @@ def tmy3(rows: Sequence[Row]) -> list[str]:
         "Pressure (mbar)",
     ]
     return header + [
-        f"{_two(row['month'])}/{_two(row['day'])}/{1982 + int(row['month'])},{row['hour']}:00,0,{row['T']},A,"
+        f"{row['month']:0>2}/{row['day']:0>2}/{1982 + int(row['month'])},{row['hour']}:00,0,{row['T']},A,"
         f"{row['T_dew']},{row['RH']},{row['p'] if isinstance(row['p'], str) else row['p'] / 100}"
         for row in rows
     ]
-
-
-def _two(number: object) -> str:
-    return str(number).rjust(2, "0")

@@ -72,9 +72,8 @@ def test_no_room_imports_from_a_higher_one():
                 is_upward = LAYERS.index(imported_parts[0]) >= LAYERS.index(parts[0])
             else:
                 inside = parts[0] == "model" and parts[1] != imported_parts[1] and parts[1] != "__init__"
-                is_upward = inside and layer_index(imported_parts[1:], INSIDE_MODEL) >= layer_index(
-                    parts[1:], INSIDE_MODEL
-                )
+                ranks = (layer_index(path_parts[1:], INSIDE_MODEL) for path_parts in (imported_parts, parts))
+                is_upward = inside and next(ranks) >= next(ranks)
             upward += [f"{'/'.join(parts)} imports {name}"] * is_upward
     assert not upward
 
@@ -113,18 +112,8 @@ def test_a_circle_is_found():
 
 
 def test_numba_is_named_in_the_compiler_files_alone_and_xarray_above_the_model_alone():
-    allowed = {
-        "__future__",
-        "collections",
-        "dataclasses",
-        "functools",
-        "importlib",
-        "types",
-        "typing",
-        "math",
-        "numpy",
-        "fastcoil",
-    }
+    allowed = {"__future__", "collections", "dataclasses", "functools", "importlib", "types", "typing"}
+    allowed |= {"math", "numpy", "fastcoil"}
     offenders = []
     for path in MODULES:
         roots = {name.split(".")[0] for name in imports(path)}
@@ -144,12 +133,8 @@ def test_no_threads_no_fast_math_and_no_other_decorators():
         assert not names & {"njit", "jit", "intrinsic"} or is_compiler_file(path), where
         keywords = {node.arg for node in nodes(path) if isinstance(node, ast.keyword)}
         assert not keywords & {"parallel", "forceobj", "boundscheck"}, where
-        fastmath_values = [
-            ast.unparse(n.value) for n in nodes(path) if isinstance(n, ast.keyword) and n.arg == "fastmath"
-        ]
-        assert not fastmath_values or (path.name == "jit.py" and set(fastmath_values) == {"{'contract'}", "False"}), (
-            where
-        )
+        fast_math = {ast.unparse(n.value) for n in nodes(path) if isinstance(n, ast.keyword) and n.arg == "fastmath"}
+        assert not fast_math or (path.name == "jit.py" and fast_math == {"{'contract'}", "False"}), where
 
 
 def test_flags_of_every_compiled_function():

@@ -21,8 +21,7 @@ def test_the_wheel_takes_studies_and_type_marker_along():
 
 
 def test_the_citation_agrees_with_the_project():
-    yaml = pytest.importorskip("yaml")
-    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    citation = pytest.importorskip("yaml").safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     assert {"cff-version", "message", "title", "authors", "type", "abstract", "keywords"} <= citation.keys()
     project = PYPROJECT["project"]
     assert (citation["version"], citation["license"]) == (fc.__version__, project["license"])
@@ -41,7 +40,7 @@ def test_a_release_date_stands_in_the_citation_once_the_version_is_released():
     assert ("date-released:" in (ROOT / "CITATION.cff").read_text()) == released
 
 
-def render_readme():
+def test_the_readme_of_the_package_links_to_nothing_that_is_not_there():
     """The README as a package index gets it."""
     pytest.importorskip("hatch_fancy_pypi_readme")
     metadata = pytest.importorskip("hatchling.metadata.core")
@@ -49,11 +48,7 @@ def render_readme():
 
     project = metadata.ProjectMetadata(str(ROOT), PluginManager())
     assert project.core.readme_content_type == "text/markdown"
-    return project.core.readme, project
-
-
-def test_the_readme_of_the_package_links_to_nothing_that_is_not_there():
-    text, project = render_readme()
+    text = project.core.readme
     links = re.findall(r"\]\(([^)]*)\)", text) + re.findall(r"^\[[^\]]+\]: (\S+)", text, re.MULTILINE)
     assert links
     assert not [link for link in links if not link.startswith("https://")]

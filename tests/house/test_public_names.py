@@ -10,10 +10,8 @@ from fastcoil.base.machine import VERSION
 
 
 def test_the_version_has_one_source():
-    process = subprocess.run(
-        [sys.executable, "-m", "fastcoil", "--version"], capture_output=True, text=True, check=True
-    )
-    assert process.stdout.split()[-1] == fc.__version__ == VERSION
+    output = subprocess.check_output([sys.executable, "-m", "fastcoil", "--version"], text=True)
+    assert output.split()[-1] == fc.__version__ == VERSION
     assert "__version__" in dir(fc)
 
 
@@ -51,15 +49,13 @@ sys.exit(os.waitpid(child, 0)[1])
 
 
 def test_a_child_of_a_fork_can_load_what_another_thread_was_loading():
-    ended = subprocess.run([sys.executable, "-W", "ignore", "-c", FORK_PROGRAM], check=False, timeout=60)
-    assert ended.returncode == 0
+    assert subprocess.run([sys.executable, "-W", "ignore", "-c", FORK_PROGRAM], check=False, timeout=60).returncode == 0
 
 
 def test_the_stub_for_type_checkers_has_the_public_names_from_where_they_are_loaded():
-    stub = ast.parse(Path(fc.__file__).with_suffix(".pyi").read_text())
-    imported = {
-        (alias.asname or alias.name): n.module for n in stub.body if isinstance(n, ast.ImportFrom) for alias in n.names
-    }
+    statements = ast.parse(Path(fc.__file__).with_suffix(".pyi").read_text()).body
+    imports = [statement for statement in statements if isinstance(statement, ast.ImportFrom)]
+    imported = {alias.asname or alias.name: node.module for node in imports for alias in node.names}
     homes = {name: f"fastcoil.{home}" for name, home in fc._MODULE_OF_NAME.items()}
     assert {name: module for name, module in imported.items() if name in homes} == homes
     assert set(fc.__all__) - homes.keys() == {"__version__", "parameters", "plot"}

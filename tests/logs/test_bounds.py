@@ -29,9 +29,8 @@ def test_a_time_beyond_three_centuries_is_refused(write_log, time_of_last):
 
 
 def test_a_number_that_overflows_in_our_unit_is_refused(write_log):
-    path = write_log(
-        [*HEADER[:2], "T_a_in [degF]", *HEADER[3:]], [[60 * k, 1.1, "1.7e308", *ROW[2:]] for k in range(3)]
-    )
+    rows = [[60 * k, 1.1, "1.7e308", *ROW[2:]] for k in range(3)]
+    path = write_log([*HEADER[:2], "T_a_in [degF]", *HEADER[3:]], rows)
     assert_refused("T_a_in", "value", fc.Boundary.from_csv, path, **UNIT)
     path = write_log(["elapsed_time [h]", *HEADER[1:]], [["1e306", *ROW], ["1.7e308", *ROW]])
     assert_refused("elapsed_time", "value", fc.Boundary.from_csv, path, **UNIT)

@@ -23,18 +23,14 @@ def table_text(header, *columns, separator=",", before=""):
 def value_rows_text(header, row_format, newest_first=False):
     """Text of a file with a row for each value; ``row_format``: of a row, of time, point, value and unit."""
     points = (("VLV CMD", COMMAND, "%"), ("SAT", FAHRENHEIT_TEXTS[0], "°F"), ("SAT SP", FAHRENHEIT_TEXTS[1], "°F"))
-    lines = [
-        row_format.format(time, name, series[k], unit)
-        for k, time in enumerate(US_TIMES)
-        for name, series, unit in points
-    ]
+    times = [(k, time, *point) for k, time in enumerate(US_TIMES) for point in points]
+    lines = [row_format.format(time, name, series[k], unit) for k, time, name, series, unit in times]
     return "\n".join([header, *(lines[::-1] if newest_first else lines)]) + "\n"
 
 
 def read(tmp_path, text, **options):
-    return read_checked_log(
-        save_text(tmp_path, text), WANTED, ReadingOptions(reader="read_log", **({"drop": False} | options))
-    )
+    reading = ReadingOptions(reader="read_log", **({"drop": False} | options))
+    return read_checked_log(save_text(tmp_path, text), WANTED, reading)
 
 
 def assert_same(log):
@@ -151,9 +147,8 @@ def test_points_of_a_long_log_keep_their_own_times(tmp_path):
     log = read(tmp_path, text)
     is_after_first = SECONDS >= 3
     np.testing.assert_array_equal(log.values["T_sup"], T_SUP[is_after_first])
-    np.testing.assert_allclose(
-        log.values["command"], (np.searchsorted(change_seconds, SECONDS[is_after_first], side="right") - 1) / 100
-    )
+    latest = np.searchsorted(change_seconds, SECONDS[is_after_first], side="right") - 1
+    np.testing.assert_allclose(log.values["command"], latest / 100)
     bad = text.replace(f",{T_SUP[9]} °C,ok", f",{T_SUP[9]} °C,fault", 1)
     assert_refused("T_sup", "value", read, tmp_path, bad)
     note = "1 value left out: T_sup is not an admissible number (first in row 19)"

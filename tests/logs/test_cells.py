@@ -18,24 +18,24 @@ def format_with_comma(values, decimals=2):
 # ----------------------------------------------------------------------------------------- decimals and thousands
 
 
-def test_quoted_decimal_commas(read_export):
-    cells = cell_rows(ISO, *([f'"{cell}"' for cell in format_with_comma(values)] for values in (COMMAND, T_SUP)))
-    log = read_export(cells)
+QUOTED_ROWS = cell_rows(ISO, *([f'"{cell}"' for cell in format_with_comma(values)] for values in (COMMAND, T_SUP)))
+COMMA_ROWS = cell_rows(ISO, format_with_comma(COMMAND, 1), format_with_comma(T_SUP))
+COMMA_NOTE = "numbers are read with a decimal comma"
+
+
+@pytest.mark.parametrize(
+    ("cells", "separator", "notes"),
+    [
+        (QUOTED_ROWS, ",", [COMMA_NOTE]),
+        (COMMA_ROWS, ";", ["columns are separated by semicolons", COMMA_NOTE]),
+        (cell_rows(), ";", ["columns are separated by semicolons"]),
+        (cell_rows(), "\t", ["columns are separated by tabs"]),
+    ],
+)
+def test_separators_of_columns_and_of_decimals(read_export, cells, separator, notes):
+    log = read_export(cells, separator=separator)
     assert_same_log(log)
-    assert log.notes == ["numbers are read with a decimal comma"]
-
-
-def test_semicolons_with_decimal_commas(read_export):
-    log = read_export(cell_rows(ISO, format_with_comma(COMMAND, 1), format_with_comma(T_SUP)), separator=";")
-    assert_same_log(log)
-    assert log.notes == ["columns are separated by semicolons", "numbers are read with a decimal comma"]
-
-
-def test_semicolons_and_tabs_with_decimal_points(read_export):
-    for separator, separator_name in ((";", "semicolons"), ("\t", "tabs")):
-        log = read_export(cell_rows(), separator=separator)
-        assert_same_log(log)
-        assert log.notes == [f"columns are separated by {separator_name}"]
+    assert log.notes == notes
 
 
 @pytest.mark.parametrize(
@@ -52,14 +52,11 @@ def test_separators_of_thousands(cells, values):
     np.testing.assert_allclose(parse_cells(cells, detect_number_style([cells], ","), is_switch=False).values, values)
 
 
-def test_separators_of_thousands_are_said(write_log):
+def test_separators_of_thousands_are_said_or_refused_if_they_may_be_decimals(write_log):
     path = write_log(["elapsed_time [s]", "m_w [L/h]"], [[0, "999.5"], [60, "7,200"], [120, "3,600"]])
     log = read_checked_log(path, ColumnSpec(("m_w",)))
     np.testing.assert_allclose(log.values["m_w"], [0.2776389, 2, 1], rtol=1e-6)
     assert log.notes == ["commas in numbers separate thousands"]
-
-
-def test_a_number_that_may_mean_two_things_is_refused(write_log):
     path = write_log(["elapsed_time [s]", "T_sup [degC]"], [[0, "1,234"], [60, "1,235"]])
     assert_refused("log.csv", "format", read_checked_log, path, ColumnSpec(("T_sup",)))
 
@@ -83,16 +80,10 @@ def test_percent_in_the_cells_beside_a_unit_in_the_header(read_export, form):
     assert_refused("command", "unit", read_export, cells, ("timestamp", "command [V]", "T_sup [degC]"))
 
 
-def test_two_units_in_a_column_and_numbers_without_one_are_refused(read_export):
-    header = ("timestamp", "command", "T_sup [degC]")
+def test_one_number_of_another_unit_is_a_bad_value_unless_the_cells_declare_it(read_export):
     cells = cell_rows(ISO, [f"{c} %" for c in COMMAND])
-    cells[7][1] = "5.1 V"
-    assert_refused("command", "unit", read_export, cells, header)
-    cells[7][1] = "5.1"
-    assert_refused("command", "unit", read_export, cells, header)
-
-
-def test_one_number_of_another_unit_is_a_bad_value(read_export):
+    for cells[7][1] in ("5.1 V", "5.1"):
+        assert_refused("command", "unit", read_export, cells, ("timestamp", "command", "T_sup [degC]"))
     cells = cell_rows()
     cells[7][1] = "5.1 V"
     assert_refused("command", "value", read_export, cells)
@@ -108,8 +99,7 @@ def test_words_for_a_missing_value(read_export, word):
     cells = cell_rows()
     cells[7][2] = word
     assert_refused("T_sup", "value", read_export, cells)
-    log = read_export(cells, drop=True)
-    assert np.flatnonzero(np.isnan(log.values["T_sup"])).tolist() == [7]
+    assert np.flatnonzero(np.isnan(read_export(cells, drop=True).values["T_sup"])).tolist() == [7]
 
 
 @pytest.mark.parametrize(("on", "off"), [("ON", "OFF"), ("true", "false"), ("Active", "Inactive"), ("Yes", "No")])
@@ -123,10 +113,8 @@ def test_switches_in_words(read_export, on, off):
 def test_a_status_beside_the_number_in_its_cell(read_export):
     cells = cell_rows(ISO, [f"{c} {{ok}}" for c in COMMAND])
     assert_same_log(read_export(cells))
-    cells[7][1] = '"0.0 {fault,stale}"'
-    assert_refused("command", "value", read_export, cells)
-    cells[7][1] = "{fault}"
-    assert_refused("command", "value", read_export, cells)
+    for cells[7][1] in ('"0.0 {fault,stale}"', "{fault}"):
+        assert_refused("command", "value", read_export, cells)
     log = read_export(cells, drop=True)
     assert log.values["command"][7] == log.values["command"][6]
 

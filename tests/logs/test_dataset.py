@@ -38,8 +38,7 @@ def test_a_dataset_of_other_names_and_units_is_read_as_a_file_would_be():
     values = fc.read_log(renamed, columns=columns, units={"command": "1", "m_w": "kg/s"}).read(WANTED).values
     for name, expected in fc.read_log(log).read(WANTED).values.items():
         np.testing.assert_array_equal(values[name], expected)
-    mistakes = [("command", "unit"), ("m_w", "unit")]
-    assert_mistakes(mistakes, fc.read_log(renamed, columns=columns).read, WANTED)
+    assert_mistakes([("command", "unit"), ("m_w", "unit")], fc.read_log(renamed, columns=columns).read, WANTED)
 
 
 @pytest.mark.parametrize(
@@ -49,16 +48,10 @@ def test_a_dataset_of_other_names_and_units_is_read_as_a_file_would_be():
         (lambda ds: ds.rename(elapsed_time="t"), [("elapsed_time", "missing")]),
         (lambda ds: ds.expand_dims(loop=2), [("command", "shape"), ("m_w", "shape")]),
         (lambda ds: ds.isel(elapsed_time=[0]), [("Dataset", "data")]),
-        (
-            lambda ds: ds.assign(m_w=ds["m_w"].astype(str).where(ds["m_w"] > 1.0, "off").assign_attrs(units="kg/s")),
-            [("m_w", "value")],
-        ),
+        (lambda ds: ds.assign(m_w=ds["m_w"].where(ds["m_w"] > 1.0, "off")), [("m_w", "value")]),
         (lambda ds: ds.where(ds["elapsed_time"] != 300.0), [("command", "value"), ("m_w", "value")]),
         (lambda ds: ds.assign(command=(ds["command"] > 0.5).assign_attrs(units="1")), [("command", "value")]),
-        (
-            lambda ds: ds.assign_coords(time=("elapsed_time", np.arange(60).astype("M8[s]").astype("M8[ns]"))),
-            [("time", "conflict")],
-        ),
+        (lambda ds: ds.assign_coords(time=("elapsed_time", np.arange(60).astype("M8[ns]"))), [("time", "conflict")]),
         (
             lambda ds: ds.to_dataframe().convert_dtypes().rename(columns="{} [1]".format).shift(),
             [("elapsed_time", "unit"), ("m_w", "unit"), ("command", "value")],

@@ -104,6 +104,5 @@ def test_nothing_is_bridged_over_gaps_jumps_and_batches(write_log):
 def test_without_drop_missing_values_are_refused_with_the_cure(write_log):
     rows = log_rows()
     rows[4][2] = ""
-    assert_refused(
-        "m_a", "value", read_checked_log, write_log(HEADER, rows), WANTED, ReadingOptions(drop=False, reader="read_log")
-    )
+    options = ReadingOptions(drop=False, reader="read_log")
+    assert_refused("m_a", "value", read_checked_log, write_log(HEADER, rows), WANTED, options)

@@ -50,8 +50,7 @@ def test_a_command_that_is_written_when_it_changes_and_a_temperature_every_minut
     header, seconds, values = parse_table(text)
     assert header == ["timestamp", "command [1]", "T_sup [degC]"]
     np.testing.assert_array_equal(seconds, np.arange(60, 2341, 60))  # while both have values, on whole minutes
-    latest = np.searchsorted(CHANGE_SECONDS, seconds, side="right") - 1
-    np.testing.assert_allclose(values[:, 0], 0.1 * latest)
+    np.testing.assert_allclose(values[:, 0], 0.1 * (np.searchsorted(CHANGE_SECONDS, seconds, side="right") - 1))
     np.testing.assert_allclose(values[:, 1], (60 + 0.1 * (seconds - 13) / 60 - 32) / 1.8, atol=1e-8)
     assert notes == [
         "command: 9 samples of command.csv, written when it changes, held from sample to sample up to 970 s",
@@ -68,9 +67,7 @@ def test_what_is_joined_is_read_as_a_log(write_point_file, tmp_path):
     path = tmp_path / "log.csv"
     path.write_text(text, encoding="utf-8")
     log = read_checked_log(path, ColumnSpec(("command", "T_sup"), measured=("T_sup",)))
-    assert log.n_batches == 1
-    assert log.step == 60.0
-    assert not log.notes
+    assert (log.n_batches, log.step, log.notes) == (1, 60.0, [])
 
 
 @pytest.mark.parametrize("step", [None, 45])
@@ -120,10 +117,9 @@ def test_a_table_with_blanks_is_several_points(write_point_file, tmp_path):
 
 
 def test_each_file_has_its_own_writing_of_times(write_point_file):
-    command = write_point_file(
-        "command.csv", PERIODIC_SECONDS, np.arange(40), "Timestamp;Value (%)", "%d/%m/%Y %H:%M:%S", ";"
-    )
-    T_sup = write_point_file("T_sup.csv", PERIODIC_SECONDS, np.arange(40), "Timestamp,Value (°C)")
+    points = PERIODIC_SECONDS, np.arange(40)
+    command = write_point_file("command.csv", *points, "Timestamp;Value (%)", "%d/%m/%Y %H:%M:%S", ";")
+    T_sup = write_point_file("T_sup.csv", *points, "Timestamp,Value (°C)")
     text, notes = join_files(command, T_sup)
     _, seconds, values = parse_table(text)
     np.testing.assert_allclose(values[:, 1], (seconds - 13) / 60)
@@ -145,10 +141,9 @@ def test_newest_first_and_doubles(write_point_file):
 def test_files_of_two_zones_are_joined_by_absolute_time(write_point_file):
     seconds = 60.0 * np.arange(240)
     east = write_point_file("command.csv", seconds, np.arange(240) / 4, "Time,Value (%)", "%m/%d/%Y %I:%M:%S %p EDT")
-    west = write_point_file(
-        "T_sup.csv", seconds - 3 * 3600, np.arange(240) / 10, "Time,Value (°C)", "%m/%d/%Y %I:%M:%S %p PDT"
-    )
-    epoch = write_point_file("T_set.csv", seconds, np.arange(240) / 10, "Time,Value (°C)", "%Y-%m-%dT%H:%M:%S-04:00")
+    kelvin, header = np.arange(240) / 10, "Time,Value (°C)"
+    west = write_point_file("T_sup.csv", seconds - 3 * 3600, kelvin, header, "%m/%d/%Y %I:%M:%S %p PDT")
+    epoch = write_point_file("T_set.csv", seconds, kelvin, header, "%Y-%m-%dT%H:%M:%S-04:00")
     text, notes = join_files(east, west, epoch)
     _, seconds, values = parse_table(text)
     assert text.splitlines()[1].startswith("2024-07-25T12:00:00+00:00,")
@@ -192,18 +187,13 @@ def test_files_that_cannot_be_joined_are_refused_with_the_cure(write_point_file)
 
 def test_bad_cells_are_refused_with_file_row_and_cure(write_point_file):
     seconds = 60 * np.arange(5)
-    assert_refused(
-        "command", "value", join_files, write_point_file("command.csv", seconds, [0, 1, "off", 3, 4], "Time,Value (%)")
-    )
-    assert_refused(
-        "command", "unit", join_files, write_point_file("command.csv", seconds, [0, 10, 20, 30, 40], "Time,Value")
-    )
+    off = write_point_file("command.csv", seconds, [0, 1, "off", 3, 4], "Time,Value (%)")
+    assert_refused("command", "value", join_files, off)
+    without_unit = write_point_file("command.csv", seconds, [0, 10, 20, 30, 40], "Time,Value")
+    assert_refused("command", "unit", join_files, without_unit)
     to_and_fro = write_point_file("command.csv", [0, 60, 30, 90, 120], range(5), "Time,Value (%)")
     assert_refused("timestamp", "time", join_files, to_and_fro)
     no_time = write_point_file("command.csv", seconds, range(5), "Zone,Value (%)", "x")
     assert_refused("timestamp", "missing", join_files, no_time)
-
-
-def test_a_clock_that_would_fill_the_memory_is_refused(write_point_file):
     years = write_point_file("command.csv", 3e7 * np.arange(5), range(5), "Time,Value (%)")
     assert_refused("--step", "size", join_files, years, step=1)

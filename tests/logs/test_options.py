@@ -52,8 +52,7 @@ def test_a_constant_is_suggested_only_where_it_can_be_given(write_log):
     spec = ColumnSpec(required=("m_a", "T_a_in", HUMIDITY_COLUMNS, "T_sup"))
     path, mistakes = write_log(HEADER, ROWS), [("W_a_in", "missing"), ("T_sup", "missing")]
     for constants, has_hint in (({}, True), (None, False)):
-        humidity, supply = assert_mistakes(
-            mistakes, read_checked_log, path, spec, ReadingOptions(constants=constants, reader="read_log")
-        ).problems
+        options = ReadingOptions(constants=constants, reader="read_log")
+        humidity, supply = assert_mistakes(mistakes, read_checked_log, path, spec, options).problems
         assert ("constant" in humidity) is has_hint
         assert "constant" not in supply  # what a sensor should show is no constant

@@ -49,8 +49,7 @@ def change_log_rows(seed=1, hours=8, noise=0.01):
 
 
 def test_a_log_of_changes_is_one_piece_and_says_so(write_log):
-    rows = change_log_rows()
-    log = read_checked_log(write_log(HEADER, rows), WANTED, ReadingOptions(reader="read_log"))
+    log = read_checked_log(write_log(HEADER, change_log_rows()), WANTED, ReadingOptions(reader="read_log"))
     steps = np.diff(log.time)
     assert np.sum(steps > 3 * np.median(steps)) > 30  # each of them was a gap
     assert log.n_batches == 1
@@ -67,8 +66,7 @@ def test_max_gap_still_rules(write_log):
 
 
 def test_an_outage_is_a_gap_of_a_log_of_changes_too(write_log):
-    rows = change_log_rows()
-    late = [[t + 40_000 * (k > 150), *row] for k, (t, *row) in enumerate(rows)]
+    late = [[t + 40_000 * (k > 150), *row] for k, (t, *row) in enumerate(change_log_rows())]
     log = read_checked_log(write_log(HEADER, late), WANTED)
     assert log.n_batches == 2
     assert log.change_of_value
@@ -88,9 +86,8 @@ def test_a_log_of_regular_rows_of_which_some_are_lost_is_none(write_log, lost):
 def test_irregular_rows_that_are_not_of_changes_are_none(write_log, noise):
     rng = np.random.default_rng(3)
     times = np.cumsum(rng.choice([5, 20, 90, 600], 200))
-    log = read_checked_log(
-        write_log(HEADER, [[t, 50 + noise * rng.normal(), 2 + noise * rng.normal()] for t in times]), WANTED
-    )
+    rows = [[t, 50 + noise * rng.normal(), 2 + noise * rng.normal()] for t in times]
+    log = read_checked_log(write_log(HEADER, rows), WANTED)
     assert not log.change_of_value
     assert log.n_batches > 1
 
@@ -105,8 +102,7 @@ def test_values_of_a_log_of_changes_hold_in_a_boundary_and_in_a_coil_record(writ
         day = fc.Boundary.from_csv(path, columns={"T_set": "T_set"})
     latest = np.searchsorted([row[0] for row in rows], np.arange(day.n_steps), side="right") - 1
     np.testing.assert_allclose(day.series["m_a"][0], np.array([row[1] for row in rows])[latest])
-    log = read_checked_log(
-        path, ColumnSpec(required=("m_w", "m_a", "T_w_in", "T_a_in", "W_a_in", "T_sup"), measured=("T_sup",))
-    )
+    spec = ColumnSpec(required=("m_w", "m_a", "T_w_in", "T_a_in", "W_a_in", "T_sup"), measured=("T_sup",))
+    log = read_checked_log(path, spec)
     (piece,) = build_record(log, fc.Loop(), (), np.ones(log.time.size, dtype=bool)).pieces
     np.testing.assert_allclose(piece.series[:, 0], day.series["m_a"][0])

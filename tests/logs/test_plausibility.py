@@ -17,7 +17,7 @@ from fastcoil.model.moist_air import humidity_ratio
 
 N = 120
 TEMPERATURES = ("T_sup", "T_set", "T_a_in", "T_w_in")
-UNITS = {"T_sup": "degC", "T_set": "degC", "T_a_in": "degC", "T_w_in": "degC", "command": "%", "m_a": "kg/s"}
+UNITS = dict.fromkeys(TEMPERATURES, "degC") | {"command": "%", "m_a": "kg/s", "RH_a_in": "%"}
 
 
 def sound_log(rng, heats=False):
@@ -35,7 +35,7 @@ def sound_log(rng, heats=False):
     }
 
 
-def log_text(log, units, order=range(N), unit_row=None):
+def log_text(log, units=UNITS, order=range(N), unit_row=None):
     header = ["timestamp", *(f"{name} [{units[name]}]" if units.get(name) else name for name in log)]
     stamps = [f"2024-07-25T{8 + i // 60:02}:{i % 60:02}:00" for i in range(N)]
     rows = [[stamps[i], *(f"{column[i]:.6g}" for column in log.values())] for i in order]
@@ -52,50 +52,41 @@ def read(tmp_path, text, log, **options):
 
 def contradictory_log(kind, rng, heats):
     """A log with one contradiction, as a text, and its columns."""
-    log, units, layout = sound_log(rng, heats), UNITS | {"RH_a_in": "%"}, {}
-    name = str(rng.choice(TEMPERATURES))
+    log, units, layout = sound_log(rng, heats), dict(UNITS), {}
+    name, is_before = str(rng.choice(TEMPERATURES)), np.arange(N) < N // 2
     W = humidity_ratio(log["T_a_in"], log["RH_a_in"] / 100, 101325.0)
-    if kind == "all °F":
-        log |= {name_in_F: 1.8 * log[name_in_F] + 32 for name_in_F in TEMPERATURES}
-    elif kind == "one °F":
-        log[name] = 1.8 * log[name] + 32
-    elif kind == "one °C as °F":
-        units[name] = "degF"
-    elif kind == "unit row":
+    T_sup, T_a_in, command = log["T_sup"], log["T_a_in"], log["command"]
+    swing, turned = 50 + 45 * np.sin(np.arange(N) / 7), np.where(is_before, (command, T_sup), (T_sup, command))
+    columns_by_kind = {
+        "all °F": {name_in_F: 1.8 * log[name_in_F] + 32 for name_in_F in TEMPERATURES},
+        "one °F": {name: 1.8 * log[name] + 32},
+        "RH as a fraction": {"RH_a_in": log["RH_a_in"] / 100},
+        "command as a fraction": {"command": command / 100},
+        "command in V as %": {"command": np.clip(5 + 6 * np.sin(np.arange(N) / 7), 0, 10)},
+        "a fraction from here on": {"command": np.where(is_before, swing, swing / 100)},
+        "V from here on": {"command": np.where(is_before, swing, swing / 10)},
+        "columns in another order from here on": {"command": turned[0], "T_sup": turned[1]},
+        "exchanged": {"T_sup": log["T_set"], "T_set": T_sup},
+        "°F from here on": {"T_a_in": np.where(is_before, T_a_in, 1.8 * T_a_in + 32)},
+        "supply and water exchanged": {"T_sup": log["T_w_in"], "T_w_in": T_sup},
+    }
+    humidity_by_kind = {
+        "W in g as kg": ("W_a_in", 1000 * W, "kg/kg"), "W in kg as g": ("W_a_in", W, "g/kg"),
+        "W above saturation": ("W_a_in", 4 * W, "kg/kg"), "dew point": ("T_dp_in", T_a_in + 3, "degC"),
+        "dew point in °C as °F": ("T_dp_in", T_a_in - 10, "degF"),
+    }  # fmt: skip
+    log |= columns_by_kind.get(kind, {})
+    units |= {"one °C as °F": {name: "degF"}, "air flow in kg/s as kg/h": {"m_a": "kg/h"}}.get(kind, {})
+    if kind == "unit row":
         layout["unit_row"] = ["", *("degF" if name_in_F == name else units[name_in_F] for name_in_F in log)]
-    elif kind == "RH as a fraction":
-        log["RH_a_in"] = log["RH_a_in"] / 100
-    elif kind == "command as a fraction":
-        log["command"] = log["command"] / 100
-    elif kind == "command in V as %":
-        log["command"] = np.clip(5 + 6 * np.sin(np.arange(N) / 7), 0, 10)
-    elif kind in ("a fraction from here on", "V from here on"):
-        swing = 50 + 45 * np.sin(np.arange(N) / 7)
-        log["command"] = np.where(np.arange(N) < N // 2, swing, swing / (100 if "fraction" in kind else 10))
-    elif kind == "columns in another order from here on":
-        log["command"], log["T_sup"] = (
-            np.where(np.arange(N) < N // 2, *pair)
-            for pair in ((log["command"], log["T_sup"]), (log["T_sup"], log["command"]))
-        )
-    elif kind == "exchanged":
-        log["T_sup"], log["T_set"] = log["T_set"], log["T_sup"]
-    elif kind == "°F from here on":
-        log["T_a_in"] = np.where(np.arange(N) < N // 2, log["T_a_in"], 1.8 * log["T_a_in"] + 32)
     elif kind == "supply and water exchanged":
-        log["T_sup"], log["T_w_in"] = log["T_w_in"], log["T_sup"]
         del log["T_set"]
-    elif kind == "air flow in kg/s as kg/h":
-        units["m_a"] = "kg/h"
     elif kind == "shuffled":
         layout["order"] = rng.permutation(N)
-    else:
+    elif kind in humidity_by_kind:
         del log["RH_a_in"]
-        humidity = {
-            "W in g as kg": ("W_a_in", 1000 * W, "kg/kg"), "W in kg as g": ("W_a_in", W, "g/kg"),
-            "W above saturation": ("W_a_in", 4 * W, "kg/kg"), "dew point": ("T_dp_in", log["T_a_in"] + 3, "degC"),
-            "dew point in °C as °F": ("T_dp_in", log["T_a_in"] - 10, "degF"),
-        }[kind]  # fmt: skip
-        log[humidity[0]], units[humidity[0]] = humidity[1:]
+        humidity, values, unit = humidity_by_kind[kind]
+        log[humidity], units[humidity] = values, unit
     return log_text(log, units, **layout), log
 
 
@@ -150,36 +141,28 @@ def test_the_unit_with_which_nothing_contradicts_is_found(numbers, found):
 def test_supply_air_outside_what_enters_is_exchanged_with_the_one_that_fits():
     values = {"T_sup": np.full(9, 7.0), "T_w_in": np.full(9, 14.0), "T_a_in": np.full(9, 25.0)}
     assert find_column_exchanged_with_supply(values) == "T_w_in"
-    assert (
-        find_column_exchanged_with_supply(
-            {"T_sup": values["T_a_in"], "T_a_in": values["T_w_in"], "T_w_in": values["T_sup"]}
-        )
-        == "T_a_in"
-    )
+    turned = {"T_sup": values["T_a_in"], "T_a_in": values["T_w_in"], "T_w_in": values["T_sup"]}
+    assert find_column_exchanged_with_supply(turned) == "T_a_in"
     assert find_column_exchanged_with_supply(values | {"T_sup": np.full(9, 16.0)}) == ""
 
 
 def test_only_the_time_in_control_counts():
     is_off = np.arange(90) < 60  # a heating coil that is off in most rows
     values = {"T_sup": np.where(is_off, 15.0, 38.0), "T_set": np.full(90, 40.0), "command": np.where(is_off, 0.0, 0.4)}
-    units = {"T_sup": "degC", "T_set": "degC", "command": "%"}
+    units = {"T_sup": "degC", "T_set": "degC", "command": "%", "enabled": "1"}
     assert find_misread_units(values, units, ()) == {}
-    assert find_misread_units(values | {"command": np.full(90, 0.4)}, units, ()) == {"T_set": "degF"}
-    assert (
-        find_misread_units(
-            values | {"enabled": 1.0 - is_off, "command": np.full(90, 0.4)}, units | {"enabled": "1"}, ()
-        )
-        == {}
-    )
+    values["command"] = np.full(90, 0.4)
+    assert find_misread_units(values, units, ()) == {"T_set": "degF"}
+    assert find_misread_units(values | {"enabled": 1.0 - is_off}, units, ()) == {}
 
 
 @pytest.mark.parametrize("heats", [False, True], ids=["cooling", "heating"])
 def test_a_sound_log_is_read_in_either_unit_without_a_word(tmp_path, heats):
     for seed in range(5):
         log = sound_log(np.random.default_rng(seed), heats)
-        log_C = read(tmp_path, log_text(log, UNITS | {"RH_a_in": "%"}), log)
+        log_C = read(tmp_path, log_text(log), log)
         in_F = log | {name: 1.8 * log[name] + 32 for name in TEMPERATURES}
-        log_F = read(tmp_path, log_text(in_F, UNITS | dict.fromkeys(TEMPERATURES, "degF") | {"RH_a_in": "%"}), log)
+        log_F = read(tmp_path, log_text(in_F, UNITS | dict.fromkeys(TEMPERATURES, "degF")), log)
         assert not log_C.notes + log_F.notes
         np.testing.assert_allclose(log_F.values["T_sup"], log_C.values["T_sup"], atol=1e-3)
 
@@ -187,33 +170,31 @@ def test_a_sound_log_is_read_in_either_unit_without_a_word(tmp_path, heats):
 @pytest.mark.parametrize(("low", "high", "meant"), [(1, 9, "V"), (2.5, 9.6, "V 2-10"), (5, 19, "mA 4-20"), (3, 9, "")])
 def test_a_command_in_percent_that_spans_a_signal_is_read_with_a_word(tmp_path, low, high, meant):
     log = sound_log(np.random.default_rng(0)) | {"command": np.linspace(low, high, N)}
-    log_read = read(tmp_path, log_text(log, UNITS | {"RH_a_in": "%"}), log)
+    log_read = read(tmp_path, log_text(log), log)
     has_hint = [f"if it is a signal in {meant}, write '[{meant}]' in the header" in note for note in log_read.notes]
     assert has_hint == [True] * bool(meant)
-    assert not read(tmp_path, log_text(log, UNITS | {"RH_a_in": "%"}), log, units={"command": "%"}).notes
+    assert not read(tmp_path, log_text(log), log, units={"command": "%"}).notes
 
 
 @pytest.mark.parametrize(("number", "n"), [(55, 1), (55, 9), (-17.5, 4)])
 def test_a_temperature_that_leaps_away_and_back_is_a_sensor_that_is_off(tmp_path, number, n):
     log = sound_log(np.random.default_rng(0))
     log["T_sup"][20 : 20 + n] = number
-    log_read = read(tmp_path, log_text(log, UNITS | {"RH_a_in": "%"}), log)
+    log_read = read(tmp_path, log_text(log), log)
     assert np.flatnonzero(np.isnan(log_read.values["T_sup"])).tolist() == [*range(20, 20 + n)]
     assert f"left out: T_sup is {number:g} degC, sensor off (first in row 22)" in log_read.notes[0]
     log["T_a_in"][20 : 20 + n] = number
-    assert_refused("T_a_in", "data", read, tmp_path, log_text(log, UNITS | {"RH_a_in": "%"}), log)
+    assert_refused("T_a_in", "data", read, tmp_path, log_text(log), log)
 
 
 def test_a_temperature_of_zero_throughout_is_a_sensor_that_is_off(tmp_path):
     log = sound_log(np.random.default_rng(0)) | {"T_a_in": np.zeros(N)}
-    assert_mistakes(
-        [("T_sup", "data"), ("T_a_in", "data")], read, tmp_path, log_text(log, UNITS | {"RH_a_in": "%"}), log
-    )
+    assert_mistakes([("T_sup", "data"), ("T_a_in", "data")], read, tmp_path, log_text(log), log)
 
 
 def test_a_unit_that_header_and_caller_declare_is_trusted(tmp_path):
     log = sound_log(np.random.default_rng(0)) | {"RH_a_in": np.full(N, 0.6)}
-    text = log_text(log, UNITS | {"RH_a_in": "%"})
+    text = log_text(log)
     assert_refused("RH_a_in", "unit", read, tmp_path, text, log)
     assert read(tmp_path, text, log, units={"RH_a_in": "%"}).values["RH_a_in"][0] == pytest.approx(0.006)
 
@@ -236,7 +217,7 @@ def test_a_constant_humidity_above_saturation_is_refused(tmp_path, constants):
     del log["RH_a_in"]
     spec = ColumnSpec(("T_a_in", tuple(constants)))
     path = tmp_path / "log.csv"
-    path.write_text(log_text(log, UNITS))
+    path.write_text(log_text(log))
     options = ReadingOptions(columns={}, constants=constants, drop=True)
     assert_refused(*constants, "data", read_checked_log, path, spec, options)
 
@@ -252,12 +233,11 @@ def test_shuffled_rows_are_refused_before_any_work(write_log):
 
 def test_the_newest_row_first_is_turned_round_and_said(tmp_path):
     log = sound_log(np.random.default_rng(0))
-    units = UNITS | {"RH_a_in": "%"}
-    log_read = read(tmp_path, log_text(log, units, order=range(N)[::-1]), log)
+    log_read = read(tmp_path, log_text(log, order=range(N)[::-1]), log)
     assert log_read.notes == ["the newest row is first: turned round"]
     assert (log_read.rows[0], log_read.start) == (N + 1, np.datetime64("2024-07-25T08:00:00"))
-    np.testing.assert_array_equal(log_read.values["T_sup"], read(tmp_path, log_text(log, units), log).values["T_sup"])
-    header, newest, *rows = log_text(log, units, order=range(N)[::-1]).splitlines()
+    np.testing.assert_array_equal(log_read.values["T_sup"], read(tmp_path, log_text(log), log).values["T_sup"])
+    header, newest, *rows = log_text(log, order=range(N)[::-1]).splitlines()
     lines = [header, newest, rows[0].replace("2024-07-25T09:58", "?"), *rows[1:-1]]
     log_read = read(tmp_path, "\n".join(lines), log, drop=True)
     assert log_read.time.tolist() == [60.0 * k for k in range(N - 1) if k != N - 3]
@@ -301,10 +281,5 @@ def test_a_frame_is_read_as_a_file_is(tmp_path):
     log = read_checked_log(frame, ColumnSpec(("command", "m_w")))
     assert (log.name, log.time_zone, log.start) == ("DataFrame", "UTC-04:00", np.datetime64("2024-07-01T08:00:00"))
     assert_refused("timestamp", "time", read_checked_log, frame.iloc[rng.permutation(200)], ColumnSpec(("command",)))
-    assert_refused(
-        "m_w [kg/s]",
-        "duplicate",
-        read_checked_log,
-        pd.concat([frame, frame["m_w [kg/s]"]], axis=1),
-        ColumnSpec(("command",)),
-    )
+    doubled = pd.concat([frame, frame["m_w [kg/s]"]], axis=1)
+    assert_refused("m_w [kg/s]", "duplicate", read_checked_log, doubled, ColumnSpec(("command",)))

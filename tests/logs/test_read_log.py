@@ -163,8 +163,7 @@ def test_a_dataset_of_a_simulation_has_the_temperature_that_its_controller_read(
     ds, spec = xr.Dataset(series, coordinates), ColumnSpec(("T_sup",))
     assert fc.read_log(ds).read(spec).values["T_sup"][-1] == 16.0
     assert fc.read_log(ds).read(spec, use_sensor=True).values["T_sup"][-1] == 17.0
-    named = fc.read_log(ds, columns={"T_sup": "T_sup"})
-    assert named.read(spec, use_sensor=True).values["T_sup"][-1] == 16.0
+    assert fc.read_log(ds, columns={"T_sup": "T_sup"}).read(spec, use_sensor=True).values["T_sup"][-1] == 16.0
 
 
 def test_a_log_prints_what_it_is_and_what_keeps_it_from_being_read(write_log):

@@ -43,11 +43,8 @@ def test_a_last_row_that_is_cut_off_is_refused(read_export, tmp_path, last):
 def test_rows_of_data_before_the_header_are_refused(read_export):
     header, *data = table_text(cell_rows()).splitlines()
     text = "\n".join([*data[:5], header, *data[5:]])
-    assert_mistakes(
-        [("2024-07-11T23:30:00", "name"), ("command", "missing"), ("T_sup", "missing"), ("elapsed_time", "missing")],
-        read_export,
-        text,
-    )
+    missing = [(name, "missing") for name in ("command", "T_sup", "elapsed_time")]
+    assert_mistakes([("2024-07-11T23:30:00", "name"), *missing], read_export, text)
 
 
 @pytest.mark.parametrize(
@@ -55,17 +52,15 @@ def test_rows_of_data_before_the_header_are_refused(read_export):
 )
 def test_a_row_of_units_below_the_header(read_export, units):
     header = ("timestamp", "command", "T_sup")
-    cells = [units.split(","), *cell_rows()]
-    log = read_export(cells, header)
+    log = read_export([units.split(","), *cell_rows()], header)
     assert_same_log(log)
     assert log.rows[0] == 3
     assert log.notes[0].startswith("row 2 has the units: ")
 
 
 def test_a_row_of_units_is_checked_as_a_header_is(read_export):
-    cells = [["", "%", "bar"], *cell_rows()]
     header = ("timestamp", "command", "T_sup")
-    assert_refused("T_sup", "unit", read_export, cells, header)
+    assert_refused("T_sup", "unit", read_export, [["", "%", "bar"], *cell_rows()], header)
     assert_refused("T_sup", "unit", read_export, [["", "%", "K"], *cell_rows()], header, units={"T_sup": "degC"})
 
 
@@ -118,13 +113,8 @@ def test_a_header_that_comes_again_is_left_out_and_another_one_is_refused(read_e
     assert log.notes == ["1 row left out: the header again"]
     assert_same_log(log)
     for other_header in (lines[0].replace("T_sup [", "T_set ["), ",".join(reversed(lines[0].split(",")))):
-        assert_refused(
-            str(tmp_path / "export.csv"),
-            "format",
-            read_export,
-            repeated.replace(f"\n{lines[0]}", f"\n{other_header}"),
-            drop=True,
-        )
+        text = repeated.replace(f"\n{lines[0]}", f"\n{other_header}")
+        assert_refused(str(tmp_path / "export.csv"), "format", read_export, text, drop=True)
 
 
 @pytest.mark.parametrize("where", ["everywhere", "below the header"])
@@ -145,15 +135,9 @@ def test_encodings_of_spreadsheets(read_export, encoding):
 
 def test_all_at_once(read_export):
     """As a German building system writes it."""
-    cells = [
-        ["", "%", "°C", ""],
-        *cell_rows(
-            [f"{stamp} MEZ" for stamp in format_times("%d.%m.%Y %H:%M:%S")],
-            [f"{c}".replace(".", ",") for c in COMMAND],
-            [f"{T}".replace(".", ",") for T in T_SUP],
-            ["{ok}"] * ROWS,
-        ),
-    ]
+    stamps = [f"{stamp} MEZ" for stamp in format_times("%d.%m.%Y %H:%M:%S")]
+    command, T_sup = ([f"{x}".replace(".", ",") for x in values] for values in (COMMAND, T_SUP))
+    cells = [["", "%", "°C", ""], *cell_rows(stamps, command, T_sup, ["{ok}"] * ROWS)]
     text = table_text(cells, ("Zeit", "Stellung", "Zuluft", "Status"), ";", "Anlage;RLT 1\n\n", "\nEnde\n")
     log = read_export(text, encoding="utf-16", columns={"timestamp": "Zeit", "command": "Stellung", "T_sup": "Zuluft"})
     assert_same_log(log)
@@ -165,14 +149,8 @@ def test_all_at_once(read_export):
 
 def test_signals_whose_lowest_value_is_the_closed_valve(read_export):
     stroke = COMMAND / 100
-    for unit, values in {
-        "V": 10 * stroke,
-        "deg": 90 * stroke,
-        "V 2-10": 2 + 8 * stroke,
-        "2-10 V": 2 + 8 * stroke,
-        "mA 4-20": 4 + 16 * stroke,
-    }.items():
-        log = read_export(cell_rows(ISO, values), ("timestamp", f"command [{unit}]", HEADER[2]))
+    for unit, closed, span in ("V", 0, 10), ("deg", 0, 90), ("V 2-10", 2, 8), ("2-10 V", 2, 8), ("mA 4-20", 4, 16):
+        log = read_export(cell_rows(ISO, closed + span * stroke), ("timestamp", f"command [{unit}]", HEADER[2]))
         np.testing.assert_allclose(log.values["command"], stroke, atol=1e-12)
         assert not log.notes
 

@@ -62,8 +62,7 @@ def test_within_a_day_the_order_makes_no_difference_and_that_is_said(read_times)
 def test_an_order_that_nothing_shows_is_refused_with_the_cure_and_read_with_it(read_export, read_times):
     days = [f"{1 + k // 5:02}/{1 + k % 5:02}/2024 08:00" for k in range(ROWS)]  # as even in one order as in the other
     assert_refused("timestamp", "time", read_times, days)
-    daily = [f"{1 + k:02}/07/2024" for k in range(12)]
-    text = table_text(cell_rows(daily, range(12), range(12)))
+    text = table_text(cell_rows([f"{1 + k:02}/07/2024" for k in range(12)], range(12), range(12)))
     assert_refused("timestamp", "time", read_export, text)
     assert read_export(text, time_format="%d/%m/%Y").time[-1] == 11 * 86400
     assert read_export(text, time_format="%m/%d/%Y").time[-1] == 335 * 86400
@@ -104,15 +103,12 @@ def test_serial_days_of_a_spreadsheet_are_read_to_the_second(read_times):
 
 @pytest.mark.parametrize(("scale", "said"), [(1, "seconds since 1970"), (1000, "milliseconds since 1970")])
 def test_seconds_and_milliseconds_since_1970(read_times, scale, said):
-    since = int((START - datetime(1970, 1, 1)).total_seconds())
-    stamps = [str(scale * (since + 60 * k)) for k in range(ROWS)]
+    stamps = [str(scale * (int((START - datetime(1970, 1, 1)).total_seconds()) + 60 * k)) for k in range(ROWS)]
     log = read_times(stamps)
     assert_same_log(log)
     assert any(said in note and "2024-07-11T23:30:00" in note for note in log.notes)
     assert_same_log(read_times(stamps, time_format="epoch"))
-
-
-def test_small_numbers_are_no_timestamps(read_times):
+    # small numbers are no timestamps
     assert_refused("timestamp", "time", read_times, [str(60 * k) for k in range(ROWS)])
 
 
@@ -127,8 +123,7 @@ def test_one_time_zone_throughout_is_read_and_said(read_times, zone, ahead):
     log = read_times(format_times(f"%d.%m.%Y %H:%M:%S {zone}"))
     assert_same_log(log)
     assert log.notes[-1] == f"timestamp is in {zone.strip('()')}: read by UTC offset"
-    assert log.time_zone == ahead
-    assert log.start == START
+    assert (log.time_zone, log.start) == (ahead, START)
 
 
 def test_a_zone_of_several_places_stays_a_local_clock(read_times):
@@ -143,9 +138,7 @@ def test_the_summer_and_the_winter_time_of_one_place_are_one_time(read_times, zo
     stamps = [f"{stamp} {zones[0]}" for stamp in format_times("%Y-%m-%d %H:%M")]
     back = [f"{stamp} {zones[1]}" for stamp in format_times("%Y-%m-%d %H:%M", START - timedelta(hours=1))]
     assert_same_log(read_times(stamps[:20] + back[20:]))
-
-
-def test_times_of_which_some_have_a_zone_are_refused(read_times):
+    # times of which some have a zone
     stamps = [f"{stamp}{' PST' if k else ''}" for k, stamp in enumerate(format_times("%d.%m.%Y %H:%M"))]
     assert_refused("timestamp", "time", read_times, stamps)
 
@@ -226,10 +219,8 @@ def test_where_a_result_has_no_notes_a_warning_says_how_times_were_read(write_lo
     ],
 )
 def test_date_and_time_of_day_in_columns_of_their_own_are_one_timestamp(read_export, header, date, clock):
-    cells = [
-        [day, *row[1:], hour]
-        for day, hour, row in zip(format_times(date), format_times(clock), cell_rows(), strict=True)
-    ]
+    times = zip(format_times(date), format_times(clock), cell_rows(), strict=True)
+    cells = [[day, *row[1:], hour] for day, hour, row in times]
     text = table_text(cells, (header[0], *HEADER[1:], header[1]))
     log = read_export(text)
     assert_same_log(log)

@@ -26,8 +26,7 @@ def plan_loop(day=None, **parameters):
 
 def day_with_set_points(T_set):
     """A constant hour with these set-points."""
-    day = fc.constant_day(hours=1)
-    return fc.Boundary(**{n: v[0] for n, v in day.series.items()} | {"T_set": np.resize(T_set, 3600)})
+    return fc.constant_day(hours=1, T_set=np.resize(T_set, 3600))
 
 
 @pytest.mark.parametrize(
@@ -114,7 +113,6 @@ COOLING_DAY = fc.paper_day(hours=DAY_HOURS)
 HEATING_DAY = fc.heating_day(hours=DAY_HOURS)
 FREE_COOLING = fc.constant_day(DAY_HOURS, T_a_in=8.0, T_w_in=np.linspace(7.0, 9.0, 2160), relative_humidity=0.3)
 
-
 MISTAKES = {
     "a heating coil on a day of cooling": (fc.Loop.preset("heating"), COOLING_DAY),
     "a cooling coil on a day of heating": (fc.Loop.preset("lbnl"), HEATING_DAY),
@@ -142,10 +140,7 @@ RIGHT = {
     "heating_45": (fc.Loop.preset("heating_45"), fc.heating_day(DAY_HOURS, T_w_in=45.0)),
     "water at times warmer than the air": (fc.Loop(), FREE_COOLING),
     "water and air of one temperature": (fc.Loop(), fc.constant_day(DAY_HOURS, T_a_in=20.0, T_w_in=20.0, T_set=20.0)),
-    "nothing to do: the air is colder than the set-point": (
-        fc.Loop(),
-        fc.constant_day(DAY_HOURS, T_a_in=13.0, T_set=14.0),
-    ),
+    "nothing to do: air colder than the set-point": (fc.Loop(), fc.constant_day(DAY_HOURS, T_a_in=13.0, T_set=14.0)),
     "gains that were chosen": (fc.Loop.preset("lbnl").assign(action="heating", kp=0.0045), HEATING_DAY),
     "gains that are swept": (fc.Loop.preset("lbnl").assign(action="heating", kp=[0.018, 0.01]), HEATING_DAY),
     "cooling gains with tepid water": (fc.Loop(action="heating"), fc.heating_day(DAY_HOURS, T_w_in=35.0)),
@@ -173,10 +168,9 @@ def test_a_run_warns_where_it_is_called_and_an_open_loop_does_not():
 
 @pytest.mark.kernel
 def test_the_word_changes_no_bits_and_none_switches_the_learner_off(half_hour_day):
-    plain = fc.simulate(fc.Loop(**LEARNER, learning_interval=600), half_hour_day, warm_up=60)
-    words = fc.simulate(
-        fc.Loop(**LEARNER, learning_interval=600, estimator=["none", "learner"]), half_hour_day, warm_up=60
-    )
+    learner = fc.Loop(**LEARNER, learning_interval=600)
+    plain = fc.simulate(learner, half_hour_day, warm_up=60)
+    words = fc.simulate(learner.assign(estimator=["none", "learner"]), half_hour_day, warm_up=60)
     assert words.sel(estimator="learner").rmse.item() == plain.rmse.item()
     assert words.learning_status.values.tolist() == [0.0, plain.learning_status.item()]
     assert words.sel(estimator="none").estimate_final == 0.007
@@ -185,10 +179,8 @@ def test_the_word_changes_no_bits_and_none_switches_the_learner_off(half_hour_da
 @pytest.mark.kernel
 def test_the_inverse_assumes_a_share_of_what_the_estimator_reports(half_hour_day):
     """None of it: the loop of a plain PI, while the estimate is still reported."""
-    learner = LEARNER | {"learning_interval": 600, "learning_early_trip": 1}
-    ds = fc.simulate(
-        fc.Loop(**learner, estimate_share=[0.0, 1.0]), half_hour_day, warm_up=60, traces=["command", "estimate"]
-    )
+    loop = fc.Loop(**LEARNER, learning_interval=600, learning_early_trip=1, estimate_share=[0.0, 1.0])
+    ds = fc.simulate(loop, half_hour_day, warm_up=60, traces=["command", "estimate"])
     plain = fc.simulate(fc.Loop(), half_hour_day, warm_up=60, traces=["command"])
     np.testing.assert_array_equal(ds.command.sel(estimate_share=0.0), plain.command)
     assert ds.estimate.sel(estimate_share=0.0).max() > 0.0

@@ -28,7 +28,7 @@ def test_only_blocks_with_rules_of_the_user_and_of_the_main_thread_get_a_thread(
 
 
 def test_threads_share_the_calls_and_the_first_error_ends_them():
-    met, begun, seen = threading.Barrier(2, timeout=10.0), [], set()
+    met, gate, begun, seen = threading.Barrier(2, timeout=10.0), threading.Event(), [], set()
 
     def call(k):
         seen.add(threading.current_thread())
@@ -39,8 +39,6 @@ def test_threads_share_the_calls_and_the_first_error_ends_them():
         pass
     assert len(seen) == 2
     assert all(thread.daemon for thread in seen)
-
-    gate = threading.Event()
 
     def failing(k):
         begun.append(k)
@@ -55,9 +53,7 @@ def test_threads_share_the_calls_and_the_first_error_ends_them():
     assert len(begun) == 2
 
 
-ENDLESS_PROGRAM = (
-    f"import math\n{RULE_HEADER}"
-    + """\
+ENDLESS_PROGRAM = f"""import math{RULE_HEADER}\
 def endless(now, p, memory):
     x = 0.0
     while now.t > 100.0:
@@ -68,7 +64,6 @@ endless.check()
 print("ready", flush=True)
 fc.simulate(fc.Loop(estimator=endless), fc.constant_day(hours=1), n_jobs=1)
 """
-)
 
 
 @pytest.mark.kernel

@@ -19,27 +19,26 @@ HALF = np.full(N, 0.5)
 DAY = fc.constant_day(N / 3600).assign(day=4, start="2024-07-01T08:00", time_zone=ZONE)
 SERIES = DAY.to_dataset()
 NAMES = ("m_a", "T_a_in", "W_a_in", "T_w_in")
+BARE = {name: SERIES[name].values for name in NAMES}
 
 
 def series_with_set_point(value):
     return {name: SERIES[name] for name in NAMES} | {"T_set": value}
 
 
+def stream_of(series):
+    clock = {"start": "2024-07-01T08:00", "time_zone": ZONE}
+    return fc.Boundary.from_days(lambda label: series, day=4, hours=N / 3600, **clock)
+
+
 ENTRY_POINTS = {
     "command": lambda value: plan_simulation(fc.Loop(), DAY, command=value, warm_up=0).command,
     "Boundary": lambda value: fc.Boundary(**series_with_set_point(value)).series["T_set"],
     "assign": lambda value: DAY.assign(T_set=value).series["T_set"],
-    "stream": lambda value: fc.Boundary.from_days(
-        lambda label: series_with_set_point(value), day=4, hours=N / 3600, start="2024-07-01T08:00", time_zone=ZONE
-    ).series["T_set"],
-    "assign to a stream": lambda value: fc.Boundary.from_days(
-        lambda label: series_with_set_point(14.0), day=4, hours=N / 3600, start="2024-07-01T08:00", time_zone=ZONE
-    ).assign(T_set=value).series["T_set"],
-    "stream of bare arrays": lambda value: fc.Boundary.from_days(
-        lambda label: {n: SERIES[n].values for n in NAMES} | {"T_set": value},
-        day=4, hours=N / 3600, start="2024-07-01T08:00", time_zone=ZONE,
-    ).series["T_set"],
-}  # fmt: skip
+    "stream": lambda value: stream_of(series_with_set_point(value)).series["T_set"],
+    "assign to a stream": lambda value: stream_of(series_with_set_point(14.0)).assign(T_set=value).series["T_set"],
+    "stream of bare arrays": lambda value: stream_of(BARE | {"T_set": value}).series["T_set"],
+}
 
 
 def labelled_array(**coords):
@@ -125,11 +124,11 @@ def test_labels_that_contradict_are_refused(door, label):
 
 def test_labels_alone_give_a_boundary_its_clock():
     series = {name: 1.0 for name in NAMES} | {"W_a_in": 0.001}
-    alone = fc.Boundary(T_set=pd.Series(HALF, TIMES.tz_localize(ZONE)), **series)
+    local = pd.Series(HALF, TIMES.tz_localize(ZONE))
+    alone = fc.Boundary(T_set=local, **series)
     assert (alone.start[0], alone.time_zone) == (np.datetime64("2024-07-01T08:00"), ZONE)
     over_a_change_of_clocks = pd.date_range("2024-10-27 02:59:30", periods=N, freq="s", tz="UTC").tz_convert(ZONE)
     assert fc.Boundary(T_set=pd.Series(HALF, over_a_change_of_clocks), **series).n_steps == N
-    local = pd.Series(HALF, TIMES.tz_localize(ZONE))
     assert_refused("time_zone", "time", fc.Boundary, T_set=local, **series, time_zone="UTC")
     assert_refused("start", "time", fc.Boundary, T_set=pd.Series(HALF, TIMES), **series, start="2024-07-01T09:00")
 
@@ -142,8 +141,6 @@ def test_a_start_with_labels_of_other_days_is_refused():
     assert_refused("T_w_in", "shape", fc.Boundary, **several, day=[2, 1])
     assert fc.Boundary(**several, day=[1, 2]).day.tolist() == [1, 2]
 
-
-# ---------------------------------------------------------------------------------------------------------- units
 
 UNITS = [
     ("ti", 2.0, "min", 120.0), ("backlash", 20.0, "%", 0.2), ("kp", 3.0, "%/K", 0.03),

@@ -14,17 +14,12 @@ import fastcoil as fc
 from fastcoil.model.metric_table import METRICS, TRACES
 from fastcoil.model.parameter_table import PARAMETERS, RESERVED_DIMS
 
-# Values
-
 
 def test_assign_leaves_the_original_alone():
     loop = fc.Loop()
     changed = loop.assign(backlash=0.1, kp=[0.01, 0.02])
     assert (loop["backlash"], loop["kp"], loop.sizes) == (0.07, 0.03, {})
     assert (changed["backlash"], changed.sizes) == (0.1, {"kp": 2})
-
-
-# Stand-ins
 
 
 def test_estimate_ratio_takes_the_place_of_the_estimate_and_back():
@@ -51,19 +46,10 @@ def test_installed_valve_takes_the_place_of_the_curve_and_back():
     assert back == fc.Loop()
 
 
-@pytest.mark.parametrize(
-    ("field", "code", "values"),
-    [
-        ("estimate_ratio", "conflict", {"estimate_ratio": 0.5, "backlash_estimate": 0.05}),
-        ("rangeability", "conflict", {"rangeability": 50.0, "authority": 0.3, "m_full": 1.8, "m_max": 2.0}),
-        ("authority", "missing", {"rangeability": 50.0}),
-    ],
-)
-def test_alternatives_exclude_each_other_and_go_together(field, code, values):
-    assert_refused(field, code, fc.Loop, **values)
-
-
-# Round trips and repr
+def test_alternatives_exclude_each_other_and_go_together():
+    assert_refused("estimate_ratio", "conflict", fc.Loop, estimate_ratio=0.5, backlash_estimate=0.05)
+    assert_refused("rangeability", "conflict", fc.Loop, rangeability=50.0, authority=0.3, m_full=1.8, m_max=2.0)
+    assert_refused("authority", "missing", fc.Loop, rangeability=50.0)
 
 
 @pytest.mark.kernel
@@ -82,11 +68,8 @@ def test_from_dataset_gives_the_loop_back(loop, half_hour_day):
     assert back.constants == loop.constants
     assert back.sizes == loop.sizes
     # unlabelled dims have come back with their labels 0, 1, ...
-    coordinates, expected = back.coordinates(), loop.coordinates()
-    assert coordinates.keys() == expected.keys()
-    for name, labels in expected.items():
-        assert coordinates[name].dims == labels.dims
-        np.testing.assert_array_equal(coordinates[name].values, labels.values)
+    coordinates = {name: (c.dims, c.values.tolist()) for name, c in back.coordinates().items()}
+    assert coordinates == {name: (c.dims, c.values.tolist()) for name, c in loop.coordinates().items()}
 
 
 @pytest.mark.kernel
@@ -136,14 +119,9 @@ def test_repr_shows_the_dimensions_and_what_differs_from_the_nearest_preset():
     assert repr(fc.Loop.preset("heating")) == "<fastcoil.Loop>\nheating"
     assert repr(fc.Loop.preset("lbnl").assign(kp=0.02)).splitlines()[1:] == ["Differs from lbnl:", "  kp = 0.02 K-1"]
     text = repr(fc.Loop(ti=30, backlash=[0.02, 0.07], action="heating"))
-    assert "backlash: 2" in text
-    assert "ti = 30.0 s" in text
-    assert "backlash (backlash): 0.02, 0.07" in text
-    assert "action = heating" in text
+    lines = ("backlash: 2", "ti = 30.0 s", "backlash (backlash): 0.02, 0.07", "action = heating")
+    assert [line for line in lines if line not in text] == []
     assert "C_w" not in text
-
-
-# Names
 
 
 def test_names_of_parameters_metrics_traces_and_dims_are_disjoint():
@@ -155,11 +133,9 @@ def test_names_of_parameters_metrics_traces_and_dims_are_disjoint():
 
 def test_every_parameter_is_an_attribute_with_the_value_of_the_loop():
     loop = fc.Loop(backlash=[0.02, 0.07], kp=0.05)
-    listed = dir(loop)
-    for name in fc.parameters():
-        value = loop[name]
-        assert getattr(loop, name) is value
-        assert name in listed
+    assert {*fc.parameters()} <= {*dir(loop)}
+    assert all(getattr(loop, name) is loop[name] for name in fc.parameters())
+    assert not {name for name in vars(fc.Loop) if not name.startswith("_")} & PARAMETERS.keys()
     assert (loop.kp, loop.sizes, loop.estimator) == (0.05, {"backlash": 2}, None)
 
 
@@ -176,10 +152,6 @@ def test_a_loop_is_not_changed_by_an_attribute_and_says_what_does():
     with pytest.raises(AttributeError, match=r"a Loop does not change: take a copy, loop\.assign\(backlash=…\)"):
         loop.backlash = 0.1
     assert loop == fc.Loop()
-
-
-def test_no_parameter_hides_behind_a_method_of_the_loop():
-    assert not {name for name in vars(fc.Loop) if not name.startswith("_")} & PARAMETERS.keys()
 
 
 def test_the_type_stub_has_the_presets_and_parameters_of_the_table():

@@ -66,15 +66,13 @@ def test_nor_in_a_file_that_the_user_writes(tmp_path, swept_result, part):
 
 
 def test_nobody_else_is_in_the_library_while_one_is(swept_result, tmp_path):
-    data, finished = netcdf.netcdf_bytes(swept_result), []
-    netcdf.save(swept_result, tmp_path / "results.nc")
+    data, path, finished = netcdf.netcdf_bytes(swept_result), tmp_path / "results.nc", []
+    netcdf.save(swept_result, path)
     with netcdf.NETCDF4_PYTHON_LOCK:
         threads = [
             threading.Thread(target=lambda: finished.append(netcdf.load(data))),
             threading.Thread(target=lambda: finished.append(netcdf.netcdf_bytes(swept_result))),
-            threading.Thread(
-                target=lambda: finished.append(xr.load_dataset(tmp_path / "results.nc", decode_timedelta=False))
-            ),
+            threading.Thread(target=lambda: finished.append(xr.load_dataset(path, decode_timedelta=False))),
         ]
         for thread in threads:
             thread.start()
@@ -126,9 +124,6 @@ def test_a_child_of_a_fork_reads_though_another_thread_was_in_the_library(swept_
     thread.join()
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
     assert netcdf.load(data).content_sha256 == swept_result.content_sha256  # nor does the parent wait for anybody
-
-
-# ------------------------------------------------------------------------------------ hashed before they are parsed
 
 
 def test_a_file_that_changed_is_hashed_again_though_its_size_and_time_are_as_before(tmp_path):

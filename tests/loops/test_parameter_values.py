@@ -33,15 +33,12 @@ def test_a_bad_value_or_name_is_refused(field, code, value):
     assert_refused(field, code, fc.Loop, **{field: value})
 
 
-def test_an_item_of_an_unknown_name_is_refused():
-    assert_refused("baklash", "name", fc.Loop().__getitem__, "baklash")
-
-
 def test_all_mistakes_are_reported_together():
     values = {"ti": 0.0, "kp": math.nan, "action": "cool", "backlash": [], "estimate_ratio": 0.5}
     mistakes = [("baklash", "name"), ("ti", "value"), ("kp", "value"), ("action", "choice"), ("backlash", "missing")]
     mistakes.append(("estimate_ratio", "conflict"))
     assert_mistakes(mistakes, fc.Loop, baklash=0.1, **values, backlash_estimate=0.1)
+    assert_refused("baklash", "name", fc.Loop().__getitem__, "baklash")
 
 
 MEANING = {"air_march": "quasistatic", "substeps": 8}

@@ -34,12 +34,9 @@ def test_bad_options_are_refused(days, field, code, value):
     assert_refused(field, code, fc.simulate, fc.Loop(), days, **{"warm_up": 60} | {field: value})
 
 
-def test_the_default_warm_up_refuses_a_shorter_boundary(days):
-    assert_refused("boundary", "data", fc.simulate, fc.Loop(), days)
-
-
-def test_a_sweep_of_a_value_each_second_is_taken_for_a_series():
-    loop = fc.Loop(kp=np.linspace(0.01, 0.02, 3600))
+def test_too_short_days_and_a_sweep_that_may_be_a_series_are_refused(days):
+    assert_refused("boundary", "data", fc.simulate, fc.Loop(), days)  # shorter than the default warm-up
+    loop = fc.Loop(kp=np.linspace(0.01, 0.02, 3600))  # a value for each second
     assert_refused("kp", "shape", plan_simulation, loop, fc.constant_day(hours=1))
 
 
@@ -49,20 +46,14 @@ def test_a_million_million_scenarios_are_refused_without_allocating(days, monkey
     assert_refused("loop", "size", fc.simulate, fc.Loop(**axes), days, warm_up=60)
 
 
-CHECKED_TOGETHER = {
-    "learner": {
-        "learning_step": np.linspace(0.01, 0.1, 200),
-        "backlash_estimate": np.linspace(0.0, 0.1, 200),
-        "learning_cap": np.linspace(0.1, 0.2, 200),
-    },
-    "ratio": {"estimate_ratio": np.linspace(0.0, 1.0, 3000), "backlash": np.linspace(0.0, 0.1, 3000)},
-}
+LEARNER_RANGES = {"learning_step": (0.01, 0.1), "backlash_estimate": (0.0, 0.1), "learning_cap": (0.1, 0.2)}
+RATIO_RANGES = {"estimate_ratio": (0.0, 1.0), "backlash": (0.0, 0.1)}
 
 
-@pytest.mark.parametrize("name", CHECKED_TOGETHER)
-def test_nor_is_anything_allocated_to_check_parameters_together(name, days, monkeypatch):
+@pytest.mark.parametrize(("n", "ranges"), [(200, LEARNER_RANGES), (3000, RATIO_RANGES)], ids=["learner", "ratio"])
+def test_nor_is_anything_allocated_to_check_parameters_together(n, ranges, days, monkeypatch):
     monkeypatch.setattr(resources, "available_memory", lambda: 10**6)
-    loop = fc.Loop(**CHECKED_TOGETHER[name])
+    loop = fc.Loop(**{name: np.linspace(*ends, n) for name, ends in ranges.items()})
     tracemalloc.start()
     try:
         assert_refused("loop", "size", fc.simulate, loop, days, warm_up=60)
@@ -98,11 +89,7 @@ def test_the_memory_of_a_run_is_that_of_its_results_its_shards_and_its_workers(d
     assert year.memory_of_run(1, "threads")[1] > 2 * year.boundary_bytes
 
 
-# How scenarios are cut into shards
-
-
 def two_minute_days(n_days):
-    """Days of two minutes."""
     return fc.Boundary(m_a=np.full((n_days, 120), 1.0), T_a_in=25.0, W_a_in=0.01, T_w_in=7.0, T_set=14.0)
 
 
@@ -125,20 +112,16 @@ def test_shards_are_whole_blocks_of_whatever_is_left_to_run(data):
 
 
 def test_days_in_sequence_are_shards_of_bounded_work_and_size_with_what_is_left_of_each_lane(monkeypatch):
-    plan = plan_simulation(
-        fc.Loop(backlash=("sample", np.linspace(0.0, 0.1, 300))), two_minute_days(5), warm_up=60, carry_over=True
-    )
+    loop = fc.Loop(backlash=("sample", np.linspace(0.0, 0.1, 300)))
+    plan = plan_simulation(loop, two_minute_days(5), warm_up=60, carry_over=True)
     for n_jobs in (1, 2, 8):
         shards = resources.cut_into_shards(plan, n_jobs)
         assert len(shards) >= min(n_jobs, 5)
         assert sorted(k for shard in shards for k in shard.index) == list(range(1500))
         assert all(shard.lanes.size % LANES == 0 for shard in shards[:-1])
     todo = np.r_[7, 307, 1208, 1499]  # a lane from its first day to its second, two on their last
-    left = resources.cut_into_shards(plan, 1, todo)
-    assert sorted((shard.lanes.tolist(), shard.first_day, shard.end_day) for shard in left) == [
-        ([7], 0, 2),
-        ([8, 299], 4, 5),
-    ]
+    left = [(s.lanes.tolist(), s.first_day, s.end_day) for s in resources.cut_into_shards(plan, 1, todo)]
+    assert sorted(left) == [([7], 0, 2), ([8, 299], 4, 5)]
     monkeypatch.setattr(resources, "_LANE_STEPS_PER_SEQUENCE", 5 * 120 * LANES * 2.5)
     assert len(resources.cut_into_shards(plan, 1)) == 1
     monkeypatch.setattr(resources, "_MIN_SEQUENCE_BLOCKS", 1)

@@ -12,7 +12,6 @@ from fastcoil.model.parameter_table import PARAMETERS
 
 pytestmark = pytest.mark.kernel
 
-
 HEATING = {
     "cp_w": 4.186, "cp_a": 1.02, "pressure": 101325.0, "m_max": None, "valve_a": None, "valve_b": None, "valve_c": None,
     "rangeability": 50.0, "authority": 0.5, "m_full": 0.5, "leakage": 0.001, "sensor_time_constant": 30.0,
@@ -65,7 +64,8 @@ CORNERS = [(m_a, T_out, T_w) for m_a in (0.4, 1.3) for T_out in (-20.0, 15.0) fo
 NAMES = ("heating", "heating_45")
 
 
-def corner_days():
+@pytest.fixture(scope="module")
+def day():
     """The corners of the working range, a day each, with a step of the set-point within reach."""
     m_a, T_out, T_w_in = (np.array(column)[:, None] * np.ones(SECONDS) for column in zip(*CORNERS, strict=True))
     T_a_in = 0.3 * T_out + 0.7 * 21.0
@@ -78,11 +78,6 @@ def overshoot(ds, T_set):
     return ((after.values - T_set[:, -1:]) / STEP).max(axis=-1)
 
 
-@pytest.fixture(scope="module")
-def day():
-    return corner_days()
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_a_heating_preset_does_not_ring_where_the_gains_of_a_cooling_loop_do(name, day):
     loop, T_set = fc.Loop.preset(name).assign(backlash=0.0), day.series["T_set"]
@@ -90,8 +85,7 @@ def test_a_heating_preset_does_not_ring_where_the_gains_of_a_cooling_loop_do(nam
     assert overshoot(ds, T_set).max() < 0.2
     assert np.median(overshoot(ds, T_set)) < 0.05
     assert not ds.hunts.any()
-    late = abs(ds.T_sup.isel(elapsed_time=-1) - T_set[:, -1])
-    assert float(late.max()) < 0.05
+    assert float(abs(ds.T_sup.isel(elapsed_time=-1) - T_set[:, -1]).max()) < 0.05
     cooling = fc.Loop.preset("lbnl")
     with_them = loop.assign(**{n: cooling[n] for n in ("kp", "ti", "sample_time")})
     with pytest.warns(UserWarning, match="those of the cooling coil lbnl"):
@@ -123,9 +117,8 @@ def test_the_design_load_opens_the_valve_to_0_6_to_0_9(name, T_w_in):
     assert float(rest.m_w) == pytest.approx(m_w, rel=1e-9)
     m_a, T_a_in = 1.15, 0.3 * -20.0 + 0.7 * 21.0
     C_a, C_w = m_a * loop["cp_a"], m_w * loop["cp_w"]
-    UA = 1 / (
-        1 / (8 * loop["beta3"] * m_a ** loop["beta4"] * C_a) + 1 / (8 * loop["beta1"] * m_w ** loop["beta2"] * C_w)
-    )
+    G_a, G_w = 8 * loop["beta3"] * m_a ** loop["beta4"] * C_a, 8 * loop["beta1"] * m_w ** loop["beta2"] * C_w
+    UA = 1 / (1 / G_a + 1 / G_w)
     low, high = sorted((C_a, C_w))
     ratio, ntu = low / high, UA / low
     eps = (1 - math.exp(-ntu * (1 - ratio))) / (1 - ratio * math.exp(-ntu * (1 - ratio)))

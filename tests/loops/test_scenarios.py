@@ -74,16 +74,9 @@ def test_any_slice_of_the_scenarios_is_that_of_all_of_them():
     assert all(some[name].tolist() == parameters[name][5:29].tolist() for name in ("backlash", "kp", "action"))
 
 
-# What cannot be swept, or not together
-
-
 @pytest.mark.parametrize("dim", ["day", "volume", "status", "rmse", "T_sup"])
 def test_dims_of_results_cannot_be_swept(dim):
     assert_refused("backlash", "name", fc.Loop, backlash=(dim, [0.05, 0.07]))
-
-
-def test_a_dim_cannot_have_the_name_of_a_parameter_that_has_another_value():
-    assert_refused("buffer", "name", layout_and_columns, fc.Loop(backlash=("buffer", [0.05, 0.07])))
 
 
 DIFFERENT_LENGTHS = {"kp": ("tuning", [0.01, 0.02]), "ti": ("tuning", [10.0, 20.0, 30.0])}
@@ -102,6 +95,7 @@ def test_labels_of_one_dim_that_differ():
     assert_refused("kp", "shape", fc.Loop, ti=[10.0, 20.0], kp=kp)
 
 
-def test_a_coordinate_of_the_clock_cannot_be_swept():
+def test_neither_another_parameter_nor_a_coordinate_of_the_clock_can_be_a_dim():
+    assert_refused("buffer", "name", layout_and_columns, fc.Loop(backlash=("buffer", [0.05, 0.07])))
     day = fc.paper_day(hours=0.1).assign(start="2024-07-01")
     assert_refused("time", "name", Layout, fc.Loop(kp=("time", [0.1, 0.2])), day)

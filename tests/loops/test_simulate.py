@@ -15,8 +15,6 @@ from fastcoil.model.parameter_table import PARAMETERS
 
 pytestmark = pytest.mark.kernel
 
-# The Dataset
-
 
 def test_dims_are_those_of_the_sweep_and_the_day_and_the_replicates(swept_result):
     dims = ("day", "backlash", "tuning", "n_volumes", "replicate")
@@ -72,8 +70,8 @@ def test_volumes_a_scenario_does_not_have_are_missing(swept_result):
 
 @pytest.mark.parametrize("interval", [1, 7, 60, 900])
 def test_trace_interval_takes_the_sample_at_that_second(days, interval):
-    every = fc.simulate(fc.Loop(), days, traces=["T_sup", "wet_volumes", "T_w"], warm_up=100)
-    some = fc.simulate(fc.Loop(), days, traces=["T_sup", "wet_volumes", "T_w"], warm_up=100, trace_interval=interval)
+    options = {"traces": ["T_sup", "wet_volumes", "T_w"], "warm_up": 100}
+    every, some = (fc.simulate(fc.Loop(), days, **options, trace_interval=n) for n in (1, interval))
     assert some.sizes["elapsed_time"] == -(-900 // interval)
     xr.testing.assert_equal(some, every.isel(elapsed_time=slice(None, None, interval)))
 
@@ -88,18 +86,13 @@ def test_each_trace_alone_is_the_trace_among_others(days):
         assert alone[name].identical(together[name])
 
 
-# Open loop
-
-
 def test_open_loop_has_no_controller(half_hour_day):
     command = np.linspace(0.0, 1.0, half_hour_day.n_steps)
     ds = fc.simulate(fc.Loop(backlash=[0.0, 0.1]), half_hour_day, command=command, traces=list(TRACES), warm_up=60)
-    for name in ("u", "integral", "estimate"):
-        assert np.all(np.isnan(ds[name]))
+    for name in ("u", "integral", "estimate", "switch_frequency", "estimate_final"):
+        assert np.all(np.isnan(ds[name])), name
     assert ds["mode"].dtype == np.int8
     assert np.all(ds["mode"] == 0)
-    assert np.all(np.isnan(ds.switch_frequency))
-    assert np.all(np.isnan(ds.estimate_final))
     np.testing.assert_array_equal(ds.command.values, np.broadcast_to(command, (2, half_hour_day.n_steps)))
     np.testing.assert_array_equal(ds.opening.sel(backlash=0.0).values, command)
     assert "command_sha256" in ds.attrs
@@ -113,9 +106,6 @@ def test_each_day_may_have_its_own_command(days):
     np.testing.assert_array_equal(same.command.values, np.full((2, 900), 0.2))
 
 
-# Sameness
-
-
 @pytest.mark.parametrize("change", [{"seed": 8}, {"warm_up": 101}, {"trace_interval": 25}, {"traces": ["T_sup"]}])
 def test_content_hash_depends_on_what_was_simulated(days, swept_result, sweep, change):
     options = {"traces": ["T_sup", "mode", "T_c"], "trace_interval": 50, "warm_up": 100, "replicates": 2, "seed": 7}
@@ -126,18 +116,12 @@ def test_content_hash_depends_on_what_was_simulated(days, swept_result, sweep, c
 @pytest.mark.filterwarnings("ignore:action")
 def test_adding_sweep_values_changes_no_scenario(days):
     few = fc.simulate(fc.Loop(backlash=[0.02, 0.07], noise_std=0.05), days, traces=["T_sup"], warm_up=60)
-    more = fc.simulate(
-        fc.Loop(noise_std=[0.0, 0.05], backlash=[0.15, 0.07, 0.0, 0.02], action=["heating", "cooling"]),
-        fc.paper_day(hours=0.25, seed=[1, 9, 4]),
-        traces=["T_sup"],
-        warm_up=60,
-        replicates=3,
-    ).sel(noise_std=0.05, backlash=[0.02, 0.07], action="cooling", day=[4, 1], replicate=0)
+    loop = fc.Loop(noise_std=[0.0, 0.05], backlash=[0.15, 0.07, 0.0, 0.02], action=["heating", "cooling"])
+    three = fc.paper_day(hours=0.25, seed=[1, 9, 4])
+    more = fc.simulate(loop, three, traces=["T_sup"], warm_up=60, replicates=3)
+    more = more.sel(noise_std=0.05, backlash=[0.02, 0.07], action="cooling", day=[4, 1], replicate=0)
     for name in [*METRICS, "T_sup"]:
         np.testing.assert_array_equal(more[name].values, few[name].values, err_msg=name)
-
-
-# What fails
 
 
 def test_a_controller_gone_nan_is_flagged(half_hour_day):

@@ -53,7 +53,6 @@ def test_the_border_of_stability_with_an_installed_valve(days):
 
 
 def test_leakage_moves_no_border(days):
-    """At full opening a valve delivers the same, whatever it leaks when closed."""
     limit = gamma_and_lambda(days)[0] * 8.8
     loop = fc.Loop(leakage=[0.0, 0.05, 0.9])
     fc.simulate(loop.assign(C_w=limit * (1 + 1e-9)), days, warm_up=60)

@@ -1,11 +1,10 @@
 """``fc.ValveTest``: what it refuses, what it becomes in a loop, and what a technician reads."""
 
-from typing import NamedTuple
-
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from helpers.refusals import assert_mistakes, assert_refused
+from helpers.rules import own_pi
 from helpers.sentences import assert_worded
 
 import fastcoil as fc
@@ -14,11 +13,8 @@ from fastcoil.model.parameter_table import PARAMETERS
 
 
 def test_a_test_is_parameters_of_a_loop_and_its_defaults_are_theirs():
-    given = fc.ValveTest(start=60.0).parameters()
-    assert set(given) == {name for name, p in PARAMETERS.items() if p.group == "test"}
-    assert {n: v for n, v in given.items() if n != "test_start"} == {
-        name: p.default for name, p in PARAMETERS.items() if p.group == "test" and p.default is not None
-    }
+    defaults = {name: p.default for name, p in PARAMETERS.items() if p.group == "test"}
+    assert fc.ValveTest(start=60.0).parameters() == defaults | {"test_start": 60.0}
 
 
 def test_every_bad_value_is_refused_by_its_name():
@@ -40,30 +36,10 @@ def test_a_loop_with_an_impossible_test_is_refused(field, code, parameters):
     assert_refused(field, code, fc.simulate, fc.Loop(**parameters), fc.constant_day(hours=1))
 
 
-def test_a_test_in_an_open_loop_is_refused():
+def test_an_open_loop_and_a_law_of_your_own_have_no_test():
     day, command = fc.constant_day(hours=1), np.full(3600, 0.5)
     assert_refused("command", "conflict", fc.simulate, fc.Loop(test_start=60), day, command=command)
-
-
-class Parameters(NamedTuple):
-    """Of a law."""
-
-    kp: float
-
-
-class Memory(NamedTuple):
-    """Of a law."""
-
-    n: float = 0.0
-
-
-def test_a_law_of_your_own_has_no_test():
-    @fc.law(Parameters, Memory)
-    def half(now, p, memory):
-        return 0.5, memory
-
-    loop, day = fc.Loop(law=half), fc.constant_day(hours=1)
-    assert_refused("test_start", "unsupported", fc.simulate, loop, day, test=fc.ValveTest())
+    assert_refused("test_start", "unsupported", fc.simulate, fc.Loop(law=own_pi), day, test=fc.ValveTest())
 
 
 def test_the_instructions_give_the_numbers_of_the_test():

@@ -23,8 +23,7 @@ def log():
 
 def test_a_log_of_two_units_or_of_a_row_a_day_is_refused(log):
     fahrenheit = log.assign(T_set=1.8 * log.T_set + 32.0)
-    trusted = fc.read_log(fahrenheit, units={"T_set": "degC"})
-    assert_refused("T_sup", "unit", fc.diagnose, trusted, stroke_time=90.0)
+    assert_refused("T_sup", "unit", fc.diagnose, fc.read_log(fahrenheit, units={"T_set": "degC"}), stroke_time=90.0)
     days = ("elapsed_time", 86400.0 * np.arange(20), {"units": "s"})
     daily = log.isel(elapsed_time=slice(None, 20)).assign_coords(elapsed_time=days)
     assert_refused("log", "time", fc.diagnose, daily, stroke_time=90.0)
@@ -37,8 +36,7 @@ def test_a_temperature_far_from_its_set_point_that_no_unit_explains_is_a_warning
 
 def test_a_switch_that_is_logged_now_and_then_is_named_where_it_leaves_nothing(log):
     sparse = np.where(np.arange(log.sizes["elapsed_time"]) % 100, np.nan, 1.0)
-    switched = fc.read_log(log.assign(enabled=("elapsed_time", sparse)), drop=True)
-    assert_refused("log", "data", fc.diagnose, switched)
+    assert_refused("log", "data", fc.diagnose, fc.read_log(log.assign(enabled=("elapsed_time", sparse)), drop=True))
 
 
 def test_a_coil_whose_air_is_colder_than_its_water_is_refused():
@@ -105,8 +103,7 @@ def test_what_a_law_leaves_of_its_own_temperature_is_noise_and_of_another_one_is
 
 
 def test_labels_that_would_be_dropped_are_refused(log):
-    minutes = xr.DataArray(1.5, attrs={"units": "min"})
-    assert_refused("stroke_time", "type", fc.diagnose, log, minutes)
+    assert_refused("stroke_time", "type", fc.diagnose, log, xr.DataArray(1.5, attrs={"units": "min"}))
     for series in (log.command, log.command.to_series()):
         assert_refused("log", "type", fc.diagnose, series)
     two_days = [(name, "shape") for name in ("command", "T_sup", "T_set")]

@@ -51,9 +51,8 @@ def logs_with_batch_errors(seed, sd=0.06, n_batches=12, n=50):
     commands = [random_walk(rng, n=n) for _ in range(n_batches)]
     flows = (add_noise(rng, valve_flows(c, start=rng.uniform()), 0.02, 0.5) for c in commands)
     measured = [flow * (1.0 + rng.normal(0.0, sd)) for flow in flows]
-    return make_valve_log(
-        np.concatenate(commands), np.concatenate(measured), batch=np.repeat(np.arange(float(n_batches)), n)
-    )
+    batch = np.repeat(np.arange(float(n_batches)), n)
+    return make_valve_log(np.concatenate(commands), np.concatenate(measured), batch=batch)
 
 
 @pytest.mark.full

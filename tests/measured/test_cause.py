@@ -78,8 +78,7 @@ def test_a_loop_by_itself_has_its_drift_but_neither_noise_nor_the_swing(forced):
     shaken = day.disturbance + 1.5 * np.sin(2 * np.pi * np.arange(day.noise.size) * step / measures.swing.period)
     noisy = loop._replace(day=day._replace(disturbance=shaken, noise=day.noise + 0.1))
     quiet = undisturbed_loop(noisy, measures.swing).day
-    middle = slice(shaken.size // 4, -shaken.size // 4)
-    assert np.abs(quiet.disturbance - day.disturbance)[middle].max() < 0.3
+    assert np.abs(quiet.disturbance - day.disturbance)[shaken.size // 4 : -shaken.size // 4].max() < 0.3
     assert not quiet.noise.any()
     np.testing.assert_array_equal(undisturbed_loop(noisy, measures.swing, noise=True).day.noise, day.noise + 0.1)
 
@@ -97,7 +96,6 @@ def test_a_loop_by_itself_has_its_drift_but_neither_noise_nor_the_swing(forced):
 def test_the_cause_follows_from_what_the_fitted_loop_does_alone(forced, monkeypatch, with_gap, without, cause):
     """A number: it hunts with that factor on its gain only."""
     grid, measures = forced
-    loop = fit_model(grid, 0.02)
     swing = measures.swing
 
     def replay_with(self, backlash, kp=1.0, *_):
@@ -105,7 +103,7 @@ def test_the_cause_follows_from_what_the_fitted_loop_does_alone(forced, monkeypa
         return Outcome(1.0, 0.5 * swing.peak_to_peak, swing.period, 1.0, 1.0, hunts)
 
     monkeypatch.setattr(FittedLoop, "replay_with", replay_with)
-    verdict = judge_cause(measures, loop, PriorEvidence(True))
+    verdict = judge_cause(measures, fit_model(grid, 0.02), PriorEvidence(True))
     assert verdict.name == cause
     assert_worded(verdict.because)
 

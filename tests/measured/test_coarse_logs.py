@@ -65,11 +65,10 @@ def test_the_fit_has_the_wider_interval(monkeypatch):
     log = make_valve_log(command := random_walk(rng, n=80), add_noise(rng, valve_flows(command), 0.01))
     narrow = fc.fit_valve(log, lag=0, holds="command")
     low, high = narrow.intervals["backlash"]
-    monkeypatch.setattr(
-        "fastcoil.measured.fit_valve.judge_interval", lambda *_: Verdict((low - 0.01, high + 0.01), "", "so")
-    )
+    wider = Verdict((low - 0.01, high + 0.01), "", "so")
+    monkeypatch.setattr("fastcoil.measured.fit_valve.judge_interval", lambda *_: wider)
     wide = fc.fit_valve(log, lag=0)
-    assert wide.intervals["backlash"] == tuple(wide.profile.attrs["interval_95"]) == (low - 0.01, high + 0.01)
+    assert wide.intervals["backlash"] == tuple(wide.profile.attrs["interval_95"]) == wider.interval
     ratio = wide.standard_errors["backlash"] / narrow.standard_errors["backlash"]
     assert ratio == pytest.approx((high - low + 0.02) / (high - low))
     assert "so" in wide.notes
@@ -79,8 +78,7 @@ def test_the_fit_has_the_wider_interval(monkeypatch):
 @pytest.mark.full
 def test_intervals_of_coarse_closed_loop_logs_hold_the_truth_where_the_backlash_is_identified():
     """36 fresh loops, 1, 5 and 15 min: of those identified, at most 15 % miss; without the allowance most do."""
-    missed = {True: 0, False: 0}
-    n_identified = 0
+    missed, n_identified = {True: 0, False: 0}, 0
     for k in range(36):
         rng = np.random.default_rng(8100 + k)
         interval, preset = (60, 300, 900)[k % 3], ("paper_like", "paper_like_fast", "lbnl", "g36")[k % 4]

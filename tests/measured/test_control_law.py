@@ -31,8 +31,7 @@ ALL_GOOD = np.ones(2160, bool)
 
 @pytest.mark.parametrize("every", [1, 3])
 def test_steps_of_the_set_point_are_seen_without_its_column(every):
-    T_set = stepped_set_point()
-    command, T = simulate_loop(T_set, every=every)
+    command, T = simulate_loop(stepped_set_point(), every=every)
     assert is_provoked(command, T, ALL_GOOD, None, INTERVAL)
     assert not is_provoked(*simulate_loop(every=every), ALL_GOOD, None, INTERVAL)
 
@@ -106,5 +105,4 @@ def test_commands_that_fit_no_pi_that_is_not_saturated_have_none():
 
     (e_1, u_1), (e_2, u_2) = half(41, 10.0, 0.5, 0.06), half(61, 14.0, 0.9, -0.06)
     before = np.delete(np.arange(101), 40)
-    pi = regress_pi(np.r_[u_1, u_2], np.r_[e_1, e_2], before, before + 1, np.zeros(100))
-    assert pi is None
+    assert regress_pi(np.r_[u_1, u_2], np.r_[e_1, e_2], before, before + 1, np.zeros(100)) is None

@@ -86,8 +86,7 @@ def test_a_loop_that_would_stand_still_without_its_gap_is_blamed_on_the_valve():
 
 def test_a_prediction_that_contradicts_the_cause_is_withheld(monkeypatch):
     """Without the gap the loop is calm, but what is left of its swing in the disturbances of the log goes on."""
-    hunting = Outcome(0.5, 0.4, 300.0, 50.0, 500.0, hunts=True)
-    monkeypatch.setattr(cause, "what_if", lambda *_, **__: hunting)
+    monkeypatch.setattr(cause, "what_if", lambda *_, **__: Outcome(0.5, 0.4, 300.0, 50.0, 500.0, hunts=True))
     result = fc.diagnose(make_loop_log(kp=0.03, ti=15.0), stroke_time=90.0)
     assert result.cause == "backlash"
     assert "disturbances of the log hide" in str(result.predictions.doubt.sel(case="no_gap").values)
@@ -110,8 +109,7 @@ def test_a_temperature_logged_at_changes_of_a_third_of_a_kelvin_is_not_trusted(l
         if abs(T[k] - T[kept[-1]]) >= 0.3:
             kept.append(k)
     coarse = T[np.array(kept)[np.searchsorted(kept, np.arange(T.size), side="right") - 1]]
-    result = fc.diagnose(log.assign(T_sup=log.T_sup.copy(data=coarse)), stroke_time=90.0)
-    assert not result.identified
+    assert not fc.diagnose(log.assign(T_sup=log.T_sup.copy(data=coarse)), stroke_time=90.0).identified
 
 
 def test_a_log_that_is_too_coarse_or_too_short_says_so_instead_of_claiming(log, coarse):
@@ -123,8 +121,7 @@ def test_a_log_that_is_too_coarse_or_too_short_says_so_instead_of_claiming(log, 
 
 
 def test_the_toml_can_be_included_and_holds_a_backlash_only_if_it_is_identified(diagnosis, coarse, tmp_path):
-    text = diagnosis.to_toml(tmp_path / "diagnosis.toml")
-    tables = parse_toml(text, "diagnosis.toml")
+    tables = parse_toml(diagnosis.to_toml(tmp_path / "diagnosis.toml"), "diagnosis.toml")
     assert tables["loop"] == {"backlash": diagnosis.backlash}
     assert tables["fit"]["interval_95"]["backlash"] == list(diagnosis.interval)
     assert set(tables) == {"loop", "fit"}

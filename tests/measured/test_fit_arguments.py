@@ -59,8 +59,7 @@ def test_pieces_of_a_row_or_two_are_refused_and_a_log_that_goes_back_now_and_the
     def at(time):
         return log.assign_coords(elapsed_time=("elapsed_time", time, {"units": "s"}))
 
-    pairs = fc.read_log(at(time + 500.0 * (np.arange(240) // 2)), max_gap=100.0)
-    assert_refused("log", "time", fc.fit_valve, pairs)
+    assert_refused("log", "time", fc.fit_valve, fc.read_log(at(time + 500.0 * (np.arange(240) // 2)), max_gap=100.0))
     backwards = fc.read_log(at(time[::-1]), jumps="split")
     for logs in ({"log": backwards}, {"log": log, "validation": backwards}):
         assert_refused("elapsed_time", "time", fc.fit_valve, **logs)
@@ -69,11 +68,10 @@ def test_pieces_of_a_row_or_two_are_refused_and_a_log_that_goes_back_now_and_the
 
 
 def test_a_pump_that_is_off_by_declaration_is_not_compared():
-    rng = np.random.default_rng(3)
     rows = np.array(valve_rows(200), dtype=float)
     flow, enabled = rows[:, 2].copy(), np.ones(200)
     enabled[60:80] = 0.0
-    flow[60:80] = rng.uniform(0, 2, 20)
+    flow[60:80] = np.random.default_rng(3).uniform(0, 2, 20)
     fit = fc.fit_valve(make_valve_log(rows[:, 1], flow, enabled=enabled))
     assert fit.parameters["backlash"] == pytest.approx(0.07, abs=1e-3)
     assert "20 flows not compared: enabled is 0" in fit.notes

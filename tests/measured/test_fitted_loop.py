@@ -6,15 +6,7 @@ import numpy as np
 import pytest
 
 from fastcoil.measured import thresholds
-from fastcoil.measured.fitted_loop import (
-    FittedLoop,
-    Replay,
-    ReplayInputs,
-    evaluate_replay,
-    fit_loop_model,
-    remove_noise,
-    what_if,
-)
+from fastcoil.measured.fitted_loop import FittedLoop, Replay, ReplayInputs, evaluate_replay, fit_loop_model, what_if
 from fastcoil.measured.fitted_plant import recover_pi
 
 INTERVAL, STROKE = 15.0, 90.0
@@ -208,8 +200,7 @@ def test_outcome_has_the_meanings_of_the_metrics():
     assert outcome.travel_per_day == pytest.approx(0.2 * 86400 / 250.0, rel=0.02)
     assert outcome.reversals_per_day == pytest.approx(2 * 86400 / 250.0, rel=0.02)
     assert outcome.hunts
-    calm = evaluate_replay(Replay(T_set + 0.15 * error, opening, opening, opening), log, step)
-    assert not calm.hunts
+    assert not evaluate_replay(Replay(T_set + 0.15 * error, opening, opening, opening), log, step).hunts
 
 
 def test_a_verdict_that_turns_on_a_little_gain_is_a_sentence(fitted, monkeypatch):

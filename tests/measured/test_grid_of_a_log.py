@@ -46,15 +46,13 @@ def test_jitter_is_moved_and_a_lost_sample_is_missing_while_its_command_holds():
 
 
 def test_a_log_of_changes_holds_every_value():
-    draw = np.random.default_rng(2)
-    time = np.cumsum(draw.integers(1, 25, 200)).astype(float)
+    time = np.cumsum(np.random.default_rng(2).integers(1, 25, 200)).astype(float)
     time -= time[0]
     T = 14.0 + np.arange(200)
     grid, notes = resample_log(make_log(time, T_sup=T))
     assert "irregular" in notes[0]
     assert np.isfinite(grid.values["T_sup"]).all()
-    k = 40
-    tick = round(float(time[k] / grid.interval))
+    tick = round(float(time[40] / grid.interval))
     assert grid.values["T_sup"][tick] == T[np.flatnonzero(np.rint(time / grid.interval) == tick)[-1]]
 
 
@@ -167,8 +165,7 @@ def test_days_in_a_row_are_apart_and_keep_what_all_of_them_have():
     assert [day.stop - day.start for day in grid.day_slices()] == [780, 720]
     assert not grid.on[720:780].any()
     np.testing.assert_array_equal(grid.values["T_sup"][780:], days[1].values["T_sup"])
-    slower = resample_log(make_log(np.arange(0, 7200, 30)))[0]
-    assert_refused("log", "time", join_grids, [days[0], slower])
+    assert_refused("log", "time", join_grids, [days[0], resample_log(make_log(np.arange(0, 7200, 30)))[0]])
 
 
 def test_a_long_log_is_cut_into_days_and_a_short_rest_stays_with_the_last():

@@ -44,9 +44,7 @@ def simulate_plant(command, backlash, noise=0.01, seed=0, gain=-20.0, tau=90.0, 
 
 def stepped_day(hours=6, seed=1):
     """A command that steps up and down every 10 min, and set-points that say so."""
-    draw = np.random.default_rng(seed)
-    levels = draw.uniform(0.2, 0.8, hours * 6)
-    command = np.repeat(levels, int(600 / INTERVAL))
+    command = np.repeat(np.random.default_rng(seed).uniform(0.2, 0.8, hours * 6), int(600 / INTERVAL))
     return command, 24.0 - 20.0 * command
 
 
@@ -127,8 +125,7 @@ def peak(size, width=0.001):
 def make_day(without_command, with_command=None, **fields):
     """Evidence of a day on which the valve reversed often, by default one with steps of the set-point."""
     likelihood = Likelihood(without_command, without_command if with_command is None else with_command, 900)
-    defaults = {"likelihoods": [likelihood], "provoked": True, "positions": np.tile([0.2, 0.8], 8)}
-    return DayEvidence(**defaults | fields)
+    return DayEvidence(**{"likelihoods": [likelihood], "provoked": True, "positions": np.tile([0.2, 0.8], 8)} | fields)
 
 
 def judge_day(*likelihoods, **fields):
@@ -158,8 +155,7 @@ def test_a_valve_is_called_worse_than_good_only_at_odds_of_300_to_1():
 def test_of_sizes_that_explain_alike_the_one_that_is_surely_right_is_named():
     """0, 1 and 2 % are as probable: within 1 % of all of them lies 1 % alone."""
     is_likely = np.isclose(CANDIDATES[:, np.newaxis], [0.0, 0.01, 0.02]).any(axis=1)
-    likelihood = np.where(is_likely, 0.0, -50.0) + 1e-3 * np.isclose(CANDIDATES, 0.0)
-    assert_identified(judge_day(likelihood), 0.01, 1e-6)
+    assert_identified(judge_day(np.where(is_likely, 0.0, -50.0) + 1e-3 * np.isclose(CANDIDATES, 0.0)), 0.01, 1e-6)
 
 
 def test_doubt_the_largest_size_and_what_counts_for_less_are_not_claimed():
@@ -191,8 +187,7 @@ def test_temperatures_that_stand_late_are_moved_back():
     assert identification.identified
     in_time = simulate_control(0.07)
     n = command.size - 2
-    expected = identify_backlash(in_time[0][:n], in_time[1][:n], INTERVAL, T_set[2:])
-    assert identification[:5] == expected[:5]
+    assert identification[:5] == identify_backlash(in_time[0][:n], in_time[1][:n], INTERVAL, T_set[2:])[:5]
 
 
 def test_commands_that_stand_late_or_answer_slowly_are_reckoned_with_as_both(monkeypatch):
@@ -201,10 +196,8 @@ def test_commands_that_stand_late_or_answer_slowly_are_reckoned_with_as_both(mon
     assert identification.temperature_lag == -2 * INTERVAL
     assert identification.backlash == pytest.approx(0.07, abs=0.014)
     monkeypatch.setattr("fastcoil.measured.identify.imply_pi", lambda *_: ImpliedPI(0, np.nan, 0.0))
-    as_is, moved = (
-        identify_backlash(command[cut:], T[: T.size - cut], INTERVAL, T_set[cut:]).probability for cut in (0, 2)
-    )
-    np.testing.assert_allclose(identification.probability, (as_is + moved) / 2, atol=1e-9)
+    both = [identify_backlash(command[cut:], T[: T.size - cut], INTERVAL, T_set[cut:]).probability for cut in (0, 2)]
+    np.testing.assert_allclose(identification.probability, np.mean(both, axis=0), atol=1e-9)
 
 
 def test_a_command_that_jumps_to_and_fro_needs_the_sample_time_and_counts_for_less(monkeypatch):
@@ -252,8 +245,7 @@ def test_days_of_one_valve_show_together_what_none_of_them_shows_alone():
 def test_a_gap_is_claimed_from_three_reversals_beyond_it_on_all_days_together():
     """Two reversals a day, of 9 % of the stroke, and gaps below and above that."""
     for gap, n_days, n_reversals in ((0.05, 1, 2), (0.05, 2, 4), (0.12, 3, 0)):
-        day = make_day(peak(gap, 0.004), positions=np.array([0.4, 0.49, 0.4, 0.49]))
-        identification = combine_days(n_days * [day])
+        identification = combine_days(n_days * [make_day(peak(gap, 0.004), positions=np.array([0.4, 0.49, 0.4, 0.49]))])
         assert identification.identified == (n_reversals > 2)
         if n_reversals < 3:
             assert_withheld(identification, f"reversed only {n_reversals} times by more than such a gap")
@@ -264,8 +256,7 @@ def test_a_day_with_a_doubt_does_not_count_beside_others():
     sound = make_day(peak(0.05))
     assert combine_days([doubted, sound])[:5] == combine_days([sound])[:5]
     assert combine_days([doubted, doubted, sound]).reason == "because"
-    empty = make_day(peak(0.05), likelihoods=[], doubt="nothing")
-    assert combine_days([empty, sound]).backlash == pytest.approx(0.05)
+    assert combine_days([make_day(peak(0.05), likelihoods=[], doubt="nothing"), sound]).backlash == pytest.approx(0.05)
 
 
 def test_days_of_a_command_that_jumps_count_where_there_are_four():
@@ -277,8 +268,7 @@ def test_days_of_a_command_that_jumps_count_where_there_are_four():
 def test_steady_days_acquit_no_valve_that_stepped_days_accuse():
     """A command that only follows the temperature predicts it as well as an opening without a gap."""
     trap = np.where(CANDIDATES <= 0.01, 0.0, -80.0)
-    days = [make_day(peak(0.05, 0.01)), *make_steady_days(8, trap, trap)]
-    assert combine_days(days).backlash == pytest.approx(0.05)
+    assert combine_days([make_day(peak(0.05, 0.01)), *make_steady_days(8, trap, trap)]).backlash == pytest.approx(0.05)
 
 
 def test_steady_days_that_differ_from_each_other_show_no_gap():

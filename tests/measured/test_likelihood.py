@@ -69,9 +69,6 @@ def test_a_stem_that_follows_the_command_explains_little_once_the_command_has_co
 
 def test_a_known_disturbance_takes_what_it_explains():
     positions, T = simulate_log(0.02)
-    gust = np.cumsum(np.random.default_rng(8).normal(0, 0.3, T.size))
-    upset = T + gust
-    alone, known = (
-        likelihoods(upset, positions, d, np.ones(T.size, bool), INTERVAL, CANDIDATES) for d in ((), (gust,))
-    )
+    gust, good = np.cumsum(np.random.default_rng(8).normal(0, 0.3, T.size)), np.ones(T.size, bool)
+    alone, known = (likelihoods(T + gust, positions, d, good, INTERVAL, CANDIDATES) for d in ((), (gust,)))
     assert np.ptp(known.without_command) > 2 * np.ptp(alone.without_command)

@@ -49,8 +49,7 @@ def assert_jacobian_is_of_single_runs(model, x):
         up[k] += model.step[k]
         down[k] -= model.step[k]
         above, below = (model.compared_residuals(side[:, None])[:, 0] for side in (up, down))
-        single = (above - below) / (up[k] - down[k])
-        np.testing.assert_allclose(J[:, k], single, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(J[:, k], (above - below) / (up[k] - down[k]), rtol=1e-9, atol=1e-9)
 
 
 # --------------------------------------------------------------------------------------------------------------- valve
@@ -58,10 +57,8 @@ def assert_jacobian_is_of_single_runs(model, x):
 
 def test_the_loop_is_that_of_the_emulator():
     """A valve alone and the valve of an open-loop simulation, to round-off."""
-    rng = np.random.default_rng(13)
-    command = np.repeat(random_walk(rng, n=60), 60)
-    day = fc.paper_day(hours=1, seed=1)
-    ds = fc.simulate(fc.Loop(), day, command=command, traces=["m_w", "opening"], warm_up=0)
+    command = np.repeat(random_walk(np.random.default_rng(13), n=60), 60)
+    ds = fc.simulate(fc.Loop(), fc.paper_day(hours=1, seed=1), command=command, traces=["m_w", "opening"], warm_up=0)
     sets = np.array([[VALVE_TRUTH[n] for n in ("backlash", "m_max", "valve_a", "valve_b", "valve_c")]]).T
     # the emulator starts with the gear at 0
     command0 = np.concatenate([[0.0], command])
@@ -75,22 +72,18 @@ def test_the_loop_is_that_of_the_emulator():
 def test_the_jacobian_of_a_valve_is_that_of_single_runs():
     rng = np.random.default_rng(14)
     command = random_walk(rng, n=120)
-    batch = np.repeat([0.0, 1.0, 2.0, 3.0], 30)
-    log = make_valve_log(command, add_noise(rng, valve_flows(command), 0.01), batch=batch)
+    log = make_valve_log(command, add_noise(rng, valve_flows(command), 0.01), batch=np.repeat([0.0, 1.0, 2.0, 3.0], 30))
     problem = ValveProblem(read_checked_log(log, ColumnSpec(required=("command", "m_w"))), LogSplit(1.0))
-    model = problem.model(None)
     x = np.array([0.05, math.log(2.1), math.log(0.8), math.log(8.0), 0.4, 0.3, 0.5, 0.6, 0.7])
-    assert_jacobian_is_of_single_runs(model, x)
+    assert_jacobian_is_of_single_runs(problem.model(None), x)
 
 
 def test_autocorrelation_of_an_ar_process_gives_its_effective_size():
     rng = np.random.default_rng(15)
     n, phi = 20000, 0.8
-    r = ar1_noise(rng, n, 1.0, phi)
-    rho = autocorrelation(r, np.zeros(n, dtype=np.int64), np.ones(n, dtype=bool))
+    rho = autocorrelation(ar1_noise(rng, n, 1.0, phi), np.zeros(n, dtype=np.int64), np.ones(n, dtype=bool))
     assert 1.0 + 2.0 * rho.sum() == pytest.approx((1 + phi) / (1 - phi), rel=0.15)
-    white = autocorrelation(rng.normal(size=n), np.zeros(n, dtype=np.int64), np.ones(n, dtype=bool))
-    assert abs(white.sum()) < 0.1
+    assert abs(autocorrelation(rng.normal(size=n), np.zeros(n, dtype=np.int64), np.ones(n, dtype=bool)).sum()) < 0.1
 
 
 def test_errors_allow_for_residuals_that_follow_each_other():
@@ -128,9 +121,7 @@ def test_the_coil_alone_is_that_of_the_emulator(form):
 
 def test_the_jacobian_of_a_coil_is_that_of_single_runs():
     problem = build_problem(coil_log(hours=0.5))
-    model = problem.model()
-    x = to_search_space(problem, COIL_TRUTH) + 0.05
-    assert_jacobian_is_of_single_runs(model, x)
+    assert_jacobian_is_of_single_runs(problem.model(), to_search_space(problem, COIL_TRUTH) + 0.05)
 
 
 def test_an_unstable_trial_set_gets_a_large_residual_and_its_neighbours_do_not():

@@ -9,7 +9,7 @@ from helpers.refusals import assert_refused
 
 import fastcoil as fc
 from fastcoil.measured.cause import DISTURBANCE, NONE, TUNING, Cause, revise_after_hold, stops_on_hold
-from fastcoil.measured.measures import NO_SWING, Measures
+from fastcoil.measured.measures import NO_SWING, Measures, Swing
 from fastcoil.measured.read_test import stem_places
 
 pytestmark = pytest.mark.kernel
@@ -62,8 +62,7 @@ def test_gain_and_lag_are_those_of_the_plant(readings, size):
     still = {name: np.full(3600, values[0, START + 900]) for name, values in day.series.items()}
     steps = np.where(np.arange(3600) < 1800, 0.26, 0.30)
     loop = fc.Loop.preset("lbnl").assign(backlash=0.0, stroke_time=0.0)
-    ds = fc.simulate(loop, fc.Boundary(**still), command=steps, traces=["T_measured"], warm_up=60)
-    T = ds.T_measured.values
+    T = fc.simulate(loop, fc.Boundary(**still), command=steps, traces=["T_measured"], warm_up=60).T_measured.values
     lag = float(np.trapezoid(T[1799:] - T[-1])) / (T[1799] - T[-1])
     assert r.gain == pytest.approx((T[-1] - T[1799]) / 0.04, rel=0.3)
     assert r.lag + r.dead_time == pytest.approx(lag, rel=0.3)
@@ -108,8 +107,7 @@ def test_a_test_that_shows_nothing_is_not_identified_and_says_why(logs, early):
 def test_a_temperature_that_does_not_belong_to_the_command_is_not_identified(logs, monkeypatch):
     monkeypatch.setattr("fastcoil.measured.read_test._LIKELIHOOD_RANGE", 0.1)  # nothing is likely: all of it takes long
     log = logs[0.08]
-    backwards = log.T_measured.copy(data=log.T_measured.values[::-1])
-    r = fc.read_test(log.assign(T_measured=backwards), stroke_time=90)
+    r = fc.read_test(log.assign(T_measured=log.T_measured.copy(data=log.T_measured.values[::-1])), stroke_time=90)
     assert not r.identified
     assert r.reason
 
@@ -117,8 +115,7 @@ def test_a_temperature_that_does_not_belong_to_the_command_is_not_identified(log
 def delay_command(log, seconds):
     """A log whose command is logged so many seconds after the temperature, or before it."""
     rows = np.clip(np.arange(log.sizes["elapsed_time"]) - seconds // STEP, 0, log.sizes["elapsed_time"] - 1)
-    delayed = {name: log[name].copy(data=log[name].values[rows]) for name in ("command", "test")}
-    return log.assign(delayed)
+    return log.assign({name: log[name].copy(data=log[name].values[rows]) for name in ("command", "test")})
 
 
 @pytest.mark.parametrize(
@@ -141,8 +138,7 @@ def test_clocks_that_are_minutes_apart_are_refused(logs, reading):
 def test_a_test_with_a_hole_in_its_log_is_one_test(logs):
     log = logs[0.08]
     rows = np.arange(log.sizes["elapsed_time"])
-    torn = log.isel(elapsed_time=(rows < 600) | (rows >= 605))
-    r = fc.read_test(fc.read_log(torn, drop=True), stroke_time=90)
+    r = fc.read_test(fc.read_log(log.isel(elapsed_time=(rows < 600) | (rows >= 605)), drop=True), stroke_time=90)
     assert r.minutes == pytest.approx(30.0, abs=0.5)
     assert not any("tests" in note for note in r.notes)
 
@@ -156,8 +152,7 @@ def test_of_several_tests_the_last_is_read(logs, reading):
 
 
 def test_toml_gives_the_gap_to_a_study_only_if_it_is_identified(early, reading, tmp_path):
-    text = reading.to_toml(tmp_path / "gap.toml")
-    assert f"[loop]\nbacklash = {reading.backlash}" in text
+    assert f"[loop]\nbacklash = {reading.backlash}" in reading.to_toml(tmp_path / "gap.toml")
     (tmp_path / "study.toml").write_text('[loop]\ninclude = ["gap.toml"]\nkp = 0.02\n')
     from fastcoil.study.file.spec import read_study
 
@@ -172,10 +167,7 @@ def test_diagnose_takes_the_gap_of_a_test(logs, reading):
 
 
 def make_measures(peak_to_peak, period):
-    swing = NO_SWING._replace(
-        period=period, regularity=5.0, periodic_share=0.9, peak_to_peak=peak_to_peak, periods=20.0
-    )
-    return Measures(np.ones(1, bool), swing, np.zeros(1), 0.1, {}, "")
+    return Measures(np.ones(1, bool), Swing(period, 5.0, 0.9, peak_to_peak, 20.0), np.zeros(1), 0.1, {}, "")
 
 
 def test_what_remains_of_a_swing_while_the_command_is_held_tells_where_it_comes_from():

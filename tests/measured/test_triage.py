@@ -116,8 +116,7 @@ def test_an_uneven_swing_is_told_as_one():
         k = np.searchsorted(walk, h)
         return 14.0 + 1.5 * np.where(k % 2, 1.0, -1.0)
 
-    diagnosis = fc.diagnose(make_log(T_sup=T, command=sine_wave(0.2, 30.0, 0.5)))
-    assert "unevenly" in diagnosis.headline
+    assert "unevenly" in fc.diagnose(make_log(T_sup=T, command=sine_wave(0.2, 30.0, 0.5))).headline
 
 
 def test_a_command_that_stays_shut_against_a_call_is_named():
@@ -130,8 +129,7 @@ def test_a_command_that_stays_shut_against_a_call_is_named():
 
 
 def test_without_a_set_point_swings_and_ends_still_show():
-    log = make_log(T_sup=sine_wave(1.0, 15.0), command=sine_wave(0.2, 15.0, 0.5)).drop_vars("T_set")
-    diagnosis = fc.diagnose(log)
+    diagnosis = fc.diagnose(make_log(T_sup=sine_wave(1.0, 15.0), command=sine_wave(0.2, 15.0, 0.5)).drop_vars("T_set"))
     assert "T_sup swings ± 1 K about every 15 min" in diagnosis.headline
     assert "T_set is not logged" in diagnosis.triage.log_limits.values[0]
     assert np.isnan(diagnosis.triage.error).all()

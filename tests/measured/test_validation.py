@@ -99,8 +99,7 @@ def test_a_model_that_explains_little_is_noted_and_a_fit_to_round_off_is_not_cal
 
 
 def test_what_is_wrong_with_the_second_log_names_it(two_days, tmp_path):
-    rng = np.random.default_rng(24)
-    log = make_valve_log(c := random_walk(rng), valve_flows(c))
+    log = make_valve_log(c := random_walk(np.random.default_rng(24)), valve_flows(c))
     (tmp_path / "other.csv").write_text("elapsed_time [s],command [1],m_w [kg/s]\n0,0.1,0.2\n60,7,0.2\n")
     assert_refused("command", "value", fc.fit_valve, log, validation=tmp_path / "other.csv")
     first, second = two_days

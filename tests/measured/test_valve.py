@@ -28,8 +28,7 @@ pytestmark = pytest.mark.kernel
 @pytest.mark.parametrize(("phi", "seed"), [(0.0, 2), (0.9, 5)])
 def test_known_valves_with_white_and_autocorrelated_noise_are_found_within_the_intervals(phi, seed):
     rng = np.random.default_rng(seed)
-    command = random_walk(rng, n=800)
-    fit = fc.fit_valve(noisy_valve_log(rng, command, 0.03, phi, start=0.7))
+    fit = fc.fit_valve(noisy_valve_log(rng, random_walk(rng, n=800), 0.03, phi, start=0.7))
     assert_covered(fit, VALVE_TRUTH)
     assert fit.intervals["backlash"][1] - fit.intervals["backlash"][0] < 0.03
     assert (fit.n_effective < 0.5 * fit.n_used) == (phi > 0.5)
@@ -40,18 +39,15 @@ def test_batches_start_anywhere_within_their_backlash():
     parts = [random_walk(rng, n=60) for _ in range(8)]
     flow = np.concatenate([valve_flows(c, start=s) for c, s in zip(parts, np.linspace(0, 1, 8), strict=True)])
     batch = np.repeat(np.arange(8.0), 60)
-    log = make_valve_log(np.concatenate(parts), add_noise(rng, flow, 0.01), batch=batch)
-    fit = fc.fit_valve(log, split=0.7)
+    fit = fc.fit_valve(make_valve_log(np.concatenate(parts), add_noise(rng, flow, 0.01), batch=batch), split=0.7)
     assert_covered(fit, VALVE_TRUTH)
     assert fit.rmse["fit"] == pytest.approx(0.01, rel=0.2)
-    is_validation = fit.residuals["part"] == "validation"
-    assert set(fit.residuals["batch"].values[is_validation]) == {6, 7}
+    assert set(fit.residuals["batch"].values[(fit.residuals["part"] == "validation")]) == {6, 7}
 
 
 def test_no_backlash_is_not_an_unknown_backlash():
     rng = np.random.default_rng(7)
-    command = random_walk(rng, n=500)
-    fit = fc.fit_valve(noisy_valve_log(rng, command, 0.01, backlash=0.0))
+    fit = fc.fit_valve(noisy_valve_log(rng, random_walk(rng, n=500), 0.01, backlash=0.0))
     low, high = fit.intervals["backlash"]
     assert low == 0.0
     assert high < 0.02
@@ -64,14 +60,12 @@ def test_holds_are_detected_and_only_settled_flows_compared():
     flow, delivered = valve_flows(command), []
     for target in flow:  # a slow meter
         delivered.append(target if not delivered else delivered[-1] + 0.6 * (target - delivered[-1]))
-    log = make_valve_log(command, add_noise(rng, np.array(delivered), 0.005), interval=30.0)
-    fit = fc.fit_valve(log)
+    fit = fc.fit_valve(make_valve_log(command, add_noise(rng, np.array(delivered), 0.005), interval=30.0))
     assert fit.parameters["backlash"] == pytest.approx(0.07, abs=0.005)
     assert any("less than 150 s after the command changed" in note for note in fit.notes)
     assert (fit.residuals["part"] == "unused").sum() > 500
     ds = fit.residuals
-    left_out = float(np.sqrt((ds["residual"].where(ds["part"] == "unused") ** 2).mean()))
-    assert left_out > 3 * fit.rmse["fit"]
+    assert float(np.sqrt((ds["residual"].where(ds["part"] == "unused") ** 2).mean())) > 3 * fit.rmse["fit"]
 
 
 def test_the_floor_of_the_flow_meter_is_found_and_a_pump_that_is_off_is_not_compared():
@@ -83,9 +77,8 @@ def test_the_floor_of_the_flow_meter_is_found_and_a_pump_that_is_off_is_not_comp
     flow[off] = 0.0
     fit = fc.fit_valve(make_valve_log(command, flow))
     assert_covered(fit, VALVE_TRUTH, ["backlash"])
-    assert any(
-        note.startswith("7 flows left out, sensor or pump off") and f"row {off[0]})" in note for note in fit.notes
-    )
+    (left_out,) = [note for note in fit.notes if note.startswith("7 flows left out, sensor or pump off")]
+    assert f"row {off[0]})" in left_out
     assert any("0.25 kg/s" in note and "floor" in note for note in fit.notes)
     assert set(fit.residuals["part"].values[off]) == {"unused"}
 
@@ -95,8 +88,7 @@ def test_the_floor_of_the_flow_meter_is_found_and_a_pump_that_is_off_is_not_comp
 
 def test_a_log_without_reversals_gives_no_backlash():
     command = np.linspace(0.0, 1.0, 100)
-    rng = np.random.default_rng(11)
-    fit = fc.fit_valve(noisy_valve_log(rng, command, 0.01), split=1.0)
+    fit = fc.fit_valve(noisy_valve_log(np.random.default_rng(11), command, 0.01), split=1.0)
     assert "backlash" not in fit.parameters
     assert "reverses only 0 times" in fit.held["backlash"]
     fc.Loop().assign(**fit.parameters)
@@ -107,16 +99,14 @@ def test_a_backlash_that_is_only_noise_is_not_identified():
     """Some of these logs seem to exclude a backlash below 1 %: by chance, and their estimate is twice too large."""
     for seed in range(3):
         rng = np.random.default_rng(5000 + seed)
-        command = random_walk(rng, n=100)
-        fit = fc.fit_valve(noisy_valve_log(rng, command, 0.3, 0.5, backlash=0.02), split=1.0)
+        fit = fc.fit_valve(noisy_valve_log(rng, random_walk(rng, n=100), 0.3, 0.5, backlash=0.02), split=1.0)
         assert "backlash" not in fit.parameters, seed
         assert "fits as well (95 %): give a longer log" in fit.held["backlash"]
 
 
 def test_two_positions_identify_neither_the_backlash_nor_the_curve():
-    rng = np.random.default_rng(18)
     command = np.where(np.arange(300) // 20 % 2, 0.8, 0.2)
-    fit = fc.fit_valve(noisy_valve_log(rng, command, 0.02), split=1.0)
+    fit = fc.fit_valve(noisy_valve_log(np.random.default_rng(18), command, 0.02), split=1.0)
     assert "backlash" not in fit.parameters
     assert "from 0 to 0.25 fits as well" in fit.held["backlash"]
     assert any("one of many that fit as well" in why for why in fit.held.values())
@@ -125,8 +115,7 @@ def test_two_positions_identify_neither_the_backlash_nor_the_curve():
 
 
 def test_an_inverted_command_is_suspected():
-    rng = np.random.default_rng(20)
-    command = random_walk(rng, n=100)
+    command = random_walk(np.random.default_rng(20), n=100)
     hint = "the flow falls as the command rises: if a full command closes the valve, log 1 - command"
     inverted = fc.fit_valve(make_valve_log(1.0 - command, valve_flows(command)), split=1.0)
     assert hint in inverted.notes
@@ -156,8 +145,7 @@ def test_a_signal_of_2_to_10_V_read_as_one_of_0_to_10_V_is_suspected():
 @pytest.fixture(scope="module")
 def fit():
     rng = np.random.default_rng(16)
-    command = random_walk(rng, n=300)
-    return fc.fit_valve(noisy_valve_log(rng, command, 0.02))
+    return fc.fit_valve(noisy_valve_log(rng, random_walk(rng, n=300), 0.02))
 
 
 def test_the_result_has_what_is_promised(fit):
@@ -170,8 +158,7 @@ def test_the_result_has_what_is_promised(fit):
     assert float(best) == pytest.approx(fit.parameters["backlash"], abs=0.005)
     ds = fit.residuals
     np.testing.assert_allclose(ds["residual"], ds["m_w"] - ds["modelled"])
-    used = ds["part"] == "fit"
-    assert fit.rmse["fit"] == pytest.approx(float(np.sqrt((ds["residual"].where(used) ** 2).mean())))
+    assert fit.rmse["fit"] == pytest.approx(float(np.sqrt((ds["residual"].where((ds["part"] == "fit")) ** 2).mean())))
     assert (ds["part"] == "validation").sum() == 90
 
 
@@ -187,8 +174,7 @@ def test_the_toml_reads_back(fit, tmp_path):
 def test_the_interval_of_a_backlash_estimated_at_0_allows_for_correlated_noise():
     rng = np.random.default_rng(18)
     command = np.repeat(rng.uniform(0.0, 1.0, 60), 20)
-    log = noisy_valve_log(rng, command, 0.06, 0.97, interval=30.0, backlash=0.005)
-    fit = fc.fit_valve(log, split=1.0)
+    fit = fc.fit_valve(noisy_valve_log(rng, command, 0.06, 0.97, interval=30.0, backlash=0.005), split=1.0)
     assert fit.backlash < 1e-6
     low, high = fit.profile.attrs["interval_95"]
     assert low == 0.0
@@ -219,9 +205,8 @@ def test_on_a_hospitals_ahu_each_half_holds_the_other_and_the_first_is_validated
     units = {"elapsed_time": "s", "command": "deg", "m_w": "L/min"}
 
     def fit_part(part, split=1.0):
-        return fc.fit_valve(
-            fc.read_log(part, columns=columns, units=units, jumps="split"), split=split, holds="command"
-        )
+        part_log = fc.read_log(part, columns=columns, units=units, jumps="split")
+        return fc.fit_valve(part_log, split=split, holds="command")
 
     first, second = log[log["batch"] < 13], log[log["batch"] >= 13]
     whole, first_fit, second_fit = map(fit_part, (log, first, second))
@@ -234,9 +219,8 @@ def test_on_a_hospitals_ahu_each_half_holds_the_other_and_the_first_is_validated
         assert fit.rmse["fit"] < 0.9 * fit.rmse["fit_without_backlash"]
         assert any("0.1043 kg/s" in note and "floor" in note for note in fit.notes)
     assert not any("logged" in note for note in first_fit.notes)
-    assert any(
-        note.startswith("throughout the flow is logged 1 sample (600 s) after the command") for note in second_fit.notes
-    )
+    words = "throughout the flow is logged 1 sample (600 s) after the command"
+    assert any(note.startswith(words) for note in second_fit.notes)
     late = fit_part(log, split=0.5)
     assert late.parameters == first_fit.parameters
     assert late.rmse["validation"] < 0.95 * late.rmse["validation_without_backlash"]

@@ -34,22 +34,10 @@ def test_every_parameter_is_explained_in_one_line():
 
 
 def test_the_defaults_of_the_coil_are_those_of_the_paper_like_preset():
-    betas = [PARAMETERS[f"beta{k}"].default for k in range(1, 7)]
-    assert betas == [0.32, -0.20, 0.40, -0.45, 0.42, -0.42]
-    names = (
-        "C_w",
-        "C_c",
-        "cp_w",
-        "cp_a",
-        "pressure",
-        "m_max",
-        "valve_a",
-        "valve_b",
-        "valve_c",
-        "backlash",
-        "T_initial",
-    )
-    assert [PARAMETERS[n].default for n in names] == [8.8, 30.0, 4.186, 1.02, 101325.0, 2.0, 0.7, 9.0, 0.38, 0.07, 20.0]
+    coil = {f"beta{k}": beta for k, beta in enumerate([0.32, -0.20, 0.40, -0.45, 0.42, -0.42], 1)}
+    coil |= {"C_w": 8.8, "C_c": 30.0, "cp_w": 4.186, "cp_a": 1.02, "pressure": 101325.0, "T_initial": 20.0}
+    valve = {"m_max": 2.0, "valve_a": 0.7, "valve_b": 9.0, "valve_c": 0.38, "backlash": 0.07}
+    assert {name: PARAMETERS[name].default for name in coil | valve} == coil | valve
 
 
 def test_a_value_is_shown_with_name_and_unit():
@@ -82,9 +70,8 @@ def test_the_kernel_and_its_twin_in_plain_python_read_every_parameter():
     kernel = "".join(path.read_text() for path in table.parent.rglob("*.py") if path != table)
     twin = "".join(path.read_text() for path in Path(reference.__file__).parent.glob("*.py"))
     for name, p in PARAMETERS.items():
-        assert re.search(rf'[."]{name}\b|^    {name}: float$', kernel, re.MULTILINE), (
-            f"model/engine does not read {name}"
-        )
+        is_read = re.search(rf'[."]{name}\b|^    {name}: float$', kernel, re.MULTILINE)
+        assert is_read, f"model/engine does not read {name}"
         has_twin = f'"{name}"' in twin or p.group == "test" or name in (*STAND_INS, "law")
         assert has_twin, f"tests/reference does not read {name}"
 

@@ -46,9 +46,8 @@ def test_the_commands_are_those_of_the_script_on_errors_that_wander(size, sample
     for seed in range(40):
         times = {"settle": 60.0 * (1 + seed % 4), "hold": 60.0 * (1 + seed % 2)}
         errors = wandering_errors(seed, int(1200 / sample_time), size * (sample_time / 5.0) ** 0.5)
-        reasons.add(
-            run_test(errors, (0.5, 0.03, 0.98)[seed % 3], sample_time, threshold=(0.1, 0.3)[seed % 3 // 2], **times)[-1]
-        )
+        command, threshold = (0.5, 0.03, 0.98)[seed % 3], (0.1, 0.3)[seed % 3 // 2]
+        reasons.add(run_test(errors, command, sample_time, threshold=threshold, **times)[-1])
     assert "" in reasons if size < 0.1 else reasons >= {"swing", "end_of_stroke"}
 
 

@@ -27,12 +27,8 @@ def exchange(parameters, m_w, m_a):
     eps_w = effectiveness(m_w, p["beta1"] * scale, p["beta2"])
     eps_a = effectiveness(m_a, p["beta3"] * scale, p["beta4"])
     eps_star = effectiveness(m_a, p["beta5"] * scale, p["beta6"])
-    water_flow = max(m_w, 0.0)
-    air_flow = max(m_a, 0.0)
-    G_w = eps_w * water_flow * p["cp_w"]
-    G_a = eps_a * air_flow * p["cp_a"]
-    G_star = eps_star * air_flow
-    return eps_a, eps_star, G_w, G_a, G_star
+    water_flow, air_flow = max(m_w, 0.0), max(m_a, 0.0)
+    return eps_a, eps_star, eps_w * water_flow * p["cp_w"], eps_a * air_flow * p["cp_a"], eps_star * air_flow
 
 
 def coil_step(parameters, T_w, T_c, T_a, W_a, m_w, m_a, T_w_in, T_a_in, W_a_in, saturation=None, dt=1.0):
@@ -45,40 +41,25 @@ def coil_step(parameters, T_w, T_c, T_a, W_a, m_w, m_a, T_w_in, T_a_in, W_a_in, 
     p = parameters
     if saturation is None:
         saturation = saturation_humidity_ratio
-    pressure = p["pressure"]
     n_volumes = p["n_volumes"]
-    C_w = p["C_w"] * 8.0 / n_volumes
-    C_c = p["C_c"] * 8.0 / n_volumes
+    C_w, C_c = p["C_w"] * 8.0 / n_volumes, p["C_c"] * 8.0 / n_volumes
     eps_a, eps_star, G_w, G_a, G_star = exchange(p, m_w, m_a)
     water_capacity_rate = m_w * p["cp_w"]
 
-    T_w_next = [0.0] * n_volumes
-    T_c_next = [0.0] * n_volumes
-    T_a_next = [0.0] * n_volumes
-    W_a_next = [0.0] * n_volumes
-    wet_volumes = 0
-    condensate = 0.0
-
-    if p["air_march"] == "lagged":
-        T_upstream, W_upstream = T_a, W_a
-    else:
-        # The march runs from the air inlet, so the entry of the volume upstream is already this step's.
-        T_upstream, W_upstream = T_a_next, W_a_next
-
+    T_w_next, T_c_next, T_a_next, W_a_next = ([0.0] * n_volumes for _ in range(4))
+    wet_volumes, condensate = 0, 0.0
+    # The march runs from the air inlet, so the entry of the volume upstream is already this step's.
+    T_upstream, W_upstream = (T_a, W_a) if p["air_march"] == "lagged" else (T_a_next, W_a_next)
     for i in range(n_volumes - 1, -1, -1):
-        if i == n_volumes - 1:
-            T_in, W_in = T_a_in, W_a_in
-        else:
-            T_in, W_in = T_upstream[i + 1], W_upstream[i + 1]
+        T_in, W_in = (T_a_in, W_a_in) if i == n_volumes - 1 else (T_upstream[i + 1], W_upstream[i + 1])
         T_water = T_w_in if i == 0 else T_w[i - 1]
         T_coil = T_c[i]
-        W_s = saturation(T_coil, pressure)
+        W_s = saturation(T_coil, p["pressure"])
 
         T_out = T_in + eps_a * (T_coil - T_in)
         if W_in > W_s:
             wet_volumes += 1
-            h_in = enthalpy(T_in, W_in)
-            h_s = enthalpy(T_coil, W_s)
+            h_in, h_s = enthalpy(T_in, W_in), enthalpy(T_coil, W_s)
             h_out = h_in + eps_star * (h_s - h_in)
             # Temperature and enthalpy have different effectivenesses, so a barely wet volume would
             # otherwise humidify the air.
@@ -92,8 +73,7 @@ def coil_step(parameters, T_w, T_c, T_a, W_a, m_w, m_a, T_w_in, T_a_in, W_a_in, 
         Q_water = G_w * (T_coil - T_water)
         T_w_next[i] = T_w[i] + dt * (water_capacity_rate * (T_water - T_w[i]) + Q_water) / C_w
         T_c_next[i] = T_coil + dt * (Q_air - Q_water) / C_c
-        T_a_next[i] = T_out
-        W_a_next[i] = W_out
+        T_a_next[i], W_a_next[i] = T_out, W_out
     return T_w_next, T_c_next, T_a_next, W_a_next, wet_volumes, condensate
 
 
@@ -105,11 +85,8 @@ def steady_state_dry(parameters, m_w, m_a, T_w_in, T_a_in):
     """
     p = parameters
     _, _, G_w, G_a, _ = exchange(p, m_w, m_a)
-    C_air = m_a * p["cp_a"]
-    C_water = m_w * p["cp_w"]
-    G_s = G_a * G_w / (G_a + G_w)
-    a = G_s / C_air
-    w = G_s / C_water
+    C_air, C_water, G_s = m_a * p["cp_a"], m_w * p["cp_w"], G_a * G_w / (G_a + G_w)
+    a, w = G_s / C_air, G_s / C_water
     r = (1.0 - w) / (1.0 - a)
     S = sum(r**k for k in range(p["n_volumes"]))
     T_sup = T_a_in - (T_a_in - T_w_in) * a * S / (1.0 + a * (S - 1.0))

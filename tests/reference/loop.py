@@ -4,6 +4,7 @@ import math
 from collections import defaultdict
 from types import SimpleNamespace
 
+from reference import metrics
 from reference.coil import coil_step
 from reference.control import Controller
 from reference.fixed import FixedEstimate
@@ -11,15 +12,6 @@ from reference.gradient import Gradient
 from reference.hagglund import Hagglund
 from reference.identify import Identify
 from reference.learner import Learner
-from reference.metrics import (
-    FROST_INTERVAL_S,
-    METRICS,
-    air_metrics,
-    coil_metrics,
-    movement_metrics,
-    switching_metrics,
-    tracking_metrics,
-)
 from reference.noise import standard_normal
 from reference.psychrometrics import saturation_humidity_ratio
 from reference.rounding import round_half_up
@@ -45,9 +37,8 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
     """
     p = parameters
     n_volumes = p["n_volumes"]
-    m_a, T_a_in, W_a_in, T_w_in, T_set = (
-        to_floats(boundary[name]) for name in ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")
-    )
+    inputs = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")
+    m_a, T_a_in, W_a_in, T_w_in, T_set = (to_floats(boundary[name]) for name in inputs)
     n_steps = len(T_set)
     recorded_noise = to_floats(boundary.get("noise", [0.0] * n_steps))
     enabled = [value != 0 for value in boundary.get("enabled", [1] * n_steps)]
@@ -147,7 +138,7 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
         condensates.append(condensate)
 
         T_w, T_c, T_a, W_a = T_w_next, T_c_next, T_a_next, W_a_next
-        if t % FROST_INTERVAL_S == 0 or t == n_steps - 1:
+        if t % metrics.FROST_INTERVAL_S == 0 or t == n_steps - 1:
             frosts, freezes = has_frost_and_ice(p, T_w, T_c, [*W_a[1:], W_a_in[t]], m_w)
             frost_time += (t - last_look) * frosts
             freeze_time += (t - last_look) * freezes
@@ -157,19 +148,19 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
     is_finite = all(math.isfinite(value) for state in (T_w, T_c, T_a, W_a) for value in state)
     status = 1 if not is_finite else 2 if out_of_range else 0
     if status != 0:
-        return traces, dict.fromkeys(METRICS, math.nan) | {"status": status}
+        return traces, dict.fromkeys(metrics.METRICS, math.nan) | {"status": status}
 
     counted = [t >= warm_up and enabled[t] for t in range(n_steps)]
-    metrics = tracking_metrics(traces["T_sup"], T_set, counted, enabled)
-    metrics.update(air_metrics(traces["T_sup"], T_set, m_a, p["cp_a"], counted))
-    metrics.update(movement_metrics(traces["opening"], traces["position"], counted))
+    values = metrics.tracking_metrics(traces["T_sup"], T_set, counted, enabled)
+    values.update(metrics.air_metrics(traces["T_sup"], T_set, m_a, p["cp_a"], counted))
+    values.update(metrics.movement_metrics(traces["opening"], traces["position"], counted))
     has_estimate = p["backlash_estimate"] > 0.0 or not estimator.is_off
-    metrics.update(switching_metrics(switches, traces["estimate"], gaps, estimator, counted, warm_up, open_loop))
-    metrics["backlash_final"] = gap_after(p, travelled, scale[-1])
-    metrics["size_error"] = metrics["estimate_settled"] - metrics["backlash_final"] if has_estimate else math.nan
-    metrics.update(coil_metrics(traces["power"], traces["m_w"], condensates, counted, warm_up))
-    metrics.update(frost_time=frost_time, freeze_time=freeze_time, status=status, test_aborted=0)
-    return traces, metrics
+    values.update(metrics.switching_metrics(switches, traces["estimate"], gaps, estimator, counted, warm_up, open_loop))
+    values["backlash_final"] = gap_after(p, travelled, scale[-1])
+    values["size_error"] = values["estimate_settled"] - values["backlash_final"] if has_estimate else math.nan
+    values.update(metrics.coil_metrics(traces["power"], traces["m_w"], condensates, counted, warm_up))
+    values.update(frost_time=frost_time, freeze_time=freeze_time, status=status, test_aborted=0)
+    return traces, values
 
 
 def gap_after(p, travelled, scale):

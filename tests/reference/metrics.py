@@ -25,8 +25,7 @@ def tracking_metrics(T_sup, T_set, counted, enabled):
     """Tracking of the set point [degC] by the true supply temperature [degC], over counted seconds."""
     n_steps = len(T_sup)
     error = [T_sup[t] - T_set[t] for t in range(n_steps)]
-    settled = []
-    last_change = 0
+    settled, last_change = [], 0
     for t in range(n_steps):
         if t > 0 and (abs(T_set[t] - T_set[t - 1]) > SET_POINT_STEP or (enabled[t] and not enabled[t - 1])):
             last_change = t
@@ -34,9 +33,7 @@ def tracking_metrics(T_sup, T_set, counted, enabled):
             last_change = 0
         settled.append(counted[t] and t - last_change >= SETTLING_TIME)
 
-    ranges = []
-    crossings = 0
-    periods = []
+    ranges, crossings, periods = [], 0, []
     for start, stop in true_runs(settled):
         periods += whole_periods(error, range(start, stop))
         shifted = [T_sup[t] - (T_set[t] - T_set[start]) for t in range(start, stop)]
@@ -143,15 +140,8 @@ def changes(positions):
 
 def true_runs(flags):
     """Maximal runs of set flags, as (start, stop) with stop excluded."""
-    runs = []
-    start = None
-    for t, flag in enumerate([*flags, False]):
-        if flag and start is None:
-            start = t
-        elif not flag and start is not None:
-            runs.append((start, t))
-            start = None
-    return runs
+    edges = [t for t, (before, now) in enumerate(pairwise([False, *flags, False])) if bool(before) != bool(now)]
+    return zip(edges[::2], edges[1::2], strict=True)
 
 
 def block_sums(values, counted, first, length):

@@ -11,9 +11,7 @@ def actuator_position(command, position, resolution, stroke_time):
     The command is rounded to `resolution` [strokes] (0: off); the motor then moves at most
     1/stroke_time per second (stroke_time in s, 0: immediately).
     """
-    target = command
-    if resolution > 0.0:
-        target = min(round_half_up(command, resolution), 1.0)
+    target = min(round_half_up(command, resolution), 1.0) if resolution > 0.0 else command
     if stroke_time <= 0.0:
         return target
     limit = 1.0 / stroke_time
@@ -34,14 +32,11 @@ def backlash(cmd, cmd_previous, x_previous, x_bl, commissioned=None):
     alpha = 1.0 / (1.0 - (x_bl if commissioned is None else commissioned))
     change = cmd - cmd_previous
     if change >= x_bl - x_previous:  # on the increasing curve
-        x = x_bl
-        opening = alpha * (cmd - x_bl)
+        x, opening = x_bl, alpha * (cmd - x_bl)
     elif change < x_bl - x_previous and change >= -x_previous:  # inside the gap: the stem stands still
-        x = x_previous + change
-        opening = alpha * (cmd_previous - x_previous)
+        x, opening = x_previous + change, alpha * (cmd_previous - x_previous)
     else:  # on the decreasing curve
-        x = 0.0
-        opening = alpha * cmd
+        x, opening = 0.0, alpha * cmd
     return x, min(opening, 1.0)
 
 
@@ -56,30 +51,23 @@ def valve_from_authority(rangeability, authority, m_full):
     With rangeability R, authority N (both dimensionless) and m_full [kg/s] the flow at full opening, the
     installed curve m/m_full = ((1 - N) + N R^(2(1 - opening)))^(-1/2) is exactly Eq (2) with a = 2.
     """
-    m_max = m_full / math.sqrt(1.0 - authority)
-    a = 2.0
     b = 2.0 * math.log(rangeability)
     c = 1.0 + math.log(authority / (2.0 * (1.0 - authority))) / (2.0 * math.log(rangeability))
-    return m_max, a, b, c
+    return m_full / math.sqrt(1.0 - authority), 2.0, b, c
 
 
 class NeutralZone:
     """A motor [strokes] that starts where its target is further away than `zone` [strokes]."""
 
     def __init__(self, zone):
-        self.zone = zone
-        self.position = 0.0
-        self.running = False
+        self.zone, self.position, self.running = zone, 0.0, False
 
     def move(self, command, resolution, stroke_time):
         """Position one second on; arguments as those of `actuator_position`."""
         target = min(round_half_up(command, resolution), 1.0) if resolution > 0.0 else command
-        if not self.running and abs(target - self.position) > self.zone:
-            self.running = True
-        if self.running:
+        if self.running or abs(target - self.position) > self.zone:
             self.position = actuator_position(command, self.position, resolution, stroke_time)
-            if self.position == target:
-                self.running = False
+            self.running = self.position != target
         return self.position
 
 
@@ -90,22 +78,16 @@ class StickSlip:
     """
 
     def __init__(self, S, J):
-        self.S = S
-        self.J = J
-        self.u_old = 0.0
-        self.du_old = 0.0
-        self.u_s = 0.0
-        self.stp = 1
-        self.d = -1
-        self.y = (S - J) / 2.0
+        self.S, self.J = S, J
+        self.u_old = self.du_old = self.u_s = 0.0
+        self.stp, self.d, self.y = 1, -1, (S - J) / 2.0
 
     def move(self, u):
         """Valve position y and the opening [fraction] that spans 0..1."""
         S, J = self.S, self.J
         du = u - self.u_old
         if du * self.du_old <= 0.0 and self.stp == 0:
-            self.u_s = self.u_old
-            self.stp = 1
+            self.u_s, self.stp = self.u_old, 1
         if self.stp == 0:
             self.y = u - self.d * (S - J) / 2.0
         elif -self.d * (u - self.u_s) > S:
@@ -115,8 +97,7 @@ class StickSlip:
         elif self.d * (u - self.u_s) > J:
             self.y = u - self.d * (S - J) / 2.0
             self.stp = 0
-        self.u_old = u
-        self.du_old = du
+        self.u_old, self.du_old = u, du
         opening = (self.y - (S - J) / 2.0) / (1.0 - S + J)
         return self.y, min(max(opening, 0.0), 1.0)
 
@@ -126,6 +107,5 @@ def leaking_valve(opening, leakage, m_max, a, b, c):
     m_w = richards_valve(opening, m_max, a, b, c)
     if leakage is None:
         return m_w
-    closed = richards_valve(0.0, m_max, a, b, c)
-    full = richards_valve(1.0, m_max, a, b, c)
+    closed, full = richards_valve(0.0, m_max, a, b, c), richards_valve(1.0, m_max, a, b, c)
     return full * (leakage + (1.0 - leakage) * (m_w - closed) / (full - closed))

@@ -21,7 +21,7 @@ FEW_RULES = {
 
 @pytest.fixture(scope="module")
 def run_small(tmp_path_factory):
-    """Return a function that runs a study of the repository made small, once, in place of ``report.results``."""
+    """Return a function that runs a study of the repository made small, once, in place of ``common.results``."""
     folder = tmp_path_factory.mktemp("studies")
 
     def run_small(name):

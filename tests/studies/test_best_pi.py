@@ -26,8 +26,7 @@ def test_days_of_a_kind_differ_and_come_again(kind):
     for name in ("m_a", "T_a_in", "T_w_in"):
         assert not np.allclose(days.series[name][0], days.series[name][1])
         np.testing.assert_array_equal(days.series[name][1], again.series[name][0])
-    changes = np.count_nonzero(np.diff(days.series["T_set"]))
-    assert (changes > 0) == (kind == kinds.STEPPED)
+    assert (np.count_nonzero(np.diff(days.series["T_set"])) > 0) == (kind == kinds.STEPPED)
     colder = days.series["T_a_in"] < days.series["T_set"]
     assert colder.all() if kind == kinds.HEATING else not colder.any()
 
@@ -63,8 +62,7 @@ def test_the_model_of_a_first_order_plant_is_that_plant(monkeypatch, gain, tau, 
 def test_the_best_gains_have_the_lowest_error_on_the_search_days(two_hours):
     loop = fc.Loop.preset("lbnl").assign(backlash=("valve", [0.02, 0.1]))
     best = best_pi.best_gains(loop, [kinds.CONSTANT], [1])
-    swept = loop.assign(kp=[0.02, 0.05], ti=[40.0, 100.0])
-    ds = fc.simulate(swept, kinds.make_days(kinds.CONSTANT, [1])).isel(day=0)
+    ds = fc.simulate(loop.assign(kp=[0.02, 0.05], ti=[40.0, 100.0]), kinds.make_days(kinds.CONSTANT, [1])).isel(day=0)
     for k in range(2):
         lowest = min(ds.rmse.isel(valve=k).values.ravel())
         assert float(ds.rmse.isel(valve=k).sel(kp=float(best.kp[k]), ti=float(best.ti[k]))) == lowest

@@ -13,7 +13,7 @@ from studies.buffer.rule import Plant
 
 
 def hold_extremes(signal, buffer):
-    """What the inverse makes of a series: its extreme since the last turn; and the number of turns."""
+    """Hold the extreme of a series since the last turn, as the inverse does; also count the turns."""
     extreme, rising, turns, out = signal[0], True, 0, []
     for u in signal:
         if (u < extreme - buffer) if rising else (u > extreme + buffer):
@@ -42,8 +42,7 @@ def test_the_kernel_turns_on_noise_as_often_as_the_integral_says():
     n, constants = 3600 * 3, {"m_a": 1.0, "T_a_in": 20.0, "W_a_in": 0.005, "T_w_in": 20.0}
     ds = fc.simulate(loop, fc.Boundary(**constants, T_set=np.full(n, 19.0)), replicates=8)
     turns = ds.switch_frequency.mean("replicate") / 300.0
-    expected = [buffer_rule.turns_per_sample(x) for x in c]
-    np.testing.assert_allclose(turns.values, expected, rtol=0.06)
+    np.testing.assert_allclose(turns.values, [buffer_rule.turns_per_sample(x) for x in c], rtol=0.06)
 
 
 @pytest.mark.parametrize("amplitude", [0.4, 0.55, 1.0, 4.0])
@@ -81,14 +80,12 @@ def test_the_cycle_of_the_buffer_is_that_of_a_simulated_loop(kp, ti):
     plant, b = Plant(12.0, 60.0, 30.0), 0.01
     swing, period = simulate_first_order(plant, kp, ti, b)
     assert swing == pytest.approx(simulate_first_order(plant, kp, ti, 2.0 * b)[0] / 2.0, rel=0.1)
-    plant_and_gains = (Plant(*(np.array([v]) for v in plant)), np.array([kp]), np.array([ti]))
-    theory = buffer_rule.predict_cycle(*plant_and_gains)
+    theory = buffer_rule.predict_cycle(*(Plant(*(np.array([v]) for v in plant)), np.array([kp]), np.array([ti])))
     assert float(theory.swing[0]) * b == pytest.approx(swing, rel=0.2)
     assert float(theory.period[0]) == pytest.approx(period, rel=0.2)
-    assert buffer_rule.swing_per_buffer(plant, kp, ti) * b == pytest.approx(swing, rel=0.3)
-    assert buffer_rule.swing_per_buffer(plant, kp, ti) * buffer_rule.largest_buffer(
-        plant, kp, ti, 0.1
-    ) == pytest.approx(0.1)
+    swing_per_buffer = buffer_rule.swing_per_buffer(plant, kp, ti)
+    assert swing_per_buffer * b == pytest.approx(swing, rel=0.3)
+    assert swing_per_buffer * buffer_rule.largest_buffer(plant, kp, ti, 0.1) == pytest.approx(0.1)
     w = buffer_rule.cycle_frequency(plant, kp, ti)
     assert abs(buffer_rule.loop_response(plant, kp, ti, w)) == pytest.approx(math.pi / 4)
 

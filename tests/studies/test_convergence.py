@@ -34,8 +34,7 @@ def test_steps_are_compared_day_by_day_with_the_finest(read_table, monkeypatch):
         half = t.ppf(0.975, 2) * statistics.stdev(changes) / 3**0.5
         numbers = [float(x) for x in re.findall(r"-?[\d.]+", rmse)]
         assert numbers == pytest.approx([statistics.mean(changes), half][: len(numbers)], abs=0.06)
-    alone = fc.simulate(
-        fc.Loop.preset("g36").assign(backlash=0.15, converged=True), paper_day(hours=1, seed=list(DAYS))
-    )
+    loop = fc.Loop.preset("g36").assign(backlash=0.15, converged=True)
+    alone = fc.simulate(loop, paper_day(hours=1, seed=list(DAYS)))
     (row,) = (row for row in backlash_rows if row[:2] == ["g36", "15%"])
     assert row[2].split(" → ")[1] == f"{float(alone.rmse.mean()):.3f}"

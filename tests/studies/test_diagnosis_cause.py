@@ -21,10 +21,7 @@ def test_the_tables_count_the_answers_by_truth_and_by_answer(read_table, monkeyp
     diagnosis_cause.main()
     _, rows = read_table("diagnosis_cause")
     assert rows[0] == ["day", "truth", "loops", "none", "backlash", "tuning", "disturbance", "unknown"]
-    assert rows[1:] == [
-        ["stepped", "none", "2", "1", "1", "0", "0", "0"],
-        ["stepped", "backlash", "2", "0", "1", "0", "0", "1"],
-    ]
+    assert [" ".join(row) for row in rows[1:]] == ["stepped none 2 1 1 0 0 0", "stepped backlash 2 0 1 0 0 1"]
     _, (_, *by_answer) = read_table("diagnosis_answers")
     backlash_row = next(row for row in by_answer if row[0] == "cause: backlash")
     assert (backlash_row[1], backlash_row[2][:6], backlash_row[3][:6]) == ("2", "50.0 %", "50.0 %")
@@ -43,5 +40,4 @@ def test_the_truth_is_told_by_simulations_without_gap_and_without_swing():
     assert "disturbance" in logs.cause
     is_good_valve = logs.backlash == 0.0
     assert not any(cause == "backlash" for cause, is_good in zip(logs.cause, is_good_valve, strict=True) if is_good)
-    diagnosis = fc.diagnose(logs.logs[0])
-    assert np.isfinite(diagnosis.backlash)
+    assert np.isfinite(fc.diagnose(logs.logs[0]).backlash)

@@ -50,9 +50,8 @@ def test_bills_are_those_of_plain_numpy(metrics_by_kind):
     ds = metrics_by_kind[CONSTANT]
     bills = cost.bills(ds)
     for kind in ("without", "evened", "bill"):
-        np.testing.assert_allclose(
-            bills[kind].transpose("sample", "controller", "backlash"), yearly_bill(ds, kind), rtol=1e-9
-        )
+        bill = bills[kind].transpose("sample", "controller", "backlash")
+        np.testing.assert_allclose(bill, yearly_bill(ds, kind), rtol=1e-9)
     change = cost.changes_against_sound(ds)
     paid = yearly_bill(ds)
     np.testing.assert_allclose(change.bill.sel(backlash=0.07), 100 * (paid[..., 1] / paid[..., 0] - 1), rtol=1e-6)
@@ -74,5 +73,4 @@ def test_every_other_table_is_written(metrics_by_kind, read_table):
     assert gap[3].split(" (")[0] == f"{np.median(paid[:, 1] - paid[:, 0]):+.0f}"
     _, (_, *rows) = read_table("cost_remedies")
     assert [row[1] for row in rows[:4]] == [*NAMES, "a valve without a gap"]
-    mended = 100 * (paid[:, 0] / paid[:, 1] - 1)
-    assert rows[3][5].startswith(f"{np.median(mended):+.2f} % (")
+    assert rows[3][5].startswith(f"{np.median(100 * (paid[:, 0] / paid[:, 1] - 1)):+.2f} % (")

@@ -24,15 +24,14 @@ def test_a_response_has_the_overshoot_and_the_settling_time_of_its_trace():
     loop = heating.good_valve_loop("heating", ti=30.0)
     step_conditions = heating.conditions(loop, 3, 2)
     response = heating.step_response(loop, step_conditions)
-    ds = fc.simulate(
-        loop, step_conditions.boundary, traces=["T_sup"], trace_interval=heating.RESPONSE_INTERVAL, n_jobs=1
-    )
+    every = heating.RESPONSE_INTERVAL
+    ds = fc.simulate(loop, step_conditions.boundary, traces=["T_sup"], trace_interval=every, n_jobs=1)
     for day in (0, 1):
-        T = ds.T_sup.isel(day=day).values[heating.STEP_AT // heating.RESPONSE_INTERVAL :]
+        T = ds.T_sup.isel(day=day).values[heating.STEP_AT // every :]
         share = ((T - step_conditions.T_set[day]) / heating.STEP_SIZE).tolist()
         assert float(response.overshoot[day]) == pytest.approx(max(0.0, max(share) - 1.0))
         last = max(k for k, x in enumerate(share) if abs(x - 1.0) > 0.05)
-        assert float(response.settling[day]) == (last + 1) * heating.RESPONSE_INTERVAL
+        assert float(response.settling[day]) == (last + 1) * every
 
 
 def test_the_presets_have_the_gains_that_the_study_chose():

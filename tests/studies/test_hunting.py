@@ -42,7 +42,7 @@ def test_the_choice_finds_the_formula_by_which_loops_hunt(loops):
     assert formula.safe <= formula.limit
     at = loops.isel(sample=[7], day=[1])
     by_hand = (float(at.kp[0, 0]) * float(at.K[0, 0])) ** 0.8 * (float(at["T"][0, 0]) + 2 * float(at.theta[0, 0]))
-    assert float(formula.of(at)[0, 0]) == pytest.approx(by_hand / float(at.ti[0, 0]))
+    assert float(formula.indicator(at)[0, 0]) == pytest.approx(by_hand / float(at.ti[0, 0]))
 
 
 def test_the_describing_function_of_a_gap_is_that_of_another_library():
@@ -95,16 +95,14 @@ def test_the_command_writes_every_table_and_figure(read_table, tmp_path, monkeyp
 
 def test_the_tables_of_noise_count_who_hunts_although_the_index_is_low(loops, read_table, monkeypatch):
     """Loops that hunt above an index which noise lowers by 20 per kelvin, and never without a gap."""
-    noise = xr.DataArray(
-        list(hunting_noise.NOISE_LEVELS), dims="noise", coords={"noise": list(hunting_noise.NOISE_LEVELS)}
-    )
+    levels = list(hunting_noise.NOISE_LEVELS)
+    noise = xr.DataArray(levels, dims="noise", coords={"noise": levels})
     index = (loops.kp * loops.K) ** 0.7 * (loops["T"] + 2.0 * loops.theta) / loops.ti
     with_gap = (index > 5.0 - 20.0 * noise).astype(float)
     hunts = xr.concat([with_gap, 0.0 * with_gap], xr.DataArray(["with", "without"], dims="gap", name="gap"))
     ds = loops.assign(hunts=hunts, sample_time=("sample", np.resize(hunting_noise.SAMPLE_TIMES, 300)))
-    monkeypatch.setattr(
-        hunting_noise, "population", lambda *_: ds.assign(predicted=ds.predicted.expand_dims(gap=ds.gap))
-    )
+    population = ds.assign(predicted=ds.predicted.expand_dims(gap=ds.gap))
+    monkeypatch.setattr(hunting_noise, "population", lambda *_: population)
     hunting_noise.main()
     is_usable = ds.reachable.values
     is_between = is_usable & (index >= 4.0).values & (index < 5.0).values
@@ -112,9 +110,8 @@ def test_the_tables_of_noise_count_who_hunts_although_the_index_is_low(loops, re
     assert [row[2], row[3].split()[0], row[-1].split()[0]] == [f"{is_between.sum()}", "0.0", "100.0"]
     obeys = is_usable & (index <= 5.0).values
     share = 100 * (obeys & (index > 4.0).values).sum() / obeys.sum()
-    (row,) = (row for row in read_table("hunting_noise_limits")[1] if row[0].endswith("/ 5"))
+    limits = read_table("hunting_noise_limits")[1]
+    (row,) = (row for row in limits if row[0].endswith("/ 5"))
     assert [row[2].split()[0], row[-2].split()[0]] == ["0.0", f"{share:.1f}"]
-    assert all(
-        row[-2].startswith("0.0") for row in read_table("hunting_noise_limits")[1] if row[0].endswith(("/ 4", "/ 3"))
-    )
+    assert all(row[-2].startswith("0.0") for row in limits if row[0].endswith(("/ 4", "/ 3")))
     assert all(row[2].startswith("0 %") for row in read_table("hunting_noise_predicted")[1] if row[0] == "without")

@@ -13,9 +13,8 @@ NAMES = list(learners_runs.controllers())
 
 
 def test_days_are_as_long_as_asked_for_and_weather_has_the_asked_share_of_outdoor_air(weather_file):
-    mixed, outdoor = (
-        kinds.make_days(kinds.WEATHER, [1], weather_file, hours=3, outdoor_fraction=share) for share in (0.5, 1.0)
-    )
+    options = {"weather": weather_file, "hours": 3}
+    mixed, outdoor = (kinds.make_days(kinds.WEATHER, [1], outdoor_fraction=f, **options) for f in (0.5, 1.0))
     assert mixed.n_steps == outdoor.n_steps == 3 * 3600
     # the other half is return air of 24 °C
     np.testing.assert_allclose(mixed.series["T_a_in"], 0.5 * (24.0 + outdoor.series["T_a_in"]), atol=0.05)
@@ -25,24 +24,18 @@ def test_days_are_as_long_as_asked_for_and_weather_has_the_asked_share_of_outdoo
 @pytest.mark.kernel
 def test_every_controller_acts_on_the_same_days_and_the_same_noise(monkeypatch):
     monkeypatch.setattr(learners_runs, "simc_gains", lambda loop, kind: xr.Dataset({"plant_gain": 12.0}))
-    loop = learners_runs.four_loops([0.07])
-    loop = learners_runs.select_loop(loop, sample=[1])
+    loop = learners_runs.select_loop(learners_runs.four_loops([0.07]), sample=[1])
     ds = learners_runs.simulate_condition(Condition("one", loop, kinds.STEPPED, [3, 4], hours=4))
     assert int(ds.status.max()) == 0
     rmse = {name: ds.rmse.sel(controller=name).values.ravel().tolist() for name in NAMES}
     idle_controllers = [name for name in NAMES[1:] if rmse[name] == rmse["pi"]]
     assert idle_controllers in ([], ["hagglund"]), "it may find nothing in four hours"
-    alone = fc.simulate(
-        loop.assign(learning_step=0.007, learning_interval=1800, learning_ratio=2.0),
-        kinds.make_days(kinds.STEPPED, [3, 4], hours=4),
-    )
+    days = kinds.make_days(kinds.STEPPED, [3, 4], hours=4)
+    alone = fc.simulate(loop.assign(learning_step=0.007, learning_interval=1800, learning_ratio=2.0), days)
     loop_with_stroke = loop.assign(**learners_runs.controllers()["identify"], plant_gain=12.0, identify_stroke_time=0.0)
-    estimate_with_stroke = fc.simulate(loop_with_stroke, kinds.make_days(kinds.STEPPED, [3, 4], hours=4)).estimate_final
-    assert (
-        ds.estimate_final.sel(controller="identify_stroke").values.ravel().tolist()
-        == estimate_with_stroke.values.ravel().tolist()
-    )
-    assert estimate_with_stroke.values.max() > 0.0
+    estimates = fc.simulate(loop_with_stroke, days).estimate_final.values.ravel().tolist()
+    assert ds.estimate_final.sel(controller="identify_stroke").values.ravel().tolist() == estimates
+    assert max(estimates) > 0.0
     assert rmse["paper"] == alone.rmse.values.ravel().tolist()
 
 

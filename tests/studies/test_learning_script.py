@@ -38,8 +38,7 @@ def test_failures_errors_and_censored_times_are_counted_one_by_one():
     assert judgement["never"] == 4 / 8
     assert judgement["reached"] == median_low(ds.learn_time_reached) / 3600 == 1.5
     assert judgement["confirmed"] == median_low(ds.learn_time_confirmed) / 3600 == 2.0
-    by_day = learning.judge_learners(ds, ["backlash_estimate"]).confirmed
-    assert by_day.values.tolist() == [1.0, np.inf, 0.5, 1.0]
+    assert learning.judge_learners(ds, ["backlash_estimate"]).confirmed.values.tolist() == [1.0, np.inf, 0.5, 1.0]
 
 
 # the script
@@ -62,12 +61,11 @@ def test_learning_writes_what_it_found_and_draws_its_figures(quick_study, read_t
     assert [row[:2] for row in choices] == [["paper_like", "0"], ["paper_like", "0.1"], ["g36", "0"], ["g36", "0.1"],
                                          ["all", "all"]]  # fmt: skip
     for row in choices:
-        failed = float(row[head.index("2 fresh days")].split(" %")[0])
-        assert (row[head.index("safe?")] == "yes") == (failed <= 5.0)
+        assert (row[head.index("safe?")] == "yes") == (float(row[head.index("2 fresh days")].split(" %")[0]) <= 5.0)
         assert row[head.index("safe?")] in ("yes", "**none is safe**; the best:")
     assert {row[head.index("safe?")] for row in choices if row[1] == "0.1"} == {"**none is safe**; the best:"}
     title, cost = read_table("learning_cost")
-    assert title == "What it does on the 2 fresh days: medians"
+    assert title == "Performance of the chosen learning rules on the 2 fresh days: medians"
     assert [row[:2] for row in cost[1:]] == [row[:2] for row in choices]
     assert len(read_table("learning_failures")[1]) == len(choices)
     assert [row[0] for row in read_table("learning_quiet")[1][1:]] == ["paper_like", "g36"]

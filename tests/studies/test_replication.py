@@ -25,7 +25,7 @@ def test_the_same_numbers_change_no_cell(table, is_sample):
     before = table.read_text()
     with compare_with_tables(is_sample=is_sample) as replication:
         write_table("of/shares", "Shares", HEAD, ROWS)
-    assert (replication.changed, sum(replication.compared)) == ([], 9)
+    assert (replication.changes, sum(replication.cell_counts)) == ([], 9)
     assert table.read_text() == before
 
 
@@ -33,14 +33,14 @@ def test_a_sample_names_the_cell_that_changed_and_leaves_the_table(table):
     before = table.read_text()
     with compare_with_tables(is_sample=True) as replication:
         compare_rows("of/shares", [["constant", "calm", "4 %"]])
-    assert replication.changed == ["of/shares: constant | share: 2 % → 4 %"]
+    assert replication.changes == ["of/shares: constant | share: 2 % → 4 %"]
     assert table.read_text() == before
 
 
 def test_a_whole_run_names_it_and_writes_the_table(table):
     with compare_with_tables(is_sample=False) as replication:
         write_table("of/shares", "Shares, anew", HEAD, [*ROWS[:2], ["stepped", "hunt", "5 %"]])
-    assert replication.changed == ["of/shares: title: Shares → Shares, anew", "of/shares: stepped | share: 3 % → 5 %"]
+    assert replication.changes == ["of/shares: title: Shares → Shares, anew", "of/shares: stepped | share: 3 % → 5 %"]
     assert "5 %" in table.read_text()
 
 
@@ -48,8 +48,8 @@ def test_a_whole_run_names_it_and_writes_the_table(table):
 def test_a_row_or_a_column_that_is_missing_is_named(table, head, rows):
     with compare_with_tables(is_sample=False) as replication:
         write_table("of/shares", "Shares", head, rows)
-    assert len(replication.changed) == 1
-    assert replication.changed[0].startswith("of/shares: other columns, or ")
+    assert len(replication.changes) == 1
+    assert replication.changes[0].startswith("of/shares: other columns, or ")
 
 
 def test_the_command_ends_with_1_if_a_sample_changed(table, monkeypatch, capsys):

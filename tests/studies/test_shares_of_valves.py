@@ -14,10 +14,8 @@ def test_a_share_has_the_interval_of_wilson_where_cases_are_independent_and_a_wi
     rng = np.random.default_rng(3)
     without_days = xr.DataArray(rng.random(50) < 0.2, dims="sample")
     p = float(without_days.mean())
-    low, high = (
-        (p + 1.96**2 / 100 + s * 1.96 * math.sqrt(p * (1 - p) / 50 + 1.96**2 / 10000)) / (1 + 1.96**2 / 50)
-        for s in (-1, 1)
-    )
+    half = 1.96 * math.sqrt(p * (1 - p) / 50 + 1.96**2 / 10000)
+    low, high = ((p + 1.96**2 / 100 + side) / (1 + 1.96**2 / 50) for side in (-half, half))
     assert share_of(without_days) == pytest.approx((p, low, high), abs=0.003)
     of_valve = np.repeat(rng.random((50, 1)) < 0.2, 20, axis=1)
     share_of_alike_days = share_of(xr.DataArray(of_valve, dims=("sample", "day")))

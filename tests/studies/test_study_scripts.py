@@ -35,13 +35,9 @@ def test_population_writes_what_plain_python_finds(run_small, read_table, monkey
 
 
 def test_answers_write_what_plain_python_finds(run_small, read_table, monkeypatch):
-    for script, write in (
-        (answers, answers.main),
-        (paper, paper.write_one_loop),
-        (learning, learning.write_printed_rule),
-    ):
-        monkeypatch.setattr(script, "results", run_small)
-        write()
+    for study, run in ((answers, answers.main), (paper, paper.write_one_loop), (learning, learning.write_printed_rule)):
+        monkeypatch.setattr(study, "results", run_small)
+        run()
     ds = run_small("robustness")
     title, (_, *table) = read_table("robustness")
     assert title.startswith("Robustness: change against the plain PI, ")
@@ -60,8 +56,7 @@ def test_answers_write_what_plain_python_finds(run_small, read_table, monkeypatc
     assert ["estimate 60%", f"{statistics.mean(map(float, of_sixty)):.3f}"] in [row[:2] for row in table]
     ds = run_small("learner")
     for rule, loop, _, _, confirmed, after, *_ in read_table("learner")[1][1:]:
-        times = ds.learn_time_confirmed.sel(rule=rule, loop=loop).values
-        n = sum(not math.isnan(t) for t in times)
+        n = sum(not math.isnan(t) for t in ds.learn_time_confirmed.sel(rule=rule, loop=loop).values)
         assert confirmed == f"{n} of 2"
         assert (after == "—") == (n < 2)
 
@@ -82,9 +77,7 @@ def test_conditions_write_what_a_simulation_of_its_own_gives(read_table, monkeyp
     assert len(read_table("conditions_quiet")[1]) == 1 + 2 * 3
     loop = fc.Loop.preset("lbnl").assign(backlash=0.0, noise_std=0.05)
     days = conditions.make_days(conditions.STEPPED, [1, 2])
-    plain, rule = (
-        fc.simulate(loop_variant, days).mean("day") for loop_variant in (loop, loop.assign(**conditions.GROWING_RULE))
-    )
+    plain, rule = (fc.simulate(variant, days).mean("day") for variant in (loop, loop.assign(**conditions.GROWING_RULE)))
     (row,) = (row for row in read_table("conditions_good_valve")[1] if row[:2] == ["`lbnl`", "0.05"])
     assert row[2:4] == [f"{float(plain.rmse_settled):.3f}", f"× {float(rule.rmse_settled / plain.rmse_settled):.1f}"]
     loop = fc.Loop.preset("lbnl").assign(kp=conditions.HEATING_KP, backlash=0.07, action="heating")

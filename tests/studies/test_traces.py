@@ -19,9 +19,8 @@ def test_two_traces_come_apart_where_their_difference_first_exceeds_the_limit():
     trace = xr.DataArray(np.zeros((2, time.size)), {"elapsed_time": time}, ("sample", "elapsed_time"))
     nudged_trace = trace + xr.DataArray([1.0, 0.0], dims="sample") * xr.DataArray(growth, dims="elapsed_time")
     for limit in (1e-6, 1e-3):
-        minutes = traces.minutes_until_apart(trace, nudged_trace, limit)
         expected = math.ceil(300.0 * math.log(limit / 1e-9) / 60.0)
-        assert minutes.values.tolist() == [expected, math.inf]
+        assert traces.minutes_until_apart(trace, nudged_trace, limit).values.tolist() == [expected, math.inf]
     n, share, *times = traces.times_row(trace.isel(sample=[1]), nudged_trace.isel(sample=[1]))
     assert (n, share.split(" (")[0], set(times)) == ("1", "0 %", {"—"})
 

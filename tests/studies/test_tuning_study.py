@@ -32,18 +32,10 @@ def test_every_row_is_what_a_simulation_of_that_tuning_gives(case, read_table, m
     _, (head, *rows) = read_table("tuning")
     fresh = case.loop(5, 2)
     days = kinds.make_days(kinds.HEATING, tuning.FRESH_DAYS)
-    loops = {
-        tuning.PRESET: fresh,
-        tuning.TUNED_PI: fresh.assign(**pi.parameters),
-        tuning.TUNED_INVERSE: fresh.assign(estimate_ratio=0.95, **inverse.parameters),
-    }
-    assert [row[1] for row in rows] == [
-        tuning.PRESET,
-        tuning.SIMC,
-        tuning.BEST_PI,
-        tuning.TUNED_PI,
-        tuning.TUNED_INVERSE,
-    ]
+    loops = {tuning.PRESET: fresh, tuning.TUNED_PI: fresh.assign(**pi.parameters)}
+    loops[tuning.TUNED_INVERSE] = fresh.assign(estimate_ratio=0.95, **inverse.parameters)
+    names = [tuning.PRESET, tuning.SIMC, tuning.BEST_PI, tuning.TUNED_PI, tuning.TUNED_INVERSE]
+    assert [row[1] for row in rows] == names
     for name, loop in loops.items():
         (row,) = [dict(zip(head, cells, strict=True)) for cells in rows if cells[1] == name]
         ds = fc.simulate(loop, days, n_jobs=1)

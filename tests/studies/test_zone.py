@@ -18,9 +18,7 @@ def at_rest(T_sup, T_set=14.0, hours=4):
 @pytest.mark.parametrize("T_sup", [13.0, 15.0])
 def test_rooms_at_rest_take_the_flow_that_carries_their_load_or_reheat(T_sup):
     room_state = at_rest(T_sup)
-    core_load, other_load = (
-        zone.CP * (zone.ROOM_SET_POINT - 14.0) * share for share in zone.AIR_SHARES * zone.LOAD_SHARES
-    )
+    core_load, other_load = zone.CP * (zone.ROOM_SET_POINT - 14.0) * zone.AIR_SHARES * zone.LOAD_SHARES
     core = core_load / (zone.CP * (zone.ROOM_SET_POINT - T_sup))
     least_flow = zone.LEAST_FLOWS[zone.PERIMETER] * zone.OVERSIZE_FACTOR * zone.AIR_SHARES[zone.PERIMETER]
     reheat = zone.CP * least_flow * (zone.HEATING_SET_POINT - T_sup) - other_load
@@ -40,18 +38,14 @@ def test_the_fan_takes_its_rated_power_at_its_greatest_flow_and_far_less_at_half
 
 
 def test_the_demand_is_the_largest_mean_of_a_quarter_of_an_hour():
-    n = zone.WARM_UP_SECONDS + 3 * zone.QUARTER_SECONDS
+    warm_up, quarter = zone.WARM_UP_SECONDS, zone.QUARTER_SECONDS
+    n = warm_up + 3 * quarter
     power = np.zeros((1, n))
-    power[0, zone.WARM_UP_SECONDS + zone.QUARTER_SECONDS : zone.WARM_UP_SECONDS + 3 * zone.QUARTER_SECONDS // 2] = (
-        2.0 * zone.COP
-    )
-    room_state = zone.Rooms(np.ones((1, n)), np.full((1, n), 2.0))
+    power[0, warm_up + quarter : warm_up + 3 * quarter // 2] = 2.0 * zone.COP
     coil = zone.Coil(np.full((1, n), 14.0), np.full((1, n), 0.5), power, np.zeros(1))
-    sums = zone.daily_sums(room_state, coil, np.ones((1, n)))
-    base = (
-        zone.FAN_POWER * zone.OVERSIZE_FACTOR * zone.fan_power(np.array(1 / zone.OVERSIZE_FACTOR))
-        + zone.PUMP_POWER * 0.5
-    )
+    sums = zone.daily_sums(zone.Rooms(np.ones((1, n)), np.full((1, n), 2.0)), coil, np.ones((1, n)))
+    factor = zone.OVERSIZE_FACTOR
+    base = zone.FAN_POWER * factor * zone.fan_power(np.array(1 / factor)) + zone.PUMP_POWER * 0.5
     assert sums["demand"] == pytest.approx(base + 1.0)
     assert sums["electricity"] == pytest.approx(base + 1.0 / 3.0)
     assert (sums["reheat"], sums["water"]) == (2.0, 0.5)

@@ -99,14 +99,12 @@ class LoopFigures:
         fig.line("u", "opening", source=traces, color=BLUE, width=_LINE_WIDTH_PX, legend_label="PI asks")
         _legend_above(self.temperature, self.valve, self.estimate, self.gap)
 
-        self.hunting_index = fig = _figure(
-            "hunting_index", (0.03, 30.0), (-1.0, 1.0), x_axis_type="log", title="Hunting index, predicted by theory"
-        )
+        title = "Hunting index, predicted by theory"
+        self.hunting_index = fig = _figure("hunting_index", (0.03, 30.0), (-1.0, 1.0), x_axis_type="log", title=title)
         band: Any = {"fill_alpha": 0.5, "line_alpha": 0.0, "level": "underlay"}
-        fig.add_layout(
-            BoxAnnotation(left=UNSURE_HUNTING_INDEX[0], right=UNSURE_HUNTING_INDEX[1], fill_color=_SHADE, **band)
-        )
-        fig.add_layout(BoxAnnotation(left=UNSURE_HUNTING_INDEX[1], fill_color=YELLOW, **band))
+        low, high = UNSURE_HUNTING_INDEX
+        fig.add_layout(BoxAnnotation(left=low, right=high, fill_color=_SHADE, **band))
+        fig.add_layout(BoxAnnotation(left=high, fill_color=YELLOW, **band))
         limit: Any = {"line_color": _INK, "line_dash": [6, 4], "line_width": 2}
         fig.add_layout(Span(location=HUNTING_INDEX_LIMIT, dimension="height", **limit))
         fig.text([0.15, 7.0], [-0.35, -0.35], text=["calm", "hunts"], text_align="center", text_font_size=_FONT_SIZE)
@@ -127,9 +125,7 @@ class LoopFigures:
             traces[name] = 100.0 * traces[name]
         traces["backlash"] = np.full(n - first, 100.0 * run.parameter("backlash"))
         in_test = hours[traces.pop("test") > 0.0]
-        test = {
-            "left": in_test.min(initial=np.inf), "right": in_test.max(initial=-np.inf), "visible": in_test.size > 0
-        }  # fmt: skip
+        test = {"left": in_test.min(initial=np.inf), "right": in_test.max(initial=-np.inf), "visible": in_test.size > 0}
         has_sensor = run.parameter("noise_std") > 0.0 or run.parameter("sensor_time_constant") > 0.0
         has_compensation = run.learns or run.parameter("backlash_estimate") > 0.0
         pi_output, measured = [traces["u"]] * has_compensation, [traces["T_measured"]] * has_sensor
@@ -166,10 +162,8 @@ def _fit_axis(span: Range1d, least: float, *values: Array) -> Change:
 
 def _edges(backlash: float) -> dict[str, list[float]]:
     """Return both edges of Eq (1) in %: the opening while the motor opens the valve, and while it closes it."""
-    return {
-        "command": [100.0 * backlash, 100.0, np.nan, 0.0, 100.0 * (1.0 - backlash)],
-        "opening": [0.0, 100.0, np.nan, 0.0, 100.0],
-    }
+    command = [100.0 * backlash, 100.0, np.nan, 0.0, 100.0 * (1.0 - backlash)]
+    return {"command": command, "opening": [0.0, 100.0, np.nan, 0.0, 100.0]}
 
 
 class MapFigure:
@@ -181,10 +175,8 @@ class MapFigure:
         self._point = ColumnDataSource({"x": [], "y": []}, name="here")
         self.fig = _figure("map", (-0.5, 15.5), (-0.5, 11.5), title="Map: click to move the ring")
         self._colours = LinearColorMapper(Cividis256, low=0.0, nan_color="#dddddd")
-        cell_glyphs = self.fig.rect(
-            "x", "y", 1.0, 1.0, source=self._cells, line_color=None,
-            fill_color={"field": "value", "transform": self._colours},
-        )  # fmt: skip
+        fill = {"field": "value", "transform": self._colours}
+        cell_glyphs = self.fig.rect("x", "y", 1.0, 1.0, source=self._cells, line_color=None, fill_color=fill)
         ring: Any = {"source": self._point, "marker": "circle", "size": 22, "fill_color": None}
         self.fig.scatter("x", "y", line_color="white", line_width=7, **ring)
         self.fig.scatter("x", "y", line_color=RED, line_width=4, **ring)

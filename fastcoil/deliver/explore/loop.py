@@ -222,12 +222,9 @@ def build_loop(settings: Settings, start: Start) -> Loop:
     """Return the loop of some settings."""
     values: dict[str, Any] = {name: getattr(settings, name) for name in DIALS if name != "m_a"}
     if settings.valve != "own":  # an equal-percentage valve
-        m_full = start.loop["m_full"]  # kg/s; 1.7 is that of the presets' cooling coil
-        values |= {
-            "rangeability": 50.0,
-            "authority": float(settings.valve),
-            "m_full": 1.7 if m_full is None else m_full,
-        }
+        m_full = start.loop["m_full"]
+        values |= {"rangeability": 50.0, "authority": float(settings.valve)}
+        values["m_full"] = 1.7 if m_full is None else m_full  # kg/s, of the presets' cooling coil
     loop = start.loop.assign(**values)
     if settings.estimator == "own":
         return loop
@@ -239,13 +236,6 @@ def build_loop(settings: Settings, start: Start) -> Loop:
     loop = loop.assign(estimator=settings.estimator, **learning)
     unread: dict[str, Any] = {name: PARAMETERS[name].default for name in unread_values(loop)}
     return loop.assign(**unread)
-
-
-def build_day(settings: Settings, start: Start) -> Boundary:
-    """Return the day of some settings."""
-    if settings.day == "own" and start.day is not None:
-        return start.day
-    return _menu_day(settings.day, settings.m_a, start.T_w_in if start.heats else None)
 
 
 @lru_cache(8)  # of 2 MB each; most moves leave the day as it is
@@ -264,7 +254,9 @@ def _menu_day(name: str, m_a: float, heating_water: float | None) -> Boundary:
 
 def build_scene(settings: Settings, start: Start) -> Scenario:
     """Return the loop and the day of some settings."""
-    return Scenario(start.title, build_loop(settings, start), build_day(settings, start), start.warm_up, start.seed)
+    day = start.day if settings.day == "own" else None
+    day = day or _menu_day(settings.day, settings.m_a, start.T_w_in if start.heats else None)
+    return Scenario(start.title, build_loop(settings, start), day, start.warm_up, start.seed)
 
 
 def build_valve_test(settings: Settings, scene: Scenario) -> ValveTest | None:
@@ -322,10 +314,8 @@ class Run(NamedTuple):
 def run(scene: Scenario, test: ValveTest | None = None) -> Run:
     """Simulate a loop, with a valve test if there is one."""
     loop, day = scene.loop, scene.boundary
-    ds = simulate(
-        loop, day, test=test, traces=TRACES, trace_interval=TRACE_INTERVAL_S, warm_up=scene.warm_up, seed=scene.seed,
-        n_jobs=1, progress=False,
-    )  # fmt: skip
+    options: Any = {"traces": TRACES, "trace_interval": TRACE_INTERVAL_S, "n_jobs": 1, "progress": False}
+    ds = simulate(loop, day, test=test, warm_up=scene.warm_up, seed=scene.seed, **options)
     traces = {name: ds[name].values for name in TRACES} | {"T_set": day.series["T_set"][0][::TRACE_INTERVAL_S]}
     hours, metrics = ds["elapsed_time"].values / 3600.0, ds.drop_vars(TRACES)
     reading = "" if test is None else reading_text(ds, float(loop["stroke_time"]))  # type: ignore[arg-type]

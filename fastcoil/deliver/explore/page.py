@@ -87,10 +87,8 @@ class Page:
         self._figures, self._map = LoopFigures(), MapFigure(self._move_to_cell)
         style: Any = {"sizing_mode": "stretch_width", "stylesheets": [InlineStyleSheet(css=_STYLE_SHEET)]}
         self._steps: dict[str, dict[str, float]] = {name: {} for name in DIALS}
-        self._dials = {
-            name: CategoricalSlider(title=dial.label, categories=["", "…"], value="", name=name, **style)
-            for name, dial in DIALS.items()
-        }
+        empty = {"categories": ["", "…"], "value": "", **style}
+        self._dials = {n: CategoricalSlider(title=dial.label, name=n, **empty) for n, dial in DIALS.items()}
         labels = {"loop": "Begin with"} | {name: choice.label for name, choice in CHOICES.items()}
         self._menus = {name: Select(title=label, name=name, **style) for name, label in labels.items()}
         for name, slider in self._dials.items():
@@ -198,14 +196,12 @@ class Page:
     def _show_run(self, settings: Settings, run: Run, *, is_explained: bool) -> None:
         changes = self._figures.show(run, settings.window)
         changes += [] if is_explained else self._figures.show_hunting_index()
-        query = loop.link_query(settings, self._model.starts)
         texts = {"error": run.error, "learning": run.learning, "explained": "yes" if is_explained else ""}
-        self._send(changes, settings, query=query, phase="words", **texts)
+        self._send(changes, settings, query=loop.link_query(settings, self._model.starts), phase="words", **texts)
 
     def _show_explanation(self, settings: Settings, run: Run, e: ExplanationText) -> None:
-        changes = self._figures.show_hunting_index(e.hunting_index)
         texts = {"headline": e.answer, "why": e.why, "compared": run.reading or e.compared, "advice": e.advice}
-        self._send(changes, settings, explained="yes", phase="map", **texts)
+        self._send(self._figures.show_hunting_index(e.hunting_index), settings, explained="yes", phase="map", **texts)
 
     def _show_map(self, settings: Settings, metrics: Mapping[str, Array] | InputError) -> None:
         if isinstance(metrics, InputError):
@@ -293,11 +289,8 @@ class _LocalOnlyMatcher(Matcher):  # type: ignore[misc]
         origin, destination = headers.get("Origin"), headers.get("Sec-Fetch-Dest", "document")
         is_ours = request.host in self._hosts and (origin is None or origin in self._origins)
         names_session = any(name.startswith("bokeh-") for name in request.arguments) or "Bokeh-Session-Id" in headers
-        is_known = (
-            (path == "/" and destination == "document")
-            or (path == "/ws" and origin is not None)
-            or path.startswith("/static/")
-        )
+        is_page, is_socket = path == "/" and destination == "document", path == "/ws" and origin is not None
+        is_known = is_page or is_socket or path.startswith("/static/")
         return {} if is_ours and is_known and not names_session else None
 
 

@@ -96,8 +96,7 @@ class Controller:
             problem = f"learning_interval = {interval:g} s is not a whole number of cycles"
             cure = f"give a multiple of sample_time, {sample:g} s"
             raise InputError(f"{problem}: {cure}", "learning_interval", "conflict")
-        estimators = [e for e in (*ESTIMATORS, *rules.estimators) if e is not None]
-        estimator = next((candidate for candidate in estimators if candidate.name == self.word["estimator"]), None)
+        estimator = next((e for e in (*ESTIMATORS, *rules.estimators) if e and e.name == self.word["estimator"]), None)
         if estimator is None:
             self.number["backlash_estimate"] *= self.number["estimate_share"]
             self.number["estimate_share"] = 1.0

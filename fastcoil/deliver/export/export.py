@@ -154,8 +154,7 @@ def _translation_fault(text: str, vectors: Vectors) -> str:
     """Return the first cycle in which the translation of a user's rule differs from the kernel; empty if none does."""
     inputs = {name: vectors.columns[name] for name in vectors.inputs}
     expected = np.array([vectors.columns[name] for name in vectors.outputs])
-    answers = np.array(list(run_cycles(text, inputs, vectors.outputs))).T
-    deviation = np.abs(answers - expected).max(axis=0)
+    deviation = np.abs(np.array(list(run_cycles(text, inputs, vectors.outputs))).T - expected).max(axis=0)
     for cycle in np.flatnonzero(~(deviation <= 1e-12)):  # exp and log may differ in the last digit
         return f"cycle {cycle} of its vectors is off by {deviation[cycle]:.2g}"
     return ""
@@ -192,11 +191,8 @@ def fmu(controller: Controller, text: str, name: str, vectors: Vectors) -> bytes
         "inputs": vectors.inputs, "outputs": vectors.outputs, "flags": FLAG_INPUTS, "variables": variables,
         "units": {variable.unit: _BASE_UNITS.get(variable.unit) for variable in variables if not variable.is_flag},
     }  # fmt: skip
-    files = {
-        "modelDescription.xml": b"",
-        "sources/fmi2.c": b"",
-        "sources/controller.c": CPrinter(laws, name).text().encode(),
-    }
+    code = CPrinter(laws, name).text().encode()
+    files = {"modelDescription.xml": b"", "sources/fmi2.c": b"", "sources/controller.c": code}
     guid = ""
     for _ in range(2):  # the second time with the identifier of the first
         for path in list(files)[:2]:

@@ -46,10 +46,8 @@ FUNCTIONS: Mapping[str, tuple[Any, ...]] = {
     "isnan": (math.isnan, np.isnan), "int": (int,), "float": (float,), "bool": (bool,),
 }  # fmt: skip
 """Functions that a rule may call, by their name in the laws."""
-SUPPORTED_FUNCTIONS = "abs, cos, exp, floor, log, max, min, sin, sqrt, tan, tanh, their inverses"
-SUPPORTED_SYNTAX = (
-    "assignments, if, for k in range(…), return, numbers, tables of them, + - * / ** % // and comparisons"
-)
+ALLOWED_FUNCTIONS = "abs, cos, exp, floor, log, max, min, sin, sqrt, tan, tanh, their inverses"
+ALLOWED_SYNTAX = "assignments, if, for k in range(…), return, numbers, tables of them, + - * / ** % // and comparisons"
 
 
 class TranslateAgainError(Exception):
@@ -90,7 +88,7 @@ class Formulas(ABC):
         return InputError(sentence + alternative, self.kind, "code")
 
     def _unsupported_syntax(self, node: ast.AST) -> InputError:
-        return self._refusal(f"it has {ast.unparse(node)}", f"use {SUPPORTED_SYNTAX}")
+        return self._refusal(f"it has {ast.unparse(node)}", f"use {ALLOWED_SYNTAX}")
 
     def _unique_name(self, preferred: str, key: Any) -> str:
         """Return a name that is free in all languages; key: what it stands for."""
@@ -301,8 +299,7 @@ class Formulas(ABC):
         raise self._unsupported_syntax(node)
 
     def _element(self, node: ast.Subscript, scope: Scope) -> Any:
-        of = self._value(node.value, scope)
-        index = self._value(node.slice, scope)
+        of, index = self._value(node.value, scope), self._value(node.slice, scope)
         if isinstance(of, dict):
             return [*of.values()][index.value]
         if index.value is not None and of.values:

@@ -175,11 +175,8 @@ class StructuredTextPrinter(Printer):
         name = self.functions[function.name]
         self.syntax["return"] = f"{name} := {{}};\nRETURN;"
         body = self.block(function.body, 0)
-        return Unit(
-            name, function.returns, function.text,
-            {"VAR_INPUT": function.arguments} | self._locals(function),
-            body[:-1] if body[-1] == "RETURN;" else body,
-        )  # fmt: skip
+        variables = {"VAR_INPUT": function.arguments} | self._locals(function)
+        return Unit(name, function.returns, function.text, variables, body[:-1] if body[-1] == "RETURN;" else body)
 
     def _block(self) -> Unit:
         laws, step = self.laws, self.laws.functions["step"]
@@ -228,16 +225,13 @@ class StructuredTextPrinter(Printer):
 
     def call(self, function: Function, arguments: list[ast.expr]) -> list[str]:
         """Inline a section, after assignments to its arguments."""
-        lines = []
-        for name, value in zip(function.kinds, arguments, strict=True):
-            lines += [f"{name} := {self.expression_text(value)};"] if ast.unparse(value) != name else []
+        pairs = zip(function.kinds, arguments, strict=True)
+        lines = [f"{name} := {self.expression_text(value)};" for name, value in pairs if ast.unparse(value) != name]
         return [*lines, *self._inlined_section(function), ""]
 
     def _inlined_section(self, function: Function) -> list[str]:
-        body = (
-            function.body[:-1] if isinstance(function.body[-1], ast.Return) else function.body
-        )  # the output is the command
-        lines = self.block(body, 0)
+        # the output is the command
+        lines = self.block(function.body[:-1] if isinstance(function.body[-1], ast.Return) else function.body, 0)
         return [*self.comment(function.text).splitlines(), *(lines if lines[-1] else lines[:-1])]
 
     def number(self, value: float) -> str:

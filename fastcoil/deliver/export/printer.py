@@ -188,10 +188,9 @@ class Printer:
 
     def block(self, body: list[ast.stmt], depth: int) -> list[str]:
         lines: list[str] = []
-        indent = "    " * depth
         for node in body:
             first, *rest = self._statement(node, depth)
-            lines += [*break_line(indent + first, self.LINE_BREAKS), *rest]
+            lines += [*break_line("    " * depth + first, self.LINE_BREAKS), *rest]
         return lines
 
     def _statement(self, node: ast.stmt, depth: int) -> list[str]:
@@ -241,15 +240,12 @@ class Printer:
         """Return the kinds of the intermediate values and counters that statements store, in their order."""
         kinds: dict[str, str] = {}
         for node in statements_in(body):
-            targets = (
-                node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.For) else []
-            )
-            for target in targets:
-                if isinstance(target, ast.Name) and target.id not in arguments:
-                    known_kinds = self.laws.kinds | arguments | kinds
-                    kinds.setdefault(
-                        target.id, kind_of(node.value, known_kinds) if isinstance(node, ast.Assign) else "whole"
-                    )
+            if isinstance(node, ast.Assign):
+                for target in node.targets:
+                    if isinstance(target, ast.Name) and target.id not in arguments:
+                        kinds.setdefault(target.id, kind_of(node.value, self.laws.kinds | arguments | kinds))
+            elif isinstance(node, ast.For) and isinstance(node.target, ast.Name) and node.target.id not in arguments:
+                kinds.setdefault(node.target.id, "whole")
         return kinds
 
 
@@ -270,8 +266,7 @@ def kind_of(node: ast.expr, kinds: Mapping[str, str]) -> str:
     if isinstance(node, ast.UnaryOp):
         return kind_of(node.operand, kinds)
     if isinstance(node, ast.BinOp):
-        operand_kinds = {kind_of(node.left, kinds), kind_of(node.right, kinds)}
-        return "whole" if operand_kinds == {"whole"} else "real"
+        return "whole" if kind_of(node.left, kinds) == kind_of(node.right, kinds) == "whole" else "real"
     name = ast.unparse(node.func if isinstance(node, ast.Call) else node)
     if name in ("min", "max", "abs") and isinstance(node, ast.Call):
         return kind_of(node.args[0], kinds)

@@ -18,13 +18,7 @@ from types import FunctionType
 from typing import Any, NamedTuple
 
 from fastcoil.base.errors import InputError
-from fastcoil.deliver.export.formulas import (
-    FUNCTIONS,
-    SUPPORTED_FUNCTIONS,
-    SUPPORTED_SYNTAX,
-    Formulas,
-    TranslateAgainError,
-)
+from fastcoil.deliver.export.formulas import ALLOWED_FUNCTIONS, ALLOWED_SYNTAX, FUNCTIONS, Formulas, TranslateAgainError
 from fastcoil.deliver.export.values import (
     Number,
     Scope,
@@ -90,16 +84,13 @@ class Translator(Formulas):
             except InputError:
                 raise
             except (AttributeError, IndexError, KeyError, RecursionError, TypeError, ValueError) as error:
-                raise self._refusal("it has what other languages lack", f"use {SUPPORTED_SYNTAX}") from error
+                raise self._refusal("it has what other languages lack", f"use {ALLOWED_SYNTAX}") from error
 
     def _port(self) -> Port:
         self._begin_round()
-        self.bounds: dict[str, int] = {}
-        """Upper bound of each counter."""
-        parameters = {
-            n: constant(float(x)) if n in self.literal_names else Number(ast.Name(n.upper()), "real", float(x))
-            for n, x in self.numbers.items()
-        }
+        self.bounds: dict[str, int] = {}  # upper one of each counter
+        parameters = {n: Number(ast.Name(n.upper()), "real", float(x)) for n, x in self.numbers.items()}
+        parameters |= {n: constant(float(self.numbers[n])) for n in self.literal_names}
         first = {n: constant(x) for n, x in zip(self.Memory._fields, memory_defaults(self.Memory), strict=True)}
         if self.start is not None:
             self.path = ("start",)
@@ -115,8 +106,7 @@ class Translator(Formulas):
                 self._store(name, value)
             memory[n] = self._variable(name)
         begins = self._begin_function()
-        arguments = [self._sample(), parameters, memory, *([Table()] if self.words else [])]
-        self._inline(self.step, arguments, self._commit)
+        self._inline(self.step, [self._sample(), parameters, memory, *([Table()] if self.words else [])], self._commit)
         goals = {self.goal, "s.w", *self.controller_fields, *(["s.test_aborted"] if self.kind == "test" else [])}
         return self._assemble_port(begins, needed_statements(self.statements, goals))
 
@@ -213,7 +203,7 @@ class Translator(Formulas):
             self._value(node.value, scope)
         elif not isinstance(node, ast.Pass) and not isinstance(getattr(node, "value", None), ast.Constant):
             first_line = ast.unparse(node).partition("\n")[0].rstrip(":")
-            raise self._refusal(f"it has {first_line}", f"use {SUPPORTED_SYNTAX}")
+            raise self._refusal(f"it has {first_line}", f"use {ALLOWED_SYNTAX}")
         return None
 
     def _assign(self, target: ast.expr, value: Any, scope: Scope) -> None:
@@ -293,7 +283,7 @@ class Translator(Formulas):
                 return self._apply_function(name, positional)
         python = getattr(function, "py_func", function)
         if not isinstance(python, FunctionType):
-            cure = f"use {SUPPORTED_FUNCTIONS} and functions written in Python"
+            cure = f"use {ALLOWED_FUNCTIONS} and functions written in Python"
             raise self._refusal(f"it calls {ast.unparse(node.func)}", cure)
         caller, self.path = (self.path, self.source_line), (*self.path, id(node))
         arguments, defaults = self._scope(python, None).arguments, python.__defaults__ or ()
@@ -305,11 +295,10 @@ class Translator(Formulas):
 
     def _assemble_port(self, begins: list[ast.stmt], body: list[ast.stmt]) -> Port:
         """Assemble the texts, without constants and fields that nothing reads."""
-        python = getattr(self.step, "py_func", self.step)
         name = self._unique_name(self.rule, "rule")
         arguments = [n for n in ("T_sup", "T_set", "m_a", *self.flags) if n in names_read_in(body)]
         head = ["s: State", *(f"{n}: {'bool' if n in self.flags else 'float'}" for n in arguments)]
-        text = function_text(name, head, "None", summary_of(python), body)
+        text = function_text(name, head, "None", summary_of(getattr(self.step, "py_func", self.step)), body)
         used_fields, fields = set(re.findall(r"\bs\.(\w+)", text)), []
         for field_name in (field[2:] for field in self.fields.values()):
             if field_name in used_fields:

@@ -116,9 +116,8 @@ def names_read_in(nodes: list[ast.stmt] | ast.expr) -> set[str]:
     names: set[str] = set()
     for node in nodes if isinstance(nodes, list) else [nodes]:
         targets = {id(n.targets[0]) for n in ast.walk(node) if isinstance(n, ast.Assign)}
-        names |= {
-            ast.unparse(n) for n in ast.walk(node) if isinstance(n, (ast.Attribute, ast.Name)) and id(n) not in targets
-        }
+        reads = (n for n in ast.walk(node) if isinstance(n, (ast.Attribute, ast.Name)) and id(n) not in targets)
+        names |= {ast.unparse(n) for n in reads}
     return names
 
 
@@ -144,9 +143,8 @@ def _statements_storing(body: list[ast.stmt], goals: set[str]) -> list[ast.stmt]
     for node in body:
         kept_parts: list[ast.stmt] = [node]
         if isinstance(node, ast.If):
-            kept_parts = if_statement(
-                node.test, _statements_storing(node.body, goals), _statements_storing(node.orelse, goals)
-            )
+            yes, no = (_statements_storing(branch, goals) for branch in (node.body, node.orelse))
+            kept_parts = if_statement(node.test, yes, no)
         elif isinstance(node, ast.For):
             inner = _statements_storing(node.body, goals)
             kept_parts = [ast.For(node.target, node.iter, inner, [])] if inner else []

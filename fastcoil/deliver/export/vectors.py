@@ -55,9 +55,8 @@ class Vectors:
     def lines(self) -> str:
         """Names and numbers, with 17 digits, each line with its end."""
         rows = zip(*(column.tolist() for column in self.columns.values()), strict=True)
-        return "".join(
-            f"{line}\n" for line in (",".join(self.columns), *(",".join(f"{x:.17g}" for x in row) for row in rows))
-        )
+        lines = [",".join(self.columns), *(",".join(f"{x:.17g}" for x in row) for row in rows)]
+        return "".join(f"{line}\n" for line in lines)
 
     @property
     def checksum(self) -> int:

@@ -108,8 +108,7 @@ def resolve_swept_axes(values: xr.DataArray, **requested: str | None) -> list[st
     unnamed = [dim for dim in swept if dim not in named]
     missing = [argument for argument, dim in requested.items() if dim is None]
     if not problems and missing and len(unnamed) != len(missing):
-        sentence = f"{' and '.join(missing)}: {has}, name a swept number for each"
-        problems.append(Problem(sentence, missing[0], "missing"))
+        problems.append(Problem(f"{' and '.join(missing)}: {has}, name a swept number for each", missing[0], "missing"))
     raise_problems(problems)
     return [unnamed.pop(0) if dim is None else dim for dim in requested.values()]
 

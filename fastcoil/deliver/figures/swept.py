@@ -167,16 +167,14 @@ def draw_panels(
     if y:
         draw, marks, height = partial(drawing.draw_map, x=x, y=y), drawing.COLOUR_MARKS, 3.0
     elif has_names:
-        draw, marks = partial(drawing.draw_dots, dim=x, color=BLUE), drawing.DOT_MARKS
-        height = 1.0 + 0.22 * ds.sizes[x]
+        draw, marks, height = partial(drawing.draw_dots, dim=x, color=BLUE), drawing.DOT_MARKS, 1 + 0.22 * ds.sizes[x]
     else:
         draw, marks, height = partial(drawing.draw_curve, x=x, color=BLUE), drawing.LINE_MARKS, 2.4
     rows, n = panel_rows(ds, by), len(metrics)
     columns = n if by else min(n, panels_abreast(width))
     inches = 3.2 * max(columns, 2) if width is None else width
     if by and inches < n * _NARROWEST_PANEL:
-        sentence = f"{n} panels in {25.4 * inches:.0f} mm: give fewer metrics, or more width"
-        raise InputError(sentence, "width", "size")
+        raise InputError(f"{n} panels in {25.4 * inches:.0f} mm: give fewer metrics, or more width", "width", "size")
     n_rows = math.ceil(len(rows) * n / columns)
     figure = Figure(figsize=(inches, height * n_rows + 0.5), layout="constrained")
     shared: Any = "col" if by else False
@@ -242,8 +240,7 @@ def panel_rows(ds: xr.Dataset, by: str | None) -> list[tuple[int | None, str]]:
     """Index and words of the labels that get a row: all of up to six, else the first, the middle, the last."""
     if by is None:
         return [(None, "")]
-    dims = [str(d) for d in ds["status"].dims if d in ds.coords and ds.sizes[d] > 1]
-    require_choice("by", by, dims)
+    require_choice("by", by, [str(d) for d in ds["status"].dims if d in ds.coords and ds.sizes[d] > 1])
     chosen = drawing.pick_labels(ds.sizes[by], 6)
     is_plain, pi = (ds[by].values == 0.0) & (by in _ESTIMATES), plain_pi_label(ds)
     return [(k, label_in_words(ds, by, k) + (f", {pi}" if is_plain[k] else "")) for k in chosen]

@@ -217,8 +217,7 @@ def learning(data: Any, *, ax: Any = None) -> Axes:
     InputError
         With one sentence for each mistake; for more scenarios than three.
     """
-    ds = _require_traces(data, "estimate")
-    scenarios = _select_scenarios(ds, ["estimate"])
+    scenarios = _select_scenarios(_require_traces(data, "estimate"), ["estimate"])
     gaps = [100.0 * scenario.backlash for scenario in scenarios]
     (axes,) = prepare_axes(ax, [2.4])
     for scenario in scenarios:

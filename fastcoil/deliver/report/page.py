@@ -48,9 +48,7 @@ def format_significant(value: float, digits: int = 3) -> str:
 
 def format_change(share: float) -> str:
     """Format a relative difference: ``−43 %``."""
-    if not math.isfinite(share):
-        return MISSING_VALUE
-    return f"{format_number(100.0 * share, 0, sign=True)} %"
+    return f"{format_number(100.0 * share, 0, sign=True)} %" if math.isfinite(share) else MISSING_VALUE
 
 
 def format_change_range(low: float, high: float) -> str:
@@ -181,7 +179,7 @@ def _escape_text(value: Any) -> Any:
 def require_page(path: Path, option: str = "path") -> None:
     """Refuse, before any work, a path that cannot be written, or that holds anything but an earlier report."""
     require_output_file(option, path, ".html", ".htm")
-    if exists(path) and not has_mark(path, b'<meta name="generator" content="fastcoil '):
+    if exists(path) and not has_mark(path, _MARK):
         sentence = f"{option} {path}: this file exists and is not a report: choose another name, or delete it"
         raise InputError(sentence, option, "path")
 

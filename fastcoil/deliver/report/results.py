@@ -51,8 +51,7 @@ _MAX_NAME_ROWS = 40  # of a table along a dim of names
 def comparison_tables(ds: xr.Dataset) -> list[page.Table]:
     """Return a table for every dimension with labels."""
     ratio, pi = estimate_dim(ds), plain_pi_label(ds)
-    names = ("rmse", *_COLUMN_HEADS, *reduction_metrics(ds), "status")
-    ds = mask_off_days(ds[[name for name in names if name in ds]])
+    ds = mask_off_days(ds[[n for n in ("rmse", *_COLUMN_HEADS, *reduction_metrics(ds), "status") if n in ds]])
     ds = mask_dataset(ds.drop_vars("status"), ds["status"] == STATUS_OK)
     dims = [str(d) for d in ds["rmse"].dims if ds.sizes[d] > 1 and d not in _CHANCE_DIMS and d in ds.coords]
     without_inverse, condition = (ds, "") if ratio is None else (ds.sel({ratio: 0.0}, drop=True), f" with the {pi}")
@@ -232,8 +231,7 @@ def _fit_answer(fit: Fit) -> list[str]:
         gap, low, high = (number(100 * v) for v in (fit.parameters["backlash"], *fit.intervals["backlash"]))
         lines.append(f"The gap is {gap} % of the stroke (95 %: {low} to {high} %).")
     elif fit.kind != "coil" and "backlash" not in fit.parameters:
-        why = fit.held.get("backlash", "see what to mind")
-        lines.append(f"The log does not identify the size of the gap: {why}.")
+        lines.append(f"The log does not identify the size of the gap: {fit.held.get('backlash', 'see what to mind')}.")
     if VALIDATION not in rmse:
         return [*lines, f"The RMS error of the model is {fitting} {unit}.  Nothing was held back to check it."]
     rmse_without_gap = rmse.get(f"{VALIDATION}_without_backlash")
@@ -283,11 +281,8 @@ def tuning_page(t: Tuning) -> page.Page:
 
 def explanation_page(e: Explanation) -> page.Page:
     """Return the report of an explanation."""
-    lines, parameter_table = e.text.splitlines(), page.changed_parameters(e.loop.constants, "paper_like", "default")
-    loop_facts = [
-        page.facts_table(("Day", e.boundary.describe())),
-        *([parameter_table] if parameter_table.rows else []),
-    ]
+    lines, changed = e.text.splitlines(), page.changed_parameters(e.loop.constants, "paper_like", "default")
+    loop_facts = [page.facts_table(("Day", e.boundary.describe())), *([changed] if changed.rows else [])]
     answer = [*lines[: lines.index("")], *filter(None, [e.advice])]
     gains = ", ".join(f"{name} = {page.format_parameter(name, e.loop[name])}" for name in ("kp", "ti"))
     day = "upply air as it is (red), with the recommended cure (blue) if there is one, and the set-point (dashed)."
@@ -306,9 +301,6 @@ def explanation_page(e: Explanation) -> page.Page:
 PAGE_MAKERS: Mapping[type, Callable[[Any], page.Page]] = {
     Fit: fit_page, Diagnosis: diagnosis_page, Tuning: tuning_page, Explanation: explanation_page,
 }  # fmt: skip
-
-
-REPORT_NAME = "report.html"  # in the folder of a study
 
 
 def report(what: Any, path: str | os.PathLike[str] | None = None) -> Path:
@@ -349,7 +341,7 @@ def report(what: Any, path: str | os.PathLike[str] | None = None) -> Path:
     if isinstance(what, (str, os.PathLike)):
         what, make = require_path("what", what, cure), study_page
         StudyFolder(what).require_manifest()
-        path = what / REPORT_NAME if path is None else path
+        path = what / "report.html" if path is None else path
     else:
         make = next((maker for kind, maker in PAGE_MAKERS.items() if isinstance(what, kind)), None)
     if make is None:

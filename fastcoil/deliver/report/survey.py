@@ -120,8 +120,7 @@ def survey(
     for target in targets:
         with convert_os_errors(target.parent, "written"):
             make_folder(target.parent, parents=True)
-        text = _csv_text(ds) if target.suffix.lower() == ".csv" else _page(ds).html()
-        write_atomically(target, text.encode())
+        write_atomically(target, (_csv_text(ds) if target.suffix.lower() == ".csv" else _page(ds).html()).encode())
     return ds
 
 
@@ -276,12 +275,9 @@ def _page(ds: xr.Dataset) -> Page:
         "while the valve is shut and rightly so; 0.1 K all day is 2.4 K·h.  Strokes: of the motor.  Gap: share of the "
         "stroke, with its 95 % interval.  Swing: of the supply temperature, with its period."
     )
-    sections = [
-        Section(
-            "Ranked by control error", [Table("", [*TABLE_HEAD, "faults, and what to do"], rows, note)] if rows else []
-        ),
-        Section("Logs that could not be read", [Table("", ["valve", "reason"], problems)] if problems else []),
-    ]
+    ranked = [Table("", [*TABLE_HEAD, "faults, and what to do"], rows, note)] if rows else []
+    unread = [Table("", ["valve", "reason"], problems)] if problems else []
+    sections = [Section("Ranked by control error", ranked), Section("Logs that could not be read", unread)]
     question = "Which valves cost most if they are left as they are, and what helps?"
     title = f"Survey of {ds.sizes['valve']:,} valves"
     return Page("Survey", title, question, [], [headline(ds)], sections, content_sha256(ds))

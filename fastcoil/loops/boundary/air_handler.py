@@ -43,9 +43,7 @@ _MODE_DEFAULTS: dict[str, tuple[Any, Any, Any]] = {
     "T_w_min": (7.0, 40.0, ("water", "load", "outdoor")), "T_w_max": (12.0, 60.0, ("water", "load", "outdoor")),
     "T_out_w_min": (16.0, -7.0, ("water", "outdoor")), "T_out_w_max": (27.0, 10.0, ("water", "outdoor")),
 }  # fmt: skip
-"""Defaults in cooling and in heating, see `weather` for their sources; of arguments that only some choices read: the
-argument that decides, and its words.
-"""
+"""Defaults in cooling and heating, with sources in `weather`; the argument and its words that decide if it is read."""
 DEFAULTS = {mode: {n: row[k] for n, row in _MODE_DEFAULTS.items()} for k, mode in enumerate(("cooling", "heating"))}
 """Defaults of `weather_year`, by mode."""
 CHOICES = {
@@ -71,10 +69,7 @@ _ZONE_DRIFT = Drift(0.05, 1200)  # of the load of one zone, as a share: a guess
 
 
 class Outdoors(NamedTuple):
-    """Weather of a file: hour of the year of each row, temperature [degC] and humidity ratio, (n_rows,) each.
-
-    pressure: its mean [Pa].
-    """
+    """Weather of a file: hour of the year, temperature [degC], humidity ratio, (n_rows,) each; mean pressure [Pa]."""
 
     hour_of_year: Array
     T: Array
@@ -110,9 +105,8 @@ def check_settings(arguments: Mapping[str, Any]) -> dict[str, Any]:
     """Check the arguments of `weather_year` and complete them with the defaults of the mode."""
     with argument_checks() as check:
         mode = check(require_choice, "mode", arguments["mode"], DEFAULTS)
-        settings: dict[str, Any] = {
-            name: check.unless_none(require_choice, name, arguments[name], choices) for name, choices in CHOICES.items()
-        }
+        settings: dict[str, Any]
+        settings = {n: check.unless_none(require_choice, n, arguments[n], words) for n, words in CHOICES.items()}
         for name in [name for name in arguments if name in CONDITIONS and name != "pressure"]:
             is_left_out = arguments[name] is None and (name in DEFAULTS["cooling"] or name == "T_design")
             settings[name] = None if is_left_out else check(require_condition, name, arguments[name])
@@ -146,8 +140,7 @@ def make_settings(
         values["T_set_min"] = values["T_set"]
     limits = {"differential": values["T_return"], "fixed": values["economiser_limit"], "none": -np.inf}
     W_return = float(humidity_ratio(values["T_return"], chosen["RH_return"], outdoors.pressure))
-    high_limit = limits[values["economiser"]]
-    return Settings(**values, cools=is_cooling, fan=fan, high_limit=high_limit, W_return=W_return)
+    return Settings(**values, cools=is_cooling, fan=fan, high_limit=limits[values["economiser"]], W_return=W_return)
 
 
 def _setting_clashes(chosen: Mapping[str, Any], given_names: set[str]) -> Iterator[Problem]:
@@ -224,8 +217,7 @@ def set_point_series(s: Settings, T_out: Array, loads: Array, begin: int, end: i
     if s.set_point == "trim_and_respond" and end > begin:
         step_seconds = np.arange(begin, end, s.trim_interval)
         limits = request_limits(loads[step_seconds // ZONE_STEP_S], s.T_return, s.T_set_min)
-        share = reset_line(T_out[step_seconds], s.T_out_min, s.T_out_max, 0.0, 1.0)
-        steps = trim_and_respond(s, share, limits)
+        steps = trim_and_respond(s, reset_line(T_out[step_seconds], s.T_out_min, s.T_out_max, 0.0, 1.0), limits)
         top = np.full(DAY_SECONDS, s.T_set_max)
         top[begin:end] = np.repeat(steps, s.trim_interval)[: end - begin]
     return reset_line(T_out, s.T_out_min, s.T_out_max, top, s.T_set_min)
@@ -234,8 +226,7 @@ def set_point_series(s: Settings, T_out: Array, loads: Array, begin: int, end: i
 def air_flow(s: Settings, loads: Array, T_set: Array) -> Array:
     """Air flow each minute [kg/s]."""
     if not s.cools:
-        share = np.clip(loads, 0.0, 1.0).mean(axis=1)
-        return np.asarray(s.m_a_min + (s.m_a_design - s.m_a_min) * share)
+        return np.asarray(s.m_a_min + (s.m_a_design - s.m_a_min) * np.clip(loads, 0.0, 1.0).mean(axis=1))
     return np.asarray(s.m_a_design * flow_share(loads, T_set, s.T_return, s.T_set_min, s.m_a_min / s.m_a_design))
 
 
@@ -268,8 +259,7 @@ def zone_drifts(seed: int, day: int, n_zones: int) -> Array:
 
 def interpolate_to_seconds(values: Array, step: int) -> Array:
     """Interpolate values each ``step`` seconds, (n + 1,), to every second but the last one, (n step,)."""
-    part = np.multiply.outer(np.diff(values), np.arange(step) / step)
-    return np.asarray((values[:-1, None] + part).ravel())
+    return np.asarray((values[:-1, None] + np.multiply.outer(np.diff(values), np.arange(step) / step)).ravel())
 
 
 def _drift_noise(drift: Drift, step: int, white: Array) -> Array:
@@ -314,8 +304,7 @@ def is_coil_needed(missing: Array) -> Mask:
     """Where the loop of the coil is on, (n,): from `COIL_ON_K` missing until less than `COIL_OFF_K` is."""
     decides = (missing > COIL_ON_K) | (missing < COIL_OFF_K)
     decides[0] = True
-    last_deciding = np.maximum.accumulate(np.where(decides, np.arange(missing.size), 0))
-    return np.asarray(missing[last_deciding] > COIL_ON_K)
+    return np.asarray(missing[np.maximum.accumulate(np.where(decides, np.arange(missing.size), 0))] > COIL_ON_K)
 
 
 def zone_loads(mean: Array, spread: float, noise: Array) -> Array:
@@ -331,8 +320,7 @@ def zone_loads(mean: Array, spread: float, noise: Array) -> Array:
 
 def flow_share(loads: Array, T_set: Array, T_zone: float, T_set_min: float, least: float) -> Array:
     """Mean flow of the zones over their full flow, (n_times,)."""
-    zone_shares = loads * ((T_zone - T_set_min) / (T_zone - T_set))[:, None]
-    return np.asarray(np.clip(zone_shares, least, 1.0).mean(axis=1))
+    return np.asarray(np.clip(loads * ((T_zone - T_set_min) / (T_zone - T_set))[:, None], least, 1.0).mean(axis=1))
 
 
 def request_limits(loads: Array, T_zone: float, T_set_min: float) -> Array:
@@ -349,8 +337,7 @@ def request_limits(loads: Array, T_zone: float, T_set_min: float) -> Array:
 
 def reset_line(T_out: Array, T_out_min: float, T_out_max: float, at_min: Array | float, at_max: float) -> Array:
     """Return ``at_min`` up to ``T_out_min``, ``at_max`` from ``T_out_max`` on, and a straight line between them."""
-    share = np.clip((T_out - T_out_min) / (T_out_max - T_out_min), 0.0, 1.0)
-    return np.asarray(at_min + share * (at_max - at_min))
+    return np.asarray(at_min + np.clip((T_out - T_out_min) / (T_out_max - T_out_min), 0.0, 1.0) * (at_max - at_min))
 
 
 def trim_and_respond(s: Settings, share: Array, limits: Array) -> Array:

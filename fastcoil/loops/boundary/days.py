@@ -6,20 +6,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fastcoil.base.arguments import argument_checks, require_choice, require_integer, to_builtin
+from fastcoil.base.arguments import argument_checks, require_choice, to_builtin
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
 from fastcoil.loops.boundary.record import Boundary
 from fastcoil.loops.boundary.samples import LARGE_BOUNDARY_SAMPLES
-from fastcoil.loops.boundary.series import (
-    BOUNDARY_SERIES,
-    LARGEST_DAY_LABEL,
-    Values,
-    hours_to_seconds,
-    require_condition,
-    require_distinct,
-    require_items,
-)
+from fastcoil.loops.boundary.series import BOUNDARY_SERIES, Values, hours_to_seconds, require_condition, require_seeds
 from fastcoil.model.moist_air import humidity_ratio, humidity_ratio_from_wet_bulb, mix
 from fastcoil.model.numerics.noise import low_pass
 
@@ -42,10 +34,7 @@ def smooth_noise(n_steps: int, drift: Drift, stream: tuple[int, int]) -> Array:
 
 
 def filter_white_noise(white: Array, drift: Drift) -> Array:
-    """Turn white noise of standard deviation 1, (n,), into that of ``drift``, without its first 10 time constants.
-
-    ``white`` is overwritten.
-    """
+    """Turn ``white`` noise of deviation 1, (n,), in place into that of ``drift``, from 10 time constants on."""
     a = np.exp(-1.0 / drift.tau)
     k = 1.0 - a
     for _ in range(2):
@@ -110,10 +99,7 @@ def _paper_day(n_steps: int, seed: int) -> dict[str, Values]:
 
 
 def _day_signals(n_steps: int, seed: int, drifts: Mapping[str, Drift]) -> tuple[Array, Array, dict[str, Array]]:
-    """Return hours from the start, the slow swing D, and the noise of each signal, (n_steps,) each.
-
-    D is a sine up to hour 8, mirrored every 8 h.  The order of the signals numbers their streams.
-    """
+    """Return hours from the start, D of `paper_day`, and the noise of each signal, whose order numbers its stream."""
     h = np.arange(n_steps) / 3600
     noise = {name: smooth_noise(n_steps, drift, (seed, i)) for i, (name, drift) in enumerate(drifts.items())}
     return h, np.asarray(np.sin(np.pi * ((8.0 - np.abs(8.0 - h % 16.0)) - 1.0) / 9.0)), noise
@@ -123,7 +109,7 @@ def _days_of_seeds(make_day: Callable[..., dict[str, Values]], hours: Any, seed:
     """Make the days of some seeds: a single one without a dim ``day``, very many as a stream."""
     with argument_checks() as check:
         n_steps = check(hours_to_seconds, hours)
-        seeds = check(_require_seeds, seed)
+        seeds = check(require_seeds, seed)
         conditions = {name: check(require_condition, name, value) for name, value in conditions.items()}
     make = partial(make_day, n_steps, **conditions)
     if isinstance(to_builtin(seed), int):
@@ -135,16 +121,6 @@ def _days_of_seeds(make_day: Callable[..., dict[str, Values]], hours: Any, seed:
 
 def _stepped_set_point(n_steps: int) -> Array:
     return np.array(SET_POINTS)[np.arange(n_steps) // SET_POINT_HOLD_S % len(SET_POINTS)]
-
-
-def _require_seeds(seed: int | Iterable[int]) -> list[int]:
-    """Return the seeds of days: whole numbers, each once."""
-    seed = to_builtin(seed)
-    cure = f"give a whole number from 0 to {LARGEST_DAY_LABEL}, or several distinct ones"
-    items = [seed] if isinstance(seed, int) else require_items("seed", seed, cure)
-    seeds = [require_integer("seed", item, 0, LARGEST_DAY_LABEL, cure) for item in items]
-    require_distinct("seed", seeds, "a number", cure)
-    return seeds
 
 
 def constant_day(
@@ -274,8 +250,7 @@ def design_day(
     >>> fc.design_day(hours=1, outdoor_fraction=1.0).extent
     '1 h'
     """
-    names = DesignConditions._fields
-    arguments = {name: value for name, value in locals().items() if name in names and value is not None}
+    arguments = {n: value for n, value in locals().items() if n in DesignConditions._fields and value is not None}
     with argument_checks() as check:
         mode = check(require_choice, "mode", mode, DESIGN_CONDITIONS)
         n_steps = check(hours_to_seconds, hours)

@@ -111,7 +111,9 @@ class Boundary(Samples):
         arrays, n_stopped = complete_series(entries, labels.size, n_steps or 0, enabled_by_air=enabled is None)
         warn_of_no_air_flow(n_stopped)
         ds = boundary_dataset(arrays, labels, n_steps or 0, clock)
-        self._initialise(ds, None, clock.time_zone, enabled is None)
+        self.__setstate__(
+            {"_ds": ds, "_maker": None, "_time_zone": clock.time_zone, "_enabled_by_air": enabled is None}
+        )
 
     def __repr__(self) -> str:
         """Show series and ranges; of a stream without known ranges only the extent: making all days takes too long."""
@@ -131,9 +133,8 @@ class Boundary(Samples):
         Where ``enabled`` follows from the air flow, it is computed from the new one.
         """
         names = (*BOUNDARY_SERIES, "day", "start", "time_zone")
-        unknown = [name for name in changes if name not in names]
-        cure = f"use {', '.join(names)}"
-        raise_problems([Problem(f"{n}{did_you_mean(n, names)}: {cure}", n, "name") for n in unknown])
+        extra = [name for name in changes if name not in names]
+        raise_problems([Problem(f"{n}{did_you_mean(n, names)}: use {', '.join(names)}", n, "name") for n in extra])
         enabled_by_air = changes["enabled"] is None if "enabled" in changes else self._enabled_by_air
         clock = {name: changes.get(name, getattr(self, name)) for name in ("start", "time_zone")}
         start = None if "start" in changes else self.start
@@ -234,11 +235,9 @@ class Boundary(Samples):
         """
         require_instance("ds", ds, xr.Dataset, "give a Dataset, as of to_dataset")
         problems = [
-            Problem(
-                f"{name} has no units attribute: set ds[{name!r}].attrs['units'] ({series.known_units})", name, "unit"
-            )
-            for name, series in BOUNDARY_SERIES.items()
-            if name in ds and "units" not in ds[name].attrs
+            Problem(f"{n} has no units attribute: set ds[{n!r}].attrs['units'] ({series.known_units})", n, "unit")
+            for n, series in BOUNDARY_SERIES.items()
+            if n in ds and "units" not in ds[n].attrs
         ]
         if "elapsed_time" in ds.dims and "elapsed_time" not in ds.coords:
             sentence = "elapsed_time has no coordinate: give ds['elapsed_time'] the seconds 0, 1, ..."

@@ -32,8 +32,7 @@ from fastcoil.model.moist_air import MASS_RATIO, liquid_saturation_pressure
 DaySeries = Mapping[str, Any]  # unchecked series of a day by name
 DayMaker = Callable[[int], DaySeries]  # makes a day from its position
 LARGE_BOUNDARY_SAMPLES = 2**22
-"""Samples of a series; a larger boundary is hashed day by day, which needs no memory, a smaller one series by series.
-"""
+"""Samples of a series; a larger boundary is hashed day by day, without memory, a smaller one series by series."""
 
 
 class SampleSummary(NamedTuple):
@@ -64,12 +63,8 @@ class Samples:
     ) -> Self:
         """Return a boundary of checked samples; ``enabled_by_air``: the air flow alone decides on ``enabled``."""
         self = cls.__new__(cls)
-        self._initialise(ds, make, time_zone, enabled_by_air)
+        self.__setstate__({"_ds": ds, "_maker": make, "_time_zone": time_zone, "_enabled_by_air": enabled_by_air})
         return self
-
-    def _initialise(self, ds: xr.Dataset, make: DayMaker | None, time_zone: str, enabled_by_air: bool) -> None:
-        state = {"_ds": ds, "_maker": make, "_time_zone": time_zone, "_enabled_by_air": enabled_by_air}
-        self.__setstate__(state)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -245,14 +240,10 @@ class Samples:
 def boundary_dataset(series: Mapping[str, Array], day: NDArray[Any], n_steps: int, clock: Clock) -> xr.Dataset:
     """Return the Dataset of a boundary: series, (n_days, n_steps) each; none of a stream."""
     dims, row = (("day",), slice(None)) if day.ndim else ((), 0)
-    seconds = np.arange(float(n_steps))
-    ds = xr.Dataset(
-        series_variables({name: values[row] for name, values in series.items()}),
-        {
-            "elapsed_time": ("elapsed_time", seconds, {"units": "s", "long_name": "time since the start"}),
-            "day": (dims, day.astype(np.int64), {"long_name": "label of the day"}),
-        },
-    )
+    seconds = ("elapsed_time", np.arange(float(n_steps)), {"units": "s", "long_name": "time since the start"})
+    labels = (dims, day.astype(np.int64), {"long_name": "label of the day"})
+    variables = series_variables({name: values[row] for name, values in series.items()})
+    ds = xr.Dataset(variables, {"elapsed_time": seconds, "day": labels})
     if clock.start is None:
         return ds
     attrs = {"long_name": "date and time at elapsed_time 0", "standard_name": "time"}

@@ -13,13 +13,7 @@ from typing import Any, NamedTuple, TypeAlias, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from fastcoil.base.arguments import (
-    collect_problems,
-    raise_problems,
-    require_array,
-    require_integer,
-    to_builtin,
-)
+from fastcoil.base.arguments import collect_problems, raise_problems, require_array, require_integer, to_builtin
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.logs.series import COLUMNS, Series
@@ -31,9 +25,8 @@ Values: TypeAlias = Any
 """A series in an argument: a number, array-like or DataArray; checked at run time."""
 
 ADDED_SERIES = ("backlash_scale",)  # count in a digest only where they differ from their default
-BOUNDARY_SERIES = {
-    name: COLUMNS[name] for name in ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set", "noise", "enabled", *ADDED_SERIES)
-}
+_NAMES = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set", "noise", "enabled", *ADDED_SERIES)
+BOUNDARY_SERIES = {name: COLUMNS[name] for name in _NAMES}
 """Every series of a `Boundary` by name."""
 LARGEST_DAY_LABEL = 2**32 - 1  # a label is one 32-bit word of the key of the noise
 
@@ -230,8 +223,7 @@ def make_clock(
         start = start.to_numpy()
     zones = {name: item for name, item in zones.items() if item}
     raise_problems(label_mismatches("the time zone {}", zones, "convert to one zone", "time", "time_zone"))
-    is_list = isinstance(start, (list, tuple)) or (isinstance(start, np.ndarray) and start.ndim)
-    items = start if is_list else [start]
+    items = start if isinstance(start, (list, tuple)) or (isinstance(start, np.ndarray) and start.ndim) else [start]
     times = [_parse_time(item[()] if isinstance(item, np.ndarray) else item) for item in items]
     if len(times) not in (1, day.size):
         raise InputError(f"start has {len(times)} times for {day.size} days: {_CURE}", "start", "shape")
@@ -362,15 +354,25 @@ def require_items(name: str, value: object, cure: str) -> list[object]:
     return items
 
 
-def require_days_of_year(name: str, value: object) -> list[int]:
+def require_seeds(seed: object) -> list[int]:
+    """Return the seeds of days: whole numbers, each once."""
+    seed = to_builtin(seed)
+    cure = f"give a whole number from 0 to {LARGEST_DAY_LABEL}, or several distinct ones"
+    items = [seed] if isinstance(seed, int) else require_items("seed", seed, cure)
+    seeds = [require_integer("seed", item, 0, LARGEST_DAY_LABEL, cure) for item in items]
+    _require_distinct("seed", seeds, "a number", cure)
+    return seeds
+
+
+def days_of_year(name: str, value: object) -> list[int]:
     """Return distinct days of the year, 1 to 366."""
     items = require_items(name, value, "give a list of days of the year")
     days = [require_integer(name, item, 1, 366, "give whole numbers from 1 to 366") for item in items]
-    require_distinct(name, days, "a day", "give each day once")
+    _require_distinct(name, days, "a day", "give each day once")
     return days
 
 
-def require_distinct(name: str, items: Collection[object], noun: str, cure: str) -> None:
+def _require_distinct(name: str, items: Collection[object], noun: str, cure: str) -> None:
     """Raise `InputError` unless there is at least one item, and none twice."""
     if not items:
         raise InputError(f"{name} is empty: {cure}", name, "missing")

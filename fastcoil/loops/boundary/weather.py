@@ -24,22 +24,14 @@ from fastcoil.logs.columns import require_name_mappings
 from fastcoil.logs.plausibility import find_supersaturation
 from fastcoil.loops.boundary.air_handler import check_settings, make_day_series, make_outdoors, make_settings
 from fastcoil.loops.boundary.record import Boundary
-from fastcoil.loops.boundary.series import (
-    Values,
-    hours_to_seconds,
-    require_condition,
-    require_days_of_year,
-    require_items,
-)
-from fastcoil.loops.boundary.weather_files import MAX_DATE_GAP_H, Weather, read_weather, warn_of_interpolation
+from fastcoil.loops.boundary.series import Values, days_of_year, hours_to_seconds, require_condition, require_items
+from fastcoil.loops.boundary.weather_files import MAX_DATE_GAP_H, read_weather, warn_of_interpolation
 from fastcoil.model.moist_air import humidity_ratio, mix
 
 
-def _require_leap_year(year: int, weather: Weather, file: str) -> None:
-    s = weather.series
-    is_leap = bool(s["hour_of_year"][-1] > 8760)
-    if {"month", "day"} <= s.keys():
-        is_leap = is_leap or bool(((s["month"] == 2) & (s["day"] == 29)).any())
+def _require_leap_year(year: int, s: Mapping[str, Array], file: str) -> None:
+    has_date = {"month", "day"} <= s.keys() and ((s["month"] == 2) & (s["day"] == 29)).any()
+    is_leap = bool(has_date or s["hour_of_year"][-1] > 8760)
     if isleap(year) != is_leap:
         has, right_year = ("a", "a leap year") if is_leap else ("no", "a year that is not a leap year")
         raise InputError(f"year = {year}: {file} has {has} 29 February, give {right_year}", "year", "conflict")
@@ -192,7 +184,7 @@ def weather_year(
         pressure = check.unless_none(require_condition, "pressure", pressure)
         cure = "give a year from 1970 to 2199"
         year = check(require_integer, "year", year, 1970, 2199, cure) or 2000  # refused below
-        labels = check.unless_none(require_days_of_year, "days", days)
+        labels = check.unless_none(days_of_year, "days", days)
         first = check.unless_none(_parse_date, "first_date", first_date, year)
         last = check.unless_none(_parse_date, "last_date", last_date, year)
         weekday = check(_parse_hours, "fan_hours", fan_hours)
@@ -204,7 +196,7 @@ def weather_year(
             check.problems.append(Problem(sentence, "days", "conflict"))
     weather = read_weather(path, columns, units, pressure)
     outdoors = make_outdoors(weather, pressure, path.name)
-    _require_leap_year(year, weather, path.name)
+    _require_leap_year(year, weather.series, path.name)
     if labels is None:
         labels = _labels_between(first, last, outdoors.days, year) if first or last else list(outdoors.days)
     dates = _dates_of_labels(labels, year)
@@ -281,7 +273,7 @@ def weather_day(
         date: dict[str, Any]
         date = {n: check.unless_none(require_integer, n, arguments[n], *ends) for n, ends in bounds.items()}
         check(require_name_mappings, columns=columns, units=units)
-        date["days"] = check.unless_none(require_days_of_year, "days", days)
+        date["days"] = check.unless_none(days_of_year, "days", days)
     if (RH_return is None) == (W_return is None):
         code = "missing" if W_return is None else "conflict"
         raise InputError("RH_return and W_return: give one of them", "RH_return", code)

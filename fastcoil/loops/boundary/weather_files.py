@@ -18,19 +18,11 @@ import numpy as np
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.base.files import read_text
+from fastcoil.logs import warn_of_reading_notes
 from fastcoil.logs.columns import find_requested_columns
 from fastcoil.logs.plausibility import find_supersaturation
 from fastcoil.logs.readings import read_numbers
-from fastcoil.logs.series import (
-    DIMENSIONLESS,
-    FRACTION,
-    PRESSURE,
-    TEMPERATURE,
-    Series,
-    count_suffix,
-    format_count,
-    warn_of_reading_notes,
-)
+from fastcoil.logs.series import DIMENSIONLESS, FRACTION, PRESSURE, TEMPERATURE, Series, count_suffix, format_count
 from fastcoil.logs.table import Table
 from fastcoil.logs.timestamps import format_utc_offset
 from fastcoil.loops.boundary.series import YEAR_RANGE, Times
@@ -98,10 +90,7 @@ def read_weather(
     path: Path, columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None,
     pressure: float | None = None,
 ) -> Weather:  # fmt: skip
-    """Read an EPW, TMY3 or CSV file, recognised by its content, and warn about assumptions made in reading it.
-
-    The pressure of a file is not read if ``pressure`` [Pa] is given.
-    """
+    """Read an EPW, TMY3 or CSV file, and warn about assumptions; its pressure is not read if ``pressure`` is given."""
     text = read_text(path, "an EPW, TMY3 or CSV file", _MAX_FILE_BYTES, utf_16=True, latin_1=True)
     lines = re.split("\r\n|\n|\r", text)
     is_epw = lines[0].upper().startswith("LOCATION,")
@@ -186,11 +175,7 @@ def _require_plausible(table: Table, series: Mapping[str, Array]) -> None:
 
 
 class Field(NamedTuple):
-    """A field of a format.
-
-    name: in the documents of the format.  cell: index in a row.  missing: this value, and values farther from zero,
-    mark a missing one.
-    """
+    """A field: name in the format, cell in a row, unit, and the value that, as any farther from zero, marks a gap."""
 
     name: str
     cell: int
@@ -206,10 +191,7 @@ class Field(NamedTuple):
 
 
 class FileLayout(NamedTuple):
-    """Layout of a file; time_zone: see `Weather`.
-
-    date: cells of month, day and hour, which ``clock`` matches when they are joined by blanks.
-    """
+    """Layout of a file; ``clock`` matches its cells ``date`` of month, day and hour when they are joined by blanks."""
 
     format: str
     n_header_lines: int
@@ -281,8 +263,7 @@ def _read_year(file: str, lines: Sequence[str], layout: FileLayout, fields: Mapp
     if len(rows) < 2:
         sentence = f"{file} has {format_count(len(rows), 'row')} of data: give at least two"
         raise InputError(sentence, file, "data")
-    cells = [[row[field.cell] for field in fields.values()] for row in rows.values()]
-    table = Table(file, list(fields), cells, list(rows))
+    table = Table(file, list(fields), [[row[f.cell] for f in fields.values()] for row in rows.values()], list(rows))
     times = _row_times(table, layout, [" ".join(row[i] for i in layout.date) for row in rows.values()])
     # in both formats the year is in the first cell, alone or at the end of a date
     year_matches = [re.fullmatch(r"\s*(?:\d\d?/\d\d?/)?(\d{4})\s*", row[0], re.ASCII) for row in rows.values()]
@@ -298,10 +279,7 @@ def _read_year(file: str, lines: Sequence[str], layout: FileLayout, fields: Mapp
 
 
 def _row_times(table: Table, layout: FileLayout, dates_text: Sequence[str]) -> dict[str, Array]:
-    """Return month, day, hour and hour of the year of each row: those at the end of its interval, (n_rows,).
-
-    The year has a 29 February if the file has.
-    """
+    """Return month, day, hour and hour of the year at the end of each row, (n_rows,); 29 February as in the file."""
     dates = np.zeros((len(dates_text), 3), dtype=np.int64)
     for k, text in enumerate(dates_text):
         match = re.fullmatch(layout.clock, text, re.ASCII)

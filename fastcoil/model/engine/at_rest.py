@@ -10,18 +10,10 @@ No lane depends on the others in its block: each ends on its own and is then lef
 
 import numpy as np
 
+from fastcoil.model import physics
 from fastcoil.model.engine.plant import march_water, update_water_flow
 from fastcoil.model.engine.rows import LANES, Q_W, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, R, begin_run, name_offsets
 from fastcoil.model.numerics.jit import kernel, section
-from fastcoil.model.physics import (
-    air_heat,
-    condensed_water,
-    effectiveness,
-    enthalpy_difference,
-    heat_capacity,
-    next_metal_temperature,
-    vapour_enthalpy,
-)
 
 CONDITIONS = ("m_a", "T_a_in", "W_a_in", "T_w_in")
 """Rows of the conditions at the inlets of a block's coils, (4, LANES)."""
@@ -45,8 +37,8 @@ def begin_per_lane(rows, config, entering, S, V):
     """Set up the coils of a block, dry and at their initial temperature, with their air-side effectiveness, Eq (4)."""
     begin_run(S, V, rows, config.n_volumes, True, True, 0.0)
     for j in range(LANES):
-        S[R.eps_a + j] = effectiveness(S[R.ntu_a_factor + j], S[R.beta4 + j], entering[CONDITION.m_a, j])
-        S[R.eps_star + j] = effectiveness(S[R.ntu_star_factor + j], S[R.beta6 + j], entering[CONDITION.m_a, j])
+        S[R.eps_a + j] = physics.effectiveness(S[R.ntu_a_factor + j], S[R.beta4 + j], entering[CONDITION.m_a, j])
+        S[R.eps_star + j] = physics.effectiveness(S[R.ntu_star_factor + j], S[R.beta6 + j], entering[CONDITION.m_a, j])
 
 
 @section
@@ -86,10 +78,10 @@ def march_air_per_lane(S, V, n_volumes, lagged_air, entering, is_settling):
             T_c, W_s, Q_w, m_a = pair[T_C + j], pair[W_S + j], pair[Q_W + j], entering[CONDITION.m_a, j]
 
             cooled = S[R.eps_a + j] * (T_in - T_c)
-            dried = S[R.eps_star + j] * enthalpy_difference(T_in, W_in, T_c, W_s)
+            dried = S[R.eps_star + j] * physics.enthalpy_difference(T_in, W_in, T_c, W_s)
             T_out = T_in - cooled
-            Q_dry = air_heat(False, m_a, cooled, dried, S[R.cp_a + j])
-            Q_wet = air_heat(True, m_a, cooled, dried, S[R.cp_a + j])
+            Q_dry = physics.air_heat(False, m_a, cooled, dried, S[R.cp_a + j])
+            Q_wet = physics.air_heat(True, m_a, cooled, dried, S[R.cp_a + j])
             jump = abs(Q_wet - Q_dry)
             band = 2.0 * S[R.dt_C_c + j] * jump
             band = _MIN_BAND_K if band < _MIN_BAND_K else band
@@ -97,17 +89,17 @@ def march_air_per_lane(S, V, n_volumes, lagged_air, entering, is_settling):
             wet = 0.0 if wet < 0.0 else wet
             wet = 1.0 if wet > 1.0 else wet
             Q_a = Q_dry if wet == 0.0 else wet * Q_wet + (1.0 - wet) * Q_dry
-            dW = wet * condensed_water(True, W_in, cooled, dried, T_out)
+            dW = wet * physics.condensed_water(True, W_in, cooled, dried, T_out)
 
             dt_C_c = S[R.dt_C_c + j]
             if is_settling:
-                slope = heat_capacity(W_s) + vapour_enthalpy(T_c) * (_SATURATION_SLOPE * W_s)
+                slope = physics.heat_capacity(W_s) + physics.vapour_enthalpy(T_c) * (_SATURATION_SLOPE * W_s)
                 G_dry, G_wet = S[R.eps_a + j] * S[R.cp_a + j], S[R.eps_star + j] * slope
                 G_a = m_a * (G_wet if G_wet > G_dry else G_dry)
                 is_near = abs(W_in - W_s) < 0.5 * _SATURATION_SLOPE * W_s  # slow down within 0.5 K of the dew point
                 dt_C_c = 1.0 / (S[R.G_w + j] + G_a + (jump / band if is_near else 0.0))
                 dt_C_c = 0.0 if S[R.dt_C_w + j] == 0.0 else dt_C_c
-            T_next = next_metal_temperature(T_c, Q_a, Q_w, dt_C_c)
+            T_next = physics.next_metal_temperature(T_c, Q_a, Q_w, dt_C_c)
             change = abs(T_next - T_c)
             farthest = S[R.farthest_T_c + j]
             S[R.farthest_T_c + j] = change if change > farthest else farthest

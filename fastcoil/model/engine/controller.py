@@ -9,37 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from fastcoil.model import valve_test
-from fastcoil.model.control import (
-    Law,
-    additive_command,
-    clip01,
-    desired_opening,
-    in_dead_band,
-    integral_part,
-    inverse_command,
-    median_difference,
-    next_extreme,
-    next_mode,
-    noise_buffer,
-    noise_level,
-    sample_number,
-    smooth_command,
-)
+from fastcoil.model import control, valve_test
+from fastcoil.model.control import Law, clip01
 from fastcoil.model.engine.rows import LANES, R
 from fastcoil.model.estimators.interface import Estimator
+from fastcoil.model.numerics import stages
 from fastcoil.model.numerics.jit import exact, section
 from fastcoil.model.numerics.noise import MEASUREMENT_CHANNEL, normal_pair
-from fastcoil.model.numerics.stages import (
-    BUILT_IN,
-    FLAG,
-    INTEGER,
-    NUMBER,
-    ROW_POINTER,
-    StageSignature,
-    store_if_due,
-    values_at,
-)
+from fastcoil.model.numerics.stages import BUILT_IN, FLAG, INTEGER, NUMBER, ROW_POINTER, StageSignature
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.model.physics import sensor_reading
 
@@ -55,7 +32,7 @@ MEASURED_NOISE = float(PARAMETERS["buffer_noise"].choices.index("measured"))
 
 @dataclass(frozen=True, kw_only=True)
 class ControllerFeatures:
-    """Parts of ``control`` that are compiled for a block, because one of its lanes needs them.
+    """Parts of the controller that are compiled for a block, because one of its lanes needs them.
 
     They change no bits of a lane that does not need them.
     """
@@ -101,7 +78,7 @@ def draw_noise(S, t, k, config, day):
         return
     k0, k1, label = np.uint64(day.seed[0]), np.uint64(day.seed[1]), np.uint64(day.label)
     for j in range(LANES):
-        last_sample = sample_number(t, S[R.sample_time + j])
+        last_sample = control.sample_number(t, S[R.sample_time + j])
         sample, replicate = np.int64(last_sample), np.uint64(S[R.replicate + j])
         even, odd = normal_pair(np.uint64(sample >> 1), np.uint64(MEASUREMENT_CHANNEL), replicate, label, k0, k1)
         due = last_sample * S[R.sample_time + j] == t
@@ -111,7 +88,7 @@ def draw_noise(S, t, k, config, day):
 
 
 def make_control(features: ControllerFeatures) -> Any:
-    """Return the section ``control`` with these features.
+    """Return the section ``control_lanes`` with these features.
 
     It closes over a name for each, which the compiler takes as a constant: it never sees the other parts.
     """
@@ -120,19 +97,19 @@ def make_control(features: ControllerFeatures) -> Any:
     measures_noise, waives_buffer, has_test = features.measures_noise, features.waives_buffer, features.has_test
 
     @section
-    def control(S, t, T_set, noise, enabled, counts_switches):
+    def control_lanes(S, t, T_set, noise, enabled, counts_switches):
         """Run PI and inverse of the lanes that sample now; the others hold u, and so their command."""
         for j in range(LANES):
             resolution = S[R.sensor_resolution + j] if has_resolution else 0.0
             y = sensor_reading(S[R.y_s + j], S[R.noise + j] + noise, resolution)
             e = S[R.sign + j] * (y - T_set)
-            due = sample_number(t, S[R.sample_time + j]) * S[R.sample_time + j] == t
-            integral = integral_part(S[R.integral + j], e, S[R.ki + j])
-            u = S[R.u_law + j] if has_law else desired_opening(e, integral, S[R.kp + j])
+            due = control.sample_number(t, S[R.sample_time + j]) * S[R.sample_time + j] == t
+            integral = control.integral_part(S[R.integral + j], e, S[R.ki + j])
+            u = S[R.u_law + j] if has_law else control.desired_opening(e, integral, S[R.kp + j])
             integral = 0.0 if has_law else integral
             acts = due
             if has_dead_band:
-                acts = due and not in_dead_band(e, S[R.error_dead_band + j])
+                acts = due and not control.in_dead_band(e, S[R.error_dead_band + j])
             if has_test:
                 acts = acts and S[R.test + j] == 0.0
             integral = integral if acts else S[R.integral + j]
@@ -148,19 +125,18 @@ def make_control(features: ControllerFeatures) -> Any:
             if waives_buffer:
                 buffer = buffer if S[R.assumed_backlash + j] > 0.0 else 0.0
 
-            mode = next_mode(u, S[R.mode + j], S[R.u_ext + j], buffer)
+            mode = control.next_mode(u, S[R.mode + j], S[R.u_ext + j], buffer)
             turned = mode != S[R.mode + j]
-            u_ext = next_extreme(u, mode, S[R.u_ext + j], turned)
-            command = inverse_command(u_ext, mode, S[R.assumed_backlash + j])
+            u_ext = control.next_extreme(u, mode, S[R.u_ext + j], turned)
+            command = control.inverse_command(u_ext, mode, S[R.assumed_backlash + j])
             moves = u_ext != S[R.u_ext + j]
             if is_additive:
                 adds = S[R.compensation + j] == ADDITIVE
-                command = additive_command(u_ext, mode, S[R.assumed_backlash + j]) if adds else command
+                command = control.additive_command(u_ext, mode, S[R.assumed_backlash + j]) if adds else command
             if is_smooth:
                 smooths = S[R.compensation + j] == SMOOTH
-                command = (
-                    smooth_command(u, S[R.u + j], S[R.assumed_backlash + j], S[R.steepness + j]) if smooths else command
-                )
+                smooth = control.smooth_command(u, S[R.u + j], S[R.assumed_backlash + j], S[R.steepness + j])
+                command = smooth if smooths else command
                 moves = (due or u != S[R.u + j]) if smooths else moves
             if has_test:
                 moves = moves and S[R.test + j] == 0.0
@@ -172,10 +148,10 @@ def make_control(features: ControllerFeatures) -> Any:
             S[R.switches + j] += 1.0 if turned else 0.0
             S[R.sum_switches + j] += counts_switches if turned else 0.0
 
-    return control
+    return control_lanes
 
 
-control = make_control(ControllerFeatures())
+plain_control = make_control(ControllerFeatures())
 """The controller without any feature, which the kernel has built in."""
 
 
@@ -184,12 +160,12 @@ def run_test(S, t, T_set, noise, enabled):
     """Run the valve test of the lanes that sample now: it sets the command, and the PI tracks it without a bump."""
     for j in range(LANES):
         y = sensor_reading(S[R.y_s + j], S[R.noise + j] + noise, S[R.sensor_resolution + j])
-        due = sample_number(t, S[R.sample_time + j]) * S[R.sample_time + j] == t
+        due = control.sample_number(t, S[R.sample_time + j]) * S[R.sample_time + j] == t
         p = valve_test.Parameters(
             S[R.sample_time + j], S[R.test_minutes + j], S[R.test_rate + j], S[R.test_threshold + j],
             S[R.test_settle + j], S[R.test_hold + j], S[R.test_excursion + j],
         )  # fmt: skip
-        before = values_at(valve_test.Memory, S, R.test_phase + j, LANES)
+        before = stages.values_at(valve_test.Memory, S, R.test_phase + j, LANES)
         elapsed = t - S[R.test_start + j]
         repeat_period = 86400.0 * S[R.test_every + j]  # s from days
         elapsed = elapsed % repeat_period if elapsed > 0.0 and repeat_period > 0.0 else elapsed
@@ -202,7 +178,7 @@ def run_test(S, t, T_set, noise, enabled):
         sign = S[R.sign + j]
         command, after = valve_test.step_test(sign * (y - memory.reference), held_command, enabled, p, memory)
         after = after if runs else valve_test.update_command_mean(S[R.command + j], p, before)
-        store_if_due(acts and (runs or enabled), after, before, S, R.test_phase + j, LANES)
+        stages.store_if_due(acts and (runs or enabled), after, before, S, R.test_phase + j, LANES)
         S[R.test_aborted + j] = valve_test.ABORTED_DISABLED if is_start_time and not enabled else S[R.test_aborted + j]
         runs = S[R.test_phase + j] != valve_test.PHASE_OFF
         S[R.test + j] = 1.0 if runs else 0.0
@@ -231,21 +207,20 @@ def opening_behind(command, mode, x_hat, compensation):
 def update_noise_buffer(S, j, e, due):
     """Update the measured noise of lane j with its reading e; return the buffer, from that noise where it counts."""
     readings = S[R.readings + j] + (1.0 if due else 0.0)
-    median = median_difference(S[R.difference + j], readings, e, S[R.e_1 + j], S[R.e_2 + j])
+    median = control.median_difference(S[R.difference + j], readings, e, S[R.e_1 + j], S[R.e_2 + j])
     median = median if due else S[R.difference + j]
     S[R.readings + j] = readings
     S[R.difference + j] = median
     S[R.e_2 + j] = S[R.e_1 + j] if due else S[R.e_2 + j]
     S[R.e_1 + j] = e if due else S[R.e_1 + j]
-    buffer = noise_buffer(
-        S[R.buffer + j], S[R.buffer_ratio + j], S[R.kp + j], noise_level(median), S[R.largest_buffer + j]
-    )
+    sigma = control.noise_level(median)
+    buffer = control.noise_buffer(S[R.buffer + j], S[R.buffer_ratio + j], S[R.kp + j], sigma, S[R.largest_buffer + j])
     return buffer if S[R.buffer_noise + j] == MEASURED_NOISE else S[R.buffer + j]
 
 
 @cache
 def control_stage(features: ControllerFeatures) -> Any:
-    """Return the address of ``control`` compiled with these features, see CONTROL_SIGNATURE."""
+    """Return the address of ``control_lanes`` compiled with these features, see CONTROL_SIGNATURE."""
     if features == ControllerFeatures():
         return BUILT_IN
     has_test, control_lanes = features.has_test, make_control(features)

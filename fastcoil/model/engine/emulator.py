@@ -11,34 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.model.engine.controller import call_control, control, draw_noise
-from fastcoil.model.engine.metrics import (
-    IN_SWITCH_BLOCK,
-    IS_COUNTED,
-    WATCH_INTERVAL_S,
-    Schedule,
-    accumulate_frost,
-    accumulate_second,
-    summarise,
-    track_metal_extremes,
-)
-from fastcoil.model.engine.plant import (
-    ACTUATOR_BUSY,
-    MILD_T,
-    MILD_W,
-    VALVE_MOVED,
-    actuate,
-    call_actuator,
-    coldest_and_dampest,
-    count_wet_volumes,
-    dew_point_bound,
-    fill_air_effectiveness,
-    march_air,
-    march_water,
-    set_inlets,
-    update_air_effectiveness,
-    update_water_flow,
-)
+from fastcoil.model.engine import metrics, plant
+from fastcoil.model.engine.controller import call_control, draw_noise, plain_control
 from fastcoil.model.engine.rows import LANES, T_A, T_W, VOLUME_STRIDE, R, begin_run, name_offsets
 from fastcoil.model.engine.rules import call_estimator, call_law
 from fastcoil.model.numerics.jit import kernel, section
@@ -60,7 +34,7 @@ class Day(NamedTuple):
 
     series: np.ndarray
     command: np.ndarray
-    schedule: Schedule
+    schedule: metrics.Schedule
     label: int
     seed: tuple[int, int]
     start: int = 0
@@ -79,27 +53,15 @@ def record(S, V, rows, traces):
 
 @kernel
 def emulate(
-    rows,
-    config,
-    day,
-    S,
-    V,
-    estimator_state,
-    law_state,
-    metrics,
-    status,
-    rows_before,
-    rows_after,
-    trace_interval,
-    traces,
+    rows, config, day, S, V, estimator_state, law_state, metric_rows, status, rows_before, rows_after, interval, traces
 ):
     """Run the lanes of a block through a day.
 
     rows, config: of a Block; day: Day; S, V, estimator_state, law_state: a WorkSpace, from which a day that does not
     start at 0 goes on.
-    metrics: out, (N_METRICS, LANES); status: out, (LANES,).
+    metric_rows: out, (N_METRICS, LANES); status: out, (LANES,).
     rows_before, rows_after: offsets of the traced rows that are known before and only after the march of step t.
-    traces: out, (n_points, n_rows, LANES), the sample at every ``trace_interval`` seconds.
+    traces: out, (n_points, n_rows, LANES), the sample at every ``interval`` seconds.
     """
     n_volumes, n_steps, lagged = config.n_volumes, day.series.shape[0], config.lagged_air
     open_loop = day.command.size > 0
@@ -113,8 +75,8 @@ def emulate(
 
     shares_air_side = config.shares_air_side
     eps = np.empty((2, n_steps if shares_air_side else 0))
-    fill_air_effectiveness(S, day.series[:, DAY_COLUMN.m_a], eps)
-    coldest, dampest = coldest_and_dampest(S, V, n_volumes)
+    plant.fill_air_effectiveness(S, day.series[:, DAY_COLUMN.m_a], eps)
+    coldest, dampest = plant.coldest_and_dampest(S, V, n_volumes)
     highest_pressure = S[R.pressure]
     for j in range(1, LANES):  # the method of arrays would load numba's linear algebra with the kernel
         highest_pressure = max(highest_pressure, S[R.pressure + j])
@@ -132,7 +94,7 @@ def emulate(
         T_w_in, T_set, noise = now[DAY_COLUMN.T_w_in], now[DAY_COLUMN.T_set], now[DAY_COLUMN.noise]
         enabled, scale = now[DAY_COLUMN.enabled] != 0.0, now[DAY_COLUMN.backlash_scale]
         flags = day.schedule.flags[t]
-        counted = flags & IS_COUNTED != 0
+        counted = flags & metrics.IS_COUNTED != 0
 
         if scale != scale_known:
             for j in range(LANES):
@@ -141,7 +103,7 @@ def emulate(
             scale_known = scale
             is_actuator_busy = True  # the stem moves into the new gap
         is_sample = clock % config.control_period == 0
-        traced = traces.shape[0] > 0 and t % trace_interval == 0
+        traced = traces.shape[0] > 0 and t % interval == 0
         if config.has_lag or is_sample or traced or was_enabled != enabled:
             for j in range(LANES):
                 S[R.y_s + j] = sensor_temperature(S[R.y_s + j], V[VOLUME_STRIDE + T_A + j], S[R.sensor_decay + j])
@@ -156,60 +118,62 @@ def emulate(
             if is_sample or was_enabled != enabled:
                 if has_law:
                     call_law(config.law, (S, law_state, float(clock), T_set, noise, m_a, enabled, False))
-                counts_switches = 1.0 if flags & IN_SWITCH_BLOCK else 0.0
+                counts_switches = 1.0 if flags & metrics.IN_SWITCH_BLOCK else 0.0
                 if config.control == BUILT_IN:
-                    control(S, clock, T_set, noise, enabled, counts_switches)
+                    plain_control(S, clock, T_set, noise, enabled, counts_switches)
                 else:
                     call_control(config.control, (S, clock, T_set, noise, enabled, counts_switches))
                 is_actuator_busy = True
             was_enabled = enabled
         if open_loop or is_actuator_busy:
             is_built_in = config.actuator == BUILT_IN
-            actuator_flags = actuate(S, counted) if is_built_in else call_actuator(config.actuator, (S, counted))
-            is_actuator_busy = actuator_flags & ACTUATOR_BUSY != 0
-            if actuator_flags & VALVE_MOVED != 0 or t == 0:
-                update_water_flow(S, config.leaks)
+            motion = plant.actuate(S, counted) if is_built_in else plant.call_actuator(config.actuator, (S, counted))
+            is_actuator_busy = motion & plant.ACTUATOR_BUSY != 0
+            if motion & plant.VALVE_MOVED != 0 or t == 0:
+                plant.update_water_flow(S, config.leaks)
         if m_a != m_a_known and not shares_air_side:
-            update_air_effectiveness(S, m_a)
+            plant.update_air_effectiveness(S, m_a)
             m_a_known = m_a
         if counted:
-            accumulate_second(S, V, t, flags, T_set, T_w_in, m_a, n_volumes)
+            metrics.accumulate_second(S, V, t, flags, T_set, T_w_in, m_a, n_volumes)
 
         if traced:
             for j in range(LANES):
                 S[R.measured + j] = sensor_reading(S[R.y_s + j], S[R.noise + j] + noise, S[R.sensor_resolution + j])
                 T_w_out = V[n_volumes * VOLUME_STRIDE + T_W + j]
                 S[R.power + j] = S[R.sign + j] * (S[R.C_flow + j] * (T_w_out - T_w_in))
-            record(S, V, rows_before, traces[t // trace_interval])
-        set_inlets(V, n_volumes, T_a_in, W_a_in, T_w_in)
+            record(S, V, rows_before, traces[t // interval])
+        plant.set_inlets(V, n_volumes, T_a_in, W_a_in, T_w_in)
         coldest = min(coldest, T_a_in, T_w_in)
         # may_condense is for the next march
         dampest = max(dampest, W_a_in, day.series[min(t + 1, n_steps - 1), DAY_COLUMN.W_a_in])
         if dampest != dampest_known:
-            T_dry = dew_point_bound(T_dry, dampest, highest_pressure)
+            T_dry = plant.dew_point_bound(T_dry, dampest, highest_pressure)
             dampest_known = dampest
         if traced:
             may_condense[:] = True  # counting wet volumes takes saturation everywhere
-        is_mild = coldest > MILD_T and dampest < MILD_W
+        is_mild = coldest > plant.MILD_T and dampest < plant.MILD_W
         dt_counted = dt if counted else 0.0
         for substep in range(config.substeps):
-            march_water(S, V, n_volumes, is_mild, may_condense)
+            plant.march_water(S, V, n_volumes, is_mild, may_condense)
             if traced and substep == 0 and lagged:
-                count_wet_volumes(S, V, n_volumes)
+                plant.count_wet_volumes(S, V, n_volumes)
             if shares_air_side:
-                march_air(S, V, n_volumes, lagged, True, eps[0, t], eps[1, t], m_a, dt_counted, T_dry, may_condense)
+                plant.march_air(
+                    S, V, n_volumes, lagged, True, eps[0, t], eps[1, t], m_a, dt_counted, T_dry, may_condense
+                )
             else:
-                march_air(S, V, n_volumes, lagged, False, 0.0, 0.0, m_a, dt_counted, T_dry, may_condense)
+                plant.march_air(S, V, n_volumes, lagged, False, 0.0, 0.0, m_a, dt_counted, T_dry, may_condense)
             if traced and substep == 0 and not lagged:
-                count_wet_volumes(S, V, n_volumes)
+                plant.count_wet_volumes(S, V, n_volumes)
         if traced:
-            record(S, V, rows_after, traces[t // trace_interval, rows_before.size :])
+            record(S, V, rows_after, traces[t // interval, rows_before.size :])
 
-        if t % WATCH_INTERVAL_S == 0 or t == n_steps - 1:
-            track_metal_extremes(S, V, n_volumes)
+        if t % metrics.WATCH_INTERVAL_S == 0 or t == n_steps - 1:
+            metrics.track_metal_extremes(S, V, n_volumes)
             if not is_mild:
-                accumulate_frost(S, V, n_volumes, t + 1 - next_unwatched)
+                metrics.accumulate_frost(S, V, n_volumes, t + 1 - next_unwatched)
             next_unwatched = t + 1
-            coldest, dampest = coldest_and_dampest(S, V, n_volumes)
+            coldest, dampest = plant.coldest_and_dampest(S, V, n_volumes)
 
-    summarise(S, V, n_volumes, day.schedule, metrics, status)
+    metrics.summarise(S, V, n_volumes, day.schedule, metric_rows, status)

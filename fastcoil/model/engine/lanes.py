@@ -72,16 +72,14 @@ class BlockConfig(NamedTuple):
 class Block(NamedTuple):
     """LANES scenarios that share a day and all of BLOCK_KEYS.
 
-    rows: (len(PARAMETER_ROWS), LANES), below them the parameters of user rules.  estimator_parameters, law_parameters:
-    those that the rule reads, (n, LANES).
+    rows: (len(PARAMETER_ROWS), LANES), below them the parameters of user rules.  row: the same by name.
     """
 
     rows: np.ndarray
     config: BlockConfig
     estimator: Estimator | None
     law: Law | None
-    estimator_parameters: np.ndarray
-    law_parameters: np.ndarray
+    row: Mapping[str, np.ndarray]
 
 
 def cut_into_blocks(matrix: np.ndarray, rules: UserRules = NO_USER_RULES) -> list[tuple[np.ndarray, Block]]:
@@ -168,13 +166,7 @@ def _make_block(rows: np.ndarray, rules: UserRules) -> Block:
         control=control_stage(ControllerFeatures.of_lanes(estimator, law, row)),
         actuator=actuator_stage(ActuatorFeatures.of_lanes(row)),
     )
-    return Block(rows, config, estimator, law, _rule_parameters(estimator, row), _rule_parameters(law, row))
-
-
-def _rule_parameters(rule: Estimator | Law | None, row: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Stack the parameters that a rule reads, (n, LANES)."""
-    names = () if rule is None else rule.Parameters._fields
-    return np.array([row[name] for name in names]).reshape(len(names), LANES)
+    return Block(rows, config, estimator, law, row)
 
 
 def _estimating_period(row: Mapping[str, np.ndarray], estimator: Estimator | None) -> int:
@@ -199,17 +191,20 @@ def work_space(block: Block) -> WorkSpace:
     return WorkSpace(
         _allocate_aligned(len(ROWS) * LANES),
         _allocate_aligned((block.config.n_volumes + 2) * VOLUME_STRIDE),
-        _allocate_rule_state(block.estimator, block.estimator_parameters),
-        _allocate_rule_state(block.law, block.law_parameters),
+        _allocate_rule_state(block.estimator, block.row),
+        _allocate_rule_state(block.law, block.row),
     )
 
 
-def _allocate_rule_state(rule: Estimator | Law | None, parameters: np.ndarray) -> np.ndarray:
-    """Allocate the parameters of a rule and, behind them, its memory and the arrays of an estimator, both 0."""
+def _allocate_rule_state(rule: Estimator | Law | None, row: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Allocate the parameters that a rule reads and, behind them, its memory and the arrays of an estimator, both 0."""
+    if rule is None:
+        return _allocate_aligned(0)
+    parameters = [row[name] for name in rule.Parameters._fields]
     n_array = rule.n_floats if isinstance(rule, Estimator) else 0
-    state = _allocate_aligned(parameters.size + (0 if rule is None else LANES * (len(rule.Memory._fields) + n_array)))
-    state[: parameters.size] = parameters.ravel()
-    state[parameters.size :] = 0.0
+    state = _allocate_aligned(LANES * (len(parameters) + len(rule.Memory._fields) + n_array))
+    state[:] = 0.0
+    state[: LANES * len(parameters)] = np.ravel(parameters)
     return state
 
 

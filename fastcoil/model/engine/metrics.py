@@ -9,26 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fastcoil.model import metric_table
 from fastcoil.model.engine.rows import LANES, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R, name_offsets
-from fastcoil.model.metric_table import (
-    ESTIMATE_WINDOW_S,
-    HUNTING_SAMPLE_S,
-    METRICS,
-    OFF_SET_POINT_ERROR_K,
-    PEAK_BLOCK_S,
-    SET_POINT_STEP_K,
-    SETTLING_TIME_S,
-    STATUS_NON_FINITE,
-    STATUS_OK,
-    STATUS_OUT_OF_RANGE,
-    SWITCH_BLOCK_S,
-    is_hunting,
-    is_same_period,
-)
 from fastcoil.model.numerics.jit import scalar, section
 from fastcoil.model.physics import LEAST_WATER_FLOW_KG_S, humidity_ratio, saturation_pressure_frost
 
-is_same_period, is_hunting = scalar(is_same_period), scalar(is_hunting)
+is_same_period, is_hunting = scalar(metric_table.is_same_period), scalar(metric_table.is_hunting)
 IS_COUNTED = 1
 IS_SETTLED = 2
 WINDOW_STARTS = 4
@@ -71,7 +57,7 @@ class Schedule(NamedTuple):
 
 def last_disturbance(T_set: np.ndarray, enabled: np.ndarray, history: DayHistory) -> np.ndarray:
     """Second of the last step of the set-point or start of the loop, at every second of a day, (n_steps,)."""
-    steps = np.abs(np.diff(T_set, prepend=history.T_set)) > SET_POINT_STEP_K
+    steps = np.abs(np.diff(T_set, prepend=history.T_set)) > metric_table.SET_POINT_STEP_K
     starts = (enabled != 0.0) & ~np.concatenate([[history.enabled], enabled[:-1] != 0.0])
     return np.maximum.accumulate(np.where(steps | starts, np.arange(T_set.size), history.disturbed_at))
 
@@ -95,32 +81,26 @@ def make_schedule(T_set: np.ndarray, enabled: np.ndarray, warm_up: int, history:
     """Flag every second of a day.  T_set, °C, and enabled, 0/1: (n_steps,); warm_up: s."""
     t = np.arange(T_set.size)
     counted = (t >= warm_up) & (enabled != 0.0)
-    settled = counted & (t - last_disturbance(T_set, enabled, history) >= SETTLING_TIME_S)
+    settled = counted & (t - last_disturbance(T_set, enabled, history) >= metric_table.SETTLING_TIME_S)
     starts = settled & ~np.concatenate([[False], settled[:-1]])
     ends = settled & ~np.concatenate([settled[1:], [False]])
-    in_switch_block = is_in_whole_block(counted, warm_up, SWITCH_BLOCK_S)
-    in_peak_block = is_in_whole_block(counted, warm_up, PEAK_BLOCK_S)
-    peak_ends = in_peak_block & ((t - warm_up) % PEAK_BLOCK_S == PEAK_BLOCK_S - 1)
-    in_estimate = counted & (t >= T_set.size - ESTIMATE_WINDOW_S)
-    hunting_sample = settled & (t % HUNTING_SAMPLE_S == 0)
+    in_switch_block = is_in_whole_block(counted, warm_up, metric_table.SWITCH_BLOCK_S)
+    in_peak_block = is_in_whole_block(counted, warm_up, metric_table.PEAK_BLOCK_S)
+    peak_ends = in_peak_block & ((t - warm_up) % metric_table.PEAK_BLOCK_S == metric_table.PEAK_BLOCK_S - 1)
+    in_estimate = counted & (t >= T_set.size - metric_table.ESTIMATE_WINDOW_S)
+    hunting_sample = settled & (t % metric_table.HUNTING_SAMPLE_S == 0)
     flags = (
         IS_COUNTED * counted + IS_SETTLED * settled + WINDOW_STARTS * starts + WINDOW_ENDS * ends
         + IN_SWITCH_BLOCK * in_switch_block + IN_PEAK_BLOCK * in_peak_block + PEAK_BLOCK_ENDS * peak_ends
         + IN_ESTIMATE_WINDOW * in_estimate + IS_HUNTING_SAMPLE * hunting_sample
     )  # fmt: skip
-    return Schedule(
-        flags=flags.astype(np.int64),
-        n_counted=int(counted.sum()),
-        n_settled=int(settled.sum()),
-        n_windows=int(starts.sum()),
-        n_switch_blocks=int(in_switch_block.sum()) // SWITCH_BLOCK_S,
-        n_peak_blocks=int(peak_ends.sum()),
-        n_estimate=int(in_estimate.sum()),
-    )
+    n_switch_blocks = in_switch_block.sum() // metric_table.SWITCH_BLOCK_S
+    numbers = (counted.sum(), settled.sum(), starts.sum(), n_switch_blocks, peak_ends.sum(), in_estimate.sum())
+    return Schedule(flags.astype(np.int64), *map(int, numbers))
 
 
-N_METRICS = len(METRICS)
-M = name_offsets(METRICS)
+N_METRICS = len(metric_table.METRICS)
+M = name_offsets(metric_table.METRICS)
 """Row of each metric in the kernel's output."""
 ESTIMATOR_METRICS = (
     "learn_time_first_down", "estimate_first_down", "learning_status", "half_periods", "half_period_spread",
@@ -154,7 +134,7 @@ def accumulate_second(S, V, t, flags, T_set, T_w_in, m_a, n_volumes):
         e = first[T_A + j] - T_set
         S[R.sum_e2 + j] += e * e
         S[R.sum_abs_e + j] += abs(e)
-        S[R.seconds_off + j] += 1.0 if abs(e) > OFF_SET_POINT_ERROR_K else 0.0
+        S[R.seconds_off + j] += 1.0 if abs(e) > metric_table.OFF_SET_POINT_ERROR_K else 0.0
         S[R.reheat + j] += m_a * (e if e < 0.0 else 0.0)
         S[R.recool + j] += m_a * (e if e > 0.0 else 0.0)
         S[R.sum_m_w + j] += S[R.m_w + j]
@@ -201,7 +181,7 @@ def accumulate_second(S, V, t, flags, T_set, T_w_in, m_a, n_volumes):
             S[R.sum_power_block + j] += S[R.power + j]
     if flags & PEAK_BLOCK_ENDS:
         for j in range(LANES):
-            mean = S[R.sum_power_block + j] / PEAK_BLOCK_S
+            mean = S[R.sum_power_block + j] / metric_table.PEAK_BLOCK_S
             S[R.peak_power + j] = mean if mean > S[R.peak_power + j] else S[R.peak_power + j]
             S[R.sum_power_block + j] = 0.0
     if flags & IN_ESTIMATE_WINDOW:
@@ -255,8 +235,9 @@ def lane_status(S, V, j, n_volumes):
         v = i * VOLUME_STRIDE + j
         total += V[v + T_W] + V[v + T_C] + V[v + T_A] + V[v + W_A]
     if not np.isfinite(total):
-        return STATUS_NON_FINITE
-    return STATUS_OUT_OF_RANGE if S[R.farthest_T_c + j] > 0.5 * (T_RANGE[1] - T_RANGE[0]) else STATUS_OK
+        return metric_table.STATUS_NON_FINITE
+    is_out_of_range = S[R.farthest_T_c + j] > 0.5 * (T_RANGE[1] - T_RANGE[0])
+    return metric_table.STATUS_OUT_OF_RANGE if is_out_of_range else metric_table.STATUS_OK
 
 
 @section
@@ -298,5 +279,5 @@ def summarise(S, V, n_volumes, schedule, metrics, status):
         m[M.condensate] = S[R.condensate + j]
         m[M.frost_time] = S[R.frost_time + j]
         m[M.freeze_time] = S[R.freeze_time + j]
-        if status[j] != STATUS_OK:
+        if status[j] != metric_table.STATUS_OK:
             m[:] = np.nan

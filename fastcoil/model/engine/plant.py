@@ -9,45 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from fastcoil.model import physics
 from fastcoil.model.engine.metrics import accumulate_travel
 from fastcoil.model.engine.rows import LANES, Q_W, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, P, R
 from fastcoil.model.numerics.elementary import exp, log
 from fastcoil.model.numerics.jit import kernel, scalar, section
 from fastcoil.model.numerics.stages import BUILT_IN, FLAG, INTEGER, ROW_POINTER, StageSignature
-from fastcoil.model.physics import (
-    LEAST_WATER_FLOW_KG_S,
-    T_FROST,
-    T_HOT,
-    T_SATURATION_MAX,
-    T_SATURATION_MIN,
-    actuator_input,
-    air_heat,
-    backlash,
-    condensed_water,
-    effectiveness,
-    effectiveness_from_ntu,
-    enthalpy_difference,
-    flow_exponential,
-    humidity_ratio,
-    installed_valve,
-    leaky_flow,
-    log_flow,
-    motor_position,
-    move_with_dead_zone,
-    next_metal_temperature,
-    next_water_temperature,
-    opening,
-    saturation_humidity_ratio,
-    saturation_pressure_frost,
-    saturation_pressure_hot,
-    saturation_pressure_mild,
-    scaled_backlash,
-    stick_slip,
-    transfer_units,
-    water_flow,
-    water_heat,
-    worn_backlash,
-)
+from fastcoil.model.physics import LEAST_WATER_FLOW_KG_S
 
 MILD_T = 1.0
 """°C; while everything in a coil is warmer, no metal is near freezing."""
@@ -63,15 +31,15 @@ def update_water_flow(S, leaks):
     leaks: whether the leakage of any lane is given.
     """
     for j in range(LANES):
-        S[R.growth + j] = flow_exponential(S[R.opening + j], S[R.valve_b + j], S[R.valve_c + j])
+        S[R.growth + j] = physics.flow_exponential(S[R.opening + j], S[R.valve_b + j], S[R.valve_c + j])
     for j in range(LANES):
-        S[R.log_m_w + j] = log_flow(S[R.log_m_max + j], S[R.valve_a + j], S[R.growth + j])
+        S[R.log_m_w + j] = physics.log_flow(S[R.log_m_max + j], S[R.valve_a + j], S[R.growth + j])
     for j in range(LANES):
         S[R.m_w + j] = exp(S[R.log_m_w + j])
         S[R.C_flow + j] = S[R.m_w + j] * S[R.cp_w + j]
     if leaks:  # the lanes without leakage keep the flow of Eq (2)
         for j in range(LANES):
-            m_w = leaky_flow(S[R.m_w + j], S[R.m_0 + j], S[R.m_1 + j], S[R.leakage + j])
+            m_w = physics.leaky_flow(S[R.m_w + j], S[R.m_0 + j], S[R.m_1 + j], S[R.leakage + j])
             S[R.m_w + j] = m_w if S[R.leakage + j] >= 0.0 else S[R.m_w + j]
             S[R.C_flow + j] = S[R.m_w + j] * S[R.cp_w + j]
         for j in range(LANES):
@@ -84,17 +52,17 @@ def update_water_flow(S, leaks):
 def update_water_conductance(S):
     """Update the water-side conductance of every lane, Eq (4)."""
     for j in range(LANES):
-        S[R.ntu_w + j] = transfer_units(S[R.ntu_w_factor + j], S[R.beta2 + j], S[R.log_m_w + j])
+        S[R.ntu_w + j] = physics.transfer_units(S[R.ntu_w_factor + j], S[R.beta2 + j], S[R.log_m_w + j])
     for j in range(LANES):
-        S[R.G_w + j] = effectiveness_from_ntu(S[R.ntu_w + j]) * S[R.C_flow + j]
+        S[R.G_w + j] = physics.effectiveness_from_ntu(S[R.ntu_w + j]) * S[R.C_flow + j]
 
 
 @section
 def update_air_effectiveness(S, m_a):
     """Update the air-side effectiveness of every lane, Eq (4)."""
     for j in range(LANES):
-        S[R.eps_a + j] = effectiveness(S[R.ntu_a_factor + j], S[R.beta4 + j], m_a)
-        S[R.eps_star + j] = effectiveness(S[R.ntu_star_factor + j], S[R.beta6 + j], m_a)
+        S[R.eps_a + j] = physics.effectiveness(S[R.ntu_a_factor + j], S[R.beta4 + j], m_a)
+        S[R.eps_star + j] = physics.effectiveness(S[R.ntu_star_factor + j], S[R.beta6 + j], m_a)
 
 
 @section
@@ -104,8 +72,8 @@ def fill_air_effectiveness(S, m_a, eps):
     for t in range(eps_a.size):  # out of its column: a loop over every eighth number is not vectorised
         eps_a[t] = m_a[t]
     for t in range(eps_a.size):
-        eps_star[t] = effectiveness(S[R.ntu_star_factor], S[R.beta6], eps_a[t])
-        eps_a[t] = effectiveness(S[R.ntu_a_factor], S[R.beta4], eps_a[t])
+        eps_star[t] = physics.effectiveness(S[R.ntu_star_factor], S[R.beta6], eps_a[t])
+        eps_a[t] = physics.effectiveness(S[R.ntu_a_factor], S[R.beta4], eps_a[t])
 
 
 @section
@@ -148,12 +116,12 @@ def dew_point_bound(T, W, pressure):
     It lies up to ``_DEW_POINT_STEP_K`` above the dew point.  T: where the search starts, the bound before.
     """
     W *= 1.000001  # the pieces of the saturation curve meet to some 1e-9 of it
-    T = T_SATURATION_MIN if T == np.inf else T
-    while T < T_SATURATION_MAX and saturation_humidity_ratio(T, pressure) < W:
+    T = physics.T_SATURATION_MIN if T == np.inf else T
+    while T < physics.T_SATURATION_MAX and physics.saturation_humidity_ratio(T, pressure) < W:
         T += _DEW_POINT_STEP_K
-    while T > T_SATURATION_MIN and saturation_humidity_ratio(T - _DEW_POINT_STEP_K, pressure) >= W:
+    while T > physics.T_SATURATION_MIN and physics.saturation_humidity_ratio(T - _DEW_POINT_STEP_K, pressure) >= W:
         T -= _DEW_POINT_STEP_K
-    return T if T < T_SATURATION_MAX else np.inf
+    return T if T < physics.T_SATURATION_MAX else np.inf
 
 
 @section
@@ -183,11 +151,11 @@ def water_step(S, V, i, saturates):
     for j in range(LANES):
         row = VOLUME_STRIDE + j
         T_w, T_w_in, T_c = pair[row + T_W], pair[T_W + j], pair[row + T_C]
-        Q_w = water_heat(S[R.G_w + j], T_c, T_w_in)
-        pair[row + T_W] = next_water_temperature(T_w, T_w_in, Q_w, S[R.C_flow + j], S[R.dt_C_w + j])
+        Q_w = physics.water_heat(S[R.G_w + j], T_c, T_w_in)
+        pair[row + T_W] = physics.next_water_temperature(T_w, T_w_in, Q_w, S[R.C_flow + j], S[R.dt_C_w + j])
         pair[row + Q_W] = Q_w
         if saturates:
-            pair[row + W_S] = humidity_ratio(saturation_pressure_mild(T_c), S[R.pressure + j])
+            pair[row + W_S] = physics.humidity_ratio(physics.saturation_pressure_mild(T_c), S[R.pressure + j])
 
 
 @section
@@ -196,16 +164,16 @@ def saturate_cold_and_hot(S, V, i):
     cv = V[i * VOLUME_STRIDE : (i + 1) * VOLUME_STRIDE]
     cold, hot = False, False
     for j in range(LANES):
-        cold |= cv[T_C + j] < T_FROST
-        hot |= cv[T_C + j] > T_HOT
+        cold |= cv[T_C + j] < physics.T_FROST
+        hot |= cv[T_C + j] > physics.T_HOT
     if cold:
         for j in range(LANES):
-            W_s = humidity_ratio(saturation_pressure_frost(cv[T_C + j]), S[R.pressure + j])
-            cv[W_S + j] = W_s if cv[T_C + j] < T_FROST else cv[W_S + j]
+            W_s = physics.humidity_ratio(physics.saturation_pressure_frost(cv[T_C + j]), S[R.pressure + j])
+            cv[W_S + j] = W_s if cv[T_C + j] < physics.T_FROST else cv[W_S + j]
     if hot:
         for j in range(LANES):
-            W_s = humidity_ratio(saturation_pressure_hot(cv[T_C + j]), S[R.pressure + j])
-            cv[W_S + j] = W_s if cv[T_C + j] > T_HOT else cv[W_S + j]
+            W_s = physics.humidity_ratio(physics.saturation_pressure_hot(cv[T_C + j]), S[R.pressure + j])
+            cv[W_S + j] = W_s if cv[T_C + j] > physics.T_HOT else cv[W_S + j]
 
 
 @section
@@ -216,7 +184,7 @@ def march_air(S, V, n_volumes, lagged_air, shares_air_side, eps_a, eps_star, m_a
     holds state [t] (lagged, as printed); in one that starts at the air's inlet, this step's outlet (quasistatic).
     ``shares_air_side``: all lanes have the effectiveness eps_a, eps_star; otherwise it is in the rows of that name.
     dt_counted: the time step, s, or 0 where condensate does not count.
-    T_dry: nothing condenses in the next march on metal from here up, °C; damp: of this march, and out, of the next.
+    T_dry: nothing condenses in the next march on metal from here up, °C.  may_condense: this march; out, the next.
     """
     m_a_dt = m_a * dt_counted
     for k in range(n_volumes):
@@ -238,12 +206,12 @@ def air_step_wet(S, V, i, shares_air_side, eps_a, eps_star, m_a, m_a_dt, T_dry):
 
         wet = W_in > W_s
         cooled = (eps_a if shares_air_side else S[R.eps_a + j]) * (T_in - T_c)
-        dried = (eps_star if shares_air_side else S[R.eps_star + j]) * enthalpy_difference(T_in, W_in, T_c, W_s)
+        dried = (eps_star if shares_air_side else S[R.eps_star + j]) * physics.enthalpy_difference(T_in, W_in, T_c, W_s)
         T_out = T_in - cooled
-        dW = condensed_water(wet, W_in, cooled, dried, T_out)
+        dW = physics.condensed_water(wet, W_in, cooled, dried, T_out)
 
-        Q_a = air_heat(wet, m_a, cooled, dried, S[R.cp_a + j])
-        T_next = next_metal_temperature(T_c, Q_a, Q_w, S[R.dt_C_c + j])
+        Q_a = physics.air_heat(wet, m_a, cooled, dried, S[R.cp_a + j])
+        T_next = physics.next_metal_temperature(T_c, Q_a, Q_w, S[R.dt_C_c + j])
         may_condense |= not T_next >= T_dry
         pair[T_C + j] = T_next
         pair[T_A + j] = T_out
@@ -260,8 +228,8 @@ def air_step_dry(S, V, i, shares_air_side, eps_a, m_a, T_dry):
     for j in range(LANES):
         T_in, T_c = pair[VOLUME_STRIDE + T_A + j], pair[T_C + j]
         cooled = (eps_a if shares_air_side else S[R.eps_a + j]) * (T_in - T_c)
-        Q_a = air_heat(False, m_a, cooled, cooled, S[R.cp_a + j])
-        T_next = next_metal_temperature(T_c, Q_a, pair[Q_W + j], S[R.dt_C_c + j])
+        Q_a = physics.air_heat(False, m_a, cooled, cooled, S[R.cp_a + j])
+        T_next = physics.next_metal_temperature(T_c, Q_a, pair[Q_W + j], S[R.dt_C_c + j])
         may_condense |= not T_next >= T_dry
         pair[T_C + j] = T_next
         pair[T_A + j] = T_in - cooled
@@ -319,25 +287,26 @@ def make_actuate(features: ActuatorFeatures) -> Any:
         """Move motor and gearbox, Eq (1); return VALVE_MOVED and ACTUATOR_BUSY as they apply."""
         moved, running = False, False
         for j in range(LANES):
-            target = actuator_input(S[R.command + j], S[R.command_resolution + j] if has_resolution else 0.0)
-            previous, x_bl, commissioned_gap = S[R.position + j], S[R.gap + j], S[R.backlash + j]
+            target = physics.actuator_input(S[R.command + j], S[R.command_resolution + j] if has_resolution else 0.0)
+            previous, max_travel = S[R.position + j], S[R.max_travel + j]
+            x_bl, commissioned_gap = S[R.gap + j], S[R.backlash + j]
             if has_neutral_zone:
                 runs = S[R.motor_runs + j] != 0.0
-                position, runs = move_with_dead_zone(previous, target, S[R.max_travel + j], S[R.neutral_zone + j], runs)
+                position, runs = physics.move_with_dead_zone(previous, target, max_travel, S[R.neutral_zone + j], runs)
                 S[R.motor_runs + j] = 1.0 if runs else 0.0
                 running |= runs
             else:
-                position = motor_position(previous, target, S[R.max_travel + j])
+                position = physics.motor_position(previous, target, max_travel)
                 running |= position != target
             if has_stick_slip:
                 direction = S[R.stem_direction + j]
-                q, direction = stick_slip(S[R.q + j], direction, position, previous, x_bl, S[R.slip_jump + j])
+                q, direction = physics.stick_slip(S[R.q + j], direction, position, previous, x_bl, S[R.slip_jump + j])
                 S[R.stem_direction + j] = direction
                 running |= direction != 0.0  # it sticks in the second in which the motor has stopped
-                open_ = opening(q, commissioned_gap - S[R.slip_jump + j])
+                open_ = physics.opening(q, commissioned_gap - S[R.slip_jump + j])
             else:
-                q = backlash(S[R.q + j], position, x_bl)
-                open_ = opening(q, commissioned_gap)
+                q = physics.backlash(S[R.q + j], position, x_bl)
+                open_ = physics.opening(q, commissioned_gap)
             d_opening, d_position = open_ - S[R.opening + j], position - previous
             if counted:
                 accumulate_travel(S, j, d_opening, d_position)
@@ -345,8 +314,8 @@ def make_actuate(features: ActuatorFeatures) -> Any:
             S[R.q + j] = q
             S[R.opening + j] = open_
             if has_wear:
-                S[R.worn_backlash + j] = worn_backlash(S[R.worn_backlash + j], S[R.wear_rate + j], abs(d_opening))
-                S[R.gap + j] = scaled_backlash(S[R.worn_backlash + j], S[R.backlash_scale + j])
+                S[R.worn_backlash + j] += S[R.wear_rate + j] * abs(d_opening)
+                S[R.gap + j] = physics.scaled_backlash(S[R.worn_backlash + j], S[R.backlash_scale + j])
                 running |= S[R.gap + j] != x_bl
             moved |= d_opening != 0.0
         return (VALVE_MOVED if moved else 0) + (ACTUATOR_BUSY if running else 0)
@@ -383,13 +352,13 @@ def stability_numbers(matrix, m_a, slope):
         per_volume = 8.0 / p[P.n_volumes]
         m_max, a, b, c = p[P.m_max], p[P.valve_a], p[P.valve_b], p[P.valve_c]
         if p[P.rangeability] > 0.0:
-            m_max, a, b, c = installed_valve(p[P.rangeability], p[P.authority], p[P.m_full])
-        m_w = water_flow(1.0, m_max, a, b, c)
-        G_w = effectiveness(per_volume * p[P.beta1], p[P.beta2], m_w) * m_w * p[P.cp_w]
+            m_max, a, b, c = physics.installed_valve(p[P.rangeability], p[P.authority], p[P.m_full])
+        m_w = physics.water_flow(1.0, m_max, a, b, c)
+        G_w = physics.effectiveness(per_volume * p[P.beta1], p[P.beta2], m_w) * m_w * p[P.cp_w]
         G_air = 0.0
         for m in m_a:
-            G_a = effectiveness(per_volume * p[P.beta3], p[P.beta4], m) * m * p[P.cp_a]
-            G_wet = effectiveness(per_volume * p[P.beta5], p[P.beta6], m) * m * slope
+            G_a = physics.effectiveness(per_volume * p[P.beta3], p[P.beta4], m) * m * p[P.cp_a]
+            G_wet = physics.effectiveness(per_volume * p[P.beta5], p[P.beta6], m) * m * slope
             G_air = max(G_air, G_a, G_wet)
         gamma[k] = m_w * p[P.cp_w] / (per_volume * p[P.C_w]) / p[P.substeps]
         lam[k] = (G_air + G_w) / (per_volume * p[P.C_c]) / p[P.substeps]

@@ -5,31 +5,16 @@ Each marches with the same scalar formulas as ``emulator``; the signals of the m
 
 import numpy as np
 
-from fastcoil.model.engine.controller import call_control, control
+from fastcoil.model import physics
+from fastcoil.model.engine import plant
+from fastcoil.model.engine.controller import call_control, plain_control
 from fastcoil.model.engine.emulator import record
 from fastcoil.model.engine.lanes import NO_USER_RULES, Block, UserRules, run_sets, trace_rows, work_space
-from fastcoil.model.engine.plant import (
-    count_wet_volumes,
-    march_air,
-    march_water,
-    set_inlets,
-    update_air_effectiveness,
-    update_water_conductance,
-)
 from fastcoil.model.engine.rows import LANES, T_A, T_W, VOLUME_STRIDE, R, begin_run, name_offsets
 from fastcoil.model.engine.rules import call_estimator, call_law
 from fastcoil.model.numerics.elementary import exp, log
 from fastcoil.model.numerics.jit import kernel
 from fastcoil.model.numerics.stages import BUILT_IN
-from fastcoil.model.physics import (
-    LEAST_WATER_FLOW_KG_S,
-    backlash,
-    flow_exponential,
-    initial_stem_position,
-    log_flow,
-    motor_position,
-    opening,
-)
 
 COIL_COLUMNS = ("m_a", "T_a_in", "W_a_in", "T_w_in", "m_w")
 """Columns of the signals at the inlets of the coil."""
@@ -60,23 +45,23 @@ def march_coil(rows, config, series, seconds, S, V, T_sup, T_w_out, wet):
                 T_sup[k, j] = V[first + T_A + j]
                 T_w_out[k, j] = V[last + T_W + j]
         if m_a != m_a_known:
-            update_air_effectiveness(S, m_a)
+            plant.update_air_effectiveness(S, m_a)
             m_a_known = m_a
         if m_w != m_w_known:
-            log_m_w = log(max(m_w, LEAST_WATER_FLOW_KG_S))
+            log_m_w = log(max(m_w, physics.LEAST_WATER_FLOW_KG_S))
             for j in range(LANES):
                 S[R.log_m_w + j] = log_m_w
                 S[R.C_flow + j] = m_w * S[R.cp_w + j]
-            update_water_conductance(S)
+            plant.update_water_conductance(S)
             m_w_known = m_w
-        set_inlets(V, n_volumes, T_a_in, W_a_in, T_w_in)
+        plant.set_inlets(V, n_volumes, T_a_in, W_a_in, T_w_in)
         for substep in range(config.substeps):
-            march_water(S, V, n_volumes, False, all_volumes)
+            plant.march_water(S, V, n_volumes, False, all_volumes)
             if recorded and substep == 0 and config.lagged_air:
-                count_wet_volumes(S, V, n_volumes)
-            march_air(S, V, n_volumes, config.lagged_air, False, 0.0, 0.0, m_a, 0.0, np.inf, all_volumes)
+                plant.count_wet_volumes(S, V, n_volumes)
+            plant.march_air(S, V, n_volumes, config.lagged_air, False, 0.0, 0.0, m_a, 0.0, np.inf, all_volumes)
             if recorded and substep == 0 and not config.lagged_air:
-                count_wet_volumes(S, V, n_volumes)
+                plant.count_wet_volumes(S, V, n_volumes)
         if recorded:
             for j in range(LANES):
                 wet[k, j] = S[R.wet_volumes + j]
@@ -118,18 +103,18 @@ def valve_flows(command, batch, sets, start, openings, flows):
     for t in range(command.size):
         if t == 0 or batch[t] != batch[t - 1]:
             for j in range(n_sets):
-                q[j] = initial_stem_position(command[t], sets[_VALVE_ROW.backlash, j], start[batch[t], j])
+                q[j] = physics.initial_stem_position(command[t], sets[_VALVE_ROW.backlash, j], start[batch[t], j])
         elif command[t] == command[t - 1]:
             for j in range(n_sets):
                 openings[t, j] = openings[t - 1, j]
                 flows[t, j] = flows[t - 1, j]
             continue
         for j in range(n_sets):
-            q[j] = backlash(q[j], command[t], sets[_VALVE_ROW.backlash, j])
-            openings[t, j] = opening(q[j], sets[_VALVE_ROW.backlash, j])
+            q[j] = physics.backlash(q[j], command[t], sets[_VALVE_ROW.backlash, j])
+            openings[t, j] = physics.opening(q[j], sets[_VALVE_ROW.backlash, j])
         for j in range(n_sets):
-            growth = flow_exponential(openings[t, j], sets[_VALVE_ROW.valve_b, j], sets[_VALVE_ROW.valve_c, j])
-            flows[t, j] = exp(log_flow(log_m_max[j], sets[_VALVE_ROW.valve_a, j], growth))
+            growth = physics.flow_exponential(openings[t, j], sets[_VALVE_ROW.valve_b, j], sets[_VALVE_ROW.valve_c, j])
+            flows[t, j] = exp(physics.log_flow(log_m_max[j], sets[_VALVE_ROW.valve_a, j], growth))
 
 
 @kernel
@@ -141,7 +126,7 @@ def motor_positions(command, max_travel, positions):
     """
     positions[0] = command[0]
     for k in range(command.size):
-        positions[k + 1] = motor_position(positions[k], command[k], max_travel)
+        positions[k + 1] = physics.motor_position(positions[k], command[k], max_travel)
 
 
 @kernel
@@ -159,16 +144,16 @@ def mean_openings(positions, sizes, width, openings, squares):
     before = np.empty(sizes.size)
     for j in range(sizes.size):
         q[j] = min(max(positions[0] - sizes[j] / 2.0, 0.0), 1.0 - sizes[j])
-        q[j] = backlash(q[j], positions[0], sizes[j])
-        before[j] = opening(q[j], sizes[j])
+        q[j] = physics.backlash(q[j], positions[0], sizes[j])
+        before[j] = physics.opening(q[j], sizes[j])
     for k in range(openings.shape[0]):
         for j in range(sizes.size):
             openings[k, j] = 0.0
             squares[k, j] = 0.0
         for i in range(k * width + 1, (k + 1) * width + 1):
             for j in range(sizes.size):
-                q[j] = backlash(q[j], positions[i], sizes[j])
-                current = opening(q[j], sizes[j])
+                q[j] = physics.backlash(q[j], positions[i], sizes[j])
+                current = physics.opening(q[j], sizes[j])
                 mean_opening = 0.5 * (before[j] + current)
                 openings[k, j] += mean_opening / width
                 squares[k, j] += mean_opening * mean_opening / width
@@ -208,7 +193,7 @@ def replay_controllers(rows, config, series, S, V, estimator_state, law_state, t
             if has_law:
                 call_law(config.law, (S, law_state, float(t), T_set, 0.0, m_a, enabled, False))
             if config.control == BUILT_IN:
-                control(S, t, T_set, 0.0, enabled, 0.0)
+                plain_control(S, t, T_set, 0.0, enabled, 0.0)
             else:
                 call_control(config.control, (S, t, T_set, 0.0, enabled, 0.0))
         was_enabled = enabled

@@ -66,9 +66,7 @@ class KernelCache(Cache):  # type: ignore[misc]
         """Store a compiled kernel, unless it is valid in this process only."""
         if not self._enabled or data.lifted or data.library.has_dynamic_globals:
             return
-        if (
-            self._settings != _numba_settings()
-        ):  # changed since, for instance by user code: the folder is that of others
+        if self._settings != _numba_settings():  # user code has changed them since: the folder is that of others
             return
         key = self._key(sig, data.codegen)
         path, payload = self._path(key), dumps((key, data._reduce()))

@@ -11,51 +11,25 @@ from bokeh.models import BoxAnnotation
 from helpers.advice_checks import any_loop
 
 import fastcoil as fc
+from fastcoil.deliver.explore import loop as explore
 from fastcoil.deliver.explore.figures import LoopFigures
-from fastcoil.deliver.explore.loop import (
-    AXES,
-    CHOICES,
-    DIALS,
-    STORIES,
-    TRACE_INTERVAL_S,
-    TRACES,
-    Model,
-    build_scene,
-    explain_scene,
-    initial_settings,
-    link_query,
-    menu_words,
-    read_query,
-    start_loops,
-    story_settings,
-)
-from fastcoil.deliver.explore.loop import run as explored
 from fastcoil.loops.plan import plan_simulation
 from fastcoil.loops.presets import PRESETS
 from fastcoil.study.maintenance import Scenario, pick_scenario
 
 full = partial(pytest.param, marks=pytest.mark.full)
-
-
-@pytest.fixture(scope="module")
-def model():
-    return Model()
+MODEL = explore.Model()
 
 
 def default_settings(model):
     """What a page without a query shows."""
-    return initial_settings(model.first, model.starts[model.first])
+    return explore.initial_settings(model.first, model.starts[model.first])
 
 
-@pytest.fixture(scope="module")
-def tell(model):
-    """Return a function that gives the settings of a story, and the traces and words that are shown of it."""
-
-    def show(title):
-        settings = story_settings(title, model.starts)
-        return settings, model.run(settings), model.explain(settings)
-
-    return show
+def tell(title):
+    """The settings of a story, and the traces and words that are shown of it."""
+    settings = explore.story_settings(title, MODEL.starts)
+    return settings, MODEL.run(settings), MODEL.explain(settings)
 
 
 @pytest.mark.kernel
@@ -73,11 +47,11 @@ def tell(model):
     ],
 )  # fmt: skip
 def test_a_story_shows_what_simulate_gives_to_the_bit_and_quotes_the_explanation(
-    tell, working_day, title, by_hand, begins, has
+    working_day, title, by_hand, begins, has
 ):
     _, run, texts = tell(title)
-    ds = fc.simulate(fc.Loop(**by_hand), working_day, traces=TRACES, trace_interval=5, n_jobs=1)
-    for name in TRACES:
+    ds = fc.simulate(fc.Loop(**by_hand), working_day, traces=explore.TRACES, trace_interval=5, n_jobs=1)
+    for name in explore.TRACES:
         np.testing.assert_array_equal(run.traces[name], ds[name])
     for name in ("rmse", "hunts", "hunting_swing", "hunting_period", "motor_travel", "estimate_final"):
         np.testing.assert_array_equal(run.value(name), ds[name])
@@ -99,21 +73,19 @@ def test_whatever_the_loop_what_is_shown_is_the_explanation_beside_the_simulated
     for seed in range(500):
         loop, day = any_loop(seed)
         scene, explanation = Scenario("any", loop, day, 1800, 0), fc.explain(loop, day)
-        run, texts = explored(scene), explain_scene(scene)
+        run, texts = explore.run(scene), explore.explain_scene(scene)
         assert (texts.answer, texts.why, texts.advice) == (explanation.answer, explanation.why, explanation.advice)
         assert run.value("hunts") <= texts.answer.startswith("This loop will hunt")
         np.testing.assert_equal(run.value("rmse"), float(explanation.cures["rmse"][0]))
 
 
 @pytest.mark.kernel
-def test_the_story_of_a_valve_test_shades_it_and_says_what_read_test_reads(model, tell):
+def test_the_story_of_a_valve_test_shades_it_and_says_what_read_test_reads():
     settings, run, texts = tell("A valve test")
     start = run.scene.boundary.n_steps - 4500
     test = fc.ValveTest.gentle(start=start, settle=300)
-    traces = ["command", "T_measured", "test"]
-    ds = fc.simulate(
-        run.scene.loop, run.scene.boundary, test=test, traces=traces, trace_interval=TRACE_INTERVAL_S, n_jobs=1
-    )
+    options = {"traces": ["command", "T_measured", "test"], "trace_interval": explore.TRACE_INTERVAL_S, "n_jobs": 1}
+    ds = fc.simulate(run.scene.loop, run.scene.boundary, test=test, **options)
     np.testing.assert_array_equal(run.traces["command"], ds.command.values)
     r = fc.read_test(ds, stroke_time=0)
     assert r.identified
@@ -121,33 +93,30 @@ def test_the_story_of_a_valve_test_shades_it_and_says_what_read_test_reads(model
     assert f"reads a gap of {100 * r.backlash:.3g} %" in run.reading
     figures = LoopFigures()
     (shade,) = figures.temperature.select(BoxAnnotation)
-    ends = {"left": start / 3600, "right": (start + 45 * 60 - TRACE_INTERVAL_S) / 3600, "visible": True}
+    ends = {"left": start / 3600, "right": (start + 45 * 60 - explore.TRACE_INTERVAL_S) / 3600, "visible": True}
     assert dict(figures.show(run, settings.window))[shade.id] == ends
-    without = model.run(replace(settings, test="none"))
+    without = MODEL.run(replace(settings, test="none"))
     assert without.reading == ""
     assert not dict(figures.show(without, settings.window))[shade.id]["visible"]
-    assert model.explain(replace(settings, test="none")) is texts
-    assert model.map(settings) is model.map(replace(settings, test="none"))
+    assert MODEL.explain(replace(settings, test="none")) is texts
+    assert MODEL.map(settings) is MODEL.map(replace(settings, test="none"))
 
 
 @pytest.mark.kernel
-@pytest.mark.parametrize("axes", AXES)
-def test_a_cell_of_the_map_is_its_loop_to_the_bit(model, axes, working_day):
-    metrics = model.map(replace(default_settings(model), axes=axes))
-    (x, along_x), (y, along_y) = AXES[axes].items()
+@pytest.mark.parametrize("axes", explore.AXES)
+def test_a_cell_of_the_map_is_its_loop_to_the_bit(axes, working_day):
+    metrics = MODEL.map(replace(default_settings(MODEL), axes=axes))
+    (x, along_x), (y, along_y) = explore.AXES[axes].items()
     for i, j in ((3, 2), (-1, -1)):
-        loop = fc.Loop(**{x: along_x[i], y: along_y[j]})
-        ds = fc.simulate(loop, working_day, n_jobs=1)
-        assert metrics["rmse"][j, i] == ds.rmse
-        assert metrics["hunting_swing"][j, i] == ds.hunting_swing
+        ds = fc.simulate(fc.Loop(**{x: along_x[i], y: along_y[j]}), working_day, n_jobs=1)
+        assert (metrics["rmse"][j, i], metrics["hunting_swing"][j, i]) == (ds.rmse, ds.hunting_swing)
 
 
 @pytest.mark.kernel
 def test_a_study_of_ones_own_is_shown_on_its_own_day(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text('[loop]\npreset = "lbnl"\nkp = 0.4\nestimate_ratio = 0.5\n[boundary]\nhours = 1\nseed = 9\n')
-    scenario = pick_scenario(path, {}, {})
-    model = Model(scenario)
+    model = explore.Model(pick_scenario(path, {}, {}))
     assert default_settings(model).loop == "given"
     run = model.run(default_settings(model))
     ds = fc.simulate(fc.Loop.preset("lbnl").assign(kp=0.4, estimate_ratio=0.5), fc.paper_day(hours=1, seed=9), n_jobs=1)
@@ -155,12 +124,12 @@ def test_a_study_of_ones_own_is_shown_on_its_own_day(tmp_path):
     assert default_settings(model).kp == 0.4
     path.write_text('[loop]\npreset = "lbnl"\n[boundary]\nhours = 30\n')
     with pytest.raises(fc.InputError, match="its day lasts 30 h: give at most 24 h"):
-        Model(pick_scenario(path, {}, {}))
+        explore.Model(pick_scenario(path, {}, {}))
 
 
 @pytest.mark.kernel
 @pytest.mark.parametrize("step", [3, pytest.param(1, marks=pytest.mark.full)])
-def test_the_experiments_of_the_page_show_what_it_says(model, tell, step):
+def test_the_experiments_of_the_page_show_what_it_says(step):
     """Those of docs/first-steps.md, in their order: every one, or each third."""
     plain_pi, *_ = tell("7 % gap, plain PI")
     inverse, run, _ = tell("With the inverse")
@@ -174,79 +143,75 @@ def test_the_experiments_of_the_page_show_what_it_says(model, tell, step):
         (plain_pi, constant_day | {"ti": 15.0}, "hunting index 0.67"),
         (learns, {}, "right since hour 1.2"),
         (learns, constant_day | {"estimator": "learner"}, "right since hour 3.0"),
-        (initial_settings("lbnl", STARTS["lbnl"]), constant_day | {"estimator": "learner"}, "chatters"),
+        (explore.initial_settings("lbnl", STARTS["lbnl"]), constant_day | {"estimator": "learner"}, "chatters"),
     )
     for settings, changes, expected_words in experiments[::step]:
         changed = replace(settings, **changes)
-        explanation = model.explain(changed)
-        assert (
-            expected_words
-            in f"{explanation.answer}  {explanation.advice} {model.run(changed).learning} {explanation.why}"
-        ), changes
-    errors = model.map(plain_pi)["rmse"]
+        texts = MODEL.explain(changed)
+        assert expected_words in f"{texts.answer}  {texts.advice} {MODEL.run(changed).learning} {texts.why}", changes
+    errors = MODEL.map(plain_pi)["rmse"]
     j, i = np.unravel_index(np.argmin(errors), errors.shape)
-    assert (AXES["tuning"]["kp"][j], AXES["tuning"]["ti"][i]) == (0.1, 64.0)
+    assert (explore.AXES["tuning"]["kp"][j], explore.AXES["tuning"]["ti"][i]) == (0.1, 64.0)
     assert round(float(errors[j, i]), 2) == 0.16 == round(run.value("rmse"), 2)
 
 
-STARTS = start_loops()
+STARTS = explore.start_loops()
 
 
 def read_link(query, first="paper_like", start_loops_by_name=STARTS):
-    return read_query(dict(parse_qsl(query, keep_blank_values=True)), start_loops_by_name, first)
+    return explore.read_query(dict(parse_qsl(query, keep_blank_values=True)), start_loops_by_name, first)
 
 
 def test_a_link_gives_the_settings_back_whatever_is_shown_first():
-    all_settings = [story_settings(story, STARTS) for story in STORIES]
+    all_settings = [explore.story_settings(story, STARTS) for story in explore.STORIES]
     for name, start in STARTS.items():
-        usual = initial_settings(name, start)
-        all_settings += [replace(usual, **{name: step}) for name, dial in DIALS.items() for step in dial.steps]
-        all_settings += [replace(usual, **{name: word}) for name in CHOICES for word in menu_words(name, start)]
+        usual = explore.initial_settings(name, start)
+        all_settings += [replace(usual, **{name: step}) for name, dial in explore.DIALS.items() for step in dial.steps]
+        words = [(name, word) for name in explore.CHOICES for word in explore.menu_words(name, start)]
+        all_settings += [replace(usual, **{name: word}) for name, word in words]
     for settings in [*all_settings, replace(all_settings[0], kp=0.1 / 3.0)]:
         for first in ("paper_like", "lbnl"):
-            assert read_link(link_query(settings, STARTS), first) == (settings, [])
+            assert read_link(explore.link_query(settings, STARTS), first) == (settings, [])
 
 
 def test_a_link_to_the_loop_of_a_study_needs_that_study(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text('[loop]\npreset = "lbnl"\nti = 30\n[boundary]\nhours = 1\n')
-    loops = start_loops(pick_scenario(path, {}, {}))
-    link = link_query(replace(initial_settings("given", loops["given"]), kp=0.05), loops)
+    loops = explore.start_loops(pick_scenario(path, {}, {}))
+    link = explore.link_query(replace(explore.initial_settings("given", loops["given"]), kp=0.05), loops)
     settings, problems = read_link(link, "paper_like", loops)
     assert (settings.loop, settings.kp, settings.ti, problems) == ("given", 0.05, 30.0, [])
     settings, (problem,) = read_link(link)
-    assert settings == initial_settings("paper_like", STARTS["paper_like"])
+    assert settings == explore.initial_settings("paper_like", STARTS["paper_like"])
     assert problem.endswith("is not on this page: paper_like is shown")
 
 
 @pytest.mark.parametrize("mistake", ["backlash=300", "kp=nan", "ti=", "day=own", "backlas=0.1", "m_a=1e400"])
 def test_a_link_with_a_mistake_is_refused_in_words_and_the_rest_is_shown(mistake):
     settings, problems = read_link(f"loop=lbnl&{mistake}&noise_std=0.02")
-    expected_entry = mistake.replace("=", " = ")
-    assert problems == [
-        f"'{expected_entry}': no setting of this page, or beyond its bounds; the rest of the link is shown"
-    ]
-    assert settings == replace(initial_settings("lbnl", STARTS["lbnl"]), noise_std=0.02)
+    entry = mistake.replace("=", " = ")
+    assert problems == [f"'{entry}': no setting of this page, or beyond its bounds; the rest of the link is shown"]
+    assert settings == replace(explore.initial_settings("lbnl", STARTS["lbnl"]), noise_std=0.02)
 
 
 def test_the_values_of_a_link_are_shown_with_the_loop_that_it_names():
     settings, problems = read_link("loop=lbln&kp=0.05")
-    assert settings == initial_settings("paper_like", STARTS["paper_like"])
+    assert settings == explore.initial_settings("paper_like", STARTS["paper_like"])
     assert problems == ["loop = 'lbln' is not on this page, did you mean 'lbnl'?: paper_like is shown"]
     settings, problems = read_link("kp=0.05", "lbnl")
-    assert (settings, problems) == (replace(initial_settings("lbnl", STARTS["lbnl"]), kp=0.05), [])
+    assert (settings, problems) == (replace(explore.initial_settings("lbnl", STARTS["lbnl"]), kp=0.05), [])
 
 
 def test_all_that_can_be_set_can_be_simulated_with_the_load_as_the_air_of_its_day():
     """Every preset with every word, at both ends of all dials."""
     for name in PRESETS:
-        start = STARTS[name]
-        words = itertools.product(*(menu_words(c, start) for c in ("valve", "estimator", "day")))
-        ends = [{name: dial.steps[k] for name, dial in DIALS.items()} for k in (0, -1)]
+        start, usual = STARTS[name], explore.initial_settings(name, STARTS[name])
+        words = itertools.product(*(explore.menu_words(c, start) for c in ("valve", "estimator", "day")))
+        ends = [{name: dial.steps[k] for name, dial in explore.DIALS.items()} for k in (0, -1)]
         for k, ((valve, estimator, day), values) in enumerate(itertools.product(words, ends)):
             if k % 20 == 0:
-                settings = replace(initial_settings(name, start), valve=valve, estimator=estimator, day=day, **values)
-                scene = build_scene(settings, start)
+                settings = replace(usual, valve=valve, estimator=estimator, day=day, **values)
+                scene = explore.build_scene(settings, start)
                 plan_simulation(scene.loop, scene.boundary)
                 assert scene.loop["backlash"] == values["backlash"]
                 series = scene.boundary.series

@@ -9,15 +9,7 @@ import time
 from urllib.parse import urlsplit
 
 import pytest
-from helpers.browsers import (
-    chromium,
-    console_problems,
-    element_text,
-    explore_page,
-    figure_column,
-    find_all,
-    wait_for_page,
-)
+from helpers import browsers
 from helpers.commands import assert_command_refused, fastcoil
 
 import fastcoil as fc
@@ -33,7 +25,7 @@ ESTIMATE, TI = 1, 3
 
 @pytest.fixture(scope="module")
 def program():
-    with explore_page("lbnl") as process_and_address:
+    with browsers.explore_page("lbnl") as process_and_address:
         yield process_and_address
 
 
@@ -109,13 +101,13 @@ def test_what_cannot_be_explored_is_refused_before_a_page_is_there(tmp_path):
 
 @pytest.fixture(scope="module")
 def browser_program():
-    with explore_page() as process_and_address:
+    with browsers.explore_page() as process_and_address:
         yield process_and_address
 
 
 @pytest.fixture(scope="module")
 def driver():
-    with chromium() as browser:
+    with browsers.chromium() as browser:
         yield browser
 
 
@@ -123,43 +115,40 @@ def driver():
 def page(browser_program, driver):
     """The page, shown."""
     driver.get(browser_program[1])
-    wait_for_page(driver)
+    browsers.wait_for_page(driver)
     yield driver
-    assert browser_program[0].poll() is not None or not console_problems(driver)
+    assert browser_program[0].poll() is not None or not browsers.console_problems(driver)
 
 
 def press(driver, slider, times):
     """Move a slider up with the keyboard, and wait for the page."""
     from selenium.webdriver.common.keys import Keys
 
-    before = wait_for_page(driver)
-    find_all(driver, ".noUi-handle")[slider].send_keys(Keys.ARROW_RIGHT * times)
-    wait_for_page(driver, before)
+    before = browsers.wait_for_page(driver)
+    browsers.find_all(driver, ".noUi-handle")[slider].send_keys(Keys.ARROW_RIGHT * times)
+    browsers.wait_for_page(driver, before)
 
 
 @pytest.mark.kernel
 @pytest.mark.full
 def test_the_page_shows_what_is_computed_and_a_key_moves_all_of_it(page):
     ds = fc.simulate(fc.Loop(), fc.paper_day(), traces=["T_sup", "opening"], trace_interval=5, n_jobs=1)
-    assert element_text(page, "headline").startswith("This loop will hunt: about 0.9")
-    assert figure_column(page, "traces", "T_sup") == ds.T_sup.values[-1441:].tolist()
-    assert figure_column(page, "traces", "opening") == (100.0 * ds.opening.values[-1441:]).tolist()
-    traces, cells, ring = (
-        figure_column(page, "traces", "T_sup"),
-        figure_column(page, "cells", "value"),
-        figure_column(page, "here", "x"),
-    )
-    assert (ring, figure_column(page, "here", "y")) == ([2], [7])  # Ti 8 s, Kp 0.03/K
+    assert browsers.element_text(page, "headline").startswith("This loop will hunt: about 0.9")
+    assert browsers.figure_column(page, "traces", "T_sup") == ds.T_sup.values[-1441:].tolist()
+    assert browsers.figure_column(page, "traces", "opening") == (100.0 * ds.opening.values[-1441:]).tolist()
+    columns = ("traces", "T_sup"), ("cells", "value"), ("here", "x")
+    traces, cells, ring = (browsers.figure_column(page, *column) for column in columns)
+    assert (ring, browsers.figure_column(page, "here", "y")) == ([2], [7])  # Ti 8 s, Kp 0.03/K
     press(page, TI, 7)
-    assert element_text(page, "headline").startswith("This loop will not hunt")
-    assert element_text(page, "advice").startswith("If the error matters: SIMC: kp ")
-    assert element_text(page, "why").startswith("Why: hunting index 0.28; ")
+    assert browsers.element_text(page, "headline").startswith("This loop will not hunt")
+    assert browsers.element_text(page, "advice").startswith("If the error matters: SIMC: kp ")
+    assert browsers.element_text(page, "why").startswith("Why: hunting index 0.28; ")
     assert "?loop=paper_like&ti=40" in page.current_url
-    assert figure_column(page, "traces", "T_sup") != traces
-    assert figure_column(page, "here", "x") != ring
-    assert figure_column(page, "cells", "value") == cells
+    assert browsers.figure_column(page, "traces", "T_sup") != traces
+    assert browsers.figure_column(page, "here", "x") != ring
+    assert browsers.figure_column(page, "cells", "value") == cells
     press(page, ESTIMATE, 1)
-    assert figure_column(page, "cells", "value") != cells
+    assert browsers.figure_column(page, "cells", "value") != cells
 
 
 WATCH = """
@@ -177,7 +166,7 @@ new MutationObserver(() => window.seen.push([
 @pytest.mark.kernel
 @pytest.mark.full
 def test_while_a_loop_is_not_explained_the_words_and_the_margin_of_the_one_before_are_hidden(page):
-    before, old = element_text(page, "headline"), figure_column(page, "traces", "T_sup")[-1]
+    before, old = browsers.element_text(page, "headline"), browsers.figure_column(page, "traces", "T_sup")[-1]
     page.execute_script(WATCH)
     press(page, TI, 7)
     changes = page.execute_script("return window.seen")
@@ -199,6 +188,9 @@ def test_ctrl_c_ends_it_in_a_line_and_the_page_says_so(browser_program, page):
     out, err = process.communicate(timeout=30)
     assert (process.returncode, out, err) == (0, "Ended.\n", "")
     end = time.monotonic() + 20
-    while "has ended" not in element_text(page, "headline") and time.monotonic() < end:
+    while "has ended" not in browsers.element_text(page, "headline") and time.monotonic() < end:
         time.sleep(0.05)
-    assert element_text(page, "headline") == "The program behind this page has ended: start fastcoil explore again."
+    assert (
+        browsers.element_text(page, "headline")
+        == "The program behind this page has ended: start fastcoil explore again."
+    )

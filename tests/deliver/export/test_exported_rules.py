@@ -100,12 +100,8 @@ def by_corners(now, p, memory):
         0.05 * abs(memory.N - memory.slope) + 0.001 * abs(now.u - up) + (0.0 if math.isnan(memory.level) else 0.001),
         0.1,
     )
-    return estimate, Memory(
-        math.nan if gone else after,
-        memory.N + 0.01,
-        memory.slope if math.isnan(memory.level) else memory.slope + 0.001,
-        last,
-    )
+    slope = memory.slope if math.isnan(memory.level) else memory.slope + 0.001
+    return estimate, Memory(math.nan if gone else after, memory.N + 0.01, slope, last)
 
 
 class Started(NamedTuple):

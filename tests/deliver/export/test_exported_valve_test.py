@@ -7,17 +7,8 @@ from itertools import product
 
 import numpy as np
 import pytest
-from helpers import rules
+from helpers import exported, rules
 from helpers.commands import assert_command_refused, fastcoil
-from helpers.exported import (
-    COMPILER_FLAGS,
-    WORST_DIFFERENCE,
-    has_differences,
-    load_module,
-    python_runner,
-    read_vectors,
-    skip_without_compiler,
-)
 from helpers.full import full_except
 from helpers.sentences import assert_worded
 from test_same_controller import break_law
@@ -68,17 +59,15 @@ def simulate_test_day(name, off_seconds, **values):
     dt = int(loop["sample_time"])
     T_set = day.series["T_set"][0]
     day = day.assign(enabled=enabled, T_set=T_set[0] + 0.3 * (T_set - T_set[0]))
-    ds = fc.simulate(
-        loop, day, test=fc.ValveTest(start=START, **SHORT | values), traces=["T_measured", "command", "test"],
-        trace_interval=dt, warm_up=0,
-    )  # fmt: skip
+    options = {"traces": ["T_measured", "command", "test"], "trace_interval": dt, "warm_up": 0}
+    ds = fc.simulate(loop, day, test=fc.ValveTest(start=START, **SHORT | values), **options)
     inputs = {n: np.ravel(day.series[n])[::dt] for n in ("T_set", "m_a")} | {"T_sup": ds["T_measured"].values}
     return inputs | {"enabled": enabled[::dt] > 0.0, "start_test": np.arange(0, enabled.size, dt) >= START}, ds
 
 
 def answers_of_python(code, rows):
     """Commands of the exported Python; it sees only the inputs that it has."""
-    laws = load_module(code)
+    laws = exported.load_module(code)
     s = laws.State()
     return np.array([(laws.step(s, **row, reset=False, start_command=0.0), s.test, s.test_aborted) for row in rows])
 
@@ -86,7 +75,7 @@ def answers_of_python(code, rows):
 def answers_of_c(code, rows):
     """Commands of the exported C, as a shared library."""
     library = code.with_suffix(".so")
-    subprocess.run(["gcc", *COMPILER_FLAGS, "-shared", "-fPIC", code, "-lm", "-o", library], check=True)
+    subprocess.run(["gcc", *exported.COMPILER_FLAGS, "-shared", "-fPIC", code, "-lm", "-o", library], check=True)
     step, state = ctypes.CDLL(str(library)).valve_step, ctypes.create_string_buffer(2**16)
     step.restype = ctypes.c_double
     kinds = {"enabled": ctypes.c_bool, "start_test": ctypes.c_bool}
@@ -94,30 +83,22 @@ def answers_of_c(code, rows):
     return np.array([[step(state, *row.values(), False, 0.0)] for row in rows])
 
 
-CASES = {
-    "to its end": (0.0, slice(0), {}),
-    "excursion": (1.0, slice(0), {"excursion": 0.35}),
-    "disabled": (4.0, slice(START + 100, START + 600), {}),
-}
-
-
+CASES = {"to its end": (0.0, slice(0), {}), "excursion": (1.0, slice(0), {"excursion": 0.35})}
+CASES["disabled"] = (4.0, slice(START + 100, START + 600), {})
 PYTHON = [("python", name) for name in LOOPS]
-KERNEL_CASES = [
-    *((*each, "to its end") for each in PYTHON),
-    ("python", "additive", "excursion"),
-    ("c", "learner", "disabled"),
-]
+KERNEL_CASES = [(*each, "to its end") for each in PYTHON]
+KERNEL_CASES += [("python", "additive", "excursion"), ("c", "learner", "disabled")]
 
 
 @pytest.mark.parametrize(
     ("language", "name", "case"), full_except(list(product(("python", "c"), LOOPS | MORE_LOOPS, CASES)), KERNEL_CASES)
 )
 def test_fed_with_the_kernels_temperatures_it_gives_the_kernels_commands(tmp_path, name, case, language):
-    skip_without_compiler(language)
+    exported.skip_without_compiler(language)
     aborted, off_seconds, values = CASES[case]
     record, ds = simulate_test_day(name, off_seconds, **values)
     code, stored = export(tmp_path, name, language, **values)
-    inputs = [n for n in read_vectors(stored)[0] if n in record]
+    inputs = [n for n in exported.read_vectors(stored)[0] if n in record]
     rows = [dict(zip(inputs, row, strict=True)) for row in zip(*(record[n].tolist() for n in inputs), strict=True)]
     answers = (answers_of_python if language == "python" else answers_of_c)(code, rows)
     np.testing.assert_allclose(answers[:, 0], ds["command"].values, rtol=0.0, atol=1e-12)
@@ -131,13 +112,15 @@ def test_fed_with_the_kernels_temperatures_it_gives_the_kernels_commands(tmp_pat
 
 @pytest.mark.parametrize(
     ("language", "name"),
-    full_except(list(product(WORST_DIFFERENCE, LOOPS | MORE_LOOPS)), [*PYTHON, ("c", "learner"), ("st", "smooth")]),
+    full_except(
+        list(product(exported.WORST_DIFFERENCE, LOOPS | MORE_LOOPS)), [*PYTHON, ("c", "learner"), ("st", "smooth")]
+    ),
 )
 def test_every_language_passes_vectors_that_hold_a_test_of_every_end(tmp_path, language, name):
-    skip_without_compiler(language)
+    exported.skip_without_compiler(language)
     files = export(tmp_path, name, language)
-    assert WORST_DIFFERENCE[language](*files) <= 1e-12
-    rows = read_vectors(files[1])
+    assert exported.WORST_DIFFERENCE[language](*files) <= 1e-12
+    rows = exported.read_vectors(files[1])
     ended = {b["test_aborted"] for a, b in zip(rows, rows[1:], strict=False) if a["test"] > b["test"]}
     assert ended == {0.0, 1.0, 2.0, 3.0, 4.0}
     assert files[0].read_text().isascii()
@@ -159,11 +142,11 @@ def test_a_broken_test_is_found_by_the_vectors(tmp_path):
     code, stored = export(tmp_path, "learner", "python")
     text = code.read_text()
     for law, broken_law in BREAKS:
-        assert has_differences(python_runner(break_law(text, law, broken_law)), stored), law
+        assert exported.has_differences(exported.python_runner(break_law(text, law, broken_law)), stored), law
 
 
 def test_it_begins_at_an_edge_alone_and_bad_readings_hold_it(tmp_path):
-    laws = load_module(export(tmp_path, "inverse", "python")[0])
+    laws = exported.load_module(export(tmp_path, "inverse", "python")[0])
     s = laws.State()
     run = [laws.step(s, 14.0, 14.0, True, True, False, 0.5) for _ in range(3)]
     assert s.test == 0.0  # on from the start is no edge
@@ -193,6 +176,5 @@ def test_the_command_has_it_by_an_option_or_by_the_file(tmp_path, monkeypatch):
     for name, options in (("bare", ["--test"]), ("full", []), ("full", ["--test"])):
         result = fastcoil("export", f"{name}.toml", "-o", "valve.c", *options)
         assert result.exit_code == 0, result.output
-        text = (tmp_path / "valve.c").read_text()
-        assert f"TEST_HOLD {150 if name == 'full' else 120}.0" in text
+        assert f"TEST_HOLD {150 if name == 'full' else 120}.0" in (tmp_path / "valve.c").read_text()
     assert_command_refused("export", ".", "--csv", "--test")

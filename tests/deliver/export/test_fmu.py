@@ -43,10 +43,8 @@ class Slave:
         description = fmpy.read_model_description(str(folder))
         self.variables = {variable.name: variable for variable in description.modelVariables}
         self.messages = []
-        self.fmu = FMU2Slave(
-            guid=guid or description.guid, unzipDirectory=str(folder), instanceName="one",
-            modelIdentifier=description.coSimulation.modelIdentifier,
-        )  # fmt: skip
+        names = {"instanceName": "one", "modelIdentifier": description.coSimulation.modelIdentifier}
+        self.fmu = FMU2Slave(guid=guid or description.guid, unzipDirectory=str(folder), **names)
         self.callbacks = callbacks = fmi2CallbackFunctions()  # FMPy does not keep them
         callbacks.logger = fmi2CallbackLoggerTYPE(lambda *arguments: self.messages.append(arguments[-1].decode()))
         self.fmu.instantiate(callbacks=callbacks)
@@ -86,9 +84,8 @@ def export_files(tmp_path_factory):
     def files(name, test=None):
         if name not in files_by_name:
             loop = fc.Loop(**PLAIN) if name == "plain" else loop_of(name)
-            files_by_name[name] = fc.export_controller(
-                loop, tmp_path_factory.mktemp(name) / "valve.fmu", "fmu", test=test
-            )
+            path = tmp_path_factory.mktemp(name) / "valve.fmu"
+            files_by_name[name] = fc.export_controller(loop, path, "fmu", test=test)
         return files_by_name[name]
 
     return files
@@ -111,16 +108,9 @@ def test_it_is_valid_and_gives_the_kernels_numbers(export_files, name, test):
     """Every vector, through FMPy."""
     path, stored = export_files(name, test)
     assert validate_fmu(str(path)) == []
-    inputs, outputs = (
-        {
-            variable.name
-            for variable in fmpy.read_model_description(str(path)).modelVariables
-            if variable.causality == causality
-        }
-        for causality in ("input", "output")
-    )
-    columns = read_vectors(stored)[0].keys()
-    assert inputs | outputs == columns
+    variables = fmpy.read_model_description(str(path)).modelVariables
+    inputs, outputs = ({v.name for v in variables if v.causality == side} for side in ("input", "output"))
+    assert inputs | outputs == read_vectors(stored)[0].keys()
     assert {"T_sup", "T_set", "enabled", "reset", "start_command"} <= inputs
     assert ("start_test" in inputs) == ("test_aborted" in outputs) == (test is not None)
     assert not has_differences(runner(unpack(path)), stored)
@@ -163,11 +153,8 @@ def test_it_acts_at_multiples_of_its_sample_time_whatever_the_communication_step
     # 280 s hold the cycles of 0, 15 … 270 s, and 285 s no other
     for h in (7.0, 28.0):
         assert slave_after(plain_folder, 280.0, h).u != slave_after(plain_folder, 266.0, 7.0).u
-    assert (
-        slave_after(plain_folder, 280.0, 1.0).u
-        == slave_after(plain_folder, 285.0, 1.0).u
-        != slave_after(plain_folder, 286.0, 1.0).u
-    )
+    at_280_s, at_285_s, at_286_s = (slave_after(plain_folder, seconds, 1.0).u for seconds in (280.0, 285.0, 286.0))
+    assert at_280_s == at_285_s != at_286_s
 
 
 def test_the_first_output_is_the_command_to_start_from_and_the_loop_goes_on_from_there(plain_folder):
@@ -218,8 +205,7 @@ def test_the_same_controller_has_the_same_bytes_and_another_one_another_guid(exp
     fc.export_controller(fc.Loop(**PLAIN), tmp_path / "valve.fmu", "fmu")
     assert (tmp_path / "valve.fmu").read_bytes() == path.read_bytes()
     fc.export_controller(fc.Loop(**PLAIN, kp=0.017), tmp_path / "valve.fmu", "fmu")
-    guids = {fmpy.read_model_description(str(fmu_path)).guid for fmu_path in (path, tmp_path / "valve.fmu")}
-    assert len(guids) == 2
+    assert len({fmpy.read_model_description(str(fmu_path)).guid for fmu_path in (path, tmp_path / "valve.fmu")}) == 2
 
 
 @pytest.mark.parametrize("compiler", [None, "false"])

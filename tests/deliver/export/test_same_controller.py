@@ -3,17 +3,10 @@
 import re
 import subprocess
 import sys
+from functools import cache
 
 import pytest
-from helpers.exported import (
-    COMPILER_FLAGS,
-    WORST_DIFFERENCE,
-    has_differences,
-    load_module,
-    python_runner,
-    read_vectors,
-    skip_without_compiler,
-)
+from helpers import exported
 from helpers.full import full_except
 from helpers.structured_text import Project
 
@@ -73,33 +66,29 @@ def loop_of(name):
 @pytest.fixture(scope="module")
 def export_files(tmp_path_factory):
     """(name, language) → the files of that export, made once."""
-    files_by_export = {}
 
+    @cache
     def files(name, language):
-        if (name, language) not in files_by_export:
-            folder = tmp_path_factory.mktemp(f"{name}_{language}")
-            files_by_export[name, language] = fc.export_controller(
-                loop_of(name), folder / f"valve{SUFFIXES[language]}", language
-            )
-        return files_by_export[name, language]
+        path = tmp_path_factory.mktemp(f"{name}_{language}") / f"valve{SUFFIXES[language]}"
+        return fc.export_controller(loop_of(name), path, language)
 
     return files
 
 
 @pytest.mark.parametrize("name", EACH_LOOP)
-@pytest.mark.parametrize("language", WORST_DIFFERENCE)
+@pytest.mark.parametrize("language", exported.WORST_DIFFERENCE)
 def test_every_language_gives_the_kernels_numbers(export_files, name, language):
     """C compiled without a warning; Structured Text by an interpreter of ours, with the program that checks it."""
-    skip_without_compiler(language)
+    exported.skip_without_compiler(language)
     files = export_files(name, language)
     # exp and log of the C library may differ from the kernel's in the last digit
-    assert WORST_DIFFERENCE[language](*files) <= (1e-12 if "identify" in name or name == "smooth" else 0.0)
+    assert exported.WORST_DIFFERENCE[language](*files) <= (1e-12 if "identify" in name or name == "smooth" else 0.0)
     text = files[0].read_text()
     assert text.isascii()
     assert max(map(len, text.splitlines())) <= 120 or name == "variants"
     assert not re.search(r"[ \t]$|\n\n\n\n", text, re.MULTILINE)
     if language == "python":
-        assert load_module(files[0]).check(files[1])
+        assert exported.load_module(files[0]).check(files[1])
 
 
 @pytest.mark.parametrize("name", EACH_LOOP)
@@ -118,7 +107,7 @@ def test_structured_text_keeps_clear_of_the_standards_own_names_and_its_loops_ar
 
 @pytest.mark.parametrize("name", EACH_LOOP)
 def test_the_vectors_go_through_all_that_a_controller_does(export_files, name):
-    rows = read_vectors(export_files(name, "python")[1])
+    rows = exported.read_vectors(export_files(name, "python")[1])
     pairs = [(a, b) for a, b in zip(rows, rows[1:], strict=False) if not b["reset"]]
     assert sum(row["reset"] for row in rows) >= 2.0
     assert sum(a["rising"] != b["rising"] for a, b in pairs) > 20
@@ -211,28 +200,24 @@ def test_a_law_that_is_broken_anywhere_is_found_by_the_vectors(export_files, bro
     text = code.read_text()
     for law, broken_law in zip(pairs[::2], pairs[1::2], strict=True):
         text = break_law(text, law, broken_law)
-    assert has_differences(python_runner(text), stored)
+    assert exported.has_differences(exported.python_runner(text), stored)
 
 
 def test_the_check_in_c_finds_a_broken_law_and_missing_vectors(export_files, tmp_path):
-    skip_without_compiler("c")
+    exported.skip_without_compiler("c")
     code, stored = export_files("inverse", "c")
     (tmp_path / "valve.c").write_text(code.read_text().replace("s->u > s->u_ext)", "s->u > s->u_ext + 0.1)"))
-    subprocess.run(
-        ["gcc", *COMPILER_FLAGS, "-DFASTCOIL_CHECK", "valve.c", "-lm", "-o", "broken"], cwd=tmp_path, check=True
-    )
+    command = ["gcc", *exported.COMPILER_FLAGS, "-DFASTCOIL_CHECK", "valve.c", "-lm", "-o", "broken"]
+    subprocess.run(command, cwd=tmp_path, check=True)
     for arguments in ([stored], ["missing.csv"], []):
-        process = subprocess.run(
-            [tmp_path / "broken", *arguments], cwd=tmp_path, check=False, capture_output=True, text=True
-        )
-        assert process.returncode == 1, arguments
+        command = [tmp_path / "broken", *arguments]
+        assert subprocess.run(command, cwd=tmp_path, check=False, capture_output=True).returncode == 1, arguments
 
 
 def test_the_check_in_structured_text_finds_a_broken_law(export_files):
     code, _, program = export_files("inverse", "st")
-    check = Project(code.read_text().replace("u > u_ext ", "u > u_ext + 0.1 "), program.read_text()).block(
-        "valve_check"
-    )
+    broken = code.read_text().replace("u > u_ext ", "u > u_ext + 0.1 ")
+    check = Project(broken, program.read_text()).block("valve_check")
     check()
     assert not check.same
 
@@ -243,9 +228,7 @@ DAMAGES = {
     "cut in a line": lambda text: text[:-9],
     "a row twice": lambda text: text + text.splitlines(keepends=True)[-1],
     "a digit": lambda text: re.sub(r"\.(\d)", lambda found: f".{9 - int(found[1])}", text, count=3),
-    "rows in another order": lambda text: "".join(
-        [*text.splitlines(keepends=True)[:-2], *text.splitlines(True)[:-3:-1]]
-    ),
+    "rows in another order": lambda text: "".join([*text.splitlines(True)[:-2], *text.splitlines(True)[:-3:-1]]),
     "no rows": lambda text: text[: text.index("T_sup,")],
     "nothing": lambda text: "",
 }
@@ -254,12 +237,12 @@ DAMAGES = {
 @pytest.mark.parametrize("language", ["python", "c"])
 def test_vectors_that_were_cut_or_edited_are_reported(export_files, tmp_path, language):
     """Line ends of another system are no edit."""
-    skip_without_compiler(language)
+    exported.skip_without_compiler(language)
     code, stored = export_files("inverse", language)
     program = [sys.executable, code]
     if language == "c":
         program = [tmp_path / "check"]
-        subprocess.run(["gcc", *COMPILER_FLAGS, "-DFASTCOIL_CHECK", code, "-lm", "-o", *program], check=True)
+        subprocess.run(["gcc", *exported.COMPILER_FLAGS, "-DFASTCOIL_CHECK", code, "-lm", "-o", *program], check=True)
     text = stored.read_text()
     damaged_file = tmp_path / "other.csv"
     for name, damage in [*UNDAMAGED.items(), *DAMAGES.items()]:

@@ -69,8 +69,7 @@ def test_each_of_several_loops_is_compared_with_what_was_predicted_of_it(swings_
 
 def test_a_loop_that_failed_has_no_plane(swings_and_prediction):
     ds, _ = swings_and_prediction
-    axes = fc.plot.limit_cycle(ds * np.nan)
-    assert [text.get_text() for text in axes.texts] == ["no finite value"]
+    assert [text.get_text() for text in fc.plot.limit_cycle(ds * np.nan).texts] == ["no finite value"]
     half = ds.where(ds.backlash > 0.0)
     assert np.isfinite(fc.plot.limit_cycle(half.assign_attrs(ds.attrs)).get_ylim()).all()
 

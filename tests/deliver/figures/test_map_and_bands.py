@@ -23,16 +23,14 @@ def test_a_map_has_the_median_in_every_cell(ds):
     expected = ds.rmse.median("day").transpose("backlash", "estimate_ratio").values
     np.testing.assert_allclose(np.asarray(axes.collections[0].get_array()).reshape(4, 4), expected)
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("estimate / backlash [%]", "backlash [%]")
-    scale = axes.figure.axes[-1]
-    assert scale.get_ylabel() == "RMS error [K]"
+    assert axes.figure.axes[-1].get_ylabel() == "RMS error [K]"
     assert "median of 6 days" in axes.get_title(loc="left").replace("\n", " ")
 
 
 def test_a_share_and_a_change_against_a_baseline_are_shown_in_per_cent(ds):
     axes = fc.plot.map(ds.share_off, x="backlash", y="estimate_ratio")
     assert axes.figure.axes[-1].get_ylabel().replace("\n", " ") == "share of time with |e| > 0.5 K [%]"
-    largest = 100 * float(ds.share_off.median("day").max())
-    assert np.asarray(axes.collections[0].get_array()).max() == pytest.approx(largest)
+    assert axes.collections[0].get_array().max() == pytest.approx(100 * float(ds.share_off.median("day").max()))
     change = fc.compare(ds, baseline={"estimate_ratio": 0.0}, over="day", metrics=["rmse"], relative=True)
     axes = fc.plot.map(change.rmse.sel(statistic="median"))
     assert axes.figure.axes[-1].get_ylabel().replace("\n", " ") == "change of RMS error [%]"

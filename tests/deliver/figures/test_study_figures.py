@@ -22,8 +22,7 @@ def study():
     rng = np.random.default_rng(1)
     metrics = {name: rng.random(SHAPE) for name in (*plots.STANDARD_METRICS, "water_volume")}
     coords = {"tuning": ["slow", "fast"], "backlash": [0.02, 0.05, 0.08], "estimate_ratio": [0.0, 0.5, 1.0, 1.5]}
-    dims = ("tuning", "backlash", "estimate_ratio", "day")
-    return make_result(dims, coords, {"title": "A question"}, **metrics)
+    return make_result(("tuning", "backlash", "estimate_ratio", "day"), coords, {"title": "A question"}, **metrics)
 
 
 def median_lines(axes):
@@ -54,8 +53,7 @@ def test_a_few_members_are_drawn_one_by_one_and_many_as_a_band(study):
     ds = ds.isel(estimate_ratio=0)
     (axes,) = plots.draw_panels(ds, "backlash", metrics=["rmse"]).axes
     assert not axes.collections
-    drawn_one_by_one = [line.get_ydata() for line in median_lines(axes)]
-    np.testing.assert_allclose(drawn_one_by_one, [*ds.rmse, ds.rmse.median("tuning")])
+    np.testing.assert_allclose([line.get_ydata() for line in median_lines(axes)], [*ds.rmse, ds.rmse.median("tuning")])
 
 
 @pytest.mark.parametrize("millimetres", full_except([84, 174, None], [84]))

@@ -11,37 +11,33 @@ import fastcoil as fc
 
 pytestmark = pytest.mark.kernel
 DRAWN_TRACES = ["T_sup", "command", "opening", "estimate"]
+DAY = fc.paper_day(hours=1)
 
 
 @pytest.fixture(scope="module")
-def day():
-    return fc.paper_day(hours=1)
-
-
-@pytest.fixture(scope="module")
-def ds(day):
-    return fc.simulate(fc.Loop(backlash=[0.0, 0.03, 0.07, 0.1]), day, traces=DRAWN_TRACES, trace_interval=20, n_jobs=1)
+def ds():
+    return fc.simulate(fc.Loop(backlash=[0.0, 0.03, 0.07, 0.1]), DAY, traces=DRAWN_TRACES, trace_interval=20, n_jobs=1)
 
 
 def lines_by_label(axes):
     return {line.get_label(): line for line in axes.lines}
 
 
-def test_a_scenario_has_its_temperature_with_the_set_point_and_its_valve_in_per_cent(ds, day):
-    above, below = fc.plot.traces(ds.isel(backlash=2), day)
+def test_a_scenario_has_its_temperature_with_the_set_point_and_its_valve_in_per_cent(ds):
+    above, below = fc.plot.traces(ds.isel(backlash=2), DAY)
     lines = lines_by_label(above)
     assert set(lines) == {"supply air", "set-point"}
     np.testing.assert_array_equal(lines["supply air"].get_xdata(), ds.elapsed_time / 3600)
     np.testing.assert_array_equal(lines["supply air"].get_ydata(), ds.T_sup[2])
-    np.testing.assert_array_equal(lines["set-point"].get_ydata(), day.series["T_set"][0, ::20])
+    np.testing.assert_array_equal(lines["set-point"].get_ydata(), DAY.series["T_set"][0, ::20])
     np.testing.assert_array_equal(lines_by_label(below)["opening"].get_ydata(), 100 * ds.opening[2])
     assert (above.get_ylabel(), below.get_ylabel()) == ("supply air [°C]", "valve [%]")
     assert below.get_xlabel() == "time from the start [h]"
     assert [text.get_text() for text in below.get_legend().get_texts()] == ["command", "opening"]
 
 
-def test_up_to_three_scenarios_are_named_by_what_differs_and_the_set_point_is_drawn_once(ds, day):
-    above, below = fc.plot.traces(ds.isel(backlash=[0, 2]), day)
+def test_up_to_three_scenarios_are_named_by_what_differs_and_the_set_point_is_drawn_once(ds):
+    above, below = fc.plot.traces(ds.isel(backlash=[0, 2]), DAY)
     names = [text.get_text() for text in above.get_legend().get_texts()]
     assert names == ["backlash = 0 %", "backlash = 7 %", "set-point"]
     np.testing.assert_array_equal(above.lines[1].get_ydata(), ds.T_sup[2])
@@ -58,10 +54,10 @@ def test_several_days_have_their_own_set_points():
     assert fc.plot.traces(ds.isel(day=1), days).lines[-1].get_ydata()[0] == 15
 
 
-def test_a_figure_of_its_own_is_a_column_wide_legible_of_our_colours_and_leaves_the_settings_of_the_user(ds, day):
+def test_a_figure_of_its_own_is_a_column_wide_legible_of_our_colours_and_leaves_the_settings_of_the_user(ds):
     with plt.rc_context({"font.size": 11.5, "axes.grid": False, "lines.linewidth": 3.5}):
         before = dict(plt.rcParams)
-        figures = [fc.plot.traces(part, day)[0].figure for part in (ds.isel(backlash=0), ds.isel(backlash=[0, 1, 2]))]
+        figures = [fc.plot.traces(part, DAY)[0].figure for part in (ds.isel(backlash=0), ds.isel(backlash=[0, 1, 2]))]
         assert dict(plt.rcParams) == before
     for figure in figures:
         assert figure.get_figwidth() == 3.5

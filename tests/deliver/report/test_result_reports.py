@@ -34,11 +34,8 @@ def report_text(result, path):
 
 def test_a_fit_says_its_size_its_error_held_back_and_what_a_study_takes(valve, tmp_path):
     text = report_text(valve, tmp_path / "valve.html")
-    low, high = valve.intervals["backlash"]
-    assert (
-        f"The gap is {100 * valve.parameters['backlash']:.2f} % of the stroke (95 %: {100 * low:.2f} to "
-        f"{100 * high:.2f} %)."
-    ) in text
+    gap, low, high = (f"{100 * value:.2f}" for value in (valve.parameters["backlash"], *valve.intervals["backlash"]))
+    assert f"The gap is {gap} % of the stroke (95 %: {low} to {high} %)." in text
     assert f"held back, the RMS error of the model is {valve.rmse['validation']:#.3g} kg/s" in text
     assert all(name in text for name in valve.parameters)
     assert " ".join(valve.to_toml().split()) in text
@@ -49,9 +46,8 @@ def test_a_fit_that_is_not_identified_says_so_first_and_names_from_a_log_are_sho
     intervals = {n: v for n, v in valve.intervals.items() if n != "backlash"}
     hostile_texts = {"source": "<script>x</script>.csv", "notes": ["</pre><img src=http://example.org/>"]}
     held = {"backlash": "not identified: too few turns"}
-    text = report_text(
-        replace(valve, parameters=parameters, intervals=intervals, held=held, **hostile_texts), tmp_path / "odd.html"
-    )
+    fit = replace(valve, parameters=parameters, intervals=intervals, held=held, **hostile_texts)
+    text = report_text(fit, tmp_path / "odd.html")
     assert text.index("Read this first backlash: not identified: too few turns") < text.index("Answer")
     assert "The log does not identify the size of the gap" in text
     assert "Valve fitted to <script>x</script>.csv" in text

@@ -66,8 +66,7 @@ def test_an_unfinished_or_damaged_study_is_not_reported(out, state):
         data[len(data) // 2] ^= 1
         (out / "results.nc").write_bytes(data)
     before = folder_contents(out)
-    exit_code = EXIT_INPUT if state == "unfinished" else EXIT_INTEGRITY
-    assert_command_refused("report", out, exit_code=exit_code)
+    assert_command_refused("report", out, exit_code=EXIT_INPUT if state == "unfinished" else EXIT_INTEGRITY)
     assert folder_contents(out) == before
 
 
@@ -112,24 +111,19 @@ def cells_by_row(table: Table):
 
 
 def test_changes_are_those_within_pairs():
-    rng = np.random.default_rng(1)
-    rmse = xr.DataArray(rng.uniform(0.1, 0.5, (3, 4, 9)), dims=("controller", "backlash", "day"))
+    rmse = xr.DataArray(np.random.default_rng(1).uniform(0.1, 0.5, (3, 4, 9)), dims=("controller", "backlash", "day"))
     rmse["controller"], rmse["backlash"] = ["pi", "half", "full"], [0.0, 0.02, 0.07, 0.1]
     ds = xr.Dataset({"rmse": rmse, "status": xr.zeros_like(rmse, dtype=np.int8), "motor_travel": 40 * rmse})
     ds["status"][2, 1, 3] = 1
     rmse[1, 0] = rmse[0, 0]  # ties
     tables = comparison_tables(ds)
-    cells_of_controller = cells_by_row(
-        next(table for table in tables if table.caption.startswith("Controller: against pi"))
-    )
+    cells_of_controller = cells_by_row(next(t for t in tables if t.caption.startswith("Controller: against pi")))
     relative = (rmse[2] / rmse[0]).where(ds["status"][2] == 0).values.ravel()
     relative = relative[np.isfinite(relative)] - 1
     assert cells_of_controller["full"]["change"] == f"{100 * np.median(relative):+.0f} %".replace("-", "−")
     assert cells_of_controller["full"]["lower in"] == f"{100 * np.mean(relative < 0):.0f} %"
-    low, high = np.quantile(relative, [0.05, 0.95])
-    assert cells_of_controller["full"]["5 to 95 % of pairs"] == f"{100 * low:+.0f} to {100 * high:+.0f} %".replace(
-        "-", "−"
-    )
+    low, high = (f"{100 * share:+.0f}".replace("-", "−") for share in np.quantile(relative, [0.05, 0.95]))
+    assert cells_of_controller["full"]["5 to 95 % of pairs"] == f"{low} to {high} %"
     assert cells_of_controller["pi"]["change"] == "baseline"
     lower = (rmse[1] < rmse[0]).values.sum() + 0.5 * 9
     assert cells_of_controller["half"]["lower in"] == f"{100 * lower / 36:.0f} %"
@@ -179,7 +173,6 @@ def test_numbers_shares_changes_and_settings_as_they_are_read():
                      9.996: "10.0", 1e-9: "1.00e-09", math.nan: "–", math.inf: "–", 159.4: "159"}  # fmt: skip
     assert {value: format_significant(value) for value in text_by_value} == text_by_value
     assert [format_change(x) for x in (-0.431, 0.004, -0.004, 1.87, math.nan)] == ["−43 %", "0 %", "0 %", "+187 %", "–"]
-    assert format_change_range(-0.7, 0.2) == "−70 to +20 %"
-    assert format_change_range(math.nan, 0.2) == "–"
+    assert (format_change_range(-0.7, 0.2), format_change_range(math.nan, 0.2)) == ("−70 to +20 %", "–")
     settings = {"backlash": 0.07, "kp": 0.03, "n_volumes": 8.0, "action": "heating"}
     assert [format_parameter(*each) for each in settings.items()] == ["7 %", "0.03 1/K", "8", "heating"]

@@ -129,8 +129,7 @@ def test_mistakes_are_told_together_before_any_log_is_read():
 
 
 def test_reading_options_are_those_of_read_log(building, surveyed):
-    log = (building / "a" / "worn.csv").read_text().replace("T_sup", "point 7")
-    (building / "renamed.csv").write_text(log)
+    (building / "renamed.csv").write_text((building / "a" / "worn.csv").read_text().replace("T_sup", "point 7"))
     read = {"columns": {"T_sup": "point 7"}}
     row = fc.survey(building / "renamed.csv", stroke_time=90.0, read=read).isel(valve=0)
     logs = {"log": fc.read_log(building / "renamed.csv", **read)}

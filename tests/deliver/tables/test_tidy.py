@@ -29,8 +29,7 @@ def ds():
     result = drawn_result(12, attrs=ATTRS)
     result = result.expand_dims(tuning=["as found", "faster"]).transpose("day", "tuning", "sample")
     result["learning_status"] = result.rmse * 0.0 + np.arange(12) % 6
-    meanings = "off learning stepped_down stopped no_evidence not_identifiable"
-    result["learning_status"].attrs = {"flag_meanings": meanings}
+    result["learning_status"].attrs["flag_meanings"] = "off learning stepped_down stopped no_evidence not_identifiable"
     result["T_sup"] = result.rmse.expand_dims(elapsed_time=3)
     result = result.copy(deep=True)
     result.rmse[0, 1, 2] = np.nan
@@ -76,8 +75,7 @@ def test_a_label_with_the_sign_of_a_comment_comes_back_whole(ds, tmp_path):
 def test_no_text_starts_a_formula_in_a_spreadsheet(ds, tmp_path):
     odd = ds.assign_coords(tuning=["=1+1", "@SUM(A1)"]).assign_attrs(title="fans, =HYPERLINK(1)")
     write_csv(TidyTable(odd, ("rmse",)), tmp_path / "t.csv")
-    text = (tmp_path / "t.csv").read_text()
-    assert text.startswith("# title: fans, '=HYPERLINK(1)\n")
+    assert (tmp_path / "t.csv").read_text().startswith("# title: fans, '=HYPERLINK(1)\n")
     assert set(pd.read_csv(tmp_path / "t.csv", comment="#").tuning) == {"'=1+1", "'@SUM(A1)"}
 
 

@@ -17,9 +17,6 @@ from fastcoil.loops.boundary.series import BOUNDARY_SERIES
 GOOD_SERIES = {"m_a": 1.0, "T_a_in": 25.0, "W_a_in": 0.01, "T_w_in": 7.0, "T_set": np.full(60, 14.0)}
 
 
-# ------------------------------------------------------------------------------------------------------ shapes
-
-
 def test_every_series_is_float64_days_by_steps_and_read_only():
     boundary = Boundary(**GOOD_SERIES)
     assert list(boundary.series) == list(BOUNDARY_SERIES)
@@ -56,26 +53,16 @@ def test_labels_alone_make_a_day_dim_and_one_number_does_not():
     np.testing.assert_array_equal(alone.day, [9])
 
 
-# ------------------------------------------------------------------------------------------------------- sameness
-
-
 def test_equality_and_digest_follow_names_labels_and_samples():
     boundary = Boundary(**GOOD_SERIES)
     assert boundary == Boundary(**GOOD_SERIES)
     assert hash(boundary) == hash(Boundary(**GOOD_SERIES))
     assert boundary != "boundary"
-    others = [
-        Boundary(**GOOD_SERIES | {"T_a_in": np.nextafter(25.0, 26.0)}),
-        Boundary(**GOOD_SERIES | {"m_a": 7.0, "T_w_in": 1.0}),
-        Boundary(**GOOD_SERIES, day=1),
-        Boundary(**GOOD_SERIES, day=[0]),
-        Boundary(**GOOD_SERIES | {"T_set": np.full(61, 14.0)}),
-    ]
-    assert len({boundary.sha256, *(other.sha256 for other in others)}) == 6
+    changes = [{"T_a_in": np.nextafter(25.0, 26.0)}, {"m_a": 7.0, "T_w_in": 1.0}, {"day": 1}, {"day": [0]}]
+    changes.append({"T_set": np.full(61, 14.0)})
+    assert len({boundary.sha256, *(Boundary(**GOOD_SERIES | change).sha256 for change in changes)}) == 6
     assert Boundary(**GOOD_SERIES, noise=-0.0) == boundary
 
-
-# --------------------------------------------------------------------------------------------------- bad input
 
 HOT = np.full((3, 60), 25.0)
 HOT[1, 40:43] = 61.0
@@ -110,11 +97,8 @@ def test_a_bad_series_or_label_is_refused(field, code, changes):
 @pytest.mark.parametrize("seed", [1, [5, 3]])
 def test_dataset_pickle_and_copy_round_trips(seed):
     boundary = paper_day(0.1, seed)
-    for other in (
-        Boundary.from_dataset(boundary.to_dataset()),
-        pickle.loads(pickle.dumps(boundary)),
-        copy.deepcopy(boundary),
-    ):
+    read = Boundary.from_dataset(boundary.to_dataset())
+    for other in (read, pickle.loads(pickle.dumps(boundary)), copy.deepcopy(boundary)):
         assert other == boundary
         np.testing.assert_array_equal(other.day, boundary.day)
         assert other.has_day_dim == boundary.has_day_dim

@@ -7,15 +7,7 @@ from scipy.signal import lfilter
 
 import fastcoil as fc
 from fastcoil.loops.boundary import days
-from fastcoil.loops.boundary.days import (
-    HEATING_DRIFTS,
-    SET_POINTS,
-    Drift,
-    constant_day,
-    design_day,
-    paper_day,
-    smooth_noise,
-)
+from fastcoil.loops.boundary.days import SET_POINTS, Drift, constant_day, design_day, paper_day, smooth_noise
 from fastcoil.model import moist_air
 
 
@@ -47,7 +39,7 @@ def test_paper_day_is_its_formula_with_a_stream_of_noise_for_each_signal():
 def test_heating_day_is_its_formula_with_a_stream_of_noise_for_each_signal():
     n = 9 * 3600
     series = {name: values[0] for name, values in fc.heating_day(9.0, 5, T_w_in=50.0).series.items()}
-    h, D, noise = np.arange(n) / 3600, slow_swing(n), noise_of(HEATING_DRIFTS, 5, n)
+    h, D, noise = np.arange(n) / 3600, slow_swing(n), noise_of(days.HEATING_DRIFTS, 5, n)
     expected = {
         "m_a": 0.9 + 0.2 * D + noise["m_a"],
         "T_a_in": 12.0 + 2.0 * D + noise["T_a_in"],

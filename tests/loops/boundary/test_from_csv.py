@@ -1,7 +1,5 @@
 """Trend logs: exact conversions of units, holds and straight lines, times, mistakes."""
 
-import warnings
-
 import numpy as np
 import pytest
 from helpers.refusals import assert_refused
@@ -105,15 +103,8 @@ def test_bad_arguments_are_refused(write_log, field, code, value):
     assert_refused(field, code, Boundary.from_csv, write_log(HEADER, ROWS), **{field: value})
 
 
-STAMPED_HEADER = ["timestamp", *HEADER[1:]]
 OUTDOORS = {"m_a": 1.2, "T_w_in": 7.0, "T_set": 14.0, "T_return": 24.0, "RH_return": 0.5, "outdoor_fraction": 1.0}
-
-
-def read_log_of(write_log, stamps, **options):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
-        rows = [[stamp, *row[1:]] for stamp, row in zip(stamps, ROWS, strict=True)]
-        return Boundary.from_csv(write_log(STAMPED_HEADER, rows), **options)
+pytestmark = pytest.mark.filterwarnings("ignore:hourly weather", "ignore:log.csv. timestamp")
 
 
 @pytest.mark.parametrize(
@@ -127,15 +118,14 @@ def read_log_of(write_log, stamps, **options):
     ],
 )
 def test_a_log_starts_at_its_first_timestamp_on_the_clock_that_wrote_it(write_log, stamps, start, zone):
-    boundary = read_log_of(write_log, stamps)
+    rows = [[stamp, *row[1:]] for stamp, row in zip(stamps, ROWS, strict=True)]
+    boundary = Boundary.from_csv(write_log(["timestamp", *HEADER[1:]], rows))
     np.testing.assert_array_equal(boundary.start, [np.datetime64(start, "s")])
     assert boundary.time_zone == zone
 
 
 def read_weather_day(path, **options):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
-        return weather_day(path, **OUTDOORS | {"hours": 1.0} | options)
+    return weather_day(path, **OUTDOORS | {"hours": 1.0} | options)
 
 
 @pytest.mark.parametrize(("form", "base"), [(epw, 1980), (tmy3, 1982)])
@@ -158,5 +148,4 @@ def test_weather_without_years_or_zone_tells_none(write_log, tmp_path):
     path = tmp_path / "site.epw"
     path.write_text("\n".join(epw(rows)).replace("-5.0,36.0", "here,36.0").replace("\n1986,", "\nnever,"))
     boundary = read_weather_day(path, month=6, day=14, hour=3)
-    assert boundary.start is None
-    assert boundary.time_zone == ""
+    assert (boundary.start, boundary.time_zone) == (None, "")

@@ -17,14 +17,8 @@ T_A_IN = np.linspace(20.0, 30.0, N)
 
 def make_day(label):
     """A day that its label decides."""
-    rng = np.random.default_rng(label)
-    return {
-        "m_a": 1.0 + 0.1 * rng.random(N),
-        "T_a_in": T_A_IN + label,
-        "W_a_in": 0.01,
-        "T_w_in": 7.0,
-        "T_set": np.where(np.arange(N) < 450, 13.0, 14.0),
-    }
+    m_a, T_set = 1.0 + 0.1 * np.random.default_rng(label).random(N), np.where(np.arange(N) < 450, 13.0, 14.0)
+    return {"m_a": m_a, "T_a_in": T_A_IN + label, "W_a_in": 0.01, "T_w_in": 7.0, "T_set": T_set}
 
 
 def held_boundary(labels, day_maker=make_day):
@@ -38,13 +32,11 @@ def streamed_boundary(labels=(3, 1, 2), day_maker=make_day, **options):
 
 def test_a_stream_is_the_same_boundary_as_its_days_in_memory():
     stream, held = streamed_boundary(), held_boundary([3, 1, 2])
-    assert stream.is_streamed
-    assert not held.is_streamed
+    assert (stream.is_streamed, held.is_streamed) == (True, False)
     assert (stream.n_days, stream.n_steps, stream.hours, stream.has_day_dim) == (3, N, 0.25, True)
     assert stream == held
-    assert stream.sha256 == held.sha256
-    assert stream.day_sha256 == held.day_sha256
-    assert stream.extremes == held.extremes
+    for name in ("sha256", "day_sha256", "extremes"):
+        assert getattr(stream, name) == getattr(held, name)
     assert stream.describe() == held.describe()
     for k in range(3):
         of_stream, of_held = stream.of_day(k), held.of_day(k)

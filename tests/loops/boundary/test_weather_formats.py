@@ -1,7 +1,5 @@
 """EPW and TMY3 files as they are distributed: the same weather as in a CSV file, dates, gaps, every mistake."""
 
-import warnings
-
 import numpy as np
 import pytest
 from helpers.refusals import assert_refused
@@ -9,15 +7,13 @@ from helpers.weather_years import CSV_HEADER, epw, hours_from, tmy3
 
 from fastcoil.loops.boundary.weather import weather_day
 
-PLANT = {"m_a": 1.2, "T_w_in": 7.0, "T_set": 14.0, "T_return": 24.0, "RH_return": 0.5}
-OUTDOORS = PLANT | {"outdoor_fraction": 1.0}
+pytestmark = pytest.mark.filterwarnings("ignore:.* weather is interpolated")
+OUTDOORS = {"m_a": 1.2, "T_w_in": 7.0, "T_set": 14.0, "T_return": 24.0, "RH_return": 0.5, "outdoor_fraction": 1.0}
 JUNE = hours_from(6, 14, 72)
 
 
 def read_weather_day(path, **options):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
-        return weather_day(path, **OUTDOORS | options)
+    return weather_day(path, **OUTDOORS | options)
 
 
 @pytest.fixture
@@ -63,16 +59,11 @@ def test_four_records_an_hour_stand_at_the_ends_of_their_quarters(put):
 
 
 def test_march_begins_a_day_later_in_a_file_with_the_29th_of_february(put):
-    leap, usual = hours_from(2, 27, 96, leap=True), hours_from(2, 27, 96)
-    assert (
-        read_weather_day(put(epw(leap)), start_hour=24 * 59 + 5).series["T_a_in"][0, 0] == leap[52]["T"]
-    )  # 29 February
-    assert read_weather_day(put(epw(leap)), month=3, day=1, hour=5) == read_weather_day(
-        put(epw(leap)), start_hour=24 * 60 + 5
-    )
-    assert read_weather_day(put(epw(usual)), month=3, day=1, hour=5) == read_weather_day(
-        put(epw(usual)), start_hour=24 * 59 + 5
-    )
+    for leap in (True, False):
+        rows = hours_from(2, 27, 96, leap=leap)
+        path, start_hour = put(epw(rows)), 24 * (60 if leap else 59) + 5
+        assert read_weather_day(path, month=3, day=1, hour=5) == read_weather_day(path, start_hour=start_hour)
+        assert read_weather_day(path, start_hour=24 * 59 + 5).series["T_a_in"][0, 0] == rows[52]["T"]
 
 
 def test_letters_of_another_code_page_line_ends_of_windows_and_quotes_in_remarks_do_no_harm(put):

@@ -27,9 +27,8 @@ def noon_values(series):
 
 def test_the_fan_runs_in_its_hours_on_weekdays_and_the_loop_is_off_outside(tmp_path):
     path = write_weather(tmp_path, 30.0, days=9)
-    year = fc.weather_year(
-        path, **CALM_YEAR, fan_hours=[6.5, 18], weekend_fan_hours=[8, 12], holidays=["1-2"], set_point="fixed"
-    )
+    fan = {"fan_hours": [6.5, 18], "weekend_fan_hours": [8, 12], "holidays": ["1-2"]}
+    year = fc.weather_year(path, **CALM_YEAR, **fan, set_point="fixed")
     for k in range(9):  # 2023 begins with a Sunday
         begin, end = (8, 12) if k in (0, 1, 6, 7) else (6.5, 18)
         clock = np.arange(86400) / 3600
@@ -38,8 +37,7 @@ def test_the_fan_runs_in_its_hours_on_weekdays_and_the_loop_is_off_outside(tmp_p
         np.testing.assert_array_equal(series["m_a"] > 0, runs)
         np.testing.assert_array_equal(series["enabled"], runs)  # 30 degC outdoors: the coil always has to cool
     rests = fc.weather_year(path, **CALM_YEAR).of_day(0)
-    assert not rests["m_a"].any()
-    assert not rests["enabled"].any()
+    assert not (rests["m_a"] + rests["enabled"]).any()
 
 
 def test_days_have_dates_and_labels_and_can_be_chosen(tmp_path):
@@ -104,10 +102,9 @@ def test_the_coil_is_off_where_the_economiser_is_enough(tmp_path, T_out, enabled
 def test_the_set_point_follows_the_outdoor_air_between_its_hours(tmp_path):
     path = write_weather(tmp_path, lambda h: 10.0 + h % 24)
     series = series_on_day(path, set_point="outdoor_reset", T_design=35.0)
-    clock = np.arange(86400) / 3600
-    later = clock >= 0  # straight between hours; at midnight from hour 23 to hour 24
-    T_out = np.interp(clock, np.arange(25), [10.0, *(10.0 + np.arange(1, 24)), 10.0])
-    np.testing.assert_allclose(series["T_set"][later], np.interp(T_out, [16, 21], [18, 13]), atol=1e-9)
+    # straight between hours; at midnight from hour 23 to hour 24
+    T_out = np.interp(np.arange(86400) / 3600, np.arange(25), [*(10.0 + np.arange(24)), 10.0])
+    np.testing.assert_allclose(series["T_set"], np.interp(T_out, [16, 21], [18, 13]), atol=1e-9)
 
 
 def test_air_flow_follows_the_load_between_least_and_design(tmp_path):
@@ -134,9 +131,8 @@ def test_water_is_fixed_or_follows_the_load_or_the_weather(tmp_path, mode, water
 
 
 def test_a_heating_coil_warms_cold_mixed_air(tmp_path):
-    noon = noon_values(
-        series_on_day(write_weather(tmp_path, 2.5), mode="heating", T_design=-10.0, outdoor_air_min=0.45)
-    )
+    path = write_weather(tmp_path, 2.5)
+    noon = noon_values(series_on_day(path, mode="heating", T_design=-10.0, outdoor_air_min=0.45))
     assert noon["T_set"] == pytest.approx(24.0)  # half way between -10 and 15 degC: between 30 and 18
     assert noon["m_a"] == pytest.approx(0.9)
     assert noon["T_a_in"] == pytest.approx((21.0 + 2.5) / 2, abs=0.03)

@@ -6,11 +6,12 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 import reference
+from helpers.stems import stem_positions
 from hypothesis import given
 from hypothesis import strategies as st
 
 from fastcoil.model.control import FALLING, RISING, inverse_command, next_extreme, next_mode
-from fastcoil.model.physics import backlash, opening
+from fastcoil.model.physics import opening
 
 # halts, and both ends of the stroke, more often than chance would have them
 OPENINGS = st.lists(st.one_of(st.floats(0.0, 1.0), st.sampled_from([0.0, 1.0, 0.3, 0.5])), min_size=1, max_size=60)
@@ -34,22 +35,18 @@ def step_inverse(state, u, estimate, buffer=0.0):
 
 
 def inverse_states(desired, estimate, buffer=0.0):
-    states = accumulate(desired, lambda state, u: step_inverse(state, u, estimate, buffer), initial=State())
-    return list(states)[1:]
+    return list(accumulate(desired, lambda state, u: step_inverse(state, u, estimate, buffer), initial=State()))[1:]
 
 
 def cascade_openings(desired, estimate, x_bl, buffer=0.0):
     """Openings behind inverse and gearbox."""
-    q, openings = 0.0, []
-    for state in inverse_states(desired, estimate, buffer):
-        q = backlash(q, state.command, x_bl)
-        openings.append(opening(q, x_bl))
-    return np.array(openings)
+    commands = [state.command for state in inverse_states(desired, estimate, buffer)]
+    return np.array([opening(q, x_bl) for q in stem_positions(commands, x_bl)])
 
 
 @given(OPENINGS, BACKLASHES, st.sampled_from([0.0, 1e-9, 0.01, 0.2]))
 def test_equals_the_references(desired, estimate, buffer):
-    command, mode, u_ext = 0.0, reference.FALLING, 0.0
+    command, mode, u_ext = 0.0, FALLING, 0.0
     for u, state in zip(desired, inverse_states(desired, estimate, buffer), strict=True):
         command, mode, u_ext = reference.backlash_inverse(u, estimate, buffer, mode, u_ext, command)
         assert state == (mode, u_ext, command)
@@ -64,10 +61,7 @@ def test_exact_estimate_makes_the_cascade_the_identity(desired, x_bl):
 def test_under_estimate_leaves_a_smaller_play_with_a_gain(desired, x_bl, ratio):
     estimate = ratio * x_bl
     width, gain = (x_bl - estimate) / (1.0 - estimate), (1.0 - estimate) / (1.0 - x_bl)
-    q, expected = 0.0, []
-    for u in desired:
-        q = backlash(q, u, width)
-        expected.append(gain * q)
+    expected = gain * stem_positions(desired, width)
     np.testing.assert_allclose(cascade_openings(desired, estimate, x_bl), expected, rtol=0.0, atol=1e-15 / (1.0 - x_bl))
 
 

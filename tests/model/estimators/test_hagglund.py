@@ -16,9 +16,8 @@ def estimates_after(errors, p=PARAMETERS, u=0.5, estimate=0.0):
     memory, estimates = hagglund.initial_memory(p), []
     for k, e in enumerate(errors):
         t = (k + 1.0) * p.sample_time
-        estimate, memory = hagglund.update_estimate(
-            Sample(t, 14.0, 1.0, 14.0 + e, e, u, 0.5, 1.0, 0.0, estimate, 0.0), p, memory
-        )
+        now = Sample(t, 14.0, 1.0, 14.0 + e, e, u, 0.5, 1.0, 0.0, estimate, 0.0)
+        estimate, memory = hagglund.update_estimate(now, p, memory)
         estimates.append(float(estimate))
     return np.array(estimates), memory
 

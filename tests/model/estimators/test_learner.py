@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.model.estimators.learner import (
-    EVIDENCE_ENOUGH,
-    EVIDENCE_QUIET,
-    EVIDENCE_UNMEASURABLE,
-    classify_interval,
-    is_chatter,
-    next_estimate,
-)
+from fastcoil.model.estimators import learner
 from fastcoil.model.metric_table import LEARNING_STATUS_MEANINGS
 
 STEP = 0.007
@@ -19,14 +12,14 @@ LEARNING_LOOP = {"learning_step": STEP, "learning_interval": 600.0}
 
 
 def test_chatters_above_the_ratio_of_the_reference_or_the_floor():
-    assert [bool(is_chatter(f, 4.0, 2.0, 0.0)) for f in (8.0, 8.1)] == [False, True]
-    assert [bool(is_chatter(f, 1.0, 2.0, 3.0)) for f in (5.9, 6.1)] == [False, True]
-    assert [bool(is_chatter(f, 0.0, 2.0, 0.0)) for f in (0.0, 0.1)] == [False, True]
+    assert [bool(learner.is_chatter(f, 4.0, 2.0, 0.0)) for f in (8.0, 8.1)] == [False, True]
+    assert [bool(learner.is_chatter(f, 1.0, 2.0, 3.0)) for f in (5.9, 6.1)] == [False, True]
+    assert [bool(learner.is_chatter(f, 0.0, 2.0, 0.0)) for f in (0.0, 0.1)] == [False, True]
 
 
 def test_next_estimate_steps_within_start_and_cap():
-    up = [next_estimate(x_hat, STEP, False, 0.007, 0.25) for x_hat in (0.014, 0.245, 0.25)]
-    down = [next_estimate(x_hat, STEP, True, 0.007, 0.25) for x_hat in (0.014, 0.010, 0.007)]
+    up = [learner.next_estimate(x_hat, STEP, False, 0.007, 0.25) for x_hat in (0.014, 0.245, 0.25)]
+    down = [learner.next_estimate(x_hat, STEP, True, 0.007, 0.25) for x_hat in (0.014, 0.010, 0.007)]
     assert up == pytest.approx([0.021, 0.25, 0.25], abs=1e-16)
     assert down == pytest.approx([0.007, 0.007, 0.007], abs=1e-16)
 
@@ -93,15 +86,15 @@ def test_after_a_first_interval_without_switches_any_switch_is_chatter(one_hour_
 
 
 def test_an_interval_is_evidence_unless_it_is_quiet_or_no_reference():
-    assert classify_interval(0.0, 0.0, -1.0, 30.0, 0.0, 1.0) == EVIDENCE_ENOUGH
-    assert classify_interval(0.0, 0.0, -1.0, 30.0, 1.0, 1.0) == EVIDENCE_QUIET
-    assert classify_interval(0.0, 0.0, 3.0, 30.0, 1.0, 1.0) == EVIDENCE_QUIET
-    assert classify_interval(1.0, 0.3, -1.0, 30.0, 1.0, 1.0) == EVIDENCE_ENOUGH
+    assert learner.classify_interval(0.0, 0.0, -1.0, 30.0, 0.0, 1.0) == learner.EVIDENCE_ENOUGH
+    assert learner.classify_interval(0.0, 0.0, -1.0, 30.0, 1.0, 1.0) == learner.EVIDENCE_QUIET
+    assert learner.classify_interval(0.0, 0.0, 3.0, 30.0, 1.0, 1.0) == learner.EVIDENCE_QUIET
+    assert learner.classify_interval(1.0, 0.3, -1.0, 30.0, 1.0, 1.0) == learner.EVIDENCE_ENOUGH
     # at a sample time of 30 s there are 20 samples, and at most 20 switches, in 10 min
-    assert classify_interval(60.0, 20.0, -1.0, 30.0, 0.0, 1.0) == EVIDENCE_ENOUGH
-    assert classify_interval(24.0, 8.0, -1.0, 30.0, 0.0, 0.4) == EVIDENCE_ENOUGH
-    assert classify_interval(25.0, 8.4, -1.0, 30.0, 0.0, 0.4) == EVIDENCE_UNMEASURABLE
-    assert classify_interval(25.0, 8.4, 2.0, 30.0, 0.0, 0.4) == EVIDENCE_ENOUGH
+    assert learner.classify_interval(60.0, 20.0, -1.0, 30.0, 0.0, 1.0) == learner.EVIDENCE_ENOUGH
+    assert learner.classify_interval(24.0, 8.0, -1.0, 30.0, 0.0, 0.4) == learner.EVIDENCE_ENOUGH
+    assert learner.classify_interval(25.0, 8.4, -1.0, 30.0, 0.0, 0.4) == learner.EVIDENCE_UNMEASURABLE
+    assert learner.classify_interval(25.0, 8.4, 2.0, 30.0, 0.0, 0.4) == learner.EVIDENCE_ENOUGH
 
 
 @pytest.mark.kernel
@@ -155,5 +148,5 @@ def test_the_status_of_learning_has_cf_flags_and_is_off_without_it(one_hour_day)
     assert ds.learning_status.attrs["flag_meanings"].split() == list(LEARNING_STATUS_MEANINGS)
     assert ds.learning_status.attrs["flag_values"].tolist() == list(range(len(LEARNING_STATUS_MEANINGS)))
     assert float(ds.learning_status) == 0.0
-    learner = fc.simulate(fc.Loop(**LEARNING_LOOP), one_hour_day, command=np.full(3600, 0.5))
-    assert float(learner.learning_status) == 0.0
+    open_loop = fc.simulate(fc.Loop(**LEARNING_LOOP), one_hour_day, command=np.full(3600, 0.5))
+    assert float(open_loop.learning_status) == 0.0

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from helpers.twins import assert_equal_to_reference
 
 import fastcoil as fc
-from fastcoil.model.metric_table import METRICS
+from fastcoil.model.metric_table import TRACES
 
 pytestmark = pytest.mark.kernel
 
@@ -42,23 +43,11 @@ CASES = {
 }
 
 
-TRACES = ("estimate", "u", "T_sup", "mode")
-
-
-def assert_twins(ds, traces, metrics, tolerance):
-    """Traces and metrics within a tolerance, modes exactly."""
-    for name in TRACES:
-        atol = 0.0 if name == "mode" else tolerance
-        np.testing.assert_allclose(ds[name].values, traces[name], rtol=0.0, atol=atol, err_msg=name)
-    for name in METRICS:
-        np.testing.assert_allclose(ds[name].values, metrics[name], rtol=0.0, atol=tolerance, err_msg=name)
-
-
 @pytest.mark.parametrize("name", CASES)
 def test_estimators_are_their_twins(name, one_hour_day, run_reference):
     values, series = CASES[name]
     day = fc.Boundary(**{n: s[0] for n, s in one_hour_day.series.items()} | series, day=7)
     options = {"warm_up": WARM_UP_S, "seed": 3}
-    ds = fc.simulate(fc.Loop(**values), day, traces=TRACES, **options)
-    assert_twins(ds, *run_reference(fc.Loop(**values), day, **options), 1e-9)
+    ds = fc.simulate(fc.Loop(**values), day, traces=list(TRACES), **options)
+    assert_equal_to_reference(ds, *run_reference(fc.Loop(**values), day, **options))
     assert np.unique(ds.estimate).size > 1

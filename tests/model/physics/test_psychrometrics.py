@@ -50,21 +50,12 @@ def test_between_0_01_and_50_degrees_saturation_is_what_it_always_was():
     assert hashlib.sha256(W_s.astype("<f8").tobytes()).hexdigest()[:16] == "95dd2b4834d08762"
 
 
-@pytest.mark.parametrize(
-    ("T", "W_s", "h_s"),
-    [
-        (5, 5.402, 18.590),
-        (10, 7.630, 29.285),
-        (15, 10.647, 42.016),
-        (20, 14.695, 57.419),
-        (25, 20.081, 76.307),
-        (30, 27.203, 99.732),
-    ],
-)
-def test_published_saturation_values(T, W_s, h_s):
-    humidity_ratio = saturation_humidity_ratio(float(T), 101325.0)
-    assert round(1000.0 * humidity_ratio, 3) == W_s
-    assert round(enthalpy_difference(float(T), humidity_ratio, 0.0, 0.0), 3) == h_s
+def test_published_saturation_values():
+    T = [5.0, 10.0, 15.0, 20.0, 25.0, 30.0]
+    W_s = [saturation_humidity_ratio(each, 101325.0) for each in T]
+    h_s = [enthalpy_difference(*pair, 0.0, 0.0) for pair in zip(T, W_s, strict=True)]
+    assert [round(1000.0 * each, 3) for each in W_s] == [5.402, 7.630, 10.647, 14.695, 20.081, 27.203]
+    assert [round(each, 3) for each in h_s] == [18.590, 29.285, 42.016, 57.419, 76.307, 99.732]
 
 
 @pytest.mark.parametrize("pressure", PRESSURES)

@@ -1,12 +1,15 @@
 """Stick-slip, and a motor with a neutral zone: the published charts, and what must hold of any such valve."""
 
+from itertools import accumulate, pairwise
+
 import numpy as np
 import pytest
 import reference
+from helpers.stems import stem_positions
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fastcoil.model.physics import backlash, motor_position, move_with_dead_zone, opening, stick_slip
+from fastcoil.model.physics import motor_position, move_with_dead_zone, opening, stick_slip
 
 FRACTION = st.floats(0.0, 1.0, allow_subnormal=False)
 POSITIONS = st.lists(st.one_of(FRACTION, st.sampled_from([0.0, 1.0, 0.3, 0.5])), min_size=1, max_size=60)
@@ -17,19 +20,15 @@ VALVES = [(0.07, 0.02), (0.1, 0.1), (0.3, 0.013), (0.9, 0.45), (0.007, 0.003)]
 def random_positions(seed, n):
     """Moves of all sizes, halts, and runs into both ends of the stroke."""
     rng = np.random.default_rng(seed)
-    positions, position = [], 0.0
-    for move in rng.choice([0.0, 0.003, 0.03, 0.3], n) * rng.standard_normal(n):
-        position = min(max(position + move, 0.0), 1.0)
-        positions.append(position)
-    return positions
+    moves = rng.choice([0.0, 0.003, 0.03, 0.3], n) * rng.standard_normal(n)
+    return list(accumulate(moves, lambda position, move: min(max(position + move, 0.0), 1.0), initial=0.0))[1:]
 
 
 def move_stem(positions, S, J):
     """q and direction of a stem that starts stuck at 0."""
-    q, direction, previous, moves = 0.0, 0.0, 0.0, []
-    for position in positions:
+    q, direction, moves = 0.0, 0.0, []
+    for previous, position in pairwise([0.0, *positions]):
         q, direction = stick_slip(q, direction, position, previous, S, J)
-        previous = position
         moves.append((q, direction))
     return np.array(moves).T
 
@@ -37,11 +36,9 @@ def move_stem(positions, S, J):
 @pytest.mark.parametrize(("S", "J"), VALVES)
 def test_equals_the_published_chart(S, J):
     positions = random_positions(1, 4000)
-    chart, chart_moves = reference.StickSlip(S, J), []
-    for position in positions:
-        chart_moves.append((chart.move(position)[1], 0.0 if chart.stp else chart.d))
-    q, direction = move_stem(positions, S, J)
-    openings, directions = np.array(chart_moves).T
+    chart = reference.StickSlip(S, J)
+    chart_moves = [(chart.move(position)[1], 0.0 if chart.stp else chart.d) for position in positions]
+    (q, direction), (openings, directions) = move_stem(positions, S, J), np.transpose(chart_moves)
     np.testing.assert_array_equal(direction, directions)
     np.testing.assert_allclose([opening(each, S - J) for each in q], openings, rtol=0.0, atol=1e-15)
     assert {-1.0, 0.0, 1.0} == set(direction)
@@ -50,11 +47,7 @@ def test_equals_the_published_chart(S, J):
 @pytest.mark.parametrize("S", [0.0, 0.07, 0.15, 0.9])
 def test_without_a_jump_it_is_equation_1_to_the_bit(S):
     positions = random_positions(2, 20000)
-    q, play = 0.0, []
-    for position in positions:
-        q = backlash(q, position, S)
-        play.append(q)
-    np.testing.assert_array_equal(move_stem(positions, S, 0.0)[0], play)
+    np.testing.assert_array_equal(move_stem(positions, S, 0.0)[0], stem_positions(positions, S))
 
 
 @given(POSITIONS, BANDS, FRACTION)
@@ -106,8 +99,5 @@ def test_a_motor_is_the_references(zone, stroke_time):
 
 @given(st.lists(FRACTION, min_size=1, max_size=40), st.sampled_from([0.01, 0.2, np.inf]))
 def test_without_a_zone_the_motor_follows_every_target_to_the_bit(targets, max_travel):
-    position, expected = 0.0, []
-    for target in targets:
-        position = motor_position(position, target, max_travel)
-        expected.append(position)
-    assert run_motor(targets, max_travel, 0.0).tolist() == expected
+    expected = accumulate(targets, lambda position, target: motor_position(position, target, max_travel), initial=0.0)
+    assert run_motor(targets, max_travel, 0.0).tolist() == list(expected)[1:]

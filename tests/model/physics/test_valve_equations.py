@@ -4,14 +4,16 @@ Eq (1) must keep the laws of a play operator; Eq (2) must equal an equal-percent
 """
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
 import reference
+from helpers.stems import stem_positions
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fastcoil.model.physics import backlash, installed_valve, opening, water_flow
+from fastcoil.model.physics import installed_valve, opening, water_flow
 
 FRACTION = st.floats(0.0, 1.0, allow_subnormal=False)
 # halts, and both ends of the stroke, more often than chance would have them
@@ -31,34 +33,16 @@ VALVES = [(50.0, 0.3, 1.8), (30.0, 0.9, 2.0), (50.0, 0.05, 0.4), (1.5, 0.5, 1.0)
 # Eq (1)
 
 
-def stem_positions(positions, x_bl):
-    """Stem positions of a motor that starts, like the stem, at 0."""
-    q, stem = 0.0, []
-    for position in positions:
-        q = backlash(q, position, x_bl)
-        stem.append(q)
-    return np.array(stem)
-
-
-def printed_openings(positions, x_bl):
-    x, previous, openings = 0.0, 0.0, []
-    for position in positions:
+@given(POSITIONS, BACKLASHES)
+def test_equals_the_three_printed_branches(positions, x_bl):
+    x, printed_openings = 0.0, []
+    for previous, position in pairwise([0.0, *positions]):
         x, open_ = reference.backlash(position, previous, x, x_bl)
-        previous = position
-        openings.append(open_)
-    return np.array(openings)
-
-
-def assert_equals_printed(positions, x_bl):
+        printed_openings.append(open_)
     openings = [opening(q, x_bl) for q in stem_positions(positions, x_bl)]
     # the printed x is a running sum: its round-off grows with the number of moves, and α stretches it
     tolerance = 2e-16 * len(positions) / (1.0 - x_bl) + 1e-15
-    np.testing.assert_allclose(openings, printed_openings(positions, x_bl), rtol=0.0, atol=tolerance)
-
-
-@given(POSITIONS, BACKLASHES)
-def test_equals_the_three_printed_branches(positions, x_bl):
-    assert_equals_printed(positions, x_bl)
+    np.testing.assert_allclose(openings, printed_openings, rtol=0.0, atol=tolerance)
 
 
 @pytest.mark.parametrize(
@@ -122,11 +106,9 @@ def test_curve_is_the_printed_formula(curve):
 
 @pytest.mark.parametrize("valve", VALVES)
 def test_installed_valve_is_the_hydraulic_circuit(valve):
-    rangeability, authority, m_full = valve
-    curve = installed_valve(*valve)
+    (rangeability, authority, m_full), curve = valve, installed_valve(*valve)
     # coil and pipes in series with the valve, fully open: the valve takes the share `authority` of 1 Pa
-    coil = (1.0 - authority) / m_full**2
-    open_valve = authority / m_full**2
+    coil, open_valve = (1.0 - authority) / m_full**2, authority / m_full**2
     for open_ in OPENINGS:
         inherent = rangeability ** (open_ - 1.0)
         m_w = math.sqrt(1.0 / (coil + open_valve / inherent**2))

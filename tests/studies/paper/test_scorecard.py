@@ -42,7 +42,7 @@ def test_the_scorecard_has_every_claim_with_all_fields_on_every_kind_of_day(card
 
 
 @pytest.mark.parametrize(
-    ("name", "one", "factor", "other"),
+    ("name", "case", "factor", "other_case"),
     [
         ("rises", "100 %", 1.01, "120 %"),
         ("against best PI", "95 %", 1 / 0.99, "best PI"),
@@ -51,8 +51,8 @@ def test_the_scorecard_has_every_claim_with_all_fields_on_every_kind_of_day(card
         ("against dead band", "95 %", 1 / 0.99, "dead band"),
     ],
 )
-def test_a_share_is_what_plain_python_counts(folder, card, name, one, factor, other):
-    """Tunings × days of a kind on which the other error exceeds one by over 1 %; without those that always hunt."""
+def test_a_share_is_what_plain_python_counts(folder, card, name, case, factor, other_case):
+    """Tunings × days of a kind on which the error of the other case is over 1 % larger, without those that hunt."""
     quiet, days = load(folder / "grid_quiet.nc"), load(folder / "grid_days.nc")
     (claim,) = (c for c in card["claims"] if c["name"] == name)
     for kind in card["kinds"]:
@@ -60,7 +60,7 @@ def test_a_share_is_what_plain_python_counts(folder, card, name, one, factor, ot
         for tuning in quiet.tuning.values:
             if not bool(quiet.hunts.sel(case="no backlash", tuning=tuning)):
                 rmse = days.rmse.sel(kind=kind, tuning=tuning)
-                pairs = zip(rmse.sel(case=one).values, rmse.sel(case=other).values, strict=True)
+                pairs = zip(rmse.sel(case=case).values, rmse.sel(case=other_case).values, strict=True)
                 exceeds += [b > factor * a for a, b in pairs]
         assert claim["kinds"][kind]["share"] == pytest.approx(sum(exceeds) / len(exceeds))
         assert claim["n_tunings"] * claim["n_days"] == len(exceeds)
