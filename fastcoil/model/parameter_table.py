@@ -323,7 +323,7 @@ def require_parameter_name(name: str, table: Mapping[str, Parameter] = PARAMETER
     """Return ``name`` if ``table`` has it, else raise ``InputError`` with the most similar name."""
     if not isinstance(name, str):
         text = f"{short_repr(name)} is not the name of a parameter (see `fastcoil parameters`)"
-        raise InputError(text, code="type")
+        raise InputError(text, "name", "type")
     if name not in table:
         text = name if name.isidentifier() and len(name) < 60 else short_repr(name)
         sentence = f"{text} is not a parameter{did_you_mean(name, table)} (see `fastcoil parameters`)"

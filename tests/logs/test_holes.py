@@ -68,6 +68,7 @@ def test_a_missing_measured_value_is_left_out_of_its_column_alone(write_log):
         ([(4, 2), (5, 3)], 12),  # each alone in its column
         ([(4, 2), (6, 2)], 12),
         ([(4, 0)], 11),  # the time itself
+        ([(k, 0) for k in range(2, 12)], 2),
     ],
 )
 def test_only_a_value_between_two_others_is_bridged(write_log, places, left):
@@ -75,6 +76,16 @@ def test_only_a_value_between_two_others_is_bridged(write_log, places, left):
     for i, k in places:
         rows[i][k] = ""
     assert read(write_log, rows).time.size == left
+
+
+def test_a_single_row_that_is_left_is_no_log(write_log):
+    rows = [[t if k == 0 else "", *row] for k, (t, *row) in enumerate(log_rows())]
+    assert_refused("log.csv", "data", read, write_log, rows)
+
+
+def test_times_begin_at_0_without_round_off(write_log):
+    log = read(write_log, [[f"{1000 + 0.1 * k:.1f}", *row[1:]] for k, row in enumerate(log_rows())])
+    assert log.time.tolist() == [k / 10 for k in range(12)]
 
 
 def test_nothing_is_bridged_over_gaps_jumps_and_batches(write_log):

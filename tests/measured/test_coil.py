@@ -9,7 +9,8 @@ from helpers.shared_data import measured_file
 from helpers.simulated_logs import COIL_TRUTH, assert_covered, coil_log
 
 import fastcoil as fc
-from fastcoil.measured.fit_coil import COIL_PARAMETERS
+from fastcoil.measured.fit import AT_BOUND
+from fastcoil.measured.fit_coil import BETA2, COIL_PARAMETERS, CoilProblem
 
 pytestmark = pytest.mark.kernel
 
@@ -72,6 +73,20 @@ def test_a_heat_capacity_at_the_limit_of_stability_is_an_answer_and_no_prior():
     fit = fc.fit_coil(coil_log(hours=1, seed=20, sd=0.1, substeps=2, C_w=5.0, every=5), split=1.0)
     assert fit.held == {"C_w": "at the stability limit (γ = 1 at the largest flow)"}
     assert fit.parameters["C_w"] == pytest.approx(float(fit.residuals["m_w"].max()) * fc.Loop()["cp_w"], rel=1e-3)
+
+
+def test_only_a_heat_capacity_is_held_by_stability(monkeypatch):
+    """The exponent β2 ends at a bound below its prior."""
+    solve = CoilProblem.solve
+
+    def solve_at_bound(problem):
+        best, spread, wet = solve(problem)
+        spread.covariance[BETA2] = spread.covariance[:, BETA2] = np.nan
+        problem.prior[BETA2] = best.x[BETA2] + 1.0
+        return best, spread, wet
+
+    monkeypatch.setattr(CoilProblem, "solve", solve_at_bound)
+    assert fc.fit_coil(coil_log(hours=1, seed=13, air=False), split=1.0).held["beta2"] == AT_BOUND
 
 
 @pytest.fixture(scope="module")

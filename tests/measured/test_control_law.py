@@ -5,7 +5,7 @@ import pytest
 
 import fastcoil as fc
 from fastcoil.measured.agreement import imply_pi
-from fastcoil.measured.fitted_plant import recover_pi, regress_pi
+from fastcoil.measured.fitted_plant import _fit_best_pi, recover_pi, regress_pi
 from fastcoil.measured.identify import back_and_forth_share, count_end_arrivals, is_provoked
 
 INTERVAL = 10.0
@@ -106,3 +106,12 @@ def test_commands_that_fit_no_pi_that_is_not_saturated_have_none():
     (e_1, u_1), (e_2, u_2) = half(41, 10.0, 0.5, 0.06), half(61, 14.0, 0.9, -0.06)
     before = np.delete(np.arange(101), 40)
     assert regress_pi(np.r_[u_1, u_2], np.r_[e_1, e_2], before, before + 1, np.zeros(100)) is None
+
+
+def test_changes_over_two_samples_are_enough_where_pieces_have_four():
+    """Every second row may begin or end a change: a lag of 1 sees none, one of 4 leaves the piece."""
+    rng, rows = np.random.default_rng(1), np.arange(400)
+    error, integral = rng.normal(0.0, 0.5, 400), np.cumsum(rng.normal(0.0, 5.0, 400))
+    command = 0.5 + 0.02 * error + 3e-4 * integral
+    fit = _fit_best_pi(command, error, rows, rows[1:] % 4 > 0, integral, rows % 2 == 0)
+    assert (fit.kp, fit.ki) == pytest.approx((0.02, 3e-4))

@@ -98,6 +98,8 @@ def test_a_test_that_shows_nothing_is_not_identified_and_says_why(logs, early):
     holes[START // STEP] = np.nan
     torn = fc.read_test(fc.read_log(log.assign(T_measured=holes), drop=True), stroke_time=90)
     assert np.isfinite(torn.signals["model"]).any()
+    tested_times = log.elapsed_time.values[log.test.values > 0]
+    assert set(torn.signals.elapsed_time.values[torn.signals["test"].values == 1.0]) == set(tested_times)
     assert not torn.identified
     assert "of the temperatures are missing" in torn.reason
 

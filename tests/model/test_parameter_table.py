@@ -57,7 +57,7 @@ def test_a_value_that_is_not_admissible_is_refused_with_its_field(name, value, c
 
 
 def test_a_name_is_a_text():
-    assert_refused("", "type", require_parameter_name, 3)
+    assert_refused("name", "type", require_parameter_name, 3)
 
 
 def test_a_parameter_without_what_theory_makes_of_it_does_not_import():

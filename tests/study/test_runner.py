@@ -66,6 +66,7 @@ def test_results_are_labelled_as_an_xarray_user_expects(finished):
     assert ds.attrs["study_toml"] == SMALL
     assert json.loads(ds.attrs["parameters"])["C_w"] == 8.8
     assert ds.kp.dims == ("tuning",)
+    assert ds.attrs["scenario_days_per_s"] * ds.attrs["wall_time_s"] == pytest.approx(16, rel=0.1)
     np.testing.assert_array_equal(ds.elapsed_time, np.arange(0, 3600, 300))
 
 
