@@ -50,6 +50,7 @@ def test_a_value_is_shown_with_name_and_unit():
     ("name", "value", "code"),
     [("action", "warming", "choice"), ("action", 1.0, "type"), ("kp", "a", "type"), ("kp", True, "type"),
      ("kp", np.inf, "value"), pytest.param("kp", 10**400, "value", id="many digits"), ("backlash", 0.95, "value"),
+     ("valve_c", 5.1, "value"),
      ("ti", 0.0, "value"), ("n_volumes", 2.5, "value"), ("backlsh", 0.1, "name"), ("back lash", 0.1, "name")],
 )  # fmt: skip
 def test_a_value_that_is_not_admissible_is_refused_with_its_field(name, value, code):

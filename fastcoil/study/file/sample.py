@@ -140,11 +140,9 @@ def _evaluate_quantiles(quantiles: Quantiles, shares: Array) -> Array:
 
 
 def design_size(table: Mapping[str, Any]) -> int:
-    """Return the number of scenarios that ``[sample]`` draws; 1 where it is absent or wrong."""
+    """Return the ``size`` of ``[sample]``; 1 where it is absent or wrong."""
     size = table.get("size")
-    if type(size) is not int or not 1 <= size <= MAX_SAMPLE_SIZE:
-        return 1
-    return size * (len(sampled_names(table)) + 2 if table.get("method") == SALTELLI else 1)
+    return size if type(size) is int and 1 <= size <= MAX_SAMPLE_SIZE else 1
 
 
 def sample_file_hashes(table: Mapping[str, Any], folder: Path) -> list[str]:

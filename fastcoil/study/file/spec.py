@@ -121,7 +121,7 @@ def parse_precision(table: PrecisionTable, sample: Mapping[str, Any] | None) -> 
         problems.append(Problem("[sample] is missing: give what is to be drawn", "sample", "missing"))
     elif sample.get("method") == SALTELLI:
         problems.append(Problem("saltelli draws for Sobol' indices: take another method", "method", "conflict"))
-    size = design_size({**(sample or {}), "method": ""})
+    size = design_size(sample or {})
     most = size * DEFAULT_MAX_BATCHES if table.most is None else table.most
     if not size * MIN_BATCHES <= most <= MAX_SAMPLE_SIZE:
         fewest = f"{size * MIN_BATCHES:,}, {MIN_BATCHES} batches of [sample] size"
