@@ -20,7 +20,7 @@ def extended_package(tmp_path):
     """A copy of the package with the slow output of the page."""
     shutil.copytree(PACKAGE, tmp_path / "fastcoil", ignore=shutil.ignore_patterns("__pycache__"))
     diffs = re.findall(r"^```diff\n\+\+\+ (\S+)\n(.*?)^```$", PAGE.read_text(), re.DOTALL | re.MULTILINE)
-    assert len(diffs) == 4
+    assert len(diffs) == 3
     for name, diff in diffs:
         lines = [(line[:1], line[1:]) for line in diff.splitlines()]
         old = "".join(f"{text}\n" for sign, text in lines if sign != "+")

@@ -314,8 +314,8 @@ class Run(NamedTuple):
 def run(scene: Scenario, test: ValveTest | None = None) -> Run:
     """Simulate a loop, with a valve test if there is one."""
     loop, day = scene.loop, scene.boundary
-    options: Any = {"traces": TRACES, "trace_interval": TRACE_INTERVAL_S, "n_jobs": 1, "progress": False}
-    ds = simulate(loop, day, test=test, warm_up=scene.warm_up, seed=scene.seed, **options)
+    options: Any = {"traces": TRACES, "trace_interval": TRACE_INTERVAL_S, "n_jobs": 1}
+    ds = simulate(loop, day, test=test, warm_up=scene.warm_up, seed=scene.seed, progress=False, **options)
     traces = {name: ds[name].values for name in TRACES} | {"T_set": day.series["T_set"][0][::TRACE_INTERVAL_S]}
     hours, metrics = ds["elapsed_time"].values / 3600.0, ds.drop_vars(TRACES)
     reading = "" if test is None else reading_text(ds, float(loop["stroke_time"]))  # type: ignore[arg-type]

@@ -145,6 +145,7 @@ def test_processes_find_the_same(building):
     xr.testing.assert_allclose(in_processes, in_one_process, rtol=1e-9)
 
 
+@pytest.mark.kernel
 def test_the_command_lists_the_worst_and_its_exit_code_says_whether_there_is_work(building, tmp_path):
     logs = (building / "a", building / "b", "--fleet", "--stroke-time", 90)
     result = fastcoil("diagnose", *logs, "-o", tmp_path / "page.html")
@@ -169,6 +170,7 @@ def test_the_command_lists_the_worst_and_its_exit_code_says_whether_there_is_wor
     assert_command_refused("diagnose", good_log, "--fleet", "--report", tmp_path / "r.html")
 
 
+@pytest.mark.kernel
 def test_several_files_are_days_of_one_valve(building):
     result = fastcoil("diagnose", building / "a" / "AHU.csv", building / "a" / "AHU.csv", "--stroke-time", 90)
     assert result.exit_code == 0, result.output
