@@ -145,7 +145,7 @@ class Explanation:
     predicted
         Whether the linear model predicts hunting at some operating point; None where it cannot tell.
     hunting_index
-        Largest |L| |N| of the describing function on the day; above 0.85 a loop hunts.  NaN where theory cannot tell.
+        Largest ``|L| |N|`` of the describing function on the day; above 0.85 a loop hunts.  NaN where theory has none.
     period, amplitude
         Of the predicted cycle at the worst operating point, s and K (half of peak to peak); NaN without.
     why

@@ -328,7 +328,7 @@ def report(what: Any, path: str | os.PathLike[str] | None = None) -> Path:
 
     See Also
     --------
-    survey, compare, plot
+    survey, compare
 
     Examples
     --------

@@ -61,7 +61,7 @@ def open_study(folder: str | Path) -> xr.Dataset:
     See Also
     --------
     run_study : compute the results.
-    compare, sobol_indices, cost, plot : evaluate them.
+    compare, sobol_indices, cost : evaluate them.
     """
     store = StudyFolder(require_path("folder", folder, "give the folder of a study"))
     return store.read_consistently(lambda: _open_folder(store))
