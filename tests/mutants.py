@@ -1,6 +1,6 @@
 """Break the code on purpose, one small change at a time, and report which changes no test notices.
 
-    python tests/mutants.py                  # 60 changes, seed 1, two at a time: an hour or two on two idle cores
+    python tests/mutants.py                  # 60 changes, seed 1, two at a time: takes hours
     python tests/mutants.py --seed 2 -n 10   # ten others
     python tests/mutants.py --show           # lists the changes without running a test
 

@@ -49,7 +49,7 @@ def tune_gains(loop: fc.Loop, group: list[str], still_day: fc.Boundary, rules: M
     unit_loop = adapt_to_kind(loop.assign(kp=1.0), group[0])
     scale = 1.0 / xr.DataArray(unit_loop["kp"])  # the drawn kp of a heating loop is scaled down
     plant = loop_properties(unit_loop, still_day).isel(day=0, drop=True)
-    model = plant[["K", "T", "theta"]]
+    model = plant[["K", "T", "theta"]].drop_attrs()  # or kp would carry units of s
     kp0, ti0 = model["T"] / (2.0 * model.K * model.theta), np.minimum(model["T"], 8.0 * model.theta)
     kp = (kp0 * scale * xr.DataArray(list(KP_FACTORS), dims="kp_factor")).clip(1e-4, 3.0)
     ti = (ti0 * xr.DataArray(list(TI_FACTORS), dims="ti_factor")).clip(1.0, 3600.0)
@@ -123,6 +123,7 @@ def cured_gains(
 ) -> dict[str, tuple[object, object]]:
     """kp and ti after each cure; limit: what the formula is brought down to."""
     kp, ti = xr.DataArray(loop["kp"]), xr.DataArray(loop["ti"])
+    plant = plant.drop_attrs()  # or the gains would carry units of s
     time_scale = plant["T"] + delays * plant.theta
     slower_ti = np.maximum(ti, (kp * plant.K) ** power * time_scale / limit)
     weaker_kp = np.minimum(kp, (limit * ti / time_scale) ** (1.0 / power) / plant.K)
