@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from fastcoil.model.engine import metrics
-from fastcoil.model.engine.plant import MILD_T, MILD_W
+from fastcoil.model.engine.coil import MILD_T, MILD_W
 from fastcoil.model.metric_table import HUNTING_SWING_K, LEAST_HUNTING_PERIODS, OFF_SET_POINT_ERROR_K, PEAK_BLOCK_S
 
 from . import common

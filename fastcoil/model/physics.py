@@ -321,3 +321,9 @@ def next_metal_temperature(T_c, Q_a, Q_w, dt_C_c):
 def next_water_temperature(T_w, T_w_in, Q_w, C_flow, dt_C_w):
     """T_w[t+1], Eq (3), first line; C_flow = m_w c_p,w, kW/K."""
     return T_w + dt_C_w * (C_flow * (T_w_in - T_w) + Q_w)
+
+
+@scalar
+def implicit_half_step(dt_C, G):
+    """Temperature change, K/kW, in half a step of a capacity C that loses G kW/K on the way: h/(1 + h G), h = dt/2C."""
+    return dt_C / (2.0 + dt_C * G)

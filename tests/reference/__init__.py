@@ -15,14 +15,14 @@ kg of water per kg of dry air.  The time step is 1 s.
 
 from reference.coil import effectiveness, steady_state_dry
 from reference.control import NoiseMeter, additive_compensation, backlash_inverse, pi_controller, smooth_inverse
-from reference.loop import simulate
+from reference.loop import INPUTS, simulate
 from reference.noise import philox4x32, standard_normal
 from reference.parameters import PAPER_LIKE
 from reference.psychrometrics import enthalpy, humidity_ratio, saturation_humidity_ratio, saturation_pressure
 from reference.valve import NeutralZone, StickSlip, backlash, leaking_valve, richards_valve, valve_from_authority
 
 __all__ = [
-    "PAPER_LIKE", "NeutralZone", "NoiseMeter", "StickSlip", "additive_compensation", "backlash",
+    "INPUTS", "PAPER_LIKE", "NeutralZone", "NoiseMeter", "StickSlip", "additive_compensation", "backlash",
     "backlash_inverse", "effectiveness", "enthalpy", "humidity_ratio", "leaking_valve", "philox4x32", "pi_controller",
     "richards_valve", "saturation_humidity_ratio", "saturation_pressure", "simulate", "smooth_inverse",
     "standard_normal", "steady_state_dry", "valve_from_authority",

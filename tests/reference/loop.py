@@ -5,7 +5,7 @@ from collections import defaultdict
 from types import SimpleNamespace
 
 from reference import metrics
-from reference.coil import coil_step
+from reference.coil import euler_step, pass_air, runge_kutta_second, trapezoidal_step
 from reference.control import Controller
 from reference.fixed import FixedEstimate
 from reference.gradient import Gradient
@@ -22,10 +22,13 @@ ESTIMATORS = {
 }  # fmt: skip
 
 
+INPUTS = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")
+
+
 def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replicate=0, day=0, saturation=None):
     """Run one scenario; return (traces, metrics).
 
-    parameters: a dict with the keys and units of PAPER_LIKE.
+    parameters: a dict with the keys and units of PAPER_LIKE; its air_march may also be "runge_kutta".
     boundary: 1-s series of one length, m_a [kg/s], T_a_in [degC], W_a_in [kg/kg], T_w_in [degC], T_set [degC]
     and, if wanted, noise [K], enabled [0 or 1] and backlash_scale [-].
     command: an open-loop command series [strokes] in place of the controller.
@@ -37,8 +40,7 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
     """
     p = parameters
     n_volumes = p["n_volumes"]
-    inputs = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")
-    m_a, T_a_in, W_a_in, T_w_in, T_set = (to_floats(boundary[name]) for name in inputs)
+    m_a, T_a_in, W_a_in, T_w_in, T_set = (to_floats(boundary[name]) for name in INPUTS)
     n_steps = len(T_set)
     recorded_noise = to_floats(boundary.get("noise", [0.0] * n_steps))
     enabled = [value != 0 for value in boundary.get("enabled", [1] * n_steps)]
@@ -68,6 +70,10 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
     frost_time, freeze_time, last_look = 0.0, 0.0, -1
 
     for t in range(n_steps):
+        state = T_w, T_c
+        if p["air_march"] != "lagged":
+            T_a, W_a, Q, wet_volumes, vapour = pass_air(p, T_c, m_a[t], T_a_in[t], W_a_in[t], saturation)
+
         # Measure
         if t == 0 or tau <= 0.0:
             T_sensor = T_a[0]
@@ -113,23 +119,29 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
         m_w = leaking_valve(opening, p["leakage"], p["m_max"], p["valve_a"], p["valve_b"], p["valve_c"])
 
         # Eqs (3) and (4)
-        condensate, state = 0.0, (T_w, T_c, T_a, W_a)
-        for substep in range(int(p["substeps"])):
-            *state, wet, condensed = coil_step(
-                p, *state, m_w, m_a[t], T_w_in[t], T_a_in[t], W_a_in[t], saturation, 1.0 / p["substeps"]
-            )
-            if substep == 0:
-                wet_volumes = wet
-            condensate += condensed
-        T_w_next, T_c_next, T_a_next, W_a_next = state
+        condensate, air, dt = 0.0, (T_a, W_a), 1.0 / p["substeps"]
+        if p["air_march"] == "runge_kutta":
+            T_w, T_c = runge_kutta_second(p, T_w, T_c, m_w, m_a[t], T_w_in[t], T_a_in[t], W_a_in[t], saturation)
+        elif p["air_march"] == "quasistatic":
+            for substep in range(int(p["substeps"])):
+                if substep > 0:
+                    *air, Q, _, vapour = pass_air(p, T_c, m_a[t], T_a_in[t], W_a_in[t], saturation)
+                T_w, T_c = trapezoidal_step(p, T_w, T_c, Q, m_w, m_a[t], T_w_in[t], dt)
+                condensate += vapour * dt
+        else:
+            for substep in range(int(p["substeps"])):
+                *air, Q, wet, vapour = pass_air(p, T_c, m_a[t], T_a_in[t], W_a_in[t], saturation, lagged=air)
+                T_w, T_c = euler_step(p, T_w, T_c, Q, m_w, T_w_in[t], dt)
+                wet_volumes = wet if substep == 0 else wet_volumes
+                condensate += vapour * dt
 
         # Record the states the step started from, beside the signals of the step
         signals = {
             "T_sup": T_a[0], "T_measured": T_measured, "command": cmd, "position": position, "opening": opening,
             "u": math.nan if open_loop else controller.u, "integral": math.nan if open_loop else controller.integral,
             "estimate": math.nan if open_loop else estimator.estimate, "mode": 0 if open_loop else controller.mode,
-            "m_w": m_w, "T_w_out": T_w[-1], "power": sign * m_w * p["cp_w"] * (T_w[-1] - T_w_in[t]),
-            "W_sup": W_a[0], "wet_volumes": wet_volumes, "T_w": T_w, "T_c": T_c, "T_a": T_a, "W_a": W_a,
+            "m_w": m_w, "T_w_out": state[0][-1], "power": sign * m_w * p["cp_w"] * (state[0][-1] - T_w_in[t]),
+            "W_sup": W_a[0], "wet_volumes": wet_volumes, "T_w": state[0], "T_c": state[1], "T_a": T_a, "W_a": W_a,
             "test": 0,  # the valve test has a reference apart, ``valve_test``
         }  # fmt: skip
         for name, value in signals.items():
@@ -137,7 +149,7 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
         switches.append(int(switched))
         condensates.append(condensate)
 
-        T_w, T_c, T_a, W_a = T_w_next, T_c_next, T_a_next, W_a_next
+        T_a, W_a = air
         if t % metrics.FROST_INTERVAL_S == 0 or t == n_steps - 1:
             frosts, freezes = has_frost_and_ice(p, T_w, T_c, [*W_a[1:], W_a_in[t]], m_w)
             frost_time += (t - last_look) * frosts

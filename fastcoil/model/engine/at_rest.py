@@ -11,8 +11,15 @@ No lane depends on the others in its block: each ends on its own and is then lef
 import numpy as np
 
 from fastcoil.model import physics
-from fastcoil.model.engine.plant import march_water, update_water_flow
-from fastcoil.model.engine.rows import LANES, Q_W, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, R, begin_run, name_offsets
+from fastcoil.model.engine.coil import (
+    exchange_heat,
+    march_lagged_water,
+    saturate,
+    update_half_step,
+    update_water_conductance,
+)
+from fastcoil.model.engine.plant import update_water_flow
+from fastcoil.model.engine.rows import LANES, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, Q, R, begin_run, name_offsets
 from fastcoil.model.numerics.jit import kernel, section
 
 CONDITIONS = ("m_a", "T_a_in", "W_a_in", "T_w_in")
@@ -47,25 +54,41 @@ def set_openings(S, leaks, openings):
     for j in range(LANES):
         S[R.opening + j] = openings[j]
     update_water_flow(S, leaks)
+    update_water_conductance(S)
 
 
 @section
 def march_second_per_lane(S, V, config, entering):
-    """March the coil of each lane through a second, in the substeps of the block."""
-    set_inlets_per_lane(V, config.n_volumes, entering)
-    all_volumes = np.ones(config.n_volumes + 1, np.bool_)
-    for _ in range(config.substeps):
-        march_water(S, V, config.n_volumes, False, all_volumes)
-        march_air_per_lane(S, V, config.n_volumes, config.lagged_air, entering, False)
+    """March the coil of each lane through a second, in the substeps of the block.
+
+    Quasistatic, the air passes the coil once more, as it does before the controller of the next second.
+    """
+    n_volumes = config.n_volumes
+    set_inlets_per_lane(V, n_volumes, entering)
+    if config.lagged_air:
+        all_volumes = np.ones(n_volumes + 1, np.bool_)
+        for _ in range(config.substeps):
+            march_lagged_water(S, V, n_volumes, False, all_volumes)
+            march_air_per_lane(S, V, n_volumes, True, entering, False)
+        return
+    for j in range(LANES):
+        update_half_step(S, j, entering[CONDITION.m_a, j])
+    for substep in range(config.substeps + 1):
+        if substep > 0:
+            exchange_heat(S, V, n_volumes, np.inf, np.ones(n_volumes + 1, np.bool_))
+        for i in range(1, n_volumes + 1):
+            saturate(S, V, i, False)
+        march_air_per_lane(S, V, n_volumes, False, entering, False)
 
 
 @section
 def march_air_per_lane(S, V, n_volumes, lagged_air, entering, is_settling):
-    """March air and metal as ``march_air`` does, except volumes at their dew point, see the file's docstring.
+    """March the air as the emulator does, except in volumes at their dew point, see the file's docstring.
 
     The band is as wide as two changes of T_c by one wet step, the resolution of the emulator.
-    is_settling: take the largest step that cannot overshoot in place of a second; lanes whose water has no time step
-    are left as they are.
+    lagged_air: march the metal too; without it, leave the heat Q to ``exchange_heat``.
+    is_settling: march the metal by the largest step that cannot overshoot in place of a second; lanes whose water has
+    no time step are left as they are.
     """
     for j in range(LANES):
         S[R.wet_volumes + j] = 0.0
@@ -75,7 +98,7 @@ def march_air_per_lane(S, V, n_volumes, lagged_air, entering, is_settling):
         pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
         for j in range(LANES):
             T_in, W_in = pair[VOLUME_STRIDE + T_A + j], pair[VOLUME_STRIDE + W_A + j]
-            T_c, W_s, Q_w, m_a = pair[T_C + j], pair[W_S + j], pair[Q_W + j], entering[CONDITION.m_a, j]
+            T_c, W_s, Q_w, m_a = pair[T_C + j], pair[W_S + j], pair[Q + j], entering[CONDITION.m_a, j]
 
             cooled = S[R.eps_a + j] * (T_in - T_c)
             dried = S[R.eps_star + j] * physics.enthalpy_difference(T_in, W_in, T_c, W_s)
@@ -91,7 +114,7 @@ def march_air_per_lane(S, V, n_volumes, lagged_air, entering, is_settling):
             Q_a = Q_dry if wet == 0.0 else wet * Q_wet + (1.0 - wet) * Q_dry
             dW = wet * physics.condensed_water(True, W_in, cooled, dried, T_out)
 
-            dt_C_c = S[R.dt_C_c + j]
+            dt_C_c = S[R.dt_C_c + j] if lagged_air else 0.0
             if is_settling:
                 slope = physics.heat_capacity(W_s) + physics.vapour_enthalpy(T_c) * (_SATURATION_SLOPE * W_s)
                 G_dry, G_wet = S[R.eps_a + j] * S[R.cp_a + j], S[R.eps_star + j] * slope
@@ -104,6 +127,7 @@ def march_air_per_lane(S, V, n_volumes, lagged_air, entering, is_settling):
             farthest = S[R.farthest_T_c + j]
             S[R.farthest_T_c + j] = change if change > farthest else farthest
             S[R.wet_volumes + j] += wet
+            pair[Q + j] = Q_a
             pair[T_C + j] = T_next
             pair[T_A + j] = T_out
             pair[W_A + j] = W_in - dW
@@ -142,7 +166,7 @@ def settle(S, V, n_volumes, leaks, entering, openings, is_at_rest):
     all_volumes = np.ones(n_volumes + 1, np.bool_)
     for _ in range(4000):  # sweeps, at most
         set_inlets_per_lane(V, n_volumes, entering)
-        march_water(S, V, n_volumes, False, all_volumes)
+        march_lagged_water(S, V, n_volumes, False, all_volumes)
         march_air_per_lane(S, V, n_volumes, False, entering, True)
         # at rest when no metal moves by 1e-11 K in a sweep, and then one sweep more, for air that fits the metal
         all_rest = True

@@ -2,7 +2,8 @@
 
 ``emulate`` runs one block of lanes through one day.  It keeps the state and the order of the steps; every
 formula is a scalar function of ``physics`` or ``control``.  In second t: measure, estimate, PI, inverse, actuator,
-Eq (1), Eq (2), record states[t] and signals[t], then Eqs (3) and (4) give states[t + 1].
+Eq (1), Eq (2), record states[t] and signals[t], then Eqs (3) and (4) give states[t + 1].  In a quasistatic march the
+air passes the coil before it is measured, see ``coil``.
 
 Sections that would change nothing are skipped for the whole block, which changes no lane's bits.
 """
@@ -11,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.model.engine import metrics, plant
+from fastcoil.model.engine import coil, metrics, plant
 from fastcoil.model.engine.controller import call_control, draw_noise, plain_control
 from fastcoil.model.engine.rows import LANES, T_A, T_W, VOLUME_STRIDE, R, begin_run, name_offsets
 from fastcoil.model.engine.rules import call_estimator, call_law
@@ -52,16 +53,13 @@ def record(S, V, rows, traces):
 
 
 @kernel
-def emulate(
-    rows, config, day, S, V, estimator_state, law_state, metric_rows, status, rows_before, rows_after, interval, traces
-):
+def emulate(rows, config, day, S, V, estimator_state, law_state, metric_rows, status, traced_rows, interval, traces):
     """Run the lanes of a block through a day.
 
     rows, config: of a Block; day: Day; S, V, estimator_state, law_state: a WorkSpace, from which a day that does not
     start at 0 goes on.
     metric_rows: out, (N_METRICS, LANES); status: out, (LANES,).
-    rows_before, rows_after: offsets of the traced rows that are known before and only after the march of step t.
-    traces: out, (n_points, n_rows, LANES), the sample at every ``interval`` seconds.
+    traced_rows: offsets of the rows to trace.  traces: out, (n_points, n_rows, LANES), every ``interval`` seconds.
     """
     n_volumes, n_steps, lagged = config.n_volumes, day.series.shape[0], config.lagged_air
     open_loop = day.command.size > 0
@@ -75,8 +73,8 @@ def emulate(
 
     shares_air_side = config.shares_air_side
     eps = np.empty((2, n_steps if shares_air_side else 0))
-    plant.fill_air_effectiveness(S, day.series[:, DAY_COLUMN.m_a], eps)
-    coldest, dampest = plant.coldest_and_dampest(S, V, n_volumes)
+    coil.fill_air_effectiveness(S, day.series[:, DAY_COLUMN.m_a], eps)
+    coldest, dampest = coil.coldest_and_dampest(S, V, n_volumes)
     highest_pressure = S[R.pressure]
     for j in range(1, LANES):  # the method of arrays would load numba's linear algebra with the kernel
         highest_pressure = max(highest_pressure, S[R.pressure + j])
@@ -102,6 +100,28 @@ def emulate(
                 S[R.gap + j] = scaled_backlash(S[R.worn_backlash + j], scale)
             scale_known = scale
             is_actuator_busy = True  # the stem moves into the new gap
+        coil.set_inlets(V, n_volumes, T_a_in, W_a_in, T_w_in)
+        is_new_m_a = m_a != m_a_known
+        if is_new_m_a:
+            m_a_known = m_a
+            if not shares_air_side:
+                coil.update_air_effectiveness(S, m_a)
+            elif not lagged:
+                coil.set_air_effectiveness(S, eps[0, t], eps[1, t])
+        coldest = min(coldest, T_a_in, T_w_in)
+        # may_condense is for the next march
+        dampest = max(dampest, W_a_in, day.series[min(t + 1, n_steps - 1), DAY_COLUMN.W_a_in])
+        if dampest != dampest_known:
+            T_dry = coil.dew_point_bound(T_dry, dampest, highest_pressure)
+            dampest_known = dampest
+        is_mild = coldest > coil.MILD_T and dampest < coil.MILD_W
+        dt_counted = dt if counted else 0.0
+        if not lagged:
+            coil.pass_air(S, V, n_volumes, m_a, dt_counted, is_mild, may_condense)
+
+        if clock == 0:  # the sensor has the temperature of the air
+            for j in range(LANES):
+                S[R.y_s + j] = V[VOLUME_STRIDE + T_A + j]
         is_sample = clock % config.control_period == 0
         traced = traces.shape[0] > 0 and t % interval == 0
         if config.has_lag or is_sample or traced or was_enabled != enabled:
@@ -125,15 +145,15 @@ def emulate(
                     call_control(config.control, (S, clock, T_set, noise, enabled, counts_switches))
                 is_actuator_busy = True
             was_enabled = enabled
+        has_moved = False
         if open_loop or is_actuator_busy:
             is_built_in = config.actuator == BUILT_IN
             motion = plant.actuate(S, counted) if is_built_in else plant.call_actuator(config.actuator, (S, counted))
             is_actuator_busy = motion & plant.ACTUATOR_BUSY != 0
-            if motion & plant.VALVE_MOVED != 0 or t == 0:
+            has_moved = motion & plant.VALVE_MOVED != 0 or t == 0
+            if has_moved:
                 plant.update_water_flow(S, config.leaks)
-        if m_a != m_a_known and not shares_air_side:
-            plant.update_air_effectiveness(S, m_a)
-            m_a_known = m_a
+                coil.update_water_conductance(S)
         if counted:
             metrics.accumulate_second(S, V, t, flags, T_set, T_w_in, m_a, n_volumes)
 
@@ -142,38 +162,30 @@ def emulate(
                 S[R.measured + j] = sensor_reading(S[R.y_s + j], S[R.noise + j] + noise, S[R.sensor_resolution + j])
                 T_w_out = V[n_volumes * VOLUME_STRIDE + T_W + j]
                 S[R.power + j] = S[R.sign + j] * (S[R.C_flow + j] * (T_w_out - T_w_in))
-            record(S, V, rows_before, traces[t // interval])
-        plant.set_inlets(V, n_volumes, T_a_in, W_a_in, T_w_in)
-        coldest = min(coldest, T_a_in, T_w_in)
-        # may_condense is for the next march
-        dampest = max(dampest, W_a_in, day.series[min(t + 1, n_steps - 1), DAY_COLUMN.W_a_in])
-        if dampest != dampest_known:
-            T_dry = plant.dew_point_bound(T_dry, dampest, highest_pressure)
-            dampest_known = dampest
-        if traced:
-            may_condense[:] = True  # counting wet volumes takes saturation everywhere
-        is_mild = coldest > plant.MILD_T and dampest < plant.MILD_W
-        dt_counted = dt if counted else 0.0
-        for substep in range(config.substeps):
-            plant.march_water(S, V, n_volumes, is_mild, may_condense)
-            if traced and substep == 0 and lagged:
-                plant.count_wet_volumes(S, V, n_volumes)
-            if shares_air_side:
-                plant.march_air(
-                    S, V, n_volumes, lagged, True, eps[0, t], eps[1, t], m_a, dt_counted, T_dry, may_condense
-                )
-            else:
-                plant.march_air(S, V, n_volumes, lagged, False, 0.0, 0.0, m_a, dt_counted, T_dry, may_condense)
-            if traced and substep == 0 and not lagged:
-                plant.count_wet_volumes(S, V, n_volumes)
-        if traced:
-            record(S, V, rows_after, traces[t // interval, rows_before.size :])
+            coil.count_wet_volumes(S, V, n_volumes)
+            record(S, V, traced_rows, traces[t // interval])
+        if lagged:
+            for _ in range(config.substeps):
+                coil.march_lagged_water(S, V, n_volumes, is_mild, may_condense)
+                if shares_air_side:
+                    coil.march_lagged_air(
+                        S, V, n_volumes, True, eps[0, t], eps[1, t], m_a, dt_counted, T_dry, may_condense
+                    )
+                else:
+                    coil.march_lagged_air(S, V, n_volumes, False, 0.0, 0.0, m_a, dt_counted, T_dry, may_condense)
+        else:
+            if has_moved or is_new_m_a:
+                coil.update_half_steps(S, m_a)
+            coil.exchange_heat(S, V, n_volumes, T_dry, may_condense)
+            for _ in range(1, config.substeps):
+                coil.pass_air(S, V, n_volumes, m_a, dt_counted, is_mild, may_condense)
+                coil.exchange_heat(S, V, n_volumes, T_dry, may_condense)
 
         if t % metrics.WATCH_INTERVAL_S == 0 or t == n_steps - 1:
             metrics.track_metal_extremes(S, V, n_volumes)
             if not is_mild:
                 metrics.accumulate_frost(S, V, n_volumes, t + 1 - next_unwatched)
             next_unwatched = t + 1
-            coldest, dampest = plant.coldest_and_dampest(S, V, n_volumes)
+            coldest, dampest = coil.coldest_and_dampest(S, V, n_volumes)
 
     metrics.summarise(S, V, n_volumes, day.schedule, metric_rows, status)

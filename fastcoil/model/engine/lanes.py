@@ -231,10 +231,6 @@ def trace_rows(names: Sequence[str], n_volumes: int) -> np.ndarray:
     return np.array(rows, dtype=np.int64)
 
 
-TRACES_AFTER_MARCH = ("wet_volumes",)
-"""Traces of step t that are known only after the march of step t."""
-
-
 class TraceRequest(NamedTuple):
     """Traces to record, and the interval between their samples, s."""
 
@@ -256,19 +252,17 @@ def run_block(
     (n_points, N, LANES) if it has volumes; those of failed lanes are NaN.
     """
     n_volumes = block.config.n_volumes
-    names = sorted(request.names, key=TRACES_AFTER_MARCH.__contains__)
-    n_before = sum(name not in TRACES_AFTER_MARCH for name in names)
-    rows, rows_after = trace_rows(names[:n_before], n_volumes), trace_rows(names[n_before:], n_volumes)
-    traces = np.empty((request.n_points(day.series.shape[0]), rows.size + rows_after.size, LANES))
+    rows = trace_rows(request.names, n_volumes)
+    traces = np.empty((request.n_points(day.series.shape[0]), rows.size, LANES))
     metrics, status = np.full((N_METRICS, LANES), np.nan), np.empty(LANES, dtype=np.int64)
     work = work_space(block) if work is None else work
-    emulate(block.rows, block.config, day, *work, metrics, status, rows, rows_after, request.interval, traces)
+    emulate(block.rows, block.config, day, *work, metrics, status, rows, request.interval, traces)
     for name, values in _estimator_metrics(block, work.estimator_state, day.command.size > 0).items():
         metrics[list(METRICS).index(name)] = np.where(status == STATUS_OK, values, np.nan)
 
     traces[:, :, status != STATUS_OK] = np.nan
     traces_by_name, k = {}, 0
-    for name in names:
+    for name in request.names:
         has_volumes = name in VOLUME_ROWS
         traces_by_name[name] = traces[:, k : k + n_volumes] if has_volumes else traces[:, k]
         k += n_volumes if has_volumes else 1

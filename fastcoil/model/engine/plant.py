@@ -1,4 +1,4 @@
-"""The plant of Fig 6 over a block of lanes: motor, gearbox, stem, water flow, coil; and the limits of its time step."""
+"""The plant of Fig 6 up to its coil over a block of lanes: motor, gearbox, stem, water flow; and its stability."""
 
 from __future__ import annotations
 
@@ -11,22 +11,16 @@ import numpy as np
 
 from fastcoil.model import physics
 from fastcoil.model.engine.metrics import accumulate_travel
-from fastcoil.model.engine.rows import LANES, Q_W, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, P, R
+from fastcoil.model.engine.rows import LANES, P, R
 from fastcoil.model.numerics.elementary import exp, log
-from fastcoil.model.numerics.jit import kernel, scalar, section
+from fastcoil.model.numerics.jit import kernel, section
 from fastcoil.model.numerics.stages import BUILT_IN, FLAG, INTEGER, ROW_POINTER, StageSignature
 from fastcoil.model.physics import LEAST_WATER_FLOW_KG_S
-
-MILD_T = 1.0
-"""°C; while everything in a coil is warmer, no metal is near freezing."""
-MILD_W = 0.07
-"""kg/kg; while all air is drier, no metal above 50 °C gets wet."""
-_DEW_POINT_STEP_K = 0.0625  # exact in binary
 
 
 @section
 def update_water_flow(S, leaks):
-    """Update water flow, Eq (2), and water-side conductance, Eq (4): a short loop for each exponential and logarithm.
+    """Update the water flow of every lane, Eq (2): a short loop for each exponential and logarithm.
 
     leaks: whether the leakage of any lane is given.
     """
@@ -45,207 +39,6 @@ def update_water_flow(S, leaks):
         for j in range(LANES):
             log_m_w = log(S[R.m_w + j] if S[R.m_w + j] > LEAST_WATER_FLOW_KG_S else LEAST_WATER_FLOW_KG_S)
             S[R.log_m_w + j] = log_m_w if S[R.leakage + j] >= 0.0 else S[R.log_m_w + j]
-    update_water_conductance(S)
-
-
-@section
-def update_water_conductance(S):
-    """Update the water-side conductance of every lane, Eq (4)."""
-    for j in range(LANES):
-        S[R.ntu_w + j] = physics.transfer_units(S[R.ntu_w_factor + j], S[R.beta2 + j], S[R.log_m_w + j])
-    for j in range(LANES):
-        S[R.G_w + j] = physics.effectiveness_from_ntu(S[R.ntu_w + j]) * S[R.C_flow + j]
-
-
-@section
-def update_air_effectiveness(S, m_a):
-    """Update the air-side effectiveness of every lane, Eq (4)."""
-    for j in range(LANES):
-        S[R.eps_a + j] = physics.effectiveness(S[R.ntu_a_factor + j], S[R.beta4 + j], m_a)
-        S[R.eps_star + j] = physics.effectiveness(S[R.ntu_star_factor + j], S[R.beta6 + j], m_a)
-
-
-@section
-def fill_air_effectiveness(S, m_a, eps):
-    """Fill eps, (2, n_steps), with ε_a and ε_a* of the whole day, for lanes that share β3…β6."""
-    eps_a, eps_star = eps[0], eps[1]
-    for t in range(eps_a.size):  # out of its column: a loop over every eighth number is not vectorised
-        eps_a[t] = m_a[t]
-    for t in range(eps_a.size):
-        eps_star[t] = physics.effectiveness(S[R.ntu_star_factor], S[R.beta6], eps_a[t])
-        eps_a[t] = physics.effectiveness(S[R.ntu_a_factor], S[R.beta4], eps_a[t])
-
-
-@section
-def set_inlets(V, n_volumes, T_a_in, W_a_in, T_w_in):
-    """Set the air and the water that enter the coil in this step."""
-    air = V[(n_volumes + 1) * VOLUME_STRIDE :]
-    for j in range(LANES):
-        air[T_A + j] = T_a_in
-        air[W_A + j] = W_a_in
-        V[T_W + j] = T_w_in
-
-
-@section
-def coldest_and_dampest(S, V, n_volumes):
-    """Lowest temperature, °C, and highest humidity ratio, kg/kg, in the coils of a block.
-
-    Within the stability limits of dt, Eqs (3) and (4) take weighted means and only remove humidity: no volume goes
-    beyond these values until something colder or damper enters.
-    """
-    for j in range(LANES):
-        S[R.coldest + j] = np.inf
-        S[R.dampest + j] = -np.inf
-    for i in range(1, n_volumes + 1):
-        cv = V[i * VOLUME_STRIDE :]
-        for j in range(LANES):
-            low = cv[T_W + j] if cv[T_W + j] < S[R.coldest + j] else S[R.coldest + j]
-            low = cv[T_C + j] if cv[T_C + j] < low else low
-            S[R.coldest + j] = cv[T_A + j] if cv[T_A + j] < low else low
-            S[R.dampest + j] = cv[W_A + j] if cv[W_A + j] > S[R.dampest + j] else S[R.dampest + j]
-    coldest, dampest = np.inf, -np.inf
-    for j in range(LANES):
-        coldest, dampest = min(coldest, S[R.coldest + j]), max(dampest, S[R.dampest + j])
-    return coldest, dampest
-
-
-@scalar
-def dew_point_bound(T, W, pressure):
-    """A temperature, °C, at and above which no air of humidity ratio W condenses on metal; inf if there is none.
-
-    It lies up to ``_DEW_POINT_STEP_K`` above the dew point.  T: where the search starts, the bound before.
-    """
-    W *= 1.000001  # the pieces of the saturation curve meet to some 1e-9 of it
-    T = physics.T_SATURATION_MIN if T == np.inf else T
-    while T < physics.T_SATURATION_MAX and physics.saturation_humidity_ratio(T, pressure) < W:
-        T += _DEW_POINT_STEP_K
-    while T > physics.T_SATURATION_MIN and physics.saturation_humidity_ratio(T - _DEW_POINT_STEP_K, pressure) >= W:
-        T -= _DEW_POINT_STEP_K
-    return T if T < physics.T_SATURATION_MAX else np.inf
-
-
-@section
-def march_water(S, V, n_volumes, is_mild, may_condense):
-    """March the water of every volume, Eq (3); also heat into the water and saturation, which the air march reads.
-
-    It runs from the water's outlet to its inlet, so that the water entering a volume is still in state [t].  It is
-    separate from the air march because two short chains of arithmetic overlap better than a long one.
-    is_mild: no metal is near freezing, and no air so moist that it condenses above 50 °C.
-    may_condense: (at least n_volumes + 1,), whether air may condense in a volume in some lane; saturation is computed
-    there only.
-    """
-    for k in range(n_volumes):
-        i = n_volumes - k
-        if may_condense[i]:
-            water_step(S, V, i, True)
-            if not is_mild:
-                saturate_cold_and_hot(S, V, i)
-        else:
-            water_step(S, V, i, False)
-
-
-@section
-def water_step(S, V, i, saturates):
-    """March the water of volume i, Eq (3); with ``saturates`` also compute saturation at its metal."""
-    pair = V[(i - 1) * VOLUME_STRIDE : (i + 1) * VOLUME_STRIDE]
-    for j in range(LANES):
-        row = VOLUME_STRIDE + j
-        T_w, T_w_in, T_c = pair[row + T_W], pair[T_W + j], pair[row + T_C]
-        Q_w = physics.water_heat(S[R.G_w + j], T_c, T_w_in)
-        pair[row + T_W] = physics.next_water_temperature(T_w, T_w_in, Q_w, S[R.C_flow + j], S[R.dt_C_w + j])
-        pair[row + Q_W] = Q_w
-        if saturates:
-            pair[row + W_S] = physics.humidity_ratio(physics.saturation_pressure_mild(T_c), S[R.pressure + j])
-
-
-@section
-def saturate_cold_and_hot(S, V, i):
-    """Compute saturation at the metal of volume i in the lanes in which it is near freezing or above 50 °C."""
-    cv = V[i * VOLUME_STRIDE : (i + 1) * VOLUME_STRIDE]
-    cold, hot = False, False
-    for j in range(LANES):
-        cold |= cv[T_C + j] < physics.T_FROST
-        hot |= cv[T_C + j] > physics.T_HOT
-    if cold:
-        for j in range(LANES):
-            W_s = physics.humidity_ratio(physics.saturation_pressure_frost(cv[T_C + j]), S[R.pressure + j])
-            cv[W_S + j] = W_s if cv[T_C + j] < physics.T_FROST else cv[W_S + j]
-    if hot:
-        for j in range(LANES):
-            W_s = physics.humidity_ratio(physics.saturation_pressure_hot(cv[T_C + j]), S[R.pressure + j])
-            cv[W_S + j] = W_s if cv[T_C + j] > physics.T_HOT else cv[W_S + j]
-
-
-@section
-def march_air(S, V, n_volumes, lagged_air, shares_air_side, eps_a, eps_star, m_a, dt_counted, T_dry, may_condense):
-    """Eq (3) for the air and the metal of every volume: states[t] become states[t + 1].
-
-    Air enters volume i from the row of volume i + 1.  In a march that starts at the water's inlet that row still
-    holds state [t] (lagged, as printed); in one that starts at the air's inlet, this step's outlet (quasistatic).
-    ``shares_air_side``: all lanes have the effectiveness eps_a, eps_star; otherwise it is in the rows of that name.
-    dt_counted: the time step, s, or 0 where condensate does not count.
-    T_dry: nothing condenses in the next march on metal from here up, °C.  may_condense: this march; out, the next.
-    """
-    m_a_dt = m_a * dt_counted
-    for k in range(n_volumes):
-        i = k + 1 if lagged_air else n_volumes - k
-        if may_condense[i]:
-            may_condense[i] = air_step_wet(S, V, i, shares_air_side, eps_a, eps_star, m_a, m_a_dt, T_dry)
-        else:
-            may_condense[i] = air_step_dry(S, V, i, shares_air_side, eps_a, m_a, T_dry)
-
-
-@section
-def air_step_wet(S, V, i, shares_air_side, eps_a, eps_star, m_a, m_a_dt, T_dry):
-    """March air and metal of volume i, where air may condense; return whether it may again, see ``march_air``."""
-    pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
-    may_condense = False
-    for j in range(LANES):
-        T_in, W_in = pair[VOLUME_STRIDE + T_A + j], pair[VOLUME_STRIDE + W_A + j]
-        T_c, W_s, Q_w = pair[T_C + j], pair[W_S + j], pair[Q_W + j]
-
-        wet = W_in > W_s
-        cooled = (eps_a if shares_air_side else S[R.eps_a + j]) * (T_in - T_c)
-        dried = (eps_star if shares_air_side else S[R.eps_star + j]) * physics.enthalpy_difference(T_in, W_in, T_c, W_s)
-        T_out = T_in - cooled
-        dW = physics.condensed_water(wet, W_in, cooled, dried, T_out)
-
-        Q_a = physics.air_heat(wet, m_a, cooled, dried, S[R.cp_a + j])
-        T_next = physics.next_metal_temperature(T_c, Q_a, Q_w, S[R.dt_C_c + j])
-        may_condense |= not T_next >= T_dry
-        pair[T_C + j] = T_next
-        pair[T_A + j] = T_out
-        pair[W_A + j] = W_in - dW
-        S[R.condensate + j] += m_a_dt * dW
-    return may_condense
-
-
-@section
-def air_step_dry(S, V, i, shares_air_side, eps_a, m_a, T_dry):
-    """March air and metal of volume i, where no air condenses in any lane: ``air_step_wet`` with less work."""
-    pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
-    may_condense = False
-    for j in range(LANES):
-        T_in, T_c = pair[VOLUME_STRIDE + T_A + j], pair[T_C + j]
-        cooled = (eps_a if shares_air_side else S[R.eps_a + j]) * (T_in - T_c)
-        Q_a = physics.air_heat(False, m_a, cooled, cooled, S[R.cp_a + j])
-        T_next = physics.next_metal_temperature(T_c, Q_a, pair[Q_W + j], S[R.dt_C_c + j])
-        may_condense |= not T_next >= T_dry
-        pair[T_C + j] = T_next
-        pair[T_A + j] = T_in - cooled
-        pair[W_A + j] = pair[VOLUME_STRIDE + W_A + j]
-    return may_condense
-
-
-@section
-def count_wet_volumes(S, V, n_volumes):
-    """Count the wet volumes, before a lagged march or after a quasistatic one: the rows hold what it compares."""
-    for j in range(LANES):
-        S[R.wet_volumes + j] = 0.0
-    for i in range(1, n_volumes + 1):
-        pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
-        for j in range(LANES):
-            S[R.wet_volumes + j] += 1.0 if pair[VOLUME_STRIDE + W_A + j] > pair[W_S + j] else 0.0
 
 
 ACTUATOR_SIGNATURE = StageSignature(S=ROW_POINTER, counted=FLAG, returns=INTEGER)

@@ -6,7 +6,7 @@ Each marches with the same scalar formulas as ``emulator``; the signals of the m
 import numpy as np
 
 from fastcoil.model import physics
-from fastcoil.model.engine import plant
+from fastcoil.model.engine import coil
 from fastcoil.model.engine.controller import call_control, plain_control
 from fastcoil.model.engine.emulator import record
 from fastcoil.model.engine.lanes import NO_USER_RULES, Block, UserRules, run_sets, trace_rows, work_space
@@ -39,33 +39,35 @@ def march_coil(rows, config, series, seconds, S, V, T_sup, T_w_out, wet):
         now = series[t]
         m_a, T_a_in, W_a_in = now[_COIL_COLUMN.m_a], now[_COIL_COLUMN.T_a_in], now[_COIL_COLUMN.W_a_in]
         T_w_in, m_w = now[_COIL_COLUMN.T_w_in], now[_COIL_COLUMN.m_w]
-        recorded = k < seconds.size and seconds[k] == t
-        if recorded:
-            for j in range(LANES):
-                T_sup[k, j] = V[first + T_A + j]
-                T_w_out[k, j] = V[last + T_W + j]
         if m_a != m_a_known:
-            plant.update_air_effectiveness(S, m_a)
-            m_a_known = m_a
+            coil.update_air_effectiveness(S, m_a)
         if m_w != m_w_known:
             log_m_w = log(max(m_w, physics.LEAST_WATER_FLOW_KG_S))
             for j in range(LANES):
                 S[R.log_m_w + j] = log_m_w
                 S[R.C_flow + j] = m_w * S[R.cp_w + j]
-            plant.update_water_conductance(S)
-            m_w_known = m_w
-        plant.set_inlets(V, n_volumes, T_a_in, W_a_in, T_w_in)
-        for substep in range(config.substeps):
-            plant.march_water(S, V, n_volumes, False, all_volumes)
-            if recorded and substep == 0 and config.lagged_air:
-                plant.count_wet_volumes(S, V, n_volumes)
-            plant.march_air(S, V, n_volumes, config.lagged_air, False, 0.0, 0.0, m_a, 0.0, np.inf, all_volumes)
-            if recorded and substep == 0 and not config.lagged_air:
-                plant.count_wet_volumes(S, V, n_volumes)
-        if recorded:
+            coil.update_water_conductance(S)
+        if m_a != m_a_known or m_w != m_w_known:
+            coil.update_half_steps(S, m_a)
+            m_a_known, m_w_known = m_a, m_w
+        coil.set_inlets(V, n_volumes, T_a_in, W_a_in, T_w_in)
+        if not config.lagged_air:
+            coil.pass_air(S, V, n_volumes, m_a, 0.0, False, all_volumes)
+        if k < seconds.size and seconds[k] == t:
+            coil.count_wet_volumes(S, V, n_volumes)
             for j in range(LANES):
+                T_sup[k, j] = V[first + T_A + j]
+                T_w_out[k, j] = V[last + T_W + j]
                 wet[k, j] = S[R.wet_volumes + j]
             k += 1
+        for substep in range(config.substeps):
+            if config.lagged_air:
+                coil.march_lagged_water(S, V, n_volumes, False, all_volumes)
+                coil.march_lagged_air(S, V, n_volumes, False, 0.0, 0.0, m_a, 0.0, np.inf, all_volumes)
+            else:
+                if substep > 0:
+                    coil.pass_air(S, V, n_volumes, m_a, 0.0, False, all_volumes)
+                coil.exchange_heat(S, V, n_volumes, np.inf, all_volumes)
 
 
 def run_coil(matrix: np.ndarray, series: np.ndarray, seconds: np.ndarray) -> tuple[np.ndarray, ...]:

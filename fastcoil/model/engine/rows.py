@@ -45,7 +45,7 @@ STATE_ROWS = (
     # backlash with wear, its factor from the boundary, the gap that results; direction of the last move
     "worn_backlash", "backlash_scale", "gap", "last_turn",
     # coil: flow, conductance and effectiveness of this step
-    "C_flow", "ntu_w", "G_w", "eps_a", "eps_star", "wet_volumes", "power",
+    "C_flow", "ntu_w", "G_w", "eps_a", "eps_star", "half_C_c", "half_C_w", "T_w_mean", "wet_volumes", "power",
     # since the start of the first day: largest distance of the metal from mid-range, and when the estimate was right
     "farthest_T_c", "time_reached", "time_confirmed", "time_identified",
 )  # fmt: skip
@@ -59,8 +59,9 @@ SUM_ROWS = (
     "coldest_wet", "coldest_water", "frost_time", "freeze_time", "coldest", "dampest",
 )  # fmt: skip
 """Sums and extremes from which ``summarise`` computes the metrics."""
-VOLUME_ROWS = ("T_w", "T_c", "T_a", "W_a", "Q_w", "W_s")
-"""Rows of each control volume: the states, heat from the metal into the water, and saturation at T_c.
+VOLUME_ROWS = ("T_w", "T_c", "T_a", "W_a", "Q", "W_s")
+"""Rows of each control volume: the states, saturation at T_c, and a heat that one half of a march hands to the other:
+into the water (lagged) or from the air (quasistatic).
 
 Volume 0 carries the entering water in T_w, volume N + 1 the entering air in T_a and W_a.
 """
@@ -84,7 +85,7 @@ P = name_offsets(PARAMETER_ROWS)
 """Index of each parameter in the rows of a block or a matrix of scenarios."""
 STATE_START = len(PARAMETER_ROWS + DERIVED_ROWS) * LANES
 SUMS_START = (len(ROWS) - len(SUM_ROWS)) * LANES
-T_W, T_C, T_A, W_A, Q_W, W_S = range(0, len(VOLUME_ROWS) * LANES, LANES)
+T_W, T_C, T_A, W_A, Q, W_S = range(0, len(VOLUME_ROWS) * LANES, LANES)
 """Offset of each row of volume 0 in the flat state V; volume i is i * VOLUME_STRIDE further."""
 VOLUME_STRIDE = LANES * len(VOLUME_ROWS)
 
@@ -130,7 +131,6 @@ def set_initial_state(S, open_loop):
     S[STATE_START:SUMS_START] = 0.0
     initial_signal = np.nan if open_loop else 0.0
     for j in range(LANES):
-        S[R.y_s + j] = S[R.T_initial + j]
         S[R.u + j] = initial_signal
         S[R.integral + j] = initial_signal
         S[R.mode + j] = 0.0 if open_loop else FALLING

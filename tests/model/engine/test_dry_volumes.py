@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.model.engine.plant import dew_point_bound
+from fastcoil.model.engine.coil import dew_point_bound
 from fastcoil.model.metric_table import METRICS
 from fastcoil.model.physics import saturation_humidity_ratio
 

@@ -161,8 +161,9 @@ def test_a_tight_valve_shuts_the_water_off_and_energy_closes(beta2):
     np.testing.assert_allclose(T_c[:, 4799], 26.0, atol=1e-9)
     assert m_w[-1] > 0.0
     stored = (8.8 * np.diff(T_w) + 30.0 * np.diff(T_c)).sum(axis=0)
-    air = 1.15 * 1.02 * (26.0 - T_a[0, 1:])
-    water = m_w[:-1] * 4.186 * (7.0 - T_w[-1, :-1])
+    G_a = reference.effectiveness(1.15, 0.40, -0.45) * 1.15 * 1.02
+    air = 1.15 * 1.02 * (26.0 - T_a[0, :-1]) - 0.5 * G_a * np.diff(T_c).sum(axis=0)
+    water = m_w[:-1] * 4.186 * (7.0 - 0.5 * (T_w[-1, :-1] + T_w[-1, 1:]))
     np.testing.assert_allclose(stored, air + water, rtol=0.0, atol=1e-10)
 
 

@@ -1,0 +1,334 @@
+"""The coil of a block of lanes, Eqs (3) and (4), in one of two orders.
+
+*Lagged*, as printed: after the controller, water, then air and metal take an explicit step from state [t].  Air that
+enters a volume left the next one a step ago, and the controller reads air that left the coil a step ago.
+
+*Quasistatic*: before the controller, the air passes the metal of now from its inlet to its outlet; after it, metal and
+water take a step with the heats of that pass.  The step is the trapezoidal rule along the water, in which each volume
+knows the mean of the water that enters it; of the heat of the air, only what the volume's own metal changes is taken at
+the middle of the step.  Its error falls with the step, not with its square, but starts at a tenth of the printed one.
+No temperature moves further than in the explicit step, so that the same limits keep it between its neighbours.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fastcoil.model import physics
+from fastcoil.model.engine.rows import LANES, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, Q, R
+from fastcoil.model.numerics.jit import scalar, section
+
+MILD_T = 1.0
+"""°C; while everything in a coil is warmer, no metal is near freezing."""
+MILD_W = 0.07
+"""kg/kg; while all air is drier, no metal above 50 °C gets wet."""
+_DEW_POINT_STEP_K = 0.0625  # exact in binary
+
+
+@section
+def update_water_conductance(S):
+    """Update the water-side conductance of every lane, Eq (4)."""
+    for j in range(LANES):
+        S[R.ntu_w + j] = physics.transfer_units(S[R.ntu_w_factor + j], S[R.beta2 + j], S[R.log_m_w + j])
+    for j in range(LANES):
+        S[R.G_w + j] = physics.effectiveness_from_ntu(S[R.ntu_w + j]) * S[R.C_flow + j]
+
+
+@section
+def update_air_effectiveness(S, m_a):
+    """Update the air-side effectiveness of every lane, Eq (4)."""
+    for j in range(LANES):
+        S[R.eps_a + j] = physics.effectiveness(S[R.ntu_a_factor + j], S[R.beta4 + j], m_a)
+        S[R.eps_star + j] = physics.effectiveness(S[R.ntu_star_factor + j], S[R.beta6 + j], m_a)
+
+
+@section
+def set_air_effectiveness(S, eps_a, eps_star):
+    """Set an air-side effectiveness that all lanes share."""
+    for j in range(LANES):
+        S[R.eps_a + j] = eps_a
+        S[R.eps_star + j] = eps_star
+
+
+@section
+def fill_air_effectiveness(S, m_a, eps):
+    """Fill eps, (2, n_steps), with ε_a and ε_a* of the whole day, for lanes that share β3…β6."""
+    eps_a, eps_star = eps[0], eps[1]
+    for t in range(eps_a.size):  # out of its column: a loop over every eighth number is not vectorised
+        eps_a[t] = m_a[t]
+    for t in range(eps_a.size):
+        eps_star[t] = physics.effectiveness(S[R.ntu_star_factor], S[R.beta6], eps_a[t])
+        eps_a[t] = physics.effectiveness(S[R.ntu_a_factor], S[R.beta4], eps_a[t])
+
+
+@section
+def set_inlets(V, n_volumes, T_a_in, W_a_in, T_w_in):
+    """Set the air and the water that enter the coil in this step."""
+    air = V[(n_volumes + 1) * VOLUME_STRIDE :]
+    for j in range(LANES):
+        air[T_A + j] = T_a_in
+        air[W_A + j] = W_a_in
+        V[T_W + j] = T_w_in
+
+
+@section
+def coldest_and_dampest(S, V, n_volumes):
+    """Lowest temperature, °C, and highest humidity ratio, kg/kg, in the coils of a block.
+
+    Within the stability limits of dt, Eqs (3) and (4) take weighted means and only remove humidity: no volume goes
+    beyond these values until something colder or damper enters.
+    """
+    for j in range(LANES):
+        S[R.coldest + j] = np.inf
+        S[R.dampest + j] = -np.inf
+    for i in range(1, n_volumes + 1):
+        cv = V[i * VOLUME_STRIDE :]
+        for j in range(LANES):
+            low = cv[T_W + j] if cv[T_W + j] < S[R.coldest + j] else S[R.coldest + j]
+            low = cv[T_C + j] if cv[T_C + j] < low else low
+            S[R.coldest + j] = cv[T_A + j] if cv[T_A + j] < low else low
+            S[R.dampest + j] = cv[W_A + j] if cv[W_A + j] > S[R.dampest + j] else S[R.dampest + j]
+    coldest, dampest = np.inf, -np.inf
+    for j in range(LANES):
+        coldest, dampest = min(coldest, S[R.coldest + j]), max(dampest, S[R.dampest + j])
+    return coldest, dampest
+
+
+@scalar
+def dew_point_bound(T, W, pressure):
+    """A temperature, °C, at and above which no air of humidity ratio W condenses on metal; inf if there is none.
+
+    It lies up to ``_DEW_POINT_STEP_K`` above the dew point.  T: where the search starts, the bound before.
+    """
+    W *= 1.000001  # the pieces of the saturation curve meet to some 1e-9 of it
+    T = physics.T_SATURATION_MIN if T == np.inf else T
+    while T < physics.T_SATURATION_MAX and physics.saturation_humidity_ratio(T, pressure) < W:
+        T += _DEW_POINT_STEP_K
+    while T > physics.T_SATURATION_MIN and physics.saturation_humidity_ratio(T - _DEW_POINT_STEP_K, pressure) >= W:
+        T -= _DEW_POINT_STEP_K
+    return T if T < physics.T_SATURATION_MAX else np.inf
+
+
+@section
+def count_wet_volumes(S, V, n_volumes):
+    """Count the volumes in which the air of now condenses."""
+    for j in range(LANES):
+        S[R.wet_volumes + j] = 0.0
+    for i in range(1, n_volumes + 1):
+        saturate(S, V, i, False)
+        pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
+        for j in range(LANES):
+            S[R.wet_volumes + j] += 1.0 if pair[VOLUME_STRIDE + W_A + j] > pair[W_S + j] else 0.0
+
+
+@section
+def saturate(S, V, i, is_mild):
+    """Compute saturation at the metal of volume i.
+
+    is_mild: no metal is near freezing, and no air so moist that it condenses above 50 °C.
+    """
+    cv = V[i * VOLUME_STRIDE : (i + 1) * VOLUME_STRIDE]
+    for j in range(LANES):
+        cv[W_S + j] = physics.humidity_ratio(physics.saturation_pressure_mild(cv[T_C + j]), S[R.pressure + j])
+    if not is_mild:
+        saturate_cold_and_hot(S, V, i)
+
+
+@section
+def saturate_cold_and_hot(S, V, i):
+    """Compute saturation at the metal of volume i in the lanes in which it is near freezing or above 50 °C."""
+    cv = V[i * VOLUME_STRIDE : (i + 1) * VOLUME_STRIDE]
+    cold, hot = False, False
+    for j in range(LANES):
+        cold |= cv[T_C + j] < physics.T_FROST
+        hot |= cv[T_C + j] > physics.T_HOT
+    if cold:
+        for j in range(LANES):
+            W_s = physics.humidity_ratio(physics.saturation_pressure_frost(cv[T_C + j]), S[R.pressure + j])
+            cv[W_S + j] = W_s if cv[T_C + j] < physics.T_FROST else cv[W_S + j]
+    if hot:
+        for j in range(LANES):
+            W_s = physics.humidity_ratio(physics.saturation_pressure_hot(cv[T_C + j]), S[R.pressure + j])
+            cv[W_S + j] = W_s if cv[T_C + j] > physics.T_HOT else cv[W_S + j]
+
+
+@section
+def march_lagged_water(S, V, n_volumes, is_mild, may_condense):
+    """March the water of every volume, Eq (3); also heat into the water and saturation, which the air march reads.
+
+    It runs from the water's outlet to its inlet, so that the water entering a volume is still in state [t].  It is
+    separate from the air march because two short chains of arithmetic overlap better than a long one.
+    is_mild: no metal is near freezing, and no air so moist that it condenses above 50 °C.
+    may_condense: (at least n_volumes + 1,), whether air may condense in a volume in some lane; saturation is computed
+    there only.
+    """
+    for k in range(n_volumes):
+        i = n_volumes - k
+        if may_condense[i]:
+            water_step(S, V, i, True)
+            if not is_mild:
+                saturate_cold_and_hot(S, V, i)
+        else:
+            water_step(S, V, i, False)
+
+
+@section
+def water_step(S, V, i, saturates):
+    """March the water of volume i, Eq (3); with ``saturates`` also compute saturation at its metal."""
+    pair = V[(i - 1) * VOLUME_STRIDE : (i + 1) * VOLUME_STRIDE]
+    for j in range(LANES):
+        row = VOLUME_STRIDE + j
+        T_w, T_w_in, T_c = pair[row + T_W], pair[T_W + j], pair[row + T_C]
+        Q_w = physics.water_heat(S[R.G_w + j], T_c, T_w_in)
+        pair[row + T_W] = physics.next_water_temperature(T_w, T_w_in, Q_w, S[R.C_flow + j], S[R.dt_C_w + j])
+        pair[row + Q] = Q_w
+        if saturates:
+            pair[row + W_S] = physics.humidity_ratio(physics.saturation_pressure_mild(T_c), S[R.pressure + j])
+
+
+@section
+def march_lagged_air(S, V, n_volumes, shares_air_side, eps_a, eps_star, m_a, dt_counted, T_dry, may_condense):
+    """Eq (3) for the air and the metal of every volume, lagged: states[t] become states[t + 1].
+
+    Air enters volume i from the row of volume i + 1, which still holds state [t].
+    ``shares_air_side``: all lanes have the effectiveness eps_a, eps_star; otherwise it is in the rows of that name.
+    dt_counted: the time step, s, or 0 where condensate does not count.
+    T_dry: nothing condenses in the next march on metal from here up, °C.  may_condense: this march; out, the next.
+    """
+    m_a_dt = m_a * dt_counted
+    for i in range(1, n_volumes + 1):
+        if may_condense[i]:
+            may_condense[i] = air_step_wet(S, V, i, shares_air_side, eps_a, eps_star, m_a, m_a_dt, T_dry)
+        else:
+            may_condense[i] = air_step_dry(S, V, i, shares_air_side, eps_a, m_a, T_dry)
+
+
+@section
+def air_step_wet(S, V, i, shares_air_side, eps_a, eps_star, m_a, m_a_dt, T_dry):
+    """March air and metal of volume i, where air may condense; return whether it may in the next march."""
+    pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
+    may_condense = False
+    for j in range(LANES):
+        T_in, W_in = pair[VOLUME_STRIDE + T_A + j], pair[VOLUME_STRIDE + W_A + j]
+        T_c, W_s, Q_w = pair[T_C + j], pair[W_S + j], pair[Q + j]
+
+        wet = W_in > W_s
+        cooled = (eps_a if shares_air_side else S[R.eps_a + j]) * (T_in - T_c)
+        dried = (eps_star if shares_air_side else S[R.eps_star + j]) * physics.enthalpy_difference(T_in, W_in, T_c, W_s)
+        T_out = T_in - cooled
+        dW = physics.condensed_water(wet, W_in, cooled, dried, T_out)
+
+        Q_a = physics.air_heat(wet, m_a, cooled, dried, S[R.cp_a + j])
+        T_next = physics.next_metal_temperature(T_c, Q_a, Q_w, S[R.dt_C_c + j])
+        may_condense |= not T_next >= T_dry
+        pair[T_C + j] = T_next
+        pair[T_A + j] = T_out
+        pair[W_A + j] = W_in - dW
+        S[R.condensate + j] += m_a_dt * dW
+    return may_condense
+
+
+@section
+def air_step_dry(S, V, i, shares_air_side, eps_a, m_a, T_dry):
+    """March air and metal of volume i, where no air condenses in any lane: ``air_step_wet`` with less work."""
+    pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
+    may_condense = False
+    for j in range(LANES):
+        T_in, T_c = pair[VOLUME_STRIDE + T_A + j], pair[T_C + j]
+        cooled = (eps_a if shares_air_side else S[R.eps_a + j]) * (T_in - T_c)
+        Q_a = physics.air_heat(False, m_a, cooled, cooled, S[R.cp_a + j])
+        T_next = physics.next_metal_temperature(T_c, Q_a, pair[Q + j], S[R.dt_C_c + j])
+        may_condense |= not T_next >= T_dry
+        pair[T_C + j] = T_next
+        pair[T_A + j] = T_in - cooled
+        pair[W_A + j] = pair[VOLUME_STRIDE + W_A + j]
+    return may_condense
+
+
+@section
+def pass_air(S, V, n_volumes, m_a, dt_counted, is_mild, may_condense):
+    """Pass the air of now over the metal of now, from the air's inlet to its outlet: T_a, W_a, and the heat Q.
+
+    dt_counted, may_condense: as for ``march_lagged_air``; is_mild: as for ``saturate``.
+    """
+    for k in range(n_volumes):
+        i = n_volumes - k
+        if may_condense[i]:
+            saturate(S, V, i, is_mild)
+            pass_wet_volume(S, V, i, m_a, m_a * dt_counted)
+        else:
+            pass_dry_volume(S, V, i, m_a)
+
+
+@section
+def pass_wet_volume(S, V, i, m_a, m_a_dt):
+    """Pass the air through volume i, where it may condense."""
+    pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
+    for j in range(LANES):
+        T_in, W_in = pair[VOLUME_STRIDE + T_A + j], pair[VOLUME_STRIDE + W_A + j]
+        T_c, W_s = pair[T_C + j], pair[W_S + j]
+        wet = W_in > W_s
+        cooled = S[R.eps_a + j] * (T_in - T_c)
+        dried = S[R.eps_star + j] * physics.enthalpy_difference(T_in, W_in, T_c, W_s)
+        T_out = T_in - cooled
+        dW = physics.condensed_water(wet, W_in, cooled, dried, T_out)
+        pair[Q + j] = physics.air_heat(wet, m_a, cooled, dried, S[R.cp_a + j])
+        pair[T_A + j] = T_out
+        pair[W_A + j] = W_in - dW
+        S[R.condensate + j] += m_a_dt * dW
+
+
+@section
+def pass_dry_volume(S, V, i, m_a):
+    """Pass the air through volume i, where none condenses in any lane: ``pass_wet_volume`` with less work."""
+    pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
+    for j in range(LANES):
+        T_in = pair[VOLUME_STRIDE + T_A + j]
+        cooled = S[R.eps_a + j] * (T_in - pair[T_C + j])
+        pair[Q + j] = physics.air_heat(False, m_a, cooled, cooled, S[R.cp_a + j])
+        pair[T_A + j] = T_in - cooled
+        pair[W_A + j] = pair[VOLUME_STRIDE + W_A + j]
+
+
+@section
+def update_half_steps(S, m_a):
+    """Update what half a step does to metal and water of every lane, see ``update_half_step``."""
+    for j in range(LANES):
+        update_half_step(S, j, m_a)
+
+
+@section
+def update_half_step(S, j, m_a):
+    """Update what half a step of a kilowatt does to the metal and to the water of a volume of lane j, K/kW.
+
+    On the way the metal loses heat to the air and to the water, and the water flows out.
+    """
+    G_a = S[R.eps_a + j] * (m_a * S[R.cp_a + j])
+    S[R.half_C_c + j] = physics.implicit_half_step(S[R.dt_C_c + j], S[R.G_w + j] + G_a)
+    S[R.half_C_w + j] = physics.implicit_half_step(S[R.dt_C_w + j], S[R.C_flow + j])
+
+
+@section
+def exchange_heat(S, V, n_volumes, T_dry, may_condense):
+    """Eq (3) for metal and water of every volume by the trapezoidal rule, with the heats of ``pass_air``.
+
+    The means over the step follow from volume to volume along the water; the end lies as far beyond them as the start
+    before them.  T_dry, may_condense: as for ``march_lagged_air``.
+    """
+    for j in range(LANES):
+        S[R.T_w_mean + j] = V[T_W + j]
+    for i in range(1, n_volumes + 1):
+        cv = V[i * VOLUME_STRIDE : (i + 1) * VOLUME_STRIDE]
+        condenses_next = False
+        for j in range(LANES):
+            T_w, T_c, T_w_in, G_w = cv[T_W + j], cv[T_C + j], S[R.T_w_mean + j], S[R.G_w + j]
+            Q_w = physics.water_heat(G_w, T_c, T_w_in)
+            T_c_mean = physics.next_metal_temperature(T_c, cv[Q + j], Q_w, S[R.half_C_c + j])
+            Q_w = physics.water_heat(G_w, T_c_mean, T_w_in)
+            T_w_mean = physics.next_water_temperature(T_w, T_w_in, Q_w, S[R.C_flow + j], S[R.half_C_w + j])
+            T_next = T_c_mean + (T_c_mean - T_c)
+            condenses_next |= not T_next >= T_dry
+            cv[T_C + j] = T_next
+            cv[T_W + j] = T_w_mean + (T_w_mean - T_w)
+            S[R.T_w_mean + j] = T_w_mean
+        may_condense[i] = condenses_next
