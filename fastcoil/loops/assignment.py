@@ -213,8 +213,8 @@ def values_for_rules(values: Values, before: Rules, rules: Rules) -> dict[str, A
 
 
 CONVERGED_KEYWORD = "converged"
-CONVERGED: Values = {"air_march": "quasistatic", "substeps": 8}
-"""Parameters that ``converged=True`` sets, within 1 % of the RMSE of a finer scheme, see docs/model.md."""
+CONVERGED: Values = {"air_march": "quasistatic"}
+"""Parameters that ``converged=True`` sets, within 1 % of the RMSE of Runge and Kutta's method, see docs/model.md."""
 CONVERGED_TEXT = " and ".join(f"{name} = {value!r}" for name, value in CONVERGED.items())
 
 

@@ -66,9 +66,9 @@ class Loop:
     def preset(cls, name: PresetName | str, *, converged: bool = False) -> Loop:
         """Return a named loop: ``paper_like``, ``paper_like_fast``, ``lbnl``, ``g36``, ``heating`` or ``heating_45``.
 
-        ``fc.presets()`` describes each.  converged: as in ``Loop``.
+        ``fc.presets()`` describes each.  converged: as in ``Loop``; all but the first two are converged as they are.
         """
-        return cls(**PRESETS[require_choice("preset", name, PRESETS)].values, converged=converged)
+        return cls(**PRESETS[require_choice("preset", name, PRESETS)].values).assign(converged=converged)
 
     @classmethod
     def from_dataset(cls, ds: xr.Dataset, rules: Sequence[Rule] = ()) -> Loop:

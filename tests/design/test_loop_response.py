@@ -77,7 +77,8 @@ def test_the_emulator_answers_a_small_step_of_the_set_point_as_the_closed_loop(n
     step, before, after = 0.005, 6000, 900
     columns, conditions = rest_points(name, stroke_time=0.0, **SAMPLED[sampling])
     margin = margins_of(columns, linearise_plants(columns, conditions)).gain_margin
-    columns["kp"] = 0.3 * margin * columns["kp"]
+    # a coil whose air does not lag bears gains that would open the valve widely
+    columns["kp"] = min(0.3 * margin, 20.0) * columns["kp"]
     theirs = sampled_loop(control, columns, conditions)
     ts = SAMPLED[sampling]["sample_time"]
     expected = control.step_response(control.feedback(theirs), np.arange(0.0, after, ts)).outputs

@@ -41,31 +41,42 @@ def test_all_mistakes_are_reported_together():
     assert_refused("baklash", "name", fc.Loop().__getitem__, "baklash")
 
 
-MEANING = {"air_march": "quasistatic", "substeps": 8}
+MEANING = {"air_march": "quasistatic"}
 
 
-def test_it_stands_for_the_air_march_and_the_substeps():
+def test_converged_stands_for_the_air_march():
     assert dict(CONVERGED) == MEANING
-    expected = fc.Loop.preset("g36").assign(**MEANING)
-    assert fc.Loop.preset("g36", converged=True) == expected
-    assert fc.Loop.preset("g36").assign(converged=True) == expected
-    assert fc.Loop(converged=np.True_) == fc.Loop(**MEANING)
-    assert isinstance(expected["substeps"], int)
+    expected = fc.Loop.preset("paper_like_fast").assign(**MEANING)
+    assert fc.Loop.preset("paper_like_fast", converged=True) == expected
+    assert fc.Loop.preset("paper_like_fast").assign(converged=True) == expected
+    assert fc.Loop(converged=np.True_, substeps=4) == fc.Loop(**MEANING, substeps=4)
 
 
-@pytest.mark.parametrize("given", [{"substeps": 8}, {"air_march": "quasistatic"}, MEANING])
-def test_it_clashes_with_what_it_stands_for_in_one_sentence(given):
-    assert_refused("converged", "conflict", fc.Loop, converged=True, **given)
+def test_presets_of_practice_are_converged_and_those_of_the_paper_as_printed():
+    marches = {name: fc.Loop.preset(name)["air_march"] for name in fc.presets()}
+    assert marches == {
+        "paper_like": "lagged", "paper_like_fast": "lagged", "lbnl": "quasistatic", "g36": "quasistatic",
+        "heating": "quasistatic", "heating_45": "quasistatic",
+    }  # fmt: skip
+    assert fc.Loop()["air_march"] == "lagged"
+    assert fc.Loop.preset("lbnl", converged=True) == fc.Loop.preset("lbnl")
+
+
+def test_it_clashes_with_what_it_stands_for_in_one_sentence():
+    assert_refused("converged", "conflict", fc.Loop, converged=True, **MEANING)
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("[loop]\nconverged = true\nsubsteps = 4", r"\[loop\] converged stands for .*: leave it out, or .* substeps$"),
+        (
+            "[loop]\nconverged = true\nair_march = 'lagged'",
+            r"\[loop\] converged stands for .*: leave it out, or .* air_march$",
+        ),
         ("[loop]\nconverged = 1", r"\[loop\] converged = 1: give True or False"),
         (
-            "[loop]\nconverged = true\n[sweep]\nsubsteps = [1, 2]",
-            r"substeps appears in \[loop\] as part of converged and in \[sweep\]: leave one out",
+            "[loop]\nconverged = true\n[sweep]\nair_march = ['lagged', 'quasistatic']",
+            r"air_march appears in \[loop\] as part of converged and in \[sweep\]: leave one out",
         ),
         ("[loop]\n[sweep]\nconverged = [true, false]", r"\[sweep\] converged is not a parameter"),
     ],
