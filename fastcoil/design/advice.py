@@ -15,7 +15,7 @@ from fastcoil.base.arrays import Array, Mask
 from fastcoil.base.text import format_kelvin, format_percent, format_two_digits
 from fastcoil.design.limit_cycle import HUNTING_INDEX_LIMIT
 from fastcoil.design.operating_points import PointsOfDay
-from fastcoil.design.prediction import Prediction, predict_cycles_at, shortest_ti, simc_gains
+from fastcoil.design.prediction import Prediction, predict, predict_cycles_at, shortest_ti, simc_gains
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.clashes import unread_values
 from fastcoil.loops.loop import Loop, used_choices
@@ -350,14 +350,39 @@ def verdict(current: Option, changed: Option) -> str:
     return "worse" if is_worse else "better" if is_better else "no gain"
 
 
-def find_cures(trial: Trial, prediction: Prediction) -> tuple[xr.Dataset, Advice]:
-    """Try cures, with a ``verdict`` each, also gains from a grid of simulations if no others help; and advise."""
+def find_cures(trial: Trial, prediction: Prediction) -> tuple[xr.Dataset, Advice, str]:
+    """Try cures, with a ``verdict`` each, also gains from a grid of simulations if no others help; and advise.
+
+    The sentence is that of ``contradiction_by_converged_march``.
+    """
     cures = propose_cures(trial.loop, prediction, has_theory=trial.prediction is not None)
     ds = try_cures(trial, cures)
     if ds["hunting"][0] and not (ds["hunting"] == 0.0)[np.isin(ds["cure"], GAIN_CURES)].any():
-        ds = try_cures(trial, with_simulated_gains(trial, cures))
+        cures = with_simulated_gains(trial, cures)
+        ds = try_cures(trial, cures)
     results = ds.assign(error=ds["rmse"].where(ds["status"] == STATUS_OK), hunts=ds["hunting"] > 0.0)
     names = ("cure", "words", "error", "motor_travel", "hunts", "hunting_index", "chatters")
     options = [Option(*row) for row in zip(*(results[name].values.tolist() for name in names), strict=True)]
     ds = ds.assign(verdict=("cure", [verdict(options[0], option) for option in options]))
-    return ds, advise(options, holds_set_point=not ds["share_off"][0] > LOST_SHARE, least_error=NOTICEABLE)
+    advice = advise(options, holds_set_point=not ds["share_off"][0] > LOST_SHARE, least_error=NOTICEABLE)
+    decisive = list(dict.fromkeys([0, advice.best]))
+    hunts = [options[k].hunts for k in decisive]
+    return ds, advice, contradiction_by_converged_march(trial, [cures[k] for k in decisive], hunts)
+
+
+def contradiction_by_converged_march(trial: Trial, cures: Sequence[Cure], hunts_as_printed: Sequence[bool]) -> str:
+    """Say with which cures the converged march contradicts the printed one on whether the loop hunts.
+
+    Empty with none, and for a loop that has the converged march.
+    """
+    loop = trial.loop.assign(converged=True)
+    if loop["air_march"] == trial.loop["air_march"]:
+        return ""
+    theory = trial.prediction and predict(trial.prediction.loop.assign(converged=True), trial.points)
+    hunts = try_cures(trial._replace(loop=loop, prediction=theory), cures)["hunting"].values > 0.0
+    clauses = [
+        f"{cure.words}, it {'hunts' if converged else 'does not hunt'}"
+        for cure, converged, as_printed in zip(cures, hunts, hunts_as_printed, strict=True)
+        if converged != as_printed
+    ]
+    return f"The converged march says otherwise: {'; '.join(clauses)}.  Set converged = true." * bool(clauses)

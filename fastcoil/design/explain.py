@@ -111,8 +111,9 @@ def explain(
     points = operating_points(boundary, warm_up, second)
     prediction, doubts = predict_or_nearest(loop, points)
     trial = Trial(loop, boundary, points, None if doubts else prediction, warm_up, seed)
-    cures, advice = find_cures(trial, prediction)
-    return Explanation(doubts or hunting_index_omissions(prediction), cures, advice, loop, boundary, trial.prediction)
+    cures, advice, contradiction = find_cures(trial, prediction)
+    doubts = doubts or hunting_index_omissions(prediction)
+    return Explanation(doubts, cures, advice, contradiction, loop, boundary, trial.prediction)
 
 
 def _points_dataset(prediction: Prediction, simulated: xr.Dataset) -> xr.Dataset:
@@ -162,6 +163,8 @@ class Explanation:
         ``verdict``.
     recommended, advice
         The cure to take, ``as_it_is`` where the loop is good, or nothing helps; and the sentences that say so.
+    contradiction
+        The sentence that says where the converged march turns the answer or the advice round; empty where it does not.
     loop, boundary
         The arguments of ``explain``.
     """
@@ -169,6 +172,7 @@ class Explanation:
     doubts: tuple[str, ...]
     simulated: xr.Dataset  # the cures with their traces
     best_advice: Advice
+    contradiction: str
     loop: Loop
     boundary: Boundary
     prediction: Prediction | None
@@ -281,7 +285,11 @@ class Explanation:
 
     @property
     def answer(self) -> str:
-        """Answer in one sentence: whether the loop will hunt."""
+        """Whether the loop will hunt, in a sentence, and in another one where the converged march says otherwise."""
+        return f"{self._answer_as_given}  {self.contradiction}".rstrip()
+
+    @property
+    def _answer_as_given(self) -> str:
         if self._has_failed:
             return "This loop cannot be simulated: temperatures leave the range of the model."
         if self.hunts:

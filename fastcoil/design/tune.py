@@ -23,9 +23,16 @@ from fastcoil.design.tuning_plan import (
     simc_changes,
     simulate_group,
 )
-from fastcoil.design.tuning_result import CHOSEN, NOW, SIMC, Tuning, collect_notes
+from fastcoil.design.tuning_result import (
+    CHOSEN,
+    NOW,
+    SIMC,
+    Tuning,
+    collect_notes,
+    contradiction_by_converged_march,
+)
 from fastcoil.loops.boundary import Boundary
-from fastcoil.loops.loop import Loop
+from fastcoil.loops.loop import Loop, used_choices
 from fastcoil.loops.simulate import number_of_threads
 from fastcoil.model.metric_table import WARM_UP_S
 
@@ -145,6 +152,11 @@ def run_tuning(request: TuningRequest, display: ProgressDisplay) -> Tuning:
     parameters = {axis.name: int(value) if axis.parameter.whole else value for axis, value in chosen}
     meets_limits = float(scores.violation[best]) == 0.0
     trained, held_out = (_compare_with_now(request, group, values[best]) for group in (training, holdout))
+    contradiction = ""
+    if "lagged" in used_choices(holdout.loop, "air_march"):
+        group = holdout._replace(loop=holdout.loop.assign(converged=True))
+        converged = _compare_with_now(request, group, values[best])
+        contradiction = contradiction_by_converged_march(request.limits, held_out, converged)
     on_front = _tunings_dataset("point", request, values[front], {n: column[front] for n, column in measured.items()})
     on_holdout = measure_group(request, holdout, request.tunings(values[front]))
     for measure in request.measures:
@@ -154,7 +166,7 @@ def run_tuning(request: TuningRequest, display: ProgressDisplay) -> Tuning:
         parameters=parameters, meets_limits=meets_limits, held_out=held_out, trained=trained, front=on_front,
         evaluations=_tunings_dataset("evaluation", request, values, measured), objective=request.goal,
         limits=request.limits, notes=collect_notes(request, parameters, meets_limits, held_out),
-        axes=(request.error, request.travel),
+        axes=(request.error, request.travel), contradiction=contradiction,
     )  # fmt: skip
 
 

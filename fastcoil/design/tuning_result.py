@@ -38,6 +38,29 @@ def _broken_limits(limits: Sequence[Limit], held_out: xr.Dataset) -> Iterator[tu
             yield limit, value, most
 
 
+def _hunts_in_many_cases(measures: xr.Dataset) -> bool:
+    """Whether a population hunts: more than 5 % of its valves and days do.  measures: of one tuning."""
+    return any(float(value) > 0.05 for name, value in measures.data_vars.items() if str(name).startswith(HUNTS))
+
+
+def contradiction_by_converged_march(limits: Sequence[Limit], held_out: xr.Dataset, converged: xr.Dataset) -> str:
+    """Sentence where the chosen settings stand otherwise with the converged march; empty where they do not.
+
+    converged: ``held_out`` simulated with that march.
+    """
+    chosen_pair = [ds.sel(tuning=CHOSEN, edge="value") for ds in (held_out, converged)]
+    hunts, hunts_converged = map(_hunts_in_many_cases, chosen_pair)
+    broken, broken_converged = (bool(list(_broken_limits(limits, ds))) for ds in (held_out, converged))
+    is_worse, is_worse_converged = (float(measures[CHANGE]) > 0.0 for measures in chosen_pair)
+    clauses = [
+        f"more than 5 % of the cases hunt{'' if hunts_converged else ' no longer'}" * (hunts != hunts_converged),
+        f"a limit is {'broken' if broken_converged else 'kept'}" * (broken != broken_converged),
+        f"the objective changes by {float(chosen_pair[1][CHANGE]):+.0%} against now" * (is_worse != is_worse_converged),
+    ]
+    clauses = list(filter(None, clauses))
+    return f"The converged march says otherwise: {', '.join(clauses)}.  Tune with converged = true." * bool(clauses)
+
+
 def collect_notes(
     request: TuningRequest, parameters: Mapping[str, float], meets_limits: bool, held_out: xr.Dataset
 ) -> tuple[str, ...]:
@@ -125,6 +148,8 @@ class Tuning(Result):
         Measures of error and travel along the front.
     advice
         What to do, in a sentence.
+    contradiction
+        Sentence that says where the converged march turns the advice round; empty where it does not.
     notes
         Warnings: a limit broken on the hold-out, an end of a range reached, what the population lacks.
     """
@@ -139,10 +164,16 @@ class Tuning(Result):
     limits: tuple[Limit, ...]
     notes: tuple[str, ...]
     axes: tuple[Measure, Measure]
+    contradiction: str
 
     @property
     def advice(self) -> str:
-        """Advice in a sentence: leave it, unless the choice keeps its limits and is better beyond chance."""
+        """What to do, in a sentence, and in another one where the converged march says otherwise."""
+        return f"{self._advice_as_given}  {self.contradiction}".rstrip()
+
+    @property
+    def _advice_as_given(self) -> str:
+        """Leave it, unless the choice keeps its limits and is better beyond chance."""
         may_be_chance = float(self.held_out[CHANGE].sel(tuning=CHOSEN, edge="high")) >= 0.0
         if not self.meets_limits or may_be_chance or any(_broken_limits(self.limits, self.held_out)):
             return f"Leave it: {self.notes[0][0].lower()}{self.notes[0][1:]}"
@@ -150,9 +181,7 @@ class Tuning(Result):
         for name, words in ((NOW, "as it is"), (CHOSEN, self._settings)):
             measures = self.held_out.sel(tuning=name, edge="value")
             error, travel = (float(measures[measure.name]) for measure in (self.objective, self.axes[1]))
-            # a population hunts if more than 5 % of its valves and days do
-            hunts = any(float(value) > 0.05 for key, value in measures.data_vars.items() if str(key).startswith(HUNTS))
-            options.append(Option(name, words, error, travel, hunts))
+            options.append(Option(name, words, error, travel, _hunts_in_many_cases(measures)))
         return advise(options, error_name=self.objective.words).text
 
     @property

@@ -130,7 +130,7 @@ _TABLE = (
     _regular("n_volumes", "coil", "1", 8, "number of control volumes N along the water", 1, 64, whole=True,
              label="control volumes N"),
     _regular("air_march", "coil", "", "lagged",
-             "how the air passes: a step for each volume, as printed in Eq (3), or at once, before the controller looks",
+             "how air passes: a step for each volume, as printed in Eq (3), or at once, before the controller looks",
              choices=("lagged", "quasistatic"), label="air march"),
     _regular("substeps", "coil", "1", 1, "steps a second in which Eqs (3) and (4) are taken", 1, 64, whole=True,
              label="substeps"),

@@ -164,7 +164,7 @@ def simulate_rest() -> xr.Dataset:
     constants = {"m_a": 1.15, "T_a_in": 26.0, "T_w_in": 7.0, "T_set": 14.0}
     series = {name: np.full((rh.size, seconds), value) for name, value in constants.items()}
     series["W_a_in"] = np.repeat(humidity_ratio(26.0, rh)[:, None], seconds, 1)
-    loop = fc.Loop(n_volumes=list(VOLUMES), backlash=0.0, converged=True)
+    loop = fc.Loop(n_volumes=list(VOLUMES), substeps=8, backlash=0.0, converged=True)
     command = np.repeat(opening[:, None], seconds, 1)
     ds = fc.simulate(loop, fc.Boundary(**series), command=command, traces=["T_sup", "wet_volumes", "power"],
                      trace_interval=5, warm_up=2400)  # fmt: skip

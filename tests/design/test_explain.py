@@ -130,6 +130,19 @@ def test_what_the_hunting_index_leaves_out_is_said():
     assert "dead_band" not in explanation.cures["cure"].values
 
 
+def test_it_says_where_the_converged_march_turns_the_verdict_round_and_only_there():
+    loop, day = fc.Loop.preset("paper_like_fast").assign(kp=0.03), fc.constant_day(hours=3)
+    explanation = explain(loop, day)
+    as_printed, converged = (fc.simulate(loop.assign(air_march=march), day) for march in ("lagged", "quasistatic"))
+    assert (float(as_printed.hunts), float(converged.hunts)) == (1.0, 0.0)
+    assert explanation.hunts
+    assert "as it is, it does not hunt" in explanation.contradiction
+    assert explanation.text.splitlines()[0] == explanation.answer
+    assert explanation.answer.endswith(explanation.contradiction)
+    assert not explain(loop.assign(converged=True), day).contradiction
+    assert not explain(loop.assign(kp=0.002), day).contradiction
+
+
 def test_a_sweep_several_days_and_a_second_beyond_the_end_are_refused_together():
     mistakes = [("loop", "shape"), ("boundary", "shape"), ("at", "value")]
     assert_mistakes(mistakes, explain, LBNL.assign(kp=[0.01, 0.02]), fc.paper_day(hours=1, seed=[1, 2]), at=3600)

@@ -144,3 +144,15 @@ def test_the_table_of_either_side_has_what_the_loop_does_there_now_as_its_limit(
     current_values = [ds.reversals_mean.sel(tuning="now", edge="value") for ds in (result.held_out, result.trained)]
     assert limits == [f"{float(value):.3g}" for value in current_values]
     assert limits[0] != limits[1]
+
+
+def test_it_says_where_the_converged_march_turns_the_advice_round():
+    loop = fc.Loop.preset("paper_like_fast").assign(kp=0.03, backlash=("sample", [0.05, 0.06, 0.07]))
+    day, holdout = fc.constant_day(hours=3), fc.constant_day(hours=3, T_a_in=25.8)
+    how = {"holdout": holdout, "search": {"kp": (0.028, 0.03)}, "evaluations": 8, "n_jobs": 1}
+    tuning = fc.tune(loop, day, **how)
+    tuned = loop.assign(**tuning.parameters, air_march=["lagged", "quasistatic"])
+    assert fc.simulate(tuned, holdout).hunts.mean("sample").values.tolist() == [1.0, 0.0]
+    assert "more than 5 % of the cases hunt no longer" in tuning.contradiction
+    assert tuning.advice.endswith(tuning.contradiction)
+    assert not fc.tune(loop.assign(converged=True), day, **how).contradiction
