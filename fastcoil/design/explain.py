@@ -89,7 +89,7 @@ def explain(
     >>> explanation.hunts, explanation.recommended
     (True, 'simc')
     >>> print(explanation.advice)
-    Do this: SIMC: kp 0.03 1/K, ti 39 s: RMSE ...
+    Do this: SIMC: kp 0.034 1/K, ti 38 s: RMSE ...
     """
     plan_simulation(loop, boundary, traces=["T_sup"], warm_up=warm_up, seed=seed)
     with argument_checks() as check:

@@ -80,7 +80,7 @@ def diagnose(
     Examples
     --------
     >>> loop = fc.Loop.preset("lbnl").assign(backlash=0.06, noise_std=0.01)
-    >>> ds = fc.simulate(loop, fc.paper_day(hours=4), traces=["command", "T_measured"], trace_interval=10)
+    >>> ds = fc.simulate(loop, fc.paper_day(hours=4), traces=["command", "T_measured"], trace_interval=15)
     >>> diagnosis = fc.diagnose(ds, stroke_time=90)
     >>> f"{diagnosis.backlash:.3f}", diagnosis.identified
     ('0.060', True)

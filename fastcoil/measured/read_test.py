@@ -78,7 +78,7 @@ def read_test(
     >>> ds = fc.simulate(loop, fc.paper_day(hours=1), test=test, traces=traces, trace_interval=10)
     >>> reading = fc.read_test(ds, stroke_time=90)
     >>> f"{reading.backlash:.3f}", reading.identified
-    ('0.062', True)
+    ('0.060', True)
     """
     with argument_checks() as check:
         source = check(as_log, "log", log)

@@ -16,17 +16,18 @@ HEATING = {
     "cp_w": 4.186, "cp_a": 1.02, "pressure": 101325.0, "m_max": None, "valve_a": None, "valve_b": None, "valve_c": None,
     "rangeability": 50.0, "authority": 0.5, "m_full": 0.5, "leakage": 0.001, "sensor_time_constant": 30.0,
     "stroke_time": 90.0, "kp": 0.025, "ti": 80.0, "sample_time": 10.0, "action": "heating",
+    "air_march": "quasistatic",
 }  # fmt: skip
 HEATING_COILS = {
     "heating": {"C_w": 2.2, "C_c": 2.5, "beta1": 0.24, "beta3": 0.10, "beta5": 0.105},
     "heating_45": {"C_w": 4.4, "C_c": 5.0, "beta1": 0.28, "beta3": 0.20, "beta5": 0.21},
 }
-VARYING = ("C_c", "kp", "ti", "sample_time", "sensor_time_constant", "stroke_time")
+VARYING = ("air_march", "C_c", "kp", "ti", "sample_time", "sensor_time_constant", "stroke_time")
 DESIGN_TABLE = {
-    "paper_like": (30.0, 0.03, 8.0, 30.0, 0.0, 0.0),
-    "paper_like_fast": (10.0, 0.05, 5.0, 10.0, 0.0, 0.0),
-    "lbnl": (10.0, 0.018, 30.0, 15.0, 30.0, 90.0),
-    "g36": (10.0, 0.05, 600.0, 5.0, 30.0, 90.0),
+    "paper_like": ("lagged", 30.0, 0.03, 8.0, 30.0, 0.0, 0.0),
+    "paper_like_fast": ("lagged", 10.0, 0.05, 5.0, 10.0, 0.0, 0.0),
+    "lbnl": ("quasistatic", 10.0, 0.018, 30.0, 15.0, 30.0, 90.0),
+    "g36": ("quasistatic", 10.0, 0.05, 600.0, 5.0, 30.0, 90.0),
 }
 
 
