@@ -27,7 +27,7 @@ from fastcoil.loops.labels import coordinate_quantity, is_parameter, plain_pi_la
 from fastcoil.loops.provenance import content_sha256, provenance
 from fastcoil.measured.diagnosis import Diagnosis
 from fastcoil.measured.fit import Fit
-from fastcoil.measured.part import FITTING, VALIDATION
+from fastcoil.measured.part import PART_FITTED, PART_VALIDATION
 from fastcoil.model.metric_table import METRICS, STATUS_MEANINGS, STATUS_OK
 from fastcoil.study.analysis.compare import mask_off_days
 from fastcoil.study.analysis.paired import paired_change, summarise_median
@@ -226,16 +226,16 @@ def fit_page(fit: Fit) -> page.Page:
 def _fit_answer(fit: Fit) -> list[str]:
     """Return the size of the gap, and the error of the model in fitting, in validation, and without the gap."""
     rmse, unit, lines, number = fit.rmse, fit.unit, [], page.format_significant
-    fitting = number(rmse[FITTING])
+    fitting = number(rmse[PART_FITTED])
     if "backlash" in fit.intervals:
         gap, low, high = (number(100 * v) for v in (fit.parameters["backlash"], *fit.intervals["backlash"]))
         lines.append(f"The gap is {gap} % of the stroke (95 %: {low} to {high} %).")
     elif fit.kind != "coil" and "backlash" not in fit.parameters:
         lines.append(f"The log does not identify the size of the gap: {fit.held.get('backlash', 'see what to mind')}.")
-    if VALIDATION not in rmse:
+    if PART_VALIDATION not in rmse:
         return [*lines, f"The RMS error of the model is {fitting} {unit}.  Nothing was held back to check it."]
-    rmse_without_gap = rmse.get(f"{VALIDATION}_without_backlash")
-    sentence = f"On the part of the log held back, the RMS error of the model is {number(rmse[VALIDATION])} {unit}"
+    rmse_without_gap = rmse.get(f"{PART_VALIDATION}_without_backlash")
+    sentence = f"On the part of the log held back, the RMS error of the model is {number(rmse[PART_VALIDATION])} {unit}"
     if rmse_without_gap is not None:
         sentence += f"; without a gap it would be {number(rmse_without_gap)} {unit}"
     return [*lines, f"{sentence}.  On the part that it was fitted to, it is {fitting} {unit}."]

@@ -29,7 +29,7 @@ from fastcoil.deliver.report.page import Page, Section, Table, format_significan
 from fastcoil.logs.log import Log, check_read_options, read_log
 from fastcoil.loops.provenance import content_sha256
 from fastcoil.loops.simulate import number_of_threads
-from fastcoil.measured.cause import UNKNOWN
+from fastcoil.measured.cause import CAUSE_UNKNOWN
 from fastcoil.measured.diagnose import diagnose
 from fastcoil.measured.diagnosis import INDICES, Diagnosis
 from fastcoil.measured.identify import GOOD_BACKLASH
@@ -253,7 +253,7 @@ def state_counts(ds: xr.Dataset) -> dict[str, int]:
     is_unread, needs_work = ds["problem"] != "", ds["hunts"] | (ds["identified"] & (ds["backlash"] > GOOD_BACKLASH))
     has_other_fault = ~needs_work & (ds["warnings"] != "")
     is_quiet = ~(is_unread | needs_work | has_other_fault)
-    is_undecided = is_quiet & (ds["cause"] == UNKNOWN)
+    is_undecided = is_quiet & (ds["cause"] == CAUSE_UNKNOWN)
     masks = {AT_FAULT: needs_work, "with another fault": has_other_fault, "without": is_quiet & ~is_undecided,
              "undecided": is_undecided, "not read": is_unread}  # fmt: skip
     return {state: int(mask.sum()) for state, mask in masks.items()}
