@@ -307,8 +307,7 @@ PARAMETERS: dict[str, Parameter] = {p.name: p for p in _TABLE}
 ESTIMATOR_GROUPS = tuple(name for name in PARAMETERS["estimator"].choices if name != "none")
 """Groups of parameters that only the estimator of that name reads."""
 
-INTEGER_PARAMETERS = ("n_volumes", "substeps")
-"""Integers; all other numbers are floats."""
+INTEGER_PARAMETERS = ("n_volumes", "substeps")  # integers; all other numbers are floats
 INSTALLED_VALVE_PARAMETERS = ("rangeability", "authority", "m_full")
 _CURVE_PARAMETERS = ("m_max", "valve_a", "valve_b", "valve_c")
 STAND_INS = {"estimate_ratio": ("backlash_estimate",), **dict.fromkeys(INSTALLED_VALVE_PARAMETERS, _CURVE_PARAMETERS)}

@@ -122,8 +122,7 @@ def declared_parameters(rule: str, fields: Mapping[str, Any]) -> dict[str, Param
     return parameters
 
 
-RULE_KINDS = ("estimator", "law")
-"""Parameters of a loop that a rule can be the value of."""
+RULE_KINDS = ("estimator", "law")  # parameters of a loop that a rule can be the value of
 
 
 class Rule:
