@@ -17,8 +17,7 @@ from fastcoil.measured.identify import GOOD_BACKLASH, SIZE_TOLERANCE, identify_b
 from studies.common import compare_rows, draw_backlash, draw_loop_parameters, share_of, write_table
 from studies.days import CONSTANT, DESIGN, HEATING, STEPPED, kinds, loop_settings, make_days
 
-TRACE_INTERVAL = 5
-"""Seconds between the samples of the traces that logs are thinned from."""
+TRACE_INTERVAL = 5  # seconds between the samples of the traces that logs are thinned from
 STEPPED_HEATING = "stepped heating"
 HEATING_SET_POINTS = (25.0, 23.5, 27.0, 25.0, 22.5, 24.0, 28.0, 26.0, 24.5, 23.0, 22.0, 25.5, 29.0, 27.5, 24.0, 25.0)
 """Set-points of a stepped day of heating, °C, half an hour each."""
@@ -225,7 +224,7 @@ def identify_logs(logs: Logs, hours: int, columns: tuple[str, ...]) -> xr.Datase
     names = ("backlash", "low", "high", "identified")
     ds = xr.Dataset({n: (("day", "sample"), estimates[..., i]) for i, n in enumerate(names)})
     true = xr.DataArray(logs.backlash, dims="sample")
-    least, most = (xr.DataArray(edge, dims="sample") for edge in (logs.least, logs.most))
+    least, most = (xr.DataArray(smallest_edge, dims="sample") for smallest_edge in (logs.least, logs.most))
     distance = np.maximum(np.maximum(least - ds.backlash, ds.backlash - most), 0.0)
     ds["right"] = ds.backlash.notnull() & (distance <= np.maximum(SIZE_TOLERANCE * true, GOOD_BACKLASH) + 1e-9)
     ds["covered"] = (ds.low <= most) & (least <= ds.high)

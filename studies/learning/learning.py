@@ -248,7 +248,7 @@ def _n_learners(ds: xr.Dataset, dims: Sequence[str]) -> int:
 
 
 def sample() -> None:
-    """The rule as it is printed."""
+    """Run a sample of the study: the rule as it is printed."""
     write_printed_rule()
 
 

@@ -18,14 +18,10 @@ from fastcoil.base.figures import BLUE, LINE_GREY, RED, YELLOW, apply_style, wra
 from fastcoil.loops.labels import quantity
 
 FIGURE_WIDTH = 7.0
-SMALL_FONT = 7
-"""Font size of the small print."""
-DARK_SHARE = 0.55
-"""Share of the scale above which numbers are white."""
-ARROW_SHARE = 0.25
-"""Share of the failures below which a kind of failure gets no arrow."""
-SHORTEST_HOURS = 0.25
-"""Start of the scale of hours."""
+SMALL_FONT = 7  # font size of the small print
+DARK_SHARE = 0.55  # share of the scale above which numbers are white
+ARROW_SHARE = 0.25  # share of the failures below which a kind of failure gets no arrow
+SHORTEST_HOURS = 0.25  # start of the scale of hours
 
 
 def _figure(rows: int, columns: int, height: float, small_print: str) -> tuple[Figure, np.ndarray]:

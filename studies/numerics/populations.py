@@ -30,14 +30,14 @@ VOLUMES = (4, 8, 16, 32, 64)
 
 
 def simulate_both_ways(loop: fc.Loop, day: fc.Boundary) -> xr.Dataset:
-    """A loop as printed and converged, along ``way``."""
+    """Simulate a loop as printed and converged, along ``way``."""
     datasets = {way: fc.simulate(loop.assign(**parameters), day, seed=SEED) for way, parameters in WAYS.items()}
     parts = {way: ds.drop_vars(("air_march", "substeps"), errors="ignore") for way, ds in datasets.items()}
     return concat_along("way", parts, coords="minimal", compat="override")
 
 
 def simulate_hunting(size: int = VALVES, days: range = DAYS, weather: Path = WEATHER_FILE) -> dict[str, xr.Dataset]:
-    """Loops of which a third hunts, on every kind of day: (way, sample, day)."""
+    """Simulate loops of which a third hunts, on every kind of day: (way, sample, day)."""
     loop = valves(SEED, size).assign(noise_std=0.01)
     return {
         kind: simulate_both_ways(adapt_to_kind(loop, kind), make_days(kind, days, weather)) for kind in kinds(weather)
@@ -47,7 +47,7 @@ def simulate_hunting(size: int = VALVES, days: range = DAYS, weather: Path = WEA
 def simulate_remedies(
     size: int = REMEDY_VALVES, days: range = DAYS, weather: Path = WEATHER_FILE
 ) -> dict[str, dict[str, xr.Dataset]]:
-    """Loops as somebody left them, plain, with an inverse and with estimators: by kind of day and controller."""
+    """Simulate loops with existing gains, plain, with an inverse and with estimators: by kind of day and controller."""
     by_kind: dict[str, dict[str, xr.Dataset]] = {}
     for kind in kinds(weather):
         loop = population(SEED, size, heating=kind == HEATING).assign(**loop_settings(kind))
@@ -158,7 +158,7 @@ def write_remedies(by_kind: Mapping[str, Mapping[str, xr.Dataset]]) -> None:
 
 
 def simulate_rest() -> xr.Dataset:
-    """Coils of more and more volumes at rest, at openings and humidities from dry to wet: (n_volumes, day)."""
+    """Simulate coils of more and more volumes at rest, at openings and humidities from dry to wet: (n_volumes, day)."""
     rh, opening = (grid.ravel() for grid in np.meshgrid(RH, OPENINGS))
     seconds = 3000
     constants = {"m_a": 1.15, "T_a_in": 26.0, "T_w_in": 7.0, "T_set": 14.0}

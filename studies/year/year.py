@@ -20,8 +20,7 @@ PI, SOUND = "pi", "sound"
 CONTROLLER_LABELS = {"pi": "plain PI", "hagglund": "Hägglund", "identify": "identify"}
 LEAST_ERROR = 0.01
 """Fraction of stroke by which an estimate may always be wrong, and the rise of an error that counts as harm."""
-LAST_QUARTER = 91
-"""Days at the end of the year that are counted apart."""
+LAST_QUARTER = 91  # days at the end of the year that are counted apart
 COST_PARTS = {"coil": "coil_cost", "demand": "demand_cost", "reheat": "reheat_cost", "recooling": "recool_cost"}
 
 
