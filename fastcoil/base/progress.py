@@ -101,7 +101,7 @@ class ProgressDisplay(AbstractContextManager["ProgressDisplay"]):
             text("{task.fields[rate]}"), progress.TimeElapsedColumn(), text("ETA"), progress.TimeRemainingColumn(),
         )  # fmt: skip
         self._bar = progress.Progress(*columns, console=Console(stderr=True))
-        self._task = self._bar.add_task(self._items, total=self._total, completed=self._n_done, rate=self._rate)
+        self._task = self._bar.add_task(self._items, total=self._total, completed=self._n_done, rate=self._rate_text)
         self._bar.tasks[0].start_time = self._started_at
         self._bar.start()
 
@@ -109,7 +109,7 @@ class ProgressDisplay(AbstractContextManager["ProgressDisplay"]):
         with self._lock:
             self._n_done += n_new
             if self._is_visible and self._bar is not None:
-                self._bar.update(self._task, completed=self._n_done, rate=self._rate)
+                self._bar.update(self._task, completed=self._n_done, rate=self._rate_text)
             seconds_now = time.monotonic()
             if seconds_now - self._last_line_at >= SECONDS_BETWEEN_LINES and self._n_done < self._total:
                 self._last_line_at = seconds_now
@@ -122,20 +122,20 @@ class ProgressDisplay(AbstractContextManager["ProgressDisplay"]):
                 self.stop()
 
     @property
-    def _per_second(self) -> float:
+    def _items_per_second(self) -> float:
         return (self._n_done - self._n_before) / max(time.monotonic() - self._started_at, 1e-9)
 
     @property
-    def _rate(self) -> str:
-        return f"{self._per_second:,.0f}/s" if self._per_second >= 0.5 else ""
+    def _rate_text(self) -> str:
+        return f"{self._items_per_second:,.0f}/s" if self._items_per_second >= 0.5 else ""
 
     @property
     def _line_text(self) -> str:
         if self._n_done >= self._total:
             return f"{self._total:,} {self._items} in {format_duration(time.monotonic() - self._started_at)}"
-        parts = [f"{self._n_done:,} of {self._total:,} {self._items}", self._rate]
+        parts = [f"{self._n_done:,} of {self._total:,} {self._items}", self._rate_text]
         if self._n_done > self._n_before:
-            parts.append(f"{format_duration((self._total - self._n_done) / self._per_second)} to go")
+            parts.append(f"{format_duration((self._total - self._n_done) / self._items_per_second)} to go")
         return ", ".join(filter(None, parts))
 
     def _write_line(self) -> None:

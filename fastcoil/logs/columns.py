@@ -210,7 +210,7 @@ def find_requested_columns(table: Table, columns: Mapping[str, str]) -> dict[str
     """Return the index of each column that ``columns`` (our name: header) names; an absent one becomes a problem."""
     column_by_name = {}
     for name, header in columns.items():
-        column = table.column(header)
+        column = table.find_column(header)
         if column is None:
             hint = did_you_mean(header, table.header)
             table.add_problem(f"{name}: there is no column {short_repr(header)}{hint}", "columns", "name")

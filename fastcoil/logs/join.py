@@ -48,14 +48,14 @@ class Point(NamedTuple):
 
     @property
     def is_regular(self) -> bool:
-        """Whether it has samples at equal steps; others are written when they change."""
+        """Whether the point has samples at equal steps; others are written when they change."""
         return not has_uneven_steps(np.diff(self.times) / SECOND_US)
 
 
 def split_sources(table: Table, options: ReadingOptions) -> list[PointSource]:
     """Split a table into points: its columns or, if each row has one value, the rows by name; with their times."""
     time_header = (options.columns or {}).get("timestamp")
-    time_column = table.find_time_column() if time_header is None else table.column(time_header)
+    time_column = table.find_time_column() if time_header is None else table.find_column(time_header)
     if time_column is None:
         raise InputError(f"{table.name} has no column of times: call it timestamp", "timestamp", "missing")
     with collect_problems(table.problems):

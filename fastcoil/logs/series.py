@@ -105,7 +105,7 @@ class Series:
 
     @property
     def is_switch(self) -> bool:
-        """Whether it is on or off."""
+        """Whether the series is a switch, 1 for on and 0 for off."""
         return self.whole and (self.lower, self.upper) == (0.0, 1.0)
 
     @property

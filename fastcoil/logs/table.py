@@ -316,7 +316,7 @@ class Table:
             prefix = f"{self.name}: " if self.name else ""
             raise InputError([p.with_prefix(prefix) for p in InputError(self.problems).problems])
 
-    def column(self, header: str) -> int | None:
+    def find_column(self, header: str) -> int | None:
         """Find the column with this header, given with or without its unit; None if there is none."""
         if header in self.header:
             return self.header.index(header)

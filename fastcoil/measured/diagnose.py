@@ -195,7 +195,7 @@ def identify_and_measure(
 
 
 def _withhold_doubtful(identification: Identification, grid: Grid, measures: Measures) -> Identification:
-    """Mark a size as not identified where the log has a trap that the likelihood does not know."""
+    """Mark a gap as not identified if the log has a trap: a wide swing, coarse readings, a wide interval."""
     if not identification.identified:
         return identification
     low, high = 0.0, float(identify.CANDIDATES[-1])

@@ -271,7 +271,7 @@ class _LagSums(NamedTuple):
         return _Curve(j, flows[j], max(float(errors[j]) / n, _ROUND_OFF**2 * float(total[j, -1, -1]) / n, _LEAST_SUM))
 
     def cheapest_lags(self, curve: _Curve, worth: float) -> Index:
-        """Return the lag of each piece with the least sum of errors and prices, an index in ``lags``.
+        """Return the best lag of each piece, an index in ``lags``: least errors, with a price for each shift.
 
         worth: samples that count as an independent one.  Samples that a lag leaves without a command cost as much as
         others; they may not be most of a piece.  The variance of a piece that fits worse than the rest is its own,

@@ -109,12 +109,12 @@ def likelihoods(
     if rows.size < LEAST_ROWS:
         return None
 
-    def change(series: Array, lag: int) -> Array:
+    def lagged_change(series: Array, lag: int) -> Array:
         return np.asarray(series[rows - lag * width] - series[rows - (lag + 1) * width])
 
-    y = change(temperature, 0)
-    common = [change(temperature, lag) for lag in range(1, TEMPERATURE_LAGS + 1)]
-    common += [change(series, lag) for series in disturbances for lag in range(DISTURBANCE_LAGS)]
+    y = lagged_change(temperature, 0)
+    common = [lagged_change(temperature, lag) for lag in range(1, TEMPERATURE_LAGS + 1)]
+    common += [lagged_change(series, lag) for series in disturbances for lag in range(DISTURBANCE_LAGS)]
     Z, _ = np.linalg.qr(np.stack([*common, np.ones(rows.size)], axis=1))
     y = y - Z @ (Z.T @ y)
     sum_of_squares, freedom = float(y @ y), rows.size - Z.shape[1]

@@ -27,7 +27,7 @@ class Swing(NamedTuple):
 
     @property
     def is_regular(self) -> bool:
-        """Whether it repeats regularly and matters: what a technician calls hunting."""
+        """Whether the swing repeats regularly and is large enough to be called hunting."""
         repeats = self.regularity > LEAST_REGULARITY and self.periodic_share > 0.5 and self.periods >= 8
         return repeats and self.peak_to_peak > 0.1  # K
 

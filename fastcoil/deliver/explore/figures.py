@@ -214,7 +214,7 @@ class MapFigure:
         by_side = zip("xy", MAP_AXES[axes].items(), cell_indices, *sides, strict=True)
         for side, (name, values), cells, axis, extent in by_side:
             dial, n = DIALS[name], len(values)
-            texts = [dial.text(value) for value in values]
+            texts = [dial.value_text(value) for value in values]
             columns |= {side: cells.ravel(), f"at_{side}": [texts[k] for k in cells.ravel()]}
             axis.axis_label = f"{dial.label} [{dial.unit}]"
             axis.ticker = list(range(0, n, 3))

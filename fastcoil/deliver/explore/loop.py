@@ -69,7 +69,7 @@ class Dial(NamedTuple):
     steps: tuple[float, ...]
     factor: float = 1.0
 
-    def text(self, value: float) -> str:
+    def value_text(self, value: float) -> str:
         return f"{self.factor * value:.4g} {self.unit}"
 
 
@@ -381,14 +381,14 @@ class Model:
         self.starts = start_loops(study_scenario)
         self.first = preset if study_scenario is None else STUDY_LOOP_NAME
         self._run = lru_cache(200)(self._run_with_test)  # 0.3 MB an entry
-        self._explain = lru_cache(200)(lambda settings: explain_scene(self._scene(settings)))
-        self._map = lru_cache(100)(lambda settings: simulate_map(settings.axes, self._scene(settings)))  # 4 kB an entry
+        self._explain = lru_cache(200)(lambda settings: explain_scene(self._scene_for(settings)))
+        self._map = lru_cache(100)(lambda settings: simulate_map(settings.axes, self._scene_for(settings)))  # 4 kB each
 
-    def _scene(self, settings: Settings) -> Scenario:
+    def _scene_for(self, settings: Settings) -> Scenario:
         return build_scene(settings, self.starts[settings.loop])
 
     def _run_with_test(self, settings: Settings) -> Run:
-        scene = self._scene(settings)
+        scene = self._scene_for(settings)
         return simulate_scene(scene, build_valve_test(settings, scene))
 
     def run(self, settings: Settings) -> Run:

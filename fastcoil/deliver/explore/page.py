@@ -139,9 +139,9 @@ class Page:
         start = self._model.starts[self._settings.loop]
         for name, slider in self._dials.items():
             value = getattr(self._settings, name)
-            steps = {DIALS[name].text(step): step for step in sorted({*DIALS[name].steps, value})}
-            self._steps[name] = steps | {DIALS[name].text(value): value}
-            slider.update(categories=list(steps), value=DIALS[name].text(value))
+            steps = {DIALS[name].value_text(step): step for step in sorted({*DIALS[name].steps, value})}
+            self._steps[name] = steps | {DIALS[name].value_text(value): value}
+            slider.update(categories=list(steps), value=DIALS[name].value_text(value))
         self._dials["m_a"].disabled = self._settings.day in ("own", "steps")
         for name, menu in self._menus.items():
             titles = {n: s.title for n, s in self._model.starts.items()}

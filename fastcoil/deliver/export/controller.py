@@ -113,7 +113,7 @@ class Controller:
         self.ports: list[TranslatedRule] = []
         self.sees_air = False
         # used around the rules; the last ones only where there is a rule
-        taken_names = [*names_in(self.text()), *(name.upper() for name in self.number)]
+        taken_names = [*names_in(self.laws_text()), *(name.upper() for name in self.number)]
         taken_names += ["m_a", "T_seen", "decided", "begin_law", "estimate", "assumed", "w"]
         if estimator is not None:
             law_memory_names = [variable for n in (law.Memory._fields if law else ()) for variable in (n, f"{n}_known")]
@@ -142,7 +142,7 @@ class Controller:
             literal_names={name for name in names if name in self.word}, estimate=estimate, names=taken_names,
         ).translate()  # fmt: skip
 
-    def text(self) -> str:
+    def laws_text(self) -> str:
         """Return the laws in Python, without what this controller does not need."""
         number, has_estimator = self.number, self.estimator_port is not None
         has_share, has_buffer_ratio = has_estimator and number["estimate_share"] != 1.0, number["buffer_ratio"] > 0.0

@@ -92,7 +92,7 @@ def export_controller(
         raise InputError(f"path = {short_repr(str(path))}: {cure}", "path", "path")
     loop = loop if test is None else loop.assign(**test.parameters())
     controller = Controller(loop)
-    text = controller.text()
+    text = controller.laws_text()
     try:
         vectors = make_vectors(loop, controller, text)
         problem = _describe_translation_error(text, vectors) if controller.user_rules else ""
@@ -125,13 +125,13 @@ def _file_contents(
     name, vectors_file = _program_name(path), f"{path.stem}_vectors.csv"
     template_values = {
         "name": name, "file": path.name, "vectors": vectors_file, "inputs": vectors.inputs, "outputs": vectors.outputs,
-        "size": vectors.size, "checksum": f"{vectors.checksum:08x}",
+        "size": vectors.n_cycles, "checksum": f"{vectors.checksum:08x}",
     }  # fmt: skip
-    files: dict[str, str | bytes] = {vectors_file: vectors.csv(path.name, controller.number["sample_time"])}
+    files: dict[str, str | bytes] = {vectors_file: vectors.csv_text(path.name, controller.number["sample_time"])}
     code: str | bytes
     if language == "c":
         check = _render_check_program("c", template_values | {"columns": len(vectors.columns)})
-        code = CPrinter(Laws(text), name).text() + check
+        code = CPrinter(Laws(text), name).code_text() + check
     elif language == "python":
         code = text.rstrip() + "\n" + _render_check_program("py", template_values | {"zeros": "zeros(" in text})
     elif language == "fmu":
@@ -140,8 +140,8 @@ def _file_contents(
         template = templates().get_template("plcopen.xml.jinja")
         code = template.render(name=name, block=StructuredTextPrinter(Laws(text), name), escape=escape, version=VERSION)
     else:
-        code = StructuredTextPrinter(Laws(text), name).text()
-        n = min(400, vectors.size)  # in the program itself, which cannot read files
+        code = StructuredTextPrinter(Laws(text), name).code_text()
+        n = min(400, vectors.n_cycles)  # in the program itself, which cannot read files
         columns = {}
         for column, values in vectors.columns.items():
             # NaN has no literal; a number far beyond the limits is refused as well
@@ -192,7 +192,7 @@ def make_fmu(controller: Controller, text: str, name: str, vectors: Vectors) -> 
         "inputs": vectors.inputs, "outputs": vectors.outputs, "flags": FLAG_INPUTS, "variables": variables,
         "units": {variable.unit: _FMI_BASE_UNITS.get(variable.unit) for variable in variables if not variable.is_flag},
     }  # fmt: skip
-    code = CPrinter(laws, name).text().encode()
+    code = CPrinter(laws, name).code_text().encode()
     files = {"modelDescription.xml": b"", "sources/fmi2.c": b"", "sources/controller.c": code}
     guid = ""
     for _ in range(2):  # the second time with the identifier of the first

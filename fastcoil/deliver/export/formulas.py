@@ -81,14 +81,14 @@ class Formulas(ABC):
         self.definitions: dict[str, ast.expr] = {}  # of flags, by name
         return previous_statements
 
-    def _refusal(self, problem: str, cure: str) -> InputError:
+    def _export_error(self, problem: str, cure: str) -> InputError:
         place = f"{self.source_line}: " if self.source_line else ""
         alternative = f"{'an estimator' if self.kind == 'estimator' else 'the law'} of fastcoil"
         sentence = f"{self.kind} = {self.rule!r} cannot be exported: {place}{problem}: {cure}, or export the loop with "
         return InputError(sentence + alternative, self.kind, "code")
 
-    def _unsupported_syntax(self, node: ast.AST) -> InputError:
-        return self._refusal(f"it has {ast.unparse(node)}", f"use {ALLOWED_SYNTAX}")
+    def _syntax_error(self, node: ast.AST) -> InputError:
+        return self._export_error(f"it has {ast.unparse(node)}", f"use {ALLOWED_SYNTAX}")
 
     def _unique_name(self, preferred: str, key: Any) -> str:
         """Return a name that is free in all languages; key: what it stands for."""
@@ -221,7 +221,7 @@ class Formulas(ABC):
     # expressions
 
     def _evaluate_named(self, name: str, node: ast.expr, scope: Scope) -> Any:
-        """Evaluate an expression, whose value a variable of this name may have to hold."""
+        """Evaluate an expression; a variable that has to hold its value gets this name."""
         outer_name, self.wanted_name = self.wanted_name, name
         value = self._evaluate(node, scope)
         self.wanted_name = outer_name
@@ -259,7 +259,7 @@ class Formulas(ABC):
             return self._evaluate_element(node, scope)
         if isinstance(node, ast.Call):
             return self._evaluate_call(node, scope)
-        raise self._unsupported_syntax(node)
+        raise self._syntax_error(node)
 
     @abstractmethod
     def _evaluate_call(self, node: ast.Call, scope: Scope) -> Any: ...
@@ -300,7 +300,7 @@ class Formulas(ABC):
         if isinstance(owner, ModuleType) and hasattr(owner, node.attr):
             value = getattr(owner, node.attr)
             return constant(value) if isinstance(value, float) else value
-        raise self._unsupported_syntax(node)
+        raise self._syntax_error(node)
 
     def _evaluate_element(self, node: ast.Subscript, scope: Scope) -> Any:
         table, index = self._evaluate(node.value, scope), self._evaluate(node.slice, scope)
@@ -366,7 +366,7 @@ class Formulas(ABC):
             number = self._to_flag(value)
             return Number(negation(number.text), "flag") if number.value is None else constant(not number.value)
         if not isinstance(node.op, ast.USub):
-            raise self._unsupported_syntax(node)
+            raise self._syntax_error(node)
         number = self._to_real(value) if value.kind == "flag" else value
         if isinstance(number.text, ast.Constant):
             return constant(-number.value)

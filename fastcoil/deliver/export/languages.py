@@ -39,7 +39,7 @@ class CPrinter(Printer):
         self.functions |= {function: function for function in laws.functions}
         self.functions |= {function: f"{name}_{function}" for function in _PUBLIC_FUNCTIONS}
 
-    def text(self) -> str:
+    def code_text(self) -> str:
         laws = self.laws
         fields = "\n".join(self.declaration_lines(laws.fields, self._field_text, "    "))
         state = self.comment_text(f"{laws.state_text}\n\nOne full of zeros starts by itself.")
@@ -76,7 +76,7 @@ class CPrinter(Printer):
         counters = {ast.unparse(node.target) for node in nested_statements(function.body) if isinstance(node, ast.For)}
         zeros = {"real": "0.0", "flag": "false", "whole": "0"}
         lines = [self.comment_text(function.text), self._signature_text(function), "{"]
-        for name, kind in self.kinds_of_locals(function.body, function.kinds).items():
+        for name, kind in self.kinds_of_locals(function.body, function.argument_kinds).items():
             lines += [f"    {self.TYPES[kind]} {name} = {zeros[kind]};"] if name not in counters else []
         return "\n".join([*lines, *self.block_lines(function.body, 1), "}"])
 
@@ -144,7 +144,7 @@ class StructuredTextPrinter(Printer):
         functions = [function.name for function in laws.functions.values() if not function.is_section]
         self.functions |= self.missing_functions | {function: f"F_{name}_{function}" for function in functions}
 
-    def text(self) -> str:
+    def code_text(self) -> str:
         return "\n\n".join([self.comment_text(self.laws.text), *map(self._unit_text, self.units())]) + "\n"
 
     def units(self) -> list[ProgramUnit]:
@@ -189,10 +189,10 @@ class StructuredTextPrinter(Printer):
             f"VAR  (* {laws.state_text} *)": [field for field in laws.fields if field.name not in OUTPUT_FIELDS],
         }
         variables |= self._local_variables(step)
-        return ProgramUnit(self.block_name, "", laws.text, variables, self._inlined_section(step))
+        return ProgramUnit(self.block_name, "", laws.text, variables, self._inlined_section_lines(step))
 
     def _local_variables(self, function: Function) -> dict[str, list[Declaration]]:
-        kinds = self.kinds_of_locals(function.body, function.kinds)
+        kinds = self.kinds_of_locals(function.body, function.argument_kinds)
         return {_INTERMEDIATE_SECTION: [Declaration(name, kind) for name, kind in kinds.items()]} if kinds else {}
 
     def kinds_of_locals(self, body: list[ast.stmt], arguments: dict[str, str]) -> dict[str, str]:
@@ -201,9 +201,9 @@ class StructuredTextPrinter(Printer):
         for node in nested_statements(body):
             if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
                 section = self.laws.functions[ast.unparse(node.value.func)]
-                values = zip(section.kinds.items(), node.value.args[1:], strict=True)
+                values = zip(section.argument_kinds.items(), node.value.args[1:], strict=True)
                 kinds |= {name: kind for (name, kind), value in values if ast.unparse(value) != name}
-                kinds |= self.kinds_of_locals(section.body, section.kinds)
+                kinds |= self.kinds_of_locals(section.body, section.argument_kinds)
             elif isinstance(node, ast.Assign) and ast.unparse(node.value).startswith("zeros("):
                 kinds["i"] = "whole"
         return kinds
@@ -229,11 +229,11 @@ class StructuredTextPrinter(Printer):
 
     def call_lines(self, function: Function, arguments: list[ast.expr]) -> list[str]:
         """Inline a section, after assignments to its arguments."""
-        pairs = zip(function.kinds, arguments, strict=True)
+        pairs = zip(function.argument_kinds, arguments, strict=True)
         lines = [f"{name} := {self.expression_text(value)};" for name, value in pairs if ast.unparse(value) != name]
-        return [*lines, *self._inlined_section(function), ""]
+        return [*lines, *self._inlined_section_lines(function), ""]
 
-    def _inlined_section(self, function: Function) -> list[str]:
+    def _inlined_section_lines(self, function: Function) -> list[str]:
         # the output is the command
         lines = self.block_lines(function.body[:-1] if isinstance(function.body[-1], ast.Return) else function.body, 0)
         return [*self.comment_text(function.text).splitlines(), *(lines if lines[-1] else lines[:-1])]

@@ -37,7 +37,7 @@ class Function:
     is_section: bool
 
     @property
-    def kinds(self) -> dict[str, str]:
+    def argument_kinds(self) -> dict[str, str]:
         return {argument.name: argument.kind for argument in self.arguments}
 
 

@@ -84,7 +84,7 @@ class Translator(Formulas):
             except InputError:
                 raise
             except (AttributeError, IndexError, KeyError, RecursionError, TypeError, ValueError) as error:
-                raise self._refusal("it has what other languages lack", f"use {ALLOWED_SYNTAX}") from error
+                raise self._export_error("it has what other languages lack", f"use {ALLOWED_SYNTAX}") from error
 
     def _translate_once(self) -> TranslatedRule:
         """Translate the rule with the kinds known so far; raise ``TranslateAgainError`` where one was wrong."""
@@ -156,7 +156,7 @@ class Translator(Formulas):
         python = getattr(function, "py_func", function)
         definition = definition_of(python)
         if definition is None:
-            raise self._refusal(f"the source of {python.__name__} is not at hand", "write it in a file, as a def")
+            raise self._export_error(f"the source of {python.__name__} is not at hand", "write it in a file, as a def")
         return Scope(python, definition, finish)
 
     def _inline(self, function: Any, arguments: Sequence[Any], finish: Any) -> Any:
@@ -206,7 +206,7 @@ class Translator(Formulas):
             self._evaluate(node.value, scope)
         elif not isinstance(node, ast.Pass) and not isinstance(getattr(node, "value", None), ast.Constant):
             first_line = ast.unparse(node).partition("\n")[0].rstrip(":")
-            raise self._refusal(f"it has {first_line}", f"use {ALLOWED_SYNTAX}")
+            raise self._export_error(f"it has {first_line}", f"use {ALLOWED_SYNTAX}")
         return None
 
     def _assign_to(self, target: ast.expr, value: Any, scope: Scope) -> None:
@@ -225,16 +225,17 @@ class Translator(Formulas):
             element = ast.Subscript(expression("s.w"), index.text)
             self.statements.append(ast.Assign([element], self._to_real(value).text))
         else:
-            raise self._refusal(f"it changes {ast.unparse(target)}", "return a new memory, or keep it in a name")
+            raise self._export_error(f"it changes {ast.unparse(target)}", "return a new memory, or keep it in a name")
 
     def _translate_loop(self, node: ast.For, scope: Scope) -> None:
         call = node.iter
         if has_return(node):
-            raise self._refusal("it returns from a loop", "keep what is found, and return behind the loop")
+            raise self._export_error("it returns from a loop", "keep what is found, and return behind the loop")
         ends = [self._evaluate(end, scope) for end in call.args] if isinstance(call, ast.Call) else []
         is_range = ends and ast.unparse(call).startswith("range(") and (len(ends) < 3 or ends[2].value == -1)
         if node.orelse or not is_range:
-            raise self._refusal(f"it has for … in {ast.unparse(call)}", "write for k in range(…), by one up or down")
+            cure = "write for k in range(…), by one up or down"
+            raise self._export_error(f"it has for … in {ast.unparse(call)}", cure)
         name = ast.unparse(node.target)
         i = self._local_name(name, "loop")
         scope.names[name] = Number(ast.Name(i), "whole")
@@ -244,7 +245,7 @@ class Translator(Formulas):
             largest = self._largest_value(ends[-1])
             if largest is None:
                 cure = "give the loop a constant number of passes"
-                raise self._refusal(f"{ast.unparse(call)} has no largest end", cure)
+                raise self._export_error(f"{ast.unparse(call)} has no largest end", cure)
             if ends[-1].value is None:
                 loop_conditions = [ast.Compare(ast.Name(i), [ast.Lt()], [ends[-1].text])]
             ends[-1] = ends[-1] if not loop_conditions else constant(largest)
@@ -290,7 +291,7 @@ class Translator(Formulas):
         python = getattr(function, "py_func", function)
         if not isinstance(python, FunctionType):
             cure = f"use {ALLOWED_FUNCTIONS} and functions written in Python"
-            raise self._refusal(f"it calls {ast.unparse(node.func)}", cure)
+            raise self._export_error(f"it calls {ast.unparse(node.func)}", cure)
         caller, self.path = (self.path, self.source_line), (*self.path, id(node))
         arguments, defaults = self._make_scope(python, None).arguments, python.__defaults__ or ()
         default_values = dict(zip(arguments[len(arguments) - len(defaults) :], map(constant, defaults), strict=True))

@@ -24,12 +24,12 @@ class Number:
 
     @property
     def is_nan(self) -> bool:
-        """Whether it is NaN."""
+        """Whether the value is known to be NaN."""
         return isinstance(self.value, float) and math.isnan(self.value)
 
     @property
     def is_atom(self) -> bool:
-        """Whether it is a name or a constant."""
+        """Whether the expression is a name or a constant, perhaps with a sign."""
         text = self.text.operand if isinstance(self.text, ast.UnaryOp) else self.text
         return isinstance(text, (ast.Constant, ast.Name, ast.Attribute))
 

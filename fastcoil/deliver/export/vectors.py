@@ -48,12 +48,12 @@ class Vectors:
         return tuple(name for name in self.columns if name not in self.inputs)
 
     @property
-    def size(self) -> int:
+    def n_cycles(self) -> int:
         return int(self.columns["T_sup"].size)
 
     @cached_property
     def lines(self) -> str:
-        """Names and numbers, with 17 digits, each line with its end."""
+        """The header and the rows as CSV text, numbers with 17 digits."""
         rows = zip(*(column.tolist() for column in self.columns.values()), strict=True)
         lines = [",".join(self.columns), *(",".join(f"{x:.17g}" for x in row) for row in rows)]
         return "".join(f"{line}\n" for line in lines)
@@ -63,14 +63,14 @@ class Vectors:
         """CRC-32 of the lines, to detect a file that was cut or edited."""
         return zlib.crc32(self.lines.encode())
 
-    def csv(self, code: str, sample_time: float) -> str:
+    def csv_text(self, code: str, sample_time: float) -> str:
         return (
             f"# Vectors for {code}, written by fastcoil {VERSION}: a row for each {sample_time:g} s cycle.\n"
             f"# Given: {', '.join(self.inputs)}.  A row with reset = 1 begins a run, and so does the first.\n"
             f"# Expected after the cycle, to 1e-12: {', '.join(self.outputs)}.\n"
             "# The first run has starts from a command, bad readings, holds and ends; then come made-up records,\n"
             "# replayed by the simulation, and the loop on a simulated day.\n"
-            f"# {self.size} rows; CRC-32 of all lines but these, each with one line feed: {self.checksum:08x}.\n"
+            f"# {self.n_cycles} rows; CRC-32 of all lines but these, each with one line feed: {self.checksum:08x}.\n"
             f"{self.lines}"
         )
 
@@ -271,7 +271,7 @@ def _errors_for_openings(controller: Controller, openings: Array, enabled: Array
 
 
 def _errors_for_learner(controller: Controller) -> Array:
-    """Return errors over the intervals of a learner, K: some turns in the reference ones, then none, few or many."""
+    """Return errors, K, that make some turns in the reference intervals of a learner, then none, few or many."""
     number = controller.number
     n = int(number["learning_interval"] / number["sample_time"])
     k = np.arange(n)

@@ -55,7 +55,7 @@ def names_in(text: str) -> list[str]:
 
 @cache
 def definition_of(python: FunctionType) -> ast.FunctionDef | None:
-    """Return the tree of a function, with the line numbers of its file; None if its source is not available."""
+    """Return the syntax tree of a function, with the line numbers of its file; None without its source."""
     try:
         lines, first_line = inspect.getsourcelines(python.__code__)
         tree = ast.parse(dedent("".join(lines)))
@@ -99,7 +99,7 @@ def function_text(name: str, head: list[str], returns: str, doc: str, body: list
 
 
 def lines_of(body: list[ast.stmt], depth: int = 0) -> list[str]:
-    """Return statements as lines of Python."""
+    """Return statements as lines of Python, indented to this depth."""
     lines = ast.unparse(ast.fix_missing_locations(ast.Module(body, []))).splitlines()
     return [part for line in lines for part in _wrap_statement("    " * depth + line)]
 

@@ -121,7 +121,7 @@ class Picture(NamedTuple):
     file: str = ""
 
     @property
-    def source(self) -> str:
+    def data_url(self) -> str:
         return "data:image/png;base64," + base64.b64encode(self.png).decode()
 
 
