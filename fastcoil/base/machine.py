@@ -38,8 +38,8 @@ READ_FLAGS = sum(getattr(os, name, 0) for name in ("O_NONBLOCK", "O_NOCTTY", "O_
 """Flags to open a file as it is, without waiting for the other end of a pipe."""
 NO_FOLLOW_FLAG = getattr(os, "O_NOFOLLOW", 0)  # to open no file behind a symbolic link
 
-PROC = Path("/proc")
-CGROUPS = Path("/sys/fs/cgroup")
+PROC = Path("/proc")  # files of the kernel on processes and memory
+CGROUPS = Path("/sys/fs/cgroup")  # and on control groups
 _MAX_LOCKED_SECONDS = 2.0  # for which another program may have a file open
 Result = TypeVar("Result")
 

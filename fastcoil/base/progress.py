@@ -13,10 +13,10 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from typing import Any
 
-LOGGER = logging.getLogger("fastcoil")
+LOGGER = logging.getLogger("fastcoil")  # of progress, for programs
 SECONDS_BETWEEN_LINES = 10.0  # of text or of the log
 SECONDS_BEFORE_DISPLAY = 2.0  # of work that is not shown
-_TEST_VARIABLES = ("PYTEST_VERSION", "PYTEST_CURRENT_TEST")
+_TEST_VARIABLES = ("PYTEST_VERSION", "PYTEST_CURRENT_TEST")  # of the environment in a test
 
 Advance = Callable[[int], None]  # receives the number of scenario-days finished since the last call
 

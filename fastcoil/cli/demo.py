@@ -13,7 +13,7 @@ from fastcoil.base.files import convert_os_errors, list_folder, make_folder, wri
 from fastcoil.cli.arguments import PATH
 from fastcoil.cli.terminal import announce_compilation, echo
 
-_DEMO_COMMANDS = (
+_DEMO_COMMANDS = (  # each with the question that it answers
     ("A loop hunts.  Is it the valve?", "fastcoil diagnose log.csv --stroke-time 90"),
     (
         "Why does it hunt, and what would cure it?",

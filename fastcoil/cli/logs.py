@@ -44,7 +44,7 @@ _add_reading_options = combine_options(
                  help="Header of the column for NAME, if it differs."),
     click.argument("data", type=PATH),
 )  # fmt: skip
-_READING_OPTIONS = ("drop", "jumps", "max_gap", "time_format", "units", "columns")
+_READING_OPTIONS = ("drop", "jumps", "max_gap", "time_format", "units", "columns")  # of ``fc.read_log``
 
 
 def with_reading_options(command: Callable[..., None]) -> Callable[..., None]:

@@ -24,7 +24,7 @@ from fastcoil.logs.series import COLUMNS, TIME_COLUMNS, VOCABULARY, format_count
 from fastcoil.logs.table import REVERSED_ROWS_NOTE, Table, normalise_header, split_label_and_unit
 from fastcoil.logs.timestamps import MICROSECOND_DTYPE, SECOND_US, Timestamps, apply_time_zone, format_utc_offset
 
-_NON_POINT_COLUMNS = ("elapsed_time", "batch")
+_NON_POINT_COLUMNS = ("elapsed_time", "batch")  # that are about rows
 POINT_NAMES = [name for name in COLUMNS if name not in _NON_POINT_COLUMNS]  # that a point may have
 
 

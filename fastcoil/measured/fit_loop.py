@@ -29,9 +29,9 @@ from fastcoil.measured.valve_problem import count_piece_reversals, why_unidentif
 from fastcoil.model.metric_table import WARM_UP_S
 
 _LOOP_COLUMNS = ColumnSpec(("command", "m_a", "T_w_in", "T_a_in", HUMIDITY_COLUMNS, "T_sup"), ("enabled",), ("T_sup",))
-LARGEST_CANDIDATE = 0.25  # fraction of stroke, as the two steps
+LARGEST_CANDIDATE = 0.25  # backlash that is tried, fraction of stroke, as the two steps
 _COARSE_STEP = 0.005  # of the candidates, over the whole range
-_FINE_STEP = 0.0005  # near the best
+_FINE_STEP = 0.0005  # of the candidates near the best
 _CHANGE_SPAN_S = 120.0  # time between the temperatures whose difference is compared
 _LEAST_MOVING_SHARE = 0.25  # of the samples, at which the command changes: it then moves between them as well
 _FEWEST_SAMPLES = 60  # temperatures to compare

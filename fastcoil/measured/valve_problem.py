@@ -21,7 +21,7 @@ from fastcoil.measured.part import LogSplit, count_reversals, split_segments
 from fastcoil.model.engine.recorded import valve_flows
 
 X_BL = 0  # index of the backlash in a parameter set
-M_MAX = 1  # index of m_max
+M_MAX = 1  # index of m_max in it
 IS_LOGARITHMIC = np.array([False, True, True, True, False])  # of backlash, m_max, a, b, c: searched by its logarithm
 LARGEST_BACKLASH = 0.5  # fraction of stroke, as all below
 LEAST_REVERSAL = 0.01  # of the command, that counts

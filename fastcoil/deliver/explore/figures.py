@@ -18,7 +18,7 @@ from fastcoil.design.limit_cycle import HUNTING_INDEX_LIMIT
 _INK = "#222222"  # colour of text and thin lines
 _SHADE_GREY = "#cccccc"
 _FONT_SIZE = "1rem"
-_LINE_WIDTH_PX = 3  # of the main lines
+_LINE_WIDTH_PX = 3  # of the main lines of a figure
 _COLOUR_MAXIMA_K = {"tuning": {"rmse": 1.2, "hunting_swing": 2.5}, "size": {"rmse": 0.6, "hunting_swing": 1.5}}
 """Upper end of the colours of a map, the same for all loops, so that maps can be compared."""
 Change = tuple[str, dict[str, Any]]

@@ -242,7 +242,7 @@ def learning(data: Any, *, ax: Any = None) -> Axes:
     return axes
 
 
-_PREDICTED_VARIABLES = ("hunting_index", "hunts", "period", "amplitude")
+_PREDICTED_VARIABLES = ("hunting_index", "hunts", "period", "amplitude")  # of ``fc.limit_cycle``
 
 
 @use_style()
