@@ -307,16 +307,16 @@ def _timestamps_from_parts(
     parts: Sequence[DateParts | None], row_numbers: Sequence[int], problem: str, cure: str
 ) -> Timestamps:
     """Convert parts of dates, None for a cell that is no time, to timestamps; cure: as in `read_timestamps`."""
-    known = {row: date_parts for row, date_parts in zip(row_numbers, parts, strict=True) if date_parts is not None}
+    parts_by_row = {row: each for row, each in zip(row_numbers, parts, strict=True) if each is not None}
     notes: list[str] = []
-    month_places = {date_parts.month for date_parts in known.values()}
-    if all(date_parts.date[0] > 999 for date_parts in known.values()):
+    month_places = {date_parts.month for date_parts in parts_by_row.values()}
+    if all(date_parts.date[0] > 999 for date_parts in parts_by_row.values()):
         order = (0, 1, 2)
     elif month_places in ({0}, {1}):
         order = _MONTH_FIRST_ORDER if month_places == {0} else _DAY_FIRST_ORDER
     else:
-        order = _find_date_order(known, cure, notes)
-    has_halves = any(date_parts.has_half for date_parts in known.values())  # a time without AM or PM is none then
+        order = _find_date_order(parts_by_row, cure, notes)
+    has_halves = any(date_parts.has_half for date_parts in parts_by_row.values())  # a time without AM or PM is none
     times = [each.in_order(order) if each and each.has_half == has_halves else None for each in parts]
     return _timestamps_from_times(times, [each.zone if each else "" for each in parts], row_numbers, problem, notes)
 

@@ -369,10 +369,10 @@ def _measure_hour_swing(swing: Array, hour: slice, interval: float) -> tuple[dic
     """Return size, period and regularity of an hour's swing by name, and how often it crosses its mean level."""
     n_beside = max(round(3600.0 / interval), 8)
     one_hour, three_hours = swing[hour], swing[max(hour.start - n_beside, 0) : hour.stop + n_beside]
-    span = one_hour if np.isfinite(one_hour).sum() >= 20 else three_hours
-    if np.isfinite(span).sum() < _SAMPLES_PER_PERIOD:
+    measured_swing = one_hour if np.isfinite(one_hour).sum() >= 20 else three_hours
+    if np.isfinite(measured_swing).sum() < _SAMPLES_PER_PERIOD:
         return {"swing": np.nan}, 0
-    size = float(2.0 * np.sqrt(2.0) * np.nanstd(span))  # of a sine; sampled too rarely, it is the same
+    size = float(2.0 * np.sqrt(2.0) * np.nanstd(measured_swing))  # of a sine; sampled too rarely, it is the same
     off_level = np.flatnonzero(np.abs(three_hours) > 0.3 * np.nanstd(three_hours))  # of its hysteresis
     crossings = off_level[1:][np.diff(np.sign(three_hours[off_level])) != 0.0]
     cycles = [c - a for a, c in zip(crossings, crossings[2:], strict=False) if np.isfinite(three_hours[a:c]).all()]

@@ -173,15 +173,15 @@ def run_cures(
 
 def write_cures(ds: xr.Dataset, names: list[str]) -> None:
     """Write what becomes of the loops after each cure."""
-    as_found, table = ds.sel(cure=AS_FOUND, drop=True), []
+    uncured, table = ds.sel(cure=AS_FOUND, drop=True), []
     for name in ds.cure.values:
         cure_ds = ds.sel(cure=name, drop=True)
         row = [str(name), share_or_dash(cure_ds.hunts > 0, cure_ds.hunts.notnull() & ds.ill)]
-        change = cure_ds.rmse / as_found.rmse
+        change = cure_ds.rmse / uncured.rmse
         for kind in names:
             days = [k for k, day in enumerate(ds.day.values) if str(day).startswith(kind)]
             row.append(f"{100 * float(change.where(ds.ill).isel(day=days).median()) - 100:+.0f} %")
-        travel = (cure_ds.motor_travel / as_found.motor_travel).where(ds.ill).median()
+        travel = (cure_ds.motor_travel / uncured.motor_travel).where(ds.ill).median()
         calm_change = change.where(ds.short)
         table.append([*row, f"× {float(travel):.2f}", format_spread(calm_change)])
     n, m = (int(group.any("day").sum()) for group in (ds.ill, ds.short))

@@ -209,7 +209,7 @@ def _record_from_results(ds: xr.Dataset, inputs: dict[str, Array]) -> dict[str, 
 
 
 def _replay_records(controller: Controller) -> list[dict[str, Array]]:
-    """Make inputs for PI and inverse along the stroke, and others for estimators that need them."""
+    """Return readings that lead a controller along the stroke, and those that its estimator needs besides."""
     e, enabled = _errors_along_stroke(controller)
     T_set = np.full(e.size, controller.set_point)
     T_set[60:] += 1.0 + 2.0 * controller.number["error_dead_band"]

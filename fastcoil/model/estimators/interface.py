@@ -91,12 +91,12 @@ class Estimator:
 
     @property
     def sees_air(self) -> bool:
-        """Whether it reads the air flow."""
+        """Whether the estimator reads the air flow."""
         return self._reads_field("m_a")
 
     @property
     def sees_test(self) -> bool:
-        """Whether it reads that a valve test runs."""
+        """Whether the estimator reads the input that says that a valve test runs."""
         return self._reads_field("test")
 
     def _reads_field(self, name: str) -> bool:
