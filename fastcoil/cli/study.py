@@ -208,8 +208,8 @@ def init(study: Path | None, name: str | None, only_list: bool) -> None:
 
 def shipped_studies() -> dict[str, str]:
     """Read the studies that come with fastcoil: name → text, by name."""
-    installed, package = files("fastcoil") / "studies", Path(str(files("fastcoil")))
-    home: Traversable = installed if installed.is_dir() else package.parent / "studies"  # of the repository
+    shipped, package = files("fastcoil") / "studies", Path(str(files("fastcoil")))
+    home: Traversable = shipped if shipped.is_dir() else package.parent / "studies"  # of the repository
     paths = [file for folder in home.iterdir() if folder.is_dir() for file in folder.iterdir()]
     paths = sorted((file for file in paths if file.name.endswith(".toml")), key=lambda file: file.name)
     return {file.name.removesuffix(".toml"): file.read_text(encoding="utf-8") for file in paths}
@@ -343,9 +343,9 @@ def draw_standard_figures(folder: Path, ds: xr.Dataset) -> list[Path]:
     from fastcoil.deliver.figures import swept as plots
 
     drawn_from = ds.attrs["content_sha256"]
-    existing = {path.name for path in current_figures(folder, drawn_from)}
+    existing_names = {path.name for path in current_figures(folder, drawn_from)}
     for name, draw in plots.standard_figures(ds).items():
-        if f"{name}.png" not in existing:
+        if f"{name}.png" not in existing_names:
             write_figures({name: draw()}, folder / FIGURES_FOLDER, drawn_from=drawn_from)
     return [path for path in current_figures(folder, drawn_from) if path.suffix == ".png"]
 

@@ -142,12 +142,12 @@ def detect_signal(numbers: Array, unit: str) -> tuple[str, bool]:
 def find_scale_change(percent: Array) -> int:
     """Find the index from which a command [%] goes on as a fraction or in V, or the reverse; 0 if nowhere."""
     for full_travel, step in ((1.0, 1), (10.0, 1), (1.0, -1), (10.0, -1)):
-        directed = percent[::step]
-        k = int(np.max(np.flatnonzero(directed > full_travel), initial=-1)) + 1
-        other_scale, last_percent = directed[k:], directed[k - 1]
+        ordered_percent = percent[::step]
+        k = int(np.max(np.flatnonzero(ordered_percent > full_travel), initial=-1)) + 1
+        other_scale, last_percent = ordered_percent[k:], ordered_percent[k - 1]
         if not k or other_scale.size < 30 or last_percent < 2.0 * full_travel:
             continue
-        has_few_small = np.mean(directed[:k] <= full_travel) <= 0.3
+        has_few_small = np.mean(ordered_percent[:k] <= full_travel) <= 0.3
         is_continuous = abs(other_scale[0] - last_percent * full_travel / 100.0) < 0.2 * full_travel
         has_travel = np.min(other_scale) > 0.0 and np.ptp(other_scale) >= 0.5 * full_travel
         if has_few_small and is_continuous and has_travel:

@@ -141,9 +141,9 @@ def _footer_length(data: NumberedRows, width: int) -> int:
     n = 0
     while n < min(20, len(data) - 2):
         cells = _trim_blank_end(data[-1 - n][1])
-        filled = [cell for cell in cells if cell.strip()]
+        n_texts = sum(bool(cell.strip()) for cell in cells)
         first_cell = cells[0].strip()
-        if len(filled) >= width or first_cell[:1].isdigit() or _is_data_cell(first_cell) or is_missing_word(first_cell):
+        if n_texts >= width or first_cell[:1].isdigit() or _is_data_cell(first_cell) or is_missing_word(first_cell):
             break
         n += 1
     return n

@@ -248,9 +248,9 @@ def fit_warnings(rmse: Mapping[str, float], fitted: Array, name: str, check: str
     elif (ratio := rmse[PART_VALIDATION] / max(rmse[PART_FITTED], 1e-9 * float(np.std(fitted)))) > 2.0:
         cure = "do not rely on the fit under other operating conditions"
         notes.append(f"the validation error is {ratio:.1f} times the fitting error: {cure}")
-    explained = max(1.0 - (rmse[PART_FITTED] / float(np.std(fitted))) ** 2, 0.0)
-    if explained < 0.8:
-        notes.append(f"the model explains only {100 * explained:.0f} % of the variance of {name}: check {check}")
+    explained_share = max(1.0 - (rmse[PART_FITTED] / float(np.std(fitted))) ** 2, 0.0)
+    if explained_share < 0.8:
+        notes.append(f"the model explains only {100 * explained_share:.0f} % of the variance of {name}: check {check}")
     return notes
 
 

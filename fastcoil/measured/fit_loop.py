@@ -123,8 +123,8 @@ def _assemble_fit(problem: LoopProblem, start_time: float) -> Fit:
     low, high = np.quantile(estimates, (0.5 - 0.95 / 2, 0.5 + 0.95 / 2))
     # what the model gets wrong widens both sides by half a per cent of the stroke
     interval = max(float(low) - 0.005, 0.0), min(float(high) + 0.005, LARGEST_CANDIDATE)
-    explained = 1.0 - float(correction.rss[k]) / max(correction.total, 1e-12)
-    why = _why_unidentified(problem, x, *interval, sums.n.size, explained)
+    explained_share = 1.0 - float(correction.rss[k]) / max(correction.total, 1e-12)
+    why = _why_unidentified(problem, x, *interval, sums.n.size, explained_share)
     with_gap, without_gap = (problem.correct_temperature(temperatures, correction, candidate) for candidate in (k, 0))
     series, errors = backlash_series("T_sup", "degC", problem.T_sup, with_gap, without_gap, problem.compared)
     series["command"] = problem.data.values["command"], "1"

@@ -201,8 +201,8 @@ def _assemble_fit(problem: ValveProblem, solution: ValveSolution, holds: bool, s
     parameter_sets = np.stack([best.x, solution.without_backlash.x], axis=1)
     start = np.full((int(problem.batch[-1]) + 1, 2), 0.5)  # unknown for a batch held back
     start[: parameter_sets.shape[0] - 5] = parameter_sets[5:]
-    openings, modelled = problem.flows(parameter_sets[:5], start, problem.command)
-    with_backlash, without_backlash = modelled.T
+    openings, model_flows = problem.flows(parameter_sets[:5], start, problem.command)
+    with_backlash, without_backlash = model_flows.T
     series, errors = backlash_series("m_w", "kg s-1", problem.flow, with_backlash, without_backlash, problem.good)
     series |= {"command": (problem.command, "1"), "opening": (openings[:, 0], "1")}
     n_compared = solution.model.used.sum()

@@ -123,21 +123,21 @@ def find_logged_samples(series: Array, interval: float) -> tuple[int, int]:
     A series is filled in if samples at one spacing, held or joined by straight lines, reproduce all others within the
     resolution, and samples at other places do not: any reproduce a slow temperature of a coarse sensor.
     """
-    filled = np.where(np.isfinite(series), series, 0.0)
-    level_differences = np.diff(np.unique(filled))
+    series = np.where(np.isfinite(series), series, 0.0)
+    level_differences = np.diff(np.unique(series))
     resolution = float(level_differences.min()) if level_differences.size else 0.0
-    samples = np.arange(filled.size)
+    samples = np.arange(series.size)
 
     def missed_share(kept_at: Index, straight: bool) -> float:
         """Return the share of samples that those kept do not reproduce, joined by straight lines or held."""
         last = np.searchsorted(kept_at, samples, side="right") - 1
-        rebuilt = np.interp(samples, kept_at, filled[kept_at]) if straight else filled[kept_at[np.maximum(last, 0)]]
+        rebuilt = np.interp(samples, kept_at, series[kept_at]) if straight else series[kept_at[np.maximum(last, 0)]]
         is_covered = (last >= 0) & (samples <= kept_at[-1])
-        return float(np.mean(np.abs(rebuilt - filled)[is_covered] > (1.0 + _ROUND_OFF) * resolution + _ROUND_OFF))
+        return float(np.mean(np.abs(rebuilt - series)[is_covered] > (1.0 + _ROUND_OFF) * resolution + _ROUND_OFF))
 
     for seconds in reversed(_USUAL_STEPS_S):
         width = round(seconds / interval)
-        if width < 2 or abs(width * interval - seconds) > _STEP_TOLERANCE or filled.size < LEAST_SAMPLES * width:
+        if width < 2 or abs(width * interval - seconds) > _STEP_TOLERANCE or series.size < LEAST_SAMPLES * width:
             continue
         for straight in (True, False):
             missed_shares = np.array([missed_share(samples[first::width], straight) for first in range(width)])

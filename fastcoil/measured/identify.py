@@ -223,9 +223,9 @@ def combine_days(days: Sequence[DayEvidence]) -> Identification:
     has_many_days = len(comparable) >= thresholds.MANY_DAYS
     if not has_many_days:
         comparable = [day._replace(doubt=day.doubt or _JUMPY_COMMAND) if day.is_jumpy else day for day in comparable]
-    undoubted = [day for day in comparable if not day.doubt]
-    if 2 * len(undoubted) >= len(comparable):
-        comparable = undoubted
+    undoubted_days = [day for day in comparable if not day.doubt]
+    if 2 * len(undoubted_days) >= len(comparable):
+        comparable = undoubted_days
     else:
         doubt = _most_frequent([day.doubt for day in comparable if day.doubt])
     is_provoked_once = any(day.provoked for day in comparable)
@@ -316,7 +316,7 @@ def gather_evidence(
     if not readings:
         doubt = "too little of the log is usable, or the temperature hardly changes: log for two hours or more"
         return DayEvidence([], doubt=doubt)
-    provoked = is_provoked(command, temperature, good, T_set, interval)
+    was_provoked = is_provoked(command, temperature, good, T_set, interval)
     is_unseen = sample_time is None or sample_time < interval
     is_in_step = sample_time is not None and not is_unseen and (sample_time / interval) % 1.0 < 1e-6
     doubt, weight = "", min(1.0, HORIZON_S / interval) if is_unseen else 1.0
@@ -329,14 +329,14 @@ def gather_evidence(
     elif pi.ti < -interval:
         cure = "check that the rows are in chronological order and that both points share one clock"
         doubt = f"the command moves before the temperature change that it responds to: {cure}"
-    elif provoked:
+    elif was_provoked:
         doubt = _why_misplaced(likelihood_at, lag_samples, interval, n, CLOCK_SHIFTS_S if lag is None else ())
     most_arrivals = thresholds.MOST_ARRIVALS_PER_REVERSAL * count_reversals(positions, 0.05)
     if not doubt and count_end_arrivals(command, good) > max(thresholds.MOST_ARRIVALS, most_arrivals):
         doubt = "the command keeps reaching 0 or 100 %: raise Ti until the loop is calm, then log again"
     unseen_share = thresholds.UNSEEN_TURN_SHARE if is_unseen and interval > HORIZON_S else 0.0
-    is_jumpy &= not (provoked and is_in_step)
-    return DayEvidence(readings, provoked, doubt, weight, lag_samples * interval, unseen_share, is_jumpy, positions)
+    is_jumpy &= not (was_provoked and is_in_step)
+    return DayEvidence(readings, was_provoked, doubt, weight, lag_samples * interval, unseen_share, is_jumpy, positions)
 
 
 def _why_misplaced(

@@ -91,8 +91,8 @@ def minimise(model: Model, starts: Array, fixed: Sequence[int] = (), max_steps: 
     order = np.argsort(sums)[:_N_REFINED]
     best = min((_descend(model, starts[:, k], fixed, max_steps) for k in order), key=lambda estimate: estimate.rss)
     # long steps see past the kinks of Eq (1), short steps end nearer to the minimum
-    polished = _descend(replace(model, step=model.step / 20.0), best.x, fixed, max_steps)
-    best = min(best, polished, key=lambda estimate: estimate.rss)
+    polished_estimate = _descend(replace(model, step=model.step / 20.0), best.x, fixed, max_steps)
+    best = min(best, polished_estimate, key=lambda estimate: estimate.rss)
     return _estimate_at(model, best.x)  # with short steps a kink looks like a slope
 
 
@@ -185,8 +185,8 @@ def uncertainty(model: Model, best: Estimate, fixed: Sequence[int] = (), profile
     covariance, factors = np.full((p, p), np.nan), np.ones(p)
     covariance[np.ix_(free, free)] = variance * inverse * np.sqrt(np.outer(inflation, inflation))
     for v in Vt[~is_resolved]:  # directions that the data do not identify
-        unidentified = free[np.abs(v) > 0.1]
-        covariance[unidentified, :] = covariance[:, unidentified] = np.inf
+        unidentified_columns = free[np.abs(v) > 0.1]
+        covariance[unidentified_columns, :] = covariance[:, unidentified_columns] = np.inf
     factors[free] = inflation
     without_effect = tuple(np.flatnonzero(~has_effect).tolist())
     return Uncertainty(covariance, factors, n, n_effective, freedom, variance, without_effect)

@@ -275,8 +275,8 @@ def hourly_summary(grid: Grid) -> xr.Dataset:
 
 
 def _prepare_series(grid: Grid) -> _LoopSeries:
-    interval, unlogged = grid.interval, np.full(grid.on.size, np.nan)
-    T, T_set, T_air = (grid.values.get(name, unlogged) for name in ("T_sup", "T_set", "T_a_in"))
+    interval, nan_series = grid.interval, np.full(grid.on.size, np.nan)
+    T, T_set, T_air = (grid.values.get(name, nan_series) for name in ("T_sup", "T_set", "T_a_in"))
     good = grid.on & np.isfinite(T) & np.isfinite(grid.values["command"])
     command, error = forward_fill(grid.values["command"]), np.where(good, T - T_set, np.nan)
     is_starting, has_set = np.zeros(good.size, dtype=bool), bool(np.isfinite(error).any())

@@ -77,10 +77,10 @@ def parameter(
     0.0003
     """
     lower, upper = _require_bound("lower", lower, -math.inf), _require_bound("upper", upper, math.inf)
-    declared = Parameter("", "", unit, None, text, lower, upper, theory=COVERED)
-    cure, most = f"give a number ({declared.bounds})", min(upper, sys.float_info.max)
+    declaration = Parameter("", "", unit, None, text, lower, upper, theory=COVERED)
+    cure, most = f"give a number ({declaration.bounds})", min(upper, sys.float_info.max)
     number = RuleParameter(require_number("default", default, cure, least=lower, most=most))
-    number.declared = replace(declared, unit=require_text("unit", unit), text=require_text("text", text))
+    number.declared = replace(declaration, unit=require_text("unit", unit), text=require_text("text", text))
     return number
 
 
@@ -169,8 +169,8 @@ class Rule:
 
     def adopt_code(self, loaded: object) -> None:
         """Take over the code of a rule that was just loaded from its source; refuse one that differs as declared."""
-        declared = (self.kind, self.name, self.own, self.reads)
-        if not isinstance(loaded, Rule) or (loaded.kind, loaded.name, loaded.own, loaded.reads) != declared:
+        declaration = (self.kind, self.name, self.own, self.reads)
+        if not isinstance(loaded, Rule) or (loaded.kind, loaded.name, loaded.own, loaded.reads) != declaration:
             sentence = (
                 f"{self.name} is not the {self.kind} that its source declares: put @fc.{self.kind}(Parameters, Memory) "
                 "before its function, write every default as a number, and give each rule a name of its own"

@@ -306,8 +306,8 @@ def write_upper_bound(runs: Runs) -> None:
         ]
     kind, exact_index = CONSTANT, len(ESTIMATE_SHARES) - 1
     valves = runs.valves_on(kind)
-    predicted = phase_margin(valves.plant, valves.kp, valves.ti) < 0.5 * np.pi
-    for among, label in ((predicted, "a cycle predicted"), (~predicted, "none predicted")):
+    is_predicted = phase_margin(valves.plant, valves.kp, valves.ti) < 0.5 * np.pi
+    for among, label in ((is_predicted, "a cycle predicted"), (~is_predicted, "none predicted")):
         if among.any():
             table.append(
                 upper_bound_row(f"{kind}, inverse of 100 %, {label}", runs.upper[kind].isel(share=exact_index), among)

@@ -198,8 +198,8 @@ class LogResult(NamedTuple):
     @property
     def wrong_share(self) -> float:
         """Share of what was claimed that is wrong."""
-        claimed = self.estimates.identified > 0
-        return float(1.0 - self.estimates.right.where(claimed).mean()) if claimed.any() else 0.0
+        is_claimed = self.estimates.identified > 0
+        return float(1.0 - self.estimates.right.where(is_claimed).mean()) if is_claimed.any() else 0.0
 
 
 def identify_logs(logs: Logs, hours: int, columns: tuple[str, ...]) -> xr.Dataset:
@@ -239,13 +239,13 @@ def share_or_none(holds: xr.DataArray, among: xr.DataArray | None = None) -> str
 def result_cells(result: LogResult) -> list[str]:
     """Cells of a result: wrong claims first, then the shares."""
     ds = result.estimates
-    claimed, is_good = ds.identified > 0, (ds.true == 0.0).broadcast_like(ds.right)
-    is_accused = (ds.backlash > GOOD_BACKLASH + 1e-9) & claimed & is_good
+    is_claimed, is_good = ds.identified > 0, (ds.true == 0.0).broadcast_like(ds.right)
+    is_accused = (ds.backlash > GOOD_BACKLASH + 1e-9) & is_claimed & is_good
     return [
-        result.name, result.columns, f"{result.hours} h", f"{int((claimed & ~ds.right).sum())} of {int(claimed.sum())}",
-        share_or_none(ds.right, claimed), f"{int(is_accused.sum())} of {int(is_good.sum())}", share_or_none(ds.covered),
-        share_or_none(claimed),
-        share_or_none(claimed, ~is_good), share_or_none(ds.right),
+        result.name, result.columns, f"{result.hours} h",
+        f"{int((is_claimed & ~ds.right).sum())} of {int(is_claimed.sum())}", share_or_none(ds.right, is_claimed),
+        f"{int(is_accused.sum())} of {int(is_good.sum())}", share_or_none(ds.covered),
+        share_or_none(is_claimed), share_or_none(is_claimed, ~is_good), share_or_none(ds.right),
     ]  # fmt: skip
 
 

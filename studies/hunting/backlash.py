@@ -85,8 +85,8 @@ def write_backlash(ds: xr.Dataset, limit: float) -> None:
             for direction in (at_size.cycles, ~at_size.cycles)
         ]
         if size:
-            scaled = (at_size.swing / (size * at_size.K)).where(is_gap_cycle)
-            row += [f"{format_quantiles(at_size.swing.where(is_gap_cycle))} K", format_quantiles(scaled)]
+            swing_per_gap = (at_size.swing / (size * at_size.K)).where(is_gap_cycle)
+            row += [f"{format_quantiles(at_size.swing.where(is_gap_cycle))} K", format_quantiles(swing_per_gap)]
             row += [format_quantiles((at_size.period / at_one_percent.period).where(is_gap_cycle))]
         table.append(row if size else [*row, "—", "—", "—"])
     swing_power, period_power = fit_power(ds.swing, is_gap_cycle), fit_power(ds.period, is_gap_cycle)
@@ -127,11 +127,11 @@ def write_bands(ds: xr.Dataset) -> None:
             continue
         worn = ds.sel(backlash=0.07)
         shares = [share_of(ds.cycles.sel(backlash=x), inside).to_text(0) for x in (0.0, 0.01, 0.03, 0.07, 0.15)]
-        scaled = worn.swing / (0.07 * worn.K)
+        swing_per_gap = worn.swing / (0.07 * worn.K)
         is_calm = not bool((inside & worn.cycles).any())
         table.append(
             [f"{low:g} to {high:g}", f"{int(inside.sum()):,}", *shares,
-             "—" if is_calm else format_quantiles(scaled.where(inside & worn.cycles)),
+             "—" if is_calm else format_quantiles(swing_per_gap.where(inside & worn.cycles)),
              "—" if is_calm else format_quantiles((worn.period / (worn["T"] + worn.theta)).where(inside & worn.cycles))]
         )  # fmt: skip
     write_table(

@@ -248,10 +248,10 @@ def draw_population(ds: xr.Dataset, sizes: xr.Dataset, rules: list[Rule]) -> Non
     for size, colour, marker in ((0.01, "0.55", "s"), (0.03, YELLOW, "^"), (0.07, RED, "o"), (0.15, BLUE, "D")):
         size_ds = sizes.sel(backlash=size)
         is_drawn = size_ds.cycles & size_ds.reachable.astype(bool) & (size_ds.gain_margin > 1.0)
-        scaled = (size_ds.swing / (size * size_ds.K)).where(is_drawn).values.ravel()
+        swing_per_gap = (size_ds.swing / (size * size_ds.K)).where(is_drawn).values.ravel()
         panels[2].plot(
             size_ds.hunting_index.values.ravel(),
-            scaled,
+            swing_per_gap,
             marker,
             color=colour,
             ms=3,

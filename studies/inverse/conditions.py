@@ -170,9 +170,9 @@ def good_valve_rows(ds: xr.Dataset) -> list[list[str]]:
 
 def heating_rows(ds: xr.Dataset) -> list[list[str]]:
     """Backlash, and the settled error with each remedy, mean over days."""
-    settled = ds.rmse_settled.mean("day")
+    settled_rmse = ds.rmse_settled.mean("day")
     return [
-        [f"{x:.0%}", *(f"{float(settled.sel(backlash=x, remedy=r)):.3f}" for r in ds.remedy.values)]
+        [f"{x:.0%}", *(f"{float(settled_rmse.sel(backlash=x, remedy=r)):.3f}" for r in ds.remedy.values)]
         for x in ds.backlash.values
     ]
 

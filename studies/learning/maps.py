@@ -62,12 +62,12 @@ def draw_failure_map(judgement: xr.Dataset, safe: float, small_print: str) -> Fi
         for row, (rule, buffer) in zip(axes, variants, strict=True):
             for panel, tuning in zip(row, judgement.tuning.values, strict=True):
                 cell = judgement.sel(rule=rule, buffer=buffer, tuning=tuning).transpose("noise_std", "sample_time")
-                low, high, failed = (cell[n].values for n in ("low", "high", "failed"))
+                low, high, share_failed = (cell[n].values for n in ("low", "high", "failed"))
                 texts = [
                     f"{100 * f:.0f}{failure_arrow(a, b)}"
-                    for a, b, f in zip(low.flat, high.flat, failed.flat, strict=True)
+                    for a, b, f in zip(low.flat, high.flat, share_failed.flat, strict=True)
                 ]
-                image = _draw_cells(panel, 100 * failed, texts, norm, failed <= safe)
+                image = _draw_cells(panel, 100 * share_failed, texts, norm, share_failed <= safe)
             buffer_text = f"buffer {100 * buffer:.0f} %" if buffer > 1e-6 else "no buffer"
             row[0].set_ylabel(f"{rule}, {buffer_text}\nnoise [K]")
         _label_axes(axes, judgement.tuning.values, quantity("sample_time").axis)

@@ -271,13 +271,13 @@ def rows_by_turns(by_way: Mapping[str, xr.Dataset]) -> Iterator[list[str]]:
         is_inside = is_worn(ds) & (ds.turns >= low) & (ds.turns < high)
         label = f"{low} or more" if np.isinf(high) else f"{low} to {high - 1}" if high - low > 1 else f"{low}"
         scaled = (ds.bound * ds.K).where(is_inside)
-        claimed = is_inside & (ds.claimed > 0.0)
+        is_claimed = is_inside & (ds.claimed > 0.0)
         rms_error, rms_bound = (
-            float(np.sqrt((size**2).where(claimed).mean())) for size in (ds.found - ds.true, ds.bound)
+            float(np.sqrt((size**2).where(is_claimed).mean())) for size in (ds.found - ds.true, ds.bound)
         )
         yield [label, *share_cells(ds, is_inside), f"{1000 * float(scaled.median()):.0f}",
                f"{1000 * float((scaled * np.sqrt(ds.turns)).median()):.0f}" if high > 1 else "—",
-               f"{rms_error / rms_bound:.1f}" if bool(claimed.any()) else "—"]  # fmt: skip
+               f"{rms_error / rms_bound:.1f}" if bool(is_claimed.any()) else "—"]  # fmt: skip
 
 
 @apply_style()

@@ -186,15 +186,14 @@ def with_new_hash(ds: xr.Dataset, **attrs: Any) -> xr.Dataset:
 def explain_three_hours() -> str:
     """Explain from the paper's own numbers why the literal rule cannot keep three hours."""
     steps, updates = round((BACKLASH - STEP) / STEP), (THREE_HOURS - 1) // INTERVAL
-    reached, confirmed = (n * INTERVAL / 3600 for n in (steps, steps + 2))
+    hours_reached, hours_confirmed = (n * INTERVAL / 3600 for n in (steps, steps + 2))
     sizes = (STEP, BACKLASH, BACKLASH + STEP, (updates + 1) * STEP)
     start, backlash, tried_size, largest_size = (format_share(size, decimals=1) for size in sizes)
     return (
         f"From {start}, {steps} steps of {start} every {INTERVAL // 60} min are needed to reach {backlash}: "
-        f"{steps} × {INTERVAL / 3600:g} h = {reached:g} h, and {confirmed:g} h until {tried_size} has been tried and "
-        "taken "
-        f"back.  In less than {THREE_HOURS // 3600} h there are {updates} updates, which lead to {largest_size} at "
-        "most."
+        f"{steps} × {INTERVAL / 3600:g} h = {hours_reached:g} h, and {hours_confirmed:g} h until {tried_size} has "
+        f"been tried and taken back.  In less than {THREE_HOURS // 3600} h there are {updates} updates, which lead to "
+        f"{largest_size} at most."
     )
 
 

@@ -169,9 +169,9 @@ def failure_rows(case: Case, by_kind: dict[str, xr.Dataset]) -> list[list[str]]:
         for tuning in (SIMC, BEST_PI, TUNED_PI, TUNED_INVERSE):
             for label, group in groups.items():
                 change = mean_change(group, tuning, PRESET, "tuning")
-                hunting = share_of(group.hunts.sel(tuning=tuning))
-                if change[1] > 0.0 or hunting.low > HUNTING_LIMIT:
-                    rows.append([case.words, kind, tuning, label, format_change(*change), str(hunting)])
+                share_of_hunting = share_of(group.hunts.sel(tuning=tuning))
+                if change[1] > 0.0 or share_of_hunting.low > HUNTING_LIMIT:
+                    rows.append([case.words, kind, tuning, label, format_change(*change), str(share_of_hunting)])
     return rows
 
 

@@ -48,17 +48,17 @@ def simulate_weekly_test(kind: str, test: fc.ValveTest | None, seed: int = SEED,
         days = days_in_sequence(kind, seed + sequence)
         options: dict[str, Any] = {"seed": seed + sequence, "carry_over": True}
         plain = fc.simulate(loop, days, **options)
-        identified = fc.simulate(loop.assign(**IDENTIFY_SETTINGS), days, test=test, **options)
-        is_test_day = identified.day.copy(data=np.arange(identified.sizes["day"]) % DAYS_A_WEEK == 0)
-        rise = identified.rmse / plain.rmse - 1.0
-        weekly_estimates = identified.estimate_final.isel(day=slice(DAYS_A_WEEK - 1, None, DAYS_A_WEEK))
+        identified_loops = fc.simulate(loop.assign(**IDENTIFY_SETTINGS), days, test=test, **options)
+        is_test_day = identified_loops.day.copy(data=np.arange(identified_loops.sizes["day"]) % DAYS_A_WEEK == 0)
+        rise = identified_loops.rmse / plain.rmse - 1.0
+        weekly_estimates = identified_loops.estimate_final.isel(day=slice(DAYS_A_WEEK - 1, None, DAYS_A_WEEK))
         first, last = (weekly_estimates.isel(day=k).reset_coords(drop=True) for k in (0, -1))
         parts.append(
             xr.Dataset(
                 {
                     "first": first,
                     "last": last,
-                    "highest": identified.estimate_final.max("day"),
+                    "highest": identified_loops.estimate_final.max("day"),
                     "rise": rise.where(~is_test_day).mean("day"),
                     "on_test_days": rise.where(is_test_day).mean("day"),
                 },

@@ -210,7 +210,7 @@ def read_case(case: Case, seed: int, n: int = VALVES, days: int = DAYS) -> CaseR
     values = np.full((4, n, days), np.nan)
     for pair, numbers in zip(pairs, readings, strict=True):
         values[(slice(None), *pair)] = numbers
-    size, low, high, claimed = (xr.DataArray(column, dims=("sample", "day")) for column in values)
+    size, low, high, is_claimed = (xr.DataArray(column, dims=("sample", "day")) for column in values)
     truth = xr.DataArray(tests.backlash, dims="sample")
     error = size - truth
     is_right = abs(error) <= np.maximum(SIZE_TOLERANCE * truth, GOOD_BACKLASH) + 1e-9
@@ -218,9 +218,9 @@ def read_case(case: Case, seed: int, n: int = VALVES, days: int = DAYS) -> CaseR
     excursion = abs(tests.signals.T_sup - tests.signals.T_set).where(is_test).max("elapsed_time")
     is_good = (truth == 0.0) & has_begun
     return CaseReadings(
-        has_begun, has_begun & (aborted == 0.0), (claimed > 0.0) & has_begun, is_right & has_begun,
+        has_begun, has_begun & (aborted == 0.0), (is_claimed > 0.0) & has_begun, is_right & has_begun,
         (truth >= low) & (truth <= high), is_good,
-        is_good & (claimed > 0.0) & (size > GOOD_BACKLASH + 1e-9), error, excursion, aborted,
+        is_good & (is_claimed > 0.0) & (size > GOOD_BACKLASH + 1e-9), error, excursion, aborted,
     )  # fmt: skip
 
 

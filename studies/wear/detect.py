@@ -163,13 +163,13 @@ def estimate_gaps(case: str, kind: str, first_days: tuple[int, ...]) -> xr.DataA
 def bank_estimates(loop: fc.Loop, days: fc.Boundary, worn_days: fc.Boundary) -> list[xr.DataArray]:
     """Mean gap after the probabilities of the bank, a bank for each plant: (sample, elapsed_time)."""
     traces = _simulate_sequence(loop, worn_days, ["T_measured", "command"], 5)
-    measured = traces.T_measured.values[..., :: MODEL_INTERVAL // 5]
+    readings = traces.T_measured.values[..., :: MODEL_INTERVAL // 5]
     commands = np.repeat(traces.command.transpose("sample", "day", "elapsed_time").values, 5, axis=-1)
     by_valve = []
     for k in range(traces.sizes["sample"]):
         models = predict_temperatures(select_loop(loop, sample=k), days, commands[k]).values
         by_valve.append(
-            [innovations(measured[k].ravel(), plant_models.reshape(-1, len(CANDIDATES))) for plant_models in models]
+            [innovations(readings[k].ravel(), plant_models.reshape(-1, len(CANDIDATES))) for plant_models in models]
         )
     innovation = np.array(by_valve)  # sample, plant, time, candidate
     n_before = innovation.shape[2] * DAYS_BEFORE // SEQUENCE_DAYS

@@ -108,11 +108,11 @@ def simulate_readings(sequence: Sequence, size: int = VALVES) -> Readings:
                 )
             )
     values = np.array(Parallel(n_jobs=-1)(jobs), dtype=float).reshape(size, 2, DAYS // POOLED_DAYS, 3)
-    low, high, claimed = (
+    low, high, is_claimed = (
         xr.DataArray(values[..., k], dims=("sample", "way", "reading")).assign_coords(way=[LOGS, TESTS])
         for k in range(3)
     )
-    return Readings(low, high, claimed > 0.0, growth.reset_coords(drop=True))
+    return Readings(low, high, is_claimed > 0.0, growth.reset_coords(drop=True))
 
 
 def _simulate_signals(

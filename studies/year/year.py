@@ -67,7 +67,7 @@ def valve_rows(ds: xr.Dataset) -> list[list[str]]:
             estimate = "" if controller == PI else f"{100.0 * float(last['estimate_final'].median()):.1f} %"
             error = np.sqrt((part["rmse_settled"] ** 2).mean("day"))
             travel = part["motor_travel"].sum("day")
-            hunting = part["hunts"].where(part_is_on).mean("day")
+            share_of_hunting = part["hunts"].where(part_is_on).mean("day")
             rows.append(
                 [
                     valve,
@@ -76,7 +76,7 @@ def valve_rows(ds: xr.Dataset) -> list[list[str]]:
                     estimate,
                 ]
                 + [f"{float(error.median()):.3f} K", f"{100 * float(part['share_off'].mean('day').median()):.0f} %"]
-                + [f"{float(travel.median()):,.0f}", f"{100.0 * float(hunting.mean()):.0f} %"]
+                + [f"{float(travel.median()):,.0f}", f"{100.0 * float(share_of_hunting.mean()):.0f} %"]
             )
     return rows
 

@@ -154,8 +154,8 @@ def _file_contents(
 def _describe_translation_error(text: str, vectors: Vectors) -> str:
     """Describe the first cycle in which a translated rule of the user differs from the kernel; empty if none does."""
     inputs = {name: vectors.columns[name] for name in vectors.inputs}
-    expected = np.array([vectors.columns[name] for name in vectors.outputs])
-    deviation = np.abs(np.array(list(run_cycles(text, inputs, vectors.outputs))).T - expected).max(axis=0)
+    expected_outputs = np.array([vectors.columns[name] for name in vectors.outputs])
+    deviation = np.abs(np.array(list(run_cycles(text, inputs, vectors.outputs))).T - expected_outputs).max(axis=0)
     for cycle in np.flatnonzero(~(deviation <= 1e-12)):  # exp and log may differ in the last digit
         return f"cycle {cycle} of its vectors is off by {deviation[cycle]:.2g}"
     return ""

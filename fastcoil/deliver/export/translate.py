@@ -170,9 +170,9 @@ class Translator(Formulas):
         """Translate statements of a function; return its value, or ``None`` if it continues after them."""
         for k, node in enumerate(body):
             self.source_line = f"line {node.lineno} of {Path(scope.function.__code__.co_filename).name}"
-            returned = self._translate_statement(node, body[k + 1 :], scope)
-            if returned is not None:
-                return returned
+            returned_value = self._translate_statement(node, body[k + 1 :], scope)
+            if returned_value is not None:
+                return returned_value
         return None
 
     def _translate_statement(self, node: ast.stmt, rest: list[ast.stmt], scope: Scope) -> Any:
@@ -296,9 +296,9 @@ class Translator(Formulas):
         arguments, defaults = self._make_scope(python, None).arguments, python.__defaults__ or ()
         default_values = dict(zip(arguments[len(arguments) - len(defaults) :], map(constant, defaults), strict=True))
         values = default_values | dict(zip(arguments, positional, strict=False)) | keywords
-        returned = self._inline(python, [values[n] for n in arguments], lambda value: value)
+        returned_value = self._inline(python, [values[n] for n in arguments], lambda value: value)
         self.path, self.source_line = caller
-        return returned
+        return returned_value
 
     def _assemble_port(self, start_statements: list[ast.stmt], body: list[ast.stmt]) -> TranslatedRule:
         """Assemble the translated rule, without constants and fields that nothing reads."""

@@ -188,13 +188,13 @@ def mark_if_empty(axes: Axes, values: xr.DataArray) -> bool:
 
 def _band_or_members(values: xr.DataArray, dim: str) -> tuple[xr.DataArray | None, np.ndarray | None]:
     """Return the 10–90 % band over all dims but one, (2, n), or the members if few, (n, members); or neither."""
-    pooled = _pooled_dims(values, dim)
-    if math.prod(values.sizes[d] for d in pooled) >= _LEAST_BAND_MEMBERS:
+    pooled_dims = _pooled_dims(values, dim)
+    if math.prod(values.sizes[d] for d in pooled_dims) >= _LEAST_BAND_MEMBERS:
         with warnings.catch_warnings():
             # where every member is NaN the band has a gap, which says enough
             warnings.filterwarnings("ignore", "All-NaN slice encountered", RuntimeWarning)
-            return values.quantile((0.1, 0.9), pooled), None
-    return None, values.transpose(dim, ...).values.reshape(values.sizes[dim], -1) if pooled else None
+            return values.quantile((0.1, 0.9), pooled_dims), None
+    return None, values.transpose(dim, ...).values.reshape(values.sizes[dim], -1) if pooled_dims else None
 
 
 def pooled_in_words(values: xr.DataArray, drawn: Sequence[str | None], marks: Sequence[str]) -> str:
@@ -203,8 +203,8 @@ def pooled_in_words(values: xr.DataArray, drawn: Sequence[str | None], marks: Se
     sizes = {str(d): n for d, n in values.sizes.items() if d not in drawn and n > 1}
     if not sizes:
         return f"{median}: a single scenario"
-    grouped = {d: values[d].attrs["pooled_as"] for d in sizes if d in values.coords and "pooled_as" in values[d].attrs}
-    over = " × ".join(grouped.get(d) or sizes_in_words({d: n}) for d, n in sizes.items())
+    labels = {d: values[d].attrs["pooled_as"] for d in sizes if d in values.coords and "pooled_as" in values[d].attrs}
+    over = " × ".join(labels.get(d) or sizes_in_words({d: n}) for d, n in sizes.items())
     has_band = math.prod(sizes.values()) >= _LEAST_BAND_MEMBERS
     words = f"; {band}: 10th to 90th percentile" if has_band else f"; {member}: each of these"
     return f"{median}: median of {over}{words if band else ''}"

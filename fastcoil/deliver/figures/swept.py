@@ -104,9 +104,9 @@ def bands(data: Any, metric: str | None = None, *, x: str | None = None, by: str
     else:
         drawing.draw_curve(axes, values, x, color=BLUE)
     axes.margins(x=0.0)
-    omitted = drawing.left_out_in_words(values, by, len(label_indices))
-    pooled = drawing.pooled_in_words(values, (x, by), drawing.LINE_MARKS)
-    drawing.draw_caption(axes, pooled + omitted + failed_clause)
+    omitted_note = drawing.left_out_in_words(values, by, len(label_indices))
+    pooled_note = drawing.pooled_in_words(values, (x, by), drawing.LINE_MARKS)
+    drawing.draw_caption(axes, pooled_note + omitted_note + failed_clause)
     return axes
 
 

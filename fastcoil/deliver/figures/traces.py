@@ -53,8 +53,8 @@ def _require_traces(data: Any, *names: str) -> xr.Dataset:
     """Check that a result has traces, some or those of ``names``, and return it."""
     ds: xr.Dataset = require_instance("data", data, xr.Dataset, _TRACES_CURE)
     if "elapsed_time" not in ds.coords or not any(n in ds for n in TRACES) or not all(n in ds for n in names):
-        needed = list(names or ("T_sup", "command"))
-        sentence = f"data lacks traces such as {' and '.join(needed)}: simulate with traces={needed}"
+        needed_names = list(names or ("T_sup", "command"))
+        sentence = f"data lacks traces such as {' and '.join(needed_names)}: simulate with traces={needed_names}"
         raise InputError(sentence, "data", "missing")
     require_table_units(ds, PARAMETERS, TRACES, {"elapsed_time": COLUMNS["elapsed_time"]})
     return ds

@@ -61,8 +61,8 @@ def comparison_tables(ds: xr.Dataset) -> list[page.Table]:
         zero = int((labels == 0.0).argmax())
         if dim == ratio:
             comparable_ds = keep_comparable(ds)
-            recommended = int((labels == recommended_estimate(comparable_ds, dim)).argmax())
-            tables.append(_comparison_table(comparable_ds, dim, "", zero, f"the {pi} of the same loop", recommended))
+            best_row = int((labels == recommended_estimate(comparable_ds, dim)).argmax())
+            tables.append(_comparison_table(comparable_ds, dim, "", zero, f"the {pi} of the same loop", best_row))
         elif dim == "backlash" and labels[zero] == 0.0:
             tables.append(_comparison_table(without_inverse, dim, condition, zero, "the sound valve"))
         elif labels.dtype.kind in "OUST" and labels.size <= _MAX_NAME_ROWS:

@@ -276,9 +276,9 @@ def _survey_page(ds: xr.Dataset) -> Page:
         "while the valve is shut and rightly so; 0.1 K all day is 2.4 K·h.  Strokes: of the motor.  Gap: share of the "
         "stroke, with its 95 % interval.  Swing: of the supply temperature, with its period."
     )
-    ranked = [Table("", [*RANKING_HEADER, "faults, and what to do"], rows, note)] if rows else []
+    ranking_tables = [Table("", [*RANKING_HEADER, "faults, and what to do"], rows, note)] if rows else []
     unread = [Table("", ["valve", "reason"], problems)] if problems else []
-    sections = [Section("Ranked by control error", ranked), Section("Logs that could not be read", unread)]
+    sections = [Section("Ranked by control error", ranking_tables), Section("Logs that could not be read", unread)]
     question = "Which valves cost most if they are left as they are, and what helps?"
     title = f"Survey of {ds.sizes['valve']:,} valves"
     return Page("Survey", title, question, [], [describe_counts(ds)], sections, content_sha256(ds))
