@@ -37,8 +37,7 @@ def questions() -> dict[str, Question]:
     }
 
 
-QUICK_TIMES = ("seconds", "a minute")
-"""Studies that a sample runs whole, by their time."""
+QUICK_TIMES = ("seconds", "a minute")  # studies that a sample runs whole, by their time
 
 
 def format_seeds(module: ModuleType) -> str:

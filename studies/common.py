@@ -21,14 +21,10 @@ from fastcoil.study.analysis.paired import wilson_interval
 
 STUDIES = Path(__file__).parent
 RESULTS = STUDIES.parent / "results"
-OUTPUT_FOLDER = STUDIES
-"""Where tables and figures are written, each in the folder of its question."""
-PAIRED_DIMS = ("sample", "day")
-"""Every loop is compared with its own baseline, valve by valve and day by day."""
-HEATING_GAIN = 0.3
-"""A kp is drawn for cooling; a loop with water of 40 °C responds about three times as much."""
-BACKLASH_SIZES = (0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.15)
-"""Sizes of backlash, fraction of stroke."""
+OUTPUT_FOLDER = STUDIES  # where tables and figures are written, each in the folder of its question
+PAIRED_DIMS = ("sample", "day")  # every loop is compared with its own baseline, valve by valve and day by day
+HEATING_GAIN = 0.3  # a kp is drawn for cooling; a loop with water of 40 °C responds about three times as much
+BACKLASH_SIZES = (0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.15)  # sizes of backlash, fraction of stroke
 
 
 def results(name: str) -> xr.Dataset:
@@ -218,8 +214,7 @@ def draw_loop_parameters(
 
 
 Z_95 = 1.96
-CROSSED_DIMS = ("sample", "day")
-"""Every valve meets every day."""
+CROSSED_DIMS = ("sample", "day")  # every valve meets every day
 
 
 class Share(NamedTuple):

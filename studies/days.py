@@ -23,10 +23,8 @@ T_SET = 14.0
 HEATING_T_W_IN, HEATING_T_SET = 40.0, 25.0
 """Entering water and set-point of a heating day, °C: a low-temperature system, as heat pumps and condensing boilers
 need it."""
-OUTDOOR_FRACTION = 0.3
-"""Share of outdoor air on days of weather."""
-SUMMER_DAYS = range(140, 274)
-"""Days of the year that are drawn from a weather file."""
+OUTDOOR_FRACTION = 0.3  # share of outdoor air on days of weather
+SUMMER_DAYS = range(140, 274)  # days of the year that are drawn from a weather file
 
 
 def kinds(weather: Path = WEATHER_FILE) -> tuple[str, ...]:

@@ -23,11 +23,10 @@ P = ParamSpec("P")
 R = TypeVar("R")
 T = TypeVar("T")
 
-MAX_ARRAY_VALUES = 50_000_000
-"""Upper limit of the size of an array argument, such as 1-s samples over all days."""
+MAX_ARRAY_VALUES = 50_000_000  # upper limit of the size of an array argument, such as 1-s samples over all days
 _MAX_FLOAT = sys.float_info.max
 _BUILTIN_BY_DTYPE_KIND: Mapping[str, Callable[[Any], object]] = {"b": bool, "i": int, "u": int, "f": float, "U": str}
-"""Conversions by the kind of a numpy dtype."""
+"""Python type by the kind of a numpy dtype."""
 
 
 def raise_problems(problems: Collection[str]) -> None:
@@ -58,7 +57,7 @@ class Checks:
         return cast(R, None)
 
     def unless_none(self, check: Callable[..., R], name: str, value: object, *args: Any, **options: Any) -> R | None:
-        """Run the check unless ``value`` is None."""
+        """Run a check of an argument, and return its result, unless the value is None, which passes."""
         return None if value is None else self(check, name, value, *args, **options)
 
 
@@ -118,9 +117,9 @@ def require_flag(name: str, value: object) -> bool:
 
 
 def require_choice(name: str, value: object, choices: Collection[str]) -> str:
-    """Require one of ``choices``."""
+    """Require a word that is one of ``choices``; the error suggests the most similar one."""
     word = to_builtin(value)
-    cure = f"choose {_alternatives(choices)}" if choices else "leave it out, there is none to choose"
+    cure = f"choose {_join_with_or(choices)}" if choices else "leave it out, there is none to choose"
     if not isinstance(word, str):
         raise InputError(f"{name} = {short_repr(value)}: {cure}", name, "type")
     if word not in choices:
@@ -161,14 +160,14 @@ def is_storable_text(text: str) -> bool:
 
 
 def require_instance(name: str, value: object, kind: type[T], cure: str) -> T:
-    """Require an instance of ``kind``."""
+    """Require an instance of the class ``kind``; cure: end of the message otherwise."""
     if not isinstance(value, kind):
         raise InputError(f"{name} is a {type(value).__name__}: {cure}", name, "type")
     return value
 
 
 def require_array(name: str, value: Any, cure: str, kinds: str = "iuf") -> "NDArray[Any]":
-    """Convert an array-like, but no huge range, to an array whose dtype is one of ``kinds``; masked values to NaN."""
+    """Convert an array-like to an array whose dtype has one of these kinds; masked values to NaN."""
     import numpy as np
 
     if isinstance(value, range) and len(value) > MAX_ARRAY_VALUES:
@@ -197,7 +196,7 @@ def require_mapping(name: str, value: object, cure: str, *, to_text: bool = Fals
 
 
 def require_names(argument: str, value: object) -> list[str]:
-    """Require one name or an iterable of different names; return a list."""
+    """Require a name or an iterable of different names; return them as a list."""
     value = to_builtin(value)
     is_0d = getattr(value, "ndim", None) == 0  # of xarray: it has __iter__, which raises
     items: Iterable[object] = [value] if isinstance(value, str) or is_0d or not isinstance(value, Iterable) else value
@@ -220,6 +219,6 @@ def require_confidence_level(level: object) -> float:
     return require_number("level", level, cure, least=math.nextafter(0.0, 1.0), most=math.nextafter(1.0, 0.0))
 
 
-def _alternatives(choices: Iterable[str]) -> str:
+def _join_with_or(choices: Iterable[str]) -> str:
     *others, last = map(repr, choices)
     return f"{', '.join(others)} or {last}" if others else last

@@ -12,7 +12,7 @@ from fastcoil.base.machine import reserve_disk_space
 Array: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
 Index: TypeAlias = NDArray[np.int64]
-MEMMAP_MIN_BYTES = 2**18
+MEMMAP_MIN_BYTES = 2**18  # size from which an array lies in a file
 
 
 def allocate_on_disk(

@@ -9,7 +9,7 @@ from typing import Self
 
 from fastcoil.base.text import escape_control_characters
 
-EXIT_BUG = 1
+EXIT_BUG = 1  # exit codes of the command line
 EXIT_INPUT = 2
 EXIT_FAILED_SCENARIOS = 3
 EXIT_STORAGE = 4
@@ -19,7 +19,7 @@ EXIT_INTERRUPTED = 130
 EXIT_TERMINATED = 143
 
 _MAX_REPR_CHARACTERS = 60  # of a value quoted in a message
-_MAX_SENTENCES = 20  # of an error in print, the rest are counted
+_MAX_SENTENCES = 20  # of an error that are printed, the rest are counted
 
 
 class FastcoilError(Exception):
@@ -88,7 +88,7 @@ class Problem(str):
         return str(self), self.field, self.code
 
     def with_prefix(self, prefix: str) -> Problem:
-        """Return the problem of a file, with words before its sentence."""
+        """Return the problem with words before its sentence, as one that a file has, not an argument."""
         problem = Problem(prefix + self, self.field, self.code)
         problem.is_argument = False
         return problem
@@ -113,11 +113,11 @@ class InputError(FastcoilError, ValueError):
 
     def __new__(cls, problems: str | Collection[str] = (), field: str = "", code: str = "") -> InputError:
         # libraries that pickle errors between processes construct them without arguments
-        is_wrong_type = any(p.code == "type" and p.is_argument for p in _as_problems(problems, field, code))
+        is_wrong_type = any(p.code == "type" and p.is_argument for p in _to_problems(problems, field, code))
         return super().__new__(InputTypeError if cls is InputError and is_wrong_type else cls)
 
     def __init__(self, problems: str | Collection[str], field: str = "", code: str = "") -> None:
-        self.problems = _as_problems(problems, field, code)
+        self.problems = _to_problems(problems, field, code)
         first = self.problems[0] if self.problems else Problem("")
         self.field, self.code = first.field, first.code
         super().__init__("\n".join(self.problems))
@@ -126,7 +126,8 @@ class InputError(FastcoilError, ValueError):
         return list(self.problems)
 
 
-def _as_problems(problems: str | Collection[str], field: str, code: str) -> list[Problem]:
+def _to_problems(problems: str | Collection[str], field: str, code: str) -> list[Problem]:
+    """Convert one sentence or several to problems; field, code: of those that are none yet."""
     sentences = [problems] if isinstance(problems, str) else problems
     return [s if isinstance(s, Problem) else Problem(s, field, code) for s in sentences]
 
@@ -165,7 +166,7 @@ class IntegrityError(FastcoilError):
 
 
 def missing_extra_error(feature: str, packages: str, extra: str) -> InputError:
-    """Return the error for missing optional packages: what needs them, and the extra that installs them."""
+    """Return the error that a feature needs optional packages, which an extra of fastcoil installs."""
     noun = "packages" if " and " in packages else "package"
     return InputError(f"{feature} needs the {noun} {packages}: pip install 'fastcoil[{extra}]'", packages, "package")
 
@@ -178,7 +179,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 def short_repr(value: object) -> str:
-    """Quote a value in a message: on one line, truncated."""
+    """Return the repr of a value for a message: on one line, truncated."""
     text = repr(value[:_MAX_REPR_CHARACTERS] if isinstance(value, (str, bytes, list, tuple)) else value)
     if not text.isprintable():
         text = " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())

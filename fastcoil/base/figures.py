@@ -29,14 +29,10 @@ COLOURS = (BLUE, RED, YELLOW)
 
 Distinct from each other, black and ``LINE_GREY`` for deuteranopes and protanopes, and from each other in greyscale.
 """
-LINE_GREY = "0.65"
-"""For reference lines.  In greyscale print as light as yellow: there, only line styles distinguish the two."""
-SHADE_GREY = "0.9"
-"""For shaded backgrounds."""
-LINE_STYLES = ("-", "--", ":")
-"""One for each of ``COLOURS``."""
-DOTTED_LINE = (0, (1, 3))
-"""Line style of reference lines."""
+LINE_GREY = "0.65"  # for reference lines; in greyscale print as light as yellow
+SHADE_GREY = "0.9"  # for shaded backgrounds
+LINE_STYLES = ("-", "--", ":")  # one for each of ``COLOURS``
+DOTTED_LINE = (0, (1, 3))  # line style of reference lines
 STYLE: Mapping[str, Any] = {
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -68,12 +64,10 @@ def wrap_text(text: str, inches: float, points: float) -> str:
     return "\n".join(fill(line, n_characters, break_long_words=False) for line in text.splitlines())
 
 
-FIGURES_FOLDER = "figures"
-"""Name of the figure folder inside a study's folder."""
+FIGURES_FOLDER = "figures"  # name of the figure folder inside a study's folder
 FIGURE_FORMATS = ("png", "pdf", "svg")
-DEFAULT_DPI = 200
-"""Dots per inch of a PNG and of rasterised maps in a PDF or SVG."""
-_METADATA: Mapping[str, dict[str, Any]] = {
+DEFAULT_DPI = 200  # dots per inch of a PNG and of rasterised maps in a PDF or SVG
+_SOFTWARE_METADATA: Mapping[str, dict[str, Any]] = {
     "png": {"Software": "fastcoil"},
     "pdf": {"Creator": "fastcoil", "CreationDate": None},
     "svg": {"Creator": "fastcoil", "Date": None},
@@ -87,8 +81,8 @@ _ORIGIN_IN_FILE = {
     "pdf": re.compile(rb"/Keywords \(" + _ORIGIN_HASH + rb"\)"),
     "svg": re.compile(rb"<dc:source>" + _ORIGIN_HASH + rb"</dc:source>"),
 }
+# text is stored as text, so that it can be searched and edited
 _SAVE_SETTINGS: Any = {"svg.hashsalt": "fastcoil", "svg.fonttype": "none", "pdf.fonttype": 42}
-"""Text is stored as text, so that it can be searched and edited."""
 
 
 def check_format(format: str, dpi: object) -> None:
@@ -110,7 +104,7 @@ def encode_figure(figure: Figure, format: str = "png", dpi: int = DEFAULT_DPI, d
     origin_metadata = {} if drawn_from is None else {_ORIGIN_FIELD[format]: _ORIGIN_PREFIX + drawn_from}
     data = io.BytesIO()
     with rc_context(_SAVE_SETTINGS):
-        figure.savefig(data, format=format, dpi=dpi, metadata={**_METADATA[format], **origin_metadata})
+        figure.savefig(data, format=format, dpi=dpi, metadata={**_SOFTWARE_METADATA[format], **origin_metadata})
     return data.getvalue()
 
 
@@ -122,7 +116,7 @@ def write_figures(
     dpi: int = DEFAULT_DPI,
     drawn_from: str | None = None,
 ) -> list[Path]:
-    """Write figures, by name without suffix, into a folder, made if missing; ``drawn_from``: as of `encode_figure`."""
+    """Write figures, by name without suffix, into a folder, made if missing; ``drawn_from``: hash of the results."""
     with convert_os_errors(folder, "made"):
         make_folder(folder, parents=True)
     paths = [folder / f"{name}.{format}" for name in figures]
@@ -132,7 +126,7 @@ def write_figures(
 
 
 def read_origin(path: Path) -> str | None:
-    """Find the ``content_sha256`` that a figure was drawn from, or None; no library decodes the untrusted file."""
+    """Read the ``content_sha256`` of the results that a figure was drawn from, in its metadata; None without one."""
     try:
         data = read_bytes(path, 2**26) if path.is_file() else b""
     except (OSError, ValueError):  # unreadable, too large or not a regular file

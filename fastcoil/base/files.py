@@ -17,11 +17,9 @@ from pathlib import Path
 from fastcoil.base.errors import InputError, StorageError, short_repr
 from fastcoil.base.machine import IS_POSIX, NO_FOLLOW_FLAG, READ_FLAGS, flush_to_disk, retry_while_locked
 
-TEMPORARY_SUFFIX = ".tmp"
-"""Suffix of a file that is being written."""
-_CHUNK_BYTES = 1 << 20  # read at once, or written to find out whether the disk is full
-_URL_START = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")
-"""Begins ``s3://bucket`` and ``https://host``, also as a `Path`, which drops one of the slashes; no drive letter."""
+TEMPORARY_SUFFIX = ".tmp"  # suffix of a file that is being written
+_CHUNK_BYTES = 1 << 20  # bytes read at once, or written to find out whether the disk is full
+_URL_START = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")  # also of a `Path`, which drops one slash; no drive letter
 
 
 class TooLargeError(ValueError):
@@ -68,10 +66,10 @@ def read_bytes(path: Path, limit: int, *, follow: bool = True) -> bytes:
     ``IrregularFileError`` if it is a pipe, a device or a socket.
     """
     # checked before opening: opening a device can have side effects
-    _require_regular(os.stat(path, follow_symlinks=follow))
+    _require_regular_file(os.stat(path, follow_symlinks=follow))
     with open(os.open(path, os.O_RDONLY | READ_FLAGS | (0 if follow else NO_FOLLOW_FLAG)), "rb", buffering=0) as file:
         status = os.fstat(file.fileno())
-        _require_regular(status)
+        _require_regular_file(status)
         if status.st_size > limit:
             raise TooLargeError(f"has {status.st_size:,} bytes, more than {limit:,}")
         data = bytearray()
@@ -84,7 +82,7 @@ def read_bytes(path: Path, limit: int, *, follow: bool = True) -> bytes:
 
 
 def portable_file_name(name: str) -> str:
-    """Return a portable file name, different for each ``name``."""
+    """Convert a name to a file name that every system allows, different for each name."""
     portable = re.sub(r"[^\w.=+-]", "-", name)
     if portable == name and len(name.encode()) <= 200:
         return name
@@ -106,7 +104,7 @@ def require_usable_path(path: Path, cure: str, field: str = "") -> None:
             raise InputError(sentence, field, "path") from None
 
 
-def _require_regular(status: os.stat_result) -> None:
+def _require_regular_file(status: os.stat_result) -> None:
     kind = stat.S_IFMT(status.st_mode)
     if kind == stat.S_IFDIR:
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
@@ -127,7 +125,7 @@ def write_atomically(path: Path, data: bytes | memoryview) -> None:
 def replace_atomically(
     path: Path, write: Callable[[Path], object], record: Callable[[Path], object] = lambda temporary: None
 ) -> None:
-    """Replace a file as ``write_atomically``, with a callback ``write`` that receives the temporary name to write to.
+    """Replace a file atomically by what ``write`` writes to the temporary name that it receives.
 
     record: called with the temporary name after the file is on disk and before it is renamed to ``path``.
     """
@@ -161,7 +159,7 @@ def make_folder(path: Path, *, parents: bool = False) -> None:
 
 @contextmanager
 def convert_os_errors(path: Path, operation: str) -> Iterator[None]:
-    """Turn an operating-system error into a ``StorageError``: ``path`` cannot be ``operation``, and why."""
+    """Convert an operating-system error in the block to a ``StorageError`` that ``path`` cannot be ``operation``."""
     try:
         yield
     except StorageError:
@@ -191,7 +189,7 @@ def remove_temporary_files(folder: Path) -> None:
 
 @contextmanager
 def _reveal_disk_error(path: Path) -> Iterator[None]:
-    """Find the operating system's reason for a failed write: HDF5 reports a full disk as "Permission denied"."""
+    """Raise the operating system's error for a failed write: HDF5 reports a full disk as "Permission denied"."""
     try:
         yield
     except (OSError, RuntimeError):
@@ -201,7 +199,7 @@ def _reveal_disk_error(path: Path) -> Iterator[None]:
 
 
 _IMPOSSIBLE_PATH_ERRNOS = (errno.ELOOP, errno.ENAMETOOLONG, errno.EINVAL)  # the last: not allowed by Windows
-_ABSENT_PATH_ERRNOS = (errno.ENOENT, errno.ENOTDIR, errno.EBADF, errno.ELOOP)  # of ``stat``
+_ABSENT_PATH_ERRNOS = (errno.ENOENT, errno.ENOTDIR, errno.EBADF, errno.ELOOP)  # of ``stat`` where nothing exists
 
 
 def exists(path: Path) -> bool:

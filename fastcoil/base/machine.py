@@ -31,23 +31,22 @@ except ImportError:  # Windows
 VERSION = "1.0.0rc1"
 """Of fastcoil.  The package and `fastcoil --version` take it from here."""
 
-IS_POSIX = hasattr(os, "fork")
-"""Whether this is a Unix: Windows has no fork."""
+IS_POSIX = hasattr(os, "fork")  # whether this is a Unix: Windows has no fork
 TERMINATION_SIGNALS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)]
 """Signals, besides Ctrl-C, that ask a command to end."""
 READ_FLAGS = sum(getattr(os, name, 0) for name in ("O_NONBLOCK", "O_NOCTTY", "O_CLOEXEC", "O_BINARY"))
 """Flags to open a file as it is, without waiting for the other end of a pipe."""
-NO_FOLLOW_FLAG = getattr(os, "O_NOFOLLOW", 0)
+NO_FOLLOW_FLAG = getattr(os, "O_NOFOLLOW", 0)  # to open no file behind a symbolic link
 
-PROC = Path("/proc")
-CGROUPS = Path("/sys/fs/cgroup")
-_LOCKED_SECONDS = 2.0  # for which another program may have a file open
+PROC = Path("/proc")  # files of the kernel on processes and memory
+CGROUPS = Path("/sys/fs/cgroup")  # and on control groups
+_MAX_LOCKED_SECONDS = 2.0  # for which another program may have a file open
 Result = TypeVar("Result")
 
 
 def retry_while_locked(operation: Callable[[], Result]) -> Result:
-    """Replace or remove a file; on Windows again and again for 2 s, as long as another program has it open."""
-    deadline = time.monotonic() + (0.0 if IS_POSIX else _LOCKED_SECONDS)
+    """Run a file operation; on Windows repeat it for 2 s while another program has the file open."""
+    deadline = time.monotonic() + (0.0 if IS_POSIX else _MAX_LOCKED_SECONDS)
     while True:
         try:
             return operation()
@@ -58,7 +57,7 @@ def retry_while_locked(operation: Callable[[], Result]) -> Result:
 
 
 def flush_to_disk(path: Path) -> None:
-    """Flush a file or folder to the disk; of a folder, where it can be opened."""
+    """Flush a file to the disk, or a folder where the system can open one."""
     is_folder = path.is_dir()
     if is_folder and not IS_POSIX:
         return
@@ -70,7 +69,7 @@ def flush_to_disk(path: Path) -> None:
 
 
 def reserve_disk_space(descriptor: int, size: int) -> None:
-    """Make an open, empty file ``size`` bytes long; on Linux it has its room on the disk then."""
+    """Make an open, empty file ``size`` bytes long; on Linux this reserves the space on the disk."""
     if hasattr(os, "posix_fallocate"):
         os.posix_fallocate(descriptor, 0, size)
     else:
@@ -105,7 +104,7 @@ def wait_for_parent_exit(parent_id: int) -> None:
 
 
 def limit_this_process(cpu_seconds: int, memory_bytes: int) -> None:
-    """Limit the time it computes and the bytes it takes from now on, as far as the system keeps such limits."""
+    """Limit processor time and further memory of this process, as far as the system keeps such limits."""
     if resource is None:
         return
     resource.setrlimit(resource.RLIMIT_CPU, (cpu_seconds, cpu_seconds))
@@ -121,16 +120,16 @@ def available_memory() -> int:
     The minimum of the machine's available memory, the remainder in the control group (v2) of this process and in each
     of its parents, and the limit on its address space.  A limit that cannot be read is ignored.
     """
-    return min([_machine_memory(), *_control_group_memory(), *_address_space()])
+    return min([_machine_memory(), *_control_group_memory(), *_address_space_left()])
 
 
 def private_memory(process: str = "self") -> int:
-    """Return the bytes of memory that a process has for itself; 0 where the system does not say it."""
+    """Return the memory that a process shares with no other, bytes; 0 where the system does not say it."""
     return _read_integers(PROC / process / "status").get("RssAnon:", 0) * 1024
 
 
 def format_bytes(n_bytes: float) -> str:
-    """Format a number of bytes."""
+    """Format a number of bytes with the largest unit that suits, up to GiB."""
     for size, unit in ((2**30, "GiB"), (2**20, "MiB"), (2**10, "KiB")):
         if n_bytes >= size or (unit == "MiB" and n_bytes >= 0.1 * size):
             return f"{n_bytes / size:,.1f} {unit}"
@@ -138,6 +137,7 @@ def format_bytes(n_bytes: float) -> str:
 
 
 def _machine_memory() -> int:
+    """Return the available memory of the machine, bytes; the installed one where the system does not say it."""
     available = _read_integers(PROC / "meminfo").get("MemAvailable:")
     if available is not None:
         return available * 1024
@@ -159,14 +159,15 @@ def _control_group_memory() -> Iterator[int]:
     for depth in range(len(names), -1, -1) if lines else ():
         group = CGROUPS.joinpath(*names[:depth])
         limits = [_read_integers(group / name).get("") for name in ("memory.max", "memory.high")]
-        used = _read_integers(group / "memory.current").get("")
+        used_bytes = _read_integers(group / "memory.current").get("")
         known_limits = [limit for limit in limits if limit is not None]
-        if used is not None and known_limits:
+        if used_bytes is not None and known_limits:
             reclaimable = _read_integers(group / "memory.stat").get("inactive_file", 0)
-            yield max(min(known_limits) - used + reclaimable, 0)
+            yield max(min(known_limits) - used_bytes + reclaimable, 0)
 
 
-def _address_space() -> Iterator[int]:
+def _address_space_left() -> Iterator[int]:
+    """Yield the bytes left of the limit on the address space, if there is one."""
     if resource is not None:
         limit, _ = resource.getrlimit(resource.RLIMIT_AS)
         if limit != resource.RLIM_INFINITY:
@@ -174,7 +175,7 @@ def _address_space() -> Iterator[int]:
 
 
 def _read_integers(path: Path) -> dict[str, int]:
-    """Read the integers in a file of the kernel by the word before them, a blank where a line has a number only."""
+    """Read the numbers in a file of the kernel by the word before each; a line with a number only has the word ""."""
     pairs = [("", *words) if len(words) == 1 else words for words in map(str.split, _read_lines(path))]
     return {pair[0]: int(pair[1]) for pair in pairs if pair and pair[1].isdecimal()}
 

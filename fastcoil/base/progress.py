@@ -13,17 +13,16 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from typing import Any
 
-LOGGER = logging.getLogger("fastcoil")
-SECONDS_BETWEEN_LINES = 10.0
-SECONDS_BEFORE_DISPLAY = 2.0
-_TEST_VARIABLES = ("PYTEST_VERSION", "PYTEST_CURRENT_TEST")
+LOGGER = logging.getLogger("fastcoil")  # of progress, for programs
+SECONDS_BETWEEN_LINES = 10.0  # of text or of the log
+SECONDS_BEFORE_DISPLAY = 2.0  # of work that is not shown
+_TEST_VARIABLES = ("PYTEST_VERSION", "PYTEST_CURRENT_TEST")  # of the environment in a test
 
-Advance = Callable[[int], None]
-"""Receives the number of scenario-days finished since the last call."""
+Advance = Callable[[int], None]  # receives the number of scenario-days finished since the last call
 
 
 def format_duration(seconds: float) -> str:
-    """Format a duration in seconds."""
+    """Format a duration, given in seconds, in seconds, minutes or hours."""
     if seconds < 100:
         return f"{seconds:.1f} s" if seconds < 10 else f"{seconds:.0f} s"
     minutes = seconds / 60
@@ -64,16 +63,16 @@ class ProgressDisplay(AbstractContextManager["ProgressDisplay"]):
         self._first_started_at = self._first_started_at or self._started_at
         delay = max(0.0, self._delay - (self._started_at - self._first_started_at))
         # a timer, since the first shard may take minutes
-        self._timer = threading.Timer(delay, self._show)
+        self._timer = threading.Timer(delay, self._show_if_working)
         self._timer.daemon = True
         if delay:
             self._timer.start()
         else:
-            self._show()
+            self._show_if_working()
         return self._advance
 
     def stop(self) -> None:
-        """End the bar with a complete line."""
+        """End the display: stop the bar, or write the last line of text."""
         with self._lock:
             if self._timer is not None:
                 self._timer.cancel()
@@ -84,7 +83,7 @@ class ProgressDisplay(AbstractContextManager["ProgressDisplay"]):
                 self._write_line()
             self._is_visible, self._bar = False, None
 
-    def _show(self) -> None:
+    def _show_if_working(self) -> None:
         with self._lock:
             if self._timer is None:
                 return
@@ -102,7 +101,7 @@ class ProgressDisplay(AbstractContextManager["ProgressDisplay"]):
             text("{task.fields[rate]}"), progress.TimeElapsedColumn(), text("ETA"), progress.TimeRemainingColumn(),
         )  # fmt: skip
         self._bar = progress.Progress(*columns, console=Console(stderr=True))
-        self._task = self._bar.add_task(self._items, total=self._total, completed=self._n_done, rate=self._rate)
+        self._task = self._bar.add_task(self._items, total=self._total, completed=self._n_done, rate=self._rate_text)
         self._bar.tasks[0].start_time = self._started_at
         self._bar.start()
 
@@ -110,33 +109,33 @@ class ProgressDisplay(AbstractContextManager["ProgressDisplay"]):
         with self._lock:
             self._n_done += n_new
             if self._is_visible and self._bar is not None:
-                self._bar.update(self._task, completed=self._n_done, rate=self._rate)
-            now = time.monotonic()
-            if now - self._last_line_at >= SECONDS_BETWEEN_LINES and self._n_done < self._total:
-                self._last_line_at = now
+                self._bar.update(self._task, completed=self._n_done, rate=self._rate_text)
+            seconds_now = time.monotonic()
+            if seconds_now - self._last_line_at >= SECONDS_BETWEEN_LINES and self._n_done < self._total:
+                self._last_line_at = seconds_now
                 LOGGER.info(self._line_text)
                 if self._is_visible and self._bar is None:
                     self._write_line()
             if self._n_done >= self._total:
-                if now - self._started_at >= SECONDS_BEFORE_DISPLAY:
+                if seconds_now - self._started_at >= SECONDS_BEFORE_DISPLAY:
                     LOGGER.info(self._line_text)
                 self.stop()
 
     @property
-    def _per_second(self) -> float:
+    def _items_per_second(self) -> float:
         return (self._n_done - self._n_before) / max(time.monotonic() - self._started_at, 1e-9)
 
     @property
-    def _rate(self) -> str:
-        return f"{self._per_second:,.0f}/s" if self._per_second >= 0.5 else ""
+    def _rate_text(self) -> str:
+        return f"{self._items_per_second:,.0f}/s" if self._items_per_second >= 0.5 else ""
 
     @property
     def _line_text(self) -> str:
         if self._n_done >= self._total:
             return f"{self._total:,} {self._items} in {format_duration(time.monotonic() - self._started_at)}"
-        parts = [f"{self._n_done:,} of {self._total:,} {self._items}", self._rate]
+        parts = [f"{self._n_done:,} of {self._total:,} {self._items}", self._rate_text]
         if self._n_done > self._n_before:
-            parts.append(f"{format_duration((self._total - self._n_done) / self._per_second)} to go")
+            parts.append(f"{format_duration((self._total - self._n_done) / self._items_per_second)} to go")
         return ", ".join(filter(None, parts))
 
     def _write_line(self) -> None:
@@ -151,7 +150,7 @@ def display_for_call(progress: bool | None) -> ProgressDisplay:
 
 
 def _is_interactive() -> bool:
-    """Whether this is neither a test nor a worker."""
+    """Whether a person may be watching: no test, and the main thread of the main process."""
     return (
         not any(name in os.environ for name in _TEST_VARIABLES)
         and multiprocessing.current_process().name == "MainProcess"

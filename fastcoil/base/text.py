@@ -6,7 +6,7 @@ import unicodedata
 from collections.abc import Collection, Sequence
 
 _UNSAFE_CATEGORIES = {"Cc", "Cf", "Cs", "Zl", "Zp"}
-"""Unicode categories: control, format (including bidirectional), surrogates, line and paragraph separators."""
+"""Unicode categories that are escaped: control, format, surrogates, line and paragraph separators."""
 
 
 def escape_control_characters(text: str) -> str:
@@ -18,12 +18,12 @@ def escape_control_characters(text: str) -> str:
 
 
 def escape_formulas(text: str) -> str:
-    """Put an apostrophe before what a spreadsheet would take as a formula, for a CSV file."""
+    """Put an apostrophe before each cell of a CSV text that a spreadsheet would take as a formula."""
     return re.sub(r"(^|[,;\t]\s*)(?=[=+\-@])", r"\1'", text)
 
 
 def parse_number_or_word(text: str) -> float | str:
-    """Return the number that a text is, or the text itself."""
+    """Convert a text to a number if it is one; else return it unchanged."""
     try:
         return float(text)
     except ValueError:
@@ -31,8 +31,7 @@ def parse_number_or_word(text: str) -> float | str:
 
 
 MINUS_SIGN = "\N{MINUS SIGN}"
-MISSING_VALUE = "\N{EN DASH}"
-"""Stands for a missing value."""
+MISSING_VALUE = "\N{EN DASH}"  # stands for it in tables
 
 
 def decimals_for_uncertainty(uncertainty: float) -> int | None:
@@ -66,7 +65,7 @@ def format_number(value: float, decimals: int | None = None, *, sign: bool = Fal
 
 
 def align_columns(rows: Sequence[Sequence[str]], *, right: Collection[int] = ()) -> list[str]:
-    """Align the columns of rows of cells in lines of text, two spaces apart; columns ``right`` to the right."""
+    """Format rows of cells as lines of text with aligned columns; right: indices of right-aligned columns."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = []
     for row in rows:
@@ -91,15 +90,15 @@ def format_period(value: float) -> str:
 
 
 def format_kelvin(value: float) -> str:
-    """Format a temperature difference; less than 0.5 mK is none."""
+    """Format a temperature difference, K; less than 0.5 mK is written as 0."""
     return f"{format_two_digits(value)} K" if abs(value) >= 5e-4 else "0 K"
 
 
 def format_two_digits(value: float) -> str:
-    """Format a number with two digits, without an exponent where it is large."""
+    """Format a number with two significant digits, from 100 on as an integer."""
     return f"{value:.2g}" if abs(value) < 99.5 else f"{value:.0f}"
 
 
 def format_percent(value: float) -> str:
-    """Format a fraction in percent, with three digits."""
+    """Format a fraction in per cent, with three significant digits."""
     return f"{100.0 * value:.3g} %"

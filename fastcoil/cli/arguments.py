@@ -13,7 +13,7 @@ from fastcoil.base.errors import Problem, short_repr
 
 
 class UsablePath(click.ParamType):  # type: ignore[type-arg]
-    """A valid path; it need not exist."""
+    """Type of an option or argument that is a path, which need not exist."""
 
     name = "path"
 
@@ -21,7 +21,7 @@ class UsablePath(click.ParamType):  # type: ignore[type-arg]
         return require_path(param.opts[-1] if param else "path", value, "give a path, such as . for the current folder")
 
 
-PATH = UsablePath()
+PATH = UsablePath()  # type of an argument of click
 
 with_scenario = click.option(
     "--at",
@@ -29,11 +29,11 @@ with_scenario = click.option(
     metavar="NAME=LABEL",
     help="The scenario, such as backlash=0.07,day=3: a label for every dimension.",
 )
-"""Option of commands on one scenario; see ``parse_labels``."""
+"""Decorator that adds the option ``--at``, the labels of one scenario, to a command; see ``parse_labels``."""
 
 
 def combine_options(*decorators: Callable[..., Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Return a decorator that adds all of these options of click."""
+    """Combine decorators that each add an option of click to one that adds them all."""
     return lambda command: functools.reduce(lambda decorated, decorate: decorate(decorated), decorators, command)
 
 
@@ -53,12 +53,12 @@ def parse_pairs(option: str, arguments: Sequence[str]) -> dict[str, str]:
 
 
 def parse_labels(at: Sequence[str]) -> dict[str, str]:
-    """Parse ``--at backlash=0.07,tuning=fast`` into dimension → label."""
+    """Parse the arguments of ``--at``, such as ``backlash=0.07,tuning=fast``, into dimension → label."""
     return parse_pairs("--at", _split_pairs(at))
 
 
 def parse_label_lists(option: str, at: Sequence[str]) -> dict[str, list[str]]:
-    """Parse as ``parse_labels``, into name → list of labels; a name may be given several times."""
+    """Parse ``NAME=LABEL`` arguments into name → list of labels; a name may be given several times."""
     labels: dict[str, list[str]] = {}
     for pair in _split_pairs(at):
         for name, label in parse_pairs(option, [pair]).items():
@@ -67,5 +67,5 @@ def parse_label_lists(option: str, at: Sequence[str]) -> dict[str, list[str]]:
 
 
 def _split_pairs(at: Sequence[str]) -> list[str]:
-    """Split the arguments at commas that begin another ``NAME=``."""
+    """Split arguments such as ``a=1,b=2`` into pairs, at the commas before another ``NAME=``."""
     return [pair for pair in re.split(",(?=[^,=]+=)", ",".join(at)) if pair]

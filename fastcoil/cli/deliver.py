@@ -31,7 +31,7 @@ def report(folder: Path, out: Path | None) -> None:
 
 
 def write_result(result: Any, out: Path | None, report: Path | None = None, *, label: str = "Written") -> None:
-    """Write to ``out`` TOML, announced by ``label``, with a figure beside it, or a figure; to ``report`` a page."""
+    """Write a result to ``out``, as TOML with a figure beside it, or as a figure, and to ``report`` as a page."""
     if out is not None:
         from fastcoil.base.figures import write_figures
 
@@ -116,7 +116,7 @@ def export(
 
 
 def export_code(path: Path, language: str | None, out: Path | None, has_test: bool) -> None:
-    """Write the code of the controller in a study file, with a valve test if ``has_test``; only the loop counts."""
+    """Export the controller of the loop in a study file as code, with a valve test if ``has_test``."""
     from fastcoil.deliver.export.export import SUFFIXES
     from fastcoil.study.file.spec import read_study
     from fastcoil.study.file.user_code import load_code
@@ -157,7 +157,7 @@ def export_table(path: Path, metrics: tuple[str, ...], at: Sequence[str], out: P
 
 
 def _table_path(path: Path, out: Path | None) -> Path:
-    """Return the file to write: ``out``, or a default name in the folder ``out`` or the current one."""
+    """Return the CSV file to write: ``out``, or a default name in the folder ``out`` or the current one."""
     if out is None or is_folder(out):
         target = (out or Path()) / f"{path.resolve().name.removesuffix('.nc') or 'results'}.csv"
         if exists(target) and not has_mark(target, b"fastcoil_version", 2**16):

@@ -13,7 +13,7 @@ from fastcoil.base.files import convert_os_errors, list_folder, make_folder, wri
 from fastcoil.cli.arguments import PATH
 from fastcoil.cli.terminal import announce_compilation, echo
 
-_DEMO_COMMANDS = (
+_DEMO_COMMANDS = (  # each with the question that it answers
     ("A loop hunts.  Is it the valve?", "fastcoil diagnose log.csv --stroke-time 90"),
     (
         "Why does it hunt, and what would cure it?",
@@ -51,7 +51,7 @@ def demo(context: click.Context, folder: Path | None) -> None:
 
 
 def _simulate_log() -> str:
-    """Six hours of a loop that hunts, as a building logs it."""
+    """Return a CSV log of six hours of a loop that hunts, as a building writes it."""
     day = fc.paper_day(hours=6, seed=2)
     loop = fc.Loop.preset("lbnl").assign(backlash=0.09, kp=0.03, ti=15.0, noise_std=0.01)
     ds = fc.simulate(loop, day, traces=["command", "T_measured"], trace_interval=10, progress=False)

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from fastcoil.measured.fit import Fit
 
 
-_EXIT_FAULT_FOUND = 1  # of ``diagnose --fail``
-_MAX_LISTED = 10  # valves, and logs that could not be read
+_EXIT_FAULT_FOUND = 1  # exit code of ``diagnose --fail``
+_MAX_LISTED = 10  # valves, and unread logs, in the output of ``--fleet``
 
 
 def _parse_pairs_option(ctx: click.Context, param: click.Parameter, value: Sequence[str]) -> dict[str, str] | None:
@@ -44,7 +44,7 @@ _add_reading_options = combine_options(
                  help="Header of the column for NAME, if it differs."),
     click.argument("data", type=PATH),
 )  # fmt: skip
-_READING_OPTIONS = ("drop", "jumps", "max_gap", "time_format", "units", "columns")
+_READING_OPTIONS = ("drop", "jumps", "max_gap", "time_format", "units", "columns")  # of ``fc.read_log``
 
 
 def with_reading_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -68,7 +68,7 @@ with_warm_up = click.option(
 
 
 def require_fit_file(out: Path) -> None:
-    """Raise, before any work, unless ``out`` can be written and is new or an earlier fit."""
+    """Refuse, before any work, a file that cannot be written, or exists and is no earlier fit."""
     require_output_file("-o", out, ".toml")
     figure, cure = out.with_suffix(".png"), "choose another name, or delete it"
     if exists(out) and not has_mark(out, b" fitted to ", 300):
@@ -124,7 +124,7 @@ def diagnose(
 def _diagnose_fleet(
     logs: Sequence[Path], out: Path | None, report: Path | None, jobs: int | None, fail: bool, options: dict[str, Any]
 ) -> None:
-    from fastcoil.deliver.report.survey import AT_FAULT, TABLE_HEAD, headline, ranked_rows, state_counts
+    from fastcoil.deliver.report.survey import AT_FAULT, RANKING_HEADER, describe_counts, ranked_rows, state_counts
 
     if report is not None:
         sentence = "--report does not work with --fleet: write the page with -o FILE.html"
@@ -132,18 +132,18 @@ def _diagnose_fleet(
     announce_compilation("mean_openings")
     ds = fc.survey(logs, out, n_jobs=jobs, **options)
     rows = ranked_rows(ds)[:_MAX_LISTED]
-    echo(headline(ds), *(align_columns([TABLE_HEAD, *rows], right=(1, 2)) if rows else ()))
+    echo(describe_counts(ds), *(align_columns([RANKING_HEADER, *rows], right=(1, 2)) if rows else ()))
     warnings = zip(ds["valve"].values, ds["warnings"].values[: len(rows)], strict=False)
     echo(*(f"{valve}: {warning}" for valve, warning in warnings if warning))
     valves_by_problem: dict[str, list[str]] = {}
     for valve, log, problem in zip(ds["valve"].values, ds["log"].values, ds["problem"].values, strict=True):
         if problem:
             valves_by_problem.setdefault(problem.replace(f"{Path(log).name}: ", ""), []).append(valve)
-    failed = [
+    failures = [
         f"Not read: {valves[0]}{f' and {len(valves) - 1:,} more' if valves[1:] else ''}: {problem}"
         for problem, valves in valves_by_problem.items()
     ]
-    echo(*failed[:_MAX_LISTED], *[f"… and {len(failed) - _MAX_LISTED:,} more"] * (len(failed) > _MAX_LISTED))
+    echo(*failures[:_MAX_LISTED], *[f"… and {len(failures) - _MAX_LISTED:,} more"] * (len(failures) > _MAX_LISTED))
     if out is not None:
         echo(f"Written: {out}")
     if not rows:
@@ -268,7 +268,7 @@ def run_fit(
     fit_function: Callable[..., Fit], kernel: str, out: Path, report: Path | None, data: Path, read: Mapping[str, Any],
     *loops: fc.Loop, **options: Any,
 ) -> None:  # fmt: skip
-    """Fit, print the summary, and write TOML, figure and, if its path is given, the report."""
+    """Run a fit of the package, print its summary, and write TOML, figure and, if its path is given, a report."""
     require_fit_file(out)
     announce_compilation(kernel)
     log = fc.read_log(data, **read, constants=options.pop("constants", None))

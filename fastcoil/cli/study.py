@@ -63,20 +63,20 @@ def run(
     from fastcoil.study.run import SCENARIO_DAYS, FinishedStudy, default_folder, execute, execute_slice
 
     folder = out or default_folder(study)
-    share = JobSlice.parse(shard) if shard is not None else None
-    if share and extend:
+    job_slice = JobSlice.parse(shard) if shard is not None else None
+    if job_slice and extend:
         raise InputError("--shard and --extend: an extension is one run, leave one of them out", "--shard", "conflict")
     spec = read_study(study, prepare=load_user_code)
     workers: Any = {"n_jobs": jobs, "backend": backend, "scheduler": scheduler}
 
-    def progress(n_todo: int, n: int, items: str) -> Advance:
+    def start_display(n_todo: int, n: int, items: str) -> Advance:
         announce_compilation()
         if n_todo < n:
             state = "Resuming" if items == SCENARIO_DAYS else "Drawing on"
             echo(f"{state}: {n - n_todo:,} of {n:,} {items} done.", err=True)
         return display.start(n, n - n_todo, items)
 
-    def present(finished: FinishedStudy) -> None:
+    def print_results(finished: FinishedStudy) -> None:
         if not finished.is_new:
             echo(f"{folder} holds this study, finished: nothing to do.")
         echo(*summary(finished.results, spec.billing))
@@ -85,9 +85,9 @@ def run(
             for path in draw_standard_figures(folder, finished.results):
                 echo(f"Figure:  {path}")
 
-    if share:
+    if job_slice:
         with handle_interrupts(study, folder, options=["--shard", str(shard)]), ProgressDisplay() as display:
-            n_run = execute_slice(spec, folder, share, **workers, progress=progress)
+            n_run = execute_slice(spec, folder, job_slice, **workers, progress=start_display)
         if n_run is None:
             echo(f"{folder} holds this study, finished: nothing to do.")
             return
@@ -96,7 +96,7 @@ def run(
         echo(f"When all shares are finished, merge them with: {merge}")
         return
     with handle_interrupts(study, folder), ProgressDisplay() as display:
-        finished = execute(spec, folder, **workers, extend=extend, progress=progress, present=present)
+        finished = execute(spec, folder, **workers, extend=extend, progress=start_display, present=print_results)
     if bool((finished.results["status"].values != STATUS_OK).any()):
         sys.exit(EXIT_FAILED_SCENARIOS)
 
@@ -139,8 +139,8 @@ def plan(study: Path, jobs: int | None) -> None:
     echo(f"Time:        about {duration} on {threads} (measured on blocks of this study)")
     echo(f"Memory:      about {format_bytes(memory_bytes)} ({format_bytes(available_memory())} available)")
     exclusion = "" if traces_kept else ", without what reduce returns"
-    during, after = map(format_bytes, disk_bytes)
-    echo(f"Disk:        about {during} during the merge, {after} afterwards{exclusion}")
+    bytes_during, bytes_after = map(format_bytes, disk_bytes)
+    echo(f"Disk:        about {bytes_during} during the merge, {bytes_after} afterwards{exclusion}")
 
 
 @click.command()
@@ -208,8 +208,8 @@ def init(study: Path | None, name: str | None, only_list: bool) -> None:
 
 def shipped_studies() -> dict[str, str]:
     """Read the studies that come with fastcoil: name → text, by name."""
-    installed, package = files("fastcoil") / "studies", Path(str(files("fastcoil")))
-    home: Traversable = installed if installed.is_dir() else package.parent / "studies"  # of the repository
+    shipped, package = files("fastcoil") / "studies", Path(str(files("fastcoil")))
+    home: Traversable = shipped if shipped.is_dir() else package.parent / "studies"  # of the repository
     paths = [file for folder in home.iterdir() if folder.is_dir() for file in folder.iterdir()]
     paths = sorted((file for file in paths if file.name.endswith(".toml")), key=lambda file: file.name)
     return {file.name.removesuffix(".toml"): file.read_text(encoding="utf-8") for file in paths}
@@ -262,15 +262,15 @@ def plot(
     StudyFolder(folder).require_manifest()
     if x is None and (metrics or y or by):
         raise InputError("--metric, -y and --by need -x: name the swept parameter along the x axis", "-x", "missing")
-    inches, labels_at = _parse_width(width), parse_label_lists("--at", at)
+    inches, labels_at = _width_in_inches(width), parse_label_lists("--at", at)
     baseline = parse_label_lists("--relative-to", relative_to)
     ds = open_study(folder)
-    parts = [*metrics, *filter(None, (y, by, x))]
-    parts += [f"{name}={'+'.join(labels)}" for name, labels in labels_at.items()]
-    parts += [f"to-{name}={'+'.join(labels)}" for name, labels in baseline.items()]
+    name_parts = [*metrics, *filter(None, (y, by, x))]
+    name_parts += [f"{name}={'+'.join(labels)}" for name, labels in labels_at.items()]
+    name_parts += [f"to-{name}={'+'.join(labels)}" for name, labels in baseline.items()]
     part = _select_results(ds, [name for name in (x, y, by) if name], labels_at, baseline)
     drawers = standard_figures(part, inches) if x is None else {"": _figure_drawer(part, metrics, x, y, by, inches)}
-    figures = {portable_file_name("_".join(filter(None, [name, *parts]))): draw() for name, draw in drawers.items()}
+    figures = {portable_file_name("_".join(filter(None, [n, *name_parts]))): draw() for n, draw in drawers.items()}
     if not figures:
         echo("Nothing is swept in this study, so there is nothing to draw.")
         return
@@ -279,10 +279,10 @@ def plot(
         with hold_folder(folder):
             paths = write_figures(figures, folder / FIGURES_FOLDER, **options)
     elif suffix:
-        first, *other_names = figures
-        paths = write_figures({out.stem: figures[first]}, out.parent, **options)
+        first_name, *other_names = figures
+        paths = write_figures({out.stem: figures[first_name]}, out.parent, **options)
         if other_names:
-            echo(f"{out} shows {first}; to write {', '.join(other_names)} as well, give a folder.", err=True)
+            echo(f"{out} shows {first_name}; to write {', '.join(other_names)} as well, give a folder.", err=True)
     else:
         paths = write_figures(figures, out, **options)
     echo(*paths)
@@ -291,7 +291,7 @@ def plot(
 def _figure_drawer(
     part: xr.Dataset, metrics: Sequence[str], x: str, y: str | None, by: str | None, width: float | None
 ) -> Callable[[], Figure]:
-    """Return the function that draws the figure of chosen axes."""
+    """Return a function that draws a figure of these results over the chosen axes."""
     from fastcoil.deliver.figures import swept as plots
 
     plots.panel_rows(part, by)  # refused if there is no such dimension
@@ -303,14 +303,14 @@ def _figure_drawer(
         cure = f"select one with --at {dim}={part[dim].values[0]}, or give --by {dim}"
         sentence = f"{dim}: a plain PI would be pooled with other controllers in one median: {cure}"
         raise InputError(sentence, "--by", "conflict")
-    drawn_metrics = metrics or plots.STANDARD_METRICS[: plots.panels_abreast(width) if by else None]
+    drawn_metrics = metrics or plots.STANDARD_METRICS[: plots.panels_per_row(width) if by else None]
     return partial(plots.draw_panels, part, x, y, by, drawn_metrics, width)
 
 
 def _select_results(
     ds: xr.Dataset, axes: Sequence[str], at: Mapping[str, Sequence[str]], baseline: Mapping[str, Sequence[str]]
 ) -> xr.Dataset:
-    """Select the part of the results to draw, with a title that describes it."""
+    """Select the part of the results to draw, relative to a baseline if given, with a title that describes it."""
     from fastcoil.study.analysis import selected
     from fastcoil.study.analysis.compare import relative_to
 
@@ -328,7 +328,7 @@ def _select_results(
     return part.assign_attrs(title=", ".join(filter(None, title_parts)))
 
 
-def _parse_width(width: str | None) -> float | None:
+def _width_in_inches(width: str | None) -> float | None:
     if width is None:
         return None
     match = re.fullmatch(r"(\d+\.?\d*)\s*mm", width.strip())
@@ -338,14 +338,14 @@ def _parse_width(width: str | None) -> float | None:
 
 
 def draw_standard_figures(folder: Path, ds: xr.Dataset) -> list[Path]:
-    """Draw standard figures of ``ds`` that a locked folder lacks or has of others; its PNG figures of these results."""
+    """Draw the standard figures of ``ds`` that a locked folder lacks; return all PNG figures of these results."""
     from fastcoil.base.figures import FIGURES_FOLDER, current_figures, write_figures
     from fastcoil.deliver.figures import swept as plots
 
     drawn_from = ds.attrs["content_sha256"]
-    existing = {path.name for path in current_figures(folder, drawn_from)}
+    existing_names = {path.name for path in current_figures(folder, drawn_from)}
     for name, draw in plots.standard_figures(ds).items():
-        if f"{name}.png" not in existing:
+        if f"{name}.png" not in existing_names:
             write_figures({name: draw()}, folder / FIGURES_FOLDER, drawn_from=drawn_from)
     return [path for path in current_figures(folder, drawn_from) if path.suffix == ".png"]
 

@@ -77,7 +77,8 @@ def handle_interrupts(study: Path, folder: Path, verb: str = "run", options: Seq
         echo(f"fastcoil: interrupted{resume_advice()}", err=True)
         os._exit(code)
 
-    def stop(received: int, _: object) -> None:
+    def end_soon(received: int, _: object) -> None:
+        """Interrupt the command, and force its end if that takes too long."""
         for signal_number in signal_numbers:  # a second Ctrl-C must not interrupt the clean-up
             signal.signal(signal_number, lambda *_: None)  # SIG_IGN would not discard a signal that is already pending
         # a thread in a long shard or a worker that does not answer must not delay the end
@@ -90,7 +91,7 @@ def handle_interrupts(study: Path, folder: Path, verb: str = "run", options: Seq
     signal_numbers = [*TERMINATION_SIGNALS]
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # background jobs keep ignoring it
         signal_numbers.append(signal.SIGINT)
-    previous_handlers = {signal_number: signal.signal(signal_number, stop) for signal_number in signal_numbers}
+    previous_handlers = {signal_number: signal.signal(signal_number, end_soon) for signal_number in signal_numbers}
     try:
         yield
     except KeyboardInterrupt as interrupt:
@@ -102,20 +103,20 @@ def handle_interrupts(study: Path, folder: Path, verb: str = "run", options: Seq
 
 @contextmanager
 def print_warnings_as_notes() -> Iterator[None]:
-    """Print warnings as one line of text."""
+    """Print the warnings in the block as notes, one line of text each."""
 
-    def show(message: Warning | str, *_: Any, **__: Any) -> None:
+    def print_note(message: Warning | str, *_: Any, **__: Any) -> None:
         echo(f"fastcoil: note: {message}", err=True)
 
     with warnings.catch_warnings():
         # PYTHONWARNINGS=error must not turn a note into a crash
         warnings.filters[:] = [each for each in warnings.filters if each[0] != "error"]  # type: ignore[index]
         warnings.simplefilter("default", UserWarning)
-        warnings.showwarning = show  # type: ignore[assignment]
+        warnings.showwarning = print_note  # type: ignore[assignment]
         yield
 
 
-_MAX_LINE_CHARACTERS = 4000
+_MAX_LINE_CHARACTERS = 4000  # of a printed line, the rest are counted
 
 
 def echo(*lines: object, err: bool = False) -> None:
@@ -132,7 +133,7 @@ def print_error(error: FastcoilError) -> None:
 
 
 def announce_compilation(kernel: str = "emulate") -> None:
-    """Announce the wait if a kernel has not been compiled."""
+    """Print that the user has to wait, if this kernel is not compiled yet."""
     from fastcoil.model.numerics.jit import is_compiled
 
     if not is_compiled(kernel):
@@ -149,7 +150,7 @@ def load_user_code(what: str, source: UserCode) -> object:
 
 
 class SafeStream(io.TextIOWrapper):
-    """A text stream; from its ``first_error`` on it leads to /dev/null."""
+    """A text stream that never raises: after its ``first_error`` it writes to /dev/null."""
 
     first_error: OSError | None = None
 
@@ -167,7 +168,7 @@ class SafeStream(io.TextIOWrapper):
             self._redirect_to_null(error)
 
     def loss_reason(self) -> str | None:
-        """Return why part of it was lost; None if nothing was lost, or only because the reader closed the pipe."""
+        """Return why output was lost; None if none was, or only because the reader closed the pipe."""
         self.flush()
         error = self.first_error
         return None if error is None or error.errno == errno.EPIPE else os.strerror(error.errno or 0)
@@ -194,7 +195,7 @@ def guard_streams() -> SafeStream:
 
 
 def _make_safe_stream(stream: TextIO | None, descriptor: int) -> SafeStream:
-    """Make a stream like one of Python's, which is None where the descriptor was closed at its start."""
+    """Wrap a standard stream; None: its descriptor was closed when Python started."""
     buffer = open(descriptor, "wb", closefd=False)  # noqa: SIM115
     safe_stream = SafeStream(buffer, stream.encoding if stream else "utf-8", "backslashreplace", line_buffering=True)
     if stream is None:

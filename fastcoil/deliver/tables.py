@@ -24,12 +24,12 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-_ROWS_PER_PIECE = 50_000
+_ROWS_PER_PIECE = 50_000  # rows in memory at once
 _STUDY_FACTS = ("title", "question", "boundary", "fastcoil_version", "study_sha256", "content_sha256")  # in comments
 
 
 class TidyTable:
-    """A checked result as rows: labels, parameters that differ, ``metrics`` (by default all), status."""
+    """A result as rows, one a scenario-day: labels, swept parameters, ``metrics`` (by default all), status."""
 
     def __init__(self, ds: xr.Dataset, metrics: tuple[str, ...] = ()) -> None:
         dims = [str(d) for d in ds["status"].dims]
@@ -41,20 +41,20 @@ class TidyTable:
         self._table_data = ds.drop_vars([n for n in ds.variables if n not in self.columns]).assign_coords(labels)
 
     def header(self, name: str) -> str:
-        """Header of a column, such as ``rmse [K]``; labels, words and flags have no unit."""
+        """Return the header of a column, such as ``rmse [K]``; labels, words and flags have no unit."""
         variable = self.ds[name]
         is_number = variable.dtype.kind in "iuf" and not _flag_words(variable) and name not in RESERVED_DIMS
         unit = str(variable.attrs.get("units", "")) if is_number else ""
         return escape_formulas(f"{name} [{unit}]" if unit else name)
 
     def pieces(self) -> Iterator[pd.DataFrame]:
-        """Yield the rows in pieces; the last label changes fastest."""
+        """Yield the rows as DataFrames of limited size; the last label changes fastest."""
         ds = self._table_data if self.dims else self._table_data.expand_dims("row")
-        first = next((d for d in self.dims if ds.sizes[d] > 1), None)
-        n = ds.sizes[first] if first else 1
-        step = max(1, _ROWS_PER_PIECE * n // self.n_rows)
-        for k in range(0, n, step):
-            part = ds.isel({first: slice(k, k + step)}) if first else ds
+        outer_dim = next((d for d in self.dims if ds.sizes[d] > 1), None)
+        n_outer = ds.sizes[outer_dim] if outer_dim else 1
+        n_per_piece = max(1, _ROWS_PER_PIECE * n_outer // self.n_rows)
+        for k in range(0, n_outer, n_per_piece):
+            part = ds.isel({outer_dim: slice(k, k + n_per_piece)}) if outer_dim else ds
             frame = part.to_dataframe(dim_order=self.dims or ["row"]).reset_index()[self.columns]
             for name in self.columns:
                 if words := _flag_words(self.ds[name]):
@@ -77,7 +77,7 @@ def check_metrics(ds: xr.Dataset, metrics: tuple[str, ...]) -> None:
 
 
 def _flag_words(variable: xr.DataArray) -> list[str]:
-    """Meanings of a flag; empty for other variables."""
+    """Return the meanings of the values of a flag; empty for other variables."""
     return str(variable.attrs.get("flag_meanings", "")).split()
 
 

@@ -35,9 +35,9 @@ _ONE_GROUP_PATTERN = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d
 
 
 class NumberStyle(NamedTuple):
-    """Style in which the numbers of a table are written."""
+    """How the numbers of a table are written."""
 
-    mark: str = "."  # of the decimals
+    mark: str = "."  # decimal mark
     may_be_grouped: bool = False  # whether thousands may be separated by the other mark
     ambiguous_number: str = ""  # a number that may be a thousand times another one, where nothing shows which
     note: str = ""  # what is said of it
@@ -60,7 +60,7 @@ def is_number_cell(cell: str) -> bool:
 
 
 def is_number_or_switch_word(cell: str) -> bool:
-    """Whether a cell holds a number, or a word of a switch."""
+    """Whether a cell holds a number, or a word for on or off."""
     return is_number_cell(cell) or cell.strip().lower() in _SWITCH_WORDS
 
 
@@ -101,12 +101,12 @@ def detect_number_style(columns: Iterable[Sequence[str]], separator: str) -> Num
 def parse_cells(cells: Sequence[str], style: NumberStyle, *, is_switch: bool) -> ParsedCells:
     """Parse the numbers of a column; with ``is_switch``, words for on and off are 1 and 0."""
     values = np.array([_parse_plain_number(cell, style) for cell in cells], dtype=np.float64)
-    missing, has_bad_status = np.zeros(len(cells), dtype=bool), np.zeros(len(cells), dtype=bool)
+    is_missing, has_bad_status = np.zeros(len(cells), dtype=bool), np.zeros(len(cells), dtype=bool)
     units: dict[int, str] = {}
     for k in np.flatnonzero(np.isnan(values)).tolist():
         cell = cells[k]
         if is_missing_word(cell) or re.fullmatch(r"\{.*\}", cell[:MAX_CELL_CHARACTERS].strip()):
-            missing[k] = True
+            is_missing[k] = True
         elif len(cell) <= MAX_CELL_CHARACTERS:
             text, brace, status = (part.strip() for part in cell.partition("{"))
             has_bad_status[k] = bool(brace) and brace + status.lower() not in GOOD_STATUS_WORDS
@@ -119,7 +119,7 @@ def parse_cells(cells: Sequence[str], style: NumberStyle, *, is_switch: bool) ->
                     values[k] = number
                     if unit:
                         units[k] = unit
-    return ParsedCells(values, units, missing, has_bad_status)
+    return ParsedCells(values, units, is_missing, has_bad_status)
 
 
 def _parse_plain_number(cell: str, style: NumberStyle) -> float:

@@ -33,7 +33,7 @@ _MAPPING_EXAMPLES = {"columns": "{'m_w': 'its header'}", "units": "{'m_w': 'kg/s
 
 
 class ColumnSpec(NamedTuple):
-    """The series that a caller reads."""
+    """The columns that a caller reads from a log, by our names."""
 
     required: Sequence[str | tuple[str, ...]]  # must be in the log; of a tuple exactly one
     optional: Sequence[str] = ()
@@ -41,7 +41,7 @@ class ColumnSpec(NamedTuple):
 
     @property
     def choices(self) -> list[tuple[str, ...]]:
-        """The names that stand for each series."""
+        """For each column to read, the names that it may have."""
         return [(each,) if isinstance(each, str) else tuple(each) for each in (*self.required, *self.optional)]
 
     @property
@@ -70,17 +70,17 @@ class ReadingOptions:
     reader: Literal["read_log", "join", "function"] = "function"
 
     def cure(self, argument: str, option: str) -> str:
-        """Return the argument of the function, or the option of the command, that does what a message advises."""
+        """Return the advice for the caller: the argument of a function, or the option of a command."""
         if self.reader == "function":
             return argument
         return option if self.reader == "join" else f"fc.read_log(..., {argument}), {option}"
 
     def unit_cure(self, name: str, unit: str) -> str:
-        """Say how to declare the unit of ``name``."""
+        """Return the advice how to declare the unit of the column ``name``."""
         return self.cure(f"units={{{name!r}: {unit!r}}}", f"--unit {name}='{unit}'")
 
     def column_cure(self, name: str, header: str = "its header") -> str:
-        """Say how to name the column that holds ``name``."""
+        """Return the advice how to name the header of the column that holds ``name``."""
         return self.cure(f"columns={{{name!r}: {header!r}}}", f"--column {name}={header!r}")
 
 
@@ -121,42 +121,42 @@ def require_log(name: str, source: Any) -> Any:
 
 _WORD_MEANINGS = {word: known.split() for known, written in VOCABULARY["words"].items() for word in written.split()}
 _BACNET_ADDRESS = re.compile(r"\b[ab][iov][-_ ]?[0-9]+\b|(?:^|[.:/\\])[a-z](?=[.:/\\])", re.IGNORECASE)
-"""Of a BACnet object; a folder of one letter in a path."""
+"""Matches the address of a BACnet object, and a folder of one letter in a path."""
 _SET_POINT_PATTERN = re.compile(r"set[-_ ]*point", re.IGNORECASE)
 _WORD_PATTERN = re.compile(r"[A-Z]?[a-zà-ÿ]+|[A-ZÀ-Ý]+(?![a-z])|[A-Z]|[0-9]+")
 
 
 class HeaderMeaning(NamedTuple):
-    """The series that a header means, the words for its plant, and whether nothing speaks against it."""
+    """What a header means: one of our names, the words for the plant that it belongs to, and whether that is clear."""
 
     name: str
-    place: frozenset[str]
+    plant: frozenset[str]
     is_clear: bool
 
 
 def interpret_header(header: str) -> HeaderMeaning | None:
-    """Interpret a header; None where it means no series, or nothing that is known."""
+    """Interpret a header by its words; None if it means none of our columns, or has unknown words alone."""
     label, unit = split_label_and_unit(header)
     text = _SET_POINT_PATTERN.sub("setpoint", _BACNET_ADDRESS.sub(" ", label))
     header_words = [word.lower() for word in _WORD_PATTERN.findall(text)]
     header_words += ["cfm"] * (unit is not None and unit.lower() == "cfm")
     meanings = [_WORD_MEANINGS.get(word) for word in header_words]
     known_words = {meaning for word_meanings in meanings for meaning in word_meanings or ()} - {"place"}
-    place: list[str] = []
+    plant: list[str] = []
     for k, word in enumerate(header_words):
         if word.isdigit() and k and meanings[k - 1] in (None, ["place"]):
-            place[-1] += f" {word}"  # AHU-1 is another place than AHU-2, even below NAE-1
+            plant[-1] += f" {word}"  # AHU-1 is another place than AHU-2, even below NAE-1
         elif meanings[k] in (None, ["place"]):
-            place.append(word)
-    first = next((k for k, word_meanings in enumerate(meanings) if word_meanings not in (None, ["place"])), 0)
-    is_clear = all(header_words[k].isdigit() or meanings[k] is not None for k in range(first, len(header_words)))
+            plant.append(word)
+    first_known = next((k for k, word_meanings in enumerate(meanings) if word_meanings not in (None, ["place"])), 0)
+    is_clear = all(header_words[k].isdigit() or meanings[k] is not None for k in range(first_known, len(header_words)))
     for name, *rule_words in VOCABULARY["rules"]:
         required_words, optional_words = ({*words.split()} for words in rule_words)
         other_words = known_words - required_words
         if required_words <= known_words and other_words <= optional_words | {"position"}:
             is_clear &= other_words <= optional_words  # a position that is fed back is no command
             is_its_unit = unit is None or COLUMNS[name].is_same_unit(unit, unit)
-            return HeaderMeaning(name, frozenset(place), is_clear) if is_its_unit else None
+            return HeaderMeaning(name, frozenset(plant), is_clear) if is_its_unit else None
     return None
 
 
@@ -164,10 +164,10 @@ _MAX_LISTED_COLUMNS = 3  # of unknown columns in a message, which counts the res
 
 
 def find_columns(table: Table, options: ReadingOptions, spec: ColumnSpec) -> dict[str, int]:
-    """Find the index of each column to read; unknown, missing or doubled ones, and bad constants, are problems."""
+    """Return the index of each column to read, by our name; unknown, missing or doubled ones become problems."""
     names = [*COLUMNS, "timestamp"]
-    requested, constants = options.columns or {}, options.constants or {}
-    table.check_names("columns", requested, names)
+    header_by_name, constants = options.columns or {}, options.constants or {}
+    table.check_names("columns", header_by_name, names)
     table.check_names("units", options.units, COLUMNS)
     table.check_names("constants", constants, spec.names)
     for name, series in COLUMNS.items():
@@ -180,7 +180,7 @@ def find_columns(table: Table, options: ReadingOptions, spec: ColumnSpec) -> dic
     for choices in [*spec.choices, TIME_COLUMNS]:
         substitutes = [f"constant {n}" for n in choices if n in constants]
         available = [name for name in choices if name in column_by_name] + substitutes
-        preferred = [name for name in choices if name in requested]
+        preferred = [name for name in choices if name in header_by_name]
         if len(available) > 1 and len(preferred) == 1 and not substitutes:
             for name in set(choices) - set(preferred):
                 column_by_name.pop(name, None)
@@ -207,10 +207,10 @@ def find_columns(table: Table, options: ReadingOptions, spec: ColumnSpec) -> dic
 
 
 def find_requested_columns(table: Table, columns: Mapping[str, str]) -> dict[str, int]:
-    """Find the index of the columns that ``columns`` (our name: header) names; an absent one is a problem."""
+    """Return the index of each column that ``columns`` (our name: header) names; an absent one becomes a problem."""
     column_by_name = {}
     for name, header in columns.items():
-        column = table.column(header)
+        column = table.find_column(header)
         if column is None:
             hint = did_you_mean(header, table.header)
             table.add_problem(f"{name}: there is no column {short_repr(header)}{hint}", "columns", "name")
@@ -222,15 +222,15 @@ def find_requested_columns(table: Table, columns: Mapping[str, str]) -> dict[str
 def _match_headers(
     table: Table, options: ReadingOptions, names: list[str], spec: ColumnSpec
 ) -> tuple[dict[str, int], dict[str, list[str]]]:
-    """Find our ``names``, as requested or as headers mean, and headers that may mean a name; others are problems."""
-    unknown = []
+    """Match headers to our ``names``, as requested or meant; return indices by name, and headers in question."""
+    unknown_columns = []
     column_by_name = find_requested_columns(table, options.columns or {})
     labels = [split_label_and_unit(cell)[0] for cell in table.header]
-    time = table.find_time_column() if not {*TIME_COLUMNS} & {*labels, *column_by_name} else None
-    if time is not None and (labels[time].lower() == "timestamp" or is_time(table.rows[0][time])):
-        column_by_name["timestamp"] = time
-        if normalise_header(table.header[time]) not in TIME_HEADERS:
-            table.notes.append(f"the times are in the column {short_repr(table.header[time])}")
+    time_column = table.find_time_column() if not {*TIME_COLUMNS} & {*labels, *column_by_name} else None
+    if time_column is not None and (labels[time_column].lower() == "timestamp" or is_time(table.rows[0][time_column])):
+        column_by_name["timestamp"] = time_column
+        if normalise_header(table.header[time_column]) not in TIME_HEADERS:
+            table.notes.append(f"the times are in the column {short_repr(table.header[time_column])}")
     for column, cell in enumerate(table.header):
         label = labels[column]
         is_read = label in (*spec.names, *TIME_COLUMNS) and label not in (options.columns or {})
@@ -241,23 +241,24 @@ def _match_headers(
         elif label in names:
             column_by_name.setdefault(label, column)
         elif column not in column_by_name.values():
-            unknown.append(column)
-    guesses, candidates = _guess_columns(table, options, spec, column_by_name, unknown)
-    unread = list(dict.fromkeys(table.header[k] for k in unknown if k not in guesses.values()))
+            unknown_columns.append(column)
+    guesses, candidates = _guess_columns(table, options, spec, column_by_name, unknown_columns)
+    unread = list(dict.fromkeys(table.header[k] for k in unknown_columns if k not in guesses.values()))
     is_ambiguous = any(len(headers) > 1 for headers in candidates.values())
     if unread and options.columns is None and not guesses and not is_ambiguous:
         hints = {cell: did_you_mean(split_label_and_unit(cell)[0], names) for cell in unread[:200]}  # 1 ms each
         unread.sort(key=lambda cell: not hints.get(cell))  # those that are nearly ours first
         example = spec.names[0]
         cure = options.cure(f"columns={{{example!r}: 'its header', ...}}", f"--column {example}='its header'")
-        listed = _list_headers([f"{short_repr(cell)}{hints.get(cell, '')}" for cell in unread])
-        table.add_problem(f"unknown columns: {listed}: delete them, or say what to read: {cure}", unread[0], "name")
+        listing = _list_headers([f"{short_repr(cell)}{hints.get(cell, '')}" for cell in unread])
+        table.add_problem(f"unknown columns: {listing}: delete them, or say what to read: {cure}", unread[0], "name")
     elif unread and (guesses or not options.columns):
         table.notes.append(f"left alone: {_list_headers([*map(short_repr, unread)])}")
     return column_by_name | guesses, candidates
 
 
 def _list_headers(headers: list[str]) -> str:
+    """List the first headers in a message, and count the rest."""
     n_more = len(headers) - _MAX_LISTED_COLUMNS
     return "; ".join(headers[:_MAX_LISTED_COLUMNS]) + (f"; and {n_more} more" if n_more > 0 else "")
 
@@ -265,21 +266,21 @@ def _list_headers(headers: list[str]) -> str:
 def _guess_columns(
     table: Table, options: ReadingOptions, spec: ColumnSpec, column_by_name: Mapping[str, int], unknown: Sequence[int]
 ) -> tuple[dict[str, int], dict[str, list[str]]]:
-    """Guess which ``unknown`` columns, of one plant, mean series that are not found; else list what may mean them."""
+    """Guess the names of ``unknown`` columns, all of one plant; return indices by name, and headers in question."""
     columns = [*unknown, *column_by_name.values()]
     meanings = {k: meaning for k in columns if (meaning := interpret_header(table.header[k]))}
-    place = next((meanings[k].place for k in column_by_name.values() if k in meanings), frozenset[str]())
+    plant = next((meanings[k].plant for k in column_by_name.values() if k in meanings), frozenset[str]())
     guesses: dict[str, int] = {}
     candidates: dict[str, list[str]] = {}
     for name in [name for name in spec.names if name not in column_by_name and name not in (options.constants or {})]:
-        matching = [k for k in unknown if k in meanings and meanings[k].name == name]
-        in_plant = [k for k in matching if meanings[k].place <= place or place <= meanings[k].place]
+        matches = [k for k in unknown if k in meanings and meanings[k].name == name]
+        in_plant = [k for k in matches if meanings[k].plant <= plant or plant <= meanings[k].plant]
         clear_matches = [k for k in in_plant if meanings[k].is_clear]
         if len(clear_matches) == 1:
             guesses[name] = clear_matches[0]
-            place |= meanings[clear_matches[0]].place
+            plant |= meanings[clear_matches[0]].plant
         else:
-            candidates[name] = [table.header[k] for k in clear_matches or matching[:1]]
+            candidates[name] = [table.header[k] for k in clear_matches or matches[:1]]
     if guesses:
         table.notes.append(", ".join(f"{short_repr(table.header[k])} is read as {name}" for name, k in guesses.items()))
     return guesses, candidates
@@ -288,7 +289,7 @@ def _guess_columns(
 def _describe_missing_column(
     choices: tuple[str, ...], options: ReadingOptions, spec: ColumnSpec, header: str = ""
 ) -> Problem:
-    """Say that none of these columns exists, with every way to give one."""
+    """Return the problem that none of these columns exists, with every way to give one."""
     name, unit = choices[0], COLUMNS[choices[0]].unit
     column_cure = options.column_cure(name, *filter(None, [header]))
     cure = f"add a column '{name} [{unit}]', or say which one it is: {column_cure}"

@@ -24,8 +24,8 @@ from fastcoil.logs.series import COLUMNS, TIME_COLUMNS, VOCABULARY, format_count
 from fastcoil.logs.table import REVERSED_ROWS_NOTE, Table, normalise_header, split_label_and_unit
 from fastcoil.logs.timestamps import MICROSECOND_DTYPE, SECOND_US, Timestamps, apply_time_zone, format_utc_offset
 
-_NON_POINT_COLUMNS = ("elapsed_time", "batch")
-POINT_NAMES = [name for name in COLUMNS if name not in _NON_POINT_COLUMNS]  # what a point may be
+_NON_POINT_COLUMNS = ("elapsed_time", "batch")  # that are about rows
+POINT_NAMES = [name for name in COLUMNS if name not in _NON_POINT_COLUMNS]  # that a point may have
 
 
 class PointSource(NamedTuple):
@@ -36,7 +36,7 @@ class PointSource(NamedTuple):
 
 
 class Point(NamedTuple):
-    """One point of a building."""
+    """One point of a building: a measured or commanded signal with times of its own."""
 
     name: str  # among ``COLUMNS``
     times: Index  # µs since 1970, ascending, (n,)
@@ -48,24 +48,24 @@ class Point(NamedTuple):
 
     @property
     def is_regular(self) -> bool:
-        """Whether it has samples at equal steps; others are written when they change."""
+        """Whether the point has samples at equal steps; others are written when they change."""
         return not has_uneven_steps(np.diff(self.times) / SECOND_US)
 
 
 def split_sources(table: Table, options: ReadingOptions) -> list[PointSource]:
-    """Split a table into its columns, or into the points of rows of one value each, with the times of their rows."""
+    """Split a table into points: its columns or, if each row has one value, the rows by name; with their times."""
     time_header = (options.columns or {}).get("timestamp")
-    time = table.find_time_column() if time_header is None else table.column(time_header)
-    if time is None:
+    time_column = table.find_time_column() if time_header is None else table.find_column(time_header)
+    if time_column is None:
         raise InputError(f"{table.name} has no column of times: call it timestamp", "timestamp", "missing")
     with collect_problems(table.problems):
-        stamps = read_times(table, time, options)
+        stamps = read_times(table, time_column, options)
     table.raise_problems()
     if not stamps.absolute and options.time_zone:
         stamps = apply_time_zone(stamps, options.time_zone)
     if (columns := find_value_columns(table)) is None:
         labels = [split_label_and_unit(header)[0] for header in table.header]
-        indices = [k for k, label in enumerate(labels) if k != time and label not in _NON_POINT_COLUMNS]
+        indices = [k for k, label in enumerate(labels) if k != time_column and label not in _NON_POINT_COLUMNS]
         return [PointSource(_single_column_table(table, k, table.header[k]), stamps) for k in indices]
     if not stamps.good.all():
         table.notes.append(describe_left_out(table, "timestamp", ~stamps.good, "row"))
@@ -103,7 +103,7 @@ def _single_column_table(table: Table, column: int, header: str, rows: Sequence[
 
 
 def find_value_columns(table: Table) -> tuple[int, int, int | None] | None:
-    """Find the columns of points, values and units of a log that has a row for each value; None of any other."""
+    """Find the columns of names, values and units of a log with a row for each value; None for any other log."""
     labels = [normalise_header(header) for header in table.header]
     words_by_kind = [VOCABULARY["headers"][kind].split() for kind in ("point", "value", "unit")]
     points, values, units = ([k for k, label in enumerate(labels) if label in words] for words in words_by_kind)
@@ -114,7 +114,7 @@ def find_value_columns(table: Table) -> tuple[int, int, int | None] | None:
 
 
 def read_points(sources: Sequence[PointSource], union: Table, options: ReadingOptions, spec: ColumnSpec) -> list[Point]:
-    """Read the points of ``spec`` among several columns; ``union`` gets the headers of all."""
+    """Read the points that ``spec`` asks for; ``union``: an empty table that gets the headers of all sources."""
     union.header = ["timestamp", *(source.table.header[0] for source in sources)]
     column_by_name = find_columns(union, options, spec)
     union.raise_problems()
@@ -125,7 +125,7 @@ def read_points(sources: Sequence[PointSource], union: Table, options: ReadingOp
 
 
 def _read_point(source: PointSource, name: str, options: ReadingOptions) -> Point:
-    """Read the point in a column; blanks are no mistake where ``drop`` is not offered."""
+    """Read one column as a point with this name; blanks are no mistake where ``drop`` is not offered."""
     table, stamps = source.table, source.stamps
     units = {name: options.units[name]} if name in options.units else {}
     spec, point_options = ColumnSpec((), measured=POINT_NAMES), replace(options, columns={}, units=units)
@@ -138,8 +138,8 @@ def _read_point(source: PointSource, name: str, options: ReadingOptions) -> Poin
     table.notes += readings.notes
     steps = np.diff(stamps.microseconds)
     if (steps < 0).any():
-        first, second = table.row_numbers[int(np.argmax(steps < 0)) :][:2]
-        sentence = f"{table.name}: time goes back between rows {first} and {second}: sort the rows by time"
+        row_before, row_after = table.row_numbers[int(np.argmax(steps < 0)) :][:2]
+        sentence = f"{table.name}: time goes back between rows {row_before} and {row_after}: sort the rows by time"
         raise InputError(sentence, "timestamp", "time")
     is_repeated = np.append(steps == 0, False)
     if is_repeated.any():
@@ -247,7 +247,7 @@ def _read_files(paths: Sequence[Path], options: ReadingOptions) -> tuple[list[Po
             sentence = f"--column {name}={target}: it is in {name_counts[target]} columns, give FILE:HEADER"
             problems.append(Problem(sentence, "--column", "conflict"))
     raise_problems(problems)
-    source_by_name = {name: k for k, own in enumerate(names, start=1) for name in own if name_counts[name] == 1}
+    source_by_name = {name: k for k, texts in enumerate(names, start=1) for name in texts if name_counts[name] == 1}
     all_columns = Table("", [], [], [], column_of_joined_header=source_by_name)
     points = read_points(sources, all_columns, options, ColumnSpec((), POINT_NAMES))
     cure = f"say which one it is, with --column NAME=FILE or NAME=FILE:HEADER, of {', '.join(POINT_NAMES)}"
@@ -257,7 +257,7 @@ def _read_files(paths: Sequence[Path], options: ReadingOptions) -> tuple[list[Po
         sentence = f"--unit {name}={options.units[name]}: no file has the point {name}"
         problems.append(Problem(sentence, "--unit", "name"))
     raise_problems(problems)
-    file_notes = [f"{path.name}: {note}" for path, own in zip(paths, notes, strict=True) for note in dict.fromkeys(own)]
+    file_notes = [f"{path.name}: {note}" for path, ls in zip(paths, notes, strict=True) for note in dict.fromkeys(ls)]
     return points, all_columns.notes + file_notes
 
 
@@ -265,18 +265,18 @@ _CLOCK_STEPS_SECONDS = (1, 2, 5, 10, 15, 20, 30, 60, 120, 300, 600, 900, 1800, 3
 
 
 def _common_clock(points: Sequence[Point], step: float | None) -> Index:
-    """Make the times at which all points have values, µs."""
+    """Return the ticks of a clock while all points have values, µs; step: s, by default that of the fastest point."""
     if step is None:
         median_steps = [np.median(np.diff(point.times)) for point in points if point.times.size > 1]
         shortest_seconds = min(median_steps) / SECOND_US if median_steps else 60.0
         step = float(max((each for each in _CLOCK_STEPS_SECONDS if each <= shortest_seconds), default=1))
     step_microseconds = round(step * SECOND_US)
     start, end = _common_span(points, step_microseconds)
-    first, last = -(-start // step_microseconds), end // step_microseconds
-    if (last - first) * len(points) > 20_000_000:
-        sentence = f"a clock of {step:g} s has {last - first:,} rows for {len(points)} points: raise --step"
+    first_tick, last_tick = -(-start // step_microseconds), end // step_microseconds
+    if (last_tick - first_tick) * len(points) > 20_000_000:
+        sentence = f"a clock of {step:g} s has {last_tick - first_tick:,} rows for {len(points)} points: raise --step"
         raise InputError(sentence, "--step", "size")
-    return np.arange(first, last + 1, dtype=np.int64) * step_microseconds
+    return np.arange(first_tick, last_tick + 1, dtype=np.int64) * step_microseconds
 
 
 def _common_span(points: Sequence[Point], step: int = 1) -> tuple[int, int]:
@@ -297,7 +297,7 @@ def _common_span(points: Sequence[Point], step: int = 1) -> tuple[int, int]:
 def _sample_on_clock(
     points: Sequence[Point], clock: Index, max_gap: float | None, digits: int
 ) -> tuple[Index, list[list[str]], list[str]]:
-    """Return the times at which all points have values; header and rows of their table; and how they were made."""
+    """Sample points at the times of a clock; return those with all values, header and rows, and notes."""
     values, point_is_good, point_notes = zip(*(_sample_point(point, clock, max_gap) for point in points), strict=True)
     is_good, notes = np.all(point_is_good, axis=0), list(point_notes)
     if is_good.sum() < 2:
@@ -316,14 +316,14 @@ def _sample_on_clock(
 
 
 def _sample_point(point: Point, clock: Index, max_gap: float | None) -> tuple[Array, Mask, str]:
-    """Return the values of a point at the times of the clock; where it has any; and how they were made."""
+    """Sample a point at the times of a clock; return values, whether each is good, and a note on how."""
     latest = np.searchsorted(point.times, clock, side="right") - 1
-    following = np.minimum(latest + 1, point.times.size - 1)
+    next_index = np.minimum(latest + 1, point.times.size - 1)
     steps = np.diff(point.times)
     is_held = COLUMNS[point.name].hold or not point.is_regular
     usual_limit = GAP_MEDIAN_STEPS * float(np.median(steps)) / SECOND_US if point.is_regular else None
     limit = usual_limit if max_gap is None else max_gap
-    gap_microseconds = np.where(following > latest, point.times[following], clock) - point.times[latest]
+    gap_microseconds = np.where(next_index > latest, point.times[next_index], clock) - point.times[latest]
     is_good = (clock == point.times[latest]) | (gap_microseconds <= (np.inf if limit is None else limit * SECOND_US))
     values = point.values[latest] if is_held else np.interp(clock, point.times, point.values)
     method = "held from sample to sample" if is_held else "on straight lines"

@@ -39,7 +39,7 @@ _DEFAULT_OPTIONS = ReadingOptions()
 
 @dataclass(kw_only=True)
 class CheckedLog:
-    """Checked columns by name, (n,) each in the units of ``COLUMNS``; measured ones are NaN where a value was bad."""
+    """A log as checked arrays by name, (n,) each in the units of ``COLUMNS``; measured ones are NaN where bad."""
 
     names: tuple[str, ...]  # of the log, and of a second one for validation
     source: Index  # index in ``names`` of the log of each sample
@@ -80,7 +80,7 @@ class CheckedLog:
         return self.values["W_a_in"]
 
     def with_validation_log(self, validation_log: Self) -> Self:
-        """Return the samples of both logs, those of ``validation_log`` in separate batches."""
+        """Return a log with the samples of both, those of ``validation_log`` in batches of their own."""
         name = validation_log.name if validation_log.name != self.name else f"{validation_log.name} (validation)"
         if missing_columns := (self.values.keys() ^ validation_log.values.keys()) - {"T_w_out"}:
             sentence = f"{self.name} or {name} has no {', '.join(sorted(missing_columns))}: log the same in both"
@@ -102,7 +102,7 @@ class CheckedLog:
         )
 
     def where(self, mask: Mask) -> Self:
-        """Return the samples that ``mask`` marks, (n,); a batch ends where some are left out."""
+        """Return the log with only the samples that ``mask`` marks, (n,); a batch ends where some are left out."""
         index = np.flatnonzero(mask)
         is_new_batch = (np.diff(index) > 1) | (np.diff(self.batch[index]) > 0)
         return replace(
@@ -121,6 +121,7 @@ def read_checked_log(source: Any, spec: ColumnSpec, options: ReadingOptions = _D
 
 
 def _read_table(source: Any, options: ReadingOptions) -> Table:
+    """Return a CSV file, a Dataset or a DataFrame as a table of text."""
     if isinstance(source, (str, Path)):
         return Table.read(source)
     named_series = [name for name in getattr(source, "data_vars", ()) if interpret_header(str(name))]
@@ -128,7 +129,7 @@ def _read_table(source: Any, options: ReadingOptions) -> Table:
 
 
 def check_table(table: Table, spec: ColumnSpec, options: ReadingOptions) -> CheckedLog:
-    """Convert the columns of ``spec`` to numbers and check every one; the table is used up."""
+    """Convert the columns of ``spec`` to checked arrays; the table is used up."""
     if find_value_columns(table) is not None:
         table = pivot_points(table, options, spec)
         options = replace(options, columns=None, units={}, time_format=None, time_zone="")

@@ -14,19 +14,19 @@ from fastcoil.logs.series import format_count
 from fastcoil.logs.table import REVERSED_ROWS_NOTE, Table
 from fastcoil.logs.timestamps import Timestamps, read_timestamps
 
-MAX_RECORD_SECONDS = 50_000_000  # of a record on 1-s steps, 19 months: a few GB with its series
+MAX_RECORD_SECONDS = 50_000_000  # length of a record on 1-s steps, 19 months: a few GB with its series
 GAP_MEDIAN_STEPS = 3.0  # steps longer than this many median steps are gaps, but in a log of changes
 
 
 def require_whole_seconds(name: str, step: float) -> None:
-    """Refuse a log whose samples are less than a second apart; ``step``: its median step, s."""
+    """Refuse a log whose median ``step`` is less than a second; ``name``: of the log, for the message."""
     if step < 0.999:  # round-off of times in hours
         cure = "thin or average the log to 1 s or more"
         raise InputError(f"{name}: the rows are {step:g} s apart: {cure}", name, "time")
 
 
 def require_span_in_limits(name: str, seconds: float, cure: str = "cut the log") -> None:
-    """Refuse a record that would fill the memory on 1-s steps; ``seconds``: from its first to its last."""
+    """Refuse a record whose length, ``seconds``, would fill the memory on 1-s steps."""
     if seconds > MAX_RECORD_SECONDS:
         cure = f"at most {MAX_RECORD_SECONDS:,} s can be read, check the unit of the time, or {cure}"
         raise InputError(f"{name} lasts {seconds:,.0f} s from the first row to the last: {cure}", name, "size")
@@ -35,7 +35,7 @@ def require_span_in_limits(name: str, seconds: float, cure: str = "cut the log")
 def resample_at_seconds(
     time: Array, values: Mapping[str, Array], seconds: Array, hold: Collection[str], slack: float = 0.0
 ) -> dict[str, Array]:
-    """Resample each series at ``seconds`` within the log, (n_seconds,).
+    """Resample each series of a log at these ``seconds`` within it, (n_seconds,).
 
     time: of the samples [s], ascending, (n,).  hold: names of the series that hold until the next sample; others run
     straight.  slack: by which a sample may be late for its second, with round-off [s].
@@ -53,16 +53,16 @@ def longest_step_between_changes(time: Array, is_same_batch: Mask, values: Mappi
     steps = np.diff(time)[is_same_batch]
     if steps.size < 20 or not has_uneven_steps(steps) or np.mean(steps > GAP_MEDIAN_STEPS * np.median(steps)) < 0.05:
         return None
-    pairs = [(series[1:], series[:-1]) for name, series in values.items() if name != "batch"]
-    changed = [~((new == old) | (np.isnan(new) & np.isnan(old)))[is_same_batch] for new, old in pairs]
-    repeats = any(has_changed.sum() > 2 and np.mean(~has_changed) >= 0.2 for has_changed in changed)
-    if not repeats or np.mean(np.any(changed, axis=0)) < 0.9:
+    row_pairs = [(series[1:], series[:-1]) for name, series in values.items() if name != "batch"]
+    is_changed = [~((new == old) | (np.isnan(new) & np.isnan(old)))[is_same_batch] for new, old in row_pairs]
+    has_repeats = any(has_changed.sum() > 2 and np.mean(~has_changed) >= 0.2 for has_changed in is_changed)
+    if not has_repeats or np.mean(np.any(is_changed, axis=0)) < 0.9:
         return None
     return float(10.0 * np.quantile(steps, 0.95))
 
 
 def has_uneven_steps(steps: Array) -> bool:
-    """Whether steps are further apart than lost rows of a regular log make them; a single sample has uneven ones."""
+    """Whether steps differ by more than lost rows of a regular log explain; without any step they do."""
     if not steps.size:
         return True
     median = float(np.median(steps))
@@ -89,16 +89,16 @@ def read_times(table: Table, column: int, options: ReadingOptions) -> Timestamps
 
 
 def longest_regular_step(time: Array, max_gap: float | None) -> float:
-    """Return the longest step that is no gap of a log of regular steps, s."""
+    """Return the longest step, s, that is no gap in a log of regular steps: ``max_gap``, or three usual ones."""
     steps = np.diff(time[np.isfinite(time)])
-    forward = steps[steps > 0.0]
-    return max_gap or GAP_MEDIAN_STEPS * (float(np.median(forward)) if forward.size else 0.0)
+    forward_steps = steps[steps > 0.0]
+    return max_gap or GAP_MEDIAN_STEPS * (float(np.median(forward_steps)) if forward_steps.size else 0.0)
 
 
 def number_pieces(
     table: Table, time: Array, values: Mapping[str, Array], options: ReadingOptions, notes: list[str], time_name: str
 ) -> tuple[Index, bool]:
-    """Number the pieces between batches, gaps and jumps, (n,) for each row; and say whether rows are changes."""
+    """Number the unbroken pieces of a log, (n,) by row; also return whether its rows were written at changes."""
     steps, rows, batch = np.diff(time), table.row_numbers, values.get("batch")
     is_new_batch = np.zeros(steps.size, dtype=bool) if batch is None else np.diff(batch) != 0.0
     is_backward = (steps <= 0.0) & ~is_new_batch
@@ -131,6 +131,7 @@ def number_pieces(
 def _describe_backward_time(
     time: Array, is_backward: Mask, rows: list[int], options: ReadingOptions, time_name: str
 ) -> Problem:
+    """Return the problem that time goes back or stands still in a row, with the cure."""
     k, n_backward = int(np.argmax(is_backward)), int(is_backward.sum())
     cure = "give every row a time of its own, to the second, and sort the rows, oldest first"
     if time_name == "timestamp":

@@ -17,13 +17,13 @@ _AIR_TEMPERATURES = ("T_sup", "T_set")
 _MAX_AIR_CELSIUS = 45.0  # median of air at a coil, and number from which a temperature may be in °F
 _SUPPLY_AIR_TOLERANCE_K = 4.0  # by which supply air lies outside entering air and water: sensors, fan
 _SIGNAL_ENDS = {"V": (0.0, 10.0), "V 2-10": (2.0, 10.0), "mA 4-20": (4.0, 20.0)}
-"""The ends of signals to a valve, in their own units."""
+"""Values of a signal to a valve for closed and open, by its unit."""
 
 
 def find_misread_units(
     values: Mapping[str, Array], units: Mapping[str, str], trusted: Collection[str]
 ) -> dict[str, str]:
-    """Return the unit, by name, that columns seem to be in instead of the declared one; never of ``trusted`` ones."""
+    """Return the likely unit of each column whose numbers contradict the declared one, but for ``trusted`` ones."""
     likely_units = {}
     for name, converted in values.items():
         family = COLUMNS[name].units
@@ -50,29 +50,29 @@ def find_misread_units(
         humidity_if_degF, humidity_if_degC = pressures / moist_air.saturation_pressure(T)
         if humidity_if_degF < 0.12 < humidity_if_degC <= 1.0:  # relative humidity of the driest air at a coil
             likely_units["T_dp_in"] = "degC"
-    in_control = _control_mask(values)
+    is_in_control = _control_mask(values)
     medians = {}
     for name in (*_AIR_TEMPERATURES, "T_a_in", "T_w_in"):
-        if name in values and (finite := values[name][in_control][np.isfinite(values[name][in_control])]).size:
+        if name in values and (finite := values[name][is_in_control][np.isfinite(values[name][is_in_control])]).size:
             scale, offset = COLUMNS[name].units[units[name]]
             medians[name] = (float(np.median(finite)) - offset) / scale
     return likely_units | _find_misread_temperatures(medians, units, trusted)
 
 
 def _control_mask(values: Mapping[str, Array]) -> Mask | slice:
-    """Where the loop is in operation, its valve between the limits, (n,); everywhere if that is nowhere or unknown."""
+    """Return where the loop is on and its valve between the ends, (n,); everywhere if that is nowhere or unknown."""
     if len({series.size for series in values.values()}) > 1 or "command" not in values:
         return slice(None)
-    in_control = np.abs(values["command"] - 0.5) < 0.49
+    is_in_control = np.abs(values["command"] - 0.5) < 0.49
     if "enabled" in values:
-        in_control &= values["enabled"] != 0.0
-    return in_control if in_control.any() else slice(None)
+        is_in_control &= values["enabled"] != 0.0
+    return is_in_control if is_in_control.any() else slice(None)
 
 
 def _find_misread_temperatures(
     medians: Mapping[str, float], units: Mapping[str, str], trusted: Collection[str]
 ) -> dict[str, str]:
-    """Return units by name with which median temperatures contradict nothing; none if the declared ones do not."""
+    """Return other units by name with which the median temperatures agree; none if they agree as declared."""
     other_units = {}
     for name, number in medians.items():
         if units[name] == "degC" and number >= 32.0 and name not in trusted:
@@ -93,14 +93,14 @@ def _find_misread_temperatures(
 
 
 def _is_contradictory(T: Mapping[str, float]) -> bool:
-    """Whether median temperatures [degC] contradict each other, or are those of no coil."""
-    air = [T[name] for name in _AIR_TEMPERATURES if name in T]
-    is_heating = bool(air) and T.get("T_w_in", -math.inf) >= max(air) + 5.0
-    if any(not 2.0 <= temperature <= (100.0 if is_heating else _MAX_AIR_CELSIUS) for temperature in air):
+    """Whether median temperatures [degC] contradict each other, or are impossible at a coil."""
+    air_temperatures = [T[name] for name in _AIR_TEMPERATURES if name in T]
+    is_heating = bool(air_temperatures) and T.get("T_w_in", -math.inf) >= max(air_temperatures) + 5.0
+    if any(not 2.0 <= temperature <= (100.0 if is_heating else _MAX_AIR_CELSIUS) for temperature in air_temperatures):
         return True
     if T.get("T_a_in", 0.0) > _MAX_AIR_CELSIUS or T.get("T_w_in", 0.0) > 95.0:
         return True
-    if len(air) == 2 and abs(air[0] - air[1]) > 12.0:
+    if len(air_temperatures) == 2 and abs(air_temperatures[0] - air_temperatures[1]) > 12.0:
         return True
     if not T.keys() >= {"T_a_in", "T_w_in"}:
         return False
@@ -111,11 +111,11 @@ def _is_contradictory(T: Mapping[str, float]) -> bool:
 
 
 def find_column_exchanged_with_supply(values: Mapping[str, Array]) -> str:
-    """Return the entering temperature that seems exchanged with a ``T_sup`` outside both; blank if none does."""
-    in_control, names = _control_mask(values), ("T_sup", "T_w_in", "T_a_in")
-    if not all(name in values and np.isfinite(values[name][in_control]).any() for name in names):
+    """Return the name of the entering temperature that seems exchanged with ``T_sup``; blank if none does."""
+    is_in_control, names = _control_mask(values), ("T_sup", "T_w_in", "T_a_in")
+    if not all(name in values and np.isfinite(values[name][is_in_control]).any() for name in names):
         return ""
-    T = {name: float(np.nanmedian(values[name][in_control])) for name in names}
+    T = {name: float(np.nanmedian(values[name][is_in_control])) for name in names}
     trials = [name for name in names[1:] if not _is_contradictory(T | {"T_sup": T[name], name: T["T_sup"]})]
     return trials[0] if trials and _is_contradictory(T) else ""
 
@@ -130,7 +130,7 @@ def find_unit_change(T: Array) -> int:
 
 
 def detect_signal(numbers: Array, unit: str) -> tuple[str, bool]:
-    """Return the signal that a command seems to be, since it spans that, or a blank; and whether that is certain."""
+    """Return the unit of a signal that a command spans from end to end, or blank; and whether that is certain."""
     for name, (closed, opened) in _SIGNAL_ENDS.items() if unit in ("V", "deg", *FRACTION) and numbers.size else ():
         x = (numbers - closed) / (opened - closed)
         if name != unit and all(-0.05 <= end <= 0.12 for end in (x.min(), 1.0 - x.max())):
@@ -142,12 +142,12 @@ def detect_signal(numbers: Array, unit: str) -> tuple[str, bool]:
 def find_scale_change(percent: Array) -> int:
     """Find the index from which a command [%] goes on as a fraction or in V, or the reverse; 0 if nowhere."""
     for full_travel, step in ((1.0, 1), (10.0, 1), (1.0, -1), (10.0, -1)):
-        directed = percent[::step]
-        k = int(np.max(np.flatnonzero(directed > full_travel), initial=-1)) + 1
-        other_scale, last_percent = directed[k:], directed[k - 1]
+        ordered_percent = percent[::step]
+        k = int(np.max(np.flatnonzero(ordered_percent > full_travel), initial=-1)) + 1
+        other_scale, last_percent = ordered_percent[k:], ordered_percent[k - 1]
         if not k or other_scale.size < 30 or last_percent < 2.0 * full_travel:
             continue
-        has_few_small = np.mean(directed[:k] <= full_travel) <= 0.3
+        has_few_small = np.mean(ordered_percent[:k] <= full_travel) <= 0.3
         is_continuous = abs(other_scale[0] - last_percent * full_travel / 100.0) < 0.2 * full_travel
         has_travel = np.min(other_scale) > 0.0 and np.ptp(other_scale) >= 0.5 * full_travel
         if has_few_small and is_continuous and has_travel:
@@ -158,30 +158,30 @@ def find_scale_change(percent: Array) -> int:
 def find_column_exchange(T: Array, command: Array) -> int:
     """Find the index from which a temperature and the command go on with each other's numbers; 0 if nowhere."""
     (T_before, T_after), (command_before, command_after) = ((series[:-1], series[1:]) for series in (T, command))
-    jump = np.minimum(np.abs(T_after - T_before), np.abs(command_after - command_before))
+    smaller_jump = np.minimum(np.abs(T_after - T_before), np.abs(command_after - command_before))
     mismatch = np.maximum(np.abs(T_after - command_before), np.abs(command_after - T_before))
-    return int(np.argmax(np.append(False, (jump > 8.0) & (mismatch < 0.25 * jump))))
+    return int(np.argmax(np.append(False, (smaller_jump > 8.0) & (mismatch < 0.25 * smaller_jump))))
 
 
 def find_sensor_faults(T: Array) -> Mask:
     """Find where a temperature [degC] leaps by 20 K and back to within 5 K, in one reading or several of one number."""
-    finite = np.isfinite(T)
-    run_number = np.cumsum(np.diff(T[finite], prepend=np.inf) != 0.0) - 1
-    level = T[finite][np.unique(run_number, return_index=True)[1]]
-    is_jump = np.abs(np.diff(level)) > 20.0
-    is_back = is_jump[1:] & is_jump[:-1] & (np.abs(level[2:] - level[:-2]) < 5.0)
-    faulty = np.zeros(T.size, dtype=bool)
-    faulty[finite] = np.isin(run_number, np.flatnonzero(is_back) + 1)
-    return faulty
+    is_finite = np.isfinite(T)
+    run_number = np.cumsum(np.diff(T[is_finite], prepend=np.inf) != 0.0) - 1
+    run_values = T[is_finite][np.unique(run_number, return_index=True)[1]]
+    is_jump = np.abs(np.diff(run_values)) > 20.0
+    is_back = is_jump[1:] & is_jump[:-1] & (np.abs(run_values[2:] - run_values[:-2]) < 5.0)
+    is_faulty = np.zeros(T.size, dtype=bool)
+    is_faulty[is_finite] = np.isin(run_number, np.flatnonzero(is_back) + 1)
+    return is_faulty
 
 
 def describe_likely_unit(unit: str) -> str:
-    """Return the end of a sentence on numbers that are in another unit than the declared one."""
+    """Return the clause that numbers look like another unit than the declared one."""
     return f"its numbers look like {'a fraction' if unit == '1' else unit}"
 
 
 def find_supersaturation(values: Mapping[str, Array | float]) -> tuple[str, Mask]:
-    """Return the humidity beside ``T_a_in``, and where it is above saturation, (n,) or (); blank without both.
+    """Return the name of the logged humidity, and where it is above saturation, (n,) or (); blank without one.
 
     Clearly above it: by more than 1 K of dew point, or 5 % of the humidity ratio at a pressure up in the mountains.
     """
@@ -196,7 +196,7 @@ def find_supersaturation(values: Mapping[str, Array | float]) -> tuple[str, Mask
 
 
 def is_set_point_exchanged(T_sup: Array, T_set: Array) -> bool:
-    """Whether the temperature stands like a set-point while the set-point moves like a temperature."""
+    """Whether supply temperature and set-point seem exchanged: the first hardly ever changes, the second always."""
     is_finite = np.isfinite(T_sup) & np.isfinite(T_set)
     T_sup_changes, T_set_changes = (np.diff(series[is_finite]) != 0.0 for series in (T_sup, T_set))
     return bool(is_finite.sum() >= 50 and np.mean(T_sup_changes) < 0.05 and np.mean(T_set_changes) > 0.5)

@@ -24,14 +24,14 @@ class ColumnReadings:
     """The columns of a log as numbers in our units, by name, (n,), and what is wrong with them."""
 
     values: dict[str, Array] = field(default_factory=dict)
-    bad: dict[str, Mask] = field(default_factory=dict)  # where they may not be used
+    bad: dict[str, Mask] = field(default_factory=dict)  # by name, where they may not be used
     missing: dict[str, Mask] = field(default_factory=dict)  # where a cell says that there is no value
     notes: list[str] = field(default_factory=list)  # what was taken for something else
     complaints: list[Problem] = field(default_factory=list)  # one for each column with bad numbers
     units: dict[str, str] = field(default_factory=dict)  # as declared, where most numbers are possible
 
     def report_complaints(self, table: Table, options: ReadingOptions) -> None:
-        """Make problems of the complaints, with the cure that the caller offers."""
+        """Add the complaints to the problems of a table, with the cure that the caller offers."""
         table.problems += self.complaints
         if self.complaints and options.drop is False:
             cure = f"; or leave such values out and count them: {options.cure('drop=True', '--drop')}"
@@ -56,11 +56,11 @@ def read_columns(
         if series.scatters:
             values = _clip_to_bounds(table, series, values, readings.notes)
         values[cells.has_bad_status] = np.nan
-        bad = series.is_bad(values)
-        missing = cells.missing | cells.has_bad_status | np.isin(cells.values, (-99.0, -999.0, -9999.0))
+        is_bad = series.is_bad(values)
+        is_missing = cells.missing | cells.has_bad_status | np.isin(cells.values, (-99.0, -999.0, -9999.0))
         readings.units[name] = unit
         is_sensor_off = _sensor_off_mask(series, cells.values, values)
-        wrong = bad & ~missing if sparse else bad
+        is_wrong = is_bad & ~is_missing if sparse else is_bad
         if is_sensor_off.any():
             k, first_row_text = int(np.argmax(is_sensor_off)), describe_first_row(table.row_numbers, is_sensor_off)
             reading_text = f"{name} is {cells.values[k]:g}{f' {unit}' if cells.values[k] else ''}, "
@@ -71,29 +71,29 @@ def read_columns(
             else:
                 sentence = f"{reading_text}{first_row_text}, where others are far away: sensor off"
                 readings.complaints.append(Problem(sentence, name, "data"))
-            bad = bad & ~is_sensor_off if name in spec.measured else bad | is_sensor_off
-        elif wrong.any():
-            complaint = _describe_bad_cells(table, series, column, unit, wrong, cells)
-            impossible = wrong & ~missing & np.isfinite(values)
-            if 2 * impossible.sum() > np.isfinite(values).sum():  # the unit is wrong, not some readings
+            is_bad = is_bad & ~is_sensor_off if name in spec.measured else is_bad | is_sensor_off
+        elif is_wrong.any():
+            complaint = _describe_bad_cells(table, series, column, unit, is_wrong, cells)
+            is_impossible = is_wrong & ~is_missing & np.isfinite(values)
+            if 2 * is_impossible.sum() > np.isfinite(values).sum():  # the unit is wrong, not some readings
                 table.problems.append(complaint)
                 del readings.units[name]
             else:
                 readings.complaints.append(complaint)
         if series.units is TRAVEL and name not in options.units:
-            numbers = cells.values[~bad]
+            numbers = cells.values[~is_bad]
             if likely_signal := plausibility.detect_signal(numbers, unit)[0]:
                 reading_text = f"{name} is from {numbers.min():.3g} to {numbers.max():.3g}, read in {unit}"
                 cure = f"write '[{likely_signal}]' in the header, or {options.unit_cure(name, likely_signal)}"
                 table.notes.append(f"{reading_text}: if it is a signal in {likely_signal}, {cure}")
-        readings.values[name], readings.bad[name], readings.missing[name] = values, bad, missing
+        readings.values[name], readings.bad[name], readings.missing[name] = values, is_bad, is_missing
     return readings
 
 
 def check_plausible_units(
     table: Table, readings: ColumnReadings, column_by_name: Mapping[str, int], options: ReadingOptions
 ) -> None:
-    """Make a problem of each unit that the numbers contradict, and of set-point and temperature exchanged."""
+    """Add a problem for each declared unit that the numbers contradict, and for columns that seem exchanged."""
     trusted = {name for name in options.units if name in column_by_name and table.declared_units(column_by_name[name])}
     values = {name: np.where(readings.missing[name], np.nan, readings.values[name]) for name in readings.units}
     for name, likely_unit in plausibility.find_misread_units(values, readings.units, trusted).items():
@@ -132,39 +132,39 @@ def check_plausible_units(
 
 
 def mark_supersaturation(table: Table, readings: ColumnReadings, constants: Mapping[str, float]) -> None:
-    """Mark the humidity of air above saturation as bad; make a problem of it where most rows have it."""
+    """Mark the humidity of air above saturation as bad; add a problem if most rows have such air."""
     values: dict[str, Any] = {**constants, **readings.values}
-    name, above = plausibility.find_supersaturation(values)
-    if not above.any():
+    name, is_above = plausibility.find_supersaturation(values)
+    if not is_above.any():
         return
     bad_column = name if name in readings.values else "T_a_in"
     if bad_column in readings.values:
-        above &= ~(readings.bad[bad_column] | readings.bad.get("T_a_in", False))
-    k, n_rows = int(np.argmax(above)), len(table.rows)
+        is_above &= ~(readings.bad[bad_column] | readings.bad.get("T_a_in", False))
+    k, n_rows = int(np.argmax(is_above)), len(table.rows)
     humidity, T = (float(np.broadcast_to(values[column], n_rows)[k]) for column in (name, "T_a_in"))
     row, unit = table.row_numbers[k], "kg/kg" if COLUMNS[name].unit == "1" else COLUMNS[name].unit
     mistake = f"{name} = {humidity:.4g} {unit} in row {row} is above saturation at T_a_in = {T:.4g} degC"
-    cure = f"check the units of both, or give the values that belong together{count_suffix(int(above.sum()))}"
+    cure = f"check the units of both, or give the values that belong together{count_suffix(int(is_above.sum()))}"
     complaint = Problem(f"{mistake}: {cure}", name, "data")
-    if bad_column not in readings.values or 2 * above.sum() > n_rows:
+    if bad_column not in readings.values or 2 * is_above.sum() > n_rows:
         table.problems.append(complaint)
-    elif above.any():
+    elif is_above.any():
         readings.complaints.append(complaint)
-        readings.bad[bad_column] = readings.bad[bad_column] | above
+        readings.bad[bad_column] = readings.bad[bad_column] | is_above
 
 
 def read_numbers(table: Table, series: Series, column: int, unit: str | None = None) -> Array:
-    """Read a column as checked numbers in our unit, (n_rows,), else problems; ``unit``: of a header without one."""
+    """Read a column as checked numbers in our unit, (n_rows,); add problems; ``unit``: of a header without one."""
     style = _detect_table_style(table, {series.name: column})
     cells = parse_cells([row[column] for row in table.rows], style, is_switch=False)
     options = ReadingOptions(units={} if unit is None else {series.name: unit})
     known_unit = _resolve_column_unit(table, series, column, cells, options)
     if known_unit is not None:
         values = series.convert(cells.values, known_unit)
-        bad = series.is_bad(values)
-        if not bad.any():
+        is_bad = series.is_bad(values)
+        if not is_bad.any():
             return values
-        table.problems.append(_describe_bad_cells(table, series, column, known_unit, bad, cells))
+        table.problems.append(_describe_bad_cells(table, series, column, known_unit, is_bad, cells))
     return np.arange(len(table.rows), dtype=np.float64)
 
 
@@ -184,40 +184,42 @@ def _detect_table_style(table: Table, columns: Mapping[str, int]) -> NumberStyle
 def _resolve_column_unit(
     table: Table, series: Series, column: int, cells: ParsedCells, options: ReadingOptions
 ) -> str | None:
-    """Return the unit of a column by its header, the row below it, its cells or the caller; without one a problem."""
+    """Return the unit of a column by its header, the row below, its cells or the caller; None, with a problem."""
     caller_unit = options.units.get(series.name)
     numbers = np.flatnonzero(~np.isnan(cells.values)).tolist()
     cell_unit = next(iter(cells.units.values()), "") if 2 * len(cells.units) >= len(numbers) else ""
-    declared = table.declared_units(column) | ({"by units": caller_unit} if caller_unit else {})
-    units = [*declared.items(), *([("by its cells", cell_unit)] if cell_unit else [])]
+    declared_units = table.declared_units(column) | ({"by units": caller_unit} if caller_unit else {})
+    units = [*declared_units.items(), *([("by its cells", cell_unit)] if cell_unit else [])]
     if not units and len(series.units) > 1:  # of a number without dimension the only unit is 1
         cure = f"{table.unit_declaration_cure(column, 'UNIT')}, or use {options.unit_cure(series.name, 'UNIT')}"
         table.add_problem(f"{series.name} has no unit: {cure} ({series.known_units})", series.name, "unit")
         return None
     source, unit = units[0] if units else ("", "1")
     with collect_problems(table.problems):
-        resolved = series.resolve_unit(unit)
+        resolved_unit = series.resolve_unit(unit)
         for other_source, other_unit in units[1:]:
             if not series.is_same_unit(unit, other_unit):
                 two_units = f"{short_repr(unit)} {source}, in {short_repr(other_unit)} {other_source}"
                 raise InputError(f"{series.name} is in {two_units}: drop one", series.name, "unit")
-        contradicting = [k for k, text in cells.units.items() if not series.is_same_unit(text, unit)]
+        misfits = [k for k, text in cells.units.items() if not series.is_same_unit(text, unit)]
         if not cell_unit:
-            cells.values[contradicting] = np.nan  # a number with another unit among others is no number of this column
-            return resolved
-        contradicting += [] if declared else [k for k in numbers if k not in cells.units]
-        if contradicting:
-            cell, row = short_repr(table.rows[contradicting[0]][column]), table.row_numbers[contradicting[0]]
+            cells.values[misfits] = np.nan  # a number with another unit among others is no number of this column
+            return resolved_unit
+        misfits += [] if declared_units else [k for k in numbers if k not in cells.units]
+        if misfits:
+            cell, row = short_repr(table.rows[misfits[0]][column]), table.row_numbers[misfits[0]]
             cure = f"others are in {short_repr(cell_unit)}, write one unit"
             raise InputError(f"{series.name} = {cell} in row {row}: {cure}", series.name, "unit")
         table.notes.append(f"{series.name} is in {short_repr(cell_unit)} by its cells")
-        return resolved
+        return resolved_unit
     return None
 
 
-def _describe_bad_cells(table: Table, series: Series, column: int, unit: str, bad: Mask, cells: ParsedCells) -> Problem:
-    """Describe the first ``bad`` cell of a column in ``unit``: its row, how many there are, and the cure."""
-    i, n_bad = int(np.argmax(bad)), int(bad.sum())
+def _describe_bad_cells(
+    table: Table, series: Series, column: int, unit: str, is_bad: Mask, cells: ParsedCells
+) -> Problem:
+    """Return the problem of the first bad cell of a column in ``unit``: its row, how many there are, the cure."""
+    i, n_bad = int(np.argmax(is_bad)), int(is_bad.sum())
     if np.isfinite(cells.values[i]) and not cells.has_bad_status[i]:
         return series.describe_bad_value(float(cells.values[i]), f" in row {table.row_numbers[i]}", n_bad, unit)
     status = ", bad by its status" if cells.has_bad_status[i] else ""
@@ -228,11 +230,11 @@ def _describe_bad_cells(table: Table, series: Series, column: int, unit: str, ba
 
 def _clip_to_bounds(table: Table, series: Series, values: Array, notes: list[str]) -> Array:
     """Clip values a little outside their bounds, such as a valve that reads 100.3 %, and count them."""
-    bad = series.is_bad(values)
-    if bad.all() or not bad.any():
+    is_bad = series.is_bad(values)
+    if is_bad.all() or not is_bad.any():
         return values
-    slack = 0.02 * np.ptp(values[~bad])
-    is_near = bad & (values >= series.lower - slack) & (values <= series.upper + slack)
+    slack = 0.02 * np.ptp(values[~is_bad])
+    is_near = is_bad & (values >= series.lower - slack) & (values <= series.upper + slack)
     if is_near.any():
         subject = f"{format_count(is_near, 'value')} of {series.name} just outside the possible range"
         notes.append(f"{subject}: taken as its bound ({describe_first_row(table.row_numbers, is_near)})")
@@ -240,7 +242,7 @@ def _clip_to_bounds(table: Table, series: Series, values: Array, notes: list[str
 
 
 def _sensor_off_mask(series: Series, numbers: Array, values: Array) -> Mask:
-    """Where a temperature reads exactly 0 in its unit, and nearly all others are above 5 °C; or where it leaps."""
+    """Return where a temperature sensor seems off, (n,): exactly 0 while others are above 5 °C, or a leap and back."""
     is_off: Mask = (numbers == 0.0) & (series.units is TEMPERATURE)
     other_values = values[~is_off & ~series.is_bad(values)]
     is_off &= not other_values.size or float(np.quantile(other_values, 0.01)) >= 5.0
@@ -253,29 +255,29 @@ def fill_or_cut_rows(
     table: Table, readings: ColumnReadings, time: Array, options: ReadingOptions, spec: ColumnSpec, longest_step: float,
     time_name: str,
 ) -> tuple[dict[str, Array], Array]:  # fmt: skip
-    """Return the columns, and the time, of the rows that are left; the table is cut to the same rows.
+    """Cut the rows with bad values; return the columns and the time of those left; the table is cut as well.
 
     A bad value of a measured column becomes NaN.  An input that is missing in one row alone is bridged; rows with any
     other bad value are cut.  All that is a problem of the table unless ``drop`` is true.  time: of the rows [s], NaN
     where it is bad.  longest_step: over which an input is bridged [s].  time_name: of the column of the time.
     """
-    columns, bad = readings.values, dict(readings.bad)
+    columns, masks = readings.values, dict(readings.bad)
     if table.problems or (readings.complaints and not options.drop):
         readings.report_complaints(table, options)
         return columns, time
-    for name in [n for n in spec.measured if n in bad]:
-        is_bad = bad.pop(name)
+    for name in [n for n in spec.measured if n in masks]:
+        is_bad = masks.pop(name)
         columns[name][is_bad] = np.nan
         if is_bad.any():
             readings.notes.append(describe_left_out(table, name, is_bad, "value"))
         if is_bad.all():
             raise InputError(f"{table.name}: {name} has no admissible number: check its unit", name, "data")
     if time_name == "timestamp":
-        bad = {"timestamp": np.isnan(time)} | bad
+        masks = {"timestamp": np.isnan(time)} | masks
     if options.drop:
-        _bridge_missing_inputs(table, readings, bad, time, spec.measured, longest_step)
-    readings.notes += [describe_left_out(table, name, is_bad, "row") for name, is_bad in bad.items() if is_bad.any()]
-    is_kept = ~np.any(list(bad.values()), axis=0)
+        _bridge_missing_inputs(table, readings, masks, time, spec.measured, longest_step)
+    readings.notes += [describe_left_out(table, name, is_bad, "row") for name, is_bad in masks.items() if is_bad.any()]
+    is_kept = ~np.any(list(masks.values()), axis=0)
     if is_kept.all():
         return columns, time
     table.keep_rows(np.flatnonzero(is_kept).tolist())
@@ -286,27 +288,27 @@ def fill_or_cut_rows(
 
 
 def _bridge_missing_inputs(
-    table: Table, readings: ColumnReadings, bad: dict[str, Mask], time: Array, measured: Collection[str],
+    table: Table, readings: ColumnReadings, masks: dict[str, Mask], time: Array, measured: Collection[str],
     longest_step: float,
 ) -> None:  # fmt: skip
-    """Fill an input that is missing in one row, from the rows before and after; and take it out of ``bad``."""
-    usable = ~np.any([bad[name] for name in ("timestamp", "elapsed_time", "batch") if name in bad], axis=0)
-    steps = np.where(usable[1:] & usable[:-1], np.diff(time), np.inf)
+    """Fill inputs that are missing in a single row from the rows beside it, and mark them good in ``masks``."""
+    is_usable = ~np.any([masks[name] for name in ("timestamp", "elapsed_time", "batch") if name in masks], axis=0)
+    steps = np.where(is_usable[1:] & is_usable[:-1], np.diff(time), np.inf)
     is_near = (steps > 0.0) & (steps <= longest_step)
     if "batch" in readings.values:
         is_near &= np.diff(readings.values["batch"]) == 0.0
-    between = np.zeros(time.size, dtype=bool)
-    between[1:-1] = is_near[1:] & is_near[:-1]
+    has_near_neighbours = np.zeros(time.size, dtype=bool)
+    has_near_neighbours[1:-1] = is_near[1:] & is_near[:-1]
     for name in [n for n in readings.values if n not in (*measured, "elapsed_time", "batch")]:
-        values, is_bad = readings.values[name], bad[name]
-        is_filled = is_bad & readings.missing[name] & between
+        values, is_bad = readings.values[name], masks[name]
+        is_filled = is_bad & readings.missing[name] & has_near_neighbours
         is_filled[1:-1] &= ~is_bad[2:] & ~is_bad[:-2]
         holes = np.flatnonzero(is_filled)
         if not holes.size:
             continue
         is_held = COLUMNS[name].hold
-        share = 0.0 if is_held else (time[holes] - time[holes - 1]) / (time[holes + 1] - time[holes - 1])
-        values[holes] = values[holes - 1] + share * (values[holes + 1] - values[holes - 1])
+        time_share = 0.0 if is_held else (time[holes] - time[holes - 1]) / (time[holes + 1] - time[holes - 1])
+        values[holes] = values[holes - 1] + time_share * (values[holes + 1] - values[holes - 1])
         is_bad &= ~is_filled
         method = "held" if is_held else "on a straight line between its neighbours"
         subject = f"{format_count(is_filled, 'missing value')} of {name} bridged"
@@ -314,6 +316,6 @@ def _bridge_missing_inputs(
 
 
 def describe_left_out(table: Table, name: str, is_bad: Mask, noun: str) -> str:
-    """Describe what was left out."""
+    """Describe how many values or rows (``noun``) were left out since column ``name`` was bad, and the first."""
     first_row_text = describe_first_row(table.row_numbers, is_bad)
     return f"{format_count(is_bad, noun)} left out: {name} is not an admissible number ({first_row_text})"

@@ -59,7 +59,7 @@ _SPELLINGS: Mapping[str, str] = VOCABULARY["spellings"]
 
 
 def resolve_unit(name: str, unit: str, units: Units) -> str:
-    """Return ``unit`` of the column ``name`` as ``units`` spells it; ``°C``, ``l/s`` and ``GPM`` are understood."""
+    """Return a unit as ``units`` spells it, from other spellings such as ``°C``, ``l/s`` and ``GPM``."""
     folded = _fold_unit(unit)
     spellings = {folded: _SPELLINGS.get(folded, "")} | {_fold_unit(known_unit): known_unit for known_unit in units}
     if spellings[folded] in units:
@@ -75,6 +75,7 @@ def is_unit(text: str) -> bool:
 
 
 def _fold_unit(unit: str) -> str:
+    """Return a unit in small ASCII letters, for comparison."""
     ascii_unit = unit.replace("\N{DEGREE CELSIUS}", "degC").replace("\N{DEGREE FAHRENHEIT}", "degF").replace("°", "deg")
     ascii_unit = ascii_unit.replace("³", "3").replace("\N{EN DASH}", "-").casefold()
     return ascii_unit if ascii_unit[:4] != "deg " else f"deg{ascii_unit[4:]}"
@@ -104,7 +105,7 @@ class Series:
 
     @property
     def is_switch(self) -> bool:
-        """Whether it is on or off."""
+        """Whether the series is a switch, 1 for on and 0 for off."""
         return self.whole and (self.lower, self.upper) == (0.0, 1.0)
 
     @property
@@ -129,22 +130,22 @@ class Series:
             return values * scale + offset
 
     def is_bad(self, values: Array) -> Mask:
-        """Where ``values`` (in our unit) are not finite, out of bounds, or not whole where they must be."""
+        """Return where values (in our unit) are not finite, out of bounds, or not whole though they must be."""
         with np.errstate(invalid="ignore"):
-            good = np.isfinite(values) & (values >= self.lower) & (values <= self.upper)
-            return ~(good & (values == np.rint(values))) if self.whole else ~good
+            is_good = np.isfinite(values) & (values >= self.lower) & (values <= self.upper)
+            return ~(is_good & (values == np.rint(values))) if self.whole else ~is_good
 
-    def describe_bad_value(self, value: float, place: str, n_bad: int, unit: str | None = None) -> Problem:
+    def describe_bad_value(self, value: float, where: str, n_bad: int, unit: str | None = None) -> Problem:
         """Describe a bad ``value`` (in ``unit``): where it is, the bounds, and the cure."""
         unit = unit or self.unit
         if not math.isfinite(value):
-            sentence = f"{self.name} is {value:g}{place}: fill or cut the gap{count_suffix(n_bad)}"
+            sentence = f"{self.name} is {value:g}{where}: fill or cut the gap{count_suffix(n_bad)}"
             return Problem(sentence, self.name, "value")
         unit_text = "" if unit == "1" else f" {unit}"
         scale, offset = self.units[unit]
         low, high = (round((bound - offset) / scale, 6) for bound in (self.lower, self.upper))
         bounds = f"{'whole, ' if self.whole else ''}from {low:g} to {high:g}{unit_text}"
-        text = f"{self.name} = {value:g}{unit_text}{place}: must be {bounds}"
+        text = f"{self.name} = {value:g}{unit_text}{where}: must be {bounds}"
         return Problem(f"{text}; check its unit, or fill or cut the gap{count_suffix(n_bad)}", self.name, "value")
 
 
@@ -177,8 +178,8 @@ COLUMNS: dict[str, Series] = {
 }
 """Every column that a log may have, except ``timestamp``."""
 
-TIME_COLUMNS = ("elapsed_time", "timestamp")  # a log gives its time in one of these columns
-HUMIDITY_COLUMNS = ("W_a_in", "RH_a_in", "T_dp_in")  # and the humidity of the entering air in one of these
+TIME_COLUMNS = ("elapsed_time", "timestamp")  # in one of which a log gives its time
+HUMIDITY_COLUMNS = ("W_a_in", "RH_a_in", "T_dp_in")  # in one of which it gives the humidity of the entering air
 
 
 def format_count(mask_or_count: Mask | int, noun: str) -> str:
@@ -193,6 +194,6 @@ def describe_first_row(row_numbers: Sequence[int], mask: Mask) -> str:
 
 
 def warn_of_reading_notes(name: str, notes: Sequence[str]) -> None:
-    """Warn, where a result has no place for notes, of what is not self-evident about how a log was read."""
+    """Warn of the notes on how a log was read, for results that have no place for them."""
     if notes:
         warnings.warn(f"{name}: {'; '.join(notes)}", UserWarning, stacklevel=3)

@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 
 _MAX_CELLS = 100_000_000  # as a table of text, more would fill the memory; no building logs so many points in a file
 _SEPARATOR_NAMES = {",": "commas", ";": "semicolons", "\t": "tabs"}
-_HEADER_SEARCH_ROWS = 200  # from the start of a file
-_MAX_CHECKED_CELLS = 50  # of a row
+_HEADER_SEARCH_ROWS = 200  # from the start of a file, among which the header is
+_MAX_CHECKED_CELLS = 50  # of a row, by which its kind is judged
 TIME_HEADERS = ("timestamp", "ts", "time", "date", "datetime", "zeit", "zeitstempel", "datum")
 """Headers of a column of times, as ``normalise_header`` gives them."""
-_STATUS_HEADERS = ("status", "quality")  # of columns that say which values of a row count
+_STATUS_HEADERS = ("status", "quality")  # headers of columns that say which values of a row count
 REVERSED_ROWS_NOTE = "the newest row is first: turned round"
 NumberedRows = list[tuple[int, list[str]]]  # rows that are not blank, with their numbers in the file
 
@@ -44,14 +44,14 @@ def _split_rows(text: str, separator: str) -> Iterator[list[str]]:
 
 
 def _detect_separator(text: str) -> str:
-    """Detect what separates the columns: commas, unless only something else makes header and data of one width."""
-    head = text[: _HEADER_SEARCH_ROWS * 1000]
+    """Detect the separator of columns: a comma, unless another one makes more cells below the header data."""
+    start_text = text[: _HEADER_SEARCH_ROWS * 1000]
     shares = {",": 0.0}
     for separator in _SEPARATOR_NAMES:
-        if separator not in head:
+        if separator not in start_text:
             continue
         try:
-            first_rows = islice(_split_rows(head, separator), _HEADER_SEARCH_ROWS)
+            first_rows = islice(_split_rows(start_text, separator), _HEADER_SEARCH_ROWS)
             rows = [row for row in first_rows if any(map(str.strip, row))]
         except csv.Error:
             continue
@@ -62,25 +62,25 @@ def _detect_separator(text: str) -> str:
             cells = [cell for row in data_rows if len(row) == width for cell in row[:_MAX_CHECKED_CELLS]]
             n_data = sum(_is_data_cell(cell) or is_missing_word(cell) for cell in cells)
             shares[separator] = n_data / (len(data_rows) * min(width, _MAX_CHECKED_CELLS))
-    best = max(shares, key=lambda separator: shares[separator])
-    return best if shares[best] > shares[","] else ","
+    best_separator = max(shares, key=lambda separator: shares[separator])
+    return best_separator if shares[best_separator] > shares[","] else ","
 
 
 def _header_index(rows: Sequence[list[str]]) -> int:
-    """Find the header: the row of names with most data below it before the next such row; 0 if there is none."""
+    """Return the index of the header: the row of names with most data below it before the next; 0 without one."""
     name_rows = [k for k, row in enumerate(rows) if _is_possible_header(row) and _has_data_below(rows, k)]
     for row in rows[: name_rows[0]] if name_rows else ():  # rows of data in another order are no remarks
         if len(row) > 1 and all(_is_data_cell(cell) or is_missing_word(cell) for cell in row[:_MAX_CHECKED_CELLS]):
             return 0
     if not name_rows:
         return 0
-    ends = [*name_rows[1:], len(rows)]
-    best = max(zip(name_rows, ends, strict=True), key=lambda section: section[1] - section[0])[0]
-    return next(k for k in name_rows if {*filter(None, rows[k])} & {*rows[best]})  # the same header may come again
+    section_ends = [*name_rows[1:], len(rows)]
+    best_row = max(zip(name_rows, section_ends, strict=True), key=lambda section: section[1] - section[0])[0]
+    return next(k for k in name_rows if {*filter(None, rows[k])} & {*rows[best_row]})  # the same header may come again
 
 
 def _is_possible_header(row: Sequence[str]) -> bool:
-    """Whether a row has names: all different, no numbers, no times, no units alone."""
+    """Whether a row may be the header: names that are all different, no numbers, no times, no units alone."""
     cells = [cell.strip() for cell in _trim_blank_end(row)]
     return (
         cells.count("") <= 1
@@ -92,6 +92,7 @@ def _is_possible_header(row: Sequence[str]) -> bool:
 
 
 def _has_data_below(rows: Sequence[list[str]], k: int) -> bool:
+    """Whether rows of data, as wide as row ``k``, follow below it or below a row of units."""
     width, rows_below = len(_trim_blank_end(rows[k])), rows[k + 1 : k + 4]
     if rows_below and _is_unit_row(rows_below[0]):
         rows_below = rows_below[1:]
@@ -108,7 +109,7 @@ def _is_data_cell(cell: str) -> bool:
 
 
 def _is_unit_row(row: Sequence[str]) -> bool:
-    """Whether a row has units: one at least that is known, and nothing long, no number and no time."""
+    """Whether a row holds units: one at least is known, and nothing is long, a number or a time."""
     cells = [_strip_brackets(cell) for cell in row]
     return (
         all(len(cell) <= 24 for cell in cells)
@@ -140,9 +141,9 @@ def _footer_length(data: NumberedRows, width: int) -> int:
     n = 0
     while n < min(20, len(data) - 2):
         cells = _trim_blank_end(data[-1 - n][1])
-        filled = [cell for cell in cells if cell.strip()]
-        first = cells[0].strip()
-        if len(filled) >= width or first[:1].isdigit() or _is_data_cell(first) or is_missing_word(first):
+        n_texts = sum(bool(cell.strip()) for cell in cells)
+        first_cell = cells[0].strip()
+        if n_texts >= width or first_cell[:1].isdigit() or _is_data_cell(first_cell) or is_missing_word(first_cell):
             break
         n += 1
     return n
@@ -150,10 +151,10 @@ def _footer_length(data: NumberedRows, width: int) -> int:
 
 def _trim_blank_end(row: Sequence[str]) -> Sequence[str]:
     """Return the row up to its last cell that is not blank."""
-    end = len(row)
-    while end and not row[end - 1].strip():
-        end -= 1
-    return row[:end]
+    n_cells = len(row)
+    while n_cells and not row[n_cells - 1].strip():
+        n_cells -= 1
+    return row[:n_cells]
 
 
 def normalise_header(header: str) -> str:
@@ -218,10 +219,10 @@ class Table:
             raise InputError(f"{path} is empty: give a header row and at least two rows of data", str(path), "data")
         notes = [] if separator == "," else [f"columns are separated by {_SEPARATOR_NAMES[separator]}"]
         header_index = _header_index([row for _, row in rows[:_HEADER_SEARCH_ROWS]])
-        (first, header), data = rows[header_index], rows[header_index + 1 :]
+        (header_row, header), data = rows[header_index], rows[header_index + 1 :]
         if header_index:
             notes.append(
-                f"what is above row {first} is not part of the table, from {short_repr(' '.join(rows[0][1]))} on"
+                f"what is above row {header_row} is not part of the table, from {short_repr(' '.join(rows[0][1]))} on"
             )
         units = None
         if data and _is_unit_row(data[0][1]) and any(map(_is_data_cell, chain(*(row for _, row in data[1:3])))):
@@ -235,8 +236,8 @@ class Table:
             if not any(map(str.strip, row[width:])):  # a separator at the end of the line
                 del row[width:]
         if n_footer := _footer_length(data, width):
-            (last, footer), data = data[-n_footer], data[:-n_footer]
-            notes.append(f"row {last} and what follows is not part of the table: {short_repr(' '.join(footer))}")
+            (footer_row, footer), data = data[-n_footer], data[:-n_footer]
+            notes.append(f"row {footer_row} and what follows is not part of the table: {short_repr(' '.join(footer))}")
         if len(data) < 2:
             sentence = f"{path} has {format_count(len(data), 'row')} of data below its header: give at least two"
             raise InputError(sentence, str(path), "data")
@@ -255,17 +256,18 @@ class Table:
         return table
 
     def _check_header(self) -> None:
+        """Add a problem for each name that appears more than once."""
         cure = "begin the file with the header, name every column once"
         for cell, count in Counter(self.header).items():
             if count > 1 and cell.lower() not in _STATUS_HEADERS:
                 self.add_problem(f"column {short_repr(cell)} appears {count} times: {cure}", cell, "duplicate")
 
     def _join_clock(self) -> None:
-        """Make a column timestamp of a date and a time of day in separate columns."""
+        """Join a date and a time of day in separate columns to a column ``timestamp``."""
         headers = ("date", "datum"), ("time", "time of day", "zeit", "uhrzeit")
         columns = [[k for k, cell in enumerate(self.header) if cell.strip().lower() in names] for names in headers]
         labels = {split_label_and_unit(cell)[0] for cell in self.header}
-        if [len(matching) for matching in columns] != [1, 1] or labels & {"timestamp", "elapsed_time"}:
+        if [len(matching_columns) for matching_columns in columns] != [1, 1] or labels & {"timestamp", "elapsed_time"}:
             return
         (date,), (clock,) = columns
         if not all(is_date_beside_clock(row[date], row[clock]) for row in self.rows[:3]):
@@ -281,20 +283,20 @@ class Table:
         self.notes.append(f"{names[0]} and {names[1]} are read as one timestamp")
 
     def _merge_status(self) -> None:
-        """Write what columns of status say, of their row or of the column on the left, behind values, in braces."""
+        """Append what columns of status say to the values that they are about, in braces, and drop these columns."""
         labels = [normalise_header(header) for header in self.header]
-        candidates, head = [k for k, label in enumerate(labels) if label in _STATUS_HEADERS], self.rows[:1000]
-        status_columns = [k for k in candidates if any(row[k].strip().lower() in GOOD_STATUS_WORDS for row in head)]
+        candidates, sample = [k for k, label in enumerate(labels) if label in _STATUS_HEADERS], self.rows[:1000]
+        status_columns = [k for k in candidates if any(row[k].strip().lower() in GOOD_STATUS_WORDS for row in sample)]
         other_columns = [k for k in range(len(labels)) if k not in status_columns]
-        values = [k for k in other_columns if labels[k] not in (*TIME_HEADERS, "elapsedtime")]
+        value_columns = [k for k in other_columns if labels[k] not in (*TIME_HEADERS, "elapsedtime")]
         for k in status_columns:
-            bad = [i for i, row in enumerate(self.rows) if row[k].strip().lower() not in (*GOOD_STATUS_WORDS, "")]
-            for i, column in product(bad, values if len(status_columns) == 1 else [k - 1]):
+            bad_rows = [i for i, row in enumerate(self.rows) if row[k].strip().lower() not in (*GOOD_STATUS_WORDS, "")]
+            for i, column in product(bad_rows, value_columns if len(status_columns) == 1 else [k - 1]):
                 if is_number_or_switch_word(self.rows[i][column]):
                     self.rows[i][column] += f" {{{self.rows[i][k].strip(' {}')}}}"
-            if bad:
-                subject, first = f"{format_count(len(bad), 'row')} marked as bad", self.row_numbers[bad[0]]
-                self.notes.append(f"{subject} by the column {self.header[k]!r} (first in row {first})")
+            if bad_rows:
+                subject, number = f"{format_count(len(bad_rows), 'row')} marked as bad", self.row_numbers[bad_rows[0]]
+                self.notes.append(f"{subject} by the column {self.header[k]!r} (first in row {number})")
         for row in filter(None, (self.header, self.units, *self.rows) if status_columns else ()):
             row[:] = [row[k] for k in other_columns]
 
@@ -314,7 +316,7 @@ class Table:
             prefix = f"{self.name}: " if self.name else ""
             raise InputError([p.with_prefix(prefix) for p in InputError(self.problems).problems])
 
-    def column(self, header: str) -> int | None:
+    def find_column(self, header: str) -> int | None:
         """Find the column with this header, given with or without its unit; None if there is none."""
         if header in self.header:
             return self.header.index(header)
@@ -327,25 +329,25 @@ class Table:
         return next((k for k, header in enumerate(self.header) if normalise_header(header) in TIME_HEADERS), first)
 
     def declared_units(self, column: int) -> dict[str, str]:
-        """Units of a column by where they are declared: ``by its header`` and ``by the row of units``."""
+        """Return the units of a column by where they are declared: ``by its header`` and ``by the row of units``."""
         by_header = split_label_and_unit(self.header[column])[1]
         below = self.units[column] if self.units else ""
         units = {} if by_header is None else {"by its header": by_header}
         return units | ({"by the row of units": below} if below and (not units or is_unit(below)) else {})
 
     def unit_declaration_cure(self, column: int, unit: str) -> str:
-        """Say how to declare the unit of a column in the log itself."""
+        """Return the advice how to declare the unit of a column in the log itself."""
         label = split_label_and_unit(self.header[column])[0]
         return self.unit_cure.format(header=label if len(label) <= 100 else "…", unit=unit)
 
     def check_names(self, argument: str, names: Iterable[str], known_names: Iterable[str]) -> None:
-        """Make a problem of each of ``names`` in an argument that is none of ``known_names``."""
+        """Add a problem for each of the ``names`` in an argument that is none of the ``known_names``."""
         for name in names:
             with collect_problems(self.problems):
                 require_choice(argument, name, [*known_names])
 
     def keep_rows(self, rows: Iterable[int]) -> None:
-        """Keep these rows, in this order."""
+        """Keep only the rows with these indices, in this order."""
         indices = list(rows)
         self.rows, self.row_numbers = [self.rows[i] for i in indices], [self.row_numbers[i] for i in indices]
 
@@ -377,7 +379,7 @@ def table_from_data(source: Any, columns: Mapping[str, str] | None, names: Colle
 
 
 def _dataset_columns(ds: xr.Dataset, columns: Mapping[str, str], names: Collection[str]) -> tuple[list[str], list[Any]]:
-    """Return header and values of the columns of a Dataset, the time first."""
+    """Return headers and values of the variables of a Dataset as columns of a log, the time first."""
     coordinates = ("elapsed_time", "timestamp", "time")
     times = (*(columns.get(name, name) for name in coordinates), *coordinates)
     dims = [name for name in times if name in ds.coords and ds[name].dims == (name,)]

@@ -20,9 +20,9 @@ from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError, did_you_mean, short_repr
 from fastcoil.logs.series import VOCABULARY
 
-MAX_CELL_CHARACTERS = 64  # of a cell that can be a time or a number
+MAX_CELL_CHARACTERS = 64  # longest cell that can be a time or a number
 MICROSECOND_DTYPE = np.dtype("datetime64[us]")
-SECOND_US = 1_000_000  # µs
+SECOND_US = 1_000_000  # a second in µs
 MINUTE_US = 60 * SECOND_US
 _EXAMPLE_TIME = datetime(2024, 7, 1, 8, 5, 30)
 
@@ -83,7 +83,7 @@ def require_time_format(name: str, value: Any) -> str:
 
 
 class _NumberKind(NamedTuple):
-    """A way to write times as numbers."""
+    """A way to write times as numbers: serial days, seconds or milliseconds."""
 
     text: str
     least: float
@@ -94,7 +94,7 @@ class _NumberKind(NamedTuple):
     time_zone: str
 
     def timestamps(self, numbers: Array) -> Timestamps:
-        """Convert numbers to times; those that are too small or too large are none."""
+        """Convert numbers to times; those out of range count as no time."""
         with np.errstate(invalid="ignore"):
             is_good = (numbers >= self.least) & (numbers <= self.most)
         ticks = self.ticks * (np.where(is_good, numbers, self.number_in_1970) - self.number_in_1970)
@@ -110,13 +110,13 @@ _NUMBER_KINDS = {
         _NumberKind("milliseconds since 1970 (UTC)", 1e11, 1e13, 0.0, 1e3, 1, "UTC"),
     ],
 }
-"""By the name of their format: days from 1954 to 2119, epoch from 1973 to 2286."""
+"""Ways to write times as numbers, by time format: days from 1954 to 2119, epoch from 1973 to 2286."""
 
 
 def read_timestamps(cells: Sequence[str], row_numbers: Sequence[int], time_format: str | None, cure: str) -> Timestamps:
-    """Read the times of a column, by ``time_format`` or recognised; ``cure``: how to give one, with ``{format}``."""
+    """Read the times in the cells of a column, in ``time_format`` or recognised; cure: advice with ``{format}``."""
     if time_format in _NUMBER_KINDS:
-        numbers = np.array([_parse_number(cell) for cell in cells])
+        numbers = np.array([_parse_number_or_nan(cell) for cell in cells])
         stamps_by_kind = [kind.timestamps(numbers) for kind in _NUMBER_KINDS[time_format]]
         return max(stamps_by_kind, key=lambda stamps: stamps.good.sum())
     no_zones = [""] * len(cells)
@@ -128,17 +128,17 @@ def read_timestamps(cells: Sequence[str], row_numbers: Sequence[int], time_forma
     n_iso = sum(time is not None for time in times)
     format_advice = f"say how to read it: {cure.format(format='%d/%m/%Y %H:%M')}"
     if 2 * n_iso < len(times):
-        numbers = np.array([_parse_number(cell) for cell in cells])
+        numbers = np.array([_parse_number_or_nan(cell) for cell in cells])
         for kind in chain(*_NUMBER_KINDS.values()):
             stamps = kind.timestamps(numbers)
             if 2 * stamps.good.sum() > numbers.size:
                 example = short_repr(cells[int(np.argmax(stamps.good))].strip())
                 return stamps._replace(notes=[f"timestamp read as {kind.text}: {example} is {stamps.first_time()[0]}"])
-        parts = [parse_date_parts(cell) for cell in cells]
-        n_parts = sum(date_parts is not None for date_parts in parts)
-        if 2 * n_parts >= len(parts) and n_parts >= n_iso:
+        date_parts_by_cell = [parse_date_parts(cell) for cell in cells]
+        n_parts = sum(date_parts is not None for date_parts in date_parts_by_cell)
+        if 2 * n_parts >= len(date_parts_by_cell) and n_parts >= n_iso:
             problem = f"is not as the others: mend it, or {format_advice}"
-            return _timestamps_from_parts(parts, row_numbers, problem, cure)
+            return _timestamps_from_parts(date_parts_by_cell, row_numbers, problem, cure)
     problem = f"is not ISO 8601: write it as 2024-07-01T08:00:00, or {format_advice}"
     return _timestamps_from_times(times, no_zones, row_numbers, problem, [])
 
@@ -168,13 +168,14 @@ def is_date_beside_clock(date: str, clock: str) -> bool:
 
 
 def _parse_by_pattern(cell: str, pattern: str) -> datetime | None:
+    """Parse a time by a pattern of ``strptime``; None if the cell is written otherwise."""
     try:
         return datetime.strptime(cell.strip(), pattern) if len(cell) <= 2 * MAX_CELL_CHARACTERS else None
     except (ValueError, OverflowError, re.error):
         return None
 
 
-def _parse_number(cell: str) -> float:
+def _parse_number_or_nan(cell: str) -> float:
     try:
         return float(cell.replace(",", ".")) if len(cell) <= MAX_CELL_CHARACTERS and "_" not in cell else np.nan
     except ValueError:
@@ -185,7 +186,7 @@ def _parse_number(cell: str) -> float:
 
 _ZONE_HOURS = VOCABULARY["zones"]  # hours by which the clocks of named zones are ahead of UTC
 _AMBIGUOUS_ZONES = {"cst": "cdt", "ast": "adt", "bst": "gmt"}
-"""Names that other continents use as well, unless the name on the right is in the log too."""
+"""Names of zones on several continents, each clear only if the name on the right is in the log as well."""
 
 
 def apply_time_zone(stamps: Timestamps, time_zone: str) -> Timestamps:
@@ -201,23 +202,23 @@ def apply_time_zone(stamps: Timestamps, time_zone: str) -> Timestamps:
 def _timestamps_from_times(
     times: Sequence[datetime | None], zones: Sequence[str], row_numbers: Sequence[int], problem: str, notes: list[str]
 ) -> Timestamps:
-    """Convert times by the clock that wrote them; absolute if each has an offset or the name of a known zone."""
+    """Convert datetimes and names of zones to timestamps; absolute if each has an offset or a known zone."""
     is_good = np.array([time is not None for time in times])
     local_times = [(time or _EXAMPLE_TIME).replace(tzinfo=None) for time in times]
     local_microseconds = np.array(local_times, dtype=MICROSECOND_DTYPE).astype(np.int64)
     good_indices = np.flatnonzero(is_good).tolist()
     names = {zones[k] for k in good_indices} - {""}
-    ambiguous = {name for name, companion in _AMBIGUOUS_ZONES.items() if companion not in names}
-    hours = {name: _ZONE_HOURS[name] for name in names - ambiguous if name in _ZONE_HOURS}
+    ambiguous_names = {name for name, companion in _AMBIGUOUS_ZONES.items() if companion not in names}
+    hours = {name: _ZONE_HOURS[name] for name in names - ambiguous_names if name in _ZONE_HOURS}
     offsets: dict[int, int] = {}
     for k, time in enumerate(times):
         utc_offset = timedelta(hours=hours[zones[k]]) if zones[k] in hours else time.utcoffset() if time else None
         if utc_offset is not None:
             offsets[k] = utc_offset // timedelta(microseconds=1)
     clocks = ["absolute" if k in offsets else zones[k] for k in good_indices]
-    first_unlike = next((k for k, clock in zip(good_indices, clocks, strict=True) if clock != clocks[0]), None)
-    if first_unlike is not None:
-        row = row_numbers[first_unlike]
+    first_other = next((k for k, clock in zip(good_indices, clocks, strict=True) if clock != clocks[0]), None)
+    if first_other is not None:
+        row = row_numbers[first_other]
         sentence = f"timestamp in row {row} has another time zone than the first, or one of them has none"
         raise InputError(f"{sentence}: write one time zone, with or without UTC offset", "timestamp", "time")
     if not good_indices or good_indices[0] not in offsets:
@@ -261,7 +262,7 @@ class DateParts(NamedTuple):
     mark: str  # between the numbers of the date
 
     def in_order(self, order: tuple[int, int, int]) -> datetime | None:
-        """Return the time if year, month and day are in these places; None if there is no such day."""
+        """Return the time with year, month and day at these places of ``date``; None if there is no such day."""
         year, month, day = (self.date[place] for place in order)
         year += 2000 if year < 70 else 1900 if year < 100 else 0
         try:
@@ -298,57 +299,57 @@ def parse_date_parts(cell: str) -> DateParts | None:
     return DateParts((a, b, c), month, clock, bool(match["half"]), offset, zone, match["mark"])
 
 
-_DAY_FIRST = (2, 1, 0)  # the places of year, month and day
-_MONTH_FIRST = (2, 0, 1)
+_DAY_FIRST_ORDER = (2, 1, 0)  # places of year, month and day in a written date
+_MONTH_FIRST_ORDER = (2, 0, 1)
 
 
 def _timestamps_from_parts(
     parts: Sequence[DateParts | None], row_numbers: Sequence[int], problem: str, cure: str
 ) -> Timestamps:
-    """Convert a column of ``parts``, None for a cell that is no time; ``cure``: as of `read_timestamps`."""
-    known = {row: date_parts for row, date_parts in zip(row_numbers, parts, strict=True) if date_parts is not None}
+    """Convert parts of dates, None for a cell that is no time, to timestamps; cure: as in `read_timestamps`."""
+    parts_by_row = {row: each for row, each in zip(row_numbers, parts, strict=True) if each is not None}
     notes: list[str] = []
-    month_places = {date_parts.month for date_parts in known.values()}
-    if all(date_parts.date[0] > 999 for date_parts in known.values()):
+    month_places = {date_parts.month for date_parts in parts_by_row.values()}
+    if all(date_parts.date[0] > 999 for date_parts in parts_by_row.values()):
         order = (0, 1, 2)
     elif month_places in ({0}, {1}):
-        order = _MONTH_FIRST if month_places == {0} else _DAY_FIRST
+        order = _MONTH_FIRST_ORDER if month_places == {0} else _DAY_FIRST_ORDER
     else:
-        order = _find_date_order(known, cure, notes)
-    has_halves = any(date_parts.has_half for date_parts in known.values())  # a time without AM or PM is none then
+        order = _find_date_order(parts_by_row, cure, notes)
+    has_halves = any(date_parts.has_half for date_parts in parts_by_row.values())  # a time without AM or PM is none
     times = [each.in_order(order) if each and each.has_half == has_halves else None for each in parts]
     return _timestamps_from_times(times, [each.zone if each else "" for each in parts], row_numbers, problem, notes)
 
 
 def _find_date_order(parts: Mapping[int, DateParts], cure: str, notes: list[str]) -> tuple[int, int, int]:
-    """Find the order of day and month in times by row, by numbers above 12 or by the order in which time goes on."""
-    day_first, month_first = (next((row for row, each in parts.items() if each.date[k] > 12), None) for k in (0, 1))
-    if day_first is not None and month_first is not None:
-        sentence = f"timestamp has the day before the month in row {day_first} and after it in row {month_first}"
+    """Find whether the day or the month comes first, by numbers above 12 or by which order lets time advance."""
+    day_row, month_row = (next((row for row, each in parts.items() if each.date[k] > 12), None) for k in (0, 1))
+    if day_row is not None and month_row is not None:
+        sentence = f"timestamp has the day before the month in row {day_row} and after it in row {month_row}"
         raise InputError(f"{sentence}: write one order, such as 2024-07-01T08:00:00", "timestamp", "time")
     steps_by_order = []
-    for order in (_DAY_FIRST, _MONTH_FIRST):
+    for order in (_DAY_FIRST_ORDER, _MONTH_FIRST_ORDER):
         times = [time.replace(tzinfo=None) for each in parts.values() if (time := each.in_order(order))]
         steps_by_order.append(np.diff(np.array(times, dtype=MICROSECOND_DTYPE)))
     steps = [np.abs(order_steps.astype(float)) for order_steps in steps_by_order]
     shorter, longer = sorted(steps, key=np.sum)
     has_dots = all(each.mark == "." for each in parts.values())
-    order = _DAY_FIRST
-    if day_first is not None:
-        reason = f"a number exceeds 12 in row {day_first}"
-    elif month_first is not None:
-        order, reason = _MONTH_FIRST, f"a number exceeds 12 in row {month_first}"
+    order = _DAY_FIRST_ORDER
+    if day_row is not None:
+        reason = f"a number exceeds 12 in row {day_row}"
+    elif month_row is not None:
+        order, reason = _MONTH_FIRST_ORDER, f"a number exceeds 12 in row {month_row}"
     elif has_dots:
         reason = "the order that goes with points"
     elif np.array_equal(steps_by_order[0], steps_by_order[1]):
         reason = "the order cannot be told, and makes no difference within this log"
     elif longer.sum() > 5.0 * shorter.sum() and longer.max() > 5.0 * np.median(longer[longer > 0.0]):
-        order = _DAY_FIRST if shorter is steps[0] else _MONTH_FIRST
+        order = _DAY_FIRST_ORDER if shorter is steps[0] else _MONTH_FIRST_ORDER
         reason = "in the other order time would jump"
     else:
         sentence = "timestamp: no number shows whether the day or the month comes first: say it with "
         cure = f"{cure.format(format='%d/%m/%Y %H:%M')} or '%m/%d/%Y %H:%M'"
         raise InputError(sentence + cure, "timestamp", "time")
-    words = ("dd", "mm", "yyyy") if order == _DAY_FIRST else ("mm", "dd", "yyyy")
+    words = ("dd", "mm", "yyyy") if order == _DAY_FIRST_ORDER else ("mm", "dd", "yyyy")
     notes.append(f"timestamp read as {('.' if has_dots else '/').join(words)}: {reason}")
     return order

@@ -15,22 +15,23 @@ from fastcoil.measured.grid import is_range_good
 from fastcoil.model.moist_air import saturation_humidity_ratio
 from fastcoil.model.parameter_table import PARAMETERS
 
-_CP_AIR, _CP_WATER, _PRESSURE = np.array([PARAMETERS[name].default for name in ("cp_a", "cp_w", "pressure")], float)
+_CP_AIR, _CP_WATER = np.array([PARAMETERS[name].default for name in ("cp_a", "cp_w")], float)  # kJ/(kg K)
+_PRESSURE_PA = np.array([PARAMETERS["pressure"].default], float)[0]
 
 
 def require_agreement(log: CheckedLog) -> list[str]:
-    """Refuse a log whose temperatures are in wrong units; return a warning for others that do not agree."""
+    """Refuse a log whose temperatures or flows are in wrong units; return warnings of other contradictions."""
     values, T = log.values, log.values["T_sup"]
     has_temperature = np.isfinite(T) & (values.get("enabled", np.ones(T.size)) != 0.0)
     checks: list[tuple[tuple[str, ...], Mask, Array, float]] = []
     if "T_set" in values:
         command = values.get("command", np.full(T.size, 0.5))
-        controlled = has_temperature & np.isfinite(values["T_set"]) & (command > 0.01) & (command < 0.99)
-        checks.append((("T_sup", "T_set"), controlled, np.abs(T - values["T_set"]), 15.0))
+        is_controlled = has_temperature & np.isfinite(values["T_set"]) & (command > 0.01) & (command < 0.99)
+        checks.append((("T_sup", "T_set"), is_controlled, np.abs(T - values["T_set"]), 15.0))
     if "T_a_in" in values and "T_w_in" in values:
         T_air, T_water = values["T_a_in"], values["T_w_in"]
-        outside = np.maximum(T - np.maximum(T_air, T_water), np.minimum(T_air, T_water) - T)
-        checks.append((("T_sup", "T_a_in", "T_w_in"), has_temperature, outside, 10.0))
+        outside_by = np.maximum(T - np.maximum(T_air, T_water), np.minimum(T_air, T_water) - T)
+        checks.append((("T_sup", "T_a_in", "T_w_in"), has_temperature, outside_by, 10.0))
     problems, warnings = list(_find_heat_problems(log)), []
     for names, where, deviation, limit in checks:
         if where.any() and np.median(deviation[where]) > limit:  # K
@@ -47,7 +48,7 @@ def require_agreement(log: CheckedLog) -> list[str]:
 
 
 def _find_heat_problems(log: CheckedLog) -> Iterator[Problem]:
-    """Find water that carries less heat than the temperature change of the air, or more than its enthalpy change."""
+    """Find flows in wrong units: water that takes up less than the air's sensible heat, or more than its total heat."""
     if not log.values.keys() >= {"m_w", "m_a", "T_a_in", "T_w_in"}:
         return
     T, m_w, m_a, T_air, T_water = (log.values[name] for name in ("T_sup", "m_w", "m_a", "T_a_in", "T_w_in"))
@@ -55,7 +56,7 @@ def _find_heat_problems(log: CheckedLog) -> Iterator[Problem]:
     is_usable = (np.abs(T_air - T) > 1.0) & (np.abs(T_out - T_water) > 1.0) & (m_w * m_a > 0.0)
     if is_usable.sum() < 10:
         return
-    vapour = np.maximum(log.humidity_ratio(_PRESSURE) - saturation_humidity_ratio(T_water), 0.0)
+    vapour = np.maximum(log.humidity_ratio(_PRESSURE_PA) - saturation_humidity_ratio(T_water), 0.0)
     air_heat, condensation_heat = _CP_AIR * m_a * (T_air - T), 2501.0 * m_a * vapour * (T < T_air)  # kW
     water_heat = _CP_WATER * m_w * (T_out - T_water)
     low, high = (float(np.median((water_heat / heat)[is_usable])) for heat in (air_heat, air_heat + condensation_heat))
@@ -88,7 +89,7 @@ class ImpliedPI(NamedTuple):
 def imply_pi(
     command: Array, temperature: Array, T_set: Array | None, good: Mask, interval: float, *, settled: bool = True
 ) -> ImpliedPI:
-    """Fit a PI controller to the changes of a command, at the clock shift that explains them best.
+    """Fit a PI controller to the changes of a command, and the clock shift with which it explains them best.
 
     Changes over two minutes are regressed on those of the error and its integral.  settled: leave out five minutes
     after each change of the set-point, which every loop on one schedule answers alike; if nothing is left, they
@@ -97,50 +98,50 @@ def imply_pi(
     explains is not counted.
     """
     width, largest_shift = max(1, round(120.0 / interval)), int(180.0 / interval)  # s
-    compared, error = good, np.where(good, temperature - np.mean(temperature[good]), 0.0)
+    is_compared, error = good, np.where(good, temperature - np.mean(temperature[good]), 0.0)
     if T_set is not None:
         if settled:
-            changed = np.append(False, np.diff(T_set) != 0.0)
-            compared = good & (np.convolve(changed, np.ones(int(300.0 / interval) + 1))[: good.size] <= 0.5)  # s
-        error = np.where(compared, temperature - T_set, 0.0)
+            is_changed = np.append(False, np.diff(T_set) != 0.0)
+            is_compared = good & (np.convolve(is_changed, np.ones(int(300.0 / interval) + 1))[: good.size] <= 0.5)  # s
+        error = np.where(is_compared, temperature - T_set, 0.0)
     error_integral = np.concatenate([[0.0], np.cumsum(interval * error)])
-    before = width if T_set is None else 0
-    first = np.arange(largest_shift + before, max(command.size - width - largest_shift, largest_shift + before))
-    first = first[is_range_good(compared, first - largest_shift - before, first + width + largest_shift)]
-    first = first[is_unsaturated(command[first + np.array([[-before], [0], [width]])]).all(axis=0)]
+    n_before = width if T_set is None else 0
+    starts = np.arange(largest_shift + n_before, max(command.size - width - largest_shift, largest_shift + n_before))
+    starts = starts[is_range_good(is_compared, starts - largest_shift - n_before, starts + width + largest_shift)]
+    starts = starts[is_unsaturated(command[starts + np.array([[-n_before], [0], [width]])]).all(axis=0)]
 
-    def changes(at: Index) -> Array:
-        integral_change = error_integral[at + width + 1] - error_integral[at + 1]
-        return np.stack((error[at + width] - error[at], integral_change, np.ones(at.size)), axis=1)
+    def regressors(starts: Index) -> Array:
+        integral_change = error_integral[starts + width + 1] - error_integral[starts + 1]
+        return np.stack((error[starts + width] - error[starts], integral_change, np.ones(starts.size)), axis=1)
 
-    command_change = command[first + width] - command[first]
-    command_change -= command[first] - command[first - before]  # 0 with a set-point
-    if first.size < LEAST_PI_ROWS or not np.any(command_change):
+    command_change = command[starts + width] - command[starts]
+    command_change -= command[starts] - command[starts - n_before]  # 0 with a set-point
+    if starts.size < LEAST_PI_ROWS or not np.any(command_change):
         if T_set is None or not settled:
             return ImpliedPI()
         unsettled_pi = imply_pi(command, temperature, T_set, good, interval, settled=False)
         return unsettled_pi if unsettled_pi.explained >= unsettled_pi.least_explained else ImpliedPI()
     # variance of a change, of its rounding alone
-    rounding = min(float(np.diff(np.unique(command[compared])).min()), 0.02) ** 2 / 6.0
+    rounding_variance = min(float(np.diff(np.unique(command[is_compared])).min()), 0.02) ** 2 / 6.0
     unexplained_shares, ti, correlations = {}, {}, {}
     for shift in sorted(range(-largest_shift, largest_shift + 1), key=abs):
-        at = first + shift
-        X = changes(at) - changes(at - width) if before else changes(at)
-        is_inlier = np.ones(at.size, dtype=bool)
+        shifted_starts = starts + shift
+        X = regressors(shifted_starts) - regressors(shifted_starts - width) if n_before else regressors(shifted_starts)
+        is_inlier = np.ones(shifted_starts.size, dtype=bool)
         for _ in range(3):
             coefficients = np.linalg.lstsq(X[is_inlier], command_change[is_inlier], rcond=None)[0]
             residual = command_change - X @ coefficients
-            is_inlier = np.abs(residual) <= np.quantile(np.abs(residual), 0.8 if before else 0.9)
+            is_inlier = np.abs(residual) <= np.quantile(np.abs(residual), 0.8 if n_before else 0.9)
         variance = float(np.sum((command_change[is_inlier] - command_change.mean()) ** 2))
-        unexplained = max(float(np.sum(residual[is_inlier] ** 2)) - rounding * is_inlier.sum(), 0.0)
-        unexplained_shares[shift] = unexplained / max(variance, 1e-300)
+        unexplained_sum = max(float(np.sum(residual[is_inlier] ** 2)) - rounding_variance * is_inlier.sum(), 0.0)
+        unexplained_shares[shift] = unexplained_sum / max(variance, 1e-300)
         ti[shift] = float(coefficients[0] / coefficients[1])
-        is_window_apart = at[width:] - at[:-width] == width
+        is_window_apart = shifted_starts[width:] - shifted_starts[:-width] == width
         inlier_residual = np.where(is_inlier, residual, 0.0)
         lagged_product = float(inlier_residual[width:][is_window_apart] @ inlier_residual[:-width][is_window_apart])
         correlations[shift] = lagged_product / max(float(inlier_residual @ inlier_residual), 1e-300)
-    best = min(unexplained_shares, key=lambda shift: unexplained_shares[shift])
-    shift = best if 2.0 * unexplained_shares[best] < unexplained_shares[0] else 0
+    best_shift = min(unexplained_shares, key=lambda shift: unexplained_shares[shift])
+    shift = best_shift if 2.0 * unexplained_shares[best_shift] < unexplained_shares[0] else 0
     most_unexplained = max(thresholds.MOST_UNEXPLAINED, thresholds.MOST_UNEXPLAINED_PER_SECOND * interval)
-    least = 1.0 - most_unexplained - (thresholds.MOST_UNEXPLAINED if before else 0.0)
-    return ImpliedPI(shift, 1.0 - unexplained_shares[shift], least, ti[shift], correlations[shift])
+    least_explained = 1.0 - most_unexplained - (thresholds.MOST_UNEXPLAINED if n_before else 0.0)
+    return ImpliedPI(shift, 1.0 - unexplained_shares[shift], least_explained, ti[shift], correlations[shift])

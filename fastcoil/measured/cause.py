@@ -11,11 +11,11 @@ from fastcoil.measured import thresholds
 from fastcoil.measured.fitted_loop import FittedLoop, Outcome, what_if, why_unusable
 from fastcoil.measured.measures import SMOOTHINGS_PER_PERIOD, Measures, Swing, running_mean
 
-NONE = "none"
-BACKLASH = "backlash"
-TUNING = "tuning"
-DISTURBANCE = "disturbance"
-UNKNOWN = "unknown"
+CAUSE_NONE = "none"
+CAUSE_BACKLASH = "backlash"
+CAUSE_TUNING = "tuning"
+CAUSE_DISTURBANCE = "disturbance"
+CAUSE_UNKNOWN = "unknown"
 
 
 class Cause(NamedTuple):
@@ -26,7 +26,7 @@ class Cause(NamedTuple):
 
 
 class PriorEvidence(NamedTuple):
-    """Evidence on a loop from outside its model."""
+    """What is known of a swing besides the fitted model of the loop."""
 
     is_identified: bool  # whether log or test resolves the backlash; if neither does, the model has to be clear
     is_measured: bool = False  # whether it was a test, to which the plant was fitted as well
@@ -34,7 +34,7 @@ class PriorEvidence(NamedTuple):
 
 
 def stops_on_hold(measures: Measures, held_swing: float, held_for: float) -> bool:
-    """Whether a swing stops while the command is held for ``held_for`` s, and so is the swing of the loop."""
+    """Whether only ``held_swing`` K are left of a swing with the command held for ``held_for`` s: the loop makes it."""
     swing = measures.swing
     is_gone = held_swing <= thresholds.LARGEST_REMAINING_SHARE * swing.peak_to_peak
     return is_gone and held_for >= thresholds.LEAST_HOLD_PERIODS * swing.period
@@ -49,17 +49,17 @@ def judge_cause(measures: Measures, fitted: FittedLoop | str, evidence: PriorEvi
 
     fitted: the model of the loop, or why there is none; it need not reproduce the log exactly.
     """
-    swing, command_swing = measures.swing, measures.command_swing
+    swing, command_swing, why_blind = measures.swing, measures.command_swing, measures.why_blind
     if not swing.is_regular:
-        return Cause(UNKNOWN, measures.why_blind) if measures.why_blind else Cause(NONE, "there is no regular swing")
+        return Cause(CAUSE_UNKNOWN, why_blind) if why_blind else Cause(CAUSE_NONE, "there is no regular swing")
     is_measured = evidence.is_measured
     if command_swing > (thresholds.LARGEST_MEASURED_GAP_SWING if is_measured else thresholds.LARGEST_GAP_SWING):
         swings = f"the command swings over {100 * command_swing:.0f} % of the stroke"
-        return Cause(TUNING, f"{swings}, more than a gap can cause")
+        return Cause(CAUSE_TUNING, f"{swings}, more than a gap can cause")
     if isinstance(fitted, str):
-        return Cause(UNKNOWN, f"the loop could not be modelled: {fitted}")
+        return Cause(CAUSE_UNKNOWN, f"the loop could not be modelled: {fitted}")
     if sentence := why_unusable(fitted):
-        return Cause(UNKNOWN, sentence)
+        return Cause(CAUSE_UNKNOWN, sentence)
     return _judge_by_model(fitted, measures, evidence)
 
 
@@ -70,84 +70,85 @@ def revise_after_hold(cause: Cause, measures: Measures, held_swing: float, held_
         return cause
     if not swing.is_regular:
         explanation = f"the temperature moved by {held_swing:.2g} K while the command was held"
-        return Cause(DISTURBANCE, explanation) if held_swing > thresholds.LARGEST_CALM_DRIFT_K else cause
+        return Cause(CAUSE_DISTURBANCE, explanation) if held_swing > thresholds.LARGEST_CALM_DRIFT_K else cause
     remainder = f"{100 * held_swing / swing.peak_to_peak:.0f} % of the swing remained while the command was held"
     if held_swing > max(thresholds.LARGEST_REMAINING_SHARE * swing.peak_to_peak, thresholds.LARGEST_CALM_DRIFT_K):
-        return Cause(DISTURBANCE, remainder)
-    if cause.name == DISTURBANCE and stops_on_hold(measures, held_swing, held_for):
-        return Cause(TUNING, f"only {remainder}, and the gap does not explain it")
+        return Cause(CAUSE_DISTURBANCE, remainder)
+    if cause.name == CAUSE_DISTURBANCE and stops_on_hold(measures, held_swing, held_for):
+        return Cause(CAUSE_TUNING, f"only {remainder}, and the gap does not explain it")
     return cause
 
 
 def _judge_by_model(fitted: FittedLoop, measures: Measures, evidence: PriorEvidence) -> Cause:
-    swing = measures.swing
-    quiet = undisturbed_loop(fitted, swing, noise=evidence.is_measured)
-    # number of gains with which the undisturbed_loop loop swings as logged
-    gains = thresholds.GAIN_FACTORS
-    with_gap = sum(_matches_log(quiet.replay_with(fitted.backlash, gain), swing) for gain in gains)
-    without = sum(_matches_log(quiet.replay_with(0.0, gain), swing) for gain in gains)
-    if without >= thresholds.LEAST_AGREEING_GAINS:
-        return Cause(TUNING, "the loop would hunt even with a perfect valve")
-    if with_gap >= thresholds.LEAST_AGREEING_GAINS and without == 0:
-        return _judge_gap(fitted, quiet, measures, evidence)
-    if with_gap == 0 and not quiet.replay_with(fitted.backlash, thresholds.DISTURBANCE_GAIN_FACTOR).hunts:
+    """Judge whether the fitted loop swings as logged without disturbances, with its gap and without."""
+    swing, gains = measures.swing, thresholds.GAIN_FACTORS
+    undisturbed = undisturbed_loop(fitted, swing, noise=evidence.is_measured)
+    # number of gains with which the undisturbed loop swings as logged
+    n_with_gap = sum(_matches_log(undisturbed.replay_with(fitted.backlash, gain), swing) for gain in gains)
+    n_without_gap = sum(_matches_log(undisturbed.replay_with(0.0, gain), swing) for gain in gains)
+    if n_without_gap >= thresholds.LEAST_AGREEING_GAINS:
+        return Cause(CAUSE_TUNING, "the loop would hunt even with a perfect valve")
+    if n_with_gap >= thresholds.LEAST_AGREEING_GAINS and n_without_gap == 0:
+        return _judge_gap(fitted, undisturbed, measures, evidence)
+    if n_with_gap == 0 and not undisturbed.replay_with(fitted.backlash, thresholds.DISTURBANCE_GAIN_FACTOR).hunts:
         because = "the loop would not hunt alone: look for a swing from outside, in the water or the entering air"
-        return Cause(DISTURBANCE, because)
+        return Cause(CAUSE_DISTURBANCE, because)
     because = "a 10 % change of the loop gain decides whether the loop would hunt alone, and the log does not show the "
-    return Cause(UNKNOWN, f"{because}gain that accurately")
+    return Cause(CAUSE_UNKNOWN, f"{because}gain that accurately")
 
 
 def undisturbed_loop(fitted: FittedLoop, swing: Swing, *, noise: bool = False) -> FittedLoop:
-    """Remove disturbances as fast as the swing from the day of a loop, and noise unless ``noise``."""
+    """Return the loop on its day without disturbances as fast as the swing, and without noise unless ``noise``."""
     day, step = fitted.day, fitted.plant.step
-    slow = _smooth(day.disturbance, max(3, round(2.0 * swing.period / step)))
+    slow_disturbance = _smooth(day.disturbance, max(3, round(2.0 * swing.period / step)))
     # a set-point that is off for ten minutes starts a cycle that needs a start
     kick = np.where(np.arange(day.T_set.size) * step >= 600.0, 0.0, max(swing.peak_to_peak, 1.0))
     noise_read = day.noise if noise else np.zeros_like(day.noise)
-    return fitted._replace(day=day._replace(disturbance=slow, noise=noise_read, T_set=day.T_set + kick))
+    return fitted._replace(day=day._replace(disturbance=slow_disturbance, noise=noise_read, T_set=day.T_set + kick))
 
 
 def _smooth(series: Array, width: int) -> Array:
     return running_mean(series, np.ones(series.size, dtype=bool), width)
 
 
-def _judge_gap(fitted: FittedLoop, quiet: FittedLoop, measures: Measures, evidence: PriorEvidence) -> Cause:
-    """Judge a model that hunts with its gap and not without."""
-    if explanation := _why_not_gap_alone(fitted, quiet, measures, evidence):
-        return Cause(UNKNOWN, f"the loop would hunt with its gap and not without, but {explanation}")
+def _judge_gap(fitted: FittedLoop, undisturbed: FittedLoop, measures: Measures, evidence: PriorEvidence) -> Cause:
+    """Judge whether the gap is the cause, for a fitted loop that hunts with it and not without."""
+    if explanation := _why_not_gap_alone(fitted, undisturbed, measures, evidence):
+        return Cause(CAUSE_UNKNOWN, f"the loop would hunt with its gap and not without, but {explanation}")
     if evidence.is_identified or evidence.is_own_swing:
-        return Cause(BACKLASH, "the loop would not hunt without it")
+        return Cause(CAUSE_BACKLASH, "the loop would not hunt without it")
     explanation = f"it would hunt with a gap of {100 * fitted.backlash:.2g} % and not without"
-    if _is_gap_clear(quiet, measures.swing):
-        return Cause(BACKLASH, f"{explanation}; the size is not identified")
-    return Cause(UNKNOWN, f"{explanation}, but the gap is not identified")
+    if _is_gap_clear(undisturbed, measures.swing):
+        return Cause(CAUSE_BACKLASH, f"{explanation}; the size is not identified")
+    return Cause(CAUSE_UNKNOWN, f"{explanation}, but the gap is not identified")
 
 
-def _why_not_gap_alone(fitted: FittedLoop, quiet: FittedLoop, measures: Measures, evidence: PriorEvidence) -> str:
-    """Evidence of another cause of a swing that the gap alone would make; empty if there is none."""
+def _why_not_gap_alone(fitted: FittedLoop, undisturbed: FittedLoop, measures: Measures, evidence: PriorEvidence) -> str:
+    """Return why the gap alone does not explain the swing, though the loop hunts only with it; empty if it does."""
     swing, plant = measures.swing, fitted.plant
     if measures.command_swing > thresholds.LARGEST_SWING_PER_GAP * fitted.backlash and not evidence.is_measured:
         return f"the command swings by {measures.command_swing / fitted.backlash:.0f} times the gap"
     if evidence.is_own_swing:
         return ""
     is_explained = plant.explained >= thresholds.WELL_EXPLAINED_SHARE
-    if not is_explained and 2.0 * quiet.replay_with(quiet.backlash).amplitude < swing.peak_to_peak:
+    if not is_explained and 2.0 * undisturbed.replay_with(undisturbed.backlash).amplitude < swing.peak_to_peak:
         return "by less than the log shows: something outside the loop seems to add to the swing"
     smooth = _smooth(fitted.day.disturbance, max(1, round(swing.period / SMOOTHINGS_PER_PERIOD / plant.step)))
-    disturbance_swing = float(np.std(smooth - quiet.day.disturbance)) * 2.0 * math.sqrt(2.0)  # peak to peak of a sine
+    fast_disturbance = smooth - undisturbed.day.disturbance
+    disturbance_swing = float(np.std(fast_disturbance)) * 2.0 * math.sqrt(2.0)  # peak to peak of a sine
     if disturbance_swing > thresholds.LARGEST_DISTURBANCE_PER_SWING * swing.peak_to_peak:
         return f"disturbances of {disturbance_swing:.2g} K hide its swing of {swing.peak_to_peak:.2g} K"
     return ""
 
 
-def _is_gap_clear(quiet: FittedLoop, swing: Swing) -> bool:
-    """Whether the loop hunts with its gap as logged, whatever the gain, and is far from hunting without."""
+def _is_gap_clear(undisturbed: FittedLoop, swing: Swing) -> bool:
+    """Whether the loop hunts as logged with its gap, whatever the gain, and is far from hunting without a gap."""
     gains = (1.0 / thresholds.CLEAR_GAIN_FACTOR, thresholds.CLEAR_GAIN_FACTOR)
-    outcome = quiet.replay_with(quiet.backlash)
+    outcome = undisturbed.replay_with(undisturbed.backlash)
     return (
         _matches_log(outcome, swing, thresholds.CLEAR_PERIOD_RATIO, thresholds.CLEAR_SWING_RATIOS)
-        and all(quiet.replay_with(quiet.backlash, gain).hunts for gain in gains)
-        and not quiet.replay_with(0.0, thresholds.CALM_GAIN_FACTOR).hunts
+        and all(undisturbed.replay_with(undisturbed.backlash, gain).hunts for gain in gains)
+        and not undisturbed.replay_with(0.0, thresholds.CALM_GAIN_FACTOR).hunts
     )
 
 
@@ -155,6 +156,7 @@ def _matches_log(
     outcome: Outcome, swing: Swing, largest_period_ratio: float = thresholds.LARGEST_PERIOD_RATIO,
     swing_ratios: tuple[float, float] = (thresholds.LEAST_SWING_RATIO, np.inf),
 ) -> bool:  # fmt: skip
+    """Whether a simulated loop hunts as logged; swing_ratios: least and most of its swing over the logged one."""
     low, high = swing_ratios
     is_period_near = abs(np.log(outcome.period / swing.period)) < np.log(largest_period_ratio)
     return bool(outcome.hunts and low <= 2.0 * outcome.amplitude / swing.peak_to_peak <= high and is_period_near)
@@ -175,7 +177,7 @@ _PREDICTED_VARIABLES = {
 
 
 def simc_gains(fitted: FittedLoop, cause: str) -> tuple[float, float]:
-    """Gains kp, 1/K, and ti, s, by SIMC for the fitted plant where it is steepest.
+    """Return the gains kp, 1/K, and ti, s, of the tuning rule SIMC for the fitted plant where it is steepest.
 
     kp is no larger than that of a loop that hunts.
     """
@@ -184,14 +186,14 @@ def simc_gains(fitted: FittedLoop, cause: str) -> tuple[float, float]:
     dead_time = fitted.plant.delay * fitted.plant.step + 0.5 * fast + 0.5 * fitted.pi.sample_time
     lag, steepest = slow + 0.5 * fast, max(abs(fitted.plant.slope(opening)) for opening in (0.0, 1.0))
     kp = lag * (1.0 - fitted.backlash) / (2.0 * steepest * dead_time)
-    kp = kp if cause == NONE else min(kp, abs(fitted.pi.kp))
+    kp = kp if cause == CAUSE_NONE else min(kp, abs(fitted.pi.kp))
     return float(f"{math.copysign(kp, fitted.pi.kp):.2g}"), float(f"{min(lag, 8.0 * dead_time):.2g}")
 
 
 def predict_cases(fitted: FittedLoop, cause: str) -> xr.Dataset:
-    """Predict the day of the loop in every case: numbers along ``case``, NaN where there is a ``doubt``.
+    """Predict the loop's day with each change of ``CASE_LABELS``: a Dataset along ``case``, NaN where in ``doubt``.
 
-    The cause is judged without fast disturbances, and a case is predicted with them: the swing that is left in them may
+    The cause is judged without fast disturbances, and a day is predicted with them: the swing that is left in them may
     go on without the gap.  Where the two disagree, nothing is predicted.
     """
     (kp, ti), pi = simc_gains(fitted, cause), fitted.pi
@@ -203,8 +205,8 @@ def predict_cases(fitted: FittedLoop, cause: str) -> xr.Dataset:
         "simc": what_if(fitted, kp_factor=kp / pi.kp, ti_factor=ti / pi.ti),
         "inverse": what_if(fitted, estimate=fitted.backlash, buffer=0.01),
     }
-    no_gap = outcomes["no_gap"]
-    if not isinstance(no_gap, str) and no_gap.hunts != {BACKLASH: False, TUNING: True}.get(cause, no_gap.hunts):
+    no_gap, hunts_without_gap = outcomes["no_gap"], {CAUSE_BACKLASH: False, CAUSE_TUNING: True}
+    if not isinstance(no_gap, str) and no_gap.hunts != hunts_without_gap.get(cause, no_gap.hunts):
         outcomes["no_gap"] = "the disturbances of the log hide whether the loop would hunt"
     ds = xr.Dataset(coords={"case": list(outcomes)})
     for name, (unit, meaning) in _PREDICTED_VARIABLES.items():

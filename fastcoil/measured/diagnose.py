@@ -25,9 +25,9 @@ from fastcoil.measured.part import LogSource, true_runs
 
 _MEASURED_COLUMNS = ("T_sup", "T_set", "m_a", "T_a_in")
 DIAGNOSIS_COLUMNS = ColumnSpec(("command", "T_sup"), (*_MEASURED_COLUMNS[1:], "enabled"), _MEASURED_COLUMNS)
-_SHORTEST_SAMPLE_S = 0.1  # between two samples of a controller
+_SHORTEST_TIME_S = 0.1  # between two samples of a controller
 _LONGEST_TIME_S = 3600.0  # of a stroke, a sample time, an integral time or a lag
-_KP_RANGE = (1e-5, 10.0)  # 1/K
+_KP_RANGE = (1e-5, 10.0)  # 1/K, of the argument kp
 
 
 @np.errstate(all="ignore")
@@ -88,7 +88,7 @@ def diagnose(
     with argument_checks() as check:
         logs = [check(as_log, "log", source) for source in (log if isinstance(log, (list, tuple)) else [log])]
         stroke_time = check.unless_none(require_seconds, "stroke_time", stroke_time, 0.0)
-        sample_time = check.unless_none(require_seconds, "sample_time", sample_time, _SHORTEST_SAMPLE_S)
+        sample_time = check.unless_none(require_seconds, "sample_time", sample_time, _SHORTEST_TIME_S)
         lag = check.unless_none(require_seconds, "lag", lag, -_LONGEST_TIME_S)
         gains = check(_require_gains, kp, ti)
         test = check.unless_none(require_instance, "test", test, ValveReading, "give what fastcoil.read_test found")
@@ -109,8 +109,8 @@ def diagnose(
     identification, measures = identify_and_measure(grid, motor_seconds, sample_time, lag)
     if test is not None and test.identified:
         low, high = test.interval
-        probability, late = test.profile["probability"].values, identification.temperature_lag
-        identification = Identification(test.backlash, low, high, True, test.reason, probability, late)
+        probability, late_by = test.profile["probability"].values, identification.temperature_lag
+        identification = Identification(test.backlash, low, high, True, test.reason, probability, late_by)
     backlash = identification.backlash if np.isfinite(identification.backlash) else 0.0
     loop = fit_loop_model(
         values["command"], values["T_sup"], values.get("T_set"), interval, backlash, motor_seconds, sample_time,
@@ -127,8 +127,8 @@ def diagnose(
         indices |= {} if doubt else {"plant_gain": loop.plant.gain}
     if stroke_time is None:
         notes.append(f"the motor is assumed to take {motor_seconds:g} s per stroke: give stroke_time if you know it")
-    if lag is None and (late := identification.temperature_lag):
-        when = f"{abs(late):g} s {'later' if late > 0.0 else 'earlier'} than the command, which was corrected"
+    if lag is None and (late_by := identification.temperature_lag):
+        when = f"{abs(late_by):g} s {'later' if late_by > 0.0 else 'earlier'} than the command, which was corrected"
         cure = "if that is wrong, give the lag (lag, --lag)"
         notes.append(f"judging by the controller's response, T_sup is logged {when}; {cure}")
     if "T_set" not in values:
@@ -146,25 +146,26 @@ def diagnose(
         hunts=measures.swing.is_regular, profile=probability_profile(identification),
         indices=xr.Dataset({name: ((), value, attrs[name]) for name, value in indices.items()}),
         predictions=None if doubt or isinstance(loop, str) else predict_cases(loop, cause.name),
-        signals=_signals(grid, measures), triage=triage, warnings=[*write_warnings(triage), *warnings], notes=notes,
+        signals=_signals_dataset(grid, measures), triage=triage,
+        warnings=[*write_warnings(triage), *warnings], notes=notes,
     )  # fmt: skip
 
 
 def _infer_off_times(log: CheckedLog) -> None:
-    """Count the plant as off where the set-point is missing for ten minutes or more, unless ``enabled`` is logged."""
+    """Set ``enabled`` to 0 where the set-point is missing for ten minutes or more, unless it is logged."""
     if "T_set" not in log.values or "enabled" in log.values or log.change_of_value:
         return
-    missing = np.isnan(log.values["T_set"])
-    off = np.zeros(missing.size, dtype=bool)
-    for first, last in true_runs(missing):
-        off[first:last] = last - first > 1 and (last - first) * log.step >= 600.0
-    if off.any():
-        log.values["enabled"] = np.where(off, 0.0, 1.0)
-        log.notes.append(f"{format_count(off, 'row')} without T_set: the plant counts as off there")
+    is_missing = np.isnan(log.values["T_set"])
+    is_off = np.zeros(is_missing.size, dtype=bool)
+    for first, last in true_runs(is_missing):
+        is_off[first:last] = last - first > 1 and (last - first) * log.step >= 600.0
+    if is_off.any():
+        log.values["enabled"] = np.where(is_off, 0.0, 1.0)
+        log.notes.append(f"{format_count(is_off, 'row')} without T_set: the plant counts as off there")
 
 
 def require_seconds(name: str, value: Any, least: float) -> float:
-    """Check a time of the plant or the log, from ``least`` to an hour."""
+    """Require a number of seconds from ``least`` to an hour."""
     cure = f"give seconds, from {least:g} to {_LONGEST_TIME_S:g}"
     return require_number(name, value, cure, least=least, most=_LONGEST_TIME_S)
 
@@ -176,13 +177,13 @@ def _require_gains(kp: Any, ti: Any) -> tuple[float, float] | None:
         return None
     least, most = _KP_RANGE
     kp = require_number("kp", kp, f"give 1/K, from {least:g} to {most:g}", least=least, most=most)
-    return kp, require_seconds("ti", ti, _SHORTEST_SAMPLE_S)
+    return kp, require_seconds("ti", ti, _SHORTEST_TIME_S)
 
 
 def identify_and_measure(
     grid: Grid, stroke_time: float, sample_time: float | None = None, lag: float | None = None
 ) -> tuple[Identification, Measures]:
-    """Identify the backlash as far as a log may claim it, and measure the loop; times in s."""
+    """Identify the backlash, unless the log has a trap for it, and measure the loop; times in s."""
     days = []
     for day in map(grid.part, grid.day_slices()):
         values = day.values
@@ -194,7 +195,7 @@ def identify_and_measure(
 
 
 def _withhold_doubtful(identification: Identification, grid: Grid, measures: Measures) -> Identification:
-    """Withhold a size where the log has a trap that the likelihood does not know."""
+    """Mark a gap as not identified if the log has a trap: a wide swing, coarse readings, a wide interval."""
     if not identification.identified:
         return identification
     low, high = 0.0, float(identify.CANDIDATES[-1])
@@ -212,7 +213,8 @@ def _withhold_doubtful(identification: Identification, grid: Grid, measures: Mea
     return identification._replace(low=low, high=high, identified=False, reason=reason)
 
 
-def _signals(grid: Grid, measures: Measures) -> xr.Dataset:
+def _signals_dataset(grid: Grid, measures: Measures) -> xr.Dataset:
+    """Return the log as resampled, the motor's position and whether the loop was calm, along ``elapsed_time``."""
     series = {name: ("elapsed_time", values, {"units": COLUMNS[name].unit}) for name, values in grid.values.items()}
     series["position"] = ("elapsed_time", measures.position, {"units": "1"})
     attrs = {"interval": grid.interval, "hours": float(grid.on.sum()) * grid.interval / 3600.0}

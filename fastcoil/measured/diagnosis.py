@@ -15,9 +15,9 @@ from fastcoil.base.figures import BLUE, DOTTED_LINE, LINE_GREY, RED, SHADE_GREY,
 from fastcoil.base.results import Result, toml_document, toml_table
 from fastcoil.base.text import format_percent
 from fastcoil.design.advice import AS_IS, INVERSE, REPAIRED_VALVE, SIMC, Option, advise
-from fastcoil.measured.cause import BACKLASH, CASE_LABELS, DISTURBANCE, NONE, TUNING
+from fastcoil.measured.cause import CASE_LABELS, CAUSE_BACKLASH, CAUSE_DISTURBANCE, CAUSE_NONE, CAUSE_TUNING
 from fastcoil.measured.identify import CANDIDATES, GOOD_BACKLASH, Identification
-from fastcoil.measured.measures import STATES, SWINGING, write_headline
+from fastcoil.measured.measures import STATE_SWINGING, STATES, write_headline
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,7 +38,7 @@ INDICES = {
     "sample_time": ("s", "time between samples of the controller"),
     "plant_gain": ("K", "change of the temperature over the stroke"),
 }
-"""Unit and meaning of each index."""
+"""Unit and meaning of each index of a diagnosis."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -99,7 +99,7 @@ class Diagnosis(Result):
     notes: list[str]
 
     def summary(self) -> list[str]:
-        """The diagnosis as lines of text."""
+        """Return the diagnosis as lines of text."""
         attrs = self.signals.attrs
         lines = [f"{self.source}: {attrs['hours']:.1f} h, a sample every {attrs['interval']:.4g} s"]
         kp, ti, every = (float(self.indices[name]) for name in ("kp", "ti", "sample_time"))
@@ -121,7 +121,7 @@ class Diagnosis(Result):
         kp, ti = float(self.indices["kp"]), float(self.indices["ti"])
         cure = "raise Ti to the time constant T found by one step test (see docs/findings/hunting.md), then log again."
         by_step_test = GainAdvice(math.nan, math.nan, f"Do this: {cure}")
-        if self.cause == DISTURBANCE:
+        if self.cause == CAUSE_DISTURBANCE:
             return GainAdvice(kp, ti, "Leave the gains: the swing comes from outside the loop.")
         if self.predictions is None:
             return by_step_test if self.hunts else GainAdvice(kp, ti, "")
@@ -146,15 +146,15 @@ class Diagnosis(Result):
         """Plot the diagnosis on one page."""
         from matplotlib.figure import Figure
 
-        fig = Figure(figsize=(_PAGE_WIDTH, 7.6), layout="constrained")
+        fig = Figure(figsize=(_PAGE_WIDTH_INCHES, 7.6), layout="constrained")
         grid = fig.add_gridspec(4, 2, height_ratios=(0.2, 1.0, 0.8, 1.3))
         _draw_hours(fig.add_subplot(grid[0, :]), self.triage)
         temperature = fig.add_subplot(grid[1, :])
         excerpt = self.signals.isel(elapsed_time=_find_busiest_hours(self.signals))
-        _draw_log(temperature, fig.add_subplot(grid[2, :], sharex=temperature), excerpt)
+        _draw_excerpt(temperature, fig.add_subplot(grid[2, :], sharex=temperature), excerpt)
         _draw_profile(fig.add_subplot(grid[3, 0]), self)
         _draw_predictions(fig.add_subplot(grid[3, 1]), self)
-        _set_head(fig, [*self.summary()[:2], _describe_gap(self), _describe_hunting(self), self.advice.reason])
+        _set_page_title(fig, [*self.summary()[:2], _describe_gap(self), _describe_hunting(self), self.advice.reason])
         return fig
 
     def to_toml(self, path: str | Path | None = None) -> str:
@@ -225,7 +225,7 @@ class ValveReading(Result):
     notes: list[str]
 
     def summary(self) -> list[str]:
-        """The reading as lines of text."""
+        """Return the reading as lines of text."""
         plant = f"Plant: {self.gain:.3g} K per stroke, lags of {self.lag:.0f} s, dead time {self.dead_time:.0f} s"
         hold = f"the temperature moved by {self.held_swing:.2g} K while the command was held"
         cause = f"Cause of the swing before the test: {self.cause}: {self.because}"
@@ -238,22 +238,22 @@ class ValveReading(Result):
         from matplotlib.figure import Figure
 
         ds = self.signals
-        fig = Figure(figsize=(_PAGE_WIDTH, 6.4), layout="constrained")
-        above, middle, below = fig.subplots(3, 1, height_ratios=(1.2, 1.0, 1.0))
+        fig = Figure(figsize=(_PAGE_WIDTH_INCHES, 6.4), layout="constrained")
+        upper, middle, lower = fig.subplots(3, 1, height_ratios=(1.2, 1.0, 1.0))
         minutes = (ds["elapsed_time"] - ds["elapsed_time"].values[ds["test"].values > 0][0]) / 60.0
-        above.plot(minutes, ds["T_sup"], color=BLUE, lw=1.0, label="supply air")
-        above.plot(minutes, ds["model"], color=YELLOW, lw=1.0, label="model, without drift")
+        upper.plot(minutes, ds["T_sup"], color=BLUE, lw=1.0, label="supply air")
+        upper.plot(minutes, ds["model"], color=YELLOW, lw=1.0, label="model, without drift")
         middle.plot(minutes, 100 * ds["command"], color=RED, lw=1.0, label="command")
         middle.plot(minutes, 100 * ds["stem"], color=LINE_GREY, lw=1.0, label="stem behind the gap")
-        for axes in (above, middle):
+        for axes in (upper, middle):
             axes.axvspan(0.0, self.minutes, color=SHADE_GREY, lw=0)
             axes.legend(ncols=2, **_LEGEND_ABOVE)
             axes.margins(x=0.01)
-        above.set(ylabel="temperature [°C]")
-        above.tick_params(labelbottom=False)
+        upper.set(ylabel="temperature [°C]")
+        upper.tick_params(labelbottom=False)
         middle.set(xlabel="minutes from the start of the test", ylabel="of the stroke [%]")
-        _draw_profile(below, self)
-        _set_head(fig, [line for line in self.summary() if not line.startswith("Note: ")])
+        _draw_profile(lower, self)
+        _set_page_title(fig, [line for line in self.summary() if not line.startswith("Note: ")])
         return fig
 
     def to_toml(self, path: str | Path | None = None) -> str:
@@ -282,7 +282,7 @@ class GainAdvice(NamedTuple):
 
 
 def probability_profile(identification: Identification) -> xr.Dataset:
-    """Dataset with the probability of each size."""
+    """Return a Dataset with the probability of each candidate size of the backlash."""
     sizes = ("backlash", CANDIDATES, {"units": "1", "long_name": "backlash, fraction of stroke"})
     probability = ("backlash", identification.probability, {"long_name": "probability of each size"})
     return xr.Dataset({"probability": probability}, {"backlash": sizes})
@@ -292,7 +292,7 @@ def _gap_as_toml(
     result: Any, command: str, kind: str, numbers: Mapping[str, float], extra_tables: Sequence[str],
     path: str | Path | None,
 ) -> str:  # fmt: skip
-    """The gap as TOML, with ``numbers`` of the fit; ``extra_tables``: tables at the end."""
+    """Write the gap as TOML for ``include``, with ``numbers`` for readers; ``extra_tables``: lines at the end."""
     texts = {name: getattr(result, name) for name in ("source", "identified", "reason", "cause", "because")}
     lines = [f"# backlash fitted to {result.source} by fastcoil {command}"]
     lines += [f"# {line}" for line in result.summary()[1:]]
@@ -303,7 +303,7 @@ def _gap_as_toml(
 
 
 def _describe_gap(result: Any) -> str:
-    """The gap and its interval, or why it is not identified."""
+    """Describe the gap and its interval, or why it is not identified; of a diagnosis or a reading of a test."""
     low, high = (100 * bound for bound in result.interval)
     size = f"{100 * result.backlash:.3g} % of the stroke (95 %: {low:.3g} to {high:.3g} %)"
     if result.identified:
@@ -313,39 +313,40 @@ def _describe_gap(result: Any) -> str:
 
 
 def _describe_hunting(diagnosis: Diagnosis) -> str:
-    size, period = float(diagnosis.indices["peak_to_peak"]) / 2, float(diagnosis.indices["period"])
-    if diagnosis.cause == NONE:
+    """Describe size, period and cause of the hunting, or why there is none."""
+    amplitude, period = float(diagnosis.indices["peak_to_peak"]) / 2, float(diagnosis.indices["period"])
+    if diagnosis.cause == CAUSE_NONE:
         error = float(diagnosis.indices["error_rms_settled"])
         return f"Hunting: none; the settled RMS error is {error:.2g} K" if np.isfinite(error) else "Hunting: none"
     if not diagnosis.hunts:
         return f"Hunting: not clear: {diagnosis.because}"
     rhythm = f"{period:.0f} s" if period < 120 else f"{period / 60:.0f} min"
-    swinging = diagnosis.triage["swing"].values[diagnosis.triage["state"].values == SWINGING]
-    if swinging.size and np.median(swinging) > 1.3 * 2 * size:
+    hourly_swings = diagnosis.triage["swing"].values[diagnosis.triage["state"].values == STATE_SWINGING]
+    if hourly_swings.size and np.median(hourly_swings) > 1.3 * 2 * amplitude:
         rhythm += " on average over the log"
     # of the three, the gap is blamed wrongly most often: see the table diagnosis_answers
-    blame = {BACKLASH: ", probably caused by the gap:", TUNING: ", caused by the tuning:",
-             DISTURBANCE: ", caused by a disturbance:"}  # fmt: skip
-    return f"Hunting: ± {size:.2g} K every {rhythm}{blame.get(diagnosis.cause, ';')} {diagnosis.because}"
+    blame = {CAUSE_BACKLASH: ", probably caused by the gap:", CAUSE_TUNING: ", caused by the tuning:",
+             CAUSE_DISTURBANCE: ", caused by a disturbance:"}  # fmt: skip
+    return f"Hunting: ± {amplitude:.2g} K every {rhythm}{blame.get(diagnosis.cause, ';')} {diagnosis.because}"
 
 
 def _describe_predictions(diagnosis: Diagnosis, cases: Sequence[str]) -> list[str]:
-    """What the fitted loop would do with other gains, another valve or an inverse."""
+    """Describe what the fitted loop would do with other gains, another valve or an inverse, a line for each case."""
     if diagnosis.predictions is None:
         return []
     labels = {"as_found": "Now", "simc": f"With {_describe_simc_gains(diagnosis.predictions)}",
               "no_gap": "Without the gap", "half_gap": "With half the gap",
               "inverse": "With a backlash inverse"}  # fmt: skip
-    hunting = float(diagnosis.predictions["hunts"].sel(case="as_found"))
+    hunts_now = float(diagnosis.predictions["hunts"].sel(case="as_found"))
     lines = []
     for case in cases:
         prediction = diagnosis.predictions.sel(case=case)
-        stops = ", no hunting" if hunting > float(prediction["hunts"]) else ""
+        change = ", no hunting" if hunts_now > float(prediction["hunts"]) else ""
         rmse, travel, reversals = (float(prediction[n]) for n in ("rmse", "travel_per_day", "reversals_per_day"))
-        answer = f"error {rmse:.2g} K, motor {travel:.0f} strokes a day, "
-        answer += f"stem reverses {reversals:.0f} times a day{stops}"
+        prediction_text = f"error {rmse:.2g} K, motor {travel:.0f} strokes a day, "
+        prediction_text += f"stem reverses {reversals:.0f} times a day{change}"
         doubt = str(prediction["doubt"].values)
-        lines.append(f"{labels[case]}: {f'not predicted: {doubt}' if doubt else answer}")
+        lines.append(f"{labels[case]}: {f'not predicted: {doubt}' if doubt else prediction_text}")
     return lines
 
 
@@ -354,25 +355,26 @@ def _describe_simc_gains(predictions: xr.Dataset) -> str:
     return f"kp {kp:g} 1/K, ti {ti:g} s"
 
 
-_PAGE_WIDTH = 7.5  # inches
+_PAGE_WIDTH_INCHES = 7.5
 _STATE_SHADES = (SHADE_GREY, "#997700", "#882255", RED, "#EE99AA", YELLOW, "0.45", "0.75", "#EECC66", "#6699CC", BLUE)
 _STATE_COLOURS = dict(zip(STATES, _STATE_SHADES, strict=True))
 _LEGEND_ABOVE: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "frameon": False, "borderaxespad": 0.2}
 
 
 def _find_busiest_hours(signals: xr.Dataset) -> slice:
-    """The two hours with the most travel of the motor, settled if the loop ever is."""
-    calm, is_known = signals["calm"].values, np.isfinite(signals["T_sup"].values + signals["command"].values)
+    """Find the two hours with the most travel of the motor, settled if the loop ever is."""
+    is_calm, is_known = signals["calm"].values, np.isfinite(signals["T_sup"].values + signals["command"].values)
     moves = np.abs(np.diff(signals["position"].values, prepend=signals["position"].values[0]))
-    counts = np.where(is_known & (calm if calm.any() else is_known), moves, 0.0)
-    width = min(counts.size, max(2, round(7200.0 / signals.attrs["interval"])))
-    travel = np.cumsum(np.concatenate([[0.0], counts]))
+    counted_moves = np.where(is_known & (is_calm if is_calm.any() else is_known), moves, 0.0)
+    width = min(counted_moves.size, max(2, round(7200.0 / signals.attrs["interval"])))
+    travel = np.cumsum(np.concatenate([[0.0], counted_moves]))
     start = int(np.argmax(travel[width:] - travel[:-width]))
     return slice(start, start + width)
 
 
-def _set_head(fig: Figure, lines: Sequence[str]) -> None:
-    fig.suptitle("\n".join(wrap_text(line, _PAGE_WIDTH, 9) for line in lines if line), x=0.01, ha="left", fontsize=9)
+def _set_page_title(fig: Figure, lines: Sequence[str]) -> None:
+    title = "\n".join(wrap_text(line, _PAGE_WIDTH_INCHES, 9) for line in lines if line)
+    fig.suptitle(title, x=0.01, ha="left", fontsize=9)
 
 
 def _draw_hours(axes: Axes, triage: xr.Dataset) -> None:
@@ -383,32 +385,33 @@ def _draw_hours(axes: Axes, triage: xr.Dataset) -> None:
     # hours without a sample take no room
     axes.bar(np.arange(hours.size), 1.0, width=1.0, align="edge", color=[_STATE_COLOURS[word] for word in state])
     if hours.size > 48:
-        ends = np.flatnonzero(np.diff(hours // 24)) + 1
-        axes.vlines(ends, 0.0, 1.0, color="black", lw=0.6)
-        axes.set_xticks([0, *ends], hours[[0, *ends]])
+        day_ends = np.flatnonzero(np.diff(hours // 24)) + 1
+        axes.vlines(day_ends, 0.0, 1.0, color="black", lw=0.6)
+        axes.set_xticks([0, *day_ends], hours[[0, *day_ends]])
     axes.set(xlim=(0, hours.size), ylim=(0, 1), yticks=[], xlabel="hour of the log")
     axes.grid(visible=False)
     axes.set_title("Hour by hour", loc="left")
-    occurring = [word for word in STATES if word in state]
-    patches = [Patch(color=_STATE_COLOURS[word], label=word) for word in occurring]
-    axes.legend(handles=patches, ncols=len(occurring), handlelength=0.8, columnspacing=1.0, **_LEGEND_ABOVE)
+    states_present = [word for word in STATES if word in state]
+    patches = [Patch(color=_STATE_COLOURS[word], label=word) for word in states_present]
+    axes.legend(handles=patches, ncols=len(states_present), handlelength=0.8, columnspacing=1.0, **_LEGEND_ABOVE)
 
 
-def _draw_log(above: Axes, below: Axes, excerpt: xr.Dataset) -> None:
+def _draw_excerpt(upper: Axes, lower: Axes, excerpt: xr.Dataset) -> None:
     hours = excerpt["elapsed_time"] / 3600.0
-    above.plot(hours, excerpt["T_sup"], color=BLUE, lw=1.0, label="supply air")
+    upper.plot(hours, excerpt["T_sup"], color=BLUE, lw=1.0, label="supply air")
     if "T_set" in excerpt:
-        above.step(hours, excerpt["T_set"], color=YELLOW, ls="--", where="post", label="set-point")
-    above.set_ylabel("temperature [°C]")
-    above.tick_params(labelbottom=False)
-    above.set_title("The two hours with the most motor travel", loc="left")
-    above.legend(ncols=2, **_LEGEND_ABOVE)
-    below.step(hours, 100 * excerpt["command"], color=RED, lw=1.0, where="post", label="command")
-    below.set(xlabel="time [h]", ylabel="command [%]")
-    below.margins(x=0.01)
+        upper.step(hours, excerpt["T_set"], color=YELLOW, ls="--", where="post", label="set-point")
+    upper.set_ylabel("temperature [°C]")
+    upper.tick_params(labelbottom=False)
+    upper.set_title("The two hours with the most motor travel", loc="left")
+    upper.legend(ncols=2, **_LEGEND_ABOVE)
+    lower.step(hours, 100 * excerpt["command"], color=RED, lw=1.0, where="post", label="command")
+    lower.set(xlabel="time [h]", ylabel="command [%]")
+    lower.margins(x=0.01)
 
 
 def _draw_profile(axes: Axes, result: Any) -> None:
+    """Draw the probability of each size of the backlash, and its interval."""
     sizes, probability = 100 * result.profile["backlash"].values, 100 * result.profile["probability"].values
     low, high = result.interval
     axes.axvspan(100 * low, 100 * high, color=SHADE_GREY, lw=0, label="95 % interval")
@@ -420,7 +423,7 @@ def _draw_profile(axes: Axes, result: Any) -> None:
 
 
 def _draw_predictions(axes: Axes, diagnosis: Diagnosis) -> None:
-    """Draw error and travel in every case, as shares of those with the present gains."""
+    """Draw predicted error and travel with each change, in per cent of those with the present gains."""
     axes.set_title("What the fitted loop would do", loc="left")
     if diagnosis.predictions is None:
         notice = "no prediction: see the notes"
@@ -428,20 +431,20 @@ def _draw_predictions(axes: Axes, diagnosis: Diagnosis) -> None:
         axes.set(xticks=[], yticks=[])
         return
     predictions, cases = diagnosis.predictions, list(diagnosis.predictions["case"].values)
-    places = np.arange(len(cases))[::-1]
+    bar_ys = np.arange(len(cases))[::-1]
     error, travel = predictions["rmse"].values, predictions["travel_per_day"].values
     bars = ((error, 0.2, BLUE, "{:.2g} K"), (travel, -0.2, YELLOW, "{:.0f} strokes a day"))
     for values, shift, colour, text_format in bars:
-        share = np.nan_to_num(100 * values / values[0])
-        axes.barh(places + shift, share, height=0.38, color=colour)
-        for place, value, end in zip(places + shift, values, share, strict=True):
+        percent = np.nan_to_num(100 * values / values[0])
+        axes.barh(bar_ys + shift, percent, height=0.38, color=colour)
+        for y, value, end in zip(bar_ys + shift, values, percent, strict=True):
             if np.isfinite(value):
-                axes.text(end + 2, place, text_format.format(value), va="center", fontsize=7)
-    for place in places[~np.isfinite(error)]:
-        axes.text(2, place, "not predicted", va="center", fontsize=7)
+                axes.text(end + 2, y, text_format.format(value), va="center", fontsize=7)
+    for y in bar_ys[~np.isfinite(error)]:
+        axes.text(2, y, "not predicted", va="center", fontsize=7)
     axes.set_xlim(0, 160.0 * np.nanmax(np.concatenate([error / error[0], travel / travel[0]])))
     axes.axvline(100, color="black", lw=0.8, ls=DOTTED_LINE)
-    hunting = predictions["hunts"].values > 0
-    axes.set_yticks(places, [CASE_LABELS[c] + "\n(hunts)" * bool(h) for c, h in zip(cases, hunting, strict=True)])
+    is_hunting = predictions["hunts"].values > 0
+    axes.set_yticks(bar_ys, [CASE_LABELS[c] + "\n(hunts)" * bool(h) for c, h in zip(cases, is_hunting, strict=True)])
     axes.set_xlabel("RMS error and motor travel [% of present value]")
     axes.grid(visible=False, axis="y")

@@ -16,21 +16,21 @@ from fastcoil.base.arrays import Array, Mask
 from fastcoil.base.figures import BLUE, RED, SHADE_GREY, YELLOW, apply_style
 from fastcoil.base.results import Result, toml_document, toml_table
 from fastcoil.logs import CheckedLog
-from fastcoil.measured.part import FITTING, UNUSED, VALIDATION
+from fastcoil.measured.part import PART_FITTED, PART_UNUSED, PART_VALIDATION
 from fastcoil.model.parameter_table import PARAMETERS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-AT_BOUND = "at the bound of its range: the data do not limit it"
+AT_BOUND = "at the bound of its range: the data do not limit it"  # why a parameter has no uncertainty
 NOT_UNIQUE = "one of many that fit as well: the data do not identify it"
 _SERIES_BY_KIND = {
     "valve": ("m_w", "flow [kg/s]", "", "whether the pump ran"),
     "coil": ("T_sup", "supply air [°C]", "T_sup_", "how the inputs run between samples"),
     "loop": ("T_sup", "supply air [°C]", "", "whether the loop is that of the log"),
 }
-"""Measured series, its label, prefix of the names of the modelled one and the residual, what may be wrong."""
+"""By kind of fit: measured series, its label, prefix of the modelled one and the residual, what may be wrong."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -83,7 +83,7 @@ class Fit(Result):
 
     @property
     def correlation(self) -> xr.DataArray:
-        """Correlations of the estimates."""
+        """Correlation matrix of the estimated parameters."""
         s = np.sqrt(np.diag(self.covariance))
         with np.errstate(invalid="ignore"):
             return self.covariance / np.outer(s, s)
@@ -114,31 +114,31 @@ class Fit(Result):
         """Plot measured and fitted values over time, the residual below, a column for each part of the log."""
         from matplotlib.figure import Figure
 
-        measured, label, prefix, _ = _SERIES_BY_KIND[self.kind]
-        ds, parts = self.residuals, [part for part in (FITTING, VALIDATION) if part in self.rmse]
+        measured_name, label, prefix, _ = _SERIES_BY_KIND[self.kind]
+        ds, parts = self.residuals, [part for part in (PART_FITTED, PART_VALIDATION) if part in self.rmse]
         fig = Figure(figsize=(5.2 * max(len(parts), 1.4), 4.6), layout="constrained")
         rows = fig.subplots(2, len(parts), squeeze=False, sharex="col", sharey="row", height_ratios=(3, 2))
-        for part, (above, below) in zip(parts, rows.T, strict=True):
-            span = np.flatnonzero(ds["part"].values == part)
-            is_same_log = ds["log"].values == str(ds["log"][span[0]].values)
+        for part, (upper, lower) in zip(parts, rows.T, strict=True):
+            part_rows = np.flatnonzero(ds["part"].values == part)
+            is_same_log = ds["log"].values == str(ds["log"][part_rows[0]].values)
             # the warm-up before the fitted part is worth a look
-            first = int(span[0]) if part == VALIDATION and is_same_log[0] else int(np.argmax(is_same_log))
-            excerpt = ds.isel(elapsed_time=slice(first, int(span[-1]) + 1))
-            _plot_over_hours(above, excerpt, measured, color=YELLOW, lw=2.2, label="measured")
-            _plot_over_hours(above, excerpt, f"{prefix}modelled", color=BLUE, lw=1, ls="--", label="fitted")
-            _plot_over_hours(below, excerpt, f"{prefix}residual", color=RED, lw=1)
-            above.set_title(f"{part}: RMSE {self.rmse[part]:.2g} {self.unit}", loc="left")
-            above.legend(ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False)
-            below.set_xlabel("time [h]")
-            unused = excerpt["part"].values == UNUSED
-            unused[1:] |= unused[:-1]  # up to the next sample
+            first = int(part_rows[0]) if part == PART_VALIDATION and is_same_log[0] else int(np.argmax(is_same_log))
+            excerpt = ds.isel(elapsed_time=slice(first, int(part_rows[-1]) + 1))
+            _plot_over_hours(upper, excerpt, measured_name, color=YELLOW, lw=2.2, label="measured")
+            _plot_over_hours(upper, excerpt, f"{prefix}modelled", color=BLUE, lw=1, ls="--", label="fitted")
+            _plot_over_hours(lower, excerpt, f"{prefix}residual", color=RED, lw=1)
+            upper.set_title(f"{part}: RMSE {self.rmse[part]:.2g} {self.unit}", loc="left")
+            upper.legend(ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False)
+            lower.set_xlabel("time [h]")
+            is_unused = excerpt["part"].values == PART_UNUSED
+            is_unused[1:] |= is_unused[:-1]  # up to the next sample
             hours = excerpt["elapsed_time"].values / 3600
-            for axes in (above, below):
+            for axes in (upper, lower):
                 across = axes.get_xaxis_transform()
-                axes.fill_between(hours, 0.0, 1.0, where=unused, transform=across, color=SHADE_GREY, lw=0, zorder=0)
+                axes.fill_between(hours, 0.0, 1.0, where=is_unused, transform=across, color=SHADE_GREY, lw=0, zorder=0)
         rows[0, 0].set_ylabel(label)
         rows[1, 0].set_ylabel(f"measured - fitted [{self.unit}]")
-        if (ds["part"] == UNUSED).any():
+        if (ds["part"] == PART_UNUSED).any():
             fig.supxlabel("Grey: not compared", fontsize=8)
         return fig
 
@@ -157,8 +157,8 @@ class Fit(Result):
         lines += [f"{name}: {why}" for name, why in self.held.items() if name not in self.parameters]
         names, correlation = self.covariance["parameter"].values, self.correlation.values
         for i, j in np.argwhere(np.triu(np.abs(np.nan_to_num(correlation)) > 0.95, 1)):
-            pair = f"{names[i]} and {names[j]} are identified only in combination (correlation {correlation[i, j]:.3f})"
-            lines.append(f"{pair}: use them as a pair")
+            sentence = f"{names[i]} and {names[j]} are identified only in combination"
+            lines.append(f"{sentence} (correlation {correlation[i, j]:.3f}): use them as a pair")
         for name, value in self.rmse.items():
             part, _, quantity = name.partition("_")
             quantity = quantity if quantity.startswith("T_") else quantity.replace("_", " ")
@@ -190,67 +190,67 @@ def build_fit(
 
     covariance, intervals: of all ``names``; those of the ``held`` ones do not count.
     """
-    part_of_sample = np.where(fitting, FITTING, VALIDATION)
-    part, rmse = np.where(compared, part_of_sample, UNUSED), {}
-    for name in (FITTING, VALIDATION):
-        for ending, error in errors.items():
-            counts = (part_of_sample == name) & np.isfinite(error)
-            if counts.any():
-                rmse[f"{name}{ending}"] = float(np.sqrt(np.mean(error[counts] ** 2)))
-    measured, _, _, check = _SERIES_BY_KIND[kind]
-    fitted = series[measured][0][compared & fitting]
-    chosen = [k for k, name in enumerate(names) if name not in held]
-    estimated, covariance = [names[k] for k in chosen], covariance[np.ix_(chosen, chosen)]
+    part_of_sample = np.where(fitting, PART_FITTED, PART_VALIDATION)
+    part, rmse = np.where(compared, part_of_sample, PART_UNUSED), {}
+    for name in (PART_FITTED, PART_VALIDATION):
+        for suffix, error in errors.items():
+            is_counted = (part_of_sample == name) & np.isfinite(error)
+            if is_counted.any():
+                rmse[f"{name}{suffix}"] = float(np.sqrt(np.mean(error[is_counted] ** 2)))
+    measured_name, _, _, cause_to_check = _SERIES_BY_KIND[kind]
+    fitted_values = series[measured_name][0][compared & fitting]
+    free = [k for k, name in enumerate(names) if name not in held]
+    free_names, covariance = [names[k] for k in free], covariance[np.ix_(free, free)]
     columns = {"part": part, "batch": data.batch, "row": data.rows, "log": np.array(data.names)[data.source]}
     residuals: dict[str, Any] = {n: ("elapsed_time", values, {"units": unit}) for n, (values, unit) in series.items()}
     residuals |= {name: ("elapsed_time", values) for name, values in columns.items()}
     return Fit(
         kind=kind, source=data.name, unit="kg/s" if kind == "valve" else "K", rmse=rmse,
-        notes=notes + fit_warnings(rmse, fitted, measured, f"units, columns, and {check}"),
+        notes=notes + fit_warnings(rmse, fitted_values, measured_name, f"units, columns, and {cause_to_check}"),
         residuals=xr.Dataset(residuals, {"elapsed_time": ("elapsed_time", data.time, {"units": "s"})}),
-        standard_errors=dict(zip(estimated, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
-        covariance=xr.DataArray(covariance, [("parameter", estimated), ("parameter_2", estimated)]),
-        intervals={names[k]: intervals[k] for k in chosen}, held=held,
+        standard_errors=dict(zip(free_names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
+        covariance=xr.DataArray(covariance, [("parameter", free_names), ("parameter_2", free_names)]),
+        intervals={names[k]: intervals[k] for k in free}, held=held,
         seconds=time.perf_counter() - start_time, **fields,
     )  # fmt: skip
 
 
-def natural_intervals(middle: Array, half: Array, is_logarithmic: Mask) -> list[tuple[float, float]]:
-    """95 % intervals of parameters of which some are searched by their logarithm."""
-    ends = zip((middle - half).tolist(), (middle + half).tolist(), is_logarithmic, strict=True)
+def natural_intervals(estimates: Array, half_widths: Array, is_logarithmic: Mask) -> list[tuple[float, float]]:
+    """Return the 95 % intervals of parameters, of which some were estimated as their logarithm."""
+    ends = zip((estimates - half_widths).tolist(), (estimates + half_widths).tolist(), is_logarithmic, strict=True)
     return [(math.exp(low), math.exp(min(high, 700.0))) if is_log else (low, high) for low, high, is_log in ends]
 
 
 def backlash_series(
-    name: str, unit: str, measured: Array, modelled: Array, without: Array, compared: Mask
+    name: str, unit: str, measured: Array, modelled: Array, no_backlash: Array, compared: Mask
 ) -> tuple[dict[str, tuple[Array, str]], dict[str, Array]]:
-    """Series of a fit with and without backlash, each with its unit, and their errors."""
-    series = {name: (measured, unit), "modelled": (modelled, unit), "modelled_without_backlash": (without, unit)}
+    """Return measured and modelled series with their units, and the errors with and without backlash, by name."""
+    series = {name: (measured, unit), "modelled": (modelled, unit), "modelled_without_backlash": (no_backlash, unit)}
     series["residual"] = measured - modelled, "K" if unit == "degC" else unit
-    seen = np.where(compared, measured, np.nan)
-    return series, {"": modelled - seen, "_without_backlash": without - seen}
+    compared_values = np.where(compared, measured, np.nan)
+    return series, {"": modelled - compared_values, "_without_backlash": no_backlash - compared_values}
 
 
 def rmse_profile(
     grid: Array, rmse: Array, unit: str, backlash: float, interval: tuple[float, float], **limit: float
 ) -> xr.Dataset:
-    """Profile of a fit: least RMSE with the backlash held at each value of ``grid``; the best and its interval."""
+    """Return a Dataset of the least RMSE at each backlash of ``grid``; attributes: the best one and its interval."""
     attrs = limit | {"backlash": backlash, "interval_95": list(interval)}
     coords = {"backlash": ("backlash", grid, {"units": "1"})}
     return xr.Dataset({"rmse": ("backlash", rmse, {"units": unit})}, coords, attrs)
 
 
 def fit_warnings(rmse: Mapping[str, float], fitted: Array, name: str, check: str) -> list[str]:
-    """Notes if the model explains little of the fitted data, or if nothing validates it, or the validation fails."""
+    """Return a note on each reason to doubt a fit: little explained, not validated, or the validation failed."""
     notes = []
-    if VALIDATION not in rmse:
+    if PART_VALIDATION not in rmse:
         notes.append("nothing was held back: the fit is not validated")
-    elif (ratio := rmse[VALIDATION] / max(rmse[FITTING], 1e-9 * float(np.std(fitted)))) > 2.0:
+    elif (ratio := rmse[PART_VALIDATION] / max(rmse[PART_FITTED], 1e-9 * float(np.std(fitted)))) > 2.0:
         cure = "do not rely on the fit under other operating conditions"
         notes.append(f"the validation error is {ratio:.1f} times the fitting error: {cure}")
-    explained = max(1.0 - (rmse[FITTING] / float(np.std(fitted))) ** 2, 0.0)
-    if explained < 0.8:
-        notes.append(f"the model explains only {100 * explained:.0f} % of the variance of {name}: check {check}")
+    explained_share = max(1.0 - (rmse[PART_FITTED] / float(np.std(fitted))) ** 2, 0.0)
+    if explained_share < 0.8:
+        notes.append(f"the model explains only {100 * explained_share:.0f} % of the variance of {name}: check {check}")
     return notes
 
 

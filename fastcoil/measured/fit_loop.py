@@ -29,12 +29,12 @@ from fastcoil.measured.valve_problem import count_piece_reversals, why_unidentif
 from fastcoil.model.metric_table import WARM_UP_S
 
 _LOOP_COLUMNS = ColumnSpec(("command", "m_a", "T_w_in", "T_a_in", HUMIDITY_COLUMNS, "T_sup"), ("enabled",), ("T_sup",))
-LARGEST_CANDIDATE = 0.25  # fraction of stroke, as the two steps
+LARGEST_CANDIDATE = 0.25  # backlash that is tried, fraction of stroke, as the two steps
 _COARSE_STEP = 0.005  # of the candidates, over the whole range
-_FINE_STEP = 0.0005  # near the best
-_CHANGE_SPAN_S = 120.0  # between the temperatures whose difference is compared
+_FINE_STEP = 0.0005  # of the candidates near the best
+_CHANGE_SPAN_S = 120.0  # time between the temperatures whose difference is compared
 _LEAST_MOVING_SHARE = 0.25  # of the samples, at which the command changes: it then moves between them as well
-_FEWEST_SAMPLES = 60
+_FEWEST_SAMPLES = 60  # temperatures to compare
 _OPEN_LOOP_SETTINGS: dict[str, Any] = {
     "noise_std": 0.0, "sensor_resolution": 0.0, "backlash_estimate": 0.0, "learning_step": 0.0, "estimator": "none",
     "law": "pi",
@@ -113,32 +113,32 @@ def fit_loop(
 
 
 def _assemble_fit(problem: LoopProblem, start_time: float) -> Fit:
-    """Choose the best candidate and resample blocks of the log for its interval."""
-    grid, modelled = problem.candidates()
-    sums = problem.sum_blocks(modelled)
-    best = fit_correction(sums)
-    k = int(best.rss.argmin())
+    """Assemble the fit of a loop: the best candidate, and its interval from resampled blocks of the log."""
+    grid, temperatures = problem.simulate_candidates()
+    sums = problem.sum_blocks(temperatures)
+    correction = fit_correction(sums)
+    k = int(correction.rss.argmin())
     x = float(grid[k])
-    draws = grid[[int(fit_correction(resampled).rss.argmin()) for resampled in _resample_blocks(sums)]]
-    low, high = np.quantile(draws, (0.5 - 0.95 / 2, 0.5 + 0.95 / 2))
+    estimates = grid[[int(fit_correction(resampled).rss.argmin()) for resampled in _resample_blocks(sums)]]
+    low, high = np.quantile(estimates, (0.5 - 0.95 / 2, 0.5 + 0.95 / 2))
     # what the model gets wrong widens both sides by half a per cent of the stroke
     interval = max(float(low) - 0.005, 0.0), min(float(high) + 0.005, LARGEST_CANDIDATE)
-    explained = 1.0 - float(best.rss[k]) / max(best.total, 1e-12)
-    why = _why_unidentified(problem, x, *interval, sums.n.size, explained)
-    with_backlash, without = (problem.correct_temperature(modelled, best, candidate) for candidate in (k, 0))
-    series, errors = backlash_series("T_sup", "degC", problem.T_sup, with_backlash, without, problem.compared)
+    explained_share = 1.0 - float(correction.rss[k]) / max(correction.total, 1e-12)
+    why = _why_unidentified(problem, x, *interval, sums.n.size, explained_share)
+    with_gap, without_gap = (problem.correct_temperature(temperatures, correction, candidate) for candidate in (k, 0))
+    series, errors = backlash_series("T_sup", "degC", problem.T_sup, with_gap, without_gap, problem.compared)
     series["command"] = problem.data.values["command"], "1"
     return build_fit(
         problem.data, start_time, problem.compared, problem.fitting, errors, series, ["backlash"],
-        np.full((1, 1), float(draws.std()) ** 2), {"backlash": why} if why else {}, [interval], kind="loop",
+        np.full((1, 1), float(estimates.std()) ** 2), {"backlash": why} if why else {}, [interval], kind="loop",
         parameters={} if why else {"backlash": x},
-        profile=rmse_profile(grid, np.sqrt(np.maximum(best.rss, 0.0) / sums.n.sum()), "K", x, interval),
+        profile=rmse_profile(grid, np.sqrt(np.maximum(correction.rss, 0.0) / sums.n.sum()), "K", x, interval),
         notes=problem.notes, n_used=int(problem.used.sum()), n_effective=float(sums.n.size),
     )  # fmt: skip
 
 
 def _why_unidentified(problem: LoopProblem, x: float, low: float, high: float, n_blocks: int, explained: float) -> str:
-    """Why the log does not resolve the backlash; empty if it does."""
+    """Return why the log does not resolve the backlash; empty if it does."""
     why = ""
     if n_blocks < 6:
         why = f"not identified: {n_blocks} half hours are left to compare: give a log of five hours or more"
@@ -173,16 +173,16 @@ class Correction(NamedTuple):
 
 
 class _LoopPiece(NamedTuple):
-    """An unbroken piece with samples to compare."""
+    """An unbroken piece of the log with samples to compare, as inputs of a simulation."""
 
     samples: Index
     day: Boundary
     commands: dict[str, Array]  # by how they run between samples
-    at: Index  # second of each sample
+    seconds: Index  # from the start of the day to each sample
 
 
 class LoopProblem:
-    """A log of a loop, the emulator behind its command, and the samples that are compared."""
+    """The fit of a loop: its log, a loop to simulate behind the logged command, and the samples that are compared."""
 
     def __init__(self, data: CheckedLog, loop: Loop, warm_up: float, part: LogSplit) -> None:
         require_whole_seconds(data.name, data.step)
@@ -195,9 +195,10 @@ class LoopProblem:
         require_temperatures(data, self.used, _FEWEST_SAMPLES, warm_up, self.notes)
         self.n_reversals = count_piece_reversals(command[self.used], data.batch[self.used])
         self.moving_share = float(np.mean(np.abs(np.diff(command)) > 2e-3))
-        self.pieces = self._pieces()
+        self.pieces = self._make_pieces()
 
-    def _pieces(self) -> list[_LoopPiece]:
+    def _make_pieces(self) -> list[_LoopPiece]:
+        """Resample the unbroken pieces of the log at 1 s, as inputs of a simulation."""
         data, pieces = self.data, []
         values = {name: data.values[name] for name in ("m_a", "T_a_in", "T_w_in")}
         values |= dict.fromkeys(("held", "straight"), data.values["command"])
@@ -206,50 +207,50 @@ class LoopProblem:
             if not self.compared[samples].any():
                 continue
             piece_values = {name: series[samples] for name, series in values.items()}
-            series, at = resample_to_seconds(data.time[samples], piece_values, ("held",))
+            series, seconds = resample_to_seconds(data.time[samples], piece_values, ("held",))
             commands = {course: series.pop(course) for course in ("held", "straight")}
-            pieces.append(_LoopPiece(samples, Boundary(**series, T_set=0.0, enabled=1.0), commands, at))
+            pieces.append(_LoopPiece(samples, Boundary(**series, T_set=0.0, enabled=1.0), commands, seconds))
         return pieces
 
     def simulate_temperature(self, backlash: Array, course: str) -> Array:
-        """T_sup at the samples, (n, candidates), °C; the command is held or runs straight: ``course``."""
+        """Simulate T_sup at the samples, (n, candidates), °C; course: the command is ``held`` or runs ``straight``."""
         temperatures = np.full((self.data.time.size, backlash.size), np.nan)
         sweep = self.loop.assign(backlash=("candidate", backlash))
         for piece in self.pieces:
-            every = int(np.gcd.reduce(piece.at))
+            interval = int(np.gcd.reduce(piece.seconds))
             ds = simulate(
-                sweep, piece.day, command=piece.commands[course], traces=["T_measured"], trace_interval=every,
+                sweep, piece.day, command=piece.commands[course], traces=["T_measured"], trace_interval=interval,
                 warm_up=0, progress=False,
             )  # fmt: skip
             T = ds["T_measured"].transpose("elapsed_time", "candidate")
-            temperatures[piece.samples] = T.values[piece.at // every]
+            temperatures[piece.samples] = T.values[piece.seconds // interval]
         return temperatures
 
-    def sum_blocks(self, modelled: Array) -> BlockSums:
-        """Sum over the fitted changes of each block.
+    def sum_blocks(self, temperatures: Array) -> BlockSums:
+        """Sum changes of T_sup, measured and simulated, and their products over each block of half an hour.
 
         Changes over ``_CHANGE_SPAN_S`` are compared, not temperatures: the error of an approximate coil changes slowly,
         and a command that follows the temperature would be blamed for it.
         """
-        used, batch, width = self.used, self.data.batch, max(1, round(_CHANGE_SPAN_S / self.data.step))
+        is_used, batch, width = self.used, self.data.batch, max(1, round(_CHANGE_SPAN_S / self.data.step))
         piece_of_sample = np.concatenate([np.full(piece.samples.size, k) for k, piece in enumerate(self.pieces)])
-        at = np.concatenate([piece.samples for piece in self.pieces])
-        earlier = np.maximum(at - width, 0)
-        is_compared = (at >= width) & used[at] & used[earlier] & (batch[at] == batch[earlier])
-        at, piece_of_sample = at[is_compared], piece_of_sample[is_compared]
-        if at.size < _FEWEST_SAMPLES:
-            available = f"{format_count(at.size, 'change')} of T_sup over {_CHANGE_SPAN_S:g} s"
+        samples = np.concatenate([piece.samples for piece in self.pieces])
+        earlier = np.maximum(samples - width, 0)
+        is_compared = (samples >= width) & is_used[samples] & is_used[earlier] & (batch[samples] == batch[earlier])
+        samples, piece_of_sample = samples[is_compared], piece_of_sample[is_compared]
+        if samples.size < _FEWEST_SAMPLES:
+            available = f"{format_count(samples.size, 'change')} of T_sup over {_CHANGE_SPAN_S:g} s"
             cure = f"give at least {_FEWEST_SAMPLES}, with fewer gaps"
             raise InputError(f"{self.data.name}: {available} to compare: {cure}", "log", "data")
-        block = (self.data.seconds_since_batch_start()[at] // 1800.0).astype(np.int64)
-        first = np.flatnonzero(np.diff(block, prepend=-1) | np.diff(piece_of_sample, prepend=-1))
-        _, piece = np.unique(piece_of_sample[first], return_inverse=True)
-        y, m = (series[at] - series[at - width] for series in (self.T_sup, modelled))
+        block = (self.data.seconds_since_batch_start()[samples] // 1800.0).astype(np.int64)
+        block_starts = np.flatnonzero(np.diff(block, prepend=-1) | np.diff(piece_of_sample, prepend=-1))
+        _, piece = np.unique(piece_of_sample[block_starts], return_inverse=True)
+        y, m = (T[samples] - T[samples - width] for T in (self.T_sup, temperatures))
         columns = (np.ones(y.size), y, y * y, m, m * m, y[:, np.newaxis] * m)
-        return BlockSums(piece, *(np.add.reduceat(column, first, axis=0) for column in columns))
+        return BlockSums(piece, *(np.add.reduceat(column, block_starts, axis=0) for column in columns))
 
-    def candidates(self) -> tuple[Array, Array]:
-        """Candidates, refined near the best, and their temperatures; a moving command is held or straight, as fits."""
+    def simulate_candidates(self) -> tuple[Array, Array]:
+        """Return candidate gaps, finer near the best, and T_sup of each, with the command held or straight, as fits."""
         coarse = np.arange(0.0, LARGEST_CANDIDATE + _COARSE_STEP / 2, _COARSE_STEP)
         courses = ("held", "straight") if self.moving_share > _LEAST_MOVING_SHARE else ("held",)
         sums = {course: self.sum_blocks(self.simulate_temperature(coarse, course)) for course in courses}
@@ -260,22 +261,22 @@ class LoopProblem:
         grid = np.unique(np.round(np.concatenate([coarse, fine]), 6))
         return grid, self.simulate_temperature(grid, course)
 
-    def correct_temperature(self, modelled: Array, correction: Correction, k: int) -> Array:
-        """Corrected temperature of a candidate at every sample; a piece held back gets the mean correction."""
-        batch, used, n = self.data.batch, self.used, self.data.n_batches
-        slope = np.full(n, correction.slope[:, k].mean())
-        fitted = np.unique(batch[used])
-        if fitted.size == correction.slope.shape[0]:
-            slope[fitted] = correction.slope[:, k]
-        scaled = slope[batch] * modelled[:, k]
-        times = np.bincount(batch[used], minlength=n)
-        offset = np.bincount(batch[used], (self.T_sup - scaled)[used], n) / np.maximum(times, 1)
-        offset[times == 0] = offset[times > 0].mean()
+    def correct_temperature(self, temperatures: Array, correction: Correction, k: int) -> Array:
+        """Return the corrected T_sup of candidate k at every sample; a piece held back gets the mean correction."""
+        batch, is_used, n_batches = self.data.batch, self.used, self.data.n_batches
+        slope = np.full(n_batches, correction.slope[:, k].mean())
+        fitted_batches = np.unique(batch[is_used])
+        if fitted_batches.size == correction.slope.shape[0]:
+            slope[fitted_batches] = correction.slope[:, k]
+        scaled = slope[batch] * temperatures[:, k]
+        n_samples = np.bincount(batch[is_used], minlength=n_batches)
+        offset = np.bincount(batch[is_used], (self.T_sup - scaled)[is_used], n_batches) / np.maximum(n_samples, 1)
+        offset[n_samples == 0] = offset[n_samples > 0].mean()
         return np.asarray(scaled + offset[batch])
 
 
 def fit_correction(sums: BlockSums) -> Correction:
-    """Least squares of y on slope · m and a drift in each piece, for each candidate.
+    """Fit measured to simulated changes by a slope and a drift in each piece, for each candidate, by least squares.
 
     The slope removes most of what an approximate coil does to the temperature, and nothing of what a gap does at its
     reversals.
@@ -291,8 +292,8 @@ def fit_correction(sums: BlockSums) -> Correction:
 
 
 def _resample_blocks(sums: BlockSums) -> Iterator[BlockSums]:
-    """Draw as many blocks with replacement (Künsch 1989)."""
+    """Yield 400 bootstrap samples of the blocks, drawn with replacement (Künsch 1989)."""
     rng = np.random.default_rng(0)
     for _ in range(400):
-        times = np.bincount(rng.integers(0, sums.n.size, sums.n.size), minlength=sums.n.size).astype(float)
-        yield BlockSums(sums.piece, *(times * v if v.ndim == 1 else times[:, np.newaxis] * v for v in sums[1:]))
+        draws = np.bincount(rng.integers(0, sums.n.size, sums.n.size), minlength=sums.n.size).astype(float)
+        yield BlockSums(sums.piece, *(draws * v if v.ndim == 1 else draws[:, np.newaxis] * v for v in sums[1:]))

@@ -24,7 +24,7 @@ from fastcoil.model.metric_table import HUNTING_SAMPLE_S, SETTLING_TIME_S, WARM_
 
 
 class ReplayInputs(NamedTuple):
-    """Series of a day that is replayed, at the steps of the simulation, (n_steps,)."""
+    """Inputs of a replayed day, at the steps of the simulation, (n_steps,)."""
 
     disturbance: Array  # without noise, K
     noise: Array  # that the controller reads, K
@@ -43,31 +43,31 @@ class Replay(NamedTuple):
 
 
 def _build_inputs(plant: FittedPlant, command: Array, T_set: Array, good: Mask, period: float) -> ReplayInputs:
-    """Separate noise and disturbance of the day of a log by their changes from sample to sample.
+    """Return the series to replay the day of a log: its disturbance, separated from noise, its set-point and command.
 
     period: of a loop that hunts, in samples, else 0.  Hunting that is left in the disturbance is an error of the plant
     and would go on in a calm loop: a mean over whole periods removes it.
     """
     n = plant.disturbance.size
-    smooth, level = remove_noise(plant.disturbance, good)
+    smooth, noise_std = remove_noise(plant.disturbance, good)
     noise_seen = plant.disturbance - smooth
     if period > 0.0:
         # moving mean over a period, over less at the ends
-        total = np.concatenate([[0.0], np.cumsum(smooth)])
+        smooth_sum = np.concatenate([[0.0], np.cumsum(smooth)])
         k, ends = np.arange(n), np.arange(n + 1, dtype=float)
-        half = np.minimum(np.minimum(k, n - 1 - k) + 0.5, 0.5 * period)
-        above, below = (np.interp(k + 0.5 + side, ends, total) for side in (half, -half))
-        smooth = (above - below) / (2.0 * half)
-    at = np.arange((n - 1) * plant.per_sample + 1) / plant.per_sample
-    sample = at.astype(int)
-    noise = level * np.random.default_rng(0).standard_normal(at.size)  # between samples it is unknown
+        half_width = np.minimum(np.minimum(k, n - 1 - k) + 0.5, 0.5 * period)
+        sum_after, sum_before = (np.interp(k + 0.5 + side, ends, smooth_sum) for side in (half_width, -half_width))
+        smooth = (sum_after - sum_before) / (2.0 * half_width)
+    times = np.arange((n - 1) * plant.per_sample + 1) / plant.per_sample
+    sample = times.astype(int)
+    noise = noise_std * np.random.default_rng(0).standard_normal(times.size)  # between samples it is unknown
     noise[:: plant.per_sample] = noise_seen
     is_automatic = good[sample] & good[np.minimum(sample + 1, n - 1)]
-    return ReplayInputs(np.interp(at, np.arange(n), smooth), noise, T_set[sample], command[sample], is_automatic)
+    return ReplayInputs(np.interp(times, np.arange(n), smooth), noise, T_set[sample], command[sample], is_automatic)
 
 
 def remove_noise(series: Array, good: Mask) -> tuple[Array, float]:
-    """Smooth a random walk observed through white noise; return the standard deviation of the noise as well.
+    """Smooth a random walk that was read with white noise; also return the standard deviation of that noise.
 
     Changes from sample to sample have the variance q + 2 r and successive ones the covariance -r, where r is that of
     the noise and q that of a step of the walk; the smoother is optimal for these (Muth 1960, both ways).
@@ -82,30 +82,30 @@ def remove_noise(series: Array, good: Mask) -> tuple[Array, float]:
         return series, 0.0
     q = variance - 2.0 * r
     gain_variance = 0.5 * (q + math.sqrt(q * q + 4.0 * q * r))
-    share = gain_variance / (gain_variance + r)
-    return first_order_lag(first_order_lag(series, share)[::-1], share)[::-1], math.sqrt(r)
+    weight = gain_variance / (gain_variance + r)
+    return first_order_lag(first_order_lag(series, weight)[::-1], weight)[::-1], math.sqrt(r)
 
 
 def replay_day(
     plant: FittedPlant, pi: RecoveredPI, day: ReplayInputs, stroke_time: float, backlash: float, estimate: float = 0.0,
     buffer: float = 0.0,
 ) -> Replay:  # fmt: skip
-    """Replay a day: PI with clamped integral, inverse (none with an estimate of 0), motor, gap, plant, disturbance."""
+    """Simulate a day step by step: PI, backlash inverse (none with an estimate of 0), motor, gap, fitted plant."""
     n, step = day.T_set.size, plant.step
     c_1, c_2 = plant.curve
     least, most = plant.least, plant.most
     a_1, a_2 = (math.exp(-step / lag) for lag in plant.lags)
-    every = max(1, round(pi.sample_time / step))
-    kp, ki = pi.kp, pi.kp * every * step / pi.ti
-    travel = step / stroke_time if stroke_time > 0.0 else 1.0
+    sample_steps = max(1, round(pi.sample_time / step))
+    kp, ki = pi.kp, pi.kp * sample_steps * step / pi.ti
+    reach = step / stroke_time if stroke_time > 0.0 else 1.0
     stretch = 1.0 / (1.0 - backlash)
     buffer = max(buffer, 1e-9)  # so that round-off is no reversal
-    disturbance, noise, T_set, logged, is_automatic = (series.tolist() for series in day)
-    position = command = u_ext = logged[0]
+    disturbance, noise, T_set, logged_command, is_automatic = (series.tolist() for series in day)
+    position = command = u_ext = logged_command[0]
     mode = 1.0
     q = min(max(position - 0.5 * backlash, 0.0), 1.0 - backlash)
-    inside = min(max(q * stretch, least), most)
-    level = (c_1 + c_2 * inside) * inside + (c_1 + 2.0 * c_2 * inside) * (q * stretch - inside)
+    x = min(max(q * stretch, least), most)
+    level = (c_1 + c_2 * x) * x + (c_1 + 2.0 * c_2 * x) * (q * stretch - x)
     slow = fast = level
     delayed_levels = [level] * (plant.delay + 1)
     integral, was_automatic = 0.0, False
@@ -113,11 +113,11 @@ def replay_day(
     for k in range(n):
         temperature = fast + disturbance[k]
         if not is_automatic[k]:
-            command = u_ext = logged[k]
+            command = u_ext = logged_command[k]
             was_automatic = False
-        elif k % every == 0 or not was_automatic:
+        elif k % sample_steps == 0 or not was_automatic:
             error = temperature + noise[k] - T_set[k]
-            integral = integral + ki * error if was_automatic else logged[k] - kp * error
+            integral = integral + ki * error if was_automatic else logged_command[k] - kp * error
             integral = 0.0 if integral < 0.0 else 1.0 if integral > 1.0 else integral
             u = kp * error + integral
             u = 0.0 if u < 0.0 else 1.0 if u > 1.0 else u
@@ -130,12 +130,12 @@ def replay_day(
                 command = 0.0 if command < 0.0 else 1.0 if command > 1.0 else command
             was_automatic = True
         ahead = command - position
-        position = position + travel if ahead > travel else position - travel if ahead < -travel else command
+        position = position + reach if ahead > reach else position - reach if ahead < -reach else command
         q = position - backlash if q < position - backlash else q
         q = position if q > position else q
         opening = q * stretch
-        inside = least if opening < least else most if opening > most else opening
-        level = (c_1 + c_2 * inside) * inside + (c_1 + 2.0 * c_2 * inside) * (opening - inside)
+        x = least if opening < least else most if opening > most else opening
+        level = (c_1 + c_2 * x) * x + (c_1 + 2.0 * c_2 * x) * (opening - x)
         temperatures[k], commands[k], positions[k], openings[k] = temperature, command, position, opening
         delayed_levels[k % len(delayed_levels)] = level
         slow += (delayed_levels[(k + 1) % len(delayed_levels)] - slow) * (1.0 - a_1)
@@ -155,44 +155,44 @@ class Outcome(NamedTuple):
 
 
 def _is_counted(day: ReplayInputs, step: float) -> Mask:
-    """Whether a step counts, (n_steps,): the loop is in automatic and the warm-up is over."""
-    counted = day.is_automatic.copy()
-    counted[: int(min(WARM_UP_S, 0.125 * counted.size * step) / step)] = False
-    return counted
+    """Whether each step counts in the outcome, (n_steps,): in automatic, and after the warm-up."""
+    is_counted = day.is_automatic.copy()
+    is_counted[: int(min(WARM_UP_S, 0.125 * is_counted.size * step) / step)] = False
+    return is_counted
 
 
 def evaluate_replay(replay: Replay, day: ReplayInputs, step: float) -> Outcome:
-    """Evaluate a replayed day; step: s."""
+    """Compute error, swing, travel and hunting of a replayed day; step: s."""
     n = day.T_set.size
-    counted = _is_counted(day, step)
+    is_counted = _is_counted(day, step)
     error = replay.temperature - day.T_set
     is_changed = np.diff(day.T_set, prepend=day.T_set[:1]) != 0.0
     is_changed |= ~day.is_automatic
     last_change = np.maximum.accumulate(np.where(is_changed, np.arange(n), 0))
-    is_settled = counted & ((np.arange(n) - last_change) * step >= SETTLING_TIME_S)
+    is_settled = is_counted & ((np.arange(n) - last_change) * step >= SETTLING_TIME_S)
     windows = [slice(*run) for run in true_runs(is_settled)]
     swing = float(np.mean([np.ptp(replay.temperature[w]) for w in windows])) if windows else math.nan
     every = max(1, round(HUNTING_SAMPLE_S / step))
     gaps = (np.diff(_find_upward_crossings(error[w][::every])) for w in windows)
     periods = np.concatenate([np.zeros(0), *(gap * every * step for gap in gaps)])
-    n_alike = sum(is_same_period(period, before) for before, period in pairwise(periods))
+    n_same = sum(is_same_period(period, previous) for previous, period in pairwise(periods))
     crossings = sum(_find_upward_crossings(error[w]).size for w in windows)
-    days = max(int(counted.sum()), 1) * step / SECONDS_PER_DAY
-    both = counted[1:] & counted[:-1]
+    days = max(int(is_counted.sum()), 1) * step / SECONDS_PER_DAY
+    is_counted_step = is_counted[1:] & is_counted[:-1]
     moves = np.diff(replay.opening)
-    directions = np.sign(moves[both & (np.abs(moves) > 1e-9)])
+    directions = np.sign(moves[is_counted_step & (np.abs(moves) > 1e-9)])
     return Outcome(
-        rmse=float(np.sqrt(np.mean(error[counted] ** 2))) if counted.any() else math.nan,
+        rmse=float(np.sqrt(np.mean(error[is_counted] ** 2))) if is_counted.any() else math.nan,
         amplitude=0.5 * swing,
         period=float(is_settled.sum()) * step / crossings if crossings >= 2 else math.nan,
-        travel_per_day=float(np.sum(np.abs(np.diff(replay.position))[both])) / days,
+        travel_per_day=float(np.sum(np.abs(np.diff(replay.position))[is_counted_step])) / days,
         reversals_per_day=float(np.sum(np.diff(directions) != 0.0)) / days,
-        hunts=bool(is_hunting(swing, periods.size, n_alike)),
+        hunts=bool(is_hunting(swing, periods.size, n_same)),
     )
 
 
 def _find_upward_crossings(error: Array) -> Index:
-    """Indices at which the error rises through 0."""
+    """Find the indices at which the error rises through 0."""
     return np.asarray(np.flatnonzero((error[:-1] < 0.0) & (error[1:] >= 0.0)) + 1)
 
 
@@ -218,7 +218,7 @@ def fit_loop_model(
     sample_time: float | None = None, enabled: Mask | None = None, gains: tuple[float, float] | None = None,
     by_hand: Mask | None = None,
 ) -> FittedLoop | str:  # fmt: skip
-    """Fit controller and plant to a trend log; a sentence if that is impossible.
+    """Fit controller and plant to a trend log; return a sentence if that is impossible.
 
     The arguments are those of ``gather_evidence``.  backlash: fraction of stroke.  gains: kp, 1/K and above 0, and ti,
     s, of the controller, estimated if None.  by_hand: where a test, not the controller, moved the valve, which shows
@@ -228,15 +228,15 @@ def fit_loop_model(
         return "the log has no set-point (T_set)"
     if interval > HORIZON_S:
         return f"the log has only one sample every {interval:.4g} s: log every {HORIZON_S:g} s or faster"
-    last = slice(-int(172800.0 / interval), None)  # two days
-    command, temperature, T_set = (np.asarray(series, float)[last] for series in (command, temperature, T_set))
+    last_two_days = slice(-int(172800.0 / interval), None)  # two days
+    command, temperature, T_set = (np.asarray(series, float)[last_two_days] for series in (command, temperature, T_set))
     good = np.isfinite(command) & np.isfinite(temperature) & np.isfinite(T_set)
-    good = good if enabled is None else good & np.asarray(enabled, bool)[last]
-    controlled = good if by_hand is None else good & ~by_hand[last]
+    good = good if enabled is None else good & np.asarray(enabled, bool)[last_two_days]
+    is_controlled = good if by_hand is None else good & ~by_hand[last_two_days]
     if not good.any():
         return "no sample has command, temperature and set-point with the plant on"
     command, temperature, T_set = (forward_fill(series) for series in (command, temperature, T_set))
-    pi = recover_pi(command, temperature, T_set, interval, controlled, sample_time, gains)
+    pi = recover_pi(command, temperature, T_set, interval, is_controlled, sample_time, gains)
     if isinstance(pi, str):
         return pi
     plant = fit_plant(command, temperature, good, interval, backlash, stroke_time, pi)
@@ -244,14 +244,14 @@ def fit_loop_model(
         return "no plant model that responds to the valve explains the log: the temperature hardly follows the command"
     zeros = np.zeros(T_set.size)
     logged_replay = Replay(temperature, zeros, zeros, zeros)
-    logged_outcome = evaluate_replay(logged_replay, ReplayInputs(zeros, zeros, T_set, zeros, controlled), interval)
+    logged_outcome = evaluate_replay(logged_replay, ReplayInputs(zeros, zeros, T_set, zeros, is_controlled), interval)
     period = logged_outcome.period / interval if logged_outcome.hunts else 0.0  # in samples
-    fitted = FittedLoop(pi, plant, _build_inputs(plant, command, T_set, controlled, period), backlash, stroke_time)
+    fitted = FittedLoop(pi, plant, _build_inputs(plant, command, T_set, is_controlled, period), backlash, stroke_time)
     return fitted._replace(doubt=why_unusable(fitted) or _why_doubtful(fitted, command, temperature, T_set))
 
 
 def why_unusable(fitted: FittedLoop) -> str:
-    """Why the model of a loop explains too little of its log; empty if it does not."""
+    """Return why a fitted loop cannot be used, since it explains too little of its log; empty if it can."""
     share = fitted.plant.explained
     if share >= 0.1:
         return ""
@@ -275,24 +275,24 @@ def what_if(
     outcomes = [fitted.replay_with(size, factor * kp_factor, ti_factor, estimate, buffer) for factor in factors]
     errors = [outcome.rmse for outcome in outcomes]
     if len({outcome.hunts for outcome in outcomes}) > 1:
-        undecided = "whether the loop hunts"
+        question = "whether the loop hunts"
     elif not max(errors) < thresholds.LARGEST_ERROR_RATIO * min(errors):
-        undecided = f"between control errors of {min(errors):.2g} and {max(errors):.2g} K"
+        question = f"between control errors of {min(errors):.2g} and {max(errors):.2g} K"
     else:
         return outcomes[0]
     change = f"a {100 * (thresholds.GAIN_ERROR_FACTOR - 1.0):.0f} % change of the loop gain"
-    return f"{change} decides {undecided}, and the log does not show the gain that accurately"
+    return f"{change} decides {question}, and the log does not show the gain that accurately"
 
 
 def _why_doubtful(fitted: FittedLoop, command: Array, temperature: Array, T_set: Array) -> str:
-    """Why the fitted loop does not repeat the log that it was fitted to; empty if it does."""
+    """Return why a prediction is doubtful, since the fitted loop does not reproduce its log; empty if it does."""
     day, plant = fitted.day, fitted.plant
     replay = replay_day(plant, fitted.pi, day, fitted.stroke_time, fitted.backlash)
-    counted = _is_counted(day, plant.step)[:: plant.per_sample]
-    at = slice(None, None, plant.per_sample)
-    logged_error = float(np.sqrt(np.mean((temperature - day.noise[at] - T_set)[counted] ** 2)))
-    replayed_error = float(np.sqrt(np.mean((replay.temperature[at] - T_set)[counted] ** 2)))
-    moves = (np.abs(np.diff(series))[counted[1:]] for series in (replay.command[at], command))
+    is_counted = _is_counted(day, plant.step)[:: plant.per_sample]
+    logged_steps = slice(None, None, plant.per_sample)
+    logged_error = float(np.sqrt(np.mean((temperature - day.noise[logged_steps] - T_set)[is_counted] ** 2)))
+    replayed_error = float(np.sqrt(np.mean((replay.temperature[logged_steps] - T_set)[is_counted] ** 2)))
+    moves = (np.abs(np.diff(series))[is_counted[1:]] for series in (replay.command[logged_steps], command))
     replayed_travel, logged_travel = (float(np.sum(move)) for move in moves)
     error_ratio, travel_ratio = replayed_error / logged_error, max(replayed_travel, 1e-9) / max(logged_travel, 1e-9)
     is_error_close = abs(math.log(error_ratio)) < thresholds.LARGEST_ERROR_LOG_RATIO

@@ -18,15 +18,15 @@ from fastcoil.logs.series import format_count
 from fastcoil.model.engine import recorded
 
 HELD_COLUMNS = ("command", "T_set", "enabled", "test")  # hold until the next sample in every log
-LEAST_SAMPLES = 20
-MOST_SAMPLES = 200_000  # 11 days of a log every 5 s
+LEAST_SAMPLES = 20  # of a log that can be diagnosed
+MOST_SAMPLES = 200_000  # of a resampled log: 11 days every 5 s
 SECONDS_PER_DAY = 86400.0
 _LONGEST_SILENCE_S = 600.0  # of a longer silence only this much stays
 _REGULAR_SHARE = 0.8  # of the steps that are whole multiples of the median, in a regular log
 _STEP_TOLERANCE = 0.25  # of the median, by which a step may differ from a whole multiple
-_SMALL_CHANGE_QUANTILE = 0.1  # of the changes of a temperature
-_USUAL_STEPS_S = (10, 15, 20, 30, 60, 120, 180, 300, 600, 900, 1800)  # of loggers
-_ROUND_OFF = 1e-6
+_SMALL_CHANGE_QUANTILE = 0.1  # of the changes of a temperature, at which one counts as small
+_USUAL_STEPS_S = (10, 15, 20, 30, 60, 120, 180, 300, 600, 900, 1800)  # between the samples of loggers
+_ROUND_OFF = 1e-6  # in the unit of the series, that is no difference
 
 
 class Grid(NamedTuple):
@@ -39,13 +39,13 @@ class Grid(NamedTuple):
     increment: float  # by which the temperature had to change to be logged, K; 0 where it was logged anyway
     starts: tuple[int, ...] = (0,)  # first sample of each log that was joined
 
-    def part(self, at: slice) -> "Grid":
-        """The samples of a slice within one log."""
-        values = {name: series[at] for name, series in self.values.items()}
-        return Grid(self.interval * (at.step or 1), self.time[at], values, self.on[at], self.increment)
+    def part(self, rows: slice) -> "Grid":
+        """Return the samples of a slice within one log, every so many if the slice has a step."""
+        values = {name: series[rows] for name, series in self.values.items()}
+        return Grid(self.interval * (rows.step or 1), self.time[rows], values, self.on[rows], self.increment)
 
     def day_slices(self) -> list[slice]:
-        """Slices of at most 24 h from the start of each log; a rest of less than half a day stays with its day."""
+        """Return a slice for each day from the start of each log; a rest of less than half a day joins the last."""
         samples_per_day, days = round(SECONDS_PER_DAY / self.interval), []
         for first, end in zip(self.starts, (*self.starts[1:], self.on.size), strict=True):
             cuts = [*range(first, max(end - samples_per_day // 2, first + 1), samples_per_day), end]
@@ -54,32 +54,32 @@ class Grid(NamedTuple):
 
 
 def resample_log(log: CheckedLog) -> tuple[Grid, list[str]]:
-    """Resample a log at equal intervals; return notes on what was changed.
+    """Resample a log at equal intervals; also return notes on what was changed.
 
     Samples at nearly regular times are moved to the nearest regular time.  In any other log, such as one of changes of
     value, every series holds until its next sample: the value that the building system knew.  Steps beyond the longest
     that may be bridged are silences (``CheckedLog.batch`` numbers the pieces between).
     """
     steps, is_same_piece = np.diff(log.time), np.diff(log.batch) == 0
-    forward = steps[is_same_piece & (steps > 0.0)]
+    steps_forward = steps[is_same_piece & (steps > 0.0)]
     left_out = "; ".join(log.notes) or "nothing was left out"
-    if forward.size + 1 < LEAST_SAMPLES:
-        count = f"{format_count(forward.size + 1, 'sample')} in unbroken pieces, {LEAST_SAMPLES} are needed"
+    if steps_forward.size + 1 < LEAST_SAMPLES:
+        count = f"{format_count(steps_forward.size + 1, 'sample')} in unbroken pieces, {LEAST_SAMPLES} are needed"
         cure = f"give a longer log, or bridge its gaps: fc.read_log(..., max_gap=SECONDS), --max-gap ({left_out})"
         raise InputError(f"{log.name}: {count}: {cure}", "log", "data")
-    interval, is_regular = _find_rhythm(log, forward, is_same_piece)
+    interval, is_regular = _find_rhythm(log, steps_forward, is_same_piece)
     if interval > 3600.0:  # a slower log shows nothing of a loop
         sentence = f"{log.name}: a sample every {interval:,.0f} s is left: log every minute ({left_out})"
         raise InputError(sentence, "log", "time")
     ticks = _number_intervals(log, interval)
     longest_silence = int(np.ceil(_LONGEST_SILENCE_S / interval))
-    cut = np.concatenate([[0], np.cumsum(np.where(is_same_piece, 0, np.maximum(np.diff(ticks) - longest_silence, 0)))])
-    at = ticks - cut
-    if at[-1] >= MOST_SAMPLES:
+    excess = np.where(is_same_piece, 0, np.maximum(np.diff(ticks) - longest_silence, 0))
+    slots = ticks - np.concatenate([[0], np.cumsum(excess)])
+    if slots[-1] >= MOST_SAMPLES:
         days = MOST_SAMPLES * interval / SECONDS_PER_DAY
-        sentence = f"{log.name}: {at[-1] + 1:,} samples of {interval:.4g} s: give {days:.0f} days or less"
+        sentence = f"{log.name}: {slots[-1] + 1:,} samples of {interval:.4g} s: give {days:.0f} days or less"
         raise InputError(sentence, "log", "size")
-    grid = _fill_grid(log, at, interval, is_regular, is_same_piece)
+    grid = _fill_grid(log, slots, interval, is_regular, is_same_piece)
     if is_regular:
         return _drop_filled_samples(grid)
     explanation = "the samples come at irregular times: every series holds until its next one"
@@ -87,19 +87,19 @@ def resample_log(log: CheckedLog) -> tuple[Grid, list[str]]:
 
 
 def _drop_filled_samples(grid: Grid) -> tuple[Grid, list[str]]:
-    """Keep only logged samples where those between them were filled in, and note it."""
-    logged = {name: find_logged_samples(grid.values[name], grid.interval) for name in ("command", "T_sup")}
-    width = max(step for step, _ in logged.values())
+    """Drop the samples that the logger filled in between logged ones; also return a note on it."""
+    rhythms = {name: find_logged_samples(grid.values[name], grid.interval) for name in ("command", "T_sup")}
+    width = max(step for step, _ in rhythms.values())
     if width == 1 or width * grid.interval <= 30.0:  # s; finer ones do not matter
         return grid, []
-    name = "T_sup" if logged["T_sup"][0] > 1 else "command"
-    thinned = grid.part(slice(logged[name][1], None, width))
-    rhythm = f"only every {thinned.interval:.4g} s"
-    return thinned, [f"{name} is logged {rhythm}, the values between are filled in: only logged ones count"]
+    name = "T_sup" if rhythms["T_sup"][0] > 1 else "command"
+    thinned = grid.part(slice(rhythms[name][1], None, width))
+    interval_text = f"only every {thinned.interval:.4g} s"
+    return thinned, [f"{name} is logged {interval_text}, the values between are filled in: only logged ones count"]
 
 
 def join_grids(grids: Sequence[Grid]) -> Grid:
-    """Join the logs of several days, with a silence between them."""
+    """Join the resampled logs of several days, with a silence between them."""
     if len({round(grid.interval, 3) for grid in grids}) > 1:
         intervals = ", ".join(f"{interval:.4g} s" for interval in sorted({grid.interval for grid in grids}))
         raise InputError(f"the logs have a sample every {intervals}: give logs of one interval", "log", "time")
@@ -118,25 +118,26 @@ def join_grids(grids: Sequence[Grid]) -> Grid:
 
 
 def find_logged_samples(series: Array, interval: float) -> tuple[int, int]:
-    """Find the logged samples of a series that was filled in: every how many, and the first; (1, 0) for all.
+    """Find the logged samples of a series that was filled in: their spacing, and the first; (1, 0) if all are logged.
 
     A series is filled in if samples at one spacing, held or joined by straight lines, reproduce all others within the
     resolution, and samples at other places do not: any reproduce a slow temperature of a coarse sensor.
     """
-    known = np.where(np.isfinite(series), series, 0.0)
-    level_differences = np.diff(np.unique(known))
+    series = np.where(np.isfinite(series), series, 0.0)
+    level_differences = np.diff(np.unique(series))
     resolution = float(level_differences.min()) if level_differences.size else 0.0
-    samples = np.arange(known.size)
+    samples = np.arange(series.size)
 
-    def missed_share(at: Index, straight: bool) -> float:
-        last = np.searchsorted(at, samples, side="right") - 1
-        rebuilt = np.interp(samples, at, known[at]) if straight else known[at[np.maximum(last, 0)]]
-        is_covered = (last >= 0) & (samples <= at[-1])
-        return float(np.mean(np.abs(rebuilt - known)[is_covered] > (1.0 + _ROUND_OFF) * resolution + _ROUND_OFF))
+    def missed_share(kept_at: Index, straight: bool) -> float:
+        """Return the share of samples that those kept do not reproduce, joined by straight lines or held."""
+        last = np.searchsorted(kept_at, samples, side="right") - 1
+        rebuilt = np.interp(samples, kept_at, series[kept_at]) if straight else series[kept_at[np.maximum(last, 0)]]
+        is_covered = (last >= 0) & (samples <= kept_at[-1])
+        return float(np.mean(np.abs(rebuilt - series)[is_covered] > (1.0 + _ROUND_OFF) * resolution + _ROUND_OFF))
 
     for seconds in reversed(_USUAL_STEPS_S):
         width = round(seconds / interval)
-        if width < 2 or abs(width * interval - seconds) > _STEP_TOLERANCE or known.size < LEAST_SAMPLES * width:
+        if width < 2 or abs(width * interval - seconds) > _STEP_TOLERANCE or series.size < LEAST_SAMPLES * width:
             continue
         for straight in (True, False):
             missed_shares = np.array([missed_share(samples[first::width], straight) for first in range(width)])
@@ -164,7 +165,7 @@ def _find_rhythm(log: CheckedLog, forward: Array, is_same_piece: Mask) -> tuple[
 
 
 def _number_intervals(log: CheckedLog, interval: float) -> Index:
-    """Number the interval of each sample, ascending; pieces where time goes back follow each other."""
+    """Return the number of the interval of each sample, ascending also where the time of the log goes back."""
     ticks = np.empty(log.time.size, dtype=np.int64)
     last = -1
     for piece in range(log.n_batches):
@@ -176,49 +177,49 @@ def _number_intervals(log: CheckedLog, interval: float) -> Index:
     return ticks
 
 
-def _fill_grid(log: CheckedLog, at: Index, interval: float, is_regular: bool, is_same_piece: Mask) -> Grid:
-    """The latest sample of every series at intervals 0, 1, …; held in a log of changes."""
-    n = int(at[-1]) + 1
+def _fill_grid(log: CheckedLog, intervals: Index, interval: float, is_regular: bool, is_same_piece: Mask) -> Grid:
+    """Fill the intervals 0, 1, … with the latest sample of every series; intervals: of each sample, (n,)."""
+    n = int(intervals[-1]) + 1
     is_silent = np.zeros(n, dtype=bool)
     for k in np.flatnonzero(~is_same_piece):
-        is_silent[at[k] + 1 : at[k + 1]] = True
-    latest = _last_known(np.ones(at.size, dtype=bool), at, n)
+        is_silent[intervals[k] + 1 : intervals[k + 1]] = True
+    latest = _last_known(np.ones(intervals.size, dtype=bool), intervals, n)
     values: dict[str, Array] = {}
     for name, series in log.values.items():
         if name in HELD_COLUMNS or not is_regular:
-            last = _last_known(np.isfinite(series), at, n)
-            values[name] = np.where(is_silent | (last < 0), np.nan, series[last])
+            last_known = _last_known(np.isfinite(series), intervals, n)
+            values[name] = np.where(is_silent | (last_known < 0), np.nan, series[last_known])
         else:
             values[name] = np.full(n, np.nan)
-            values[name][at] = series  # of samples in one interval the last counts
+            values[name][intervals] = series  # of samples in one interval the last counts
     is_on = ~is_silent
     if "enabled" in values:
         is_on &= np.nan_to_num(values["enabled"]) > 0.0
-    time = log.time[latest] + (np.arange(n) - at[latest]) * interval
+    time = log.time[latest] + (np.arange(n) - intervals[latest]) * interval
     return Grid(interval, time, values, is_on, logging_increment(log.values["T_sup"]))
 
 
-def _last_known(is_known: Mask, at: Index, n: int) -> Index:
-    """Index of the last known sample up to each of n intervals, -1 before the first; at: interval of a sample."""
+def _last_known(is_known: Mask, intervals: Index, n: int) -> Index:
+    """Return the index of the last known sample up to each of n intervals, -1 before; intervals: of each sample."""
     last_sample = np.full(n, -1)
-    last_sample[at[is_known]] = np.flatnonzero(is_known)
+    last_sample[intervals[is_known]] = np.flatnonzero(is_known)
     return np.asarray(np.maximum.accumulate(last_sample))
 
 
 def logging_increment(temperature: Array) -> float:
-    """Change that a temperature needs to be logged, K; 0 if it is logged anyway, or rounded.
+    """Return the least change at which a temperature is logged, K; 0 if it is logged at fixed times, or rounded.
 
     Rounded values are whole steps apart; those logged at changes are never close to the one before.
     """
     known = temperature[np.isfinite(temperature)]
     changes = np.abs(np.diff(known))
-    changed = changes[changes > 0.0]
-    if changed.size < LEAST_SAMPLES:
+    nonzero_changes = changes[changes > 0.0]
+    if nonzero_changes.size < LEAST_SAMPLES:
         return 0.0
-    small_change = float(np.quantile(changed, _SMALL_CHANGE_QUANTILE))
+    small_change = float(np.quantile(nonzero_changes, _SMALL_CHANGE_QUANTILE))
     steps = (known - known[0]) / small_change
     is_rounded = float(np.quantile(np.abs(steps - np.rint(steps)), 1.0 - _SMALL_CHANGE_QUANTILE)) < 0.05
-    return small_change if float(np.median(changed)) < 2.0 * small_change and not is_rounded else 0.0
+    return small_change if float(np.median(nonzero_changes)) < 2.0 * small_change and not is_rounded else 0.0
 
 
 def forward_fill(series: Array) -> Array:
@@ -227,13 +228,13 @@ def forward_fill(series: Array) -> Array:
 
 
 def is_range_good(good: Mask, first: Index, last: Index) -> Mask:
-    """Whether all samples from each ``first`` to its ``last`` are good."""
+    """Whether all samples from each ``first`` to its ``last`` are good; both (ranges,)."""
     bad_before = np.concatenate([[0], np.cumsum(~good)])
     return np.asarray(bad_before[last + 1] == bad_before[first])
 
 
 def motor_positions(command: Array, interval: float, stroke_time: float) -> Array:
-    """Positions before the command of each sample acts, and after the last; ``stroke_time``: s, 0 if immediate."""
+    """Simulate the motor: its position when each command begins to act, and after the last, (n + 1,); times in s."""
     positions = np.empty(command.size + 1)
     travel = interval / stroke_time if stroke_time > 0.0 else 1.0
     recorded.motor_positions(np.ascontiguousarray(command, float), travel, positions)
@@ -241,7 +242,7 @@ def motor_positions(command: Array, interval: float, stroke_time: float) -> Arra
 
 
 def openings(positions: Array, backlash: float) -> Array:
-    """Opening behind a backlash, Eq (1), at each position; the stem starts in the middle of its gap."""
+    """Return the opening behind a backlash, Eq (1), at each motor position; the stem starts mid-gap."""
     q = min(max(float(positions[0]) - backlash / 2.0, 0.0), 1.0 - backlash)
     stem_places = np.empty_like(positions)
     for k, position in enumerate(positions.tolist()):
@@ -251,7 +252,7 @@ def openings(positions: Array, backlash: float) -> Array:
 
 
 def mean_openings(positions: Array, backlash: Array, width: int) -> tuple[Array, Array]:
-    """Mean opening behind each backlash and of its square, (pieces, candidates), over pieces of ``width`` steps."""
+    """Return the means of opening and squared opening over blocks of ``width`` steps, (blocks, candidates)."""
     openings, squares = np.empty((2, (positions.size - 1) // width, backlash.size))
     recorded.mean_openings(positions, np.ascontiguousarray(backlash, float), width, openings, squares)
     return openings, squares

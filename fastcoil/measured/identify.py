@@ -27,43 +27,43 @@ from fastcoil.measured.grid import forward_fill, is_range_good, mean_openings, m
 from fastcoil.measured.measures import is_in_control
 from fastcoil.measured.part import count_reversals
 
-FEWEST_COMMAND_CHANGES = 40  # to recognise jumps among them
+FEWEST_COMMAND_CHANGES = 40  # among which jumps of the command can be recognised
 JUMP_QUANTILE = 0.9  # of what a robust fit of the command's changes leaves
-END_TOLERANCE = 1e-3  # of the stroke, within which a command is at an end
+END_TOLERANCE = 1e-3  # fraction of stroke, within which a command is at an end
 
 
 def is_provoked(command: Array, temperature: Array, good: Mask, T_set: Array | None, interval: float) -> bool:
-    """Whether the set-point changed by 0.3 K twice; where it is not logged, whether the command jumped as it does then.
+    """Whether the set-point changed by 0.3 K twice or, if it is not logged, the command jumped as if it had.
 
     A PI controller answers temperatures alone: its command changes by a linear function of the last temperatures and
     their changes.  The residual of a robust fit is 0 but for changes of the set-point and the like.
     """
     if T_set is not None:
-        changed = np.abs(np.diff(np.asarray(T_set, float)))[good[1:] & good[:-1]]
-        return bool(np.sum(changed >= 0.3) >= 2)  # K
-    at = np.flatnonzero(np.diff(command) != 0.0) + 1
-    if at.size < FEWEST_COMMAND_CHANGES:
+        set_point_changes = np.abs(np.diff(np.asarray(T_set, float)))[good[1:] & good[:-1]]
+        return bool(np.sum(set_point_changes >= 0.3) >= 2)  # K
+    changes_at = np.flatnonzero(np.diff(command) != 0.0) + 1
+    if changes_at.size < FEWEST_COMMAND_CHANGES:
         return False
-    now, before, long_before = at[2:], at[1:-1], at[:-2]
-    is_unbroken = is_range_good(good, long_before, now)
-    for end in (now, before):  # a command at its end does not follow the law
+    new, old, older = changes_at[2:], changes_at[1:-1], changes_at[:-2]
+    is_unbroken = is_range_good(good, older, new)
+    for end in (new, old):  # a command at its end does not follow the law
         is_unbroken &= (command[end] > END_TOLERANCE) & (command[end] < 1.0 - END_TOLERANCE)
-    now, before, long_before = now[is_unbroken], before[is_unbroken], long_before[is_unbroken]
-    if now.size < FEWEST_COMMAND_CHANGES:
+    new, old, older = new[is_unbroken], old[is_unbroken], older[is_unbroken]
+    if new.size < FEWEST_COMMAND_CHANGES:
         return False
-    last_change, change_before = temperature[now] - temperature[before], temperature[before] - temperature[long_before]
-    X = np.stack([last_change, change_before, temperature[now], np.ones(now.size)], axis=1)
-    y, is_inlier = command[now] - command[before], np.ones(now.size, dtype=bool)
+    last_change, change_before = temperature[new] - temperature[old], temperature[old] - temperature[older]
+    X = np.stack([last_change, change_before, temperature[new], np.ones(new.size)], axis=1)
+    y, is_inlier = command[new] - command[old], np.ones(new.size, dtype=bool)
     for _ in range(4):
         residual = np.abs(y - X @ np.linalg.lstsq(X[is_inlier], y[is_inlier], rcond=None)[0])
         is_inlier = residual <= np.quantile(residual, JUMP_QUANTILE)
-    jumps = now[residual > 4.0 * np.quantile(residual, JUMP_QUANTILE)]
+    jumps = new[residual > 4.0 * np.quantile(residual, JUMP_QUANTILE)]
     # a start-up makes some jumps, so three are needed, ten minutes apart
     return jumps.size > 0 and int(np.sum(np.diff(jumps) * interval > 600.0)) >= 2
 
 
 def back_and_forth_share(command: Array, good: Mask) -> float:
-    """Share of samples at which the command moves back what it just moved: the stem may move unseen."""
+    """Return the share of samples at which the command moves back at once, so that the stem may move unseen."""
     changes = np.diff(command)
     is_good = good[2:] & good[1:-1] & good[:-2]
     smaller = np.minimum(np.abs(changes[1:]), np.abs(changes[:-1]))
@@ -73,21 +73,21 @@ def back_and_forth_share(command: Array, good: Mask) -> float:
 
 def count_end_arrivals(command: Array, good: Mask) -> int:
     """Count how often the command arrives at one of its ends."""
-    at_end = (command <= END_TOLERANCE) | (command >= 1.0 - END_TOLERANCE)
-    return int(np.sum(at_end[1:] & ~at_end[:-1] & good[1:] & good[:-1]))
+    is_at_end = (command <= END_TOLERANCE) | (command >= 1.0 - END_TOLERANCE)
+    return int(np.sum(is_at_end[1:] & ~is_at_end[:-1] & good[1:] & good[:-1]))
 
 
 HORIZON_S = 30.0  # long against the noise of a sensor, short against a coil; one interval in a coarser log
 TEMPERATURE_LAGS = 8  # changes that enter the model, one a horizon
-OPENING_LAGS = 4
-DISTURBANCE_LAGS = 3
+OPENING_LAGS = 4  # the same of the opening
+DISTURBANCE_LAGS = 3  # and of each disturbance
 PRIOR_PRECISION = 0.01  # 1/K²: coefficients of the opening are known to ± 10 K per stroke before the log is read
 MODEL_ERROR = 0.1  # share of what the stem explains that counts as noise: coil and valve curve are not linear
-LEAST_ROWS = 60
+LEAST_ROWS = 60  # of the model
 
 
 class Likelihood(NamedTuple):
-    """Log-likelihood of each candidate, without and with coefficients for the command, and the number of rows."""
+    """Log-likelihood of each candidate gap, of models without and with the command, and their number of rows."""
 
     without_command: Array
     with_command: Array
@@ -97,49 +97,49 @@ class Likelihood(NamedTuple):
 def likelihoods(
     temperature: Array, positions: Array, disturbances: Iterable[Array], good: Mask, interval: float, candidates: Array
 ) -> Likelihood | None:
-    """Compare candidate sizes of the backlash, fractions of stroke from 0; None if the log is too short.
+    """Compute the likelihood of candidate gaps, fractions of stroke from 0; None if the log is too short.
 
     temperature: (n,), °C.  positions: (n + 1,), of the motor.  disturbances: each (n,), what else moves the temperature
     and is in the log.  good: (n,), samples that may be used; a row of the model uses all its lags or is left out.
     """
     n, width = temperature.size, max(1, round(HORIZON_S / interval))
-    span = (max(TEMPERATURE_LAGS, OPENING_LAGS) + 1) * width + 1
-    rows = np.arange(-(-span // width) * width, n, width)
-    rows = rows[is_range_good(good, rows - span + 1, rows)]
+    span_samples = (max(TEMPERATURE_LAGS, OPENING_LAGS) + 1) * width + 1
+    rows = np.arange(-(-span_samples // width) * width, n, width)
+    rows = rows[is_range_good(good, rows - span_samples + 1, rows)]
     if rows.size < LEAST_ROWS:
         return None
 
-    def change(series: Array, lag: int) -> Array:
+    def lagged_change(series: Array, lag: int) -> Array:
         return np.asarray(series[rows - lag * width] - series[rows - (lag + 1) * width])
 
-    y = change(temperature, 0)
-    common = [change(temperature, lag) for lag in range(1, TEMPERATURE_LAGS + 1)]
-    common += [change(series, lag) for series in disturbances for lag in range(DISTURBANCE_LAGS)]
+    y = lagged_change(temperature, 0)
+    common = [lagged_change(temperature, lag) for lag in range(1, TEMPERATURE_LAGS + 1)]
+    common += [lagged_change(series, lag) for series in disturbances for lag in range(DISTURBANCE_LAGS)]
     Z, _ = np.linalg.qr(np.stack([*common, np.ones(rows.size)], axis=1))
     y = y - Z @ (Z.T @ y)
-    total, freedom = float(y @ y), rows.size - Z.shape[1]
-    if total <= 0.0:
+    sum_of_squares, freedom = float(y @ y), rows.size - Z.shape[1]
+    if sum_of_squares <= 0.0:
         return None
     # positions after the last sample have no temperature
     gram, product = _normal_equations(positions[:n], candidates, width, rows, Z, y)
     k = 2 * OPENING_LAGS
-    without_command = _evidence(gram[:, :k, :k], product[:, :k], total, freedom)
-    return Likelihood(without_command, _evidence(gram, product, total, freedom), rows.size)
+    without_command = _marginal_likelihood(gram[:, :k, :k], product[:, :k], sum_of_squares, freedom)
+    return Likelihood(without_command, _marginal_likelihood(gram, product, sum_of_squares, freedom), rows.size)
 
 
 def _normal_equations(
     positions: Array, candidates: Array, width: int, rows: Index, Z: Array, y: Array
 ) -> tuple[Array, Array]:
-    """Normal equations of each candidate, orthogonal to Z: its opening, the square, then the motor."""
+    """Return the normal equations of each candidate: changes of opening, its square and motor, orthogonal to Z."""
     # the piece that ends at sample r is r / width - 1
-    ends, k = rows // width - 2, 2 * OPENING_LAGS
+    end_blocks, k = rows // width - 2, 2 * OPENING_LAGS
     X = np.empty((candidates.size, k, rows.size))
-    for first, means in enumerate(mean_openings(positions, candidates, width)):
+    for power, means in enumerate(mean_openings(positions, candidates, width)):
         changes = np.ascontiguousarray(np.diff(means, axis=0).T)
         for lag in range(OPENING_LAGS):
-            X[:, first * OPENING_LAGS + lag] = changes[:, ends - lag]
+            X[:, power * OPENING_LAGS + lag] = changes[:, end_blocks - lag]
     motor = np.diff(mean_openings(positions, np.zeros(1), width)[0][:, 0])
-    M = np.stack([motor[ends - lag] for lag in range(OPENING_LAGS)])
+    M = np.stack([motor[end_blocks - lag] for lag in range(OPENING_LAGS)])
     M -= (M @ Z) @ Z.T
     in_common = (X.reshape(-1, rows.size) @ Z).reshape(candidates.size, k, -1)
     gram = np.empty((candidates.size, k + len(M), k + len(M)))
@@ -150,25 +150,25 @@ def _normal_equations(
     return gram, np.concatenate([X @ y, np.broadcast_to(M @ y, (candidates.size, len(M)))], axis=1)
 
 
-def _evidence(gram: Array, product: Array, total: float, freedom: int) -> Array:
-    """Log-likelihood with the coefficients integrated out, for each candidate."""
+def _marginal_likelihood(gram: Array, product: Array, sum_of_squares: float, freedom: int) -> Array:
+    """Return the log-likelihood of each candidate from its normal equations, the coefficients integrated out."""
     unit = np.eye(gram.shape[1])
-    precision = PRIOR_PRECISION * total / freedom
+    precision = PRIOR_PRECISION * sum_of_squares / freedom
     coefficients = np.linalg.solve(gram + precision * unit, product[..., np.newaxis])[..., 0]
-    residual_sum = np.maximum(total - np.sum(product * coefficients, axis=1), 1e-12 * total)
-    residual_sum += MODEL_ERROR * (total - residual_sum.min())
+    residual_sum = np.maximum(sum_of_squares - np.sum(product * coefficients, axis=1), 1e-12 * sum_of_squares)
+    residual_sum += MODEL_ERROR * (sum_of_squares - residual_sum.min())
     log_determinant = np.linalg.slogdet(unit + gram / precision)[1]
-    return np.asarray(-0.5 * freedom * np.log(residual_sum / total) - 0.5 * log_determinant)
+    return np.asarray(-0.5 * freedom * np.log(residual_sum / sum_of_squares) - 0.5 * log_determinant)
 
 
 CANDIDATES = np.arange(0.0, 0.2501, 0.0025)  # sizes of the gap, fractions of stroke
 GOOD_BACKLASH = 0.01  # fraction of stroke, up to which a valve is good
 SIZE_TOLERANCE = 0.2  # share of itself, or ``GOOD_BACKLASH``, within which a size is right
 LEAST_CERTAINTY = 0.95  # probability of being right, of an identified size
-_IS_GOOD = CANDIDATES <= GOOD_BACKLASH + 1e-9
-USUAL_STROKE_TIME = 90.0  # s
-LEAST_REVERSAL = 0.005  # of the motor, fraction of stroke
-LONGEST_INTERVAL = 60.0  # s
+_IS_GOOD_CANDIDATE = CANDIDATES <= GOOD_BACKLASH + 1e-9
+USUAL_STROKE_TIME = 90.0  # s, of a motor whose own is not given
+LEAST_REVERSAL = 0.005  # of the motor that counts, fraction of stroke
+LONGEST_INTERVAL = 60.0  # s between samples of a log that can show a gap
 CLOCK_SHIFTS_S = (60.0, 120.0, 180.0)  # of the command, with which it must not explain the temperature better
 MORE_EVIDENCE_CURE = "step the set-point up and down, or log longer"
 _JUMPY_COMMAND = (
@@ -216,51 +216,51 @@ def combine_days(days: Sequence[DayEvidence]) -> Identification:
     Days with a doubt do not count if half of the days or more have none.  With many days, a command that jumps back and
     forth is no doubt: each day may show what moved between its samples.
     """
-    compared, doubt = [day for day in days if day.likelihoods], ""
-    if not compared:
+    comparable, doubt = [day for day in days if day.likelihoods], ""
+    if not comparable:
         flat, reason = np.full(CANDIDATES.size, 1.0 / CANDIDATES.size), _most_frequent([day.doubt for day in days])
         return Identification(np.nan, 0.0, float(CANDIDATES[-1]), False, reason, flat)
-    has_many_days = len(compared) >= thresholds.MANY_DAYS
+    has_many_days = len(comparable) >= thresholds.MANY_DAYS
     if not has_many_days:
-        compared = [day._replace(doubt=day.doubt or _JUMPY_COMMAND) if day.is_jumpy else day for day in compared]
-    sound = [day for day in compared if not day.doubt]
-    if 2 * len(sound) >= len(compared):
-        compared = sound
+        comparable = [day._replace(doubt=day.doubt or _JUMPY_COMMAND) if day.is_jumpy else day for day in comparable]
+    undoubted_days = [day for day in comparable if not day.doubt]
+    if 2 * len(undoubted_days) >= len(comparable):
+        comparable = undoubted_days
     else:
-        doubt = _most_frequent([day.doubt for day in compared if day.doubt])
-    provoked = any(day.provoked for day in compared)
+        doubt = _most_frequent([day.doubt for day in comparable if day.doubt])
+    is_provoked_once = any(day.provoked for day in comparable)
     steady_weight = thresholds.COMMAND_WEIGHT
     if has_many_days:
-        steady_weight = min(thresholds.POOLED_WEIGHT, thresholds.MOST_STEADY_WEIGHT / len(compared))
-    log_likelihoods = np.array([_day_likelihood(day, steady_weight) for day in compared])
+        steady_weight = min(thresholds.POOLED_WEIGHT, thresholds.MOST_STEADY_WEIGHT / len(comparable))
+    log_likelihoods = np.array([_day_likelihood(day, steady_weight) for day in comparable])
     logarithm = log_likelihoods.sum(axis=0)
     probability = np.exp(logarithm - np.logaddexp.reduce(logarithm))
-    size = judge_size(probability, provoked, doubt)
-    if size.identified and has_many_days and not provoked:
+    size = judge_size(probability, is_provoked_once, doubt)
+    if size.identified and has_many_days and not is_provoked_once:
         is_other = np.abs(CANDIDATES - size.backlash) > max(SIZE_TOLERANCE * size.backlash, GOOD_BACKLASH) + 1e-9
         preference = log_likelihoods[:, CANDIDATES == size.backlash] - log_likelihoods[:, is_other]
         errors = np.maximum(preference.std(axis=0, ddof=1) / np.sqrt(len(preference)), 1e-12)
         if np.min(preference.mean(axis=0) / errors) < thresholds.LEAST_AGREEMENT:
             doubt = "the days show different gaps: step the set-point up and down on one"
-            size = judge_size(probability, provoked, doubt)
-    n_reversals = sum(count_reversals(day.positions, max(size.low, LEAST_REVERSAL)) for day in compared)
+            size = judge_size(probability, is_provoked_once, doubt)
+    n_reversals = sum(count_reversals(day.positions, max(size.low, LEAST_REVERSAL)) for day in comparable)
     if size.identified and n_reversals < thresholds.LEAST_REVERSALS:
         doubt = f"the valve reversed only {format_count(n_reversals, 'time')} by more than such a gap, and "
         doubt += f"{thresholds.LEAST_REVERSALS} reversals are needed: {MORE_EVIDENCE_CURE}"
-        size = judge_size(probability, provoked, doubt)
-    high = min(size.high + max(day.unseen_share for day in compared) * size.backlash, float(CANDIDATES[-1]))
-    return size._replace(high=high, temperature_lag=_most_frequent([day.temperature_lag for day in compared]))
+        size = judge_size(probability, is_provoked_once, doubt)
+    high = min(size.high + max(day.unseen_share for day in comparable) * size.backlash, float(CANDIDATES[-1]))
+    return size._replace(high=high, temperature_lag=_most_frequent([day.temperature_lag for day in comparable]))
 
 
 def _day_likelihood(day: DayEvidence, steady_weight: float) -> Array:
-    """Log-likelihood of each candidate from a day; a constant set-point never favours a good valve."""
+    """Return the log-likelihood of each candidate from a day; a good valve wins only if the set-point moved."""
     if day.provoked:
         readings = [thresholds.LIKELIHOOD_WEIGHT * likelihood.without_command for likelihood in day.likelihoods]
     else:
         readings = [steady_weight * likelihood.with_command for likelihood in day.likelihoods]
     weighted = [day.weight * reading for reading in readings]
-    combined = np.asarray(np.logaddexp.reduce([reading - np.logaddexp.reduce(reading) for reading in weighted]))
-    return combined if day.provoked else np.minimum(combined, combined[~_IS_GOOD].max())
+    log_likelihood = np.asarray(np.logaddexp.reduce([reading - np.logaddexp.reduce(reading) for reading in weighted]))
+    return log_likelihood if day.provoked else np.minimum(log_likelihood, log_likelihood[~_IS_GOOD_CANDIDATE].max())
 
 
 def _most_frequent(values: Sequence[Any]) -> Any:
@@ -297,74 +297,74 @@ def gather_evidence(
         return DayEvidence([], doubt=doubt)
     is_known = good if T_set is None else good & np.isfinite(T_set)
     filled_T_set = None if T_set is None else forward_fill(np.asarray(T_set, float))
-    law = imply_pi(command, temperature, filled_T_set, is_known, interval)
-    samples = law.temperature_lag if lag is None else round(lag / interval)
+    pi = imply_pi(command, temperature, filled_T_set, is_known, interval)
+    lag_samples = pi.temperature_lag if lag is None else round(lag / interval)
     series = np.stack([temperature, *disturbances])
 
     def likelihood_at(shift: int, ends: int = 0, direction: int = 1, rolled: int = 0) -> Likelihood | None:
-        """With T moved ``shift`` samples earlier, rolled to another hour, without ``ends``; direction -1: backwards."""
-        at = slice(max(-shift, 0) + ends, n - max(shift, 0) - ends)
-        shifted = slice(max(shift, 0) + ends, n - max(-shift, 0) - ends)
-        motor = motor_positions(command[at][::direction], interval, stroke_time)
-        T, *others = np.roll(series[:, shifted], rolled, axis=1)[:, ::direction]
-        is_good = (good[at] & np.roll(good[shifted], rolled))[::direction]
-        return likelihoods(T, motor, others, is_good, interval, CANDIDATES)
+        """Return the likelihood with T moved ``shift`` samples earlier, rolled, less ``ends``; -1: read backwards."""
+        command_rows = slice(max(-shift, 0) + ends, n - max(shift, 0) - ends)
+        temperature_rows = slice(max(shift, 0) + ends, n - max(-shift, 0) - ends)
+        motor = motor_positions(command[command_rows][::direction], interval, stroke_time)
+        T, *other_series = np.roll(series[:, temperature_rows], rolled, axis=1)[:, ::direction]
+        is_good = (good[command_rows] & np.roll(good[temperature_rows], rolled))[::direction]
+        return likelihoods(T, motor, other_series, is_good, interval, CANDIDATES)
 
     # a command that answers old temperatures may be that of a slow controller, and stand where it belongs
-    shifts = (0, samples) if samples < 0 and lag is None else (samples,)
+    shifts = (0, lag_samples) if lag_samples < 0 and lag is None else (lag_samples,)
     readings = [likelihood for shift in shifts if (likelihood := likelihood_at(shift))]
     if not readings:
         doubt = "too little of the log is usable, or the temperature hardly changes: log for two hours or more"
         return DayEvidence([], doubt=doubt)
-    provoked = is_provoked(command, temperature, good, T_set, interval)
+    was_provoked = is_provoked(command, temperature, good, T_set, interval)
     is_unseen = sample_time is None or sample_time < interval
     is_in_step = sample_time is not None and not is_unseen and (sample_time / interval) % 1.0 < 1e-6
     doubt, weight = "", min(1.0, HORIZON_S / interval) if is_unseen else 1.0
     is_jumpy = back_and_forth_share(command, is_in_control(command, good, interval)) > thresholds.MOST_BACK_AND_FORTH
     weight *= thresholds.JUMPY_WEIGHT if is_jumpy else 1.0
-    if law.is_another:
+    if pi.is_another:
         cure = "check that both belong to the same loop and the same clock"
-        doubt = f"a PI of this temperature explains only {100 * law.explained:.3g} % of the command's changes: {cure}; "
+        doubt = f"a PI of this temperature explains only {100 * pi.explained:.3g} % of the command's changes: {cure}; "
         doubt += "no size can be claimed for a loop with another control law"
-    elif law.ti < -interval:
+    elif pi.ti < -interval:
         cure = "check that the rows are in chronological order and that both points share one clock"
         doubt = f"the command moves before the temperature change that it responds to: {cure}"
-    elif provoked:
-        doubt = _why_misplaced(likelihood_at, samples, interval, n, CLOCK_SHIFTS_S if lag is None else ())
+    elif was_provoked:
+        doubt = _why_misplaced(likelihood_at, lag_samples, interval, n, CLOCK_SHIFTS_S if lag is None else ())
     most_arrivals = thresholds.MOST_ARRIVALS_PER_REVERSAL * count_reversals(positions, 0.05)
     if not doubt and count_end_arrivals(command, good) > max(thresholds.MOST_ARRIVALS, most_arrivals):
         doubt = "the command keeps reaching 0 or 100 %: raise Ti until the loop is calm, then log again"
     unseen_share = thresholds.UNSEEN_TURN_SHARE if is_unseen and interval > HORIZON_S else 0.0
-    is_jumpy &= not (provoked and is_in_step)
-    return DayEvidence(readings, provoked, doubt, weight, samples * interval, unseen_share, is_jumpy, positions)
+    is_jumpy &= not (was_provoked and is_in_step)
+    return DayEvidence(readings, was_provoked, doubt, weight, lag_samples * interval, unseen_share, is_jumpy, positions)
 
 
 def _why_misplaced(
-    likelihood_at: Callable[..., Likelihood | None], samples: int, interval: float, n: int, shifts: Sequence[float]
+    likelihood_at: Callable[..., Likelihood | None], lag_samples: int, interval: float, n: int, shifts: Sequence[float]
 ) -> str:
-    """Why the command explains the temperature of another time as well; empty if it does not.
+    """Return why the command explains the temperature of another time as well; empty if it does not.
 
     Other times are placebos, the log backwards and its other hours, and clocks that differ by one of the ``shifts``, s,
     which count if they explain more with another gap.  Only a provoked day can show this.
     """
 
-    def best(shift: int, **options: int) -> tuple[float, float]:
-        """The largest likelihood and the gap that has it."""
-        likelihood = likelihood_at(shift, int(CLOCK_SHIFTS_S[-1] / interval) + abs(samples) - abs(shift), **options)
+    def best_fit(shift: int, **options: int) -> tuple[float, float]:
+        """Return the largest log-likelihood and the gap that has it."""
+        likelihood = likelihood_at(shift, int(CLOCK_SHIFTS_S[-1] / interval) + abs(lag_samples) - abs(shift), **options)
         if likelihood is None:
             return 0.0, 0.0
         return float(likelihood.without_command.max()), float(CANDIDATES[likelihood.without_command.argmax()])
 
-    likelihood, size = best(samples)
-    most = likelihood - thresholds.LEAST_PLACEBO_MARGIN  # of the placebos
-    if best(samples, direction=-1)[0] > most:
+    likelihood, size = best_fit(lag_samples)
+    most_allowed = likelihood - thresholds.LEAST_PLACEBO_MARGIN  # of the placebos
+    if best_fit(lag_samples, direction=-1)[0] > most_allowed:
         cure = "check that the command drives this valve, and that the rows are in chronological order"
         return f"the log fits just as well when it is read backwards: {cure}"
-    if max(best(samples, rolled=quarters * n // 4)[0] for quarters in (1, 2, 3)) > most:
+    if max(best_fit(lag_samples, rolled=quarters * n // 4)[0] for quarters in (1, 2, 3)) > most_allowed:
         cure = "check that it drives this valve, or log longer"
         return f"the command explains the temperatures of other hours just as well: {cure}"
     for shift in shifts:
-        shifted_likelihood, shifted_size = best(samples - round(shift / interval))
+        shifted_likelihood, shifted_size = best_fit(lag_samples - round(shift / interval))
         is_another_size = abs(shifted_size - size) > max(SIZE_TOLERANCE * size, GOOD_BACKLASH)
         if shifted_likelihood > likelihood + thresholds.LARGEST_SHIFT_GAIN and is_another_size:
             cure = "check that both points share one clock, or give the lag between them (lag, --lag)"
@@ -373,28 +373,28 @@ def _why_misplaced(
 
 
 def judge_size(probability: Array, provoked: bool, doubt: str, cure: str = MORE_EVIDENCE_CURE) -> Identification:
-    """Choose the most probable size and judge whether it may be claimed.
+    """Return the most probable gap with its interval, and whether it counts as identified.
 
     On a day that is not provoked, a good valve is never claimed: a stem that stands still looks the same.
     """
     tolerances = np.maximum(SIZE_TOLERANCE * CANDIDATES, GOOD_BACKLASH) + 1e-9
     certainty = (np.abs(CANDIDATES[:, np.newaxis] - CANDIDATES) <= tolerances) @ probability
-    best = int(probability.argmax())
-    if certainty[best] < LEAST_CERTAINTY <= certainty.max():
-        best = int(certainty.argmax())
-    backlash = float(CANDIDATES[best])
-    is_worse = bool(probability.max() >= thresholds.LEAST_ODDS * probability[_IS_GOOD].max())
+    k = int(probability.argmax())
+    if certainty[k] < LEAST_CERTAINTY <= certainty.max():
+        k = int(certainty.argmax())
+    backlash = float(CANDIDATES[k])
+    is_worse = bool(probability.max() >= thresholds.LEAST_ODDS * probability[_IS_GOOD_CANDIDATE].max())
     if not doubt and backlash <= GOOD_BACKLASH and not provoked:
         trap = "the command only follows the temperature, so a stem that stands still looks like one without a gap"
         doubt = f"{trap}: step the set-point"
     low, high, reason = 0.0, float(CANDIDATES[-1]), doubt
     if not doubt:
         # equal tails; half a step is the width of a candidate, the rest the error of a linear model
-        below, step = np.cumsum(probability), CANDIDATES[1] - CANDIDATES[0]
-        first, last = np.argmax(below > 0.5 * (1.0 - 0.95)), np.argmax(below >= 0.5 * (1.0 + 0.95) - 1e-12)
+        cumulative, step = np.cumsum(probability), CANDIDATES[1] - CANDIDATES[0]
+        first, last = np.argmax(cumulative > 0.5 * (1.0 - 0.95)), np.argmax(cumulative >= 0.5 * (1.0 + 0.95) - 1e-12)
         low = max(float(CANDIDATES[first] - step), 0.0) if is_worse else 0.0
         high = min(float(CANDIDATES[last] + step), high)
-    if not doubt and (certainty[best] < LEAST_CERTAINTY or (backlash > GOOD_BACKLASH and not is_worse)):
+    if not doubt and (certainty[k] < LEAST_CERTAINTY or (backlash > GOOD_BACKLASH and not is_worse)):
         reason = f"gaps from {100 * low:.1f} % to {100 * high:.1f} % explain the log: {cure}"
     elif not doubt and high >= CANDIDATES[-1]:
         reason = f"the gap may be {100 * high:.0f} % of the stroke or more; larger gaps are not tested"

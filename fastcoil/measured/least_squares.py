@@ -18,11 +18,11 @@ import numpy as np
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.measured.part import split_segments
 
-CONFIDENCE = 0.95  # of intervals
-FORBIDDEN_RESIDUAL = 1e6  # of a parameter set that cannot be run
-_N_REFINED = 4  # best starts that are refined
-_SCREENED_AT_ONCE = 64
-_TINY = 1e-300
+CONFIDENCE_LEVEL = 0.95  # of all intervals of a fit
+FORBIDDEN_RESIDUAL = 1e6  # in the unit of the samples, of a parameter set that cannot be run
+_N_REFINED = 4  # number of best starts that are refined
+_SETS_PER_CALL = 64  # parameter sets that are screened in one call
+_LEAST_STEP = 1e-300  # so that nothing is divided by 0
 
 
 @dataclass(frozen=True)
@@ -42,14 +42,14 @@ class Model:
         return self.lower.size - self.n_nuisance
 
     def compared_residuals(self, sets: Array) -> Array:
-        """Residuals, (n, sets), of parameter sets, (p, sets); 0 at samples that are not compared."""
+        """Compute the residuals, (n, sets), of parameter sets, (p, sets); 0 at samples that are not compared."""
         r = self.residuals(sets)
         return np.where(self.used[:, None], np.where(np.isfinite(r), r, FORBIDDEN_RESIDUAL), 0.0)
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A minimum: x (p,), residuals (n,), Jacobian (n, p), residual sum of squares."""
+    """A minimum: parameters x (p,), residuals (n,), Jacobian (n, p), residual sum of squares."""
 
     x: Array
     r: Array
@@ -58,27 +58,27 @@ class Estimate:
 
 
 def evaluate(model: Model, x: Array) -> tuple[Array, Array]:
-    """Residuals (n,) and their Jacobian (n, p) at x, from one call; differences are one-sided at a bound."""
-    p, common = x.size, model.n_common
-    pairs = common + (model.n_nuisance > 0)
-    sets = np.repeat(x[:, None], 1 + 2 * pairs, axis=1)
-    for k in range(pairs):
-        parameters = slice(k, k + 1) if k < common else slice(common, p)
+    """Compute the residuals (n,) and their Jacobian (n, p) at x in one call, one-sided at a bound."""
+    p, n_common = x.size, model.n_common
+    n_pairs = n_common + (model.n_nuisance > 0)
+    sets = np.repeat(x[:, None], 1 + 2 * n_pairs, axis=1)
+    for k in range(n_pairs):
+        parameters = slice(k, k + 1) if k < n_common else slice(n_common, p)
         step = model.step[parameters]
         sets[parameters, 1 + 2 * k] = np.minimum(x[parameters] + step, model.upper[parameters])
         sets[parameters, 2 + 2 * k] = np.maximum(x[parameters] - step, model.lower[parameters])
     residuals = model.compared_residuals(sets)
     J = np.zeros((residuals.shape[0], p))
-    forbidden = np.atleast_1d((np.abs(residuals) >= FORBIDDEN_RESIDUAL).any(axis=0))
+    is_forbidden = np.atleast_1d((np.abs(residuals) >= FORBIDDEN_RESIDUAL).any(axis=0))
     # where one side is forbidden the slope comes from the other alone
-    sets[:, forbidden], residuals[:, forbidden] = sets[:, :1], residuals[:, :1]
-    for k in range(pairs):
+    sets[:, is_forbidden], residuals[:, is_forbidden] = sets[:, :1], residuals[:, :1]
+    for k in range(n_pairs):
         difference = residuals[:, 1 + 2 * k] - residuals[:, 2 + 2 * k]
-        if k < common:
-            J[:, k] = difference / max(sets[k, 1 + 2 * k] - sets[k, 2 + 2 * k], _TINY)
+        if k < n_common:
+            J[:, k] = difference / max(sets[k, 1 + 2 * k] - sets[k, 2 + 2 * k], _LEAST_STEP)
         else:
-            rows, column = np.arange(difference.size), common + model.segment
-            J[rows, column] = difference / np.maximum(sets[column, 1 + 2 * k] - sets[column, 2 + 2 * k], _TINY)
+            rows, column = np.arange(difference.size), n_common + model.segment
+            J[rows, column] = difference / np.maximum(sets[column, 1 + 2 * k] - sets[column, 2 + 2 * k], _LEAST_STEP)
     return residuals[:, 0], J
 
 
@@ -86,41 +86,43 @@ def minimise(model: Model, starts: Array, fixed: Sequence[int] = (), max_steps: 
     """Find the best minimum from the best of ``starts``, (p, sets); parameters in ``fixed`` keep their start."""
     if starts.shape[1] == 1:
         return _descend(model, starts[:, 0], fixed, max_steps)
-    groups = (starts[:, k : k + _SCREENED_AT_ONCE] for k in range(0, starts.shape[1], _SCREENED_AT_ONCE))
+    groups = (starts[:, k : k + _SETS_PER_CALL] for k in range(0, starts.shape[1], _SETS_PER_CALL))
     sums = np.concatenate([np.einsum("ij,ij->j", r, r) for r in map(model.compared_residuals, groups)])
     order = np.argsort(sums)[:_N_REFINED]
     best = min((_descend(model, starts[:, k], fixed, max_steps) for k in order), key=lambda estimate: estimate.rss)
     # long steps see past the kinks of Eq (1), short steps end nearer to the minimum
-    polished = _descend(replace(model, step=model.step / 20.0), best.x, fixed, max_steps)
-    best = min(best, polished, key=lambda estimate: estimate.rss)
+    polished_estimate = _descend(replace(model, step=model.step / 20.0), best.x, fixed, max_steps)
+    best = min(best, polished_estimate, key=lambda estimate: estimate.rss)
     return _estimate_at(model, best.x)  # with short steps a kink looks like a slope
 
 
 def _estimate_at(model: Model, x: Array) -> Estimate:
+    """Return the parameters x with residuals and Jacobian there."""
     r, J = evaluate(model, x)
     return Estimate(x, r, J, float(r @ r))
 
 
 def _descend(model: Model, x0: Array, fixed: Sequence[int], max_steps: int) -> Estimate:
+    """Find the minimum below one start, x0, by trust-region steps; parameters in ``fixed`` keep their start."""
     from scipy.optimize import least_squares
 
     free = np.setdiff1d(np.arange(x0.size), np.asarray(fixed, dtype=int))
     x = x0.copy()
 
     @lru_cache(maxsize=1)
-    def condensed_jacobian(part: bytes) -> Array:
-        """Jacobian and, last, residuals."""
-        x[free] = np.frombuffer(part)
+    def condensed_jacobian(x_free: bytes) -> Array:
+        """Return Jacobian and, in the last column, residuals, condensed to a square matrix."""
+        x[free] = np.frombuffer(x_free)
         r, J = evaluate(model, x)
         return _condense(np.column_stack([J[:, free], r]))
 
     if free.size:
         lower, upper = model.lower[free], model.upper[free]
-        span = upper - lower
+        width = upper - lower
         solution = least_squares(
-            lambda part: condensed_jacobian(part.tobytes())[:, -1],
-            np.clip(x0[free], lower + 1e-9 * span, upper - 1e-9 * span),
-            jac=lambda part: condensed_jacobian(part.tobytes())[:, :-1],
+            lambda x_free: condensed_jacobian(x_free.tobytes())[:, -1],
+            np.clip(x0[free], lower + 1e-9 * width, upper - 1e-9 * width),
+            jac=lambda x_free: condensed_jacobian(x_free.tobytes())[:, :-1],
             bounds=(lower, upper), method="trf", x_scale="jac", ftol=1e-9, xtol=1e-9, gtol=1e-12, max_nfev=max_steps,
         )  # fmt: skip
         x[free] = solution.x
@@ -128,7 +130,7 @@ def _descend(model: Model, x0: Array, fixed: Sequence[int], max_steps: int) -> E
 
 
 def _condense(A: Array) -> Array:
-    """Square matrix R with RᵀR = AᵀA: enough for a descent, and much faster to decompose."""
+    """Return a square matrix R with RᵀR = AᵀA: enough for a descent, and much faster to decompose."""
     norms = np.linalg.norm(A, axis=0)
     norms[norms == 0.0] = 1.0
     rows = np.ascontiguousarray((A / norms).T)
@@ -139,7 +141,7 @@ def _condense(A: Array) -> Array:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """How well an estimate is known."""
+    """Uncertainty of an estimate: covariance, and how many independent samples it rests on."""
 
     covariance: Array  # (p, p), NaN for parameters that are fixed or at a bound
     inflation: Array  # factor on the variance of white residuals, (p,)
@@ -150,22 +152,22 @@ class Uncertainty:
     without_effect: tuple[int, ...]  # index of the parameters without any effect
 
     def quantile(self, freedom: float | None = None) -> float:
-        """Half width of a 95 % interval in standard errors, for ``freedom`` degrees of freedom, its own if None."""
+        """Return the half width of a 95 % interval in standard errors; freedom: degrees of freedom, its own if None."""
         from scipy.stats import t
 
-        return float(t.ppf(0.5 + CONFIDENCE / 2, freedom or self.freedom))
+        return float(t.ppf(0.5 + CONFIDENCE_LEVEL / 2, freedom or self.freedom))
 
 
 def uncertainty(model: Model, best: Estimate, fixed: Sequence[int] = (), profiled: Sequence[int] = ()) -> Uncertainty:
-    """Covariance by SVD of the Jacobian; correlated residuals count as fewer samples.
+    """Estimate the covariance by SVD of the Jacobian; correlated residuals count as fewer samples.
 
     The variance of each estimate is that of residuals with their estimated autocorrelation ρ,
     aᵀ Jᵀ Ω J a with Ω = ρ(t - s), never less than that of white ones.  ``profiled`` parameters have one at their bound
     too: the limit of the profile depends on it.
     """
     r, n, p = best.r, int(model.used.sum()), best.x.size
-    span = model.upper - model.lower
-    is_inside = (best.x > model.lower + 1e-6 * span) & (best.x < model.upper - 1e-6 * span)
+    width = model.upper - model.lower
+    is_inside = (best.x > model.lower + 1e-6 * width) & (best.x < model.upper - 1e-6 * width)
     is_inside[list(profiled)] = True
     norms = np.linalg.norm(best.J, axis=0)
     has_effect = norms > 1e-12 * max(float(norms.max()), 1e-300)
@@ -177,60 +179,60 @@ def uncertainty(model: Model, best: Estimate, fixed: Sequence[int] = (), profile
     _, s, Vt = np.linalg.svd(best.J[:, free] / norms[free], full_matrices=False)
     is_resolved = s > 1e-8 * s[0] if s.size else np.zeros(0, dtype=bool)
     inverse = (Vt[is_resolved].T / s[is_resolved] ** 2) @ Vt[is_resolved] / np.outer(norms[free], norms[free])
-    white = np.diag(inverse).copy()
-    coloured = white + 2.0 * _lagged_products(best.J[:, free] @ inverse, model.segment, rho)
-    inflation = np.maximum(coloured / white, 1.0)
+    white_variances = np.diag(inverse).copy()
+    coloured_variances = white_variances + 2.0 * _lagged_products(best.J[:, free] @ inverse, model.segment, rho)
+    inflation = np.maximum(coloured_variances / white_variances, 1.0)
     covariance, factors = np.full((p, p), np.nan), np.ones(p)
     covariance[np.ix_(free, free)] = variance * inverse * np.sqrt(np.outer(inflation, inflation))
     for v in Vt[~is_resolved]:  # directions that the data do not identify
-        unknown = free[np.abs(v) > 0.1]
-        covariance[unknown, :] = covariance[:, unknown] = np.inf
+        unidentified_columns = free[np.abs(v) > 0.1]
+        covariance[unidentified_columns, :] = covariance[:, unidentified_columns] = np.inf
     factors[free] = inflation
     without_effect = tuple(np.flatnonzero(~has_effect).tolist())
     return Uncertainty(covariance, factors, n, n_effective, freedom, variance, without_effect)
 
 
 def autocorrelation(r: Array, segment: Index, used: Mask) -> Array:
-    """ρ(1), ρ(2), … of the residuals, up to where they are lost in noise (initial monotone sequence of Geyer)."""
-    r, mark = np.where(used, r, 0.0), used.astype(float)
+    """Estimate the autocorrelation ρ(1), ρ(2), … of residuals, until lost in noise (Geyer's monotone sequence)."""
+    r, is_used = np.where(used, r, 0.0), used.astype(float)
     pieces = split_segments(segment)
-    most = max(piece.size for piece in pieces) // 4  # a longer lag has too few pairs
-    sums, counts = np.zeros(most + 1), np.zeros(most + 1)
+    largest_lag = max(piece.size for piece in pieces) // 4  # a longer lag has too few pairs
+    sums, counts = np.zeros(largest_lag + 1), np.zeros(largest_lag + 1)
     for piece in pieces:
-        lags = min(most + 1, piece.size)
-        sums[:lags] += _autoproducts(r[piece])[:lags]
-        counts[:lags] += _autoproducts(mark[piece])[:lags]
-    if most < 1 or sums[0] <= 0.0:
+        n_lags = min(largest_lag + 1, piece.size)
+        sums[:n_lags] += _autoproducts(r[piece])[:n_lags]
+        counts[:n_lags] += _autoproducts(is_used[piece])[:n_lags]
+    if largest_lag < 1 or sums[0] <= 0.0:
         return np.zeros(0)
     rho = (sums / np.maximum(counts, 1.0)) / (sums[0] / counts[0])
-    pairs = rho[: rho.size // 2 * 2].reshape(-1, 2).sum(axis=1)
-    negative = np.flatnonzero(pairs <= 0.0)
-    n_pairs = negative[0] if negative.size else pairs.size
-    pairs = np.minimum.accumulate(pairs[:n_pairs])
-    kept = rho[: 2 * n_pairs]
-    scale = np.repeat(pairs / np.maximum(kept.reshape(-1, 2).sum(axis=1), 1e-300), 2)
-    return np.asarray((kept * scale)[1:])
+    pair_sums = rho[: rho.size // 2 * 2].reshape(-1, 2).sum(axis=1)
+    negative = np.flatnonzero(pair_sums <= 0.0)
+    n_pairs = negative[0] if negative.size else pair_sums.size
+    pair_sums = np.minimum.accumulate(pair_sums[:n_pairs])
+    significant_rho = rho[: 2 * n_pairs]
+    scale = np.repeat(pair_sums / np.maximum(significant_rho.reshape(-1, 2).sum(axis=1), 1e-300), 2)
+    return np.asarray((significant_rho * scale)[1:])
 
 
 def _autoproducts(x: Array) -> Array:
-    """Sum over t of x[t] x[t + k] for every lag k, (n,)."""
+    """Return the sum over t of x[t] x[t + k] for every lag k, (n,)."""
     size = 1 << (2 * x.size - 1).bit_length()
     f = np.fft.rfft(x, size)
     return np.fft.irfft(f * np.conj(f), size)[: x.size]
 
 
 def _lagged_products(Z: Array, segment: Index, rho: Array) -> Array:
-    """Sum over lags k of ρ(k) times the sum over t of z[t] z[t + k], for every column of Z."""
+    """Return the sum over lags k and times t of ρ(k) z[t] z[t + k], for every column z of Z."""
     total = np.zeros(Z.shape[1])
     for piece in split_segments(segment):
-        lags = min(rho.size, piece.size - 1)
-        if lags > 0:
-            total += [rho[:lags] @ _autoproducts(z)[1 : lags + 1] for z in Z[piece].T]
+        n_lags = min(rho.size, piece.size - 1)
+        if n_lags > 0:
+            total += [rho[:n_lags] @ _autoproducts(z)[1 : n_lags + 1] for z in Z[piece].T]
     return total
 
 
 def profile_parameter(model: Model, best: Estimate, k: int, grid: Array, fixed: Sequence[int] = ()) -> list[Estimate]:
-    """Minima with parameter k held at each value of ``grid`` (ascending), outward from the free minimum."""
+    """Find the minimum with parameter k held at each value of ``grid`` (ascending), outward from the free minimum."""
     middle = int(np.searchsorted(grid, best.x[k]))
     estimates: dict[int, Estimate] = {}
     for indices in (range(middle, grid.size), range(middle - 1, -1, -1)):
@@ -243,7 +245,7 @@ def profile_parameter(model: Model, best: Estimate, k: int, grid: Array, fixed: 
     return [estimates[i] for i in range(grid.size)]
 
 
-_FEWEST_BLOCKS = 8  # that a log in fewer pieces is cut into
+_FEWEST_BLOCKS = 8  # of a bootstrap; a log of fewer segments is cut
 
 
 def widen_by_bootstrap(model: Model, best: Estimate, spread: Uncertainty, fixed: list[int]) -> Uncertainty:
@@ -251,36 +253,37 @@ def widen_by_bootstrap(model: Model, best: Estimate, spread: Uncertainty, fixed:
     block = bootstrap_blocks(model.segment, model.used, spread.n_effective)
     n_blocks = int(block.max()) + 1
     free = np.setdiff1d(np.flatnonzero(np.isfinite(np.diag(spread.covariance))), fixed)
-    common = free[free < model.n_common]
-    if n_blocks < 2 or not common.size:
+    free_common = free[free < model.n_common]
+    if n_blocks < 2 or not free_common.size:
         return spread
-    low, high = np.quantile(_bootstrap_steps(best, block, n_blocks, free)[:, : common.size], [0.1587, 0.8413], axis=0)
+    steps = _bootstrap_steps(best, block, n_blocks, free)[:, : free_common.size]
+    low, high = np.quantile(steps, [0.1587, 0.8413], axis=0)
     deviation = 0.5 * (high - low) * np.sqrt(n_blocks / (n_blocks - 1))
-    ratio = deviation / np.sqrt(np.diag(spread.covariance)[common])
+    ratio = deviation / np.sqrt(np.diag(spread.covariance)[free_common])
     ratio *= spread.quantile(n_blocks - 1) / spread.quantile()
     factor = np.ones(best.x.size)
-    factor[common] = np.maximum(ratio, 1.0)
+    factor[free_common] = np.maximum(ratio, 1.0)
     covariance = spread.covariance * np.outer(factor, factor)
     return replace(spread, covariance=covariance, inflation=spread.inflation * factor**2)
 
 
 def bootstrap_blocks(segment: Index, used: Mask, n_effective: float) -> Index:
-    """Block number of each sample, (n,): the unbroken pieces, cut if they are too few."""
+    """Number the blocks that a bootstrap draws, (n,) for each sample: the segments, cut if they are too few."""
     pieces = np.unique(segment[used])
     if pieces.size >= _FEWEST_BLOCKS:
         return np.asarray(np.clip(np.searchsorted(pieces, segment), 0, pieces.size - 1))
     n_wanted = int(np.clip(n_effective / 5.0, _FEWEST_BLOCKS, 30))
-    number, n = np.zeros(segment.size, dtype=np.int64), 0
+    block, n_blocks = np.zeros(segment.size, dtype=np.int64), 0
     for piece in pieces:
         samples = np.flatnonzero((segment == piece) & used)
-        cuts = max(round(n_wanted * samples.size / used.sum()), 1)
-        number[samples] = n + np.arange(samples.size) * cuts // samples.size
-        n += cuts
-    return np.unique(number, return_inverse=True)[1]
+        n_cuts = max(round(n_wanted * samples.size / used.sum()), 1)
+        block[samples] = n_blocks + np.arange(samples.size) * n_cuts // samples.size
+        n_blocks += n_cuts
+    return np.unique(block, return_inverse=True)[1]
 
 
 def _bootstrap_steps(best: Estimate, block: Index, n_blocks: int, free: Index) -> Array:
-    """Steps of the free parameters to the minimum of each draw, (draws, free)."""
+    """Estimate by how much the free parameters differ in each draw of the bootstrap, (draws, free)."""
     J, r = best.J[:, free], best.r
     scale = np.linalg.norm(J, axis=0)
     order = np.argsort(block, kind="stable")

@@ -23,11 +23,11 @@ class Swing(NamedTuple):
     regularity: float  # a third of the mean over the deviation of the intervals between zero crossings
     periodic_share: float  # of the variance that is periodic: the autocovariance one period away over that at 0
     peak_to_peak: float  # mean over the periods, in the unit of the series, noise smoothed
-    periods: float  # how many whole ones the series has
+    periods: float  # number of periods in the series
 
     @property
     def is_regular(self) -> bool:
-        """Whether it repeats regularly and matters: what a technician calls hunting."""
+        """Whether the swing repeats regularly and is large enough to be called hunting."""
         repeats = self.regularity > LEAST_REGULARITY and self.periodic_share > 0.5 and self.periods >= 8
         return repeats and self.peak_to_peak > 0.1  # K
 
@@ -43,69 +43,69 @@ def measure_swing(series: Array, good: Mask, interval: float) -> Swing:
     lengths remove slower drifts; the most periodic remainder counts.  The longest run must show three periods, or two
     clear ones.
     """
-    longest = longest_run(good) * interval
-    best = NO_SWING
+    longest_seconds = longest_run(good) * interval
+    most_periodic = NO_SWING
     for seconds in (600.0, 1800.0, 3600.0):
         width = round(seconds / interval)
         if width < _FEWEST_INTERVALS or good.sum() < width:
             continue
         detrended = np.where(good, series - running_mean(series, good, width), 0.0)
         swing = _swing_from_autocovariance(detrended, good, interval)
-        longest_period = min(1.2 * seconds, longest / (2 if swing.periodic_share > 0.7 else 3))
-        if swing.period < longest_period and swing.periodic_share > best.periodic_share:
-            best = swing
-    return best
+        longest_period = min(1.2 * seconds, longest_seconds / (2 if swing.periodic_share > 0.7 else 3))
+        if swing.period < longest_period and swing.periodic_share > most_periodic.periodic_share:
+            most_periodic = swing
+    return most_periodic
 
 
 def longest_run(good: Mask) -> int:
-    """Number of samples of the longest unbroken run."""
+    """Return the number of samples in the longest run of True in a mask."""
     return int(np.max(np.diff(true_runs(good)), initial=0))
 
 
 def _swing_from_autocovariance(detrended: Array, good: Mask, interval: float) -> Swing:
     covariance = _autocovariance(detrended, good)
-    at = np.flatnonzero(np.signbit(covariance[1:]) != np.signbit(covariance[:-1]))
-    if covariance[0] <= 0.0 or at.size < _FEWEST_INTERVALS + 1:
+    k = np.flatnonzero(np.signbit(covariance[1:]) != np.signbit(covariance[:-1]))  # lags before the zero crossings
+    if covariance[0] <= 0.0 or k.size < _FEWEST_INTERVALS + 1:
         return NO_SWING
-    intervals = np.diff(at + covariance[at] / (covariance[at] - covariance[at + 1]))[:10] * interval
+    intervals = np.diff(k + covariance[k] / (covariance[k] - covariance[k + 1]))[:10] * interval
     spread = float(intervals.std(ddof=1))
     regularity = float(intervals.mean()) / (3.0 * spread) if spread > 0.0 else np.inf
     period = 2.0 * float(intervals.mean())
     lag = min(round(period / interval), covariance.size - 1)
     samples = period / interval
-    smooth = running_mean(detrended, good, max(1, round(samples / SMOOTHINGS_PER_PERIOD)))  # of noise
-    sizes = _block_swings(smooth, good, max(2, round(samples)))
-    share, periods = float(covariance[lag] / covariance[0]), float(good.sum()) * interval / period
-    return Swing(period, regularity, share, float(sizes.mean()) if sizes.size else np.nan, periods)
+    smooth_swing = running_mean(detrended, good, max(1, round(samples / SMOOTHINGS_PER_PERIOD)))
+    sizes = _block_swings(smooth_swing, good, max(2, round(samples)))
+    periodic_share, n_periods = float(covariance[lag] / covariance[0]), float(good.sum()) * interval / period
+    return Swing(period, regularity, periodic_share, float(sizes.mean()) if sizes.size else np.nan, n_periods)
 
 
 def _autocovariance(detrended: Array, good: Mask) -> Array:
-    """Mean product of good pairs at each lag, up to a lag with too few of them."""
+    """Return the autocovariance of a series at each lag, from pairs of good samples, up to a lag with too few."""
     size = 1 << int(2 * detrended.size - 1).bit_length()
     transforms = (np.fft.rfft(series, size) for series in (detrended, good * 1.0))
-    products, pairs = (np.fft.irfft(np.abs(s) ** 2, size)[: detrended.size] for s in transforms)
-    enough = pairs > 0.1 * max(pairs[0], 1.0)
-    last = int(np.argmin(enough)) if not enough.all() else enough.size
-    return np.asarray(products[:last] / np.maximum(pairs[:last], 1.0))
+    products, pair_counts = (np.fft.irfft(np.abs(s) ** 2, size)[: detrended.size] for s in transforms)
+    is_enough = pair_counts > 0.1 * max(pair_counts[0], 1.0)
+    n_lags = int(np.argmin(is_enough)) if not is_enough.all() else is_enough.size
+    return np.asarray(products[:n_lags] / np.maximum(pair_counts[:n_lags], 1.0))
 
 
 def _block_swings(series: Array, good: Mask, samples: int) -> Array:
-    """Peak to peak of each block of ``samples`` that are all good."""
+    """Return the peak-to-peak swing in each block of so many ``samples``, where all of them are good."""
     n_blocks = series.size // samples
     blocks, is_good = (array[: n_blocks * samples].reshape(n_blocks, samples) for array in (series, good))
     return np.asarray(np.ptp(blocks[is_good.all(axis=1)], axis=1))
 
 
 def running_mean(series: Array, good: Mask, width: int) -> Array:
-    """Mean of the good samples among the ``width`` around each."""
+    """Return the running mean of a series over ``width`` samples, of the good ones among them."""
 
-    def total(values: Array) -> Array:
-        summed = np.concatenate([[0.0], np.cumsum(values)])
+    def window_sum(values: Array) -> Array:
+        sums_before = np.concatenate([[0.0], np.cumsum(values)])
         index = np.arange(values.size)
         low, high = np.maximum(index - width // 2, 0), np.minimum(index + (width + 1) // 2, values.size)
-        return np.asarray(summed[high] - summed[low])
+        return np.asarray(sums_before[high] - sums_before[low])
 
-    return np.asarray(total(np.where(good, series, 0.0)) / np.maximum(total(good.astype(float)), 1.0))
+    return np.asarray(window_sum(np.where(good, series, 0.0)) / np.maximum(window_sum(good.astype(float)), 1.0))
 
 
 SETTLED_AFTER_S = 600.0  # after a change of the set-point; a command at an end for longer leaves the loop no control
@@ -124,21 +124,21 @@ def is_settled(T_set: Array, good: Mask, interval: float) -> Mask:
 
 
 def is_in_control(command: Array, good: Mask, interval: float) -> Mask:
-    """Whether the valve is not shut or wide open for so long that the loop is out of control, (n,)."""
-    is_in_control = good.copy()
+    """Whether the valve is in control: good samples, not at an end of the stroke for more than ten minutes, (n,)."""
+    mask = good.copy()
     for first, last in true_runs(good & ((command <= 0.005) | (command >= 1.0 - 0.005))):
         if (last - first) * interval > SETTLED_AFTER_S:
-            is_in_control[first:last] = False
-    return is_in_control
+            mask[first:last] = False
+    return mask
 
 
-COARSE_INTERVAL_S = 60.0  # beyond which a log misses the swings of most loops
+COARSE_INTERVAL_S = 60.0  # between samples, beyond which a log misses the swings of most loops
 
 
 class Measures(NamedTuple):
-    """Measures of the loop of a log."""
+    """Measures of the loop in a log that need no model."""
 
-    calm: Mask  # where the plant was on, in control and settled, (n,)
+    calm: Mask  # where the loop can be judged: the plant was on, in control and settled, (n,)
     swing: Swing  # of the control error there, K; of the temperature, if there is no set-point
     position: Array  # of the motor, (n,)
     command_swing: float  # median of highest less lowest command in a period
@@ -147,7 +147,7 @@ class Measures(NamedTuple):
 
 
 def measure_loop(grid: Grid, stroke_time: float) -> Measures:
-    """Measure the loop of a log; ``stroke_time``: of the motor, s."""
+    """Measure swing, errors, travel and reversals of the loop in a log; ``stroke_time``: of the motor, s."""
     T, command, interval = grid.values["T_sup"], grid.values["command"], grid.interval
     T_set = grid.values.get("T_set")
     error = T if T_set is None else T - T_set
@@ -177,6 +177,7 @@ def measure_loop(grid: Grid, stroke_time: float) -> Measures:
 
 
 def _why_blind(grid: Grid, calm: Mask, swing: Swing) -> str:
+    """Return why a log could not show a swing of its loop, with the cure; empty if it could."""
     calm_time, longest_calm = float(calm.sum()) * grid.interval, longest_run(calm) * grid.interval
     reasons = {
         f"a sample every {grid.interval:.4g} s misses swings of minutes: log every 30 s or faster":
@@ -193,33 +194,33 @@ def _why_blind(grid: Grid, calm: Mask, swing: Swing) -> str:
     return next((reason for reason, holds in reasons.items() if holds), "")
 
 
-OFF = "off"
-START_UP = "start-up"
-NOT_RESPONDING = "not responding"
-OPEN_NOT_MET = "open, not met"
-SHUT_NOT_MET = "shut, not met"
-SWINGING = "swinging"
-WIDE_OPEN = "wide open"
-SHUT = "shut"
-OFF_SET_POINT = "off set-point"
-HOLDING = "holding"
-IN_CONTROL = "in control"
-STATES = (OFF, START_UP, NOT_RESPONDING, OPEN_NOT_MET, SHUT_NOT_MET, SWINGING, WIDE_OPEN, SHUT, OFF_SET_POINT, HOLDING,
-          IN_CONTROL)  # fmt: skip
+STATE_OFF = "off"
+STATE_START_UP = "start-up"
+STATE_NOT_RESPONDING = "not responding"
+STATE_OPEN_NOT_MET = "open, not met"
+STATE_SHUT_NOT_MET = "shut, not met"
+STATE_SWINGING = "swinging"
+STATE_WIDE_OPEN = "wide open"
+STATE_SHUT = "shut"
+STATE_OFF_SET_POINT = "off set-point"
+STATE_HOLDING = "holding"
+STATE_IN_CONTROL = "in control"
+STATES = (STATE_OFF, STATE_START_UP, STATE_NOT_RESPONDING, STATE_OPEN_NOT_MET, STATE_SHUT_NOT_MET, STATE_SWINGING,
+          STATE_WIDE_OPEN, STATE_SHUT, STATE_OFF_SET_POINT, STATE_HOLDING, STATE_IN_CONTROL)  # fmt: skip
 """States of an hour; the first that applies wins."""
-_MET_K = 1.0  # off the set-point, up to which a loop is in control, as air handlers are commissioned
-_SWINGING_K = 1.0  # peak to peak: loads and mixing make up to ± 0.5 K
-_AT_END = 0.02  # of the stroke, within which a valve is shut or wide open
-_FULL_EFFECT_S = 1800.0  # after which coil and duct have followed the valve
-_LEAK_K = 3.0  # between entering and supply air with the valve shut
-_STEADY_K = 0.5  # between the halves of an hour: a duct that cools down or warms up changes by more
-_SAMPLES_PER_PERIOD = 4  # that resolve a swing
-_LEAST_CROSSINGS = 4  # of its level, in three hours, by a swing
-_LEAST_FAULT_SHARE = 0.15  # of the hours of operation
+_MET_ERROR_K = 1.0  # control error up to which the set-point is met, as air handlers are commissioned
+_LEAST_SWING_K = 1.0  # peak to peak, of a loop that swings: loads and mixing make up to ± 0.5 K
+_END_TOLERANCE = 0.02  # fraction of stroke, within which a valve is shut or wide open
+_FULL_EFFECT_S = 1800.0  # time after which coil and duct have followed the valve
+_LEAK_EFFECT_K = 3.0  # from entering to supply air with the valve shut, above which it leaks
+_STEADY_CHANGE_K = 0.5  # between the halves of an hour: a duct that cools down or warms up changes by more
+_SAMPLES_PER_PERIOD = 4  # fewest that resolve a swing
+_LEAST_CROSSINGS = 4  # of its mean level, in three hours, by a swing that counts
+_LEAST_FAULT_SHARE = 0.15  # share of the hours of operation from which a fault is reported
 
 HOURLY_VARIABLES: Mapping[str, tuple[str, str]] = {
     "enabled": ("1", "share of the hour in which the plant was on"),
-    "in_control": ("1", f"share of the hour with the plant on and T_sup within {_MET_K:g} K of the set-point"),
+    "in_control": ("1", f"share of the hour with the plant on and T_sup within {_MET_ERROR_K:g} K of the set-point"),
     "saturated": ("1", "share of the hour with the valve wide open or shut for more than 10 min"),
     "not_responding": ("1", "share of the hour in which T_sup does not answer the valve"),
     "command": ("1", "mean command, fraction of stroke"),
@@ -242,10 +243,10 @@ class _LoopSeries(NamedTuple):
     from_air: Array  # T_sup - T_a_in
     swing: Array  # the error, or else the temperature, about its level; NaN where unsettled
     good: Mask  # plant on, command and temperature known
-    starting: Mask
-    open: Mask  # for a while
-    shut: Mask
-    not_responding: Mask  # open without an effect, or shut with one
+    is_starting: Mask
+    is_open: Mask  # for a while
+    is_shut: Mask
+    is_silent: Mask  # open without an effect, or shut with one
     cools: float  # 1 of a cooling coil, -1 of a heating coil, 0 if the log does not show it
 
 
@@ -256,14 +257,14 @@ def hourly_summary(grid: Grid) -> xr.Dataset:
     variables of ``HOURLY_VARIABLES``; ``state``, one of ``STATES``; ``log_limits``, what the log of that hour cannot
     show, or blank.
     """
-    hour_of_sample, base = np.zeros(grid.on.size, dtype=np.int64), 0
+    hour_of_sample, first_hour = np.zeros(grid.on.size, dtype=np.int64), 0
     for first, end in zip(grid.starts, (*grid.starts[1:], grid.on.size), strict=True):
-        hour_of_sample[first:end] = base + ((grid.time[first:end] - grid.time[first] + 1e-6) // 3600.0)
-        base = int(hour_of_sample[end - 1]) + 1
+        hour_of_sample[first:end] = first_hour + ((grid.time[first:end] - grid.time[first] + 1e-6) // 3600.0)
+        first_hour = int(hour_of_sample[end - 1]) + 1
     hours, firsts = np.unique(hour_of_sample, return_index=True)
     loop = _prepare_series(grid)
-    parts = [slice(*pair) for pair in zip(firsts, [*firsts[1:], hour_of_sample.size], strict=True)]
-    numbers, states, limits = zip(*(_summarise_hour(loop, at, grid) for at in parts), strict=True)
+    hour_slices = [slice(*pair) for pair in zip(firsts, [*firsts[1:], hour_of_sample.size], strict=True)]
+    numbers, states, limits = zip(*(_summarise_hour(loop, hour, grid) for hour in hour_slices), strict=True)
     ds = xr.Dataset(coords={"hour": ("hour", hours, {"units": "h", "long_name": "hours since the first sample"})})
     for name, (unit, meaning) in HOURLY_VARIABLES.items():
         values = [hour_numbers.get(name, np.nan) for hour_numbers in numbers]
@@ -274,149 +275,155 @@ def hourly_summary(grid: Grid) -> xr.Dataset:
 
 
 def _prepare_series(grid: Grid) -> _LoopSeries:
-    interval, missing = grid.interval, np.full(grid.on.size, np.nan)
-    T, T_set, T_air = (grid.values.get(name, missing) for name in ("T_sup", "T_set", "T_a_in"))
+    interval, nan_series = grid.interval, np.full(grid.on.size, np.nan)
+    T, T_set, T_air = (grid.values.get(name, nan_series) for name in ("T_sup", "T_set", "T_a_in"))
     good = grid.on & np.isfinite(T) & np.isfinite(grid.values["command"])
     command, error = forward_fill(grid.values["command"]), np.where(good, T - T_set, np.nan)
     is_starting, has_set = np.zeros(good.size, dtype=bool), bool(np.isfinite(error).any())
     for first, last in true_runs(good):
-        before = np.flatnonzero(grid.on[:first])
-        if grid.time[first] - grid.time[before[-1] if before.size else 0] >= 1800.0:
+        on_before = np.flatnonzero(grid.on[:first])
+        if grid.time[first] - grid.time[on_before[-1] if on_before.size else 0] >= 1800.0:
             end = min(last, first + round(3600.0 / interval))
-            met = np.flatnonzero(np.abs(error[first:end]) <= _MET_K)
-            is_starting[first : first + int(met[0]) if met.size else end] = True
-    calm = good & ~is_starting & (is_settled(T_set, good, interval) | (not has_set))
-    swinging = np.where(calm, error if has_set else T, 0.0)
+            met_at = np.flatnonzero(np.abs(error[first:end]) <= _MET_ERROR_K)
+            is_starting[first : first + int(met_at[0]) if met_at.size else end] = True
+    is_calm = good & ~is_starting & (is_settled(T_set, good, interval) | (not has_set))
+    deviation = np.where(is_calm, error if has_set else T, 0.0)
     width = max(round(3600.0 / interval), 8)
-    level = running_mean(running_mean(swinging, calm, width), calm, width)  # twice: once lets swings of 40 min pass
-    at_end = [good & (command >= 1.0 - _AT_END), good & (command <= _AT_END)]
-    is_open, is_shut = (_is_lasting(at, interval, 0.0) for at in at_end)
-    is_long_open, is_long_shut = (_is_lasting(at, interval, _FULL_EFFECT_S) for at in at_end)
+    # twice: once lets swings of 40 min pass
+    level = running_mean(running_mean(deviation, is_calm, width), is_calm, width)
+    is_at_ends = [good & (command >= 1.0 - _END_TOLERANCE), good & (command <= _END_TOLERANCE)]
+    is_open, is_shut = (_is_lasting(is_at_end, interval, 0.0) for is_at_end in is_at_ends)
+    is_long_open, is_long_shut = (_is_lasting(is_at_end, interval, _FULL_EFFECT_S) for is_at_end in is_at_ends)
     cools = _coil_sign(command, error)
     effect = cools * (T_air - T)  # K by which the coil cools, or heats
     mean = running_mean(np.where(good, T, 0.0), good, max(1, round(600.0 / interval)))
-    steady = np.abs(mean - np.roll(mean, round(_FULL_EFFECT_S / interval))) < _STEADY_K
+    is_steady = np.abs(mean - np.roll(mean, round(_FULL_EFFECT_S / interval))) < _STEADY_CHANGE_K
     # an open coil without water still changes the air by up to 1 K: fan heat, sensors
-    has_no_effect = is_long_open & (np.abs(error) > _MET_K) & (effect < 1.0)
-    not_responding = has_no_effect | (is_long_shut & steady & (effect > _LEAK_K))
-    swing = np.where(calm, swinging - level, np.nan)
-    return _LoopSeries(T, command, error, T - T_air, swing, good, is_starting, is_open, is_shut, not_responding, cools)
+    has_no_effect = is_long_open & (np.abs(error) > _MET_ERROR_K) & (effect < 1.0)
+    is_silent = has_no_effect | (is_long_shut & is_steady & (effect > _LEAK_EFFECT_K))
+    swing = np.where(is_calm, deviation - level, np.nan)
+    return _LoopSeries(T, command, error, T - T_air, swing, good, is_starting, is_open, is_shut, is_silent, cools)
 
 
 def _coil_sign(command: Array, error: Array) -> float:
-    """1 of a cooling coil, whose integral opens the valve while the error is positive; -1 of heating; 0 if unknown."""
+    """Return 1 for a cooling coil, whose command rises while the error is positive, -1 for heating, 0 if unknown."""
     moves = np.diff(command)
     correlation = np.nansum(moves * (error[1:] + error[:-1]))
-    at_ends = [np.nansum(error[command >= 1.0 - _AT_END]), -np.nansum(error[command <= _AT_END])]
+    at_ends = [np.nansum(error[command >= 1.0 - _END_TOLERANCE]), -np.nansum(error[command <= _END_TOLERANCE])]
     evidence = [correlation, *at_ends] if np.count_nonzero(moves) >= 10 else [*at_ends, correlation]
     return next((float(np.sign(value)) for value in evidence if value != 0.0), 0.0)
 
 
-def _is_lasting(holds: Mask, interval: float, after: float) -> Mask:
-    """Whether a sample is in a run of ten minutes and four samples, ``after`` s or more after its start, (n,)."""
-    is_lasting = np.zeros(holds.size, dtype=bool)
-    for first, last in true_runs(holds):
+def _is_lasting(mask: Mask, interval: float, after: float) -> Mask:
+    """Whether a sample is in a run of True of ten minutes or more, ``after`` s or more after its start, (n,)."""
+    is_lasting = np.zeros(mask.size, dtype=bool)
+    for first, last in true_runs(mask):
         if last - first >= _SAMPLES_PER_PERIOD and (last - first) * interval >= 600.0:
             is_lasting[first + round(after / interval) : last] = True
     return is_lasting
 
 
-def _summarise_hour(loop: _LoopSeries, at: slice, grid: Grid) -> tuple[dict[str, float], str, str]:
-    """Numbers and state of one hour, and what its log cannot show."""
-    good, starting, on = loop.good[at], loop.starting[at], float(grid.on[at].mean())
-    if on < 0.5 or good.mean() < 0.5 * on:
-        return {"enabled": on}, OFF, ""
-    is_used = good & ~starting if (good & ~starting).any() else good
-    T, command, error, from_air = (series[at][is_used] for series in loop[:4])
-    masks = (loop.open, loop.shut, loop.not_responding)
-    is_open, is_shut, not_responding = (float((mask[at] & is_used).mean()) for mask in masks)
-    mean, rms = float(error.mean()), float(np.sqrt(np.mean(error**2)))
+def _summarise_hour(loop: _LoopSeries, hour: slice, grid: Grid) -> tuple[dict[str, float], str, str]:
+    """Return the numbers of one hour by name, its state, and what the log of that hour cannot show."""
+    good, is_starting, on_share = loop.good[hour], loop.is_starting[hour], float(grid.on[hour].mean())
+    if on_share < 0.5 or good.mean() < 0.5 * on_share:
+        return {"enabled": on_share}, STATE_OFF, ""
+    is_used = good & ~is_starting if (good & ~is_starting).any() else good
+    T, command, error, from_air = (series[hour][is_used] for series in loop[:4])
+    masks = (loop.is_open, loop.is_shut, loop.is_silent)
+    open_share, shut_share, silent_share = (float((mask[hour] & is_used).mean()) for mask in masks)
+    mean_error, rms = float(error.mean()), float(np.sqrt(np.mean(error**2)))
     command_range = float(np.ptp(command))
     fall = loop.cools * float(T[np.argmin(command)] - T[np.argmax(command)])  # of T_sup, as the valve opens
-    is_off_set_point = np.all(error > _MET_K) or np.all(error < -_MET_K)
+    is_off_set_point = np.all(error > _MET_ERROR_K) or np.all(error < -_MET_ERROR_K)
     if is_off_set_point and command_range > 0.2 and fall < 2.0 * command_range:  # K per stroke: no coil
-        not_responding = 1.0
-    swing, crossings = _measure_hour_swing(loop.swing, at, grid.interval)
+        silent_share = 1.0
+    swing, n_crossings = _measure_hour_swing(loop.swing, hour, grid.interval)
+    is_swinging = swing["swing"] >= _LEAST_SWING_K and n_crossings >= _LEAST_CROSSINGS
     numbers = swing | {
-        "enabled": on, "in_control": float(np.mean(np.abs(loop.error[at]) <= _MET_K)), "saturated": is_open + is_shut,
-        "not_responding": not_responding, "command": float(command.mean()), "error": mean, "error_rms": rms,
-        "from_air": float(from_air.mean()),
+        "enabled": on_share, "in_control": float(np.mean(np.abs(loop.error[hour]) <= _MET_ERROR_K)),
+        "saturated": open_share + shut_share, "not_responding": silent_share, "command": float(command.mean()),
+        "error": mean_error, "error_rms": rms, "from_air": float(from_air.mean()),
     }  # fmt: skip
     applies = {
-        START_UP: starting.mean() >= 0.5, NOT_RESPONDING: not_responding >= 0.5,
-        OPEN_NOT_MET: is_open >= 0.5 and abs(mean) > _MET_K,
-        SHUT_NOT_MET: is_shut >= 0.5 and loop.cools * mean > _MET_K,
-        SWINGING: swing["swing"] >= _SWINGING_K and crossings >= _LEAST_CROSSINGS and is_open + is_shut < 0.9,
-        WIDE_OPEN: is_open >= 0.5 and rms <= 1.5 * _MET_K, SHUT: is_shut >= 0.5,
-        OFF_SET_POINT: abs(mean) > _MET_K or rms > 1.5 * _MET_K,
-        HOLDING: command.size >= _SAMPLES_PER_PERIOD and command_range < 0.005,
+        STATE_START_UP: is_starting.mean() >= 0.5, STATE_NOT_RESPONDING: silent_share >= 0.5,
+        STATE_OPEN_NOT_MET: open_share >= 0.5 and abs(mean_error) > _MET_ERROR_K,
+        STATE_SHUT_NOT_MET: shut_share >= 0.5 and loop.cools * mean_error > _MET_ERROR_K,
+        STATE_SWINGING: is_swinging and open_share + shut_share < 0.9,
+        STATE_WIDE_OPEN: open_share >= 0.5 and rms <= 1.5 * _MET_ERROR_K, STATE_SHUT: shut_share >= 0.5,
+        STATE_OFF_SET_POINT: abs(mean_error) > _MET_ERROR_K or rms > 1.5 * _MET_ERROR_K,
+        STATE_HOLDING: command.size >= _SAMPLES_PER_PERIOD and command_range < 0.005,
     }  # fmt: skip
-    missing = 1.0 - float(np.isfinite(loop.T[at]).mean())
+    missing_share = 1.0 - float(np.isfinite(loop.T[hour]).mean())
     limits = {
-        f"{100 * missing:.0f} % of T_sup is missing": missing > 1.0 - 0.9,
+        f"{100 * missing_share:.0f} % of T_sup is missing": missing_share > 1.0 - 0.9,
         f"no swing faster than {_SAMPLES_PER_PERIOD * grid.interval / 60:.0f} min": grid.interval > COARSE_INTERVAL_S,
         "no error: T_set is not logged": np.isnan(loop.error).all(),
-        "no swing: the set-point changes too often": np.isnan(swing["swing"]) and starting.mean() < 0.5,
+        "no swing: the set-point changes too often": np.isnan(swing["swing"]) and is_starting.mean() < 0.5,
     }
-    state = next((state for state in STATES if applies.get(state)), IN_CONTROL)
+    state = next((state for state in STATES if applies.get(state)), STATE_IN_CONTROL)
     return numbers, state, "; ".join(limit for limit, holds in limits.items() if holds)
 
 
-def _measure_hour_swing(swing: Array, at: slice, interval: float) -> tuple[dict[str, float], int]:
-    """Size, period and regularity of the swing in an hour and its neighbours; number of crossings of its level."""
+def _measure_hour_swing(swing: Array, hour: slice, interval: float) -> tuple[dict[str, float], int]:
+    """Return size, period and regularity of an hour's swing by name, and how often it crosses its mean level."""
     n_beside = max(round(3600.0 / interval), 8)
-    in_hour, with_neighbours = swing[at], swing[max(at.start - n_beside, 0) : at.stop + n_beside]
-    measured = in_hour if np.isfinite(in_hour).sum() >= 20 else with_neighbours
-    if np.isfinite(measured).sum() < _SAMPLES_PER_PERIOD:
+    one_hour, three_hours = swing[hour], swing[max(hour.start - n_beside, 0) : hour.stop + n_beside]
+    measured_swing = one_hour if np.isfinite(one_hour).sum() >= 20 else three_hours
+    if np.isfinite(measured_swing).sum() < _SAMPLES_PER_PERIOD:
         return {"swing": np.nan}, 0
-    size = float(2.0 * np.sqrt(2.0) * np.nanstd(measured))  # of a sine; sampled too rarely, it is the same
-    beyond = np.flatnonzero(np.abs(with_neighbours) > 0.3 * np.nanstd(with_neighbours))  # of its hysteresis
-    crossed = beyond[1:][np.diff(np.sign(with_neighbours[beyond])) != 0.0]
-    cycles = [c - a for a, c in zip(crossed, crossed[2:], strict=False) if np.isfinite(with_neighbours[a:c]).all()]
+    size = float(2.0 * np.sqrt(2.0) * np.nanstd(measured_swing))  # of a sine; sampled too rarely, it is the same
+    off_level = np.flatnonzero(np.abs(three_hours) > 0.3 * np.nanstd(three_hours))  # of its hysteresis
+    crossings = off_level[1:][np.diff(np.sign(three_hours[off_level])) != 0.0]
+    cycles = [c - a for a, c in zip(crossings, crossings[2:], strict=False) if np.isfinite(three_hours[a:c]).all()]
     period = float(np.median(cycles)) if cycles else 0.0  # samples
-    if size < _SWINGING_K or len(cycles) < _LEAST_CROSSINGS - 2 or period < _SAMPLES_PER_PERIOD:
-        return {"swing": size}, crossed.size
+    if size < _LEAST_SWING_K or len(cycles) < _LEAST_CROSSINGS - 2 or period < _SAMPLES_PER_PERIOD:
+        return {"swing": size}, crossings.size
     # standard deviation of half periods over the median absolute one of whole periods: 2.1
     spread = max(2.1 * float(np.median(np.abs(cycles - np.array(period)))), 1.0 / 6.0)
-    return {"swing": size, "period": period * interval, "regularity": period / 3.0 / spread}, crossed.size
+    return {"swing": size, "period": period * interval, "regularity": period / 3.0 / spread}, crossings.size
 
 
 def write_headline(triage: xr.Dataset) -> str:
-    """The most important finding of a log, and what to log again if that decides: two sentences at most."""
-    operation = triage.isel(hour=triage["state"].values != OFF)
-    hours, state, interval = operation["hour"].size, operation["state"].values, float(operation.attrs["interval"])
-    if not hours:
+    """Write the most important finding of a log, and what to log again if that decides, in two sentences at most."""
+    operation = triage.isel(hour=triage["state"].values != STATE_OFF)
+    n_hours, state, interval = operation["hour"].size, operation["state"].values, float(operation.attrs["interval"])
+    if not n_hours:
         return "The plant is off throughout the log: log it in operation, or check the column enabled."
-    findings, shut = write_warnings(triage)[:2], operation.isel(hour=state == SHUT)
-    calm = np.isin(state, (IN_CONTROL, HOLDING, WIDE_OPEN))
+    findings, shut_hours = write_warnings(triage)[:2], operation.isel(hour=state == STATE_SHUT)
+    is_calm = np.isin(state, (STATE_IN_CONTROL, STATE_HOLDING, STATE_WIDE_OPEN))
     if not findings and np.isnan(operation["error"]).all():
-        findings = [f"{hours} h: no fault found; without T_set the control error is unknown"]
+        findings = [f"{n_hours} h: no fault found; without T_set the control error is unknown"]
     elif not findings:
-        rms = float(operation["error_rms"][calm].median())
-        findings = [f"{calm.sum()} of {hours} h in control, error typically {rms:.2g} K (RMS)"] * bool(calm.any())
-        n_shut = shut["hour"].size
-        findings += [f"{n_shut} of {hours} h shut with no call for cooling or heating"] * bool(n_shut)
-    leak_error = float(abs(shut["error"]).median()) if shut["hour"].size > _LEAST_FAULT_SHARE * hours else 0.0
+        rms = float(operation["error_rms"][is_calm].median())
+        finding = f"{is_calm.sum()} of {n_hours} h in control, error typically {rms:.2g} K (RMS)"
+        findings = [finding] * bool(is_calm.any())
+        n_shut = shut_hours["hour"].size
+        findings += [f"{n_shut} of {n_hours} h shut with no call for cooling or heating"] * bool(n_shut)
+    is_often_shut = shut_hours["hour"].size > _LEAST_FAULT_SHARE * n_hours
+    leak_error = float(abs(shut_hours["error"]).median()) if is_often_shut else 0.0
     fastest = f"{_SAMPLES_PER_PERIOD * interval / 60:.0f} min"
     advice = [f"every 10 s for a day: every {interval:.0f} s shows no gap and no swing faster than {fastest}"]
     advice *= bool(interval > COARSE_INTERVAL_S)
-    if leak_error > 5.0 and np.isnan(shut["from_air"]).all():  # K
-        off = f"{leak_error:.2g} K off its set-point"
-        advice += [f"T_a_in to see whether the valve leaks: with the valve shut, T_sup is {off}"]
-    return f"{'; '.join(findings) or f'{hours} h, too few to judge'}." + f" Log {'; log '.join(advice)}." * bool(advice)
+    if leak_error > 5.0 and np.isnan(shut_hours["from_air"]).all():  # K
+        error_text = f"{leak_error:.2g} K off its set-point"
+        advice += [f"T_a_in to see whether the valve leaks: with the valve shut, T_sup is {error_text}"]
+    headline = "; ".join(findings) or f"{n_hours} h, too few to judge"
+    return f"{headline}." + f" Log {'; log '.join(advice)}." * bool(advice)
 
 
 def write_warnings(triage: xr.Dataset) -> list[str]:
-    """A sentence on each fault that lasts for a share of the hours of operation, the worst first."""
-    state, hours = triage["state"].values, int(np.sum(triage["state"].values != OFF))
-    at_end, is_open = triage["saturated"].values >= 0.5, triage["command"].values > 0.5
-    silent = state == NOT_RESPONDING
-    is_fault = {OPEN_NOT_MET: (state == OPEN_NOT_MET) | (silent & at_end & is_open), SHUT: silent & at_end & ~is_open}
-    is_fault |= {NOT_RESPONDING: silent & ~at_end}
-    is_fault |= {fault: state == fault for fault in (SHUT_NOT_MET, SWINGING, OFF_SET_POINT)}
+    """Write a sentence on each fault that lasts for a share of the hours of operation, the worst first."""
+    state, n_hours = triage["state"].values, int(np.sum(triage["state"].values != STATE_OFF))
+    is_at_end, is_open = triage["saturated"].values >= 0.5, triage["command"].values > 0.5
+    is_silent = state == STATE_NOT_RESPONDING
+    is_fault = {STATE_OPEN_NOT_MET: (state == STATE_OPEN_NOT_MET) | (is_silent & is_at_end & is_open)}
+    is_fault |= {STATE_SHUT: is_silent & is_at_end & ~is_open, STATE_NOT_RESPONDING: is_silent & ~is_at_end}
+    is_fault |= {fault: state == fault for fault in (STATE_SHUT_NOT_MET, STATE_SWINGING, STATE_OFF_SET_POINT)}
     # a set-point that moves makes hours off it as well
-    lasting = [f for f, at in is_fault.items() if at.sum() > {OFF_SET_POINT: 0.3}.get(f, _LEAST_FAULT_SHARE) * hours]
-    return [f"{is_fault[f].sum()} of {hours} h: {_describe_fault(f, triage.isel(hour=is_fault[f]))}" for f in lasting]
+    least = {STATE_OFF_SET_POINT: 0.3}
+    faults = [f for f, mask in is_fault.items() if mask.sum() > least.get(f, _LEAST_FAULT_SHARE) * n_hours]
+    return [f"{is_fault[f].sum()} of {n_hours} h: {_describe_fault(f, triage.isel(hour=is_fault[f]))}" for f in faults]
 
 
 def _describe_fault(fault: str, hours: xr.Dataset) -> str:
@@ -426,10 +433,11 @@ def _describe_fault(fault: str, hours: xr.Dataset) -> str:
     error_text = f"{abs(error):.2g} K {'above' if error > 0.0 else 'below'} the set-point"
     air_text = f"{abs(air):.2g} K {'above' if air > 0.0 else 'below'} the entering air"
     effect, largest = -hours.attrs["cools"] * air, float(hours["swing"].max())
-    coil_text = "no water or a valve stuck shut" if effect < _LEAK_K else "no water, a stuck valve or too small a coil"
-    beside = f", {air_text}" if abs(air) > _STEADY_K else ", as warm as the entering air"
+    is_small = effect < _LEAK_EFFECT_K
+    coil_text = "no water or a valve stuck shut" if is_small else "no water, a stuck valve or too small a coil"
+    beside = f", {air_text}" if abs(air) > _STEADY_CHANGE_K else ", as warm as the entering air"
     coil_text = f"{'' if np.isnan(air) else beside}: {coil_text}"
-    coil_text += f", or something else {'heats' if air > 0.0 else 'cools'} the air" * (effect < -_LEAK_K)
+    coil_text += f", or something else {'heats' if air > 0.0 else 'cools'} the air" * (effect < -_LEAK_EFFECT_K)
     period_text = f"about every {f'{period:.0f} s' if period < 120.0 else f'{period / 60:.0f} min'}"
     period_text += " or faster" * (hours.attrs["interval"] > COARSE_INTERVAL_S)
     period_text += ", unevenly" * (regularity < LEAST_REGULARITY)
@@ -437,10 +445,12 @@ def _describe_fault(fault: str, hours: xr.Dataset) -> str:
     rhythm = period_text if np.isfinite(period) else "too fast for this log to show the period"
     manual = f"command at {100 * command:.0f} %: a slow loop, or one in manual"
     return {
-        OPEN_NOT_MET: f"the valve is wide open and T_sup stays {error_text}{coil_text}",
-        SHUT: f"the valve is shut and T_sup stays {air_text}: it leaks or is stuck open, or a sensor is wrong",
-        NOT_RESPONDING: f"the command moves and T_sup stays {error_text}: a stuck valve, a loose linkage or no water",
-        SHUT_NOT_MET: f"the command keeps the valve shut while T_sup is {error_text}: look for an interlock or wind-up",
-        OFF_SET_POINT: f"T_sup is {rms:.2g} K (RMS) off, {manual}",
-        SWINGING: f"T_sup swings ± {swing / 2:.2g} K{largest_text} {rhythm}",
-    }[fault]
+        STATE_OPEN_NOT_MET: f"the valve is wide open and T_sup stays {error_text}{coil_text}",
+        STATE_SHUT: f"the valve is shut and T_sup stays {air_text}: it leaks or is stuck open, or a sensor is wrong",
+        STATE_NOT_RESPONDING:
+            f"the command moves and T_sup stays {error_text}: a stuck valve, a loose linkage or no water",
+        STATE_SHUT_NOT_MET:
+            f"the command keeps the valve shut while T_sup is {error_text}: look for an interlock or wind-up",
+        STATE_OFF_SET_POINT: f"T_sup is {rms:.2g} K (RMS) off, {manual}",
+        STATE_SWINGING: f"T_sup swings ± {swing / 2:.2g} K{largest_text} {rhythm}",
+    }[fault]  # fmt: skip

@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     import xarray as xr
 
 LogSource: TypeAlias = "str | Path | pd.DataFrame | xr.Dataset | Log"
-FITTING = "fit"
-VALIDATION = "validation"
-UNUSED = "unused"
-ABOVE_0 = math.nextafter(0.0, 1.0)
+PART_FITTED = "fit"  # how a fit uses a sample
+PART_VALIDATION = "validation"
+PART_UNUSED = "unused"
+LEAST_ABOVE_0 = math.nextafter(0.0, 1.0)  # lower bound of an argument that may not be 0
 
 
 class LogSplit(NamedTuple):
@@ -43,31 +43,31 @@ class LogSplit(NamedTuple):
             return np.asarray(data.source == 0)
         share = 0.7 if self.split is None else self.split
         if data.n_batches >= 4 and share < 1.0:
-            ends = np.cumsum(np.bincount(data.batch)) / data.batch.size
-            return np.asarray(data.batch <= min(int(np.argmax(ends >= share - 1e-9)), data.n_batches - 2))
+            share_up_to = np.cumsum(np.bincount(data.batch)) / data.batch.size  # end of each batch
+            return np.asarray(data.batch <= min(int(np.argmax(share_up_to >= share - 1e-9)), data.n_batches - 2))
         return np.arange(data.time.size) < max(round(share * data.time.size), 1)
 
 
 def check_split(check: Checks, log: Log, split: Any, validation: Any) -> LogSplit:
     """Check the arguments of a fit that say what is held back; a path is read like ``log``."""
-    share = "give the share to fit, above 0 and at most 1"
-    split = check.unless_none(require_number, "split", split, share, least=ABOVE_0, most=1.0)
-    part = LogSplit(split, check.unless_none(as_log, "validation", validation, like=log))
-    if part.split is not None and part.validation is not None:
+    cure = "give the share to fit, above 0 and at most 1"
+    split = check.unless_none(require_number, "split", split, cure, least=LEAST_ABOVE_0, most=1.0)
+    log_split = LogSplit(split, check.unless_none(as_log, "validation", validation, like=log))
+    if log_split.split is not None and log_split.validation is not None:
         sentence = "split and validation both say what is held back: give one of them"
         check.problems.append(Problem(sentence, "split", "conflict"))
-    return part
+    return log_split
 
 
 def split_segments(*numbers: NDArray[Any]) -> list[Index]:
-    """Indices of the samples of each unbroken piece; one begins where one of the ``numbers``, (n,), changes."""
-    ends = np.any([np.diff(number.astype(float)) != 0.0 for number in numbers], axis=0)
-    return np.split(np.arange(numbers[0].size), np.flatnonzero(ends) + 1)
+    """Return the indices of the samples of each segment, within which no series of ``numbers``, (n,) each, changes."""
+    is_changed = np.any([np.diff(number.astype(float)) != 0.0 for number in numbers], axis=0)
+    return np.split(np.arange(numbers[0].size), np.flatnonzero(is_changed) + 1)
 
 
-def true_runs(where: Mask) -> Index:
-    """First sample of each run of True, and the one after its last, (runs, 2)."""
-    return np.flatnonzero(np.diff(np.concatenate([[False], where, [False]]).astype(int))).reshape(-1, 2)
+def true_runs(mask: Mask) -> Index:
+    """Return the index of the first True of each run in a mask, and of the sample after its last one, (runs, 2)."""
+    return np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int))).reshape(-1, 2)
 
 
 def count_reversals(series: Array, least: float) -> int:

@@ -20,7 +20,7 @@ from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, short_repr
 from fastcoil.logs.columns import ColumnSpec
 from fastcoil.logs.log import as_log
-from fastcoil.measured.cause import UNKNOWN, Cause, PriorEvidence, judge_cause, revise_after_hold, stops_on_hold
+from fastcoil.measured.cause import CAUSE_UNKNOWN, Cause, PriorEvidence, judge_cause, revise_after_hold, stops_on_hold
 from fastcoil.measured.diagnose import identify_and_measure, require_seconds
 from fastcoil.measured.diagnosis import ValveReading, probability_profile
 from fastcoil.measured.fitted_loop import fit_loop_model
@@ -191,7 +191,7 @@ def _judge_cause_before(
     """Judge why the loop swung before the test; the plant is fitted to all rows, the controller to those before."""
     values = {name: series[:last] for name, series in grid.values.items()}
     if "T_set" not in values or first * grid.interval < 3600.0:
-        return Cause(UNKNOWN, "log T_set, and an hour or more of normal operation before the test")
+        return Cause(CAUSE_UNKNOWN, "log T_set, and an hour or more of normal operation before the test")
     logged, measures = identify_and_measure(grid.part(slice(first)), stroke_time)
     is_by_test = identification.identified
     agrees = logged.identified and identification.low <= logged.backlash <= identification.high

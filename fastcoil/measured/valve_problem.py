@@ -21,37 +21,37 @@ from fastcoil.measured.part import LogSplit, count_reversals, split_segments
 from fastcoil.model.engine.recorded import valve_flows
 
 X_BL = 0  # index of the backlash in a parameter set
-M_MAX = 1
+M_MAX = 1  # index of m_max in it
 IS_LOGARITHMIC = np.array([False, True, True, True, False])  # of backlash, m_max, a, b, c: searched by its logarithm
 LARGEST_BACKLASH = 0.5  # fraction of stroke, as all below
-LEAST_REVERSAL = 0.01
+LEAST_REVERSAL = 0.01  # of the command, that counts
 _HOLD_TOLERANCE = 2e-3  # between the commands of one hold
-FEWEST_SAMPLES = 20
+FEWEST_SAMPLES = 20  # flows to fit
 
 
 def _is_flow_settled(log: CheckedLog, fitting: Mask, notes: list[str]) -> Mask:
     """Whether half a typical hold has passed since the command changed, (n,); always if it is not held."""
     command, step = log.values["command"], median_step(log, fitting)
-    since, starts = np.zeros(command.size), [0]
+    seconds_since_change, starts = np.zeros(command.size), [0]
     for t in range(1, command.size):
         if abs(command[t] - command[starts[-1]]) > _HOLD_TOLERANCE or log.batch[t] != log.batch[t - 1]:
             starts.append(t)
-        since[t] = log.time[t] - log.time[starts[-1]]
-    lengths = np.diff(np.minimum([*starts, command.size], int(np.flatnonzero(fitting)[-1]) + 1))
-    lengths = lengths[lengths > 0]
-    typical = float(np.median(lengths))
-    if typical < 4:  # the command is not held
+        seconds_since_change[t] = log.time[t] - log.time[starts[-1]]
+    hold_lengths = np.diff(np.minimum([*starts, command.size], int(np.flatnonzero(fitting)[-1]) + 1))
+    hold_lengths = hold_lengths[hold_lengths > 0]
+    typical_hold = float(np.median(hold_lengths))
+    if typical_hold < 4:  # the command is not held
         return np.ones(command.size, dtype=bool)
-    wait = 0.5 * typical * step
-    is_settled = since >= wait
+    wait = 0.5 * typical_hold * step
+    is_settled = seconds_since_change >= wait
     count = f"{int((~is_settled).sum()):,} of {is_settled.size:,} flows not compared"
-    holds = f"{lengths.size:,} holds, typically {typical * step:.4g} s"
+    holds = f"{hold_lengths.size:,} holds, typically {typical_hold * step:.4g} s"
     notes.append(f"{count}: less than {wait:g} s after the command changed ({holds})")
     return np.asarray(is_settled)
 
 
 def median_step(log: CheckedLog, fitting: Mask) -> float:
-    """Median time between the rows of the part to fit, s."""
+    """Return the median time between the rows that are fitted, s; that of the log if there is only one."""
     return float(np.median(np.diff(log.time[fitting]))) if fitting.sum() > 1 else log.step
 
 
@@ -61,24 +61,24 @@ def count_piece_reversals(command: Array, batch: Index) -> int:
 
 
 def _find_meter_floor(flow: Array, notes: list[str]) -> float:
-    """Floor of the flow meter: its lowest reading above 0 if that is frequent, else 0."""
-    above = flow[np.isfinite(flow) & (flow > 0.0)]
-    lowest = float(above.min(initial=np.inf))
-    times = int((above == lowest).sum())
-    if times < max(5, 0.02 * above.size):
+    """Find the floor of a flow meter, kg/s: its lowest reading above 0 if that is frequent, else 0; and note it."""
+    flow_above_0 = flow[np.isfinite(flow) & (flow > 0.0)]
+    lowest = float(flow_above_0.min(initial=np.inf))
+    n_lowest = int((flow_above_0 == lowest).sum())
+    if n_lowest < max(5, 0.02 * flow_above_0.size):
         return 0.0
-    notes.append(f"the flow meter reads {lowest:.4g} kg/s {times:,} times and never less: taken as its floor")
+    notes.append(f"the flow meter reads {lowest:.4g} kg/s {n_lowest:,} times and never less: taken as its floor")
     return lowest
 
 
 def _is_sensor_off(command: Array, flow: Array, floor: float, fitting: Mask) -> Mask:
-    """Whether the valve does not explain a flow of 0, or of the floor with the valve far open, (n,)."""
+    """Whether the sensor or the pump seems off, (n,): a flow of 0, or of the meter's floor, with the valve far open."""
     is_still = flow <= floor
     flows_from = 1.0
-    for low in np.arange(0.0, 1.0, 0.05):
-        is_in_bin = (command >= low) & (command < low + 0.05) & np.isfinite(flow) & fitting
+    for lower in np.arange(0.0, 1.0, 0.05):
+        is_in_bin = (command >= lower) & (command < lower + 0.05) & np.isfinite(flow) & fitting
         if is_in_bin.sum() >= 3 and is_still[is_in_bin].mean() < 0.5:
-            flows_from = low
+            flows_from = lower
             break
     # a valve this much further open than one that passes water passes water
     is_off = is_still & (command > flows_from + 0.25)
@@ -86,7 +86,7 @@ def _is_sensor_off(command: Array, flow: Array, floor: float, fitting: Mask) -> 
 
 
 def why_unidentified(n_reversals: int, interval: tuple[float, float], *, is_wide: bool) -> str:
-    """Why a log does not identify the backlash, or empty; n_reversals: of the command, within the pieces."""
+    """Return why a log does not identify the backlash, or empty; n_reversals: of the command, within the pieces."""
     if n_reversals < 2:
         count = f"{format_count(n_reversals, 'time')} by more than {100 * LEAST_REVERSAL:.0f} % of stroke"
         cure = "bridge gaps with fc.read_log(..., max_gap=SECONDS), --max-gap"
@@ -98,7 +98,7 @@ def why_unidentified(n_reversals: int, interval: tuple[float, float], *, is_wide
 
 
 class ValveSolution(NamedTuple):
-    """Solution of a valve: the minimum, its uncertainty, and the profile over the backlash."""
+    """Solution of the fit of a valve: the minimum, its uncertainty, and the profile over the backlash."""
 
     model: Model
     estimate: Estimate
@@ -113,7 +113,7 @@ class ValveSolution(NamedTuple):
 
 
 class ValveProblem:
-    """A log of a valve: the samples that are compared, and the model."""
+    """The least-squares problem of a valve: its log, the samples that are compared, and the model."""
 
     def __init__(self, data: CheckedLog, part: LogSplit) -> None:
         self.data, self.notes, self.batch = data, list(data.notes), data.batch
@@ -125,21 +125,21 @@ class ValveProblem:
             which = f"0, or the meter's floor with the valve open ({describe_first_row(data.rows.tolist(), is_off)})"
             self.notes.append(f"{format_count(is_off, 'flow')} left out, sensor or pump off: {which}")
         is_settled = _is_flow_settled(data, self.fitting, self.notes)
-        enabled = data.values.get("enabled", np.ones(self.flow.size)) != 0.0
-        if not enabled.all():
-            self.notes.append(f"{format_count(~enabled, 'flow')} not compared: enabled is 0")
-        self.good = np.isfinite(self.flow) & ~is_off & is_settled & enabled
-        to_fit = self.good & self.fitting
-        if to_fit.sum() < FEWEST_SAMPLES:
+        is_enabled = data.values.get("enabled", np.ones(self.flow.size)) != 0.0
+        if not is_enabled.all():
+            self.notes.append(f"{format_count(~is_enabled, 'flow')} not compared: enabled is 0")
+        self.good = np.isfinite(self.flow) & ~is_off & is_settled & is_enabled
+        is_to_fit = self.good & self.fitting
+        if is_to_fit.sum() < FEWEST_SAMPLES:
             cure = f"give at least {FEWEST_SAMPLES}, or raise split ({'; '.join(self.notes)})"
-            raise InputError(f"{data.name}: {format_count(to_fit, 'flow')} left to fit: {cure}", "log", "data")
+            raise InputError(f"{data.name}: {format_count(is_to_fit, 'flow')} left to fit: {cure}", "log", "data")
         self.n_fit = int(np.flatnonzero(self.fitting)[-1]) + 1
         self.n_pieces = int(self.batch[self.n_fit - 1]) + 1  # of the part to fit
         self.top = float(np.nanmax(self.flow[self.fitting]))
         self.n_reversals = count_piece_reversals(self.command[self.fitting], self.batch[self.fitting])
 
     def flows(self, sets: Array, start: Array, command: Array) -> tuple[Array, Array]:
-        """Openings and flows of parameter sets, (5, sets), behind the first commands; not below the floor."""
+        """Simulate openings and flows of parameter sets, (5, sets), with these commands; no flow is below the floor."""
         n = command.size
         openings, flows = np.empty((2, n, sets.shape[1]))
         rows = np.where(IS_LOGARITHMIC[:, None], np.exp(sets), sets)
@@ -147,24 +147,24 @@ class ValveProblem:
         return openings, np.maximum(flows, self.floor)
 
     def model(self, m_max: float | None) -> Model:
-        """Model of the fitted samples."""
+        """Return the least-squares model of the fitted samples."""
         n, n_pieces = self.n_fit, self.n_pieces
-        used = self.good[:n] & self.fitting[:n]
+        is_used = self.good[:n] & self.fitting[:n]
 
         def residuals(sets: Array) -> Array:
             return self.flows(sets[:5], sets[5:], self.command[:n])[1] - self.flow[:n, None]
 
-        top = math.log(self.top)
-        lower = np.array([0.0, top - 1.0, math.log(0.01), math.log(0.5), -2.0, *[0.0] * n_pieces])
-        upper = np.array([LARGEST_BACKLASH, top + 3.0, math.log(20.0), math.log(200.0), 3.0, *[1.0] * n_pieces])
+        log_top = math.log(self.top)
+        lower = np.array([0.0, log_top - 1.0, math.log(0.01), math.log(0.5), -2.0, *[0.0] * n_pieces])
+        upper = np.array([LARGEST_BACKLASH, log_top + 3.0, math.log(20.0), math.log(200.0), 3.0, *[1.0] * n_pieces])
         if m_max is not None:
             lower[M_MAX] = min(lower[M_MAX], math.log(m_max) - 1.0)
             upper[M_MAX] = max(upper[M_MAX], math.log(m_max) + 1.0)
         step = np.array([1e-3, 1e-4, 1e-4, 1e-4, 1e-4, *[0.02] * n_pieces])
-        return Model(residuals, lower, upper, step, self.batch[:n], used, n_pieces)
+        return Model(residuals, lower, upper, step, self.batch[:n], is_used, n_pieces)
 
     def _starts(self, m_max: float | None) -> Array:
-        """Parameter sets to start from, (p, sets): shapes of the curve, each with several backlashes."""
+        """Return parameter sets to start from, (p, sets): shapes of the curve, each with several backlashes."""
         shapes = product(
             (0.0, 0.02, 0.04, 0.06, 0.09, 0.13, 0.18, 0.25),
             [math.log(m_max)] if m_max else [math.log(self.top * f) for f in (1.03, 1.5)],
@@ -190,13 +190,13 @@ class ValveProblem:
         limit = best.rss + spread.inflation[X_BL] * spread.quantile() ** 2 * spread.variance
         parts = _fit_parts(model, best, fixed)
         quantile, deviation = spread.quantile(parts.size - 1), float(parts.std(ddof=1))
-        between = thresholds.PART_SPREAD_FACTOR * quantile * deviation / math.sqrt(parts.size)
-        interval = _profile_interval(grid, sums, best, limit, between)
+        half_width = thresholds.PART_SPREAD_FACTOR * quantile * deviation / math.sqrt(parts.size)
+        interval = _profile_interval(grid, sums, best, limit, half_width)
         return ValveSolution(model, best, spread, grid, sums, limit, parts, interval, minima[0], m_max is not None)
 
 
 def _profile_grid(best: Estimate, spread: Uncertainty) -> Array:
-    """Backlashes to profile: coarse over the whole range, fine around the minimum."""
+    """Return the backlashes at which to profile: coarse over the whole range, fine around the minimum."""
     x, variance = float(best.x[X_BL]), spread.covariance[X_BL, X_BL]
     top = min(max(0.25, 2.0 * x), LARGEST_BACKLASH)
     width = 3.0 * math.sqrt(variance) if np.isfinite(variance) else 0.02
@@ -205,36 +205,38 @@ def _profile_grid(best: Estimate, spread: Uncertainty) -> Array:
     return np.unique(np.round(np.concatenate([np.linspace(0.0, top, 25), fine]), 6))
 
 
-def _profile_interval(grid: Array, sums: Array, best: Estimate, limit: float, between: float) -> tuple[float, float]:
-    """Outermost crossings of the profile and its limit, and at least ``between`` on both sides of the best."""
-    middle = float(best.x[X_BL])
-    x, y = np.append(grid, middle), np.append(sums, best.rss)
+def _profile_interval(grid: Array, sums: Array, best: Estimate, limit: float, half_width: float) -> tuple[float, float]:
+    """Return the interval in which the profile is below its limit, at least ``half_width`` on both sides."""
+    x_best = float(best.x[X_BL])
+    x, y = np.append(grid, x_best), np.append(sums, best.rss)
     order = np.argsort(x, kind="stable")
     x, y = x[order], y[order]
-    inside = np.flatnonzero(y <= limit)
+    below_limit = np.flatnonzero(y <= limit)
 
-    def crossing(last: int, beyond: int) -> float:
-        if not 0 <= beyond < x.size:
-            return float(x[last])
-        return float(x[last] + (x[beyond] - x[last]) * (limit - y[last]) / max(y[beyond] - y[last], 1e-300))
+    def crossing(k_inside: int, k_outside: int) -> float:
+        """Return where the profile reaches the limit between two points; the first if there is no second."""
+        if not 0 <= k_outside < x.size:
+            return float(x[k_inside])
+        rise = max(y[k_outside] - y[k_inside], 1e-300)
+        return float(x[k_inside] + (x[k_outside] - x[k_inside]) * (limit - y[k_inside]) / rise)
 
-    low, high = (crossing(int(inside[end]), int(inside[end]) + way) for end, way in ((0, -1), (-1, 1)))
-    return max(min(low, middle - between), 0.0), min(max(high, middle + between), LARGEST_BACKLASH)
+    low, high = (crossing(int(below_limit[end]), int(below_limit[end]) + step) for end, step in ((0, -1), (-1, 1)))
+    return max(min(low, x_best - half_width), 0.0), min(max(high, x_best + half_width), LARGEST_BACKLASH)
 
 
 def _fit_parts(model: Model, best: Estimate, fixed: list[int]) -> Array:
-    """Backlashes of parts of the log, one after the other, (parts,), with a curve of one shape."""
+    """Fit the backlash to each of some consecutive parts of the log, (parts,), with the same shape of the curve."""
     count = np.cumsum(model.used) - 1
     n_parts = int(np.clip(count[-1] // 30, 4, 6))
-    number = np.maximum(count, 0) * n_parts // (count[-1] + 1)
-    shape = (2, 3, 4)  # a, b, c
-    parts = (replace(model, used=model.used & (number == k)) for k in range(n_parts))
-    estimates = [minimise(part, best.x[:, None], [*fixed, *shape], max_steps=25) for part in parts]
+    part_number = np.maximum(count, 0) * n_parts // (count[-1] + 1)
+    shape_parameters = (2, 3, 4)  # a, b, c
+    parts = (replace(model, used=model.used & (part_number == k)) for k in range(n_parts))
+    estimates = [minimise(part, best.x[:, None], [*fixed, *shape_parameters], max_steps=25) for part in parts]
     return np.array([estimate.x[X_BL] for estimate in estimates])
 
 
 class Verdict(NamedTuple):
-    """95 % interval of the backlash; why it is not identified, or empty; a note, or empty."""
+    """Judgement of a fit: 95 % interval of the backlash, why it is not identified, and a note, either may be empty."""
 
     interval: tuple[float, float]
     why: str
@@ -249,7 +251,7 @@ def judge_interval(problem: ValveProblem, solution: ValveSolution, holds: bool) 
     """
     interval, x, largest = solution.interval, float(solution.estimate.x[X_BL]), solution.grid[-1]
 
-    def why_not(low: float, high: float) -> str:
+    def why_wide(low: float, high: float) -> str:
         is_wide = bool(high >= largest or high - low > max(x, 0.02))
         return why_unidentified(problem.n_reversals, (low, high), is_wide=is_wide)
 
@@ -258,17 +260,17 @@ def judge_interval(problem: ValveProblem, solution: ValveSolution, holds: bool) 
         "between them, unseen: log as often as it acts; if the command holds from row to row, say so: "
         "holds='command', --hold command"
     )
-    why = why_not(*interval)
-    share = 0.0 if holds else _motion_share(problem, solution)
-    if share > thresholds.LARGEST_MOTION_SHARE and not why:
+    why = why_wide(*interval)
+    motion_share = 0.0 if holds else _motion_share(problem, solution)
+    if motion_share > thresholds.LARGEST_MOTION_SHARE and not why:
         why = f"not identified: {sampling_cause}"
-    elif share > thresholds.LARGEST_MOTION_SHARE and problem.n_reversals > 1:
+    elif motion_share > thresholds.LARGEST_MOTION_SHARE and problem.n_reversals > 1:
         why += f"; or {sampling_cause}"
-    if why or share == 0.0:
+    if why or motion_share == 0.0:
         return Verdict(interval, why, "")
-    allowance = thresholds.ALLOWANCE_PER_MOTION_SHARE * math.sqrt(share) * x + thresholds.LEAST_ALLOWANCE
+    allowance = thresholds.ALLOWANCE_PER_MOTION_SHARE * math.sqrt(motion_share) * x + thresholds.LEAST_ALLOWANCE
     low, high = max(interval[0] - allowance, 0.0), interval[1] + allowance
-    if why_not(low, high):
+    if why_wide(low, high):
         why = f"not identified: a backlash of {low:.2g} to {high:.2g} is possible: {sampling_cause}"
         return Verdict((low, high), why, "")
     note = f"the interval of the backlash allows {allowance:.2g} for motion between the rows: {sampling_cause}"
@@ -276,34 +278,35 @@ def judge_interval(problem: ValveProblem, solution: ValveSolution, holds: bool) 
 
 
 def _motion_share(problem: ValveProblem, solution: ValveSolution) -> float:
-    """Share of the variance explained by the backlash that motion between the rows may have left as residual.
+    """Return the variance that motion between the rows may have left, over that which the backlash explains.
 
     The noise of the meter is subtracted; 0 if the command rests at most rows, or the residual is too small for motion.
     """
     n = problem.n_fit
     command, batch = problem.command[:n], problem.batch[:n]
     flow = np.where(problem.good & problem.fitting, problem.flow, np.nan)[:n]
-    same_piece = np.diff(batch) == 0
-    moves = np.abs(np.diff(command)) > _HOLD_TOLERANCE
-    if not same_piece.any() or moves[same_piece].mean() < thresholds.LEAST_MOVING_SHARE:
+    is_same_piece = np.diff(batch) == 0
+    is_moving = np.abs(np.diff(command)) > _HOLD_TOLERANCE
+    if not is_same_piece.any() or is_moving[is_same_piece].mean() < thresholds.LEAST_MOVING_SHARE:
         return 0.0
     n_compared = max(int(solution.model.used.sum()), 1)
-    residual, plain = (estimate.rss / n_compared for estimate in (solution.estimate, solution.without_backlash))
-    changes = np.diff(flow)[same_piece]
-    change = float(np.nanmean(changes**2)) if np.isfinite(changes).any() else 0.0
-    is_little = residual < thresholds.LITTLE_RESIDUAL**2 * change and residual < 0.5**2 * plain
-    if is_little or residual < thresholds.TINY_RESIDUAL**2 * change:
+    estimates = solution.estimate, solution.without_backlash
+    residual, residual_without = (estimate.rss / n_compared for estimate in estimates)
+    changes = np.diff(flow)[is_same_piece]
+    mean_square_change = float(np.nanmean(changes**2)) if np.isfinite(changes).any() else 0.0
+    is_little = residual < thresholds.LITTLE_RESIDUAL**2 * mean_square_change and residual < 0.5**2 * residual_without
+    if is_little or residual < thresholds.TINY_RESIDUAL**2 * mean_square_change:
         return 0.0
-    noise = _meter_noise(command, np.where(flow > problem.floor, flow, np.nan), ~moves & same_piece) ** 2
+    noise = _meter_noise(command, np.where(flow > problem.floor, flow, np.nan), ~is_moving & is_same_piece) ** 2
     # squared residuals up to 1.2 times the meter's noise may be that noise alone
-    return max(residual - 1.2 * noise, 1e-6 * residual) / max(plain - min(noise, 0.9 * residual), 1e-300)
+    return max(residual - 1.2 * noise, 1e-6 * residual) / max(residual_without - min(noise, 0.9 * residual), 1e-300)
 
 
-def _meter_noise(command: Array, flow: Array, still: Mask) -> float:
+def _meter_noise(command: Array, flow: Array, is_still: Mask) -> float:
     """Standard deviation of the meter's noise while the command rests for three rows, kg/s; 0 if it hardly rests."""
     # two equal commands may be chance: the valve may have moved between them
-    inner = (command[1:-1] > 0.01) & (command[1:-1] < 1.0 - 0.01)
-    changes = np.abs(np.diff(flow)[1:][still[1:] & still[:-1] & inner])
+    is_inside_stroke = (command[1:-1] > 0.01) & (command[1:-1] < 1.0 - 0.01)
+    changes = np.abs(np.diff(flow)[1:][is_still[1:] & is_still[:-1] & is_inside_stroke])
     changes = changes[np.isfinite(changes)]
     if changes.size < 20:
         return 0.0

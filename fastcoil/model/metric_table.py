@@ -30,7 +30,7 @@ def is_same_period(period: float, previous_period: float) -> bool:
 
 
 def is_hunting(swing: float, n_periods: float, n_same_periods: float) -> bool:
-    """Rule of ``hunts``: swing, K, number of whole periods, and number of periods as long as the one before."""
+    """Whether a loop hunts, by its swing, K, whole periods, and how many of them are as long as the one before."""
     # & in place of `and`, which would branch in a kernel
     return (swing > HUNTING_SWING_K) & (n_periods >= LEAST_HUNTING_PERIODS) & (3.0 * n_same_periods >= 2.0 * n_periods)
 
@@ -199,5 +199,5 @@ TRACES = _by_name(
 
 
 def metric_hint(name: str) -> str:
-    """Clause with the most similar metric for a name that is none; else empty."""
+    """Return the clause ``, did you mean …?`` with the metric most similar to a wrong name; empty without one."""
     return "" if name in METRICS else did_you_mean(name, METRICS)

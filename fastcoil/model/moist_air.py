@@ -20,9 +20,9 @@ from fastcoil.base.arrays import Array
 MASS_RATIO = 0.621945  # molar mass of water over that of dry air, eq (20)
 LEAST_HUMIDITY_RATIO = 1e-7  # dry air has no dew point; drier air than this gets the dew point of this, -92 degC
 TRIPLE_POINT_C = 0.01  # of water: it freezes below
-_ICE = (-5.6745359e3, 6.3925247, -9.677843e-3, 6.2215701e-7, 2.0747825e-9, -9.484024e-13, 4.1635019)
-_LIQUID = (-5.8002206e3, 1.3914993, -4.8640239e-2, 4.1764768e-5, -1.4452093e-8, 0.0, 6.5459673)
-"""Constants of eqs (5), stated for -100 to 0 degC, and (6), for 0 to 200 degC and continued below."""
+_ICE_TERMS = (-5.6745359e3, 6.3925247, -9.677843e-3, 6.2215701e-7, 2.0747825e-9, -9.484024e-13, 4.1635019)
+_LIQUID_TERMS = (-5.8002206e3, 1.3914993, -4.8640239e-2, 4.1764768e-5, -1.4452093e-8, 0.0, 6.5459673)
+"""Coefficients of eqs (5), stated for -100 to 0 degC, and (6), for 0 to 200 degC and continued below."""
 
 
 def _hyland_wexler(T: ArrayLike, c: tuple[float, ...]) -> Array:
@@ -40,13 +40,13 @@ def _log_slope(T: ArrayLike, c: tuple[float, ...]) -> Array:
 
 def liquid_saturation_pressure(T: ArrayLike) -> Array:
     """Saturation pressure over liquid water, eq (6) [Pa]."""
-    return _hyland_wexler(T, _LIQUID)
+    return _hyland_wexler(T, _LIQUID_TERMS)
 
 
 def saturation_pressure(T: ArrayLike) -> Array:
     """Saturation pressure over ice below 0.01 degC, eq (5), and over liquid water above, eq (6) [Pa]."""
     T = np.asarray(T, dtype=np.float64)
-    return np.where(T < TRIPLE_POINT_C, _hyland_wexler(T, _ICE), liquid_saturation_pressure(T))
+    return np.where(T < TRIPLE_POINT_C, _hyland_wexler(T, _ICE_TERMS), liquid_saturation_pressure(T))
 
 
 def _ratio_at_vapour_pressure(p_w: Array, pressure: ArrayLike) -> Array:
@@ -84,7 +84,7 @@ def dew_point(W: ArrayLike, pressure: ArrayLike = 101325.0) -> Array:
     x = log_p_w - np.log(610.94)
     T = np.asarray(243.04 * x / (17.625 - x))
     for _ in range(4):
-        T = T - (np.log(liquid_saturation_pressure(T)) - log_p_w) / _log_slope(T, _LIQUID)
+        T = T - (np.log(liquid_saturation_pressure(T)) - log_p_w) / _log_slope(T, _LIQUID_TERMS)
     return np.asarray(T)
 
 
@@ -96,7 +96,7 @@ def wetting_point(W: ArrayLike, pressure: ArrayLike = 101325.0) -> Array:
     T, log_p_w = dew_point(W, pressure), _log_vapour_pressure(W, pressure)
     T_frost = T
     for _ in range(5):  # from the dew point, at most 9 K away
-        T_frost = T_frost - (np.log(_hyland_wexler(T_frost, _ICE)) - log_p_w) / _log_slope(T_frost, _ICE)
+        T_frost = T_frost - (np.log(_hyland_wexler(T_frost, _ICE_TERMS)) - log_p_w) / _log_slope(T_frost, _ICE_TERMS)
     return np.where(T < TRIPLE_POINT_C, T_frost, T)
 
 
@@ -122,7 +122,7 @@ def saturation_enthalpy_slope(T: ArrayLike, pressure: ArrayLike = 101325.0) -> A
     T, p = np.asarray(T, dtype=np.float64), np.asarray(pressure, dtype=np.float64)
     p_s = saturation_pressure(T)
     W_s = _ratio_at_vapour_pressure(p_s, p)
-    slope = np.where(T < TRIPLE_POINT_C, _log_slope(T, _ICE), _log_slope(T, _LIQUID))
+    slope = np.where(T < TRIPLE_POINT_C, _log_slope(T, _ICE_TERMS), _log_slope(T, _LIQUID_TERMS))
     dW_s = MASS_RATIO * p * p_s * slope / (p - p_s) ** 2
     return np.asarray(1.006 + 1.86 * W_s + (2501.0 + 1.86 * T) * dW_s)
 

@@ -33,7 +33,7 @@ class Theory(NamedTuple):
     only_with: str = ""
 
 
-COVERED = Theory()
+COVERED = Theory()  # of a parameter at any value
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,7 @@ class Parameter:
         return f"whole, {text}" if self.whole else text
 
     def equation(self, value: object) -> str:
-        """Text ``name = value unit``, as in printed loops and presets."""
+        """Format the parameter with a value as ``name = value unit``."""
         return f"{self.name} = {value}" + ("" if self.unit in ("", "1") else f" {self.unit}")
 
     def problem(self, value: object) -> Problem | None:
@@ -305,10 +305,9 @@ PARAMETERS: dict[str, Parameter] = {p.name: p for p in _TABLE}
 """Every parameter by name, in the order of the loop: coil, valve, actuator, sensor, controller, learner."""
 
 ESTIMATOR_GROUPS = tuple(name for name in PARAMETERS["estimator"].choices if name != "none")
-"""Groups of parameters that only the estimator of that name reads."""
+"""Groups of parameters that are read only by the estimator with the name of the group."""
 
-INTEGER_PARAMETERS = ("n_volumes", "substeps")
-"""Integers; all other numbers are floats."""
+INTEGER_PARAMETERS = ("n_volumes", "substeps")  # integers; all other numbers are floats
 INSTALLED_VALVE_PARAMETERS = ("rangeability", "authority", "m_full")
 _CURVE_PARAMETERS = ("m_max", "valve_a", "valve_b", "valve_c")
 STAND_INS = {"estimate_ratio": ("backlash_estimate",), **dict.fromkeys(INSTALLED_VALVE_PARAMETERS, _CURVE_PARAMETERS)}
@@ -316,7 +315,7 @@ STAND_INS = {"estimate_ratio": ("backlash_estimate",), **dict.fromkeys(INSTALLED
 
 RESERVED_DIMS = ("sample", "replicate", "day", "controller", "tuning", "volume", "elapsed_time")
 CHANCE_DIMS = ("sample", "design", "day", "replicate")
-"""Of a result: which valve, which day and which noise it met; what a table or figure shows is pooled over them."""
+"""Dims of chance: which valve, day or noise; tables and figures pool over them."""
 
 
 def require_parameter_name(name: str, table: Mapping[str, Parameter] = PARAMETERS) -> str:
@@ -339,7 +338,7 @@ class ParameterListing(dict[str, Parameter]):
 
 
 def parameter_lines(parameters: Iterable[Parameter]) -> list[str]:
-    """Lines of a list: the parts of the loop, and default, unit, meaning and allowed values of each parameter."""
+    """Format parameters as lines: by part of the loop, each with default, unit, meaning and allowed values."""
     lines = []
     for group, group_parameters in groupby(parameters, attrgetter("group")):
         lines.append(group)

@@ -24,7 +24,7 @@ from fastcoil.model.numerics.compile_user_function import UserFunction
 from fastcoil.model.parameter_table import COVERED, ESTIMATOR_GROUPS, PARAMETERS, RESERVED_DIMS, Parameter
 
 _HIDDEN_GROUPS = ("coil", "valve", "actuator")  # groups of what a controller in the field cannot know
-_TAKEN_NAMES = {
+_TAKEN_NAMES = {  # that no parameter of a rule can have
     *METRICS, *PREDICTIONS, *TRACES, *RESERVED_DIMS, "status", "design", "scenario", "preset", "include", "size",
     "seed", "method", "tolerance", "drop", "indexers", "missing_dims",
 }  # fmt: skip
@@ -77,15 +77,15 @@ def parameter(
     0.0003
     """
     lower, upper = _require_bound("lower", lower, -math.inf), _require_bound("upper", upper, math.inf)
-    declared = Parameter("", "", unit, None, text, lower, upper, theory=COVERED)
-    cure, most = f"give a number ({declared.bounds})", min(upper, sys.float_info.max)
+    declaration = Parameter("", "", unit, None, text, lower, upper, theory=COVERED)
+    cure, most = f"give a number ({declaration.bounds})", min(upper, sys.float_info.max)
     number = RuleParameter(require_number("default", default, cure, least=lower, most=most))
-    number.declared = replace(declared, unit=require_text("unit", unit), text=require_text("text", text))
+    number.declared = replace(declaration, unit=require_text("unit", unit), text=require_text("text", text))
     return number
 
 
 def _require_bound(name: str, value: object, no_bound: float) -> float:
-    """Require a number, or ``no_bound``, -inf or inf."""
+    """Require a number as a bound, or ``no_bound``, which is -inf or inf."""
     value = to_builtin(value)
     return no_bound if isinstance(value, float) and value == no_bound else require_number(name, value, "give a number")
 
@@ -114,16 +114,15 @@ def declared_parameters(rule: str, fields: Mapping[str, Any]) -> dict[str, Param
         elif not p:
             number: Any = default if isinstance(default, RuleParameter) else parameter(default)
             text, label = number.declared.text or f"parameter of {rule}", name.replace("_", " ")
-            of_rule = {"name": name, "group": rule, "default": float(number), "text": text, "label": label}
-            parameters[name] = replace(number.declared, **of_rule)
+            rule_fields = {"name": name, "group": rule, "default": float(number), "text": text, "label": label}
+            parameters[name] = replace(number.declared, **rule_fields)
         if sentence:
             problems.append(Problem(sentence, name, code))
     raise_problems(problems)
     return parameters
 
 
-RULE_KINDS = ("estimator", "law")
-"""Parameters of a loop that a rule can be the value of."""
+RULE_KINDS = ("estimator", "law")  # parameters of a loop that a rule can be the value of
 
 
 class Rule:
@@ -140,7 +139,7 @@ class Rule:
 
     @classmethod
     def from_function(cls, kind: str, function: Any, Parameters: Any, Memory: Any) -> Rule:  # noqa: N803 — classes
-        """Check what a decorator is given, and make the rule."""
+        """Make a rule from a decorated function and its two classes; refuse what cannot be one."""
         name = getattr(function, "__name__", "")
         if not inspect.isfunction(function) or not name.isidentifier():
             sentence = f"@fc.{kind}(…) stands before {short_repr(function)}: put it before a function"
@@ -162,16 +161,16 @@ class Rule:
 
     @property
     def parts(self) -> tuple[Any, Any, Any]:
-        """Function, Parameters and Memory."""
+        """The function and the classes Parameters and Memory that the rule was made from."""
         if self._definition is None:
             sentence = f"the code of {self.name} has not been run: run the study with `fastcoil run`"
             raise InputError(sentence, self.name, "missing")
         return self._definition
 
     def adopt_code(self, loaded: object) -> None:
-        """Take over the code of the rule that the source makes, which has to be as declared."""
-        declared = (self.kind, self.name, self.own, self.reads)
-        if not isinstance(loaded, Rule) or (loaded.kind, loaded.name, loaded.own, loaded.reads) != declared:
+        """Take over the code of a rule that was just loaded from its source; refuse one that differs as declared."""
+        declaration = (self.kind, self.name, self.own, self.reads)
+        if not isinstance(loaded, Rule) or (loaded.kind, loaded.name, loaded.own, loaded.reads) != declaration:
             sentence = (
                 f"{self.name} is not the {self.kind} that its source declares: put @fc.{self.kind}(Parameters, Memory) "
                 "before its function, write every default as a number, and give each rule a name of its own"
@@ -180,7 +179,7 @@ class Rule:
         self._definition = loaded.parts
 
     def check(self) -> None:
-        """Compile it with the present values of its module; refuse what does not compile, allocates or may raise."""
+        """Compile the rule with its module's present values; refuse what does not compile, allocates or may raise."""
         function, Parameters, Memory = self.parts
         code = UserFunction(self.name, function, Memory)
         if self._code is None or code.sha256 != self._code.sha256:
@@ -189,13 +188,13 @@ class Rule:
 
     @property
     def code_sha256(self) -> str:
-        """Hash of its code and of the values of its module when it was compiled, or now."""
+        """Hash of the rule's code and of the values of its module when it was compiled, or now."""
         function, _, Memory = self.parts
         return (self._code or UserFunction(self.name, function, Memory)).sha256
 
     @property
     def kernel_rule(self) -> Estimator | Law:
-        """The rule as the kernels take it."""
+        """The rule as an `Estimator` or a `Law` with compiled code."""
         if self._code is None:
             self.check()
         assert self._code is not None
@@ -313,7 +312,7 @@ def law(Parameters: Any, Memory: Any = None) -> Callable[[Any], Rule]:  # noqa: 
 
 
 def rules_for_kernels(rules: Mapping[str, Rule]) -> UserRules:
-    """Return the rules as the kernels take them."""
+    """Return the user's rules of a loop as estimators and laws with compiled code."""
     kernel_rules = [rule.kernel_rule for rule in rules.values()]
     estimators = tuple(rule for rule in kernel_rules if isinstance(rule, Estimator))
     return UserRules(estimators, tuple(rule for rule in kernel_rules if isinstance(rule, Law)))
@@ -355,7 +354,7 @@ def user_code_hashes(rules: Iterable[Rule]) -> RuleHashes:
 
 
 def merge_rule_hashes(first: RuleHashes, second: RuleHashes) -> RuleHashes:
-    """Return the hashes of both."""
+    """Merge the hashes of the code of rules; those of ``second`` win."""
     return {name: {**first.get(name, {}), **second.get(name, {})} for name in sorted({*first, *second})}
 
 

@@ -14,7 +14,7 @@ from fastcoil.model.control import clip01
 from fastcoil.model.estimators.interface import filter_weight, low_pass
 from fastcoil.model.numerics.jit import exact
 
-PHASE_OFF = 0.0
+PHASE_OFF = 0.0  # phases of a test
 PHASE_SETTLE = 1.0
 PHASE_RAMP = 2.0
 PHASE_HOLD = 3.0
@@ -27,11 +27,11 @@ ABORTED_DISABLED = 4.0
 
 # calibrated in studies/valve_test
 CALM_WINDOW_S = 60.0  # last part of settling
-LARGEST_CALM_SWING_K = 0.3  # that the temperature may move in it
+LARGEST_CALM_SWING_K = 0.3  # by which the temperature may move in it
 TARGET_OVERSHOOT_K = 0.5  # beyond the threshold while the command holds: gain x rate x lag; sets the next ramp's rate
 LARGEST_OVERSHOOT_SHARE = 1 / 3  # of ``test_excursion``, that the overshoot aims at
 LEAST_RATE_RATIO = 0.2  # of a ramp's rate over ``test_rate``
-LARGEST_RATE_RATIO = 4.0
+LARGEST_RATE_RATIO = 4.0  # likewise
 LARGEST_INCREASE = 2.0  # of a ramp's rate over that of the ramp before
 LONGEST_RAMP_STROKE = 0.3  # after which a ramp ends though the temperature has not passed the threshold
 FIRST_RAMP_LIMIT_RATIO = 2.0  # of the limit before the first ramp has ended: a loop that hunts starts anywhere
@@ -70,20 +70,20 @@ class Memory(NamedTuple):
 
 @exact
 def begin_test(T_set, p, memory):
-    """Memory at the start of a test."""
+    """Return the Memory at the start of a test, whose errors are from the set-point ``T_set``."""
     t = -p.sample_time  # the first step is at 0
     return Memory(PHASE_SETTLE, t, t, 0.0, p.test_rate, 0.0, T_set, 0.0, 0.0, 0.0, memory.mean, NOT_ABORTED)
 
 
 @exact
 def held_command(command, memory):
-    """Command at which a test starts to hold."""
+    """Return the command that a test holds first: the mean before it if the command swings, else the present one."""
     return memory.mean if abs(command - memory.mean) > LARGEST_CALM_DEVIATION else command
 
 
 @exact
 def update_command_mean(command, p, memory):
-    """Memory after a sample without a test."""
+    """Update the mean command while no test runs; return the Memory."""
     m = memory
     mean = low_pass(m.mean, command, filter_weight(MEAN_COMMAND_TIME_S, p.sample_time))
     return Memory(

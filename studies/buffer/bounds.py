@@ -27,14 +27,10 @@ from studies.buffer.runs import ALLOWED_SWING, BUFFER_MULTIPLES, ESTIMATE_SHARES
 from studies.common import pool_days, share_of, write_table
 from studies.days import CONSTANT
 
-BLOCKS_PER_HOUR = 6.0
-"""``switch_frequency`` counts in 10 min."""
-NEAR_FACTOR = 1.3
-"""Factor within which a bound or a swing counts as predicted."""
-SAMPLE_TIMES = (1.0, 2.0, 5.0, 10.0, 15.0, 30.0)
-"""Sample times of the table of factors, s."""
-TURNS_PER_HOUR = (3.0, 10.0, 30.0)
-"""False turns per hour that the formula is tried for."""
+BLOCKS_PER_HOUR = 6.0  # ``switch_frequency`` counts in 10 min
+NEAR_FACTOR = 1.3  # factor within which a bound or a swing counts as predicted
+SAMPLE_TIMES = (1.0, 2.0, 5.0, 10.0, 15.0, 30.0)  # sample times of the table of factors, s
+TURNS_PER_HOUR = (3.0, 10.0, 30.0)  # false turns per hour that the formula is tried for
 
 
 def format_quantiles(values: Any) -> str:
@@ -201,10 +197,8 @@ def write_noise() -> None:
     )
 
 
-MISSED_PLAY_WEIGHT = 0.5
-"""Share of the play that is left which takes off the buffer; the formula is better by it."""
-VISIBLE_SWING = 0.25
-"""Swing over K b from which a cycle counts as seen."""
+MISSED_PLAY_WEIGHT = 0.5  # share of the play that is left which takes off the buffer; the formula is better by it
+VISIBLE_SWING = 0.25  # swing over K b from which a cycle counts as seen
 
 
 class CycleComparison(NamedTuple):
@@ -272,8 +266,8 @@ def write_cycles(runs: Runs) -> None:
         table.append(cycle_row(f"{mode}, {100 * ESTIMATE_SHARES[0]:g} %, b less half of what is missed", corrected))
         is_good = valves.backlash == 0.0
         if is_good.any():
-            of_good_valves = CycleComparison(*(part.isel(sample=is_good) for part in compare_cycles(valves, ds, 0)))
-            table.append(cycle_row(f"{mode}, no backlash", of_good_valves))
+            good_valve_cells = CycleComparison(*(part.isel(sample=is_good) for part in compare_cycles(valves, ds, 0)))
+            table.append(cycle_row(f"{mode}, no backlash", good_valve_cells))
     write_table(
         "buffer/buffer_cycle",
         f"The buffer's own cycle where nothing else moves the loop: {len(runs.valves[False].kp)} fresh valves and "
@@ -312,8 +306,8 @@ def write_upper_bound(runs: Runs) -> None:
         ]
     kind, exact_index = CONSTANT, len(ESTIMATE_SHARES) - 1
     valves = runs.valves_on(kind)
-    predicted = phase_margin(valves.plant, valves.kp, valves.ti) < 0.5 * np.pi
-    for among, label in ((predicted, "a cycle predicted"), (~predicted, "none predicted")):
+    is_predicted = phase_margin(valves.plant, valves.kp, valves.ti) < 0.5 * np.pi
+    for among, label in ((is_predicted, "a cycle predicted"), (~is_predicted, "none predicted")):
         if among.any():
             table.append(
                 upper_bound_row(f"{kind}, inverse of 100 %, {label}", runs.upper[kind].isel(share=exact_index), among)

@@ -69,8 +69,7 @@ from studies.remedies.tables import HARM_SHARE
 
 CROSSING_RULES = (SHIPPED_RULE, BY_TREND, LOWER_BOUND, UPPER_BOUND, SLOWER_PI)
 """Rules that are shown where the bounds cross."""
-BOOTSTRAP_DRAWS = 400
-"""Draws of the bootstrap over valves."""
+BOOTSTRAP_DRAWS = 400  # draws of the bootstrap over valves
 
 
 def format_rule_change(ds: xr.Dataset, rule: str, baseline: str, metric: str = "rmse") -> str:
@@ -200,10 +199,8 @@ def write_constants(choice: Runs, fresh: Runs) -> None:
 
 SAMPLE_TIME_LOOKS = {1.0: (BLUE, "o"), 5.0: (RED, "s"), 30.0: (YELLOW, "^")}
 """Sample times that are shown, with colour and mark."""
-LEAST_TURNS_PER_SAMPLE = 1e-4
-"""Turns per sample below which nothing is shown."""
-NO_CYCLE_LEVEL = 0.7
-"""Where loops without a cycle are drawn."""
+LEAST_TURNS_PER_SAMPLE = 1e-4  # turns per sample below which nothing is shown
+NO_CYCLE_LEVEL = 0.7  # where loops without a cycle are drawn
 
 
 @apply_style()
@@ -222,7 +219,7 @@ def _draw_turns(panel: Axes, runs: Runs) -> None:
     panel.plot(c, [turns_per_sample(x) for x in c], color="black", label="white noise, exact")
     panel.plot(c, 0.5 * np.pi * ndtr(-0.5 * c), "--", color="0.55", label="π/2 Q(c/2)")
     pooled_days, valves = pool_days(runs.lower), runs.valves[False]
-    for seconds, (colour, mark) in SAMPLE_TIME_LOOKS.items():
+    for seconds, (colour, marker) in SAMPLE_TIME_LOOKS.items():
         among = valves.sample_time == seconds
         turns = added_turns_per_hour(pooled_days).isel(sample=among) * seconds / 3600.0
         unit = float(noise_factor(seconds)) * LOWER_SCALE
@@ -234,7 +231,7 @@ def _draw_turns(panel: Axes, runs: Runs) -> None:
             positions,
             middle[is_shown],
             error_bars,
-            fmt=mark,
+            fmt=marker,
             color=colour,
             ms=4,
             lw=0.8,
@@ -263,11 +260,11 @@ def _draw_swings(panel: Axes, runs: Runs) -> None:
     for is_heating, ds in runs.still.items():
         valves = runs.valves[is_heating]
         plant_and_gains = (valves.plant, valves.kp, valves.ti)
-        with_exact_inverse = ds.isel(share=len(ESTIMATE_SHARES) - 1).transpose("swing", "sample")
+        exact_inverse_ds = ds.isel(share=len(ESTIMATE_SHARES) - 1).transpose("swing", "sample")
         width = np.array([valves.upper_bound(swing) for swing in SWINGS[1:]])
         unit = width * valves.plant.gain / np.sqrt(1.0 + (cycle_frequency(*plant_and_gains) * valves.plant.tau) ** 2)
-        has_cycle = with_exact_inverse.hunting_swing.values > VISIBLE_SWING * width * valves.plant.gain
-        heights = np.where(has_cycle, with_exact_inverse.hunting_swing.values / unit, NO_CYCLE_LEVEL)
+        has_cycle = exact_inverse_ds.hunting_swing.values > VISIBLE_SWING * width * valves.plant.gain
+        heights = np.where(has_cycle, exact_inverse_ds.hunting_swing.values / unit, NO_CYCLE_LEVEL)
         panel.plot(np.broadcast_to(np.degrees(phase_margin(*plant_and_gains)), heights.shape).ravel(), heights.ravel(),
                    "s" if is_heating else "o",
                    color=RED if is_heating else BLUE, ms=2.2, alpha=0.5,

@@ -12,20 +12,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-Values = Any
-"""A number, or an array of numbers."""
+Values = Any  # a number, or an array of numbers
 ALLOWED_TURNS_PER_HOUR = 10.0
 """False turns per hour that the lower bound allows: about as many as a loop makes without any noise."""
-LOWER_SCALE = 0.9
-"""Measured lower bound over the one of white noise, median of the valves and days of the choice."""
+LOWER_SCALE = 0.9  # measured lower bound over the one of white noise, median of the valves and days of the choice
 UPPER_SCALE = 1.3
 """Factor of the cycle's swing, median of the valves of the choice; the describing function alone gives 1.2."""
 SWING_POWER = 0.4
 """Along the describing function 2 A |N| / b is 1.2 (90° / phase) to this power, within 7 % from 5 to 90°."""
 CROSSING_GAIN = np.pi / 4
 """|L| where a lag of 90° meets the describing function: the least loop gain that a cycle of this buffer needs."""
-LEAST_PHASE = np.radians(5.0)
-"""Phase margins below this count as this: such a loop rings whatever the buffer."""
+LEAST_PHASE = np.radians(5.0)  # phase margins below this count as this: such a loop rings whatever the buffer
 
 
 class Plant(NamedTuple):

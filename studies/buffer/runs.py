@@ -14,25 +14,16 @@ from studies.common import draw_loguniform
 from studies.days import HEATING, loop_settings, make_days
 from studies.robustness.best_pi import LEAST_GAIN, fit_first_order, gains_from_model
 
-BUFFER_MULTIPLES = (0.0, 0.35, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0)
-"""Buffers around the lower bound, as multiples of it."""
-SWINGS = (0.0, 0.05, 0.1, 0.2, 0.4)
-"""Swings by the buffer's own cycle that the upper bound is tried at, K."""
-ALLOWED_SWING = 0.1
-"""Swing that the rules of ``run_rules`` allow, K."""
-NO_BUFFER = 1e-9
-"""Smallest buffer: round-off is no reversal."""
+BUFFER_MULTIPLES = (0.0, 0.35, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0)  # buffers around the lower bound, as multiples of it
+SWINGS = (0.0, 0.05, 0.1, 0.2, 0.4)  # swings by the buffer's own cycle that the upper bound is tried at, K
+ALLOWED_SWING = 0.1  # swing that the rules of ``run_rules`` allow, K
+NO_BUFFER = 1e-9  # smallest buffer: round-off is no reversal
 WIDEST_BUFFER = 0.9
-STILL_HOURS = 8
-"""Hours of a day on which nothing changes."""
-SHAKE_SIZE = 0.7
-"""By how much the set-point of such a day is higher at first, K."""
-SHAKE_END = 5400
-"""Second until which it is higher."""
-COUNTED_FROM = 9000
-"""Second from which such a day counts."""
-ESTIMATE_SHARES = (0.95, 1.0)
-"""Estimates over the backlash: what one may know, and the case of the theory."""
+STILL_HOURS = 8  # hours of a day on which nothing changes
+SHAKE_SIZE = 0.7  # by how much the set-point of such a day is higher at first, K
+SHAKE_END = 5400  # second until which it is higher
+COUNTED_FROM = 9000  # second from which such a day counts
+ESTIMATE_SHARES = (0.95, 1.0)  # estimates over the backlash: what one may know, and the case of the theory
 METRICS = ("rmse", "rmse_settled", "motor_travel", "switch_frequency", "hunting_swing", "hunting_period", "hunts",
            "status")  # fmt: skip
 PI, WITHOUT_BUFFER, SHIPPED_RULE, LOWER_BOUND, CAPPED_LOWER_BOUND = (
@@ -128,7 +119,7 @@ class Runs(NamedTuple):
     rules: dict[str, xr.Dataset]
 
     def valves_on(self, kind: str) -> Valves:
-        """The valves that ran on this kind of days."""
+        """Return the valves that ran on this kind of days."""
         return self.valves[kind == HEATING]
 
 
@@ -153,7 +144,7 @@ def run_lower(valves: Valves, kind: str, seeds: Sequence[int]) -> xr.Dataset:
 
 
 def still_day(kind: str) -> fc.Boundary:
-    """A day on which nothing changes after one step of the set-point, which shakes the loop once."""
+    """Make a day on which nothing changes after one step of the set-point, which shakes the loop once."""
     day = make_days(kind, [0])
     constant_series = {
         n: np.full(3600 * STILL_HOURS, float(day.series[n].mean())) for n in ("m_a", "T_a_in", "W_a_in", "T_w_in")

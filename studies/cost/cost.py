@@ -29,12 +29,9 @@ HEAT, PEAK, AIR_HEAT, WITHOUT_REHEAT, EVENED_BILL, BILL, MONEY = (
     "bill",
     "money",
 )
-RESAMPLES = 200
-"""Resamples of the bootstrap."""
-RESAMPLE_BATCH = 20
-"""Resamples that are computed together."""
-COUNTED_HOURS = 7.5
-"""Counted hours of a day."""
+RESAMPLES = 200  # resamples of the bootstrap
+RESAMPLE_BATCH = 20  # resamples that are computed together
+COUNTED_HOURS = 7.5  # of a day, after the warm-up
 
 
 def bills(ds: xr.Dataset) -> xr.Dataset:
@@ -127,15 +124,11 @@ def _format_signed(value: float, digits: int) -> str:
     return text.lstrip("+-") if float(text) == 0.0 else text
 
 
-GAP = 0.07
-"""Of the paper."""
+GAP = 0.07  # backlash of the paper, fraction of stroke
 _GAP_TEXT = f"a gap of {100.0 * GAP:.0f} %"
-NOTABLE_RISE = 1.0
-"""Per cent by which something must rise to count, as in the scorecard of the paper."""
-PLAIN_INDEX = 0
-"""Place of plain PI as found along ``controller``."""
-HUNTING_SHARE = 0.5
-"""Share of the days on which a loop that counts as hunting hunts."""
+NOTABLE_RISE = 1.0  # per cent by which something must rise to count, as in the scorecard of the paper
+PLAIN_INDEX = 0  # place of plain PI as found along ``controller``
+HUNTING_SHARE = 0.5  # share of the days on which a loop that counts as hunting hunts
 _SUM_LABELS = {HEAT: "heat of the coil", PEAK: "peak of 15 min", AIR_HEAT: "reheat and recooling, of the coil's heat",
          WITHOUT_REHEAT: "bill without reheat", EVENED_BILL: "bill, rooms even out a day",
          BILL: "bill with reheat"}  # fmt: skip
@@ -298,10 +291,8 @@ SEED = 16401
 FRESH_DAYS = range(16411, 16421)
 BACKLASH_SIZES = (0.0, 0.02, 0.05, 0.07, 0.10, 0.15)
 AS_FOUND, SIMC, INVERSE = "PI as found", "PI by SIMC", "inverse of 95 %"
-INVERSE_BUFFER = 0.0025
-"""Of the inverse, fraction of stroke."""
-NOISE_RANGE = (0.0, 0.05)
-"""Limits of what is drawn, K."""
+INVERSE_BUFFER = 0.0025  # of the inverse, fraction of stroke
+NOISE_RANGE = (0.0, 0.05)  # between which the noise of a sensor is drawn, K
 KEPT_METRICS = (
     *("coil_energy", "coil_peak_power", "reheat_energy", "recool_energy"),
     "motor_travel",

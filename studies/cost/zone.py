@@ -22,31 +22,21 @@ from studies.days import CONSTANT, DESIGN, STEPPED, WEATHER, kinds, make_days
 from studies.diagnosis.cause import valves
 
 SEED, VALVES, DAYS, ROUNDS = 20601, 128, 4, 4
-CP = 1.02
-"""Specific heat of air, kJ/(kg K)."""
+CP = 1.02  # specific heat of air, kJ/(kg K)
 ROOM_SET_POINT, HEATING_SET_POINT, ROOM_CAPACITY_SECONDS = 24.0, 22.0, 1800.0
 """Set-points of cooling and of heating, °C; seconds of the greatest flow whose heat capacity is that of a room."""
 CORE, PERIMETER = 0, 1
 AIR_SHARES, LEAST_FLOWS, LOAD_SHARES = np.array([0.7, 0.3]), np.array([0.3, 0.4]), np.array([1.0, 0.35])
 """Of the two groups: share of the air, least flow over the greatest, load over what the day's air would carry off."""
-OVERSIZE_FACTOR = 1.4
-"""Greatest flow over the mean of the day's."""
-BOX_BAND_K = 2.0
-"""Proportional band of the PI of a box, K for all of its range."""
-BOX_TI = 900.0
-"""Integral time of the PI of a box, s."""
-LARGEST_REHEAT_K = 12.0
-"""K by which a box reheats at most."""
-FAN_POWER = 1.5
-"""Power of the fan at its greatest flow, kW per kg/s."""
-PUMP_POWER = 0.25
-"""Power of a pump against a constant pressure, kW per kg/s."""
-COP = 4.0
-"""Of the chiller."""
-QUARTER_SECONDS = 900
-"""Averaging time of a demand."""
-WARM_UP_SECONDS = 1800
-"""Seconds at the start of a day that do not count."""
+OVERSIZE_FACTOR = 1.4  # greatest flow over the mean of the day's
+BOX_BAND_K = 2.0  # proportional band of the PI of a box
+BOX_TI = 900.0  # integral time of the PI of a box, s
+LARGEST_REHEAT_K = 12.0  # by which a box reheats
+FAN_POWER = 1.5  # power of the fan at its greatest flow, kW per kg/s
+PUMP_POWER = 0.25  # power of a pump against a constant pressure, kW per kg/s
+COP = 4.0  # coefficient of performance of the chiller
+QUARTER_SECONDS = 900  # averaging time of a demand
+WARM_UP_SECONDS = 1800  # seconds at the start of a day that do not count
 HUNTS_BY_GAP, ALL_LOOPS = "hunt by the gap", "all"
 KINDS = (CONSTANT, STEPPED, DESIGN, WEATHER)
 
@@ -186,8 +176,8 @@ def change_rows(kind: str, ds: xr.Dataset) -> list[list[str]]:
         for quantity in SUM_NAMES:
             # reheat and water may be next to nothing: against the mean of the good valves
             change = 100.0 * (worn[quantity] - good[quantity]) / good[quantity].mean()
-            middle, half = mean_of(change.where(among))
-            changes.append(f"{format_change(middle, middle - half, middle + half, 1)}")
+            mean, half_width = mean_of(change.where(among))
+            changes.append(f"{format_change(mean, mean - half_width, mean + half_width, 1)}")
         share_up = share_of(worn.demand > 1.01 * good.demand, among)
         last_step = f"{100 * float(ds.moved.sel(worn=True).where(among).quantile(0.95)):.2f} %"
         table.append([kind, name, f"{int(among.sum())}", *changes, f"{share_up}", last_step])

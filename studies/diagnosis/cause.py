@@ -25,12 +25,9 @@ SWINGING = "swinging"
 KINDS = (STEPPED, CONSTANT, DESIGN, SWINGING, HEATING)
 CAUSES = ("none", "backlash", "tuning", "disturbance")
 ANSWERS = (*CAUSES, "unknown")
-LOG_INTERVAL = 10
-"""Seconds."""
-RESTLESS_SHARE = 0.7
-"""Share of the loops that have a large gain and a short integral time."""
-VISIBLE_STD = 0.035
-"""K, standard deviation of a swing of 0.1 K from peak to peak."""
+LOG_INTERVAL = 10  # seconds between the samples of a log
+RESTLESS_SHARE = 0.7  # share of the loops that have a large gain and a short integral time
+VISIBLE_STD = 0.035  # standard deviation, K, of a swing of 0.1 K from peak to peak
 
 
 class Logs(NamedTuple):
@@ -188,7 +185,7 @@ def count_answers(kind: str, pairs: Sequence[tuple[str, str]]) -> list[list[str]
 
 
 def sample() -> None:
-    """The first kind of day."""
+    """Run a sample of the study: the first kind of day."""
     compare_rows(
         "diagnosis/diagnosis_cause",
         count_answers(KINDS[0], [(answer.true_cause, answer.said_cause) for answer in diagnose_logs(KINDS[0])]),
@@ -214,16 +211,16 @@ def main() -> None:
     )
     summary = []
     for cause in ANSWERS:
-        with_answer = [answer for answer in all_answers if answer.said_cause == cause]
-        right_share = share_of_logs([answer.true_cause == cause for answer in with_answer]) if cause in CAUSES else "–"
-        with_cause = [answer for answer in all_answers if answer.true_cause == cause]
-        share_found = share_of_logs([answer.said_cause == cause for answer in with_cause]) if cause in CAUSES else "–"
-        summary.append([f"cause: {cause}", str(len(with_answer)), right_share, share_found])
+        n_answered = [answer for answer in all_answers if answer.said_cause == cause]
+        right_share = share_of_logs([answer.true_cause == cause for answer in n_answered]) if cause in CAUSES else "–"
+        n_caused = [answer for answer in all_answers if answer.true_cause == cause]
+        share_found = share_of_logs([answer.said_cause == cause for answer in n_caused]) if cause in CAUSES else "–"
+        summary.append([f"cause: {cause}", str(len(n_answered)), right_share, share_found])
     claims = [answer for answer in all_answers if answer.claimed]
-    of_good_valves = [answer for answer in all_answers if answer.backlash == 0.0]
+    good_valve_answers = [answer for answer in all_answers if answer.backlash == 0.0]
     summary.append(["a backlash", str(len(claims)), share_of_logs([answer.is_right for answer in claims]),
                     share_of_logs([answer.claimed and answer.is_right for answer in all_answers])])  # fmt: skip
-    is_accused = [answer.claimed and answer.estimate > GOOD_BACKLASH + 1e-9 for answer in of_good_valves]
+    is_accused = [answer.claimed and answer.estimate > GOOD_BACKLASH + 1e-9 for answer in good_valve_answers]
     summary.append(["a backlash above 1 %, of good valves", str(sum(is_accused)), "–", share_of_logs(is_accused)])
     write_table(
         "diagnosis/diagnosis_answers",

@@ -29,8 +29,7 @@ from studies.diagnosis.diagnosis import TRACE_INTERVAL, Population, share_or_non
 
 SEED = 9547
 VALVES, HOURS = 128, 6
-SET_POINT_SPREAD_K = 1.5
-"""K; the set-points of days that are taken together lie within so much of the middle."""
+SET_POINT_SPREAD_K = 1.5  # K; the set-points of days that are taken together lie within so much of the middle
 
 
 class Columns(NamedTuple):

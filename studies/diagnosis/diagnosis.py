@@ -17,8 +17,7 @@ from fastcoil.measured.identify import GOOD_BACKLASH, SIZE_TOLERANCE, identify_b
 from studies.common import compare_rows, draw_backlash, draw_loop_parameters, share_of, write_table
 from studies.days import CONSTANT, DESIGN, HEATING, STEPPED, kinds, loop_settings, make_days
 
-TRACE_INTERVAL = 5
-"""Seconds between the samples of the traces that logs are thinned from."""
+TRACE_INTERVAL = 5  # seconds between the samples of the traces that logs are thinned from
 STEPPED_HEATING = "stepped heating"
 HEATING_SET_POINTS = (25.0, 23.5, 27.0, 25.0, 22.5, 24.0, 28.0, 26.0, 24.5, 23.0, 22.0, 25.5, 29.0, 27.5, 24.0, 25.0)
 """Set-points of a stepped day of heating, °C, half an hour each."""
@@ -199,8 +198,8 @@ class LogResult(NamedTuple):
     @property
     def wrong_share(self) -> float:
         """Share of what was claimed that is wrong."""
-        claimed = self.estimates.identified > 0
-        return float(1.0 - self.estimates.right.where(claimed).mean()) if claimed.any() else 0.0
+        is_claimed = self.estimates.identified > 0
+        return float(1.0 - self.estimates.right.where(is_claimed).mean()) if is_claimed.any() else 0.0
 
 
 def identify_logs(logs: Logs, hours: int, columns: tuple[str, ...]) -> xr.Dataset:
@@ -225,7 +224,7 @@ def identify_logs(logs: Logs, hours: int, columns: tuple[str, ...]) -> xr.Datase
     names = ("backlash", "low", "high", "identified")
     ds = xr.Dataset({n: (("day", "sample"), estimates[..., i]) for i, n in enumerate(names)})
     true = xr.DataArray(logs.backlash, dims="sample")
-    least, most = (xr.DataArray(edge, dims="sample") for edge in (logs.least, logs.most))
+    least, most = (xr.DataArray(smallest_edge, dims="sample") for smallest_edge in (logs.least, logs.most))
     distance = np.maximum(np.maximum(least - ds.backlash, ds.backlash - most), 0.0)
     ds["right"] = ds.backlash.notnull() & (distance <= np.maximum(SIZE_TOLERANCE * true, GOOD_BACKLASH) + 1e-9)
     ds["covered"] = (ds.low <= most) & (least <= ds.high)
@@ -240,13 +239,13 @@ def share_or_none(holds: xr.DataArray, among: xr.DataArray | None = None) -> str
 def result_cells(result: LogResult) -> list[str]:
     """Cells of a result: wrong claims first, then the shares."""
     ds = result.estimates
-    claimed, is_good = ds.identified > 0, (ds.true == 0.0).broadcast_like(ds.right)
-    is_accused = (ds.backlash > GOOD_BACKLASH + 1e-9) & claimed & is_good
+    is_claimed, is_good = ds.identified > 0, (ds.true == 0.0).broadcast_like(ds.right)
+    is_accused = (ds.backlash > GOOD_BACKLASH + 1e-9) & is_claimed & is_good
     return [
-        result.name, result.columns, f"{result.hours} h", f"{int((claimed & ~ds.right).sum())} of {int(claimed.sum())}",
-        share_or_none(ds.right, claimed), f"{int(is_accused.sum())} of {int(is_good.sum())}", share_or_none(ds.covered),
-        share_or_none(claimed),
-        share_or_none(claimed, ~is_good), share_or_none(ds.right),
+        result.name, result.columns, f"{result.hours} h",
+        f"{int((is_claimed & ~ds.right).sum())} of {int(is_claimed.sum())}", share_or_none(ds.right, is_claimed),
+        f"{int(is_accused.sum())} of {int(is_good.sum())}", share_or_none(ds.covered),
+        share_or_none(is_claimed), share_or_none(is_claimed, ~is_good), share_or_none(ds.right),
     ]  # fmt: skip
 
 

@@ -22,10 +22,8 @@ from studies.days import CONSTANT, DESIGN, HEATING, STEPPED, loop_settings, make
 from studies.diagnosis.diagnosis import share_or_none
 
 SEED, VALVES_SEED, VALVES = 7703, 9107, 128
-TRACE_INTERVAL = 5
-"""Seconds between samples of the traces."""
-LOG_INTERVALS = (10, 15, 30)
-"""Seconds between samples of the logs; each valve has one of these."""
+TRACE_INTERVAL = 5  # seconds between samples of the traces
+LOG_INTERVALS = (10, 15, 30)  # seconds between samples of the logs; each valve has one of these
 DAYS = range(77031, 77034)
 FAST_KP, FAST_TI = (0.01, 0.12), (5.0, 40.0)
 """Of the fast tunings: drawn by their logarithms."""
@@ -201,7 +199,7 @@ def kind_rows(kind: str, is_fast: bool) -> list[list[str]]:
 
 
 def sample() -> None:
-    """The first kind of day."""
+    """Run a sample of the study: the first kind of day."""
     compare_rows("diagnosis/diagnosis_predictions", kind_rows(*KINDS_AND_TUNINGS[0]))
 
 

@@ -20,16 +20,12 @@ from studies.learning.identify_online import IDENTIFY_SETTINGS
 
 PRESETS = ("heating", "heating_45")
 VALVES = 60
-GOOD_EVERY = 5
-"""One valve of so many has no backlash."""
-LARGEST_BACKLASH = 0.15
-"""Backlash of the worst valve."""
+GOOD_EVERY = 5  # one valve of so many has no backlash
+LARGEST_BACKLASH = 0.15  # backlash of the worst valve
 VALVES_SEED, DAYS = 16101, (16111, 16112, 16113, 16114)
-NOISE = 0.02
-"""Measurement noise, K."""
+NOISE = 0.02  # measurement noise, K
 T_SET = 25.0
-PLANT_GAIN = 25.0
-"""Of either coil at its design load, K per stroke."""
+PLANT_GAIN = 25.0  # of either coil at its design load, K per stroke
 PI, TUNED_PI = "plain PI", "PI by `fc.tune`"
 REMEDIES = {
     PI: {},
@@ -134,15 +130,15 @@ def remedy_rows(preset: str, by_kind: dict[str, xr.Dataset]) -> list[list[str]]:
             part = ds.isel(sample=np.flatnonzero(is_member.values))
             plain, cells = part.sel(remedy=PI), []
             for remedy in map(str, part.remedy.values):
-                of_remedy = part.sel(remedy=remedy)
+                remedy_ds = part.sel(remedy=remedy)
                 if remedy == PI:
                     cells.append(
-                        f"{float(of_remedy.rmse.mean()):.3f}, {float(of_remedy.motor_travel.mean()):.1f}, "
-                        f"{share_of(of_remedy.hunts)}"
+                        f"{float(remedy_ds.rmse.mean()):.3f}, {float(remedy_ds.motor_travel.mean()):.1f}, "
+                        f"{share_of(remedy_ds.hunts)}"
                     )
                     continue
-                travel = float(of_remedy.motor_travel.mean() / plain.motor_travel.mean())
-                hunting = f", {float(of_remedy.hunts.mean()):.0%} hunt" if bool(of_remedy.hunts.any()) else ""
+                travel = float(remedy_ds.motor_travel.mean() / plain.motor_travel.mean())
+                hunting = f", {float(remedy_ds.hunts.mean()):.0%} hunt" if bool(remedy_ds.hunts.any()) else ""
                 cells.append(f"{change_in_words(part, remedy, PI, 'remedy')}, × {travel:.2f}{hunting}")
             table.append([f"`{preset}`", kind, label, *cells])
     return table
@@ -174,13 +170,13 @@ def theory_rows() -> list[list[str]]:
 
 def _agreement_cells(theory: xr.Dataset, ds: xr.Dataset, is_reachable: xr.DataArray) -> list[str]:
     hunts, predicted = ds.hunts > 0.0, theory.hunts > 0.0
-    both, missed = hunts & predicted & is_reachable, hunts & ~predicted & is_reachable
-    period = (abs(np.log(theory.period / ds.hunting_period)) < np.log(1.15)).where(both).mean()
-    swing = (abs(np.log(2.0 * theory.amplitude / ds.hunting_swing)) < np.log(1.5)).where(both).mean()
-    ratio = float((ds.hunting_swing / (2.0 * theory.amplitude)).where(both).median())
-    large = f", {float(ds.hunting_swing.where(missed).median()):.1f} K" if bool(missed.any()) else ""
+    both_hunt, is_missed = hunts & predicted & is_reachable, hunts & ~predicted & is_reachable
+    period = (abs(np.log(theory.period / ds.hunting_period)) < np.log(1.15)).where(both_hunt).mean()
+    swing = (abs(np.log(2.0 * theory.amplitude / ds.hunting_swing)) < np.log(1.5)).where(both_hunt).mean()
+    ratio = float((ds.hunting_swing / (2.0 * theory.amplitude)).where(both_hunt).median())
+    large = f", {float(ds.hunting_swing.where(is_missed).median()):.1f} K" if bool(is_missed.any()) else ""
     return [
-        f"{int(missed.sum())}{large}", f"{int((~hunts & predicted & is_reachable).sum())}",
+        f"{int(is_missed.sum())}{large}", f"{int((~hunts & predicted & is_reachable).sum())}",
         f"{int(is_reachable.sum())}",
         f"{int((hunts & is_reachable).sum())}", share_of(hunts == predicted, is_reachable).to_text(1),
         f"{float(period):.0%}",

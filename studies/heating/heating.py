@@ -39,8 +39,8 @@ def _draw_rest(panel: Axes) -> None:
             T_set=np.repeat(set_points[:, None], 2, 1),
             day=np.arange(60),
         )
-        rest = fc.linearise(loop, day, at=0)
-        panel.plot(100 * rest.opening, rest.T_sup, STYLES[name], color=colour, label=f"{name}, {water:g} °C")
+        steady = fc.linearise(loop, day, at=0)
+        panel.plot(100 * steady.opening, steady.T_sup, STYLES[name], color=colour, label=f"{name}, {water:g} °C")
         design_point = fc.linearise(loop, fc.design_day(0.5, "heating", T_w_in=water), at=0)
         panel.plot(100 * float(design_point.opening), 25.0, "o", color=colour, ms=5)
     panel.axhline(25.0, color="black", lw=0.8, ls=":")
@@ -51,7 +51,7 @@ def _draw_rest(panel: Axes) -> None:
 
 
 def _draw_steps(
-    panel: Axes, conditions: Callable[[fc.Loop], tuple[fc.Boundary, np.ndarray]], at: int, size: float
+    panel: Axes, conditions: Callable[[fc.Loop], tuple[fc.Boundary, np.ndarray]], step_at: int, size: float
 ) -> None:
     """Draw the step response, median and 90 % of the conditions, with heating gains and those of a cooling loop."""
     heating_loop = fc.Loop.preset("heating").assign(backlash=0.0)
@@ -64,10 +64,11 @@ def _draw_steps(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # of gains made for cooling: they are why it is run
             ds = fc.simulate(loop, boundary, traces=["T_sup"], trace_interval=5)
-        T = ds.T_sup.sel(elapsed_time=slice(at - SECONDS_BEFORE, at + SECONDS_AFTER)).transpose("day", "elapsed_time")
+        shown = slice(step_at - SECONDS_BEFORE, step_at + SECONDS_AFTER)
+        T = ds.T_sup.sel(elapsed_time=shown).transpose("day", "elapsed_time")
         share = 100 * (T.values - T_set[:, None]) / size
         low, middle, high = np.quantile(share, (0.05, 0.5, 0.95), axis=0)
-        minutes = (T.elapsed_time.values - at) / 60
+        minutes = (T.elapsed_time.values - step_at) / 60
         panel.fill_between(minutes, low, high, color=colour, alpha=0.18, lw=0)
         panel.plot(minutes, middle, style, color=colour, label=label)
     panel.axhline(100, color="black", lw=0.8, ls=":")
@@ -98,11 +99,11 @@ def _draw_worn(panel: Axes) -> None:
 
 
 @apply_style()
-def draw(conditions: Callable[[fc.Loop], tuple[fc.Boundary, np.ndarray]], at: int, size: float) -> None:
-    """Draw the figure.  conditions: days with a step of ``size`` K at second ``at``, and set-points before it."""
+def draw(conditions: Callable[[fc.Loop], tuple[fc.Boundary, np.ndarray]], step_at: int, size: float) -> None:
+    """Draw the figure.  conditions: days with a step of ``size`` K at second ``step_at``, and set-points before it."""
     figure, panels = plt.subplots(1, 3, figsize=(11, 3.2), layout="constrained")
     _draw_rest(panels[0])
-    _draw_steps(panels[1], conditions, at, size)
+    _draw_steps(panels[1], conditions, step_at, size)
     _draw_worn(panels[2])
     save_figure(figure, "heating/heating.png", dpi=200)
 
@@ -112,22 +113,15 @@ SEARCH_SIZE, FRESH_SIZE = 200, 400
 OUTDOOR_TEMPERATURES, OUTDOOR_SHARE, T_RETURN, W_A_IN = (-20.0, 15.0), 0.3, 21.0, 0.003
 AIR_FLOWS, WATER_TEMPERATURES, SET_POINTS = (0.4, 1.3), (45.0, 70.0), (16.0, 30.0)
 """Air flow, kg/s; water and set-points, °C."""
-STEP_SIZE = 2.0
-"""Step of the set-point, K."""
-STEP_AT = 5400
-"""Second of the step."""
+STEP_SIZE = 2.0  # step of the set-point, K
+STEP_AT = 5400  # second of the step
 DAY_SECONDS = 10800
-RESPONSE_INTERVAL = 5
-"""Seconds between the samples of the response."""
-SETTLED_DISTANCE = 0.05
-"""Distance from the new set-point, of the step, within which a loop has settled."""
+RESPONSE_INTERVAL = 5  # seconds between the samples of the response
+SETTLED_DISTANCE = 0.05  # distance from the new set-point, share of the step, within which a loop has settled
 KP, TI = (0.01, 0.015, 0.02, 0.025, 0.03, 0.04), (40.0, 50.0, 60.0, 70.0, 80.0, 100.0, 120.0)
-MOST_OVERSHOOT = 0.10
-"""Of the step, in 95 % of the conditions of either coil."""
-GAP_RANGE = (0.01, 0.15)
-"""Backlash of the worn valves, drawn evenly."""
-VALVES = 12
-"""Number of worn valves."""
+MOST_OVERSHOOT = 0.10  # share of the step, in 95 % of the conditions of either coil
+GAP_RANGE = (0.01, 0.15)  # backlash of the worn valves, drawn evenly
+VALVES = 12  # number of worn valves
 COOLING_GAINS = ("lbnl", "paper_like", "paper_like_fast", "g36")
 GAIN_NAMES = ("kp", "ti", "sample_time")
 
@@ -161,8 +155,8 @@ def conditions(loop: fc.Loop, seed: int, size: int) -> Conditions:
         constant_series = {
             name: np.repeat(values[:, None], 2, 1) for name, values in (series | {"T_set": T_set + step}).items()
         }
-        rest = fc.linearise(loop, fc.Boundary(**constant_series, W_a_in=W_A_IN, day=np.arange(n)), at=0)
-        is_held.append((rest.reachable > 0.0) & (rest.opening > 0.02) & (rest.opening < 0.97))
+        steady = fc.linearise(loop, fc.Boundary(**constant_series, W_a_in=W_A_IN, day=np.arange(n)), at=0)
+        is_held.append((steady.reachable > 0.0) & (steady.opening > 0.02) & (steady.opening < 0.97))
     valid = np.flatnonzero(np.asarray(is_held[0] & is_held[1]).ravel())[:size]
     if valid.size < size:
         raise RuntimeError("too few of the drawn conditions are within reach")
@@ -197,15 +191,15 @@ def sizing_rows() -> list[list[str]]:
     for name in PRESETS:
         preset, loop = fc.presets()[name], good_valve_loop(name)
         day = fc.design_day(0.5, "heating", T_w_in=preset.T_w_in)
-        rest = fc.linearise(loop, day, at=0)
+        steady = fc.linearise(loop, day, at=0)
         fully_open = fc.linearise(loop, fc.design_day(0.5, "heating", T_w_in=preset.T_w_in, T_set=80.0), at=0)
         air = {n: float(v[0, 0]) for n, v in day.series.items()}
         heat = air["m_a"] * float(loop["cp_a"]) * (25.0 - air["T_a_in"])  # type: ignore[arg-type]
-        m_w = float(rest.m_w)
+        m_w = float(steady.m_w)
         T_w_out = preset.T_w_in - heat / (m_w * float(loop["cp_w"]))  # type: ignore[arg-type]
         rows.append(
-            [f"`{name}`", f"{preset.T_w_in:g}", f"{air['T_a_in']:.1f}", f"{heat:.1f}", f"{float(rest.opening):.0%}",
-             f"{m_w:.2f}", f"{T_w_out:.0f}", f"{float(fully_open.T_sup):.1f}", f"{float(rest.gain):.0f}"]
+            [f"`{name}`", f"{preset.T_w_in:g}", f"{air['T_a_in']:.1f}", f"{heat:.1f}", f"{float(steady.opening):.0%}",
+             f"{m_w:.2f}", f"{T_w_out:.0f}", f"{float(fully_open.T_sup):.1f}", f"{float(steady.gain):.0f}"]
         )  # fmt: skip
     return rows
 

@@ -15,23 +15,19 @@ from studies.days import HEATING
 from studies.hunting.loops import OPERATING_KINDS, SERIES_NAMES, adapt_to_kind, conditions, loop_properties, valves
 
 BACKLASH_SIZES = (0.0, 0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.15)
-TRACE_INTERVAL = 20
-"""Seconds between samples of the temperature."""
-HOURS = 8
-"""Hours of a day."""
-LASTING_RATIO = 0.8
-"""Swing in the last quarter of the day over that of the quarter before, which a decay stays below."""
-LEAST_SWING = 1e-3
-"""K: a smaller swing is none; and none of a loop with backlash lies below 2 % of backlash × gain."""
+TRACE_INTERVAL = 20  # seconds between samples of the temperature
+HOURS = 8  # hours of a day
+LASTING_RATIO = 0.8  # swing in the last quarter of the day over that of the quarter before, which a decay stays below
+LEAST_SWING = 1e-3  # K: a smaller swing is none; and none of a loop with backlash lies below 2 % of backlash × gain
 INDEX_BANDS = ((0.0, 0.6), (0.6, 0.7), (0.7, 0.8), (0.8, 0.9), (0.9, 1.0), (1.0, 1.2), (1.2, np.inf))
 
 
 def measure_cycles(T: xr.DataArray, least: xr.DataArray) -> xr.Dataset:
     """Measure whether the swing of a temperature lasts, its size, peak to peak, K, and its period, s."""
     n = T.sizes["elapsed_time"] // 4
-    before, last = (T.isel(elapsed_time=slice(k * n, (k + 1) * n)) for k in (2, 3))
-    sizes = [part.max("elapsed_time") - part.min("elapsed_time") for part in (before, last)]
-    e = last - last.mean("elapsed_time")
+    quarter_before, last_quarter = (T.isel(elapsed_time=slice(k * n, (k + 1) * n)) for k in (2, 3))
+    sizes = [part.max("elapsed_time") - part.min("elapsed_time") for part in (quarter_before, last_quarter)]
+    e = last_quarter - last_quarter.mean("elapsed_time")
     upcrossings = ((e.values[..., :-1] < 0.0) & (e.values[..., 1:] >= 0.0)).sum(-1)
     dims = tuple(d for d in e.dims if d != "elapsed_time")
     periods = xr.DataArray(
@@ -89,8 +85,8 @@ def write_backlash(ds: xr.Dataset, limit: float) -> None:
             for direction in (at_size.cycles, ~at_size.cycles)
         ]
         if size:
-            scaled = (at_size.swing / (size * at_size.K)).where(is_gap_cycle)
-            row += [f"{format_quantiles(at_size.swing.where(is_gap_cycle))} K", format_quantiles(scaled)]
+            swing_per_gap = (at_size.swing / (size * at_size.K)).where(is_gap_cycle)
+            row += [f"{format_quantiles(at_size.swing.where(is_gap_cycle))} K", format_quantiles(swing_per_gap)]
             row += [format_quantiles((at_size.period / at_one_percent.period).where(is_gap_cycle))]
         table.append(row if size else [*row, "—", "—", "—"])
     swing_power, period_power = fit_power(ds.swing, is_gap_cycle), fit_power(ds.period, is_gap_cycle)
@@ -131,11 +127,11 @@ def write_bands(ds: xr.Dataset) -> None:
             continue
         worn = ds.sel(backlash=0.07)
         shares = [share_of(ds.cycles.sel(backlash=x), inside).to_text(0) for x in (0.0, 0.01, 0.03, 0.07, 0.15)]
-        scaled = worn.swing / (0.07 * worn.K)
+        swing_per_gap = worn.swing / (0.07 * worn.K)
         is_calm = not bool((inside & worn.cycles).any())
         table.append(
             [f"{low:g} to {high:g}", f"{int(inside.sum()):,}", *shares,
-             "—" if is_calm else format_quantiles(scaled.where(inside & worn.cycles)),
+             "—" if is_calm else format_quantiles(swing_per_gap.where(inside & worn.cycles)),
              "—" if is_calm else format_quantiles((worn.period / (worn["T"] + worn.theta)).where(inside & worn.cycles))]
         )  # fmt: skip
     write_table(
@@ -155,8 +151,7 @@ def write_bands(ds: xr.Dataset) -> None:
 
 RAMP_HOURS, HOLD_HOURS, KICK_HOURS, AFTER_HOURS = 6, 2, 1, 6
 """Hours: the set-point comes slowly from the temperature of the air, stands still, is elsewhere, and back."""
-KICK_SIZES = (0.0, 0.1, 0.3, 1.0, 3.0)
-"""K"""
+KICK_SIZES = (0.0, 0.1, 0.3, 1.0, 3.0)  # of the set-point, K
 START_BANDS = ((0.0, 0.8), (0.8, 0.9), (0.9, 1.0), (1.0, 1.2), (1.2, 2.0), (2.0, np.inf))
 
 
@@ -201,11 +196,11 @@ def write_start(ds: xr.Dataset) -> None:
     """Write the share that cycles by hunting index and kick."""
     is_valid, table = ds.reachable.astype(bool) & (ds.backlash > 0.0), []
     for low, high in START_BANDS:
-        inside = is_valid & (ds.hunting_index >= low) & (ds.hunting_index < high)
-        if not bool(inside.any()):
+        in_band = is_valid & (ds.hunting_index >= low) & (ds.hunting_index < high)
+        if not bool(in_band.any()):
             continue
-        cells = [str(share_of(ds.cycles.sel(kick=kick, drop=True), inside)) for kick in KICK_SIZES]
-        table.append([f"{low:g} to {high:g}", f"{int(inside.sum()):,}", *cells])
+        cells = [str(share_of(ds.cycles.sel(kick=kick, drop=True), in_band)) for kick in KICK_SIZES]
+        table.append([f"{low:g} to {high:g}", f"{int(in_band.sum()):,}", *cells])
     any_kick = ds.cycles.any("kick") & is_valid
     share_without_kick = str(share_of(ds.cycles.sel(kick=0.0, drop=True), any_kick))
     write_table(
@@ -290,9 +285,9 @@ def write_parts(ds: xr.Dataset) -> None:
     """Write the change of the largest calm kp with each part."""
     base, table = ds.isel(change=0, drop=True), []
     for name in list(CHANGES)[1:]:
-        of_change = ds.sel(change=name, drop=True)
-        simulated, predicted = of_change.simulated / base.simulated, of_change.foreseen / base.foreseen
-        is_valid = of_change.ok & base.ok & simulated.notnull()
+        change_ds = ds.sel(change=name, drop=True)
+        simulated, predicted = change_ds.simulated / base.simulated, change_ds.foreseen / base.foreseen
+        is_valid = change_ds.ok & base.ok & simulated.notnull()
         ratio = (simulated / predicted).where(is_valid)
         table.append([name, f"{int(is_valid.sum()):,}", format_mean_change(simulated, is_valid),
                       format_mean_change(predicted, is_valid),

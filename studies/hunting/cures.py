@@ -12,9 +12,8 @@ from studies.common import concat_along, format_spread, mean_of, share_of, write
 from studies.days import CONSTANT, DESIGN, HEATING, kinds, make_days
 from studies.hunting.loops import Rule, adapt_to_kind, loop_properties, share_or_dash, valves
 
-KP_FACTORS = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.5, 7.0)
-TI_FACTORS = (0.3, 0.6, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0)
-"""Multiples of the gains of SIMC that are tried."""
+KP_FACTORS = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.5, 7.0)  # multiples of the gain kp of SIMC that are tried
+TI_FACTORS = (0.3, 0.6, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0)  # and of its ti
 ANY_GAINS, SIMC, TWICE_SIMC = "any", "SIMC", "kp and ti twice those of SIMC"
 SEARCH_DAYS, FRESH_DAYS = (15601,), range(15611, 15614)
 
@@ -95,14 +94,14 @@ def write_cost(ds: xr.Dataset, names: list[str]) -> None:
     """Write the cost of each rule."""
     best, table = ds.sel(rule=ANY_GAINS, drop=True), []
     for name in ds.rule.values:
-        of_rule = ds.sel(rule=name, drop=True)
+        rule_ds = ds.sel(rule=name, drop=True)
         row = [f"best gains of {name}" if name == ANY_GAINS else str(name)]
         for kind in names:
             days = [k for k, day in enumerate(ds.day.values) if str(day).startswith(kind)]
-            row.append(format_cost(of_rule.rmse.isel(day=days), best.rmse.isel(day=days)))
-        travel = of_rule.motor_travel.mean("day") / best.motor_travel.mean("day")
+            row.append(format_cost(rule_ds.rmse.isel(day=days), best.rmse.isel(day=days)))
+        travel = rule_ds.motor_travel.mean("day") / best.motor_travel.mean("day")
         table.append(
-            [*row, f"× {float(travel.median()):.2f}", share_of(of_rule.hunts > 0, of_rule.hunts.notnull()).to_text(1)]
+            [*row, f"× {float(travel.median()):.2f}", share_of(rule_ds.hunts > 0, rule_ds.hunts.notnull()).to_text(1)]
         )
     write_table(
         "hunting/hunting_cost",
@@ -174,15 +173,15 @@ def run_cures(
 
 def write_cures(ds: xr.Dataset, names: list[str]) -> None:
     """Write what becomes of the loops after each cure."""
-    as_found, table = ds.sel(cure=AS_FOUND, drop=True), []
+    uncured, table = ds.sel(cure=AS_FOUND, drop=True), []
     for name in ds.cure.values:
-        of_cure = ds.sel(cure=name, drop=True)
-        row = [str(name), share_or_dash(of_cure.hunts > 0, of_cure.hunts.notnull() & ds.ill)]
-        change = of_cure.rmse / as_found.rmse
+        cure_ds = ds.sel(cure=name, drop=True)
+        row = [str(name), share_or_dash(cure_ds.hunts > 0, cure_ds.hunts.notnull() & ds.ill)]
+        change = cure_ds.rmse / uncured.rmse
         for kind in names:
             days = [k for k, day in enumerate(ds.day.values) if str(day).startswith(kind)]
             row.append(f"{100 * float(change.where(ds.ill).isel(day=days).median()) - 100:+.0f} %")
-        travel = (of_cure.motor_travel / as_found.motor_travel).where(ds.ill).median()
+        travel = (cure_ds.motor_travel / uncured.motor_travel).where(ds.ill).median()
         calm_change = change.where(ds.short)
         table.append([*row, f"× {float(travel):.2f}", format_spread(calm_change)])
     n, m = (int(group.any("day").sum()) for group in (ds.ill, ds.short))

@@ -47,7 +47,7 @@ def write_one_step(formula: Rule, limit: float, ds: xr.Dataset) -> None:
         f"where it works, K, T and θ off by {MODEL_ERROR:.0%}": with_model_errors(ds),
         "anywhere": predict_from_one_step(ds, first_condition),
         "at the smallest opening": predict_from_one_step(ds, smallest_opening),
-        "at the largest opening": predict_from_one_step(ds, lambda of: -of.opening),
+        "at the largest opening": predict_from_one_step(ds, lambda population_words: -population_words.opening),
     }
     table = []
     for name, predictions in by_step.items():
@@ -92,7 +92,7 @@ def write_by_backlash(rules: list[Rule], ds: xr.Dataset) -> None:
         for rule in (*rules[:2], rules[-1]):
             row += error_shares(part, rule, is_usable(part))[:2]
         table.append(row)
-    heads = [f"{name}: {what}" for name in SHOWN_RULES for what in ("right", "of those that hunt")]
+    heads = [f"{name}: {case_words}" for name in SHOWN_RULES for case_words in ("right", "of those that hunt")]
     write_table(
         "hunting/hunting_by_backlash",
         f"Predictions of hunting by backlash: {ds.sizes['sample']:,} fresh loops × {ds.sizes['day']} conditions",
@@ -153,12 +153,9 @@ def write_days(rules: list[Rule], by_kind: Mapping[str, xr.Dataset]) -> None:
 
 
 STUDY = STUDIES / "hunting" / "hunting.toml"
-SWING_LIMITS = (0.1, 30.0)
-"""K, peak to peak: the ends of the colours; below lies what does not hunt."""
-MAX_DOTS = 2500
-"""Loops in the panels without dimensions."""
-PERIOD_LEVELS = (120, 200, 300, 500, 800)
-"""s"""
+SWING_LIMITS = (0.1, 30.0)  # K, peak to peak: the ends of the colours; below lies what does not hunt
+MAX_DOTS = 2500  # largest number of loops in the panels without dimensions
+PERIOD_LEVELS = (120, 200, 300, 500, 800)  # of the lines of equal period on the maps, s
 
 
 def preset_results() -> xr.Dataset:
@@ -173,16 +170,16 @@ def write_presets(ds: xr.Dataset, rules: list[Rule]) -> None:
     """Write how far the boundary on the maps is right."""
     table = []
     for plant in ds.plant.values:
-        of_plant = ds.sel(plant=plant)
-        hunts, row = of_plant.hunts > 0, [f"`{plant}`", f"{float((of_plant.hunts > 0).mean()):.0%}"]
+        plant_ds = ds.sel(plant=plant)
+        hunts, row = plant_ds.hunts > 0, [f"`{plant}`", f"{float((plant_ds.hunts > 0).mean()):.0%}"]
         for rule in rules[:2]:
-            is_predicted = rule.indicator(of_plant.assign(kp=of_plant.kp, ti=of_plant.ti)) > rule.limit
+            is_predicted = rule.indicator(plant_ds.assign(kp=plant_ds.kp, ti=plant_ds.ti)) > rule.limit
             row += [
                 f"{float((is_predicted == hunts).mean()):.1%}",
                 f"{int((is_predicted & ~hunts).sum())}, {int((~is_predicted & hunts).sum())}",
             ]
         table.append(row)
-    heads = [f"{rule.name}: {what}" for rule in rules[:2] for what in ("right", "false alarms, missed")]
+    heads = [f"{rule.name}: {case_words}" for rule in rules[:2] for case_words in ("right", "false alarms, missed")]
     write_table("hunting/hunting_presets", f"The maps of the presets, {ds.sizes['kp']} kp × {ds.sizes['ti']} ti each",
                 ["plant", "hunt", *heads], table)  # fmt: skip
 
@@ -193,21 +190,21 @@ def draw_presets(ds: xr.Dataset, rules: list[Rule]) -> None:
     figure, panels = plt.subplots(2, 2, figsize=(9.0, 7.6), sharex=True, sharey=True, layout="constrained")
     mesh = None
     for panel, plant in zip(panels.flat, ds.plant.values, strict=True):
-        of_plant = ds.sel(plant=plant).transpose("kp", "ti")
-        swing = of_plant.swing.where(of_plant.hunts > 0)
+        plant_ds = ds.sel(plant=plant).transpose("kp", "ti")
+        swing = plant_ds.swing.where(plant_ds.hunts > 0)
         mesh = panel.pcolormesh(
-            of_plant.ti, of_plant.kp, swing, norm=LogNorm(*SWING_LIMITS), cmap="cividis_r", shading="nearest"
+            plant_ds.ti, plant_ds.kp, swing, norm=LogNorm(*SWING_LIMITS), cmap="cividis_r", shading="nearest"
         )
         mesh.set_rasterized(True)
-        lines = panel.contour(of_plant.ti, of_plant.kp, of_plant.period.where(of_plant.regular > 0),
+        lines = panel.contour(plant_ds.ti, plant_ds.kp, plant_ds.period.where(plant_ds.regular > 0),
                               levels=PERIOD_LEVELS, colors="white",
                               linewidths=0.9)  # fmt: skip
         panel.clabel(lines, fmt=lambda s: f"{s:g} s", fontsize=7)
         for rule, colour, style in zip(rules[:2], (RED, "black"), ("-", "--"), strict=True):
-            panel.contour(of_plant.ti, of_plant.kp, rule.indicator(of_plant).transpose("kp", "ti"), levels=[rule.limit],
+            panel.contour(plant_ds.ti, plant_ds.kp, rule.indicator(plant_ds).transpose("kp", "ti"), levels=[rule.limit],
                           colors=[colour],
                           linestyles=[style], linewidths=1.8)  # fmt: skip
-        T = float(of_plant["T"].isel(kp=0, ti=0))
+        T = float(plant_ds["T"].isel(kp=0, ti=0))
         panel.axvline(T, color="0.4", lw=1.0, ls=":")
         panel.annotate("Ti = T", (T, 0.0023), fontsize=7, color="0.3", rotation=90, xytext=(2, 0),
                        textcoords="offset points", va="bottom")  # fmt: skip
@@ -234,9 +231,9 @@ def draw_presets(ds: xr.Dataset, rules: list[Rule]) -> None:
 def draw_population(ds: xr.Dataset, sizes: xr.Dataset, rules: list[Rule]) -> None:
     """Draw loops without dimensions: Ti/T × gain margin, the formula, and the swing over the hunting index."""
     figure, panels = plt.subplots(1, 3, figsize=(12.0, 4.3), layout="constrained")
-    at = np.flatnonzero(is_counted(ds).transpose(*ds.hunts.dims).values.ravel())
-    at = np.random.default_rng(1).choice(at, min(MAX_DOTS, at.size), replace=False)
-    flat = {name: np.asarray(ds[name].transpose(*ds.hunts.dims).values).ravel()[at]
+    x_at = np.flatnonzero(is_counted(ds).transpose(*ds.hunts.dims).values.ravel())
+    x_at = np.random.default_rng(1).choice(x_at, min(MAX_DOTS, x_at.size), replace=False)
+    flat = {name: np.asarray(ds[name].transpose(*ds.hunts.dims).values).ravel()[x_at]
             for name in ("kp", "ti", "K", "T", "theta", "gain_margin", "hunts")}  # fmt: skip
     hunts = flat["hunts"] > 0
     gain = flat["kp"] * flat["K"]
@@ -248,14 +245,14 @@ def draw_population(ds: xr.Dataset, sizes: xr.Dataset, rules: list[Rule]) -> Non
     ratio = np.geomspace(0.2, 60, 50)
     panels[1].plot(ratio, (rules[1].limit / ratio) ** (1.0 / _parse_power(name)), color="black", ls="--")
     panels[1].set(xlabel=f"(T + {_parse_delays(name):g} θ) / Ti", ylabel="kp K", xlim=(0.2, 60), ylim=(0.03, 6))
-    for size, colour, mark in ((0.01, "0.55", "s"), (0.03, YELLOW, "^"), (0.07, RED, "o"), (0.15, BLUE, "D")):
-        of_size = sizes.sel(backlash=size)
-        is_drawn = of_size.cycles & of_size.reachable.astype(bool) & (of_size.gain_margin > 1.0)
-        scaled = (of_size.swing / (size * of_size.K)).where(is_drawn).values.ravel()
+    for size, colour, marker in ((0.01, "0.55", "s"), (0.03, YELLOW, "^"), (0.07, RED, "o"), (0.15, BLUE, "D")):
+        size_ds = sizes.sel(backlash=size)
+        is_drawn = size_ds.cycles & size_ds.reachable.astype(bool) & (size_ds.gain_margin > 1.0)
+        swing_per_gap = (size_ds.swing / (size * size_ds.K)).where(is_drawn).values.ravel()
         panels[2].plot(
-            of_size.hunting_index.values.ravel(),
-            scaled,
-            mark,
+            size_ds.hunting_index.values.ravel(),
+            swing_per_gap,
+            marker,
             color=colour,
             ms=3,
             alpha=0.7,

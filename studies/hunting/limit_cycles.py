@@ -26,16 +26,13 @@ from fastcoil.model.moist_air import humidity_ratio
 from studies.common import HEATING_GAIN, compare_rows, draw_loguniform, share_of, write_table
 from studies.days import HEATING, kinds, loop_settings, make_days
 
-HOURS = 16
-"""Length of a constant day, h."""
-STEP_AT = 2 * 3600
-"""Second at which its set-point steps."""
-STEP_SIZE = 1.5
-"""Step of the set-point, K."""
+HOURS = 16  # length of a constant day, h
+STEP_AT = 2 * 3600  # second at which its set-point steps
+STEP_SIZE = 1.5  # step of the set-point, K
 
 
 class Population(NamedTuple):
-    """What sets loops apart.  words: for the table.  ratio: estimate over backlash, from and to.  loop: parameters."""
+    """A population of loops.  words: for the table.  ratio: estimate over backlash, from and to.  loop: parameters."""
 
     words: str
     ratio: tuple[float, float] = (0.0, 0.0)
@@ -128,18 +125,18 @@ def cycles_of_gap_alone(columns: Mapping[str, np.ndarray], plants: Plants) -> Cy
         balance = harmonic_balance(
             w, loop_response(columns_at_time, plants_at_time, w), lambda _, N=N: N, A.shape[1], np.zeros(indices.size)
         )
-        product, place = balance.product.max(axis=0), balance.place[0]
+        product, frequency_index = balance.product.max(axis=0), balance.place[0]
         hunting_index = np.where(x_bl > 0.0, product.max(axis=1), product[:, -1])
         last = product.shape[1] - 1 - (product[:, ::-1] >= 1.0).argmax(axis=1)
         rows = np.arange(indices.size)
         k = np.where(hunting_index >= 1.0, last, product.argmax(axis=1))
-        cycle_frequency = frequency_at(w, place[rows, k])
+        cycle_frequency = frequency_at(w, frequency_index[rows, k])
         G = np.abs(frequency_response(plants_at_time.response, w))
         T = (
             A[rows, k]
             * np.abs(N[rows, k])
             / (1.0 - x_bl)
-            * G[rows, np.clip(place[rows, k].round().astype(int), 0, 199)]
+            * G[rows, np.clip(frequency_index[rows, k].round().astype(int), 0, 199)]
         )
         hunts = (hunting_index > np.where(x_bl > 0.0, HUNTING_INDEX_LIMIT, 1.0)) & (2.0 * T > 0.1)
         predictions.hunting_index[indices], predictions.hunts[indices] = hunting_index, hunts
@@ -151,8 +148,7 @@ def cycles_of_gap_alone(columns: Mapping[str, np.ndarray], plants: Plants) -> Cy
 
 SEARCH_SEED, FRESH_SEED = 901, 1201
 LOOPS, POINTS = 400, 12
-OTHER_LOOPS = 200
-"""Of the populations that are not plain."""
+OTHER_LOOPS = 200  # of the populations that are not plain
 DAY_SEEDS = range(1301, 1307)
 WARM_UP_SECONDS = 8 * 3600
 PERIOD_TOLERANCE, SWING_FACTOR = 0.15, 1.5
@@ -198,7 +194,7 @@ class Verdicts(NamedTuple):
         return cls(among, hunts, hunts_by_theory, period, swing)
 
     def cells(self, group: xr.DataArray | None = None) -> list[str]:
-        """Failures first: missed, false alarms, then shares with their intervals."""
+        """Format the verdicts as cells: missed cycles, false alarms, then shares with their intervals."""
         among = self.among if group is None else self.among & group
         both = among & self.hunts & self.predicted
         right = self.hunts == self.predicted
@@ -344,7 +340,7 @@ def print_threshold_choice() -> None:
 
 
 def sample() -> None:
-    """The first population."""
+    """Run a sample of the study: the first population."""
     name = next(iter(POPULATIONS))
     case = simulate_and_predict(name, FRESH_SEED, LOOPS if name in PLAIN_POPULATIONS else OTHER_LOOPS)
     cells = Verdicts.compare(case.seen, case.predicted).cells()

@@ -25,10 +25,8 @@ from fastcoil.model.moist_air import humidity_ratio
 from studies.common import HEATING_GAIN, draw_loguniform, pool_days, share_of
 from studies.days import HEATING, loop_settings, make_days
 
-LEAST_GAIN = 0.2
-"""K per stroke: with less a valve changes nothing."""
-FREQUENCIES = np.geomspace(3e-4, math.pi, 300)
-"""rad/s."""
+LEAST_GAIN = 0.2  # of the plant, K per stroke: with less a valve changes nothing
+FREQUENCIES = np.geomspace(3e-4, math.pi, 300)  # at which the loop response is computed, rad/s
 
 
 def loop_properties(loop: fc.Loop, day: fc.Boundary) -> xr.Dataset:
@@ -90,8 +88,7 @@ HOURS = 8
 WARM_UP_SECONDS = 3 * 3600
 BACKLASH_SIZES = (0.0, 0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.15)
 SERIES_NAMES = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")
-STEP_SIZE = 0.3
-"""Step of the set-point, K."""
+STEP_SIZE = 0.3  # step of the set-point, K
 HOURS_BEFORE_STEP, HOURS_AFTER_STEP = 2, 1
 
 
@@ -215,11 +212,9 @@ POWERS, DELAYS = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0), (0.0, 1.0, 2.0, 3.0, 4.0)
 """Powers of kp K and multiples of theta that are tried."""
 SAFE_SENSITIVITY = 0.995
 """Share of the loops that hunt which the safe form of a rule has to predict on the valves it is chosen on."""
-CAUTIOUS_SENSITIVITY = 0.98
-"""The same where the formula is used with a single step of the valve."""
+CAUTIOUS_SENSITIVITY = 0.98  # such a share where the formula is used with a single step of the valve
 MODEL_NAMES = ("K", "T", "theta")
-MODEL_ERROR = 0.2
-"""By how much a log misleads about each of them, standard deviation."""
+MODEL_ERROR = 0.2  # by how much a log misleads about each of them, standard deviation
 
 
 class Rule(NamedTuple):
@@ -317,16 +312,16 @@ def share_or_dash(holds: xr.DataArray, among: xr.DataArray, decimals: int = 1) -
     return share_of(holds, among).to_text(decimals) if bool(among.any()) else "—"
 
 
-def predict_from_one_step(ds: xr.Dataset, place: Callable[[xr.Dataset], xr.DataArray]) -> xr.Dataset:
+def predict_from_one_step(ds: xr.Dataset, choose_condition: Callable[[xr.Dataset], xr.DataArray]) -> xr.Dataset:
     """Predict all conditions from one step of each valve and action; the condition of the step is excluded.
 
-    place: the step is made where this is lowest among the conditions that the valve can hold.
+    choose_condition: the step is made where this is lowest among the conditions that the valve can hold.
     """
     is_heating_day, parts = np.array([HEATING in str(day) for day in ds.day.values]), []
     for is_heating in (False, True):
         part = ds.isel(day=np.flatnonzero(is_heating_day == is_heating))
         is_valid = is_usable(part)
-        step_condition = place(part).where(is_valid, np.inf).argmin("day")
+        step_condition = choose_condition(part).where(is_valid, np.inf).argmin("day")
         model = {name: part[name].isel(day=step_condition).drop_vars("day", errors="ignore") for name in MODEL_NAMES}
         condition_index = xr.DataArray(np.arange(part.sizes["day"]), dims="day")
         predicted = part.assign({name: value.broadcast_like(part[name]) for name, value in model.items()})
@@ -354,7 +349,7 @@ def smallest_opening(ds: xr.Dataset) -> xr.DataArray:
 
 
 def cautious_limit(formula: Rule, ds: xr.Dataset) -> float:
-    """Limit of ``CAUTIOUS_SENSITIVITY`` for the formula, from a step at the smallest opening."""
+    """Return the limit of the formula with ``CAUTIOUS_SENSITIVITY``, from a step at the smallest opening."""
     predicted = predict_from_one_step(ds, smallest_opening)
     return _round_limit(
         float(

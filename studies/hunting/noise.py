@@ -29,11 +29,9 @@ from studies.hunting.loops import (
     valves,
 )
 
-NOISE_LEVELS = (0.0, 0.01, 0.02, 0.05)
-"""K, standard deviation."""
+NOISE_LEVELS = (0.0, 0.01, 0.02, 0.05)  # standard deviations, K
 SAMPLE_TIMES = (5.0, 10.0, 20.0, 30.0, 60.0)
-INDEX_EDGES = (0.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, np.inf)
-"""Of the index."""
+INDEX_EDGES = (0.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, np.inf)  # between which the index of the rule is grouped
 INDEX_NAME = "(kp K)^0.7 (T + 2 θ) / Ti"
 LIMITS = (5.0, 4.0, 3.0, 2.0)
 BACKLASH_SIZES = (0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.15)
@@ -121,7 +119,7 @@ def prediction_rows(ds: xr.Dataset) -> Iterator[list[str]]:
 
 
 def sample() -> None:
-    """The loops without their gap."""
+    """Run a sample of the study: the loops without their gap."""
     ds = population(SEED, VALVES, DAYS, GAP_LABELS[1:])
     compare_rows("hunting/hunting_noise", rows_by_index(ds))
     compare_rows("hunting/hunting_noise_predicted", prediction_rows(ds))
@@ -142,7 +140,7 @@ def main() -> None:
     write_table("hunting/hunting_noise_sampling",
                 f"Share of hunting loops among those that meet the rule, by sample time, with a gap: {cases_text}",
                 ["sample time", *heads], rows_by_sample_time(ds))  # fmt: skip
-    heads = [f"{name}: {what}" for name in ("`fc.limit_cycle`", f"{INDEX_NAME} > {LIMITS[0]:g}")
-             for what in ("right", "of those that hunt", "of the calm")]  # fmt: skip
+    heads = [f"{name}: {case_words}" for name in ("`fc.limit_cycle`", f"{INDEX_NAME} > {LIMITS[0]:g}")
+             for case_words in ("right", "of those that hunt", "of the calm")]  # fmt: skip
     write_table("hunting/hunting_noise_predicted", f"Predictions of hunting at each level of noise: {cases_text}",
                 ["gap", "noise", "hunt", *heads], prediction_rows(ds))  # fmt: skip

@@ -31,8 +31,7 @@ GROWING_RULE = {
 }  # fmt: skip
 """The one rule for all loops that the study of learning chooses."""
 HARM_DAYS = range(5101, 5106)
-HEATING_KP = 0.0045
-"""A quarter of the gain of ``lbnl``: a loop with water of 40 °C responds about three times as much."""
+HEATING_KP = 0.0045  # a quarter of the gain of ``lbnl``: a loop with water of 40 °C responds about three times as much
 
 
 def stepped_day() -> fc.Boundary:
@@ -43,7 +42,7 @@ def stepped_day() -> fc.Boundary:
 
 
 def tunings(n: int = 12) -> xr.Dataset:
-    """Overshoot of a set-point step without backlash, and whether the loop hunts without and with 7 %."""
+    """Simulate n × n gains: overshoot of a step without backlash, and whether the loop hunts without and with 7 %."""
     kp, ti = np.geomspace(0.005, 0.12, n), np.geomspace(4.0, 600.0, n)
     by_plant = {}
     for plant, preset in PLANTS.items():
@@ -82,7 +81,7 @@ def hunting_rows(ds: xr.Dataset) -> list[list[str]]:
 
 
 def learned_when_quiet(n: int = 8) -> xr.DataArray:
-    """Where the learner ends on a constant day, with few switches and little evidence: n × n gains."""
+    """Simulate where the learner ends on a constant day, with few switches and little evidence: n × n gains."""
     kp, ti = np.geomspace(0.005, 0.08, n), np.geomspace(8.0, 600.0, n)
     by_plant = {}
     for plant, preset in PLANTS.items():
@@ -104,7 +103,7 @@ def quiet_rows(final_estimates: xr.DataArray) -> list[list[str]]:
 
 
 def overestimates(n: int = 6) -> xr.Dataset:
-    """Errors with the exact estimate and with larger ones: n × n gains."""
+    """Simulate the errors with the exact estimate and with larger ones: n × n gains."""
     kp, ti = np.geomspace(0.01, 0.08, n), np.geomspace(8.0, 120.0, n)
     loop = fc.Loop().assign(backlash=0.07, estimate_ratio=[1.0, 1.2, 1.5], kp=kp, ti=ti)
     return fc.simulate(loop.assign(sample_time=[1.0, 5.0, 15.0, 30.0, 60.0]), fc.paper_day(hours=8, seed=1))
@@ -122,7 +121,7 @@ def overestimate_rows(ds: xr.Dataset) -> list[list[str]]:
 
 
 def good_valves(seeds: Sequence[int] = HARM_DAYS) -> xr.Dataset:
-    """The growing rule on valves without backlash, beside the plain PI, on days with set-point steps."""
+    """Simulate the growing rule on valves without backlash, beside the plain PI, on days with set-point steps."""
     datasets = []
     for preset in PRESETS:
         loop = fc.Loop.preset(preset).assign(backlash=0.0, noise_std=[0.0, 0.05])
@@ -136,7 +135,7 @@ def good_valves(seeds: Sequence[int] = HARM_DAYS) -> xr.Dataset:
 
 
 def heating(seeds: Sequence[int] = HARM_DAYS) -> xr.Dataset:
-    """Remedies in heating on the plant of ``lbnl``: water of 40 °C, design days."""
+    """Simulate remedies in heating on the plant of ``lbnl``: water of 40 °C, design days."""
     loop = fc.Loop.preset("lbnl").assign(kp=HEATING_KP, backlash=[0.0, 0.03, 0.07, 0.12], **loop_settings(HEATING))
     remedies = {
         "plain PI": {},
@@ -171,9 +170,9 @@ def good_valve_rows(ds: xr.Dataset) -> list[list[str]]:
 
 def heating_rows(ds: xr.Dataset) -> list[list[str]]:
     """Backlash, and the settled error with each remedy, mean over days."""
-    settled = ds.rmse_settled.mean("day")
+    settled_rmse = ds.rmse_settled.mean("day")
     return [
-        [f"{x:.0%}", *(f"{float(settled.sel(backlash=x, remedy=r)):.3f}" for r in ds.remedy.values)]
+        [f"{x:.0%}", *(f"{float(settled_rmse.sel(backlash=x, remedy=r)):.3f}" for r in ds.remedy.values)]
         for x in ds.backlash.values
     ]
 

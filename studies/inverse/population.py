@@ -113,7 +113,7 @@ def write_dependence() -> None:
 
 
 def sample() -> None:
-    """What the benefit depends on."""
+    """Run a sample of the study: what the benefit depends on."""
     write_dependence()
 
 

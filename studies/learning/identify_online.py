@@ -25,11 +25,9 @@ IDENTIFY_SETTINGS = {
 }  # fmt: skip
 """The recommended setting."""
 GOOD_BACKLASH, SIZE_TOLERANCE = 0.01, 0.2
-HARM_RISE = 0.01
-"""Rise of the RMSE that counts as harm."""
+HARM_RISE = 0.01  # rise of the RMSE that counts as harm
 LOW_AUTHORITY = (0.02, 0.1)
-ESTIMATE_INTERVAL = 300
-"""Seconds between the estimates that are looked at."""
+ESTIMATE_INTERVAL = 300  # seconds between the estimates that are looked at
 
 
 def population(seed: int = SEED, size: int = VALVES, heating: bool = False) -> fc.Loop:
@@ -100,7 +98,7 @@ def compare_with_pi(loop: fc.Loop, days: fc.Boundary) -> xr.Dataset:
 
 
 def metric_row(name: str, ds: xr.Dataset) -> list[str]:
-    """What a condition shows."""
+    """Format a condition as a row: how often identification is right, how soon, and what harm it does."""
     worn = ds.where(ds.true > GOOD_BACKLASH, drop=True)
     median_hours = [float(part["first"].median()) if part.sizes["sample"] else np.inf for part in (ds, worn)]
     good_rise = ds.rise.where(ds.true == 0.0, drop=True)
@@ -119,12 +117,12 @@ def metric_row(name: str, ds: xr.Dataset) -> list[str]:
 
 
 def condition_row(name: str, loop: fc.Loop, days: fc.Boundary) -> list[str]:
-    """The row of a condition."""
+    """Simulate a condition, and format it as a row."""
     return [cell.replace("(-0.0", "(0.0") for cell in metric_row(name, compare_with_pi(loop, days))]
 
 
 def sample() -> None:
-    """The first condition."""
+    """Run a sample of the study: the first condition."""
     name, (loop, days) = next(iter(conditions().items()))
     compare_rows("learning/identify_online", [condition_row(name, loop, days)])
 

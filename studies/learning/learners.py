@@ -149,8 +149,8 @@ def write_tables(runs: list[Run]) -> None:
         for group in (LOOPS_LABEL, VALVES_LABEL)
     )
     sizes = " and ".join(
-        f"{run.ds.sizes['sample']} {what} × {run.ds.sizes['day']} days"
-        for run, what in ((loops, "loops"), (valves, "valves"))
+        f"{run.ds.sizes['sample']} {description} × {run.ds.sizes['day']} days"
+        for run, description in ((loops, "loops"), (valves, "valves"))
     )
     estimator_names, remedy_names = (
         [CONTROLLER_LABELS[name] for name in group] for group in (estimators(), remedies())
@@ -208,8 +208,7 @@ MARKS = {
     KNOWN_INVERSE: ("black", "x"),
 }
 """Colour and mark of the controllers that are shown, in the order of the legend."""
-ROW_INCHES = 0.5
-"""Height of a condition, inches."""
+ROW_INCHES = 0.5  # height of a condition, inches
 
 
 @apply_style()
@@ -250,7 +249,7 @@ def _label_threshold(panel: Axes, row: int, least: float) -> None:
 def _draw_shares(panel: Axes, runs: list[Run], names: list[str], share_of_run: Callable[[Run, str], Share]) -> None:
     """A mark with its interval for each condition and controller."""
     for position, name in enumerate(names):
-        colour, mark = MARKS[name]
+        colour, marker = MARKS[name]
         shares = [share_of_run(run, name) for run in runs]
         heights = [row + 0.72 * ((position + 0.5) / len(names) - 0.5) for row in range(len(runs))]
         for y, interval in zip(heights, shares, strict=True):
@@ -258,7 +257,7 @@ def _draw_shares(panel: Axes, runs: list[Run], names: list[str], share_of_run: C
         panel.plot(
             [100 * interval.value for interval in shares],
             heights,
-            mark,
+            marker,
             color=colour,
             ms=4.5,
             zorder=3,
@@ -270,7 +269,7 @@ def _draw_shares(panel: Axes, runs: list[Run], names: list[str], share_of_run: C
 
 
 def sample() -> None:
-    """Two conditions, one of them without a gap."""
+    """Run a sample of the study: two conditions, one of them without a gap."""
     runs = learners_runs.run(names=(SMALL_BACKLASH, f"{GOOD_LABEL}, {LOOPS_LABEL}: {KIND_LABELS[STEPPED]}"))
     compare_rows("learning/learners_failures", failure_rows(runs))
     compare_rows("learning/learners_worse", worse_rows(runs))

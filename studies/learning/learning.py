@@ -132,9 +132,9 @@ def write_recommendations(ds: xr.Dataset, judgement: xr.Dataset) -> None:
              f"{100 * float(loop_judgement.failed.sel(choice)):.0f} %",
              share_with_interval(float(fresh_judgement.failed), days.n_days)]
         )  # fmt: skip
-        reached, confirmed = (fresh_ds[f"learn_time_{n}"].fillna(np.inf) for n in ("reached", "confirmed"))
+        time_reached, time_confirmed = (fresh_ds[f"learn_time_{n}"].fillna(np.inf) for n in ("reached", "confirmed"))
         cost_rows.append(
-            [*name, median_in_words(reached, "{:.0f}", 1 / 60), median_in_words(confirmed, "{:.0f}", 1 / 60),
+            [*name, median_in_words(time_reached, "{:.0f}", 1 / 60), median_in_words(time_confirmed, "{:.0f}", 1 / 60),
              share_with_interval(float(fresh_judgement.never), days.n_days),
              median_in_words(abs(fresh_ds.estimate_final / fresh_ds.backlash - 1), "{:.0f}", 100),
              median_in_words(fresh_ds.rmse, "{:+.0f}", 100), median_in_words(fresh_ds.rmse_known, "{:+.0f}", 100),
@@ -248,7 +248,7 @@ def _n_learners(ds: xr.Dataset, dims: Sequence[str]) -> int:
 
 
 def sample() -> None:
-    """The rule as it is printed."""
+    """Run a sample of the study: the rule as it is printed."""
     write_printed_rule()
 
 
@@ -272,15 +272,15 @@ def write_printed_rule() -> None:
     for rule in ds.rule.values:
         for loop in ds.loop.values:
             d = ds.sel(rule=rule, loop=loop)
-            reached, confirmed = d.learn_time_reached, d.learn_time_confirmed
+            time_reached, time_confirmed = d.learn_time_reached, d.learn_time_confirmed
             rows.append(
                 [
                     rule,
                     loop,
-                    f"{int(reached.notnull().sum())} of {n_days}",
-                    median_hours(reached),
-                    f"{int(confirmed.notnull().sum())} of {n_days}",
-                    median_hours(confirmed),
+                    f"{int(time_reached.notnull().sum())} of {n_days}",
+                    median_hours(time_reached),
+                    f"{int(time_confirmed.notnull().sum())} of {n_days}",
+                    median_hours(time_confirmed),
                     f"{float(d.estimate_first_down.median()):.3f}",
                     f"{float(d.estimate_final.median()):.3f}",
                 ]

@@ -18,14 +18,10 @@ from fastcoil.base.figures import BLUE, LINE_GREY, RED, YELLOW, apply_style, wra
 from fastcoil.loops.labels import quantity
 
 FIGURE_WIDTH = 7.0
-SMALL_FONT = 7
-"""Font size of the small print."""
-DARK_SHARE = 0.55
-"""Share of the scale above which numbers are white."""
-ARROW_SHARE = 0.25
-"""Share of the failures below which a kind of failure gets no arrow."""
-SHORTEST_HOURS = 0.25
-"""Start of the scale of hours."""
+SMALL_FONT = 7  # font size of the small print
+DARK_SHARE = 0.55  # share of the scale above which numbers are white
+ARROW_SHARE = 0.25  # share of the failures below which a kind of failure gets no arrow
+SHORTEST_HOURS = 0.25  # start of the scale of hours
 
 
 def _figure(rows: int, columns: int, height: float, small_print: str) -> tuple[Figure, np.ndarray]:
@@ -66,12 +62,12 @@ def draw_failure_map(judgement: xr.Dataset, safe: float, small_print: str) -> Fi
         for row, (rule, buffer) in zip(axes, variants, strict=True):
             for panel, tuning in zip(row, judgement.tuning.values, strict=True):
                 cell = judgement.sel(rule=rule, buffer=buffer, tuning=tuning).transpose("noise_std", "sample_time")
-                low, high, failed = (cell[n].values for n in ("low", "high", "failed"))
+                low, high, share_failed = (cell[n].values for n in ("low", "high", "failed"))
                 texts = [
                     f"{100 * f:.0f}{failure_arrow(a, b)}"
-                    for a, b, f in zip(low.flat, high.flat, failed.flat, strict=True)
+                    for a, b, f in zip(low.flat, high.flat, share_failed.flat, strict=True)
                 ]
-                image = _draw_cells(panel, 100 * failed, texts, norm, failed <= safe)
+                image = _draw_cells(panel, 100 * share_failed, texts, norm, share_failed <= safe)
             buffer_text = f"buffer {100 * buffer:.0f} %" if buffer > 1e-6 else "no buffer"
             row[0].set_ylabel(f"{rule}, {buffer_text}\nnoise [K]")
         _label_axes(axes, judgement.tuning.values, quantity("sample_time").axis)

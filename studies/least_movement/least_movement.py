@@ -28,33 +28,26 @@ from studies.learning.identify_online import IDENTIFY_SETTINGS
 from studies.valve_test.bound import simulate_bound
 
 SEED, VALVES, DAYS, HOURS = 9701, 512, 8, 8
-LOG_INTERVAL = 10
-"""Seconds between samples."""
-COUNTED_FROM = 1800
-"""Seconds at the start of a day that no bound counts."""
-GAPS = (0.02, 0.05, 0.10)
-"""Fractions of stroke."""
-NOISE_LEVELS = (0.0, 0.01, 0.02, 0.05)
-"""Standard deviations, K."""
-STEP_RANGE = (0.05, 3.0)
-"""Smallest and largest step, K."""
+LOG_INTERVAL = 10  # seconds between samples
+COUNTED_FROM = 1800  # seconds at the start of a day that no bound counts
+GAPS = (0.02, 0.05, 0.10)  # sizes of backlash, fractions of stroke
+NOISE_LEVELS = (0.0, 0.01, 0.02, 0.05)  # standard deviations of the sensor's noise, K
+STEP_RANGE = (0.05, 3.0)  # smallest and largest step, K
 GAP_SPREAD = 0.1
 """By how much a gap differs from these at most, as a share: those that readings compare are no better off."""
-GOOD_EVERY = 8
-"""One valve in so many has no gap."""
-CERTAIN_SIGMAS = 1.96
-"""Standard deviations of the bound that a gap to be certified has to be within."""
+GOOD_EVERY = 8  # one valve in so many has no gap
+CERTAIN_SIGMAS = 1.96  # standard deviations of the bound that a gap to be certified has to be within
 HALF_HOUR = 1800
 
 
 def stepped_set_point(size: float, rng: np.random.Generator) -> np.ndarray:
-    """Up and down by ``size`` every half hour."""
+    """Return a set-point that steps up and down by ``size`` every half hour."""
     sign = rng.choice((-1.0, 1.0))
     return T_SET + 0.5 * sign * size * np.repeat(np.resize((1.0, -1.0), 2 * HOURS), HALF_HOUR)
 
 
 def ramped_set_point(size: float, rng: np.random.Generator) -> np.ndarray:
-    """Steps spread over a quarter of an hour each."""
+    """Return a set-point whose steps by ``size`` are ramps of a quarter of an hour each."""
     quarter = HALF_HOUR // 2
     return np.convolve(
         np.pad(stepped_set_point(size, rng), (quarter - 1, 0), "edge"), np.full(quarter, 1.0 / quarter), "valid"
@@ -62,17 +55,17 @@ def ramped_set_point(size: float, rng: np.random.Generator) -> np.ndarray:
 
 
 def still_set_point(size: float, rng: np.random.Generator) -> np.ndarray:
-    """Constant set-point."""
+    """Return a constant set-point."""
     return np.full(HOURS * 3600, T_SET)
 
 
 def setback_set_point(size: float, rng: np.random.Generator) -> np.ndarray:
-    """4 K higher in the first hour, as after a night, and then still."""
+    """Return a set-point that is 4 K higher in the first hour, as after a night, and then constant."""
     return T_SET + np.where(np.arange(HOURS * 3600) < 3600, 4.0, 0.0)
 
 
 def outdoor_reset(size: float, rng: np.random.Generator) -> np.ndarray:
-    """Down by 3 K as the day grows warm, and up again, in steps of 0.1 K."""
+    """Return a set-point that falls by 3 K as the day grows warm, and rises again, in steps of 0.1 K."""
     warming = np.sin(np.pi * np.arange(HOURS * 3600) / (HOURS * 3600))
     return T_SET + 1.5 - np.round(3.0 * warming, 1)
 
@@ -111,8 +104,7 @@ MOVES: Mapping[str, Callable[[float, np.random.Generator], np.ndarray]] = {
     "night setback": setback_set_point,
     "outdoor reset": outdoor_reset, "trim and respond": trim_and_respond,
 }  # fmt: skip
-SIZED_MOVES = ("steps", "ramps of 15 min")
-"""Those whose size is drawn."""
+SIZED_MOVES = ("steps", "ramps of 15 min")  # of ``MOVES``, those whose size is drawn
 
 
 class LoopSample(NamedTuple):
@@ -159,7 +151,7 @@ RESULT_NAMES = ("found", "low", "high", "claimed", "online", "bound", "rmse", "t
 
 
 def run_move(move: str, seed: int, n: int = VALVES) -> xr.Dataset:
-    """What the logs of one way to move show: (sample, day), each loop on a day of its own, the others NaN."""
+    """Simulate one way to move the set-point, and read the logs: (sample, day), each loop on a day of its own."""
     loop_sample = draw_loops(seed, n)
     days = make_days(CONSTANT, [100 * seed + k for k in range(DAYS)])
     rng = np.random.default_rng([seed, 2])
@@ -187,10 +179,8 @@ def run_move(move: str, seed: int, n: int = VALVES) -> xr.Dataset:
     return ds.assign({name: ("sample", column) for name, column in truths.items()})
 
 
-RATIO_EDGES = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, np.inf)
-"""Step over gap times gain."""
-TURN_EDGES = (0, 1, 3, 6, 12, 24, 48, np.inf)
-"""Of the stem in a day: each crosses the gap."""
+RATIO_EDGES = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, np.inf)  # step over gap times gain
+TURN_EDGES = (0, 1, 3, 6, 12, 24, 48, np.inf)  # turns of the stem in a day, each of which crosses the gap
 
 
 def is_right(ds: xr.Dataset, name: str) -> xr.DataArray:
@@ -204,7 +194,7 @@ def hours_to_certify(ds: xr.Dataset) -> xr.DataArray:
 
 
 def step_ratio(ds: xr.Dataset) -> xr.DataArray:
-    """Step over gap times gain."""
+    """Return the size of the step over gap times plant gain."""
     return ds.step / (ds.true * ds.K)
 
 
@@ -234,7 +224,7 @@ HEAD = (
 
 
 def is_worn(ds: xr.Dataset) -> xr.DataArray:
-    """Loops that ran and have a gap."""
+    """Return which loops ran and have a gap."""
     return ds.rmse.notnull() & (ds.true > 0.0)
 
 
@@ -266,8 +256,7 @@ def rows_by_move(by_way: Mapping[str, xr.Dataset]) -> Iterator[list[str]]:
                    f"{int(is_accused.sum())} of {int(is_good.sum())}", f"{float(ds.rmse.median()):.2f}"]  # fmt: skip
 
 
-BOUND_OF_ONE_TURN = 0.06
-"""K: about the bound of one turn, times the gain."""
+BOUND_OF_ONE_TURN = 0.06  # about the bound of one turn of the stem times the gain, K
 
 
 def join_moves(by_way: Mapping[str, xr.Dataset]) -> xr.Dataset:
@@ -282,13 +271,13 @@ def rows_by_turns(by_way: Mapping[str, xr.Dataset]) -> Iterator[list[str]]:
         is_inside = is_worn(ds) & (ds.turns >= low) & (ds.turns < high)
         label = f"{low} or more" if np.isinf(high) else f"{low} to {high - 1}" if high - low > 1 else f"{low}"
         scaled = (ds.bound * ds.K).where(is_inside)
-        claimed = is_inside & (ds.claimed > 0.0)
+        is_claimed = is_inside & (ds.claimed > 0.0)
         rms_error, rms_bound = (
-            float(np.sqrt((size**2).where(claimed).mean())) for size in (ds.found - ds.true, ds.bound)
+            float(np.sqrt((size**2).where(is_claimed).mean())) for size in (ds.found - ds.true, ds.bound)
         )
         yield [label, *share_cells(ds, is_inside), f"{1000 * float(scaled.median()):.0f}",
                f"{1000 * float((scaled * np.sqrt(ds.turns)).median()):.0f}" if high > 1 else "—",
-               f"{rms_error / rms_bound:.1f}" if bool(claimed.any()) else "—"]  # fmt: skip
+               f"{rms_error / rms_bound:.1f}" if bool(is_claimed.any()) else "—"]  # fmt: skip
 
 
 @apply_style()
@@ -299,21 +288,22 @@ def draw(by_way: Mapping[str, xr.Dataset]) -> None:
     edges = np.geomspace(0.03, 10.0, 11)
     middle = np.sqrt(edges[1:] * edges[:-1])
     for gap in GAPS:
-        at = [
+        is_bound = [
             is_worn(ds) & (ds.about == gap) & (step_ratio(ds) >= low) & (step_ratio(ds) < high)
             for low, high in pairwise(edges)
         ]
         values = [
             100 * float((ds.claimed > 0.0).where(is_inside).mean()) if int(is_inside.sum()) > 9 else np.nan
-            for is_inside in at
+            for is_inside in is_bound
         ]
         claimed_panel.plot(middle, values, marker="o", label=f"X = {gap:.0%}")
     claimed_panel.set(xscale="log", xlabel="step / (X K)", ylabel="claimed [%]", ylim=(0, 100))
     claimed_panel.legend(loc="upper left")
     ds = join_moves(by_way)
     for noise in NOISE_LEVELS:
-        at = is_worn(ds) & (ds.noise == noise) & (ds.turns > 0.0)
-        bound_panel.plot(ds.turns.where(at).values.ravel(), 1000 * (ds.bound * ds.K).where(at).values.ravel(), ".",
+        is_bound = is_worn(ds) & (ds.noise == noise) & (ds.turns > 0.0)
+        turns, bounds = ds.turns.where(is_bound), 1000 * (ds.bound * ds.K).where(is_bound)
+        bound_panel.plot(turns.values.ravel(), bounds.values.ravel(), ".",
                          ms=3,
                    alpha=0.6, mew=0, label=f"noise {noise:g} K")  # fmt: skip
     turns = np.geomspace(1.0, 200.0, 50)
@@ -326,7 +316,7 @@ def draw(by_way: Mapping[str, xr.Dataset]) -> None:
 
 
 def sample() -> None:
-    """Days whose set-point stands still."""
+    """Run a sample of the study: days whose set-point stands still."""
     move = "still"
     by_way = {move: run_move(move, SEED + list(MOVES).index(move), VALVES // 2)}
     compare_rows("least_movement/least_movement_ways", rows_by_move(by_way))

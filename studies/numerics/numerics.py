@@ -31,8 +31,7 @@ HUMIDITY, OPENINGS = (0.004, 0.008, 0.012, 0.016), (0.3, 0.6)
 MARCHES = ("lagged", "quasistatic")
 SUBSTEPS = (1, 2, 4, 8, 16, 32)
 FINEST = ("quasistatic", 32)
-WAYS = (("lagged", 1), ("quasistatic", 1), FINEST)
-"""As printed, converged, and finer."""
+WAYS = (("lagged", 1), ("quasistatic", 1), FINEST)  # march and substeps: as printed, converged, and finer
 SHOWN_WAYS = (*(("lagged", n) for n in (1, 2, 8, 32)), *(("quasistatic", n) for n in (1, 2, 4, 8, 16)))
 VOLUMES = (8, 16, 32, 64)
 METRICS = ("rmse", "hunting_swing", "motor_travel", "coil_energy", "condensate")
@@ -62,7 +61,7 @@ def presets(names: Sequence[str] = COOLING) -> fc.Loop:
 
 
 def simulate_steps(days: range = DAYS) -> xr.Dataset:
-    """The presets, each on days of its own kind, with every march, number of substeps and backlash."""
+    """Simulate the presets, each on days of its own kind, with every march, number of substeps and backlash."""
     parts = []
     for names, day in ((COOLING, fc.paper_day), (("heating",), fc.heating_day), (("heating_45",), _cooler_heating_day)):
         loop = presets(names).assign(air_march=list(MARCHES), substeps=list(SUBSTEPS), backlash=list(BACKLASH))
@@ -76,20 +75,20 @@ def _cooler_heating_day(hours: int, seed: list[int]) -> fc.Boundary:
 
 
 def simulate_volumes(days: range = DAYS) -> xr.Dataset:
-    """The presets, converged in time, with more and more volumes."""
+    """Simulate the presets, converged in time, with more and more volumes."""
     loop = presets().assign(converged=True, substeps=8, n_volumes=list(VOLUMES), backlash=list(BACKLASH[:2]))
     return fc.simulate(loop, fc.paper_day(hours=8, seed=list(days)))
 
 
 def simulate_kinds(days: range = DAYS, weather: Path = WEATHER_FILE) -> dict[str, xr.Dataset]:
-    """The presets on every kind of day with cooling, as printed, converged and finest: (way, backlash, preset, day)."""
+    """Simulate the presets on each kind of cooling day, as printed, converged, finest: (way, backlash, preset, day)."""
     ways = {"air_march": [march for march, _ in WAYS], "substeps": [n for _, n in WAYS]}
     loop = presets().assign(backlash=list(BACKLASH), **{name: ("way", values) for name, values in ways.items()})
     return {kind: fc.simulate(loop, make_days(kind, list(days), weather)) for kind in kinds(weather) if kind != HEATING}
 
 
 def simulate_claims(days: range = DAYS) -> xr.Dataset:
-    """The presets with 7 % backlash and every controller, as printed and converged: (way, controller, preset, day)."""
+    """Simulate the presets with 7 % backlash and every controller, both ways: (way, controller, preset, day)."""
     loop = presets().assign(**{name: ("controller", _controller_values(name)) for name in CONTROLLER_PARAMETERS})
     day = fc.paper_day(hours=8, seed=list(days))
     parts = [fc.simulate(loop.assign(air_march=march, substeps=n), day) for march, n in WAYS[:2]]
@@ -112,7 +111,7 @@ def format_change(now: xr.DataArray, before: xr.DataArray) -> str:
 
 
 def change_row(now: xr.Dataset, before: xr.Dataset) -> list[str]:
-    """The change of every metric."""
+    """Format the change of every metric as a row."""
     return [format_change(now[name], before[name]) for name in METRICS]
 
 
@@ -164,9 +163,9 @@ def write_kinds(by_kind: Mapping[str, xr.Dataset]) -> None:
         for name in map(str, ds.preset.values):
             cells = []
             for x in BACKLASH:
-                of_preset = ds.sel(preset=name, backlash=x)
-                counts = [int(of_preset.hunts.isel(way=k).sum()) for k in range(len(WAYS))]
-                swings = [float(of_preset.hunting_swing.isel(way=k).mean()) for k in range(len(WAYS))]
+                preset_ds = ds.sel(preset=name, backlash=x)
+                counts = [int(preset_ds.hunts.isel(way=k).sum()) for k in range(len(WAYS))]
+                swings = [float(preset_ds.hunting_swing.isel(way=k).mean()) for k in range(len(WAYS))]
                 cells += [" → ".join(map(str, counts)), " → ".join(f"{swing:.2f}" for swing in swings)]
             rows.append([kind, name, *cells])
     first_ds = next(iter(by_kind.values()))
@@ -175,7 +174,7 @@ def write_kinds(by_kind: Mapping[str, xr.Dataset]) -> None:
         f"Number of days, of {first_ds.sizes['day']}, on which each preset hunts, and mean swing, K, as printed → "
         "converged "
         f"→ in {FINEST[1]} substeps",
-        ["days", "preset", *(f"{what}, X = {x:.0%}" for x in BACKLASH for what in ("hunts", "swing"))],
+        ["days", "preset", *(f"{description}, X = {x:.0%}" for x in BACKLASH for description in ("hunts", "swing"))],
         rows,
     )
 
@@ -261,7 +260,7 @@ def _select_way(ds: xr.Dataset, way: tuple[str, int]) -> xr.Dataset:
 
 
 def sample() -> None:
-    """Numbers of control volumes."""
+    """Run a sample of the study: numbers of control volumes."""
     write_volumes(simulate_volumes(DAYS))
 
 

@@ -30,14 +30,14 @@ VOLUMES = (4, 8, 16, 32, 64)
 
 
 def simulate_both_ways(loop: fc.Loop, day: fc.Boundary) -> xr.Dataset:
-    """A loop as printed and converged, along ``way``."""
+    """Simulate a loop as printed and converged, along ``way``."""
     datasets = {way: fc.simulate(loop.assign(**parameters), day, seed=SEED) for way, parameters in WAYS.items()}
     parts = {way: ds.drop_vars(("air_march", "substeps"), errors="ignore") for way, ds in datasets.items()}
     return concat_along("way", parts, coords="minimal", compat="override")
 
 
 def simulate_hunting(size: int = VALVES, days: range = DAYS, weather: Path = WEATHER_FILE) -> dict[str, xr.Dataset]:
-    """Loops of which a third hunts, on every kind of day: (way, sample, day)."""
+    """Simulate loops of which a third hunts, on every kind of day: (way, sample, day)."""
     loop = valves(SEED, size).assign(noise_std=0.01)
     return {
         kind: simulate_both_ways(adapt_to_kind(loop, kind), make_days(kind, days, weather)) for kind in kinds(weather)
@@ -47,7 +47,7 @@ def simulate_hunting(size: int = VALVES, days: range = DAYS, weather: Path = WEA
 def simulate_remedies(
     size: int = REMEDY_VALVES, days: range = DAYS, weather: Path = WEATHER_FILE
 ) -> dict[str, dict[str, xr.Dataset]]:
-    """Loops as somebody left them, plain, with an inverse and with estimators: by kind of day and controller."""
+    """Simulate loops with existing gains, plain, with an inverse and with estimators: by kind of day and controller."""
     by_kind: dict[str, dict[str, xr.Dataset]] = {}
     for kind in kinds(weather):
         loop = population(SEED, size, heating=kind == HEATING).assign(**loop_settings(kind))
@@ -91,9 +91,9 @@ def write_hunting(by_kind: Mapping[str, xr.Dataset]) -> None:
 
 
 def _verdict_row(name: str, hunts: xr.DataArray, rmse: xr.DataArray, travel: xr.DataArray) -> list[str]:
-    printed, converged = (hunts.sel(way=way) > 0.0 for way in WAYS)
+    hunts_printed, hunts_converged = (hunts.sel(way=way) > 0.0 for way in WAYS)
     is_known = hunts.notnull().all("way")
-    shares = [printed, converged, printed & ~converged, converged & ~printed]
+    shares = [hunts_printed, hunts_converged, hunts_printed & ~hunts_converged, hunts_converged & ~hunts_printed]
     return [
         name,
         *(share_of(s, is_known).to_text(1) for s in shares),
@@ -126,9 +126,9 @@ def write_remedies(by_kind: Mapping[str, Mapping[str, xr.Dataset]]) -> None:
             ds = by_controller[name]
             gain = (ds.rmse / plain.rmse - 1.0) * 100.0
             gains = [float(gain.sel(way=way).median()) for way in WAYS]
-            printed, converged = (ds.rmse.sel(way=w) < plain.rmse.sel(way=w) for w in WAYS)
-            lower = f"{printed.mean():.0%} → {converged.mean():.0%}".replace("%", " %")
-            cells = [f"{gains[0]:+.1f} → {gains[1]:+.1f} %", lower, share_of(printed != converged).to_text(1)]
+            is_lower = [ds.rmse.sel(way=w) < plain.rmse.sel(way=w) for w in WAYS]  # than with the plain PI
+            lower = f"{is_lower[0].mean():.0%} → {is_lower[1].mean():.0%}".replace("%", " %")
+            cells = [f"{gains[0]:+.1f} → {gains[1]:+.1f} %", lower, share_of(is_lower[0] != is_lower[1]).to_text(1)]
             if name.startswith("inverse"):
                 rows.append([kind, name, *cells, "—", "—"])
                 continue
@@ -158,7 +158,7 @@ def write_remedies(by_kind: Mapping[str, Mapping[str, xr.Dataset]]) -> None:
 
 
 def simulate_rest() -> xr.Dataset:
-    """Coils of more and more volumes at rest, at openings and humidities from dry to wet: (n_volumes, day)."""
+    """Simulate coils of more and more volumes at rest, at openings and humidities from dry to wet: (n_volumes, day)."""
     rh, opening = (grid.ravel() for grid in np.meshgrid(RH, OPENINGS))
     seconds = 3000
     constants = {"m_a": 1.15, "T_a_in": 26.0, "T_w_in": 7.0, "T_set": 14.0}

@@ -17,12 +17,9 @@ from studies.paper.grid import FIGURE_PRESETS
 from studies.wear.runs import FAST_FACTORS
 
 SEED, LOOPS, DAY_SEED, PRESET_DAYS = 20801, 512, 20811, 32
-NUDGE_K = 1e-9
-"""Of the temperature of the entering air, K."""
-APART_LIMITS = (1e-6, 1e-3, 0.1)
-"""Differences of the supply temperature whose first time is noted, K."""
-BEGIN_SECOND = 1800
-"""Seconds until the start has passed; the air is warmer from then on."""
+NUDGE_K = 1e-9  # rise of the temperature of the entering air, K
+APART_LIMITS = (1e-6, 1e-3, 0.1)  # differences of the supply temperature whose first time is noted, K
+BEGIN_SECOND = 1800  # seconds until the start has passed; the air is warmer from then on
 METRICS = ("rmse", "hunting_swing", "hunting_period", "motor_travel", "switch_frequency", "hunts")
 HUNTING, CALM = "hunts", "calm"
 
@@ -60,7 +57,7 @@ def format_minutes(times: xr.DataArray) -> str:
 
 
 def times_row(trace: xr.DataArray, nudged_trace: xr.DataArray) -> list[str]:
-    """How many loops come apart, and when those do."""
+    """Format how many loops come apart, and when those do, as cells."""
     minutes_apart = minutes_until_apart(trace, nudged_trace, APART_LIMITS[-1])
     comes_apart = np.isfinite(minutes_apart)
     apart_loops = {"sample": np.flatnonzero(comes_apart)}
@@ -99,14 +96,14 @@ def main(size: int = LOOPS) -> None:
             sensor = "to 0.05 K" if noise else "none"
             for group, among in ((HUNTING, base.hunts > 0.0), (CALM, base.hunts == 0.0)):
                 members = {"sample": np.flatnonzero(among)}
-                of_base, of_nudged, of_reseeded = base.isel(members), nudged.isel(members), reseeded.isel(members)
-                times.append([kind, group, sensor, *times_row(of_base.T_sup, of_nudged.T_sup)])
+                base_ds, nudged_ds, reseeded_ds = base.isel(members), nudged.isel(members), reseeded.isel(members)
+                times.append([kind, group, sensor, *times_row(base_ds.T_sup, nudged_ds.T_sup)])
                 for name in METRICS[:-1]:
-                    seed_change = format_difference(of_base[name], of_reseeded[name]) if noise else "—"
+                    seed_change = format_difference(base_ds[name], reseeded_ds[name]) if noise else "—"
                     changes.append(
-                        [kind, group, sensor, name, format_difference(of_base[name], of_nudged[name]), seed_change]
+                        [kind, group, sensor, name, format_difference(base_ds[name], nudged_ds[name]), seed_change]
                     )
-                verdicts = [f"{share_of(of_base.hunts != rerun.hunts)}" for rerun in (of_nudged, of_reseeded)]
+                verdicts = [f"{share_of(base_ds.hunts != rerun.hunts)}" for rerun in (nudged_ds, reseeded_ds)]
                 changes.append([kind, group, sensor, "`hunts` changes", verdicts[0], verdicts[1] if noise else "—"])
             report(f"{kind}, noise {sensor}")
     limits = (f"minutes to {limit:g} K, of these" for limit in APART_LIMITS)

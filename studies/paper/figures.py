@@ -94,15 +94,15 @@ def draw_tracking(ds: xr.Dataset, front_case: str) -> Figure:
     part = ds.sel(elapsed_time=slice(_WINDOW_H[0] * _HOUR_SECONDS, _WINDOW_H[1] * _HOUR_SECONDS))
     hours = part["elapsed_time"] / _HOUR_SECONDS
     for column, preset in enumerate(ds["preset"].values):
-        above, below = axes[:, column]
+        upper, lower = axes[:, column]
         for case, colour in (("plain PI", LINE_GREY), (front_case, BLUE)):
-            of_case = part.sel(preset=preset, case=case)
-            above.plot(
-                hours, of_case["T_sup"], color=colour, label=names.get(case, f"inverse with {case} of the backlash")
+            case_ds = part.sel(preset=preset, case=case)
+            upper.plot(
+                hours, case_ds["T_sup"], color=colour, label=names.get(case, f"inverse with {case} of the backlash")
             )
-            below.plot(hours, 100 * of_case["opening"], color=colour)
-        above.plot(hours, part["T_set"], color="black", ls=":", lw=1.0, label="set-point")
-        below.set_xlabel("time [h]")
+            lower.plot(hours, 100 * case_ds["opening"], color=colour)
+        upper.plot(hours, part["T_set"], color="black", ls=":", lw=1.0, label="set-point")
+        lower.set_xlabel("time [h]")
     axes[0, 0].set_ylabel("supply temperature [°C]")
     axes[1, 0].set_ylabel("valve opening [%]")
     axes[0, 0].set_xlim(*_WINDOW_H)
@@ -143,10 +143,10 @@ def draw_staircases(ds: xr.Dataset) -> Figure:
     bands: Any = figure.subfigures(3, 1)
     axes = np.array([band.subplots(1, ds.sizes["preset"], sharey=True, squeeze=False)[0] for band in bands])
     for column, preset in enumerate(ds["preset"].values):
-        of_preset = ds.sel(preset=preset)
-        _draw_staircase(axes[0, column], of_preset.sel(rule=["literal"]), whole=True)
-        _draw_switches(axes[1, column], of_preset["switches"].sel(rule="literal"))
-        _draw_staircase(axes[2, column], of_preset, whole=False)
+        preset_ds = ds.sel(preset=preset)
+        _draw_staircase(axes[0, column], preset_ds.sel(rule=["literal"]), whole=True)
+        _draw_switches(axes[1, column], preset_ds["switches"].sel(rule="literal"))
+        _draw_staircase(axes[2, column], preset_ds, whole=False)
         for panel in axes[:, column]:
             panel.axvline(THREE_HOURS / _HOUR_SECONDS, color="black", lw=0.8, ls=DOTTED_LINE, label="3 h")
             panel.set(xlabel="time [h]", xlim=(0, 8))
@@ -202,13 +202,13 @@ def draw_shares(card: Mapping[str, Any]) -> Figure:
         for name, verdict in claim["kinds"].items():
             k = kinds.index(name) if name in kinds else len(kinds)
             y = row + (_MARK_SPREAD * (k / max(len(kinds) - 1, 1) - 0.5) if name in kinds else 0.0)
-            colour, mark = _KIND_LOOKS[k]
+            colour, marker = _KIND_LOOKS[k]
             low, high = verdict["share_interval"] or (verdict["share"], verdict["share"])
             panel.plot([100 * low, 100 * high], [y, y], color=colour, lw=1.2, solid_capstyle="butt")
             label = name if name in kinds else "no kind of day"
             text = "" if label in drawn_labels else label
             drawn_labels.add(label)
-            panel.plot(100 * verdict["share"], y, color=colour, marker=mark, ms=3.5, ls="", label=text, clip_on=False)
+            panel.plot(100 * verdict["share"], y, color=colour, marker=marker, ms=3.5, ls="", label=text, clip_on=False)
     for limit in (100 * HOLDING_SHARE, 100 * (1 - HOLDING_SHARE)):
         panel.axvline(limit, color="black", lw=0.8, ls=DOTTED_LINE)
     n_changed = sum(c["change"] > 0 for c in claims)

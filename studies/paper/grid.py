@@ -82,16 +82,14 @@ def kind_in_words(days: Days) -> str:
 FIGURE_PRESETS = ("paper_like", "paper_like_fast")
 BACKLASH = 0.07
 STEP = 0.007
-INTERVAL = 1800
-"""Backlash, step and interval of the learner: as printed in the paper."""
+INTERVAL = 1800  # of the learner, s; it, BACKLASH and STEP are as printed in the paper
 THREE_HOURS = 3 * 3600  # in less than this, the paper says, the rule finds the backlash
 NOISE = 0.05  # standard deviation of the measurement noise, K: our choice, the paper gives none
 BUFFER_SIGMAS = 6.0
 """Buffer in standard deviations Kp σ of the noise on the PI's output: our choice, the paper gives none."""
 SEED = 2016  # seed of the measurement noise
 FIGURE_DAY = 2000
-BAND_DAYS = range(2000, 2010)
-"""Seeds of the days: no other study of this repository uses them."""
+BAND_DAYS = range(2000, 2010)  # seeds of the days: no other study of this repository uses them
 
 RULES: dict[str, dict[str, Any]] = {
     "literal": {},
@@ -188,23 +186,21 @@ def with_new_hash(ds: xr.Dataset, **attrs: Any) -> xr.Dataset:
 def explain_three_hours() -> str:
     """Explain from the paper's own numbers why the literal rule cannot keep three hours."""
     steps, updates = round((BACKLASH - STEP) / STEP), (THREE_HOURS - 1) // INTERVAL
-    reached, confirmed = (n * INTERVAL / 3600 for n in (steps, steps + 2))
+    hours_reached, hours_confirmed = (n * INTERVAL / 3600 for n in (steps, steps + 2))
     sizes = (STEP, BACKLASH, BACKLASH + STEP, (updates + 1) * STEP)
     start, backlash, tried_size, largest_size = (format_share(size, decimals=1) for size in sizes)
     return (
         f"From {start}, {steps} steps of {start} every {INTERVAL // 60} min are needed to reach {backlash}: "
-        f"{steps} × {INTERVAL / 3600:g} h = {reached:g} h, and {confirmed:g} h until {tried_size} has been tried and "
-        "taken "
-        f"back.  In less than {THREE_HOURS // 3600} h there are {updates} updates, which lead to {largest_size} at "
-        "most."
+        f"{steps} × {INTERVAL / 3600:g} h = {hours_reached:g} h, and {hours_confirmed:g} h until {tried_size} has "
+        f"been tried and taken back.  In less than {THREE_HOURS // 3600} h there are {updates} updates, which lead to "
+        f"{largest_size} at most."
     )
 
 
 REAL_LOOP = {n: Loop.preset("lbnl")[n] for n in ("C_c", "sensor_time_constant", "stroke_time")}
 DAYS = range(2030, 2040)
 LONG_DAYS = range(2040, 2050)
-SEARCH_DAYS = range(2020, 2022)
-"""Seeds of the days of each kind; no other study of this repository uses them."""
+SEARCH_DAYS = range(2020, 2022)  # seeds of the days of each kind; no other study of this repository uses them
 BEST_KP, BEST_TI = np.geomspace(0.002, 0.4, 12), np.geomspace(5.0, 600.0, 10)
 """Gains among which the best ones are sought."""
 SEARCH_NOISE = 0.02  # measurement noise of the search, K: without any, the fastest gains look better than they are

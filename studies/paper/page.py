@@ -56,9 +56,9 @@ def captions(*, quick: bool) -> dict[str, str]:
 def paper_page(card: Mapping[str, Any], folder: Path) -> Page:
     """The page of a scorecard, with the figures in its folder."""
     tunings, claims = card["grid"], card["claims"]
-    failed = int(tunings["n_failed"])
+    n_failed = int(tunings["n_failed"])
     warnings = [str(card["caveat"])]
-    warnings += [f"{failed:,} scenarios failed. They count in no share."] if failed else []
+    warnings += [f"{n_failed:,} scenarios failed. They count in no share."] if n_failed else []
     changing_claims = [c for c in claims if c["change"]]
     changes_caption = (
         "The share differs between two kinds by 10 points or more, and by more than chance; largest differences first"

@@ -26,8 +26,7 @@ from studies.paper.grid import BACKLASH, SEED, preset_labels
 
 HOLDS, ONLY_IF, DOES_NOT_HOLD = "holds", "holds only if", "does not hold"
 HOLDING_SHARE = 0.95
-CONFIDENCE = 0.95
-"""Confidence of the intervals of shares."""
+CONFIDENCE = 0.95  # confidence of the intervals of shares
 LEAST_YOUDEN_INDEX = 0.3  # lowest Youden index of a region that is worth naming
 LEAST_DIFFERENCE = 0.1  # least difference of shares between kinds of days that is worth reporting
 PAIR_GAIN = 0.1  # by how much the index of a pair of regions must exceed that of any single one
@@ -142,13 +141,13 @@ def judge_claim(holds: xr.DataArray, tuning_features: xr.Dataset, excluded_featu
     if not best:
         return Verdict(ONLY_IF, share, "holds in part (no region tried predicts where)")
     parts = (best_region & ~is_searched, ~best_region & ~is_searched)
-    inside, elsewhere = (float(rate[part].mean()) for part in parts)
-    share_texts = [format_share(inside), format_share(elsewhere)]
+    is_inside, elsewhere = (float(rate[part].mean()) for part in parts)
+    share_texts = [format_share(is_inside), format_share(elsewhere)]
     if "day" not in holds.dims:  # each tuning is judged once, so that counts say more
         share_texts = [f"{round(rate[part].sum())} of {part.sum()}" for part in parts]
     prefix = ONLY_IF if elsewhere <= 1.0 - HOLDING_SHARE else "holds in part, more often if"
     text = f"{prefix} {best} ({share_texts[0]} there, {share_texts[1]} elsewhere)"
-    return Verdict(ONLY_IF, share, text, best, inside, elsewhere)
+    return Verdict(ONLY_IF, share, text, best, is_inside, elsewhere)
 
 
 def _youden_index(rate: np.ndarray, region: np.ndarray) -> float:

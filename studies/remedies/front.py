@@ -41,8 +41,7 @@ from studies.robustness.best_pi import simc_gains
 VALVES, SEED = 256, 20261123
 DAYS = range(4301, 4306)
 PRICES = (NO_PRICE, SOME_PRICE, 0.2, 0.3, 0.4, 0.5)
-SHOWN_PRICES = (NO_PRICE, SOME_PRICE, 0.3)
-"""Prices of the table; the curves of the figure have all."""
+SHOWN_PRICES = (NO_PRICE, SOME_PRICE, 0.3)  # prices of the table; the curves of the figure have all
 OWN_GRID = {"kp": (0.25, 0.4, 0.63, 1.0, 1.6, 2.5, 4.0, 6.3, 10.0), "ti": (1.0, 2.0, 4.0, 8.0)}
 MAIN_REMEDIES = (
     "pi",
@@ -109,8 +108,8 @@ def tuned_rows(by_own_gains: dict[str, xr.Dataset]) -> list[list[str]]:
         for price in SHOWN_PRICES:
             label = BASELINE if (name, price) == ("pi", NO_PRICE) else f"{name} {price:g}"
             peer = BASELINE if price == NO_PRICE else f"pi {price:g}"
-            of_remedy, of_peer = ds.sel(controller=label), ds.sel(controller=peer)
-            travel = of_remedy.motor_travel.mean("day") / of_peer.motor_travel.mean("day")
+            remedy_ds, peer_ds = ds.sel(controller=label), ds.sel(controller=peer)
+            travel = remedy_ds.motor_travel.mean("day") / peer_ds.motor_travel.mean("day")
             table.append(
                 [
                     REMEDY_LABELS[name],
@@ -119,7 +118,7 @@ def tuned_rows(by_own_gains: dict[str, xr.Dataset]) -> list[list[str]]:
                     f"× {_travel_ratio(ds, label, BASELINE):.2f}",
                     change_in_words(ds, label, peer),
                     f"× {float(travel.median()):.2f}",
-                    f"{float(of_remedy.hunts.mean()):.1%}",
+                    f"{float(remedy_ds.hunts.mean()):.1%}",
                 ]
             )
     return table

@@ -95,7 +95,7 @@ HEAD = ("gains", "days", "remedy", "RMSE", "motor travel", "hunting")
 
 
 def sample() -> None:
-    """Days with set-point steps."""
+    """Run a sample of the study: days with set-point steps."""
     for gains, by_kind in run_populations(day_kinds=[STEPPED]).items():
         rows = [
             [gains, STEPPED, REMEDY_LABELS[name], *remedy_cells(by_kind[STEPPED], name)] for name in SHOWN_REMEDIES[1:]

@@ -140,9 +140,9 @@ def variant_rows(by_variant: dict[str, dict[str, xr.Dataset]]) -> list[list[str]
     }
     reference = np.median(base["play alone"].rmse), np.median(base["play alone"].motor_travel)
     pi_cells = [
-        f"{100 * float(of_pi.rmse.median() / reference[0]) - 100:+.0f} %, × "
-        f"{float(of_pi.motor_travel.median() / reference[1]):.2f}"
-        for of_pi in base.values()
+        f"{100 * float(pi_ds.rmse.median() / reference[0]) - 100:+.0f} %, × "
+        f"{float(pi_ds.motor_travel.median() / reference[1]):.2f}"
+        for pi_ds in base.values()
     ]
     table = [["PI by SIMC, against that of play alone", *pi_cells]]
     for remedy in VALVE_REMEDIES[1:]:

@@ -50,10 +50,8 @@ GRID = {"kp": (0.6, 1.0, 1.6, 2.5, 4.0, 6.3, 10.0), "ti": (1.0, 2.0, 4.0, 8.0, 1
 """Gains that are tried, as multiples of SIMC's."""
 NO_PRICE, SOME_PRICE = 0.0, 0.1
 """What motor travel costs: price × log(travel) adds to log(error), so 7 % of the error buys half the travel at 0.1."""
-LEAST_TRAVEL = 0.1
-"""Travel in 8 h below which nothing more is saved, strokes."""
-SIMC_VALVES = 512
-"""The first so many valves run with the gains of SIMC, too."""
+LEAST_TRAVEL = 0.1  # travel in 8 h below which nothing more is saved, strokes
+SIMC_VALVES = 512  # the first so many valves run with the gains of SIMC, too
 BASELINE, AS_FOUND, SIMC = "best PI", "PI as found", "PI by SIMC"
 HALF_KP, FASTER, OWN_RULE, NO_BACKLASH = "half_kp", "faster", "own_rule", "no_backlash"
 METRICS = ("rmse", "rmse_settled", "motor_travel", "reversals", "share_off", "hunts")

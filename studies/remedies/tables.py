@@ -34,8 +34,7 @@ REMEDY_LABELS = {
     "no_backlash": "(a valve without backlash)",
 }
 """The names of the remedies for readers, in the order of the tables."""
-HARM_SHARE = 0.01
-"""Share of the error, above which a remedy counts as harm."""
+HARM_SHARE = 0.01  # share of the error, above which a remedy counts as harm
 
 
 def ordered_remedies(ds: xr.Dataset) -> list[str]:
@@ -64,9 +63,9 @@ def cost_rows(by_kind: dict[str, xr.Dataset], baseline: str) -> list[list[str]]:
     ds = pool_days(by_kind)
     base, table = ds.sel(controller=baseline), []
     for name in ordered_remedies(ds):
-        of_remedy = ds.sel(controller=name)
+        remedy_ds = ds.sel(controller=name)
         error_ratio, settled_ratio, travel_ratio = (
-            of_remedy[m].mean("day") / base[m].mean("day") for m in ("rmse", "rmse_settled", "motor_travel")
+            remedy_ds[m].mean("day") / base[m].mean("day") for m in ("rmse", "rmse_settled", "motor_travel")
         )
         table.append(
             [
@@ -76,10 +75,10 @@ def cost_rows(by_kind: dict[str, xr.Dataset], baseline: str) -> list[list[str]]:
                 f"{100 * float(settled_ratio.median()) - 100:+.0f} %",
                 f"× {float(travel_ratio.median()):.2f}",
                 f"× {float(travel_ratio.quantile(0.95)):.1f}",
-                f"{float(of_remedy.motor_travel.median()):.1f}",
-                f"× {float(of_remedy.reversals.sum() / base.reversals.sum()):.2f}",
-                f"{float(of_remedy.share_off.mean()):.1%}",
-                f"{float(of_remedy.hunts.mean()):.1%}",
+                f"{float(remedy_ds.motor_travel.median()):.1f}",
+                f"× {float(remedy_ds.reversals.sum() / base.reversals.sum()):.2f}",
+                f"{float(remedy_ds.share_off.mean()):.1%}",
+                f"{float(remedy_ds.hunts.mean()):.1%}",
             ]
         )
     return table

@@ -19,16 +19,13 @@ from studies.days import HEATING, HEATING_T_SET, T_SET, kinds, loop_settings, ma
 PRESETS = ("paper_like", "paper_like_fast", "lbnl", "g36")
 SEARCH_DAYS, FRESH_DAYS = range(3101, 3106), range(3201, 3206)
 KP, TI = np.geomspace(0.002, 0.4, 18), np.geomspace(5.0, 600.0, 14)
-NOISE_STD = 0.02
-"""Measurement noise, K: without any, the fastest gains look better than they are."""
-STEP_SIZE = 0.1
-"""Size of the open-loop step, fraction of stroke."""
+NOISE_STD = 0.02  # measurement noise, K: without any, the fastest gains look better than they are
+STEP_SIZE = 0.1  # size of the open-loop step, fraction of stroke
 REST_SECONDS, RESPONSE_SECONDS = 3600, 1800
 """Seconds at rest before the step, and of the response."""
 LEAST_GAIN = 0.2
 """Smallest plant gain that a step is taken to show, K per stroke: 0.1 K over it, a buffer, must stay below 1."""
-RESPONSE_INTERVAL = 2
-"""Seconds between the samples of the response."""
+RESPONSE_INTERVAL = 2  # seconds between the samples of the response
 
 
 def best_gains(loop: fc.Loop, day_kinds: Sequence[str], seeds: Sequence[int] = SEARCH_DAYS) -> xr.Dataset:
@@ -132,19 +129,19 @@ def _fresh_day_rows(preset: str, loop: fc.Loop, kind: str) -> list[list[str]]:
     ds = fc.simulate(loop, make_days(kind, FRESH_DAYS))
     table = []
     for name in ds.tuning.values:
-        of_tuning = ds.sel(tuning=name)
+        tuning_ds = ds.sel(tuning=name)
         table.append(
             [
                 f"`{preset}`",
                 kind,
                 str(name),
-                f"{float(of_tuning.kp):.3g}, {float(of_tuning.ti):.3g}",
-                f"{float(of_tuning.rmse.mean()):.3f}",
+                f"{float(tuning_ds.kp):.3g}, {float(tuning_ds.ti):.3g}",
+                f"{float(tuning_ds.rmse.mean()):.3f}",
                 "—" if name == "preset" else change_in_words(ds, name, "preset", "tuning"),
-                f"{float(of_tuning.rmse_settled.mean()):.3f}",
-                f"{float(of_tuning.motor_travel.mean()):.1f}",
-                f"{float(of_tuning.reversals.mean()):.0f}",
-                f"{float(of_tuning.hunts.mean()):.0%}",
+                f"{float(tuning_ds.rmse_settled.mean()):.3f}",
+                f"{float(tuning_ds.motor_travel.mean()):.1f}",
+                f"{float(tuning_ds.reversals.mean()):.0f}",
+                f"{float(tuning_ds.hunts.mean()):.0%}",
             ]
         )
     return table

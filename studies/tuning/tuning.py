@@ -32,18 +32,14 @@ from studies.days import HEATING, kinds, loop_settings, make_days
 from studies.robustness.best_pi import best_gains
 
 VALVES, FRESH_VALVES = 180, 96
-GOOD_EVERY = 12
-"""One valve of so many has no backlash."""
+GOOD_EVERY = 12  # one valve of so many has no backlash
 LARGEST_BACKLASH = 0.15
-NOISE_STD = 0.02
-"""Measurement noise, K."""
+NOISE_STD = 0.02  # measurement noise, K
 SEARCH_DAYS, HOLDOUT_DAYS, FRESH_DAYS = (5101, 5102), (5201, 5202, 5203), (5301, 5302, 5303)
 SEARCH = {"kp": (0.003, 0.4), "ti": (5.0, 600.0), "buffer": (0.0, 0.01)}
-HUNTING_LIMIT = 0.05
-"""Largest share of valves and days that may hunt."""
+HUNTING_LIMIT = 0.05  # largest share of valves and days that may hunt
 EVALUATIONS = 160
-ESTIMATE_RATIO = 0.95
-"""Estimate over backlash of the inverse."""
+ESTIMATE_RATIO = 0.95  # estimate over backlash of the inverse
 
 
 PRESET, SIMC, BEST_PI, TUNED_PI, TUNED_INVERSE = "preset", "SIMC", "best PI of 7 %", "tuned PI", "tuned 95 % inverse"
@@ -131,22 +127,22 @@ def tuning_rows(case: Case, by_kind: dict[str, xr.Dataset], settings_text: dict[
     largest_travel = float(table.motor_travel_p95.sel(tuning=PRESET, edge="value"))
     rows = []
     for tuning in map(str, ds.tuning.values):
-        of_tuning = table.sel(tuning=tuning)
-        change = (100 * of_tuning.change).values
+        tuning_ds = table.sel(tuning=tuning)
+        change = (100 * tuning_ds.change).values
         keeps_limits = (
-            float(of_tuning.motor_travel_p95[0]) <= largest_travel and float(of_tuning.hunts_mean[0]) <= HUNTING_LIMIT
+            float(tuning_ds.motor_travel_p95[0]) <= largest_travel and float(tuning_ds.hunts_mean[0]) <= HUNTING_LIMIT
         )
-        of_good_valves = ds.rmse.isel(sample=(ds.backlash == 0.0).values)
+        good_valve_ds = ds.rmse.isel(sample=(ds.backlash == 0.0).values)
         rows.append(
             [
                 case.words,
                 tuning,
                 settings_text[tuning],
-                "{:.3f} ({:.3f} to {:.3f})".format(*of_tuning.rmse_p95.values),
+                "{:.3f} ({:.3f} to {:.3f})".format(*tuning_ds.rmse_p95.values),
                 "—" if tuning == PRESET else "{:+.0f} % ({:+.0f} to {:+.0f})".format(*change),
-                f"{Measure('rmse', 0.95).evaluate(of_good_valves.sel(tuning=tuning).values.ravel()):.3f}",
-                "{:.1f} ({:.1f} to {:.1f})".format(*of_tuning.motor_travel_p95.values),
-                "{:.0f} % ({:.0f} to {:.0f})".format(*(100 * of_tuning.hunts_mean.values)),
+                f"{Measure('rmse', 0.95).evaluate(good_valve_ds.sel(tuning=tuning).values.ravel()):.3f}",
+                "{:.1f} ({:.1f} to {:.1f})".format(*tuning_ds.motor_travel_p95.values),
+                "{:.0f} % ({:.0f} to {:.0f})".format(*(100 * tuning_ds.hunts_mean.values)),
                 "yes" if keeps_limits else "no",
             ]
         )
@@ -173,14 +169,14 @@ def failure_rows(case: Case, by_kind: dict[str, xr.Dataset]) -> list[list[str]]:
         for tuning in (SIMC, BEST_PI, TUNED_PI, TUNED_INVERSE):
             for label, group in groups.items():
                 change = mean_change(group, tuning, PRESET, "tuning")
-                hunting = share_of(group.hunts.sel(tuning=tuning))
-                if change[1] > 0.0 or hunting.low > HUNTING_LIMIT:
-                    rows.append([case.words, kind, tuning, label, format_change(*change), str(hunting)])
+                share_of_hunting = share_of(group.hunts.sel(tuning=tuning))
+                if change[1] > 0.0 or share_of_hunting.low > HUNTING_LIMIT:
+                    rows.append([case.words, kind, tuning, label, format_change(*change), str(share_of_hunting)])
     return rows
 
 
 def sample() -> None:
-    """The first loop."""
+    """Run a sample of the study: the first loop."""
     case = CASES[0]
     by_kind, _ = compare_tunings(case, *tune_case(case))
     compare_rows("tuning/tuning_kinds", kind_rows(case, by_kind))

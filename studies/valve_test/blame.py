@@ -17,8 +17,7 @@ from studies.diagnosis.cause import ANSWERS, CAUSES, SWINGING, count_answers, sh
 SEED, VALVES, DAY_SEED = 9651, 256, 96511
 KINDS = (CONSTANT, DESIGN, SWINGING)
 TEST = fc.ValveTest(start=4 * 3600, minutes=45, settle=900)
-HOURS_BEFORE_TEST = TEST.start / 3600
-"""Hours of normal operation in the log before the test."""
+HOURS_BEFORE_TEST = TEST.start / 3600  # hours of normal operation in the log before the test
 
 
 class Answer(NamedTuple):
@@ -46,7 +45,7 @@ def read_answers(kind: str, seed: int = SEED, n: int = VALVES, day_seed: int = D
 
 
 def sample() -> None:
-    """The first kind of day."""
+    """Run a sample of the study: the first kind of day."""
     compare_rows(
         "valve_test/blame",
         count_answers(KINDS[0], [(answer.true_cause, answer.test_cause) for answer in read_answers(KINDS[0])]),
@@ -66,12 +65,12 @@ def main() -> None:
     for cause in CAUSES:
         row = [cause]
         for way in ("log_cause", "test_cause"):
-            with_answer = [answer for answer in all_answers if getattr(answer, way) == cause]
-            with_cause = [answer for answer in all_answers if answer.true_cause == cause]
-            row += [str(len(with_answer)), share_of_logs([answer.true_cause == cause for answer in with_answer]),
-                    share_of_logs([getattr(answer, way) == cause for answer in with_cause])]  # fmt: skip
+            n_with_answer = [answer for answer in all_answers if getattr(answer, way) == cause]
+            n_with_cause = [answer for answer in all_answers if answer.true_cause == cause]
+            row += [str(len(n_with_answer)), share_of_logs([answer.true_cause == cause for answer in n_with_answer]),
+                    share_of_logs([getattr(answer, way) == cause for answer in n_with_cause])]  # fmt: skip
         summary.append(row)
-    head = [f"{what}, {way}" for way in (f"log of {HOURS_BEFORE_TEST:.0f} h alone", "with the test")
-            for what in ("answers", "right of these", "share of the true ones")]  # fmt: skip
+    head = [f"{description}, {way}" for way in (f"log of {HOURS_BEFORE_TEST:.0f} h alone", "with the test")
+            for description in ("answers", "right of these", "share of the true ones")]  # fmt: skip
     title = f"Causes diagnosed from the log alone and with the test: {len(all_answers)} loops"
     write_table("valve_test/blame_answers", title, ["cause", *head], summary)

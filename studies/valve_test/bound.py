@@ -33,14 +33,10 @@ from studies.valve_test.valve_test import (
 )
 
 SEED, VALVES, DAYS = 9671, 64, 8
-SAMPLE_INTERVAL = 10
-"""Seconds between the temperatures that count."""
-SECONDS_AFTER = 600
-"""Seconds after the test that count."""
-SETTLING_SECONDS = 1800
-"""Seconds for which the command stands still before drift and noise are taken."""
-MEDIAN_OF_NORMAL = 0.674
-"""Median size of a normal number, in standard deviations."""
+SAMPLE_INTERVAL = 10  # seconds between the temperatures that count
+SECONDS_AFTER = 600  # seconds after the test that count
+SETTLING_SECONDS = 1800  # seconds for which the command stands still before drift and noise are taken
+MEDIAN_OF_NORMAL = 0.674  # median size of a normal number, in standard deviations
 PARAMETER_STEPS = {"backlash": 0.002, "m_full": 0.02, "C_c": 0.05}
 """Change of the gap, fraction of stroke, and relative changes of gain and lag."""
 
@@ -55,7 +51,7 @@ class BoundedReadings(NamedTuple):
 
 
 def whiten(series: np.ndarray, ar: float, ma: float) -> np.ndarray:
-    """Innovations of an ARIMA(1,1,1)."""
+    """Return the innovations of a series under an ARIMA(1,1,1) with these coefficients."""
     return np.asarray(lfilter(np.convolve([1.0, -1.0], [1.0, -ar]), [1.0, -ma], series, axis=-1)[..., 2:])
 
 
@@ -133,7 +129,7 @@ def bound_case(case: Case, seed: int, n: int = VALVES, days: int = DAYS) -> Boun
 
 
 def bound_row(readings: BoundedReadings) -> list[str]:
-    """A row of the table, sizes in per cent of stroke."""
+    """Format bounds and readings of a case as a row, sizes in per cent of stroke."""
     median_bound, large_bound = (100 * float(np.quantile(readings.bound, q)) for q in (0.5, 0.9))
     ratio = float(np.median(abs(readings.error) / readings.bound)) / MEDIAN_OF_NORMAL
     is_claimable = readings.bound < np.maximum(SIZE_TOLERANCE * readings.gap, GOOD_BACKLASH) / 1.96
@@ -150,7 +146,7 @@ HEAD = (
 
 
 def sample() -> None:
-    """The first test."""
+    """Run a sample of the study: the first test."""
     name, case = next(iter(BASIC_CASES.items()))
     compare_rows("valve_test/valve_test_bound", [[name, *bound_row(bound_case(case, SEED))]])
 

@@ -23,8 +23,7 @@ from studies.learning.identify_online import HARM_RISE, IDENTIFY_SETTINGS, popul
 SEED, VALVES = 9661, 256
 SEQUENCES, WEEKS, DAYS_A_WEEK = 4, 2, 5
 WEEKLY_SCHEDULE: dict[str, Any] = {"start": 1800, "every": DAYS_A_WEEK * HOURS / 24}
-GENTLE_TEST = fc.ValveTest.gentle(**WEEKLY_SCHEDULE)
-"""Days of operation alone count here: a week has 40 hours."""
+GENTLE_TEST = fc.ValveTest.gentle(**WEEKLY_SCHEDULE)  # days of operation alone count here: a week has 40 hours
 TESTS: Mapping[str, Mapping[str, fc.ValveTest | None]] = {
     CONSTANT: {"none": None, "gentle, 45 min": GENTLE_TEST, "45 min": fc.ValveTest(minutes=45, **WEEKLY_SCHEDULE),
                "20 min": fc.ValveTest(**WEEKLY_SCHEDULE)},
@@ -41,7 +40,7 @@ def days_in_sequence(kind: str, seed: int) -> fc.Boundary:
 
 
 def simulate_weekly_test(kind: str, test: fc.ValveTest | None, seed: int = SEED, n: int = VALVES) -> xr.Dataset:
-    """What identification with this test does, beside plain PI: (sample, day), a ``day`` being a sequence of them."""
+    """Simulate identification with this test, beside plain PI: (sample, day), a ``day`` being a sequence of them."""
     loop = population(seed, n, heating=kind == HEATING).assign(**loop_settings(kind))
     true = xr.DataArray(loop["backlash"]).values
     parts = []
@@ -49,17 +48,17 @@ def simulate_weekly_test(kind: str, test: fc.ValveTest | None, seed: int = SEED,
         days = days_in_sequence(kind, seed + sequence)
         options: dict[str, Any] = {"seed": seed + sequence, "carry_over": True}
         plain = fc.simulate(loop, days, **options)
-        identified = fc.simulate(loop.assign(**IDENTIFY_SETTINGS), days, test=test, **options)
-        is_test_day = identified.day.copy(data=np.arange(identified.sizes["day"]) % DAYS_A_WEEK == 0)
-        rise = identified.rmse / plain.rmse - 1.0
-        weekly_estimates = identified.estimate_final.isel(day=slice(DAYS_A_WEEK - 1, None, DAYS_A_WEEK))
+        identified_loops = fc.simulate(loop.assign(**IDENTIFY_SETTINGS), days, test=test, **options)
+        is_test_day = identified_loops.day.copy(data=np.arange(identified_loops.sizes["day"]) % DAYS_A_WEEK == 0)
+        rise = identified_loops.rmse / plain.rmse - 1.0
+        weekly_estimates = identified_loops.estimate_final.isel(day=slice(DAYS_A_WEEK - 1, None, DAYS_A_WEEK))
         first, last = (weekly_estimates.isel(day=k).reset_coords(drop=True) for k in (0, -1))
         parts.append(
             xr.Dataset(
                 {
                     "first": first,
                     "last": last,
-                    "highest": identified.estimate_final.max("day"),
+                    "highest": identified_loops.estimate_final.max("day"),
                     "rise": rise.where(~is_test_day).mean("day"),
                     "on_test_days": rise.where(is_test_day).mean("day"),
                 },
@@ -95,7 +94,7 @@ def test_row(ds: xr.Dataset) -> list[str]:
 
 
 def sample() -> None:
-    """Days with a constant set-point, without a test."""
+    """Run a sample of the study: days with a constant set-point, without a test."""
     compare_rows(
         "valve_test/valve_test_online",
         [[CONSTANT, "none", *test_row(simulate_weekly_test(CONSTANT, TESTS[CONSTANT]["none"]))]],

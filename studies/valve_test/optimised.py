@@ -20,8 +20,7 @@ SEARCH_RELAYS, SEARCH_VALVES, SEARCH_SEED = 32, 24, 8671
 """Relays that are drawn, valves on which each is judged, and the seed of both."""
 RATES, THRESHOLDS, HOLDS = (2e-4, 1.6e-3), (0.05, 0.6), (20.0, 300.0)
 """1/s, no faster than a motor of 150 s; K; s."""
-EXCURSION_LIMIT = 1.5
-"""K: the excursion of 95 % of the tests may be no larger."""
+EXCURSION_LIMIT = 1.5  # K: the excursion of 95 % of the tests may be no larger
 BEST_COUNT = 3
 
 
@@ -66,7 +65,7 @@ def relay_row(test: fc.ValveTest, note: str = "") -> list[str]:
 
 
 def sample() -> None:
-    """The shipped relay."""
+    """Run a sample of the study: the shipped relay."""
     compare_rows("valve_test/valve_test_optimised", [relay_row(fc.ValveTest(start=TEST_START), SHIPPED_NOTE)])
 
 

@@ -83,12 +83,12 @@ HARDER_CASES = {
 
 
 def square_command(command: float) -> np.ndarray:
-    """± 5 % every five minutes for 20, as people step a valve."""
+    """Return a command with steps of ± 5 % every five minutes for 20, as people step a valve."""
     return command + 0.05 * np.repeat([1.0, -1.0, 1.0, -1.0], 300)
 
 
 def triangle_command(command: float) -> np.ndarray:
-    """± 10 % in equal triangles of ten minutes."""
+    """Return a command with equal triangles of ± 10 % in ten minutes."""
     t = np.arange(1200)
     return command + 0.1 * np.interp(t % 600, [0, 150, 450, 600], [0.0, 1.0, -1.0, 0.0])
 
@@ -159,7 +159,7 @@ def simulate_case(case: Case, seed: int, n: int, days: int) -> SimulatedTests:
 
 
 def select_log(tests: SimulatedTests, case: Case, sample: int, day: int) -> xr.Dataset:
-    """The log of one test."""
+    """Select the log of one test from those of a case."""
     names = ["command", "T_measured", "T_set", "test", *(INPUT_COLUMNS if case.inputs else ())]
     log = tests.signals[names].isel(
         sample=sample, day=day, elapsed_time=slice(None, None, case.log_interval // LOG_INTERVAL)
@@ -176,7 +176,7 @@ def select_log(tests: SimulatedTests, case: Case, sample: int, day: int) -> xr.D
 
 
 def read_gap(log: xr.Dataset, stroke_time: float) -> tuple[float, ...]:
-    """What the log of a test shows: the gap, its interval, and whether it is claimed."""
+    """Read the log of a test: the gap, its interval, and whether it is claimed."""
     reading = fc.read_test(log, stroke_time=stroke_time)
     return reading.backlash, *reading.interval, float(reading.identified)
 
@@ -210,7 +210,7 @@ def read_case(case: Case, seed: int, n: int = VALVES, days: int = DAYS) -> CaseR
     values = np.full((4, n, days), np.nan)
     for pair, numbers in zip(pairs, readings, strict=True):
         values[(slice(None), *pair)] = numbers
-    size, low, high, claimed = (xr.DataArray(column, dims=("sample", "day")) for column in values)
+    size, low, high, is_claimed = (xr.DataArray(column, dims=("sample", "day")) for column in values)
     truth = xr.DataArray(tests.backlash, dims="sample")
     error = size - truth
     is_right = abs(error) <= np.maximum(SIZE_TOLERANCE * truth, GOOD_BACKLASH) + 1e-9
@@ -218,9 +218,9 @@ def read_case(case: Case, seed: int, n: int = VALVES, days: int = DAYS) -> CaseR
     excursion = abs(tests.signals.T_sup - tests.signals.T_set).where(is_test).max("elapsed_time")
     is_good = (truth == 0.0) & has_begun
     return CaseReadings(
-        has_begun, has_begun & (aborted == 0.0), (claimed > 0.0) & has_begun, is_right & has_begun,
+        has_begun, has_begun & (aborted == 0.0), (is_claimed > 0.0) & has_begun, is_right & has_begun,
         (truth >= low) & (truth <= high), is_good,
-        is_good & (claimed > 0.0) & (size > GOOD_BACKLASH + 1e-9), error, excursion, aborted,
+        is_good & (is_claimed > 0.0) & (size > GOOD_BACKLASH + 1e-9), error, excursion, aborted,
     )  # fmt: skip
 
 
@@ -231,7 +231,7 @@ HEAD = (
 
 
 def reading_cells(readings: CaseReadings) -> list[str]:
-    """A row of the tables: shares of the tests that came to their end; claims, of all that began."""
+    """Format the readings of a case as a row: shares of the tests that came to their end; claims, of all that began."""
     error = 100 * float(np.sqrt((readings.error**2).where(readings.ended).mean()))
     middle, large = (float(readings.excursion.where(readings.began).quantile(q)) for q in (0.5, 0.95))
     return [
@@ -291,7 +291,7 @@ def draw_one_test() -> None:
 
 
 def sample() -> None:
-    """The last row of the first table."""
+    """Run a sample of the study: the last row of the first table."""
     label, case = list(BASIC_CASES.items())[-1]
     compare_rows("valve_test/valve_test", [[label, *reading_cells(read_case(case, SEED + len(BASIC_CASES) - 1))]])
 

@@ -23,16 +23,12 @@ from studies.days import CONSTANT, STEPPED, make_days
 from studies.remedies.runs import select_loop
 from studies.wear.runs import controllers, valves
 
-CANDIDATES = (0.0, 0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.14)
-"""Sizes of the gap that have a model, fraction of stroke."""
-MODEL_INTERVAL = 30
-"""Seconds between the samples that the models are compared at."""
-ERROR_TIME_CONSTANT = 600.0
-"""Time within which an error of a model is taken for a disturbance that stays, s."""
+CANDIDATES = (0.0, 0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.14)  # sizes of the gap that have a model, fraction of stroke
+MODEL_INTERVAL = 30  # seconds between the samples that the models are compared at
+ERROR_TIME_CONSTANT = 600.0  # time within which an error of a model is taken for a disturbance that stays, s
 SOJOURN_SECONDS = 86400.0
 """Time for which the gap keeps its size in the mean, s; then it takes one of the sizes beside it."""
-LEAST_PROBABILITY = 1e-6
-"""Probability that a size never falls below."""
+LEAST_PROBABILITY = 1e-6  # probability that a size never falls below
 PLANT_FACTORS = {"known": (1.0, 1.0), "5 % off": (0.95, 1.05), "15 % off": (0.85, 1.15)}
 """What a model has for the conductances of the coil and for the flow of the open valve, as shares of the true ones."""
 
@@ -92,26 +88,21 @@ def gap_probabilities(innovation: np.ndarray, noise: np.ndarray) -> np.ndarray:
 
 
 SEQUENCE_DAYS = 8
-DAYS_BEFORE = 3
-"""Days before the gap changes."""
+DAYS_BEFORE = 3  # days before the gap changes
 DAY_HOURS = 6
-GROWTH_FACTOR = 3.0
-"""By what the gap is multiplied."""
+GROWTH_FACTOR = 3.0  # by what the gap is multiplied
 STEADY, NO_GAP, AT_ONCE, SLOWLY = "constant gap", "no gap", "three times as large at once", "within five days"
 KINDS = (STEPPED, CONSTANT)
-GROWN_GAPS = (0.03, 0.12)
-"""Between which the gaps lie once they have grown, fraction of stroke."""
+GROWN_GAPS = (0.03, 0.12)  # between which the gaps lie once they have grown, fraction of stroke
 LEAST_C_W = 10.0
 """kJ/K per volume; the models without a gap open further than the valve, and would be unstable with less water."""
 CHOICE_FIRST_DAYS, FRESH_FIRST_DAYS = (7501,), (7601, 7701)
 """First days of the sequences that the thresholds are chosen on, and of those that are quoted."""
 VALVE_SLICES = {CHOICE_FIRST_DAYS: slice(0, 16), FRESH_FIRST_DAYS: slice(16, 40)}
-ESTIMATE_INTERVAL = 600
-"""Seconds between the estimates that are looked at."""
+ESTIMATE_INTERVAL = 600  # seconds between the estimates that are looked at
 THRESHOLDS = (0.005, 0.01, 0.015, 0.02, 0.03, 0.04, 0.06, 0.08, 0.10)
 """Growth of the estimate that may raise an alarm, fraction of stroke."""
-FALSE_ALARM_SHARE = 0.05
-"""Share of sequences with a constant gap that may raise one."""
+FALSE_ALARM_SHARE = 0.05  # share of sequences with a constant gap that may raise one
 PASSIVE_RULES = {
     "identify": {"estimator": "identify", "estimate_share": 0.0},
     "hagglund": {"estimator": "hagglund", "estimate_share": 0.0},
@@ -172,13 +163,13 @@ def estimate_gaps(case: str, kind: str, first_days: tuple[int, ...]) -> xr.DataA
 def bank_estimates(loop: fc.Loop, days: fc.Boundary, worn_days: fc.Boundary) -> list[xr.DataArray]:
     """Mean gap after the probabilities of the bank, a bank for each plant: (sample, elapsed_time)."""
     traces = _simulate_sequence(loop, worn_days, ["T_measured", "command"], 5)
-    measured = traces.T_measured.values[..., :: MODEL_INTERVAL // 5]
+    readings = traces.T_measured.values[..., :: MODEL_INTERVAL // 5]
     commands = np.repeat(traces.command.transpose("sample", "day", "elapsed_time").values, 5, axis=-1)
     by_valve = []
     for k in range(traces.sizes["sample"]):
         models = predict_temperatures(select_loop(loop, sample=k), days, commands[k]).values
         by_valve.append(
-            [innovations(measured[k].ravel(), plant_models.reshape(-1, len(CANDIDATES))) for plant_models in models]
+            [innovations(readings[k].ravel(), plant_models.reshape(-1, len(CANDIDATES))) for plant_models in models]
         )
     innovation = np.array(by_valve)  # sample, plant, time, candidate
     n_before = innovation.shape[2] * DAYS_BEFORE // SEQUENCE_DAYS

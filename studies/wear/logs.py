@@ -35,8 +35,7 @@ from studies.wear.runs import (
 )
 
 VALVES, FIRST_DAY = 48, 7351
-POOLED_DAYS = 4
-"""Days that are read together, and from one valve test to the next."""
+POOLED_DAYS = 4  # days that are read together, and from one valve test to the next
 MONTHS_PER_READING = 12 * POOLED_DAYS / DAYS
 LOG_INTERVAL, TEST_LOG_INTERVAL = 30, 5
 """Seconds."""
@@ -109,11 +108,11 @@ def simulate_readings(sequence: Sequence, size: int = VALVES) -> Readings:
                 )
             )
     values = np.array(Parallel(n_jobs=-1)(jobs), dtype=float).reshape(size, 2, DAYS // POOLED_DAYS, 3)
-    low, high, claimed = (
+    low, high, is_claimed = (
         xr.DataArray(values[..., k], dims=("sample", "way", "reading")).assign_coords(way=[LOGS, TESTS])
         for k in range(3)
     )
-    return Readings(low, high, claimed > 0.0, growth.reset_coords(drop=True))
+    return Readings(low, high, is_claimed > 0.0, growth.reset_coords(drop=True))
 
 
 def _simulate_signals(
@@ -152,10 +151,10 @@ HEAD = (
 )  # fmt: skip
 
 
-def alarm_row(by_course: dict[str, Readings], way: str) -> list[str]:
+def alarm_row(by_course: dict[str, Readings], reading_way: str) -> list[str]:
     """Cells of a kind of day and a way to read."""
     by_course = {
-        gap_course: Readings(*(field.sel(way=way) for field in gap_readings[:3]), gap_readings.growth)
+        gap_course: Readings(*(field.sel(way=reading_way) for field in gap_readings[:3]), gap_readings.growth)
         for gap_course, gap_readings in by_course.items()
     }
     grown = by_course[GROWS]

@@ -26,19 +26,15 @@ PI, KNOWN_ONCE = "pi", "known_once"
 DAYS, HOURS = 24, 12
 """Days that stand for a year, and the hours of operation of each."""
 DAYS_OF_YEAR = 365
-FAN_HOURS = (6, 20)
-"""Hours between which the fan of a real day runs."""
-GROWTHS = (0.0, 0.01, 0.02, 0.04)
-"""Of the gap in the year, fraction of stroke, as long as it does not feed on itself."""
-LARGEST_WEAR_RATE = 0.01
-"""That a loop may have."""
+FAN_HOURS = (6, 20)  # hours between which the fan of a real day runs
+GROWTHS = (0.0, 0.01, 0.02, 0.04)  # of the gap in the year, fraction of stroke, as long as it does not feed on itself
+LARGEST_WEAR_RATE = 0.01  # that a loop may have
 LOOSE_FACTOR, REPAIRED_FACTOR = 2.0, 0.25
 """What the gap is multiplied by in the second third of the days, after a linkage came loose, and in the last."""
 MONTHLY_STEPS, REAL_WEATHER = "weather, steps on one day in six", "weather"
 FAST_FACTORS = {"kp": 2.5, "ti": 1.0 / 6.0}
 """What the gains of every valve are multiplied by, for loops of which many hunt."""
-STEP_SIZE = 1.0
-"""Of the set-point on a morning of steps, K, up and down every half hour for four hours."""
+STEP_SIZE = 1.0  # of the set-point on a morning of steps, K, up and down every half hour for four hours
 
 
 class Sequence(NamedTuple):
@@ -142,8 +138,7 @@ def weather_days(labels: np.ndarray, is_stepped: bool) -> fc.Boundary:
 
 
 SEED = 20261122
-FRESH_FIRST_DAY = 7301
-"""Of the first day."""
+FRESH_FIRST_DAY = 7301  # seed of the first day
 METRICS = (
     "rmse", "estimate_final", "backlash_final", "stem_travel", "motor_travel", "reversals", "coil_energy",
     "reheat_energy", "recool_energy", "hunts", "status",

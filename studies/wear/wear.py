@@ -53,15 +53,12 @@ CONTROLLER_LABELS = {
     "identify_8h": "identify, memory 8 h",
 }
 """The names of the controllers for readers."""
-LAST_DAYS = 4
-"""Days at the end of each third that count."""
+LAST_DAYS = 4  # days at the end of each third that count
 RATED_STROKES, RATED_STARTS = 20_000, 1_800_000
 """What an actuator of up to 125 N m endures after EN 15714-2: 10,000 cycles of open and close (classes A and B), and
 starts where it modulates (class C)."""
-FEWEST_VALVES = 5
-"""Valves of which something is said."""
-HUNTING_SHARE = 0.5
-"""Share of the days on which a loop hunts that is said to hunt."""
+FEWEST_VALVES = 5  # valves of which something is said
+HUNTING_SHARE = 0.5  # share of the days on which a loop hunts that is said to hunt
 DETECTOR_LABELS = {
     "bank, plant known": "bank of models, plant known",
     "bank, plant 5 % off": "bank of models, plant 5 % off",
@@ -272,8 +269,7 @@ COLOURS = {PI: "black", "paper": YELLOW, "gradient": RED, "identify": BLUE, "ide
 DRAWN_DETECTORS = {"bank, plant known": "black", "bank, plant 15 % off": "0.55", "identify": BLUE, "gradient": RED}
 """The detectors that are shown."""
 MONTHS = 12
-WORN_GAP = 0.02
-"""Gap from which on a loose linkage is shown, fraction of stroke."""
+WORN_GAP = 0.02  # gap from which on a loose linkage is shown, fraction of stroke
 
 
 @apply_style()
@@ -347,7 +343,7 @@ def _draw_noticed(panel: Axes, choice_estimates: Estimates, fresh_estimates: Est
 
 
 def sample() -> None:
-    """A linkage that comes loose and is repaired, and valves without a gap."""
+    """Run a sample of the study: a linkage that comes loose and is repaired, and valves without a gap."""
     runs = wear_runs.run(names=[f"{STEPPED}, loose and repaired", f"{CONSTANT}, no gap"])
     compare_rows("wear/wear_follow", follow_rows(runs[:1]))
     compare_rows("wear/wear_good", good_rows(runs[1:]))

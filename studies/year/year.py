@@ -20,8 +20,7 @@ PI, SOUND = "pi", "sound"
 CONTROLLER_LABELS = {"pi": "plain PI", "hagglund": "Hägglund", "identify": "identify"}
 LEAST_ERROR = 0.01
 """Fraction of stroke by which an estimate may always be wrong, and the rise of an error that counts as harm."""
-LAST_QUARTER = 91
-"""Days at the end of the year that are counted apart."""
+LAST_QUARTER = 91  # days at the end of the year that are counted apart
 COST_PARTS = {"coil": "coil_cost", "demand": "demand_cost", "reheat": "reheat_cost", "recooling": "recool_cost"}
 
 
@@ -68,7 +67,7 @@ def valve_rows(ds: xr.Dataset) -> list[list[str]]:
             estimate = "" if controller == PI else f"{100.0 * float(last['estimate_final'].median()):.1f} %"
             error = np.sqrt((part["rmse_settled"] ** 2).mean("day"))
             travel = part["motor_travel"].sum("day")
-            hunting = part["hunts"].where(part_is_on).mean("day")
+            share_of_hunting = part["hunts"].where(part_is_on).mean("day")
             rows.append(
                 [
                     valve,
@@ -77,7 +76,7 @@ def valve_rows(ds: xr.Dataset) -> list[list[str]]:
                     estimate,
                 ]
                 + [f"{float(error.median()):.3f} K", f"{100 * float(part['share_off'].mean('day').median()):.0f} %"]
-                + [f"{float(travel.median()):,.0f}", f"{100.0 * float(hunting.mean()):.0f} %"]
+                + [f"{float(travel.median()):,.0f}", f"{100.0 * float(share_of_hunting.mean()):.0f} %"]
             )
     return rows
 

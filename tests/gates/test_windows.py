@@ -105,7 +105,7 @@ def test_only_windows_is_patient_with_a_refused_change(monkeypatch):
         machine.retry_while_locked(refused)
     monkeypatch.setattr(machine, "IS_POSIX", False)
     assert machine.retry_while_locked(refused) == "done"
-    monkeypatch.setattr(machine, "_LOCKED_SECONDS", 0.0)
+    monkeypatch.setattr(machine, "_MAX_LOCKED_SECONDS", 0.0)
     del tries[:]
     with pytest.raises(PermissionError):
         machine.retry_while_locked(refused)

@@ -120,7 +120,7 @@ def results_that_stay_open():
     from fastcoil.base import machine
 
     with open("out/results.nc", "rb"):
-        machine._LOCKED_SECONDS = 0.2
+        machine._MAX_LOCKED_SECONDS = 0.2
         try:
             _run_with_title("Breite")
         except fc.StorageError as error:

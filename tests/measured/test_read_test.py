@@ -8,7 +8,7 @@ from helpers.full import full_except
 from helpers.refusals import assert_refused
 
 import fastcoil as fc
-from fastcoil.measured.cause import DISTURBANCE, NONE, TUNING, Cause, revise_after_hold, stops_on_hold
+from fastcoil.measured.cause import CAUSE_DISTURBANCE, CAUSE_NONE, CAUSE_TUNING, Cause, revise_after_hold, stops_on_hold
 from fastcoil.measured.measures import NO_SWING, Measures, Swing
 from fastcoil.measured.read_test import stem_places
 
@@ -172,18 +172,18 @@ def make_measures(peak_to_peak, period):
 
 def test_what_remains_of_a_swing_while_the_command_is_held_tells_where_it_comes_from():
     swings = make_measures(1.0, 400.0)
-    assert revise_after_hold(Cause(TUNING, ""), swings, 0.7, 450.0).name == DISTURBANCE
-    assert revise_after_hold(Cause(TUNING, ""), swings, 0.1, 450.0).name == TUNING
-    assert revise_after_hold(Cause(DISTURBANCE, ""), swings, 0.1, 450.0).name == TUNING
-    assert revise_after_hold(Cause(DISTURBANCE, ""), swings, 0.1, 30.0).name == DISTURBANCE
+    assert revise_after_hold(Cause(CAUSE_TUNING, ""), swings, 0.7, 450.0).name == CAUSE_DISTURBANCE
+    assert revise_after_hold(Cause(CAUSE_TUNING, ""), swings, 0.1, 450.0).name == CAUSE_TUNING
+    assert revise_after_hold(Cause(CAUSE_DISTURBANCE, ""), swings, 0.1, 450.0).name == CAUSE_TUNING
+    assert revise_after_hold(Cause(CAUSE_DISTURBANCE, ""), swings, 0.1, 30.0).name == CAUSE_DISTURBANCE
     assert stops_on_hold(swings, 0.1, 450.0)
     assert not stops_on_hold(swings, 0.7, 450.0)
     assert not stops_on_hold(swings, 0.1, 250.0)
     assert not stops_on_hold(swings, np.nan, 450.0)
     calm = swings._replace(swing=NO_SWING)
-    assert revise_after_hold(Cause(NONE, ""), calm, 0.5, 450.0).name == DISTURBANCE
-    assert revise_after_hold(Cause(NONE, ""), calm, 0.1, 450.0).name == NONE
-    assert revise_after_hold(Cause(TUNING, ""), swings, np.nan, 0.0).name == TUNING
+    assert revise_after_hold(Cause(CAUSE_NONE, ""), calm, 0.5, 450.0).name == CAUSE_DISTURBANCE
+    assert revise_after_hold(Cause(CAUSE_NONE, ""), calm, 0.1, 450.0).name == CAUSE_NONE
+    assert revise_after_hold(Cause(CAUSE_TUNING, ""), swings, np.nan, 0.0).name == CAUSE_TUNING
 
 
 def test_stems_follow_the_play_operator():

@@ -11,22 +11,22 @@ from bokeh.plotting import figure
 
 from fastcoil.base.arrays import Array
 from fastcoil.base.figures import BLUE, RED, YELLOW
-from fastcoil.deliver.explore.loop import AXES, CHOICES, DIALS, TRACE_INTERVAL_S, Run, Settings
+from fastcoil.deliver.explore.loop import DIALS, MAP_AXES, MENUS, TRACE_INTERVAL_S, Run, Settings
 from fastcoil.design.advice import UNSURE_HUNTING_INDEX
 from fastcoil.design.limit_cycle import HUNTING_INDEX_LIMIT
 
-_INK = "#222222"
-_SHADE = "#cccccc"
+_INK = "#222222"  # colour of text and thin lines
+_SHADE_GREY = "#cccccc"
 _FONT_SIZE = "1rem"
-_LINE_WIDTH_PX = 3  # of the main lines
+_LINE_WIDTH_PX = 3  # of the main lines of a figure
 _COLOUR_MAXIMA_K = {"tuning": {"rmse": 1.2, "hunting_swing": 2.5}, "size": {"rmse": 0.6, "hunting_swing": 1.5}}
 """Upper end of the colours of a map, the same for all loops, so that maps can be compared."""
 Change = tuple[str, dict[str, Any]]
-"""Id of a model, new values of its properties.  Bokeh would send a message each, and the browser draw in between."""
+"""Id of a Bokeh model, new values of its properties.  Bokeh would send each as a message, and draw in between."""
 
 
 def _figure(name: str, x: tuple[float, float] | Range1d, y: tuple[float, float], **options: Any) -> Any:
-    """Return a figure that fills its place, without tools that could be clicked by mistake."""
+    """Make a Bokeh figure in our style that fills its place, without tools that could be clicked by mistake."""
     fig = figure(
         name=name, x_range=x if isinstance(x, Range1d) else Range1d(*x), y_range=Range1d(*y), toolbar_location=None,
         sizing_mode="stretch_both", tools="", min_height=60, min_width=120, outline_line_color=None, **options,
@@ -42,7 +42,7 @@ def _figure(name: str, x: tuple[float, float] | Range1d, y: tuple[float, float],
     return fig
 
 
-def _legend_above(*figs: Any) -> None:
+def _move_legends_above(*figs: Any) -> None:
     for fig in figs:
         box = fig.legend[0]
         fig.add_layout(box, "above")
@@ -52,14 +52,14 @@ def _legend_above(*figs: Any) -> None:
         )  # fmt: skip
 
 
-def _line_visibility(fig: Any, label: str, visible: bool) -> list[Change]:
-    """Show or hide a line and its name."""
+def _show_or_hide_line(fig: Any, label: str, visible: bool) -> list[Change]:
+    """Return the changes that show or hide the line with this label, and its entry in the legend."""
     (item,) = [item for item in fig.legend[0].items if item.label.value == label]
     return [(model.id, {"visible": visible}) for model in (item, item.renderers[0])]
 
 
 class LoopFigures:
-    """The figures of one loop on one day."""
+    """The figures of the page that show one loop on one day; they change by the `Change` that a method returns."""
 
     def __init__(self) -> None:
         names = ("hours", "T_sup", "T_measured", "T_set", "u", "command", "opening", "estimate", "backlash")
@@ -67,78 +67,79 @@ class LoopFigures:
         self._edges = ColumnDataSource({"command": [], "opening": []})
         self._point = ColumnDataSource({"hunting_index": [], "at": []}, name="hunting_indices")
         hours = Range1d(0.0, 8.0)
-        dashed: Any = {"source": traces, "color": _INK, "width": 2, "dash": [8, 4]}
+        dashed_style: Any = {"source": traces, "color": _INK, "width": 2, "dash": [8, 4]}
 
         self.temperature = fig = _figure("temperature", hours, (12.0, 16.0), y_axis_label="temperature [°C]")
         fig.line("hours", "T_measured", source=traces, color="#999999", width=1, legend_label="sensor")
-        fig.line("hours", "T_set", legend_label="set-point", **dashed)
+        fig.line("hours", "T_set", legend_label="set-point", **dashed_style)
         fig.line("hours", "T_sup", source=traces, color=BLUE, width=_LINE_WIDTH_PX, legend_label="supply air")
 
         self.valve = fig = _figure("opening", hours, (0, 100), x_axis_label="time [h]", y_axis_label="valve [%]")
-        thin: Any = {"color": _INK, "width": 1.5, "dash": [2, 3]}
-        fig.step("hours", "u", source=traces, mode="after", legend_label="PI asks", **thin)
+        thin_style: Any = {"color": _INK, "width": 1.5, "dash": [2, 3]}
+        fig.step("hours", "u", source=traces, mode="after", legend_label="PI asks", **thin_style)
         fig.step("hours", "command", source=traces, color=RED, width=2, mode="after", legend_label="command")
         fig.line("hours", "opening", source=traces, color=BLUE, width=_LINE_WIDTH_PX, legend_label="opening")
 
         self._test_shades = []
         for fig in (self.temperature, self.valve):
-            shade = BoxAnnotation(fill_color=_SHADE, fill_alpha=0.5, line_alpha=0.0, level="underlay")
+            shade = BoxAnnotation(fill_color=_SHADE_GREY, fill_alpha=0.5, line_alpha=0.0, level="underlay")
             fig.add_layout(shade)
             self._test_shades.append(shade)
 
         self.estimate = fig = _figure("estimate", hours, (0, 8), x_axis_label="time [h]", y_axis_label="gap [%]")
-        fig.line("hours", "backlash", legend_label="gap", **dashed)
-        thick: Any = {"color": RED, "width": _LINE_WIDTH_PX}
-        fig.step("hours", "estimate", source=traces, mode="after", legend_label="estimate", **thick)
+        fig.line("hours", "backlash", legend_label="gap", **dashed_style)
+        thick_style: Any = {"color": RED, "width": _LINE_WIDTH_PX}
+        fig.step("hours", "estimate", source=traces, mode="after", legend_label="estimate", **thick_style)
         fig.yaxis.ticker.desired_num_ticks = 3
 
         self.gap = fig = _figure("gap", (0, 100), (0, 100), x_axis_label="command [%]", y_axis_label="opening [%]")
-        edges: Any = {"color": "#999999", "width": 1.5, "dash": [4, 4]}
-        fig.line("command", "opening", source=self._edges, legend_label="edges", **edges)
+        edge_style: Any = {"color": "#999999", "width": 1.5, "dash": [4, 4]}
+        fig.line("command", "opening", source=self._edges, legend_label="edges", **edge_style)
         fig.line("command", "opening", source=traces, color=RED, width=1.5, legend_label="command")
         fig.line("u", "opening", source=traces, color=BLUE, width=_LINE_WIDTH_PX, legend_label="PI asks")
-        _legend_above(self.temperature, self.valve, self.estimate, self.gap)
+        _move_legends_above(self.temperature, self.valve, self.estimate, self.gap)
 
         title = "Hunting index, predicted by theory"
         self.hunting_index = fig = _figure("hunting_index", (0.03, 30.0), (-1.0, 1.0), x_axis_type="log", title=title)
-        band: Any = {"fill_alpha": 0.5, "line_alpha": 0.0, "level": "underlay"}
+        band_style: Any = {"fill_alpha": 0.5, "line_alpha": 0.0, "level": "underlay"}
         low, high = UNSURE_HUNTING_INDEX
-        fig.add_layout(BoxAnnotation(left=low, right=high, fill_color=_SHADE, **band))
-        fig.add_layout(BoxAnnotation(left=high, fill_color=YELLOW, **band))
-        limit: Any = {"line_color": _INK, "line_dash": [6, 4], "line_width": 2}
-        fig.add_layout(Span(location=HUNTING_INDEX_LIMIT, dimension="height", **limit))
+        fig.add_layout(BoxAnnotation(left=low, right=high, fill_color=_SHADE_GREY, **band_style))
+        fig.add_layout(BoxAnnotation(left=high, fill_color=YELLOW, **band_style))
+        limit_style: Any = {"line_color": _INK, "line_dash": [6, 4], "line_width": 2}
+        fig.add_layout(Span(location=HUNTING_INDEX_LIMIT, dimension="height", **limit_style))
         fig.text([0.15, 7.0], [-0.35, -0.35], text=["calm", "hunts"], text_align="center", text_font_size=_FONT_SIZE)
-        mark: Any = {"marker": "diamond", "size": 26, "color": BLUE, "line_color": "white"}
-        fig.scatter("hunting_index", "at", source=self._point, **mark)
+        mark_style: Any = {"marker": "diamond", "size": 26, "color": BLUE, "line_color": "white"}
+        fig.scatter("hunting_index", "at", source=self._point, **mark_style)
         fig.yaxis.visible = fig.ygrid.visible = False
         fig.xaxis.ticker = [0.1, 0.3, 0.85, 3, 10]
         self.all = (self.temperature, self.valve, self.estimate, self.gap, self.hunting_index)
 
     def show(self, run: Run, window: str) -> list[Change]:
-        """Fill them with one loop: all of the day after the warm-up, or its last hours."""
+        """Return the changes that show a loop: all of the day after the warm-up, or by ``window`` its last hours."""
         n, seconds = run.hours.size, {"2h": 7200, "half": 1800}.get(window)
-        first = min(run.scene.warm_up // TRACE_INTERVAL_S, n - 1)
+        first_sample = min(run.scene.warm_up // TRACE_INTERVAL_S, n - 1)
         if seconds is not None:
-            first = max(0, n - seconds // TRACE_INTERVAL_S - 1)
-        hours, traces = run.hours[first:], {name: values[first:] for name, values in run.traces.items()}
+            first_sample = max(0, n - seconds // TRACE_INTERVAL_S - 1)
+        hours, traces = run.hours[first_sample:], {name: values[first_sample:] for name, values in run.traces.items()}
         for name in ("u", "command", "opening", "estimate"):
             traces[name] = 100.0 * traces[name]
-        traces["backlash"] = np.full(n - first, 100.0 * run.parameter("backlash"))
-        in_test = hours[traces.pop("test") > 0.0]
-        test = {"left": in_test.min(initial=np.inf), "right": in_test.max(initial=-np.inf), "visible": in_test.size > 0}
+        traces["backlash"] = np.full(n - first_sample, 100.0 * run.parameter("backlash"))
+        test_hours = hours[traces.pop("test") > 0.0]
+        left, right = test_hours.min(initial=np.inf), test_hours.max(initial=-np.inf)
+        test_shade = {"left": left, "right": right, "visible": test_hours.size > 0}
         has_sensor = run.parameter("noise_std") > 0.0 or run.parameter("sensor_time_constant") > 0.0
-        has_compensation = run.learns or run.parameter("backlash_estimate") > 0.0
-        pi_output, measured = [traces["u"]] * has_compensation, [traces["T_measured"]] * has_sensor
+        has_compensation = run.has_estimator or run.parameter("backlash_estimate") > 0.0
+        pi_output, sensor_trace = [traces["u"]] * has_compensation, [traces["T_measured"]] * has_sensor
         return [
             (self._traces.id, {"data": {"hours": hours, **traces}}),
             (self._edges.id, {"data": _edges(run.parameter("backlash"))}),
-            *((shade.id, test) for shade in self._test_shades),
-            *_line_visibility(self.temperature, "sensor", has_sensor),
-            *_line_visibility(self.valve, "PI asks", has_compensation),
-            *_line_visibility(self.gap, "PI asks", has_compensation),
-            (self.estimate.id, {"visible": run.learns}),
+            *((shade.id, test_shade) for shade in self._test_shades),
+            *_show_or_hide_line(self.temperature, "sensor", has_sensor),
+            *_show_or_hide_line(self.valve, "PI asks", has_compensation),
+            *_show_or_hide_line(self.gap, "PI asks", has_compensation),
+            (self.estimate.id, {"visible": run.has_estimator}),
             (self.temperature.x_range.id, {"start": float(hours[0]), "end": float(hours[-1])}),
-            _fit_axis(self.temperature.y_range, 1.0, traces["T_sup"], traces["T_set"], *measured),
+            _fit_axis(self.temperature.y_range, 1.0, traces["T_sup"], traces["T_set"], *sensor_trace),
             _fit_axis(self.valve.y_range, 10.0, traces["command"], traces["opening"], *pi_output),
             _fit_axis(self.gap.x_range, 12.0, traces["command"], *pi_output),
             _fit_axis(self.gap.y_range, 12.0, traces["opening"]),
@@ -146,18 +147,18 @@ class LoopFigures:
         ]
 
     def show_hunting_index(self, *hunting_index: float) -> list[Change]:
-        """Mark a hunting index, or none; one beyond the scale at its end."""
-        at = np.clip(hunting_index, 0.036, 25.0).tolist()
-        return [(self._point.id, {"data": {"hunting_index": at, "at": [0] * len(at)}})]
+        """Return the change that marks a hunting index, at the end of the scale if beyond it, or none without one."""
+        shown_index = np.clip(hunting_index, 0.036, 25.0).tolist()
+        return [(self._point.id, {"data": {"hunting_index": shown_index, "at": [0] * len(shown_index)}})]
 
 
-def _fit_axis(span: Range1d, least: float, *values: Array) -> Change:
-    """Make an axis show all finite values, over a length of at least ``least``."""
+def _fit_axis(axis_range: Range1d, least: float, *values: Array) -> Change:
+    """Return the change of an axis that shows all finite values, over a length of at least ``least``."""
     finite = np.concatenate(values)
     finite = finite[np.isfinite(finite)] if np.isfinite(finite).any() else np.zeros(1)
     low, high = float(finite.min()), float(finite.max())
-    room = max(0.04 * (high - low), 0.5 * (least - (high - low)))
-    return span.id, {"start": low - room, "end": high + room}
+    margin = max(0.04 * (high - low), 0.5 * (least - (high - low)))
+    return axis_range.id, {"start": low - margin, "end": high + margin}
 
 
 def _edges(backlash: float) -> dict[str, list[float]]:
@@ -177,9 +178,9 @@ class MapFigure:
         self._colours = LinearColorMapper(Cividis256, low=0.0, nan_color="#dddddd")
         fill = {"field": "value", "transform": self._colours}
         cell_glyphs = self.fig.rect("x", "y", 1.0, 1.0, source=self._cells, line_color=None, fill_color=fill)
-        ring: Any = {"source": self._point, "marker": "circle", "size": 22, "fill_color": None}
-        self.fig.scatter("x", "y", line_color="white", line_width=7, **ring)
-        self.fig.scatter("x", "y", line_color=RED, line_width=4, **ring)
+        ring_style: Any = {"source": self._point, "marker": "circle", "size": 22, "fill_color": None}
+        self.fig.scatter("x", "y", line_color="white", line_width=7, **ring_style)
+        self.fig.scatter("x", "y", line_color=RED, line_width=4, **ring_style)
         self._bar = ColorBar(
             color_mapper=self._colours, title_text_font_size=_FONT_SIZE, title_text_color=_INK,
             title_text_font_style="normal", title_standoff=6, major_label_text_font_size=_FONT_SIZE, width=14,
@@ -191,34 +192,36 @@ class MapFigure:
         self.fig.grid.visible = False
 
     def show(self, metrics: Mapping[str, Array], settings: Settings) -> tuple[list[Change], bool]:
-        """Fill it with a map and mark a loop on it; also return whether the loop lies on the map."""
+        """Return the changes that show a map and mark a loop on it, and whether the loop lies on the map."""
         if self._axes != settings.axes:
             self._axes, self._cell_data = settings.axes, self._label_axes(settings.axes)
-        at = {}
-        for side, (name, values) in zip("xy", AXES[settings.axes].items(), strict=True):
-            at[side] = [np.interp(getattr(settings, name), values, range(len(values)), left=np.nan, right=np.nan)]
+        point = {}
+        for side, (name, values) in zip("xy", MAP_AXES[settings.axes].items(), strict=True):
+            point[side] = [np.interp(getattr(settings, name), values, range(len(values)), left=np.nan, right=np.nan)]
         changes: list[Change] = [
             (self._colours.id, {"high": _COLOUR_MAXIMA_K[settings.axes][settings.colour]}),
-            (self._bar.id, {"title": f"{CHOICES['colour'].words[settings.colour]} [K]"}),
+            (self._bar.id, {"title": f"{MENUS['colour'].words[settings.colour]} [K]"}),
             (self._cells.id, {"data": self._cell_data | {"value": metrics[settings.colour].ravel()}}),
-            (self._point.id, {"data": at}),
+            (self._point.id, {"data": point}),
         ]
-        return changes, bool(np.isfinite([*at["x"], *at["y"]]).all())
+        return changes, bool(np.isfinite([*point["x"], *point["y"]]).all())
 
     def _label_axes(self, axes: str) -> dict[str, Any]:
-        """Label the axes of a map; return the places of its cells, and their values in words."""
+        """Label the axes of a map; return the columns of its cells: where they are, and their values in words."""
         columns: dict[str, Any] = {}
         sides = (self.fig.xaxis[0], self.fig.yaxis[0]), (self.fig.x_range, self.fig.y_range)
-        at = np.meshgrid(*(np.arange(len(values)) for values in AXES[axes].values()))
-        for side, (name, values), cells, axis, span in zip("xy", AXES[axes].items(), at, *sides, strict=True):
+        cell_indices = np.meshgrid(*(np.arange(len(values)) for values in MAP_AXES[axes].values()))
+        by_side = zip("xy", MAP_AXES[axes].items(), cell_indices, *sides, strict=True)
+        for side, (name, values), cells, axis, extent in by_side:
             dial, n = DIALS[name], len(values)
-            texts = [dial.text(value) for value in values]
+            texts = [dial.value_text(value) for value in values]
             columns |= {side: cells.ravel(), f"at_{side}": [texts[k] for k in cells.ravel()]}
             axis.axis_label = f"{dial.label} [{dial.unit}]"
             axis.ticker = list(range(0, n, 3))
             axis.major_label_overrides = {k: f"{dial.factor * values[k]:.3g}" for k in range(n)}
-            span.update(start=-0.5, end=n - 0.5)
+            extent.update(start=-0.5, end=n - 0.5)
         return columns
 
     def clear(self) -> list[Change]:
+        """Return the changes that empty the map."""
         return [(source.id, {"data": {name: [] for name in source.data}}) for source in (self._cells, self._point)]

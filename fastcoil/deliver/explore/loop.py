@@ -30,8 +30,7 @@ from fastcoil.model.metric_table import TEST_ABORTED_MEANINGS, WARM_UP_S
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.study.maintenance import Scenario
 
-STUDY_LOOP_NAME = "given"
-"""Name of the loop of a study, beside those of the presets."""
+STUDY_LOOP_NAME = "given"  # of the loop of a study, beside those of the presets
 
 
 class Start(NamedTuple):
@@ -70,21 +69,21 @@ class Dial(NamedTuple):
     steps: tuple[float, ...]
     factor: float = 1.0
 
-    def text(self, value: float) -> str:
+    def value_text(self, value: float) -> str:
         return f"{self.factor * value:.4g} {self.unit}"
 
 
-class Choice(NamedTuple):
-    """A menu: its label, and the text of each of its words."""
+class Menu(NamedTuple):
+    """A menu: its label, and the text shown for each of its words."""
 
     label: str
     words: Mapping[str, str]
 
 
-_GAP_SIZES = tuple(round(0.005 * k, 3) for k in range(31))
+_DIAL_GAP_SIZES = tuple(round(0.005 * k, 3) for k in range(31))  # fractions of stroke
 DIALS = {
-    "backlash": Dial("Gap of the valve", "%", _GAP_SIZES, 100.0),
-    "backlash_estimate": Dial("Estimate of the gap", "%", _GAP_SIZES, 100.0),
+    "backlash": Dial("Gap of the valve", "%", _DIAL_GAP_SIZES, 100.0),
+    "backlash_estimate": Dial("Estimate of the gap", "%", _DIAL_GAP_SIZES, 100.0),
     "kp": Dial(
         "Gain Kp", "1/K",
         (0.002, 0.003, 0.004, 0.005, 0.006, 0.008, 0.01, 0.012, 0.015, 0.018, 0.02, 0.025, 0.03, 0.035, 0.04, 0.05,
@@ -103,19 +102,19 @@ DIALS = {
     ),
     "m_a": Dial("Load: air flow", "kg/s", tuple(round(0.3 + 0.05 * k, 2) for k in range(25))),
 }  # fmt: skip
-"""By parameter; ``m_a`` is of the day, all others are of the loop."""
-CHOICES = {
-    "valve": Choice("Valve curve", {"own": "of the loop", **{a: f"authority {a}" for a in ("0.7", "0.3", "0.1")}}),
-    "estimator": Choice(
+"""Sliders by parameter; ``m_a`` is of the day, all others are of the loop."""
+MENUS = {
+    "valve": Menu("Valve curve", {"own": "of the loop", **{a: f"authority {a}" for a in ("0.7", "0.3", "0.1")}}),
+    "estimator": Menu(
         "Learning", {"none": "none", "learner": "learner", "identify": "identify", "own": "of the loop"}
     ),
-    "day": Choice("Day", {"own": "of the loop", "steps": "steps", "constant": "constant", "design": "design day"}),
-    "test": Choice("Valve test", {"none": "none", "usual": "usual", "gentle": "gentle"}),
-    "axes": Choice("Map over", {"tuning": "Kp and Ti", "size": "gap and estimate"}),
-    "colour": Choice("Colour", {"rmse": "RMS error", "hunting_swing": "hunting swing"}),
-    "window": Choice("Time shown", {"day": "whole day", "2h": "2 h", "half": "30 min"}),
+    "day": Menu("Day", {"own": "of the loop", "steps": "steps", "constant": "constant", "design": "design day"}),
+    "test": Menu("Valve test", {"none": "none", "usual": "usual", "gentle": "gentle"}),
+    "axes": Menu("Map over", {"tuning": "Kp and Ti", "size": "gap and estimate"}),
+    "colour": Menu("Colour", {"rmse": "RMS error", "hunting_swing": "hunting swing"}),
+    "window": Menu("Time shown", {"day": "whole day", "2h": "2 h", "half": "30 min"}),
 }  # fmt: skip
-_STEADY_LOAD = {"cooling": 1.15, "heating": 0.9}  # air flow, kg/s
+_USUAL_AIR_FLOW_KG_S = {"cooling": 1.15, "heating": 0.9}
 
 
 @dataclass(frozen=True)
@@ -140,57 +139,57 @@ class Settings:
 
 
 def initial_settings(name: str, start: Start) -> Settings:
-    """Return the settings of a loop without changes."""
+    """Return the settings with which a loop to start from is shown first."""
     numbers: Any = {dial: float(start.loop[dial]) for dial in DIALS if dial != "m_a"}  # type: ignore[arg-type]
     estimator = "none" if used_choices(start.loop, "estimator") == {"none"} else "own"
     day = "steps" if start.day is None else "own"
-    return Settings(name, m_a=_STEADY_LOAD[str(start.loop["action"])], estimator=estimator, day=day, **numbers)
+    return Settings(name, m_a=_USUAL_AIR_FLOW_KG_S[str(start.loop["action"])], estimator=estimator, day=day, **numbers)
 
 
 def menu_words(name: str, start: Start) -> dict[str, str]:
-    """Return the words of a menu for a loop: "own" only where the loop has a day or an estimator."""
-    without = {"day": start.day is None, "estimator": used_choices(start.loop, "estimator") == {"none"}}
-    return {word: text for word, text in CHOICES[name].words.items() if word != "own" or not without.get(name)}
+    """Return the words of a menu and their texts for a loop: "own" only if it has a day or an estimator of its own."""
+    is_missing = {"day": start.day is None, "estimator": used_choices(start.loop, "estimator") == {"none"}}
+    return {word: text for word, text in MENUS[name].words.items() if word != "own" or not is_missing.get(name)}
 
 
 def link_query(settings: Settings, starts: Mapping[str, Start]) -> str:
-    """Return the query of a link: the loop, and its changes."""
+    """Return the query of a link that shows these settings: the loop, and what differs from its initial settings."""
     start = starts[settings.loop]
-    usual, texts = asdict(initial_settings(settings.loop, start)), {"loop": start.title}
+    defaults, texts = asdict(initial_settings(settings.loop, start)), {"loop": start.title}
     for name, value in asdict(settings).items():
-        if value != usual[name]:
+        if value != defaults[name]:
             texts[name] = repr(value).removesuffix(".0") if isinstance(value, float) else value
     return urlencode(texts)
 
 
-def read_query(query: Mapping[str, str], starts: Mapping[str, Start], first: str) -> tuple[Settings, list[str]]:
-    """Return the settings of a link, and a sentence on entries that this page does not have.
+def read_query(query: Mapping[str, str], starts: Mapping[str, Start], default_name: str) -> tuple[Settings, list[str]]:
+    """Read the settings from the query of a link; also return a sentence on entries that this page does not have.
 
-    first: the loop of a link without one.
+    default_name: the loop of a link without one.
     """
-    links = {start.title: name for name, start in starts.items()}
-    loop_title = query.get("loop", starts[first].title)
-    name = links.get(loop_title, first)
-    usual = initial_settings(name, starts[name])
-    if loop_title not in links:
-        problem = f"loop = {short_repr(loop_title)} is not on this page{did_you_mean(loop_title, links)}"
-        return usual, [f"{problem}: {starts[name].title} is shown"]
+    name_by_title = {start.title: name for name, start in starts.items()}
+    loop_title = query.get("loop", starts[default_name].title)
+    name = name_by_title.get(loop_title, default_name)
+    defaults = initial_settings(name, starts[name])
+    if loop_title not in name_by_title:
+        problem = f"loop = {short_repr(loop_title)} is not on this page{did_you_mean(loop_title, name_by_title)}"
+        return defaults, [f"{problem}: {starts[name].title} is shown"]
     values: dict[str, Any] = {}
-    unknown = []
+    unknown_entries = []
     for key, text in query.items():
         # the loop itself may lie beyond the steps
-        allowed_values = (*DIALS[key].steps, getattr(usual, key)) if key in DIALS else ()
-        if key in CHOICES and text in menu_words(key, starts[name]):
+        allowed_values = (*DIALS[key].steps, getattr(defaults, key)) if key in DIALS else ()
+        if key in MENUS and text in menu_words(key, starts[name]):
             values[key] = text
-        elif allowed_values and min(allowed_values) <= _parse_number(text) <= max(allowed_values):
+        elif allowed_values and min(allowed_values) <= _parse_number_or_nan(text) <= max(allowed_values):
             values[key] = float(text)
         elif key != "loop":
-            unknown.append(f"{key} = {text}")
+            unknown_entries.append(f"{key} = {text}")
     note = "no setting of this page, or beyond its bounds; the rest of the link is shown"
-    return replace(usual, **values), [f"{short_repr(', '.join(unknown))}: {note}"] if unknown else []
+    return replace(defaults, **values), [f"{short_repr(', '.join(unknown_entries))}: {note}"] if unknown_entries else []
 
 
-def _parse_number(text: str) -> float:
+def _parse_number_or_nan(text: str) -> float:
     with suppress(ValueError):
         return float(text)
     return math.nan
@@ -209,17 +208,17 @@ STORIES: Mapping[str, Mapping[str, Any]] = {
 
 
 def loop_settings(settings: Settings) -> Settings:
-    """Return the settings of the loop and its day, with those of the map and the window at their first values."""
+    """Return the settings with those of map and window reset, which do not change the simulation."""
     return replace(settings, axes="tuning", colour="rmse", window="day")
 
 
 def story_settings(title: str, starts: Mapping[str, Start]) -> Settings:
-    """Return the settings of a story."""
+    """Return the settings of one of ``STORIES``."""
     return replace(initial_settings("paper_like", starts["paper_like"]), **STORIES[title])
 
 
 def build_loop(settings: Settings, start: Start) -> Loop:
-    """Return the loop of some settings."""
+    """Return the loop that the settings describe."""
     values: dict[str, Any] = {name: getattr(settings, name) for name in DIALS if name != "m_a"}
     if settings.valve != "own":  # an equal-percentage valve
         m_full = start.loop["m_full"]
@@ -228,111 +227,110 @@ def build_loop(settings: Settings, start: Start) -> Loop:
     loop = start.loop.assign(**values)
     if settings.estimator == "own":
         return loop
-    learning: dict[str, Any] = {}
+    estimator_values: dict[str, Any] = {}
     if settings.estimator == "learner":
-        learning = {"learning_step": 0.01}  # finds a gap of 7 % in half a day
+        estimator_values = {"learning_step": 0.01}  # finds a gap of 7 % in half a day
     elif settings.estimator == "identify":  # an estimate above the gap chatters
-        learning = {"estimate_share": 0.95, "identify_stroke_time": settings.stroke_time}
-    loop = loop.assign(estimator=settings.estimator, **learning)
-    unread: dict[str, Any] = {name: PARAMETERS[name].default for name in unread_values(loop)}
-    return loop.assign(**unread)
+        estimator_values = {"estimate_share": 0.95, "identify_stroke_time": settings.stroke_time}
+    loop = loop.assign(estimator=settings.estimator, **estimator_values)
+    unread_defaults: dict[str, Any] = {name: PARAMETERS[name].default for name in unread_values(loop)}
+    return loop.assign(**unread_defaults)
 
 
 @lru_cache(8)  # of 2 MB each; most moves leave the day as it is
-def _menu_day(name: str, m_a: float, heating_water: float | None) -> Boundary:
-    """Return a day of the menu.  m_a: air flow, kg/s.  heating_water: degC; None for a cooling coil."""
+def _make_menu_day(name: str, m_a: float, heating_water: float | None) -> Boundary:
+    """Make the day of a word of the menu; m_a: air flow, kg/s; heating_water: degC, None for a cooling coil."""
     heats = heating_water is not None
-    water: dict[str, Any] = {"T_w_in": heating_water} if heats else {}
+    water_series: dict[str, Any] = {"T_w_in": heating_water} if heats else {}
     if name == "steps":
-        return heating_day(**water) if heats else paper_day()
+        return heating_day(**water_series) if heats else paper_day()
     if name == "design":
-        return design_day(mode="heating" if heats else "cooling", m_a=m_a, **water)
+        return design_day(mode="heating" if heats else "cooling", m_a=m_a, **water_series)
     # the means of ``heating_day``
-    means: dict[str, Any] = {"T_a_in": 12.0, "W_a_in": WINTER_HUMIDITY_RATIO, "T_set": 25.0} if heats else {}
-    return constant_day(m_a=m_a, **means, **water)
+    mean_series: dict[str, Any] = {"T_a_in": 12.0, "W_a_in": WINTER_HUMIDITY_RATIO, "T_set": 25.0} if heats else {}
+    return constant_day(m_a=m_a, **mean_series, **water_series)
 
 
 def build_scene(settings: Settings, start: Start) -> Scenario:
-    """Return the loop and the day of some settings."""
+    """Return the loop and the day that the settings describe."""
     day = start.day if settings.day == "own" else None
-    day = day or _menu_day(settings.day, settings.m_a, start.T_w_in if start.heats else None)
+    day = day or _make_menu_day(settings.day, settings.m_a, start.T_w_in if start.heats else None)
     return Scenario(start.title, build_loop(settings, start), day, start.warm_up, start.seed)
 
 
 def build_valve_test(settings: Settings, scene: Scenario) -> ValveTest | None:
-    """Return the valve test of some settings, in the last 75 min of the day; None without one."""
+    """Return the valve test that the settings ask for, in the last 75 min of the day; None without one."""
     if settings.test == "none":
         return None
-    usual = ValveTest.heating if scene.loop["action"] == "heating" else ValveTest
-    make = ValveTest.gentle if settings.test == "gentle" else usual
-    return make(start=max(0.0, scene.boundary.n_steps - 4500.0), settle=300.0)
+    make_usual = ValveTest.heating if scene.loop["action"] == "heating" else ValveTest
+    make_test = ValveTest.gentle if settings.test == "gentle" else make_usual
+    return make_test(start=max(0.0, scene.boundary.n_steps - 4500.0), settle=300.0)
 
 
-TRACE_INTERVAL_S = 5
-"""Seconds between the samples of a trace."""
+TRACE_INTERVAL_S = 5  # between the samples of a trace
 TRACES = ("T_sup", "T_measured", "u", "command", "opening", "estimate", "test")
 
 
 class Run(NamedTuple):
     """One loop on one day: traces every ``TRACE_INTERVAL_S`` seconds, and metrics.
 
-    reading: result of a valve test in words; empty without one.
+    reading_text: result of a valve test in words; empty without one.
     """
 
     scene: Scenario
     hours: Array
     traces: Mapping[str, Array]
     metrics: xr.Dataset
-    reading: str
+    reading_text: str
 
-    def value(self, metric: str) -> float:
-        return float(self.metrics[metric])
+    def metric(self, name: str) -> float:
+        return float(self.metrics[name])
 
     def parameter(self, name: str) -> float:
         return float(self.scene.loop[name])  # type: ignore[arg-type]
 
     @property
-    def learns(self) -> bool:
+    def has_estimator(self) -> bool:
         return used_choices(self.scene.loop, "estimator") != {"none"}
 
     @property
-    def error(self) -> str:
+    def error_text(self) -> str:
         """RMS error in words; empty where the loop cannot be simulated."""
-        return f"RMS error {format_kelvin(rmse)}" if math.isfinite(rmse := self.value("rmse")) else ""
+        return f"RMS error {format_kelvin(rmse)}" if math.isfinite(rmse := self.metric("rmse")) else ""
 
     @property
-    def learning(self) -> str:
+    def learning_text(self) -> str:
         """Result of an estimator in words; empty without one."""
-        estimate, hour = self.value("estimate_final"), self.value("time_identified") / 3600.0
-        if not self.learns or not math.isfinite(estimate):
+        estimate, hour = self.metric("estimate_final"), self.metric("time_identified") / 3600.0
+        if not self.has_estimator or not math.isfinite(estimate):
             return ""
         since = f", right since hour {hour:.1f}" if math.isfinite(hour) else ", which is not right yet"
-        gap = format_percent(self.value("backlash_final"))
+        gap = format_percent(self.metric("backlash_final"))
         return f"The estimate ends at {format_percent(round(estimate, 3))} for a gap of {gap}{since}."
 
 
-def run(scene: Scenario, test: ValveTest | None = None) -> Run:
-    """Simulate a loop, with a valve test if there is one."""
+def simulate_scene(scene: Scenario, test: ValveTest | None = None) -> Run:
+    """Simulate a loop on its day, with a valve test if one is given."""
     loop, day = scene.loop, scene.boundary
     options: Any = {"traces": TRACES, "trace_interval": TRACE_INTERVAL_S, "n_jobs": 1}
     ds = simulate(loop, day, test=test, warm_up=scene.warm_up, seed=scene.seed, progress=False, **options)
     traces = {name: ds[name].values for name in TRACES} | {"T_set": day.series["T_set"][0][::TRACE_INTERVAL_S]}
     hours, metrics = ds["elapsed_time"].values / 3600.0, ds.drop_vars(TRACES)
-    reading = "" if test is None else reading_text(ds, float(loop["stroke_time"]))  # type: ignore[arg-type]
+    reading = "" if test is None else describe_reading(ds, float(loop["stroke_time"]))  # type: ignore[arg-type]
     return Run(scene, hours, traces, metrics, reading)
 
 
-def reading_text(ds: xr.Dataset, stroke_time: float) -> str:
-    """Return the result of a valve test in words."""
+def describe_reading(ds: xr.Dataset, stroke_time: float) -> str:
+    """Read the valve test in a simulation, and describe the result."""
     reason = TEST_ABORTED_MEANINGS[int(ds["test_aborted"])].replace("_", " ")
-    early = f"  The test ended early: {reason}." if ds["test_aborted"] else ""
+    ending = f"  The test ended early: {reason}." if ds["test_aborted"] else ""
     if not ds["test"].any():
-        return early.strip()
-    r = read_test(ds[["command", "T_measured", "test"]], stroke_time=stroke_time)
-    low, high = map(format_percent, r.interval)
-    if r.identified:
-        return f"The valve test reads a gap of {format_percent(r.backlash)} (95 %: {low} to {high}).{early}"
-    return f"The valve test shows a gap of {low} to {high} and claims no size: {r.reason}.{early}"
+        return ending.strip()
+    reading = read_test(ds[["command", "T_measured", "test"]], stroke_time=stroke_time)
+    low, high = map(format_percent, reading.interval)
+    if reading.identified:
+        return f"The valve test reads a gap of {format_percent(reading.backlash)} (95 %: {low} to {high}).{ending}"
+    return f"The valve test shows a gap of {low} to {high} and claims no size: {reading.reason}.{ending}"
 
 
 class ExplanationText(NamedTuple):
@@ -346,28 +344,28 @@ class ExplanationText(NamedTuple):
 
 
 def explain_scene(scene: Scenario) -> ExplanationText:
-    """Explain a loop; this takes several times as long as its simulation."""
+    """Return the sentences of ``explain`` on a loop; this takes several times as long as its simulation."""
     e = explain(scene.loop, scene.boundary, warm_up=scene.warm_up, seed=scene.seed)
-    compared = [] if scene.loop["backlash"] else ["The valve has no gap."]
+    comparisons = [] if scene.loop["backlash"] else ["The valve has no gap."]
     for cure, part in ((REPAIRED_VALVE, "the gap"), (NO_INVERSE, "the inverse")):
-        compared += [f"Without {part}: {e.describe_day(cure)}."] if cure in e.cures["cure"].values else []
-    return ExplanationText(e.answer, "  ".join(compared), e.why, e.advice, e.hunting_index)
+        comparisons += [f"Without {part}: {e.describe_day(cure)}."] if cure in e.cures["cure"].values else []
+    return ExplanationText(e.answer, "  ".join(comparisons), e.why, e.advice, e.hunting_index)
 
 
-_SIZES_ON_MAP = tuple(round(0.01 * k, 2) for k in range(16))
-AXES: Mapping[str, Mapping[str, tuple[float, ...]]] = {
+_MAP_GAP_SIZES = tuple(round(0.01 * k, 2) for k in range(16))  # fractions of stroke
+MAP_AXES: Mapping[str, Mapping[str, tuple[float, ...]]] = {
     "tuning": {
         "ti": (4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0, 100.0, 140.0, 200.0, 280.0, 400.0, 560.0, 800.0),
         "kp": (0.002, 0.003, 0.0045, 0.0065, 0.01, 0.015, 0.02, 0.03, 0.045, 0.065, 0.1, 0.15),
     },
-    "size": {"backlash": _SIZES_ON_MAP, "backlash_estimate": _SIZES_ON_MAP},
+    "size": {"backlash": _MAP_GAP_SIZES, "backlash_estimate": _MAP_GAP_SIZES},
 }
 """Parameters along the sides of a map and their values, x first; a map is three or four blocks of lanes."""
 
 
 def simulate_map(axes: str, scene: Scenario) -> Mapping[str, Array]:
     """Simulate all loops of a map: metrics over its two parameters by name, (n_y, n_x)."""
-    (x, along_x), (y, along_y) = AXES[axes].items()
+    (x, along_x), (y, along_y) = MAP_AXES[axes].items()
     swept = scene.loop.assign(**{y: list(along_y), x: list(along_x)})
     ds = simulate(swept, scene.boundary, warm_up=scene.warm_up, seed=scene.seed, n_jobs=1, progress=False)
     return {name: ds[name].transpose(y, x).values for name in ("rmse", "hunting_swing")}
@@ -383,15 +381,15 @@ class Model:
         self.starts = start_loops(study_scenario)
         self.first = preset if study_scenario is None else STUDY_LOOP_NAME
         self._run = lru_cache(200)(self._run_with_test)  # 0.3 MB an entry
-        self._explain = lru_cache(200)(lambda settings: explain_scene(self._scene(settings)))
-        self._map = lru_cache(100)(lambda settings: simulate_map(settings.axes, self._scene(settings)))  # 4 kB an entry
+        self._explain = lru_cache(200)(lambda settings: explain_scene(self._scene_for(settings)))
+        self._map = lru_cache(100)(lambda settings: simulate_map(settings.axes, self._scene_for(settings)))  # 4 kB each
 
-    def _scene(self, settings: Settings) -> Scenario:
+    def _scene_for(self, settings: Settings) -> Scenario:
         return build_scene(settings, self.starts[settings.loop])
 
     def _run_with_test(self, settings: Settings) -> Run:
-        scene = self._scene(settings)
-        return run(scene, build_valve_test(settings, scene))
+        scene = self._scene_for(settings)
+        return simulate_scene(scene, build_valve_test(settings, scene))
 
     def run(self, settings: Settings) -> Run:
         return self._run(loop_settings(settings))
@@ -400,7 +398,7 @@ class Model:
         return self._explain(replace(loop_settings(settings), test="none"))
 
     def map(self, settings: Settings) -> Mapping[str, Array]:
-        """Return the map for some settings, the same for all points on it."""
-        (x, along_x), (y, along_y) = AXES[settings.axes].items()
+        """Simulate the map for these settings, from the cache for all points on it."""
+        (x, along_x), (y, along_y) = MAP_AXES[settings.axes].items()
         point: Any = {x: along_x[-1], y: along_y[0]}
         return self._map(replace(settings, colour="rmse", window="day", test="none", **point))

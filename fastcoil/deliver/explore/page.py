@@ -28,7 +28,7 @@ from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
 from fastcoil.deliver.explore import loop
 from fastcoil.deliver.explore.figures import Change, LoopFigures, MapFigure
-from fastcoil.deliver.explore.loop import AXES, CHOICES, DIALS, STORIES, ExplanationText, Model, Run, Settings
+from fastcoil.deliver.explore.loop import DIALS, MAP_AXES, MENUS, STORIES, ExplanationText, Model, Run, Settings
 from fastcoil.model.engine.lanes import compile_kernel
 from fastcoil.model.numerics.jit import is_compiled
 
@@ -39,8 +39,8 @@ _STYLE_SHEET = """
 .bk-btn { padding: 6px 10px; }
 """
 _TEXT_IDS = ("headline", "compared", "learning", "why", "advice", "note", "problems", "error")
-"""Elements of the template that hold a sentence."""
-_SHOW_SCRIPT = """
+"""Ids of the elements of the page that hold a sentence."""
+_SHOW_CHANGES_SCRIPT = """
 const [changes, texts] = sent.tags
 for (const [id, values] of changes) sent.document.get_model_by_id(id).setv(values, {sync: false})
 for (const id of ids) document.getElementById(id).textContent = texts[id]
@@ -49,13 +49,13 @@ document.body.dataset.learns = texts.learning ? 'yes' : ''
 const search = texts.query ? '?' + texts.query : ''
 if (search !== location.search) history.replaceState(null, '', location.pathname + search)
 """
-_MOVED_SCRIPT = "document.body.dataset.phase = 'loop'"
-_COPY_SCRIPT = """
+_CONTROL_MOVED_SCRIPT = "document.body.dataset.phase = 'loop'"
+_COPY_LINK_SCRIPT = """
 navigator.clipboard.writeText(location.href).then(
     () => { document.getElementById('notice').textContent = 'The link is copied.' },
     () => { document.getElementById('notice').textContent = 'The browser does not let this page copy.' })
 """
-_LOST_SCRIPT = """
+_CONNECTION_LOST_SCRIPT = """
 document.getElementById('headline').textContent =
     'The program behind this page has ended: start fastcoil explore again.'
 document.body.dataset.phase = 'refused'
@@ -63,7 +63,7 @@ document.body.dataset.phase = 'refused'
 
 
 class Page:
-    """The page of one reader.
+    """The page that one reader sees.
 
     Other threads do the work, so that the page always responds: ``simulate_pool`` simulates the loop, ``explain_pool``
     explains it and makes its map.  Of several moves during a simulation only the last counts; a move cancels the
@@ -89,43 +89,43 @@ class Page:
         self._steps: dict[str, dict[str, float]] = {name: {} for name in DIALS}
         empty = {"categories": ["", "…"], "value": "", **style}
         self._dials = {n: CategoricalSlider(title=dial.label, name=n, **empty) for n, dial in DIALS.items()}
-        labels = {"loop": "Begin with"} | {name: choice.label for name, choice in CHOICES.items()}
+        labels = {"loop": "Begin with"} | {name: choice.label for name, choice in MENUS.items()}
         self._menus = {name: Select(title=label, name=name, **style) for name, label in labels.items()}
         for name, slider in self._dials.items():
-            slider.on_change("value", partial(self._on_dial, name))
+            slider.on_change("value", partial(self._on_dial_moved, name))
         for name, menu in self._menus.items():
-            menu.on_change("value", partial(self._on_menu, name))
+            menu.on_change("value", partial(self._on_menu_chosen, name))
         self._build_layout(first_words)
         self._show_waiting()
         self._send(headline=first_words, explained="yes")
         # a request alone computes nothing, only a page in a browser does
-        doc.on_event(DocumentReady, lambda _: self._move(self._settings))
+        doc.on_event(DocumentReady, lambda _: self._change_settings(self._settings))
 
     # --- moves --------------------------------------------------------------------------------------------------------
 
-    def _on_dial(self, name: str, _attribute: str, _old: str, text: str) -> None:
+    def _on_dial_moved(self, name: str, _attribute: str, _old: str, text: str) -> None:
         value: Any = self._steps[name][text]
         if value != getattr(self._settings, name):
-            self._move(replace(self._settings, **{name: value}))
+            self._change_settings(replace(self._settings, **{name: value}))
 
-    def _on_menu(self, name: str, _attribute: str, _old: str, word: str) -> None:
-        settings, changed = self._settings, {name: word}
+    def _on_menu_chosen(self, name: str, _attribute: str, _old: str, word: str) -> None:
+        settings, changes = self._settings, {name: word}
         if word != getattr(settings, name):
             if name == "loop":
-                changed = {"axes": settings.axes, "colour": settings.colour, "window": settings.window}
+                changes = {"axes": settings.axes, "colour": settings.colour, "window": settings.window}
                 settings = loop.initial_settings(word, self._model.starts[word])
-            self._move(replace(settings, **changed))  # type: ignore[arg-type]
+            self._change_settings(replace(settings, **changes))  # type: ignore[arg-type]
 
     def _move_to_cell(self, x: float, y: float) -> None:
-        """Move to a cell of the map, at the nearest steps of its dials."""
-        changed: Any = {}
-        for at, (name, values) in zip((x, y), AXES[self._settings.axes].items(), strict=True):
-            value = values[min(max(round(at), 0), len(values) - 1)]
-            changed[name] = min(self._steps[name].values(), key=lambda step: abs(step - value))  # noqa: B023
-        self._move(replace(self._settings, **changed))
+        """Change the settings to those of a clicked cell of the map, at the nearest steps of its dials."""
+        changes: Any = {}
+        for coordinate, (name, values) in zip((x, y), MAP_AXES[self._settings.axes].items(), strict=True):
+            value = values[min(max(round(coordinate), 0), len(values) - 1)]
+            changes[name] = min(self._steps[name].values(), key=lambda step: abs(step - value))  # noqa: B023
+        self._change_settings(replace(self._settings, **changes))
 
-    def _move(self, settings: Settings) -> None:
-        """Show other settings, as soon as they are computed."""
+    def _change_settings(self, settings: Settings) -> None:
+        """Change the settings, and show the loop that they describe as soon as it is computed."""
         self._settings = settings
         self._show_waiting()
         if self._pending_stage is not None:
@@ -135,17 +135,17 @@ class Page:
             self._on_next_tick(self._compute_until_settled)
 
     def _show_waiting(self) -> None:
-        """Set all controls to the settings, and mark what is shown as outdated."""
+        """Set all controls to the settings, and mark the results shown as outdated."""
         start = self._model.starts[self._settings.loop]
         for name, slider in self._dials.items():
             value = getattr(self._settings, name)
-            steps = {DIALS[name].text(step): step for step in sorted({*DIALS[name].steps, value})}
-            self._steps[name] = steps | {DIALS[name].text(value): value}
-            slider.update(categories=list(steps), value=DIALS[name].text(value))
+            steps = {DIALS[name].value_text(step): step for step in sorted({*DIALS[name].steps, value})}
+            self._steps[name] = steps | {DIALS[name].value_text(value): value}
+            slider.update(categories=list(steps), value=DIALS[name].value_text(value))
         self._dials["m_a"].disabled = self._settings.day in ("own", "steps")
         for name, menu in self._menus.items():
             titles = {n: s.title for n, s in self._model.starts.items()}
-            texts = loop.menu_words(name, start) if name in CHOICES else titles
+            texts = loop.menu_words(name, start) if name in MENUS else titles
             menu.update(options=list(texts.items()), value=getattr(self._settings, name))
         self._send(phase="loop", problems="")
 
@@ -163,9 +163,9 @@ class Page:
                 except asyncio.CancelledError:  # moved on
                     pass
                 except InputError as error:
-                    self._refuse("This loop cannot be simulated.", error.problems)
+                    self._show_refusal("This loop cannot be simulated.", error.problems)
         except Exception:
-            self._refuse("fastcoil failed here: the terminal says where.", [])
+            self._show_refusal("fastcoil failed here: the terminal says where.", [])
             raise
         finally:
             self._is_working = False
@@ -187,7 +187,7 @@ class Page:
         self._on_next_tick(partial(self._show_map, settings, metrics))
 
     async def _run_stage(self, settings: Settings, compute: Callable[[Settings], Any]) -> Any:
-        """Return the explanation or the map; cancelled if the page has moved on."""
+        """Compute the explanation or the map on another thread; cancelled if the settings changed."""
         if settings != self._settings:
             raise asyncio.CancelledError
         self._pending_stage = asyncio.get_running_loop().run_in_executor(self._explain_pool, compute, settings)
@@ -196,31 +196,31 @@ class Page:
     def _show_run(self, settings: Settings, run: Run, *, is_explained: bool) -> None:
         changes = self._figures.show(run, settings.window)
         changes += [] if is_explained else self._figures.show_hunting_index()
-        texts = {"error": run.error, "learning": run.learning, "explained": "yes" if is_explained else ""}
+        texts = {"error": run.error_text, "learning": run.learning_text, "explained": "yes" if is_explained else ""}
         self._send(changes, settings, query=loop.link_query(settings, self._model.starts), phase="words", **texts)
 
     def _show_explanation(self, settings: Settings, run: Run, e: ExplanationText) -> None:
-        texts = {"headline": e.answer, "why": e.why, "compared": run.reading or e.compared, "advice": e.advice}
+        texts = {"headline": e.answer, "why": e.why, "compared": run.reading_text or e.compared, "advice": e.advice}
         self._send(self._figures.show_hunting_index(e.hunting_index), settings, explained="yes", phase="map", **texts)
 
     def _show_map(self, settings: Settings, metrics: Mapping[str, Array] | InputError) -> None:
         if isinstance(metrics, InputError):
             changes, note = self._map.clear(), _join_sentences(["No map", *metrics.problems])
         else:
-            changes, is_on_it = self._map.show(metrics, settings)
-            note = "" if is_on_it else "This loop lies outside the map."
+            changes, is_on_map = self._map.show(metrics, settings)
+            note = "" if is_on_map else "This loop lies outside the map."
         self._turns += 1
         problems = _join_sentences(self._problems)
         self._send(changes, settings, note=note, turn=str(self._turns), problems=problems, phase="")
         self._problems = []
 
-    def _refuse(self, headline: str, sentences: Sequence[str]) -> None:
+    def _show_refusal(self, headline: str, sentences: Sequence[str]) -> None:
         self._explained_settings, empty_texts = None, dict.fromkeys(("compared", "learning", "why", "advice"), "")
         texts = {"headline": headline, "problems": _join_sentences(sentences), "explained": "yes", "phase": "refused"}
         self._on_next_tick(partial(self._send, **texts, **empty_texts))
 
     def _send(self, changes: Sequence[Change] = (), of: Settings | None = None, /, **texts: str) -> None:
-        """Send changes of the figures and texts in one message.  of: their settings; the page may have moved on."""
+        """Send changes of figures and texts to the browser in one message; of: their settings, perhaps outdated."""
         self._texts |= texts if of in (None, self._settings) else texts | {"phase": "loop"}
         self._outbox.tags = [list(changes), dict(self._texts)]
 
@@ -228,27 +228,28 @@ class Page:
 
     def _build_layout(self, first_words: str) -> None:
         doc = self._doc
-        show = CustomJS(code=_SHOW_SCRIPT, args={"sent": self._outbox, "ids": list(_TEXT_IDS)})
-        self._outbox.js_on_change("tags", show)
+        show_changes = CustomJS(code=_SHOW_CHANGES_SCRIPT, args={"sent": self._outbox, "ids": list(_TEXT_IDS)})
+        self._outbox.js_on_change("tags", show_changes)
         for widget in (*self._dials.values(), *self._menus.values()):
-            widget.js_on_change("value", CustomJS(code=_MOVED_SCRIPT))
+            widget.js_on_change("value", CustomJS(code=_CONTROL_MOVED_SCRIPT))
         for fig in (*self._figures.all, self._map.fig):
             doc.add_root(fig)
         menus, wide = self._menus, {"sizing_mode": "stretch_width"}
-        pairs = [Row(menus[a], menus[b], **wide) for a, b in (("valve", "estimator"), ("day", "test"))]
-        doc.add_root(Column(menus["loop"], *self._dials.values(), *pairs, menus["window"], name="controls", **wide))
+        menu_rows = [Row(menus[a], menus[b], **wide) for a, b in (("valve", "estimator"), ("day", "test"))]
+        controls = (menus["loop"], *self._dials.values(), *menu_rows, menus["window"])
+        doc.add_root(Column(*controls, name="controls", **wide))
         doc.add_root(Row(menus["axes"], menus["colour"], name="map-choices", **wide))
         story_settings = {name: loop.story_settings(name, self._model.starts) for name in STORIES}
-        stories = [_make_button(name, partial(self._move, settings)) for name, settings in story_settings.items()]
-        reset = _make_button("Reset", partial(self._move, self._initial_settings))
-        link = _make_button("Copy link")
+        story_buttons = [_make_button(name, partial(self._change_settings, s)) for name, s in story_settings.items()]
+        reset_button = _make_button("Reset", partial(self._change_settings, self._initial_settings))
+        link_button = _make_button("Copy link")
         # a document holds the models of its widgets, through this button also the outbox
-        link.js_on_click(CustomJS(code=_COPY_SCRIPT, args={"sent": self._outbox}))
-        for name, buttons in (("stories", stories), ("tools", [reset, link])):
+        link_button.js_on_click(CustomJS(code=_COPY_LINK_SCRIPT, args={"sent": self._outbox}))
+        for name, buttons in (("stories", story_buttons), ("tools", [reset_button, link_button])):
             doc.add_root(Row(*buttons, name=name, styles={"flex-wrap": "wrap", "gap": "4px"}))
         # texts that were sent before the page was ready cause no change any more
-        doc.js_on_event(DocumentReady, show)
-        doc.js_on_event(ConnectionLost, CustomJS(code=_LOST_SCRIPT))
+        doc.js_on_event(DocumentReady, show_changes)
+        doc.js_on_event(ConnectionLost, CustomJS(code=_CONNECTION_LOST_SCRIPT))
         doc.title = "fastcoil: a valve with a gap"
         doc.template = files("fastcoil.deliver.explore").joinpath("page.html").read_text(encoding="utf-8")
         doc.template_variables["first_words"] = first_words
@@ -266,9 +267,9 @@ def _make_button(title: str, act: Callable[[], None] | None = None) -> Button:
     return button
 
 
-_ADDRESS = "127.0.0.1"  # not reachable from the network
-_HOST_NAMES = ("localhost", _ADDRESS)
-_IDLE_MS = 10_000  # without a connection; then a page and its 2 MB are released
+_SERVER_ADDRESS = "127.0.0.1"  # not reachable from the network
+_HOST_NAMES = ("localhost", _SERVER_ADDRESS)
+_IDLE_LIFETIME_MS = 10_000  # of a page without a connection; then its 2 MB are released
 
 
 class _LocalOnlyMatcher(Matcher):  # type: ignore[misc]
@@ -300,7 +301,7 @@ async def serve(model: Model, port: int, on_ready: Callable[[str], None]) -> Non
     port: 0 takes any free one.  on_ready: called with the address of the page once it can be opened.
     """
     try:
-        listener = socket.create_server((_ADDRESS, port), backlog=128)
+        listener = socket.create_server((_SERVER_ADDRESS, port), backlog=128)
     except OSError as error:
         problem = f"port {port} cannot be used ({error.strerror})"
         cure = f"give another one above 1023, such as --port {max(port, 5009) + 1}"
@@ -316,12 +317,13 @@ async def serve(model: Model, port: int, on_ready: Callable[[str], None]) -> Non
     simulate_pool, explain_pool = ThreadPoolExecutor(2), ThreadPoolExecutor(2)
     compiling = "Compiling the simulator, once: about 10 s.  The page then begins by itself."
 
-    def begin(doc: Document) -> None:
+    def make_page(doc: Document) -> None:
         Page(doc, model, simulate_pool, explain_pool, "Starting …" if is_compiled("emulate") else compiling)
 
     app = BokehTornado(
-        {"/": begin}, extra_websocket_origins=settings.allowed_ws_origin(), secret_key=secrets.token_bytes(32),
-        sign_sessions=True, unused_session_lifetime_milliseconds=_IDLE_MS, check_unused_sessions_milliseconds=_IDLE_MS,
+        {"/": make_page}, extra_websocket_origins=settings.allowed_ws_origin(), secret_key=secrets.token_bytes(32),
+        sign_sessions=True, unused_session_lifetime_milliseconds=_IDLE_LIFETIME_MS,
+        check_unused_sessions_milliseconds=_IDLE_LIFETIME_MS,
         websocket_max_message_size_bytes=2**16, session_token_expiration=60,  # a message of a slider has a few hundred
     )  # fmt: skip
     http = HTTPServer(RuleRouter([Rule(_LocalOnlyMatcher(port), app)]))

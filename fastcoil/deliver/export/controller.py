@@ -16,7 +16,7 @@ import numpy as np
 from fastcoil.base.arguments import raise_problems
 from fastcoil.base.errors import InputError, Problem
 from fastcoil.base.machine import VERSION
-from fastcoil.deliver.export.translate import Port, Translator
+from fastcoil.deliver.export.translate import TranslatedRule, Translator
 from fastcoil.deliver.export.words import add_comment, names_in, number_literal, plain_text
 from fastcoil.loops.clashes import check_clashes
 from fastcoil.loops.labels import unit_in_words
@@ -32,7 +32,7 @@ from fastcoil.model.parameter_table import LARGEST_FLOAT, PARAMETERS
 from fastcoil.model.user_rules import rules_for_kernels
 from fastcoil.model.valve_test import PHASE_OFF, begin_test, held_command, step_test, update_command_mean
 
-ANY_SET_POINTS = np.array([0.0, LARGEST_FLOAT])  # degC; a controller may get any
+ANY_SET_POINTS_C = np.array([0.0, LARGEST_FLOAT])  # to check a controller with: it may get any set-point
 
 
 def run_test(now: Any, p: Any, memory: Any) -> Any:
@@ -82,7 +82,7 @@ class Controller:
         raise_problems([
             Problem(f"{name} is swept: give it one value, a controller has one", name, "shape") for name in loop.swept
         ])  # fmt: skip
-        check_clashes(loop, ANY_SET_POINTS)
+        check_clashes(loop, ANY_SET_POINTS_C)
         rules = rules_for_kernels(loop.rules)
         columns = parameter_columns(loop, {}, np.zeros(1, dtype=np.int64))
         values = parameter_matrix(columns, rules)[:, 0].tolist()
@@ -91,10 +91,10 @@ class Controller:
         self.parameters = loop.parameters
         self.heats = self.word["action"] == "heating"
         self.set_point = 24.0 if self.heats else 14.0  # degC, of its vectors
-        sample, interval = self.number["sample_time"], self.number["learning_interval"]
-        if self.word["estimator"] == "learner" and interval % sample != 0.0:
+        sample_time, interval = self.number["sample_time"], self.number["learning_interval"]
+        if self.word["estimator"] == "learner" and interval % sample_time != 0.0:
             problem = f"learning_interval = {interval:g} s is not a whole number of cycles"
-            cure = f"give a multiple of sample_time, {sample:g} s"
+            cure = f"give a multiple of sample_time, {sample_time:g} s"
             raise InputError(f"{problem}: {cure}", "learning_interval", "conflict")
         estimator = next((e for e in (*ESTIMATORS, *rules.estimators) if e and e.name == self.word["estimator"]), None)
         if estimator is None:
@@ -109,26 +109,27 @@ class Controller:
         self.rests_when_off = estimator is None or estimator.periods is None
         self.pauses_in_test = self.has_test and not (estimator is not None and estimator.sees_test)
         self.estimator_port = self.law_port = None
-        self.test_port: Port | None = None
-        self.ports: list[Port] = []
+        self.test_port: TranslatedRule | None = None
+        self.ports: list[TranslatedRule] = []
         self.sees_air = False
         # used around the rules; the last ones only where there is a rule
-        taken_names = [*names_in(self.text()), *(name.upper() for name in self.number)]
+        taken_names = [*names_in(self.laws_text()), *(name.upper() for name in self.number)]
         taken_names += ["m_a", "T_seen", "decided", "begin_law", "estimate", "assumed", "w"]
         if estimator is not None:
             law_memory_names = [variable for n in (law.Memory._fields if law else ()) for variable in (n, f"{n}_known")]
             function = source_functions.get(estimator.name, estimator.step)
-            self.estimator_port = self._port("estimator", estimator, function, [*taken_names, *law_memory_names])
+            names = [*taken_names, *law_memory_names]
+            self.estimator_port = self._translate_rule("estimator", estimator, function, names)
             taken_names += names_in(self.estimator_port.step)
         if law is not None:
-            self.law_port = self._port("law", law, source_functions.get(law.name, law.step), taken_names)
+            self.law_port = self._translate_rule("law", law, source_functions.get(law.name, law.step), taken_names)
         if self.has_test:
-            self.test_port = self._port("test", VALVE_TEST_RULE, VALVE_TEST_RULE.step, taken_names)
+            self.test_port = self._translate_rule("test", VALVE_TEST_RULE, VALVE_TEST_RULE.step, taken_names)
         self.ports = [port for port in (self.estimator_port, self.law_port, self.test_port) if port is not None]
         self.sees_air = any("m_a" in port.reads for port in self.ports)
 
-    def _port(self, kind: str, rule: Any, function: Any, taken_names: list[str]) -> Port:
-        """Return a rule as laws; a word among its parameters is a number."""
+    def _translate_rule(self, kind: str, rule: Any, function: Any, taken_names: list[str]) -> TranslatedRule:
+        """Translate a rule of the kernel or of the user into laws; a word among its parameters becomes a number."""
         names = rule.Parameters._fields
         if non_ascii_names := [name for name in names if not name.isascii()]:
             cure = f"name {non_ascii_names[0]!r} with letters a to z alone"
@@ -139,13 +140,13 @@ class Controller:
         return Translator(
             kind, rule, function, {name: self.number[name] for name in names},
             literal_names={name for name in names if name in self.word}, estimate=estimate, names=taken_names,
-        ).port()  # fmt: skip
+        ).translate()  # fmt: skip
 
-    def text(self) -> str:
+    def laws_text(self) -> str:
         """Return the laws in Python, without what this controller does not need."""
         number, has_estimator = self.number, self.estimator_port is not None
         has_share, has_buffer_ratio = has_estimator and number["estimate_share"] != 1.0, number["buffer_ratio"] > 0.0
-        parts: dict[str, Any] = {
+        template_values: dict[str, Any] = {
             "controller": self,
             "dead_band": number["error_dead_band"] > 0.0,
             "share": has_share,
@@ -162,15 +163,15 @@ class Controller:
             "version": VERSION,
         }
         template = templates().get_template("controller.py.jinja")
-        used_names = names_in(template.render(parts, parameters=[]))
-        parameters = [self._constant(name) for name in number if name.upper() in used_names]
-        text = template.render(parts, parameters=parameters)
+        used_names = names_in(template.render(template_values, parameters=[]))
+        parameters = [self._constant_line(name) for name in number if name.upper() in used_names]
+        text = template.render(template_values, parameters=parameters)
         text = text if "math." in text else text.replace("import math\n", "", 1)
         text = re.sub(r"\n+(?=(def|class) )", "\n\n\n", text)
         return re.sub(r"\n+(?=# (Parameters|Fixed)|import )", "\n\n", text)
 
     def describe(self) -> str:
-        """Return the parts of the controller in words."""
+        """Describe the parts of the controller in a phrase: a PI law, a backlash inverse and so on."""
         inverse = "a backlash inverse" if self.estimator_port or self.number["backlash_estimate"] > 0.0 else ""
         parts = [
             f"the law {self.word['law']}" if self.law_port else "a PI law",
@@ -183,7 +184,8 @@ class Controller:
         ]
         return " and ".join(", ".join(filter(None, parts)).rsplit(", ", 1))
 
-    def _constant(self, name: str) -> str:
+    def _constant_line(self, name: str) -> str:
+        """Return the definition of a parameter as a constant of the laws, with its unit and meaning."""
         unit, text = self.parameters[name].unit, self.parameters[name].text
         unit = "1/(K s)" if unit == "K-1 s-1" else unit_in_words(unit)  # which figures leave as it is
         return add_comment(f"{name.upper()} = {number_literal(self.number[name])}", f"{unit}: {text}" if unit else text)

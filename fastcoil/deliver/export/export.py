@@ -23,7 +23,7 @@ from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.base.files import exists, has_mark, require_output_file, write_atomically
 from fastcoil.base.machine import VERSION
 from fastcoil.deliver.export.controller import Controller, templates
-from fastcoil.deliver.export.languages import CPrinter, StructuredTextPrinter, st_literal
+from fastcoil.deliver.export.languages import CPrinter, StructuredTextPrinter, structured_text_literal
 from fastcoil.deliver.export.printer import Laws
 from fastcoil.deliver.export.vectors import FLAG_INPUTS, Vectors, make_vectors, run_cycles
 from fastcoil.deliver.export.words import number_literal, plain_text
@@ -31,7 +31,7 @@ from fastcoil.loops.loop import Loop
 from fastcoil.loops.valve_test import ValveTest
 
 SUFFIXES = {"c": ".c", "st": ".st", "python": ".py", "fmu": ".fmu", "plcopen": ".xml"}  # by language
-_MARK = b"ritten by fastcoil "  # in the head of every file
+_FILE_MARK = b"ritten by fastcoil "  # in the head of every exported file, which may be overwritten
 
 
 def export_controller(
@@ -92,10 +92,10 @@ def export_controller(
         raise InputError(f"path = {short_repr(str(path))}: {cure}", "path", "path")
     loop = loop if test is None else loop.assign(**test.parameters())
     controller = Controller(loop)
-    text = controller.text()
+    text = controller.laws_text()
     try:
         vectors = make_vectors(loop, controller, text)
-        problem = _translation_fault(text, vectors) if controller.user_rules else ""
+        problem = _describe_translation_error(text, vectors) if controller.user_rules else ""
     except ArithmeticError as error:
         problem = f"a cycle of its vectors has a {error}"
     if problem:
@@ -104,7 +104,7 @@ def export_controller(
         raise InputError(sentence, next(iter(controller.user_rules), "loop"), "code")
     files = _file_contents(path, language, text, vectors, controller)
     # the user's files, such as a rule in mine.py beside the loop in mine.toml
-    foreign_files = [file for file in map(path.with_name, files) if exists(file) and not has_mark(file, _MARK)]
+    foreign_files = [file for file in map(path.with_name, files) if exists(file) and not has_mark(file, _FILE_MARK)]
     cure = "exists, and fastcoil did not write it: choose another name, or delete it"
     raise_problems([Problem(f"{file} {cure}", "path", "path") for file in foreign_files])
     for name, content in files.items():
@@ -113,7 +113,7 @@ def export_controller(
 
 
 def _program_name(path: Path) -> str:
-    """Return the file's name as part of names in a program."""
+    """Return the stem of a file in letters that a program may have in its names."""
     name = re.sub(r"[^A-Za-z0-9]+", "_", path.stem).strip("_")
     return f"c_{name}" if name[:1].isdigit() else name
 
@@ -121,50 +121,51 @@ def _program_name(path: Path) -> str:
 def _file_contents(
     path: Path, language: str, text: str, vectors: Vectors, controller: Controller
 ) -> dict[str, str | bytes]:
+    """Return the content of each file of an export, by its name: code, test vectors, a check in Structured Text."""
     name, vectors_file = _program_name(path), f"{path.stem}_vectors.csv"
     template_values = {
         "name": name, "file": path.name, "vectors": vectors_file, "inputs": vectors.inputs, "outputs": vectors.outputs,
-        "size": vectors.size, "checksum": f"{vectors.checksum:08x}",
+        "size": vectors.n_cycles, "checksum": f"{vectors.checksum:08x}",
     }  # fmt: skip
-    files: dict[str, str | bytes] = {vectors_file: vectors.csv(path.name, controller.number["sample_time"])}
+    files: dict[str, str | bytes] = {vectors_file: vectors.csv_text(path.name, controller.number["sample_time"])}
     code: str | bytes
     if language == "c":
-        check = _render_check("c", template_values | {"columns": len(vectors.columns)})
-        code = CPrinter(Laws(text), name).text() + check
+        check = _render_check_program("c", template_values | {"columns": len(vectors.columns)})
+        code = CPrinter(Laws(text), name).code_text() + check
     elif language == "python":
-        code = text.rstrip() + "\n" + _render_check("py", template_values | {"zeros": "zeros(" in text})
+        code = text.rstrip() + "\n" + _render_check_program("py", template_values | {"zeros": "zeros(" in text})
     elif language == "fmu":
-        code = fmu(controller, text, name, vectors)
+        code = make_fmu(controller, text, name, vectors)
     elif language == "plcopen":
         template = templates().get_template("plcopen.xml.jinja")
         code = template.render(name=name, block=StructuredTextPrinter(Laws(text), name), escape=escape, version=VERSION)
     else:
-        code = StructuredTextPrinter(Laws(text), name).text()
-        n = min(400, vectors.size)  # in the program itself, which cannot read files
+        code = StructuredTextPrinter(Laws(text), name).code_text()
+        n = min(400, vectors.n_cycles)  # in the program itself, which cannot read files
         columns = {}
         for column, values in vectors.columns.items():
             # NaN has no literal; a number far beyond the limits is refused as well
-            literals = map(st_literal, np.nan_to_num(values[:n], True, -1e30, 1e30, -1e30))
+            literals = map(structured_text_literal, np.nan_to_num(values[:n], True, -1e30, 1e30, -1e30))
             columns[column] = "\n        ".join(wrap(", ".join(literals), 92))
-        files[f"{path.stem}_check.st"] = _render_check("st", template_values | {"n": n, "columns": columns})
+        files[f"{path.stem}_check.st"] = _render_check_program("st", template_values | {"n": n, "columns": columns})
     return {path.name: code, **files}
 
 
-def _translation_fault(text: str, vectors: Vectors) -> str:
-    """Return the first cycle in which the translation of a user's rule differs from the kernel; empty if none does."""
+def _describe_translation_error(text: str, vectors: Vectors) -> str:
+    """Describe the first cycle in which a translated rule of the user differs from the kernel; empty if none does."""
     inputs = {name: vectors.columns[name] for name in vectors.inputs}
-    expected = np.array([vectors.columns[name] for name in vectors.outputs])
-    deviation = np.abs(np.array(list(run_cycles(text, inputs, vectors.outputs))).T - expected).max(axis=0)
+    expected_outputs = np.array([vectors.columns[name] for name in vectors.outputs])
+    deviation = np.abs(np.array(list(run_cycles(text, inputs, vectors.outputs))).T - expected_outputs).max(axis=0)
     for cycle in np.flatnonzero(~(deviation <= 1e-12)):  # exp and log may differ in the last digit
         return f"cycle {cycle} of its vectors is off by {deviation[cycle]:.2g}"
     return ""
 
 
-def _render_check(kind: str, template_values: dict[str, object]) -> str:
+def _render_check_program(kind: str, template_values: dict[str, object]) -> str:
     return templates().get_template(f"check.{kind}.jinja").render(template_values, version=VERSION)
 
 
-_BASE_UNITS = {
+_FMI_BASE_UNITS = {
     "degC": 'K="1" offset="273.15"', "K": 'K="1"', "K-1": 'K="-1"', "s": 's="1"', "s-1": 's="-1"',
     "min": 's="1" factor="60"', "kg s-1": 'kg="1" s="-1"', "K-1 s-1": 'K="-1" s="-1"', "1": "",
 }  # fmt: skip
@@ -182,16 +183,16 @@ class _Variable(NamedTuple):
     is_flag: bool = False
 
 
-def fmu(controller: Controller, text: str, name: str, vectors: Vectors) -> bytes:
+def make_fmu(controller: Controller, text: str, name: str, vectors: Vectors) -> bytes:
     """Return the content of an FMU, the same bytes with the same compiler; warn if it has no binary."""
     laws = Laws(text)
-    variables = _variables(controller, laws, vectors)
+    variables = _model_variables(controller, laws, vectors)
     template_values = {
-        "controller": controller, "name": name, "version": VERSION, "text": _xml_text(controller.describe()),
+        "controller": controller, "name": name, "version": VERSION, "text": _escape_for_xml(controller.describe()),
         "inputs": vectors.inputs, "outputs": vectors.outputs, "flags": FLAG_INPUTS, "variables": variables,
-        "units": {variable.unit: _BASE_UNITS.get(variable.unit) for variable in variables if not variable.is_flag},
+        "units": {variable.unit: _FMI_BASE_UNITS.get(variable.unit) for variable in variables if not variable.is_flag},
     }  # fmt: skip
-    code = CPrinter(laws, name).text().encode()
+    code = CPrinter(laws, name).code_text().encode()
     files = {"modelDescription.xml": b"", "sources/fmi2.c": b"", "sources/controller.c": code}
     guid = ""
     for _ in range(2):  # the second time with the identifier of the first
@@ -205,18 +206,18 @@ def fmu(controller: Controller, text: str, name: str, vectors: Vectors) -> bytes
         for path, content in files.items():
             info = zipfile.ZipInfo(path)  # dated 1980, for the same bytes
             info.external_attr = 0o644 << 16
-            # the description begins with ``_MARK``, uncompressed
+            # the description begins with ``_FILE_MARK``, uncompressed
             info.compress_type = zipfile.ZIP_STORED if path.endswith("xml") else zipfile.ZIP_DEFLATED
             archive.writestr(info, content)
     return stream.getvalue()
 
 
-def _variables(controller: Controller, laws: Laws, vectors: Vectors) -> list[_Variable]:
+def _model_variables(controller: Controller, laws: Laws, vectors: Vectors) -> list[_Variable]:
     """Return inputs and outputs in the order of the vectors, then the parameters that are constants of the code."""
     start = {"T_sup": controller.set_point, "T_set": controller.set_point, "m_a": -1.0, "enabled": 1.0}
     units = {"T_sup": "degC", "T_set": "degC", "m_a": "kg s-1"}
     declarations = (*laws.fields, *laws.functions["step"].arguments)
-    texts = {declaration.name: _xml_text(declaration.description) for declaration in declarations}
+    texts = {declaration.name: _escape_for_xml(declaration.description) for declaration in declarations}
     variables = []
     for name in vectors.inputs:
         value = number_literal(start.get(name, 0.0))
@@ -226,11 +227,11 @@ def _variables(controller: Controller, laws: Laws, vectors: Vectors) -> list[_Va
     for name, p in controller.parameters.items():
         if name.upper() in constants and name not in vectors.columns:
             value = number_literal(controller.number[name])
-            variables.append(_Variable(name, "local", _xml_text(p.text), _xml_text(p.unit or "1"), value))
+            variables.append(_Variable(name, "local", _escape_for_xml(p.text), _escape_for_xml(p.unit or "1"), value))
     return variables
 
 
-def _xml_text(text: str) -> str:
+def _escape_for_xml(text: str) -> str:
     return escape(plain_text(text))
 
 

@@ -67,7 +67,7 @@ class Formulas(ABC):
         self._begin_round()
 
     def _begin_round(self) -> None:
-        """Begin a round: forget all but names, kinds and which variables may be NaN."""
+        """Begin a round of translation: forget all but names, kinds and which variables may be NaN."""
         self.constants: dict[str, Any] = {}
         self.reassigned_names: set[str] = set()
         self._begin_function()
@@ -81,14 +81,14 @@ class Formulas(ABC):
         self.definitions: dict[str, ast.expr] = {}  # of flags, by name
         return previous_statements
 
-    def _refusal(self, problem: str, cure: str) -> InputError:
+    def _export_error(self, problem: str, cure: str) -> InputError:
         place = f"{self.source_line}: " if self.source_line else ""
         alternative = f"{'an estimator' if self.kind == 'estimator' else 'the law'} of fastcoil"
         sentence = f"{self.kind} = {self.rule!r} cannot be exported: {place}{problem}: {cure}, or export the loop with "
         return InputError(sentence + alternative, self.kind, "code")
 
-    def _unsupported_syntax(self, node: ast.AST) -> InputError:
-        return self._refusal(f"it has {ast.unparse(node)}", f"use {ALLOWED_SYNTAX}")
+    def _syntax_error(self, node: ast.AST) -> InputError:
+        return self._export_error(f"it has {ast.unparse(node)}", f"use {ALLOWED_SYNTAX}")
 
     def _unique_name(self, preferred: str, key: Any) -> str:
         """Return a name that is free in all languages; key: what it stands for."""
@@ -105,7 +105,8 @@ class Formulas(ABC):
         """Return the name of a variable of the current call."""
         return self._unique_name(preferred, (self.path, key))
 
-    def _variable(self, name: str) -> Number:
+    def _variable_value(self, name: str) -> Number:
+        """Return a variable as a number, of unknown value."""
         flags = frozenset([f"{name}_known"] if name in self.may_be_nan else [])
         return Number(expression(name), self.kinds.get(name, "real"), None, flags)
 
@@ -118,7 +119,7 @@ class Formulas(ABC):
 
     @contextmanager
     def _separate_block(self, test: ast.expr | None = None, truth: bool = True) -> Iterator[list[ast.stmt]]:
-        """Collect the statements made inside separately, where a condition is true or false."""
+        """Collect the statements that are made in the block, where ``test`` is true or false, apart from the others."""
         outer_statements, self.statements = self.statements, []
         implied = set() if test is None else implied_conditions(test, truth, self.definitions)
         implied -= self.true_conditions
@@ -129,12 +130,12 @@ class Formulas(ABC):
             self.statements = outer_statements
             self.true_conditions -= implied
 
-    def _branch(
-        self, test: ast.expr, runs: tuple[Callable[[], Any], Callable[[], Any]], name: str = "", key: Any = None
+    def _evaluate_branches(
+        self, test: ast.expr, branches: tuple[Callable[[], Any], Callable[[], Any]], name: str = "", key: Any = None
     ) -> Any:
-        """Return the value of one of two functions, by a condition; ``None`` where only their statements matter."""
+        """Evaluate both branches of a condition, each by a function, and return their common value, if any."""
         results, blocks = [], []
-        for run, truth in zip(runs, (True, False), strict=True):
+        for run, truth in zip(branches, (True, False), strict=True):
             with self._separate_block(test, truth) as block:
                 results.append(run())
             blocks.append(block)
@@ -145,30 +146,30 @@ class Formulas(ABC):
         return value
 
     def _merge_branches(
-        self, name: str, pair: tuple[Any, Any], key: Any, test: ast.expr, blocks: list[list[ast.stmt]]
+        self, name: str, values: tuple[Any, Any], key: Any, test: ast.expr, blocks: list[list[ast.stmt]]
     ) -> Any:
-        """Return one of two values; where they differ, the blocks store them in a variable."""
-        yes, no = pair
+        """Return the common value of two branches; where they differ, both store it in one variable."""
+        yes, no = values
         if isinstance(yes, dict):  # a tuple, by name or place
-            return {n: self._merge_branches(f"{name}_{n}", (part, no[n]), key, test, blocks) for n, part in yes.items()}
+            return {n: self._merge_branches(f"{name}_{n}", (v, no[n]), key, test, blocks) for n, v in yes.items()}
         is_alike = repr(yes.value) == repr(no.value) and ast.unparse(yes.text) == ast.unparse(no.text)
         if is_alike and self._is_steady(yes):
             return yes
-        out = self._local_name(name, key)
-        for block, value, truth in zip(blocks, pair, (True, False), strict=True):
-            with self._separate_block(test, truth) as stored:
-                self._store(out, value)
-            block.extend(stored)
-        return self._variable(out)
+        variable_name = self._local_name(name, key)
+        for block, value, truth in zip(blocks, values, (True, False), strict=True):
+            with self._separate_block(test, truth) as store_statements:
+                self._store_value(variable_name, value)
+            block.extend(store_statements)
+        return self._variable_value(variable_name)
 
-    def _store(self, name: str, value: Number) -> None:
-        """Store a value under a name, with its flag where it may be NaN."""
+    def _store_value(self, name: str, value: Number) -> None:
+        """Add a statement that stores a value in a variable, with a flag where it may be NaN."""
         kinds, flag = self.kinds, f"{name}_known"
         if not value.is_nan and kinds.setdefault(name, "real" if name[:2] == "s." else value.kind) != value.kind:
             if kinds[name] != "real":
                 kinds[name] = "real"
                 raise TranslateAgainError
-            value = self._real(value)
+            value = self._to_real(value)
         flags = self._known_flags(value)
         if (flags or value.is_nan) and name not in self.may_be_nan:
             self.may_be_nan.add(name)
@@ -183,21 +184,21 @@ class Formulas(ABC):
             store = [ast.If(expression(flag), store, [])] if flags else store
         self.statements += [] if value.is_nan else store
 
-    def _bind(self, name: str, value: Any, key: Any, is_reassigned: bool = False) -> Any:
-        """Return a value as later statements may read it; is_reassigned: the variable gets several values."""
+    def _bind_value(self, name: str, value: Any, key: Any, is_reassigned: bool = False) -> Any:
+        """Store a value in a variable if it may change later; return it as later statements may read it."""
         if isinstance(value, dict):
-            kept = {n for n, part in value.items() if not is_reassigned and self._is_steady(part)}
-            bind = partial(self._bind, key=key, is_reassigned=is_reassigned)
-            return {n: part if n in kept else bind(f"{name}_{n}", part) for n, part in value.items()}
+            steady_names = {n for n, part in value.items() if not is_reassigned and self._is_steady(part)}
+            bind = partial(self._bind_value, key=key, is_reassigned=is_reassigned)
+            return {n: part if n in steady_names else bind(f"{name}_{n}", part) for n, part in value.items()}
         if not isinstance(value, Number) or (not is_reassigned and value.is_atom and self._is_steady(value)):
             return value
-        out = self._local_name(name, key)
+        variable_name = self._local_name(name, key)
         if is_reassigned:
-            self.reassigned_names.add(out)
+            self.reassigned_names.add(variable_name)
         elif value.kind == "flag" and self._is_steady(value):
-            self.definitions[out] = value.text
-        self._store(out, value)
-        return self._variable(out)
+            self.definitions[variable_name] = value.text
+        self._store_value(variable_name, value)
+        return self._variable_value(variable_name)
 
     def _is_steady(self, value: Any) -> bool:
         """Whether a value reads no variable that changes."""
@@ -205,7 +206,8 @@ class Formulas(ABC):
 
     # kinds
 
-    def _real(self, number: Number) -> Number:
+    def _to_real(self, number: Number) -> Number:
+        """Convert a whole number or a flag to a real one."""
         if number.kind == "real":
             return number
         if number.value is not None:
@@ -213,57 +215,59 @@ class Formulas(ABC):
         if number.kind == "whole":
             return Number(call_of("float", number.text))
         numbers = (lambda: constant(1.0), lambda: constant(0.0))
-        converted: Number = self._branch(number.text, numbers, "as_number", ast.unparse(number.text))
+        converted: Number = self._evaluate_branches(number.text, numbers, "as_number", ast.unparse(number.text))
         return converted
 
     # expressions
 
-    def _value_of(self, name: str, node: ast.expr, scope: Scope) -> Any:
-        """Evaluate an expression whose value will have a name."""
+    def _evaluate_named(self, name: str, node: ast.expr, scope: Scope) -> Any:
+        """Evaluate an expression; a variable that has to hold its value gets this name."""
         outer_name, self.wanted_name = self.wanted_name, name
-        value = self._value(node, scope)
+        value = self._evaluate(node, scope)
         self.wanted_name = outer_name
         return value
 
-    def _value(self, node: ast.expr, scope: Scope) -> Any:  # noqa: PLR0911 — one for each kind
+    def _evaluate(self, node: ast.expr, scope: Scope) -> Any:  # noqa: PLR0911 — one for each kind
+        """Evaluate an expression: a number, a tuple of them by place, or a function or module that it names."""
         if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):
             return constant(node.value)
         if isinstance(node, ast.Name):
-            return self._look_up(node.id, scope)
+            return self._look_up_name(node.id, scope)
         if isinstance(node, ast.Attribute):
-            return self._attribute(self._value(node.value, scope), node)
+            return self._evaluate_attribute(self._evaluate(node.value, scope), node)
         if isinstance(node, ast.Tuple):
-            return {str(k): self._value(part, scope) for k, part in enumerate(node.elts)}
+            return {str(k): self._evaluate(part, scope) for k, part in enumerate(node.elts)}
         if isinstance(node, ast.UnaryOp):
-            return self._unary(node, self._value(node.operand, scope))
+            return self._evaluate_unary(node, self._evaluate(node.operand, scope))
         if isinstance(node, ast.BoolOp):
             return self._evaluate_bool_op(node, scope)
         if isinstance(node, ast.Compare):
-            values = [self._value(part, scope) for part in (node.left, *node.comparators)]
+            values = [self._evaluate(part, scope) for part in (node.left, *node.comparators)]
             signs = zip(node.ops, values, values[1:], strict=False)
-            return self._join_flags(ast.And(), [self._compare(*comparison) for comparison in signs])
+            return self._join_flags(ast.And(), [self._evaluate_comparison(*comparison) for comparison in signs])
         if isinstance(node, ast.BinOp):
-            sides = (self._value(part, scope) for part in (node.left, node.right))
-            left, right = (self._real(part) if part.kind == "flag" else part for part in sides)
-            return self._arithmetic(node.op, left, right)
+            sides = (self._evaluate(part, scope) for part in (node.left, node.right))
+            left, right = (self._to_real(part) if part.kind == "flag" else part for part in sides)
+            return self._evaluate_arithmetic(node.op, left, right)
         if isinstance(node, ast.IfExp):
-            test, body, orelse = self._flag(self._value(node.test, scope)), node.body, node.orelse
+            test, body, orelse = self._to_flag(self._evaluate(node.test, scope)), node.body, node.orelse
             if test.value is not None:
-                return self._value(body if test.value else orelse, scope)
-            runs = (lambda: self._value(body, scope), lambda: self._value(orelse, scope))
-            return self._branch(test.text, runs, self.wanted_name, id(node))
+                return self._evaluate(body if test.value else orelse, scope)
+            branches = (lambda: self._evaluate(body, scope), lambda: self._evaluate(orelse, scope))
+            return self._evaluate_branches(test.text, branches, self.wanted_name, id(node))
         if isinstance(node, ast.Subscript):
-            return self._element(node, scope)
+            return self._evaluate_element(node, scope)
         if isinstance(node, ast.Call):
-            return self._call(node, scope)
-        raise self._unsupported_syntax(node)
+            return self._evaluate_call(node, scope)
+        raise self._syntax_error(node)
 
     @abstractmethod
-    def _call(self, node: ast.Call, scope: Scope) -> Any: ...
+    def _evaluate_call(self, node: ast.Call, scope: Scope) -> Any: ...
 
     # names
 
-    def _look_up(self, name: str, scope: Scope) -> Any:
+    def _look_up_name(self, name: str, scope: Scope) -> Any:
+        """Return what a name stands for: a local value, one of the module, or a builtin."""
         python = scope.function
         if name in scope.names:
             return scope.names[name]
@@ -272,7 +276,7 @@ class Formulas(ABC):
         return self._lift_constant(name, outer[name]) if name in outer else getattr(builtins, name)
 
     def _lift_constant(self, name: str, value: Any) -> Any:
-        """Return the value of a name of the module; numbers become constants of the laws."""
+        """Return a value of the user's module; numbers and tables become constants of the laws, under this name."""
         value = value.item() if isinstance(value, (np.number, np.bool_)) else value
         if isinstance(value, (int, float)):
             number = constant(value)
@@ -285,71 +289,71 @@ class Formulas(ABC):
         return value
 
     def _module_constant(self, name: str, value: Any) -> str:
-        """Return the name of a constant of the laws with this value."""
+        """Return the name of the constant of the laws that has this value; make one if there is none."""
         constant_name = self._unique_name(plain_text(name).strip("_").upper(), ("constant", repr(value)))
         self.constants[constant_name] = value
         return constant_name
 
-    def _attribute(self, of: Any, node: ast.Attribute) -> Any:
-        if isinstance(of, dict) and node.attr in of:
-            return of[node.attr]
-        if isinstance(of, ModuleType) and hasattr(of, node.attr):
-            value = getattr(of, node.attr)
+    def _evaluate_attribute(self, owner: Any, node: ast.Attribute) -> Any:
+        if isinstance(owner, dict) and node.attr in owner:
+            return owner[node.attr]
+        if isinstance(owner, ModuleType) and hasattr(owner, node.attr):
+            value = getattr(owner, node.attr)
             return constant(value) if isinstance(value, float) else value
-        raise self._unsupported_syntax(node)
+        raise self._syntax_error(node)
 
-    def _element(self, node: ast.Subscript, scope: Scope) -> Any:
-        of, index = self._value(node.value, scope), self._value(node.slice, scope)
-        if isinstance(of, dict):
-            return [*of.values()][index.value]
-        if index.value is not None and of.values:
-            return constant(of.values[index.value])
-        return Number(ast.Subscript(expression(of.name), index.text))
+    def _evaluate_element(self, node: ast.Subscript, scope: Scope) -> Any:
+        table, index = self._evaluate(node.value, scope), self._evaluate(node.slice, scope)
+        if isinstance(table, dict):
+            return [*table.values()][index.value]
+        if index.value is not None and table.values:
+            return constant(table.values[index.value])
+        return Number(ast.Subscript(expression(table.name), index.text))
 
     # conditions
 
-    def _flag(self, number: Number) -> Number:
-        """Return a truth value; of a number, whether it is not 0."""
+    def _to_flag(self, number: Number) -> Number:
+        """Convert a number to a truth value: whether it is not 0."""
         if number.kind != "flag":
-            return self._compare(ast.NotEq(), number, constant(0 if number.kind == "whole" else 0.0))
+            return self._evaluate_comparison(ast.NotEq(), number, constant(0 if number.kind == "whole" else 0.0))
         return number
 
     @staticmethod
-    def _join_flags(sign: ast.boolop, parts: list[Number]) -> Number:
+    def _join_flags(sign: ast.boolop, flags: list[Number]) -> Number:
         """Join flags by and, or by or, without those whose value is known."""
         is_and = isinstance(sign, ast.And)
-        if any(part.value is not None and bool(part.value) != is_and for part in parts):
+        if any(part.value is not None and bool(part.value) != is_and for part in flags):
             return constant(not is_and)
-        unknown = [part.text for part in parts if part.value is None]
+        unknown = [part.text for part in flags if part.value is None]
         return Number(join_conditions(sign, unknown), "flag") if unknown else constant(is_and)
 
     def _evaluate_bool_op(self, node: ast.BoolOp, scope: Scope) -> Number:
         """Evaluate ``and`` or ``or``: the operands further right only where they matter."""
-        is_and, parts = isinstance(node.op, ast.And), [self._flag(self._value(node.values[0], scope))]
+        is_and, flags = isinstance(node.op, ast.And), [self._to_flag(self._evaluate(node.values[0], scope))]
         for operand in node.values[1:]:
-            first = self._join_flags(node.op, parts)
-            if first.value is not None and bool(first.value) != is_and:
-                return first
-            with self._separate_block(first.text, is_and) as block:
-                parts.append(self._flag(self._value(operand, scope)))
+            flag_so_far = self._join_flags(node.op, flags)
+            if flag_so_far.value is not None and bool(flag_so_far.value) != is_and:
+                return flag_so_far
+            with self._separate_block(flag_so_far.text, is_and) as block:
+                flags.append(self._to_flag(self._evaluate(operand, scope)))
             if block:
                 name = self._local_name("holds", id(operand))
-                self._store(name, first)
-                block.append(assignment(name, parts[-1].text))
+                self._store_value(name, flag_so_far)
+                block.append(assignment(name, flags[-1].text))
                 self.statements.append(ast.If(ast.Name(name) if is_and else negation(ast.Name(name)), block, []))
-                parts = [self._variable(name)]
-        return self._join_flags(node.op, parts)
+                flags = [self._variable_value(name)]
+        return self._join_flags(node.op, flags)
 
-    def _compare(self, sign: ast.cmpop, left: Number, right: Number) -> Number:
+    def _evaluate_comparison(self, sign: ast.cmpop, left: Number, right: Number) -> Number:
         """Compare two numbers; with NaN only != holds."""
         holds = _OPERATORS[type(sign)]
-        left, right = (self._real(side) if side.kind == "flag" else side for side in (left, right))
+        left, right = (self._to_real(side) if side.kind == "flag" else side for side in (left, right))
         if left.is_nan or right.is_nan:
             return constant(isinstance(sign, ast.NotEq))
         if left.value is not None and right.value is not None:
             return constant(bool(holds(left.value, right.value)))
         if left.kind != right.kind:
-            left, right = self._real(left), self._real(right)
+            left, right = self._to_real(left), self._to_real(right)
         flags, test = self._known_flags(left, right), ast.Compare(left.text, [sign], [right.text])
         if isinstance(sign, ast.NotEq):
             return Number(join_conditions(ast.Or(), [*map(negation, flags), test]), "flag")
@@ -357,31 +361,31 @@ class Formulas(ABC):
 
     # arithmetic
 
-    def _unary(self, node: ast.UnaryOp, value: Number) -> Number:
+    def _evaluate_unary(self, node: ast.UnaryOp, value: Number) -> Number:
         if isinstance(node.op, ast.Not):
-            number = self._flag(value)
+            number = self._to_flag(value)
             return Number(negation(number.text), "flag") if number.value is None else constant(not number.value)
         if not isinstance(node.op, ast.USub):
-            raise self._unsupported_syntax(node)
-        number = self._real(value) if value.kind == "flag" else value
+            raise self._syntax_error(node)
+        number = self._to_real(value) if value.kind == "flag" else value
         if isinstance(number.text, ast.Constant):
             return constant(-number.value)
         result = None if number.value is None else -number.value
         return replace(number, text=ast.UnaryOp(ast.USub(), number.text), value=result)
 
-    def _arithmetic(self, sign: ast.operator, left: Number, right: Number) -> Number:
+    def _evaluate_arithmetic(self, sign: ast.operator, left: Number, right: Number) -> Number:
         if isinstance(sign, ast.Pow):
-            return self._power(left, right)
+            return self._evaluate_power(left, right)
         if isinstance(sign, (ast.FloorDiv, ast.Mod)):
             is_whole = left.kind == right.kind == "whole" and isinstance(sign, ast.FloorDiv)
-            ratio = self._arithmetic(ast.Div(), left, right)
+            ratio = self._evaluate_arithmetic(ast.Div(), left, right)
             floor = self._apply_function("int" if is_whole else "math.floor", [ratio])
             if isinstance(sign, ast.FloorDiv):
                 return floor
-            return self._arithmetic(ast.Sub(), left, self._arithmetic(ast.Mult(), floor, right))
+            return self._evaluate_arithmetic(ast.Sub(), left, self._evaluate_arithmetic(ast.Mult(), floor, right))
         operation = _OPERATORS[type(sign)]
         if left.kind != right.kind or isinstance(sign, ast.Div):
-            left, right = self._real(left), self._real(right)
+            left, right = self._to_real(left), self._to_real(right)
         if isinstance(sign, ast.Mult):
             for factor, other_factor in ((left, right), (right, left)):
                 if isinstance(factor.text, ast.Constant) and factor.value == 1:
@@ -396,27 +400,27 @@ class Formulas(ABC):
                 return constant(value)
         return Number(ast.BinOp(left.text, sign, right.text), left.kind, value, left.known_flags | right.known_flags)
 
-    def _power(self, left: Number, right: Number) -> Number:
+    def _evaluate_power(self, left: Number, right: Number) -> Number:
         if right.value not in (2, 3):
-            left, right = self._real(left), self._real(right)
+            left, right = self._to_real(left), self._to_real(right)
             return Number(call_of("math.pow", left.text, right.text), known_flags=left.known_flags | right.known_flags)
         if not left.is_atom:
             name = self._local_name("x", ast.unparse(left.text))
-            self._store(name, left)
-            left = self._variable(name)
-        square = self._arithmetic(ast.Mult(), left, left)
-        return square if right.value == 2 else self._arithmetic(ast.Mult(), square, left)
+            self._store_value(name, left)
+            left = self._variable_value(name)
+        square = self._evaluate_arithmetic(ast.Mult(), left, left)
+        return square if right.value == 2 else self._evaluate_arithmetic(ast.Mult(), square, left)
 
     def _apply_function(self, name: str, arguments: list[Number]) -> Number:
-        """Evaluate a function that the languages have."""
+        """Evaluate a call of one of ``FUNCTIONS``, by its name there."""
         if name == "bool":
-            return self._flag(arguments[0])
+            return self._to_flag(arguments[0])
         if name == "isnan":
             if flags := self._known_flags(arguments[0]):
                 return Number(negation(join_conditions(ast.And(), flags)), "flag")
             return constant(arguments[0].is_nan)
         is_whole = name in ("min", "max", "abs") and all(number.kind == "whole" for number in arguments)
-        numbers = arguments if is_whole else [self._real(number) for number in arguments]
+        numbers = arguments if is_whole else [self._to_real(number) for number in arguments]
         if name == "float":
             return numbers[0]
         while len(numbers) > 2:

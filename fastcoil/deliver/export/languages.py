@@ -10,8 +10,8 @@ import ast
 from textwrap import wrap
 from typing import ClassVar, NamedTuple
 
-from fastcoil.deliver.export.printer import Declaration, Function, Laws, Printer, statements_in
-from fastcoil.deliver.export.words import WIDTH, break_line, number_literal
+from fastcoil.deliver.export.printer import Declaration, Function, Laws, Printer, nested_statements
+from fastcoil.deliver.export.words import LINE_WIDTH, break_line, number_literal
 
 _PUBLIC_FUNCTIONS = ("start", "step")
 
@@ -39,60 +39,60 @@ class CPrinter(Printer):
         self.functions |= {function: function for function in laws.functions}
         self.functions |= {function: f"{name}_{function}" for function in _PUBLIC_FUNCTIONS}
 
-    def text(self) -> str:
+    def code_text(self) -> str:
         laws = self.laws
-        fields = "\n".join(self.declaration_lines(laws.fields, self._field, "    "))
-        state = self.comment(f"{laws.state_text}\n\nOne full of zeros starts by itself.")
+        fields = "\n".join(self.declaration_lines(laws.fields, self._field_text, "    "))
+        state = self.comment_text(f"{laws.state_text}\n\nOne full of zeros starts by itself.")
         parts = [
-            self.comment(f"{laws.text}\nGCC and Clang need -ffp-contract=off for that, and never -ffast-math."),
+            self.comment_text(f"{laws.text}\nGCC and Clang need -ffp-contract=off for that, and never -ffast-math."),
             "#include <math.h>\n#include <stdbool.h>\n#include <string.h>",
-            "\n".join(self.declaration_lines(laws.constants, self._constant)),
+            "\n".join(self.declaration_lines(laws.constants, self._constant_text)),
             f"{state}\ntypedef struct {{\n{fields}\n}} {self.struct_name};",
-            "\n".join(f"{self._head(laws.functions[function])};" for function in _PUBLIC_FUNCTIONS),
-            *(self._function(function) for function in laws.functions.values()),
+            "\n".join(f"{self._signature_text(laws.functions[function])};" for function in _PUBLIC_FUNCTIONS),
+            *(self._function_text(function) for function in laws.functions.values()),
         ]
         return "\n\n".join(parts) + "\n"
 
-    def _constant(self, constant: Declaration) -> str:
+    def _constant_text(self, constant: Declaration) -> str:
         if isinstance(constant.value, list):
-            numbers = wrap(", ".join(map(number_literal, constant.value)), WIDTH - 4)
+            numbers = wrap(", ".join(map(number_literal, constant.value)), LINE_WIDTH - 4)
             head = f"static const double {constant.name}[{len(constant.value)}] = {{"
             return "\n    ".join([head, *numbers]) + "\n};"
-        value = self.constant(constant.value)
+        value = self.constant_text(constant.value)
         return f"#define {constant.name} {f'({value})' if constant.value < 0 else value}"
 
-    def _field(self, field: Declaration) -> str:
+    def _field_text(self, field: Declaration) -> str:
         return f"{self.TYPES[field.kind]} {field.name}{f'[{field.size}]' if field.size else ''};"
 
-    def _head(self, function: Function) -> str:
+    def _signature_text(self, function: Function) -> str:
         arguments = [f"{self.TYPES[argument.kind]} {argument.name}" for argument in function.arguments]
         arguments = [f"{self.struct_name} *s", *arguments] if function.is_section else arguments
         static = "" if function.name in _PUBLIC_FUNCTIONS else "static "
         head = f"{static}{self.TYPES[function.returns]} {self.functions[function.name]}({', '.join(arguments)})"
         return "\n".join(break_line(head, r"(?<=,) "))
 
-    def _function(self, function: Function) -> str:
+    def _function_text(self, function: Function) -> str:
         """Print a function; its variables, except the counters of loops, are declared first."""
-        counters = {ast.unparse(node.target) for node in statements_in(function.body) if isinstance(node, ast.For)}
+        counters = {ast.unparse(node.target) for node in nested_statements(function.body) if isinstance(node, ast.For)}
         zeros = {"real": "0.0", "flag": "false", "whole": "0"}
-        lines = [self.comment(function.text), self._head(function), "{"]
-        for name, kind in self.locals_of(function.body, function.kinds).items():
+        lines = [self.comment_text(function.text), self._signature_text(function), "{"]
+        for name, kind in self.kinds_of_locals(function.body, function.argument_kinds).items():
             lines += [f"    {self.TYPES[kind]} {name} = {zeros[kind]};"] if name not in counters else []
-        return "\n".join([*lines, *self.block(function.body, 1), "}"])
+        return "\n".join([*lines, *self.block_lines(function.body, 1), "}"])
 
-    def _term(self, node: ast.expr) -> str:
+    def _term_text(self, node: ast.expr) -> str:
         if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Call):  # fmin of whole numbers is a double
             return f"{self.expression_text(node.value)}[(int){self.expression_text(node.slice)}]"
-        return super()._term(node)
+        return super()._term_text(node)
 
 
 OUTPUT_FIELDS = ("command", "u", "integral_part", "e", "rising", "switches", "estimate", "test", "test_aborted")
 _INDENT = "    "
-_INTERMEDIATE = "VAR  (* Intermediate values. *)"
+_INTERMEDIATE_SECTION = "VAR  (* Intermediate values. *)"
 
 
-class Unit(NamedTuple):
-    """A function, or the block, which ``returns`` nothing; ``variables`` by the opening of their section."""
+class ProgramUnit(NamedTuple):
+    """A function or the function block, which ``returns`` nothing; ``variables`` by the opening of their section."""
 
     name: str
     returns: str
@@ -102,7 +102,7 @@ class Unit(NamedTuple):
 
 
 _MISSING_FUNCTIONS = {
-    "math.floor": Unit(
+    "math.floor": ProgramUnit(
         "floor", "real", "Largest whole number up to x, between -2E9 and 2E9.",
         {"VAR_INPUT": [Declaration("x", "real")], "VAR": [Declaration("whole", "real")]},
         [
@@ -110,12 +110,12 @@ _MISSING_FUNCTIONS = {
             "{} := whole;",
         ],
     ),
-    "math.tanh": Unit(
+    "math.tanh": ProgramUnit(
         "tanh", "real", "Hyperbolic tangent.", {"VAR_INPUT": [Declaration("x", "real")]},
         ["{} := 1.0 - 2.0 / (EXP(2.0 * MAX(MIN(x, 20.0), -20.0)) + 1.0);"],
     ),
 }  # fmt: skip
-"""Functions that the standard does not have, with {} for their name."""
+"""Functions that Structured Text does not have, by those of Python, with {} for their name."""
 
 
 class StructuredTextPrinter(Printer):
@@ -144,26 +144,27 @@ class StructuredTextPrinter(Printer):
         functions = [function.name for function in laws.functions.values() if not function.is_section]
         self.functions |= self.missing_functions | {function: f"F_{name}_{function}" for function in functions}
 
-    def text(self) -> str:
-        return "\n\n".join([self.comment(self.laws.text), *map(self._unit_text, self.units())]) + "\n"
+    def code_text(self) -> str:
+        return "\n\n".join([self.comment_text(self.laws.text), *map(self._unit_text, self.units())]) + "\n"
 
-    def units(self) -> list[Unit]:
-        """Return the functions, and the block at the end."""
+    def units(self) -> list[ProgramUnit]:
+        """Return the functions as units, and the function block at the end."""
         units = []
         for word, name in self.missing_functions.items():
             unit = _MISSING_FUNCTIONS[word]
             units.append(unit._replace(name=name, body=[line.format(name) for line in unit.body]))
-        units += [self._function(function) for function in self.laws.functions.values() if not function.is_section]
-        return [*units, self._block()]
+        units += [self._function_unit(function) for function in self.laws.functions.values() if not function.is_section]
+        return [*units, self._block_unit()]
 
-    def _unit_text(self, unit: Unit) -> str:
+    def _unit_text(self, unit: ProgramUnit) -> str:
+        """Print a function or the function block."""
         if unit.returns:
-            lines = [self.comment(unit.text), f"FUNCTION {unit.name} : {self.TYPES[unit.returns]}"]
+            lines = [self.comment_text(unit.text), f"FUNCTION {unit.name} : {self.TYPES[unit.returns]}"]
         else:
             lines = [f"FUNCTION_BLOCK {unit.name}"]
         for opening, variables in unit.variables.items():
-            declare = self._constant if opening == "VAR CONSTANT" else self._declaration
-            if opening == _INTERMEDIATE:
+            declare = self._constant_text if opening == "VAR CONSTANT" else self._declaration_text
+            if opening == _INTERMEDIATE_SECTION:
                 declarations = self._intermediate_declarations(variables)
             else:
                 declarations = self.declaration_lines(variables, declare, _INDENT)
@@ -171,14 +172,15 @@ class StructuredTextPrinter(Printer):
         lines += unit.body if unit.returns else ["", *unit.body]
         return "\n".join([*lines, "END_FUNCTION" if unit.returns else "END_FUNCTION_BLOCK"])
 
-    def _function(self, function: Function) -> Unit:
+    def _function_unit(self, function: Function) -> ProgramUnit:
         name = self.functions[function.name]
         self.syntax["return"] = f"{name} := {{}};\nRETURN;"
-        body = self.block(function.body, 0)
-        variables = {"VAR_INPUT": function.arguments} | self._locals(function)
-        return Unit(name, function.returns, function.text, variables, body[:-1] if body[-1] == "RETURN;" else body)
+        body = self.block_lines(function.body, 0)
+        variables = {"VAR_INPUT": function.arguments} | self._local_variables(function)
+        body = body[:-1] if body[-1] == "RETURN;" else body
+        return ProgramUnit(name, function.returns, function.text, variables, body)
 
-    def _block(self) -> Unit:
+    def _block_unit(self) -> ProgramUnit:
         laws, step = self.laws, self.laws.functions["step"]
         variables = {
             "VAR_INPUT": step.arguments,
@@ -186,26 +188,27 @@ class StructuredTextPrinter(Printer):
             "VAR CONSTANT": laws.constants,
             f"VAR  (* {laws.state_text} *)": [field for field in laws.fields if field.name not in OUTPUT_FIELDS],
         }
-        return Unit(self.block_name, "", laws.text, variables | self._locals(step), self._inlined_section(step))
+        variables |= self._local_variables(step)
+        return ProgramUnit(self.block_name, "", laws.text, variables, self._inlined_section_lines(step))
 
-    def _locals(self, function: Function) -> dict[str, list[Declaration]]:
-        kinds = self.locals_of(function.body, function.kinds)
-        return {_INTERMEDIATE: [Declaration(name, kind) for name, kind in kinds.items()]} if kinds else {}
+    def _local_variables(self, function: Function) -> dict[str, list[Declaration]]:
+        kinds = self.kinds_of_locals(function.body, function.argument_kinds)
+        return {_INTERMEDIATE_SECTION: [Declaration(name, kind) for name, kind in kinds.items()]} if kinds else {}
 
-    def locals_of(self, body: list[ast.stmt], arguments: dict[str, str]) -> dict[str, str]:
+    def kinds_of_locals(self, body: list[ast.stmt], arguments: dict[str, str]) -> dict[str, str]:
         """Add the variables of the called sections, which are inlined."""
-        kinds = super().locals_of(body, arguments)
-        for node in statements_in(body):
+        kinds = super().kinds_of_locals(body, arguments)
+        for node in nested_statements(body):
             if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
                 section = self.laws.functions[ast.unparse(node.value.func)]
-                values = zip(section.kinds.items(), node.value.args[1:], strict=True)
+                values = zip(section.argument_kinds.items(), node.value.args[1:], strict=True)
                 kinds |= {name: kind for (name, kind), value in values if ast.unparse(value) != name}
-                kinds |= self.locals_of(section.body, section.kinds)
+                kinds |= self.kinds_of_locals(section.body, section.argument_kinds)
             elif isinstance(node, ast.Assign) and ast.unparse(node.value).startswith("zeros("):
                 kinds["i"] = "whole"
         return kinds
 
-    def _declaration(self, variable: Declaration) -> str:
+    def _declaration_text(self, variable: Declaration) -> str:
         array = f"ARRAY[0..{variable.size - 1}] OF " if variable.size else ""
         return f"{variable.name} : {array}{self.TYPES[variable.kind]};"
 
@@ -213,32 +216,33 @@ class StructuredTextPrinter(Printer):
         lines = []
         for kind, word in self.TYPES.items():
             names = [variable.name for variable in variables if variable.kind == kind]
-            lines += wrap(f"{', '.join(names)} : {word};", WIDTH - 4) if names else []
+            lines += wrap(f"{', '.join(names)} : {word};", LINE_WIDTH - 4) if names else []
         return [_INDENT + line for line in lines]
 
-    def _constant(self, constant: Declaration) -> str:
+    def _constant_text(self, constant: Declaration) -> str:
         if isinstance(constant.value, list):
-            numbers = [_INDENT * 2 + line for line in wrap(", ".join(map(st_literal, constant.value)), WIDTH - 8)]
+            literals = ", ".join(map(structured_text_literal, constant.value))
+            numbers = [_INDENT * 2 + line for line in wrap(literals, LINE_WIDTH - 8)]
             head = f"{constant.name} : ARRAY[0..{len(constant.value) - 1}] OF LREAL := ["
             return "\n".join([head, *numbers, f"{_INDENT}];"])
-        return f"{constant.name} : {self.TYPES[constant.kind]} := {self.constant(constant.value)};"
+        return f"{constant.name} : {self.TYPES[constant.kind]} := {self.constant_text(constant.value)};"
 
-    def call(self, function: Function, arguments: list[ast.expr]) -> list[str]:
+    def call_lines(self, function: Function, arguments: list[ast.expr]) -> list[str]:
         """Inline a section, after assignments to its arguments."""
-        pairs = zip(function.kinds, arguments, strict=True)
+        pairs = zip(function.argument_kinds, arguments, strict=True)
         lines = [f"{name} := {self.expression_text(value)};" for name, value in pairs if ast.unparse(value) != name]
-        return [*lines, *self._inlined_section(function), ""]
+        return [*lines, *self._inlined_section_lines(function), ""]
 
-    def _inlined_section(self, function: Function) -> list[str]:
+    def _inlined_section_lines(self, function: Function) -> list[str]:
         # the output is the command
-        lines = self.block(function.body[:-1] if isinstance(function.body[-1], ast.Return) else function.body, 0)
-        return [*self.comment(function.text).splitlines(), *(lines if lines[-1] else lines[:-1])]
+        lines = self.block_lines(function.body[:-1] if isinstance(function.body[-1], ast.Return) else function.body, 0)
+        return [*self.comment_text(function.text).splitlines(), *(lines if lines[-1] else lines[:-1])]
 
-    def number(self, value: float) -> str:
-        return st_literal(value)
+    def number_text(self, value: float) -> str:
+        return structured_text_literal(value)
 
 
-def st_literal(value: float) -> str:
+def structured_text_literal(value: float) -> str:
     """Return a number as a literal of Structured Text: 1.0E-9."""
     mantissa, e, power = number_literal(value).partition("e")
     return mantissa + ("" if "." in mantissa else ".0") + (f"E{power}" if e else "")

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from textwrap import wrap
 from typing import Any, ClassVar
 
-from fastcoil.deliver.export.words import WIDTH, break_line, number_literal
+from fastcoil.deliver.export.words import LINE_WIDTH, break_line, number_literal
 
 _KINDS = {"float": "real", "bool": "flag", "int": "whole", "None": "", "list[float]": "real"}
-"""Types of the laws: every number is a double but for the counters of loops."""
+"""Kind of a value by its Python type in the laws: every number is real but for the counters of loops."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Declaration:
 
 @dataclass(frozen=True)
 class Function:
-    """A function of numbers, or a section, whose first argument is the state."""
+    """A function of the laws: of numbers, or a section, whose first argument is the state."""
 
     name: str
     arguments: list[Declaration]
@@ -37,7 +37,7 @@ class Function:
     is_section: bool
 
     @property
-    def kinds(self) -> dict[str, str]:
+    def argument_kinds(self) -> dict[str, str]:
         return {argument.name: argument.kind for argument in self.arguments}
 
 
@@ -45,7 +45,7 @@ class Laws:
     """The constants, fields and functions in the text of the laws."""
 
     def __init__(self, text: str) -> None:
-        tree, comments = ast.parse(text), _comments(text)
+        tree, comments = ast.parse(text), _comments_by_line(text)
         self.source = text
         self.text, self.state_text = ast.get_docstring(tree) or "", ""
         self.constants: list[Declaration] = []
@@ -57,7 +57,7 @@ class Laws:
                 name, kind = ast.unparse(node.targets[0]), "whole" if isinstance(value, int) else "real"
                 self.constants.append(Declaration(name, kind, comments.get(node.lineno, ""), value))
             elif isinstance(node, ast.FunctionDef):
-                self.functions[node.name] = _function(node, comments)
+                self.functions[node.name] = _parse_function(node, comments)
         sizes = {
             ast.unparse(node.targets[0])[2:]: int(ast.unparse(node.value.args[0]))
             for node in self.functions["start"].body
@@ -76,7 +76,7 @@ class Laws:
         self.kinds |= {function.name: function.returns for function in self.functions.values()}
 
 
-def _comments(text: str) -> dict[int, str]:
+def _comments_by_line(text: str) -> dict[int, str]:
     """Return the comment on each line, behind it or right above it, by the number of the line."""
     comments: dict[int, str] = {}
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
@@ -89,7 +89,8 @@ def _comments(text: str) -> dict[int, str]:
     return comments
 
 
-def _function(node: ast.FunctionDef, comments: dict[int, str]) -> Function:
+def _parse_function(node: ast.FunctionDef, comments: dict[int, str]) -> Function:
+    """Return a function of the laws from its tree; comments: by line."""
     arguments, is_section = [], False
     for argument in node.args.args:
         python_type = ast.unparse(argument.annotation or ast.Name("float"))
@@ -102,7 +103,7 @@ def _function(node: ast.FunctionDef, comments: dict[int, str]) -> Function:
 
 
 _PRECEDENCE = {"or": 1, "and": 2, "compare": 4, "sum": 5, "product": 6, "unary": 7, "whole": 8}
-"""How tightly an operator binds, in both languages."""
+"""How tightly an operator binds, in C and in Structured Text."""
 _OPERATORS: Mapping[type, tuple[str, str]] = {
     ast.Add: ("+", "sum"), ast.Sub: ("-", "sum"), ast.Mult: ("*", "product"), ast.Div: ("/", "product"),
     ast.Lt: ("<", "compare"), ast.LtE: ("<=", "compare"), ast.Gt: (">", "compare"), ast.GtE: (">=", "compare"),
@@ -122,40 +123,42 @@ class Printer:
     def __init__(self, laws: Laws) -> None:
         self.laws, self.syntax, self.functions = laws, dict(self.SYNTAX), dict(self.FUNCTIONS)
 
-    def comment(self, text: str) -> str:
+    def comment_text(self, text: str) -> str:
         first, mark, last = self.COMMENT
         lines = [f"{mark}{line}".rstrip() for line in text.splitlines()]
         return f"{first} {text} {last}" if len(lines) < 2 else "\n".join([first, *lines, mark[:1].strip() + last])
 
-    def number(self, value: float) -> str:
+    def number_text(self, value: float) -> str:
         return number_literal(value)
 
-    def constant(self, value: object) -> str:
+    def constant_text(self, value: object) -> str:
         if isinstance(value, bool):
             return self.syntax[str(value)]
-        return self.number(value) if isinstance(value, float) else str(value)
+        return self.number_text(value) if isinstance(value, float) else str(value)
 
     def declaration_lines(
         self, items: Iterable[Declaration], text: Callable[[Declaration], str], indent: str = ""
     ) -> list[str]:
-        """Return declarations with their descriptions, behind or above."""
+        """Print declarations, each with its description as a comment behind or above."""
         lines: list[str] = []
         for item in items:
-            code, comment = indent + text(item), self.comment(item.description)
+            code, comment = indent + text(item), self.comment_text(item.description)
             if not item.description:
                 lines.append(code)
-            elif len(code) + len(comment) < WIDTH - 1:
+            elif len(code) + len(comment) < LINE_WIDTH - 1:
                 lines.append(f"{code}  {comment}")
             else:
-                lines += [*(indent + self.comment(part) for part in wrap(item.description, WIDTH - 8)), code]
+                comment_lines = wrap(item.description, LINE_WIDTH - 8)
+                lines += [*(indent + self.comment_text(line) for line in comment_lines), code]
         return lines
 
     def expression_text(self, node: ast.expr, around: str = "or") -> str:
-        """Print an expression inside one that binds like ``around``."""
+        """Print an expression, in brackets where it stands in an operator ``around`` that binds more tightly."""
         text, level = self._text_and_level(node)
         return f"({text})" if _PRECEDENCE[level] < _PRECEDENCE[around] else text
 
     def _text_and_level(self, node: ast.expr) -> tuple[str, str]:
+        """Print an expression; also return the operator, of ``_PRECEDENCE``, that holds it together."""
         if isinstance(node, ast.BinOp):
             sign, level = _OPERATORS[type(node.op)]
             # the right operand keeps its group, for the same rounding
@@ -172,11 +175,11 @@ class Printer:
         if isinstance(node, ast.UnaryOp):
             sign = self.syntax["not"] if isinstance(node.op, ast.Not) else "-"
             return f"{sign}{self.expression_text(node.operand, 'unary')}", "unary"
-        return self._term(node), "whole"
+        return self._term_text(node), "whole"
 
-    def _term(self, node: ast.expr) -> str:
+    def _term_text(self, node: ast.expr) -> str:
         if isinstance(node, ast.Constant):
-            return self.constant(node.value)
+            return self.constant_text(node.value)
         if isinstance(node, ast.Name):
             return node.id
         if isinstance(node, ast.Attribute):
@@ -186,42 +189,43 @@ class Printer:
         call: Any = node
         return f"{self.functions[ast.unparse(call.func)]}({', '.join(map(self.expression_text, call.args))})"
 
-    def block(self, body: list[ast.stmt], depth: int) -> list[str]:
+    def block_lines(self, body: list[ast.stmt], depth: int) -> list[str]:
+        """Print statements as lines, indented to this depth."""
         lines: list[str] = []
         for node in body:
-            first, *rest = self._statement(node, depth)
+            first, *rest = self._statement_lines(node, depth)
             lines += [*break_line("    " * depth + first, self.LINE_BREAKS), *rest]
         return lines
 
-    def _statement(self, node: ast.stmt, depth: int) -> list[str]:
+    def _statement_lines(self, node: ast.stmt, depth: int) -> list[str]:
         """Print a statement, its first line without indentation."""
         syntax, text_of, indent = self.syntax, self.expression_text, "    " * depth
         if isinstance(node, ast.For) and isinstance(node.iter, ast.Call):
             ends, goes_up = node.iter.args, len(node.iter.args) < 3
-            low = text_of(ends[0]) if len(ends) > 1 else "0"
-            high: Any = ends[min(len(ends), 2) - 1]
-            last = f"{text_of(high)} {'-' if goes_up else '+'} 1"
-            if isinstance(high, ast.Constant):
-                last = str(int(str(high.value)) + (-1 if goes_up else 1))
+            first_text = text_of(ends[0]) if len(ends) > 1 else "0"
+            end_node: Any = ends[min(len(ends), 2) - 1]
+            last_text = f"{text_of(end_node)} {'-' if goes_up else '+'} 1"
+            if isinstance(end_node, ast.Constant):
+                last_text = str(int(str(end_node.value)) + (-1 if goes_up else 1))
             loop_template = syntax["up" if goes_up else "down"]
-            head = loop_template.format(i=text_of(node.target), low=low, high=text_of(high), last=last)
-            return [head, *self.block(node.body, depth + 1), indent + syntax["end for"]]
+            head = loop_template.format(i=text_of(node.target), low=first_text, high=text_of(end_node), last=last_text)
+            return [head, *self.block_lines(node.body, depth + 1), indent + syntax["end for"]]
         if isinstance(node, ast.If):
-            lines = [syntax["if"].format(text_of(node.test)), *self.block(node.body, depth + 1)]
+            lines = [syntax["if"].format(text_of(node.test)), *self.block_lines(node.body, depth + 1)]
             while node.orelse and isinstance(node.orelse[0], ast.If) and node.orelse[0].col_offset == node.col_offset:
                 node = node.orelse[0]  # an elif, which begins where its if does
                 lines += break_line(indent + syntax["elif"].format(text_of(node.test)), self.LINE_BREAKS)
-                lines += self.block(node.body, depth + 1)
-            lines += [indent + syntax["else"], *self.block(node.orelse, depth + 1)] if node.orelse else []
+                lines += self.block_lines(node.body, depth + 1)
+            lines += [indent + syntax["else"], *self.block_lines(node.orelse, depth + 1)] if node.orelse else []
             return [*lines, indent + syntax["end if"]]
-        first, *rest = self._simple_statement(node)
+        first, *rest = self._simple_statement_lines(node)
         return [first, *(indent + line if line else "" for line in rest)]
 
-    def _simple_statement(self, node: ast.stmt) -> list[str]:
+    def _simple_statement_lines(self, node: ast.stmt) -> list[str]:
         """Print a statement without others inside."""
         syntax, text_of = self.syntax, self.expression_text
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
-            return self.call(self.laws.functions[ast.unparse(node.value.func)], node.value.args[1:])
+            return self.call_lines(self.laws.functions[ast.unparse(node.value.func)], node.value.args[1:])
         if isinstance(node, ast.Return) and node.value is not None:
             return syntax["return"].format(text_of(node.value)).splitlines()
         if isinstance(node, ast.AugAssign):
@@ -233,41 +237,41 @@ class Printer:
             return [syntax["="].format(text_of(target), text_of(value))]
         raise TypeError(f"the laws have no {ast.unparse(node)}")
 
-    def call(self, function: Function, arguments: list[ast.expr]) -> list[str]:
+    def call_lines(self, function: Function, arguments: list[ast.expr]) -> list[str]:
         return [f"{self.functions[function.name]}({', '.join(['s', *map(self.expression_text, arguments)])});"]
 
-    def locals_of(self, body: list[ast.stmt], arguments: dict[str, str]) -> dict[str, str]:
+    def kinds_of_locals(self, body: list[ast.stmt], arguments: dict[str, str]) -> dict[str, str]:
         """Return the kinds of the intermediate values and counters that statements store, in their order."""
         kinds: dict[str, str] = {}
-        for node in statements_in(body):
+        for node in nested_statements(body):
             if isinstance(node, ast.Assign):
                 for target in node.targets:
                     if isinstance(target, ast.Name) and target.id not in arguments:
-                        kinds.setdefault(target.id, kind_of(node.value, self.laws.kinds | arguments | kinds))
+                        kinds.setdefault(target.id, expression_kind(node.value, self.laws.kinds | arguments | kinds))
             elif isinstance(node, ast.For) and isinstance(node.target, ast.Name) and node.target.id not in arguments:
                 kinds.setdefault(node.target.id, "whole")
         return kinds
 
 
-def statements_in(body: list[ast.stmt]) -> Iterator[ast.stmt]:
+def nested_statements(body: list[ast.stmt]) -> Iterator[ast.stmt]:
     """Iterate over statements and those inside them, in their order."""
     for node in body:
         yield node
         if isinstance(node, (ast.If, ast.For)):
-            yield from statements_in([*node.body, *node.orelse])
+            yield from nested_statements([*node.body, *node.orelse])
 
 
-def kind_of(node: ast.expr, kinds: Mapping[str, str]) -> str:
+def expression_kind(node: ast.expr, kinds: Mapping[str, str]) -> str:
     """Return the kind of an expression: flag, whole or real; kinds: of names, fields and functions."""
     if isinstance(node, ast.Constant):
         return {bool: "flag", int: "whole"}.get(type(node.value), "real")
     if isinstance(node, (ast.BoolOp, ast.Compare)) or (isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not)):
         return "flag"
     if isinstance(node, ast.UnaryOp):
-        return kind_of(node.operand, kinds)
+        return expression_kind(node.operand, kinds)
     if isinstance(node, ast.BinOp):
-        return "whole" if kind_of(node.left, kinds) == kind_of(node.right, kinds) == "whole" else "real"
+        return "whole" if expression_kind(node.left, kinds) == expression_kind(node.right, kinds) == "whole" else "real"
     name = ast.unparse(node.func if isinstance(node, ast.Call) else node)
     if name in ("min", "max", "abs") and isinstance(node, ast.Call):
-        return kind_of(node.args[0], kinds)
+        return expression_kind(node.args[0], kinds)
     return "whole" if name == "int" else kinds.get(name, "real")

@@ -15,7 +15,7 @@ from fastcoil.model.parameter_table import LARGEST_FLOAT
 
 @dataclass(frozen=True, eq=False)
 class Number:
-    """An expression, with its value where the loop's parameters decide it."""
+    """An expression of the laws that stands for a number, with its value where the loop's parameters decide it."""
 
     text: ast.expr
     kind: str = "real"  # or flag, or whole
@@ -24,12 +24,12 @@ class Number:
 
     @property
     def is_nan(self) -> bool:
-        """Whether it is NaN."""
+        """Whether the value is known to be NaN."""
         return isinstance(self.value, float) and math.isnan(self.value)
 
     @property
     def is_atom(self) -> bool:
-        """Whether it is a name or a constant."""
+        """Whether the expression is a name or a constant, perhaps with a sign."""
         text = self.text.operand if isinstance(self.text, ast.UnaryOp) else self.text
         return isinstance(text, (ast.Constant, ast.Name, ast.Attribute))
 
@@ -43,7 +43,7 @@ class Table:
 
 
 class Scope:
-    """One call of a function; ``finish`` receives the returned value."""
+    """One call of a function that is translated in place; ``finish`` receives the returned value."""
 
     def __init__(self, function: FunctionType, definition: ast.FunctionDef, finish: Callable[[Any], Any]) -> None:
         self.function, self.definition, self.finish = function, definition, finish
@@ -57,7 +57,7 @@ class Scope:
 
 
 def constant(value: Any) -> Number:
-    """Return a number without a name."""
+    """Return a Python number as a constant expression with its value."""
     kind = {bool: "flag", int: "whole"}.get(type(value), "real")
     if kind == "flag":
         return Number(ast.Constant(value), kind, value)
@@ -69,7 +69,7 @@ def constant(value: Any) -> Number:
 
 
 def expression(text: str) -> ast.expr:
-    """Parse an expression."""
+    """Parse a text of Python as an expression."""
     return ast.parse(text, mode="eval").body
 
 

@@ -29,16 +29,16 @@ TRACE_BY_OUTPUT = {
     "test": "test",
 }  # fmt: skip
 """Trace by the output of the code that has it."""
-_TEST_START = 1800.0  # s from the start of the simulated day
-_READING_LIMITS = (-50.0, 150.0)  # degC: a good reading lies between them
+_TEST_START_S = 1800.0  # from the start of the simulated day
+_READING_LIMITS_C = (-50.0, 150.0)  # a good reading lies between them
 FLAG_INPUTS = ("enabled", "start_test", "reset")  # inputs that are true or false
-_LARGEST_ERROR = 25.0  # K; a reading stays plausible
+_LARGEST_ERROR_K = 25.0  # in a record: a reading stays plausible
 _MOST_CYCLES = 6000  # of a record: intervals of a day would fill a disk
 
 
 @dataclass(frozen=True)
 class Vectors:
-    """Columns by name, each with a value for every cycle."""
+    """Test vectors: inputs and expected answers by name, each with a value for every cycle."""
 
     columns: dict[str, Array]
     inputs: tuple[str, ...]
@@ -48,12 +48,12 @@ class Vectors:
         return tuple(name for name in self.columns if name not in self.inputs)
 
     @property
-    def size(self) -> int:
+    def n_cycles(self) -> int:
         return int(self.columns["T_sup"].size)
 
     @cached_property
     def lines(self) -> str:
-        """Names and numbers, with 17 digits, each line with its end."""
+        """The header and the rows as CSV text, numbers with 17 digits."""
         rows = zip(*(column.tolist() for column in self.columns.values()), strict=True)
         lines = [",".join(self.columns), *(",".join(f"{x:.17g}" for x in row) for row in rows)]
         return "".join(f"{line}\n" for line in lines)
@@ -63,46 +63,46 @@ class Vectors:
         """CRC-32 of the lines, to detect a file that was cut or edited."""
         return zlib.crc32(self.lines.encode())
 
-    def csv(self, code: str, sample_time: float) -> str:
+    def csv_text(self, code: str, sample_time: float) -> str:
         return (
             f"# Vectors for {code}, written by fastcoil {VERSION}: a row for each {sample_time:g} s cycle.\n"
             f"# Given: {', '.join(self.inputs)}.  A row with reset = 1 begins a run, and so does the first.\n"
             f"# Expected after the cycle, to 1e-12: {', '.join(self.outputs)}.\n"
             "# The first run has starts from a command, bad readings, holds and ends; then come made-up records,\n"
             "# replayed by the simulation, and the loop on a simulated day.\n"
-            f"# {self.size} rows; CRC-32 of all lines but these, each with one line feed: {self.checksum:08x}.\n"
+            f"# {self.n_cycles} rows; CRC-32 of all lines but these, each with one line feed: {self.checksum:08x}.\n"
             f"{self.lines}"
         )
 
 
 def make_vectors(loop: Loop, controller: Controller, text: str) -> Vectors:
     """Return vectors of operation by hand, of replays of synthetic records, and of the loop on a simulated day."""
-    lacks = {"estimate": controller.estimator_port is None, "integral_part": controller.law_port is not None}
-    lacks |= dict.fromkeys(("start_test", "test", "test_aborted"), not controller.has_test)
-    lacks["m_a"] = not controller.sees_air
+    is_missing = {"estimate": controller.estimator_port is None, "integral_part": controller.law_port is not None}
+    is_missing |= dict.fromkeys(("start_test", "test", "test_aborted"), not controller.has_test)
+    is_missing["m_a"] = not controller.sees_air
     all_inputs = ("T_sup", "T_set", "m_a", "enabled", "start_test", "reset", "start_command")
-    inputs = tuple(name for name in all_inputs if not lacks.get(name, False))
-    outputs = [name for name in (*TRACE_BY_OUTPUT, "switches", "test_aborted") if not lacks.get(name, False)]
-    runs = []
-    for record in (_handling_record(controller), *([_valve_test_record(controller)] if controller.has_test else [])):
+    inputs = tuple(name for name in all_inputs if not is_missing.get(name, False))
+    outputs = [name for name in (*TRACE_BY_OUTPUT, "switches", "test_aborted") if not is_missing.get(name, False)]
+    records = []
+    for record in (_operator_record(controller), *([_valve_test_record(controller)] if controller.has_test else [])):
         input_columns = {name: record[name] for name in inputs}
         answers = np.array(list(run_cycles(text, input_columns, outputs))).T
-        runs.append(input_columns | dict(zip(outputs, answers, strict=True)))
-    untested = loop.assign(test_start=LARGEST_FLOAT) if controller.has_test else loop
+        records.append(input_columns | dict(zip(outputs, answers, strict=True)))
+    loop_without_test = loop.assign(test_start=LARGEST_FLOAT) if controller.has_test else loop
     for readings in _replay_records(controller):
         sample_time = int(controller.number["sample_time"])
         no_air = {} if controller.sees_air else {"m_a": np.full(readings["m_a"].size, np.nan)}
         series = np.stack([(readings | no_air)[name] for name in REPLAY_COLUMNS], axis=1).repeat(sample_time, axis=0)
         # not by ``fc.replay``, which refuses such jumps
-        runs.append(_record_of_run(run_controllers(untested, series, sample_time), readings))
-    runs.append(_day_record(loop, controller))
+        records.append(_record_from_results(run_controllers(loop_without_test, series, sample_time), readings))
+    records.append(_day_record(loop, controller))
     if controller.word["estimator"] == "identify":
-        runs.append(_day_record(loop, controller, disturbed=True))
-    return Vectors({name: np.concatenate([run[name] for run in runs]) for name in (*inputs, *outputs)}, inputs)
+        records.append(_day_record(loop, controller, disturbed=True))
+    return Vectors({name: np.concatenate([run[name] for run in records]) for name in (*inputs, *outputs)}, inputs)
 
 
 def run_cycles(text: str, inputs: Mapping[str, Array], outputs: Sequence[str]) -> Iterator[list[float]]:
-    """Iterate over the answers of the laws in Python.  inputs: series by name, in the order of the arguments."""
+    """Run the laws in Python and yield the outputs of each cycle; inputs: series in the order of the arguments."""
     laws: dict[str, Any] = {"zeros": lambda size: [0.0] * size}
     exec(compile(text, "<laws>", "exec"), laws)
     s = laws["State"]()
@@ -111,8 +111,8 @@ def run_cycles(text: str, inputs: Mapping[str, Array], outputs: Sequence[str]) -
         yield [float(getattr(s, name)) for name in outputs]
 
 
-def _handling_record(controller: Controller) -> dict[str, Array]:
-    """Return a record of starts from a command, hand, bad readings, off and on, ends of the stroke and holds."""
+def _operator_record(controller: Controller) -> dict[str, Array]:
+    """Make inputs with starts from a command, operation by hand, bad readings, off and on, ends of stroke, holds."""
     number, sign = controller.number, -1.0 if controller.heats else 1.0
     # K: moves the output by a tenth of the stroke at most
     gain = abs(number["kp"]) * max(1.0, number["sample_time"] / number["ti"])
@@ -130,50 +130,50 @@ def _handling_record(controller: Controller) -> dict[str, Array]:
     for start in (0.0, 0.4, 1.0, 1.5, -0.2, math.nan, math.inf):
         for e in (0.5, -0.5):
             rows += [cycle(e, start, reset=1.0), cycle(-e)]
-    inside = math.nextafter(_READING_LIMITS[0], 0.0), math.nextafter(_READING_LIMITS[1], 0.0)
-    for reading in (math.nan, math.inf, -math.inf, *_READING_LIMITS, *inside):
+    just_inside = math.nextafter(_READING_LIMITS_C[0], 0.0), math.nextafter(_READING_LIMITS_C[1], 0.0)
+    for reading in (math.nan, math.inf, -math.inf, *_READING_LIMITS_C, *just_inside):
         for name in ("T_sup", "T_set"):
             rows += [cycle(0.5, 0.5, reset=1.0), cycle(**{name: reading}), cycle(-1.0), cycle(1.0)]
-    up, down, bad = cycle(1.0), cycle(-1.0), cycle(T_sup=math.nan)
-    rows += [cycle(1.0, 0.4, reset=1.0, T_sup=math.nan), bad, up, down]
+    plus, minus, bad = cycle(1.0), cycle(-1.0), cycle(T_sup=math.nan)
+    rows += [cycle(1.0, 0.4, reset=1.0, T_sup=math.nan), bad, plus, minus]
     off = [cycle(e, enabled=0.0) for e in (1.0, 2.0)]
-    rows += [*off, up, down, cycle(1.0, 0.4, 1.0, 0.0), *off, bad, up, bad, *off]
+    rows += [*off, plus, minus, cycle(1.0, 0.4, 1.0, 0.0), *off, bad, plus, bad, *off]
     rows += [cycle(e) for e in (4.0, -4.0, 4.0) for _ in range(12)]
     # a hold in which an interval of a learner ends
     n = min(int(number["learning_interval"] / number["sample_time"]), 100)
-    turns = [up if k % 8 < 4 else down for k in range(4 * n + n // 2)]
+    turns = [plus if k % 8 < 4 else minus for k in range(4 * n + n // 2)]
     rows += [cycle(0.5, 0.4, reset=1.0), *turns, *[bad] * n, *turns[:n]] if controller.estimator_port else [bad] * 20
-    rows += [up, down]
+    rows += [plus, minus]
     names = ("T_sup", "T_set", "m_a", "enabled", "reset", "start_command")
     return dict(zip(names, np.array(rows).T, strict=True)) | {"start_test": np.zeros(len(rows))}
 
 
 def _valve_test_record(controller: Controller) -> dict[str, Array]:
-    """Return a record of a full valve test, then of one ended by excursion, end of stroke, swing and plant off."""
+    """Make inputs with a full valve test, then ones ended by excursion, end of stroke, swing and plant off."""
     number = controller.number
     dt, settle, excursion = number["sample_time"], number["test_settle"], number["test_excursion"]
-    s = dt * np.arange(min(math.ceil(60.0 * number["test_minutes"] / dt), _MOST_CYCLES) + 20)
-    moving = np.maximum(s - settle - 6.0 * dt, 0.0)
-    size = min(number["test_threshold"] + 0.5, 0.9 * excursion) * np.where(moving // 500.0 % 2.0, 0.7, 1.0)
-    steady, swing = np.full(s.size, min(0.2, 0.5 * excursion)), 0.3 * (-1.0) ** np.arange(s.size)
-    beyond = 1.5 * excursion * (1.0 + (s > 0.6 * settle + 4.0 * dt)) * (s > 0.3 * settle + 3.0 * dt)
-    e = np.stack([size * np.sin(moving / 60.0), beyond, steady, swing, steady])
+    t = dt * np.arange(min(math.ceil(60.0 * number["test_minutes"] / dt), _MOST_CYCLES) + 20)
+    ramp_time = np.maximum(t - settle - 6.0 * dt, 0.0)
+    size = min(number["test_threshold"] + 0.5, 0.9 * excursion) * np.where(ramp_time // 500.0 % 2.0, 0.7, 1.0)
+    steady_error, swing_error = np.full(t.size, min(0.2, 0.5 * excursion)), 0.3 * (-1.0) ** np.arange(t.size)
+    excursion_error = 1.5 * excursion * (1.0 + (t > 0.6 * settle + 4.0 * dt)) * (t > 0.3 * settle + 3.0 * dt)
+    e = np.stack([size * np.sin(ramp_time / 60.0), excursion_error, steady_error, swing_error, steady_error])
     enabled, start_test, reset, start_command = (np.full(e.shape, x) for x in (1.0, 1.0, 0.0, 0.0))
     reset[:, 0], start_command[:, 0] = 1.0, (0.5, 0.5, 0.98, 0.5, 0.5)
     start_test[:, 1:3] = 0.0  # a request from the start on begins no test
     enabled[4, 6:14] = 0.0
     start_test[4, [9, 10, 16, 17]] = 0.0  # requested again while the plant is off, and on
-    readings = _readings(controller, e.ravel(), np.full(e.size, controller.set_point), enabled.ravel())
+    readings = _readings_for_errors(controller, e.ravel(), np.full(e.size, controller.set_point), enabled.ravel())
     readings["T_sup"][10] = math.nan
     handling = {"start_test": start_test, "reset": reset, "start_command": start_command}
     return readings | {name: values.ravel() for name, values in handling.items()}
 
 
 def _day_record(loop: Loop, controller: Controller, *, disturbed: bool = False) -> dict[str, Array]:
-    """Simulate the loop on its generic day; if disturbed, with steps of air flow and some time off."""
+    """Simulate the loop on a day: inputs and answers; if disturbed, with steps of air flow and some time off."""
     hours = 3 if controller.word["estimator"] == "identify" else 1  # it needs steps of the set-point
     if controller.has_test:
-        loop = loop.assign(test_start=_TEST_START, test_every=0.0)
+        loop = loop.assign(test_start=_TEST_START_S, test_every=0.0)
         hours = max(hours, math.ceil(controller.number["test_minutes"] / 60.0 + 0.75))
     day = heating_day(hours) if controller.heats else paper_day(hours)
     sample_time, band = int(controller.number["sample_time"]), controller.number["error_dead_band"]
@@ -189,17 +189,18 @@ def _day_record(loop: Loop, controller: Controller, *, disturbed: bool = False) 
     ds = simulate(loop, day, traces=traces, trace_interval=sample_time, warm_up=0, n_jobs=1, progress=False)
     series = {name: np.asarray(day.series[name][0])[::sample_time] for name in ("T_set", "m_a")}
     T_sup = ds["T_measured"].values
-    test_requested = (np.arange(0, enabled.size, sample_time) >= _TEST_START).astype(float)
+    test_requested = (np.arange(0, enabled.size, sample_time) >= _TEST_START_S).astype(float)
     series |= {"T_sup": T_sup, "enabled": enabled[::sample_time], "start_test": test_requested}
-    rows = _record_of_run(ds, series)
-    is_good = np.logical_and.accumulate((T_sup > _READING_LIMITS[0]) & (T_sup < _READING_LIMITS[1]))
+    rows = _record_from_results(ds, series)
+    is_good = np.logical_and.accumulate((T_sup > _READING_LIMITS_C[0]) & (T_sup < _READING_LIMITS_C[1]))
     return {name: values[is_good] for name, values in rows.items()}
 
 
-def _record_of_run(ds: xr.Dataset, inputs: dict[str, Array]) -> dict[str, Array]:
-    nothing = np.zeros(inputs["T_sup"].size)
-    rows = {"start_test": nothing, "start_command": nothing, "reset": (np.arange(nothing.size) == 0).astype(float)}
-    rows |= inputs | {name: ds[trace].values if trace in ds else nothing for name, trace in TRACE_BY_OUTPUT.items()}
+def _record_from_results(ds: xr.Dataset, inputs: dict[str, Array]) -> dict[str, Array]:
+    """Return the inputs and the answers of a simulation as columns of vectors."""
+    zeros = np.zeros(inputs["T_sup"].size)
+    rows = {"start_test": zeros, "start_command": zeros, "reset": (np.arange(zeros.size) == 0).astype(float)}
+    rows |= inputs | {name: ds[trace].values if trace in ds else zeros for name, trace in TRACE_BY_OUTPUT.items()}
     aborted = float(ds["test_aborted"]) if "test_aborted" in ds else 0.0
     rows["test_aborted"] = aborted * rows["start_test"] * (1.0 - rows["test"])
     rows["rising"] = (rows["rising"] > 0.0).astype(float)
@@ -208,20 +209,21 @@ def _record_of_run(ds: xr.Dataset, inputs: dict[str, Array]) -> dict[str, Array]
 
 
 def _replay_records(controller: Controller) -> list[dict[str, Array]]:
-    """Return a record for PI and inverse, and another one for estimators that need it."""
-    e, enabled = _stroke_tour(controller)
+    """Return readings that lead a controller along the stroke, and those that its estimator needs besides."""
+    e, enabled = _errors_along_stroke(controller)
     T_set = np.full(e.size, controller.set_point)
     T_set[60:] += 1.0 + 2.0 * controller.number["error_dead_band"]
     T_set[130:] -= 0.5
-    records = [_readings(controller, e, T_set, enabled)]
-    special = {"learner": _learner_errors, "hagglund": _square_waves}.get(controller.word["estimator"])
+    records = [_readings_for_errors(controller, e, T_set, enabled)]
+    special = {"learner": _errors_for_learner, "hagglund": _errors_for_hagglund}.get(controller.word["estimator"])
     if special is not None:
         e = special(controller)[:_MOST_CYCLES]
-        records.append(_readings(controller, e, np.full(e.size, T_set[0]), np.ones(e.size)))
+        records.append(_readings_for_errors(controller, e, np.full(e.size, T_set[0]), np.ones(e.size)))
     return records
 
 
-def _readings(controller: Controller, e: Array, T_set: Array, enabled: Array) -> dict[str, Array]:
+def _readings_for_errors(controller: Controller, e: Array, T_set: Array, enabled: Array) -> dict[str, Array]:
+    """Return the readings of a controller whose errors are ``e``, K, with the resolution of its sensor."""
     T_sup = T_set - e if controller.heats else T_set + e
     resolution = controller.number["sensor_resolution"]
     T_sup = resolution * np.floor(T_sup / resolution + 0.5) if resolution > 0.0 else T_sup
@@ -229,13 +231,13 @@ def _readings(controller: Controller, e: Array, T_set: Array, enabled: Array) ->
     return {"T_sup": T_sup, "T_set": T_set, "m_a": m_a, "enabled": enabled}
 
 
-def _stroke_tour(controller: Controller) -> tuple[Array, Array]:
+def _errors_along_stroke(controller: Controller) -> tuple[Array, Array]:
     """Return errors, K, and when the plant is on: along the stroke to its ends, back and forth, off and on."""
     number = controller.number
     k, band = np.arange(30), number["error_dead_band"]
     # cycles of a weak or slow PI from one end of the stroke to the other
-    n_cycles = 1.5 * number["ti"] / max(abs(number["kp"]) * number["sample_time"] * _LARGEST_ERROR, 1e-9)
-    crossing = min(math.ceil(n_cycles), _MOST_CYCLES // 4)
+    n_cycles = 1.5 * number["ti"] / max(abs(number["kp"]) * number["sample_time"] * _LARGEST_ERROR_K, 1e-9)
+    n_crossing = min(math.ceil(n_cycles), _MOST_CYCLES // 4)
     openings = np.concatenate(
         [
             *(np.linspace(0.05, 0.7, 15), np.linspace(0.68, 0.3, 15)),
@@ -246,7 +248,7 @@ def _stroke_tour(controller: Controller) -> tuple[Array, Array]:
             0.5 + 0.02 * (-1.0) ** k,
             np.linspace(0.5, 0.9, 20),
             np.random.default_rng(17).uniform(0.2, 0.8, 40),
-            *(np.full(crossing, 1.5), np.full(crossing, -0.5)),
+            *(np.full(n_crossing, 1.5), np.full(n_crossing, -0.5)),
         ]
     )
     enabled = np.ones(openings.size)
@@ -263,13 +265,13 @@ def _errors_for_openings(controller: Controller, openings: Array, enabled: Array
     kp, ki = number["kp"], number["kp"] * number["sample_time"] / number["ti"]
     e, integral = np.zeros(openings.size), 0.0
     for k, u in enumerate(openings):
-        e[k] = min(max((u - integral) / (kp + ki), -_LARGEST_ERROR), _LARGEST_ERROR) if kp != 0.0 else u
+        e[k] = min(max((u - integral) / (kp + ki), -_LARGEST_ERROR_K), _LARGEST_ERROR_K) if kp != 0.0 else u
         integral = min(max(integral + ki * e[k], 0.0), 1.0) if enabled[k] else 0.0
     return e
 
 
-def _learner_errors(controller: Controller) -> Array:
-    """Return errors over the intervals of a learner, K: some turns in the reference ones, then none, few or many."""
+def _errors_for_learner(controller: Controller) -> Array:
+    """Return errors, K, that make some turns in the reference intervals of a learner, then none, few or many."""
     number = controller.number
     n = int(number["learning_interval"] / number["sample_time"])
     k = np.arange(n)
@@ -277,12 +279,12 @@ def _learner_errors(controller: Controller) -> Array:
     none = 0.45 + 0.1 * k / n
     many = 0.5 + 0.02 * (-1.0) ** k
     large_errors = 0.5 + 0.3 * (-1.0) ** (k // 10)  # few turns, large errors
-    first = [some] * (int(number["learning_reference"]) + 2)
-    openings = np.concatenate([*first, none, none, large_errors, many, none, many, many, none])
+    reference = [some] * (int(number["learning_reference"]) + 2)
+    openings = np.concatenate([*reference, none, none, large_errors, many, none, many, many, none])
     return _errors_for_openings(controller, openings, np.ones(openings.size))
 
 
-def _square_waves(controller: Controller) -> Array:
+def _errors_for_hagglund(controller: Controller) -> Array:
     """Return errors with half periods that Hägglund's rule counts, K: each long enough for the PI to cross a gap."""
     number = controller.number
     n = math.ceil(7.0 * number["ti"] / number["sample_time"]) + 2

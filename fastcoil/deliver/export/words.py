@@ -13,7 +13,7 @@ from textwrap import dedent, wrap
 from types import FunctionType
 from typing import Any
 
-WIDTH = 100  # characters of a line of code
+LINE_WIDTH = 100  # characters of a line of exported code
 _WORD_LISTS = tomllib.loads((Path(__file__).parent / "laws" / "reserved.toml").read_text(encoding="utf-8"))
 _ASCII_SPELLINGS = _WORD_LISTS.pop("ascii")
 IEC_KEYWORDS = frozenset(_WORD_LISTS["iec"].split())
@@ -34,17 +34,17 @@ def number_literal(value: float) -> str:
     return re.sub(r"e([-+])0", r"e\1", repr(float(value)))
 
 
-def break_line(line: str, breaks: str, width: int = WIDTH) -> list[str]:
+def break_line(line: str, breaks: str, width: int = LINE_WIDTH) -> list[str]:
     """Break a line that is too long, with further indentation; breaks: pattern of the places where it may end."""
     if len(line) <= width:
         return [line]
     indent = " " * (len(line) - len(line.lstrip()) + 4)
-    places = [m.start() for m in re.finditer(breaks, line) if len(indent) < m.start() <= width]
-    if not places:
+    break_places = [m.start() for m in re.finditer(breaks, line) if len(indent) < m.start() <= width]
+    if not break_places:
         return [line]
-    depth = {place: line[:place].count("(") - line[:place].count(")") for place in places}
-    best = max(place for place in places if depth[place] == min(depth.values()))
-    return [line[:best], *break_line(indent + line[best:].lstrip(), breaks, width)]
+    depth = {place: line[:place].count("(") - line[:place].count(")") for place in break_places}
+    end = max(place for place in break_places if depth[place] == min(depth.values()))
+    return [line[:end], *break_line(indent + line[end:].lstrip(), breaks, width)]
 
 
 def names_in(text: str) -> list[str]:
@@ -55,13 +55,13 @@ def names_in(text: str) -> list[str]:
 
 @cache
 def definition_of(python: FunctionType) -> ast.FunctionDef | None:
-    """Return the tree of a function, with the line numbers of its file; None if its source is not available."""
+    """Return the syntax tree of a function, with the line numbers of its file; None without its source."""
     try:
-        lines, first = inspect.getsourcelines(python.__code__)
+        lines, first_line = inspect.getsourcelines(python.__code__)
         tree = ast.parse(dedent("".join(lines)))
     except (OSError, SyntaxError):
         return None
-    ast.increment_lineno(tree, first - 1)
+    ast.increment_lineno(tree, first_line - 1)
     return next((node for node in tree.body if isinstance(node, ast.FunctionDef)), None)
 
 
@@ -77,29 +77,29 @@ def add_comment(code: str, comment: str) -> str:
     comment = " ".join(plain_text(comment).split())
     if not comment:
         return code
-    if len(code) + len(comment) < WIDTH - 4:
+    if len(code) + len(comment) < LINE_WIDTH - 4:
         return f"{code}  # {comment}"
-    return "\n".join([*(f"# {line}" for line in wrap(comment, WIDTH - 8)), code])
+    return "\n".join([*(f"# {line}" for line in wrap(comment, LINE_WIDTH - 8)), code])
 
 
 def constant_text(name: str, value: Any) -> str:
     """Return the definition of a constant, or of a table of them."""
     if isinstance(value, tuple):
-        numbers = "\n    ".join(wrap(", ".join(map(repr, value)), WIDTH - 8))
+        numbers = "\n    ".join(wrap(", ".join(map(repr, value)), LINE_WIDTH - 8))
         return f"{name} = [\n    {numbers},\n]"
     return f"{name} = {value!r}"
 
 
 def function_text(name: str, head: list[str], returns: str, doc: str, body: list[ast.stmt]) -> str:
-    """Return the text of a function of the laws."""
+    """Return the Python text of a function of the laws; head: its arguments, with types."""
     start = f"def {name}({', '.join(head)}) -> {returns}:"
-    if len(start) > WIDTH:
+    if len(start) > LINE_WIDTH:
         start = "\n".join([f"def {name}(", *break_line(f"    {', '.join(head)}", r" (?=\w+: )"), f") -> {returns}:"])
     return "\n".join([start, f'    """{doc}"""', *lines_of(body or [ast.Pass()], 1)])
 
 
 def lines_of(body: list[ast.stmt], depth: int = 0) -> list[str]:
-    """Return statements as lines of Python."""
+    """Return statements as lines of Python, indented to this depth."""
     lines = ast.unparse(ast.fix_missing_locations(ast.Module(body, []))).splitlines()
     return [part for line in lines for part in _wrap_statement("    " * depth + line)]
 
@@ -107,7 +107,7 @@ def lines_of(body: list[ast.stmt], depth: int = 0) -> list[str]:
 def _wrap_statement(line: str) -> list[str]:
     """Wrap a line of Python in brackets where it is too long."""
     match = re.match(r"( *)(\w[\w.\[\] +*]* = |return |elif |if )(.*?)(:?)$", line)
-    if len(line) <= WIDTH or match is None:
+    if len(line) <= LINE_WIDTH or match is None:
         return [line]
     space, head, inner, tail = match.groups()
     return [f"{space}{head}(", *break_line(f"{space}    {inner}", r" (?=and |or |[-+*/] )|(?<=,) "), f"{space}){tail}"]

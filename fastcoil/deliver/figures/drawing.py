@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 _FONT_SIZE = 9  # points
-_LEAST_FOR_A_BAND = 5  # members; fewer are drawn one by one: percentiles would lie between two or three numbers
+_LEAST_BAND_MEMBERS = 5  # of a band; fewer are drawn one by one: percentiles would lie between two or three numbers
 # marks of the median, of a band and of single members
 COLOUR_MARKS = ("Colour", "", "")
 LINE_MARKS = ("Line", "band", "thin lines")
@@ -34,7 +34,7 @@ DOT_MARKS = ("Dot", "line", "small dots")
 
 @contextmanager
 def use_style() -> Iterator[None]:
-    """Apply the style of our figures in a block or function."""
+    """Apply the style of our figures in a block or function that makes a pyplot figure."""
     import matplotlib.pyplot as plt
 
     # a back end loaded inside a style, as that of a notebook, would lose its own settings at the end
@@ -94,7 +94,7 @@ def draw_caption(axes: Axes, words: str) -> None:
 
 
 def resolve_swept_axes(values: xr.DataArray, **requested: str | None) -> list[str]:
-    """Return the swept number along each axis: the requested one, or for None one of the others."""
+    """Return the swept parameter for each axis of a figure: the requested one, or for None one of the others."""
     swept = numeric_dims(values)
     has = f"this result sweeps {', '.join(swept) or 'no number'}"
     named = [dim for dim in requested.values() if dim is not None]
@@ -106,15 +106,15 @@ def resolve_swept_axes(values: xr.DataArray, **requested: str | None) -> list[st
     if len({*named}) < len(named):
         problems.append(Problem(f"{named[0]} is named twice: choose two different axes", named[0], "duplicate"))
     unnamed = [dim for dim in swept if dim not in named]
-    missing = [argument for argument, dim in requested.items() if dim is None]
-    if not problems and missing and len(unnamed) != len(missing):
-        problems.append(Problem(f"{' and '.join(missing)}: {has}, name a swept number for each", missing[0], "missing"))
+    unset = [argument for argument, dim in requested.items() if dim is None]
+    if not problems and unset and len(unnamed) != len(unset):
+        problems.append(Problem(f"{' and '.join(unset)}: {has}, name a swept number for each", unset[0], "missing"))
     raise_problems(problems)
     return [unnamed.pop(0) if dim is None else dim for dim in requested.values()]
 
 
 def pick_labels(n: int, most: int = 3) -> list[int]:
-    """Indices of the labels that get a curve or a row: all of up to ``most``, else the first, the middle, the last."""
+    """Return the indices of labels to draw: all of up to ``most``, else the first, the middle and the last."""
     return list(range(n)) if n <= most else [0, round((n - 1) / 2), n - 1]
 
 
@@ -131,8 +131,8 @@ def draw_map(axes: Axes, values: xr.DataArray, x: str, y: str) -> QuadMesh | Non
     median = quantity.factor * values.median(_pooled_dims(values, x, y)).transpose(y, x)
     if mark_if_empty(axes, median):
         return None
-    edges = x_quantity.factor * values[x], y_quantity.factor * values[y]
-    mesh = axes.pcolormesh(*edges, median, cmap="cividis", shading="nearest", rasterized=True)
+    coordinates = x_quantity.factor * values[x], y_quantity.factor * values[y]
+    mesh = axes.pcolormesh(*coordinates, median, cmap="cividis", shading="nearest", rasterized=True)
     axes.grid(visible=False)
     scale = axes.figure.colorbar(mesh, ax=axes)
     scale.set_label(wrap_text(quantity.axis, 2.0, _FONT_SIZE))
@@ -187,37 +187,37 @@ def mark_if_empty(axes: Axes, values: xr.DataArray) -> bool:
 
 
 def _band_or_members(values: xr.DataArray, dim: str) -> tuple[xr.DataArray | None, np.ndarray | None]:
-    """Return the band over all dims but one, (2, n), or if they are few their members, (n, members); else neither."""
-    pooled = _pooled_dims(values, dim)
-    if math.prod(values.sizes[d] for d in pooled) >= _LEAST_FOR_A_BAND:
+    """Return the 10–90 % band over all dims but one, (2, n), or the members if few, (n, members); or neither."""
+    pooled_dims = _pooled_dims(values, dim)
+    if math.prod(values.sizes[d] for d in pooled_dims) >= _LEAST_BAND_MEMBERS:
         with warnings.catch_warnings():
             # where every member is NaN the band has a gap, which says enough
             warnings.filterwarnings("ignore", "All-NaN slice encountered", RuntimeWarning)
-            return values.quantile((0.1, 0.9), pooled), None
-    return None, values.transpose(dim, ...).values.reshape(values.sizes[dim], -1) if pooled else None
+            return values.quantile((0.1, 0.9), pooled_dims), None
+    return None, values.transpose(dim, ...).values.reshape(values.sizes[dim], -1) if pooled_dims else None
 
 
 def pooled_in_words(values: xr.DataArray, drawn: Sequence[str | None], marks: Sequence[str]) -> str:
-    """Caption of a figure: what it pools, and the marks of the median, of a band, of a single member."""
+    """Return the caption of a figure: what it pools, and what marks median, band and single members."""
     median, band, member = marks
     sizes = {str(d): n for d, n in values.sizes.items() if d not in drawn and n > 1}
     if not sizes:
         return f"{median}: a single scenario"
-    grouped = {d: values[d].attrs["pooled_as"] for d in sizes if d in values.coords and "pooled_as" in values[d].attrs}
-    over = " × ".join(grouped.get(d) or sizes_in_words({d: n}) for d, n in sizes.items())
-    has_band = math.prod(sizes.values()) >= _LEAST_FOR_A_BAND
+    labels = {d: values[d].attrs["pooled_as"] for d in sizes if d in values.coords and "pooled_as" in values[d].attrs}
+    over = " × ".join(labels.get(d) or sizes_in_words({d: n}) for d, n in sizes.items())
+    has_band = math.prod(sizes.values()) >= _LEAST_BAND_MEMBERS
     words = f"; {band}: 10th to 90th percentile" if has_band else f"; {member}: each of these"
     return f"{median}: median of {over}{words if band else ''}"
 
 
 def left_out_in_words(ds: xr.Dataset | xr.DataArray, dim: str | None, n_shown: int) -> str:
-    """Clause of a caption with the number of labels that have a curve or row; empty if all have."""
+    """Return the clause of a caption with the number of labels that are drawn; empty if all are."""
     n = n_shown if dim is None else ds.sizes[dim]
     return "" if n_shown == n else f"; shown are {n_shown} of {n} values of {coordinate_quantity(ds, str(dim)).text}"
 
 
 def failed_in_words(ds: xr.Dataset) -> str:
-    """Clause of a caption with the number of scenarios that failed; empty if none did."""
+    """Return the clause of a caption with the number of scenarios that failed; empty if none did."""
     has_status = ds["status"].notnull()  # in groups that differ in size places stay empty
-    failed = int((has_status & (ds["status"] != STATUS_OK)).sum())
-    return f"; without {failed:,} of {int(has_status.sum()):,} scenarios, which failed" if failed else ""
+    n_failed = int((has_status & (ds["status"] != STATUS_OK)).sum())
+    return f"; without {n_failed:,} of {int(has_status.sum()):,} scenarios, which failed" if n_failed else ""

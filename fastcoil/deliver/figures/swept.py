@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.collections import QuadMesh
     from matplotlib.figure import Figure
 
-_AXES_HEIGHT = 2.8  # inches
+_AXES_HEIGHT_INCHES = 2.8
 
 
 @drawing.use_style()
@@ -56,11 +56,11 @@ def map(data: Any, metric: str | None = None, *, x: str | None = None, y: str | 
     InputError
         With one sentence for each mistake.
     """
-    values, failed = _select_values(data, metric, x=x, y=y)
+    values, failed_clause = _select_values(data, metric, x=x, y=y)
     y, x = drawing.resolve_swept_axes(values, y=y, x=x)
-    (axes,) = drawing.prepare_axes(ax, [_AXES_HEIGHT])
+    (axes,) = drawing.prepare_axes(ax, [_AXES_HEIGHT_INCHES])
     drawing.draw_map(axes, values, x, y)
-    drawing.draw_caption(axes, drawing.pooled_in_words(values, (x, y), drawing.COLOUR_MARKS) + failed)
+    drawing.draw_caption(axes, drawing.pooled_in_words(values, (x, y), drawing.COLOUR_MARKS) + failed_clause)
     return axes
 
 
@@ -90,22 +90,23 @@ def bands(data: Any, metric: str | None = None, *, x: str | None = None, by: str
     InputError
         With one sentence for each mistake.
     """
-    values, failed = _select_values(data, metric, x=x, by=by)
+    values, failed_clause = _select_values(data, metric, x=x, by=by)
     if by is not None:
         require_choice("by", by, [str(d) for d in values.dims])
     (x,) = drawing.resolve_swept_axes(values.isel({by: 0}, drop=True) if by else values, x=x)
-    (axes,) = drawing.prepare_axes(ax, [_AXES_HEIGHT])
-    chosen = [] if by is None else drawing.pick_labels(values.sizes[by])
-    for k, index in enumerate(chosen):
+    (axes,) = drawing.prepare_axes(ax, [_AXES_HEIGHT_INCHES])
+    label_indices = [] if by is None else drawing.pick_labels(values.sizes[by])
+    for k, index in enumerate(label_indices):
         words = label_in_words(values, str(by), index)
         drawing.draw_curve(axes, values.isel({by: index}), x, label=words, color=COLOURS[k], ls=LINE_STYLES[k])
-    if chosen:
+    if label_indices:
         axes.legend(loc="best", framealpha=0.8, edgecolor="none")
     else:
         drawing.draw_curve(axes, values, x, color=BLUE)
     axes.margins(x=0.0)
-    omitted = drawing.left_out_in_words(values, by, len(chosen))
-    drawing.draw_caption(axes, drawing.pooled_in_words(values, (x, by), drawing.LINE_MARKS) + omitted + failed)
+    omitted_note = drawing.left_out_in_words(values, by, len(label_indices))
+    pooled_note = drawing.pooled_in_words(values, (x, by), drawing.LINE_MARKS)
+    drawing.draw_caption(axes, pooled_note + omitted_note + failed_clause)
     return axes
 
 
@@ -135,9 +136,9 @@ def _select_values(data: Any, metric: Any, **axes: Any) -> tuple[xr.DataArray, s
     return ds[name], drawing.failed_in_words(ds)
 
 
-_NARROWEST_PANEL = 2.2  # legible width, inches
-_ESTIMATES = ("estimate_ratio", "backlash_estimate")
-_PLAIN_PI_VALUES = {**dict.fromkeys(_ESTIMATES, 0.0), "learning_step": 0.0, "estimator": "none", "law": "pi"}
+_LEAST_PANEL_WIDTH_INCHES = 2.2  # legible
+_ESTIMATE_PARAMETERS = ("estimate_ratio", "backlash_estimate")
+_PLAIN_PI_VALUES = {**dict.fromkeys(_ESTIMATE_PARAMETERS, 0.0), "learning_step": 0.0, "estimator": "none", "law": "pi"}
 STANDARD_METRICS = ("rmse", "rmse_settled", "switch_frequency")
 
 
@@ -171,17 +172,17 @@ def draw_panels(
     else:
         draw, marks, height = partial(drawing.draw_curve, x=x, color=BLUE), drawing.LINE_MARKS, 2.4
     rows, n = panel_rows(ds, by), len(metrics)
-    columns = n if by else min(n, panels_abreast(width))
+    columns = n if by else min(n, panels_per_row(width))
     inches = 3.2 * max(columns, 2) if width is None else width
-    if by and inches < n * _NARROWEST_PANEL:
+    if by and inches < n * _LEAST_PANEL_WIDTH_INCHES:
         raise InputError(f"{n} panels in {25.4 * inches:.0f} mm: give fewer metrics, or more width", "width", "size")
     n_rows = math.ceil(len(rows) * n / columns)
     figure = Figure(figsize=(inches, height * n_rows + 0.5), layout="constrained")
-    shared: Any = "col" if by else False
-    sharey = (has_names and not y) or shared
-    grid = figure.subplots(n_rows, columns, squeeze=False, sharex=shared, sharey=sharey).ravel()
-    for unused in grid[len(rows) * n :]:
-        unused.remove()
+    shared_axes: Any = "col" if by else False
+    sharey = (has_names and not y) or shared_axes
+    grid = figure.subplots(n_rows, columns, squeeze=False, sharex=shared_axes, sharey=sharey).ravel()
+    for unused_axes in grid[len(rows) * n :]:
+        unused_axes.remove()
     meshes: dict[str, list[QuadMesh]] = defaultdict(list)
     for axes, ((index, words), metric) in zip(grid, product(rows, metrics), strict=False):
         mesh = draw(axes, ds[metric] if index is None else ds[metric].isel({by: index}))
@@ -190,18 +191,18 @@ def draw_panels(
         if by and not axes.get_subplotspec().is_last_row():
             axes.set_xlabel("")
     for maps in meshes.values():  # rows are compared
-        ends = [end for mesh in maps for end in mesh.get_clim()]
+        colour_limits = [limit for mesh in maps for limit in mesh.get_clim()]
         for mesh in maps:
-            mesh.set_clim(min(ends), max(ends))
+            mesh.set_clim(min(colour_limits), max(colour_limits))
     words = drawing.pooled_in_words(ds["status"], (*dims, by), marks)
     words += drawing.left_out_in_words(ds, by, len(rows)) + drawing.failed_in_words(ds)
     figure.suptitle(wrap_text("\n".join(filter(None, [str(ds.attrs.get("title", "")), words])), inches, 9))
     return figure
 
 
-def panels_abreast(width: float | None) -> int:
-    """Number of panels side by side in a width in inches, at most 3."""
-    return 3 if width is None else int(np.clip(width / _NARROWEST_PANEL, 1, 3))
+def panels_per_row(width: float | None) -> int:
+    """Return how many panels fit side by side into a width in inches, at most 3."""
+    return 3 if width is None else int(np.clip(width / _LEAST_PANEL_WIDTH_INCHES, 1, 3))
 
 
 def standard_figures(ds: xr.Dataset, width: float | None = None) -> dict[str, Callable[[], Figure]]:
@@ -211,10 +212,10 @@ def standard_figures(ds: xr.Dataset, width: float | None = None) -> dict[str, Ca
     label.  A row has as many metrics as fit into ``width``, inches.  Nothing is imported before a function is called.
     """
     numeric, control = numeric_dims(ds["status"]), control_dims(ds)
-    named = [str(d) for d in ds["status"].dims if d not in numeric and d in ds.coords and ds.sizes[d] > 1]
-    row_metrics = [name for name in STANDARD_METRICS if name in ds][: panels_abreast(width)]
+    named_dims = [str(d) for d in ds["status"].dims if d not in numeric and d in ds.coords and ds.sizes[d] > 1]
+    row_metrics = [name for name in STANDARD_METRICS if name in ds][: panels_per_row(width)]
 
-    def row_dim(*drawn: str) -> str | None:
+    def first_control_dim(*drawn: str) -> str | None:
         return next((d for d in control if d not in drawn), None)
 
     def panel_figure(x: str, y: str | None = None, by: str | None = None) -> Callable[[], Figure]:
@@ -225,29 +226,29 @@ def standard_figures(ds: xr.Dataset, width: float | None = None) -> dict[str, Ca
     if len(numeric) >= 2:
         swept = [d for d in numeric if d in control]
         y, x = numeric[:2] if not swept or {*numeric[:2]} & {*swept} else (numeric[0], swept[0])
-        figures["maps"] = panel_figure(x, y, by=row_dim(x, y))
-        figures["bands"] = panel_figure(x, by=row_dim(x) or y)
+        figures["maps"] = panel_figure(x, y, by=first_control_dim(x, y))
+        figures["bands"] = panel_figure(x, by=first_control_dim(x) or y)
     elif numeric:
-        figures["bands"] = panel_figure(numeric[0], by=row_dim(numeric[0]))
-    for dim in named:
-        by = row_dim(dim)
+        figures["bands"] = panel_figure(numeric[0], by=first_control_dim(numeric[0]))
+    for dim in named_dims:
+        by = first_control_dim(dim)
         if ds[dim].dtype.kind in "OUST" and ds.sizes[dim] * len(panel_rows(ds, by)) <= 100:
             figures[dim] = panel_figure(dim, by=by)
     return figures
 
 
 def panel_rows(ds: xr.Dataset, by: str | None) -> list[tuple[int | None, str]]:
-    """Index and words of the labels that get a row: all of up to six, else the first, the middle, the last."""
+    """Return index and words of the labels with a row of panels: all of up to six, else first, middle and last."""
     if by is None:
         return [(None, "")]
     require_choice("by", by, [str(d) for d in ds["status"].dims if d in ds.coords and ds.sizes[d] > 1])
-    chosen = drawing.pick_labels(ds.sizes[by], 6)
-    is_plain, pi = (ds[by].values == 0.0) & (by in _ESTIMATES), plain_pi_label(ds)
-    return [(k, label_in_words(ds, by, k) + (f", {pi}" if is_plain[k] else "")) for k in chosen]
+    label_indices = drawing.pick_labels(ds.sizes[by], 6)
+    is_plain, pi = (ds[by].values == 0.0) & (by in _ESTIMATE_PARAMETERS), plain_pi_label(ds)
+    return [(k, label_in_words(ds, by, k) + (f", {pi}" if is_plain[k] else "")) for k in label_indices]
 
 
 def control_dims(ds: xr.Dataset) -> list[str]:
-    """Dimensions along which a plain PI is one of several controllers: a median over them would mix unlike things."""
+    """Return the dimensions with a plain PI among other controllers, over which no median makes sense."""
     dims = [str(d) for d in ds["status"].dims if ds.sizes[d] > 1 and d not in CHANCE_DIMS]
     controls = []
     for dim in dims:

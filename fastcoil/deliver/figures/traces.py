@@ -25,7 +25,7 @@ from fastcoil.model.parameter_table import PARAMETERS
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_CURE = "give a Dataset of fastcoil.simulate with traces"
+_TRACES_CURE = "give a Dataset of fastcoil.simulate with traces"
 
 
 class _Scenario(NamedTuple):
@@ -40,7 +40,7 @@ class _Scenario(NamedTuple):
     def backlash(self) -> float:
         backlash = self.ds.coords.get("backlash", json.loads(self.ds.attrs.get("parameters", "{}")).get("backlash"))
         if backlash is None:
-            raise InputError(f"data does not say its backlash: {_CURE}", "data", "missing")
+            raise InputError(f"data does not say its backlash: {_TRACES_CURE}", "data", "missing")
         return float(backlash)
 
     @property
@@ -51,16 +51,17 @@ class _Scenario(NamedTuple):
 
 def _require_traces(data: Any, *names: str) -> xr.Dataset:
     """Check that a result has traces, some or those of ``names``, and return it."""
-    ds: xr.Dataset = require_instance("data", data, xr.Dataset, _CURE)
+    ds: xr.Dataset = require_instance("data", data, xr.Dataset, _TRACES_CURE)
     if "elapsed_time" not in ds.coords or not any(n in ds for n in TRACES) or not all(n in ds for n in names):
-        needed = list(names or ("T_sup", "command"))
-        sentence = f"data lacks traces such as {' and '.join(needed)}: simulate with traces={needed}"
+        needed_names = list(names or ("T_sup", "command"))
+        sentence = f"data lacks traces such as {' and '.join(needed_names)}: simulate with traces={needed_names}"
         raise InputError(sentence, "data", "missing")
     require_table_units(ds, PARAMETERS, TRACES, {"elapsed_time": COLUMNS["elapsed_time"]})
     return ds
 
 
 def _select_scenarios(ds: xr.Dataset, names: Collection[str]) -> list[_Scenario]:
+    """Split traces into scenarios with a colour each; refuse more than three."""
     sizes = {str(d): n for name in names for d, n in ds[name].sizes.items() if d != "elapsed_time"}
     if "volume" in sizes:
         sentence = f"the traces have {sizes['volume']} volumes: select one, such as ds.sel(volume=1)"
@@ -70,9 +71,9 @@ def _select_scenarios(ds: xr.Dataset, names: Collection[str]) -> list[_Scenario]
         raise InputError(f"data has {n:,} scenarios: select up to {len(COLOURS)} with isel or sel", "data", "shape")
     scenarios = []
     for index, colour, style in zip(np.ndindex(*sizes.values()), COLOURS, LINE_STYLES, strict=False):
-        place = dict(zip(sizes, index, strict=True))
-        words = ", ".join(label_in_words(ds, d, k) for d, k in place.items() if sizes[d] > 1)
-        scenarios.append(_Scenario(words, ds.isel(place), colour, style))
+        label_indices = dict(zip(sizes, index, strict=True))
+        words = ", ".join(label_in_words(ds, d, k) for d, k in label_indices.items() if sizes[d] > 1)
+        scenarios.append(_Scenario(words, ds.isel(label_indices), colour, style))
     return scenarios
 
 
@@ -123,18 +124,19 @@ def traces(data: Any, boundary: Boundary | None = None, *, show: Any = None, ax:
         axes.set_ylabel(wrap_text(label, 1.2, 9))
         axes.margins(x=0.0)
         draw_legend_above(axes)
-    _label_times(panel_axes[-1], ds)
+    _label_time_axis(panel_axes[-1], ds)
     return panel_axes[0] if len(panel_axes) == 1 else np.array(panel_axes)
 
 
 def _select_traces(ds: xr.Dataset, show: Any) -> list[str]:
+    """Return the names of the traces to draw: those of ``show``, or a default selection if it is None."""
     available = [n for n in TRACES if n in ds and "elapsed_time" in ds[n].dims]
     if show is None:
         default: list[str] = [n for n in ("T_sup", "command", "position", "opening", "estimate") if n in available]
         default = [n for n in default if n != "estimate" or bool((ds[n] > 0.0).any())]
         if ds[available[0]].size > ds.sizes["elapsed_time"]:  # several scenarios
-            valve = [n for n in default if n in _VALVE_TRACES]
-            default = [n for n in default if n not in valve[:-1]]
+            valve_traces = [n for n in default if n in _VALVE_TRACES]
+            default = [n for n in default if n not in valve_traces[:-1]]
         return default or available
     names = require_names("show", show)
     with argument_checks() as check:
@@ -147,9 +149,9 @@ def _group_by_panel(names: list[str]) -> dict[str, list[str]]:
     """Group traces by the label of their panel: those of the same scale share one."""
     panels: dict[str, list[str]] = {}
     for name in names:
-        label = next((words for words, alike in _SHARED_PANELS.items() if name in alike), quantity(name).axis)
+        label = next((words for words, group in _SHARED_PANELS.items() if name in group), quantity(name).axis)
         panels.setdefault(label, []).append(name)
-    return {quantity(alike[0]).axis if len(alike) == 1 else label: alike for label, alike in panels.items()}
+    return {quantity(group[0]).axis if len(group) == 1 else label: group for label, group in panels.items()}
 
 
 def _draw_traces(axes: Axes, scenarios: list[_Scenario], names: list[str], *, is_first: bool) -> None:
@@ -166,7 +168,7 @@ def _draw_traces(axes: Axes, scenarios: list[_Scenario], names: list[str], *, is
 
 
 def _set_point_curves(boundary: Boundary, scenarios: list[_Scenario]) -> list[tuple[Array, Array]]:
-    """Set-point of each day that is drawn, over the same axis as the traces; equal ones once."""
+    """Return times and set-points of each day whose traces are drawn; equal ones once."""
     curves: list[tuple[Array, Array]] = []
     for scenario in scenarios:
         ds = scenario.ds
@@ -181,12 +183,12 @@ def _set_point_curves(boundary: Boundary, scenarios: list[_Scenario]) -> list[tu
             sentence = "boundary has another day than the traces: give the boundary that was simulated"
             raise InputError(sentence, "boundary", "conflict")
         values = day.of_day(0)["T_set"][seconds]
-        if not any(np.array_equal(values, other) for _, other in curves):
+        if not any(np.array_equal(values, drawn_values) for _, drawn_values in curves):
             curves.append((scenario.times, values))
     return curves
 
 
-def _label_times(axes: Axes, ds: xr.Dataset) -> None:
+def _label_time_axis(axes: Axes, ds: xr.Dataset) -> None:
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
     if "time" not in ds.coords:
@@ -225,12 +227,12 @@ def learning(data: Any, *, ax: Any = None) -> Axes:
         hours = estimate["elapsed_time"] / 3600.0
         words = scenario.words or "estimate"
         axes.plot(hours, estimate, drawstyle="steps-post", label=words, color=scenario.colour, ls=scenario.style)
-        for name, mark in (("learn_time_reached", "o"), ("learn_time_confirmed", "s")):
-            at = float(scenario.ds[name]) if name in scenario.ds and scenario.ds[name].ndim == 0 else math.nan
-            if math.isfinite(at):
-                y = float(estimate.sel(elapsed_time=at, method="nearest"))
+        for name, marker in (("learn_time_reached", "o"), ("learn_time_confirmed", "s")):
+            seconds = float(scenario.ds[name]) if name in scenario.ds and scenario.ds[name].ndim == 0 else math.nan
+            if math.isfinite(seconds):
+                y = float(estimate.sel(elapsed_time=seconds, method="nearest"))
                 look: dict[str, Any] = {"color": scenario.colour, "mec": "black", "mew": 0.6, "ms": 5}
-                axes.plot(at / 3600.0, y, mark, ls="none", **look)
+                axes.plot(seconds / 3600.0, y, marker, ls="none", **look)
     for k, gap in enumerate(dict.fromkeys(gaps)):
         axes.axhline(gap, color="black", lw=0.9, ls=":", label="_" if k else "true backlash")
     axes.set(xlabel="time from the start [h]", ylabel=quantity("estimate").axis)
@@ -240,7 +242,7 @@ def learning(data: Any, *, ax: Any = None) -> Axes:
     return axes
 
 
-_PREDICTED_VARIABLES = ("hunting_index", "hunts", "period", "amplitude")
+_PREDICTED_VARIABLES = ("hunting_index", "hunts", "period", "amplitude")  # of ``fc.limit_cycle``
 
 
 @use_style()
@@ -268,9 +270,9 @@ def limit_cycle(data: Any, predicted: xr.Dataset | None = None, *, ax: Any = Non
     if predicted is not None:
         cure = "give what fastcoil.limit_cycle(loop, boundary) returns"
         require_instance("predicted", predicted, xr.Dataset, cure)
-        missing = [name for name in _PREDICTED_VARIABLES if name not in predicted]
-        if missing:
-            raise InputError(f"predicted has no {', '.join(missing)}: {cure}", "predicted", "missing")
+        missing_names = [name for name in _PREDICTED_VARIABLES if name not in predicted]
+        if missing_names:
+            raise InputError(f"predicted has no {', '.join(missing_names)}: {cure}", "predicted", "missing")
         simulated, theory = (json.loads(each.attrs.get("parameters", "{}")) for each in (ds, predicted))
         for name, value in simulated.items():
             if value != theory.get(name, value):
@@ -284,8 +286,8 @@ def limit_cycle(data: Any, predicted: xr.Dataset | None = None, *, ax: Any = Non
         return axes
     openings = np.concatenate([_draw_swings(axes, scenario) for scenario in scenarios])
     low, high = float(np.nanmin(openings)), float(np.nanmax(openings))
-    room = max(0.15 * (high - low), 0.5)
-    axes.set_ylim(low - room, high + room)
+    margin = max(0.15 * (high - low), 0.5)
+    axes.set_ylim(low - margin, high + margin)
     if scenarios[0].words:
         axes.legend(loc="best", framealpha=0.8, edgecolor="none")
     draw_caption(axes, "\n".join([*lines, "dotted: the edges of the gap"]))
@@ -293,17 +295,17 @@ def limit_cycle(data: Any, predicted: xr.Dataset | None = None, *, ax: Any = Non
 
 
 def _draw_swings(axes: Axes, scenario: _Scenario) -> Array:
-    """Draw the last four periods, or the last hour, and the edges of the gap; return the opening [%]."""
+    """Draw opening over command in the last four periods, or the last hour, and the edges of the gap; return it [%]."""
     gap = scenario.backlash
     period = float(scenario.ds["hunting_period"]) if "hunting_period" in scenario.ds else math.nan
     start = float(scenario.ds["elapsed_time"][-1]) - (4 * period if math.isfinite(period) else 3600.0)
-    last = scenario.ds.sel(elapsed_time=slice(start, None))
-    command, opening = 100.0 * last["command"].values, 100.0 * last["opening"].values
+    last_swings = scenario.ds.sel(elapsed_time=slice(start, None))
+    command, opening = 100.0 * last_swings["command"].values, 100.0 * last_swings["opening"].values
     axes.plot(command, opening, color=scenario.colour, ls=scenario.style, lw=1.2, label=scenario.words or "_only")
-    ends = np.array([command.min(), command.max()])
+    command_range = np.array([command.min(), command.max()])
     for shift in {0.0, 100.0 * gap}:
-        edge = np.clip((ends - shift) / (1.0 - gap), 0.0, 100.0)
-        axes.plot(ends, edge, color="black", lw=0.7, ls=DOTTED_LINE, zorder=1)
+        edge = np.clip((command_range - shift) / (1.0 - gap), 0.0, 100.0)
+        axes.plot(command_range, edge, color="black", lw=0.7, ls=DOTTED_LINE, zorder=1)
     return opening
 
 
@@ -311,18 +313,18 @@ def _describe_swings(scenario: xr.Dataset, predicted: xr.Dataset | None) -> str:
     """Describe the simulated and the predicted swing of one scenario."""
     words = []
     if "hunting_swing" in scenario:
-        words.append(f"simulated {_swing_text(float(scenario['hunting_swing']), float(scenario['hunting_period']))}")
+        words.append(f"simulated {_format_swing(float(scenario['hunting_swing']), float(scenario['hunting_period']))}")
     if predicted is not None:
         dims = predicted["hunting_index"].dims
-        place = {d: scenario[d].item() for d in dims if d in scenario.coords and scenario[d].ndim == 0}
-        if len(place) < len(dims) or any(label not in predicted[d] for d, label in place.items()):
+        labels = {d: scenario[d].item() for d in dims if d in scenario.coords and scenario[d].ndim == 0}
+        if len(labels) < len(dims) or any(label not in predicted[d] for d, label in labels.items()):
             sentence = f"predicted has other labels along {', '.join(map(str, dims))} than data"
             raise InputError(f"{sentence}: give that of the same sweep", "predicted", "shape")
-        index, hunts, period, amplitude = (float(predicted[name].sel(place)) for name in _PREDICTED_VARIABLES)
-        swing = _swing_text(2.0 * amplitude, period) if hunts > 0.0 else "no swing"
-        words.append(f"predicted {swing} (hunting index {index:.2g})")
+        index, hunts, period, amplitude = (float(predicted[name].sel(labels)) for name in _PREDICTED_VARIABLES)
+        swing_text = _format_swing(2.0 * amplitude, period) if hunts > 0.0 else "no swing"
+        words.append(f"predicted {swing_text} (hunting index {index:.2g})")
     return ", ".join(words)
 
 
-def _swing_text(peak_to_peak: float, period: float) -> str:
+def _format_swing(peak_to_peak: float, period: float) -> str:
     return f"{peak_to_peak:.2g} K" + (f" every {period:.0f} s" if math.isfinite(period) else "")

@@ -81,7 +81,7 @@ def omission_note(n: int, n_shown: int, noun: str) -> str:
     return "" if n_shown == n else f"{n_shown} of {n:,} {noun} are shown; all of them are in results.nc."
 
 
-_MARK = b'<meta name="generator" content="fastcoil '
+_REPORT_MARK = b'<meta name="generator" content="fastcoil '
 
 
 class Paragraphs(NamedTuple):
@@ -92,7 +92,7 @@ class Paragraphs(NamedTuple):
 
 
 class Table(NamedTuple):
-    """Cells as they are printed; the first column names the row.  note: omissions, and meanings of the columns."""
+    """A table of texts whose first column names the row; note: omissions, and meanings of the columns."""
 
     caption: str
     head: Sequence[str]
@@ -101,7 +101,7 @@ class Table(NamedTuple):
 
     @property
     def sides(self) -> list[str]:
-        """A style class for each column: numbers are aligned right, words left."""
+        """Style class of each column: empty for numbers, which are aligned right, or ``words``, aligned left."""
         columns = list(zip(*self.rows, strict=True)) or [()] * len(self.head)
         has_words = [any(c[:1].isalpha() and c not in ("baseline", "never", "yes", "no") for c in cs) for cs in columns]
         return ["words" if has else "" for has in has_words]
@@ -121,7 +121,7 @@ class Picture(NamedTuple):
     file: str = ""
 
     @property
-    def source(self) -> str:
+    def data_url(self) -> str:
         return "data:image/png;base64," + base64.b64encode(self.png).decode()
 
 
@@ -179,26 +179,26 @@ def _escape_text(value: Any) -> Any:
 def require_page(path: Path, option: str = "path") -> None:
     """Refuse, before any work, a path that cannot be written, or that holds anything but an earlier report."""
     require_output_file(option, path, ".html", ".htm")
-    if exists(path) and not has_mark(path, _MARK):
+    if exists(path) and not has_mark(path, _REPORT_MARK):
         sentence = f"{option} {path}: this file exists and is not a report: choose another name, or delete it"
         raise InputError(sentence, option, "path")
 
 
 def make_picture(figure: Figure, caption: str, alt: str) -> Picture:
-    """Encode a figure without its title, which the page has as text."""
+    """Encode a figure as a picture, without its title, which the page has as text."""
     figure.suptitle("")
     return Picture(encode_figure(figure, "png", 200), caption, alt)  # dpi for print on A4
 
 
 def method_section(ds: xr.Dataset) -> Section:
-    """Return the section on how a study was computed."""
+    """Return the section on the model, the days and the parameters of a study."""
     constants, loop = json.loads(ds.attrs["parameters"]), tomllib.loads(ds.attrs["study_toml"])["loop"]
     preset = str(loop.get("preset", "paper_like"))
     substeps, noise, n = constants.get("substeps", 1), constants.get("noise_std"), ds.sizes.get("replicate", 1)
     sizes = sizes_in_words(ds["status"].sizes)
-    spread = f"standard deviation {format_parameter('noise_std', noise)}" if noise else "none"
-    spread = "swept" if noise is None else spread
-    pairs = [
+    noise_text = f"standard deviation {format_parameter('noise_std', noise)}" if noise else "none"
+    noise_text = "swept" if noise is None else noise_text
+    facts = [
         ("Model", "closed loop of sensor, PI, backlash inverse, motor, valve with backlash and coil, after Cai and "
                   "Braun (2016); every scenario is a day of the loop"),
         ("Control volumes of the coil", str(constants.get("n_volumes", "swept"))),
@@ -207,27 +207,27 @@ def method_section(ds: xr.Dataset) -> Section:
         ("Scenarios", f"{ds['status'].size:,} = {sizes}" if sizes else "1"),
         ("Days", str(ds.attrs.get("boundary", MISSING_VALUE))),
         ("Left out of every metric", f"the first {ds.attrs.get('warm_up_s', MISSING_VALUE)} s"),
-        ("Noise", f"{spread}; seed {ds.attrs.get('seed', MISSING_VALUE)}, {n} realisation{'s' if n > 1 else ''}"),
+        ("Noise", f"{noise_text}; seed {ds.attrs.get('seed', MISSING_VALUE)}, {n} realisation{'s' if n > 1 else ''}"),
     ]  # fmt: skip
     if ds.attrs.get("carry_over"):
-        pairs.append((
+        facts.append((
             "Between days", "each begins as the one before ended (carry_over).  Intervals over days take them as "
             "independent, which days in a row are not quite",
         ))  # fmt: skip
     parameter_table = changed_parameters(constants, preset)
-    return Section("How it was computed", [facts_table(*pairs), *([parameter_table] if parameter_table.rows else [])])
+    return Section("How it was computed", [facts_table(*facts), *([parameter_table] if parameter_table.rows else [])])
 
 
 def changed_parameters(constants: Mapping[str, Any], preset: str, against: str = "preset") -> Table:
     """Return a table of the parameters whose values differ from those of a preset; ``against``: its name."""
-    base = PRESETS[preset if preset in PRESETS else "paper_like"]
+    base_preset = PRESETS[preset if preset in PRESETS else "paper_like"]
     values = {name: value for name, value in constants.items() if value is not None}
     rows = []
-    for name in base.changed_names(values):
-        preset_value = base.value(PARAMETERS[name]) if name in PARAMETERS else None
-        before = MISSING_VALUE if preset_value is None else format_parameter(name, preset_value)
+    for name in base_preset.changed_names(values):
+        preset_value = base_preset.value(PARAMETERS[name]) if name in PARAMETERS else None
+        preset_text = MISSING_VALUE if preset_value is None else format_parameter(name, preset_value)
         meaning = PARAMETERS[name].text if name in PARAMETERS else "parameter of the user's rule"
-        rows.append([name, format_parameter(name, values[name]), before, meaning])
+        rows.append([name, format_parameter(name, values[name]), preset_text, meaning])
     return Table(f"Parameters that differ from the {against}", ["name", "value", against, "meaning"], rows)
 
 
@@ -255,28 +255,28 @@ PAPER: Mapping[str, str] = {
     "publisher": "Purdue e-Pubs",
     "url": "https://docs.lib.purdue.edu/iracc/1801",
 }
-"""The same as in CITATION.cff."""
+"""Citation of the paper, as in CITATION.cff."""
 
 
 def citation(results: Mapping[str, Any] | None = None) -> list[str]:
     """Return citations as plain text, a line each; with attributes of results, also their version and hash."""
     lines = [
-        f"{AUTHORS}. {TITLE}. Version {_version(results)}, {LICENCE} licence.",
+        f"{AUTHORS}. {TITLE}. Version {_version_of_results(results)}, {LICENCE} licence.",
         f"{PAPER['authors']} ({PAPER['year']}). {PAPER['title']}. {PAPER['series']}, paper {PAPER['number']}, "
         f"{PAPER['publisher']}. {PAPER['url']}",
     ]
     if results is not None:
-        made_with = f"Made with fastcoil {_version(results)}; content_sha256 {results['content_sha256']}."
+        made_with = f"Made with fastcoil {_version_of_results(results)}; content_sha256 {results['content_sha256']}."
         lines.append(f"Results: {results['title']}. {made_with}")
     return lines
 
 
 def bibtex(results: Mapping[str, Any] | None = None) -> list[str]:
-    """Return the same as BibTeX."""
+    """Return the citations as lines of BibTeX; with attributes of results, also theirs."""
     entries = [
         _bibtex_entry(
             "software", "fastcoil",
-            title=f"{{{TITLE}}}", author=f"{{{AUTHORS}}}", version=_version(results), license=LICENCE,
+            title=f"{{{TITLE}}}", author=f"{{{AUTHORS}}}", version=_version_of_results(results), license=LICENCE,
         ),
         _bibtex_entry(
             "inproceedings", "cai2016backlash",
@@ -289,14 +289,14 @@ def bibtex(results: Mapping[str, Any] | None = None) -> list[str]:
         entries.append(
             _bibtex_entry(
                 "misc", f"results{results['content_sha256'][:8]}",
-                title=f"{{{title}}}", howpublished=f"Results of fastcoil {_version(results)}",
+                title=f"{{{title}}}", howpublished=f"Results of fastcoil {_version_of_results(results)}",
                 note=rf"content\_sha256 {results['content_sha256']}",
             )
         )  # fmt: skip
     return [line for entry in entries for line in entry]
 
 
-def _version(results: Mapping[str, Any] | None) -> str:
+def _version_of_results(results: Mapping[str, Any] | None) -> str:
     return VERSION if results is None else str(results.get("fastcoil_version", "unknown"))
 
 

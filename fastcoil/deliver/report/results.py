@@ -27,7 +27,7 @@ from fastcoil.loops.labels import coordinate_quantity, is_parameter, plain_pi_la
 from fastcoil.loops.provenance import content_sha256, provenance
 from fastcoil.measured.diagnosis import Diagnosis
 from fastcoil.measured.fit import Fit
-from fastcoil.measured.part import FITTING, VALIDATION
+from fastcoil.measured.part import PART_FITTED, PART_VALIDATION
 from fastcoil.model.metric_table import METRICS, STATUS_MEANINGS, STATUS_OK
 from fastcoil.study.analysis.compare import mask_off_days
 from fastcoil.study.analysis.paired import paired_change, summarise_median
@@ -38,18 +38,18 @@ from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.results import open_finished
 
 _CHANCE_DIMS = {"sample": "drawn valves", "day": "days", "replicate": "noise realisations"}
-"""Dims of chance in words; an interval is over the first of them that a study has."""
+"""Dims of chance, and what varies along them; an interval is over the first of them that a study has."""
 _COLUMN_HEADS = {
     "rmse_settled": "settled RMS error [K]",
     "hunts": "share that hunts",
     "motor_travel": "motor travel [strokes]",
     "switch_frequency": "mode switches per 10 min",
 }
-_MAX_NAME_ROWS = 40  # of a table along a dim of names
+_MAX_NAME_ROWS = 40  # most rows of a table along a dim of names
 
 
 def comparison_tables(ds: xr.Dataset) -> list[page.Table]:
-    """Return a table for every dimension with labels."""
+    """Return a table for every swept dimension of a study: median error and other metrics by label."""
     ratio, pi = estimate_dim(ds), plain_pi_label(ds)
     ds = mask_off_days(ds[[n for n in ("rmse", *_COLUMN_HEADS, *reduction_metrics(ds), "status") if n in ds]])
     ds = mask_dataset(ds.drop_vars("status"), ds["status"] == STATUS_OK)
@@ -61,8 +61,8 @@ def comparison_tables(ds: xr.Dataset) -> list[page.Table]:
         zero = int((labels == 0.0).argmax())
         if dim == ratio:
             comparable_ds = keep_comparable(ds)
-            chosen = int((labels == recommended_estimate(comparable_ds, dim)).argmax())
-            tables.append(_comparison_table(comparable_ds, dim, "", zero, f"the {pi} of the same loop", chosen))
+            best_row = int((labels == recommended_estimate(comparable_ds, dim)).argmax())
+            tables.append(_comparison_table(comparable_ds, dim, "", zero, f"the {pi} of the same loop", best_row))
         elif dim == "backlash" and labels[zero] == 0.0:
             tables.append(_comparison_table(without_inverse, dim, condition, zero, "the sound valve"))
         elif labels.dtype.kind in "OUST" and labels.size <= _MAX_NAME_ROWS:
@@ -78,18 +78,18 @@ def _comparison_table(
 ) -> page.Table:  # fmt: skip
     """Return a table of medians with a row for every label, or for some, among them baseline and recommendation."""
     chance = next((d for d in _CHANCE_DIMS if ds.sizes.get(d, 1) > 1), "") if baseline_row is not None else ""
-    n, has_names, number = ds.sizes[dim], ds[dim].dtype.kind in "OUST", page.format_significant
+    n, has_names, to_text = ds.sizes[dim], ds[dim].dtype.kind in "OUST", page.format_significant
     base = ds["rmse"].isel({dim: baseline_row or 0}, drop=True)
-    best = ds["rmse"].median([d for d in ds["rmse"].dims if d != dim]).fillna(math.inf)
-    keep = tuple(k for k in (baseline_row, recommended_row, int(best.values.argmin())) if k is not None)
-    others = {str(name): values for name, values in ds.data_vars.items() if name != "rmse"}
+    median_by_label = ds["rmse"].median([d for d in ds["rmse"].dims if d != dim]).fillna(math.inf)
+    keep = tuple(k for k in (baseline_row, recommended_row, int(median_by_label.values.argmin())) if k is not None)
+    other_metrics = {str(name): values for name, values in ds.data_vars.items() if name != "rmse"}
     rows = []
     for k in page.select_rows(n, keep, _MAX_NAME_ROWS if has_names else page.MOST_ROWS):
         rmse, label = ds["rmse"].isel({dim: k}, drop=True), ds[dim].values[k]
         cells = [str(label) if isinstance(label, str) else coordinate_quantity(ds, dim).number(float(label))]
-        cells.append(number(float(rmse.median())))
+        cells.append(to_text(float(rmse.median())))
         if baseline_row is None:
-            cells.append(" to ".join(number(float(rmse.quantile(q))) for q in (0.05, 0.95)))
+            cells.append(" to ".join(to_text(float(rmse.quantile(q))) for q in (0.05, 0.95)))
         elif k == baseline_row:
             cells += ["baseline", *[""] * (2 + bool(chance))]
         else:
@@ -98,26 +98,26 @@ def _comparison_table(
             cells += [page.format_change(change.median)]
             cells += [page.format_change_range(change.low, change.high)] if chance else []
             cells += [page.format_change_range(change.q05, change.q95), format_share(float(is_lower.mean()))]
-        for name, values in others.items():
-            of_label = values.isel({dim: k})
-            median = values_quantity(values).factor * float(of_label.median())
-            cells.append(format_share(float(of_label.mean())) if name == "hunts" else number(median))
+        for name, values in other_metrics.items():
+            label_values = values.isel({dim: k})
+            median = values_quantity(values).factor * float(label_values.median())
+            cells.append(format_share(float(label_values.mean())) if name == "hunts" else to_text(median))
         rows.append(cells)
     dim_text = coordinate_quantity(ds, dim).text
-    omitted = page.omission_note(n, len(rows), "names" if has_names else "values")
+    omission = page.omission_note(n, len(rows), "names" if has_names else "values")
     spread = ["change", *(["95 % interval"] if chance else []), "5 to 95 % of pairs", "lower in"]
-    head = [dim_text, "RMS error [K]", *(["5 to 95 % of scenarios"] if baseline_row is None else spread)]
-    head += [_COLUMN_HEADS.get(name) or values_quantity(values).axis for name, values in others.items()]
+    header = [dim_text, "RMS error [K]", *(["5 to 95 % of scenarios"] if baseline_row is None else spread)]
+    header += [_COLUMN_HEADS.get(name) or values_quantity(values).axis for name, values in other_metrics.items()]
     if baseline_row is None:
-        note = f"Medians{condition} over everything else.  {omitted}".strip()
-        return page.Table(f"Along {dim_text}", head, rows, note)
+        note = f"Medians{condition} over everything else.  {omission}".strip()
+        return page.Table(f"Along {dim_text}", header, rows, note)
     note = (
         f"RMS error: median{condition}.  Change: median within pairs that differ in nothing else.  "
         f"{f'95 % interval: of the median change, over {ds.sizes[chance]} {_CHANCE_DIMS[chance]}.  ' if chance else ''}"
         f"5 to 95 % of pairs: how much the change differs from loop to loop.  Lower in: share of pairs with less "
-        f"error, ties half.  {omitted}"
+        f"error, ties half.  {omission}"
     ).strip()
-    return page.Table(f"{dim_text.capitalize()}: against {baseline_words}", head, rows, note)
+    return page.Table(f"{dim_text.capitalize()}: against {baseline_words}", header, rows, note)
 
 
 def metrics_table(ds: xr.Dataset) -> page.Table:
@@ -142,8 +142,8 @@ def study_page(folder: Path) -> page.Page:
     n_failed = counts.total()
     if n_failed:
         why = ", ".join(f"{n:,} {STATUS_MEANINGS[code]}" for code, n in sorted(counts.items()))
-        failed = f"{n_failed:,} of {ds['status'].size:,} scenarios failed ({why})"
-        warnings.append(f"{failed}. They are in no number of this page; status in results.nc says which they are.")
+        failures = f"{n_failed:,} of {ds['status'].size:,} scenarios failed ({why})"
+        warnings.append(f"{failures}. They are in no number of this page; status in results.nc says which they are.")
     title = str(ds.attrs["title"])
     sections: list[page.Section] = []
     answer = ["Every scenario failed: there is no answer."]
@@ -151,7 +151,7 @@ def study_page(folder: Path) -> page.Page:
         warnings += cautions(ds)
         answer = findings(ds, None if tariff is None else parse_billing(tariff, None))
         numbers = [metrics_table(ds)] if ds["status"].size == 1 else comparison_tables(ds)
-        sections += [page.Section("Figures", _pictures(ds, title)), page.Section("In numbers", numbers)]
+        sections += [page.Section("Figures", _make_pictures(ds, title)), page.Section("In numbers", numbers)]
     sections += [page.method_section(ds), page.versions_section(ds.attrs)]
     sections.append(page.Section("The study file", [page.Code(ds.attrs["study_toml"])]))
     sections += [_reproduction_section(folder, ds), page.citation_section(ds)]
@@ -159,8 +159,8 @@ def study_page(folder: Path) -> page.Page:
     return page.Page("Study", title, question, warnings, answer, sections, origin)
 
 
-def _pictures(ds: xr.Dataset, title: str) -> list[page.Block]:
-    """Return the standard figures; the meaning of the marks moves from their titles to the captions."""
+def _make_pictures(ds: xr.Dataset, title: str) -> list[page.Block]:
+    """Draw the standard figures of a study; the meaning of the marks moves from their titles to the captions."""
     pictures: list[page.Block] = []
     for k, (name, draw) in enumerate(standard_figures(ds).items(), 1):
         figure = draw()
@@ -188,14 +188,14 @@ def _result_page(
     label: str, title: str, question: str, answer: Sequence[str], warnings: Sequence[str], picture: page.Picture,
     hashed_data: xr.Dataset, extra_sections: Sequence[page.Section],
 ) -> page.Page:  # fmt: skip
-    """Return the page of a single result.  hashed_data: the origin.  extra_sections: those after the figure."""
+    """Assemble the report of a single result; hashed_data: what its hash is of; extra_sections: after the figure."""
     versions = page.versions_section({name: value for name, value in provenance().items() if name != "date_created"})
     sections = [page.Section("In one figure", [picture]), *extra_sections, versions, page.citation_section()]
     return page.Page(label, title, question, warnings, answer, sections, content_sha256(hashed_data))
 
 
 def _study_sections(name: str, toml: str, notes: Sequence[str]) -> list[page.Section]:
-    """Return sections of notes, and of all numbers as a file for a study."""
+    """Return the section of notes, and one with all numbers as a file that a study can include."""
     instruction = f'Save this as {name}.toml; in a study file, [loop] include = ["{name}.toml"] takes it.'
     return [
         page.Section("What to mind", [page.Paragraphs(notes, bullets=True)] if notes else []),
@@ -214,31 +214,31 @@ def fit_page(fit: Fit) -> page.Page:
         "Measured (broad line) and (dashed) as the fitted model gives it, over their difference; on the left the part "
         "that was fitted, on the right the part held back.  Grey: not compared."
     )
-    known_together = [line for line in fit.summary() if " are identified only in combination " in line]
+    pair_notes = [line for line in fit.summary() if " are identified only in combination " in line]
     warnings = [f"{name}: {why}" for name, why in fit.held.items() if why != "given"]
     return _result_page(
         "Fit", f"{fit.kind.capitalize()} fitted to {fit.source}", question, _fit_answer(fit), warnings,
         page.make_picture(fit.plot(), caption, f"Measured and modelled {fit.kind}"), fit.residuals,
-        _study_sections(fit.kind, fit.to_toml(), [*known_together, *fit.notes]),
+        _study_sections(fit.kind, fit.to_toml(), [*pair_notes, *fit.notes]),
     )  # fmt: skip
 
 
 def _fit_answer(fit: Fit) -> list[str]:
-    """Return the size of the gap, and the error of the model in fitting, in validation, and without the gap."""
+    """Describe the size of a fitted gap, and the error of the model in fitting, in validation, and without the gap."""
     rmse, unit, lines, number = fit.rmse, fit.unit, [], page.format_significant
-    fitting = number(rmse[FITTING])
+    fitting_error = number(rmse[PART_FITTED])
     if "backlash" in fit.intervals:
         gap, low, high = (number(100 * v) for v in (fit.parameters["backlash"], *fit.intervals["backlash"]))
         lines.append(f"The gap is {gap} % of the stroke (95 %: {low} to {high} %).")
     elif fit.kind != "coil" and "backlash" not in fit.parameters:
         lines.append(f"The log does not identify the size of the gap: {fit.held.get('backlash', 'see what to mind')}.")
-    if VALIDATION not in rmse:
-        return [*lines, f"The RMS error of the model is {fitting} {unit}.  Nothing was held back to check it."]
-    rmse_without_gap = rmse.get(f"{VALIDATION}_without_backlash")
-    sentence = f"On the part of the log held back, the RMS error of the model is {number(rmse[VALIDATION])} {unit}"
+    if PART_VALIDATION not in rmse:
+        return [*lines, f"The RMS error of the model is {fitting_error} {unit}.  Nothing was held back to check it."]
+    rmse_without_gap = rmse.get(f"{PART_VALIDATION}_without_backlash")
+    sentence = f"On the part of the log held back, the RMS error of the model is {number(rmse[PART_VALIDATION])} {unit}"
     if rmse_without_gap is not None:
         sentence += f"; without a gap it would be {number(rmse_without_gap)} {unit}"
-    return [*lines, f"{sentence}.  On the part that it was fitted to, it is {fitting} {unit}."]
+    return [*lines, f"{sentence}.  On the part that it was fitted to, it is {fitting_error} {unit}."]
 
 
 def diagnosis_page(d: Diagnosis) -> page.Page:
@@ -268,8 +268,8 @@ def tuning_page(t: Tuning) -> page.Page:
         "bars: the tuning of now, the chosen one and that of the SIMC rule, held out; bars are 95 % intervals for "
         "other valves and days.  Dotted: a limit."
     )
-    first, *lines = t.summary()
-    answer = [first, next(line for line in lines if line.startswith("Held out, ")), t.advice]
+    first_line, *lines = t.summary()
+    answer = [first_line, next(line for line in lines if line.startswith("Held out, ")), t.advice]
     return _result_page(
         "Tuning", "Tuning of " + ", ".join(quantity(name).text for name in t.parameters),
         "Which settings suit all these valves and days, and what do they do on valves and days not searched on?",
@@ -281,8 +281,8 @@ def tuning_page(t: Tuning) -> page.Page:
 
 def explanation_page(e: Explanation) -> page.Page:
     """Return the report of an explanation."""
-    lines, changed = e.text.splitlines(), page.changed_parameters(e.loop.constants, "paper_like", "default")
-    loop_facts = [page.facts_table(("Day", e.boundary.describe())), *([changed] if changed.rows else [])]
+    lines, changed_table = e.text.splitlines(), page.changed_parameters(e.loop.constants, "paper_like", "default")
+    loop_facts = [page.facts_table(("Day", e.boundary.describe())), *([changed_table] if changed_table.rows else [])]
     answer = [*lines[: lines.index("")], *filter(None, [e.advice])]
     gains = ", ".join(f"{name} = {page.format_parameter(name, e.loop[name])}" for name in ("kp", "ti"))
     day = "upply air as it is (red), with the recommended cure (blue) if there is one, and the set-point (dashed)."

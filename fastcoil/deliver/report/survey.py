@@ -29,7 +29,7 @@ from fastcoil.deliver.report.page import Page, Section, Table, format_significan
 from fastcoil.logs.log import Log, check_read_options, read_log
 from fastcoil.loops.provenance import content_sha256
 from fastcoil.loops.simulate import number_of_threads
-from fastcoil.measured.cause import UNKNOWN
+from fastcoil.measured.cause import CAUSE_UNKNOWN
 from fastcoil.measured.diagnose import diagnose
 from fastcoil.measured.diagnosis import INDICES, Diagnosis
 from fastcoil.measured.identify import GOOD_BACKLASH
@@ -116,16 +116,17 @@ def survey(
     with display_for_call(progress) as display:
         advance = display.start(len(logs_by_valve), items="logs")
         rows = list(_diagnose_logs(logs_by_valve, read or {}, options, n_jobs, advance))
-    ds = _dataset(sorted(rows, key=_rank))
+    ds = _rows_to_dataset(sorted(rows, key=_ranking_key))
     for target in targets:
         with convert_os_errors(target.parent, "written"):
             make_folder(target.parent, parents=True)
-        write_atomically(target, (_csv_text(ds) if target.suffix.lower() == ".csv" else _page(ds).html()).encode())
+        content = _csv_text(ds) if target.suffix.lower() == ".csv" else _survey_page(ds).html()
+        write_atomically(target, content.encode())
     return ds
 
 
 def _target_files(name: str, out: Any) -> list[Path]:
-    """Return the files to write; refuse, before any work, an existing file that is not an earlier survey."""
+    """Return the files that a survey writes; refuse, before any work, an existing one that is no earlier survey."""
     path = require_path(name, out, "give FILE.html, FILE.csv or a folder")
     if is_folder(path) or not (path.suffix or exists(path)):
         targets = [path / "survey.html", path / "survey.csv"]
@@ -142,7 +143,7 @@ def _target_files(name: str, out: Any) -> list[Path]:
 
 
 def _logs_by_valve(logs: Any) -> dict[str, Any]:
-    """Return the logs by valve: the stem of the file, with the folder or the whole path where several are alike."""
+    """Return the logs by name of the valve: the stem of the file, with folder or path where several are alike."""
     if isinstance(logs, Mapping) and logs and not hasattr(logs, "data_vars"):
         return {str(valve): log for valve, log in logs.items()}
     sources = list(logs) if isinstance(logs, list | tuple | Iterator) else [logs]
@@ -155,16 +156,16 @@ def _logs_by_valve(logs: Any) -> dict[str, Any]:
     if not paths:
         raise InputError(f"logs: no CSV file: {cure}", "logs", "missing")
     names = [path.stem for path in paths]
-    for longer in (lambda path: f"{path.absolute().parent.name}/{path.stem}", str):
-        times = Counter(names)
-        names = [name if times[name] == 1 else longer(path) for name, path in zip(names, paths, strict=True)]
+    for longer_name in (lambda path: f"{path.absolute().parent.name}/{path.stem}", str):
+        name_counts = Counter(names)
+        names = [name if name_counts[name] == 1 else longer_name(path) for name, path in zip(names, paths, strict=True)]
     return dict(zip(names, paths, strict=True))
 
 
 def _diagnose_logs(
     logs: Mapping[str, Any], read: Mapping[str, Any], options: Mapping[str, Any], n_jobs: int, advance: Advance
 ) -> Iterator[dict[str, Any]]:
-    """Iterate over the rows of the logs; in processes, since threads share the interpreter's lock."""
+    """Diagnose logs and yield a row for each; in processes, since threads share the interpreter's lock."""
     tasks = (joblib.delayed(diagnosis_row)(valve, log, read, options) for valve, log in logs.items())
     n_processes = max(1, min(n_jobs, len(logs) // 4))  # fewer logs do not pay for the start of a process
     try:
@@ -181,8 +182,8 @@ def diagnosis_row(valve: str, log: Any, read: Mapping[str, Any], options: Mappin
     try:
         d = diagnose(log if isinstance(log, Log) or not read else read_log(log, **read), **options)
     except Exception as error:  # one log must not end the survey of all others
-        bug = "" if isinstance(error, FastcoilError) else f"please report this error: {type(error).__name__}: "
-        return row | {"problem": bug + "; ".join(str(error).split("\n"))}
+        bug_text = "" if isinstance(error, FastcoilError) else f"please report this error: {type(error).__name__}: "
+        return row | {"problem": bug_text + "; ".join(str(error).split("\n"))}
     return row | {str(name): float(value) for name, value in d.indices.items()} | {
         "degree_hours": degree_hours(d), "hours": d.signals.attrs["hours"],
         "backlash": d.backlash, "low": d.interval[0], "high": d.interval[1], "identified": d.identified,
@@ -199,20 +200,20 @@ def degree_hours(d: Diagnosis) -> float:
     if "T_set" not in d.signals:
         return np.nan
     T, T_set, command = (d.signals[name].values for name in ("T_sup", "T_set", "command"))
-    on = d.signals["enabled"].values > 0.0 if "enabled" in d.signals else True
+    is_on = d.signals["enabled"].values > 0.0 if "enabled" in d.signals else True
     # up to 0.5 % of the stroke a valve counts as shut
-    counts = (command > 0.005) | (d.triage.attrs["cools"] * (T - T_set) > 0.0)
-    error = np.where(counts, np.abs(T - T_set), 0.0)[np.isfinite(T + T_set + command) & on]
+    is_counted = (command > 0.005) | (d.triage.attrs["cools"] * (T - T_set) > 0.0)
+    error = np.where(is_counted, np.abs(T - T_set), 0.0)[np.isfinite(T + T_set + command) & is_on]
     return 24.0 * float(error.mean()) if error.size else np.nan
 
 
-def _rank(row: Mapping[str, Any]) -> tuple[Any, ...]:
-    """Sort key: costliest first; logs without a set-point by motor travel; last those without a diagnosis."""
+def _ranking_key(row: Mapping[str, Any]) -> tuple[Any, ...]:
+    """Return the sort key of a row: costliest first, without a set-point by motor travel, not diagnosed last."""
     cost, travel = row["degree_hours"], row["motor_travel"]
     return row["problem"] != "", np.isnan(cost), -np.nan_to_num(cost), -np.nan_to_num(travel), row["valve"]
 
 
-def _dataset(rows: list[dict[str, Any]]) -> xr.Dataset:
+def _rows_to_dataset(rows: list[dict[str, Any]]) -> xr.Dataset:
     for row in rows:  # names of files may hold any byte
         row |= {name: escape_control_characters(row[name]) for name in ("valve", *_TEXT_COLUMNS)}
     ds = xr.Dataset(coords={"valve": np.array([row["valve"] for row in rows], dtype=object)})
@@ -233,18 +234,18 @@ def _csv_text(ds: xr.Dataset) -> str:
 
 
 AT_FAULT = "with hunting or a gap"
-TABLE_HEAD = ("valve", "K·h a day", "strokes a day", "gap", "swing", "cause")
+RANKING_HEADER = ("valve", "K·h a day", "strokes a day", "gap", "swing", "cause")
 
 
 def ranked_rows(ds: xr.Dataset) -> list[list[str]]:
-    """Return rows of ``TABLE_HEAD`` for the valves with a diagnosis."""
-    rows, number = [], format_significant
+    """Return the cells of ``RANKING_HEADER`` for each valve with a diagnosis."""
+    rows, to_text = [], format_significant
     for k in np.flatnonzero(ds["problem"].values == ""):
         v = {str(name): values.values[k] for name, values in ds.variables.items()}
         gap = f"{100 * v['backlash']:.3g} % ({100 * v['low']:.3g} to {100 * v['high']:.3g})"
-        swing = f"± {number(v['peak_to_peak'] / 2, 2)} K, {number(v['period'] / 60, 2)} min"
+        swing = f"± {to_text(v['peak_to_peak'] / 2, 2)} K, {to_text(v['period'] / 60, 2)} min"
         gap, swing = gap if v["identified"] else MISSING_VALUE, swing if v["hunts"] else MISSING_VALUE
-        rows.append([v["valve"], number(v["degree_hours"]), number(v["motor_travel"]), gap, swing, v["cause"]])
+        rows.append([v["valve"], to_text(v["degree_hours"]), to_text(v["motor_travel"]), gap, swing, v["cause"]])
     return rows
 
 
@@ -253,18 +254,18 @@ def state_counts(ds: xr.Dataset) -> dict[str, int]:
     is_unread, needs_work = ds["problem"] != "", ds["hunts"] | (ds["identified"] & (ds["backlash"] > GOOD_BACKLASH))
     has_other_fault = ~needs_work & (ds["warnings"] != "")
     is_quiet = ~(is_unread | needs_work | has_other_fault)
-    is_undecided = is_quiet & (ds["cause"] == UNKNOWN)
+    is_undecided = is_quiet & (ds["cause"] == CAUSE_UNKNOWN)
     masks = {AT_FAULT: needs_work, "with another fault": has_other_fault, "without": is_quiet & ~is_undecided,
              "undecided": is_undecided, "not read": is_unread}  # fmt: skip
     return {state: int(mask.sum()) for state, mask in masks.items()}
 
 
-def headline(ds: xr.Dataset) -> str:
-    """Return ``state_counts`` as a sentence."""
+def describe_counts(ds: xr.Dataset) -> str:
+    """Describe how many valves are in each state, in a sentence."""
     return f"{ds.sizes['valve']:,} valves: " + ", ".join(f"{n:,} {state}" for state, n in state_counts(ds).items() if n)
 
 
-def _page(ds: xr.Dataset) -> Page:
+def _survey_page(ds: xr.Dataset) -> Page:
     is_read = ds["problem"].values == ""
     texts = (ds[name].values[is_read] for name in ("warnings", "advice", "reason"))
     rows = [[*row, ". ".join(filter(None, text[:2])) or text[2] or MISSING_VALUE] for row, *text in
@@ -275,9 +276,9 @@ def _page(ds: xr.Dataset) -> Page:
         "while the valve is shut and rightly so; 0.1 K all day is 2.4 K·h.  Strokes: of the motor.  Gap: share of the "
         "stroke, with its 95 % interval.  Swing: of the supply temperature, with its period."
     )
-    ranked = [Table("", [*TABLE_HEAD, "faults, and what to do"], rows, note)] if rows else []
+    ranking_tables = [Table("", [*RANKING_HEADER, "faults, and what to do"], rows, note)] if rows else []
     unread = [Table("", ["valve", "reason"], problems)] if problems else []
-    sections = [Section("Ranked by control error", ranked), Section("Logs that could not be read", unread)]
+    sections = [Section("Ranked by control error", ranking_tables), Section("Logs that could not be read", unread)]
     question = "Which valves cost most if they are left as they are, and what helps?"
     title = f"Survey of {ds.sizes['valve']:,} valves"
-    return Page("Survey", title, question, [], [headline(ds)], sections, content_sha256(ds))
+    return Page("Survey", title, question, [], [describe_counts(ds)], sections, content_sha256(ds))

@@ -124,7 +124,7 @@ def _read_csv(path: Path, columns: Mapping[str, str] | None, units: Mapping[str,
     table.check_names("units", units, WEATHER_COLUMNS)
     column_indices = find_requested_columns(table, columns)
     for name, (series, header, unit) in WEATHER_COLUMNS.items():
-        column = table.column(header)
+        column = table.find_column(header)
         if name not in columns and column is not None:
             column_indices[name] = column
             if series.units[series.resolve_unit(units.setdefault(name, unit))] != series.units[unit]:

@@ -123,7 +123,7 @@ def update_estimate(now, p, memory):
 
 
 def final_metrics(memory: Any) -> dict[str, np.ndarray]:
-    """Return the metrics of this estimator at the end of a run."""
+    """Return the metrics of Hägglund's estimator at the end of a run, by name."""
     gaps = np.stack([memory.d1, memory.d2, memory.d3, memory.d4, memory.d5])
     spread = np.where(np.asarray(memory.n_counted) >= len(gaps), np.ptp(gaps, axis=0), np.nan)
     return {"half_periods": np.asarray(memory.n_counted), "half_period_spread": spread}

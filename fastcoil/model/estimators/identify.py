@@ -24,10 +24,10 @@ from fastcoil.model.physics import backlash, motor_position
 
 CANDIDATES = np.concatenate([np.arange(10) * 0.005, np.arange(5, 16) * 0.01, np.array([0.165, 0.18, 0.20, 0.22, 0.25])])
 """Sizes that are compared, fractions of stroke: closer together where a valve is nearly good."""
-N_CANDIDATES = 26
+N_CANDIDATES = 26  # of ``CANDIDATES``
 N_LAGS = 6  # changes of the temperature before this one, in the model
 N_MOVES = 3  # last changes of the opening, in the model
-MOTOR_AT = N_LAGS + 2
+MOTOR_AT = N_LAGS + 2  # index of the motor's change among what the candidates have in common
 N_COMMON = MOTOR_AT + 1
 """The change to be explained, those before it, the constant, and the change of the motor, in this order."""
 PRIOR_PRECISION = 0.01  # of the coefficients of the opening, 1/K²: ± 10 K per stroke before anything is seen
@@ -43,10 +43,10 @@ SOLVED_AT = FACTOR_AT + N_COMMON * N_COMMON
 RESIDUALS_AT = SOLVED_AT + (N_MOVES + 1) * N_COMMON
 """Scratch, (2, N_MOVES): product of each opening of a candidate with the change, less what the rest explains, without
 and with the motor among the rest."""
-PAIRS_AT = RESIDUALS_AT + 2 * N_MOVES  # scratch, (2, N_MOVES, N_MOVES): the same of the openings with one another
+PAIRS_AT = RESIDUALS_AT + 2 * N_MOVES  # scratch, (2, N_MOVES, N_MOVES): products of the openings, likewise
 P_AT = PAIRS_AT + 2 * N_MOVES * N_MOVES  # (N_CANDIDATES,): log-likelihoods, then probabilities
 P_EARLIER_AT = P_AT + N_CANDIDATES
-"""The same, with the motor in place of the opening in the horizon in which the change happens."""
+"""(N_CANDIDATES,): as P_AT, with the motor in place of the opening in the horizon in which the change happens."""
 MOVES_AT = P_EARLIER_AT + N_CANDIDATES  # (N_MOVES, N_CANDIDATES): last changes of the opening
 CROSS_AT = MOVES_AT + N_MOVES * N_CANDIDATES
 """(N_MOVES, N_COMMON, N_CANDIDATES): sums of their products with what the candidates have in common."""
@@ -55,7 +55,7 @@ PRODUCTS_AT = CROSS_AT + N_MOVES * N_COMMON * N_CANDIDATES
 STEMS_AT = PRODUCTS_AT + N_MOVES * (N_MOVES + 1) // 2 * N_CANDIDATES  # (N_CANDIDATES,): place of each stem
 OPENING_SUMS_AT = STEMS_AT + N_CANDIDATES  # (N_CANDIDATES,): opening summed over the horizon
 OPENING_MEANS_AT = OPENING_SUMS_AT + N_CANDIDATES  # (N_CANDIDATES,): mean opening of the last horizon
-N_FLOATS = OPENING_MEANS_AT + N_CANDIDATES
+N_FLOATS = OPENING_MEANS_AT + N_CANDIDATES  # size of the array
 
 
 @exact
@@ -89,7 +89,7 @@ def add_row(w, decay):
 
 @exact
 def factorise(w):
-    """Cholesky factor of the sums of what comes before a change; a redundant column gets the reciprocal 0."""
+    """Store the Cholesky factor of the sums of what comes before a change; a redundant column gets the reciprocal 0."""
     for i in range(1, N_COMMON):
         for k in range(1, i + 1):
             remainder = w[SUMS_AT + i * N_COMMON + k]
@@ -104,7 +104,7 @@ def factorise(w):
 
 @exact
 def solve_row(w, row, at, stride):
-    """Solve the factor for the products at ``at``, ``at + stride`` and so on; into a row at SOLVED_AT."""
+    """Solve the Cholesky factor for the sums at ``at``, ``at + stride``, …; store the result as a row at SOLVED_AT."""
     for i in range(1, N_COMMON):
         remainder = w[at + i * stride]
         for m in range(1, i):
@@ -114,7 +114,7 @@ def solve_row(w, row, at, stride):
 
 @exact
 def project_out_common(w, c):
-    """Products of the openings of candidate c with the change, and with one another, less what the rest explains."""
+    """Store the products of candidate c's openings with the change and one another, less what the rest explains."""
     for a in range(N_MOVES):
         solve_row(w, 1 + a, CROSS_AT + a * N_COMMON * N_CANDIDATES + c, N_CANDIDATES)
     for a in range(N_MOVES):
@@ -162,7 +162,7 @@ def weigh_candidate(w, c, total, freedom):
 
 @exact
 def weigh_candidate_earlier(w, c, total, freedom):
-    """Store the same by the openings before this horizon, with what the motor did in it as given."""
+    """Store the log-likelihood of candidate c by its openings before this horizon, the motor's move in it given."""
     prior = PRIOR_PRECISION * total / freedom
     s_11 = w[PAIRS_AT + (N_MOVES + 1) * N_MOVES + 1] + prior
     r_21 = w[PAIRS_AT + (N_MOVES + 2) * N_MOVES + 1] / s_11
@@ -199,21 +199,21 @@ def compare_candidates(w, rows):
 # calibrated in studies/learning/identify_online.py
 LIKELIHOOD_WEIGHT = 0.6  # share of the log-likelihood that counts: residuals are neither independent nor normal
 GOOD_BACKLASH = 0.01  # up to this a valve is called good and left alone; also the least tolerance of an estimate
-TOLERANCE_SHARE = 0.2  # of an estimate
+TOLERANCE_SHARE = 0.2  # of the backlash, by which a right estimate may be off
 NEGLIGIBLE_BACKLASH = 0.0051  # up to this a candidate is no backlash
 LARGEST_P_NONE = 0.005  # probability of no backlash at which there is an estimate: on a good valve each does harm
 LARGEST_P_NONE_EARLIER = 0.05
-"""The same by the openings of earlier horizons, where the controller samples several times in one: there it answers the
-very change that is to be explained, and a gap that filters its answer seems to explain the change."""
+"""Such a probability by the openings of earlier horizons, where the controller samples several times in one: it answers
+the very change that is to be explained, and a gap that filters its answer seems to explain the change."""
 GIVE_UP_PROBABILITY = 0.05  # largest probability of being not too large at which an estimate is given up
 HORIZON_S = 30.0  # over which the model predicts: long against the noise of a sensor, short against a coil
 SET_POINT_STEP_K = 0.1  # change between two samples that is a step
 COUNTS_AFTER_STEP_S = 7200.0  # time after a step that counts
 COUNTS_AFTER_TEST_S = 600.0  # time after a valve test that counts
 AIR_FLOW_STEP_SHARE = 0.05  # change in a horizon that is a gust, over the flow
-PAUSE_AFTER_GUST_S = 300.0  # in which nothing counts
-MOST_AT_END_S = 600.0  # of the stroke, after which nothing counts: the coil is another one there
-LEAST_ROWS = 60.0  # horizons before there is an estimate
+PAUSE_AFTER_GUST_S = 300.0  # time after a gust in which nothing counts
+MOST_AT_END_S = 600.0  # time at an end of the stroke, after which nothing counts: the coil is another one there
+LEAST_ROWS = 60.0  # number of horizons before there is an estimate
 
 
 @exact
@@ -238,7 +238,7 @@ def normalise_probabilities(w, at):
 
 @exact
 def decide_estimate(w, estimate, certainty, samples_often):
-    """Estimate after a comparison.
+    """Return the estimate after a comparison of the candidates.
 
     It is the mean of the probabilities if that is right with this certainty, 0 for a good valve.  Otherwise it stays,
     unless it is nearly certainly too large.  samples_often: whether the controller samples several times in a horizon.
@@ -317,7 +317,7 @@ def initial_memory(p):
 
 @exact
 def close_horizon(w, width, change, motor_change):
-    """Take the changes over the horizon that ends: of the temperature, K, the motor, and the candidates' openings."""
+    """Store the changes over the horizon that ends: of the temperature, K, the motor, and the candidates' openings."""
     remember_change(w, change, motor_change)
     for a in range(N_MOVES - 1, 0, -1):
         for c in range(N_CANDIDATES):

@@ -51,7 +51,7 @@ class Sample(NamedTuple):
 
 
 def memory_defaults(Memory: Any) -> tuple[float, ...]:  # noqa: N803 — a class
-    """Initial values of a memory: the defaults of its fields, 0 for one without."""
+    """Return the initial values of a memory: the defaults of its fields, 0 for a field without one."""
     return tuple(float(Memory._field_defaults.get(n, 0.0)) for n in Memory._fields)
 
 
@@ -91,17 +91,17 @@ class Estimator:
 
     @property
     def sees_air(self) -> bool:
-        """Whether it reads the air flow."""
+        """Whether the estimator reads the air flow."""
         return self._reads_field("m_a")
 
     @property
     def sees_test(self) -> bool:
-        """Whether it reads that a valve test runs."""
+        """Whether the estimator reads the input that says that a valve test runs."""
         return self._reads_field("test")
 
     def _reads_field(self, name: str) -> bool:
         return name in getattr(self.step, "py_func", self.step).__code__.co_names
 
     def is_watching(self, rows: Mapping[str, np.ndarray]) -> bool:
-        """Whether a block has to keep T and e for it."""
+        """Whether a block of lanes has to keep the temperature and the error for this estimator."""
         return self.periods is None if self.sees_error is None else self.sees_error(rows)

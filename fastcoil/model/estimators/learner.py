@@ -14,7 +14,7 @@ EVIDENCE_ENOUGH = 0.0
 EVIDENCE_QUIET = 1.0
 EVIDENCE_UNMEASURABLE = 2.0
 SET_POINT_STEP_K = 0.1  # change between two samples that is a step
-SETTLING_TIME_S = 600.0  # after it, or after an end of the valve, in which the error is not due to the estimate
+SETTLING_TIME_S = 600.0  # time after it, or after an end of the valve, in which the error is not due to the estimate
 
 
 @exact
@@ -207,7 +207,7 @@ def is_error_watched(rows: Mapping[str, np.ndarray]) -> bool:
 
 
 def final_metrics(memory: Memory) -> dict[str, np.ndarray]:
-    """Return the metrics of this estimator at the end of a run."""
+    """Return the metrics of the learner at the end of a run, by name."""
     flag = LEARNING_STATUS_MEANINGS.index
     no_reference = np.where(memory.evidence == EVIDENCE_QUIET, flag("no_evidence"), flag("not_identifiable"))
     has_reference = (np.asarray(memory.reference) >= 0.0) | (memory.evidence == EVIDENCE_ENOUGH)

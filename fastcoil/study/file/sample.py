@@ -293,7 +293,7 @@ def _read_measured_values(parameter: Parameter, file: object, column: object, fo
         cure = 'give a file and the header of a column, such as { csv = "gaps.csv", column = "gap" }'
         raise InputError(cure, parameter.name, "value")
     table = Table.read(folder / file)
-    place = table.column(column)
+    place = table.find_column(column)
     if place is None:
         suggestion = did_you_mean(column, table.header)
         sentence = f"{file} has no column {short_repr(column)}{suggestion}: give one of its headers"

@@ -54,7 +54,7 @@ def test_a_story_shows_what_simulate_gives_to_the_bit_and_quotes_the_explanation
     for name in explore.TRACES:
         np.testing.assert_array_equal(run.traces[name], ds[name])
     for name in ("rmse", "hunts", "hunting_swing", "hunting_period", "motor_travel", "estimate_final"):
-        np.testing.assert_array_equal(run.value(name), ds[name])
+        np.testing.assert_array_equal(run.metric(name), ds[name])
     np.testing.assert_array_equal(run.traces["T_set"], working_day.series["T_set"][0][::5])
     explanation = fc.explain(fc.Loop(**by_hand), working_day)
     assert (texts.answer, texts.why, texts.advice) == (explanation.answer, explanation.why, explanation.advice)
@@ -62,8 +62,8 @@ def test_a_story_shows_what_simulate_gives_to_the_bit_and_quotes_the_explanation
     assert texts.answer.startswith(begins)
     assert ("chatters, 117 reversals an hour: the estimate, 10 %, is larger" in texts.answer) == ("too large" in title)
     assert has in texts.compared
-    assert run.error == f"RMS error {run.value('rmse'):.2g} K"
-    assert bool(run.learning) == (title == "Learning")
+    assert run.error_text == f"RMS error {run.metric('rmse'):.2g} K"
+    assert bool(run.learning_text) == (title == "Learning")
 
 
 @pytest.mark.kernel
@@ -73,10 +73,10 @@ def test_whatever_the_loop_what_is_shown_is_the_explanation_beside_the_simulated
     for seed in range(500):
         loop, day = any_loop(seed)
         scene, explanation = Scenario("any", loop, day, 1800, 0), fc.explain(loop, day)
-        run, texts = explore.run(scene), explore.explain_scene(scene)
+        run, texts = explore.simulate_scene(scene), explore.explain_scene(scene)
         assert (texts.answer, texts.why, texts.advice) == (explanation.answer, explanation.why, explanation.advice)
-        assert run.value("hunts") <= texts.answer.startswith("This loop will hunt")
-        np.testing.assert_equal(run.value("rmse"), float(explanation.cures["rmse"][0]))
+        assert run.metric("hunts") <= texts.answer.startswith("This loop will hunt")
+        np.testing.assert_equal(run.metric("rmse"), float(explanation.cures["rmse"][0]))
 
 
 @pytest.mark.kernel
@@ -90,23 +90,23 @@ def test_the_story_of_a_valve_test_shades_it_and_says_what_read_test_reads():
     r = fc.read_test(ds, stroke_time=0)
     assert r.identified
     assert abs(r.backlash - 0.07) <= 0.014
-    assert f"reads a gap of {100 * r.backlash:.3g} %" in run.reading
+    assert f"reads a gap of {100 * r.backlash:.3g} %" in run.reading_text
     figures = LoopFigures()
     (shade,) = figures.temperature.select(BoxAnnotation)
     ends = {"left": start / 3600, "right": (start + 45 * 60 - explore.TRACE_INTERVAL_S) / 3600, "visible": True}
     assert dict(figures.show(run, settings.window))[shade.id] == ends
     without = MODEL.run(replace(settings, test="none"))
-    assert without.reading == ""
+    assert without.reading_text == ""
     assert not dict(figures.show(without, settings.window))[shade.id]["visible"]
     assert MODEL.explain(replace(settings, test="none")) is texts
     assert MODEL.map(settings) is MODEL.map(replace(settings, test="none"))
 
 
 @pytest.mark.kernel
-@pytest.mark.parametrize("axes", explore.AXES)
+@pytest.mark.parametrize("axes", explore.MAP_AXES)
 def test_a_cell_of_the_map_is_its_loop_to_the_bit(axes, working_day):
     metrics = MODEL.map(replace(default_settings(MODEL), axes=axes))
-    (x, along_x), (y, along_y) = explore.AXES[axes].items()
+    (x, along_x), (y, along_y) = explore.MAP_AXES[axes].items()
     for i, j in ((3, 2), (-1, -1)):
         ds = fc.simulate(fc.Loop(**{x: along_x[i], y: along_y[j]}), working_day, n_jobs=1)
         assert (metrics["rmse"][j, i], metrics["hunting_swing"][j, i]) == (ds.rmse, ds.hunting_swing)
@@ -120,7 +120,7 @@ def test_a_study_of_ones_own_is_shown_on_its_own_day(tmp_path):
     assert default_settings(model).loop == "given"
     run = model.run(default_settings(model))
     ds = fc.simulate(fc.Loop.preset("lbnl").assign(kp=0.4, estimate_ratio=0.5), fc.paper_day(hours=1, seed=9), n_jobs=1)
-    assert run.value("rmse") == ds.rmse
+    assert run.metric("rmse") == ds.rmse
     assert default_settings(model).kp == 0.4
     path.write_text('[loop]\npreset = "lbnl"\n[boundary]\nhours = 30\n')
     with pytest.raises(fc.InputError, match="its day lasts 30 h: give at most 24 h"):
@@ -148,11 +148,12 @@ def test_the_experiments_of_the_page_show_what_it_says(step):
     for settings, changes, expected_words in experiments[::step]:
         changed = replace(settings, **changes)
         texts = MODEL.explain(changed)
-        assert expected_words in f"{texts.answer}  {texts.advice} {MODEL.run(changed).learning} {texts.why}", changes
+        learning_text = MODEL.run(changed).learning_text
+        assert expected_words in f"{texts.answer}  {texts.advice} {learning_text} {texts.why}", changes
     errors = MODEL.map(plain_pi)["rmse"]
     j, i = np.unravel_index(np.argmin(errors), errors.shape)
-    assert (explore.AXES["tuning"]["kp"][j], explore.AXES["tuning"]["ti"][i]) == (0.1, 64.0)
-    assert round(float(errors[j, i]), 2) == 0.16 == round(run.value("rmse"), 2)
+    assert (explore.MAP_AXES["tuning"]["kp"][j], explore.MAP_AXES["tuning"]["ti"][i]) == (0.1, 64.0)
+    assert round(float(errors[j, i]), 2) == 0.16 == round(run.metric("rmse"), 2)
 
 
 STARTS = explore.start_loops()
@@ -167,7 +168,7 @@ def test_a_link_gives_the_settings_back_whatever_is_shown_first():
     for name, start in STARTS.items():
         usual = explore.initial_settings(name, start)
         all_settings += [replace(usual, **{name: step}) for name, dial in explore.DIALS.items() for step in dial.steps]
-        words = [(name, word) for name in explore.CHOICES for word in explore.menu_words(name, start)]
+        words = [(name, word) for name in explore.MENUS for word in explore.menu_words(name, start)]
         all_settings += [replace(usual, **{name: word}) for name, word in words]
     for settings in [*all_settings, replace(all_settings[0], kp=0.1 / 3.0)]:
         for first in ("paper_like", "lbnl"):

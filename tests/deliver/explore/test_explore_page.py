@@ -61,7 +61,7 @@ class FakeModel:
     def run(self, settings):
         if settings.backlash == REFUSED_GAP:
             raise InputError("refused")
-        return SimpleNamespace(of=settings, error="", learning="", reading="")
+        return SimpleNamespace(of=settings, error_text="", learning_text="", reading_text="")
 
     def explain(self, settings):
         return ExplanationText(str(loop_settings(settings)), "", "", "", settings.backlash)
@@ -103,12 +103,12 @@ async def play_random_moves(seed):
         messages.append(visible | texts | {"asked": page._settings})
 
     page._outbox.on_change("tags", receive)
-    page._move(page._settings)
+    page._change_settings(page._settings)
     for moves_left in range(150, -60, -1):
         possible_steps = [pool.work for pool in (first, then) if pool.waiting] + [doc.tick] * bool(doc.soon)
         if moves_left > 0 and rng.random() < 0.25:
             name, values = MOVES[rng.integers(len(MOVES))]
-            page._move(replace(page._settings, **{name: values[rng.integers(len(values))]}))
+            page._change_settings(replace(page._settings, **{name: values[rng.integers(len(values))]}))
         elif possible_steps:
             possible_steps[rng.integers(len(possible_steps))]()
         for _ in range(5 if moves_left <= 0 else rng.integers(4)):
@@ -153,10 +153,10 @@ def test_a_move_does_not_wait_for_the_explanation_of_the_loop_before():
                 await asyncio.sleep(0)
             return piece[2][0].backlash
 
-        page._move(page._settings)
+        page._change_settings(page._settings)
         assert await draw() == page._settings.backlash
         (explanation,) = then.waiting
-        page._move(replace(page._settings, backlash=0.1))
+        page._change_settings(replace(page._settings, backlash=0.1))
         await asyncio.sleep(0)
         assert explanation[0].cancelled()
         assert await draw() == 0.1

@@ -73,14 +73,14 @@ VALUES = [(0.3, 1.7, -0.9), (-2.0, 0.1, 0.1), (5.0, -3.0, 0.7), (1.0, 1.0, 1.0)]
 
 @pytest.mark.parametrize("values", VALUES)
 def test_structured_text_groups_expressions_as_they_were(values):
-    block = Project(StructuredTextPrinter(all_expressions(), "test").text()).block("FB_test")
+    block = Project(StructuredTextPrinter(all_expressions(), "test").code_text()).block("FB_test")
     block(**dict(zip("abc", values, strict=True)), flag=True)
     assert [getattr(block, f"r_{k}") for k in range(len(expected_values(values)))] == expected_values(values)
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 def test_c_groups_expressions_as_they_were(tmp_path):
-    (tmp_path / "test.c").write_text(CPrinter(all_expressions(), "test").text())
+    (tmp_path / "test.c").write_text(CPrinter(all_expressions(), "test").code_text())
     flags = [*COMPILER_FLAGS, "-Wno-unused-parameter", "-shared", "-fPIC"]
     subprocess.run(["gcc", *flags, "test.c", "-lm", "-o", "test.so"], cwd=tmp_path, check=True)
     step = ctypes.CDLL(str(tmp_path / "test.so")).test_step
@@ -97,10 +97,10 @@ def test_loops_are_kept_and_what_is_said_of_constants_and_functions():
         "for i in range(COUNT - 1, 0, -1):", "    common -= b", "s.r_0 = common * NUMBER",
     ]  # fmt: skip
     parsed_laws = make_laws(*body)
-    text = StructuredTextPrinter(parsed_laws, "test").text()
+    text = StructuredTextPrinter(parsed_laws, "test").code_text()
     block = Project(text).block("FB_test")
     block(a=3.0, b=0.5, c=0.0, flag=False)
     assert block.r_0 == (2 * 3.0 - 2 * 0.5) * 2.5
     assert "FOR i := COUNT - 1 TO 1 BY -1 DO" in text
-    for code in (text, CPrinter(parsed_laws, "test").text()):
+    for code in (text, CPrinter(parsed_laws, "test").code_text()):
         assert all(comment in code for comment in ("a constant", "What is found.", "Find."))
