@@ -14,7 +14,7 @@ import fastcoil as fc
 # Here the log is simulated, from a valve with 9 % backlash that the diagnosis does not know.  Yours comes from
 # the building: time, command, supply temperature and set-point, every 10 s.
 
-ahu = fc.Loop.preset("lbnl").assign(backlash=0.09, noise_std=0.01, kp=0.03, ti=15)
+ahu = fc.Loop.preset("lbnl").assign(backlash=0.09, noise_std=0.01, kp=0.03, ti=13)
 day = fc.paper_day(hours=6, seed=2)
 signals = fc.simulate(ahu, day, traces=["command", "T_measured"], trace_interval=10, n_jobs=1)
 log = pd.DataFrame(

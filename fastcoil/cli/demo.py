@@ -53,7 +53,7 @@ def demo(context: click.Context, folder: Path | None) -> None:
 def _simulate_log() -> str:
     """Return a CSV log of six hours of a loop that hunts, as a building writes it."""
     day = fc.paper_day(hours=6, seed=2)
-    loop = fc.Loop.preset("lbnl").assign(backlash=0.09, kp=0.03, ti=15.0, noise_std=0.01)
+    loop = fc.Loop.preset("lbnl").assign(backlash=0.09, kp=0.03, ti=13.0, noise_std=0.01)
     ds = fc.simulate(loop, day, traces=["command", "T_measured"], trace_interval=10, progress=False)
     T_set = day.to_dataset().T_set.sel(elapsed_time=ds.elapsed_time)
     rows = zip(ds.elapsed_time.values, ds.command.values, ds.T_measured.values, T_set.values, strict=True)
