@@ -17,6 +17,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import accuracy
 import curves
 import numpy as np
 from llvmlite.binding import get_host_cpu_name
@@ -170,6 +171,19 @@ def report(results: dict[str, Any]) -> Iterator[str]:
         yield f"{'Converged' if converged else 'Printed'} march, sample time {sample_time} s:\n"
         head = ("", "threads", "ns per lane-step, wall", "metrics", "deviation", "time / kernel's", "time / C's")
         yield from table(head, peer_rows(result, converged))
+
+    yield "## Error over cost\n"
+    yield accuracy.TEXT
+    errors = accuracy.read_errors()
+    costs = {
+        (name, march): float(np.median(nanoseconds(seconds)))
+        for march, converged in (("printed", False), ("converged", True))
+        for (name, threads), seconds in races[SAMPLE_TIMES[0], converged].seconds.items()
+        if threads == 1 and name in accuracy.PROGRAMS
+    }
+    yield from table(accuracy.HEAD, accuracy.rows(errors, costs))
+    accuracy.draw(errors, costs, Path(os.devnull) if QUICK else accuracy.FIGURE)
+    yield f"![Error of the RMSE over time per simulated second]({accuracy.FIGURE.name})\n"
 
     yield "## Kernel\n"
     yield "Alternating runs on one thread, ratios round by round.\n"
