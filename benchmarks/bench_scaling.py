@@ -21,7 +21,7 @@ PEAK = """
 import resource, sys
 from peers import common
 n, seconds, threads = map(int, sys.argv[1:])
-common.fastcoil_run(*common.work(n, seconds, 30.0), n_jobs=threads)
+common.fastcoil_run(*common.work(n, seconds, 30.0), threads=threads)
 try:  # of this process alone: Linux counts the parent's pages in ru_maxrss
     status = dict(line.split(":", 1) for line in open("/proc/self/status"))
     print(int(status["VmHWM"].split()[0]))
@@ -41,7 +41,7 @@ def peak_mib(*arguments: int) -> float:
 @pytest.mark.parametrize("threads", THREADS)
 @pytest.mark.parametrize("n", SIZES)
 def test_simulate(timed: Timed, n: int, threads: int) -> None:
-    run = partial(common.fastcoil_run, *common.work(n, SECONDS, 30.0), n_jobs=threads)
+    run = partial(common.fastcoil_run, *common.work(n, SECONDS, 30.0), threads=threads)
     fc.simulate(fc.Loop(), fc.paper_day(hours=1))  # the kernel is loaded
     rounds = max(1, min(5, round(5e8 / (n * SECONDS))))
     # 8-h days per second follow from lane_steps and the median

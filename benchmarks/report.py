@@ -13,14 +13,15 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import accuracy
 import curves
 import numpy as np
 from llvmlite.binding import get_host_cpu_name
-from peers import common
+from peers import common, jax_peer
 from suite import LANES, OPTIONS, QUICK, SAMPLE_TIMES, contenders, kernel, plan
 from waits import wait_rows
 
@@ -58,22 +59,36 @@ def table(head: tuple[str, ...], rows: Iterator[tuple[object, ...]]) -> Iterator
     yield ""
 
 
-def race(sample_time: int) -> dict[tuple[str, int], np.ndarray]:
-    """Seconds of each contender, by name and threads, in alternating rounds."""
-    all_contenders = list(contenders())
-    for contender in all_contenders:
-        contender.check(sample_time)
+class Race(NamedTuple):
+    """How each contender, by name and threads, agrees with fastcoil, and its seconds in alternating rounds."""
+
+    agreements: dict[tuple[str, int], common.Agreement]
+    seconds: dict[tuple[str, int], np.ndarray]
+
+
+def race(sample_time: int, converged: bool) -> Race:
+    """Check and time every contender with one of the marches."""
+    all_contenders = list(contenders(converged))
+    agreements = {c[:2]: c.check(sample_time) for c in all_contenders}
     work = common.work(LANES_IN_ALL, SECONDS, sample_time)
-    return alternate({c[:2]: c.prepare(*work) for c in all_contenders})
+    return Race(agreements, alternate({c[:2]: c.prepare(*work) for c in all_contenders}))
 
 
-def peer_rows(seconds_by_contender: dict[tuple[str, int], np.ndarray]) -> Iterator[tuple[object, ...]]:
-    """Yield one row per contender, compared with the C on as many threads, or with fastcoil where there is no C."""
-    lane_steps = LANES_IN_ALL * SECONDS
-    for (name, threads), seconds in seconds_by_contender.items():
-        yardstick = seconds_by_contender.get(("C", threads), seconds_by_contender["fastcoil, kernel", threads])
-        rate = lane_steps / np.median(seconds) / 1e6
-        yield name, threads, spread(1e9 * seconds / lane_steps, 1), f"{rate:.1f}", spread(seconds / yardstick, 2)
+def peer_rows(race: Race, converged: bool) -> Iterator[tuple[object, ...]]:
+    """Yield one row per contender, compared with the kernel and the C on as many threads."""
+    for (name, threads), seconds in race.seconds.items():
+        ratios = [
+            spread(seconds / race.seconds[yardstick, threads], 2) if (yardstick, threads) in race.seconds else ""
+            for yardstick in ("fastcoil, kernel", "C")
+        ]
+        metrics, deviation = race.agreements[name, threads]
+        label, cost = f"{name}, converged" if converged else name, spread(nanoseconds(seconds), 1)
+        yield label, threads, cost, metrics, f"{deviation:.0e}", *ratios
+
+
+def nanoseconds(seconds: np.ndarray) -> np.ndarray:
+    """Return ns per lane-step of the common work."""
+    return 1e9 * seconds / (LANES_IN_ALL * SECONDS)
 
 
 def option_rows(sample_time: int) -> Iterator[tuple[object, ...]]:
@@ -121,11 +136,8 @@ def first_line(*command: str) -> str:
 
 def versions() -> Iterator[str]:
     yield f"Python {platform.python_version()}"
-    for name in ("numpy", "numba", "llvmlite", "jax"):
-        try:
-            yield f"{name} {version(name)}"
-        except PackageNotFoundError:
-            yield f"no {name}"
+    yield from (f"{name} {version(name)}" for name in ("numpy", "numba", "llvmlite"))
+    yield jax_peer.version()
     yield f"gcc: {first_line('gcc', '--version')}"
 
 
@@ -139,24 +151,39 @@ def report(results: dict[str, Any]) -> Iterator[str]:
     yield f"- Date: {datetime.now(UTC):%Y-%m-%d}; kernel {fingerprint()}; load of the last 5 minutes {load}\n"
     yield "Cells are medians (minimum–maximum).  A lane-step is one scenario for one second.\n"
 
-    races = {sample_time: race(sample_time) for sample_time in SAMPLE_TIMES}
+    races = {(s, converged): race(s, converged) for s in SAMPLE_TIMES for converged in (False, True)}
     yield "## Where people wait\n"
     yield (
         "Commands on a study of 100 scenarios × 8 h, each in a process of its own; ratios of alternating runs, round "
         f"by round, {LANES_IN_ALL} scenarios × {SECONDS} s, at two sample times.\n"
     )
-    yield from table(("", "asked", "reached", "met"), wait_rows(results, races))
+    yield from table(
+        ("", "asked", "reached", "met"), wait_rows(results, {s: races[s, False].seconds for s in SAMPLE_TIMES})
+    )
 
     yield "## Peers\n"
     yield (
-        f"Alternating runs, {ROUNDS} rounds, {LANES_IN_ALL} scenarios × {SECONDS} s; the ratio is that of each round "
-        "to the C on as many threads in the same round.  All gave the same metrics first.  C and fastcoil "
-        "compute all of them, scalar Numba, NumPy and JAX two.  JAX chooses its own threads.\n"
+        f"Alternating runs, {ROUNDS} rounds, {LANES_IN_ALL} scenarios × {SECONDS} s; ratios are those of each round, "
+        "on as many threads.  All computed the same metrics first: the table has their number, and their largest "
+        "relative deviation from those of `simulate`.\n"
     )
-    for sample_time in SAMPLE_TIMES:
-        yield f"Sample time {sample_time} s:\n"
-        head = ("", "threads", "ns per lane-step, wall", "10⁶ lane-steps/s", "time / C's")
-        yield from table(head, peer_rows(races[sample_time]))
+    for (sample_time, converged), result in races.items():
+        yield f"{'Converged' if converged else 'Printed'} march, sample time {sample_time} s:\n"
+        head = ("", "threads", "ns per lane-step, wall", "metrics", "deviation", "time / kernel's", "time / C's")
+        yield from table(head, peer_rows(result, converged))
+
+    yield "## Error over cost\n"
+    yield accuracy.TEXT
+    errors = accuracy.read_errors()
+    costs = {
+        (name, march): float(np.median(nanoseconds(seconds)))
+        for march, converged in (("printed", False), ("converged", True))
+        for (name, threads), seconds in races[SAMPLE_TIMES[0], converged].seconds.items()
+        if threads == 1 and name in accuracy.PROGRAMS
+    }
+    yield from table(accuracy.HEAD, accuracy.rows(errors, costs))
+    accuracy.draw(errors, costs, Path(os.devnull) if QUICK else accuracy.FIGURE)
+    yield f"![Error of the RMSE over time per simulated second]({accuracy.FIGURE.name})\n"
 
     yield "## Kernel\n"
     yield "Alternating runs on one thread, ratios round by round.\n"

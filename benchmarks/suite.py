@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -12,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numba
 import numpy as np
-from peers import c_peer, common, numpy_lanes, scalar_numba
+from peers import c_peer, common, jax_peer, numpy_lanes, scalar_numba
 
 import fastcoil as fc
 from fastcoil.loops.plan import Plan, plan_simulation
@@ -57,13 +55,13 @@ OPTIONS = {
 def plan(lanes: int, seconds: int, sample_time: float, options: Options = OPTIONS["bare"]) -> Plan:
     """Make the common work, changed by ``options``, prepare to run."""
     scenarios, series = common.work(lanes, seconds, sample_time)
-    swept = {{"estimate": "backlash_estimate"}.get(k, k): ("case", v) for k, v in scenarios.items()}
-    for name, value in options.loop.items():
-        swept[name] = (value[0], np.linspace(*value[1], lanes)) if isinstance(value, tuple) else value
+    changes = {
+        name: (value[0], np.linspace(*value[1], lanes)) if isinstance(value, tuple) else value
+        for name, value in options.loop.items()
+    }
     series |= {name: np.full(seconds, value) for name, value in options.series.items()}
-    return plan_simulation(
-        fc.Loop().assign(**swept), fc.Boundary(**series), warm_up=common.WARM_UP, traces=options.traces
-    )
+    loop = common.make_loop(scenarios).assign(**changes)
+    return plan_simulation(loop, fc.Boundary(**series), warm_up=common.WARM_UP, traces=options.traces)
 
 
 def kernel(work: Plan, threads: int = 1) -> Callable[[], common.Arrays]:
@@ -92,41 +90,47 @@ class Contender(NamedTuple):
 
     name: str
     threads: int
+    converged: bool
     prepare: Callable[[common.Arrays, common.Arrays], Callable[[], common.Arrays]]
 
-    def check(self, sample_time: float) -> None:
+    def check(self, sample_time: float) -> common.Agreement:
         """Raise ``AssertionError`` unless the metrics are fastcoil's."""
         n, seconds = (LANES, 3600) if QUICK else (200, 7200)
-        common.check(lambda scenarios, series, _: self.prepare(scenarios, series)(), n, seconds, sample_time)
+
+        def run(scenarios: common.Arrays, series: common.Arrays, _: int) -> common.Arrays:
+            return self.prepare(scenarios, series)()
+
+        return common.check(run, n, seconds, sample_time, self.converged)
 
 
 def _make_peer(run: Callable[..., common.Arrays], **options: int) -> Callable[..., Callable[[], common.Arrays]]:
     return lambda scenarios, series: partial(run, scenarios, series, common.WARM_UP, **options)
 
 
-def _make_kernel(threads: int) -> Callable[..., Callable[[], common.Arrays]]:
+def _make_kernel(threads: int, converged: bool) -> Callable[..., Callable[[], common.Arrays]]:
     def prepare(scenarios: common.Arrays, series: common.Arrays) -> Callable[[], common.Arrays]:
-        swept = {{"estimate": "backlash_estimate"}.get(k, k): ("case", v) for k, v in scenarios.items()}
-        return kernel(
-            plan_simulation(fc.Loop().assign(**swept), fc.Boundary(**series), warm_up=common.WARM_UP), threads
-        )
+        loop = common.make_loop(scenarios, converged)
+        return kernel(plan_simulation(loop, fc.Boundary(**series), warm_up=common.WARM_UP), threads)
 
     return prepare
 
 
-def contenders() -> Iterator[Contender]:
-    """Every program that can run here; those with the same number of threads follow one another."""
-    has_c, has_jax = True, importlib.util.find_spec("jax") is not None
+def contenders(converged: bool = False) -> Iterator[Contender]:
+    """Every program that can do the work here; those with the same number of threads follow one another."""
+    has_c = True
     try:
         c_peer.load_library()
     except c_peer.Unavailable:
         has_c = False
     for n in THREADS:
-        if has_c:
-            yield Contender("C", n, _make_peer(c_peer.run, threads=n))
-        yield Contender("fastcoil, kernel", n, _make_kernel(n))
-        yield Contender("fastcoil, simulate", n, _make_peer(common.fastcoil_run, n_jobs=n))
-        yield Contender("scalar Numba", n, _make_peer(scalar_numba.run, threads=min(n, numba.config.NUMBA_NUM_THREADS)))
-    yield Contender("NumPy", 1, _make_peer(numpy_lanes.run))
-    if has_jax:
-        yield Contender("JAX", ALL, _make_peer(importlib.import_module("peers.jax_scan").run))
+        runs: dict[str, Any] = {"C": c_peer.run} if has_c else {}
+        runs |= {"fastcoil, simulate": common.fastcoil_run}
+        runs |= {"JAX": jax_peer.run} if jax_peer.is_installed() else {}
+        yield Contender("fastcoil, kernel", n, converged, _make_kernel(n, converged))
+        for name, run in runs.items():
+            yield Contender(name, n, converged, _make_peer(run, threads=n, converged=converged))
+        if not converged:
+            numba_threads = min(n, numba.config.NUMBA_NUM_THREADS)
+            yield Contender("scalar Numba", n, False, _make_peer(scalar_numba.run, threads=numba_threads))
+    if not converged:
+        yield Contender("NumPy", 1, False, _make_peer(numpy_lanes.run))

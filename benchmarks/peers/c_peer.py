@@ -68,8 +68,8 @@ def _command_output(*arguments: str) -> str:
     return subprocess.run(arguments, capture_output=True, text=True, check=False).stdout
 
 
-def command(*to: str) -> list[str]:
-    """The command that compiles ``coil_loop.c`` for this machine, with further words that say to what.
+def command(*to: str, converged: bool = False) -> list[str]:
+    """The command that compiles ``coil_loop.c`` for this machine and a march, with further words that say to what.
 
     Raises
     ------
@@ -81,7 +81,12 @@ def command(*to: str) -> list[str]:
         raise Unavailable("the C peer needs gcc, which is not on the PATH")
     macros = {name: repr(getattr(common, name)) for name in MACROS}
     macros |= {name: str(getattr(metrics, name)) for name in SCHEDULE_FLAGS}
-    macros |= {"LANES": str(LANES), "LOG_M_MAX": repr(math.log(common.M_MAX)), "SUMS": ",".join(SUMS)}
+    macros |= {
+        "CONVERGED": str(int(converged)),
+        "LANES": str(LANES),
+        "LOG_M_MAX": repr(math.log(common.M_MAX)),
+        "SUMS": ",".join(SUMS),
+    }
     macros |= {"MOVED": repr(metrics.MIN_STEM_MOVE), "OFF_ERROR": repr(OFF_SET_POINT_ERROR_K)}
     return [
         gcc,
@@ -94,15 +99,15 @@ def command(*to: str) -> list[str]:
 
 
 @functools.cache
-def load_library() -> ctypes.CDLL:
-    """Return the library; compiled once per source, flags and machine.
+def load_library(converged: bool = False) -> ctypes.CDLL:
+    """Return the library; compiled once per source, march, flags and machine.
 
     Raises
     ------
     Unavailable
         Where there is no gcc, or it fails.
     """
-    gcc, *flags = command()
+    gcc, *flags = command(converged=converged)
     native = _command_output(gcc, "-march=native", "-Q", "--help=target")
     parts = [SOURCE.read_text(), *flags, _command_output(gcc, "--version"), native]
     key = hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
@@ -112,7 +117,7 @@ def load_library() -> ctypes.CDLL:
     library = folder / f"coil_loop-{key}.so"
     if not library.exists():
         unfinished = library.with_suffix(f".{os.getpid()}")
-        compile_command = command("-shared", "-fPIC", "-o", str(unfinished), "-lm")
+        compile_command = command("-shared", "-fPIC", "-o", str(unfinished), "-lm", converged=converged)
         process = subprocess.run(compile_command, capture_output=True, text=True, check=False)
         if process.returncode:
             raise Unavailable(f"the C peer does not compile: {process.stderr.strip()}")
@@ -123,7 +128,7 @@ def load_library() -> ctypes.CDLL:
     return loop
 
 
-def sums_of(scenarios: Arrays, series: Arrays, flags: np.ndarray) -> np.ndarray:
+def sums_of(scenarios: Arrays, series: Arrays, flags: np.ndarray, converged: bool) -> np.ndarray:
     """SUMS, (len(SUMS), n), of scenarios sorted by sample time, n a multiple of LANES."""
     columns = [np.ascontiguousarray(scenarios[k], dtype=float) for k in SCENARIO]
     rows = [np.ascontiguousarray(series[k], dtype=float) for k in SERIES]
@@ -135,11 +140,11 @@ def sums_of(scenarios: Arrays, series: Arrays, flags: np.ndarray) -> np.ndarray:
     sums, scratch = np.empty((len(SUMS), n)), np.empty((3, n_steps))
     day = _Day(*(r.ctypes.data for r in rows), flags.ctypes.data, None, None, None, n_steps)
     block = _Scenarios(*(c.ctypes.data for c in columns))
-    load_library().coil_loop(block, n, day, scratch.ctypes.data, sums.ctypes.data)
+    load_library(converged).coil_loop(block, n, day, scratch.ctypes.data, sums.ctypes.data)
     return sums
 
 
-def run(scenarios: Arrays, series: Arrays, warm_up: int, threads: int = 1) -> Arrays:
+def run(scenarios: Arrays, series: Arrays, warm_up: int, threads: int = 1, converged: bool = False) -> Arrays:
     """Do the common work on ``threads`` threads: sorted by sample time, padded to whole blocks."""
     order = np.argsort(scenarios["sample_time"], kind="stable")
     padded = np.concatenate([order, np.full(-order.size % LANES, order[-1])])
@@ -147,9 +152,9 @@ def run(scenarios: Arrays, series: Arrays, warm_up: int, threads: int = 1) -> Ar
     schedule = metrics.make_schedule(series["T_set"], np.ones(series["T_set"].size), warm_up)
 
     def run_part(at: np.ndarray) -> np.ndarray:
-        return sums_of({k: scenarios[k][at] for k in SCENARIO}, series, schedule.flags)
+        return sums_of({k: scenarios[k][at] for k in SCENARIO}, series, schedule.flags, converged)
 
-    load_library()
+    load_library(converged)
     with ThreadPoolExecutor(threads) as pool:
         sorted_sums = np.concatenate(list(pool.map(run_part, parts)), axis=1)
     sums = np.empty((len(SUMS), order.size))

@@ -13,6 +13,7 @@ pays, as measured with 512-bit vectors on a Zen 5, the last also on an Emerald R
 What does not: state in registers over the volumes of 8 or 16 lanes, other layouts and paddings of the rows, a
 polynomial for W_s itself (degree 14) without the division.
 Sums for every metric that the work has: SUMS, from c_peer.py, which also says what a second counts for (flags).
+CONVERGED: the march, 1 for the converged one, 0 for the printed one.
 Without sums: frost, because the caller has made sure that nothing comes near freezing, and the estimate, which is
 constant here. */
 #include <math.h>
@@ -122,11 +123,11 @@ typedef struct {
     double kp[LANES], ki[LANES], sample_time[LANES], x_bl[LANES], alpha[LANES], x_hat[LANES];
     /* controller, valve */
     double next_sample[LANES], integral[LANES], u[LANES], mode[LANES], u_ext[LANES], command[LANES], q[LANES];
-    /* water side: dt C_flow/C_w, dt G_w/C_w, dt G_w/C_c; scratch of deliver() */
-    double flow[LANES], to_water[LANES], from_metal[LANES], scratch[LANES];
+    /* water side: dt C_flow/C_w, dt G_w/C_w, dt G_w/C_c, half a step of the water; scratch of deliver() */
+    double flow[LANES], to_water[LANES], from_metal[LANES], half_w[LANES], scratch[LANES];
     /* coil: water temperature of the volume before, states, saturation; row N of the air is what enters */
     double T_w_in[LANES], T_w[N][LANES], T_c[N][LANES], T_a[N + 1][LANES], omega[N + 1][LANES];
-    double omega_s[LANES];
+    double omega_s[LANES], heat[N][LANES]; /* from the air, dt Q/C_c */
     /* what the sums compare with */
     double last_turn[LANES], power_block[LANES], e_previous[LANES], highest[LANES], lowest[LANES];
     double e_sampled[LANES], up_at[LANES], last_period[LANES];
@@ -184,10 +185,59 @@ INLINE void deliver(block *b) {
     EACH_LANE {
         b->to_water[j] = (1.0 - exp_(-BETA1 * b->scratch[j])) * b->flow[j];
         b->from_metal[j] = C_W / C_C * b->to_water[j];
+        b->half_w[j] = 1.0 / (2.0 + b->flow[j]);
     }
 }
 
-/* Eq (3), from the water's entrance: the air that enters volume i is still the state [t] of volume i + 1.
+/* Converged march, before the controller: the air passes the metal of now, from its entrance on */
+INLINE void pass_air(block *b, double m_a, double eps_a, double eps_star, double m_a_counted, const int *damp) {
+    double dry = m_a * CP_A / C_C, wet = m_a * CP_AIR / C_C;
+    for (int i = N - 1; i >= 0; i--) {
+        if (damp[i]) {
+            EACH_LANE b->omega_s[j] = saturation_omega(b->T_c[i][j]);
+            EACH_LANE {
+                double T_in = b->T_a[i + 1][j], omega_in = b->omega[i + 1][j], T_c = b->T_c[i][j];
+                double omega_s = b->omega_s[j], dT = T_in - T_c, latent_in = omega_in * latent(T_in);
+                double cooled = eps_a * dT, dried = eps_star * (latent_in + dT - omega_s * latent(T_c));
+                int is_wet = omega_in > omega_s;
+                double T_out = T_in - cooled, omega_out = (latent_in + cooled - dried) / latent(T_out);
+                omega_out = is_wet ? min(omega_out, omega_in) : omega_in;
+                b->heat[i][j] = is_wet ? wet * dried : dry * cooled;
+                b->T_a[i][j] = T_out;
+                b->omega[i][j] = omega_out;
+                b->sum[CONDENSATE][j] += m_a_counted * (omega_in - omega_out);
+            }
+        } else {
+            EACH_LANE {
+                double cooled = eps_a * (b->T_a[i + 1][j] - b->T_c[i][j]);
+                b->heat[i][j] = dry * cooled;
+                b->T_a[i][j] = b->T_a[i + 1][j] - cooled;
+                b->omega[i][j] = b->omega[i + 1][j];
+            }
+        }
+    }
+}
+
+/* Converged march, after it: the trapezoidal rule along the water, with means over the step; T_dry, damp as in march() */
+INLINE void exchange(block *b, double m_a, double eps_a, double T_dry, int *damp) {
+    EACH_LANE b->scratch[j] = 1.0 / (2.0 + (b->from_metal[j] + m_a * CP_A / C_C * eps_a));
+    for (int i = 0; i < N; i++) {
+        uint64_t next = 0;
+        EACH_LANE {
+            double T_c = b->T_c[i][j], T_w = b->T_w[i][j], T_w_in = b->T_w_in[j];
+            double metal = T_c + b->scratch[j] * (b->heat[i][j] - b->from_metal[j] * (T_c - T_w_in));
+            double water = T_w + b->half_w[j] * (b->flow[j] * (T_w_in - T_w) + b->to_water[j] * (metal - T_w_in));
+            double T_next = metal + (metal - T_c);
+            next |= T_next < T_dry;
+            b->T_c[i][j] = T_next;
+            b->T_w[i][j] = water + (water - T_w);
+            b->T_w_in[j] = water;
+        }
+        damp[i] = next != 0;
+    }
+}
+
+/* Printed march: Eq (3), from the water's entrance: the air that enters volume i is still the state [t] of volume i + 1.
 m_a_counted: m_a, or 0 where condensate does not count.  damp: whether air may condense in a volume, of this step and, with
 T_dry, the metal temperature from which up none does, of the next. */
 INLINE void march(block *b, double m_a, double eps_a, double eps_star, double m_a_counted, double T_dry, int *damp) {
@@ -310,6 +360,13 @@ static void run_block(const scenarios *s, long k, long n, const day *d, double *
     for (long t = 0, next = 0; t < d->n_steps; t++) {
         double T_set = d->T_set[t], T_w_in = d->T_w_in[t], m_a = d->m_a[t];
         int64_t f = d->flags[t];
+        double m_a_counted = f & IS_COUNTED ? m_a : 0.0;
+        EACH_LANE {
+            b->T_a[N][j] = d->T_a_in[t];
+            b->omega[N][j] = d->W_a_in[t] / MASS_RATIO;
+            b->T_w_in[j] = T_w_in;
+        }
+        if (CONVERGED) pass_air(b, m_a, d->eps_a[t], d->eps_star[t], m_a_counted, damp);
         if (t == next) {
             next += period;
             double counts = f & IN_SWITCH_BLOCK ? 1.0 : 0.0;
@@ -333,12 +390,8 @@ static void run_block(const scenarios *s, long k, long n, const day *d, double *
             b->sum[PEAK_POWER][j] = max(b->power_block[j], b->sum[PEAK_POWER][j]);
             b->power_block[j] = 0.0;
         }
-        EACH_LANE {
-            b->T_a[N][j] = d->T_a_in[t];
-            b->omega[N][j] = d->W_a_in[t] / MASS_RATIO;
-            b->T_w_in[j] = T_w_in;
-        }
-        march(b, m_a, d->eps_a[t], d->eps_star[t], f & IS_COUNTED ? m_a : 0.0, d->T_dry[t], damp);
+        if (CONVERGED) exchange(b, m_a, d->eps_a[t], d->T_dry[t], damp);
+        else march(b, m_a, d->eps_a[t], d->eps_star[t], m_a_counted, d->T_dry[t], damp);
     }
     for (int i = 0; i < N_SUMS; i++) memcpy(sums + i * n + k, b->sum[i], sizeof b->sum[i]);
 }
