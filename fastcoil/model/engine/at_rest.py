@@ -13,9 +13,10 @@ import numpy as np
 from fastcoil.model import physics
 from fastcoil.model.engine.coil import (
     exchange_heat,
+    half_step_of_metal,
     march_lagged_water,
     saturate,
-    update_half_step,
+    update_half_step_of_water,
     update_water_conductance,
 )
 from fastcoil.model.engine.plant import update_water_flow
@@ -71,8 +72,9 @@ def march_second_per_lane(S, V, config, entering):
             march_lagged_water(S, V, n_volumes, False, all_volumes)
             march_air_per_lane(S, V, n_volumes, True, entering, False)
         return
+    update_half_step_of_water(S)
     for j in range(LANES):
-        update_half_step(S, j, entering[CONDITION.m_a, j])
+        S[R.half_C_c + j] = half_step_of_metal(S, j, entering[CONDITION.m_a, j])
     for substep in range(config.substeps + 1):
         if substep > 0:
             exchange_heat(S, V, n_volumes, np.inf, np.ones(n_volumes + 1, np.bool_))

@@ -291,21 +291,24 @@ def pass_dry_volume(S, V, i, m_a):
 
 
 @section
-def update_half_steps(S, m_a):
-    """Update what half a step does to metal and water of every lane, see ``update_half_step``."""
+def update_half_step_of_water(S):
+    """Update what half a step of a kilowatt does to the water of a volume, which flows out on the way, K/kW."""
     for j in range(LANES):
-        update_half_step(S, j, m_a)
+        S[R.half_C_w + j] = physics.implicit_half_step(S[R.dt_C_w + j], S[R.C_flow + j])
 
 
 @section
-def update_half_step(S, j, m_a):
-    """Update what half a step of a kilowatt does to the metal and to the water of a volume of lane j, K/kW.
+def update_half_step_of_metal(S, m_a):
+    """Update the same of its metal, which loses heat to the air and to the water on the way."""
+    for j in range(LANES):
+        S[R.half_C_c + j] = half_step_of_metal(S, j, m_a)
 
-    On the way the metal loses heat to the air and to the water, and the water flows out.
-    """
+
+@section
+def half_step_of_metal(S, j, m_a):
+    """What half a step of a kilowatt does to the metal of a volume of lane j, K/kW."""
     G_a = S[R.eps_a + j] * (m_a * S[R.cp_a + j])
-    S[R.half_C_c + j] = physics.implicit_half_step(S[R.dt_C_c + j], S[R.G_w + j] + G_a)
-    S[R.half_C_w + j] = physics.implicit_half_step(S[R.dt_C_w + j], S[R.C_flow + j])
+    return physics.implicit_half_step(S[R.dt_C_c + j], S[R.G_w + j] + G_a)
 
 
 @section

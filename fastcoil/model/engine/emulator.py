@@ -174,8 +174,10 @@ def emulate(rows, config, day, S, V, estimator_state, law_state, metric_rows, st
                 else:
                     coil.march_lagged_air(S, V, n_volumes, False, 0.0, 0.0, m_a, dt_counted, T_dry, may_condense)
         else:
+            if has_moved:
+                coil.update_half_step_of_water(S)
             if has_moved or is_new_m_a:
-                coil.update_half_steps(S, m_a)
+                coil.update_half_step_of_metal(S, m_a)
             coil.exchange_heat(S, V, n_volumes, T_dry, may_condense)
             for _ in range(1, config.substeps):
                 coil.pass_air(S, V, n_volumes, m_a, dt_counted, is_mild, may_condense)

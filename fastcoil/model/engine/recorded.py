@@ -48,7 +48,8 @@ def march_coil(rows, config, series, seconds, S, V, T_sup, T_w_out, wet):
                 S[R.C_flow + j] = m_w * S[R.cp_w + j]
             coil.update_water_conductance(S)
         if m_a != m_a_known or m_w != m_w_known:
-            coil.update_half_steps(S, m_a)
+            coil.update_half_step_of_water(S)
+            coil.update_half_step_of_metal(S, m_a)
             m_a_known, m_w_known = m_a, m_w
         coil.set_inlets(V, n_volumes, T_a_in, W_a_in, T_w_in)
         if not config.lagged_air:
