@@ -27,7 +27,7 @@ from fastcoil.model.engine.lanes import TraceRequest, compile_kernel
 from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, STATUS_OK, TRACES
 from fastcoil.model.numerics.jit import model_sha256, numeric_environment
 from fastcoil.model.parameter_table import PARAMETERS
-from fastcoil.model.user_rules import refuse_changed_code, user_code_hashes
+from fastcoil.model.user_rules import hash_user_code
 from fastcoil.study.analysis.precision import read_precision
 from fastcoil.study.analysis.selected import list_first, select_labels
 from fastcoil.study.file.spec import read_study
@@ -107,7 +107,7 @@ def rerun(
     for word, rule in layout.loop.rules.items():
         rule.adopt_code(prepare(rule.kind, study.rules[word]))
     if manifest.model_sha256 == model_sha256():
-        refuse_changed_code(user_code_hashes(layout.loop.rules.values()), manifest.user_code)
+        hash_user_code(layout.loop.rules.values(), manifest.user_code)  # refuses another rule
     compile_kernel()
     shard = Shard(np.array([flat]))
     if plan.carry_over:  # the days before are run first, without traces

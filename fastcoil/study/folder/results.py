@@ -18,7 +18,7 @@ from fastcoil.loops.netcdf import probe_file
 from fastcoil.loops.scenarios import check_result, check_same_form, join_flat, unflatten
 from fastcoil.model.metric_table import STATUS_NOT_RUN, TRACES
 from fastcoil.study.folder.folder import StudyFolder
-from fastcoil.study.folder.state import FolderState, Stage, StudyRun, is_complete_result_of, is_result_of
+from fastcoil.study.folder.state import FolderState, Stage, is_complete_result_of, is_result_of
 from fastcoil.study.folder.stored import (
     MANIFEST_FILE,
     RESULTS_FILE,
@@ -121,9 +121,7 @@ def _open_folder(store: StudyFolder, leave_out: Collection[str] = ()) -> xr.Data
                 stacklevel=4,
             )
             leave_out = TRACES
-        run = StudyRun(store, study, manifest)
-        run.match(state.results)
-        parts = run.parts(leave_out, quarantine=False)
+        parts = state.keep_scenarios(study, manifest).parts(leave_out, quarantine=False)
         ds = unflatten(join_flat(study.plan.n_scenarios, parts, allocate=allocate_on_disk), study.plan.layout)
         if ds.data_vars:
             return ds.assign_attrs(study_attributes(study, manifest))

@@ -156,32 +156,31 @@ def test_the_memory_of_a_merge_does_not_grow_with_the_study(tmp_path, monkeypatc
 
 def test_an_extension_reads_earlier_results_some_scenarios_at_a_time(out, monkeypatch):
     copy_run(PLAIN_STUDY, out)
-    original, sizes = state.StudyRun._earlier_parts, []
+    original, sizes = merged.StudyRun._earlier_parts, []
 
     def counted(*words):
         for part in original(*words):
             sizes.append(part.sizes["scenario"])
             yield part
 
-    monkeypatch.setattr(state, "_VALUES_AT_ONCE", 2 * (len(METRICS) + 1))  # values of two scenarios
+    monkeypatch.setattr(merged, "_VALUES_AT_ONCE", 2 * (len(METRICS) + 1))  # values of two scenarios
     monkeypatch.setattr(state, "_SCENARIOS_AT_ONCE", 5)
-    monkeypatch.setattr(state.StudyRun, "_earlier_parts", counted)
+    monkeypatch.setattr(merged.StudyRun, "_earlier_parts", counted)
     assert run(with_larger_sweep(PLAIN_STUDY), out, extend=True) == undisturbed_hash(with_larger_sweep(PLAIN_STUDY))
     assert sizes == [2] * 6
 
 
 def test_a_run_keeps_no_shard_for_a_comparison_with_later_ones(out, monkeypatch):
     cut_studies(monkeypatch, 2)
-    original, firsts = state.check_same_form, []
+    original, firsts = merged.StudyRun.commit, []
 
-    def compare(first, part):
-        firsts.append(first)
-        return original(first, part)
+    def commit(study_run, part):
+        original(study_run, part)
+        firsts.append(study_run._first_scenario)
 
-    monkeypatch.setattr(state, "check_same_form", compare)
+    monkeypatch.setattr(merged.StudyRun, "commit", commit)
     assert run(TRACED_STUDY, out) == undisturbed_hash(TRACED_STUDY)
-    kept = [first.sizes["scenario"] for first in firsts if first is not None]
-    assert kept == [1] * len(kept) != []
+    assert [first.sizes["scenario"] for first in firsts] == [1] * len(firsts) != []
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.05])

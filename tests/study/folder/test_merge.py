@@ -22,7 +22,7 @@ from helpers.studies import (
 import fastcoil as fc
 from fastcoil.base import arrays
 from fastcoil.base.errors import IntegrityError, StorageError
-from fastcoil.study.folder.state import StudyRun
+from fastcoil.study.folder.merged import StudyRun
 
 pytestmark = pytest.mark.kernel
 
