@@ -31,7 +31,7 @@ from fastcoil.model.user_rules import hash_user_code
 from fastcoil.study.analysis.precision import read_precision
 from fastcoil.study.analysis.selected import list_first, select_labels
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.file.user_code import UserCode, load_function
+from fastcoil.study.file.user_code import UserCode, load_code, load_function
 from fastcoil.study.folder.folder import StudyFolder, find_holder, find_running_slices, hold_folder
 from fastcoil.study.folder.results import find_folder_problems, open_metrics
 from fastcoil.study.folder.state import is_result_of
@@ -104,8 +104,7 @@ def rerun(
         path.parent
     ):  # not the study, which may be running; a folder that cannot be written is refused now
         pass
-    for word, rule in layout.loop.rules.items():
-        rule.adopt_code(prepare(rule.kind, study.rules[word]))
+    load_code(layout.loop.rules, study.rules, prepare)
     if manifest.model_sha256 == model_sha256():
         hash_user_code(layout.loop.rules.values(), manifest.user_code)  # refuses another rule
     compile_kernel()

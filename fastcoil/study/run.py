@@ -22,7 +22,7 @@ from fastcoil.study.file.user_code import load_function
 from fastcoil.study.folder.folder import StudyFolder, hold_folder
 from fastcoil.study.folder.merged import StudyRun, merge_metrics, publish_results, repair_results
 from fastcoil.study.folder.state import FolderState
-from fastcoil.study.folder.stored import Manifest, study_attributes
+from fastcoil.study.folder.stored import study_attributes
 from fastcoil.study.workers import Job, PoolOptions, check_backend, make_pool, run_shards
 
 SCENARIO_DAYS = "scenario-days"
@@ -153,7 +153,7 @@ def execute(
         store = StudyFolder(folder.absolute())  # the user's code may change the current folder meanwhile
     with hold_folder(store.path):
         while larger is not None:
-            state = FolderState.read(store, Manifest.read(store.path))
+            state = FolderState.read(store)
             run = state.start_run(larger, extend)
             is_new = run.results is None
             if run.results is None:
@@ -188,7 +188,7 @@ def execute_slice(
     with convert_os_errors(folder, "found"):
         store = StudyFolder(folder.absolute())
     with hold_folder(store.path, str(job_slice)):
-        state = FolderState.read(store, Manifest.read(store.path))
+        state = FolderState.read(store)
         scenarios = job_slice.index(study.plan)
         run = state.start_run(study, extend=False, scenarios=scenarios)
         if run.results is not None:

@@ -15,8 +15,8 @@ from helpers.refusals import refuses
 import fastcoil as fc
 from fastcoil.base.errors import InputError, StorageError
 from fastcoil.study import run as runner
-from fastcoil.study.file import spec
 from fastcoil.study.file.spec import read_study
+from fastcoil.study.folder import state
 
 pytestmark = pytest.mark.kernel
 
@@ -72,7 +72,7 @@ def test_results_are_labelled_as_an_xarray_user_expects(finished):
 
 def test_results_of_other_physics_are_run_again(study, tmp_path, monkeypatch):
     fc.run_study(study, tmp_path / "out")
-    monkeypatch.setattr(spec, "model_sha256", lambda: "another model")
+    monkeypatch.setattr(state, "model_sha256", lambda: "another model")
     with pytest.warns(UserWarning, match="other sources of the model: everything is computed again"):
         finished = runner.execute(read_study(study), tmp_path / "out")
     assert finished.n_run == 16

@@ -21,6 +21,7 @@ from fastcoil.loops.provenance import environments_of
 from fastcoil.loops.scenarios import parameter_columns
 from fastcoil.model.engine.lanes import parameter_matrix
 from fastcoil.model.metric_table import METRICS, STATUS_NOT_RUN, TRACES
+from fastcoil.model.numerics.jit import model_sha256
 from fastcoil.model.user_rules import RULE_KINDS, RuleHashes, hash_user_code
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.folder import StudyFolder
@@ -80,19 +81,25 @@ class FolderState:
     has_shards: bool
 
     @classmethod
-    def read(cls, store: StudyFolder, manifest: Manifest | None) -> FolderState:
-        """Read what is in a folder besides its manifest."""
+    def read(cls, store: StudyFolder) -> FolderState:
+        manifest = Manifest.read(store.path)
         results = open_final_results(store.path, manifest) if store.has_results else None
         return cls(store, manifest, results, store.has_shards)
+
+    @property
+    def is_merged(self) -> bool:
+        """Whether the results hold all that was computed."""
+        if self.manifest is None or self.results is None:
+            return not self.has_shards
+        return not self.has_shards or is_complete_result_of(self.results, self.manifest)
 
     def stage_of(self, requested: Manifest) -> Stage:
         """Compare what the folder holds with a run."""
         manifest, results = self.manifest, self.results
         if manifest is not None and manifest.study_sha256 != requested.study_sha256:
-            if results is None:
-                return Stage.UNFINISHED_OTHER if self.has_shards else Stage.NEW
-            is_merged = not self.has_shards or is_complete_result_of(results, manifest)
-            return Stage.EXTENDABLE if is_merged else Stage.UNFINISHED_OTHER
+            if not self.is_merged:
+                return Stage.UNFINISHED_OTHER
+            return Stage.NEW if results is None else Stage.EXTENDABLE
         if results is not None and is_complete_result_of(results, requested):
             return Stage.FINISHED
         if manifest is not None:
@@ -107,7 +114,7 @@ class FolderState:
         """
         study, stored, results = self._with_stored_batches(study, extend), self.manifest, self.results
         boundary_sha256 = study.plan.layout.boundary.sha256
-        manifest = Manifest(study.sha256, boundary_sha256, study.model_sha256, str(study.folder.absolute()))
+        manifest = Manifest(study.sha256, boundary_sha256, model_sha256(), str(study.folder.absolute()))
         stage = self.stage_of(manifest)
         if stage is Stage.UNRECORDED:
             raise self.store.missing_manifest_error()
