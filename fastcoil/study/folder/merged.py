@@ -1,18 +1,17 @@
 """A run of a study: its shards, and how they become one result.
 
-Metrics are joined in one go, traces slab by slab, so that a study may be larger than the memory.
+Metrics are joined first, then each trace, in nameless files, so that a study may be larger than the memory.
 """
 
 from __future__ import annotations
 
 import json
 import math
-import tempfile
 import warnings
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import chain, pairwise
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -22,16 +21,8 @@ import xarray as xr
 from fastcoil.base.arrays import allocate_on_disk
 from fastcoil.base.errors import IntegrityError
 from fastcoil.base.files import convert_os_errors, replace_atomically
-from fastcoil.loops.netcdf import (
-    Slabs,
-    append_slabs,
-    cut_into_pieces,
-    describe_variables,
-    file_sha256,
-    trace_slabs,
-    write,
-)
-from fastcoil.loops.provenance import VariableHash, combined_sha256, environments_of, variable_sha256
+from fastcoil.loops.netcdf import append_trace, cut_into_pieces, describe_variables, file_sha256, write
+from fastcoil.loops.provenance import combined_sha256, environments_of, variable_sha256
 from fastcoil.loops.scenarios import check_same_form, join_flat, unflatten
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
 from fastcoil.study.file.spec import Study
@@ -39,6 +30,7 @@ from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.stored import RESULTS_FILE, Manifest, Shards, with_traces
 
 _VALUES_AT_ONCE = 2**22  # read of earlier results
+_TRACE_COORDINATES = ("elapsed_time", "time", "volume")
 
 
 def _no_scenarios() -> np.ndarray:
@@ -131,11 +123,7 @@ class StudyRun:
 
 def merge_metrics(run: StudyRun) -> xr.Dataset:
     """Join the metrics of all parts of a study over its dims; ``IntegrityError`` if parts were lost meanwhile."""
-    plan = run.study.plan
-    untraced = (part.drop_vars(_find_trace_coordinates(part)) for part in _read_parts(run, TRACES))
-    with convert_os_errors(run.store.results_path, "written"):
-        flat = join_flat(plan.n_scenarios, untraced, allocate=partial(allocate_on_disk, folder=run.store.path))
-    ds = unflatten(flat, plan.layout)
+    ds = _join_parts(run, {*TRACES, *_TRACE_COORDINATES})
     return ds[[n for n in dict.fromkeys((*METRICS, "status", *ds.data_vars)) if n in ds]]
 
 
@@ -187,12 +175,20 @@ def _publish_file(run: StudyRun, name: str, write: Callable[[Path], object]) -> 
     replace_atomically(path, write, record)
 
 
+def _join_parts(run: StudyRun, leave_out: Collection[str]) -> xr.Dataset:
+    """Join all parts over the dims of the study, without the variables ``leave_out``; large arrays are on the disk."""
+    parts, allocate = _read_parts(run, leave_out), partial(allocate_on_disk, folder=run.store.path)
+    with convert_os_errors(run.store.results_path, "written"):
+        flat = join_flat(run.study.plan.n_scenarios, parts, allocate)
+    return unflatten(flat, run.study.plan.layout)
+
+
 def _read_parts(run: StudyRun, leave_out: Collection[str]) -> Iterator[xr.Dataset]:
     """Read the parts one by one, since they need not fit in memory together, and miss none."""
     n_left = run.study.plan.n_scenarios
     for part in run.parts(leave_out):
         n_left -= part.sizes["scenario"]
-        yield part
+        yield part.drop_vars(leave_out, errors="ignore")
     if n_left > 0:
         raise IntegrityError(
             f"{run.store.path}: {n_left:,} scenarios were lost after they had been run: run the study again"
@@ -205,82 +201,22 @@ def _merge_traces(run: StudyRun, attrs: dict[str, Any]) -> xr.Dataset:
     Returns what the results must have of them: coordinates, and attributes with the name of their file and the hash and
     description of every variable.
     """
-    plan, file_name = run.study.plan, f"traces-{run.manifest.key[:8]}.nc"
+    file_name, n_dims = f"traces-{run.manifest.key[:8]}.nc", len(run.study.plan.layout.sizes)
     hashes: dict[str, str] = {}
     layout: dict[str, Any] = {}
     coordinates: dict[Any, xr.DataArray] = {}
 
     def write_all(unfinished: Path) -> None:
-        for k, name in enumerate(plan.traces.names):
-            parts = _read_parts(run, {*METRICS, *TRACES} - {name})
-            first = next(parts)
-            of_first = first.variables[name]
-            along = {d: first.variables[d] for d in of_first.dims[1:]}
-            ds = unflatten(xr.Dataset(coords=along), plan.layout).assign_attrs(attrs)
-            shape = (*plan.layout.sizes.values(), *of_first.shape[1:])
-            shape_only = np.broadcast_to(np.zeros((), of_first.dtype), shape)
-            like = xr.Variable((*plan.layout.sizes, *along), shape_only, of_first.attrs)
-            places, chunk = trace_slabs(shape, len(plan.layout.sizes))
-            edges = np.cumsum([0, *(math.prod(part.stop - part.start for part in place) for place in places)])
-            digest = VariableHash(like.dims, shape)
-            values = iter_flat_order(chain([first], parts), name, edges, run.store.path)
-            slabs = ((p, v.reshape(shape_only[p].shape)) for p, v in zip(places, values, strict=True))
-            append = partial(append_slabs, name=name, template=like, chunk=chunk, slabs=_hash_slabs(digest, slabs))
+        for k, name in enumerate(run.study.plan.traces.names):
+            ds = _join_parts(run, {*METRICS, *TRACES} - {name})
+            trace, ds = ds[name].variable, ds.drop_vars([name, "status"]).assign_attrs(attrs)
+            append = partial(append_trace, name=name, trace=trace, n_dims=n_dims)
             write(ds, unfinished, mode="a" if k else "w", append_rest=append)
-            hashes[name] = digest.hexdigest(like.attrs)
-            layout.update(describe_variables([(name, like)]))
-            coordinates.update({n: ds[n].reset_coords(drop=True) for n in _find_trace_coordinates(ds)})
+            hashes[name] = variable_sha256(trace)
+            layout.update(describe_variables([(name, trace)]))
+            coordinates.update({n: ds[n].reset_coords(drop=True) for n in _TRACE_COORDINATES if n in ds.coords})
 
     _publish_file(run, file_name, write_all)
     hashes.update({n: variable_sha256(coordinate.variable) for n, coordinate in coordinates.items()})
     descriptions = {"trace_sha256": json.dumps(hashes), "trace_layout": json.dumps(layout)}
     return xr.Dataset(coords=coordinates, attrs={"trace_file": file_name, **descriptions})
-
-
-def _hash_slabs(digest: VariableHash, slabs: Slabs) -> Slabs:
-    for place, values in slabs:
-        digest.update(values)
-        yield place, values
-
-
-def iter_flat_order(parts: Iterable[xr.Dataset], name: str, edges: np.ndarray, folder: Path) -> Iterator[np.ndarray]:
-    """Yield the values of a variable of flat parts, of the scenarios between each two ``edges``.
-
-    Shards come in flat order, but for days in sequence and extended studies: values that come early wait in a nameless
-    file in ``folder``.
-    """
-    is_waiting = np.zeros(edges[-1], dtype=bool)
-    slabs, slab, form = pairwise(edges.tolist()), np.empty(0), None
-    start = end = n_missing = 0
-    with tempfile.TemporaryFile(dir=folder) as file:
-        for part in parts:
-            form = check_same_form(form, part)
-            index, values = part["scenario"].values, part[name].values
-            while True:
-                if n_missing:
-                    is_in_slab = (index >= start) & (index < end)
-                    slab[index[is_in_slab] - start] = values[is_in_slab]
-                    n_missing -= int(is_in_slab.sum())
-                if n_missing:
-                    break
-                if end:
-                    yield slab
-                if end == is_waiting.size:
-                    return
-                start, end = next(slabs)
-                slab = np.empty((end - start, *values.shape[1:]), values.dtype)
-                n_early = int(is_waiting[start:end].sum())
-                if n_early:
-                    file.seek(start * slab[0].nbytes)
-                    file.readinto(slab.data)  # type: ignore[attr-defined]
-                n_missing = end - start - n_early
-            later_places = np.flatnonzero(index >= end)
-            is_waiting[index[later_places]] = True
-            gaps = np.flatnonzero(np.diff(index[later_places]) != 1) + 1
-            for run in np.split(later_places, gaps) if later_places.size else ():
-                file.seek(index[run[0]] * slab[0].nbytes)
-                file.write(values[run].data)
-
-
-def _find_trace_coordinates(ds: xr.Dataset) -> list[str]:
-    return [n for n in ("elapsed_time", "time", "volume") if n in ds.coords]
