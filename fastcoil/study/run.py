@@ -147,23 +147,24 @@ def execute(
     """
     options = PoolOptions(backend, number_of_threads(n_jobs), scheduler)
     check_backend(backend, scheduler)
-    larger: Study | None = study
     n_run, scope = 0, SCENARIO_DAYS
     with convert_os_errors(folder, "found"):
         store = StudyFolder(folder.absolute())  # the user's code may change the current folder meanwhile
     with hold_folder(store.path):
-        while larger is not None:
+        while True:
             state = FolderState.read(store)
-            run = state.start_run(larger, extend)
+            run = state.start_run(study, extend)
             is_new = run.results is None
             if run.results is None:
                 n_computed, ds = _run_and_merge(run, options, progress, scope)
                 n_run += n_computed
             else:
                 ds = repair_results(run, run.results)
-            larger = run.study.with_more_batches(ds)
-            if larger is not None and larger.precision:
-                extend, scope = True, f"{SCENARIO_DAYS}, {larger.precision.describe_progress(ds)}"
+            precision = run.study.precision
+            if precision is None or precision.is_enough(ds):
+                break
+            study = run.study.with_batches(next(n for n in precision.batch_counts if n > run.study.batches))
+            extend, scope = True, f"{SCENARIO_DAYS}, {precision.describe_progress(ds)}"
         finished = FinishedStudy(store.path, ds, n_run, is_new)
         present(finished)
     return finished

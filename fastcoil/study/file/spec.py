@@ -16,8 +16,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-import xarray as xr
-
 from fastcoil.base.arguments import collect_problems, raise_problems, require_choice
 from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 from fastcoil.base.files import read_text
@@ -219,12 +217,6 @@ class Study:
         if not matching and self.precision and n_samples is not None:
             matching = [n for n in counts if n * self.precision.size >= n_samples]
         return self.with_batches(matching[0]) if matching else None
-
-    def with_more_batches(self, ds: xr.Dataset) -> Study | None:
-        """Return the study with more batches than the result ``ds``; None if these suffice, or are all."""
-        if self.precision is None or self.precision.is_enough(ds):
-            return None
-        return self.with_batches(next(n for n in self.precision.batch_counts if n > self.batches))
 
 
 def read_study(

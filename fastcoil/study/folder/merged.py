@@ -20,7 +20,7 @@ import xarray as xr
 
 from fastcoil.base.arrays import allocate_on_disk
 from fastcoil.base.errors import IntegrityError
-from fastcoil.base.files import convert_os_errors, replace_atomically
+from fastcoil.base.files import replace_atomically
 from fastcoil.loops.netcdf import append_trace, cut_into_pieces, describe_variables, file_sha256, write
 from fastcoil.loops.provenance import combined_sha256, environments_of, variable_sha256
 from fastcoil.loops.scenarios import check_same_form, join_flat, unflatten
@@ -142,7 +142,7 @@ def repair_results(run: StudyRun, ds: xr.Dataset) -> xr.Dataset:
     """Complete the folder of a finished study: a changed title, files that were lost, files it no longer needs."""
     title = {"title": run.study.title, "summary": run.study.question, "study_toml": run.study.text}
     if any(ds.attrs.get(name) != value for name, value in title.items()):
-        metrics = ds.drop_vars([name for name in ds.data_vars if name in TRACES]).load()
+        metrics = ds.drop_vars([name for name in ds.data_vars if name in TRACES]).compute()
         return _write_results(run, metrics.assign_attrs(title))
     run.store.remove_superseded(ds, run.manifest)
     run.store.write_manifest(run.manifest, run.study.text)
@@ -177,10 +177,9 @@ def _publish_file(run: StudyRun, name: str, write: Callable[[Path], object]) -> 
 
 def _join_parts(run: StudyRun, leave_out: Collection[str]) -> xr.Dataset:
     """Join all parts over the dims of the study, without the variables ``leave_out``; large arrays are on the disk."""
-    parts, allocate = _read_parts(run, leave_out), partial(allocate_on_disk, folder=run.store.path)
-    with convert_os_errors(run.store.results_path, "written"):
-        flat = join_flat(run.study.plan.n_scenarios, parts, allocate)
-    return unflatten(flat, run.study.plan.layout)
+    plan, parts = run.study.plan, _read_parts(run, leave_out)
+    flat = join_flat(plan.n_scenarios, parts, partial(allocate_on_disk, folder=run.store.path))
+    return unflatten(flat, plan.layout)
 
 
 def _read_parts(run: StudyRun, leave_out: Collection[str]) -> Iterator[xr.Dataset]:
