@@ -142,8 +142,8 @@ def execute(
     """Run a study into ``folder``, resume it, or find it finished there; see ``run_study``.
 
     The study's own code has been loaded, as ``read_study`` does with ``prepare``.  ``progress`` is called when there is
-    work to do; with ``precision`` there is work again for more batches.
-    ``present`` gets the finished study while its folder is still held, to write figures there.
+    work to do; with ``precision`` there is work again for more batches.  ``present`` gets the finished study while its
+    folder is still held, to write figures there.
     """
     options = PoolOptions(backend, number_of_threads(n_jobs), scheduler)
     check_backend(backend, scheduler)

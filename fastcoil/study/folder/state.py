@@ -112,7 +112,7 @@ class FolderState:
         Of a study with ``precision``, the run is of as many batches of samples as the folder has, or as its extension
         needs.
         """
-        study, stored, results = self._with_stored_batches(study, extend), self.manifest, self.results
+        study, results = self._with_stored_batches(study, extend), self.results
         boundary_sha256 = study.plan.layout.boundary.sha256
         manifest = Manifest(study.sha256, boundary_sha256, model_sha256(), str(study.folder.absolute()))
         stage = self.stage_of(manifest)
@@ -125,7 +125,7 @@ class FolderState:
                 f"the study in {self.store.path} is unfinished: finish it with the file that it was started from, then "
                 "extend it"
             )
-        stored = None if stage is Stage.NEW else stored
+        stored = None if stage is Stage.NEW else self.manifest
         if stage is not Stage.FINISHED and stored is not None and stored.model_sha256 != manifest.model_sha256:
             warnings.warn(
                 f"{self.store.path} was computed with other sources of the model: everything is computed again",
@@ -141,14 +141,14 @@ class FolderState:
 
     def _earlier_code(self, study: Study, manifest: Manifest) -> RuleHashes:
         """Return the hashes of the user's code with which the scenarios were computed that the run keeps."""
-        code: RuleHashes = {}
+        code: dict[str, Mapping[str, str]] = {}
         if self.results is not None and self.results.attrs.get("model_sha256") == manifest.model_sha256:
             sources = _rule_hashes(self.results.attrs)
             code = json.loads(self.results.attrs.get("user_code", "{}"))
             # of a rule with another source the scenarios are no longer in the study
             code = {n: code[n] for n in code if n in study.rules and study.rules[n].sha256 == sources.get(n)}
         if self.manifest is not None and self.manifest.key == manifest.key:
-            code = {**code, **self.manifest.user_code}
+            code |= {n: {**code.get(n, {}), **hashes} for n, hashes in self.manifest.user_code.items()}
         return code
 
     def _with_stored_batches(self, study: Study, extend: bool) -> Study:

@@ -4,8 +4,8 @@ import copy
 import json
 
 import pytest
-from click.testing import CliRunner
 from helpers import failing_shards
+from helpers.commands import fastcoil
 from helpers.full import full_except
 from helpers.processes import cut_studies
 from helpers.refusals import assert_refused
@@ -13,7 +13,6 @@ from helpers.studies import copy_run, folder_contents, run_until_stopped
 
 import fastcoil as fc
 from fastcoil.base import files
-from fastcoil.cli.main import main
 from fastcoil.study import run as runner
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder import folder, stored
@@ -219,8 +218,8 @@ def test_without_extend_another_version_is_refused(study, tmp_path, monkeypatch,
     run_shards(study(BASE), tmp_path / "out", n_shards)
     before = folder_contents(tmp_path / "out")
     study(EXTENSIONS["end"])
-    words = ["run", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out"), "--no-figures"]
-    result = CliRunner().invoke(main, words)
+    words = ["run", tmp_path / "study.toml", "-o", tmp_path / "out", "--no-figures"]
+    result = fastcoil(*words)
     assert result.exit_code == 2
     assert "add --extend if only values were added" in result.stderr
     assert str(tmp_path / "out" / "study.toml") in result.stderr
