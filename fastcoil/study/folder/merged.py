@@ -155,7 +155,7 @@ def _write_results(run: StudyRun, ds: xr.Dataset) -> xr.Dataset:
     _publish_file(run, RESULTS_FILE, lambda unfinished: write(ds, unfinished, mode="w"))
     run.store.remove_superseded(ds, run.manifest)
     trace_file = ds.attrs.get("trace_file")
-    outputs = {n: hashes[:1] for n, hashes in run.manifest.outputs.items() if n in (RESULTS_FILE, trace_file)}
+    outputs = {name: run.manifest.outputs[name][:1] for name in (RESULTS_FILE, trace_file) if name}
     run.manifest = replace(run.manifest, outputs=outputs, finished=True)
     run.store.write_manifest(run.manifest, run.study.text)
     return ds if trace_file is None else with_traces(ds, run.store.path / trace_file, outputs[trace_file])
