@@ -7,6 +7,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from fastcoil.base.files import convert_os_errors
 from fastcoil.base.machine import reserve_disk_space
 
 Array: TypeAlias = NDArray[np.float64]
@@ -20,7 +21,7 @@ def allocate_on_disk(
 ) -> NDArray[Any]:
     """Make an array; a large one is in a nameless file, so that results may be larger than the memory.
 
-    folder: of that file, ``OSError`` if there is no room; by default that for temporary files, else the memory.
+    folder: of that file, ``StorageError`` if there is no room; by default that for temporary files, else the memory.
     """
     size = dtype.itemsize * int(np.prod(shape))
     if size < MEMMAP_MIN_BYTES:
@@ -31,7 +32,8 @@ def allocate_on_disk(
             array: NDArray[Any] = np.memmap(file, dtype, "r+", shape=shape)
     except OSError:
         if folder is not None:
-            raise
+            with convert_os_errors(folder, "written"):
+                raise
         array = np.zeros(shape, dtype)
     if value != 0:
         array[:] = value

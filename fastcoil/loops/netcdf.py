@@ -16,7 +16,7 @@ import stat
 import subprocess
 import sys
 import zlib
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
@@ -156,8 +156,6 @@ def _write_file(
 _CHUNK_VALUES = 2**17  # of a chunk
 _CHUNK_TIMES = 2**10  # the values of a chunk along time if there are several scenarios
 _SLAB_VALUES = 2**23  # written or read at a time
-Slabs = Iterable[tuple[tuple[slice, ...], np.ndarray]]
-"""Parts of an array, in C order, and their values."""
 
 
 def cut_into_pieces(shape: tuple[int, ...], max_values: int) -> Iterator[tuple[slice, ...]]:
@@ -191,20 +189,21 @@ def trace_slabs(shape: tuple[int, ...], n_dims: int) -> tuple[list[tuple[slice, 
     return slabs, (*sizes, *volumes, min(n_points, max(1, _CHUNK_VALUES // (values_per_point * math.prod(sizes)))))
 
 
-def append_slabs(file: netCDF4.Dataset, name: str, template: xr.Variable, chunk: Sequence[int], slabs: Slabs) -> None:
-    """Append a variable like ``template``, slab by slab; slabs may come from other files, and no lock may be held."""
+def append_trace(file: netCDF4.Dataset, name: str, trace: xr.Variable, n_dims: int) -> None:
+    """Append a trace, slab by slab, with ``n_dims`` dims of scenarios; its values may be in a file, unlike NetCDF."""
+    slabs, chunk = trace_slabs(trace.shape, n_dims)
     with NETCDF4_PYTHON_LOCK, _small_caches():
-        for dim, size in template.sizes.items():
+        for dim, size in trace.sizes.items():
             if dim not in file.dimensions:
                 file.createDimension(str(dim), size)
-        fill_value = np.nan if template.dtype.kind == "f" else None
+        fill_value = np.nan if trace.dtype.kind == "f" else None
         options: Any = COMPRESSION | {"chunksizes": chunk, "fill_value": fill_value}
-        variable = file.createVariable(name, template.dtype, map(str, template.dims), **options)
-        variable.setncatts(template.attrs)
+        variable = file.createVariable(name, trace.dtype, map(str, trace.dims), **options)
+        variable.setncatts(trace.attrs)
         variable.set_auto_maskandscale(False)
-    for key, values in slabs:
+    for slab in slabs:
         with NETCDF4_PYTHON_LOCK:
-            variable[key] = values
+            variable[slab] = trace.values[slab]
 
 
 def compressed_share(arrays: Iterable[np.ndarray]) -> float:

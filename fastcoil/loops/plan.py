@@ -166,15 +166,13 @@ class Plan:
     ) -> tuple[int, int]:
         """Return the disk space [bytes] of a study while it is merged, and afterwards.
 
-        Shards are not compressed, and exist until the results do; meanwhile metrics are joined, and each trace of days
-        in sequence, whose shards are not in their order.
+        Shards are not compressed, and exist until the results do; meanwhile metrics are joined, and each trace in turn.
         metrics_left, traces_left: the share of bytes left after compression, see ``estimate_run_time``; by default all.
         """
         traces = [self._trace_bytes(name) // (8 if name == "mode" else 1) for name in self.traces.names if traces_kept]
         left_bytes = int(self.n_scenarios * 8 * len(METRICS) * metrics_left + sum(traces) * traces_left)
         left_bytes += sum(values.nbytes for values in self.layout.loop.swept.values())
-        joined_bytes = max([0, *traces]) * self.carry_over
-        joined_bytes += self.metric_bytes * (8 * self.n_scenarios >= MEMMAP_MIN_BYTES)
+        joined_bytes = max([0, *traces]) + self.metric_bytes * (8 * self.n_scenarios >= MEMMAP_MIN_BYTES)
         return self.metric_bytes + sum(traces) + joined_bytes + left_bytes, left_bytes
 
     def shard_limits(self, n_jobs: int, n_blocks: int) -> tuple[int, int]:

@@ -45,31 +45,18 @@ def combined_sha256(ds: xr.Dataset, variables: Mapping[str, str] | None = None) 
 
 def variable_sha256(variable: xr.Variable) -> str:
     """Hash dims, values and attributes of a variable; a variable on disk is read in pieces of 64 MiB."""
-    digest = VariableHash(variable.dims, variable.shape)
+    digest = hashlib.sha256(f"{variable.dims} {variable.shape}\n".encode())
     for piece in cut_into_pieces(variable.shape, 2**23):
-        digest.update(encode_times(variable[piece]).values)
-    return digest.hexdigest(variable.attrs)
-
-
-class VariableHash:
-    """Hash as of ``variable_sha256``, from values in C order, piece by piece."""
-
-    def __init__(self, dims: tuple[Any, ...], shape: tuple[int, ...]) -> None:
-        self._digest = hashlib.sha256(f"{dims} {shape}\n".encode())
-
-    def update(self, values: np.ndarray) -> None:
-        flat = values.ravel()
-        for start in range(0, flat.size, 2**20):
-            chunk = flat[start : start + 2**20]
+        flat = encode_times(variable[piece]).values.ravel()
+        for start in range(0, flat.size, 2**16):
+            chunk = flat[start : start + 2**16]
             if chunk.dtype.kind in "OUS":
-                self._digest.update("".join(f"{v}\0" for v in chunk).encode())
+                digest.update("".join(f"{v}\0" for v in chunk).encode())
             else:
                 # the bits of NaN and the width of integers may change in a file
-                self._digest.update(np.where(np.isnan(chunk), np.nan, chunk).astype("<f8").tobytes())
-
-    def hexdigest(self, attrs: Mapping[str, Any]) -> str:
-        _hash_attrs(self._digest, attrs)
-        return self._digest.hexdigest()
+                digest.update(np.where(np.isnan(chunk), np.nan, chunk).astype("<f8").tobytes())
+    _hash_attrs(digest, variable.attrs)
+    return digest.hexdigest()
 
 
 def _hash_attrs(digest: Any, attrs: Mapping[str, Any]) -> None:

@@ -347,25 +347,20 @@ RuleHashes = Mapping[str, Mapping[str, str]]
 """Name of a rule → version of Python, on which the machine code depends → ``Rule.code_sha256``."""
 
 
-def user_code_hashes(rules: Iterable[Rule]) -> RuleHashes:
-    """Return the hashes of the rules whose code has been run."""
+def hash_user_code(rules: Iterable[Rule], earlier: RuleHashes) -> RuleHashes:
+    """Return the hashes of the rules whose code has been run, next to those of earlier runs.
+
+    ``InputError`` for a rule that behaves otherwise than in these, though its source is the same.
+    """
     version = ".".join(platform.python_version_tuple()[:2])
-    return {rule.name: {version: rule.code_sha256} for rule in rules if rule.is_loaded}
-
-
-def merge_rule_hashes(first: RuleHashes, second: RuleHashes) -> RuleHashes:
-    """Merge the hashes of the code of rules; those of ``second`` win."""
-    return {name: {**first.get(name, {}), **second.get(name, {})} for name in sorted({*first, *second})}
-
-
-def refuse_changed_code(current: RuleHashes, stored: RuleHashes) -> None:
-    """Refuse a rule that behaves otherwise than before, though its source is the same."""
+    hashes = {rule.name: rule.code_sha256 for rule in rules if rule.is_loaded}
     raise_problems([
         Problem(
             f"{name} is another rule than in the rest of the study: its module takes a value from elsewhere, such as "
             "a variable of the environment, a file or another module, and it changed: restore it, or choose another "
             "folder with -o", name, "code",
         )
-        for name, hashes in current.items()
-        if any(stored.get(name, {}).get(version, sha256) != sha256 for version, sha256 in hashes.items())
+        for name, sha256 in hashes.items()
+        if earlier.get(name, {}).get(version, sha256) != sha256
     ])  # fmt: skip
+    return {**earlier, **{name: {**earlier.get(name, {}), version: sha256} for name, sha256 in hashes.items()}}

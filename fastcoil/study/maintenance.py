@@ -27,11 +27,11 @@ from fastcoil.model.engine.lanes import TraceRequest, compile_kernel
 from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, STATUS_OK, TRACES
 from fastcoil.model.numerics.jit import model_sha256, numeric_environment
 from fastcoil.model.parameter_table import PARAMETERS
-from fastcoil.model.user_rules import refuse_changed_code, user_code_hashes
+from fastcoil.model.user_rules import hash_user_code
 from fastcoil.study.analysis.precision import read_precision
 from fastcoil.study.analysis.selected import list_first, select_labels
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.file.user_code import UserCode, load_function
+from fastcoil.study.file.user_code import UserCode, load_code, load_function
 from fastcoil.study.folder.folder import StudyFolder, find_holder, find_running_slices, hold_folder
 from fastcoil.study.folder.results import find_folder_problems, open_metrics
 from fastcoil.study.folder.state import is_result_of
@@ -104,10 +104,9 @@ def rerun(
         path.parent
     ):  # not the study, which may be running; a folder that cannot be written is refused now
         pass
-    for word, rule in layout.loop.rules.items():
-        rule.adopt_code(prepare(rule.kind, study.rules[word]))
+    load_code(layout.loop.rules, study.rules, prepare)
     if manifest.model_sha256 == model_sha256():
-        refuse_changed_code(user_code_hashes(layout.loop.rules.values()), manifest.user_code)
+        hash_user_code(layout.loop.rules.values(), manifest.user_code)  # refuses another rule
     compile_kernel()
     shard = Shard(np.array([flat]))
     if plan.carry_over:  # the days before are run first, without traces

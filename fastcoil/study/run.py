@@ -17,13 +17,12 @@ from fastcoil.loops.clashes import warn_saturated
 from fastcoil.loops.plan import JobSlice, check_disk, check_workers, cut_into_shards
 from fastcoil.loops.simulate import number_of_threads
 from fastcoil.model.engine.lanes import compile_kernel
-from fastcoil.model.user_rules import user_code_hashes
 from fastcoil.study.file.spec import Study, read_study
-from fastcoil.study.file.user_code import load_code, load_function
+from fastcoil.study.file.user_code import load_function
 from fastcoil.study.folder.folder import StudyFolder, hold_folder
-from fastcoil.study.folder.merged import merge_metrics, publish_results, repair_results
-from fastcoil.study.folder.state import FolderState, StudyRun
-from fastcoil.study.folder.stored import Manifest
+from fastcoil.study.folder.merged import StudyRun, merge_metrics, publish_results, repair_results
+from fastcoil.study.folder.state import FolderState
+from fastcoil.study.folder.stored import study_attributes
 from fastcoil.study.workers import Job, PoolOptions, check_backend, make_pool, run_shards
 
 SCENARIO_DAYS = "scenario-days"
@@ -142,30 +141,30 @@ def execute(
 ) -> FinishedStudy:
     """Run a study into ``folder``, resume it, or find it finished there; see ``run_study``.
 
-    ``progress`` is called when there is work to do; with ``precision`` there is work again for more batches.
-    ``present`` gets the finished study while its folder is still held, to write figures there.
+    The study's own code has been loaded, as ``read_study`` does with ``prepare``.  ``progress`` is called when there is
+    work to do; with ``precision`` there is work again for more batches.  ``present`` gets the finished study while its
+    folder is still held, to write figures there.
     """
     options = PoolOptions(backend, number_of_threads(n_jobs), scheduler)
     check_backend(backend, scheduler)
+    n_run, scope = 0, SCENARIO_DAYS
     with convert_os_errors(folder, "found"):
         store = StudyFolder(folder.absolute())  # the user's code may change the current folder meanwhile
     with hold_folder(store.path):
-        load_code(study.plan.layout.loop.rules, study.rules, study.reduction)
-        state = FolderState.read(store, Manifest.read(store.path))
-        larger: Study | None = state.with_stored_batches(study, extend)
-        n_run, scope = 0, SCENARIO_DAYS
-        while larger is not None:
-            run = state.start_run(larger, extend)
+        while True:
+            state = FolderState.read(store)
+            run = state.start_run(study, extend)
             is_new = run.results is None
             if run.results is None:
                 n_computed, ds = _run_and_merge(run, options, progress, scope)
                 n_run += n_computed
             else:
                 ds = repair_results(run, run.results)
-            larger = run.study.with_more_batches(ds)
-            if larger and larger.precision:
-                state, extend = FolderState.read(store, Manifest.read(store.path)), True
-                scope = f"{SCENARIO_DAYS}, {larger.precision.describe_progress(ds)}"
+            precision = run.study.precision
+            if precision is None or precision.is_enough(ds):
+                break
+            study = run.study.with_batches(next(n for n in precision.batch_counts if n > run.study.batches))
+            extend, scope = True, f"{SCENARIO_DAYS}, {precision.describe_progress(ds)}"
         finished = FinishedStudy(store.path, ds, n_run, is_new)
         present(finished)
     return finished
@@ -190,12 +189,12 @@ def execute_slice(
     with convert_os_errors(folder, "found"):
         store = StudyFolder(folder.absolute())
     with hold_folder(store.path, str(job_slice)):
-        load_code(study.plan.layout.loop.rules, study.rules, study.reduction)
-        state = FolderState.read(store, Manifest.read(store.path))
-        run = state.start_run(study, extend=False, scenarios=job_slice.index(study.plan))
+        state = FolderState.read(store)
+        scenarios = job_slice.index(study.plan)
+        run = state.start_run(study, extend=False, scenarios=scenarios)
         if run.results is not None:
             return None
-        _run_missing(run, options, progress, SCENARIO_DAYS)
+        _run_missing(run, options, progress, SCENARIO_DAYS, scenarios.size)
         return run.missing.size
 
 
@@ -204,9 +203,8 @@ def _run_and_merge(
 ) -> tuple[int, xr.Dataset]:
     """Run what is missing, merge all of it, add predictions; return the number of scenarios run, and the results."""
     study, plan, start = run.study, run.study.plan, time.monotonic()
-    n_run, n_workers = _run_missing(run, options, progress, scope)
+    n_run, n_workers = _run_missing(run, options, progress, scope, plan.n_scenarios)
     seconds = time.monotonic() - start
-    run.record()
     ds = merge_metrics(run)
     if study.predict:
         predicted = predict_study(plan)
@@ -217,28 +215,33 @@ def _run_and_merge(
         "n_jobs": n_workers,
         "engine": options.backend,  # the name in stored results
     }
-    ds = publish_results(run, ds, measured)
+    if study.precision:
+        measured |= study.precision.result_attributes(ds)
+    ds = publish_results(run, ds.assign_attrs(study_attributes(study, run.manifest, measured)))
     warn_saturated(plan.layout.loop, ds)
     return n_run, ds
 
 
-def _run_missing(run: StudyRun, options: PoolOptions, progress: ProgressStarter | None, scope: str) -> tuple[int, int]:
-    """Run the missing scenarios and commit their shards; return the numbers of scenarios and of workers."""
+def _run_missing(
+    run: StudyRun, options: PoolOptions, progress: ProgressStarter | None, scope: str, n_all: int
+) -> tuple[int, int]:
+    """Run the missing scenarios and commit their shards; return the numbers of scenarios and of workers.
+
+    n_all: number of scenarios of the study, or of a job slice.
+    """
     study, plan, missing, n_workers = run.study, run.study.plan, run.missing, options.n_workers
-    n, traces_kept = plan.n_scenarios, study.reduction is None
+    traces_kept = study.reduction is None
     disk_bytes, _ = plan.disk_bytes(traces_kept=traces_kept)
-    check_disk(disk_bytes if run.scenarios is None else disk_bytes * missing.size // n, run.store.path)
+    is_slice = n_all < plan.n_scenarios
+    if missing.size and options.scheduler is None:
+        check_workers(*plan.memory_of_run(n_workers, options.backend, traces_kept=traces_kept), n_workers)
+    check_disk(disk_bytes * missing.size // plan.n_scenarios if is_slice else disk_bytes, run.store.path)
     if not missing.size:
         return 0, n_workers
-    if options.scheduler is None:
-        check_workers(*plan.memory_of_run(n_workers, options.backend, traces_kept=traces_kept), n_workers)
     n_run = sum(shard.size for shard in cut_into_shards(plan, n_workers, missing))
-    n_all = n if run.scenarios is None else run.scenarios.size
     advance = progress(n_run, n_all, scope) if progress else lambda n: None
-    for rule in plan.layout.loop.rules.values():
-        rule.check()
     compile_kernel()
-    job = Job(plan, study.reduction, study.rules, user_code_hashes(plan.layout.loop.rules.values()))
+    job = Job(plan, study.reduction, study.rules, run.manifest.user_code)
     with closing(make_pool(job, options)) as pool:
         # a cluster may have another number of workers
         for part in run_shards(pool, job, cut_into_shards(plan, pool.n_workers, missing)):

@@ -43,7 +43,7 @@ from fastcoil.loops.scenarios import flat_dataset
 from fastcoil.loops.simulate import call_with_timeout, run_shard
 from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, TRACES
 from fastcoil.model.numerics.jit import fingerprint, model_sha256
-from fastcoil.model.user_rules import RuleHashes, refuse_changed_code, user_code_hashes
+from fastcoil.model.user_rules import RuleHashes, hash_user_code
 from fastcoil.study.file.user_code import UserCode, load_code, reduce_traces
 
 BACKENDS = ("threads", "loky", "dask")
@@ -109,7 +109,7 @@ def run_received_job(job: Job, shard: Shard, expected_id: tuple[str, str] | None
     rules = job.plan.layout.loop.rules
     try:
         load_code(rules, job.rules)
-        refuse_changed_code(user_code_hashes(rules.values()), job.user_code)
+        hash_user_code(rules.values(), job.user_code)  # refuses another rule
         return run_scenarios(job, shard)
     except KeyboardInterrupt:
         raise Interrupt from None

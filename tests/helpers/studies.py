@@ -110,11 +110,11 @@ def shard_files(folder: Path) -> list[Path]:
 
 
 def folder_contents(folder: Path) -> dict[str, tuple[bytes, int]]:
-    """Return bytes and time of change of every file; of a folder, its time."""
+    """Return bytes and time of change of every file but locks; of a folder, its time."""
     return {
         str(p.relative_to(folder)): (p.read_bytes() if p.is_file() else b"", p.stat().st_mtime_ns)
-        for p in sorted(folder.rglob("*"))
-    }
+        for p in sorted(folder.rglob("*")) if not p.name.startswith(".lock")
+    }  # fmt: skip
 
 
 def unfinished_files(folder: Path) -> list[Path]:

@@ -8,11 +8,11 @@ from helpers.rules import RULE_HEADER
 
 import fastcoil as fc
 from fastcoil.loops.plan import Shard
+from fastcoil.model.user_rules import hash_user_code
 from fastcoil.study import maintenance
 from fastcoil.study import workers as worker
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.file.user_code import load_code, load_function
-from fastcoil.study.folder.stored import Manifest
+from fastcoil.study.file.user_code import load_function
 from fastcoil.study.run import execute
 
 STUDY = """
@@ -71,7 +71,7 @@ def run_until_first_shard(path, out, monkeypatch):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        execute(read_study(path), out, n_jobs=1, progress=lambda *_: stop)
+        execute(read_study(path, prepare=load_function), out, n_jobs=1, progress=lambda *_: stop)
 
 
 def test_a_study_goes_on_with_the_same_value_alone(path, value, tmp_path, monkeypatch):
@@ -104,9 +104,8 @@ def test_finished_results_of_another_value_are_neither_shown_nor_run_again_nor_e
 
 
 def test_a_worker_with_another_value_computes_nothing(path, value, monkeypatch):
-    study = read_study(path)
-    load_code(study.plan.layout.loop.rules, study.rules)
-    here = Manifest.from_study(study).user_code
+    study = read_study(path, prepare=load_function)
+    here = hash_user_code(study.plan.layout.loop.rules.values(), {})
     assert here["steps"]
     elsewhere = {"steps": {version: "another" for version in here["steps"]}}
     job = worker.Job(study.plan, None, study.rules, elsewhere)

@@ -18,28 +18,17 @@ kind = "csv"
 path = "log.csv"
 [run]
 warm_up = 60
-traces = {traces}
+traces = ["T_sup"]
 trace_interval = 30
 """
 STAMPS = [f"2024-07-01T08:0{k}:00-07:00" for k in range(3)]
 
 
-@pytest.fixture
-def run(write_log, tmp_path):
-    """Return a function that runs the study, with or without traces, and gives its folder."""
+def test_a_study_opened_again_has_the_start_and_the_time_of_its_traces(write_log, tmp_path):
     write_log(["timestamp", *HEADER[1:]], [[stamp, *row[1:]] for stamp, row in zip(STAMPS, ROWS, strict=True)])
-
-    def run_with(traces):
-        path = tmp_path / "study.toml"
-        path.write_text(STUDY.format(traces=traces))
-        fc.run_study(path, tmp_path / "out", n_jobs=1)
-        return tmp_path / "out"
-
-    return run_with
-
-
-def test_a_study_opened_again_has_the_start_and_the_time_of_its_traces(run):
-    folder = run('["T_sup"]')
+    path, folder = tmp_path / "study.toml", tmp_path / "out"
+    path.write_text(STUDY)
+    fc.run_study(path, folder, n_jobs=1)
     ds = fc.open_study(folder)
     assert ds.start.values == np.datetime64("2024-07-01T08:00")
     assert ds.start.attrs["time_zone"] == ds.time.attrs["time_zone"] == "UTC-07:00"

@@ -3,6 +3,7 @@
 import errno
 import os
 import shlex
+from unittest.mock import Mock
 
 import pytest
 from helpers.commands import fastcoil
@@ -23,13 +24,10 @@ def test_status_suggests_a_command_that_takes_the_folder_for_one_word(tmp_path):
 
 
 def test_an_interrupt_before_the_first_shard_promises_nothing_and_status_agrees(tmp_path, monkeypatch):
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
     out = tmp_path / "out"
     (out / "notes").mkdir(parents=True)
     write_study(PLAIN_STUDY, out)
-    monkeypatch.setattr("fastcoil.study.run.make_pool", interrupted)
+    monkeypatch.setattr("fastcoil.study.run.make_pool", Mock(side_effect=KeyboardInterrupt))
     lines = fastcoil("run", tmp_path / "study.toml", "-o", out).stderr.splitlines()
     assert lines[-1] == "fastcoil: interrupted"
     assert "holds no study" in fastcoil("status", out).stderr
@@ -39,11 +37,8 @@ def test_an_interrupt_before_the_first_shard_promises_nothing_and_status_agrees(
 
 def test_a_rerun_that_cannot_be_written_is_refused_before_it_computes(tmp_path, monkeypatch):
     copy_run(PLAIN_STUDY, tmp_path, 1)
-
-    def refuse(*_, **__):
-        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
-
-    monkeypatch.setattr("fastcoil.study.folder.folder._acquire_lock", refuse)
+    read_only = OSError(errno.EROFS, os.strerror(errno.EROFS))
+    monkeypatch.setattr("fastcoil.study.folder.folder._acquire_lock", Mock(side_effect=read_only))
     monkeypatch.setattr(maintenance, "run_shard", None)
     with pytest.raises(StorageError, match="Read-only file system"):
         maintenance.rerun(tmp_path, {"backlash": "0.02", "estimate_ratio": "0.0", "day": "1"})

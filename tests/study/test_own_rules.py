@@ -112,7 +112,7 @@ def test_a_study_gives_what_simulate_gives_on_every_backend(path, trace, tmp_pat
 @pytest.mark.kernel
 def test_looking_at_a_folder_runs_none_of_it_and_rerun_says_so(path, trace, tmp_path):
     out = tmp_path / "out"
-    execute(read_study(path), out, n_jobs=1).results.close()
+    execute(read_study(path, prepare=load_function), out, n_jobs=1).results.close()
     assert trace.exists()
     trace.unlink()
     load_function.cache_clear()
@@ -131,20 +131,20 @@ def test_an_extension_keeps_what_its_rules_did_not_change(path, tmp_path):
     out = tmp_path / "out"
     before = fc.run_study(path, out, n_jobs=1).rmse.load()
     path.write_text(path.read_text().replace("[0.0, 0.02]", "[0.0, 0.02, 0.04]"))
-    finished = execute(read_study(path), out, n_jobs=1, extend=True)
+    finished = execute(read_study(path, prepare=load_function), out, n_jobs=1, extend=True)
     assert finished.n_run == 3
     np.testing.assert_array_equal(finished.results.rmse.sel(noise_std=[0.0, 0.02]), before)
     finished.results.close()
     text = path.read_text()
     path.write_text(text.replace("gain = 1e-3", "gain = 5e-3"))
     with refuses(("--extend", "conflict")):
-        execute(read_study(path), out, n_jobs=1, extend=True)
+        execute(read_study(path, prepare=load_function), out, n_jobs=1, extend=True)
     path.write_text(text)
     mine = path.parent / "mine.py"
     mine.write_text(mine.read_text().replace("abs(now.e)", "0.5"))
     path.write_text(path.read_text().replace("0.04]", "0.04, 0.05]"))
     with refuses(("--extend", "conflict")):
-        execute(read_study(path), out, n_jobs=1, extend=True)
+        execute(read_study(path, prepare=load_function), out, n_jobs=1, extend=True)
 
 
 @pytest.mark.kernel

@@ -7,6 +7,7 @@ import re
 import sys
 import threading
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -15,8 +16,8 @@ from helpers.refusals import refuses
 import fastcoil as fc
 from fastcoil.base.errors import InputError, StorageError
 from fastcoil.study import run as runner
-from fastcoil.study.file import spec
 from fastcoil.study.file.spec import read_study
+from fastcoil.study.folder import state
 
 pytestmark = pytest.mark.kernel
 
@@ -72,7 +73,7 @@ def test_results_are_labelled_as_an_xarray_user_expects(finished):
 
 def test_results_of_other_physics_are_run_again(study, tmp_path, monkeypatch):
     fc.run_study(study, tmp_path / "out")
-    monkeypatch.setattr(spec, "model_sha256", lambda: "another model")
+    monkeypatch.setattr(state, "model_sha256", lambda: "another model")
     with pytest.warns(UserWarning, match="other sources of the model: everything is computed again"):
         finished = runner.execute(read_study(study), tmp_path / "out")
     assert finished.n_run == 16
@@ -96,10 +97,7 @@ def test_bad_input_leaves_no_folder(study, tmp_path):
 
 
 def test_a_run_that_breaks_off_leaves_no_folder(study, tmp_path, monkeypatch):
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(runner, "make_pool", interrupted)
+    monkeypatch.setattr(runner, "make_pool", Mock(side_effect=KeyboardInterrupt))
     with pytest.raises(KeyboardInterrupt):
         fc.run_study(study, tmp_path / "deep" / "out")
     assert not (tmp_path / "deep").exists()
@@ -190,11 +188,8 @@ def test_a_reader_follows_a_study_to_its_results_through_thirty_files(tmp_path):
     assert len({name for name in entered if not name.startswith("model/")}) <= 30, sorted(entered)
 
 
-def refuse_to_write(*_, **__):
-    raise OSError(errno.EROFS, os.strerror(errno.EROFS))
-
-
 def test_a_folder_that_cannot_be_written_is_refused(study, tmp_path, monkeypatch):
-    monkeypatch.setattr("fastcoil.study.folder.folder._acquire_lock", refuse_to_write)
+    read_only = OSError(errno.EROFS, os.strerror(errno.EROFS))
+    monkeypatch.setattr("fastcoil.study.folder.folder._acquire_lock", Mock(side_effect=read_only))
     with pytest.raises(StorageError, match="Read-only file system; free some space or repair the folder"):
         fc.run_study(study, tmp_path / "other")

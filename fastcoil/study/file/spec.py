@@ -16,8 +16,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-import xarray as xr
-
 from fastcoil.base.arguments import collect_problems, raise_problems, require_choice
 from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 from fastcoil.base.files import read_text
@@ -30,7 +28,6 @@ from fastcoil.loops.loop import Loop
 from fastcoil.loops.plan import Plan, check_memory, plan_simulation
 from fastcoil.loops.scenarios import Layout
 from fastcoil.model.metric_table import METRICS
-from fastcoil.model.numerics.jit import model_sha256
 from fastcoil.study.analysis.cost import COST_NAMES, parse_tariff
 from fastcoil.study.analysis.precision import DEFAULT_MAX_BATCHES, MIN_BATCHES, Precision
 from fastcoil.study.analysis.selected import list_first
@@ -38,7 +35,7 @@ from fastcoil.study.analysis.summary import Billing
 from fastcoil.study.file.loop import build_loop, read_includes, warn_unusual_values
 from fastcoil.study.file.sample import MAX_SAMPLE_SIZE, SALTELLI, SAMPLE_DIM, design_size, sample_file_hashes
 from fastcoil.study.file.tables import PrecisionTable, RunTable, StudyFile, pair_with_hints, parse_tables, parse_toml
-from fastcoil.study.file.user_code import UserCode, find_function, find_rules
+from fastcoil.study.file.user_code import UserCode, find_function, find_rules, load_code
 
 BOUNDARY_KINDS: dict[str, Callable[..., Boundary]] = {
     "paper_day": paper_day,
@@ -185,11 +182,6 @@ class Study:
     largest_plan: Plan | None = field(default=None, repr=False)
 
     @property
-    def model_sha256(self) -> str:
-        """Hash of the sources of the model."""
-        return model_sha256()
-
-    @property
     def sha256(self) -> str:
         """Hash of everything that decides the result: the tables, included files, the boundary, the user's code.
 
@@ -226,12 +218,6 @@ class Study:
             matching = [n for n in counts if n * self.precision.size >= n_samples]
         return self.with_batches(matching[0]) if matching else None
 
-    def with_more_batches(self, ds: xr.Dataset) -> Study | None:
-        """Return the study with more batches than the result ``ds``; None if these suffice, or are all."""
-        if self.precision is None or self.precision.is_enough(ds):
-            return None
-        return self.with_batches(next(n for n in self.precision.batch_counts if n > self.batches))
-
 
 def read_study(
     path: Path, folder: Path | None = None, *, prepare: Callable[[str, UserCode], object] | None = None
@@ -264,8 +250,7 @@ def _build_study(
         batches = precision.batch_counts[-1] if precision else 1
         file, sources, rules = find_rules(file, folder)
         if prepare is not None:
-            for rule in rules.values():
-                rule.adopt_code(prepare(rule.kind, sources[rule.name]))
+            load_code(rules, sources, prepare)
     except InputError as error:
         raise InputError([*problems, *error.problems]) from None
 

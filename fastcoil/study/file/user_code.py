@@ -12,7 +12,7 @@ import hashlib
 import importlib.util
 import linecache
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -164,19 +164,6 @@ def _read_fields(rule: str, cls: ast.ClassDef) -> Iterator[tuple[str, object]]:
             ) from None
 
 
-def load_code(rules: Mapping[str, Rule], sources: Mapping[str, UserCode], reduction: UserCode | None = None) -> None:
-    """Run the code of a study, of whose rules only the declarations were read.
-
-    ``InputError`` if a source does not run, or makes another rule than it declares.
-    """
-    if reduction is not None:
-        load_function("reduce", reduction)
-    for name, rule in rules.items():
-        if not rule.is_loaded:
-            function = load_function(rule.kind, sources[name])
-            rule.adopt_code(function)
-
-
 @functools.cache
 def load_function(what: str, code: UserCode) -> Any:
     """Load the function from a module that is run once in each process.
@@ -196,6 +183,21 @@ def load_function(what: str, code: UserCode) -> Any:
     if not callable(function):
         raise InputError(f"{what} = {name!r}: its module has no function {function_name}", what, "name")
     return function
+
+
+def load_code(
+    rules: Mapping[str, Rule],
+    sources: Mapping[str, UserCode],
+    prepare: Callable[[str, UserCode], object] = load_function,
+) -> None:
+    """Run the code of rules of which only the declarations were read.
+
+    prepare: loads a function, called with the key that names it and its source.  ``InputError`` if a source does not
+    run, or makes another rule than it declares.
+    """
+    for name, rule in rules.items():
+        if not rule.is_loaded:
+            rule.adopt_code(prepare(rule.kind, sources[name]))
 
 
 @contextmanager

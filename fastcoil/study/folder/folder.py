@@ -104,16 +104,13 @@ class StudyFolder:
         )
 
     def write_manifest(self, manifest: Manifest, text: str) -> None:
-        """Record which study is run, before its first shard."""
+        """Record which study is run, before its first shard, unless the folder says so."""
         # in this order: if it is killed in between, the manifest is still that of the results, or there is none
         if self.read_text() != text:
             write_atomically(self.study_path, text.encode())
-        write_atomically(self.path / MANIFEST_FILE, manifest.text.encode())
-
-    def has_recorded(self, manifest: Manifest, text: str) -> bool:
-        """Whether the folder has this manifest and text of the study that is run."""
         stored = Manifest.read(self.path)
-        return stored is not None and stored.text == manifest.text and self.read_text() == text
+        if stored is None or stored.text != manifest.text:
+            write_atomically(self.path / MANIFEST_FILE, manifest.text.encode())
 
     def read_text(self) -> str | None:
         """Return the text of the study that is run, or ``None`` if it is missing or damaged."""

@@ -18,7 +18,7 @@ from fastcoil.loops.netcdf import probe_file
 from fastcoil.loops.scenarios import check_result, check_same_form, join_flat, unflatten
 from fastcoil.model.metric_table import STATUS_NOT_RUN, TRACES
 from fastcoil.study.folder.folder import StudyFolder
-from fastcoil.study.folder.state import FolderState, Stage, StudyRun, is_complete_result_of, is_result_of
+from fastcoil.study.folder.state import FolderState, is_complete_result_of, is_result_of
 from fastcoil.study.folder.stored import (
     MANIFEST_FILE,
     RESULTS_FILE,
@@ -104,13 +104,10 @@ def open_results(path: Path) -> xr.Dataset:
 
 def _open_folder(store: StudyFolder, leave_out: Collection[str] = ()) -> xr.Dataset:
     """Open the results of a merge, else join what is computed so far."""
-    manifest = store.require_manifest()
-    state = FolderState.read(store, manifest)
-    if state.results is not None:
-        is_all = not state.has_shards and is_result_of(state.results, manifest)  # that is known of an unfinished study
-        if is_all or state.stage_of(manifest) is Stage.FINISHED:
-            return state.results
-    elif manifest.finished:
+    manifest, state = store.require_manifest(), FolderState.read(store)
+    if state.results is not None and state.is_merged and is_result_of(state.results, manifest):
+        return state.results
+    if state.results is None and manifest.finished:
         raise IntegrityError(f"{store.results_path} is missing: run the study again")
     study = store.read_study(manifest) if state.results is not None or state.has_shards else None
     if study is not None:
@@ -121,9 +118,7 @@ def _open_folder(store: StudyFolder, leave_out: Collection[str] = ()) -> xr.Data
                 stacklevel=4,
             )
             leave_out = TRACES
-        run = StudyRun(store, study, manifest)
-        run.match(state.results)
-        parts = run.parts(leave_out, quarantine=False)
+        parts = state.keep_scenarios(study, manifest).parts(leave_out, quarantine=False)
         ds = unflatten(join_flat(study.plan.n_scenarios, parts, allocate=allocate_on_disk), study.plan.layout)
         if ds.data_vars:
             return ds.assign_attrs(study_attributes(study, manifest))

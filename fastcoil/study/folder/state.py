@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import warnings
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from enum import Enum
-from itertools import chain
 from typing import Any, NoReturn
 
 import numpy as np
@@ -18,19 +16,25 @@ import xarray as xr
 from fastcoil.base.arrays import allocate_on_disk
 from fastcoil.base.errors import InputError, IntegrityError
 from fastcoil.loops.loop import Loop
-from fastcoil.loops.netcdf import cut_into_pieces
 from fastcoil.loops.plan import Plan
 from fastcoil.loops.provenance import environments_of
-from fastcoil.loops.scenarios import check_same_form, parameter_columns
+from fastcoil.loops.scenarios import parameter_columns
 from fastcoil.model.engine.lanes import parameter_matrix
-from fastcoil.model.metric_table import METRICS, PREDICTIONS, STATUS_NOT_RUN, TRACES
-from fastcoil.model.user_rules import RULE_KINDS, RuleHashes, refuse_changed_code
+from fastcoil.model.metric_table import METRICS, STATUS_NOT_RUN, TRACES
+from fastcoil.model.numerics.jit import model_sha256
+from fastcoil.model.user_rules import RULE_KINDS, RuleHashes, hash_user_code
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.folder import StudyFolder
-from fastcoil.study.folder.stored import Manifest, Shards, find_problems, open_final_results, study_attributes
+from fastcoil.study.folder.merged import StudyRun
+from fastcoil.study.folder.stored import (
+    Manifest,
+    find_problems,
+    finished_manifest,
+    open_final_results,
+    study_attributes,
+)
 
 _SCENARIOS_AT_ONCE = 10_000  # of which keys are made
-_VALUES_AT_ONCE = 2**22  # read of earlier results
 _DECISIVE_ATTRIBUTES = {
     "seed": "[run] seed",
     "warm_up_s": "[run] warm_up",
@@ -77,36 +81,41 @@ class FolderState:
     has_shards: bool
 
     @classmethod
-    def read(cls, store: StudyFolder, manifest: Manifest | None) -> FolderState:
-        """Read what is in a folder besides its manifest."""
+    def read(cls, store: StudyFolder) -> FolderState:
+        manifest = Manifest.read(store.path)
         results = open_final_results(store.path, manifest) if store.has_results else None
         return cls(store, manifest, results, store.has_shards)
+
+    @property
+    def is_merged(self) -> bool:
+        """Whether the results hold all that was computed."""
+        if self.manifest is None or self.results is None:
+            return not self.has_shards
+        return not self.has_shards or is_complete_result_of(self.results, self.manifest)
 
     def stage_of(self, requested: Manifest) -> Stage:
         """Compare what the folder holds with a run."""
         manifest, results = self.manifest, self.results
         if manifest is not None and manifest.study_sha256 != requested.study_sha256:
-            if results is None:
-                return Stage.UNFINISHED_OTHER if self.has_shards else Stage.NEW
-            is_merged = not self.has_shards or is_complete_result_of(results, manifest)
-            return Stage.EXTENDABLE if is_merged else Stage.UNFINISHED_OTHER
+            if not self.is_merged:
+                return Stage.UNFINISHED_OTHER
+            return Stage.NEW if results is None else Stage.EXTENDABLE
         if results is not None and is_complete_result_of(results, requested):
             return Stage.FINISHED
         if manifest is not None:
             return Stage.RESUMABLE
         return Stage.NEW if results is None or is_result_of(results, requested) else Stage.UNRECORDED
 
-    def with_stored_batches(self, study: Study, extend: bool) -> Study:
-        """Return the study with as many batches of samples as the folder has, or as its extension needs."""
-        if self.manifest is None or study.precision is None:
-            return study
-        n_samples = self.results.sizes.get("sample", 0) if extend and self.results is not None else None
-        return study.find_by_hash(self.manifest.study_sha256, n_samples) or study
-
     def start_run(self, study: Study, extend: bool, scenarios: np.ndarray | None = None) -> StudyRun:
-        """Find what is left to do of a study, or of a job slice; refuse one that does not fit what the folder holds."""
-        requested = Manifest.from_study(study)
-        stage = self.stage_of(requested)
+        """Find what is left to do of a study, or of a job slice; refuse one that does not fit what the folder holds.
+
+        Of a study with ``precision``, the run is of as many batches of samples as the folder has, or as its extension
+        needs.
+        """
+        study, results = self._with_stored_batches(study, extend), self.results
+        boundary_sha256 = study.plan.layout.boundary.sha256
+        manifest = Manifest(study.sha256, boundary_sha256, model_sha256(), str(study.folder.absolute()))
+        stage = self.stage_of(manifest)
         if stage is Stage.UNRECORDED:
             raise self.store.missing_manifest_error()
         if stage in (Stage.EXTENDABLE, Stage.UNFINISHED_OTHER) and not extend:
@@ -117,24 +126,68 @@ class FolderState:
                 "extend it"
             )
         stored = None if stage is Stage.NEW else self.manifest
-        user_code: RuleHashes = {}
-        if stage is Stage.FINISHED and self.results is not None:
-            user_code = json.loads(self.results.attrs.get("user_code", "{}"))
-        elif stored is not None and stored.model_sha256 != requested.model_sha256:
+        if stage is not Stage.FINISHED and stored is not None and stored.model_sha256 != manifest.model_sha256:
             warnings.warn(
                 f"{self.store.path} was computed with other sources of the model: everything is computed again",
                 stacklevel=2,
             )
-        elif stored is not None and stage is Stage.RESUMABLE:
-            user_code = stored.user_code
-        refuse_changed_code(requested.user_code, user_code)
-        run = StudyRun(self.store, study, requested.with_files_of(stored), scenarios)
-        if stage is Stage.FINISHED:
-            run.results = self.results
-            return run
-        run.match(self.results)
-        run.find_missing(() if scenarios is None or stored is None else stored.computed_on)
+        user_code = hash_user_code(study.plan.layout.loop.rules.values(), self._earlier_code(study, manifest))
+        manifest = replace(manifest, outputs=stored.outputs if stored else {}, user_code=user_code)
+        if stage is Stage.FINISHED and results is not None:
+            return StudyRun(self.store, study, finished_manifest(results, self.store.path, manifest), results)
+        run = self.keep_scenarios(study, manifest)
+        _find_missing(run, scenarios, stored.computed_on if stored and scenarios is not None else ())
         return run
+
+    def _earlier_code(self, study: Study, manifest: Manifest) -> RuleHashes:
+        """Return the hashes of the user's code with which the scenarios were computed that the run keeps."""
+        code: dict[str, Mapping[str, str]] = {}
+        if self.results is not None and self.results.attrs.get("model_sha256") == manifest.model_sha256:
+            sources = _rule_hashes(self.results.attrs)
+            code = json.loads(self.results.attrs.get("user_code", "{}"))
+            # of a rule with another source the scenarios are no longer in the study
+            code = {n: code[n] for n in code if n in study.rules and study.rules[n].sha256 == sources.get(n)}
+        if self.manifest is not None and self.manifest.key == manifest.key:
+            code |= {n: {**code.get(n, {}), **hashes} for n, hashes in self.manifest.user_code.items()}
+        return code
+
+    def _with_stored_batches(self, study: Study, extend: bool) -> Study:
+        if self.manifest is None or study.precision is None:
+            return study
+        n_samples = self.results.sizes.get("sample", 0) if extend and self.results is not None else None
+        stored = study.find_by_hash(self.manifest.study_sha256, n_samples)
+        return stored if stored is not None and stored.batches > study.batches else study
+
+    def keep_scenarios(self, study: Study, manifest: Manifest) -> StudyRun:
+        """Return a run that keeps the scenarios of the results; those of other sources of the model do not count.
+
+        ``InputError`` if the study is no extension of the results.  ``IntegrityError`` if they are damaged.
+        """
+        run, results = StudyRun(self.store, study, manifest), self.results
+        if results is None or results.attrs.get("model_sha256") != manifest.model_sha256:
+            return run
+        run.earlier_index, run.study_index = match_scenarios(study.plan, study_attributes(study, manifest), results)
+        # damaged traces must not be written again with a hash of their own
+        if problems := find_problems(results, self.store.path, manifest):
+            raise IntegrityError("\n".join(problems))
+        run.earlier = results if run.study_index.size else None
+        return run
+
+
+def _find_missing(run: StudyRun, scenarios: np.ndarray | None, environments: Sequence[Mapping[str, str]]) -> None:
+    """Find the scenarios to compute, and where the others were computed; damaged shards are set aside.
+
+    scenarios, environments: of a job slice, and where others were run, whose shards are not read.
+    """
+    is_done = np.zeros(run.study.plan.n_scenarios, dtype=bool)
+    is_done[run.study_index] = True
+    computed_on = [] if run.earlier is None else environments_of(run.earlier)
+    for part in run.shards.read(quarantine=scenarios is None, leave_out={*METRICS, *TRACES}, scenarios=scenarios):
+        is_done[part["scenario"].values] = True
+        computed_on += [each for each in environments_of(part) if each not in computed_on]
+    computed_on += [dict(each) for each in environments if each not in computed_on]
+    run.missing = np.flatnonzero(~is_done) if scenarios is None else scenarios[~is_done[scenarios]]
+    run.manifest = replace(run.manifest, computed_on=computed_on)
 
 
 def _refuse_other_study(store: StudyFolder, study: Study) -> NoReturn:
@@ -162,134 +215,6 @@ def _extension_error(sentence: str) -> InputError:
     return InputError(f"--extend: {sentence}", "--extend", "conflict")
 
 
-def _no_scenarios() -> np.ndarray:
-    return np.empty(0, dtype=np.int64)
-
-
-@dataclass
-class StudyRun:
-    """A study in its folder: what is computed of it and what is missing.
-
-    results: of a finished study, None where something is left to do.  earlier: results in the folder of which scenarios
-    are kept, those at ``earlier_index`` as those at ``study_index`` of the study.  scenarios: those of a job slice,
-    beside which others run the rest.  missing: flat indices to compute.
-    """
-
-    store: StudyFolder
-    study: Study
-    manifest: Manifest
-    scenarios: np.ndarray | None = None
-    results: xr.Dataset | None = None
-    earlier: xr.Dataset | None = None
-    earlier_index: np.ndarray = field(default_factory=_no_scenarios)
-    study_index: np.ndarray = field(default_factory=_no_scenarios)
-    missing: np.ndarray = field(default_factory=_no_scenarios)
-    _first_scenario: xr.Dataset | None = None
-    _is_recorded: bool = False
-
-    @property
-    def shards(self) -> Shards:
-        return Shards(self.store.path, self.manifest.key)
-
-    def match(self, results: xr.Dataset | None) -> None:
-        """Keep the scenarios of earlier results; those of other sources of the model do not count.
-
-        ``InputError`` if the study is no extension of the results.  ``IntegrityError`` if they are damaged.
-        """
-        if results is None or results.attrs.get("model_sha256") != self.manifest.model_sha256:
-            return
-        attrs = study_attributes(self.study, self.manifest)
-        self.earlier_index, self.study_index = match_scenarios(self.study.plan, attrs, results)
-        # damaged traces must not be written again with a hash of their own
-        if problems := find_problems(results, self.store.path, self.manifest):
-            raise IntegrityError("\n".join(problems))
-        self.earlier = results if self.study_index.size else None
-
-    def find_missing(self, environments: Sequence[Mapping[str, str]]) -> None:
-        """Find the scenarios to compute, and where the others were computed; damaged shards are set aside.
-
-        environments: those of other job slices, whose shards are not read.
-        """
-        scenarios = self.scenarios
-        done = np.zeros(self.study.plan.n_scenarios, dtype=bool)
-        done[self.study_index] = True
-        computed_on = [] if self.earlier is None else environments_of(self.earlier)
-        for part in self.shards.read(quarantine=scenarios is None, leave_out={*METRICS, *TRACES}, scenarios=scenarios):
-            done[part["scenario"].values] = True
-            computed_on += [each for each in environments_of(part) if each not in computed_on]
-        computed_on += [dict(each) for each in environments if each not in computed_on]
-        self.missing = np.flatnonzero(~done) if scenarios is None else scenarios[~done[scenarios]]
-        self.manifest = replace(self.manifest, computed_on=computed_on, finished=False)
-
-    def record(self) -> None:
-        """Write into the folder which study is run, unless it says so."""
-        if not self._is_recorded and not self.store.has_recorded(self.manifest, self.study.text):
-            self.store.write_manifest(self.manifest, self.study.text)
-        self._is_recorded = True
-
-    def commit(self, part: xr.Dataset) -> None:
-        """Write the results of a shard, and before them a manifest that names the environment that computed them."""
-        for environment in environments_of(part):
-            if environment not in self.manifest.computed_on:
-                self._warn_other_environment(environment)
-                self.manifest = replace(self.manifest, computed_on=[*self.manifest.computed_on, environment])
-                self._is_recorded = False
-        self.record()
-        # a copy: the shard itself need not be kept
-        self._first_scenario = check_same_form(self._first_scenario, part).isel(scenario=[0])
-        self.shards.commit(part)
-
-    def _warn_other_environment(self, environment: Mapping[str, str]) -> None:
-        for recorded in self.manifest.computed_on:
-            values = {name: (recorded.get(name, "unknown"), environment.get(name, "unknown"))
-                      for name in sorted({*recorded, *environment})}  # fmt: skip
-            differences = [f"{name} {was}, now {is_now}" for name, (was, is_now) in values.items() if was != is_now]
-            warnings.warn(
-                f"a part of {self.store.path} was computed elsewhere ({'; '.join(differences)}): the last digits of "
-                "results may depend on that, in a loop that hunts also the first; to have all from one place, run the "
-                "study in another folder",
-                stacklevel=4,
-            )
-
-    def parts(self, leave_out: Collection[str] = (), *, quarantine: bool = True) -> Iterator[xr.Dataset]:
-        """Read all parts, without the variables ``leave_out``: the earlier results and the shards.
-
-        Each scenario once: after a merge that was killed before it removed the shards, it is in both.
-        """
-        parts = self.shards.read(quarantine=quarantine, leave_out=leave_out)
-        if self.earlier is not None:
-            parts = chain(self._earlier_parts(self.earlier, leave_out), parts)
-        seen = np.zeros(self.study.plan.n_scenarios, dtype=bool)
-        for part in parts:
-            index = part["scenario"].values
-            yield part.isel(scenario=~seen[index]) if seen[index].any() else part
-            seen[index] = True
-
-    def _earlier_parts(self, earlier: xr.Dataset, leave_out: Collection[str]) -> Iterator[xr.Dataset]:
-        """The matched scenarios as flat parts; predictions are computed again for the whole study."""
-        dims, shape = earlier["status"].dims, earlier["status"].shape
-        kept = earlier[[n for n in earlier.data_vars if n not in leave_out and n not in PREDICTIONS]]
-        for name in kept.data_vars.keys() - {*TRACES}:  # each once, and not for every piece
-            kept[name].load()
-        values_per_scenario = max(1, sum(v.size for v in kept.data_vars.values()) // earlier["status"].size)
-        end = 0
-        for piece in cut_into_pieces(shape, max(1, _VALUES_AT_ONCE // values_per_scenario)):
-            block = kept.isel(dict(zip(dims, piece, strict=True)))
-            start, end = end, end + math.prod(block.sizes[d] for d in dims)
-            in_block = slice(*np.searchsorted(self.earlier_index, [start, end]))
-            part = xr.Dataset(coords={"scenario": self.study_index[in_block]})
-            for name, variable in block.data_vars.items():
-                values = variable.values.reshape(-1, *variable.shape[len(dims) :])
-                values = values[self.earlier_index[in_block] - start]
-                part[name] = (("scenario", *variable.dims[len(dims) :]), values, variable.attrs)
-            part = part.assign_coords({n: c for n, c in earlier.coords.items() if n in part.dims and n != "scenario"})
-            n_volumes = self.study.plan.n_volumes  # the earlier result may have had only smaller coils
-            if "volume" in part.dims and part.sizes["volume"] < n_volumes:
-                part = part.reindex(volume=np.arange(1, n_volumes + 1))
-            if part.sizes["scenario"]:
-                yield part
-
-
 # --- scenarios of earlier results -------------------------------------------------------------------------------------
 
 
@@ -308,14 +233,7 @@ def match_scenarios(plan: Plan, attrs: dict[str, Any], earlier: xr.Dataset) -> t
         raise _extension_error(
             f"{' and '.join(changed)} changed, so that nothing can be kept: choose another folder with -o"
         )
-    rules, earlier_rules = _rule_hashes(attrs), _rule_hashes(earlier.attrs)
-    user_code = json.loads(attrs.get("user_code", "{}"))
-    # of a rule with another source the scenarios are no longer in the study
-    refuse_changed_code(
-        {name: user_code[name] for name in user_code if rules.get(name) == earlier_rules.get(name)},
-        json.loads(earlier.attrs.get("user_code", "{}")),
-    )
-    loop = plan.layout.loop
+    loop, rules, earlier_rules = plan.layout.loop, _rule_hashes(attrs), _rule_hashes(earlier.attrs)
     if unknown := sorted(earlier_rules.keys() - loop.rules.keys()):
         raise _extension_error(
             f"the rule {unknown[0]} is no longer in the study: keep it, or choose another folder with -o"

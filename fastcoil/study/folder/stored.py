@@ -13,7 +13,7 @@ import json
 import os
 import re
 import warnings
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from fnmatch import fnmatchcase
 from itertools import chain, count
@@ -34,15 +34,14 @@ from fastcoil.base.files import (
     make_folder,
     read_bytes,
     remove_temporary_files,
-    replace_atomically,
     write_atomically,
 )
 from fastcoil.base.machine import retry_while_locked
-from fastcoil.loops.netcdf import StoredFile, file_sha256, load, netcdf_bytes, open_lazily, probe_file
+from fastcoil.loops.netcdf import StoredFile, load, netcdf_bytes, open_lazily, probe_file
 from fastcoil.loops.plan import simulation_attributes
 from fastcoil.loops.provenance import RESULT_FORMAT, combined_sha256, environments_of, provenance, variable_sha256
 from fastcoil.loops.scenarios import check_result
-from fastcoil.model.user_rules import RuleHashes, merge_rule_hashes, user_code_hashes
+from fastcoil.model.user_rules import RuleHashes
 from fastcoil.study.file.spec import Study
 
 MANIFEST_FILE = "run.json"
@@ -51,7 +50,6 @@ TRACE_FILE_PATTERN = "traces-*.nc"
 SHARDS_FOLDER = "shards"
 QUARANTINE_FOLDER = "quarantine"
 SHARD_NAME_PATTERN = re.compile(r"(\d{9,})-([0-9a-f]{32})\.nc")
-DESCRIPTIVE_ATTRIBUTES = ("title", "summary", "study_toml")  # no scenario depends on them
 _FOLDER_FORMAT = 2  # no other one is read
 _CHECKSUM_KEY = "sha256"
 _MAX_MANIFEST_BYTES = 2**20
@@ -86,24 +84,10 @@ class Manifest:
     finished: bool = field(default=False, compare=False)
     user_code: RuleHashes = field(default_factory=dict, compare=False)
 
-    @classmethod
-    def from_study(cls, study: Study) -> Manifest:
-        """Return the manifest of a study that is run with the present sources of the model."""
-        boundary = study.plan.layout.boundary
-        user_code = user_code_hashes(study.plan.layout.loop.rules.values())
-        return cls(study.sha256, boundary.sha256, study.model_sha256, str(study.folder.absolute()), user_code=user_code)
-
     @property
     def key(self) -> str:
         """The name by which shards belong to this run."""
         return hashlib.sha256(f"1 {self.study_sha256} {self.model_sha256}".encode()).hexdigest()
-
-    def with_files_of(self, earlier: Manifest | None) -> Manifest:
-        """Return the same run with what ``earlier``, the manifest in the folder, records of the files there."""
-        if earlier is None:
-            return self
-        user_code = merge_rule_hashes(self.user_code, earlier.user_code) if self.key == earlier.key else self.user_code
-        return replace(self, outputs=earlier.outputs, user_code=user_code)
 
     @classmethod
     def read(cls, folder: Path) -> Manifest | None:
@@ -269,23 +253,6 @@ class Shards:
 # --- final files ------------------------------------------------------------------------------------------------------
 
 
-def publish_file(path: Path, write: Callable[[Path], object], manifest: Manifest) -> Manifest:
-    """Write a final file, or replace it; ``write`` gets the name to use.  Returns the manifest with its hash."""
-    recorded = manifest
-
-    def record(unfinished: Path) -> None:
-        nonlocal recorded
-        recorded_hashes = manifest.outputs.get(path.name, ())
-        current_hashes = [digest for digest in recorded_hashes if path.exists() and digest == file_sha256(path)]
-        new_hash = file_sha256(unfinished)
-        hashes = [new_hash, *(digest for digest in current_hashes if digest != new_hash)]
-        recorded = replace(manifest, outputs={**manifest.outputs, path.name: hashes}, finished=False)
-        recorded.write(path.parent)
-
-    replace_atomically(path, write, record)
-    return recorded
-
-
 def open_final_results(folder: Path, manifest: Manifest | None) -> xr.Dataset:
     """Open the results in a folder, checked against their hashes; traces stay on the disk until they are read.
 
@@ -310,23 +277,27 @@ def open_final_results(folder: Path, manifest: Manifest | None) -> xr.Dataset:
         raise InputError(sentence, str(path), "format")
     if is_damaged:
         raise IntegrityError(f"{path} is damaged (content_sha256 differs); {_RESULTS_CURE}")
-    return add_traces(ds, folder, manifest)
-
-
-def add_traces(ds: xr.Dataset, folder: Path, manifest: Manifest | None) -> xr.Dataset:
-    """Add the traces to the results; they stay on the disk until they are read.  Raises as ``open_final_results``."""
-    file = trace_file(ds, folder, manifest)
+    file = _trace_file(ds, folder, manifest)
     if file is None:
         return ds
     file.identity()  # it is there
-    opened = ds.assign(open_lazily(file, json.loads(ds.attrs["trace_layout"])).data_vars)
+    opened = with_traces(ds, file.path, file.accepted)
     problems = [] if manifest else find_variable_problems(opened, file.path)  # without the hash of the whole file
     if problems:
         raise IntegrityError("\n".join(problems))
     return opened
 
 
-def trace_file(ds: xr.Dataset, folder: Path, manifest: Manifest | None) -> StoredFile | None:
+def with_traces(ds: xr.Dataset, path: Path, accepted: Collection[str]) -> xr.Dataset:
+    """Return the results with the traces in ``path``, where they stay until they are read.
+
+    accepted: SHA-256 that the file may have.
+    """
+    file = StoredFile(path, accepted, _TRACES_CURE)
+    return ds.assign(open_lazily(file, json.loads(ds.attrs["trace_layout"])).data_vars)
+
+
+def _trace_file(ds: xr.Dataset, folder: Path, manifest: Manifest | None) -> StoredFile | None:
     """The file with the traces of the results ``ds``, if they have any."""
     if "trace_file" not in ds.attrs:
         return None
@@ -372,7 +343,7 @@ def finished_manifest(ds: xr.Dataset, folder: Path, manifest: Manifest) -> Manif
 
 
 def _final_files(ds: xr.Dataset, folder: Path, manifest: Manifest) -> list[StoredFile]:
-    traces = trace_file(ds, folder, manifest)
+    traces = _trace_file(ds, folder, manifest)
     return [_final_file(folder / RESULTS_FILE, manifest), *([traces] if traces else [])]
 
 

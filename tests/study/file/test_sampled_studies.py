@@ -1,9 +1,10 @@
-"""A study with a [sample]: what it means, and every mistake in it."""
+"""A study with a [sample]: what it means, every mistake in it, and the files that it names."""
 
 import numpy as np
 import pytest
 from helpers.refusals import assert_refused
 
+import fastcoil as fc
 from fastcoil.study.file.sample import sample_values
 from fastcoil.study.file.spec import read_study
 
@@ -155,3 +156,48 @@ def test_a_mistake_gets_one_sentence_with_field_value_and_cure(read, tmp_path, t
 )
 def test_a_mistake_between_tables_gets_one_sentence(read, before, field, code):
     assert_refused(field, code, read, GOOD + KP, before)
+
+
+# Files that it names: their content is part of the study, and of its folder
+
+OF_FILES = """
+[loop]
+preset = "lbnl"
+[sample]
+method = "sobol"
+size = 4
+backlash = { csv = "measured/gaps.csv", column = "gap" }
+kp = { fit = "pi.toml" }
+[boundary]
+kind = "constant_day"
+hours = 0.5
+[run]
+warm_up = 60
+"""
+
+
+@pytest.fixture
+def path(tmp_path):
+    home = tmp_path / "home"
+    (home / "measured").mkdir(parents=True)
+    (home / "measured/gaps.csv").write_text("gap [%]\n2\n5\n7\n")
+    (home / "pi.toml").write_text("[loop]\nkp = 0.02\n[fit.interval_95]\nkp = [0.01, 0.03]\n")
+    (home / "study.toml").write_text(OF_FILES)
+    return home / "study.toml"
+
+
+@pytest.mark.parametrize("name", ["measured/gaps.csv", "pi.toml"])
+def test_the_content_of_a_file_is_part_of_the_hash(path, name):
+    before, file = read_study(path).sha256, path.parent / name
+    assert read_study(path).sha256 == before
+    file.write_text(file.read_text().replace("7", "8").replace("0.03", "0.04"))
+    assert read_study(path).sha256 != before
+
+
+@pytest.mark.kernel
+def test_a_study_is_not_resumed_with_other_measurements(path, tmp_path):
+    out, gaps = tmp_path / "out", path.parent / "measured/gaps.csv"
+    fc.run_study(path, out, n_jobs=1)
+    gaps.write_text("gap [%]\n2\n5\n8\n")
+    with pytest.raises(fc.IntegrityError, match="a file that the study reads changed"):
+        fc.run_study(path, out, n_jobs=1)

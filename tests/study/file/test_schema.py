@@ -7,10 +7,9 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from helpers.commands import fastcoil
 from jsonschema import Draft4Validator, Draft202012Validator
 
-from fastcoil.cli.main import main
 from fastcoil.cli.study import shipped_studies
 from fastcoil.study.file.schema import SCHEMA_FILE, schema_text
 
@@ -41,7 +40,7 @@ def validator(request):
 
 def test_every_shipped_study_and_the_template_are_valid(validator, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    CliRunner().invoke(main, ["init"])
+    fastcoil("init")
     texts = {"template": (tmp_path / "study.toml").read_text(encoding="utf-8"), **shipped_studies()}
     messages = {name: [e.message for e in validator.iter_errors(tomllib.loads(text))] for name, text in texts.items()}
     assert messages == dict.fromkeys(texts, [])
@@ -62,7 +61,7 @@ def test_a_rule_and_its_parameters_are_left_to_the_reader(validator):
 
 def test_taplo_finds_the_schema_by_the_first_line(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert CliRunner().invoke(main, ["init"]).exit_code == 0
+    assert fastcoil("init").exit_code == 0
     assert (tmp_path / SCHEMA_FILE).read_text(encoding="utf-8") == schema_text()
 
     def lint():

@@ -1,19 +1,16 @@
 """Studies whose days are a sequence: killed, damaged, cut in any way and extended, they come to the same hash."""
 
-import warnings
-
 import numpy as np
 import pytest
 from helpers import failing_shards
 from helpers.refusals import refuses
 from helpers.studies import (
     quarantined_names,
+    resume_to_end,
     run,
     run_until_interrupted,
     shard_files,
     undisturbed_hash,
-    unfinished_files,
-    verify_unchanged,
     write_study,
 )
 
@@ -63,15 +60,6 @@ def one_block_each(monkeypatch):
     monkeypatch.setattr(plan, "_MIN_SEQUENCE_BLOCKS", 1)
 
 
-def finish(text, folder, **options):
-    with warnings.catch_warnings(record=True) as warned:
-        warnings.simplefilter("always")
-        assert run(text, folder, **options) == undisturbed_hash(text)
-    assert verify_unchanged(folder) == []
-    assert unfinished_files(folder) == shard_files(folder) == []
-    return [str(w.message) for w in warned]
-
-
 def test_the_results_are_those_of_simulate(tmp_path):
     study = write_study(CARRIED, tmp_path / "out")
     of_plan = study.plan.layout
@@ -96,7 +84,7 @@ def test_only_lanes_that_are_missing_are_run_again_whatever_the_number_of_worker
 def test_a_damaged_shard_is_computed_again(tmp_path):
     run_until_interrupted(GROUPS, tmp_path / "out", 1)
     shard_files(tmp_path / "out")[0].write_bytes(b"damaged")
-    (warning,) = finish(GROUPS, tmp_path / "out")
+    (warning,) = resume_to_end(tmp_path / "out", GROUPS)
     assert "its scenarios are computed again" in warning
     assert len(quarantined_names(tmp_path / "out")) == 1
 
@@ -110,7 +98,7 @@ def test_shards_with_some_of_the_days_are_taken(tmp_path):
     half = part.isel(scenario=slice(part.sizes["scenario"] // N_DAYS * 2))  # the first two days
     store = StudyFolder(out)
     Shards(out, store.require_manifest().key).commit(half)
-    assert finish(GROUPS, out) == []
+    assert resume_to_end(out, GROUPS) == []
 
 
 @pytest.mark.parametrize("n_jobs", [2, pytest.param(3, marks=pytest.mark.full)])

@@ -5,6 +5,7 @@ import hashlib
 import os
 import random
 import shutil
+from unittest.mock import Mock
 
 import pytest
 import xarray as xr
@@ -115,11 +116,7 @@ def test_half_written_files_of_a_killed_run_are_no_damage_and_are_removed(interr
 
 def test_a_sound_shard_for_which_there_is_no_memory_is_not_set_aside(interrupted_folder, monkeypatch):
     for error in (OSError(-101, "NetCDF: HDF error"), RuntimeError("NetCDF: HDF error")):
-
-        def refuse(*_, error=error):
-            raise error
-
-        monkeypatch.setattr(stored, "load", refuse)
+        monkeypatch.setattr(stored, "load", Mock(side_effect=error))
         for look in (lambda out: run(PLAIN_STUDY, out), maintenance.verify):
             with pytest.raises(StorageError, match="is sound, and cannot be read .*: the memory ran out") as refused:
                 look(interrupted_folder)
@@ -130,10 +127,7 @@ def test_a_sound_shard_for_which_there_is_no_memory_is_not_set_aside(interrupted
 
 
 def test_a_shard_that_cannot_be_made_for_lack_of_memory_ends_the_run_in_a_sentence(interrupted_folder, monkeypatch):
-    def refuse(_):
-        raise OSError(-101, "NetCDF: HDF error")
-
-    monkeypatch.setattr(stored, "netcdf_bytes", refuse)
+    monkeypatch.setattr(stored, "netcdf_bytes", Mock(side_effect=OSError(-101, "NetCDF: HDF error")))
     with pytest.raises(StorageError, match="a shard cannot be made .*: the memory ran out") as refused:
         run(PLAIN_STUDY, interrupted_folder)
     assert refused.value.errno == errno.ENOMEM

@@ -4,16 +4,15 @@ import copy
 import json
 
 import pytest
-from click.testing import CliRunner
 from helpers import failing_shards
+from helpers.commands import fastcoil
 from helpers.full import full_except
 from helpers.processes import cut_studies
 from helpers.refusals import assert_refused
-from helpers.studies import copy_run, run_until_stopped
+from helpers.studies import copy_run, folder_contents, run_until_stopped
 
 import fastcoil as fc
 from fastcoil.base import files
-from fastcoil.cli.main import main
 from fastcoil.study import run as runner
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder import folder, stored
@@ -92,13 +91,11 @@ def study(tmp_path):
     return read
 
 
-def read_files(folder):
-    """Every file in a folder with its bytes, and when it was written."""
-    files_by_name = {}
-    for path in sorted(folder.rglob("*")):
-        if path.is_file() and path.name != ".lock":
-            files_by_name[path.relative_to(folder).as_posix()] = (path.read_bytes(), path.stat().st_mtime_ns)
-    return files_by_name
+def extend(extension, tmp_path, *, n_kept=N, extend=True):
+    """Run an extension: only what is new is run, and the result is that of a fresh run."""
+    finished = execute(extension, tmp_path / "out", extend=extend)
+    assert finished.n_run == extension.plan.n_scenarios - n_kept
+    assert finished.results.attrs["content_sha256"] == fresh_hash(extension, tmp_path)
 
 
 EXTENSIONS = {
@@ -139,9 +136,7 @@ def test_an_extension_that_is_interrupted_goes_on(study, tmp_path, monkeypatch, 
         partly = fc.open_study(tmp_path / "out")
         assert int((partly["status"] == 0).sum()) == done
         partly.close()
-    finished = execute(extension, tmp_path / "out", extend=again)
-    assert finished.n_run == extension.plan.n_scenarios - done
-    assert finished.results.attrs["content_sha256"] == fresh_hash(extension, tmp_path)
+    extend(extension, tmp_path, n_kept=done, extend=again)
 
 
 def kill_between_files(monkeypatch, study, out, **options):
@@ -167,10 +162,7 @@ def kill_between_files(monkeypatch, study, out, **options):
 
 def test_a_run_killed_before_its_first_shard_is_in_nobodys_way(study, tmp_path, monkeypatch):
     kill_between_files(monkeypatch, study(BASE), tmp_path / "out")
-    extension = study(EXTENSIONS["end"])
-    assert execute(extension, tmp_path / "out", extend=True).results.attrs["content_sha256"] == fresh_hash(
-        extension, tmp_path
-    )
+    extend(study(EXTENSIONS["end"]), tmp_path, n_kept=0)
 
 
 def test_an_extension_killed_before_its_first_shard_loses_nothing(study, tmp_path, monkeypatch):
@@ -183,10 +175,7 @@ def test_an_extension_killed_before_its_first_shard_loses_nothing(study, tmp_pat
         execute(study(EXTENSIONS["middle"]), tmp_path / "out")
     assert execute(study(BASE), tmp_path / "out").n_run == 0
     kill_between_files(monkeypatch, study(EXTENSIONS["middle"]), tmp_path / "out", extend=True)
-    extension = study(EXTENSIONS["end"])
-    finished = execute(extension, tmp_path / "out", extend=True)
-    assert finished.n_run == extension.plan.n_scenarios - N
-    assert finished.results.attrs["content_sha256"] == fresh_hash(extension, tmp_path)
+    extend(study(EXTENSIONS["end"]), tmp_path)
 
 
 REFUSED = {
@@ -214,45 +203,38 @@ def test_an_unfinished_study_is_finished_before_it_is_extended(study, tmp_path, 
     larger = change_tables(sweep={"backlash": [0.02, 0.03, 0.05, 0.09, 0.11]}, **untraced)
     check_refused(study, tmp_path, larger)
     execute(smaller, tmp_path / "out")
-    assert execute(study(larger), tmp_path / "out", extend=True).results.attrs["content_sha256"] == fresh_hash(
-        study(larger), tmp_path
-    )
+    extend(study(larger), tmp_path, n_kept=smaller.plan.n_scenarios)
 
 
 def check_refused(study, tmp_path, tables):
-    before = read_files(tmp_path / "out")
+    before = folder_contents(tmp_path / "out")
     assert_refused("--extend", "conflict", execute, study(tables), tmp_path / "out", extend=True)
-    assert read_files(tmp_path / "out") == before
+    assert folder_contents(tmp_path / "out") == before
 
 
 @pytest.mark.parametrize("n_shards", [None, 2], ids=["finished", "unfinished"])
 def test_without_extend_another_version_is_refused(study, tmp_path, monkeypatch, n_shards):
     cut_studies(monkeypatch, 6)
     run_shards(study(BASE), tmp_path / "out", n_shards)
-    before = read_files(tmp_path / "out")
+    before = folder_contents(tmp_path / "out")
     study(EXTENSIONS["end"])
-    words = ["run", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out"), "--no-figures"]
-    result = CliRunner().invoke(main, words)
+    words = ["run", tmp_path / "study.toml", "-o", tmp_path / "out", "--no-figures"]
+    result = fastcoil(*words)
     assert result.exit_code == 2
     assert "add --extend if only values were added" in result.stderr
     assert str(tmp_path / "out" / "study.toml") in result.stderr
     assert "Traceback" not in result.output
-    assert read_files(tmp_path / "out") == before
+    assert folder_contents(tmp_path / "out") == before
 
 
 def test_traces_with_volumes_grow_with_the_largest_coil(study, tmp_path):
     traces = {"traces": ["T_c", "u"]}
     execute(study(change_tables(run=traces, loop={"n_volumes": 4})), tmp_path / "out")
-    extension = study(change_tables(run=traces, sweep={"n_volumes": [8, 4]}))
-    finished = execute(extension, tmp_path / "out", extend=True)
-    assert finished.n_run == extension.plan.n_scenarios - N
-    assert finished.results.attrs["content_sha256"] == fresh_hash(extension, tmp_path)
+    extend(study(change_tables(run=traces, sweep={"n_volumes": [8, 4]})), tmp_path)
 
 
 def test_an_extension_without_new_scenarios_runs_none(study, base, tmp_path, monkeypatch):
-    monkeypatch.setattr(runner, "make_pool", None)
     extension = study(change_tables(sweep={"backlash": [0.09, 0.05, 0.02]}))
-    finished = execute(extension, tmp_path / "out", extend=True)
-    assert finished.n_run == 0
-    monkeypatch.undo()
-    assert finished.results.attrs["content_sha256"] == fresh_hash(extension, tmp_path)
+    fresh_hash(extension, tmp_path)
+    monkeypatch.setattr(runner, "make_pool", None)
+    extend(extension, tmp_path)

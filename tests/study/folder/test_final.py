@@ -5,15 +5,23 @@ import functools
 import json
 import os
 import pickle
-import shutil
 import subprocess
+from unittest.mock import Mock
 
 import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
 from helpers.refusals import refuses
-from helpers.studies import TRACED_STUDY, folder_contents, run, undisturbed_hash, verify_unchanged, with_larger_sweep
+from helpers.studies import (
+    TRACED_STUDY,
+    copy_run,
+    folder_contents,
+    run,
+    undisturbed_hash,
+    verify_unchanged,
+    with_larger_sweep,
+)
 
 import fastcoil as fc
 from fastcoil.base.errors import IntegrityError, StorageError
@@ -27,18 +35,10 @@ from fastcoil.study.folder.stored import Manifest, find_variable_problems, open_
 pytestmark = pytest.mark.kernel
 
 
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory):
-    """The folder of a finished study with traces; not to be changed."""
-    out = tmp_path_factory.mktemp("finished") / "out"
-    run(TRACED_STUDY, out)
-    return out
-
-
 @pytest.fixture
-def copied(finished, out):
-    """A copy of it."""
-    shutil.copytree(finished, out)
+def finished(out):
+    """The folder of a finished study with traces."""
+    copy_run(TRACED_STUDY, out)
     return out
 
 
@@ -56,13 +56,13 @@ def zero_sector(path, sector):
 # --- recorded hashes --------------------------------------------------------------------------------------------------
 
 
-def test_no_byte_of_a_damaged_file_is_parsed(copied, monkeypatch):
-    zero_sector(copied / "results.nc", 8)  # the library never returns from these bytes
+def test_no_byte_of_a_damaged_file_is_parsed(finished, monkeypatch):
+    zero_sector(finished / "results.nc", 8)  # the library never returns from these bytes
     monkeypatch.setattr(netCDF4, "Dataset", None)
     for what in (fc.open_study, lambda out: run(TRACED_STUDY, out)):
         with pytest.raises(IntegrityError, match=r"results\.nc is damaged.*delete it and run the study again"):
-            what(copied)
-    assert "results.nc is damaged" in " ".join(verify_unchanged(copied))
+            what(finished)
+    assert "results.nc is damaged" in " ".join(verify_unchanged(finished))
 
 
 @pytest.mark.parametrize(
@@ -70,35 +70,32 @@ def test_no_byte_of_a_damaged_file_is_parsed(copied, monkeypatch):
     [OSError(-101, "NetCDF: HDF error"), OSError(errno.EMFILE, "Too many open files"), RuntimeError("HDF error")],
     ids=repr,
 )
-def test_a_sound_file_that_cannot_be_opened_is_not_called_damaged(copied, monkeypatch, error):
-    ds = fc.open_study(copied)
+def test_a_sound_file_that_cannot_be_opened_is_not_called_damaged(finished, monkeypatch, error):
+    ds = fc.open_study(finished)
 
-    def refuse(_):
-        raise error
-
-    monkeypatch.setattr(netcdf, "parse", refuse)
+    monkeypatch.setattr(netcdf, "parse", Mock(side_effect=error))
     message = "cannot be read: .*; its bytes are as they were written"
-    for read in (lambda: fc.open_study(copied), ds["T_sup"].load, lambda: find_variable_problems(ds, copied)):
+    for read in (lambda: fc.open_study(finished), ds["T_sup"].load, lambda: find_variable_problems(ds, finished)):
         with pytest.raises(StorageError, match=message) as refused:
             read()
         assert refused.value.exit_code == 4
     ds.close()
     monkeypatch.undo()
-    assert verify_unchanged(copied) == []
+    assert verify_unchanged(finished) == []
 
 
-def test_damaged_traces_are_found_when_they_are_read_and_metrics_stay_readable(copied):
-    path = trace_path(copied)
+def test_damaged_traces_are_found_when_they_are_read_and_metrics_stay_readable(finished):
+    path = trace_path(finished)
     good = path.read_bytes()
     path.unlink()
     path.write_bytes(good[:-1] + bytes([good[-1] ^ 1]))
-    ds = fc.open_study(copied)
+    ds = fc.open_study(finished)
     assert bool(np.isfinite(ds["rmse"]).all())
     assert ds["T_sup"].sizes["elapsed_time"] == ds["elapsed_time"].size
     with pytest.raises(IntegrityError, match=r"traces-.* is damaged.*delete results\.nc and run the study again"):
         ds["T_sup"].isel(day=0).load()
     with pytest.raises(IntegrityError, match="is damaged"):
-        run(TRACED_STUDY, copied)
+        run(TRACED_STUDY, finished)
 
 
 def test_traces_are_hashed_once_in_a_process_and_not_before_they_are_read(finished, monkeypatch):
@@ -115,8 +112,8 @@ def test_traces_are_hashed_once_in_a_process_and_not_before_they_are_read(finish
     assert len(hashed) == 4  # verify trusts no memory
 
 
-def test_between_its_hash_and_its_name_a_new_file_leaves_the_old_one_readable(copied, monkeypatch):
-    before, real = fc.open_study(copied).load(), os.replace
+def test_between_its_hash_and_its_name_a_new_file_leaves_the_old_one_readable(finished, monkeypatch):
+    before, real = fc.open_study(finished).load(), os.replace
 
     def killed(source, target):
         if os.fspath(target).endswith("results.nc"):
@@ -126,17 +123,17 @@ def test_between_its_hash_and_its_name_a_new_file_leaves_the_old_one_readable(co
     with monkeypatch.context() as patch:
         patch.setattr(os, "replace", killed)
         with pytest.raises(KeyboardInterrupt):
-            run(with_larger_sweep(TRACED_STUDY), copied, extend=True)
-    halfway = Manifest.read(copied)
+            run(with_larger_sweep(TRACED_STUDY), finished, extend=True)
+    halfway = Manifest.read(finished)
     assert not halfway.finished
     assert len(halfway.outputs["results.nc"]) == 2
-    assert verify_unchanged(copied) == []
-    partly = fc.open_study(copied)
+    assert verify_unchanged(finished) == []
+    partly = fc.open_study(finished)
     np.testing.assert_array_equal(partly["rmse"].sel(backlash=before["backlash"]), before["rmse"])
-    assert run(with_larger_sweep(TRACED_STUDY), copied, extend=True) == undisturbed_hash(
+    assert run(with_larger_sweep(TRACED_STUDY), finished, extend=True) == undisturbed_hash(
         with_larger_sweep(TRACED_STUDY)
     )
-    assert all(len(hashes) == 1 for hashes in Manifest.read(copied).outputs.values())
+    assert all(len(hashes) == 1 for hashes in Manifest.read(finished).outputs.values())
 
 
 # --- lazily -----------------------------------------------------------------------------------------------------------
@@ -166,38 +163,38 @@ def test_opened_results_leave_no_file_open(finished):
 # --- files without a recorded hash ------------------------------------------------------------------------------------
 
 
-def test_results_whose_run_json_was_lost_are_tried_and_the_next_run_records_their_hashes(copied):
-    outputs = Manifest.read(copied).outputs
-    (copied / "run.json").unlink()
-    before = folder_contents(copied)
+def test_results_whose_run_json_was_lost_are_tried_and_the_next_run_records_their_hashes(finished):
+    outputs = Manifest.read(finished).outputs
+    (finished / "run.json").unlink()
+    before = folder_contents(finished)
     message = r"run\.json is missing: the results are of fastcoil 0\.1, .* or it was lost, and running the same"
     extend_larger = lambda out: run(with_larger_sweep(TRACED_STUDY), out, extend=True)  # noqa: E731
     for what in (open_results, maintenance.verify, maintenance.status, extend_larger):
         with pytest.raises(IntegrityError, match=message):
-            what(copied)
-    assert folder_contents(copied) == before
-    assert run(TRACED_STUDY, copied) == undisturbed_hash(TRACED_STUDY)
-    assert folder_contents(copied)["results.nc"] == before["results.nc"]
-    assert Manifest.read(copied).finished
-    assert Manifest.read(copied).outputs == outputs
+            what(finished)
+    assert folder_contents(finished) == before
+    assert run(TRACED_STUDY, finished) == undisturbed_hash(TRACED_STUDY)
+    assert folder_contents(finished)["results.nc"] == before["results.nc"]
+    assert Manifest.read(finished).finished
+    assert Manifest.read(finished).outputs == outputs
 
 
-def test_a_file_that_nobody_knows_and_that_hangs_the_library_is_refused_in_time(copied, monkeypatch):
-    endless = copied / "endless.py"
+def test_a_file_that_nobody_knows_and_that_hangs_the_library_is_refused_in_time(finished, monkeypatch):
+    endless = finished / "endless.py"
     endless.write_text("while True: pass")
     monkeypatch.setattr(netcdf, "_readable_files", set())
     monkeypatch.setattr(netcdf, "_PROBE_SCRIPT", endless)
     real = subprocess.run
     monkeypatch.setattr(netcdf.subprocess, "run", lambda command, **options: real(command, **options | {"timeout": 1}))
     with pytest.raises(IntegrityError, match=r"results\.nc is damaged: reading it did not end in \d+ s; delete it"):
-        open_final_results(copied, None)
+        open_final_results(finished, None)
 
 
-def test_a_changed_value_of_a_small_trace_is_found_without_a_recorded_hash(copied):
-    with netCDF4.Dataset(trace_path(copied), "a") as file:
+def test_a_changed_value_of_a_small_trace_is_found_without_a_recorded_hash(finished):
+    with netCDF4.Dataset(trace_path(finished), "a") as file:
         file["mode"][0, 0, 0, 3] = 9 - file["mode"][0, 0, 0, 3]
     with pytest.raises(IntegrityError, match="mode is damaged"):
-        open_final_results(copied, None)
+        open_final_results(finished, None)
 
 
 def test_a_child_that_crashes_or_finds_no_netcdf_is_reported_in_a_sentence(tmp_path, monkeypatch):
@@ -214,12 +211,12 @@ def test_a_child_that_crashes_or_finds_no_netcdf_is_reported_in_a_sentence(tmp_p
 
 @pytest.mark.parametrize("make", [os.mkfifo, os.mkdir], ids=["fifo", "folder"])
 @pytest.mark.parametrize("name", ["results.nc", "traces"])
-def test_what_is_no_file_is_refused_and_blocks_nobody(copied, make, name):
-    path = copied / name if name == "results.nc" else trace_path(copied)
+def test_what_is_no_file_is_refused_and_blocks_nobody(finished, make, name):
+    path = finished / name if name == "results.nc" else trace_path(finished)
     path.unlink()
     make(path)
     with pytest.raises(IntegrityError, match="is not a regular file"):
-        fc.open_study(copied)
+        fc.open_study(finished)
 
 
 # --- content ----------------------------------------------------------------------------------------------------------

@@ -5,7 +5,7 @@ import shutil
 import time
 
 import pytest
-from click.testing import CliRunner
+from helpers.commands import fastcoil
 from helpers.refusals import refuses
 from helpers.studies import (
     PLAIN_STUDY,
@@ -20,7 +20,6 @@ from helpers.studies import (
 )
 
 from fastcoil.base.errors import FastcoilError, LockedError, StorageError
-from fastcoil.cli.main import main
 from fastcoil.study import maintenance
 from fastcoil.study import run as runner
 from fastcoil.study.file.spec import read_study
@@ -81,7 +80,7 @@ def test_a_folder_removed_in_the_middle_of_a_run_ends_it_with_4(out):
     def remove(_):
         shutil.rmtree(out)
 
-    with pytest.raises(StorageError, match="cannot be made: No such file or directory"):
+    with pytest.raises(StorageError, match=r"study\.toml cannot be written: No such file or directory"):
         runner.execute(write_study(PLAIN_STUDY, out), out, n_jobs=1, progress=lambda *_: remove)
     assert not out.exists()
     resume_to_end(out)
@@ -119,7 +118,7 @@ def test_figures_are_drawn_while_the_folder_is_held(out, monkeypatch):
 
     def present(finished):
         holders.append(find_holder(out))
-        assert CliRunner().invoke(main, ["plot", str(out)]).exit_code == 5
+        assert fastcoil("plot", out).exit_code == 5
         with pytest.raises(LockedError):
             run(PLAIN_STUDY, out)
 
@@ -128,7 +127,7 @@ def test_figures_are_drawn_while_the_folder_is_held(out, monkeypatch):
     assert len(holders) == 2
     assert all(holders)
     assert not (out / "figures").exists()
-    assert CliRunner().invoke(main, ["plot", str(out)]).exit_code == 0
+    assert fastcoil("plot", out).exit_code == 0
 
 
 @pytest.mark.parametrize("command", ["run", pytest.param("plot", marks=pytest.mark.full)])
@@ -141,7 +140,7 @@ def test_half_written_figures_are_removed(out, command):
     if command == "run":
         runner.execute(study, out)
     else:
-        assert CliRunner().invoke(main, ["plot", str(out)]).exit_code == 0
+        assert fastcoil("plot", out).exit_code == 0
     assert not half.exists()
 
 

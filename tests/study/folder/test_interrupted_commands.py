@@ -7,11 +7,10 @@ import sys
 import time
 
 import pytest
-from click.testing import CliRunner
+from helpers.commands import fastcoil
 from helpers.processes import child_environment
 from helpers.studies import PLAIN_STUDY, shard_files, unfinished_files
 
-from fastcoil.cli.main import main
 from fastcoil.study import maintenance
 from fastcoil.study import run as runner
 
@@ -72,8 +71,8 @@ def test_a_second_run_exits_with_5_and_names_the_first_until_that_is_killed(comm
     first = command()
     wait_for_shards(first, tmp_path / "out")
     first.send_signal(signal.SIGSTOP)  # it holds the folder, and takes no processor
-    words = ["run", str(tmp_path / "my study.toml"), "-o", str(tmp_path / "out"), "-j", "1", "--no-figures"]
-    second = CliRunner().invoke(main, words)
+    words = ["run", tmp_path / "my study.toml", "-o", tmp_path / "out", "-j", "1", "--no-figures"]
+    second = fastcoil(*words)
     assert second.exit_code == 5
     assert f"in use by another run (process {first.pid} on " in second.stderr
     assert "Traceback" not in second.output
@@ -86,7 +85,7 @@ def test_a_second_run_exits_with_5_and_names_the_first_until_that_is_killed(comm
         raise KeyboardInterrupt
 
     monkeypatch.setattr(runner, "make_pool", look)
-    third = CliRunner().invoke(main, words)
+    third = fastcoil(*words)
     assert "Resuming:" in third.stderr
     assert f"process {os.getpid()} " in held[0]
 

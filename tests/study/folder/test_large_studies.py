@@ -21,15 +21,13 @@ from helpers.studies import (
     with_larger_sweep,
     write_study,
 )
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import fastcoil as fc
 from fastcoil.base import arrays
 from fastcoil.base.errors import StorageError
 from fastcoil.loops import netcdf
 from fastcoil.loops.provenance import variable_sha256
-from fastcoil.loops.scenarios import flat_dataset, join_flat
+from fastcoil.loops.scenarios import join_flat
 from fastcoil.loops.simulate import estimate_run_time
 from fastcoil.model.metric_table import METRICS
 from fastcoil.study import run as runner
@@ -66,25 +64,6 @@ def slabs_of_one(monkeypatch):
 # --- the merge --------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=20)
-@given(data=st.data())
-def test_values_come_in_flat_order_whatever_the_order_of_the_parts(data, tmp_path_factory):
-    n = data.draw(st.integers(1, 30))
-    order = data.draw(st.permutations(range(n)) | st.just(range(n)))
-    size = data.draw(st.integers(1, n))
-    edges = sorted({0, n, *data.draw(st.lists(st.integers(0, n)))})
-    nothing = np.zeros((len(METRICS), n))
-    parts = []
-    for start in range(0, n, size):
-        index = np.array(order[start : start + size])
-        trace = {"T_w": index[:, np.newaxis, np.newaxis] + np.array([[0.0, 0.25], [0.5, np.nan]])}
-        parts.append(flat_dataset(index, nothing[:, : index.size], np.zeros(index.size), trace, 1))
-    folder = tmp_path_factory.getbasetemp()
-    pieces = [*merged.iter_flat_order(iter(parts), "T_w", np.array(edges), folder)]
-    assert [len(piece) for piece in pieces] == np.diff(edges).tolist()
-    np.testing.assert_array_equal(np.concatenate(pieces), join_flat(n, parts)["T_w"].values)
-
-
 @pytest.mark.parametrize("text", [VOLUMES, SEQUENCE], ids=["volumes", "sequence"])
 def test_hashes_are_those_of_whole_arrays(out, text, slabs_of_one):
     loop = fc.Loop(noise_std=0.02, backlash=[0.02, 0.07], estimate_ratio=[0.0, 0.9])
@@ -111,16 +90,22 @@ def test_a_merge_that_ends_among_its_slabs_is_done_again(out, monkeypatch, slabs
     if extend:
         copy_run(SEQUENCE, out)
         before = {path.name: path.read_bytes() for path in out.glob("*.nc")}
-    original = merged.iter_flat_order
+    begun, original = [], netcdf.trace_slabs
 
-    def ends(*words):
-        for k, values in enumerate(original(*words)):
-            if k == 2 and words[1] == "mode":
+    class EndingSlabs(list):
+        def __iter__(self):
+            begun.append(self[0])
+            yield self[0]
+            if len(begun) == 2:  # the second trace
                 raise error
-            yield values
+            yield from self[1:]
+
+    def slabs_that_end(*words):
+        slabs, chunk = original(*words)
+        return EndingSlabs(slabs), chunk
 
     with monkeypatch.context() as patched:
-        patched.setattr(merged, "iter_flat_order", ends)
+        patched.setattr(netcdf, "trace_slabs", slabs_that_end)
         with pytest.raises((KeyboardInterrupt, StorageError)):
             run(text, out, extend=extend)
     assert shard_files(out)
@@ -156,32 +141,31 @@ def test_the_memory_of_a_merge_does_not_grow_with_the_study(tmp_path, monkeypatc
 
 def test_an_extension_reads_earlier_results_some_scenarios_at_a_time(out, monkeypatch):
     copy_run(PLAIN_STUDY, out)
-    original, sizes = state.StudyRun._earlier_parts, []
+    original, sizes = merged.StudyRun._earlier_parts, []
 
     def counted(*words):
         for part in original(*words):
             sizes.append(part.sizes["scenario"])
             yield part
 
-    monkeypatch.setattr(state, "_VALUES_AT_ONCE", 2 * (len(METRICS) + 1))  # values of two scenarios
+    monkeypatch.setattr(merged, "_VALUES_AT_ONCE", 2 * (len(METRICS) + 1))  # values of two scenarios
     monkeypatch.setattr(state, "_SCENARIOS_AT_ONCE", 5)
-    monkeypatch.setattr(state.StudyRun, "_earlier_parts", counted)
+    monkeypatch.setattr(merged.StudyRun, "_earlier_parts", counted)
     assert run(with_larger_sweep(PLAIN_STUDY), out, extend=True) == undisturbed_hash(with_larger_sweep(PLAIN_STUDY))
     assert sizes == [2] * 6
 
 
 def test_a_run_keeps_no_shard_for_a_comparison_with_later_ones(out, monkeypatch):
     cut_studies(monkeypatch, 2)
-    original, firsts = state.check_same_form, []
+    original, firsts = merged.StudyRun.commit, []
 
-    def compare(first, part):
-        firsts.append(first)
-        return original(first, part)
+    def commit(study_run, part):
+        original(study_run, part)
+        firsts.append(study_run._first_scenario)
 
-    monkeypatch.setattr(state, "check_same_form", compare)
+    monkeypatch.setattr(merged.StudyRun, "commit", commit)
     assert run(TRACED_STUDY, out) == undisturbed_hash(TRACED_STUDY)
-    kept = [first.sizes["scenario"] for first in firsts if first is not None]
-    assert kept == [1] * len(kept) != []
+    assert [first.sizes["scenario"] for first in firsts] == [1] * len(firsts) != []
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.05])

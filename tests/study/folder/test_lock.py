@@ -4,6 +4,7 @@ import errno
 import fcntl
 import os
 import threading
+from unittest.mock import Mock
 
 import pytest
 
@@ -67,11 +68,7 @@ def test_a_lock_that_is_no_file_is_refused(folder, make):
 @pytest.mark.parametrize("number", [errno.EOPNOTSUPP, errno.ENOLCK, errno.ENOSYS])
 def test_a_file_system_without_locks_is_refused(tmp_path, monkeypatch, number):
     """A lock of a file alone would outlive a run that is killed."""
-
-    def refuse(*_):
-        raise OSError(number, os.strerror(number))
-
-    monkeypatch.setattr(fcntl, "flock", refuse)
+    monkeypatch.setattr(fcntl, "flock", Mock(side_effect=OSError(number, os.strerror(number))))
     with pytest.raises(StorageError) as refused, hold_folder(tmp_path / "out"):
         pass
     assert f".lock cannot be locked ({os.strerror(number)})" in str(refused.value)

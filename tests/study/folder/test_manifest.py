@@ -24,8 +24,7 @@ from fastcoil.base.errors import InputError, IntegrityError
 from fastcoil.model.numerics.jit import numeric_environment
 from fastcoil.study import maintenance
 from fastcoil.study import run as runner
-from fastcoil.study.file import spec
-from fastcoil.study.folder import stored
+from fastcoil.study.folder import state, stored
 from fastcoil.study.folder.results import open_study
 
 pytestmark = pytest.mark.kernel
@@ -41,12 +40,12 @@ def test_a_damaged_run_json_is_refused_and_nothing_is_lost(interrupted_folder):
         (b'{"format": 3}', "another version of fastcoil"),
     ):
         path.write_bytes(data)
-        before = {name: found for name, found in folder_contents(interrupted_folder).items() if name != ".lock"}
+        before = folder_contents(interrupted_folder)
         for what in (lambda out: run(PLAIN_STUDY, out), maintenance.verify, maintenance.status):
             with pytest.raises(IntegrityError, match=sentence) as refused:
                 what(interrupted_folder)
             assert refused.value.exit_code == 6
-        assert {name: found for name, found in folder_contents(interrupted_folder).items() if name != ".lock"} == before
+        assert folder_contents(interrupted_folder) == before
     path.write_bytes(good)
     assert resume_to_end(interrupted_folder) == []
 
@@ -102,7 +101,7 @@ def test_a_boundary_file_that_changes_between_a_run_and_its_resume_is_refused(ou
 
 def test_other_sources_of_the_model_between_run_and_resume_run_everything_again(interrupted_folder, monkeypatch):
     done = [p.name for p in shard_files(interrupted_folder)]
-    monkeypatch.setattr(spec, "model_sha256", lambda: "another model")
+    monkeypatch.setattr(state, "model_sha256", lambda: "another model")
     with pytest.warns(UserWarning, match="other sources of the model|another version of the model") as warned:
         finished = runner.execute(write_study(PLAIN_STUDY, interrupted_folder), interrupted_folder, n_jobs=1)
     assert "other sources of the model" in str(warned[0].message)

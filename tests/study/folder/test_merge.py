@@ -3,6 +3,7 @@
 import errno
 import os
 import shutil
+from unittest.mock import Mock
 
 import pytest
 import xarray as xr
@@ -22,7 +23,7 @@ from helpers.studies import (
 import fastcoil as fc
 from fastcoil.base import arrays
 from fastcoil.base.errors import IntegrityError, StorageError
-from fastcoil.study.folder.state import StudyRun
+from fastcoil.study.folder.merged import StudyRun
 
 pytestmark = pytest.mark.kernel
 
@@ -77,12 +78,9 @@ def test_a_study_merged_on_the_disk_is_the_one_merged_in_memory(out, text, monke
     "text", [PLAIN_STUDY, pytest.param(TRACED_STUDY, marks=pytest.mark.full)], ids=["plain", "traced"]
 )
 def test_room_for_the_merge_is_taken_before_it_is_used(out, text, monkeypatch):
-    def full(*_):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
     with monkeypatch.context() as patched:
         patched.setattr(arrays, "MEMMAP_MIN_BYTES", 0)
-        patched.setattr(os, "posix_fallocate", full)
+        patched.setattr(os, "posix_fallocate", Mock(side_effect=OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))))
         with pytest.raises(StorageError, match="No space left on device"):
             run(text, out)
     assert unfinished_files(out) == []

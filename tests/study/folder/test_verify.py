@@ -6,7 +6,7 @@ import shutil
 
 import netCDF4
 import pytest
-from click.testing import CliRunner
+from helpers.commands import fastcoil
 from helpers.studies import (
     DAYS,
     PLAIN_STUDY,
@@ -20,7 +20,6 @@ from helpers.studies import (
 )
 
 from fastcoil.base.errors import IntegrityError
-from fastcoil.cli.main import main
 from fastcoil.loops import netcdf
 from fastcoil.study import maintenance
 from fastcoil.study.folder.results import open_study
@@ -79,7 +78,7 @@ def test_a_file_that_a_finished_study_must_have_is_missed(out, name):
     path = next(out.glob(f"{name}*"))
     good = path.read_bytes()
     path.unlink()
-    result = CliRunner().invoke(main, ["verify", str(out)])
+    result = fastcoil("verify", out)
     assert result.exit_code == 6
     assert f"{path} is missing" in result.output
     if name == "results.nc":
@@ -113,6 +112,6 @@ def test_results_that_cannot_be_read_are_no_damage(out, monkeypatch):
         return plain(path, *rest, **options)
 
     monkeypatch.setattr(netcdf, "open", closed, raising=False)
-    done = CliRunner().invoke(main, ["verify", str(out)])
+    done = fastcoil("verify", out)
     assert done.exit_code == 4, done.output
     assert "cannot be read: Permission denied; check its permissions" in done.output

@@ -8,13 +8,12 @@ import threading
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from helpers.commands import fastcoil
 from helpers.processes import STUDY_TEXT, run_cluster, start_python, wait_for_end
 from helpers.refusals import refuses
 from helpers.sentences import assert_worded
 
 import fastcoil as fc
-from fastcoil.cli.main import main
 from fastcoil.loops.plan import Shard
 from fastcoil.study import workers as pools
 from fastcoil.study.file.spec import read_study
@@ -26,7 +25,7 @@ pytestmark = [pytest.mark.kernel, pytest.mark.timeout(120), pytest.mark.usefixtu
 def refusal_text(folder, *words):
     """The sentences with which the command line refuses to run, and leaves no trace."""
     before = sorted(folder.rglob("*"))
-    result = CliRunner().invoke(main, ["run", *map(str, words)])
+    result = fastcoil("run", *words)
     assert result.exit_code == 2, result.output
     assert sorted(folder.rglob("*")) == before
     assert "Traceback" not in result.output

@@ -6,13 +6,12 @@ The tests of one cluster come in the order in which they need it: the last two t
 import time
 
 import pytest
-from click.testing import CliRunner
 from helpers import failing_shards
+from helpers.commands import fastcoil
 from helpers.processes import N_SCENARIOS, assert_crashed, cut_studies, run_cluster, wait_for
 from helpers.refusals import refuses
 
 import fastcoil as fc
-from fastcoil.cli.main import main
 from fastcoil.study import workers as pools
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.run import execute
@@ -22,8 +21,8 @@ pytestmark = [pytest.mark.kernel, pytest.mark.timeout(180), pytest.mark.usefixtu
 
 def test_the_command_line_on_a_cluster_gives_the_same_bits(small_study, golden, tmp_path, two_workers, monkeypatch):
     cut_studies(monkeypatch, 40, seed=7)
-    words = ["run", str(small_study), "-o", str(tmp_path / "out"), "--backend", "dask"]
-    done = CliRunner().invoke(main, [*words, "--scheduler", two_workers.address, "--no-figures"])
+    words = ["run", small_study, "-o", tmp_path / "out", "--backend", "dask"]
+    done = fastcoil(*words, "--scheduler", two_workers.address, "--no-figures")
     assert done.exit_code == 0, done.output
     results = fc.open_study(tmp_path / "out")
     assert results.attrs["content_sha256"] == golden
@@ -103,12 +102,12 @@ def test_a_scheduler_that_is_killed_ends_the_run_with_a_sentence(
         if len(n_done) == n_before:
             two_workers.scheduler.kill()
 
-    words = ["run", str(small_study), "-o", str(tmp_path / "out"), "--backend", "dask"]
+    words = ["run", small_study, "-o", tmp_path / "out", "--backend", "dask"]
     start = time.monotonic()
     with monkeypatch.context() as patch:
         patch.setattr("fastcoil.base.progress.ProgressDisplay.start", lambda *_: tell)
         failing_shards.harm_every_study(patch, failing_shards.sleep_briefly, range(128, 160))
-        result = CliRunner().invoke(main, [*words, "--scheduler", two_workers.address, "--no-figures"])
+        result = fastcoil(*words, "--scheduler", two_workers.address, "--no-figures")
     assert time.monotonic() - start < 60
     assert result.exit_code == 1
     messages = [line for line in result.stderr.splitlines() if line.startswith("fastcoil: ")]

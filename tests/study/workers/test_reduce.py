@@ -5,10 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from click.testing import CliRunner
+from helpers.commands import fastcoil
 from helpers.refusals import assert_mistakes, assert_refused, only_problem
 
-from fastcoil.cli.main import main
 from fastcoil.study.file.user_code import UserCode, load_function, reduce_traces
 
 SOURCE = """
@@ -215,7 +214,7 @@ def test_whatever_a_reduction_raises_ends_the_run_with_a_sentence(
     words = ["run", tmp_path / "study.toml", "-o", tmp_path / "out", "--backend", backend, "-j", 1, "--no-figures"]
     if backend == "dask":
         words += ["--scheduler", request.getfixturevalue("two_workers").address]
-    done = CliRunner().invoke(main, list(map(str, words)))
+    done = fastcoil(*words)
     assert done.exit_code == code, done.output
     (last,) = done.stderr.splitlines()[-1:]
     assert sentence in last

@@ -10,14 +10,13 @@ import tempfile
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from helpers import failing_shards
+from helpers.commands import fastcoil
 from helpers.processes import N_SCENARIOS, assert_crashed, cut_studies, living_descendants
 from joblib.externals.loky.backend import resource_tracker
 
 import fastcoil as fc
 from fastcoil.base.errors import FastcoilError, StorageError
-from fastcoil.cli.main import main
 from fastcoil.loops.plan import Shard
 from fastcoil.study import workers as pools
 from fastcoil.study.file.spec import read_study
@@ -43,14 +42,14 @@ def test_a_scenario_that_kills_is_crashed_and_no_other(
 ):
     failing_shards.harm_every_study(monkeypatch, harm, [70])
     cut_studies(monkeypatch, 20, alone=70)
-    words = ["run", str(small_study), "-o", str(tmp_path / "out"), "--backend", backend, "-j", "1", "--no-figures"]
-    result = CliRunner().invoke(main, words)
+    words = ["run", small_study, "-o", tmp_path / "out", "--backend", backend, "-j", "1", "--no-figures"]
+    result = fastcoil(*words)
     assert result.exit_code == 3, result.output
     assert harm is failing_shards.crash_worker or not capfd.readouterr().err
     results = fc.open_study(tmp_path / "out")
     assert_crashed(results.stack(flat=results["status"].dims).transpose("flat", ...), healthy, [70])
     results.close()
-    assert "1 crashed" in CliRunner().invoke(main, ["status", str(tmp_path / "out")]).output
+    assert "1 crashed" in fastcoil("status", tmp_path / "out").output
 
 
 def test_a_scenario_for_which_the_memory_does_not_suffice_ends_the_run_and_is_not_blamed(
@@ -142,10 +141,10 @@ def test_an_error_of_the_user_comes_through_and_what_is_finished_is_kept(
 ):
     cut_studies(monkeypatch, 16)
     scheduler = request.getfixturevalue("two_workers").address if backend == "dask" else None
-    words = ["run", str(small_study), "-o", str(tmp_path / "out"), "--backend", backend, "-j", "1", "--no-figures"]
+    words = ["run", small_study, "-o", tmp_path / "out", "--backend", backend, "-j", "1", "--no-figures"]
     with monkeypatch.context() as patch:
         failing_shards.harm_every_study(patch, failing_shards.refuse_input, [100])
-        result = CliRunner().invoke(main, words + (["--scheduler", scheduler] if scheduler else []))
+        result = fastcoil(*words, *(["--scheduler", scheduler] if scheduler else []))
     assert result.exit_code == 2, result.output
     assert "fastcoil: this reduction cannot be applied: give another" in result.output
     assert len(list((tmp_path / "out" / SHARDS_FOLDER).iterdir())) >= 5
