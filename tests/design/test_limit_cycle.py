@@ -44,7 +44,7 @@ def test_what_is_predicted_happens_on_both_sides_of_the_boundary():
         {"ti": 8.0, "sensor_time_constant": 0.0, "stroke_time": 0.0}, {"ti": 12.0, "sample_time": 5.0},
         {"ti": 12.0, "sample_time": 30.0}, {"ti": 120.0, "sample_time": 60.0},
         {"ti": 12.0, "kp": 0.03}, {"ti": 8.0, "backlash_estimate": 0.05},
-        {"ti": 15.0, "kp": 0.04, "sample_time": 5.0, "backlash": 0.03},
+        {"ti": 15.0, "kp": 0.05, "sample_time": 5.0, "backlash": 0.03},
     ]  # fmt: skip
     names = sorted({name for case in named for name in case})
     loop = LOOP.assign(**{n: ("case", [case.get(n, LOOP[n]) for case in named]) for n in names})

@@ -37,7 +37,7 @@ def test_days_of_a_kind_are_those_of_a_simulation_of_their_own(monkeypatch):
     loop = loop_of_presets("lbnl")
     best = {"best PI": loop.assign(kp=0.1, ti=100.0), "best inverse": loop.assign(kp=0.05, ti=50.0)}
     ds = grid.simulate_days(loop, best, TWO_KINDS).isel(tuning=0)
-    lbnl = fc.Loop.preset("lbnl").assign(backlash=0.07)
+    lbnl = fc.Loop.preset("lbnl").assign(backlash=0.07, air_march="lagged")
     loops_by_case = {
         "95 %": lbnl.assign(estimate_ratio=0.95),
         "dead band": lbnl.assign(error_dead_band=grid.DEAD_BAND),
