@@ -67,7 +67,7 @@ class Fit(Result):
 
     kind: str
     source: str
-    parameters: dict[str, float]
+    parameters: dict[str, Any]
     standard_errors: dict[str, float]
     intervals: dict[str, tuple[float, float]]
     covariance: xr.DataArray
@@ -147,6 +147,9 @@ class Fit(Result):
         sample_count = f"{self.n_used:,} samples compared, equivalent to {self.n_effective:,.0f} independent ones"
         lines = [f"{self.source}: {sample_count}; {self.seconds:.1f} s"]
         for name, value in self.parameters.items():
+            if name not in self.intervals and name not in self.held:
+                lines.append(f"{name} = {value}, as given")
+                continue
             unit = "" if PARAMETERS[name].unit == "1" else f" {PARAMETERS[name].unit}"
             if name in self.intervals:
                 low, high = self.intervals[name]

@@ -33,7 +33,6 @@ from fastcoil.model.engine.plant import stability_numbers
 from fastcoil.model.engine.recorded import COIL_COLUMNS, run_coil
 from fastcoil.model.engine.rows import PARAMETER_ROWS
 from fastcoil.model.metric_table import WARM_UP_S
-from fastcoil.model.parameter_table import PARAMETERS
 
 COIL_PARAMETERS = ("C_w", "C_c", "beta1", "beta2", "beta3", "beta4", "beta5", "beta6")
 IS_LOGARITHMIC = np.array([True, True, True, False, True, False, True, False])  # which are searched by their logarithm
@@ -55,7 +54,7 @@ def fit_coil(
     warm_up: float = WARM_UP_S,
     T_initial: float = 20.0,
     n_volumes: int = 8,
-    air_march: str = "lagged",
+    air_march: str = "quasistatic",
     substeps: int = 1,
     pressure: float = 101325.0,
     holds: str | Sequence[str] | None = None,
@@ -78,8 +77,8 @@ def fit_coil(
     T_initial : float, default 20
         All temperatures of the model at its start, °C.
     n_volumes, air_march, substeps, pressure
-        Of the model, see `parameters`.  Fit with those that the loop will have: the fitted parameters compensate the
-        error of their march.
+        Of the model, see `parameters`.  The first three are in ``Fit.parameters``: the fitted parameters compensate the
+        error of their march, and belong to it.
     holds : str or sequence of str, optional
         Inputs that hold between samples; the others run straight.
     split, validation
@@ -167,14 +166,11 @@ def _assemble_fit(problem: CoilProblem, start_time: float) -> Fit:
     notes.append(f"{100 * (wet > 0).mean():.0f} % of the fitted samples have wet volumes, {wet.mean():.1f} on average")
     largest = f"{record.limits.m_w_max:.3g} kg/s"
     notes.append(f"stable up to the {largest} of water in the part fitted; for more, raise C_w in proportion")
-    march = {name: record.loop[name] for name in ("n_volumes", "air_march", "substeps")}
-    changed = [f"{name} = {value!r}" for name, value in march.items() if value != PARAMETERS[name].default]
-    if changed:
-        notes.append(f"fitted with {', '.join(changed)}: give the loop the same, the parameters belong to it")
+    march = {name: record.loop[name] for name in ("air_march", "n_volumes", "substeps")}
     return build_fit(
         data, start_time, problem.compared["T_sup"], problem.fitting, errors, series, COIL_PARAMETERS, covariance, held,
         natural_intervals(y, half, IS_LOGARITHMIC), kind="coil", notes=notes, profile=None,
-        parameters=dict(zip(COIL_PARAMETERS, values.tolist(), strict=True)),
+        parameters=dict(zip(COIL_PARAMETERS, values.tolist(), strict=True)) | march,
         n_used=spread.n_used, n_effective=spread.n_effective,
     )  # fmt: skip
 

@@ -77,7 +77,8 @@ def coil_log(hours=2.0, seed=0, sd=0.05, phi=0.0, every=1, air=True, dry=False, 
     day["W_a_in"] = 0.003 if dry else day["W_a_in"]
     boundary = fc.Boundary(**day)
     command, traces = random_steps(rng, 0.1, 0.9, 300, n), ["m_w", "T_sup", "T_w_out"]
-    log = fc.simulate(fc.Loop(**truth), boundary, command=command, traces=traces, warm_up=0)[traces]
+    loop = fc.Loop(**{"air_march": "quasistatic"} | truth)
+    log = fc.simulate(loop, boundary, command=command, traces=traces, warm_up=0)[traces]
     for name in INPUTS:
         log[name] = boundary.to_dataset()[name]
     log["T_sup"] = (log["T_sup"] + ar1_noise(rng, n, sd, phi)).assign_attrs(units="degC")
@@ -87,7 +88,7 @@ def coil_log(hours=2.0, seed=0, sd=0.05, phi=0.0, every=1, air=True, dry=False, 
 def build_coil_problem(log, outputs, warm_up, share=1.0, **truth):
     """Build the problem that ``fit_coil`` solves for these outputs."""
     data, part = read_checked_log(log, COIL_SERIES), LogSplit(share)
-    record = build_record(data, fc.Loop(**truth), (), part.fitting_mask(data))
+    record = build_record(data, fc.Loop(**{"air_march": "quasistatic"} | truth), (), part.fitting_mask(data))
     return CoilProblem(data, record, outputs, warm_up, part)
 
 

@@ -165,15 +165,15 @@ def march_lagged_water(S, V, n_volumes, is_mild, may_condense):
     for k in range(n_volumes):
         i = n_volumes - k
         if may_condense[i]:
-            water_step(S, V, i, True)
+            march_lagged_water_volume(S, V, i, True)
             if not is_mild:
                 saturate_cold_and_hot(S, V, i)
         else:
-            water_step(S, V, i, False)
+            march_lagged_water_volume(S, V, i, False)
 
 
 @section
-def water_step(S, V, i, saturates):
+def march_lagged_water_volume(S, V, i, saturates):
     """March the water of volume i, Eq (3); with ``saturates`` also compute saturation at its metal."""
     pair = V[(i - 1) * VOLUME_STRIDE : (i + 1) * VOLUME_STRIDE]
     for j in range(LANES):
@@ -198,13 +198,13 @@ def march_lagged_air(S, V, n_volumes, shares_air_side, eps_a, eps_star, m_a, dt_
     m_a_dt = m_a * dt_counted
     for i in range(1, n_volumes + 1):
         if may_condense[i]:
-            may_condense[i] = air_step_wet(S, V, i, shares_air_side, eps_a, eps_star, m_a, m_a_dt, T_dry)
+            may_condense[i] = march_lagged_wet_volume(S, V, i, shares_air_side, eps_a, eps_star, m_a, m_a_dt, T_dry)
         else:
-            may_condense[i] = air_step_dry(S, V, i, shares_air_side, eps_a, m_a, T_dry)
+            may_condense[i] = march_lagged_dry_volume(S, V, i, shares_air_side, eps_a, m_a, T_dry)
 
 
 @section
-def air_step_wet(S, V, i, shares_air_side, eps_a, eps_star, m_a, m_a_dt, T_dry):
+def march_lagged_wet_volume(S, V, i, shares_air_side, eps_a, eps_star, m_a, m_a_dt, T_dry):
     """March air and metal of volume i, where air may condense; return whether it may in the next march."""
     pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
     may_condense = False
@@ -229,8 +229,8 @@ def air_step_wet(S, V, i, shares_air_side, eps_a, eps_star, m_a, m_a_dt, T_dry):
 
 
 @section
-def air_step_dry(S, V, i, shares_air_side, eps_a, m_a, T_dry):
-    """March air and metal of volume i, where no air condenses in any lane: ``air_step_wet`` with less work."""
+def march_lagged_dry_volume(S, V, i, shares_air_side, eps_a, m_a, T_dry):
+    """March air and metal of volume i, where no air condenses in any lane, with less work."""
     pair = V[i * VOLUME_STRIDE : (i + 2) * VOLUME_STRIDE]
     may_condense = False
     for j in range(LANES):
