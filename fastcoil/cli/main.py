@@ -6,8 +6,22 @@ from fastcoil.base.machine import VERSION
 from fastcoil.cli.deliver import cite, export, report
 from fastcoil.cli.demo import demo
 from fastcoil.cli.logs import diagnose, fit, join, valve_test
-from fastcoil.cli.study import explain, explore, init, parameters, plan, plot, presets, rerun, run, status, tune, verify
-from fastcoil.cli.terminal import CommandGroup, echo
+from fastcoil.cli.study import (
+    compile_kernels,
+    explain,
+    explore,
+    init,
+    parameters,
+    plan,
+    plot,
+    presets,
+    rerun,
+    run,
+    status,
+    tune,
+    verify,
+)
+from fastcoil.cli.terminal import CommandGroup, echo, on_data
 
 _FIRST_STEPS = """\
 fastcoil finds out why the valve of a heating or cooling coil hunts, and what helps.  What do you have?
@@ -38,8 +52,10 @@ def main(context: click.Context) -> None:
         echo(*_FIRST_STEPS.split("\n"))
 
 
-for command in (
-    *(cite, demo, diagnose, explain, explore, export, fit, init, join, parameters),
-    *(plan, plot, presets, report, rerun, run, status, tune, valve_test, verify),
-):
+for command in (cite, init, parameters):
     main.add_command(command)
+for command in (
+    *(compile_kernels, demo, diagnose, explain, explore, export, fit, join, plan, plot, presets, report, rerun),
+    *(run, status, tune, valve_test, verify),
+):
+    main.add_command(on_data(command))
