@@ -72,9 +72,9 @@ def on_data(command: click.Command) -> click.Command:
 
         @wraps(callback)
         def run_command(*args: Any, **options: Any) -> Any:
-            from fastcoil.model.numerics import jit
+            from fastcoil.model.numerics.jit import compilation_observers
 
-            jit.compilation_observers[:] = [show_compilation]
+            compilation_observers[:] = [show_compilation]
             _delay_dask()
             return callback(*args, **options)
 

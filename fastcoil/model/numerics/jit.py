@@ -57,18 +57,18 @@ JIT_ENABLED = not config.DISABLE_JIT  # type: ignore[attr-defined]
 
 def scalar(function: Callable[..., Any]) -> Any:
     """Compile one formula, inlined wherever a kernel calls it."""
-    return _inlined(function, {"contract"})
+    return _inlined(function, fastmath={"contract"})
 
 
 def exact(function: Callable[..., Any]) -> Any:
     """Compile one formula with its roundings as written."""
     # explicit, because a function without flags takes those of the caller that compiles it first
-    return _inlined(function, False)
+    return _inlined(function, fastmath=False)
 
 
 def section(function: Callable[..., Any]) -> Any:
     """Compile a loop over lanes, inlined into its kernel."""
-    return _inlined(function, {"contract"})
+    return _inlined(function, fastmath={"contract"})
 
 
 def _inlined(function: Callable[..., Any], fastmath: Any) -> Any:
@@ -77,13 +77,16 @@ def _inlined(function: Callable[..., Any], fastmath: Any) -> Any:
 
 
 class InlinedFunction(CPUDispatcher):  # type: ignore[misc]
-    """A function without machine code outside the kernels that call it; Python calls a copy, compiled when it does."""
+    """A function without machine code outside the kernels that call it; Python calls a copy, made when it does."""
+
+    _copy: Any = None
 
     def __init__(self, function: Callable[..., Any], locals: Any, options: dict[str, Any]) -> None:
         super().__init__(function, locals, options | {"no_cpython_wrapper": True}, _InlinedCompiler)
-        self._copy = CPUDispatcher(function, locals, options | {"no_cpython_wrapper": False})
 
     def __call__(self, *arguments: Any) -> Any:
+        if self._copy is None:
+            self._copy = CPUDispatcher(self.py_func, None, self.targetoptions | {"no_cpython_wrapper": False})
         return self._copy(*arguments)
 
 
