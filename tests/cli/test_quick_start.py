@@ -28,7 +28,7 @@ UNUSED_MODULES = (
     "scipy.linalg", "IPython", "jinja2", "panel", "bokeh", "tornado", "fastcoil.measured.diagnosis",
     "fastcoil.measured.fit", "fastcoil.deliver.report", "fastcoil.deliver.export",
 )  # fmt: skip
-COMPILER_MODULES = ("numba.np.arraymath", "numba.cpython.listobj", "numba.typed.typeddict")
+COMPILER_MODULES = ("numba.np.arrayobj", "numba.np.arraymath", "numba.cpython.listobj", "numba.typed.typeddict")
 """Parts of Numba that compile, and that nothing needs that is compiled already."""
 
 

@@ -53,7 +53,14 @@ class StageSignature:
         if not JIT_ENABLED:
             return function
         stage: Any = CFunc(function, (tuple(self._arguments.values()), self._returns), {}, dict(FLAGS))
-        stage._compiler.compile = observed_compile(stage._compiler.compile, function)
+        compile_ir = stage._compile_uncached
+
+        def compile_stage() -> Any:
+            result = compile_ir()
+            result.library._ensure_finalized()  # here, where vectors are widest
+            return result
+
+        stage._compile_uncached = observed_compile(compile_stage, function)
         folder = kernel_folder(fingerprint())
         if folder is not None:
             stage._cache = KernelCache(function, folder, identity)
