@@ -117,12 +117,11 @@ def limit_this_process(cpu_seconds: int, memory_bytes: int) -> None:
 
 
 def count_processors() -> int:
-    """Return how many processors this process may use, by its affinity and the quotas of its control group (v2)."""
+    """Return how many processors this process may use, by its affinity and the quota of its container."""
     n = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     n = min(n, 61) if sys.platform == "win32" else n  # the most processes that a pool waits for there
-    quotas = [_read_integers(group / "cpu.max") for group in _control_groups()]  # "200000 100000" or "max 100000"
-    shares = [int(quota) / period for each in quotas for quota, period in each.items() if quota.isdecimal()]
-    return max(1, math.ceil(min([n, *shares])))
+    quota = _read_integers(CGROUPS / "cpu.max").items()  # "200000 100000" or "max 100000"
+    return max(1, math.ceil(min([n, *(int(time) / period for time, period in quota if time.isdecimal())])))
 
 
 def available_memory() -> int:
@@ -161,18 +160,13 @@ def _machine_memory() -> int:
     return status[2]
 
 
-def _control_groups() -> Iterator[Path]:
-    """Yield the folders of the control group of this process and of each of its parents."""
+def _control_group_memory() -> Iterator[int]:
+    """Yield the memory left in the control group of this process and in each of its parents."""
     lines = [line for line in _read_lines(PROC / "self" / "cgroup") if line.startswith("0::")]  # of version 2
     # in a container, the path may lie outside the mount
     names = [name for line in lines for name in line[3:].split("/") if name not in ("", ".", "..")]
     for depth in range(len(names), -1, -1) if lines else ():
-        yield CGROUPS.joinpath(*names[:depth])
-
-
-def _control_group_memory() -> Iterator[int]:
-    """Yield the memory left in the control group of this process and in each of its parents."""
-    for group in _control_groups():
+        group = CGROUPS.joinpath(*names[:depth])
         limits = [_read_integers(group / name).get("") for name in ("memory.max", "memory.high")]
         used = _read_integers(group / "memory.current").get("")
         known_limits = [limit for limit in limits if limit is not None]

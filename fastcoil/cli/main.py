@@ -3,24 +3,7 @@
 import click
 
 from fastcoil.base.machine import VERSION
-from fastcoil.cli.deliver import cite, export, report
-from fastcoil.cli.demo import demo
-from fastcoil.cli.logs import diagnose, fit, join, valve_test
-from fastcoil.cli.study import (
-    compile_kernels,
-    explain,
-    explore,
-    init,
-    parameters,
-    plan,
-    plot,
-    presets,
-    rerun,
-    run,
-    status,
-    tune,
-    verify,
-)
+from fastcoil.cli import deliver, demo, logs, study
 from fastcoil.cli.terminal import CommandGroup, echo, on_data
 
 _FIRST_STEPS = """\
@@ -52,10 +35,11 @@ def main(context: click.Context) -> None:
         echo(*_FIRST_STEPS.split("\n"))
 
 
-for command in (cite, init, parameters):
+for command in (deliver.cite, study.init, study.parameters):
     main.add_command(command)
 for command in (
-    *(compile_kernels, demo, diagnose, explain, explore, export, fit, join, plan, plot, presets, report, rerun),
-    *(run, status, tune, valve_test, verify),
+    *(deliver.export, deliver.report, demo.demo, logs.diagnose, logs.fit, logs.join, logs.valve_test),
+    *(study.compile_kernels, study.explain, study.explore, study.plan, study.plot, study.presets, study.rerun),
+    *(study.run, study.status, study.tune, study.verify),
 ):
     main.add_command(on_data(command))

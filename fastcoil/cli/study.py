@@ -20,13 +20,7 @@ import click
 
 import fastcoil as fc
 from fastcoil.base.arguments import require_choice
-from fastcoil.base.errors import (
-    EXIT_FAILED_SCENARIOS,
-    InputError,
-    IntegrityError,
-    StorageError,
-    missing_extra_error,
-)
+from fastcoil.base.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError, missing_extra_error
 from fastcoil.base.files import exists, is_folder, portable_file_name, require_output_file, write_atomically
 from fastcoil.base.machine import command_line
 from fastcoil.base.progress import format_duration
@@ -147,19 +141,19 @@ def plan(study: Path, jobs: int | None) -> None:
     echo(f"Disk:        about {during} during the merge, {after} afterwards{exclusion}")
 
 
-_VARIANTS: tuple[dict[str, Any], ...] = (
+_STAGES: tuple[dict[str, Any], ...] = (
     {"estimator": ["learner", "hagglund", "gradient", "identify"], "learning_step": 0.01, "plant_gain": 25.0},
-    {"compensation": "additive"}, {"compensation": "smooth"},
     {"buffer_noise": "measured", "buffer_ratio": 6.0, "buffer_swing": 0.2, "plant_gain": 25.0},
-    {"sensor_resolution": 0.1}, {"error_dead_band": 0.1}, {"command_resolution": 0.01}, {"neutral_zone": 0.01},
-    {"slip_jump": 0.01}, {"wear_rate": 1e-6},
+    {"compensation": "additive"}, {"compensation": "smooth"}, {"sensor_resolution": 0.1}, {"error_dead_band": 0.1},
+    {"command_resolution": 0.01}, {"neutral_zone": 0.01}, {"slip_jump": 0.01}, {"wear_rate": 1e-6},
 )  # fmt: skip
-"""Parts of a loop that are compiled apart; those of several at once take another second when first used."""
+"""Loops with one of the parts that are compiled apart; several at once take another second when first used."""
 
 
 @click.command("compile")
 def compile_kernels() -> None:
     """Compile what studies need, for images and CI: later runs of this version on such a processor start at once."""
+    from fastcoil.base.errors import StorageError
     from fastcoil.model.numerics.jit import fingerprint
     from fastcoil.model.numerics.kernel_cache import kernel_folder
 
@@ -168,14 +162,12 @@ def compile_kernels() -> None:
         raise StorageError("compiled kernels cannot be kept on this machine, see the note above")
     n_before = len(list(folder.iterdir()))
     day = fc.paper_day(hours=1, seed=1)
-    for values in _VARIANTS:
+    for values in _STAGES:
         fc.simulate(fc.Loop(**values), day, warm_up=0, n_jobs=1, progress=False)
     fc.explain(fc.Loop.preset("lbnl"), day)
-    n_kernels = len(list(folder.iterdir()))
-    if n_kernels > n_before:
-        echo(f"{n_kernels - n_before} kernels compiled in {format_duration(time.perf_counter() - start)}: {folder}")
-    else:
-        echo(f"Nothing to compile, {n_kernels} kernels are in {folder}")
+    n_kernels, seconds = len(list(folder.iterdir())), time.perf_counter() - start
+    compiled = f"{n_kernels - n_before} kernels compiled in {format_duration(seconds)}"
+    echo(f"{compiled if n_kernels > n_before else 'Nothing to compile'}: {n_kernels} are in {folder}")
 
 
 @click.command()

@@ -64,21 +64,18 @@ class CommandGroup(click.Group):
 
 
 def on_data(command: click.Command) -> click.Command:
-    """Change a command, or those of a group: it shows compilations, and xarray does not import dask."""
-    if isinstance(command, click.Group):
-        for member in command.commands.values():
-            on_data(member)
-    elif callback := command.callback:
+    """Change a command so that it shows compilations, and that xarray does not import dask."""
+    callback: Any = command.callback
 
-        @wraps(callback)
-        def run_command(*args: Any, **options: Any) -> Any:
-            from fastcoil.model.numerics.jit import compilation_observers
+    @wraps(callback)
+    def run_command(*args: Any, **options: Any) -> Any:
+        from fastcoil.model.numerics.jit import compilation_observers
 
-            compilation_observers[:] = [show_compilation]
-            _delay_dask()
-            return callback(*args, **options)
+        compilation_observers[:] = [show_compilation]
+        _delay_dask()
+        return callback(*args, **options)
 
-        command.callback = run_command
+    command.callback = run_command
     return command
 
 
@@ -89,18 +86,11 @@ def _delay_dask() -> None:
     """
     from xarray.namedarray import pycompat, utils
 
-    class LateDask(pycompat.DuckArrayModule):
-        def __init__(self) -> None:
-            pass
-
-        def __getattr__(self, name: str) -> Any:
-            if name == "type" and "dask.array" not in sys.modules:
-                return ()
-            super().__init__("dask")
-            return vars(self)[name]
+    class LateDask:
+        type = property(lambda self: (sys.modules["dask.array"].Array,) if "dask.array" in sys.modules else ())
 
     if "dask" not in pycompat._cached_duck_array_modules:
-        pycompat._cached_duck_array_modules["dask"] = LateDask()
+        pycompat._cached_duck_array_modules["dask"] = LateDask()  # type: ignore[assignment]
         is_dask_collection = utils.is_dask_collection
         utils.is_dask_collection = lambda x: "dask.base" in sys.modules and is_dask_collection(x)  # type: ignore
 
@@ -186,10 +176,7 @@ def print_error(error: FastcoilError) -> None:
 class CompilationDisplay:
     """Progress of compilations: on a terminal a line that is erased at the end, elsewhere one line for all of them."""
 
-    _LONG = 20  # functions: the check of a study has fewer, and may refuse it
-
-    def __init__(self) -> None:
-        self.is_running = self._is_announced = False
+    is_running = is_announced = False
 
     def __call__(self, n_done: int, n_functions: int) -> None:
         if threading.current_thread() is not threading.main_thread():  # beside the progress of the run
@@ -199,20 +186,21 @@ class CompilationDisplay:
         if is_stderr_terminal():
             progress = f"\r{line}: {n_done} of {n_functions} …"
             click.echo(progress if self.is_running else "\r" + " " * len(progress) + "\r", nl=False, err=True)
-        elif self.is_running and n_functions >= self._LONG and not self._is_announced:
-            self._is_announced = True
+        elif n_functions >= 20 and not self.is_announced:  # the check of a study has fewer, and may refuse it
+            self.is_announced = True
             echo(f"{line}: about 12 s …", err=True)
         # the compiler would print a traceback of an interrupt, or lose it
-        handlers: list[Any] = [signal.default_int_handler, self._exit]
+        handlers: list[Any] = [signal.default_int_handler, _exit_on_interrupt]
         old, new = handlers if self.is_running else reversed(handlers)
         if signal.getsignal(signal.SIGINT) == old:
             signal.signal(signal.SIGINT, new)
 
-    def _exit(self, *_: object) -> None:
-        force_exit(EXIT_INTERRUPTED)
-
 
 show_compilation = CompilationDisplay()
+
+
+def _exit_on_interrupt(*_: object) -> None:
+    force_exit(EXIT_INTERRUPTED)
 
 
 def load_user_code(what: str, source: UserCode) -> object:

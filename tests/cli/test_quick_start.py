@@ -84,7 +84,7 @@ def test_arrays_of_dask_are_still_known_in_a_command():
 def test_compile_leaves_nothing_to_compile():
     assert fastcoil("compile").exit_code == 0
     result = fastcoil("compile")
-    assert result.stdout.startswith("Nothing to compile, ")
+    assert result.stdout.startswith("Nothing to compile: ")
     assert result.stderr == ""
 
 

@@ -11,7 +11,7 @@ from fastcoil.cli.main import main
 from fastcoil.study.file.user_code import load_function
 from helpers.sentences import assert_worded
 
-terminal.show_compilation._is_announced = True  # commands say the same, whatever is compiled
+terminal.show_compilation.is_announced = True  # commands say the same, whatever is compiled
 
 
 def fastcoil(*words: object) -> Result:

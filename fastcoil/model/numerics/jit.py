@@ -56,7 +56,7 @@ JIT_ENABLED = not config.DISABLE_JIT  # type: ignore[attr-defined]
 
 
 def scalar(function: Callable[..., Any]) -> Any:
-    """Compile one formula, inlined wherever a kernel calls it."""
+    """Compile one formula, or a loop over lanes, inlined wherever a kernel calls it."""
     return _inlined(function, fastmath={"contract"})
 
 
@@ -66,23 +66,19 @@ def exact(function: Callable[..., Any]) -> Any:
     return _inlined(function, fastmath=False)
 
 
-def section(function: Callable[..., Any]) -> Any:
-    """Compile a loop over lanes, inlined into its kernel."""
-    return _inlined(function, fastmath={"contract"})
+section = scalar
 
 
 def _inlined(function: Callable[..., Any], fastmath: Any) -> Any:
     options = FLAGS | {"nopython": True, "boundscheck": None, "forceinline": True, "fastmath": fastmath}
-    return InlinedFunction(function, None, options) if JIT_ENABLED else function
+    options["no_cpython_wrapper"] = True
+    return InlinedFunction(function, None, options, _InlinedCompiler) if JIT_ENABLED else function
 
 
 class InlinedFunction(CPUDispatcher):  # type: ignore[misc]
     """A function without machine code outside the kernels that call it; Python calls a copy, made when it does."""
 
     _copy: Any = None
-
-    def __init__(self, function: Callable[..., Any], locals: Any, options: dict[str, Any]) -> None:
-        super().__init__(function, locals, options | {"no_cpython_wrapper": True}, _InlinedCompiler)
 
     def __call__(self, *arguments: Any) -> Any:
         if self._copy is None:
@@ -94,7 +90,9 @@ class _InlinedCompiler(CompilerBase):  # type: ignore[misc]
     """Numba's compiler, with another library for the code."""
 
     def define_pipelines(self) -> Any:
-        _advance(self.state.func_id.func)
+        n_done, n_functions = _progress
+        if n_done < n_functions:  # in a kernel, which comes last
+            _report_progress(min(n_done + 1, n_functions - 1), n_functions)
         self.state.library = _InlinedLibrary(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
         return [DefaultPassBuilder.define_nopython_pipeline(self.state)]
 
@@ -128,12 +126,17 @@ def kernel(function: Callable[..., Any]) -> Any:
 
 compilation_observers: list[Callable[[int, int], None]] = []
 """Receive how many of how many functions of a kernel are compiled: from 0, when it begins, to all, when it ends."""
-_compiling: list[tuple[set[Any], int]] = []
-"""Of each kernel that is being compiled, the functions that have been begun, and the number that it lacks at first."""
+_progress = [0, 0]  # of the kernel that is being compiled
+
+
+def _report_progress(n_done: int, n_functions: int) -> None:
+    _progress[:] = n_done, n_functions
+    for observe in compilation_observers:
+        observe(n_done, n_functions)
 
 
 def observed_compile(compile: Callable[..., Any], function: Callable[..., Any]) -> Callable[..., Any]:
-    """Wrap the compiling of a kernel, of this ``function``: it is observed, and has less overhead.
+    """Wrap the compiling of a kernel, of this ``function``, to report its progress and to have less overhead.
 
     The compiler makes millions of objects, and nearly all of them live until it ends: scanning them takes a quarter of
     a compilation.  It calls LLVM 50,000 times, and Numba's timers take a twentieth.
@@ -146,14 +149,13 @@ def observed_compile(compile: Callable[..., Any], function: Callable[..., Any]) 
             if before[0]:
                 gc.set_threshold(max(20_000, before[0]), *before[1:])
             timers.clear()
-            _compiling.append((set(), 1 + sum(not each.overloads for each in _inlined_functions(function))))
+            n_functions = 1 + sum(not each.overloads for each in _inlined_functions(function))
+            _report_progress(0, n_functions)
             try:
-                _advance()
                 with widest_vectors():
                     return compile(*arguments)
             finally:
-                _, n_functions = _compiling.pop()
-                _notify(n_functions, n_functions)
+                _report_progress(n_functions, n_functions)
                 timers.extend(paused_timers)
                 gc.set_threshold(*before)
 
@@ -171,19 +173,6 @@ def _inlined_functions(function: Callable[..., Any]) -> set[InlinedFunction]:
         functions |= found
         unread += [each.py_func for each in found]
     return functions
-
-
-def _advance(*function: Callable[..., Any]) -> None:
-    """Count a function that a kernel needs, and whose compilation begins."""
-    if _compiling:
-        begun, n_functions = _compiling[-1]
-        begun.update(function)
-        _notify(min(len(begun), n_functions - 1), n_functions)
-
-
-def _notify(n_done: int, n_functions: int) -> None:
-    for observe in compilation_observers:
-        observe(n_done, n_functions)
 
 
 @contextmanager
@@ -260,9 +249,3 @@ def numeric_environment() -> dict[str, str]:
         "numpy": np.__version__,
         **{f"numba_{name.lower()}": str(getattr(config, name, None)) for name in _NUMBA_SETTINGS},
     }
-
-
-def is_compiled(kernel_name: str) -> bool:
-    """Whether the cache holds a kernel of this fingerprint, which then need not be compiled."""
-    folder = kernel_folder(fingerprint())
-    return folder is not None and any(folder.glob(f"*.{kernel_name}-*.nbc"))
