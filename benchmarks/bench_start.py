@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -26,9 +27,12 @@ seed = 1
 """
 SCENARIOS = 100
 SECONDS = 8 * 3600
+LIBRARIES = (sys.executable, "-c", "import numpy, numba, xarray, netCDF4")
+"""What no command on results can do without."""
 FASTCOIL = (sys.executable, "-m", "fastcoil")
+NEW = "a new folder"
 NO_DASK = (sys.executable, "-c", "import sys; sys.modules['dask'] = None; from fastcoil.__main__ import run; run()")
-"""As installed without the extra ``dask``, which xarray imports wherever it is."""
+"""As installed without the extra ``dask``."""
 
 
 def run_command(*command: str | Path, cache: Path | None = None) -> None:
@@ -50,8 +54,7 @@ def test_python_alone(timed: Timed) -> None:
 
 
 def test_libraries(timed: Timed) -> None:
-    """What no command on results can do without."""
-    timed(lambda: run_command(sys.executable, "-c", "import numpy, numba, xarray, netCDF4"), 10)
+    timed(lambda: run_command(*LIBRARIES), 10)
 
 
 def test_import(timed: Timed) -> None:
@@ -63,46 +66,52 @@ def test_help(timed: Timed) -> None:
 
 
 def test_plan(timed: Timed, study: Path) -> None:
-    timed(lambda: run_command(*FASTCOIL, "plan", study), 5)
+    time_beside_imports(timed, study, *FASTCOIL, "plan", study)
 
 
-def test_run_warm(timed: Timed, study: Path, tmp_path: Path) -> None:
-    """A grid study without figures, kernels compiled before; every round writes a folder of its own."""
-    number = count()
+def time_beside_imports(timed: Timed, study: Path, *command: str | Path, **options: Any) -> None:
+    """Time a command in turns with the bare imports, whose seconds are recorded as ``imports``.
 
-    def fresh() -> tuple[tuple[Path], dict[str, Any]]:
-        return (tmp_path / str(next(number)),), {}
+    ``NEW`` among its words is a folder of results for each round, beside the study.
+    """
+    imports: list[float] = []
+    folders = (study.with_name(str(n)) for n in count())
+
+    def setup() -> tuple[tuple[Path], dict[str, Any]]:
+        start = time.perf_counter()
+        run_command(*LIBRARIES)
+        imports.append(time.perf_counter() - start)
+        return (next(folders),), {}
 
     def run(folder: Path) -> None:
-        run_command(*FASTCOIL, "run", study, "--no-figures", "-o", folder)
+        run_command(*(folder if word == NEW else word for word in command))
 
-    timed(run, 5, setup=fresh, lane_steps=SCENARIOS * SECONDS, lanes=SCENARIOS, threads=ALL)
+    timed(run, 7, setup=setup, imports=imports, **options)
 
 
-def test_run_warm_with_figures(timed: Timed, study: Path, tmp_path: Path) -> None:
+def test_run_warm(timed: Timed, study: Path) -> None:
+    """A grid study without figures, kernels compiled before; every round writes a folder of its own."""
+    time_beside_imports(timed, study, *FASTCOIL, "run", study, "--no-figures", "-o", NEW,
+                        lane_steps=SCENARIOS * SECONDS, lanes=SCENARIOS, threads=ALL)  # fmt: skip
+
+
+def test_run_warm_with_figures(timed: Timed, study: Path) -> None:
     """The same with the standard figures of the study, two PNG files; the answer in words comes before them."""
-    number = count()
-    timed(lambda folder: run_command(*FASTCOIL, "run", study, "-o", folder), 5,
-          setup=lambda: ((tmp_path / str(next(number)),), {}),
-          lane_steps=SCENARIOS * SECONDS, lanes=SCENARIOS, threads=ALL)  # fmt: skip
+    time_beside_imports(timed, study, *FASTCOIL, "run", study, "-o", NEW,
+                        lane_steps=SCENARIOS * SECONDS, lanes=SCENARIOS, threads=ALL)  # fmt: skip
 
 
-def test_run_again(timed: Timed, study: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("command", [FASTCOIL, NO_DASK], ids=["dask", "no dask"])
+def test_run_again(timed: Timed, study: Path, tmp_path: Path, command: tuple[str, ...]) -> None:
     """A study that is finished: it is found so, and summarised."""
-    command = (*FASTCOIL, "run", study, "--no-figures", "-o", tmp_path / "finished")
-    run_command(*command)
-    timed(lambda: run_command(*command), 5)
-
-
-def test_run_again_without_dask(timed: Timed, study: Path, tmp_path: Path) -> None:
-    command = (*NO_DASK, "run", study, "--no-figures", "-o", tmp_path / "finished")
-    run_command(*command)
-    timed(lambda: run_command(*command), 5)
+    words = (*command, "run", study, "--no-figures", "-o", tmp_path / "finished")
+    run_command(*words)
+    time_beside_imports(timed, study, *words)
 
 
 def test_status(timed: Timed, study: Path, tmp_path: Path) -> None:
     run_command(*FASTCOIL, "run", study, "--no-figures", "-o", tmp_path / "finished")
-    timed(lambda: run_command(*FASTCOIL, "status", tmp_path / "finished"), 5)
+    time_beside_imports(timed, study, *FASTCOIL, "status", tmp_path / "finished")
 
 
 @pytest.mark.skipif(QUICK, reason="a cold run compiles the same")

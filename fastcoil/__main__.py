@@ -19,7 +19,7 @@ from fastcoil.cli.terminal import echo, guard_streams
 
 def run() -> None:
     """Run the command line; exit with its code, or with that of a storage error if output was lost."""
-    gc.set_threshold(100_000)  # imports make many objects that stay: scanning them again and again takes 0.2 s
+    gc.set_threshold(300_000)  # imports make many objects that stay: scanning them again and again takes 0.3 s
     os.environ.setdefault("PYTHONSAFEPATH", "1")  # the same for workers
     stdout = guard_streams()
     code = _run_command()

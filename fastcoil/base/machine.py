@@ -12,6 +12,7 @@
 """
 
 import contextlib
+import math
 import os
 import shlex
 import signal
@@ -112,6 +113,14 @@ def limit_this_process(cpu_seconds: int, memory_bytes: int) -> None:
     if sys.platform == "linux":  # elsewhere the limit is not kept, or counts what every process shares
         max_address_space = _read_integers(PROC / "self" / "status")["VmSize:"] * 1024 + memory_bytes
         resource.setrlimit(resource.RLIMIT_AS, (max_address_space, max_address_space))
+
+
+def count_processors() -> int:
+    """Return how many processors this process may use, by its affinity and the quota of its container."""
+    n = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    n = min(n, 61) if sys.platform == "win32" else n  # the most processes that a pool waits for there
+    quota = _read_integers(CGROUPS / "cpu.max").items()  # "200000 100000" or "max 100000"
+    return max(1, math.ceil(min([n, *(int(time) / period for time, period in quota if time.isdecimal())])))
 
 
 def available_memory() -> int:

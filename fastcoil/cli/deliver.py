@@ -13,7 +13,7 @@ from fastcoil.base.arguments import argument_checks, require_choice
 from fastcoil.base.errors import InputError
 from fastcoil.base.files import exists, has_mark, is_folder, require_output_file
 from fastcoil.cli.arguments import PATH, parse_label_lists
-from fastcoil.cli.terminal import announce_compilation, echo
+from fastcoil.cli.terminal import echo
 from fastcoil.model.metric_table import STATUS_NOT_RUN
 
 REPORT_OPTION = "--report"
@@ -127,7 +127,6 @@ def export_code(path: Path, language: str | None, out: Path | None, has_test: bo
     study = read_study(path)
     loop = study.plan.layout.loop
     load_code(loop.rules, study.rules)
-    announce_compilation()
     make_test = fc.ValveTest.heating if loop["action"] == "heating" else fc.ValveTest
     test = make_test() if has_test and loop["test_start"] is None else None
     for path_written in fc.export_controller(loop, out or Path(path.stem + SUFFIXES[language]), language, test=test):

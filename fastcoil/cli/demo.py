@@ -11,7 +11,7 @@ import fastcoil as fc
 from fastcoil.base.errors import InputError
 from fastcoil.base.files import convert_os_errors, list_folder, make_folder, write_atomically
 from fastcoil.cli.arguments import PATH
-from fastcoil.cli.terminal import announce_compilation, echo
+from fastcoil.cli.terminal import echo
 
 _DEMO_COMMANDS = (  # each with the question that it answers
     ("A loop hunts.  Is it the valve?", "fastcoil diagnose log.csv --stroke-time 90"),
@@ -38,7 +38,6 @@ def demo(context: click.Context, folder: Path | None) -> None:
         with convert_os_errors(working_folder, "made"):
             make_folder(working_folder, parents=True)
             stack.enter_context(chdir(working_folder))
-        announce_compilation()
         write_atomically(Path("log.csv"), _simulate_log().encode())
         write_atomically(Path("sweep.toml"), Path(__file__).with_name("demo.toml").read_bytes())
         main = context.find_root().command

@@ -17,7 +17,7 @@ from fastcoil.base.files import exists, has_mark, require_output_file, write_ato
 from fastcoil.base.text import align_columns, parse_number_or_word
 from fastcoil.cli.arguments import PATH, combine_options, parse_pairs
 from fastcoil.cli.deliver import with_report, write_result
-from fastcoil.cli.terminal import announce_compilation, echo
+from fastcoil.cli.terminal import echo
 
 if TYPE_CHECKING:
     from fastcoil.measured.fit import Fit
@@ -112,7 +112,6 @@ def diagnose(
         raise InputError("--jobs works only with --fleet: leave it out", "--jobs", "conflict")
     if out is not None:
         require_fit_file(out)
-    announce_compilation("mean_openings")
     logs = [fc.read_log(path, **read) for path in (data, *other_logs)]
     diagnosis = fc.diagnose(logs if other_logs else logs[0], **options)
     echo(*diagnosis.summary())
@@ -129,7 +128,6 @@ def _diagnose_fleet(
     if report is not None:
         sentence = "--report does not work with --fleet: write the page with -o FILE.html"
         raise InputError(sentence, "--report", "conflict")
-    announce_compilation("mean_openings")
     ds = fc.survey(logs, out, n_jobs=jobs, **options)
     rows = ranked_rows(ds)[:_MAX_LISTED]
     echo(describe_counts(ds), *(align_columns([RANKING_HEADER, *rows], right=(1, 2)) if rows else ()))
@@ -189,7 +187,6 @@ def read_test_command(data: Path, read: dict[str, Any], out: Path | None, **opti
     """
     if out is not None:
         require_fit_file(out)
-    announce_compilation("mean_openings")
     test_result = fc.read_test(fc.read_log(data, **read), **options)
     echo(*test_result.summary())
     write_result(test_result, out)
@@ -265,12 +262,11 @@ with_common_options = combine_options(
 
 
 def run_fit(
-    fit_function: Callable[..., Fit], kernel: str, out: Path, report: Path | None, data: Path, read: Mapping[str, Any],
+    fit_function: Callable[..., Fit], out: Path, report: Path | None, data: Path, read: Mapping[str, Any],
     *loops: fc.Loop, **options: Any,
 ) -> None:  # fmt: skip
     """Run a fit of the package, print its summary, and write TOML, figure and, if its path is given, a report."""
     require_fit_file(out)
-    announce_compilation(kernel)
     log = fc.read_log(data, **read, constants=options.pop("constants", None))
     result = fit_function(log, *loops, **options)
     echo(*result.summary())
@@ -317,7 +313,7 @@ def fit_valve_command(data: Path, read: dict[str, Any], out: Path, report: Path 
     Time is elapsed_time or timestamp.  The optional column batch numbers the experiments in the log; the optional
     column enabled is 0 while the pump is off.
     """
-    run_fit(fc.fit_valve, "valve_flows", out, report, data, read, **options)
+    run_fit(fc.fit_valve, out, report, data, read, **options)
 
 
 @fit.command("coil")
@@ -336,7 +332,7 @@ def fit_coil_command(
     T_w_out is compared if present.  Time is elapsed_time or timestamp.  The model restarts after a gap, and after a
     time without air flow (or with 0 in the optional column enabled).
     """
-    run_fit(fc.fit_coil, "march_coil", out, report, data, read, minimise_on="both" if both else "T_sup", **options)
+    run_fit(fc.fit_coil, out, report, data, read, minimise_on="both" if both else "T_sup", **options)
 
 
 @fit.command("loop")
@@ -371,4 +367,4 @@ def fit_loop_command(
     if len(preset_names) > 1:
         raise InputError(f"--loop {' --loop '.join(preset_names)}: give one preset", "--loop", "conflict")
     loop = fc.Loop.preset(*preset_names or ["paper_like"]).assign(**read_includes({"include": files}, Path()))
-    run_fit(fc.fit_loop, "emulate", out, report, data, read, loop, **options)
+    run_fit(fc.fit_loop, out, report, data, read, loop, **options)

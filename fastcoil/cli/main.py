@@ -3,11 +3,8 @@
 import click
 
 from fastcoil.base.machine import VERSION
-from fastcoil.cli.deliver import cite, export, report
-from fastcoil.cli.demo import demo
-from fastcoil.cli.logs import diagnose, fit, join, valve_test
-from fastcoil.cli.study import explain, explore, init, parameters, plan, plot, presets, rerun, run, status, tune, verify
-from fastcoil.cli.terminal import CommandGroup, echo
+from fastcoil.cli import deliver, demo, logs, study
+from fastcoil.cli.terminal import CommandGroup, echo, on_data
 
 _FIRST_STEPS = """\
 fastcoil finds out why the valve of a heating or cooling coil hunts, and what helps.  What do you have?
@@ -38,8 +35,11 @@ def main(context: click.Context) -> None:
         echo(*_FIRST_STEPS.split("\n"))
 
 
-for command in (
-    *(cite, demo, diagnose, explain, explore, export, fit, init, join, parameters),
-    *(plan, plot, presets, report, rerun, run, status, tune, valve_test, verify),
-):
+for command in (deliver.cite, study.init, study.parameters):
     main.add_command(command)
+for command in (
+    *(deliver.export, deliver.report, demo.demo, logs.diagnose, logs.fit, logs.join, logs.valve_test),
+    *(study.compile_kernels, study.explain, study.explore, study.plan, study.plot, study.presets, study.rerun),
+    *(study.run, study.status, study.tune, study.verify),
+):
+    main.add_command(on_data(command))

@@ -26,7 +26,7 @@ from fastcoil.base.machine import command_line
 from fastcoil.base.progress import format_duration
 from fastcoil.cli.arguments import PATH, parse_label_lists, parse_labels, parse_pairs, with_scenario
 from fastcoil.cli.deliver import with_report, write_result
-from fastcoil.cli.terminal import announce_compilation, echo, handle_interrupts, load_user_code
+from fastcoil.cli.terminal import echo, handle_interrupts, load_user_code
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -70,7 +70,6 @@ def run(
     workers: Any = {"n_jobs": jobs, "backend": backend, "scheduler": scheduler}
 
     def start_display(n_todo: int, n: int, items: str) -> Advance:
-        announce_compilation()
         if n_todo < n:
             state = "Resuming" if items == SCENARIO_DAYS else "Drawing on"
             echo(f"{state}: {n - n_todo:,} of {n:,} {items} done.", err=True)
@@ -120,7 +119,6 @@ def plan(study: Path, jobs: int | None) -> None:
     reading_seconds = time.perf_counter() - start
     run_plan, traces_kept = spec.plan, spec.reduction is None
     check_disk(run_plan.disk_bytes(traces_kept=traces_kept)[0], default_folder(study))
-    announce_compilation()
     compile_kernel()
     shared_bytes, worker_bytes = run_plan.memory_of_run(n_jobs, "threads", traces_kept=traces_kept)
     library_bytes = private_memory() or 150 * 2**20  # a typical value where the system does not say it
@@ -141,6 +139,35 @@ def plan(study: Path, jobs: int | None) -> None:
     exclusion = "" if traces_kept else ", without what reduce returns"
     bytes_during, bytes_after = map(format_bytes, disk_bytes)
     echo(f"Disk:        about {bytes_during} during the merge, {bytes_after} afterwards{exclusion}")
+
+
+_STAGES: tuple[dict[str, Any], ...] = (
+    {"estimator": ["learner", "hagglund", "gradient", "identify"], "learning_step": 0.01, "plant_gain": 25.0},
+    {"buffer_noise": "measured", "buffer_ratio": 6.0, "buffer_swing": 0.2, "plant_gain": 25.0},
+    {"compensation": "additive"}, {"compensation": "smooth"}, {"sensor_resolution": 0.1}, {"error_dead_band": 0.1},
+    {"command_resolution": 0.01}, {"neutral_zone": 0.01}, {"slip_jump": 0.01}, {"wear_rate": 1e-6},
+)  # fmt: skip
+"""Loops with one of the parts that are compiled apart; several at once take another second when first used."""
+
+
+@click.command("compile")
+def compile_kernels() -> None:
+    """Compile what studies need, for images and CI: later runs of this version on such a processor start at once."""
+    from fastcoil.base.errors import StorageError
+    from fastcoil.model.numerics.jit import fingerprint
+    from fastcoil.model.numerics.kernel_cache import kernel_folder
+
+    folder, start = kernel_folder(fingerprint()), time.perf_counter()
+    if folder is None:
+        raise StorageError("compiled kernels cannot be kept on this machine, see the note above")
+    n_before = len(list(folder.iterdir()))
+    day = fc.paper_day(hours=1, seed=1)
+    for values in _STAGES:
+        fc.simulate(fc.Loop(**values), day, warm_up=0, n_jobs=1, progress=False)
+    fc.explain(fc.Loop.preset("lbnl"), day)
+    n_kernels, seconds = len(list(folder.iterdir())), time.perf_counter() - start
+    compiled = f"{n_kernels - n_before} kernels compiled in {format_duration(seconds)}"
+    echo(f"{compiled if n_kernels > n_before else 'Nothing to compile'}: {n_kernels} are in {folder}")
 
 
 @click.command()
@@ -171,7 +198,6 @@ def rerun(folder: Path, at: Sequence[str]) -> None:
     from fastcoil.study import maintenance
 
     labels = parse_labels(at)
-    announce_compilation()
     path, lines = maintenance.rerun(folder, labels, load_user_code)
     echo(*lines)
     echo(f"Traces:  {path}")
@@ -373,7 +399,6 @@ def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path |
     if out is not None:
         require_output_file("-o", out, *(f".{form}" for form in FIGURE_FORMATS))
     scenario = pick_scenario(target, parse_labels(at), parse_pairs("--set", changes))
-    announce_compilation()
     explanation = fc.explain(scenario.loop, scenario.boundary, warm_up=scenario.warm_up, seed=scenario.seed)
     echo(scenario.title, *explanation.text.splitlines())
     write_result(explanation, out, report)
@@ -401,7 +426,6 @@ def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -
     if request is None:
         sentence = f"{study} has no table [tune]: add one, such as search = {{ kp = [0.005, 0.1] }}"
         raise InputError(sentence, "[tune]", "missing")
-    announce_compilation()
     with handle_interrupts(study, folder, "tune"), hold_folder(folder):
         with ProgressDisplay() as display:
             tuning = run_tuning(request._replace(n_jobs=n_jobs), display)
@@ -436,7 +460,6 @@ def explore(target: Path, at: Sequence[str], port: int, browser: bool) -> None:
 
     name, labels = str(target), parse_labels(at)
     model = Model(None if name in PRESETS and not labels else pick_scenario(target, labels, {}), name)
-    announce_compilation()
 
     def open_page(address: str) -> None:
         echo(f"Page: {address}  (this machine only; Ctrl-C ends it)")

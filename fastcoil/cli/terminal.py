@@ -13,7 +13,8 @@ import sys
 import threading
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
@@ -21,6 +22,7 @@ import click
 
 from fastcoil.base.errors import EXIT_INTERRUPTED, EXIT_STORAGE, EXIT_TERMINATED, FastcoilError, out_of_memory_error
 from fastcoil.base.machine import TERMINATION_SIGNALS, command_line
+from fastcoil.base.progress import is_stderr_terminal
 from fastcoil.base.text import escape_control_characters
 
 if TYPE_CHECKING:
@@ -61,8 +63,52 @@ class CommandGroup(click.Group):
         sys.exit(code)
 
 
+def on_data(command: click.Command) -> click.Command:
+    """Change a command so that it shows compilations, and that xarray does not import dask."""
+    callback: Any = command.callback
+
+    @wraps(callback)
+    def run_command(*args: Any, **options: Any) -> Any:
+        from fastcoil.model.numerics.jit import compilation_observers
+
+        compilation_observers[:] = [show_compilation]
+        _delay_dask()
+        return callback(*args, **options)
+
+    command.callback = run_command
+    return command
+
+
+def _delay_dask() -> None:
+    """Let xarray take no array for one of dask's until something else has imported dask, when none can be.
+
+    It imports dask wherever it is installed to ask, which takes half a second.  These names are xarray's own: where a
+    version has others, commands start later.
+    """
+
+    class LateDask:
+        type = property(lambda self: (sys.modules["dask.array"].Array,) if "dask.array" in sys.modules else ())
+
+    with suppress(ImportError, AttributeError):
+        from xarray.namedarray import pycompat, utils
+
+        is_dask_collection = utils.is_dask_collection
+        if "dask" not in pycompat._cached_duck_array_modules:
+            pycompat._cached_duck_array_modules["dask"] = LateDask()  # type: ignore[assignment]
+            utils.is_dask_collection = lambda x: "dask.base" in sys.modules and is_dask_collection(x)  # type: ignore
+
+
 class TerminationRequest(KeyboardInterrupt):
     """Interrupted by SIGTERM or SIGHUP, for example from a batch scheduler."""
+
+
+def force_exit(code: int, advice: str = "") -> None:
+    """End the process without waiting for anything, from a signal handler."""
+    line_end = "\n" if show_compilation.is_running and is_stderr_terminal() else ""
+    sentence = escape_control_characters(f"fastcoil: interrupted{advice}")
+    with suppress(OSError):  # the stream may be in the middle of a line, and cannot be entered again
+        os.write(2, f"{line_end}{sentence}\n".encode(errors="backslashreplace"))
+    os._exit(code)
 
 
 @contextmanager
@@ -73,17 +119,16 @@ def handle_interrupts(study: Path, folder: Path, verb: str = "run", options: Seq
     def resume_advice() -> str:
         return f"; finished scenarios are kept, to resume: {command}" if (folder / f"{verb}.json").exists() else ""
 
-    def force_exit(code: int) -> None:
-        echo(f"fastcoil: interrupted{resume_advice()}", err=True)
-        os._exit(code)
-
     def end_soon(received: int, _: object) -> None:
         """Interrupt the command, and force its end if that takes too long."""
         for signal_number in signal_numbers:  # a second Ctrl-C must not interrupt the clean-up
             signal.signal(signal_number, lambda *_: None)  # SIG_IGN would not discard a signal that is already pending
-        # a thread in a long shard or a worker that does not answer must not delay the end
         is_ctrl_c = received == signal.SIGINT
-        timer = threading.Timer(_MAX_SHUTDOWN_SECONDS, force_exit, [EXIT_INTERRUPTED if is_ctrl_c else EXIT_TERMINATED])
+        exit_arguments = EXIT_INTERRUPTED if is_ctrl_c else EXIT_TERMINATED, resume_advice()
+        if show_compilation.is_running:
+            force_exit(*exit_arguments)
+        # a thread in a long shard or a worker that does not answer must not delay the end
+        timer = threading.Timer(_MAX_SHUTDOWN_SECONDS, force_exit, exit_arguments)
         timer.daemon = True
         timer.start()
         raise KeyboardInterrupt if is_ctrl_c else TerminationRequest
@@ -132,12 +177,34 @@ def print_error(error: FastcoilError) -> None:
     echo(*(f"fastcoil: {sentence}" for sentence in str(error).split("\n")), err=True)
 
 
-def announce_compilation(kernel: str = "emulate") -> None:
-    """Print that the user has to wait, if this kernel is not compiled yet."""
-    from fastcoil.model.numerics.jit import is_compiled
+class CompilationDisplay:
+    """Progress of compilations: on a terminal a line that is erased at the end, elsewhere one line for all of them."""
 
-    if not is_compiled(kernel):
-        echo("Compiling the kernels, once per installation: about 10 s …", err=True)
+    is_running = is_announced = False
+
+    def __call__(self, n_done: int, n_functions: int) -> None:
+        if threading.current_thread() is not threading.main_thread():  # beside the progress of the run
+            return
+        line = "Compiling the simulation for this machine, once"
+        self.is_running = n_done < n_functions
+        if is_stderr_terminal():
+            progress = f"\r{line}: {n_done} of {n_functions} …"
+            click.echo(progress if self.is_running else "\r" + " " * len(progress) + "\r", nl=False, err=True)
+        elif n_functions >= 20 and not self.is_announced:  # the check of a study has fewer, and may refuse it
+            self.is_announced = True
+            echo(f"{line}: about 12 s …", err=True)
+        # the compiler would print a traceback of an interrupt, or lose it
+        handlers: list[Any] = [signal.default_int_handler, _exit_on_interrupt]
+        old, new = handlers if self.is_running else reversed(handlers)
+        if signal.getsignal(signal.SIGINT) == old:
+            signal.signal(signal.SIGINT, new)
+
+
+show_compilation = CompilationDisplay()
+
+
+def _exit_on_interrupt(*_: object) -> None:
+    force_exit(EXIT_INTERRUPTED)
 
 
 def load_user_code(what: str, source: UserCode) -> object:

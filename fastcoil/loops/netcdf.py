@@ -113,7 +113,9 @@ def load(
         file = parse(source)
         try:
             stored = xr.backends.NetCDF4DataStore(file, lock=False)  # type: ignore[no-untyped-call]
-            ds = xr.open_dataset(stored, drop_variables=list(skipped_names), **WITHOUT_DECODING)
+            # by name, xarray would look for it in every installed package
+            engine = xr.backends.StoreBackendEntrypoint
+            ds = xr.open_dataset(stored, engine=engine, drop_variables=list(skipped_names), **WITHOUT_DECODING)
             ds.set_close(None)  # the caller gets it with the file closed
             names = [*ds.data_vars]
             large = [n for n in names if ds[n].dtype.kind == "f"] if ds.nbytes > max_bytes else []

@@ -17,6 +17,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import argument_checks, require_flag, require_instance, require_integer
+from fastcoil.base.machine import count_processors
 from fastcoil.base.progress import Advance, display_for_call
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.clashes import warn_saturated
@@ -312,8 +313,4 @@ def run_plan(plan: Plan, n_jobs: int, advance: Advance) -> xr.Dataset:
 
 def number_of_threads(n_jobs: int | None) -> int:
     """Return the number of threads, by default that of all cores."""
-    if n_jobs is None:
-        import joblib  # takes 0.1 s, not needed to open a study
-
-        return int(joblib.cpu_count())
-    return require_integer("n_jobs", n_jobs, 1, 1024)
+    return count_processors() if n_jobs is None else require_integer("n_jobs", n_jobs, 1, 1024)

@@ -1,4 +1,4 @@
-"""Available memory: the least that the machine, control groups and limits of the process leave; odd files are none."""
+"""Memory and processors: the least that machine, control groups and limits of the process leave; odd files are none."""
 
 import os
 import resource
@@ -52,6 +52,13 @@ def test_the_tightest_level_up_to_the_root_rules(write_system_files, level):
     write_system_files({"proc/self/cgroup": "12:cpu:/x\n0::/a/b\n"})
     write_system_files({f"{level}/memory.max": 200 * MIB, f"{level}/memory.current": 150 * MIB})
     assert memory.available_memory() == 50 * MIB
+
+
+@pytest.mark.parametrize(("quota", "n"), [("max 100000", 8), ("250000 100000", 3), ("900000 100000", 8)])
+def test_the_quota_of_a_container_limits_the_processors(write_system_files, monkeypatch, quota, n):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(8)), raising=False)
+    write_system_files({"cgroup/cpu.max": f"{quota}\n"})
+    assert memory.count_processors() == n
 
 
 def test_the_limit_of_the_process_less_what_it_has(write_system_files, monkeypatch):

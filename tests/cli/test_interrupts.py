@@ -13,6 +13,7 @@ from helpers.studies import PLAIN_STUDY, run_until_interrupted
 
 from fastcoil.cli import terminal
 from fastcoil.cli.terminal import CommandGroup, handle_interrupts
+from fastcoil.model.numerics.jit import JIT_ENABLED
 
 
 @pytest.mark.parametrize("kind", [UserWarning, DeprecationWarning, RuntimeWarning])
@@ -96,3 +97,17 @@ def test_ctrl_c_while_a_finished_command_waits_for_a_thread_says_nothing():
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=30)
     assert (process.returncode, errors) == (-signal.SIGINT, "")
+
+
+@pytest.mark.alone
+@pytest.mark.skipif(not JIT_ENABLED, reason="nothing is compiled")
+@pytest.mark.parametrize("signal_number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_while_kernels_are_compiled_is_a_sentence(signal_number, tmp_path):
+    (tmp_path / "study.toml").write_text(PLAIN_STUDY)
+    command = [sys.executable, "-m", "fastcoil", "run", "study.toml", "--no-figures"]
+    options = {"env": child_environment(XDG_CACHE_HOME=str(tmp_path)), "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, cwd=tmp_path, **options) as process:
+        assert process.stderr.readline().startswith("Compiling ")
+        process.send_signal(signal_number)
+        assert process.stderr.read().startswith("fastcoil: interrupted")
+    assert process.returncode == 128 + signal_number

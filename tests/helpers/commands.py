@@ -6,9 +6,12 @@ from pathlib import Path
 from click.testing import CliRunner, Result
 
 from fastcoil.base.errors import EXIT_INPUT
+from fastcoil.cli import terminal
 from fastcoil.cli.main import main
 from fastcoil.study.file.user_code import load_function
 from helpers.sentences import assert_worded
+
+terminal.show_compilation.is_announced = True  # commands say the same, whatever is compiled
 
 
 def fastcoil(*words: object) -> Result:

@@ -30,7 +30,6 @@ from fastcoil.deliver.explore import loop
 from fastcoil.deliver.explore.figures import Change, LoopFigures, MapFigure
 from fastcoil.deliver.explore.loop import DIALS, MAP_AXES, MENUS, STORIES, ExplanationText, Model, Run, Settings
 from fastcoil.model.engine.lanes import compile_kernel
-from fastcoil.model.numerics.jit import is_compiled
 
 _STYLE_SHEET = """
 :host, .bk-input, .bk-btn, .bk-slider-title, label { font-size: 1rem; color: #222; }
@@ -315,10 +314,9 @@ async def serve(model: Model, port: int, on_ready: Callable[[str], None]) -> Non
     settings.resources = "server"
     settings.allowed_ws_origin = [f"{name}:{port}" for name in _HOST_NAMES]
     simulate_pool, explain_pool = ThreadPoolExecutor(2), ThreadPoolExecutor(2)
-    compiling = "Compiling the simulator, once: about 10 s.  The page then begins by itself."
 
     def make_page(doc: Document) -> None:
-        Page(doc, model, simulate_pool, explain_pool, "Starting …" if is_compiled("emulate") else compiling)
+        Page(doc, model, simulate_pool, explain_pool, "Starting: about 12 s where nothing is compiled yet …")
 
     app = BokehTornado(
         {"/": make_page}, extra_websocket_origins=settings.allowed_ws_origin(), secret_key=secrets.token_bytes(32),

@@ -13,8 +13,8 @@ Flags:
     forceinline=True     a call in the loop over lanes keeps it scalar.
     nogil=True           threads are the only parallelism: no ``parallel=True``, whose threading layers abort
                          or oversubscribe inside a thread pool.
-    no_…_wrapper         entries for C, and of a section for Python, are never called and take a seventh of a
-                         compilation.
+    no_…_wrapper         entries for C, and of an inlined function for Python, are never called and take a seventh of
+                         a compilation.
     fastmath "contract"  a*b + c in one instruction: a third of the arithmetic of Eq (3).  All lanes run the same
                          instructions, so they still get the same bits: see ``tests/model/engine/test_lanes.py``.
     no other fastmath    it deletes NaN tests and lets a lane's bits depend on its neighbours.
@@ -23,6 +23,7 @@ Flags:
 
 import gc
 import hashlib
+import inspect
 import os
 import platform
 import sys
@@ -37,8 +38,10 @@ import llvmlite.binding
 import numba
 import numpy as np
 from numba.core import config
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_lock import global_compiler_lock
-from numba.core.registry import cpu_target
+from numba.core.registry import CPUDispatcher, cpu_target
 from numba.extending import intrinsic
 
 from fastcoil.model.numerics.kernel_cache import KernelCache, kernel_folder
@@ -53,36 +56,90 @@ JIT_ENABLED = not config.DISABLE_JIT  # type: ignore[attr-defined]
 
 
 def scalar(function: Callable[..., Any]) -> Any:
-    """Compile one formula, inlined wherever a kernel calls it."""
-    return numba.njit(**FLAGS, forceinline=True, fastmath={"contract"})(function)
+    """Compile one formula, or a loop over lanes, inlined wherever a kernel calls it."""
+    return _inlined(function, fastmath={"contract"})
 
 
 def exact(function: Callable[..., Any]) -> Any:
     """Compile one formula with its roundings as written."""
     # explicit, because a function without flags takes those of the caller that compiles it first
-    return numba.njit(**FLAGS, forceinline=True, fastmath=False)(function)
+    return _inlined(function, fastmath=False)
 
 
-def section(function: Callable[..., Any]) -> Any:
-    """Compile a loop over lanes, inlined into its kernel; no Python calls it."""
-    return numba.njit(**(FLAGS | {"no_cpython_wrapper": True}), forceinline=True, fastmath={"contract"})(function)
+section = scalar
+
+
+def _inlined(function: Callable[..., Any], fastmath: Any) -> Any:
+    options = FLAGS | {"nopython": True, "boundscheck": None, "forceinline": True, "fastmath": fastmath}
+    options["no_cpython_wrapper"] = True
+    return InlinedFunction(function, None, options, _InlinedCompiler) if JIT_ENABLED else function
+
+
+class InlinedFunction(CPUDispatcher):  # type: ignore[misc]
+    """A function without machine code outside the kernels that call it; Python calls a copy, made when it does."""
+
+    _copy: Any = None
+
+    def __call__(self, *arguments: Any) -> Any:
+        if self._copy is None:
+            self._copy = CPUDispatcher(self.py_func, None, self.targetoptions | {"no_cpython_wrapper": False})
+        return self._copy(*arguments)
+
+
+class _InlinedCompiler(CompilerBase):  # type: ignore[misc]
+    """Numba's compiler, with another library for the code."""
+
+    def define_pipelines(self) -> Any:
+        n_done, n_functions = _progress
+        if n_done < n_functions:  # in a kernel, which comes last
+            _report_progress(min(n_done + 1, n_functions - 1), n_functions)
+        self.state.library = _InlinedLibrary(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
+        return [DefaultPassBuilder.define_nopython_pipeline(self.state)]
+
+
+class _InlinedLibrary(JITCodeLibrary):  # type: ignore[misc]
+    """Code to inline, for which no machine code is emitted: a fifth of a compilation."""
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+    @property
+    def codegen(self) -> Any:
+        """Where Numba puts the environment of the function, which without machine code has no place."""
+        return self
+
+    def set_env(self, *_: Any) -> None:
+        """Leave it to the kernel."""
 
 
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a loop, cached on disk under the fingerprint of everything it was compiled from."""
     compiled = numba.njit(**FLAGS, fastmath=False)(function)
     if JIT_ENABLED:
-        compiled._compiler.compile = with_rare_collection(compiled._compiler.compile)
+        compiled._compiler.compile = observed_compile(compiled._compiler.compile, function)
         folder = kernel_folder(fingerprint())
         if folder is not None:
             compiled._cache = KernelCache(function, folder)
     return compiled
 
 
-def with_rare_collection(compile: Callable[..., Any]) -> Callable[..., Any]:
-    """Wrap a compiling function so that garbage is collected rarely, which saves a quarter of a compilation.
+compilation_observers: list[Callable[[int, int], None]] = []
+"""Receive how many of how many functions of a kernel are compiled: from 0, when it begins, to all, when it ends."""
+_progress = [0, 0]  # of the kernel that is being compiled
 
-    The compiler makes millions of objects, and nearly all of them live until it ends.
+
+def _report_progress(n_done: int, n_functions: int) -> None:
+    _progress[:] = n_done, n_functions
+    for observe in compilation_observers:
+        observe(n_done, n_functions)
+
+
+def observed_compile(compile: Callable[..., Any], function: Callable[..., Any]) -> Callable[..., Any]:
+    """Wrap the compiling of a kernel, of this ``function``, to report its progress and to have less overhead.
+
+    The compiler makes millions of objects, and nearly all of them live until it ends: scanning them takes a quarter of
+    a compilation.
     """
 
     def wrapper(*arguments: Any) -> Any:
@@ -90,13 +147,29 @@ def with_rare_collection(compile: Callable[..., Any]) -> Callable[..., Any]:
             before = gc.get_threshold()
             if before[0]:
                 gc.set_threshold(max(20_000, before[0]), *before[1:])
+            n_functions = 1 + sum(not each.overloads for each in _inlined_functions(function))
+            _report_progress(0, n_functions)
             try:
                 with widest_vectors():
                     return compile(*arguments)
             finally:
+                _report_progress(n_functions, n_functions)
                 gc.set_threshold(*before)
 
     return wrapper
+
+
+def _inlined_functions(function: Callable[..., Any]) -> set[InlinedFunction]:
+    """Return the functions that are inlined into a kernel, directly or not."""
+    functions, unread = set[InlinedFunction](), [function]
+    while unread:
+        scope = inspect.getclosurevars(unread.pop())
+        values = [*scope.nonlocals.values(), *scope.globals.values()]
+        values += [getattr(value, name, None) for value in values if inspect.ismodule(value) for name in scope.unbound]
+        found = {value for value in values if isinstance(value, InlinedFunction)} - functions
+        functions |= found
+        unread += [each.py_func for each in found]
+    return functions
 
 
 @contextmanager
@@ -173,9 +246,3 @@ def numeric_environment() -> dict[str, str]:
         "numpy": np.__version__,
         **{f"numba_{name.lower()}": str(getattr(config, name, None)) for name in _NUMBA_SETTINGS},
     }
-
-
-def is_compiled(kernel_name: str) -> bool:
-    """Whether the cache holds a kernel of this fingerprint, which then need not be compiled."""
-    folder = kernel_folder(fingerprint())
-    return folder is not None and any(folder.glob(f"*.{kernel_name}-*.nbc"))

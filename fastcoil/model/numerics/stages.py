@@ -20,7 +20,7 @@ from numba.core.ccallback import CFunc
 from numba.extending import intrinsic
 from numba.np.numpy_support import carray
 
-from fastcoil.model.numerics.jit import FLAGS, JIT_ENABLED, exact, fingerprint, with_rare_collection
+from fastcoil.model.numerics.jit import FLAGS, JIT_ENABLED, exact, fingerprint, observed_compile, widest_vectors
 from fastcoil.model.numerics.kernel_cache import KernelCache, kernel_folder
 
 NUMBER = types.float64
@@ -53,11 +53,12 @@ class StageSignature:
         if not JIT_ENABLED:
             return function
         stage: Any = CFunc(function, (tuple(self._arguments.values()), self._returns), {}, dict(FLAGS))
+        stage._compiler.compile = observed_compile(stage._compiler.compile, function)
         folder = kernel_folder(fingerprint())
         if folder is not None:
             stage._cache = KernelCache(function, folder, identity)
-        with _COMPILE_LOCK:
-            with_rare_collection(stage.compile)()
+        with _COMPILE_LOCK, widest_vectors():  # what it is emitted with
+            stage.compile()
             _COMPILED_STAGES.append(stage)
         return np.intp(stage.address)
 
