@@ -55,7 +55,7 @@ def cases(fc: Any) -> Iterator[tuple[str, Callable[[], Any]]]:
     }
     for preset in presets:
         for name, values in variants.items():
-            loop = fc.Loop.preset(preset).assign(**values)
+            loop = fc.Loop.preset(preset).assign(**{"air_march": "lagged"} | values)
             yield f"{preset}, {name}", lambda loop=loop: fc.simulate(loop, days, warm_up=900, replicates=2, seed=7)
     for march in ("lagged", "quasistatic"):
         loop = fc.Loop(air_march=march, n_volumes=[4, 8], noise_std=0.02, backlash_estimate=0.06)
@@ -69,7 +69,7 @@ def cases(fc: Any) -> Iterator[tuple[str, Callable[[], Any]]]:
         "disabled",
         lambda: fc.simulate(fc.Loop(**learner), fc.Boundary(**disabled_series), warm_up=300, traces=["u", "T_sup"]),
     )
-    yield "design day", lambda: fc.simulate(fc.Loop.preset("lbnl"), fc.design_day(hours=3))
+    yield "design day", lambda: fc.simulate(fc.Loop.preset("lbnl").assign(air_march="lagged"), fc.design_day(hours=3))
     yield "constant day", lambda: fc.simulate(fc.Loop(backlash=[0.0, 0.07]), fc.constant_day(hours=3))
     yield "compare", lambda: fc.compare(
         fc.simulate(fc.Loop(estimate_ratio=[0.0, 0.9]), fc.paper_day(hours=2, seed=range(4))),
