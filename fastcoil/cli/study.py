@@ -26,7 +26,7 @@ from fastcoil.base.machine import command_line
 from fastcoil.base.progress import format_duration
 from fastcoil.cli.arguments import PATH, parse_label_lists, parse_labels, parse_pairs, with_scenario
 from fastcoil.cli.deliver import with_report, write_result
-from fastcoil.cli.terminal import announce_compilation, echo, handle_interrupts, load_user_code
+from fastcoil.cli.terminal import announce_compilation, echo, handle_interrupts, load_user_code, print_logs
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -427,6 +427,7 @@ def explore(target: Path, at: Sequence[str], port: int, browser: bool) -> None:
     """  # noqa: D301 — click reads the backspace
     if importlib.util.find_spec("bokeh") is None:
         raise missing_extra_error("explore", "bokeh", "explore")
+    print_logs()  # before bokeh is imported, which else prints its own
     import asyncio
 
     from fastcoil.deliver.explore.loop import Model
