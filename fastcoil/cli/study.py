@@ -197,7 +197,7 @@ def init(study: Path | None, name: str | None, only_list: bool) -> None:
     name = require_choice("--from", name or "study", texts)
     path, text = study or Path(f"{name}.toml"), texts[name]
     if exists(path):
-        raise InputError(f"{path} exists: choose another name, or delete it", "STUDY", "path")
+        raise InputError(f"{path} exists: choose another name", "STUDY", "path")
     write_atomically(path.with_name(SCHEMA_FILE), schema_text().encode())
     write_atomically(path, (SCHEMA_DIRECTIVE + text).encode())
     next_commands = ", ".join(command_line(["fastcoil", verb, str(path)]) for verb in ("plan", "run"))

@@ -137,7 +137,7 @@ def _target_files(name: str, out: Any) -> list[Path]:
         if target.suffix.lower() != ".csv":
             require_page(target, name)
         elif not has_mark(target, _TABLE_MARK):
-            sentence = f"{name} {target}: the file exists and is not a survey: choose another name, or delete it"
+            sentence = f"{name} {target}: the file exists and is not a survey: choose another name"
             raise InputError(sentence, name, "path")
     return targets
 
