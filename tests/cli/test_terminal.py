@@ -2,10 +2,14 @@
 
 import ast
 import logging
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from helpers import commands
+from helpers.sentences import assert_worded
 
 import fastcoil
 from fastcoil.base.errors import InputError
@@ -48,6 +52,17 @@ def test_logs_of_libraries_are_printed_without_control(capsys, monkeypatch):
     assert first == ESCAPED_TEXT
     assert traceback[0].startswith("Traceback")
     assert all(escape_control_characters(line) == line for line in traceback)
+
+
+@pytest.mark.parametrize(("settings", "file"), [({"NUMBA_NUM_THREADS": "0"}, ""), ({}, "num_threads")])
+def test_settings_that_the_compiler_refuses_are_a_sentence(tmp_path, settings, file):
+    (tmp_path / ".numba_config.yaml").write_text(file)
+    command = [sys.executable, "-m", "fastcoil", "explain", "lbnl"]
+    ended = subprocess.run(
+        command, env=os.environ | settings, cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert (ended.returncode, ended.stdout) == (2, "")
+    assert_worded(ended.stderr)
 
 
 def test_many_mistakes_are_cut_and_counted_and_the_exception_keeps_all(capsys):

@@ -4,3 +4,13 @@ Read ``jit`` first, every compiler flag and its reason; ``elementary`` (exp, log
 kernels; ``stages`` and ``compile_user_function`` compile rules and features at run time; ``kernel_cache`` stores
 compiled code.
 """
+
+from fastcoil.base.errors import InputError
+
+try:
+    import numba  # noqa: F401
+except ImportError:
+    raise
+except Exception as error:  # of settings that this machine has for it
+    cure = "correct the environment variables NUMBA_… or the file .numba_config.yaml"
+    raise InputError(f"numba cannot be used with its settings here ({error}): {cure}", "numba", "value") from None
