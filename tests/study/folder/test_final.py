@@ -209,6 +209,11 @@ def test_a_child_that_crashes_or_finds_no_netcdf_is_reported_in_a_sentence(tmp_p
         netcdf.probe_file(path, "throw it away")
 
 
+def test_a_file_with_a_variable_without_values_is_probed_as_sound(tmp_path):
+    xr.Dataset({"events": ("event", [])}).to_netcdf(tmp_path / "results.nc")
+    assert netcdf.probe_file(tmp_path / "results.nc", "").load()["events"].size == 0
+
+
 @pytest.mark.parametrize("make", [os.mkfifo, os.mkdir], ids=["fifo", "folder"])
 @pytest.mark.parametrize("name", ["results.nc", "traces"])
 def test_what_is_no_file_is_refused_and_blocks_nobody(finished, make, name):
