@@ -15,6 +15,7 @@ from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 from fastcoil.base.arguments import argument_checks, require_choice, require_integer
+from fastcoil.base.errors import settings_errors
 from fastcoil.base.files import convert_os_errors, make_folder, read_bytes, write_atomically
 
 if TYPE_CHECKING:
@@ -49,12 +50,19 @@ STYLE: Mapping[str, Any] = {
 """Changes of matplotlib's defaults."""
 
 
+def check_matplotlib() -> None:
+    """Refuse settings of this machine with which matplotlib cannot be imported."""
+    with settings_errors("matplotlib", "correct the file matplotlibrc or the environment variable MPLBACKEND"):
+        import matplotlib  # noqa: F401, ICN001
+
+
 @contextmanager
 def apply_style(**changes: Any) -> Iterator[None]:
     """Apply ``STYLE`` as a context manager or decorator, with ``changes``: ``axes_grid=False`` for ``axes.grid``.
 
     Settings of the user's matplotlibrc are not used: with ``text.usetex`` a figure would need LaTeX.
     """
+    check_matplotlib()
     from matplotlib import rc_context, style
 
     settings: Any = {**STYLE, **{name.replace("_", "."): value for name, value in changes.items()}}

@@ -131,11 +131,9 @@ def echo(*lines: object, err: bool = False) -> None:
 class _LogFormatter(logging.Formatter):
     """Formats a log record as one line of text, and its traceback below, with control characters escaped."""
 
-    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802
-        return escape_control_characters(super().formatMessage(record))
-
-    def formatException(self, ei: Any) -> str:  # noqa: N802
-        return "\n".join(map(escape_control_characters, super().formatException(ei).split("\n")))
+    def format(self, record: logging.LogRecord) -> str:
+        record.msg, record.args = escape_control_characters(record.getMessage()), None
+        return "\n".join(map(escape_control_characters, super().format(record).split("\n")))
 
 
 def print_logs() -> None:

@@ -16,7 +16,6 @@ import xarray as xr
 
 from fastcoil.base.arrays import Array
 from fastcoil.base.machine import VERSION
-from fastcoil.base.text import escape_formulas
 from fastcoil.deliver.export.controller import Controller
 from fastcoil.loops.boundary.days import heating_day, paper_day
 from fastcoil.loops.loop import Loop
@@ -66,8 +65,7 @@ class Vectors:
 
     def csv_text(self, code: str, sample_time: float) -> str:
         return (
-            f"# Vectors for {escape_formulas(code)}, written by fastcoil {VERSION}: a row for each "
-            f"{sample_time:g} s cycle.\n"
+            f"# Vectors for {code}, written by fastcoil {VERSION}: a row for each {sample_time:g} s cycle.\n"
             f"# Given: {', '.join(self.inputs)}.  A row with reset = 1 begins a run, and so does the first.\n"
             f"# Expected after the cycle, to 1e-12: {', '.join(self.outputs)}.\n"
             "# The first run has starts from a command, bad readings, holds and ends; then come made-up records,\n"

@@ -5,12 +5,7 @@ kernels; ``stages`` and ``compile_user_function`` compile rules and features at 
 compiled code.
 """
 
-from fastcoil.base.errors import InputError
+from fastcoil.base.errors import settings_errors
 
-try:
+with settings_errors("numba", "correct the environment variables NUMBA_… or the file .numba_config.yaml"):
     import numba  # noqa: F401
-except ImportError:
-    raise
-except Exception as error:  # of settings that this machine has for it
-    cure = "correct the environment variables NUMBA_… or the file .numba_config.yaml"
-    raise InputError(f"numba cannot be used with its settings here ({error}): {cure}", "numba", "value") from None
