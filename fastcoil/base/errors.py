@@ -180,9 +180,7 @@ def settings_errors(package: str, cure: str) -> Iterator[None]:
     except ImportError:
         raise
     except Exception as error:
-        raise InputError(
-            f"{package} cannot be used with its settings here ({error}): {cure}", package, "value"
-        ) from None
+        raise InputError(f"{package} refuses its settings here ({error}): {cure}", package, "value") from None
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

@@ -47,7 +47,6 @@ STYLE: Mapping[str, Any] = {
     "figure.dpi": 150,
     "timezone": "UTC",  # times are drawn as they stand
 }
-"""Changes of matplotlib's defaults."""
 
 
 def check_matplotlib() -> None:
@@ -58,15 +57,12 @@ def check_matplotlib() -> None:
 
 @contextmanager
 def apply_style(**changes: Any) -> Iterator[None]:
-    """Apply ``STYLE`` as a context manager or decorator, with ``changes``: ``axes_grid=False`` for ``axes.grid``.
-
-    Settings of the user's matplotlibrc are not used: with ``text.usetex`` a figure would need LaTeX.
-    """
+    """Apply ``STYLE`` as a context manager or decorator, with ``changes``: ``axes_grid=False`` for ``axes.grid``."""
     check_matplotlib()
     from matplotlib import rc_context, style
 
     settings: Any = {**STYLE, **{name.replace("_", "."): value for name, value in changes.items()}}
-    with style.context("default"), rc_context(settings):
+    with style.context("default"), rc_context(settings):  # without a matplotlibrc, whose text.usetex needs LaTeX
         yield
 
 

@@ -52,8 +52,7 @@ def format_utc_offset(minutes: int) -> str:
     """Format an offset from UTC as the name of a time zone, ``UTC-08:00``; refuse one that no clock has."""
     name = f"UTC{'-' if minutes < 0 else '+'}{abs(minutes) // 60:02d}:{abs(minutes) % 60:02d}" if minutes else "UTC"
     if not -12 * 60 <= minutes <= 14 * 60:
-        sentence = f"{name} is no time zone, they end at UTC-12:00 and UTC+14:00: correct the offset from UTC"
-        raise InputError(sentence, "time_zone", "choice")
+        raise InputError(f"{name} is no time zone: give an offset from UTC-12:00 to UTC+14:00", "time_zone", "choice")
     return name
 
 

@@ -173,8 +173,7 @@ def test_steps_that_go_backwards_or_leave_time_out_are_errors(plain_folder):
     slave.step(60.0, 15.0)
 
 
-LATEST = 1e-6 * SAMPLE_TIME / 2.0**-52
-"""Where times are rounded to a millionth of a cycle, s."""
+LATEST = 1e-6 * SAMPLE_TIME / 2.0**-52  # s, where times are rounded to a millionth of a cycle
 
 
 def assert_refused(slave, call):
