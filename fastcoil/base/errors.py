@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import difflib
 import errno
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
 from typing import Self
 
 from fastcoil.base.text import escape_control_characters
@@ -169,6 +170,17 @@ def missing_extra_error(feature: str, packages: str, extra: str) -> InputError:
     """Return the error that a feature needs optional packages, which an extra of fastcoil installs."""
     noun = "packages" if " and " in packages else "package"
     return InputError(f"{feature} needs the {noun} {packages}: pip install 'fastcoil[{extra}]'", packages, "package")
+
+
+@contextmanager
+def settings_errors(package: str, cure: str) -> Iterator[None]:
+    """Turn what an import raises because of the settings of this machine into an ``InputError``."""
+    try:
+        yield
+    except ImportError:
+        raise
+    except Exception as error:
+        raise InputError(f"{package} refuses its settings here ({error}): {cure}", package, "value") from None
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

@@ -15,6 +15,7 @@ from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 from fastcoil.base.arguments import argument_checks, require_choice, require_integer
+from fastcoil.base.errors import settings_errors
 from fastcoil.base.files import convert_os_errors, make_folder, read_bytes, write_atomically
 
 if TYPE_CHECKING:
@@ -44,16 +45,24 @@ STYLE: Mapping[str, Any] = {
     "legend.fontsize": 8,
     "lines.linewidth": 1.4,
     "figure.dpi": 150,
+    "timezone": "UTC",  # times are drawn as they stand
 }
+
+
+def check_matplotlib() -> None:
+    """Refuse settings of this machine with which matplotlib cannot be imported."""
+    with settings_errors("matplotlib", "correct the file matplotlibrc or the environment variable MPLBACKEND"):
+        import matplotlib  # noqa: F401, ICN001
 
 
 @contextmanager
 def apply_style(**changes: Any) -> Iterator[None]:
     """Apply ``STYLE`` as a context manager or decorator, with ``changes``: ``axes_grid=False`` for ``axes.grid``."""
-    from matplotlib import rc_context
+    check_matplotlib()
+    from matplotlib import rc_context, style
 
     settings: Any = {**STYLE, **{name.replace("_", "."): value for name, value in changes.items()}}
-    with rc_context(settings):
+    with style.context("default"), rc_context(settings):  # without a matplotlibrc, whose text.usetex needs LaTeX
         yield
 
 
@@ -82,7 +91,7 @@ _ORIGIN_IN_FILE = {
     "svg": re.compile(rb"<dc:source>" + _ORIGIN_HASH + rb"</dc:source>"),
 }
 # text is stored as text, so that it can be searched and edited
-_SAVE_SETTINGS: Any = {"svg.hashsalt": "fastcoil", "svg.fonttype": "none", "pdf.fonttype": 42}
+_SAVE_SETTINGS: Any = {"svg.hashsalt": "fastcoil", "svg.fonttype": "none", "pdf.fonttype": 42, "timezone": "UTC"}
 
 
 def check_format(format: str, dpi: object) -> None:
@@ -94,7 +103,7 @@ def check_format(format: str, dpi: object) -> None:
 
 def encode_figure(figure: Figure, format: str = "png", dpi: int = DEFAULT_DPI, drawn_from: str | None = None) -> bytes:
     """Encode a figure as the bytes of a file; ``drawn_from``: ``content_sha256`` of the results it shows."""
-    from matplotlib import rc_context
+    from matplotlib import rc_context, style
     from matplotlib.text import Text
 
     for text in figure.findobj(Text):
@@ -103,7 +112,7 @@ def encode_figure(figure: Figure, format: str = "png", dpi: int = DEFAULT_DPI, d
             text.set_parse_math(False)
     origin_metadata = {} if drawn_from is None else {_ORIGIN_FIELD[format]: _ORIGIN_PREFIX + drawn_from}
     data = io.BytesIO()
-    with rc_context(_SAVE_SETTINGS):
+    with style.context("default"), rc_context(_SAVE_SETTINGS):
         figure.savefig(data, format=format, dpi=dpi, metadata={**_SOFTWARE_METADATA[format], **origin_metadata})
     return data.getvalue()
 

@@ -148,7 +148,7 @@ def replace_atomically(
 def make_folder(path: Path, *, parents: bool = False) -> None:
     """Make a folder, flushed to disk, and missing ``parents``; ``OSError`` of the system, or for a symbolic link."""
     if not parents and path.is_symlink():
-        raise OSError(errno.ELOOP, "it is a symbolic link, which may lead anywhere: remove it")
+        raise OSError(errno.ELOOP, "it is a symbolic link, which may lead anywhere: move it away")
     folders = (path, *path.parents) if parents else (path,)
     new_folders = [folder for folder in folders if not folder.exists()]
     for folder in reversed(new_folders):

@@ -17,9 +17,14 @@ def escape_control_characters(text: str) -> str:
     return text.translate({ord(character): character.encode("unicode_escape").decode() for character in unsafe})
 
 
+_UNSEEN = r"[\s\"\x00-\x1f\x7f-\x9f\xad\u180e\u200b-\u200f\u202a-\u202e\u2060-\u206f\ufeff]*"
+_FORMULA_START = re.compile(rf"((?:^|[,;\t\r\n]){_UNSEEN})(?=[=+\-@\uff1d\uff0b\uff0d\uff20\ufe66\ufe62\ufe63\ufe6b])")
+"""Where a sign of a formula, also a wide or a small one, begins a cell, but for what is not seen or is dropped."""
+
+
 def escape_formulas(text: str) -> str:
     """Put an apostrophe before each cell of a CSV text that a spreadsheet would take as a formula."""
-    return re.sub(r"(^|[,;\t]\s*)(?=[=+\-@])", r"\1'", text)
+    return _FORMULA_START.sub(r"\1'", text)
 
 
 def parse_number_or_word(text: str) -> float | str:

@@ -160,8 +160,7 @@ def _table_path(path: Path, out: Path | None) -> Path:
     if out is None or is_folder(out):
         target = (out or Path()) / f"{path.resolve().name.removesuffix('.nc') or 'results'}.csv"
         if exists(target) and not has_mark(target, b"fastcoil_version", 2**16):
-            sentence = f"{target} exists, and fastcoil did not write it: name another file with -o, or delete it"
-            raise InputError(sentence, "-o", "path")
+            raise InputError(f"{target} exists, and fastcoil did not write it: name another file with -o", "-o", "path")
         return target
     require_output_file("-o", out, ".csv")
     return out

@@ -70,7 +70,7 @@ with_warm_up = click.option(
 def require_fit_file(out: Path) -> None:
     """Refuse, before any work, a file that cannot be written, or exists and is no earlier fit."""
     require_output_file("-o", out, ".toml")
-    figure, cure = out.with_suffix(".png"), "choose another name, or delete it"
+    figure, cure = out.with_suffix(".png"), "choose another name"
     if exists(out) and not has_mark(out, b" fitted to ", 300):
         raise InputError(f"-o {out}: this file exists and is not a fit: {cure}", "-o", "path")
     if exists(figure) and not exists(out):
@@ -239,7 +239,7 @@ def join(
 def _require_new_csv(out: Path) -> None:
     require_output_file("-o", out, ".csv")
     if exists(out):
-        raise InputError(f"-o {out}: this file exists: choose another name, or delete it", "-o", "path")
+        raise InputError(f"-o {out}: this file exists: choose another name", "-o", "path")
 
 
 @click.group()

@@ -26,7 +26,7 @@ from fastcoil.base.machine import command_line
 from fastcoil.base.progress import format_duration
 from fastcoil.cli.arguments import PATH, parse_label_lists, parse_labels, parse_pairs, with_scenario
 from fastcoil.cli.deliver import with_report, write_result
-from fastcoil.cli.terminal import echo, handle_interrupts, load_user_code
+from fastcoil.cli.terminal import echo, handle_interrupts, load_user_code, print_logs
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -223,7 +223,7 @@ def init(study: Path | None, name: str | None, only_list: bool) -> None:
     name = require_choice("--from", name or "study", texts)
     path, text = study or Path(f"{name}.toml"), texts[name]
     if exists(path):
-        raise InputError(f"{path} exists: choose another name, or delete it", "STUDY", "path")
+        raise InputError(f"{path} exists: choose another name", "STUDY", "path")
     write_atomically(path.with_name(SCHEMA_FILE), schema_text().encode())
     write_atomically(path, (SCHEMA_DIRECTIVE + text).encode())
     next_commands = ", ".join(command_line(["fastcoil", verb, str(path)]) for verb in ("plan", "run"))
@@ -451,6 +451,7 @@ def explore(target: Path, at: Sequence[str], port: int, browser: bool) -> None:
     """  # noqa: D301 — click reads the backspace
     if importlib.util.find_spec("bokeh") is None:
         raise missing_extra_error("explore", "bokeh", "explore")
+    print_logs()  # before bokeh is imported, which else prints its own
     import asyncio
 
     from fastcoil.deliver.explore.loop import Model

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import errno
 import io
+import logging
 import os
 import signal
 import sys
@@ -170,6 +171,21 @@ def echo(*lines: object, err: bool = False) -> None:
         text = str(line)
         length_note = f"… ({len(text):,} characters)" if len(text) > _MAX_LINE_CHARACTERS else ""
         click.echo(escape_control_characters(text[:_MAX_LINE_CHARACTERS]) + length_note, err=err)
+
+
+class _LogFormatter(logging.Formatter):
+    """Formats a log record as one line of text, and its traceback below, with control characters escaped."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        record.msg, record.args = escape_control_characters(record.getMessage()), None
+        return "\n".join(map(escape_control_characters, super().format(record).split("\n")))
+
+
+def print_logs() -> None:
+    """Print what libraries log, which may quote untrusted text, to stderr with control characters escaped."""
+    handler = logging.StreamHandler()
+    handler.setFormatter(_LogFormatter())
+    logging.basicConfig(handlers=[handler])
 
 
 def print_error(error: FastcoilError) -> None:

@@ -49,8 +49,11 @@ class Timestamps(NamedTuple):
 
 
 def format_utc_offset(minutes: int) -> str:
-    """Format an offset from UTC as the name of a time zone: ``UTC-08:00``."""
-    return f"UTC{'-' if minutes < 0 else '+'}{abs(minutes) // 60:02d}:{abs(minutes) % 60:02d}" if minutes else "UTC"
+    """Format an offset from UTC as the name of a time zone, ``UTC-08:00``; refuse one that no clock has."""
+    name = f"UTC{'-' if minutes < 0 else '+'}{abs(minutes) // 60:02d}:{abs(minutes) % 60:02d}" if minutes else "UTC"
+    if not -12 * 60 <= minutes <= 14 * 60:
+        raise InputError(f"{name} is no time zone: give an offset from UTC-12:00 to UTC+14:00", "time_zone", "choice")
+    return name
 
 
 def time_zone_from_name(name: str) -> tzinfo:
@@ -62,7 +65,9 @@ def time_zone_from_name(name: str) -> tzinfo:
 def require_time_zone(name: str, value: Any) -> str:
     """Return the name of a time zone, or an offset from UTC; blank if it is None or blank."""
     text = "" if value is None else require_text(name, value).strip()
-    if not text or re.fullmatch(r"UTC[+-](0\d|1[0-4]):[0-5]\d", text, re.ASCII):
+    if offset := re.fullmatch(r"UTC([+-])(\d\d):([0-5]\d)", text, re.ASCII):
+        format_utc_offset(int(offset[1] + offset[2]) * 60 + int(offset[1] + offset[3]))
+    if not text or offset:
         return text
     if text in (known_zones := zoneinfo.available_timezones()):
         return text
@@ -225,6 +230,8 @@ def _timestamps_from_times(
         if name := clocks[0].upper() if good_indices else "":
             notes.append(f"timestamp is in {name} throughout: its times are read as they stand")
         return Timestamps(local_microseconds, is_good, False, problem, notes, name)
+    for offset in {*offsets.values()}:
+        format_utc_offset(offset // MINUTE_US)
     first_offset = offsets[good_indices[0]]
     first_changed = next((k for k in good_indices if offsets[k] != first_offset), None)
     if names:

@@ -262,10 +262,10 @@ def join_flat(
     for part in parts:
         index = part["scenario"].values
         if index.size and index.max() >= n_scenarios:
-            raise IntegrityError(f"scenario {index.max()} was found, of {n_scenarios}: delete the folder and run again")
+            raise IntegrityError(f"scenario {index.max()} was found, of {n_scenarios}: run in another folder, with -o")
         if is_joined[index].any():
             twice = index[is_joined[index]][0]
-            raise IntegrityError(f"scenario {twice} was found twice: delete the folder and run again")
+            raise IntegrityError(f"scenario {twice} was found twice: run in another folder, with -o")
         is_joined[index] = True
         reference_part = check_same_form(reference_part, part)
         for name in part.data_vars:
@@ -296,7 +296,7 @@ def check_same_form(reference_part: xr.Dataset | None, part: xr.Dataset) -> xr.D
         if first.get(name) != second.get(name):
             problem = f"{name} has another form in some scenarios than in others"
             if name in METRICS or name in TRACES or name == "status":
-                raise IntegrityError(f"{problem}: delete the folder, run again")
+                raise IntegrityError(f"{problem}: run in another folder, with -o")
             forms = f"{short_repr(second.get(name, ()))} and {short_repr(first.get(name, ()))}"
             cure = "let the reduction give the same variables, types, dims and labels for all"
             raise InputError(f"{problem}, {forms}: {cure}", str(name), "shape")
@@ -358,7 +358,14 @@ def check_result(ds: xr.Dataset) -> None:
     not_numeric = [n for n in ("status", *METRICS) if n in ds and ds[n].dtype.kind not in "iuf"]
     if not_numeric:
         raise InputError(f"ds has no numbers as {', '.join(not_numeric)}: {cure}", "ds", "type")
+    require_scenarios(ds, ds["status"].dims)
     require_table_units(ds, PARAMETERS, METRICS)
+
+
+def require_scenarios(ds: xr.Dataset, dims: Iterable[Hashable]) -> None:
+    """Refuse dims without a label, of which nothing can be said."""
+    sentence = "ds has nothing along {}: choose a label at least"
+    raise_problems([Problem(sentence.format(dim), str(dim), "shape") for dim in dims if not ds.sizes[dim]])
 
 
 def require_table_units(ds: xr.Dataset, *tables: Mapping[str, Any]) -> None:

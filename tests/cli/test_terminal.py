@@ -1,15 +1,20 @@
 """What reaches the terminal: text of strangers as text, a line each, and no more mistakes than a reader can mend."""
 
 import ast
+import logging
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from helpers import commands
+from helpers.sentences import assert_worded
 
 import fastcoil
 from fastcoil.base.errors import InputError
 from fastcoil.base.text import escape_control_characters
-from fastcoil.cli.terminal import print_error
+from fastcoil.cli.terminal import print_error, print_logs
 
 UNSAFE_TEXT = "\x1b[2J\x1b]0;x\x07\r\n\x00\x7f\x85\x9b\u202e\u2066\u2028\ud800"
 UNSAFE_TITLE = UNSAFE_TEXT.replace("\x00", "").replace("\ud800", "")
@@ -33,6 +38,38 @@ def test_no_character_controls_the_terminal():
     for code in [*range(0x20), *range(0x7F, 0xA0), *directional_marks]:
         assert escape_control_characters(f"a{chr(code)}b") == f"a{chr(code).encode('unicode_escape').decode()}b"
     assert escape_control_characters(UNSAFE_TEXT) == ESCAPED_TEXT
+
+
+def test_logs_of_libraries_are_printed_without_control(capsys, monkeypatch):
+    root = logging.getLogger()
+    monkeypatch.setattr(root, "handlers", [])
+    print_logs()
+    try:
+        raise ValueError(UNSAFE_TEXT)
+    except ValueError:
+        logging.getLogger("tornado").exception("%s", UNSAFE_TEXT)
+    first, *traceback = capsys.readouterr().err.split("\n")
+    assert first == ESCAPED_TEXT
+    assert traceback[0].startswith("Traceback")
+    assert all(escape_control_characters(line) == line for line in traceback)
+
+
+@pytest.mark.parametrize(
+    ("settings", "name", "content"),
+    [
+        ({"NUMBA_NUM_THREADS": "0"}, "none", b""),
+        ({}, ".numba_config.yaml", b"num_threads"),
+        ({}, "matplotlibrc", b"\xff"),
+    ],
+)
+def test_settings_that_a_library_refuses_are_a_sentence(tmp_path, settings, name, content):
+    (tmp_path / name).write_bytes(content)
+    command = [sys.executable, "-m", "fastcoil", "explain", "lbnl", "-o", "loop.png"]
+    ended = subprocess.run(
+        command, env=os.environ | settings, cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert ended.returncode == 2
+    assert_worded(ended.stderr.splitlines()[-1])
 
 
 def test_many_mistakes_are_cut_and_counted_and_the_exception_keeps_all(capsys):

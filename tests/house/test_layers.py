@@ -20,7 +20,7 @@ INSIDE_MODEL = [
 ]  # fmt: skip
 """The same inside the model, where compiled code lies."""
 COMPILED_PARTS = {"numerics", "physics", "control", "valve_test", "estimators", "engine"}
-MAY_NAME_NUMBA = {"jit.py", "kernel_cache.py", "compile_user_function.py", "stages.py"}
+MAY_NAME_NUMBA = {"__init__.py", "jit.py", "kernel_cache.py", "compile_user_function.py", "stages.py"}
 """Files of model/numerics that may name the compiler."""
 MOST_LINES = 500
 

@@ -126,6 +126,14 @@ def test_one_time_zone_throughout_is_read_and_said(read_times, zone, ahead):
     assert (log.time_zone, log.start) == (ahead, START)
 
 
+@pytest.mark.parametrize("ahead", ["+14:30", "-13:00"])
+def test_an_offset_that_no_clock_has_is_refused_and_the_last_one_is_read(read_times, ahead):
+    assert_refused("time_zone", "choice", read_times, [f"{stamp}{ahead}" for stamp in ISO])
+    stamps = [f"{stamp}{ahead}" for stamp in ISO[: ROWS // 2]]
+    assert_refused("time_zone", "choice", read_times, [*(f"{stamp}+00:00" for stamp in ISO[ROWS // 2 :]), *stamps])
+    assert read_times([f"{stamp}+14:00" for stamp in ISO]).time_zone == "UTC+14:00"
+
+
 def test_a_zone_of_several_places_stays_a_local_clock(read_times):
     log = read_times(format_times("%d.%m.%Y %H:%M:%S CST"))
     assert_same_log(log)

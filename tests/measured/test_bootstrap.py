@@ -1,5 +1,7 @@
 """Intervals of a valve fit allow for what a meter gets wrong over a whole batch."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from helpers.simulated_logs import VALVE_TRUTH, add_noise, make_valve_log, random_walk, valve_flows
@@ -43,6 +45,12 @@ def test_the_blocks_are_the_pieces_or_cut_from_them():
     assert np.unique(cut).size == 20
     assert not set(cut[:300]) & set(cut[300:])
     assert np.unique(bootstrap_blocks(np.zeros(600, dtype=int), ones, 1.0)).size == 8
+
+
+def test_a_single_sample_has_no_blocks_to_draw():
+    best, spread, _ = fit_line(1, 20, 50, 0.0)
+    model = SimpleNamespace(segment=np.zeros(1000, dtype=int), used=np.arange(1000) < 1, n_common=2)
+    assert widen_by_bootstrap(model, best, spread, []) is spread
 
 
 def logs_with_batch_errors(seed, sd=0.06, n_batches=12, n=50):

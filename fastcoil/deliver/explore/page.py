@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import re
 import secrets
 import signal
 import socket
@@ -268,6 +269,7 @@ def _make_button(title: str, act: Callable[[], None] | None = None) -> Button:
 
 _SERVER_ADDRESS = "127.0.0.1"  # not reachable from the network
 _HOST_NAMES = ("localhost", _SERVER_ADDRESS)
+_STATIC_PATH = re.compile(r"/static(/[A-Za-z0-9_][A-Za-z0-9_.-]*)+")  # nothing to decode or resolve
 _IDLE_LIFETIME_MS = 10_000  # of a page without a connection; then its 2 MB are released
 
 
@@ -290,7 +292,7 @@ class _LocalOnlyMatcher(Matcher):  # type: ignore[misc]
         is_ours = request.host in self._hosts and (origin is None or origin in self._origins)
         names_session = any(name.startswith("bokeh-") for name in request.arguments) or "Bokeh-Session-Id" in headers
         is_page, is_socket = path == "/" and destination == "document", path == "/ws" and origin is not None
-        is_known = is_page or is_socket or path.startswith("/static/")
+        is_known = is_page or is_socket or _STATIC_PATH.fullmatch(path) is not None
         return {} if is_ours and is_known and not names_session else None
 
 
@@ -308,7 +310,7 @@ async def serve(model: Model, port: int, on_ready: Callable[[str], None]) -> Non
     listener.setblocking(False)
     port = listener.getsockname()[1]
     # foreign connections and closed pages are no errors
-    for name in ("tornado.access", "tornado.application", "bokeh"):
+    for name in ("tornado.access", "tornado.application", "tornado.general", "bokeh"):
         logging.getLogger(name).setLevel(logging.ERROR)
     # no environment variable opens the page to others, or loads it from elsewhere
     settings.resources = "server"

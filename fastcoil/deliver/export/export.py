@@ -105,7 +105,7 @@ def export_controller(
     files = _file_contents(path, language, text, vectors, controller)
     # the user's files, such as a rule in mine.py beside the loop in mine.toml
     foreign_files = [file for file in map(path.with_name, files) if exists(file) and not has_mark(file, _FILE_MARK)]
-    cure = "exists, and fastcoil did not write it: choose another name, or delete it"
+    cure = "exists, and fastcoil did not write it: choose another name"
     raise_problems([Problem(f"{file} {cure}", "path", "path") for file in foreign_files])
     for name, content in files.items():
         write_atomically(path.with_name(name), content if isinstance(content, bytes) else content.encode())

@@ -14,7 +14,7 @@ import xarray as xr
 
 from fastcoil.base.arguments import raise_problems
 from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
-from fastcoil.base.figures import STYLE, apply_style, wrap_text
+from fastcoil.base.figures import STYLE, apply_style, check_matplotlib, wrap_text
 from fastcoil.loops.labels import coordinate_quantity, sizes_in_words, values_quantity
 from fastcoil.model.metric_table import STATUS_OK
 from fastcoil.study.analysis.selected import numeric_dims
@@ -35,6 +35,7 @@ DOT_MARKS = ("Dot", "line", "small dots")
 @contextmanager
 def use_style() -> Iterator[None]:
     """Apply the style of our figures in a block or function that makes a pyplot figure."""
+    check_matplotlib()
     import matplotlib.pyplot as plt
 
     # a back end loaded inside a style, as that of a notebook, would lose its own settings at the end

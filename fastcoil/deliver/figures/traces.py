@@ -18,7 +18,7 @@ from fastcoil.deliver.figures.drawing import draw_caption, draw_legend_above, ma
 from fastcoil.logs.series import COLUMNS
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.labels import label_in_words, quantity
-from fastcoil.loops.scenarios import require_table_units
+from fastcoil.loops.scenarios import require_scenarios, require_table_units
 from fastcoil.model.metric_table import TRACES
 from fastcoil.model.parameter_table import PARAMETERS
 
@@ -56,6 +56,7 @@ def _require_traces(data: Any, *names: str) -> xr.Dataset:
         needed_names = list(names or ("T_sup", "command"))
         sentence = f"data lacks traces such as {' and '.join(needed_names)}: simulate with traces={needed_names}"
         raise InputError(sentence, "data", "missing")
+    require_scenarios(ds, ds.dims)
     require_table_units(ds, PARAMETERS, TRACES, {"elapsed_time": COLUMNS["elapsed_time"]})
     return ds
 

@@ -180,8 +180,7 @@ def require_page(path: Path, option: str = "path") -> None:
     """Refuse, before any work, a path that cannot be written, or that holds anything but an earlier report."""
     require_output_file(option, path, ".html", ".htm")
     if exists(path) and not has_mark(path, _REPORT_MARK):
-        sentence = f"{option} {path}: this file exists and is not a report: choose another name, or delete it"
-        raise InputError(sentence, option, "path")
+        raise InputError(f"{option} {path}: this file exists and is not a report: choose another name", option, "path")
 
 
 def make_picture(figure: Figure, caption: str, alt: str) -> Picture:

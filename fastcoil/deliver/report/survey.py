@@ -137,8 +137,7 @@ def _target_files(name: str, out: Any) -> list[Path]:
         if target.suffix.lower() != ".csv":
             require_page(target, name)
         elif not has_mark(target, _TABLE_MARK):
-            sentence = f"{name} {target}: the file exists and is not a survey: choose another name, or delete it"
-            raise InputError(sentence, name, "path")
+            raise InputError(f"{name} {target}: the file exists and is not a survey: choose another name", name, "path")
     return targets
 
 

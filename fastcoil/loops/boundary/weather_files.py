@@ -249,7 +249,7 @@ def _parse_time_zone(cells: Sequence[str]) -> str:
     """Format hours ahead of UTC as a time zone; blank if there are none."""
     match = re.fullmatch(r"[+-]?\d\d?(\.\d{1,2})?", "".join(cells).strip(), re.ASCII)
     minutes = round(60 * float(match[0])) if match else 24 * 60
-    return format_utc_offset(minutes) if abs(minutes) <= 14 * 60 else ""
+    return format_utc_offset(minutes) if -12 * 60 <= minutes <= 14 * 60 else ""
 
 
 def _read_year(file: str, lines: Sequence[str], layout: FileLayout, fields: Mapping[str, Field]) -> Weather:

@@ -200,8 +200,6 @@ def _require_billable(ds: xr.Dataset) -> None:
     if misshapen := [name for name in REQUIRED_METRICS if name in ds and set(ds[name].dims) != dims]:
         cure = "give a whole result, with every day"
         add(f"ds has {', '.join(misshapen)} over other dims than status: {cure}", "ds", "shape")
-    for dim in [dim for dim, size in ds.sizes.items() if not size]:
-        add(f"ds has nothing along {dim}: choose a label at least", str(dim), "shape")
     for name in sorted(str(name) for name in {*ds.dims, *ds.coords} if name in COST_NAMES):
         add(f"ds has a dimension or coordinate {name}, which the costs also have: rename it", name, "name")
     if not {*np.ravel(np.asarray(_coil_action(ds), dtype=object))} <= {"cooling", "heating"}:

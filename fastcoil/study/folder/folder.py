@@ -266,8 +266,8 @@ def _acquire_lock(lock: BaseFileLock, folder: Path, slice_name: str, *, for_slic
             return
         reason = getattr(error, "strerror", None) or str(error)
         raise StorageError(
-            f"{lock.lock_file} cannot be locked ({reason}), so that two runs could spoil each other's results: delete "
-            "it if it is a link or a folder, otherwise choose a folder on another file system with -o"
+            f"{lock.lock_file} cannot be locked ({reason}), so that two runs could spoil each other's results: move "
+            "it away if it is a link or a folder, otherwise choose a folder on another file system with -o"
         ) from None
 
 

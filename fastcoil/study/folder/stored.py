@@ -54,8 +54,8 @@ _FOLDER_FORMAT = 2  # no other one is read
 _CHECKSUM_KEY = "sha256"
 _MAX_MANIFEST_BYTES = 2**20
 _MAX_LOADED_BYTES = 2**28  # metrics of two million scenarios; more stay on the disk as traces do
-_RESULTS_CURE = "delete it and run the study again"
-_TRACES_CURE = f"delete {RESULTS_FILE} and run the study again"
+_RESULTS_CURE = "move it away and run the study again"
+_TRACES_CURE = f"move {RESULTS_FILE} away and run the study again"
 
 
 # --- run.json ---------------------------------------------------------------------------------------------------------
@@ -111,7 +111,7 @@ class Manifest:
         except (ValueError, TypeError, AttributeError, RecursionError) as error:
             reason = "it has values of the wrong type" if isinstance(error, ValidationError) else error
             raise IntegrityError(
-                f"{path} is damaged ({reason}): delete it and run the study again, or choose another folder with -o"
+                f"{path} is damaged ({reason}): move it away and run the study again, or choose another folder with -o"
             ) from error
 
     @property

@@ -70,6 +70,17 @@ def test_it_is_there_for_this_machine_alone(program):
 
 
 @pytest.mark.kernel
+@pytest.mark.parametrize(
+    "path",
+    ["%00", "a%0ab", "%1b[31m", "js/%62okeh.min.js", "..%2fx", "%2e%2e/x", "../x", "/x", "js/../x", ".x", "%ff", "js"],
+)
+def test_a_static_path_is_the_plain_name_of_a_file(program, path):
+    """What is logged of others stands on stderr, which `test_sigterm_ends_it_as_ctrl_c_does` finds empty."""
+    assert http_response(program[1], "/static/js/bokeh.min.js")[0] == 200
+    assert http_response(program[1], f"/static/{path}")[0] in (403, 404)
+
+
+@pytest.mark.kernel
 def test_a_port_that_is_taken_is_refused_in_a_sentence(program):
     port = urlsplit(program[1]).port
     result = fastcoil("explore", "--no-browser", "--port", port)

@@ -173,6 +173,46 @@ def test_steps_that_go_backwards_or_leave_time_out_are_errors(plain_folder):
     slave.step(60.0, 15.0)
 
 
+LATEST = 1e-6 * SAMPLE_TIME / 2.0**-52  # s, where times are rounded to a millionth of a cycle
+
+
+def assert_refused(slave, call):
+    with pytest.raises(FMICallException) as caught:
+        call()
+    assert caught.value.status == 3
+    assert_worded(slave.messages.pop())
+
+
+def test_a_step_of_absurd_length_is_refused_and_one_of_a_day_is_not(plain_folder):
+    slave, in_hours = Slave(plain_folder), Slave(plain_folder)
+    for h in (1e18, 1e9, 367 * 86400.0, float("inf")):
+        assert_refused(slave, lambda: slave.fmu.doStep(0.0, h))  # noqa: B023
+    for hour in range(24):
+        in_hours.step(3600.0 * hour, 3600.0, T_sup=16.0)
+    assert slave.step(0.0, 86400.0, T_sup=16.0).command == in_hours.command
+
+
+def test_a_step_is_refused_past_the_stop_time_and_outside_of_a_simulation(plain_folder):
+    slave = Slave(plain_folder, start=0.99 * LATEST)
+    assert_refused(slave, lambda: slave.fmu.setupExperiment(startTime=0.0))
+    slave.step(0.99 * LATEST, 60.0)
+    slave.fmu.terminate()
+    for call in (lambda: slave.fmu.doStep(0.99 * LATEST + 60.0, 60.0), slave.fmu.exitInitializationMode):
+        assert_refused(slave, call)
+    slave.fmu.reset()
+    for start in (float("nan"), float("inf"), -1e18, 1.01 * LATEST):
+        assert_refused(slave, lambda: slave.fmu.setupExperiment(startTime=start))  # noqa: B023
+    for stop in (float("nan"), -60.0):
+        assert_refused(slave, lambda: slave.fmu.setupExperiment(startTime=0.0, stopTime=stop))  # noqa: B023
+    slave.fmu.setupExperiment(startTime=0.0, stopTime=90.0)
+    assert_refused(slave, lambda: slave.fmu.doStep(0.0, 60.0))
+    slave.fmu.enterInitializationMode()
+    slave.fmu.exitInitializationMode()
+    slave.step(0.0, 60.0)
+    assert_refused(slave, lambda: slave.fmu.doStep(60.0, 60.0))
+    slave.step(60.0, 30.0)
+
+
 def test_a_stored_state_takes_it_back(plain_folder):
     slave = slave_after(plain_folder, 60.0, 15.0)
     before = slave.command

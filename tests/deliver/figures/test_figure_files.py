@@ -1,7 +1,9 @@
 """Figures are written as PNG, PDF or SVG: whole or not at all, the same bytes every time."""
 
+import numpy as np
 import pytest
 from helpers.refusals import assert_refused
+from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
@@ -28,6 +30,22 @@ def test_a_format_is_what_it_says_with_the_dots_asked_for(figure, tmp_path, form
         assert imread(path).shape[:2] == (300, 400)
         (path,) = files.write_figures({"drawn": figure}, tmp_path, dpi=100)
         assert imread(path).shape[:2] == (150, 200)
+
+
+def test_a_matplotlibrc_of_the_user_changes_no_byte():
+    def encoded():
+        with files.apply_style():
+            drawn = Figure(layout="constrained")
+            axes = drawn.subplots()
+            axes.plot(np.datetime64("2024-07-01T08:00", "s") + 3600 * np.arange(3), [1, 300, 2], label="one")
+            axes.set(yscale="log", title="title")
+            axes.legend()
+        return files.encode_figure(drawn)
+
+    settings = {"text.usetex": True, "font.family": "serif", "lines.marker": "o", "savefig.bbox": "tight"}
+    expected = encoded()
+    with rc_context(settings | {"timezone": "Asia/Tokyo", "xtick.labelsize": 20, "axes.facecolor": "k"}):
+        assert encoded() == expected
 
 
 @pytest.mark.parametrize(

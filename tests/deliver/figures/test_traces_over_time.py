@@ -85,8 +85,9 @@ OTHER_DAYS = fc.paper_day(hours=0.5), fc.paper_day(hours=1, seed=2)
         (lambda ds: fc.plot.learning(ds.assign(estimate=ds.estimate.assign_attrs(units="%"))), "ds.estimate", "unit"),
         (lambda ds: draw(ds[{"backlash": 0}], ax=Figure().subplots()), "ax", "type"),
         (lambda ds: draw(ds[{"backlash": 0}], ax="left"), "ax", "type"),
+        (lambda ds: draw(ds[{"backlash": []}]), "backlash", "shape"),
     ],
-    ids=["many", "none", "array", "name", "short day", "other day", "K", "min", "%", "one axes", "text"],
+    ids=["many", "none", "array", "name", "short day", "other day", "K", "min", "%", "one axes", "text", "empty"],
 )  # fmt: skip
 def test_what_cannot_be_drawn_gets_a_sentence(ds, call, field, code):
     assert_refused(field, code, call, ds)

@@ -72,11 +72,14 @@ def test_a_label_with_the_sign_of_a_comment_comes_back_whole(ds, tmp_path):
     assert table["rmse [K]"].isna().sum() == 1
 
 
-def test_no_text_starts_a_formula_in_a_spreadsheet(ds, tmp_path):
-    odd = ds.assign_coords(tuning=["=1+1", "@SUM(A1)"]).assign_attrs(title="fans, =HYPERLINK(1)")
+@pytest.mark.parametrize("start", ["=", "@", " =", "\uff1d", "\u3000+", "\ufeff\uff0d", '"=', "\x0b\ufe6b"])
+def test_no_text_starts_a_formula_in_a_spreadsheet(ds, tmp_path, start):
+    odd = ds.assign_coords(tuning=[f"{start}1+1", f"a,{start}1"]).assign_attrs(title="fans, =HYPERLINK(1)")
     write_csv(TidyTable(odd, ("rmse",)), tmp_path / "t.csv")
     assert (tmp_path / "t.csv").read_text().startswith("# title: fans, '=HYPERLINK(1)\n")
-    assert set(pd.read_csv(tmp_path / "t.csv", comment="#").tuning) == {"'=1+1", "'@SUM(A1)"}
+    unseen, sign = start[:-1], start[-1]
+    tunings = set(pd.read_csv(tmp_path / "t.csv", comment="#").tuning)
+    assert tunings == {f"{unseen}'{sign}1+1", f"a,{unseen}'{sign}1"}
 
 
 def test_metrics_may_be_picked_and_fixed_labels_stay_as_columns(ds):

@@ -87,6 +87,8 @@ def test_a_change_of_clocks_is_found(start, changed):
         ("start", "conflict", {"start": ["2024-03-09T00:00-08:00", "2024-03-11T00:00-07:00"], "day": [1, 2]}),
         ("start", "conflict", {"start": "2024-07-01T08:00-08:00", "time_zone": "America/Los_Angeles"}),
         ("time_zone", "choice", {"time_zone": "America/Los_Angelos"}), ("time_zone", "choice", {"time_zone": "UTC-8"}),
+        ("time_zone", "choice", {"time_zone": "UTC+14:30"}), ("time_zone", "choice", {"time_zone": "UTC-12:01"}),
+        ("time_zone", "choice", {"start": "2024-07-01T08:00+14:30"}),
     ],
 )  # fmt: skip
 def test_a_bad_clock_is_refused(field, code, options):

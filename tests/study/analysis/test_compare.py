@@ -131,6 +131,7 @@ def test_every_metric_of_a_simulation_can_be_compared(swept_result):
 def test_a_mistake_gets_a_sentence(options, field, code):
     ds = make_result(("kp", "day"), rmse=np.zeros((2, 3)), learning_status=np.zeros((2, 3)))
     assert_refused(field, code, fc.compare, ds, **options)
+    assert_refused("day", "shape", fc.compare, ds.isel(day=[]), baseline={"kp": 0}, over="day")
 
 
 @pytest.mark.parametrize(("name", "unit"), [("rmse", "mK"), ("kp", "percent")])

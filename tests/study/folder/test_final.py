@@ -60,7 +60,7 @@ def test_no_byte_of_a_damaged_file_is_parsed(finished, monkeypatch):
     zero_sector(finished / "results.nc", 8)  # the library never returns from these bytes
     monkeypatch.setattr(netCDF4, "Dataset", None)
     for what in (fc.open_study, lambda out: run(TRACED_STUDY, out)):
-        with pytest.raises(IntegrityError, match=r"results\.nc is damaged.*delete it and run the study again"):
+        with pytest.raises(IntegrityError, match=r"results\.nc is damaged.*move it away and run the study again"):
             what(finished)
     assert "results.nc is damaged" in " ".join(verify_unchanged(finished))
 
@@ -92,7 +92,7 @@ def test_damaged_traces_are_found_when_they_are_read_and_metrics_stay_readable(f
     ds = fc.open_study(finished)
     assert bool(np.isfinite(ds["rmse"]).all())
     assert ds["T_sup"].sizes["elapsed_time"] == ds["elapsed_time"].size
-    with pytest.raises(IntegrityError, match=r"traces-.* is damaged.*delete results\.nc and run the study again"):
+    with pytest.raises(IntegrityError, match=r"traces-.* is damaged.*move results\.nc away and run the study again"):
         ds["T_sup"].isel(day=0).load()
     with pytest.raises(IntegrityError, match="is damaged"):
         run(TRACED_STUDY, finished)
@@ -186,7 +186,7 @@ def test_a_file_that_nobody_knows_and_that_hangs_the_library_is_refused_in_time(
     monkeypatch.setattr(netcdf, "_PROBE_SCRIPT", endless)
     real = subprocess.run
     monkeypatch.setattr(netcdf.subprocess, "run", lambda command, **options: real(command, **options | {"timeout": 1}))
-    with pytest.raises(IntegrityError, match=r"results\.nc is damaged: reading it did not end in \d+ s; delete it"):
+    with pytest.raises(IntegrityError, match=r"results\.nc is damaged: reading it did not end in \d+ s; move it away"):
         open_final_results(finished, None)
 
 
@@ -207,6 +207,11 @@ def test_a_child_that_crashes_or_finds_no_netcdf_is_reported_in_a_sentence(tmp_p
     monkeypatch.setattr(netcdf, "_PROBE_SCRIPT", crash)
     with pytest.raises(IntegrityError, match="the library ended with signal 11"):
         netcdf.probe_file(path, "throw it away")
+
+
+def test_a_file_with_a_variable_without_values_is_probed_as_sound(tmp_path):
+    xr.Dataset({"events": ("event", [])}).to_netcdf(tmp_path / "results.nc")
+    assert netcdf.probe_file(tmp_path / "results.nc", "").load()["events"].size == 0
 
 
 @pytest.mark.parametrize("make", [os.mkfifo, os.mkdir], ids=["fifo", "folder"])
@@ -293,7 +298,7 @@ def test_attributes_that_nobody_wrote_are_refused(tmp_path, swept_result, attrs)
 )
 def test_results_of_another_form_are_refused_whatever_their_hash(tmp_path, swept_result, change):
     forge(change(swept_result[[*METRICS, "status"]]), tmp_path / "results.nc")
-    with pytest.raises(IntegrityError, match=r"is not a result of a study .*; delete it"):
+    with pytest.raises(IntegrityError, match=r"is not a result of a study .*; move it away"):
         open_unchecked(tmp_path)
 
 

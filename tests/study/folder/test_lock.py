@@ -55,7 +55,7 @@ def test_a_lock_that_is_no_file_is_refused(folder, make):
     (folder / "file").write_text("precious")
     make(folder / ".lock")
     with (
-        pytest.raises(StorageError, match=r"\.lock cannot be locked \(.*delete it if it is a link or a folder"),
+        pytest.raises(StorageError, match=r"\.lock cannot be locked \(.*move it away if it is a link or a folder"),
         hold_folder(folder),
     ):
         pass

@@ -135,7 +135,7 @@ def test_an_edited_run_json_is_found_by_its_checksum(out):
     path = out / "run.json"
     path.write_text(path.read_text().replace('"finished": true', '"finished": false'))
     for what in (open_study, maintenance.verify, lambda folder: run(PLAIN_STUDY, folder)):
-        with pytest.raises(IntegrityError, match=r"run\.json is damaged \(its checksum differs\): delete it"):
+        with pytest.raises(IntegrityError, match=r"run\.json is damaged \(its checksum differs\): move it away"):
             what(out)
     path.unlink()
     resume_to_end(out)
