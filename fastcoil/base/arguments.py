@@ -6,11 +6,13 @@
 
 import math
 import os
+import re
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from numbers import Integral, Real
 from pathlib import Path
+from types import FunctionType, MethodType, NoneType
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
 from fastcoil.base.errors import InputError, did_you_mean, short_repr
@@ -76,15 +78,56 @@ def to_builtin(value: Any) -> Any:
         return value
     if type(value) is numpy.ndarray and value.ndim == 0:
         value = value[()]
-    dtype_kind = value.dtype.kind if isinstance(value, numpy.generic) else ""
+    is_bare = isinstance(value, numpy.generic) and type(value).__module__ == "numpy"  # a subclass may have a unit
+    dtype_kind = value.dtype.kind if is_bare else ""
     return _BUILTIN_BY_DTYPE_KIND[dtype_kind](value) if dtype_kind in _BUILTIN_BY_DTYPE_KIND else value
 
 
+_UNIT_KEY = re.compile(r"(eng(ineering)?)?units?(ofmeasure(ment)?|text|name|symbol|code)?|uom")
+"""Matches a key of ``attrs`` that names a unit, in small letters without separators."""
+_BARE_TYPES = (int, float, complex, bool, str, bytes, NoneType)
+
+
+def carried_unit(name: str, value: Any) -> str | None:
+    """Return the unit beside the numbers of a value, whichever library made it; None for bare numbers.
+
+    It is an attribute ``units`` or ``unit`` of the value, of its dtype, data or items, or stands in its ``attrs``.
+    """
+    texts = sorted({*_carried_units(name, value)})
+    if len(texts) > 1:
+        raise InputError(f"{name} has the units {' and '.join(map(short_repr, texts))}: give one", name, "unit")
+    return texts[0] if texts else None
+
+
+def _carried_units(name: str, value: Any) -> Iterator[str]:
+    dtype_kind = getattr(getattr(value, "dtype", None), "kind", "")
+    # durations and dates have a unit too, that of their clock
+    if isinstance(value, type) or type(value) in _BARE_TYPES or dtype_kind in ("m", "M") or hasattr(value, "isoformat"):
+        return
+    attrs = getattr(value, "attrs", None)
+    parts: Iterable[Any] = [
+        getattr(value, part, None) for part in ("data", "dtype") if dtype_kind and attrs is not None
+    ]
+    if isinstance(value, (list, tuple)) or dtype_kind == "O":
+        items = value if isinstance(value, (list, tuple)) else getattr(value, "values", value).ravel()
+        parts = items if {*map(type, items)}.difference(_BARE_TYPES) else ()
+    for part in parts:
+        yield from _carried_units(name, part)
+    if isinstance(attrs, Mapping):  # attributes of such a value may be labels as well
+        units = [unit for key, unit in attrs.items() if _UNIT_KEY.fullmatch(re.sub(r"[\W_]", "", str(key)).casefold())]
+        if wrong := [unit for unit in units if not isinstance(unit, str)]:
+            raise InputError(f"{name} has units = {short_repr(wrong[0])}: give a text, such as 'K'", name, "type")
+    else:
+        units = [getattr(value, key, None) for key in ("units", "unit")]
+    yield from (str(u) for u in units if u is not None and not isinstance(u, (FunctionType, MethodType)))
+
+
 def is_number(value: Any) -> bool:
-    """Whether ``value`` is one real number, of Python or numpy; booleans are not numbers."""
+    """Whether ``value`` is one real number, of Python or numpy, without a unit; booleans are not numbers."""
     value = to_builtin(value)
     # a numpy duration is a Real with a dtype
-    return isinstance(value, Real) and not isinstance(value, bool) and not hasattr(value, "dtype")
+    is_real = isinstance(value, Real) and not isinstance(value, bool) and not hasattr(value, "dtype")
+    return is_real and carried_unit("", value) is None
 
 
 def require_number(name: str, value: object, cure: str, *, least: float = -math.inf, most: float = _MAX_FLOAT) -> float:
@@ -100,7 +143,7 @@ def require_number(name: str, value: object, cure: str, *, least: float = -math.
 def require_integer(name: str, value: object, least: int, most: int | None = None, cure: str | None = None) -> int:
     """Require a whole number from ``least`` to ``most``."""
     number = to_builtin(value)
-    if isinstance(number, bool) or not isinstance(number, Integral) or hasattr(number, "dtype"):
+    if not isinstance(number, Integral) or not is_number(number):
         raise InputError(f"{name} = {short_repr(value)}: {cure or 'give a whole number'}", name, "type")
     if int(number) < least or (most is not None and int(number) > most):
         limits = f"must be at least {least}" + (f" and at most {most}" if most is not None else "")
@@ -173,6 +216,8 @@ def require_array(name: str, value: Any, cure: str, kinds: str = "iuf") -> "NDAr
     if isinstance(value, range) and len(value) > MAX_ARRAY_VALUES:
         sentence = f"{name} = {short_repr(value)}: more than {MAX_ARRAY_VALUES:,} values, give fewer"
         raise InputError(sentence, name, "size")
+    if (unit := carried_unit(name, value)) not in (None, "", "1", "dimensionless"):
+        raise InputError(f"{name} has the unit {short_repr(unit)}: {cure} without a unit", name, "unit")
     try:
         if isinstance(value, np.ma.MaskedArray):
             value = np.ma.filled(value.astype(np.float64), np.nan)

@@ -11,7 +11,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fastcoil.base.arguments import argument_checks, collect_problems, raise_problems, require_instance, require_path
+from fastcoil.base.arguments import (
+    argument_checks,
+    carried_unit,
+    collect_problems,
+    raise_problems,
+    require_instance,
+    require_path,
+)
 from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 from fastcoil.logs import read_checked_log, warn_of_reading_notes
 from fastcoil.logs.columns import ColumnSpec, check_reading_options
@@ -237,7 +244,7 @@ class Boundary(Samples):
         problems = [
             Problem(f"{n} has no units attribute: set ds[{n!r}].attrs['units'] ({series.known_units})", n, "unit")
             for n, series in BOUNDARY_SERIES.items()
-            if n in ds and "units" not in ds[n].attrs
+            if n in ds and carried_unit(n, ds[n]) is None
         ]
         if "elapsed_time" in ds.dims and "elapsed_time" not in ds.coords:
             sentence = "elapsed_time has no coordinate: give ds['elapsed_time'] the seconds 0, 1, ..."

@@ -18,7 +18,14 @@ from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.logs.series import COLUMNS, Series
 from fastcoil.logs.timestamps import format_utc_offset, require_time_zone, time_zone_from_name
-from fastcoil.loops.labelled import SeriesLabels, as_data_array, convert_units, label_mismatches, read_series_labels
+from fastcoil.loops.labelled import (
+    SeriesLabels,
+    accepted_units,
+    as_data_array,
+    convert_units,
+    label_mismatches,
+    read_series_labels,
+)
 from fastcoil.model.parameter_table import COVERED, PARAMETERS, Parameter
 
 Values: TypeAlias = Any
@@ -329,7 +336,9 @@ _MAX_ITEMS = 1_000_000  # more days are a mistake, or an endless iterable
 
 def require_condition(name: str, value: Any) -> Any:
     """Return a number that describes a day if it is within its bounds."""
-    number = to_builtin(value)
+    array = as_data_array(name, value, name)
+    unit = CONDITIONS[name].unit
+    number = to_builtin(value if array is None else convert_units(name, array, accepted_units(unit)))
     if problem := CONDITIONS[name].problem(number):
         raise InputError(problem)
     return number

@@ -26,7 +26,7 @@ from fastcoil.base.arguments import (
 from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 from fastcoil.base.text import MISSING_VALUE, decimals_for_uncertainty, format_number, format_share
 from fastcoil.loops.labels import Quantity, coordinate_quantity, quantity, values_quantity
-from fastcoil.loops.scenarios import check_result
+from fastcoil.loops.scenarios import check_counted_result
 from fastcoil.model.metric_table import COSTS, METRICS, PREDICTIONS, STATUS_OK, YEARLY_PREFIX, metric_hint
 from fastcoil.study.analysis.paired import STATISTICS, THRESHOLD_STATISTICS, paired_statistics, relative_change
 from fastcoil.study.analysis.selected import list_first, mask_dataset, reduction_metrics
@@ -215,7 +215,7 @@ def compare(
     2
     """
     with argument_checks() as check:
-        check(check_result, ds)
+        check(check_counted_result, ds)
         over = check(require_names, "over", over)
         metric_names = check.unless_none(require_names, "metrics", metrics)
         level = check(require_confidence_level, level)
