@@ -12,7 +12,6 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from numbers import Integral, Real
 from pathlib import Path
-from types import FunctionType, MethodType, NoneType
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
 from fastcoil.base.errors import InputError, did_you_mean, short_repr
@@ -78,14 +77,14 @@ def to_builtin(value: Any) -> Any:
         return value
     if type(value) is numpy.ndarray and value.ndim == 0:
         value = value[()]
-    is_bare = isinstance(value, numpy.generic) and type(value).__module__ == "numpy"  # a subclass may have a unit
-    dtype_kind = value.dtype.kind if is_bare else ""
+    # a subclass may have a unit
+    dtype_kind = value.dtype.kind if isinstance(value, numpy.generic) and type(value).__module__ == "numpy" else ""
     return _BUILTIN_BY_DTYPE_KIND[dtype_kind](value) if dtype_kind in _BUILTIN_BY_DTYPE_KIND else value
 
 
 _UNIT_KEY = re.compile(r"(eng(ineering)?)?units?(ofmeasure(ment)?|text|name|symbol|code)?|uom")
 """Matches a key of ``attrs`` that names a unit, in small letters without separators."""
-_BARE_TYPES = (int, float, complex, bool, str, bytes, NoneType)
+_BARE_TYPES = (int, float, complex, bool, str, bytes, type(None))
 
 
 def carried_unit(name: str, value: Any) -> str | None:
@@ -93,41 +92,35 @@ def carried_unit(name: str, value: Any) -> str | None:
 
     It is an attribute ``units`` or ``unit`` of the value, of its dtype, data or items, or stands in its ``attrs``.
     """
-    texts = sorted({*_carried_units(name, value)})
-    if len(texts) > 1:
+    if len(texts := sorted({*_carried_units(name, value)})) > 1:
         raise InputError(f"{name} has the units {' and '.join(map(short_repr, texts))}: give one", name, "unit")
     return texts[0] if texts else None
 
 
 def _carried_units(name: str, value: Any) -> Iterator[str]:
-    dtype_kind = getattr(getattr(value, "dtype", None), "kind", "")
-    # durations and dates have a unit too, that of their clock
-    if isinstance(value, type) or type(value) in _BARE_TYPES or dtype_kind in ("m", "M") or hasattr(value, "isoformat"):
-        return
-    attrs = getattr(value, "attrs", None)
-    parts: Iterable[Any] = [
-        getattr(value, part, None) for part in ("data", "dtype") if dtype_kind and attrs is not None
-    ]
-    if isinstance(value, (list, tuple)) or dtype_kind == "O":
-        items = value if isinstance(value, (list, tuple)) else getattr(value, "values", value).ravel()
-        parts = items if {*map(type, items)}.difference(_BARE_TYPES) else ()
-    for part in parts:
+    kind = getattr(getattr(value, "dtype", None), "kind", "")
+    if isinstance(value, type) or type(value) in _BARE_TYPES or kind in ("m", "M") or hasattr(value, "isoformat"):
+        return  # durations and dates have a unit too, that of their clock
+    attrs = getattr(value, "attrs", None)  # of xarray and pandas, whose attributes may be labels
+    parts: Any = (getattr(value, "data", None), value.dtype) if kind and attrs is not None else ()
+    if isinstance(value, (list, tuple)) or kind == "O":
+        parts = value if isinstance(value, (list, tuple)) else getattr(value, "values", value).ravel()
+    for part in (part for part in parts if type(part) not in _BARE_TYPES):
         yield from _carried_units(name, part)
-    if isinstance(attrs, Mapping):  # attributes of such a value may be labels as well
-        units = [unit for key, unit in attrs.items() if _UNIT_KEY.fullmatch(re.sub(r"[\W_]", "", str(key)).casefold())]
-        if wrong := [unit for unit in units if not isinstance(unit, str)]:
-            raise InputError(f"{name} has units = {short_repr(wrong[0])}: give a text, such as 'K'", name, "type")
-    else:
-        units = [getattr(value, key, None) for key in ("units", "unit")]
-    yield from (str(u) for u in units if u is not None and not isinstance(u, (FunctionType, MethodType)))
+    units = attrs if isinstance(attrs, Mapping) else {key: getattr(value, key, None) for key in ("units", "unit")}
+    for unit in (unit for key, unit in units.items() if _UNIT_KEY.fullmatch(re.sub(r"[\W_]", "", str(key).casefold()))):
+        if attrs is not None and not isinstance(unit, str):
+            raise InputError(f"{name} has units = {short_repr(unit)}: give a text, such as 'K'", name, "type")
+        if unit is not None and not callable(unit):
+            yield str(unit)
 
 
 def is_number(value: Any) -> bool:
     """Whether ``value`` is one real number, of Python or numpy, without a unit; booleans are not numbers."""
     value = to_builtin(value)
     # a numpy duration is a Real with a dtype
-    is_real = isinstance(value, Real) and not isinstance(value, bool) and not hasattr(value, "dtype")
-    return is_real and carried_unit("", value) is None
+    is_bare = isinstance(value, Real) and not hasattr(value, "dtype") and carried_unit("", value) is None
+    return is_bare and not isinstance(value, bool)
 
 
 def require_number(name: str, value: object, cure: str, *, least: float = -math.inf, most: float = _MAX_FLOAT) -> float:

@@ -56,6 +56,12 @@ def as_data_array(name: str, value: Any, dim: str) -> xr.DataArray | None:
     return xr.DataArray(numbers, dims={1: (dim,), 2: ("day", dim)}.get(numbers.ndim), attrs={"units": unit})
 
 
+def to_bare_numbers(name: str, value: Any, units: Units) -> Any:
+    """Return a value that has a unit or labels as an array in the first of ``units``, and a bare one as it is."""
+    array = as_data_array(name, value, name)
+    return value if array is None else convert_units(name, array, units)
+
+
 def _as_data_array(name: str, value: Any, dim: str) -> xr.DataArray | None:
     if isinstance(value, xr.DataArray):
         return value
@@ -154,8 +160,7 @@ def read_series_labels(name: str, array: xr.DataArray) -> SeriesLabels:
             if coord.dtype.kind == "M":
                 starts[str(label)], zones[str(label)] = first, coord.attrs.get("time_zone", "")
             else:
-                first = np.unique(np.round(first, 6))
-                seconds[str(label)] = first[0] if first.size == 1 else first
+                seconds[str(label)] = np.unique(np.round(first, 6)).squeeze()
         elif label not in ("start", "day") and is_time_like(coord):
             sentence = f"{label} is a time that is not along elapsed_time: call it start, or drop_vars({str(label)!r})"
             raise InputError(sentence, str(label), "time")
@@ -183,18 +188,14 @@ def _read_times(name: str, coord: xr.DataArray) -> NDArray[Any]:
     if coord.dtype.kind not in "mMiuf":
         cure = f"give the seconds 0, 1, ..., dates as datetime64, or drop_vars({name!r})"
         raise InputError(f"{name} is of type {coord.dtype}: {cure}", name, "type")
-    times = coord.values
-    if coord.dtype.kind == "m":
-        times = times / np.timedelta64(1, "s")
-    elif coord.dtype.kind != "M":
-        times = np.asarray(convert_units(name, coord, COLUMNS["elapsed_time"].units), dtype=float)
-    steps = np.diff(times).ravel()
-    steps = steps / np.timedelta64(1, "s") if coord.dtype.kind == "M" else steps
+    is_number = coord.dtype.kind in "iuf"
+    times = convert_units(name, coord, COLUMNS["elapsed_time"].units) if is_number else coord.values
+    steps = np.diff(times).ravel() / (1.0 if is_number else np.timedelta64(1, "s"))
     wrong = np.flatnonzero(~(np.abs(steps - 1.0) < 1e-6))
     if wrong.size:
         sentence = f"{name} has a step of {steps[wrong[0]]:g} s after sample {wrong[0]}: give 1-s steps"
         raise InputError(sentence, name, "time")
-    return times
+    return times / np.timedelta64(1, "s") if coord.dtype.kind == "m" else times
 
 
 def label_mismatches(template: str, labels: Mapping[str, Any], cure: str, code: str, field: str = "") -> list[Problem]:

@@ -25,6 +25,7 @@ from fastcoil.loops.labelled import (
     convert_units,
     label_mismatches,
     read_series_labels,
+    to_bare_numbers,
 )
 from fastcoil.model.parameter_table import COVERED, PARAMETERS, Parameter
 
@@ -336,9 +337,7 @@ _MAX_ITEMS = 1_000_000  # more days are a mistake, or an endless iterable
 
 def require_condition(name: str, value: Any) -> Any:
     """Return a number that describes a day if it is within its bounds."""
-    array = as_data_array(name, value, name)
-    unit = CONDITIONS[name].unit
-    number = to_builtin(value if array is None else convert_units(name, array, accepted_units(unit)))
+    number = to_builtin(to_bare_numbers(name, value, accepted_units(CONDITIONS[name].unit)))
     if problem := CONDITIONS[name].problem(number):
         raise InputError(problem)
     return number
