@@ -115,6 +115,14 @@ def _carried_units(name: str, value: Any) -> Iterator[str]:
             yield str(unit)
 
 
+def require_no_unit(name: str, value: Any, cure: str) -> None:
+    """Refuse numbers with a unit, where none is known."""
+    unit_in_name = re.search(r"\[(.*)\]$", str(getattr(value, "name", "")))
+    unit = carried_unit(name, value) or (unit_in_name and unit_in_name[1])
+    if unit not in (None, "", "1", "dimensionless"):
+        raise InputError(f"{name} has the unit {short_repr(unit)}: {cure}, without a unit", name, "unit")
+
+
 def is_number(value: Any) -> bool:
     """Whether ``value`` is one real number, of Python or numpy, without a unit; booleans are not numbers."""
     value = to_builtin(value)
@@ -209,8 +217,7 @@ def require_array(name: str, value: Any, cure: str, kinds: str = "iuf") -> "NDAr
     if isinstance(value, range) and len(value) > MAX_ARRAY_VALUES:
         sentence = f"{name} = {short_repr(value)}: more than {MAX_ARRAY_VALUES:,} values, give fewer"
         raise InputError(sentence, name, "size")
-    if (unit := carried_unit(name, value)) not in (None, "", "1", "dimensionless"):
-        raise InputError(f"{name} has the unit {short_repr(unit)}: {cure} without a unit", name, "unit")
+    require_no_unit(name, value, cure)
     try:
         if isinstance(value, np.ma.MaskedArray):
             value = np.ma.filled(value.astype(np.float64), np.nan)

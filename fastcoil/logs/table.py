@@ -397,13 +397,7 @@ def _dataset_columns(ds: xr.Dataset, columns: Mapping[str, str], names: Collecti
     cure = f"choose one loop, so that only {time} is left"
     wrong_dims = [name for name in read_names if ds[name].dims != (time,)]
     raise_problems([Problem(f"{name} has dims {ds[name].dims}: {cure}", name, "shape") for name in wrong_dims])
-    steps_by_name = {name: _steps_in_seconds(ds[name]) for name in (time, *ds.coords) if ds[name].dims == (time,)}
-    steps = steps_by_name.pop(time)
-    for name, other_steps in steps_by_name.items():  # such as dates beside the seconds
-        is_known = steps is not None and other_steps is not None
-        if is_known and not np.allclose(steps, other_steps, rtol=0.0, atol=1.0):
-            sentence = f"{name} and {time} of the Dataset differ in their steps: drop the one that is wrong"
-            raise InputError(sentence, str(name), "conflict")
+    require_one_clock(ds, time)
     values, label = ds[time].values, time if time in columns.values() else "elapsed_time"
     if values.dtype.kind == "M" and columns.get("elapsed_time") != time:
         time_header = time if columns.get("timestamp") == time else "timestamp"
@@ -414,6 +408,17 @@ def _dataset_columns(ds: xr.Dataset, columns: Mapping[str, str], names: Collecti
         time_header = _header_with_unit(label, ds[time])
     headers = [time_header, *(_header_with_unit(name, ds[name]) for name in read_names)]
     return headers, [values, *(ds[name].values for name in read_names)]
+
+
+def require_one_clock(ds: xr.Dataset, time: str) -> None:
+    """Refuse times along the dimension ``time``, such as dates beside the seconds, whose steps are not its own."""
+    steps_by_name = {name: _steps_in_seconds(ds[name]) for name in (time, *ds.coords) if ds[name].dims == (time,)}
+    steps = steps_by_name.pop(time)
+    for name, other_steps in steps_by_name.items():  # such as dates beside the seconds
+        is_known = steps is not None and other_steps is not None
+        if is_known and not np.allclose(steps, other_steps, rtol=0.0, atol=1.0):
+            sentence = f"{name} and {time} of the Dataset differ in their steps: drop the one that is wrong"
+            raise InputError(sentence, str(name), "conflict")
 
 
 def is_time_like(labels: Any) -> bool:
@@ -430,9 +435,11 @@ def _steps_in_seconds(coord: xr.DataArray) -> Any:
         return np.diff(coord.values) / np.timedelta64(1, "s")
     if coord.dtype.kind not in "iuf":
         return np.array(np.nan) if is_time_like(coord) else None
-    unit = carried_unit(str(coord.name), coord) or ("s" if normalise_header(str(coord.name)) in TIME_HEADERS else "")
+    steps, unit = np.diff(coord.values), carried_unit(str(coord.name), coord)
+    if unit is None:  # numbers that count
+        return steps if abs(np.sign(steps).sum()) == steps.size else None
     known_unit = find_unit(unit.partition(" since ")[0], TIME)
-    return None if known_unit is None else TIME[known_unit][0] * np.diff(coord.values)
+    return None if known_unit is None else TIME[known_unit][0] * steps
 
 
 def _header_with_unit(name: str, series: Any) -> str:

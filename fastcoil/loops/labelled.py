@@ -43,8 +43,8 @@ def as_data_array(name: str, value: Any, dim: str) -> xr.DataArray | None:
     """
     array = _as_data_array(name, value, dim)
     unit = carried_unit(name, value if array is None or isinstance(value, pd.Series) else array)
-    if unit is None:
-        return array
+    if unit is None or (array is not None and type(array.data) is np.ndarray and array.dtype != object):
+        return array if unit is None else array.drop_attrs(deep=False).assign_attrs(units=unit)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # that the unit is lost

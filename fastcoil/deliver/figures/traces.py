@@ -16,10 +16,11 @@ from fastcoil.base.errors import InputError
 from fastcoil.base.figures import COLOURS, DOTTED_LINE, LINE_STYLES, wrap_text
 from fastcoil.deliver.figures.drawing import draw_caption, draw_legend_above, mark_if_empty, prepare_axes, use_style
 from fastcoil.logs.series import COLUMNS
+from fastcoil.logs.table import require_one_clock
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.labels import label_in_words, quantity
 from fastcoil.loops.scenarios import require_table_units
-from fastcoil.model.metric_table import TRACES
+from fastcoil.model.metric_table import PREDICTIONS, TRACES
 from fastcoil.model.parameter_table import PARAMETERS
 
 if TYPE_CHECKING:
@@ -57,6 +58,9 @@ def _require_traces(data: Any, *names: str) -> xr.Dataset:
         sentence = f"data lacks traces such as {' and '.join(needed_names)}: simulate with traces={needed_names}"
         raise InputError(sentence, "data", "missing")
     require_table_units(ds, PARAMETERS, TRACES, {"elapsed_time": COLUMNS["elapsed_time"]})
+    require_one_clock(ds, "elapsed_time")
+    if not ds[needed_name := next(n for n in TRACES if n in ds)].size:
+        raise InputError(f"data has nothing in {needed_name}: choose a label of each dim", "data", "shape")
     return ds
 
 
@@ -242,7 +246,11 @@ def learning(data: Any, *, ax: Any = None) -> Axes:
     return axes
 
 
-_PREDICTED_VARIABLES = ("hunting_index", "hunts", "period", "amplitude")  # of ``fc.limit_cycle``
+_PREDICTED_VARIABLES = {
+    name: PREDICTIONS[f"predicted_{name.replace('amplitude', 'swing')}"]
+    for name in ("hunting_index", "hunts", "period", "amplitude")
+}
+"""Variables of ``fc.limit_cycle``, and the predictions of a study that have their units."""
 
 
 @use_style()
@@ -270,6 +278,7 @@ def limit_cycle(data: Any, predicted: xr.Dataset | None = None, *, ax: Any = Non
     if predicted is not None:
         cure = "give what fastcoil.limit_cycle(loop, boundary) returns"
         require_instance("predicted", predicted, xr.Dataset, cure)
+        require_table_units(predicted, PARAMETERS, _PREDICTED_VARIABLES)
         missing_names = [name for name in _PREDICTED_VARIABLES if name not in predicted]
         if missing_names:
             raise InputError(f"predicted has no {', '.join(missing_names)}: {cure}", "predicted", "missing")

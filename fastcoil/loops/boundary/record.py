@@ -17,6 +17,7 @@ from fastcoil.base.arguments import (
     collect_problems,
     raise_problems,
     require_instance,
+    require_no_unit,
     require_path,
 )
 from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
@@ -181,6 +182,7 @@ class Boundary(Samples):
         return self._select_days("sel", day)
 
     def _select_days(self, method: str, day: Any) -> Boundary:
+        require_no_unit("day", day, "give days")
         ds = with_day_dim(self._ds).assign_coords(position=("day", np.arange(self.n_days)))
         try:
             ds = getattr(ds, method)(day=day)

@@ -13,7 +13,14 @@ from typing import Any, NamedTuple, TypeAlias, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from fastcoil.base.arguments import collect_problems, raise_problems, require_array, require_integer, to_builtin
+from fastcoil.base.arguments import (
+    collect_problems,
+    raise_problems,
+    require_array,
+    require_integer,
+    require_no_unit,
+    to_builtin,
+)
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.logs.series import COLUMNS, Series
@@ -354,6 +361,7 @@ def hours_to_seconds(hours: float | None) -> int:
 
 def require_items(name: str, value: object, cure: str) -> list[object]:
     """Return the items of an iterable, at most ``_MAX_ITEMS``."""
+    require_no_unit(name, value, cure)
     if isinstance(value, str | bytes) or not isinstance(value, Iterable) or getattr(value, "ndim", 1) == 0:
         raise InputError(f"{name} = {short_repr(value)}: {cure}", name, "type")
     items = list(islice(value, _MAX_ITEMS + 1))

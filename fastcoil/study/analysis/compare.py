@@ -20,6 +20,7 @@ from fastcoil.base.arguments import (
     require_flag,
     require_mapping,
     require_names,
+    require_no_unit,
     require_number,
     to_builtin,
 )
@@ -270,6 +271,7 @@ def _comparable_names(ds: xr.Dataset) -> list[str]:
 
 def _check_comparison(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[str], names: list[str]) -> None:
     dims = [str(d) for d in ds["status"].dims]
+    require_no_unit("baseline", list(baseline.values()), "give labels")
     if not dims:
         raise InputError(
             "ds is a single scenario without dimensions, so there is nothing to compare: give a sweep that holds the "
