@@ -6,6 +6,7 @@
 
 import math
 import os
+import re
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -76,15 +77,58 @@ def to_builtin(value: Any) -> Any:
         return value
     if type(value) is numpy.ndarray and value.ndim == 0:
         value = value[()]
-    dtype_kind = value.dtype.kind if isinstance(value, numpy.generic) else ""
+    # a subclass may have a unit
+    dtype_kind = value.dtype.kind if isinstance(value, numpy.generic) and type(value).__module__ == "numpy" else ""
     return _BUILTIN_BY_DTYPE_KIND[dtype_kind](value) if dtype_kind in _BUILTIN_BY_DTYPE_KIND else value
 
 
+_UNIT_KEY = re.compile(r"(eng(ineering)?)?units?(ofmeasure(ment)?|text|name|symbol|code)?|uom")
+"""Matches a key of ``attrs`` that names a unit, in small letters without separators."""
+_BARE_TYPES = (int, float, complex, bool, str, bytes, type(None))
+
+
+def carried_unit(name: str, value: Any) -> str | None:
+    """Return the unit beside the numbers of a value, whichever library made it; None for bare numbers.
+
+    It is an attribute ``units`` or ``unit`` of the value, of its dtype, data or items, or stands in its ``attrs``.
+    """
+    if len(texts := sorted({*_carried_units(name, value)})) > 1:
+        raise InputError(f"{name} has the units {' and '.join(map(short_repr, texts))}: give one", name, "unit")
+    return texts[0] if texts else None
+
+
+def _carried_units(name: str, value: Any) -> Iterator[str]:
+    kind = getattr(getattr(value, "dtype", None), "kind", "")
+    if isinstance(value, type) or type(value) in _BARE_TYPES or kind in ("m", "M") or hasattr(value, "isoformat"):
+        return  # durations and dates have a unit too, that of their clock
+    attrs = getattr(value, "attrs", None)  # of xarray and pandas, whose attributes may be labels
+    parts: Any = (getattr(value, "data", None), value.dtype) if kind and attrs is not None else ()
+    if isinstance(value, (list, tuple)) or kind == "O":
+        parts = value if isinstance(value, (list, tuple)) else getattr(value, "values", value).ravel()
+    for part in (part for part in parts if type(part) not in _BARE_TYPES):
+        yield from _carried_units(name, part)
+    units = attrs if isinstance(attrs, Mapping) else {key: getattr(value, key, None) for key in ("units", "unit")}
+    for unit in (unit for key, unit in units.items() if _UNIT_KEY.fullmatch(re.sub(r"[\W_]", "", str(key).casefold()))):
+        if attrs is not None and not isinstance(unit, str):
+            raise InputError(f"{name} has units = {short_repr(unit)}: give a text, such as 'K'", name, "type")
+        if unit is not None and not callable(unit):
+            yield str(unit)
+
+
+def require_no_unit(name: str, value: Any, cure: str) -> None:
+    """Refuse numbers with a unit, where none is known."""
+    unit_in_name = re.search(r"\[(.*)\]$", str(getattr(value, "name", "")))
+    unit = carried_unit(name, value) or (unit_in_name and unit_in_name[1])
+    if unit not in (None, "", "1", "dimensionless"):
+        raise InputError(f"{name} has the unit {short_repr(unit)}: {cure}, without a unit", name, "unit")
+
+
 def is_number(value: Any) -> bool:
-    """Whether ``value`` is one real number, of Python or numpy; booleans are not numbers."""
+    """Whether ``value`` is one real number, of Python or numpy, without a unit; booleans are not numbers."""
     value = to_builtin(value)
     # a numpy duration is a Real with a dtype
-    return isinstance(value, Real) and not isinstance(value, bool) and not hasattr(value, "dtype")
+    is_bare = isinstance(value, Real) and not hasattr(value, "dtype") and carried_unit("", value) is None
+    return is_bare and not isinstance(value, bool)
 
 
 def require_number(name: str, value: object, cure: str, *, least: float = -math.inf, most: float = _MAX_FLOAT) -> float:
@@ -100,7 +144,7 @@ def require_number(name: str, value: object, cure: str, *, least: float = -math.
 def require_integer(name: str, value: object, least: int, most: int | None = None, cure: str | None = None) -> int:
     """Require a whole number from ``least`` to ``most``."""
     number = to_builtin(value)
-    if isinstance(number, bool) or not isinstance(number, Integral) or hasattr(number, "dtype"):
+    if not isinstance(number, Integral) or not is_number(number):
         raise InputError(f"{name} = {short_repr(value)}: {cure or 'give a whole number'}", name, "type")
     if int(number) < least or (most is not None and int(number) > most):
         limits = f"must be at least {least}" + (f" and at most {most}" if most is not None else "")
@@ -173,6 +217,7 @@ def require_array(name: str, value: Any, cure: str, kinds: str = "iuf") -> "NDAr
     if isinstance(value, range) and len(value) > MAX_ARRAY_VALUES:
         sentence = f"{name} = {short_repr(value)}: more than {MAX_ARRAY_VALUES:,} values, give fewer"
         raise InputError(sentence, name, "size")
+    require_no_unit(name, value, cure)
     try:
         if isinstance(value, np.ma.MaskedArray):
             value = np.ma.filled(value.astype(np.float64), np.nan)

@@ -26,7 +26,7 @@ from fastcoil.design.plants import (
     unique_columns,
 )
 from fastcoil.loops.boundary import Boundary
-from fastcoil.loops.labelled import accepted_units, as_data_array, convert_units
+from fastcoil.loops.labelled import accepted_units, to_bare_numbers
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.plan import check_memory
 from fastcoil.loops.provenance import provenance
@@ -334,9 +334,7 @@ def _parse_frequencies(name: str, value: Any) -> Array:
     cure = "give angular frequencies in rad/s, ascending and above 0"
     sentence = f"{name} = {short_repr(value)}: {cure}"
     with np.errstate(over="ignore"):  # what does not fit is infinite, and refused as such
-        labelled = as_data_array(name, value, name)
-        frequencies = value if labelled is None else convert_units(name, labelled, accepted_units("rad s-1"))
-        w = require_array(name, frequencies, cure).astype(float)
+        w = require_array(name, to_bare_numbers(name, value, accepted_units("rad s-1")), cure).astype(float)
     if w.ndim != 1:
         raise InputError(sentence, name, "type")
     if not w.size or not (np.isfinite(w).all() and w[0] > 0.0 and (np.diff(w) > 0.0).all()):

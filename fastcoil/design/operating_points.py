@@ -14,7 +14,7 @@ from fastcoil.design.plants import Columns, Plants, linearise_plants
 from fastcoil.logs.series import TIME
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.clashes import check_clashes, check_stability
-from fastcoil.loops.labelled import as_data_array, convert_units
+from fastcoil.loops.labelled import to_bare_numbers
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.scenarios import Layout, coordinate_attrs, parameter_columns
 from fastcoil.model.metric_table import WARM_UP_S
@@ -110,8 +110,7 @@ def _parse_seconds(at: Any, n_steps: int) -> Index | None:
     cure = f"give a second of the boundary, a whole number from 0 to {n_steps - 1}, or a list of them"
     if at is None:
         return None
-    labelled = as_data_array("at", at, "at")
-    at = at if labelled is None else convert_units("at", labelled, TIME)
+    at = to_bare_numbers("at", at, TIME)
     values = np.array([float(to_builtin(at))]) if is_number(at) else require_array("at", at, cure)
     if values.ndim != 1 or not values.size:
         raise InputError(f"at = {short_repr(at)}: {cure}", "at", "type")

@@ -4,6 +4,7 @@ The checks of logs and of boundaries, and the attributes of a boundary's Dataset
 """
 
 import math
+import re
 import tomllib
 import warnings
 from collections.abc import Mapping, Sequence
@@ -56,17 +57,24 @@ VOCABULARY = tomllib.loads(Path(__file__).with_name("names.toml").read_text(enco
 """What building systems write, in headers, in cells, for units and for zones, and what it means."""
 _ABBREVIATIONS: Mapping[str, str] = VOCABULARY["abbreviations"]
 _SPELLINGS: Mapping[str, str] = VOCABULARY["spellings"]
+_UNIT_WORDS = {word: unit for unit, words in VOCABULARY["unit_words"].items() for word in words.split()}
 
 
 def resolve_unit(name: str, unit: str, units: Units) -> str:
     """Return a unit as ``units`` spells it, from other spellings such as ``°C``, ``l/s`` and ``GPM``."""
-    folded = _fold_unit(unit)
-    spellings = {folded: _SPELLINGS.get(folded, "")} | {_fold_unit(known_unit): known_unit for known_unit in units}
-    if spellings[folded] in units:
-        return spellings[folded]
-    full_unit = _ABBREVIATIONS.get(folded)
+    known_unit, full_unit = find_unit(unit, units), _ABBREVIATIONS.get(_fold_unit(unit))
+    if known_unit is not None and known_unit != full_unit:
+        return known_unit
     hint = f", did you mean {full_unit!r}?" if full_unit in units else did_you_mean(unit, units)
     raise InputError(f"{name} is in {short_repr(unit)}{hint} (known units: {', '.join(units)})", name, "unit")
+
+
+def find_unit(text: str, units: Units) -> str | None:
+    """Return the one of ``units`` that a text spells or abbreviates, None if it is none of them."""
+    folded = _fold_unit(text)
+    other_spelling = _SPELLINGS.get(folded) or _ABBREVIATIONS.get(folded)
+    known_unit = next((unit for unit in units if _fold_unit(unit) == folded), other_spelling)
+    return known_unit if known_unit in units else None
 
 
 def is_unit(text: str) -> bool:
@@ -77,7 +85,8 @@ def is_unit(text: str) -> bool:
 def _fold_unit(unit: str) -> str:
     """Return a unit in small ASCII letters, for comparison."""
     ascii_unit = unit.replace("\N{DEGREE CELSIUS}", "degC").replace("\N{DEGREE FAHRENHEIT}", "degF").replace("°", "deg")
-    ascii_unit = ascii_unit.replace("³", "3").replace("\N{EN DASH}", "-").casefold()
+    ascii_unit = ascii_unit.replace("³", "3").replace("\N{EN DASH}", "-").replace(" / ", "/").replace(" ** ", "")
+    ascii_unit = re.sub(r"[a-z_]{2,}", lambda word: _UNIT_WORDS.get(word[0], word[0]), ascii_unit.casefold())
     return ascii_unit if ascii_unit[:4] != "deg " else f"deg{ascii_unit[4:]}"
 
 

@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fastcoil.base.arguments import collect_problems, raise_problems, require_choice
+from fastcoil.base.arguments import carried_unit, collect_problems, raise_problems, require_choice
 from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.base.files import read_text
 from fastcoil.logs.cells import GOOD_STATUS_WORDS, is_missing_word, is_number_cell, is_number_or_switch_word
-from fastcoil.logs.series import TIME, format_count, is_unit
+from fastcoil.logs.series import TIME, find_unit, format_count, is_unit
 from fastcoil.logs.timestamps import is_date_beside_clock, is_time
 
 if TYPE_CHECKING:
@@ -361,10 +361,14 @@ def table_from_data(source: Any, columns: Mapping[str, str] | None, names: Colle
     """
     if hasattr(source, "iloc"):
         kind, cure = "DataFrame", "name the column '{header} [{unit}]'"
-        header, series = [str(name).strip() for name in source.columns], [values for _, values in source.items()]
-        if source.index.dtype.kind == "M" or source.index.name is not None:
-            header.insert(0, "timestamp" if source.index.dtype.kind == "M" else str(source.index.name))
-            series.insert(0, source.index)
+        header = [_header_with_unit(str(name).strip(), values) for name, values in source.items()]
+        series, index = [values for _, values in source.items()], source.index
+        if index.dtype.kind == "m":
+            header.insert(0, f"{index.name or 'elapsed_time'} [s]")
+            series.insert(0, index.total_seconds())
+        elif index.name is not None or is_time_like(index):
+            header.insert(0, "timestamp" if index.name is None or index.dtype.kind == "M" else str(index.name))
+            series.insert(0, index)
     else:
         kind, cure = "Dataset", "give it attrs['units'] = '{unit}'"
         header, series = _dataset_columns(source, dict(columns or {}), names)
@@ -393,13 +397,7 @@ def _dataset_columns(ds: xr.Dataset, columns: Mapping[str, str], names: Collecti
     cure = f"choose one loop, so that only {time} is left"
     wrong_dims = [name for name in read_names if ds[name].dims != (time,)]
     raise_problems([Problem(f"{name} has dims {ds[name].dims}: {cure}", name, "shape") for name in wrong_dims])
-    scale, _ = TIME.get(str(ds[time].attrs.get("units")), (0.0, 0.0))
-    for name in {"timestamp", "time"} & {*ds.coords} if scale else ():  # dates beside the seconds, minutes or hours
-        if ds[name].dims == (time,) and ds[name].dtype.kind == "M":
-            steps = np.diff(ds[name].values) / np.timedelta64(1, "s")
-            if not np.allclose(steps, scale * np.diff(ds[time].values), rtol=0.0, atol=1.0):
-                sentence = f"{name} and {time} of the Dataset differ in their steps: drop the one that is wrong"
-                raise InputError(sentence, str(name), "conflict")
+    require_one_clock(ds, time)
     values, label = ds[time].values, time if time in columns.values() else "elapsed_time"
     if values.dtype.kind == "M" and columns.get("elapsed_time") != time:
         time_header = time if columns.get("timestamp") == time else "timestamp"
@@ -412,8 +410,45 @@ def _dataset_columns(ds: xr.Dataset, columns: Mapping[str, str], names: Collecti
     return headers, [values, *(ds[name].values for name in read_names)]
 
 
-def _header_with_unit(name: str, series: xr.DataArray) -> str:
-    return f"{name} [{series.attrs['units']}]" if "units" in series.attrs else name
+def require_one_clock(ds: xr.Dataset, time: str) -> None:
+    """Refuse times along the dimension ``time``, such as dates beside the seconds, whose steps are not its own."""
+    steps_by_name = {name: _steps_in_seconds(ds[name]) for name in (time, *ds.coords) if ds[name].dims == (time,)}
+    steps = steps_by_name.pop(time)
+    for name, other_steps in steps_by_name.items():  # such as dates beside the seconds
+        is_known = steps is not None and other_steps is not None
+        if is_known and not np.allclose(steps, other_steps, rtol=0.0, atol=1.0):
+            sentence = f"{name} and {time} of the Dataset differ in their steps: drop the one that is wrong"
+            raise InputError(sentence, str(name), "conflict")
+
+
+def is_time_like(labels: Any) -> bool:
+    """Whether the labels are times, by their type, or texts that say when."""
+    if labels.dtype.kind not in "OUT":
+        return bool(labels.dtype.kind in "mM")
+    first = next(iter(np.ravel(labels.values)), None)
+    return hasattr(first, "isoformat") or is_time(str(first))
+
+
+def _steps_in_seconds(coord: xr.DataArray) -> Any:
+    """Return the steps of a coordinate that has times; NaN if they cannot be read; None if it has something else."""
+    if coord.dtype.kind in "mM":
+        return np.diff(coord.values) / np.timedelta64(1, "s")
+    if coord.dtype.kind not in "iuf":
+        return np.array(np.nan) if is_time_like(coord) else None
+    steps, unit = np.diff(coord.values), carried_unit(str(coord.name), coord)
+    if unit is None:  # numbers that count
+        return steps if abs(np.sign(steps).sum()) == steps.size else None
+    known_unit = find_unit(unit.partition(" since ")[0], TIME)
+    return None if known_unit is None else TIME[known_unit][0] * steps
+
+
+def _header_with_unit(name: str, series: Any) -> str:
+    """Add the unit that is beside the numbers of a column to its header, unless that has one."""
+    unit, unit_of_header = carried_unit(name, series), split_label_and_unit(name)[1]
+    if unit is not None and unit_of_header not in (None, unit):
+        sentence = f"{name} has the unit {short_repr(unit)} beside its numbers: give one of the two"
+        raise InputError(sentence, name, "unit")
+    return name if unit in (None, unit_of_header) else f"{name} [{unit}]"
 
 
 def _format_cells(values: Any) -> list[str]:

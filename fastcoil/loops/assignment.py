@@ -46,12 +46,15 @@ SERIES_HINT = (
 def check_value(parameter: Parameter, value: Any) -> Scalar | xr.DataArray:
     """Return a scalar in the parameter's type and unit, or a DataArray of admissible values."""
     name = parameter.name
-    array = as_data_array(name, value, name)
+    is_pair = isinstance(value, tuple) and [isinstance(item, str) for item in value] == [True, False]
+    dim, values = value if is_pair else (name, value)
+    array = None if is_pair and hasattr(values, "attrs") else as_data_array(name, values, dim)
     if array is not None and array.dtype.kind in "iuf":
-        array = array.copy(data=convert_units(name, array, accepted_units(parameter.unit)))
-    if isinstance(value, tuple) and len(value) == 2 and isinstance(value[0], str) and not isinstance(value[1], str):
+        numbers = convert_units(name, array, accepted_units(parameter.unit))
+        array = xr.DataArray(numbers, array.coords, array.dims)
+    elif is_pair:
         array = xr.DataArray(_sweep_values(parameter, value[1]), dims=value[0])
-    elif isinstance(value, (list, tuple, range)) or (isinstance(value, np.ndarray) and value.ndim):
+    elif array is None and (isinstance(value, (list, tuple, range)) or (isinstance(value, np.ndarray) and value.ndim)):
         array = xr.DataArray(_sweep_values(parameter, value), dims=name)
     if array is not None and array.ndim:
         return _check_array(parameter, array)

@@ -1,9 +1,10 @@
-"""Convert labelled input (DataArray, pandas Series, DataFrame) to arrays in the units of the tables.
+"""Convert labelled input (DataArray, Series, DataFrame, numbers with a unit) to arrays in the units of the tables.
 
 Labels are honoured or refused, never ignored: units are converted, dims have known names, samples are 1 s apart in
 ascending order, and the time of the first one is kept for comparison with other data.  A bare array has no labels.
 """
 
+import warnings
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -12,10 +13,10 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from fastcoil.base.arguments import require_array
-from fastcoil.base.arrays import Array
+from fastcoil.base.arguments import carried_unit, raise_problems, require_array
 from fastcoil.base.errors import InputError, Problem, short_repr
-from fastcoil.logs.series import COLUMNS, PRESSURE, Units, resolve_unit
+from fastcoil.logs.series import COLUMNS, PRESSURE, Units, find_unit, resolve_unit
+from fastcoil.logs.table import is_time_like, split_label_and_unit
 from fastcoil.logs.timestamps import format_utc_offset
 
 _PARAMETER_SCALES = (
@@ -36,7 +37,32 @@ def accepted_units(unit: str) -> Units:
 
 
 def as_data_array(name: str, value: Any, dim: str) -> xr.DataArray | None:
-    """Convert a labelled ``value`` to a DataArray, None if it is bare; ``dim``: of a pandas index without a name."""
+    """Convert a labelled ``value`` to a DataArray, None if it is bare; ``dim``: of an axis without a name.
+
+    Its data are bare numbers, their unit, wherever it was, is its only attribute ``units``.
+    """
+    array = _as_data_array(name, value, dim)
+    unit = carried_unit(name, value if array is None or isinstance(value, pd.Series) else array)
+    if unit is None or (array is not None and type(array.data) is np.ndarray and array.dtype != object):
+        return array if unit is None else array.drop_attrs(deep=False).assign_attrs(units=unit)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that the unit is lost
+            numbers = np.asarray(value if array is None else array.data, dtype=float)
+    except Exception:  # a user's class may raise anything
+        raise InputError(f"{name} = {short_repr(value)}: give one array in one unit", name, "type") from None
+    if array is not None:
+        return array.copy(data=numbers).drop_attrs(deep=False).assign_attrs(units=unit)
+    return xr.DataArray(numbers, dims={1: (dim,), 2: ("day", dim)}.get(numbers.ndim), attrs={"units": unit})
+
+
+def to_bare_numbers(name: str, value: Any, units: Units) -> Any:
+    """Return a value that has a unit or labels as an array in the first of ``units``, and a bare one as it is."""
+    array = as_data_array(name, value, name)
+    return value if array is None else convert_units(name, array, units)
+
+
+def _as_data_array(name: str, value: Any, dim: str) -> xr.DataArray | None:
     if isinstance(value, xr.DataArray):
         return value
     if isinstance(value, xr.Variable):
@@ -80,17 +106,26 @@ def _from_pandas(name: str, value: Any, axes: list[tuple[Any, str | None]]) -> x
             sentence = f"{name} has {dim} along both axes of the DataFrame: give the other one its own name"
             raise InputError(sentence, name, "duplicate")
         dims.append(dim)
-    return xr.DataArray(value.to_numpy(), coords, dims, attrs=dict(value.attrs))
+    series_name = value.name if isinstance(value, pd.Series) else None
+    return xr.DataArray(value.to_numpy(), coords, dims, series_name, attrs=dict(value.attrs))
 
 
 def convert_units(name: str, array: xr.DataArray, units: Units) -> NDArray[Any]:
-    """Convert values to the first of ``units`` from the unit in the attribute ``units``, if it has one."""
-    unit = array.attrs.get("units")
-    if unit is None:
-        return np.asarray(array.values)
-    if not isinstance(unit, str):
-        raise InputError(f"{name} has units = {short_repr(unit)}: give a text ({', '.join(units)})", name, "type")
-    scale, offset = units[resolve_unit(name, unit or "1", units)]
+    """Convert values to the first of ``units`` from the unit beside them, or in brackets in their name, if any.
+
+    A name such as ``ti_min``, whose last word may be their unit or not, is refused.
+    """
+    label = "" if array.name is None else str(array.name)
+    given_units = [unit for unit in (carried_unit(name, array), split_label_and_unit(label)[1]) if unit is not None]
+    scales = {units[resolve_unit(name, unit or "1", units)] for unit in given_units}
+    if len(scales) > 1:
+        sentence = f"{name} is in {given_units[0]!r}, and by its name in {given_units[1]!r}: give one unit"
+        raise InputError(sentence, name, "unit")
+    last_word = find_unit(label.replace(" ", "_").rpartition("_")[2], units)
+    if not scales and label != name and last_word and units[last_word] != (1.0, 0.0):
+        cure = "give attrs['units'], or rename it"
+        raise InputError(f"{name} is called {short_repr(label)}, perhaps by its unit: {cure}", name, "unit")
+    scale, offset = next(iter(scales), (1.0, 0.0))
     if (scale, offset) == (1.0, 0.0):
         return np.asarray(array.values)
     with np.errstate(over="ignore"):  # what overflows is out of bounds
@@ -109,47 +144,58 @@ class SeriesLabels(NamedTuple):
 
 
 def read_series_labels(name: str, array: xr.DataArray) -> SeriesLabels:
-    """Read the labels of a series along ``day`` and ``elapsed_time``; refuse other dims, and steps other than 1 s."""
+    """Read the labels of a series along ``day`` and ``elapsed_time``; refuse other dims, and steps other than 1 s.
+
+    Whatever lies along ``elapsed_time`` has to be times, under any name, and all of them have to agree.
+    """
     if not set(array.dims) <= {"day", "elapsed_time"}:
         sentence = f"{name} has dims {array.dims}: name them elapsed_time and, for several days, day"
         raise InputError(sentence, name, "shape")
-    first_second, start, zone = None, None, None
-    for name_of_time in ("elapsed_time", "timestamp", "time"):
-        time_coord = array.coords.get(name_of_time)
-        if time_coord is None or "elapsed_time" not in time_coord.dims or not time_coord.size:
-            continue
-        time_coord = time_coord.transpose(..., "elapsed_time")
-        if time_coord.dtype.kind == "M":
-            _check_steps(name_of_time, np.diff(time_coord.values).ravel() / np.timedelta64(1, "s"))
-            start, zone = time_coord.values[..., 0], time_coord.attrs.get("time_zone", "")
-        elif name_of_time == "elapsed_time":
-            seconds = _elapsed_seconds(name_of_time, time_coord)
-            _check_steps(name_of_time, np.diff(seconds))
-            first_second = float(seconds[0])
+    seconds: dict[str, Any] = {}  # first one, of coordinates that count from the start
+    starts: dict[str, Any] = {}  # first one, of dates
+    zones: dict[str, str] = {}
+    for label, coord in array.coords.items():
+        if "elapsed_time" in coord.dims and coord.size:
+            first = _read_times(str(label), coord.transpose(..., "elapsed_time"))[..., 0]
+            if coord.dtype.kind == "M":
+                starts[str(label)], zones[str(label)] = first, coord.attrs.get("time_zone", "")
+            else:
+                seconds[str(label)] = np.unique(np.round(first, 6)).squeeze()
+        elif label not in ("start", "day") and is_time_like(coord):
+            sentence = f"{label} is a time that is not along elapsed_time: call it start, or drop_vars({str(label)!r})"
+            raise InputError(sentence, str(label), "time")
     if "start" in array.coords:
         start_coord = array.coords["start"]
         if start_coord.dtype.kind != "M" or not set(start_coord.dims) <= {"day"}:
             sentence = f"start is of type {start_coord.dtype}: give dates and times, datetime64"
             raise InputError(sentence, "start", "type")
-        start = start_coord.values.astype("datetime64[us]") + np.timedelta64(round(1e6 * (first_second or 0.0)), "us")
-        zone = start_coord.attrs.get("time_zone", "")
+        offset = np.max(next(iter(seconds.values()), 0.0))
+        first = start_coord.values.astype("datetime64[us]") + np.timedelta64(round(1e6 * offset), "us")
+        starts = {"start": first} | {label: times.astype("datetime64[us]") for label, times in starts.items()}
+        zones["start"] = start_coord.attrs.get("time_zone", "")
+    known_zones = {label: zone for label, zone in zones.items() if zone}
+    for labels in (seconds, starts, known_zones):
+        text = "the time zone {}" if labels is known_zones else "its first sample at {}"
+        raise_problems(label_mismatches(text, labels, "drop the one that is wrong", "time", name))
+    first_second, start = (next(iter(labels.values()), None) for labels in (seconds, starts))
+    zone = next(iter((known_zones or zones).values()), None)
     day = array.coords["day"].values if "day" in array.coords else None
     return SeriesLabels(array.sizes.get("elapsed_time"), array.sizes.get("day"), day, first_second, start, zone)
 
 
-def _elapsed_seconds(name: str, time_coord: xr.DataArray) -> Array:
-    if time_coord.dtype.kind == "m":
-        return np.asarray(time_coord.values / np.timedelta64(1, "s"))
-    if time_coord.dtype.kind not in "iuf":
-        raise InputError(f"{name} is of type {time_coord.dtype}: give the seconds 0, 1, ...", name, "type")
-    return np.asarray(convert_units(name, time_coord, COLUMNS["elapsed_time"].units), dtype=float)
-
-
-def _check_steps(name: str, steps: Array) -> None:
+def _read_times(name: str, coord: xr.DataArray) -> NDArray[Any]:
+    """Return dates, or seconds, along ``elapsed_time``, the last dim, checked to be 1 s apart."""
+    if coord.dtype.kind not in "mMiuf":
+        cure = f"give the seconds 0, 1, ..., dates as datetime64, or drop_vars({name!r})"
+        raise InputError(f"{name} is of type {coord.dtype}: {cure}", name, "type")
+    is_number = coord.dtype.kind in "iuf"
+    times = convert_units(name, coord, COLUMNS["elapsed_time"].units) if is_number else coord.values
+    steps = np.diff(times).ravel() / (1.0 if is_number else np.timedelta64(1, "s"))
     wrong = np.flatnonzero(~(np.abs(steps - 1.0) < 1e-6))
     if wrong.size:
         sentence = f"{name} has a step of {steps[wrong[0]]:g} s after sample {wrong[0]}: give 1-s steps"
         raise InputError(sentence, name, "time")
+    return times / np.timedelta64(1, "s") if coord.dtype.kind == "m" else times
 
 
 def label_mismatches(template: str, labels: Mapping[str, Any], cure: str, code: str, field: str = "") -> list[Problem]:

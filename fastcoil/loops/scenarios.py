@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import raise_problems, require_instance
+from fastcoil.base.arguments import carried_unit, raise_problems, require_instance
 from fastcoil.base.errors import InputError, IntegrityError, Problem, short_repr
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.series import is_clock_changed, read_series
@@ -372,7 +372,22 @@ def require_table_units(ds: xr.Dataset, *tables: Mapping[str, Any]) -> None:
     """Refuse variables of these tables that are in other units than theirs."""
     units = {name: entry.unit for table in tables for name, entry in table.items() if name in ds}
     raise_problems([
-        Problem(f"ds.{n} is in {short_repr(ds[n].attrs['units'])}: give it in {unit}", f"ds.{n}", "unit")
-        for n, unit in units.items()
-        if ds[n].attrs.get("units", unit) != unit
+        Problem(f"ds.{name} is in {short_repr(given_unit)}: give it in {unit}", f"ds.{name}", "unit")
+        for name, unit in units.items()
+        if (given_unit := carried_unit(f"ds.{name}", ds[name])) not in (None, unit)
     ])  # fmt: skip
+
+
+def check_counted_result(ds: xr.Dataset) -> None:
+    """Refuse what ``check_result`` refuses, an empty dim, and a label that stands twice, which would count twice."""
+    check_result(ds)
+    problems = []
+    for dim in ds["status"].dims:
+        labels, counts = np.unique(ds[dim].values, return_counts=True)
+        if not labels.size:
+            problems.append(Problem(f"ds has nothing along {dim}: choose a label at least", str(dim), "shape"))
+        elif counts.max() > 1:
+            sentence = f"ds has {counts.max()} entries for {dim} {labels[counts.argmax()]}, counted as if independent"
+            cure = f"choose one, or label them with assign_coords({dim}=...)"
+            problems.append(Problem(f"{sentence}: {cure}", str(dim), "duplicate"))
+    raise_problems(problems)

@@ -69,7 +69,8 @@ class ValveTest:
         with argument_checks() as check:
             for field in fields(self):
                 parameter = PARAMETERS[f"test_{field.name}"]
-                check(check_value, replace(parameter, name=field.name), getattr(self, field.name))
+                value = check(check_value, replace(parameter, name=field.name), getattr(self, field.name))
+                object.__setattr__(self, field.name, value)
 
     @classmethod
     def gentle(cls, **options: Any) -> Self:

@@ -221,3 +221,90 @@ def test_damp_air_is_reported_at_the_pressure_of_the_loop():
     assert_worded(caught[0].message)
     assert day.dampest[1].endswith(" at second 119")
     plan_simulation(fc.Loop(pressure=65e3), day, warm_up=0)
+
+
+class Measured:
+    """Numbers with a unit, as those of a library that is yet to come."""
+
+    def __init__(self, numbers, unit):
+        self.numbers, self.unit = numbers, unit
+
+    def __array__(self, dtype=None, copy=None):
+        return np.asarray(self.numbers, dtype)
+
+
+def measure_with(library):
+    """A function (numbers, unit) of a library."""
+    if library == "a class":
+        return Measured
+    package = pytest.importorskip("astropy.units" if library == "astropy" else library)
+    if library == "pint":
+        return package.UnitRegistry().Quantity
+    if library == "unyt":
+        return package.unyt_array
+    from astropy.units import imperial
+
+    return lambda numbers, unit: numbers * (imperial.deg_F if unit == "degF" else package.Unit(unit))
+
+
+@pytest.mark.parametrize("library", ["a class", "astropy", "pint", "unyt"])
+def test_numbers_of_a_library_of_units_are_converted_or_refused(library):
+    measure = measure_with(library)
+    assert fc.Loop(ti=measure(0.5, "min"))["ti"] == 30.0
+    assert fc.Loop(ti=("tuning", measure(np.array([0.5, 1.0]), "min")))["ti"].values.tolist() == [30.0, 60.0]
+    fahrenheit = measure(np.full(N, 57.2), "degF")
+    for value in (measure(57.2, "degF"), fahrenheit, xr.DataArray(fahrenheit, dims="elapsed_time")):
+        if isinstance(value, xr.DataArray) and library in ("a class", "astropy", "unyt"):
+            continue  # which xarray makes bare numbers
+        np.testing.assert_allclose(DAY.assign(T_set=value).series["T_set"], 14.0)
+    assert fc.constant_day(hours=measure(1.0, "hr" if library == "unyt" else "h")).hours == 1.0
+    for refused in (measure(1.0, "kg"), [measure(1.0, "kg")], ("tuning", [measure(1.0, "kg")])):
+        with pytest.raises(fc.InputError):
+            fc.Loop(ti=refused)
+    with pytest.raises(fc.InputError):
+        fc.sample(4, seed=measure(1, "s"), kp={"uniform": [0.01, 0.05]})
+
+
+@pytest.mark.parametrize("key", ["units", "unit", "Units", "uom", "Unit of measure", "engineering_units"])
+def test_a_unit_counts_under_any_usual_key(key):
+    fahrenheit = xr.DataArray(57.2, attrs={key: "°F"})
+    np.testing.assert_allclose(DAY.assign(T_set=fahrenheit).series["T_set"], 14.0)
+    log = xr.Dataset(
+        {"T_sup": ("elapsed_time", [57.2, 57.2], {key: "°F"}), "command": ("elapsed_time", [50, 60], {key: "%"})}
+    )
+    log = log.assign_coords(elapsed_time=("elapsed_time", [0.0, 1.0], {key: "min"}))
+    assert fc.read_log(log).summary()[0] == "2 rows, 60 s apart, in 1 piece: 60 s"
+    assert "T_sup [°F]" in fc.read_log(log).summary()[1]
+    assert_refused("T_set", "unit", DAY.assign, T_set=fahrenheit.assign_attrs(units_="K"))
+
+
+def test_a_unit_in_a_name_counts():
+    np.testing.assert_allclose(DAY.assign(T_set=pd.Series(np.full(N, 57.2), name="T [degF]")).series["T_set"], 14.0)
+    assert fc.Loop(ti=pd.Series([0.5, 1.0], name="ti (min)"))["ti"].values.tolist() == [30.0, 60.0]
+    assert_refused("ti", "unit", fc.Loop, ti=pd.Series([0.5, 1.0], name="ti_min"))
+    assert_refused("T_set", "unit", DAY.assign, T_set=xr.DataArray(57.2, name="T [degF]", attrs={"units": "K"}))
+    with pytest.raises(fc.InputError):
+        fc.paper_day(hours=0.05, seed=[1, 2]).isel(xr.DataArray(0, name="x [h]"))
+
+
+OTHER_CLOCKS = {
+    "dates in descending order": TIMES[::-1].values, "later dates": TIMES.values + np.timedelta64(1, "h"),
+    "numbers of minutes": 60 * np.arange(N), "durations of minutes": (60 * np.arange(N)).astype("m8[s]"),
+    "cftime": xr.date_range("2024-07-01 08:00", periods=N, freq="s", use_cftime=True).values,
+    "datetime objects": pd.DatetimeIndex(MINUTES).to_pydatetime().astype(object),
+    "text": TIMES.astype(str).to_numpy(dtype=str),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("label", ["time", "timestamp", "when"])
+@pytest.mark.parametrize("clock", OTHER_CLOCKS)
+def test_times_under_any_name_are_honoured_or_refused(clock, label):
+    series = xr.DataArray(np.full(N, 14.0), {label: ("elapsed_time", OTHER_CLOCKS[clock])}, "elapsed_time")
+    with pytest.raises(fc.InputError) as caught:
+        DAY.assign(T_set=series)
+    if label == "when":
+        assert_worded(*caught.value.problems)
+    agreeing = series.assign_coords({label: ("elapsed_time", TIMES.values)})
+    np.testing.assert_array_equal(DAY.assign(T_set=agreeing).series["T_set"], DAY.assign(T_set=14.0).series["T_set"])
+    elsewhere = series.drop_vars(label).assign_coords({label: TIMES[0]})
+    assert_refused(label, "time", DAY.assign, T_set=elsewhere)

@@ -22,7 +22,7 @@ from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 from fastcoil.base.figures import BLUE, COLOURS, LINE_STYLES, apply_style, wrap_text
 from fastcoil.deliver.figures import drawing
 from fastcoil.loops.labels import label_in_words, plain_pi_label
-from fastcoil.loops.scenarios import check_result, require_table_units
+from fastcoil.loops.scenarios import check_counted_result, require_table_units
 from fastcoil.model.metric_table import METRICS, metric_hint
 from fastcoil.model.parameter_table import CHANCE_DIMS, PARAMETERS
 from fastcoil.study.analysis.selected import drawn_parameters, group_by_parameters, numeric_dims
@@ -125,7 +125,7 @@ def _select_values(data: Any, metric: Any, **axes: Any) -> tuple[xr.DataArray, s
         require_table_units(data.coords.to_dataset(), PARAMETERS)
         return data, ""
     cure = "give a Dataset of fastcoil.simulate or open_study, or one of its variables"
-    check_result(require_instance("data", data, xr.Dataset, cure))
+    check_counted_result(require_instance("data", data, xr.Dataset, cure))
     drawn = [name for name in drawn_parameters(data) if name in axes.values()]
     ds, name = group_by_parameters(data, drawn) if drawn else data, metric or "rmse"
     numbers = [str(n) for n in ds.data_vars if ds[n].dtype.kind in "iufb" and "elapsed_time" not in ds[n].dims]

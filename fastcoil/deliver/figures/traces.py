@@ -16,10 +16,11 @@ from fastcoil.base.errors import InputError
 from fastcoil.base.figures import COLOURS, DOTTED_LINE, LINE_STYLES, wrap_text
 from fastcoil.deliver.figures.drawing import draw_caption, draw_legend_above, mark_if_empty, prepare_axes, use_style
 from fastcoil.logs.series import COLUMNS
+from fastcoil.logs.table import require_one_clock
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.labels import label_in_words, quantity
 from fastcoil.loops.scenarios import require_scenarios, require_table_units
-from fastcoil.model.metric_table import TRACES
+from fastcoil.model.metric_table import PREDICTIONS, TRACES
 from fastcoil.model.parameter_table import PARAMETERS
 
 if TYPE_CHECKING:
@@ -58,6 +59,7 @@ def _require_traces(data: Any, *names: str) -> xr.Dataset:
         raise InputError(sentence, "data", "missing")
     require_scenarios(ds, ds.dims)
     require_table_units(ds, PARAMETERS, TRACES, {"elapsed_time": COLUMNS["elapsed_time"]})
+    require_one_clock(ds, "elapsed_time")
     return ds
 
 
@@ -243,7 +245,11 @@ def learning(data: Any, *, ax: Any = None) -> Axes:
     return axes
 
 
-_PREDICTED_VARIABLES = ("hunting_index", "hunts", "period", "amplitude")  # of ``fc.limit_cycle``
+_PREDICTED_VARIABLES = {
+    name: PREDICTIONS[f"predicted_{name.replace('amplitude', 'swing')}"]
+    for name in ("hunting_index", "hunts", "period", "amplitude")
+}
+"""Variables of ``fc.limit_cycle``, and the predictions of a study that have their units."""
 
 
 @use_style()
@@ -271,6 +277,7 @@ def limit_cycle(data: Any, predicted: xr.Dataset | None = None, *, ax: Any = Non
     if predicted is not None:
         cure = "give what fastcoil.limit_cycle(loop, boundary) returns"
         require_instance("predicted", predicted, xr.Dataset, cure)
+        require_table_units(predicted, PARAMETERS, _PREDICTED_VARIABLES)
         missing_names = [name for name in _PREDICTED_VARIABLES if name not in predicted]
         if missing_names:
             raise InputError(f"predicted has no {', '.join(missing_names)}: {cure}", "predicted", "missing")

@@ -11,7 +11,15 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fastcoil.base.arguments import argument_checks, collect_problems, raise_problems, require_instance, require_path
+from fastcoil.base.arguments import (
+    argument_checks,
+    carried_unit,
+    collect_problems,
+    raise_problems,
+    require_instance,
+    require_no_unit,
+    require_path,
+)
 from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 from fastcoil.logs import read_checked_log, warn_of_reading_notes
 from fastcoil.logs.columns import ColumnSpec, check_reading_options
@@ -174,6 +182,7 @@ class Boundary(Samples):
         return self._select_days("sel", day)
 
     def _select_days(self, method: str, day: Any) -> Boundary:
+        require_no_unit("day", day, "give days")
         ds = with_day_dim(self._ds).assign_coords(position=("day", np.arange(self.n_days)))
         try:
             ds = getattr(ds, method)(day=day)
@@ -237,7 +246,7 @@ class Boundary(Samples):
         problems = [
             Problem(f"{n} has no units attribute: set ds[{n!r}].attrs['units'] ({series.known_units})", n, "unit")
             for n, series in BOUNDARY_SERIES.items()
-            if n in ds and "units" not in ds[n].attrs
+            if n in ds and carried_unit(n, ds[n]) is None
         ]
         if "elapsed_time" in ds.dims and "elapsed_time" not in ds.coords:
             sentence = "elapsed_time has no coordinate: give ds['elapsed_time'] the seconds 0, 1, ..."

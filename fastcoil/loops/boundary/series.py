@@ -13,12 +13,27 @@ from typing import Any, NamedTuple, TypeAlias, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from fastcoil.base.arguments import collect_problems, raise_problems, require_array, require_integer, to_builtin
+from fastcoil.base.arguments import (
+    collect_problems,
+    raise_problems,
+    require_array,
+    require_integer,
+    require_no_unit,
+    to_builtin,
+)
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.logs.series import COLUMNS, Series
 from fastcoil.logs.timestamps import format_utc_offset, require_time_zone, time_zone_from_name
-from fastcoil.loops.labelled import SeriesLabels, as_data_array, convert_units, label_mismatches, read_series_labels
+from fastcoil.loops.labelled import (
+    SeriesLabels,
+    accepted_units,
+    as_data_array,
+    convert_units,
+    label_mismatches,
+    read_series_labels,
+    to_bare_numbers,
+)
 from fastcoil.model.parameter_table import COVERED, PARAMETERS, Parameter
 
 Values: TypeAlias = Any
@@ -329,7 +344,7 @@ _MAX_ITEMS = 1_000_000  # more days are a mistake, or an endless iterable
 
 def require_condition(name: str, value: Any) -> Any:
     """Return a number that describes a day if it is within its bounds."""
-    number = to_builtin(value)
+    number = to_builtin(to_bare_numbers(name, value, accepted_units(CONDITIONS[name].unit)))
     if problem := CONDITIONS[name].problem(number):
         raise InputError(problem)
     return number
@@ -346,6 +361,7 @@ def hours_to_seconds(hours: float | None) -> int:
 
 def require_items(name: str, value: object, cure: str) -> list[object]:
     """Return the items of an iterable, at most ``_MAX_ITEMS``."""
+    require_no_unit(name, value, cure)
     if isinstance(value, str | bytes) or not isinstance(value, Iterable) or getattr(value, "ndim", 1) == 0:
         raise InputError(f"{name} = {short_repr(value)}: {cure}", name, "type")
     items = list(islice(value, _MAX_ITEMS + 1))

@@ -20,13 +20,14 @@ from fastcoil.base.arguments import (
     require_flag,
     require_mapping,
     require_names,
+    require_no_unit,
     require_number,
     to_builtin,
 )
 from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 from fastcoil.base.text import MISSING_VALUE, decimals_for_uncertainty, format_number, format_share
 from fastcoil.loops.labels import Quantity, coordinate_quantity, quantity, values_quantity
-from fastcoil.loops.scenarios import check_result
+from fastcoil.loops.scenarios import check_counted_result
 from fastcoil.model.metric_table import COSTS, METRICS, PREDICTIONS, STATUS_OK, YEARLY_PREFIX, metric_hint
 from fastcoil.study.analysis.paired import STATISTICS, THRESHOLD_STATISTICS, paired_statistics, relative_change
 from fastcoil.study.analysis.selected import list_first, mask_dataset, reduction_metrics
@@ -215,7 +216,7 @@ def compare(
     2
     """
     with argument_checks() as check:
-        check(check_result, ds)
+        check(check_counted_result, ds)
         over = check(require_names, "over", over)
         metric_names = check.unless_none(require_names, "metrics", metrics)
         level = check(require_confidence_level, level)
@@ -270,6 +271,7 @@ def _comparable_names(ds: xr.Dataset) -> list[str]:
 
 def _check_comparison(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[str], names: list[str]) -> None:
     dims = [str(d) for d in ds["status"].dims]
+    require_no_unit("baseline", list(baseline.values()), "give labels")
     if not dims:
         raise InputError(
             "ds is a single scenario without dimensions, so there is nothing to compare: give a sweep that holds the "

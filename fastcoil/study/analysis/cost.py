@@ -13,7 +13,7 @@ import xarray as xr
 
 from fastcoil.base.arguments import argument_checks, raise_problems, require_flag, require_number, require_text
 from fastcoil.base.errors import Problem, did_you_mean, short_repr
-from fastcoil.loops.scenarios import cf_attributes, check_result
+from fastcoil.loops.scenarios import cf_attributes, check_counted_result
 from fastcoil.model.metric_table import COSTS, METRICS, STATUS_OK, YEARLY_PREFIX
 
 DEFAULT_COP = 4.0  # of a chiller with its tower, mean of a year: 0.6 kW a ton is 5.9, 1.0 kW a ton is 3.5
@@ -79,9 +79,12 @@ def billing_months(n_days: int, start: xr.DataArray | None) -> tuple[list[np.nda
     """Return the positions of each month's days, and the coordinates of the months: label, days, share of a month.
 
     start: date and time of the first sample of each day; a day counts in the month in which it starts, and two that
-    start on the same date are one.  None: every label is a day, and 30 of them are a month.
+    start on the same date are one; one for all is that of the first of consecutive days, as of ``Boundary``.  None:
+    every label is a day, and 30 of them are a month.
     """
-    date = np.arange(n_days) if start is None else np.atleast_1d(start.values).astype("datetime64[D]")
+    date = np.arange(n_days)
+    if start is not None:
+        date = start.values.astype("datetime64[D]") + (date if start.ndim == 0 else 0)
     month = date // MONTH_DAYS if start is None else date.astype("datetime64[M]")
     labels = np.unique(month)
     days = [np.flatnonzero(month == label) for label in labels]
@@ -170,7 +173,7 @@ def cost(
     'USD'
     """
     prices = {name: value for name, value in locals().items() if name != "ds" and value is not None}
-    check_result(ds)
+    check_counted_result(ds)
     _require_billable(ds)
     study_prices = tomllib.loads(str(ds.attrs.get("study_toml", ""))).get("tariff", {})
     tariff = parse_tariff(study_prices | prices, "give it, or a table [tariff] in the study file")

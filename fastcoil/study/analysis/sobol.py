@@ -15,7 +15,7 @@ from fastcoil.base.arguments import (
     require_names,
 )
 from fastcoil.base.errors import InputError, Problem, short_repr
-from fastcoil.loops.scenarios import check_result
+from fastcoil.loops.scenarios import check_counted_result
 from fastcoil.model.metric_table import METRICS, STATUS_OK, metric_hint
 
 INDICES = ("first_order", "total")
@@ -69,7 +69,7 @@ def sobol_indices(
     ('parameter', 'index', 'edge')
     """
     with argument_checks() as check:
-        check(check_result, ds)
+        check(check_counted_result, ds)
         names = check(require_names, "metrics", "rmse" if metrics is None else metrics)
         drop_failed = check(require_flag, "drop_failed", drop_failed)
         level = check(require_confidence_level, level)

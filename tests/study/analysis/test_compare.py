@@ -334,3 +334,11 @@ def test_masked_results_are_those_of_xarray_with_their_labels_and_attributes(lar
     for mask in (ds["rmse"] > 0.0, ds["kp"] > 0):
         masked, expected = (each.transpose("kp", "day") for each in (mask_dataset(ds, mask), ds.where(mask)))
         xr.testing.assert_identical(masked, expected)
+
+
+@pytest.mark.parametrize("dim", ["day", "replicate"])
+def test_labels_that_stand_twice_are_refused_and_not_counted_as_independent(dim):
+    ds = make_result(("kp", "day", "replicate"), rmse=np.arange(12.0).reshape(2, 3, 2))
+    twice = ds.assign_coords({dim: np.arange(ds.sizes[dim])}).isel({dim: [0, 1, 1]})
+    assert_refused(dim, "duplicate", against_0, twice, over=["day", "replicate"])
+    assert_refused(dim, "shape", against_0, ds.isel({dim: []}), over=["day", "replicate"])

@@ -163,3 +163,17 @@ def test_the_interval_of_a_median_holds_the_true_one_as_often_as_it_says():
 def test_a_price_that_cannot_be_and_a_result_that_cannot_be_billed_are_refused(change, prices, field, code):
     ds = result(3) if change is None else change(result(3))
     assert_refused(field, code, fc.cost, ds, **(PRICES | prices))
+
+
+def test_joined_days_with_one_start_all_count_as_consecutive_ones():
+    days = result(2, ("backlash", [0.0, 0.1]), start="2023-01-31")
+    joined = days.drop_vars(["day", "start"]).assign_coords(start=days["start"].values[0])
+    costs = fc.cost(joined, **PRICES)
+    assert (costs["n_days"].values.tolist(), costs["month"].dt.month.values.tolist()) == ([1, 1], [1, 2])
+    np.testing.assert_allclose(costs["coil_energy"].sum("month"), joined["coil_energy"].sum("day"))
+
+
+@pytest.mark.parametrize(("code", "days"), [("duplicate", [0, 1, 1]), ("shape", [])])
+def test_days_that_stand_twice_or_nowhere_are_refused(code, days):
+    ds = result(2, ("backlash", [0.0, 0.1]), start="2023-01-01").isel(day=days)
+    assert_refused("day", code, fc.cost, ds, **PRICES)

@@ -92,7 +92,7 @@ def test_the_design_is_read_by_its_labels(labels):
         (lambda ds: ds.isel(design=0), {}, "ds", "shape"),
         (lambda ds: ds.sel(design=["B", "kp", "ti"]), {}, "design", "shape"),
         (lambda ds: ds.sel(design=["A", "B"]), {}, "design", "shape"),
-        (lambda ds: ds.sel(design=["A", "B", "kp", "kp"]), {}, "design", "shape"),
+        (lambda ds: ds.sel(design=["A", "B", "kp", "kp"]), {}, "design", "duplicate"),
         (lambda ds: ds, {"metrics": ["rmsee"]}, "metrics", "name"),
         (lambda ds: ds, {"metrics": []}, "metrics", "missing"),
         (lambda ds: ds, {"metrics": ["status"]}, "metrics", "unsupported"),
