@@ -39,12 +39,12 @@ def accepted_units(unit: str) -> Units:
 def as_data_array(name: str, value: Any, dim: str) -> xr.DataArray | None:
     """Convert a labelled ``value`` to a DataArray, None if it is bare; ``dim``: of an axis without a name.
 
-    Its data are bare numbers, their unit, wherever it was, is its only attribute ``units``.
+    Numbers that a library keeps with their unit become bare, with the attribute ``units``.
     """
     array = _as_data_array(name, value, dim)
     unit = carried_unit(name, value if array is None or isinstance(value, pd.Series) else array)
     if unit is None or (array is not None and type(array.data) is np.ndarray and array.dtype != object):
-        return array if unit is None else array.drop_attrs(deep=False).assign_attrs(units=unit)
+        return array  # convert_units finds the unit
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # that the unit is lost

@@ -82,7 +82,7 @@ def billing_months(n_days: int, start: xr.DataArray | None) -> tuple[list[np.nda
     start on the same date are one; one for all is that of the first of consecutive days, as of ``Boundary``.  None:
     every label is a day, and 30 of them are a month.
     """
-    date = np.arange(n_days)
+    date: np.ndarray = np.arange(n_days)
     if start is not None:
         date = start.values.astype("datetime64[D]") + (date if start.ndim == 0 else 0)
     month = date // MONTH_DAYS if start is None else date.astype("datetime64[M]")
