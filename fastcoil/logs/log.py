@@ -10,13 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from fastcoil.base.arguments import (
-    argument_checks,
-    collect_problems,
-    raise_problems,
-    require_choice,
-    require_mapping,
-)  # fmt: skip
+from fastcoil.base.arguments import argument_checks, collect_problems, require_choice, require_mapping
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError, Problem
 from fastcoil.logs.columns import (
@@ -248,10 +242,11 @@ class Log:
     def require_options_used(self) -> None:
         """Refuse headers and units of columns that no function has read since."""
         options = [("columns", "--column", self._options.columns or {}), ("units", "--unit", self._options.units)]
-        raise_problems([
-            Problem(f"{option} {name}={text}: {name} is not read here: leave it out", argument, "name")
-            for argument, option, texts in options for name, text in texts.items() if name not in self._names_read
-        ])  # fmt: skip
+        with argument_checks() as check:
+            for argument, option, texts in options:
+                for name in sorted(texts.keys() - self._names_read):
+                    sentence = f"{option} {name}={texts[name]}: {name} is not read here: leave it out"
+                    check.problems.append(Problem(sentence, argument, "name"))
 
     def summary(self) -> list[str]:
         """Return the log as lines of text: rows, times, columns with their units as read, and notes."""
