@@ -32,19 +32,23 @@ def _parse_pairs_option(ctx: click.Context, param: click.Parameter, value: Seque
 
 
 _TIME_FORMAT_HELP = "Format of the timestamps: '%d/%m/%Y %H:%M', excel or epoch; recognised by default."
+_TIME_ZONE_HELP = "Zone of times without a UTC offset, such as America/New_York."
 _add_reading_options = combine_options(
     click.option("--drop", is_flag=True, help="Drop bad values and count them, or bridge a single one."),
     click.option("--jumps", default="refuse", show_default=True,
                  help="Where time runs backwards: refuse the file, or split it there."),
     click.option("--max-gap", type=float, help="Longest gap to bridge, s; three median steps by default."),
     click.option("--time-format", metavar="PATTERN", help=_TIME_FORMAT_HELP),
+    click.option("--time-zone", metavar="ZONE", help=_TIME_ZONE_HELP),
     click.option("--unit", "units", multiple=True, callback=_parse_pairs_option, metavar="NAME=UNIT",
                  help="Unit of a column whose header has none."),
     click.option("--column", "columns", multiple=True, callback=_parse_pairs_option, metavar="NAME=HEADER",
                  help="Header of the column for NAME, if it differs."),
+    click.option("--ignore", multiple=True, metavar="NAME|HEADER", help="A column that is not read."),
     click.argument("data", type=PATH),
 )  # fmt: skip
-_READING_OPTIONS = ("drop", "jumps", "max_gap", "time_format", "units", "columns")  # of ``fc.read_log``
+# of ``fc.read_log``
+_READING_OPTIONS = ("drop", "jumps", "max_gap", "time_format", "time_zone", "units", "columns", "ignore")
 
 
 def with_reading_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -114,6 +118,7 @@ def diagnose(
         require_fit_file(out)
     logs = [fc.read_log(path, **read) for path in (data, *other_logs)]
     diagnosis = fc.diagnose(logs if other_logs else logs[0], **options)
+    logs[0].require_options_used()
     echo(*diagnosis.summary())
     write_result(diagnosis, out, report)
     if fail and (diagnosis.hunts or (diagnosis.identified and diagnosis.backlash > GOOD_BACKLASH)):
@@ -187,7 +192,8 @@ def read_test_command(data: Path, read: dict[str, Any], out: Path | None, **opti
     """
     if out is not None:
         require_fit_file(out)
-    test_result = fc.read_test(fc.read_log(data, **read), **options)
+    test_result = fc.read_test(log := fc.read_log(data, **read), **options)
+    log.require_options_used()
     echo(*test_result.summary())
     write_result(test_result, out)
 
@@ -200,13 +206,14 @@ _POINT_HELP = "File of the point NAME (or header, or FILE:HEADER), if neither he
 @click.option("-o", "--out", type=PATH, default="log.csv", show_default=True, help="CSV file to write; a new one.")
 @click.option("--column", "columns", multiple=True, metavar="NAME=FILE", help=_POINT_HELP)
 @click.option("--unit", "units", multiple=True, metavar="NAME=UNIT", help="Unit of a point whose header has none.")
+@click.option("--ignore", multiple=True, metavar="NAME|HEADER", help="A column that is not read.")
 @click.option("--step", type=float, help="Time step of the joined log, s; that of the fastest point by default.")
 @click.option("--max-gap", type=float, help="Longest gap over which a point is held or interpolated, s.")
 @click.option("--time-format", metavar="PATTERN", help=_TIME_FORMAT_HELP)
-@click.option("--time-zone", metavar="ZONE", help="Zone of times without a UTC offset, such as America/New_York.")
+@click.option("--time-zone", metavar="ZONE", help=_TIME_ZONE_HELP)
 def join(
-    files: Sequence[Path], out: Path, columns: Sequence[str], units: Sequence[str], step: float | None,
-    max_gap: float | None, time_format: str | None, time_zone: str | None,
+    files: Sequence[Path], out: Path, columns: Sequence[str], units: Sequence[str], ignore: Sequence[str],
+    step: float | None, max_gap: float | None, time_format: str | None, time_zone: str | None,
 ) -> None:  # fmt: skip
     """Join the points in FILES into one log with a common time step, for diagnose and the fits.
 
@@ -229,7 +236,7 @@ def join(
         check(_require_new_csv, out)
     text, notes = join_points(
         files, columns=parse_pairs("--column", columns), units=parse_pairs("--unit", units), time_format=time_format,
-        time_zone=time_zone, step=step, max_gap=max_gap,
+        time_zone=time_zone, step=step, max_gap=max_gap, ignore=ignore,
     )  # fmt: skip
     _require_new_csv(out)
     write_atomically(out, text.encode())
@@ -269,6 +276,7 @@ def run_fit(
     require_fit_file(out)
     log = fc.read_log(data, **read, constants=options.pop("constants", None))
     result = fit_function(log, *loops, **options)
+    log.require_options_used()
     echo(*result.summary())
     write_result(result, out, report, label="Fitted")
 

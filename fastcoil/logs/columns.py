@@ -21,12 +21,13 @@ from fastcoil.base.arguments import (
     require_choice,
     require_flag,
     require_mapping,
+    require_names,
     require_number,
     require_path,
 )  # fmt: skip
 from fastcoil.base.errors import Problem, did_you_mean, short_repr
-from fastcoil.logs.series import COLUMNS, TIME_COLUMNS, VOCABULARY
-from fastcoil.logs.table import TIME_HEADERS, Table, normalise_header, split_label_and_unit
+from fastcoil.logs.series import COLUMNS, TIME_COLUMNS, VOCABULARY, is_unit
+from fastcoil.logs.table import TIME_HEADERS, Table, has_name, normalise_header, split_label_and_unit
 from fastcoil.logs.timestamps import is_time, require_time_format, require_time_zone
 
 _MAPPING_EXAMPLES = {"columns": "{'m_w': 'its header'}", "units": "{'m_w': 'kg/s'}", "constants": "{'m_a': 1.2}"}
@@ -61,11 +62,13 @@ class ReadingOptions:
     columns: Mapping[str, str] | None = None
     units: Mapping[str, str] = field(default_factory=dict)
     constants: Mapping[str, float] | None = None
+    ignore: Sequence[str] = ()  # columns that are not read, by our names or by their headers
     drop: bool | None = None
     jumps: str | None = None
     max_gap: float | None = None
     time_format: str | None = None
     time_zone: str = ""
+    month_first: bool = False  # whether the month comes before the day where a table does not show it
     refuse_gaps: bool = False
     reader: Literal["read_log", "join", "function"] = "function"
 
@@ -75,6 +78,11 @@ class ReadingOptions:
             return argument
         return option if self.reader == "join" else f"fc.read_log(..., {argument}), {option}"
 
+    def set_back_cure(self) -> str:
+        """Return the advice where clocks may have been set back: sorted, the rows of two hours are mixed."""
+        zone = self.cure("time_zone='America/New_York'", "--time-zone America/New_York")
+        return f"if clocks were set back there, log UTC or the UTC offset, or give the zone of unsorted rows: {zone}"
+
     def unit_cure(self, name: str, unit: str) -> str:
         """Return the advice how to declare the unit of the column ``name``."""
         return self.cure(f"units={{{name!r}: {unit!r}}}", f"--unit {name}='{unit}'")
@@ -82,6 +90,11 @@ class ReadingOptions:
     def column_cure(self, name: str, header: str = "its header") -> str:
         """Return the advice how to name the header of the column that holds ``name``."""
         return self.cure(f"columns={{{name!r}: {header!r}}}", f"--column {name}={header!r}")
+
+    def ignore_cure(self, name: str) -> str:
+        """Return the advice how to leave a column out; blank where the caller does not offer that."""
+        cure = self.cure(f"ignore=[{name!r}]", f"--ignore {name!r}")
+        return f", or leave it out: {cure}" if self.reader != "function" else ""
 
 
 def check_reading_options(check: Checks, **arguments: Any) -> ReadingOptions:
@@ -95,6 +108,7 @@ def check_reading_options(check: Checks, **arguments: Any) -> ReadingOptions:
     arguments["time_format"] = check.unless_none(require_time_format, "time_format", arguments["time_format"])
     if "time_zone" in arguments:
         arguments["time_zone"] = check(require_time_zone, "time_zone", arguments["time_zone"])
+    arguments["ignore"] = check(require_names, "ignore", arguments["ignore"]) if arguments.get("ignore") else []
     arguments |= {name: {} for name in ("units", "constants") if name in arguments and arguments[name] is None}
     return ReadingOptions(**arguments)
 
@@ -122,7 +136,11 @@ def require_log(name: str, source: Any) -> Any:
 _WORD_MEANINGS = {word: known.split() for known, written in VOCABULARY["words"].items() for word in written.split()}
 _BACNET_ADDRESS = re.compile(r"\b[ab][iov][-_ ]?[0-9]+\b|(?:^|[.:/\\])[a-z](?=[.:/\\])", re.IGNORECASE)
 """Matches the address of a BACnet object, and a folder of one letter in a path."""
-_SET_POINT_PATTERN = re.compile(r"set[-_ ]*point", re.IGNORECASE)
+_SET_POINT_PATTERN = re.compile(
+    r"(?:(?<![A-Za-z])(?i:se?t)|(?<=[A-Za-z])Se?t|(?<=[A-Z])SE?T(?=P))[-_ ]*(?i:point|pnt|pt)(?![a-z])"
+)
+_BESIDE_SET_POINT_WORDS = frozenset({"", "setpoint", "supply", "air", "temp", "cooling", "heating", "coil", "position"})
+"""Meanings beside which an unclear header may still be that of the set-point of the supply air temperature."""
 _WORD_PATTERN = re.compile(r"[A-Z]?[a-zà-ÿ]+|[A-ZÀ-Ý]+(?![a-z])|[A-Z]|[0-9]+")
 
 
@@ -137,7 +155,7 @@ class HeaderMeaning(NamedTuple):
 def interpret_header(header: str) -> HeaderMeaning | None:
     """Interpret a header by its words; None if it means none of our columns, or has unknown words alone."""
     label, unit = split_label_and_unit(header)
-    text = _SET_POINT_PATTERN.sub("setpoint", _BACNET_ADDRESS.sub(" ", label))
+    text = _SET_POINT_PATTERN.sub(" setpoint ", _BACNET_ADDRESS.sub(" ", label))
     header_words = [word.lower() for word in _WORD_PATTERN.findall(text)]
     header_words += ["cfm"] * (unit is not None and unit.lower() == "cfm")
     meanings = [_WORD_MEANINGS.get(word) for word in header_words]
@@ -155,8 +173,31 @@ def interpret_header(header: str) -> HeaderMeaning | None:
         other_words = known_words - required_words
         if required_words <= known_words and other_words <= optional_words | {"position"}:
             is_clear &= other_words <= optional_words  # a position that is fed back is no command
-            is_its_unit = unit is None or COLUMNS[name].is_same_unit(unit, unit)
-            return HeaderMeaning(name, frozenset(plant), is_clear) if is_its_unit else None
+            return HeaderMeaning(name, frozenset(plant), is_clear) if _may_have_unit(name, unit) else None
+    may_be_set_point = "setpoint" in known_words <= _BESIDE_SET_POINT_WORDS and _may_have_unit("T_set", unit)
+    return HeaderMeaning("T_set", frozenset(plant[:first_known]), False) if may_be_set_point else None
+
+
+def coil_kind(header: str) -> str:
+    """Return the kind of coil that the header of a command names: ``cooling``, ``heating`` or blank."""
+    words = [word.lower() for word in _WORD_PATTERN.findall(header)]
+    kinds = {kind for word in words for kind in _WORD_MEANINGS.get(word, ()) if kind in ("cooling", "heating")}
+    return kinds.pop() if len(kinds) == 1 else ""
+
+
+def _may_have_unit(name: str, unit: str | None) -> bool:
+    """Whether a header with this unit may be of our column ``name``; of an unknown unit it is asked later."""
+    return unit is None or not is_unit(unit) or COLUMNS[name].is_same_unit(unit, unit)
+
+
+def _interpret_in_plant(header: str, headers: Sequence[str]) -> HeaderMeaning | None:
+    """Interpret a header behind a name of plant that others share: ``CLG-O`` of ``S-7_CLG-O``; None if unclear."""
+    for match in re.finditer(r"[_ .:/\\]", header):
+        prefix, meaning = header[: match.end()], interpret_header(header[match.end() :])
+        has_other_words = any(_WORD_MEANINGS.get(word.lower()) == ["other"] for word in _WORD_PATTERN.findall(prefix))
+        is_shared = sum(each.startswith(prefix) for each in headers) > 1
+        if meaning and meaning.is_clear and is_shared and not has_other_words:
+            return meaning._replace(plant=frozenset({prefix}))
     return None
 
 
@@ -176,6 +217,10 @@ def find_columns(table: Table, options: ReadingOptions, spec: ColumnSpec) -> dic
             bounds = f"{series.lower:g} to {series.upper:g}{'' if series.unit == '1' else f' {series.unit}'}"
             sentence = f"constants has {name} = {short_repr(value)}: give a number from {bounds}"
             table.add_problem(sentence, "constants", "value")
+    for header in options.ignore:
+        if header not in names and not any(has_name(cell, header) for cell in table.header):
+            sentence = f"ignore: there is no column {short_repr(header)}{did_you_mean(header, table.header)}"
+            table.add_problem(sentence, "ignore", "name")
     column_by_name, candidates = _match_headers(table, options, names, spec)
     for choices in [*spec.choices, TIME_COLUMNS]:
         substitutes = [f"constant {n}" for n in choices if n in constants]
@@ -190,10 +235,19 @@ def find_columns(table: Table, options: ReadingOptions, spec: ColumnSpec) -> dic
             table.add_problem(sentence, choices[0] if len(choices) == 1 else available[0], "conflict")
         elif not available and not preferred:
             headers = candidates.get(choices[0], [])
-            if len(headers) > 1:
+            is_needed = choices[0] not in spec.optional or choices[0] == "T_set" or options.reader == "function"
+            if len(headers) > 1 and not is_needed:
+                listing = " or ".join(map(short_repr, headers[:_MAX_LISTED_COLUMNS]))
+                cure = options.column_cure(choices[0], headers[0])
+                table.notes.append(f"{choices[0]} is not read, it may be {listing}: {cure}")
+            elif len(headers) > 1:
                 advice = f"{' or '.join(map(short_repr, headers[:_MAX_LISTED_COLUMNS]))}: say which to read"
                 sentence = f"{choices[0]} may be {advice}: {options.column_cure(choices[0], headers[0])}"
                 table.add_problem(sentence, choices[0], "missing")
+            elif headers and choices[0] == "T_set":  # without it, every answer is another one
+                cure = f"{options.column_cure('T_set', headers[0])}{options.ignore_cure(headers[0])}"
+                sentence = f"T_set may be {short_repr(headers[0])}: say so, {cure}"
+                table.add_problem(sentence, "T_set", "missing")
             elif choices[0] not in spec.optional:
                 table.problems.append(_describe_missing_column(choices, options, spec, *headers))
     read_names = (*spec.names, *TIME_COLUMNS, "batch")
@@ -219,20 +273,39 @@ def find_requested_columns(table: Table, columns: Mapping[str, str]) -> dict[str
     return column_by_name
 
 
+def require_columns_with_units(table: Table, options: ReadingOptions) -> None:
+    """Add a problem for each unit that the caller declares for a column that the log does not have."""
+    spec = ColumnSpec((), [*COLUMNS])
+    column_by_name, candidates = _match_headers(table.copy(), options, [*COLUMNS, "timestamp"], spec)
+    for name in sorted(options.units.keys() & {*COLUMNS} - column_by_name.keys()):
+        if not candidates.get(name) or name in options.ignore:
+            cure = f"leave it out, or say which column it is: {options.column_cure(name)}"
+            sentence = f"units has {name} = {short_repr(options.units[name])}, and no column is read as {name}: {cure}"
+            table.add_problem(sentence, "units", "name")
+
+
 def _match_headers(
     table: Table, options: ReadingOptions, names: list[str], spec: ColumnSpec
 ) -> tuple[dict[str, int], dict[str, list[str]]]:
     """Match headers to our ``names``, as requested or meant; return indices by name, and headers in question."""
     unknown_columns = []
     column_by_name = find_requested_columns(table, options.columns or {})
-    labels = [split_label_and_unit(cell)[0] for cell in table.header]
+    ignored = [
+        k for k, cell in enumerate(table.header) for name in options.ignore
+        if has_name(cell, name) or ((meaning := interpret_header(cell)) and meaning.name == name)
+    ]  # fmt: skip
+    labels, units = zip(*map(split_label_and_unit, table.header), strict=True)
     time_column = table.find_time_column() if not {*TIME_COLUMNS} & {*labels, *column_by_name} else None
     if time_column is not None and (labels[time_column].lower() == "timestamp" or is_time(table.rows[0][time_column])):
         column_by_name["timestamp"] = time_column
         if normalise_header(table.header[time_column]) not in TIME_HEADERS:
             table.notes.append(f"the times are in the column {short_repr(table.header[time_column])}")
+    elif time_column is not None and units[time_column] and _may_have_unit("elapsed_time", units[time_column]):
+        column_by_name["elapsed_time"] = time_column
     for column, cell in enumerate(table.header):
         label = labels[column]
+        if column in ignored:
+            continue
         is_read = label in (*spec.names, *TIME_COLUMNS) and label not in (options.columns or {})
         if is_read and label in column_by_name:
             two_headers = f"{short_repr(table.header[column_by_name[label]])} and {short_repr(cell)}"
@@ -244,7 +317,7 @@ def _match_headers(
             unknown_columns.append(column)
     guesses, candidates = _guess_columns(table, options, spec, column_by_name, unknown_columns)
     unread = list(dict.fromkeys(table.header[k] for k in unknown_columns if k not in guesses.values()))
-    is_ambiguous = any(len(headers) > 1 for headers in candidates.values())
+    is_ambiguous = any(len(headers) > 1 or name == "T_set" for name, headers in candidates.items() if headers)
     if unread and options.columns is None and not guesses and not is_ambiguous:
         hints = {cell: did_you_mean(split_label_and_unit(cell)[0], names) for cell in unread[:200]}  # 1 ms each
         unread.sort(key=lambda cell: not hints.get(cell))  # those that are nearly ours first
@@ -269,10 +342,15 @@ def _guess_columns(
     """Guess the names of ``unknown`` columns, all of one plant; return indices by name, and headers in question."""
     columns = [*unknown, *column_by_name.values()]
     meanings = {k: meaning for k in columns if (meaning := interpret_header(table.header[k]))}
+    headers = [table.header[k] for k in columns]
+    for k, header in zip(columns, headers, strict=True):
+        if k not in meanings and (meaning := _interpret_in_plant(header, headers)):
+            meanings[k] = meaning
     plant = next((meanings[k].plant for k in column_by_name.values() if k in meanings), frozenset[str]())
     guesses: dict[str, int] = {}
     candidates: dict[str, list[str]] = {}
-    for name in [name for name in spec.names if name not in column_by_name and name not in (options.constants or {})]:
+    given = {*column_by_name, *(options.constants or {}), *options.ignore}
+    for name in [name for name in spec.names if name not in given]:
         matches = [k for k in unknown if k in meanings and meanings[k].name == name]
         in_plant = [k for k in matches if meanings[k].plant <= plant or plant <= meanings[k].plant]
         clear_matches = [k for k in in_plant if meanings[k].is_clear]
@@ -280,7 +358,8 @@ def _guess_columns(
             guesses[name] = clear_matches[0]
             plant |= meanings[clear_matches[0]].plant
         else:
-            candidates[name] = [table.header[k] for k in clear_matches or matches[:1]]
+            unclear_matches = in_plant if name == "T_set" else matches
+            candidates[name] = [table.header[k] for k in clear_matches or unclear_matches[:1]]
     if guesses:
         table.notes.append(", ".join(f"{short_repr(table.header[k])} is read as {name}" for name, k in guesses.items()))
     return guesses, candidates
@@ -298,4 +377,8 @@ def _describe_missing_column(
         constant = options.cure(f"constants={{{name!r}: NUMBER}}", f"--constant {name}=NUMBER")
         cure += f"; or give a constant: {constant}"
     unclear = f"{short_repr(header)} is not clearly it: " if header else ""
+    label, bracket, rest = header.rpartition("(")
+    if bracket and rest.endswith(")") and (meaning := interpret_header(label)) and meaning.is_clear:
+        series, unit_text = COLUMNS[meaning.name], short_repr(rest[:-1])
+        unclear = f"{short_repr(header)} has {unit_text}, which is no unit that is known ({series.known_units}): "
     return Problem(f"{' or '.join(choices)} is missing: {unclear}{cure}", name, "missing")

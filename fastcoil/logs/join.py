@@ -22,7 +22,15 @@ from fastcoil.logs.plausibility import describe_likely_unit, find_misread_units
 from fastcoil.logs.readings import describe_left_out, read_columns
 from fastcoil.logs.series import COLUMNS, TIME_COLUMNS, VOCABULARY, format_count, is_unit
 from fastcoil.logs.table import REVERSED_ROWS_NOTE, Table, normalise_header, split_label_and_unit
-from fastcoil.logs.timestamps import MICROSECOND_DTYPE, SECOND_US, Timestamps, apply_time_zone, format_utc_offset
+from fastcoil.logs.timestamps import (
+    MICROSECOND_DTYPE,
+    MONTH_FIRST_NOTE,
+    SECOND_US,
+    UNKNOWN_ORDER,
+    Timestamps,
+    apply_time_zone,
+    format_utc_offset,
+)
 
 _NON_POINT_COLUMNS = ("elapsed_time", "batch")  # that are about rows
 POINT_NAMES = [name for name in COLUMNS if name not in _NON_POINT_COLUMNS]  # that a point may have
@@ -45,11 +53,25 @@ class Point(NamedTuple):
     clock: str  # ``UTC`` where the times are absolute, else the name of the zone beside them, or blank
     offset: int  # by which the clock that wrote absolute times is ahead, µs
     file: str  # where it is from
+    is_regular: bool = True  # whether it has samples at equal steps; others are written when they change
 
-    @property
-    def is_regular(self) -> bool:
-        """Whether the point has samples at equal steps; others are written when they change."""
-        return not has_uneven_steps(np.diff(self.times) / SECOND_US)
+
+def _find_change_points(points: Sequence[Point]) -> list[Point]:
+    """Mark the points that are written when they change.
+
+    Their steps are uneven or, as those of a fan by a schedule, at least five times those of the fastest point, and
+    there are few samples, or of a point that holds each is a change, to and fro between some values.
+    """
+    median_steps = [float(np.median(np.diff(point.times))) if point.times.size > 1 else np.inf for point in points]
+    marked = []
+    for point, step in zip(points, median_steps, strict=True):
+        n_levels = np.unique(point.values).size
+        is_to_and_fro = COLUMNS[point.name].hold and (np.diff(point.values) != 0.0).all()
+        is_to_and_fro &= point.times.size <= 10 or n_levels <= 0.5 * point.times.size
+        is_sparse = step >= 5.0 * min(median_steps) and (point.times.size < 5 or is_to_and_fro)
+        is_uneven = has_uneven_steps(np.diff(point.times) / SECOND_US)
+        marked.append(point._replace(is_regular=not (is_uneven or is_sparse)))
+    return marked
 
 
 def split_sources(table: Table, options: ReadingOptions) -> list[PointSource]:
@@ -58,12 +80,12 @@ def split_sources(table: Table, options: ReadingOptions) -> list[PointSource]:
     time_column = table.find_time_column() if time_header is None else table.find_column(time_header)
     if time_column is None:
         raise InputError(f"{table.name} has no column of times: call it timestamp", "timestamp", "missing")
+    columns = find_value_columns(table)
+    time_options = options if columns is None else replace(options, time_zone="")  # each point has its own order
     with collect_problems(table.problems):
-        stamps = read_times(table, time_column, options)
+        stamps = read_times(table, time_column, time_options)
     table.raise_problems()
-    if not stamps.absolute and options.time_zone:
-        stamps = apply_time_zone(stamps, options.time_zone)
-    if (columns := find_value_columns(table)) is None:
+    if columns is None:
         labels = [split_label_and_unit(header)[0] for header in table.header]
         indices = [k for k, label in enumerate(labels) if k != time_column and label not in _NON_POINT_COLUMNS]
         return [PointSource(_single_column_table(table, k, table.header[k]), stamps) for k in indices]
@@ -90,6 +112,8 @@ def split_sources(table: Table, options: ReadingOptions) -> list[PointSource]:
         column = _single_column_table(table, value, header, rows)
         column.unit_cure = "give each of its rows {unit!r} in a column Unit"
         point_stamps = stamps._replace(microseconds=stamps.microseconds[rows], good=stamps.good[rows])
+        if options.time_zone and not stamps.absolute:
+            point_stamps = apply_time_zone(point_stamps, options.time_zone, column.row_numbers)
         sources.append(PointSource(column, point_stamps))
     return sources
 
@@ -121,7 +145,7 @@ def read_points(sources: Sequence[PointSource], union: Table, options: ReadingOp
     columns = sorted(column_by_name.items(), key=lambda entry: entry[1])
     with argument_checks() as check:
         points = [check(_read_point, sources[column - 1], name, options) for name, column in columns if column]
-    return points
+    return _find_change_points(points)
 
 
 def _read_point(source: PointSource, name: str, options: ReadingOptions) -> Point:
@@ -137,11 +161,13 @@ def _read_point(source: PointSource, name: str, options: ReadingOptions) -> Poin
     table.raise_problems()
     table.notes += readings.notes
     steps = np.diff(stamps.microseconds)
-    if (steps < 0).any():
-        row_before, row_after = table.row_numbers[int(np.argmax(steps < 0)) :][:2]
-        sentence = f"{table.name}: time goes back between rows {row_before} and {row_after}: sort the rows by time"
-        raise InputError(sentence, "timestamp", "time")
     is_repeated = np.append(steps == 0, False)
+    is_set_back = stamps.seem_set_back()
+    if (steps < 0).any() or is_set_back:
+        row_before, row_after = table.row_numbers[int(np.argmax(steps <= 0 if is_set_back else steps < 0)) :][:2]
+        cure = options.set_back_cure() if is_set_back else "sort the rows by time"
+        sentence = f"{table.name}: time goes back between rows {row_before} and {row_after}: {cure}"
+        raise InputError(sentence, "timestamp", "time")
     if is_repeated.any():
         table.notes.append(f"{format_count(is_repeated, 'row')} at the time of the next: left out")
     values = readings.values[name]
@@ -185,6 +211,7 @@ def join_points(
     time_zone: str | None = None,
     step: float | None = None,
     max_gap: float | None = None,
+    ignore: Sequence[str] = (),
 ) -> tuple[str, list[str]]:
     """Join the points of several files on a common clock: the text of a CSV file, and how it was made.
 
@@ -194,10 +221,11 @@ def join_points(
     columns: our name → file, or header, or ``file:header``, for points that neither header nor file name names.
     time_zone: of times that have none.  step: of the clock [s]; the usual step of the fastest point, rounded down, if
     left out.  max_gap: longest time without a sample over which a point holds or runs straight [s]; if left out, three
-    usual steps for a point of regular samples, no limit for one that is written when it changes.
+    usual steps for a point of regular samples, no limit for one that is written when it changes.  ignore: headers, or
+    our names, of columns that are not read.
     """
     reading: Any = {"columns": columns, "units": units, "time_format": time_format, "time_zone": time_zone or ""}
-    points, notes = _read_files(paths, options := ReadingOptions(**reading, reader="join"))
+    points, notes = _read_files(paths, options := ReadingOptions(**reading, ignore=ignore, reader="join"))
     values, declared = {point.name: point.values for point in points}, {point.name: point.unit for point in points}
     likely_units = find_misread_units(values, declared, options.units)
     problems = []
@@ -226,7 +254,7 @@ def _read_files(paths: Sequence[Path], options: ReadingOptions) -> tuple[list[Po
     sources, problems, names, notes = list[PointSource](), list[str](), list[set[str]](), list[list[str]]()
     for path in paths:
         with collect_problems(problems):
-            table = Table.read(path)
+            table = Table.read(path, least_rows=1)
             table_sources = split_sources(table, options)
             columns = [source.table for source in table_sources]
             # a column without a value in many rows is one of remarks
@@ -241,6 +269,10 @@ def _read_files(paths: Sequence[Path], options: ReadingOptions) -> tuple[list[Po
                     column.header = [f"{path.stem} [{unit}]" if unit else path.stem]
             sources += table_sources
             notes.append(table.notes)
+    texts = [*chain(*notes)]
+    is_month_first = any(text.startswith(MONTH_FIRST_NOTE) and UNKNOWN_ORDER not in text for text in texts)
+    if is_month_first and not options.month_first and any(UNKNOWN_ORDER in text for text in texts):
+        return _read_files(paths, replace(options, month_first=True))  # what one file shows holds for the others
     name_counts = Counter(chain(*names))
     for name, target in (options.columns or {}).items():
         if name_counts[target] > 1:
@@ -328,6 +360,7 @@ def _sample_point(point: Point, clock: Index, max_gap: float | None) -> tuple[Ar
     values = point.values[latest] if is_held else np.interp(clock, point.times, point.values)
     method = "held from sample to sample" if is_held else "on straight lines"
     kind = "" if point.is_regular else ", written when it changes"
-    limit_text = f"over {limit:g} s at most" if limit is not None else f"up to {steps.max(initial=0) / SECOND_US:g} s"
+    longest = max(steps.max(initial=0), clock[-1] - point.times[-1]) / SECOND_US
+    limit_text = f"over {limit:g} s at most" if limit is not None else f"up to {longest:g} s"
     samples = f"{format_count(point.times.size, 'sample')} of {point.file}"
     return values, is_good, f"{point.name}: {samples}{kind}, {method} {limit_text}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -12,7 +12,7 @@ import numpy as np
 
 from fastcoil.base.arguments import argument_checks, collect_problems, require_choice, require_mapping
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.base.errors import InputError
+from fastcoil.base.errors import InputError, Problem
 from fastcoil.logs.columns import (
     ColumnSpec,
     ReadingOptions,
@@ -20,14 +20,20 @@ from fastcoil.logs.columns import (
     find_columns,
     find_requested_columns,
     interpret_header,
+    require_columns_with_units,
     require_log,
 )  # fmt: skip
 from fastcoil.logs.join import POINT_NAMES, find_value_columns, pivot_points
 from fastcoil.logs.pieces import longest_regular_step, number_pieces, read_times
-from fastcoil.logs.readings import check_plausible_units, fill_or_cut_rows, mark_supersaturation, read_columns
-from fastcoil.logs.series import COLUMNS, format_count
+from fastcoil.logs.readings import (
+    check_plausible_units,
+    fill_or_cut_rows,
+    leave_out_optional,
+    mark_supersaturation,
+    read_columns,
+)  # fmt: skip
+from fastcoil.logs.series import COLUMNS, TIME_COLUMNS, format_count
 from fastcoil.logs.table import Table, table_from_data
-from fastcoil.logs.timestamps import apply_time_zone
 from fastcoil.model import moist_air
 
 if TYPE_CHECKING:
@@ -132,7 +138,7 @@ def check_table(table: Table, spec: ColumnSpec, options: ReadingOptions) -> Chec
     """Convert the columns of ``spec`` to checked arrays; the table is used up."""
     if find_value_columns(table) is not None:
         table = pivot_points(table, options, spec)
-        options = replace(options, columns=None, units={}, time_format=None, time_zone="")
+        options = replace(options, columns=None, units={}, ignore=(), time_format=None, time_zone="")
     column_by_name = find_columns(table, options, spec)
     time_name = "timestamp" if "timestamp" in column_by_name else "elapsed_time"
     for name, value in (("time_format", options.time_format), ("time_zone", options.time_zone)):
@@ -144,22 +150,23 @@ def check_table(table: Table, spec: ColumnSpec, options: ReadingOptions) -> Chec
     if time_name == "timestamp":
         with collect_problems(table.problems):
             stamps = read_times(table, column_by_name["timestamp"], options)
-            if options.time_zone and not stamps.absolute:
-                stamps = apply_time_zone(stamps, options.time_zone)
     readings = read_columns(table, column_by_name, options, spec)
-    check_plausible_units(table, readings, column_by_name, options)
-    mark_supersaturation(table, readings, options.constants or {})
     columns = readings.values
-    if stamps is None and "elapsed_time" not in columns:  # there is a problem of either
+    no_time = stamps is None and "elapsed_time" not in columns  # there is a problem of either
+    time = stamps.seconds_since_first() if stamps else columns.get("elapsed_time", np.zeros(2))
+    check_plausible_units(table, readings, column_by_name, options, time)
+    mark_supersaturation(table, readings, options.constants or {})
+    leave_out_optional(table, readings, options, spec)
+    if no_time:
         table.problems += readings.complaints
         table.raise_problems()
-    time = stamps.seconds_since_first() if stamps else columns["elapsed_time"]
     longest_step = longest_regular_step(time, options.max_gap)
     columns, time = fill_or_cut_rows(table, readings, time, options, spec, longest_step, time_name)
     columns.pop("elapsed_time", None)
     batch, is_change_log = np.zeros(0, dtype=np.int64), False
     if np.isfinite(time).all():
-        batch, is_change_log = number_pieces(table, time, columns, options, readings.notes, time_name)
+        is_set_back = stamps is not None and stamps.seem_set_back()
+        batch, is_change_log = number_pieces(table, time, columns, options, readings.notes, time_name, is_set_back)
     table.raise_problems()
     start, zone = stamps.first_time() if stamps else (None, "")
     columns.pop("batch", None)
@@ -173,7 +180,7 @@ def check_table(table: Table, spec: ColumnSpec, options: ReadingOptions) -> Chec
         batch=batch,
         rows=rows,
         units=readings.units,
-        headers={name: table.header[column] for name, column in column_by_name.items()},
+        headers={name: table.header[k] for name, k in column_by_name.items() if name in (*values, time_name, "batch")},
         notes=table.notes + readings.notes,
         change_of_value=is_change_log,
         start=None if start is None else start + np.timedelta64(round(float(time[0])), "s"),
@@ -196,6 +203,7 @@ class Log:
     def __init__(self, source: Any, options: ReadingOptions) -> None:
         self._source, self._options = source, options
         self._table: Table | None = None
+        self._names_read: set[str] = {*TIME_COLUMNS, "batch"}
 
     @property
     def name(self) -> str:
@@ -215,12 +223,14 @@ class Log:
         table.check_names("constants", self._options.constants or {}, POINT_NAMES)
         if find_value_columns(table) is None:
             find_requested_columns(table, columns)
+            require_columns_with_units(table, self._options)
         table.raise_problems()
 
     def read(self, spec: ColumnSpec, *, refuse_gaps: bool = False, use_sensor: bool = False) -> CheckedLog:
         """Read the columns of ``spec`` as checked numbers; ``use_sensor``: of a simulation, what its sensor shows."""
         # constants are for whichever caller needs them
         constants = {name: x for name, x in (self._options.constants or {}).items() if name in spec.names}
+        self._names_read |= {*spec.names}
         options = replace(self._options, refuse_gaps=refuse_gaps, constants=constants)
         if self._table is not None:
             return check_table(self._table.copy(), spec, options)
@@ -228,6 +238,15 @@ class Log:
         if use_sensor and hasattr(source, "data_vars") and "T_measured" in source:
             source = source if "T_sup" in (options.columns or {}) else source.assign(T_sup=source["T_measured"])
         return read_checked_log(source, spec, options)
+
+    def require_options_used(self) -> None:
+        """Refuse headers and units of columns that no function has read since."""
+        options = [("columns", "--column", self._options.columns or {}), ("units", "--unit", self._options.units)]
+        with argument_checks() as check:
+            for argument, option, texts in options:
+                for name in sorted(texts.keys() - self._names_read):
+                    sentence = f"{option} {name}={texts[name]}: {name} is not read here: leave it out"
+                    check.problems.append(Problem(sentence, argument, "name"))
 
     def summary(self) -> list[str]:
         """Return the log as lines of text: rows, times, columns with their units as read, and notes."""
@@ -269,6 +288,7 @@ def read_log(
     time_format: str | None = None,
     time_zone: str | None = None,
     constants: Mapping[str, float] | None = None,
+    ignore: Sequence[str] | None = None,
 ) -> Log:
     """Read a trend log, once, for every function that uses one.
 
@@ -300,6 +320,8 @@ def read_log(
         Zone of timestamps without a UTC offset, such as ``"America/New_York"`` or ``"UTC-05:00"``.
     constants
         Numbers for columns that the log lacks, in the units of fastcoil: ``{"m_a": 1.2}`` in kg/s.
+    ignore
+        Columns that are not read, by their headers or by the names of fastcoil: ``["SF Sts", "T_a_in"]``.
 
     Returns
     -------
@@ -334,7 +356,7 @@ def read_log(
         source = check(require_log, "source", source)
         options = check_reading_options(
             check, units=units, columns=columns, drop=drop, jumps=jumps, max_gap=max_gap, time_format=time_format,
-            time_zone=time_zone, constants=constants, reader="read_log",
+            time_zone=time_zone, constants=constants, ignore=ignore, reader="read_log",
         )  # fmt: skip
     log = Log(source, options)
     log.check()

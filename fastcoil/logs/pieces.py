@@ -12,7 +12,7 @@ from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.logs.columns import ReadingOptions
 from fastcoil.logs.series import format_count
 from fastcoil.logs.table import REVERSED_ROWS_NOTE, Table
-from fastcoil.logs.timestamps import Timestamps, read_timestamps
+from fastcoil.logs.timestamps import SECOND_US, Timestamps, apply_time_zone, read_timestamps
 
 MAX_RECORD_SECONDS = 50_000_000  # length of a record on 1-s steps, 19 months: a few GB with its series
 GAP_MEDIAN_STEPS = 3.0  # steps longer than this many median steps are gaps, but in a log of changes
@@ -74,17 +74,22 @@ def has_uneven_steps(steps: Array) -> bool:
 def read_times(table: Table, column: int, options: ReadingOptions) -> Timestamps:
     """Read the timestamps of the rows; reverse the rows of a table whose newest is first."""
     cure = options.cure("time_format='{format}'", "--time-format '{format}'")
-    stamps = read_timestamps([row[column] for row in table.rows], table.row_numbers, options.time_format, cure)
+    cells, month_first = [row[column] for row in table.rows], options.month_first
+    stamps = read_timestamps(cells, table.row_numbers, options.time_format, cure, month_first=month_first)
     table.notes += stamps.notes
     if not (stamps.good.all() or options.drop):
         k = int(np.argmin(stamps.good))
         cell, number = table.rows[k][column], table.row_numbers[k]
         raise InputError(f"timestamp = {short_repr(cell)} in row {number} {stamps.problem}", "timestamp", "time")
-    steps = np.diff(stamps.microseconds[stamps.good])
-    if (steps < 0).any() and (steps <= 0).all():
+    steps = np.diff(stamps.microseconds[stamps.good]) / SECOND_US
+    n_back, is_forward = np.sum(steps < 0.0), steps > 0.0
+    # where clocks were set back, one step goes forward in such a log as well
+    if n_back and 4 * is_forward.sum() <= n_back and (steps[is_forward] <= 3600.0).all():
         table.keep_rows(range(len(table.rows))[::-1])
         table.notes.append(REVERSED_ROWS_NOTE)
         stamps = stamps._replace(microseconds=stamps.microseconds[::-1], good=stamps.good[::-1])
+    if options.time_zone and not stamps.absolute:
+        return apply_time_zone(stamps, options.time_zone, table.row_numbers)
     return stamps
 
 
@@ -96,15 +101,19 @@ def longest_regular_step(time: Array, max_gap: float | None) -> float:
 
 
 def number_pieces(
-    table: Table, time: Array, values: Mapping[str, Array], options: ReadingOptions, notes: list[str], time_name: str
-) -> tuple[Index, bool]:
-    """Number the unbroken pieces of a log, (n,) by row; also return whether its rows were written at changes."""
+    table: Table, time: Array, values: Mapping[str, Array], options: ReadingOptions, notes: list[str], time_name: str,
+    is_set_back: bool = False,
+) -> tuple[Index, bool]:  # fmt: skip
+    """Number the unbroken pieces of a log, (n,) by row; also return whether its rows were written at changes.
+
+    is_set_back: whether time seems to go back since clocks were set back.
+    """
     steps, rows, batch = np.diff(time), table.row_numbers, values.get("batch")
     is_new_batch = np.zeros(steps.size, dtype=bool) if batch is None else np.diff(batch) != 0.0
     is_backward = (steps <= 0.0) & ~is_new_batch
     is_shuffled = is_backward.sum() > 5 and is_backward.mean() > 1 / 3  # no part of the log is in order
     if is_backward.any() and (options.jumps != "split" or is_shuffled):
-        table.problems.append(_describe_backward_time(time, is_backward, rows, options, time_name))
+        table.problems.append(_describe_backward_time(time, is_backward, rows, options, time_name, is_set_back))
         return np.zeros(time.size, dtype=np.int64), False
     if is_backward.any():
         count_text = format_count(is_backward, "time")
@@ -129,12 +138,14 @@ def number_pieces(
 
 
 def _describe_backward_time(
-    time: Array, is_backward: Mask, rows: list[int], options: ReadingOptions, time_name: str
+    time: Array, is_backward: Mask, rows: list[int], options: ReadingOptions, time_name: str, is_set_back: bool
 ) -> Problem:
     """Return the problem that time goes back or stands still in a row, with the cure."""
     k, n_backward = int(np.argmax(is_backward)), int(is_backward.sum())
     cure = "give every row a time of its own, to the second, and sort the rows, oldest first"
-    if time_name == "timestamp":
+    if is_set_back:
+        cure = options.set_back_cure()
+    elif time_name == "timestamp":
         cure += "; where clocks were set back log UTC or the UTC offset"
     if options.jumps is not None and not options.refuse_gaps:
         cure += "; or let the record start again there: " + options.cure("jumps='split'", "--jumps split")

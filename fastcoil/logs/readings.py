@@ -14,7 +14,7 @@ from fastcoil.base.arrays import Array, Mask
 from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.logs import plausibility
 from fastcoil.logs.cells import NumberStyle, ParsedCells, detect_number_style, parse_cells
-from fastcoil.logs.columns import ColumnSpec, ReadingOptions
+from fastcoil.logs.columns import ColumnSpec, ReadingOptions, coil_kind
 from fastcoil.logs.series import COLUMNS, TEMPERATURE, TRAVEL, Series, count_suffix, describe_first_row, format_count
 from fastcoil.logs.table import Table
 
@@ -52,6 +52,8 @@ def read_columns(
         unit = _resolve_column_unit(table, series, column, cells, options)
         if unit is None:
             continue
+        if series.hold and name != "batch" and not sparse:
+            _hold_between_changes(table, series, cells, readings.notes)
         values = series.convert(cells.values, unit)
         if series.scatters:
             values = _clip_to_bounds(table, series, values, readings.notes)
@@ -90,8 +92,51 @@ def read_columns(
     return readings
 
 
+def _hold_between_changes(table: Table, series: Series, cells: ParsedCells, notes: list[str]) -> None:
+    """Fill the cells of a column that has values at changes only, and blanks between: each holds until the next.
+
+    Most cells are blank, and a value differs from the one before it (of a switch mostly: some systems repeat it at
+    midnight).  Before its first change a switch was the other way.
+    """
+    rows = np.flatnonzero(np.isfinite(cells.values) & ~cells.has_bad_status)
+    is_changed = np.diff(cells.values[rows]) != 0.0
+    is_logged_at_changes = np.mean(is_changed) >= 0.5 if series.is_switch and rows.size > 1 else is_changed.all()
+    if not rows.size or 2 * cells.missing.sum() <= cells.missing.size or not is_logged_at_changes:
+        return
+    latest = np.searchsorted(rows, np.arange(cells.values.size), side="right") - 1
+    held = cells.values[rows[np.maximum(latest, 0)]]
+    is_filled = cells.missing & ~cells.has_bad_status & ((latest >= 0) | series.is_switch)
+    cells.values[is_filled] = np.where(latest < 0, 1.0 - held, held)[is_filled]
+    cells.missing[is_filled] = False
+    subject = f"{series.name} has values at its changes, {format_count(int(rows.size), 'row')} of {cells.values.size:,}"
+    notes.append(f"{subject}: held until the next ({describe_first_row(table.row_numbers, is_filled)})")
+
+
+def leave_out_optional(table: Table, readings: ColumnReadings, options: ReadingOptions, spec: ColumnSpec) -> None:
+    """Leave out optional columns that cannot be used, with a note; not the set-point, nor what the caller named.
+
+    With ``drop`` those whose bad values would take most rows, or all values, with them.  Of a log of which nothing is
+    required, which is read to be looked at, none is left out.
+    """
+    if options.reader != "read_log" or not spec.required:
+        return
+    names = {*spec.optional} - {"T_set", *(options.columns or {}), *options.units}
+    problems = InputError(table.problems).problems
+    mistakes = {problem.field: problem for problem in [*readings.complaints, *problems] if problem.field in names}
+    for complaint in readings.complaints if options.drop else ():
+        share = float(np.mean(readings.bad[complaint.field]))
+        if share <= 0.5 or (complaint.field in spec.measured and share < 1.0):
+            mistakes.pop(complaint.field, None)
+    for name, mistake in mistakes.items():
+        readings.notes.append(f"{name} is left out, it is not needed: {mistake}")
+        for entries in (readings.values, readings.bad, readings.missing, readings.units):
+            entries.pop(name, None)
+    table.problems = [problem for problem in problems if problem.field not in mistakes]
+    readings.complaints = [complaint for complaint in readings.complaints if complaint.field not in mistakes]
+
+
 def check_plausible_units(
-    table: Table, readings: ColumnReadings, column_by_name: Mapping[str, int], options: ReadingOptions
+    table: Table, readings: ColumnReadings, column_by_name: Mapping[str, int], options: ReadingOptions, time: Array
 ) -> None:
     """Add a problem for each declared unit that the numbers contradict, and for columns that seem exchanged."""
     trusted = {name for name in options.units if name in column_by_name and table.declared_units(column_by_name[name])}
@@ -124,11 +169,15 @@ def check_plausible_units(
         cure = "exchange the two headers, or check both sensors"
         sentence = f"{mistake}, as if {exchanged_column} and it were exchanged: {cure}"
         table.add_problem(sentence, "T_sup", "data")
-    if {"T_sup", "T_set"} <= values.keys() and plausibility.is_set_point_exchanged(values["T_sup"], values["T_set"]):
-        k = int(np.argmax(np.diff(values["T_set"]) != 0.0)) + 1
-        mistake = f"T_set changes in most rows (first in row {table.row_numbers[k]}) while T_sup is constant"
-        cure = "exchange the two headers; if they are right, log T_sup in finer steps"
-        table.add_problem(f"{mistake}, as if they were exchanged: {cure}", "T_set", "data")
+    if {"T_sup", "T_set"} <= values.keys() - (options.columns or {}).keys():
+        steps = np.diff(time[np.isfinite(time)])
+        coil = coil_kind(table.header[column_by_name["command"]]) if "command" in values else ""
+        if steps.size and plausibility.is_set_point_exchanged(values, float(np.median(steps)), coil):
+            mistake = f"T_set, first in row {table.row_numbers[0]}, answers the command as T_sup should"
+            both = {name: table.header[column_by_name[name]] for name in ("T_sup", "T_set")}
+            naming = " ".join(f"--column {name}={header!r}" for name, header in both.items())
+            cure = f"exchange the two headers; if they are right, name both: {options.cure(f'columns={both}', naming)}"
+            table.add_problem(f"{mistake}, as if they were exchanged: {cure}", "T_set", "data")
 
 
 def mark_supersaturation(table: Table, readings: ColumnReadings, constants: Mapping[str, float]) -> None:

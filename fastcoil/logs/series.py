@@ -6,6 +6,7 @@ The checks of logs and of boundaries, and the attributes of a boundary's Dataset
 import math
 import re
 import tomllib
+import unicodedata
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -56,8 +57,10 @@ DIMENSIONLESS = _units_without_offset({"1": 1.0})
 VOCABULARY = tomllib.loads(Path(__file__).with_name("names.toml").read_text(encoding="utf-8"))
 """What building systems write, in headers, in cells, for units and for zones, and what it means."""
 _ABBREVIATIONS: Mapping[str, str] = VOCABULARY["abbreviations"]
-_SPELLINGS: Mapping[str, str] = VOCABULARY["spellings"]
 _UNIT_WORDS = {word: unit for unit, words in VOCABULARY["unit_words"].items() for word in words.split()}
+_SUFFIXES: Sequence[str] = VOCABULARY["suffixes"]["any"]
+_TIME_SUFFIXES: Sequence[str] = VOCABULARY["suffixes"]["time"]
+MAX_UNIT_CHARACTERS = 40  # longest text that can be a unit: gramsOfWaterPerKilogramDryAir
 
 
 def resolve_unit(name: str, unit: str, units: Units) -> str:
@@ -72,26 +75,53 @@ def resolve_unit(name: str, unit: str, units: Units) -> str:
 def find_unit(text: str, units: Units) -> str | None:
     """Return the one of ``units`` that a text spells or abbreviates, None if it is none of them."""
     folded = _fold_unit(text)
-    other_spelling = _SPELLINGS.get(folded) or _ABBREVIATIONS.get(folded)
-    known_unit = next((unit for unit in units if _fold_unit(unit) == folded), other_spelling)
+    known_unit = {_fold_unit(unit): unit for unit in units}.get(folded)
+    known_unit = known_unit or _expand_unit(folded) or _ABBREVIATIONS.get(folded)
     return known_unit if known_unit in units else None
 
 
-def is_unit(text: str) -> bool:
+def is_unit(text: str, *, of_time: bool = True) -> bool:
     """Whether a text is a unit, or an abbreviation of one; a bare number such as the unit 1 is not."""
-    return len(text) <= 16 and not text.isdigit() and _fold_unit(text) in _KNOWN_UNITS
+    if len(text) > MAX_UNIT_CHARACTERS or text.isdigit():
+        return False
+    folded = _fold_unit(text)
+    unit = _expand_unit(folded)
+    return bool(unit) and (of_time or unit not in TIME) or folded in _ABBREVIATIONS
+
+
+def split_unit_suffix(header: str) -> tuple[str, str] | None:
+    """Split a unit at the end of a name, such as ``SAT_C``, ``time_s`` and ``SAT - °C``; None without one."""
+    label, _, last_word = header.rpartition(" ")
+    if label.strip(" -:/,") and re.search("[°º%]|deg", last_word) and is_unit(last_word):
+        return label.rstrip(" -:/,"), last_word
+    label, mark, suffix = header.rpartition("_")
+    suffixes = _TIME_SUFFIXES if label.lower().endswith("time") else _SUFFIXES
+    return (label, suffix) if mark and label.strip("_ ") and suffix in suffixes else None
+
+
+def _expand_unit(folded: str) -> str:
+    """Return the unit that a folded text spells, such as ``degrees-fahrenheit``; blank if there is none."""
+    text = folded.removeprefix("unit:")
+    in_symbols = re.sub("[a-z]{2,}", lambda word: _UNIT_WORDS.get(word[0], word[0]), text)
+    return str(_UNIT_BY_SPELLING.get(_join_words(text)) or _UNIT_BY_SPELLING.get(_join_words(in_symbols), ""))
+
+
+def _join_words(folded: str) -> str:
+    american = folded.replace("litre", "liter").replace("metre", "meter")
+    return re.sub(r"[\s_.^*·-]|per(?=[\W_]|second|minute|hour|kilogram)", "", american)
 
 
 def _fold_unit(unit: str) -> str:
     """Return a unit in small ASCII letters, for comparison."""
-    ascii_unit = unit.replace("\N{DEGREE CELSIUS}", "degC").replace("\N{DEGREE FAHRENHEIT}", "degF").replace("°", "deg")
-    ascii_unit = ascii_unit.replace("³", "3").replace("\N{EN DASH}", "-").replace(" / ", "/").replace(" ** ", "")
-    ascii_unit = re.sub(r"[a-z_]{2,}", lambda word: _UNIT_WORDS.get(word[0], word[0]), ascii_unit.casefold())
-    return ascii_unit if ascii_unit[:4] != "deg " else f"deg{ascii_unit[4:]}"
+    text = re.sub("º|˚|Â°", "°", unit)  # what stands for a degree sign
+    text = re.sub("[–−]", "-", unicodedata.normalize("NFKC", text)).replace("°", "deg").casefold()
+    return text if text[:4] != "deg " else f"deg{text[4:]}"
 
 
 _UNIT_FAMILIES = (TEMPERATURE, AIR_FLOW, WATER_FLOW, HUMIDITY_RATIO, TRAVEL, PRESSURE, TIME)
-_KNOWN_UNITS = {_fold_unit(u) for units in _UNIT_FAMILIES for u in units} | _ABBREVIATIONS.keys() | _SPELLINGS.keys()
+_UNIT_BY_SPELLING = {_join_words(_fold_unit(unit)): unit for units in _UNIT_FAMILIES for unit in units} | {
+    _join_words(_fold_unit(text)): unit for unit, texts in VOCABULARY["spellings"].items() for text in texts.split(", ")
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +197,7 @@ COLUMNS: dict[str, Series] = {
     s.name: s
     for s in (
         Series("m_a", "air flow", AIR_FLOW, 0.0, 200.0, scatters=True),
-        Series("T_a_in", "entering air temperature", TEMPERATURE, -40.0, 60.0),
+        Series("T_a_in", "entering air temperature", TEMPERATURE, -70.0, 60.0),
         Series("W_a_in", "humidity ratio of the entering air", HUMIDITY_RATIO, 0.0, 0.1),
         Series("T_w_in", "entering water temperature", TEMPERATURE, 0.5, 120.0),
         Series("T_set", "set-point of the supply air temperature", TEMPERATURE, -20.0, 80.0, hold=True),
@@ -176,7 +206,7 @@ COLUMNS: dict[str, Series] = {
         Series("backlash_scale", "what the backlash is multiplied by", DIMENSIONLESS, 0.0, 100.0, True, default=1.0),
         Series("elapsed_time", "time", TIME, -1e10, 1e10),  # three centuries
         Series("RH_a_in", "relative humidity of the entering air", FRACTION, 0.0, 1.0, scatters=True),
-        Series("T_dp_in", "dew point of the entering air", TEMPERATURE, -60.0, 50.0),
+        Series("T_dp_in", "dew point of the entering air", TEMPERATURE, -70.0, 70.0),
         Series("command", "command to the valve", TRAVEL, 0.0, 1.0, hold=True, scatters=True),
         Series("m_w", "water flow", WATER_FLOW, 0.0, 1000.0, scatters=True),
         Series("T_sup", "supply air temperature", TEMPERATURE, -40.0, 100.0),

@@ -21,7 +21,7 @@ from fastcoil.base.arguments import carried_unit, collect_problems, raise_proble
 from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.base.files import read_text
 from fastcoil.logs.cells import GOOD_STATUS_WORDS, is_missing_word, is_number_cell, is_number_or_switch_word
-from fastcoil.logs.series import TIME, find_unit, format_count, is_unit
+from fastcoil.logs.series import MAX_UNIT_CHARACTERS, TIME, find_unit, format_count, is_unit, split_unit_suffix
 from fastcoil.logs.timestamps import is_date_beside_clock, is_time
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def _is_possible_header(row: Sequence[str]) -> bool:
         cells.count("") <= 1
         and len(set(cells)) == len(cells)
         and (len(cells) > 1 or len(row) == 1)
-        and not any(map(_is_data_cell, cells[:_MAX_CHECKED_CELLS]))
+        and not any(_is_data_cell(cell) or (cell and is_missing_word(cell)) for cell in cells[:_MAX_CHECKED_CELLS])
         and not _is_unit_row(row)
     )
 
@@ -112,8 +112,8 @@ def _is_unit_row(row: Sequence[str]) -> bool:
     """Whether a row holds units: one at least is known, and nothing is long, a number or a time."""
     cells = [_strip_brackets(cell) for cell in row]
     return (
-        all(len(cell) <= 24 for cell in cells)
-        and any(map(is_unit, cells))
+        all(len(cell) <= MAX_UNIT_CHARACTERS for cell in cells)
+        and any(is_unit(cell, of_time=False) for cell in cells)  # hour and min may be names
         and not any(cell != "1" and _is_data_cell(cell) for cell in cells[:_MAX_CHECKED_CELLS])
     )
 
@@ -137,13 +137,27 @@ def _drop_repeated_headers(path: Path, header: list[str], data: NumberedRows, no
 
 
 def _footer_length(data: NumberedRows, width: int) -> int:
-    """Count the rows at the end that are text in fewer columns than there are: sums, remarks, "End of report"."""
+    """Count the rows at the end that are no data: sums, remarks, "End of report".
+
+    They are text in fewer columns than there are, or have a word in the column of times (``Average,35.5,15``); without
+    times, in the first column if it has numbers.
+    """
+    first_rows = [row for _, row in data[:9] if len(row) >= width]
+    time_columns = [k for k in range(width) if 2 * sum(is_time(row[k]) for row in first_rows) > len(first_rows)]
+    if not time_columns and all(_is_data_cell(row[0]) for row in first_rows):
+        time_columns = [0]
     n = 0
-    while n < min(20, len(data) - 2):
-        cells = _trim_blank_end(data[-1 - n][1])
-        n_texts = sum(bool(cell.strip()) for cell in cells)
-        first_cell = cells[0].strip()
-        if n_texts >= width or first_cell[:1].isdigit() or _is_data_cell(first_cell) or is_missing_word(first_cell):
+    while n < min(20, len(data) - 1):
+        row = data[-1 - n][1]
+        cells = [cell.strip() for cell in _trim_blank_end(row)]
+        time_cell = cells[time_columns[0]] if time_columns and time_columns[0] < len(cells) else ""
+        words = [cell for cell in ([time_cell] if time_cell else cells) if any(map(str.isalpha, cell[:8]))]
+        is_label = bool(time_columns) and any(
+            not cell[:1].isdigit() and not _is_data_cell(cell) and not is_missing_word(cell) for cell in words
+        )
+        is_data = any(cell[:1].isdigit() or _is_data_cell(cell) or is_missing_word(cell) for cell in cells[:1])
+        is_data |= sum(map(bool, cells)) >= width or (bool(time_cell) and _is_data_cell(time_cell))
+        if is_data and not is_label:
             break
         n += 1
     return n
@@ -163,16 +177,16 @@ def normalise_header(header: str) -> str:
 
 
 def split_label_and_unit(header: str) -> tuple[str, str | None]:
-    """Split ``"T_a_in [degF]"`` into label and unit, or None; ``Cmd (%)``, ``Flow, L/s``, ``T / °C`` if it is known."""
+    """Split ``"T_a_in [degF]"`` into label and unit, or None; ``Cmd (%)``, ``T / °C``, ``SAT_C`` if it is known."""
     text = header.strip()
     label, bracket, unit = text.partition("[")
     if bracket and text.endswith("]"):
         label, unit = label.rstrip(), unit[:-1].strip()
         return (header, None) if "\n" in label + unit else (label, unit)
-    if "\n" in text:
-        return header, None
-    if len(text) > 200:
-        return text, None
+    if "\n" in text or len(text) > 200:
+        return header if "\n" in text else text, None
+    if suffix := split_unit_suffix(text):
+        return suffix
     label, bracket, rest = text.rpartition("(")
     if bracket and rest.endswith(")") and label.strip() and is_unit(rest[:-1].strip()):
         return label.rstrip(), rest[:-1].strip()
@@ -184,6 +198,11 @@ def split_label_and_unit(header: str) -> tuple[str, str | None]:
             label_part, separator, rest = rest.partition(mark)
             label = f"{label}{mark}{label_part}"
     return text, None
+
+
+def has_name(header: str, name: str) -> bool:
+    """Whether a header is this name, with or without a unit."""
+    return name in (header.strip(), split_label_and_unit(header)[0])
 
 
 @dataclass
@@ -202,8 +221,8 @@ class Table:
     column_of_joined_header: dict[str, int] = field(default_factory=dict)  # where cells of other headers went
 
     @classmethod
-    def read(cls, path: str | Path) -> Table:
-        """Read a CSV file of at least two rows; blank lines are skipped."""
+    def read(cls, path: str | Path, *, column: str = "", least_rows: int = 2) -> Table:
+        """Read a CSV file; blank lines are skipped; ``column``: a name that is in its header, if that is known."""
         path = Path(path)
         text = read_text(path, "a CSV file", 2**30, utf_16=True)
         try:
@@ -218,7 +237,9 @@ class Table:
         if not rows:
             raise InputError(f"{path} is empty: give a header row and at least two rows of data", str(path), "data")
         notes = [] if separator == "," else [f"columns are separated by {_SEPARATOR_NAMES[separator]}"]
-        header_index = _header_index([row for _, row in rows[:_HEADER_SEARCH_ROWS]])
+        first_rows = [row for _, row in rows[:_HEADER_SEARCH_ROWS]]
+        named_rows = (k for k, row in enumerate(first_rows) for cell in row if column and has_name(cell, column))
+        header_index = next(named_rows, _header_index(first_rows))
         (header_row, header), data = rows[header_index], rows[header_index + 1 :]
         if header_index:
             notes.append(
@@ -238,8 +259,9 @@ class Table:
         if n_footer := _footer_length(data, width):
             (footer_row, footer), data = data[-n_footer], data[:-n_footer]
             notes.append(f"row {footer_row} and what follows is not part of the table: {short_repr(' '.join(footer))}")
-        if len(data) < 2:
-            sentence = f"{path} has {format_count(len(data), 'row')} of data below its header: give at least two"
+        if len(data) < least_rows:
+            cure = f"give at least {'two' if least_rows > 1 else 'one'}"
+            sentence = f"{path} has {format_count(len(data), 'row')} of data below its header: {cure}"
             raise InputError(sentence, str(path), "data")
         table = cls(path.name, header, [row for _, row in data], [i for i, _ in data], separator=separator, notes=notes)
         table.units = None if units is None else (units + [""] * width)[:width]

@@ -42,6 +42,15 @@ class Timestamps(NamedTuple):
         """Return the seconds since the first good time, (n,); NaN where there is none."""
         return np.where(self.good, (self.microseconds - self.microseconds[np.argmax(self.good)]) / 1e6, np.nan)
 
+    def seem_set_back(self) -> bool:
+        """Whether times go back or stand still as where a local clock is set back: at night, by an hour at most."""
+        seconds = self.microseconds[self.good] / SECOND_US
+        steps = np.diff(seconds)
+        times = seconds[1:][steps <= 0.0]
+        if self.absolute or not times.size or (steps < -3600.0).any() or (times % 86400.0 >= 4 * 3600.0).any():
+            return False
+        return bool((steps < 0.0).any() or 0.0 < np.ptp(times) < 3600.0)
+
     def first_time(self) -> tuple[np.datetime64, str]:
         """Return the first time, to the second, on the clock that wrote it; and its time zone, blank if unknown."""
         local = int(self.microseconds[np.argmax(self.good)] + self.offset)
@@ -118,8 +127,13 @@ _NUMBER_KINDS = {
 """Ways to write times as numbers, by time format: days from 1954 to 2119, epoch from 1973 to 2286."""
 
 
-def read_timestamps(cells: Sequence[str], row_numbers: Sequence[int], time_format: str | None, cure: str) -> Timestamps:
-    """Read the times in the cells of a column, in ``time_format`` or recognised; cure: advice with ``{format}``."""
+def read_timestamps(
+    cells: Sequence[str], row_numbers: Sequence[int], time_format: str | None, cure: str, *, month_first: bool = False
+) -> Timestamps:
+    """Read the times in the cells of a column, in ``time_format`` or recognised; cure: advice with ``{format}``.
+
+    month_first: whether the month comes before the day where the cells do not show it.
+    """
     if time_format in _NUMBER_KINDS:
         numbers = np.array([_parse_number_or_nan(cell) for cell in cells])
         stamps_by_kind = [kind.timestamps(numbers) for kind in _NUMBER_KINDS[time_format]]
@@ -143,7 +157,7 @@ def read_timestamps(cells: Sequence[str], row_numbers: Sequence[int], time_forma
         n_parts = sum(date_parts is not None for date_parts in date_parts_by_cell)
         if 2 * n_parts >= len(date_parts_by_cell) and n_parts >= n_iso:
             problem = f"is not as the others: mend it, or {format_advice}"
-            return _timestamps_from_parts(date_parts_by_cell, row_numbers, problem, cure)
+            return _timestamps_from_parts(date_parts_by_cell, row_numbers, problem, cure, month_first)
     problem = f"is not ISO 8601: write it as 2024-07-01T08:00:00, or {format_advice}"
     return _timestamps_from_times(times, no_zones, row_numbers, problem, [])
 
@@ -194,14 +208,44 @@ _AMBIGUOUS_ZONES = {"cst": "cdt", "ast": "adt", "bst": "gmt"}
 """Names of zones on several continents, each clear only if the name on the right is in the log as well."""
 
 
-def apply_time_zone(stamps: Timestamps, time_zone: str) -> Timestamps:
-    """Convert times of a local clock to absolute ones, given its zone: ``America/New_York`` or ``UTC-05:00``."""
-    zone = time_zone_from_name(time_zone)
+def apply_time_zone(stamps: Timestamps, time_zone: str, row_numbers: Sequence[int]) -> Timestamps:
+    """Convert times of a local clock to absolute ones, given its zone: ``America/New_York`` or ``UTC-05:00``.
+
+    Where clocks are set back an hour comes twice; the order of the rows shows which one is meant, or they are refused.
+    """
+    zone, microsecond = time_zone_from_name(time_zone), timedelta(microseconds=1)
     local_times = [time.replace(tzinfo=zone) for time in stamps.microseconds.astype(MICROSECOND_DTYPE).tolist()]
-    offsets = np.array([(time.utcoffset() or timedelta()) // timedelta(microseconds=1) for time in local_times])
+    offsets = np.array([(time.utcoffset() or timedelta()) // microsecond for time in local_times])
+    later_times = [time.replace(fold=1) for time in local_times]
+    later_offsets = np.array([(time.utcoffset() or timedelta()) // microsecond for time in later_times])
+    is_skipped, is_double = (stamps.good & mask for mask in (later_offsets > offsets, later_offsets < offsets))
+    if is_skipped.any():
+        k = int(np.argmax(is_skipped))
+        place = f"row {row_numbers[k]} is at {local_times[k]:%Y-%m-%d %H:%M}, which clocks in {time_zone} skip"
+        cure = f"check the zone; if the clock was not set forward, {_standard_offset(local_times[k])}"
+        raise InputError(f"timestamp: {place}: {cure}", "timestamp", "time")
+    good_rows = np.flatnonzero(stamps.good)
+    positions = np.flatnonzero(is_double[good_rows])
+    for run_positions in np.split(positions, np.flatnonzero(np.diff(positions) > 1) + 1) if positions.size else ():
+        run = good_rows[run_positions]
+        steps = np.diff(stamps.microseconds[run])
+        if np.sum(steps < 0) != 1 and steps.tolist() != [0]:
+            times = sorted(f"{local_times[k]:%H:%M}" for k in run)
+            place = f"{times[0]} to {times[-1]} of {local_times[run[0]]:%Y-%m-%d}, from row {row_numbers[run[0]]} on"
+            cause = f"clocks in {time_zone} were set back, and the order of the rows does not show which hour is meant"
+            cure = f"log UTC or the UTC offset; if the clock was not set back, {_standard_offset(local_times[run[0]])}"
+            raise InputError(f"timestamp: {place}: {cause}: {cure}", "timestamp", "time")
+        second_hour = run[int(np.argmin(steps)) + 1 :]
+        offsets[second_hour] = later_offsets[second_hour]
     first_offset = int(offsets[np.argmax(stamps.good)])
     absolute = stamps.microseconds - offsets
     return stamps._replace(microseconds=absolute, absolute=True, time_zone=time_zone, offset=first_offset)
+
+
+def _standard_offset(time: datetime) -> str:
+    """Return the advice to give the standard time of a zone, such as UTC-05:00 of America/New_York, as its offset."""
+    offsets = [time.replace(fold=fold).utcoffset() or timedelta() for fold in (0, 1)]
+    return f"its zone is {format_utc_offset(min(offsets) // timedelta(minutes=1))}"
 
 
 def _timestamps_from_times(
@@ -306,12 +350,14 @@ def parse_date_parts(cell: str) -> DateParts | None:
     return DateParts((a, b, c), month, clock, bool(match["half"]), offset, zone, match["mark"])
 
 
+UNKNOWN_ORDER = "the order cannot be told, and makes no difference within this log"
+MONTH_FIRST_NOTE = "timestamp read as mm/dd/yyyy"
 _DAY_FIRST_ORDER = (2, 1, 0)  # places of year, month and day in a written date
 _MONTH_FIRST_ORDER = (2, 0, 1)
 
 
 def _timestamps_from_parts(
-    parts: Sequence[DateParts | None], row_numbers: Sequence[int], problem: str, cure: str
+    parts: Sequence[DateParts | None], row_numbers: Sequence[int], problem: str, cure: str, month_first: bool
 ) -> Timestamps:
     """Convert parts of dates, None for a cell that is no time, to timestamps; cure: as in `read_timestamps`."""
     parts_by_row = {row: each for row, each in zip(row_numbers, parts, strict=True) if each is not None}
@@ -322,13 +368,15 @@ def _timestamps_from_parts(
     elif month_places in ({0}, {1}):
         order = _MONTH_FIRST_ORDER if month_places == {0} else _DAY_FIRST_ORDER
     else:
-        order = _find_date_order(parts_by_row, cure, notes)
+        order = _find_date_order(parts_by_row, cure, notes, month_first)
     has_halves = any(date_parts.has_half for date_parts in parts_by_row.values())  # a time without AM or PM is none
     times = [each.in_order(order) if each and each.has_half == has_halves else None for each in parts]
     return _timestamps_from_times(times, [each.zone if each else "" for each in parts], row_numbers, problem, notes)
 
 
-def _find_date_order(parts: Mapping[int, DateParts], cure: str, notes: list[str]) -> tuple[int, int, int]:
+def _find_date_order(
+    parts: Mapping[int, DateParts], cure: str, notes: list[str], month_first: bool
+) -> tuple[int, int, int]:
     """Find whether the day or the month comes first, by numbers above 12 or by which order lets time advance."""
     day_row, month_row = (next((row for row, each in parts.items() if each.date[k] > 12), None) for k in (0, 1))
     if day_row is not None and month_row is not None:
@@ -349,7 +397,7 @@ def _find_date_order(parts: Mapping[int, DateParts], cure: str, notes: list[str]
     elif has_dots:
         reason = "the order that goes with points"
     elif np.array_equal(steps_by_order[0], steps_by_order[1]):
-        reason = "the order cannot be told, and makes no difference within this log"
+        order, reason = (_MONTH_FIRST_ORDER if month_first else order), UNKNOWN_ORDER
     elif longer.sum() > 5.0 * shorter.sum() and longer.max() > 5.0 * np.median(longer[longer > 0.0]):
         order = _DAY_FIRST_ORDER if shorter is steps[0] else _MONTH_FIRST_ORDER
         reason = "in the other order time would jump"

@@ -4,10 +4,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from helpers.exports import COMMAND, ISO, ROWS, SECONDS, START, T_SUP, format_times, save_text
-from helpers.refusals import assert_mistakes, assert_refused
+from helpers.refusals import assert_mistakes, assert_refused, refusal
 
+import fastcoil as fc
 from fastcoil.logs import ReadingOptions, read_checked_log
 from fastcoil.logs.columns import ColumnSpec, interpret_header
+from fastcoil.logs.series import COLUMNS
 
 T_SET = np.where(SECONDS < 1800, 14.0, 13.5)
 WANTED = ColumnSpec(("command", "T_sup"), ("T_set", "m_a", "T_a_in", "enabled"), ("T_sup", "T_set", "m_a", "T_a_in"))
@@ -74,14 +76,17 @@ def test_an_export_is_read_as_the_plain_log_and_what_is_read_as_what_is_said(tmp
 
 
 NAMES = {
-    "command": "VLV CMD, CHW VLV, CLG-O, CLG VLV, HTG-O, AO-1 CHW VLV CMD, coolingValveCmd, Valve_Position_Command",
+    "command": "VLV CMD, CHW VLV, CLG-O, CLG VLV, HTG-O, AO-1 CHW VLV CMD, coolingValveCmd, Valve_Position_Command, "
+               "AHU: Cooling Coil Valve Control Signal",
     "T_sup": "SAT, DAT, DA-T, SA-T, S:NAE01/FC-1.AHU1.SA_TEMP, Discharge_Air_Temperature_Sensor, SA Temp",
-    "T_set": "SAT SP, DAT-SP, DA-T-SP, SUPPLY AIR TEMP SETPOINT, discharge air temp effective sp, SA Temp Set Point",
+    "T_set": "SAT SP, DAT-SP, DA-T-SP, SUPPLY AIR TEMP SETPOINT, discharge air temp effective sp, SA Temp Set Point, "
+             "SupplyAirTempStPt, SATSP, SAT_SETPNT, SATSetPt, SAT Target, DischAirTempSetpt, dischargeAirTempSetPoint",
     "T_a_in": "MAT, MA-T, Mixed_Air_Temperature_Sensor, mixed air temp sensor",
     "m_a": "CFM, SA CFM, SF-1 Airflow, Supply_Air_Flow_Sensor, AHU2 SA Flow [cfm]",
     "enabled": "SF-STS, SF-S, Supply Fan Status, Fan_On_Off_Status, discharge fan run sensor",
     None: "RAT, OAT, ZN SAT SCHED, Sat Occ, SAT HI LIMIT, OA CFM, RF-STS, CHW ISO VLV CMD, HUM VLV CMD, SAT RESET SP, "
-          "MIN SAT SP, SA RH, SA STATIC SP, OAD CMD, SF VFD CMD, CHW VLV [gpm], SAT [%], CHWST, SAT SCHED, Wheel SAT",
+          "MIN SAT SP, SA RH, SA STATIC SP, OAD CMD, SF VFD CMD, CHW VLV [gpm], SAT [%], CHWST, SAT SCHED, Wheel SAT, "
+          "CHW SP, CO2 SP, Test Point",
 }  # fmt: skip
 
 
@@ -160,3 +165,74 @@ def test_a_frame_of_values_with_an_index_of_times_is_read_as_its_file(tmp_path):
     frame = frame.set_index(pd.to_datetime(frame.pop("TIMESTAMP"), format="%m/%d/%Y %I:%M:%S %p"))
     for source in (frame, frame.tz_localize("America/New_York")):
         assert_same(read_checked_log(source, WANTED, ReadingOptions(drop=False)))
+
+
+@pytest.mark.parametrize("header", ["Setpoint", "T_sup_set", "SupplyAirTempMySP", "Cooling SP"])
+def test_what_may_be_the_set_point_is_asked_about_or_left_out_on_demand(tmp_path, header):
+    text = table_text(f"TIMESTAMP,CLG VLV [%],SAT [degC],{header} [degC]", ISO, COMMAND, T_SUP, T_SET)
+    assert_refused("T_set", "missing", read, tmp_path, text)
+    assert_same(read(tmp_path, text, columns={"T_set": header}))
+    for name in (header, "T_set"):
+        assert set(read(tmp_path, text, ignore=[name]).values) == {"command", "T_sup"}
+
+
+def test_a_unit_or_header_of_a_column_that_is_not_read_is_refused(tmp_path):
+    path = save_text(tmp_path, table_text("TIMESTAMP,CLG VLV [%],SAT [degC],CHWST", ISO, COMMAND, T_SUP, T_SET))
+    assert_refused("units", "name", fc.read_log, path, units={"T_set": "degC"})
+    log = fc.read_log(path, columns={"T_w_in": "CHWST"}, units={"T_w_in": "degC"})
+    log.read(ColumnSpec(("command",), ("T_sup",)))
+    assert_mistakes([("columns", "name"), ("units", "name")], log.require_options_used)
+    log.read(ColumnSpec(("T_w_in",)))
+    log.require_options_used()
+
+
+def test_an_optional_column_never_refuses_a_log(tmp_path):
+    jump = np.where(SECONDS < 1800, T_SUP, 1.8 * T_SUP + 32)
+    header = "TIMESTAMP,CLG VLV [%],SAT [degC],MAT [{}],SAT SP [degC]"
+    for unit, values in (("degC", jump), ("bar", T_SUP), ("degC", ["?", *T_SUP[1:]]), ("degC", 500 + T_SUP)):
+        text = table_text(header.format(unit), ISO, COMMAND, T_SUP, values, T_SET)
+        assert_same(log := read(tmp_path, text))
+        assert "T_a_in" not in log.values
+        assert any(note.startswith("T_a_in is left out, it is not needed: ") for note in log.notes)
+    text = table_text("TIMESTAMP,CLG VLV [%],SAT [degC],MAT 1 [degC],MAT 2 [degC]", ISO, COMMAND, T_SUP, T_SUP, T_SUP)
+    assert any(note.startswith("T_a_in is not read, it may be ") for note in read(tmp_path, text).notes)
+    text = table_text(header.format("degC"), ISO, COMMAND, T_SUP, T_SUP, ["?", *T_SET[1:]])
+    assert_refused("T_set", "value", read, tmp_path, text)  # without it, answers are others
+
+
+def test_units_as_bacnet_and_other_systems_name_them(tmp_path):
+    fahrenheit = "degrees-fahrenheit degreesFahrenheit Degrees_Fahrenheit DEG_F unit:DEG_F ºF ℉ Fahrenheit"
+    for unit in [*fahrenheit.split(), "Degrees Fahrenheit", "Deg. F"]:
+        for form in ("SAT ({})", "SAT [{}]"):
+            header = f"TIMESTAMP,CHW VLV CMD (Percent),{form.format(unit)}"
+            log = read(tmp_path, table_text(header, ISO, COMMAND, FAHRENHEIT_TEXTS[0]))
+            np.testing.assert_allclose(log.values["T_sup"], T_SUP, atol=1e-4)
+    for name, unit, texts in (
+        ("m_a", "cfm", "cubic-feet-per-minute cubicFeetPerMinute ft³/min CFM"), ("m_w", "gpm", "usGallonsPerMinute"),
+        ("m_w", "L/s", "liters-per-second litresPerSecond l/s"), ("m_a", "m3/h", "m³/h m^3/h cubic-meters-per-hour"),
+        ("m_a", "kg s-1", "kg·s⁻¹ kilogramsPerSecond kg/s"), ("W_a_in", "g/kg", "gramsOfWaterPerKilogramDryAir"),
+        ("command", "percent", "percent pct per_cent Prozent"), ("command", "V 2-10", "2-10V 2–10_VDC"),
+    ):  # fmt: skip
+        for text in texts.split():
+            assert COLUMNS[name].is_same_unit(text.replace("_", " "), unit), text
+    for header in ("SAT (Grad Fahr)", "SAT [Grad Fahr]"):
+        text = table_text(f"TIMESTAMP,CHW VLV CMD (%),{header}", ISO, COMMAND, T_SUP)
+        assert "'Grad Fahr'" in refusal(read, tmp_path, text)
+
+
+def test_units_behind_a_low_line(tmp_path):
+    text = table_text("time_s,CHW_VLV_pct,SAT_C,SAT_SP_C", SECONDS, COMMAND, T_SUP, T_SET)
+    log = read(tmp_path, text)
+    np.testing.assert_array_equal(log.time, SECONDS)
+    np.testing.assert_array_equal(log.values["T_set"], T_SET)
+    assert interpret_header("SF_S").name == "enabled"  # a status, no seconds
+
+
+@pytest.mark.parametrize("unit", ["S-7_", "OCC-3 ", "M-2:"])
+def test_points_of_one_unit_of_plant_share_its_name(tmp_path, unit):
+    text = table_text(f"TIMESTAMP,{unit}CLG-O [%],{unit}DA-T [degC],{unit}DA-T SP [degC]", ISO, COMMAND, T_SUP, T_SET)
+    if unit.startswith("OCC"):  # a word that forbids a meaning
+        mistakes = [("OCC-3 CLG-O [%]", "name"), ("command", "missing"), ("T_sup", "missing")]
+        assert_mistakes(mistakes, read, tmp_path, text)
+    else:
+        assert_same(read(tmp_path, text))

@@ -197,3 +197,13 @@ def test_bad_cells_are_refused_with_file_row_and_cure(write_point_file):
     assert_refused("timestamp", "missing", join_files, no_time)
     years = write_point_file("command.csv", 3e7 * np.arange(5), range(5), "Time,Value (%)")
     assert_refused("--step", "size", join_files, years, step=1)
+
+
+def test_what_one_file_shows_of_the_order_of_day_and_month_holds_for_all(write_point_file, tmp_path):
+    command = write_point_file("command.csv", [0, 60, 120], [1, 2, 3], "Time,Value (%)", "%m/%d/%Y %H:%M")
+    T_set = tmp_path / "T_set.csv"
+    T_set.write_text("Time,Value (°C)\n7/5/2024 8:00,14\n")
+    _, seconds, values = parse_table(join_files(command, T_set)[0])
+    np.testing.assert_array_equal(values[:, 0], [14, 14, 14])
+    T_set.write_text("Time,Value (°C)\n8/7/2024 8:00,14\n")  # not the 8th of July
+    assert_refused("T_set", "data", join_files, command, T_set)

@@ -283,3 +283,27 @@ def test_a_frame_is_read_as_a_file_is(tmp_path):
     assert_refused("timestamp", "time", read_checked_log, frame.iloc[rng.permutation(200)], ColumnSpec(("command",)))
     doubled = pd.concat([frame, frame["m_w [kg/s]"]], axis=1)
     assert_refused("m_w [kg/s]", "duplicate", read_checked_log, doubled, ColumnSpec(("command",)))
+
+
+@pytest.mark.parametrize(("header", "sign"), [("CHW VLV", 1.0), ("HTG VLV", -1.0)])
+def test_supply_and_set_point_are_told_apart_by_which_of_them_answers_the_command(tmp_path, header, sign):
+    rng, n = np.random.default_rng(3), 400
+    T_set, T, integral, rows = np.repeat(rng.uniform(13, 16, 40), 10) + rng.normal(0, 0.05, n), 14.0, 0.5, []
+    T_set = np.convolve(T_set, np.ones(5) / 5, "same").clip(12, 17)
+    for k in range(n):  # a loop with a set-point that floats
+        error = sign * (T - T_set[k])
+        integral = np.clip(integral + 0.02 * error, 0.1, 0.9)
+        command = np.clip(0.1 * error + integral, 0.02, 0.98)
+        stamp = f"2024-07-25T{k // 60:02}:{k % 60:02}:00"
+        rows.append([stamp, f"{100 * command:.2f}", f"{T:.3f}", f"{T_set[k]:.3f}"])
+        T += 0.4 * (14.5 + sign * 8 * (0.5 - command) - T) + rng.normal(0, 0.02)
+    for names in (("T_sup", "T_set"), ("T_set", "T_sup")):
+        lines = [f"timestamp,{header} [%],{names[0]} [degC],{names[1]} [degC]", *map(",".join, rows)]
+        path = tmp_path / f"{names[0]}.csv"
+        path.write_text("\n".join(lines), encoding="utf-8")
+        spec = ColumnSpec(("command", "T_sup"), ("T_set",), ("T_sup", "T_set"))
+        reading = ReadingOptions(reader="read_log", columns={"command": header})
+        if names[0] == "T_sup":
+            assert read_checked_log(path, spec, reading).time.size == n
+        else:
+            assert_refused("T_set", "data", read_checked_log, path, spec, reading)

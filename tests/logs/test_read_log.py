@@ -27,7 +27,7 @@ def read(path, spec=VALVE, **options):
     ("header", "change", "mistakes"),
     [
         (["elapsed_time [s]", "command", "m_w [kg/s]"], None, [("command", "unit")]),
-        (["elapsed_time [s]", "command [1]", "m_w [L/sec]"], None, [("m_w", "unit")]),
+        (["elapsed_time [s]", "command [1]", "m_w [L/sek]"], None, [("m_w", "unit")]),
         (["elapsed_time [s]", "command [1]", "flow [kg/s]"], None, [("flow [kg/s]", "name"), ("m_w", "missing")]),
         (["t [s]", "command [1]", "m_w [kg/s]"], None, [("t [s]", "name"), ("elapsed_time", "missing")]),
         (VALVE_HEADER, (5, 2, "nan"), [("m_w", "value")]),

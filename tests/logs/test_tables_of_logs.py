@@ -24,7 +24,15 @@ def test_lines_before_the_header_are_left_out_and_said(read_export, before):
     assert any(f"above row {header} is not part of the table, from 'Trend report" in note for note in log.notes)
 
 
-@pytest.mark.parametrize("after", ["End of report\n", "\nTotal: 60 rows\nPrinted by,the system,\n"])
+@pytest.mark.parametrize(
+    "after",
+    [
+        "End of report\n",
+        "\nTotal: 60 rows\nPrinted by,the system,\n",
+        "Average,50.1,14.2\nMin,1,2\n",
+        ",Avg: 5,Avg: 1\n# n,60,60\n",
+    ],
+)
 def test_lines_after_the_data_are_left_out_and_said(read_export, after):
     log = read_export(cell_rows(), after=after)
     assert_same_log(log)
@@ -71,6 +79,8 @@ def test_a_row_of_units_is_checked_as_a_header_is(read_export):
         ("timestamp", "command / %", "T_sup / °C"),
         ("timestamp", '"command, %"', '"T_sup, degC"'),
         ("timestamp", "command (% open)", "T_sup (C)"),
+        ("timestamp", "command %", "T_sup - °C"),
+        ("timestamp", "command_pct", "T_sup_C"),
     ],
 )
 def test_units_in_round_brackets_and_after_comma_or_slash(read_export, header):

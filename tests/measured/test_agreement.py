@@ -36,7 +36,8 @@ def test_a_temperature_far_from_its_set_point_that_no_unit_explains_is_a_warning
 
 def test_a_switch_that_is_logged_now_and_then_is_named_where_it_leaves_nothing(log):
     sparse = np.where(np.arange(log.sizes["elapsed_time"]) % 100, np.nan, 1.0)
-    assert_refused("log", "data", fc.diagnose, fc.read_log(log.assign(enabled=("elapsed_time", sparse)), drop=True))
+    source, named = log.assign(enabled=("elapsed_time", sparse)), {"enabled": "enabled"}
+    assert_refused("log", "data", fc.diagnose, fc.read_log(source, drop=True, columns=named))
 
 
 def test_a_coil_whose_air_is_colder_than_its_water_is_refused():

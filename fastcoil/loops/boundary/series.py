@@ -23,7 +23,7 @@ from fastcoil.base.arguments import (
 )
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, Problem, short_repr
-from fastcoil.logs.series import COLUMNS, Series
+from fastcoil.logs.series import COLUMNS, Series, count_suffix
 from fastcoil.logs.timestamps import format_utc_offset, require_time_zone, time_zone_from_name
 from fastcoil.loops.labelled import (
     SeriesLabels,
@@ -34,6 +34,7 @@ from fastcoil.loops.labelled import (
     read_series_labels,
     to_bare_numbers,
 )
+from fastcoil.model.moist_air import MASS_RATIO, liquid_saturation_pressure
 from fastcoil.model.parameter_table import COVERED, PARAMETERS, Parameter
 
 Values: TypeAlias = Any
@@ -128,10 +129,27 @@ def complete_series(
 ) -> tuple[dict[str, Array], int]:
     """Return all series, (n_days, n_steps), and the number of samples that are off because no air flows."""
     arrays = {name: values.broadcast(n_days, n_steps) for name, values in series.items()}
+    _require_air_below_saturation(arrays["T_a_in"], arrays["W_a_in"])
     if not enabled_by_air:
         return arrays, 0
     arrays["enabled"] = (arrays["m_a"] > 0.0).astype(np.float64)
     return arrays, int(np.count_nonzero(arrays["enabled"] == 0.0))
+
+
+_MAX_RELATIVE_HUMIDITY = 1.05  # up to there air may be mist, or readings may be rounded
+
+
+def _require_air_below_saturation(T: Array, W: Array) -> None:
+    """Refuse air [degC, kg/kg] that is above saturation even at the least pressure that a loop may have."""
+    vapour_pressure = PARAMETERS["pressure"].lower * W / (MASS_RATIO + W)
+    if vapour_pressure.max() <= _MAX_RELATIVE_HUMIDITY * liquid_saturation_pressure(T.min()):  # no need to look closer
+        return
+    is_above = vapour_pressure > _MAX_RELATIVE_HUMIDITY * liquid_saturation_pressure(T)
+    if is_above.any():
+        day, second = np.unravel_index(int(np.argmax(is_above)), is_above.shape)
+        place = f"W_a_in = {W[day, second]:.4g} kg/kg at T_a_in = {T[day, second]:.4g} degC at second {second}"
+        cure = f"check the units of both, or give the values that belong together{count_suffix(int(is_above.sum()))}"
+        raise InputError(f"{place} is above saturation at any pressure: {cure}", "W_a_in", "data")
 
 
 def warn_of_no_air_flow(seconds: int) -> None:
@@ -319,8 +337,8 @@ _CONDITION_BOUNDS: tuple[tuple[str, str, float, float], ...] = (  # names, unit,
     ("relative_humidity outdoor_fraction RH_return internal_load zone_spread", "1", 0.0, 1.0),
     ("W_return", "1", 0.0, 0.1),
     ("disturbances", "1", 0.0, 10.0),
-    ("T_a_in T_design T_balance economiser_limit", "degC", -40.0, 60.0),
-    ("T_out_min T_out_max T_out_w_min T_out_w_max", "degC", -40.0, 60.0),
+    ("T_a_in T_design T_balance economiser_limit", "degC", -70.0, 60.0),
+    ("T_out_min T_out_max T_out_w_min T_out_w_max", "degC", -70.0, 60.0),
     ("T_wet_bulb", "degC", -40.0, 40.0),
     ("T_return", "degC", -20.0, 60.0),
     ("T_set T_set_min T_set_max", "degC", 0.0, 60.0),

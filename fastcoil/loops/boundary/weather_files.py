@@ -38,8 +38,8 @@ WEATHER_COLUMNS = {
         (Series("month", "month", DIMENSIONLESS, 1, 12, whole=True), "month", "1"),
         (Series("day", "day of the month", DIMENSIONLESS, 1, 31, whole=True), "day", "1"),
         (Series("hour", "hour of the day", DIMENSIONLESS, 0, 24, whole=True), "hour", "1"),
-        (Series("T_drybulb", "outdoor temperature", TEMPERATURE, -40.0, 60.0), "T_drybulb_C", "degC"),
-        (Series("T_dewpoint", "outdoor dew point", TEMPERATURE, -60.0, 50.0), "T_dewpoint_C", "degC"),
+        (Series("T_drybulb", "outdoor temperature", TEMPERATURE, -70.0, 70.0), "T_drybulb_C", "degC"),
+        (Series("T_dewpoint", "outdoor dew point", TEMPERATURE, -70.0, 70.0), "T_dewpoint_C", "degC"),
         (Series("RH", "outdoor relative humidity", FRACTION, 0.0, 1.0), "RH_pct", "percent"),
         (Series("p", "barometric pressure", PRESSURE, 50e3, 110e3), "p_Pa", "Pa"),
     )

@@ -282,6 +282,8 @@ def _ppf(kind: str, arguments: Mapping[str, float], share: Array) -> Any:
         return frozen.ppf(share)
 
 
+_SIZES_IN_PERCENT = ("backlash", "backlash_estimate", "learning_cap", "authority", "estimate_ratio")
+"""Parameters of which a table has some above 1 %, unless its per cent are fractions."""
 _FITTED_FILE_HINT = "a file that `fastcoil fit` or `fastcoil valve-test read` wrote"
 _MAX_FITTED_FILE_BYTES = 2**20
 _NORMAL_QUANTILE_975 = 1.959963984540054  # standard deviations from the median to the ends of a 95 % interval
@@ -292,7 +294,7 @@ def _read_measured_values(parameter: Parameter, file: object, column: object, fo
     if not isinstance(file, str) or not isinstance(column, str):
         cure = 'give a file and the header of a column, such as { csv = "gaps.csv", column = "gap" }'
         raise InputError(cure, parameter.name, "value")
-    table = Table.read(folder / file)
+    table = Table.read(folder / file, column=column)
     place = table.find_column(column)
     if place is None:
         suggestion = did_you_mean(column, table.header)
@@ -302,6 +304,12 @@ def _read_measured_values(parameter: Parameter, file: object, column: object, fo
     series = Series(parameter.name, parameter.text, accepted_units(parameter.unit))
     values = read_numbers(table, series, place, header_unit)
     table.raise_problems()
+    unit = next(iter(table.declared_units(place).values()), "")
+    if parameter.name in _SIZES_IN_PERCENT and series.is_same_unit(unit, "%") and 0.0 < values.max() <= 0.01:
+        cell, row = table.rows[0][place].strip(), table.row_numbers[0]
+        cure = f"write '{column} [1]' in the header, of fractions, also of {parameter.name} that are below 1 %"
+        sentence = f"{column} = {cell} in row {row} is declared in {unit}, and its numbers look like a fraction: {cure}"
+        raise InputError(f"{table.name}: {sentence}", parameter.name, "unit")
     raise_problems([problem for value in values.tolist() if (problem := parameter.problem(value))])
     return np.sort(values)
 

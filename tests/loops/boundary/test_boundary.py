@@ -35,13 +35,13 @@ def test_every_series_is_float64_days_by_steps_and_read_only():
 
 def test_numbers_series_and_days_broadcast_together():
     T_w_in = xr.DataArray([6.0, 8.0], dims="day", coords={"day": [4, 2]})
-    T_a_in = xr.DataArray(np.arange(60.0) / 10, dims="elapsed_time")
+    T_a_in = xr.DataArray(20 + np.arange(60.0) / 10, dims="elapsed_time")
     m_a = np.array([[1.0] * 60, [2.0] * 60])
     boundary = Boundary(**GOOD_SERIES | {"T_w_in": T_w_in, "T_a_in": T_a_in, "m_a": m_a})
     assert boundary.has_day_dim
     np.testing.assert_array_equal(boundary.day, [4, 2])
     np.testing.assert_array_equal(boundary.series["T_w_in"][:, 7], [6.0, 8.0])
-    np.testing.assert_array_equal(boundary.series["T_a_in"][1], np.arange(60.0) / 10)
+    np.testing.assert_array_equal(boundary.series["T_a_in"][1], 20 + np.arange(60.0) / 10)
     np.testing.assert_array_equal(boundary.series["m_a"][:, 59], [1.0, 2.0])
 
 
@@ -151,3 +151,9 @@ def test_a_log_without_status_is_off_where_its_fan_stands(write_log):
     with pytest.warns(UserWarning, match="m_a is 0 during"):
         boundary = Boundary.from_csv(write_log(HEADER, replace_column(1, [1.0, 0.0, 0.0])))
     assert boundary.series["enabled"][0, 59:62].tolist() == [1.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("changes", [{"W_a_in": 0.05}, {"T_a_in": 0.0}, {"W_a_in": np.linspace(0.01, 0.06, 60)}])
+def test_air_above_saturation_at_any_pressure_is_refused(changes):
+    assert_refused("W_a_in", "data", Boundary, **GOOD_SERIES | changes)
+    assert Boundary(**GOOD_SERIES | {"W_a_in": 0.042}).n_steps == 60  # saturated at 50 kPa

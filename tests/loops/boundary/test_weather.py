@@ -62,7 +62,7 @@ def test_the_start_of_a_weather_day_in_three_ways(write_log):
     ("field", "code", "column", "value"),
     [
         ("T_dewpoint", "data", 5, 25.0), ("RH", "unit", 6, 0.0), ("RH", "unit", 6, 0.6), ("month", "conflict", 1, 7),
-        ("T_drybulb", "value", 4, 60.5), ("T_dewpoint", "value", 5, -999),
+        ("T_drybulb", "value", 4, 70.5), ("T_dewpoint", "value", 5, -999),
     ],
 )  # fmt: skip
 def test_impossible_weather_is_refused(write_log, field, code, column, value):

@@ -122,3 +122,10 @@ def drop_lines(lines, word):
 )
 def test_a_file_that_is_not_as_it_was_distributed_is_refused(put, field, code, lines, options):
     assert_refused(field, code, read_weather_day, put(lines), **{"month": 6, "day": 15, "hour": 10} | options)
+
+
+@pytest.mark.parametrize("form", [epw, tmy3])
+def test_weather_is_read_from_70_degrees_below_zero_on(put, form):
+    cold = [row | {"T": -70.0 + k / 3, "T_dew": -70.0 + k / 4} for k, row in enumerate(JUNE)]
+    day = read_weather_day(put(form(cold)), start_hour=3970, hours=4)
+    assert -70.0 <= day.series["T_a_in"].min() < -46.0

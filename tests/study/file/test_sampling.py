@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.refusals import assert_refused
 from scipy import stats
 
 import fastcoil as fc
@@ -302,3 +303,17 @@ def test_python_draws_as_a_study_file_does():
     for name, values in draw("sobol", 64, kp=SHAPES["kp"], ti=SHAPES["ti"], correlation=[["kp", "ti", 0.6]]).items():
         np.testing.assert_array_equal(drawn[name], values)
     assert fc.Loop().assign(**drawn).sizes == {"sample": 64}
+
+
+def test_per_cent_that_are_fractions_and_words_in_a_table_are_refused(tmp_path):
+    def draw(header, *cells):
+        path = tmp_path / "gaps.csv"
+        path.write_text("\n".join([f"valve,{header}", *(f"V{k},{cell}" for k, cell in enumerate(cells))]) + "\n")
+        return fc.sample(4, backlash={"csv": str(path), "column": "gap"})
+
+    for header in ("gap [%]", "gap (percent)", "gap_pct"):
+        assert_refused("backlash", "unit", draw, header, *np.linspace(0.04, 0.12, 12))
+        np.testing.assert_allclose(np.sort(draw(header, 4, 5, 6, 7)["backlash"]), [0.04, 0.05, 0.06, 0.07])
+    np.testing.assert_allclose(draw("gap [1]", 0.004, 0.004)["backlash"], 0.004)
+    for word in ("n/a", "broken"):
+        assert_refused("backlash", "value", draw, "gap [%]", 4, 5, 6, word, *range(4, 20))
