@@ -18,7 +18,7 @@ from fastcoil.measured.agreement import require_agreement
 from fastcoil.measured.cause import PriorEvidence, judge_cause, predict_cases, revise_after_hold, stops_on_hold
 from fastcoil.measured.diagnosis import INDICES, Diagnosis, ValveReading, probability_profile
 from fastcoil.measured.fitted_loop import fit_loop_model
-from fastcoil.measured.grid import Grid, join_grids, resample_log
+from fastcoil.measured.grid import Grid, join_grids, keep_own_values, resample_log
 from fastcoil.measured.identify import Identification, combine_days, gather_evidence
 from fastcoil.measured.measures import Measures, hourly_summary, measure_loop, write_warnings
 from fastcoil.measured.part import LogSource, true_runs
@@ -103,7 +103,8 @@ def diagnose(
         names.append(data.name)
         grids.append(grid)
         notes += [note for note in (*data.notes, *grid_notes) if note not in notes]
-    grid = grids[0] if len(grids) == 1 else join_grids(grids)
+    grid, own_notes = keep_own_values(join_grids(grids))
+    notes += own_notes
     values, interval = grid.values, grid.interval
     motor_seconds = identify.USUAL_STROKE_TIME if stroke_time is None else stroke_time
     identification, measures = identify_and_measure(grid, motor_seconds, sample_time, lag)

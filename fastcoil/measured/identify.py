@@ -350,7 +350,9 @@ def _why_misplaced(
 
     def best_fit(shift: int, **options: int) -> tuple[float, float]:
         """Return the largest log-likelihood and the gap that has it."""
-        likelihood = likelihood_at(shift, int(CLOCK_SHIFTS_S[-1] / interval) + abs(lag_samples) - abs(shift), **options)
+        likelihood = likelihood_at(
+            shift, round(CLOCK_SHIFTS_S[-1] / interval) + abs(lag_samples) - abs(shift), **options
+        )
         if likelihood is None:
             return 0.0, 0.0
         return float(likelihood.without_command.max()), float(CANDIDATES[likelihood.without_command.argmax()])
