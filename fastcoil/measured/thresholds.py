@@ -1,7 +1,7 @@
 """Calibrated thresholds of a diagnosis, and what fixed each.
 
 ``agreement``, ``grid`` and ``identify`` were calibrated on simulated valves and days of seeds below 9000: the tables of
-``studies/diagnosis/claims.py`` and ``studies/diagnosis/diagnosis.py``, of other seeds, show what their claims are
+``studies/diagnosis`` (``claims``, ``traps``, ``diagnosis``), of other seeds, show what their claims are
 worth. ``studies/diagnosis/cause.py`` tests ``cause``, and ``studies/diagnosis/predictions.py`` ``fitted_loop``, which
 was calibrated on loops of the seeds 501 and 601.
 """
