@@ -136,12 +136,9 @@ def _keep_own_flows(data: CheckedLog) -> CheckedLog:
     if own is None or own.spacing * data.step >= _SHORTEST_HOLD_S:
         return _require_rows_per_piece(data)
     note = f"m_w has {own.describe(data.step)}: the rows between do not count"
-    kept = replace(
-        data, source=data.source[own.rows], time=data.time[own.rows], rows=data.rows[own.rows],
-        values={name: series[own.rows] for name, series in data.values.items()},
-        batch=np.unique(data.batch[own.rows], return_inverse=True)[1], notes=[*data.notes, note],
-    )  # fmt: skip
-    return _require_rows_per_piece(kept)
+    is_own = np.isin(np.arange(flow.size), own.rows)
+    batch = np.unique(data.batch[is_own], return_inverse=True)[1]
+    return _require_rows_per_piece(replace(data.where(is_own), batch=batch, notes=[*data.notes, note]))
 
 
 def _require_movement(data: CheckedLog, m_max: float | None) -> None:

@@ -15,7 +15,7 @@ from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError
 from fastcoil.logs import CheckedLog
 from fastcoil.logs.own_values import OwnValues, find_own_values
-from fastcoil.logs.series import COLUMNS, format_count
+from fastcoil.logs.series import format_count
 from fastcoil.model.engine import recorded
 
 HELD_COLUMNS = ("command", "T_set", "enabled", "test")  # hold until the next sample in every log
@@ -88,13 +88,13 @@ def resample_log(log: CheckedLog) -> tuple[Grid, list[str]]:
 
 def keep_own_values(grid: Grid) -> tuple[Grid, list[str]]:
     """Keep the samples at which the slower of command and temperature got a value of its own; also return notes."""
-    is_usable = {"T_sup": grid.on & np.isfinite(grid.values["T_sup"])}
-    command = grid.values["command"]
-    is_usable["command"] = grid.on & (command > 0.0) & (command < 1.0)  # at its ends it rests
-    own_values = {}
-    for name, usable in is_usable.items():
-        if own := find_own_values(grid.values[name], usable, holds=COLUMNS[name].hold):
-            own_values[name] = own
+    T_sup, command = (grid.values[name] for name in ("T_sup", "command"))
+    is_between_ends = (command > 0.0) & (command < 1.0)  # at its ends a command rests
+    found = {
+        "T_sup": find_own_values(T_sup, grid.on & np.isfinite(T_sup), holds=False),
+        "command": find_own_values(command, grid.on & is_between_ends, holds=True),
+    }
+    own_values = {name: own for name, own in found.items() if own}
     slowest = max(own_values.values(), key=lambda own: own.spacing, default=None)
     if slowest is None or slowest.spacing * grid.interval <= _SHORT_POLL_S:
         return grid, []

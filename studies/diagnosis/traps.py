@@ -17,16 +17,17 @@ from fastcoil.logs import read_checked_log
 from fastcoil.measured.diagnose import DIAGNOSIS_COLUMNS, identify_and_measure
 from fastcoil.measured.grid import join_grids, keep_own_values, resample_log
 from fastcoil.measured.identify import GOOD_BACKLASH, Identification
-from studies.common import write_table
+from studies.common import draw_loguniform, write_table
 from studies.days import STEPPED, make_days
-from studies.diagnosis.claims import is_right, make_log, share_or_none
-from studies.diagnosis.diagnosis import TRACE_INTERVAL, Population, valves
+from studies.diagnosis.claims import is_right, make_log
+from studies.diagnosis.diagnosis import TRACE_INTERVAL, Population, share_or_none, valves
 
 SEED = 9677
 POLLED_VALVES, LATE_VALVES, SWING_VALVES, DAYS = 128, 16, 200, 10
 SLOW = "slow set-point"
 POINTS = ("command", "T_sup", "T_set")
 ROW_SECONDS = (5, 10, 15, 30, 60)
+POLL_SECONDS = (30.0, 300.0)  # from and to
 LATE_MINUTES = (0, 2, 5, 10)
 SWINGS = {"entering air": ("T_a_in", 1.0, 0.0), "entering water": ("T_w_in", 1.0, 0.0), "air flow": ("m_a", 0.0, 0.06)}
 """Series that swings, by how much for a swing of 1: in its unit, and as a share of itself."""
@@ -94,7 +95,7 @@ def polled_claims(kind: str, n_days: int) -> Iterator[tuple[Identification, floa
     for valve in range(POLLED_VALVES):
         rng = np.random.default_rng([SEED, valve, n_days, kind == SLOW])
         row, is_together = int(rng.choice(ROW_SECONDS)), rng.uniform() < 0.5
-        steps = dict(zip(POINTS, np.exp(rng.uniform(*np.log((30.0, 300.0)), 3)), strict=True))
+        steps = dict(zip(POINTS, draw_loguniform(rng, *POLL_SECONDS, 3), strict=True))
         phases = dict(zip(POINTS, rng.uniform(0.0, 1.0, 3), strict=True))
         if is_together:
             steps, phases = dict.fromkeys(POINTS, round(steps["T_sup"])), dict.fromkeys(POINTS, phases["T_sup"])
