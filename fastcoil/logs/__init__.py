@@ -2,7 +2,8 @@
 
 In the order of reading: ``series`` (every column and unit), ``timestamps`` and ``cells`` (times and numbers as people
 write them), ``table`` (a file or Dataset as text), ``columns`` (what headers mean, and which column is which),
-``readings`` (bad values), ``pieces`` (gaps and jumps), ``join`` (points logged each at its own times), ``log`` (all).
+``readings`` (bad values), ``pieces`` (gaps and jumps), ``own_values`` (repeats of polled points), ``join``
+(points logged each at its own times), ``log`` (all).
 """
 
 from fastcoil.logs.columns import ReadingOptions as ReadingOptions

@@ -24,6 +24,7 @@ from fastcoil.logs.columns import (
     require_log,
 )  # fmt: skip
 from fastcoil.logs.join import POINT_NAMES, find_value_columns, pivot_points
+from fastcoil.logs.own_values import find_own_values
 from fastcoil.logs.pieces import longest_regular_step, number_pieces, read_times
 from fastcoil.logs.readings import (
     check_plausible_units,
@@ -256,11 +257,15 @@ class Log:
             return [f"cannot be read as it is: {problem}" for problem in error.problems]
         span = f"{data.time[-1]:,.0f} s" + (f" from {data.start} {data.time_zone}".rstrip() if data.start else "")
         lines = [f"{data.time.size:,} rows, {data.step:g} s apart, in {format_count(data.n_batches, 'piece')}: {span}"]
-        lines += [
-            f"{name} [{data.units[name]}] from the column {data.headers[name]!r}" if name in data.units
-            else f"{name} = {data.values[name][0]:g}, a constant"
-            for name in data.values
-        ]  # fmt: skip
+        for name, values in data.values.items():
+            if name not in data.units:
+                lines.append(f"{name} = {values[0]:g}, a constant")
+                continue
+            own = (
+                None if data.change_of_value else find_own_values(values, np.isfinite(values), holds=COLUMNS[name].hold)
+            )
+            rhythm = f", {own.describe(data.step)}" if own else ""
+            lines.append(f"{name} [{data.units[name]}] from the column {data.headers[name]!r}{rhythm}")
         return lines + [f"Note: {note}" for note in data.notes]
 
     def __repr__(self) -> str:

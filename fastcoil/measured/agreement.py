@@ -1,6 +1,7 @@
 """Agreement of the columns of a log: temperatures in one unit, and a command that answers them."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -76,6 +77,7 @@ class ImpliedPI(NamedTuple):
     least_explained: float = 0.0  # share that the command's own temperature explains
     ti: float = np.nan  # s; below 0, the command moves before the temperature that it answers
     residual_correlation: float = 0.0  # correlation of what it leaves with what it leaves a window later
+    unexplained_shares: Mapping[int, float] = MappingProxyType({})  # by shift of the temperature, samples
 
     @property
     def is_another(self) -> bool:
@@ -87,17 +89,20 @@ class ImpliedPI(NamedTuple):
 
 
 def imply_pi(
-    command: Array, temperature: Array, T_set: Array | None, good: Mask, interval: float, *, settled: bool = True
-) -> ImpliedPI:
+    command: Array, temperature: Array, T_set: Array | None, good: Mask, interval: float, *, settled: bool = True,
+    shifts: Sequence[int] = (),
+) -> ImpliedPI:  # fmt: skip
     """Fit a PI controller to the changes of a command, and the clock shift with which it explains them best.
 
     Changes over two minutes are regressed on those of the error and its integral.  settled: leave out five minutes
     after each change of the set-point, which every loop on one schedule answers alike; if nothing is left, they
     stay.  Without a set-point, two such changes in a row are compared, which cancels a constant one.  The part
     explained least is left out, where the command may have been overridden, and what the resolution of the command
-    explains is not counted.
+    explains is not counted.  shifts: of the clock to compare, samples, among them 0; up to three minutes by default.
     """
-    width, largest_shift = max(1, round(120.0 / interval)), int(180.0 / interval)  # s
+    width, usual_shift = max(1, round(120.0 / interval)), int(180.0 / interval)  # s
+    shifts = shifts or range(-usual_shift, usual_shift + 1)
+    largest_shift = max(shifts)
     is_compared, error = good, np.where(good, temperature - np.mean(temperature[good]), 0.0)
     if T_set is not None:
         if settled:
@@ -119,12 +124,14 @@ def imply_pi(
     if starts.size < LEAST_PI_ROWS or not np.any(command_change):
         if T_set is None or not settled:
             return ImpliedPI()
-        unsettled_pi = imply_pi(command, temperature, T_set, good, interval, settled=False)
-        return unsettled_pi if unsettled_pi.explained >= unsettled_pi.least_explained else ImpliedPI()
+        pi = imply_pi(command, temperature, T_set, good, interval, settled=False, shifts=shifts)
+        if pi.explained >= pi.least_explained:
+            return pi
+        return ImpliedPI(pi.temperature_lag, unexplained_shares=pi.unexplained_shares)  # its clock alone
     # variance of a change, of its rounding alone
     rounding_variance = min(float(np.diff(np.unique(command[is_compared])).min()), 0.02) ** 2 / 6.0
     unexplained_shares, ti, correlations = {}, {}, {}
-    for shift in sorted(range(-largest_shift, largest_shift + 1), key=abs):
+    for shift in sorted(shifts, key=abs):
         shifted_starts = starts + shift
         X = regressors(shifted_starts) - regressors(shifted_starts - width) if n_before else regressors(shifted_starts)
         is_inlier = np.ones(shifted_starts.size, dtype=bool)
@@ -144,4 +151,24 @@ def imply_pi(
     shift = best_shift if 2.0 * unexplained_shares[best_shift] < unexplained_shares[0] else 0
     most_unexplained = max(thresholds.MOST_UNEXPLAINED, thresholds.MOST_UNEXPLAINED_PER_SECOND * interval)
     least_explained = 1.0 - most_unexplained - (thresholds.MOST_UNEXPLAINED if n_before else 0.0)
-    return ImpliedPI(shift, 1.0 - unexplained_shares[shift], least_explained, ti[shift], correlations[shift])
+    explained = 1.0 - unexplained_shares[shift]
+    return ImpliedPI(shift, explained, least_explained, ti[shift], correlations[shift], unexplained_shares)
+
+
+def plausible_lags(
+    days: Iterable[tuple[Array, Array, Array | None, Mask]], interval: float, assumed: float
+) -> tuple[list[float], bool]:
+    """Return up to two other lags of the temperature, s, with which a PI explains the commands of all days about best.
+
+    Also return whether the ``assumed`` lag is as good.  days: the first four arguments of ``imply_pi``.
+    """
+    step = max(1, round(60.0 / interval))
+    shifts = np.arange(-int(900.0 / interval / step), int(900.0 / interval / step) + 1) * step
+    implied = [imply_pi(*day, interval=interval, shifts=shifts.tolist()).unexplained_shares for day in days]
+    shares = np.array([[by_shift[shift] for shift in shifts.tolist()] for by_shift in implied if by_shift])
+    if not shares.size:
+        return [], True
+    mean, lags = shares.mean(axis=0), shifts * interval
+    by_share = [k for k in np.argsort(mean) if mean[k] <= thresholds.LARGEST_LAG_RATIO * mean.min()]
+    others = [float(lags[k]) for k in by_share if abs(lags[k] - assumed) >= 0.5 * step * interval]
+    return others[:2], len(others) < len(by_share)

@@ -9,17 +9,18 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import argument_checks, require_instance, require_number
+from fastcoil.base.arrays import Array, Mask
 from fastcoil.base.errors import InputError
 from fastcoil.logs.columns import ColumnSpec
 from fastcoil.logs.log import CheckedLog, as_log
 from fastcoil.logs.series import COLUMNS, format_count
 from fastcoil.measured import identify, thresholds
-from fastcoil.measured.agreement import require_agreement
+from fastcoil.measured.agreement import plausible_lags, require_agreement
 from fastcoil.measured.cause import PriorEvidence, judge_cause, predict_cases, revise_after_hold, stops_on_hold
 from fastcoil.measured.diagnosis import INDICES, Diagnosis, ValveReading, probability_profile
 from fastcoil.measured.fitted_loop import fit_loop_model
-from fastcoil.measured.grid import Grid, join_grids, resample_log
-from fastcoil.measured.identify import Identification, combine_days, gather_evidence
+from fastcoil.measured.grid import Grid, forward_fill, join_grids, keep_own_values, resample_log
+from fastcoil.measured.identify import DayEvidence, Identification, combine_days, gather_evidence
 from fastcoil.measured.measures import Measures, hourly_summary, measure_loop, write_warnings
 from fastcoil.measured.part import LogSource, true_runs
 
@@ -103,7 +104,8 @@ def diagnose(
         names.append(data.name)
         grids.append(grid)
         notes += [note for note in (*data.notes, *grid_notes) if note not in notes]
-    grid = grids[0] if len(grids) == 1 else join_grids(grids)
+    grid, own_notes = keep_own_values(join_grids(grids))
+    notes += own_notes
     values, interval = grid.values, grid.interval
     motor_seconds = identify.USUAL_STROKE_TIME if stroke_time is None else stroke_time
     identification, measures = identify_and_measure(grid, motor_seconds, sample_time, lag)
@@ -184,14 +186,46 @@ def identify_and_measure(
     grid: Grid, stroke_time: float, sample_time: float | None = None, lag: float | None = None
 ) -> tuple[Identification, Measures]:
     """Identify the backlash, unless the log has a trap for it, and measure the loop; times in s."""
-    days = []
-    for day in map(grid.part, grid.day_slices()):
-        values = day.values
-        inputs = tuple(values[name] for name in ("m_a", "T_a_in") if name in values)
-        series = values["command"], values["T_sup"], grid.interval, values.get("T_set"), inputs, day.on
-        days.append(gather_evidence(*series, stroke_time, sample_time, lag))
-    measures = measure_loop(grid, stroke_time)
-    return _withhold_doubtful(combine_days(days), grid, measures), measures
+    days = [grid.part(rows) for rows in grid.day_slices()]
+
+    def identify_at(lag: float | None) -> Identification:
+        return combine_days([_gather_day(day, stroke_time, sample_time, lag) for day in days])
+
+    identification, measures = identify_at(lag), measure_loop(grid, stroke_time)
+    if identification.identified and len(days) > 1 and lag is None:
+        other_lags, is_clock_right = plausible_lags(
+            map(_known_loop, days), grid.interval, identification.temperature_lag
+        )
+        # a command that answers a temperature logged later looks like one without a gap
+        if not is_clock_right or identification.backlash <= identify.GOOD_BACKLASH:
+            for other_lag in other_lags:
+                identification = _require_survival(identification, identify_at(other_lag), other_lag)
+    return _withhold_doubtful(identification, grid, measures), measures
+
+
+def _gather_day(day: Grid, stroke_time: float, sample_time: float | None, lag: float | None) -> DayEvidence:
+    values = day.values
+    inputs = tuple(values[name] for name in ("m_a", "T_a_in") if name in values)
+    series = values["command"], values["T_sup"], day.interval, values.get("T_set"), inputs, day.on
+    return gather_evidence(*series, stroke_time, sample_time, lag)
+
+
+def _known_loop(day: Grid) -> tuple[Array, Array, Array | None, Mask]:
+    """Return command, temperature and set-point, filled where missing, and where all are known."""
+    series = [day.values[name] for name in ("command", "T_sup", "T_set") if name in day.values]
+    command, temperature, *T_set = map(forward_fill, series)
+    return command, temperature, T_set[0] if T_set else None, np.all([*map(np.isfinite, series), day.on], axis=0)
+
+
+def _require_survival(claim: Identification, other: Identification, lag: float) -> Identification:
+    """Withhold a claim that does not survive another ``lag``, s, with which a PI explains the commands of all days."""
+    tolerance = max(identify.SIZE_TOLERANCE * claim.backlash, identify.GOOD_BACKLASH) + 1e-9
+    if not claim.identified or (other.identified and abs(other.backlash - claim.backlash) <= tolerance):
+        return claim
+    lateness = f"{abs(lag):g} s {'later' if lag > 0.0 else 'earlier'} than the command"
+    reason = f"over all days, the controller's response fits T_sup {lateness}, and there the log shows no such gap: "
+    reason += "check that both points share one clock, or give the lag between them (lag, --lag)"
+    return claim._replace(low=0.0, high=float(identify.CANDIDATES[-1]), identified=False, reason=reason)
 
 
 def _withhold_doubtful(identification: Identification, grid: Grid, measures: Measures) -> Identification:

@@ -27,7 +27,7 @@ from fastcoil.loops.simulate import call_with_timeout
 from fastcoil.measured.agreement import require_agreement
 from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, build_fit, natural_intervals
 from fastcoil.measured.least_squares import Estimate, Model, Uncertainty, minimise, uncertainty
-from fastcoil.measured.part import LogSource, LogSplit, check_split, split_segments
+from fastcoil.measured.part import LogSource, LogSplit, check_split, leave_out_repeats, split_segments
 from fastcoil.model.engine.lanes import parameter_matrix
 from fastcoil.model.engine.plant import stability_numbers
 from fastcoil.model.engine.recorded import COIL_COLUMNS, run_coil
@@ -270,6 +270,7 @@ class CoilRecord:
 def drop_idle_samples(log: CheckedLog) -> CheckedLog:
     """Drop times without air flow or with ``enabled`` 0, in which sensors say nothing of the coil."""
     require_agreement(log)
+    log = leave_out_repeats(log, COMPARED_OUTPUTS["both"])
     m_a, enabled = log.values["m_a"], log.values.pop("enabled", np.ones(log.time.size))
     is_on = (m_a > 0.05 * np.quantile(m_a, 0.95)) & (enabled != 0.0)
     if not is_on.any():

@@ -20,6 +20,7 @@ from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError, Problem
 from fastcoil.logs.columns import ColumnSpec
 from fastcoil.logs.log import CheckedLog, as_log
+from fastcoil.logs.own_values import find_own_values
 from fastcoil.logs.series import format_count
 from fastcoil.measured import valve_problem
 from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, backlash_series, build_fit, natural_intervals, rmse_profile
@@ -28,6 +29,7 @@ from fastcoil.measured.part import LEAST_ABOVE_0, LogSource, check_split, split_
 from fastcoil.measured.valve_problem import X_BL, ValveProblem, ValveSolution, judge_interval, median_step
 from fastcoil.model.engine.recorded import VALVE_ROWS, valve_flows
 
+_SHORTEST_HOLD_S = 600.0  # between values of its own: a test that holds the command, and no poll
 _VALVE_COLUMNS = ColumnSpec(required=("command", "m_w"), optional=("enabled",), measured=("m_w",))
 
 
@@ -98,7 +100,7 @@ def fit_valve(
         lag = check(_require_lag, lag)
         holds = check.unless_none(require_choice, "holds", holds, ("command",))
         part = check_split(check, log, split, validation)
-    data = part.read(log, _VALVE_COLUMNS, _require_rows_per_piece)
+    data = part.read(log, _VALVE_COLUMNS, _require_rows_per_piece if holds else _keep_own_flows)
     _require_movement(data, m_max)
     if isinstance(lag, float) and lag != 0.0:
         note = f"the flow is compared with the command {abs(lag):g} s {'before' if lag > 0.0 else 'after'} it, as given"
@@ -125,6 +127,18 @@ def _require_rows_per_piece(data: CheckedLog) -> CheckedLog:
         sentence = f"{data.name}: its {n_rows:,} rows are in {n_pieces:,} pieces: {cure}the rows by time"
         raise InputError(sentence, "log", "time")
     return data
+
+
+def _keep_own_flows(data: CheckedLog) -> CheckedLog:
+    """Keep the rows with a flow of its own: between polls neither the flow nor the command that it answers is known."""
+    flow = data.values["m_w"]
+    own = find_own_values(flow, np.isfinite(flow), holds=False)
+    if own is None or own.spacing * data.step >= _SHORTEST_HOLD_S:
+        return _require_rows_per_piece(data)
+    note = f"m_w has {own.describe(data.step)}: the rows between do not count"
+    is_own = np.isin(np.arange(flow.size), own.rows)
+    batch = np.unique(data.batch[is_own], return_inverse=True)[1]
+    return _require_rows_per_piece(replace(data.where(is_own), batch=batch, notes=[*data.notes, note]))
 
 
 def _require_movement(data: CheckedLog, m_max: float | None) -> None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError
 from fastcoil.logs import CheckedLog
+from fastcoil.logs.own_values import OwnValues, find_own_values
 from fastcoil.logs.series import format_count
 from fastcoil.model.engine import recorded
 
@@ -25,8 +26,7 @@ _LONGEST_SILENCE_S = 600.0  # of a longer silence only this much stays
 _REGULAR_SHARE = 0.8  # of the steps that are whole multiples of the median, in a regular log
 _STEP_TOLERANCE = 0.25  # of the median, by which a step may differ from a whole multiple
 _SMALL_CHANGE_QUANTILE = 0.1  # of the changes of a temperature, at which one counts as small
-_USUAL_STEPS_S = (10, 15, 20, 30, 60, 120, 180, 300, 600, 900, 1800)  # between the samples of loggers
-_ROUND_OFF = 1e-6  # in the unit of the series, that is no difference
+_SHORT_POLL_S = 30.0  # between values of its own, that does not matter
 
 
 class Grid(NamedTuple):
@@ -81,25 +81,48 @@ def resample_log(log: CheckedLog) -> tuple[Grid, list[str]]:
         raise InputError(sentence, "log", "size")
     grid = _fill_grid(log, slots, interval, is_regular, is_same_piece)
     if is_regular:
-        return _drop_filled_samples(grid)
+        return grid, []
     explanation = "the samples come at irregular times: every series holds until its next one"
     return grid, [f"{explanation}, taken every {interval:.4g} s"]
 
 
-def _drop_filled_samples(grid: Grid) -> tuple[Grid, list[str]]:
-    """Drop the samples that the logger filled in between logged ones; also return a note on it."""
-    rhythms = {name: find_logged_samples(grid.values[name], grid.interval) for name in ("command", "T_sup")}
-    width = max(step for step, _ in rhythms.values())
-    if width == 1 or width * grid.interval <= 30.0:  # s; finer ones do not matter
+def keep_own_values(grid: Grid) -> tuple[Grid, list[str]]:
+    """Keep the samples at which the slower of command and temperature got a value of its own; also return notes."""
+    T_sup, command = (grid.values[name] for name in ("T_sup", "command"))
+    is_between_ends = (command > 0.0) & (command < 1.0)  # at its ends a command rests
+    found = {
+        "T_sup": find_own_values(T_sup, grid.on & np.isfinite(T_sup), holds=False),
+        "command": find_own_values(command, grid.on & is_between_ends, holds=True),
+    }
+    own_values = {name: own for name, own in found.items() if own}
+    slowest = max(own_values.values(), key=lambda own: own.spacing, default=None)
+    if slowest is None or slowest.spacing * grid.interval <= _SHORT_POLL_S:
         return grid, []
-    name = "T_sup" if rhythms["T_sup"][0] > 1 else "command"
-    thinned = grid.part(slice(rhythms[name][1], None, width))
-    interval_text = f"only every {thinned.interval:.4g} s"
-    return thinned, [f"{name} is logged {interval_text}, the values between are filled in: only logged ones count"]
+    ends = (*grid.starts[1:], grid.on.size)
+    pieces = [_own_rows(slowest, first, end) for first, end in zip(grid.starts, ends, strict=True)]
+    rows, starts = np.concatenate(pieces), np.cumsum([0, *map(len, pieces[:-1])])
+    values = {name: series[rows] for name, series in grid.values.items()}
+    interval = _whole_seconds(slowest.spacing * grid.interval)
+    thinned = Grid(interval, grid.time[rows], values, grid.on[rows], grid.increment, tuple(starts.tolist()))
+    cure = "the rows between repeat them or lie on straight lines and do not count"
+    return thinned, [f"{name} has {own.describe(grid.interval)}: {cure}" for name, own in own_values.items()]
+
+
+def _own_rows(own: OwnValues, first: int, end: int) -> Index:
+    """Return rows from ``first`` to before ``end``: those of ``own``, and one a spacing where a value came twice."""
+    own_rows = own.rows[(own.rows >= first) & (own.rows < end)]
+    kept = [int(own_rows[0]) if own_rows.size else first]
+    while (expected := kept[-1] + own.spacing) < end:
+        after = np.searchsorted(own_rows, expected)
+        nearest = min(own_rows[max(after - 1, 0) : after + 1].tolist(), key=lambda row: abs(row - expected), default=0)
+        kept.append(nearest if abs(nearest - expected) < 0.5 * own.spacing else round(expected))
+    return np.array([row for row in kept if row < end])
 
 
 def join_grids(grids: Sequence[Grid]) -> Grid:
-    """Join the resampled logs of several days, with a silence between them."""
+    """Join the resampled logs of several days, with a silence between them; of one, return it."""
+    if len(grids) == 1:
+        return grids[0]
     if len({round(grid.interval, 3) for grid in grids}) > 1:
         intervals = ", ".join(f"{interval:.4g} s" for interval in sorted({grid.interval for grid in grids}))
         raise InputError(f"the logs have a sample every {intervals}: give logs of one interval", "log", "time")
@@ -117,35 +140,6 @@ def join_grids(grids: Sequence[Grid]) -> Grid:
     return Grid(interval, time, values, is_on, max(grid.increment for grid in grids), starts)
 
 
-def find_logged_samples(series: Array, interval: float) -> tuple[int, int]:
-    """Find the logged samples of a series that was filled in: their spacing, and the first; (1, 0) if all are logged.
-
-    A series is filled in if samples at one spacing, held or joined by straight lines, reproduce all others within the
-    resolution, and samples at other places do not: any reproduce a slow temperature of a coarse sensor.
-    """
-    series = np.where(np.isfinite(series), series, 0.0)
-    level_differences = np.diff(np.unique(series))
-    resolution = float(level_differences.min()) if level_differences.size else 0.0
-    samples = np.arange(series.size)
-
-    def missed_share(kept_at: Index, straight: bool) -> float:
-        """Return the share of samples that those kept do not reproduce, joined by straight lines or held."""
-        last = np.searchsorted(kept_at, samples, side="right") - 1
-        rebuilt = np.interp(samples, kept_at, series[kept_at]) if straight else series[kept_at[np.maximum(last, 0)]]
-        is_covered = (last >= 0) & (samples <= kept_at[-1])
-        return float(np.mean(np.abs(rebuilt - series)[is_covered] > (1.0 + _ROUND_OFF) * resolution + _ROUND_OFF))
-
-    for seconds in reversed(_USUAL_STEPS_S):
-        width = round(seconds / interval)
-        if width < 2 or abs(width * interval - seconds) > _STEP_TOLERANCE or series.size < LEAST_SAMPLES * width:
-            continue
-        for straight in (True, False):
-            missed_shares = np.array([missed_share(samples[first::width], straight) for first in range(width)])
-            if missed_shares.min() <= 0.02 and np.median(missed_shares) >= 0.1:  # calibrated, see ``thresholds``
-                return width, int(missed_shares.argmin())
-    return 1, 0
-
-
 def _find_rhythm(log: CheckedLog, forward: Array, is_same_piece: Mask) -> tuple[float, bool]:
     """Find the interval of a log with steps ``forward``, s, and whether samples come at every interval.
 
@@ -160,8 +154,12 @@ def _find_rhythm(log: CheckedLog, forward: Array, is_same_piece: Mask) -> tuple[
     if is_whole.mean() < _REGULAR_SHARE or (is_single_step.mean() < _REGULAR_SHARE and not is_repeated.any()):
         return float(np.clip(round(median), 1.0, 10.0)), False  # s
     mean = float(forward[is_single_step].mean())
-    # seconds are what loggers know: a mean of 9.998 s is 10 s with a little jitter
-    return float(round(mean)) if abs(mean - round(mean)) < 0.01 * mean else mean, True
+    return _whole_seconds(mean), True
+
+
+def _whole_seconds(mean: float) -> float:
+    """Round a mean of steps to what loggers know, whole seconds: 9.998 s is 10 s with a little jitter."""
+    return float(round(mean)) if abs(mean - round(mean)) < 0.01 * mean else mean
 
 
 def _number_intervals(log: CheckedLog, interval: float) -> Index:

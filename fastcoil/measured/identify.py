@@ -92,6 +92,10 @@ class Likelihood(NamedTuple):
     without_command: Array
     with_command: Array
     rows: int
+    outside_swing: float = (
+        0.0  # largest power of what the best model leaves, at periods of 4 to 25 min, over the median
+    )
+    outside_period: float = np.nan  # of that swing, s
 
 
 def likelihoods(
@@ -121,16 +125,37 @@ def likelihoods(
     if sum_of_squares <= 0.0:
         return None
     # positions after the last sample have no temperature
-    gram, product = _normal_equations(positions[:n], candidates, width, rows, Z, y)
+    gram, product, X, M = _normal_equations(positions[:n], candidates, width, rows, Z, y)
     k = 2 * OPENING_LAGS
     without_command = _marginal_likelihood(gram[:, :k, :k], product[:, :k], sum_of_squares, freedom)
-    return Likelihood(without_command, _marginal_likelihood(gram, product, sum_of_squares, freedom), rows.size)
+    with_command = _marginal_likelihood(gram, product, sum_of_squares, freedom)
+    regressors = np.concatenate([X[with_command.argmax()], M])
+    regressors -= (regressors @ Z) @ Z.T
+    residual = y - np.linalg.lstsq(regressors.T, y, rcond=None)[0] @ regressors
+    outside_swing, period = _find_outside_swing(residual, width * interval)
+    return Likelihood(without_command, with_command, rows.size, outside_swing, period)
+
+
+def _find_outside_swing(residual: Array, step: float) -> tuple[float, float]:
+    """Find the largest power of a residual at periods of 4 to 25 min, over the median power; and its period, s."""
+    power, frequency = (
+        np.abs(np.fft.rfft(residual * np.hanning(residual.size))) ** 2,
+        np.fft.rfftfreq(residual.size, step),
+    )
+    is_swing = (frequency > 1.0 / 1500.0) & (frequency < 1.0 / 240.0)  # 1/s
+    if not is_swing.any():
+        return 0.0, np.nan
+    k = int(np.argmax(np.where(is_swing, power, 0.0)))
+    return float(power[k] / max(np.median(power[1:]), 1e-300)), float(1.0 / frequency[k])
 
 
 def _normal_equations(
     positions: Array, candidates: Array, width: int, rows: Index, Z: Array, y: Array
-) -> tuple[Array, Array]:
-    """Return the normal equations of each candidate: changes of opening, its square and motor, orthogonal to Z."""
+) -> tuple[Array, Array, Array, Array]:
+    """Return the normal equations of each candidate: changes of opening, its square and motor, orthogonal to Z.
+
+    Also return the changes themselves: of the openings, (candidates, lags, rows), and of the motor, (lags, rows).
+    """
     # the piece that ends at sample r is r / width - 1
     end_blocks, k = rows // width - 2, 2 * OPENING_LAGS
     X = np.empty((candidates.size, k, rows.size))
@@ -147,7 +172,7 @@ def _normal_equations(
     gram[:, :k, k:] = X @ M.T
     gram[:, k:, :k] = gram[:, :k, k:].transpose(0, 2, 1)
     gram[:, k:, k:] = M @ M.T
-    return gram, np.concatenate([X @ y, np.broadcast_to(M @ y, (candidates.size, len(M)))], axis=1)
+    return gram, np.concatenate([X @ y, np.broadcast_to(M @ y, (candidates.size, len(M)))], axis=1), X, M
 
 
 def _marginal_likelihood(gram: Array, product: Array, sum_of_squares: float, freedom: int) -> Array:
@@ -203,6 +228,8 @@ class DayEvidence(NamedTuple):
     unseen_share: float = 0.0  # share of the gap that reversals between the samples may hide
     is_jumpy: bool = False  # whether the command jumps back and forth, so that a few days claim nothing
     positions: Array = np.zeros(1)  # of the motor, fractions of stroke
+    is_misplaced: bool = False  # whether the command answers another loop, or moves before its temperature
+    placebo_margin: float = 0.0  # of the log-likelihood above that of other hours and of the log backwards
 
 
 def identify_backlash(*log: Any, **options: Any) -> Identification:
@@ -213,8 +240,9 @@ def identify_backlash(*log: Any, **options: Any) -> Identification:
 def combine_days(days: Sequence[DayEvidence]) -> Identification:
     """Identify the backlash from the evidence of several days: one gap, and a plant for each day.
 
-    Days with a doubt do not count if half of the days or more have none.  With many days, a command that jumps back and
-    forth is no doubt: each day may show what moved between its samples.
+    Days with a doubt do not count if half of the days or more have none; but a doubt about clock, direction or loop is
+    one of all days if more than a fifth of them have it, or if all together fit backwards or other hours as well.
+    With many days, a command that jumps back and forth is no doubt: each day may show what moved between its samples.
     """
     comparable, doubt = [day for day in days if day.likelihoods], ""
     if not comparable:
@@ -224,7 +252,13 @@ def combine_days(days: Sequence[DayEvidence]) -> Identification:
     if not has_many_days:
         comparable = [day._replace(doubt=day.doubt or _JUMPY_COMMAND) if day.is_jumpy else day for day in comparable]
     undoubted_days = [day for day in comparable if not day.doubt]
-    if 2 * len(undoubted_days) >= len(comparable):
+    misplaced_doubts = [day.doubt for day in comparable if day.is_misplaced]
+    placebo_margins = [day.placebo_margin for day in comparable if day.placebo_margin]
+    if len(misplaced_doubts) > thresholds.MOST_MISPLACED_SHARE * len(comparable):
+        doubt = _most_frequent(misplaced_doubts)
+    elif placebo_margins and sum(placebo_margins) < thresholds.LEAST_PLACEBO_MARGIN:
+        doubt = next((day.doubt for day in comparable if day.placebo_margin < thresholds.LEAST_PLACEBO_MARGIN), "")
+    elif 2 * len(undoubted_days) >= len(comparable):
         comparable = undoubted_days
     else:
         doubt = _most_frequent([day.doubt for day in comparable if day.doubt])
@@ -319,7 +353,7 @@ def gather_evidence(
     was_provoked = is_provoked(command, temperature, good, T_set, interval)
     is_unseen = sample_time is None or sample_time < interval
     is_in_step = sample_time is not None and not is_unseen and (sample_time / interval) % 1.0 < 1e-6
-    doubt, weight = "", min(1.0, HORIZON_S / interval) if is_unseen else 1.0
+    doubt, placebo_margin, weight = "", 0.0, min(1.0, HORIZON_S / interval) if is_unseen else 1.0
     is_jumpy = back_and_forth_share(command, is_in_control(command, good, interval)) > thresholds.MOST_BACK_AND_FORTH
     weight *= thresholds.JUMPY_WEIGHT if is_jumpy else 1.0
     if pi.is_another:
@@ -329,20 +363,29 @@ def gather_evidence(
     elif pi.ti < -interval:
         cure = "check that the rows are in chronological order and that both points share one clock"
         doubt = f"the command moves before the temperature change that it responds to: {cure}"
+    elif readings[0].outside_swing > thresholds.LARGEST_OUTSIDE_SWING:
+        swings = f"something outside the loop swings the temperature every {readings[0].outside_period / 60.0:.0f} min"
+        cure = "log the entering air too (T_a_in, m_a)" if len(disturbances) < 2 else "look for a swing of the water"
+        doubt = f"{swings}, before the command answers: {cure}, or calm what swings"
     elif was_provoked:
-        doubt = _why_misplaced(likelihood_at, lag_samples, interval, n, CLOCK_SHIFTS_S if lag is None else ())
+        clock_shifts = CLOCK_SHIFTS_S if lag is None else ()
+        doubt, placebo_margin = _why_misplaced(likelihood_at, lag_samples, interval, n, clock_shifts)
     most_arrivals = thresholds.MOST_ARRIVALS_PER_REVERSAL * count_reversals(positions, 0.05)
     if not doubt and count_end_arrivals(command, good) > max(thresholds.MOST_ARRIVALS, most_arrivals):
         doubt = "the command keeps reaching 0 or 100 %: raise Ti until the loop is calm, then log again"
     unseen_share = thresholds.UNSEEN_TURN_SHARE if is_unseen and interval > HORIZON_S else 0.0
     is_jumpy &= not (was_provoked and is_in_step)
-    return DayEvidence(readings, was_provoked, doubt, weight, lag_samples * interval, unseen_share, is_jumpy, positions)
+    is_foreign = pi.is_another and pi.explained < thresholds.LEAST_OWN_EXPLAINED
+    return DayEvidence(
+        readings, was_provoked, doubt, weight, lag_samples * interval, unseen_share, is_jumpy, positions,
+        is_foreign or pi.ti < -interval, placebo_margin,
+    )  # fmt: skip
 
 
 def _why_misplaced(
     likelihood_at: Callable[..., Likelihood | None], lag_samples: int, interval: float, n: int, shifts: Sequence[float]
-) -> str:
-    """Return why the command explains the temperature of another time as well; empty if it does not.
+) -> tuple[str, float]:
+    """Return why the command explains the temperature of another time as well, or empty, and the margin of placebos.
 
     Other times are placebos, the log backwards and its other hours, and clocks that differ by one of the ``shifts``, s,
     which count if they explain more with another gap.  Only a provoked day can show this.
@@ -350,26 +393,29 @@ def _why_misplaced(
 
     def best_fit(shift: int, **options: int) -> tuple[float, float]:
         """Return the largest log-likelihood and the gap that has it."""
-        likelihood = likelihood_at(shift, int(CLOCK_SHIFTS_S[-1] / interval) + abs(lag_samples) - abs(shift), **options)
+        likelihood = likelihood_at(
+            shift, round(CLOCK_SHIFTS_S[-1] / interval) + abs(lag_samples) - abs(shift), **options
+        )
         if likelihood is None:
             return 0.0, 0.0
         return float(likelihood.without_command.max()), float(CANDIDATES[likelihood.without_command.argmax()])
 
     likelihood, size = best_fit(lag_samples)
-    most_allowed = likelihood - thresholds.LEAST_PLACEBO_MARGIN  # of the placebos
-    if best_fit(lag_samples, direction=-1)[0] > most_allowed:
+    backwards = likelihood - best_fit(lag_samples, direction=-1)[0]
+    margin = min(backwards, *(likelihood - best_fit(lag_samples, rolled=k * n // 4)[0] for k in (1, 2, 3)))
+    if backwards < thresholds.LEAST_PLACEBO_MARGIN:
         cure = "check that the command drives this valve, and that the rows are in chronological order"
-        return f"the log fits just as well when it is read backwards: {cure}"
-    if max(best_fit(lag_samples, rolled=quarters * n // 4)[0] for quarters in (1, 2, 3)) > most_allowed:
+        return f"the log fits just as well when it is read backwards: {cure}", margin
+    if margin < thresholds.LEAST_PLACEBO_MARGIN:
         cure = "check that it drives this valve, or log longer"
-        return f"the command explains the temperatures of other hours just as well: {cure}"
+        return f"the command explains the temperatures of other hours just as well: {cure}", margin
     for shift in shifts:
         shifted_likelihood, shifted_size = best_fit(lag_samples - round(shift / interval))
         is_another_size = abs(shifted_size - size) > max(SIZE_TOLERANCE * size, GOOD_BACKLASH)
         if shifted_likelihood > likelihood + thresholds.LARGEST_SHIFT_GAIN and is_another_size:
             cure = "check that both points share one clock, or give the lag between them (lag, --lag)"
-            return f"the temperature fits a command logged {shift:g} s after it even better: {cure}"
-    return ""
+            return f"the temperature fits a command logged {shift:g} s after it even better: {cure}", margin
+    return "", margin
 
 
 def judge_size(probability: Array, provoked: bool, doubt: str, cure: str = MORE_EVIDENCE_CURE) -> Identification:

@@ -1,7 +1,7 @@
 """The part of a log that is fitted and the part held back for validation; unbroken pieces; reversals."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -12,6 +12,7 @@ from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import Problem
 from fastcoil.logs.columns import ColumnSpec
 from fastcoil.logs.log import CheckedLog, Log, as_log
+from fastcoil.logs.own_values import find_own_values
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -57,6 +58,17 @@ def check_split(check: Checks, log: Log, split: Any, validation: Any) -> LogSpli
         sentence = "split and validation both say what is held back: give one of them"
         check.problems.append(Problem(sentence, "split", "conflict"))
     return log_split
+
+
+def leave_out_repeats(log: CheckedLog, names: Sequence[str]) -> CheckedLog:
+    """Leave out of measured columns what only repeats their last poll, or joins two, so that each value counts once."""
+    for name in log.values.keys() & set(names):
+        values = log.values[name]
+        if own := find_own_values(values, np.isfinite(values), holds=False):
+            log.values[name] = np.full_like(values, np.nan)
+            log.values[name][own.rows] = values[own.rows]
+            log.notes.append(f"{name} has {own.describe(log.step)}: only these are compared")
+    return log
 
 
 def split_segments(*numbers: NDArray[Any]) -> list[Index]:

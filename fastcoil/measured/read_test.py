@@ -24,7 +24,7 @@ from fastcoil.measured.cause import CAUSE_UNKNOWN, Cause, PriorEvidence, judge_c
 from fastcoil.measured.diagnose import identify_and_measure, require_seconds
 from fastcoil.measured.diagnosis import ValveReading, probability_profile
 from fastcoil.measured.fitted_loop import fit_loop_model
-from fastcoil.measured.grid import Grid, forward_fill, motor_positions, resample_log
+from fastcoil.measured.grid import Grid, forward_fill, keep_own_values, motor_positions, resample_log
 from fastcoil.measured.identify import CANDIDATES, LEAST_REVERSAL, USUAL_STROKE_TIME, Identification, judge_size
 from fastcoil.measured.measures import running_mean
 from fastcoil.measured.part import LogSource, count_reversals, true_runs
@@ -86,11 +86,12 @@ def read_test(
         between = check.unless_none(_require_between, "between", between)
     data = source.read(TEST_COLUMNS, use_sensor=True)
     grid, notes = resample_log(data)
+    grid, own_notes = keep_own_values(grid)
     if grid.interval > 15.0:
         sentence = f"{data.name}: a sample every {grid.interval:.4g} s: log the test every 5 s, 15 s at most"
         raise InputError(sentence, "log", "time")
     grid = grid.part(slice(None, None, max(1, round(10.0 / grid.interval))))  # which shows the gap as well
-    notes = [*data.notes, *notes]
+    notes = [*data.notes, *notes, *own_notes]
     if stroke_time is None:
         stroke_time = USUAL_STROKE_TIME
         notes.append(f"the motor is assumed to take {stroke_time:g} s per stroke: give stroke_time if you know it")

@@ -1,7 +1,7 @@
 """Calibrated thresholds of a diagnosis, and what fixed each.
 
 ``agreement``, ``grid`` and ``identify`` were calibrated on simulated valves and days of seeds below 9000: the tables of
-``studies/diagnosis/claims.py`` and ``studies/diagnosis/diagnosis.py``, of other seeds, show what their claims are
+``studies/diagnosis`` (``claims``, ``traps``, ``diagnosis``), of other seeds, show what their claims are
 worth. ``studies/diagnosis/cause.py`` tests ``cause``, and ``studies/diagnosis/predictions.py`` ``fitted_loop``, which
 was calibrated on loops of the seeds 501 and 601.
 """
@@ -27,6 +27,10 @@ MOST_ARRIVALS_PER_REVERSAL = 0.2  # such arrivals over reversals of more than 5 
 LARGEST_SHIFT_GAIN = 10.0  # rise of the log-likelihood with the clock shifted
 LEAST_PLACEBO_MARGIN = 10.0  # of the log-likelihood above that of other hours and of the log backwards
 MOST_BACK_AND_FORTH = 0.01  # share of samples at which the command moves back what it just moved
+LARGEST_OUTSIDE_SWING = 15.0  # power of the residual at one period over its median power: white noise has less
+LARGEST_LAG_RATIO = 1.25  # of what a PI leaves of the commands of all days over the least, at a lag that may be true
+MOST_MISPLACED_SHARE = 0.2  # of the days, whose command is that of another loop, clock or direction
+LEAST_OWN_EXPLAINED = 0.8  # of the command's changes: a PI of another temperature or clock explains less
 JUMPY_WEIGHT = 0.5  # share of the likelihood that counts of a log with more of that
 
 # diagnose: no size is claimed beyond these

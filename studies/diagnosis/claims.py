@@ -20,7 +20,7 @@ import fastcoil as fc
 from fastcoil.logs import read_checked_log
 from fastcoil.measured import identify
 from fastcoil.measured.diagnose import DIAGNOSIS_COLUMNS, identify_and_measure
-from fastcoil.measured.grid import forward_fill, join_grids, motor_positions, resample_log
+from fastcoil.measured.grid import forward_fill, join_grids, keep_own_values, motor_positions, resample_log
 from fastcoil.measured.identify import GOOD_BACKLASH, SIZE_TOLERANCE, Identification
 from fastcoil.measured.part import count_reversals
 from studies.common import compare_rows, write_table
@@ -112,9 +112,8 @@ CASES = {
 
 def identify_gap(columns: Columns, interval: float, stroke_time: float) -> Identification:
     """Return the identification that ``fc.diagnose`` makes of a log."""
-    return identify_and_measure(
-        resample_log(read_checked_log(make_log(columns._asdict(), interval), DIAGNOSIS_COLUMNS))[0], stroke_time
-    )[0]
+    grid, _ = resample_log(read_checked_log(make_log(columns._asdict(), interval), DIAGNOSIS_COLUMNS))
+    return identify_and_measure(keep_own_values(grid)[0], stroke_time)[0]
 
 
 def make_log(columns: dict[str, np.ndarray], interval: float) -> xr.Dataset:
@@ -230,7 +229,7 @@ def identify_from_days(pool: Pool, signals: dict[str, np.ndarray], valve: int, s
         for day in range(pool.days)
     ]
     grids = [resample_log(read_checked_log(make_log(day, float(pool.seconds)), DIAGNOSIS_COLUMNS))[0] for day in days]
-    return identify_and_measure(join_grids(grids), stroke_time)[0]
+    return identify_and_measure(keep_own_values(join_grids(grids))[0], stroke_time)[0]
 
 
 def pool_row(pool: Pool) -> list[str]:

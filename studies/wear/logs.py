@@ -16,7 +16,7 @@ from joblib import Parallel, delayed
 import fastcoil as fc
 from fastcoil.logs import read_checked_log
 from fastcoil.measured.diagnose import DIAGNOSIS_COLUMNS, identify_and_measure
-from fastcoil.measured.grid import join_grids, resample_log
+from fastcoil.measured.grid import join_grids, keep_own_values, resample_log
 from studies.common import progress_printer, share_of, write_table
 from studies.days import CONSTANT, STEPPED
 from studies.diagnosis.claims import make_log
@@ -70,7 +70,7 @@ def read_logs(signals: dict[str, np.ndarray], stroke_time: float) -> tuple[float
         )[0]
         for day in days
     ]
-    identification = identify_and_measure(join_grids(grids), stroke_time)[0]
+    identification = identify_and_measure(keep_own_values(join_grids(grids))[0], stroke_time)[0]
     return identification.low, identification.high, identification.identified
 
 

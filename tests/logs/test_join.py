@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers.refusals import assert_mistakes, assert_refused
 
+import fastcoil as fc
 from fastcoil.logs import read_checked_log
 from fastcoil.logs.columns import ColumnSpec
 from fastcoil.logs.join import join_points
@@ -57,6 +58,19 @@ def test_a_command_that_is_written_when_it_changes_and_a_temperature_every_minut
         "T_sup: 40 samples of T_sup.csv, on straight lines over 180 s at most",
         "39 rows, 60 s apart",
     ]
+
+
+def test_a_log_says_which_of_its_joined_points_came_more_slowly_than_rows(write_point_file, tmp_path):
+    seconds = np.arange(0, 36000, 60)
+    walk = 14.0 + np.cumsum(np.random.default_rng(1).normal(0.0, 0.1, seconds.size)).round(3)
+    text, _ = join_files(
+        write_point_file("command.csv", seconds, np.abs(walk), "Timestamp,Value (%)"),
+        write_point_file("T_sup.csv", seconds[::4] + 13, walk[::4], "Timestamp,Value [degC]"),
+    )
+    (tmp_path / "log.csv").write_text(text, encoding="utf-8")
+    assert [line.split(", ")[1:] for line in fc.read_log(tmp_path / "log.csv").summary()[1:3]] == [
+        [], ["values of its own only every 4 min"],
+    ]  # fmt: skip
 
 
 def test_what_is_joined_is_read_as_a_log(write_point_file, tmp_path):

@@ -5,9 +5,10 @@ import pytest
 from helpers.refusals import assert_refused
 
 from fastcoil.logs import CheckedLog
+from fastcoil.logs.own_values import find_own_values
 from fastcoil.measured.grid import (
-    find_logged_samples,
     join_grids,
+    keep_own_values,
     logging_increment,
     mean_openings,
     motor_positions,
@@ -128,33 +129,61 @@ def random_walk(n, seed=3):
     return 14.0 + np.cumsum(np.random.default_rng(seed).normal(0.0, 0.05, n))
 
 
-@pytest.mark.parametrize("resolution", [0.0, 0.01])
-@pytest.mark.parametrize("form", ["held", "on straight lines"])
-@pytest.mark.parametrize(("width", "first"), [(6, 0), (6, 4), (30, 11)])
-def test_values_that_were_filled_in_are_told_from_logged_ones(form, width, first, resolution):
-    at = np.arange(first, 3600, width)
-    logged, every = random_walk(at.size), np.arange(3600)
-    filled = np.interp(every, at, logged) if form != "held" else logged[np.searchsorted(at, every, side="right") - 1]
-    filled = np.round(filled / resolution) * resolution if resolution else filled
-    assert find_logged_samples(filled[first:], 10.0) == (width, 0)
-    assert find_logged_samples(filled, 10.0)[0] == width
+def poll(series, step, phase=0.0, jitter=0.0, seed=6):
+    """A series whose rows repeat the value of the last poll, ``step`` rows apart; and how many polls there were."""
+    times = np.arange(phase, series.size, step)
+    times = np.sort(times + jitter * step * np.random.default_rng(seed).uniform(-1.0, 1.0, times.size))
+    last = np.searchsorted(times, np.arange(series.size), side="right") - 1
+    return series[np.clip(times[np.maximum(last, 0)], 0, series.size - 1).astype(int)]
 
 
-def test_noise_coarse_sensors_and_slow_controllers_are_no_filled_in_temperatures():
+EVERY_ROW = np.ones(3600, bool)
+
+
+@pytest.mark.parametrize("resolution", [0.0, 0.01, 0.1])
+@pytest.mark.parametrize(
+    ("step", "phase", "jitter"), [(1.5, 0.2, 0.0), (2.5, 0.0, 0.05), (6.1, 4.0, 0.05), (30, 11, 0)]
+)
+def test_a_point_that_is_polled_is_found_at_any_ratio_and_phase(step, phase, jitter, resolution):
+    series = poll(random_walk(3600), step, phase, jitter)
+    series = np.round(series / resolution) * resolution if resolution else series
+    own = find_own_values(series, EVERY_ROW, holds=False)
+    if resolution < 0.1:
+        assert own.spacing == pytest.approx(step, rel=0.05)
+    elif step > 2.0:  # of 1.5 rows a coarse sensor shows nothing
+        assert own.spacing == pytest.approx(step, rel=0.2)
+    if own and resolution == 0.0:
+        assert own.rows.size == pytest.approx(3600 / step, rel=0.02)
+
+
+@pytest.mark.parametrize("step", [2.5, 6, 17.3])
+def test_straight_lines_between_samples_are_found(step):
+    times = np.arange(0.0, 3600.0, step)
+    series = np.interp(np.arange(3600), times, random_walk(times.size))
+    assert find_own_values(series, EVERY_ROW, holds=False).spacing == pytest.approx(step, rel=0.05)
+
+
+def test_noise_coarse_sensors_and_resting_commands_have_a_value_of_their_own_in_each_row():
     T = random_walk(3600)
     for series in (T, np.round(T, 1), np.round(random_walk(3600, 5) / 0.5) * 0.5, np.full(3600, 14.0)):
-        assert find_logged_samples(series, 10.0) == (1, 0)
+        assert find_own_values(series, EVERY_ROW, holds=False) is None
+    command = np.round(0.5 + 0.1 * np.sin(np.arange(3600) / 100.0), 3)
+    assert find_own_values(command, EVERY_ROW, holds=True) is None
 
 
-def test_of_filled_in_columns_the_logged_samples_stay():
-    time = np.arange(0.0, 36000.0, 10.0)
-    logged_time = np.arange(20.0, 36000.0, 120.0)
-    T = np.interp(time, logged_time, random_walk(logged_time.size))
-    grid, notes = resample_log(make_log(time, command=0.5 + 0.1 * np.sin(time / 500.0), T_sup=T))
-    assert grid.interval == 120.0
-    assert "only every 120 s" in notes[0]
-    np.testing.assert_allclose(grid.values["T_sup"], T[2::12])
-    np.testing.assert_allclose(grid.time, logged_time)
+def test_of_polled_points_the_samples_stay_that_the_slower_one_got():
+    time = np.arange(0.0, 36000.0, 60.0)
+    T, command = poll(random_walk(600), 2.5, 0.7), poll(random_walk(600, 8) / 30.0, 1.5)
+    days = [resample_log(make_log(time, command=command, T_sup=T))[0]] * 2
+    grid, notes = keep_own_values(join_grids(days))
+    assert grid.interval == 150.0
+    assert [note.split(":")[0] for note in notes] == [
+        "T_sup has values of its own only every 2–3 min", "command has values of its own only every 60–120 s",
+    ]  # fmt: skip
+    own = np.flatnonzero(np.diff(T) != 0.0) + 1
+    assert np.isin(T[own], grid.values["T_sup"]).all()
+    assert [day.stop - day.start for day in grid.day_slices()] == pytest.approx([244, 240], abs=1)
+    assert keep_own_values(resample_log(make_log(time, T_sup=random_walk(600)))[0])[1] == []
 
 
 def test_days_in_a_row_are_apart_and_keep_what_all_of_them_have():

@@ -6,7 +6,9 @@ from helpers.full import full_except
 from helpers.loop_logs import make_loop_log
 from helpers.shared_data import measured_file
 
-from fastcoil.measured.agreement import ImpliedPI
+import fastcoil as fc
+from fastcoil.measured.agreement import ImpliedPI, plausible_lags
+from fastcoil.measured.diagnose import _require_survival
 from fastcoil.measured.identify import CANDIDATES, DayEvidence, Likelihood, combine_days, identify_backlash
 
 pytestmark = pytest.mark.kernel
@@ -313,3 +315,54 @@ def test_temperatures_of_other_hours_that_answer_as_well_show_no_gap(monkeypatch
     quarter = T.size // 4
     command, T, T_set = (np.tile(series[quarter : 2 * quarter], 4) for series in (command, T, T_set))
     assert "other hours" in identify_backlash(command, T, INTERVAL, T_set).reason
+
+
+def test_a_day_that_fits_backwards_or_other_hours_weighs_against_all_days():
+    """Margins of the log-likelihood add up: nine days in order do not outweigh one that fits far better backwards."""
+    in_order = [make_day(peak(0.08), placebo_margin=20.0)] * 9
+    for margin, claimed in ((-100.0, True), (-250.0, False)):
+        backwards = make_day(peak(0.02), placebo_margin=margin, doubt="fits as well backwards")
+        identification = combine_days([*in_order, backwards])
+        assert identification.identified == claimed
+        assert identification.reason == ("" if claimed else "fits as well backwards")
+
+
+@pytest.mark.parametrize("n_misplaced", [2, 3])
+def test_days_on_another_clock_are_left_out_up_to_a_fifth_and_weigh_beyond(n_misplaced):
+    late = make_day(peak(0.02), doubt="moves before", is_misplaced=True)
+    days = [late] * n_misplaced + [make_day(peak(0.08))] * (10 - n_misplaced)
+    assert combine_days(days).identified == (n_misplaced == 2)
+
+
+def moving_loop(late, seed, n=480, interval=60.0):
+    """A PI under a set-point that moves in each row, and its temperature ``late`` samples later."""
+    draw = np.random.default_rng(seed)
+    T = 14.0 + np.convolve(draw.normal(0.0, 0.3, n + 40), np.ones(8) / 8, "same")[:n]
+    T_set = 14.0 + np.cumsum(draw.normal(0.0, 0.02, n))
+    command = 0.5 + 0.02 * (T - T_set) + 0.02 / 300.0 * interval * np.cumsum(T - T_set)
+    return command, np.roll(T, late), T_set, np.ones(n, bool)
+
+
+@pytest.mark.parametrize("late", [0, 5, -4])
+def test_the_clock_of_all_days_is_that_on_which_their_controller_answers(late):
+    lags, is_right = plausible_lags([moving_loop(late, seed) for seed in range(4)], 60.0, 0.0)
+    assert (lags, is_right) == (([], True) if late == 0 else ([60.0 * late], False))
+
+
+def test_a_claim_has_to_survive_the_clock_of_all_days():
+    claim, other = judge_day(peak(0.08)), judge_day(peak(0.02))
+    assert _require_survival(claim, judge_day(peak(0.085)), 300.0) == claim
+    assert_withheld(_require_survival(claim, other, 300.0), "fits T_sup 300 s later than the command")
+
+
+def test_a_swing_of_the_entering_air_is_no_gap_unless_it_is_logged():
+    day = fc.paper_day(hours=8, seed=4)
+    seconds = np.arange(day.series["T_a_in"].shape[-1])
+    air = day.series["T_a_in"] + 1.5 * np.sign(np.sin(2.0 * np.pi * seconds / 540.0))
+    loop = fc.Loop.preset("lbnl").assign(noise_std=0.02)
+    ds = fc.simulate(loop, day.assign(T_a_in=air), traces=["command", "T_measured"], trace_interval=10)
+    command, T = (np.squeeze(ds[name].values).astype(float) for name in ("command", "T_measured"))
+    T_set, m_a, T_a_in = (np.squeeze(x)[::10][: T.size] for x in (day.series["T_set"], day.series["m_a"], air))
+    assert_withheld(identify_backlash(command, T, INTERVAL, T_set), "swings the temperature every 9 min")
+    assert "log the entering air" in identify_backlash(command, T, INTERVAL, T_set).reason
+    assert "swings" not in identify_backlash(command, T, INTERVAL, T_set, (m_a, T_a_in)).reason

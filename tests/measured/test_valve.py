@@ -23,6 +23,16 @@ def test_known_valves_with_white_and_autocorrelated_noise_are_found_within_the_i
     assert (fit.n_effective < 0.5 * fit.n_used) == (phi > 0.5)
 
 
+def test_rows_that_repeat_the_last_poll_make_no_interval_narrower():
+    rng = np.random.default_rng(9)
+    polled = noisy_valve_log(rng, random_walk(rng, n=400), 0.03)
+    command, flow = (np.repeat(polled[name].values, 3) for name in ("command", "m_w"))
+    fits = [fc.fit_valve(log) for log in (polled, make_valve_log(command, flow, interval=20.0))]
+    widths = [np.ptp(fit.intervals["backlash"]) for fit in fits]
+    assert widths[1] == pytest.approx(widths[0], rel=0.15)
+    assert "m_w has values of its own only every 60 s: the rows between do not count" in fits[1].notes
+
+
 def test_batches_start_anywhere_within_their_backlash():
     rng = np.random.default_rng(6)
     parts = [random_walk(rng, n=60) for _ in range(8)]
