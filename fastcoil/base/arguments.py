@@ -90,7 +90,8 @@ _BARE_TYPES = (int, float, complex, bool, str, bytes, type(None))
 def carried_unit(name: str, value: Any) -> str | None:
     """Return the unit beside the numbers of a value, whichever library made it; None for bare numbers.
 
-    It is an attribute ``units`` or ``unit`` of the value, of its dtype, data or items, or stands in its ``attrs``.
+    It is an attribute ``units`` or ``unit`` of the value, of its dtype, data or items, or stands in its ``attrs`` or,
+    in brackets, in its name.
     """
     if len(texts := sorted({*_carried_units(name, value)})) > 1:
         raise InputError(f"{name} has the units {' and '.join(map(short_repr, texts))}: give one", name, "unit")
@@ -108,7 +109,9 @@ def _carried_units(name: str, value: Any) -> Iterator[str]:
     for part in (part for part in parts if type(part) not in _BARE_TYPES):
         yield from _carried_units(name, part)
     units = attrs if isinstance(attrs, Mapping) else {key: getattr(value, key, None) for key in ("units", "unit")}
-    for unit in (unit for key, unit in units.items() if _UNIT_KEY.fullmatch(re.sub(r"[\W_]", "", str(key).casefold()))):
+    found = [unit for key, unit in units.items() if _UNIT_KEY.fullmatch(re.sub(r"[\W_]", "", str(key).casefold()))]
+    in_name = re.search(r"\[\s*(.*?)\s*\]\s*$", str(getattr(value, "name", ""))) if attrs is not None else None
+    for unit in found or ([in_name[1]] if in_name else []):
         if attrs is not None and not isinstance(unit, str):
             raise InputError(f"{name} has units = {short_repr(unit)}: give a text, such as 'K'", name, "type")
         if unit is not None and not callable(unit):
@@ -117,9 +120,7 @@ def _carried_units(name: str, value: Any) -> Iterator[str]:
 
 def require_no_unit(name: str, value: Any, cure: str) -> None:
     """Refuse numbers with a unit, where none is known."""
-    unit_in_name = re.search(r"\[(.*)\]$", str(getattr(value, "name", "")))
-    unit = carried_unit(name, value) or (unit_in_name and unit_in_name[1])
-    if unit not in (None, "", "1", "dimensionless"):
+    if (unit := carried_unit(name, value)) not in (None, "", "1", "dimensionless"):
         raise InputError(f"{name} has the unit {short_repr(unit)}: {cure}, without a unit", name, "unit")
 
 
