@@ -173,11 +173,11 @@ def _parse_sample(table: Mapping[str, Any], known: Mapping[str, Parameter], fold
             if name not in table:
                 problems.append(Problem(f"{name} is missing: give {meaning}", name, "missing"))
         check(require_choice, "method", settings["method"], METHODS)
-        check(require_integer, "size", settings["size"], 1, MAX_SAMPLE_SIZE)
+        size = check(require_integer, "size", settings["size"], 1, MAX_SAMPLE_SIZE)
         check(require_integer, "seed", settings["seed"], *RUN_LIMITS["seed"])
-        if not problems and settings["method"] in POWERS_OF_TWO and settings["size"].bit_count() > 1:
-            power = 1 << (settings["size"].bit_length() - 1)
-            sentence = f"size = {settings['size']}: a Sobol design is even only in powers of two, such as {power}"
+        if not problems and settings["method"] in POWERS_OF_TWO and size.bit_count() > 1:
+            power = 1 << (size.bit_length() - 1)
+            sentence = f"size = {size}: a Sobol design is even only in powers of two, such as {power}"
             problems.append(Problem(sentence, "size", "value"))
         names = sampled_names(table)
         for name, shape in known_parameters({name: table[name] for name in names}, problems, known=known).items():
