@@ -23,14 +23,7 @@ from fastcoil.design.tuning_plan import (
     simc_changes,
     simulate_group,
 )
-from fastcoil.design.tuning_result import (
-    CHOSEN,
-    NOW,
-    SIMC,
-    Tuning,
-    collect_notes,
-    contradiction_by_converged_march,
-)
+from fastcoil.design.tuning_result import CHOSEN, NOW, SIMC, Tuning, collect_notes, contradiction_by_converged_march
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop, used_choices
 from fastcoil.loops.simulate import number_of_threads
@@ -38,21 +31,11 @@ from fastcoil.model.metric_table import WARM_UP_S
 
 
 def tune(
-    loop: Loop,
-    boundary: Boundary,
-    *,
-    search: Mapping[str, Any],
-    objective: str = DEFAULT_OBJECTIVE,
-    quantile: float | str = DEFAULT_QUANTILE,
-    limits: Mapping[str, Any] | None = None,
-    holdout: Any = None,
-    evaluations: int = DEFAULT_EVALUATIONS,
-    warm_up: int = WARM_UP_S,
-    seed: int = 0,
-    replicates: int = 1,
-    n_jobs: int | None = None,
-    progress: bool | None = None,
-) -> Tuning:
+    loop: Loop, boundary: Boundary, *, search: Mapping[str, Any], objective: str = DEFAULT_OBJECTIVE,
+    quantile: float | str = DEFAULT_QUANTILE, limits: Mapping[str, Any] | None = None, holdout: Any = None,
+    evaluations: int = DEFAULT_EVALUATIONS, warm_up: int = WARM_UP_S, seed: int = 0, replicates: int = 1,
+    n_jobs: int | None = None, progress: bool | None = None,
+) -> Tuning:  # fmt: skip
     """Choose settings of a controller for all valves of ``loop`` on all days of ``boundary``, and try them on others.
 
     One of every three valves and the days of ``holdout`` are set aside.  The search never sees them; the results of the
@@ -197,7 +180,8 @@ def _starting_points(request: TuningRequest) -> Array:
 def _compare_with_now(request: TuningRequest, group: Group, chosen: Array) -> xr.Dataset:
     """Measures of a group with its current, the chosen and SIMC's settings."""
     simc = simc_changes(group, request.names, request.warm_up)
-    changes = {NOW: {}, CHOSEN: request.tunings(chosen[None])} | ({SIMC: simc} if simc else {})
+    changes = {NOW: {}, CHOSEN: request.tunings(chosen[None])}
+    changes |= {SIMC: simc} if simc else {}
     cases = [simulate_group(request, group, change) for change in changes.values()]
     joined = {metric: np.concatenate([of_tuning[metric] for of_tuning in cases]) for metric in cases[0]}
     return with_intervals(joined, request.measures, list(changes), request.seed).assign_attrs(group=group.words)
