@@ -118,13 +118,9 @@ def encode_figure(figure: Figure, format: str = "png", dpi: int = DEFAULT_DPI, d
 
 
 def write_figures(
-    figures: Mapping[str, Figure],
-    folder: Path,
-    *,
-    format: str = "png",
-    dpi: int = DEFAULT_DPI,
+    figures: Mapping[str, Figure], folder: Path, *, format: str = "png", dpi: int = DEFAULT_DPI,
     drawn_from: str | None = None,
-) -> list[Path]:
+) -> list[Path]:  # fmt: skip
     """Write figures, by name without suffix, into a folder, made if missing; ``drawn_from``: hash of the results."""
     with convert_os_errors(folder, "made"):
         make_folder(folder, parents=True)

@@ -24,11 +24,9 @@ class UsablePath(click.ParamType):  # type: ignore[type-arg]
 PATH = UsablePath()  # type of an argument of click
 
 with_scenario = click.option(
-    "--at",
-    multiple=True,
-    metavar="NAME=LABEL",
+    "--at", multiple=True, metavar="NAME=LABEL",
     help="The scenario, such as backlash=0.07,day=3: a label for every dimension.",
-)
+)  # fmt: skip
 """Decorator that adds the option ``--at``, the labels of one scenario, to a command; see ``parse_labels``."""
 
 

@@ -7,14 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import (
-    argument_checks,
-    is_number,
-    require_choice,
-    require_mapping,
-    require_number,
-    to_builtin,
-)
+from fastcoil.base import arguments
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.loops.labels import quantity
@@ -86,7 +79,7 @@ class Limit(NamedTuple):
 
 def parse_goal(objective: object, quantile: object) -> Measure:
     """Convert the goal of a search to a measure."""
-    metric = require_choice("objective", objective, AMOUNT_METRICS)
+    metric = arguments.require_choice("objective", objective, AMOUNT_METRICS)
     if metric in NOT_MINIMISED:
         cure = "less of it is not better; choose rmse or share_off or motor_travel or reversals"
         raise InputError(f"objective = {short_repr(metric)}: {cure}", "objective", "choice")
@@ -96,30 +89,30 @@ def parse_goal(objective: object, quantile: object) -> Measure:
 def parse_quantile(name: str, quantile: object) -> float | None:
     """Convert a share of cases above 0 and at most 1; None for ``"mean"``."""
     cure = f'give a share of valves and days above 0 and up to 1, such as 0.95, or "{MEAN}"'
-    if isinstance(to_builtin(quantile), str):
-        if to_builtin(quantile) != MEAN:
+    if isinstance(arguments.to_builtin(quantile), str):
+        if arguments.to_builtin(quantile) != MEAN:
             raise InputError(f"{name} = {short_repr(quantile)}: {cure}", name, "choice")
         return None
-    return require_number(name, quantile, cure, least=math.nextafter(0.0, 1.0), most=1.0)
+    return arguments.require_number(name, quantile, cure, least=math.nextafter(0.0, 1.0), most=1.0)
 
 
 def parse_limits(limits: object, quantile: object) -> list[Limit]:
     """Convert ``{metric: most}`` or ``{metric: (most, quantile)}``; the default quantile is the objective's."""
     cure = 'give upper limits by metric, such as {"motor_travel": 20.0} or {"hunts": (0.05, "mean")}'
-    items: Mapping[str, Any] = require_mapping("limits", {} if limits is None else limits, cure)
+    items: Mapping[str, Any] = arguments.require_mapping("limits", {} if limits is None else limits, cure)
     cure = f'give a number, "{NOW}" for what the loop does now, or a pair such as (0.05, "{MEAN}")'
     parsed = []
-    with argument_checks() as check:
+    with arguments.argument_checks() as check:
         for metric, value in items.items():
-            check(require_choice, "limits: metric", metric, (*AMOUNT_METRICS, HUNTING_INDEX))
+            check(arguments.require_choice, "limits: metric", metric, (*AMOUNT_METRICS, HUNTING_INDEX))
             has_quantile = isinstance(value, (list, tuple)) and len(value) == 2
             most, share = value if has_quantile else (value, quantile)
             if has_quantile:
                 share = check(parse_quantile, f"limits: quantile of {metric}", share)
             else:  # a mistake in the quantile of the objective is reported there
-                share = float(to_builtin(share)) if is_number(share) else None
-            as_now = isinstance(to_builtin(most), str) and to_builtin(most) == NOW
-            most = math.inf if as_now else check(require_number, f"limits: {metric}", most, cure)
+                share = float(arguments.to_builtin(share)) if arguments.is_number(share) else None
+            as_now = isinstance(arguments.to_builtin(most), str) and arguments.to_builtin(most) == NOW
+            most = math.inf if as_now else check(arguments.require_number, f"limits: {metric}", most, cure)
             parsed.append(Limit(Measure(metric, share), most, as_now))
         check.problems = [Problem(p, p.field.rpartition(" ")[2], p.code) for p in InputError(check.problems).problems]
     return parsed

@@ -23,14 +23,7 @@ from fastcoil.design.tuning_plan import (
     simc_changes,
     simulate_group,
 )
-from fastcoil.design.tuning_result import (
-    CHOSEN,
-    NOW,
-    SIMC,
-    Tuning,
-    collect_notes,
-    contradiction_by_converged_march,
-)
+from fastcoil.design.tuning_result import CHOSEN, NOW, SIMC, Tuning, collect_notes, contradiction_by_converged_march
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop, used_choices
 from fastcoil.loops.simulate import number_of_threads
@@ -38,21 +31,11 @@ from fastcoil.model.metric_table import WARM_UP_S
 
 
 def tune(
-    loop: Loop,
-    boundary: Boundary,
-    *,
-    search: Mapping[str, Any],
-    objective: str = DEFAULT_OBJECTIVE,
-    quantile: float | str = DEFAULT_QUANTILE,
-    limits: Mapping[str, Any] | None = None,
-    holdout: Any = None,
-    evaluations: int = DEFAULT_EVALUATIONS,
-    warm_up: int = WARM_UP_S,
-    seed: int = 0,
-    replicates: int = 1,
-    n_jobs: int | None = None,
-    progress: bool | None = None,
-) -> Tuning:
+    loop: Loop, boundary: Boundary, *, search: Mapping[str, Any], objective: str = DEFAULT_OBJECTIVE,
+    quantile: float | str = DEFAULT_QUANTILE, limits: Mapping[str, Any] | None = None, holdout: Any = None,
+    evaluations: int = DEFAULT_EVALUATIONS, warm_up: int = WARM_UP_S, seed: int = 0, replicates: int = 1,
+    n_jobs: int | None = None, progress: bool | None = None,
+) -> Tuning:  # fmt: skip
     """Choose settings of a controller for all valves of ``loop`` on all days of ``boundary``, and try them on others.
 
     One of every three valves and the days of ``holdout`` are set aside.  The search never sees them; the results of the

@@ -11,15 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import (
-    argument_checks,
-    collect_problems,
-    is_number,
-    raise_problems,
-    require_integer,
-    require_mapping,
-    to_builtin,
-)
+from fastcoil.base import arguments
 from fastcoil.base.arrays import Array, Index
 from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.design.describing_function import unpredictable_loops
@@ -92,12 +84,12 @@ class Axis(NamedTuple):
 def parse_axes(search: object, loop: Loop) -> tuple[Axis, ...]:
     """Convert ``{name: (low, high)}`` to the axes of a search."""
     cure = 'give bounds by parameter, such as {"kp": (0.005, 0.1), "ti": (5, 600)}'
-    bounds_by_name: Mapping[str, object] = require_mapping("search", search, cure)
+    bounds_by_name: Mapping[str, object] = arguments.require_mapping("search", search, cure)
     if not bounds_by_name:
         raise InputError(f"search is empty: {cure}", "search", "missing")
     axes, problems = [], list[str]()
     for name, bounds in bounds_by_name.items():
-        with collect_problems(problems, "search: "):
+        with arguments.collect_problems(problems, "search: "):
             axes.append(_parse_axis(name, bounds, loop))
     if {"backlash_estimate", "estimate_ratio"} <= bounds_by_name.keys():
         sentence = "search: estimate_ratio stands in for backlash_estimate: search one or the other"
@@ -110,7 +102,7 @@ def parse_axes(search: object, loop: Loop) -> tuple[Axis, ...]:
         for dim in getattr(loop.swept.get(name), "dims", ())
         if dim not in valve_dims
     ]
-    raise_problems(problems)
+    arguments.raise_problems(problems)
     return tuple(axes)
 
 
@@ -123,11 +115,11 @@ def _parse_axis(name: str, bounds: object, loop: Loop) -> Axis:
     if not is_of_controller and not any(name in rule.own for rule in loop.rules.values()):
         sentence = f"{name} is not the controller's to choose: draw it in the population, as a dim of the loop"
         raise InputError(sentence, name, "name")
-    pair = to_builtin(bounds)
-    if not isinstance(pair, (list, tuple)) or len(pair) != 2 or not all(map(is_number, pair)):
+    pair = arguments.to_builtin(bounds)
+    if not isinstance(pair, (list, tuple)) or len(pair) != 2 or not all(map(arguments.is_number, pair)):
         raise InputError(f"{name} = {short_repr(bounds)}: give two numbers, (lowest, highest)", name, "type")
-    low, high = (float(to_builtin(end)) for end in pair)
-    raise_problems([problem for end in (low, high) if (problem := parameter.problem(end))])
+    low, high = (float(arguments.to_builtin(end)) for end in pair)
+    arguments.raise_problems([problem for end in (low, high) if (problem := parameter.problem(end))])
     if not low < high:
         raise InputError(f"{name} = {short_repr(bounds)}: the lowest value must be below the highest", name, "value")
     return Axis(parameter, low, high)
@@ -173,27 +165,18 @@ class TuningRequest(NamedTuple):
 
 
 def plan_tuning(
-    loop: Loop,
-    boundary: Boundary,
-    *,
-    search: object,
-    objective: object = DEFAULT_OBJECTIVE,
-    quantile: object = DEFAULT_QUANTILE,
-    limits: object = None,
-    holdout: object = None,
-    evaluations: object = DEFAULT_EVALUATIONS,
-    warm_up: int = WARM_UP_S,
-    seed: int = 0,
-    replicates: int = 1,
-) -> TuningRequest:
+    loop: Loop, boundary: Boundary, *, search: object, objective: object = DEFAULT_OBJECTIVE,
+    quantile: object = DEFAULT_QUANTILE, limits: object = None, holdout: object = None,
+    evaluations: object = DEFAULT_EVALUATIONS, warm_up: int = WARM_UP_S, seed: int = 0, replicates: int = 1,
+) -> TuningRequest:  # fmt: skip
     """Check the arguments of ``tune`` and split valves and days."""
     options: dict[str, Any] = {"warm_up": warm_up, "seed": seed, "replicates": replicates}
     plan = plan_simulation(loop, boundary, **options)
-    with argument_checks() as check:
+    with arguments.argument_checks() as check:
         axes = check(parse_axes, search, loop)
         goal = check(parse_goal, objective, quantile)
         parsed_limits = check(parse_limits, limits, quantile)
-        n_evaluations = check(require_integer, "evaluations", evaluations, 1, MAX_EVALUATIONS)
+        n_evaluations = check(arguments.require_integer, "evaluations", evaluations, 1, MAX_EVALUATIONS)
         groups = check(split_population, loop, boundary, holdout, plan.seed)
     # clashes between parameters show at all combinations of the bounds, of up to six axes
     corners = zip(*product(*((axis.low, axis.high) for axis in axes[:6])), strict=True)
@@ -208,7 +191,7 @@ def plan_tuning(
             why = unpredictable_loops(parameter_columns(corner_loop, corner_loop.sizes, flat))
             prefix = f"limits: {HUNTING_INDEX}: theory has none for some of these loops"
             sentences = [f"{prefix}: {reason}" for reason, where in why.items() if np.any(where)]
-            raise_problems([Problem(sentence, HUNTING_INDEX, "unsupported") for sentence in sentences])
+            arguments.raise_problems([Problem(sentence, HUNTING_INDEX, "unsupported") for sentence in sentences])
     measures = tuple(reported_measures(goal, parsed_limits))
     return TuningRequest(
         axes, goal, tuple(parsed_limits), measures, *groups, n_evaluations, plan.warm_up, plan.seed, replicates

@@ -8,27 +8,11 @@ from typing import Any, TypeAlias
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import (
-    MAX_ARRAY_VALUES,
-    collect_problems,
-    is_storable_text,
-    raise_problems,
-    require_array,
-    require_flag,
-    to_builtin,
-)
+from fastcoil.base import arguments
 from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.loops.labelled import accepted_units, as_data_array, convert_units
+from fastcoil.model import parameter_table
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
-from fastcoil.model.parameter_table import (
-    INSTALLED_VALVE_PARAMETERS,
-    INTEGER_PARAMETERS,
-    PARAMETERS,
-    STAND_INS,
-    Parameter,
-    Scalar,
-    require_parameter_name,
-)
 from fastcoil.model.user_rules import RULE_KINDS, Rule
 
 FORBIDDEN_DIMS = {
@@ -43,7 +27,7 @@ SERIES_HINT = (
 )
 
 
-def check_value(parameter: Parameter, value: Any) -> Scalar | xr.DataArray:
+def check_value(parameter: parameter_table.Parameter, value: Any) -> parameter_table.Scalar | xr.DataArray:
     """Return a scalar in the parameter's type and unit, or a DataArray of admissible values."""
     name = parameter.name
     is_pair = isinstance(value, tuple) and [isinstance(item, str) for item in value] == [True, False]
@@ -58,28 +42,29 @@ def check_value(parameter: Parameter, value: Any) -> Scalar | xr.DataArray:
         array = xr.DataArray(_sweep_values(parameter, value), dims=name)
     if array is not None and array.ndim:
         return _check_array(parameter, array)
-    value = to_builtin(value if array is None else array.values)
+    value = arguments.to_builtin(value if array is None else array.values)
     if problem := parameter.problem(value):
         raise InputError(problem)
-    return value if parameter.is_word else int(value) if name in INTEGER_PARAMETERS else float(value)
+    return value if parameter.is_word else int(value) if name in parameter_table.INTEGER_PARAMETERS else float(value)
 
 
-def _sweep_values(parameter: Parameter, values: Any) -> np.ndarray:
+def _sweep_values(parameter: parameter_table.Parameter, values: Any) -> np.ndarray:
     """Return values of a sweep along one dim, each of the right type."""
     name, cure = parameter.name, "give a DataArray with named dims for more dimensions"
     if as_data_array(name, values, name) is not None:
         sentence = f"{name} has labels of its own: give it as it is, without the name of a dimension"
         raise InputError(sentence, name, "conflict")
     if not isinstance(values, (list, tuple)):
-        values = require_array(name, values, "give a list of values", "iufUbOM")
+        values = arguments.require_array(name, values, "give a list of values", "iufUbOM")
         if values.ndim != 1:
             raise InputError(f"{name}: a sweep is a list of values; {cure}", name, "shape")
-    if len(values) > MAX_ARRAY_VALUES:
-        raise InputError(f"{name} has {len(values):,} values: give at most {MAX_ARRAY_VALUES:,}", name, "size")
+    if len(values) > arguments.MAX_ARRAY_VALUES:
+        sentence = f"{name} has {len(values):,} values: give at most {arguments.MAX_ARRAY_VALUES:,}"
+        raise InputError(sentence, name, "size")
     if isinstance(values, np.ndarray) and values.dtype.kind in "iuf" and not parameter.is_word:
         return values
     right_types = (str,) if parameter.is_word else (float, int)
-    for value in (to_builtin(item) for item in values if type(item) not in right_types):
+    for value in (arguments.to_builtin(item) for item in values if type(item) not in right_types):
         if isinstance(value, (np.ndarray, list, tuple)):
             raise InputError(f"{name} = {short_repr(value)} in a list: {cure}", name, "shape")
         if problem := parameter.problem(value):
@@ -87,7 +72,7 @@ def _sweep_values(parameter: Parameter, values: Any) -> np.ndarray:
     return np.asarray(values)
 
 
-def _check_array(parameter: Parameter, array: xr.DataArray) -> xr.DataArray:
+def _check_array(parameter: parameter_table.Parameter, array: xr.DataArray) -> xr.DataArray:
     name = parameter.name
     if array.size == 0:
         raise InputError(f"{name} = []: a sweep needs at least one value", name, "missing")
@@ -108,7 +93,7 @@ def _check_array(parameter: Parameter, array: xr.DataArray) -> xr.DataArray:
         first = InputError(problems).problems[0]
         raise InputError(first + more, first.field, first.code)
     if not parameter.is_word:
-        array = array.copy(data=array.values.astype(int if name in INTEGER_PARAMETERS else float))
+        array = array.copy(data=array.values.astype(int if name in parameter_table.INTEGER_PARAMETERS else float))
     if array.dims == (name,):
         # a label such as 0.07 must be found on an axis made by linspace
         values = flat if parameter.is_word else np.array([float(f"{v:.12g}") for v in flat], dtype=array.dtype)
@@ -127,19 +112,19 @@ def _check_dim(name: str, dim: Hashable, array: xr.DataArray) -> None:
         cure = "it is taken, choose another" if dim in FORBIDDEN_DIMS else "use letters, digits and _"
         sentence = f"{name}: {short_repr(dim)} cannot be the name of a swept dimension: {cure}"
         raise InputError(sentence, name, "name")
-    if dim in PARAMETERS and dim == name and array.ndim > 1:
+    if dim in parameter_table.PARAMETERS and dim == name and array.ndim > 1:
         sentence = f"{name}: its own name can only be the dimension of a plain list of its values"
         raise InputError(sentence, name, "name")
     if dim not in array.coords:
         return
     labels = array.coords[dim]
-    is_text = [isinstance(label, str) and is_storable_text(label) for label in labels.values]
+    is_text = [isinstance(label, str) and arguments.is_storable_text(label) for label in labels.values]
     if labels.dtype.kind not in "biuf" and not all(is_text):
         sentence = f"{name}: the labels along {dim!r} are of type {labels.dtype}: give numbers or text"
         raise InputError(sentence, name, "type")
     converted = labels.values
-    if dim in PARAMETERS and labels.dtype.kind in "iuf":
-        converted = convert_units(dim, labels, accepted_units(PARAMETERS[dim].unit))
+    if dim in parameter_table.PARAMETERS and labels.dtype.kind in "iuf":
+        converted = convert_units(dim, labels, accepted_units(parameter_table.PARAMETERS[dim].unit))
     if not np.array_equal(converted, array.values if dim == name else labels.values):
         sentence = f"{name}: the labels along {dim}, {short_repr(converted.tolist())}, are not its values"
         raise InputError(f"{sentence}: give them in the unit of {dim}, or none", name, "unit")
@@ -149,11 +134,11 @@ Values: TypeAlias = Mapping[str, Any]  # of parameters, by name
 Rules: TypeAlias = Mapping[str, Rule]
 
 
-def all_parameters(rules: Rules) -> Mapping[str, Parameter]:
+def all_parameters(rules: Rules) -> Mapping[str, parameter_table.Parameter]:
     """Return every parameter by name: those of the package, with the rules among the choices, then those of rules."""
     if not rules:
-        return PARAMETERS
-    table = dict(PARAMETERS)
+        return parameter_table.PARAMETERS
+    table = dict(parameter_table.PARAMETERS)
     for kind in RULE_KINDS:
         names = [rule.name for rule in rules.values() if rule.kind == kind]
         table[kind] = replace(table[kind], choices=(*table[kind].choices, *names))
@@ -224,7 +209,7 @@ CONVERGED_TEXT = " and ".join(f"{name} = {value!r}" for name, value in CONVERGED
 def expand_converged(changes: Values) -> dict[str, Any]:
     """Replace ``converged`` in the changes of a loop by the parameters that it stands for; False changes nothing."""
     other_changes = {name: value for name, value in changes.items() if name != CONVERGED_KEYWORD}
-    if CONVERGED_KEYWORD not in changes or not require_flag(CONVERGED_KEYWORD, changes[CONVERGED_KEYWORD]):
+    if CONVERGED_KEYWORD not in changes or not arguments.require_flag(CONVERGED_KEYWORD, changes[CONVERGED_KEYWORD]):
         return other_changes
     if conflicting := [name for name in CONVERGED if name in other_changes]:
         sentence = f"converged stands for {CONVERGED_TEXT}: leave it out, or leave out {' and '.join(conflicting)}"
@@ -232,29 +217,32 @@ def expand_converged(changes: Values) -> dict[str, Any]:
     return other_changes | dict(CONVERGED)
 
 
-_EXCLUSIVE = {INSTALLED_VALVE_PARAMETERS: STAND_INS["rangeability"], ("estimate_ratio",): STAND_INS["estimate_ratio"]}
+_EXCLUSIVE = {
+    parameter_table.INSTALLED_VALVE_PARAMETERS: parameter_table.STAND_INS["rangeability"],
+    ("estimate_ratio",): parameter_table.STAND_INS["estimate_ratio"],
+}
 
 
 def assign_values(values: Values, known_rules: Rules, changes: Values) -> tuple[dict[str, Any], Rules]:
     """Apply ``changes``, reporting all mistakes together; return the values and the known rules."""
     problems: list[str] = []
     checked: dict[str, Any] = {}
-    with collect_problems(problems):
+    with arguments.collect_problems(problems):
         changes, rules = _resolve_rules(values, known_rules, changes)
         values, known_rules = values_for_rules(values, known_rules, rules), rules
     refused = {CONVERGED_KEYWORD, *(RULE_KINDS if problems else ())}
-    with collect_problems(problems):
+    with arguments.collect_problems(problems):
         changes = expand_converged(changes)
     table = all_parameters(known_rules)
     for name in [name for name in changes if name not in refused]:
-        with collect_problems(problems):
-            checked[name] = check_value(table[require_parameter_name(name, table)], changes[name])
+        with arguments.collect_problems(problems):
+            checked[name] = check_value(table[parameter_table.require_parameter_name(name, table)], changes[name])
     for stand_ins, replaced in _EXCLUSIVE.items():
         given_stand_ins, given_replaced = [n for n in stand_ins if n in checked], [n for n in replaced if n in checked]
         if given_stand_ins and given_replaced:
             both = f"{' and '.join(given_stand_ins)} stand in for {' and '.join(given_replaced)}"
             problems.append(Problem(f"{both}: give one or the other", given_stand_ins[0], "conflict"))
-    raise_problems(problems)
+    arguments.raise_problems(problems)
 
     result = dict(values)
     for stand_ins, replaced in _EXCLUSIVE.items():
@@ -311,8 +299,8 @@ def _check_axes(values: Values) -> None:
         unlabelled = [n for n, v in arrays.items() if dim in v.dims and dim not in v.coords]
         numbers = np.arange(labels.size)  # which bare values have as labels in a result
         is_mixed = np.array_equal(np.sort(labels), numbers) and not np.array_equal(labels, numbers)
-        if unlabelled and is_mixed and dim not in PARAMETERS:
+        if unlabelled and is_mixed and dim not in parameter_table.PARAMETERS:
             sentence = f"{name} has the labels {short_repr(labels.tolist())} along {dim!r}"
             cure = f"where {unlabelled[0]} counts from 0: give {name} in that order, or without labels"
             problems.append(Problem(f"{sentence} {cure}", name, "shape"))
-    raise_problems(problems)
+    arguments.raise_problems(problems)

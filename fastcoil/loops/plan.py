@@ -14,14 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from fastcoil.base.arguments import (
-    Checks,
-    argument_checks,
-    require_choice,
-    require_flag,
-    require_instance,
-    require_integer,
-)
+from fastcoil.base import arguments
 from fastcoil.base.arrays import MEMMAP_MIN_BYTES
 from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.base.files import convert_os_errors, exists
@@ -200,16 +193,16 @@ def plan_simulation(
     traces_on_disk: bool = False,
 ) -> Plan:  # fmt: skip
     """Validate the arguments of ``simulate`` without allocating or running anything."""
-    with argument_checks() as check:
-        check(require_instance, "loop", loop, Loop, "give a fastcoil.Loop")
+    with arguments.argument_checks() as check:
+        check(arguments.require_instance, "loop", loop, Loop, "give a fastcoil.Loop")
         cure = "give a fastcoil.Boundary, such as fastcoil.paper_day()"
-        check(require_instance, "boundary", boundary, Boundary, cure)
-    with argument_checks() as check:
-        trace_interval = check(require_integer, "trace_interval", trace_interval, 1, boundary.n_steps)
-        warm_up = check(require_integer, "warm_up", warm_up, *RUN_LIMITS["warm_up"])
-        seed = check(require_integer, "seed", seed, *RUN_LIMITS["seed"])
-        replicates = check(require_integer, "replicates", replicates, *RUN_LIMITS["replicates"])
-        carry_over = check(require_flag, "carry_over", carry_over)
+        check(arguments.require_instance, "boundary", boundary, Boundary, cure)
+    with arguments.argument_checks() as check:
+        trace_interval = check(arguments.require_integer, "trace_interval", trace_interval, 1, boundary.n_steps)
+        warm_up = check(arguments.require_integer, "warm_up", warm_up, *RUN_LIMITS["warm_up"])
+        seed = check(arguments.require_integer, "seed", seed, *RUN_LIMITS["seed"])
+        replicates = check(arguments.require_integer, "replicates", replicates, *RUN_LIMITS["replicates"])
+        carry_over = check(arguments.require_flag, "carry_over", carry_over)
         _check_traces(check, traces)
         for name, value in loop.swept.items():
             if value.dims == (name,) and value.size == boundary.n_steps >= MIN_SERIES_VALUES:  # likely a series
@@ -221,7 +214,7 @@ def plan_simulation(
             sentence = f"{durations}: nothing is left to count, give longer days"
             check.problems.append(Problem(sentence, "boundary", "data"))
     layout = Layout(loop, boundary, replicates)
-    with argument_checks() as check:
+    with arguments.argument_checks() as check:
         for rule in layout.loop.rules.values():
             if rule.is_loaded:
                 check(rule.check)
@@ -257,7 +250,7 @@ def simulation_attributes(plan: Plan) -> dict[str, Any]:
     return attrs
 
 
-def _check_traces(check: Checks, traces: object) -> None:
+def _check_traces(check: arguments.Checks, traces: object) -> None:
     if not isinstance(traces, (list, tuple)):
         check.problems.append(Problem(f"traces = {short_repr(traces)}: give a list of names", "traces", "type"))
         return
@@ -266,7 +259,7 @@ def _check_traces(check: Checks, traces: object) -> None:
             sentence = f"traces: {name!r} is an input: it is in the boundary, as boundary.series[{name!r}]"
             check.problems.append(Problem(sentence, "traces", "choice"))
         else:
-            check(require_choice, "traces", name, TRACES)
+            check(arguments.require_choice, "traces", name, TRACES)
     twice = [n for n in TRACES if traces.count(n) > 1]
     check.problems += [Problem(f"traces: {n} is listed twice", "traces", "duplicate") for n in twice]
 

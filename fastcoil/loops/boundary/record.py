@@ -11,15 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fastcoil.base.arguments import (
-    argument_checks,
-    carried_unit,
-    collect_problems,
-    raise_problems,
-    require_instance,
-    require_no_unit,
-    require_path,
-)
+from fastcoil.base import arguments
 from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 from fastcoil.logs import read_checked_log, warn_of_reading_notes
 from fastcoil.logs.columns import ColumnSpec, check_reading_options
@@ -113,15 +105,14 @@ class Boundary(Samples):
             sentence = "every series is a number: give at least one as 1-s samples, or use constant_day"
             problems.append(Problem(sentence, "m_a", "shape"))
         clock = Clock()
-        with collect_problems(problems):
+        with arguments.collect_problems(problems):
             clock = make_clock(start, time_zone, labels, n_steps or 0, common_labels)
-        raise_problems(list(dict.fromkeys(problems)))  # series that share a coordinate share its mistakes
+        arguments.raise_problems(list(dict.fromkeys(problems)))  # series that share a coordinate share its mistakes
         arrays, n_stopped = complete_series(entries, labels.size, n_steps or 0, enabled_by_air=enabled is None)
         warn_of_no_air_flow(n_stopped)
         ds = boundary_dataset(arrays, labels, n_steps or 0, clock)
-        self.__setstate__(
-            {"_ds": ds, "_maker": None, "_time_zone": clock.time_zone, "_enabled_by_air": enabled is None}
-        )
+        state = {"_ds": ds, "_maker": None, "_time_zone": clock.time_zone, "_enabled_by_air": enabled is None}
+        self.__setstate__(state)
 
     def __repr__(self) -> str:
         """Show series and ranges; of a stream without known ranges only the extent: making all days takes too long."""
@@ -142,7 +133,8 @@ class Boundary(Samples):
         """
         names = (*BOUNDARY_SERIES, "day", "start", "time_zone")
         extra = [name for name in changes if name not in names]
-        raise_problems([Problem(f"{n}{did_you_mean(n, names)}: use {', '.join(names)}", n, "name") for n in extra])
+        sentences = (f"{name}{did_you_mean(name, names)}: use {', '.join(names)}" for name in extra)
+        arguments.raise_problems([Problem(s, name, "name") for s, name in zip(sentences, extra, strict=True)])
         enabled_by_air = changes["enabled"] is None if "enabled" in changes else self._enabled_by_air
         clock = {name: changes.get(name, getattr(self, name)) for name in ("start", "time_zone")}
         start = None if "start" in changes else self.start
@@ -151,7 +143,7 @@ class Boundary(Samples):
         problems: list[str] = []
         series = {name: changes[name] for name in BOUNDARY_SERIES if name in changes}
         entries, common_labels = read_series(series, problems, day=changes.get("day"), known_labels=known_labels)
-        raise_problems(problems)
+        arguments.raise_problems(problems)
         replacements = {name: None if changes[name] is None else entry for name, entry in entries.items()}
         if enabled_by_air and "m_a" in changes:
             replacements["enabled"] = None
@@ -182,7 +174,7 @@ class Boundary(Samples):
         return self._select_days("sel", day)
 
     def _select_days(self, method: str, day: Any) -> Boundary:
-        require_no_unit("day", day, "give days")
+        arguments.require_no_unit("day", day, "give days")
         ds = with_day_dim(self._ds).assign_coords(position=("day", np.arange(self.n_days)))
         try:
             ds = getattr(ds, method)(day=day)
@@ -214,8 +206,8 @@ class Boundary(Samples):
         if not isinstance(boundaries, (list, tuple)) or not boundaries:
             raise InputError(f"boundaries = {short_repr(boundaries)}: {cure}", "boundaries", "type")
         for i, boundary in enumerate(boundaries):
-            require_instance(f"boundaries[{i}]", boundary, Boundary, cure)
-        raise_problems(list(_joining_problems(boundaries)))
+            arguments.require_instance(f"boundaries[{i}]", boundary, Boundary, cure)
+        arguments.raise_problems(list(_joining_problems(boundaries)))
         zone = next(filter(None, (b.time_zone for b in boundaries)), "")
         is_streamed = any(b.is_streamed for b in boundaries)
         datasets = [with_day_dim(b._ds.drop_vars(list(b._ds.data_vars)) if is_streamed else b._ds) for b in boundaries]
@@ -242,16 +234,16 @@ class Boundary(Samples):
         InputError
             Unless ``elapsed_time`` has steps of 1 s (from any start) and every series an attribute ``units``.
         """
-        require_instance("ds", ds, xr.Dataset, "give a Dataset, as of to_dataset")
+        arguments.require_instance("ds", ds, xr.Dataset, "give a Dataset, as of to_dataset")
         problems = [
             Problem(f"{n} has no units attribute: set ds[{n!r}].attrs['units'] ({series.known_units})", n, "unit")
             for n, series in BOUNDARY_SERIES.items()
-            if n in ds and carried_unit(n, ds[n]) is None
+            if n in ds and arguments.carried_unit(n, ds[n]) is None
         ]
         if "elapsed_time" in ds.dims and "elapsed_time" not in ds.coords:
             sentence = "elapsed_time has no coordinate: give ds['elapsed_time'] the seconds 0, 1, ..."
             problems.append(Problem(sentence, "elapsed_time", "missing"))
-        raise_problems(problems)
+        arguments.raise_problems(problems)
         return cls(**{name: ds.get(name) for name in BOUNDARY_SERIES})
 
     @classmethod
@@ -275,7 +267,7 @@ class Boundary(Samples):
         start, time_zone
             As for `Boundary`.
         """
-        with argument_checks() as check:
+        with arguments.argument_checks() as check:
             if not callable(make):
                 cure = "give a function that returns the series of the day of a label"
                 check.problems.append(Problem(f"make = {short_repr(make)}: {cure}", "make", "type"))
@@ -325,8 +317,8 @@ class Boundary(Samples):
             ``"epoch"`` for seconds or milliseconds since 1970.  If left out it is recognised, or refused where two
             readings fit.
         """
-        with argument_checks() as check:
-            path = check(require_path, "path", path, "give the path of a CSV file")
+        with arguments.argument_checks() as check:
+            path = check(arguments.require_path, "path", path, "give the path of a CSV file")
             pressure = check(require_condition, "pressure", pressure)
             start = check(require_condition, "start", start)
             n_steps = None if hours is None else check(hours_to_seconds, hours)

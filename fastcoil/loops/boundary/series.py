@@ -13,14 +13,7 @@ from typing import Any, NamedTuple, TypeAlias, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from fastcoil.base.arguments import (
-    collect_problems,
-    raise_problems,
-    require_array,
-    require_integer,
-    require_no_unit,
-    to_builtin,
-)
+from fastcoil.base import arguments
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.logs.series import COLUMNS, Series, count_suffix
@@ -76,7 +69,7 @@ def read_series(
     """
     series: dict[str, LabelledSeries] = {}
     for name, value in values.items():
-        with collect_problems(problems):
+        with arguments.collect_problems(problems):
             series[name] = _read_one(COLUMNS[name], value)
     for name, entry in series.items():
         if known_labels.time_zone and entry.labels.time_zone == "":  # is on the clock of the boundary
@@ -165,8 +158,8 @@ def warn_of_no_air_flow(seconds: int) -> None:
 def label_array(day: Values, problems: list[str]) -> NDArray[Any] | None:
     """Convert day labels to an array; None, and a problem, if they are not distinct whole numbers."""
     cure = f"give whole numbers from 0 to {LARGEST_DAY_LABEL}, one a day"
-    with collect_problems(problems):
-        labels = require_array("day", day, cure)
+    with arguments.collect_problems(problems):
+        labels = arguments.require_array("day", day, cure)
         wide = labels.astype(np.float64)
         if labels.ndim > 1 or not labels.size or np.any((wide % 1 != 0) | (wide < 0) | (wide > LARGEST_DAY_LABEL)):
             raise InputError(f"day = {short_repr(day)}: {cure}", "day", "value")
@@ -200,7 +193,7 @@ def _read_one(series: Series, value: Values) -> LabelledSeries:
 
 
 def _float_array(series: Series, value: Values) -> Array:
-    values = require_array(series.name, value, "give numbers", "iufb" if series.whole else "iuf")
+    values = arguments.require_array(series.name, value, "give numbers", "iufb" if series.whole else "iuf")
     if values.size == 0:
         raise InputError(f"{series.name} is empty: give at least one 1-s sample", series.name, "shape")
     with np.errstate(over="ignore"):  # a number that overflows is refused as infinite
@@ -251,18 +244,18 @@ def make_clock(
     elif hasattr(start, "to_numpy") and hasattr(start, "dtype"):  # of xarray or pandas
         array = as_data_array("start", start, "day") if hasattr(start, "dims") else None
         labels = {} if array is None or "day" not in array.coords else {"start": array["day"].values}
-        raise_problems(label_mismatches("day {}", {"the boundary": day} | labels, "align them", "shape"))
+        arguments.raise_problems(label_mismatches("day {}", {"the boundary": day} | labels, "align them", "shape"))
         zones["start"] = require_time_zone("time_zone", getattr(start, "attrs", {}).get("time_zone"))
         start = start.to_numpy()
     zones = {name: item for name, item in zones.items() if item}
-    raise_problems(label_mismatches("the time zone {}", zones, "convert to one zone", "time", "time_zone"))
+    arguments.raise_problems(label_mismatches("the time zone {}", zones, "convert to one zone", "time", "time_zone"))
     items = start if isinstance(start, (list, tuple)) or (isinstance(start, np.ndarray) and start.ndim) else [start]
     times = [_parse_time(item[()] if isinstance(item, np.ndarray) else item) for item in items]
     if len(times) not in (1, day.size):
         raise InputError(f"start has {len(times)} times for {day.size} days: {_CURE}", "start", "shape")
     zone = _resolve_zone(times, next(iter(zones.values()), ""))
     cure = f"clocks of {zone} are put forward over that time: give one that they show"
-    raise_problems([
+    arguments.raise_problems([
         Problem(f"start = {short_repr(str(time))}: {cure}", "start", "time")
         for time in times
         if time.tzinfo is None and _is_skipped_time(time, zone)
@@ -271,7 +264,7 @@ def make_clock(
     if series_labels.start is not None:
         start_times = {"start": starts, "the first sample": _round_to_seconds(np.atleast_1d(series_labels.start))}
         cure = "leave start out, or give bare arrays"
-        raise_problems(label_mismatches("the time {}", start_times, cure, "time", "start"))
+        arguments.raise_problems(label_mismatches("the time {}", start_times, cure, "time", "start"))
     if len(times) < day.size:
         if n_steps > 86400:
             sentence = f"start = {short_repr(start)}: days of {n_steps / 3600:g} h overlap, give one start for each"
@@ -362,7 +355,7 @@ _MAX_ITEMS = 1_000_000  # more days are a mistake, or an endless iterable
 
 def require_condition(name: str, value: Any) -> Any:
     """Return a number that describes a day if it is within its bounds."""
-    number = to_builtin(to_bare_numbers(name, value, accepted_units(CONDITIONS[name].unit)))
+    number = arguments.to_builtin(to_bare_numbers(name, value, accepted_units(CONDITIONS[name].unit)))
     if problem := CONDITIONS[name].problem(number):
         raise InputError(problem)
     return number
@@ -379,7 +372,7 @@ def hours_to_seconds(hours: float | None) -> int:
 
 def require_items(name: str, value: object, cure: str) -> list[object]:
     """Return the items of an iterable, at most ``_MAX_ITEMS``."""
-    require_no_unit(name, value, cure)
+    arguments.require_no_unit(name, value, cure)
     if isinstance(value, str | bytes) or not isinstance(value, Iterable) or getattr(value, "ndim", 1) == 0:
         raise InputError(f"{name} = {short_repr(value)}: {cure}", name, "type")
     items = list(islice(value, _MAX_ITEMS + 1))
@@ -390,10 +383,10 @@ def require_items(name: str, value: object, cure: str) -> list[object]:
 
 def require_seeds(seed: object) -> list[int]:
     """Return the seeds of days: whole numbers, each once."""
-    seed = to_builtin(seed)
+    seed = arguments.to_builtin(seed)
     cure = f"give a whole number from 0 to {LARGEST_DAY_LABEL}, or several distinct ones"
     items = [seed] if isinstance(seed, int) else require_items("seed", seed, cure)
-    seeds = [require_integer("seed", item, 0, LARGEST_DAY_LABEL, cure) for item in items]
+    seeds = [arguments.require_integer("seed", item, 0, LARGEST_DAY_LABEL, cure) for item in items]
     _require_distinct("seed", seeds, "a number", cure)
     return seeds
 
@@ -401,7 +394,7 @@ def require_seeds(seed: object) -> list[int]:
 def days_of_year(name: str, value: object) -> list[int]:
     """Return distinct days of the year, 1 to 366."""
     items = require_items(name, value, "give a list of days of the year")
-    days = [require_integer(name, item, 1, 366, "give whole numbers from 1 to 366") for item in items]
+    days = [arguments.require_integer(name, item, 1, 366, "give whole numbers from 1 to 366") for item in items]
     _require_distinct(name, days, "a day", "give each day once")
     return days
 

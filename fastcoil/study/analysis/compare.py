@@ -13,17 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import (
-    argument_checks,
-    raise_problems,
-    require_confidence_level,
-    require_flag,
-    require_mapping,
-    require_names,
-    require_no_unit,
-    require_number,
-    to_builtin,
-)
+from fastcoil.base import arguments
 from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 from fastcoil.base.text import MISSING_VALUE, decimals_for_uncertainty, format_number, format_share
 from fastcoil.loops.labels import Quantity, coordinate_quantity, quantity, values_quantity
@@ -78,8 +68,8 @@ class Comparison(xr.Dataset):  # type: ignore[no-untyped-call]
             own_dims = [d for d in dims if d in variable.dims]
             values = variable.sel(statistic=list(needed)).transpose(*own_dims, "statistic").values
             for place in np.ndindex(values.shape[:-1]):
-                at = {d: to_builtin(self[d].values[k]) for d, k in zip(own_dims, place, strict=True)}
-                if all((at[d] if d in at else to_builtin(self[d].values)) == label for d, label in baseline.items()):
+                at = {d: arguments.to_builtin(self[d].values[k]) for d, k in zip(own_dims, place, strict=True)}
+                if {d: at[d] if d in at else arguments.to_builtin(self[d].values) for d in baseline} == baseline:
                     continue
                 shown_as = _metric_quantity(variable)
                 labels = (_format_label(self, d, at[d]) if d in at else MISSING_VALUE for d in dims)
@@ -137,15 +127,10 @@ def _format_label(ds: xr.Dataset, dim: str, label: Any) -> str:
 
 
 def compare(
-    ds: xr.Dataset,
-    *,
-    baseline: Mapping[str, Any],
-    over: str | Sequence[str],
-    metrics: str | Sequence[str] | None = None,
-    level: float = 0.95,
-    relative: bool = False,
+    ds: xr.Dataset, *, baseline: Mapping[str, Any], over: str | Sequence[str],
+    metrics: str | Sequence[str] | None = None, level: float = 0.95, relative: bool = False,
     threshold: float | None = None,
-) -> Comparison:
+) -> Comparison:  # fmt: skip
     """Compare every scenario with its partner under a baseline, pair by pair.
 
     Parameters
@@ -215,32 +200,28 @@ def compare(
     >>> int(found.rmse.sel(backlash_estimate=0.07, statistic="n_pairs"))
     2
     """
-    with argument_checks() as check:
+    with arguments.argument_checks() as check:
         check(check_counted_result, ds)
-        over = check(require_names, "over", over)
-        metric_names = check.unless_none(require_names, "metrics", metrics)
-        level = check(require_confidence_level, level)
-        relative = check(require_flag, "relative", relative)
-        threshold = check.unless_none(require_number, "threshold", threshold, "give a number of at least 0", least=0.0)
+        over = check(arguments.require_names, "over", over)
+        metric_names = check.unless_none(arguments.require_names, "metrics", metrics)
+        level = check(arguments.require_confidence_level, level)
+        relative = check(arguments.require_flag, "relative", relative)
+        cure = "give a number of at least 0"
+        threshold = check.unless_none(arguments.require_number, "threshold", threshold, cure, least=0.0)
         cure = 'must be a dict of dimension and label, such as {"estimate_ratio": 0.0}'
-        check(require_mapping, "baseline", baseline, cure)
-    names = metric_names or [
-        name for name in _comparable_names(ds) if name.removeprefix(YEARLY_PREFIX) not in PREDICTIONS
-    ]
+        check(arguments.require_mapping, "baseline", baseline, cure)
+    names = metric_names or [n for n in _comparable_names(ds) if n.removeprefix(YEARLY_PREFIX) not in PREDICTIONS]
     _check_comparison(ds, baseline, over, names)
     units = sorted({str(ds[name].attrs.get("units", "1")) for name in names})
     if threshold is not None and not relative and len(units) > 1:
-        raise InputError(
-            f"threshold counts in the unit of the metrics, and these have {', '.join(units)}: name metrics of one "
-            "unit, such as metrics='rmse', or compare with relative=True",
-            "threshold",
-            "unit",
-        )
+        sentence = f"threshold counts in the unit of the metrics, and these have {', '.join(units)}: name metrics of"
+        sentence += " one unit, such as metrics='rmse', or compare with relative=True"
+        raise InputError(sentence, "threshold", "unit")
     ok = ds["status"] == STATUS_OK
     shape = [ds.sizes[d] for d in over]
     # noise is independent between days, but shared by everything else
     independent = [axis for axis, d in enumerate(over) if d != "replicate" or "day" not in over]
-    words = str({dim: to_builtin(label) for dim, label in baseline.items()})
+    words = str({dim: arguments.to_builtin(label) for dim, label in baseline.items()})
     results, statistic_names = {}, STATISTICS + (() if threshold is None else THRESHOLD_STATISTICS)
     for name in names:
         values = ds[name].where(ok)
@@ -271,14 +252,11 @@ def _comparable_names(ds: xr.Dataset) -> list[str]:
 
 def _check_comparison(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[str], names: list[str]) -> None:
     dims = [str(d) for d in ds["status"].dims]
-    require_no_unit("baseline", list(baseline.values()), "give labels")
+    arguments.require_no_unit("baseline", list(baseline.values()), "give labels")
     if not dims:
-        raise InputError(
-            "ds is a single scenario without dimensions, so there is nothing to compare: give a sweep that holds the "
-            "baseline, on several days or replicates",
-            "ds",
-            "shape",
-        )
+        sentence = "ds is a single scenario without dimensions, so there is nothing to compare"
+        cure = "give a sweep that holds the baseline, on several days or replicates"
+        raise InputError(f"{sentence}: {cure}", "ds", "shape")
     problems: list[Problem] = []
     for argument, given in (("baseline", baseline), ("over", over)):
         for dim in (d for d in given if d not in dims):
@@ -288,14 +266,11 @@ def _check_comparison(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[st
         sentence = f"over: {dim} is a dimension of the baseline: choose one or the other"
         problems.append(Problem(sentence, "over", "conflict"))
     for dim in (d for d in baseline if d in dims):
-        labels, single = ds[dim].values, to_builtin(baseline[dim])
+        labels, single = ds[dim].values, arguments.to_builtin(baseline[dim])
         n = labels.tolist().count(single) if np.ndim(single) == 0 else 0
         if n != 1 or (isinstance(single, bool) and labels.dtype.kind != "b"):
-            has = f"{n} labels" if n > 1 else "no label"
-            cure = f"choose one of {list_first(labels)}"
-            problems.append(
-                Problem(f"baseline: {dim} has {has} {short_repr(baseline[dim])}; {cure}", "baseline", "choice")
-            )
+            sentence = f"baseline: {dim} has {f'{n} labels' if n > 1 else 'no label'} {short_repr(baseline[dim])}"
+            problems.append(Problem(f"{sentence}; choose one of {list_first(labels)}", "baseline", "choice"))
     for name in names:
         if name not in ds.data_vars:
             sentence = f"metrics: {short_repr(name)} is not in the result{metric_hint(name)}"
@@ -307,7 +282,7 @@ def _check_comparison(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[st
     if not baseline:
         sentence = "baseline is empty: give the dimension and label to compare with"
         problems.append(Problem(sentence, "baseline", "missing"))
-    raise_problems(problems)
+    arguments.raise_problems(problems)
 
 
 def mask_off_days(ds: xr.Dataset) -> xr.Dataset:

@@ -110,15 +110,9 @@ COST_NAMES |= {f"{YEARLY_PREFIX}{name}" for name in (*SUMMED_METRICS, *COSTS)}  
 
 
 def cost(
-    ds: xr.Dataset,
-    *,
-    electricity: float | None = None,
-    demand: float | None = None,
-    heat: float | None = None,
-    cop: float | None = None,
-    electric_heat: bool | None = None,
-    currency: str | None = None,
-) -> xr.Dataset:
+    ds: xr.Dataset, *, electricity: float | None = None, demand: float | None = None, heat: float | None = None,
+    cop: float | None = None, electric_heat: bool | None = None, currency: str | None = None,
+) -> xr.Dataset:  # fmt: skip
     """Value energy, demand, and supply air off its set-point, per billing month and per year.
 
     A missing price is taken from the table ``[tariff]`` of the study; without one the three prices are required.

@@ -7,13 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import (
-    argument_checks,
-    raise_problems,
-    require_confidence_level,
-    require_flag,
-    require_names,
-)
+from fastcoil.base import arguments
 from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.loops.scenarios import check_counted_result
 from fastcoil.model.metric_table import METRICS, STATUS_OK, metric_hint
@@ -68,11 +62,11 @@ def sobol_indices(
     >>> fc.sobol_indices(ds).rmse.dims
     ('parameter', 'index', 'edge')
     """
-    with argument_checks() as check:
+    with arguments.argument_checks() as check:
         check(check_counted_result, ds)
-        names = check(require_names, "metrics", "rmse" if metrics is None else metrics)
-        drop_failed = check(require_flag, "drop_failed", drop_failed)
-        level = check(require_confidence_level, level)
+        names = check(arguments.require_names, "metrics", "rmse" if metrics is None else metrics)
+        drop_failed = check(arguments.require_flag, "drop_failed", drop_failed)
+        level = check(arguments.require_confidence_level, level)
     if not {"sample", "design"} <= set(ds.dims):
         sentence = 'the result has no dims sample and design: run a study with [sample] method = "saltelli"'
         raise InputError(sentence, "ds", "shape")
@@ -89,7 +83,7 @@ def sobol_indices(
         elif not _is_metric(ds[name]):
             sentence = f"metrics: {name!r} is not a quantity over sample and design: give a metric such as rmse"
             problems.append(Problem(sentence, "metrics", "unsupported"))
-    raise_problems(problems)
+    arguments.raise_problems(problems)
     _require_independence(ds.sel(design="A"), parameters)
     variables = {}
     coords: dict[Any, Any] = {"parameter": parameters, "index": list(INDICES), "edge": list(EDGES)}
@@ -97,12 +91,9 @@ def sobol_indices(
         values = ds[name].where(ds["status"] == STATUS_OK).sel(design=["A", "B", *parameters])
         missing = values.isnull().any("design")
         if bool(missing.any()) and not drop_failed:
-            raise InputError(
-                f"{name} is missing in {int(missing.sum()):,} of {missing.size:,} samples, because a "
-                "scenario failed or has no such result: give drop_failed=True to leave these samples out",
-                "drop_failed",
-                "data",
-            )
+            sentence = f"{name} is missing in {int(missing.sum()):,} of {missing.size:,} samples, because a scenario "
+            sentence += "failed or has no such result: give drop_failed=True to leave these samples out"
+            raise InputError(sentence, "drop_failed", "data")
         others = [d for d in values.dims if d not in ("sample", "design")]
         shape = [values.sizes[d] for d in others]
         cells = values.transpose(*others, "sample", "design").values.reshape(-1, ds.sizes["sample"], len(labels))
