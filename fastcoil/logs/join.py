@@ -15,6 +15,7 @@ import numpy as np
 from fastcoil.base.arguments import argument_checks, collect_problems, raise_problems
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError, Problem, short_repr
+from fastcoil.logs import timestamps
 from fastcoil.logs.cells import is_missing_word, is_number_or_switch_word
 from fastcoil.logs.columns import ColumnSpec, ReadingOptions, find_columns, interpret_header
 from fastcoil.logs.pieces import GAP_MEDIAN_STEPS, has_uneven_steps, read_times
@@ -22,15 +23,7 @@ from fastcoil.logs.plausibility import describe_likely_unit, find_misread_units
 from fastcoil.logs.readings import describe_left_out, read_columns
 from fastcoil.logs.series import COLUMNS, TIME_COLUMNS, VOCABULARY, format_count, is_unit
 from fastcoil.logs.table import REVERSED_ROWS_NOTE, Table, normalise_header, split_label_and_unit
-from fastcoil.logs.timestamps import (
-    MICROSECOND_DTYPE,
-    MONTH_FIRST_NOTE,
-    SECOND_US,
-    UNKNOWN_ORDER,
-    Timestamps,
-    apply_time_zone,
-    format_utc_offset,
-)
+from fastcoil.logs.timestamps import MICROSECOND_DTYPE, SECOND_US, Timestamps, apply_time_zone, format_utc_offset
 
 _NON_POINT_COLUMNS = ("elapsed_time", "batch")  # that are about rows
 POINT_NAMES = [name for name in COLUMNS if name not in _NON_POINT_COLUMNS]  # that a point may have
@@ -270,8 +263,9 @@ def _read_files(paths: Sequence[Path], options: ReadingOptions) -> tuple[list[Po
             sources += table_sources
             notes.append(table.notes)
     texts = [*chain(*notes)]
-    is_month_first = any(text.startswith(MONTH_FIRST_NOTE) and UNKNOWN_ORDER not in text for text in texts)
-    if is_month_first and not options.month_first and any(UNKNOWN_ORDER in text for text in texts):
+    unclear = [text for text in texts if timestamps.UNKNOWN_ORDER in text]
+    is_month_first = any(text.startswith(timestamps.MONTH_FIRST_NOTE) for text in texts if text not in unclear)
+    if unclear and is_month_first and not options.month_first:
         return _read_files(paths, replace(options, month_first=True))  # what one file shows holds for the others
     name_counts = Counter(chain(*names))
     for name, target in (options.columns or {}).items():

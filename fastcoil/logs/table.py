@@ -242,9 +242,8 @@ class Table:
         header_index = next(named_rows, _header_index(first_rows))
         (header_row, header), data = rows[header_index], rows[header_index + 1 :]
         if header_index:
-            notes.append(
-                f"what is above row {header_row} is not part of the table, from {short_repr(' '.join(rows[0][1]))} on"
-            )
+            first_text = short_repr(" ".join(rows[0][1]))
+            notes.append(f"what is above row {header_row} is not part of the table, from {first_text} on")
         units = None
         if data and _is_unit_row(data[0][1]) and any(map(_is_data_cell, chain(*(row for _, row in data[1:3])))):
             number, cells = data.pop(0)
@@ -410,9 +409,8 @@ def _dataset_columns(ds: xr.Dataset, columns: Mapping[str, str], names: Collecti
     times = (*(columns.get(name, name) for name in coordinates), *coordinates)
     dims = [name for name in times if name in ds.coords and ds[name].dims == (name,)]
     if not dims:
-        sentence = (
-            "the Dataset has no coordinate elapsed_time, nor timestamp: give every variable one of them as dimension"
-        )
+        cure = "give every variable one of them as dimension"
+        sentence = f"the Dataset has no coordinate elapsed_time, nor timestamp: {cure}"
         raise InputError(sentence, "elapsed_time", "missing")
     time = dims[0]
     read_names = [str(n) for n in ds.data_vars if n in names or n in columns.values()]
