@@ -196,13 +196,12 @@ def read_test_command(data: Path, read: dict[str, Any], out: Path | None, **opti
     write_result(test_result, out)
 
 
-_POINT_HELP = "File of the point NAME (or header, or FILE:HEADER), if neither header nor file name is NAME."
-
-
 @click.command()
 @click.argument("files", type=PATH, nargs=-1)
 @click.option("-o", "--out", type=PATH, default="log.csv", show_default=True, help="CSV file to write; a new one.")
-@click.option("--column", "columns", multiple=True, metavar="NAME=FILE", help=_POINT_HELP)
+@click.option("--column", "columns", multiple=True, metavar="NAME=FILE",
+              help="File of the point NAME (or header, or FILE:HEADER), if neither header nor file name is "
+              "NAME.")  # fmt: skip
 @click.option("--unit", "units", multiple=True, metavar="NAME=UNIT", help="Unit of a point whose header has none.")
 @click.option("--ignore", multiple=True, metavar="NAME|HEADER", help="A column that is not read.")
 @click.option("--step", type=float, help="Time step of the joined log, s; that of the fastest point by default.")

@@ -81,11 +81,6 @@ class ReadingOptions:
         """Return the advice how to name the header of the column that holds ``name``."""
         return self.cure(f"columns={{{name!r}: {header!r}}}", f"--column {name}={header!r}")
 
-    def ignore_cure(self, name: str) -> str:
-        """Return the advice how to leave a column out; blank where the caller does not offer that."""
-        cure = self.cure(f"ignore=[{name!r}]", f"--ignore {name!r}")
-        return f", or leave it out: {cure}" if self.reader != "function" else ""
-
 
 def check_reading_options(check: arguments.Checks, **options: Any) -> ReadingOptions:
     """Check the arguments of a public function that say how its log is read; it passes those that it offers."""
@@ -235,8 +230,9 @@ def find_columns(table: Table, options: ReadingOptions, spec: ColumnSpec) -> dic
             elif len(headers) > 1:
                 table.add_problem(f"{choices[0]} may be {listing}: say which to read: {cure}", choices[0], "missing")
             elif headers and choices[0] == "T_set":  # without it, every answer is another one
-                advice = f"say so, {cure}{options.ignore_cure(headers[0])}"
-                table.add_problem(f"T_set may be {listing}: {advice}", "T_set", "missing")
+                if options.reader != "function":
+                    cure += f", or leave it out: {options.cure(f'ignore=[{headers[0]!r}]', f'--ignore {headers[0]!r}')}"
+                table.add_problem(f"T_set may be {listing}: say so, {cure}", "T_set", "missing")
             elif choices[0] not in spec.optional:
                 table.problems.append(_describe_missing_column(choices, options, spec, *headers))
     read_names = (*spec.names, *TIME_COLUMNS, "batch")

@@ -187,12 +187,11 @@ def pivot_points(table: Table, options: ReadingOptions, spec: ColumnSpec) -> Tab
     start, end = _common_span(points)
     clock = clock[(clock >= start) & (clock <= end)]
     clock, (header, *cells), notes = _sample_on_clock(points, clock, options.max_gap, 17)  # reads back to the bit
-    rows: dict[int, int] = {}
-    for source in sources:
-        rows |= zip(source.stamps.microseconds.tolist(), source.table.row_numbers, strict=True)
+    numbered = (zip(source.stamps.microseconds.tolist(), source.table.row_numbers, strict=True) for source in sources)
+    row_by_time: dict[int, int] = dict(chain.from_iterable(numbered))
     has_common_times = all(np.array_equal(point.times, points[0].times) for point in points)
     table_notes = list(dict.fromkeys([*table.notes, *notes * (not has_common_times)]))
-    return Table(table.name, header, cells, [rows[time] for time in clock.tolist()], notes=table_notes)
+    return Table(table.name, header, cells, [row_by_time[time] for time in clock.tolist()], notes=table_notes)
 
 
 def join_points(
@@ -311,11 +310,9 @@ def _common_span(points: Sequence[Point], step: int = 1) -> tuple[int, int]:
     ends = [int(point.times[-1]) for point in points if point.is_regular]
     end = min(ends) if ends else max(int(point.times[-1]) for point in points)
     if end // step <= -(-start // step):
-        spans = []
-        for point in points:
-            first, last = point.times[[0, -1]].astype(MICROSECOND_DTYPE).astype("datetime64[s]")
-            spans.append(f"{point.name} {first} to {last}")
-        sentence = f"there are no two times at which all points have values ({'; '.join(spans)})"
+        ends_by_name = {p.name: p.times[[0, -1]].astype(MICROSECOND_DTYPE).astype("datetime64[s]") for p in points}
+        spans = "; ".join(f"{name} {first} to {last}" for name, (first, last) in ends_by_name.items())
+        sentence = f"there are no two times at which all points have values ({spans})"
         raise InputError(f"{sentence}: give files of one time", points[0].name, "data")
     return start, end
 

@@ -157,9 +157,8 @@ def check_plausible_units(
         scale, offset = TRAVEL[readings.units["command"]]
         command = (values["command"] - offset) / scale
         if k := plausibility.find_scale_change(command) if scale == TRAVEL["%"][0] else 0:
-            row = table.row_numbers[k]
-            sentence = f"command goes on in row {row} as if in another unit than before: write one unit"
-            table.add_problem(sentence, "command", "unit")
+            mistake = f"command goes on in row {table.row_numbers[k]} as if in another unit than before"
+            table.add_problem(f"{mistake}: write one unit", "command", "unit")
         if k := plausibility.find_column_exchange(values["T_sup"], command) if "T_sup" in values else 0:
             sentence = f"T_sup and command go on exchanged in row {table.row_numbers[k]}: write one order of columns"
             table.add_problem(sentence, "T_sup", "data")

@@ -385,11 +385,10 @@ def table_from_data(source: Any, columns: Mapping[str, str] | None, names: Colle
         header = [_header_with_unit(str(name).strip(), values) for name, values in source.items()]
         series, index = [values for _, values in source.items()], source.index
         if index.dtype.kind == "m":
-            header.insert(0, f"{index.name or 'elapsed_time'} [s]")
-            series.insert(0, index.total_seconds())
+            header, series = [f"{index.name or 'elapsed_time'} [s]", *header], [index.total_seconds(), *series]
         elif index.name is not None or is_time_like(index):
-            header.insert(0, "timestamp" if index.name is None or index.dtype.kind == "M" else str(index.name))
-            series.insert(0, index)
+            time_header = "timestamp" if index.name is None or index.dtype.kind == "M" else str(index.name)
+            header, series = [time_header, *header], [index, *series]
     else:
         kind, cure = "Dataset", "give it attrs['units'] = '{unit}'"
         header, series = _dataset_columns(source, dict(columns or {}), names)
