@@ -279,8 +279,7 @@ def _read_files(paths: Sequence[Path], options: ReadingOptions) -> tuple[list[Po
     unread_files = sorted({path.name for path in paths} - {point.file for point in points})
     problems += [Problem(f"{file} has no point that is known: {cure}", file, "missing") for file in unread_files]
     for name in sorted(options.units.keys() - {point.name for point in points}):
-        sentence = f"--unit {name}={options.units[name]}: no file has the point {name}"
-        problems.append(Problem(sentence, "--unit", "name"))
+        problems.append(Problem(f"--unit {name}={options.units[name]}: no file has the point {name}", "--unit", "name"))
     raise_problems(problems)
     file_notes = [f"{path.name}: {note}" for path, ls in zip(paths, notes, strict=True) for note in dict.fromkeys(ls)]
     return points, all_columns.notes + file_notes

@@ -148,8 +148,7 @@ def _footer_length(data: NumberedRows, width: int) -> int:
         time_columns = [0]
     n = 0
     while n < min(20, len(data) - 1):
-        row = data[-1 - n][1]
-        cells = [cell.strip() for cell in _trim_blank_end(row)]
+        cells = [cell.strip() for cell in _trim_blank_end(data[-1 - n][1])]
         time_cell = cells[time_columns[0]] if time_columns and time_columns[0] < len(cells) else ""
         words = [cell for cell in ([time_cell] if time_cell else cells) if any(map(str.isalpha, cell[:8]))]
         is_label = bool(time_columns) and any(
@@ -323,8 +322,7 @@ class Table:
 
     def copy(self) -> Table:
         """Return a table with lists of its own, of the same rows."""
-        names = ("header", "rows", "row_numbers", "problems", "notes")
-        lists: Any = {name: [*getattr(self, name)] for name in names}
+        lists: Any = {name: [*getattr(self, name)] for name in ("header", "rows", "row_numbers", "problems", "notes")}
         return replace(self, **lists)
 
     def add_problem(self, sentence: str, field: str, code: str) -> None:
