@@ -63,12 +63,10 @@ def with_reading_options(command: Callable[..., None]) -> Callable[..., None]:
 
 
 with_toml = click.option("-o", "--out", type=PATH, help="TOML file to write, and a figure beside it; none by default.")
-with_stroke_time = click.option(
-    "--stroke-time", type=float, help="Seconds the motor takes from closed to open; 90 by default."
-)
-with_warm_up = click.option(
-    "--warm-up", type=float, default=1800.0, show_default=True, help="Seconds excluded after each start."
-)
+with_stroke_time = click.option("--stroke-time", type=float,
+                                help="Seconds the motor takes from closed to open; 90 by default.")  # fmt: skip
+with_warm_up = click.option("--warm-up", type=float, default=1800.0, show_default=True,
+                            help="Seconds excluded after each start.")  # fmt: skip
 
 
 def require_fit_file(out: Path) -> None:
@@ -198,13 +196,12 @@ def read_test_command(data: Path, read: dict[str, Any], out: Path | None, **opti
     write_result(test_result, out)
 
 
-_POINT_HELP = "File of the point NAME (or header, or FILE:HEADER), if neither header nor file name is NAME."
-
-
 @click.command()
 @click.argument("files", type=PATH, nargs=-1)
 @click.option("-o", "--out", type=PATH, default="log.csv", show_default=True, help="CSV file to write; a new one.")
-@click.option("--column", "columns", multiple=True, metavar="NAME=FILE", help=_POINT_HELP)
+@click.option("--column", "columns", multiple=True, metavar="NAME=FILE",
+              help="File of the point NAME (or header, or FILE:HEADER), if neither header nor file name is "
+              "NAME.")  # fmt: skip
 @click.option("--unit", "units", multiple=True, metavar="NAME=UNIT", help="Unit of a point whose header has none.")
 @click.option("--ignore", multiple=True, metavar="NAME|HEADER", help="A column that is not read.")
 @click.option("--step", type=float, help="Time step of the joined log, s; that of the fastest point by default.")
@@ -255,16 +252,11 @@ def fit() -> None:
 
 
 with_common_options = combine_options(
-    click.option(
-        "--split",
-        type=float,
-        help="Share of the log to fit, in whole batches or pieces if there are four or more; 0.7 by default, 1 "
-        "with --validate.",
-    ),
+    click.option("--split", type=float, help="Share of the log to fit, in whole batches or pieces if there are four or "
+                 "more; 0.7 by default, 1 with --validate."),
     click.option("--validate", "validation", type=PATH, help="Another CSV file for validation."),
-    with_report,
-    with_reading_options,
-)
+    with_report, with_reading_options,
+)  # fmt: skip
 """The options that all fits have."""
 
 
@@ -301,20 +293,11 @@ with_constants = click.option(
 @with_common_options
 @click.option("-o", "--out", type=PATH, default="valve.toml", show_default=True, help="TOML file to write.")
 @click.option("--m-max", type=float, help="Asymptotic flow, kg/s; fitted by default.")
-@click.option(
-    "--lag",
-    type=parse_number_or_word,
-    default="auto",
-    show_default=True,
-    metavar="SECONDS",
-    help="Delay of the logged flow behind the command; auto: estimated per segment, reported, removed.",
-)
-@click.option(
-    "--hold",
-    "holds",
-    metavar="command",
-    help="The command is constant between rows; by default it may move between them.",
-)
+@click.option("--lag", type=parse_number_or_word, default="auto", show_default=True, metavar="SECONDS",
+              help="Delay of the logged flow behind the command; auto: estimated per segment, reported, "
+              "removed.")  # fmt: skip
+@click.option("--hold", "holds", metavar="command",
+              help="The command is constant between rows; by default it may move between them.")  # fmt: skip
 def fit_valve_command(data: Path, read: dict[str, Any], out: Path, report: Path | None, **options: Any) -> None:
     """Fit backlash and flow curve to the columns command and m_w of DATA.
 
@@ -346,14 +329,8 @@ def fit_coil_command(
 @fit.command("loop")
 @with_common_options
 @click.option("-o", "--out", type=PATH, default="loop.toml", show_default=True, help="TOML file to write.")
-@click.option(
-    "--loop",
-    "parts",
-    multiple=True,
-    required=True,
-    metavar="PRESET|FILE.toml",
-    help="Valve curve, coil, motor and sensor: a preset, and files written by `fastcoil fit`.",
-)
+@click.option("--loop", "parts", multiple=True, required=True, metavar="PRESET|FILE.toml",
+              help="Valve curve, coil, motor and sensor: a preset, and files written by `fastcoil fit`.")  # fmt: skip
 @with_constants
 @with_warm_up
 def fit_loop_command(

@@ -14,17 +14,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from fastcoil.base.arguments import (
-    Checks,
-    argument_checks,
-    is_number,
-    require_choice,
-    require_flag,
-    require_mapping,
-    require_names,
-    require_number,
-    require_path,
-)  # fmt: skip
+from fastcoil.base import arguments
 from fastcoil.base.errors import Problem, did_you_mean, short_repr
 from fastcoil.logs.series import COLUMNS, TIME_COLUMNS, VOCABULARY, is_unit
 from fastcoil.logs.table import TIME_HEADERS, Table, has_name, normalise_header, split_label_and_unit
@@ -91,46 +81,43 @@ class ReadingOptions:
         """Return the advice how to name the header of the column that holds ``name``."""
         return self.cure(f"columns={{{name!r}: {header!r}}}", f"--column {name}={header!r}")
 
-    def ignore_cure(self, name: str) -> str:
-        """Return the advice how to leave a column out; blank where the caller does not offer that."""
-        cure = self.cure(f"ignore=[{name!r}]", f"--ignore {name!r}")
-        return f", or leave it out: {cure}" if self.reader != "function" else ""
 
-
-def check_reading_options(check: Checks, **arguments: Any) -> ReadingOptions:
+def check_reading_options(check: arguments.Checks, **options: Any) -> ReadingOptions:
     """Check the arguments of a public function that say how its log is read; it passes those that it offers."""
-    if "drop" in arguments:
-        check(require_flag, "drop", arguments["drop"])
-    if "jumps" in arguments:
-        check(require_choice, "jumps", arguments["jumps"], ("refuse", "split"))
-    arguments["max_gap"] = check(require_max_gap, arguments["max_gap"])
-    check(require_name_mappings, **{name: arguments[name] for name in _MAPPING_EXAMPLES if name in arguments})
-    arguments["time_format"] = check.unless_none(require_time_format, "time_format", arguments["time_format"])
-    if "time_zone" in arguments:
-        arguments["time_zone"] = check(require_time_zone, "time_zone", arguments["time_zone"])
-    arguments["ignore"] = check(require_names, "ignore", arguments["ignore"]) if arguments.get("ignore") else []
-    arguments |= {name: {} for name in ("units", "constants") if name in arguments and arguments[name] is None}
-    return ReadingOptions(**arguments)
+    if "drop" in options:
+        check(arguments.require_flag, "drop", options["drop"])
+    if "jumps" in options:
+        check(arguments.require_choice, "jumps", options["jumps"], ("refuse", "split"))
+    options["max_gap"] = check(require_max_gap, options["max_gap"])
+    check(require_name_mappings, **{name: options[name] for name in _MAPPING_EXAMPLES if name in options})
+    options["time_format"] = check.unless_none(require_time_format, "time_format", options["time_format"])
+    if "time_zone" in options:
+        options["time_zone"] = check(require_time_zone, "time_zone", options["time_zone"])
+    options["ignore"] = check(arguments.require_names, "ignore", options["ignore"]) if options.get("ignore") else []
+    options |= {name: {} for name in ("units", "constants") if name in options and options[name] is None}
+    return ReadingOptions(**options)
 
 
-def require_name_mappings(**arguments: Any) -> None:
+def require_name_mappings(**mappings: Any) -> None:
     """Raise one `InputError` for all of columns, units and constants that do not map names; None passes."""
-    with argument_checks() as check:
-        for name, value in arguments.items():
+    with arguments.argument_checks() as check:
+        for name, value in mappings.items():
             cure = f"give a mapping of names, such as {_MAPPING_EXAMPLES[name]}"
-            check.unless_none(require_mapping, name, value, cure, to_text=name != "constants")
+            check.unless_none(arguments.require_mapping, name, value, cure, to_text=name != "constants")
 
 
 def require_max_gap(max_gap: Any) -> float | None:
     """Require the longest step to be bridged; None passes."""
-    return None if max_gap is None else require_number("max_gap", max_gap, "give seconds, at least 1", least=1.0)
+    if max_gap is None:
+        return None
+    return arguments.require_number("max_gap", max_gap, "give seconds, at least 1", least=1.0)
 
 
 def require_log(name: str, source: Any) -> Any:
     """Require a log: the path of a CSV file, a Dataset, or a DataFrame."""
     if hasattr(type(source), "data_vars") or (hasattr(type(source), "iloc") and hasattr(type(source), "columns")):
         return source
-    return require_path(name, source, "give the path of a CSV file, an xarray.Dataset or a pandas.DataFrame")
+    return arguments.require_path(name, source, "give the path of a CSV file, an xarray.Dataset or a pandas.DataFrame")
 
 
 _WORD_MEANINGS = {word: known.split() for known, written in VOCABULARY["words"].items() for word in written.split()}
@@ -213,7 +200,7 @@ def find_columns(table: Table, options: ReadingOptions, spec: ColumnSpec) -> dic
     table.check_names("constants", constants, spec.names)
     for name, series in COLUMNS.items():
         value = constants.get(name, 0.0)
-        if name in constants and (not is_number(value) or series.is_bad(np.array([value], dtype=float))[0]):
+        if name in constants and (not arguments.is_number(value) or series.is_bad(np.array([value], dtype=float))[0]):
             bounds = f"{series.lower:g} to {series.upper:g}{'' if series.unit == '1' else f' {series.unit}'}"
             sentence = f"constants has {name} = {short_repr(value)}: give a number from {bounds}"
             table.add_problem(sentence, "constants", "value")
@@ -236,18 +223,16 @@ def find_columns(table: Table, options: ReadingOptions, spec: ColumnSpec) -> dic
         elif not available and not preferred:
             headers = candidates.get(choices[0], [])
             is_needed = choices[0] not in spec.optional or choices[0] == "T_set" or options.reader == "function"
+            listing = " or ".join(map(short_repr, headers[:_MAX_LISTED_COLUMNS]))
+            cure = options.column_cure(choices[0], *headers[:1])
             if len(headers) > 1 and not is_needed:
-                listing = " or ".join(map(short_repr, headers[:_MAX_LISTED_COLUMNS]))
-                cure = options.column_cure(choices[0], headers[0])
                 table.notes.append(f"{choices[0]} is not read, it may be {listing}: {cure}")
             elif len(headers) > 1:
-                advice = f"{' or '.join(map(short_repr, headers[:_MAX_LISTED_COLUMNS]))}: say which to read"
-                sentence = f"{choices[0]} may be {advice}: {options.column_cure(choices[0], headers[0])}"
-                table.add_problem(sentence, choices[0], "missing")
+                table.add_problem(f"{choices[0]} may be {listing}: say which to read: {cure}", choices[0], "missing")
             elif headers and choices[0] == "T_set":  # without it, every answer is another one
-                cure = f"{options.column_cure('T_set', headers[0])}{options.ignore_cure(headers[0])}"
-                sentence = f"T_set may be {short_repr(headers[0])}: say so, {cure}"
-                table.add_problem(sentence, "T_set", "missing")
+                if options.reader != "function":
+                    cure += f", or leave it out: {options.cure(f'ignore=[{headers[0]!r}]', f'--ignore {headers[0]!r}')}"
+                table.add_problem(f"T_set may be {listing}: say so, {cure}", "T_set", "missing")
             elif choices[0] not in spec.optional:
                 table.problems.append(_describe_missing_column(choices, options, spec, *headers))
     read_names = (*spec.names, *TIME_COLUMNS, "batch")

@@ -15,6 +15,7 @@ import numpy as np
 from fastcoil.base.arguments import argument_checks, collect_problems, raise_problems
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError, Problem, short_repr
+from fastcoil.logs import timestamps
 from fastcoil.logs.cells import is_missing_word, is_number_or_switch_word
 from fastcoil.logs.columns import ColumnSpec, ReadingOptions, find_columns, interpret_header
 from fastcoil.logs.pieces import GAP_MEDIAN_STEPS, has_uneven_steps, read_times
@@ -22,15 +23,7 @@ from fastcoil.logs.plausibility import describe_likely_unit, find_misread_units
 from fastcoil.logs.readings import describe_left_out, read_columns
 from fastcoil.logs.series import COLUMNS, TIME_COLUMNS, VOCABULARY, format_count, is_unit
 from fastcoil.logs.table import REVERSED_ROWS_NOTE, Table, normalise_header, split_label_and_unit
-from fastcoil.logs.timestamps import (
-    MICROSECOND_DTYPE,
-    MONTH_FIRST_NOTE,
-    SECOND_US,
-    UNKNOWN_ORDER,
-    Timestamps,
-    apply_time_zone,
-    format_utc_offset,
-)
+from fastcoil.logs.timestamps import MICROSECOND_DTYPE, SECOND_US, Timestamps, apply_time_zone, format_utc_offset
 
 _NON_POINT_COLUMNS = ("elapsed_time", "batch")  # that are about rows
 POINT_NAMES = [name for name in COLUMNS if name not in _NON_POINT_COLUMNS]  # that a point may have
@@ -194,12 +187,11 @@ def pivot_points(table: Table, options: ReadingOptions, spec: ColumnSpec) -> Tab
     start, end = _common_span(points)
     clock = clock[(clock >= start) & (clock <= end)]
     clock, (header, *cells), notes = _sample_on_clock(points, clock, options.max_gap, 17)  # reads back to the bit
-    rows: dict[int, int] = {}
-    for source in sources:
-        rows |= zip(source.stamps.microseconds.tolist(), source.table.row_numbers, strict=True)
+    numbered = (zip(source.stamps.microseconds.tolist(), source.table.row_numbers, strict=True) for source in sources)
+    row_by_time: dict[int, int] = dict(chain.from_iterable(numbered))
     has_common_times = all(np.array_equal(point.times, points[0].times) for point in points)
     table_notes = list(dict.fromkeys([*table.notes, *notes * (not has_common_times)]))
-    return Table(table.name, header, cells, [rows[time] for time in clock.tolist()], notes=table_notes)
+    return Table(table.name, header, cells, [row_by_time[time] for time in clock.tolist()], notes=table_notes)
 
 
 def join_points(
@@ -270,8 +262,9 @@ def _read_files(paths: Sequence[Path], options: ReadingOptions) -> tuple[list[Po
             sources += table_sources
             notes.append(table.notes)
     texts = [*chain(*notes)]
-    is_month_first = any(text.startswith(MONTH_FIRST_NOTE) and UNKNOWN_ORDER not in text for text in texts)
-    if is_month_first and not options.month_first and any(UNKNOWN_ORDER in text for text in texts):
+    unclear = [text for text in texts if timestamps.UNKNOWN_ORDER in text]
+    is_month_first = any(text.startswith(timestamps.MONTH_FIRST_NOTE) for text in texts if text not in unclear)
+    if unclear and is_month_first and not options.month_first:
         return _read_files(paths, replace(options, month_first=True))  # what one file shows holds for the others
     name_counts = Counter(chain(*names))
     for name, target in (options.columns or {}).items():
@@ -286,8 +279,7 @@ def _read_files(paths: Sequence[Path], options: ReadingOptions) -> tuple[list[Po
     unread_files = sorted({path.name for path in paths} - {point.file for point in points})
     problems += [Problem(f"{file} has no point that is known: {cure}", file, "missing") for file in unread_files]
     for name in sorted(options.units.keys() - {point.name for point in points}):
-        sentence = f"--unit {name}={options.units[name]}: no file has the point {name}"
-        problems.append(Problem(sentence, "--unit", "name"))
+        problems.append(Problem(f"--unit {name}={options.units[name]}: no file has the point {name}", "--unit", "name"))
     raise_problems(problems)
     file_notes = [f"{path.name}: {note}" for path, ls in zip(paths, notes, strict=True) for note in dict.fromkeys(ls)]
     return points, all_columns.notes + file_notes
@@ -317,11 +309,9 @@ def _common_span(points: Sequence[Point], step: int = 1) -> tuple[int, int]:
     ends = [int(point.times[-1]) for point in points if point.is_regular]
     end = min(ends) if ends else max(int(point.times[-1]) for point in points)
     if end // step <= -(-start // step):
-        spans = []
-        for point in points:
-            first, last = point.times[[0, -1]].astype(MICROSECOND_DTYPE).astype("datetime64[s]")
-            spans.append(f"{point.name} {first} to {last}")
-        sentence = f"there are no two times at which all points have values ({'; '.join(spans)})"
+        ends_by_name = {p.name: p.times[[0, -1]].astype(MICROSECOND_DTYPE).astype("datetime64[s]") for p in points}
+        spans = "; ".join(f"{name} {first} to {last}" for name, (first, last) in ends_by_name.items())
+        sentence = f"there are no two times at which all points have values ({spans})"
         raise InputError(f"{sentence}: give files of one time", points[0].name, "data")
     return start, end
 

@@ -147,8 +147,7 @@ def check_plausible_units(
         likeness = plausibility.describe_likely_unit(likely_unit)
         cure = table.unit_declaration_cure(column_by_name[name], likely_unit)
         cure += f"; if {unit} is right, declare it in the log and with {options.unit_cure(name, unit)}"
-        sentence = f"{name} = {cell} in row {row} is declared in {unit}, and {likeness}: {cure}"
-        table.add_problem(sentence, name, "unit")
+        table.add_problem(f"{name} = {cell} in row {row} is declared in {unit}, and {likeness}: {cure}", name, "unit")
     for name in sorted({"T_sup", "T_set", "T_a_in"} & values.keys() - trusted):
         if k := plausibility.find_unit_change(values[name]):
             sentence = f"{name} jumps in row {table.row_numbers[k]} as if °C and °F were in one column: write one unit"
@@ -157,9 +156,8 @@ def check_plausible_units(
         scale, offset = TRAVEL[readings.units["command"]]
         command = (values["command"] - offset) / scale
         if k := plausibility.find_scale_change(command) if scale == TRAVEL["%"][0] else 0:
-            row = table.row_numbers[k]
-            sentence = f"command goes on in row {row} as if in another unit than before: write one unit"
-            table.add_problem(sentence, "command", "unit")
+            mistake = f"command goes on in row {table.row_numbers[k]} as if in another unit than before"
+            table.add_problem(f"{mistake}: write one unit", "command", "unit")
         if k := plausibility.find_column_exchange(values["T_sup"], command) if "T_sup" in values else 0:
             sentence = f"T_sup and command go on exchanged in row {table.row_numbers[k]}: write one order of columns"
             table.add_problem(sentence, "T_sup", "data")
@@ -167,8 +165,7 @@ def check_plausible_units(
     if exchanged_column and not {"T_sup", exchanged_column} <= trusted:
         mistake = f"T_sup, first in row {table.row_numbers[0]}, is outside what air and water enter with"
         cure = "exchange the two headers, or check both sensors"
-        sentence = f"{mistake}, as if {exchanged_column} and it were exchanged: {cure}"
-        table.add_problem(sentence, "T_sup", "data")
+        table.add_problem(f"{mistake}, as if {exchanged_column} and it were exchanged: {cure}", "T_sup", "data")
     if {"T_sup", "T_set"} <= values.keys() - (options.columns or {}).keys():
         steps = np.diff(time[np.isfinite(time)])
         coil = coil_kind(table.header[column_by_name["command"]]) if "command" in values else ""

@@ -43,12 +43,9 @@ WATER_FLOW = _units_without_offset({
 HUMIDITY_RATIO = _units_without_offset({"1": 1.0, "kg/kg": 1.0, "g/kg": 1e-3})
 FRACTION = _units_without_offset({"1": 1.0, "percent": 0.01, "%": 0.01})
 TRAVEL: Units = {
-    **FRACTION,
-    **_units_without_offset({"deg": 1 / 90, "V": 0.1, "V 0-10": 0.1}),
-    "V 2-10": (1 / 8, -2 / 8),
-    "mA 4-20": (1 / 16, -4 / 16),
-    "mA 0-20": (1 / 20, 0.0),
-}
+    **FRACTION, **_units_without_offset({"deg": 1 / 90, "V": 0.1, "V 0-10": 0.1}),
+    "V 2-10": (1 / 8, -2 / 8), "mA 4-20": (1 / 16, -4 / 16), "mA 0-20": (1 / 20, 0.0),
+}  # fmt: skip
 """Travel of a valve; degrees of a quarter turn, volts of 0–10, signals whose lowest value is the closed valve."""
 PRESSURE = _units_without_offset({"Pa": 1.0, "hPa": 100.0, "kPa": 1000.0})
 TIME = _units_without_offset({"s": 1.0, "min": 60.0, "h": 3600.0})

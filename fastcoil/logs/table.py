@@ -148,8 +148,7 @@ def _footer_length(data: NumberedRows, width: int) -> int:
         time_columns = [0]
     n = 0
     while n < min(20, len(data) - 1):
-        row = data[-1 - n][1]
-        cells = [cell.strip() for cell in _trim_blank_end(row)]
+        cells = [cell.strip() for cell in _trim_blank_end(data[-1 - n][1])]
         time_cell = cells[time_columns[0]] if time_columns and time_columns[0] < len(cells) else ""
         words = [cell for cell in ([time_cell] if time_cell else cells) if any(map(str.isalpha, cell[:8]))]
         is_label = bool(time_columns) and any(
@@ -242,9 +241,8 @@ class Table:
         header_index = next(named_rows, _header_index(first_rows))
         (header_row, header), data = rows[header_index], rows[header_index + 1 :]
         if header_index:
-            notes.append(
-                f"what is above row {header_row} is not part of the table, from {short_repr(' '.join(rows[0][1]))} on"
-            )
+            first_text = short_repr(" ".join(rows[0][1]))
+            notes.append(f"what is above row {header_row} is not part of the table, from {first_text} on")
         units = None
         if data and _is_unit_row(data[0][1]) and any(map(_is_data_cell, chain(*(row for _, row in data[1:3])))):
             number, cells = data.pop(0)
@@ -324,8 +322,7 @@ class Table:
 
     def copy(self) -> Table:
         """Return a table with lists of its own, of the same rows."""
-        names = ("header", "rows", "row_numbers", "problems", "notes")
-        lists: Any = {name: [*getattr(self, name)] for name in names}
+        lists: Any = {name: [*getattr(self, name)] for name in ("header", "rows", "row_numbers", "problems", "notes")}
         return replace(self, **lists)
 
     def add_problem(self, sentence: str, field: str, code: str) -> None:
@@ -386,11 +383,10 @@ def table_from_data(source: Any, columns: Mapping[str, str] | None, names: Colle
         header = [_header_with_unit(str(name).strip(), values) for name, values in source.items()]
         series, index = [values for _, values in source.items()], source.index
         if index.dtype.kind == "m":
-            header.insert(0, f"{index.name or 'elapsed_time'} [s]")
-            series.insert(0, index.total_seconds())
+            header, series = [f"{index.name or 'elapsed_time'} [s]", *header], [index.total_seconds(), *series]
         elif index.name is not None or is_time_like(index):
-            header.insert(0, "timestamp" if index.name is None or index.dtype.kind == "M" else str(index.name))
-            series.insert(0, index)
+            time_header = "timestamp" if index.name is None or index.dtype.kind == "M" else str(index.name)
+            header, series = [time_header, *header], [index, *series]
     else:
         kind, cure = "Dataset", "give it attrs['units'] = '{unit}'"
         header, series = _dataset_columns(source, dict(columns or {}), names)
@@ -410,9 +406,8 @@ def _dataset_columns(ds: xr.Dataset, columns: Mapping[str, str], names: Collecti
     times = (*(columns.get(name, name) for name in coordinates), *coordinates)
     dims = [name for name in times if name in ds.coords and ds[name].dims == (name,)]
     if not dims:
-        sentence = (
-            "the Dataset has no coordinate elapsed_time, nor timestamp: give every variable one of them as dimension"
-        )
+        cure = "give every variable one of them as dimension"
+        sentence = f"the Dataset has no coordinate elapsed_time, nor timestamp: {cure}"
         raise InputError(sentence, "elapsed_time", "missing")
     time = dims[0]
     read_names = [str(n) for n in ds.data_vars if n in names or n in columns.values()]

@@ -76,9 +76,7 @@ def require_time_zone(name: str, value: Any) -> str:
     text = "" if value is None else require_text(name, value).strip()
     if offset := re.fullmatch(r"UTC([+-])(\d\d):([0-5]\d)", text, re.ASCII):
         format_utc_offset(int(offset[1] + offset[2]) * 60 + int(offset[1] + offset[3]))
-    if not text or offset:
-        return text
-    if text in (known_zones := zoneinfo.available_timezones()):
+    if not text or offset or text in (known_zones := zoneinfo.available_timezones()):
         return text
     cure = "give a name such as 'America/Los_Angeles', or an offset such as 'UTC-08:00'"
     raise InputError(f"{name} = {short_repr(text)}{did_you_mean(text, known_zones)}: {cure}", name, "choice")
