@@ -11,18 +11,9 @@ import joblib
 import numpy as np
 import xarray as xr
 
+from fastcoil.base import files
 from fastcoil.base.arguments import argument_checks, collect_problems, require_flag, require_path
 from fastcoil.base.errors import FastcoilError, InputError, StorageError
-from fastcoil.base.files import (
-    convert_os_errors,
-    exists,
-    has_mark,
-    is_folder,
-    list_folder,
-    make_folder,
-    require_output_file,
-    write_atomically,
-)
 from fastcoil.base.progress import Advance, display_for_call
 from fastcoil.base.text import MISSING_VALUE, escape_control_characters, escape_formulas
 from fastcoil.deliver.report.page import Page, Section, Table, format_significant, require_page
@@ -118,25 +109,25 @@ def survey(
         rows = list(_diagnose_logs(logs_by_valve, read or {}, options, n_jobs, advance))
     ds = _rows_to_dataset(sorted(rows, key=_ranking_key))
     for target in targets:
-        with convert_os_errors(target.parent, "written"):
-            make_folder(target.parent, parents=True)
+        with files.convert_os_errors(target.parent, "written"):
+            files.make_folder(target.parent, parents=True)
         content = _csv_text(ds) if target.suffix.lower() == ".csv" else _survey_page(ds).html()
-        write_atomically(target, content.encode())
+        files.write_atomically(target, content.encode())
     return ds
 
 
 def _target_files(name: str, out: Any) -> list[Path]:
     """Return the files that a survey writes; refuse, before any work, an existing one that is no earlier survey."""
     path = require_path(name, out, "give FILE.html, FILE.csv or a folder")
-    if is_folder(path) or not (path.suffix or exists(path)):
+    if files.is_folder(path) or not (path.suffix or files.exists(path)):
         targets = [path / "survey.html", path / "survey.csv"]
     else:
-        require_output_file(name, path, ".html", ".htm", ".csv")
+        files.require_output_file(name, path, ".html", ".htm", ".csv")
         targets = [path]
-    for target in filter(exists, targets):
+    for target in filter(files.exists, targets):
         if target.suffix.lower() != ".csv":
             require_page(target, name)
-        elif not has_mark(target, _TABLE_MARK):
+        elif not files.has_mark(target, _TABLE_MARK):
             raise InputError(f"{name} {target}: the file exists and is not a survey: choose another name", name, "path")
     return targets
 
@@ -147,11 +138,11 @@ def _logs_by_valve(logs: Any) -> dict[str, Any]:
         return {str(valve): log for valve, log in logs.items()}
     sources = list(logs) if isinstance(logs, list | tuple | Iterator) else [logs]
     cure = "give CSV files, a folder of them, or a mapping of names to logs"
-    files: dict[Path, None] = {}
+    log_files: dict[Path, None] = {}
     for path in (require_path("logs", source, cure) for source in sources):
-        files_inside = list_folder(path) if is_folder(path) else [path]
-        files |= dict.fromkeys(file for file in files_inside if file == path or file.suffix.lower() == ".csv")
-    paths = [file for file in files if not has_mark(file, _TABLE_MARK)]
+        files_inside = files.list_folder(path) if files.is_folder(path) else [path]
+        log_files |= dict.fromkeys(file for file in files_inside if file == path or file.suffix.lower() == ".csv")
+    paths = [file for file in log_files if not files.has_mark(file, _TABLE_MARK)]
     if not paths:
         raise InputError(f"logs: no CSV file: {cure}", "logs", "missing")
     names = [path.stem for path in paths]
