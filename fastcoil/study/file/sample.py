@@ -119,7 +119,7 @@ def sample_values(
     names = list(distributions)
     method, is_saltelli = table["method"], table["method"] == SALTELLI
     dims = len(names) * (2 if is_saltelli else 1)
-    designs = [_design_points(method, table["size"], dims, table.get("seed", 0), k) for k in range(batches)]
+    designs = [_design_points(method, int(table["size"]), dims, int(table.get("seed", 0)), k) for k in range(batches)]
     points = designs[0] if batches == 1 else np.concatenate(designs)
     points = _correlate_points(points, names, table.get("correlation", []))
     values_A = {name: _evaluate_quantiles(distributions[name], points[:, k]) for k, name in enumerate(names)}

@@ -78,7 +78,9 @@ def logs(tmp_path):
     rng, n = np.random.default_rng(1), 2 * 3600
     day = fc.paper_day(hours=2, seed=1)
     command = np.clip(np.repeat(np.cumsum(rng.normal(0.0, 0.15, n // 120)) % 1.0, 120), 0.05, 0.95)
-    ds = fc.simulate(fc.Loop(backlash=0.1), day, command=command, traces=["m_w", "T_sup"], warm_up=0)
+    ds = fc.simulate(
+        fc.Loop(backlash=0.1, C_w=10.0, converged=True), day, command=command, traces=["m_w", "T_sup"], warm_up=0
+    )
     flow, series = ds["m_w"].values, {name: values[0] for name, values in day.series.items()}
     every = slice(None, None, 60)
     t = np.arange(n)[every] / 60.0
