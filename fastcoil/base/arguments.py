@@ -109,9 +109,9 @@ def _carried_units(name: str, value: Any) -> Iterator[str]:
     for part in (part for part in parts if type(part) not in _BARE_TYPES):
         yield from _carried_units(name, part)
     units = attrs if isinstance(attrs, Mapping) else {key: getattr(value, key, None) for key in ("units", "unit")}
-    found = [unit for key, unit in units.items() if _UNIT_KEY.fullmatch(re.sub(r"[\W_]", "", str(key).casefold()))]
+    texts = [unit for key, unit in units.items() if _UNIT_KEY.fullmatch(re.sub(r"[\W_]", "", str(key).casefold()))]
     in_name = re.search(r"\[\s*(.*?)\s*\]\s*$", str(getattr(value, "name", ""))) if attrs is not None else None
-    for unit in found or ([in_name[1]] if in_name else []):
+    for unit in texts or ([in_name[1]] if in_name else []):
         if attrs is not None and not isinstance(unit, str):
             raise InputError(f"{name} has units = {short_repr(unit)}: give a text, such as 'K'", name, "type")
         if unit is not None and not callable(unit):

@@ -56,8 +56,11 @@ def to_control(linearised: xr.Dataset, loop: Loop | None = None) -> Any:
         import control
     except ImportError:
         raise missing_extra_error("to_control", "control", "control") from None
-    A, B = point["A"].transpose("state", "state_before").values, point["B"].values
-    states = [str(name) for name in point["state"].values]
+    states, before = ([str(name) for name in np.atleast_1d(point[dim].values)] for dim in ("state", "state_before"))
+    if "T_a_1" not in states or sorted(before) != sorted({*states}) or len(states) != len(before):
+        sentence = "linearised lacks states, or has one twice: give all of them, as fc.linearise does"
+        raise InputError(sentence, "linearised", "shape")
+    A, B = point["A"].sel(state_before=states).transpose("state", "state_before").values, point["B"].values
     output_row = np.array([name == "T_a_1" for name in states], float)
     if loop is None:
         names = {"inputs": "opening", "outputs": "T_sup", "states": states, "name": "plant"}

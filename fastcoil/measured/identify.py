@@ -92,9 +92,7 @@ class Likelihood(NamedTuple):
     without_command: Array
     with_command: Array
     rows: int
-    outside_swing: float = (
-        0.0  # largest power of what the best model leaves, at periods of 4 to 25 min, over the median
-    )
+    outside_swing: float = 0.0  # largest power that the best model leaves at periods of 4 to 25 min, over the median
     outside_period: float = np.nan  # of that swing, s
 
 
@@ -138,10 +136,8 @@ def likelihoods(
 
 def _find_outside_swing(residual: Array, step: float) -> tuple[float, float]:
     """Find the largest power of a residual at periods of 4 to 25 min, over the median power; and its period, s."""
-    power, frequency = (
-        np.abs(np.fft.rfft(residual * np.hanning(residual.size))) ** 2,
-        np.fft.rfftfreq(residual.size, step),
-    )
+    power = np.abs(np.fft.rfft(residual * np.hanning(residual.size))) ** 2
+    frequency = np.fft.rfftfreq(residual.size, step)
     is_swing = (frequency > 1.0 / 1500.0) & (frequency < 1.0 / 240.0)  # 1/s
     if not is_swing.any():
         return 0.0, np.nan

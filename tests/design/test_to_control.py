@@ -42,6 +42,16 @@ def test_responses_and_margins_are_those_of_linearise(name):
     assert phase == pytest.approx(float(ds.phase_margin), abs=0.3)
 
 
+def test_states_in_another_order_are_the_same_plant_and_missing_ones_are_refused():
+    _, ds = linearise_kind("mixed, quasistatic")
+    w = ds.frequency.values
+    expected = fc.to_control(ds).frequency_response(w).complex
+    backwards = fc.to_control(ds.isel(state=slice(None, None, -1)))
+    np.testing.assert_allclose(backwards.frequency_response(w).complex, expected, rtol=1e-9)
+    for states in ([0, 0, 1], [], slice(1, None)):
+        assert_refused("linearised", "shape", fc.to_control, ds.isel(state=states))
+
+
 def test_they_have_sample_times_and_names():
     loop, ds = linearise_kind("heating")
     plant, L = fc.to_control(ds), fc.to_control(ds, loop)
