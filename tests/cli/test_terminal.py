@@ -47,7 +47,7 @@ def test_logs_of_libraries_are_printed_without_control(capsys, monkeypatch):
     try:
         raise ValueError(UNSAFE_TEXT)
     except ValueError:
-        logging.getLogger("tornado").exception("%s", UNSAFE_TEXT)
+        logging.getLogger("a.library").exception("%s", UNSAFE_TEXT)
     first, *traceback = capsys.readouterr().err.split("\n")
     assert first == ESCAPED_TEXT
     assert traceback[0].startswith("Traceback")

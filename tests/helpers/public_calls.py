@@ -68,6 +68,7 @@ def base_calls(tmp_path_factory, cheap):
     sampled = xr.Dataset({"status": (("sample", "design"), np.zeros((8, 3), dtype=np.int8))})
     sampled["rmse"] = ("sample", "design"), np.random.default_rng(1).normal(size=(8, 3))
     sampled["design"] = ["A", "B", "kp"]
+    sampled["sample"] = range(8)
     # a second apart: with a short max_gap they do not fall into pieces, each of which would have to be fitted
     valve = write_csv(folder / "valve.csv", VALVE_HEADER, [[k, *row[1:]] for k, row in enumerate(valve_rows(80))])
     coil = write_csv(folder / "coil.csv", COIL_HEADER, coil_rows(40))

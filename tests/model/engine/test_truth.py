@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from helpers.full import full_except
 from helpers.twins import assert_equal_to_reference, assert_traces_equal
+from reference import saturation_humidity_ratio
 
 import fastcoil as fc
 from fastcoil.model.metric_table import TRACES
@@ -34,8 +35,13 @@ class Case(NamedTuple):
 
 DRY = {"W_a_in": 0.004}
 WET = {"W_a_in": 0.017, "T_w_in": 5.0}
+COLD_AIR = -3.0 + 9.0 * np.cos(SECONDS / 573.0)
 FROST = {
-    "T_a_in": -3.0 + 9.0 * np.cos(SECONDS / 573.0), "W_a_in": 0.0035 + 0.001 * np.sin(SECONDS / 150.0),
+    "T_a_in": COLD_AIR,
+    "W_a_in": np.minimum(
+        0.0035 + 0.001 * np.sin(SECONDS / 150.0),
+        0.95 * np.array([saturation_humidity_ratio(T, 101325.0) for T in COLD_AIR]),
+    ),
     "T_w_in": 4.0 - SECONDS / 1200, "T_set": 4.0,
 }  # fmt: skip
 STEAM = {

@@ -55,7 +55,7 @@ def test_a_reader_of_results_keeps_its_metrics_while_an_extension_replaces_them(
         with fc.open_study(out) as new:
             assert raw["rmse"].equals(new["rmse"].sel(backlash=raw["backlash"]))
             assert old["rmse"].equals(new["rmse"].sel(backlash=old["backlash"]))
-        with pytest.raises(IntegrityError, match="is missing, open the study again or delete"):
+        with pytest.raises(IntegrityError, match="is missing, open the study again or move"):
             old["T_sup"].load()
 
 
