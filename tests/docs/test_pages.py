@@ -63,8 +63,17 @@ def line_matches(line, expected):
     """Whether a printed line is the one shown, but for numbers that another CPU or library may round otherwise."""
     if NUMBER.sub("0", line.strip()) != NUMBER.sub("0", expected.strip()):
         return False
-    numbers, expected_numbers = ([float(n) for n in NUMBER.findall(text)] for text in (line, expected))
-    return numbers == pytest.approx(expected_numbers, rel=0.01)
+    numbers, expected_numbers = (NUMBER.findall(text) for text in (line, expected))
+    return all(
+        float(number) == pytest.approx(float(shown), rel=0.03, abs=1.01 * last_place(shown))
+        for number, shown in zip(numbers, expected_numbers, strict=True)
+    )
+
+
+def last_place(number):
+    """The value of one in the last digit of a number in text."""
+    digits, _, exponent = number.partition("e")
+    return 10.0 ** (int(exponent or 0) - len(digits.partition(".")[2]))
 
 
 PAGES_WITH_PYTHON = [page for page in PAGES if blocks(page, "python")]

@@ -278,10 +278,10 @@ def test_batches_are_independent_designs_of_which_the_first_is_that_of_a_single_
 
 
 EXISTING = {
-    "latin_hypercube": "ca4caec63e9725b81234",
-    "sobol": "b7a3899afe66ca0276ba",
-    "random": "5fa1dc7be7e8e50e635a",
-    "saltelli": "88a9475156e826d9cf19",
+    "latin_hypercube": "c0e97ea27e9baac9e960",
+    "sobol": "fee984108976a089e0b4",
+    "random": "58ed876a55bc013346e4",
+    "saltelli": "91b75e2b0d3bd5a4cace",
 }
 
 
@@ -294,7 +294,9 @@ def test_draws_are_those_of_earlier_versions(method):
     }  # fmt: skip
     digest = hashlib.sha256()
     for name, values in sample_values({"method": method, "size": 64, "seed": 7} | shapes).items():
-        digest.update(name.encode() + str(values.dims).encode() + values.values.tobytes())
+        # to 9 digits: the logarithm of another processor differs in the last of 16
+        texts = [str(v) if isinstance(v, str) else f"{v:.9g}" for v in values.values.ravel().tolist()]
+        digest.update(f"{name} {values.dims} {texts}".encode())
     assert digest.hexdigest()[:20] == EXISTING[method]
 
 
