@@ -27,15 +27,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from fastcoil.base import errors
 from fastcoil.base.arguments import require_choice
-from fastcoil.base.errors import (
-    FastcoilError,
-    InputError,
-    StorageError,
-    missing_extra_error,
-    out_of_memory_error,
-    short_repr,
-)
 from fastcoil.base.files import convert_os_errors
 from fastcoil.base.machine import wait_for_parent_exit
 from fastcoil.loops.plan import Plan, Shard
@@ -100,7 +93,7 @@ def run_received_job(job: Job, shard: Shard, expected_id: tuple[str, str] | None
     expected_id: what ``environment_id`` must be; this worker may have joined after the others were checked.
     """
     if expected_id is not None and environment_id() != expected_id:
-        raise InputError(
+        raise errors.InputError(
             "a worker that joined the dask cluster differs from the others in its version of fastcoil, CPU, Python or "
             "libraries: use workers of one kind; finished scenarios are kept, run the same command again to resume",
             "scheduler",
@@ -113,10 +106,10 @@ def run_received_job(job: Job, shard: Shard, expected_id: tuple[str, str] | None
         return run_scenarios(job, shard)
     except KeyboardInterrupt:
         raise Interrupt from None
-    except InputError as error:
+    except errors.InputError as error:
         problems = error.problems
     # without the exception of the user's code behind it, which the other process may be unable to read
-    raise InputError(problems)
+    raise errors.InputError(problems)
 
 
 _jobs: list[Job] = []
@@ -181,7 +174,7 @@ def run_shards(pool: Pool, job: Job, shards: Sequence[Shard]) -> Iterator[xr.Dat
                 continue
             n_deaths += is_retry
             if n_deaths > _MAX_DEATHS_WITHOUT_RESULT:
-                raise FastcoilError(
+                raise errors.FastcoilError(
                     f"{_MAX_DEATHS_WITHOUT_RESULT} workers died in a row without a result: they may lack memory, use "
                     "fewer with -j, or another --backend; finished scenarios are kept, run the same command again to "
                     "resume"
@@ -191,7 +184,7 @@ def run_shards(pool: Pool, job: Job, shards: Sequence[Shard]) -> Iterator[xr.Dat
             elif shard.lanes.size > 1:
                 retry.extendleft(reversed(shard.halves()))
             elif isinstance(outcome, MemoryError):
-                raise out_of_memory_error("not even a single scenario can be run") from outcome
+                raise errors.out_of_memory_error("not even a single scenario can be run") from outcome
             else:
                 crashed.append(shard.index)
     yield from (crashed_part(job, index) for index in crashed)
@@ -290,10 +283,10 @@ class Loky:
 def _process_start_errors() -> Iterator[None]:
     try:
         yield
-    except StorageError:
+    except errors.StorageError:
         raise
     except OSError as error:
-        raise StorageError(
+        raise errors.StorageError(
             f"the processes of --backend loky cannot be started: {error.strerror or error}; raise the limits of open "
             "files and processes (ulimit -n, -u), use fewer workers with -j, or the backend threads"
         ) from error
@@ -306,7 +299,7 @@ class Dask:
         try:
             import distributed
         except ImportError:
-            raise missing_extra_error("the backend dask", "dask and distributed", "dask") from None
+            raise errors.missing_extra_error("the backend dask", "dask and distributed", "dask") from None
         # when the scheduler is lost, futures are cancelled
         self.worker_errors: tuple[type[BaseException], ...] = (distributed.KilledWorker, cf.CancelledError, MemoryError)
         try:
@@ -319,7 +312,7 @@ class Dask:
             self._environment_id = min(environments)
         except Exception as error:  # the library may raise anything at an unexpected answer
             self.close()
-            raise InputError(
+            raise errors.InputError(
                 f"no dask cluster answers at {scheduler!r} ({str(error) or type(error).__name__}): give the address "
                 "that the scheduler printed when it started, such as tcp://host:8786, with at least one worker, and "
                 "for tls:// dask's settings of the certificates",
@@ -328,7 +321,7 @@ class Dask:
             ) from None
         try:
             if len(environments) > 1 or self._environment_id[0] != model_sha256():
-                raise InputError(
+                raise errors.InputError(
                     "the workers of the dask cluster run another version of fastcoil, or differ in CPU, Python or "
                     "library versions: results would not be bit-identical, use workers of one kind with this version",
                     "scheduler",
@@ -345,7 +338,7 @@ class Dask:
 
     def submit(self, shard: Shard) -> cf.Future[Any]:
         if self._client.status != "running":
-            raise FastcoilError("the dask scheduler is gone: start one and run the same command again to resume")
+            raise errors.FastcoilError("the dask scheduler is gone: start one and run the same command again to resume")
         return self._executor.submit(run_received_job, self._job, shard, self._environment_id)  # type: ignore[no-any-return]
 
     def close(self) -> None:
@@ -377,12 +370,14 @@ def check_backend(backend: str, scheduler: str | None) -> None:
     """Refuse a backend that does not exist, and dask without the address of its scheduler."""
     require_choice("backend", backend, BACKENDS)
     if backend == "dask" and not scheduler:
-        raise InputError(
+        raise errors.InputError(
             "backend = 'dask' without scheduler: give its address, such as tcp://host:8786; on this machine alone, "
             "loky does the same",
             "scheduler",
             "missing",
         )
     if backend != "dask" and scheduler is not None:
-        sentence = f"scheduler = {short_repr(scheduler)}: only the backend dask has one, choose it or leave it out"
-        raise InputError(sentence, "scheduler", "conflict")
+        sentence = (
+            f"scheduler = {errors.short_repr(scheduler)}: only the backend dask has one, choose it or leave it out"
+        )
+        raise errors.InputError(sentence, "scheduler", "conflict")

@@ -26,20 +26,10 @@ from typing import TypeVar
 import xarray as xr
 from filelock import BaseFileLock, FileLock, Timeout
 
+from fastcoil.base import files
 from fastcoil.base.arguments import is_storable_text
 from fastcoil.base.errors import InputError, IntegrityError, LockedError, StorageError, short_repr
 from fastcoil.base.figures import FIGURES_FOLDER
-from fastcoil.base.files import (
-    convert_os_errors,
-    exists,
-    is_folder,
-    list_folder,
-    make_folder,
-    read_bytes,
-    remove_temporary_files,
-    require_usable_path,
-    write_atomically,
-)
 from fastcoil.base.machine import retry_while_locked
 from fastcoil.base.text import escape_control_characters
 from fastcoil.study.file.spec import MAX_STUDY_FILE_BYTES, Study, read_study
@@ -80,11 +70,11 @@ class StudyFolder:
 
     @property
     def has_results(self) -> bool:
-        return exists(self.results_path)
+        return files.exists(self.results_path)
 
     @property
     def has_shards(self) -> bool:
-        return bool(list_folder(self.path / SHARDS_FOLDER))
+        return bool(files.list_folder(self.path / SHARDS_FOLDER))
 
     def require_manifest(self) -> Manifest:
         """Return the manifest of the run; ``InputError`` without a study, ``IntegrityError`` if it is lost."""
@@ -107,18 +97,18 @@ class StudyFolder:
         """Record which study is run, before its first shard, unless the folder says so."""
         # in this order: if it is killed in between, the manifest is still that of the results, or there is none
         if self.read_text() != text:
-            write_atomically(self.study_path, text.encode())
+            files.write_atomically(self.study_path, text.encode())
         stored = Manifest.read(self.path)
         if stored is None or stored.text != manifest.text:
-            write_atomically(self.path / MANIFEST_FILE, manifest.text.encode())
+            files.write_atomically(self.path / MANIFEST_FILE, manifest.text.encode())
 
     def read_text(self) -> str | None:
         """Return the text of the study that is run, or ``None`` if it is missing or damaged."""
-        if not exists(self.study_path):
+        if not files.exists(self.study_path):
             return None
         try:
-            with convert_os_errors(self.study_path, "read"):
-                return read_bytes(self.study_path, MAX_STUDY_FILE_BYTES).decode()
+            with files.convert_os_errors(self.study_path, "read"):
+                return files.read_bytes(self.study_path, MAX_STUDY_FILE_BYTES).decode()
         except ValueError:  # not UTF-8, or too large
             return None
 
@@ -162,11 +152,11 @@ class StudyFolder:
         return read()
 
     def trace_files(self) -> list[Path]:
-        return [path for path in list_folder(self.path) if path.match(TRACE_FILE_PATTERN)]
+        return [path for path in files.list_folder(self.path) if path.match(TRACE_FILE_PATTERN)]
 
     def remove_superseded(self, ds: xr.Dataset, manifest: Manifest) -> None:
         """Remove shards and traces that the results ``ds`` replace."""
-        with convert_os_errors(self.path, "cleaned up"):
+        with files.convert_os_errors(self.path, "cleaned up"):
             for path in self.trace_files():
                 if path.name != ds.attrs.get("trace_file"):
                     retry_while_locked(path.unlink)
@@ -184,7 +174,7 @@ def hold_folder(folder: Path, slice_name: str = "") -> Iterator[None]:
     another process holds it; the operating system frees it when that process ends, however it ends.  ``StorageError``
     if it cannot be written or its file system has no locks.
     """
-    require_usable_path(folder, "choose another folder with -o")
+    files.require_usable_path(folder, "choose another folder with -o")
     if "\\" in folder.as_posix() or not is_storable_text(str(folder.absolute())):
         raise InputError(
             f"{short_repr(str(folder))} holds a backslash or bytes that are not UTF-8, with which the NetCDF library "
@@ -192,15 +182,15 @@ def hold_folder(folder: Path, slice_name: str = "") -> Iterator[None]:
             "-o",
             "path",
         )
-    with convert_os_errors(folder, "written"):  # a folder above it may be closed to us
+    with files.convert_os_errors(folder, "written"):  # a folder above it may be closed to us
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{folder} is a file: choose another folder with -o", "-o", "path")
         made_folders = [p for p in (folder, *folder.parents) if not p.exists()]
     lock, holder = _make_lock(folder, slice_name), _slice_path(folder, _HOLDER_NAME, slice_name)
     is_noted = False
     try:
-        with convert_os_errors(folder, "written"):
-            make_folder(folder, parents=True)
+        with files.convert_os_errors(folder, "written"):
+            files.make_folder(folder, parents=True)
             _acquire_lock(lock, folder, slice_name, for_slice=bool(slice_name))
             # a share and the whole look at each other's locks after they have their own: one of two sees the other
             for other_slice in [""] if slice_name else _find_started_slices(folder):
@@ -214,9 +204,9 @@ def hold_folder(folder: Path, slice_name: str = "") -> Iterator[None]:
         now = datetime.now(UTC).isoformat(timespec="seconds")
         text = f"process {os.getpid()} on {platform.node()} since {now}"
         is_noted = True  # before it is: an interruption may come in between
-        write_atomically(holder, text.encode(errors="replace"))
-        for place in () if slice_name else filter(is_folder, (folder, folder / FIGURES_FOLDER)):
-            remove_temporary_files(place)
+        files.write_atomically(holder, text.encode(errors="replace"))
+        for place in () if slice_name else filter(files.is_folder, (folder, folder / FIGURES_FOLDER)):
+            files.remove_temporary_files(place)
         yield
     except LockedError:
         made_folders = []  # it is the other's too
@@ -246,7 +236,7 @@ def _make_lock(folder: Path, slice_name: str) -> BaseFileLock:
 
 def _find_started_slices(folder: Path) -> list[str]:
     """The shares that were begun since the folder was last held as a whole."""
-    paths = list_folder(folder) if is_folder(folder) else []
+    paths = files.list_folder(folder) if files.is_folder(folder) else []
     return [p.name.removeprefix(f"{_LOCK_NAME}-") for p in paths if p.match(f"{_LOCK_NAME}-*-of-*")]
 
 
@@ -293,7 +283,7 @@ def find_holder(folder: Path, slice_name: str = "") -> str | None:
 def _describe_holder(folder: Path, slice_name: str) -> str | None:
     """The note of the run that holds the folder; ``None`` without one, as of a lock that somebody looks at."""
     try:
-        note = read_bytes(_slice_path(folder, _HOLDER_NAME, slice_name), _MAX_HOLDER_BYTES, follow=False)
+        note = files.read_bytes(_slice_path(folder, _HOLDER_NAME, slice_name), _MAX_HOLDER_BYTES, follow=False)
     except FileNotFoundError:
         return None
     except (OSError, ValueError):

@@ -17,17 +17,9 @@ from fastcoil.base.machine import available_memory, command_line, format_bytes
 from fastcoil.loops.netcdf import probe_file
 from fastcoil.loops.scenarios import check_result, check_same_form, join_flat, unflatten
 from fastcoil.model.metric_table import STATUS_NOT_RUN, TRACES
+from fastcoil.study.folder import stored
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.state import FolderState, is_complete_result_of, is_result_of
-from fastcoil.study.folder.stored import (
-    MANIFEST_FILE,
-    RESULTS_FILE,
-    Manifest,
-    Shards,
-    find_problems,
-    open_final_results,
-    study_attributes,
-)
 
 _CURE = "give the folder of a study, its results.nc, or a result saved with ds.to_netcdf()"
 
@@ -89,7 +81,7 @@ def open_results(path: Path) -> xr.Dataset:
     """Open the folder of a study, its results.nc, or a NetCDF file with the result of a simulation."""
     if is_folder(path):
         return open_study(path)
-    if path.name == RESULTS_FILE and exists(path.with_name(MANIFEST_FILE)):
+    if path.name == stored.RESULTS_FILE and exists(path.with_name(stored.MANIFEST_FILE)):
         return open_study(path.parent)
     if not is_file(path):
         raise InputError(f"{path} does not exist: {_CURE}", str(path), "path")
@@ -121,7 +113,7 @@ def _open_folder(store: StudyFolder, leave_out: Collection[str] = ()) -> xr.Data
         parts = state.keep_scenarios(study, manifest).parts(leave_out, quarantine=False)
         ds = unflatten(join_flat(study.plan.n_scenarios, parts, allocate=allocate_on_disk), study.plan.layout)
         if ds.data_vars:
-            return ds.assign_attrs(study_attributes(study, manifest))
+            return ds.assign_attrs(stored.study_attributes(study, manifest))
     sentence = f"{store.path} has no finished scenario yet: wait, or run the study"
     raise InputError(sentence, str(store.path), "data")
 
@@ -142,18 +134,18 @@ def find_folder_problems(store: StudyFolder) -> list[str]:
     except IntegrityError as error:
         problems = str(error).splitlines()
     problems += find_result_problems(store, manifest)
-    return [*problems, *_find_shard_problems(Shards(store.path, manifest.key))]
+    return [*problems, *_find_shard_problems(stored.Shards(store.path, manifest.key))]
 
 
-def find_result_problems(store: StudyFolder, manifest: Manifest) -> Iterator[str]:
+def find_result_problems(store: StudyFolder, manifest: stored.Manifest) -> Iterator[str]:
     """Check the final files of a folder, whether or not its study can still be read."""
     if not store.has_results:
         if manifest.finished:
             yield f"{store.results_path} is missing: run the study again"
         return
     try:
-        ds = open_final_results(store.path, manifest)
-        yield from find_problems(ds, store.path, manifest)
+        ds = stored.open_final_results(store.path, manifest)
+        yield from stored.find_problems(ds, store.path, manifest)
     except StorageError:
         raise
     except FastcoilError as error:
@@ -173,7 +165,7 @@ def find_result_problems(store: StudyFolder, manifest: Manifest) -> Iterator[str
         yield f"{path} was drawn from other results: run `fastcoil plot {store.path}`, or delete it"
 
 
-def _find_shard_problems(shards: Shards) -> Iterator[str]:
+def _find_shard_problems(shards: stored.Shards) -> Iterator[str]:
     first = None
     for path, part, problem in shards.inspect():
         if part is None:

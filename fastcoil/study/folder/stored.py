@@ -24,18 +24,8 @@ import numpy as np
 import xarray as xr
 from pydantic import TypeAdapter, ValidationError
 
+from fastcoil.base import files
 from fastcoil.base.errors import InputError, IntegrityError, StorageError, out_of_memory_error, short_repr
-from fastcoil.base.files import (
-    convert_os_errors,
-    exists,
-    is_folder,
-    is_temporary_file,
-    list_folder,
-    make_folder,
-    read_bytes,
-    remove_temporary_files,
-    write_atomically,
-)
 from fastcoil.base.machine import retry_while_locked
 from fastcoil.loops.netcdf import StoredFile, load, netcdf_bytes, open_lazily, probe_file
 from fastcoil.loops.plan import simulation_attributes
@@ -93,11 +83,11 @@ class Manifest:
     def read(cls, folder: Path) -> Manifest | None:
         """Read ``run.json``; ``None`` if there is none, ``IntegrityError`` if it is damaged or of another format."""
         path = folder / MANIFEST_FILE
-        if not exists(path):
+        if not files.exists(path):
             return None
         try:
-            with convert_os_errors(path, "read"):
-                data = read_bytes(path, _MAX_MANIFEST_BYTES)
+            with files.convert_os_errors(path, "read"):
+                data = files.read_bytes(path, _MAX_MANIFEST_BYTES)
             content = json.loads(data)
             folder_format = content.pop("format", 0)
             if folder_format != _FOLDER_FORMAT and isinstance(folder_format, int):
@@ -120,7 +110,7 @@ class Manifest:
         return json.dumps({**content, "format": _FOLDER_FORMAT, _CHECKSUM_KEY: checksum(content)}, indent=1) + "\n"
 
     def write(self, folder: Path) -> None:
-        write_atomically(folder / MANIFEST_FILE, self.text.encode())
+        files.write_atomically(folder / MANIFEST_FILE, self.text.encode())
 
 
 def checksum(content: Mapping[str, Any]) -> str:
@@ -174,10 +164,10 @@ class Shards:
             data = netcdf_bytes(part.assign_attrs(study=self.key))
         except (OSError, RuntimeError) as error:  # no disk is involved
             raise out_of_memory_error(f"{self.path}: a shard cannot be made ({error})") from error
-        with convert_os_errors(self.path, "made"):
-            make_folder(self.path)
+        with files.convert_os_errors(self.path, "made"):
+            files.make_folder(self.path)
         name = f"{part['scenario'].values[0]:09d}-{hashlib.sha256(data).hexdigest()[:32]}.nc"
-        write_atomically(self.path / name, data)
+        files.write_atomically(self.path / name, data)
 
     def read(
         self, *, quarantine: bool, leave_out: Collection[str] = (), scenarios: np.ndarray | None = None
@@ -187,8 +177,8 @@ class Shards:
         quarantine: move a file that is damaged, or not of this run, out of the way, so that its scenarios are
         computed again.  scenarios: only shards that begin with one of these.
         """
-        if quarantine and is_folder(self.path):
-            remove_temporary_files(self.path)
+        if quarantine and files.is_folder(self.path):
+            files.remove_temporary_files(self.path)
         for path, part, problem in self.inspect(leave_out, scenarios):
             if part is not None:
                 yield part
@@ -202,31 +192,31 @@ class Shards:
         self, leave_out: Collection[str] = (), scenarios: np.ndarray | None = None
     ) -> Iterator[tuple[Path, xr.Dataset | None, str]]:
         """Every file among the shards: its content without the variables ``leave_out``, or what is wrong with it."""
-        for path in list_folder(self.path):
+        for path in files.list_folder(self.path):
             match = SHARD_NAME_PATTERN.fullmatch(path.name)
-            if is_temporary_file(path) or (scenarios is not None and not (match and int(match[1]) in scenarios)):
+            if files.is_temporary_file(path) or (scenarios is not None and not (match and int(match[1]) in scenarios)):
                 continue
             try:
                 part_and_problem = self._inspect_file(path, leave_out)
             except StorageError:
-                if exists(path):
+                if files.exists(path):
                     raise
                 continue  # the run in progress here has finished meanwhile
             yield path, *part_and_problem
 
     def discard(self) -> None:
         """Remove the shards; a foreign file among them is moved to quarantine."""
-        if not is_folder(self.path):
+        if not files.is_folder(self.path):
             return
-        remove_temporary_files(self.path)
-        with convert_os_errors(self.path, "removed"):
+        files.remove_temporary_files(self.path)
+        with files.convert_os_errors(self.path, "removed"):
             for path in list(self.path.iterdir()):
                 retry_while_locked(path.unlink) if SHARD_NAME_PATTERN.fullmatch(path.name) else self._quarantine(path)
             retry_while_locked(self.path.rmdir)
 
     def _inspect_file(self, path: Path, leave_out: Collection[str]) -> tuple[xr.Dataset | None, str]:
         match = SHARD_NAME_PATTERN.fullmatch(path.name)
-        with convert_os_errors(path, "read"):
+        with files.convert_os_errors(path, "read"):
             if not match or (path.exists() and not path.is_file()):
                 return None, "is not a shard"
             data = path.read_bytes()
@@ -243,8 +233,8 @@ class Shards:
 
     def _quarantine(self, path: Path) -> None:
         place = self.folder / QUARANTINE_FOLDER
-        with convert_os_errors(path, f"moved to {place}"):
-            make_folder(place)
+        with files.convert_os_errors(path, f"moved to {place}"):
+            files.make_folder(place)
             names = chain([path.name], (f"{path.name}.{k}" for k in count(2)))
             free = next(place / name for name in names if not (place / name).exists())
             retry_while_locked(lambda: os.replace(path, free))
@@ -260,7 +250,7 @@ def open_final_results(folder: Path, manifest: Manifest | None) -> xr.Dataset:
     read, ``IntegrityError`` if its content is not what was written.
     """
     path = folder / RESULTS_FILE
-    if not exists(path):
+    if not files.exists(path):
         raise InputError(f"{path} does not exist: run the study first", str(path), "path")
     ds = _final_file(path, manifest).load(_MAX_LOADED_BYTES)
     try:

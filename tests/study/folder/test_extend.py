@@ -15,7 +15,6 @@ import fastcoil as fc
 from fastcoil.base import files
 from fastcoil.study import run as runner
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.folder import folder, stored
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.run import execute
 
@@ -141,17 +140,16 @@ def test_an_extension_that_is_interrupted_goes_on(study, tmp_path, monkeypatch, 
 
 def kill_between_files(monkeypatch, study, out, **options):
     """A run that is killed after it wrote one of the two files that say what is run."""
-    write_both, committed = StudyFolder.write_manifest, []
+    write_both, write_file, committed = StudyFolder.write_manifest, files.write_atomically, []
 
     def commit(path, data):
         if committed:
             raise KeyboardInterrupt
         committed.append(path)
-        files.write_atomically(path, data)
+        write_file(path, data)
 
     def write_one(*words):
-        for module in (folder, stored):
-            patch.setattr(module, "write_atomically", commit)
+        patch.setattr(files, "write_atomically", commit)
         write_both(*words)
 
     with monkeypatch.context() as patch:
