@@ -208,12 +208,9 @@ def pick_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str
     loop = loop.assign(**defaults)
     rules = [name for name, rule in Layout(loop, boundary).loop.rules.items() if not rule.is_loaded]
     if rules:
-        raise InputError(
-            f"{target}: the scenario uses {' and '.join(rules)}, code of the study's own, which is not run here: pick "
-            "another scenario with --at, or use fc.explain in Python",
-            "--at",
-            "unsupported",
-        )
+        sentence = f"{target}: the scenario uses {' and '.join(rules)}, code of the study's own, which is not run here"
+        cure = "pick another scenario with --at, or use fc.explain in Python"
+        raise InputError(f"{sentence}: {cure}", "--at", "unsupported")
     day_note = "this day alone, from rest" if plan.carry_over and position.get("day") else ""
     changes_text = ", ".join(f"{name}={text}" for name, text in changes.items())
     full_title = "; ".join(filter(None, [title, ", ".join(labels), changes_text, day_note]))
@@ -234,10 +231,7 @@ def _load_target(target: Path) -> tuple[str, Plan]:
     elif is_file(target):
         study = read_study(target)
     else:
-        raise InputError(
-            f"{target}: no such file, folder or preset{did_you_mean(name, PRESETS)}; give a study file, the folder of "
-            f"its results, or one of {', '.join(PRESETS)}",
-            name,
-            "path",
-        )
+        sentence = f"{target}: no such file, folder or preset{did_you_mean(name, PRESETS)}"
+        cure = f"give a study file, the folder of its results, or one of {', '.join(PRESETS)}"
+        raise InputError(f"{sentence}; {cure}", name, "path")
     return study.title, study.plan

@@ -181,11 +181,8 @@ def execute_slice(
     options = PoolOptions(backend, number_of_threads(n_jobs), scheduler)
     check_backend(backend, scheduler)
     if study.precision is not None:
-        raise InputError(
-            "--shard: how many samples a study with [run] precision draws depends on all results: run it without",
-            "--shard",
-            "unsupported",
-        )
+        reason = "how many samples a study with [run] precision draws depends on all results: run it without"
+        raise InputError(f"--shard: {reason}", "--shard", "unsupported")
     with convert_os_errors(folder, "found"):
         store = StudyFolder(folder.absolute())
     with hold_folder(store.path, str(job_slice)):

@@ -93,12 +93,9 @@ def run_received_job(job: Job, shard: Shard, expected_id: tuple[str, str] | None
     expected_id: what ``environment_id`` must be; this worker may have joined after the others were checked.
     """
     if expected_id is not None and environment_id() != expected_id:
-        raise errors.InputError(
-            "a worker that joined the dask cluster differs from the others in its version of fastcoil, CPU, Python or "
-            "libraries: use workers of one kind; finished scenarios are kept, run the same command again to resume",
-            "scheduler",
-            "unsupported",
-        )
+        sentence = "a worker that joined the dask cluster differs from the others in its version of fastcoil"
+        cure = "use workers of one kind; finished scenarios are kept, run the same command again to resume"
+        raise errors.InputError(f"{sentence}, CPU, Python or libraries: {cure}", "scheduler", "unsupported")
     rules = job.plan.layout.loop.rules
     try:
         load_code(rules, job.rules)
@@ -312,21 +309,16 @@ class Dask:
             self._environment_id = min(environments)
         except Exception as error:  # the library may raise anything at an unexpected answer
             self.close()
-            raise errors.InputError(
-                f"no dask cluster answers at {scheduler!r} ({str(error) or type(error).__name__}): give the address "
-                "that the scheduler printed when it started, such as tcp://host:8786, with at least one worker, and "
-                "for tls:// dask's settings of the certificates",
-                "scheduler",
-                "value",
-            ) from None
+            sentence = f"no dask cluster answers at {scheduler!r} ({str(error) or type(error).__name__})"
+            cure = "give the address that the scheduler printed when it started, such as tcp://host:8786, with at least"
+            cure += " one worker, and for tls:// dask's settings of the certificates"
+            raise errors.InputError(f"{sentence}: {cure}", "scheduler", "value") from None
         try:
             if len(environments) > 1 or self._environment_id[0] != model_sha256():
-                raise errors.InputError(
-                    "the workers of the dask cluster run another version of fastcoil, or differ in CPU, Python or "
-                    "library versions: results would not be bit-identical, use workers of one kind with this version",
-                    "scheduler",
-                    "unsupported",
-                )
+                differences = "run another version of fastcoil, or differ in CPU, Python or library versions"
+                cure = "results would not be bit-identical, use workers of one kind with this version"
+                sentence = f"the workers of the dask cluster {differences}: {cure}"
+                raise errors.InputError(sentence, "scheduler", "unsupported")
             self.n_workers = sum(self._client.nthreads().values())
             self._executor = self._client.get_executor(pure=False)
             with warnings.catch_warnings():
@@ -370,12 +362,8 @@ def check_backend(backend: str, scheduler: str | None) -> None:
     """Refuse a backend that does not exist, and dask without the address of its scheduler."""
     require_choice("backend", backend, BACKENDS)
     if backend == "dask" and not scheduler:
-        raise errors.InputError(
-            "backend = 'dask' without scheduler: give its address, such as tcp://host:8786; on this machine alone, "
-            "loky does the same",
-            "scheduler",
-            "missing",
-        )
+        cure = "give its address, such as tcp://host:8786; on this machine alone, loky does the same"
+        raise errors.InputError(f"backend = 'dask' without scheduler: {cure}", "scheduler", "missing")
     if backend != "dask" and scheduler is not None:
         sentence = (
             f"scheduler = {errors.short_repr(scheduler)}: only the backend dask has one, choose it or leave it out"

@@ -152,12 +152,9 @@ def group_by_parameters(ds: xr.Dataset, names: Sequence[str]) -> xr.Dataset:
     groups = [_assign_groups(v, most) for v in values]
     counts = [int(g.max()) + 1 for g in groups]
     if min(counts) < 2 or values[0].size < 2 * np.prod(counts):
-        raise InputError(
-            f"{' and '.join(names)}: {values[0].size} drawn scenarios are too few to group, about {_MIN_GROUP_SIZE} in "
-            "each: draw more of them",
-            names[0],
-            "data",
-        )
+        sentence = f"{' and '.join(names)}: {values[0].size} drawn scenarios are too few to group"
+        cure = f"about {_MIN_GROUP_SIZE} in each: draw more of them"
+        raise InputError(f"{sentence}, {cure}", names[0], "data")
     # the cell of every scenario, how many each cell has, and its place in the cell
     cell = np.ravel_multi_index(tuple(groups), tuple(counts))
     members = np.bincount(cell, minlength=int(np.prod(counts)))

@@ -113,12 +113,9 @@ def _require_independence(sample: xr.Dataset, parameters: Sequence[str]) -> None
         with np.errstate(invalid="ignore"):  # one that does not vary
             rho = float(np.asarray(np.corrcoef(ranks))[0, 1])
         if abs(rho) * np.sqrt(sample.sizes["sample"]) > _CHANCE_CORRELATION_STDS:
-            raise InputError(
-                f"{a} and {b} are correlated (rank correlation {rho:.2f}), and Sobol' indices share the spread among "
-                "independent parameters alone: draw them without correlation",
-                a,
-                "data",
-            )
+            sentence = f"{a} and {b} are correlated (rank correlation {rho:.2f}), and Sobol' indices share the spread"
+            cure = "among independent parameters alone: draw them without correlation"
+            raise InputError(f"{sentence} {cure}", a, "data")
 
 
 def _is_metric(values: xr.DataArray) -> bool:

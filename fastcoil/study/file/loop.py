@@ -192,12 +192,9 @@ def axis_values(name: str, axis: object) -> list[Any]:
         kinds = "{ linspace = [first, last, count] } or { geomspace = [first, last, count] }"
         raise InputError(f"{name} = {short_repr(axis)}: give a list of values, {kinds}", name, "value")
     if not is_number_list(spacing, 3) or type(spacing[2]) is not int or not 1 <= spacing[2] <= MAX_AXIS_VALUES:
-        raise InputError(
-            f"{name} = {{ {kind} = {short_repr(spacing)} }}: give [first, last, count], two finite numbers and a whole "
-            f"number from 1 to {MAX_AXIS_VALUES:,}; draw more with [sample]",
-            name,
-            "value",
-        )
+        cure = f"two finite numbers and a whole number from 1 to {MAX_AXIS_VALUES:,}; draw more with [sample]"
+        sentence = f"{name} = {{ {kind} = {short_repr(spacing)} }}: give [first, last, count], {cure}"
+        raise InputError(sentence, name, "value")
     first, last, count = spacing
     if kind == "geomspace" and min(first, last) <= 0.0:
         sentence = f"{name} = {{ geomspace = {short_repr(spacing)} }}: first and last must be above 0"

@@ -391,12 +391,8 @@ def _check_correlation(table: Mapping[str, Any]) -> None:
     raise_problems(problems)
     if np.linalg.eigvalsh(_correlation_matrix(names, pairs)).min() < 1e-9:
         pairs_text = ", ".join(f"{a} and {b} = {rho}" for a, b, rho in pairs)
-        raise InputError(
-            f"correlation of {pairs_text}: these cannot hold together (their matrix is not positive definite), bring "
-            "them nearer to 0",
-            "correlation",
-            "conflict",
-        )
+        reason = "these cannot hold together (their matrix is not positive definite), bring them nearer to 0"
+        raise InputError(f"correlation of {pairs_text}: {reason}", "correlation", "conflict")
 
 
 def _correlation_matrix(names: Sequence[str], pairs: Sequence[Sequence[Any]]) -> Array:

@@ -33,6 +33,7 @@ from fastcoil.study.file.tables import StudyFile
 
 _MAX_SOURCE_BYTES = 2**18  # to parse a source as Python takes 500 times its memory
 _MAX_MESSAGE_CHARACTERS = 300  # of an exception
+_READABLE = "so that the study can be read without running it"  # end of messages
 
 
 @dataclass(frozen=True)
@@ -125,12 +126,8 @@ def parse_rule(kind: str, name: str, source: UserCode) -> Rule:
     names = [_last_identifier(node) for node in arguments[:1]]
     classes = [node for node in module.body if isinstance(node, ast.ClassDef) and node.name in names]
     if not classes:
-        raise InputError(
-            f"put @fc.{kind}(Parameters, Memory) before {name}, with classes of {source.path.name} itself, so that the "
-            "study can be read without running it",
-            kind,
-            "code",
-        )
+        sentence = f"put @fc.{kind}(Parameters, Memory) before {name}, with classes of {source.path.name} itself"
+        raise InputError(f"{sentence}, {_READABLE}", kind, "code")
     fields = dict(_read_fields(name, classes[-1]))
     parameters = declared_parameters(name, fields)
     return Rule(kind, name, parameters, tuple(n for n in fields if n not in parameters), source.sha256)
@@ -156,12 +153,8 @@ def _read_fields(rule: str, cls: ast.ClassDef) -> Iterator[tuple[str, object]]:
         except InputError:
             raise
         except (ValueError, TypeError, SyntaxError):
-            raise InputError(
-                f"{rule}: the default of {name} is not a number: write one, so that the study can be read without "
-                "running it",
-                name,
-                "code",
-            ) from None
+            sentence = f"{rule}: the default of {name} is not a number: write one"
+            raise InputError(f"{sentence}, {_READABLE}", name, "code") from None
 
 
 @functools.cache
@@ -242,12 +235,8 @@ def reduce_traces(reduction: UserCode, traces: xr.Dataset) -> xr.Dataset:
         if not (is_same_kind and among_others.equals(by_itself)):  # type: ignore[union-attr]
             differing.append(str(name))
     if differing:
-        raise InputError(
-            f"reduce = {reduction.name!r} gives another {' and '.join(differing)} for a scenario alone than among "
-            "others: treat each scenario alone, to the last bit",
-            "reduce",
-            "code",
-        )
+        sentence = f"reduce = {reduction.name!r} gives another {' and '.join(differing)} for a scenario alone"
+        raise InputError(f"{sentence} than among others: treat each scenario alone, to the last bit", "reduce", "code")
     return reduced
 
 
@@ -265,12 +254,8 @@ def _call_reduction(reduction: UserCode, traces: xr.Dataset) -> xr.Dataset:
     with suppress(Exception):  # the libraries raise many things at what they cannot write
         if are_names and netcdf.load(bytes(netcdf.netcdf_bytes(reduced))).identical(reduced):
             return reduced
-    raise InputError(
-        f"{returned} names or labels that no file gives back as they are: use letters, digits and _ for names, numbers "
-        "or words for labels",
-        "reduce",
-        "code",
-    )
+    cure = "use letters, digits and _ for names, numbers or words for labels"
+    raise InputError(f"{returned} names or labels that no file gives back as they are: {cure}", "reduce", "code")
 
 
 def _copy_variable(variable: xr.Variable) -> xr.Variable:

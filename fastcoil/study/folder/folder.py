@@ -176,12 +176,8 @@ def hold_folder(folder: Path, slice_name: str = "") -> Iterator[None]:
     """
     files.require_usable_path(folder, "choose another folder with -o")
     if "\\" in folder.as_posix() or not is_storable_text(str(folder.absolute())):
-        raise InputError(
-            f"{short_repr(str(folder))} holds a backslash or bytes that are not UTF-8, with which the NetCDF library "
-            "cannot write: choose another folder with -o",
-            "-o",
-            "path",
-        )
+        sentence = f"{short_repr(str(folder))} holds a backslash or bytes that are not UTF-8, with which the NetCDF"
+        raise InputError(f"{sentence} library cannot write: choose another folder with -o", "-o", "path")
     with files.convert_os_errors(folder, "written"):  # a folder above it may be closed to us
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{folder} is a file: choose another folder with -o", "-o", "path")

@@ -105,10 +105,8 @@ def _open_folder(store: StudyFolder, leave_out: Collection[str] = ()) -> xr.Data
     if study is not None:
         if study.plan.trace_bytes > available_memory() and not leave_out:
             size = format_bytes(study.plan.trace_bytes)
-            warnings.warn(
-                f"{store.path} is unfinished, and its traces, {size}, do not fit into memory: they are left out",
-                stacklevel=4,
-            )
+            sentence = f"{store.path} is unfinished, and its traces, {size}, do not fit into memory: they are left out"
+            warnings.warn(sentence, stacklevel=4)
             leave_out = TRACES
         parts = state.keep_scenarios(study, manifest).parts(leave_out, quarantine=False)
         ds = unflatten(join_flat(study.plan.n_scenarios, parts, allocate=allocate_on_disk), study.plan.layout)

@@ -121,16 +121,12 @@ class FolderState:
         if stage in (Stage.EXTENDABLE, Stage.UNFINISHED_OTHER) and not extend:
             _refuse_other_study(self.store, study)
         if stage is Stage.UNFINISHED_OTHER:
-            raise _extension_error(
-                f"the study in {self.store.path} is unfinished: finish it with the file that it was started from, then "
-                "extend it"
-            )
+            cure = "finish it with the file that it was started from, then extend it"
+            raise _extension_error(f"the study in {self.store.path} is unfinished: {cure}")
         stored = None if stage is Stage.NEW else self.manifest
         if stage is not Stage.FINISHED and stored is not None and stored.model_sha256 != manifest.model_sha256:
-            warnings.warn(
-                f"{self.store.path} was computed with other sources of the model: everything is computed again",
-                stacklevel=2,
-            )
+            sentence = f"{self.store.path} was computed with other sources of the model: everything is computed again"
+            warnings.warn(sentence, stacklevel=2)
         user_code = hash_user_code(study.plan.layout.loop.rules.values(), self._earlier_code(study, manifest))
         manifest = replace(manifest, outputs=stored.outputs if stored else {}, user_code=user_code)
         if stage is Stage.FINISHED and results is not None:
@@ -203,12 +199,9 @@ def _refuse_other_study(store: StudyFolder, study: Study) -> NoReturn:
             f"{store.path}: a file that the study reads changed since the run was started: restore it, or choose "
             "another folder with -o; if an extension of it was killed, add --extend to go on"
         )
-    raise InputError(
-        f"{store.path} holds another study, or another version of this one (compare {store.study_path}): add --extend "
-        "if only values were added, otherwise choose another folder with -o",
-        "-o",
-        "conflict",
-    )
+    sentence = f"{store.path} holds another study, or another version of this one (compare {store.study_path})"
+    cure = "add --extend if only values were added, otherwise choose another folder with -o"
+    raise InputError(f"{sentence}: {cure}", "-o", "conflict")
 
 
 def _extension_error(sentence: str) -> InputError:
