@@ -197,8 +197,7 @@ def rerun(folder: Path, at: Sequence[str]) -> None:
     """Run one scenario of the study in FOLDER again, with all traces at every second."""
     from fastcoil.study import maintenance
 
-    labels = parse_labels(at)
-    path, lines = maintenance.rerun(folder, labels, load_user_code)
+    path, lines = maintenance.rerun(folder, parse_labels(at), load_user_code)
     echo(*lines)
     echo(f"Traces:  {path}")
 

@@ -100,9 +100,8 @@ def rerun(
     flat, position, labels = _locate_scenario(layout, at)
     plan = replace(study.plan, traces=TraceRequest(tuple(TRACES), 1))
     path = folder / RERUNS_FOLDER / f"{portable_file_name('_'.join(labels) or 'scenario')}.nc"
-    with hold_folder(
-        path.parent
-    ):  # not the study, which may be running; a folder that cannot be written is refused now
+    # not the study, which may be running; a folder that cannot be written is refused now
+    with hold_folder(path.parent):
         pass
     load_code(layout.loop.rules, study.rules, prepare)
     if manifest.model_sha256 == model_sha256():

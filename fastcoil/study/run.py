@@ -152,8 +152,7 @@ def execute(
         store = StudyFolder(folder.absolute())  # the user's code may change the current folder meanwhile
     with hold_folder(store.path):
         while True:
-            state = FolderState.read(store)
-            run = state.start_run(study, extend)
+            run = FolderState.read(store).start_run(study, extend)
             is_new = run.results is None
             if run.results is None:
                 n_computed, ds = _run_and_merge(run, options, progress, scope)
@@ -186,9 +185,8 @@ def execute_slice(
     with convert_os_errors(folder, "found"):
         store = StudyFolder(folder.absolute())
     with hold_folder(store.path, str(job_slice)):
-        state = FolderState.read(store)
         scenarios = job_slice.index(study.plan)
-        run = state.start_run(study, extend=False, scenarios=scenarios)
+        run = FolderState.read(store).start_run(study, extend=False, scenarios=scenarios)
         if run.results is not None:
             return None
         _run_missing(run, options, progress, SCENARIO_DAYS, scenarios.size)

@@ -171,11 +171,10 @@ def run_shards(pool: Pool, job: Job, shards: Sequence[Shard]) -> Iterator[xr.Dat
                 continue
             n_deaths += is_retry
             if n_deaths > _MAX_DEATHS_WITHOUT_RESULT:
-                raise errors.FastcoilError(
-                    f"{_MAX_DEATHS_WITHOUT_RESULT} workers died in a row without a result: they may lack memory, use "
-                    "fewer with -j, or another --backend; finished scenarios are kept, run the same command again to "
-                    "resume"
-                )
+                cure = "they may lack memory, use fewer with -j, or another --backend"
+                cure += "; finished scenarios are kept, run the same command again to resume"
+                sentence = f"{_MAX_DEATHS_WITHOUT_RESULT} workers died in a row without a result"
+                raise errors.FastcoilError(f"{sentence}: {cure}")
             if not is_retry:
                 retry.append(shard)
             elif shard.lanes.size > 1:

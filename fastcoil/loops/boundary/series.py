@@ -148,11 +148,9 @@ def _require_air_below_saturation(T: Array, W: Array) -> None:
 def warn_of_no_air_flow(seconds: int) -> None:
     """Warn of the seconds that count in no metric because no air flows."""
     if seconds:
-        warnings.warn(
-            f"m_a is 0 during {seconds / 3600:,.4g} h and enabled is left out: the loop is off there, and these hours "
-            "count in no metric; give enabled to have it otherwise",
-            stacklevel=3,
-        )
+        sentence = f"m_a is 0 during {seconds / 3600:,.4g} h and enabled is left out"
+        effect = "the loop is off there, and these hours count in no metric; give enabled to have it otherwise"
+        warnings.warn(f"{sentence}: {effect}", stacklevel=3)
 
 
 def label_array(day: Values, problems: list[str]) -> NDArray[Any] | None:

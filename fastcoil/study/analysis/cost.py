@@ -176,11 +176,9 @@ def cost(
         warnings.warn(f"the results have no dates: {MONTH_DAYS} days are taken for a month; {cure}", stacklevel=2)
     costs = compute_costs(ds, tariff)
     if n_negative := int((costs["yearly_coil_energy"] < 0.0).sum()):
-        warnings.warn(
-            f"the coil energy of the year is negative in {n_negative:,} of {costs['status'].size:,} loops: their valve "
-            "acts the wrong way and their bill is too small; check action and the entering water",
-            stacklevel=2,
-        )
+        sentence = f"the coil energy of the year is negative in {n_negative:,} of {costs['status'].size:,} loops"
+        reason = "their valve acts the wrong way and their bill is too small; check action and the entering water"
+        warnings.warn(f"{sentence}: {reason}", stacklevel=2)
     return costs
 
 

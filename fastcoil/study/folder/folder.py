@@ -100,7 +100,7 @@ class StudyFolder:
             files.write_atomically(self.study_path, text.encode())
         stored = Manifest.read(self.path)
         if stored is None or stored.text != manifest.text:
-            files.write_atomically(self.path / MANIFEST_FILE, manifest.text.encode())
+            manifest.write(self.path)
 
     def read_text(self) -> str | None:
         """Return the text of the study that is run, or ``None`` if it is missing or damaged."""

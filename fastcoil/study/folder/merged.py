@@ -75,12 +75,10 @@ class StudyRun:
             values = {name: (recorded.get(name, "unknown"), environment.get(name, "unknown"))
                       for name in sorted({*recorded, *environment})}  # fmt: skip
             differences = [f"{name} {was}, now {is_now}" for name, (was, is_now) in values.items() if was != is_now]
-            warnings.warn(
-                f"a part of {self.store.path} was computed elsewhere ({'; '.join(differences)}): the last digits of "
-                "results may depend on that, in a loop that hunts also the first; to have all from one place, run the "
-                "study in another folder",
-                stacklevel=4,
-            )
+            sentence = f"a part of {self.store.path} was computed elsewhere ({'; '.join(differences)})"
+            effect = "the last digits of results may depend on that, in a loop that hunts also the first"
+            cure = "to have all from one place, run the study in another folder"
+            warnings.warn(f"{sentence}: {effect}; {cure}", stacklevel=4)
 
     def parts(self, leave_out: Collection[str] = (), *, quarantine: bool = True) -> Iterator[xr.Dataset]:
         """Read all parts, without the variables ``leave_out``: the earlier results and the shards.

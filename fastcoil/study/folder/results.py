@@ -62,8 +62,7 @@ def open_study(folder: str | Path) -> xr.Dataset:
 def open_metrics(folder: Path, leave_out: Collection[str] = TRACES) -> xr.Dataset:
     """Open the results of a study without traces, which of an unfinished one would be loaded; raises as it does."""
     store = StudyFolder(folder)
-    ds = store.read_consistently(lambda: _open_folder(store, leave_out))
-    return ds.drop_vars(leave_out, errors="ignore")
+    return store.read_consistently(lambda: _open_folder(store, leave_out)).drop_vars(leave_out, errors="ignore")
 
 
 def open_finished(folder: Path) -> xr.Dataset:

@@ -190,15 +190,11 @@ def _refuse_other_study(store: StudyFolder, study: Study) -> NoReturn:
     """Refuse a study whose folder holds another one, and say which of the two changed."""
     text = store.read_text()
     if text is None:
-        raise IntegrityError(
-            f"{store.path}: study.toml is missing or damaged, and the run in this folder was of another study: restore "
-            "the file, or choose another folder with -o"
-        )
+        sentence = f"{store.path}: study.toml is missing or damaged, and the run in this folder was of another study"
+        raise IntegrityError(f"{sentence}: restore the file, or choose another folder with -o")
     if text.splitlines() == study.text.splitlines():
-        raise IntegrityError(
-            f"{store.path}: a file that the study reads changed since the run was started: restore it, or choose "
-            "another folder with -o; if an extension of it was killed, add --extend to go on"
-        )
+        cure = "restore it, or choose another folder with -o; if an extension of it was killed, add --extend to go on"
+        raise IntegrityError(f"{store.path}: a file that the study reads changed since the run was started: {cure}")
     sentence = f"{store.path} holds another study, or another version of this one (compare {store.study_path})"
     cure = "add --extend if only values were added, otherwise choose another folder with -o"
     raise InputError(f"{sentence}: {cure}", "-o", "conflict")
@@ -247,10 +243,9 @@ def match_scenarios(plan: Plan, attrs: dict[str, Any], earlier: xr.Dataset) -> t
         cure = "a Latin hypercube of another size shares no point: use sobol or random"
         if plan.carry_over:
             cure = "add days at the end alone, for each goes on from those before it"
-        raise _extension_error(
-            f"{n_dropped:,} of the {place.size:,} scenarios in the folder are no longer in the study: keep all values "
-            f"and add to them ({cure}), or choose another folder with -o"
-        )
+        sentence = f"{n_dropped:,} of the {place.size:,} scenarios in the folder are no longer in the study"
+        cure = f"keep all values and add to them ({cure}), or choose another folder with -o"
+        raise _extension_error(f"{sentence}: {cure}")
     done = np.flatnonzero(earlier["status"].values.ravel() != STATUS_NOT_RUN)
     return done, place[done]
 
