@@ -11,6 +11,7 @@ import json
 import math
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -18,13 +19,14 @@ import xarray as xr
 
 from fastcoil.base.arguments import to_builtin
 from fastcoil.base.text import format_share
-from fastcoil.loops.labels import coordinate_quantity, is_parameter, label_in_words, plain_pi_label
+from fastcoil.loops.labels import coordinate_quantity, is_parameter, label_in_words, plain_pi_label, quantity
 from fastcoil.loops.scenarios import check_counted_result
 from fastcoil.model.metric_table import STATUS_OK
 from fastcoil.model.parameter_table import CHANCE_DIMS, PARAMETERS
 from fastcoil.study.analysis.compare import mask_off_days
 from fastcoil.study.analysis.paired import paired_change
 from fastcoil.study.analysis.selected import mask_dataset
+from fastcoil.study.analysis.sobol import sobol_indices
 
 TRAVEL_LIMIT = 2.0  # motor travel over that of the best plain PI up to which a choice is recommended
 HUNTING_LIMIT = 0.05  # share of the scenarios of a condition that may hunt with a recommended choice
@@ -280,6 +282,8 @@ def answer(results: Any) -> Answer:
         return Answer(question, {}, "every scenario failed: there is no answer.")
     if not bool(results["rmse"].notnull().any()):
         return Answer(question, {}, "no RMS error is known.")
+    if "design" in results["status"].dims:
+        return _answer_drivers(question, results)
     table = make_table(results)
     if results["status"].size == 1:
         return _answer_single(question, table)
@@ -323,6 +327,43 @@ def _answer_spread(question: str, choices: Choices) -> Answer:
     travel = f"the motor travels {float(table['motor_travel'].median()):.3g} strokes (median)."
     costs = travel if "motor_travel" in table else ""
     return Answer(question, {}, f"{advice}.", costs=costs, fails=tuple(_describe_worst(choices, {})), table=table)
+
+
+def _answer_drivers(question: str, results: xr.Dataset) -> Answer:
+    """Describe which sampled parameters drive the spread of each metric, by Sobol' indices."""
+    metrics = [n for n in ("rmse", "motor_travel", "hunts") if n in results and bool(results[n].notnull().any())]
+    table = sobol_indices(results, metrics, drop_failed=True)
+    others = [str(d) for d in table["rmse"].dims if d not in ("parameter", "index", "edge")]
+    lines = []
+    for name, place in product(metrics, np.ndindex(*(table.sizes[d] for d in others))):
+        at = dict(zip(others, place, strict=True))
+        indices = table[name].isel(at)
+        if bool(indices.notnull().any()):
+            where = f" with {describe_labels_at(results, at)}" if at else ""
+            lines.append(f"of the spread of the {quantity(name).text}{where}, {_describe_indices(indices)}")
+    n = int(table["rmse_n_samples"].min())
+    few = f"from {n:,} samples; brackets: 95 % intervals"
+    width = table["rmse"].sel(edge="high", index="first_order") - table["rmse"].sel(edge="low", index="first_order")
+    fails = (f"{n:,} samples are too few to tell the parameters apart: draw {4 * n:,}",) if width.max() > 0.3 else ()
+    if not lines:
+        return Answer(question, {}, "the sampled parameters do not change the RMS error.", table=table)
+    return Answer(question, {}, f"{lines[0]} ({few}).", fails=fails, alternatives=tuple(f"{x}." for x in lines[1:]), table=table)
+
+
+_MOST_DRIVERS = 3  # named in a sentence
+
+
+def _describe_indices(indices: xr.DataArray) -> str:
+    """Describe the largest first-order indices, what interactions add, and which parameters do nothing."""
+    first, total = (indices.sel(index=i, edge="value") for i in ("first_order", "total"))
+    order = np.argsort(-total.fillna(0.0).values)[:_MOST_DRIVERS]
+    parts = []
+    for k in order:
+        edges = np.clip(indices.isel(parameter=k).sel(index="first_order").values, 0.0, 1.0)
+        words = quantity(str(indices["parameter"].values[k])).text
+        parts.append(f"{words} explains {format_share(*edges)} alone, {format_share(min(1.0, float(total[k])))} in all")
+    interactions = max(0.0, 1.0 - float(first.sum()))
+    return f"{'; '.join(parts)}; {format_share(interactions)} is interactions"
 
 
 def _recommended_values(table: xr.Dataset, place: Mapping[str, int]) -> dict[str, Any]:

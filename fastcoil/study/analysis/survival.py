@@ -1,0 +1,88 @@
+"""Quantiles of times that some runs did not reach: Kaplan and Meier's estimator."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.base import arguments
+from fastcoil.base.errors import InputError, short_repr
+
+
+def time_quantiles(
+    times: Any, q: float | Sequence[float] = 0.5, *, over: str | Sequence[str] = "day", until: Any = None
+) -> xr.DataArray:
+    """Estimate quantiles of times, some of which were not reached within the run.
+
+    The time in which half of the loops have found their gap is known although some never do: these count as later than
+    all others, where ``ds.learn_time_reached.median("day")`` would leave them out.
+
+    Parameters
+    ----------
+    times
+        DataArray of times, such as ``ds.time_identified``; NaN where the time was not reached.
+    q
+        Quantile or quantiles, shares of the runs.
+    over
+        Dim or dims of the runs.
+    until
+        How long each run was watched, in the unit of the times: a number, or a DataArray over dims of ``times``.
+        Without it, all runs are equally long.
+
+    Returns
+    -------
+    xarray.DataArray
+        The quantiles over the other dims, and ``quantile`` for several; ``inf`` where they lie beyond what was watched.
+
+    Raises
+    ------
+    InputError
+        For a dim that ``times`` does not have, a quantile outside 0 to 1, or a time beyond ``until``.
+
+    Notes
+    -----
+    Kaplan and Meier (1958), doi:10.1080/01621459.1958.10501452.  Scenarios that failed have NaN too: select those of
+    status 0 first.
+
+    Examples
+    --------
+    >>> import numpy as np, xarray as xr
+    >>> hours = xr.DataArray([2.0, 4.5, np.nan, 3.0], dims="day")
+    >>> fc.time_quantiles(hours, [0.5, 0.75, 0.9]).values
+    array([3. , 4.5, inf])
+    """
+    with arguments.argument_checks() as check:
+        times = check(arguments.require_instance, "times", times, xr.DataArray, "give a DataArray of times")
+        dims = check(arguments.require_names, "over", over)
+        if np.size(q) == 0 or not all(0.0 < x < 1.0 for x in np.ravel(q)):
+            raise InputError(f"q = {short_repr(q)}: give shares between 0 and 1, such as 0.5", "q", "range")
+    for dim in dims:
+        arguments.require_choice("over", dim, [str(d) for d in times.dims])
+    ends = xr.DataArray(np.inf if until is None else until).broadcast_like(times)
+    if bool((times > ends).any()):
+        raise InputError("until lies before a time that was reached: give how long each run was watched", "until", "range")
+    others = [d for d in times.dims if d not in dims]
+    stacked = [values.transpose(*others, *dims).values.reshape(-1, _n_runs(times, dims)) for values in (times, ends)]
+    quantiles = np.array([_kaplan_meier(t, end, np.atleast_1d(q)) for t, end in zip(*stacked, strict=True)])
+    shape = [times.sizes[d] for d in others]
+    coords = {n: c for n, c in times.coords.items() if {*c.dims} <= {*others}} | {"quantile": np.atleast_1d(q)}
+    result = xr.DataArray(quantiles.reshape(*shape, -1), coords, [*others, "quantile"], times.name, times.attrs)
+    return result if np.ndim(q) else result.isel(quantile=0)
+
+
+def _n_runs(times: xr.DataArray, dims: Sequence[str]) -> int:
+    return int(np.prod([times.sizes[d] for d in dims]))
+
+
+def _kaplan_meier(times: np.ndarray, ends: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Return quantiles of the times of one population; NaN is a time beyond its end."""
+    is_reached = ~np.isnan(times)
+    last = np.where(is_reached, times, ends)
+    order = np.lexsort((~is_reached, last))  # a time that is reached when another run ends comes first
+    is_reached, last = is_reached[order], last[order]
+    at_risk = last.size - np.arange(last.size)
+    reached_share = 1.0 - np.cumprod(np.where(is_reached, 1.0 - 1.0 / at_risk, 1.0))
+    reached = reached_share[is_reached]
+    places = np.searchsorted(reached, q - 1e-9)
+    return np.append(last[is_reached], np.inf)[np.minimum(places, reached.size)]
