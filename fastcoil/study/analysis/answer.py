@@ -88,7 +88,9 @@ class Answer:
         return lines + [f"Or: {alternative}" for alternative in self.alternatives]
 
     def __repr__(self) -> str:
-        return "\n".join(["<fastcoil Answer>", *([f"Asked: {self.question}"] if self.question else []), *self.summary()])
+        return "\n".join(
+            ["<fastcoil Answer>", *([f"Asked: {self.question}"] if self.question else []), *self.summary()]
+        )
 
     def _repr_html_(self) -> str:
         from html import escape
@@ -347,7 +349,9 @@ def _answer_drivers(question: str, results: xr.Dataset) -> Answer:
     fails = (f"{n:,} samples are too few to tell the parameters apart: draw {4 * n:,}",) if width.max() > 0.3 else ()
     if not lines:
         return Answer(question, {}, "the sampled parameters do not change the RMS error.", table=table)
-    return Answer(question, {}, f"{lines[0]} ({few}).", fails=fails, alternatives=tuple(f"{x}." for x in lines[1:]), table=table)
+    return Answer(
+        question, {}, f"{lines[0]} ({few}).", fails=fails, alternatives=tuple(f"{x}." for x in lines[1:]), table=table
+    )
 
 
 _MOST_DRIVERS = 3  # named in a sentence
@@ -384,7 +388,9 @@ def describe_choice(choices: Choices, place: Mapping[str, int]) -> str:
             k = rest.pop(dim)
             of_what = " of the backlash" if dim == "estimate_ratio" else ""
             size = f"{coordinate_quantity(table, dim).number(float(table[dim].values[k]))}{of_what}"
-            inverse = f"an inverse with an estimate of {size}" if table[dim].values[k] else f"the {plain_pi_label(table)}"
+            inverse = (
+                f"an inverse with an estimate of {size}" if table[dim].values[k] else f"the {plain_pi_label(table)}"
+            )
     words = ", ".join(filter(None, [describe_labels_at(table, rest)]))
     return f"take {' and '.join(filter(None, [words, inverse]))}"
 
@@ -454,7 +460,9 @@ def _describe_worst(choices: Choices, best: Mapping[str, int]) -> list[str]:
     if not choices.over:
         return []
     at = _largest(cell["rmse"])
-    parts.append(f"the error is largest at {describe_labels_at(cell, at)}: {float(cell['rmse'].isel(at)):.3g} K (median)")
+    parts.append(
+        f"the error is largest at {describe_labels_at(cell, at)}: {float(cell['rmse'].isel(at)):.3g} K (median)"
+    )
     if "hunts" in cell and float(cell["hunts"].max()) > HUNTING_LIMIT:
         at = _largest(cell["hunts"])
         share = format_share(float(cell["hunts"].isel(at)))

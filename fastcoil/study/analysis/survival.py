@@ -61,7 +61,9 @@ def time_quantiles(
         arguments.require_choice("over", dim, [str(d) for d in times.dims])
     ends = xr.DataArray(np.inf if until is None else until).broadcast_like(times)
     if bool((times > ends).any()):
-        raise InputError("until lies before a time that was reached: give how long each run was watched", "until", "range")
+        raise InputError(
+            "until lies before a time that was reached: give how long each run was watched", "until", "range"
+        )
     others = [d for d in times.dims if d not in dims]
     stacked = [values.transpose(*others, *dims).values.reshape(-1, _n_runs(times, dims)) for values in (times, ends)]
     quantiles = np.array([_kaplan_meier(t, end, np.atleast_1d(q)) for t, end in zip(*stacked, strict=True)])
