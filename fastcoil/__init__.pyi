@@ -39,9 +39,11 @@ from fastcoil.model.parameter_table import Parameter
 from fastcoil.model.user_rules import estimator as estimator
 from fastcoil.model.user_rules import law as law
 from fastcoil.model.user_rules import parameter as parameter
+from fastcoil.study.analysis.answer import answer as answer
 from fastcoil.study.analysis.compare import compare as compare
 from fastcoil.study.analysis.cost import cost as cost
 from fastcoil.study.analysis.sobol import sobol_indices as sobol_indices
+from fastcoil.study.analysis.survival import time_quantiles as time_quantiles
 from fastcoil.study.file.sample import sample as sample
 from fastcoil.study.folder.results import open_study as open_study
 from fastcoil.study.run import run_study as run_study

@@ -5,18 +5,21 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import xarray as xr
 
 from fastcoil.base.arguments import argument_checks, require_flag, require_path, require_text
 from fastcoil.base.errors import InputError
-from fastcoil.base.files import convert_os_errors
+from fastcoil.base.files import convert_os_errors, write_atomically
 from fastcoil.base.progress import Advance, display_for_call
 from fastcoil.design.prediction import predict_study
 from fastcoil.loops.clashes import warn_saturated
 from fastcoil.loops.plan import JobSlice, check_disk, check_workers, cut_into_shards
-from fastcoil.loops.simulate import number_of_threads
+from fastcoil.loops.simulate import number_of_threads, simulate
 from fastcoil.model.engine.lanes import compile_kernel
+from fastcoil.study.analysis.answer import answer
+from fastcoil.study.analysis.learned import format_comparators, is_learning_study
 from fastcoil.study.file.spec import Study, read_study
 from fastcoil.study.file.user_code import load_function
 from fastcoil.study.folder.folder import StudyFolder, hold_folder
@@ -25,6 +28,7 @@ from fastcoil.study.folder.state import FolderState
 from fastcoil.study.folder.stored import study_attributes
 from fastcoil.study.workers import Job, PoolOptions, check_backend, make_pool, run_shards
 
+ANSWER_FILE = "answer.json"
 SCENARIO_DAYS = "scenario-days"
 ProgressStarter = Callable[[int, int, str], Advance]
 """Called with the numbers of scenarios to run and of all, and their noun; returns what to call with finished ones."""
@@ -165,6 +169,7 @@ def execute(
             study = run.study.with_batches(next(n for n in precision.batch_counts if n > run.study.batches))
             extend, scope = True, f"{SCENARIO_DAYS}, {precision.describe_progress(ds)}"
         finished = FinishedStudy(store.path, ds, n_run, is_new)
+        write_atomically(store.path / ANSWER_FILE, answer(ds).to_json().encode())
         present(finished)
     return finished
 
@@ -212,6 +217,13 @@ def _run_and_merge(
     }
     if study.precision:
         measured |= study.precision.result_attributes(ds)
+    loop, boundary = plan.layout.loop, plan.layout.boundary
+    if is_learning_study(loop):
+        options_of_plan: Any = {"warm_up": plan.warm_up, "seed": plan.seed, "carry_over": plan.carry_over}
+        replicates = plan.layout.sizes.get("replicate", 1)
+        measured["comparators"] = format_comparators(
+            lambda other: simulate(other, boundary, replicates=replicates, n_jobs=n_workers, **options_of_plan), loop
+        )
     ds = publish_results(run, ds.assign_attrs(study_attributes(study, run.manifest, measured)))
     warn_saturated(plan.layout.loop, ds)
     return n_run, ds

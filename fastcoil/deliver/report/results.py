@@ -29,10 +29,12 @@ from fastcoil.measured.diagnosis import Diagnosis
 from fastcoil.measured.fit import Fit
 from fastcoil.measured.part import PART_FITTED, PART_VALIDATION
 from fastcoil.model.metric_table import METRICS, STATUS_MEANINGS, STATUS_OK
+from fastcoil.study.analysis.answer import answer
+from fastcoil.study.analysis.choices import describe_place
 from fastcoil.study.analysis.compare import mask_off_days
 from fastcoil.study.analysis.paired import paired_change, summarise_median
-from fastcoil.study.analysis.selected import mask_dataset, reduction_metrics
-from fastcoil.study.analysis.summary import cautions, estimate_dim, findings, keep_comparable, recommended_estimate
+from fastcoil.study.analysis.selected import mask_dataset, reduction_metrics, swept_dims
+from fastcoil.study.analysis.summary import cautions, findings
 from fastcoil.study.file.spec import parse_billing
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.results import open_finished
@@ -49,26 +51,25 @@ _MAX_NAME_ROWS = 40  # most rows of a table along a dim of names
 
 
 def comparison_tables(ds: xr.Dataset) -> list[page.Table]:
-    """Return a table for every swept dimension of a study: median error and other metrics by label."""
-    ratio, pi = estimate_dim(ds), plain_pi_label(ds)
+    """Return a table for every swept dimension of a study, at the recommended labels of the other choices."""
+    place, pi = answer(ds).place, plain_pi_label(ds)
     ds = mask_off_days(ds[[n for n in ("rmse", *_COLUMN_HEADS, *reduction_metrics(ds), "status") if n in ds]])
     ds = mask_dataset(ds.drop_vars("status"), ds["status"] == STATUS_OK)
-    dims = [str(d) for d in ds["rmse"].dims if ds.sizes[d] > 1 and d not in _CHANCE_DIMS and d in ds.coords]
-    without_inverse, condition = (ds, "") if ratio is None else (ds.sel({ratio: 0.0}, drop=True), f" with the {pi}")
     tables = []
-    for dim in dims:
-        labels = ds[dim].values
-        zero = int((labels == 0.0).argmax())
-        if dim == ratio:
-            comparable_ds = keep_comparable(ds)
-            best_row = int((labels == recommended_estimate(comparable_ds, dim)).argmax())
-            tables.append(_comparison_table(comparable_ds, dim, "", zero, f"the {pi} of the same loop", best_row))
+    for dim in swept_dims(ds, "rmse"):
+        labels, others = ds[dim].values, {d: label for d, label in place.items() if d != dim}
+        part, at = ds.sel(others, drop=True), describe_place(ds, others)
+        zero, best = int((labels == 0.0).argmax()), None
+        if dim in place:
+            best = int((labels == place[dim]).argmax())
+        if dim in ("estimate_ratio", "backlash_estimate") and labels[zero] == 0.0:
+            tables.append(_comparison_table(part, dim, at, zero, f"the {pi} of the same loop", best))
         elif dim == "backlash" and labels[zero] == 0.0:
-            tables.append(_comparison_table(without_inverse, dim, condition, zero, "the sound valve"))
+            tables.append(_comparison_table(part, dim, at, zero, "the sound valve"))
         elif labels.dtype.kind in "OUST" and labels.size <= _MAX_NAME_ROWS:
-            tables.append(_comparison_table(without_inverse, dim, condition, 0, f"{labels[0]}, the first"))
+            tables.append(_comparison_table(part, dim, at, 0, f"{labels[0]}, the first", best))
         elif is_parameter(ds, dim):
-            tables.append(_comparison_table(without_inverse, dim, condition))
+            tables.append(_comparison_table(part, dim, at, None, "", best))
     return tables
 
 

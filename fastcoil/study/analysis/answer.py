@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import product
 from typing import Any
@@ -19,29 +19,23 @@ import xarray as xr
 
 from fastcoil.base.arguments import to_builtin
 from fastcoil.base.text import format_share
-from fastcoil.loops.labels import coordinate_quantity, is_parameter, label_in_words, plain_pi_label, quantity
+from fastcoil.loops.labels import coordinate_quantity, is_parameter, plain_pi_label, quantity
 from fastcoil.loops.scenarios import check_counted_result
 from fastcoil.model.metric_table import STATUS_OK
-from fastcoil.model.parameter_table import CHANCE_DIMS, PARAMETERS
-from fastcoil.study.analysis.compare import mask_off_days
-from fastcoil.study.analysis.paired import paired_change
-from fastcoil.study.analysis.selected import mask_dataset
+from fastcoil.study.analysis import learned
+from fastcoil.study.analysis.choices import (
+    CALM_ERROR,
+    HUNTING_LIMIT,
+    SIMILAR_ERROR,
+    Choices,
+    describe_choice,
+    describe_labels_at,
+    format_change,
+    format_range,
+    make_table,
+    recommended_buffer,
+)  # fmt: skip
 from fastcoil.study.analysis.sobol import sobol_indices
-
-TRAVEL_LIMIT = 2.0  # motor travel over that of the best plain PI up to which a choice is recommended
-HUNTING_LIMIT = 0.05  # share of the scenarios of a condition that may hunt with a recommended choice
-SIMILAR_ERROR = 1.05  # RMSE over the lowest up to which the simpler choice, or the one of less travel, is recommended
-LEAST_GAIN = 0.01  # a smaller change of the RMS error is none
-CALM_ERROR = 1.25  # RMSE over the lowest up to which a plain PI of little travel sets the limit of travel
-BUFFER_PER_NOISE = 6.0  # of a buffer over kp times noise, docs/findings/remedies.md
-LEAST_BUFFER = 0.01  # of the stroke, where the noise asks for less
-
-PLANT_GROUPS = ("coil", "valve", "actuator", "sensor")  # of parameters that a controller cannot choose
-PLAIN_PI_VALUES: Mapping[str, Any] = {
-    "estimate_ratio": 0.0, "backlash_estimate": 0.0, "learning_step": 0.0, "estimator": "none", "law": "pi",
-}  # fmt: skip
-"""What makes a controller a plain PI, where it varies."""
-TABLE_METRICS = ("rmse", "hunts", "hunting_swing", "motor_travel", "switch_frequency")
 
 
 @dataclass(frozen=True)
@@ -125,124 +119,6 @@ def _to_json_value(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-# --- the table --------------------------------------------------------------------------------------------------------
-
-
-def swept_dims(ds: xr.Dataset) -> list[str]:
-    """Return the dims that were swept, with at least two labels; not those of chance."""
-    return [str(d) for d in ds["status"].dims if ds.sizes[d] > 1 and d not in CHANCE_DIMS and d in ds.coords]
-
-
-def condition_dims(ds: xr.Dataset) -> set[Hashable]:
-    """Return the dims along which the plant differs."""
-    return {d for n in ds.coords if n in PARAMETERS and PARAMETERS[str(n)].group in PLANT_GROUPS for d in ds[n].dims}
-
-
-def mask_plain_pi(ds: xr.Dataset) -> xr.DataArray:
-    """Mark the plain PIs, over the dims along which only some controllers are one; a scalar where none differ."""
-    is_plain, stored = xr.DataArray(True), json.loads(ds.attrs.get("parameters", "{}"))
-    varied = [n for n in PLAIN_PI_VALUES if n in ds.coords and ds[n].ndim and not {*ds[n].dims} & {*CHANCE_DIMS}]
-    for name in varied:
-        is_plain = is_plain & (ds[name] == PLAIN_PI_VALUES[name])
-    replaced = {"estimate_ratio": "backlash_estimate", "backlash_estimate": "estimate_ratio"}
-    for name, value in PLAIN_PI_VALUES.items():
-        given = ds[name].values.item() if name in ds.coords and ds[name].ndim == 0 else stored.get(name)
-        if name not in varied and replaced.get(name) not in varied and given not in (None, value):
-            is_plain = is_plain & False
-    return is_plain.reset_coords(drop=True)
-
-
-def make_table(ds: xr.Dataset) -> xr.Dataset:
-    """Pool metrics over chance, and compare each cell with its partners under a plain PI."""
-    dims = swept_dims(ds)
-    chance = [d for d in ds["status"].dims if d not in dims]
-    ds = mask_off_days(ds[[n for n in (*TABLE_METRICS, "status") if n in ds]])
-    ds = mask_dataset(ds.drop_vars("status"), ds["status"] == STATUS_OK).assign_attrs(ds.attrs)
-    pooled = {n: v.mean(chance) if n == "hunts" else v.median(chance) for n, v in ds.data_vars.items()}
-    for name, q in (("rmse_q05", 0.05), ("rmse_q95", 0.95)):
-        pooled[name] = ds["rmse"].quantile(q, chance).drop_vars("quantile")
-    pooled["n"] = ds["rmse"].notnull().sum(chance)
-    at = plain_place(ds)
-    if at:
-        partner = ds.isel(at, drop=True)
-        change = paired_change(ds["rmse"], partner["rmse"])
-        pooled["rmse_change"] = change.median(chance)
-        pooled["share_lower"] = (change < 0.0).where(change.notnull()).mean(chance)
-        if "motor_travel" in ds:
-            ratio = ds["motor_travel"] / partner["motor_travel"].where(partner["motor_travel"] > 0.0)
-            pooled["travel_ratio"] = ratio.median(chance)
-    coords = {n: c for n, c in ds.coords.items() if {*c.dims} <= {*dims}}
-    table = xr.Dataset({n: v.transpose(*dims) for n, v in pooled.items()}, coords=coords)
-    for name in table.data_vars:
-        table[name].attrs = dict(ds[name].attrs) if name in ds else {}
-    return table.assign_attrs({n: ds.attrs[n] for n in ("title", "summary", "parameters") if n in ds.attrs})
-
-
-def plain_place(ds: xr.Dataset) -> dict[str, int]:
-    """Return the place of the plain PI along the dims of the controllers; empty where there is none, or several."""
-    is_plain = mask_plain_pi(ds)
-    if is_plain.ndim == 0 or int(is_plain.sum()) != 1:
-        return {}
-    return {str(d): int(k) for d, k in zip(is_plain.dims, np.argwhere(is_plain.values)[0], strict=True)}
-
-
-# --- the choice -------------------------------------------------------------------------------------------------------
-
-
-class Choices:
-    """The choices of a study and how they do: relative error, travel and hunting, over the conditions together."""
-
-    def __init__(self, table: xr.Dataset) -> None:
-        self.table, self.conditions = table, condition_dims(table)
-        self.dims = [str(d) for d in table["rmse"].dims if d not in self.conditions]
-        self.over = [d for d in table["rmse"].dims if d in self.conditions]
-        rmse = table["rmse"]
-        # relative to the best choice of each condition, so that every condition counts alike
-        self.error = (rmse / rmse.min(self.dims)).mean(self.over).fillna(np.inf)
-        hunts = table["hunts"] if "hunts" in table else xr.zeros_like(rmse)
-        self.hunting = hunts.max(self.over).fillna(np.inf)
-        self.is_plain = mask_plain_pi(table).broadcast_like(self.error)
-        self.reference = self._find_reference()
-        self.travel = self._travel_ratio()
-
-    def _find_reference(self) -> dict[str, int]:
-        """Find the plain PI with the least travel of those whose error is near the best; without one, of all."""
-        candidates = self._calm(self.is_plain if bool(self.is_plain.any()) else xr.ones_like(self.is_plain))
-        lowest = self.error.where(candidates).min()
-        near = candidates & (self.error <= CALM_ERROR * lowest)
-        if "motor_travel" not in self.table:
-            return self._lowest(self.error, near)
-        return self._lowest(self.table["motor_travel"].median(self.over), near)
-
-    def _calm(self, mask: xr.DataArray) -> xr.DataArray:
-        least = float(self.hunting.where(mask).min())
-        return mask & (self.hunting <= max(HUNTING_LIMIT, least + HUNTING_LIMIT))
-
-    def _travel_ratio(self) -> xr.DataArray:
-        if "motor_travel" not in self.table:
-            return xr.ones_like(self.error)
-        travel = self.table["motor_travel"]
-        reference = travel.isel(self.reference, drop=True)
-        return (travel / reference.where(reference > 0.0)).median(self.over).fillna(np.inf)
-
-    def _lowest(self, values: xr.DataArray, mask: xr.DataArray) -> dict[str, int]:
-        place = values.where(mask, np.inf).argmin(self.dims)
-        return {str(d): int(k) for d, k in place.items()}
-
-    @property
-    def best(self) -> dict[str, int]:
-        """The lowest error within the limits of travel and hunting; of similar ones a plain PI, then least travel."""
-        allowed = self._calm(self.travel <= TRAVEL_LIMIT)
-        near = allowed & (self.error <= SIMILAR_ERROR * self.error.where(allowed).min())
-        plain = near & self.is_plain
-        return self._lowest(self.travel, plain if bool(plain.any()) else near)
-
-    @property
-    def unlimited(self) -> dict[str, int]:
-        """The lowest error of all."""
-        return self._lowest(self.error, xr.ones_like(self.is_plain))
-
-
 def answer(results: Any) -> Answer:
     """Answer what a study asked: what to do, what it brings, what it costs, and where it fails.
 
@@ -287,6 +163,8 @@ def answer(results: Any) -> Answer:
     if "design" in results["status"].dims:
         return _answer_drivers(question, results)
     table = make_table(results)
+    if learned.is_learning_result(results):
+        return _answer_learning(question, Choices(table.merge(learned.describe_learning(results))), results)
     if results["status"].size == 1:
         return _answer_single(question, table)
     choices = Choices(table)
@@ -305,6 +183,75 @@ def _answer_choice(question: str, choices: Choices) -> Answer:
         _describe_costs(choices, best), tuple(_describe_failures(choices, best)),
         tuple(_describe_alternatives(choices, best)), table, place,
     )  # fmt: skip
+
+
+def _answer_learning(question: str, choices: Choices, results: xr.Dataset) -> Answer:
+    """Recommend the setting that finds the backlash most often without harm, or none."""
+    table, over, comparators = choices.table, choices.over, learned.read_comparators(results)
+    if "rmse_change" in table:
+        change, travel = table["rmse_change"], table.get("travel_ratio", xr.DataArray(1.0))
+    elif comparators:
+        plain = comparators["plain PI"]
+        change, travel = table["rmse"] / plain["rmse"] - 1.0, table["motor_travel"] / plain["motor_travel"]
+    else:
+        change, travel = xr.zeros_like(table["rmse"]), xr.ones_like(table["rmse"])
+    right = table["share_right"].mean(over).where(~choices.is_plain, -np.inf)
+    is_harmless = (change.max(over) <= learned.HARMLESS_CHANGE) & (
+        table["share_too_high"].max(over) <= learned.TOO_HIGH_SHARE
+    )
+    is_harmless &= travel.median(over) <= learned.HARMLESS_TRAVEL
+    is_safe = is_harmless & (right >= learned.RIGHT_SHARE)
+    has_safe = bool(is_safe.any())
+    # of settings that are right equally often, the fastest
+    speed = 1.0 / (1.0 + table["time_median"].max(over))
+    best = _largest((right.round(2) + 1e-3 * speed).where(is_safe if has_safe else True, -np.inf))
+    runs, n = learned.describe_runs(results), int(table["n"].isel(best).sum())
+    cell = table.isel(best, drop=True)
+
+    def describe_harm(at: Mapping[str, int]) -> str:
+        parts = [f"the RMS error is {format_change(float(change.isel(at).median()))} than with the plain PI"]
+        parts.append(f"the motor travels {float(travel.isel(at).median()):.2g} times as far")
+        parts.append(f"mode switches are {float(table['switch_frequency'].isel(at).median()):.1f} in 10 min")
+        return ", ".join(parts if comparators or "rmse_change" in table else parts[2:])
+
+    setting = describe_labels_at(table, best)
+    if has_safe:
+        advice = f"take {setting}."
+        worst_time = cell.isel(_largest(-cell["share_right"]))
+        brings = f"the backlash is found on {format_share(float(cell['share_right'].mean()))} of the {runs}: "
+        brings += f"{learned.describe_time(worst_time, n / max(1, cell['share_right'].size), runs)}"
+        brings += " in the condition where this is least often" * bool(cell["share_right"].ndim) + "."
+    else:
+        high = format_share(float(cell["share_too_high"].mean()))
+        found = (
+            f"right on {format_share(float(cell['share_right'].mean()))} of the {runs}, too high at the end on {high}"
+        )
+        advice, brings = f"ship none of these settings: the one that is right most often, {setting}, is {found}.", ""
+    fails = []
+    lowest = choices.unlimited
+    if lowest != best and not bool(choices.is_plain.isel(lowest)):
+        there = table.isel(lowest)
+        words = f"the setting of least error, {describe_labels_at(table, lowest)}, is right on"
+        right_there, high = (format_share(float(there[n].mean())) for n in ("share_right", "share_too_high"))
+        fails.append(f"{words} {right_there} and too high on {high} of the {runs}")
+    others = {name: part for name, part in comparators.items() if name != "plain PI"}
+    alternatives = [_describe_comparator(name, part, comparators["plain PI"], runs) for name, part in others.items()]
+    place = {d: to_builtin(table[d].values[k]) for d, k in best.items()}
+    recommend = _recommended_values(table, best) if has_safe else {}
+    costs = f"while it learns, {describe_harm(best)}."
+    return Answer(question, recommend, advice, brings, costs, tuple(fails), tuple(alternatives), table, place)
+
+
+def _describe_comparator(name: str, part: xr.Dataset, plain: xr.Dataset, runs: str) -> str:
+    """Describe what identify or a fixed estimate did on the same days."""
+    change = format_change(float((part["rmse"] / plain["rmse"]).median()) - 1.0)
+    travel = float((part["motor_travel"] / plain["motor_travel"]).median())
+    text = f"{name}: the RMS error is {change} than with the plain PI, at {travel:.2g} times its travel"
+    if name != "identify":
+        return f"{text}."
+    hours = float(part["time_median"].median()) / 3600.0
+    within = f", half of them within {hours:.2g} h" if math.isfinite(hours) else ""
+    return f"{text}; it is right on {format_share(float(part['share_right'].mean()))} of the {runs}{within}."
 
 
 def _answer_single(question: str, table: xr.Dataset) -> Answer:
@@ -380,41 +327,13 @@ def _recommended_values(table: xr.Dataset, place: Mapping[str, int]) -> dict[str
     return {n: v for n, v in values.items() if not (isinstance(v, float) and math.isnan(v))}
 
 
-def describe_choice(choices: Choices, place: Mapping[str, int]) -> str:
-    """Describe a choice in words: gains, then the inverse or the plain PI."""
-    table, inverse, rest = choices.table, "", dict(place)
-    for dim in ("estimate_ratio", "backlash_estimate"):
-        if dim in rest and choices.is_plain.ndim:
-            k = rest.pop(dim)
-            of_what = " of the backlash" if dim == "estimate_ratio" else ""
-            size = f"{coordinate_quantity(table, dim).number(float(table[dim].values[k]))}{of_what}"
-            inverse = (
-                f"an inverse with an estimate of {size}" if table[dim].values[k] else f"the {plain_pi_label(table)}"
-            )
-    words = ", ".join(filter(None, [describe_labels_at(table, rest)]))
-    return f"take {' and '.join(filter(None, [words, inverse]))}"
-
-
-def describe_labels_at(ds: xr.Dataset | xr.DataArray, at: Mapping[str, int]) -> str:
-    """Describe labels in words: named alternatives by the parameters that differ, where all of these are numbers."""
-    words = []
-    for dim, k in at.items():
-        along = {str(n): c.values for n, c in ds.coords.items() if c.dims == (dim,) and n in PARAMETERS}
-        along = {n: v for n, v in along.items() if np.unique(v).size > 1 and (n != "error_dead_band" or v[k] > 0.0)}
-        if along and all(values.dtype.kind in "if" for values in along.values()):
-            words += [coordinate_quantity(ds, n).equals(float(values[k])) for n, values in along.items()]
-        else:
-            words.append(label_in_words(ds, dim, k))
-    return ", ".join(words)
-
-
 def _describe_gain(choices: Choices, best: Mapping[str, int]) -> str:
     """Describe the error of a choice, against the plain PI of the same loop and against the other choices."""
     table, cell = choices.table, choices.table.isel(best, drop=True)
-    text = f"the RMS error is {_format_range(cell['rmse'])}"
+    text = f"the RMS error is {format_range(cell['rmse'])}"
     if "rmse_change" in table and not bool(choices.is_plain.isel(best)):
         lower = format_share(float(cell["share_lower"].mean()))
-        change = _format_change(float(cell["rmse_change"].median()))
+        change = format_change(float(cell["rmse_change"].median()))
         text += f", {change} than with the {plain_pi_label(table)} of the same loop (median), and lower in {lower}"
     worst = choices.error.where(np.isfinite(choices.error)).argmax(choices.dims)
     ratio = float(choices.error.isel(worst) / choices.error.isel(best))
@@ -425,7 +344,7 @@ def _describe_gain(choices: Choices, best: Mapping[str, int]) -> str:
 def _describe_costs(choices: Choices, best: Mapping[str, int]) -> str:
     table, cell, parts = choices.table, choices.table.isel(best, drop=True), []
     if "motor_travel" in table:
-        parts.append(f"the motor travels {_format_range(cell['motor_travel'], 'strokes')}")
+        parts.append(f"the motor travels {format_range(cell['motor_travel'], 'strokes')}")
         if dict(best) != choices.reference:
             ratio = float(choices.travel.isel(best))
             parts[0] += f", {ratio:.2g} times as far as with {describe_choice(choices, choices.reference)[5:]}"
@@ -447,7 +366,7 @@ def _describe_failures(choices: Choices, best: Mapping[str, int]) -> list[str]:
     if ratio and best[ratio] and table[ratio].values[-1] > table[ratio].values[best[ratio]]:
         over = table.isel({**best, ratio: -1}, drop=True)
         wrong = coordinate_quantity(table, ratio).number(float(table[ratio].values[-1]))
-        error = _format_change(float((over["rmse"] / cell["rmse"]).median()) - 1.0)
+        error = format_change(float((over["rmse"] / cell["rmse"]).median()) - 1.0)
         parts.append(f"with an estimate of {wrong} instead the error is {error}")
         if "motor_travel" in table:
             parts[-1] += f" and the travel {float((over['motor_travel'] / cell['motor_travel']).median()):.2g} times"
@@ -472,7 +391,7 @@ def _describe_worst(choices: Choices, best: Mapping[str, int]) -> list[str]:
         at = _largest(regret)
         there = choices.table["rmse"].isel(at)
         other = {str(d): int(k) for d, k in there.fillna(np.inf).argmin(choices.dims).items()}
-        lower = _format_change(1.0 / float(regret.max()) - 1.0)
+        lower = format_change(1.0 / float(regret.max()) - 1.0)
         parts.append(f"at {describe_labels_at(cell, at)} {describe_choice(choices, other)[5:]} has an error {lower}")
     return parts
 
@@ -485,35 +404,16 @@ def _describe_alternatives(choices: Choices, best: Mapping[str, int]) -> list[st
     """Describe the choice of lowest error, where it costs too much, and the best plain PI, where it is simpler."""
     lines, lowest, reference = [], choices.unlimited, choices.reference
     if float(choices.error.isel(best) / choices.error.isel(lowest)) > SIMILAR_ERROR:
-        change = _format_change(float(choices.error.isel(lowest) / choices.error.isel(best)) - 1.0)
+        change = format_change(float(choices.error.isel(lowest) / choices.error.isel(best)) - 1.0)
         why = f"the motor travels {float(choices.travel.isel(lowest)):.3g} times as far as the best plain PI's"
         if float(choices.hunting.isel(lowest)) > HUNTING_LIMIT:
             why += f", and up to {format_share(float(choices.hunting.isel(lowest)))} of the loops hunt"
         line = f"{describe_choice(choices, lowest)}: the error is {change}, but {why}"
         if not bool(choices.is_plain.isel(lowest)) and plain_pi_label(choices.table) == "plain PI":
-            size = _buffer_size(choices.table, lowest)
+            size = recommended_buffer(choices.table, lowest)
             line += f"; a buffer of {100.0 * size:.2g} % of the stroke lowers that: sweep buffer = {size:.2g} too"
         lines.append(f"{line}.")
     if dict(best) != reference and bool(choices.is_plain.isel(reference)):
-        change = _format_change(float(choices.error.isel(reference) / choices.error.isel(best)) - 1.0)
+        change = format_change(float(choices.error.isel(reference) / choices.error.isel(best)) - 1.0)
         lines.append(f"{describe_choice(choices, reference)}: the error is {change}.")
     return lines
-
-
-def _buffer_size(table: xr.Dataset, place: Mapping[str, int]) -> float:
-    """Return the buffer that noise asks for, docs/findings/remedies.md; the largest of the choice."""
-    stored = json.loads(table.attrs.get("parameters", "{}"))
-    values = [table.coords[n] if n in table.coords else xr.DataArray(stored.get(n, 0.0)) for n in ("kp", "noise_std")]
-    kp, noise = (float(v.isel({d: k for d, k in place.items() if d in v.dims}).max()) for v in values)
-    return float(f"{max(BUFFER_PER_NOISE * kp * noise, LEAST_BUFFER):.2g}")
-
-
-def _format_range(values: xr.DataArray, unit: str = "K") -> str:
-    """Format a median, and its range over the conditions where it varies."""
-    low, middle, high = (float(v) for v in (values.min(), values.median(), values.max()))
-    over = f" ({low:.3g} to {high:.3g} over the conditions)" if values.ndim and f"{low:.3g}" != f"{high:.3g}" else ""
-    return f"{middle:.3g} {unit}{over}"
-
-
-def _format_change(change: float) -> str:
-    return f"{100.0 * abs(change):.0f} % {'lower' if change < 0.0 else 'higher'}"

@@ -12,6 +12,7 @@ from fastcoil.base.arrays import allocate_on_disk
 from fastcoil.base.errors import InputError, Problem, did_you_mean
 from fastcoil.loops.labels import coordinate_quantity, is_parameter, quantity
 from fastcoil.model.metric_table import METRICS, PREDICTIONS
+from fastcoil.model.parameter_table import CHANCE_DIMS, PARAMETERS
 
 _MAX_LISTED = 12  # labels in a message
 
@@ -22,6 +23,19 @@ def numeric_dims(values: xr.DataArray) -> list[str]:
         str(d) for d in values.dims
         if is_parameter(values, d) and d in values.coords and values[d].dtype.kind in "if" and values.sizes[d] > 1
     ]  # fmt: skip
+
+
+PLANT_GROUPS = ("coil", "valve", "actuator", "sensor")  # of parameters that a controller cannot choose
+
+
+def swept_dims(ds: xr.Dataset, of: str = "status") -> list[str]:
+    """Return the dims of a variable that were swept, with at least two labels; not those of chance."""
+    return [str(d) for d in ds[of].dims if ds.sizes[d] > 1 and d not in CHANCE_DIMS and d in ds.coords]
+
+
+def condition_dims(ds: xr.Dataset) -> set[Hashable]:
+    """Return the dims along which the plant differs."""
+    return {d for n in ds.coords if n in PARAMETERS and PARAMETERS[str(n)].group in PLANT_GROUPS for d in ds[n].dims}
 
 
 def reduction_metrics(ds: xr.Dataset) -> list[str]:
