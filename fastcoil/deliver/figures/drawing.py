@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
@@ -21,6 +21,7 @@ from fastcoil.study.analysis.selected import numeric_dims
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.collections import QuadMesh
 
 
@@ -123,8 +124,23 @@ def _pooled_dims(values: xr.DataArray, *drawn: str) -> list[str]:
     return [str(d) for d in values.dims if d not in drawn]
 
 
-def draw_map(axes: Axes, values: xr.DataArray, x: str, y: str) -> QuadMesh | None:
-    """Draw the median over all dims but ``x`` and ``y`` as colours, with a scale; None where no value is finite."""
+_LOG_RANGE = 8.0  # of the values of a map from which its colours are logarithmic
+_MOST_TICKS = 8  # of swept values along an axis
+
+
+def _set_swept_ticks(axis: Axis, positions: np.ndarray, values: np.ndarray) -> None:
+    """Put ticks at swept values, at some of many."""
+    k = np.unique(np.linspace(0, len(values) - 1, min(len(values), _MOST_TICKS)).round().astype(int))
+    axis.set_ticks(positions[k].tolist(), [f"{v:.3g}" for v in values[k]])
+
+
+def draw_map(
+    axes: Axes, values: xr.DataArray, x: str, y: str, mark: Mapping[str, Any] | None = None
+) -> QuadMesh | None:
+    """Draw the median over all dims but ``x`` and ``y`` as colours, with a scale; None where no value is finite.
+
+    The swept values lie equally far apart.  mark: labels of the cell to outline.
+    """
     quantity = values_quantity(values)
     x_quantity, y_quantity = (coordinate_quantity(values, dim) for dim in (x, y))
     label_axes(axes, x_quantity.axis, y_quantity.axis)
@@ -132,21 +148,41 @@ def draw_map(axes: Axes, values: xr.DataArray, x: str, y: str) -> QuadMesh | Non
     median = quantity.factor * values.median(_pooled_dims(values, x, y)).transpose(y, x)
     if mark_if_empty(axes, median):
         return None
-    coordinates = x_quantity.factor * values[x], y_quantity.factor * values[y]
-    mesh = axes.pcolormesh(*coordinates, median, cmap="cividis", shading="nearest", rasterized=True)
+    least, largest = float(median.min()), float(median.max())
+    norm = "log" if least > 0.0 and largest > _LOG_RANGE * least else None
+    mesh = axes.pcolormesh(median, cmap="cividis", norm=norm, rasterized=True)
     axes.grid(visible=False)
+    for axis, dim, of_dim in ((axes.xaxis, x, x_quantity), (axes.yaxis, y, y_quantity)):
+        _set_swept_ticks(axis, np.arange(values.sizes[dim]) + 0.5, of_dim.factor * values[dim].values)
+    if mark and {x, y} <= {*mark}:
+        column, row = (int((values[dim].values == mark[dim]).argmax()) for dim in (x, y))
+        axes.plot(column + 0.5, row + 0.5, "o", ms=9, mfc="none", mec="white", mew=2.5)
+        axes.plot(column + 0.5, row + 0.5, "o", ms=9, mfc="none", mec="black", mew=1.0)
     scale = axes.figure.colorbar(mesh, ax=axes)
     scale.set_label(wrap_text(quantity.axis, 2.0, _FONT_SIZE))
     scale.ax.tick_params(labelsize=STYLE["font.size"])
     return mesh
 
 
-def draw_curve(axes: Axes, values: xr.DataArray, x: str, *, color: str, **look: Any) -> None:
-    """Draw the median over all dims but ``x``, with its band or members; from 0 if possible."""
+def draw_curve(
+    axes: Axes, values: xr.DataArray, x: str, *, color: str, mark: Mapping[str, Any] | None = None,
+    spread: Sequence[xr.DataArray] = (), **look: Any,
+) -> None:  # fmt: skip
+    """Draw the median over all dims but ``x``, with its band or members; from 0 if possible.
+
+    mark: labels, of which that along ``x`` is marked.  spread: further curves along ``x``, in grey.
+    """
     quantity, x_quantity = values_quantity(values), coordinate_quantity(values, x)
     label_axes(axes, x_quantity.axis, quantity.axis)
     axes.axhline(0.0, color="black", lw=0.8).sticky_edges.y.append(0.0)
     values = values.sortby(x)
+    if values.sizes[x] <= _MOST_TICKS:
+        along = x_quantity.factor * values[x].values
+        _set_swept_ticks(axes.xaxis, along, along)
+    if mark and x in mark:
+        axes.axvline(x_quantity.factor * mark[x], color="black", lw=0.8, ls=":")
+    for edge in spread:
+        axes.plot(x_quantity.factor * values[x], quantity.factor * edge.sortby(x), color="0.5", lw=0.8, ls="--")
     draw_median_curve(axes, x_quantity.factor * values[x], quantity.factor * values, color=color, **look)
     mark_if_empty(axes, values)
 

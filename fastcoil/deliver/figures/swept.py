@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING, Any
@@ -21,11 +21,15 @@ from fastcoil.base.arguments import argument_checks, require_choice, require_ins
 from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 from fastcoil.base.figures import BLUE, COLOURS, LINE_STYLES, apply_style, wrap_text
 from fastcoil.deliver.figures import drawing
+from fastcoil.deliver.figures.answers import draw_drivers, draw_learning_study
 from fastcoil.loops.labels import label_in_words, plain_pi_label
 from fastcoil.loops.scenarios import check_counted_result, require_table_units
 from fastcoil.model.metric_table import METRICS, metric_hint
 from fastcoil.model.parameter_table import CHANCE_DIMS, PARAMETERS
-from fastcoil.study.analysis.selected import drawn_parameters, group_by_parameters, numeric_dims
+from fastcoil.study.analysis.answer import answer
+from fastcoil.study.analysis.choices import PLAIN_PI_VALUES, describe_place
+from fastcoil.study.analysis.learned import is_learning_result
+from fastcoil.study.analysis.selected import drawn_parameters, group_by_parameters, numeric_dims, swept_dims
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -138,8 +142,7 @@ def _select_values(data: Any, metric: Any, **axes: Any) -> tuple[xr.DataArray, s
 
 _LEAST_PANEL_WIDTH_INCHES = 2.2  # legible
 _ESTIMATE_PARAMETERS = ("estimate_ratio", "backlash_estimate")
-_PLAIN_PI_VALUES = {**dict.fromkeys(_ESTIMATE_PARAMETERS, 0.0), "learning_step": 0.0, "estimator": "none", "law": "pi"}
-STANDARD_METRICS = ("rmse", "rmse_settled", "switch_frequency")
+STANDARD_METRICS = ("rmse", "motor_travel", "switch_frequency")
 
 
 @apply_style()
@@ -149,8 +152,9 @@ def draw_panels(
 ) -> Figure:  # fmt: skip
     """Draw a panel for each metric: maps over two swept parameters, curves along one, or dots for names along ``x``.
 
-    All other dimensions are pooled: their median, along one of them with its 10–90 % range, or single members.
-    by: a further dimension, with a row of panels for each of ``panel_rows``.  width: of the figure, inches.
+    Days, drawn valves and noise are pooled: their median, along a swept number with its 10–90 % range, or single
+    members.  Other swept axes are not: see ``fix_other_axes``.  by: a further dimension, with a row of panels for each
+    of ``panel_rows``.  width: of the figure, inches.
     """
     from matplotlib.figure import Figure
 
@@ -164,13 +168,15 @@ def draw_panels(
             check.problems.append(Problem(sentence + hint, "metrics", "name"))
     if by in dims:
         raise InputError(f"{by} is named twice: choose two different axes", "by", "duplicate")
-    draw: Callable[[Axes, xr.DataArray], QuadMesh | None]
+    all_ds, (ds, recommended, fixed_words) = ds, fix_other_axes(ds, [d for d in (x, y, by) if d])
+    draw: Callable[..., QuadMesh | None]
     if y:
         draw, marks, height = partial(drawing.draw_map, x=x, y=y), drawing.COLOUR_MARKS, 3.0
     elif has_names:
         draw, marks, height = partial(drawing.draw_dots, dim=x, color=BLUE), drawing.DOT_MARKS, 1 + 0.22 * ds.sizes[x]
     else:
-        draw, marks, height = partial(drawing.draw_curve, x=x, color=BLUE), drawing.LINE_MARKS, 2.4
+        draw = partial(drawing.draw_curve, x=x, color=BLUE)
+        marks, height = drawing.LINE_MARKS, 2.4
     rows, n = panel_rows(ds, by), len(metrics)
     columns = n if by else min(n, panels_per_row(width))
     inches = 3.2 * max(columns, 2) if width is None else width
@@ -185,7 +191,11 @@ def draw_panels(
         unused_axes.remove()
     meshes: dict[str, list[QuadMesh]] = defaultdict(list)
     for axes, ((index, words), metric) in zip(grid, product(rows, metrics), strict=False):
-        mesh = draw(axes, ds[metric] if index is None else ds[metric].isel({by: index}))
+        at = {} if index is None else {by: index}
+        is_recommended = index is None or ds[by].values[index] == recommended.get(str(by), ds[by].values[index])
+        spread = _other_choices(all_ds[metric].isel(at), x, recommended) if not y and not has_names else {}
+        marks_here = {} if has_names and not y else {"mark": recommended if is_recommended else None}
+        mesh = draw(axes, ds[metric].isel(at), **marks_here, **spread)
         meshes[metric] += [] if mesh is None else [mesh]
         axes.set_title(drawing.wrap_to_axes(axes, words), loc="left")
         if by and not axes.get_subplotspec().is_last_row():
@@ -194,10 +204,42 @@ def draw_panels(
         colour_limits = [limit for mesh in maps for limit in mesh.get_clim()]
         for mesh in maps:
             mesh.set_clim(min(colour_limits), max(colour_limits))
-    words = drawing.pooled_in_words(ds["status"], (*dims, by), marks)
+    words = drawing.pooled_in_words(ds["status"], (*dims, by), marks) + fixed_words
     words += drawing.left_out_in_words(ds, by, len(rows)) + drawing.failed_in_words(ds)
     figure.suptitle(wrap_text("\n".join(filter(None, [str(ds.attrs.get("title", "")), words])), inches, 9))
     return figure
+
+
+def fix_other_axes(ds: xr.Dataset, drawn: Sequence[str]) -> tuple[xr.Dataset, dict[str, Any], str]:
+    """Take the swept axes that a figure does not draw at the recommended labels, conditions at the worst.
+
+    Returns the results there, the recommended labels of all axes, and a clause for the caption.
+    """
+    left = [d for d in swept_dims(ds) if d not in drawn]
+    if "rmse" not in ds or "relative_to" in ds["rmse"].attrs or not (place := answer(ds).place) and not left:
+        return ds, {}, ""
+    fixed = {d: place[d] for d in left if d in place}
+    conditions = [d for d in left if d not in place]
+    label = describe_place(ds, place).removeprefix(" at ")
+    words = f"; ring and dotted line: recommended, {label}" if label else ""
+    words += "; dashed: best and worst of the choices not drawn" if {*fixed} & {*place} else ""
+    if conditions:
+        rmse = answer(ds).table["rmse"].sel(place).fillna(-math.inf)
+        worst = rmse.isel({str(d): int(k) for d, k in rmse.argmax(tuple(rmse.dims)).items()})
+        worst_labels = {d: worst[d].values.item() for d in conditions}
+        words += f"; drawn{describe_place(ds, worst_labels)}, where the error is largest"
+        fixed |= worst_labels
+    return ds.sel(fixed), dict(place), words
+
+
+def _other_choices(values: xr.DataArray, x: str, recommended: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the best and the worst of the choices that a curve does not draw, medians over chance."""
+    dims = [d for d in recommended if d in values.dims and d != x]
+    if not dims:
+        return {}
+    medians = values.median([d for d in values.dims if d in CHANCE_DIMS])
+    over = [d for d in medians.dims if d != x]
+    return {"spread": (medians.min(over), medians.max(over))}
 
 
 def panels_per_row(width: float | None) -> int:
@@ -208,32 +250,38 @@ def panels_per_row(width: float | None) -> int:
 def standard_figures(ds: xr.Dataset, width: float | None = None) -> dict[str, Callable[[], Figure]]:
     """Return functions that draw the figures for a study's dimensions, by file name; none for a single scenario.
 
-    A plain PI and an inverse are never pooled: a dimension with both that a figure does not show has a row for each
-    label.  A row has as many metrics as fit into ``width``, inches.  Nothing is imported before a function is called.
+    A further swept axis, first one with a plain PI and other controllers, has a row of panels for each label.  A row
+    has as many metrics as fit into ``width``, inches.  Nothing is imported before a function is called.
     """
-    numeric, control = numeric_dims(ds["status"]), control_dims(ds)
+    numeric = numeric_dims(ds["status"])
     named_dims = [str(d) for d in ds["status"].dims if d not in numeric and d in ds.coords and ds.sizes[d] > 1]
     row_metrics = [name for name in STANDARD_METRICS if name in ds][: panels_per_row(width)]
 
-    def first_control_dim(*drawn: str) -> str | None:
-        return next((d for d in control if d not in drawn), None)
+    def next_axis(*drawn: str) -> str | None:
+        return next((d for d in [*control_dims(ds), *swept_dims(ds)] if d not in drawn), None)
 
-    def panel_figure(x: str, y: str | None = None, by: str | None = None) -> Callable[[], Figure]:
+    def panel_figure(x: str, y: str | None = None) -> Callable[[], Figure]:
+        by = next_axis(x, *([y] if y else []))
         metrics = row_metrics if by else [name for name in STANDARD_METRICS if name in ds]
         return partial(draw_panels, ds, x, y, by, metrics, width)
 
+    if "design" in ds["status"].dims:
+        return {"drivers": partial(draw_drivers, ds, width)}
     figures: dict[str, Callable[[], Figure]] = {}
-    if len(numeric) >= 2:
-        swept = [d for d in numeric if d in control]
-        y, x = numeric[:2] if not swept or {*numeric[:2]} & {*swept} else (numeric[0], swept[0])
-        figures["maps"] = panel_figure(x, y, by=first_control_dim(x, y))
-        figures["bands"] = panel_figure(x, by=first_control_dim(x) or y)
+    if is_learning_result(ds):
+        figures["learning"] = partial(draw_learning_study, ds, width)
+    # a map of two columns would be bars
+    wide = [d for d in numeric if ds.sizes[d] > 2]
+    if len(wide) >= 2:
+        swept = [d for d in wide if d in control_dims(ds)]
+        y, x = wide[:2] if not swept or {*wide[:2]} & {*swept} else (wide[0], swept[0])
+        figures["maps"] = panel_figure(x, y)
+        figures["bands"] = panel_figure(x)
     elif numeric:
-        figures["bands"] = panel_figure(numeric[0], by=first_control_dim(numeric[0]))
+        figures["bands"] = panel_figure(max(numeric, key=lambda d: ds.sizes[d]))
     for dim in named_dims:
-        by = first_control_dim(dim)
-        if ds[dim].dtype.kind in "OUST" and ds.sizes[dim] * len(panel_rows(ds, by)) <= 100:
-            figures[dim] = panel_figure(dim, by=by)
+        if ds[dim].dtype.kind in "OUST" and ds.sizes[dim] * len(panel_rows(ds, next_axis(dim))) <= 100:
+            figures[dim] = panel_figure(dim)
     return figures
 
 
@@ -253,7 +301,7 @@ def control_dims(ds: xr.Dataset) -> list[str]:
     controls = []
     for dim in dims:
         # some labels, and not all, are a plain PI by what differs along the dimension
-        along = {n: v for n, v in _PLAIN_PI_VALUES.items() if n in ds.coords and ds[n].dims == (dim,)}
+        along = {n: v for n, v in PLAIN_PI_VALUES.items() if n in ds.coords and ds[n].dims == (dim,)}
         is_plain = np.array([ds[n].values == v for n, v in along.items()] or [[False]]).all(axis=0)
         if dim == "controller" or (is_plain.any() and not is_plain.all()):
             controls.append(dim)

@@ -397,6 +397,8 @@ def _describe_worst(choices: Choices, best: Mapping[str, int]) -> list[str]:
 
 
 def _largest(values: xr.DataArray) -> dict[str, int]:
+    if not values.ndim:
+        return {}
     return {str(d): int(k) for d, k in values.fillna(-np.inf).argmax([*values.dims]).items()}
 
 

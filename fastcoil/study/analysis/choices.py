@@ -24,6 +24,7 @@ TRAVEL_LIMIT = 2.0  # motor travel over that of the best plain PI up to which a 
 HUNTING_LIMIT = 0.05  # share of the scenarios of a condition that may hunt with a recommended choice
 SIMILAR_ERROR = 1.05  # RMSE over the lowest up to which the simpler choice, or that of less travel, is recommended
 CALM_ERROR = 1.25  # RMSE over the lowest up to which a plain PI of little travel sets the limit of travel
+INVERSE_SHARE = 0.95  # largest estimate over the backlash that is recommended, where there is a choice
 BUFFER_PER_NOISE = 6.0  # of a buffer over kp times noise, docs/findings/remedies.md
 LEAST_BUFFER = 0.01  # of the stroke, where the noise asks for less
 
@@ -95,8 +96,16 @@ class Choices:
         hunts = table["hunts"] if "hunts" in table else xr.zeros_like(rmse)
         self.hunting = hunts.max(self.over).fillna(np.inf)
         self.is_plain = mask_plain_pi(table).broadcast_like(self.error)
+        self.is_advisable = self._advisable()
         self.reference = self._find_reference()
         self.travel = self._travel_ratio()
+
+    def _advisable(self) -> xr.DataArray:
+        """Leave out inverses of more than 95 % of the backlash: nobody knows it better, and more may chatter."""
+        ratio = self.table.coords.get("estimate_ratio", xr.DataArray(0.0))
+        is_small = ratio <= INVERSE_SHARE + 1e-9
+        has_choice = ratio.ndim and bool((is_small & (ratio > 0.0)).any())
+        return (is_small if has_choice else xr.ones_like(ratio, dtype=bool)).reset_coords(drop=True) & True
 
     def _find_reference(self) -> dict[str, int]:
         """Find the plain PI with the least travel of those whose error is near the best; without one, of all."""
@@ -108,8 +117,8 @@ class Choices:
         return self._lowest(self.table["motor_travel"].median(self.over), near)
 
     def _calm(self, mask: xr.DataArray) -> xr.DataArray:
-        least = float(self.hunting.where(mask).min())
-        return mask & (self.hunting <= max(HUNTING_LIMIT, least + HUNTING_LIMIT))
+        least = float(self.hunting.where(mask & self.is_advisable).min())
+        return mask & self.is_advisable & (self.hunting <= max(HUNTING_LIMIT, least + HUNTING_LIMIT))
 
     def _travel_ratio(self) -> xr.DataArray:
         if "motor_travel" not in self.table:
@@ -133,7 +142,7 @@ class Choices:
     @property
     def unlimited(self) -> dict[str, int]:
         """The lowest error of all."""
-        return self._lowest(self.error, xr.ones_like(self.is_plain))
+        return self._lowest(self.error, self.is_advisable.broadcast_like(self.error))
 
 
 # --- in words ---------------------------------------------------------------------------------------------------------
@@ -169,7 +178,7 @@ def describe_labels_at(ds: xr.Dataset | xr.DataArray, at: Mapping[str, int]) -> 
 
 def describe_place(ds: xr.Dataset, place: Mapping[str, Any]) -> str:
     """Describe labels: `` at Kp = 0.05 1/K, ...``; empty without any."""
-    at = {d: int((ds[d].values == label).argmax()) for d, label in place.items()}
+    at = {str(d): int((ds[d].values == label).argmax()) for d, label in place.items()}
     return f" at {describe_labels_at(ds, at)}" if at else ""
 
 
