@@ -43,7 +43,8 @@ def draw_learning_study(ds: xr.Dataset, width: float | None = None) -> Figure:
     line_dim, fixed = (others[0] if others else None), {d: found.place[d] for d in others[1:]}
     table = found.table.sel(fixed)
     columns = [dict(zip(conditions, at, strict=True)) for at in np.ndindex(*(table.sizes[d] for d in conditions))]
-    columns = [columns[k] for k in drawing.pick_labels(len(columns), _MOST_CONDITIONS)]
+    n_conditions = len(columns)
+    columns = [columns[k] for k in drawing.pick_labels(n_conditions, _MOST_CONDITIONS)]
     inches = _PANEL_INCHES[0] * max(2, len(columns)) if width is None else width
     figure = Figure(figsize=(inches, _PANEL_INCHES[1] * len(_LEARNING_ROWS) + 0.6), layout="constrained")
     grid = figure.subplots(len(_LEARNING_ROWS), len(columns), squeeze=False, sharex=True, sharey="row")
@@ -56,10 +57,12 @@ def draw_learning_study(ds: xr.Dataset, width: float | None = None) -> Figure:
         words = ", ".join(label_in_words(table, d, k) for d, k in place.items())
         panels[0].set_title(drawing.wrap_to_axes(panels[0], words), loc="left")
         panels[-1].set_xlabel(drawing.wrap_to_axes(panels[-1], coordinate_quantity(table, x).axis))
+    for axes in grid[:, 0]:
+        axes.set_ylim(bottom=0.0)
     if line_dim:
         handles, labels = grid[0, 0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 3), frameon=False)
-    shown = f"; shown are {len(columns)} conditions" if len(columns) == _MOST_CONDITIONS else ""
+    shown = f"; {len(columns)} of {n_conditions} conditions" if len(columns) < n_conditions else ""
     caption = f"Median over days{describe_place(table, fixed)}; dotted: recommended; a gap in a line: never{shown}"
     figure.suptitle(wrap_text("\n".join(filter(None, [str(ds.attrs.get("title", "")), caption])), inches, 9))
     return figure
@@ -68,21 +71,18 @@ def draw_learning_study(ds: xr.Dataset, width: float | None = None) -> Figure:
 def _draw_settings(axes: Axes, values: xr.DataArray, x: str, line_dim: str | None, found: Answer) -> None:
     """Draw a line over ``x`` for each label of a second setting."""
     along = coordinate_quantity(values, x).factor * values[x].values
-    places = (
-        [{}] if line_dim is None else [{line_dim: k} for k in drawing.pick_labels(values.sizes[line_dim], _MOST_LINES)]
-    )
-    for k, place in enumerate(places):
+    labels = [] if line_dim is None else drawing.pick_labels(values.sizes[line_dim], _MOST_LINES)
+    for k, place in enumerate([{line_dim: index} for index in labels] or [{}]):
         label = label_in_words(values, line_dim, place[line_dim]) if line_dim else None
         curve = values.isel(place).transpose(x).values
         curve = np.where(np.isfinite(curve), curve, np.nan)
         axes.plot(along, curve, LINE_STYLES[k], marker="o", ms=3, color=COLOURS[k], label=label)
     if found.recommend and x in found.place:
         axes.axvline(coordinate_quantity(values, x).factor * found.place[x], color="black", lw=0.8, ls=":")
-    axes.set_ylim(bottom=0.0)
     axes.set_xticks(along, [f"{v:.3g}" for v in along])
 
 
-_MOST_METRICS, _MOST_SCATTERS = 3, 2
+_MOST_SCATTERS = 2  # parameters over which a metric is drawn
 _LEAST_WIDTH_INCHES = 6.5
 
 
@@ -92,7 +92,7 @@ def draw_drivers(ds: xr.Dataset, width: float | None = None) -> Figure:
     from matplotlib.figure import Figure
 
     table = answer(ds).table
-    metrics = [str(n) for n in table.data_vars if not str(n).endswith("_n_samples")][:_MOST_METRICS]
+    metrics = [str(n) for n in table.data_vars if "parameter" in table[n].dims and table[n].notnull().any()]
     rest = [d for d in table[metrics[0]].dims if d not in ("parameter", "index", "edge")]
     first_labels = {d: 0 for d in rest}
     inches = _LEAST_WIDTH_INCHES if width is None else width
@@ -106,6 +106,8 @@ def draw_drivers(ds: xr.Dataset, width: float | None = None) -> Figure:
         strongest = np.argsort(-indices.sel(index="total", edge="value").fillna(0.0).values)
         names = [str(indices["parameter"].values[k]) for k in strongest[:_MOST_SCATTERS]]
         _draw_scatters(panels[1:], population[metric].isel(first_labels), names)
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower left", ncols=2, frameon=False)
     at = describe_place(ds, {d: ds[d].values[0] for d in rest})
     caption = f"Bars: share of the spread{at}, lines: 95 % intervals; dots: a drawn loop each"
     figure.suptitle(wrap_text("\n".join(filter(None, [str(ds.attrs.get("title", "")), caption])), inches, 9))
@@ -122,7 +124,6 @@ def _draw_indices(axes: Axes, indices: xr.DataArray) -> None:
     axes.set_yticks(rows, [wrap_text(quantity(str(n)).text, 1.2, 8) for n in indices["parameter"].values])
     axes.invert_yaxis()
     axes.set(xlabel="share of the spread [%]", xlim=(0.0, 105.0))
-    axes.legend(fontsize=7, loc="lower right")
 
 
 def _draw_scatters(panels: Sequence[Axes], values: xr.DataArray, names: Sequence[str]) -> None:

@@ -135,12 +135,15 @@ def _set_swept_ticks(axis: Axis, positions: np.ndarray, values: np.ndarray) -> N
 
 
 def draw_map(
-    axes: Axes, values: xr.DataArray, x: str, y: str, mark: Mapping[str, Any] | None = None
-) -> QuadMesh | None:
+    axes: Axes, values: xr.DataArray, x: str, y: str, mark: Mapping[str, Any] | None = None,
+    limits: tuple[float, float] | None = None,
+) -> QuadMesh | None:  # fmt: skip
     """Draw the median over all dims but ``x`` and ``y`` as colours, with a scale; None where no value is finite.
 
-    The swept values lie equally far apart.  mark: labels of the cell to outline.
+    The swept values lie equally far apart.  mark: labels of the recommended cell.  limits: of the colours.
     """
+    from matplotlib.colors import LogNorm, Normalize
+
     quantity = values_quantity(values)
     x_quantity, y_quantity = (coordinate_quantity(values, dim) for dim in (x, y))
     label_axes(axes, x_quantity.axis, y_quantity.axis)
@@ -148,8 +151,9 @@ def draw_map(
     median = quantity.factor * values.median(_pooled_dims(values, x, y)).transpose(y, x)
     if mark_if_empty(axes, median):
         return None
-    least, largest = float(median.min()), float(median.max())
-    norm = "log" if least > 0.0 and largest > _LOG_RANGE * least else None
+    least, largest = limits or (float(median.min()), float(median.max()))
+    is_log = least > 0.0 and largest > _LOG_RANGE * least
+    norm = (LogNorm if is_log else Normalize)(least, largest)
     mesh = axes.pcolormesh(median, cmap="cividis", norm=norm, rasterized=True)
     axes.grid(visible=False)
     for axis, dim, of_dim in ((axes.xaxis, x, x_quantity), (axes.yaxis, y, y_quantity)):
@@ -158,7 +162,8 @@ def draw_map(
         column, row = (int((values[dim].values == mark[dim]).argmax()) for dim in (x, y))
         axes.plot(column + 0.5, row + 0.5, "o", ms=9, mfc="none", mec="white", mew=2.5)
         axes.plot(column + 0.5, row + 0.5, "o", ms=9, mfc="none", mec="black", mew=1.0)
-    scale = axes.figure.colorbar(mesh, ax=axes)
+    scale = axes.figure.colorbar(mesh, ax=axes, format="{x:.3g}")
+    scale.ax.yaxis.set_minor_formatter("{x:.2g}" if largest < 30.0 * least else "")
     scale.set_label(wrap_text(quantity.axis, 2.0, _FONT_SIZE))
     scale.ax.tick_params(labelsize=STYLE["font.size"])
     return mesh

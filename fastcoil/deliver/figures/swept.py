@@ -8,7 +8,6 @@ label of a dimension.
 from __future__ import annotations
 
 import math
-from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import product
@@ -22,7 +21,7 @@ from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 from fastcoil.base.figures import BLUE, COLOURS, LINE_STYLES, apply_style, wrap_text
 from fastcoil.deliver.figures import drawing
 from fastcoil.deliver.figures.answers import draw_drivers, draw_learning_study
-from fastcoil.loops.labels import label_in_words, plain_pi_label
+from fastcoil.loops.labels import label_in_words, plain_pi_label, values_quantity
 from fastcoil.loops.scenarios import check_counted_result, require_table_units
 from fastcoil.model.metric_table import METRICS, metric_hint
 from fastcoil.model.parameter_table import CHANCE_DIMS, PARAMETERS
@@ -189,21 +188,20 @@ def draw_panels(
     grid = figure.subplots(n_rows, columns, squeeze=False, sharex=shared_axes, sharey=sharey).ravel()
     for unused_axes in grid[len(rows) * n :]:
         unused_axes.remove()
-    meshes: dict[str, list[QuadMesh]] = defaultdict(list)
     for axes, ((index, words), metric) in zip(grid, product(rows, metrics), strict=False):
         at = {} if index is None else {by: index}
         is_recommended = index is None or ds[by].values[index] == recommended.get(str(by), ds[by].values[index])
         spread = _other_choices(all_ds[metric].isel(at), x, recommended) if not y and not has_names else {}
-        marks_here = {} if has_names and not y else {"mark": recommended if is_recommended else None}
-        mesh = draw(axes, ds[metric].isel(at), **marks_here, **spread)
-        meshes[metric] += [] if mesh is None else [mesh]
+        look = {} if has_names and not y else {"mark": recommended if is_recommended else None}
+        if y:  # rows are compared
+            medians = values_quantity(ds[metric]).factor * ds[metric].median(
+                [d for d in ds[metric].dims if d not in (*dims, by)]
+            )
+            look["limits"] = float(medians.min()), float(medians.max())
+        draw(axes, ds[metric].isel(at), **look, **spread)
         axes.set_title(drawing.wrap_to_axes(axes, words), loc="left")
         if by and not axes.get_subplotspec().is_last_row():
             axes.set_xlabel("")
-    for maps in meshes.values():  # rows are compared
-        colour_limits = [limit for mesh in maps for limit in mesh.get_clim()]
-        for mesh in maps:
-            mesh.set_clim(min(colour_limits), max(colour_limits))
     words = drawing.pooled_in_words(ds["status"], (*dims, by), marks) + fixed_words
     words += drawing.left_out_in_words(ds, by, len(rows)) + drawing.failed_in_words(ds)
     figure.suptitle(wrap_text("\n".join(filter(None, [str(ds.attrs.get("title", "")), words])), inches, 9))
