@@ -18,7 +18,7 @@ from fastcoil.loops.clashes import warn_saturated
 from fastcoil.loops.plan import JobSlice, check_disk, check_workers, cut_into_shards
 from fastcoil.loops.simulate import number_of_threads, simulate
 from fastcoil.model.engine.lanes import compile_kernel
-from fastcoil.study.analysis.answer import answer
+from fastcoil.study.analysis.answer import find_answer
 from fastcoil.study.analysis.learned import format_comparators, is_learning_study
 from fastcoil.study.file.spec import Study, read_study
 from fastcoil.study.file.user_code import load_function
@@ -169,7 +169,7 @@ def execute(
             study = run.study.with_batches(next(n for n in precision.batch_counts if n > run.study.batches))
             extend, scope = True, f"{SCENARIO_DAYS}, {precision.describe_progress(ds)}"
         finished = FinishedStudy(store.path, ds, n_run, is_new)
-        write_atomically(store.path / ANSWER_FILE, answer(ds).to_json().encode())
+        write_atomically(store.path / ANSWER_FILE, find_answer(ds).to_json().encode())
         present(finished)
     return finished
 

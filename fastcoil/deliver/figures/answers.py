@@ -11,7 +11,7 @@ import xarray as xr
 from fastcoil.base.figures import BLUE, COLOURS, LINE_STYLES, apply_style, wrap_text
 from fastcoil.deliver.figures import drawing
 from fastcoil.loops.labels import coordinate_quantity, label_in_words, quantity, values_quantity
-from fastcoil.study.analysis.answer import Answer, answer
+from fastcoil.study.analysis.answer import Answer, find_answer
 from fastcoil.study.analysis.choices import describe_place
 from fastcoil.study.analysis.selected import condition_dims
 
@@ -35,7 +35,7 @@ def draw_learning_study(ds: xr.Dataset, width: float | None = None) -> Figure:
     """Draw how often settings learn the backlash, how fast, and at what travel: a column for each condition."""
     from matplotlib.figure import Figure
 
-    found = answer(ds)
+    found = find_answer(ds)
     dims = [str(d) for d in found.table["rmse"].dims]
     conditions = [d for d in dims if d in condition_dims(found.table)]
     settings = [d for d in dims if d not in conditions]
@@ -91,7 +91,7 @@ def draw_drivers(ds: xr.Dataset, width: float | None = None) -> Figure:
     """Draw Sobol' indices of each metric with their intervals, and the metric over the strongest parameters."""
     from matplotlib.figure import Figure
 
-    table = answer(ds).table
+    table = find_answer(ds).table
     metrics = [str(n) for n in table.data_vars if "parameter" in table[n].dims and table[n].notnull().any()]
     rest = [d for d in table[metrics[0]].dims if d not in ("parameter", "index", "edge")]
     first_labels = {d: 0 for d in rest}

@@ -25,7 +25,7 @@ from fastcoil.loops.labels import label_in_words, plain_pi_label, values_quantit
 from fastcoil.loops.scenarios import check_counted_result, require_table_units
 from fastcoil.model.metric_table import METRICS, metric_hint
 from fastcoil.model.parameter_table import CHANCE_DIMS, PARAMETERS
-from fastcoil.study.analysis.answer import answer
+from fastcoil.study.analysis.answer import find_answer
 from fastcoil.study.analysis.choices import PLAIN_PI_VALUES, describe_place
 from fastcoil.study.analysis.learned import is_learning_result
 from fastcoil.study.analysis.selected import drawn_parameters, group_by_parameters, numeric_dims, swept_dims
@@ -213,21 +213,23 @@ def fix_other_axes(ds: xr.Dataset, drawn: Sequence[str]) -> tuple[xr.Dataset, di
 
     Returns the results there, the recommended labels of all axes, and a clause for the caption.
     """
-    left = [d for d in swept_dims(ds) if d not in drawn]
-    if "rmse" not in ds or "relative_to" in ds["rmse"].attrs or not (place := answer(ds).place) and not left:
+    if "rmse" not in ds or "relative_to" in ds["rmse"].attrs or "members" in ds.coords:
+        return ds, {}, ""  # shares of a baseline, or groups of drawn parameters
+    found = find_answer(ds)
+    if "rmse" not in found.table:
         return ds, {}, ""
-    fixed = {d: place[d] for d in left if d in place}
-    conditions = [d for d in left if d not in place]
-    label = describe_place(ds, place).removeprefix(" at ")
+    left = [d for d in swept_dims(ds) if d not in drawn]
+    fixed = {d: found.place[d] for d in left if d in found.place}
+    label = describe_place(ds, found.place).removeprefix(" at ")
     words = f"; ring and dotted line: recommended, {label}" if label else ""
-    words += "; dashed: best and worst of the choices not drawn" if {*fixed} & {*place} else ""
-    if conditions:
-        rmse = answer(ds).table["rmse"].sel(place).fillna(-math.inf)
+    words += "; dashed: best and worst of the choices not drawn" if fixed else ""
+    if conditions := [d for d in left if d not in found.place]:
+        rmse = found.table["rmse"].sel(found.place).fillna(-math.inf)
         worst = rmse.isel({str(d): int(k) for d, k in rmse.argmax(tuple(rmse.dims)).items()})
         worst_labels = {d: worst[d].values.item() for d in conditions}
         words += f"; drawn{describe_place(ds, worst_labels)}, where the error is largest"
         fixed |= worst_labels
-    return ds.sel(fixed), dict(place), words
+    return ds.sel(fixed), dict(found.place), words
 
 
 def _other_choices(values: xr.DataArray, x: str, recommended: Mapping[str, Any]) -> dict[str, Any]:

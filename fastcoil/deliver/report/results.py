@@ -29,7 +29,7 @@ from fastcoil.measured.diagnosis import Diagnosis
 from fastcoil.measured.fit import Fit
 from fastcoil.measured.part import PART_FITTED, PART_VALIDATION
 from fastcoil.model.metric_table import METRICS, STATUS_MEANINGS, STATUS_OK
-from fastcoil.study.analysis.answer import answer
+from fastcoil.study.analysis.answer import find_answer
 from fastcoil.study.analysis.choices import describe_place
 from fastcoil.study.analysis.compare import mask_off_days
 from fastcoil.study.analysis.paired import paired_change, summarise_median
@@ -52,7 +52,7 @@ _MAX_NAME_ROWS = 40  # most rows of a table along a dim of names
 
 def comparison_tables(ds: xr.Dataset) -> list[page.Table]:
     """Return a table for every swept dimension of a study, at the recommended labels of the other choices."""
-    place, pi = answer(ds).place, plain_pi_label(ds)
+    place, pi = find_answer(ds).place, plain_pi_label(ds)
     ds = mask_off_days(ds[[n for n in ("rmse", *_COLUMN_HEADS, *reduction_metrics(ds), "status") if n in ds]])
     ds = mask_dataset(ds.drop_vars("status"), ds["status"] == STATUS_OK)
     tables = []

@@ -155,6 +155,11 @@ def answer(results: Any) -> Answer:
     {'backlash_estimate': 2}
     """
     check_counted_result(results)
+    return find_answer(results)
+
+
+def find_answer(results: xr.Dataset) -> Answer:
+    """Answer what the study of a result asked, without checks of the labels."""
     question = " ".join(str(results.attrs.get("summary") or results.attrs.get("title", "")).split())
     if not bool((results["status"] == STATUS_OK).any()) or "rmse" not in results:
         return Answer(question, {}, "every scenario failed: there is no answer.")
@@ -273,8 +278,9 @@ def _answer_spread(question: str, choices: Choices) -> Answer:
         advice += f", {low:.3g} to {high:.3g} K in 5 to 95 % of the {'loops of a cell' if choices.over else 'loops'}"
     if "hunts" in table:
         advice += f"; {format_share(float(table['hunts'].mean()))} of the loops hunt"
-    travel = f"the motor travels {float(table['motor_travel'].median()):.3g} strokes (median)."
-    costs = travel if "motor_travel" in table else ""
+    costs = ""
+    if "motor_travel" in table:
+        costs = f"the motor travels {float(table['motor_travel'].median()):.3g} strokes (median)."
     return Answer(question, {}, f"{advice}.", costs=costs, fails=tuple(_describe_worst(choices, {})), table=table)
 
 

@@ -11,7 +11,7 @@ import xarray as xr
 from fastcoil.base.text import format_share
 from fastcoil.loops.labels import sizes_in_words
 from fastcoil.model.metric_table import STATUS_OK
-from fastcoil.study.analysis.answer import answer
+from fastcoil.study.analysis.answer import find_answer
 from fastcoil.study.analysis.cost import MONTH_DAYS, Tariff, compute_costs
 from fastcoil.study.analysis.paired import summarise_median
 from fastcoil.study.analysis.precision import read_precision
@@ -61,7 +61,7 @@ def cautions(ds: xr.Dataset) -> list[str]:
 
 def findings(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
     """Return the answer of results of which not everything failed, with ``billing`` also costs: a sentence a line."""
-    lines = answer(ds).summary() + _prediction_lines(ds)
+    lines = find_answer(ds).summary() + _prediction_lines(ds)
     return lines if billing is None else lines + cost_lines(ds, billing)
 
 

@@ -56,13 +56,13 @@ def time_quantiles(
         times = check(arguments.require_instance, "times", times, xr.DataArray, "give a DataArray of times")
         dims = check(arguments.require_names, "over", over)
         if np.size(q) == 0 or not all(0.0 < x < 1.0 for x in np.ravel(q)):
-            raise InputError(f"q = {short_repr(q)}: give shares between 0 and 1, such as 0.5", "q", "range")
+            raise InputError(f"q = {short_repr(q)}: give shares between 0 and 1, such as 0.5", "q", "value")
     for dim in dims:
         arguments.require_choice("over", dim, [str(d) for d in times.dims])
     ends = xr.DataArray(np.inf if until is None else until).broadcast_like(times)
     if bool((times > ends).any()):
         raise InputError(
-            "until lies before a time that was reached: give how long each run was watched", "until", "range"
+            "until lies before a time that was reached: give how long each run was watched", "until", "value"
         )
     others = [d for d in times.dims if d not in dims]
     stacked = [values.transpose(*others, *dims).values.reshape(-1, _n_runs(times, dims)) for values in (times, ends)]

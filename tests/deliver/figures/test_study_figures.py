@@ -7,6 +7,7 @@ from helpers.full import full_except
 from helpers.refusals import assert_refused
 from helpers.results import drawn_result, make_result
 
+import fastcoil as fc
 from fastcoil.deliver.figures import swept as plots
 from fastcoil.deliver.figures.swept import control_dims
 from fastcoil.study.analysis.compare import relative_to
@@ -25,35 +26,48 @@ def study():
     return make_result(("tuning", "backlash", "estimate_ratio", "day"), coords, {"title": "A question"}, **metrics)
 
 
-def median_lines(axes):
-    """The lines of a panel, without that at 0."""
-    return axes.lines[1:]
-
-
-def test_curves_by_a_second_parameter_have_a_row_each_with_its_median_from_0(study):
+def test_curves_by_a_second_parameter_have_a_row_each_at_the_recommended_choice(study):
+    """The tuning is neither drawn nor pooled; the best and the worst one are drawn too."""
     figure = plots.draw_panels(study, "estimate_ratio", by="backlash", metrics=["rmse"])
+    tuning = fc.answer(study).recommend["tuning"]
     assert [axes.get_title(loc="left") for axes in figure.axes] == [f"backlash = {x} %" for x in (2, 5, 8)]
     for axes, backlash in zip(figure.axes, study.backlash.values, strict=True):
-        (line,) = median_lines(axes)
+        *_, best, worst, line = axes.lines
         np.testing.assert_array_equal(line.get_xdata(), [0, 50, 100, 150])
-        np.testing.assert_allclose(line.get_ydata(), study.rmse.sel(backlash=backlash).median(["tuning", "day"]))
+        medians = study.rmse.sel(backlash=backlash).median("day")
+        np.testing.assert_allclose(line.get_ydata(), medians.sel(tuning=tuning))
+        np.testing.assert_allclose(best.get_ydata(), medians.min("tuning"))
+        np.testing.assert_allclose(worst.get_ydata(), medians.max("tuning"))
         low, high = axes.get_ylim()
         assert (low, high) == figure.axes[0].get_ylim()
         assert low == 0.0 < np.max(line.get_ydata()) < high
 
 
-def test_a_few_members_are_drawn_one_by_one_and_many_as_a_band(study):
-    ds = study.isel(day=0)
+def test_a_few_days_are_drawn_one_by_one_and_many_as_a_band(study):
+    ds = study.isel(tuning=0, estimate_ratio=0)
     (axes,) = plots.draw_panels(ds, "backlash", metrics=["rmse"]).axes
-    low, high = (ds.rmse.quantile(q, ["estimate_ratio", "tuning"]) for q in (0.1, 0.9))
+    low, high = (ds.rmse.quantile(q, "day") for q in (0.1, 0.9))
     (band,) = axes.collections
     edges = band.get_paths()[0].vertices
     assert (edges[:, 1].min(), edges[:, 1].max()) == pytest.approx((float(low.min()), float(high.max())))
-    assert len(median_lines(axes)) == 1
-    ds = ds.isel(estimate_ratio=0)
+    ds = ds.isel(day=slice(2))
     (axes,) = plots.draw_panels(ds, "backlash", metrics=["rmse"]).axes
     assert not axes.collections
-    np.testing.assert_allclose([line.get_ydata() for line in median_lines(axes)], [*ds.rmse, ds.rmse.median("tuning")])
+    lines = [line.get_ydata() for line in axes.lines[1:]]
+    np.testing.assert_allclose(lines, [*ds.rmse.transpose("day", "backlash"), ds.rmse.median("day")])
+
+
+def test_the_recommended_cell_of_a_map_is_marked_and_its_ticks_are_the_swept_values(study):
+    ds = study.isel(tuning=0)
+    axes = plots.draw_panels(ds, "estimate_ratio", "backlash", metrics=["rmse"]).axes[0]
+    assert [text.get_text() for text in axes.get_xticklabels()] == ["0", "50", "100", "150"]
+    assert [text.get_text() for text in axes.get_yticklabels()] == ["2", "5", "8"]
+    assert not axes.lines, "the backlash is no choice: no cell is recommended"
+    gains = make_result(
+        ("kp", "ti"), {"kp": [0.01, 0.02, 0.03], "ti": [10.0, 20.0, 40.0]}, rmse=[[3, 2, 3], [3, 1, 3], [3, 3, 3]]
+    )
+    ring = plots.draw_panels(gains, "ti", "kp", metrics=["rmse"]).axes[0].lines[0]
+    assert (ring.get_xdata()[0], ring.get_ydata()[0]) == (1.5, 1.5)
 
 
 @pytest.mark.parametrize("millimetres", full_except([84, 174, None], [84]))
@@ -73,7 +87,8 @@ def test_the_standard_figures_are_as_wide_as_asked_and_no_text_is_clipped_or_hid
         ({}, set()),
         ({"backlash": 1}, set()),
         ({"kp": 2}, {"bands"}),
-        ({"kp": 2, "ti": 2}, {"maps", "bands"}),
+        ({"kp": 2, "ti": 3}, {"bands"}),  # a map of two columns would be bars
+        ({"kp": 3, "ti": 3}, {"maps", "bands"}),
         ({"tuning": 100}, {"tuning"}),
         ({"tuning": 101}, set()),  # more names than a figure takes
     ],
@@ -108,14 +123,14 @@ def test_a_plain_pi_among_others_is_seen_by_what_differs(dim, values, is_control
 
 
 def test_the_standard_figures_never_pool_a_plain_pi_with_others(study):
-    for draw in plots.standard_figures(study.rename(day="kp")).values():
-        assert "estimate_ratio" not in draw().get_suptitle()
     tuning = plots.standard_figures(study)["tuning"]()
     titles = [" ".join(axes.get_title(loc="left").split()) for axes in tuning.axes]
     shares = ("0 %, plain PI", "50 %", "100 %", "150 %")
     assert titles[::3] == [f"estimate / backlash = {share}" for share in shares]
     dots = tuning.axes[0].lines[-1].get_xdata()
-    np.testing.assert_allclose(dots, study.rmse.sel(estimate_ratio=0.0).median(["backlash", "day"]))
+    found = fc.answer(study)
+    worst = found.table.rmse.sel(found.place).idxmax("backlash").item()
+    np.testing.assert_allclose(dots, study.rmse.sel(estimate_ratio=0.0, backlash=worst).median("day"))
 
 
 def test_named_controllers_have_rows_and_maps_of_rows_one_scale():
@@ -130,7 +145,9 @@ def test_named_controllers_have_rows_and_maps_of_rows_one_scale():
     assert meshes[0].get_clim() == meshes[1].get_clim() == (float(medians.min()), float(medians.max()))
     bands = figures["bands"]()
     assert [axes.get_title(loc="left") for axes in bands.axes] == ["pi", "inverse"]
-    np.testing.assert_allclose(bands.axes[1].lines[-1].get_ydata(), ds.rmse[1].median(["kp", "day"]))
+    np.testing.assert_allclose(
+        bands.axes[1].lines[-1].get_ydata(), ds.rmse[1].sel(kp=fc.answer(ds).place["kp"]).median("day")
+    )
 
 
 def test_a_drawn_parameter_is_drawn_with_the_scatter_in_each_group():
