@@ -40,7 +40,10 @@ _AXES_HEIGHT_INCHES = 2.8
 
 @drawing.use_style()
 def map(data: Any, metric: str | None = None, *, x: str | None = None, y: str | None = None, ax: Any = None) -> Axes:
-    """Draw a metric over two swept parameters as colours: the median over all other dims.
+    """Draw a metric over two swept parameters as colours: the median over days, drawn valves and noise.
+
+    Of a Dataset, other swept parameters are taken at the recommended label, see ``answer``; of a variable, the median
+    is over these too.
 
     Parameters
     ----------
@@ -61,17 +64,19 @@ def map(data: Any, metric: str | None = None, *, x: str | None = None, y: str | 
     """
     values, failed_clause = _select_values(data, metric, x=x, y=y)
     y, x = drawing.resolve_swept_axes(values, y=y, x=x)
+    values, place, fixed_words = _at_recommended(data, values, (x, y))
     (axes,) = drawing.prepare_axes(ax, [_AXES_HEIGHT_INCHES])
-    drawing.draw_map(axes, values, x, y)
-    drawing.draw_caption(axes, drawing.pooled_in_words(values, (x, y), drawing.COLOUR_MARKS) + failed_clause)
+    drawing.draw_map(axes, values, x, y, mark=place)
+    caption = drawing.pooled_in_words(values, (x, y), drawing.COLOUR_MARKS) + fixed_words + failed_clause
+    drawing.draw_caption(axes, caption)
     return axes
 
 
 @drawing.use_style()
 def bands(data: Any, metric: str | None = None, *, x: str | None = None, by: str | None = None, ax: Any = None) -> Axes:
-    """Draw a metric along a swept parameter: the median over all other dims, with a band from 10 to 90 %.
+    """Draw a metric along a swept parameter: the median over chance, with a band from 10 to 90 %.
 
-    Fewer than five members are drawn as a thin line each.
+    Fewer than five members are drawn as a thin line each.  Other swept parameters are as in ``map``.
 
     Parameters
     ----------
@@ -97,6 +102,7 @@ def bands(data: Any, metric: str | None = None, *, x: str | None = None, by: str
     if by is not None:
         require_choice("by", by, [str(d) for d in values.dims])
     (x,) = drawing.resolve_swept_axes(values.isel({by: 0}, drop=True) if by else values, x=x)
+    values, _, fixed_words = _at_recommended(data, values, (x, by))
     (axes,) = drawing.prepare_axes(ax, [_AXES_HEIGHT_INCHES])
     label_indices = [] if by is None else drawing.pick_labels(values.sizes[by])
     for k, index in enumerate(label_indices):
@@ -109,7 +115,7 @@ def bands(data: Any, metric: str | None = None, *, x: str | None = None, by: str
     axes.margins(x=0.0)
     omitted_note = drawing.left_out_in_words(values, by, len(label_indices))
     pooled_note = drawing.pooled_in_words(values, (x, by), drawing.LINE_MARKS)
-    drawing.draw_caption(axes, pooled_note + omitted_note + failed_clause)
+    drawing.draw_caption(axes, pooled_note + fixed_words + omitted_note + failed_clause)
     return axes
 
 
@@ -139,6 +145,16 @@ def _select_values(data: Any, metric: Any, **axes: Any) -> tuple[xr.DataArray, s
     return ds[name], drawing.failed_in_words(ds)
 
 
+def _at_recommended(
+    data: Any, values: xr.DataArray, drawn: Sequence[str | None]
+) -> tuple[xr.DataArray, dict[str, Any], str]:
+    """Return the values at the recommended labels of what is not drawn, those labels, and a clause for the caption."""
+    if not isinstance(data, xr.Dataset) or {*values.dims} != {*data["status"].dims}:
+        return values, {}, ""
+    place, fixed, words = recommend_labels(data, [d for d in drawn if d])
+    return values.sel(fixed), place, words
+
+
 _LEAST_PANEL_WIDTH_INCHES = 2.2  # legible
 _ESTIMATE_PARAMETERS = ("estimate_ratio", "backlash_estimate")
 STANDARD_METRICS = ("rmse", "motor_travel", "switch_frequency")
@@ -151,8 +167,8 @@ def draw_panels(
 ) -> Figure:  # fmt: skip
     """Draw a panel for each metric: maps over two swept parameters, curves along one, or dots for names along ``x``.
 
-    Days, drawn valves and noise are pooled: their median, along a swept number with its 10–90 % range, or single
-    members.  Other swept axes are not: see ``fix_other_axes``.  by: a further dimension, with a row of panels for each
+    Days, drawn valves, noise are pooled: their median, along a swept number with its 10–90 % range, or single
+    members.  Other swept axes are not: see ``recommend_labels``.  by: a further dimension, with a row of panels for each
     of ``panel_rows``.  width: of the figure, inches.
     """
     from matplotlib.figure import Figure
@@ -167,7 +183,10 @@ def draw_panels(
             check.problems.append(Problem(sentence + hint, "metrics", "name"))
     if by in dims:
         raise InputError(f"{by} is named twice: choose two different axes", "by", "duplicate")
-    all_ds, (ds, recommended, fixed_words) = ds, fix_other_axes(ds, [d for d in (x, y, by) if d])
+    recommended, fixed, fixed_words = recommend_labels(ds, [d for d in (x, y, by) if d])
+    all_ds, ds = ds, ds.sel(fixed)
+    if not y and {*fixed} & {*recommended}:
+        fixed_words += "; dashed: best and worst of the choices not drawn"
     draw: Callable[..., QuadMesh | None]
     if y:
         draw, marks, height = partial(drawing.draw_map, x=x, y=y), drawing.COLOUR_MARKS, 3.0
@@ -208,28 +227,27 @@ def draw_panels(
     return figure
 
 
-def fix_other_axes(ds: xr.Dataset, drawn: Sequence[str]) -> tuple[xr.Dataset, dict[str, Any], str]:
-    """Take the swept axes that a figure does not draw at the recommended labels, conditions at the worst.
+def recommend_labels(ds: xr.Dataset, drawn: Sequence[str]) -> tuple[dict[str, Any], dict[str, Any], str]:
+    """Recommend labels of the choices; fix axes that a figure does not draw: choices there, conditions at the worst.
 
-    Returns the results there, the recommended labels of all axes, and a clause for the caption.
+    Returns the recommended labels of all choices, those to select, and a clause for the caption.
     """
     if "rmse" not in ds or "relative_to" in ds["rmse"].attrs or "members" in ds.coords:
-        return ds, {}, ""  # shares of a baseline, or groups of drawn parameters
+        return {}, {}, ""  # shares of a baseline, or groups of drawn parameters
     found = find_answer(ds)
     if "rmse" not in found.table:
-        return ds, {}, ""
+        return {}, {}, ""
     left = [d for d in swept_dims(ds) if d not in drawn]
     fixed = {d: found.place[d] for d in left if d in found.place}
     label = describe_place(ds, found.place).removeprefix(" at ")
-    words = f"; ring and dotted line: recommended, {label}" if label else ""
-    words += "; dashed: best and worst of the choices not drawn" if fixed else ""
+    words = f"; recommended: {label}" if label else ""
     if conditions := [d for d in left if d not in found.place]:
         rmse = found.table["rmse"].sel(found.place).fillna(-math.inf)
         worst = rmse.isel({str(d): int(k) for d, k in rmse.argmax(tuple(rmse.dims)).items()})
         worst_labels = {d: worst[d].values.item() for d in conditions}
         words += f"; drawn{describe_place(ds, worst_labels)}, where the error is largest"
         fixed |= worst_labels
-    return ds.sel(fixed), dict(found.place), words
+    return dict(found.place), fixed, words
 
 
 def _other_choices(values: xr.DataArray, x: str, recommended: Mapping[str, Any]) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import product
@@ -165,15 +166,18 @@ def find_answer(results: xr.Dataset) -> Answer:
         return Answer(question, {}, "every scenario failed: there is no answer.")
     if not bool(results["rmse"].notnull().any()):
         return Answer(question, {}, "no RMS error is known.")
-    if "design" in results["status"].dims:
-        return _answer_drivers(question, results)
-    table = make_table(results)
-    if learned.is_learning_result(results):
-        return _answer_learning(question, Choices(table.merge(learned.describe_learning(results))), results)
-    if results["status"].size == 1:
-        return _answer_single(question, table)
-    choices = Choices(table)
-    return _answer_choice(question, choices) if choices.dims else _answer_spread(question, choices)
+    with warnings.catch_warnings():
+        # a cell in which every scenario failed has no median
+        warnings.filterwarnings("ignore", "All-NaN slice|Mean of empty slice|Degrees of freedom", RuntimeWarning)
+        if "design" in results["status"].dims:
+            return _answer_drivers(question, results)
+        table = make_table(results)
+        if learned.is_learning_result(results):
+            return _answer_learning(question, Choices(table.merge(learned.describe_learning(results))), results)
+        if results["status"].size == 1:
+            return _answer_single(question, table)
+        choices = Choices(table)
+        return _answer_choice(question, choices) if choices.dims else _answer_spread(question, choices)
 
 
 # --- in sentences -----------------------------------------------------------------------------------------------------
