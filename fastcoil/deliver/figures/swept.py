@@ -168,8 +168,8 @@ def draw_panels(
     """Draw a panel for each metric: maps over two swept parameters, curves along one, or dots for names along ``x``.
 
     Days, drawn valves, noise are pooled: their median, along a swept number with its 10–90 % range, or single
-    members.  Other swept axes are not: see ``recommend_labels``.  by: a further dimension, with a row of panels for each
-    of ``panel_rows``.  width: of the figure, inches.
+    members.  Other swept axes are not: see ``recommend_labels``.  by: a further dimension, with a row of panels for
+    each of ``panel_rows``.  width: of the figure, inches.
     """
     from matplotlib.figure import Figure
 
