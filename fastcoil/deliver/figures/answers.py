@@ -94,7 +94,7 @@ def draw_drivers(ds: xr.Dataset, width: float | None = None) -> Figure:
     table = find_answer(ds).table
     metrics = [str(n) for n in table.data_vars if "parameter" in table[n].dims and table[n].notnull().any()]
     rest = [d for d in table[metrics[0]].dims if d not in ("parameter", "index", "edge")]
-    first_labels = {d: 0 for d in rest}
+    first_labels = {str(d): 0 for d in rest}
     inches = _LEAST_WIDTH_INCHES if width is None else width
     figure = Figure(figsize=(inches, 2.2 * len(metrics) + 0.5), layout="constrained")
     grid = figure.subplots(len(metrics), 1 + _MOST_SCATTERS, squeeze=False)
@@ -108,7 +108,7 @@ def draw_drivers(ds: xr.Dataset, width: float | None = None) -> Figure:
         _draw_scatters(panels[1:], population[metric].isel(first_labels), names)
     handles, labels = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower left", ncols=2, frameon=False)
-    at = describe_place(ds, {d: ds[d].values[0] for d in rest})
+    at = describe_place(ds, {str(d): ds[d].values[0] for d in rest})
     caption = f"Bars: share of the spread{at}, lines: 95 % intervals; dots: a drawn loop each"
     figure.suptitle(wrap_text("\n".join(filter(None, [str(ds.attrs.get("title", "")), caption])), inches, 9))
     return figure

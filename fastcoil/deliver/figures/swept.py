@@ -211,7 +211,7 @@ def draw_panels(
         at = {} if index is None else {by: index}
         is_recommended = index is None or ds[by].values[index] == recommended.get(str(by), ds[by].values[index])
         spread = _other_choices(all_ds[metric].isel(at), x, recommended) if not y and not has_names else {}
-        look = {} if has_names and not y else {"mark": recommended if is_recommended else None}
+        look: dict[str, Any] = {} if has_names and not y else {"mark": recommended if is_recommended else None}
         if y:  # rows are compared
             medians = values_quantity(ds[metric]).factor * ds[metric].median(
                 [d for d in ds[metric].dims if d not in (*dims, by)]

@@ -329,7 +329,7 @@ def _describe_indices(indices: xr.DataArray) -> str:
 
 def _recommended_values(table: xr.Dataset, place: Mapping[str, int]) -> dict[str, Any]:
     """Return the parameters that differ along the dims of the choices, at a place; a label that stands for none."""
-    values = {}
+    values: dict[str, Any] = {}
     for dim, k in place.items():
         along = {str(n): c for n, c in table.coords.items() if c.dims == (dim,) and is_parameter(table, n)}
         along = {n: c for n, c in along.items() if len(set(c.values.tolist())) > 1}

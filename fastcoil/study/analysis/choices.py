@@ -70,8 +70,8 @@ def make_table(ds: xr.Dataset) -> xr.Dataset:
             pooled["travel_ratio"] = ratio.median(chance)
     coords = {n: c for n, c in ds.coords.items() if {*c.dims} <= {*dims}}
     table = xr.Dataset({n: v.transpose(*dims) for n, v in pooled.items()}, coords=coords)
-    for name in table.data_vars:
-        table[name].attrs = dict(ds[name].attrs) if name in ds else {}
+    for metric, values in table.items():
+        values.attrs = dict(ds[metric].attrs) if metric in ds else {}
     return table.assign_attrs({n: ds.attrs[n] for n in ("title", "summary", "parameters") if n in ds.attrs})
 
 
@@ -105,7 +105,8 @@ class Choices:
         ratio = self.table.coords.get("estimate_ratio", xr.DataArray(0.0))
         is_small = ratio <= INVERSE_SHARE + 1e-9
         has_choice = ratio.ndim and bool((is_small & (ratio > 0.0)).any())
-        return (is_small if has_choice else xr.ones_like(ratio, dtype=bool)).reset_coords(drop=True) & True
+        is_advisable: xr.DataArray = (is_small | (not has_choice)).reset_coords(drop=True)
+        return is_advisable
 
     def _find_reference(self) -> dict[str, int]:
         """Find the plain PI with the least travel of those whose error is near the best; without one, of all."""

@@ -51,7 +51,8 @@ def is_learning_result(ds: xr.Dataset) -> bool:
 def comparator_loops(loop: Loop) -> dict[str, Loop]:
     """Return the loops of a study without their estimator: with none, with ``identify``, with a fixed estimate."""
     defaults = {n: PARAMETERS[n].default for n in _ESTIMATOR_PARAMETERS if PARAMETERS[n].default is not None}
-    plain = loop.assign(**{**defaults, "estimator": "none", "backlash_estimate": 0.0})
+    changes: Any = {**defaults, "estimator": "none", "backlash_estimate": 0.0}
+    plain = loop.assign(**changes)
     return {
         "plain PI": plain,
         "identify": plain.assign(estimator="identify", estimate_share=FIXED_SHARE),

@@ -87,4 +87,5 @@ def _kaplan_meier(times: np.ndarray, ends: np.ndarray, q: np.ndarray) -> np.ndar
     reached_share = 1.0 - np.cumprod(np.where(is_reached, 1.0 - 1.0 / at_risk, 1.0))
     reached = reached_share[is_reached]
     places = np.searchsorted(reached, q - 1e-9)
-    return np.append(last[is_reached], np.inf)[np.minimum(places, reached.size)]
+    quantiles: np.ndarray = np.append(last[is_reached], np.inf)[np.minimum(places, reached.size)]
+    return quantiles
