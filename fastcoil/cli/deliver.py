@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -36,8 +37,8 @@ def write_result(result: Any, out: Path | None, report: Path | None = None, *, l
         from fastcoil.base.figures import write_figures
 
         if out.suffix.lower() == ".toml":
-            result.to_toml(out)
-            echo(f'{label + ":":<9}{out} (in a study: [loop] include = ["{out.name}"])')
+            parameters = ", ".join(tomllib.loads(result.to_toml(out))["loop"]) or "no parameter"
+            echo(f'{label + ":":<9}{out} (in a study: [loop] include = ["{out.name}"]; it has {parameters})')
         figure_format = out.suffix.lower().removeprefix(".").replace("toml", "png")
         paths = write_figures({out.stem: result.plot()}, out.parent, format=figure_format)
         echo(*(f"Figure:  {path}" for path in paths))

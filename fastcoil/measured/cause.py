@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arrays import Array
+from fastcoil.design.advice import INVERSE_SHARE
 from fastcoil.measured import thresholds
 from fastcoil.measured.fitted_loop import FittedLoop, Outcome, what_if, why_unusable
 from fastcoil.measured.measures import SMOOTHINGS_PER_PERIOD, Measures, Swing, running_mean
@@ -203,7 +204,7 @@ def predict_cases(fitted: FittedLoop, cause: str) -> xr.Dataset:
         "half_gap": what_if(fitted, backlash=0.5 * fitted.backlash),
         "half_gain": what_if(fitted, kp_factor=0.5),
         "simc": what_if(fitted, kp_factor=kp / pi.kp, ti_factor=ti / pi.ti),
-        "inverse": what_if(fitted, estimate=fitted.backlash, buffer=0.01),
+        "inverse": what_if(fitted, estimate=INVERSE_SHARE * fitted.backlash, buffer=0.01),
     }
     no_gap, hunts_without_gap = outcomes["no_gap"], {CAUSE_BACKLASH: False, CAUSE_TUNING: True}
     if not isinstance(no_gap, str) and no_gap.hunts != hunts_without_gap.get(cause, no_gap.hunts):

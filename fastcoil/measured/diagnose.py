@@ -140,7 +140,9 @@ def diagnose(
     if sample_time is not None and sample_time < interval:
         rhythms = f"the log has a sample every {interval:.4g} s, the controller one every {sample_time:.4g} s"
         notes.append(f"{rhythms}: reversals of the command between two samples are missed")
-    triage = hourly_summary(grid)
+    triage, signals = hourly_summary(grid), _signals_dataset(grid, measures)
+    if stroke_time is not None:
+        signals.attrs["stroke_time"] = stroke_time
     return Diagnosis(
         source=names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more",
         backlash=identification.backlash, interval=(identification.low, identification.high),
@@ -148,7 +150,8 @@ def diagnose(
         hunts=measures.swing.is_regular, profile=probability_profile(identification),
         indices=xr.Dataset({name: ((), value, attrs[name]) for name, value in indices.items()}),
         predictions=None if doubt or isinstance(loop, str) else predict_cases(loop, cause.name),
-        signals=_signals_dataset(grid, measures), triage=triage,
+        signals=signals,
+        triage=triage,
         warnings=[*write_warnings(triage), *warnings], notes=notes,
     )  # fmt: skip
 

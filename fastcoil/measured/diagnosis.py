@@ -14,7 +14,7 @@ import xarray as xr
 from fastcoil.base.figures import BLUE, DOTTED_LINE, LINE_GREY, RED, SHADE_GREY, YELLOW, apply_style, wrap_text
 from fastcoil.base.results import Result, toml_document, toml_table
 from fastcoil.base.text import format_percent
-from fastcoil.design.advice import AS_IS, INVERSE, REPAIRED_VALVE, SIMC, Option, advise
+from fastcoil.design.advice import AS_IS, INVERSE, INVERSE_SHARE, REPAIRED_VALVE, SIMC, Option, advise
 from fastcoil.measured.cause import CASE_LABELS, CAUSE_BACKLASH, CAUSE_DISTURBANCE, CAUSE_NONE, CAUSE_TUNING
 from fastcoil.measured.identify import CANDIDATES, GOOD_BACKLASH, Identification
 from fastcoil.measured.measures import STATE_SWINGING, STATES, write_headline
@@ -127,7 +127,7 @@ class Diagnosis(Result):
             return by_step_test if self.hunts else GainAdvice(kp, ti, "")
         cases = {"as_found": (AS_IS, "present gains"), "simc": (SIMC, _describe_simc_gains(self.predictions))}
         if self.identified and self.backlash > GOOD_BACKLASH:
-            cases["inverse"] = (INVERSE, f"inverse of {format_percent(self.backlash)}")
+            cases["inverse"] = (INVERSE, f"inverse of {format_percent(INVERSE_SHARE * self.backlash)}")
             cases["no_gap"] = (REPAIRED_VALVE, "repair")
         options = []
         for case, (name, label) in cases.items():
@@ -158,10 +158,11 @@ class Diagnosis(Result):
         return fig
 
     def to_toml(self, path: str | Path | None = None) -> str:
-        """Return the backlash as TOML; write it to ``path`` if given.
+        """Return what was found as TOML; write it to ``path`` if given.
 
-        For ``include`` in the ``[loop]`` of a study file: ``[loop]`` has the backlash if it is identified, and nothing
-        else; ``[fit]`` is for readers.
+        For ``include`` in the ``[loop]`` of a study file: ``[loop]`` has the backlash if it is identified, gains and
+        sample time if the controller was recovered, and the stroke time that was given; ``[fit]`` is for readers.  A
+        study that includes a file without a backlash has to give its own.
         """
         lines = toml_table("fit.indices", {str(name): float(value) for name, value in self.indices.items()})
         if self.predictions is not None:
@@ -169,7 +170,11 @@ class Diagnosis(Result):
                 prediction = self.predictions.sel(case=case)
                 numbers = {str(name): float(value) for name, value in prediction.drop_vars("doubt").items()}
                 lines += toml_table(f"fit.predictions.{case}", {"doubt": str(prediction["doubt"].values), **numbers})
-        return _gap_as_toml(self, "diagnose", "diagnosis", {}, lines, path)
+        found = {name: float(f"{float(self.indices[name]):.4g}") for name in ("kp", "ti", "sample_time")}
+        found["sample_time"] = np.round(found["sample_time"])  # a loop samples in whole seconds
+        found["stroke_time"] = self.signals.attrs.get("stroke_time", math.nan)
+        parameters = {name: float(value) for name, value in found.items() if np.isfinite(value)}
+        return _gap_as_toml(self, "diagnose", "diagnosis", parameters, {}, lines, path)
 
 
 @dataclass(frozen=True, repr=False)
@@ -270,7 +275,7 @@ class ValveReading(Result):
             posterior = toml_table("fit.posterior", columns)
         names = ("gain", "lag", "dead_time", "held_swing", "held_for", "minutes")
         numbers = {name: getattr(self, name) for name in names}
-        return _gap_as_toml(self, "valve-test", "valve test", numbers, posterior, path)
+        return _gap_as_toml(self, "valve-test", "valve test", {}, numbers, posterior, path)
 
 
 class GainAdvice(NamedTuple):
@@ -289,14 +294,18 @@ def probability_profile(identification: Identification) -> xr.Dataset:
 
 
 def _gap_as_toml(
-    result: Any, command: str, kind: str, numbers: Mapping[str, float], extra_tables: Sequence[str],
-    path: str | Path | None,
+    result: Any, command: str, kind: str, parameters: Mapping[str, float], numbers: Mapping[str, float],
+    extra_tables: Sequence[str], path: str | Path | None,
 ) -> str:  # fmt: skip
-    """Write the gap as TOML for ``include``, with ``numbers`` for readers; ``extra_tables``: lines at the end."""
+    """Write the gap, if identified, and other parameters as TOML for ``include``.
+
+    numbers: for readers.  extra_tables: lines at the end.
+    """
     texts = {name: getattr(result, name) for name in ("source", "identified", "reason", "cause", "because")}
     lines = [f"# backlash fitted to {result.source} by fastcoil {command}"]
     lines += [f"# {line}" for line in result.summary()[1:]]
-    lines += toml_table("loop", {"backlash": result.backlash} if result.identified else {})
+    gap = {"backlash": result.backlash} if result.identified else {}
+    lines += toml_table("loop", gap | parameters)
     lines += toml_table("fit", {"kind": kind, **texts, **numbers, "notes": result.notes})
     lines += toml_table("fit.interval_95", {"backlash": list(result.interval)})
     return toml_document([*lines, *extra_tables], path)

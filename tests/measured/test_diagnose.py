@@ -128,7 +128,9 @@ def test_a_log_that_is_too_coarse_or_too_short_says_so_instead_of_claiming(log, 
 
 def test_the_toml_can_be_included_and_holds_a_backlash_only_if_it_is_identified(diagnosis, coarse, tmp_path):
     tables = parse_toml(diagnosis.to_toml(tmp_path / "diagnosis.toml"), "diagnosis.toml")
-    assert tables["loop"] == {"backlash": diagnosis.backlash}
+    controller = {name: float(diagnosis.indices[name]) for name in ("kp", "ti", "sample_time")}
+    expected = {"backlash": diagnosis.backlash, "stroke_time": 90.0, **controller}
+    assert tables["loop"] == pytest.approx(expected, rel=1e-3)
     assert tables["fit"]["interval_95"]["backlash"] == list(diagnosis.interval)
     assert set(tables) == {"loop", "fit"}
     study = tmp_path / "study.toml"
@@ -136,7 +138,10 @@ def test_the_toml_can_be_included_and_holds_a_backlash_only_if_it_is_identified(
     from fastcoil.study.file.spec import read_study
 
     assert read_study(study).plan.n_scenarios == 1
-    assert parse_toml(coarse.to_toml(), "d.toml")["loop"] == {}
+    coarse.to_toml(tmp_path / "diagnosis.toml")
+    assert_refused("include", "data", read_study, study)
+    study.write_text(study.read_text().replace("[loop]", "[loop]\nbacklash = 0.05"))
+    assert read_study(study).plan.layout.loop["backlash"] == 0.05
     assert_refused("path", "path", diagnosis.to_toml, tmp_path / "absent" / "d.toml")
 
 

@@ -35,10 +35,11 @@ _MAX_INCLUDE_BYTES = 2**20
 _MAX_INCLUDES = 100
 
 
-def read_includes(loop: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+def read_includes(loop: Mapping[str, Any], folder: Path, given: Collection[str] = ()) -> dict[str, Any]:
     """Read the parameters in the files that ``include`` in a study's ``[loop]`` names.
 
-    Paths start from ``folder``.  Only the ``[loop]`` of a file is read; its ``[fit]`` is documentation.
+    Paths start from ``folder``.  Of a file ``[loop]`` is read, and whether ``[fit]`` says that the gap was not
+    identified: then the study has to give its own.  given: names of the parameters that it gives elsewhere.
     """
     names = loop.get("include", [])
     if not isinstance(names, list) or len(names) > _MAX_INCLUDES or not all(isinstance(name, str) for name in names):
@@ -50,7 +51,7 @@ def read_includes(loop: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     for name in names:
         parameters: dict[str, Any] = {}
         with collect_problems(problems, "include: "):
-            parameters = _read_parameters(folder / name, name)
+            parameters = _read_parameters(folder / name, name, has_backlash="backlash" in {*loop, *given})
         for n in [n for n in parameters if n in file_by_name]:
             sentence = f"include: {n} appears in {file_by_name[n]} and in {name}: leave one out"
             problems.append(Problem(sentence, n, "duplicate"))
@@ -60,12 +61,17 @@ def read_includes(loop: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     return included
 
 
-def _read_parameters(path: Path, name: str) -> dict[str, Any]:
+def _read_parameters(path: Path, name: str, has_backlash: bool) -> dict[str, Any]:
     tables = parse_toml(read_text(path, _INCLUDE_HINT, _MAX_INCLUDE_BYTES), name)
     loop = tables.get("loop")
     if not isinstance(loop, dict) or set(tables) - {"loop", "fit"}:
         sentence = f"{name} is not a file that `fastcoil fit` wrote: it needs a table [loop], and may have [fit]"
         raise InputError(sentence, name, "format")
+    fit = tables.get("fit")
+    if isinstance(fit, dict) and fit.get("identified") is False and not has_backlash:
+        why = f" ({short_repr(reason)})" if (reason := fit.get("reason")) else ""
+        sentence = f"{name} did not identify the gap{why}: give backlash in the study, or leave the file out"
+        raise InputError(sentence, "include", "data")
     problems: list[str] = []
     known = known_parameters(loop, problems, f"{name}: ")
     wrong = [problem for n, value in known.items() if (problem := PARAMETERS[n].problem(value))]

@@ -259,7 +259,9 @@ def _build_study(
             return make(*args, **options)
         return None
 
-    included = attempt(read_includes, file.loop, folder, prefix="[loop] ") or {}
+    cases = (parameters for labels in file.cases.values() for parameters in labels.values())
+    given = {*file.sweep, *(file.sample or {}), *(name for parameters in cases for name in parameters)}
+    included = attempt(read_includes, file.loop, folder, given, prefix="[loop] ") or {}
     loop = attempt(build_loop, file, included, rules, folder, batches)
     if loop is not None:
         require_memory(file, loop)
