@@ -304,8 +304,8 @@ def _gap_as_toml(
     texts = {name: getattr(result, name) for name in ("source", "identified", "reason", "cause", "because")}
     lines = [f"# backlash fitted to {result.source} by fastcoil {command}"]
     lines += [f"# {line}" for line in result.summary()[1:]]
-    gap = {"backlash": result.backlash} if result.identified else {}
-    lines += toml_table("loop", gap | parameters)
+    gap: dict[str, float] = {"backlash": result.backlash} if result.identified else {}
+    lines += toml_table("loop", {**gap, **parameters})
     lines += toml_table("fit", {"kind": kind, **texts, **numbers, "notes": result.notes})
     lines += toml_table("fit.interval_95", {"backlash": list(result.interval)})
     return toml_document([*lines, *extra_tables], path)
