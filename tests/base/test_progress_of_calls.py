@@ -38,7 +38,7 @@ def calls(tmp_path):
 
 
 @pytest.mark.kernel
-@pytest.mark.parametrize("name", ["simulate", "run_study", "tune"])
+@pytest.mark.parametrize("name", ["simulate", "run_study", pytest.param("tune", marks=pytest.mark.full)])
 def test_every_scenario_day_is_told_once(calls, name, monkeypatch):
     started, advances = [], []
 

@@ -9,7 +9,7 @@ from studies.numerics import integrators
 pytestmark = pytest.mark.kernel
 
 
-@pytest.mark.parametrize("preset", ["lbnl", "g36"])
+@pytest.mark.parametrize("preset", ["g36", pytest.param("lbnl", marks=pytest.mark.full)])
 def test_the_quasistatic_march_is_the_method_that_the_study_recommends(preset):
     day, tunings = fc.paper_day(hours=0.75, seed=[5, 6]), integrators.draw_tunings(preset, 3)
     by_hand = integrators.integrate_rmse(preset, tunings, day, integrators.IMPLICIT, steps=2)

@@ -53,6 +53,7 @@ def test_prices_are_geometric_means_against_plain_pi(made_up_result):
     assert others.remedy_cells(made_up_result, others.OVERESTIMATE)[2].startswith(f"{100 * hunting:.0f} %")
 
 
+@pytest.mark.full
 @pytest.mark.kernel
 def test_both_populations_are_the_same_valves_with_other_gains(monkeypatch, read_table):
     monkeypatch.setattr(kinds, "HOURS", 1)

@@ -69,7 +69,9 @@ def test_shares_are_all_scenarios_once_and_of_days_in_sequence_whole_lanes(n_loo
         assert all(a[-1] < b[0] for a, b in pairwise(index for index in slices if index.size))
 
 
-@pytest.mark.parametrize("text", [TRACED_STUDY, SEQUENCE], ids=["traced", "sequence"])
+@pytest.mark.parametrize(
+    "text", [pytest.param(TRACED_STUDY, marks=pytest.mark.full), SEQUENCE], ids=["traced", "sequence"]
+)
 def test_shares_in_any_order_one_twice_and_one_killed_make_the_study(out, text, monkeypatch):
     if text != SEQUENCE:
         cut_studies(monkeypatch, 2)
@@ -103,6 +105,7 @@ def test_what_no_share_ran_is_run_by_the_merge_and_shares_of_other_numbers_may_o
     resume_to_end(out, TRACED_STUDY)
 
 
+@pytest.mark.full
 def test_a_damaged_shard_of_a_share_is_computed_again_and_one_of_another_left_alone(out, monkeypatch):
     cut_studies(monkeypatch, 2)
     run_slice(PLAIN_STUDY, out, "1/2")

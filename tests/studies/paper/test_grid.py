@@ -32,6 +32,7 @@ def loop_of_presets(*names):
     return fc.Loop(**values)
 
 
+@pytest.mark.full
 def test_days_of_a_kind_are_those_of_a_simulation_of_their_own(monkeypatch):
     monkeypatch.setattr(grid, "DAYS", (7, 8))
     loop = loop_of_presets("lbnl")
@@ -66,6 +67,7 @@ def test_days_of_all_kinds_share_air_flow_water_and_the_seeds_of_the_noise():
                 np.testing.assert_array_equal(other_days.series[name], days[0].series[name])
 
 
+@pytest.mark.full
 def test_switches_of_the_figure_are_those_of_the_metric(folder):
     ds = load(folder / "fig12.nc")
     mean_switches = ds.switches.sel(block_start=slice(1800, None)).mean("block_start")

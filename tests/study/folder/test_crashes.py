@@ -76,6 +76,7 @@ def kill_at_random_times(run_forked, tmp_path, times, seed):
         k += 1
 
 
+@pytest.mark.full
 def test_a_run_killed_at_any_time_is_completed_by_the_next(run_forked, tmp_path):
     kill_at_random_times(run_forked, tmp_path, 10, seed=1)
 

@@ -111,7 +111,7 @@ EXTENSIONS = {
 }
 
 
-@pytest.mark.parametrize("name", full_except(EXTENSIONS, ["a default that is swept", "all at once"]))
+@pytest.mark.parametrize("name", full_except(EXTENSIONS, ["all at once"]))
 def test_only_what_is_new_is_run_and_the_result_is_that_of_a_fresh_run(study, base, tmp_path, name):
     log = tmp_path / "log"
     extension = study(EXTENSIONS[name])

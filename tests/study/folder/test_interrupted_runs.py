@@ -90,6 +90,7 @@ def test_a_signal_ends_a_run_and_its_workers_at_once_and_it_can_go_on(slow_run, 
     finish(tmp_path, golden)
 
 
+@pytest.mark.full
 def test_no_worker_outlives_a_run_that_is_killed(slow_run, golden, tmp_path):
     run = slow_run()
     workers = [p for p in psutil.Process(run.pid).children(recursive=True)]

@@ -64,7 +64,7 @@ def slabs_of_one(monkeypatch):
 # --- the merge --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("text", [VOLUMES, SEQUENCE], ids=["volumes", "sequence"])
+@pytest.mark.parametrize("text", [VOLUMES, pytest.param(SEQUENCE, marks=pytest.mark.full)], ids=["volumes", "sequence"])
 def test_hashes_are_those_of_whole_arrays(out, text, slabs_of_one):
     loop = fc.Loop(noise_std=0.02, backlash=[0.02, 0.07], estimate_ratio=[0.0, 0.9])
     names = ["T_sup", "mode", *(["T_c"] if text == VOLUMES else [])]
@@ -115,6 +115,7 @@ def test_a_merge_that_ends_among_its_slabs_is_done_again(out, monkeypatch, slabs
     resume_to_end(out, text, extend=extend)
 
 
+@pytest.mark.full
 def test_the_memory_of_a_merge_does_not_grow_with_the_study(tmp_path, monkeypatch):
     monkeypatch.setattr(netcdf, "_SLAB_VALUES", 2**16)
     monkeypatch.setattr(netcdf, "_CHUNK_VALUES", 2**12)
@@ -235,6 +236,7 @@ def test_an_unfinished_study_is_opened_without_traces_that_do_not_fit(out, monke
     assert "Unfinished: 8 of 12 scenarios (8 ok, 4 not_run)" in status(out)
 
 
+@pytest.mark.full
 def test_metrics_that_stay_on_the_disk_are_the_same(out, monkeypatch):
     text = TRACED_STUDY + "predict = true\n"
     copy_run(text, out)

@@ -34,6 +34,7 @@ def tasks_on(client):
     return client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks))
 
 
+@pytest.mark.full
 def test_a_cluster_keeps_nothing_of_a_finished_shard(small_study, tmp_path, two_workers, monkeypatch):
     cut_studies(monkeypatch, 20)
     on_scheduler = []
@@ -81,6 +82,7 @@ def test_a_scenario_that_kills_the_workers_of_a_cluster_is_crashed(study, health
     assert_crashed(finished.results, healthy, [70])
 
 
+@pytest.mark.full
 @pytest.mark.alone
 def test_a_cluster_that_loses_a_worker_goes_on(study, golden, tmp_path, two_workers, monkeypatch):
     cut_studies(monkeypatch, 20)
@@ -91,6 +93,7 @@ def test_a_cluster_that_loses_a_worker_goes_on(study, golden, tmp_path, two_work
     assert finished.results.attrs["content_sha256"] == golden
 
 
+@pytest.mark.full
 def test_a_scheduler_that_is_killed_ends_the_run_with_a_sentence(
     small_study, golden, tmp_path, two_workers, monkeypatch
 ):

@@ -65,6 +65,7 @@ def test_a_scenario_for_which_the_memory_does_not_suffice_ends_the_run_and_is_no
 
 
 @pytest.mark.full
+@pytest.mark.full
 def test_a_process_that_someone_kills_costs_nothing_but_time(study, golden, tmp_path, monkeypatch):
     cut_studies(monkeypatch, 20)
     killed = []
@@ -124,6 +125,7 @@ def test_the_folder_with_the_job_is_for_this_user_alone_and_is_removed(study, tm
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.full
 @pytest.mark.full
 def test_a_process_that_is_short_of_memory_is_replaced(study, golden, tmp_path, monkeypatch):
     cut_studies(monkeypatch, 40)
