@@ -3,6 +3,7 @@
 import json
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
+from html import escape
 from pathlib import Path
 
 from fastcoil.base.arguments import require_path
@@ -23,6 +24,16 @@ class Result(ABC):
 
     def __repr__(self) -> str:
         return "\n".join([f"<fastcoil {type(self).__name__}>", *self.summary()])
+
+    def _repr_html_(self) -> str:
+        return html_table(self.summary())
+
+
+def html_table(lines: Iterable[str]) -> str:
+    """Return lines such as ``Gap: 7 %`` as a table for a notebook, the part before the colon as its head."""
+    cells = (line.split(": ", 1) if ": " in line else ("", line) for line in lines)
+    rows = (f"<tr><th>{escape(head)}</th><td style='text-align: left'>{escape(text)}</td></tr>" for head, text in cells)
+    return f"<table>{''.join(rows)}</table>"
 
 
 def toml_document(lines: Iterable[str], path: str | Path | None) -> str:

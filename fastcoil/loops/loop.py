@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from html import escape
 from typing import Any, Unpack
 
 import numpy as np
@@ -179,6 +180,9 @@ class Loop:
         for name, value in self.swept.items():
             labels.setdefault(name, value.drop_vars(list(value.coords)))
         return labels
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
 
     def __repr__(self) -> str:
         sizes = [f"  {dim}: {size}" for dim, size in self.sizes.items()]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -113,6 +114,9 @@ class Boundary(Samples):
         ds = boundary_dataset(arrays, labels, n_steps or 0, clock)
         state = {"_ds": ds, "_maker": None, "_time_zone": clock.time_zone, "_enabled_by_air": enabled is None}
         self.__setstate__(state)
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
 
     def __repr__(self) -> str:
         """Show series and ranges; of a stream without known ranges only the extent: making all days takes too long."""

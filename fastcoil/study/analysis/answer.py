@@ -19,6 +19,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import to_builtin
+from fastcoil.base.results import html_table
 from fastcoil.base.text import format_share
 from fastcoil.loops.labels import coordinate_quantity, is_parameter, plain_pi_label, quantity
 from fastcoil.loops.scenarios import check_counted_result
@@ -88,11 +89,7 @@ class Answer:
         )
 
     def _repr_html_(self) -> str:
-        from html import escape
-
-        heads = [line.split(": ", 1) for line in [f"Asked: {self.question}", *self.summary()]]
-        rows = "".join(f"<tr><th>{escape(head)}</th><td>{escape(text)}</td></tr>" for head, text in heads if text)
-        return f"<table>{rows}</table>"
+        return html_table([f"Asked: {self.question}", *self.summary()])
 
     def along(self, dim: str) -> xr.Dataset:
         """Return the table along one axis, at the recommended labels of the other choices."""

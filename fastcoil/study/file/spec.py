@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from fastcoil.base.arguments import collect_problems, raise_problems, require_choice
+from fastcoil.base.arguments import collect_problems, raise_problems, require_choice, require_integer
 from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 from fastcoil.base.files import read_text
 from fastcoil.design.operating_points import require_one_gap
@@ -48,12 +48,25 @@ BOUNDARY_KINDS: dict[str, Callable[..., Boundary]] = {
 }
 
 
+_MAX_DAYS = 1_000_000  # as many as an axis may have values
+
+
 def build_boundary(table: Mapping[str, Any], folder: Path) -> Boundary:
-    """Build the boundary of a study; ``paper_day`` of 8 h with seed 1 where the table is absent."""
+    """Build the boundary of a study; ``paper_day`` of 8 h with seed 1 where the table is absent.
+
+    ``days = 80`` stands for the seeds 1 to 80.
+    """
     arguments = dict(table)
     kind = require_choice("kind", arguments.pop("kind", "paper_day"), BOUNDARY_KINDS)
     make = BOUNDARY_KINDS[kind]
-    raise_problems(find_argument_problems(kind, arguments, inspect.signature(make).parameters))
+    parameters = inspect.signature(make).parameters
+    if "days" in arguments and "seed" in parameters and "days" not in parameters:
+        if "seed" in arguments:
+            raise InputError("days and seed: give one of them, days = 80 means the seeds 1 to 80", "days", "conflict")
+        cure = f"give a whole number from 1 to {_MAX_DAYS:,}: the seeds 1, 2, … are taken"
+        n_days = require_integer("days", arguments.pop("days"), 1, _MAX_DAYS, cure)
+        arguments["seed"] = list(range(1, n_days + 1))
+    raise_problems(find_argument_problems(kind, arguments, parameters))
     if "path" in arguments:
         arguments["path"] = folder / str(arguments["path"])
     return make(**arguments)
@@ -72,9 +85,10 @@ def find_argument_problems(
 
 def require_memory(file: StudyFile, loop: Loop) -> None:
     """Refuse more scenarios than the memory suffices for, before their days are made."""
-    days = next((file.boundary[key] for key in ("seed", "days") if isinstance(file.boundary.get(key), list)), [0])
+    given = [file.boundary.get(key) for key in ("seed", "days")]
+    n_days = next((len(each) if isinstance(each, list) else each for each in given if isinstance(each, (int, list))), 1)
     replicates = min(max(1, file.run.replicates), 2**32)  # others are refused later
-    n_scenarios = math.prod(loop.sizes.values()) * max(1, len(days)) * replicates
+    n_scenarios = math.prod(loop.sizes.values()) * max(1, n_days) * replicates
     check_memory(3 * 8 * n_scenarios, n_scenarios)  # an index, and two copies of a metric: the others are on the disk
 
 
