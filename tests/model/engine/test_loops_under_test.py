@@ -145,6 +145,11 @@ def test_it_waits_for_calm_air_and_moves_nothing_if_none_comes(steady_day, share
         assert ds.test.values.sum() == 1200
 
 
+def test_air_before_the_day_counts_as_calm(steady_day):
+    ds = simulate_test(steady_day, fc.ValveTest(start=60, excursion=50.0), backlash=0.05)
+    assert np.flatnonzero(ds.test.values)[0] == 60
+
+
 def test_lanes_without_a_test_keep_their_bits_beside_lanes_with_one(steady_day):
     loop = fc.Loop.preset("lbnl").assign(**CALM_LOOP, sample_time=5, backlash=0.05)
     alone = fc.simulate(loop, steady_day, traces=["command"])
