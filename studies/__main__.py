@@ -53,7 +53,7 @@ def run(name: str, question: Question, *, is_sample: bool) -> list[str]:
     sample = getattr(module, "sample", module.main if question.time in QUICK_TIMES else None)
     print(f"{name}: {format_seeds(module) or 'seeds in its study file'}", flush=True)
     if is_sample and sample is None:
-        print(f"{name}: no sample; whole it takes {question.time}")
+        print(f"{name}: no sample, {module.NO_SAMPLE}; whole it takes {question.time}")
         return []
     with compare_with_tables(is_sample=is_sample) as replication:
         sample() if is_sample else module.main()

@@ -235,13 +235,15 @@ class Share(NamedTuple):
 def share_of(holds: xr.DataArray, among: xr.DataArray | None = None) -> Share:
     """Share of the valves, and days if any, in which ``holds`` is true, with its 95 % interval.
 
-    The variance is that of the means of the valves and of the means of the days, see ``wilson_interval``.
+    The variance is that of the means of the valves and of the means of the days.
 
     among: the valves and days that count, all if None; of at least one.
     """
     values = holds.astype(float) if among is None else holds.astype(float).where(among.astype(bool))
     p, (variance, labels) = float(values.mean()), _crossed_variance(values)
-    low, high = wilson_interval(np.array(p), np.array(variance), int(values.count()), labels, Z_95)
+    # the number of cases that would have the observed variance; where nothing varies, the number of labels
+    n = min(int(values.count()), p * (1.0 - p) / variance) if variance > 0.0 else labels
+    low, high = wilson_interval(np.array(p), n, Z_95)
     return Share(p, float(low), float(high))
 
 

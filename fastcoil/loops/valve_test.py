@@ -13,11 +13,12 @@ from fastcoil.model.valve_test import LARGEST_OVERSHOOT_SHARE, LONGEST_RAMP_STRO
 class ValveTest:
     """A valve test: the command takes over from the PI, goes up and down past the gap, and hands back without a bump.
 
-    A test does not begin while the valve is at an end of its stroke and the temperature requires more.  Otherwise the
-    command holds for ``settle`` s, then moves at ``rate`` in the direction that brings the temperature back to the
-    set-point of the start.  Once the temperature has passed it by ``threshold``, the command holds for ``hold`` s, and
-    moves the other way; each next ramp has the rate at which the temperature overshoots by 0.5 K, or by a third of
-    ``excursion`` if that is less.  The same are parameters of a loop, ``test_start`` and so on, and can be swept.
+    A test does not begin while the valve is at an end of its stroke and the temperature requires more, nor until the
+    air flow has been calm for five minutes; after an hour of waiting it is refused.  Then the command holds for
+    ``settle`` s and moves at ``rate`` in the direction that brings the temperature back to the set-point of the start.
+    Once the temperature has passed it by ``threshold``, the command holds for ``hold`` s, and moves the other way; each
+    next ramp has the rate at which the temperature overshoots by 0.5 K, or by a third of ``excursion`` if that is less.
+    The same are parameters of a loop, ``test_start`` and so on, and can be swept.
 
     Parameters
     ----------
@@ -36,7 +37,7 @@ class ValveTest:
         more to settle; with 900 s the test also shows whether a swing comes from outside the loop.
     excursion
         Error at which the test is aborted, K; twice that before the first ramp has ended, since a loop that hunts may
-        be anywhere at the start.
+        be anywhere at the start, and on the side to which air drives the temperature whose flow has just changed.
 
     Raises
     ------
@@ -93,9 +94,11 @@ class ValveTest:
         overshoot = min(TARGET_OVERSHOOT_K, LARGEST_OVERSHOOT_SHARE * self.excursion)
         return [
             "Before: log command, T_sup and, if possible, m_a, T_a_in and T_w_in every 5 s, from an hour before the "
-            "test.  Choose an hour in which load and water are steady, the valve neither fully closed nor fully open.",
+            "test.  Choose an hour in which load and water are steady, the valve neither fully closed nor fully open.  "
+            "If the air flow varies, begin after five minutes within 8 % of its mean.",
             f"Limits: if T_sup is ever more than {self.excursion:g} K from its set-point, or water, fan or set-point "
-            "change, stop: give the valve back to the controller.",
+            "change, stop: give the valve back to the controller.  A change of the air flow by more than 5 % allows "
+            f"{2 * self.excursion:g} K for some minutes on the side to which it drives T_sup.",
             "1. Note the time, the set-point and the command.  Switch the valve to manual and keep its command.",
             f"2. Wait {self.settle:g} s.  If T_sup still moves by more than 0.3 K in a minute, keep waiting, or stop.",
             f"3. Change the command by {step:.2g} % of the stroke every {interval:g} s, in the direction that brings "

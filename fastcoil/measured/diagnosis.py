@@ -107,6 +107,7 @@ class Diagnosis(Result):
         lines += [self.headline, *filter(None, [controller, self.advice.reason])]
         lines += [*_describe_predictions(self, ("as_found", "simc")), _describe_gap(self), _describe_hunting(self)]
         if self.identified and self.backlash > GOOD_BACKLASH:
+            lines += ["Gap or sticking: a stem that sticks and then jumps looks the same in this log"]
             lines += _describe_predictions(self, ("no_gap", "half_gap", "inverse"))
         return lines + [f"Note: {note}" for note in self.notes]
 

@@ -238,7 +238,7 @@ class ThermalResponse(NamedTuple):
     gain: float  # K per stroke
     lag: float  # sum of both, s
     dead_time: float  # s
-    explained: float  # share of the variance of the temperature
+    explained: float  # share of the variance of the temperature that the known disturbances leave
     stem: Array  # its place behind the most probable gap, fraction of stroke, from the first row that is modelled on
     model: Array  # temperature of the model without drift, K from its start, at the samples that are compared
 
@@ -318,5 +318,7 @@ def fit_response(
                     best = (float(likelihood[at]), dynamic, int(at[0]), int(at[1]), float(gains[at]))
     _, (slow, fast, dead), start, size, gain = best
     model = gain * delay(apply_lag(apply_lag(openings[start, size], slow), fast), dead)[compared]
-    unexplained = np.var(y[compared] - model) / max(float(np.var(y[compared])), _TINY)
+    known, _ = np.linalg.qr(np.stack([np.ones(model.size), *(x[compared] for x in filtered_inputs)], axis=1))
+    squares = [float(np.sum((x - known @ (known.T @ x)) ** 2)) for x in (y[compared] - model, y[compared])]
+    unexplained = squares[0] / max(squares[1], _TINY * model.size)
     return ThermalResponse(total, gain, slow + fast, dead, 1.0 - float(unexplained), places[start, size], model)

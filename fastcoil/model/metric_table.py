@@ -8,7 +8,7 @@ STATUS_MEANINGS = ("ok", "non_finite", "out_of_range", "not_run", "crashed")
 STATUS_OK, STATUS_NON_FINITE, STATUS_OUT_OF_RANGE, STATUS_NOT_RUN, STATUS_CRASHED = range(5)
 
 LEARNING_STATUS_MEANINGS = ("off", "learning", "stepped_down", "stopped", "no_evidence", "not_identifiable")
-TEST_ABORTED_MEANINGS = ("no", "excursion", "end_of_stroke", "swing", "disabled")
+TEST_ABORTED_MEANINGS = ("no", "excursion", "end_of_stroke", "swing", "disabled", "varying_air")
 
 WARM_UP_S = 1800  # default of the time left out of every metric, as in section 2.2 of the paper
 SETTLING_TIME_S = 600  # after a step of the set-point, or a start of the loop, that the settled metrics leave out
@@ -120,8 +120,8 @@ METRICS = _by_name(
            "largest - smallest of the last five that counted; NaN below five", label="spread of single gaps"),
     Output("test_aborted", "1", "whether the valve test was aborted",
            "no: it was not, or there was none; by an excursion beyond its limit, at an end of the stroke that did not "
-           "bring the temperature back, by a swing that went on while the command was held, or because the loop was "
-           "switched off", flags=TEST_ABORTED_MEANINGS, label="abortion of the test"),
+           "bring the temperature back, by a swing that went on while the command was held, because the loop was "
+           "switched off or the air flow never calm", flags=TEST_ABORTED_MEANINGS, label="abortion of the test"),
     Output("coil_energy", "kW h", "heat exchanged by the water",
            "sum of m_w cp_w (T_w_out - T_w_in) dt; sign turned for heating", label="coil energy"),
     Output("coil_peak_power", "kW", "peak heat rate of the water", f"largest mean over whole {PEAK_BLOCK_S}-s blocks",

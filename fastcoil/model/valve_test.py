@@ -4,6 +4,9 @@ The command holds until the loop is calm (``settle``), then moves at a rate that
 that brings the temperature back to the set-point of the start.  When the temperature has passed it by a threshold, the
 command holds, turns and moves the other way, until the time is over.  Each turn crosses the gap once.  A ramp slower
 than the motor leaves its stroke time out of what the temperature tells.
+
+Where the air flow is known, a test waits until it is calm, and is refused if it is not within an hour.  Where it
+changes during the test, the limit of the temperature is wider on the side to which that drives it.
 """
 
 from typing import NamedTuple
@@ -24,6 +27,7 @@ ABORTED_EXCURSION = 1.0
 ABORTED_END_OF_STROKE = 2.0
 ABORTED_SWING = 3.0
 ABORTED_DISABLED = 4.0
+ABORTED_VARYING_AIR = 5.0
 
 # calibrated in studies/valve_test
 CALM_WINDOW_S = 60.0  # last part of settling
@@ -36,6 +40,12 @@ LARGEST_INCREASE = 2.0  # of a ramp's rate over that of the ramp before
 LONGEST_RAMP_STROKE = 0.3  # after which a ramp ends though the temperature has not passed the threshold
 FIRST_RAMP_LIMIT_RATIO = 2.0  # of the limit before the first ramp has ended: a loop that hunts starts anywhere
 MEAN_COMMAND_TIME_S = 600.0  # of the filter of the command before the test
+MEAN_AIR_TIME_S = 300.0  # of the filter of the air flow
+CALM_AIR_TIME_S = 300.0  # for which the air flow has been calm when a test begins
+LARGEST_CALM_AIR_CHANGE = 0.08  # of the air flow from that mean, share of it
+LONGEST_WAIT_S = 3600.0  # for calm air
+LEAST_AIR_CHANGE = 0.05  # of the air flow from that mean, that widens the limit
+CHANGED_AIR_LIMIT_RATIO = 2.0  # of the limit then
 LARGEST_CALM_DEVIATION = 0.05  # fraction of stroke from that mean; a command that swings wider is held at its mean
 
 
@@ -66,13 +76,19 @@ class Memory(NamedTuple):
     ramps_ended: float = 0.0  # number of ramps that have ended
     mean: float = np.nan  # filtered command before the test
     aborted: float = NOT_ABORTED
+    air_flow: float = 0.0  # filtered, kg/s; 0 if it is not known
+    calm_for: float = CALM_AIR_TIME_S  # time for which the air flow has been calm, s; as if so before the first sample
+    waited: float = 0.0  # time for which a requested test has waited for calm air, s
 
 
 @exact
 def begin_test(T_set, p, memory):
     """Return the Memory at the start of a test, whose errors are from the set-point ``T_set``."""
     t = -p.sample_time  # the first step is at 0
-    return Memory(PHASE_SETTLE, t, t, 0.0, p.test_rate, 0.0, T_set, 0.0, 0.0, 0.0, memory.mean, NOT_ABORTED)
+    return Memory(
+        PHASE_SETTLE, t, t, 0.0, p.test_rate, 0.0, T_set, 0.0, 0.0, 0.0, memory.mean, NOT_ABORTED, memory.air_flow,
+        memory.calm_for, 0.0,
+    )  # fmt: skip
 
 
 @exact
@@ -82,13 +98,34 @@ def held_command(command, memory):
 
 
 @exact
-def update_command_mean(command, p, memory):
-    """Update the mean command while no test runs; return the Memory."""
+def mean_air_flow(m_a, p, memory):
+    """Filtered air flow, kg/s; an unknown one, 0, negative or NaN, leaves it as it is."""
+    start = memory.air_flow if memory.air_flow > 0.0 else m_a
+    return low_pass(start, m_a, filter_weight(MEAN_AIR_TIME_S, p.sample_time)) if m_a > 0.0 else memory.air_flow
+
+
+@exact
+def change_of_air(m_a, mean):
+    """Relative change of the air flow from its mean; 0 if either is not known."""
+    return m_a / mean - 1.0 if m_a > 0.0 and mean > 0.0 else 0.0
+
+
+@exact
+def watch_loop(command, m_a, enabled, is_requested, p, memory):
+    """Take one sample while no test runs: (whether one begins, Memory); a requested test waits for calm air."""
     m = memory
+    air_flow = mean_air_flow(m_a, p, m)
+    is_calm = abs(change_of_air(m_a, air_flow)) <= LARGEST_CALM_AIR_CHANGE
+    calm_for = m.calm_for + p.sample_time if is_calm else 0.0
+    waits = m.phase == PHASE_OFF and (is_requested or m.waited > 0.0)
+    begins = waits and (calm_for >= CALM_AIR_TIME_S or not enabled)
+    waited = m.waited + p.sample_time if waits and not begins else 0.0
+    is_refused = waited > LONGEST_WAIT_S
     mean = low_pass(m.mean, command, filter_weight(MEAN_COMMAND_TIME_S, p.sample_time))
-    return Memory(
+    return begins, Memory(
         PHASE_OFF, m.elapsed, m.phase_elapsed, m.direction, m.ramp_rate, m.ramp_start, m.reference, m.lowest,
-        m.highest, m.ramps_ended, mean, m.aborted,
+        m.highest, m.ramps_ended, m.mean if begins else mean, ABORTED_VARYING_AIR if is_refused else m.aborted,
+        air_flow, calm_for, 0.0 if is_refused else waited,
     )  # fmt: skip
 
 
@@ -104,11 +141,11 @@ def next_ramp_rate(rate, overshoot, p):
 
 
 @exact
-def step_test(e, command, enabled, p, memory):
+def step_test(e, command, m_a, enabled, p, memory):
     """Take one sample of the test: (command, Memory).
 
-    e: error from ``reference``, K, positive where the valve should open.  The phase is PHASE_OFF after the last sample,
-    and after an abort.
+    e: error from ``reference``, K, positive where the valve should open; more air makes it more positive.  The phase is
+    PHASE_OFF after the last sample, and after an abort.
     """
     m = memory
     elapsed, phase_elapsed = m.elapsed + p.sample_time, m.phase_elapsed + p.sample_time
@@ -135,6 +172,10 @@ def step_test(e, command, enabled, p, memory):
     no_room = (e < 0.0 and command <= 0.0) or (e > 0.0 and command >= 1.0)
     aborted = ABORTED_END_OF_STROKE if elapsed <= 0.0 and no_room else aborted
     limit = p.test_excursion * (FIRST_RAMP_LIMIT_RATIO if m.ramps_ended == 0.0 else 1.0)
+    air_flow = mean_air_flow(m_a, p, m)
+    # what the measured air explains is not done by the stem
+    is_by_air = (1.0 if e > 0.0 else -1.0) * change_of_air(m_a, air_flow) > LEAST_AIR_CHANGE
+    limit = CHANGED_AIR_LIMIT_RATIO * p.test_excursion if is_by_air else limit
     aborted = ABORTED_EXCURSION if abs(e) > limit else aborted
     is_over = elapsed >= 60.0 * p.test_minutes
     aborted = NOT_ABORTED if is_over else (aborted if enabled else ABORTED_DISABLED)
@@ -144,6 +185,6 @@ def step_test(e, command, enabled, p, memory):
     next_memory = Memory(
         PHASE_OFF if ends else phase, elapsed, 0.0 if changes else phase_elapsed, direction, ramp_rate,
         ramp_start, m.reference, e if changes else lowest, e if changes else highest, ramps_ended, m.mean,
-        aborted,
+        aborted, air_flow, m.calm_for, 0.0,
     )  # fmt: skip
     return command if aborted != NOT_ABORTED else clip01(next_command), next_memory

@@ -17,7 +17,7 @@ from fastcoil.logs import read_checked_log
 from fastcoil.measured.diagnose import DIAGNOSIS_COLUMNS, identify_and_measure
 from fastcoil.measured.grid import join_grids, keep_own_values, resample_log
 from fastcoil.measured.identify import GOOD_BACKLASH, Identification
-from studies.common import draw_loguniform, write_table
+from studies.common import compare_rows, draw_loguniform, write_table
 from studies.days import STEPPED, make_days
 from studies.diagnosis.claims import is_right, make_log
 from studies.diagnosis.diagnosis import TRACE_INTERVAL, Population, share_or_none, valves
@@ -140,6 +140,13 @@ def trap_row(name: str, claims: Iterable[tuple[Identification, float]]) -> list[
     claimed, wrong = shares
     accused = f"{is_accused.sum()} of {is_good.sum()}"
     return [name, str(len(results)), claimed, f"{is_wrong.sum()} of {identified.sum()}", wrong, accused]
+
+
+def sample() -> None:
+    """Run a sample of the study: days with steps whose temperature is 10 min late."""
+    claims = late_claims(STEPPED, LATE_MINUTES[-1])
+    row = trap_row(f"ten days, set-point steps, {LATE_MINUTES[-1]} min late", claims)
+    compare_rows("diagnosis/claims_traps", [row])
 
 
 def main() -> None:

@@ -20,6 +20,7 @@ from studies.common import write_table
 from studies.robustness.best_pi import PRESETS
 
 Array = npt.NDArray[np.float64]
+NO_SAMPLE = "hunting loops amplify last bits, so that cells differ from processor to processor"
 SEED, TUNINGS, DAYS = 94801, 40, range(94811, 94814)
 HOURS, WARM_UP = 4, 1800
 """Length of a day, and the seconds in which no error counts."""

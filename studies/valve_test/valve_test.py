@@ -31,9 +31,9 @@ UNITS = {"command": "1", "test": "1", "m_a": "kg/s"}
 class Case(NamedTuple):
     """Tests of a population.
 
-    changed: parameters of the loops; swing: a series of the boundary, and by how much it swings every 10 min.  inputs:
-    whether air and entering water are logged.  log_interval: s.  stroke_time: value given over the true one.
-    late: s by which the command is logged after the temperature.
+    changed: parameters of the loops; swing: a series of the boundary, and by how much it swings every 10 min.  air:
+    share of the air flow, given a random generator and the seconds.  inputs: what else is logged.  log_interval: s.
+    stroke_time: value given over the true one.  late: s by which the command is logged after the temperature.
     command: in place of the test, the command from its start on, given that of the start: (n,) at every second.
     """
 
@@ -41,7 +41,8 @@ class Case(NamedTuple):
     test: fc.ValveTest = fc.ValveTest(start=TEST_START)
     changed: dict[str, float] = {}
     swing: tuple[str, float] | None = None
-    inputs: bool = False
+    air: Callable[[np.random.Generator, np.ndarray], np.ndarray] | None = None
+    inputs: tuple[str, ...] = ()
     log_interval: int = LOG_INTERVAL
     stroke_time: float = 1.0
     late: int = 0
@@ -54,7 +55,7 @@ HEATING_TEST = fc.ValveTest.heating(start=TEST_START)
 BASIC_CASES = {
     "cooling, 20 min": Case(),
     "cooling, 30 min": Case(test=LONGER_TEST),
-    "cooling, 30 min, m_a, T_a_in, T_w_in logged": Case(test=LONGER_TEST, inputs=True),
+    "cooling, 30 min, m_a, T_a_in, T_w_in logged": Case(test=LONGER_TEST, inputs=INPUT_COLUMNS),
     "gentle, 45 min": Case(test=GENTLE_TEST),
     "heating, 30 min": Case(Population(HEATING), HEATING_TEST),
     "design days, 20 min": Case(Population(DESIGN)),
@@ -126,6 +127,11 @@ def simulate_case(case: Case, seed: int, n: int, days: int) -> SimulatedTests:
         phase = np.random.default_rng([seed, 2]).uniform(0.0, 2 * np.pi, (days, 1))
         series[name] = series[name] + size * np.sin(2 * np.pi * np.arange(HOURS * 3600) / 600 + phase)
         boundary = fc.Boundary(**series, day=list(range(days)))
+    if case.air is not None:
+        seconds = np.arange(HOURS * 3600)
+        air = [case.air(np.random.default_rng([seed, 3, day]), seconds) for day in range(days)]
+        boundary = boundary.assign(m_a=series["m_a"] * np.array(air))
+        series["m_a"] = np.asarray(boundary.series["m_a"])
     loop = fc.Loop.preset("lbnl").assign(
         m_full=1.7,
         **{name: ("sample", values) for name, values in parameters.items()},
@@ -160,7 +166,7 @@ def simulate_case(case: Case, seed: int, n: int, days: int) -> SimulatedTests:
 
 def select_log(tests: SimulatedTests, case: Case, sample: int, day: int) -> xr.Dataset:
     """Select the log of one test from those of a case."""
-    names = ["command", "T_measured", "T_set", "test", *(INPUT_COLUMNS if case.inputs else ())]
+    names = ["command", "T_measured", "T_set", "test", *case.inputs]
     log = tests.signals[names].isel(
         sample=sample, day=day, elapsed_time=slice(None, None, case.log_interval // LOG_INTERVAL)
     )
@@ -194,6 +200,10 @@ class CaseReadings(NamedTuple):
     error: xr.DataArray
     excursion: xr.DataArray
     aborted: xr.DataArray
+    wait: xr.DataArray
+    """Time for which a test waited for calm air, s."""
+    own: xr.DataArray
+    """Whether the valve is tested on this day."""
 
 
 def read_case(case: Case, seed: int, n: int = VALVES, days: int = DAYS) -> CaseReadings:
@@ -221,6 +231,7 @@ def read_case(case: Case, seed: int, n: int = VALVES, days: int = DAYS) -> CaseR
         has_begun, has_begun & (aborted == 0.0), (is_claimed > 0.0) & has_begun, is_right & has_begun,
         (truth >= low) & (truth <= high), is_good,
         is_good & (is_claimed > 0.0) & (size > GOOD_BACKLASH + 1e-9), error, excursion, aborted,
+        tests.signals.elapsed_time.where(is_test).min("elapsed_time") - TEST_START, is_own_day,
     )  # fmt: skip
 
 

@@ -47,6 +47,8 @@ LOOSE_READING = DAYS // 3 // POOLED_DAYS
 """First reading after the linkage came loose; it is repaired as many readings later."""
 GROWS, LOOSE, NO_GAP = "grows", "comes loose", "no gap"
 
+NO_SAMPLE = "each row reads some hundred logs of 48 valves"
+
 
 class Readings(NamedTuple):
     """Readings of the valves of a sequence: (way, sample, reading)."""

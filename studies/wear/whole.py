@@ -23,6 +23,7 @@ from studies.wear.runs import (
     weather_year,
 )
 
+NO_SAMPLE = "the table is one simulation of a whole year, from a weather file"
 METRIC_LABELS = {
     "growth": "growth of the gap",
     "stem_travel": "travel of the stem",

@@ -16,6 +16,7 @@ from fastcoil.base.figures import COLOURS, apply_style
 from fastcoil.study.analysis.paired import MedianSummary, summarise_median
 from studies.common import results, save_figure, share_of, write_table
 
+NO_SAMPLE = "each row summarises a whole year of all loops, from a weather file"
 PI, SOUND = "pi", "sound"
 CONTROLLER_LABELS = {"pi": "plain PI", "hagglund": "Hägglund", "identify": "identify"}
 LEAST_ERROR = 0.01

@@ -1,6 +1,7 @@
 """One sample of the valve test after another, on made-up errors: the script's commands, its limits, its ends."""
 
 import itertools
+import math
 
 import numpy as np
 import pytest
@@ -14,18 +15,19 @@ DEFAULTS = {name.removeprefix("test_"): value for name, value in fc.ValveTest().
 del DEFAULTS["start"], DEFAULTS["every"]
 
 
-def run_test(errors, command=0.5, sample_time=5.0, **changes):
+def run_test(errors, command=0.5, sample_time=5.0, air_flows=None, **changes):
     """(Commands, memories after them, why it ended) on given errors; equal to those of the script."""
     settings = DEFAULTS | changes
     p = valve_test.Parameters(sample_time, **{f"test_{name}": value for name, value in settings.items()})
     memory, first_command, commands, memories = valve_test.begin_test(14.0, p, valve_test.Memory()), command, [], []
-    for e in errors:
-        command, memory = valve_test.step_test(e, command, True, p, memory)
+    flows = [math.nan] * len(errors) if air_flows is None else air_flows
+    for e, m_a in zip(errors, flows, strict=True):
+        command, memory = valve_test.step_test(e, command, m_a, True, p, memory)
         if memory.phase == valve_test.PHASE_OFF:
             break
         commands.append(command)
         memories.append(memory)
-    expected, reason = script(errors, first_command, sample_time, **settings)
+    expected, reason = script(errors, first_command, sample_time, air_flows=air_flows, **settings)
     np.testing.assert_allclose(commands, expected, rtol=0.0, atol=1e-12)
     assert TEST_ABORTED_MEANINGS[int(memory.aborted)] == (reason if reason in TEST_ABORTED_MEANINGS else "no")
     return commands, memories, reason
@@ -101,3 +103,35 @@ def test_an_end_of_the_stroke_that_brings_the_temperature_back_turns_the_ramp():
 def test_before_the_first_ramp_has_ended_the_error_may_be_twice_as_large():
     assert run_test([*CALM_ERRORS, *[2.99] * 5])[-1] == "no more errors"
     assert run_test([*CALM_ERRORS, *[3.01] * 5])[-1] == "excursion"
+
+
+@pytest.mark.parametrize(
+    ("jump", "error", "reason"),
+    [
+        (1.0, 1.51, "excursion"), (1.2, 1.51, "no more errors"), (1.2, 2.99, "no more errors"),
+        (1.2, 3.01, "excursion"), (1.2, -1.51, "excursion"), (0.8, -1.51, "no more errors"), (1.04, 1.51, "excursion"),
+    ],
+)  # fmt: skip
+def test_an_error_that_the_measured_air_explains_may_be_twice_as_large(jump, error, reason):
+    """More air needs a more open valve, so its error is positive; the first ramp has ended before."""
+    errors = [*CALM_ERRORS, *[0.2] * 10, *[-0.5] * 5, *[error] * 3]
+    assert run_test(errors, air_flows=[1.2] * 28 + [1.2 * jump] * 3)[-1] == reason
+
+
+def test_long_after_a_change_of_the_air_the_limit_is_the_usual_one():
+    errors = [*CALM_ERRORS, *[0.2] * 10, *[-0.5] * 5, *[0.1] * 120, 1.6]
+    for seconds, reason in ((200, "no more errors"), (600, "excursion")):
+        flows = [1.2] * (149 - seconds // 5) + [1.44] * (seconds // 5)
+        assert run_test(errors, air_flows=flows)[-1] == reason, seconds
+
+
+@pytest.mark.parametrize("m_a", [math.nan, 0.0, -1.0])
+def test_air_that_is_not_known_neither_delays_a_test_nor_widens_its_limit(m_a):
+    p = valve_test.Parameters(5.0, **{f"test_{name}": value for name, value in DEFAULTS.items()})
+    memory = valve_test.Memory()
+    for flow in (1.2, 1.2, m_a, m_a):
+        begins, memory = valve_test.watch_loop(0.5, flow, True, False, p, memory)
+        assert not begins
+    assert valve_test.watch_loop(0.5, m_a, True, True, p, memory)[0]
+    assert memory.air_flow == 1.2
+    assert valve_test.change_of_air(m_a, 1.2) == valve_test.change_of_air(1.2, 0.0) == 0.0

@@ -5,22 +5,44 @@ class EndOfTest(Exception):
     """End of the test; the argument is the reason, empty after the full time."""
 
 
-def valve_test(errors, command, sample_time, *, minutes, rate, threshold, settle, hold, excursion):
+def air_changes(air_flows, sample_time):
+    """Relative changes of the air flow, sample by sample, from a mean that follows it in five minutes."""
+    mean = air_flows[0]
+    for flow in air_flows:
+        mean += (flow - mean) * sample_time / (300.0 + sample_time)
+        yield flow / mean - 1.0
+
+
+def wait_for_calm_air(air_flows, sample_time, request):
+    """Sample at which a test that is requested at ``request`` begins; None where it is refused after an hour."""
+    calm_seconds = 300.0
+    for k, change in enumerate(air_changes(air_flows, sample_time)):
+        calm_seconds = calm_seconds + sample_time if abs(change) <= 0.08 else 0.0
+        if k >= request and calm_seconds >= 300.0:
+            return k
+        if (k - request + 1) * sample_time > 3600.0:
+            return None
+    raise AssertionError("the record ends while the test waits")
+
+
+def valve_test(errors, command, sample_time, *, minutes, rate, threshold, settle, hold, excursion, air_flows=None):
     """Run a test that begins at the first of ``errors``, K; return its commands, and why it ended early.
 
     errors: one a sample, positive where the valve should open.  command: held at first.
     """
-    remaining_errors, commands = iter(list(errors)), []
+    changes = [0.0] * len(errors) if air_flows is None else air_changes(air_flows, sample_time)
+    remaining, commands = iter(list(zip(errors, changes, strict=False))), []
     first_ramp = True
 
     def next_error():
         """Return the next error, or end the test."""
         if len(commands) * sample_time >= 60 * minutes:
             raise EndOfTest("")
-        e = next(remaining_errors, None)
+        e, change = next(remaining, (None, 0.0))
         if e is None:
             raise EndOfTest("no more errors")
-        if abs(e) > excursion * (2 if first_ramp else 1):
+        is_by_air = change > 0.05 if e > 0 else change < -0.05
+        if abs(e) > excursion * (2 if first_ramp or is_by_air else 1):
             raise EndOfTest("excursion")
         return e
 

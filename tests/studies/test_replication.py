@@ -1,5 +1,6 @@
 """Running a study again says which cells of its tables changed, and a sample writes nothing."""
 
+import importlib
 from types import SimpleNamespace
 
 import pytest
@@ -68,3 +69,11 @@ def test_an_unknown_study_or_option_is_refused():
         command.main(["robustnes"])
     with pytest.raises(SystemExit, match="no option --samples: give --all or --sample"):
         command.main(["--samples"])
+
+
+@pytest.mark.parametrize("name", command.questions())
+def test_every_study_has_a_sample_or_says_why_it_has_none(name):
+    question = command.questions()[name]
+    module = importlib.import_module(question.module)
+    has_sample = hasattr(module, "sample") or question.time in command.QUICK_TIMES
+    assert has_sample != hasattr(module, "NO_SAMPLE")

@@ -323,8 +323,9 @@ def simulate_scene(scene: Scenario, test: ValveTest | None = None) -> Run:
 def describe_reading(ds: xr.Dataset, stroke_time: float) -> str:
     """Read the valve test in a simulation, and describe the result."""
     reason = TEST_ABORTED_MEANINGS[int(ds["test_aborted"])].replace("_", " ")
-    ending = f"  The test ended early: {reason}." if ds["test_aborted"] else ""
-    if not ds["test"].any():
+    end = "ended early" if (began := bool(ds["test"].any())) else "did not begin"
+    ending = f"  The test {end}: {reason}." if ds["test_aborted"] else ""
+    if not began:
         return ending.strip()
     reading = read_test(ds[["command", "T_measured", "test"]], stroke_time=stroke_time)
     low, high = map(format_percent, reading.interval)

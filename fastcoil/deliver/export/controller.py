@@ -30,22 +30,23 @@ from fastcoil.model.engine.rows import PARAMETER_ROWS
 from fastcoil.model.estimators.registry import ESTIMATORS
 from fastcoil.model.parameter_table import LARGEST_FLOAT, PARAMETERS
 from fastcoil.model.user_rules import rules_for_kernels
-from fastcoil.model.valve_test import PHASE_OFF, begin_test, held_command, step_test, update_command_mean
+from fastcoil.model.valve_test import PHASE_OFF, begin_test, held_command, step_test, watch_loop
 
 ANY_SET_POINTS_C = np.array([0.0, LARGEST_FLOAT])  # to check a controller with: it may get any set-point
 
 
 def run_test(now: Any, p: Any, memory: Any) -> Any:
     """One cycle of the valve test; PI and compensation follow its command, to go on without a bump."""
-    starts = now.begins and memory.phase == PHASE_OFF
-    if memory.phase == PHASE_OFF and not starts:
-        if not now.enabled:
-            return now.command, memory
-        return now.command, update_command_mean(now.command, p, memory)
+    is_off = memory.phase == PHASE_OFF
+    if is_off and not now.enabled and not (now.begins or memory.waited > 0.0):
+        return now.command, memory
+    starts, watched = watch_loop(now.command, now.m_a, now.enabled, now.begins, p, memory)
+    if is_off and not starts:
+        return now.command, watched
     held = held_command(now.command, memory) if starts else now.command
-    running = begin_test(now.T_set, p, memory) if starts else memory
+    running = begin_test(now.T_set, p, watched) if starts else memory
     sign = 1.0 - 2.0 * p.action
-    command, after = step_test(sign * (now.T - running.reference), held, now.enabled, p, running)
+    command, after = step_test(sign * (now.T - running.reference), held, now.m_a, now.enabled, p, running)
     if after.phase == PHASE_OFF:  # the PI acts in this cycle
         return now.command, after, 0.0
     mode = after.direction if after.direction != 0.0 else now.mode

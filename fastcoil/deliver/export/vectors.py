@@ -23,6 +23,7 @@ from fastcoil.loops.simulate import simulate
 from fastcoil.measured.replay import run_controllers
 from fastcoil.model.engine.recorded import REPLAY_COLUMNS
 from fastcoil.model.parameter_table import LARGEST_FLOAT
+from fastcoil.model.valve_test import LONGEST_WAIT_S
 
 TRACE_BY_OUTPUT = {
     "command": "command", "u": "u", "integral_part": "integral", "rising": "mode", "estimate": "estimate",
@@ -149,7 +150,7 @@ def _operator_record(controller: Controller) -> dict[str, Array]:
 
 
 def _valve_test_record(controller: Controller) -> dict[str, Array]:
-    """Make inputs with a full valve test, then ones ended by excursion, end of stroke, swing and plant off."""
+    """Make inputs with a full valve test, then ones ended by excursion, stroke, swing, plant off and varying air."""
     number = controller.number
     dt, settle, excursion = number["sample_time"], number["test_settle"], number["test_excursion"]
     t = dt * np.arange(min(math.ceil(60.0 * number["test_minutes"] / dt), _MOST_CYCLES) + 20)
@@ -158,15 +159,22 @@ def _valve_test_record(controller: Controller) -> dict[str, Array]:
     steady_error, swing_error = np.full(t.size, min(0.2, 0.5 * excursion)), 0.3 * (-1.0) ** np.arange(t.size)
     excursion_error = 1.5 * excursion * (1.0 + (t > 0.6 * settle + 4.0 * dt)) * (t > 0.3 * settle + 3.0 * dt)
     e = np.stack([size * np.sin(ramp_time / 60.0), excursion_error, steady_error, swing_error, steady_error])
-    enabled, start_test, reset, start_command = (np.full(e.shape, x) for x in (1.0, 1.0, 0.0, 0.0))
+    enabled, start_test, reset, start_command, m_a = (np.full(e.shape, x) for x in (1.0, 1.0, 0.0, 0.0, 1.2))
+    gust = slice(t.size // 2, t.size // 2 + 2)  # of air, with an error that it explains
+    e[0, gust], m_a[0, gust] = 1.3 * excursion, 1.5
     reset[:, 0], start_command[:, 0] = 1.0, (0.5, 0.5, 0.98, 0.5, 0.5)
     start_test[:, 1:3] = 0.0  # a request from the start on begins no test
     enabled[4, 6:14] = 0.0
     start_test[4, [9, 10, 16, 17]] = 0.0  # requested again while the plant is off, and on
-    readings = _readings_for_errors(controller, e.ravel(), np.full(e.size, controller.set_point), enabled.ravel())
+    handling = {"m_a": m_a, "start_test": start_test, "reset": reset, "start_command": start_command}
+    waiting = np.arange(min(math.ceil(LONGEST_WAIT_S / dt), _MOST_CYCLES) + 20)
+    inputs = {name: np.append(values, np.resize(values[1], waiting.size)) for name, values in handling.items()}
+    inputs["reset"][e.size + 1 :] = 0.0
+    inputs["m_a"][e.size :] = np.where((waiting + 99 // dt) * dt // 100.0 % 2.0, 1.0, 1.4)
+    errors, is_on = np.append(e, np.full(waiting.size, 0.1 * excursion)), np.append(enabled, np.ones(waiting.size))
+    readings = _readings_for_errors(controller, errors, np.full(errors.size, controller.set_point), is_on)
     readings["T_sup"][10] = math.nan
-    handling = {"start_test": start_test, "reset": reset, "start_command": start_command}
-    return readings | {name: values.ravel() for name, values in handling.items()}
+    return readings | inputs
 
 
 def _day_record(loop: Loop, controller: Controller, *, disturbed: bool = False) -> dict[str, Array]:

@@ -21,7 +21,7 @@ from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.model.physics import sensor_reading
 
 CONTROL_SIGNATURE = StageSignature(
-    S=ROW_POINTER, t=INTEGER, T_set=NUMBER, noise=NUMBER, enabled=FLAG, counts_switches=NUMBER
+    S=ROW_POINTER, t=INTEGER, T_set=NUMBER, noise=NUMBER, m_a=NUMBER, enabled=FLAG, counts_switches=NUMBER
 )
 """Stages that decide u and the command, see ``control_stage``."""
 call_control = CONTROL_SIGNATURE.call
@@ -156,7 +156,7 @@ plain_control = make_control(ControllerFeatures())
 
 
 @section
-def run_test(S, t, T_set, noise, enabled):
+def run_test(S, t, T_set, noise, m_a, enabled):
     """Run the valve test of the lanes that sample now: it sets the command, and the PI tracks it without a bump."""
     for j in range(LANES):
         y = sensor_reading(S[R.y_s + j], S[R.noise + j] + noise, S[R.sensor_resolution + j])
@@ -169,17 +169,17 @@ def run_test(S, t, T_set, noise, enabled):
         elapsed = t - S[R.test_start + j]
         repeat_period = 86400.0 * S[R.test_every + j]  # s from days
         elapsed = elapsed % repeat_period if elapsed > 0.0 and repeat_period > 0.0 else elapsed
-        is_start_time = due and elapsed >= 0.0 and elapsed < S[R.sample_time + j]
-        is_start = is_start_time and enabled
+        is_requested = elapsed >= 0.0 and elapsed < S[R.sample_time + j]
+        begins, watched = valve_test.watch_loop(S[R.command + j], m_a, enabled, is_requested, p, before)
+        is_start = due and begins
         held_command = valve_test.held_command(S[R.command + j], before) if is_start else S[R.command + j]
-        memory = valve_test.begin_test(T_set, p, before) if is_start else before
+        memory = valve_test.begin_test(T_set, p, watched) if is_start else before
         runs = memory.phase != valve_test.PHASE_OFF
         acts = due or (runs and not enabled)
         sign = S[R.sign + j]
-        command, after = valve_test.step_test(sign * (y - memory.reference), held_command, enabled, p, memory)
-        after = after if runs else valve_test.update_command_mean(S[R.command + j], p, before)
+        command, after = valve_test.step_test(sign * (y - memory.reference), held_command, m_a, enabled, p, memory)
+        after = after if runs else watched
         stages.store_if_due(acts and (runs or enabled), after, before, S, R.test_phase + j, LANES)
-        S[R.test_aborted + j] = valve_test.ABORTED_DISABLED if is_start_time and not enabled else S[R.test_aborted + j]
         runs = S[R.test_phase + j] != valve_test.PHASE_OFF
         S[R.test + j] = 1.0 if runs else 0.0
         mode = after.direction if after.direction != 0.0 else S[R.mode + j]
@@ -225,9 +225,9 @@ def control_stage(features: ControllerFeatures) -> Any:
         return BUILT_IN
     has_test, control_lanes = features.has_test, make_control(features)
 
-    def controller(S, t, T_set, noise, enabled, counts_switches):
+    def controller(S, t, T_set, noise, m_a, enabled, counts_switches):
         if has_test:
-            run_test(S, t, T_set, noise, enabled)
+            run_test(S, t, T_set, noise, m_a, enabled)
         control_lanes(S, t, T_set, noise, enabled, counts_switches)
 
     return CONTROL_SIGNATURE.compile(controller, repr(features))

@@ -142,7 +142,7 @@ def emulate(rows, config, day, S, V, estimator_state, law_state, metric_rows, st
                 if config.control == BUILT_IN:
                     plain_control(S, clock, T_set, noise, enabled, counts_switches)
                 else:
-                    call_control(config.control, (S, clock, T_set, noise, enabled, counts_switches))
+                    call_control(config.control, (S, clock, T_set, noise, m_a, enabled, counts_switches))
                 is_actuator_busy = True
             was_enabled = enabled
         has_moved = False

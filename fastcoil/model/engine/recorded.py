@@ -198,7 +198,7 @@ def replay_controllers(rows, config, series, S, V, estimator_state, law_state, t
             if config.control == BUILT_IN:
                 plain_control(S, t, T_set, 0.0, enabled, 0.0)
             else:
-                call_control(config.control, (S, t, T_set, 0.0, enabled, 0.0))
+                call_control(config.control, (S, t, T_set, 0.0, m_a, enabled, 0.0))
         was_enabled = enabled
         if t % interval == 0:
             record(S, V, traced_rows, traces[t // interval])

@@ -19,7 +19,7 @@ from fastcoil.model.numerics.elementary import exp, log
 from fastcoil.model.numerics.jit import section
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.model.physics import flow_exponential, installed_valve, log_flow
-from fastcoil.model.valve_test import Memory
+from fastcoil.model.valve_test import CALM_AIR_TIME_S, Memory
 
 LANES = 64
 
@@ -140,6 +140,7 @@ def set_initial_state(S, open_loop):
         S[R.gap + j] = S[R.backlash + j]
         S[R.backlash_scale + j] = 1.0
         S[R.test_mean + j] = np.nan
+        S[R.test_calm_for + j] = CALM_AIR_TIME_S
         S[R.time_reached + j] = np.nan
         S[R.time_confirmed + j] = np.nan
         S[R.time_identified + j] = np.nan

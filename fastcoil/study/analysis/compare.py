@@ -178,8 +178,7 @@ def compare(
         With ``threshold`` there are six more: ``share_below`` of the pairs has a difference of at most -threshold,
         ``share_above`` one of at least the threshold, each with the interval of its share, ``share_below_low`` to
         ``share_below_high`` and so on.  That one holds, as that of the mean, over other labels of every dim ``over``:
-        other valves and other days, say.  It is Wilson's, for as many independent pairs as would scatter as the means
-        of the days, and of the valves, do.
+        other valves and other days, say.  It is Wilson's, for as many independent pairs as would scatter alike.
 
     Raises
     ------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -11,6 +11,10 @@ import xarray as xr
 QUANTILES = {"q05": 0.05, "q25": 0.25, "median": 0.5, "q75": 0.75, "q95": 0.95}
 STATISTICS = ("baseline", "value", "mean", "low", "high", *QUANTILES, "share_lower", "n_pairs", "n_censored")
 THRESHOLD_STATISTICS = tuple(f"share_{side}{edge}" for side in ("below", "above") for edge in ("", "_low", "_high"))
+
+# chosen on simulated shares, see tests/study/analysis/test_share_intervals.py
+TYPICAL_CORRELATION = 0.5  # of cases with the same label
+TYPICAL_WEIGHT = 0.1  # of it, in labels whose case is the rarer one
 
 
 def paired_statistics(
@@ -105,38 +109,43 @@ class _Pairs:
     def share(self, holds: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the share of the pairs for which a condition holds, with its interval.
 
-        Wilson's formula with the quantile of Student's distribution, whose degrees of freedom are Satterthwaite's
-        (1946, doi:10.2307/3002019): few days that hardly differ widen the interval little.
+        Wilson's formula for the number of independent cases that scatter as much, since cases of a day are alike (Miao
+        and Gastwirth 2004, doi:10.1198/0003130043303), with the quantile of Student's distribution and Satterthwaite's
+        degrees of freedom (1946, doi:10.2307/3002019).
         """
-        from scipy.stats import norm, t
+        from scipy.stats import t
 
         with np.errstate(invalid="ignore", divide="ignore"):  # a cell without pairs has no share
             share = holds.reshape(holds.shape[0], -1).sum(axis=1) / self.n
             mean = share.reshape(-1, *(1,) * (holds.ndim - 1))
-            variances = self.variances(np.where(self.pair, holds - mean, 0.0))
-            variance = variances.sum(axis=0)
-            freedom = variance**2 / (variances**2 / (self.labels - 1)).sum(axis=0)
-        upper = 0.5 + 0.5 * self.level
-        quantile = np.where(variance > 0.0, t.ppf(upper, freedom), norm.ppf(upper))
-        low, high = wilson_interval(share, variance, self.n, self.labels.max(axis=0), quantile)
+            # near 0 and 1 labels hardly tell how alike their cases are; what is assumed takes no degrees of freedom
+            weight = self.labels * np.minimum(share, 1.0 - share)
+            correlation = self.correlations(self.variances(np.where(self.pair, holds - mean, 0.0)), share, weight)
+            independent = (1.0 - correlation.sum(axis=0)) / self.n
+            parts = correlation / self.labels + independent / len(self.labels)
+            unknown = weight / (weight + TYPICAL_WEIGHT) / (self.labels - 1)
+            freedom = parts.sum(axis=0) ** 2 / (parts**2 * unknown).sum(axis=0)
+            low, high = wilson_interval(share, 1.0 / parts.sum(axis=0), t.ppf(0.5 + 0.5 * self.level, freedom))
         single = self.labels.min(axis=0) < 2
         return share, np.where(single, np.nan, low), np.where(single, np.nan, high)
 
+    def correlations(self, variances: np.ndarray, share: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """Correlation of cases with the same label, (units, cells), from the variance of a share by units."""
+        most = share * (1.0 - share) / self.labels  # where all cases of a label are equal
+        alone = self.labels / self.n  # share of it that independent cases have
+        found = np.where(alone < 1.0, (variances / most - alone) / (1.0 - alone), 0.0)
+        typical = 1.0 if len(self.labels) == 1 else TYPICAL_CORRELATION
+        found = np.where(weight > 0.0, np.clip(found, 0.0, 1.0), 0.0)
+        correlation = (weight * found + TYPICAL_WEIGHT * typical) / (weight + TYPICAL_WEIGHT)
+        return np.asarray(correlation / np.maximum(correlation.sum(axis=0), 1.0))
 
-def wilson_interval(
-    share: np.ndarray, variance: np.ndarray, cases: np.ndarray | int, labels: np.ndarray | int,
-    quantile: np.ndarray | float,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+
+def wilson_interval(share: np.ndarray, n: Any, quantile: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return the ends of the interval of shares by Wilson's formula (1927, doi:10.1080/01621459.1927.10502953).
 
-    Days of a valve are alike, and so are valves of a day: the number of cases is the one that would have the observed
-    variance; where nothing varies, the number of labels.
-
-    variance: of the means.  cases: how many each share is of.  labels: number of valves, or of days if they are more.
-    quantile: of the standard normal or Student's distribution.
+    n: number of independent cases.  quantile: of the standard normal or Student's distribution.
     """
-    with np.errstate(divide="ignore", invalid="ignore"):  # nothing varies, or there is no case at all
-        n = np.where(variance > 0.0, np.minimum(cases, share * (1.0 - share) / variance), labels)
+    with np.errstate(divide="ignore", invalid="ignore"):  # there is no case at all
         middle = share + quantile**2 / (2 * n)
         half = quantile * np.sqrt(share * (1.0 - share) / n + quantile**2 / (4 * n**2))
         low, high = ((middle + sign * half) / (1.0 + quantile**2 / n) for sign in (-1, 1))

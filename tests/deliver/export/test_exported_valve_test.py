@@ -134,6 +134,7 @@ BREAKS = [
     (">= TEST_HOLD", "> TEST_HOLD"), ("s.u_ext = u_2", "s.u_ext = s.u_ext"),
     ("= ABORTED_DISABLED", "= 0.0 * ABORTED_DISABLED"),
     ("x_hat = ESTIMATE_SHARE * s.estimate", "x_hat = s.estimate"), ("s.rising = mode_2 > 0.0", "s.rising = s.rising"),
+    ("> LONGEST_WAIT_S", "> 2.0 * LONGEST_WAIT_S"), ("= CHANGED_AIR_LIMIT_RATIO", "= 0.0 * CHANGED_AIR_LIMIT_RATIO"),
     ("-SAMPLE_TIME", "0.0"), ("mean = s.test_mean + weight", "mean = s.test_mean + 0.9 * weight"),
 ]  # fmt: skip
 
@@ -148,12 +149,12 @@ def test_a_broken_test_is_found_by_the_vectors(tmp_path):
 def test_it_begins_at_an_edge_alone_and_bad_readings_hold_it(tmp_path):
     laws = exported.load_module(export(tmp_path, "inverse", "python")[0])
     s = laws.State()
-    run = [laws.step(s, 14.0, 14.0, True, True, False, 0.5) for _ in range(3)]
+    run = [laws.step(s, 14.0, 14.0, 1.2, True, True, False, 0.5) for _ in range(3)]
     assert s.test == 0.0  # on from the start is no edge
     for start_test in (False, True):
-        run.append(laws.step(s, 14.0, 14.0, True, start_test, False, 0.0))
+        run.append(laws.step(s, 14.0, 14.0, 1.2, True, start_test, False, 0.0))
     elapsed = s.test_elapsed
-    assert laws.step(s, math.nan, 14.0, True, True, False, 0.0) == run[-1]
+    assert laws.step(s, math.nan, 14.0, 1.2, True, True, False, 0.0) == run[-1]
     assert (s.test, s.test_elapsed) == (1.0, elapsed)
 
 

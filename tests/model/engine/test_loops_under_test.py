@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from reference.valve_test import valve_test
+from reference.valve_test import valve_test, wait_for_calm_air
 
 import fastcoil as fc
 
@@ -123,6 +123,31 @@ def test_it_ends_where_the_loop_goes_off(steady_day):
     assert abort_reason(ds) == "disabled"
     assert np.flatnonzero(ds.test.values)[-1] == START + 302
     assert (ds.command.values[START + 303 : START + 900] == 0.0).all()
+
+
+@pytest.mark.parametrize(("share", "period", "waits"), [(0.03, 1200, False), (0.3, 2400, True), (0.3, 600, None)])
+def test_it_waits_for_calm_air_and_moves_nothing_if_none_comes(steady_day, share, period, waits):
+    seconds = np.arange(10800)
+    air = 1.2 * (1.0 + share * np.sin(2 * np.pi * (seconds - START) / period))
+    day = steady_day.assign(m_a=air)
+    begin = wait_for_calm_air(air[::5], 5, START // 5)
+    ds = simulate_test(day, backlash=0.05)
+    if waits is None:
+        assert begin is None
+        assert abort_reason(ds) == "varying_air"
+        assert not ds.test.values.any()
+        loop = fc.Loop.preset("lbnl").assign(**CALM_LOOP | {"sample_time": 5, "backlash": 0.05})
+        alone = fc.simulate(loop, day, traces=["command"], seed=1)
+        np.testing.assert_array_equal(ds.command.values, alone.command.values)
+    else:
+        assert np.flatnonzero(ds.test.values)[0] == 5 * begin
+        assert (5 * begin > START) == waits
+        assert ds.test.values.sum() == 1200
+
+
+def test_air_before_the_day_counts_as_calm(steady_day):
+    ds = simulate_test(steady_day, fc.ValveTest(start=60, excursion=50.0), backlash=0.05)
+    assert np.flatnonzero(ds.test.values)[0] == 60
 
 
 def test_lanes_without_a_test_keep_their_bits_beside_lanes_with_one(steady_day):
