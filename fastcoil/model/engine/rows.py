@@ -52,8 +52,11 @@ STATE_ROWS = (
 """State that the next step or a later day starts from, beside that of the coil (VOLUME_ROWS) and of an estimator."""
 SUM_ROWS = (
     "sum_e2", "sum_e2_settled", "sum_abs_e", "seconds_off", "reheat", "recool",
-    "T_set_from", "e_previous", "crossings", "highest", "lowest", "sum_swing",
-    "e_sampled", "crossed_up_at", "periods", "last_period", "same_periods",
+    "T_set_from", "highest", "lowest", "sum_range",
+    # swing of x = T_sup - T_set and of d, the part that air, water and set-point make: see ``watch_swing``
+    "x_mean", "x_highest", "x_lowest", "x_extreme", "x_direction", "x_turns",
+    "d", "d_mean", "d_highest", "d_lowest", "d_extreme", "d_direction", "d_turns",
+    "mean_weight", "turned_up_at", "periods", "last_period", "same_periods", "sum_periods",
     "sum_switches", "stem_travel", "motor_travel", "reversals", "sum_estimate",
     "sum_power", "sum_power_block", "peak_power", "sum_m_w", "condensate",
     "coldest_wet", "coldest_water", "frost_time", "freeze_time", "coldest", "dampest",

@@ -4,15 +4,16 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.model.engine.metrics import is_same_period
+from fastcoil.model.hunting import is_same_period
 
 
 @pytest.mark.parametrize(
-    ("period", "before", "expected"),
-    [(200.0, 200.0, True), (200.0, 160.0, True), (160.0, 200.0, True), (200.0, 150.0, False), (200.0, 0.0, False)],
-)
-def test_periods_are_alike_to_a_fifth_of_the_longer(period, before, expected):
-    assert is_same_period(period, before) == expected
+    ("period", "before", "sample_time", "expected"),
+    [(200.0, 200.0, 0.0, True), (200.0, 160.0, 5.0, True), (160.0, 200.0, 5.0, True), (200.0, 150.0, 5.0, False),
+     (200.0, 150.0, 40.0, True), (90.0, 60.0, 30.0, True), (200.0, 0.0, 30.0, False)],
+)  # fmt: skip
+def test_periods_are_alike_to_a_fifth_of_the_longer_or_a_sample(period, before, sample_time, expected):
+    assert is_same_period(period, before, sample_time) == expected
 
 
 LOOP, MEAN_OPENING = fc.Loop(backlash=0.0), 0.45
