@@ -1,72 +1,86 @@
 """When does a loop hunt?  The rule, for simulations and for replays of a log.
 
-Every 10 s x = T_sup - T_set less its mean of some 300 s is compared with the swing that air, water and set-point would
-make of it at a held opening.  A block of 20 settled minutes hunts where x swings visibly, and by more, or more often,
-than that; a loop hunts where half of its blocks do.  The numbers were chosen and tested in ``studies/hunting``.
+Every 10 s of settled time T_sup - T_set, less its mean of some 300 s, is the swing.  It is compared with what entering
+air, water and set-point would make of it at a held opening, delayed as the coil may: a regression over each block of 20
+min finds how much of the swing they explain.  A block hunts where the rest is visible and not a small part of the
+swing; a loop hunts where half of its blocks do.  With constant inputs that is a swing of more than 0.1 K.
+
+The numbers were chosen on some loops and tested on others, see ``studies/hunting/verdict.py``.
 """
 
 import numpy as np
 
 SWING_SAMPLE_S = 10  # between samples of the swing: a cycle below two of them is not seen
-SWING_MEAN_S = 300  # of the mean that is taken off: swings of a coil have periods of 1 to 10 min, loads change in hours
+SWING_MEAN_S = 300  # of the mean that is taken off: coils swing in 1 to 10 min, loads change in hours
 SWING_LEAD_S = 300  # before settled time, in which that mean begins
-SWING_BLOCK_S = 1200  # of a block: two of the longest periods, and the settled part of a set-point that is held 30 min
-LEAST_SWING_BLOCK_S = 600  # of the last block of a window: shorter ones do not show two periods
+SWING_BLOCK_S = 1200  # of a block: two slow cycles, and the settled part of a set-point that is held for 30 min
+LEAST_SWING_BLOCK_S = 600  # of the last block of a window: a shorter one may not show a cycle
 HUNTING_SWING_K = 0.1  # peak-to-peak supply temperature above which a loop may hunt: less is not worth a repair
-DISTURBANCE_RATIO = 1.3  # of the swings of T_sup and of disturbances, above which the loop adds to them
-EXTRA_TURNS = 1.0  # of T_sup against the disturbances in a block, above which the swing has a rhythm of its own
-LEAST_TURN_K = 0.04  # reversal of T_sup that is a turn: above the ripple of a sampled controller
-LEAST_DISTURBANCE_TURN_K = 0.02  # reversal of the disturbance that is one: the loop may amplify it
-AIR_FLOW_EXPONENT = 0.6  # of the air flow in the temperature change of the air, at a held opening
+OWN_SHARE = 0.4  # of the variance of a block that disturbances must leave unexplained: misses 9 %, calls 5 % of others
+HUNTING_SHARE = 0.5  # of the blocks, for a loop that hunts
+LEAST_TURN_K = 0.04  # reversal of the swing that is a turn, between which periods count: above ripple and rounding
 SAME_PERIOD_SHARE = 0.2  # of the longer of two periods, by which they may differ and be alike
-HUNTING_SHARE = 0.5  # of the blocks
+COIL_LAG_S = 60.0  # of each of the two lags that delay a disturbance: sensor, metal and water of a coil together
+FLOW_SHARE = 0.45  # of the change of the air flow that the cooling of the air loses: 0.36 to 0.48 in the presets
+WET_SHARE = 0.65  # of a change of temperature that a wet coil passes on, as its latent heat takes the rest: 0.54 to 0.74
+LATENT_K = 2500.0  # change of temperature that has the heat of a change of humidity by 1 kg/kg
+LEAST_DRYING = 1e-5  # humidity that the air loses in a wet coil, kg/kg
+SWING_SIGNALS = 5  # of the regression: 1, the disturbance now, after a lag and after two, and the swing
+N_SWING_ROWS = SWING_SIGNALS**2 + 2
+"""Rows of a block: the products of all pairs of signals, summed; highest and lowest swing, K."""
 
 
 def disturbance_change(
-    T_sup: float, T_a_in: float, T_w_in: float, m_a: float, dT_a_in: float, dT_w_in: float, dm_a: float
-) -> float:
-    """Change of T_sup, K, that changes of entering air, °C, water, °C, and air flow, kg/s, make at a held opening.
-
-    The effectiveness of the coil follows from T_sup, °C.
-    """
+    T_sup: float, W_sup: float, m_a: float, T_a_in: float, W_a_in: float, T_w_in: float,
+    dm_a: float, dT_a_in: float, dW_a_in: float, dT_w_in: float,
+) -> float:  # fmt: skip
+    """Change of T_sup, K, that changes of air and water make at a held opening; units as in a boundary."""
     cooled, most = T_a_in - T_sup, T_a_in - T_w_in
-    effectiveness = min(max(cooled / most, 0.0), 1.0) if most != 0.0 else 0.0
-    return (1.0 - effectiveness) * dT_a_in + effectiveness * dT_w_in + AIR_FLOW_EXPONENT * cooled * dm_a / m_a
+    eps = min(max(cooled / most, 0.0), 1.0) if most != 0.0 else 0.0
+    is_wet = W_a_in - W_sup > LEAST_DRYING
+    dry = (1.0 - eps) * dT_a_in + eps * dT_w_in
+    wet = WET_SHARE * (dry + (1.0 - eps) * LATENT_K * dW_a_in)
+    return (wet if is_wet else dry) + FLOW_SHARE * cooled * dm_a / m_a
 
 
-def next_extreme(h: float, extreme: float, direction: float, least: float) -> tuple[float, float, float]:
-    """Follow a swing: last extreme, K, direction, ±1, and whether it turned, 0 or 1, with a reversal by ``least``."""
+def next_extreme(h: float, extreme: float, direction: float) -> tuple[float, float, bool]:
+    """Follow a swing h, K: its last extreme, its direction, ±1, and whether it has just turned."""
     retreat = direction * (extreme - h)
-    turned = retreat > least
-    return (h if turned | (retreat < 0.0) else extreme), (-direction if turned else direction), 1.0 if turned else 0.0
-
-
-def follow_swing(signal: np.ndarray, spacing: float, least: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return a signal less its mean, and where it turns with a reversal by ``least``; spacing: of its samples, s."""
-    swing, turns = np.empty(signal.size), np.empty(signal.size)
-    mean, extreme, direction = 0.0, 0.0, 1.0
-    for k, value in enumerate(signal.tolist()):
-        mean += max(1.0 / (k + 1), spacing / SWING_MEAN_S) * (value - mean)
-        swing[k] = value - mean
-        extreme, direction, turns[k] = next_extreme(swing[k], extreme, direction, least)
-    return swing, turns
+    turned = retreat > LEAST_TURN_K
+    return (h if turned | (retreat < 0.0) else extreme), (-direction if turned else direction), turned
 
 
 def is_same_period(period: float, previous_period: float, sample_time: float) -> bool:
-    """Whether two periods, s, are equally long, to 20 % of the longer one or a sample of the controller and of these."""
+    """Whether two periods, s, are alike: to 20 % of the longer one, or to a sample of the controller and of these."""
     longer = period if period > previous_period else previous_period
     difference = abs(period - previous_period)
     return (difference <= SAME_PERIOD_SHARE * longer) | (difference <= sample_time + SWING_SAMPLE_S)
 
 
 def judge_swing(blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Whether loops hunt, 1 or 0, and their median swing, K, from blocks; both NaN without one.
+    """Whether loops hunt, 1 or 0, and the median swing of their blocks, K; both NaN without a block.
 
-    blocks: (n_blocks, 4, n_loops): range of the swing of T_sup, K, its turns, and both of the disturbances.
+    blocks: (n_blocks, N_SWING_ROWS, n_loops).
     """
     if not len(blocks):
-        return (np.full(blocks.shape[2], np.nan),) * 2
-    swing, turns, disturbance, disturbance_turns = blocks.transpose(1, 0, 2)
-    is_own = (swing > DISTURBANCE_RATIO * disturbance) | (turns > disturbance_turns + EXTRA_TURNS)
-    hunts = ((swing > HUNTING_SWING_K) & is_own).mean(axis=0) >= HUNTING_SHARE
-    return hunts.astype(float), np.median(swing, axis=0)
+        return np.full(blocks.shape[2], np.nan), np.full(blocks.shape[2], np.nan)
+    swing = blocks[:, -2] - blocks[:, -1]
+    products = np.moveaxis(blocks[:, :-2], 1, 0).reshape(SWING_SIGNALS, SWING_SIGNALS, *swing.shape)
+    own_share = _unexplained_share(products)
+    is_own = (own_share * swing**2 > HUNTING_SWING_K**2) & (own_share > OWN_SHARE)
+    return (is_own.mean(axis=0) >= HUNTING_SHARE).astype(float), np.median(swing, axis=0)
+
+
+def _unexplained_share(products: np.ndarray) -> np.ndarray:
+    """Share of the variance of the last signal that the others leave; the first is 1."""
+    rest = centred = _eliminate(products, 0, np.zeros(products.shape[2:]))
+    for k in range(1, SWING_SIGNALS - 1):
+        rest = _eliminate(rest, k, 1e-10 * centred[k, k])  # nothing is left of a signal like those before it
+    variance = centred[-1, -1]
+    return np.clip(np.divide(rest[-1, -1], variance, out=np.ones_like(variance), where=variance > 0.0), 0.0, 1.0)
+
+
+def _eliminate(products: np.ndarray, k: int, least: np.ndarray) -> np.ndarray:
+    """Take the part that signal k explains from the products of all signals."""
+    factors = np.divide(products[k], products[k, k], out=np.zeros_like(products[k]), where=products[k, k] > least)
+    return np.asarray(products - products[:, k, None] * factors)

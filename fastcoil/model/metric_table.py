@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from fastcoil.base.errors import did_you_mean
-from fastcoil.model.hunting import HUNTING_SWING_K, LEAST_SWING_BLOCK_S, SWING_BLOCK_S, SWING_MEAN_S, SWING_SAMPLE_S
+from fastcoil.model.hunting import HUNTING_SWING_K
 
 STATUS_MEANINGS = ("ok", "non_finite", "out_of_range", "not_run", "crashed")
 STATUS_OK, STATUS_NON_FINITE, STATUS_OUT_OF_RANGE, STATUS_NOT_RUN, STATUS_CRASHED = range(5)
@@ -69,9 +69,9 @@ METRICS = _by_name(
            "share of its periods as long, to 20 % or a sample and 10 s, as the one before; NaN below two periods",
            label="regular periods"),
     Output("hunts", "1", "whether the loop hunts",
-           f"1 where the supply temperature swings by more than {HUNTING_SWING_K} K in at least half of the settled "
-           "20-min blocks, and by more, or more often, than air, water and set-point make it swing; else 0; NaN "
-           "without 10 min of settled time", label="share that hunts"),
+           f"1 where in at least half of the settled 20-min blocks T_sup swings by more than {HUNTING_SWING_K} K, and "
+           "entering air, water and set-point do not explain it; else 0; NaN without 10 settled minutes",
+           label="share that hunts"),
     Output("switch_frequency", "1", "mode switches per 10 min",
            f"mean over whole {SWITCH_BLOCK_S}-s blocks from the end of the warm-up", label="mode switches per 10 min"),
     Output("stem_travel", "1", "travel of the valve stem", "sum of |change of opening|, strokes",

@@ -166,8 +166,8 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
     counted = [t >= warm_up and enabled[t] for t in range(n_steps)]
     since = metrics.seconds_since_disturbance(T_set, enabled)
     values = metrics.tracking_metrics(traces["T_sup"], T_set, counted, since)
-    inputs = list(zip(m_a, T_a_in, T_w_in, T_set, strict=True))
-    values.update(swing_metrics(traces["T_sup"], inputs, since, enabled, warm_up, sample_time))
+    inputs = list(zip(m_a, T_a_in, W_a_in, T_w_in, T_set, strict=True))
+    values.update(swing_metrics(traces["T_sup"], traces["W_sup"], inputs, since, enabled, warm_up, sample_time))
     values.update(metrics.air_metrics(traces["T_sup"], T_set, m_a, p["cp_a"], counted))
     values.update(metrics.movement_metrics(traces["opening"], traces["position"], counted))
     has_estimate = p["backlash_estimate"] > 0.0 or not estimator.is_off

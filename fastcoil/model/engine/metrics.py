@@ -196,73 +196,67 @@ def accumulate_second(S, V, flags, T_set, T_w_in, m_a, n_volumes):
 
 @section
 def watch_swing(S, V, t, flags, before, now, block):
-    """Follow the swings of x = T_sup - T_set and of d, what air, water and set-point make of it at a held opening.
+    """Follow the swing, its periods, and the disturbances that may explain it; add them to ``block``, see ``hunting``.
 
-    before, now: m_a, T_a_in, T_w_in, T_set of the last sample and of this one.  block: out, (4, LANES), as in
-    ``judge_swing``, where a block ends.
+    before, now: m_a, T_a_in, W_a_in, T_w_in, T_set of the last sample and of this one.
+    block: (N_SWING_ROWS, LANES).
     """
-    m_a, T_a_in, T_w_in, T_set = now
-    dm_a, dT_a_in, dT_w_in, dT_set = m_a - before[0], T_a_in - before[1], T_w_in - before[2], T_set - before[3]
+    m_a, T_a_in, W_a_in, T_w_in, T_set = now
     if flags & SWING_STARTS:
+        before = now
+        S[R.unit : R.unit + LANES] = 1.0
         for j in range(LANES):
             S[R.mean_weight + j] = 1.0
-            S[R.x_extreme + j] = 0.0
-            S[R.d_extreme + j] = 0.0
-            S[R.d + j] = 0.0
-            S[R.x_direction + j] = 1.0
-            S[R.d_direction + j] = 1.0
+            S[R.extreme + j] = 0.0
+            S[R.direction + j] = 1.0
             S[R.turned_up_at + j] = np.nan
-        dm_a, dT_a_in, dT_w_in, dT_set = 0.0, 0.0, 0.0, 0.0
+            S[R.d + j] = 0.0
+            S[R.g_lagged + j] = 0.0
+            S[R.g_lagged_twice + j] = 0.0
+    dm_a, dT_a_in, dW_a_in = m_a - before[0], T_a_in - before[1], W_a_in - before[2]
+    dT_w_in, dT_set = T_w_in - before[3], T_set - before[4]
+    lag_weight = hunting.SWING_SAMPLE_S / (hunting.SWING_SAMPLE_S + hunting.COIL_LAG_S)
+    first = V[VOLUME_STRIDE:]
+    for j in range(LANES):
+        weight = S[R.mean_weight + j]
+        S[R.mean_weight + j] = max(weight / (1.0 + weight), hunting.SWING_SAMPLE_S / hunting.SWING_MEAN_S)
+        error = first[T_A + j] - T_set
+        S[R.error_mean + j] += weight * (error - S[R.error_mean + j])
+        S[R.h + j] = error - S[R.error_mean + j]
+        change = disturbance_change(
+            first[T_A + j], first[W_A + j], m_a, T_a_in, W_a_in, T_w_in, dm_a, dT_a_in, dW_a_in, dT_w_in
+        )
+        S[R.d + j] += change - dT_set
+        S[R.d_mean + j] += weight * (S[R.d + j] - S[R.d_mean + j])
+        S[R.g + j] = S[R.d + j] - S[R.d_mean + j]
+        S[R.g_lagged + j] += lag_weight * (S[R.g + j] - S[R.g_lagged + j])
+        S[R.g_lagged_twice + j] += lag_weight * (S[R.g_lagged + j] - S[R.g_lagged_twice + j])
     is_inside = flags & IN_SWING_BLOCK != 0
     for j in range(LANES):
-        T_sup, weight = V[VOLUME_STRIDE + T_A + j], S[R.mean_weight + j]
-        S[R.mean_weight + j] = max(weight / (1.0 + weight), hunting.SWING_SAMPLE_S / hunting.SWING_MEAN_S)
-        x = T_sup - T_set
-        S[R.x_mean + j] += weight * (x - S[R.x_mean + j])
-        h = x - S[R.x_mean + j]
-        extreme, direction, turns = next_extreme(h, S[R.x_extreme + j], S[R.x_direction + j], hunting.LEAST_TURN_K)
-        S[R.x_extreme + j] = extreme
-        S[R.x_direction + j] = direction
-        S[R.x_turns + j] += turns
-        S[R.x_highest + j] = h if h > S[R.x_highest + j] else S[R.x_highest + j]
-        S[R.x_lowest + j] = h if h < S[R.x_lowest + j] else S[R.x_lowest + j]
-
-        turns_up = (turns > 0.0) & (direction > 0.0)
+        extreme, direction, turned = next_extreme(S[R.h + j], S[R.extreme + j], S[R.direction + j])
+        S[R.extreme + j] = extreme
+        S[R.direction + j] = direction
+        turned_up = turned & (direction > 0.0)
         period, last_period = t - S[R.turned_up_at + j], S[R.last_period + j]
-        is_whole = turns_up & (period > 0.0) & is_inside  # not at the first turn of a window
+        is_whole = turned_up & (period > 0.0) & is_inside  # not at the first turn of a window
         is_same = is_whole & is_same_period(period, last_period, S[R.sample_time + j])
         S[R.periods + j] += 1.0 if is_whole else 0.0
         S[R.same_periods + j] += 1.0 if is_same else 0.0
         S[R.sum_periods + j] += period if is_whole else 0.0
         S[R.last_period + j] = period if is_whole else last_period
-        S[R.turned_up_at + j] = t if turns_up else S[R.turned_up_at + j]
-    for j in range(LANES):
-        T_sup, weight = V[VOLUME_STRIDE + T_A + j], S[R.mean_weight + j]
-        S[R.d + j] += disturbance_change(T_sup, T_a_in, T_w_in, m_a, dT_a_in, dT_w_in, dm_a) - dT_set
-        S[R.d_mean + j] += weight * (S[R.d + j] - S[R.d_mean + j])
-        g = S[R.d + j] - S[R.d_mean + j]
-        extreme, direction, turns = next_extreme(
-            g, S[R.d_extreme + j], S[R.d_direction + j], hunting.LEAST_DISTURBANCE_TURN_K
-        )
-        S[R.d_extreme + j] = extreme
-        S[R.d_direction + j] = direction
-        S[R.d_turns + j] += turns
-        S[R.d_highest + j] = g if g > S[R.d_highest + j] else S[R.d_highest + j]
-        S[R.d_lowest + j] = g if g < S[R.d_lowest + j] else S[R.d_lowest + j]
-    if flags & SWING_BLOCK_ENDS:
+        S[R.turned_up_at + j] = t if turned_up else S[R.turned_up_at + j]
+    if is_inside:
+        for k in range(hunting.SWING_SIGNALS):
+            for i in range(hunting.SWING_SIGNALS):
+                one, other = S[R.unit + k * LANES :], S[R.unit + i * LANES :]
+                products = block[k * hunting.SWING_SIGNALS + i]
+                for j in range(LANES):
+                    products[j] += one[j] * other[j]
+        highest, lowest = block[hunting.N_SWING_ROWS - 2], block[hunting.N_SWING_ROWS - 1]
         for j in range(LANES):
-            block[0, j] = S[R.x_highest + j] - S[R.x_lowest + j]
-            block[1, j] = S[R.x_turns + j]
-            block[2, j] = S[R.d_highest + j] - S[R.d_lowest + j]
-            block[3, j] = S[R.d_turns + j]
-    if flags & SWING_BLOCK_ENDS or not flags & IN_SWING_BLOCK:
-        for j in range(LANES):
-            S[R.x_highest + j] = -np.inf
-            S[R.x_lowest + j] = np.inf
-            S[R.x_turns + j] = 0.0
-            S[R.d_highest + j] = -np.inf
-            S[R.d_lowest + j] = np.inf
-            S[R.d_turns + j] = 0.0
+            h = S[R.h + j]
+            highest[j] = h if h > highest[j] else highest[j]
+            lowest[j] = h if h < lowest[j] else lowest[j]
 
 
 @section

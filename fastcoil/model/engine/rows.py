@@ -53,10 +53,11 @@ STATE_ROWS = (
 SUM_ROWS = (
     "sum_e2", "sum_e2_settled", "sum_abs_e", "seconds_off", "reheat", "recool",
     "T_set_from", "highest", "lowest", "sum_range",
-    # swing of x = T_sup - T_set and of d, the part that air, water and set-point make: see ``watch_swing``
-    "x_mean", "x_highest", "x_lowest", "x_extreme", "x_direction", "x_turns",
-    "d", "d_mean", "d_highest", "d_lowest", "d_extreme", "d_direction", "d_turns",
-    "mean_weight", "turned_up_at", "periods", "last_period", "same_periods", "sum_periods",
+    # T_sup - T_set less its mean, h, its turns and periods
+    "mean_weight", "error_mean", "extreme", "direction", "turned_up_at", "periods", "last_period", "same_periods",
+    "sum_periods",
+    # disturbance and its mean; the signals of the regression: 1, what is left of it, lagged, lagged twice, and h
+    "d", "d_mean", "unit", "g", "g_lagged", "g_lagged_twice", "h",
     "sum_switches", "stem_travel", "motor_travel", "reversals", "sum_estimate",
     "sum_power", "sum_power_block", "peak_power", "sum_m_w", "condensate",
     "coldest_wet", "coldest_water", "frost_time", "freeze_time", "coldest", "dampest",

@@ -54,7 +54,7 @@ def section_assembly(name):
         "pass_air": (coil.pass_air, (A, A, i, f, f, b, T.Array(b, 1, "C"))),
         "exchange_heat": (coil.exchange_heat, (A, A, i, f, T.Array(b, 1, "C"))),
         "accumulate_second": (metrics.accumulate_second, (A, A, i, f, f, f, i)),
-        "watch_swing": (metrics.watch_swing, (A, A, i, i, T.UniTuple(f, 4), T.UniTuple(f, 4), T.Array(f, 2, "C"))),
+        "watch_swing": (metrics.watch_swing, (A, A, i, i, T.UniTuple(f, 5), T.UniTuple(f, 5), T.Array(f, 2, "C"))),
     }[name]
     return next(iter(numba.njit(signature, **FLAGS)(getattr(section, "py_func", section)).inspect_asm().values()))
 
