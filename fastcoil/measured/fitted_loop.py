@@ -4,8 +4,8 @@
 the plant has no control volumes, a step is a part of the log's interval (at 1 s, as in the engine, predicted errors
 change by up to 4 %), and the day starts in the state that the log shows.
 
-``Outcome.hunts`` requires a regular swing, unlike the metric, and is meant for true temperatures; ``Swing.is_regular`` (``measures``)
-answers for a measured temperature, with noise, drift and gaps.
+``Outcome.hunts`` requires a regular swing of the true temperature; ``Swing.is_regular`` (``measures``) answers for a
+measured one, with noise, drift and gaps.
 """
 
 import math

@@ -22,7 +22,7 @@ LEAST_TURN_K = 0.04  # reversal of the swing that is a turn, between which perio
 SAME_PERIOD_SHARE = 0.2  # of the longer of two periods, by which they may differ and be alike
 COIL_LAG_S = 60.0  # of each of the two lags that delay a disturbance: sensor, metal and water of a coil together
 FLOW_SHARE = 0.45  # of the change of the air flow that the cooling of the air loses: 0.36 to 0.48 in the presets
-WET_SHARE = 0.65  # of a change of temperature that a wet coil passes on, as its latent heat takes the rest: 0.54 to 0.74
+WET_SHARE = 0.65  # of a change of temperature that a wet coil passes on, latent heat takes the rest: 0.54 to 0.74
 LATENT_K = 2500.0  # change of temperature that has the heat of a change of humidity by 1 kg/kg
 LEAST_DRYING = 1e-5  # humidity that the air loses in a wet coil, kg/kg
 SWING_SIGNALS = 5  # of the regression: 1, the disturbance now, after a lag and after two, and the swing
@@ -72,15 +72,11 @@ def judge_swing(blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _unexplained_share(products: np.ndarray) -> np.ndarray:
-    """Share of the variance of the last signal that the others leave; the first is 1."""
-    rest = centred = _eliminate(products, 0, np.zeros(products.shape[2:]))
-    for k in range(1, SWING_SIGNALS - 1):
-        rest = _eliminate(rest, k, 1e-10 * centred[k, k])  # nothing is left of a signal like those before it
-    variance = centred[-1, -1]
+    """Share of the variance of the last signal that the others leave, eliminated one by one; the first is 1."""
+    rest, least, variance = products, np.zeros_like(products[0]), products[0, 0]
+    for k in range(SWING_SIGNALS - 1):
+        is_new = rest[k, k] > least[k]
+        rest = rest - rest[:, k, None] * np.divide(rest[k], rest[k, k], out=np.zeros_like(rest[k]), where=is_new)
+        if k == 0:
+            least, variance = 1e-10 * np.einsum("ii...->i...", rest), rest[-1, -1]
     return np.clip(np.divide(rest[-1, -1], variance, out=np.ones_like(variance), where=variance > 0.0), 0.0, 1.0)
-
-
-def _eliminate(products: np.ndarray, k: int, least: np.ndarray) -> np.ndarray:
-    """Take the part that signal k explains from the products of all signals."""
-    factors = np.divide(products[k], products[k, k], out=np.zeros_like(products[k]), where=products[k, k] > least)
-    return np.asarray(products - products[:, k, None] * factors)

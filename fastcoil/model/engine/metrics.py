@@ -84,7 +84,7 @@ def is_in_whole_block(counted: np.ndarray, warm_up: int, length: int) -> np.ndar
 
 
 def flag_swing_samples(has_lead: np.ndarray, settled: np.ndarray) -> tuple[np.ndarray, int]:
-    """Flag the samples of the swing, (n_steps,), and count its blocks: parts of settled windows, from their start on."""
+    """Flag the samples of the swing, (n_steps,), and count its blocks, which begin with each settled window."""
     step, flags = hunting.SWING_SAMPLE_S, np.zeros(settled.size, np.int64)
     is_sample, is_inside = has_lead[::step], settled[::step]
     starts = is_sample & ~np.concatenate([[False], is_sample[:-1]])
@@ -121,8 +121,8 @@ def make_schedule(T_set: np.ndarray, enabled: np.ndarray, warm_up: int, history:
         + IN_ESTIMATE_WINDOW * in_estimate + swing_flags
     )  # fmt: skip
     n_switch_blocks = in_switch_block.sum() // metric_table.SWITCH_BLOCK_S
-    numbers = (counted.sum(), settled.sum(), starts.sum(), n_switch_blocks, peak_ends.sum(), in_estimate.sum(), n_swing_blocks)
-    return Schedule(flags.astype(np.int64), *map(int, numbers))
+    numbers = (counted.sum(), settled.sum(), starts.sum(), n_switch_blocks, peak_ends.sum(), in_estimate.sum())
+    return Schedule(flags.astype(np.int64), *map(int, numbers), n_swing_blocks)
 
 
 N_METRICS = len(metric_table.METRICS)
@@ -204,15 +204,10 @@ def watch_swing(S, V, t, flags, before, now, block):
     m_a, T_a_in, W_a_in, T_w_in, T_set = now
     if flags & SWING_STARTS:
         before = now
-        S[R.unit : R.unit + LANES] = 1.0
-        for j in range(LANES):
-            S[R.mean_weight + j] = 1.0
-            S[R.extreme + j] = 0.0
-            S[R.direction + j] = 1.0
-            S[R.turned_up_at + j] = np.nan
-            S[R.d + j] = 0.0
-            S[R.g_lagged + j] = 0.0
-            S[R.g_lagged_twice + j] = 0.0
+        S[R.turned_up_at : R.d_mean] = np.nan
+        S[R.d : R.direction] = 0.0
+        S[R.direction : R.g] = 1.0
+        S[R.g : R.h] = 0.0
     dm_a, dT_a_in, dW_a_in = m_a - before[0], T_a_in - before[1], W_a_in - before[2]
     dT_w_in, dT_set = T_w_in - before[3], T_set - before[4]
     lag_weight = hunting.SWING_SAMPLE_S / (hunting.SWING_SAMPLE_S + hunting.COIL_LAG_S)
