@@ -191,7 +191,7 @@ def evaluate_replay(replay: Replay, day: ReplayInputs, step: float) -> Outcome:
         period=float(is_settled.sum()) * step / crossings if crossings >= 2 else math.nan,
         travel_per_day=float(np.sum(np.abs(np.diff(replay.position))[is_counted_step])) / days,
         reversals_per_day=float(np.sum(np.diff(directions) != 0.0)) / days,
-        hunts=swing > HUNTING_SWING_K and periods.size >= LEAST_PERIODS and n_same >= LEAST_REGULARITY * periods.size,
+        hunts=bool(swing > HUNTING_SWING_K and LEAST_PERIODS <= periods.size <= n_same / LEAST_REGULARITY),
     )
 
 

@@ -26,21 +26,19 @@ WET_SHARE = 0.65  # of a change of temperature that a wet coil passes on, latent
 LATENT_K = 2500.0  # change of temperature that has the heat of a change of humidity by 1 kg/kg
 LEAST_DRYING = 1e-5  # humidity that the air loses in a wet coil, kg/kg
 SWING_SIGNALS = 5  # of the regression: 1, the disturbance now, after a lag and after two, and the swing
-N_SWING_ROWS = SWING_SIGNALS**2 + 2
-"""Rows of a block: the products of all pairs of signals, summed; highest and lowest swing, K."""
+N_SWING_ROWS = SWING_SIGNALS**2 + 2  # of a block: summed products of all pairs of signals, highest and lowest swing
+Inputs = tuple[float, float, float, float, float]  # m_a, T_a_in, W_a_in, T_w_in, T_set, in the units of a boundary
 
 
-def disturbance_change(
-    T_sup: float, W_sup: float, m_a: float, T_a_in: float, W_a_in: float, T_w_in: float,
-    dm_a: float, dT_a_in: float, dW_a_in: float, dT_w_in: float,
-) -> float:  # fmt: skip
-    """Change of T_sup, K, that changes of air and water make at a held opening; units as in a boundary."""
+def disturbance_change(T_sup: float, W_sup: float, now: Inputs, before: Inputs) -> float:
+    """Change of T_sup - T_set, K, from one sample to the next at a held opening."""
+    m_a, T_a_in, W_a_in, T_w_in, T_set = now
     cooled, most = T_a_in - T_sup, T_a_in - T_w_in
     eps = min(max(cooled / most, 0.0), 1.0) if most != 0.0 else 0.0
+    dry = (1.0 - eps) * (T_a_in - before[1]) + eps * (T_w_in - before[3])
+    wet = WET_SHARE * (dry + (1.0 - eps) * LATENT_K * (W_a_in - before[2]))
     is_wet = W_a_in - W_sup > LEAST_DRYING
-    dry = (1.0 - eps) * dT_a_in + eps * dT_w_in
-    wet = WET_SHARE * (dry + (1.0 - eps) * LATENT_K * dW_a_in)
-    return (wet if is_wet else dry) + FLOW_SHARE * cooled * dm_a / m_a
+    return (wet if is_wet else dry) + FLOW_SHARE * cooled * (m_a - before[0]) / m_a - (T_set - before[4])
 
 
 def next_extreme(h: float, extreme: float, direction: float) -> tuple[float, float, bool]:
@@ -63,9 +61,11 @@ def judge_swing(blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     blocks: (n_blocks, N_SWING_ROWS, n_loops).
     """
     if not len(blocks):
-        return np.full(blocks.shape[2], np.nan), np.full(blocks.shape[2], np.nan)
+        return (np.full(blocks.shape[2], np.nan),) * 2
     swing = blocks[:, -2] - blocks[:, -1]
     products = np.moveaxis(blocks[:, :-2], 1, 0).reshape(SWING_SIGNALS, SWING_SIGNALS, *swing.shape)
+    for k in range(1, SWING_SIGNALS):
+        products[:k, k] = products[k, :k]
     own_share = _unexplained_share(products)
     is_own = (own_share * swing**2 > HUNTING_SWING_K**2) & (own_share > OWN_SHARE)
     return (is_own.mean(axis=0) >= HUNTING_SHARE).astype(float), np.median(swing, axis=0)
@@ -73,10 +73,10 @@ def judge_swing(blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _unexplained_share(products: np.ndarray) -> np.ndarray:
     """Share of the variance of the last signal that the others leave, eliminated one by one; the first is 1."""
-    rest, least, variance = products, np.zeros_like(products[0]), products[0, 0]
-    for k in range(SWING_SIGNALS - 1):
-        is_new = rest[k, k] > least[k]
-        rest = rest - rest[:, k, None] * np.divide(rest[k], rest[k, k], out=np.zeros_like(rest[k]), where=is_new)
-        if k == 0:
-            least, variance = 1e-10 * np.einsum("ii...->i...", rest), rest[-1, -1]
-    return np.clip(np.divide(rest[-1, -1], variance, out=np.ones_like(variance), where=variance > 0.0), 0.0, 1.0)
+    rest, variances = products, np.zeros_like(products[0])
+    while len(rest) > 1:
+        pivot, is_new = rest[0, 0], rest[0, 0] > 1e-10 * variances[0]
+        rest = rest[1:, 1:] - rest[1:, :1] * (rest[:1, 1:] * np.divide(is_new, pivot, out=0.0 * pivot, where=is_new))
+        variances = np.einsum("ii...->i...", rest) if rest.shape[0] == SWING_SIGNALS - 1 else variances[1:]
+    variance = variances[-1]
+    return np.divide(rest[0, 0], variance, out=np.ones_like(variance), where=variance > 0.0).clip(0.0, 1.0)

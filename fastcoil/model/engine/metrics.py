@@ -86,17 +86,16 @@ def is_in_whole_block(counted: np.ndarray, warm_up: int, length: int) -> np.ndar
 def flag_swing_samples(has_lead: np.ndarray, settled: np.ndarray) -> tuple[np.ndarray, int]:
     """Flag the samples of the swing, (n_steps,), and count its blocks, which begin with each settled window."""
     step, flags = hunting.SWING_SAMPLE_S, np.zeros(settled.size, np.int64)
-    is_sample, is_inside = has_lead[::step], settled[::step]
-    starts = is_sample & ~np.concatenate([[False], is_sample[:-1]])
-    window_starts = is_inside & ~np.concatenate([[False], is_inside[:-1]])
+    is_sample, is_settled = has_lead[::step], settled[::step]
+    starts, window_starts = (part & ~np.concatenate([[False], part[:-1]]) for part in (is_sample, is_settled))
     k = np.arange(is_sample.size)
     since_start = k - np.maximum.accumulate(np.where(window_starts, k, 0))
-    block = np.cumsum(is_inside & (since_start % (hunting.SWING_BLOCK_S // step) == 0))
-    is_long = np.bincount(block[is_inside], minlength=block[-1] + 1) >= hunting.LEAST_SWING_BLOCK_S // step
-    in_block = is_inside & is_long[block]
-    ends = in_block & (np.diff(np.where(is_inside, block, 0), append=0) != 0)
-    flags[::step] = IS_SWING_SAMPLE * is_sample + SWING_STARTS * starts + IN_SWING_BLOCK * in_block
-    flags[::step] += SWING_BLOCK_ENDS * ends
+    block = np.cumsum(is_settled & (since_start % (hunting.SWING_BLOCK_S // step) == 0)) * is_settled
+    in_block = is_settled & (np.bincount(block) >= hunting.LEAST_SWING_BLOCK_S // step)[block]
+    ends = in_block & (np.diff(block, append=0) != 0)
+    flags[::step] = (
+        IS_SWING_SAMPLE * is_sample + SWING_STARTS * starts + IN_SWING_BLOCK * in_block + SWING_BLOCK_ENDS * ends
+    )
     return flags, int(ends.sum())
 
 
@@ -122,7 +121,7 @@ def make_schedule(T_set: np.ndarray, enabled: np.ndarray, warm_up: int, history:
     )  # fmt: skip
     n_switch_blocks = in_switch_block.sum() // metric_table.SWITCH_BLOCK_S
     numbers = (counted.sum(), settled.sum(), starts.sum(), n_switch_blocks, peak_ends.sum(), in_estimate.sum())
-    return Schedule(flags.astype(np.int64), *map(int, numbers), n_swing_blocks)
+    return Schedule(flags.astype(np.int64), *map(int, (*numbers, n_swing_blocks)))
 
 
 N_METRICS = len(metric_table.METRICS)
@@ -198,30 +197,23 @@ def accumulate_second(S, V, flags, T_set, T_w_in, m_a, n_volumes):
 def watch_swing(S, V, t, flags, before, now, block):
     """Follow the swing, its periods, and the disturbances that may explain it; add them to ``block``, see ``hunting``.
 
-    before, now: m_a, T_a_in, W_a_in, T_w_in, T_set of the last sample and of this one.
-    block: (N_SWING_ROWS, LANES).
+    before, now: ``Inputs`` of the last sample and of this one.  block: (N_SWING_ROWS, LANES).
     """
-    m_a, T_a_in, W_a_in, T_w_in, T_set = now
     if flags & SWING_STARTS:
         before = now
         S[R.turned_up_at : R.d_mean] = np.nan
         S[R.d : R.direction] = 0.0
         S[R.direction : R.g] = 1.0
         S[R.g : R.h] = 0.0
-    dm_a, dT_a_in, dW_a_in = m_a - before[0], T_a_in - before[1], W_a_in - before[2]
-    dT_w_in, dT_set = T_w_in - before[3], T_set - before[4]
     lag_weight = hunting.SWING_SAMPLE_S / (hunting.SWING_SAMPLE_S + hunting.COIL_LAG_S)
     first = V[VOLUME_STRIDE:]
     for j in range(LANES):
         weight = S[R.mean_weight + j]
         S[R.mean_weight + j] = max(weight / (1.0 + weight), hunting.SWING_SAMPLE_S / hunting.SWING_MEAN_S)
-        error = first[T_A + j] - T_set
+        error = first[T_A + j] - now[4]
         S[R.error_mean + j] += weight * (error - S[R.error_mean + j])
         S[R.h + j] = error - S[R.error_mean + j]
-        change = disturbance_change(
-            first[T_A + j], first[W_A + j], m_a, T_a_in, W_a_in, T_w_in, dm_a, dT_a_in, dW_a_in, dT_w_in
-        )
-        S[R.d + j] += change - dT_set
+        S[R.d + j] += disturbance_change(first[T_A + j], first[W_A + j], now, before)
         S[R.d_mean + j] += weight * (S[R.d + j] - S[R.d_mean + j])
         S[R.g + j] = S[R.d + j] - S[R.d_mean + j]
         S[R.g_lagged + j] += lag_weight * (S[R.g + j] - S[R.g_lagged + j])
@@ -242,7 +234,7 @@ def watch_swing(S, V, t, flags, before, now, block):
         S[R.turned_up_at + j] = t if turned_up else S[R.turned_up_at + j]
     if is_inside:
         for k in range(hunting.SWING_SIGNALS):
-            for i in range(hunting.SWING_SIGNALS):
+            for i in range(k + 1):  # the products are symmetric
                 one, other = S[R.unit + k * LANES :], S[R.unit + i * LANES :]
                 products = block[k * hunting.SWING_SIGNALS + i]
                 for j in range(LANES):
