@@ -18,9 +18,10 @@ from pathlib import Path
 
 import numpy as np
 
+from fastcoil.model import hunting
 from fastcoil.model.engine import metrics
 from fastcoil.model.engine.coil import MILD_T, MILD_W
-from fastcoil.model.metric_table import HUNTING_SWING_K, LEAST_HUNTING_PERIODS, OFF_SET_POINT_ERROR_K, PEAK_BLOCK_S
+from fastcoil.model.metric_table import OFF_SET_POINT_ERROR_K, PEAK_BLOCK_S
 
 from . import common
 from .common import SCENARIO, SERIES, Arrays
@@ -42,10 +43,15 @@ MACROS = (
 
 SCHEDULE_FLAGS = (
     "IS_COUNTED", "IS_SETTLED", "WINDOW_STARTS", "WINDOW_ENDS", "IN_SWITCH_BLOCK", "IN_PEAK_BLOCK", "PEAK_BLOCK_ENDS",
-    "IS_HUNTING_SAMPLE",
+    "IS_SWING_SAMPLE", "SWING_STARTS", "IN_SWING_BLOCK", "SWING_BLOCK_ENDS",
 )  # fmt: skip
+SWING_CONSTANTS = {
+    "SAMPLE_S": hunting.SWING_SAMPLE_S, "MEAN_S": hunting.SWING_MEAN_S, "LAG_S": hunting.COIL_LAG_S,
+    "TURN_K": hunting.LEAST_TURN_K, "FLOW_SHARE": hunting.FLOW_SHARE, "WET_SHARE": hunting.WET_SHARE,
+    "LATENT_K": hunting.LATENT_K, "LEAST_DRYING": hunting.LEAST_DRYING,
+}  # fmt: skip
 SUMS = (
-    "E2", "ABS_E", "OFF", "BELOW", "ABOVE", "E2_SETTLED", "CROSSINGS", "SWING", "PERIODS", "ALIKE", "SWITCHES",
+    "E2", "ABS_E", "OFF", "BELOW", "ABOVE", "E2_SETTLED", "SWING", "PERIODS", "SUM_PERIODS", "ALIKE", "SWITCHES",
     "STEM_TRAVEL", "MOTOR_TRAVEL", "REVERSALS", "FLOW", "POWER", "PEAK_POWER", "CONDENSATE",
 )  # fmt: skip
 
@@ -81,6 +87,7 @@ def command(*to: str, converged: bool = False) -> list[str]:
         raise Unavailable("the C peer needs gcc, which is not on the PATH")
     macros = {name: repr(getattr(common, name)) for name in MACROS}
     macros |= {name: str(getattr(metrics, name)) for name in SCHEDULE_FLAGS}
+    macros |= {name: repr(float(value)) for name, value in SWING_CONSTANTS.items()}
     macros |= {
         "CONVERGED": str(int(converged)),
         "LANES": str(LANES),
@@ -123,13 +130,15 @@ def load_library(converged: bool = False) -> ctypes.CDLL:
             raise Unavailable(f"the C peer does not compile: {process.stderr.strip()}")
         unfinished.replace(library)
     loop = ctypes.CDLL(str(library))
-    loop.coil_loop.argtypes = [_Scenarios, ctypes.c_long, _Day, ctypes.c_void_p, ctypes.c_void_p]
+    loop.coil_loop.argtypes = [_Scenarios, ctypes.c_long, _Day, *3 * [ctypes.c_void_p]]
     loop.coil_loop.restype = None
     return loop
 
 
-def sums_of(scenarios: Arrays, series: Arrays, flags: np.ndarray, converged: bool) -> np.ndarray:
-    """SUMS, (len(SUMS), n), of scenarios sorted by sample time, n a multiple of LANES."""
+def sums_of(
+    scenarios: Arrays, series: Arrays, schedule: metrics.Schedule, converged: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """SUMS, (len(SUMS), n), and blocks of the swing, of scenarios sorted by sample time, n a multiple of LANES."""
     columns = [np.ascontiguousarray(scenarios[k], dtype=float) for k in SCENARIO]
     rows = [np.ascontiguousarray(series[k], dtype=float) for k in SERIES]
     n, n_steps = columns[0].size, rows[0].size
@@ -138,10 +147,11 @@ def sums_of(scenarios: Arrays, series: Arrays, flags: np.ndarray, converged: boo
     if min(series["T_a_in"].min(), series["T_w_in"].min()) < MILD_T or series["W_a_in"].max() > MILD_W:
         raise ValueError("the C peer knows neither frost nor air that condenses above 50 degC")
     sums, scratch = np.empty((len(SUMS), n)), np.empty((3, n_steps))
-    day = _Day(*(r.ctypes.data for r in rows), flags.ctypes.data, None, None, None, n_steps)
+    swings = np.empty((schedule.n_swing_blocks, hunting.N_SWING_ROWS, n))
+    day = _Day(*(r.ctypes.data for r in rows), schedule.flags.ctypes.data, None, None, None, n_steps)
     block = _Scenarios(*(c.ctypes.data for c in columns))
-    load_library(converged).coil_loop(block, n, day, scratch.ctypes.data, sums.ctypes.data)
-    return sums
+    load_library(converged).coil_loop(block, n, day, scratch.ctypes.data, sums.ctypes.data, swings.ctypes.data)
+    return sums, swings
 
 
 def run(scenarios: Arrays, series: Arrays, warm_up: int, threads: int = 1, converged: bool = False) -> Arrays:
@@ -152,30 +162,32 @@ def run(scenarios: Arrays, series: Arrays, warm_up: int, threads: int = 1, conve
     schedule = metrics.make_schedule(series["T_set"], np.ones(series["T_set"].size), warm_up)
 
     def run_part(at: np.ndarray) -> np.ndarray:
-        return sums_of({k: scenarios[k][at] for k in SCENARIO}, series, schedule.flags, converged)
+        sums, swings = sums_of({k: scenarios[k][at] for k in SCENARIO}, series, schedule, converged)
+        return np.concatenate([sums, hunting.judge_swing(swings)])
 
     load_library(converged)
     with ThreadPoolExecutor(threads) as pool:
         sorted_sums = np.concatenate(list(pool.map(run_part, parts)), axis=1)
-    sums = np.empty((len(SUMS), order.size))
+    sums = np.empty((len(SUMS) + 2, order.size))
     sums[:, order] = sorted_sums[:, : order.size]
-    return metrics_of(dict(zip(SUMS, sums, strict=True)), scenarios, schedule)
+    return metrics_of(dict(zip((*SUMS, "HUNTS", "MEDIAN_SWING"), sums, strict=True)), scenarios, schedule)
 
 
 def metrics_of(sums: Arrays, scenarios: Arrays, schedule: metrics.Schedule) -> Arrays:
     """Every metric of the common work that is not NaN or 0 by definition, each (n,)."""
     settled, windows = schedule.n_settled or np.nan, schedule.n_windows or np.nan  # a short day has none
-    seconds, swing, heat = schedule.n_counted, sums["SWING"] / windows, common.C_W
-    peak = sums["PEAK_POWER"] if schedule.n_peak_blocks else np.full(swing.size, np.nan)
-    regular = (sums["PERIODS"] >= LEAST_HUNTING_PERIODS) & (3.0 * sums["ALIKE"] >= 2.0 * sums["PERIODS"])
+    seconds, periods, heat = schedule.n_counted, sums["PERIODS"], common.C_W
+    peak = sums["PEAK_POWER"] if schedule.n_peak_blocks else np.full(periods.size, np.nan)
     return {
         "rmse": np.sqrt(sums["E2"] / seconds),
         "rmse_settled": np.sqrt(sums["E2_SETTLED"] / settled),
         "iae": sums["ABS_E"] / 3600.0,
         "share_off": sums["OFF"] / seconds,
-        "hunting_swing": swing,
-        "hunting_period": settled / np.where(sums["CROSSINGS"] >= 2.0, sums["CROSSINGS"], np.nan),
-        "hunts": np.where(np.isnan(swing), np.nan, regular & (swing > HUNTING_SWING_K)),
+        "settled_range": sums["SWING"] / windows,
+        "hunting_swing": sums["MEDIAN_SWING"],
+        "hunting_period": sums["SUM_PERIODS"] / np.where(periods > 0.0, periods, np.nan),
+        "swing_regularity": sums["ALIKE"] / np.where(periods > 1.0, periods - 1.0, np.nan),
+        "hunts": sums["HUNTS"],
         "switch_frequency": sums["SWITCHES"] / schedule.n_switch_blocks,
         "stem_travel": sums["STEM_TRAVEL"],
         "motor_travel": sums["MOTOR_TRAVEL"],
@@ -190,6 +202,6 @@ def metrics_of(sums: Arrays, scenarios: Arrays, schedule: metrics.Schedule) -> A
         "recool_energy": common.CP_A * sums["ABOVE"] / 3600.0,
         "water_volume": heat / common.CP_W * sums["FLOW"] / 1000.0,
         "condensate": common.MASS_RATIO * sums["CONDENSATE"],
-        "frost_time": np.zeros(swing.size),
-        "freeze_time": np.zeros(swing.size),
+        "frost_time": np.zeros(periods.size),
+        "freeze_time": np.zeros(periods.size),
     }

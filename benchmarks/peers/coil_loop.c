@@ -129,8 +129,10 @@ typedef struct {
     double T_w_in[LANES], T_w[N][LANES], T_c[N][LANES], T_a[N + 1][LANES], omega[N + 1][LANES];
     double omega_s[LANES], heat[N][LANES]; /* from the air, dt Q/C_c */
     /* what the sums compare with */
-    double last_turn[LANES], power_block[LANES], e_previous[LANES], highest[LANES], lowest[LANES];
-    double e_sampled[LANES], up_at[LANES], last_period[LANES];
+    double last_turn[LANES], power_block[LANES], highest[LANES], lowest[LANES];
+    double signal[5][LANES], product[27][LANES]; /* of the swing: 1, g, g lagged once and twice, h */
+    double weight[LANES], direction[LANES], extreme[LANES], e_mean[LANES], d[LANES], d_mean[LANES];
+    double up_at[LANES], last_period[LANES];
     double sum[N_SUMS][LANES];
 } block;
 
@@ -298,8 +300,6 @@ INLINE void account(block *b, double T_set, double T_w_in, double m_a, double T_
         if (in_peak_block) b->power_block[j] += power;
         if (settled) {
             b->sum[E2_SETTLED][j] += e * e;
-            b->sum[CROSSINGS][j] += (b->e_previous[j] < 0.0) & (e >= 0.0) ? 1.0 : 0.0;
-            b->e_previous[j] = e;
             b->highest[j] = max(T - T_moved, b->highest[j]);
             b->lowest[j] = min(T - T_moved, b->lowest[j]);
         }
@@ -307,30 +307,69 @@ INLINE void account(block *b, double T_set, double T_w_in, double m_a, double T_
 }
 
 INLINE void begin_window(block *b) {
-    EACH_LANE {
-        b->highest[j] = b->lowest[j] = b->T_a[0][j];
-        b->e_previous[j] = b->e_sampled[j] = 0.0;
-        b->up_at[j] = 1e9; /* not yet */
-    }
+    EACH_LANE b->highest[j] = b->lowest[j] = b->T_a[0][j];
 }
 
-/* whole periods between upward zero crossings, and those as long, to 20 %, as the one before */
-INLINE void see_periods(block *b, double t, double T_set) {
-    uint64_t rises = 0;
-    EACH_LANE rises |= (b->e_sampled[j] < 0.0) & (b->T_a[0][j] - T_set >= 0.0);
-    if (rises) EACH_LANE {
-        int up = (b->e_sampled[j] < 0.0) & (b->T_a[0][j] - T_set >= 0.0);
-        double period = t - b->up_at[j], last = b->last_period[j];
-        int whole = up & (period > 0.0), alike = 5.0 * fabs(period - last) <= max(period, last);
+/* swing and disturbance of a sample, and the products of the regression, as in metrics.watch_swing */
+INLINE void watch_swing(block *b, double t, long f, const double *before, const double *now) {
+    if (f & SWING_STARTS) {
+        before = now;
+        EACH_LANE {
+            b->signal[0][j] = b->weight[j] = b->direction[j] = 1.0;
+            b->d[j] = b->signal[2][j] = b->signal[3][j] = b->extreme[j] = 0.0;
+            b->up_at[j] = 1e9; /* not yet */
+        }
+    }
+    double dm_a = now[0] - before[0], dT_a = now[1] - before[1], dW_a = now[2] - before[2];
+    double dT_w = now[3] - before[3], dT_set = now[4] - before[4];
+    EACH_LANE {
+        double T = b->T_a[0][j], weight = b->weight[j], e = T - now[4], cooled = now[1] - T;
+        double eps = min(max(cooled / (now[1] - now[3]), 0.0), 1.0), dry = (1.0 - eps) * dT_a + eps * dT_w;
+        double wet = WET_SHARE * (dry + (1.0 - eps) * LATENT_K * dW_a);
+        int is_wet = now[2] - MASS_RATIO * b->omega[0][j] > LEAST_DRYING;
+        b->weight[j] = max(weight / (1.0 + weight), SAMPLE_S / MEAN_S);
+        b->e_mean[j] += weight * (e - b->e_mean[j]);
+        b->signal[4][j] = e - b->e_mean[j];
+        b->d[j] += (is_wet ? wet : dry) + FLOW_SHARE * cooled * dm_a / now[0] - dT_set;
+        b->d_mean[j] += weight * (b->d[j] - b->d_mean[j]);
+        b->signal[1][j] = b->d[j] - b->d_mean[j];
+        b->signal[2][j] += SAMPLE_S / (SAMPLE_S + LAG_S) * (b->signal[1][j] - b->signal[2][j]);
+        b->signal[3][j] += SAMPLE_S / (SAMPLE_S + LAG_S) * (b->signal[2][j] - b->signal[3][j]);
+    }
+    int inside = (f & IN_SWING_BLOCK) != 0;
+    EACH_LANE {
+        double h = b->signal[4][j], retreat = b->direction[j] * (b->extreme[j] - h);
+        int turned = retreat > TURN_K;
+        b->extreme[j] = turned | (retreat < 0.0) ? h : b->extreme[j];
+        b->direction[j] = turned ? -b->direction[j] : b->direction[j];
+        int up = turned & (b->direction[j] > 0.0);
+        double period = t - b->up_at[j], last = b->last_period[j], difference = fabs(period - last);
+        int whole = up & (period > 0.0) & inside;
+        int alike = (difference <= 0.2 * max(period, last)) | (difference <= b->sample_time[j] + SAMPLE_S);
         b->sum[PERIODS][j] += whole ? 1.0 : 0.0;
+        b->sum[SUM_PERIODS][j] += whole ? period : 0.0;
         b->sum[ALIKE][j] += whole & alike ? 1.0 : 0.0;
         b->last_period[j] = whole ? period : last;
         b->up_at[j] = up ? t : b->up_at[j];
     }
-    EACH_LANE b->e_sampled[j] = b->T_a[0][j] - T_set;
+    if (!inside) return;
+    for (int k = 0; k < 5; k++)
+        for (int i = 0; i < 5; i++) EACH_LANE b->product[5 * k + i][j] += b->signal[k][j] * b->signal[i][j];
+    EACH_LANE {
+        b->product[25][j] = max(b->product[25][j], b->signal[4][j]);
+        b->product[26][j] = min(b->product[26][j], b->signal[4][j]);
+    }
 }
 
-static void run_block(const scenarios *s, long k, long n, const day *d, double *sums) {
+INLINE void begin_swing_block(block *b) {
+    memset(b->product, 0, sizeof b->product);
+    EACH_LANE {
+        b->product[25][j] = -1e300;
+        b->product[26][j] = 1e300;
+    }
+}
+
+static void run_block(const scenarios *s, long k, long n, const day *d, double *sums, double *swings) {
     block store __attribute__((aligned(64))), *b = &store;
     memset(b, 0, sizeof *b);
     long period = 0;
@@ -344,6 +383,7 @@ static void run_block(const scenarios *s, long k, long n, const day *d, double *
         b->alpha[j] = 1.0 / (1.0 - s->backlash[k + j]);
         b->x_hat[j] = s->estimate[k + j];
         b->mode[j] = -1.0;
+        b->last_period[j] = 1e9; /* none */
         for (int i = 0; i < N; i++) {
             b->T_w[i][j] = b->T_c[i][j] = b->T_a[i][j] = T_INITIAL;
             b->omega[i][j] = d->W_a_in[0] / MASS_RATIO;
@@ -356,7 +396,8 @@ static void run_block(const scenarios *s, long k, long n, const day *d, double *
             rest = r;
         }
     }
-    double T_set_from = 0.0;
+    double T_set_from = 0.0, inputs[2][5] = {{0.0}};
+    begin_swing_block(b);
     for (long t = 0, next = 0; t < d->n_steps; t++) {
         double T_set = d->T_set[t], T_w_in = d->T_w_in[t], m_a = d->m_a[t];
         int64_t f = d->flags[t];
@@ -384,7 +425,16 @@ static void run_block(const scenarios *s, long k, long n, const day *d, double *
         if (kind == (IS_COUNTED | IS_SETTLED)) account(b, T_set, T_w_in, m_a, T_moved, 1, 0);
         if (kind == (IS_COUNTED | IN_PEAK_BLOCK)) account(b, T_set, T_w_in, m_a, T_moved, 0, 1);
         if (kind == (IS_COUNTED | IS_SETTLED | IN_PEAK_BLOCK)) account(b, T_set, T_w_in, m_a, T_moved, 1, 1);
-        if (f & IS_HUNTING_SAMPLE) see_periods(b, t, T_set);
+        if (f & IS_SWING_SAMPLE) {
+            memcpy(inputs[0], inputs[1], sizeof inputs[0]);
+            memcpy(inputs[1], (double[]){m_a, d->T_a_in[t], d->W_a_in[t], T_w_in, T_set}, sizeof inputs[1]);
+            watch_swing(b, t, f, inputs[0], inputs[1]);
+        }
+        if (f & SWING_BLOCK_ENDS) {
+            for (int i = 0; i < 27; i++) memcpy(swings + i * n + k, b->product[i], sizeof b->product[i]);
+            swings += 27 * n;
+            begin_swing_block(b);
+        }
         if (f & WINDOW_ENDS) EACH_LANE b->sum[SWING][j] += b->highest[j] - b->lowest[j];
         if (f & PEAK_BLOCK_ENDS) EACH_LANE {
             b->sum[PEAK_POWER][j] = max(b->power_block[j], b->sum[PEAK_POWER][j]);
@@ -398,8 +448,8 @@ static void run_block(const scenarios *s, long k, long n, const day *d, double *
 
 /* Before the blocks, for every second: effectiveness of the air side, and T_dry, a temperature up to 1/16 K above the dew
 point of the dampest air of the next second, which has entered in the last N + 1.
-n: a multiple of LANES, best sorted by sample time.  scratch: 3 n_steps.  sums: out, (N_SUMS, n). */
-void coil_loop(scenarios s, long n, day d, double *scratch, double *sums) {
+n: a multiple of LANES, best sorted by sample time.  scratch: 3 n_steps.  sums: out, (N_SUMS, n).  swings: out, (n_swing_blocks, 27, n). */
+void coil_loop(scenarios s, long n, day d, double *scratch, double *sums, double *swings) {
     double *eps_a = scratch, *eps_star = scratch + d.n_steps, *T_dry = scratch + 2 * d.n_steps, T = 15.0;
     for (long t = 0; t < d.n_steps; t++) {
         eps_a[t] = effectiveness(BETA3, BETA4, log_(d.m_a[t]));
@@ -414,5 +464,5 @@ void coil_loop(scenarios s, long n, day d, double *scratch, double *sums) {
     d.eps_a = eps_a;
     d.eps_star = eps_star;
     d.T_dry = T_dry;
-    for (long k = 0; k < n; k += LANES) run_block(&s, k, n, &d, sums);
+    for (long k = 0; k < n; k += LANES) run_block(&s, k, n, &d, sums, swings);
 }

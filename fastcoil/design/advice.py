@@ -20,7 +20,8 @@ from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.clashes import unread_values
 from fastcoil.loops.loop import Loop, used_choices
 from fastcoil.loops.simulate import simulate
-from fastcoil.model.metric_table import HUNTING_SWING_K, OFF_SET_POINT_ERROR_K, SETTLING_TIME_S, STATUS_OK
+from fastcoil.model.hunting import HUNTING_SWING_K
+from fastcoil.model.metric_table import OFF_SET_POINT_ERROR_K, SETTLING_TIME_S, STATUS_OK
 from fastcoil.model.parameter_table import PARAMETERS, Scalar
 
 # Thresholds; tests/design/test_advice.py checks them on 500 random loops.  Of the inverse: docs/findings/remedies.md

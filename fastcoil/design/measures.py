@@ -22,7 +22,8 @@ CHANGE = "change"  # name of the variable with the change of the goal
 AMOUNT_METRICS = tuple(m.name for m in METRICS.values() if not m.flags)
 NOT_MINIMISED = {
     "estimate_final", "estimate_settled", "estimate_first_down", "size_error", "half_periods",
-    "half_period_spread", "hunting_period", "coil_energy", "coil_peak_power", "water_volume", "condensate",
+    "half_period_spread", "hunting_period", "swing_regularity", "coil_energy", "coil_peak_power", "water_volume",
+    "condensate",
 }  # fmt: skip
 """Metrics of which less is not better in itself: they may be limited, not minimised."""
 

@@ -17,7 +17,7 @@ _UNIT_TEXTS = {
 _IN_PERCENT = (
     "backlash", "backlash_estimate", "estimate_ratio", "buffer", "command_resolution", "learning_step",
     "learning_cap", "learning_max_reference", "estimate_final", "estimate_settled", "size_error",
-    "estimate_first_down", "share_off", "hunts",
+    "estimate_first_down", "share_off", "hunts", "swing_regularity",
     "u", "integral", "command", "position", "opening", "estimate",
 )  # fmt: skip
 """Fractions that are shown in per cent."""

@@ -4,8 +4,8 @@
 the plant has no control volumes, a step is a part of the log's interval (at 1 s, as in the engine, predicted errors
 change by up to 4 %), and the day starts in the state that the log shows.
 
-``Outcome.hunts`` is the metric of that name and is meant for true temperatures; ``Swing.is_regular`` (``measures``)
-answers for a measured temperature, with noise, drift and gaps.
+``Outcome.hunts`` requires a regular swing of the true temperature; ``Swing.is_regular`` (``measures``) answers for a
+measured one, with noise, drift and gaps.
 """
 
 import math
@@ -20,7 +20,11 @@ from fastcoil.measured.fitted_plant import FittedPlant, RecoveredPI, first_order
 from fastcoil.measured.grid import SECONDS_PER_DAY, forward_fill
 from fastcoil.measured.identify import HORIZON_S
 from fastcoil.measured.part import true_runs
-from fastcoil.model.metric_table import HUNTING_SAMPLE_S, SETTLING_TIME_S, WARM_UP_S, is_hunting, is_same_period
+from fastcoil.model.hunting import HUNTING_SWING_K, SWING_SAMPLE_S, is_same_period
+from fastcoil.model.metric_table import SETTLING_TIME_S, WARM_UP_S
+
+LEAST_PERIODS = 10  # whole periods that a replay must show before it counts as hunting
+LEAST_REGULARITY = 2.0 / 3.0  # share of them that are as long as the one before
 
 
 class ReplayInputs(NamedTuple):
@@ -151,7 +155,7 @@ class Outcome(NamedTuple):
     period: float  # settled seconds per upward crossing of the set-point, NaN below two
     travel_per_day: float  # of the motor, strokes
     reversals_per_day: float  # of the stem
-    hunts: bool  # as the metric of that name
+    hunts: bool  # whether it swings regularly
 
 
 def _is_counted(day: ReplayInputs, step: float) -> Mask:
@@ -172,10 +176,10 @@ def evaluate_replay(replay: Replay, day: ReplayInputs, step: float) -> Outcome:
     is_settled = is_counted & ((np.arange(n) - last_change) * step >= SETTLING_TIME_S)
     windows = [slice(*run) for run in true_runs(is_settled)]
     swing = float(np.mean([np.ptp(replay.temperature[w]) for w in windows])) if windows else math.nan
-    every = max(1, round(HUNTING_SAMPLE_S / step))
+    every = max(1, round(SWING_SAMPLE_S / step))
     gaps = (np.diff(_find_upward_crossings(error[w][::every])) for w in windows)
     periods = np.concatenate([np.zeros(0), *(gap * every * step for gap in gaps)])
-    n_same = sum(is_same_period(period, previous) for previous, period in pairwise(periods))
+    n_same = sum(is_same_period(period, previous, 0.0) for previous, period in pairwise(periods))
     crossings = sum(_find_upward_crossings(error[w]).size for w in windows)
     days = max(int(is_counted.sum()), 1) * step / SECONDS_PER_DAY
     is_counted_step = is_counted[1:] & is_counted[:-1]
@@ -187,7 +191,7 @@ def evaluate_replay(replay: Replay, day: ReplayInputs, step: float) -> Outcome:
         period=float(is_settled.sum()) * step / crossings if crossings >= 2 else math.nan,
         travel_per_day=float(np.sum(np.abs(np.diff(replay.position))[is_counted_step])) / days,
         reversals_per_day=float(np.sum(np.diff(directions) != 0.0)) / days,
-        hunts=bool(is_hunting(swing, periods.size, n_same)),
+        hunts=bool(swing > HUNTING_SWING_K and LEAST_PERIODS <= periods.size <= n_same / LEAST_REGULARITY),
     )
 
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from fastcoil.base.errors import did_you_mean
+from fastcoil.model.hunting import HUNTING_SWING_K
 
 STATUS_MEANINGS = ("ok", "non_finite", "out_of_range", "not_run", "crashed")
 STATUS_OK, STATUS_NON_FINITE, STATUS_OUT_OF_RANGE, STATUS_NOT_RUN, STATUS_CRASHED = range(5)
@@ -17,22 +18,6 @@ SWITCH_BLOCK_S = 600  # of the switch frequency, as in section 3.3 of the paper
 PEAK_BLOCK_S = 900  # averaging time of the peak power
 ESTIMATE_WINDOW_S = 7200  # last part of a run, over which the estimate is averaged
 OFF_SET_POINT_ERROR_K = 0.5  # control error beyond which the supply temperature counts as off its set-point
-# calibrated in studies/hunting
-HUNTING_SWING_K = 0.1  # mean peak-to-peak supply temperature above which a loop may hunt
-HUNTING_SAMPLE_S = 10  # between the errors in which ``hunts`` looks for periods: it sees none shorter than two of them
-LEAST_HUNTING_PERIODS = 10  # whole periods that a loop must show before it counts as hunting
-
-
-def is_same_period(period: float, previous_period: float) -> bool:
-    """Whether two periods, s, are equally long to 20 % of the longer one."""
-    longer = period if period > previous_period else previous_period
-    return 5.0 * abs(period - previous_period) <= longer
-
-
-def is_hunting(swing: float, n_periods: float, n_same_periods: float) -> bool:
-    """Whether a loop hunts, by its swing, K, whole periods, and how many of them are as long as the one before."""
-    # & in place of `and`, which would branch in a kernel
-    return (swing > HUNTING_SWING_K) & (n_periods >= LEAST_HUNTING_PERIODS) & (3.0 * n_same_periods >= 2.0 * n_periods)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,15 +56,21 @@ METRICS = _by_name(
     Output("share_off", "1", "share of the time off the set-point",
            f"share of the counted seconds with |e| > {OFF_SET_POINT_ERROR_K} K",
            label=f"share of time with |e| > {OFF_SET_POINT_ERROR_K} K"),
-    Output("hunting_swing", "K", "peak-to-peak supply temperature, settled",
+    Output("hunting_swing", "K", "swing of the supply temperature",
+           "median over the settled 20-min blocks of max - min of T_sup - T_set less its 300-s mean", difference=True,
+           label="swing, peak to peak"),
+    Output("settled_range", "K", "range of the supply temperature, settled",
            "mean over settled windows of max - min of T_sup less the moves of the set-point", difference=True,
-           label="hunting swing, peak to peak"),
-    Output("hunting_period", "s", "period of the control error",
-           "settled seconds per upward zero crossing of e; NaN below 2 crossings", label="hunting period"),
+           label="settled range"),
+    Output("hunting_period", "s", "period of the swing",
+           "mean time between the lower turns of T_sup - T_set less its 300-s mean; NaN without a whole period",
+           label="period of the swing"),
+    Output("swing_regularity", "1", "regularity of the swing",
+           "share of its periods as long, to 20 % or a sample and 10 s, as the one before; NaN below two periods",
+           label="regular periods"),
     Output("hunts", "1", "whether the loop hunts",
-           f"1 where the hunting swing exceeds {HUNTING_SWING_K} K and e shows at least {LEAST_HUNTING_PERIODS} "
-           "whole periods, two thirds of them as long, to 20 %, as the one before; else 0.  A period lies between "
-           f"two upward zero crossings of e within a settled window, e taken every {HUNTING_SAMPLE_S} s",
+           f"1 where in at least half of the settled 20-min blocks T_sup swings by more than {HUNTING_SWING_K} K, and "
+           "entering air, water and set-point do not explain it; else 0; NaN without 10 settled minutes",
            label="share that hunts"),
     Output("switch_frequency", "1", "mode switches per 10 min",
            f"mean over whole {SWITCH_BLOCK_S}-s blocks from the end of the warm-up", label="mode switches per 10 min"),

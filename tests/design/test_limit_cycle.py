@@ -86,7 +86,7 @@ def test_a_loop_that_is_unstable_from_one_sample_to_the_next_hunts():
     assert bool(simulated.hunts.all())
     np.testing.assert_array_equal(predicted.hunts, simulated.hunts)
     np.testing.assert_allclose(predicted.period, simulated.hunting_period, rtol=0.02)
-    np.testing.assert_allclose(2.0 * predicted.amplitude, simulated.hunting_swing, rtol=0.7)
+    np.testing.assert_allclose(2.0 * predicted.amplitude, simulated.settled_range, rtol=0.7)
 
 
 @pytest.mark.kernel

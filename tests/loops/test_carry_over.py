@@ -8,7 +8,7 @@ import pytest
 import fastcoil as fc
 from fastcoil.loops.plan import Shard, plan_simulation
 from fastcoil.loops.simulate import run_shard
-from fastcoil.model.engine.metrics import IS_COUNTED, IS_HUNTING_SAMPLE, IS_SETTLED
+from fastcoil.model.engine.metrics import IS_COUNTED, IS_SETTLED, IS_SWING_SAMPLE
 from fastcoil.model.metric_table import METRICS, TRACES
 
 pytestmark = pytest.mark.kernel
@@ -135,7 +135,7 @@ def test_seconds_count_and_are_settled_as_in_one_piece(n_steps):
     n = next(iter(rows.values())).size
     one = plan_simulation(loop, fc.Boundary(**{k: v[:n] for k, v in whole.items()}), warm_up=5).days[0]
     some = plan_simulation(loop, fc.Boundary(**rows), warm_up=5, carry_over=True)
-    seen = IS_COUNTED | IS_SETTLED | (0 if n_steps % 10 else IS_HUNTING_SAMPLE)
+    seen = IS_COUNTED | IS_SETTLED | (0 if n_steps % 10 else IS_SWING_SAMPLE)
     backwards = [some.days[k] for k in reversed(range(n // n_steps))][::-1]
     flags = np.concatenate([day.schedule.flags for day in backwards])
     np.testing.assert_array_equal(flags & seen, one.schedule.flags & seen)

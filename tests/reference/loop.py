@@ -15,6 +15,7 @@ from reference.learner import Learner
 from reference.noise import standard_normal
 from reference.psychrometrics import saturation_humidity_ratio
 from reference.rounding import round_half_up
+from reference.swing import swing_metrics
 from reference.valve import NeutralZone, StickSlip, backlash, leaking_valve
 
 ESTIMATORS = {
@@ -163,7 +164,10 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
         return traces, dict.fromkeys(metrics.METRICS, math.nan) | {"status": status}
 
     counted = [t >= warm_up and enabled[t] for t in range(n_steps)]
-    values = metrics.tracking_metrics(traces["T_sup"], T_set, counted, enabled)
+    since = metrics.seconds_since_disturbance(T_set, enabled)
+    values = metrics.tracking_metrics(traces["T_sup"], T_set, counted, since)
+    inputs = list(zip(m_a, T_a_in, W_a_in, T_w_in, T_set, strict=True))
+    values.update(swing_metrics(traces["T_sup"], traces["W_sup"], inputs, since, enabled, warm_up, sample_time))
     values.update(metrics.air_metrics(traces["T_sup"], T_set, m_a, p["cp_a"], counted))
     values.update(metrics.movement_metrics(traces["opening"], traces["position"], counted))
     has_estimate = p["backlash_estimate"] > 0.0 or not estimator.is_off

@@ -4,7 +4,8 @@ import math
 from itertools import pairwise
 
 METRICS = (
-    "rmse", "rmse_settled", "iae", "share_off", "hunting_swing", "hunting_period", "hunts", "stem_travel",
+    "rmse", "rmse_settled", "iae", "share_off", "settled_range", "hunting_swing", "hunting_period",
+    "swing_regularity", "hunts", "stem_travel",
     "motor_travel", "reversals", "switch_frequency", "estimate_final", "estimate_settled", "size_error",
     "backlash_final", "learn_time_reached", "learn_time_confirmed", "time_identified", "learn_time_first_down",
     "estimate_first_down", "learning_status", "half_periods", "half_period_spread", "test_aborted", "coil_energy",
@@ -21,49 +22,32 @@ FROST_INTERVAL_S = 60  # s between looks for frost and ice
 MOVEMENT_THRESHOLD = 1e-9  # strokes
 
 
-def tracking_metrics(T_sup, T_set, counted, enabled):
+def seconds_since_disturbance(T_set, enabled):
+    """Seconds since the last step of the set point [degC] or start of the loop, for every second."""
+    since, last_change = [], 0
+    for t, T in enumerate(T_set):
+        if t > 0 and (abs(T - T_set[t - 1]) > SET_POINT_STEP or (enabled[t] and not enabled[t - 1])):
+            last_change = t
+        since.append(t - last_change)
+    return since
+
+
+def tracking_metrics(T_sup, T_set, counted, since):
     """Tracking of the set point [degC] by the true supply temperature [degC], over counted seconds."""
     n_steps = len(T_sup)
     error = [T_sup[t] - T_set[t] for t in range(n_steps)]
-    settled, last_change = [], 0
-    for t in range(n_steps):
-        if t > 0 and (abs(T_set[t] - T_set[t - 1]) > SET_POINT_STEP or (enabled[t] and not enabled[t - 1])):
-            last_change = t
-        if t == 0 and not enabled[0]:
-            last_change = 0
-        settled.append(counted[t] and t - last_change >= SETTLING_TIME)
-
-    ranges, crossings, periods = [], 0, []
+    settled = [counted[t] and since[t] >= SETTLING_TIME for t in range(n_steps)]
+    ranges = []
     for start, stop in true_runs(settled):
-        periods += whole_periods(error, range(start, stop))
         shifted = [T_sup[t] - (T_set[t] - T_set[start]) for t in range(start, stop)]
         ranges.append(max(shifted) - min(shifted))
-        crossings += sum(error[t - 1] < 0.0 <= error[t] for t in range(start + 1, stop))
-
     return {
         "rmse": math.sqrt(mean([e * e for e in select_flagged(error, counted)])),
         "rmse_settled": math.sqrt(mean([e * e for e in select_flagged(error, settled)])),
         "iae": math.fsum(abs(e) for e in select_flagged(error, counted)) / 3600.0,
         "share_off": mean([float(abs(e) > OFF_THRESHOLD_K) for e in select_flagged(error, counted)]),
-        "hunting_swing": mean(ranges),
-        "hunting_period": sum(settled) / crossings if crossings >= 2 else math.nan,
-        "hunts": hunts(mean(ranges), periods),
+        "settled_range": mean(ranges),
     }
-
-
-def whole_periods(error, window):
-    """Times [s] between successive upward zero crossings of the error within a window, seen every 10 s."""
-    sampled = [t for t in window if t % 10 == 0]
-    crossings = [now for before, now in pairwise(sampled) if error[before] < 0.0 <= error[now]]
-    return [now - before for before, now in pairwise(crossings)]
-
-
-def hunts(amplitude, periods):
-    """1 where the mean peak to peak [K] is above 0.1 K and at least ten periods are mostly like the one before."""
-    if math.isnan(amplitude):
-        return math.nan
-    alike = sum(abs(now - before) / max(now, before) <= 0.2 for before, now in pairwise(periods))
-    return float(amplitude > 0.1 and len(periods) >= 10 and alike / len(periods) >= 2 / 3)
 
 
 def movement_metrics(opening, position, counted):

@@ -53,12 +53,15 @@ def record(S, V, rows, traces):
 
 
 @kernel
-def emulate(rows, config, day, S, V, estimator_state, law_state, metric_rows, status, traced_rows, interval, traces):
+def emulate(
+    rows, config, day, S, V, estimator_state, law_state, metric_rows, status, swings, traced_rows, interval, traces
+):
     """Run the lanes of a block through a day.
 
     rows, config: of a Block; day: Day; S, V, estimator_state, law_state: a WorkSpace, from which a day that does not
     start at 0 goes on.
-    metric_rows: out, (N_METRICS, LANES); status: out, (LANES,).
+    metric_rows: out, (N_METRICS, LANES); status: out, (LANES,); swings: out, see ``hunting``,
+    (n_swing_blocks + 1, N_SWING_ROWS, LANES), the last one scratch.
     traced_rows: offsets of the rows to trace.  traces: out, (n_points, n_rows, LANES), every ``interval`` seconds.
     """
     n_volumes, n_steps, lagged = config.n_volumes, day.series.shape[0], config.lagged_air
@@ -84,6 +87,8 @@ def emulate(rows, config, day, S, V, estimator_state, law_state, metric_rows, st
     was_enabled = day.was_enabled
     is_actuator_busy = False
     next_unwatched = 0
+    inputs_before = (0.0, 0.0, 0.0, 0.0, 0.0)
+    swing_block = 0
     dt = 1.0 / config.substeps
     for t in range(n_steps):
         clock = day.start + t
@@ -155,7 +160,12 @@ def emulate(rows, config, day, S, V, estimator_state, law_state, metric_rows, st
                 plant.update_water_flow(S, config.leaks)
                 coil.update_water_conductance(S)
         if counted:
-            metrics.accumulate_second(S, V, t, flags, T_set, T_w_in, m_a, n_volumes)
+            metrics.accumulate_second(S, V, flags, T_set, T_w_in, m_a, n_volumes)
+        if flags & metrics.IS_SWING_SAMPLE:
+            inputs = (m_a, T_a_in, W_a_in, T_w_in, T_set)
+            metrics.watch_swing(S, V, t, flags, inputs_before, inputs, swings[swing_block])
+            inputs_before = inputs
+            swing_block += 1 if flags & metrics.SWING_BLOCK_ENDS else 0
 
         if traced:
             for j in range(LANES):

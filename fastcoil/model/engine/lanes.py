@@ -14,6 +14,7 @@ from fastcoil.model.engine.rows import LANES, PARAMETER_ROWS, ROWS, T_A, T_C, T_
 from fastcoil.model.engine.rules import estimator_stage, law_stage
 from fastcoil.model.estimators.interface import Estimator
 from fastcoil.model.estimators.registry import ESTIMATORS
+from fastcoil.model.hunting import N_SWING_ROWS, judge_swing
 from fastcoil.model.metric_table import LEARNING_STATUS_MEANINGS, METRICS, STATUS_OK
 from fastcoil.model.numerics.stages import BUILT_IN
 from fastcoil.model.parameter_table import PARAMETERS
@@ -255,9 +256,13 @@ def run_block(
     rows = trace_rows(request.names, n_volumes)
     traces = np.empty((request.n_points(day.series.shape[0]), rows.size, LANES))
     metrics, status = np.full((N_METRICS, LANES), np.nan), np.empty(LANES, dtype=np.int64)
+    swings = np.zeros((day.schedule.n_swing_blocks + 1, N_SWING_ROWS, LANES))
+    swings[:, -2:] = [[-np.inf], [np.inf]]
     work = work_space(block) if work is None else work
-    emulate(block.rows, block.config, day, *work, metrics, status, rows, request.interval, traces)
-    for name, values in _estimator_metrics(block, work.estimator_state, day.command.size > 0).items():
+    emulate(block.rows, block.config, day, *work, metrics, status, swings, rows, request.interval, traces)
+    late_metrics = _estimator_metrics(block, work.estimator_state, day.command.size > 0)
+    late_metrics["hunts"], late_metrics["hunting_swing"] = judge_swing(swings[:-1])
+    for name, values in late_metrics.items():
         metrics[list(METRICS).index(name)] = np.where(status == STATUS_OK, values, np.nan)
 
     traces[:, :, status != STATUS_OK] = np.nan

@@ -9,12 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.model import metric_table
+from fastcoil.model import hunting, metric_table
 from fastcoil.model.engine.rows import LANES, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R, name_offsets
 from fastcoil.model.numerics.jit import scalar, section
 from fastcoil.model.physics import LEAST_WATER_FLOW_KG_S, humidity_ratio, saturation_pressure_frost
 
-is_same_period, is_hunting = scalar(metric_table.is_same_period), scalar(metric_table.is_hunting)
+disturbance_change, next_extreme, is_same_period = (
+    scalar(step) for step in (hunting.disturbance_change, hunting.next_extreme, hunting.is_same_period)
+)
 IS_COUNTED = 1
 IS_SETTLED = 2
 WINDOW_STARTS = 4
@@ -23,7 +25,10 @@ IN_SWITCH_BLOCK = 16
 IN_PEAK_BLOCK = 32
 PEAK_BLOCK_ENDS = 64
 IN_ESTIMATE_WINDOW = 128
-IS_HUNTING_SAMPLE = 256
+IS_SWING_SAMPLE = 256
+SWING_STARTS = 512
+IN_SWING_BLOCK = 1024
+SWING_BLOCK_ENDS = 2048
 
 
 class DayHistory(NamedTuple):
@@ -53,6 +58,7 @@ class Schedule(NamedTuple):
     n_switch_blocks: int
     n_peak_blocks: int
     n_estimate: int
+    n_swing_blocks: int
 
 
 def last_disturbance(T_set: np.ndarray, enabled: np.ndarray, history: DayHistory) -> np.ndarray:
@@ -77,26 +83,45 @@ def is_in_whole_block(counted: np.ndarray, warm_up: int, length: int) -> np.ndar
     return inside
 
 
+def flag_swing_samples(has_lead: np.ndarray, settled: np.ndarray) -> tuple[np.ndarray, int]:
+    """Flag the samples of the swing, (n_steps,), and count its blocks, which begin with each settled window."""
+    step, flags = hunting.SWING_SAMPLE_S, np.zeros(settled.size, np.int64)
+    is_sample, is_settled = has_lead[::step], settled[::step]
+    starts, window_starts = (part & ~np.concatenate([[False], part[:-1]]) for part in (is_sample, is_settled))
+    k = np.arange(is_sample.size)
+    since_start = k - np.maximum.accumulate(np.where(window_starts, k, 0))
+    block = np.cumsum(is_settled & (since_start % (hunting.SWING_BLOCK_S // step) == 0)) * is_settled
+    in_block = is_settled & (np.bincount(block) >= hunting.LEAST_SWING_BLOCK_S // step)[block]
+    ends = in_block & (np.diff(block, append=0) != 0)
+    flags[::step] = (
+        IS_SWING_SAMPLE * is_sample + SWING_STARTS * starts + IN_SWING_BLOCK * in_block + SWING_BLOCK_ENDS * ends
+    )
+    return flags, int(ends.sum())
+
+
 def make_schedule(T_set: np.ndarray, enabled: np.ndarray, warm_up: int, history: DayHistory = NO_HISTORY) -> Schedule:
     """Flag every second of a day.  T_set, °C, and enabled, 0/1: (n_steps,); warm_up: s."""
     t = np.arange(T_set.size)
     counted = (t >= warm_up) & (enabled != 0.0)
-    settled = counted & (t - last_disturbance(T_set, enabled, history) >= metric_table.SETTLING_TIME_S)
+    since_disturbance = t - last_disturbance(T_set, enabled, history)
+    settled = counted & (since_disturbance >= metric_table.SETTLING_TIME_S)
     starts = settled & ~np.concatenate([[False], settled[:-1]])
     ends = settled & ~np.concatenate([settled[1:], [False]])
     in_switch_block = is_in_whole_block(counted, warm_up, metric_table.SWITCH_BLOCK_S)
     in_peak_block = is_in_whole_block(counted, warm_up, metric_table.PEAK_BLOCK_S)
     peak_ends = in_peak_block & ((t - warm_up) % metric_table.PEAK_BLOCK_S == metric_table.PEAK_BLOCK_S - 1)
     in_estimate = counted & (t >= T_set.size - metric_table.ESTIMATE_WINDOW_S)
-    hunting_sample = settled & (t % metric_table.HUNTING_SAMPLE_S == 0)
+    has_lead = (enabled != 0.0) & (t >= warm_up - hunting.SWING_LEAD_S)
+    has_lead &= since_disturbance >= metric_table.SETTLING_TIME_S - hunting.SWING_LEAD_S
+    swing_flags, n_swing_blocks = flag_swing_samples(has_lead, settled)
     flags = (
         IS_COUNTED * counted + IS_SETTLED * settled + WINDOW_STARTS * starts + WINDOW_ENDS * ends
         + IN_SWITCH_BLOCK * in_switch_block + IN_PEAK_BLOCK * in_peak_block + PEAK_BLOCK_ENDS * peak_ends
-        + IN_ESTIMATE_WINDOW * in_estimate + IS_HUNTING_SAMPLE * hunting_sample
+        + IN_ESTIMATE_WINDOW * in_estimate + swing_flags
     )  # fmt: skip
     n_switch_blocks = in_switch_block.sum() // metric_table.SWITCH_BLOCK_S
     numbers = (counted.sum(), settled.sum(), starts.sum(), n_switch_blocks, peak_ends.sum(), in_estimate.sum())
-    return Schedule(flags.astype(np.int64), *map(int, numbers))
+    return Schedule(flags.astype(np.int64), *map(int, (*numbers, n_swing_blocks)))
 
 
 N_METRICS = len(metric_table.METRICS)
@@ -127,7 +152,7 @@ def accumulate_travel(S, j, d_opening, d_position):
 
 
 @section
-def accumulate_second(S, V, t, flags, T_set, T_w_in, m_a, n_volumes):
+def accumulate_second(S, V, flags, T_set, T_w_in, m_a, n_volumes):
     """Add one counted second to control error, hunting and energy."""
     first, last = V[VOLUME_STRIDE:], V[n_volumes * VOLUME_STRIDE :]
     for j in range(LANES):
@@ -145,37 +170,16 @@ def accumulate_second(S, V, t, flags, T_set, T_w_in, m_a, n_volumes):
             S[R.T_set_from + j] = T_set
             S[R.highest + j] = first[T_A + j]
             S[R.lowest + j] = first[T_A + j]
-            S[R.e_previous + j] = 0.0
-            S[R.e_sampled + j] = 0.0
-            S[R.crossed_up_at + j] = np.nan
     if flags & IS_SETTLED:
         for j in range(LANES):
             e = first[T_A + j] - T_set
             T = first[T_A + j] - (T_set - S[R.T_set_from + j])
             S[R.sum_e2_settled + j] += e * e
-            # & in place of `and`, which would branch
-            S[R.crossings + j] += 1.0 if (S[R.e_previous + j] < 0.0) & (e >= 0.0) else 0.0
-            S[R.e_previous + j] = e
             S[R.highest + j] = T if T > S[R.highest + j] else S[R.highest + j]
             S[R.lowest + j] = T if T < S[R.lowest + j] else S[R.lowest + j]
-    if flags & IS_HUNTING_SAMPLE:
-        rises = False
-        for j in range(LANES):
-            rises |= (S[R.e_sampled + j] < 0.0) & (first[T_A + j] - T_set >= 0.0)
-        if rises:
-            for j in range(LANES):
-                period, last_period = t - S[R.crossed_up_at + j], S[R.last_period + j]
-                crosses_up = (S[R.e_sampled + j] < 0.0) & (first[T_A + j] - T_set >= 0.0)
-                is_whole_period = crosses_up & (period > 0.0)  # not at the first crossing of a window
-                S[R.periods + j] += 1.0 if is_whole_period else 0.0
-                S[R.same_periods + j] += 1.0 if is_whole_period & is_same_period(period, last_period) else 0.0
-                S[R.last_period + j] = period if is_whole_period else last_period
-                S[R.crossed_up_at + j] = t if crosses_up else S[R.crossed_up_at + j]
-        for j in range(LANES):
-            S[R.e_sampled + j] = first[T_A + j] - T_set
     if flags & WINDOW_ENDS:
         for j in range(LANES):
-            S[R.sum_swing + j] += S[R.highest + j] - S[R.lowest + j]
+            S[R.sum_range + j] += S[R.highest + j] - S[R.lowest + j]
     if flags & IN_PEAK_BLOCK:
         for j in range(LANES):
             S[R.sum_power_block + j] += S[R.power + j]
@@ -187,6 +191,59 @@ def accumulate_second(S, V, t, flags, T_set, T_w_in, m_a, n_volumes):
     if flags & IN_ESTIMATE_WINDOW:
         for j in range(LANES):
             S[R.sum_estimate + j] += S[R.estimate + j]
+
+
+@section
+def watch_swing(S, V, t, flags, before, now, block):
+    """Follow the swing, its periods, and the disturbances that may explain it; add them to ``block``, see ``hunting``.
+
+    before, now: ``Inputs`` of the last sample and of this one.  block: (N_SWING_ROWS, LANES).
+    """
+    if flags & SWING_STARTS:
+        before = now
+        S[R.turned_up_at : R.d_mean] = np.nan
+        S[R.d : R.direction] = 0.0
+        S[R.direction : R.g] = 1.0
+        S[R.g : R.h] = 0.0
+    lag_weight = hunting.SWING_SAMPLE_S / (hunting.SWING_SAMPLE_S + hunting.COIL_LAG_S)
+    first = V[VOLUME_STRIDE:]
+    for j in range(LANES):
+        weight = S[R.mean_weight + j]
+        S[R.mean_weight + j] = max(weight / (1.0 + weight), hunting.SWING_SAMPLE_S / hunting.SWING_MEAN_S)
+        error = first[T_A + j] - now[4]
+        S[R.error_mean + j] += weight * (error - S[R.error_mean + j])
+        S[R.h + j] = error - S[R.error_mean + j]
+        S[R.d + j] += disturbance_change(first[T_A + j], first[W_A + j], now, before)
+        S[R.d_mean + j] += weight * (S[R.d + j] - S[R.d_mean + j])
+        S[R.g + j] = S[R.d + j] - S[R.d_mean + j]
+        S[R.g_lagged + j] += lag_weight * (S[R.g + j] - S[R.g_lagged + j])
+        S[R.g_lagged_twice + j] += lag_weight * (S[R.g_lagged + j] - S[R.g_lagged_twice + j])
+    is_inside = flags & IN_SWING_BLOCK != 0
+    for j in range(LANES):
+        extreme, direction, turned = next_extreme(S[R.h + j], S[R.extreme + j], S[R.direction + j])
+        S[R.extreme + j] = extreme
+        S[R.direction + j] = direction
+        turned_up = turned & (direction > 0.0)
+        period, last_period = t - S[R.turned_up_at + j], S[R.last_period + j]
+        is_whole = turned_up & (period > 0.0) & is_inside  # not at the first turn of a window
+        is_same = is_whole & is_same_period(period, last_period, S[R.sample_time + j])
+        S[R.periods + j] += 1.0 if is_whole else 0.0
+        S[R.same_periods + j] += 1.0 if is_same else 0.0
+        S[R.sum_periods + j] += period if is_whole else 0.0
+        S[R.last_period + j] = period if is_whole else last_period
+        S[R.turned_up_at + j] = t if turned_up else S[R.turned_up_at + j]
+    if is_inside:
+        for k in range(hunting.SWING_SIGNALS):
+            for i in range(k + 1):  # the products are symmetric
+                one, other = S[R.unit + k * LANES :], S[R.unit + i * LANES :]
+                products = block[k * hunting.SWING_SIGNALS + i]
+                for j in range(LANES):
+                    products[j] += one[j] * other[j]
+        highest, lowest = block[hunting.N_SWING_ROWS - 2], block[hunting.N_SWING_ROWS - 1]
+        for j in range(LANES):
+            h = S[R.h + j]
+            highest[j] = h if h > highest[j] else highest[j]
+            lowest[j] = h if h < lowest[j] else lowest[j]
 
 
 @section
@@ -244,7 +301,7 @@ def lane_status(S, V, j, n_volumes):
 def summarise(S, V, n_volumes, schedule, metrics, status):
     """Fill ``metrics``, (N_METRICS, LANES), and ``status``, (LANES,), at the end of a run.
 
-    Failed lanes are NaN.  ESTIMATOR_METRICS are left as they are.
+    Failed lanes are NaN.  ESTIMATOR_METRICS and those of ``judge_swing`` are left as they are.
     """
     seconds, settled, blocks = schedule.n_counted, schedule.n_settled, schedule.n_switch_blocks
     for j in range(LANES):
@@ -254,10 +311,10 @@ def summarise(S, V, n_volumes, schedule, metrics, status):
         m[M.rmse_settled] = np.sqrt(S[R.sum_e2_settled + j] / settled)
         m[M.iae] = S[R.sum_abs_e + j] / 3600.0
         m[M.share_off] = S[R.seconds_off + j] / seconds
-        m[M.hunting_swing] = S[R.sum_swing + j] / schedule.n_windows
-        m[M.hunting_period] = settled / S[R.crossings + j] if S[R.crossings + j] >= 2.0 else np.nan
-        hunts = is_hunting(m[M.hunting_swing], S[R.periods + j], S[R.same_periods + j])
-        m[M.hunts] = np.nan if schedule.n_windows == 0 else (1.0 if hunts else 0.0)
+        m[M.settled_range] = S[R.sum_range + j] / schedule.n_windows
+        n_periods = S[R.periods + j]
+        m[M.hunting_period] = S[R.sum_periods + j] / n_periods if n_periods > 0.0 else np.nan
+        m[M.swing_regularity] = S[R.same_periods + j] / (n_periods - 1.0) if n_periods > 1.0 else np.nan
         m[M.switch_frequency] = S[R.sum_switches + j] / blocks
         m[M.stem_travel] = S[R.stem_travel + j]
         m[M.motor_travel] = S[R.motor_travel + j]

@@ -52,8 +52,10 @@ STATE_ROWS = (
 """State that the next step or a later day starts from, beside that of the coil (VOLUME_ROWS) and of an estimator."""
 SUM_ROWS = (
     "sum_e2", "sum_e2_settled", "sum_abs_e", "seconds_off", "reheat", "recool",
-    "T_set_from", "e_previous", "crossings", "highest", "lowest", "sum_swing",
-    "e_sampled", "crossed_up_at", "periods", "last_period", "same_periods",
+    "T_set_from", "highest", "lowest", "sum_range",
+    # swing: mean error, periods; disturbance, last extreme; then the signals of the regression, see ``hunting``
+    "error_mean", "periods", "last_period", "same_periods", "sum_periods", "turned_up_at", "d_mean", "d", "extreme",
+    "direction", "mean_weight", "unit", "g", "g_lagged", "g_lagged_twice", "h",
     "sum_switches", "stem_travel", "motor_travel", "reversals", "sum_estimate",
     "sum_power", "sum_power_block", "peak_power", "sum_m_w", "condensate",
     "coldest_wet", "coldest_water", "frost_time", "freeze_time", "coldest", "dampest",
@@ -153,6 +155,7 @@ def reset_sums(S, open_loop):
     for j in range(LANES):
         S[R.sum_switches + j] = np.nan if open_loop else 0.0
         S[R.peak_power + j] = -np.inf
+        S[R.last_period + j] = np.nan
 
 
 @section

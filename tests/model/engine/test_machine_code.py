@@ -29,6 +29,7 @@ SCALAR_SHARE = {
     "pass_air": 1.1,
     "exchange_heat": 1.1,
     "accumulate_second": 1.1,
+    "watch_swing": 1.1,
 }
 
 
@@ -52,7 +53,8 @@ def section_assembly(name):
         "march_lagged_air": (coil.march_lagged_air, (A, A, i, b, f, f, f, f, f, T.Array(b, 1, "C"))),
         "pass_air": (coil.pass_air, (A, A, i, f, f, b, T.Array(b, 1, "C"))),
         "exchange_heat": (coil.exchange_heat, (A, A, i, f, T.Array(b, 1, "C"))),
-        "accumulate_second": (metrics.accumulate_second, (A, A, i, i, f, f, f, i)),
+        "accumulate_second": (metrics.accumulate_second, (A, A, i, f, f, f, i)),
+        "watch_swing": (metrics.watch_swing, (A, A, i, i, T.UniTuple(f, 5), T.UniTuple(f, 5), T.Array(f, 2, "C"))),
     }[name]
     return next(iter(numba.njit(signature, **FLAGS)(getattr(section, "py_func", section)).inspect_asm().values()))
 

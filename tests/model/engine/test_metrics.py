@@ -45,17 +45,21 @@ def test_a_run_too_short_for_a_block_or_a_window_has_no_such_metric():
     missing = {name for name in METRICS if np.isnan(ds[name])}
     learner = {"learn_time_reached", "learn_time_confirmed", "learn_time_first_down", "estimate_first_down"}
     estimators = learner | {"time_identified", "size_error", "half_periods", "half_period_spread"}
-    settled = {"rmse_settled", "hunting_swing", "hunting_period", "hunts"}
+    settled = {"rmse_settled", "settled_range", "hunting_swing", "hunting_period", "swing_regularity", "hunts"}
     assert missing == estimators | settled | {"switch_frequency", "coil_peak_power"}
 
 
-@pytest.mark.parametrize(("crossings", "period"), [(0, np.nan), (1, np.nan), (2, 1500.0), (3, 1000.0)])
-def test_hunting_period_takes_two_crossings(crossings, period):
-    """Open loop: T_sup is below the set-point, then above it, and so on."""
-    command = np.resize(np.repeat([0.9, 0.1], 500), 3600)
-    command[1000 * crossings + 800 :] = 0.9
-    ds = fc.simulate(fc.Loop(), fc.constant_day(hours=1), command=command, warm_up=0)
-    assert float(ds.hunting_period) == pytest.approx(period, nan_ok=True)
+@pytest.mark.parametrize(
+    ("periods", "period", "regularity"),
+    [([], np.nan, np.nan), ([400] * 7, 400.0, 1.0), ([300, 500] * 5, 400.0, 0.0), ([400] * 9 + [700] * 9, 550.0, 0.95)],
+)
+def test_the_period_of_a_swing_is_the_mean_time_between_its_turns(periods, period, regularity):
+    """Open loop, and the waves begin while nothing counts yet: the first ends the lead."""
+    waves = [0.45 + 0.2 * np.sin(2 * np.pi * np.arange(p) / p) for p in [400, *periods, 400]] if periods else []
+    command = np.concatenate([np.full(1800, 0.45), *waves, np.full(600, 0.45)])
+    ds = fc.simulate(fc.Loop(), fc.constant_day(hours=command.size / 3600), command=command, warm_up=1500)
+    assert float(ds.hunting_period) == pytest.approx(period, nan_ok=True, abs=40)
+    assert float(ds.swing_regularity) == pytest.approx(regularity, nan_ok=True, abs=0.2)
 
 
 @pytest.mark.parametrize(("step", "reversals"), [(1e-6, 119), (1e-8, 119), (1e-11, 0)])
