@@ -98,7 +98,7 @@ class Parameter:
         too_high = value >= self.upper if self.open_upper else value > self.upper
         if too_low or too_high or (self.whole and value != math.floor(value)):
             unit = "" if self.unit == "1" else f" {self.unit}"
-            is_percent = self.unit == "1" and too_high and self.upper <= 1.0 and not self.whole and value <= 100.0
+            is_percent = self.unit == "1" and self.upper <= 1.0 < value <= 100.0
             hint = f"; {value:g} % is {value / 100.0:g}" * is_percent
             return Problem(f"{self.name} = {value:g}{unit}: must be {self.bounds}{hint}", self.name, "value")
         return None
