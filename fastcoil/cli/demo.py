@@ -17,7 +17,7 @@ _DEMO_COMMANDS = (  # each with the question that it answers
     ("A loop hunts.  Is it the valve?", "fastcoil diagnose log.csv --stroke-time 90"),
     (
         "Why does it hunt, and what would cure it?",
-        "fastcoil explain lbnl --set backlash=0.09 --set kp=0.03 --set ti=15",
+        "fastcoil explain lbnl --set backlash=0.09 --set kp=0.03 --set ti=12",
     ),
     ("What does an inverse gain?  20 loops on 5 days, in sweep.toml", "fastcoil run sweep.toml -o sweep -j 2"),
 )

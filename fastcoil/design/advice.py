@@ -5,31 +5,27 @@
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arrays import Array, Mask
 from fastcoil.base.text import format_kelvin, format_percent, format_two_digits
 from fastcoil.design.limit_cycle import HUNTING_INDEX_LIMIT
-from fastcoil.design.operating_points import PointsOfDay
-from fastcoil.design.prediction import Prediction, predict, predict_cycles_at, shortest_ti, simc_gains
+from fastcoil.design.prediction import Prediction, predict_cycles_at, shortest_ti, simc_gains
+from fastcoil.design.swing_verdict import judge_by_twins
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.clashes import unread_values
 from fastcoil.loops.loop import Loop, used_choices
 from fastcoil.loops.simulate import simulate
-from fastcoil.model.hunting import HUNTING_SWING_K
-from fastcoil.model.metric_table import OFF_SET_POINT_ERROR_K, SETTLING_TIME_S, STATUS_OK
+from fastcoil.model.metric_table import STATUS_OK
 from fastcoil.model.parameter_table import PARAMETERS, Scalar
 
 # Thresholds; tests/design/test_advice.py checks them on 500 random loops.  Of the inverse: docs/findings/remedies.md
 UNSURE_HUNTING_INDEX = (0.7, 1.0)  # between these theory does not decide
 SAFE_HUNTING_INDEX = 0.7  # that the gains of a cure have to reach
 NOTICEABLE = 0.01  # difference of temperature that counts, K
-CLEAR_SWING_RATIO = 1.5  # swing where hunting is predicted over that elsewhere, from which the loop hunts there
-PREDICTED_SWING_RATIO = 0.7  # simulated over predicted swing from which the one counts as the other
 OVERESTIMATE_RATIO = 1.02  # estimate over gap from which a motor may chatter; estimators are right to a few thousandths
 CALM_TURNS = 2.0  # of the motor in 10 min that are no chatter
 CHATTER_SHARE = 1.0 / 3.0  # of the travel in the jumps at the turns from which a motor chatters
@@ -153,7 +149,6 @@ class Trial(NamedTuple):
 
     loop: Loop
     boundary: Boundary
-    points: PointsOfDay
     prediction: Prediction | None
     warm_up: int
     seed: int
@@ -162,25 +157,20 @@ class Trial(NamedTuple):
 def try_cures(trial: Trial, cures: Sequence[Cure]) -> xr.Dataset:
     """Simulate and predict every cure: metrics, the trace T_sup, hunting index and whether it hunts, over ``cure``.
 
-    ``hunting`` is 1 where the day hunts by the metric ``hunts``, or for a part of it (see ``_is_hunting_in_part``).
+    ``hunts`` and ``swing_alone``: see ``judge_by_twins``.
     ``chatters`` is 1 where the motor keeps turning because the estimate is larger than the gap.
-    ``swings``: at each operating point, K.
     """
     swept, boundary = sweep_cures(trial.loop, cures), trial.boundary
-    ds = simulate(
-        swept, boundary, traces=["T_sup"], trace_interval=max(2, -(-boundary.n_steps // 43200)),
-        warm_up=trial.warm_up, seed=trial.seed, n_jobs=1, progress=False,
-    )  # fmt: skip
+    interval = max(2, -(-boundary.n_steps // 43200))
+    options: dict[str, Any] = {"warm_up": trial.warm_up, "seed": trial.seed, "n_jobs": 1, "progress": False}
+    ds = simulate(swept, boundary, traces=["T_sup"], trace_interval=interval, **options)
+    ds = judge_by_twins(ds, swept, boundary, **options)
     ds = ds.isel(day=0, drop=True) if "day" in ds.dims else ds
     ds = ds if "cure" in ds.dims else ds.expand_dims("cure")
-    swings = simulated_swings(trial.points, boundary, ds)
-    hunting_index, hunting = np.full(len(cures), math.nan), ds["hunts"].values > 0.0
+    hunting_index = np.full(len(cures), math.nan)
     if trial.prediction is not None:
         reachable = trial.prediction.reachable_points
-        cycles = predict_cycles_at(swept, trial.prediction.plants, reachable)
-        hunting_index = cycles.hunting_index.max(axis=1)
-        swings_of_cures = zip(swings[:, reachable], cycles.hunts > 0.0, cycles.amplitude, strict=True)
-        hunting |= [_is_hunting_in_part(*of_cure) for of_cure in swings_of_cures]
+        hunting_index = predict_cycles_at(swept, trial.prediction.plants, reachable).hunting_index.max(axis=1)
     jump_travel = ds["switch_frequency"] * (boundary.n_steps - trial.warm_up) / 600.0 * ds["estimate_settled"]
     chatters = ds["estimate_settled"] > OVERESTIMATE_RATIO * ds["backlash_final"]
     chatters &= (ds["switch_frequency"] > CALM_TURNS) & (jump_travel > CHATTER_SHARE * ds["motor_travel"])
@@ -188,40 +178,8 @@ def try_cures(trial: Trial, cures: Sequence[Cure]) -> xr.Dataset:
     return ds.assign_coords(cure=[cure.name for cure in cures]).assign(
         words=("cure", [cure.words for cure in cures]),
         hunting_index=("cure", hunting_index, index_attrs),
-        hunting=("cure", hunting.astype(float), {"long_name": "whether it hunts, at least for a part of the day"}),
         chatters=("cure", chatters.values.astype(float), {"long_name": "whether the motor chatters"}),
-        swings=(("cure", "point"), swings, {"long_name": "simulated, peak to peak", "units": "K"}),
     )
-
-
-def simulated_swings(points: PointsOfDay, boundary: Boundary, simulated: xr.Dataset) -> Array:
-    """Swing at each operating point, K, (…, n_points): max - min of T_sup in settled seconds; NaN if there are none."""
-    T_set = boundary.series["T_set"][0]
-    seconds = np.arange(T_set.size)
-    last_change = np.maximum.accumulate(np.where(np.diff(T_set, prepend=T_set[0]) != 0.0, seconds, -SETTLING_TIME_S))
-    settled_point = np.where(seconds - last_change >= SETTLING_TIME_S, points.point_of_second, -1)
-    point, T_sup = settled_point[simulated["elapsed_time"].values.astype(int)], simulated["T_sup"].values
-    of_points = [T_sup[..., point == k] for k in range(points.size)]
-    return np.stack([np.ptp(T, axis=-1) if T.size else np.full(T.shape[:-1], np.nan) for T in of_points], axis=-1)
-
-
-def _is_hunting_in_part(swings: Array, is_predicted: Mask, amplitudes: Array) -> bool:
-    """Whether a loop hunts although the metric does not count it: only at times, or not regularly enough.
-
-    At the operating points at which it is predicted to hunt, the simulated swings are, in the median,
-    ``CLEAR_SWING_RATIO`` times those elsewhere; or they are of the size predicted, ``PREDICTED_SWING_RATIO``, and above
-    ``OFF_SET_POINT_ERROR_K``.
-    """
-
-    def median(values: Array) -> float:
-        finite = values[np.isfinite(values)]
-        return float(np.median(finite)) if finite.size else math.nan
-
-    swing, elsewhere = median(swings[is_predicted]), median(swings[~is_predicted])
-    expected = 2.0 * median(amplitudes[is_predicted])
-    if swing > max(CLEAR_SWING_RATIO * elsewhere, HUNTING_SWING_K):
-        return True
-    return swing > max(PREDICTED_SWING_RATIO * expected, OFF_SET_POINT_ERROR_K)
 
 
 def with_simulated_gains(trial: Trial, cures: list[Cure]) -> list[Cure]:
@@ -232,7 +190,7 @@ def with_simulated_gains(trial: Trial, cures: list[Cure]) -> list[Cure]:
     tis = [_round_setting(start["ti"] * factor) for factor in (1.0, 2.0, 4.0, 8.0)]
     grid = [_gains_cure(SIMULATED_GAINS, kp, ti, "found by simulation: ") for ti in tis for kp in kps]
     ds, shape = try_cures(trial, grid), (len(tis), len(kps))
-    is_calm = ((ds["hunting"] == 0.0) & (ds["status"] == STATUS_OK)).values.reshape(shape)
+    is_calm = ((ds["hunts"] == 0.0) & (ds["status"] == STATUS_OK)).values.reshape(shape)
     is_calm[:, :-1] &= is_calm[:, 1:]
     is_calm[:, -1] = False
     error = np.where(is_calm, ds["rmse"].values.reshape(shape), np.inf).ravel()
@@ -265,8 +223,9 @@ is too large or its motor chatters; a dead band hides the swing, a repair is no 
 
 
 def advise(
-    options: Sequence[Option], *, holds_set_point: bool = True, error_name: str = "RMSE", least_error: float = 0.0
-) -> Advice:
+    options: Sequence[Option], *, holds_set_point: bool = True, error_name: str = "RMSE", least_error: float = 0.0,
+    format_error: Callable[[float], str] = format_kelvin,
+) -> Advice:  # fmt: skip
     """Choose an option, and say so in a sentence.
 
     Where the loop hunts or its motor chatters, it is the one of the first rank that does not, with the least error;
@@ -283,9 +242,10 @@ def advise(
 
     def describe(k: int, words: str = "") -> str:
         option = options[k]
-        text = f"{words or option.words}: {error_name} {100 * (option.error / current.error - 1.0):+.0f} %"
+        text = f"{words or option.words}: {error_name} {format_error(option.error)}"
+        text += f" ({100 * (option.error / current.error - 1.0):+.0f} %)"
         if current.travel > 0.0:
-            text += f", motor travel × {format_two_digits(option.travel / current.travel)}"
+            text += f", motor travel × {format_two_digits(round(option.travel / current.travel, 3))}"
         if option.hunting_index > HUNTING_INDEX_LIMIT and rank(k)[0] == 2 and not option.hunts:
             index = f"a hunting index of {option.hunting_index:.2g} is above {HUNTING_INDEX_LIMIT:g}"
             text += f".  This day stays calm, but {index}"
@@ -358,10 +318,10 @@ def find_cures(trial: Trial, prediction: Prediction) -> tuple[xr.Dataset, Advice
     """
     cures = propose_cures(trial.loop, prediction, has_theory=trial.prediction is not None)
     ds = try_cures(trial, cures)
-    if ds["hunting"][0] and not (ds["hunting"] == 0.0)[np.isin(ds["cure"], GAIN_CURES)].any():
+    if ds["hunts"][0] > 0.0 and not (ds["hunts"] == 0.0)[np.isin(ds["cure"], GAIN_CURES)].any():
         cures = with_simulated_gains(trial, cures)
         ds = try_cures(trial, cures)
-    results = ds.assign(error=ds["rmse"].where(ds["status"] == STATUS_OK), hunts=ds["hunting"] > 0.0)
+    results = ds.assign(error=ds["rmse"].where(ds["status"] == STATUS_OK), hunts=ds["hunts"] > 0.0)
     names = ("cure", "words", "error", "motor_travel", "hunts", "hunting_index", "chatters")
     options = [Option(*row) for row in zip(*(results[name].values.tolist() for name in names), strict=True)]
     ds = ds.assign(verdict=("cure", [verdict(options[0], option) for option in options]))
@@ -379,8 +339,7 @@ def contradiction_by_converged_march(trial: Trial, cures: Sequence[Cure], hunts_
     loop = trial.loop.assign(converged=True)
     if loop["air_march"] == trial.loop["air_march"]:
         return ""
-    theory = trial.prediction and predict(trial.prediction.loop.assign(converged=True), trial.points)
-    hunts = try_cures(trial._replace(loop=loop, prediction=theory), cures)["hunting"].values > 0.0
+    hunts = try_cures(trial._replace(loop=loop, prediction=None), cures)["hunts"].values > 0.0
     clauses = [
         f"{cure.words}, it {'hunts' if converged else 'does not hunt'}"
         for cure, converged, as_printed in zip(cures, hunts, hunts_as_printed, strict=True)

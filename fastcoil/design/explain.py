@@ -18,6 +18,7 @@ from fastcoil.design.advice import (
     GAIN_CURES,
     LONGER_TI,
     LOST_SHARE,
+    NO_INVERSE,
     REPAIRED_VALVE,
     UNSURE_HUNTING_INDEX,
     Advice,
@@ -35,6 +36,7 @@ from fastcoil.design.prediction import (
     predict_or_nearest,
     shortest_ti,
 )
+from fastcoil.design.swing_verdict import LEAST_REGULARITY, SwingVerdict, moving_inputs
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.plan import plan_simulation
@@ -110,14 +112,14 @@ def explain(
         loop = loop.assign(backlash_estimate=loop["estimate_ratio"] * loop["backlash"])  # type: ignore[operator]
     points = operating_points(boundary, warm_up, second)
     prediction, doubts = predict_or_nearest(loop, points)
-    trial = Trial(loop, boundary, points, None if doubts else prediction, warm_up, seed)
+    trial = Trial(loop, boundary, None if doubts else prediction, warm_up, seed)
     cures, advice, contradiction = find_cures(trial, prediction)
     doubts = doubts or hunting_index_omissions(prediction)
     return Explanation(doubts, cures, advice, contradiction, loop, boundary, trial.prediction)
 
 
-def _points_dataset(prediction: Prediction, simulated: xr.Dataset) -> xr.Dataset:
-    """Return the operating points with their hunting indices, and the swing simulated at each, K."""
+def _points_dataset(prediction: Prediction) -> xr.Dataset:
+    """Return the operating points with their hunting indices."""
     points, plants, cycles = prediction.points, prediction.plants, prediction.cycles
     kelvin, second = {"units": "K"}, {"units": "s"}
     variables: dict[str, tuple[Any, ...]] = {
@@ -130,7 +132,6 @@ def _points_dataset(prediction: Prediction, simulated: xr.Dataset) -> xr.Dataset
         **{name: (getattr(cycles, name),) for name in ("hunting_index", "hunts")},
         "period": (cycles.period, second),
         "amplitude": (cycles.amplitude, kelvin | {"long_name": "half of peak to peak"}),
-        "swing": (simulated["swings"].values[0], kelvin | {"long_name": "simulated, peak to peak"}),
     }
     return xr.Dataset({name: ("point", *variable) for name, variable in variables.items()})
 
@@ -142,7 +143,7 @@ class Explanation:
     Attributes
     ----------
     hunts
-        Whether the simulated day hunts: all of it, see the metric of that name, or a part.
+        Whether the loop makes the swing of the day itself: it would also swing with air, water and set-point constant.
     predicted
         Whether the linear model predicts hunting at some operating point; None where it cannot tell.
     hunting_index
@@ -159,8 +160,8 @@ class Explanation:
         Dataset over ``point``: each hour at each set-point with its hunting index; None where theory cannot tell.
     cures
         Dataset over ``cure``, ``as_it_is`` first: the parameters that change, the predicted ``hunting_index``, the
-        simulated metrics, ``hunting`` (1 where the day hunts, at least for a part), ``chatters``, ``words`` and
-        ``verdict``.
+        simulated metrics, ``hunts`` judged as above, ``swing_alone`` (K, with air, water and set-point constant),
+        ``rings`` (1 where changes start a swing that dies out), ``chatters``, ``words`` and ``verdict``.
     recommended, advice
         The cure to take, ``as_it_is`` where the loop is good, or nothing helps; and the sentences that say so.
     contradiction
@@ -183,11 +184,11 @@ class Explanation:
 
     @property
     def points(self) -> xr.Dataset | None:
-        return None if self.prediction is None else _points_dataset(self.prediction, self.simulated)
+        return None if self.prediction is None else _points_dataset(self.prediction)
 
     @property
     def cures(self) -> xr.Dataset:
-        return self.simulated.drop_vars(["T_sup", "elapsed_time", "swings"])
+        return self.simulated.drop_vars(["T_sup", "elapsed_time"])
 
     @property
     def recommended(self) -> str:
@@ -199,7 +200,7 @@ class Explanation:
 
     @property
     def hunts(self) -> bool:
-        return bool(self.simulated["hunting"][0])
+        return bool(self.simulated["hunts"][0] > 0.0)
 
     @property
     def predicted(self) -> bool | None:
@@ -223,6 +224,17 @@ class Explanation:
 
     @property
     def why(self) -> str:
+        now = self.simulated.isel(cure=0)
+        if not now["chatters"]:
+            return self._why_it_swings
+        estimate, gap = (format_percent(float(now[name])) for name in ("estimate_settled", "backlash_final"))
+        return (
+            f"Why: the estimate, {estimate}, is larger than the backlash, {gap}; without the inverse the loop "
+            f"{self.judge(NO_INVERSE).clause}."
+        )
+
+    @property
+    def _why_it_swings(self) -> str:
         if self.prediction is None:
             return f"Why: theory cannot tell, since {'; '.join(self.doubts)}.  The answer is that of the simulation."
         kp, ti, stroke, backlash = (float(self.loop[n]) for n in ("kp", "ti", "stroke_time", "backlash"))  # type: ignore[arg-type]
@@ -243,7 +255,7 @@ class Explanation:
         else:
             highest = f"{format_two_digits(kp * factor)} 1/K with this ti"
             fault = f"the gain is too high: kp = {kp:.4g} 1/K, but it must be below {highest}"
-        if self.hunts and REPAIRED_VALVE in cures and not self.cures["hunting"].sel(cure=REPAIRED_VALVE):
+        if self.hunts and REPAIRED_VALVE in cures and not self.cures["hunts"].sel(cure=REPAIRED_VALVE) > 0.0:
             determine = f"and the {stroke:g}-s stroke determine" if stroke else "determines"
             ends = f"  Any backlash triggers it; the {format_percent(backlash)} gap {determine} the size of the swing."
         elif self.hunts:
@@ -255,7 +267,7 @@ class Explanation:
         """The explanation in plain sentences, the answer first."""
         lines = [self.answer, self.why]
         if self.prediction is not None:
-            points = _points_dataset(self.prediction, self.simulated)
+            points = _points_dataset(self.prediction)
             lines += [_agreement_line(self, points), _worst_point_line(self.prediction, points)]
             lines += [f"Not in the hunting index: {clause}." for clause in self.doubts]
             lines += ["", *_phase_lines(phase_shares(self.prediction))]
@@ -292,43 +304,34 @@ class Explanation:
     def _answer_as_given(self) -> str:
         if self._has_failed:
             return "This loop cannot be simulated: temperatures leave the range of the model."
-        if self.hunts:
-            part, chatter = " for a part of the day" * self._hunts_in_part, self._chatter_clause
-            return f"This loop will hunt{part}: {self.describe_day()}{'; ' * bool(chatter)}{chatter}."
-        if self.simulated["share_off"][0] > LOST_SHARE:
-            error = format_kelvin(float(self.cures["rmse"][0]))
-            return f"This loop will not hunt, but it does not hold its set-point either: its RMS error is {error}."
-        if self._chatter_clause:
-            return f"This loop will not hunt, but {self._chatter_clause}."
-        if self.predicted:
-            return "This loop will not hunt on this day, but theory predicts that it may: it is on the edge."
-        low, high = UNSURE_HUNTING_INDEX
-        return f"This loop will not hunt{', but it is on the edge' * (low <= self.hunting_index <= high)}."
-
-    def describe_day(self, cure: str = AS_IS) -> str:
-        """Describe the simulated day with a cure, or as it is."""
-        results = self.simulated.sel(cure=cure)
-        if not results["hunting"]:
-            return f"no hunting, RMS error {format_kelvin(float(results['rmse']))}"
-        swing, period = float(results["hunting_swing"]), float(results["hunting_period"])
-        if results["hunts"] or self.prediction is None:
-            return f"about {format_kelvin(swing)} peak to peak every {format_period(period)}"
-        points, n = self.prediction.hunting_points, self.prediction.reachable_points.size
-        swing = float(np.nanmedian(results["swings"].values[points]))
-        return f"about {format_kelvin(swing)} peak to peak at {points.size} of {n} operating points"
+        verdict = self.judge()
+        return f"This loop {verdict.clause}{self._reservation}.  {verdict.reason}".rstrip()
 
     @property
-    def _chatter_clause(self) -> str:
-        """Clause on a motor that chatters; empty if it does not."""
+    def _reservation(self) -> str:
+        """What the answer adds: chatter, a set-point that is not held, or doubts of a theory that predicts hunting."""
         now = self.simulated.isel(cure=0)
-        estimate, gap = (format_percent(float(now[name])) for name in ("estimate_settled", "backlash_final"))
-        chatters = f"its motor chatters, {6.0 * float(now['switch_frequency']):.0f} reversals an hour"
-        return f"{chatters}: the estimate, {estimate}, is larger than the backlash, {gap}" if now["chatters"] else ""
+        if now["chatters"]:
+            joint = ", and" if self.hunts else ", but"
+            return f"{joint} its motor chatters, {6.0 * float(now['switch_frequency']):.0f} reversals an hour"
+        if self.hunts:
+            return ""
+        if now["share_off"] > LOST_SHARE:
+            return f", but it does not hold its set-point either: its RMS error is {format_kelvin(float(now['rmse']))}"
+        low, high = UNSURE_HUNTING_INDEX
+        if self.predicted:
+            return ", although theory predicts that it may"
+        if self.hunting_index > high:
+            return f", although its hunting index is {self.hunting_index:.2g}"
+        return ", but it is on the edge" * (self.hunting_index >= low)
 
-    @property
-    def _hunts_in_part(self) -> bool:
-        """Whether it hunts for a part of the day only, or not regularly."""
-        return self.hunts and not self.simulated["hunts"][0] > 0.0
+    def judge(self, cure: str = AS_IS) -> SwingVerdict:
+        """Judge whose swing the day with a cure shows, or as it is."""
+        results = self.simulated.sel(cure=cure)
+        is_own, is_regular = bool(results["hunts"] > 0.0), bool(results["swing_regularity"] >= LEAST_REGULARITY)
+        swing, period, alone = (float(results[n]) for n in ("hunting_swing", "hunting_period", "swing_alone"))
+        rings = bool(results["rings"] > 0.0)
+        return SwingVerdict(is_own, is_regular, swing, period, alone, moving_inputs(self.boundary), rings)
 
     @property
     def _has_failed(self) -> bool:
@@ -337,10 +340,13 @@ class Explanation:
 
 def _why_not_predicted(e: Explanation, prediction: Prediction, index_text: str, factor: float, ti: float) -> str:
     """Reason where theory predicts no hunting.  factor: by which kp may grow."""
-    if e.hunts:
-        return f"Why: theory does not predict it ({index_text}): noise, steps or a changing day keep the swing going."
     if e.hunting_index > HUNTING_INDEX_LIMIT:
-        return f"Why: {index_text}, but theory predicts no swing large enough to count as hunting."
+        joint = "although" if e.hunts else "but"
+        return f"Why: {index_text}, {joint} theory predicts no swing large enough to count as hunting."
+    if e.hunts:
+        noise = float(e.loop["noise_std"])  # type: ignore[arg-type]
+        ends = f": the noise of {format_kelvin(noise)} keeps the swing going" * bool(noise)
+        return f"Why: theory does not predict it ({index_text}){ends}."
     shortest = shortest_ti(prediction, HUNTING_INDEX_LIMIT)
     ways = [f"with {factor:.3g} times this kp"] if math.isfinite(factor) else []
     ways += [f"with a ti below {format_two_digits(shortest)} s"] if shortest < ti else []
@@ -356,10 +362,10 @@ def _cure_table(e: Explanation) -> list[str]:
     for k, words in enumerate(ds["words"].values.tolist()):
         if k:
             change, verdict = f"{100 * (error[k] / error[0] - 1):+.0f} %", str(ds["verdict"].values[k])
-            travel_text = f"× {format_two_digits(travel[k] / travel[0])}" if travel[0] > 0 else "–"
+            travel_text = f"× {format_two_digits(round(travel[k] / travel[0], 3))}" if travel[0] > 0 else "–"
         else:
             change, travel_text = f"{error[0]:.3g} K", f"{travel[0]:.3g} strokes"
-            verdict = "does not hunt" if not e.hunts else f"hunts{' for a part of the day' * e._hunts_in_part}"
+            verdict = e.judge().clause.partition(":")[0]
         cells = (f"{index[k]:.2f}", change, format_kelvin(swing[k]), travel_text)
         shown = (cell if np.isfinite(column[k]) else "–" for cell, column in zip(cells, columns, strict=True))
         rows.append((words, *shown, verdict))
@@ -384,19 +390,18 @@ def _agreement_line(e: Explanation, points: xr.Dataset) -> str:
         cycle = f"up to {format_kelvin(swings[k])} peak to peak every {format_period(float(hunting['period'][k]))}"
     elif swings.size:
         cycle = "a cycle whose size theory does not give"
-    line = f"Predicted: {cycle}; simulated over the day: {'failed' if e._has_failed else e.describe_day()}."
+    extremes = format_kelvin(float(e.simulated["settled_range"][0]))
+    simulated = "failed" if e._has_failed else f"it {e.judge().clause}, extremes {extremes} apart"
+    line = f"Predicted: {cycle}; simulated: {simulated}."
     return line + "  Where the two disagree, go by the simulation." * (e.predicted != e.hunts)
 
 
 def _worst_point_line(prediction: Prediction, points: xr.Dataset) -> str:
-    """The worst operating point, what happens there, and the range of the hunting index over the day."""
+    """The worst operating point, what is predicted there, and the range of the hunting index over the day."""
     worst, reachable = points.isel(point=prediction.worst_point), points.isel(point=prediction.reachable_points)
     index = reachable["hunting_index"].values
     place = f"{float(worst['T_set']):.3g} °C, {float(worst['start']) / 3600.0:.3g} h after the start"
     place += f" (opening {100 * float(worst['opening']):.0f} %)"
-    swing, simulated_swing = 2.0 * float(worst["amplitude"]), float(worst["swing"])
-    if math.isfinite(swing) and math.isfinite(simulated_swing):
-        place += f": {format_kelvin(swing)} predicted, {format_kelvin(simulated_swing)} simulated"
     if points.sizes["point"] == 1:
         return f"Where: at {place}."
     return (
@@ -434,7 +439,7 @@ def _draw_gains(axes: Axes, cures: xr.Dataset, prediction: Prediction) -> None:
     axes.plot(ti[0], kp[0], "o", color=RED, ms=7, label="as it is")
     for k in marked[1:]:
         mark, words = _MARKS[str(cures["cure"].values[k])]
-        colour = BLUE if cures["hunting"][k] == 0 else YELLOW
+        colour = BLUE if cures["hunts"][k] == 0 else YELLOW
         axes.plot(ti[k], kp[k], mark, ms=7, color=colour, mec="black", mew=0.6, ls="none", label=words)
     axes.set(xscale="log", yscale="log", xlim=(ti_grid[0], ti_grid[-1]), ylim=(low, high))
     axes.set(xlabel="integral time Ti [s]", ylabel="proportional gain Kp [1/K]")

@@ -162,7 +162,6 @@ class PointsOfDay(NamedTuple):
     start: Index  # first second, (n,)
     seconds: Index  # number of seconds at the point, (n,)
     conditions: dict[str, Array]  # means, (n,) each
-    point_of_second: Index  # number of the point that a second belongs to, -1 for none, (n_steps,)
 
     @property
     def size(self) -> int:
@@ -180,7 +179,7 @@ def operating_points(boundary: Boundary, warm_up: int, at: int | None = None) ->
         if not is_on[at]:
             raise InputError(f"at = {at}: the plant is off at that second, give one at which it runs", "at", "value")
         conditions = {name: values[at : at + 1].copy() for name, values in series.items()}
-        return PointsOfDay(np.array([at]), np.array([1]), conditions, np.where(np.arange(is_on.size) == at, 0, -1))
+        return PointsOfDay(np.array([at]), np.array([1]), conditions)
     counted = np.flatnonzero(is_on & (np.arange(is_on.size) >= warm_up))
     if not counted.size:
         raise InputError("the loop is off all day: take a day on which it is enabled", "boundary", "data")
@@ -193,9 +192,4 @@ def operating_points(boundary: Boundary, warm_up: int, at: int | None = None) ->
     means = {name: np.bincount(member, values[counted]) / seconds for name, values in series.items()}
     is_long = seconds >= min(300, int(seconds.max()))
     order = np.flatnonzero(is_long)[np.argsort(start[is_long])]
-    number = np.full(seconds.size, -1)
-    number[order] = np.arange(order.size)
-    point_of_second = np.full(is_on.size, -1)
-    point_of_second[counted] = number[member]
-    conditions = {name: values[order] for name, values in means.items()}
-    return PointsOfDay(start[order], seconds[order], conditions, point_of_second)
+    return PointsOfDay(start[order], seconds[order], {name: values[order] for name, values in means.items()})

@@ -32,7 +32,7 @@ def test_the_demo_shows_commands_that_the_user_can_type_and_what_they_say(tmp_pa
     typed = [line[2:].split() for line in result.output.splitlines() if line.startswith("$ fastcoil ")]
     assert [words[1] for words in typed] == ["diagnose", "explain", "run"]
     assert "Gap: 9 % of the stroke" in result.output
-    assert "This loop will hunt" in result.output
+    assert "This loop hunts: " in result.output
     assert "Results: sweep" in result.output
     assert Path.cwd() == tmp_path
     folder = tmp_path / "my demo"

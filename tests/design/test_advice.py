@@ -1,10 +1,10 @@
 """Which cures are tried, what is said of them, and which is recommended: one source, the same numbers everywhere."""
 
 import itertools
+import re
 
 import numpy as np
 import pytest
-import xarray as xr
 from helpers.advice_checks import (
     DAY,
     advice_problems,
@@ -13,12 +13,13 @@ from helpers.advice_checks import (
     contradictions_of_log,
     follow_advice,
     integrate,
+    makes_its_swing,
     random_loop,
 )
 from helpers.sentences import assert_worded
 
 import fastcoil as fc
-from fastcoil.design.advice import AS_IS, Option, _is_hunting_in_part, advise, propose_cures, simulated_swings, verdict
+from fastcoil.design.advice import AS_IS, Option, advise, propose_cures, verdict
 from fastcoil.design.operating_points import operating_points
 from fastcoil.design.prediction import nearest_linear, predict
 
@@ -86,8 +87,8 @@ def test_one_option_is_recommended_and_the_sentence_names_it(options, best):
 @pytest.mark.kernel
 def test_a_loop_with_too_large_an_estimate_is_told_of_its_chatter_and_of_what_ends_it():
     explanation = fc.explain(fc.Loop.preset("lbnl").assign(backlash_estimate=0.08, noise_std=0.05), DAY)
-    assert explanation.answer.startswith("This loop will not hunt, but its motor chatters, ")
-    assert explanation.answer.endswith(" reversals an hour: the estimate, 8 %, is larger than the backlash, 7 %.")
+    assert re.fullmatch(r"This loop .*, and its motor chatters, \d+ reversals an hour\.", explanation.answer)
+    assert explanation.why.startswith("Why: the estimate, 8 %, is larger than the backlash, 7 %; without the inverse ")
     assert "chatters" not in fc.explain(FAST.assign(backlash_estimate=0.07, noise_std=0.05), DAY).answer
     assert "chatters" not in fc.explain(follow_advice(explanation), DAY).answer
 
@@ -112,8 +113,8 @@ def test_gains_are_among_the_cures_whatever_theory_knows_and_stop_the_hunting(ch
     assert {"lower_kp", "longer_ti", "simc"} <= set(explanation.cures["cure"].values)
     assert explanation.recommended == "simc"
     kp, ti = (float(explanation.cures.sel(cure="simc")[name]) for name in ("kp", "ti"))
-    assert f"Do this: SIMC: kp {kp:g} 1/K, ti {ti:g} s: RMSE -" in explanation.advice
-    assert fc.simulate(FAST.assign(**change, kp=kp, ti=ti), DAY, n_jobs=1).hunts == 0
+    assert re.search(rf"Do this: SIMC: kp {kp:g} 1/K, ti {ti:g} s: RMSE [\d.]+ K \(-", explanation.advice)
+    assert not makes_its_swing(FAST.assign(**change, kp=kp, ti=ti), DAY)
 
 
 @pytest.mark.kernel
@@ -123,7 +124,7 @@ def test_gains_that_only_the_simulation_finds_are_proposed():
     explanation = fc.explain(loop, DAY)
     assert explanation.recommended == "simulated_gains"
     kp, ti = (float(explanation.cures.sel(cure="simulated_gains")[name]) for name in ("kp", "ti"))
-    assert not fc.simulate(loop.assign(kp=[kp, 1.35 * kp], ti=ti), DAY, n_jobs=1).hunts.any(), "nor with a larger kp"
+    assert not any(makes_its_swing(loop.assign(kp=k, ti=ti), DAY) for k in (kp, 1.35 * kp)), "nor with a larger kp"
 
 
 @pytest.mark.kernel
@@ -132,7 +133,7 @@ def test_a_law_that_hunts_whatever_kp_and_ti_say_is_compared_with_the_pi():
     assert explanation.hunts
     assert explanation.recommended == "pi"
     kp, ti = (float(explanation.cures.sel(cure="pi")[name]) for name in ("kp", "ti"))
-    assert f"Do this: the PI in place of this law, kp {kp:g} 1/K, ti {ti:g} s: RMSE -" in explanation.advice
+    assert f"Do this: the PI in place of this law, kp {kp:g} 1/K, ti {ti:g} s: RMSE " in explanation.advice
 
 
 @pytest.mark.kernel
@@ -141,40 +142,13 @@ def test_a_valve_that_acts_the_wrong_way_round_is_turned():
     explanation = fc.explain(fc.Loop.preset("lbnl").assign(action="heating"), DAY)
     assert "opening it cools the air, so give action = cooling." in explanation.why
     assert explanation.predicted is None
-    assert "Do this: action = cooling, SIMC: kp 0.033 1/K, ti 45 s: RMSE -" in explanation.advice
+    assert "Do this: action = cooling, SIMC: kp 0.033 1/K, ti 45 s: RMSE " in explanation.advice
 
 
 def test_what_the_loop_has_already_is_no_cure():
     good = fc.Loop(backlash=0.0, error_dead_band=0.5)
     prediction = predict(nearest_linear(good), operating_points(DAY, 1800))
     assert [cure.name for cure in propose_cures(good, prediction, has_theory=False)][-1] == "simc"
-
-
-def test_the_swing_at_an_operating_point_is_that_of_its_settled_seconds():
-    T_set = np.repeat([14.0, 15.0], 1800)
-    day = fc.Boundary(m_a=1.2, T_a_in=25.0, W_a_in=0.01, T_w_in=7.0, T_set=T_set)
-    points = operating_points(day, warm_up=600)
-    t = np.arange(0, 3600, 2)
-    T_sup = T_set[t] + 0.3 * np.sin(t / 30.0)
-    T_sup += np.where((t >= 1800) & (t < 2400), 5.0, 0.0) + np.where(t < 600, 9.0, 0.0)
-    now = xr.Dataset({"T_sup": ("elapsed_time", T_sup)}, coords={"elapsed_time": t})
-    assert simulated_swings(points, day, now) == pytest.approx([0.6, 0.6], abs=1e-3)
-    assert np.isnan(simulated_swings(operating_points(day, warm_up=0, at=2000), day, now)).all()
-
-
-@pytest.mark.parametrize(
-    ("swings", "amplitude", "hunts"),
-    [
-        ([1.0, np.nan, 0.5, 0.6, 0.4], 1.0, True),
-        ([0.6, 0.6, 0.5, 0.5, 0.5], 1.0, False),
-        ([np.nan, np.nan, 0.1, 0.1, 0.1], 1.0, False),
-        ([1.5, 1.5, 1.5, 1.5, 1.5], 1.0, True),  # of the size predicted
-        ([0.2, 0.2, 0.2, 0.2, 0.2], 0.1, False),  # too small to matter
-    ],
-)
-def test_hunting_that_is_not_counted_shows_by_swings_where_it_is_predicted(swings, amplitude, hunts):
-    predicted = np.array([True, True, False, False, False])
-    assert _is_hunting_in_part(np.array(swings), predicted, np.full(5, amplitude)) == hunts
 
 
 @pytest.mark.kernel

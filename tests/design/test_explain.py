@@ -50,7 +50,7 @@ def test_the_loop_as_it_is_and_with_a_cure_is_what_simulate_gives(hunting):
 def test_a_loop_that_hunts_says_so_first_with_size_and_period_and_what_to_change(hunting):
     swing, period = float(hunting.cures["hunting_swing"][0]), float(hunting.cures["hunting_period"][0])
     first, why = hunting.text.splitlines()[:2]
-    assert first.startswith(f"This loop will hunt: about {swing:.2g} K peak to peak every {period / 60:.2g} min")
+    assert first == f"This loop hunts: about {swing:.2g} K every {period / 60:.2g} min."
     ti = float(hunting.cures.sel(cure="longer_ti")["ti"])
     index = f"hunting index {hunting.hunting_index:.2g};"
     assert f"ti = 10 s, while with this kp the loop needs about {ti:g} s ({index}" in why
@@ -58,7 +58,7 @@ def test_a_loop_that_hunts_says_so_first_with_size_and_period_and_what_to_change
     assert hunting.hunts
     assert hunting.predicted
     assert hunting.why == why
-    assert 0.5 < 2.0 * hunting.amplitude / swing < 2.0
+    assert 0.5 < 2.0 * hunting.amplitude / float(hunting.cures["settled_range"][0]) < 2.0
     assert 0.7 < hunting.period / period < 1.4
 
 
@@ -80,7 +80,7 @@ def test_the_hunting_index_quoted_is_the_worst_of_the_day_and_the_span_is_report
 def test_a_loop_that_does_not_hunt_reports_how_far_it_is(quiet):
     assert not quiet.hunts
     assert quiet.predicted is False
-    assert quiet.text.startswith("This loop will not hunt.")
+    assert quiet.text.startswith("This loop does not hunt.")
     factor = float(re.search(r"this one would with ([\d.]+) times this kp", quiet.why)[1])
     assert explain(LBNL.assign(kp=0.018 * factor), DAY).hunting_index == pytest.approx(HUNTING_INDEX_LIMIT, rel=0.03)
     assert math.isnan(quiet.period)

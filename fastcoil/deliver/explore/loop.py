@@ -349,7 +349,9 @@ def explain_scene(scene: Scenario) -> ExplanationText:
     e = explain(scene.loop, scene.boundary, warm_up=scene.warm_up, seed=scene.seed)
     comparisons = [] if scene.loop["backlash"] else ["The valve has no gap."]
     for cure, part in ((REPAIRED_VALVE, "the gap"), (NO_INVERSE, "the inverse")):
-        comparisons += [f"Without {part}: {e.describe_day(cure)}."] if cure in e.cures["cure"].values else []
+        if cure in e.cures["cure"].values:
+            error = format_kelvin(float(e.cures["rmse"].sel(cure=cure)))
+            comparisons.append(f"Without {part} it {e.judge(cure).clause}, RMS error {error}.")
     return ExplanationText(e.answer, "  ".join(comparisons), e.why, e.advice, e.hunting_index)
 
 
