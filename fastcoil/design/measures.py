@@ -70,6 +70,9 @@ class Measure(NamedTuple):
         return np.asarray(np.partition(values, place, axis=-1)[..., place])
 
 
+SHARE_THAT_HUNTS = Measure(HUNTS, None)
+
+
 class Limit(NamedTuple):
     """An upper limit of a measure; as_now: that of the loop as it is, infinite until it is known."""
 
@@ -123,9 +126,8 @@ def reported_measures(goal: Measure, limits: Sequence[Limit]) -> list[Measure]:
     """List the measures of a result: the goal, the limits, and always an error, the travel and the share that hunts."""
     error = [] if goal.metric != TRAVEL else [Measure("rmse", goal.quantile)]
     measures = [goal, *error, *(limit.measure for limit in limits)]
-    always = (Measure(TRAVEL, goal.quantile), Measure(HUNTS, None))
-    measures += [measure for measure in always if measure.metric not in [m.metric for m in measures]]
-    return list(dict.fromkeys(measures))
+    travel = [] if TRAVEL in [m.metric for m in measures] else [Measure(TRAVEL, goal.quantile)]
+    return list(dict.fromkeys([*measures, *travel, SHARE_THAT_HUNTS]))
 
 
 def resolve_limits(limits: Sequence[Limit], current: Mapping[str, Array]) -> tuple[Limit, ...]:

@@ -181,7 +181,7 @@ def _compare_with_now(request: TuningRequest, group: Group, chosen: Array) -> xr
     """Measures of a group with its current, the chosen and SIMC's settings."""
     simc = simc_changes(group, request.names, request.warm_up)
     changes = {NOW: {}, CHOSEN: request.tunings(chosen[None])} | ({SIMC: simc} if simc else {})
-    cases = [simulate_group(request, group, change) for change in changes.values()]
+    cases = [simulate_group(request, group, change, with_twins=True) for change in changes.values()]
     joined = {metric: np.concatenate([of_tuning[metric] for of_tuning in cases]) for metric in cases[0]}
     return with_intervals(joined, request.measures, list(changes), request.seed).assign_attrs(group=group.words)
 

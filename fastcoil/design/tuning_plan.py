@@ -20,6 +20,7 @@ from fastcoil.design.linearise import first_order, simc
 from fastcoil.design.measures import HUNTING_INDEX, TRAVEL, Limit, Measure, parse_goal, parse_limits, reported_measures
 from fastcoil.design.operating_points import OperatingPoints
 from fastcoil.design.plants import Columns, Plants
+from fastcoil.design.swing_verdict import judge_by_twins
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.samples import day_digest
 from fastcoil.loops.clashes import check_clashes
@@ -290,13 +291,18 @@ def simc_changes(group: Group, names: Sequence[str], warm_up: int) -> Changes:
     return changes if usable else {}
 
 
-def simulate_group(request: TuningRequest, group: Group, changes: Changes) -> dict[str, Array]:
-    """Simulate a group with changes of its loop: metric → (tuning, day, valve, replicate)."""
+def simulate_group(
+    request: TuningRequest, group: Group, changes: Changes, *, with_twins: bool = False
+) -> dict[str, Array]:
+    """Simulate a group with changes of its loop: metric → (tuning, day, valve, replicate).
+
+    with_twins: see ``judge_by_twins``.
+    """
     loop = group.loop.assign(**changes)
-    ds = simulate(
-        loop, group.boundary, warm_up=request.warm_up, seed=request.seed, replicates=request.replicates,
-        n_jobs=request.n_jobs, progress=False,
-    )  # fmt: skip
+    options: dict[str, Any] = {name: getattr(request, name) for name in ("warm_up", "seed", "replicates", "n_jobs")}
+    options["progress"] = False
+    ds = simulate(loop, group.boundary, **options)
+    ds = judge_by_twins(ds, loop, group.boundary, **options) if with_twins else ds
     order, cases = (TUNING_DIM, "day", VALVE_DIM, "replicate"), {}
     for metric in dict.fromkeys(measure.metric for measure in request.measures):
         values = hunting_indices(loop, group.boundary, request.warm_up) if metric == HUNTING_INDEX else ds[metric]

@@ -14,9 +14,9 @@ import xarray as xr
 from fastcoil.base.arrays import Array
 from fastcoil.base.figures import BLUE, DOTTED_LINE, LINE_GREY, RED, YELLOW, apply_style, wrap_text
 from fastcoil.base.results import Result, toml_document, toml_table
-from fastcoil.base.text import align_columns
+from fastcoil.base.text import align_columns, format_share
 from fastcoil.design.advice import Option, advise
-from fastcoil.design.measures import CHANGE, HUNTS, Limit, Measure
+from fastcoil.design.measures import CHANGE, HUNTS, SHARE_THAT_HUNTS, Limit, Measure
 from fastcoil.design.tuning_plan import HELD_OUT_ONE_IN, TuningRequest
 from fastcoil.loops.labels import quantity
 
@@ -182,7 +182,7 @@ class Tuning(Result):
             measures = self.held_out.sel(tuning=name, edge="value")
             error, travel = (float(measures[measure.name]) for measure in (self.objective, self.axes[1]))
             options.append(Option(name, words, error, travel, _hunts_in_many_cases(measures)))
-        return advise(options, error_name=self.objective.words).text
+        return advise(options, error_name=self.objective.words, format_error=self.objective.format_value).text
 
     @property
     def _settings(self) -> str:
@@ -199,7 +199,11 @@ class Tuning(Result):
         value, low, high = self.held_out[CHANGE].sel(tuning=CHOSEN).values
         goal = next(iter(self.held_out.data_vars.values())).attrs["long_name"]
         interval = "" if math.isnan(low) else f" ({low:+.0%} to {high:+.0%} for other valves and days)"
-        return [*lines, f"Held out, {goal}: {value:+.0%} against now{interval}", self.advice, *self.notes]
+        shares = (
+            format_share(float(self.held_out[SHARE_THAT_HUNTS.name].sel(tuning=t, edge="value"))) for t in (CHOSEN, NOW)
+        )
+        hunting = "{} of these loops hunt, now {}".format(*shares)
+        return [*lines, f"Held out, {goal}: {value:+.0%} against now{interval}; {hunting}", self.advice, *self.notes]
 
     @apply_style()
     def plot(self) -> Figure:

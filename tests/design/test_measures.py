@@ -42,7 +42,7 @@ def test_travel_and_hunting_are_always_reported_and_an_error_beside_the_travel()
     assert [m.name for m in reported_measures(Measure("iae", 0.9), [])] == ["iae_p90", "motor_travel_p90", "hunts_mean"]
     limited = [Limit(Measure("motor_travel", None), 3.0), Limit(Measure("hunts", 0.9), 0.0)]
     names = [m.name for m in reported_measures(Measure("iae", 0.9), limited)]
-    assert names == ["iae_p90", "motor_travel_mean", "hunts_p90"]
+    assert names == ["iae_p90", "motor_travel_mean", "hunts_p90", "hunts_mean"]
     names = [m.name for m in reported_measures(Measure("motor_travel", 0.9), [])]
     assert names == ["motor_travel_p90", "rmse_p90", "hunts_mean"]
 
