@@ -53,6 +53,8 @@ def judge_cause(measures: Measures, fitted: FittedLoop | str, evidence: PriorEvi
     swing, command_swing, why_blind = measures.swing, measures.command_swing, measures.why_blind
     if not swing.is_regular:
         return Cause(CAUSE_UNKNOWN, why_blind) if why_blind else Cause(CAUSE_NONE, "there is no regular swing")
+    if measures.is_own == 0.0:
+        return Cause(CAUSE_DISTURBANCE, "the logged air and water explain it")
     is_measured = evidence.is_measured
     if command_swing > (thresholds.LARGEST_MEASURED_GAP_SWING if is_measured else thresholds.LARGEST_GAP_SWING):
         swings = f"the command swings over {100 * command_swing:.0f} % of the stroke"

@@ -24,7 +24,7 @@ from fastcoil.measured.identify import DayEvidence, Identification, combine_days
 from fastcoil.measured.measures import Measures, hourly_summary, measure_loop, write_warnings
 from fastcoil.measured.part import LogSource, true_runs
 
-_MEASURED_COLUMNS = ("T_sup", "T_set", "m_a", "T_a_in")
+_MEASURED_COLUMNS = ("T_sup", "T_set", "m_a", "T_a_in", "T_w_in")
 DIAGNOSIS_COLUMNS = ColumnSpec(("command", "T_sup"), (*_MEASURED_COLUMNS[1:], "enabled"), _MEASURED_COLUMNS)
 _SHORTEST_TIME_S = 0.1  # between two samples of a controller
 _LONGEST_TIME_S = 3600.0  # of a stroke, a sample time, an integral time or a lag
@@ -50,8 +50,9 @@ def diagnose(
         A list holds days of one valve at one interval, whose evidence is added.  Needed: ``command`` (fraction of
         stroke, %, deg of 90, V of 10), ``T_sup`` (°C, °F, K), and ``elapsed_time`` or ``timestamp``; of a Dataset of
         `simulate`, ``T_measured`` is read as ``T_sup``.  Optional: ``T_set``, without which no cause can be given;
-        ``m_a`` and ``T_a_in``, air flow and entering air, with which smaller gaps show; ``enabled``, 0 where the plant
-        is off.  `read_log` has the options of reading.
+        ``m_a`` and ``T_a_in``, air flow and entering air, with which smaller gaps show; with ``T_w_in``, entering
+        water, as well, an irregular swing gets a culprit; ``enabled``, 0 where the plant is off.  `read_log` has the
+        options of reading.
     stroke_time : float, default 90
         Time of the motor from closed to open, s; 0 if it is immediate.
     sample_time : float, optional
@@ -147,7 +148,7 @@ def diagnose(
         source=names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more",
         backlash=identification.backlash, interval=(identification.low, identification.high),
         identified=identification.identified, reason=identification.reason, cause=cause.name, because=cause.because,
-        hunts=measures.swing.is_regular, profile=probability_profile(identification),
+        hunts=measures.swing.is_regular, is_own=measures.is_own, profile=probability_profile(identification),
         indices=xr.Dataset({name: ((), value, attrs[name]) for name, value in indices.items()}),
         predictions=None if doubt or isinstance(loop, str) else predict_cases(loop, cause.name),
         signals=signals,

@@ -13,11 +13,12 @@ import xarray as xr
 
 from fastcoil.base.figures import BLUE, DOTTED_LINE, LINE_GREY, RED, SHADE_GREY, YELLOW, apply_style, wrap_text
 from fastcoil.base.results import Result, toml_document, toml_table
-from fastcoil.base.text import format_percent
+from fastcoil.base.text import format_kelvin, format_percent
 from fastcoil.design.advice import AS_IS, INVERSE, INVERSE_SHARE, REPAIRED_VALVE, SIMC, Option, advise
+from fastcoil.design.swing_verdict import SwingVerdict
 from fastcoil.measured.cause import CASE_LABELS, CAUSE_BACKLASH, CAUSE_DISTURBANCE, CAUSE_NONE, CAUSE_TUNING
 from fastcoil.measured.identify import CANDIDATES, GOOD_BACKLASH, Identification
-from fastcoil.measured.measures import STATE_SWINGING, STATES, write_headline
+from fastcoil.measured.measures import LEAST_SWING_K, STATE_SWINGING, STATES, write_headline
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,6 +28,7 @@ INDICES = {
     "error_rms": ("K", "RMS control error"),
     "error_rms_settled": ("K", "RMS control error, settled and in control"),
     "peak_to_peak": ("K", "swing of the supply temperature, peak to peak"),
+    "block_swing": ("K", "median swing of the supply temperature in 20 min, regular or not"),
     "period": ("s", "period of the swing"),
     "regularity": ("1", "regularity of the swing after Thornhill: regular above 1"),
     "periodic_share": ("1", "share of the variance that comes back after a period"),
@@ -60,6 +62,8 @@ class Diagnosis(Result):
         even with a perfect valve), ``disturbance`` (something outside the loop swings), ``unknown``; and a sentence.
     hunts
         Whether the log shows a swing that comes back regularly.
+    is_own
+        Whether the loop makes its swings in 20 min itself, 0 or 1, judged by m_a, T_a_in and T_w_in; NaN without them.
     profile
         Dataset over ``backlash``: the ``probability`` of each size.
     indices
@@ -90,6 +94,7 @@ class Diagnosis(Result):
     cause: str
     because: str
     hunts: bool
+    is_own: float
     profile: xr.Dataset
     indices: xr.Dataset
     predictions: xr.Dataset | None
@@ -115,6 +120,16 @@ class Diagnosis(Result):
     def headline(self) -> str:
         """The most important finding of the log, and what to log again, in one or two sentences."""
         return write_headline(self.triage)
+
+    @property
+    def verdict(self) -> SwingVerdict:
+        """Swing of the temperature, and whose it is; noise and load make irregular ones of up to 1 K."""
+        swing = float(self.indices["peak_to_peak" if self.hunts else "block_swing"])
+        is_swinging = self.hunts or swing >= LEAST_SWING_K
+        is_blamed = self.hunts and self.cause in (CAUSE_BACKLASH, CAUSE_TUNING)
+        is_own = is_swinging and self.cause != CAUSE_DISTURBANCE and (is_blamed or self.is_own != 0.0)
+        period = float(self.indices["period"]) if self.hunts else math.nan
+        return SwingVerdict(is_own, self.hunts, swing, period, movers=("air", "water") if is_swinging else ())
 
     @property
     def advice(self) -> GainAdvice:
@@ -323,21 +338,28 @@ def _describe_gap(result: Any) -> str:
 
 
 def _describe_hunting(diagnosis: Diagnosis) -> str:
-    """Describe size, period and cause of the hunting, or why there is none."""
-    amplitude, period = float(diagnosis.indices["peak_to_peak"]) / 2, float(diagnosis.indices["period"])
-    if diagnosis.cause == CAUSE_NONE:
+    """Describe size, period and cause of the swing, and whose it is, or why that is unknown."""
+    cause, because, verdict = diagnosis.cause, diagnosis.because, diagnosis.verdict
+    answer = f"This loop {verdict.clause}"
+    if not verdict.is_own:
+        if cause == CAUSE_DISTURBANCE:
+            return f"{answer}.  T_sup swings by {verdict.size}: {because}."
+        if verdict.reason:
+            return f"{answer}.  {verdict.reason}"
         error = float(diagnosis.indices["error_rms_settled"])
-        return f"Hunting: none; the settled RMS error is {error:.2g} K" if np.isfinite(error) else "Hunting: none"
+        if cause == CAUSE_NONE:
+            return f"{answer}{f'; the settled RMS error is {format_kelvin(error)}' * bool(np.isfinite(error))}."
+        return f"Whether this loop hunts is not clear: {because}."
     if not diagnosis.hunts:
-        return f"Hunting: not clear: {diagnosis.because}"
-    rhythm = f"{period:.0f} s" if period < 120 else f"{period / 60:.0f} min"
+        makes = "It makes the swing itself: air and water move too little"
+        unknown = "The log does not show whose swing it is: log m_a, T_a_in and T_w_in as well"
+        return f"{answer}.  {makes if diagnosis.is_own > 0.0 else unknown}."
     hourly_swings = diagnosis.triage["swing"].values[diagnosis.triage["state"].values == STATE_SWINGING]
-    if hourly_swings.size and np.median(hourly_swings) > 1.3 * 2 * amplitude:
-        rhythm += " on average over the log"
+    if hourly_swings.size and np.median(hourly_swings) > 1.3 * verdict.swing:
+        answer += " on average over the log"
     # of the three, the gap is blamed wrongly most often: see the table diagnosis_answers
-    blame = {CAUSE_BACKLASH: ", probably caused by the gap:", CAUSE_TUNING: ", caused by the tuning:",
-             CAUSE_DISTURBANCE: ", caused by a disturbance:"}  # fmt: skip
-    return f"Hunting: ± {amplitude:.2g} K every {rhythm}{blame.get(diagnosis.cause, ';')} {diagnosis.because}"
+    blame = {CAUSE_BACKLASH: ", probably caused by the gap:", CAUSE_TUNING: ", caused by the tuning:"}
+    return f"{answer}{blame.get(cause, ';')} {because}."
 
 
 def _describe_predictions(diagnosis: Diagnosis, cases: Sequence[str]) -> list[str]:

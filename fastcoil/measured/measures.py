@@ -1,5 +1,6 @@
 """Measures of a log that need no model: its swing, indices of its loop and motor, and a state for every hour."""
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -10,6 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from fastcoil.base.arrays import Array, Mask
 from fastcoil.measured.grid import SECONDS_PER_DAY, Grid, forward_fill, motor_positions
 from fastcoil.measured.part import true_runs
+from fastcoil.model.hunting import OWN_SHARE
 
 LEAST_REGULARITY = 1.0  # of a regular swing: Thornhill, Huang and Zhang, J. Process Control 13 (2003) 91
 SMOOTHINGS_PER_PERIOD = 12  # means over this part of a period remove the noise before a swing is measured
@@ -144,6 +146,28 @@ class Measures(NamedTuple):
     command_swing: float  # median of highest less lowest command in a period
     indices: dict[str, float]
     why_blind: str  # why the log could not show a swing; empty if it could
+    is_own: float = np.nan  # whether the loop makes its swings in 20 min itself, 0 or 1; NaN without air and water
+
+
+def _judge_swings(grid: Grid, error: Array, calm: Mask) -> tuple[float, float]:
+    """Median swing of the control error in 20 min, K, and whether the loop makes it, as ``Measures.is_own``."""
+    minute = max(1, round(60.0 / grid.interval))
+
+    def vary(series: Array) -> Array:  # means over a minute remove the noise, those over half an hour the load
+        known = np.nan_to_num(forward_fill(series))
+        return running_mean(known, calm, minute) - running_mean(known, calm, 30 * minute)
+
+    swing, inputs = vary(error), [grid.values[name] for name in ("m_a", "T_a_in", "T_w_in") if name in grid.values]
+    sizes = _block_swings(swing, calm, 20 * minute)
+    size = float(np.median(sizes)) if sizes.size else np.nan
+    if not sizes.size or len(inputs) < 3:
+        return size, np.nan
+    flow_gain = np.nanmedian(np.abs(inputs[1] - grid.values["T_sup"])) / np.nanmedian(inputs[0])  # K s/kg, at most
+    causes = [gain * vary(series) for gain, series in zip((flow_gain, 1.0, 1.0), inputs, strict=True)]
+    lagged = np.stack([np.roll(cause, k * minute)[calm] for cause in causes for k in range(4)], axis=1)  # of a coil
+    rest, size_of_all = swing[calm] - lagged @ np.linalg.lstsq(lagged, swing[calm])[0], np.std(swing[calm])
+    is_small = sum(np.std(cause[calm]) for cause in causes) < 0.5 * size_of_all  # a swing may fit whatever answers it
+    return size, float(is_small or np.std(rest) > math.sqrt(OWN_SHARE) * size_of_all)
 
 
 def measure_loop(grid: Grid, stroke_time: float) -> Measures:
@@ -168,12 +192,14 @@ def measure_loop(grid: Grid, stroke_time: float) -> Measures:
     command_swing = float(np.median(spans)) if spans.size else np.nan
     rms = [float(np.sqrt(np.mean(error[where] ** 2))) if where.any() else np.nan for where in (good, calm)]
     rms = [np.nan, np.nan] if T_set is None else rms
+    block_swing, is_own = _judge_swings(grid, error, calm)
     indices = {
         "error_rms": rms[0], "error_rms_settled": rms[1], "peak_to_peak": swing.peak_to_peak, "period": swing.period,
+        "block_swing": block_swing,
         "regularity": swing.regularity, "periodic_share": swing.periodic_share, "command_swing": command_swing,
         "motor_travel": strokes, "reversals": reversals,
     }  # fmt: skip
-    return Measures(calm, swing, positions[:-1], command_swing, indices, _why_blind(grid, calm, swing))
+    return Measures(calm, swing, positions[:-1], command_swing, indices, _why_blind(grid, calm, swing), is_own)
 
 
 def _why_blind(grid: Grid, calm: Mask, swing: Swing) -> str:
@@ -209,7 +235,7 @@ STATES = (STATE_OFF, STATE_START_UP, STATE_NOT_RESPONDING, STATE_OPEN_NOT_MET, S
           STATE_WIDE_OPEN, STATE_SHUT, STATE_OFF_SET_POINT, STATE_HOLDING, STATE_IN_CONTROL)  # fmt: skip
 """States of an hour; the first that applies wins."""
 _MET_ERROR_K = 1.0  # control error up to which the set-point is met, as air handlers are commissioned
-_LEAST_SWING_K = 1.0  # peak to peak, of a loop that swings: loads and mixing make up to ± 0.5 K
+LEAST_SWING_K = 1.0  # peak to peak, of a loop that swings: loads and mixing make up to ± 0.5 K
 _END_TOLERANCE = 0.02  # fraction of stroke, within which a valve is shut or wide open
 _FULL_EFFECT_S = 1800.0  # time after which coil and duct have followed the valve
 _LEAK_EFFECT_K = 3.0  # from entering to supply air with the valve shut, above which it leaks
@@ -339,7 +365,7 @@ def _summarise_hour(loop: _LoopSeries, hour: slice, grid: Grid) -> tuple[dict[st
     if is_off_set_point and command_range > 0.2 and fall < 2.0 * command_range:  # K per stroke: no coil
         silent_share = 1.0
     swing, n_crossings = _measure_hour_swing(loop.swing, hour, grid.interval)
-    is_swinging = swing["swing"] >= _LEAST_SWING_K and n_crossings >= _LEAST_CROSSINGS
+    is_swinging = swing["swing"] >= LEAST_SWING_K and n_crossings >= _LEAST_CROSSINGS
     numbers = swing | {
         "enabled": on_share, "in_control": float(np.mean(np.abs(loop.error[hour]) <= _MET_ERROR_K)),
         "saturated": open_share + shut_share, "not_responding": silent_share, "command": float(command.mean()),
@@ -377,7 +403,7 @@ def _measure_hour_swing(swing: Array, hour: slice, interval: float) -> tuple[dic
     crossings = off_level[1:][np.diff(np.sign(three_hours[off_level])) != 0.0]
     cycles = [c - a for a, c in zip(crossings, crossings[2:], strict=False) if np.isfinite(three_hours[a:c]).all()]
     period = float(np.median(cycles)) if cycles else 0.0  # samples
-    if size < _LEAST_SWING_K or len(cycles) < _LEAST_CROSSINGS - 2 or period < _SAMPLES_PER_PERIOD:
+    if size < LEAST_SWING_K or len(cycles) < _LEAST_CROSSINGS - 2 or period < _SAMPLES_PER_PERIOD:
         return {"swing": size}, crossings.size
     # standard deviation of half periods over the median absolute one of whole periods: 2.1
     spread = max(2.1 * float(np.median(np.abs(cycles - np.array(period)))), 1.0 / 6.0)
