@@ -21,6 +21,7 @@ import xarray as xr
 from fastcoil.base.arguments import to_builtin
 from fastcoil.base.results import html_table
 from fastcoil.base.text import format_share
+from fastcoil.design.swing_verdict import LEAST_REGULARITY, SwingVerdict
 from fastcoil.loops.labels import coordinate_quantity, is_parameter, plain_pi_label, quantity
 from fastcoil.loops.scenarios import check_counted_result
 from fastcoil.model.metric_table import STATUS_OK
@@ -264,8 +265,10 @@ def _answer_single(question: str, table: xr.Dataset) -> Answer:
     """Describe a single scenario: its error, whether it hunts, and the travel of the motor."""
     sentence = f"the RMS error is {float(table['rmse']):.3g} K"
     if "hunts" in table and "hunting_swing" in table:
-        swing = f"{float(table['hunting_swing']):.2g} K peak to peak"
-        sentence += f"; the loop hunts, {swing}" if float(table["hunts"]) else "; the loop does not hunt"
+        regularity, period = (float(table.get(name, math.nan)) for name in ("swing_regularity", "hunting_period"))
+        is_own, is_regular = bool(table["hunts"] > 0.0), regularity >= LEAST_REGULARITY
+        verdict = SwingVerdict(is_own, is_regular, float(table["hunting_swing"]), period)
+        sentence += f"; the loop {verdict.clause}"
     costs = f"the motor travels {float(table['motor_travel']):.3g} strokes." if "motor_travel" in table else ""
     return Answer(question, {}, f"{sentence}.", costs=costs, table=table)
 
