@@ -25,6 +25,7 @@ FLOW_SHARE = 0.45  # of the change of the air flow that the cooling of the air l
 WET_SHARE = 0.65  # of a change of temperature that a wet coil passes on, latent heat takes the rest: 0.54 to 0.74
 LATENT_K = 2500.0  # change of temperature that has the heat of a change of humidity by 1 kg/kg
 LEAST_DRYING = 1e-5  # humidity that the air loses in a wet coil, kg/kg
+LEAST_FLOW = 1e-3  # of air, kg/s, to which a change of the flow is relative: air may stand still
 SWING_SIGNALS = 5  # of the regression: 1, the disturbance now, after a lag and after two, and the swing
 N_SWING_ROWS = SWING_SIGNALS**2 + 2  # of a block: summed products of all pairs of signals, highest and lowest swing
 Inputs = tuple[float, float, float, float, float]  # m_a, T_a_in, W_a_in, T_w_in, T_set, in the units of a boundary
@@ -38,7 +39,8 @@ def disturbance_change(T_sup: float, W_sup: float, now: Inputs, before: Inputs) 
     dry = (1.0 - eps) * (T_a_in - before[1]) + eps * (T_w_in - before[3])
     wet = WET_SHARE * (dry + (1.0 - eps) * LATENT_K * (W_a_in - before[2]))
     is_wet = W_a_in - W_sup > LEAST_DRYING
-    return (wet if is_wet else dry) + FLOW_SHARE * cooled * (m_a - before[0]) / m_a - (T_set - before[4])
+    flow_change = (m_a - before[0]) / max(m_a, before[0], LEAST_FLOW)
+    return (wet if is_wet else dry) + FLOW_SHARE * cooled * flow_change - (T_set - before[4])
 
 
 def next_extreme(h: float, extreme: float, direction: float) -> tuple[float, float, bool]:
@@ -79,4 +81,5 @@ def _unexplained_share(products: np.ndarray) -> np.ndarray:
         rest = rest[1:, 1:] - rest[1:, :1] * (rest[:1, 1:] * np.divide(is_new, pivot, out=0.0 * pivot, where=is_new))
         variances = np.einsum("ii...->i...", rest) if rest.shape[0] == SWING_SIGNALS - 1 else variances[1:]
     variance = variances[-1]
-    return np.divide(rest[0, 0], variance, out=np.ones_like(variance), where=variance > 0.0).clip(0.0, 1.0)
+    share: np.ndarray = np.divide(rest[0, 0], variance, out=np.ones_like(variance), where=variance > 0.0)
+    return share.clip(0.0, 1.0)

@@ -65,7 +65,7 @@ def forced_change(T_sup, W_sup, before, now):
         by_entering = 0.65 * ((1.0 - eps) * (dT_a + 2500.0 * dW_a) + eps * dT_w)
     else:
         by_entering = (1.0 - eps) * dT_a + eps * dT_w
-    return by_entering + 0.45 * (T_a - T_sup) * dm_a / m_a - dT_set
+    return by_entering + 0.45 * (T_a - T_sup) * dm_a / max(before[0], m_a, 0.001) - dT_set
 
 
 def without_mean(signal):
