@@ -8,7 +8,7 @@ from reference.fixed import FixedEstimate
 from reference.rounding import clip
 
 CANDIDATES = [
-    0.0, 0.005, 0.01, 0.015, 0.02, 0.025, 0.03, 0.035, 0.04, 0.045, 0.05, 0.06, 0.07, 0.08, 0.09, 0.1, 0.11, 0.12,
+    0.0, 0.0, 0.005, 0.01, 0.015, 0.02, 0.025, 0.03, 0.035, 0.04, 0.045, 0.05, 0.06, 0.07, 0.08, 0.09, 0.1, 0.11, 0.12,
     0.13, 0.14, 0.15, 0.165, 0.18, 0.2, 0.22, 0.25,
 ]  # fmt: skip
 
@@ -81,6 +81,7 @@ class Identify(FixedEstimate):
         end = clip(sample.command, self.motor - max_travel, self.motor + max_travel)
         path = motor_path(self.motor, end, self.stroke_time, elapsed)
         stem_paths = [stem_behind_gap(*path, q, x, elapsed) for q, x in zip(self.stems, CANDIDATES, strict=True)]
+        stem_paths[0] = sample.command, sample.command  # the first candidate has no motor
         self.motor, self.stems = end, [q for q, _ in stem_paths]
         if self.openings is not None:
             self.readings.append(sample.T)
@@ -105,7 +106,7 @@ class Identify(FixedEstimate):
         n_effective = float(np.sum(ages))
         if n_effective < 60.0:
             return
-        travel = np.array([np.abs(row[1][:, 0]).sum() for row in self.rows])  # of the motor in 3 horizons
+        travel = np.array([np.abs(row[1][:, 1]).sum() for row in self.rows])  # of the motor in 3 horizons
         root_weights = np.sqrt(ages / (1.0 + (travel / 0.02) ** 2))[:, np.newaxis]
         changes = np.array([row[0] for row in self.rows]) * root_weights
         moves = np.array([row[1] for row in self.rows]) * root_weights[:, np.newaxis]

@@ -26,9 +26,15 @@ from fastcoil.model.numerics.elementary import exp, log
 from fastcoil.model.numerics.jit import exact
 from fastcoil.model.physics import backlash, motor_position
 
-CANDIDATES = np.concatenate([np.arange(10) * 0.005, np.arange(5, 16) * 0.01, np.array([0.165, 0.18, 0.20, 0.22, 0.25])])
-"""Sizes that are compared, fractions of stroke: closer together where a valve is nearly good."""
-N_CANDIDATES = 26  # of ``CANDIDATES``
+CANDIDATES = np.concatenate(
+    [[0.0], np.arange(10) * 0.005, np.arange(5, 16) * 0.01, np.array([0.165, 0.18, 0.20, 0.22, 0.25])]
+)
+"""Sizes that are compared, fractions of stroke: closer together where a valve is nearly good.
+
+The first has no motor either: its stem is where the command is.  A motor that is faster than reckoned makes a good
+valve look worn.
+"""
+N_CANDIDATES = 27  # of ``CANDIDATES``
 N_LAGS = 6  # changes of the temperature before this one, in the model
 N_MOVES = 3  # last changes of the opening, in the model
 DEVIATION_AT = N_LAGS + 2  # index of the deviation among what the candidates have in common
@@ -75,12 +81,12 @@ def remember_change(w, change):
 def add_row(w, decay):
     """Add one horizon to all sums; what was in them counts ``decay`` as much as before.
 
-    The more the motor moves, as the stem of candidate 0 does, the larger is the error of a linear model: the horizon
+    The more the motor moves, as the stem of candidate 1 does, the larger is the error of a linear model: the horizon
     counts less.
     """
     move = 0.0
     for a in range(N_MOVES):
-        move += abs(w[MOVES_AT + a * N_CANDIDATES])
+        move += abs(w[MOVES_AT + a * N_CANDIDATES + 1])
     weight = 1.0 / (1.0 + move * move / (LINEAR_MOVE * LINEAR_MOVE))
     for i in range(N_COMMON):
         for k in range(i + 1):
@@ -317,9 +323,11 @@ def close_horizon(w, width, deviation):
 
 
 @exact
-def move_stems(w, position, running_time, stroke_time, interval):
-    """Move the stem behind each candidate with the motor, and add its mean opening to the horizon."""
-    for c in range(N_CANDIDATES):
+def move_stems(w, command, position, running_time, stroke_time, interval):
+    """Move the stem behind each candidate with the motor, the first with the command; add each mean opening."""
+    w[OPENING_SUMS_AT] += command
+    w[STEMS_AT] = command
+    for c in range(1, N_CANDIDATES):
         q = backlash(w[STEMS_AT + c], position, CANDIDATES[c])
         mean = mean_position(w[STEMS_AT + c], q, running_time, stroke_time, interval)
         w[OPENING_SUMS_AT + c] += mean / (1.0 - CANDIDATES[c])
@@ -364,7 +372,7 @@ def update_estimate(now, p, memory, w):
     max_travel = elapsed / p.identify_stroke_time if p.identify_stroke_time > 0.0 else np.inf
     position = motor_position(memory.position, now.command, max_travel)
     running_time = abs(position - memory.position) * p.identify_stroke_time
-    move_stems(w, position, running_time, p.identify_stroke_time, elapsed)
+    move_stems(w, now.command, position, running_time, p.identify_stroke_time, elapsed)
     if ends:
         predict_openings(w, memory.width)
 
