@@ -107,7 +107,7 @@ class Identify(FixedEstimate):
         if n_effective < 60.0:
             return
         travel = np.array([np.abs(row[1][:, 1]).sum() for row in self.rows])  # of the motor in 3 horizons
-        root_weights = np.sqrt(ages / (1.0 + (travel / 0.02) ** 2))[:, np.newaxis]
+        root_weights = np.sqrt(ages / (1.0 + (travel / 0.03) ** 2))[:, np.newaxis]
         changes = np.array([row[0] for row in self.rows]) * root_weights
         moves = np.array([row[1] for row in self.rows]) * root_weights[:, np.newaxis]
         before = [changes[:, 1:], root_weights]
@@ -121,7 +121,7 @@ class Identify(FixedEstimate):
         tolerance = np.maximum(0.2 * sizes, 0.01) + 1e-9
         mean = float(probability @ sizes)
         mean = mean if mean > 0.01 else 0.0
-        has_backlash = probability[sizes <= 0.0051].sum() <= 0.005
+        has_backlash = probability[sizes <= 0.0051].sum() <= 0.002
         probability_right = probability[abs(sizes - mean) <= tolerance].sum()
         probability_not_too_large = probability[sizes >= self.estimate - tolerance * (sizes < self.estimate)].sum()
         if probability_right >= self.certainty and (has_backlash or mean == 0.0):

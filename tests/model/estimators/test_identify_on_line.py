@@ -60,8 +60,8 @@ def test_the_evidence_is_that_of_a_linear_model_with_a_normal_prior():
             w[identify.MOVES_AT : identify.MOVES_AT + N_MOVES * N_CANDIDATES] = moves[k - N_LAGS].ravel()
             identify.add_row(w, decay)
     ages = np.arange(rows - 1, -1, -1.0)
-    # a horizon in which the motor moved by 2 % of the stroke has twice the variance
-    root = np.sqrt(decay**ages / (1.0 + (np.abs(moves[:, :, 1]).sum(axis=1) / 0.02) ** 2))[:, np.newaxis]
+    # a horizon in which the motor moved by 3 % of the stroke has twice the variance
+    root = np.sqrt(decay**ages / (1.0 + (np.abs(moves[:, :, 1]).sum(axis=1) / 0.03) ** 2))[:, np.newaxis]
     n_rows = float(np.sum(decay**ages))
     assert identify.compare_candidates(w, n_rows)
     Z = np.stack([*(changes[N_LAGS - i : N_LAGS - i + rows] for i in range(1, N_LAGS + 1)), np.ones(rows), deviations])
