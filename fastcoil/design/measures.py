@@ -21,7 +21,7 @@ HUNTING_INDEX = "hunting_index"  # of the describing function; it may be limited
 CHANGE = "change"  # name of the variable with the change of the goal
 AMOUNT_METRICS = tuple(m.name for m in METRICS.values() if not m.flags)
 NOT_MINIMISED = {
-    "estimate_final", "estimate_settled", "estimate_first_down", "size_error", "half_periods",
+    "estimate_final", "estimate_largest", "estimate_settled", "estimate_first_down", "size_error", "half_periods",
     "half_period_spread", "hunting_period", "swing_regularity", "coil_energy", "coil_peak_power", "water_volume",
     "condensate",
 }  # fmt: skip

@@ -16,7 +16,7 @@ _UNIT_TEXTS = {
 }  # fmt: skip
 _IN_PERCENT = (
     "backlash", "backlash_estimate", "estimate_ratio", "buffer", "command_resolution", "learning_step",
-    "learning_cap", "learning_max_reference", "estimate_final", "estimate_settled", "size_error",
+    "learning_cap", "learning_max_reference", "estimate_final", "estimate_largest", "estimate_settled", "size_error",
     "estimate_first_down", "share_off", "hunts", "swing_regularity",
     "u", "integral", "command", "position", "opening", "estimate",
 )  # fmt: skip

@@ -81,6 +81,7 @@ METRICS = _by_name(
     Output("reversals", "1", "reversals of the valve stem", "sign changes of successive opening changes above 1e-9",
            label="stem reversals"),
     Output("estimate_final", "1", "backlash estimate at the end", label="final estimate"),
+    Output("estimate_largest", "1", "largest backlash estimate", "counted or not", label="largest estimate"),
     Output("estimate_settled", "1", f"mean backlash estimate of the last {ESTIMATE_WINDOW_S} s",
            label="settled estimate"),
     Output("size_error", "1", "error of the estimated backlash",

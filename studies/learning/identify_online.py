@@ -1,8 +1,13 @@
 """How soon a controller finds its own backlash while it works, how often it is right, and what harm it does.
 
+A second table asks every estimator what it does to good valves.
+
 Valves and loops are drawn like those of ``remedies.toml``, with the
 gains as somebody left them, on valves and days that no threshold was chosen on.  Right means: within 20 % of the true
 backlash or 1 % of the stroke.  Harm is measured against plain PI with the same gains, days and noise.
+
+The good valves have the plants of three presets, each in its own march, with its gains or those after SIMC.  On days
+whose set-point is constant otherwise it steps every half hour, by 0.25 to 2 K.
 """
 
 from __future__ import annotations
@@ -11,9 +16,22 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from studies.common import BACKLASH_SIZES, compare_rows, draw_loop_parameters, write_table
+from studies.common import (
+    BACKLASH_SIZES,
+    HEATING_GAIN,
+    compare_rows,
+    draw_loguniform,
+    draw_loop_parameters,
+    failures_in_words,
+    pool_days,
+    share_of,
+    write_table,
+)
 from studies.days import HEATING, STEPPED, kinds, loop_settings, make_days
 from studies.diagnosis.diagnosis import share_or_none
+from studies.learning.learners import CONTROLLER_LABELS, PI
+from studies.learning.learners_runs import controllers
+from studies.robustness.best_pi import simc_gains
 
 SEED, VALVES = 9214, 512
 DAYS = range(92141, 92146)
@@ -25,9 +43,17 @@ IDENTIFY_SETTINGS = {
 }  # fmt: skip
 """The recommended setting."""
 GOOD_BACKLASH, SIZE_TOLERANCE = 0.01, 0.2
-HARM_RISE = 0.01  # rise of the RMSE that counts as harm
+HARM_RISE, LARGE_RISE = 0.01, 0.03  # rises of the RMSE that count as harm and as large harm
 LOW_AUTHORITY = (0.02, 0.1)
 ESTIMATE_INTERVAL = 300  # seconds between the estimates that are looked at
+
+GOOD_SEED, GOOD_VALVES = 11803, 200
+GOOD_DAYS = range(118031, 118036)
+GOOD_PRESETS = ("paper_like", "lbnl", "g36")
+GOOD_CONTROLLERS = ("identify", "gradient", "hagglund", "paper", "growing")
+GAINS = ("those of the preset", "SIMC")
+STEP_INTERVAL_S, STEP_RANGE_K = 1800, (0.25, 2.0)
+"""Time between steps of the set-point of a good valve, and their sizes: one on each day."""
 
 
 def population(seed: int = SEED, size: int = VALVES, heating: bool = False) -> fc.Loop:
@@ -121,6 +147,88 @@ def condition_row(name: str, loop: fc.Loop, days: fc.Boundary) -> list[str]:
     return [cell.replace("(-0.0", "(0.0") for cell in metric_row(name, compare_with_pi(loop, days))]
 
 
+def good_valves(kind: str, gains: str) -> fc.Loop:
+    """Good valves along ``sample``, with the gains of their presets or after SIMC."""
+    rng, heating = np.random.default_rng([GOOD_SEED, 5]), kind == HEATING
+    presets = [fc.Loop.preset(name) for name in rng.choice(GOOD_PRESETS, GOOD_VALVES)]
+    names = ("C_c", "sensor_time_constant", "stroke_time", "air_march", "kp", "ti")
+    parameters = {name: np.array([preset[name] for preset in presets]) for name in names}
+    drawn = draw_loop_parameters(rng, GOOD_VALVES, sample_times=(5.0, 10.0, 15.0, 20.0))
+    parameters |= {name: drawn[name] for name in ("rangeability", "authority", "C_w", "sample_time", "noise_std")}
+    parameters["kp"] = parameters["kp"] * (HEATING_GAIN if heating else 1.0)
+    values = {name: ("sample", series) for name, series in parameters.items()}
+    loop = fc.Loop(m_full=1.7, backlash=0.0, estimate_ratio=0.0, **values).assign(**loop_settings(kind))
+    found = simc_gains(loop, HEATING if heating else STEPPED)
+    loop = loop.assign(plant_gain=found.plant_gain)
+    return loop.assign(kp=found.kp, ti=found.ti) if gains == "SIMC" else loop
+
+
+def stepping_days(kind: str) -> fc.Boundary:
+    """Days of a kind whose set-point steps, to and fro at random, by a size that the day draws."""
+    days = make_days(kind, GOOD_DAYS)
+    if kind == STEPPED:
+        return days
+    T_set = days.series["T_set"].copy()
+    n_levels = T_set.shape[-1] // STEP_INTERVAL_S
+    for row, seed in zip(T_set, GOOD_DAYS, strict=True):
+        rng = np.random.default_rng([seed, 15])
+        size, level = draw_loguniform(rng, *STEP_RANGE_K, 1)[0], 0
+        for k in range(1, n_levels):
+            level = int(rng.choice([-1, 1])) if level == 0 else 0
+            row[k * STEP_INTERVAL_S : (k + 1) * STEP_INTERVAL_S] += level * size
+    series = {name: days.series[name] for name in ("m_a", "T_a_in", "W_a_in", "T_w_in")}
+    return fc.Boundary(**series, T_set=T_set, day=list(GOOD_DAYS))
+
+
+def good_valve_rows(gains: str) -> tuple[list[list[str]], list[xr.Dataset]]:
+    """Return a row of text for what each estimator does to good valves, and the results."""
+    days = {kind: stepping_days(kind) for kind in kinds()}
+    loops = {kind: good_valves(kind, gains) for kind in days}
+
+    def simulate(name: str) -> xr.Dataset:
+        by_kind = {
+            kind: fc.simulate(loops[kind].assign(**controllers()[name]), days[kind], seed=GOOD_SEED) for kind in days
+        }
+        kept = ["rmse", "motor_travel", "estimate_largest", "estimate_final", "status"]
+        return pool_days({kind: ds[kept].reset_coords(drop=True) for kind, ds in by_kind.items()})
+
+    plain, results, rows = simulate(PI), [], []
+    for name in GOOD_CONTROLLERS:
+        ds = simulate(name)
+        results.append(ds)
+        rise, travel = ds.rmse / plain.rmse - 1.0, ds.motor_travel / plain.motor_travel
+        highest, final = ds.estimate_largest, ds.estimate_final
+        rows.append(
+            [
+                CONTROLLER_LABELS[name],
+                gains,
+                share_of(rise > HARM_RISE).to_text(1),
+                share_of(rise > LARGE_RISE).to_text(1),
+                f"{100 * float(rise.quantile(0.99)):+.1f}, {100 * float(rise.max()):+.1f}",
+                f"{float(travel.quantile(0.99)):.2f}, {float(travel.max()):.2f}",
+                share_of(highest > GOOD_BACKLASH).to_text(1),
+                share_of(final > GOOD_BACKLASH).to_text(1),
+                f"{100 * float(highest.quantile(0.99)):.1f}, {100 * float(highest.max()):.1f}",
+            ]
+        )
+        print(*rows[-1], sep=" | ", flush=True)
+    return rows, results
+
+
+def write_good_valves() -> None:
+    """Try every estimator on good valves and write the table."""
+    rows, results = zip(*(good_valve_rows(gains) for gains in GAINS), strict=True)
+    write_table(
+        "learning/identify_good",
+        f"Good valves: {GOOD_VALVES} × {len(GOOD_DAYS)} days of each kind with set-point steps of 0.25 to 2 K, samples "
+        f"of 5 to 20 s, noise to 0.05 K ({failures_in_words(ds for part in results for ds in part)})",
+        ["estimator", "gains", "RMSE more than 1 % above plain PI (95 %)", "more than 3 %",
+         "RMSE: 99 % of them below, largest, %", "motor travel: 99 % below, largest, ×",
+         "estimate above 1 % of the stroke at some time", "at the end", "largest estimate: 99 % below, largest, %"],
+        [row for part in rows for row in part],
+    )  # fmt: skip
+
+
 def sample() -> None:
     """Run a sample of the study: the first condition."""
     name, (loop, days) = next(iter(conditions().items()))
@@ -128,7 +236,8 @@ def sample() -> None:
 
 
 def main() -> None:
-    """Measure every condition and write the table."""
+    """Measure every condition and write the tables."""
+    write_good_valves()
     rows = []
     for name, (loop, days) in conditions().items():
         rows.append(condition_row(name, loop, days))

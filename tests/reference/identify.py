@@ -8,7 +8,7 @@ from reference.fixed import FixedEstimate
 from reference.rounding import clip
 
 CANDIDATES = [
-    0.0, 0.005, 0.01, 0.015, 0.02, 0.025, 0.03, 0.035, 0.04, 0.045, 0.05, 0.06, 0.07, 0.08, 0.09, 0.1, 0.11, 0.12,
+    0.0, 0.0, 0.005, 0.01, 0.015, 0.02, 0.025, 0.03, 0.035, 0.04, 0.045, 0.05, 0.06, 0.07, 0.08, 0.09, 0.1, 0.11, 0.12,
     0.13, 0.14, 0.15, 0.165, 0.18, 0.2, 0.22, 0.25,
 ]  # fmt: skip
 
@@ -45,12 +45,12 @@ class Identify(FixedEstimate):
         self.motor, self.stems = 0.0, [0.0] * len(CANDIDATES)
         self.before, self.T_set, self.step_at, self.inside_at = 0.0, None, -math.inf, 0.0
         self.m_a, self.gust_at = math.nan, -math.inf
-        self.rows, self.rows_compared = [], 0  # (change and 6 before, 3 changes of the openings, that of the motor)
+        self.rows, self.rows_compared = [], 0  # (change and 6 before, 3 changes of the openings, deviation before)
         self.start_piece()
 
     def start_piece(self):
         """Start a new unbroken piece of the record."""
-        self.temperatures, self.means, self.openings, self.places, self.place_means = [], [], None, [], []
+        self.temperatures, self.deviations, self.means, self.readings, self.openings = [], [], [], [], None
 
     def observe(self, t, sample):
         """Add a sample."""
@@ -65,25 +65,30 @@ class Identify(FixedEstimate):
         if interrupted:
             self.start_piece()
         elif self.openings is None:
-            self.temperatures, self.openings, self.places = [sample.T], [], []
+            self.temperatures, self.openings = [sample.T], []
         elif len(self.openings) == self.width:
             self.temperatures.append(sample.T)
+            self.deviations.append(sample.T - np.mean(self.readings))
             self.means.append(np.mean(self.openings, axis=0))
-            self.place_means.append(np.mean(self.places))
-            self.openings, self.places = [], []
+            self.readings, self.openings = [], []
             is_quiet = t - self.gust_at >= 300.0 and t - self.inside_at <= 600.0
             if len(self.temperatures) >= 8 and t - self.step_at <= 7200.0 and is_quiet:
-                moves = np.diff(self.means[-4:], axis=0)[::-1]
-                self.rows.append((np.diff(self.temperatures[-8:])[::-1], moves, np.diff(self.place_means[-2:])))
+                # the last horizon as if the stems stood still after its first sample
+                moves = np.diff([*self.means[-4:-1], self.first_means], axis=0)[::-1]
+                self.rows.append((np.diff(self.temperatures[-8:])[::-1], moves, self.deviations[-2:-1]))
 
         max_travel = elapsed / self.stroke_time if self.stroke_time > 0.0 else math.inf
         end = clip(sample.command, self.motor - max_travel, self.motor + max_travel)
         path = motor_path(self.motor, end, self.stroke_time, elapsed)
         stem_paths = [stem_behind_gap(*path, q, x, elapsed) for q, x in zip(self.stems, CANDIDATES, strict=True)]
+        stem_paths[0] = sample.command, sample.command  # the first candidate has no motor
         self.motor, self.stems = end, [q for q, _ in stem_paths]
         if self.openings is not None:
-            self.places.append(stem_behind_gap(*path, path[1][0], 0.0, elapsed)[1])
+            self.readings.append(sample.T)
             self.openings.append([mean / (1.0 - x) for (_, mean), x in zip(stem_paths, CANDIDATES, strict=True)])
+            if len(self.openings) == 1:
+                still = [q / (1.0 - x) for (q, _), x in zip(stem_paths, CANDIDATES, strict=True)]
+                self.first_means = np.mean([self.openings[0], *[still] * (self.width - 1)], axis=0)
 
         if self.T_set is not None and abs(sample.T_set - self.T_set) >= 0.1:
             self.step_at = t
@@ -97,26 +102,26 @@ class Identify(FixedEstimate):
     def compare(self):
         """Fit every candidate to all rows and decide on the estimate."""
         n = len(self.rows)
-        root_weights = np.sqrt(self.decay ** np.arange(n - 1, -1, -1.0))[:, np.newaxis]
-        n_effective = float(np.sum(root_weights**2))
+        ages = self.decay ** np.arange(n - 1, -1, -1.0)
+        n_effective = float(np.sum(ages))
         if n_effective < 60.0:
             return
+        travel = np.array([np.abs(row[1][:, 1]).sum() for row in self.rows])  # of the motor in 3 horizons
+        root_weights = np.sqrt(ages / (1.0 + (travel / 0.03) ** 2))[:, np.newaxis]
         changes = np.array([row[0] for row in self.rows]) * root_weights
         moves = np.array([row[1] for row in self.rows]) * root_weights[:, np.newaxis]
-        motor = np.array([row[2] for row in self.rows]) * root_weights
-        before = np.hstack([changes[:, 1:], root_weights])
-        probability = probabilities(changes[:, 0], before, moves, n_effective - 7.0)
-        earlier = probabilities(changes[:, 0], np.hstack([before, motor]), moves[:, 1:], n_effective - 8.0)
-        self.judge(probability, earlier if self.width > 1 else probability)
+        before = [changes[:, 1:], root_weights]
+        if self.width > 1:  # else it is the change before
+            before.append(np.array([row[2] for row in self.rows]) * root_weights)
+        self.judge(probabilities(changes[:, 0], np.hstack(before), moves, n_effective - 8.0))
 
-    def judge(self, probability, earlier):
+    def judge(self, probability):
         """Keep the estimate, or take the mean of the probabilities, or 0."""
         sizes = np.array(CANDIDATES)
         tolerance = np.maximum(0.2 * sizes, 0.01) + 1e-9
         mean = float(probability @ sizes)
         mean = mean if mean > 0.01 else 0.0
-        no_backlash = sizes <= 0.0051
-        has_backlash = probability[no_backlash].sum() <= 0.005 and earlier[no_backlash].sum() <= 0.05
+        has_backlash = probability[sizes <= 0.0051].sum() <= 0.002
         probability_right = probability[abs(sizes - mean) <= tolerance].sum()
         probability_not_too_large = probability[sizes >= self.estimate - tolerance * (sizes < self.estimate)].sum()
         if probability_right >= self.certainty and (has_backlash or mean == 0.0):

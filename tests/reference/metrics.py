@@ -5,11 +5,11 @@ from itertools import pairwise
 
 METRICS = (
     "rmse", "rmse_settled", "iae", "share_off", "settled_range", "hunting_swing", "hunting_period",
-    "swing_regularity", "hunts", "stem_travel",
-    "motor_travel", "reversals", "switch_frequency", "estimate_final", "estimate_settled", "size_error",
-    "backlash_final", "learn_time_reached", "learn_time_confirmed", "time_identified", "learn_time_first_down",
-    "estimate_first_down", "learning_status", "half_periods", "half_period_spread", "test_aborted", "coil_energy",
-    "coil_peak_power", "reheat_energy", "recool_energy", "water_volume", "condensate", "frost_time", "freeze_time",
+    "swing_regularity", "hunts", "stem_travel", "motor_travel", "reversals", "switch_frequency", "estimate_final",
+    "estimate_largest", "estimate_settled", "size_error", "backlash_final", "learn_time_reached",
+    "learn_time_confirmed", "time_identified", "learn_time_first_down", "estimate_first_down", "learning_status",
+    "half_periods", "half_period_spread", "test_aborted", "coil_energy", "coil_peak_power", "reheat_energy",
+    "recool_energy", "water_volume", "condensate", "frost_time", "freeze_time",
 )  # fmt: skip
 
 SETTLING_TIME = 600  # s since the last step of the set-point or start of the loop
@@ -73,6 +73,7 @@ def switching_metrics(switches, estimate, gaps, estimator, counted, warm_up, ope
     return {
         "switch_frequency": mean(switches_per_block),
         "estimate_final": estimate[-1],
+        "estimate_largest": math.nan if open_loop else max(estimate),
         "estimate_settled": mean(select_flagged(estimate, recent)),
         "time_identified": math.nan if estimator.is_off else identified_since(estimate, gaps),
         **estimator.metrics(),

@@ -320,6 +320,8 @@ def summarise(S, V, n_volumes, schedule, metrics, status):
         m[M.motor_travel] = S[R.motor_travel + j]
         m[M.reversals] = S[R.reversals + j]
         m[M.estimate_final] = S[R.estimate + j]
+        largest = S[R.largest_estimate + j]  # 0 without an estimator
+        m[M.estimate_largest] = largest if largest > S[R.estimate + j] else S[R.estimate + j]
         m[M.estimate_settled] = S[R.sum_estimate + j] / schedule.n_estimate
         has_estimate = S[R.estimator + j] > 0.0 or S[R.backlash_estimate + j] > 0.0
         m[M.size_error] = m[M.estimate_settled] - S[R.gap + j] if has_estimate else np.nan

@@ -56,7 +56,7 @@ SUM_ROWS = (
     # swing: mean error, periods; disturbance, last extreme; then the signals of the regression, see ``hunting``
     "error_mean", "periods", "last_period", "same_periods", "sum_periods", "turned_up_at", "d_mean", "d", "extreme",
     "direction", "mean_weight", "unit", "g", "g_lagged", "g_lagged_twice", "h",
-    "sum_switches", "stem_travel", "motor_travel", "reversals", "sum_estimate",
+    "sum_switches", "stem_travel", "motor_travel", "reversals", "sum_estimate", "largest_estimate",
     "sum_power", "sum_power_block", "peak_power", "sum_m_w", "condensate",
     "coldest_wet", "coldest_water", "frost_time", "freeze_time", "coldest", "dampest",
 )  # fmt: skip

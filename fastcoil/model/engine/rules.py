@@ -32,13 +32,14 @@ def is_estimate_right(x_hat, x_bl):
 
 @section
 def adopt_estimate(S, j, t, x_hat):
-    """Set the estimate of lane j, and update the time since which it has been right."""
+    """Set the estimate of lane j, and update the largest one and the time since which it has been right."""
     # a NaN stays, so that the status reports it
     x_hat = S[R.estimate + j] if np.isnan(S[R.estimate + j]) else clip01(x_hat)
     since = S[R.time_identified + j]
     since = since if since <= t else t
     S[R.time_identified + j] = since if is_estimate_right(x_hat, S[R.gap + j]) else np.nan
     S[R.estimate + j] = x_hat
+    S[R.largest_estimate + j] = x_hat if x_hat > S[R.largest_estimate + j] else S[R.largest_estimate + j]
     S[R.assumed_backlash + j] = S[R.estimate_share + j] * x_hat
 
 

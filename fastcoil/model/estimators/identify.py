@@ -5,6 +5,10 @@ temperature is fitted to each: the change of the temperature over a horizon, fro
 the last changes of the opening behind the candidate, as in ``fastcoil.measured.identify``.  The candidates that fit
 best are the likely ones.  After Jelali (2008), done recursively.
 
+The model knows all samples before a horizon and nothing of what happens in it.  Otherwise a controller that samples
+several times in a horizon makes a good valve look worn: its command follows the noise of the sensor, the temperature
+does not follow that command, and a gap filters it out of the opening.
+
 Only the hours after a step of the set-point and the time of a valve test count, and not the minutes after a step of the
 air flow.  Otherwise the command follows the temperature and nothing else, and a stem that stands still looks like one
 without a gap.  Nothing is forgotten meanwhile.
@@ -22,14 +26,21 @@ from fastcoil.model.numerics.elementary import exp, log
 from fastcoil.model.numerics.jit import exact
 from fastcoil.model.physics import backlash, motor_position
 
-CANDIDATES = np.concatenate([np.arange(10) * 0.005, np.arange(5, 16) * 0.01, np.array([0.165, 0.18, 0.20, 0.22, 0.25])])
-"""Sizes that are compared, fractions of stroke: closer together where a valve is nearly good."""
-N_CANDIDATES = 26  # of ``CANDIDATES``
+CANDIDATES = np.concatenate(
+    [[0.0], np.arange(10) * 0.005, np.arange(5, 16) * 0.01, np.array([0.165, 0.18, 0.20, 0.22, 0.25])]
+)
+"""Sizes that are compared, fractions of stroke: closer together where a valve is nearly good.
+
+The first has no motor either: its stem is where the command is.  A motor that is faster than reckoned makes a good
+valve look worn.
+"""
+N_CANDIDATES = 27  # of ``CANDIDATES``
 N_LAGS = 6  # changes of the temperature before this one, in the model
 N_MOVES = 3  # last changes of the opening, in the model
-MOTOR_AT = N_LAGS + 2  # index of the motor's change among what the candidates have in common
-N_COMMON = MOTOR_AT + 1
-"""The change to be explained, those before it, the constant, and the change of the motor, in this order."""
+DEVIATION_AT = N_LAGS + 2  # index of the deviation among what the candidates have in common
+N_COMMON = DEVIATION_AT + 1
+"""The change to be explained, those before it, the constant, and the deviation of the last temperature from the mean of
+its horizon, in this order."""
 PRIOR_PRECISION = 0.01  # of the coefficients of the opening, 1/K²: ± 10 K per stroke before anything is seen
 REDUNDANT_SHARE = 1e-10  # a column of which less than this share is independent of the others is left out
 
@@ -41,13 +52,12 @@ FACTOR_AT = SUMS_AT + N_COMMON * N_COMMON
 SOLVED_AT = FACTOR_AT + N_COMMON * N_COMMON
 """Scratch: a row of what is to be explained and N_MOVES rows of the openings, each solved with that factor."""
 RESIDUALS_AT = SOLVED_AT + (N_MOVES + 1) * N_COMMON
-"""Scratch, (2, N_MOVES): product of each opening of a candidate with the change, less what the rest explains, without
-and with the motor among the rest."""
-PAIRS_AT = RESIDUALS_AT + 2 * N_MOVES  # scratch, (2, N_MOVES, N_MOVES): products of the openings, likewise
-P_AT = PAIRS_AT + 2 * N_MOVES * N_MOVES  # (N_CANDIDATES,): log-likelihoods, then probabilities
-P_EARLIER_AT = P_AT + N_CANDIDATES
-"""(N_CANDIDATES,): as P_AT, with the motor in place of the opening in the horizon in which the change happens."""
-MOVES_AT = P_EARLIER_AT + N_CANDIDATES  # (N_MOVES, N_CANDIDATES): last changes of the opening
+"""Scratch, (N_MOVES,): product of each opening of a candidate with the change, less what the rest explains."""
+PAIRS_AT = RESIDUALS_AT + N_MOVES  # scratch, (N_MOVES, N_MOVES): products of the openings, likewise
+P_AT = PAIRS_AT + N_MOVES * N_MOVES  # (N_CANDIDATES,): log-likelihoods, then probabilities
+MOVES_AT = P_AT + N_CANDIDATES
+"""(N_MOVES, N_CANDIDATES): last changes of the mean opening from horizon to horizon; that to the present one as if the
+stem stood still after the first sample."""
 CROSS_AT = MOVES_AT + N_MOVES * N_CANDIDATES
 """(N_MOVES, N_COMMON, N_CANDIDATES): sums of their products with what the candidates have in common."""
 PRODUCTS_AT = CROSS_AT + N_MOVES * N_COMMON * N_CANDIDATES
@@ -59,32 +69,39 @@ N_FLOATS = OPENING_MEANS_AT + N_CANDIDATES  # size of the array
 
 
 @exact
-def remember_change(w, change, motor_change):
-    """Shift the last changes of temperature by one, and put this one, K, and that of the motor in front."""
+def remember_change(w, change):
+    """Shift the last changes of temperature by one, and put this one, K, in front."""
     for i in range(N_LAGS, 0, -1):
         w[LAGS_AT + i] = w[LAGS_AT + i - 1]
     w[LAGS_AT] = change
     w[LAGS_AT + N_LAGS + 1] = 1.0
-    w[LAGS_AT + MOTOR_AT] = motor_change
 
 
 @exact
 def add_row(w, decay):
-    """Add one horizon to all sums; what was in them counts ``decay`` as much as before."""
+    """Add one horizon to all sums; what was in them counts ``decay`` as much as before.
+
+    The more the motor moves, as the stem of candidate 1 does, the larger is the error of a linear model: the horizon
+    counts less.
+    """
+    move = 0.0
+    for a in range(N_MOVES):
+        move += abs(w[MOVES_AT + a * N_CANDIDATES + 1])
+    weight = 1.0 / (1.0 + move * move / (LINEAR_MOVE * LINEAR_MOVE))
     for i in range(N_COMMON):
         for k in range(i + 1):
             at = SUMS_AT + i * N_COMMON + k
-            w[at] = decay * w[at] + w[LAGS_AT + i] * w[LAGS_AT + k]
+            w[at] = decay * w[at] + weight * w[LAGS_AT + i] * w[LAGS_AT + k]
     for a in range(N_MOVES):
         first_move = MOVES_AT + a * N_CANDIDATES
         for i in range(N_COMMON):
-            at, lag = CROSS_AT + (a * N_COMMON + i) * N_CANDIDATES, w[LAGS_AT + i]
+            at, lag = CROSS_AT + (a * N_COMMON + i) * N_CANDIDATES, weight * w[LAGS_AT + i]
             for c in range(N_CANDIDATES):
                 w[at + c] = decay * w[at + c] + lag * w[first_move + c]
         for b in range(a + 1):
             at, other_move = PRODUCTS_AT + (a * (a + 1) // 2 + b) * N_CANDIDATES, MOVES_AT + b * N_CANDIDATES
             for c in range(N_CANDIDATES):
-                w[at + c] = decay * w[at + c] + w[first_move + c] * w[other_move + c]
+                w[at + c] = decay * w[at + c] + weight * w[first_move + c] * w[other_move + c]
 
 
 @exact
@@ -119,19 +136,14 @@ def project_out_common(w, c):
         solve_row(w, 1 + a, CROSS_AT + a * N_COMMON * N_CANDIDATES + c, N_CANDIDATES)
     for a in range(N_MOVES):
         common = 0.0
-        for i in range(1, MOTOR_AT):
+        for i in range(1, N_COMMON):
             common += w[SOLVED_AT + (1 + a) * N_COMMON + i] * w[SOLVED_AT + i]
         w[RESIDUALS_AT + a] = w[CROSS_AT + a * N_COMMON * N_CANDIDATES + c] - common
-        common += w[SOLVED_AT + (1 + a) * N_COMMON + MOTOR_AT] * w[SOLVED_AT + MOTOR_AT]
-        w[RESIDUALS_AT + N_MOVES + a] = w[CROSS_AT + a * N_COMMON * N_CANDIDATES + c] - common
         for b in range(a + 1):
-            pair = w[PRODUCTS_AT + (a * (a + 1) // 2 + b) * N_CANDIDATES + c]
             common = 0.0
-            for i in range(1, MOTOR_AT):
+            for i in range(1, N_COMMON):
                 common += w[SOLVED_AT + (1 + a) * N_COMMON + i] * w[SOLVED_AT + (1 + b) * N_COMMON + i]
-            w[PAIRS_AT + a * N_MOVES + b] = pair - common
-            common += w[SOLVED_AT + (1 + a) * N_COMMON + MOTOR_AT] * w[SOLVED_AT + (1 + b) * N_COMMON + MOTOR_AT]
-            w[PAIRS_AT + (N_MOVES + a) * N_MOVES + b] = pair - common
+            w[PAIRS_AT + a * N_MOVES + b] = w[PRODUCTS_AT + (a * (a + 1) // 2 + b) * N_CANDIDATES + c] - common
 
 
 @exact
@@ -161,19 +173,6 @@ def weigh_candidate(w, c, total, freedom):
 
 
 @exact
-def weigh_candidate_earlier(w, c, total, freedom):
-    """Store the log-likelihood of candidate c by its openings before this horizon, the motor's move in it given."""
-    prior = PRIOR_PRECISION * total / freedom
-    s_11 = w[PAIRS_AT + (N_MOVES + 1) * N_MOVES + 1] + prior
-    r_21 = w[PAIRS_AT + (N_MOVES + 2) * N_MOVES + 1] / s_11
-    s_22 = w[PAIRS_AT + (N_MOVES + 2) * N_MOVES + 2] + prior - r_21 * r_21 * s_11
-    b_1 = w[RESIDUALS_AT + N_MOVES + 1]
-    b_2 = w[RESIDUALS_AT + N_MOVES + 2] - r_21 * b_1
-    explained = b_1 * b_1 / s_11 + b_2 * b_2 / s_22
-    w[P_EARLIER_AT + c] = log_likelihood(total, explained, 0.5 * log(s_11 / prior * (s_22 / prior)), freedom)
-
-
-@exact
 def compare_candidates(w, rows):
     """Store the log-likelihoods of the candidates; return whether there is anything to explain.
 
@@ -181,18 +180,15 @@ def compare_candidates(w, rows):
     """
     factorise(w)
     solve_row(w, 0, SUMS_AT, N_COMMON)
-    common = 0.0
-    for i in range(1, MOTOR_AT):
-        common += w[SOLVED_AT + i] * w[SOLVED_AT + i]
-    total = w[SUMS_AT] - common
-    total_earlier = w[SUMS_AT] - (common + w[SOLVED_AT + MOTOR_AT] * w[SOLVED_AT + MOTOR_AT])
-    freedom = rows - N_LAGS - 1.0
-    if not (freedom > 1.0 and total_earlier > REDUNDANT_SHARE * w[SUMS_AT]):
+    total = w[SUMS_AT]
+    for i in range(1, N_COMMON):
+        total -= w[SOLVED_AT + i] * w[SOLVED_AT + i]
+    freedom = rows - N_LAGS - 2.0
+    if not (freedom > 1.0 and total > REDUNDANT_SHARE * w[SUMS_AT]):
         return False
     for c in range(N_CANDIDATES):
         project_out_common(w, c)
         weigh_candidate(w, c, total, freedom)
-        weigh_candidate_earlier(w, c, total_earlier, freedom - 1.0)
     return True
 
 
@@ -201,11 +197,9 @@ LIKELIHOOD_WEIGHT = 0.6  # share of the log-likelihood that counts: residuals ar
 GOOD_BACKLASH = 0.01  # up to this a valve is called good and left alone; also the least tolerance of an estimate
 TOLERANCE_SHARE = 0.2  # of the backlash, by which a right estimate may be off
 NEGLIGIBLE_BACKLASH = 0.0051  # up to this a candidate is no backlash
-LARGEST_P_NONE = 0.005  # probability of no backlash at which there is an estimate: on a good valve each does harm
-LARGEST_P_NONE_EARLIER = 0.05
-"""Such a probability by the openings of earlier horizons, where the controller samples several times in one: it answers
-the very change that is to be explained, and a gap that filters its answer seems to explain the change."""
+LARGEST_P_NONE = 0.002  # probability of no backlash at which there is an estimate: on a good valve each does harm
 GIVE_UP_PROBABILITY = 0.05  # largest probability of being not too large at which an estimate is given up
+LINEAR_MOVE = 0.03  # motor's move over N_MOVES horizons, fraction of stroke, at which a horizon counts half
 HORIZON_S = 30.0  # over which the model predicts: long against the noise of a sensor, short against a coil
 SET_POINT_STEP_K = 0.1  # change between two samples that is a step
 COUNTS_AFTER_STEP_S = 7200.0  # time after a step that counts
@@ -224,28 +218,27 @@ def is_right_estimate(candidate, estimate):
 
 
 @exact
-def normalise_probabilities(w, at):
-    """Turn the log-likelihoods at ``at`` into probabilities."""
-    highest, total = w[at], 0.0
+def normalise_probabilities(w):
+    """Turn the log-likelihoods into probabilities."""
+    highest, total = w[P_AT], 0.0
     for c in range(1, N_CANDIDATES):
-        highest = w[at + c] if w[at + c] > highest else highest
+        highest = w[P_AT + c] if w[P_AT + c] > highest else highest
     for c in range(N_CANDIDATES):
-        w[at + c] = exp(LIKELIHOOD_WEIGHT * (w[at + c] - highest))
-        total += w[at + c]
+        w[P_AT + c] = exp(LIKELIHOOD_WEIGHT * (w[P_AT + c] - highest))
+        total += w[P_AT + c]
     for c in range(N_CANDIDATES):
-        w[at + c] /= total
+        w[P_AT + c] /= total
 
 
 @exact
-def decide_estimate(w, estimate, certainty, samples_often):
+def decide_estimate(w, estimate, certainty):
     """Return the estimate after a comparison of the candidates.
 
     It is the mean of the probabilities if that is right with this certainty, 0 for a good valve.  Otherwise it stays,
-    unless it is nearly certainly too large.  samples_often: whether the controller samples several times in a horizon.
+    unless it is nearly certainly too large.
     """
-    normalise_probabilities(w, P_AT)
-    normalise_probabilities(w, P_EARLIER_AT)
-    mean, p_right, p_none, p_none_earlier, p_as_large = 0.0, 0.0, 0.0, 0.0, 0.0
+    normalise_probabilities(w)
+    mean, p_right, p_none, p_as_large = 0.0, 0.0, 0.0, 0.0
     for c in range(N_CANDIDATES):
         mean += w[P_AT + c] * CANDIDATES[c]
     mean = 0.0 if mean <= GOOD_BACKLASH else mean
@@ -254,8 +247,7 @@ def decide_estimate(w, estimate, certainty, samples_often):
         p_right += p if is_right_estimate(CANDIDATES[c], mean) else 0.0
         p_as_large += p if CANDIDATES[c] >= estimate or is_right_estimate(CANDIDATES[c], estimate) else 0.0
         p_none += p if CANDIDATES[c] <= NEGLIGIBLE_BACKLASH else 0.0
-        p_none_earlier += w[P_EARLIER_AT + c] if CANDIDATES[c] <= NEGLIGIBLE_BACKLASH else 0.0
-    has_backlash = p_none <= LARGEST_P_NONE and (p_none_earlier <= LARGEST_P_NONE_EARLIER or not samples_often)
+    has_backlash = p_none <= LARGEST_P_NONE
     if p_right >= certainty and (mean == 0.0 or has_backlash):
         return mean
     return (mean if has_backlash else 0.0) if p_as_large <= GIVE_UP_PROBABILITY else estimate
@@ -291,10 +283,9 @@ class Memory(NamedTuple):
     counts_until: float  # end of the time that counts, s
     left_end_at: float  # when u was last not at an end of the stroke, s
     position: float  # position of the motor, fraction of stroke
-    motor_sum: float  # sum of its mean places in this horizon so far
-    motor_mean: float  # mean of them in the horizon before
     n_samples: float  # number of samples since the horizon began
     T: float  # temperature when it began, °C
+    T_rise_sum: float  # sum over its samples of the rise since then, K
     m_a: float  # air flow when it began, kg/s; NaN where it is not known
     resumes_at: float  # end of the time that does not count after a step of the air flow, s
     n_horizons: float  # number of horizons since the last interruption
@@ -311,32 +302,44 @@ def initial_memory(p):
     decay = exp(-width * p.sample_time / p.identify_memory)
     first = p.identify_interval
     return Memory(
-        width, decay, 0.0, np.nan, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.nan, np.nan, 0.0, 0.0, 0.0, first, 0.0,
+        width, decay, 0.0, np.nan, -1.0, 0.0, 0.0, 0.0, np.nan, 0.0, np.nan, 0.0, 0.0, 0.0, first, 0.0,
     )  # fmt: skip
 
 
 @exact
-def close_horizon(w, width, change, motor_change):
-    """Store the changes over the horizon that ends: of the temperature, K, the motor, and the candidates' openings."""
-    remember_change(w, change, motor_change)
-    for a in range(N_MOVES - 1, 0, -1):
-        for c in range(N_CANDIDATES):
-            w[MOVES_AT + a * N_CANDIDATES + c] = w[MOVES_AT + (a - 1) * N_CANDIDATES + c]
+def close_horizon(w, width, deviation):
+    """Store the changes of the mean openings to the horizon that ends.
+
+    deviation: of its last temperature from its mean, K.
+    """
+    w[LAGS_AT + DEVIATION_AT] = deviation
     for c in range(N_CANDIDATES):
+        for a in range(N_MOVES - 1, 1, -1):
+            w[MOVES_AT + a * N_CANDIDATES + c] = w[MOVES_AT + (a - 1) * N_CANDIDATES + c]
         mean = w[OPENING_SUMS_AT + c] / width
-        w[MOVES_AT + c] = mean - w[OPENING_MEANS_AT + c]
+        w[MOVES_AT + N_CANDIDATES + c] = mean - w[OPENING_MEANS_AT + c]
         w[OPENING_MEANS_AT + c] = mean
         w[OPENING_SUMS_AT + c] = 0.0
 
 
 @exact
-def move_stems(w, position, running_time, stroke_time, interval):
-    """Move the stem behind each candidate with the motor, and add its mean opening to the horizon."""
-    for c in range(N_CANDIDATES):
+def move_stems(w, command, position, running_time, stroke_time, interval):
+    """Move the stem behind each candidate with the motor, the first with the command; add each mean opening."""
+    w[OPENING_SUMS_AT] += command
+    w[STEMS_AT] = command
+    for c in range(1, N_CANDIDATES):
         q = backlash(w[STEMS_AT + c], position, CANDIDATES[c])
         mean = mean_position(w[STEMS_AT + c], q, running_time, stroke_time, interval)
         w[OPENING_SUMS_AT + c] += mean / (1.0 - CANDIDATES[c])
         w[STEMS_AT + c] = q
+
+
+@exact
+def predict_openings(w, width):
+    """Store the changes of the mean openings to this horizon if no stem moves after its first sample."""
+    for c in range(N_CANDIDATES):
+        rest = (width - 1.0) * w[STEMS_AT + c] / (1.0 - CANDIDATES[c])
+        w[MOVES_AT + c] = (w[OPENING_SUMS_AT + c] + rest) / width - w[OPENING_MEANS_AT + c]
 
 
 @exact
@@ -356,20 +359,22 @@ def update_estimate(now, p, memory, w):
     rows, has_new_row = memory.rows, memory.has_new_row
     has_gust = ends and abs(now.m_a - memory.m_a) > AIR_FLOW_STEP_SHARE * memory.m_a
     resumes_at = now.t + PAUSE_AFTER_GUST_S if has_gust else memory.resumes_at
-    motor_mean = memory.motor_sum / memory.width
+    T_rise = 0.0 if begins else now.T - memory.T
     if ends:
-        close_horizon(w, memory.width, 0.0 if begins else now.T - memory.T, motor_mean - memory.motor_mean)
+        remember_change(w, T_rise)
         n_horizons += 0.0 if begins else 1.0
         if n_horizons > N_LAGS and resumes_at <= now.t <= memory.counts_until and now.t - left_end_at <= MOST_AT_END_S:
             add_row(w, memory.decay)
             rows = memory.decay * rows + 1.0
             has_new_row = 1.0
+        close_horizon(w, memory.width, T_rise - memory.T_rise_sum / memory.width)
 
     max_travel = elapsed / p.identify_stroke_time if p.identify_stroke_time > 0.0 else np.inf
     position = motor_position(memory.position, now.command, max_travel)
     running_time = abs(position - memory.position) * p.identify_stroke_time
-    place = mean_position(memory.position, position, running_time, p.identify_stroke_time, elapsed)
-    move_stems(w, position, running_time, p.identify_stroke_time, elapsed)
+    move_stems(w, now.command, position, running_time, p.identify_stroke_time, elapsed)
+    if ends:
+        predict_openings(w, memory.width)
 
     has_step = abs(now.T_set - memory.T_set) >= SET_POINT_STEP_K
     counts_until = now.t + COUNTS_AFTER_STEP_S if has_step else memory.counts_until
@@ -378,7 +383,7 @@ def update_estimate(now, p, memory, w):
     compares = now.t >= memory.compares_at
     x_hat = now.estimate
     if compares and has_new_row > 0.0 and rows >= LEAST_ROWS and compare_candidates(w, rows):
-        x_hat = decide_estimate(w, now.estimate, p.identify_certainty, memory.width > 1.0)
+        x_hat = decide_estimate(w, now.estimate, p.identify_certainty)
     next_memory = Memory(
         memory.width,
         memory.decay,
@@ -387,10 +392,9 @@ def update_estimate(now, p, memory, w):
         counts_until,
         left_end_at,
         position,
-        place if ends else memory.motor_sum + place,
-        motor_mean if ends else memory.motor_mean,
         1.0 if ends else memory.n_samples + 1.0,
         np.nan if interrupted else (now.T if ends else memory.T),
+        0.0 if ends else memory.T_rise_sum + T_rise,
         now.m_a if ends else memory.m_a,
         resumes_at,
         n_horizons,

@@ -21,6 +21,7 @@ GUSTS = {"m_a": np.where(ELAPSED_S % 1600 < 800, 1.0, 1.3)}
 NOISY = {"noise_std": 0.05, "buffer": 0.01}
 STEPS = {"T_set": 14.0 + np.resize([0.0, 1.0, -0.5, 0.5], 6)[ELAPSED_S // 600]}
 ONE_GUST = {"m_a": np.where(ELAPSED_S < 2000, 1.0, 1.3)}
+CALMER = {"sample_time": 5.0, "identify_memory": 1e5, "kp": 0.02, "backlash": 0.1}
 WARMER = {"action": "heating", "kp": 0.01, "stroke_time": 60.0, "sample_time": 10.0}
 
 CASES = {
@@ -38,7 +39,7 @@ CASES = {
     "identify": (IDENTIFY | {"sample_time": 10.0, "estimate_share": 0.9}, STEPS),
     "identify, fast, noise": (IDENTIFY | NOISY | {"sample_time": 7.0, "stroke_time": 90.0}, STEPS),
     "identify, slow, a gust": (IDENTIFY | {"backlash_estimate": 0.15, "identify_stroke_time": 0.0}, STEPS | ONE_GUST),
-    "identify, off and on": (IDENTIFY | {"sample_time": 5.0, "identify_memory": 1e5}, STEPS | OFF_AND_ON),
+    "identify, off and on": (IDENTIFY | CALMER, STEPS | OFF_AND_ON),
     "identify, heating": (IDENTIFY | WARMER, HEATING | {"T_set": 10.0 + STEPS["T_set"]}),
 }
 
