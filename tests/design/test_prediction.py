@@ -24,7 +24,7 @@ def predict_at_plants(loop, *plants):
     """A loop at an operating point for each plant."""
     nothing = np.zeros(len(plants), dtype=np.int64)
     cycles = predict_cycles(parameter_columns(loop, {}, nothing), join_plants(*plants))
-    points = PointsOfDay(nothing, nothing + 1, {"T_set": nothing + 14.0}, nothing)
+    points = PointsOfDay(nothing, nothing + 1, {"T_set": nothing + 14.0})
     worst = int(np.argmax(cycles.hunting_index))
     return prediction.Prediction(loop, points, join_plants(*plants), cycles, np.arange(len(plants)), worst)
 
