@@ -41,7 +41,7 @@ from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.labels import label_in_words
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.provenance import provenance
-from fastcoil.model.hunting import HUNTING_SWING_K
+from fastcoil.model.metric_table import HUNTING_SWING_K
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

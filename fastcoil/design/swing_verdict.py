@@ -16,7 +16,8 @@ from fastcoil.design.operating_points import CONDITION_SERIES, operating_points
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.simulate import simulate
-from fastcoil.model.hunting import HUNTING_SHARE, HUNTING_SWING_K
+from fastcoil.model.hunting import HUNTING_SHARE
+from fastcoil.model.metric_table import HUNTING_SWING_K
 
 # chosen by twins with the opening held, and by eye
 LEAST_OWN_SHARE = 1.0 / 3.0  # of a swing that the loop makes itself, that its twins show on average

@@ -20,8 +20,8 @@ from fastcoil.measured.fitted_plant import FittedPlant, RecoveredPI, first_order
 from fastcoil.measured.grid import SECONDS_PER_DAY, forward_fill
 from fastcoil.measured.identify import HORIZON_S
 from fastcoil.measured.part import true_runs
-from fastcoil.model.hunting import HUNTING_SWING_K, SWING_SAMPLE_S, is_same_period
-from fastcoil.model.metric_table import SETTLING_TIME_S, WARM_UP_S
+from fastcoil.model.hunting import SWING_SAMPLE_S, is_same_period
+from fastcoil.model.metric_table import HUNTING_SWING_K, SETTLING_TIME_S, WARM_UP_S
 
 LEAST_PERIODS = 10  # whole periods that a replay must show before it counts as hunting
 LEAST_REGULARITY = 2.0 / 3.0  # share of them that are as long as the one before

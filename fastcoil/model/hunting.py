@@ -10,12 +10,13 @@ The numbers were chosen on some loops and tested on others, see ``studies/huntin
 
 import numpy as np
 
+from fastcoil.model.metric_table import HUNTING_SWING_K
+
 SWING_SAMPLE_S = 10  # between samples of the swing: a cycle below two of them is not seen
 SWING_MEAN_S = 300  # of the mean that is taken off: coils swing in 1 to 10 min, loads change in hours
 SWING_LEAD_S = 300  # before settled time, in which that mean begins
 SWING_BLOCK_S = 1200  # of a block: two slow cycles, and the settled part of a set-point that is held for 30 min
 LEAST_SWING_BLOCK_S = 600  # of the last block of a window: a shorter one may not show a cycle
-HUNTING_SWING_K = 0.1  # peak-to-peak supply temperature above which a loop may hunt: less is not worth a repair
 OWN_SHARE = 0.4  # of the variance of a block that disturbances must leave unexplained: misses 9 %, calls 5 % of others
 HUNTING_SHARE = 0.5  # of the blocks, for a loop that hunts
 LEAST_TURN_K = 0.04  # reversal of the swing that is a turn, between which periods count: above ripple and rounding

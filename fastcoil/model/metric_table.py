@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 from fastcoil.base.errors import did_you_mean
-from fastcoil.model.hunting import HUNTING_SWING_K
 
 STATUS_MEANINGS = ("ok", "non_finite", "out_of_range", "not_run", "crashed")
 STATUS_OK, STATUS_NON_FINITE, STATUS_OUT_OF_RANGE, STATUS_NOT_RUN, STATUS_CRASHED = range(5)
@@ -17,6 +16,7 @@ SET_POINT_STEP_K = 0.05  # change of the set-point from one second to the next t
 SWITCH_BLOCK_S = 600  # of the switch frequency, as in section 3.3 of the paper
 PEAK_BLOCK_S = 900  # averaging time of the peak power
 ESTIMATE_WINDOW_S = 7200  # last part of a run, over which the estimate is averaged
+HUNTING_SWING_K = 0.1  # peak-to-peak supply temperature above which a loop may hunt: less is not worth a repair
 OFF_SET_POINT_ERROR_K = 0.5  # control error beyond which the supply temperature counts as off its set-point
 
 

@@ -20,7 +20,6 @@ import fastcoil as fc
 from fastcoil.design.describing_function import describing_function
 from fastcoil.design.operating_points import OperatingPoints
 from fastcoil.design.plants import Columns, Plants, loop_response
-from fastcoil.model.metric_table import HUNTING_SWING_K, LEAST_HUNTING_PERIODS
 from fastcoil.model.moist_air import humidity_ratio
 from studies.common import HEATING_GAIN, draw_loguniform, pool_days, share_of
 from studies.days import HEATING, loop_settings, make_days
@@ -149,15 +148,14 @@ def simulate_hunting(loop: fc.Loop, day: fc.Boundary) -> xr.Dataset:
 
 
 def hunting_metrics(ds: xr.Dataset) -> xr.Dataset:
-    """The metrics of days that stand still; ``regular`` is the metric ``hunts``, and ``hunts`` asks for less.
-
-    Without disturbances an irregular swing is the loop's own, too: over 0.1 K in ``LEAST_HUNTING_PERIODS`` periods.
-    """
+    """The metrics of days that stand still; ``regular``: it hunts, and two thirds of its periods are alike."""
     metrics = ds[["hunts", "hunting_swing", "hunting_period"]].reset_coords(drop=True)
-    metrics = metrics.rename(hunts="regular", hunting_swing="swing", hunting_period="period")
-    longest = (3600 * HOURS - WARM_UP_SECONDS) / LEAST_HUNTING_PERIODS
-    is_hunting = (metrics.swing > HUNTING_SWING_K) & (metrics.period <= longest)
-    return metrics.assign(hunts=is_hunting.astype(float).where(metrics.regular.notnull()))
+    metrics = metrics.rename(hunting_swing="swing", hunting_period="period")
+    is_regular = (ds.swing_regularity >= LEAST_REGULARITY).reset_coords(drop=True)
+    return metrics.assign(regular=metrics.hunts * is_regular)
+
+
+LEAST_REGULARITY = 2 / 3  # share of the periods that are as long as the one before
 
 
 def loop_parameters(loop: fc.Loop, *names: str) -> xr.Dataset:

@@ -17,7 +17,7 @@ def write_study(tmp_path, monkeypatch):
 def test_run_writes_results_and_figures_and_says_where(tmp_path):
     result = fastcoil("run", "small.toml")
     assert result.exit_code == 0, result.output
-    for path in ("results.nc", "figures/maps.png", "figures/bands.png"):
+    for path in ("results.nc", "figures/bands.png"):
         assert f"results/small/{path}" in result.output
         assert (tmp_path / "results" / "small" / path).stat().st_size > 1000
     assert "6 scenario-days (2 values of backlash × 3 values of estimate_ratio)" in result.output

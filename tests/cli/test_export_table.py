@@ -56,7 +56,7 @@ def test_a_name_of_ours_replaces_our_own_file_and_no_other(folder, run_export, t
 def test_a_folder_its_file_and_a_saved_result_give_the_same_table(folder, run_export, tmp_path):
     ds = fc.open_study(folder)
     ds.to_netcdf(tmp_path / "mine.nc")
-    assert run_export(folder, "--csv").output == "Written: small.csv (128 scenario-days, 37 columns)\n"
+    assert run_export(folder, "--csv").output == "Written: small.csv (128 scenario-days, 40 columns)\n"
     assert [run_export(path, "--csv").exit_code for path in (folder / "results.nc", tmp_path / "mine.nc")] == [0, 0]
     csv_bytes = (tmp_path / "small.csv").read_bytes()
     assert csv_bytes == (tmp_path / "results.csv").read_bytes() == (tmp_path / "mine.csv").read_bytes()

@@ -46,7 +46,7 @@ def test_a_study_is_run_whatever_becomes_of_the_streams(run_in_shell, tmp_path, 
     assert errors.splitlines()[-1:] == [line for line in errors.splitlines() if line.startswith(LOST_OUTPUT)][-1:]
     assert said in errors
     names = {path.name for path in (tmp_path / "out").iterdir() if path.name[0] != "."}
-    assert names == {"results.nc", "run.json", "study.toml"}
+    assert names == {"results.nc", "answer.json", "run.json", "study.toml"}
 
 
 def test_help_that_cannot_be_printed_says_so(run_in_shell):

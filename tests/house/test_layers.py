@@ -15,7 +15,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 LAYERS = ["base", "model", "logs", "loops", "design", "measured", "study", "deliver", "cli", "__main__", "__init__"]
 """A subpackage imports from itself and from those before it."""
 INSIDE_MODEL = [
-    ["hunting"], ["parameter_table", "metric_table", "moist_air"],
+    ["parameter_table", "metric_table", "moist_air"], ["hunting"],
     ["numerics"], ["physics", "control"], ["estimators"], ["valve_test"], ["engine"], ["user_rules"],
 ]  # fmt: skip
 """The same inside the model, where compiled code lies."""
