@@ -203,8 +203,8 @@ def hunting_index_omissions(prediction: Prediction) -> tuple[str, ...]:
     noise = float(prediction.loop["noise_std"])  # type: ignore[arg-type]
     if noise > 0.0:  # limits: docs/findings/hunting.md, with noise
         clauses.append(
-            f"the noise of {noise:.3g} K: with it a loop may hunt where (kp K)^0.7 (T + 2 θ)/ti is above 4, without it "
-            f"above 5; here it is {largest_integral_speed(prediction):.2g}"
+            f"the noise of {noise:.3g} K: with it a loop may hunt where (kp K)^0.7 (T + 2 θ)/ti is above 4; here it is "
+            f"{largest_integral_speed(prediction):.2g}"
         )
     if dead_band > 0.0:
         clauses.append(f"the error dead band of {dead_band:g} K, which may hold a loop still, or make it hunt")
