@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 
 import fastcoil as fc
 
-loop = fc.Loop.preset("paper_like").assign(backlash=0.07, estimate_ratio=[0.0, 0.6, 0.95, 1.1])
+loop = fc.Loop.preset("paper_like").assign(converged=True, backlash=0.07, estimate_ratio=[0.0, 0.6, 0.95, 1.1])
 day = fc.paper_day(hours=8, seed=1)
 ds = fc.simulate(loop, day, traces=["T_sup"], trace_interval=10)
 print(ds[["rmse", "rmse_settled", "switch_frequency"]].to_dataframe().round(3))

@@ -46,7 +46,7 @@ def tunings(n: int = 12) -> xr.Dataset:
     kp, ti = np.geomspace(0.005, 0.12, n), np.geomspace(4.0, 600.0, n)
     by_plant = {}
     for plant, preset in PLANTS.items():
-        loop = fc.Loop.preset(preset).assign(kp=kp, ti=ti, sample_time=[1.0, 5.0, 10.0, 30.0])
+        loop = fc.Loop.preset(preset).assign(converged=True, kp=kp, ti=ti, sample_time=[1.0, 5.0, 10.0, 30.0])
         T = {
             x_bl: fc.simulate(loop.assign(backlash=x_bl), stepped_day(), traces=["T_sup"], trace_interval=5).T_sup
             for x_bl in (0.0, 0.07)
@@ -85,7 +85,9 @@ def learned_when_quiet(n: int = 8) -> xr.DataArray:
     kp, ti = np.geomspace(0.005, 0.08, n), np.geomspace(8.0, 600.0, n)
     by_plant = {}
     for plant, preset in PLANTS.items():
-        loop = fc.Loop.preset(preset).assign(backlash=0.07, learning_step=0.007, backlash_estimate=0.007)
+        loop = fc.Loop.preset(preset).assign(
+            converged=True, backlash=0.07, learning_step=0.007, backlash_estimate=0.007
+        )
         loop = loop.assign(buffer=[1e-9, 0.001, 0.01], kp=kp, ti=ti, sample_time=[1.0, 5.0, 15.0, 30.0])
         by_plant[plant] = fc.simulate(loop, fc.constant_day(hours=24)).estimate_final
     return concat_along("plant", by_plant)
@@ -124,7 +126,7 @@ def good_valves(seeds: Sequence[int] = HARM_DAYS) -> xr.Dataset:
     """Simulate the growing rule on valves without backlash, beside the plain PI, on days with set-point steps."""
     datasets = []
     for preset in PRESETS:
-        loop = fc.Loop.preset(preset).assign(backlash=0.0, noise_std=[0.0, 0.05])
+        loop = fc.Loop.preset(preset).assign(converged=True, backlash=0.0, noise_std=[0.0, 0.05])
         for variant in (loop, loop.assign(**GROWING_RULE)):
             datasets.append(_keep_metrics(fc.simulate(variant, make_days(STEPPED, seeds))))
     ds = xr.concat(datasets, "both").assign_coords(

@@ -64,7 +64,7 @@ class Case(NamedTuple):
         """A population of the preset."""
         gaps = np.random.default_rng([seed, size]).uniform(0.0, LARGEST_BACKLASH, size)
         gaps[::GOOD_EVERY] = 0.0
-        loop = fc.Loop.preset(self.preset).assign(noise_std=NOISE_STD, backlash=("sample", gaps))
+        loop = fc.Loop.preset(self.preset).assign(converged=True, noise_std=NOISE_STD, backlash=("sample", gaps))
         return loop.assign(**loop_settings(self.kinds[0]))
 
     def days(self, seeds: Sequence[int]) -> fc.Boundary:
@@ -96,7 +96,9 @@ def compare_tunings(case: Case, pi: Tuning, inverse: Tuning) -> tuple[dict[str, 
     """Simulate every tuning on fresh valves and days; return results by kind of day, and the settings as text."""
     fresh = case.loop(FRESH_VALVES, 2)
     simc = simc_changes(Group(fresh, case.days(SEARCH_DAYS), tuple(range(FRESH_VALVES))), list(SEARCH), WARM_UP_S)
-    best = best_gains(fc.Loop.preset(case.preset).assign(noise_std=NOISE_STD, backlash=0.07), case.kinds)
+    best = best_gains(
+        fc.Loop.preset(case.preset).assign(converged=True, noise_std=NOISE_STD, backlash=0.07), case.kinds
+    )
     loops = {
         PRESET: fresh,
         SIMC: fresh.assign(**simc),
