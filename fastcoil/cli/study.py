@@ -375,8 +375,31 @@ def draw_standard_figures(folder: Path, ds: xr.Dataset) -> list[Path]:
     return [path for path in current_figures(folder, drawn_from) if path.suffix == ".png"]
 
 
+_STEP_TEST = """\
+1. Put the controller in manual at the smallest opening at which the valve works.  Make the last move in the direction
+   of the step, so that the gap is taken up.
+2. Step the command by a few per cent and log T_sup until it settles.
+3. K is the change of T_sup over the step, K per full stroke.  With t1 and t2, the times to 35.3 and 85.3 % of the
+   change: T = 0.67 (t2 - t1), and theta = 1.3 t1 - 0.29 t2, plus half of the controller's sample time.
+4. The loop stays calm with Ti of at least (kp K)^0.7 (T + 2 theta) / 4, kp in 1/K; Ti = T calms nearly every loop."""
+
+
+def _print_step_test(ctx: click.Context, param: click.Parameter, value: bool) -> None:
+    if value:
+        echo(*_STEP_TEST.splitlines())
+        ctx.exit()
+
+
 @click.command()
 @click.argument("target", type=PATH)
+@click.option(
+    "--step-test",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_print_step_test,
+    help="Print how to measure gain, time constant and dead time of a real loop, and exit.",
+)
 @with_scenario
 @click.option(
     "--set", "changes", multiple=True, metavar="NAME=VALUE", help="Another value for a parameter, such as kp=0.03."
