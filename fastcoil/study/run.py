@@ -222,7 +222,10 @@ def _run_and_merge(
         options_of_plan: Any = {"warm_up": plan.warm_up, "seed": plan.seed, "carry_over": plan.carry_over}
         replicates = plan.layout.sizes.get("replicate", 1)
         measured["comparators"] = format_comparators(
-            lambda other: simulate(other, boundary, replicates=replicates, n_jobs=n_workers, **options_of_plan), loop
+            lambda other: simulate(
+                other, boundary, replicates=replicates, n_jobs=n_workers, progress=False, **options_of_plan
+            ),
+            loop,
         )
     ds = publish_results(run, ds.assign_attrs(study_attributes(study, run.manifest, measured)))
     warn_saturated(plan.layout.loop, ds)
