@@ -282,6 +282,7 @@ def limit_cycle(data: Any, predicted: xr.Dataset | None = None, *, ax: Any = Non
         missing_names = [name for name in _PREDICTED_VARIABLES if name not in predicted]
         if missing_names:
             raise InputError(f"predicted has no {', '.join(missing_names)}: {cure}", "predicted", "missing")
+        require_distinct_labels(predicted, [d for d in predicted["hunting_index"].dims if d in predicted.coords])
         simulated, theory = (json.loads(each.attrs.get("parameters", "{}")) for each in (ds, predicted))
         for name, value in simulated.items():
             if value != theory.get(name, value):
