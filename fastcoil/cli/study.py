@@ -262,16 +262,13 @@ def presets() -> None:
 @click.option("-y", help="Second parameter: a map instead of a curve.")
 @click.option("--by", help="Further dimension: a row of panels for each of some of its values.")
 @click.option("--at", multiple=True, metavar="NAME=LABEL", help="Only scenarios with this label; may be repeated.")
-@click.option(
-    "--relative-to", multiple=True, metavar="NAME=LABEL", help="Draw changes against this case, pair by pair, in %."
-)
 @click.option("-o", "--out", type=PATH, help="File or folder to write; the figures of FOLDER by default.")
 @click.option("--format", help="png, pdf or svg.  [default: png, or that of the file]")
 @click.option("--dpi", default="200", show_default=True, help="Dots per inch, 50 to 1200.")
 @click.option("--width", metavar="LENGTH", help="Width of the figure, such as 84mm; letters keep their size.")
 def plot(
     folder: Path, out: Path | None, format: str | None, dpi: str, metrics: tuple[str, ...], x: str | None,
-    y: str | None, by: str | None, at: tuple[str, ...], relative_to: tuple[str, ...], width: str | None,
+    y: str | None, by: str | None, at: tuple[str, ...], width: str | None,
 ) -> None:  # fmt: skip
     """Draw the standard figures of the finished study in FOLDER, or a custom one with -x."""
     from fastcoil.base.figures import FIGURES_FOLDER, check_format, write_figures
@@ -288,12 +285,10 @@ def plot(
     if x is None and (metrics or y or by):
         raise InputError("--metric, -y and --by need -x: name the swept parameter along the x axis", "-x", "missing")
     inches, labels_at = _width_in_inches(width), parse_label_lists("--at", at)
-    baseline = parse_label_lists("--relative-to", relative_to)
     ds = open_study(folder)
     name_parts = [*metrics, *filter(None, (y, by, x))]
     name_parts += [f"{name}={'+'.join(labels)}" for name, labels in labels_at.items()]
-    name_parts += [f"to-{name}={'+'.join(labels)}" for name, labels in baseline.items()]
-    part = _select_results(ds, [name for name in (x, y, by) if name], labels_at, baseline)
+    part = _select_results(ds, [name for name in (x, y, by) if name], labels_at)
     drawers = standard_figures(part, inches) if x is None else {"": _figure_drawer(part, metrics, x, y, by, inches)}
     figures = {portable_file_name("_".join(filter(None, [n, *name_parts]))): draw() for n, draw in drawers.items()}
     if not figures:
@@ -332,20 +327,13 @@ def _figure_drawer(
     return partial(plots.draw_panels, part, x, y, by, drawn_metrics, width)
 
 
-def _select_results(
-    ds: xr.Dataset, axes: Sequence[str], at: Mapping[str, Sequence[str]], baseline: Mapping[str, Sequence[str]]
-) -> xr.Dataset:
-    """Select the part of the results to draw, relative to a baseline if given, with a title that describes it."""
+def _select_results(ds: xr.Dataset, axes: Sequence[str], at: Mapping[str, Sequence[str]]) -> xr.Dataset:
+    """Select the part of the results to draw, with a title that describes it."""
     from fastcoil.study.analysis import selected
-    from fastcoil.study.analysis.compare import relative_to
 
     part, title_parts = selected.select_labels(ds, at), [str(ds.attrs.get("title", ""))]
     if at:
         title_parts.append(f"at {selected.describe_labels(part, at)}")
-    if baseline:
-        case, baseline_name = selected.find_case(part, baseline)
-        part = relative_to(part, case, baseline_name)
-        title_parts.append(f"against {baseline_name}")
     if len(set(axes)) < len(axes):
         raise InputError(f"{axes[0]} is named twice: choose two different axes", axes[0], "duplicate")
     if sampled_axes := [name for name in axes if name in selected.drawn_parameters(part)]:
@@ -375,8 +363,31 @@ def draw_standard_figures(folder: Path, ds: xr.Dataset) -> list[Path]:
     return [path for path in current_figures(folder, drawn_from) if path.suffix == ".png"]
 
 
+_STEP_TEST = """\
+1. Put the controller in manual at the smallest opening at which the valve works.  Make the last move in the direction
+   of the step, so that the gap is taken up.
+2. Step the command by a few per cent and log T_sup until it settles.
+3. K is the change of T_sup over the step, K per full stroke.  With t1 and t2, the times to 35.3 and 85.3 % of the
+   change: T = 0.67 (t2 - t1), and theta = 1.3 t1 - 0.29 t2, plus half of the controller's sample time.
+4. The loop stays calm with Ti of at least (kp K)^0.7 (T + 2 theta) / 4, kp in 1/K; Ti = T calms nearly every loop."""
+
+
+def _print_step_test(ctx: click.Context, param: click.Parameter, value: bool) -> None:
+    if value:
+        echo(*_STEP_TEST.splitlines())
+        ctx.exit()
+
+
 @click.command()
 @click.argument("target", type=PATH)
+@click.option(
+    "--step-test",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_print_step_test,
+    help="Print how to measure gain, time constant and dead time of a real loop, and exit.",
+)
 @with_scenario
 @click.option(
     "--set", "changes", multiple=True, metavar="NAME=VALUE", help="Another value for a parameter, such as kp=0.03."

@@ -162,8 +162,8 @@ def try_cures(trial: Trial, cures: Sequence[Cure]) -> xr.Dataset:
     """
     swept, boundary = sweep_cures(trial.loop, cures), trial.boundary
     interval = max(2, -(-boundary.n_steps // 43200))
-    options: dict[str, Any] = {"warm_up": trial.warm_up, "seed": trial.seed, "n_jobs": 1, "progress": False}
-    ds = simulate(swept, boundary, traces=["T_sup"], trace_interval=interval, **options)
+    options: dict[str, Any] = {"warm_up": trial.warm_up, "seed": trial.seed, "n_jobs": 1}
+    ds = simulate(swept, boundary, traces=["T_sup"], trace_interval=interval, progress=False, **options)
     ds = judge_by_twins(ds, swept, boundary, **options)
     ds = ds.isel(day=0, drop=True) if "day" in ds.dims else ds
     ds = ds if "cure" in ds.dims else ds.expand_dims("cure")

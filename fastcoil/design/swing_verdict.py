@@ -108,7 +108,8 @@ def judge_by_twins(results: xr.Dataset, loop: Loop, boundary: Boundary, *, warm_
     for k, label in enumerate(boundary.day if boundary.has_day_dim else [None]):
         day, of_day = (boundary, results) if label is None else (boundary.isel(day=k), results.sel(day=label))
         if of_day["hunts"].notnull().any():
-            of_day = simulate(loop, still_boundary(day, warm_up), warm_up=warm_up, **options).mean("day")
+            twins = simulate(loop, still_boundary(day, warm_up), warm_up=warm_up, progress=False, **options)
+            of_day = twins.mean("day")
         alone.append(of_day[["hunts", "hunting_swing", "estimate_settled"]].reset_coords(drop=True))
     twin = xr.concat(alone, results["day"]) if boundary.has_day_dim else alone[0]
     swing, swing_alone = results["hunting_swing"], twin["hunting_swing"]

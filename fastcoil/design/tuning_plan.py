@@ -300,8 +300,7 @@ def simulate_group(
     """
     loop = group.loop.assign(**changes)
     options: dict[str, Any] = {name: getattr(request, name) for name in ("warm_up", "seed", "replicates", "n_jobs")}
-    options["progress"] = False
-    ds = simulate(loop, group.boundary, **options)
+    ds = simulate(loop, group.boundary, progress=False, **options)
     ds = judge_by_twins(ds, loop, group.boundary, **options) if with_twins else ds
     order, cases = (TUNING_DIM, "day", VALVE_DIM, "replicate"), {}
     for metric in dict.fromkeys(measure.metric for measure in request.measures):

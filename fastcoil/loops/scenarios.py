@@ -378,11 +378,17 @@ def require_table_units(ds: xr.Dataset, *tables: Mapping[str, Any]) -> None:
     ])  # fmt: skip
 
 
-def check_counted_result(ds: xr.Dataset) -> None:
+def check_counted_result(ds: xr.Dataset, argument: str = "ds") -> None:
     """Refuse what ``check_result`` refuses, an empty dim, and a label that stands twice, which would count twice."""
+    require_instance(argument, ds, xr.Dataset, "give a Dataset of fastcoil.simulate or open_study")
     check_result(ds)
+    require_distinct_labels(ds, ds["status"].dims)
+
+
+def require_distinct_labels(ds: xr.Dataset, dims: Iterable[Hashable]) -> None:
+    """Refuse an empty dim, and a label that stands twice."""
     problems = []
-    for dim in ds["status"].dims:
+    for dim in dims:
         labels, counts = np.unique(ds[dim].values, return_counts=True)
         if not labels.size:
             problems.append(Problem(f"ds has nothing along {dim}: choose a label at least", str(dim), "shape"))

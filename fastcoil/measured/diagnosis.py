@@ -135,8 +135,8 @@ class Diagnosis(Result):
     def advice(self) -> GainAdvice:
         """Advice by the rule of ``fc.explain``; the reason is empty where the log shows nothing to do."""
         kp, ti = float(self.indices["kp"]), float(self.indices["ti"])
-        cure = "raise Ti to the time constant T found by one step test (see docs/findings/hunting.md), then log again."
-        by_step_test = GainAdvice(math.nan, math.nan, f"Do this: {cure}")
+        cure = "Do this: raise Ti to the T of one step test (see `fastcoil explain --step-test`), then log again."
+        by_step_test = GainAdvice(math.nan, math.nan, cure)
         if self.cause == CAUSE_DISTURBANCE:
             return GainAdvice(kp, ti, "Leave the gains: the swing comes from outside the loop.")
         if self.predictions is None:

@@ -11,7 +11,7 @@ import xarray as xr
 
 from fastcoil.base.arguments import argument_checks, require_flag, require_path, require_text
 from fastcoil.base.errors import InputError
-from fastcoil.base.files import convert_os_errors, write_atomically
+from fastcoil.base.files import convert_os_errors, is_file, write_atomically
 from fastcoil.base.progress import Advance, display_for_call
 from fastcoil.design.prediction import predict_study
 from fastcoil.loops.clashes import warn_saturated
@@ -169,7 +169,9 @@ def execute(
             study = run.study.with_batches(next(n for n in precision.batch_counts if n > run.study.batches))
             extend, scope = True, f"{SCENARIO_DAYS}, {precision.describe_progress(ds)}"
         finished = FinishedStudy(store.path, ds, n_run, is_new)
-        write_atomically(store.path / ANSWER_FILE, find_answer(ds).to_json().encode())
+        text, path = find_answer(ds).to_json().encode(), store.path / ANSWER_FILE
+        if not is_file(path) or path.read_bytes() != text:
+            write_atomically(path, text)
         present(finished)
     return finished
 
@@ -222,7 +224,10 @@ def _run_and_merge(
         options_of_plan: Any = {"warm_up": plan.warm_up, "seed": plan.seed, "carry_over": plan.carry_over}
         replicates = plan.layout.sizes.get("replicate", 1)
         measured["comparators"] = format_comparators(
-            lambda other: simulate(other, boundary, replicates=replicates, n_jobs=n_workers, **options_of_plan), loop
+            lambda other: simulate(
+                other, boundary, replicates=replicates, n_jobs=n_workers, progress=False, **options_of_plan
+            ),
+            loop,
         )
     ds = publish_results(run, ds.assign_attrs(study_attributes(study, run.manifest, measured)))
     warn_saturated(plan.layout.loop, ds)

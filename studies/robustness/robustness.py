@@ -23,7 +23,7 @@ def write_robustness() -> None:
     ds = all_results.isel(tuning=(all_results.error_dead_band == 0.0).values)
     plain = ds.sel(estimate_ratio=0.0)
     # of lowest error relative to the best of the same valve
-    best_index = {"tuning": int((plain.rmse / plain.rmse.min("tuning")).mean("backlash").argmin())}
+    best_index = {"tuning": int((plain.rmse / plain.rmse.min("tuning")).mean("backlash").argmin("tuning"))}
     best = plain.rmse.isel(best_index, drop=True)
     write_table(
         "robustness/robustness",

@@ -87,3 +87,9 @@ def test_an_interrupt_exits_with_130(tmp_path, monkeypatch):
     result = fastcoil("run", "small.toml")
     assert result.exit_code == 130
     assert sorted(p.name for p in tmp_path.iterdir()) == ["small.toml"]
+
+
+def test_the_step_test_is_printed_without_a_target():
+    result = fastcoil("explain", "--step-test")
+    assert result.exit_code == 0
+    assert "Ti of at least (kp K)^0.7 (T + 2 theta) / 4" in result.output

@@ -21,7 +21,8 @@ STUDY = TRACED_STUDY.replace("estimate_ratio = [0.0, 0.9]", "").replace(
     "[boundary]", "[cases.inverse]\nwithout = { estimate_ratio = 0.0 }\nfitted = { estimate_ratio = 0.95 }\n[boundary]"
 )
 """Two figures."""
-FILES_IN_ORDER = ["run.json", "study.toml", "traces-*.nc", "results.nc", "figures/bands.png", "figures/inverse.png"]
+FIGURES = ["figures/bands.png", "figures/inverse.png"]
+FILES_IN_ORDER = ["run.json", "study.toml", "traces-*.nc", "results.nc", "answer.json", *FIGURES]
 """What gets its name in this order, the shards after the second."""
 RUN_ATTRIBUTES = ("date_created", "history", "wall_time_s", "scenario_days_per_s", "n_jobs", "engine")
 """Attributes that say when, how fast and by which workers."""

@@ -70,7 +70,8 @@ def draw_learning_study(ds: xr.Dataset, width: float | None = None) -> Figure:
 
 def _draw_settings(axes: Axes, values: xr.DataArray, x: str, line_dim: str | None, found: Answer) -> None:
     """Draw a line over ``x`` for each label of a second setting."""
-    along = coordinate_quantity(values, x).factor * values[x].values
+    is_number = values[x].dtype.kind in "if"
+    along = coordinate_quantity(values, x).factor * values[x].values if is_number else np.arange(values.sizes[x])
     labels = [] if line_dim is None else drawing.pick_labels(values.sizes[line_dim], _MOST_LINES)
     for k, place in enumerate([{line_dim: index} for index in labels] or [{}]):
         label = label_in_words(values, line_dim, place[line_dim]) if line_dim else None
@@ -78,8 +79,8 @@ def _draw_settings(axes: Axes, values: xr.DataArray, x: str, line_dim: str | Non
         curve = np.where(np.isfinite(curve), curve, np.nan)
         axes.plot(along, curve, LINE_STYLES[k], marker="o", ms=3, color=COLOURS[k], label=label)
     if found.recommend and x in found.place:
-        axes.axvline(coordinate_quantity(values, x).factor * found.place[x], color="black", lw=0.8, ls=":")
-    axes.set_xticks(along, [f"{v:.3g}" for v in along])
+        axes.axvline(along[int((values[x].values == found.place[x]).argmax())], color="black", lw=0.8, ls=":")
+    axes.set_xticks(along, [f"{v:.3g}" for v in along] if is_number else [str(v) for v in values[x].values])
 
 
 _MOST_SCATTERS = 2  # parameters over which a metric is drawn

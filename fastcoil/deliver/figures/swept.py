@@ -232,8 +232,8 @@ def recommend_labels(ds: xr.Dataset, drawn: Sequence[str]) -> tuple[dict[str, An
 
     Returns the recommended labels of all choices, those to select, and a clause for the caption.
     """
-    if "rmse" not in ds or "relative_to" in ds["rmse"].attrs or "members" in ds.coords:
-        return {}, {}, ""  # shares of a baseline, or groups of drawn parameters
+    if "rmse" not in ds or "members" in ds.coords:
+        return {}, {}, ""  # groups of drawn parameters
     found = find_answer(ds)
     if "rmse" not in found.table:
         return {}, {}, ""

@@ -19,7 +19,7 @@ from fastcoil.logs.series import COLUMNS
 from fastcoil.logs.table import require_one_clock
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.labels import label_in_words, quantity
-from fastcoil.loops.scenarios import require_scenarios, require_table_units
+from fastcoil.loops.scenarios import require_distinct_labels, require_scenarios, require_table_units
 from fastcoil.model.metric_table import PREDICTIONS, TRACES
 from fastcoil.model.parameter_table import PARAMETERS
 
@@ -58,9 +58,10 @@ def _require_traces(data: Any, *names: str) -> xr.Dataset:
         sentence = f"data lacks traces such as {' and '.join(needed_names)}: simulate with traces={needed_names}"
         raise InputError(sentence, "data", "missing")
     require_scenarios(ds, ds.dims)
+    require_distinct_labels(ds, [d for d in ds.dims if d in ds.coords and d != "elapsed_time"])
     require_table_units(ds, PARAMETERS, TRACES, {"elapsed_time": COLUMNS["elapsed_time"]})
     require_one_clock(ds, "elapsed_time")
-    return ds
+    return ds.sortby("elapsed_time")
 
 
 def _select_scenarios(ds: xr.Dataset, names: Collection[str]) -> list[_Scenario]:
@@ -281,6 +282,7 @@ def limit_cycle(data: Any, predicted: xr.Dataset | None = None, *, ax: Any = Non
         missing_names = [name for name in _PREDICTED_VARIABLES if name not in predicted]
         if missing_names:
             raise InputError(f"predicted has no {', '.join(missing_names)}: {cure}", "predicted", "missing")
+        require_distinct_labels(predicted, [d for d in predicted["hunting_index"].dims if d in predicted.coords])
         simulated, theory = (json.loads(each.attrs.get("parameters", "{}")) for each in (ds, predicted))
         for name, value in simulated.items():
             if value != theory.get(name, value):

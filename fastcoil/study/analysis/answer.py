@@ -153,7 +153,7 @@ def answer(results: Any) -> Answer:
     >>> dict(fc.answer(ds).table.sizes)
     {'backlash_estimate': 2}
     """
-    check_counted_result(results)
+    check_counted_result(results, "results")
     return find_answer(results)
 
 

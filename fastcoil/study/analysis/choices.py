@@ -78,8 +78,8 @@ def make_table(ds: xr.Dataset) -> xr.Dataset:
 def plain_place(ds: xr.Dataset) -> dict[str, int]:
     """Return the place of the plain PI along the dims of the controllers; empty where there is none, or several."""
     is_plain = mask_plain_pi(ds)
-    if is_plain.ndim == 0 or int(is_plain.sum()) != 1:
-        return {}
+    if is_plain.ndim == 0 or int(is_plain.sum()) != 1 or {*is_plain.dims} & condition_dims(ds):
+        return {}  # controllers that come with a plant of their own have no partner
     return {str(d): int(k) for d, k in zip(is_plain.dims, np.argwhere(is_plain.values)[0], strict=True)}
 
 
@@ -95,7 +95,9 @@ class Choices:
         self.error = (rmse / rmse.min(self.dims)).mean(self.over).fillna(np.inf)
         hunts = table["hunts"] if "hunts" in table else xr.zeros_like(rmse)
         self.hunting = hunts.max(self.over).fillna(np.inf)
-        self.is_plain = mask_plain_pi(table).broadcast_like(self.error)
+        is_plain = mask_plain_pi(table)
+        is_plain = is_plain.all([d for d in is_plain.dims if d in self.conditions])
+        self.is_plain = is_plain.broadcast_like(self.error)
         self.is_advisable = self._advisable()
         self.reference = self._find_reference()
         self.travel = self._travel_ratio()

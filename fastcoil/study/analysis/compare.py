@@ -19,7 +19,7 @@ from fastcoil.base.text import MISSING_VALUE, decimals_for_uncertainty, format_n
 from fastcoil.loops.labels import Quantity, coordinate_quantity, quantity, values_quantity
 from fastcoil.loops.scenarios import check_counted_result
 from fastcoil.model.metric_table import COSTS, METRICS, PREDICTIONS, STATUS_OK, YEARLY_PREFIX, metric_hint
-from fastcoil.study.analysis.paired import STATISTICS, THRESHOLD_STATISTICS, paired_statistics, relative_change
+from fastcoil.study.analysis.paired import STATISTICS, THRESHOLD_STATISTICS, paired_statistics
 from fastcoil.study.analysis.selected import list_first, mask_dataset, reduction_metrics
 
 if TYPE_CHECKING:
@@ -233,7 +233,8 @@ def compare(
         attrs = ds[name].attrs
         if relative:
             comment = f"shares of the baseline; the statistics baseline and value in {attrs.get('units', '1')}"
-            attrs = relative_attributes(attrs, words) | {"comment": comment}
+            kept = {key: value for key, value in attrs.items() if key != "units_metadata"}  # of kelvins
+            attrs = kept | {"units": "1", "comment": comment, "relative_to": words}
         sizes = [values.sizes[d] for d in dims]
         results[name] = ((*dims, "statistic"), statistics.reshape(*sizes, len(statistic_names)), attrs)
     kept_dims = {*ds["status"].dims, *(d for dims, *_ in results.values() for d in dims)} - {*over, "statistic"}
@@ -291,33 +292,3 @@ def mask_off_days(ds: xr.Dataset) -> xr.Dataset:
     is_on, dims = ds["rmse"].notnull(), set(ds["rmse"].dims)
     per_day = [n for n, v in ds.data_vars.items() if n != "status" and set(v.dims) == dims]
     return ds.assign(mask_dataset(ds[per_day], is_on).data_vars)
-
-
-def relative_attributes(attrs: Mapping[str, Any], baseline: str) -> dict[str, Any]:
-    """Return the attributes of a metric whose values are shares of those of a baseline."""
-    kept = {name: value for name, value in attrs.items() if name != "units_metadata"}  # of kelvins
-    return {**kept, "units": "1", "comment": "shares of the baseline", "relative_to": baseline}
-
-
-def relative_to(ds: xr.Dataset, case: Mapping[str, int], words: str) -> xr.Dataset:
-    """Express metrics as shares of their value in one case: -0.2 is a fifth lower.
-
-    Where the value in the case is 0, or either failed, NaN, but 0 where both are 0.  Flags are left out, and so is the
-    case.  The attribute ``relative_to`` of a metric names it.
-
-    case: dimension → position along it.  words: the case, for people.
-    """
-    places = {d: np.delete(np.arange(ds.sizes[d]), k) for d, k in case.items()}
-    if any(place.size == 0 for place in places.values()):
-        sentence = f"--relative-to {words}: the study has no other case to compare with it"
-        raise InputError(sentence, "--relative-to", "data")
-    metrics = {"status": ds["status"].isel(places)}
-    for name, variable in ds.data_vars.items():
-        if name == "status" or variable.dims != ds["status"].dims or (name in METRICS and METRICS[name].flags):
-            continue
-        values = variable.where(ds["status"] == STATUS_OK)
-        values, partners = xr.broadcast(values, values.isel(case, drop=True))
-        change = values.copy(data=relative_change((values - partners).values, partners.values))
-        change = change.transpose(*variable.dims).where(np.isfinite(change)).isel(places)
-        metrics[str(name)] = change.drop_attrs().assign_attrs(relative_attributes(variable.attrs, words))
-    return xr.Dataset(metrics, attrs=ds.attrs)

@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.loops.labels import sizes_in_words
-from fastcoil.loops.loop import Loop
+from fastcoil.loops.loop import Loop, remove_rules
 from fastcoil.model.metric_table import STATUS_OK
 from fastcoil.model.parameter_table import CHANCE_DIMS, ESTIMATOR_GROUPS, PARAMETERS
 from fastcoil.study.analysis.selected import mask_dataset, swept_dims
@@ -52,7 +52,8 @@ def comparator_loops(loop: Loop) -> dict[str, Loop]:
     """Return the loops of a study without their estimator: with none, with ``identify``, with a fixed estimate."""
     defaults = {n: PARAMETERS[n].default for n in _ESTIMATOR_PARAMETERS if PARAMETERS[n].default is not None}
     changes: Any = {**defaults, "estimator": "none", "backlash_estimate": 0.0}
-    plain = loop.assign(**changes)
+    rules = [name for name, rule in loop.rules.items() if rule.kind == "estimator"]
+    plain = remove_rules(loop.assign(**changes), rules)
     return {
         "plain PI": plain,
         "identify": plain.assign(estimator="identify", estimate_share=FIXED_SHARE),

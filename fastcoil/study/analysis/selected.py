@@ -67,10 +67,10 @@ def matches_label(label: object, text: str) -> bool:
         return False
 
 
-def select_labels(ds: xr.Dataset, at: Mapping[str, Sequence[str]], option: str = "--at") -> xr.Dataset:
+def select_labels(ds: xr.Dataset, at: Mapping[str, Sequence[str]]) -> xr.Dataset:
     """Select the scenarios with these labels; a dimension with a single one is fixed there.
 
-    at: dimension, or a parameter with few values along another one, → its labels.  option: what the user typed.
+    at: dimension, or a parameter with few values along another one, → its labels.
     """
     dims = ds["status"].dims
     problems: list[Problem] = []
@@ -79,34 +79,20 @@ def select_labels(ds: xr.Dataset, at: Mapping[str, Sequence[str]], option: str =
     for name, texts in at.items():
         if name not in known:
             has = list_first(known) or "none"
-            sentence = f"{option} {name}: no label of this study{did_you_mean(name, known)}; it has {has}"
-            problems.append(Problem(sentence, option, "name"))
+            sentence = f"--at {name}: no label of this study{did_you_mean(name, known)}; it has {has}"
+            problems.append(Problem(sentence, "--at", "name"))
             continue
         labels, (dim,) = ds[name].values, ds[name].dims
         matches = [np.array([matches_label(label, text) for label in labels], dtype=bool) for text in texts]
         unknown = [text for text, matching in zip(texts, matches, strict=True) if not matching.any()]
         for text in unknown:
-            problems.append(Problem(f"{option} {name}={text}: {_list_choices(ds, name, text)}", option, "choice"))
+            problems.append(Problem(f"--at {name}={text}: {_list_choices(ds, name, text)}", "--at", "choice"))
         kept[dim] = np.logical_and(kept.get(dim, True), np.logical_or.reduce(matches))
     if not problems and any(not mask.any() for mask in kept.values()):
-        problems.append(Problem(f"{option}: no scenario has all of these labels together", option, "conflict"))
+        problems.append(Problem("--at: no scenario has all of these labels together", "--at", "conflict"))
     raise_problems(problems)
     single = [dim for dim in kept if len(at.get(str(dim), ())) == 1]
     return ds.isel({d: int(np.argmax(mask)) if d in single else np.flatnonzero(mask) for d, mask in kept.items()})
-
-
-def find_case(ds: xr.Dataset, labels: Mapping[str, Sequence[str]]) -> tuple[dict[str, int], str]:
-    """Find the position of one label along each of some dimensions; return them, and the case in words."""
-    option, dims = "--relative-to", [str(d) for d in ds["status"].dims if d in ds.coords]
-    problems: list[Problem] = []
-    for name in [name for name in labels if name not in dims]:
-        sentence = f"{option} {name}: no dimension of what is drawn{did_you_mean(name, dims)}"
-        problems.append(Problem(f"{sentence}; it has {list_first(dims) or 'none'}", option, "name"))
-    for name in [name for name, texts in labels.items() if len(texts) > 1]:
-        problems.append(Problem(f"{option} {name}: give one label", option, "shape"))
-    raise_problems(problems)
-    case = select_labels(ds, labels, option)
-    return {d: int(np.argmax(ds[d].values == case[d].values)) for d in labels}, describe_labels(case, labels)
 
 
 def describe_labels(ds: xr.Dataset, at: Mapping[str, Sequence[str]]) -> str:

@@ -54,8 +54,10 @@ def time_quantiles(
     """
     with arguments.argument_checks() as check:
         times = check(arguments.require_instance, "times", times, xr.DataArray, "give a DataArray of times")
+        if times.dtype.kind not in "iuf":
+            raise InputError(f"times is of type {times.dtype}: give seconds or hours as numbers", "times", "type")
         dims = check(arguments.require_names, "over", over)
-        if np.size(q) == 0 or not all(0.0 < x < 1.0 for x in np.ravel(q)):
+        if np.asarray(q).dtype.kind != "f" or np.size(q) == 0 or not all(0.0 < x < 1.0 for x in np.ravel(q)):
             raise InputError(f"q = {short_repr(q)}: give shares between 0 and 1, such as 0.5", "q", "value")
     for dim in dims:
         arguments.require_choice("over", dim, [str(d) for d in times.dims])

@@ -10,7 +10,6 @@ from helpers.results import drawn_result, make_result
 import fastcoil as fc
 from fastcoil.deliver.figures import swept as plots
 from fastcoil.deliver.figures.swept import control_dims
-from fastcoil.study.analysis.compare import relative_to
 from fastcoil.study.analysis.selected import group_by_parameters
 
 SHAPE = (2, 3, 4, 6)
@@ -72,9 +71,8 @@ def test_the_recommended_cell_of_a_map_is_marked_and_its_ticks_are_the_swept_val
 
 @pytest.mark.parametrize("millimetres", full_except([84, 174, None], [84]))
 def test_the_standard_figures_are_as_wide_as_asked_and_no_text_is_clipped_or_hides_another(study, millimetres):
-    ds = relative_to(study, {"estimate_ratio": 0}, "estimate / backlash = 0 %") if millimetres == 84 else study
     inches = None if millimetres is None else millimetres / 25.4
-    for draw in plots.standard_figures(ds.assign_attrs(title=2 * LONG_TITLE), inches).values():
+    for draw in plots.standard_figures(study.assign_attrs(title=2 * LONG_TITLE), inches).values():
         figure = draw()
         assert inches is None or figure.get_figwidth() == inches
         assert_texts_fit(figure)
@@ -161,16 +159,6 @@ def test_a_drawn_parameter_is_drawn_with_the_scatter_in_each_group():
     heading = " ".join(figure.get_suptitle().split())
     median = "Line: median of 2 days × 10 samples in each of 8 groups of proportional gain Kp"
     assert heading == f"{median}; band: 10th to 90th percentile"
-
-
-def test_changes_are_in_per_cent_around_a_line_at_0(study):
-    against = relative_to(study, {"estimate_ratio": 0}, "the plain PI")
-    (axes,) = plots.draw_panels(against, "backlash", metrics=["switch_frequency"]).axes
-    assert axes.get_ylabel() == "change of mode switches per\n10 min [%]"
-    zero, median = axes.lines
-    assert list(zero.get_ydata()) == [0.0, 0.0]
-    expected = 100 * against.switch_frequency.median(["tuning", "estimate_ratio", "day"])
-    np.testing.assert_allclose(median.get_ydata(), expected)
 
 
 @pytest.mark.parametrize(

@@ -7,11 +7,8 @@ import xarray as xr
 from helpers.refusals import assert_refused
 from helpers.results import drawn_result, make_result
 
-from fastcoil.model.metric_table import STATUS_NON_FINITE
-from fastcoil.study.analysis.compare import relative_to
 from fastcoil.study.analysis.selected import (
     describe_labels,
-    find_case,
     group_by_parameters,
     matches_label,
     select_labels,
@@ -53,39 +50,11 @@ def test_a_drawn_parameter_with_few_values_picks_its_samples():
 
 
 @pytest.mark.parametrize(
-    ("choose", "at", "field", "code"),
-    [
-        (select_labels, {"backlash": ["0.02", "much"]}, "--at", "choice"),
-        (select_labels, {"tuning": ["fastt"]}, "--at", "choice"),
-        (select_labels, {"backlas": ["0.02"]}, "--at", "name"),
-        (find_case, {"backlash": ["0.1"]}, "--relative-to", "choice"),
-        (find_case, {"backlash": ["0", "0.02"]}, "--relative-to", "shape"),
-        (find_case, {"kp": ["0"]}, "--relative-to", "name"),
-    ],
+    ("at", "code"),
+    [({"backlash": ["0.02", "much"]}, "choice"), ({"tuning": ["fastt"]}, "choice"), ({"backlas": ["0.02"]}, "name")],
 )
-def test_an_unknown_label_is_refused_with_those_that_there_are(ds, choose, at, field, code):
-    assert_refused(field, code, choose, ds, at)
-
-
-def test_changes_are_those_within_pairs(ds):
-    case, words = find_case(ds, {"backlash": ["0"], "tuning": ["slow"]})
-    assert (case, words) == ({"backlash": 0, "tuning": 0}, "backlash = 0 %, tuning = slow")
-    changes = relative_to(ds, case, words)
-    expected = ds.rmse / ds.rmse.isel(backlash=0, tuning=0, drop=True) - 1.0
-    xr.testing.assert_allclose(changes.rmse, expected.isel(backlash=[1, 2], tuning=[1]).drop_attrs())
-    assert changes.rmse.attrs["relative_to"] == words
-
-
-def test_of_nothing_there_is_no_change_and_a_failed_partner_has_none(ds):
-    ds.status[0, 0, 1] = STATUS_NON_FINITE
-    changes = relative_to(ds, {"backlash": 0}, "backlash = 0 %")
-    assert np.isnan(changes.rmse[:, 0, 1]).all()
-    before, after = ds.reversals[0, 1].values, ds.reversals[1, 1].values
-    changed_reversals = changes.reversals[0, 1].values
-    assert (changed_reversals[(before == 0) & (after == 0)] == 0.0).all()
-    assert np.isnan(changed_reversals[(before == 0) & (after > 0)]).all()
-    with np.errstate(divide="ignore", invalid="ignore"):
-        np.testing.assert_allclose(changed_reversals[before > 0], (after / before - 1.0)[before > 0])
+def test_an_unknown_label_is_refused_with_those_that_there_are(ds, at, code):
+    assert_refused("--at", code, select_labels, ds, at)
 
 
 @pytest.mark.parametrize("n", [80, 101])

@@ -108,7 +108,7 @@ def test_bytes_are_on_the_disk_before_a_name_points_to_them(out):
         run(TRACED_STUDY, out)
     # .holder; run.json, study.toml, shards; traces and results.nc, each after its hash in run.json; run.json
     replaced = [k for k, name in enumerate(done) if name == "replace"]
-    assert len(replaced) == 1 + 2 + DAYS + 4 + 1
+    assert len(replaced) == 1 + 2 + DAYS + 4 + 1 + 1  # the last: answer.json
     after_a_hash = [replaced[k] for k in (-4, -2)]
     for k in replaced:
         assert done[k + 1 : k + 3] == ["open", "fsync"]

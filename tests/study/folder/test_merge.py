@@ -67,7 +67,7 @@ def test_a_study_merged_on_the_disk_is_the_one_merged_in_memory(out, text, monke
     before = set(os.listdir("/proc/self/fd"))
     assert run(text, out) == undisturbed_hash(text)
     # nameless files are gone with their arrays; the traces stay open with the results
-    assert {p.name for p in out.iterdir()} <= {".lock", "results.nc", "run.json", "study.toml"} | {
+    assert {p.name for p in out.iterdir()} <= {".lock", "results.nc", "answer.json", "run.json", "study.toml"} | {
         p.name for p in out.glob("traces-*.nc")
     }
     assert len(set(os.listdir("/proc/self/fd")) - before) <= 1
