@@ -57,6 +57,7 @@ def time_quantiles(
         if times.dtype.kind not in "iuf":
             raise InputError(f"times is of type {times.dtype}: give seconds or hours as numbers", "times", "type")
         dims = check(arguments.require_names, "over", over)
+        arguments.require_no_unit("q", q, "give shares")
         if np.asarray(q).dtype.kind != "f" or np.size(q) == 0 or not all(0.0 < x < 1.0 for x in np.ravel(q)):
             raise InputError(f"q = {short_repr(q)}: give shares between 0 and 1, such as 0.5", "q", "value")
     for dim in dims:
