@@ -61,6 +61,10 @@ def time_quantiles(
         shares = np.asarray(q)
         if shares.dtype.kind != "f" or shares.size == 0 or not ((shares > 0.0) & (shares < 1.0)).all():
             raise InputError(f"q = {short_repr(q)}: give shares between 0 and 1, such as 0.5", "q", "value")
+    if until is not None and not isinstance(until, xr.DataArray):
+        until = arguments.require_number("until", until, "give a number, or a DataArray over dims of times", least=0.0)
+    elif (unit := arguments.carried_unit("until", until)) not in (None, arguments.carried_unit("times", times)):
+        raise InputError(f"until is in {unit}: give it in the unit of times", "until", "unit")
     for dim in dims:
         arguments.require_choice("over", dim, [str(d) for d in times.dims])
     ends = xr.DataArray(np.inf if until is None else until).broadcast_like(times)
