@@ -57,8 +57,14 @@ def time_quantiles(
         if times.dtype.kind not in "iuf":
             raise InputError(f"times is of type {times.dtype}: give seconds or hours as numbers", "times", "type")
         dims = check(arguments.require_names, "over", over)
-        if np.asarray(q).dtype.kind != "f" or np.size(q) == 0 or not all(0.0 < x < 1.0 for x in np.ravel(q)):
+        arguments.require_no_unit("q", q, "give shares")
+        shares = np.asarray(q)
+        if shares.dtype.kind != "f" or shares.size == 0 or not ((shares > 0.0) & (shares < 1.0)).all():
             raise InputError(f"q = {short_repr(q)}: give shares between 0 and 1, such as 0.5", "q", "value")
+    if until is not None and not isinstance(until, xr.DataArray):
+        until = arguments.require_number("until", until, "give a number, or a DataArray over dims of times", least=0.0)
+    elif (unit := arguments.carried_unit("until", until)) not in (None, arguments.carried_unit("times", times)):
+        raise InputError(f"until is in {unit}: give it in the unit of times", "until", "unit")
     for dim in dims:
         arguments.require_choice("over", dim, [str(d) for d in times.dims])
     ends = xr.DataArray(np.inf if until is None else until).broadcast_like(times)
@@ -68,11 +74,11 @@ def time_quantiles(
         )
     others = [d for d in times.dims if d not in dims]
     stacked = [values.transpose(*others, *dims).values.reshape(-1, _n_runs(times, dims)) for values in (times, ends)]
-    quantiles = np.array([_kaplan_meier(t, end, np.atleast_1d(q)) for t, end in zip(*stacked, strict=True)])
+    quantiles = np.array([_kaplan_meier(t, end, np.atleast_1d(shares)) for t, end in zip(*stacked, strict=True)])
     shape = [times.sizes[d] for d in others]
-    coords = {n: c for n, c in times.coords.items() if {*c.dims} <= {*others}} | {"quantile": np.atleast_1d(q)}
+    coords = {n: c for n, c in times.coords.items() if {*c.dims} <= {*others}} | {"quantile": np.atleast_1d(shares)}
     result = xr.DataArray(quantiles.reshape(*shape, -1), coords, [*others, "quantile"], times.name, times.attrs)
-    return result if np.ndim(q) else result.isel(quantile=0)
+    return result if shares.ndim else result.isel(quantile=0)
 
 
 def _n_runs(times: xr.DataArray, dims: Sequence[str]) -> int:
