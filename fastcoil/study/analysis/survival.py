@@ -54,13 +54,13 @@ def time_quantiles(
     """
     with arguments.argument_checks() as check:
         times = check(arguments.require_instance, "times", times, xr.DataArray, "give a DataArray of times")
-        if times.dtype.kind not in "iuf":
-            raise InputError(f"times is of type {times.dtype}: give seconds or hours as numbers", "times", "type")
         dims = check(arguments.require_names, "over", over)
-        arguments.require_no_unit("q", q, "give shares")
-        shares = np.asarray(q)
-        if shares.dtype.kind != "f" or shares.size == 0 or not ((shares > 0.0) & (shares < 1.0)).all():
-            raise InputError(f"q = {short_repr(q)}: give shares between 0 and 1, such as 0.5", "q", "value")
+    if times.dtype.kind not in "iuf":
+        raise InputError(f"times is of type {times.dtype}: give seconds or hours as numbers", "times", "type")
+    arguments.require_no_unit("q", q, "give shares")
+    shares = np.asarray(q)
+    if shares.dtype.kind != "f" or shares.size == 0 or not ((shares > 0.0) & (shares < 1.0)).all():
+        raise InputError(f"q = {short_repr(q)}: give shares between 0 and 1, such as 0.5", "q", "value")
     if until is not None and not isinstance(until, xr.DataArray):
         until = arguments.require_number("until", until, "give a number, or a DataArray over dims of times", least=0.0)
     elif (unit := arguments.carried_unit("until", until)) not in (None, arguments.carried_unit("times", times)):
