@@ -142,6 +142,9 @@ def adapt_to_kind(loop: fc.Loop, kind: str) -> fc.Loop:
     return loop.assign(kp=HEATING_GAIN * xr.DataArray(loop["kp"]), **loop_settings(HEATING))
 
 
+LEAST_REGULARITY = 2 / 3  # share of the periods that are as long as the one before
+
+
 def simulate_hunting(loop: fc.Loop, day: fc.Boundary) -> xr.Dataset:
     """Simulate whether the loop hunts, its swing (K, peak to peak) and its period (s)."""
     return hunting_metrics(fc.simulate(loop, day, warm_up=WARM_UP_SECONDS))
@@ -153,9 +156,6 @@ def hunting_metrics(ds: xr.Dataset) -> xr.Dataset:
     metrics = metrics.rename(hunting_swing="swing", hunting_period="period")
     is_regular = (ds.swing_regularity >= LEAST_REGULARITY).reset_coords(drop=True)
     return metrics.assign(regular=metrics.hunts * is_regular)
-
-
-LEAST_REGULARITY = 2 / 3  # share of the periods that are as long as the one before
 
 
 def loop_parameters(loop: fc.Loop, *names: str) -> xr.Dataset:

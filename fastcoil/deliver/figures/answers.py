@@ -27,7 +27,8 @@ _LEARNING_ROWS = {
     "motor_travel": ("motor travel [strokes]", 1.0),
 }
 """Row of the table → label of the axis and factor."""
-_MOST_CONDITIONS, _MOST_LINES = 4, 4  # columns of panels, lines in a panel
+_MOST_CONDITIONS = 4  # columns of panels
+_MOST_LINES = 4  # in a panel
 
 
 @apply_style()
