@@ -75,7 +75,7 @@ def test_a_choice_is_tried_on_fresh_days_against_the_plain_pi_and_a_known_backla
     day = fc.paper_day(hours=2, seed=[301, 302])
     metrics = learning.try_choice(quick_study, {"rule": "growing"} | settings, loop, day)
     metrics = metrics.sel(backlash=0.12, backlash_estimate=0.014)
-    preset_loop = fc.Loop.preset("g36").assign(backlash=0.12, noise_std=0.1, air_march="lagged")
+    preset_loop = fc.Loop.preset("g36").assign(backlash=0.12, noise_std=0.1)
     rule = settings | {
         "learning_min_switches": 1, "learning_max_reference": 0.4, "learning_early_trip": 1, "learning_growth": 2,
         "learning_shrink": 0.5, "backlash_estimate": 0.014,
