@@ -48,6 +48,12 @@ def test_a_choice_that_hunts_is_not_recommended():
     assert "up to 100 % of the loops hunt" in found.alternatives[0]
 
 
+def test_of_loops_that_rest_without_any_error_the_one_of_least_travel_is_recommended():
+    found = fc.answer(make_study(("kp",), {"kp": GAINS["kp"]}, rmse=[0.0, 0.002, 0.5], motor_travel=[3.0, 2.0, 1.0]))
+    assert found.recommend == {"kp": 0.03}
+    assert "has 50 times this error" in found.brings
+
+
 ESTIMATES = {"estimate_ratio": [0.0, 0.6, 0.95, 1.2]}
 
 
