@@ -142,7 +142,7 @@ def set_initial_state(S, open_loop):
         S[R.estimate + j] = np.nan if open_loop else S[R.backlash_estimate + j]
         S[R.assumed_backlash + j] = S[R.estimate_share + j] * S[R.backlash_estimate + j]
         S[R.worn_backlash + j] = S[R.backlash + j]
-        S[R.T_room + j] = S[R.T_initial + j]
+        S[R.T_room + j] = S[R.T_initial + j] if S[R.room_capacity + j] > 0.0 else np.nan
         S[R.gap + j] = S[R.backlash + j]
         S[R.backlash_scale + j] = 1.0
         S[R.test_mean + j] = np.nan
