@@ -485,7 +485,7 @@ def _labelled_loops(loop: Loop, boundary: Boundary, at: Any) -> Iterator[tuple[s
         raise InputError(f"{points.size} loops: a figure shows up to {len(COLOURS)}, select some", "loop", "size")
     index = np.arange(points.size)
     columns = points.columns(index)
-    plants = linearise_plants(columns, points.conditions(index))
+    plants = linearise_plants(columns, points.conditions(index), points.loop.rules)
     labelled = points.dataset({})
     for k, place in enumerate(np.ndindex(*points.sizes.values())):
         labels = [label_in_words(labelled, dim, i) for dim, i in zip(points.sizes, place, strict=True)]

@@ -59,7 +59,7 @@ def _loop_columns(loop: Loop, n: int) -> Columns:
 def predict(loop: Loop, points: PointsOfDay) -> Prediction:
     """Linearise a loop at the operating points of a day and predict its cycles."""
     columns = _loop_columns(loop, points.size)
-    plants = linearise_plants(columns, points.conditions)
+    plants = linearise_plants(columns, points.conditions, loop.rules)
     cycles = predict_cycles(columns, plants)
     reachable = np.flatnonzero(plants.reachable & np.isfinite(cycles.hunting_index))
     worst = int(reachable[np.argmax(cycles.hunting_index[reachable])]) if reachable.size else -1
@@ -237,7 +237,7 @@ def predict_study(plan: Plan) -> xr.Dataset:
         columns = parameter_columns(loop, distinct, usable)
         reasons.update({reason: int(loops.sum()) for reason, loops in unpredictable_loops(columns).items()})
         conditions = {name: means[columns["day"]] for name, means in entering.items()}
-        cycles = predict_cycles(columns, linearise_plants(columns, conditions))
+        cycles = predict_cycles(columns, linearise_plants(columns, conditions, loop.rules))
         predicted = cycles.hunting_index, cycles.hunts, cycles.period, 2.0 * cycles.amplitude
         for name, value in zip(variables, predicted, strict=True):
             # theory is not more accurate, and the last bits depend on the machine's libraries

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
 
-from fastcoil.model.engine.rows import LANES, T_A, T_C, VOLUME_STRIDE, W_A, R
+from fastcoil.model.engine.rows import LANES, T_A, T_C, VOLUME_STRIDE, W_A, R, begin_run
 from fastcoil.model.engine.rules import compile_exact
+from fastcoil.model.engine.valve import scale_water_flow, update_water_flow
 from fastcoil.model.estimators.interface import memory_defaults
-from fastcoil.model.numerics.jit import section
+from fastcoil.model.numerics.jit import kernel, section
 from fastcoil.model.numerics.stages import FLAG, INTEGER, NUMBER, ROW_POINTER, StageSignature, store_if_due, values_at
 from fastcoil.model.physics import next_room_temperature
 
@@ -104,3 +105,27 @@ def march_room(S, V, m_a, T_out, Q_room):
         S[R.T_room + j] = next_room_temperature(
             S[R.T_room + j], T_sup, C_air, T_out, S[R.room_ua + j], Q_room, S[R.room_capacity + j]
         )
+
+
+@kernel
+def respond_to_step(rows, config, entering, before, after, n_before, S, V, plant_state, T):
+    """Run the plants of a block at openings ``before`` for n_before seconds, then at ``after``, (LANES,) each.
+
+    entering: (5,), see ``at_rest.CONDITIONS``, held all the time.  S, V, plant_state: of a WorkSpace.
+    T: out, (n_steps, LANES), °C: what leaves in the seconds after the step.
+    """
+    m_a, T_a_in, W_a_in, T_w_in, dp_ratio = entering[0], entering[1], entering[2], entering[3], entering[4]
+    begin_run(S, V, rows, config.n_volumes, True, True, W_a_in)
+    for t in range(n_before + T.shape[0]):
+        if t == 0 or t == n_before:
+            for j in range(LANES):
+                S[R.opening + j] = before[j] if t < n_before else after[j]
+            update_water_flow(S, config.leaks, config.is_linear)
+            for j in range(LANES):
+                scale_water_flow(S, j, dp_ratio)
+        if t == 0:
+            call_plant(config.plant, (S, V, plant_state, config.n_kept, 0, 0.0, 0.0, 0.0, 0.0, True))
+        call_plant(config.plant, (S, V, plant_state, config.n_kept, t, m_a, T_a_in, W_a_in, T_w_in, False))
+        if t >= n_before:
+            for j in range(LANES):
+                T[t - n_before, j] = V[VOLUME_STRIDE + T_A + j]
