@@ -335,7 +335,7 @@ def limit_cycle(loop: Loop, boundary: Boundary, *, at: Any = None) -> xr.Dataset
 
     The loop is linear but for one element, the describing function of all that lies between the controller's u and the
     supply temperature at rest: limits of the stroke, the motor's speed, gap, inverse with a right or wrong estimate,
-    buffer, and the curve of valve and coil (Gelb and Vander Velde 1968).  Noise is left out.
+    buffer, and the curve of valve and plant (Gelb and Vander Velde 1968).  Noise is left out.
 
     Parameters
     ----------

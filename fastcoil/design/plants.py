@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.design.own_plants import rest_plant
 from fastcoil.model.engine import at_rest
-from fastcoil.model.engine.lanes import NO_USER_RULES, Block, UserRules, pad_members, parameter_matrix, run_sets, work_space
+from fastcoil.model.engine.lanes import (
+    NO_USER_RULES,
+    Block,
+    UserRules,
+    pad_members,
+    parameter_matrix,
+    run_sets,
+    work_space,
+)
 from fastcoil.model.engine.rows import LANES, PARAMETER_ROWS
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.model.user_rules import Rule, rules_for_kernels
@@ -228,7 +236,7 @@ def _plants_with_rooms(
         seen[:, t] = room  # the room follows the air of the second before
         room = room + (C_air * (response[:, t] - room) - ua * room) / capacity
     response = np.where(controls_room[:, None], seen, response)
-    _, kind = unique_columns(plants.kind, controls_room, capacity, ua, C_air)
+    _, kind = unique_columns(plants.kind, controls_room.astype(float), capacity, ua, C_air)
     return plants._replace(
         T_sup=share * plants.T_sup + offset, gain=share * plants.gain, response=response, kind=kind,
         curve=share[:, None] * plants.curve + offset[:, None],

@@ -112,7 +112,7 @@ def _size_clashes(loop: Loop, least_scale: float) -> Iterator[Problem]:
 
 
 def _plant_clashes(loop: Loop) -> Iterator[Problem]:
-    """Refuse a controlled room that is none, and what the valve, its actuator or the plant of a scenario do not have."""
+    """Refuse a controlled room that is none, and what valve, actuator or plant of a scenario do not have."""
     controlled, capacity, ua = _parameter_arrays(loop, "controlled", "room_capacity", "room_ua")
     controls_room = bool((controlled == "T_room").any())
     if loop["room_capacity"] is None and (controls_room or (ua > 0.0).any()):

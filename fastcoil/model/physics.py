@@ -161,7 +161,8 @@ def position_stem(position, stem, target, max_travel, band):
 def next_room_temperature(T_room, T_sup, C_air, T_out, UA, Q_room, capacity):
     """T_room[t+1], °C: a room as one capacity, kJ/K, with supply air C_air = m_a c_p,a and its envelope UA, kW/K.
 
-    capacity dT_room/dt = C_air (T_sup - T_room) + UA (T_out - T_room) + Q_room, by Euler's step of a second; Q_room: kW.
+    capacity dT_room/dt = C_air (T_sup - T_room) + UA (T_out - T_room) + Q_room, by Euler's step of a second; Q_room in
+    kW.
     """
     return T_room + (C_air * (T_sup - T_room) + UA * (T_out - T_room) + Q_room) / capacity
 

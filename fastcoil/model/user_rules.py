@@ -362,7 +362,9 @@ def plant(Parameters: Any, Memory: Any = None) -> Callable[[Any], Rule]:  # noqa
 
 def rules_for_kernels(rules: Mapping[str, Rule]) -> UserRules:
     """Return the user's rules of a loop, by kind, with compiled code."""
-    by_kind = {kind: [rule.kernel_rule for rule in rules.values() if rule.kind == kind] for kind in RULE_KINDS}
+    by_kind: dict[str, list[Any]] = {
+        kind: [rule.kernel_rule for rule in rules.values() if rule.kind == kind] for kind in RULE_KINDS
+    }
     return UserRules(*map(tuple, by_kind.values()))
 
 

@@ -85,7 +85,9 @@ def test_every_option_of_the_actuator_has_an_effect_and_is_that_of_its_twin(name
     loop = fc.Loop(**motor | {name: 60.0 if p.unit == "s" else 0.4 * min(p.upper, 0.1)})
     options = {"traces": ["opening"], "warm_up": 600}
     opening = fc.simulate(loop, half_hour_day, **options).opening
-    assert (opening != fc.simulate(fc.Loop(**motor), half_hour_day, **options).opening).any(), f"{name} in engine/valve.py"
+    assert (opening != fc.simulate(fc.Loop(**motor), half_hour_day, **options).opening).any(), (
+        f"{name} in engine/valve.py"
+    )
     traces, _ = run_reference(loop, half_hour_day, warm_up=600)
     np.testing.assert_allclose(opening, traces["opening"], rtol=0.0, atol=1e-9, err_msg=f"{name} in tests/reference")
 

@@ -46,9 +46,8 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
     recorded_noise = to_floats(boundary.get("noise", [0.0] * n_steps))
     enabled = [value != 0 for value in boundary.get("enabled", [1] * n_steps)]
     scale = to_floats(boundary.get("backlash_scale", [1.0] * n_steps))
-    T_out, Q_room, dp_ratio = (
-        to_floats(boundary.get(name, [default] * n_steps)) for name, default in (("T_out", 0.0), ("Q_room", 0.0), ("dp_ratio", 1.0))
-    )  # fmt: skip
+    T_out, Q_room = (to_floats(boundary.get(name, [0.0] * n_steps)) for name in ("T_out", "Q_room"))
+    dp_ratio = to_floats(boundary.get("dp_ratio", [1.0] * n_steps))
     controls_room, capacity = p["controlled"] == "T_room", p["room_capacity"]
     open_loop = command is not None
     commands = to_floats(command) if open_loop else None
@@ -150,7 +149,8 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
 
         # Record the states the step started from, beside the signals of the step
         signals = {
-            "T_sup": T_a[0], "T_measured": T_measured, "T_room": T_room, "command": cmd, "position": position, "opening": opening,
+            "T_sup": T_a[0], "T_measured": T_measured, "T_room": T_room, "command": cmd, "position": position,
+            "opening": opening,
             "u": math.nan if open_loop else controller.u, "integral": math.nan if open_loop else controller.integral,
             "estimate": math.nan if open_loop else estimator.estimate, "mode": 0 if open_loop else controller.mode,
             "m_w": m_w, "T_w_out": state[0][-1], "power": sign * m_w * p["cp_w"] * (state[0][-1] - T_w_in[t]),

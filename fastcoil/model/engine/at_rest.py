@@ -19,8 +19,8 @@ from fastcoil.model.engine.coil import (
     update_half_step_of_water,
     update_water_conductance,
 )
-from fastcoil.model.engine.valve import scale_water_flow, update_water_flow
 from fastcoil.model.engine.rows import LANES, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, Q, R, begin_run, name_offsets
+from fastcoil.model.engine.valve import scale_water_flow, update_water_flow
 from fastcoil.model.numerics.jit import kernel, section
 
 CONDITIONS = ("m_a", "T_a_in", "W_a_in", "T_w_in", "dp_ratio")
@@ -189,7 +189,6 @@ def find_rest(rows, config, entering, T_set, S, V, steady):
     rows, config: of a Block.  entering: (5, LANES), see CONDITIONS.  T_set: (LANES,), °C.  S, V: work space; V holds
     the coils at rest afterwards.  steady: out, (7, LANES), see STEADY_ROWS; gain in K per unit opening.
     """
-    n_volumes = config.n_volumes
     begin_per_lane(rows, config, entering, S, V)
     supply = V[VOLUME_STRIDE + T_A : VOLUME_STRIDE + T_A + LANES]
 
@@ -254,7 +253,6 @@ def find_rest(rows, config, entering, T_set, S, V, steady):
 @kernel
 def rest_curve(rows, config, entering, openings, S, V, T_sup):
     """Fill T_sup, (n, LANES), °C, with the supply temperature at rest at each of the openings, (n,)."""
-    n_volumes = config.n_volumes
     begin_per_lane(rows, config, entering, S, V)
     same_openings, none_at_rest = np.empty(LANES), np.zeros(LANES, np.bool_)
     for k in range(openings.size):

@@ -57,12 +57,12 @@ def record(S, V, rows, traces):
 
 @kernel
 def emulate(
-    rows, config, day, S, V, estimator_state, law_state, plant_state, metric_rows, status, swings, traced_rows, interval,
-    traces,
+    rows, config, day, S, V, estimator_state, law_state, plant_state, metric_rows, status, swings, traced_rows,
+    interval, traces,
 ):  # fmt: skip
     """Run the lanes of a block through a day.
 
-    rows, config: of a Block; day: Day; S, V, estimator_state, law_state, plant_state: a WorkSpace, from which a day that does not
+    rows, config: of a Block; day: Day; S, V and the states of the rules: a WorkSpace, from which a day that does not
     start at 0 goes on.
     metric_rows: out, (N_METRICS, LANES); status: out, (LANES,); swings: out, see ``hunting``,
     (n_swing_blocks + 1, N_SWING_ROWS, LANES), the last one scratch.

@@ -11,14 +11,31 @@ from fastcoil.model.engine.emulator import DAY_COLUMN, Day, emulate
 from fastcoil.model.engine.metrics import ESTIMATOR_METRICS, N_METRICS, make_schedule
 from fastcoil.model.engine.plant import Plant, plant_stage
 from fastcoil.model.engine.rows import (
-    LANES, LINEAR, PARAMETER_ROWS, ROWS, T_A, T_C, T_W, VOLUME_ROWS, VOLUME_STRIDE, W_A, R,
+    LANES,
+    LINEAR,
+    PARAMETER_ROWS,
+    ROWS,
+    T_A,
+    T_C,
+    T_W,
+    VOLUME_ROWS,
+    VOLUME_STRIDE,
+    W_A,
+    R,
 )  # fmt: skip
 from fastcoil.model.engine.rules import estimator_stage, law_stage
 from fastcoil.model.engine.valve import ActuatorFeatures, actuator_stage
 from fastcoil.model.estimators.interface import Estimator
 from fastcoil.model.estimators.registry import ESTIMATORS
 from fastcoil.model.hunting import N_SWING_ROWS, judge_swing
-from fastcoil.model.metric_table import COIL_METRICS, COIL_TRACES, LEARNING_STATUS_MEANINGS, METRICS, STATUS_OK, SUPPLY_METRICS
+from fastcoil.model.metric_table import (
+    COIL_METRICS,
+    COIL_TRACES,
+    LEARNING_STATUS_MEANINGS,
+    METRICS,
+    STATUS_OK,
+    SUPPLY_METRICS,
+)
 from fastcoil.model.numerics.stages import BUILT_IN
 from fastcoil.model.parameter_table import PARAMETERS
 
@@ -38,6 +55,7 @@ class UserRules(NamedTuple):
 
     def choices(self, name: str) -> tuple[str, ...]:
         """Return the choices of a parameter, by number, with these rules."""
+        user_rules: dict[str, tuple[Estimator | Law | Plant, ...]]
         user_rules = {"estimator": self.estimators, "law": self.laws, "plant": self.plants}
         return (*PARAMETERS[name].choices, *(rule.name for rule in user_rules.get(name, ())))
 

@@ -42,7 +42,9 @@ def section_assembly(name):
     from fastcoil.model.engine import coil, controller, metrics, valve
 
     all_features = controller.ControllerFeatures(**dict.fromkeys(controller.ControllerFeatures.__annotations__, True))
-    without_wear = valve.ActuatorFeatures(has_resolution=True, has_neutral_zone=True, has_positioner=True, has_stick_slip=True)
+    without_wear = valve.ActuatorFeatures(
+        has_resolution=True, has_neutral_zone=True, has_positioner=True, has_stick_slip=True
+    )
     f, i, b, A = T.float64, T.int64, T.boolean, T.Array(T.float64, 1, "C")
     section, signature = {
         "control, all parts": (controller.make_control(all_features), (A, i, f, f, b, f)),
