@@ -41,6 +41,7 @@ _MODULE_OF_NAME = {
     "open_study": "study.folder.results",
     "paper_day": "loops.boundary.days",
     "parameter": "model.user_rules",
+    "plant": "model.user_rules",
     "presets": "loops.presets",
     "read_log": "logs.log",
     "read_test": "measured.read_test",

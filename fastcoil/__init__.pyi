@@ -39,6 +39,7 @@ from fastcoil.model.parameter_table import Parameter
 from fastcoil.model.user_rules import estimator as estimator
 from fastcoil.model.user_rules import law as law
 from fastcoil.model.user_rules import parameter as parameter
+from fastcoil.model.user_rules import plant as plant
 from fastcoil.study.analysis.answer import answer as answer
 from fastcoil.study.analysis.compare import compare as compare
 from fastcoil.study.analysis.cost import cost as cost

@@ -32,6 +32,7 @@ from fastcoil.design.prediction import (
     Prediction,
     hunting_index_omissions,
     phase_shares,
+    plant_in_words,
     predict_cycles_at,
     predict_or_nearest,
     shortest_ti,
@@ -251,7 +252,7 @@ class Explanation:
             return f"Why: {motor}{swing} ({index_text}).{ends}"
         if LONGER_TI in cures:
             needed = f"with this kp the loop needs about {float(self.cures['ti'].sel(cure=LONGER_TI)):g} s"
-            fault = f"the integral is too fast for the coil: ti = {ti:.4g} s, while {needed}"
+            fault = f"the integral is too fast for the {plant_in_words(self.loop)}: ti = {ti:.4g} s, while {needed}"
         else:
             highest = f"{format_two_digits(kp * factor)} 1/K with this ti"
             fault = f"the gain is too high: kp = {kp:.4g} 1/K, but it must be below {highest}"
@@ -270,7 +271,7 @@ class Explanation:
             points = _points_dataset(self.prediction)
             lines += [_agreement_line(self, points), _worst_point_line(self.prediction, points)]
             lines += [f"Not in the hunting index: {clause}." for clause in self.doubts]
-            lines += ["", *_phase_lines(phase_shares(self.prediction))]
+            lines += ["", *_phase_lines(phase_shares(self.prediction), plant_in_words(self.loop))]
         return "\n".join([*lines, "", *_cure_table(self), self.advice]).rstrip()
 
     def __repr__(self) -> str:
@@ -372,11 +373,12 @@ def _cure_table(e: Explanation) -> list[str]:
     return ["Possible changes and their cost, each simulated on this day", *align_columns(rows, right=range(1, 5))]
 
 
-def _phase_lines(phase: xr.DataArray) -> list[str]:
+def _phase_lines(phase: xr.DataArray, plant_words: str) -> list[str]:
     """Phase lag of each part of the loop, the largest first, without those below 0.5°."""
+    words = PHASE_PARTS | {"plant": plant_words}
     ordered = phase.sortby(-phase)
     shares = zip(ordered["part"].values.tolist(), ordered.values.tolist(), strict=True)
-    lines = [f"  {PHASE_PARTS[part]:<22}{share:>4.0f}°" for part, share in shares if abs(share) >= 0.5]
+    lines = [f"  {words[part]:<22}{share:>4.0f}°" for part, share in shares if abs(share) >= 0.5]
     period = format_period(float(phase.attrs["period"]))
     return [f"Phase lag of each part of the loop (180° in all), at a period of {period}:", *lines]
 

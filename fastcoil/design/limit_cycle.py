@@ -335,7 +335,7 @@ def limit_cycle(loop: Loop, boundary: Boundary, *, at: Any = None) -> xr.Dataset
 
     The loop is linear but for one element, the describing function of all that lies between the controller's u and the
     supply temperature at rest: limits of the stroke, the motor's speed, gap, inverse with a right or wrong estimate,
-    buffer, and the curve of valve and coil (Gelb and Vander Velde 1968).  Noise is left out.
+    buffer, and the curve of valve and plant (Gelb and Vander Velde 1968).  Noise is left out.
 
     Parameters
     ----------
@@ -485,7 +485,7 @@ def _labelled_loops(loop: Loop, boundary: Boundary, at: Any) -> Iterator[tuple[s
         raise InputError(f"{points.size} loops: a figure shows up to {len(COLOURS)}, select some", "loop", "size")
     index = np.arange(points.size)
     columns = points.columns(index)
-    plants = linearise_plants(columns, points.conditions(index))
+    plants = linearise_plants(columns, points.conditions(index), points.loop.rules)
     labelled = points.dataset({})
     for k, place in enumerate(np.ndindex(*points.sizes.values())):
         labels = [label_in_words(labelled, dim, i) for dim, i in zip(points.sizes, place, strict=True)]

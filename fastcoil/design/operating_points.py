@@ -19,7 +19,16 @@ from fastcoil.loops.loop import Loop
 from fastcoil.loops.scenarios import Layout, coordinate_attrs, parameter_columns
 from fastcoil.model.metric_table import WARM_UP_S
 
-CONDITION_SERIES = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")  # of the boundary, the conditions of a point
+CONDITION_SERIES = (
+    "m_a",
+    "T_a_in",
+    "W_a_in",
+    "T_w_in",
+    "T_set",
+    "T_out",
+    "Q_room",
+    "dp_ratio",
+)  # of the boundary, the conditions of a point
 Evaluation = Callable[[Columns, Mapping[str, Array], Plants], Iterable[tuple[str, Array]]]
 """Variables by name, (n, …) each, of n points with these parameters, conditions and plants."""
 
@@ -65,7 +74,7 @@ class OperatingPoints:
         parts = []
         for index in index_chunks(self.size):
             columns, conditions = self.columns(index), self.conditions(index)
-            parts.append(dict(variables(columns, conditions, linearise_plants(columns, conditions))))
+            parts.append(dict(variables(columns, conditions, linearise_plants(columns, conditions, self.loop.rules))))
         return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
     def columns(self, index: Index) -> dict[str, np.ndarray]:

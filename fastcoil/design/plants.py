@@ -11,10 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastcoil.base.arrays import Array, Index, Mask
+from fastcoil.design.own_plants import rest_plant
 from fastcoil.model.engine import at_rest
-from fastcoil.model.engine.lanes import Block, pad_members, parameter_matrix, run_sets, work_space
+from fastcoil.model.engine.lanes import (
+    NO_USER_RULES,
+    Block,
+    UserRules,
+    pad_members,
+    parameter_matrix,
+    run_sets,
+    work_space,
+)
 from fastcoil.model.engine.rows import LANES, PARAMETER_ROWS
 from fastcoil.model.parameter_table import PARAMETERS
+from fastcoil.model.user_rules import Rule, rules_for_kernels
 
 Complex = NDArray[np.complex128]
 
@@ -89,8 +99,11 @@ def sensor_response(response: Array, tau: Array, n_more: int) -> Array:
 
 Columns = Mapping[str, NDArray[Any]]
 
-PLANT_PARAMETERS = tuple(p.name for p in PARAMETERS.values() if p.group in ("coil", "valve") and p.name != "T_initial")
-"""Parameters on which the plant depends, from the opening to the supply temperature."""
+PLANT_PARAMETERS = tuple(
+    p.name for p in PARAMETERS.values() if p.group in ("coil", "valve", "plant") and p.name != "T_initial"
+)
+"""Parameters on which the plant depends, from the opening to what leaves it."""
+ROOM_RESPONSE = 600  # s beyond the response of the supply air, after which a room follows by a geometric series alone
 LONGEST_RESPONSE = 3600  # s; a longer response continues as a geometric series
 OPENINGS = np.linspace(0.0, 1.0, 17)  # of the curve of T_sup at rest
 
@@ -101,14 +114,14 @@ def floats(columns: Columns, *names: str) -> Iterator[Array]:
 
 
 class Plants(NamedTuple):
-    """Linearised plants at rest of n loops, (n,) each.
+    """Linearised plants at rest of n loops, (n,) each; a room that is controlled is part of its plant.
 
     Gain and response are NaN where T_sup jumps past the set-point: a coil that exchanges less when it is wet than when
     it is dry has two states of rest.
     """
 
     opening: Array  # fraction; the end, 0 or 1, that comes nearest to the set-point where no opening holds it
-    T_sup: Array  # °C, at rest there
+    T_sup: Array  # °C, at rest there: supply air, or the room where it is controlled
     gain: Array  # K per unit opening, below 0 for cooling
     reachable: Mask  # whether an opening holds the set-point
     m_w: Array  # kg/s
@@ -133,15 +146,25 @@ def unique_columns(*parts: Array | Index) -> tuple[Index, Index]:
     return first, kind.ravel()
 
 
-def linearise_plants(columns: Columns, conditions: Mapping[str, Array]) -> Plants:
+def linearise_plants(
+    columns: Columns, conditions: Mapping[str, Array], rules: Mapping[str, Rule] | None = None
+) -> Plants:
     """Find where the plants rest, and how they answer there.  Equal plants are computed once.
 
-    columns: parameter name → (n,), see ``parameter_columns``.  conditions: (n,) each, m_a, kg/s; T_a_in, T_w_in and
-    T_set, °C; W_a_in, kg/kg; they are held until all is steady.
+    columns: parameter name → (n,), see ``parameter_columns``.  conditions: (n,) each, ``CONDITION_SERIES``; they are
+    held until all is steady.  rules: the user's, among them the plants.
     """
-    matrix, entering, T_set, kind = distinct_plants(columns, conditions)
-    solve = _solve_plants if T_set.size <= LANES else _solve_plants.__wrapped__
-    steady, response, ends, curve = solve(*(part.tobytes() for part in (matrix, entering, T_set)))
+    controls_room = np.asarray(columns["controlled"]) == "T_room"
+    if controls_room.any():
+        return _plants_with_rooms(columns, conditions, controls_room, rules)
+    plants = {name: rule for name, rule in (rules or {}).items() if rule.kind == "plant"}
+    kernel_rules = rules_for_kernels(plants) if plants else NO_USER_RULES
+    matrix, entering, T_set, kind = distinct_plants(columns, conditions, kernel_rules)
+    if np.any(np.asarray(columns["plant"]) != "coil"):
+        steady, response, ends, curve = _solve_own_plants(matrix, entering, T_set, kernel_rules)
+    else:
+        solve = _solve_plants if T_set.size <= LANES else _solve_plants.__wrapped__
+        steady, response, ends, curve = solve(*(part.tobytes() for part in (matrix, entering, T_set)))
     rest = {name: steady[k][kind] for k, name in enumerate(at_rest.STEADY_ROWS)}
     # the series shows its ratio, however many other responses are longer
     response = np.ascontiguousarray(response[: int(ends.max()) + at_rest.TAIL_STEPS + 1].T)
@@ -170,14 +193,67 @@ def _solve_plants(*parts: bytes) -> tuple[np.ndarray, ...]:
     return run_sets(matrix, run)
 
 
-def distinct_plants(columns: Columns, conditions: Mapping[str, Array]) -> tuple[Array, Array, Array, Index]:
-    """Parameters, (rows, n), what enters, (4, n), T_set, (n,), of the distinct plants, and the plant of each loop."""
+def _solve_own_plants(
+    matrix: Array, entering: Array, T_set: Array, rules: UserRules
+) -> tuple[Array, Array, Index, Array]:
+    """``_solve_plants`` where some of the plants are the user's, who are run one by one."""
+    is_own = matrix[PARAMETER_ROWS.index("plant")] != 0.0
+    n = T_set.size
+    steady, ends = np.full((len(at_rest.STEADY_ROWS), n), np.nan), np.full(n, LONGEST_RESPONSE, np.int64)
+    response, curve = np.empty((LONGEST_RESPONSE, n)), np.empty((OPENINGS.size, n))
+    coils = np.flatnonzero(~is_own)
+    if coils.size:
+        parts = (matrix[: len(PARAMETER_ROWS), coils], entering[:, coils], T_set[coils])
+        solved = _solve_plants(*(np.ascontiguousarray(part).tobytes() for part in parts))
+        steady[:, coils], response[:, coils], ends[coils], curve[:, coils] = solved
+    for k in np.flatnonzero(is_own):
+        rest = rest_plant(matrix[:, k : k + 1], rules, entering[:, k], T_set[k], OPENINGS, LONGEST_RESPONSE)
+        row = {"opening": rest.opening, "T_sup": rest.T, "gain": rest.gain, "nearest": float(not rest.is_reachable)}
+        steady[:, k] = [row.get(name, np.nan) for name in at_rest.STEADY_ROWS]
+        response[:, k], curve[:, k] = rest.response, rest.curve
+    return steady, response, ends, curve
+
+
+def _plants_with_rooms(
+    columns: Columns, conditions: Mapping[str, Array], controls_room: Mask, rules: Mapping[str, Rule] | None
+) -> Plants:
+    """``linearise_plants`` where rooms are controlled: the plant at the supply air that they need, and the room.
+
+    The room answers as it is marched, by Euler's step of a second: a first-order lag behind the supply air.
+    """
+    capacity, ua, cp_a = floats(columns, "room_capacity", "room_ua", "cp_a")
+    C_air, T_set = np.asarray(conditions["m_a"]) * cp_a, np.asarray(conditions["T_set"], float)
+    outside = ua * np.asarray(conditions["T_out"]) + np.asarray(conditions["Q_room"])  # kW, of a room at 0 °C
+    with np.errstate(divide="ignore", invalid="ignore"):
+        needed = np.where(controls_room, ((C_air + ua) * T_set - outside) / C_air, T_set)
+    others = {**columns, "controlled": np.full(T_set.size, "T_sup")}
+    plants = linearise_plants(others, {**conditions, "T_set": needed}, rules)
+    share = np.where(controls_room, C_air / (C_air + ua), 1.0)
+    offset = np.where(controls_room, outside / (C_air + ua), 0.0)
+    response, _ = _extend_response(plants.response, ROOM_RESPONSE)
+    room, seen = np.zeros(T_set.size), np.empty_like(response)
+    for t in range(response.shape[1]):
+        seen[:, t] = room  # the room follows the air of the second before
+        room = room + (C_air * (response[:, t] - room) - ua * room) / capacity
+    response = np.where(controls_room[:, None], seen, response)
+    _, kind = unique_columns(plants.kind, controls_room.astype(float), capacity, ua, C_air)
+    return plants._replace(
+        T_sup=share * plants.T_sup + offset, gain=share * plants.gain, response=response, kind=kind,
+        curve=share[:, None] * plants.curve + offset[:, None],
+    )  # fmt: skip
+
+
+def distinct_plants(
+    columns: Columns, conditions: Mapping[str, Array], rules: UserRules = NO_USER_RULES
+) -> tuple[Array, Array, Array, Index]:
+    """Parameters, (rows, n), what enters, (5, n), T_set, (n,), of the distinct plants, and the plant of each loop."""
     n = len(columns["C_w"])
     # what no plant depends on is at its default
     values = {name: np.full(n, math.nan if p.default is None else p.default) for name, p in PARAMETERS.items()}
     values |= {name: np.zeros(n) for name in PARAMETER_ROWS if name not in values}
     values["estimator"] = np.full(n, "none")
-    matrix = parameter_matrix(values | {name: columns[name] for name in PLANT_PARAMETERS})
+    read = (*PLANT_PARAMETERS, *(name for plant in rules.plants for name in plant.Parameters._fields))
+    matrix = parameter_matrix(values | {name: columns[name] for name in read}, rules)
     entering = np.stack([np.asarray(conditions[name], float) for name in at_rest.CONDITIONS])
     T_set = np.asarray(conditions["T_set"], float)
     first, kind = unique_columns(matrix, entering, T_set)

@@ -23,7 +23,7 @@ from fastcoil.model.parameter_table import PARAMETERS
 class Prediction(NamedTuple):
     """Prediction of a single loop at the operating points of a day.
 
-    plants: linear models of valve and coil.  cycles: hunting index, hunts, period and amplitude, (n_points,) each.
+    plants: linear models of valve and plant.  cycles: hunting index, hunts, period and amplitude, (n_points,) each.
     reachable_points: those at which the valve can hold the set-point and theory has a hunting index.  worst_point: the
     one of them with the largest hunting index; -1 if there is none.
     """
@@ -59,7 +59,7 @@ def _loop_columns(loop: Loop, n: int) -> Columns:
 def predict(loop: Loop, points: PointsOfDay) -> Prediction:
     """Linearise a loop at the operating points of a day and predict its cycles."""
     columns = _loop_columns(loop, points.size)
-    plants = linearise_plants(columns, points.conditions)
+    plants = linearise_plants(columns, points.conditions, loop.rules)
     cycles = predict_cycles(columns, plants)
     reachable = np.flatnonzero(plants.reachable & np.isfinite(cycles.hunting_index))
     worst = int(reachable[np.argmax(cycles.hunting_index[reachable])]) if reachable.size else -1
@@ -131,18 +131,24 @@ def shortest_ti(prediction: Prediction, limit: float) -> float:
 
 
 PHASE_PARTS = {
-    "integral": "integral of the PI", "coil": "coil", "sensor": "sensor", "sampling": "sampling and hold",
+    "integral": "integral of the PI", "plant": "plant", "sensor": "sensor", "sampling": "sampling and hold",
     "backlash": "backlash (and motor)",
 }  # fmt: skip
-"""Parts of a loop that lag, and what a text calls them."""
+"""Parts of a loop that lag, and what a text calls them; of the plant see ``plant_in_words``."""
+
+
+def plant_in_words(loop: Loop) -> str:
+    """Return what stands between the valve of a single loop and its sensor, such as ``coil and room``."""
+    word = "coil" if loop["plant"] == "coil" else "plant"
+    return f"{word} and room" if loop["controlled"] == "T_room" else word
 
 
 def phase_shares(prediction: Prediction) -> xr.DataArray:
     """Phase lag of each part of the loop where it cycles, or is nearest to a cycle, degrees; 180 in all.
 
     The sampled integral, the phase of 1 + (Ts/Ti)/(1 - z^-1), the sensor's lag and the hold, half a sample, are known
-    in closed form.  The backlash, with the inverse and the motor, takes what the loop leaves until 180°, the coil all
-    the rest.
+    in closed form.  The backlash, with the inverse and the motor, takes what the loop leaves until 180°, the plant
+    all the rest.
     """
     columns, cycles, worst = prediction.columns, prediction.cycles, prediction.worst_point
     ts, ti, tau = (float(columns[name][0]) for name in ("sample_time", "ti", "sensor_time_constant"))
@@ -159,7 +165,7 @@ def phase_shares(prediction: Prediction) -> xr.DataArray:
     sensor = -np.angle((1.0 - pole) / (1.0 - pole * np.exp(-1j * w)))
     lags = {"integral": integral, "sensor": sensor, "sampling": 0.5 * w * ts}  # rad
     shares = {part: math.degrees(lag) for part, lag in lags.items()} | {"backlash": float(phase_left[k])}
-    shares["coil"] = 180.0 - sum(shares.values())
+    shares["plant"] = 180.0 - sum(shares.values())
     attrs = {"units": "degree", "long_name": "phase that each part of the loop takes", "period": 2.0 * math.pi / w}
     return xr.DataArray([shares[p] for p in PHASE_PARTS], coords={"part": list(PHASE_PARTS)}, dims="part", attrs=attrs)
 
@@ -237,7 +243,7 @@ def predict_study(plan: Plan) -> xr.Dataset:
         columns = parameter_columns(loop, distinct, usable)
         reasons.update({reason: int(loops.sum()) for reason, loops in unpredictable_loops(columns).items()})
         conditions = {name: means[columns["day"]] for name, means in entering.items()}
-        cycles = predict_cycles(columns, linearise_plants(columns, conditions))
+        cycles = predict_cycles(columns, linearise_plants(columns, conditions, loop.rules))
         predicted = cycles.hunting_index, cycles.hunts, cycles.period, 2.0 * cycles.amplitude
         for name, value in zip(variables, predicted, strict=True):
             # theory is not more accurate, and the last bits depend on the machine's libraries

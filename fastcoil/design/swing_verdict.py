@@ -80,10 +80,14 @@ class SwingVerdict(NamedTuple):
 
 def moving_inputs(boundary: Boundary) -> tuple[str, ...]:
     """Name what moves on a day."""
-    flow, air, humidity, water, set_point = (np.ptp(boundary.extremes[name]) > 0.0 for name in CONDITION_SERIES)
-    air_word = "the air" if flow and (air or humidity) else "the air flow" if flow else "the entering air"
-    is_moving = {air_word: flow or air or humidity, "the water": water, "the set-point": set_point}
-    return tuple(word for word, moves in is_moving.items() if moves)
+    moves = {name: bool(np.ptp(boundary.extremes[name]) > 0.0) for name in CONDITION_SERIES}
+    flow, air = moves["m_a"], moves["T_a_in"] or moves["W_a_in"]
+    air_word = "the air" if flow and air else "the air flow" if flow else "the entering air"
+    is_moving = {
+        air_word: flow or air, "the water": moves["T_w_in"], "its pressure": moves["dp_ratio"],
+        "the set-point": moves["T_set"], "the weather": moves["T_out"], "the heat gain": moves["Q_room"],
+    }  # fmt: skip
+    return tuple(word for word, is_one in is_moving.items() if is_one)
 
 
 def still_boundary(boundary: Boundary, warm_up: int) -> Boundary:

@@ -47,6 +47,7 @@ TRAVEL: Units = {
     "V 2-10": (1 / 8, -2 / 8), "mA 4-20": (1 / 16, -4 / 16), "mA 0-20": (1 / 20, 0.0),
 }  # fmt: skip
 """Travel of a valve; degrees of a quarter turn, volts of 0–10, signals whose lowest value is the closed valve."""
+POWER = _units_without_offset({"kW": 1.0, "W": 1e-3})
 PRESSURE = _units_without_offset({"Pa": 1.0, "hPa": 100.0, "kPa": 1000.0})
 TIME = _units_without_offset({"s": 1.0, "min": 60.0, "h": 3600.0})
 DIMENSIONLESS = _units_without_offset({"1": 1.0})
@@ -115,7 +116,7 @@ def _fold_unit(unit: str) -> str:
     return text if text[:4] != "deg " else f"deg{text[4:]}"
 
 
-_UNIT_FAMILIES = (TEMPERATURE, AIR_FLOW, WATER_FLOW, HUMIDITY_RATIO, TRAVEL, PRESSURE, TIME)
+_UNIT_FAMILIES = (TEMPERATURE, AIR_FLOW, WATER_FLOW, HUMIDITY_RATIO, TRAVEL, POWER, PRESSURE, TIME)
 _UNIT_BY_SPELLING = {_join_words(_fold_unit(unit)): unit for units in _UNIT_FAMILIES for unit in units} | {
     _join_words(_fold_unit(text)): unit for unit, texts in VOCABULARY["spellings"].items() for text in texts.split(", ")
 }
@@ -201,6 +202,9 @@ COLUMNS: dict[str, Series] = {
         Series("noise", "recorded noise of the measured temperature", TEMPERATURE_DIFFERENCE, -50.0, 50.0, default=0.0),
         Series("enabled", "whether the loop is in operation", DIMENSIONLESS, 0.0, 1.0, True, True, default=1.0),
         Series("backlash_scale", "what the backlash is multiplied by", DIMENSIONLESS, 0.0, 100.0, True, default=1.0),
+        Series("T_out", "outdoor temperature", TEMPERATURE, -70.0, 60.0, default=0.0),
+        Series("Q_room", "heat gain of the room", POWER, -1e4, 1e4, default=0.0),
+        Series("dp_ratio", "pressure difference over its design value", DIMENSIONLESS, 0.0, 100.0, default=1.0),
         Series("elapsed_time", "time", TIME, -1e10, 1e10),  # three centuries
         Series("RH_a_in", "relative humidity of the entering air", FRACTION, 0.0, 1.0, scatters=True),
         Series("T_dp_in", "dew point of the entering air", TEMPERATURE, -70.0, 70.0),

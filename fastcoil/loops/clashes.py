@@ -19,8 +19,8 @@ from fastcoil.loops.loop import Loop, used_choices
 from fastcoil.loops.presets import COOLING_PRESETS
 from fastcoil.loops.scenarios import Layout
 from fastcoil.model import moist_air
+from fastcoil.model.engine.coil import stability_numbers
 from fastcoil.model.engine.lanes import parameter_matrix
-from fastcoil.model.engine.plant import stability_numbers
 from fastcoil.model.estimators.registry import ESTIMATORS
 from fastcoil.model.parameter_table import ESTIMATOR_GROUPS, PARAMETERS, STAND_INS
 from fastcoil.model.valve_test import LARGEST_RATE_RATIO
@@ -30,7 +30,7 @@ _CAP_PARAMETERS = {"learner": "learning_cap", "gradient": "gradient_cap"}  # whi
 
 def check_clashes(loop: Loop, T_set: Array, least_scale: float = 1.0) -> None:
     """Refuse values that clash with each other; ``T_set``: all set-points, °C; ``least_scale``: of the backlash."""
-    problems = [*_size_clashes(loop, least_scale), *_unread_by_estimators(loop).values()]
+    problems = [*_size_clashes(loop, least_scale), *_unread_by_estimators(loop).values(), *_plant_clashes(loop)]
     for rule in loop.rules.values():
         if rule.name not in used_choices(loop, rule.kind):
             sentence = f"{rule.name}, which no scenario has, alone reads {' and '.join(rule.own)}"
@@ -109,6 +109,31 @@ def _size_clashes(loop: Loop, least_scale: float) -> Iterator[Problem]:
         scaled = "" if smallest_scale == 1.0 else f", which backlash_scale makes {smallest_scale:g} times as large"
         sentence = f"slip_jump is up to {excess:g} above the backlash{scaled}: lower slip_jump or raise backlash"
         yield Problem(sentence, "slip_jump", "conflict")
+
+
+def _plant_clashes(loop: Loop) -> Iterator[Problem]:
+    """Refuse a controlled room that is none, and what valve, actuator or plant of a scenario do not have."""
+    controlled, capacity, ua = _parameter_arrays(loop, "controlled", "room_capacity", "room_ua")
+    controls_room = bool((controlled == "T_room").any())
+    if loop["room_capacity"] is None and (controls_room or (ua > 0.0).any()):
+        name = "controlled = 'T_room'" if controls_room else "room_ua"
+        sentence = f"{name} without a room: give room_capacity, its heat capacity in kJ/K"
+        yield Problem(sentence, "room_capacity", "missing")
+    if controls_room and loop["test_start"] is not None:
+        sentence = "test_start with controlled = 'T_room': a valve test watches the supply air, leave one out"
+        yield Problem(sentence, "test_start", "unsupported")
+    if _is_changed(loop, "dead_time") and used_choices(loop, "plant") == {"coil"}:
+        yield Problem("dead_time belongs to a plant of one's own: give plant, or leave it out", "dead_time", "conflict")
+    curve, band, stroke, zone = _parameter_arrays(loop, "curve", "positioner_band", "stroke_time", "neutral_zone")
+    if (curve == "linear").any() and loop["rangeability"] is not None:
+        sentence = "curve = 'linear' with rangeability, which is of an equal-percentage valve: leave one out"
+        yield Problem(sentence, "curve", "conflict")
+    if ((band > 0.0) & (stroke == 0.0)).any():
+        sentence = "positioner_band without stroke_time: give the time of a full stroke, a positioner stops the motor"
+        yield Problem(sentence, "stroke_time", "missing")
+    if ((band > 0.0) & (zone > 0.0)).any():
+        sentence = "neutral_zone with positioner_band, which is the zone of a positioner: leave one out"
+        yield Problem(sentence, "neutral_zone", "conflict")
 
 
 def _unread_by_estimators(loop: Loop) -> dict[str, Problem]:
@@ -237,7 +262,8 @@ def _mismatches(loop: Loop, boundary: Boundary) -> Iterator[str]:
     """Return a sentence for each mismatch of loop and days."""
     actions = np.unique(np.asarray(loop["action"]))
     has_negative_gain = bool(np.any(np.asarray(loop["kp"]) < 0.0))
-    if has_negative_gain or used_choices(loop, "law") != {"pi"}:  # the meaning of the action is then unknown
+    # the meaning of the action is unknown, or what the water can do
+    if has_negative_gain or used_choices(loop, "law") != {"pi"} or used_choices(loop, "plant") != {"coil"}:
         return
     kinds = (("heating", "cooling", "warm", 1.0), ("cooling", "heating", "cool", -1.0))
     for action, opposite_action, verb, sign in (kind for kind in kinds if kind[0] in actions):
@@ -279,7 +305,11 @@ def check_stability(layout: Layout) -> None:
     Flows are the largest that can occur: water at full opening, air over the boundary's series.  The wet λ takes
     dh_s/dT at the largest entering dew point, unless the coil cannot get wet.
     """
-    coil = _coil_and_valve_layout(layout)
+    _check_room_stability(layout)
+    plants = used_choices(layout.loop, "plant")
+    if "coil" not in plants:
+        return
+    coil = _coil_and_valve_layout(layout) if plants == {"coil"} else layout
     numbers = _stability_numbers(coil)
     largest_numbers = numbers.max(axis=0)
     if n_unstable := int(np.count_nonzero(~(largest_numbers <= 1.0))):
@@ -301,6 +331,17 @@ def check_stability(layout: Layout) -> None:
         raise InputError(sentence, "C_w" if gamma > 1.0 else "C_c", "value")
 
 
+def _check_room_stability(layout: Layout) -> None:
+    """Refuse a room that a second of air takes beyond the temperature of that air."""
+    if layout.loop["room_capacity"] is None:
+        return
+    capacity, ua, cp_a = _parameter_arrays(layout.loop, "room_capacity", "room_ua", "cp_a")
+    least = layout.boundary.extremes["m_a"][1] * cp_a + ua
+    if (capacity < least).any():
+        sentence = f"room_capacity = {float(capacity.min()):g} kJ/K is unstable at a step of 1 s"
+        raise InputError(f"{sentence}: give at least {float(least.max()):.4g} kJ/K", "room_capacity", "value")
+
+
 def is_stable(loop: Loop, boundary: Boundary) -> xr.DataArray:
     """Return whether γ ≤ 1 and λ ≤ 1, over the dims of ``loop``: as ``check_stability``, without refusing."""
     layout = Layout(loop, boundary)
@@ -316,7 +357,9 @@ def _stability_numbers(layout: Layout) -> np.ndarray:
         columns = layout.columns(np.arange(start, min(start + _SCENARIOS_PER_CHUNK, layout.size)))
         coldest = min(extremes["T_w_in"][0], extremes["T_a_in"][0], columns["T_initial"].min())
         slope = wet_slope(extremes["W_a_in"][1], coldest, float(columns["pressure"].min()))
-        numbers.append(stability_numbers(parameter_matrix(columns), air_flows, slope))
+        is_coil = columns["plant"] == "coil"
+        matrix = parameter_matrix(columns | {"plant": np.full(is_coil.size, "coil")})
+        numbers.append(np.where(is_coil, stability_numbers(matrix, air_flows, slope), 0.0))
     return np.concatenate(numbers, axis=1)
 
 

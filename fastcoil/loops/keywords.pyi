@@ -38,13 +38,20 @@ class Keywords(TypedDict, total=False):
     rangeability: Value
     authority: Value
     m_full: Value
+    curve: Literal["richards", "linear"] | Value
+    pressure_independent: Value
     leakage: Value
     backlash: Value
     stroke_time: Value
     command_resolution: Value
     neutral_zone: Value
+    positioner_band: Value
     slip_jump: Value
     wear_rate: Value
+    plant: Literal["coil"] | Value
+    dead_time: Value
+    room_capacity: Value
+    room_ua: Value
     sensor_time_constant: Value
     noise_std: Value
     sensor_resolution: Value
@@ -53,6 +60,7 @@ class Keywords(TypedDict, total=False):
     sample_time: Value
     error_dead_band: Value
     action: Literal["cooling", "heating"] | Value
+    controlled: Literal["T_sup", "T_room"] | Value
     plant_gain: Value
     law: Literal["pi"] | Value
     test_start: Value

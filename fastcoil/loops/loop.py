@@ -30,7 +30,7 @@ class Loop:
     **values
         Parameters by name, from the table below.  Each may be a number or word, a list (a dimension of its own),
         ``(dim, values)`` (zipped with others along a shared dimension) or a DataArray, converted from its ``units``.
-        ``estimator`` and ``law`` also take rules made with ``fc.estimator`` and ``fc.law``.
+        ``estimator``, ``law`` and ``plant`` also take rules made with ``fc.estimator``, ``fc.law`` and ``fc.plant``.
 
     Raises
     ------
@@ -86,7 +86,7 @@ class Loop:
         """
         require_instance("ds", ds, xr.Dataset, "give a result, or a part of one such as ds.isel(backlash=3)")
         if not isinstance(rules, (list, tuple)) or not all(isinstance(rule, Rule) for rule in rules):
-            sentence = f"rules = {short_repr(rules)}: give a list of what @fc.estimator or @fc.law made"
+            sentence = f"rules = {short_repr(rules)}: give a list of what @fc.estimator, @fc.law or @fc.plant made"
             raise InputError(sentence, "rules", "type")
         table = all_parameters(merge_rules({}, rules, ()))
         constants = _stored_constants(ds, table)
@@ -218,7 +218,7 @@ def remove_rules(loop: Loop, rule_names: Collection[str]) -> Loop:
 
 
 def used_choices(loop: Loop, kind: str) -> set[str]:
-    """Return the estimators, or the laws, that some scenario has."""
+    """Return the words of a parameter, such as the estimators or the plants, that some scenario has."""
     if loop[kind] is None:
         return {"learner" if np.any(np.asarray(loop["learning_step"]) > 0.0) else "none"}
     return set(np.unique(np.asarray(loop[kind])).tolist())

@@ -25,6 +25,11 @@ class Preset:
         """Whether it is a heating coil."""
         return self.values.get("action") == "heating"
 
+    @property
+    def has_room(self) -> bool:
+        """Whether a room is behind the coil."""
+        return "room_capacity" in self.values
+
     def value(self, parameter: Parameter) -> Scalar | None:
         """Return its value of a parameter; None if others replace it."""
         if "rangeability" in self.values and parameter.name in STAND_INS["rangeability"]:

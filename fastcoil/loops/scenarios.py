@@ -14,7 +14,7 @@ import xarray as xr
 from fastcoil.base.arguments import carried_unit, raise_problems, require_instance
 from fastcoil.base.errors import InputError, IntegrityError, Problem, short_repr
 from fastcoil.loops.boundary import Boundary
-from fastcoil.loops.boundary.series import is_clock_changed, read_series
+from fastcoil.loops.boundary.series import ADDED_SERIES, BOUNDARY_SERIES, is_clock_changed, read_series
 from fastcoil.loops.labelled import SeriesLabels
 from fastcoil.loops.loop import Loop, remove_rules, used_choices
 from fastcoil.loops.netcdf import CLOCK_COORDINATES, without_fill_values
@@ -193,8 +193,11 @@ class Days:
     def _hash(self, k: int) -> str:
         digest = hashlib.sha256(f"{int(self._boundary.day[k])} ".encode())
         table = self[k].series
-        is_scaled = np.any(table[:, DAY_COLUMN.backlash_scale] != 1.0)
-        digest.update(table[:, : None if is_scaled else DAY_COLUMN.backlash_scale].tobytes())
+        digest.update(table[:, : DAY_COLUMN.backlash_scale].tobytes())
+        for name in ADDED_SERIES:
+            column = table[:, DAY_COLUMNS.index(name)]
+            if np.any(column != BOUNDARY_SERIES[name].default):
+                digest.update(f"{name} ".encode() + column.tobytes())
         digest.update(self._commands(k).tobytes())
         return digest.hexdigest()
 

@@ -28,8 +28,8 @@ from fastcoil.measured.agreement import require_agreement
 from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, build_fit, natural_intervals
 from fastcoil.measured.least_squares import Estimate, Model, Uncertainty, minimise, uncertainty
 from fastcoil.measured.part import LogSource, LogSplit, check_split, leave_out_repeats, split_segments
+from fastcoil.model.engine.coil import stability_numbers
 from fastcoil.model.engine.lanes import parameter_matrix
-from fastcoil.model.engine.plant import stability_numbers
 from fastcoil.model.engine.recorded import COIL_COLUMNS, run_coil
 from fastcoil.model.engine.rows import PARAMETER_ROWS
 from fastcoil.model.metric_table import WARM_UP_S

@@ -37,7 +37,7 @@ _LEAST_MOVING_SHARE = 0.25  # of the samples, at which the command changes: it t
 _FEWEST_SAMPLES = 60  # temperatures to compare
 _OPEN_LOOP_SETTINGS: dict[str, Any] = {
     "noise_std": 0.0, "sensor_resolution": 0.0, "backlash_estimate": 0.0, "learning_step": 0.0, "estimator": "none",
-    "law": "pi",
+    "law": "pi", "controlled": "T_sup",
 }  # fmt: skip
 """What a loop may have and an emulator in open loop does not use."""
 

@@ -132,6 +132,13 @@ METRICS = _by_name(
            "of the whole run, counted or not; ice is not simulated", label="time with ice"),
 )
 
+SUPPLY_METRICS = ("reheat_energy", "recool_energy")
+"""Metrics of the error of the supply air; NaN where the room is controlled."""
+COIL_METRICS = (*SUPPLY_METRICS, "coil_energy", "coil_peak_power", "condensate", "frost_time", "freeze_time")
+"""Metrics that only the coil has; NaN with another plant."""
+COIL_TRACES = ("T_w_out", "W_sup", "wet_volumes", "power", "T_w", "T_c", "T_a", "W_a")
+"""Traces that only the coil has; NaN with another plant."""
+
 PREDICTIONS = _by_name(
     Output("predicted_hunting_index", "1", "predicted hunting index of the loop",
            "largest |L| |N| of the describing function, from about 0.85 on a gap keeps the loop swinging",
@@ -166,7 +173,8 @@ YEARLY_PREFIX = "yearly_"
 
 TRACES = _by_name(
     Output("T_sup", "degC", "supply air temperature", "leaves control volume 1", label="supply air"),
-    Output("T_measured", "degC", "measured supply air temperature", "sensor lag, noise and resolution applied",
+    Output("T_room", "degC", "room temperature", "NaN without a room", label="room"),
+    Output("T_measured", "degC", "measured temperature", "sensor lag, noise and resolution applied",
            label="measured supply air"),
     Output("u", "1", "PI output, desired opening", label="desired opening u"),
     Output("integral", "1", "integral part of the PI output", label="integral part of u"),

@@ -146,6 +146,28 @@ def move_with_dead_zone(position, target, max_travel, neutral_zone, is_running):
 
 
 @scalar
+def position_stem(position, stem, target, max_travel, band):
+    """Motor position one step on under a positioner: it runs towards the target while the stem is beyond the band.
+
+    position: of the motor; stem: measured, on the scale of the command; target, band: fractions of stroke.
+    """
+    step = max_travel if target > stem else -max_travel
+    next_position = position + (step if abs(target - stem) > band else 0.0)
+    next_position = 0.0 if next_position < 0.0 else next_position
+    return 1.0 if next_position > 1.0 else next_position
+
+
+@scalar
+def next_room_temperature(T_room, T_sup, C_air, T_out, UA, Q_room, capacity):
+    """T_room[t+1], °C: a room as one capacity, kJ/K, with supply air C_air = m_a c_p,a and its envelope UA, kW/K.
+
+    capacity dT_room/dt = C_air (T_sup - T_room) + UA (T_out - T_room) + Q_room, by Euler's step of a second; Q_room in
+    kW.
+    """
+    return T_room + (C_air * (T_sup - T_room) + UA * (T_out - T_room) + Q_room) / capacity
+
+
+@scalar
 def sensor_temperature(y_s, T, decay):
     """Sensor temperature after one step, decay = e^(-dt/τ).
 

@@ -1,4 +1,4 @@
-"""``@fc.estimator`` and ``@fc.law``: a plain function becomes a rule of the user.
+"""``@fc.estimator``, ``@fc.law``, ``@fc.plant``: a plain function becomes a rule of the user.
 
 What parameters a rule may read and declare, the rule itself, and hashes that show whether it has changed.
 """
@@ -18,12 +18,13 @@ from fastcoil.base.arguments import is_number, raise_problems, require_number, r
 from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 from fastcoil.model.control import Law
 from fastcoil.model.engine.lanes import UserRules
+from fastcoil.model.engine.plant import Plant, PlantInputs
 from fastcoil.model.estimators.interface import Estimator, Sample
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
 from fastcoil.model.numerics.compile_user_function import UserFunction
 from fastcoil.model.parameter_table import COVERED, ESTIMATOR_GROUPS, PARAMETERS, RESERVED_DIMS, Parameter
 
-_HIDDEN_GROUPS = ("coil", "valve", "actuator")  # groups of what a controller in the field cannot know
+_HIDDEN_GROUPS = ("plant", "room", "coil", "valve", "actuator")  # of what a controller in the field cannot know
 _TAKEN_NAMES = {  # that no parameter of a rule can have
     *METRICS, *PREDICTIONS, *TRACES, *RESERVED_DIMS, "status", "design", "scenario", "preset", "include", "size",
     "seed", "method", "tolerance", "drop", "indexers", "missing_dims",
@@ -90,16 +91,17 @@ def _require_bound(name: str, value: object, no_bound: float) -> float:
     return no_bound if isinstance(value, float) and value == no_bound else require_number(name, value, "give a number")
 
 
-def declared_parameters(rule: str, fields: Mapping[str, Any]) -> dict[str, Parameter]:
+def declared_parameters(rule: str, kind: str, fields: Mapping[str, Any]) -> dict[str, Parameter]:
     """Return the parameters that a rule declares; its other fields are parameters of the loop that it may read.
 
     fields: name → default, ``None`` for a field without one.
     """
+    unknown_groups = ESTIMATOR_GROUPS if kind == "plant" else (*_HIDDEN_GROUPS, *ESTIMATOR_GROUPS)
     parameters: dict[str, Parameter] = {}
     problems: list[str] = []
     for name, default in fields.items():
         p, sentence, code = PARAMETERS.get(name), "", ""
-        if p and (p.group in (*_HIDDEN_GROUPS, *ESTIMATOR_GROUPS) or p.is_word or name == "estimate_ratio"):
+        if p and (p.group in unknown_groups or p.is_word or name == "estimate_ratio"):
             cure, code = "leave it out, or call its own parameter otherwise", "unsupported"
             sentence = f"{rule} reads {name}, which a rule must not know: {cure}"
         elif p and default is not None:
@@ -122,7 +124,7 @@ def declared_parameters(rule: str, fields: Mapping[str, Any]) -> dict[str, Param
     return parameters
 
 
-RULE_KINDS = ("estimator", "law")  # parameters of a loop that a rule can be the value of
+RULE_KINDS = ("estimator", "law", "plant")  # parameters of a loop that a rule can be the value of
 
 
 class Rule:
@@ -149,7 +151,7 @@ class Rule:
         arguments = list(inspect.signature(function).parameters.values())
         if len(arguments) != 3 or any(p.kind is not p.POSITIONAL_OR_KEYWORD for p in arguments):
             raise InputError(f"{name}: write it as def {name}(now, p, memory)", name, "code")
-        parameters = declared_parameters(name, {n: Parameters._field_defaults.get(n) for n in Parameters._fields})
+        parameters = declared_parameters(name, kind, {n: Parameters._field_defaults.get(n) for n in Parameters._fields})
         rule = cls(kind, name, parameters, tuple(n for n in Parameters._fields if n not in parameters), "")
         rule._definition = (function, Parameters, Memory)
         return rule
@@ -183,7 +185,7 @@ class Rule:
         function, Parameters, Memory = self.parts
         code = UserFunction(self.name, function, Memory)
         if self._code is None or code.sha256 != self._code.sha256:
-            code.check(Sample, Parameters)
+            code.check(PlantInputs if self.kind == "plant" else Sample, Parameters)
             self._code = code
 
     @property
@@ -193,18 +195,19 @@ class Rule:
         return (self._code or UserFunction(self.name, function, Memory)).sha256
 
     @property
-    def kernel_rule(self) -> Estimator | Law:
-        """The rule as an `Estimator` or a `Law` with compiled code."""
+    def kernel_rule(self) -> Estimator | Law | Plant:
+        """The rule as an `Estimator`, a `Law` or a `Plant` with compiled code."""
         if self._code is None:
             self.check()
         assert self._code is not None
         _, Parameters, Memory = self.parts
         fingerprint = repr((self.name, Parameters._fields, Memory._fields, Memory._field_defaults, self._code.sha256))
-        if self.kind == "law":
-            return Law(self.name, Parameters, Memory, self._code.function, fingerprint)
+        if self.kind != "estimator":
+            kernel_class = Law if self.kind == "law" else Plant
+            return kernel_class(self.name, Parameters, Memory, self._code.function, fingerprint)
         return Estimator(self.name, Parameters, Memory, self._code.function, fingerprint=fingerprint)
 
-    def __call__(self, now: Sample, p: Any, memory: Any) -> Any:
+    def __call__(self, now: Any, p: Any, memory: Any) -> Any:
         return self.parts[0](now, p, memory)
 
     def __repr__(self) -> str:
@@ -311,11 +314,58 @@ def law(Parameters: Any, Memory: Any = None) -> Callable[[Any], Rule]:  # noqa: 
     return _make_decorator("law", Parameters, Memory)
 
 
+def plant(Parameters: Any, Memory: Any = None) -> Callable[[Any], Rule]:  # noqa: N803 — classes
+    """Make a plant, in place of the coil, from a function ``(now, p, memory) -> (T, Memory)``.
+
+    It is called every second, before the controller.  ``now`` has t [s]; m_w [kg/s] and opening of the valve as they
+    were ``dead_time`` seconds ago (of the second before where that is 0); m_a [kg/s], T_a_in [°C], W_a_in and T_w_in
+    [°C] of this second.  T is the temperature of what leaves, °C: T_sup.  Energy, frost and condensate are then NaN.
+
+    Parameters
+    ----------
+    Parameters, Memory : type
+        As for ``fc.estimator``; ``Parameters`` may also name parameters of the valve, such as ``m_max``.
+
+    Returns
+    -------
+    callable
+        A decorator for the function.  The rule that it returns stands for the plant in ``fc.Loop(plant=…)``.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake in the classes or the function.
+
+    See Also
+    --------
+    parameter : declare a parameter of the rule.
+    law, estimator : replace the PI, find the backlash.
+
+    Examples
+    --------
+    >>> import fastcoil as fc
+    >>> from typing import NamedTuple
+    >>> class Parameters(NamedTuple):
+    ...     gain: float = fc.parameter(-20.0, unit="K", text="change of T for a full opening")
+    ...     lag: float = fc.parameter(120.0, unit="s", lower=1.0, text="time constant")
+    >>> class Memory(NamedTuple):
+    ...     T: float = 25.0
+    >>> @fc.plant(Parameters, Memory)
+    ... def first_order(now, p, memory):
+    ...     T = memory.T + (now.T_a_in + p.gain * now.opening - memory.T) / p.lag
+    ...     return T, Memory(T)
+    >>> fc.Loop(plant=first_order, dead_time=30, lag=[60.0, 120.0]).sizes
+    {'lag': 2}
+    """
+    return _make_decorator("plant", Parameters, Memory)
+
+
 def rules_for_kernels(rules: Mapping[str, Rule]) -> UserRules:
-    """Return the user's rules of a loop as estimators and laws with compiled code."""
-    kernel_rules = [rule.kernel_rule for rule in rules.values()]
-    estimators = tuple(rule for rule in kernel_rules if isinstance(rule, Estimator))
-    return UserRules(estimators, tuple(rule for rule in kernel_rules if isinstance(rule, Law)))
+    """Return the user's rules of a loop, by kind, with compiled code."""
+    by_kind: dict[str, list[Any]] = {
+        kind: [rule.kernel_rule for rule in rules.values() if rule.kind == kind] for kind in RULE_KINDS
+    }
+    return UserRules(*map(tuple, by_kind.values()))
 
 
 def _make_decorator(kind: str, Parameters: Any, Memory: Any) -> Callable[[Any], Rule]:  # noqa: N803 — classes

@@ -96,4 +96,4 @@ def test_the_parts_take_180_degrees_each_what_its_formula_says():
     assert float(shares.sel(part="integral")) == pytest.approx(90.0 - math.degrees(math.atan(30.0 * w)), abs=2.0)
     assert float(shares.sel(part="sensor")) == pytest.approx(math.degrees(math.atan(20.0 * w)), abs=2.0)
     assert float(shares.sel(part="sampling")) == pytest.approx(math.degrees(0.5 * w), abs=1e-9)
-    assert float(shares.sel(part="coil")) == pytest.approx(math.degrees(math.atan(LAG * w) + 10.0 * w), abs=2.0)
+    assert float(shares.sel(part="plant")) == pytest.approx(math.degrees(math.atan(LAG * w) + 10.0 * w), abs=2.0)

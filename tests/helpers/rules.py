@@ -51,6 +51,23 @@ def own_pi(now, p, memory):
     return p.kp * now.e + integral, Memory(integral, memory.calls + 1)
 
 
+class FirstOrder(NamedTuple):
+    T_initial: float
+    cooling: float = fc.parameter(20.0, unit="K", text="fall of the temperature at full opening")
+    lag: float = fc.parameter(120.0, unit="s", lower=1.0, text="time constant")
+
+
+class Temperature(NamedTuple):
+    T: float = 20.0
+
+
+@fc.plant(FirstOrder, Temperature)
+def first_order(now, p, memory):
+    T = memory.T if now.t > 0 else p.T_initial
+    T += (now.T_a_in - p.cooling * now.opening - T) / p.lag
+    return T, Temperature(T)
+
+
 def clip_to(x, largest):
     """Clip to 0 … ``largest``; defined below the rules that call it."""
     return min(max(x, 0.0), largest)

@@ -73,7 +73,7 @@ def test_the_kernel_and_its_twin_in_plain_python_read_every_parameter():
     for name, p in PARAMETERS.items():
         is_read = re.search(rf'[."]{name}\b|^    {name}: float$', kernel, re.MULTILINE)
         assert is_read, f"model/engine does not read {name}"
-        has_twin = f'"{name}"' in twin or p.group == "test" or name in (*STAND_INS, "law")
+        has_twin = f'"{name}"' in twin or p.group == "test" or name in (*STAND_INS, "law", "plant", "dead_time")
         assert has_twin, f"tests/reference does not read {name}"
 
 
@@ -81,10 +81,13 @@ def test_the_kernel_and_its_twin_in_plain_python_read_every_parameter():
 @pytest.mark.parametrize("name", [p.name for p in PARAMETERS.values() if p.group == "actuator" and p.default == 0.0])
 def test_every_option_of_the_actuator_has_an_effect_and_is_that_of_its_twin(name, half_hour_day, run_reference):
     p = PARAMETERS[name]
-    loop = fc.Loop(**{name: 60.0 if p.unit == "s" else 0.4 * min(p.upper, 0.1)})
+    motor = {"stroke_time": 60.0} if name == "positioner_band" else {}
+    loop = fc.Loop(**motor | {name: 60.0 if p.unit == "s" else 0.4 * min(p.upper, 0.1)})
     options = {"traces": ["opening"], "warm_up": 600}
     opening = fc.simulate(loop, half_hour_day, **options).opening
-    assert (opening != fc.simulate(fc.Loop(), half_hour_day, **options).opening).any(), f"{name} in engine/plant.py"
+    assert (opening != fc.simulate(fc.Loop(**motor), half_hour_day, **options).opening).any(), (
+        f"{name} in engine/valve.py"
+    )
     traces, _ = run_reference(loop, half_hour_day, warm_up=600)
     np.testing.assert_allclose(opening, traces["opening"], rtol=0.0, atol=1e-9, err_msg=f"{name} in tests/reference")
 

@@ -16,7 +16,7 @@ from reference.noise import standard_normal
 from reference.psychrometrics import saturation_humidity_ratio
 from reference.rounding import round_half_up
 from reference.swing import swing_metrics
-from reference.valve import NeutralZone, StickSlip, backlash, leaking_valve
+from reference.valve import NeutralZone, Positioner, StickSlip, backlash, flow_at_pressure, leaking_valve
 
 ESTIMATORS = {
     "none": FixedEstimate, "learner": Learner, "hagglund": Hagglund, "gradient": Gradient, "identify": Identify,
@@ -31,7 +31,7 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
 
     parameters: a dict with the keys and units of PAPER_LIKE; its air_march may also be "runge_kutta".
     boundary: 1-s series of one length, m_a [kg/s], T_a_in [degC], W_a_in [kg/kg], T_w_in [degC], T_set [degC]
-    and, if wanted, noise [K], enabled [0 or 1] and backlash_scale [-].
+    and, if wanted, noise [K], enabled [0 or 1], backlash_scale [-], T_out [degC], Q_room [kW] and dp_ratio [-].
     command: an open-loop command series [strokes] in place of the controller.
     warm_up: seconds left out of the metrics; seed, replicate, day: select the noise.
     saturation: a function (T [degC], pressure [Pa]) -> W_s [kg/kg] in place of saturation_humidity_ratio.
@@ -46,6 +46,9 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
     recorded_noise = to_floats(boundary.get("noise", [0.0] * n_steps))
     enabled = [value != 0 for value in boundary.get("enabled", [1] * n_steps)]
     scale = to_floats(boundary.get("backlash_scale", [1.0] * n_steps))
+    T_out, Q_room = (to_floats(boundary.get(name, [0.0] * n_steps)) for name in ("T_out", "Q_room"))
+    dp_ratio = to_floats(boundary.get("dp_ratio", [1.0] * n_steps))
+    controls_room, capacity = p["controlled"] == "T_room", p["room_capacity"]
     open_loop = command is not None
     commands = to_floats(command) if open_loop else None
 
@@ -55,6 +58,7 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
 
     T_w = T_c = T_a = [p["T_initial"]] * n_volumes
     W_a = [W_a_in[0]] * n_volumes
+    T_room = math.nan if capacity is None else p["T_initial"]
     T_sensor = drawn_noise = 0.0
     default = "learner" if p["learning_step"] > 0.0 else "none"
     estimator = ESTIMATORS["none" if open_loop else p["estimator"] or default](p)
@@ -62,6 +66,7 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
     T_seen = error_seen = 0.0
     controller = Controller(p)
     motor = NeutralZone(p["neutral_zone"])
+    positioner = Positioner(p["positioner_band"])
     stem = StickSlip(p["backlash"], p["slip_jump"])
     position = x = 0.0
     opening_before, travelled, gaps = 0.0, 0.0, []
@@ -76,10 +81,11 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
             T_a, W_a, Q, wet_volumes, vapour = pass_air(p, T_c, m_a[t], T_a_in[t], W_a_in[t], saturation)
 
         # Measure
+        T_controlled = T_room if controls_room else T_a[0]
         if t == 0 or tau <= 0.0:
-            T_sensor = T_a[0]
+            T_sensor = T_controlled
         else:
-            T_sensor += (1.0 - math.exp(-1.0 / tau)) * (T_a[0] - T_sensor)
+            T_sensor += (1.0 - math.exp(-1.0 / tau)) * (T_controlled - T_sensor)
         if p["noise_std"] > 0.0 and t % sample_time == 0:
             drawn_noise = p["noise_std"] * standard_normal(seed, t // sample_time, 0, replicate, day)
         T_measured = T_sensor + drawn_noise + recorded_noise[t]
@@ -109,7 +115,11 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
 
         # Actuator, Eq (1), Eq (2)
         position_previous = position
-        position = motor.move(cmd, p["command_resolution"], p["stroke_time"])
+        if p["positioner_band"] > 0.0:
+            stem_position = (position - x) / (1.0 - p["backlash"])
+            position = positioner.move(cmd, p["command_resolution"], p["stroke_time"], stem_position)
+        else:
+            position = motor.move(cmd, p["command_resolution"], p["stroke_time"])
         gaps.append(gap_after(p, travelled, scale[t]))
         # a stem in a gap that has become smaller is at its flank
         x, opening = backlash(position, position_previous, min(x, gaps[t]), gaps[t], p["backlash"])
@@ -117,7 +127,8 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
             opening = stem.move(position)[1]
         travelled += abs(opening - opening_before)
         opening_before = opening
-        m_w = leaking_valve(opening, p["leakage"], p["m_max"], p["valve_a"], p["valve_b"], p["valve_c"])
+        curve = p["m_max"], p["valve_a"], p["valve_b"], p["valve_c"], p["curve"]
+        m_w = flow_at_pressure(leaking_valve(opening, p["leakage"], *curve), dp_ratio[t], p["pressure_independent"])
 
         # Eqs (3) and (4)
         condensate, air, dt = 0.0, (T_a, W_a), 1.0 / p["substeps"]
@@ -138,7 +149,8 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
 
         # Record the states the step started from, beside the signals of the step
         signals = {
-            "T_sup": T_a[0], "T_measured": T_measured, "command": cmd, "position": position, "opening": opening,
+            "T_sup": T_a[0], "T_measured": T_measured, "T_room": T_room, "command": cmd, "position": position,
+            "opening": opening,
             "u": math.nan if open_loop else controller.u, "integral": math.nan if open_loop else controller.integral,
             "estimate": math.nan if open_loop else estimator.estimate, "mode": 0 if open_loop else controller.mode,
             "m_w": m_w, "T_w_out": state[0][-1], "power": sign * m_w * p["cp_w"] * (state[0][-1] - T_w_in[t]),
@@ -150,6 +162,9 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
         switches.append(int(switched))
         condensates.append(condensate)
 
+        if capacity is not None:
+            heat = m_a[t] * p["cp_a"] * (traces["T_sup"][t] - T_room) + p["room_ua"] * (T_out[t] - T_room) + Q_room[t]
+            T_room += heat / capacity
         T_a, W_a = air
         if t % metrics.FROST_INTERVAL_S == 0 or t == n_steps - 1:
             frosts, freezes = has_frost_and_ice(p, T_w, T_c, [*W_a[1:], W_a_in[t]], m_w)
@@ -165,10 +180,12 @@ def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replic
 
     counted = [t >= warm_up and enabled[t] for t in range(n_steps)]
     since = metrics.seconds_since_disturbance(T_set, enabled)
-    values = metrics.tracking_metrics(traces["T_sup"], T_set, counted, since)
+    values = metrics.tracking_metrics(traces["T_room" if controls_room else "T_sup"], T_set, counted, since)
     inputs = list(zip(m_a, T_a_in, W_a_in, T_w_in, T_set, strict=True))
     values.update(swing_metrics(traces["T_sup"], traces["W_sup"], inputs, since, enabled, warm_up, sample_time))
     values.update(metrics.air_metrics(traces["T_sup"], T_set, m_a, p["cp_a"], counted))
+    if controls_room:
+        values.update(reheat_energy=math.nan, recool_energy=math.nan)
     values.update(metrics.movement_metrics(traces["opening"], traces["position"], counted))
     has_estimate = p["backlash_estimate"] > 0.0 or not estimator.is_off
     values.update(metrics.switching_metrics(switches, traces["estimate"], gaps, estimator, counted, warm_up, open_loop))

@@ -102,10 +102,37 @@ class StickSlip:
         return self.y, min(max(opening, 0.0), 1.0)
 
 
-def leaking_valve(opening, leakage, m_max, a, b, c):
-    """Water flow [kg/s] of Eq (2), stretched to `leakage` of the full flow at opening 0; None: as printed."""
-    m_w = richards_valve(opening, m_max, a, b, c)
+class Positioner:
+    """A motor [strokes] that runs while the stem, on the scale of the command, is off its target by over `band`."""
+
+    def __init__(self, band):
+        self.band, self.position = band, 0.0
+
+    def move(self, command, resolution, stroke_time, stem):
+        """Position one second on; other arguments as those of `actuator_position`."""
+        target = min(round_half_up(command, resolution), 1.0) if resolution > 0.0 else command
+        if target - stem > self.band:
+            self.position = min(self.position + 1.0 / stroke_time, 1.0)
+        elif stem - target > self.band:
+            self.position = max(self.position - 1.0 / stroke_time, 0.0)
+        return self.position
+
+
+def flow_at_pressure(m_w, dp_ratio, pressure_independent):
+    """Water flow [kg/s] where the pressure difference is `dp_ratio` times that of m_w."""
+    if pressure_independent and dp_ratio > 1.0:
+        return m_w
+    return m_w * math.sqrt(dp_ratio)
+
+
+def leaking_valve(opening, leakage, m_max, a, b, c, curve="richards"):
+    """Water flow [kg/s] of the curve, stretched to `leakage` of the full flow at opening 0; None: as it is."""
+
+    def flow(opening):
+        return m_max * opening if curve == "linear" else richards_valve(opening, m_max, a, b, c)
+
+    m_w = flow(opening)
     if leakage is None:
         return m_w
-    closed, full = richards_valve(0.0, m_max, a, b, c), richards_valve(1.0, m_max, a, b, c)
+    closed, full = flow(0.0), flow(1.0)
     return full * (leakage + (1.0 - leakage) * (m_w - closed) / (full - closed))

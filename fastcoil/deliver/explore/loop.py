@@ -58,7 +58,11 @@ def start_loops(study_scenario: Scenario | None = None) -> dict[str, Start]:
         if loop["estimate_ratio"] is not None:  # the slider of the gap leaves the estimate
             loop = loop.assign(backlash_estimate=loop["estimate_ratio"] * loop["backlash"])  # type: ignore[operator]
         loops[STUDY_LOOP_NAME] = Start(title, loop, day, warm_up=warm_up, seed=seed)
-    return loops | {name: Start(name, Loop.preset(name), T_w_in=preset.T_w_in) for name, preset in PRESETS.items()}
+    return loops | {
+        name: Start(name, Loop.preset(name), T_w_in=preset.T_w_in)
+        for name, preset in PRESETS.items()
+        if not preset.has_room
+    }
 
 
 class Dial(NamedTuple):

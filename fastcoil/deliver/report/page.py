@@ -194,13 +194,13 @@ def method_section(ds: xr.Dataset) -> Section:
     constants, loop = json.loads(ds.attrs["parameters"]), tomllib.loads(ds.attrs["study_toml"])["loop"]
     preset = str(loop.get("preset", "paper_like"))
     substeps, noise, n = constants.get("substeps", 1), constants.get("noise_std"), ds.sizes.get("replicate", 1)
-    sizes = sizes_in_words(ds["status"].sizes)
+    sizes, plant = sizes_in_words(ds["status"].sizes), constants.get("plant", "its plant")
     noise_text = f"standard deviation {format_parameter('noise_std', noise)}" if noise else "none"
     noise_text = "swept" if noise is None else noise_text
     facts = [
-        ("Model", "closed loop of sensor, PI, backlash inverse, motor, valve with backlash and coil, after Cai and "
+        ("Model", f"closed loop of sensor, PI, backlash inverse, motor, valve with backlash and {plant}, after Cai and "
                   "Braun (2016); every scenario is a day of the loop"),
-        ("Control volumes of the coil", str(constants.get("n_volumes", "swept"))),
+        ("Control volumes of the coil", str(constants.get("n_volumes", "swept")) if plant == "coil" else MISSING_VALUE),
         ("Time step", "1 s" if substeps == 1 else f"1 s, the coil in {substeps} substeps"),
         ("Preset", f"{preset}: {PRESETS[preset].text}. {NOT_THE_PAPER_FIT}" if preset in PRESETS else preset),
         ("Scenarios", f"{ds['status'].size:,} = {sizes}" if sizes else "1"),

@@ -126,6 +126,7 @@ def _stepped_set_point(n_steps: int) -> Array:
 def constant_day(
     hours: float = 8.0, *, m_a: Values = 1.15, T_a_in: float = 25.0, W_a_in: Values = None,
     relative_humidity: float | None = None, T_w_in: Values = 7.0, T_set: Values = 14.0, pressure: float = 101325.0,
+    T_out: Values = None, Q_room: Values = None, dp_ratio: Values = None,
 ) -> Boundary:  # fmt: skip
     """Return a day on which nothing changes; the defaults are the centre of `paper_day`.
 
@@ -140,6 +141,8 @@ def constant_day(
     W_a_in, relative_humidity, pressure
         Its humidity ratio [kg/kg], a number or a series, or its relative humidity at a barometric pressure [Pa], by
         default 0.56.
+    T_out, Q_room, dp_ratio
+        As for `Boundary`: outdoor temperature [degC] and heat gain [kW] of a room, ratio of pressure differences.
 
     Returns
     -------
@@ -169,7 +172,8 @@ def constant_day(
         sentence = "W_a_in and relative_humidity are both given: give one of them"
         raise InputError(sentence, "relative_humidity", "conflict")
     noise = np.zeros(n_steps)  # a series, which sets the length
-    return Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_a_in, T_w_in=T_w_in, T_set=T_set, noise=noise)
+    added = {"T_out": T_out, "Q_room": Q_room, "dp_ratio": dp_ratio}
+    return Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_a_in, T_w_in=T_w_in, T_set=T_set, noise=noise, **added)
 
 
 # fmt: off

@@ -29,6 +29,7 @@ from fastcoil.loops.boundary.samples import (
     with_day_dim,
 )
 from fastcoil.loops.boundary.series import (
+    ADDED_SERIES,
     BOUNDARY_SERIES,
     Clock,
     Values,
@@ -43,7 +44,7 @@ from fastcoil.loops.boundary.series import (
 from fastcoil.loops.labelled import SeriesLabels
 from fastcoil.loops.labels import unit_in_words
 
-_OPTIONAL_COLUMNS = ("noise", "enabled", "backlash_scale")
+_OPTIONAL_COLUMNS = ("noise", "enabled", *ADDED_SERIES)
 _LOG_COLUMNS = ColumnSpec(required=("m_a", "T_a_in", HUMIDITY_COLUMNS, "T_w_in", "T_set"), optional=_OPTIONAL_COLUMNS)
 _HELD_SERIES = [name for name, series in BOUNDARY_SERIES.items() if series.hold]
 
@@ -67,6 +68,11 @@ class Boundary(Samples):
         1 where the loop is in operation, 0 where not.  By default 1 where air flows; a warning says how long none does.
     backlash_scale
         Factor of the backlash of every loop, such as 2 from the second at which a linkage comes loose; 1 by default.
+    T_out, Q_room
+        Outdoor temperature [degC] and heat gain [kW] of the room that a loop with ``room_capacity`` has; 0 by default.
+    dp_ratio
+        Pressure difference over valve and coil divided by that of the design; 1 by default.  The water flow goes with
+        its root, that of a pressure-independent valve only below 1.
     day
         Labels of the days: distinct whole numbers from 0 to 2**32 - 1, by default 0, 1, 2, ...  They, not the order,
         seed the noise of a day.  One number labels a boundary without a dim ``day``.
@@ -95,8 +101,8 @@ class Boundary(Samples):
 
     def __init__(
         self, *, m_a: Values, T_a_in: Values, W_a_in: Values, T_w_in: Values, T_set: Values, noise: Values = None,
-        enabled: Values = None, backlash_scale: Values = None, day: Values = None, start: Values = None,
-        time_zone: Values = None,
+        enabled: Values = None, backlash_scale: Values = None, T_out: Values = None, Q_room: Values = None,
+        dp_ratio: Values = None, day: Values = None, start: Values = None, time_zone: Values = None,
     ) -> None:  # fmt: skip
         series = {name: value for name, value in locals().items() if name in BOUNDARY_SERIES}
         problems: list[str] = []

@@ -33,7 +33,12 @@ from fastcoil.model.parameter_table import COVERED, PARAMETERS, Parameter
 Values: TypeAlias = Any
 """A series in an argument: a number, array-like or DataArray; checked at run time."""
 
-ADDED_SERIES = ("backlash_scale",)  # count in a digest only where they differ from their default
+ADDED_SERIES = (
+    "backlash_scale",
+    "T_out",
+    "Q_room",
+    "dp_ratio",
+)  # count in a digest only where they differ from their default
 _NAMES = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set", "noise", "enabled", *ADDED_SERIES)
 BOUNDARY_SERIES = {name: COLUMNS[name] for name in _NAMES}
 """Every series of a `Boundary` by name."""

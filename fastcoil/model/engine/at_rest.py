@@ -19,12 +19,12 @@ from fastcoil.model.engine.coil import (
     update_half_step_of_water,
     update_water_conductance,
 )
-from fastcoil.model.engine.plant import update_water_flow
 from fastcoil.model.engine.rows import LANES, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, Q, R, begin_run, name_offsets
+from fastcoil.model.engine.valve import scale_water_flow, update_water_flow
 from fastcoil.model.numerics.jit import kernel, section
 
-CONDITIONS = ("m_a", "T_a_in", "W_a_in", "T_w_in")
-"""Rows of the conditions at the inlets of a block's coils, (4, LANES)."""
+CONDITIONS = ("m_a", "T_a_in", "W_a_in", "T_w_in", "dp_ratio")
+"""Rows of the conditions at the inlets of a block's coils and valves, (5, LANES)."""
 CONDITION = name_offsets(CONDITIONS)
 _SATURATION_SLOPE = 0.065  # d ln W_s / dT near the dew points of air conditioning, 1/K: it only scales the band
 _MIN_BAND_K = 0.02  # least width of the band around the dew point in which a volume is partly wet
@@ -50,11 +50,13 @@ def begin_per_lane(rows, config, entering, S, V):
 
 
 @section
-def set_openings(S, leaks, openings):
+def set_openings(S, config, entering, openings):
     """Set the valve opening of each lane, (LANES,)."""
     for j in range(LANES):
         S[R.opening + j] = openings[j]
-    update_water_flow(S, leaks)
+    update_water_flow(S, config.leaks, config.is_linear)
+    for j in range(LANES):
+        scale_water_flow(S, j, entering[CONDITION.dp_ratio, j])
     update_water_conductance(S)
 
 
@@ -155,12 +157,13 @@ def neighbour_openings(opening):
 
 
 @section
-def settle(S, V, n_volumes, leaks, entering, openings, is_at_rest):
+def settle(S, V, config, entering, openings, is_at_rest):
     """Bring every coil to rest at an opening, (LANES,); the heat capacities do not matter for the state of rest.
 
     is_at_rest: (LANES,), coils that are left as they are.
     """
-    set_openings(S, leaks, openings)
+    n_volumes = config.n_volumes
+    set_openings(S, config, entering, openings)
     for j in range(LANES):
         # kW/K; without flow the temperature of the water does not matter
         C_flow = S[R.C_flow + j] if S[R.C_flow + j] > 1e-12 else 1e-12
@@ -183,20 +186,19 @@ def settle(S, V, n_volumes, leaks, entering, openings, is_at_rest):
 def find_rest(rows, config, entering, T_set, S, V, steady):
     """Find the opening at which each plant of a block rests at its set-point.
 
-    rows, config: of a Block.  entering: (4, LANES), see CONDITIONS.  T_set: (LANES,), °C.  S, V: work space; V holds
+    rows, config: of a Block.  entering: (5, LANES), see CONDITIONS.  T_set: (LANES,), °C.  S, V: work space; V holds
     the coils at rest afterwards.  steady: out, (7, LANES), see STEADY_ROWS; gain in K per unit opening.
     """
-    n_volumes = config.n_volumes
     begin_per_lane(rows, config, entering, S, V)
     supply = V[VOLUME_STRIDE + T_A : VOLUME_STRIDE + T_A + LANES]
 
     low, high, openings = np.zeros(LANES), np.ones(LANES), np.zeros(LANES)
     e_low, e_high, direction = np.empty(LANES), np.empty(LANES), np.empty(LANES)
     none_at_rest, is_found = np.zeros(LANES, np.bool_), np.zeros(LANES, np.bool_)
-    settle(S, V, n_volumes, config.leaks, entering, low, none_at_rest)
+    settle(S, V, config, entering, low, none_at_rest)
     for j in range(LANES):
         e_low[j] = supply[j] - T_set[j]
-    settle(S, V, n_volumes, config.leaks, entering, high, none_at_rest)
+    settle(S, V, config, entering, high, none_at_rest)
     for j in range(LANES):
         e_high[j] = supply[j] - T_set[j]
         e_low[j] = 0.0 if abs(e_low[j]) < _REST_TOLERANCE_K else e_low[j]
@@ -214,7 +216,7 @@ def find_rest(rows, config, entering, T_set, S, V, steady):
                 # the secant, and every third time the middle, so that the bracket shrinks for every curve
                 share = 0.5 if k % 3 == 2 else -e_low[j] / (e_high[j] - e_low[j])
                 openings[j] = low[j] + share * (high[j] - low[j])
-        settle(S, V, n_volumes, config.leaks, entering, openings, is_found)
+        settle(S, V, config, entering, openings, is_found)
         for j in range(LANES):
             if not is_found[j]:
                 e = direction[j] * (supply[j] - T_set[j])
@@ -232,13 +234,13 @@ def find_rest(rows, config, entering, T_set, S, V, steady):
     for j in range(LANES):
         steady[STEADY_ROW.opening, j] = openings[j]
         low[j], high[j] = neighbour_openings(openings[j])
-    settle(S, V, n_volumes, config.leaks, entering, low, none_at_rest)
+    settle(S, V, config, entering, low, none_at_rest)
     for j in range(LANES):
         steady[STEADY_ROW.T_stepped, j] = supply[j]
-    settle(S, V, n_volumes, config.leaks, entering, high, none_at_rest)
+    settle(S, V, config, entering, high, none_at_rest)
     for j in range(LANES):
         steady[STEADY_ROW.gain, j] = (supply[j] - steady[STEADY_ROW.T_stepped, j]) / (high[j] - low[j])
-    settle(S, V, n_volumes, config.leaks, entering, openings, none_at_rest)
+    settle(S, V, config, entering, openings, none_at_rest)
     for j in range(LANES):
         if steady[STEADY_ROW.nearest, j] == 0.0 and abs(supply[j] - T_set[j]) > 1e-4:  # K: T_sup jumps
             steady[STEADY_ROW.nearest, j] = 1.0
@@ -251,12 +253,11 @@ def find_rest(rows, config, entering, T_set, S, V, steady):
 @kernel
 def rest_curve(rows, config, entering, openings, S, V, T_sup):
     """Fill T_sup, (n, LANES), °C, with the supply temperature at rest at each of the openings, (n,)."""
-    n_volumes = config.n_volumes
     begin_per_lane(rows, config, entering, S, V)
     same_openings, none_at_rest = np.empty(LANES), np.zeros(LANES, np.bool_)
     for k in range(openings.size):
         same_openings[:] = openings[k]
-        settle(S, V, n_volumes, config.leaks, entering, same_openings, none_at_rest)
+        settle(S, V, config, entering, same_openings, none_at_rest)
         for j in range(LANES):
             T_sup[k, j] = V[VOLUME_STRIDE + T_A + j]
 
@@ -301,11 +302,11 @@ def linearise_step(rows, config, entering, steady, V_at_rest, S, V, A, B):
         V[:] = V_at_rest
         for j in range(LANES):
             factors[j] = side / (first[j] - second[j])
-        set_openings(S, config.leaks, first if side > 0.0 else second)
+        set_openings(S, config, entering, first if side > 0.0 else second)
         march_second_per_lane(S, V, config, entering)
         add_states(V, n_volumes, factors, B)
 
-    set_openings(S, config.leaks, steady[STEADY_ROW.opening])
+    set_openings(S, config, entering, steady[STEADY_ROW.opening])
     for k in range(4 * n_volumes):
         change, row = _STATE_CHANGES[k // n_volumes], state_offset(k, n_volumes)
         for side in (1.0, -1.0):
@@ -339,7 +340,7 @@ def simulate_step_response(rows, config, entering, steady, V_at_rest, S, V, tole
         first[j], second[j] = neighbour_openings(steady[STEADY_ROW.opening, j])
 
     V[:] = V_at_rest
-    set_openings(S, config.leaks, first)
+    set_openings(S, config, entering, first)
     ends[:] = 2
     for t in range(n_steps):
         march_second_per_lane(S, V, config, entering)
@@ -350,7 +351,7 @@ def simulate_step_response(rows, config, entering, steady, V_at_rest, S, V, tole
             ends[j] = t + 2 if remaining > tolerance * abs(change) + _REST_TOLERANCE_K else ends[j]
 
     V[:] = V_at_rest
-    set_openings(S, config.leaks, second)
+    set_openings(S, config, entering, second)
     for t in range(n_steps):
         march_second_per_lane(S, V, config, entering)
         for j in range(LANES):

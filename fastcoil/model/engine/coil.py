@@ -15,8 +15,8 @@ from __future__ import annotations
 import numpy as np
 
 from fastcoil.model import physics
-from fastcoil.model.engine.rows import LANES, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, Q, R
-from fastcoil.model.numerics.jit import scalar, section
+from fastcoil.model.engine.rows import LANES, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, P, Q, R
+from fastcoil.model.numerics.jit import kernel, scalar, section
 
 MILD_T = 1.0
 """°C; while everything in a coil is warmer, no metal is near freezing."""
@@ -335,3 +335,29 @@ def exchange_heat(S, V, n_volumes, T_dry, may_condense):
             cv[T_W + j] = T_w_mean + (T_w_mean - T_w)
             S[R.T_w_mean + j] = T_w_mean
         may_condense[i] = condenses_next
+
+
+@kernel
+def stability_numbers(matrix, m_a, slope):
+    """Return γ = m_w c_p,w dt / C_w and λ = dt (G_a + G_w) / C_c of every scenario at full opening, (n,) each.
+
+    dt = 1 s / substeps.  matrix: (len(PARAMETER_ROWS), n).  m_a: air flows to try, kg/s.  slope: dh_s/dT of the
+    wettest entering air, kJ/(kg K), for the wet form of λ; 0 where no volume can be wet.
+    """
+    gamma, lam = np.empty(matrix.shape[1]), np.empty(matrix.shape[1])
+    for k in range(matrix.shape[1]):
+        p = matrix[:, k]
+        per_volume = 8.0 / p[P.n_volumes]
+        m_max, a, b, c = p[P.m_max], p[P.valve_a], p[P.valve_b], p[P.valve_c]
+        if p[P.rangeability] > 0.0:
+            m_max, a, b, c = physics.installed_valve(p[P.rangeability], p[P.authority], p[P.m_full])
+        m_w = physics.water_flow(1.0, m_max, a, b, c)
+        G_w = physics.effectiveness(per_volume * p[P.beta1], p[P.beta2], m_w) * m_w * p[P.cp_w]
+        G_air = 0.0
+        for m in m_a:
+            G_a = physics.effectiveness(per_volume * p[P.beta3], p[P.beta4], m) * m * p[P.cp_a]
+            G_wet = physics.effectiveness(per_volume * p[P.beta5], p[P.beta6], m) * m * slope
+            G_air = max(G_air, G_a, G_wet)
+        gamma[k] = m_w * p[P.cp_w] / (per_volume * p[P.C_w]) / p[P.substeps]
+        lam[k] = (G_air + G_w) / (per_volume * p[P.C_c]) / p[P.substeps]
+    return gamma, lam

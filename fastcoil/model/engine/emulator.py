@@ -12,15 +12,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.model.engine import coil, metrics, plant
+from fastcoil.model.engine import coil, metrics, valve
 from fastcoil.model.engine.controller import call_control, draw_noise, plain_control
+from fastcoil.model.engine.plant import call_plant, march_room
 from fastcoil.model.engine.rows import LANES, T_A, T_W, VOLUME_STRIDE, R, begin_run, name_offsets
 from fastcoil.model.engine.rules import call_estimator, call_law
 from fastcoil.model.numerics.jit import kernel, section
 from fastcoil.model.numerics.stages import BUILT_IN
 from fastcoil.model.physics import scaled_backlash, sensor_reading, sensor_temperature
 
-DAY_COLUMNS = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set", "noise", "enabled", "backlash_scale")
+DAY_COLUMNS = (
+    "m_a", "T_a_in", "W_a_in", "T_w_in", "T_set", "noise", "enabled", "backlash_scale", "T_out", "Q_room", "dp_ratio",
+)  # fmt: skip
 """Columns of ``Day.series``."""
 DAY_COLUMN = name_offsets(DAY_COLUMNS)
 
@@ -28,7 +31,7 @@ DAY_COLUMN = name_offsets(DAY_COLUMNS)
 class Day(NamedTuple):
     """The day that all lanes of a block share.
 
-    series: (n_steps, 8), columns as in DAY_COLUMNS.  command: (n_steps,) for an open loop, or empty.  label, seed (two
+    series: (n_steps, 11), columns as in DAY_COLUMNS.  command: (n_steps,) for an open loop, or empty.  label, seed (two
     32-bit words): key of the noise.  start: seconds since the start of the first of consecutive days, over which
     controllers, estimators and noise go on.  was_enabled: whether the loop was on before.
     """
@@ -54,11 +57,12 @@ def record(S, V, rows, traces):
 
 @kernel
 def emulate(
-    rows, config, day, S, V, estimator_state, law_state, metric_rows, status, swings, traced_rows, interval, traces
-):
+    rows, config, day, S, V, estimator_state, law_state, plant_state, metric_rows, status, swings, traced_rows,
+    interval, traces,
+):  # fmt: skip
     """Run the lanes of a block through a day.
 
-    rows, config: of a Block; day: Day; S, V, estimator_state, law_state: a WorkSpace, from which a day that does not
+    rows, config: of a Block; day: Day; S, V and the states of the rules: a WorkSpace, from which a day that does not
     start at 0 goes on.
     metric_rows: out, (N_METRICS, LANES); status: out, (LANES,); swings: out, see ``hunting``,
     (n_swing_blocks + 1, N_SWING_ROWS, LANES), the last one scratch.
@@ -73,6 +77,11 @@ def emulate(
         call_estimator(config.estimator, (S, estimator_state, 0.0, 0.0, 0.0, True, True))
     if day.start == 0 and has_law:
         call_law(config.law, (S, law_state, 0.0, 0.0, 0.0, 0.0, True, True))
+    has_plant, n_kept = config.plant != BUILT_IN, config.n_kept
+    if day.start == 0 and has_plant:
+        valve.update_water_flow(S, config.leaks, config.is_linear)
+        call_plant(config.plant, (S, V, plant_state, n_kept, 0, 0.0, 0.0, 0.0, 0.0, True))
+    controlled = S[R.T_room :] if config.controls_room else V[VOLUME_STRIDE + T_A :]
 
     shares_air_side = config.shares_air_side
     eps = np.empty((2, n_steps if shares_air_side else 0))
@@ -83,7 +92,7 @@ def emulate(
         highest_pressure = max(highest_pressure, S[R.pressure + j])
     T_dry, dampest_known = 15.0, np.nan
     may_condense = np.ones(n_volumes + 1, np.bool_)
-    m_a_known, scale_known = np.nan, np.nan
+    m_a_known, scale_known, dp_known = np.nan, np.nan, 1.0
     was_enabled = day.was_enabled
     is_actuator_busy = False
     next_unwatched = 0
@@ -96,6 +105,7 @@ def emulate(
         m_a, T_a_in, W_a_in = now[DAY_COLUMN.m_a], now[DAY_COLUMN.T_a_in], now[DAY_COLUMN.W_a_in]
         T_w_in, T_set, noise = now[DAY_COLUMN.T_w_in], now[DAY_COLUMN.T_set], now[DAY_COLUMN.noise]
         enabled, scale = now[DAY_COLUMN.enabled] != 0.0, now[DAY_COLUMN.backlash_scale]
+        dp_ratio = now[DAY_COLUMN.dp_ratio]
         flags = day.schedule.flags[t]
         counted = flags & metrics.IS_COUNTED != 0
 
@@ -107,7 +117,9 @@ def emulate(
             is_actuator_busy = True  # the stem moves into the new gap
         coil.set_inlets(V, n_volumes, T_a_in, W_a_in, T_w_in)
         is_new_m_a = m_a != m_a_known
-        if is_new_m_a:
+        if has_plant:
+            call_plant(config.plant, (S, V, plant_state, n_kept, clock, m_a, T_a_in, W_a_in, T_w_in, False))
+        elif is_new_m_a:
             m_a_known = m_a
             if not shares_air_side:
                 coil.update_air_effectiveness(S, m_a)
@@ -121,17 +133,17 @@ def emulate(
             dampest_known = dampest
         is_mild = coldest > coil.MILD_T and dampest < coil.MILD_W
         dt_counted = dt if counted else 0.0
-        if not lagged:
+        if not (lagged or has_plant):
             coil.pass_air(S, V, n_volumes, m_a, dt_counted, is_mild, may_condense)
 
         if clock == 0:  # the sensor has the temperature of the air
             for j in range(LANES):
-                S[R.y_s + j] = V[VOLUME_STRIDE + T_A + j]
+                S[R.y_s + j] = controlled[j]
         is_sample = clock % config.control_period == 0
         traced = traces.shape[0] > 0 and t % interval == 0
         if config.has_lag or is_sample or traced or was_enabled != enabled:
             for j in range(LANES):
-                S[R.y_s + j] = sensor_temperature(S[R.y_s + j], V[VOLUME_STRIDE + T_A + j], S[R.sensor_decay + j])
+                S[R.y_s + j] = sensor_temperature(S[R.y_s + j], controlled[j], S[R.sensor_decay + j])
         if is_sample and config.has_noise:
             draw_noise(S, clock, clock // config.control_period, config, day)
         if open_loop:
@@ -153,14 +165,18 @@ def emulate(
         has_moved = False
         if open_loop or is_actuator_busy:
             is_built_in = config.actuator == BUILT_IN
-            motion = plant.actuate(S, counted) if is_built_in else plant.call_actuator(config.actuator, (S, counted))
-            is_actuator_busy = motion & plant.ACTUATOR_BUSY != 0
-            has_moved = motion & plant.VALVE_MOVED != 0 or t == 0
-            if has_moved:
-                plant.update_water_flow(S, config.leaks)
-                coil.update_water_conductance(S)
+            motion = valve.actuate(S, counted) if is_built_in else valve.call_actuator(config.actuator, (S, counted))
+            is_actuator_busy = motion & valve.ACTUATOR_BUSY != 0
+            has_moved = motion & valve.VALVE_MOVED != 0 or t == 0
+        if has_moved or dp_ratio != dp_known:
+            has_moved, dp_known = True, dp_ratio
+            valve.update_water_flow(S, config.leaks, config.is_linear)
+            if dp_ratio != 1.0:
+                for j in range(LANES):
+                    valve.scale_water_flow(S, j, dp_ratio)
+            coil.update_water_conductance(S)
         if counted:
-            metrics.accumulate_second(S, V, flags, T_set, T_w_in, m_a, n_volumes)
+            metrics.accumulate_second(S, V, controlled, flags, T_set, T_w_in, m_a, n_volumes)
         if flags & metrics.IS_SWING_SAMPLE:
             inputs = (m_a, T_a_in, W_a_in, T_w_in, T_set)
             metrics.watch_swing(S, V, t, flags, inputs_before, inputs, swings[swing_block])
@@ -174,7 +190,11 @@ def emulate(
                 S[R.power + j] = S[R.sign + j] * (S[R.C_flow + j] * (T_w_out - T_w_in))
             coil.count_wet_volumes(S, V, n_volumes)
             record(S, V, traced_rows, traces[t // interval])
-        if lagged:
+        if config.has_room:
+            march_room(S, V, m_a, now[DAY_COLUMN.T_out], now[DAY_COLUMN.Q_room])
+        if has_plant:
+            pass
+        elif lagged:
             for _ in range(config.substeps):
                 coil.march_lagged_water(S, V, n_volumes, is_mild, may_condense)
                 if shares_air_side:
@@ -195,7 +215,7 @@ def emulate(
 
         if t % metrics.WATCH_INTERVAL_S == 0 or t == n_steps - 1:
             metrics.track_metal_extremes(S, V, n_volumes)
-            if not is_mild:
+            if not (is_mild or has_plant):
                 metrics.accumulate_frost(S, V, n_volumes, t + 1 - next_unwatched)
             next_unwatched = t + 1
             coldest, dampest = coil.coldest_and_dampest(S, V, n_volumes)

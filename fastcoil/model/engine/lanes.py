@@ -9,38 +9,60 @@ from fastcoil.model.control import Law
 from fastcoil.model.engine.controller import ControllerFeatures, control_stage
 from fastcoil.model.engine.emulator import DAY_COLUMN, Day, emulate
 from fastcoil.model.engine.metrics import ESTIMATOR_METRICS, N_METRICS, make_schedule
-from fastcoil.model.engine.plant import ActuatorFeatures, actuator_stage
-from fastcoil.model.engine.rows import LANES, PARAMETER_ROWS, ROWS, T_A, T_C, T_W, VOLUME_ROWS, VOLUME_STRIDE, W_A, R
+from fastcoil.model.engine.plant import Plant, plant_stage
+from fastcoil.model.engine.rows import (
+    LANES,
+    LINEAR,
+    PARAMETER_ROWS,
+    ROWS,
+    T_A,
+    T_C,
+    T_W,
+    VOLUME_ROWS,
+    VOLUME_STRIDE,
+    W_A,
+    R,
+)  # fmt: skip
 from fastcoil.model.engine.rules import estimator_stage, law_stage
+from fastcoil.model.engine.valve import ActuatorFeatures, actuator_stage
 from fastcoil.model.estimators.interface import Estimator
 from fastcoil.model.estimators.registry import ESTIMATORS
 from fastcoil.model.hunting import N_SWING_ROWS, judge_swing
-from fastcoil.model.metric_table import LEARNING_STATUS_MEANINGS, METRICS, STATUS_OK
+from fastcoil.model.metric_table import (
+    COIL_METRICS,
+    COIL_TRACES,
+    LEARNING_STATUS_MEANINGS,
+    METRICS,
+    STATUS_OK,
+    SUPPLY_METRICS,
+)
 from fastcoil.model.numerics.stages import BUILT_IN
 from fastcoil.model.parameter_table import PARAMETERS
 
 Columns = Mapping[str, np.ndarray]
 """Parameter name → one value per scenario; words as words, NaN where a parameter without default is not given."""
-BLOCK_KEYS = ("law", "estimator", "air_march", "n_volumes", "substeps")
+ROOM = float(PARAMETERS["controlled"].choices.index("T_room"))
+BLOCK_KEYS = ("plant", "controlled", "law", "estimator", "air_march", "n_volumes", "substeps")
 """Parameters of which a block has one value: lanes of different estimators or laws never share a block."""
 
 
 class UserRules(NamedTuple):
-    """Estimators and laws of the user; their numbers follow those of the package."""
+    """Estimators, laws and plants of the user; their numbers follow those of the package."""
 
     estimators: tuple[Estimator, ...] = ()
     laws: tuple[Law, ...] = ()
+    plants: tuple[Plant, ...] = ()
 
     def choices(self, name: str) -> tuple[str, ...]:
         """Return the choices of a parameter, by number, with these rules."""
-        user_rules: dict[str, tuple[Estimator | Law, ...]] = {"estimator": self.estimators, "law": self.laws}
+        user_rules: dict[str, tuple[Estimator | Law | Plant, ...]]
+        user_rules = {"estimator": self.estimators, "law": self.laws, "plant": self.plants}
         return (*PARAMETERS[name].choices, *(rule.name for rule in user_rules.get(name, ())))
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """Names of the parameters that these rules add: the last rows of a matrix."""
-        rules: tuple[Estimator | Law, ...] = (*self.estimators, *self.laws)
-        names = [n for rule in rules for n in rule.Parameters._fields if n not in PARAMETERS]
+        names = [n for kind in self for rule in kind for n in rule.Parameters._fields if n not in PARAMETERS]
         return tuple(dict.fromkeys(names))
 
 
@@ -51,7 +73,8 @@ class BlockConfig(NamedTuple):
     """Settings of the kernel for all lanes of a block.
 
     Periods are common divisors of those of the lanes, s (0 = nothing is estimated).  Flags allow the whole block to
-    skip or share work; they change no lane's bits.  The last four are stages.
+    skip or share work; they change no lane's bits.  n_kept: seconds of the valve that a plant of the user may look
+    back to.  The last five are stages.
     """
 
     n_volumes: int
@@ -64,6 +87,11 @@ class BlockConfig(NamedTuple):
     has_lag: bool
     shares_air_side: bool
     leaks: bool
+    is_linear: bool
+    has_room: bool
+    controls_room: bool
+    n_kept: int
+    plant: Any
     estimator: Any
     law: Any
     control: Any
@@ -80,6 +108,7 @@ class Block(NamedTuple):
     config: BlockConfig
     estimator: Estimator | None
     law: Law | None
+    plant: Plant | None
     row: Mapping[str, np.ndarray]
 
 
@@ -151,6 +180,7 @@ def _make_block(rows: np.ndarray, rules: UserRules) -> Block:
     row = _rows_by_name(rows, rules)
     estimator = (*ESTIMATORS, *rules.estimators)[int(row["estimator"][0])]
     law = (None, *rules.laws)[int(row["law"][0])]
+    plant = (None, *rules.plants)[int(row["plant"][0])]
     config = BlockConfig(
         n_volumes=int(row["n_volumes"][0]),
         substeps=int(row["substeps"][0]),
@@ -162,12 +192,17 @@ def _make_block(rows: np.ndarray, rules: UserRules) -> Block:
         has_lag=bool(np.any(row["sensor_time_constant"] > 0.0)),
         shares_air_side=all(np.ptp(row[name]) == 0.0 for name in ("beta3", "beta4", "beta5", "beta6")),
         leaks=bool(np.any(row["leakage"] >= 0.0)),
+        is_linear=bool(np.any(row["curve"] == LINEAR)),
+        has_room=bool(np.any(row["room_capacity"] > 0.0)),
+        controls_room=bool(row["controlled"][0] == ROOM),
+        n_kept=1 + int(row["dead_time"].max()),
+        plant=BUILT_IN if plant is None else plant_stage(plant),
         estimator=BUILT_IN if estimator is None else estimator_stage(estimator),
         law=BUILT_IN if law is None else law_stage(law),
         control=control_stage(ControllerFeatures.of_lanes(estimator, law, row)),
         actuator=actuator_stage(ActuatorFeatures.of_lanes(row)),
     )
-    return Block(rows, config, estimator, law, row)
+    return Block(rows, config, estimator, law, plant, row)
 
 
 def _estimating_period(row: Mapping[str, np.ndarray], estimator: Estimator | None) -> int:
@@ -179,30 +214,34 @@ def _estimating_period(row: Mapping[str, np.ndarray], estimator: Estimator | Non
 
 
 class WorkSpace(NamedTuple):
-    """Flat states of one block: S and V, see ``rows``; parameters and memory of its estimator and of its law."""
+    """Flat states of one block: S and V, see ``rows``; parameters and memory of its estimator, law and plant."""
 
     S: np.ndarray
     V: np.ndarray
     estimator_state: np.ndarray
     law_state: np.ndarray
+    plant_state: np.ndarray
 
 
 def work_space(block: Block) -> WorkSpace:
-    """Allocate the states of a block, uninitialised except the parameters of its estimator and its law."""
+    """Allocate the states of a block, uninitialised except the parameters of its rules."""
     return WorkSpace(
         _allocate_aligned(len(ROWS) * LANES),
         _allocate_aligned((block.config.n_volumes + 2) * VOLUME_STRIDE),
         _allocate_rule_state(block.estimator, block.row),
         _allocate_rule_state(block.law, block.row),
+        _allocate_rule_state(block.plant, block.row, 2 * block.config.n_kept),
     )
 
 
-def _allocate_rule_state(rule: Estimator | Law | None, row: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Allocate the parameters that a rule reads and, behind them, its memory and the arrays of an estimator, both 0."""
+def _allocate_rule_state(
+    rule: Estimator | Law | Plant | None, row: Mapping[str, np.ndarray], n_array: int = 0
+) -> np.ndarray:
+    """Allocate the parameters that a rule reads and, behind them, its memory and an array for each lane, both 0."""
     if rule is None:
         return _allocate_aligned(0)
     parameters = [row[name] for name in rule.Parameters._fields]
-    n_array = rule.n_floats if isinstance(rule, Estimator) else 0
+    n_array = rule.n_floats if isinstance(rule, Estimator) else n_array
     state = _allocate_aligned(LANES * (len(parameters) + len(rule.Memory._fields) + n_array))
     state[:] = 0.0
     state[: LANES * len(parameters)] = np.ravel(parameters)
@@ -262,6 +301,8 @@ def run_block(
     emulate(block.rows, block.config, day, *work, metrics, status, swings, rows, request.interval, traces)
     late_metrics = _estimator_metrics(block, work.estimator_state, day.command.size > 0)
     late_metrics["hunts"], late_metrics["hunting_swing"] = judge_swing(swings[:-1])
+    unknown = (COIL_METRICS if block.plant else ()) + (SUPPLY_METRICS if block.config.controls_room else ())
+    late_metrics |= dict.fromkeys(unknown, np.nan)
     for name, values in late_metrics.items():
         metrics[list(METRICS).index(name)] = np.where(status == STATUS_OK, values, np.nan)
 
@@ -270,6 +311,8 @@ def run_block(
     for name in request.names:
         has_volumes = name in VOLUME_ROWS
         traces_by_name[name] = traces[:, k : k + n_volumes] if has_volumes else traces[:, k]
+        if block.plant and name in COIL_TRACES:
+            traces_by_name[name] *= np.nan
         k += n_volumes if has_volumes else 1
     return metrics, status, traces_by_name
 
@@ -295,6 +338,6 @@ def default_block() -> Block:
 
 def compile_kernel() -> None:
     """Compile the kernel, or load it from the cache, by running the default loop for one second."""
-    series = np.array([[1.0, 25.0, 0.01, 7.0, 14.0, 0.0, 1.0, 1.0]])  # DAY_COLUMNS
+    series = np.array([[1.0, 25.0, 0.01, 7.0, 14.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0]])  # DAY_COLUMNS
     schedule = make_schedule(series[:, DAY_COLUMN.T_set], series[:, DAY_COLUMN.enabled], warm_up=0)
     run_block(default_block(), Day(series, np.empty(0), schedule, 0, (0, 0)), TraceRequest())

@@ -152,11 +152,11 @@ def accumulate_travel(S, j, d_opening, d_position):
 
 
 @section
-def accumulate_second(S, V, flags, T_set, T_w_in, m_a, n_volumes):
-    """Add one counted second to control error, hunting and energy."""
-    first, last = V[VOLUME_STRIDE:], V[n_volumes * VOLUME_STRIDE :]
+def accumulate_second(S, V, controlled, flags, T_set, T_w_in, m_a, n_volumes):
+    """Add one counted second to control error, hunting and energy; controlled: (LANES,), °C, of air or room."""
+    last = V[n_volumes * VOLUME_STRIDE :]
     for j in range(LANES):
-        e = first[T_A + j] - T_set
+        e = controlled[j] - T_set
         S[R.sum_e2 + j] += e * e
         S[R.sum_abs_e + j] += abs(e)
         S[R.seconds_off + j] += 1.0 if abs(e) > metric_table.OFF_SET_POINT_ERROR_K else 0.0
@@ -168,12 +168,12 @@ def accumulate_second(S, V, flags, T_set, T_w_in, m_a, n_volumes):
     if flags & WINDOW_STARTS:
         for j in range(LANES):
             S[R.T_set_from + j] = T_set
-            S[R.highest + j] = first[T_A + j]
-            S[R.lowest + j] = first[T_A + j]
+            S[R.highest + j] = controlled[j]
+            S[R.lowest + j] = controlled[j]
     if flags & IS_SETTLED:
         for j in range(LANES):
-            e = first[T_A + j] - T_set
-            T = first[T_A + j] - (T_set - S[R.T_set_from + j])
+            e = controlled[j] - T_set
+            T = controlled[j] - (T_set - S[R.T_set_from + j])
             S[R.sum_e2_settled + j] += e * e
             S[R.highest + j] = T if T > S[R.highest + j] else S[R.highest + j]
             S[R.lowest + j] = T if T < S[R.lowest + j] else S[R.lowest + j]

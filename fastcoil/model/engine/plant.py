@@ -1,158 +1,131 @@
-"""The plant of Fig 6 up to its coil over a block of lanes: motor, gearbox, stem, water flow; and its stability."""
+"""What stands behind the valve of a block of lanes: a plant in place of the coil, and the room behind either.
 
-from __future__ import annotations
+The coil is part of the kernel's own machine code, see ``coil``; a plant of the user is a stage.  It is called in every
+second before the controller, with the valve as the second before left it, as the air of a quasistatic march passes
+the coil.
+"""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
-import numpy as np
-
-from fastcoil.model import physics
-from fastcoil.model.engine.metrics import accumulate_travel
-from fastcoil.model.engine.rows import LANES, P, R
-from fastcoil.model.numerics.elementary import exp, log
+from fastcoil.model.engine.rows import LANES, T_A, T_C, VOLUME_STRIDE, W_A, R, begin_run
+from fastcoil.model.engine.rules import compile_exact
+from fastcoil.model.engine.valve import scale_water_flow, update_water_flow
+from fastcoil.model.estimators.interface import memory_defaults
 from fastcoil.model.numerics.jit import kernel, section
-from fastcoil.model.numerics.stages import BUILT_IN, FLAG, INTEGER, ROW_POINTER, StageSignature
-from fastcoil.model.physics import LEAST_WATER_FLOW_KG_S
+from fastcoil.model.numerics.stages import FLAG, INTEGER, NUMBER, ROW_POINTER, StageSignature, store_if_due, values_at
+from fastcoil.model.physics import next_room_temperature
 
 
-@section
-def update_water_flow(S, leaks):
-    """Update the water flow of every lane, Eq (2): a short loop for each exponential and logarithm.
+class PlantInputs(NamedTuple):
+    """What a plant sees in a second: the valve as it was ``dead_time`` seconds ago, and what enters now."""
 
-    leaks: whether the leakage of any lane is given.
+    t: float  # time since the start, s
+    m_w: float  # water flow, kg/s
+    opening: float  # of the valve, 0–1
+    m_a: float  # air flow, kg/s
+    T_a_in: float  # entering air, °C
+    W_a_in: float  # its humidity ratio, kg/kg
+    T_w_in: float  # entering water, °C
+
+
+@dataclass(frozen=True)
+class Plant:
+    """A plant of the user, in place of the coil.
+
+    name: the word in ``plant = …``.
+    Parameters, Memory: named tuples of floats, as of an estimator.
+    step: (PlantInputs, Parameters, Memory) → (temperature of what leaves, °C, Memory), called in every second.
+    fingerprint: text that changes with what it does.
     """
-    for j in range(LANES):
-        S[R.growth + j] = physics.flow_exponential(S[R.opening + j], S[R.valve_b + j], S[R.valve_c + j])
-    for j in range(LANES):
-        S[R.log_m_w + j] = physics.log_flow(S[R.log_m_max + j], S[R.valve_a + j], S[R.growth + j])
-    for j in range(LANES):
-        S[R.m_w + j] = exp(S[R.log_m_w + j])
-        S[R.C_flow + j] = S[R.m_w + j] * S[R.cp_w + j]
-    if leaks:  # the lanes without leakage keep the flow of Eq (2)
-        for j in range(LANES):
-            m_w = physics.leaky_flow(S[R.m_w + j], S[R.m_0 + j], S[R.m_1 + j], S[R.leakage + j])
-            S[R.m_w + j] = m_w if S[R.leakage + j] >= 0.0 else S[R.m_w + j]
-            S[R.C_flow + j] = S[R.m_w + j] * S[R.cp_w + j]
-        for j in range(LANES):
-            log_m_w = log(S[R.m_w + j] if S[R.m_w + j] > LEAST_WATER_FLOW_KG_S else LEAST_WATER_FLOW_KG_S)
-            S[R.log_m_w + j] = log_m_w if S[R.leakage + j] >= 0.0 else S[R.log_m_w + j]
+
+    name: str
+    Parameters: Any
+    Memory: Any
+    step: Any
+    fingerprint: str
 
 
-ACTUATOR_SIGNATURE = StageSignature(S=ROW_POINTER, counted=FLAG, returns=INTEGER)
-"""Stages that move motor and stem, see ``actuator_stage``."""
-call_actuator = ACTUATOR_SIGNATURE.call
-VALVE_MOVED = 1
-"""Flag that ``actuate`` returns if any valve moved."""
-ACTUATOR_BUSY = 2
-"""Flag that ``actuate`` returns if any motor or stem has to be computed in the next second whatever the command."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ActuatorFeatures:
-    """Parts of ``actuate`` that are compiled for a block, because one of its lanes needs them."""
-
-    has_resolution: bool = False
-    has_neutral_zone: bool = False
-    has_stick_slip: bool = False
-    has_wear: bool = False
-
-    @classmethod
-    def of_lanes(cls, row: Mapping[str, np.ndarray]) -> ActuatorFeatures:
-        """Return the features of a block with these parameters, each (LANES,)."""
-        return cls(
-            has_resolution=bool(np.any(row["command_resolution"] > 0.0)),
-            has_neutral_zone=bool(np.any(row["neutral_zone"] > 0.0)),
-            has_stick_slip=bool(np.any(row["slip_jump"] > 0.0)),
-            has_wear=bool(np.any(row["wear_rate"] > 0.0)),
-        )
-
-
-def make_actuate(features: ActuatorFeatures) -> Any:
-    """Return the section ``actuate`` with these features, see ``make_control``."""
-    has_resolution, has_neutral_zone = features.has_resolution, features.has_neutral_zone
-    has_stick_slip, has_wear = features.has_stick_slip, features.has_wear
-
-    @section
-    def actuate(S, counted):
-        """Move motor and gearbox, Eq (1); return VALVE_MOVED and ACTUATOR_BUSY as they apply."""
-        moved, running = False, False
-        for j in range(LANES):
-            target = physics.actuator_input(S[R.command + j], S[R.command_resolution + j] if has_resolution else 0.0)
-            previous, max_travel = S[R.position + j], S[R.max_travel + j]
-            x_bl, commissioned_gap = S[R.gap + j], S[R.backlash + j]
-            if has_neutral_zone:
-                runs = S[R.motor_runs + j] != 0.0
-                position, runs = physics.move_with_dead_zone(previous, target, max_travel, S[R.neutral_zone + j], runs)
-                S[R.motor_runs + j] = 1.0 if runs else 0.0
-                running |= runs
-            else:
-                position = physics.motor_position(previous, target, max_travel)
-                running |= position != target
-            if has_stick_slip:
-                direction = S[R.stem_direction + j]
-                q, direction = physics.stick_slip(S[R.q + j], direction, position, previous, x_bl, S[R.slip_jump + j])
-                S[R.stem_direction + j] = direction
-                running |= direction != 0.0  # it sticks in the second in which the motor has stopped
-                open_ = physics.opening(q, commissioned_gap - S[R.slip_jump + j])
-            else:
-                q = physics.backlash(S[R.q + j], position, x_bl)
-                open_ = physics.opening(q, commissioned_gap)
-            d_opening, d_position = open_ - S[R.opening + j], position - previous
-            if counted:
-                accumulate_travel(S, j, d_opening, d_position)
-            S[R.position + j] = position
-            S[R.q + j] = q
-            S[R.opening + j] = open_
-            if has_wear:
-                S[R.worn_backlash + j] += S[R.wear_rate + j] * abs(d_opening)
-                S[R.gap + j] = physics.scaled_backlash(S[R.worn_backlash + j], S[R.backlash_scale + j])
-                running |= S[R.gap + j] != x_bl
-            moved |= d_opening != 0.0
-        return (VALVE_MOVED if moved else 0) + (ACTUATOR_BUSY if running else 0)
-
-    return actuate
-
-
-actuate = make_actuate(ActuatorFeatures())
+PLANT_SIGNATURE = StageSignature(
+    S=ROW_POINTER, V=ROW_POINTER, plant_state=ROW_POINTER, n_kept=INTEGER, t=INTEGER, m_a=NUMBER, T_a_in=NUMBER,
+    W_a_in=NUMBER, T_w_in=NUMBER, is_start=FLAG,
+)  # fmt: skip
+"""Stages that stand in place of the coil, see ``plant_stage``."""
+call_plant = PLANT_SIGNATURE.call
 
 
 @cache
-def actuator_stage(features: ActuatorFeatures) -> Any:
-    """Return the address of ``actuate`` compiled with these features, see ACTUATOR_SIGNATURE."""
-    if features == ActuatorFeatures():
-        return BUILT_IN
-    actuate_lanes = make_actuate(features)
+def plant_stage(plant: Plant) -> Any:
+    """Return the address of a plant compiled for a block, see PLANT_SIGNATURE.
 
-    def actuator(S, counted):
-        return actuate_lanes(S, counted)
+    plant_state: its parameters, its memory, and, behind them, openings and water flows of the last ``n_kept`` seconds.
+    What leaves stands in V where the air of volume 1 stands, and as its metal, whose range is watched.
+    """
+    step, Parameters, Memory, defaults = (
+        compile_exact(plant.step), plant.Parameters, plant.Memory, memory_defaults(plant.Memory)
+    )  # fmt: skip
+    memory_at = len(Parameters._fields) * LANES
+    kept_at = memory_at + len(Memory._fields) * LANES
 
-    return ACTUATOR_SIGNATURE.compile(actuator, repr(features))
+    def march(S, V, plant_state, n_kept, t, m_a, T_a_in, W_a_in, T_w_in, is_start):
+        if is_start:
+            for j in range(LANES):
+                memory = values_at(Memory, plant_state, memory_at + j, LANES)
+                store_if_due(True, Memory(*defaults), memory, plant_state, memory_at + j, LANES)
+                for k in range(n_kept):
+                    plant_state[kept_at + k * LANES + j] = S[R.opening + j]
+                    plant_state[kept_at + (n_kept + k) * LANES + j] = S[R.m_w + j]
+            return
+        slot = kept_at + t % n_kept * LANES
+        for j in range(LANES):
+            plant_state[slot + j] = S[R.opening + j]
+            plant_state[slot + n_kept * LANES + j] = S[R.m_w + j]
+        for j in range(LANES):
+            seen = kept_at + (t + n_kept - int(S[R.dead_time + j])) % n_kept * LANES + j
+            p = values_at(Parameters, plant_state, j, LANES)
+            memory = values_at(Memory, plant_state, memory_at + j, LANES)
+            now = PlantInputs(
+                t, plant_state[seen + n_kept * LANES], plant_state[seen], m_a, T_a_in, W_a_in, T_w_in
+            )  # fmt: skip
+            T, after = step(now, p, memory)
+            store_if_due(True, after, memory, plant_state, memory_at + j, LANES)
+            V[VOLUME_STRIDE + T_A + j] = T
+            V[VOLUME_STRIDE + T_C + j] = T
+            V[VOLUME_STRIDE + W_A + j] = W_a_in
+
+    return PLANT_SIGNATURE.compile(march, plant.fingerprint)
+
+
+@section
+def march_room(S, V, m_a, T_out, Q_room):
+    """March the rooms of all lanes through a second of supply air; NaN in a lane without a room."""
+    for j in range(LANES):
+        T_sup, C_air = V[VOLUME_STRIDE + T_A + j], m_a * S[R.cp_a + j]
+        S[R.T_room + j] = next_room_temperature(
+            S[R.T_room + j], T_sup, C_air, T_out, S[R.room_ua + j], Q_room, S[R.room_capacity + j]
+        )
 
 
 @kernel
-def stability_numbers(matrix, m_a, slope):
-    """Return γ = m_w c_p,w dt / C_w and λ = dt (G_a + G_w) / C_c of every scenario at full opening, (n,) each.
+def respond_to_step(rows, config, entering, before, after, n_before, S, V, plant_state, T):
+    """Run the plants of a block at openings ``before`` for n_before seconds, then at ``after``, (LANES,) each.
 
-    dt = 1 s / substeps.  matrix: (len(PARAMETER_ROWS), n).  m_a: air flows to try, kg/s.  slope: dh_s/dT of the
-    wettest entering air, kJ/(kg K), for the wet form of λ; 0 where no volume can be wet.
+    entering: (5,), see ``at_rest.CONDITIONS``, held all the time.  S, V, plant_state: of a WorkSpace.
+    T: out, (n_steps, LANES), °C: what leaves in the seconds after the step.
     """
-    gamma, lam = np.empty(matrix.shape[1]), np.empty(matrix.shape[1])
-    for k in range(matrix.shape[1]):
-        p = matrix[:, k]
-        per_volume = 8.0 / p[P.n_volumes]
-        m_max, a, b, c = p[P.m_max], p[P.valve_a], p[P.valve_b], p[P.valve_c]
-        if p[P.rangeability] > 0.0:
-            m_max, a, b, c = physics.installed_valve(p[P.rangeability], p[P.authority], p[P.m_full])
-        m_w = physics.water_flow(1.0, m_max, a, b, c)
-        G_w = physics.effectiveness(per_volume * p[P.beta1], p[P.beta2], m_w) * m_w * p[P.cp_w]
-        G_air = 0.0
-        for m in m_a:
-            G_a = physics.effectiveness(per_volume * p[P.beta3], p[P.beta4], m) * m * p[P.cp_a]
-            G_wet = physics.effectiveness(per_volume * p[P.beta5], p[P.beta6], m) * m * slope
-            G_air = max(G_air, G_a, G_wet)
-        gamma[k] = m_w * p[P.cp_w] / (per_volume * p[P.C_w]) / p[P.substeps]
-        lam[k] = (G_air + G_w) / (per_volume * p[P.C_c]) / p[P.substeps]
-    return gamma, lam
+    m_a, T_a_in, W_a_in, T_w_in, dp_ratio = entering[0], entering[1], entering[2], entering[3], entering[4]
+    begin_run(S, V, rows, config.n_volumes, True, True, W_a_in)
+    for t in range(n_before + T.shape[0]):
+        if t == 0 or t == n_before:
+            for j in range(LANES):
+                S[R.opening + j] = before[j] if t < n_before else after[j]
+            update_water_flow(S, config.leaks, config.is_linear)
+            for j in range(LANES):
+                scale_water_flow(S, j, dp_ratio)
+        if t == 0:
+            call_plant(config.plant, (S, V, plant_state, config.n_kept, 0, 0.0, 0.0, 0.0, 0.0, True))
+        call_plant(config.plant, (S, V, plant_state, config.n_kept, t, m_a, T_a_in, W_a_in, T_w_in, False))
+        if t >= n_before:
+            for j in range(LANES):
+                T[t - n_before, j] = V[VOLUME_STRIDE + T_A + j]

@@ -170,11 +170,13 @@ REPLAY_TRACES = ("u", "integral", "command", "estimate", "mode")
 
 
 @kernel
-def replay_controllers(rows, config, series, S, V, estimator_state, law_state, traced_rows, interval, traces):
+def replay_controllers(
+    rows, config, series, S, V, estimator_state, law_state, plant_state, traced_rows, interval, traces
+):
     """Run the controllers of a block on a record.
 
-    series: (n_steps, 4), columns as in REPLAY_COLUMNS, 1-s samples; m_a is NaN where it is not known.  S, V,
-    estimator_state, law_state: a WorkSpace; V is not read.  traced_rows: offsets.  traces: out,
+    series: (n_steps, 4), columns as in REPLAY_COLUMNS, 1-s samples; m_a is NaN where it is not known.  S, V
+    and the states of the rules: a WorkSpace; V and plant_state are not read.  traced_rows: offsets.  traces: out,
     (n_points, n_rows, LANES), every ``interval`` seconds.
     """
     begin_run(S, V, rows, config.n_volumes, False, True, 0.0)

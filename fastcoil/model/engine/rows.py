@@ -46,6 +46,7 @@ STATE_ROWS = (
     "worn_backlash", "backlash_scale", "gap", "last_turn",
     # coil: flow, conductance and effectiveness of this step
     "C_flow", "ntu_w", "G_w", "eps_a", "eps_star", "half_C_c", "half_C_w", "T_w_mean", "wet_volumes", "power",
+    "T_room",
     # since the start of the first day: largest distance of the metal from mid-range, and when the estimate was right
     "farthest_T_c", "time_reached", "time_confirmed", "time_identified",
 )  # fmt: skip
@@ -90,6 +91,7 @@ SUMS_START = (len(ROWS) - len(SUM_ROWS)) * LANES
 T_W, T_C, T_A, W_A, Q, W_S = range(0, len(VOLUME_ROWS) * LANES, LANES)
 """Offset of each row of volume 0 in the flat state V; volume i is i * VOLUME_STRIDE further."""
 VOLUME_STRIDE = LANES * len(VOLUME_ROWS)
+LINEAR = float(PARAMETERS["curve"].choices.index("linear"))
 
 
 @section
@@ -119,7 +121,8 @@ def derive_rows(S, rows, n_volumes):
         S[R.log_m_max + j] = log(S[R.m_max + j])
         for opening, flow in ((0.0, R.m_0), (1.0, R.m_1)):
             growth = flow_exponential(opening, S[R.valve_b + j], S[R.valve_c + j])
-            S[flow + j] = exp(log_flow(S[R.log_m_max + j], S[R.valve_a + j], growth))
+            m_w = exp(log_flow(S[R.log_m_max + j], S[R.valve_a + j], growth))
+            S[flow + j] = opening * S[R.m_max + j] if S[R.curve + j] == LINEAR else m_w
         highest = largest_buffer(S[R.buffer_swing + j], S[R.plant_gain + j])
         S[R.largest_buffer + j] = highest
         sigma = 0.0 if S[R.buffer_noise + j] > 0.0 else S[R.noise_std + j]
@@ -139,6 +142,7 @@ def set_initial_state(S, open_loop):
         S[R.estimate + j] = np.nan if open_loop else S[R.backlash_estimate + j]
         S[R.assumed_backlash + j] = S[R.estimate_share + j] * S[R.backlash_estimate + j]
         S[R.worn_backlash + j] = S[R.backlash + j]
+        S[R.T_room + j] = S[R.T_initial + j] if S[R.room_capacity + j] > 0.0 else np.nan
         S[R.gap + j] = S[R.backlash + j]
         S[R.backlash_scale + j] = 1.0
         S[R.test_mean + j] = np.nan

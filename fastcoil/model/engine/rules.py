@@ -50,7 +50,7 @@ def estimator_stage(estimator: Estimator) -> Any:
     rule_state: its parameters, its memory, (n_parameters + n_memory) * LANES, and an array for each lane if it has one.
     At the start only the memory is filled.
     """
-    step, start, confirms = map(_compile_exact, (estimator.step, estimator.start, estimator.confirms))
+    step, start, confirms = map(compile_exact, (estimator.step, estimator.start, estimator.confirms))
     Parameters, Memory, defaults = estimator.Parameters, estimator.Memory, memory_defaults(estimator.Memory)
     memory_at, every_call = len(Parameters._fields) * LANES, estimator.periods is not None
     has_start, has_confirms = start is not None, confirms is not None
@@ -91,7 +91,8 @@ def estimator_stage(estimator: Estimator) -> Any:
     return ESTIMATOR_SIGNATURE.compile(estimate, estimator.fingerprint or estimator.name)
 
 
-def _compile_exact(function: Any) -> Any:
+def compile_exact(function: Any) -> Any:
+    """Compile a part of a rule with the flags of the kernel, unless it is compiled or there is none."""
     return function if function is None or hasattr(function, "py_func") else exact(function)
 
 

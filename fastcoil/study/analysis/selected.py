@@ -25,7 +25,7 @@ def numeric_dims(values: xr.DataArray) -> list[str]:
     ]  # fmt: skip
 
 
-PLANT_GROUPS = ("coil", "valve", "actuator", "sensor")  # of parameters that a controller cannot choose
+PLANT_GROUPS = ("plant", "room", "coil", "valve", "actuator", "sensor")  # of parameters that a controller cannot choose
 
 
 def swept_dims(ds: xr.Dataset, of: str = "status") -> list[str]:

@@ -47,7 +47,7 @@ def cautions(ds: xr.Dataset) -> list[str]:
         hunts = int((off & (ds["hunts"] > 0.0)).sum()) if "hunts" in ds else 0
         lines.append(
             f"{int(off.sum()):,} of {size} are more than 0.5 K off their set-point for over half of the time, "
-            f"{hunts:,} of them hunting: no opening may hold it, or the gains do not suit the coil (see fastcoil "
+            f"{hunts:,} of them hunting: no opening may hold it, or the gains do not suit the plant (see fastcoil "
             "explain)."
         )
     # earlier versions have no such metrics

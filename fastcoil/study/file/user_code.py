@@ -129,7 +129,7 @@ def parse_rule(kind: str, name: str, source: UserCode) -> Rule:
         sentence = f"put @fc.{kind}(Parameters, Memory) before {name}, with classes of {source.path.name} itself"
         raise InputError(f"{sentence}, {_READABLE}", kind, "code")
     fields = dict(_read_fields(name, classes[-1]))
-    parameters = declared_parameters(name, fields)
+    parameters = declared_parameters(name, kind, fields)
     return Rule(kind, name, parameters, tuple(n for n in fields if n not in parameters), source.sha256)
 
 

@@ -96,7 +96,14 @@ def test_constant_day_is_constant_and_the_centre_of_paper_day():
     first = {name: values[0, 0] for name, values in boundary.series.items()}
     W = float(moist_air.humidity_ratio(25.0, 0.56))
     driving = {"m_a": 1.15, "T_a_in": 25.0, "W_a_in": W, "T_w_in": 7.0, "T_set": 14.0}
-    assert first == driving | {"noise": 0.0, "enabled": 1.0, "backlash_scale": 1.0}
+    assert first == driving | {
+        "noise": 0.0,
+        "enabled": 1.0,
+        "backlash_scale": 1.0,
+        "T_out": 0.0,
+        "Q_room": 0.0,
+        "dp_ratio": 1.0,
+    }
     assert constant_day(0.5, W_a_in=0.01).series["W_a_in"][0, 0] == 0.01
     assert constant_day(0.5, T_set=np.linspace(13, 14, 1800)).n_steps == 1800
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.full import full_except
+from helpers.rules import first_order
 
 import fastcoil as fc
 from fastcoil.model.estimators.registry import ESTIMATORS
@@ -38,22 +39,24 @@ def section_assembly(name):
     import numba
     from numba import types as T
 
-    from fastcoil.model.engine import coil, controller, metrics, plant
+    from fastcoil.model.engine import coil, controller, metrics, valve
 
     all_features = controller.ControllerFeatures(**dict.fromkeys(controller.ControllerFeatures.__annotations__, True))
-    without_wear = plant.ActuatorFeatures(has_resolution=True, has_neutral_zone=True, has_stick_slip=True)
+    without_wear = valve.ActuatorFeatures(
+        has_resolution=True, has_neutral_zone=True, has_positioner=True, has_stick_slip=True
+    )
     f, i, b, A = T.float64, T.int64, T.boolean, T.Array(T.float64, 1, "C")
     section, signature = {
         "control, all parts": (controller.make_control(all_features), (A, i, f, f, b, f)),
-        "actuate without wear": (plant.make_actuate(without_wear), (A, b)),
-        "actuate with wear": (plant.make_actuate(plant.ActuatorFeatures(has_wear=True)), (A, b)),
-        "update_water_flow": (plant.update_water_flow, (A, b)),
+        "actuate without wear": (valve.make_actuate(without_wear), (A, b)),
+        "actuate with wear": (valve.make_actuate(valve.ActuatorFeatures(has_wear=True)), (A, b)),
+        "update_water_flow": (valve.update_water_flow, (A, b, b)),
         "update_air_effectiveness": (coil.update_air_effectiveness, (A, f)),
         "march_lagged_water": (coil.march_lagged_water, (A, A, i, b, T.Array(b, 1, "C"))),
         "march_lagged_air": (coil.march_lagged_air, (A, A, i, b, f, f, f, f, f, T.Array(b, 1, "C"))),
         "pass_air": (coil.pass_air, (A, A, i, f, f, b, T.Array(b, 1, "C"))),
         "exchange_heat": (coil.exchange_heat, (A, A, i, f, T.Array(b, 1, "C"))),
-        "accumulate_second": (metrics.accumulate_second, (A, A, i, f, f, f, i)),
+        "accumulate_second": (metrics.accumulate_second, (A, A, A, i, f, f, f, i)),
         "watch_swing": (metrics.watch_swing, (A, A, i, i, T.UniTuple(f, 5), T.UniTuple(f, 5), T.Array(f, 2, "C"))),
     }[name]
     return next(iter(numba.njit(signature, **FLAGS)(getattr(section, "py_func", section)).inspect_asm().values()))
@@ -143,6 +146,9 @@ def run_every_kernel():
     assert ds.sizes["elapsed_time"] == 3
     estimators = {"hagglund_least_half_periods": 5, "estimator": ["hagglund", "gradient"], "plant_gain": 25.0}
     run(12, loop=estimators | {"sample_time": 1})
+    room = {"controlled": ["T_sup", "T_room"], "room_capacity": 400.0, "curve": ["richards", "linear"]}
+    run(loop=room | {"positioner_band": 0.01, "stroke_time": 60.0})
+    run(loop={"plant": first_order, "dead_time": [0, 3]}, traces=["T_sup", "T_w"])
 
     matrix = parameter_matrix(parameter_columns(loop, loop.sizes, np.arange(4)))
     results = run_coil(matrix, np.tile([1.0, 25.0, 0.01, 7.0, 0.5], (4, 1)), np.array([0, 3]))
@@ -153,7 +159,7 @@ def run_every_kernel():
     valve_flows(np.array([0.2, 0.2, 0.5]), np.array([0, 0, 1]), sets, start, np.empty((3, 1)), flows)
 
     block = default_block()
-    entering = np.tile([[1.0], [25.0], [0.01], [7.0]], LANES)
+    entering = np.tile([[1.0], [25.0], [0.01], [7.0], [0.8]], LANES)
     S, V, *_ = work_space(block)
     steady, plant = np.empty((len(at_rest.STEADY_ROWS), LANES)), (block.rows, block.config, entering)
     at_rest.find_rest(*plant, np.full(LANES, 50.0), S, V, steady)

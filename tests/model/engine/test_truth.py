@@ -63,6 +63,9 @@ BOLD_LEARNER = LEARNER | {
 WARY_LEARNER = LEARNER | {
     "learning_reference": 1, "learning_error_ratio": 0.8, "learning_floor": 50.0, "noise_std": 0.02,
 }  # fmt: skip
+PRESSURE = 1.0 + 0.5 * np.sin(SECONDS / 240.0) * (SECONDS > 700)
+ROOM = {"room_capacity": 200.0, "room_ua": 0.08}
+ROOM_SERIES = {"T_out": 30.0 + SECONDS / 900, "Q_room": 1.5 + np.sin(SECONDS / 300.0)}
 INSTALLED_VALVE = {"rangeability": 50.0, "authority": 0.3, "m_full": 1.8}
 
 CASES = {
@@ -124,6 +127,20 @@ CASES = {
     "valve with all faults": Case(REAL_LOOP | INSTALLED_VALVE | {
         "neutral_zone": 0.011, "slip_jump": 0.0313, "leakage": 0.01, "noise_std": 0.05,
     }),
+    "linear valve": Case({"curve": "linear", "m_max": 1.2}),
+    "linear valve that leaks": Case({"curve": "linear", "m_max": 1.2, "leakage": 0.03}, {}, COMMAND_STEPS),
+    "linear valve that closes": Case({"curve": "linear", "beta2": -0.9}, {"enabled": OFF_AND_ON}),
+    "pressure that varies": Case({}, {"dp_ratio": PRESSURE}),
+    "pressure that varies, valve at rest": Case({"leakage": 0.01}, {"dp_ratio": PRESSURE}, COMMAND_STEPS),
+    "pressure-independent valve": Case({"pressure_independent": 1}, {"dp_ratio": PRESSURE}),
+    "positioner": Case({"positioner_band": 0.013, **REAL_LOOP}),
+    "positioner with a narrow band": Case({"positioner_band": 0.004, **REAL_LOOP, "command_resolution": 0.004}),
+    "positioner, open loop": Case({"positioner_band": 0.021, "stroke_time": 90.0}, {}, RINGING_COMMAND),
+    "room": Case(ROOM, ROOM_SERIES),
+    "controlled room": Case({**ROOM, **REAL_LOOP, "controlled": "T_room", "noise_std": 0.05}, ROOM_SERIES),
+    "controlled room, reheat": Case(
+        {**ROOM, "controlled": "T_room", "action": "heating", "kp": 0.05, "ti": 300.0}, {**HEATING, **ROOM_SERIES}
+    ),
     "off and on": Case({"noise_std": 0.02}, {"enabled": OFF_AND_ON}),
     "no air for a while": Case({}, {"m_a": np.where((SECONDS > 1200) & (SECONDS < 2000), 0.0, 1.15)}),
     "98 kPa, other specific heats": Case({"pressure": 98000.0, "cp_w": 3.8, "cp_a": 1.006, "T_initial": 12.0}),
@@ -146,6 +163,7 @@ CASES = {
 COVERED_CASES = (
     "no backlash", "inverse 60 %", "inverse 100 %", "steps, dry", "steps, wet", "stroke time 90 s", "sensor lag",
     "Gaussian noise", "quasistatic", "quasistatic, dry", "wear", "5 volumes", "neutral zone", "stick-slip", "leakage",
+    "linear valve", "pressure that varies", "positioner", "room",
     "learner that stops", "learner that trips early", "learner that looks at its error",
 )  # fmt: skip
 """Cases that others contain: `make test-full` runs them."""

@@ -5,7 +5,7 @@ import pytest
 import reference
 
 import fastcoil as fc
-from fastcoil.model.engine.plant import ActuatorFeatures
+from fastcoil.model.engine.valve import ActuatorFeatures
 from fastcoil.model.parameter_table import PARAMETERS
 
 GENTLE_PI = {"kp": 0.018, "ti": 30.0, "sample_time": 15}
