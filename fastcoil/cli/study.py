@@ -207,26 +207,20 @@ def rerun(folder: Path, at: Sequence[str]) -> None:
 @click.option("--from", "name", metavar="NAME", help="Start from an example study.")
 @click.option("--list", "only_list", is_flag=True, help="List the example studies; write nothing.")
 def init(study: Path | None, name: str | None, only_list: bool) -> None:
-    """Write a commented STUDY file to start from: study.toml by default, NAME.toml with --from NAME.
-
-    Its first line names fastcoil.schema.json, written beside it, with which editors complete and check it.
-    """
+    """Write a commented STUDY file to start from: study.toml by default, NAME.toml with --from NAME."""
     if only_list:
         for study_name, text in shipped_studies().items():
             echo(f"{study_name:<20}{tomllib.loads(text)['title']}")
         return
-    from fastcoil.study.file.schema import SCHEMA_DIRECTIVE, SCHEMA_FILE, schema_text
-
     template = files("fastcoil.study.file").joinpath("template.toml").read_text(encoding="utf-8")
     texts = {"study": template} if name is None else shipped_studies()
     name = require_choice("--from", name or "study", texts)
     path, text = study or Path(f"{name}.toml"), texts[name]
     if exists(path):
         raise InputError(f"{path} exists: choose another name", "STUDY", "path")
-    write_atomically(path.with_name(SCHEMA_FILE), schema_text().encode())
-    write_atomically(path, (SCHEMA_DIRECTIVE + text).encode())
+    write_atomically(path, text.encode())
     next_commands = ", ".join(command_line(["fastcoil", verb, str(path)]) for verb in ("plan", "run"))
-    echo(f"{path} written, and {SCHEMA_FILE} for editors.  Edit it, then: {next_commands}")
+    echo(f"{path} written.  Edit it, then: {next_commands}")
     # the script that does what `fastcoil run` does not
     echo(*(line.removeprefix("# ") for line in text.splitlines() if line.startswith("# Analysis: ")))
 
