@@ -138,25 +138,16 @@ def require_one_gap(boundary: Boundary) -> None:
         raise InputError(f"backlash_scale {scale_text}: {cure}", "backlash_scale", "unsupported")
 
 
-def mean_conditions(boundary: Boundary, warm_up: int, *, carry_over: bool = False) -> dict[str, Array]:
-    """Means of ``CONDITION_SERIES`` over enabled seconds, (n_days,) each; NaN if there are none.
-
-    carry_over: only day 1 has a warm-up.
-    """
+def _require_mean_conditions(boundary: Boundary, warm_up: int) -> dict[str, Array]:
+    """Means of ``CONDITION_SERIES`` over enabled seconds, (n_days, 1) each; refused where a day has none."""
     conditions = {name: np.empty(boundary.n_days) for name in CONDITION_SERIES}
     for k in range(boundary.n_days):
         rows = boundary.of_day(k)
         is_counted = rows["enabled"] != 0.0
-        is_counted[: 0 if carry_over and k else warm_up] = False
+        is_counted[:warm_up] = False
         n = np.count_nonzero(is_counted)
         for name, means in conditions.items():
             means[k] = np.where(is_counted, rows[name], 0.0).sum() / (n or np.nan)
-    return conditions
-
-
-def _require_mean_conditions(boundary: Boundary, warm_up: int) -> dict[str, Array]:
-    """``mean_conditions``, (n_days, 1); refused where a day has none."""
-    conditions = mean_conditions(boundary, warm_up)
     days_without = np.flatnonzero(np.isnan(conditions["T_set"]))
     if days_without.size:
         day_text = f"on day {boundary.day[days_without[0]]} " if boundary.has_day_dim else ""

@@ -1,7 +1,6 @@
 """Predictions of the linear model for one loop at the operating points of a day, and the gains that follow."""
 
 import math
-from collections import Counter
 from typing import NamedTuple
 
 import numpy as np
@@ -11,12 +10,10 @@ from fastcoil.base.arrays import Index
 from fastcoil.design.describing_function import unpredictable_loops
 from fastcoil.design.limit_cycle import Cycles, predict_cycles
 from fastcoil.design.linearise import first_order, integral_speed, simc
-from fastcoil.design.operating_points import PointsOfDay, index_chunks, mean_conditions
+from fastcoil.design.operating_points import PointsOfDay
 from fastcoil.design.plants import Columns, Plants, linearise_plants, loop_response
 from fastcoil.loops.loop import Loop
-from fastcoil.loops.plan import Plan
-from fastcoil.loops.scenarios import cf_attributes, parameter_columns
-from fastcoil.model.metric_table import PREDICTIONS
+from fastcoil.loops.scenarios import parameter_columns
 from fastcoil.model.parameter_table import PARAMETERS
 
 
@@ -218,39 +215,3 @@ def hunting_index_omissions(prediction: Prediction) -> tuple[str, ...]:
     if missed:
         clauses.append(f"{missed} of {n} operating points, at which the valve is at its end and misses the set-point")
     return tuple(clauses)
-
-
-def predict_study(plan: Plan) -> xr.Dataset:
-    """Predict hunting index and limit cycle of every scenario of a study (``[run] predict``).
-
-    The mean conditions and the mean set-point of each day's enabled seconds after the warm-up count, as if they were
-    constant; noise does not, so that all replicates are alike.  All scenarios are predicted together, so that the
-    numbers depend on their number alone and not on shards and workers.
-
-    Returns ``PREDICTIONS`` over the dims of the study; the attribute ``prediction_note`` says why some are NaN.
-    """
-    loop, sizes = plan.layout.loop, plan.layout.sizes
-    distinct = {dim: n for dim, n in sizes.items() if dim != "replicate"}
-    n = math.prod(distinct.values())
-    entering = mean_conditions(plan.layout.boundary, plan.warm_up, carry_over=plan.carry_over)
-    variables = {name: np.full(n, np.nan) for name in PREDICTIONS}
-    reasons: Counter[str] = Counter()
-    for index in index_chunks(n):
-        usable = index[np.isfinite(entering["T_set"][parameter_columns(loop, distinct, index)["day"]])]
-        reasons["no second is enabled after the warm-up"] += index.size - usable.size
-        if not usable.size:
-            continue
-        columns = parameter_columns(loop, distinct, usable)
-        reasons.update({reason: int(loops.sum()) for reason, loops in unpredictable_loops(columns).items()})
-        conditions = {name: means[columns["day"]] for name, means in entering.items()}
-        cycles = predict_cycles(columns, linearise_plants(columns, conditions, loop.rules))
-        predicted = cycles.hunting_index, cycles.hunts, cycles.period, 2.0 * cycles.amplitude
-        for name, value in zip(variables, predicted, strict=True):
-            # theory is not more accurate, and the last bits depend on the machine's libraries
-            variables[name][usable] = np.char.mod("%.6g", value).astype(float)
-    ds = xr.Dataset()
-    for name, flat in variables.items():
-        replicated = np.repeat(flat, sizes.get("replicate", 1)).reshape(tuple(sizes.values()))
-        ds[name] = (tuple(sizes), replicated, cf_attributes(PREDICTIONS[name]))
-    note = "; ".join(f"{reason}: {count:,} of {n:,}" for reason, count in reasons.items() if count)
-    return ds.assign_attrs({"prediction_note": f"theory says nothing: {note}"} if note else {})

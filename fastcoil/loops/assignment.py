@@ -12,11 +12,11 @@ from fastcoil.base import arguments
 from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.loops.labelled import accepted_units, as_data_array, convert_units
 from fastcoil.model import parameter_table
-from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
+from fastcoil.model.metric_table import METRICS, TRACES
 from fastcoil.model.user_rules import RULE_KINDS, Rule
 
 FORBIDDEN_DIMS = {
-    "day", "replicate", "volume", "elapsed_time", "status", *METRICS, *PREDICTIONS, *TRACES,
+    "day", "replicate", "volume", "elapsed_time", "status", *METRICS, *TRACES,
     "method", "tolerance", "drop", "indexers", "missing_dims",
 }  # fmt: skip
 """Names that a swept dimension cannot have: dimensions and variables of a result, and arguments of xarray's ``sel``."""

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
+from fastcoil.model.metric_table import METRICS, TRACES
 from fastcoil.model.parameter_table import PARAMETERS, RESERVED_DIMS
 
 _UNIT_TEXTS = {
@@ -54,7 +54,7 @@ class Quantity(NamedTuple):
 
 def quantity(name: str) -> Quantity:
     """Return how a parameter, metric or trace is shown; any other name is its own label."""
-    entry = METRICS.get(name) or PREDICTIONS.get(name) or TRACES.get(name) or PARAMETERS.get(name)
+    entry = METRICS.get(name) or TRACES.get(name) or PARAMETERS.get(name)
     if entry is None:
         return Quantity(name.replace("_", " "), "", 1.0)
     return Quantity(entry.label, *_DISPLAY_UNITS.get(name, (unit_in_words(entry.unit), 1.0)))
@@ -113,7 +113,7 @@ def label_in_words(ds: xr.Dataset | xr.DataArray, dim: str, k: int) -> str:
 def values_quantity(values: xr.DataArray) -> Quantity:
     """Return how values are shown: by the tables, or by their attributes; shares of a baseline in per cent."""
     name, attrs = str(values.name or ""), values.attrs
-    entry = METRICS.get(name) or PREDICTIONS.get(name) or TRACES.get(name)
+    entry = METRICS.get(name) or TRACES.get(name)
     if entry is not None and "relative_to" in attrs:
         return Quantity(f"change of {entry.label}", "%", 100.0)
     if entry is not None and attrs.get("units", entry.unit) == entry.unit:

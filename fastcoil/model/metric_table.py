@@ -139,20 +139,6 @@ COIL_METRICS = (*SUPPLY_METRICS, "coil_energy", "coil_peak_power", "condensate",
 COIL_TRACES = ("T_w_out", "W_sup", "wet_volumes", "power", "T_w", "T_c", "T_a", "W_a")
 """Traces that only the coil has; NaN with another plant."""
 
-PREDICTIONS = _by_name(
-    Output("predicted_hunting_index", "1", "predicted hunting index of the loop",
-           "largest |L| |N| of the describing function, from about 0.85 on a gap keeps the loop swinging",
-           label="predicted hunting index"),
-    Output("predicted_hunts", "1", "whether the loop is predicted to hunt",
-           "to be compared with hunts; NaN where theory says nothing", label="share predicted to hunt"),
-    Output("predicted_period", "s", "predicted period of the hunting", "NaN where the loop is not predicted to hunt",
-           label="predicted period"),
-    Output("predicted_swing", "K", "predicted peak-to-peak supply temperature",
-           "to be compared with hunting_swing; NaN where the loop is not predicted to hunt", difference=True,
-           label="predicted swing, peak to peak"),
-)
-"""What ``[run] predict`` adds to a study: from theory, with the mean conditions of each day, without noise."""
-
 COSTS = _by_name(
     Output("coil_cost", "currency", "cost of the coil's energy",
            "chilled water at the price of electricity over the COP, hot water at the price of heat",

@@ -20,13 +20,13 @@ from fastcoil.model.control import Law
 from fastcoil.model.engine.lanes import UserRules
 from fastcoil.model.engine.plant import Plant, PlantInputs
 from fastcoil.model.estimators.interface import Estimator, Sample
-from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
+from fastcoil.model.metric_table import METRICS, TRACES
 from fastcoil.model.numerics.compile_user_function import UserFunction
 from fastcoil.model.parameter_table import COVERED, ESTIMATOR_GROUPS, PARAMETERS, RESERVED_DIMS, Parameter
 
 _HIDDEN_GROUPS = ("plant", "room", "coil", "valve", "actuator")  # of what a controller in the field cannot know
 _TAKEN_NAMES = {  # that no parameter of a rule can have
-    *METRICS, *PREDICTIONS, *TRACES, *RESERVED_DIMS, "status", "design", "scenario", "preset", "include", "size",
+    *METRICS, *TRACES, *RESERVED_DIMS, "status", "design", "scenario", "preset", "include", "size",
     "seed", "method", "tolerance", "drop", "indexers", "missing_dims",
 }  # fmt: skip
 

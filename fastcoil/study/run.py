@@ -13,7 +13,6 @@ from fastcoil.base.arguments import argument_checks, require_flag, require_path,
 from fastcoil.base.errors import InputError
 from fastcoil.base.files import convert_os_errors, is_file, write_atomically
 from fastcoil.base.progress import Advance, display_for_call
-from fastcoil.design.prediction import predict_study
 from fastcoil.loops.clashes import warn_saturated
 from fastcoil.loops.plan import JobSlice, check_disk, check_workers, cut_into_shards
 from fastcoil.loops.simulate import number_of_threads, simulate
@@ -203,14 +202,11 @@ def execute_slice(
 def _run_and_merge(
     run: StudyRun, options: PoolOptions, progress: ProgressStarter | None, scope: str
 ) -> tuple[int, xr.Dataset]:
-    """Run what is missing, merge all of it, add predictions; return the number of scenarios run, and the results."""
+    """Run what is missing, merge all of it; return the number of scenarios run, and the results."""
     study, plan, start = run.study, run.study.plan, time.monotonic()
     n_run, n_workers = _run_missing(run, options, progress, scope, plan.n_scenarios)
     seconds = time.monotonic() - start
     ds = merge_metrics(run)
-    if study.predict:
-        predicted = predict_study(plan)
-        ds = ds.assign(predicted.data_vars).assign_attrs(predicted.attrs)
     measured = {
         "wall_time_s": round(seconds, 3),
         "scenario_days_per_s": round(n_run / max(seconds, 1e-9), 1),

@@ -20,7 +20,7 @@ from fastcoil.logs.table import require_one_clock
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.labels import label_in_words, quantity
 from fastcoil.loops.scenarios import require_distinct_labels, require_scenarios, require_table_units
-from fastcoil.model.metric_table import PREDICTIONS, TRACES
+from fastcoil.model.metric_table import METRICS, TRACES
 from fastcoil.model.parameter_table import PARAMETERS
 
 if TYPE_CHECKING:
@@ -247,10 +247,10 @@ def learning(data: Any, *, ax: Any = None) -> Axes:
 
 
 _PREDICTED_VARIABLES = {
-    name: PREDICTIONS[f"predicted_{name.replace('amplitude', 'swing')}"]
-    for name in ("hunting_index", "hunts", "period", "amplitude")
-}
-"""Variables of ``fc.limit_cycle``, and the predictions of a study that have their units."""
+    "hunting_index": METRICS["hunts"], "hunts": METRICS["hunts"], "period": METRICS["hunting_period"],
+    "amplitude": METRICS["hunting_swing"],
+}  # fmt: skip
+"""Variables of ``fc.limit_cycle``, and metrics that have their units."""
 
 
 @use_style()

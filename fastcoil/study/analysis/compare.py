@@ -18,7 +18,7 @@ from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 from fastcoil.base.text import MISSING_VALUE, decimals_for_uncertainty, format_number, format_share
 from fastcoil.loops.labels import Quantity, coordinate_quantity, quantity, values_quantity
 from fastcoil.loops.scenarios import check_counted_result
-from fastcoil.model.metric_table import COSTS, METRICS, PREDICTIONS, STATUS_OK, YEARLY_PREFIX, metric_hint
+from fastcoil.model.metric_table import COSTS, METRICS, STATUS_OK, YEARLY_PREFIX, metric_hint
 from fastcoil.study.analysis.paired import STATISTICS, THRESHOLD_STATISTICS, paired_statistics
 from fastcoil.study.analysis.selected import list_first, mask_dataset, reduction_metrics
 
@@ -112,7 +112,7 @@ def _format_difference(statistics: dict[str, float], factor: float, unit: str) -
 def _metric_quantity(values: xr.DataArray) -> Quantity:
     """Return how the values of a metric are shown; the unit of shares is no longer that of their values."""
     name = str(values.name)
-    known = name in METRICS or name in PREDICTIONS
+    known = name in METRICS
     return quantity(name) if known or "relative_to" in values.attrs else values_quantity(values)
 
 
@@ -209,7 +209,7 @@ def compare(
         threshold = check.unless_none(arguments.require_number, "threshold", threshold, cure, least=0.0)
         cure = 'must be a dict of dimension and label, such as {"estimate_ratio": 0.0}'
         check(arguments.require_mapping, "baseline", baseline, cure)
-    names = metric_names or [n for n in _comparable_names(ds) if n.removeprefix(YEARLY_PREFIX) not in PREDICTIONS]
+    names = metric_names or _comparable_names(ds)
     _check_comparison(ds, baseline, over, names)
     units = sorted({str(ds[name].attrs.get("units", "1")) for name in names})
     if threshold is not None and not relative and len(units) > 1:
@@ -246,7 +246,7 @@ def compare(
 
 def _comparable_names(ds: xr.Dataset) -> list[str]:
     """Return the metrics, costs, predictions and numbers of ``reduce`` in a result, without flags."""
-    known = {n for n, each in METRICS.items() if not each.flags} | {*COSTS, *PREDICTIONS, *reduction_metrics(ds)}
+    known = {n for n, each in METRICS.items() if not each.flags} | {*COSTS, *reduction_metrics(ds)}
     return [name for name in map(str, ds.data_vars) if name.removeprefix(YEARLY_PREFIX) in known]
 
 

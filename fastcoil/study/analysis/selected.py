@@ -11,7 +11,7 @@ from fastcoil.base.arguments import raise_problems
 from fastcoil.base.arrays import allocate_on_disk
 from fastcoil.base.errors import InputError, Problem, did_you_mean
 from fastcoil.loops.labels import coordinate_quantity, is_parameter, quantity
-from fastcoil.model.metric_table import METRICS, PREDICTIONS
+from fastcoil.model.metric_table import METRICS
 from fastcoil.model.parameter_table import CHANCE_DIMS, PARAMETERS
 
 _MAX_LISTED = 12  # labels in a message
@@ -40,7 +40,7 @@ def condition_dims(ds: xr.Dataset) -> set[Hashable]:
 
 def reduction_metrics(ds: xr.Dataset) -> list[str]:
     """Return the names of the numbers that ``[run] reduce`` gave for every scenario."""
-    known, dims = {"status", *METRICS, *PREDICTIONS}, set(ds["status"].dims)
+    known, dims = {"status", *METRICS}, set(ds["status"].dims)
     candidates = {str(n): v for n, v in ds.data_vars.items() if n not in known}
     return [name for name, values in candidates.items() if set(values.dims) == dims and values.dtype.kind in "iuf"]
 

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.text import format_share
 from fastcoil.loops.labels import sizes_in_words
 from fastcoil.model.metric_table import STATUS_OK
 from fastcoil.study.analysis.answer import find_answer
@@ -61,22 +60,8 @@ def cautions(ds: xr.Dataset) -> list[str]:
 
 def findings(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
     """Return the answer of results of which not everything failed, with ``billing`` also costs: a sentence a line."""
-    lines = find_answer(ds).summary() + _prediction_lines(ds)
+    lines = find_answer(ds).summary()
     return lines if billing is None else lines + cost_lines(ds, billing)
-
-
-def _prediction_lines(ds: xr.Dataset) -> list[str]:
-    """Compare the predicted and the simulated hunting."""
-    if "predicted_hunts" not in ds:
-        return []
-    is_known = ds["predicted_hunts"].notnull() & (ds["status"] == STATUS_OK)
-    n = int(is_known.sum())
-    if not n:
-        return ["Hunting: theory says nothing about these loops."]
-    predicted, seen = (ds[name].where(is_known) > 0.0 for name in ("predicted_hunts", "hunts"))
-    agree = format_share(float((predicted == seen).where(is_known).mean()), decimals=1)
-    counts = f"predicted for {int(predicted.sum()):,} of {n:,} loops, seen in {int(seen.sum()):,}"
-    return [f"Hunting: {counts}; {agree} agree."]
 
 
 # --- costs ------------------------------------------------------------------------------------------------------------

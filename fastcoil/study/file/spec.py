@@ -19,7 +19,6 @@ from typing import Any, TypeVar
 from fastcoil.base.arguments import collect_problems, raise_problems, require_choice, require_integer
 from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 from fastcoil.base.files import read_text
-from fastcoil.design.operating_points import require_one_gap
 from fastcoil.design.tuning_plan import TuningRequest, plan_tuning
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.days import constant_day, design_day, heating_day, paper_day
@@ -173,8 +172,8 @@ class Study:
 
     folder: where its relative paths start.  reduction: the function that ``[run] reduce`` names.  included_parameters:
     from the files in ``[loop] include``.  sample_file_hashes: of the files that ``[sample]`` names.  rules: the code of
-    user-defined estimators and control laws, by name.  predict: whether results get ``PREDICTIONS``.  tuning, billing,
-    precision: of ``[tune]``, ``[tariff]`` and ``[run] precision``.  batches: of samples in ``plan``.  largest_plan: the
+    user-defined estimators, control laws and plants, by name.  tuning, billing, precision: of
+    ``[tune]``, ``[tariff]`` and ``[run] precision``.  batches: of samples in ``plan``.  largest_plan: the
     plan of the most samples that may be drawn.
     """
 
@@ -188,7 +187,6 @@ class Study:
     included_parameters: Mapping[str, Any] = field(default_factory=dict)
     sample_file_hashes: Sequence[str] = ()
     rules: Mapping[str, UserCode] = field(default_factory=dict)
-    predict: bool = False
     tuning: TuningRequest | None = None
     billing: Billing | None = None
     precision: Precision | None = None
@@ -282,12 +280,10 @@ def _build_study(
     boundary = attempt(build_boundary, file.boundary, folder, prefix="[boundary] ")
     plan = tuning = billing = reduction = None
     if loop is not None and boundary is not None:
-        options = run.model_dump(exclude={"reduce", "predict", "precision"})
+        options = run.model_dump(exclude={"reduce", "precision"})
         plan = attempt(plan_simulation, loop, boundary, **options, traces_on_disk=True)
         if file.tune is not None:
             tuning = attempt(parse_tuning, file.tune, run, loop, boundary, folder, prefix="[tune] ")
-    if run.predict and boundary is not None:
-        attempt(require_one_gap, boundary, prefix="[run] predict: ")
     if file.tariff is not None:
         billing = attempt(parse_billing, file.tariff, None if plan is None else plan.layout, prefix="[tariff] ")
     if run.reduce is not None:
@@ -306,6 +302,6 @@ def _build_study(
     hashes = sample_file_hashes(file.sample, folder) if file.sample else []
     study = Study(
         text, tables, file.title or name, file.question, plan, folder, reduction, included, hashes, sources,
-        run.predict, tuning, billing, precision, batches, plan,
+        tuning, billing, precision, batches, plan,
     )  # fmt: skip
     return study.with_batches(MIN_BATCHES) if precision else study

@@ -94,7 +94,6 @@ class RunTable(_StrictTable):
     traces: list[str] = Field(default=[], max_length=_MOST_TRACES)
     trace_interval: int = 60
     reduce: str | None = None
-    predict: bool = False
     precision: PrecisionTable | None = None
 
 

@@ -26,7 +26,7 @@ from fastcoil.base.arguments import collect_problems, is_storable_text, raise_pr
 from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.base.files import TooLargeError, is_file, read_bytes, require_usable_path
 from fastcoil.loops import netcdf
-from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
+from fastcoil.model.metric_table import METRICS, TRACES
 from fastcoil.model.parameter_table import PARAMETERS, RESERVED_DIMS
 from fastcoil.model.user_rules import RULE_KINDS, Rule, declared_parameters, is_built_in_rule, parameter
 from fastcoil.study.file.tables import StudyFile
@@ -209,7 +209,7 @@ def user_code_errors(what: str, failure: str) -> Iterator[None]:
 
 
 SCENARIO_DIM = "scenario"  # the dimension along which the function gets the traces of a shard
-_PUBLIC_NAMES = {*PARAMETERS, *METRICS, *PREDICTIONS, *TRACES, *netcdf.CLOCK_COORDINATES, "status", SCENARIO_DIM}
+_PUBLIC_NAMES = {*PARAMETERS, *METRICS, *TRACES, *netcdf.CLOCK_COORDINATES, "status", SCENARIO_DIM}
 _TAKEN_NAMES = _PUBLIC_NAMES | set(RESERVED_DIMS)
 _TAKEN_DIMS = _PUBLIC_NAMES | {"day", "replicate", "sample"}
 _FLOAT_TYPES = (np.dtype(np.float32), np.dtype(np.float64))

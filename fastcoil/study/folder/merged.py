@@ -24,7 +24,7 @@ from fastcoil.base.files import replace_atomically
 from fastcoil.loops.netcdf import append_trace, cut_into_pieces, describe_variables, file_sha256, write
 from fastcoil.loops.provenance import combined_sha256, environments_of, variable_sha256
 from fastcoil.loops.scenarios import check_same_form, join_flat, unflatten
-from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
+from fastcoil.model.metric_table import METRICS, TRACES
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.stored import RESULTS_FILE, Manifest, Shards, with_traces
@@ -95,9 +95,9 @@ class StudyRun:
             seen[index] = True
 
     def _earlier_parts(self, earlier: xr.Dataset, leave_out: Collection[str]) -> Iterator[xr.Dataset]:
-        """The matched scenarios as flat parts; predictions are computed again for the whole study."""
+        """The matched scenarios as flat parts."""
         dims, shape = earlier["status"].dims, earlier["status"].shape
-        kept = earlier[[n for n in earlier.data_vars if n not in leave_out and n not in PREDICTIONS]]
+        kept = earlier[[n for n in earlier.data_vars if n not in leave_out]]
         for name in kept.data_vars.keys() - {*TRACES}:  # each once, and not for every piece
             kept[name].load()
         values_per_scenario = max(1, sum(v.size for v in kept.data_vars.values()) // earlier["status"].size)

@@ -238,7 +238,7 @@ def test_an_unfinished_study_is_opened_without_traces_that_do_not_fit(out, monke
 
 @pytest.mark.full
 def test_metrics_that_stay_on_the_disk_are_the_same(out, monkeypatch):
-    text = TRACED_STUDY + "predict = true\n"
+    text = TRACED_STUDY
     copy_run(text, out)
     eager = fc.open_study(out).load()
     monkeypatch.setattr(stored, "_MAX_LOADED_BYTES", 0)
