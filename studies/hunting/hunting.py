@@ -169,9 +169,9 @@ def preset_results() -> xr.Dataset:
 def write_presets(ds: xr.Dataset, rules: list[Rule]) -> None:
     """Write how far the boundary on the maps is right."""
     table = []
-    for plant in ds.plant.values:
-        plant_ds = ds.sel(plant=plant)
-        hunts, row = plant_ds.hunts > 0, [f"`{plant}`", f"{float((plant_ds.hunts > 0).mean()):.0%}"]
+    for coil in ds.coil.values:
+        plant_ds = ds.sel(coil=coil)
+        hunts, row = plant_ds.hunts > 0, [f"`{coil}`", f"{float((plant_ds.hunts > 0).mean()):.0%}"]
         for rule in rules[:2]:
             is_predicted = rule.indicator(plant_ds.assign(kp=plant_ds.kp, ti=plant_ds.ti)) > rule.limit
             row += [
@@ -181,7 +181,7 @@ def write_presets(ds: xr.Dataset, rules: list[Rule]) -> None:
         table.append(row)
     heads = [f"{rule.name}: {case_words}" for rule in rules[:2] for case_words in ("right", "false alarms, missed")]
     write_table("hunting/hunting_presets", f"The maps of the presets, {ds.sizes['kp']} kp × {ds.sizes['ti']} ti each",
-                ["plant", "hunt", *heads], table)  # fmt: skip
+                ["coil", "hunt", *heads], table)  # fmt: skip
 
 
 @apply_style(axes_grid=False)
@@ -189,8 +189,8 @@ def draw_presets(ds: xr.Dataset, rules: list[Rule]) -> None:
     """Draw a map for each plant: swing as colour, boundaries and periods as lines."""
     figure, panels = plt.subplots(2, 2, figsize=(9.0, 7.6), sharex=True, sharey=True, layout="constrained")
     mesh = None
-    for panel, plant in zip(panels.flat, ds.plant.values, strict=True):
-        plant_ds = ds.sel(plant=plant).transpose("kp", "ti")
+    for panel, coil in zip(panels.flat, ds.coil.values, strict=True):
+        plant_ds = ds.sel(coil=coil).transpose("kp", "ti")
         swing = plant_ds.swing.where(plant_ds.hunts > 0)
         mesh = panel.pcolormesh(
             plant_ds.ti, plant_ds.kp, swing, norm=LogNorm(*SWING_LIMITS), cmap="cividis_r", shading="nearest"
@@ -208,7 +208,7 @@ def draw_presets(ds: xr.Dataset, rules: list[Rule]) -> None:
         panel.axvline(T, color="0.4", lw=1.0, ls=":")
         panel.annotate("Ti = T", (T, 0.0023), fontsize=7, color="0.3", rotation=90, xytext=(2, 0),
                        textcoords="offset points", va="bottom")  # fmt: skip
-        panel.set(title=str(plant), xscale="log", yscale="log")
+        panel.set(title=str(coil), xscale="log", yscale="log")
         for axis in (panel.xaxis, panel.yaxis):
             axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
             axis.set_minor_formatter(NullFormatter())

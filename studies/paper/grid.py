@@ -269,7 +269,7 @@ def best_gains(loop: Loop, kinds: Kinds = KINDS, *, quick: bool = False, n_jobs:
     """
     tuning = xr.DataArray(loop["kp"])["tuning"]
     rows, plant_of_tuning = np.unique([loop[n] for n in PLANT_NAMES], axis=1, return_inverse=True)
-    plants = Loop(**{n: xr.DataArray(row, dims="plant") for n, row in zip(PLANT_NAMES, rows, strict=True)})
+    plants = Loop(**{n: xr.DataArray(row, dims="coil") for n, row in zip(PLANT_NAMES, rows, strict=True)})
     kp, ti = (values[::4] if quick else values for values in (BEST_KP, BEST_TI))
     cases = {
         "no backlash": {"backlash": 0.0, "backlash_estimate": 0.0},
@@ -280,7 +280,7 @@ def best_gains(loop: Loop, kinds: Kinds = KINDS, *, quick: bool = False, n_jobs:
     swept = swept.assign(buffer=buffers_by_case(swept, cases, "best inverse", SEARCH_NOISE))
     ds = simulate_kinds(swept, kinds, 4 if quick else 8, SEARCH_DAYS, n_jobs)
     is_ringing = (ds["hunts"].sel(case="no backlash", drop=True) > 0.0).any(["kind", "day"])
-    cost = relative_cost(ds["rmse"].where(~is_ringing)).stack(gains=GAIN_NAMES).transpose("case", "plant", "gains")
+    cost = relative_cost(ds["rmse"].where(~is_ringing)).stack(gains=GAIN_NAMES).transpose("case", "coil", "gains")
     best = {}
     for name in ("best PI", "best inverse"):
         pairs = cost["gains"].values[cost.sel(case=name).argmin("gains").values[np.ravel(plant_of_tuning)]]

@@ -39,7 +39,7 @@ def predict_temperatures(valve: fc.Loop, days: fc.Boundary, command: np.ndarray)
     valve: its ``backlash`` is that of its commissioning.  command: (day, second).
     """
     conductances, flows = (
-        xr.DataArray(list(factors), dims="plant") for factors in zip(*PLANT_FACTORS.values(), strict=True)
+        xr.DataArray(list(factors), dims="model") for factors in zip(*PLANT_FACTORS.values(), strict=True)
     )
     plant_parameters = {name: conductances * float(valve[name]) for name in ("beta1", "beta3", "beta5")}
     m_max, a, b, c = installed_valve(*(float(valve[name]) for name in ("rangeability", "authority", "m_full")))
@@ -51,8 +51,8 @@ def predict_temperatures(valve: fc.Loop, days: fc.Boundary, command: np.ndarray)
     ds = fc.simulate(
         models, days, command=command, carry_over=True, traces=["T_measured"], trace_interval=MODEL_INTERVAL, n_jobs=1
     )
-    temperatures = ds.T_measured.reset_coords(drop=True).assign_coords(plant=list(PLANT_FACTORS))
-    return temperatures.transpose("plant", "day", "elapsed_time", "candidate")
+    temperatures = ds.T_measured.reset_coords(drop=True).assign_coords(model=list(PLANT_FACTORS))
+    return temperatures.transpose("model", "day", "elapsed_time", "candidate")
 
 
 def innovations(measured: np.ndarray, predicted: np.ndarray) -> np.ndarray:

@@ -67,7 +67,7 @@ def test_the_bank_finds_the_gap_of_a_loop_whose_plant_it_knows():
         command = np.repeat(traces.command.values[k], 5, axis=-1)
         models = detect.predict_temperatures(detect.select_loop(loop, sample=k), days, command)
         measured = traces.T_measured.values[k, :, :: detect.MODEL_INTERVAL // 5].ravel()
-        innovation = detect.innovations(measured, models.sel(plant="known").values.reshape(measured.size, -1))
+        innovation = detect.innovations(measured, models.sel(model="known").values.reshape(measured.size, -1))
         probabilities = detect.gap_probabilities(innovation[None], detect.innovation_std(innovation[None]))
         assert abs((probabilities[0, -60:] @ detect.CANDIDATES).mean() - gap) < 0.005
 
