@@ -81,11 +81,6 @@ def explain(
     InputError
         With one sentence for each mistake in the arguments.
 
-    See Also
-    --------
-    limit_cycle : predicts hunting for many loops, without simulating.
-    tune : chooses settings for many valves and days.
-
     Examples
     --------
     >>> explanation = fc.explain(fc.Loop.preset("lbnl").assign(ti=8), fc.paper_day(hours=1))

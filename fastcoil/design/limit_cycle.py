@@ -360,12 +360,6 @@ def limit_cycle(loop: Loop, boundary: Boundary, *, at: Any = None) -> xr.Dataset
     InputError
         With one sentence for each mistake; for an unstable coil; if theory says nothing about any scenario.
 
-    See Also
-    --------
-    explain : says why a loop hunts, tries cures, and simulates what theory does not cover.
-    linearise : gives plant, margins and tunings without backlash.
-    nyquist : draws the open loop and the describing function.
-
     Examples
     --------
     >>> loop = fc.Loop.preset("lbnl").assign(ti=[8.0, 30.0])
@@ -426,10 +420,6 @@ def nyquist(loop: Loop, boundary: Boundary, *, at: Any = None) -> Figure:
     ------
     InputError
         With one sentence for each mistake; for more loops than a figure shows.
-
-    See Also
-    --------
-    limit_cycle : the numbers behind the figure, for any number of loops.
 
     Examples
     --------

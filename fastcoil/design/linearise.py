@@ -264,11 +264,6 @@ def linearise(
     InputError
         With one sentence for each mistake; for an unstable coil; for a result that does not fit in memory.
 
-    See Also
-    --------
-    limit_cycle : predicts hunting with backlash, which the margins here leave out.
-    to_control : gives a linearised loop to python-control.
-
     Examples
     --------
     >>> loop, day = fc.Loop.preset("lbnl").assign(backlash=[0.0, 0.07]), fc.constant_day(hours=1)

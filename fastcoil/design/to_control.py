@@ -36,10 +36,6 @@ def to_control(linearised: xr.Dataset, loop: Loop | None = None) -> Any:
     ------
     InputError
         Without a state space, for more than one point, for laws other than the PI, and without python-control.
-
-    See Also
-    --------
-    linearise : makes the operating point, with margins of the sampled loop.
     """
     with argument_checks() as check:
         check(require_instance, "linearised", linearised, xr.Dataset, "give a result of fc.linearise")

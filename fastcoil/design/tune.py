@@ -78,11 +78,6 @@ def tune(
     InputError
         With one sentence for each mistake; where no tuning has a finite objective.
 
-    See Also
-    --------
-    explain : proposes gains for one loop on one day.
-    linearise : gives the gains after SIMC, lambda, and Ziegler and Nichols.
-
     Examples
     --------
     >>> valves = fc.Loop.preset("lbnl").assign(backlash=("sample", [0.0, 0.05, 0.1]))

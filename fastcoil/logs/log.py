@@ -339,10 +339,6 @@ def read_log(
         With one sentence for each mistake in the arguments, or if the source has no table or lacks a column that
         ``columns`` names.  Values are checked by the functions that use them.
 
-    See Also
-    --------
-    diagnose, survey, read_test, fit_valve, fit_coil, fit_loop, replay
-
     Examples
     --------
     >>> import numpy as np

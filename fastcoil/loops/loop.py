@@ -38,12 +38,6 @@ class Loop:
         With one sentence for each unknown name, wrong type, value out of bounds, empty or duplicated axis, or zipped
         parameter of another length.
 
-    See Also
-    --------
-    parameters : bounds of the parameters.
-    presets : named loops.
-    simulate : simulate the loop on days.
-
     Notes
     -----
     {parameters}

@@ -63,10 +63,6 @@ COOLING_PRESETS = {name: preset for name, preset in PRESETS.items() if not prese
 def presets() -> Presets:
     """Return every preset by name: its text, and the ``values`` that differ from the defaults.
 
-    See Also
-    --------
-    Loop : ``Loop.preset(name)`` is the loop.
-
     Examples
     --------
     >>> import fastcoil as fc

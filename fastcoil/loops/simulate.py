@@ -257,12 +257,6 @@ def simulate(
         With one sentence for each mistake in the arguments; for an unstable coil; for a result that does not fit in
         memory.
 
-    See Also
-    --------
-    run_study : the same for a study file, with results on disk.
-    explain : what theory says of a loop.
-    replay : the controller of a loop on a trend log.
-
     References
     ----------
     Cai, J. and Braun, J. E. (2016), Purdue, paper 1801, Eqs (1) to (4), https://docs.lib.purdue.edu/iracc/1801

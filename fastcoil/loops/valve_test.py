@@ -44,10 +44,6 @@ class ValveTest:
     InputError
         With one sentence for each value out of its bounds.
 
-    See Also
-    --------
-    simulate, read_test
-
     Examples
     --------
     >>> import fastcoil as fc

@@ -75,10 +75,6 @@ def diagnose(
     InputError
         With one sentence for each mistake in the log or the arguments.
 
-    See Also
-    --------
-    read_log, read_test, survey, explain, tune
-
     Examples
     --------
     >>> loop = fc.Loop.preset("lbnl").assign(backlash=0.06, noise_std=0.01)

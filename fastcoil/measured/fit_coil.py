@@ -95,10 +95,6 @@ def fit_coil(
     InputError
         With one sentence for each mistake in the log or the arguments.
 
-    See Also
-    --------
-    fit_valve, fit_loop, read_log
-
     Notes
     -----
     Cai and Braun (2016), section 2.2: start at 20 °C, the first 1,800 s left out, T_sup alone minimised.  A trial set

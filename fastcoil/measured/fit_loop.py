@@ -79,10 +79,6 @@ def fit_loop(
     InputError
         With one sentence for each mistake in the log or the arguments, and for a loop that is unstable.
 
-    See Also
-    --------
-    fit_valve, fit_coil, diagnose, read_log
-
     Notes
     -----
     The emulator of Cai and Braun (2016) in open loop behind the logged command, once for each candidate backlash.

@@ -76,10 +76,6 @@ def fit_valve(
     InputError
         With one sentence for each mistake in the log or the arguments.
 
-    See Also
-    --------
-    fit_coil, fit_loop, read_log
-
     Notes
     -----
     Cai and Braun (2016), section 2.1.3.  The start of each batch within the gap and the floor of the meter are

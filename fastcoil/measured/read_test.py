@@ -66,10 +66,6 @@ def read_test(
     InputError
         With one sentence for each mistake in the log or the arguments.
 
-    See Also
-    --------
-    ValveTest, diagnose, read_log
-
     Examples
     --------
     >>> loop = fc.Loop.preset("lbnl").assign(backlash=0.06, noise_std=0.01, sample_time=5)

@@ -56,10 +56,6 @@ def replay(loop: Loop, log: LogSource, *, trace_interval: int = 1) -> xr.Dataset
     InputError
         With one sentence for each mistake in the log or the arguments.
 
-    See Also
-    --------
-    simulate, read_log
-
     Notes
     -----
     Cai and Braun (2016), section 3.3 and Fig 8.  With ``T_measured`` of a simulation as ``T_sup`` it returns the

@@ -63,10 +63,6 @@ def parameter(
     InputError
         If the default is no finite number within the bounds, or a text is none.
 
-    See Also
-    --------
-    estimator, law : make a rule of a function and its ``Parameters``.
-
     Examples
     --------
     >>> import fastcoil as fc
@@ -247,11 +243,6 @@ def estimator(Parameters: Any, Memory: Any = None) -> Callable[[Any], Rule]:  # 
     InputError
         With one sentence for each mistake in the classes or the function.
 
-    See Also
-    --------
-    parameter : declare a parameter of the rule.
-    law : replace the PI.
-
     Examples
     --------
     >>> import fastcoil as fc
@@ -290,11 +281,6 @@ def law(Parameters: Any, Memory: Any = None) -> Callable[[Any], Rule]:  # noqa: 
     ------
     InputError
         With one sentence for each mistake in the classes or the function.
-
-    See Also
-    --------
-    parameter : declare a parameter of the rule.
-    estimator : replace the estimator.
 
     Examples
     --------
@@ -335,11 +321,6 @@ def plant(Parameters: Any, Memory: Any = None) -> Callable[[Any], Rule]:  # noqa
     ------
     InputError
         With one sentence for each mistake in the classes or the function.
-
-    See Also
-    --------
-    parameter : declare a parameter of the rule.
-    law, estimator : replace the PI, find the backlash.
 
     Examples
     --------

@@ -90,11 +90,6 @@ def run_study(
     LockedError, StorageError, IntegrityError
         If another run writes to ``out``; if it cannot be written; if a file in it is damaged.
 
-    See Also
-    --------
-    open_study : open the results again.
-    simulate : simulate a loop without a folder.
-
     Examples
     --------
     >>> import pathlib, tempfile, fastcoil as fc

@@ -71,10 +71,6 @@ def export_controller(
     StorageError
         If a file cannot be written.
 
-    See Also
-    --------
-    ValveTest, simulate, estimator, law
-
     Examples
     --------
     >>> loop = fc.Loop.preset("lbnl").assign(backlash_estimate=0.05)

@@ -327,10 +327,6 @@ def report(what: Any, path: str | os.PathLike[str] | None = None) -> Path:
     StorageError, IntegrityError
         If a file cannot be read or written; if results are damaged.  No partial file remains.
 
-    See Also
-    --------
-    survey, compare
-
     Examples
     --------
     >>> fc.report(fc.explain(fc.Loop(), fc.constant_day(hours=2)), "loop.html").name

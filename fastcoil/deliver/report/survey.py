@@ -83,10 +83,6 @@ def survey(
     StorageError
         If a folder cannot be read or ``out`` cannot be written; no partial file remains.
 
-    See Also
-    --------
-    diagnose, read_log, report
-
     Examples
     --------
     >>> loops = {"good": fc.Loop.preset("lbnl"), "worn": fc.Loop.preset("lbnl").assign(backlash=0.1, kp=0.04, ti=18)}

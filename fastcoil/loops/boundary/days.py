@@ -73,10 +73,6 @@ def paper_day(hours: float = 8.0, seed: int | Iterable[int] = 1) -> Boundary:
     Boundary
         One day, or several along ``day``.
 
-    See Also
-    --------
-    heating_day, constant_day, design_day
-
     Examples
     --------
     >>> import fastcoil as fc
@@ -148,10 +144,6 @@ def constant_day(
     -------
     Boundary
         A day without a dim ``day``.
-
-    See Also
-    --------
-    paper_day, design_day
 
     Examples
     --------
@@ -244,10 +236,6 @@ def design_day(
     Boundary
         A day without a dim ``day``.
 
-    See Also
-    --------
-    weather_day, heating_day, constant_day
-
     Examples
     --------
     >>> import fastcoil as fc
@@ -302,10 +290,6 @@ def heating_day(hours: float = 8.0, seed: int | Iterable[int] = 1, *, T_w_in: fl
     -------
     Boundary
         One day, or several along ``day``.
-
-    See Also
-    --------
-    paper_day
 
     Examples
     --------

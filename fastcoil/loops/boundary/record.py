@@ -87,10 +87,6 @@ class Boundary(Samples):
     InputError
         With one sentence for each value out of bounds, wrong unit, and length or label that does not fit.
 
-    See Also
-    --------
-    paper_day, constant_day, design_day, heating_day, weather_day, weather_year : ready-made days
-
     Examples
     --------
     >>> import fastcoil as fc

@@ -164,10 +164,6 @@ def weather_year(
     Boundary
         A stream along ``day``.
 
-    See Also
-    --------
-    weather_day, design_day
-
     Examples
     --------
     >>> import fastcoil as fc
@@ -255,10 +251,6 @@ def weather_day(
     -------
     Boundary
         One day, or several along ``day``.
-
-    See Also
-    --------
-    weather_year, design_day
     """
     arguments = dict(locals())
     with argument_checks() as check:

@@ -140,11 +140,6 @@ def answer(results: Any) -> Answer:
     InputError
         For anything but a result, and for results with a label twice.
 
-    See Also
-    --------
-    compare : differences within pairs, with intervals.
-    sobol_indices : which parameters drive the spread.
-
     Examples
     --------
     >>> import fastcoil as fc

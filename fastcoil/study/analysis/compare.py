@@ -185,11 +185,6 @@ def compare(
     InputError
         For a dim, label or metric that ``ds`` does not have, or an argument of the wrong kind.
 
-    See Also
-    --------
-    cost : what the energy of a result costs; costs are compared like metrics.
-    sobol_indices : which parameters drive the spread of a result.
-
     Examples
     --------
     >>> import fastcoil as fc

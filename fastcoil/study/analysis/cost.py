@@ -153,10 +153,6 @@ def cost(
     InputError
         If a price is missing or impossible, or ``ds`` lacks a metric.
 
-    See Also
-    --------
-    compare : paired differences of costs.
-
     Examples
     --------
     >>> import numpy as np, fastcoil as fc

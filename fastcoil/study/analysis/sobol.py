@@ -49,10 +49,6 @@ def sobol_indices(
     InputError
         For a result of another design, correlated parameters, an unknown metric, or failed scenarios.
 
-    See Also
-    --------
-    sample : draw the design in Python.
-
     Examples
     --------
     >>> import fastcoil as fc

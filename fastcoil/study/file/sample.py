@@ -87,11 +87,6 @@ def sample(
     InputError
         With one sentence for each mistake.
 
-    See Also
-    --------
-    sobol_indices : which parameters drive the spread of a result.
-    run_study : run a study file with ``[sample]``.
-
     Examples
     --------
     >>> import fastcoil as fc

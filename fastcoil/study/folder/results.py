@@ -49,11 +49,6 @@ def open_study(folder: str | Path) -> xr.Dataset:
         If the folder holds no study, or no scenario is finished yet.
     StorageError, IntegrityError
         If a file cannot be read; if a file is damaged.
-
-    See Also
-    --------
-    run_study : compute the results.
-    compare, sobol_indices, cost : evaluate them.
     """
     store = StudyFolder(require_path("folder", folder, "give the folder of a study"))
     return store.read_consistently(lambda: _open_folder(store))
