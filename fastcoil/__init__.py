@@ -37,7 +37,6 @@ _MODULE_OF_NAME = {
     "law": "model.user_rules",
     "limit_cycle": "design.limit_cycle",
     "linearise": "design.linearise",
-    "nyquist": "design.limit_cycle",
     "open_study": "study.folder.results",
     "paper_day": "loops.boundary.days",
     "parameter": "model.user_rules",

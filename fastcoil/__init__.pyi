@@ -12,7 +12,6 @@ from fastcoil.deliver.report.results import report as report
 from fastcoil.deliver.report.survey import survey as survey
 from fastcoil.design.explain import explain as explain
 from fastcoil.design.limit_cycle import limit_cycle as limit_cycle
-from fastcoil.design.limit_cycle import nyquist as nyquist
 from fastcoil.design.linearise import linearise as linearise
 from fastcoil.design.to_control import to_control as to_control
 from fastcoil.design.tune import tune as tune

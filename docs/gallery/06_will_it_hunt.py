@@ -20,9 +20,17 @@ m = fc.linearise(loop, day)
 print(f"gain {float(m.gain):.0f} K per stroke, time constant {float(m.lag):.0f} s, dead time {float(m.delay):.0f} s")
 
 # %%
-# The open loop beside -1/N of the gap.  The loop hunts where the two curves meet:
+# The open loop in the complex plane.  The gap turns and shrinks it: the loop hunts where L comes near enough to -1,
+# which is what the hunting index of ``limit_cycle`` measures.
 
-fc.nyquist(loop.assign(ti=[10.0, 30.0]), day)
+L = fc.linearise(loop.assign(ti=[10.0, 30.0]), day, frequency=np.geomspace(3e-3, 0.2, 400))
+values = L.loop_magnitude * np.exp(1j * np.radians(L.loop_phase))
+figure, axes = plt.subplots(figsize=(5, 4), layout="constrained")
+for ti in L.ti.values:
+    axes.plot(values.sel(ti=ti).real, values.sel(ti=ti).imag, label=f"Ti = {ti:g} s")
+axes.plot(-1.0, 0.0, "k+")
+axes.set(xlim=(-2.5, 1.0), ylim=(-2.5, 1.0), aspect="equal", xlabel="real part of L", ylabel="imaginary part of L")
+axes.legend()
 
 # %%
 # The opening against the command: one loop of the curve per swing.  The width of the figure is the

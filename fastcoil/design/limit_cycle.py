@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-import math
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -14,7 +13,6 @@ import xarray as xr
 
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError
-from fastcoil.base.figures import COLOURS, DOTTED_LINE, LINE_STYLES, apply_style, wrap_text
 from fastcoil.design.describing_function import (
     Elements,
     interpolate,
@@ -25,26 +23,24 @@ from fastcoil.design.describing_function import (
     unpredictable_loops,
 )
 from fastcoil.design.linearise import phase_crossover
-from fastcoil.design.operating_points import OperatingPoints, index_chunks, require_pi
+from fastcoil.design.operating_points import OperatingPoints, index_chunks
 from fastcoil.design.plants import (
     Columns,
     Complex,
     Plants,
     floats,
     frequency_response,
-    linearise_plants,
     loop_response,
     stroke_gain,
     unique_columns,
 )
 from fastcoil.loops.boundary import Boundary
-from fastcoil.loops.labels import label_in_words
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.provenance import provenance
 from fastcoil.model.metric_table import HUNTING_SWING_K
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 DescribingFunction = Callable[[Array], Complex]
 """Frequencies, rad/s, of loops and amplitudes → the describing function there."""
@@ -392,93 +388,3 @@ def limit_cycle(loop: Loop, boundary: Boundary, *, at: Any = None) -> xr.Dataset
     ds = points.dataset({name: (values, attrs[name]) for name, values in variables.items()})
     about = {"parameters": json.dumps(points.loop.constants)} | ({"note": note} if note else {})
     return ds.assign_attrs(title="fastcoil limit cycles, predicted", **about, **provenance())
-
-
-_HOW_TO_READ = (
-    "Thick: L. Thin: -1/N. A loop hunts where L reaches -1/N, or nearly. One dot: the cycle. Two dots: the frequency "
-    "at which a loop that does not hunt comes nearest to one."
-)
-
-
-@apply_style()
-def nyquist(loop: Loop, boundary: Boundary, *, at: Any = None) -> Figure:
-    """Draw the open loop L in the complex plane, with -1/N(A) and the distance between the two.
-
-    N(A) is the describing function for an input that swings by A: see ``limit_cycle``.  Up to three loops.
-
-    Parameters
-    ----------
-    loop, boundary, at
-        As for ``linearise``.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Not bound to a window; save it with ``savefig``.
-
-    Raises
-    ------
-    InputError
-        With one sentence for each mistake; for more loops than a figure shows.
-
-    Examples
-    --------
-    >>> figure = fc.nyquist(fc.Loop.preset("lbnl"), fc.constant_day(hours=1))
-    >>> figure.axes[0].get_legend().get_texts()[0].get_text()
-    'hunting index 0.18, does not hunt'
-    """
-    from matplotlib.figure import Figure
-
-    width, reach = 6.5, 3.0  # inches; of the plane to the left and below
-    figure = Figure(figsize=(width, 5.6), layout="constrained")
-    axes = figure.subplots()
-    for draw_axis in (axes.axhline, axes.axvline):
-        draw_axis(0.0, color="black", lw=0.6)
-    turn = np.linspace(0.0, 2.0 * math.pi, 200)
-    axes.plot(np.cos(turn), np.sin(turn), color="black", lw=0.8, ls=DOTTED_LINE)
-    axes.plot(-1.0, 0.0, "+", color="black", ms=9)
-    loops = _labelled_loops(loop, boundary, at)
-    for (words, columns, plant), colour, line in zip(loops, COLOURS, LINE_STYLES, strict=False):
-        # up to the highest frequency that the controller can make
-        w = np.geomspace(1e-6, math.pi / float(columns["sample_time"][0]), 4000)
-        L = loop_response(columns, plant, w)[0]
-        cycles = predict_cycles(columns, plant)
-        hunting_index, hunts = float(cycles.hunting_index[0]), bool(cycles.hunts[0] > 0.0)
-        critical = float(2.0 * math.pi / cycles.period[0] if hunts else cycles.frequency[0])
-        minus_1_over_N = np.empty(0, complex)  # over the amplitude of u
-        if math.isfinite(critical):
-            elements = Elements.from_columns(columns, plant)
-            A = elements.amplitudes(_LARGEST_AMPLITUDE, 400)
-            mean = elements.mean_u(A)
-            N = elements.make_describing_function(A, limiter_gain(A, -mean, 1.0 - mean))(np.array(critical))[0]
-            minus_1_over_N = -1.0 / N[np.abs(N) > 1e-3]
-        answer = f"hunting index {hunting_index:.2g}, {'hunts' if hunts else 'does not hunt'}"
-        is_near = np.abs(L) < 3.0 * reach
-        label = f"{words}{answer if minus_1_over_N.size else 'not predicted'}"
-        axes.plot(L.real[is_near], L.imag[is_near], color=colour, ls=line, label=label)
-        axes.plot(minus_1_over_N.real, minus_1_over_N.imag, color=colour, lw=0.7, label="_-1/N")
-        if hunting_index > 0.0:
-            on_L = complex(np.interp(critical, w, L))  # where the loop hunts, or comes nearest to it
-            pair = np.array([on_L] if hunts else [on_L, on_L / hunting_index])
-            axes.plot(pair.real, pair.imag, color=colour, lw=0.8, ls=DOTTED_LINE, marker="o", ms=3.5)
-    axes.set(xlim=(-reach, 1.2), ylim=(-reach, 1.2), aspect="equal", xlabel="real part", ylabel="imaginary part")
-    axes.legend(loc="upper left", framealpha=0.8, edgecolor="none")
-    axes.set_title(wrap_text(_HOW_TO_READ, 0.75 * width, 9), loc="left")
-    return figure
-
-
-def _labelled_loops(loop: Loop, boundary: Boundary, at: Any) -> Iterator[tuple[str, Columns, Plants]]:
-    """Yield the label of each loop with a colon, its parameters and its plant."""
-    points = OperatingPoints(loop, boundary, at)
-    require_pi(points.loop)
-    if points.size > len(COLOURS):
-        raise InputError(f"{points.size} loops: a figure shows up to {len(COLOURS)}, select some", "loop", "size")
-    index = np.arange(points.size)
-    columns = points.columns(index)
-    plants = linearise_plants(columns, points.conditions(index), points.loop.rules)
-    labelled = points.dataset({})
-    for k, place in enumerate(np.ndindex(*points.sizes.values())):
-        labels = [label_in_words(labelled, dim, i) for dim, i in zip(points.sizes, place, strict=True)]
-        words = ", ".join([*labels, *([] if plants.reachable[k] else ["set-point out of reach"])])
-        loop_columns = {name: values[k : k + 1] for name, values in columns.items()}
-        yield f"{words}: " if words else "", loop_columns, plants.select(index[k : k + 1])

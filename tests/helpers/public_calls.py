@@ -136,7 +136,6 @@ def base_calls(tmp_path_factory, cheap):
         "limit_cycle": (fc.limit_cycle, {"loop": loop, "boundary": day, "at": [10, 20]}),
         "linearise": (fc.linearise, {"loop": loop, "boundary": day, "at": [10, 20], "frequency": [0.01, 0.1]}),
         "to_control": (fc.to_control, {"linearised": stated, "loop": loop}),
-        "nyquist": (fc.nyquist, {"loop": loop, "boundary": day, "at": 10}),
         "open_study": (fc.open_study, {"folder": out}),
         "parameter": (fc.parameter, {"default": 1.0}),
         "paper_day": (fc.paper_day, days),
