@@ -46,7 +46,7 @@ def _by_name(*outputs: Output) -> dict[str, Output]:
 
 # fmt: off
 METRICS = _by_name(
-    Output("rmse", "K", "RMS control error", "sqrt of mean e^2, e = T_sup - T_set, true temperature", difference=True,
+    Output("rmse", "K", "RMS control error", "sqrt of mean e^2, e = T - T_set, T the true supply air, or room where it is controlled", difference=True,
            label="RMS error"),
     Output("rmse_settled", "K", "RMS control error, settled",
            f"as rmse, where {SETTLING_TIME_S} s have passed since the last step of the set-point or start of the "
@@ -59,8 +59,9 @@ METRICS = _by_name(
     Output("hunting_swing", "K", "swing of the supply temperature",
            "median over the settled 20-min blocks of max - min of T_sup - T_set less its 300-s mean", difference=True,
            label="swing, peak to peak"),
-    Output("settled_range", "K", "range of the supply temperature, settled",
-           "mean over settled windows of max - min of T_sup less the moves of the set-point", difference=True,
+    Output("settled_range", "K", "range of the controlled temperature, settled",
+           "mean over settled windows of max - min of T_sup, or T_room where it is controlled, less the moves of the "
+           "set-point", difference=True,
            label="settled range"),
     Output("hunting_period", "s", "period of the swing",
            "mean time between the lower turns of T_sup - T_set less its 300-s mean; NaN without a whole period",

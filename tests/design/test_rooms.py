@@ -1,0 +1,89 @@
+"""Rooms behind the coil: the closed form at a constant supply, theory beside the simulation, and what is refused."""
+
+import numpy as np
+import pytest
+from helpers.refusals import assert_refused
+
+import fastcoil as fc
+
+pytestmark = pytest.mark.kernel
+
+WINTER = {"m_a": 0.1, "T_a_in": 13.0, "W_a_in": 0.007, "T_w_in": 60.0, "T_set": 21.0, "T_out": 2.0, "Q_room": 0.2}
+ROOM = {"room_capacity": 450.0, "room_ua": 0.05}
+
+
+def test_at_a_constant_supply_the_room_is_the_geometric_series_of_its_recursion():
+    day = fc.constant_day(hours=4, **{**WINTER, "T_w_in": 13.0})  # water as warm as the air: T_sup is 13 °C
+    loop = fc.Loop.preset("reheat").assign(T_initial=13.0)
+    T_room = fc.simulate(loop, day, traces=["T_room"], command=np.zeros(14400)).T_room.values
+    C_air = 0.1 * 1.02
+    rest = (C_air * 13.0 + 0.05 * 2.0 + 0.2) / (C_air + 0.05)
+    decay = 1.0 - (C_air + 0.05) / 450.0
+    np.testing.assert_allclose(T_room, rest + (13.0 - rest) * decay ** np.arange(14400), rtol=0.0, atol=1e-9)
+
+
+def test_the_response_of_a_controlled_room_is_that_of_the_emulator_to_a_small_step():
+    day = fc.constant_day(hours=18, **WINTER)
+    loop = fc.Loop.preset("reheat").assign(backlash=0.0, stroke_time=0.0, sensor_time_constant=0.0, sample_time=1)
+    w = np.geomspace(1e-4, 3e-2, 7)
+    linear = fc.linearise(loop, day, frequency=w)
+    opening, change = float(linear.opening), 1e-5
+    command = np.where(np.arange(64800) < 28800, opening, opening + change)  # at rest after 8 h
+    T = fc.simulate(loop.assign(T_initial=21.0), day, traces=["T_room"], command=command).T_room.values
+    changes = np.diff(T[28799:]) / change
+    response = changes @ np.exp(-1j * np.outer(np.arange(1, changes.size + 1), w))
+    np.testing.assert_allclose(np.abs(response) / linear.plant_magnitude, 1.0, atol=5e-4)
+    assert float(linear.T_sup) == pytest.approx(21.0, abs=1e-6)
+
+
+def test_theory_tells_which_gains_make_a_room_hunt():
+    day = fc.constant_day(hours=24, **WINTER)
+    gains = {"kp": ("gains", [0.1, 0.3, 0.1]), "ti": ("gains", [900.0, 300.0, 100.0])}
+    loop = fc.Loop.preset("reheat").assign(backlash=[0.0, 0.07], **gains)
+    simulated = fc.simulate(loop, day, warm_up=43200)
+    np.testing.assert_array_equal(fc.limit_cycle(loop, day).hunts, simulated.hunts)
+    assert set(np.unique(simulated.hunts)) == {0.0, 1.0}
+
+
+def test_explain_names_the_room():
+    loop = fc.Loop.preset("reheat").assign(ti=100.0, backlash=0.07)
+    text = str(fc.explain(loop, fc.constant_day(hours=12, **WINTER)))
+    assert "too fast for the coil and room" in text
+    assert "  coil and room " in text
+
+
+def test_errors_are_those_of_the_room_and_swings_those_of_the_supply_air():
+    day = fc.constant_day(hours=8, **WINTER)
+    loop = fc.Loop.preset("reheat").assign(kp=0.3, ti=300.0, backlash=0.07)
+    ds = fc.simulate(loop, day, traces=["T_room", "T_sup"], warm_up=14400)
+    error = ds.T_room.values[14400:] - 21.0
+    assert float(ds.rmse) == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-9)
+    assert float(ds.settled_range) == pytest.approx(np.ptp(error), rel=1e-9)
+    assert np.ptp(ds.T_sup.values[14400:]) > 5.0 * float(ds.settled_range)
+    assert float(ds.hunting_swing) > float(ds.settled_range)
+    assert ds.reheat_energy.isnull()
+    assert ds.coil_energy > 0.0
+
+
+def test_pressure_takes_the_flow_with_its_root_and_the_opening_with_it():
+    day = fc.constant_day(hours=1, dp_ratio=0.25)
+    linear = fc.linearise(fc.Loop.preset("lbnl").assign(pressure_independent=[0, 1]), day)
+    assert np.ptp(linear.m_w.values) < 1e-9, "the same heat needs the same water"
+    assert np.ptp(linear.opening.values) < 1e-9
+    more = fc.linearise(fc.Loop.preset("lbnl").assign(pressure_independent=[0, 1]), day.assign(dp_ratio=4.0))
+    plain = fc.linearise(fc.Loop.preset("lbnl"), day.assign(dp_ratio=1.0))
+    assert float(more.opening[0]) < float(plain.opening)
+    assert float(more.opening[1]) == pytest.approx(float(plain.opening), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("values", "field", "code"),
+    [({"controlled": "T_room"}, "room_capacity", "missing"), ({"room_ua": 0.1}, "room_capacity", "missing"),
+     (ROOM | {"controlled": "T_room", "test_start": 3600.0}, "test_start", "unsupported"),
+     ({"room_capacity": 0.5}, "room_capacity", "value"),
+     ({"curve": "linear", "rangeability": 50.0, "authority": 0.5, "m_full": 1.0}, "curve", "conflict"),
+     ({"positioner_band": 0.01}, "stroke_time", "missing"),
+     ({"positioner_band": 0.01, "neutral_zone": 0.01, "stroke_time": 60.0}, "neutral_zone", "conflict")],
+)  # fmt: skip
+def test_what_a_loop_does_not_have_is_refused(values, field, code):
+    assert_refused(field, code, fc.simulate, fc.Loop(**values), fc.constant_day(hours=2))
