@@ -46,7 +46,8 @@ def _by_name(*outputs: Output) -> dict[str, Output]:
 
 # fmt: off
 METRICS = _by_name(
-    Output("rmse", "K", "RMS control error", "sqrt of mean e^2, e = T - T_set, T the true supply air, or room where it is controlled", difference=True,
+    Output("rmse", "K", "RMS control error",
+           "sqrt of mean e^2, e = T - T_set, T the true supply air, or room where it is controlled", difference=True,
            label="RMS error"),
     Output("rmse_settled", "K", "RMS control error, settled",
            f"as rmse, where {SETTLING_TIME_S} s have passed since the last step of the set-point or start of the "
