@@ -2,8 +2,8 @@
 A mixing damper with a worn linkage
 ===================================
 
-An economiser mixes outdoor and return air.  Its linkage has play, as a valve's gearbox has, and its flow is steep in the
-middle.  At which outdoor temperature does it hunt?
+An economiser mixes outdoor and return air.  Its linkage has play, as a valve's gearbox has, and its flow is steep in
+the middle.  At which outdoor temperature does it hunt?
 """
 
 import math
