@@ -65,7 +65,7 @@ $(JAX)/.installed: pyproject.toml | $(BIN)/python
 	else echo "JAX could not be installed, see build/jax.log: the benchmarks leave it out"; fi
 
 # writes RESULTS.md for this machine; compares with C if there is a gcc
-BENCH = $(BIN)/python -m pytest benchmarks -q -p no:cacheprovider -o python_files='bench_*.py'
+BENCH = $(BIN)/python -m pytest benchmarks
 .PHONY: bench bench-quick
 bench: $(VENV)/.installed-test $(JAX)/.installed
 	$(BENCH) --benchmark-json=benchmarks/results.json

@@ -8,9 +8,16 @@ from typing import Any
 import pytest
 from suite import QUICK
 
+import fastcoil as fc
 from fastcoil.model.engine.lanes import compile_kernel
+from fastcoil.model.numerics.jit import fingerprint, numeric_environment
 
 Timed = Callable[..., Any]
+
+
+def pytest_benchmark_update_machine_info(config: pytest.Config, machine_info: dict[str, Any]) -> None:
+    """Store with every result the version, the kernel, and what its bits and times depend on."""
+    machine_info["fastcoil"] = {"version": fc.__version__, "kernel": fingerprint(), **numeric_environment()}
 
 
 @pytest.fixture(scope="session", autouse=True)
