@@ -28,7 +28,7 @@ SPAN = re.compile(r"`([^`\n]+)`")
 PATH = re.compile(r"`((?:docs|studies|benchmarks|fastcoil|tests)/[\w./-]+)`")
 SCRIPTS = {"logs.py", "controller.py"}
 """Scripts that the reader makes, or that a command of the page writes."""
-TOOLS = {"pip", "dask", "."}
+TOOLS = {"pytest", "pip", "dask", "."}
 LONG_COMMANDS = [["fit", "coil"], ["tune", "ahu.toml"]]
 """Commands that take seconds: `make test` runs a page up to them, `make test-full` to its end."""
 HEAVY_IMPORT = "import arviz"
