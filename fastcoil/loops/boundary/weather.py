@@ -102,8 +102,6 @@ def weather_year(
     set_point: Literal["fixed", "outdoor_reset", "trim_and_respond"] | None = None, T_set: float | None = None,
     T_set_min: float | None = None, T_set_max: float | None = None,
     T_out_min: float | None = None, T_out_max: float | None = None,
-    trim: float | None = None, respond: float | None = None, respond_max: float | None = None,
-    ignored_requests: int | None = None, trim_delay: int | None = None, trim_interval: int | None = None,
     water: Literal["fixed", "load", "outdoor"] = "fixed", T_w_in: float | None = None,
     T_w_min: float | None = None, T_w_max: float | None = None,
     T_out_w_min: float | None = None, T_out_w_max: float | None = None,
@@ -153,11 +151,6 @@ def weather_year(
         ``fixed`` (``T_set``), ``outdoor_reset`` (``T_set_max`` up to the outdoor temperature ``T_out_min``,
         ``T_set_min`` from ``T_out_max`` on, straight between) or ``trim_and_respond`` (the same, its ``T_set_max``
         lowered by requests of the zones; cooling only).  Temperatures [degC].
-    trim, respond, respond_max
-        Steps of trim and respond [K]: 0.1 up each time, 0.2 down for each request that counts, 0.6 down at most.
-    ignored_requests, trim_delay, trim_interval
-        Requests that do not count, 2; seconds from the start of the fan to the first step, 600, and from step to step,
-        120.
     water, T_w_in, T_w_min, T_w_max, T_out_w_min, T_out_w_max
         Entering water: ``fixed`` (``T_w_in``), ``load`` (from ``T_w_max`` without load to ``T_w_min`` at full load; in
         heating the other way round) or ``outdoor`` (``T_w_max`` up to the outdoor temperature ``T_out_w_min``,
