@@ -76,7 +76,7 @@ def run(
     def print_results(finished: FinishedStudy) -> None:
         if not finished.is_new:
             echo(f"{folder} holds this study, finished: nothing to do.")
-        echo(*summary(finished.results, spec.billing))
+        echo(*summary(finished.results))
         echo(f"Results: {folder / RESULTS_FILE}")
         if figures:
             for path in draw_standard_figures(folder, finished.results):
