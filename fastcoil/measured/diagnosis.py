@@ -281,17 +281,11 @@ class ValveReading(Result):
         """Return the backlash as TOML; write it to ``path`` if given.
 
         For ``include`` in the ``[loop]`` of a study file: ``[loop]`` has the backlash if it is identified, and nothing
-        else; ``[fit]`` is for readers, its posterior also for ``fit`` in the ``[sample]`` of a study file.
+        else; ``[fit]`` is for readers.
         """
-        posterior: list[str] = []
-        if self.identified:
-            likely = np.flatnonzero(self.profile["probability"].values > 1e-6)
-            likely_sizes = self.profile.isel(backlash=slice(likely[0], likely[-1] + 1))
-            columns = {name: likely_sizes[name].values.tolist() for name in ("backlash", "probability")}
-            posterior = toml_table("fit.posterior", columns)
         names = ("gain", "lag", "dead_time", "held_swing", "held_for", "minutes")
         numbers = {name: getattr(self, name) for name in names}
-        return _gap_as_toml(self, "valve-test", "valve test", {}, numbers, posterior, path)
+        return _gap_as_toml(self, "valve-test", "valve test", {}, numbers, [], path)
 
 
 class GainAdvice(NamedTuple):

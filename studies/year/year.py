@@ -22,6 +22,8 @@ CONTROLLER_LABELS = {"pi": "plain PI", "hagglund": "Hägglund", "identify": "ide
 LEAST_ERROR = 0.01
 """Fraction of stroke by which an estimate may always be wrong, and the rise of an error that counts as harm."""
 LAST_QUARTER = 91  # days at the end of the year that are counted apart
+TARIFF = {"electricity": 0.13, "demand": 15.0, "heat": 0.05}
+"""USD per kWh of electricity, per kW of the highest 15-min mean of a month, per kWh of reheat."""
 COST_PARTS = {"coil": "coil_cost", "demand": "demand_cost", "reheat": "reheat_cost", "recooling": "recool_cost"}
 
 
@@ -32,7 +34,7 @@ def format_money(summary: MedianSummary) -> str:
 
 def cost_rows(ds: xr.Dataset) -> list[list[str]]:
     """What each valve and controller costs more than the sound valve under plain PI, a year."""
-    costs = fc.cost(ds)
+    costs = fc.cost(ds, **TARIFF)
     base = costs.sel(valve=SOUND, controller=PI, drop=True)
     rows = []
     for valve in costs["valve"].values:
@@ -114,7 +116,7 @@ def estimate_rows(ds: xr.Dataset) -> list[list[str]]:
 @apply_style()
 def draw_figure(ds: xr.Dataset) -> None:
     """Draw gap and estimate over the year, and what the gap costs by month."""
-    costs = fc.cost(ds)
+    costs = fc.cost(ds, **TARIFF)
     valves = [v for v in ds["valve"].values if v != SOUND]
     fig, axes = plt.subplots(2, len(valves), figsize=(7.2, 4.6), sharey="row", layout="constrained")
     start = ds["start"].values

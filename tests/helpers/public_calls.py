@@ -155,7 +155,7 @@ def base_calls(tmp_path_factory, cheap):
         "survey": (fc.survey, {"logs": {"valve": hunting}, "n_jobs": 1}),
         "time_quantiles": (fc.time_quantiles, {"times": ds.rmse, "over": "replicate"}),
         "tune": (fc.tune, tuning),
-        "weather_day": (fc.weather_day, {"path": weather, "start_hour": 2, **plant, **days}),
+        "weather_day": (fc.weather_day, {"path": weather, "days": 1, "hour": 2, **plant, **days}),
         "weather_year": (fc.weather_year, {"path": weather, "year": 2023, "T_design": 30.0}),
     }
 

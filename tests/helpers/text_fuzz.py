@@ -190,7 +190,7 @@ def main(seed: int, count: int, folder: Path) -> None:
     study, csv = folder / "damaged.toml", folder / "damaged.csv"
 
     def weather() -> object:
-        return weather_day(csv, **of_day, hours=2, start_hour=3)
+        return weather_day(csv, **of_day, hours=2, days=1, hour=3)
 
     kinds: list[tuple[str, str, Path, Callable[[], Any]]] = [
         *((f"study {k}", text, study, partial(read_study, study)) for k, text in enumerate(STUDIES)),

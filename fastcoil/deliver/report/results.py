@@ -8,7 +8,6 @@ intervals over drawn valves or days, where the study has several; swept values a
 import math
 import os
 import shlex
-import tomllib
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -34,8 +33,7 @@ from fastcoil.study.analysis.choices import describe_place
 from fastcoil.study.analysis.compare import mask_off_days
 from fastcoil.study.analysis.paired import paired_change, summarise_median
 from fastcoil.study.analysis.selected import mask_dataset, reduction_metrics, swept_dims
-from fastcoil.study.analysis.summary import cautions, findings
-from fastcoil.study.file.spec import parse_billing
+from fastcoil.study.analysis.summary import cautions
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.results import open_finished
 
@@ -138,7 +136,7 @@ def metrics_table(ds: xr.Dataset) -> page.Table:
 def study_page(folder: Path) -> page.Page:
     """Return the report of the finished study in a folder; errors are those of ``open_finished``."""
     ds = open_finished(folder)
-    tariff, warnings = tomllib.loads(ds.attrs["study_toml"]).get("tariff"), []
+    warnings = []
     counts = Counter(ds["status"].values[ds["status"].values != STATUS_OK].tolist())
     n_failed = counts.total()
     if n_failed:
@@ -150,7 +148,7 @@ def study_page(folder: Path) -> page.Page:
     answer = ["Every scenario failed: there is no answer."]
     if n_failed < ds["status"].size:
         warnings += cautions(ds)
-        answer = findings(ds, None if tariff is None else parse_billing(tariff, None))
+        answer = find_answer(ds).summary()
         numbers = [metrics_table(ds)] if ds["status"].size == 1 else comparison_tables(ds)
         sections += [page.Section("Figures", _make_pictures(ds, title)), page.Section("In numbers", numbers)]
     sections += [page.method_section(ds), page.versions_section(ds.attrs)]

@@ -29,17 +29,13 @@ Settings: TypeAlias = SimpleNamespace
 """Settings of the air handler; names and units as the arguments of `weather_year`."""
 DAY_SECONDS = 86_400
 _READ_WITH_RESET = ("set_point", "outdoor_reset", "trim_and_respond")
-_READ_WITH_TRIM = ("set_point", "trim_and_respond")
 _MODE_DEFAULTS: dict[str, tuple[Any, Any, Any]] = {
     "economiser": ("differential", "none", None), "economiser_limit": (24.0, 24.0, ("economiser", "fixed")),
     "T_return": (24.0, 21.0, None), "RH_return": (0.5, 0.3, None), "T_balance": (12.0, 15.0, None),
     "internal_load": (0.5, 0.0, None), "set_point": ("outdoor_reset", "outdoor_reset", None),
     "T_set": (13.0, 25.0, ("set_point", "fixed")), "T_set_min": (13.0, 18.0, _READ_WITH_RESET),
     "T_set_max": (18.0, 30.0, _READ_WITH_RESET), "T_out_min": (16.0, -10.0, _READ_WITH_RESET),
-    "T_out_max": (21.0, 15.0, _READ_WITH_RESET), "trim": (0.1, 0.1, _READ_WITH_TRIM),
-    "respond": (0.2, 0.2, _READ_WITH_TRIM), "respond_max": (0.6, 0.6, _READ_WITH_TRIM),
-    "ignored_requests": (2, 2, _READ_WITH_TRIM), "trim_delay": (600, 600, _READ_WITH_TRIM),
-    "trim_interval": (120, 120, _READ_WITH_TRIM), "T_w_in": (7.0, 60.0, ("water", "fixed")),
+    "T_out_max": (21.0, 15.0, _READ_WITH_RESET), "T_w_in": (7.0, 60.0, ("water", "fixed")),
     "T_w_min": (7.0, 40.0, ("water", "load", "outdoor")), "T_w_max": (12.0, 60.0, ("water", "load", "outdoor")),
     "T_out_w_min": (16.0, -7.0, ("water", "outdoor")), "T_out_w_max": (27.0, 10.0, ("water", "outdoor")),
 }  # fmt: skip
@@ -50,10 +46,7 @@ CHOICES = {
     "economiser": ("differential", "fixed", "none"), "set_point": ("fixed", "outdoor_reset", "trim_and_respond"),
     "water": ("fixed", "load", "outdoor"),
 }  # fmt: skip
-_WHOLE_NUMBER_BOUNDS = {
-    "zones": (1, 1000), "ignored_requests": (0, 3000), "trim_delay": (0, 86_400), "trim_interval": (1, 86_400),
-    "seed": (0, 2**32 - 1),
-}  # fmt: skip
+_WHOLE_NUMBER_BOUNDS = {"zones": (1, 1000), "seed": (0, 2**32 - 1)}
 _ORDERED_PAIRS = (
     ("m_a_min", "m_a_design"), ("outdoor_air_min", "m_a_design"), ("T_set_min", "T_set_max"),
     ("T_out_min", "T_out_max"), ("T_w_min", "T_w_max"), ("T_out_w_min", "T_out_w_max"),
@@ -111,8 +104,7 @@ def check_settings(arguments: Mapping[str, Any]) -> dict[str, Any]:
             is_left_out = arguments[name] is None and (name in DEFAULTS["cooling"] or name == "T_design")
             settings[name] = None if is_left_out else check(require_condition, name, arguments[name])
         for name, bounds in _WHOLE_NUMBER_BOUNDS.items():
-            check_whole = check.unless_none if name in DEFAULTS["cooling"] else check
-            settings[name] = check_whole(require_integer, name, arguments[name], *bounds)
+            settings[name] = check(require_integer, name, arguments[name], *bounds)
     given_names = {name for name, value in settings.items() if value is not None}
     settings |= {name: value for name, value in DEFAULTS[mode].items() if name not in given_names}
     settings["mode"] = mode
@@ -215,11 +207,12 @@ def set_point_series(s: Settings, T_out: Array, loads: Array, begin: int, end: i
         return np.full(DAY_SECONDS, s.T_set)
     top: Array | float = s.T_set_max
     if s.set_point == "trim_and_respond" and end > begin:
-        step_seconds = np.arange(begin, end, s.trim_interval)
+        step_seconds = np.arange(begin, end, TRIM_INTERVAL_S)
         limits = request_limits(loads[step_seconds // ZONE_STEP_S], s.T_return, s.T_set_min)
-        steps = trim_and_respond(s, reset_line(T_out[step_seconds], s.T_out_min, s.T_out_max, 0.0, 1.0), limits)
+        reset_shares = reset_line(T_out[step_seconds], s.T_out_min, s.T_out_max, 0.0, 1.0)
+        steps = trim_and_respond(s.T_set_min, s.T_set_max, reset_shares, limits)
         top = np.full(DAY_SECONDS, s.T_set_max)
-        top[begin:end] = np.repeat(steps, s.trim_interval)[: end - begin]
+        top[begin:end] = np.repeat(steps, TRIM_INTERVAL_S)[: end - begin]
     return reset_line(T_out, s.T_out_min, s.T_out_max, top, s.T_set_min)
 
 
@@ -340,23 +333,25 @@ def reset_line(T_out: Array, T_out_min: float, T_out_max: float, at_min: Array |
     return np.asarray(at_min + np.clip((T_out - T_out_min) / (T_out_max - T_out_min), 0.0, 1.0) * (at_max - at_min))
 
 
-def trim_and_respond(s: Settings, share: Array, limits: Array) -> Array:
-    """Upper end of the reset line at each time step, (n_times,): starts at ``T_set_max``, lowered by requests.
+TRIM_DELAY_S, TRIM_INTERVAL_S = 600, 120  # from the start of the fan to the first step, and from step to step
+TRIM_K, RESPOND_K, RESPOND_MAX_K = 0.1, 0.2, 0.6  # up each time; down for each request that counts, and at most
+IGNORED_REQUESTS = 2  # which do not count
 
-    From ``trim_delay`` after the start, each step raises the value by ``trim`` and lowers it by ``respond`` for each
-    request beyond ``ignored_requests``, at most by ``respond_max``.  share: position of the outdoor temperature on the
-    reset line, (n_times,).  limits: see `request_limits`, at each step.
+
+def trim_and_respond(low: float, high: float, share: Array, limits: Array) -> Array:
+    """Upper end of the reset line at each time step, (n_times,): starts at ``high``, lowered by requests to ``low``.
+
+    share: position of the outdoor temperature on the reset line, (n_times,).  limits: see `request_limits`, at each
+    step.
     """
-    low, high = s.T_set_min, s.T_set_max
     value, values = high, np.empty(share.size)
     is_requesting = np.zeros(limits.shape[2], dtype=bool)
-    first_step = -(-s.trim_delay // s.trim_interval)
     for k, reset_share in enumerate(share.tolist()):
         is_above = value + reset_share * (low - value) > limits[k]
         is_requesting = is_above[0] | (is_requesting & is_above[1])
-        if k >= first_step:
+        if k * TRIM_INTERVAL_S >= TRIM_DELAY_S:
             n_requests = int(np.count_nonzero(is_requesting) + np.count_nonzero(is_above[2:]))
-            response = min(s.respond * max(n_requests - s.ignored_requests, 0), s.respond_max)
-            value = min(max(value + s.trim - response, low), high)
+            response = min(RESPOND_K * max(n_requests - IGNORED_REQUESTS, 0), RESPOND_MAX_K)
+            value = min(max(value + TRIM_K - response, low), high)
         values[k] = value
     return values

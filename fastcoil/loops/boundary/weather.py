@@ -13,25 +13,31 @@ from collections.abc import Mapping, Sequence
 from datetime import date, datetime, timedelta
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
-from fastcoil.base.arguments import argument_checks, require_integer, require_number, require_path, require_text
-from fastcoil.base.arrays import Array
+from fastcoil.base.arguments import (
+    argument_checks,
+    is_number,
+    require_integer,
+    require_number,
+    require_path,
+    require_text,
+)
 from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.logs.columns import require_name_mappings
 from fastcoil.logs.plausibility import find_supersaturation
 from fastcoil.loops.boundary.air_handler import check_settings, make_day_series, make_outdoors, make_settings
 from fastcoil.loops.boundary.record import Boundary
 from fastcoil.loops.boundary.series import Values, days_of_year, hours_to_seconds, require_condition, require_items
-from fastcoil.loops.boundary.weather_files import MAX_DATE_GAP_H, read_weather, warn_of_interpolation
+from fastcoil.loops.boundary.weather_files import read_weather, warn_of_interpolation
 from fastcoil.model.moist_air import humidity_ratio, mix
 
+_MAX_DATE_GAP_H = 48.0  # from a date to its hour of the year, in years with and without 29 February
 
-def _require_leap_year(year: int, s: Mapping[str, Array], file: str) -> None:
-    has_date = {"month", "day"} <= s.keys() and ((s["month"] == 2) & (s["day"] == 29)).any()
-    is_leap = bool(has_date or s["hour_of_year"][-1] > 8760)
+
+def _require_leap_year(year: int, is_leap: bool, file: str) -> None:
     if isleap(year) != is_leap:
         has, right_year = ("a", "a leap year") if is_leap else ("no", "a year that is not a leap year")
         raise InputError(f"year = {year}: {file} has {has} 29 February, give {right_year}", "year", "conflict")
@@ -96,8 +102,6 @@ def weather_year(
     set_point: Literal["fixed", "outdoor_reset", "trim_and_respond"] | None = None, T_set: float | None = None,
     T_set_min: float | None = None, T_set_max: float | None = None,
     T_out_min: float | None = None, T_out_max: float | None = None,
-    trim: float | None = None, respond: float | None = None, respond_max: float | None = None,
-    ignored_requests: int | None = None, trim_delay: int | None = None, trim_interval: int | None = None,
     water: Literal["fixed", "load", "outdoor"] = "fixed", T_w_in: float | None = None,
     T_w_min: float | None = None, T_w_max: float | None = None,
     T_out_w_min: float | None = None, T_out_w_max: float | None = None,
@@ -147,11 +151,6 @@ def weather_year(
         ``fixed`` (``T_set``), ``outdoor_reset`` (``T_set_max`` up to the outdoor temperature ``T_out_min``,
         ``T_set_min`` from ``T_out_max`` on, straight between) or ``trim_and_respond`` (the same, its ``T_set_max``
         lowered by requests of the zones; cooling only).  Temperatures [degC].
-    trim, respond, respond_max
-        Steps of trim and respond [K]: 0.1 up each time, 0.2 down for each request that counts, 0.6 down at most.
-    ignored_requests, trim_delay, trim_interval
-        Requests that do not count, 2; seconds from the start of the fan to the first step, 600, and from step to step,
-        120.
     water, T_w_in, T_w_min, T_w_max, T_out_w_min, T_out_w_max
         Entering water: ``fixed`` (``T_w_in``), ``load`` (from ``T_w_max`` without load to ``T_w_min`` at full load; in
         heating the other way round) or ``outdoor`` (``T_w_max`` up to the outdoor temperature ``T_out_w_min``,
@@ -192,7 +191,7 @@ def weather_year(
             check.problems.append(Problem(sentence, "days", "conflict"))
     weather = read_weather(path, columns, units, pressure)
     outdoors = make_outdoors(weather, pressure, path.name)
-    _require_leap_year(year, weather.series, path.name)
+    _require_leap_year(year, weather.is_leap, path.name)
     if labels is None:
         labels = _labels_between(first, last, outdoors.days, year) if first or last else list(outdoors.days)
     dates = _dates_of_labels(labels, year)
@@ -206,22 +205,22 @@ def weather_year(
     }
     settings = make_settings(chosen, outdoors, fan, path.name)
     if settings.disturbances == 0.0:
-        warn_of_interpolation(weather)
+        warn_of_interpolation()
     make, start = partial(make_day_series, settings, outdoors), [day.isoformat() for day in dates]
     return Boundary.from_days(make, day=labels, hours=24, start=start, time_zone=weather.time_zone)
 
 
 def weather_day(
-    path: str | Path, *, m_a: Values, T_w_in: Values, T_set: Values, outdoor_fraction: float, T_return: float,
-    RH_return: float | None = None, W_return: float | None = None, hours: float = 8.0, start_hour: int | None = None,
-    month: int | None = None, day: int | None = None, hour: int | None = None, days: Sequence[int] | None = None,
-    pressure: float | None = None, columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None,
+    path: str | Path, *, days: int | Sequence[int], hour: int, m_a: Values, T_w_in: Values, T_set: Values,
+    outdoor_fraction: float, T_return: float, RH_return: float | None = None, W_return: float | None = None,
+    hours: float = 8.0, pressure: float | None = None, columns: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
 ) -> Boundary:  # fmt: skip
     """Return days of hourly weather, mixed with return air, as the air that enters the coil.
 
     The file is an EnergyPlus weather file (EPW), a TMY3 file or any CSV file, recognised by its content.  A row gives
-    the values at the full hour it names (hour 1 is 01:00, in the standard time of the site; of several rows an hour,
-    the last one), with straight lines between rows; a warning says what these cannot show.  The humidity comes from the
+    the values at the full hour it names (hour 1 is 01:00, in the standard time of the site), with straight lines
+    between rows; a warning says what these cannot show.  The humidity comes from the
     dew point if the file has one, else from the relative humidity.  The mixture keeps dry air, water and enthalpy.  The
     years in EPW and TMY3 files, which change from month to month, are ignored; the days start at their dates, in the
     time zone of the file.
@@ -231,6 +230,8 @@ def weather_day(
     path
         The file.  EPW and TMY3 files are read as they are distributed; a value that is needed and marked as missing is
         refused.
+    days, hour
+        Day of the year, from 1, or several: a dim ``day`` with those labels; hour of the day at which they begin.
     m_a, T_w_in, T_set
         Air flow [kg/s], entering water [degC] and set-point [degC]: numbers or series of 1-s samples.
     outdoor_fraction
@@ -239,9 +240,6 @@ def weather_day(
         Return air: temperature [degC], and relative humidity [1] or humidity ratio [kg/kg].
     hours
         Length of the day [h].
-    start_hour
-        First hour as an hour of the year, from 1.  Or give ``month``, ``day`` and ``hour`` as in the file.  Or
-        ``days``, several days of the year from 1, and ``hour``: a dim ``day`` with those labels.
     pressure
         Barometric pressure [Pa]; by default that of the file, or 101325 if it has none.
     columns, units
@@ -252,20 +250,17 @@ def weather_day(
     Boundary
         One day, or several along ``day``.
     """
-    arguments = dict(locals())
     with argument_checks() as check:
         path = check(require_path, "path", path, "give the path of an EPW, TMY3 or CSV file")
+        labels = check(days_of_year, "days", [days] if is_number(days) else days)
+        hour = check(require_integer, "hour", hour, 0, 24)
         n_steps = check(hours_to_seconds, hours)
         outdoor_fraction = check(require_condition, "outdoor_fraction", outdoor_fraction)
         T_return = check(require_condition, "T_return", T_return)
         RH_return = check.unless_none(require_condition, "RH_return", RH_return)
         W_return = check.unless_none(require_condition, "W_return", W_return)
         pressure = check.unless_none(require_condition, "pressure", pressure)
-        bounds = {"start_hour": (1, 8784), "month": (1, 12), "day": (1, 31), "hour": (0, 24)}
-        date: dict[str, Any]
-        date = {n: check.unless_none(require_integer, n, arguments[n], *ends) for n, ends in bounds.items()}
         check(require_name_mappings, columns=columns, units=units)
-        date["days"] = check.unless_none(days_of_year, "days", days)
     if (RH_return is None) == (W_return is None):
         code = "missing" if W_return is None else "conflict"
         raise InputError("RH_return and W_return: give one of them", "RH_return", code)
@@ -276,13 +271,13 @@ def weather_day(
     weather = file.series
     p = file.pressure(pressure)
     W_hourly = file.humidity(p)
-    starts = _start_hours(weather, path.name, date)
+    starts = np.array([24 * (label - 1) + hour for label in labels], dtype=np.float64)
     low, high = weather["hour_of_year"][[0, -1]]
     for start in starts:
         end = start + (n_steps - 1) / 3600
         if start < low or end > high:
             sentence = f"{path.name} holds hours of the year {low:g} to {high:g}, not {start:g} to {end:g}"
-            raise InputError(f"{sentence}: start elsewhere, or take fewer hours", "hours", "data")
+            raise InputError(f"{sentence}: take other days, or fewer hours", "days", "data")
     sample_hours = np.add.outer(starts, np.arange(n_steps) / 3600)
     T_out, W_out, p_out = (
         np.interp(sample_hours, weather["hour_of_year"], np.broadcast_to(hourly, W_hourly.shape))
@@ -290,39 +285,16 @@ def weather_day(
     )
     W_back: Values = W_return if RH_return is None else humidity_ratio(T_return, RH_return, p_out)
     T_a_in, W_a_in = mix(outdoor_fraction, T_out, W_out, T_return, W_back)
-    warn_of_interpolation(file)
-    rows = slice(None) if days is not None else 0
+    warn_of_interpolation()
+    rows = 0 if is_number(days) else slice(None)
     start_times = file.dates_at(starts)
     boundary = Boundary(
-        m_a=m_a, T_a_in=T_a_in[rows], W_a_in=W_a_in[rows], T_w_in=T_w_in, T_set=T_set, day=date["days"],
+        m_a=m_a, T_a_in=T_a_in[rows], W_a_in=W_a_in[rows], T_w_in=T_w_in, T_set=T_set, day=days,
         start=None if start_times is None else start_times[rows], time_zone=file.time_zone,
     )  # fmt: skip
     if start_times is None and boundary.start is not None:  # of a series that has dates
         date_gaps = np.abs((boundary.start - boundary.start.astype("datetime64[Y]")) / np.timedelta64(1, "h") - starts)
-        if (np.minimum(date_gaps, 8760.0 - date_gaps) > MAX_DATE_GAP_H).any():
+        if (np.minimum(date_gaps, 8760.0 - date_gaps) > _MAX_DATE_GAP_H).any():
             sentence = f"the series begin at {boundary.start[0]}, the weather at hour {starts[0]:g} of the year"
-            raise InputError(f"{sentence}: take one date, or give bare arrays", "start_hour", "time")
+            raise InputError(f"{sentence}: take one date, or give bare arrays", "days", "time")
     return boundary
-
-
-def _start_hours(weather: Mapping[str, Array], file: str, date: Mapping[str, Any]) -> Array:
-    """Return the hours of the year at which the days start, (n_days,)."""
-    given_names = [name for name, value in date.items() if value is not None]
-    if given_names == ["start_hour"]:
-        return np.array([date["start_hour"]], dtype=np.float64)
-    if given_names == ["hour", "days"]:
-        return np.array([24 * (day - 1) + date["hour"] for day in date["days"]], dtype=np.float64)
-    date_in_row = {name: date[name] for name in ("month", "day", "hour")}
-    if given_names != [*date_in_row]:
-        sentence = f"the start is given by {' and '.join(given_names) or 'nothing'}"
-        cure = "give start_hour, or month, day and hour, or days and hour"
-        raise InputError(f"{sentence}: {cure}", "start_hour", "conflict" if given_names else "missing")
-    if absent := [name for name in date_in_row if name not in weather]:
-        sentence = f"{file} has no column {', '.join(absent)}: name it, or give start_hour"
-        raise InputError(sentence, absent[0], "missing")
-    rows = np.flatnonzero(np.all([weather[name] == value for name, value in date_in_row.items()], axis=0))
-    if rows.size != 1:
-        date_text = ", ".join(f"{name} {value}" for name, value in date_in_row.items())
-        sentence = f"{file} has {rows.size} rows for {date_text}: give one of the file's own dates"
-        raise InputError(sentence, "day", "data")
-    return weather["hour_of_year"][rows]

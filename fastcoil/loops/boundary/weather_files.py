@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.base.arrays import Array
+from fastcoil.base.arrays import Array, Index
 from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.base.files import read_text
 from fastcoil.logs import warn_of_reading_notes
@@ -25,19 +25,15 @@ from fastcoil.logs.readings import read_numbers
 from fastcoil.logs.series import DIMENSIONLESS, FRACTION, PRESSURE, TEMPERATURE, Series, count_suffix, format_count
 from fastcoil.logs.table import Table
 from fastcoil.logs.timestamps import format_utc_offset
-from fastcoil.loops.boundary.series import YEAR_RANGE, Times
+from fastcoil.loops.boundary.series import DATETIME_SECONDS, YEAR_RANGE, Times
 from fastcoil.model.moist_air import humidity_ratio, humidity_ratio_from_dew_point
 
-MAX_DATE_GAP_H = 48.0  # from noon of a date to its hour of the year, in years with and without 29 February
-_MAX_FILE_BYTES = 2**28  # a year by minutes has half as many
+_MAX_FILE_BYTES = 2**26  # a year has 2 MB
 
 WEATHER_COLUMNS = {
     series.name: (series, header, unit)
     for series, header, unit in (
         (Series("hour_of_year", "hour of the year", DIMENSIONLESS, 1, 8784, whole=True), "hour_of_year", "1"),
-        (Series("month", "month", DIMENSIONLESS, 1, 12, whole=True), "month", "1"),
-        (Series("day", "day of the month", DIMENSIONLESS, 1, 31, whole=True), "day", "1"),
-        (Series("hour", "hour of the day", DIMENSIONLESS, 0, 24, whole=True), "hour", "1"),
         (Series("T_drybulb", "outdoor temperature", TEMPERATURE, -70.0, 70.0), "T_drybulb_C", "degC"),
         (Series("T_dewpoint", "outdoor dew point", TEMPERATURE, -70.0, 70.0), "T_dewpoint_C", "degC"),
         (Series("RH", "outdoor relative humidity", FRACTION, 0.0, 1.0), "RH_pct", "percent"),
@@ -50,14 +46,15 @@ WEATHER_COLUMNS = {
 class Weather(NamedTuple):
     """Content of a weather file.
 
-    series: by the names of `WEATHER_COLUMNS`, in our units, each (n_rows,); also ``year`` if all rows have one.
-    minutes: from row to row.  notes: how it was read.  time_zone: standard time such as ``UTC-08:00``; blank if the
-    file does not say.
+    series: by the names of `WEATHER_COLUMNS`, in our units, each (n_rows,).  notes: how it was read.  is_leap: whether
+    it has a 29 February.  dates: date and time at which each row holds, (n_rows,); None if the rows name no years.
+    time_zone: standard time such as ``UTC-08:00``; blank if the file does not say.
     """
 
     series: dict[str, Array]
-    minutes: int
     notes: list[str]
+    is_leap: bool
+    dates: Times | None = None
     time_zone: str = ""
 
     def pressure(self, pressure: float | None) -> Array | float:
@@ -72,18 +69,7 @@ class Weather(NamedTuple):
 
     def dates_at(self, hours: Array) -> Times | None:
         """Date and time at hours of the year at which there are rows, (n,); None if the rows name no years."""
-        s = self.series
-        if "year" not in s:
-            return None
-        rows = np.searchsorted(s["hour_of_year"], hours)
-        # hour 24 ends a day: the next one begins, with the year, month and day of the row after it
-        next_rows = np.minimum(rows + 1, s["hour_of_year"].size - 1)
-        begins = (s["hour"][rows] == 24.0) & (next_rows > rows)
-        date_rows = np.where(begins, next_rows, rows)
-        year, month, day = (s[name][date_rows].astype(np.int64) for name in ("year", "month", "day"))
-        seconds = np.rint(3600.0 * np.where(begins, 0.0, s["hour"][rows])).astype(np.int64)
-        months = (12 * (year - 1970) + month - 1).astype("datetime64[M]")
-        return np.asarray(months.astype("datetime64[s]") + (86400 * (day - 1) + seconds).astype("timedelta64[s]"))
+        return None if self.dates is None else self.dates[np.searchsorted(self.series["hour_of_year"], hours)]
 
 
 def read_weather(
@@ -108,11 +94,9 @@ def read_weather(
     return weather
 
 
-def warn_of_interpolation(weather: Weather) -> None:
+def warn_of_interpolation() -> None:
     """Warn of what straight lines between the rows cannot show."""
-    m = weather.minutes
-    often, step = ("hourly", "an hour") if m == 60 else (f"{m}-min", f"{m} min")
-    sentence = f"{often} weather is interpolated to 1 s: it says nothing about disturbances faster than {step}"
+    sentence = "hourly weather is interpolated to 1 s: it says nothing about disturbances faster than an hour"
     warnings.warn(sentence, UserWarning, stacklevel=3)
 
 
@@ -145,16 +129,8 @@ def _read_csv(path: Path, columns: Mapping[str, str] | None, units: Mapping[str,
     if weather["hour_of_year"][jump + 1] != weather["hour_of_year"][jump] + 1.0:
         sentence = f"hour_of_year does not rise by 1 from row {table.row_numbers[jump]} to the next: give every hour"
         table.problems.append(Problem(sentence, "hour_of_year", "time"))
-    if {"month", "day"} <= weather.keys() and not table.problems:
-        days_before = np.cumsum(_DAYS_PER_MONTH) - _DAYS_PER_MONTH
-        noon = 24.0 * (days_before[weather["month"].astype(np.int64) - 1] + weather["day"] - 0.5)
-        is_far = np.abs(noon - weather["hour_of_year"]) > MAX_DATE_GAP_H
-        if is_far.any():
-            row = table.row_numbers[int(np.argmax(is_far))]
-            sentence = f"month and day in row {row} are not those of hour_of_year there: fix one of them"
-            table.problems.append(Problem(sentence, "month", "conflict"))
     _require_plausible(table, weather)
-    return Weather(weather, 60, table.notes)
+    return Weather(weather, table.notes, is_leap=bool(weather["hour_of_year"][-1] > 8760))
 
 
 def _require_plausible(table: Table, series: Mapping[str, Array]) -> None:
@@ -195,13 +171,13 @@ class FileLayout(NamedTuple):
 
     format: str
     n_header_lines: int
-    per_hour: int
     date: Sequence[int]
     clock: str
     fields: Mapping[str, Field]
     time_zone: str
 
 
+_EPW_HEADER_LINES = 8
 _EPW_FIELDS = {
     "T_drybulb": Field("Dry Bulb Temperature", 6, "degC", 99.9),
     "T_dewpoint": Field("Dew Point Temperature", 7, "degC", 99.9),
@@ -219,17 +195,14 @@ _DAYS_PER_MONTH = np.array([31, 29, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31])
 
 
 def _epw_layout(file: str, lines: Sequence[str]) -> FileLayout:
-    periods = (i for i, line in enumerate(lines, 1) if line.split(",")[0].strip().upper() == "DATA PERIODS")
-    n_header_lines = next(periods, 0)
-    records = "".join(cell.strip() for cell in lines[n_header_lines - 1].split(",")[2:3]) if n_header_lines else ""
-    rows_per_hour = int(records) if re.fullmatch(r"\d\d?", records, re.ASCII) else 0
-    if not rows_per_hour or 60 % rows_per_hour:
-        sentence = f"{file} begins as an EPW file, but its line DATA PERIODS has {short_repr(records)} records per hour"
-        cure = "give all eight lines of its header, with 1 or another number that divides 60"
-        raise InputError(f"{sentence}: {cure}", "DATA PERIODS", "format")
+    last_line = "".join(lines[_EPW_HEADER_LINES - 1 : _EPW_HEADER_LINES])
+    if [cell.strip().upper() for cell in last_line.split(",")[:3:2]] != ["DATA PERIODS", "1"]:
+        place = f"line {_EPW_HEADER_LINES} is not DATA PERIODS of 1 record an hour"
+        sentence = f"{file} begins as an EPW file, but {place}: give an hourly file with its whole header"
+        raise InputError(sentence, "DATA PERIODS", "format")
     clock = r"\s*(\d\d?)\s+(\d\d?)\s+(\d\d?)\s*"
     zone = _parse_time_zone(lines[0].split(",")[8:9])
-    return FileLayout("an EPW file", n_header_lines, rows_per_hour, (1, 2, 3), clock, _EPW_FIELDS, zone)
+    return FileLayout("an EPW file", _EPW_HEADER_LINES, (1, 2, 3), clock, _EPW_FIELDS, zone)
 
 
 def _tmy3_layout(file: str, lines: Sequence[str]) -> FileLayout:
@@ -242,7 +215,7 @@ def _tmy3_layout(file: str, lines: Sequence[str]) -> FileLayout:
     fields = {name: Field(label, header.index(label), unit, -99.0) for name, (label, unit) in _TMY3_HEADERS.items()}
     station = next(csv.reader(lines[:1]))
     clock = r"\s*(\d\d?)/(\d\d?)/\d{2,4}\s+(\d\d?):00\s*"
-    return FileLayout("a TMY3 file", 2, 1, (0, 1), clock, fields, _parse_time_zone(station[3:4]))
+    return FileLayout("a TMY3 file", 2, (0, 1), clock, fields, _parse_time_zone(station[3:4]))
 
 
 def _parse_time_zone(cells: Sequence[str]) -> str:
@@ -264,22 +237,23 @@ def _read_year(file: str, lines: Sequence[str], layout: FileLayout, fields: Mapp
         sentence = f"{file} has {format_count(len(rows), 'row')} of data: give at least two"
         raise InputError(sentence, file, "data")
     table = Table(file, list(fields), [[row[f.cell] for f in fields.values()] for row in rows.values()], list(rows))
-    times = _row_times(table, layout, [" ".join(row[i] for i in layout.date) for row in rows.values()])
+    dates = _row_dates(table, layout, [" ".join(row[i] for i in layout.date) for row in rows.values()])
+    is_leap = ((dates[0] == 2) & (dates[1] == 29)).any()
+    hour_of_year = _hours_of_year(table, dates, is_leap)
     # in both formats the year is in the first cell, alone or at the end of a date
     year_matches = [re.fullmatch(r"\s*(?:\d\d?/\d\d?/)?(\d{4})\s*", row[0], re.ASCII) for row in rows.values()]
-    years = np.array([float(match[1]) if match else 0.0 for match in year_matches])
-    if ((years >= YEAR_RANGE[0]) & (years <= YEAR_RANGE[1])).all():
-        times["year"] = years
+    years = np.array([int(match[1]) if match else 0 for match in year_matches])
     used = _used_fields(table, fields)
     table.raise_problems()
     indices = {name: table.header.index(name) for name in used}
     series = {name: read_numbers(table, WEATHER_COLUMNS[name][0], k, fields[name].unit) for name, k in indices.items()}
     _require_plausible(table, series)
-    return Weather(times | series, 60 // layout.per_hour, table.notes, layout.time_zone)
+    times = _end_times(years, dates) if ((years >= YEAR_RANGE[0]) & (years <= YEAR_RANGE[1])).all() else None
+    return Weather({"hour_of_year": hour_of_year} | series, table.notes, bool(is_leap), times, layout.time_zone)
 
 
-def _row_times(table: Table, layout: FileLayout, dates_text: Sequence[str]) -> dict[str, Array]:
-    """Return month, day, hour and hour of the year at the end of each row, (n_rows,); 29 February as in the file."""
+def _row_dates(table: Table, layout: FileLayout, dates_text: Sequence[str]) -> Index:
+    """Return month, day and hour, 1 to 24, of each row, (3, n_rows)."""
     dates = np.zeros((len(dates_text), 3), dtype=np.int64)
     for k, text in enumerate(dates_text):
         match = re.fullmatch(layout.clock, text, re.ASCII)
@@ -289,22 +263,30 @@ def _row_times(table: Table, layout: FileLayout, dates_text: Sequence[str]) -> d
             sentence = f"{table.name}: {row} has the date and hour {short_repr(text)}"
             raise InputError(f"{sentence}: give month, day and a full hour from 1 to 24", row, "format")
         dates[k] = m, d, h
-    month, day, hour = dates.T
-    is_leap = ((month == 2) & (day == 29)).any()
+    return dates.T
+
+
+def _hours_of_year(table: Table, dates: Index, is_leap: bool) -> Array:
+    """Return the hour of the year of each row, (n_rows,), 29 February as in the file."""
+    month, day, hour = dates
     days_before = np.cumsum(_DAYS_PER_MONTH) - _DAYS_PER_MONTH - np.where(np.arange(12) >= 2, not is_leap, 0)
     hour_of_year = 24 * (days_before[month - 1] + day - 1) + hour
-    index = np.arange(len(dates_text))
-    out_of_step = hour_of_year != hour_of_year[0] + index // layout.per_hour
+    out_of_step = hour_of_year != hour_of_year[0] + np.arange(hour.size)
     if out_of_step.any():
         k = int(np.argmax(out_of_step))
         row = f"row {table.row_numbers[k]}"
-        many = "one row" if layout.per_hour == 1 else f"{layout.per_hour} rows"
         sentence = f"{row}, {month[k]}/{day[k]} hour {hour[k]}, does not follow the one before"
-        cure = f"give {many} for each hour, in the order of one calendar year"
+        cure = "give one row for each hour, in the order of one calendar year"
         table.problems.append(Problem(f"{sentence}: {cure}", row, "time"))
-    hours_early = 1.0 - (index % layout.per_hour + 1) / layout.per_hour
-    times = {"month": month.astype(float), "day": day.astype(float)}
-    return times | {"hour": hour - hours_early, "hour_of_year": hour_of_year - hours_early}
+    return hour_of_year.astype(float)
+
+
+def _end_times(years: Index, dates: Index) -> Times:
+    """Return the date and time at which the hour of each row ends, which is where the next row begins."""
+    month, day, hour = dates
+    months = (12 * (years - 1970) + month - 1).astype("datetime64[M]").astype(DATETIME_SECONDS)
+    begins = months + (86400 * (day - 1) + 3600 * (hour - 1)).astype("timedelta64[s]")
+    return np.append(begins[1:], begins[-1:] + np.timedelta64(3600, "s"))
 
 
 def _used_fields(table: Table, fields: Mapping[str, Field]) -> list[str]:

@@ -2,31 +2,26 @@
 
 import json
 import math
-import tomllib
 import warnings
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import argument_checks, raise_problems, require_flag, require_number, require_text
-from fastcoil.base.errors import Problem, did_you_mean, short_repr
+from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.loops.scenarios import cf_attributes, check_counted_result
 from fastcoil.model.metric_table import COSTS, METRICS, STATUS_OK, YEARLY_PREFIX
 
-DEFAULT_COP = 4.0  # of a chiller with its tower, mean of a year: 0.6 kW a ton is 5.9, 1.0 kW a ton is 3.5
-COP_LIMITS = 0.5, 20.0
-DEFAULT_CURRENCY = "USD"
-MAX_CURRENCY_CHARACTERS = 20
 MAX_PRICE = 1e9
 PRICES = {
-    "electricity": ("the price of a kWh of electricity", 0.13),
-    "demand": ("the monthly price of a kW of the highest 15-min demand, 0 for none", 15),
-    "heat": ("the price of a kWh of heat, that of gas over the efficiency of the boiler", 0.05),
+    "electricity": "the price of a kWh of electricity",
+    "demand": "the monthly price of a kW of the highest 15-min demand, 0 for none",
+    "heat": "the price of a kWh of heat, that of gas over the efficiency of the boiler",
 }
-"""Every price: what it is, and an example for messages."""
+COP_CURE = "give the coefficient of performance of the chiller, from 0.5 to 20"
+MAX_CURRENCY_CHARACTERS = 20
 MONTH_DAYS = 30  # of a block where the results have no dates
 
 
@@ -41,38 +36,17 @@ class Tariff:
     electricity: float
     demand: float
     heat: float
-    cop: float = DEFAULT_COP
-    electric_heat: bool = False
-    currency: str = DEFAULT_CURRENCY
+    cop: float
+    electric_heat: bool
+    currency: str
 
 
-def parse_tariff(table: Mapping[str, Any], cure: str = "give it") -> Tariff:
-    """Parse the tariff of a table without its ``baseline``; None stands for a missing entry."""
-    entries = {name: value for name, value in table.items() if value is not None and name != "baseline"}
-    limits = {name: (f"give {meaning}", 0.0, MAX_PRICE) for name, (meaning, _) in PRICES.items()}
-    low, high = COP_LIMITS
-    limits["cop"] = (f"give the coefficient of performance of the chiller, from {low:g} to {high:g}", low, high)
-    names = [each.name for each in fields(Tariff)]
-    with argument_checks() as check:
-        for n in [n for n in entries if n not in names]:
-            sentence = f"{n} is unknown{did_you_mean(n, names)}; known: {', '.join(names)}, baseline"
-            check.problems.append(Problem(sentence, n, "name"))
-        for name, (meaning, example) in PRICES.items():
-            if name not in entries:
-                sentence = f"{name} is missing: {cure}, {meaning}, such as {name} = {example:g}"
-                check.problems.append(Problem(sentence, name, "missing"))
-        for name, value in entries.items():
-            if name in limits:
-                words, least, most = limits[name]
-                entries[name] = check(require_number, name, value, words, least=least, most=most)
-        if "electric_heat" in entries:
-            entries["electric_heat"] = check(require_flag, "electric_heat", entries["electric_heat"])
-        if "currency" in entries:
-            text = check(require_text, "currency", entries["currency"])
-            if text is not None and not (text.strip() and text.isprintable() and len(text) <= MAX_CURRENCY_CHARACTERS):
-                cure = f"give its name in 1 to {MAX_CURRENCY_CHARACTERS} letters, such as 'USD'"
-                check.problems.append(Problem(f"currency = {short_repr(text)}: {cure}", "currency", "value"))
-    return Tariff(**entries)
+def _require_currency(name: str, value: object) -> str:
+    text = require_text(name, value)
+    if not (text.strip() and text.isprintable() and len(text) <= MAX_CURRENCY_CHARACTERS):
+        cure = f"give its name in 1 to {MAX_CURRENCY_CHARACTERS} letters, such as 'USD'"
+        raise InputError(f"{name} = {short_repr(text)}: {cure}", name, "value")
+    return text
 
 
 def billing_months(n_days: int, start: xr.DataArray | None) -> tuple[list[np.ndarray], dict[str, Any]]:
@@ -110,12 +84,10 @@ COST_NAMES |= {f"{YEARLY_PREFIX}{name}" for name in (*SUMMED_METRICS, *COSTS)}  
 
 
 def cost(
-    ds: xr.Dataset, *, electricity: float | None = None, demand: float | None = None, heat: float | None = None,
-    cop: float | None = None, electric_heat: bool | None = None, currency: str | None = None,
+    ds: xr.Dataset, *, electricity: float, demand: float, heat: float, cop: float = 4.0, electric_heat: bool = False,
+    currency: str = "USD",
 ) -> xr.Dataset:  # fmt: skip
     """Value energy, demand, and supply air off its set-point, per billing month and per year.
-
-    A missing price is taken from the table ``[tariff]`` of the study; without one the three prices are required.
 
     Parameters
     ----------
@@ -128,11 +100,12 @@ def cost(
     heat
         Price of a kWh of heat, for reheat and for heating coils: that of gas over the efficiency of the boiler.
     cop
-        Coefficient of performance of the chiller; 4 by default.
+        Coefficient of performance of the chiller with its tower, mean of a year: 0.6 kW a ton is 5.9, 1.0 kW a ton is
+        3.5.
     electric_heat
-        Whether an electric boiler makes the water of heating coils, so that they pay for demand; no by default.
+        Whether an electric boiler makes the water of heating coils, so that they pay for demand.
     currency
-        Unit of the prices; ``"USD"`` by default.
+        Unit of the prices.
 
     Returns
     -------
@@ -151,7 +124,7 @@ def cost(
     Raises
     ------
     InputError
-        If a price is missing or impossible, or ``ds`` lacks a metric.
+        If a price is impossible, or ``ds`` lacks a metric.
 
     Examples
     --------
@@ -162,11 +135,18 @@ def cost(
     >>> costs.cost.attrs["units"]
     'USD'
     """
-    prices = {name: value for name, value in locals().items() if name != "ds" and value is not None}
-    check_counted_result(ds)
+    given = locals()
+    with argument_checks() as check:
+        check(check_counted_result, ds)
+        prices = {
+            name: check(require_number, name, given[name], f"give {meaning}", least=0.0, most=MAX_PRICE)
+            for name, meaning in PRICES.items()
+        }
+        cop = check(require_number, "cop", cop, COP_CURE, least=0.5, most=20.0)
+        electric_heat = check(require_flag, "electric_heat", electric_heat)
+        currency = check(_require_currency, "currency", currency)
     _require_billable(ds)
-    study_prices = tomllib.loads(str(ds.attrs.get("study_toml", ""))).get("tariff", {})
-    tariff = parse_tariff(study_prices | prices, "give it, or a table [tariff] in the study file")
+    tariff = Tariff(**prices, cop=cop, electric_heat=electric_heat, currency=currency)
     if "start" not in ds.coords:
         cure = "give the boundary a start to have the months of the calendar"
         warnings.warn(f"the results have no dates: {MONTH_DAYS} days are taken for a month; {cure}", stacklevel=2)

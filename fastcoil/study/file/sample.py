@@ -16,7 +16,6 @@ import xarray as xr
 from fastcoil.base.arguments import argument_checks, collect_problems, raise_problems, require_choice, require_integer
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
-from fastcoil.base.files import read_text
 from fastcoil.logs.readings import read_numbers
 from fastcoil.logs.series import Series
 from fastcoil.logs.table import Table
@@ -24,7 +23,7 @@ from fastcoil.loops.labelled import accepted_units
 from fastcoil.loops.netcdf import file_sha256
 from fastcoil.loops.plan import RUN_LIMITS
 from fastcoil.model.parameter_table import PARAMETERS, Parameter
-from fastcoil.study.file.tables import is_number_list, known_parameters, parse_toml, sampled_names, summarise_problems
+from fastcoil.study.file.tables import is_number_list, known_parameters, sampled_names, summarise_problems
 
 SAMPLE_DIM = "sample"
 DESIGN_DIM = "design"  # only with ``saltelli``
@@ -49,9 +48,8 @@ DISTRIBUTIONS: dict[str, tuple[tuple[str, ...], str]] = {
 """The names of the arguments of each continuous distribution, and what they must be."""
 _CUT_AT_BOUNDS = ("normal", "lognormal")  # of the parameter, where no ends are given
 CHOICE = "choice"
-FIT = "fit"
 CSV = "csv"
-DISTRIBUTION_KINDS = (*DISTRIBUTIONS, CHOICE, FIT, CSV)
+DISTRIBUTION_KINDS = (*DISTRIBUTIONS, CHOICE, CSV)
 
 Quantiles = Callable[[Array], Array]  # values below which the shares of a distribution lie
 
@@ -73,8 +71,8 @@ def sample(
     correlation
         Rank correlations of pairs, such as ``[["kp", "ti", 0.6]]``: Spearman's rho, by a Gaussian copula.
     **distributions
-        Parameter → distribution in its unit, such as ``backlash={"lognormal": [0.05, 0.4]}``; paths of ``csv`` and
-        ``fit`` start from the current folder.
+        Parameter → distribution in its unit, such as ``backlash={"lognormal": [0.05, 0.4]}``; the path of
+        ``csv`` starts from the current folder.
 
     Returns
     -------
@@ -142,9 +140,8 @@ def design_size(table: Mapping[str, Any]) -> int:
 
 def sample_file_hashes(table: Mapping[str, Any], folder: Path) -> list[str]:
     """Return the SHA-256 of the files that ``[sample]`` names."""
-    shapes = [table[name] for name in sampled_names(table) if isinstance(table[name], dict)]
-    files = [shape.get(kind) for shape in shapes for kind in (CSV, FIT)]
-    return [file_sha256(folder / file) for file in files if isinstance(file, str)]
+    shapes = [table[name] for name in sampled_names(table)]
+    return [file_sha256(folder / shape[CSV]) for shape in shapes if CSV in shape]
 
 
 def _design_points(method: str, size: int, dims: int, seed: int, batch: int = 0) -> Array:
@@ -216,8 +213,6 @@ def _parse_shape(parameter: Parameter, kind: str, arguments: Any, shape: Mapping
         raise InputError(f"{parameter.name} is a {noun}, use {{ {CHOICE} = […] }}", parameter.name, "value")
     if kind == CSV:
         return _choice_quantiles(_read_measured_values(parameter, arguments, shape.get("column"), folder))
-    if kind == FIT:
-        return _fitted_quantiles(parameter, arguments, folder)
     return _continuous_quantiles(parameter, kind, arguments)
 
 
@@ -279,9 +274,6 @@ def _ppf(kind: str, arguments: Mapping[str, float], share: Array) -> Any:
 
 _SIZES_IN_PERCENT = ("backlash", "backlash_estimate", "learning_cap", "authority", "estimate_ratio")
 """Parameters of which a table has some above 1 %, unless its per cent are fractions."""
-_FITTED_FILE_HINT = "a file that `fastcoil fit` or `fastcoil valve-test read` wrote"
-_MAX_FITTED_FILE_BYTES = 2**20
-_NORMAL_QUANTILE_975 = 1.959963984540054  # standard deviations from the median to the ends of a 95 % interval
 
 
 def _read_measured_values(parameter: Parameter, file: object, column: object, folder: Path) -> Array:
@@ -307,49 +299,6 @@ def _read_measured_values(parameter: Parameter, file: object, column: object, fo
         raise InputError(f"{table.name}: {sentence}", parameter.name, "unit")
     raise_problems([problem for value in values.tolist() if (problem := parameter.problem(value))])
     return np.sort(values)
-
-
-def _fitted_quantiles(parameter: Parameter, file: object, folder: Path) -> Quantiles:
-    """Return the posterior of a fit or a valve test, else a normal distribution on each side of the estimate.
-
-    The normal distributions have the ends of the 95 % interval as quantiles, and end at the parameter's bounds.
-    """
-    if not isinstance(file, str):
-        raise InputError(f"give {_FITTED_FILE_HINT}", parameter.name, "value")
-    tables, name = parse_toml(read_text(folder / file, _FITTED_FILE_HINT, _MAX_FITTED_FILE_BYTES), file), parameter.name
-    value, interval = _nested_entry(tables, "loop", name), _nested_entry(tables, "fit", "interval_95", name)
-    if not is_number_list([value], 1) or not is_number_list(interval, 2) or not interval[0] < interval[1]:
-        cure = f"give {_FITTED_FILE_HINT}, with {name} identified"
-        raise InputError(f"{file} has no estimate of {name} with a 95 % interval: {cure}", name, "value")
-    sizes, probability = (_nested_entry(tables, "fit", "posterior", key) or [] for key in (name, "probability"))
-    if sizes and is_number_list(sizes, len(sizes)) and is_number_list(probability, len(sizes)):
-        return _posterior_quantiles(np.array(sizes, dtype=float), np.array(probability, dtype=float))
-    from scipy.special import ndtr, ndtri
-
-    below = (interval[0] - value) / -_NORMAL_QUANTILE_975
-    above = (interval[1] - value) / _NORMAL_QUANTILE_975
-    least = ndtr((parameter.lower - value) / below) if below > 0.0 else 0.5
-    most = ndtr((parameter.upper - value) / above) if above > 0.0 else 0.5
-
-    def quantiles(share: Array) -> Array:
-        z = ndtri(np.clip(least + share * (most - least), _MIN_SHARE, _MAX_SHARE))
-        return np.asarray(np.clip(value + z * np.where(z < 0.0, below, above), parameter.lower, parameter.upper))
-
-    return quantiles
-
-
-def _nested_entry(table: Any, *keys: str) -> Any:
-    """Return an entry of tables inside each other; None without it."""
-    for key in keys:
-        table = table.get(key) if isinstance(table, dict) else None
-    return table
-
-
-def _posterior_quantiles(sizes: Array, probability: Array) -> Quantiles:
-    """Return the quantiles of sizes, each as probable throughout the cell around it."""
-    edges = np.concatenate([sizes[:1], 0.5 * (sizes[1:] + sizes[:-1]), sizes[-1:]])
-    below = np.concatenate([[0.0], np.cumsum(probability)]) / probability.sum()
-    return lambda share: np.interp(share, below, edges)
 
 
 def _check_correlation(table: Mapping[str, Any]) -> None:

@@ -2,7 +2,7 @@
 
 A study has the tables ``[loop]`` (constants, ``preset``, ``include``), ``[sweep]`` (a parameter on its own axis),
 ``[cases.NAME]`` (named alternatives along a dimension NAME), ``[sample]`` (parameters drawn from distributions),
-``[boundary]`` (``kind`` and its arguments), ``[run]``, ``[tune]`` and ``[tariff]``; all but ``[loop]`` may be absent.
+``[boundary]`` (``kind`` and its arguments), ``[run]`` and ``[tune]``; all but ``[loop]`` may be absent.
 """
 
 from __future__ import annotations
@@ -27,10 +27,8 @@ from fastcoil.loops.loop import Loop
 from fastcoil.loops.plan import Plan, check_memory, plan_simulation
 from fastcoil.loops.scenarios import Layout
 from fastcoil.model.metric_table import METRICS
-from fastcoil.study.analysis.cost import COST_NAMES, parse_tariff
 from fastcoil.study.analysis.precision import DEFAULT_MAX_BATCHES, MIN_BATCHES, Precision
 from fastcoil.study.analysis.selected import list_first
-from fastcoil.study.analysis.summary import Billing
 from fastcoil.study.file.loop import build_loop, read_includes, warn_unusual_values
 from fastcoil.study.file.sample import MAX_SAMPLE_SIZE, SALTELLI, SAMPLE_DIM, design_size, sample_file_hashes
 from fastcoil.study.file.tables import PrecisionTable, RunTable, StudyFile, pair_with_hints, parse_tables, parse_toml
@@ -91,22 +89,6 @@ def require_memory(file: StudyFile, loop: Loop) -> None:
     check_memory(3 * 8 * n_scenarios, n_scenarios)  # an index, and two copies of a metric: the others are on the disk
 
 
-def parse_billing(table: Mapping[str, Any], layout: Layout | None) -> Billing:
-    """Parse the prices, and the label with which costs are compared.
-
-    layout: of the study, None where it could not be planned; the label is then not checked.
-    """
-    tariff, baseline = parse_tariff(table), table.get("baseline", {})
-    if not isinstance(baseline, dict) or len(baseline) > 1:
-        sentence = f"baseline = {short_repr(baseline)}: give one dimension and one of its labels"
-        raise InputError(sentence, "baseline", "value")
-    if layout is not None:
-        taken = [dim for dim in layout.sizes if dim in COST_NAMES]
-        problems = [Problem(f"the costs also have a dimension or number {d}: rename it", d, "name") for d in taken]
-        raise_problems([*problems, *_find_baseline_problems(baseline, layout)])
-    return Billing(tariff, baseline)
-
-
 def _find_baseline_problems(baseline: Mapping[str, Any], layout: Layout) -> Iterator[Problem]:
     """Find dims and labels that the loops of a study do not have."""
     dims = [name for name in layout.loop.sizes if name != SAMPLE_DIM]
@@ -163,7 +145,7 @@ def parse_tuning(
 
 MAX_STUDY_FILE_BYTES = 2**20  # no study written by hand is larger
 Result = TypeVar("Result")
-_TABLES_WITHOUT_EFFECT = ("title", "question", "tune", "tariff")  # on which no scenario depends
+_TABLES_WITHOUT_EFFECT = ("title", "question", "tune")  # on which no scenario depends
 
 
 @dataclass(frozen=True)
@@ -172,8 +154,8 @@ class Study:
 
     folder: where its relative paths start.  reduction: the function that ``[run] reduce`` names.  included_parameters:
     from the files in ``[loop] include``.  sample_file_hashes: of the files that ``[sample]`` names.  rules: the code of
-    user-defined estimators, control laws and plants, by name.  tuning, billing, precision: of
-    ``[tune]``, ``[tariff]`` and ``[run] precision``.  batches: of samples in ``plan``.  largest_plan: the
+    user-defined estimators, control laws and plants, by name.  tuning, precision: of
+    ``[tune]`` and ``[run] precision``.  batches: of samples in ``plan``.  largest_plan: the
     plan of the most samples that may be drawn.
     """
 
@@ -188,7 +170,6 @@ class Study:
     sample_file_hashes: Sequence[str] = ()
     rules: Mapping[str, UserCode] = field(default_factory=dict)
     tuning: TuningRequest | None = None
-    billing: Billing | None = None
     precision: Precision | None = None
     batches: int = 1
     largest_plan: Plan | None = field(default=None, repr=False)
@@ -197,7 +178,7 @@ class Study:
     def sha256(self) -> str:
         """Hash of everything that decides the result: the tables, included files, the boundary, the user's code.
 
-        Title, question, ``[tune]``, ``[tariff]``, comments and formatting do not count.
+        Title, question, ``[tune]``, comments and formatting do not count.
         """
         decisive = {name: table for name, table in self.tables.items() if name not in _TABLES_WITHOUT_EFFECT}
         # TOML has dates and times, JSON does not: their text will do
@@ -278,14 +259,12 @@ def _build_study(
     if loop is not None:
         require_memory(file, loop)
     boundary = attempt(build_boundary, file.boundary, folder, prefix="[boundary] ")
-    plan = tuning = billing = reduction = None
+    plan = tuning = reduction = None
     if loop is not None and boundary is not None:
         options = run.model_dump(exclude={"reduce", "precision"})
         plan = attempt(plan_simulation, loop, boundary, **options, traces_on_disk=True)
         if file.tune is not None:
             tuning = attempt(parse_tuning, file.tune, run, loop, boundary, folder, prefix="[tune] ")
-    if file.tariff is not None:
-        billing = attempt(parse_billing, file.tariff, None if plan is None else plan.layout, prefix="[tariff] ")
     if run.reduce is not None:
         reduction = attempt(find_function, "reduce", run.reduce, folder, prefix="[run] ")
         if prepare is not None and reduction is not None:
@@ -302,6 +281,6 @@ def _build_study(
     hashes = sample_file_hashes(file.sample, folder) if file.sample else []
     study = Study(
         text, tables, file.title or name, file.question, plan, folder, reduction, included, hashes, sources,
-        tuning, billing, precision, batches, plan,
+        tuning, precision, batches, plan,
     )  # fmt: skip
     return study.with_batches(MIN_BATCHES) if precision else study

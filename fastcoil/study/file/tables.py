@@ -109,7 +109,6 @@ class StudyFile(_StrictTable):
     boundary: dict[str, Any] = {}
     run: RunTable = RunTable()
     tune: dict[str, Any] | None = None
-    tariff: dict[str, Any] | None = None
 
 
 _TABLE_MODELS: dict[str, type[BaseModel]] = {"": StudyFile, "run": RunTable, "run.precision": PrecisionTable}

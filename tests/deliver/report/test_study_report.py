@@ -16,7 +16,7 @@ from fastcoil.base.errors import EXIT_INPUT, EXIT_INTEGRITY
 from fastcoil.deliver.report import results as module
 from fastcoil.deliver.report.page import Table, format_change, format_change_range, format_parameter, format_significant
 from fastcoil.deliver.report.results import comparison_tables
-from fastcoil.study.analysis.summary import findings
+from fastcoil.study.analysis.answer import find_answer
 
 pytestmark = [pytest.mark.kernel, pytest.mark.usefixtures("blank_figures")]
 
@@ -141,7 +141,7 @@ def test_the_table_has_the_recommended_estimate_with_the_number_of_the_answer():
     travel = np.outer(1.0 + ratios, factors)
     metrics = {"rmse": rmse, "motor_travel": travel, "switch_frequency": travel}
     ds = make_result(("estimate_ratio", "sample"), {"estimate_ratio": ratios}, **metrics)
-    do, brings, *_ = findings(ds)
+    do, brings, *_ = find_answer(ds).summary()
     assert do.endswith("with an estimate of 50 % of the backlash."), "55 % has an error only 3 % lower"
     (table,) = comparison_tables(ds)
     (row,) = [row for row in table.rows if row[0] == "50 %"]

@@ -133,19 +133,19 @@ def test_weather_starts_at_the_date_in_the_file_in_its_time_zone(tmp_path, form,
     """The years of the made-up files go with the month: in a new month it is another year, also at midnight."""
     path = tmp_path / "site.epw"
     path.write_text("\n".join(form(hours_from(1, 30, 96))))
-    assert read_weather_day(path, month=1, day=30, hour=10).start[0] == np.datetime64(f"{base + 1}-01-30T10:00:00")
+    assert read_weather_day(path, days=30, hour=10).start[0] == np.datetime64(f"{base + 1}-01-30T10:00:00")
     days = read_weather_day(path, days=[31, 32], hour=0)
     np.testing.assert_array_equal(days.start, np.array([f"{base + 1}-01-31", f"{base + 2}-02-01"], "M8[s]"))
     assert days.time_zone == "UTC-05:00"
-    by_hour = read_weather_day(path, start_hour=24 * 31)  # hour 24 of 31 January
+    by_hour = read_weather_day(path, days=31, hour=24)  # hour 24 of 31 January
     assert by_hour.start[0] == np.datetime64(f"{base + 2}-02-01T00:00:00")
 
 
 def test_weather_without_years_or_zone_tells_none(write_log, tmp_path):
     rows = hours_from(6, 14, 24)
-    boundary = read_weather_day(write_log(CSV_HEADER, [row.values() for row in rows]), month=6, day=14, hour=3)
+    boundary = read_weather_day(write_log(CSV_HEADER, [row.values() for row in rows]), days=165, hour=3)
     assert boundary.start is None
     path = tmp_path / "site.epw"
     path.write_text("\n".join(epw(rows)).replace("-5.0,36.0", "here,36.0").replace("\n1986,", "\nnever,"))
-    boundary = read_weather_day(path, month=6, day=14, hour=3)
+    boundary = read_weather_day(path, days=165, hour=3)
     assert (boundary.start, boundary.time_zone) == (None, "")

@@ -172,7 +172,7 @@ def test_a_study_file_takes_the_same_arguments(tmp_path):
         ("days", "conflict", {"days": [5], "first_date": "01-02"}), ("days", "value", {"last_date": "03-01"}),
         ("m_a_min", "conflict", {"m_a_min": 1.5}), ("T_out_min", "conflict", {"T_out_min": 22}),
         ("T_set_max", "conflict", {"T_set_max": 23}), ("T_set", "conflict", {"T_set": 14}),
-        ("trim", "conflict", {"trim": 0.1}), ("T_w_max", "conflict", {"T_w_max": 12}),
+        ("T_w_max", "conflict", {"T_w_max": 12}),
         ("set_point", "conflict", {"mode": "heating", "set_point": "trim_and_respond"}),
         ("economiser", "conflict", {"mode": "heating", "economiser": "differential"}),
         ("T_balance", "conflict", {"T_design": 12.5}), ("set_point", "choice", {"set_point": "outdor_reset"}),

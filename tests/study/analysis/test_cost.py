@@ -144,7 +144,7 @@ def test_the_interval_of_a_median_holds_the_true_one_as_often_as_it_says():
 @pytest.mark.parametrize(
     ("change", "prices", "field", "code"),
     [
-        (None, {"heat": None}, "heat", "missing"),
+        (None, {"heat": None}, "heat", "type"),
         (None, {"electricity": -0.1}, "electricity", "value"),
         (None, {"demand": "12"}, "demand", "type"),
         (None, {"cop": 0.0}, "cop", "value"),

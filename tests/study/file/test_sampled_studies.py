@@ -112,9 +112,6 @@ MISTAKES = [
     (GOOD + "backlash = { csv = 'gaps.csv', column = 'wide' }", "backlash", "value"),
     (GOOD + "action = { csv = 'gaps.csv', column = 'gap' }", "action", "value"),
     (GOOD + "kp = { csv = 'empty.csv', column = 'gap' }", "TMP/empty.csv", "data"),
-    (GOOD + "kp = { fit = 'none.toml' }", "TMP/none.toml", "path"),
-    (GOOD + "kp = { fit = 'gaps.csv' }", "gaps.csv", "format"),
-    (GOOD + "kp = { fit = 'valve.toml' }", "kp", "value"),
     (GOOD + KP + "correlation = 0.5", "correlation", "type"),
     (GOOD + KP + TI + "correlation = [['kp', 'tii', 0.5]]", "correlation", "name"),
     (GOOD + KP + TI + "correlation = [['kp', 'ti', 1.2]]", "correlation", "value"),
@@ -141,7 +138,6 @@ MISTAKES = [
 def test_a_mistake_gets_one_sentence_with_field_value_and_cure(read, tmp_path, text, field, code):
     (tmp_path / "gaps.csv").write_text("gap,angle [deg],wide\n0.02,1,3\nNaN,2,4\n0.05,3,0.1\n")
     (tmp_path / "empty.csv").write_text("")
-    (tmp_path / "valve.toml").write_text("[loop]\nkp = 0.02\n")
     assert_refused(field.replace("TMP", str(tmp_path)), code, read, text)
 
 
@@ -167,7 +163,7 @@ preset = "lbnl"
 method = "sobol"
 size = 4
 backlash = { csv = "measured/gaps.csv", column = "gap" }
-kp = { fit = "pi.toml" }
+kp = { csv = "pi.csv", column = "kp" }
 [boundary]
 kind = "constant_day"
 hours = 0.5
@@ -181,12 +177,12 @@ def path(tmp_path):
     home = tmp_path / "home"
     (home / "measured").mkdir(parents=True)
     (home / "measured/gaps.csv").write_text("gap [%]\n2\n5\n7\n")
-    (home / "pi.toml").write_text("[loop]\nkp = 0.02\n[fit.interval_95]\nkp = [0.01, 0.03]\n")
+    (home / "pi.csv").write_text("kp\n0.01\n0.03\n")
     (home / "study.toml").write_text(OF_FILES)
     return home / "study.toml"
 
 
-@pytest.mark.parametrize("name", ["measured/gaps.csv", "pi.toml"])
+@pytest.mark.parametrize("name", ["measured/gaps.csv", "pi.csv"])
 def test_the_content_of_a_file_is_part_of_the_hash(path, name):
     before, file = read_study(path).sha256, path.parent / name
     assert read_study(path).sha256 == before

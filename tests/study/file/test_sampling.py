@@ -204,33 +204,6 @@ def test_measured_values_are_drawn_as_often_as_they_were_measured_in_the_unit_of
     assert set(drawn["stroke_time"]) == {60.0, 90.0, 120.0, 180.0}
 
 
-FITTED = """
-[loop]
-backlash = 0.06
-kp = 0.02
-[fit.interval_95]
-backlash = [0.05, 0.09]
-kp = [0.02, 0.03]
-"""
-
-
-def test_a_fitted_parameter_has_its_estimate_as_median_and_its_interval_as_quantiles(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("valve.toml").write_text(FITTED)
-    drawn = draw(backlash={"fit": "valve.toml"}, kp={"fit": "valve.toml"})
-    quantiles = np.quantile(drawn["backlash"], [0.025, 0.5, 0.975])
-    np.testing.assert_allclose(quantiles, [0.05, 0.06, 0.09], atol=1e-4)
-    assert drawn["kp"].min() >= 0.02, "an estimate at the end of its interval has nothing below"
-
-
-def test_the_posterior_of_a_valve_test_is_drawn(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    posterior = "[fit.posterior]\nbacklash = [0.04, 0.06, 0.08]\nprobability = [0.2, 0.5, 0.3]\n"
-    Path("test.toml").write_text(FITTED + posterior)
-    values = draw(backlash={"fit": "test.toml"})["backlash"]
-    np.testing.assert_allclose(np.histogram(values, [0.04, 0.05, 0.07, 0.08])[0] / SIZE, [0.2, 0.5, 0.3], atol=2 / SIZE)
-
-
 # Correlations
 
 RANKS = [["kp", "ti", 0.6], ["ti", "backlash", -0.4]]
