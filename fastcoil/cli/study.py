@@ -9,7 +9,8 @@ import sys
 import time
 import tomllib
 import webbrowser
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -29,6 +30,7 @@ from fastcoil.cli.terminal import echo, handle_interrupts, load_user_code, print
 
 if TYPE_CHECKING:
     import xarray as xr
+    from matplotlib.figure import Figure
 
     from fastcoil.base.progress import Advance
 
@@ -249,18 +251,22 @@ def presets() -> None:
 
 @click.command()
 @click.argument("folder", type=PATH)
+@click.option("--metric", "metrics", multiple=True, help="Metric to draw; may be repeated.  rmse, … by default.")
+@click.option("-x", help="Swept or sampled parameter along the x axis; a sampled one in bins of equal counts.")
+@click.option("-y", help="Second parameter: a map instead of a curve.")
+@click.option("--by", help="Further dimension: a row of panels for each of some of its values.")
 @click.option("--at", multiple=True, metavar="NAME=LABEL", help="Only scenarios with this label; may be repeated.")
 @click.option("-o", "--out", type=PATH, help="File or folder to write; the figures of FOLDER by default.")
 @click.option("--format", help="png, pdf or svg.  [default: png, or that of the file]")
 @click.option("--dpi", default="200", show_default=True, help="Dots per inch, 50 to 1200.")
 @click.option("--width", metavar="LENGTH", help="Width of the figure, such as 84mm; letters keep their size.")
 def plot(
-    folder: Path, at: tuple[str, ...], out: Path | None, format: str | None, dpi: str, width: str | None
+    folder: Path, out: Path | None, format: str | None, dpi: str, metrics: tuple[str, ...], x: str | None,
+    y: str | None, by: str | None, at: tuple[str, ...], width: str | None,
 ) -> None:  # fmt: skip
-    """Draw the standard figures of the finished study in FOLDER; `fc.plot` of Python draws others."""
+    """Draw the standard figures of the finished study in FOLDER, or a custom one with -x."""
     from fastcoil.base.figures import FIGURES_FOLDER, check_format, write_figures
     from fastcoil.deliver.figures.swept import standard_figures
-    from fastcoil.study.analysis.selected import describe_labels, select_labels
     from fastcoil.study.folder.folder import StudyFolder, hold_folder
     from fastcoil.study.folder.results import open_study
 
@@ -270,16 +276,15 @@ def plot(
     file_format, dots_per_inch = format or suffix or "png", int(dpi) if dpi.isdecimal() else dpi
     check_format(file_format, dots_per_inch)
     StudyFolder(folder).require_manifest()
+    if x is None and (metrics or y or by):
+        raise InputError("--metric, -y and --by need -x: name the swept parameter along the x axis", "-x", "missing")
     inches, labels_at = _width_in_inches(width), parse_label_lists("--at", at)
     ds = open_study(folder)
-    part, title = select_labels(ds, labels_at), str(ds.attrs.get("title", ""))
-    if at:
-        title = ", ".join(filter(None, (title, f"at {describe_labels(part, labels_at)}")))
-    name_parts = [f"{name}={'+'.join(labels)}" for name, labels in labels_at.items()]
-    figures = {
-        portable_file_name("_".join([name, *name_parts])): draw()
-        for name, draw in standard_figures(part.assign_attrs(title=title), inches).items()
-    }
+    name_parts = [*metrics, *filter(None, (y, by, x))]
+    name_parts += [f"{name}={'+'.join(labels)}" for name, labels in labels_at.items()]
+    part = _select_results(ds, [name for name in (x, y, by) if name], labels_at)
+    drawers = standard_figures(part, inches) if x is None else {"": _figure_drawer(part, metrics, x, y, by, inches)}
+    figures = {portable_file_name("_".join(filter(None, [n, *name_parts]))): draw() for n, draw in drawers.items()}
     if not figures:
         echo("Nothing is swept in this study, so there is nothing to draw.")
         return
@@ -295,6 +300,39 @@ def plot(
     else:
         paths = write_figures(figures, out, **options)
     echo(*paths)
+
+
+def _figure_drawer(
+    part: xr.Dataset, metrics: Sequence[str], x: str, y: str | None, by: str | None, width: float | None
+) -> Callable[[], Figure]:
+    """Return a function that draws a figure of these results over the chosen axes."""
+    from fastcoil.deliver.figures import swept as plots
+
+    plots.panel_rows(part, by)  # refused if there is no such dimension
+    unpooled_dims = [dim for dim in plots.control_dims(part) if dim not in (x, y, by)]
+    if by is None and unpooled_dims:
+        by, *unpooled_dims = unpooled_dims
+    if unpooled_dims:
+        dim = unpooled_dims[0]
+        cure = f"select one with --at {dim}={part[dim].values[0]}, or give --by {dim}"
+        sentence = f"{dim}: a plain PI would be pooled with other controllers in one median: {cure}"
+        raise InputError(sentence, "--by", "conflict")
+    drawn_metrics = metrics or plots.STANDARD_METRICS[: plots.panels_per_row(width) if by else None]
+    return partial(plots.draw_panels, part, x, y, by, drawn_metrics, width)
+
+
+def _select_results(ds: xr.Dataset, axes: Sequence[str], at: Mapping[str, Sequence[str]]) -> xr.Dataset:
+    """Select the part of the results to draw, with a title that describes it."""
+    from fastcoil.study.analysis import selected
+
+    part, title_parts = selected.select_labels(ds, at), [str(ds.attrs.get("title", ""))]
+    if at:
+        title_parts.append(f"at {selected.describe_labels(part, at)}")
+    if len(set(axes)) < len(axes):
+        raise InputError(f"{axes[0]} is named twice: choose two different axes", axes[0], "duplicate")
+    if sampled_axes := [name for name in axes if name in selected.drawn_parameters(part)]:
+        part = selected.group_by_parameters(part, sampled_axes)
+    return part.assign_attrs(title=", ".join(filter(None, title_parts)))
 
 
 def _width_in_inches(width: str | None) -> float | None:

@@ -33,7 +33,7 @@ def test_a_warning_is_a_note_though_python_is_set_to_raise_it(kind):
 RUN_AND_PLOT = """
 import sys
 from fastcoil.cli.main import main
-for words in (["run", "study.toml", "-o", "out", "-j", "1"], ["plot", "out", "--format", "pdf"]):
+for words in (["run", "study.toml", "-o", "out", "-j", "1"], ["plot", "out", "-x", "backlash", "--metric", "rmse"]):
     try:
         main(words)
     except SystemExit as end:
@@ -52,7 +52,7 @@ def test_no_setting_of_python_or_matplotlib_stops_a_command(out):
     assert ends == ["run ends with 0", "plot ends with 0"], process
     assert "Traceback" not in process.stderr
     assert "/out/shards/notes.txt is not a shard" in process.stderr
-    assert (out / "figures" / "bands.pdf").stat().st_size > 1000
+    assert (out / "figures" / "rmse_backlash.png").stat().st_size > 1000
 
 
 @pytest.mark.alone

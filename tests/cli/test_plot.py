@@ -47,8 +47,9 @@ def test_the_standard_figures_are_written_in_the_format_asked_for(folder, format
 @pytest.mark.parametrize(
     "words",
     [
-        *("--dpi fine", "--width 84", "--width 20mm", "-o figure.pdf --format png", "-o figure.jpg"),
-        "--at backlash=0.05",
+        *("--dpi fine", "--by backlash", "--width 84", "--width 20mm", "-o figure.pdf --format png", "-o figure.jpg"),
+        *(f"-x backlash {axes}" for axes in ("-y backlash", "--by backlash", "-y estimate_ratio --by kp", "--by day")),
+        *("-x estimate --metric rms", "--at backlash=0.05"),
     ],
 )
 def test_a_mistake_is_one_sentence_and_draws_nothing(folder, words):
@@ -59,7 +60,7 @@ def test_a_mistake_is_one_sentence_and_draws_nothing(folder, words):
 
 def test_a_figure_goes_where_it_is_sent_in_the_format_of_its_name(folder, tmp_path):
     before = read_files(folder)
-    result = plot(folder, "-o", tmp_path / "one.pdf", "--width", "84mm")
+    result = plot(folder, "-x", "backlash", "--metric", "rmse", "-o", tmp_path / "one.pdf", "--width", "84mm")
     assert result.exit_code == 0, result.output
     assert [path.name for path in tmp_path.iterdir()] == ["one.pdf"]
     width = re.search(rb"/MediaBox \[ 0 0 ([\d.]+)", (tmp_path / "one.pdf").read_bytes())
@@ -76,3 +77,11 @@ def test_labels_are_told_in_the_name_and_in_the_heading(folder):
     assert result.output == f"{path}\n"
     figure_text = re.sub(r"\s+", " ", " ".join(re.findall(r">([^<>]+)</text>", path.read_text())))
     assert "small, at backlash = 7 %" in figure_text
+
+
+def test_a_plain_pi_and_an_inverse_have_rows_of_their_own_and_labels_without_one_are_counted(folder, tmp_path):
+    assert plot(folder, "-x", "backlash", "--metric", "rmse", "-o", tmp_path / "rows.svg").exit_code == 0
+    text = " ".join(re.findall(r">([^<>]+)</text>", (tmp_path / "rows.svg").read_text()))
+    assert "shown are 3 of 7 values of estimate / backlash" in text
+    for words in ("estimate / backlash = 0 %, plain PI", "estimate / backlash = 80 %", "estimate / backlash = 120 %"):
+        assert words in text

@@ -79,14 +79,13 @@ def test_figures_of_the_smaller_study_are_never_named_once_it_is_extended(study)
 def test_other_figures_of_these_results_are_named_and_stale_ones_are_not(study):
     run(study, "--no-figures")
     out = study.with_name("out")
-    assert fastcoil("plot", out, "--at", "backlash=0.07").exit_code == 0
+    assert fastcoil("plot", out, "-x", "backlash", "--metric", "iae").exit_code == 0
     assert fastcoil("plot", out, "--format", "pdf").exit_code == 0
     (out / "figures" / "own.png").write_bytes(b"by hand")
-    assert run(study) == ["bands.png", "tuning.png", "tuning_backlash=0.07.png"]
+    assert run(study) == ["bands.png", "iae_backlash.png", "tuning.png"]
     study.write_text(LARGER_STUDY)
     assert run(study, "--extend") == FIGURE_NAMES
-    stale = [p.name for p in stale_figures(out, content_hash(study))]
-    assert stale == ["bands.pdf", "tuning.pdf", "tuning_backlash=0.07.png"]
+    assert [p.name for p in stale_figures(out, content_hash(study))] == ["bands.pdf", "iae_backlash.png", "tuning.pdf"]
 
 
 @pytest.mark.full

@@ -278,7 +278,7 @@ def _hours_of_year(table: Table, dates: Index, is_leap: bool) -> Array:
         sentence = f"{row}, {month[k]}/{day[k]} hour {hour[k]}, does not follow the one before"
         cure = "give one row for each hour, in the order of one calendar year"
         table.problems.append(Problem(f"{sentence}: {cure}", row, "time"))
-    return hour_of_year.astype(float)
+    return np.asarray(hour_of_year, float)
 
 
 def _end_times(years: Index, dates: Index) -> Times:

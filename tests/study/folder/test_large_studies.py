@@ -211,7 +211,7 @@ def test_a_summary_a_report_a_table_a_figure_and_a_status_load_no_trace(out, tmp
     assert summary(fc.open_study(out))
     for words in (
         ["report", out, "-o", tmp_path / "report.html"], ["export", out, "--csv", "-o", tmp_path / "table.csv"],
-        ["plot", out, "-o", tmp_path / "figure.png"],
+        ["plot", out, "-x", "backlash", "-o", tmp_path / "figure.png"],
         ["status", out], ["cite", out], ["run", out.with_name("study.toml"), "-o", out],
     ):  # fmt: skip
         command = fastcoil(*words)
