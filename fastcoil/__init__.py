@@ -31,7 +31,6 @@ _MODULE_OF_NAME = {
     "explain": "design.explain",
     "export_controller": "deliver.export.export",
     "fit_coil": "measured.fit_coil",
-    "fit_loop": "measured.fit_loop",
     "fit_valve": "measured.fit_valve",
     "heating_day": "loops.boundary.days",
     "law": "model.user_rules",

@@ -30,7 +30,6 @@ from fastcoil.loops.simulate import simulate as simulate
 from fastcoil.loops.valve_test import ValveTest as ValveTest
 from fastcoil.measured.diagnose import diagnose as diagnose
 from fastcoil.measured.fit_coil import fit_coil as fit_coil
-from fastcoil.measured.fit_loop import fit_loop as fit_loop
 from fastcoil.measured.fit_valve import fit_valve as fit_valve
 from fastcoil.measured.read_test import read_test as read_test
 from fastcoil.measured.replay import replay as replay

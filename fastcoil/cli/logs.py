@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import fastcoil as fc
-from fastcoil.base.arguments import raise_problems
-from fastcoil.base.errors import InputError, Problem, short_repr
+from fastcoil.base.errors import InputError
 from fastcoil.base.files import exists, has_mark, require_output_file, write_atomically
 from fastcoil.base.text import align_columns, parse_number_or_word
 from fastcoil.cli.arguments import PATH, combine_options, parse_pairs
@@ -324,32 +323,3 @@ def fit_coil_command(
     time without air flow (or with 0 in the optional column enabled).
     """
     run_fit(fc.fit_coil, out, report, data, read, minimise_on="both" if both else "T_sup", **options)
-
-
-@fit.command("loop")
-@with_common_options
-@click.option("-o", "--out", type=PATH, default="loop.toml", show_default=True, help="TOML file to write.")
-@click.option("--loop", "parts", multiple=True, required=True, metavar="PRESET|FILE.toml",
-              help="Valve curve, coil, motor and sensor: a preset, and files written by `fastcoil fit`.")  # fmt: skip
-@with_constants
-@with_warm_up
-def fit_loop_command(
-    data: Path, read: dict[str, Any], out: Path, parts: Sequence[str], report: Path | None, **options: Any
-) -> None:
-    """Fit the backlash without a flow meter, to command, T_sup, m_a, T_w_in, T_a_in, W_a_in (or RH_a_in, T_dp_in).
-
-    Each candidate is simulated with the logged command.  Small errors of the coil and the valve curve do little harm;
-    the log needs a sample every minute or more often.
-    """
-    from fastcoil.loops.presets import PRESETS
-    from fastcoil.study.file.loop import read_includes
-
-    preset_names = [part for part in parts if part in PRESETS]
-    files = [part for part in parts if part not in PRESETS]
-    cure = f"give one of {', '.join(PRESETS)}, or a file NAME.toml"
-    unknown = [part for part in files if not part.endswith(".toml")]
-    raise_problems([Problem(f"--loop {short_repr(part)}: {cure}", "--loop", "choice") for part in unknown])
-    if len(preset_names) > 1:
-        raise InputError(f"--loop {' --loop '.join(preset_names)}: give one preset", "--loop", "conflict")
-    loop = fc.Loop.preset(*preset_names or ["paper_like"]).assign(**read_includes({"include": files}, Path()))
-    run_fit(fc.fit_loop, out, report, data, read, loop, **options)

@@ -192,7 +192,7 @@ def check_table(table: Table, spec: ColumnSpec, options: ReadingOptions) -> Chec
 class Log:
     """A trend log and how it is to be read, as ``fc.read_log`` returns it.
 
-    ``fc.diagnose``, ``fc.read_test``, ``fc.fit_valve``, ``fc.fit_coil``, ``fc.fit_loop`` and ``fc.replay`` take it, and
+    ``fc.diagnose``, ``fc.read_test``, ``fc.fit_valve``, ``fc.fit_coil`` and ``fc.replay`` take it, and
     each reads the columns that it needs.  Print it to see its columns, units and times, and what was left out.
 
     Attributes

@@ -1,6 +1,6 @@
 """Fits and diagnosis of measured logs.
 
-``fit_valve``, ``fit_coil`` and ``fit_loop`` check their arguments, pose a problem (that of a valve in
+``fit_valve`` and ``fit_coil`` check their arguments, pose a problem (that of a valve in
 ``valve_problem``), solve it (``least_squares``) and return a ``fit``.  ``diagnose`` puts a
 log on a ``grid``, measures it (``measures``), identifies the backlash (``identify``), fits the loop (``fitted_plant``,
 ``fitted_loop``), judges the ``cause`` and returns a ``diagnosis``.  ``replay`` runs controllers over a log.

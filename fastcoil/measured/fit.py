@@ -28,19 +28,18 @@ NOT_UNIQUE = "one of many that fit as well: the data do not identify it"
 _SERIES_BY_KIND = {
     "valve": ("m_w", "flow [kg/s]", "", "whether the pump ran"),
     "coil": ("T_sup", "supply air [°C]", "T_sup_", "how the inputs run between samples"),
-    "loop": ("T_sup", "supply air [°C]", "", "whether the loop is that of the log"),
 }
 """By kind of fit: measured series, its label, prefix of the modelled one and the residual, what may be wrong."""
 
 
 @dataclass(frozen=True, repr=False)
 class Fit(Result):
-    """A fitted valve, coil or loop.
+    """A fitted valve or coil.
 
     Attributes
     ----------
     kind, source
-        ``valve``, ``coil`` or ``loop``, and the name of the log.
+        ``valve`` or ``coil``, and the name of the log.
     parameters
         Name → value, ready for ``loop.assign(**fit.parameters)``; with the held ones, without unidentified ones that
         have no prior.

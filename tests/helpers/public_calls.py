@@ -85,10 +85,6 @@ def base_calls(tmp_path_factory, cheap):
     hunting = write_log(make_loop_log(hours=1.0), folder / "loop.csv")
     tested = write_log(make_loop_log(hours=0.25, interval=15.0), folder / "test.csv")
     when = {"between": (300.0, 600.0), "stroke_time": 90.0}
-    entering = {"m_a": 1.2, "T_a_in": 26.0, "W_a_in": 0.01, "T_w_in": 7.0}
-    commanded = xr.Dataset(coords={"elapsed_time": ("elapsed_time", seconds, {"units": "s"})})
-    commanded["T_sup"] = "elapsed_time", 14.0 + 0.01 * seconds, {"units": "degC"}
-    commanded["command"] = "elapsed_time", 0.5 + 0.0 * seconds, {"units": "1"}
     plant = {"m_a": 1.2, "T_w_in": 7.0, "T_set": 14.0, "outdoor_fraction": 0.2, "T_return": 24.0, "RH_return": 0.5}
     days = {"hours": 0.05}
     tuning = {"loop": fc.Loop(backlash=[0.0, 0.07]), "boundary": fc.paper_day(hours=0.05, seed=[1, 2]), "n_jobs": 1}
@@ -129,7 +125,6 @@ def base_calls(tmp_path_factory, cheap):
         "explain": (fc.explain, {"loop": loop, "boundary": day, "warm_up": 60}),
         "export_controller": (fc.export_controller, {"loop": loop, "path": folder / "valve.c"}),
         "fit_coil": (fc.fit_coil, {"log": coil, "warm_up": 60}),
-        "fit_loop": (fc.fit_loop, {"log": fc.read_log(commanded, constants=entering), "loop": loop, "warm_up": 0.0}),
         "fit_valve": (fc.fit_valve, {"log": valve, "lag": 0.0}),
         "heating_day": (fc.heating_day, days),
         "law": (fc.law, rule),

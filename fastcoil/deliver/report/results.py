@@ -207,7 +207,6 @@ def fit_page(fit: Fit) -> page.Page:
     question = {
         "valve": "Which backlash and which flow curve does this valve have?",
         "coil": "Which heat transfer and which heat capacity does this coil have?",
-        "loop": "Which backlash does this valve have, seen from the supply air temperature?",
     }[fit.kind]
     caption = (
         "Measured (broad line) and (dashed) as the fitted model gives it, over their difference; on the left the part "
@@ -309,7 +308,7 @@ def report(what: Any, path: str | os.PathLike[str] | None = None) -> Path:
     ----------
     what
         The folder of a finished study, as `run_study` writes it; or the result of `diagnose`, `fit_valve`, `fit_coil`,
-        `fit_loop`, `tune` or `explain`.
+        `tune` or `explain`.
     path
         The file to write, NAME.html; for a folder, ``report.html`` in it by default.
 
@@ -330,7 +329,7 @@ def report(what: Any, path: str | os.PathLike[str] | None = None) -> Path:
     >>> fc.report(fc.explain(fc.Loop(), fc.constant_day(hours=2)), "loop.html").name
     'loop.html'
     """
-    result_functions = "fc.diagnose, fc.fit_valve, fc.fit_coil, fc.fit_loop, fc.tune or fc.explain"
+    result_functions = "fc.diagnose, fc.fit_valve, fc.fit_coil, fc.tune or fc.explain"
     cure = f"give the folder of a study, or what {result_functions} returned"
     make: Callable[[Any], page.Page] | None
     if isinstance(what, (str, os.PathLike)):

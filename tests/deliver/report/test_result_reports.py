@@ -70,7 +70,7 @@ def test_a_diagnosis_on_the_command_line(tmp_path):
 @pytest.mark.parametrize(
     "words",
     [("diagnose", "log.csv"), ("fit", "valve", "log.csv"), ("fit", "coil", "log.csv"), ("explain", "lbnl"),
-     ("fit", "loop", "log.csv", "--loop", "lbnl"), ("tune", "study.toml")],
+     ("tune", "study.toml")],
 )  # fmt: skip
 def test_a_path_that_cannot_be_written_is_refused_before_anything_is_read(words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
