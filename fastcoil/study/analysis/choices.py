@@ -24,6 +24,7 @@ TRAVEL_LIMIT = 2.0  # motor travel over that of the best plain PI up to which a 
 HUNTING_LIMIT = 0.05  # share of the scenarios of a condition that may hunt with a recommended choice
 SIMILAR_ERROR = 1.05  # RMSE over the lowest up to which the simpler choice, or that of less travel, is recommended
 CALM_ERROR = 1.25  # RMSE over the lowest up to which a plain PI of little travel sets the limit of travel
+LEAST_ERROR_K = 0.01  # RMSE below which choices are alike: no sensor shows it, and on a constant day it may be 0
 INVERSE_SHARE = 0.95  # largest estimate over the backlash that is recommended, where there is a choice
 BUFFER_PER_NOISE = 6.0  # of a buffer over kp times noise, docs/findings/remedies.md
 LEAST_BUFFER = 0.01  # of the stroke, where the noise asks for less
@@ -92,6 +93,7 @@ class Choices:
         self.over = [d for d in table["rmse"].dims if d in self.conditions]
         rmse = table["rmse"]
         # relative to the best choice of each condition, so that every condition counts alike
+        rmse = rmse.clip(min=LEAST_ERROR_K)
         self.error = (rmse / rmse.min(self.dims)).mean(self.over).fillna(np.inf)
         hunts = table["hunts"] if "hunts" in table else xr.zeros_like(rmse)
         self.hunting = hunts.max(self.over).fillna(np.inf)
