@@ -37,7 +37,7 @@ from studies.hunting.loops import (
     with_model_errors,
 )
 
-SHOWN_RULES = ("hunting_index", "formula", "`fc.limit_cycle`")
+SHOWN_RULES = ("hunting index", "formula", "`fc.limit_cycle`")
 
 
 def write_one_step(formula: Rule, limit: float, ds: xr.Dataset) -> None:
