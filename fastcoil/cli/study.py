@@ -254,7 +254,7 @@ def presets() -> None:
 @click.option("--metric", "metrics", multiple=True, help="Metric to draw; may be repeated.  rmse, … by default.")
 @click.option("-x", help="Swept or sampled parameter along the x axis; a sampled one in bins of equal counts.")
 @click.option("-y", help="Second parameter: a map instead of a curve.")
-@click.option("--by", help="Further dimension: a row of panels for each of some of its values.")
+@click.option("--by", help="Further dimension: a curve for each of some of its values; of maps, a row of panels.")
 @click.option("--at", multiple=True, metavar="NAME=LABEL", help="Only scenarios with this label; may be repeated.")
 @click.option("-o", "--out", type=PATH, help="File or folder to write; the figures of FOLDER by default.")
 @click.option("--format", help="png, pdf or svg.  [default: png, or that of the file]")
@@ -318,7 +318,7 @@ def _figure_drawer(
         sentence = f"{dim}: a plain PI would be pooled with other controllers in one median: {cure}"
         raise InputError(sentence, "--by", "conflict")
     drawn_metrics = metrics or plots.STANDARD_METRICS[: plots.panels_per_row(width) if by else None]
-    return partial(plots.draw_panels, part, x, y, by, drawn_metrics, width)
+    return partial(plots.draw_panels, part, x, y, by, drawn_metrics, width, overlays=True)
 
 
 def _select_results(ds: xr.Dataset, axes: Sequence[str], at: Mapping[str, Sequence[str]]) -> xr.Dataset:
