@@ -51,7 +51,7 @@ def test_several_days_have_their_own_set_points():
     (axes,) = fc.plot.traces(ds, days)
     assert [line.get_ydata()[0] for line in axes.lines[-2:]] == [13, 15]
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["day 0", "day 5", "set-point"]
-    assert fc.plot.traces(ds.isel(day=1), days).lines[-1].get_ydata()[0] == 15
+    assert fc.plot.traces(ds.isel(day=1), days)[0].lines[-1].get_ydata()[0] == 15
 
 
 def test_a_figure_of_its_own_is_a_column_wide_legible_of_our_colours_and_leaves_the_settings_of_the_user(ds):
