@@ -60,9 +60,9 @@ def test_a_table_is_put_between_its_marks(root):
 CONVERGED = "fastcoil, quasistatic"
 STATEMENTS = [
     ("remedies", "Gains tuned for it do not cure that", 0, ("remedies_tuned", "RMSE against", "learner"), 1, 99),
-    ("hunting", "It costs no accuracy", 0, ("hunting_cost", "constant", "(kp K)^"), 0, 0),
+    ("hunting", "A divisor of 5.5 costs no accuracy", 0, ("hunting_cost", "constant", "(kp K)^"), 0, 0),
     ("learning", "wrong on all of those days", 0, ("learners_failures", "identify", "valves: constant"), 100, 100),
-    ("learning", "No worn valve of the population gets worse", 0, ("learners_worse", "identify"), 0, 0),
+    ("learning", "No worn valve of the population gets worse", 0, ("learners_worse", "identify", "valves: set-point"), 0, 0),
     ("learning", "hardly ever too high", 0, ("learners_cost", "too high", "identify"), 0, 0),
     ("wear", "changes by less than 0.1 %", 0, ("wear_energy", "gradient"), -0.1, 0.1),
     ("wear", "by as much as 0.8 percentage points", 1, ("wear_energy", "gradient"), -0.8, 0),
