@@ -85,7 +85,7 @@ def run(
                 echo(f"Figure:  {path}")
 
     if job_slice:
-        with handle_interrupts(study, folder, options=["--shard", str(shard)]), ProgressDisplay() as display:
+        with ProgressDisplay() as display, handle_interrupts(display, study, folder, options=["--shard", str(shard)]):
             n_run = execute_slice(spec, folder, job_slice, **workers, progress=start_display)
         if n_run is None:
             echo(f"{folder} holds this study, finished: nothing to do.")
@@ -94,7 +94,7 @@ def run(
         echo(f"Share {shard} is finished: {n_run:,} {SCENARIO_DAYS} were run.")
         echo(f"When all shares are finished, merge them with: {merge}")
         return
-    with handle_interrupts(study, folder), ProgressDisplay() as display:
+    with ProgressDisplay() as display, handle_interrupts(display, study, folder):
         finished = execute(spec, folder, **workers, extend=extend, progress=start_display, present=print_results)
     if bool((finished.results["status"].values != STATUS_OK).any()):
         sys.exit(EXIT_FAILED_SCENARIOS)
@@ -430,8 +430,9 @@ def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -
     if request is None:
         sentence = f"{study} has no table [tune]: add one, such as search = {{ kp = [0.005, 0.1] }}"
         raise InputError(sentence, "[tune]", "missing")
-    with handle_interrupts(study, folder, "tune"), hold_folder(folder):
-        with ProgressDisplay() as display:
+    display = ProgressDisplay()
+    with handle_interrupts(display, study, folder, "tune"), hold_folder(folder):
+        with display:
             tuning = run_tuning(request._replace(n_jobs=n_jobs), display)
         echo(*tuning.summary(), "")
         write_result(tuning, folder / "tuning.toml", report)
