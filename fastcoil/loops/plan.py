@@ -326,7 +326,8 @@ def cut_into_shards(plan: Plan, n_jobs: int, todo: np.ndarray | None = None) -> 
         edges = np.append(np.flatnonzero(position_in_day % LANES == 0), todo.size)  # where a block starts, and the end
         most_blocks, most_scenarios = plan.shard_limits(n_jobs, edges.size - 1)
         first_blocks = max(1, round(_LANE_STEPS_PER_FIRST_SHARD / (plan.n_steps * LANES)))
-        shards, start = [], 0
+        shards: list[Shard] = []
+        start = 0
         while start < edges.size - 1:
             last_within = int(np.searchsorted(edges, edges[start] + most_scenarios, side="right")) - 1
             n_blocks = min(most_blocks, first_blocks << min(len(shards) // n_jobs, 30))
