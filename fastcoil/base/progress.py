@@ -48,6 +48,7 @@ class ProgressDisplay(AbstractContextManager["ProgressDisplay"]):
         self._first_started_at: float | None = None
         self._bar: Any = None
         self._is_visible = False
+        self._n_done = self._total = 0
 
     def __exit__(self, *_: object) -> None:
         self.stop()
@@ -122,6 +123,11 @@ class ProgressDisplay(AbstractContextManager["ProgressDisplay"]):
                 self.stop()
 
     @property
+    def done_text(self) -> str:
+        """How much is done, of how much; empty before the start."""
+        return f"{self._n_done:,} of {self._total:,} {self._items}" if self._total else ""
+
+    @property
     def _items_per_second(self) -> float:
         return (self._n_done - self._n_before) / max(time.monotonic() - self._started_at, 1e-9)
 
@@ -133,7 +139,7 @@ class ProgressDisplay(AbstractContextManager["ProgressDisplay"]):
     def _line_text(self) -> str:
         if self._n_done >= self._total:
             return f"{self._total:,} {self._items} in {format_duration(time.monotonic() - self._started_at)}"
-        parts = [f"{self._n_done:,} of {self._total:,} {self._items}", self._rate_text]
+        parts = [self.done_text, self._rate_text]
         if self._n_done > self._n_before:
             parts.append(f"{format_duration((self._total - self._n_done) / self._items_per_second)} to go")
         return ", ".join(filter(None, parts))

@@ -10,6 +10,7 @@ import click
 import fastcoil as fc
 from fastcoil.base.errors import InputError
 from fastcoil.base.files import convert_os_errors, list_folder, make_folder, write_atomically
+from fastcoil.base.machine import command_line
 from fastcoil.cli.arguments import PATH
 from fastcoil.cli.terminal import echo
 
@@ -41,11 +42,13 @@ def demo(context: click.Context, folder: Path | None) -> None:
         write_atomically(Path("log.csv"), _simulate_log().encode())
         write_atomically(Path("sweep.toml"), Path(__file__).with_name("demo.toml").read_bytes())
         main = context.find_root().command
+        if folder:
+            echo(f"$ {command_line(['cd', str(folder)])}")  # so that the paths below are right
         for question, command in _DEMO_COMMANDS:
             echo("", f"# {question}", f"$ {command}")
             with main.make_context("fastcoil", shlex.split(command)[1:]) as command_context:
                 main.invoke(command_context)
-    files_note = f"The files are in {folder}." if folder else "To keep the files: fastcoil demo FOLDER"
+    files_note = f"The files are in {folder}." if folder else "These files are gone; to keep them: fastcoil demo FOLDER"
     echo("", f"Next, with a log of your own: fastcoil diagnose LOG.csv.  {files_note}")
 
 

@@ -85,7 +85,7 @@ def run(
                 echo(f"Figure:  {path}")
 
     if job_slice:
-        with handle_interrupts(study, folder, options=["--shard", str(shard)]), ProgressDisplay() as display:
+        with ProgressDisplay() as display, handle_interrupts(display, study, folder, options=["--shard", str(shard)]):
             n_run = execute_slice(spec, folder, job_slice, **workers, progress=start_display)
         if n_run is None:
             echo(f"{folder} holds this study, finished: nothing to do.")
@@ -94,7 +94,7 @@ def run(
         echo(f"Share {shard} is finished: {n_run:,} {SCENARIO_DAYS} were run.")
         echo(f"When all shares are finished, merge them with: {merge}")
         return
-    with handle_interrupts(study, folder), ProgressDisplay() as display:
+    with ProgressDisplay() as display, handle_interrupts(display, study, folder):
         finished = execute(spec, folder, **workers, extend=extend, progress=start_display, present=print_results)
     if bool((finished.results["status"].values != STATUS_OK).any()):
         sys.exit(EXIT_FAILED_SCENARIOS)
@@ -254,7 +254,7 @@ def presets() -> None:
 @click.option("--metric", "metrics", multiple=True, help="Metric to draw; may be repeated.  rmse, … by default.")
 @click.option("-x", help="Swept or sampled parameter along the x axis; a sampled one in bins of equal counts.")
 @click.option("-y", help="Second parameter: a map instead of a curve.")
-@click.option("--by", help="Further dimension: a row of panels for each of some of its values.")
+@click.option("--by", help="Further dimension: a curve for each of some of its values; of maps, a row of panels.")
 @click.option("--at", multiple=True, metavar="NAME=LABEL", help="Only scenarios with this label; may be repeated.")
 @click.option("-o", "--out", type=PATH, help="File or folder to write; the figures of FOLDER by default.")
 @click.option("--format", help="png, pdf or svg.  [default: png, or that of the file]")
@@ -318,7 +318,7 @@ def _figure_drawer(
         sentence = f"{dim}: a plain PI would be pooled with other controllers in one median: {cure}"
         raise InputError(sentence, "--by", "conflict")
     drawn_metrics = metrics or plots.STANDARD_METRICS[: plots.panels_per_row(width) if by else None]
-    return partial(plots.draw_panels, part, x, y, by, drawn_metrics, width)
+    return partial(plots.draw_panels, part, x, y, by, drawn_metrics, width, overlays=True)
 
 
 def _select_results(ds: xr.Dataset, axes: Sequence[str], at: Mapping[str, Sequence[str]]) -> xr.Dataset:
@@ -430,8 +430,9 @@ def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -
     if request is None:
         sentence = f"{study} has no table [tune]: add one, such as search = {{ kp = [0.005, 0.1] }}"
         raise InputError(sentence, "[tune]", "missing")
-    with handle_interrupts(study, folder, "tune"), hold_folder(folder):
-        with ProgressDisplay() as display:
+    display = ProgressDisplay()
+    with handle_interrupts(display, study, folder, "tune"), hold_folder(folder):
+        with display:
             tuning = run_tuning(request._replace(n_jobs=n_jobs), display)
         echo(*tuning.summary(), "")
         write_result(tuning, folder / "tuning.toml", report)

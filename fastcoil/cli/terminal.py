@@ -23,7 +23,7 @@ import click
 
 from fastcoil.base.errors import EXIT_INTERRUPTED, EXIT_STORAGE, EXIT_TERMINATED, FastcoilError, out_of_memory_error
 from fastcoil.base.machine import TERMINATION_SIGNALS, command_line
-from fastcoil.base.progress import is_stderr_terminal
+from fastcoil.base.progress import ProgressDisplay, is_stderr_terminal
 from fastcoil.base.text import escape_control_characters
 
 if TYPE_CHECKING:
@@ -113,12 +113,16 @@ def force_exit(code: int, advice: str = "") -> None:
 
 
 @contextmanager
-def handle_interrupts(study: Path, folder: Path, verb: str = "run", options: Sequence[str] = ()) -> Iterator[None]:
-    """Handle SIGTERM and SIGHUP like Ctrl-C, print how to resume, and end within a few seconds."""
+def handle_interrupts(
+    display: ProgressDisplay, study: Path, folder: Path, verb: str = "run", options: Sequence[str] = ()
+) -> Iterator[None]:
+    """Handle SIGTERM and SIGHUP like Ctrl-C, print what is kept and how to go on, and end within a few seconds."""
     command = command_line(["fastcoil", verb, str(study), "-o", str(folder), *options])
 
     def resume_advice() -> str:
-        return f"; finished scenarios are kept, to resume: {command}" if (folder / f"{verb}.json").exists() else ""
+        if not (folder / f"{verb}.json").exists():
+            return f"; nothing is finished yet, to start again: {command}"
+        return f"; {display.done_text or 'finished scenarios'} are kept, to resume: {command}"
 
     def end_soon(received: int, _: object) -> None:
         """Interrupt the command, and force its end if that takes too long."""

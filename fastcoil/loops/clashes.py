@@ -240,6 +240,12 @@ def warn_mismatch(loop: Loop, boundary: Boundary, *, closed: bool = True) -> Non
     """Warn of loops and days that do not suit each other.  closed: the controller is on, its action and gains count."""
     for mismatch in _mismatches(loop, boundary) if closed else ():
         warnings.warn(mismatch, stacklevel=5)
+    band, stroke, backlash = _parameter_arrays(loop, "positioner_band", "stroke_time", "backlash")
+    least = (0.5 / (stroke.where(stroke > 0.0) * (1.0 - backlash))).where(band > 0.0)
+    if (band < least).any():
+        text = f"positioner_band reaches down to {float(band.where(band < least).min()):g}"
+        cure = f"the motor may run to and fro, give {float(least.max()):.2g} or more"
+        warnings.warn(f"{text}, less than half of what the motor moves the stem in a second: {cure}", stacklevel=5)
     pressure = float(np.max(np.asarray(loop["pressure"])))
     humidity_per_pressure, sample = boundary.dampest
     humidity = humidity_per_pressure * pressure

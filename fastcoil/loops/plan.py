@@ -69,6 +69,7 @@ RUN_LIMITS: dict[str, tuple[int, int | None]] = {
 # chosen on two cores, see benchmarks/README.md
 _LANE_STEPS_PER_SHARD = 60e6  # about 1 to 2 s of work on one core
 _SHARDS_PER_WORKER = 4  # at least
+_LANE_STEPS_PER_FIRST_SHARD = 4e6  # then doubled, so that something is soon on the disk
 _BYTES_PER_SHARD = 64 * 2**20  # results of a shard
 _BYTES_IN_FLIGHT = 192 * 2**20  # results of the shards of all workers and one more
 _LANE_STEPS_PER_SEQUENCE = 1e10  # about two minutes, the most that a kill costs where a shard has more than 8 blocks
@@ -324,10 +325,13 @@ def cut_into_shards(plan: Plan, n_jobs: int, todo: np.ndarray | None = None) -> 
         position_in_day = np.arange(todo.size) - np.searchsorted(day, day)
         edges = np.append(np.flatnonzero(position_in_day % LANES == 0), todo.size)  # where a block starts, and the end
         most_blocks, most_scenarios = plan.shard_limits(n_jobs, edges.size - 1)
-        shards, start = [], 0
+        first_blocks = max(1, round(_LANE_STEPS_PER_FIRST_SHARD / (plan.n_steps * LANES)))
+        shards: list[Shard] = []
+        start = 0
         while start < edges.size - 1:
             last_within = int(np.searchsorted(edges, edges[start] + most_scenarios, side="right")) - 1
-            stop = max(start + 1, min(start + most_blocks, last_within, edges.size - 1))
+            n_blocks = min(most_blocks, first_blocks << min(len(shards) // n_jobs, 30))
+            stop = max(start + 1, min(start + n_blocks, last_within, edges.size - 1))
             shards.append(Shard(todo[edges[start] : edges[stop]]))
             start = stop
         return shards

@@ -217,12 +217,23 @@ def _assemble_fit(problem: ValveProblem, solution: ValveSolution, holds: bool, s
     series |= {"command": (problem.command, "1"), "opening": (openings[:, 0], "1")}
     n_compared = solution.model.used.sum()
     rmse, limit = np.sqrt(solution.sums / n_compared), math.sqrt(solution.limit / n_compared)
+    notes += _compare_with_line(openings[is_fitted, 0], flow, with_backlash[is_fitted])
     return build_fit(
         problem.data, start_time, problem.good, problem.fitting, errors, series, VALVE_ROWS,
         spread.covariance[:5, :5] * np.outer(scale, scale), held, intervals, kind="valve", parameters=parameters,
         profile=rmse_profile(solution.grid, rmse, "kg s-1", float(natural[X_BL]), verdict.interval, limit=limit),
         notes=notes, n_used=spread.n_used, n_effective=spread.n_effective,
     )  # fmt: skip
+
+
+def _compare_with_line(opening: Array, flow: Array, model_flow: Array) -> list[str]:
+    """Return a note where a straight line from the closed valve on, of one parameter, fits better than Eq (2)."""
+    m_max = float(opening @ flow / max(opening @ opening, _LEAST_SUM))
+    line, curve = (float(np.sqrt(np.mean((flow - fitted) ** 2))) for fitted in (m_max * opening, model_flow))
+    if line >= curve:
+        return []
+    cure = f'give the loop curve = "linear" and m_max = {m_max:.4g} in place of the four parameters of Eq (2)'
+    return [f"a straight line fits better than Eq (2), RMSE {line:.2g} against {curve:.2g} kg/s: {cure}"]
 
 
 N_KNOTS = 11  # of a flow curve, from closed to open

@@ -242,8 +242,8 @@ def _run_missing(
     if not missing.size:
         return 0, n_workers
     n_run = sum(shard.size for shard in cut_into_shards(plan, n_workers, missing))
+    compile_kernel()  # before the clock of the progress starts
     advance = progress(n_run, n_all, scope) if progress else lambda n: None
-    compile_kernel()
     job = Job(plan, study.reduction, study.rules, run.manifest.user_code)
     with closing(make_pool(job, options)) as pool:
         # a cluster may have another number of workers

@@ -11,6 +11,7 @@ from click.testing import CliRunner
 from helpers.processes import child_environment
 from helpers.studies import PLAIN_STUDY, run_until_interrupted
 
+from fastcoil.base.progress import ProgressDisplay
 from fastcoil.cli import terminal
 from fastcoil.cli.terminal import CommandGroup, handle_interrupts
 from fastcoil.model.numerics.jit import JIT_ENABLED
@@ -63,7 +64,7 @@ def test_two_interruptions_at_once_are_one(tmp_path, monkeypatch):
     signal.pthread_sigmask(signal.SIG_BLOCK, signal_numbers)
 
     def interrupt():
-        with handle_interrupts(tmp_path / "study.toml", tmp_path):
+        with handle_interrupts(ProgressDisplay(), tmp_path / "study.toml", tmp_path):
             for number in signal_numbers:
                 signal.raise_signal(number)
             signal.pthread_sigmask(signal.SIG_UNBLOCK, signal_numbers)

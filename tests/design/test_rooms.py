@@ -76,6 +76,14 @@ def test_pressure_takes_the_flow_with_its_root_and_the_opening_with_it():
     assert float(more.opening[1]) == pytest.approx(float(plain.opening), abs=1e-9)
 
 
+def test_a_band_that_the_motor_may_jump_over_is_warned_of_and_makes_it_run_to_and_fro():
+    loop, day, least = fc.Loop.preset("lbnl").assign(backlash=0.0), fc.constant_day(hours=1), 0.5 / 90.0
+    with pytest.warns(UserWarning, match=r"down to 0\.005, less than half .* give 0\.0056 or more"):
+        narrow = fc.simulate(loop.assign(positioner_band=0.9 * least), day)
+    wide = fc.simulate(loop.assign(positioner_band=1.1 * least), day)
+    assert narrow.motor_travel > 10.0 * wide.motor_travel
+
+
 @pytest.mark.parametrize(
     ("values", "field", "code"),
     [({"controlled": "T_room"}, "room_capacity", "missing"), ({"room_ua": 0.1}, "room_capacity", "missing"),

@@ -134,6 +134,7 @@ def base_calls(tmp_path_factory, cheap):
         "open_study": (fc.open_study, {"folder": out}),
         "parameter": (fc.parameter, {"default": 1.0}),
         "paper_day": (fc.paper_day, days),
+        "plant": (fc.plant, rule),
         "plot.bands": (fc.plot.bands, {"data": ds, "metric": "iae", "x": "backlash", "by": "kp", "ax": panels[0]}),
         "plot.learning": (fc.plot.learning, {"data": traced, "ax": panels[1]}),
         "plot.limit_cycle": (fc.plot.limit_cycle, {"data": swings, "predicted": predicted, "ax": panels[2]}),

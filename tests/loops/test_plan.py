@@ -111,6 +111,12 @@ def test_shards_are_whole_blocks_of_whatever_is_left_to_run(data):
     assert max((int(one.sum()) for one in pieces), default=0) <= most
 
 
+def test_the_first_shards_are_small_and_double_so_that_results_are_soon_kept():
+    loop = fc.Loop(backlash=("sample", np.linspace(0.0, 0.1, 32 * LANES)))
+    sizes = [shard.size // LANES for shard in resources.cut_into_shards(plan_simulation(loop, fc.constant_day()), 2)]
+    assert sizes == [2, 2, *[4] * 7]
+
+
 def test_days_in_sequence_are_shards_of_bounded_work_and_size_with_what_is_left_of_each_lane(monkeypatch):
     loop = fc.Loop(backlash=("sample", np.linspace(0.0, 0.1, 300)))
     plan = plan_simulation(loop, two_minute_days(5), warm_up=60, carry_over=True)

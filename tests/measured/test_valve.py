@@ -119,6 +119,17 @@ def test_an_inverted_command_is_suspected():
     assert hint not in fc.fit_valve(make_valve_log(command, valve_flows(command)), split=1.0).notes
 
 
+def test_a_straight_curve_is_named_with_its_flow_and_a_logistic_one_is_not():
+    rng = np.random.default_rng(4)
+    for curve, m_max, is_named in (("linear", 1.2, True), ("richards", 2.0, False)):
+        loop = fc.Loop(curve=curve, m_max=m_max, kp=0.05)
+        ds = fc.simulate(loop, fc.paper_day(hours=4), traces=["command", "m_w"], trace_interval=30)
+        fit = fc.fit_valve(ds.assign(m_w=ds.m_w + 0.005 * rng.standard_normal(ds.m_w.shape)), holds="command")
+        (note,) = [note for note in fit.notes if "straight line" in note] or [""]
+        assert bool(note) == is_named
+        assert ('curve = "linear" and m_max = 1.2' in note or "m_max = 1.19" in note) == is_named
+
+
 def test_a_signal_of_2_to_10_V_read_as_one_of_0_to_10_V_is_suspected():
     """The valve is then closed at 20 %; a valve that merely passes no water below 20 % is below it at times."""
     rng = np.random.default_rng(21)

@@ -42,7 +42,7 @@ def test_the_year_wears_and_is_one_sequence(ds):
 def test_rows_compare_each_loop_with_its_own_sound_valve(ds):
     rows = {(row[0], row[1]): row for row in year.cost_rows(ds)}
     assert len(rows) == 4 * 3 - 1
-    costs = fc.cost(ds)["yearly_cost"]
+    costs = fc.cost(ds, **year.TARIFF)["yearly_cost"]
     extra_cost = costs.sel(valve="loose", controller="pi") - costs.sel(valve="sound", controller="pi")
     assert float(rows["loose", "plain PI"][2].split()[0]) == pytest.approx(float(extra_cost.median()), abs=0.051)
     parts = [float(cell) for cell in rows["loose", "plain PI"][5:]]

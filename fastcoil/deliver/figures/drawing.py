@@ -16,7 +16,7 @@ from fastcoil.base.arguments import raise_problems
 from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 from fastcoil.base.figures import STYLE, apply_style, check_matplotlib, wrap_text
 from fastcoil.loops.labels import coordinate_quantity, sizes_in_words, values_quantity
-from fastcoil.model.metric_table import STATUS_OK
+from fastcoil.model.metric_table import STATUS_NOT_RUN, STATUS_OK
 from fastcoil.study.analysis.selected import numeric_dims
 
 if TYPE_CHECKING:
@@ -259,7 +259,9 @@ def left_out_in_words(ds: xr.Dataset | xr.DataArray, dim: str | None, n_shown: i
 
 
 def failed_in_words(ds: xr.Dataset) -> str:
-    """Return the clause of a caption with the number of scenarios that failed; empty if none did."""
-    has_status = ds["status"].notnull()  # in groups that differ in size places stay empty
-    n_failed = int((has_status & (ds["status"] != STATUS_OK)).sum())
-    return f"; without {n_failed:,} of {int(has_status.sum()):,} scenarios, which failed" if n_failed else ""
+    """Return the clause of a caption with the numbers of scenarios that failed or were not run; empty without any."""
+    status = ds["status"].values  # in groups that differ in size places stay empty: NaN
+    n, n_not_run = int(np.isfinite(status).sum()), int((status == STATUS_NOT_RUN).sum())
+    n_failed = n - n_not_run - int((status == STATUS_OK).sum())
+    counts = [f"{k:,} that {why}" for k, why in ((n_failed, "failed"), (n_not_run, "are not run yet")) if k]
+    return f"; without {' and '.join(counts)} of {n:,} scenarios" if counts else ""

@@ -31,7 +31,6 @@ from fastcoil.study.analysis.learned import is_learning_result
 from fastcoil.study.analysis.selected import drawn_parameters, group_by_parameters, numeric_dims, swept_dims
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.collections import QuadMesh
     from matplotlib.figure import Figure
 
@@ -39,7 +38,7 @@ _AXES_HEIGHT_INCHES = 2.8
 
 
 @drawing.use_style()
-def map(data: Any, metric: str | None = None, *, x: str | None = None, y: str | None = None, ax: Any = None) -> Axes:
+def map(data: Any, metric: str | None = None, *, x: str | None = None, y: str | None = None, ax: Any = None) -> Any:
     """Draw a metric over two swept parameters as colours: the median over days, drawn valves and noise.
 
     Of a Dataset, other swept parameters are taken at the recommended label, see ``answer``; of a variable, the median
@@ -57,6 +56,11 @@ def map(data: Any, metric: str | None = None, *, x: str | None = None, y: str | 
     ax
         Axes to draw into; a new figure if left out.
 
+    Returns
+    -------
+    numpy.ndarray of matplotlib.axes.Axes
+        (1,).
+
     Raises
     ------
     InputError
@@ -69,11 +73,11 @@ def map(data: Any, metric: str | None = None, *, x: str | None = None, y: str | 
     drawing.draw_map(axes, values, x, y, mark=place)
     caption = drawing.pooled_in_words(values, (x, y), drawing.COLOUR_MARKS) + fixed_words + failed_clause
     drawing.draw_caption(axes, caption)
-    return axes
+    return np.array([axes])
 
 
 @drawing.use_style()
-def bands(data: Any, metric: str | None = None, *, x: str | None = None, by: str | None = None, ax: Any = None) -> Axes:
+def bands(data: Any, metric: str | None = None, *, x: str | None = None, by: str | None = None, ax: Any = None) -> Any:
     """Draw a metric along a swept parameter: the median over chance, with a band from 10 to 90 %.
 
     Fewer than five members are drawn as a thin line each.  Other swept parameters are as in ``map``.
@@ -92,6 +96,11 @@ def bands(data: Any, metric: str | None = None, *, x: str | None = None, by: str
         three.
     ax
         Axes to draw into; a new figure if left out.
+
+    Returns
+    -------
+    numpy.ndarray of matplotlib.axes.Axes
+        (1,).
 
     Raises
     ------
@@ -116,7 +125,7 @@ def bands(data: Any, metric: str | None = None, *, x: str | None = None, by: str
     omitted_note = drawing.left_out_in_words(values, by, len(label_indices))
     pooled_note = drawing.pooled_in_words(values, (x, by), drawing.LINE_MARKS)
     drawing.draw_caption(axes, pooled_note + fixed_words + omitted_note + failed_clause)
-    return axes
+    return np.array([axes])
 
 
 def _select_values(data: Any, metric: Any, **axes: Any) -> tuple[xr.DataArray, str]:
@@ -163,13 +172,13 @@ STANDARD_METRICS = ("rmse", "motor_travel", "switch_frequency")
 @apply_style()
 def draw_panels(
     ds: xr.Dataset, x: str, y: str | None = None, by: str | None = None, metrics: Sequence[str] = STANDARD_METRICS,
-    width: float | None = None,
+    width: float | None = None, *, overlays: bool = False,
 ) -> Figure:  # fmt: skip
     """Draw a panel for each metric: maps over two swept parameters, curves along one, or dots for names along ``x``.
 
     Days, drawn valves, noise are pooled: their median, along a swept number with its 10–90 % range, or single
     members.  Other swept axes are not: see ``recommend_labels``.  by: a further dimension, with a row of panels for
-    each of ``panel_rows``.  width: of the figure, inches.
+    each of ``panel_rows``; with ``overlays`` a curve in the same panel.  width: of the figure, inches.
     """
     from matplotlib.figure import Figure
 
@@ -195,7 +204,10 @@ def draw_panels(
     else:
         draw = partial(drawing.draw_curve, x=x, color=BLUE)
         marks, height = drawing.LINE_MARKS, 2.4
-    rows, n = panel_rows(ds, by), len(metrics)
+    all_rows = rows = panel_rows(ds, by)
+    if overlays := overlays and by is not None and not y and not has_names:
+        rows, all_rows = [(None, "")], [all_rows[k] for k in drawing.pick_labels(len(all_rows))]
+    n = len(metrics)
     columns = n if by else min(n, panels_per_row(width))
     inches = 3.2 * max(columns, 2) if width is None else width
     if by and inches < n * _LEAST_PANEL_WIDTH_INCHES:
@@ -217,12 +229,19 @@ def draw_panels(
                 [d for d in ds[metric].dims if d not in (*dims, by)]
             )
             look["limits"] = float(medians.min()), float(medians.max())
-        draw(axes, ds[metric].isel(at), **look, **spread)
+        if overlays:
+            for (k, words_of_curve), colour, style in zip(all_rows, COLOURS, LINE_STYLES, strict=False):
+                values = ds[metric].isel({by: k})
+                drawing.draw_curve(axes, values, x, color=colour, ls=style, label=words_of_curve)
+        else:
+            draw(axes, ds[metric].isel(at), **look, **spread)
         axes.set_title(drawing.wrap_to_axes(axes, words), loc="left")
         if by and not axes.get_subplotspec().is_last_row():
             axes.set_xlabel("")
+    if overlays:
+        figure.legend(*grid[0].get_legend_handles_labels(), loc="outside lower center", edgecolor="none")
     words = drawing.pooled_in_words(ds["status"], (*dims, by), marks) + fixed_words
-    words += drawing.left_out_in_words(ds, by, len(rows)) + drawing.failed_in_words(ds)
+    words += drawing.left_out_in_words(ds, by, len(all_rows)) + drawing.failed_in_words(ds)
     figure.suptitle(wrap_text("\n".join(filter(None, [str(ds.attrs.get("title", "")), words])), inches, 9))
     return figure
 

@@ -81,7 +81,7 @@ def _select_scenarios(ds: xr.Dataset, names: Collection[str]) -> list[_Scenario]
     return scenarios
 
 
-_TEMPERATURE_TRACES = ("T_sup", "T_measured", "T_w_out", "T_w", "T_c", "T_a")
+_TEMPERATURE_TRACES = ("T_sup", "T_room", "T_measured", "T_w_out", "T_w", "T_c", "T_a")
 _VALVE_TRACES = ("command", "position", "opening", "u", "integral")
 _SHARED_PANELS = {"temperature [°C]": _TEMPERATURE_TRACES, "valve [%]": _VALVE_TRACES}
 _STEPPED_TRACES = ("command", "u", "integral", "estimate", "mode")  # they hold between two samples of the controller
@@ -105,8 +105,8 @@ def traces(data: Any, boundary: Boundary | None = None, *, show: Any = None, ax:
 
     Returns
     -------
-    matplotlib.axes.Axes
-        Or an array of them, from above, where there are several panels.
+    numpy.ndarray of matplotlib.axes.Axes
+        One for each panel, from above.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def traces(data: Any, boundary: Boundary | None = None, *, show: Any = None, ax:
         axes.margins(x=0.0)
         draw_legend_above(axes)
     _label_time_axis(panel_axes[-1], ds)
-    return panel_axes[0] if len(panel_axes) == 1 else np.array(panel_axes)
+    return np.array(panel_axes)
 
 
 def _select_traces(ds: xr.Dataset, show: Any) -> list[str]:
@@ -206,7 +206,7 @@ def _label_time_axis(axes: Axes, ds: xr.Dataset) -> None:
 
 
 @use_style()
-def learning(data: Any, *, ax: Any = None) -> Axes:
+def learning(data: Any, *, ax: Any = None) -> Any:
     """Draw the backlash estimate over time against the true backlash, up to three scenarios.
 
     A dot is where the estimate reached the backlash, a square where the learner confirmed it by stepping down.
@@ -217,6 +217,11 @@ def learning(data: Any, *, ax: Any = None) -> Axes:
         Dataset of ``simulate`` with the trace ``estimate``.
     ax
         Axes to draw into; a new figure if left out.
+
+    Returns
+    -------
+    numpy.ndarray of matplotlib.axes.Axes
+        (1,).
 
     Raises
     ------
@@ -243,7 +248,7 @@ def learning(data: Any, *, ax: Any = None) -> Axes:
     axes.margins(x=0.0)
     axes.set_ylim(bottom=0.0)
     draw_legend_above(axes)
-    return axes
+    return np.array([axes])
 
 
 _PREDICTED_VARIABLES = {
@@ -254,7 +259,7 @@ _PREDICTED_VARIABLES = {
 
 
 @use_style()
-def limit_cycle(data: Any, predicted: xr.Dataset | None = None, *, ax: Any = None) -> Axes:
+def limit_cycle(data: Any, predicted: xr.Dataset | None = None, *, ax: Any = None) -> Any:
     """Draw how a loop swings, and a prediction of it: the opening over the command in the last swings.
 
     The gap is the width of the parallelogram, between the dotted lines on which Eq (1) moves the stem.  The heading
@@ -268,6 +273,11 @@ def limit_cycle(data: Any, predicted: xr.Dataset | None = None, *, ax: Any = Non
         Result of ``fc.limit_cycle(loop, boundary)`` for the same sweep.
     ax
         Axes to draw into; a new figure if left out.
+
+    Returns
+    -------
+    numpy.ndarray of matplotlib.axes.Axes
+        (1,).
 
     Raises
     ------
@@ -293,7 +303,7 @@ def limit_cycle(data: Any, predicted: xr.Dataset | None = None, *, ax: Any = Non
     (axes,) = prepare_axes(ax, [3.0])
     axes.set(xlabel="command [%]", ylabel="opening [%]")
     if mark_if_empty(axes, ds["opening"]):
-        return axes
+        return np.array([axes])
     openings = np.concatenate([_draw_swings(axes, scenario) for scenario in scenarios])
     low, high = float(np.nanmin(openings)), float(np.nanmax(openings))
     margin = max(0.15 * (high - low), 0.5)
@@ -301,7 +311,7 @@ def limit_cycle(data: Any, predicted: xr.Dataset | None = None, *, ax: Any = Non
     if scenarios[0].words:
         axes.legend(loc="best", framealpha=0.8, edgecolor="none")
     draw_caption(axes, "\n".join([*lines, "dotted: the edges of the gap"]))
-    return axes
+    return np.array([axes])
 
 
 def _draw_swings(axes: Axes, scenario: _Scenario) -> Array:

@@ -25,7 +25,7 @@ def swings_and_prediction():
 
 def test_an_estimate_climbs_to_the_true_gap_and_marks_where_it_got_there(learning_result):
     scenario = learning_result.isel(learning_step=0)
-    axes = fc.plot.learning(scenario)
+    (axes,) = fc.plot.learning(scenario)
     lines = {line.get_label(): line for line in axes.lines}
     np.testing.assert_array_equal(lines["estimate"].get_ydata(), 100 * scenario.estimate)
     assert lines["estimate"].get_drawstyle() == "steps-post"
@@ -40,7 +40,7 @@ def test_an_estimate_climbs_to_the_true_gap_and_marks_where_it_got_there(learnin
 def test_the_plane_holds_the_last_swings_between_the_edges_of_the_gap(swings_and_prediction):
     ds, predicted = swings_and_prediction
     scenario = ds.isel(backlash=1)
-    axes = fc.plot.limit_cycle(scenario, predicted)
+    (axes,) = fc.plot.limit_cycle(scenario, predicted)
     (loop,) = (line for line in axes.lines if line.get_color() == "#004488")
     command, opening = loop.get_xdata() / 100, loop.get_ydata() / 100
     assert command.size == pytest.approx(4 * float(scenario.hunting_period) / 5, abs=2)
@@ -58,7 +58,7 @@ def test_the_plane_holds_the_last_swings_between_the_edges_of_the_gap(swings_and
 
 
 def test_each_of_several_loops_is_compared_with_what_was_predicted_of_it(swings_and_prediction):
-    axes = fc.plot.limit_cycle(*swings_and_prediction)
+    (axes,) = fc.plot.limit_cycle(*swings_and_prediction)
     first, second = axes.get_title(loc="left").replace("\n", " ").split("backlash = 7 %")
     assert "backlash = 0 %: simulated" in first
     assert "predicted no swing" in first
@@ -69,9 +69,9 @@ def test_each_of_several_loops_is_compared_with_what_was_predicted_of_it(swings_
 
 def test_a_loop_that_failed_has_no_plane(swings_and_prediction):
     ds, _ = swings_and_prediction
-    assert [text.get_text() for text in fc.plot.limit_cycle(ds * np.nan).texts] == ["no finite value"]
+    assert [text.get_text() for text in fc.plot.limit_cycle(ds * np.nan)[0].texts] == ["no finite value"]
     half = ds.where(ds.backlash > 0.0)
-    assert np.isfinite(fc.plot.limit_cycle(half.assign_attrs(ds.attrs)).get_ylim()).all()
+    assert np.isfinite(fc.plot.limit_cycle(half.assign_attrs(ds.attrs))[0].get_ylim()).all()
 
 
 @pytest.mark.parametrize(

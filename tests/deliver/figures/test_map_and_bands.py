@@ -19,7 +19,7 @@ def ds():
 
 
 def test_a_map_has_the_median_in_every_cell(ds):
-    axes = fc.plot.map(ds)
+    (axes,) = fc.plot.map(ds)
     expected = ds.rmse.median("day").transpose("backlash", "estimate_ratio").values
     np.testing.assert_allclose(np.asarray(axes.collections[0].get_array()).reshape(4, 4), expected)
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("estimate / backlash [%]", "backlash [%]")
@@ -28,16 +28,16 @@ def test_a_map_has_the_median_in_every_cell(ds):
 
 
 def test_a_share_and_a_change_against_a_baseline_are_shown_in_per_cent(ds):
-    axes = fc.plot.map(ds.share_off, x="backlash", y="estimate_ratio")
+    (axes,) = fc.plot.map(ds.share_off, x="backlash", y="estimate_ratio")
     assert axes.figure.axes[-1].get_ylabel().replace("\n", " ") == "share of time with |e| > 0.5 K [%]"
     assert axes.collections[0].get_array().max() == pytest.approx(100 * float(ds.share_off.median("day").max()))
     change = fc.compare(ds, baseline={"estimate_ratio": 0.0}, over="day", metrics=["rmse"], relative=True)
-    axes = fc.plot.map(change.rmse.sel(statistic="median"))
+    (axes,) = fc.plot.map(change.rmse.sel(statistic="median"))
     assert axes.figure.axes[-1].get_ylabel().replace("\n", " ") == "change of RMS error [%]"
 
 
 def test_up_to_three_labels_have_a_curve_each_and_the_heading_says_what_is_left_out(ds):
-    axes = fc.plot.bands(ds, x="estimate_ratio", by="backlash")
+    (axes,) = fc.plot.bands(ds, x="estimate_ratio", by="backlash")
     names = [text.get_text() for text in axes.get_legend().get_texts()]
     assert names == ["backlash = 2 %", "backlash = 8 %", "backlash = 11 %"]
     curves = axes.lines[1::2]  # each has a line at 0 before it
@@ -52,11 +52,13 @@ def test_up_to_three_labels_have_a_curve_each_and_the_heading_says_what_is_left_
 
 def test_what_failed_is_told(ds):
     failed = ds.where(ds.backlash > 0.03).assign(status=ds.status.where(ds.backlash > 0.03, 2))
-    heading = fc.plot.map(failed).get_title(loc="left").replace("\n", " ")
-    assert heading.endswith("without 24 of 96 scenarios, which failed")
+    heading = fc.plot.map(failed)[0].get_title(loc="left").replace("\n", " ")
+    assert heading.endswith("without 24 that failed of 96 scenarios")
+    heading = fc.plot.map(failed.assign(status=failed.status.where(failed.status == 0, 3)))[0].get_title(loc="left")
+    assert "24 that are not run yet of 96" in heading.replace("\n", " ")
     nothing = (ds * np.nan).assign(status=ds.status)
-    assert "no finite value" in [text.get_text() for text in fc.plot.map(nothing).texts]
-    assert "no finite value" in [text.get_text() for text in fc.plot.bands(nothing, x="backlash").texts]
+    assert "no finite value" in [text.get_text() for text in fc.plot.map(nothing)[0].texts]
+    assert "no finite value" in [text.get_text() for text in fc.plot.bands(nothing, x="backlash")[0].texts]
 
 
 @pytest.mark.parametrize(

@@ -48,10 +48,10 @@ def test_up_to_three_scenarios_are_named_by_what_differs_and_the_set_point_is_dr
 def test_several_days_have_their_own_set_points():
     days = fc.Boundary.concat([fc.constant_day(1, T_set=13), fc.constant_day(1, T_set=15).assign(day=5)])
     ds = fc.simulate(fc.Loop(), days, traces=["T_sup"], trace_interval=60, n_jobs=1)
-    axes = fc.plot.traces(ds, days)
+    (axes,) = fc.plot.traces(ds, days)
     assert [line.get_ydata()[0] for line in axes.lines[-2:]] == [13, 15]
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["day 0", "day 5", "set-point"]
-    assert fc.plot.traces(ds.isel(day=1), days).lines[-1].get_ydata()[0] == 15
+    assert fc.plot.traces(ds.isel(day=1), days)[0].lines[-1].get_ydata()[0] == 15
 
 
 def test_a_figure_of_its_own_is_a_column_wide_legible_of_our_colours_and_leaves_the_settings_of_the_user(ds):

@@ -134,7 +134,7 @@ CASES = {
     "pressure that varies, valve at rest": Case({"leakage": 0.01}, {"dp_ratio": PRESSURE}, COMMAND_STEPS),
     "pressure-independent valve": Case({"pressure_independent": 1}, {"dp_ratio": PRESSURE}),
     "positioner": Case({"positioner_band": 0.013, **REAL_LOOP}),
-    "positioner with a narrow band": Case({"positioner_band": 0.004, **REAL_LOOP, "command_resolution": 0.004}),
+    "positioner with a narrow band": Case({"positioner_band": 0.0065, **REAL_LOOP, "command_resolution": 0.004}),
     "positioner, open loop": Case({"positioner_band": 0.021, "stroke_time": 90.0}, {}, RINGING_COMMAND),
     "room": Case(ROOM, ROOM_SERIES),
     "controlled room": Case({**ROOM, **REAL_LOOP, "controlled": "T_room", "noise_std": 0.05}, ROOM_SERIES),
