@@ -288,7 +288,8 @@ def rows_by_day(by_way: Mapping[str, xr.Dataset]) -> Iterator[list[str]]:
     for day in (*range(DAYS), slice(None)):
         among = is_inside.isel(day=day)
         turns, scaled = (series.isel(day=day).where(among) for series in (ds.turns, ds.bound * ds.K))
-        power, _ = np.polyfit(*(np.log(series.values[among.values]) for series in (turns, scaled)), 1)
+        log_turns, log_bound = (np.log(series.values[among.values]) for series in (turns, scaled))
+        power, _ = np.polyfit(log_turns, log_bound, 1)
         constants = 1000.0 * scaled * np.sqrt(turns)
         yield ["all" if isinstance(day, slice) else f"{day + 1}", f"{int(among.sum())}",
                " · ".join(f"{float(constants.quantile(q)):.0f}" for q in (0.1, 0.5, 0.9)), f"{power:.2f}"]  # fmt: skip
@@ -302,8 +303,8 @@ def evaluate_short_log(loop: fc.Loop, day: fc.Boundary, seed: int) -> tuple[floa
     """Read a short log: the gap, whether it is claimed, and the reversals of the stem."""
     ds = fc.simulate(loop, day, traces=["command", "T_measured"], seed=seed, n_jobs=1)
     series = (ds.command.values.squeeze(), ds.T_measured.values.squeeze(), np.asarray(day.series["T_set"]).squeeze())
-    logged = (np.asarray(values, dtype=float)[::LOG_INTERVAL] for values in series)
-    found, _, _, claimed = read_log(*logged, float(loop["stroke_time"]))
+    command, T, T_set = (np.asarray(values, dtype=float)[::LOG_INTERVAL] for values in series)
+    found, _, _, claimed = read_log(command, T, T_set, float(loop["stroke_time"]))
     return found, claimed, float(ds.reversals)
 
 
