@@ -412,5 +412,5 @@ def main(n: int = VALVES) -> None:
                 f"The bound by day of drift, all set-point patterns pooled: {loops_text}",
                 ["day", "loops", "bound × K × √reversals, 10 %, median, 90 %, mK", "power of the reversals"],
                 rows_by_day(by_way))  # fmt: skip
-    write_short_logs(n // 2)
+    write_short_logs(n // 4)
     draw(by_way)
