@@ -106,19 +106,13 @@ class Answer:
         for dim in map(str, self.table.sizes):
             part = self.along(dim)
             if part["rmse"].dims == (dim,):
-                names = [dim, *map(str, part.data_vars)]
-                columns = [[_to_json_value(v) for v in part[n].values] for n in names]
-                rows[dim] = [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
+                frame = part.drop_vars({*map(str, part.coords)} - {dim}).to_dataframe().reset_index()
+                rows[dim] = json.loads(frame.to_json(orient="records", double_precision=15))
         content = {
             "question": self.question, "recommend": dict(self.recommend), "advice": self.advice, "brings": self.brings,
             "costs": self.costs, "fails": list(self.fails), "alternatives": list(self.alternatives), "along": rows,
         }  # fmt: skip
         return json.dumps(content, ensure_ascii=False, indent=1) + "\n"
-
-
-def _to_json_value(value: Any) -> Any:
-    value = to_builtin(value)
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def answer(results: Any) -> Answer:
@@ -199,14 +193,14 @@ def _answer_choice(question: str, choices: Choices) -> Answer:
 def _answer_learning(question: str, choices: Choices, results: xr.Dataset) -> Answer:
     """Recommend the setting that finds the backlash most often without harm, or none."""
     table, over, comparators = choices.table, choices.over, learned.read_comparators(results)
-    plain, has_plain = comparators.pop("plain PI", None), True
+    plain: Any = comparators.pop("plain PI", None)
+    has_plain = plain is not None or "rmse_change" in table
     if "rmse_change" in table:
         error, travel = 1.0 + table["rmse_change"], table.get("travel_ratio", xr.DataArray(1.0))
     elif plain is not None:
         error, travel = table["rmse"] / plain["rmse"], table["motor_travel"] / plain["motor_travel"]
     else:
         error = travel = xr.ones_like(table["rmse"])
-        has_plain = False
     right = table["share_right"].mean(over).where(~choices.is_plain, -np.inf)
     is_safe = (right >= learned.RIGHT_SHARE) & (travel.median(over) <= learned.HARMLESS_TRAVEL)
     is_safe &= (error.max(over) <= 1.0 + learned.HARMLESS_CHANGE) & (
@@ -229,9 +223,8 @@ def _answer_learning(question: str, choices: Choices, results: xr.Dataset) -> An
         advice, brings = f"{advice}{_mean_share(cell['share_too_high'])}.", ""
     costs = f"{float(table['switch_frequency'].isel(best).median()):.1f} mode switches in 10 min"
     if has_plain:
-        ratio = float(travel.isel(best).median())
-        costs = f"the RMS error is {change_in_words(error.isel(best))} than with the plain PI, at {ratio:.2g} times its"
-        costs += f" travel and {float(table['switch_frequency'].isel(best).median()):.1f} mode switches in 10 min"
+        change, ratio = change_in_words(error.isel(best)), float(travel.isel(best).median())
+        costs = f"the RMS error is {change} than with the plain PI, at {ratio:.2g} times its travel and {costs}"
     fails, lowest = [], choices.unlimited
     if lowest != best and not bool(choices.is_plain.isel(lowest)):
         there = table.isel(lowest)
@@ -293,7 +286,7 @@ def _answer_drivers(question: str, results: xr.Dataset) -> Answer:
     metrics = [n for n in ("rmse", "motor_travel", "hunts") if n in results and bool(results[n].notnull().any())]
     table = sobol_indices(results, metrics, drop_failed=True)
     others = [str(d) for d in table["rmse"].dims if d not in ("parameter", "index", "edge")]
-    lines = []
+    lines: list[str] = []
     for name, place in product(metrics, np.ndindex(*(table.sizes[d] for d in others))):
         at = dict(zip(others, place, strict=True))
         indices = table[name].isel(at)
