@@ -347,7 +347,8 @@ def _describe_costs(choices: Choices, best: Mapping[str, int]) -> str:
     if "motor_travel" in cell:
         parts.append(f"the motor travels {format_range(cell['motor_travel'], 'strokes')}")
         if dict(best) != choices.reference:
-            parts[0] += f", {float(choices.travel.isel(best)):.2g} times as far as with {choices.reference_words}"
+            calmest = describe_choice(choices, choices.reference)[5:]
+            parts[0] += f", {float(choices.travel.isel(best)):.2g} times as far as with {calmest}"
     if "hunts" in cell:
         parts.append(f"{_mean_share(cell['hunts'])} of the loops hunt")
     return f"{'; '.join(parts)}." if parts else ""
@@ -407,8 +408,8 @@ def _describe_alternatives(choices: Choices, best: Mapping[str, int]) -> list[st
     lines, reference = [], choices.reference
     error = choices.error / choices.error.isel(best)
     if lowest := _costly_choice(choices, best):
-        travel, hunting = float(choices.travel.isel(lowest)), float(choices.hunting.isel(lowest))
-        why = f"the motor travels {travel:.3g} times as far as with {choices.reference_words}"
+        travel, hunting = choices.travel.isel(lowest) / choices.travel.isel(best), float(choices.hunting.isel(lowest))
+        why = f"the motor travels {float(travel):.3g} times as far"
         if hunting > HUNTING_LIMIT:
             why += f", and up to {format_share(hunting)} of the loops hunt"
         if not bool(choices.is_plain.isel(lowest)) and plain_pi_label(choices.table) == "plain PI":

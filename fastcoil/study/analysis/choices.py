@@ -143,12 +143,6 @@ class Choices:
         return largest(-values.where(mask, np.inf))
 
     @property
-    def reference_words(self) -> str:
-        """What the limit of travel comes from."""
-        is_plain = bool(self.is_plain.isel(self.reference))
-        return f"the best {plain_pi_label(self.table)}" if is_plain else "the calmest one"
-
-    @property
     def best(self) -> dict[str, int]:
         """The lowest error within the limits of travel and hunting; of similar ones a plain PI, then least travel."""
         allowed = self._calm(self.travel <= TRAVEL_LIMIT)
