@@ -37,7 +37,7 @@ PUMP_POWER = 0.25  # power of a pump against a constant pressure, kW per kg/s
 COP = 4.0  # coefficient of performance of the chiller
 QUARTER_SECONDS = 900  # averaging time of a demand
 WARM_UP_SECONDS = 1800  # seconds at the start of a day that do not count
-HUNTS_BY_GAP, ALL_LOOPS = "hunt by the gap", "all"
+HUNTS_BY_GAP, CALM, ALL_LOOPS = "hunt by the gap", "calm with the gap", "all"
 KINDS = (CONSTANT, STEPPED, DESIGN, WEATHER)
 
 
@@ -155,32 +155,38 @@ def simulate_kind(kind: str, size: int = VALVES, n_days: int = DAYS) -> xr.Datas
 
 
 SUM_NAMES = ("fan", "pump", "chiller", "electricity", "demand", "water", "reheat")
+MEDIAN_NAMES = ("pump", "electricity", "demand", "reheat")  # whose means a few loops that hunt may decide
 HEAD = (
     "days",
     "loops",
     "loops × days",
+    "hunt with, without the gap",
     *(f"{name}, mean" for name in SUM_NAMES),
+    *(f"{name}, median" for name in MEDIAN_NAMES),
     "demand more than 1 % up",
     "last round",
 )
 
 
 def change_rows(kind: str, ds: xr.Dataset) -> list[list[str]]:
-    """Change of each sum with the gap against the same loop without, over valves and days."""
+    """Change of each sum with the gap against the same loop without, over valves and days; how many of both hunt."""
     worn, good = ds.sel(worn=True), ds.sel(worn=False)
     has_gap = xr.DataArray(valves_of_kind(kind, ds.sizes["sample"])["backlash"] > 0.0, dims="sample")
-    by_gap = (worn.hunts > 0.0) & (good.hunts == 0.0)
+    by_gap, calm = (worn.hunts > 0.0) & (good.hunts == 0.0), has_gap & (worn.hunts == 0.0)
     table = []
-    for name, among in ((HUNTS_BY_GAP, by_gap), (ALL_LOOPS, has_gap & (worn.hunts >= 0.0))):
-        changes = []
+    for name, among in ((HUNTS_BY_GAP, by_gap), (CALM, calm), (ALL_LOOPS, has_gap & (worn.hunts >= 0.0))):
+        changes, medians = [], []
         for quantity in SUM_NAMES:
             # reheat and water may be next to nothing: against the mean of the good valves
             change = 100.0 * (worn[quantity] - good[quantity]) / good[quantity].mean()
             mean, half_width = mean_of(change.where(among))
             changes.append(f"{format_change(mean, mean - half_width, mean + half_width, 1)}")
+            if quantity in MEDIAN_NAMES:
+                medians.append(f"{float(change.where(among).median()):+.2f} %")
         share_up = share_of(worn.demand > 1.01 * good.demand, among)
         last_step = f"{100 * float(ds.moved.sel(worn=True).where(among).quantile(0.95)):.2f} %"
-        table.append([kind, name, f"{int(among.sum())}", *changes, f"{share_up}", last_step])
+        shares = ", ".join(share_of(ds.hunts > 0.0, among).to_text(0) for ds in (worn, good))
+        table.append([kind, name, f"{int(among.sum())}", shares, *changes, *medians, f"{share_up}", last_step])
     return table
 
 
@@ -194,14 +200,15 @@ def main(size: int = VALVES) -> None:
     report, table = progress_printer(), []
     for kind in KINDS:
         if kind in kinds():
-            table += change_rows(kind, simulate_kind(kind, size))
-            print(*table[-2:], sep="\n")
+            rows = change_rows(kind, simulate_kind(kind, size))
+            print(*rows, sep="\n")
+            table += rows
             report(kind)
     write_table(
         "cost/zone",
-        f"Fan, pump, chiller and reheat behind a coil with a gap, against the same loop without: change of the daily "
-        f"mean, % (95 % over valves and days); {size} valves × {DAYS} days; last round: how much the last of {ROUNDS} "
-        "iterations between coil and rooms changed the electricity, 95 % of the loops",
+        "Fan, pump, chiller and reheat behind a coil with a gap, against the same loop without: change of the daily "
+        f"mean, % (95 % over valves and days), and median change; {size} valves × {DAYS} days; last round: how much "
+        f"the last of {ROUNDS} iterations between coil and rooms changed the electricity, 95 % of the loops",
         HEAD,
         table,
     )

@@ -25,7 +25,7 @@ from studies.common import compare_rows, draw_loguniform, draw_loop_parameters, 
 from studies.days import CONSTANT, T_SET, make_days
 from studies.hunting.loops import loop_properties
 from studies.learning.identify_online import IDENTIFY_SETTINGS
-from studies.valve_test.bound import simulate_bound
+from studies.valve_test.bound import CERTAIN_SIGMAS, simulate_bound
 
 SEED, VALVES, DAYS, HOURS = 9701, 512, 8, 8
 LOG_INTERVAL = 10  # seconds between samples
@@ -36,7 +36,6 @@ STEP_RANGE = (0.05, 3.0)  # smallest and largest step, K
 GAP_SPREAD = 0.1
 """By how much a gap differs from these at most, as a share: those that readings compare are no better off."""
 GOOD_EVERY = 8  # one valve in so many has no gap
-CERTAIN_SIGMAS = 1.96  # standard deviations of the bound that a gap to be certified has to be within
 HALF_HOUR = 1800
 
 
@@ -143,7 +142,9 @@ def evaluate_loop(loop: fc.Loop, day: fc.Boundary, seed: int) -> tuple[float, ..
     bound = np.nan
     if float(loop["backlash"]) > 0.0:
         still_command = np.where(np.arange(command.size) < COUNTED_FROM // 2, command, command[COUNTED_FROM:].mean())
-        bound = simulate_bound(loop, day, command, still_command, slice(COUNTED_FROM, None, LOG_INTERVAL), seed)
+        bound = simulate_bound(
+            loop, day, command, still_command, slice(COUNTED_FROM, None, LOG_INTERVAL), seed
+        ).unknown_coil
     return *log_reading, float(online.estimate_final), bound, float(ds.rmse), float(ds.reversals)
 
 
@@ -280,6 +281,67 @@ def rows_by_turns(by_way: Mapping[str, xr.Dataset]) -> Iterator[list[str]]:
                f"{rms_error / rms_bound:.1f}" if bool(is_claimed.any()) else "—"]  # fmt: skip
 
 
+def rows_by_day(by_way: Mapping[str, xr.Dataset]) -> Iterator[list[str]]:
+    """Rows by day, last all: the bound times the gain times √turns, and the power of the turns that fits the bound."""
+    ds = join_moves(by_way)
+    is_inside = is_worn(ds) & (ds.turns > 0.0) & ds.bound.notnull()
+    for day in (*range(DAYS), slice(None)):
+        among = is_inside.isel(day=day)
+        turns, scaled = (series.isel(day=day).where(among) for series in (ds.turns, ds.bound * ds.K))
+        power, _ = np.polyfit(*(np.log(series.values[among.values]) for series in (turns, scaled)), 1)
+        constants = 1000.0 * scaled * np.sqrt(turns)
+        yield ["all" if isinstance(day, slice) else f"{day + 1}", f"{int(among.sum())}",
+               " · ".join(f"{float(constants.quantile(q)):.0f}" for q in (0.1, 0.5, 0.9)), f"{power:.2f}"]  # fmt: skip
+
+
+FEW_HOURS, FEW_COUNTS, FEW_SIZES = 3, (1, 2, 3, 5, 11), (0.5, 1.0, 2.0)
+"""Short logs: their hours, how often the set-point steps, and by how much, K; every count has every size."""
+
+
+def evaluate_short_log(loop: fc.Loop, day: fc.Boundary, seed: int) -> tuple[float, ...]:
+    """Read a short log: the gap, whether it is claimed, and the reversals of the stem."""
+    ds = fc.simulate(loop, day, traces=["command", "T_measured"], seed=seed, n_jobs=1)
+    series = (ds.command.values.squeeze(), ds.T_measured.values.squeeze(), np.asarray(day.series["T_set"]).squeeze())
+    logged = (np.asarray(values, dtype=float)[::LOG_INTERVAL] for values in series)
+    found, _, _, claimed = read_log(*logged, float(loop["stroke_time"]))
+    return found, claimed, float(ds.reversals)
+
+
+def rows_by_count_and_size(seed: int, n: int) -> Iterator[list[str]]:
+    """Rows of short logs, in which number and size of the steps do not depend on each other."""
+    loop_sample, days = draw_loops(seed, n), make_days(CONSTANT, [100 * seed + k for k in range(DAYS)])
+    t, preset, jobs = np.arange(FEW_HOURS * 3600), fc.Loop.preset("lbnl"), []
+    cases = [(count, size) for count in FEW_COUNTS for size in FEW_SIZES]
+    for k in range(n):
+        names = ("m_a", "T_a_in", "W_a_in", "T_w_in")
+        series = {name: np.asarray(days.series[name])[k % DAYS, : t.size] for name in names}
+        loop = preset.assign(m_full=1.7, **{name: float(values[k]) for name, values in loop_sample.values.items()})
+        for count, size in cases:
+            steps_so_far = t * (count + 1) // t.size
+            day = fc.Boundary(**series, T_set=T_SET + size * (steps_so_far % 2 - 0.5))
+            jobs.append(delayed(evaluate_short_log)(loop, day, 1000 * seed + k))
+    found, claimed, turns = np.array(Parallel(n_jobs=-1)(jobs)).T.reshape(3, n, len(cases))
+    dims = ("sample", "case")
+    ds = xr.Dataset({"found": (dims, found), "claimed": (dims, claimed), "turns": (dims, turns)})
+    ds = ds.assign(true=("sample", loop_sample.values["backlash"]))
+    for case, (count, size) in enumerate(cases):
+        part, worn = ds.isel(case=case), ds.true > 0.0
+        is_claimed = (part.claimed > 0.0) & worn
+        is_accused = (part.claimed > 0.0) & ~worn & (part.found > GOOD_BACKLASH + 1e-9)
+        yield [f"{count}", f"{size:g}", f"{float(part.turns.where(worn).median()):.0f}",
+               f"{int((is_claimed & ~is_right(part, 'found')).sum())} of {int(is_claimed.sum())}",
+               share_or_dash(is_claimed, worn), f"{int(is_accused.sum())} of {int((~worn).sum())}"]  # fmt: skip
+
+
+def write_short_logs(n: int) -> None:
+    """Write the table of short logs."""
+    write_table("least_movement/least_movement_short",
+                f"Logs of {FEW_HOURS} h in which the set-point steps up and down at even intervals: {n} loops, each "
+                "with every number and size of steps",
+                ["steps", "size, K", "reversals of the stem, median", "wrong claims", "claimed", "good valves accused"],
+                rows_by_count_and_size(SEED + len(MOVES), n))  # fmt: skip
+
+
 @apply_style()
 def draw(by_way: Mapping[str, xr.Dataset]) -> None:
     """Draw the share claimed over step / (X K), and the bound over the turns of the stem."""
@@ -345,4 +407,9 @@ def main(n: int = VALVES) -> None:
                 f"Claims and estimates by reversals of the stem, all set-point patterns pooled: {loops_text}",
                 ["reversals", *HEAD, "bound × K, median, mK", "the same × √reversals",
                  "rms error of claims / rms bound"], rows_by_turns(by_way))  # fmt: skip
+    write_table("least_movement/least_movement_days",
+                f"The bound by day of drift, all set-point patterns pooled: {loops_text}",
+                ["day", "loops", "bound × K × √reversals, 10 %, median, 90 %, mK", "power of the reversals"],
+                rows_by_day(by_way))  # fmt: skip
+    write_short_logs(n // 2)
     draw(by_way)

@@ -4,6 +4,8 @@ The temperature of a test is the response to its command plus drift and noise.  
 the gap, the gain or the lag of the coil were a little larger, comes from simulations with the same command; drift and
 noise from one in which the command stands still.  Their changes are whitened by the ARIMA(1,1,1) that leaves the least.
 The bound is the standard deviation of the best unbiased estimate of the gap where gain, lag and level are unknown.
+A reading that knows the coil beforehand, or that prefers some gaps, is not bound by it: the bound with gain and lag
+known says what the first can gain at most.
 """
 
 from __future__ import annotations
@@ -37,16 +39,27 @@ SAMPLE_INTERVAL = 10  # seconds between the temperatures that count
 SECONDS_AFTER = 600  # seconds after the test that count
 SETTLING_SECONDS = 1800  # seconds for which the command stands still before drift and noise are taken
 MEDIAN_OF_NORMAL = 0.674  # median size of a normal number, in standard deviations
+CERTAIN_SIGMAS = 1.96  # standard deviations to each side that hold a gap with 95 %
 PARAMETER_STEPS = {"backlash": 0.002, "m_full": 0.02, "C_c": 0.05}
 """Change of the gap, fraction of stroke, and relative changes of gain and lag."""
 
 
+class Bound(NamedTuple):
+    """Least standard deviation of an unbiased estimate of the gap, fraction of stroke."""
+
+    unknown_coil: float
+    known_coil: float
+    """With gain and lag of the coil known, and only the level unknown."""
+
+
 class BoundedReadings(NamedTuple):
-    """Gap, bound and error of the reading of each worn valve, fractions of stroke; excursion, K."""
+    """Gap, bounds, error and interval of the reading of each worn valve, fractions of stroke; excursion, K."""
 
     gap: np.ndarray
     bound: np.ndarray
+    known_coil_bound: np.ndarray
     error: np.ndarray
+    interval_width: np.ndarray
     excursion: np.ndarray
 
 
@@ -55,23 +68,26 @@ def whiten(series: np.ndarray, ar: float, ma: float) -> np.ndarray:
     return np.asarray(lfilter(np.convolve([1.0, -1.0], [1.0, -ar]), [1.0, -ma], series, axis=-1)[..., 2:])
 
 
-def gap_bound(responses: np.ndarray, changes: np.ndarray, drift: np.ndarray) -> float:
-    """Least standard deviation of an unbiased estimate of the gap.
+def gap_bound(responses: np.ndarray, changes: np.ndarray, drift: np.ndarray) -> Bound:
+    """Return the bounds of the gap.
 
     responses: (3, n), dT per unit of gap, of gain and of lag; changes: what a unit is; drift: (n,), K.
     """
     noise_models = [(float(np.mean(whiten(drift, ar, ma) ** 2)), ar, ma) for ar in AR for ma in MA]
     variance, ar, ma = min(noise_models)
     gap, *other_responses = whiten(responses / changes[:, np.newaxis], ar, ma)
-    nuisance, _ = np.linalg.qr(np.stack([*other_responses, np.ones(gap.size)], axis=1))
-    residual = gap - nuisance @ (nuisance.T @ gap)
-    return float(np.sqrt(variance / (residual @ residual)))
+    bounds = []
+    for unknown in ([*other_responses, np.ones(gap.size)], [np.ones(gap.size)]):
+        nuisance, _ = np.linalg.qr(np.stack(unknown, axis=1))
+        residual = gap - nuisance @ (nuisance.T @ gap)
+        bounds.append(float(np.sqrt(variance / (residual @ residual))))
+    return Bound(*bounds)
 
 
 def simulate_bound(
     loop: fc.Loop, day: fc.Boundary, command: np.ndarray, still_command: np.ndarray, rows: slice, seed: int
-) -> float:
-    """Simulate the bound of one day, of which ``rows`` are seen, s.
+) -> Bound:
+    """Simulate the bounds of one day, of which ``rows`` are seen, s.
 
     command: (n,), as it was; still_command: as it is for the drift.
     """
@@ -121,9 +137,9 @@ def bound_case(case: Case, seed: int, n: int = VALVES, days: int = DAYS) -> Boun
             slice(TEST_START, end + SECONDS_AFTER, SAMPLE_INTERVAL),
             seed,
         )
-        estimate, *_ = read_gap(select_log(tests, case, k, day), tests.stroke_time[k])
+        estimate, low, high, _ = read_gap(select_log(tests, case, k, day), tests.stroke_time[k])
         excursion = float(abs(signals.T_sup - signals.T_set).values[test_rows].max())
-        return tests.backlash[k], bound, estimate - tests.backlash[k], excursion
+        return tests.backlash[k], *bound, estimate - tests.backlash[k], high - low, excursion
 
     return BoundedReadings(*np.array(Parallel(n_jobs=-1)(delayed(bound_test)(*pair) for pair in pairs)).T)
 
@@ -132,16 +148,20 @@ def bound_row(readings: BoundedReadings) -> list[str]:
     """Format bounds and readings of a case as a row, sizes in per cent of stroke."""
     median_bound, large_bound = (100 * float(np.quantile(readings.bound, q)) for q in (0.5, 0.9))
     ratio = float(np.median(abs(readings.error) / readings.bound)) / MEDIAN_OF_NORMAL
-    is_claimable = readings.bound < np.maximum(SIZE_TOLERANCE * readings.gap, GOOD_BACKLASH) / 1.96
+    rms_error, rms_bound = (np.sqrt(np.mean(sizes**2)) for sizes in (readings.error, readings.bound))
+    width_ratio = float(np.nanmedian(readings.interval_width / readings.bound)) / (2.0 * CERTAIN_SIGMAS)
+    is_claimable = readings.bound < np.maximum(SIZE_TOLERANCE * readings.gap, GOOD_BACKLASH) / CERTAIN_SIGMAS
     return [
         f"{readings.gap.size}", f"{np.median(readings.excursion):.2f}", f"{median_bound:.2f} · {large_bound:.2f}",
-        f"{100 * np.sqrt(np.mean(readings.error**2)):.2f}", f"{ratio:.1f}", f"{100 * is_claimable.mean():.0f} %",
+        f"{100 * np.median(readings.known_coil_bound):.2f}", f"{100 * rms_error:.2f}", f"{ratio:.1f}",
+        f"{rms_error / rms_bound:.1f}", f"{width_ratio:.1f}", f"{100 * is_claimable.mean():.0f} %",
     ]  # fmt: skip
 
 
 HEAD = (
-    "tests", "n", "excursion, median, K", "bound, median · 90 %, % of stroke", "rms error of the reading, % of stroke",
-    "error / bound, typical", "could be claimed",
+    "tests", "n", "excursion, median, K", "bound, median · 90 %, % of stroke", "median bound with gain and lag known",
+    "rms error of the reading, % of stroke", "error / bound, typical", "rms error / rms bound",
+    "width of the interval / that of the bound, typical", "could be claimed",
 )  # fmt: skip
 
 
