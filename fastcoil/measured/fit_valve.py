@@ -235,7 +235,7 @@ def _assemble_fit(problem: ValveProblem, solution: ValveSolution, holds: bool, s
 
 def _compare_with_line(opening: Array, flow: Array, model_flow: Array) -> list[str]:
     """Return a note where a straight line from the closed valve on, of one parameter, fits better than Eq (2)."""
-    m_max = float(opening @ flow / max(opening @ opening, _LEAST_SUM))
+    m_max = float(opening @ flow / max(float(opening @ opening), _LEAST_SUM))
     line, curve = (float(np.sqrt(np.mean((flow - fitted) ** 2))) for fitted in (m_max * opening, model_flow))
     if line >= curve:
         return []
