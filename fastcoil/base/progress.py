@@ -124,8 +124,8 @@ class ProgressDisplay(AbstractContextManager["ProgressDisplay"]):
 
     @property
     def done_text(self) -> str:
-        """How much is done, of how much; empty before the start."""
-        return f"{self._n_done:,} of {self._total:,} {self._items}" if self._total else ""
+        """How much is done, of how much; nothing where no part was counted yet."""
+        return f"{self._n_done:,} of {self._total:,} {self._items}" if self._n_done else ""
 
     @property
     def _items_per_second(self) -> float:
@@ -139,7 +139,7 @@ class ProgressDisplay(AbstractContextManager["ProgressDisplay"]):
     def _line_text(self) -> str:
         if self._n_done >= self._total:
             return f"{self._total:,} {self._items} in {format_duration(time.monotonic() - self._started_at)}"
-        parts = [self.done_text, self._rate_text]
+        parts = [f"{self._n_done:,} of {self._total:,} {self._items}", self._rate_text]
         if self._n_done > self._n_before:
             parts.append(f"{format_duration((self._total - self._n_done) / self._items_per_second)} to go")
         return ", ".join(filter(None, parts))

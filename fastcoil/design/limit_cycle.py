@@ -1,4 +1,4 @@
-"""limit_cycle: hunting index of every loop, whether, how fast and how far it hunts; and its Nyquist plot."""
+"""limit_cycle: hunting index of every loop, whether, how fast and how far it hunts."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -38,9 +38,6 @@ from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.provenance import provenance
 from fastcoil.model.metric_table import HUNTING_SWING_K
-
-if TYPE_CHECKING:
-    pass
 
 DescribingFunction = Callable[[Array], Complex]
 """Frequencies, rad/s, of loops and amplitudes → the describing function there."""

@@ -19,16 +19,8 @@ from fastcoil.loops.loop import Loop
 from fastcoil.loops.scenarios import Layout, coordinate_attrs, parameter_columns
 from fastcoil.model.metric_table import WARM_UP_S
 
-CONDITION_SERIES = (
-    "m_a",
-    "T_a_in",
-    "W_a_in",
-    "T_w_in",
-    "T_set",
-    "T_out",
-    "Q_room",
-    "dp_ratio",
-)  # of the boundary, the conditions of a point
+CONDITION_SERIES = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set", "T_out", "Q_room", "dp_ratio")
+"""Series of the boundary that are the conditions of a point."""
 Evaluation = Callable[[Columns, Mapping[str, Array], Plants], Iterable[tuple[str, Array]]]
 """Variables by name, (n, …) each, of n points with these parameters, conditions and plants."""
 

@@ -89,7 +89,7 @@ class Fit(Result):
 
     @property
     def backlash(self) -> float:
-        """Most probable backlash of a valve or a loop, fraction of stroke, identified or not; NaN of a coil."""
+        """Most probable backlash of a valve, fraction of stroke, identified or not; NaN of a coil."""
         return float("nan") if self.profile is None else float(self.profile.attrs["backlash"])
 
     @property
@@ -221,25 +221,6 @@ def natural_intervals(estimates: Array, half_widths: Array, is_logarithmic: Mask
     """Return the 95 % intervals of parameters, of which some were estimated as their logarithm."""
     ends = zip((estimates - half_widths).tolist(), (estimates + half_widths).tolist(), is_logarithmic, strict=True)
     return [(math.exp(low), math.exp(min(high, 700.0))) if is_log else (low, high) for low, high, is_log in ends]
-
-
-def backlash_series(
-    name: str, unit: str, measured: Array, modelled: Array, no_backlash: Array, compared: Mask
-) -> tuple[dict[str, tuple[Array, str]], dict[str, Array]]:
-    """Return measured and modelled series with their units, and the errors with and without backlash, by name."""
-    series = {name: (measured, unit), "modelled": (modelled, unit), "modelled_without_backlash": (no_backlash, unit)}
-    series["residual"] = measured - modelled, "K" if unit == "degC" else unit
-    compared_values = np.where(compared, measured, np.nan)
-    return series, {"": modelled - compared_values, "_without_backlash": no_backlash - compared_values}
-
-
-def rmse_profile(
-    grid: Array, rmse: Array, unit: str, backlash: float, interval: tuple[float, float], **limit: float
-) -> xr.Dataset:
-    """Return a Dataset of the least RMSE at each backlash of ``grid``; attributes: the best one and its interval."""
-    attrs = limit | {"backlash": backlash, "interval_95": list(interval)}
-    coords = {"backlash": ("backlash", grid, {"units": "1"})}
-    return xr.Dataset({"rmse": ("backlash", rmse, {"units": unit})}, coords, attrs)
 
 
 def fit_warnings(rmse: Mapping[str, float], fitted: Array, name: str, check: str) -> list[str]:

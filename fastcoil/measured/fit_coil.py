@@ -289,18 +289,13 @@ def build_record(log: CheckedLog, loop: Loop, holds: tuple[str, ...], fitting: M
     holds = COIL_COLUMNS if log.change_of_value else holds
     pieces = []
     for piece in split_segments(log.batch):
-        series, at = resample_to_seconds(log.time[piece], {name: values[name][piece] for name in COIL_COLUMNS}, holds)
-        pieces.append(RecordPiece(np.stack(list(series.values()), axis=1), at))
+        time = log.time[piece] - log.time[piece[0]]
+        seconds, inputs = np.arange(int(time[-1] + 0.5) + 1.0), {name: values[name][piece] for name in COIL_COLUMNS}
+        series = resample_at_seconds(time, inputs, seconds, holds, slack=1e-6)
+        pieces.append(RecordPiece(np.stack(list(series.values()), axis=1), np.floor(time + 0.5).astype(np.int64)))
     m_w, m_a = (_typical_flow(fitted_values[name]) for name in ("m_w", "m_a"))
     limits, limits_of_all = (_stability_limits(series, loop) for series in (fitted_values, values))
     return CoilRecord(tuple(pieces), loop, m_w, m_a, limits, limits_of_all)
-
-
-def resample_to_seconds(time: Array, values: dict[str, Array], holds: Sequence[str]) -> tuple[dict[str, Array], Index]:
-    """The series of an unbroken piece at every second since its first sample, and the second of each sample."""
-    time = time - time[0]
-    seconds = np.arange(int(time[-1] + 0.5) + 1, dtype=float)
-    return resample_at_seconds(time, values, seconds, holds, slack=1e-6), np.floor(time + 0.5).astype(np.int64)
 
 
 def _stability_limits(values: Mapping[str, Array], loop: Loop) -> StabilityLimits:
@@ -334,11 +329,21 @@ class CoilProblem:
         flowing = data.values["m_w"] > 0.02 * record.m_w  # in still water a sensor says nothing of the coil
         readings: dict[str, Array] = {name: data.values[name] for name in ("T_sup", "T_w_out") if name in data.values}
         self.compared = {n: self.is_warm & np.isfinite(T) & (flowing | (n == "T_sup")) for n, T in readings.items()}
-        self.notes += piece_notes(data, record.loop, warm_up)
+        if data.n_batches > 1:
+            n_short = data.n_batches - np.unique(data.batch[self.is_warm]).size
+            start_text = f"each starting at {record.loop['T_initial']:g} degC, the first {warm_up:g} s of each left out"
+            self.notes.append(f"{data.n_batches:,} unbroken pieces, {start_text} ({n_short} shorter than that)")
         if "T_w_out" in self.compared and not flowing.all():
             self.notes.append(f"{format_count(~flowing, 'sample')} of T_w_out not compared: no water flows")
         compared = self.compared["T_sup"] & self.fitting
-        require_temperatures(data, compared, _FEWEST_SAMPLES, warm_up, self.notes)
+        if compared.sum() < _FEWEST_SAMPLES:
+            available = f"{format_count(compared, 'temperature')} to compare in the part to fit"
+            notes = "; ".join(self.notes) or "no gaps"
+            cure = f"give at least {_FEWEST_SAMPLES}, lower warm_up, or raise split ({notes})"
+            raise InputError(f"{data.name}: {available}, after the warm-up of {warm_up:g} s: {cure}", "log", "data")
+        T_sup = readings["T_sup"][compared]
+        if np.ptp(T_sup) == 0.0:
+            raise InputError(f"{data.name}: T_sup is {T_sup[0]:g} throughout: check the sensor", "T_sup", "data")
         if data.step > 10.0 and not holds:
             cure = "if some hold until the next sample, name them: holds=['m_w'], --hold m_w"
             self.notes.append(f"samples are {data.step:.4g} s apart and the inputs run straight between them: {cure}")
@@ -431,25 +436,3 @@ class CoilProblem:
         rank[[*self.held, *not_held]] = 0.0
         k = int(np.argmax(rank))
         return k if error[k] > 1.0 and rank[k] > 0.0 else None
-
-
-def piece_notes(data: CheckedLog, loop: Loop, warm_up: float) -> list[str]:
-    """A note if the log has more than one unbroken piece."""
-    if data.n_batches == 1:
-        return []
-    n_short = data.n_batches - np.unique(data.batch[data.seconds_since_batch_start() >= warm_up]).size
-    return [
-        f"{data.n_batches:,} unbroken pieces, each starting at {loop['T_initial']:g} degC, the first {warm_up:g} s of "
-        f"each left out ({n_short} shorter than that)"
-    ]
-
-
-def require_temperatures(data: CheckedLog, compared: Mask, least: int, warm_up: float, notes: list[str]) -> None:
-    """Refuse a log with fewer than ``least`` temperatures to compare, or with a constant one."""
-    if compared.sum() < least:
-        available = f"{format_count(compared, 'temperature')} to compare in the part to fit"
-        cure = f"give at least {least}, lower warm_up, or raise split ({'; '.join(notes) or 'no gaps'})"
-        raise InputError(f"{data.name}: {available}, after the warm-up of {warm_up:g} s: {cure}", "log", "data")
-    T_sup = data.values["T_sup"][compared]
-    if np.ptp(T_sup) == 0.0:
-        raise InputError(f"{data.name}: T_sup is {T_sup[0]:g} throughout: check the sensor", "T_sup", "data")

@@ -14,6 +14,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from fastcoil.base.arguments import argument_checks, raise_problems, require_choice, require_number, to_builtin
 from fastcoil.base.arrays import Array, Index, Mask
@@ -23,7 +24,7 @@ from fastcoil.logs.log import CheckedLog, as_log
 from fastcoil.logs.own_values import find_own_values
 from fastcoil.logs.series import format_count
 from fastcoil.measured import valve_problem
-from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, backlash_series, build_fit, natural_intervals, rmse_profile
+from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, build_fit, natural_intervals
 from fastcoil.measured.least_squares import autocorrelation
 from fastcoil.measured.part import LEAST_ABOVE_0, LogSource, check_split, split_segments
 from fastcoil.measured.valve_problem import X_BL, ValveProblem, ValveSolution, judge_interval, median_step
@@ -213,22 +214,28 @@ def _assemble_fit(problem: ValveProblem, solution: ValveSolution, holds: bool, s
     start[: parameter_sets.shape[0] - 5] = parameter_sets[5:]
     openings, model_flows = problem.flows(parameter_sets[:5], start, problem.command)
     with_backlash, without_backlash = model_flows.T
-    series, errors = backlash_series("m_w", "kg s-1", problem.flow, with_backlash, without_backlash, problem.good)
+    flows = {"m_w": problem.flow, "modelled": with_backlash, "modelled_without_backlash": without_backlash}
+    flows["residual"] = problem.flow - with_backlash
+    series = {name: (values, "kg s-1") for name, values in flows.items()}
     series |= {"command": (problem.command, "1"), "opening": (openings[:, 0], "1")}
+    compared_flow = np.where(problem.good, problem.flow, np.nan)
+    errors = {"": with_backlash - compared_flow, "_without_backlash": without_backlash - compared_flow}
     n_compared = solution.model.used.sum()
     rmse, limit = np.sqrt(solution.sums / n_compared), math.sqrt(solution.limit / n_compared)
     notes += _compare_with_line(openings[is_fitted, 0], flow, with_backlash[is_fitted])
+    attrs = {"limit": limit, "backlash": float(natural[X_BL]), "interval_95": list(verdict.interval)}
+    backlashes = {"backlash": ("backlash", solution.grid, {"units": "1"})}
     return build_fit(
         problem.data, start_time, problem.good, problem.fitting, errors, series, VALVE_ROWS,
         spread.covariance[:5, :5] * np.outer(scale, scale), held, intervals, kind="valve", parameters=parameters,
-        profile=rmse_profile(solution.grid, rmse, "kg s-1", float(natural[X_BL]), verdict.interval, limit=limit),
+        profile=xr.Dataset({"rmse": ("backlash", rmse, {"units": "kg s-1"})}, backlashes, attrs),
         notes=notes, n_used=spread.n_used, n_effective=spread.n_effective,
     )  # fmt: skip
 
 
 def _compare_with_line(opening: Array, flow: Array, model_flow: Array) -> list[str]:
     """Return a note where a straight line from the closed valve on, of one parameter, fits better than Eq (2)."""
-    m_max = float(opening @ flow / max(opening @ opening, _LEAST_SUM))
+    m_max = float(opening @ flow / max(float(opening @ opening), _LEAST_SUM))
     line, curve = (float(np.sqrt(np.mean((flow - fitted) ** 2))) for fitted in (m_max * opening, model_flow))
     if line >= curve:
         return []

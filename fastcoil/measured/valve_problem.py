@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.base.arrays import Array, Index, Mask
+from fastcoil.base.arrays import Array, Mask
 from fastcoil.base.errors import InputError
 from fastcoil.logs import CheckedLog
 from fastcoil.logs.series import describe_first_row, format_count
@@ -55,11 +55,6 @@ def median_step(log: CheckedLog, fitting: Mask) -> float:
     return float(np.median(np.diff(log.time[fitting]))) if fitting.sum() > 1 else log.step
 
 
-def count_piece_reversals(command: Array, batch: Index) -> int:
-    """Count reversals of the command by more than ``LEAST_REVERSAL`` within the pieces."""
-    return sum(count_reversals(command[piece], LEAST_REVERSAL) for piece in split_segments(batch))
-
-
 def _find_meter_floor(flow: Array, notes: list[str]) -> float:
     """Find the floor of a flow meter, kg/s: its lowest reading above 0 if that is frequent, else 0; and note it."""
     flow_above_0 = flow[np.isfinite(flow) & (flow > 0.0)]
@@ -83,18 +78,6 @@ def _is_sensor_off(command: Array, flow: Array, floor: float, fitting: Mask) -> 
     # a valve this much further open than one that passes water passes water
     is_off = is_still & (command > flows_from + 0.25)
     return np.asarray(is_off | (flow == 0.0) if floor > 0.0 else is_off)
-
-
-def why_unidentified(n_reversals: int, interval: tuple[float, float], *, is_wide: bool) -> str:
-    """Return why a log does not identify the backlash, or empty; n_reversals: of the command, within the pieces."""
-    if n_reversals < 2:
-        count = f"{format_count(n_reversals, 'time')} by more than {100 * LEAST_REVERSAL:.0f} % of stroke"
-        cure = "bridge gaps with fc.read_log(..., max_gap=SECONDS), --max-gap"
-        return f"not identified: the command reverses only {count}: give a log in which it goes up and down, or {cure}"
-    if is_wide:
-        cure = "give a longer log, in which the command also makes small reversals where the curve is steep"
-        return f"not identified: anything from {interval[0]:.3g} to {interval[1]:.3g} fits as well (95 %): {cure}"
-    return ""
 
 
 class ValveSolution(NamedTuple):
@@ -136,7 +119,8 @@ class ValveProblem:
         self.n_fit = int(np.flatnonzero(self.fitting)[-1]) + 1
         self.n_pieces = int(self.batch[self.n_fit - 1]) + 1  # of the part to fit
         self.top = float(np.nanmax(self.flow[self.fitting]))
-        self.n_reversals = count_piece_reversals(self.command[self.fitting], self.batch[self.fitting])
+        command, pieces = self.command[self.fitting], split_segments(self.batch[self.fitting])
+        self.n_reversals = sum(count_reversals(command[piece], LEAST_REVERSAL) for piece in pieces)
 
     def flows(self, sets: Array, start: Array, command: Array) -> tuple[Array, Array]:
         """Simulate openings and flows of parameter sets, (5, sets), with these commands; no flow is below the floor."""
@@ -252,8 +236,14 @@ def judge_interval(problem: ValveProblem, solution: ValveSolution, holds: bool) 
     interval, x, largest = solution.interval, float(solution.estimate.x[X_BL]), solution.grid[-1]
 
     def why_wide(low: float, high: float) -> str:
-        is_wide = bool(high >= largest or high - low > max(x, 0.02))
-        return why_unidentified(problem.n_reversals, (low, high), is_wide=is_wide)
+        if problem.n_reversals < 2:
+            count = f"{format_count(problem.n_reversals, 'time')} by more than {100 * LEAST_REVERSAL:.0f} % of stroke"
+            cure = "give a log in which it goes up and down, or bridge gaps with fc.read_log(..., max_gap=SECONDS), "
+            return f"not identified: the command reverses only {count}: {cure}--max-gap"
+        if not (high >= largest or high - low > max(x, 0.02)):
+            return ""
+        cure = "give a longer log, in which the command also makes small reversals where the curve is steep"
+        return f"not identified: anything from {low:.3g} to {high:.3g} fits as well (95 %): {cure}"
 
     sampling_cause = (
         f"rows are {median_step(problem.data, problem.fitting):.4g} s apart, and a controller may move the valve "

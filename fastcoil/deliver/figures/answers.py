@@ -28,7 +28,7 @@ _LEARNING_ROWS = {
 }
 """Row of the table → label of the axis and factor."""
 _MOST_CONDITIONS = 4  # columns of panels
-_MOST_LINES = 4  # in a panel
+_MOST_LINES = len(COLOURS)  # in a panel
 
 
 @apply_style()
@@ -58,14 +58,15 @@ def draw_learning_study(ds: xr.Dataset, width: float | None = None) -> Figure:
         words = ", ".join(label_in_words(table, d, k) for d, k in place.items())
         panels[0].set_title(drawing.wrap_to_axes(panels[0], words), loc="left")
         panels[-1].set_xlabel(drawing.wrap_to_axes(panels[-1], coordinate_quantity(table, x).axis))
-    for axes in grid[:, 0]:
-        axes.set_ylim(bottom=0.0)
+    for axes, (_, factor) in zip(grid[:, 0], _LEARNING_ROWS.values(), strict=True):
+        axes.set_ylim(0.0, 105.0 if factor == 100.0 else None)
     if line_dim:
         handles, labels = grid[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 3), frameon=False)
+        figure.legend(handles, labels, loc="outside lower center", ncols=max(1, int(inches // 2.4)), frameon=False)
     shown = f"; {len(columns)} of {n_conditions} conditions" if len(columns) < n_conditions else ""
+    shown += drawing.left_out_in_words(table, line_dim, min(_MOST_LINES, table.sizes.get(line_dim, _MOST_LINES)))
     caption = f"Median over days{describe_place(table, fixed)}; dotted: recommended; a gap in a line: never{shown}"
-    figure.suptitle(wrap_text("\n".join(filter(None, [str(ds.attrs.get("title", "")), caption])), inches, 9))
+    figure.suptitle(wrap_text("\n".join(filter(None, [str(ds.attrs.get("title", "")), caption])), inches - 0.4, 9))
     return figure
 
 

@@ -26,7 +26,7 @@ from fastcoil.loops.scenarios import check_counted_result, require_table_units
 from fastcoil.model.metric_table import METRICS, metric_hint
 from fastcoil.model.parameter_table import CHANCE_DIMS, PARAMETERS
 from fastcoil.study.analysis.answer import find_answer
-from fastcoil.study.analysis.choices import PLAIN_PI_VALUES, describe_place
+from fastcoil.study.analysis.choices import PLAIN_PI_VALUES, describe_place, largest
 from fastcoil.study.analysis.learned import is_learning_result
 from fastcoil.study.analysis.selected import drawn_parameters, group_by_parameters, numeric_dims, swept_dims
 
@@ -261,8 +261,8 @@ def recommend_labels(ds: xr.Dataset, drawn: Sequence[str]) -> tuple[dict[str, An
     label = describe_place(ds, found.place).removeprefix(" at ")
     words = f"; recommended: {label}" if label else ""
     if conditions := [d for d in left if d not in found.place]:
-        rmse = found.table["rmse"].sel(found.place).fillna(-math.inf)
-        worst = rmse.isel({str(d): int(k) for d, k in rmse.argmax(tuple(rmse.dims)).items()})
+        rmse = found.table["rmse"].sel(found.place)
+        worst = rmse.isel(largest(rmse))
         worst_labels = {d: worst[d].values.item() for d in conditions}
         words += f"; drawn{describe_place(ds, worst_labels)}, where the error is largest"
         fixed |= worst_labels

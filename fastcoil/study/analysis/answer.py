@@ -31,12 +31,14 @@ from fastcoil.study.analysis.choices import (
     HUNTING_LIMIT,
     SIMILAR_ERROR,
     Choices,
+    change_in_words,
     describe_choice,
     describe_labels_at,
-    format_change,
     format_range,
+    largest,
     make_table,
     recommended_buffer,
+    shorten,
 )  # fmt: skip
 from fastcoil.study.analysis.sobol import sobol_indices
 
@@ -82,7 +84,8 @@ class Answer:
         lines = [f"{head}: {self.advice}"] + [f"It brings: {self.brings}"] * bool(self.brings)
         lines += [f"It costs: {self.costs}"] * bool(self.costs)
         lines += [f"It fails: {'; '.join(self.fails)}."] * bool(self.fails)
-        return lines + [f"Or: {alternative}" for alternative in self.alternatives]
+        word = "Or" if self.place else "Also"
+        return lines + [f"{word}: {alternative}" for alternative in self.alternatives]
 
     def __repr__(self) -> str:
         return "\n".join(
@@ -103,19 +106,13 @@ class Answer:
         for dim in map(str, self.table.sizes):
             part = self.along(dim)
             if part["rmse"].dims == (dim,):
-                names = [dim, *map(str, part.data_vars)]
-                columns = [[_to_json_value(v) for v in part[n].values] for n in names]
-                rows[dim] = [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
+                frame = part.drop_vars({*map(str, part.coords)} - {dim}).to_dataframe().reset_index()
+                rows[dim] = json.loads(frame.to_json(orient="records", double_precision=15))
         content = {
             "question": self.question, "recommend": dict(self.recommend), "advice": self.advice, "brings": self.brings,
             "costs": self.costs, "fails": list(self.fails), "alternatives": list(self.alternatives), "along": rows,
         }  # fmt: skip
         return json.dumps(content, ensure_ascii=False, indent=1) + "\n"
-
-
-def _to_json_value(value: Any) -> Any:
-    value = to_builtin(value)
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def answer(results: Any) -> Answer:
@@ -176,84 +173,81 @@ def find_answer(results: xr.Dataset) -> Answer:
 # --- in sentences -----------------------------------------------------------------------------------------------------
 
 
+def _labels_of(table: xr.Dataset, place: Mapping[str, int]) -> dict[str, Any]:
+    return {d: to_builtin(table[d].values[k]) for d, k in place.items()}
+
+
+def _mean_share(values: xr.DataArray) -> str:
+    return format_share(float(values.mean()))
+
+
 def _answer_choice(question: str, choices: Choices) -> Answer:
     table, best = choices.table, choices.best
-    recommend = _recommended_values(table, best)
-    place = {d: to_builtin(table[d].values[k]) for d, k in best.items()}
     return Answer(
-        question, recommend, f"{describe_choice(choices, best)}.", _describe_gain(choices, best),
+        question, _recommended_values(table, best), f"{describe_choice(choices, best)}.", _describe_gain(choices, best),
         _describe_costs(choices, best), tuple(_describe_failures(choices, best)),
-        tuple(_describe_alternatives(choices, best)), table, place,
+        tuple(_describe_alternatives(choices, best)), table, _labels_of(table, best),
     )  # fmt: skip
 
 
 def _answer_learning(question: str, choices: Choices, results: xr.Dataset) -> Answer:
     """Recommend the setting that finds the backlash most often without harm, or none."""
     table, over, comparators = choices.table, choices.over, learned.read_comparators(results)
+    plain: Any = comparators.pop("plain PI", None)
+    has_plain = plain is not None or "rmse_change" in table
     if "rmse_change" in table:
-        change, travel = table["rmse_change"], table.get("travel_ratio", xr.DataArray(1.0))
-    elif comparators:
-        plain = comparators["plain PI"]
-        change, travel = table["rmse"] / plain["rmse"] - 1.0, table["motor_travel"] / plain["motor_travel"]
+        error, travel = 1.0 + table["rmse_change"], table.get("travel_ratio", xr.DataArray(1.0))
+    elif plain is not None:
+        error, travel = table["rmse"] / plain["rmse"], table["motor_travel"] / plain["motor_travel"]
     else:
-        change, travel = xr.zeros_like(table["rmse"]), xr.ones_like(table["rmse"])
+        error = travel = xr.ones_like(table["rmse"])
     right = table["share_right"].mean(over).where(~choices.is_plain, -np.inf)
-    is_harmless = (change.max(over) <= learned.HARMLESS_CHANGE) & (
+    is_safe = (right >= learned.RIGHT_SHARE) & (travel.median(over) <= learned.HARMLESS_TRAVEL)
+    is_safe &= (error.max(over) <= 1.0 + learned.HARMLESS_CHANGE) & (
         table["share_too_high"].max(over) <= learned.TOO_HIGH_SHARE
     )
-    is_harmless &= travel.median(over) <= learned.HARMLESS_TRAVEL
-    is_safe = is_harmless & (right >= learned.RIGHT_SHARE)
     has_safe = bool(is_safe.any())
     # of settings that are right equally often, the fastest
     speed = 1.0 / (1.0 + table["time_median"].max(over))
-    best = _largest((right.round(2) + 1e-3 * speed).where(is_safe if has_safe else True, -np.inf))
+    best = largest((right.round(2) + 1e-3 * speed).where(is_safe if has_safe else True, -np.inf))
     runs, n = learned.describe_runs(results), int(table["n"].isel(best).sum())
-    cell = table.isel(best, drop=True)
-
-    def describe_harm(at: Mapping[str, int]) -> str:
-        parts = [f"the RMS error is {format_change(float(change.isel(at).median()))} than with the plain PI"]
-        parts.append(f"the motor travels {float(travel.isel(at).median()):.2g} times as far")
-        parts.append(f"mode switches are {float(table['switch_frequency'].isel(at).median()):.1f} in 10 min")
-        return ", ".join(parts if comparators or "rmse_change" in table else parts[2:])
-
-    setting = describe_labels_at(table, best)
+    cell, setting = table.isel(best, drop=True), describe_labels_at(table, best)
     if has_safe:
         advice = f"take {setting}."
-        worst_time = cell.isel(_largest(-cell["share_right"]))
-        brings = f"the backlash is found on {format_share(float(cell['share_right'].mean()))} of the {runs}: "
-        brings += f"{learned.describe_time(worst_time, n / max(1, cell['share_right'].size), runs)}"
-        brings += " in the condition where this is least often" * bool(cell["share_right"].ndim) + "."
+        worst_time = learned.describe_time(cell.isel(largest(-cell["share_right"])), n / cell["share_right"].size, runs)
+        brings = f"the backlash is found on {_mean_share(cell['share_right'])} of the {runs}: {worst_time}"
+        brings += ", in the worst condition." if cell["share_right"].ndim else "."
     else:
-        high = format_share(float(cell["share_too_high"].mean()))
-        found = (
-            f"right on {format_share(float(cell['share_right'].mean()))} of the {runs}, too high at the end on {high}"
-        )
-        advice, brings = f"ship none of these settings: the one that is right most often, {setting}, is {found}.", ""
-    fails = []
-    lowest = choices.unlimited
+        advice = f"ship none of these settings: the one that is right most often, {setting}, is right on "
+        advice += f"{_mean_share(cell['share_right'])} of the {runs}, too high at the end on "
+        advice, brings = f"{advice}{_mean_share(cell['share_too_high'])}.", ""
+    costs = f"{float(table['switch_frequency'].isel(best).median()):.1f} mode switches in 10 min"
+    if has_plain:
+        change, ratio = change_in_words(error.isel(best)), float(travel.isel(best).median())
+        costs = f"the RMS error is {change} than with the plain PI, at {ratio:.2g} times its travel and {costs}"
+    fails, lowest = [], choices.unlimited
     if lowest != best and not bool(choices.is_plain.isel(lowest)):
         there = table.isel(lowest)
-        words = f"the setting of least error, {describe_labels_at(table, lowest)}, is right on"
-        right_there, high = (format_share(float(there[n].mean())) for n in ("share_right", "share_too_high"))
-        fails.append(f"{words} {right_there} and too high on {high} of the {runs}")
-    others = {name: part for name, part in comparators.items() if name != "plain PI"}
-    alternatives = [_describe_comparator(name, part, comparators["plain PI"], runs) for name, part in others.items()]
-    place = {d: to_builtin(table[d].values[k]) for d, k in best.items()}
-    recommend = _recommended_values(table, best) if has_safe else {}
-    costs = f"while it learns, {describe_harm(best)}."
-    return Answer(question, recommend, advice, brings, costs, tuple(fails), tuple(alternatives), table, place)
+        fails.append(
+            f"the setting of least error, {describe_labels_at(table, lowest)}, is right on "
+            f"{_mean_share(there['share_right'])} and too high on {_mean_share(there['share_too_high'])} of the {runs}"
+        )
+    alternatives = [_describe_comparator(name, part, plain, runs) for name, part in comparators.items()]
+    return Answer(
+        question, _recommended_values(table, best) if has_safe else {}, advice, brings, f"while it learns, {costs}.",
+        tuple(fails), tuple(alternatives), table, _labels_of(table, best),
+    )  # fmt: skip
 
 
 def _describe_comparator(name: str, part: xr.Dataset, plain: xr.Dataset, runs: str) -> str:
     """Describe what identify or a fixed estimate did on the same days."""
-    change = format_change(float((part["rmse"] / plain["rmse"]).median()) - 1.0)
     travel = float((part["motor_travel"] / plain["motor_travel"]).median())
-    text = f"{name}: the RMS error is {change} than with the plain PI, at {travel:.2g} times its travel"
+    text = f"{name}: the RMS error is {change_in_words(part['rmse'] / plain['rmse'])}, at {travel:.2g} times the travel"
     if name != "identify":
         return f"{text}."
     hours = float(part["time_median"].median()) / 3600.0
-    within = f", half of them within {hours:.2g} h" if math.isfinite(hours) else ""
-    return f"{text}; it is right on {format_share(float(part['share_right'].mean()))} of the {runs}{within}."
+    within = f", half within {hours:.2g} h" if math.isfinite(hours) else ""
+    return f"{text}; it is right on {_mean_share(part['share_right'])} of the {runs}{within}."
 
 
 def _answer_single(question: str, table: xr.Dataset) -> Answer:
@@ -276,11 +270,15 @@ def _answer_spread(question: str, choices: Choices) -> Answer:
     if int(table["n"].max()) > 1:
         advice += f", {low:.3g} to {high:.3g} K in 5 to 95 % of the {'loops of a cell' if choices.over else 'loops'}"
     if "hunts" in table:
-        advice += f"; {format_share(float(table['hunts'].mean()))} of the loops hunt"
+        advice += f"; {_mean_share(table['hunts'])} of the loops hunt"
     costs = ""
     if "motor_travel" in table:
         costs = f"the motor travels {float(table['motor_travel'].median()):.3g} strokes (median)."
     return Answer(question, {}, f"{advice}.", costs=costs, fails=tuple(_describe_worst(choices, {})), table=table)
+
+
+_MOST_DRIVERS = 3  # named in a sentence
+_MOST_DRIVEN, _MOST_SHORT = 3, 2  # metrics, or cells of one, after the first, and drivers named there
 
 
 def _answer_drivers(question: str, results: xr.Dataset) -> Answer:
@@ -288,38 +286,38 @@ def _answer_drivers(question: str, results: xr.Dataset) -> Answer:
     metrics = [n for n in ("rmse", "motor_travel", "hunts") if n in results and bool(results[n].notnull().any())]
     table = sobol_indices(results, metrics, drop_failed=True)
     others = [str(d) for d in table["rmse"].dims if d not in ("parameter", "index", "edge")]
-    lines = []
+    lines: list[str] = []
     for name, place in product(metrics, np.ndindex(*(table.sizes[d] for d in others))):
         at = dict(zip(others, place, strict=True))
         indices = table[name].isel(at)
         if bool(indices.notnull().any()):
-            where = f" with {describe_labels_at(results, at)}" if at else ""
-            lines.append(f"of the spread of the {quantity(name).text}{where}, {_describe_indices(indices)}")
-    n = int(table["rmse_n_samples"].min())
-    few = f"from {n:,} samples; brackets: 95 % intervals"
-    width = table["rmse"].sel(edge="high", index="first_order") - table["rmse"].sel(edge="low", index="first_order")
-    fails = (f"{n:,} samples are too few to tell the parameters apart: draw {4 * n:,}",) if width.max() > 0.3 else ()
+            words = describe_labels_at(results, {d: k for d, k in at.items() if table.sizes[d] > 1})
+            of_what = quantity(name).text + (f" with {words}" if words else "")
+            lines.append(f"{of_what}: {_describe_indices(indices, is_short=bool(lines))}")
     if not lines:
         return Answer(question, {}, "the sampled parameters do not change the RMS error.", table=table)
-    return Answer(
-        question, {}, f"{lines[0]} ({few}).", fails=fails, alternatives=tuple(f"{x}." for x in lines[1:]), table=table
-    )
+    n = int(table["rmse_n_samples"].min())
+    width = table["rmse"].sel(edge="high", index="first_order") - table["rmse"].sel(edge="low", index="first_order")
+    fails = (f"{n:,} samples are too few to tell the parameters apart: draw {4 * n:,}",) if width.max() > 0.3 else ()
+    advice = f"of the spread of the {lines[0]} (from {n:,} samples; brackets: 95 % intervals)."
+    return Answer(question, {}, advice, fails=fails, alternatives=tuple(lines[1 : 1 + _MOST_DRIVEN]), table=table)
 
 
-_MOST_DRIVERS = 3  # named in a sentence
-
-
-def _describe_indices(indices: xr.DataArray) -> str:
-    """Describe the largest first-order indices, what interactions add, and which parameters do nothing."""
+def _describe_indices(indices: xr.DataArray, is_short: bool) -> str:
+    """Describe the largest first-order indices; in full with intervals, total indices, and what interactions add."""
     first, total = (indices.sel(index=i, edge="value") for i in ("first_order", "total"))
-    order = np.argsort(-total.fillna(0.0).values)[:_MOST_DRIVERS]
     parts = []
-    for k in order:
+    for k in np.argsort(-total.fillna(0.0).values)[: _MOST_SHORT if is_short else _MOST_DRIVERS]:
         edges = np.clip(indices.isel(parameter=k).sel(index="first_order").values, 0.0, 1.0)
-        words = quantity(str(indices["parameter"].values[k])).text
-        parts.append(f"{words} explains {format_share(*edges)} alone, {format_share(min(1.0, float(total[k])))} in all")
-    interactions = max(0.0, 1.0 - float(first.sum()))
-    return f"{'; '.join(parts)}; {format_share(interactions)} is interactions"
+        words = shorten(quantity(str(indices["parameter"].values[k])).text)
+        if is_short:
+            parts.append(f"{words} {format_share(float(edges[0]))}")
+        else:
+            in_all = format_share(min(1.0, float(total[k])))
+            parts.append(f"{words} explains {format_share(*edges)} alone, {in_all} in all")
+    if is_short:
+        return f"{', '.join(parts)} alone."
+    return f"{'; '.join(parts)}; {format_share(max(0.0, 1.0 - float(first.sum())))} is interactions"
 
 
 def _recommended_values(table: xr.Dataset, place: Mapping[str, int]) -> dict[str, Any]:
@@ -337,24 +335,22 @@ def _describe_gain(choices: Choices, best: Mapping[str, int]) -> str:
     table, cell = choices.table, choices.table.isel(best, drop=True)
     text = f"the RMS error is {format_range(cell['rmse'])}"
     if "rmse_change" in table and not bool(choices.is_plain.isel(best)):
-        lower = format_share(float(cell["share_lower"].mean()))
-        change = format_change(float(cell["rmse_change"].median()))
-        text += f", {change} than with the {plain_pi_label(table)} of the same loop (median), and lower in {lower}"
-    worst = choices.error.where(np.isfinite(choices.error)).argmax(choices.dims)
-    ratio = float(choices.error.isel(worst) / choices.error.isel(best))
-    words = describe_labels_at(table, {str(d): int(k) for d, k in worst.items()})
-    return text + (f"; the worst choice, {words}, has {ratio:.2g} times this error." if ratio > 1.05 else ".")
+        change = change_in_words(1.0 + cell["rmse_change"])
+        text += f", {change} than with the {plain_pi_label(table)} of the same loop (median), and lower in "
+        text += _mean_share(cell["share_lower"])
+    ratio = float(choices.error.where(np.isfinite(choices.error)).max() / choices.error.isel(best))
+    return text + (f"; the worst choice has {ratio:.2g} times this error." if ratio > 1.05 else ".")
 
 
 def _describe_costs(choices: Choices, best: Mapping[str, int]) -> str:
-    table, cell, parts = choices.table, choices.table.isel(best, drop=True), []
-    if "motor_travel" in table:
+    cell, parts = choices.table.isel(best, drop=True), []
+    if "motor_travel" in cell:
         parts.append(f"the motor travels {format_range(cell['motor_travel'], 'strokes')}")
         if dict(best) != choices.reference:
-            ratio = float(choices.travel.isel(best))
-            parts[0] += f", {ratio:.2g} times as far as with {describe_choice(choices, choices.reference)[5:]}"
-    if "hunts" in table:
-        parts.append(f"{format_share(float(cell['hunts'].mean()))} of the loops hunt")
+            calmest = describe_choice(choices, choices.reference)[5:]
+            parts[0] += f", {float(choices.travel.isel(best)):.2g} times as far as with {calmest}"
+    if "hunts" in cell:
+        parts.append(f"{_mean_share(cell['hunts'])} of the loops hunt")
     return f"{'; '.join(parts)}." if parts else ""
 
 
@@ -363,64 +359,63 @@ def _describe_failures(choices: Choices, best: Mapping[str, int]) -> list[str]:
     table, cell, parts = choices.table, choices.table.isel(best, drop=True), _describe_worst(choices, best)
     if "rmse_change" in table and not bool(choices.is_plain.isel(best)):
         worse = 1.0 - cell["share_lower"]
-        if float(worse.max()) > 0.5 and worse.ndim:
-            at = {str(d): int(k) for d, k in worse.fillna(-np.inf).argmax([*worse.dims]).items()}
+        at = largest(worse)
+        if at and float(worse.max()) > 0.5:
             share = format_share(float(worse.isel(at)))
             parts.append(f"at {describe_labels_at(table, at)} the error is not lower in {share} of the loops")
     ratio = next((d for d in ("estimate_ratio", "backlash_estimate") if d in best), None)
     if ratio and best[ratio] and table[ratio].values[-1] > table[ratio].values[best[ratio]]:
         over = table.isel({**best, ratio: -1}, drop=True)
         wrong = coordinate_quantity(table, ratio).number(float(table[ratio].values[-1]))
-        error = format_change(float((over["rmse"] / cell["rmse"]).median()) - 1.0)
-        parts.append(f"with an estimate of {wrong} instead the error is {error}")
+        parts.append(f"with an estimate of {wrong} instead the error is {change_in_words(over['rmse'] / cell['rmse'])}")
         if "motor_travel" in table:
             parts[-1] += f" and the travel {float((over['motor_travel'] / cell['motor_travel']).median()):.2g} times"
     return parts
 
 
 def _describe_worst(choices: Choices, best: Mapping[str, int]) -> list[str]:
-    """Describe the condition of the largest error, and that of the most hunting."""
-    cell, parts = choices.table.isel(best, drop=True), []
+    """Describe the condition of the largest error, that of the most hunting, and where another choice is better."""
+    cell = choices.table.isel(best, drop=True)
     if not choices.over:
         return []
-    at = _largest(cell["rmse"])
-    parts.append(
-        f"the error is largest at {describe_labels_at(cell, at)}: {float(cell['rmse'].isel(at)):.3g} K (median)"
-    )
+    at = largest(cell["rmse"])
+    where = f"at {describe_labels_at(cell, at)}"
+    parts = [f"the error is largest {where}: {float(cell['rmse'].isel(at)):.3g} K (median)"]
     if "hunts" in cell and float(cell["hunts"].max()) > HUNTING_LIMIT:
-        at = _largest(cell["hunts"])
+        at = largest(cell["hunts"])
         share = format_share(float(cell["hunts"].isel(at)))
         parts.append(f"at {describe_labels_at(cell, at)} {share} of the loops hunt")
     regret = cell["rmse"] / choices.table["rmse"].min(choices.dims)
     if best and float(regret.max()) > CALM_ERROR:
-        at = _largest(regret)
-        there = choices.table["rmse"].isel(at)
-        other = {str(d): int(k) for d, k in there.fillna(np.inf).argmin(choices.dims).items()}
-        lower = format_change(1.0 / float(regret.max()) - 1.0)
-        parts.append(f"at {describe_labels_at(cell, at)} {describe_choice(choices, other)[5:]} has an error {lower}")
+        at = largest(regret)
+        there = f"at {describe_labels_at(cell, at)}"
+        other = largest(-choices.table["rmse"].isel(at))
+        is_alternative = other == _costly_choice(choices, best)
+        words = "the choice of lowest error" if is_alternative else describe_choice(choices, other)[5:]
+        lower = change_in_words(1.0 / regret.max())
+        parts.append(f"{'there' if there == where else there} {words} has an error {lower}")
     return parts
 
 
-def _largest(values: xr.DataArray) -> dict[str, int]:
-    if not values.ndim:
-        return {}
-    return {str(d): int(k) for d, k in values.fillna(-np.inf).argmax([*values.dims]).items()}
+def _costly_choice(choices: Choices, best: Mapping[str, int]) -> dict[str, int]:
+    """Return the choice of lowest error, where that is much lower than with the recommended one."""
+    lowest = choices.unlimited
+    return lowest if float(choices.error.isel(best) / choices.error.isel(lowest)) > SIMILAR_ERROR else {}
 
 
 def _describe_alternatives(choices: Choices, best: Mapping[str, int]) -> list[str]:
     """Describe the choice of lowest error, where it costs too much, and the best plain PI, where it is simpler."""
-    lines, lowest, reference = [], choices.unlimited, choices.reference
-    if float(choices.error.isel(best) / choices.error.isel(lowest)) > SIMILAR_ERROR:
-        change = format_change(float(choices.error.isel(lowest) / choices.error.isel(best)) - 1.0)
-        why = f"the motor travels {float(choices.travel.isel(lowest)):.3g} times as far as the best plain PI's"
-        if float(choices.hunting.isel(lowest)) > HUNTING_LIMIT:
-            why += f", and up to {format_share(float(choices.hunting.isel(lowest)))} of the loops hunt"
-        line = f"{describe_choice(choices, lowest)}: the error is {change}, but {why}"
+    lines, reference = [], choices.reference
+    error = choices.error / choices.error.isel(best)
+    if lowest := _costly_choice(choices, best):
+        travel, hunting = choices.travel.isel(lowest) / choices.travel.isel(best), float(choices.hunting.isel(lowest))
+        why = f"the motor travels {float(travel):.3g} times as far"
+        if hunting > HUNTING_LIMIT:
+            why += f", and up to {format_share(hunting)} of the loops hunt"
         if not bool(choices.is_plain.isel(lowest)) and plain_pi_label(choices.table) == "plain PI":
-            size = recommended_buffer(choices.table, lowest)
-            line += f"; a buffer of {100.0 * size:.2g} % of the stroke lowers that: sweep buffer = {size:.2g} too"
-        lines.append(f"{line}.")
-    if dict(best) != reference and bool(choices.is_plain.isel(reference)):
-        change = format_change(float(choices.error.isel(reference) / choices.error.isel(best)) - 1.0)
-        lines.append(f"{describe_choice(choices, reference)}: the error is {change}.")
+            why += f"; sweep buffer = {recommended_buffer(choices.table, lowest):.2g} too, which lowers that"
+        change = change_in_words(error.isel(lowest))
+        lines.append(f"{describe_choice(choices, lowest)}: the error is {change}, but {why}.")
+    if bool(choices.is_plain.isel(reference)) and not bool(choices.is_plain.isel(best)):
+        lines.append(f"{describe_choice(choices, reference)}: the error is {change_in_words(error.isel(reference))}.")
     return lines

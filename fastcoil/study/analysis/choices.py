@@ -84,6 +84,13 @@ def plain_place(ds: xr.Dataset) -> dict[str, int]:
     return {str(d): int(k) for d, k in zip(is_plain.dims, np.argwhere(is_plain.values)[0], strict=True)}
 
 
+def largest(values: xr.DataArray) -> dict[str, int]:
+    """Return the place of the largest value; empty where there are no dims."""
+    if not values.ndim:
+        return {}
+    return {str(d): int(k) for d, k in values.fillna(-np.inf).argmax([*values.dims]).items()}
+
+
 class Choices:
     """The choices of a study and how they do: relative error, travel and hunting, over the conditions together."""
 
@@ -133,8 +140,7 @@ class Choices:
         return (travel / reference.where(reference > 0.0)).median(self.over).fillna(np.inf)
 
     def _lowest(self, values: xr.DataArray, mask: xr.DataArray) -> dict[str, int]:
-        place = values.where(mask, np.inf).argmin(self.dims)
-        return {str(d): int(k) for d, k in place.items()}
+        return largest(-values.where(mask, np.inf))
 
     @property
     def best(self) -> dict[str, int]:
@@ -161,11 +167,15 @@ def describe_choice(choices: Choices, place: Mapping[str, int]) -> str:
             k = rest.pop(dim)
             of_what = " of the backlash" if dim == "estimate_ratio" else ""
             size = f"{coordinate_quantity(table, dim).number(float(table[dim].values[k]))}{of_what}"
-            inverse = (
-                f"an inverse with an estimate of {size}" if table[dim].values[k] else f"the {plain_pi_label(table)}"
-            )
-    words = ", ".join(filter(None, [describe_labels_at(table, rest)]))
-    return f"take {' and '.join(filter(None, [words, inverse]))}"
+            inverse = f"an inverse of {size}" if table[dim].values[k] else f"the {plain_pi_label(table)}"
+    return f"take {' and '.join(filter(None, [describe_labels_at(table, rest), inverse]))}"
+
+
+def shorten(words: str) -> str:
+    """Shorten names of gains, which sentences have many of."""
+    for name, short in {"proportional gain Kp": "Kp", "integral time Ti": "Ti"}.items():
+        words = words.replace(f"{name} = ", f"{short} ").replace(name, short)
+    return words
 
 
 def describe_labels_at(ds: xr.Dataset | xr.DataArray, at: Mapping[str, int]) -> str:
@@ -178,7 +188,7 @@ def describe_labels_at(ds: xr.Dataset | xr.DataArray, at: Mapping[str, int]) -> 
             words += [coordinate_quantity(ds, n).equals(float(values[k])) for n, values in along.items()]
         else:
             words.append(label_in_words(ds, dim, k))
-    return ", ".join(words)
+    return shorten(", ".join(words))
 
 
 def describe_place(ds: xr.Dataset, place: Mapping[str, Any]) -> str:
@@ -198,10 +208,11 @@ def recommended_buffer(table: xr.Dataset, place: Mapping[str, int]) -> float:
 def format_range(values: xr.DataArray, unit: str = "K") -> str:
     """Format a median, and its range over the conditions where it varies."""
     low, middle, high = (float(v) for v in (values.min(), values.median(), values.max()))
-    over = f" ({low:.3g} to {high:.3g} over the conditions)" if values.ndim and f"{low:.3g}" != f"{high:.3g}" else ""
+    over = f" ({low:.3g} to {high:.3g})" if values.ndim and f"{low:.3g}" != f"{high:.3g}" else ""
     return f"{middle:.3g} {unit}{over}"
 
 
-def format_change(change: float) -> str:
-    """Format a relative change: ``38 % lower``."""
+def change_in_words(ratio: xr.DataArray) -> str:
+    """Format the median of a ratio as a change: ``38 % lower``."""
+    change = float(ratio.median()) - 1.0
     return f"{100.0 * abs(change):.0f} % {'lower' if change < 0.0 else 'higher'}"

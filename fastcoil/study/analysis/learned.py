@@ -106,11 +106,9 @@ def read_comparators(ds: xr.Dataset) -> dict[str, xr.Dataset]:
 
 def describe_time(table: xr.Dataset, n: float, noun: str) -> str:
     """Describe when the estimates were right: ``half of the days within 4.5 h; 2 of 10 never``."""
-    median, late = float(table["time_median"]), float(table["time_q75"])
+    median, never = float(table["time_median"]), round(n * (1.0 - float(table["share_right"])))
     text = f"half of the {noun} within {median / 3600.0:.2g} h" if np.isfinite(median) else f"not half of the {noun}"
-    text += f", three quarters within {late / 3600.0:.2g} h" if np.isfinite(late) else ""
-    never = round(n * (1.0 - float(table["share_right"])))
-    return f"{text}; {never:,} of {round(n):,} never" if never else f"{text}; all of {round(n):,} at the end"
+    return f"{text}; {never:,} of {round(n):,} never" if never else text
 
 
 def describe_runs(ds: xr.Dataset) -> str:

@@ -169,7 +169,7 @@ def _parse_sample(table: Mapping[str, Any], known: Mapping[str, Parameter], fold
         check(require_integer, "seed", settings["seed"], *RUN_LIMITS["seed"])
         if not problems and settings["method"] in POWERS_OF_TWO and size.bit_count() > 1:
             power = 1 << (size.bit_length() - 1)
-            sentence = f"size = {size}: a Sobol design is even only in powers of two, such as {power}"
+            sentence = f"size = {size}: a Sobol design is even only in powers of two, give {power} or {2 * power}"
             problems.append(Problem(sentence, "size", "value"))
         names = sampled_names(table)
         for name, shape in known_parameters({name: table[name] for name in names}, problems, known=known).items():

@@ -148,6 +148,22 @@ def test_named_controllers_have_rows_and_maps_of_rows_one_scale():
     )
 
 
+@pytest.mark.parametrize("n", [3, 4])
+def test_a_study_of_many_learning_settings_has_a_curve_for_three_and_says_so(n):
+    """Steps and intervals, each found by the first half of the days."""
+    sizes = {"learning_step": n, "learning_interval": n, "day": 4}
+    coords = {"learning_step": 0.002 * np.arange(1, n + 1), "learning_interval": 600.0 * np.arange(1, n + 1)}
+    times = np.where(np.arange(4) < 2, 3600.0, np.nan) * np.ones((n, n, 1))
+    ones = np.ones((n, n, 4))
+    estimates = {"time_identified": times, "estimate_settled": 0.07 * ones, "backlash_final": 0.07 * ones}
+    metrics = {name: ones for name in plots.STANDARD_METRICS}
+    figure = plots.standard_figures(make_result(tuple(sizes), coords, **estimates, **metrics))["learning"]()
+    assert_texts_fit(figure)
+    assert [text.get_text() for text in figure.legends[0].get_texts()][-1] == f"learning interval = {10 * n} min"
+    np.testing.assert_allclose(figure.axes[0].lines[0].get_ydata(), 50.0)
+    assert ("shown are 3 of 4 values" in " ".join(figure.get_suptitle().split())) == (n == 4)
+
+
 def test_a_drawn_parameter_is_drawn_with_the_scatter_in_each_group():
     ds = drawn_result(80)
     figure = plots.draw_panels(group_by_parameters(ds, ["kp"]), "kp", metrics=["rmse"])

@@ -36,7 +36,7 @@ def test_it_has_question_answer_figures_numbers_settings_hash_file_and_citation_
     ds = fc.open_study(out)
     assert len(page.pictures) == 1
     for words in (
-        "Do this: take an inverse with an estimate of 90 % of the backlash.",
+        "Do this: take an inverse of 90 % of the backlash.",
         "Figure 1. Line: median of 3 days",
         "95 % interval: of the median change, over 3 days",
         "standard deviation 0.02 K",
@@ -142,7 +142,7 @@ def test_the_table_has_the_recommended_estimate_with_the_number_of_the_answer():
     metrics = {"rmse": rmse, "motor_travel": travel, "switch_frequency": travel}
     ds = make_result(("estimate_ratio", "sample"), {"estimate_ratio": ratios}, **metrics)
     do, brings, *_ = find_answer(ds).summary()
-    assert do.endswith("with an estimate of 50 % of the backlash."), "55 % has an error only 3 % lower"
+    assert do.endswith("an inverse of 50 % of the backlash."), "55 % has an error only 3 % lower"
     (table,) = comparison_tables(ds)
     (row,) = [row for row in table.rows if row[0] == "50 %"]
     assert row[2] == "−25 %"

@@ -65,7 +65,7 @@ def test_an_inverse_of_many_times_the_travel_is_an_alternative_with_the_buffer_t
     found = fc.answer(study.assign_attrs(parameters=stored))
     assert found.recommend == {"estimate_ratio": 0.0}
     (alternative,) = found.alternatives
-    assert "an estimate of 95 % of the backlash: the error is 40 % lower" in alternative
+    assert "an inverse of 95 % of the backlash: the error is 40 % lower" in alternative
     assert "16.2 times as far" in alternative
     assert "buffer = 0.03" in alternative, "6 × kp × noise"
 
@@ -109,7 +109,7 @@ def test_a_condition_is_never_a_choice_and_the_worst_one_is_named():
     # each is best in one condition: relative errors 1 and 2 against 2 and 1; the first of equals
     assert found.recommend["kp"] == 0.01
     assert "the error is largest at backlash = 10 %: 0.4 K" in found.fails[0]
-    assert "at backlash = 10 % proportional gain Kp = 0.03 1/K has an error 50 % lower" in found.fails
+    assert "there Kp 0.03 1/K has an error 50 % lower" in found.fails
     assert found.along("backlash").rmse.values.tolist() == pytest.approx([0.1, 0.4])
     only_conditions = study.isel(kp=0, drop=True)
     assert fc.answer(only_conditions).recommend == {}
@@ -155,7 +155,9 @@ def test_where_every_learning_step_fails_none_is_recommended_and_identify_is_nam
     assert found.advice.startswith(
         "ship none of these settings: the one that is right most often, learning step = 0.7 %"
     )
-    assert found.alternatives[0].startswith("identify: the RMS error is 0 % higher than with the plain PI")
+    assert found.alternatives[0].startswith(
+        "identify: the RMS error is 0 % higher, at 1 times the travel; it is right on 100 %"
+    )
     harmful = fc.answer(make_learning([10, 10], [0, 0], [0.3, 0.3], plain=0.25))
     assert harmful.recommend == {}, "an error 20 % above that of the plain PI is harm"
 
@@ -170,8 +172,9 @@ def test_a_sobol_study_says_what_drives_each_metric():
     found = fc.answer(ds.assign_coords(kp=kp, ti=ti))
     # of the variance of 2 kp + ti, 4/5 and 1/5
     assert found.table.rmse.sel(index="first_order", edge="value").values == pytest.approx([0.8, 0.2], abs=0.05)
-    assert "proportional gain Kp explains 8" in found.advice
-    assert "motor travel, strokes, integral time Ti explains 100 % (" in found.alternatives[0]
+    assert "Kp explains 80 % (" in found.advice
+    assert found.alternatives[0] == "motor travel, strokes: Ti 100 %, Kp 0 % alone."
+    assert found.summary()[-1].startswith("Also: motor travel")
 
 
 @pytest.mark.parametrize("status", [1, 2])
