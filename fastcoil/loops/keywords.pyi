@@ -10,7 +10,7 @@ from fastcoil.model.user_rules import Rule
 
 Value: TypeAlias = float | str | Rule | Sequence[Any] | np.ndarray[Any, Any] | xr.DataArray
 """A number, a word or a rule; a list, which is a dimension of its own; ``(dim, values)``; a DataArray."""
-PresetName: TypeAlias = Literal["paper_like", "paper_like_fast", "lbnl", "g36", "heating", "heating_45"]
+PresetName: TypeAlias = Literal["paper_like", "paper_like_fast", "lbnl", "g36", "heating", "heating_45", "reheat"]
 
 class Keywords(TypedDict, total=False):
     """Parameters by name."""

@@ -289,7 +289,7 @@ def rows_by_day(by_way: Mapping[str, xr.Dataset]) -> Iterator[list[str]]:
         among = is_inside.isel(day=day)
         turns, scaled = (series.isel(day=day).where(among) for series in (ds.turns, ds.bound * ds.K))
         log_turns, log_bound = (np.log(series.values[among.values]) for series in (turns, scaled))
-        power, _ = np.polyfit(log_turns, log_bound, 1)
+        power = np.polyfit(log_turns, log_bound, 1)[0] if np.unique(log_turns).size > 1 else np.nan
         constants = 1000.0 * scaled * np.sqrt(turns)
         yield ["all" if isinstance(day, slice) else f"{day + 1}", f"{int(among.sum())}",
                " · ".join(f"{float(constants.quantile(q)):.0f}" for q in (0.1, 0.5, 0.9)), f"{power:.2f}"]  # fmt: skip

@@ -56,7 +56,7 @@ def test_presets_of_practice_are_converged_and_those_of_the_paper_as_printed():
     marches = {name: fc.Loop.preset(name)["air_march"] for name in fc.presets()}
     assert marches == {
         "paper_like": "lagged", "paper_like_fast": "lagged", "lbnl": "quasistatic", "g36": "quasistatic",
-        "heating": "quasistatic", "heating_45": "quasistatic",
+        "heating": "quasistatic", "heating_45": "quasistatic", "reheat": "quasistatic",
     }  # fmt: skip
     assert fc.Loop()["air_march"] == "lagged"
     assert fc.Loop.preset("lbnl", converged=True) == fc.Loop.preset("lbnl")

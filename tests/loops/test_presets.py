@@ -21,7 +21,12 @@ HEATING = {
 HEATING_COILS = {
     "heating": {"C_w": 2.2, "C_c": 2.5, "beta1": 0.24, "beta3": 0.10, "beta5": 0.105},
     "heating_45": {"C_w": 4.4, "C_c": 5.0, "beta1": 0.28, "beta3": 0.20, "beta5": 0.21},
-}
+    "reheat": {
+        "C_w": 0.19, "C_c": 0.21, "beta1": 0.147, "beta3": 0.0333, "beta5": 0.035, "m_full": 0.042,
+        "sensor_time_constant": 60.0, "kp": 0.1, "ti": 900.0, "sample_time": 30.0, "controlled": "T_room",
+        "room_capacity": 450.0, "room_ua": 0.05,
+    },
+}  # fmt: skip
 VARYING = ("air_march", "C_c", "kp", "ti", "sample_time", "sensor_time_constant", "stroke_time")
 DESIGN_TABLE = {
     "paper_like": ("lagged", 30.0, 0.03, 8.0, 30.0, 0.0, 0.0),

@@ -29,7 +29,7 @@ def test_an_interrupt_before_the_first_shard_promises_nothing_and_status_agrees(
     write_study(PLAIN_STUDY, out)
     monkeypatch.setattr("fastcoil.study.run.make_pool", Mock(side_effect=KeyboardInterrupt))
     lines = fastcoil("run", tmp_path / "study.toml", "-o", out).stderr.splitlines()
-    assert lines[-1] == "fastcoil: interrupted"
+    assert lines[-1].startswith("fastcoil: interrupted; nothing is finished yet, to start again: fastcoil run ")
     assert "holds no study" in fastcoil("status", out).stderr
     with hold_folder(out):
         assert maintenance.status(out)[0] == "Nothing is finished yet."

@@ -209,9 +209,10 @@ def test_the_values_of_a_link_are_shown_with_the_loop_that_it_names():
 
 
 def test_all_that_can_be_set_can_be_simulated_with_the_load_as_the_air_of_its_day():
-    """Every preset with every word, at both ends of all dials."""
-    for name in PRESETS:
-        start, usual = STARTS[name], explore.initial_settings(name, STARTS[name])
+    """Every loop to start from with every word, at both ends of all dials."""
+    assert [*STARTS] == [name for name in PRESETS if name != "reheat"]  # which has a room
+    for name, start in STARTS.items():
+        usual = explore.initial_settings(name, start)
         words = itertools.product(*(explore.menu_words(c, start) for c in ("valve", "estimator", "day")))
         ends = [{name: dial.steps[k] for name, dial in explore.DIALS.items()} for k in (0, -1)]
         for k, ((valve, estimator, day), values) in enumerate(itertools.product(words, ends)):
