@@ -285,7 +285,7 @@ def rows_by_day(by_way: Mapping[str, xr.Dataset]) -> Iterator[list[str]]:
     """Rows by day, last all: the bound times the gain times √turns, and the power of the turns that fits the bound."""
     ds = join_moves(by_way)
     is_inside = is_worn(ds) & (ds.turns > 0.0) & ds.bound.notnull()
-    for day in (*range(DAYS), slice(None)):
+    for day in (*range(ds.sizes["day"]), slice(None)):
         among = is_inside.isel(day=day)
         turns, scaled = (series.isel(day=day).where(among) for series in (ds.turns, ds.bound * ds.K))
         log_turns, log_bound = (np.log(series.values[among.values]) for series in (turns, scaled))

@@ -46,6 +46,7 @@ def make_readings() -> xr.Dataset:
 def test_the_tables_count_wrong_claims_and_good_valves(read_table, monkeypatch):
     monkeypatch.setattr(least, "run_move", lambda *_: make_readings())
     monkeypatch.setattr(least, "draw", lambda _: None)
+    monkeypatch.setattr(least, "write_short_logs", lambda _: None)
     least.main(6)
     head, *rows = read_table("least_movement")[1]
     cells = dict(zip(head, next(row for row in rows if row[:2] == ["steps", "0.5 to 1"]), strict=True))
@@ -55,6 +56,16 @@ def test_the_tables_count_wrong_claims_and_good_valves(read_table, monkeypatch):
     assert {row[head.index("good valves accused")] for row in rows} == {"1 of 1"}
     head, *rows = read_table("least_movement_turns")[1]
     assert [row[head.index("loops")] for row in rows if row[0] in ("0", "6 to 11")] == ["6", "24"]
+
+
+def test_the_bound_by_day_has_the_constant_and_power_of_its_law():
+    """A bound of 60 mK / (K √reversals)."""
+    ds = make_readings()
+    turns = ds.turns + np.arange(6.0)[:, np.newaxis]
+    row = list(
+        least.rows_by_day({way: ds.assign(turns=turns, bound=0.06 / (ds.K * turns**0.5)) for way in least.MOVES})
+    )[-1]
+    assert [row[0], row[2], row[3]] == ["all", "60 · 60 · 60", "-0.50"]
 
 
 @pytest.mark.kernel
