@@ -175,6 +175,8 @@ def change_rows(kind: str, ds: xr.Dataset) -> list[list[str]]:
     by_gap, calm = (worn.hunts > 0.0) & (good.hunts == 0.0), has_gap & (worn.hunts == 0.0)
     table = []
     for name, among in ((HUNTS_BY_GAP, by_gap), (CALM, calm), (ALL_LOOPS, has_gap & (worn.hunts >= 0.0))):
+        if not bool(among.any()):  # no such loop on these days
+            continue
         changes, medians = [], []
         for quantity in SUM_NAMES:
             # reheat and water may be next to nothing: against the mean of the good valves

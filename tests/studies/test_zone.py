@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from studies.cost import zone
 
@@ -49,3 +50,12 @@ def test_the_demand_is_the_largest_mean_of_a_quarter_of_an_hour():
     assert sums["demand"] == pytest.approx(base + 1.0)
     assert sums["electricity"] == pytest.approx(base + 1.0 / 3.0)
     assert (sums["reheat"], sums["water"]) == (2.0, 0.5)
+
+
+def test_loops_that_no_day_has_get_no_row():
+    dims, random = ("worn", "sample", "day"), np.random.default_rng(1)
+    series = {name: (dims, 1.0 + random.random((2, 4, 2))) for name in (*zone.SUM_NAMES, "moved")}
+    calm = xr.Dataset(series | {"hunts": (dims, np.zeros((2, 4, 2)))}, {"worn": [True, False]})
+    rows = zone.change_rows("constant", calm)
+    assert [row[1] for row in rows] == [zone.CALM, zone.ALL_LOOPS]
+    assert all(len(row) == len(zone.HEAD) for row in rows)
