@@ -16,7 +16,7 @@ import numpy as np
 
 from fastcoil.base import arguments
 from fastcoil.base.errors import Problem, did_you_mean, short_repr
-from fastcoil.logs.series import COLUMNS, TIME_COLUMNS, VOCABULARY, is_unit
+from fastcoil.logs.series import AIR_HANDLER_COLUMNS, COLUMNS, TIME_COLUMNS, VOCABULARY, is_unit
 from fastcoil.logs.table import TIME_HEADERS, Table, has_name, normalise_header, split_label_and_unit
 from fastcoil.logs.timestamps import is_time, require_time_format, require_time_zone
 
@@ -29,6 +29,7 @@ class ColumnSpec(NamedTuple):
     required: Sequence[str | tuple[str, ...]]  # must be in the log; of a tuple exactly one
     optional: Sequence[str] = ()
     measured: Sequence[str] = ()  # outputs of the model: a bad value becomes NaN, and its row stays
+    rules: str = "rules"  # of ``names.toml``, by which headers are read
 
     @property
     def choices(self) -> list[tuple[str, ...]]:
@@ -139,7 +140,7 @@ class HeaderMeaning(NamedTuple):
     is_clear: bool
 
 
-def interpret_header(header: str) -> HeaderMeaning | None:
+def interpret_header(header: str, rules: str = "rules") -> HeaderMeaning | None:
     """Interpret a header by its words; None if it means none of our columns, or has unknown words alone."""
     label, unit = split_label_and_unit(header)
     text = _SET_POINT_PATTERN.sub(" setpoint ", _BACNET_ADDRESS.sub(" ", label))
@@ -155,7 +156,7 @@ def interpret_header(header: str) -> HeaderMeaning | None:
             plant.append(word)
     first_known = next((k for k, word_meanings in enumerate(meanings) if word_meanings not in (None, ["place"])), 0)
     is_clear = all(header_words[k].isdigit() or meanings[k] is not None for k in range(first_known, len(header_words)))
-    for name, *rule_words in VOCABULARY["rules"]:
+    for name, *rule_words in VOCABULARY[rules]:
         required_words, optional_words = ({*words.split()} for words in rule_words)
         other_words = known_words - required_words
         if required_words <= known_words and other_words <= optional_words | {"position"}:
@@ -177,11 +178,11 @@ def _may_have_unit(name: str, unit: str | None) -> bool:
     return unit is None or not is_unit(unit) or COLUMNS[name].is_same_unit(unit, unit)
 
 
-def _interpret_in_plant(header: str, headers: Sequence[str]) -> HeaderMeaning | None:
+def _interpret_in_plant(header: str, headers: Sequence[str], rules: str) -> HeaderMeaning | None:
     """Interpret a header behind a name of plant that others share: ``CLG-O`` of ``S-7_CLG-O``; None if unclear."""
     for match in re.finditer(r"[_ .:/\\]", header):
-        prefix, meaning = header[: match.end()], interpret_header(header[match.end() :])
-        has_other_words = any(_WORD_MEANINGS.get(word.lower()) == ["other"] for word in _WORD_PATTERN.findall(prefix))
+        prefix, meaning = header[: match.end()], interpret_header(header[match.end() :], rules)
+        has_other_words = any("other" in _WORD_MEANINGS.get(word.lower(), ()) for word in _WORD_PATTERN.findall(prefix))
         is_shared = sum(each.startswith(prefix) for each in headers) > 1
         if meaning and meaning.is_clear and is_shared and not has_other_words:
             return meaning._replace(plant=frozenset({prefix}))
@@ -193,7 +194,7 @@ _MAX_LISTED_COLUMNS = 3  # of unknown columns in a message, which counts the res
 
 def find_columns(table: Table, options: ReadingOptions, spec: ColumnSpec) -> dict[str, int]:
     """Return the index of each column to read, by our name; unknown, missing or doubled ones become problems."""
-    names = [*COLUMNS, "timestamp"]
+    names = [name for name in COLUMNS if name in spec.names or name not in AIR_HANDLER_COLUMNS] + ["timestamp"]
     header_by_name, constants = options.columns or {}, options.constants or {}
     table.check_names("columns", header_by_name, names)
     table.check_names("units", options.units, COLUMNS)
@@ -277,7 +278,7 @@ def _match_headers(
     column_by_name = find_requested_columns(table, options.columns or {})
     ignored = [
         k for k, cell in enumerate(table.header) for name in options.ignore
-        if has_name(cell, name) or ((meaning := interpret_header(cell)) and meaning.name == name)
+        if has_name(cell, name) or ((meaning := interpret_header(cell, spec.rules)) and meaning.name == name)
     ]  # fmt: skip
     labels, units = zip(*map(split_label_and_unit, table.header), strict=True)
     time_column = table.find_time_column() if not {*TIME_COLUMNS} & {*labels, *column_by_name} else None
@@ -326,10 +327,10 @@ def _guess_columns(
 ) -> tuple[dict[str, int], dict[str, list[str]]]:
     """Guess the names of ``unknown`` columns, all of one plant; return indices by name, and headers in question."""
     columns = [*unknown, *column_by_name.values()]
-    meanings = {k: meaning for k in columns if (meaning := interpret_header(table.header[k]))}
+    meanings = {k: meaning for k in columns if (meaning := interpret_header(table.header[k], spec.rules))}
     headers = [table.header[k] for k in columns]
     for k, header in zip(columns, headers, strict=True):
-        if k not in meanings and (meaning := _interpret_in_plant(header, headers)):
+        if k not in meanings and (meaning := _interpret_in_plant(header, headers, spec.rules)):
             meanings[k] = meaning
     plant = next((meanings[k].plant for k in column_by_name.values() if k in meanings), frozenset[str]())
     guesses: dict[str, int] = {}

@@ -202,7 +202,7 @@ class Log:
     """
 
     def __init__(self, source: Any, options: ReadingOptions) -> None:
-        self._source, self._options = source, options
+        self._source, self.options = source, options
         self._table: Table | None = None
         self._names_read: set[str] = {*TIME_COLUMNS, "batch"}
 
@@ -212,27 +212,37 @@ class Log:
             return self._source.name
         return "DataFrame" if hasattr(self._source, "iloc") else "Dataset"
 
+    def table(self) -> Table:
+        """Return the log as a table of text, a copy that may be changed."""
+        return self._table.copy() if self._table is not None else _read_table(self._source, self.options)
+
+    def with_options(self, **options: Any) -> Log:
+        """Return the same log with some options of reading changed."""
+        log = Log(self._source, replace(self.options, **options))
+        log._table = self._table
+        return log
+
     def check(self) -> None:
         """Check that the source is a table with the columns that were named; the table of a file is kept."""
-        table = _read_table(self._source, self._options)
+        table = _read_table(self._source, self.options)
         if isinstance(self._source, Path):
             self._table = table
         table = table.copy()
-        columns = self._options.columns or {}
+        columns = self.options.columns or {}
         table.check_names("columns", columns, [*COLUMNS, "timestamp"])
-        table.check_names("units", self._options.units, COLUMNS)
-        table.check_names("constants", self._options.constants or {}, POINT_NAMES)
+        table.check_names("units", self.options.units, COLUMNS)
+        table.check_names("constants", self.options.constants or {}, POINT_NAMES)
         if find_value_columns(table) is None:
             find_requested_columns(table, columns)
-            require_columns_with_units(table, self._options)
+            require_columns_with_units(table, self.options)
         table.raise_problems()
 
     def read(self, spec: ColumnSpec, *, refuse_gaps: bool = False, use_sensor: bool = False) -> CheckedLog:
         """Read the columns of ``spec`` as checked numbers; ``use_sensor``: of a simulation, what its sensor shows."""
         # constants are for whichever caller needs them
-        constants = {name: x for name, x in (self._options.constants or {}).items() if name in spec.names}
+        constants = {name: x for name, x in (self.options.constants or {}).items() if name in spec.names}
         self._names_read |= {*spec.names}
-        options = replace(self._options, refuse_gaps=refuse_gaps, constants=constants)
+        options = replace(self.options, refuse_gaps=refuse_gaps, constants=constants)
         if self._table is not None:
             return check_table(self._table.copy(), spec, options)
         source = self._source
@@ -242,7 +252,7 @@ class Log:
 
     def require_options_used(self) -> None:
         """Refuse headers and units of columns that no function has read since."""
-        options = [("columns", "--column", self._options.columns or {}), ("units", "--unit", self._options.units)]
+        options = [("columns", "--column", self.options.columns or {}), ("units", "--unit", self.options.units)]
         with argument_checks() as check:
             for argument, option, texts in options:
                 for name in sorted(texts.keys() - self._names_read):
@@ -276,7 +286,7 @@ def as_log(name: str, source: Any, like: Log | None = None) -> Log:
     """Return a `Log`: ``source`` itself, or that of a path, DataFrame or Dataset, with the options of ``like``."""
     if isinstance(source, Log):
         return source
-    return Log(require_log(name, source), _DEFAULT_LOG_OPTIONS if like is None else like._options)
+    return Log(require_log(name, source), _DEFAULT_LOG_OPTIONS if like is None else like.options)
 
 
 _DEFAULT_LOG_OPTIONS = ReadingOptions(constants={}, drop=False, jumps="refuse", reader="read_log")

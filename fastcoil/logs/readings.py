@@ -45,7 +45,7 @@ def read_columns(
     """Read every column but ``timestamp`` as numbers in our units; ``sparse``: a missing value is no mistake."""
     readings = ColumnReadings()
     columns = {name: column for name, column in column_by_name.items() if name != "timestamp"}
-    style = _detect_table_style(table, columns)
+    style = detect_table_style(table, columns)
     for name, column in columns.items():
         series = COLUMNS[name]
         cells = parse_cells([row[column] for row in table.rows], style, is_switch=series.is_switch)
@@ -201,7 +201,7 @@ def mark_supersaturation(table: Table, readings: ColumnReadings, constants: Mapp
 
 def read_numbers(table: Table, series: Series, column: int, unit: str | None = None) -> Array:
     """Read a column as checked numbers in our unit, (n_rows,); add problems; ``unit``: of a header without one."""
-    style = _detect_table_style(table, {series.name: column})
+    style = detect_table_style(table, {series.name: column})
     cells = parse_cells([row[column] for row in table.rows], style, is_switch=False)
     options = ReadingOptions(units={} if unit is None else {series.name: unit})
     known_unit = _resolve_column_unit(table, series, column, cells, options)
@@ -214,7 +214,7 @@ def read_numbers(table: Table, series: Series, column: int, unit: str | None = N
     return np.arange(len(table.rows), dtype=np.float64)
 
 
-def _detect_table_style(table: Table, columns: Mapping[str, int]) -> NumberStyle:
+def detect_table_style(table: Table, columns: Mapping[str, int]) -> NumberStyle:
     """Detect how the numbers of the table are written; raise if that is ambiguous."""
     style = detect_number_style(([row[column] for row in table.rows] for column in columns.values()), table.separator)
     if number := style.ambiguous_number:

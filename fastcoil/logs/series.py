@@ -214,10 +214,24 @@ COLUMNS: dict[str, Series] = {
         Series("T_w_out", "leaving water temperature", TEMPERATURE, 0.1, 150.0),
         Series("test", "whether the valve test runs", DIMENSIONLESS, 0.0, 1.0, hold=True, whole=True),
         Series("batch", "number of the experiment", DIMENSIONLESS, 0.0, 1e9, hold=True, whole=True),
+        Series("cooling_command", "command to the cooling valve", TRAVEL, 0.0, 1.0, hold=True, scatters=True),
+        Series("heating_command", "command to the heating valve", TRAVEL, 0.0, 1.0, hold=True, scatters=True),
+        Series("preheat_command", "command to the preheat valve", TRAVEL, 0.0, 1.0, hold=True, scatters=True),
+        Series("T_set_cooling", "set-point for cooling", TEMPERATURE, -20.0, 80.0, hold=True),
+        Series("T_set_heating", "set-point for heating", TEMPERATURE, -20.0, 80.0, hold=True),
+        Series("T_mixed", "mixed air temperature", TEMPERATURE, -70.0, 60.0),
+        Series("T_return", "return air temperature", TEMPERATURE, -70.0, 60.0),
+        Series("fan_speed", "speed of the supply fan", FRACTION, 0.0, 1.0, scatters=True),
+        Series("occupied", "whether the rooms are occupied", DIMENSIONLESS, 0.0, 1.0, hold=True, whole=True),
     )
 }
 """Every column that a log may have, except ``timestamp``."""
 
+AIR_HANDLER_COLUMNS = (
+    "cooling_command", "heating_command", "preheat_command", "T_set_cooling", "T_set_heating", "T_mixed", "T_return",
+    "fan_speed", "occupied",
+)  # fmt: skip
+"""Columns that are read of an air handler as a whole only; of one valve, the first three are its ``command``."""
 TIME_COLUMNS = ("elapsed_time", "timestamp")  # in one of which a log gives its time
 HUMIDITY_COLUMNS = ("W_a_in", "RH_a_in", "T_dp_in")  # in one of which it gives the humidity of the entering air
 

@@ -10,7 +10,8 @@ from fastcoil.base.arrays import Array
 from fastcoil.design.advice import INVERSE_SHARE
 from fastcoil.measured import thresholds
 from fastcoil.measured.fitted_loop import FittedLoop, Outcome, what_if, why_unusable
-from fastcoil.measured.measures import SMOOTHINGS_PER_PERIOD, Measures, Swing, running_mean
+from fastcoil.measured.grid import running_mean
+from fastcoil.measured.measures import SMOOTHINGS_PER_PERIOD, Measures, Swing
 
 CAUSE_NONE = "none"
 CAUSE_BACKLASH = "backlash"

@@ -18,7 +18,10 @@ from fastcoil.logs.own_values import OwnValues, find_own_values
 from fastcoil.logs.series import format_count
 from fastcoil.model.engine import recorded
 
-HELD_COLUMNS = ("command", "T_set", "enabled", "test")  # hold until the next sample in every log
+HELD_COLUMNS = (
+    "command", "T_set", "enabled", "test", "cooling_command", "heating_command", "preheat_command", "T_set_cooling",
+    "T_set_heating", "occupied",
+)  # fmt: skip  # hold until the next sample in every log
 LEAST_SAMPLES = 20  # of a log that can be diagnosed
 MOST_SAMPLES = 200_000  # of a resampled log: 11 days every 5 s
 SECONDS_PER_DAY = 86400.0
@@ -150,7 +153,8 @@ def _find_rhythm(log: CheckedLog, forward: Array, is_same_piece: Mask) -> tuple[
     nearest_multiples = np.maximum(np.rint(multiples), 1.0)
     is_whole = np.abs(multiples - nearest_multiples) <= _STEP_TOLERANCE
     is_single_step = is_whole & (nearest_multiples == 1.0)
-    is_repeated = np.all([np.diff(log.values[name]) == 0.0 for name in ("command", "T_sup")], axis=0) & is_same_piece
+    series = [values for name, values in log.values.items() if name == "T_sup" or name.endswith("command")]
+    is_repeated = np.all([np.diff(values) == 0.0 for values in series], axis=0) & is_same_piece
     if is_whole.mean() < _REGULAR_SHARE or (is_single_step.mean() < _REGULAR_SHARE and not is_repeated.any()):
         return float(np.clip(round(median), 1.0, 10.0)), False  # s
     mean = float(forward[is_single_step].mean())
@@ -223,6 +227,18 @@ def logging_increment(temperature: Array) -> float:
 def forward_fill(series: Array) -> Array:
     """Replace missing values by the last before them, those at the beginning by the first."""
     return np.array(pd.Series(series).ffill().bfill())
+
+
+def running_mean(series: Array, good: Mask, width: int) -> Array:
+    """Return the running mean of a series over ``width`` samples, of the good ones among them."""
+
+    def window_sum(values: Array) -> Array:
+        sums_before = np.concatenate([[0.0], np.cumsum(values)])
+        index = np.arange(values.size)
+        low, high = np.maximum(index - width // 2, 0), np.minimum(index + (width + 1) // 2, values.size)
+        return np.asarray(sums_before[high] - sums_before[low])
+
+    return np.asarray(window_sum(np.where(good, series, 0.0)) / np.maximum(window_sum(good.astype(float)), 1.0))
 
 
 def is_range_good(good: Mask, first: Index, last: Index) -> Mask:

@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.lib.stride_tricks import sliding_window_view
 
 from fastcoil.base.arrays import Array, Mask
-from fastcoil.measured.grid import SECONDS_PER_DAY, Grid, forward_fill, motor_positions
+from fastcoil.measured.grid import SECONDS_PER_DAY, Grid, forward_fill, motor_positions, running_mean
 from fastcoil.measured.part import true_runs
 from fastcoil.model.hunting import OWN_SHARE
 
@@ -96,18 +96,6 @@ def _block_swings(series: Array, good: Mask, samples: int) -> Array:
     n_blocks = series.size // samples
     blocks, is_good = (array[: n_blocks * samples].reshape(n_blocks, samples) for array in (series, good))
     return np.asarray(np.ptp(blocks[is_good.all(axis=1)], axis=1))
-
-
-def running_mean(series: Array, good: Mask, width: int) -> Array:
-    """Return the running mean of a series over ``width`` samples, of the good ones among them."""
-
-    def window_sum(values: Array) -> Array:
-        sums_before = np.concatenate([[0.0], np.cumsum(values)])
-        index = np.arange(values.size)
-        low, high = np.maximum(index - width // 2, 0), np.minimum(index + (width + 1) // 2, values.size)
-        return np.asarray(sums_before[high] - sums_before[low])
-
-    return np.asarray(window_sum(np.where(good, series, 0.0)) / np.maximum(window_sum(good.astype(float)), 1.0))
 
 
 SETTLED_AFTER_S = 600.0  # after a change of the set-point; a command at an end for longer leaves the loop no control

@@ -24,9 +24,8 @@ from fastcoil.measured.cause import CAUSE_UNKNOWN, Cause, PriorEvidence, judge_c
 from fastcoil.measured.diagnose import identify_and_measure, require_seconds
 from fastcoil.measured.diagnosis import ValveReading, probability_profile
 from fastcoil.measured.fitted_loop import fit_loop_model
-from fastcoil.measured.grid import Grid, forward_fill, keep_own_values, motor_positions, resample_log
+from fastcoil.measured.grid import Grid, forward_fill, keep_own_values, motor_positions, resample_log, running_mean
 from fastcoil.measured.identify import CANDIDATES, LEAST_REVERSAL, USUAL_STROKE_TIME, Identification, judge_size
-from fastcoil.measured.measures import running_mean
 from fastcoil.measured.part import LogSource, count_reversals, true_runs
 
 DISTURBANCE_COLUMNS = ("m_a", "T_a_in", "T_w_in")

@@ -1,0 +1,149 @@
+"""The log of an air handler, with all its valves: which column is which point, in which units, read at once."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from fastcoil.base.arrays import Array
+from fastcoil.base.errors import InputError
+from fastcoil.logs.cells import parse_cells
+from fastcoil.logs.columns import ColumnSpec, ReadingOptions, find_columns
+from fastcoil.logs.join import find_value_columns, pivot_points
+from fastcoil.logs.log import CheckedLog, Log, check_table
+from fastcoil.logs.readings import detect_table_style
+from fastcoil.logs.series import COLUMNS, FRACTION, TEMPERATURE, TRAVEL
+from fastcoil.logs.table import Table
+
+COILS = ("cooling", "heating", "preheat")
+COMMANDS = tuple(f"{coil}_command" for coil in COILS)
+_TEMPERATURES = ("T_sup", "T_mixed", "T_a_in", "T_return", "T_out", "T_set", "T_set_cooling", "T_set_heating")
+AIR_HANDLER_SPEC = ColumnSpec(
+    required=("T_sup",), optional=(*COMMANDS, *_TEMPERATURES[1:], "m_a", "fan_speed", "enabled", "occupied"),
+    measured=(*_TEMPERATURES, "m_a", "fan_speed"), rules="air_handler_rules",
+)  # fmt: skip
+_LEAST_FAHRENHEIT = 45.0  # median of the supply air, above which its numbers are °F: no coil blows 45 °C all the time
+
+
+@dataclass(frozen=True)
+class AirHandlerPoints:
+    """The points of an air handler in a log.
+
+    headers: of each point, by our names.  units: of each column whose header has none, proposed from its numbers.
+    notes: on proposed units.
+    """
+
+    headers: dict[str, str]
+    units: dict[str, str]
+    notes: list[str]
+
+    @property
+    def coils(self) -> list[str]:
+        """The coils whose valves have a command in the log."""
+        return [coil for coil in COILS if f"{coil}_command" in self.headers]
+
+
+def count_valves(log: Log) -> int:
+    """Count the valves that the headers of a log name beyond doubt; 0 where the log cannot be read as it is."""
+    try:
+        return len(find_points(log)[0].coils)
+    except InputError:
+        return 0
+
+
+def find_points(log: Log) -> tuple[AirHandlerPoints, Table, ReadingOptions]:
+    """Find the points of an air handler by the headers of its log, and propose units where they name none."""
+    table, options = log.table(), replace(log.options, drop=True)
+    if find_value_columns(table) is not None:
+        table = pivot_points(table, options, AIR_HANDLER_SPEC)
+        options = replace(options, columns=None, units={}, ignore=(), time_format=None, time_zone="")
+    columns = find_columns(table, options, AIR_HANDLER_SPEC)
+    points = {name: k for name, k in columns.items() if name in AIR_HANDLER_SPEC.names}
+    table.raise_problems()
+    units = _propose_units(table, points, options)
+    unread = [name for name in points if name not in units and _lacks_unit(table, name, points[name], options)]
+    headers = {name: table.header[k] for name, k in points.items() if name not in unread}
+    options = replace(options, units={**units, **options.units}, ignore=[*options.ignore, *unread])
+    if "degF" in units.values():  # numbers in °F come from where the month is written first
+        options = replace(options, month_first=True)
+    notes = []
+    for unit in dict.fromkeys(units.values()):
+        names = ", ".join(name for name in units if units[name] == unit)
+        cure = options.unit_cure(next(name for name in units if units[name] == unit), "OTHER UNIT")
+        unit_text = "a fraction" if unit == "1" else unit
+        notes.append(f"by their numbers, {names}: in {unit_text}; if that is wrong: {cure}")
+    if unread:
+        notes.append(f"left out, as their headers have no unit: {', '.join(unread)}")
+    return AirHandlerPoints(headers, units, notes), table, options
+
+
+def read_air_handler(log: Log) -> tuple[CheckedLog, AirHandlerPoints]:
+    """Read all points of an air handler as checked numbers in our units."""
+    points, table, options = find_points(log)
+    if not points.coils:
+        cure = options.cure("columns={'cooling_command': 'its header'}", "--column cooling_command='its header'")
+        commands = " or ".join(COMMANDS)
+        raise InputError(f"{log.name}: {commands} is missing: say which it is: {cure}", "cooling_command", "missing")
+    table.notes.clear()  # which columns were read is in the notes of the points
+    data = check_table(table, AIR_HANDLER_SPEC, options)
+    if not {"T_set", "T_set_cooling", "T_set_heating"} & data.values.keys():
+        points.notes.append("without a set-point (T_set), nothing is said about control errors")
+    return data, points
+
+
+def valve_log(log: Log, points: AirHandlerPoints, coil: str) -> Log:
+    """Return the log as that of one valve, with the headers and units that were found."""
+    set_point = next((name for name in (f"T_set_{coil}", "T_set") if name in points.headers), "")
+    entering = next((name for name in ("T_mixed", "T_a_in") if name in points.headers), "")
+    names = {"command": f"{coil}_command", "T_sup": "T_sup", "T_set": set_point, "T_a_in": entering, "m_a": "m_a",
+             "enabled": "enabled"}  # fmt: skip
+    columns = {name: points.headers[point] for name, point in names.items() if point in points.headers}
+    given_units = {**points.units, **log.options.units}
+    units = {name: given_units[names[name]] for name in columns if names[name] in given_units}
+    read = {*columns.values()}
+    ignore = [header for header in points.headers.values() if header not in read]
+    return log.with_options(
+        columns=columns, units=units, ignore=ignore, drop=True, month_first="degF" in points.units.values()
+    )
+
+
+def _lacks_unit(table: Table, name: str, column: int, options: ReadingOptions) -> bool:
+    is_plain = COLUMNS[name].is_switch or name in options.units
+    return not is_plain and not table.declared_units(column)
+
+
+def _propose_units(table: Table, points: Mapping[str, int], options: ReadingOptions) -> dict[str, str]:
+    """Propose a unit by its numbers for each column whose header has none; one for all temperatures."""
+    numbers: dict[str, Array] = {}
+    style = detect_table_style(table, points)
+    for name, column in points.items():
+        if _lacks_unit(table, name, column, options):
+            cells = parse_cells([row[column] for row in table.rows], style, is_switch=False)
+            if not cells.units and np.isfinite(cells.values).any():
+                numbers[name] = cells.values[np.isfinite(cells.values)]
+    units: dict[str, str] = {}
+    sensors = [name for name in ("T_sup", "T_mixed", "T_a_in", "T_return") if name in numbers]
+    medians = [float(np.median(numbers[name])) for name in sensors or [n for n in numbers if n in _TEMPERATURES]]
+    for name, values in numbers.items():
+        family = COLUMNS[name].units
+        if family is TEMPERATURE and medians:
+            units[name] = "degF" if max(medians) > _LEAST_FAHRENHEIT else "degC"
+        elif family in (TRAVEL, FRACTION):
+            units[name] = "1" if float(values.max()) <= 1.05 else "percent"  # readings may lie a little above 1
+    return units
+
+
+def keep_answers(points: AirHandlerPoints, options: ReadingOptions) -> dict[str, Any]:
+    """Return the headers and units of a unit's points, for the logs of the next ones."""
+    return {"columns": dict(points.headers), "units": {**points.units, **options.units}}
+
+
+def require_answers(name: str, answers: Any) -> dict[str, dict[str, str]]:
+    """Require what ``keep_answers`` wrote."""
+    parts = {part: answers.get(part, {}) for part in ("columns", "units")}
+    for part, entries in parts.items():
+        if not isinstance(entries, dict) or not all(isinstance(text, str) for text in entries.values()):
+            sentence = f"{name}: [{part}] is not a table of texts: give a file that `fastcoil diagnose -o` wrote"
+            raise InputError(sentence, name, "data")
+    return parts

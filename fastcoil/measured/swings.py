@@ -1,0 +1,96 @@
+"""Swings of a temperature, with their clock times, on any set-point: cycles between successive turns."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from fastcoil.base.arrays import Array, Index, Mask
+from fastcoil.measured.grid import forward_fill, running_mean
+from fastcoil.measured.part import true_runs
+
+LEAST_SWING_K = 1.5  # peak to peak, of a swing that counts: loads and mixing make ± 0.6 K
+_LEVEL_S = 3600.0  # over which the level is averaged, twice: swings of up to 75 min pass
+_LONGEST_PERIOD_S = 5400.0
+_LEAST_HALF_CYCLES = 6  # in a row, of a swing that goes on
+_FEWEST_SAMPLES = 4  # of a period that the log resolves
+_LEAST_COMMAND_SWING = 0.03  # peak to peak, fraction of stroke, of a valve that makes the air swing
+_LEAST_SET_POINT_SHARE = 0.5  # of the swing of the temperature, from which the set-point makes it
+_MOST_TURNS_RATIO = 2.0  # of turns of the command over those of the temperature, or the reverse
+
+
+class SwingWindow(NamedTuple):
+    """A time in which a temperature swings."""
+
+    first: int  # sample
+    end: int  # sample after the last
+    peak_to_peak: float  # K, median of the half cycles
+    period: float  # s, median
+
+
+def find_swings(T: Array, good: Mask, interval: float, least: float = LEAST_SWING_K) -> list[SwingWindow]:
+    """Find where a temperature, (n,), swings by ``least`` K or more, three cycles or more; interval: s."""
+    turns, x = find_turns(T, good, interval, 0.5 * least)
+    if turns.size < _LEAST_HALF_CYCLES + 1:
+        return []
+    heights, widths = np.abs(np.diff(x[turns])), np.diff(turns) * interval
+    bad_before = np.concatenate([[0], np.cumsum(~good)])
+    is_unbroken = bad_before[turns[1:] + 1] == bad_before[turns[:-1]]
+    # a half cycle much longer than those beside it is a drift
+    is_swing = is_unbroken & (heights >= 0.6 * least) & (widths <= 0.5 * _LONGEST_PERIOD_S)
+    windows = []
+    for first, last in true_runs(is_swing).tolist():
+        height, halves = float(np.median(heights[first:last])), widths[first:last]
+        period = float(np.median(halves[1:] + halves[:-1])) if halves.size > 1 else np.nan
+        if last - first >= _LEAST_HALF_CYCLES and height >= least and period >= _FEWEST_SAMPLES * interval:
+            windows.append(SwingWindow(int(turns[first]), int(turns[last]) + 1, height, period))
+    return windows
+
+
+def detrend(series: Array, good: Mask, interval: float) -> Array:
+    """Return a series less its level, a mean over an hour taken twice, (n,); 0 where it is not ``good``."""
+    width = max(round(_LEVEL_S / interval), 8)
+    known = np.where(good, series, 0.0)
+    level = running_mean(running_mean(known, good, width), good, width)
+    return np.where(good, known - level, 0.0)
+
+
+def find_turns(series: Array, good: Mask, interval: float, least: float) -> tuple[Index, Array]:
+    """Return the samples at which a detrended series turns by more than ``least``, and that series."""
+    x = detrend(series, good, interval)
+    turns, direction, extreme, at = [], 0, float(x[0]), 0
+    for k, value in enumerate(x.tolist()):
+        change = value - extreme
+        if direction * change > 0.0 or (direction == 0 and abs(change) > least):
+            if direction == 0:
+                direction = 1 if change > 0.0 else -1
+            extreme, at = value, k
+        elif direction and abs(change) > least:
+            turns.append(at)
+            direction, extreme, at = -direction, value, k
+    return np.array(turns, dtype=np.int64), x
+
+
+def swing_within(series: Array, good: Mask, interval: float, window: SwingWindow) -> float:
+    """Return the median peak-to-peak swing of a series in the periods of a window."""
+    part = slice(max(window.first - round(_LEVEL_S / interval), 0), window.end + round(_LEVEL_S / interval))
+    known = forward_fill(series[part])
+    is_good = good[part] & np.isfinite(known)
+    x = detrend(known, is_good, interval)[window.first - part.start :][: window.end - window.first]
+    samples = max(2, round(window.period / interval))
+    blocks = [x[k : k + samples] for k in range(0, max(x.size - samples, 0) + 1, samples)]
+    return float(np.median([np.ptp(block) for block in blocks])) if blocks else 0.0
+
+
+def moves_with(command: Array, window: SwingWindow, swing: float, interval: float) -> bool:
+    """Whether a valve may make the swing of a window: its command swings, ``swing``, as often as the temperature."""
+    if swing < _LEAST_COMMAND_SWING:
+        return False
+    part = command[window.first : window.end]
+    turns = find_turns(part, np.isfinite(part), interval, 0.4 * swing)[0].size
+    expected = 2.0 * (window.end - window.first) * interval / window.period
+    return expected / _MOST_TURNS_RATIO - 2 <= turns <= expected * _MOST_TURNS_RATIO + 2
+
+
+def follows_set_point(T_set_swing: float, window: SwingWindow) -> bool:
+    """Whether the set-point itself swings so much that the temperature only follows it."""
+    return T_set_swing >= _LEAST_SET_POINT_SHARE * window.peak_to_peak
