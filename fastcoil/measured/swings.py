@@ -10,7 +10,7 @@ from fastcoil.measured.part import true_runs
 
 LEAST_SWING_K = 1.5  # peak to peak, of a swing that counts: loads and mixing make ± 0.6 K
 _LEVEL_S = 3600.0  # over which the level is averaged, twice: swings of up to 75 min pass
-_LONGEST_PERIOD_S = 5400.0
+LONGEST_HALF_CYCLE_S = 2700.0  # a drift takes longer
 _LEAST_HALF_CYCLES = 6  # in a row, of a swing that goes on
 _FEWEST_SAMPLES = 4  # of a period that the log resolves
 _LEAST_COMMAND_SWING = 0.03  # peak to peak, fraction of stroke, of a valve that makes the air swing
@@ -27,16 +27,17 @@ class SwingWindow(NamedTuple):
     period: float  # s, median
 
 
-def find_swings(T: Array, good: Mask, interval: float, least: float = LEAST_SWING_K) -> list[SwingWindow]:
-    """Find where a temperature, (n,), swings by ``least`` K or more, three cycles or more; interval: s."""
+def find_swings(
+    T: Array, good: Mask, interval: float, least: float = LEAST_SWING_K, longest_half: float = LONGEST_HALF_CYCLE_S
+) -> list[SwingWindow]:
+    """Find where a temperature, (n,), swings by ``least`` K or more, three cycles or more; times in s."""
     turns, x = find_turns(T, good, interval, 0.5 * least)
     if turns.size < _LEAST_HALF_CYCLES + 1:
         return []
     heights, widths = np.abs(np.diff(x[turns])), np.diff(turns) * interval
     bad_before = np.concatenate([[0], np.cumsum(~good)])
     is_unbroken = bad_before[turns[1:] + 1] == bad_before[turns[:-1]]
-    # a half cycle much longer than those beside it is a drift
-    is_swing = is_unbroken & (heights >= 0.6 * least) & (widths <= 0.5 * _LONGEST_PERIOD_S)
+    is_swing = is_unbroken & (heights >= 0.6 * least) & (widths <= longest_half)
     windows = []
     for first, last in true_runs(is_swing).tolist():
         height, halves = float(np.median(heights[first:last])), widths[first:last]

@@ -1,0 +1,200 @@
+"""Faults of the valves, coils and sensors of an air handler that last: what its coils do against their commands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from fastcoil.base.arrays import Mask
+from fastcoil.measured.air_handler.finding import Finding, make_finding
+from fastcoil.measured.air_handler.series import EFFECT_AFTER_LOW_FLOW_S, SHUT, SIGNS, WIDE_OPEN, AirHandlerSeries
+from fastcoil.measured.grid import forward_fill
+from fastcoil.measured.part import true_runs
+
+_LEAST_HOURS = 1.0  # of a day, of a fault that counts on it
+_LEAST_EFFECT_K = 3.0  # of a coil whose valve is shut: sensors of mixed air are off by up to 2.3 K
+_LEAST_EFFECT_LOW_FLOW_K = 6.0  # the same at a low air flow, at which ducts warm and cool the air
+_LEAST_EFFECT_BETWEEN_K = 4.0  # the same beyond outdoor and return air, where the entering air is not logged
+_LEAST_EFFECT_OVER_OFFSET_K = 2.0  # the same beyond the offset that the log shows
+_NO_EFFECT_K = 1.5  # of a coil wide open, up to which it does nothing: fan heat, sensors
+_STUCK_OPEN_SHARE = 0.7  # of the effect when open, from which a valve that is commanded shut is stuck open
+_UNMET_K = 1.0  # control error from which a set-point is not met
+_OPEN_COMMAND = 0.05  # from which a valve counts as open
+_FIGHT_S = 900.0
+_OFF_HOURS = 4.0  # of a day, of a controller that leaves its set-point
+_OFF_K = 2.0
+_STILL_S = 4 * 3600.0  # for which a sensor shows one number
+_STILL_NEIGHBOUR_K = 2.0  # range of another temperature meanwhile
+_OUTSIDE_K = 3.0  # of mixed air beyond return and outdoor air
+_OUTSIDE_HOURS = 3.0  # of a day
+
+
+def find_faults(unit: AirHandlerSeries) -> list[Finding]:
+    """Find what lasts for an hour of a day or more."""
+    passing = {coil: _passes(unit, coil) for coil in unit.coils}
+    findings = list(_find_still_sensors(unit)) + list(_find_mixed_air_outside(unit))
+    for coil in unit.coils:
+        findings += _describe_passing(unit, coil, passing[coil])
+    findings += _find_fights(unit)
+    for coil in unit.coils:
+        # what another valve does wrong keeps this one from its set-point
+        others = np.any([mask for other, mask in passing.items() if other != coil] or [np.zeros_like(unit.on)], axis=0)
+        excused = np.isin(unit.day, np.unique(unit.day[others])) if others.any() else np.zeros_like(unit.on)
+        findings += _find_unmet(unit, coil, excused)
+    return [*findings, *_find_unoccupied(unit)]
+
+
+def _heats_or_cools_alone(unit: AirHandlerSeries, coil: str) -> list[str]:
+    """Return the coils that change the air the way this one does."""
+    return [other for other in unit.coils if SIGNS[other] == SIGNS[coil]]
+
+
+def _passes(unit: AirHandlerSeries, coil: str) -> Mask:
+    """Whether a coil works though its valve, and any other that does the same, has been commanded shut."""
+    coils = _heats_or_cools_alone(unit, coil)
+    is_shut = np.all([unit.rests(other) for other in coils], axis=0)
+    is_shut &= ~unit.has_low_flow | np.all([unit.rests(other, after=EFFECT_AFTER_LOW_FLOW_S) for other in coils], axis=0)
+    effect = unit.effect(coil)
+    limit = np.where(unit.has_low_flow, _LEAST_EFFECT_LOW_FLOW_K, _LEAST_EFFECT_K)
+    offset = unit.offset(coil)
+    if not unit.is_entering_measured:
+        limit = np.maximum(limit, _LEAST_EFFECT_BETWEEN_K)
+    elif np.isfinite(offset):
+        limit = np.where(unit.has_low_flow, limit, np.clip(offset + _LEAST_EFFECT_OVER_OFFSET_K, 1.0, _LEAST_EFFECT_K))
+    with np.errstate(invalid="ignore"):
+        return unit.on_days_of(is_shut & (effect > limit), _LEAST_HOURS)
+
+
+def _describe_passing(unit: AirHandlerSeries, coil: str, mask: Mask) -> Iterator[Finding]:
+    if not mask.any():
+        return
+    coils = _heats_or_cools_alone(unit, coil)
+    if coil != coils[0]:
+        return  # the other one's finding names both
+    component = f"{' or '.join(coils)} valve"
+    effect, open_effect = float(np.median(unit.effect(coil)[mask])), np.nan
+    is_open = unit.on & (unit.command(coil) >= 0.8)
+    if unit.hours(is_open) >= 0.5:
+        open_effect = float(np.nanmedian(unit.effect(coil)[is_open]))
+    kind = "stuck_open" if effect >= _STUCK_OPEN_SHARE * open_effect else "leak"
+    change = "warmer" if SIGNS[coil] > 0.0 else "colder"
+    shut_hours = unit.hours(unit.rests(coil))
+    against = next((o for o in unit.coils if SIGNS[o] != SIGNS[coil] and np.median(unit.command(o)[mask]) > 0.2), "")
+    beside = f", while the {against} valve works against it" if against else ""
+    text = f"commanded shut, and the air leaves {effect:.2g} K {change} than it enters{beside}, for "
+    text += f"{unit.hours(mask):.1f} of the {shut_hours:.0f} h in which it was shut, {{when}}"
+    stuck = "it hardly closes" if kind == "stuck_open" else "it leaks or is stuck open"
+    action = f"{stuck}: close the isolating valve to see whether the effect ends, then repair valve or actuator"
+    yield make_finding(unit, component, kind, mask, effect, text, action)
+
+
+def _find_fights(unit: AirHandlerSeries) -> Iterator[Finding]:
+    """Find heating and cooling commanded at the same time."""
+    commanded = {sign: np.zeros_like(unit.on) for sign in (-1.0, 1.0)}
+    for coil in unit.coils:
+        commanded[SIGNS[coil]] |= unit.command(coil) > _OPEN_COMMAND
+    both = unit.on & commanded[-1.0] & commanded[1.0]
+    lasting = np.zeros_like(both)
+    for first, last in true_runs(both):
+        lasting[first:last] = (last - first) * unit.interval >= _FIGHT_S
+    mask = unit.on_days_of(lasting, _LEAST_HOURS)
+    if mask.any():
+        openings = [float(np.median(unit.command(coil)[mask])) for coil in unit.coils]
+        levels = ", ".join(f"{coil} {100 * x:.0f} %" for coil, x in zip(unit.coils, openings, strict=True))
+        size = float(np.median(np.abs(unit.T_sup - unit.T_entering[0])[mask]))
+        text = f"heating and cooling are commanded at once ({levels}), for {unit.hours(mask):.1f} h, {{when}}"
+        action = "unless it dehumidifies, set the cooling set-point 2 K or more above that for heating"
+        yield make_finding(unit, "controller", "fight", mask, size if np.isfinite(size) else 0.0, text, action)
+
+
+def _find_unmet(unit: AirHandlerSeries, coil: str, excused: Mask) -> Iterator[Finding]:
+    """Find a valve that is wide open without effect, or with too little, and a loop that leaves its set-point."""
+    sign, command, effect = SIGNS[coil], unit.command(coil), unit.effect(coil)
+    shortfall = sign * (unit.T_set(coil) - unit.T_sup)  # K that the air lacks
+    called = unit.on & (command > SHUT)
+    offset = unit.offset(coil)
+    no_effect = _NO_EFFECT_K + (np.clip(offset, -1.0, 1.0) if np.isfinite(offset) else 0.0)
+    with np.errstate(invalid="ignore"):
+        # a controller without a set-point in the log is wide open because the air lacks something
+        is_unmet = unit.rests(coil, wide_open=True) & ((shortfall > _UNMET_K) | np.isnan(shortfall)) & ~excused
+        is_still = is_unmet & (effect < no_effect)
+        is_weak = is_unmet & ~is_still & np.isfinite(shortfall)
+        is_left = called & (command < WIDE_OPEN) & (np.abs(shortfall) > _OFF_K) & ~excused
+    side = "below" if sign > 0.0 else "above"
+
+    def describe_state(miss: float) -> str:
+        return "wide open" + (f", and T_sup stays {miss:.2g} K {side} the set-point" if np.isfinite(miss) else "")
+
+    hours = f"for {{hours:.1f}} of the {unit.hours(called):.0f} h in which it was called, {{{{when}}}}"
+    still_days = unit.on_days_of(is_still, _LEAST_HOURS)
+    if still_days.any():
+        miss, change = float(np.nanmedian(shortfall[still_days])), float(np.median(effect[still_days]))
+        word = "colder" if sign < 0.0 else "warmer"
+        seen = f"the air leaves {abs(change):.2g} K {word if change >= 0.0 else _opposite(word)} than it enters"
+        text = f"{describe_state(miss)}: {seen}; {hours.format(hours=unit.hours(still_days))}"
+        water = "chilled" if sign < 0.0 else "hot"
+        action = f"check that {water} water arrives; if it does, valve or actuator is stuck shut, or the strainer is full"
+        yield make_finding(unit, f"{coil} valve", "stuck_shut", still_days, np.nan_to_num(miss), text, action)
+    weak_days = unit.on_days_of(is_weak & ~np.isin(unit.day, np.unique(unit.day[still_days])), _LEAST_HOURS)
+    if weak_days.any():
+        miss, change = float(np.median(shortfall[weak_days])), float(np.nanmedian(effect[weak_days]))
+        seen = f"the coil changes the air by {change:.2g} K" if np.isfinite(change) else "the entering air is not logged"
+        text = f"{describe_state(miss)}: {seen}; {hours.format(hours=unit.hours(weak_days))}"
+        action = "check the temperature and flow of the water, the stroke of the valve, then the size of the coil"
+        yield make_finding(unit, f"{coil} coil", "not_met", weak_days, miss, text, action)
+    left_days = unit.on_days_of(is_left, _OFF_HOURS)
+    if left_days.any() and float(np.ptp(command[left_days])) < 0.3:
+        miss, level = float(np.median(np.abs(shortfall[left_days]))), 100 * float(np.median(command[left_days]))
+        text = f"the {coil} command stays near {level:.0f} % while T_sup is {miss:.2g} K off the set-point; "
+        text += hours.format(hours=unit.hours(left_days))
+        action = "look for a controller in manual, an interlock, or a very long integral time"
+        yield make_finding(unit, "controller", "not_met", left_days, miss, text, action)
+
+
+def _opposite(word: str) -> str:
+    return "warmer" if word == "colder" else "colder"
+
+
+def _find_still_sensors(unit: AirHandlerSeries) -> Iterator[Finding]:
+    """Find sensors that show one number while the other temperatures move."""
+    sensors = {"supply air sensor": "T_sup", "mixed air sensor": "T_mixed", "return air sensor": "T_return"}
+    known = {label: unit.get(name) for label, name in sensors.items() if name in unit.grid.values}
+    for label, T in known.items():
+        mask, others = np.zeros_like(unit.on), [other for name, other in known.items() if name != label]
+        is_still = np.concatenate([[False], np.diff(forward_fill(T)) == 0.0]) & unit.on
+        for first, last in true_runs(is_still):
+            if (last - first) * unit.interval >= _STILL_S:
+                ranges = [float(np.nanmax(o[first:last]) - np.nanmin(o[first:last])) for o in others
+                          if np.isfinite(o[first:last]).any()]  # fmt: skip
+                mask[first:last] = max(ranges, default=0.0) >= _STILL_NEIGHBOUR_K
+        if mask.any():
+            text = f"shows {float(np.median(T[mask])):.4g} °C all the time while others move, for {unit.hours(mask):.1f} h, "
+            action = "check the sensor and its wiring; what rests on it is not judged well"
+            yield make_finding(unit, label, "sensor_stuck", mask, 0.0, f"{text}{{when}}", action)
+
+
+def _find_mixed_air_outside(unit: AirHandlerSeries) -> Iterator[Finding]:
+    """Find mixed air that is warmer, or colder, than both of what it is mixed from."""
+    T, both = unit.get("T_mixed"), np.stack([unit.get("T_return"), unit.get("T_out")])
+    excess = np.maximum(T - both.max(axis=0), both.min(axis=0) - T)
+    with np.errstate(invalid="ignore"):
+        mask = unit.on_days_of(unit.on & ~unit.has_low_flow & (excess > _OUTSIDE_K), _OUTSIDE_HOURS)
+    if mask.any():
+        size = float(np.median(excess[mask]))
+        text = f"mixed air is {size:.2g} K outside the range of return and outdoor air, for {unit.hours(mask):.1f} h, {{when}}"
+        action = "compare the three sensors with a hand-held one, with the fan running"
+        yield make_finding(unit, "mixed air sensor", "sensor_offset", mask, size, text, action)
+
+
+def _find_unoccupied(unit: AirHandlerSeries) -> Iterator[Finding]:
+    """Find a plant that runs while nobody is there, with a valve open."""
+    occupied = unit.get("occupied")
+    is_open = np.any([unit.command(coil) > _OPEN_COMMAND for coil in unit.coils], axis=0)
+    is_empty = occupied == 0.0
+    mask = unit.on_days_of(unit.on & is_empty & is_open, 2.0)
+    if mask.any():
+        hours = unit.hours(mask)
+        text = f"the plant heats or cools in {hours:.1f} of {unit.hours(is_empty):.0f} unoccupied hours, {{when}}"
+        action = "unless rooms need it, switch the plant off or widen its set-points when nobody is there"
+        yield make_finding(unit, "schedule", "unoccupied", mask, hours, text, action, symbol="h")

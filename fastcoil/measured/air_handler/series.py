@@ -1,0 +1,164 @@
+"""An air handler sample by sample: temperatures, commands and set-points by coil, and what the coils do to the air."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from fastcoil.base.arrays import Array, Index, Mask
+from fastcoil.logs.air_handler import COILS
+from fastcoil.logs.log import CheckedLog
+from fastcoil.measured.grid import SECONDS_PER_DAY, Grid, forward_fill, running_mean
+from fastcoil.measured.part import true_runs
+
+SIGNS = {"cooling": -1.0, "heating": 1.0, "preheat": 1.0}  # of the change of the air's temperature by a coil
+SHUT, WIDE_OPEN = 0.02, 0.98  # command, fraction of stroke
+EFFECT_AFTER_S = 1800.0  # time after which coil and duct have followed the valve
+EFFECT_AFTER_LOW_FLOW_S = 3 * 3600.0  # the same at a low air flow
+_SMOOTHING_S = 900.0  # of the change of the air's temperature
+_LOW_FLOW = 0.4  # of the usual air flow, below which ducts and places of sensors count
+_LEAST_BASELINE_DAYS = 4  # that show the offset of the sensors
+_LEAST_BASELINE_S = 3600.0  # a day with the valve shut
+_LARGEST_OFFSET_SPREAD_K = 0.35  # half of the middle half of such days
+
+
+@dataclass(frozen=True)
+class AirHandlerSeries:
+    """A log of an air handler at equal intervals, (n,) each; NaN where missing."""
+
+    name: str
+    grid: Grid
+    start: np.datetime64 | None  # of the first sample; None where the log has no clock
+
+    @property
+    def interval(self) -> float:
+        return self.grid.interval
+
+    def get(self, name: str) -> Array:
+        """Return a series of the log; NaN without it."""
+        return self.grid.values.get(name, np.full(self.grid.on.size, np.nan))
+
+    @property
+    def coils(self) -> list[str]:
+        return [coil for coil in COILS if f"{coil}_command" in self.grid.values]
+
+    @property
+    def T_sup(self) -> Array:
+        return self.get("T_sup")
+
+    def command(self, coil: str) -> Array:
+        return forward_fill(self.get(f"{coil}_command"))
+
+    def T_set(self, coil: str) -> Array:
+        """Return the set-point of a coil: its own, or the common one."""
+        own = f"T_set_{'heating' if coil == 'preheat' else coil}"
+        return self.get(own if own in self.grid.values else "T_set")
+
+    @cached_property
+    def T_entering(self) -> tuple[Array, Array]:
+        """Lowest and highest temperature with which the air may enter the coils; between return and outdoors if need be."""
+        measured = next((self.get(name) for name in ("T_mixed", "T_a_in") if name in self.grid.values), None)
+        if measured is not None:
+            return measured, measured
+        both = np.stack([self.get("T_return"), self.get("T_out")])
+        return both.min(axis=0), both.max(axis=0)
+
+    @property
+    def is_entering_measured(self) -> bool:
+        return self.T_entering[0] is self.T_entering[1]
+
+    @cached_property
+    def on(self) -> Mask:
+        return self.grid.on & np.isfinite(self.T_sup)
+
+    @cached_property
+    def day(self) -> Index:
+        """Number of the calendar day of each sample, or of 24 h where the log has no clock."""
+        offset = 0.0
+        if self.start is not None:
+            offset = float((self.start - self.start.astype("datetime64[D]")) / np.timedelta64(1, "s"))
+        return ((self.grid.time + offset) // SECONDS_PER_DAY).astype(np.int64)
+
+    @cached_property
+    def days(self) -> Index:
+        """Numbers of the days with an hour of operation or more."""
+        numbers, counts = np.unique(self.day[self.on], return_counts=True)
+        return numbers[counts * self.interval >= 3600.0]
+
+    @cached_property
+    def has_low_flow(self) -> Mask:
+        """Whether the air flow is far below the usual one; nowhere if it is not logged."""
+        flow = next((self.get(name) for name in ("m_a", "fan_speed") if name in self.grid.values), None)
+        if flow is None or not np.isfinite(flow[self.on]).any():
+            return np.zeros(self.on.size, dtype=bool)
+        return np.nan_to_num(flow) < _LOW_FLOW * float(np.nanquantile(flow[self.on], 0.95))
+
+    def effect(self, coil: str) -> Array:
+        """Return by how much the air leaves warmer (cooling: colder) than it enters, smoothed, K, (n,)."""
+        low, high = self.T_entering
+        effect = low - self.T_sup if SIGNS[coil] < 0.0 else self.T_sup - high
+        good = self.on & np.isfinite(effect)
+        smooth = running_mean(np.where(good, effect, 0.0), good, max(1, round(_SMOOTHING_S / self.interval)))
+        return np.where(good, smooth, np.nan)
+
+    def rests(self, coil: str, *, wide_open: bool = False, after: float = EFFECT_AFTER_S) -> Mask:
+        """Whether a valve has been commanded shut, or wide open, for so many s, (n,)."""
+        command = self.command(coil)
+        at_end = command >= WIDE_OPEN if wide_open else command <= SHUT
+        mask = np.zeros(command.size, dtype=bool)
+        for first, last in true_runs(self.on & at_end):
+            mask[first + round(after / self.interval) : last] = True
+        return mask
+
+    def offset(self, coil: str) -> float:
+        """Return what the sensors show of a coil whose valve is shut, K, the median of days; NaN if days differ.
+
+        Half of the days may have a valve that leaks.
+        """
+        is_baseline = self.rests(coil) & ~self.has_low_flow & np.isfinite(self.effect(coil))
+        medians = [
+            float(np.median(self.effect(coil)[is_baseline & (self.day == day)]))
+            for day in self.days
+            if np.sum(is_baseline & (self.day == day)) * self.interval >= _LEAST_BASELINE_S
+        ]
+        if len(medians) < _LEAST_BASELINE_DAYS:
+            return np.nan
+        low, middle, high = np.quantile(medians, (0.25, 0.5, 0.75))
+        return float(middle) if 0.5 * (high - low) <= _LARGEST_OFFSET_SPREAD_K else np.nan
+
+    def moment(self, sample: int) -> Any:
+        """Return the time of a sample: a datetime64, or s since the start of the log."""
+        seconds = float(self.grid.time[min(sample, self.grid.time.size - 1)])
+        return seconds if self.start is None else self.start + np.timedelta64(round(seconds), "s")
+
+    def windows(self, mask: Mask, *, bridge: float = 1800.0) -> list[tuple[Any, Any]]:
+        """Return start and end of each time in a mask; shorter pauses than ``bridge``, s, do not end one."""
+        runs = true_runs(mask).tolist()
+        joined = runs[:1]
+        for first, last in runs[1:]:
+            gap = self.grid.time[first] - self.grid.time[joined[-1][1] - 1]
+            if gap <= bridge and self.day[first] == self.day[joined[-1][1] - 1]:
+                joined[-1][1] = last
+            else:
+                joined.append([first, last])
+        return [(self.moment(first), self.moment(last)) for first, last in joined]
+
+    def hours(self, mask: Mask) -> float:
+        return float(np.sum(mask)) * self.interval / 3600.0
+
+    def on_days_of(self, mask: Mask, least_hours: float) -> Mask:
+        """Return a mask on the days that have so many hours of it."""
+        is_kept = np.zeros(mask.size, dtype=bool)
+        for day in np.unique(self.day[mask]):
+            in_day = mask & (self.day == day)
+            if self.hours(in_day) >= least_hours:
+                is_kept |= in_day
+        return is_kept
+
+
+def series_of_log(log: CheckedLog, grid: Grid) -> AirHandlerSeries:
+    """Return the series of a log that was resampled."""
+    return AirHandlerSeries(log.name, grid, log.start)
