@@ -33,6 +33,7 @@ _MODULE_OF_NAME = {
     "fit_coil": "measured.fit_coil",
     "fit_valve": "measured.fit_valve",
     "heating_day": "loops.boundary.days",
+    "inspect": "measured.air_handler.inspect",
     "law": "model.user_rules",
     "limit_cycle": "design.limit_cycle",
     "linearise": "design.linearise",

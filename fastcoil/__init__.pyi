@@ -28,6 +28,7 @@ from fastcoil.loops.loop import Loop as Loop
 from fastcoil.loops.presets import presets as presets
 from fastcoil.loops.simulate import simulate as simulate
 from fastcoil.loops.valve_test import ValveTest as ValveTest
+from fastcoil.measured.air_handler.inspect import inspect as inspect
 from fastcoil.measured.diagnose import diagnose as diagnose
 from fastcoil.measured.fit_coil import fit_coil as fit_coil
 from fastcoil.measured.fit_valve import fit_valve as fit_valve

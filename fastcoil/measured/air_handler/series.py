@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -133,6 +134,25 @@ class AirHandlerSeries:
         """Return the time of a sample: a datetime64, or s since the start of the log."""
         seconds = float(self.grid.time[min(sample, self.grid.time.size - 1)])
         return seconds if self.start is None else self.start + np.timedelta64(round(seconds), "s")
+
+    def times(self) -> Any:
+        """Return the times of all samples for an axis: datetime64, or h since the start."""
+        seconds = self.grid.time
+        return seconds / 3600.0 if self.start is None else self.start + seconds.round().astype("timedelta64[s]")
+
+    def on_axis(self, moment: Any) -> float:
+        """Return a time where ``times`` puts it on an axis of matplotlib: days since 1970, or h since the start."""
+        if self.start is None:
+            return float(moment) / 3600.0
+        return float((moment - np.datetime64("1970-01-01")) / np.timedelta64(1, "s")) / SECONDS_PER_DAY
+
+    def mask_of(self, windows: Sequence[tuple[Any, Any]]) -> Mask:
+        """Return where the samples of some windows are, (n,)."""
+        mask = np.zeros(self.on.size, dtype=bool)
+        for window in windows:
+            ends = [m if self.start is None else float((m - self.start) / np.timedelta64(1, "s")) for m in window]
+            mask |= (self.grid.time >= ends[0]) & (self.grid.time <= ends[1])
+        return mask
 
     def windows(self, mask: Mask, *, bridge: float = 1800.0) -> list[tuple[Any, Any]]:
         """Return start and end of each time in a mask; shorter pauses than ``bridge``, s, do not end one."""

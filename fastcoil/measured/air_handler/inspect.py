@@ -1,0 +1,97 @@
+"""``inspect``: an air handler from its log, with all its valves at once."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from fastcoil.base.arguments import argument_checks, require_path
+from fastcoil.base.errors import InputError
+from fastcoil.base.files import read_text
+from fastcoil.logs.air_handler import read_air_handler, require_answers
+from fastcoil.logs.log import Log, as_log
+from fastcoil.measured.air_handler.faults import find_faults
+from fastcoil.measured.air_handler.hunting import find_hunting
+from fastcoil.measured.air_handler.series import series_of_log
+from fastcoil.measured.air_handler.unit import AirHandler
+from fastcoil.measured.grid import resample_log
+from fastcoil.measured.part import LogSource
+
+
+@np.errstate(all="ignore")
+def inspect(log: LogSource, *, answers: str | PathLike[str] | Mapping[str, Any] | None = None) -> AirHandler:
+    """Inspect an air handler: which valve leaks, sticks or hunts, when, how much, and what to do.
+
+    Cooling, heating and preheat valves are judged together, so that no valve is blamed for another one, and no coil
+    for what it cannot do: heating does not cool.
+
+    Parameters
+    ----------
+    log : path, DataFrame, Dataset or Log
+        A log of minutes with any of ``cooling_command``, ``heating_command``, ``preheat_command``; ``T_sup``;
+        ``T_set``, or ``T_set_cooling`` and ``T_set_heating``; ``T_mixed`` (or ``T_a_in``, or ``T_return`` and
+        ``T_out``), without which nothing is said about leaks; ``m_a`` or ``fan_speed``; ``enabled`` and ``occupied``.
+        Columns are found by the usual names of these points; units that headers lack are proposed from the numbers,
+        which ``notes`` says.  Values that cannot be read are left out and counted.
+    answers : path or mapping, optional
+        What `AirHandler.to_toml` wrote for another unit: its headers, where the log has them, and its units.
+
+    Returns
+    -------
+    AirHandler
+        ``findings``, the worst first, and ``valves``, the diagnosis of each.
+
+    Raises
+    ------
+    InputError
+        With every question at once: one sentence for each column or unit that is not clear.
+
+    Examples
+    --------
+    >>> import numpy as np, pandas as pd
+    >>> minutes = np.arange(600)
+    >>> log = pd.DataFrame({"timestamp": pd.Timestamp("2026-01-05") + pd.to_timedelta(minutes, "min")})
+    >>> log["Cooling Valve [%]"], log["Heating Valve [%]"] = 0.0, 20.0 + 2.0 * np.sin(minutes / 40.0)
+    >>> log["MAT [°C]"], log["SAT [°C]"] = 20.0, 15.0 + 0.1 * np.sin(minutes / 30.0)
+    >>> [finding] = fc.inspect(log).findings
+    >>> finding.component, finding.kind, round(finding.size)
+    ('cooling valve', 'leak', 5)
+    """
+    with argument_checks() as check:
+        source = check(as_log, "log", log)
+        known = check.unless_none(_read_answers, "answers", answers)
+    if known is not None:
+        source = _with_answers(source, known)
+    data, points = read_air_handler(source)
+    grid, grid_notes = resample_log(data)
+    series = series_of_log(data, grid)
+    faults = find_faults(series)
+    findings = sorted(faults + find_hunting(series, faults), key=lambda finding: finding.severity)
+    notes = list(dict.fromkeys([*points.notes, *data.notes, *grid_notes]))
+    if not series.is_entering_measured and np.isnan(series.T_entering[0]).all():
+        notes.append("without T_mixed, or T_return and T_out, nothing is said about valves that leak: log one of them")
+    return AirHandler(data.name, findings, points, notes, series, source)
+
+
+def _read_answers(name: str, answers: Any) -> dict[str, dict[str, str]]:
+    if isinstance(answers, Mapping):
+        return require_answers(name, answers)
+    path = require_path(name, answers, "give the TOML file that `fastcoil diagnose -o` wrote for another unit")
+    try:
+        return require_answers(f"{name} {path}", tomllib.loads(read_text(path)))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{name} {path}: not TOML: {error}", name, "format") from None
+
+
+def _with_answers(log: Log, answers: Mapping[str, Mapping[str, str]]) -> Log:
+    """Return a log that is read with the headers of ``answers`` that it has, and their units."""
+    headers = {*log.table().header}
+    columns = {name: header for name, header in answers["columns"].items() if header in headers}
+    given = log.options
+    return log.with_options(
+        columns={**columns, **(given.columns or {})} or None, units={**answers["units"], **given.units}
+    )
