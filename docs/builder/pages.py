@@ -24,8 +24,8 @@ PAGES_OUTSIDE_DOCS = {
 }
 """Pages outside ``docs/``."""
 TABLE_PAGES = {
-    "fastcoil/model/parameter_table.py": "parameters.md",
-    "fastcoil/model/metric_table.py": "outputs.md",
+    "fastcoil/model/parameters.toml": "parameters.md",
+    "fastcoil/model/outputs.toml": "outputs.md",
     "fastcoil/cli/main.py": "commands.md",
 }
 """Files that the reference shows as a table."""

@@ -1,7 +1,8 @@
-"""The table of parameters: its texts and defaults, what theory makes of each, and that nothing forgets a parameter."""
+"""The tables of parameters and outputs: texts and types, what theory makes of each, and that nothing is forgotten."""
 
 import re
 from pathlib import Path
+from typing import get_origin, get_type_hints
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from fastcoil.design.describing_function import unpredictable_loops
 from fastcoil.design.prediction import nearest_linear
 from fastcoil.loops.scenarios import parameter_columns
 from fastcoil.model import parameter_table
-from fastcoil.model.metric_table import METRICS, TRACES
+from fastcoil.model.metric_table import COSTS, METRICS, TRACES, read_output
 from fastcoil.model.parameter_table import PARAMETERS, STAND_INS, Parameter, Theory, require_parameter_name
 
 
@@ -61,9 +62,51 @@ def test_a_name_is_a_text():
     assert_refused("name", "type", require_parameter_name, 3)
 
 
-def test_a_parameter_without_what_theory_makes_of_it_does_not_import():
-    with pytest.raises(TypeError, match="missing 1 required keyword-only argument: 'theory'"):
-        Parameter("stem_friction", "actuator", "1", 0.0, "friction of the stem", 0.0, label="friction")
+FRICTION = {"text": "friction of the stem", "label": "friction", "unit": "1", "default": 0.0, "lower": 0.0}
+
+
+@pytest.mark.parametrize(
+    ("fields", "reason"),
+    [({}, "missing 1 required keyword-only argument: 'theory'"),
+     ({"theory": "uncovered"}, "must be a mapping, not str"),
+     ({"theory": {"nearest": 0.0, "claus": ""}}, "unexpected keyword argument 'claus'"),
+     ({"theory": "covered", "lowest": 0.0}, "unexpected keyword argument 'lowest'")],
+)  # fmt: skip
+def test_a_parameter_with_a_misspelt_key_or_without_theory_does_not_import(fields, reason):
+    assert parameter_table.read_parameter("stem_friction", "actuator", theory="covered", **FRICTION).default == 0.0
+    with pytest.raises(TypeError, match=reason):
+        parameter_table.read_parameter("stem_friction", "actuator", **FRICTION | fields)
+
+
+def test_an_output_with_a_misspelt_key_or_constant_does_not_import():
+    fields = {"long_name": "swing over {HUNTING_SWING_K} K", "unit": "1"}
+    assert read_output("large_swings", **fields).long_name == "swing over 0.1 K"
+    with pytest.raises(TypeError, match="unexpected keyword argument 'lable'"):
+        read_output("large_swings", **fields, lable="swings")
+    with pytest.raises(KeyError, match="HUNTING_SWNG_K"):
+        read_output("large_swings", **fields, comment="{HUNTING_SWNG_K} K")
+
+
+def fits(value, hint):
+    """Whether a value of a table is what a field is annotated with; an integer is a float, and no flag."""
+    if get_origin(hint) is tuple:
+        return isinstance(value, tuple) and all(isinstance(word, str) for word in value)
+    hint = int | float if hint is float else hint
+    return isinstance(value, hint) and (hint is bool or not isinstance(value, bool))
+
+
+@pytest.mark.parametrize(
+    "table", [PARAMETERS, METRICS, COSTS, TRACES], ids=["parameters", "metrics", "costs", "traces"]
+)
+def test_every_value_of_a_table_has_the_type_of_its_field(table):
+    for name, entry in table.items():
+        wrong = [f for f, hint in get_type_hints(type(entry)).items() if not fits(getattr(entry, f), hint)]
+        assert not wrong, name
+
+
+def test_every_default_is_admissible():
+    for p in PARAMETERS.values():
+        assert p.default is None or p.problem(p.default) is None, p.name
 
 
 def test_the_kernel_and_its_twin_in_plain_python_read_every_parameter():

@@ -214,7 +214,8 @@ def model_sha256() -> str:
     """Hash of the sources that decide the results of a simulation; the kernel cache is not one of them."""
     digest = hashlib.sha256()
     package = Path(__file__).parents[1]
-    files = ("parameter_table.py", "metric_table.py", "hunting.py", "physics.py", "control.py", "valve_test.py")
+    tables = ("parameter_table.py", "parameters.toml", "metric_table.py", "outputs.toml")
+    files = (*tables, "hunting.py", "physics.py", "control.py", "valve_test.py")
     for part in (*files, "numerics", "estimators", "engine"):
         for source in sorted((package / part).rglob("*.py")) or [package / part]:
             if source.name != "kernel_cache.py":

@@ -85,7 +85,7 @@ def test_each_choice_has_its_estimator():
 
 def test_each_file_has_its_choice():
     files = {path.stem for path in Path(interface.__file__).parent.glob("*.py")} - {"__init__", "interface", "registry"}
-    assert files == set(PARAMETERS["estimator"].choices) - {"none"}, "choices of estimator in model/parameter_table.py"
+    assert files == set(PARAMETERS["estimator"].choices) - {"none"}, "choices of estimator in model/parameters.toml"
 
 
 def test_no_estimator_reads_the_true_backlash():
@@ -99,10 +99,10 @@ def test_one_more_estimator_is_one_file_and_one_word(tmp_path):
     package = tmp_path / "fastcoil"
     shutil.copytree(Path(fc.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
     (package / "model" / "estimators" / "turns.py").write_text(ESTIMATOR_SOURCE)
-    table = package / "model" / "parameter_table.py"
-    words = '"learner", "hagglund", "gradient", "identify")'
+    table = package / "model" / "parameters.toml"
+    words = '"learner", "hagglund", "gradient", "identify"]'
     assert table.read_text().count(words) == 1
-    table.write_text(table.read_text().replace(words, f'{words[:-1]}, "turns")'))
+    table.write_text(table.read_text().replace(words, f'{words[:-1]}, "turns"]'))
     (tmp_path / "out").mkdir()
     completed = subprocess.run(
         [sys.executable, "-c", CHECK_SOURCE, Path(__file__).parents[2], tmp_path / "out"],

@@ -29,7 +29,8 @@ def current_hashes():
     return jit.model_sha256(), jit.fingerprint()
 
 
-PARTS = ["physics.py", "engine/rows.py", "estimators/learner.py", "numerics/jit.py", "parameter_table.py"]
+TABLES = ["parameter_table.py", "parameters.toml", "metric_table.py", "outputs.toml"]  # their order is that of rows
+PARTS = ["physics.py", "engine/rows.py", "estimators/learner.py", "numerics/jit.py", *TABLES]
 OTHER_PARTS = ["numerics/kernel_cache.py", "../loops/simulate.py"]  # whether a kernel is compiled, not to what
 
 
