@@ -37,8 +37,11 @@ def write_result(result: Any, out: Path | None, report: Path | None = None, *, l
         from fastcoil.base.figures import write_figures
 
         if out.suffix.lower() == ".toml":
-            parameters = ", ".join(tomllib.loads(result.to_toml(out))["loop"]) or "no parameter"
-            echo(f'{label + ":":<9}{out} (in a study: [loop] include = ["{out.name}"]; it has {parameters})')
+            tables = tomllib.loads(result.to_toml(out))
+            parameters = ", ".join(tables.get("loop", ())) or "no parameter"
+            use = f'in a study: [loop] include = ["{out.name}"]; it has {parameters}'
+            use = use if "loop" in tables else f"for the next unit: --answers {out.name}"
+            echo(f"{label + ':':<9}{out} ({use})")
         figure_format = out.suffix.lower().removeprefix(".").replace("toml", "png")
         paths = write_figures({out.stem: result.plot()}, out.parent, format=figure_format)
         echo(*(f"Figure:  {path}" for path in paths))

@@ -19,11 +19,14 @@ from fastcoil.cli.deliver import with_report, write_result
 from fastcoil.cli.terminal import echo
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from fastcoil.measured.fit import Fit
 
 
 _EXIT_FAULT_FOUND = 1  # exit code of ``diagnose --fail``
 _MAX_LISTED = 10  # valves, and unread logs, in the output of ``--fleet``
+_MAX_ROWS = 40  # findings in it
 
 
 def _parse_pairs_option(ctx: click.Context, param: click.Parameter, value: Sequence[str]) -> dict[str, str] | None:
@@ -72,7 +75,7 @@ def require_fit_file(out: Path) -> None:
     """Refuse, before any work, a file that cannot be written, or exists and is no earlier fit."""
     require_output_file("-o", out, ".toml")
     figure, cure = out.with_suffix(".png"), "choose another name"
-    if exists(out) and not has_mark(out, b" fitted to ", 300):
+    if exists(out) and not has_mark(out, b" by fastcoil ", 300):
         raise InputError(f"-o {out}: this file exists and is not a fit: {cure}", "-o", "path")
     if exists(figure) and not exists(out):
         raise InputError(f"-o {out}: {figure} exists and would be replaced: {cure}", "-o", "path")
@@ -83,7 +86,9 @@ def require_fit_file(out: Path) -> None:
 @click.argument("other_logs", type=PATH, nargs=-1, metavar="[DATA]...")
 @with_report
 @with_toml
-@click.option("--fleet", is_flag=True, help="DATA are logs of many valves, or folders of logs: rank the valves.")
+@click.option("--fleet", is_flag=True, help="DATA are logs of many valves or air handlers, or folders of logs: rank them.")
+@click.option("--answers", type=PATH, metavar="FILE.toml",
+              help="Columns and units of air handlers, as -o wrote them for another one.")
 @click.option("-j", "--jobs", type=int, help="With --fleet: processes; all cores by default.")
 @click.option("--fail", is_flag=True, help="Exit code 1 if a valve hunts or has a gap of more than 1 %.")
 @with_stroke_time
@@ -93,7 +98,7 @@ def require_fit_file(out: Path) -> None:
 @click.option("--ti", type=float, help="Integral time of the controller, s, with --kp; found by default.")
 def diagnose(
     data: Path, other_logs: tuple[Path, ...], read: dict[str, Any], out: Path | None, report: Path | None, fleet: bool,
-    jobs: int | None, fail: bool, **options: Any,
+    answers: Path | None, jobs: int | None, fail: bool, **options: Any,
 ) -> None:  # fmt: skip
     """Find the backlash of a valve in a trend log, and why its loop hunts.
 
@@ -102,23 +107,46 @@ def diagnose(
     show the backlash, log two hours or more, a row every 30 s or faster, with set-point changes; a row every 15 min is
     enough for the state of each hour.  Several files are days of one valve.
 
-    With --fleet, DATA are files of many valves, or folders of them; -o then names FILE.html, FILE.csv or a folder.
+    A log with a cooling and a heating valve is that of an air handler: both are judged together, the worst finding
+    first, and each valve below; units that headers lack are proposed from the numbers.
+
+    With --fleet, DATA are files of many valves or air handlers, or folders of them; -o then names FILE.html, FILE.csv
+    or a folder.
     """
+    from fastcoil.logs.air_handler import count_valves
     from fastcoil.measured.identify import GOOD_BACKLASH
 
     if fleet:
-        _diagnose_fleet([data, *other_logs], out, report, jobs, fail, options | {"read": read})
+        _diagnose_fleet([data, *other_logs], out, report, jobs, fail, options | {"read": read, "answers": answers})
         return
     if jobs is not None:
         raise InputError("--jobs works only with --fleet: leave it out", "--jobs", "conflict")
     if out is not None:
         require_fit_file(out)
     logs = [fc.read_log(path, **read) for path in (data, *other_logs)]
+    if answers is not None or ("command" not in (read["columns"] or {}) and count_valves(logs[0]) > 1):
+        if other_logs:
+            sentence = "several logs of air handlers: give one, or rank them with --fleet"
+            raise InputError(sentence, "DATA", "conflict")
+        _inspect_air_handler(logs[0], answers, out, report, fail)
+        return
     diagnosis = fc.diagnose(logs if other_logs else logs[0], **options)
     logs[0].require_options_used()
     echo(*diagnosis.summary())
     write_result(diagnosis, out, report)
     if fail and (diagnosis.hunts or (diagnosis.identified and diagnosis.backlash > GOOD_BACKLASH)):
+        sys.exit(_EXIT_FAULT_FOUND)
+
+
+def _inspect_air_handler(log: fc.Log, answers: Path | None, out: Path | None, report: Path | None, fail: bool) -> None:
+    """Print the findings of an air handler, and below them what each valve's own log says."""
+    unit = fc.inspect(log, answers=answers)
+    echo(*unit.summary())
+    for coil, diagnosis in unit.valves.items():
+        lines = [line for line in diagnosis.summary()[1:] if not line.startswith("Note: ")]
+        echo("", f"{coil[0].upper()}{coil[1:]} valve:", *(f"  {line}" for line in lines))
+    write_result(unit, out, report)
+    if fail and unit.findings:
         sys.exit(_EXIT_FAULT_FOUND)
 
 
@@ -131,6 +159,9 @@ def _diagnose_fleet(
         sentence = "--report does not work with --fleet: write the page with -o FILE.html"
         raise InputError(sentence, "--report", "conflict")
     ds = fc.survey(logs, out, n_jobs=jobs, **options)
+    if "air_handler" in ds:
+        _print_air_handlers(ds, out, fail)
+        return
     rows = ranked_rows(ds)[:_MAX_LISTED]
     echo(describe_counts(ds), *(align_columns([RANKING_HEADER, *rows], right=(1, 2)) if rows else ()))
     warnings = zip(ds["valve"].values, ds["warnings"].values[: len(rows)], strict=False)
@@ -149,6 +180,22 @@ def _diagnose_fleet(
     if not rows:
         raise InputError("no log could be read: see the reasons above", "DATA", "data")
     if fail and state_counts(ds)[AT_FAULT]:
+        sys.exit(_EXIT_FAULT_FOUND)
+
+
+def _print_air_handlers(ds: xr.Dataset, out: Path | None, fail: bool) -> None:
+    from fastcoil.deliver.report.units import RANKING_HEADER, describe_units, ranked_findings
+
+    rows = ranked_findings(ds)
+    echo(describe_units(ds), *(align_columns([RANKING_HEADER, *rows[:_MAX_ROWS]], right=(3, 4, 5)) if rows else ()))
+    echo(*[f"… and {len(rows) - _MAX_ROWS:,} more"] * (len(rows) > _MAX_ROWS))
+    unread = zip(ds["unread"].values, ds["problem"].values, strict=True)
+    echo(*[f"Not read: {name}: {problem}" for name, problem in unread][:_MAX_LISTED])
+    if out is not None:
+        echo(f"Written: {out}")
+    if not rows:
+        raise InputError("no log could be read: see the reasons above", "DATA", "data")
+    if fail and (ds["kind"] != "none").any():
         sys.exit(_EXIT_FAULT_FOUND)
 
 

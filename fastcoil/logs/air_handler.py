@@ -68,11 +68,11 @@ def find_points(log: Log) -> tuple[AirHandlerPoints, Table, ReadingOptions]:
     if "degF" in units.values():  # numbers in °F come from where the month is written first
         options = replace(options, month_first=True)
     notes = []
-    for unit in dict.fromkeys(units.values()):
-        names = ", ".join(name for name in units if units[name] == unit)
-        cure = options.unit_cure(next(name for name in units if units[name] == unit), "OTHER UNIT")
-        unit_text = "a fraction" if unit == "1" else unit
-        notes.append(f"by their numbers, {names}: in {unit_text}; if that is wrong: {cure}")
+    if units:
+        texts = [f"{'a fraction' if unit == '1' else unit} for {', '.join(n for n in units if units[n] == unit)}"
+                 for unit in dict.fromkeys(units.values())]  # fmt: skip
+        cure = options.unit_cure(next(iter(units)), "UNIT")
+        notes.append(f"units by the numbers, as the headers have none: {'; '.join(texts)}; if one is wrong: {cure}")
     if unread:
         notes.append(f"left out, as their headers have no unit: {', '.join(unread)}")
     return AirHandlerPoints(headers, units, notes), table, options

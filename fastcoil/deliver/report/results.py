@@ -20,10 +20,12 @@ from fastcoil.base.errors import InputError
 from fastcoil.base.text import format_share
 from fastcoil.deliver.figures.swept import standard_figures
 from fastcoil.deliver.report import page
+from fastcoil.deliver.report.units import unit_page
 from fastcoil.design.explain import Explanation
 from fastcoil.design.tuning_result import Tuning
 from fastcoil.loops.labels import coordinate_quantity, is_parameter, plain_pi_label, quantity, values_quantity
 from fastcoil.loops.provenance import content_sha256, provenance
+from fastcoil.measured.air_handler.unit import AirHandler
 from fastcoil.measured.diagnosis import Diagnosis
 from fastcoil.measured.fit import Fit
 from fastcoil.measured.part import PART_FITTED, PART_VALIDATION
@@ -297,7 +299,7 @@ def explanation_page(e: Explanation) -> page.Page:
 
 
 PAGE_MAKERS: Mapping[type, Callable[[Any], page.Page]] = {
-    Fit: fit_page, Diagnosis: diagnosis_page, Tuning: tuning_page, Explanation: explanation_page,
+    AirHandler: unit_page, Fit: fit_page, Diagnosis: diagnosis_page, Tuning: tuning_page, Explanation: explanation_page,
 }  # fmt: skip
 
 
@@ -307,8 +309,8 @@ def report(what: Any, path: str | os.PathLike[str] | None = None) -> Path:
     Parameters
     ----------
     what
-        The folder of a finished study, as `run_study` writes it; or the result of `diagnose`, `fit_valve`, `fit_coil`,
-        `tune` or `explain`.
+        The folder of a finished study, as `run_study` writes it; or the result of `diagnose`, `inspect`, `fit_valve`,
+        `fit_coil`, `tune` or `explain`.
     path
         The file to write, NAME.html; for a folder, ``report.html`` in it by default.
 
@@ -329,7 +331,7 @@ def report(what: Any, path: str | os.PathLike[str] | None = None) -> Path:
     >>> fc.report(fc.explain(fc.Loop(), fc.constant_day(hours=2)), "loop.html").name
     'loop.html'
     """
-    result_functions = "fc.diagnose, fc.fit_valve, fc.fit_coil, fc.tune or fc.explain"
+    result_functions = "fc.diagnose, fc.inspect, fc.fit_valve, fc.fit_coil, fc.tune or fc.explain"
     cure = f"give the folder of a study, or what {result_functions} returned"
     make: Callable[[Any], page.Page] | None
     if isinstance(what, (str, os.PathLike)):

@@ -17,6 +17,8 @@ from fastcoil.base.errors import FastcoilError, InputError, StorageError
 from fastcoil.base.progress import Advance, display_for_call
 from fastcoil.base.text import MISSING_VALUE, escape_control_characters, escape_formulas
 from fastcoil.deliver.report.page import Page, Section, Table, format_significant, require_page
+from fastcoil.deliver.report.units import UNITS_MARK, survey_units
+from fastcoil.logs.air_handler import count_valves
 from fastcoil.logs.log import Log, check_read_options, read_log
 from fastcoil.loops.provenance import content_sha256
 from fastcoil.loops.simulate import number_of_threads
@@ -37,6 +39,7 @@ _TEXT_COLUMNS = ("cause", "because", "warnings", "advice", "reason", "notes", "p
 _EMPTY_ROW: dict[str, Any] = {**dict.fromkeys(_NUMBER_COLUMNS, np.nan), "identified": False, "hunts": False,
                             **dict.fromkeys(_TEXT_COLUMNS, "")}  # fmt: skip
 _TABLE_MARK = b"valve,degree_hours [K h d-1],"  # begins the header of a table
+_MAX_LOOKED_AT = 5  # logs, by whose headers those of air handlers are recognised
 
 
 def survey(
@@ -50,10 +53,12 @@ def survey(
 ) -> xr.Dataset:
     """Diagnose the valves of a building and rank them by the control error that they leave.
 
+    Logs of air handlers, with more than one valve, are inspected instead, and ranked unit by unit.
+
     Parameters
     ----------
     logs
-        A log for each valve: CSV files and folders of them, or a mapping of names to what `diagnose` accepts.  Tables
+        A log for each valve, or each air handler: CSV files and folders of them, or a mapping of names to what `diagnose` accepts.  Tables
         of earlier surveys are skipped.
     out
         FILE.html, a page; FILE.csv, a table; or a folder for both, ``survey.html`` and ``survey.csv``.
@@ -64,7 +69,7 @@ def survey(
     progress
         Whether to show the number of finished logs on stderr: True always, False never; None on a terminal, after 2 s.
     options
-        Of `diagnose`, for all logs: ``stroke_time``, ``sample_time``, ``lag``, …
+        Of `diagnose`, for all logs: ``stroke_time``, ``sample_time``, ``lag``, …; of `inspect`: ``answers``.
 
     Returns
     -------
@@ -74,7 +79,8 @@ def survey(
         shut as it should be, NaN without a set-point; ``backlash``, ``low``, ``high`` (fractions of stroke),
         ``identified``, ``hunts``, ``cause``, ``because``, ``warnings``, ``advice``, ``reason``, ``notes`` and the
         indices of `diagnose`; ``hours`` of operation; ``log``.  ``problem`` says why a log cannot be diagnosed; its
-        numbers are NaN, and it is last.
+        numbers are NaN, and it is last.  Of air handlers along ``finding``: ``air_handler``, ``component``, ``kind``,
+        ``size``, ``unit``, ``hours``, ``days``, ``first``, ``last``, ``cause``, ``text``, ``action``.
 
     Raises
     ------
@@ -91,6 +97,7 @@ def survey(
     >>> fc.survey(logs, n_jobs=1).valve.values.tolist()
     ['worn', 'good']
     """
+    answers = options.pop("answers", None)
     with argument_checks() as check:
         with collect_problems(check.problems):
             diagnose([], **options)  # checks its arguments before its logs
@@ -100,6 +107,10 @@ def survey(
         progress = check.unless_none(require_flag, "progress", progress)
         targets = check.unless_none(_target_files, "out", out) or []
         logs_by_valve = check(_logs_by_valve, logs)
+    if any(_has_more_valves(log, read or {}) for log in list(logs_by_valve.values())[:_MAX_LOOKED_AT]):
+        return survey_units(
+            logs_by_valve, targets, n_jobs=n_jobs, read=read or {}, answers=answers, progress=progress
+        )
     with display_for_call(progress) as display:
         advance = display.start(len(logs_by_valve), items="logs")
         rows = list(_diagnose_logs(logs_by_valve, read or {}, options, n_jobs, advance))
@@ -110,6 +121,14 @@ def survey(
         content = _csv_text(ds) if target.suffix.lower() == ".csv" else _survey_page(ds).html()
         files.write_atomically(target, content.encode())
     return ds
+
+
+def _has_more_valves(log: Any, read: Mapping[str, Any]) -> bool:
+    """Whether a log is one of an air handler; False where it cannot be read."""
+    try:
+        return count_valves(log if isinstance(log, Log) else read_log(log, **read)) > 1
+    except FastcoilError:
+        return False
 
 
 def _target_files(name: str, out: Any) -> list[Path]:
@@ -123,7 +142,7 @@ def _target_files(name: str, out: Any) -> list[Path]:
     for target in filter(files.exists, targets):
         if target.suffix.lower() != ".csv":
             require_page(target, name)
-        elif not files.has_mark(target, _TABLE_MARK):
+        elif not (files.has_mark(target, _TABLE_MARK) or files.has_mark(target, UNITS_MARK)):
             raise InputError(f"{name} {target}: the file exists and is not a survey: choose another name", name, "path")
     return targets
 
@@ -138,7 +157,7 @@ def _logs_by_valve(logs: Any) -> dict[str, Any]:
     for path in (require_path("logs", source, cure) for source in sources):
         files_inside = files.list_folder(path) if files.is_folder(path) else [path]
         log_files |= dict.fromkeys(file for file in files_inside if file == path or file.suffix.lower() == ".csv")
-    paths = [file for file in log_files if not files.has_mark(file, _TABLE_MARK)]
+    paths = [file for file in log_files if not any(files.has_mark(file, mark) for mark in (_TABLE_MARK, UNITS_MARK))]
     if not paths:
         raise InputError(f"logs: no CSV file: {cure}", "logs", "missing")
     names = [path.stem for path in paths]

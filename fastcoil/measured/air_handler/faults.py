@@ -83,7 +83,7 @@ def _describe_passing(unit: AirHandlerSeries, coil: str, mask: Mask) -> Iterator
     against = next((o for o in unit.coils if SIGNS[o] != SIGNS[coil] and np.median(unit.command(o)[mask]) > 0.2), "")
     beside = f", while the {against} valve works against it" if against else ""
     text = f"commanded shut, and the air leaves {effect:.2g} K {change} than it enters{beside}, for "
-    text += f"{unit.hours(mask):.1f} of the {shut_hours:.0f} h in which it was shut, {{when}}"
+    text += f"{unit.hours(mask):.1f} of the {shut_hours:.1f} h in which it was shut, {{when}}"
     stuck = "it hardly closes" if kind == "stuck_open" else "it leaks or is stuck open"
     action = f"{stuck}: close the isolating valve to see whether the effect ends, then repair valve or actuator"
     yield make_finding(unit, component, kind, mask, effect, text, action)
@@ -126,7 +126,7 @@ def _find_unmet(unit: AirHandlerSeries, coil: str, excused: Mask) -> Iterator[Fi
     def describe_state(miss: float) -> str:
         return "wide open" + (f", and T_sup stays {miss:.2g} K {side} the set-point" if np.isfinite(miss) else "")
 
-    hours = f"for {{hours:.1f}} of the {unit.hours(called):.0f} h in which it was called, {{{{when}}}}"
+    hours = f"for {{hours:.1f}} of the {unit.hours(called):.1f} h in which it was called, {{{{when}}}}"
     still_days = unit.on_days_of(is_still, _LEAST_HOURS)
     if still_days.any():
         miss, change = float(np.nanmedian(shortfall[still_days])), float(np.median(effect[still_days]))

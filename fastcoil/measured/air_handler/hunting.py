@@ -107,7 +107,7 @@ def _describe_hunting(
     widest, level = float(np.median(swings)), float(np.median(command[mask]))
     called = unit.on & ((command > SHUT) | mask)
     text = f"hunts ± {amplitude:.2g} K every {describe_period(period)}, its command swings by {100 * widest:.0f} % "
-    text += f"around {100 * level:.0f} %, for {unit.hours(mask):.1f} of the {unit.hours(called):.0f} h in which it was called, {{when}}"
+    text += f"around {100 * level:.0f} %, for {unit.hours(mask):.1f} of the {unit.hours(called):.1f} h in which it was called, {{when}}"
     cause, action = _judge_cause(unit, coil, windows, mask, passing)
     return make_finding(unit, f"{coil} valve", "hunt", mask, amplitude, text, action, cause=cause)
 

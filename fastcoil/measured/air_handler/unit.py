@@ -109,7 +109,8 @@ class AirHandler(Result):
             label = f"set-point, {coil}" if f"T_set_{coil}" in series.grid.values else "set-point"
             if label not in [line.get_label() for line in upper.lines]:
                 upper.plot(times, series.T_set(coil), color=_COIL_COLOURS[coil], ls=":", lw=0.9, label=label)
-            middle.plot(times, 100.0 * series.command(coil), color=_COIL_COLOURS[coil], lw=0.8, label=f"{coil} valve")
+            command = np.where(series.grid.on, series.command(coil), np.nan)
+            middle.plot(times, 100.0 * command, color=_COIL_COLOURS[coil], lw=0.8, label=f"{coil} valve")
         upper.plot(times, series.T_sup, color="black", lw=0.8, label="supply air")
         upper.set(ylabel="temperature [°C]", ylim=_temperature_limits(series))
         middle.set(ylabel="command [%]", ylim=(-4, 104))
