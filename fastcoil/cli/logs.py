@@ -86,9 +86,15 @@ def require_fit_file(out: Path) -> None:
 @click.argument("other_logs", type=PATH, nargs=-1, metavar="[DATA]...")
 @with_report
 @with_toml
-@click.option("--fleet", is_flag=True, help="DATA are logs of many valves or air handlers, or folders of logs: rank them.")
-@click.option("--answers", type=PATH, metavar="FILE.toml",
-              help="Columns and units of air handlers, as -o wrote them for another one.")
+@click.option(
+    "--fleet", is_flag=True, help="DATA are logs of many valves or air handlers, or folders of logs: rank them."
+)
+@click.option(
+    "--answers",
+    type=PATH,
+    metavar="FILE.toml",
+    help="Columns and units of air handlers, as -o wrote them for another one.",
+)
 @click.option("-j", "--jobs", type=int, help="With --fleet: processes; all cores by default.")
 @click.option("--fail", is_flag=True, help="Exit code 1 if a valve hunts or has a gap of more than 1 %.")
 @with_stroke_time

@@ -123,8 +123,9 @@ def _propose_units(table: Table, points: Mapping[str, int], options: ReadingOpti
             if not cells.units and np.isfinite(cells.values).any():
                 numbers[name] = cells.values[np.isfinite(cells.values)]
     units: dict[str, str] = {}
-    sensors = [name for name in ("T_sup", "T_mixed", "T_a_in", "T_return") if name in numbers]
-    medians = [float(np.median(numbers[name])) for name in sensors or [n for n in numbers if n in _TEMPERATURES]]
+    temperatures = [name for name in _TEMPERATURES if name in numbers]
+    sensors = [name for name in temperatures if not name.startswith("T_set")] or temperatures
+    medians = [float(np.median(numbers[name])) for name in sensors]
     for name, values in numbers.items():
         family = COLUMNS[name].units
         if family is TEMPERATURE and medians:

@@ -92,13 +92,14 @@ def diagnose(
         test = check.unless_none(require_instance, "test", test, ValveReading, "give what fastcoil.read_test found")
     if not logs:
         raise InputError("log = []: give a log, or a list of logs of one valve", "log", "missing")
-    names, grids, notes, warnings = [], [], [], []
+    names, grids, notes, warnings, start = [], [], [], [], None
     for source in logs:
         data = source.read(DIAGNOSIS_COLUMNS, use_sensor=True)
         warnings += require_agreement(data)
         _infer_off_times(data)
         grid, grid_notes = resample_log(data)
         names.append(data.name)
+        start = data.start
         grids.append(grid)
         notes += [note for note in (*data.notes, *grid_notes) if note not in notes]
     grid, own_notes = keep_own_values(join_grids(grids))
@@ -137,7 +138,7 @@ def diagnose(
     if sample_time is not None and sample_time < interval:
         rhythms = f"the log has a sample every {interval:.4g} s, the controller one every {sample_time:.4g} s"
         notes.append(f"{rhythms}: reversals of the command between two samples are missed")
-    triage, signals = hourly_summary(grid), _signals_dataset(grid, measures)
+    triage, signals = hourly_summary(grid, start), _signals_dataset(grid, measures)
     if stroke_time is not None:
         signals.attrs["stroke_time"] = stroke_time
     return Diagnosis(

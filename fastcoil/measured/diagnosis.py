@@ -19,6 +19,7 @@ from fastcoil.design.swing_verdict import SwingVerdict
 from fastcoil.measured.cause import CASE_LABELS, CAUSE_BACKLASH, CAUSE_DISTURBANCE, CAUSE_NONE, CAUSE_TUNING
 from fastcoil.measured.identify import CANDIDATES, GOOD_BACKLASH, Identification
 from fastcoil.measured.measures import LEAST_SWING_K, STATE_SWINGING, STATES, write_headline
+from fastcoil.measured.swings import TI_PER_PERIOD, describe_period, judge_gains
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -135,12 +136,11 @@ class Diagnosis(Result):
     def advice(self) -> GainAdvice:
         """Advice by the rule of ``fc.explain``; the reason is empty where the log shows nothing to do."""
         kp, ti = float(self.indices["kp"]), float(self.indices["ti"])
-        cure = "Do this: raise Ti to the T of one step test (see `fastcoil explain --step-test`), then log again."
-        by_step_test = GainAdvice(math.nan, math.nan, cure)
+        by_period = self._advise_by_period(kp, ti)
         if self.cause == CAUSE_DISTURBANCE:
             return GainAdvice(kp, ti, "Leave the gains: the swing comes from outside the loop.")
         if self.predictions is None:
-            return by_step_test if self.hunts else GainAdvice(kp, ti, "")
+            return by_period if self.hunts else GainAdvice(kp, ti, "")
         cases = {"as_found": (AS_IS, "present gains"), "simc": (SIMC, _describe_simc_gains(self.predictions))}
         if self.identified and self.backlash > GOOD_BACKLASH:
             cases["inverse"] = (INVERSE, f"inverse of {format_percent(INVERSE_SHARE * self.backlash)}")
@@ -152,10 +152,22 @@ class Diagnosis(Result):
             options.append(Option(name, label, float(prediction["rmse"]), float(prediction["travel_per_day"]), hunts))
         advice = advise(options)
         if self.hunts and not advice.best:
-            return by_step_test
+            return by_period
         case = list(cases)[advice.best]
         kp, ti = (float(self.predictions[name].sel(case=case)) for name in ("kp", "ti"))
         return GainAdvice(kp, ti, advice.text)
+
+    def _advise_by_period(self, kp: float, ti: float) -> GainAdvice:
+        """Advise gains of a loop that hunts and cannot be predicted, by the period of its swing."""
+        period = float(self.indices["period"])
+        if np.isfinite(kp * ti * period):
+            fault = judge_gains(kp, ti, period)
+            return GainAdvice(fault.kp, fault.ti, f"Do this: {fault.action}.")
+        least_ti = f"{TI_PER_PERIOD * period:.2g}"
+        cure = (
+            f"Do this: raise Ti to {float(least_ti):.0f} s, a quarter of the period, if it is shorter; else halve kp."
+        )
+        return GainAdvice(math.nan, math.nan, cure)
 
     @apply_style()
     def plot(self) -> Figure:
@@ -336,6 +348,11 @@ def _describe_hunting(diagnosis: Diagnosis) -> str:
     cause, because, verdict = diagnosis.cause, diagnosis.because, diagnosis.verdict
     answer = f"This loop {verdict.clause}"
     if not verdict.is_own:
+        if (times := diagnosis.triage.attrs["swing_times"]) and cause != CAUSE_DISTURBANCE:
+            hours = diagnosis.triage.isel(hour=diagnosis.triage["state"].values == STATE_SWINGING)
+            if hours["hour"].size:
+                swing, period = (float(hours[name].median()) for name in ("swing", "period"))
+                return f"This loop hunts at times: about {swing:.2g} K every {describe_period(period)}, {times}."
         if cause == CAUSE_DISTURBANCE:
             return f"{answer}.  T_sup swings by {verdict.size}: {because}."
         if verdict.reason:

@@ -9,8 +9,10 @@ import xarray as xr
 from numpy.lib.stride_tricks import sliding_window_view
 
 from fastcoil.base.arrays import Array, Mask
+from fastcoil.measured.clock import describe_times
 from fastcoil.measured.grid import SECONDS_PER_DAY, Grid, forward_fill, motor_positions, running_mean
 from fastcoil.measured.part import true_runs
+from fastcoil.measured.swings import find_own_swings
 from fastcoil.model.hunting import OWN_SHARE
 
 LEAST_REGULARITY = 1.0  # of a regular swing: Thornhill, Huang and Zhang, J. Process Control 13 (2003) 91
@@ -234,7 +236,10 @@ _LEAST_FAULT_SHARE = 0.15  # share of the hours of operation from which a fault 
 
 HOURLY_VARIABLES: Mapping[str, tuple[str, str]] = {
     "enabled": ("1", "share of the hour in which the plant was on"),
-    "in_control": ("1", f"share of the hour with the plant on and T_sup within {_MET_ERROR_K:g} K of the set-point"),
+    "in_control": (
+        "1",
+        f"share of the hour with the plant on, calm, and T_sup within {_MET_ERROR_K:g} K of the set-point",
+    ),
     "saturated": ("1", "share of the hour with the valve wide open or shut for more than 10 min"),
     "not_responding": ("1", "share of the hour in which T_sup does not answer the valve"),
     "command": ("1", "mean command, fraction of stroke"),
@@ -256,6 +261,8 @@ class _LoopSeries(NamedTuple):
     error: Array
     from_air: Array  # T_sup - T_a_in
     swing: Array  # the error, or else the temperature, about its level; NaN where unsettled
+    own_swing: Array  # K, peak to peak, of a swing that the valve makes, on any set-point; NaN without one
+    own_period: Array  # s, likewise
     good: Mask  # plant on, command and temperature known
     is_starting: Mask
     is_open: Mask  # for a while
@@ -264,8 +271,8 @@ class _LoopSeries(NamedTuple):
     cools: float  # 1 of a cooling coil, -1 of a heating coil, 0 if the log does not show it
 
 
-def hourly_summary(grid: Grid) -> xr.Dataset:
-    """Summarise every hour of a log that has samples.
+def hourly_summary(grid: Grid, start: np.datetime64 | None = None) -> xr.Dataset:
+    """Summarise every hour of a log that has samples; ``start``: time of its first sample, if it has a clock.
 
     Returns a Dataset along ``hour``, since the first sample (each further log of a list starts a new hour): the
     variables of ``HOURLY_VARIABLES``; ``state``, one of ``STATES``; ``log_limits``, what the log of that hour cannot
@@ -285,7 +292,13 @@ def hourly_summary(grid: Grid) -> xr.Dataset:
         ds[name] = ("hour", values, {"units": unit, "long_name": meaning})
     ds["state"] = ("hour", list(states), {"long_name": "what the hour was like"})
     ds["log_limits"] = ("hour", list(limits), {"long_name": "what the log of the hour cannot show"})
-    return ds.assign_attrs(interval=grid.interval, cools=loop.cools)
+    swing_spans = [
+        (float(grid.time[first]), float(grid.time[end - 1]))
+        for first, end in true_runs(np.isfinite(loop.own_swing)).tolist()
+    ]
+    n_days = len(grid.day_slices())
+    swing_times = describe_times(swing_spans, start if len(grid.starts) == 1 else None, n_days) if swing_spans else ""
+    return ds.assign_attrs(interval=grid.interval, cools=loop.cools, swing_times=swing_times)
 
 
 def _prepare_series(grid: Grid) -> _LoopSeries:
@@ -316,7 +329,11 @@ def _prepare_series(grid: Grid) -> _LoopSeries:
     has_no_effect = is_long_open & (np.abs(error) > _MET_ERROR_K) & (effect < 1.0)
     is_silent = has_no_effect | (is_long_shut & is_steady & (effect > _LEAK_EFFECT_K))
     swing = np.where(is_calm, deviation - level, np.nan)
-    return _LoopSeries(T, command, error, T - T_air, swing, good, is_starting, is_open, is_shut, is_silent, cools)
+    own_swing, own_period = nan_series.copy(), nan_series.copy()
+    for window, _ in find_own_swings(T, grid.values.get("T_set"), command, good, interval):
+        own_swing[window.first : window.end], own_period[window.first : window.end] = window.peak_to_peak, window.period
+    masks = (good, is_starting, is_open, is_shut, is_silent)
+    return _LoopSeries(T, command, error, T - T_air, swing, own_swing, own_period, *masks, cools)
 
 
 def _coil_sign(command: Array, error: Array) -> float:
@@ -354,8 +371,13 @@ def _summarise_hour(loop: _LoopSeries, hour: slice, grid: Grid) -> tuple[dict[st
         silent_share = 1.0
     swing, n_crossings = _measure_hour_swing(loop.swing, hour, grid.interval)
     is_swinging = swing["swing"] >= LEAST_SWING_K and n_crossings >= _LEAST_CROSSINGS
+    has_own_swing = np.isfinite(loop.own_swing[hour])
+    if has_own_swing.mean() >= 0.5:
+        is_swinging = True
+        own = {"swing": loop.own_swing, "period": loop.own_period}
+        swing |= {name: float(np.nanmedian(series[hour])) for name, series in own.items()}
     numbers = swing | {
-        "enabled": on_share, "in_control": float(np.mean(np.abs(loop.error[hour]) <= _MET_ERROR_K)),
+        "enabled": on_share, "in_control": float(np.mean((np.abs(loop.error[hour]) <= _MET_ERROR_K) & ~has_own_swing)),
         "saturated": open_share + shut_share, "not_responding": silent_share, "command": float(command.mean()),
         "error": mean_error, "error_rms": rms, "from_air": float(from_air.mean()),
     }  # fmt: skip
@@ -373,7 +395,7 @@ def _summarise_hour(loop: _LoopSeries, hour: slice, grid: Grid) -> tuple[dict[st
         f"{100 * missing_share:.0f} % of T_sup is missing": missing_share > 1.0 - 0.9,
         f"no swing faster than {_SAMPLES_PER_PERIOD * grid.interval / 60:.0f} min": grid.interval > COARSE_INTERVAL_S,
         "no error: T_set is not logged": np.isnan(loop.error).all(),
-        "no swing: the set-point changes too often": np.isnan(swing["swing"]) and is_starting.mean() < 0.5,
+        "no small swing: the set-point changes too often": np.isnan(swing["swing"]) and is_starting.mean() < 0.5,
     }
     state = next((state for state in STATES if applies.get(state)), STATE_IN_CONTROL)
     return numbers, state, "; ".join(limit for limit, holds in limits.items() if holds)
@@ -436,8 +458,18 @@ def write_warnings(triage: xr.Dataset) -> list[str]:
     is_fault |= {fault: state == fault for fault in (STATE_SHUT_NOT_MET, STATE_SWINGING, STATE_OFF_SET_POINT)}
     # a set-point that moves makes hours off it as well
     least = {STATE_OFF_SET_POINT: 0.3}
-    faults = [f for f, mask in is_fault.items() if mask.sum() > least.get(f, _LEAST_FAULT_SHARE) * n_hours]
-    return [f"{is_fault[f].sum()} of {n_hours} h: {_describe_fault(f, triage.isel(hour=is_fault[f]))}" for f in faults]
+    # a fault counts against the hours in which it can show: days without a call do not hide it
+    n_shut = int(np.sum((state == STATE_SHUT) | is_fault[STATE_SHUT]))
+    n_called = n_hours - n_shut
+    counted = {STATE_SHUT: (n_shut, "in which it was shut"), STATE_OFF_SET_POINT: (n_hours, "")}
+    warnings = []
+    for fault, mask in is_fault.items():
+        n_counted, where = counted.get(fault, (n_called, "in which it was called"))
+        if mask.sum() > least.get(fault, _LEAST_FAULT_SHARE) * n_counted:
+            which = f" {where}" if where and n_counted < n_hours else ""
+            description = _describe_fault(fault, triage.isel(hour=mask))
+            warnings.append(f"{mask.sum()} of {n_counted} h{which}: {description}")
+    return warnings
 
 
 def _describe_fault(fault: str, hours: xr.Dataset) -> str:
@@ -457,6 +489,7 @@ def _describe_fault(fault: str, hours: xr.Dataset) -> str:
     period_text += ", unevenly" * (regularity < LEAST_REGULARITY)
     largest_text = f", up to ± {largest / 2:.2g} K," * (largest > 1.5 * swing)
     rhythm = period_text if np.isfinite(period) else "too fast for this log to show the period"
+    times_text = f", {hours.attrs['swing_times']}" if hours.attrs["swing_times"] else ""
     manual = f"command at {100 * command:.0f} %: a slow loop, or one in manual"
     return {
         STATE_OPEN_NOT_MET: f"the valve is wide open and T_sup stays {error_text}{coil_text}",
@@ -466,5 +499,5 @@ def _describe_fault(fault: str, hours: xr.Dataset) -> str:
         STATE_SHUT_NOT_MET:
             f"the command keeps the valve shut while T_sup is {error_text}: look for an interlock or wind-up",
         STATE_OFF_SET_POINT: f"T_sup is {rms:.2g} K (RMS) off, {manual}",
-        STATE_SWINGING: f"T_sup swings ± {swing / 2:.2g} K{largest_text} {rhythm}",
+        STATE_SWINGING: f"T_sup swings ± {swing / 2:.2g} K{largest_text} {rhythm}{times_text}",
     }[fault]  # fmt: skip

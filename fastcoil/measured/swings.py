@@ -1,5 +1,6 @@
 """Swings of a temperature, with their clock times, on any set-point: cycles between successive turns."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,9 @@ _LEAST_HALF_CYCLES = 6  # in a row, of a swing that goes on
 _FEWEST_SAMPLES = 4  # of a period that the log resolves
 _LEAST_COMMAND_SWING = 0.03  # peak to peak, fraction of stroke, of a valve that makes the air swing
 _LEAST_SET_POINT_SHARE = 0.5  # of the swing of the temperature, from which the set-point makes it
+_INTEGRAL_RATIO = 1.5  # of integral to proportional action at the period, from which Ti is too short
+_PROPORTIONAL_RATIO = 0.7  # of the same, up to which the gain is too high
+TI_PER_PERIOD = 0.25  # new Ti over the period: the integral then lags by 33 degrees
 _MOST_TURNS_RATIO = 2.0  # of turns of the command over those of the temperature, or the reverse
 
 
@@ -90,6 +94,51 @@ def moves_with(command: Array, window: SwingWindow, swing: float, interval: floa
     turns = find_turns(part, np.isfinite(part), interval, 0.4 * swing)[0].size
     expected = 2.0 * (window.end - window.first) * interval / window.period
     return expected / _MOST_TURNS_RATIO - 2 <= turns <= expected * _MOST_TURNS_RATIO + 2
+
+
+class GainFault(NamedTuple):
+    """What is wrong with the gains of a loop that swings, and what to do."""
+
+    cause: str  # ``integral``: Ti is too short; ``gain``: kp is too high; ``unknown``
+    kp: float  # to set, 1/K
+    ti: float  # to set, s
+    action: str
+
+
+def judge_gains(kp: float, ti: float, period: float) -> GainFault:
+    """Judge the gains, 1/K and s, of a PI by the period of its swing, s.
+
+    The integral action at that period is period/(2 pi Ti) times the proportional one.  Where it prevails, Ti is too
+    short for the plant; where it is small, the gain makes the swing.
+    """
+    ratio = period / (2.0 * math.pi * ti)
+    pi = f"the log shows kp {kp:.2g} 1/K and Ti {ti:.3g} s, and a period of {describe_period(period)}"
+    if ratio >= _INTEGRAL_RATIO:
+        new_ti = float(f"{TI_PER_PERIOD * period:.2g}")
+        action = f"raise Ti to {new_ti:.0f} s and leave kp: {pi}, at which this PI is nearly a pure integrator"
+        return GainFault("integral", kp, new_ti, action)
+    new_kp = float(f"{0.5 * kp:.1g}")
+    if ratio <= _PROPORTIONAL_RATIO:
+        return GainFault("gain", new_kp, ti, f"lower kp to {new_kp:g} 1/K and leave Ti: {pi}, at which kp decides")
+    return GainFault("unknown", new_kp, ti, f"lower kp to {new_kp:g} 1/K, and see whether the swing ends: {pi}")
+
+
+def describe_period(period: float) -> str:
+    """Format a period, s, in s or min."""
+    return f"{period:.0f} s" if period < 120.0 else f"{period / 60.0:.0f} min"
+
+
+def find_own_swings(
+    T: Array, T_set: Array | None, command: Array, good: Mask, interval: float
+) -> list[tuple[SwingWindow, float]]:
+    """Find swings of a temperature that its valve makes, and the swing of the command in each."""
+    swings = []
+    for window in find_swings(T, good, interval):
+        widest = swing_within(command, good, interval, window)
+        T_set_swing = 0.0 if T_set is None else swing_within(T_set, good, interval, window)
+        if moves_with(command, window, widest, interval) and not follows_set_point(T_set_swing, window):
+            swings.append((window, widest))
+    return swings
 
 
 def follows_set_point(T_set_swing: float, window: SwingWindow) -> bool:

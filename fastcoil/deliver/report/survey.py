@@ -58,8 +58,8 @@ def survey(
     Parameters
     ----------
     logs
-        A log for each valve, or each air handler: CSV files and folders of them, or a mapping of names to what `diagnose` accepts.  Tables
-        of earlier surveys are skipped.
+        A log for each valve, or each air handler: CSV files and folders of them, or a mapping of names to what
+        `diagnose` accepts.  Tables of earlier surveys are skipped.
     out
         FILE.html, a page; FILE.csv, a table; or a folder for both, ``survey.html`` and ``survey.csv``.
     n_jobs
@@ -108,9 +108,7 @@ def survey(
         targets = check.unless_none(_target_files, "out", out) or []
         logs_by_valve = check(_logs_by_valve, logs)
     if any(_has_more_valves(log, read or {}) for log in list(logs_by_valve.values())[:_MAX_LOOKED_AT]):
-        return survey_units(
-            logs_by_valve, targets, n_jobs=n_jobs, read=read or {}, answers=answers, progress=progress
-        )
+        return survey_units(logs_by_valve, targets, n_jobs=n_jobs, read=read or {}, answers=answers, progress=progress)
     with display_for_call(progress) as display:
         advance = display.start(len(logs_by_valve), items="logs")
         rows = list(_diagnose_logs(logs_by_valve, read or {}, options, n_jobs, advance))

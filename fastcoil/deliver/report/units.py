@@ -16,14 +16,20 @@ from fastcoil.base.files import convert_os_errors, make_folder, write_atomically
 from fastcoil.base.progress import Advance, display_for_call
 from fastcoil.base.text import MISSING_VALUE, escape_control_characters, escape_formulas
 from fastcoil.deliver.report.page import Code, Page, Paragraphs, Section, Table, format_significant, make_picture
-from fastcoil.loops.provenance import content_sha256
 from fastcoil.logs.log import Log, read_log
+from fastcoil.loops.provenance import content_sha256
 from fastcoil.measured.air_handler.finding import KINDS, Finding
 from fastcoil.measured.air_handler.inspect import inspect
 from fastcoil.measured.air_handler.unit import AirHandler
 
 _FINDING_COLUMNS = ("component", "kind", "size", "unit", "hours", "days", "first", "last", "cause", "text", "action")
 _TEXT_COLUMNS = ("component", "kind", "unit", "first", "last", "cause", "text", "action")
+_NO_FINDING: dict[str, Any] = dict.fromkeys(_TEXT_COLUMNS, "") | {
+    "kind": "none",
+    "size": np.nan,
+    "hours": 0.0,
+    "days": 0,
+}
 UNITS_MARK = b"air_handler,component,kind,"  # begins the header of a table of findings
 
 
@@ -103,8 +109,8 @@ def findings_dataset(findings_by_unit: Mapping[str, Sequence[Finding]], problems
 
     rows: list[dict[str, Any]] = []
     for name in sorted(findings_by_unit, key=lambda name: (-badness(name), name)):
-        for f in findings_by_unit[name] or [None]:
-            rows.append({"air_handler": name, **_finding_row(f)})
+        its_rows = [_finding_row(f) for f in findings_by_unit[name]] or [_NO_FINDING]
+        rows += [{"air_handler": name, **row} for row in its_rows]
     ds = xr.Dataset(attrs={"title": "fastcoil survey of air handlers"})
     for column in ("air_handler", *_FINDING_COLUMNS):
         is_text = column in ("air_handler", *_TEXT_COLUMNS)
@@ -117,11 +123,11 @@ def findings_dataset(findings_by_unit: Mapping[str, Sequence[Finding]], problems
     return ds.assign_coords(unread=("unread", np.array(unread, dtype=object)))
 
 
-def _finding_row(f: Finding | None) -> dict[str, Any]:
-    if f is None:
-        return dict.fromkeys(_TEXT_COLUMNS, "") | {"kind": "none", "size": np.nan, "hours": 0.0, "days": 0.0}
+def _finding_row(f: Finding) -> dict[str, Any]:
     days = {str(first)[:10] if isinstance(first, np.datetime64) else int(first // 86400) for first, _ in f.windows}
-    values = {name: getattr(f, name) for name in ("component", "kind", "size", "unit", "hours", "cause", "text", "action")}
+    values = {
+        name: getattr(f, name) for name in ("component", "kind", "size", "unit", "hours", "cause", "text", "action")
+    }
     return values | {"days": len(days), "first": str(f.windows[0][0]), "last": str(f.windows[-1][1])}
 
 

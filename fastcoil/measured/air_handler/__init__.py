@@ -1,4 +1,5 @@
 """The log of an air handler, with all its valves: `inspect`.
 
-In reading order: ``series`` (sample by sample), ``finding``, ``faults``, ``hunting``, ``unit`` (the result), ``inspect``.
+In reading order: ``series`` (sample by sample), ``finding``, ``faults``, ``hunting``, ``unit`` (the result) and
+``inspect``.
 """

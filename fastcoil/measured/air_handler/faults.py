@@ -54,7 +54,9 @@ def _passes(unit: AirHandlerSeries, coil: str) -> Mask:
     """Whether a coil works though its valve, and any other that does the same, has been commanded shut."""
     coils = _heats_or_cools_alone(unit, coil)
     is_shut = np.all([unit.rests(other) for other in coils], axis=0)
-    is_shut &= ~unit.has_low_flow | np.all([unit.rests(other, after=EFFECT_AFTER_LOW_FLOW_S) for other in coils], axis=0)
+    is_shut &= ~unit.has_low_flow | np.all(
+        [unit.rests(other, after=EFFECT_AFTER_LOW_FLOW_S) for other in coils], axis=0
+    )
     effect = unit.effect(coil)
     limit = np.where(unit.has_low_flow, _LEAST_EFFECT_LOW_FLOW_K, _LEAST_EFFECT_K)
     offset = unit.offset(coil)
@@ -134,12 +136,16 @@ def _find_unmet(unit: AirHandlerSeries, coil: str, excused: Mask) -> Iterator[Fi
         seen = f"the air leaves {abs(change):.2g} K {word if change >= 0.0 else _opposite(word)} than it enters"
         text = f"{describe_state(miss)}: {seen}; {hours.format(hours=unit.hours(still_days))}"
         water = "chilled" if sign < 0.0 else "hot"
-        action = f"check that {water} water arrives; if it does, valve or actuator is stuck shut, or the strainer is full"
+        action = (
+            f"check that {water} water arrives; if it does, valve or actuator is stuck shut, or the strainer is full"
+        )
         yield make_finding(unit, f"{coil} valve", "stuck_shut", still_days, np.nan_to_num(miss), text, action)
     weak_days = unit.on_days_of(is_weak & ~np.isin(unit.day, np.unique(unit.day[still_days])), _LEAST_HOURS)
     if weak_days.any():
         miss, change = float(np.median(shortfall[weak_days])), float(np.nanmedian(effect[weak_days]))
-        seen = f"the coil changes the air by {change:.2g} K" if np.isfinite(change) else "the entering air is not logged"
+        seen = (
+            f"the coil changes the air by {change:.2g} K" if np.isfinite(change) else "the entering air is not logged"
+        )
         text = f"{describe_state(miss)}: {seen}; {hours.format(hours=unit.hours(weak_days))}"
         action = "check the temperature and flow of the water, the stroke of the valve, then the size of the coil"
         yield make_finding(unit, f"{coil} coil", "not_met", weak_days, miss, text, action)
@@ -169,7 +175,7 @@ def _find_still_sensors(unit: AirHandlerSeries) -> Iterator[Finding]:
                           if np.isfinite(o[first:last]).any()]  # fmt: skip
                 mask[first:last] = max(ranges, default=0.0) >= _STILL_NEIGHBOUR_K
         if mask.any():
-            text = f"shows {float(np.median(T[mask])):.4g} °C all the time while others move, for {unit.hours(mask):.1f} h, "
+            text = f"shows {float(np.median(T[mask])):.4g} °C while others move, for {unit.hours(mask):.1f} h, "
             action = "check the sensor and its wiring; what rests on it is not judged well"
             yield make_finding(unit, label, "sensor_stuck", mask, 0.0, f"{text}{{when}}", action)
 
@@ -182,7 +188,8 @@ def _find_mixed_air_outside(unit: AirHandlerSeries) -> Iterator[Finding]:
         mask = unit.on_days_of(unit.on & ~unit.has_low_flow & (excess > _OUTSIDE_K), _OUTSIDE_HOURS)
     if mask.any():
         size = float(np.median(excess[mask]))
-        text = f"mixed air is {size:.2g} K outside the range of return and outdoor air, for {unit.hours(mask):.1f} h, {{when}}"
+        hours = unit.hours(mask)
+        text = f"mixed air is {size:.2g} K outside the range of return and outdoor air, for {hours:.1f} h, {{when}}"
         action = "compare the three sensors with a hand-held one, with the fan running"
         yield make_finding(unit, "mixed air sensor", "sensor_offset", mask, size, text, action)
 

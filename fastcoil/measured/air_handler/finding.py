@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import groupby
 from typing import Any
-
-import numpy as np
 
 from fastcoil.base.arrays import Mask
 from fastcoil.measured.air_handler.series import AirHandlerSeries
+from fastcoil.measured.clock import describe_times
 
 KINDS = {
     "sensor_stuck": "a sensor stands still", "leak": "passes water when shut", "stuck_open": "stuck open",
@@ -20,7 +17,6 @@ KINDS = {
 }  # fmt: skip
 """Kinds of findings in a few words, in the order of their rank."""
 _RANK_GROUPS = {"sensor_stuck": 0, "hunt": 2, "set_point_swings": 2, "swings": 3, "sensor_offset": 3, "unoccupied": 4}
-_MAX_LISTED = 4  # times or days in a sentence
 
 
 @dataclass(frozen=True)
@@ -43,7 +39,8 @@ class Finding:
     text, action
         What shows it, and what to do, a sentence each.
     cause
-        Why a valve hunts: ``other_valve``, ``load``, ``integral`` (Ti too short), ``gain`` (kp too high) or ``unknown``; blank for other kinds.
+        Why a valve hunts: ``other_valve``, ``load``, ``integral`` (Ti too short), ``gain`` (kp too high) or
+        ``unknown``; blank for other kinds.
     """
 
     component: str
@@ -69,34 +66,7 @@ def make_finding(
     unit: AirHandlerSeries, component: str, kind: str, mask: Mask, size: float, text: str, action: str, **more: Any
 ) -> Finding:
     """Make a finding of the samples that ``mask`` marks; ``{when}`` in the text becomes its times."""
-    windows = unit.windows(mask)
-    when = describe_times(unit, mask, windows)
-    symbol = more.pop("symbol", "K")
+    spans = unit.spans(mask)
+    when, symbol = describe_times(spans, unit.start, unit.days.size), more.pop("symbol", "K")
+    windows = [(unit.moment(first), unit.moment(last)) for first, last in spans]
     return Finding(component, kind, windows, size, symbol, unit.hours(mask), text.format(when=when), action, **more)
-
-
-def describe_times(unit: AirHandlerSeries, mask: Mask, windows: Sequence[tuple[Any, Any]]) -> str:
-    """Describe when: clock times within a day, else the days of all days."""
-    days = np.unique(unit.day[mask])
-    if days.size > 1 or unit.days.size > 1:
-        return f"on {days.size} of {max(unit.days.size, days.size)} days ({describe_days(unit, days.tolist())})"
-    listed = [f"{_clock(unit, first)}–{_clock(unit, last)}" for first, last in windows[:_MAX_LISTED]]
-    more = f" and {len(windows) - _MAX_LISTED} more times" if len(windows) > _MAX_LISTED else ""
-    return f"{', '.join(listed)}{more}"
-
-
-def describe_days(unit: AirHandlerSeries, days: Sequence[int]) -> str:
-    """Describe days as ``03-11, 23, 25; 04-01``, or by their number from the start of the log."""
-    if unit.start is None:
-        return ", ".join(f"day {day + 1}" for day in days)
-    dates = [str(unit.start.astype("datetime64[D]") + np.timedelta64(day, "D"))[5:] for day in days]
-    months = [list(group) for _, group in groupby(dates, key=lambda date: date[:2])]
-    return "; ".join(", ".join([month[0], *(date[3:] for date in month[1:])]) for month in months)
-
-
-def _clock(unit: AirHandlerSeries, moment: Any) -> str:
-    """Format a time to the quarter of an hour, as a clock shows it, or as hours since the start."""
-    if unit.start is None:
-        return f"{round(moment / 900.0) / 4:g} h"
-    quarters = round(float((moment - moment.astype("datetime64[D]")) / np.timedelta64(900, "s")))
-    return f"{quarters // 4}:{15 * (quarters % 4):02d}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
@@ -10,7 +9,16 @@ import numpy as np
 from fastcoil.base.arrays import Array, Mask
 from fastcoil.measured.air_handler.finding import Finding, make_finding
 from fastcoil.measured.air_handler.series import SHUT, SIGNS, WIDE_OPEN, AirHandlerSeries
-from fastcoil.measured.swings import SwingWindow, detrend, find_swings, follows_set_point, moves_with, swing_within
+from fastcoil.measured.swings import (
+    SwingWindow,
+    describe_period,
+    detrend,
+    find_swings,
+    follows_set_point,
+    judge_gains,
+    moves_with,
+    swing_within,
+)  # fmt: skip
 
 _LEAST_SET_POINT_SWING_K = 2.5  # peak to peak
 _LONGEST_SET_POINT_HALF_CYCLE_S = 3600.0
@@ -21,9 +29,6 @@ _LEAST_BLOCKS = 8  # at low load and at high load, to compare them
 _LOW_LOAD_SHARE, _HIGH_LOAD_SHARE = 0.4, 0.1  # of blocks that swing at low load at least, at high load at most
 _LEAST_EXPLAINED = 0.8  # of the command's swing by a PI, for its gains to count
 _SAMPLES_PER_PERIOD = 8  # fewest, for these gains
-_INTEGRAL_RATIO = 1.5  # of integral to proportional action at the period, from which Ti is too short
-_PROPORTIONAL_RATIO = 0.7  # of the same, up to which the gain is too high
-_TI_PER_PERIOD = 0.25  # new Ti over the period: the integral then lags by 33 degrees
 _SHUT_SHARE = 0.5  # of the cycles of a swing in which the valve shuts, from which it is too large for its load
 _LARGEST_LOW_COMMAND = 0.35  # median command that counts as a low load
 _LARGE_VALVE = 0.6  # fraction of stroke, never exceeded by a valve that is too large
@@ -51,6 +56,7 @@ def find_hunting(unit: AirHandlerSeries, faults: Sequence[Finding]) -> list[Find
 
 def _blame(unit: AirHandlerSeries, window: SwingWindow) -> str:
     """Return what makes a swing: a coil, ``entering air`` or ``water``; blank where a set-point does."""
+
     def swing(series: Array) -> float:
         return swing_within(series, unit.on, unit.interval, window)
 
@@ -73,7 +79,9 @@ def _mask_of(unit: AirHandlerSeries, windows: Sequence[SwingWindow]) -> Mask:
 def _medians(unit: AirHandlerSeries, windows: Sequence[SwingWindow]) -> tuple[float, float]:
     """Return amplitude, K, and period, s, of several windows, weighted by how long they are."""
     lengths = [window.end - window.first for window in windows]
-    repeated = [np.repeat(column, lengths) for column in zip(*((w.peak_to_peak, w.period) for w in windows), strict=True)]
+    repeated = [
+        np.repeat(column, lengths) for column in zip(*((w.peak_to_peak, w.period) for w in windows), strict=True)
+    ]
     return 0.5 * float(np.median(repeated[0])), float(np.median(repeated[1]))
 
 
@@ -89,13 +97,10 @@ def _find_swinging_set_points(unit: AirHandlerSeries) -> Iterator[Finding]:
             mask, (amplitude, period) = _mask_of(unit, windows), _medians(unit, windows)
             which = {"T_set_cooling": "for cooling ", "T_set_heating": "for heating "}.get(name, "")
             text = f"the set-point {which}itself swings ± {amplitude:.2g} K every {describe_period(period)}, {{when}}"
-            action = "calm the loop or reset that writes the set-point, before the valve: lower its gain or raise its Ti"
+            action = (
+                "calm the loop or reset that writes the set-point, before the valve: lower its gain or raise its Ti"
+            )
             yield make_finding(unit, "set-point", "set_point_swings", mask, amplitude, text, action)
-
-
-def describe_period(period: float) -> str:
-    """Format a period, s, in s or min."""
-    return f"{period:.0f} s" if period < 120.0 else f"{period / 60.0:.0f} min"
 
 
 def _describe_hunting(
@@ -107,14 +112,17 @@ def _describe_hunting(
     widest, level = float(np.median(swings)), float(np.median(command[mask]))
     called = unit.on & ((command > SHUT) | mask)
     text = f"hunts ± {amplitude:.2g} K every {describe_period(period)}, its command swings by {100 * widest:.0f} % "
-    text += f"around {100 * level:.0f} %, for {unit.hours(mask):.1f} of the {unit.hours(called):.1f} h in which it was called, {{when}}"
+    hours = f"{unit.hours(mask):.1f} of the {unit.hours(called):.1f} h in which it was called"
+    text += f"around {100 * level:.0f} %, for {hours}, {{when}}"
     cause, action = _judge_cause(unit, coil, windows, mask, passing)
     return make_finding(unit, f"{coil} valve", "hunt", mask, amplitude, text, action, cause=cause)
 
 
 def _describe_outside(unit: AirHandlerSeries, component: str, windows: list[SwingWindow]) -> Finding:
     mask, (amplitude, period) = _mask_of(unit, windows), _medians(unit, windows)
-    text = f"supply air swings ± {amplitude:.2g} K every {describe_period(period)} while no valve moves with it, {{when}}"
+    text = (
+        f"supply air swings ± {amplitude:.2g} K every {describe_period(period)} while no valve moves with it, {{when}}"
+    )
     action = {
         "entering air": "look for dampers or a loop before the coils that hunts",
         "water": "look for a chiller, boiler or pump that cycles",
@@ -135,14 +143,9 @@ def _judge_cause(
         return "load", f"lower kp at low load, or fit a smaller valve: {load}{_describe_large_valve(unit, coil)}"
     known = [gains for window in windows if (gains := recover_gains(unit, coil, window))]
     if known:
-        kp, ti = (float(np.median([gains[k] for gains in known])) for k in (0, 1))
-        ratio = period / (2.0 * math.pi * ti)  # of integral to proportional action
-        pi = f"the log shows kp {kp:.2g} 1/K and Ti {ti:.2g} s, and a period of {describe_period(period)}"
-        if ratio >= _INTEGRAL_RATIO:
-            target = float(f"{_TI_PER_PERIOD * period:.1g}")
-            return "integral", f"raise Ti to {target:.0f} s and leave kp: {pi}, at which this PI is nearly a pure integrator"
-        if ratio <= _PROPORTIONAL_RATIO:
-            return "gain", f"lower kp to {0.5 * kp:.1g} 1/K and leave Ti: {pi}, at which the gain decides"
+        kp, ti = (float(np.median(values)) for values in zip(*known, strict=True))
+        gain_fault = judge_gains(kp, ti, period)
+        return gain_fault.cause, gain_fault.action
     cure = "halve kp, and see whether the swing ends"
     if unit.interval > 30.0:
         cure += "; log every 10 s for a day to tell the gap of the valve from the gains"
@@ -152,7 +155,9 @@ def _judge_cause(
 def _days_of(unit: AirHandlerSeries, fault: Finding) -> Array:
     """Return a sample of each day of a fault."""
     moments = [first for first, _ in fault.windows]
-    seconds = [float((m - unit.start) / np.timedelta64(1, "s")) if unit.start is not None else float(m) for m in moments]
+    seconds = [
+        float((m - unit.start) / np.timedelta64(1, "s")) if unit.start is not None else float(m) for m in moments
+    ]
     return np.minimum(np.searchsorted(unit.grid.time, seconds), unit.grid.time.size - 1)
 
 

@@ -21,6 +21,8 @@ from fastcoil.measured.air_handler.unit import AirHandler
 from fastcoil.measured.grid import resample_log
 from fastcoil.measured.part import LogSource
 
+_MAX_ANSWERS_BYTES = 2**20
+
 
 @np.errstate(all="ignore")
 def inspect(log: LogSource, *, answers: str | PathLike[str] | Mapping[str, Any] | None = None) -> AirHandler:
@@ -82,7 +84,7 @@ def _read_answers(name: str, answers: Any) -> dict[str, dict[str, str]]:
         return require_answers(name, answers)
     path = require_path(name, answers, "give the TOML file that `fastcoil diagnose -o` wrote for another unit")
     try:
-        return require_answers(f"{name} {path}", tomllib.loads(read_text(path)))
+        return require_answers(f"{name} {path}", tomllib.loads(read_text(path, "a TOML file", _MAX_ANSWERS_BYTES)))
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{name} {path}: not TOML: {error}", name, "format") from None
 

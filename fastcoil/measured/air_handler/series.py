@@ -12,6 +12,7 @@ import numpy as np
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.logs.air_handler import COILS
 from fastcoil.logs.log import CheckedLog
+from fastcoil.measured.clock import Span, seconds_of_day
 from fastcoil.measured.grid import SECONDS_PER_DAY, Grid, forward_fill, running_mean
 from fastcoil.measured.part import true_runs
 
@@ -60,7 +61,7 @@ class AirHandlerSeries:
 
     @cached_property
     def T_entering(self) -> tuple[Array, Array]:
-        """Lowest and highest temperature with which the air may enter the coils; between return and outdoors if need be."""
+        """Lowest and highest temperature of the entering air: as measured, else those of return and outdoor air."""
         measured = next((self.get(name) for name in ("T_mixed", "T_a_in") if name in self.grid.values), None)
         if measured is not None:
             return measured, measured
@@ -78,10 +79,7 @@ class AirHandlerSeries:
     @cached_property
     def day(self) -> Index:
         """Number of the calendar day of each sample, or of 24 h where the log has no clock."""
-        offset = 0.0
-        if self.start is not None:
-            offset = float((self.start - self.start.astype("datetime64[D]")) / np.timedelta64(1, "s"))
-        return ((self.grid.time + offset) // SECONDS_PER_DAY).astype(np.int64)
+        return ((self.grid.time + seconds_of_day(self.start)) // SECONDS_PER_DAY).astype(np.int64)
 
     @cached_property
     def days(self) -> Index:
@@ -130,9 +128,8 @@ class AirHandlerSeries:
         low, middle, high = np.quantile(medians, (0.25, 0.5, 0.75))
         return float(middle) if 0.5 * (high - low) <= _LARGEST_OFFSET_SPREAD_K else np.nan
 
-    def moment(self, sample: int) -> Any:
-        """Return the time of a sample: a datetime64, or s since the start of the log."""
-        seconds = float(self.grid.time[min(sample, self.grid.time.size - 1)])
+    def moment(self, seconds: float) -> Any:
+        """Return a time, s since the start of the log, as a datetime64; as it is where the log has no clock."""
         return seconds if self.start is None else self.start + np.timedelta64(round(seconds), "s")
 
     def times(self) -> Any:
@@ -154,17 +151,18 @@ class AirHandlerSeries:
             mask |= (self.grid.time >= ends[0]) & (self.grid.time <= ends[1])
         return mask
 
-    def windows(self, mask: Mask, *, bridge: float = 1800.0) -> list[tuple[Any, Any]]:
-        """Return start and end of each time in a mask; shorter pauses than ``bridge``, s, do not end one."""
-        runs = true_runs(mask).tolist()
-        joined = runs[:1]
-        for first, last in runs[1:]:
-            gap = self.grid.time[first] - self.grid.time[joined[-1][1] - 1]
-            if gap <= bridge and self.day[first] == self.day[joined[-1][1] - 1]:
+    def spans(self, mask: Mask, *, bridge: float = 1800.0) -> list[Span]:
+        """Return start and end of each time in a mask, s since the start; a pause up to ``bridge``, s, ends none."""
+        joined: list[list[int]] = []
+        for first, last in true_runs(mask).tolist():
+            is_same_day = joined and self.day[first] == self.day[joined[-1][1] - 1]
+            if is_same_day and self.grid.time[first] - self.grid.time[joined[-1][1] - 1] <= bridge:
                 joined[-1][1] = last
             else:
                 joined.append([first, last])
-        return [(self.moment(first), self.moment(last)) for first, last in joined]
+        return [
+            (float(self.grid.time[first]), float(self.grid.time[last - 1]) + self.interval) for first, last in joined
+        ]
 
     def hours(self, mask: Mask) -> float:
         return float(np.sum(mask)) * self.interval / 3600.0

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -118,9 +118,9 @@ class AirHandler(Result):
             axes.legend(ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, borderaxespad=0.2)
         self._draw_findings(lower)
         if is_clock:
-            locator = AutoDateLocator(maxticks=10)
+            locator = AutoDateLocator(maxticks=10)  # type: ignore[no-untyped-call]
             lower.xaxis.set_major_locator(locator)
-            lower.xaxis.set_major_formatter(ConciseDateFormatter(locator))
+            lower.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
         else:
             lower.set_xlabel("time [h]")
         fig.suptitle(wrap_text(f"{self.source}. {self.headline}", _PAGE_WIDTH_INCHES, 9), x=0.01, ha="left", fontsize=9)
@@ -154,7 +154,9 @@ class AirHandler(Result):
         for finding in self.findings:
             values = {name: getattr(finding, name) for name in ("component", "kind", "size", "unit", "hours", "cause")}
             windows = [[str(first), str(last)] for first, last in finding.windows]
-            table = toml_table("findings", {**values, "windows": windows, "text": finding.text, "action": finding.action})
+            table = toml_table(
+                "findings", {**values, "windows": windows, "text": finding.text, "action": finding.action}
+            )
             lines += ["", "[[findings]]", *table[2:]]
         return toml_document(lines, path)
 
