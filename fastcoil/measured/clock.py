@@ -11,6 +11,7 @@ from fastcoil.measured.grid import SECONDS_PER_DAY
 
 Span = tuple[float, float]  # start and end, s since the start of the log
 _MAX_LISTED = 4  # times in a sentence
+_SHORT_PAUSE_S = 1800.0  # that is not worth saying
 
 
 def seconds_of_day(start: np.datetime64 | None) -> float:
@@ -24,8 +25,12 @@ def describe_times(spans: Sequence[Span], start: np.datetime64 | None, n_days: i
     days = sorted({day for first, last in spans for day in _days_between(first + offset, last + offset)})
     if max(len(days), n_days) > 1:
         return f"on {len(days)} of {max(n_days, len(days))} days ({describe_days(days, start)})"
-    listed = [f"{_clock(first, start)}–{_clock(last, start)}" for first, last in spans[:_MAX_LISTED]]
-    more = f" and {len(spans) - _MAX_LISTED} more times" if len(spans) > _MAX_LISTED else ""
+    joined: list[Span] = []
+    for first, last in spans:
+        is_near = bool(joined) and first - joined[-1][1] <= _SHORT_PAUSE_S
+        joined[-1:] = [(joined[-1][0], last)] if is_near else [*joined[-1:], (first, last)]
+    listed = [f"{_clock(first, start)}–{_clock(last, start)}" for first, last in joined[:_MAX_LISTED]]
+    more = f" and {len(joined) - _MAX_LISTED} more times" if len(joined) > _MAX_LISTED else ""
     return f"{', '.join(listed)}{more}"
 
 

@@ -348,15 +348,11 @@ def _describe_hunting(diagnosis: Diagnosis) -> str:
     cause, because, verdict = diagnosis.cause, diagnosis.because, diagnosis.verdict
     answer = f"This loop {verdict.clause}"
     if not verdict.is_own:
-        if (times := diagnosis.triage.attrs["swing_times"]) and cause != CAUSE_DISTURBANCE:
-            hours = diagnosis.triage.isel(hour=diagnosis.triage["state"].values == STATE_SWINGING)
-            if hours["hour"].size:
-                swing, period = (float(hours[name].median()) for name in ("swing", "period"))
-                return f"This loop hunts at times: about {swing:.2g} K every {describe_period(period)}, {times}."
-        if cause == CAUSE_DISTURBANCE:
-            return f"{answer}.  T_sup swings by {verdict.size}: {because}."
-        if verdict.reason:
-            return f"{answer}.  {verdict.reason}"
+        if at_times := _describe_hunting_at_times(diagnosis):
+            return at_times
+        is_moved = cause == CAUSE_DISTURBANCE
+        if reason := f"T_sup swings by {verdict.size}: {because}." if is_moved else verdict.reason:
+            return f"{answer}.  {reason}"
         error = float(diagnosis.indices["error_rms_settled"])
         if cause == CAUSE_NONE:
             return f"{answer}{f'; the settled RMS error is {format_kelvin(error)}' * bool(np.isfinite(error))}."
@@ -371,6 +367,16 @@ def _describe_hunting(diagnosis: Diagnosis) -> str:
     # of the three, the gap is blamed wrongly most often: see the table diagnosis_answers
     blame = {CAUSE_BACKLASH: ", probably caused by the gap:", CAUSE_TUNING: ", caused by the tuning:"}
     return f"{answer}{blame.get(cause, ';')} {because}."
+
+
+def _describe_hunting_at_times(diagnosis: Diagnosis) -> str:
+    """Describe a swing that the valve makes on a part of the log only; blank without one."""
+    hours = diagnosis.triage.isel(hour=diagnosis.triage["state"].values == STATE_SWINGING)
+    times = diagnosis.triage.attrs["swing_times"]
+    if not times or not hours["hour"].size or diagnosis.is_own == 0.0 or diagnosis.cause == CAUSE_DISTURBANCE:
+        return ""
+    swing, period = (float(hours[name].median()) for name in ("swing", "period"))
+    return f"This loop hunts at times: about {swing:.2g} K every {describe_period(period)}, {times}."
 
 
 def _describe_predictions(diagnosis: Diagnosis, cases: Sequence[str]) -> list[str]:
