@@ -261,9 +261,9 @@ def find_requested_columns(table: Table, columns: Mapping[str, str]) -> dict[str
 
 def require_columns_with_units(table: Table, options: ReadingOptions) -> None:
     """Add a problem for each unit that the caller declares for a column that the log does not have."""
-    spec = ColumnSpec((), [*COLUMNS])
-    column_by_name, candidates = _match_headers(table.copy(), options, [*COLUMNS, "timestamp"], spec)
-    for name in sorted(options.units.keys() & {*COLUMNS} - column_by_name.keys()):
+    spec = ColumnSpec((), [name for name in COLUMNS if name not in AIR_HANDLER_COLUMNS])
+    column_by_name, candidates = _match_headers(table.copy(), options, [*spec.names, "timestamp"], spec)
+    for name in sorted(options.units.keys() & {*spec.names} - column_by_name.keys()):
         if not candidates.get(name) or name in options.ignore:
             cure = f"leave it out, or say which column it is: {options.column_cure(name)}"
             sentence = f"units has {name} = {short_repr(options.units[name])}, and no column is read as {name}: {cure}"

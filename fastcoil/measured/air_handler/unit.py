@@ -79,8 +79,9 @@ class AirHandler(Result):
             for finding in self.findings:
                 if finding.kind == "hunt" and finding.component.startswith(coil):
                     calm &= ~series.mask_of(finding.windows)
-            in_control = f", in control (within 1 K and calm) in {100 * float(np.mean(calm[known])):.0f} % of that time"
-            lines.append(f"{hours[0].upper()}{hours[1:]}{in_control if known.any() else ''}.")
+            if known.any():
+                hours += f", in control (within 1 K and calm) in {100 * float(np.mean(calm[known])):.0f} % of that time"
+            lines.append(f"{hours[0].upper()}{hours[1:]}.")
         return lines
 
     def summary(self) -> list[str]:
