@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -26,14 +26,23 @@ _OFF_HOURS = 4.0  # of a day, of a controller that leaves its set-point
 _OFF_K = 2.0
 _STILL_S = 4 * 3600.0  # for which a sensor shows one number
 _STILL_NEIGHBOUR_K = 2.0  # range of another temperature meanwhile
+_SENSORS = {"T_sup": "supply air", "T_mixed": "entering air"}
+_OPPOSING_COMMAND = 0.2  # of a valve that works against another one
+_OPPOSED_EFFECT_K = 1.5  # least that it does
+_LATER_EFFECT_K = 3.0  # on the same day, of a valve that lacked water for a time
 _OUTSIDE_K = 3.0  # of mixed air beyond return and outdoor air
 _OUTSIDE_HOURS = 3.0  # of a day
 
 
 def find_faults(unit: AirHandlerSeries) -> list[Finding]:
     """Find what lasts for an hour of a day or more."""
-    passing = {coil: _passes(unit, coil) for coil in unit.coils}
-    findings = list(_find_still_sensors(unit)) + list(_find_mixed_air_outside(unit))
+    still = {name: _still_mask(unit, name) for name in _SENSORS}
+    findings = [_describe_still(unit, name, mask) for name, mask in still.items() if mask.any()]
+    unit = unit.without({name: mask for name, mask in still.items() if mask.any()})
+    works = {coil: _works_while_shut(unit, coil) for coil in unit.coils}
+    doubtful = ~unit.is_entering_plausible
+    passing = {coil: unit.on_days_of(mask & ~doubtful, _LEAST_HOURS) for coil, mask in works.items()}
+    findings += _find_mixed_air_off(unit, works)
     for coil in unit.coils:
         findings += _describe_passing(unit, coil, passing[coil])
     findings += _find_fights(unit)
@@ -50,22 +59,25 @@ def _heats_or_cools_alone(unit: AirHandlerSeries, coil: str) -> list[str]:
     return [other for other in unit.coils if SIGNS[other] == SIGNS[coil]]
 
 
-def _passes(unit: AirHandlerSeries, coil: str) -> Mask:
+def _opposing(unit: AirHandlerSeries, coil: str, least: float) -> Mask:
+    """Whether a coil that changes the air the other way is commanded open by more than ``least``."""
+    others = [unit.command(other) > least for other in unit.coils if SIGNS[other] != SIGNS[coil]]
+    return np.any(others, axis=0) if others else np.zeros_like(unit.on)
+
+
+def _works_while_shut(unit: AirHandlerSeries, coil: str) -> Mask:
     """Whether a coil works though its valve, and any other that does the same, has been commanded shut."""
-    coils = _heats_or_cools_alone(unit, coil)
+    coils, effect, offset = _heats_or_cools_alone(unit, coil), unit.effect(coil), unit.offset(coil)
     is_shut = np.all([unit.rests(other) for other in coils], axis=0)
-    is_shut &= ~unit.has_low_flow | np.all(
-        [unit.rests(other, after=EFFECT_AFTER_LOW_FLOW_S) for other in coils], axis=0
-    )
-    effect = unit.effect(coil)
-    limit = np.where(unit.has_low_flow, _LEAST_EFFECT_LOW_FLOW_K, _LEAST_EFFECT_K)
-    offset = unit.offset(coil)
-    if not unit.is_entering_measured:
-        limit = np.maximum(limit, _LEAST_EFFECT_BETWEEN_K)
-    elif np.isfinite(offset):
-        limit = np.where(unit.has_low_flow, limit, np.clip(offset + _LEAST_EFFECT_OVER_OFFSET_K, 1.0, _LEAST_EFFECT_K))
+    has_rested = np.all([unit.rests(other, after=EFFECT_AFTER_LOW_FLOW_S) for other in coils], axis=0)
+    limit = np.full(effect.size, _LEAST_EFFECT_K if unit.is_entering_measured else _LEAST_EFFECT_BETWEEN_K)
+    if unit.is_entering_measured and np.isfinite(offset):
+        limit[:] = np.clip(offset + _LEAST_EFFECT_OVER_OFFSET_K, 1.0, _LEAST_EFFECT_K)
+    limit[unit.has_low_flow] = _LEAST_EFFECT_LOW_FLOW_K
+    # what it does against a coil that is open comes on top
+    limit[_opposing(unit, coil, _OPPOSING_COMMAND)] -= _OPPOSED_EFFECT_K
     with np.errstate(invalid="ignore"):
-        return unit.on_days_of(is_shut & (effect > limit), _LEAST_HOURS)
+        return np.asarray(is_shut & (has_rested | ~unit.has_low_flow) & (effect > limit))
 
 
 def _describe_passing(unit: AirHandlerSeries, coil: str, mask: Mask) -> Iterator[Finding]:
@@ -119,7 +131,8 @@ def _find_unmet(unit: AirHandlerSeries, coil: str, excused: Mask) -> Iterator[Fi
     no_effect = _NO_EFFECT_K + (np.clip(offset, -1.0, 1.0) if np.isfinite(offset) else 0.0)
     with np.errstate(invalid="ignore"):
         # a controller without a set-point in the log is wide open because the air lacks something
-        is_unmet = unit.rests(coil, wide_open=True) & ((shortfall > _UNMET_K) | np.isnan(shortfall)) & ~excused
+        is_unmet = unit.rests(coil, wide_open=True) & ((shortfall > _UNMET_K) | np.isnan(shortfall))
+        is_unmet &= ~excused & ~_opposing(unit, coil, _OPEN_COMMAND)
         is_still = is_unmet & (effect < no_effect)
         is_weak = is_unmet & ~is_still & np.isfinite(shortfall)
         is_left = called & (command < WIDE_OPEN) & (np.abs(shortfall) > _OFF_K) & ~excused
@@ -130,6 +143,17 @@ def _find_unmet(unit: AirHandlerSeries, coil: str, excused: Mask) -> Iterator[Fi
 
     hours = f"for {{hours:.1f}} of the {unit.hours(called):.1f} h in which it was called, {{{{when}}}}"
     still_days = unit.on_days_of(is_still, _LEAST_HOURS)
+    # a valve that works on the same day lacked water
+    works = unit.on_days_of(called & (effect > _LATER_EFFECT_K), 0.5)
+    dry_days = still_days & np.isin(unit.day, np.unique(unit.day[works]))
+    still_days &= ~dry_days
+    water = "chilled" if sign < 0.0 else "hot"
+    if dry_days.any():
+        text = f"the {coil} valve is wide open without effect, and works at other times of the same day; "
+        text += hours.format(hours=unit.hours(dry_days))
+        action = f"look when {water} water is available, and start it earlier"
+        miss = float(np.nanmedian(shortfall[dry_days]))
+        yield make_finding(unit, f"{water} water", "not_met", dry_days, np.nan_to_num(miss), text, action)
     if still_days.any():
         miss, change = float(np.nanmedian(shortfall[still_days])), float(np.median(effect[still_days]))
         word = "colder" if sign < 0.0 else "warmer"
@@ -162,36 +186,43 @@ def _opposite(word: str) -> str:
     return "warmer" if word == "colder" else "colder"
 
 
-def _find_still_sensors(unit: AirHandlerSeries) -> Iterator[Finding]:
-    """Find sensors that show one number while the other temperatures move."""
-    sensors = {"supply air sensor": "T_sup", "mixed air sensor": "T_mixed", "return air sensor": "T_return"}
-    known = {label: unit.get(name) for label, name in sensors.items() if name in unit.grid.values}
-    for label, T in known.items():
-        mask, others = np.zeros_like(unit.on), [other for name, other in known.items() if name != label]
-        is_still = np.concatenate([[False], np.diff(forward_fill(T)) == 0.0]) & unit.on
-        for first, last in true_runs(is_still):
-            if (last - first) * unit.interval >= _STILL_S:
-                ranges = [float(np.nanmax(o[first:last]) - np.nanmin(o[first:last])) for o in others
-                          if np.isfinite(o[first:last]).any()]  # fmt: skip
-                mask[first:last] = max(ranges, default=0.0) >= _STILL_NEIGHBOUR_K
-        if mask.any():
-            text = f"shows {float(np.median(T[mask])):.4g} °C while others move, for {unit.hours(mask):.1f} h, "
-            action = "check the sensor and its wiring; what rests on it is not judged well"
-            yield make_finding(unit, label, "sensor_stuck", mask, 0.0, f"{text}{{when}}", action)
+def _still_mask(unit: AirHandlerSeries, name: str) -> Mask:
+    """Whether a sensor shows one number for hours while another temperature moves."""
+    T, mask = unit.get(name), np.zeros_like(unit.on)
+    others = [unit.get(other) for other in ("T_sup", "T_mixed", "T_return") if other != name]
+    for first, last in true_runs(np.concatenate([[False], np.diff(forward_fill(T)) == 0.0]) & unit.on):
+        if (last - first) * unit.interval >= _STILL_S:
+            ranges = [float(np.ptp(part)) for o in others if (part := o[first:last][np.isfinite(o[first:last])]).size]
+            mask[first:last] = max(ranges, default=0.0) >= _STILL_NEIGHBOUR_K
+    return mask
 
 
-def _find_mixed_air_outside(unit: AirHandlerSeries) -> Iterator[Finding]:
-    """Find mixed air that is warmer, or colder, than both of what it is mixed from."""
-    T, both = unit.get("T_mixed"), np.stack([unit.get("T_return"), unit.get("T_out")])
-    excess = np.maximum(T - both.max(axis=0), both.min(axis=0) - T)
+def _describe_still(unit: AirHandlerSeries, name: str, mask: Mask) -> Finding:
+    value, hours = float(np.median(unit.get(name)[mask])), unit.hours(mask)
+    text = f"the sensor shows {value:.4g} °C while others move, for {hours:.1f} h, {{when}}"
+    action = "check the sensor and its wiring; what rests on it is not judged meanwhile"
+    return make_finding(unit, _SENSORS[name], "sensor_stuck", mask, 0.0, text, action)
+
+
+def _find_mixed_air_off(unit: AirHandlerSeries, works: Mapping[str, Mask]) -> Iterator[Finding]:
+    """Find mixed air outside the range of what it is mixed from, or far from supply air that is in that range."""
+    T, (low, high) = unit.get("T_mixed"), unit.outdoor_and_return
+    excess = np.maximum(T - high, low - T)
     with np.errstate(invalid="ignore"):
         mask = unit.on_days_of(unit.on & ~unit.has_low_flow & (excess > _OUTSIDE_K), _OUTSIDE_HOURS)
+    text = "mixed air is {size:.2g} K outside the range of return and outdoor air, for {hours:.1f} h, {{when}}"
+    if not mask.any():
+        mask = unit.on_days_of(np.any([*works.values()], axis=0) & ~unit.is_entering_plausible, _LEAST_HOURS)
+        excess = np.abs(unit.T_sup - T)
+        text = (
+            "with the valves shut the sensor is {size:.2g} K off the supply air, which return and outdoor air explain, "
+        )
+        text += "for {hours:.1f} h, {{when}}"
     if mask.any():
-        size = float(np.median(excess[mask]))
-        hours = unit.hours(mask)
-        text = f"mixed air is {size:.2g} K outside the range of return and outdoor air, for {hours:.1f} h, {{when}}"
-        action = "compare the three sensors with a hand-held one, with the fan running"
-        yield make_finding(unit, "mixed air sensor", "sensor_offset", mask, size, text, action)
+        size = float(np.nanmedian(excess[mask]))
+        action = "compare the sensors with a hand-held one, with the fan running; if they agree, a valve leaks"
+        text = text.format(size=size, hours=unit.hours(mask))
+        yield make_finding(unit, "entering air", "sensor_offset", mask, size, text, action)
 
 
 def _find_unoccupied(unit: AirHandlerSeries) -> Iterator[Finding]:
@@ -204,4 +235,4 @@ def _find_unoccupied(unit: AirHandlerSeries) -> Iterator[Finding]:
         hours = unit.hours(mask)
         text = f"the plant heats or cools in {hours:.1f} of {unit.hours(is_empty):.0f} unoccupied hours, {{when}}"
         action = "unless rooms need it, switch the plant off or widen its set-points when nobody is there"
-        yield make_finding(unit, "schedule", "unoccupied", mask, hours, text, action, symbol="h")
+        yield make_finding(unit, "fan", "unoccupied", mask, hours, text, action, symbol="h")

@@ -26,7 +26,8 @@ class Finding:
     Attributes
     ----------
     component
-        ``cooling valve``, ``heating valve``, ``preheat valve``, ``set-point``, ``mixed air sensor``, …
+        ``cooling valve``, ``heating valve``, ``cooling coil``, ``controller``, ``set-point``,
+        ``entering air``, ``supply air``, ``water``, ``fan``, …
     kind
         One of ``leak``, ``stuck_open``, ``stuck_shut``, ``not_met``, ``fight``, ``hunt``, ``set_point_swings``,
         ``swings``, ``sensor_stuck``, ``sensor_offset``, ``unoccupied``.

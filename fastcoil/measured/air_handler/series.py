@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -24,6 +24,8 @@ _SMOOTHING_S = 900.0  # of the change of the air's temperature
 _LOW_FLOW = 0.4  # of the usual air flow, below which ducts and places of sensors count
 _LEAST_BASELINE_DAYS = 4  # that show the offset of the sensors
 _LEAST_BASELINE_S = 3600.0  # a day with the valve shut
+_PLAUSIBLE_K = 1.5  # by which a sensor of mixed air may be off
+_PLAUSIBLE_SHARE = 0.1  # of the time of operation, in which it shows return or outdoor air
 _LARGEST_OFFSET_SPREAD_K = 0.35  # half of the middle half of such days
 
 
@@ -65,8 +67,35 @@ class AirHandlerSeries:
         measured = next((self.get(name) for name in ("T_mixed", "T_a_in") if name in self.grid.values), None)
         if measured is not None:
             return measured, measured
+        return self.outdoor_and_return
+
+    @cached_property
+    def outdoor_and_return(self) -> tuple[Array, Array]:
+        """The colder and the warmer of outdoor and return air; NaN where one of them is not logged."""
         both = np.stack([self.get("T_return"), self.get("T_out")])
         return both.min(axis=0), both.max(axis=0)
+
+    @cached_property
+    def is_entering_plausible(self) -> Mask:
+        """Whether supply air shows that a coil works without relying on the sensor of mixed air alone, (n,).
+
+        It does where it is outside the range of return and outdoor air.  Elsewhere the sensor has to be one that shows
+        either of them at times, as dampers open and close; without both of these there is nothing to compare with.
+        """
+        low, high = self.outdoor_and_return
+        T, known = self.T_entering[0], self.on & np.isfinite(low + self.T_entering[0])
+        if not known.any() or not self.is_entering_measured:
+            return np.ones(self.on.size, dtype=bool)
+        is_near = (np.abs(T - low) < _PLAUSIBLE_K) | (np.abs(T - high) < _PLAUSIBLE_K)
+        if np.mean(is_near[known]) >= _PLAUSIBLE_SHARE:
+            return np.ones(self.on.size, dtype=bool)
+        with np.errstate(invalid="ignore"):
+            return (self.T_sup < low - _PLAUSIBLE_K) | (self.T_sup > high + _PLAUSIBLE_K)
+
+    def without(self, masks: Mapping[str, Mask]) -> AirHandlerSeries:
+        """Return the series with some values removed, by name."""
+        values = {name: np.where(masks.get(name, False), np.nan, v) for name, v in self.grid.values.items()}
+        return replace(self, grid=self.grid._replace(values=values)) if masks else self
 
     @property
     def is_entering_measured(self) -> bool:

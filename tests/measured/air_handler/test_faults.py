@@ -97,17 +97,17 @@ def test_the_offset_that_days_show_makes_smaller_leaks_visible():
 def test_a_sensor_that_stands_still_is_named_first():
     log = make_unit_log(1.0, cooling=lambda h: 0.3 + 0.2 * np.sin(h), T_mixed=lambda h: 18.0 + 2.0 * np.sin(h / 3))
     log["AHU-3 Supply Air Temp"] = 14.2
-    assert kinds_of(fc.inspect(log))[0] == ("supply air sensor", "sensor_stuck")
+    assert kinds_of(fc.inspect(log))[0] == ("supply air", "sensor_stuck")
 
 
 def test_mixed_air_beyond_what_it_is_mixed_from_is_a_sensor():
     series = {"T_mixed": 27.0, "T_return": 22.0, "T_out": lambda h: 15.0 + 0.1 * np.sin(h)}
-    assert ("mixed air sensor", "sensor_offset") in kinds_of(fc.inspect(make_unit_log(1.0, **series)))
+    assert ("entering air", "sensor_offset") in kinds_of(fc.inspect(make_unit_log(1.0, **series)))
 
 
 def test_running_while_unoccupied_comes_last():
     unit = fc.inspect(make_unit_log(1.0, heating=0.3, leak=(0.5, 0.0), occupied=in_hours(7, 19, 1.0)))
-    assert kinds_of(unit)[-1] == ("schedule", "unoccupied")
+    assert kinds_of(unit)[-1] == ("fan", "unoccupied")
     assert unit.findings[-1].size == pytest.approx(12.0, abs=0.1)
 
 
