@@ -82,6 +82,7 @@ class Plant(NamedTuple):
     outdoor_share: float  # least while occupied
     has_economiser: bool
     damper_lag: float  # s
+    duct_lag: float  # from coil to sensor at the greatest air flow, s; longer with less air
     sensor_lag: float  # s
     supply_offset: float  # of the supply sensor, K
     mixed_offset: float  # of the mixed-air sensor, K
@@ -122,14 +123,14 @@ def simulate_plant(plant: Plant, cooling: Coil, heating: Coil, c: CoilSeries, h:
     """Simulate an air handler; return ``SIGNALS``, (rows of the log, signals), as they are and not as sensors say."""
     n = s.T_out.size
     record = np.empty((n // LOG_STEPS, len(SIGNALS)))
-    T_zone = T_sup = T_sensor = T_reading = 21.0
-    damper, request_c, request_h, share = 0.0, 0.0, 0.0, plant.least_flow
+    T_zone = T_sup = T_duct = T_sensor = T_reading = 21.0
+    damper, is_free, request_c, request_h, share = 0.0, False, 0.0, 0.0, plant.least_flow
     motor, stem, effect, integral, command = np.zeros(2), np.zeros(2), np.zeros(2), np.zeros(2), np.zeros(2)
     flow = np.zeros(2)
     for k in range(n):
         is_occupied, is_on = s.occupied[k] > 0.5, s.fan[k] > 0.5
         # outer loop: set-points and air flow
-        e_c, e_h = T_zone - (23.5 if is_occupied else 29.0), (21.5 if is_occupied else 16.0) - T_zone
+        e_c, e_h = T_zone - (23.5 if is_occupied else 29.0), (21.5 if is_occupied else 17.0) - T_zone
         request_c = integral_part(request_c, e_c, plant.zone_kp * STEP / plant.zone_ti)
         request_h = integral_part(request_h, e_h, plant.zone_kp * STEP / plant.zone_ti)
         u_zone = desired_opening(e_c, request_c, plant.zone_kp)
@@ -137,7 +138,7 @@ def simulate_plant(plant: Plant, cooling: Coil, heating: Coil, c: CoilSeries, h:
         T_set_h = T_set_c - plant.band
         if plant.is_cascade:
             T_set_c = 30.0 - (30.0 - plant.T_set) * u_zone
-            T_set_h = 10.0 + 25.0 * desired_opening(e_h, request_h, plant.zone_kp)
+            T_set_h = min(10.0 + 25.0 * desired_opening(e_h, request_h, plant.zone_kp), T_set_c - 1.0)
         T_set_c, T_set_h = T_set_c + s.swing[k], T_set_h + s.swing[k]
         if s.overlap[k] > 0.0:
             T_set_h = T_set_c + s.overlap[k]
@@ -146,7 +147,8 @@ def simulate_plant(plant: Plant, cooling: Coil, heating: Coil, c: CoilSeries, h:
         # mixing dampers; the economiser mixes to the set-point by the mixed-air sensor, errors included
         T_return = T_zone + 0.5
         target = plant.outdoor_share if is_occupied else 0.0
-        if plant.has_economiser and s.T_out[k] < T_return - 1.0:
+        is_free = plant.has_economiser and s.T_out[k] < T_return - (0.5 if is_free else 1.5)
+        if is_free:
             T_wanted = T_set_c - plant.fan_heat - plant.mixed_offset
             target = max(target, min((T_return - T_wanted) / (T_return - s.T_out[k]), 1.0))
         damper += ((target if is_on else 0.0) - damper) * STEP / plant.damper_lag
@@ -177,10 +179,12 @@ def simulate_plant(plant: Plant, cooling: Coil, heating: Coil, c: CoilSeries, h:
         # supply air, its sensor, and the zone; in still air the sensor drifts to its surroundings
         if is_on:
             T_sup = T_coil + plant.fan_heat * share
-            T_sensor += (T_sup - T_sensor) * STEP / plant.sensor_lag
+            T_duct += (T_sup - T_duct) * STEP * share / plant.duct_lag
+            T_sensor += (T_duct - T_sensor) * STEP / plant.sensor_lag
         else:
             T_sup = T_zone + 0.2 * (flow[0] * (h.T_w[k] - T_zone) + flow[1] * (c.T_w[k] - T_zone))
             T_sensor += (T_sup - T_sensor) * STEP / STILL_AIR_SECONDS
+            T_duct = T_sensor
         if s.frozen[k] < 0.5:
             T_reading = T_sensor + plant.supply_offset + s.noise[k]
         reheat = 0.0 if plant.is_cascade else clip01(REHEAT_BELOW - T_zone) * 15.0 * CP_AIR * m_a
