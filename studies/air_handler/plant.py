@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from fastcoil.model.control import clip01, desired_opening, integral_part
+from fastcoil.model.numerics.jit import kernel
 from fastcoil.model.physics import backlash, installed_valve, leaky_flow, motor_position, opening, water_flow
 
 STEP = 5.0  # s
@@ -97,7 +97,7 @@ class Plant(NamedTuple):
     sample_steps: int
 
 
-@njit(error_model="numpy")
+@kernel
 def coil_heat(coil: Coil, m_w: float, m_a: float, T_a: float, T_w: float, capacity: float) -> float:
     """Sensible heat from water to air, kW, of a counterflow coil by its effectiveness."""
     C_a, C_w = CP_AIR * m_a, CP_WATER * m_w
@@ -110,7 +110,7 @@ def coil_heat(coil: Coil, m_w: float, m_a: float, T_a: float, T_w: float, capaci
     return coil.sensible_share * (1.0 - exponential) / (1.0 - ratio * exponential) * C_min * (T_w - T_a)
 
 
-@njit(error_model="numpy")
+@kernel
 def valve_flow(coil: Coil, open: float, leakage: float) -> float:
     """Share of the full water flow at an opening."""
     m_max, a, b, c = installed_valve(coil.rangeability, coil.authority, 1.0)
@@ -118,7 +118,7 @@ def valve_flow(coil: Coil, open: float, leakage: float) -> float:
     return leaky_flow(water_flow(open, m_max, a, b, c), m_0, m_1, leakage)
 
 
-@njit(error_model="numpy")
+@kernel
 def simulate_plant(plant: Plant, cooling: Coil, heating: Coil, c: CoilSeries, h: CoilSeries, s: Series) -> np.ndarray:
     """Simulate an air handler; return ``SIGNALS``, (rows of the log, signals), as they are and not as sensors say."""
     n = s.T_out.size

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from numba import njit
 
+from fastcoil.model.numerics.jit import kernel
 from studies.air_handler.plant import LOG_STEPS, STEP
 
 COOLING, HEATING, SUPPLY, ENTERING, SET_POINT, FAN, BOTH = (
@@ -57,7 +57,7 @@ class Observed(NamedTuple):
     """Set-points of the valves are missed by ``UNMET_KELVIN`` for ``UNMET_MINUTES``."""
 
 
-@njit
+@kernel
 def regular_swings(x: np.ndarray, moves: np.ndarray, kelvin: float, least: int, most: int) -> np.ndarray:
     """Minutes of regular swings of more than ``kelvin`` from peak to peak.
 
