@@ -181,7 +181,14 @@ def fault_rows(by_case: dict[Case, list[Result]]) -> list[list[str]]:
 
 def healthy_rows(results: list[Result]) -> list[list[str]]:
     """Healthy units accused, by component and kind, and what is said of set-points that are met."""
-    accusations = [{(f.component, f.kind) for f in r.findings if f.kind in ACCUSATIONS} for r in results]
+    accusations = [
+        {
+            (f.component, f.kind)
+            for f in r.findings
+            if f.kind in ACCUSATIONS and not (f.kind == FIGHT and r.unit.observed.fighting)
+        }
+        for r in results
+    ]
     rows = [["any", "any", format_shares(bool(a) for a in accusations)]]
     rows += [[*pair, format_shares(pair in a for a in accusations)] for pair in sorted(set().union(*accusations))]
     met = [r for r in results if not any(r.unit.observed.unmet.values())]

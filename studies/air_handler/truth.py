@@ -55,6 +55,8 @@ class Observed(NamedTuple):
     """The same are calm, the loops while in control for an hour."""
     unmet: Days
     """Set-points of the valves are missed by ``UNMET_KELVIN`` for ``UNMET_MINUTES``."""
+    fighting: tuple[int, ...]
+    """Both valves are open, as where one of the loops hunts."""
 
 
 @kernel
@@ -139,7 +141,8 @@ def windows_of(signs: np.ndarray, index: pd.DatetimeIndex) -> list[tuple[pd.Time
 
 def observe_days(s: pd.DataFrame) -> Observed:
     """Observe loops and set-points, without noise and offsets of sensors."""
-    observed, is_on = Observed({}, {}, {}), s.enabled > 0.5
+    fighting = days_with(signs_of(FIGHT, BOTH, s, np.nan), SHOWS_MINUTES)
+    observed, is_on = Observed({}, {}, {}, fighting), s.enabled > 0.5
     for name in (*SIDES, SET_POINT):
         controls, kelvin = is_on, SWINGS_KELVIN
         if name in SIDES:
