@@ -125,6 +125,8 @@ def test_swings_are_seen_if_regular_and_large_and_of_a_moving_command():
     found = truth.regular_swings(wave, moves, 0.4, 1, 25)
     assert 150 < found.sum() < 210
     assert found[650:750].all()
+    few = np.where(abs(t - 700) < 14, wave, 0.0)
+    assert not truth.regular_swings(few, moves, 0.4, 1, 25).any()
     assert not truth.regular_swings(wave, np.zeros(1440), 0.4, 1, 25).any()
     assert not truth.regular_swings(0.15 * wave, moves, 0.4, 1, 25).any()
     assert not truth.regular_swings(wave, moves, 0.4, 15, 60).any()
