@@ -43,7 +43,7 @@ QUICK_TIMES = ("seconds", "a minute")  # studies that a sample runs whole, by th
 def format_seeds(module: ModuleType) -> str:
     """Format the seeds and sizes of a study, as its module names them."""
     constants = {name: value for name, value in vars(module).items() if name.isupper() and type(value) in (int, tuple)}
-    suffixes = ("SEED", "FRESH", "FIRST_DAY", "VALVES", "DAYS", "SAMPLES")
+    suffixes = ("SEED", "FRESH", "FIRST_DAY", "VALVES", "UNITS", "DAYS", "SAMPLES")
     return ", ".join(f"{name} = {value}" for name, value in constants.items() if name.endswith(suffixes))
 
 
