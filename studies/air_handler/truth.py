@@ -21,9 +21,9 @@ FIGHT, SWINGS, HUNT, FROZEN, OFFSET, UNOCCUPIED = (
     "fight", "set_point_swings", "hunt", "sensor_stuck", "sensor_offset", "unoccupied"
 )  # fmt: skip
 ROWS_PER_DAY = int(86400 / STEP) // LOG_STEPS
-SHOWS_MINUTES = 20  # a fault shows on a day if its signs last so long
-LEAK_KELVIN = 1.0  # effect of a coil whose valve should be shut
-HUNTS_MINUTES, HUNTS_KELVIN, SWINGS_KELVIN = 60, 0.4, 1.5
+SHOWS_MINUTES = 90  # a fault shows on a day if its signs last so long
+LEAK_KELVIN = 4.0  # effect of a coil whose valve should be shut: sensors of mixed air are off by up to 2.3 K
+HUNTS_MINUTES, HUNTS_KELVIN, SWINGS_KELVIN = 60, 1.5, 2.5  # swings from peak to peak
 """A loop hunts, or a set-point swings, on a day whose regular swings above a size last so long; without any of half the
 size it is calm."""
 UNMET_MINUTES, UNMET_KELVIN = 60, 1.0
@@ -120,8 +120,9 @@ def signs_of(fault: str, component: str, s: pd.DataFrame, frozen_at: float) -> n
         signs = True
     else:
         command = s[f"{SIDES[component]}_command"]
-        effect = s.T_cooled - s.T_heated if component == COOLING else s.T_heated - s.T_mixed
-        passes = (command < 0.01) & (abs(effect) > LEAK_KELVIN)
+        # the air after both coils: what the other valve makes up for is seen by no sensor
+        effect = (s.T_cooled - s.T_mixed) * (-1.0 if component == COOLING else 1.0)
+        passes = (command < 0.01) & (effect > LEAK_KELVIN)
         lacks = (command > 0.9) & (missed_kelvin(s, component) > UNMET_KELVIN)
         signs = {LEAK: passes, STUCK_OPEN: passes, STUCK: passes | lacks}.get(fault, lacks)
     return np.asarray((s.enabled > 0.5) & signs)

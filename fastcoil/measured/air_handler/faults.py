@@ -27,9 +27,8 @@ _OFF_K = 2.0
 _STILL_S = 4 * 3600.0  # for which a sensor shows one number
 _STILL_NEIGHBOUR_K = 2.0  # range of another temperature meanwhile
 _SENSORS = {"T_sup": "supply air", "T_mixed": "entering air"}
-_OPPOSING_COMMAND = 0.2  # of a valve that works against another one
-_OPPOSED_EFFECT_K = 1.5  # least that it does
 _LATER_EFFECT_K = 3.0  # on the same day, of a valve that lacked water for a time
+_ALWAYS_SHARE = 0.9  # of the time with all valves shut, in which a sensor that is off shows it
 _OUTSIDE_K = 3.0  # of mixed air beyond return and outdoor air
 _OUTSIDE_HOURS = 3.0  # of a day
 
@@ -74,8 +73,6 @@ def _works_while_shut(unit: AirHandlerSeries, coil: str) -> Mask:
     if unit.is_entering_measured and np.isfinite(offset):
         limit[:] = np.clip(offset + _LEAST_EFFECT_OVER_OFFSET_K, 1.0, _LEAST_EFFECT_K)
     limit[unit.has_low_flow] = _LEAST_EFFECT_LOW_FLOW_K
-    # what it does against a coil that is open comes on top
-    limit[_opposing(unit, coil, _OPPOSING_COMMAND)] -= _OPPOSED_EFFECT_K
     with np.errstate(invalid="ignore"):
         return np.asarray(is_shut & (has_rested | ~unit.has_low_flow) & (effect > limit))
 
@@ -212,8 +209,11 @@ def _find_mixed_air_off(unit: AirHandlerSeries, works: Mapping[str, Mask]) -> It
         mask = unit.on_days_of(unit.on & ~unit.has_low_flow & (excess > _OUTSIDE_K), _OUTSIDE_HOURS)
     text = "mixed air is {size:.2g} K outside the range of return and outdoor air, for {hours:.1f} h, {{when}}"
     if not mask.any():
-        mask = unit.on_days_of(np.any([*works.values()], axis=0) & ~unit.is_entering_plausible, _LEAST_HOURS)
-        excess = np.abs(unit.T_sup - T)
+        off = np.any([*works.values()], axis=0) & ~unit.is_entering_plausible
+        all_shut = np.all([unit.rests(coil) for coil in unit.coils], axis=0)
+        # a leak comes and goes with the water, a sensor is off all the time
+        is_always = all_shut.any() and float(np.mean(off[all_shut])) >= _ALWAYS_SHARE
+        mask, excess = unit.on_days_of(off & is_always, _LEAST_HOURS), np.abs(unit.T_sup - T)
         text = (
             "with the valves shut the sensor is {size:.2g} K off the supply air, which return and outdoor air explain, "
         )
