@@ -13,7 +13,7 @@ import click
 import fastcoil as fc
 from fastcoil.base.errors import InputError
 from fastcoil.base.files import exists, has_mark, require_output_file, write_atomically
-from fastcoil.base.text import align_columns, parse_number_or_word
+from fastcoil.base.text import align_columns
 from fastcoil.cli.arguments import PATH, combine_options, parse_pairs
 from fastcoil.cli.deliver import with_report, write_result
 from fastcoil.cli.terminal import echo
@@ -292,9 +292,8 @@ with_constants = click.option(
 @with_common_options
 @click.option("-o", "--out", type=PATH, default="valve.toml", show_default=True, help="TOML file to write.")
 @click.option("--m-max", type=float, help="Asymptotic flow, kg/s; fitted by default.")
-@click.option("--lag", type=parse_number_or_word, default="auto", show_default=True, metavar="SECONDS",
-              help="Delay of the logged flow behind the command; auto: estimated per segment, reported, "
-              "removed.")  # fmt: skip
+@click.option("--lag", type=float, default=0.0, show_default=True, metavar="SECONDS",
+              help="Delay of the logged flow behind the command.")  # fmt: skip
 @click.option("--hold", "holds", metavar="command",
               help="The command is constant between rows; by default it may move between them.")  # fmt: skip
 def fit_valve_command(data: Path, read: dict[str, Any], out: Path, report: Path | None, **options: Any) -> None:
