@@ -1,15 +1,15 @@
 """linearise: plant, margins, and tunings after SIMC, lambda, and Ziegler and Nichols at each operating point."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import argument_checks, require_array, require_flag
+from fastcoil.base.arguments import argument_checks, require_array
 from fastcoil.base.arrays import Array
-from fastcoil.base.errors import InputError, Problem, short_repr
+from fastcoil.base.errors import InputError, short_repr
 from fastcoil.design.operating_points import OperatingPoints, require_pi
 from fastcoil.design.plants import (
     Columns,
@@ -20,8 +20,6 @@ from fastcoil.design.plants import (
     loop_response,
     sampled_plant_response,
     sensor_response,
-    state_names,
-    state_space_of,
     stroke_gain,
     unique_columns,
 )
@@ -217,22 +215,17 @@ _VARIABLES = {  # long_name, units, comment
     "plant_phase": ("phase from the opening to T_sup", "degree", "unwrapped from the lowest frequency on"),
     "loop_magnitude": ("gain of the open loop L", "1", ""),
     "loop_phase": ("phase of the open loop L", "degree", "unwrapped from the lowest frequency on"),
-    "A": ("from the states of a second to those of the next", "", ""),
-    "B": ("from the opening to the states of the next second", "", ""),
 }  # fmt: skip
-_DIMS = {"A": ("state", "state_before"), "B": ("state",)}
 
 
 def _attributes(name: str) -> dict[str, Any]:
     """Attributes of a variable, and its dims beyond those of the points."""
     texts = zip(("long_name", "units", "comment"), _VARIABLES[name], strict=True)
-    dims = ("frequency",) if name.endswith(("_magnitude", "_phase")) else _DIMS.get(name, ())
+    dims = ("frequency",) if name.endswith(("_magnitude", "_phase")) else ()
     return {key: text for key, text in texts if text} | {"dims": dims}
 
 
-def linearise(
-    loop: Loop, boundary: Boundary, *, at: Any = None, frequency: Any = None, state_space: bool = False
-) -> xr.Dataset:
+def linearise(loop: Loop, boundary: Boundary, *, at: Any = None, frequency: Any = None) -> xr.Dataset:
     """Linearise every loop of ``loop`` where it rests at its set-point on every day of ``boundary``.
 
     The plant is the emulator's own one-second step, differentiated.  Controller and sensor are sampled as in the
@@ -249,8 +242,6 @@ def linearise(
     frequency
         Angular frequencies [rad/s] at which to give the response of plant and open loop; they become the dim
         ``frequency``.  The open loop has none above π/sample_time.
-    state_space
-        Whether to give A and B of x[t+1] = A x[t] + B opening[t], in steps of 1 s.  T_sup is the state ``T_a_1``.
 
     Returns
     -------
@@ -274,28 +265,18 @@ def linearise(
     points = OperatingPoints(loop, boundary, at)
     with argument_checks() as check:
         w = check.unless_none(_parse_frequencies, "frequency", frequency)
-        wants_states = check(require_flag, "state_space", state_space)
         if frequency is not None:
             check(require_pi, points.loop)
-        if wants_states and np.unique(np.asarray(points.loop["n_volumes"])).size > 1:
-            sentence = "n_volumes is swept, and each value has another number of states: request them one by one"
-            check.problems.append(Problem(sentence, "n_volumes", "conflict"))
-    states = list(state_names(int(np.max(np.asarray(points.loop["n_volumes"]))))) if wants_states else []
-    values_per_point = 22 + (0 if w is None else 4 * w.size) + len(states) ** 2
+    values_per_point = 22 + (0 if w is None else 4 * w.size)
     check_memory(2 * 8 * values_per_point * points.size, points.size)
-    variables = points.evaluate(lambda c, entering, plants: _variables_of_points(c, entering, plants, w, wants_states))
+    variables = points.evaluate(lambda columns, _, plants: _variables_of_points(columns, plants, w))
     ds = points.dataset({name: (values, _attributes(name)) for name, values in variables.items()})
     if w is not None:
         ds = ds.assign_coords(frequency=("frequency", w, {"long_name": "angular frequency", "units": "rad s-1"}))
-    if wants_states:
-        ds = ds.assign_coords(state_before=("state_before", states, {"long_name": "state of the coil a second before"}))
-        ds = ds.assign_coords(state=("state", states, {"long_name": "state of the coil, by control volume"}))
     return ds.assign_attrs(title="fastcoil linearised loops", **provenance())
 
 
-def _variables_of_points(
-    columns: Columns, conditions: Mapping[str, Array], plants: Plants, w: Array | None, wants_states: bool
-) -> Iterator[tuple[str, Array]]:
+def _variables_of_points(columns: Columns, plants: Plants, w: Array | None) -> Iterator[tuple[str, Array]]:
     """Yield every variable of some operating points by name."""
     for name in ("opening", "T_sup", "m_w", "wet_volumes", "reachable", "gain"):
         yield name, getattr(plants, name)
@@ -310,8 +291,6 @@ def _variables_of_points(
     if w is not None:
         yield from _magnitude_and_phase("plant", lambda at: frequency_response(plants.response, at), w)
         yield from _magnitude_and_phase("loop", lambda at: loop_response(columns, plants, at), w)
-    if wants_states:
-        yield from zip("AB", state_space_of(columns, conditions), strict=True)
 
 
 def _magnitude_and_phase(name: str, transfer: Callable[[Array], Complex], w: Array) -> Iterator[tuple[str, Array]]:
