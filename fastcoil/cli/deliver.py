@@ -26,7 +26,7 @@ REPORT_OPTION = "--report"
 def report(folder: Path, out: Path | None) -> None:
     """Write a self-contained HTML report of the finished study in FOLDER.
 
-    diagnose, explain, fit and tune have an option --report instead.
+    diagnose, explain and tune have an option --report instead.
     """
     echo(f"Report:  {fc.report(folder, out)}")
 
