@@ -308,14 +308,13 @@ def fit_valve_command(data: Path, read: dict[str, Any], out: Path, **options: An
 @with_common_options
 @click.option("-o", "--out", type=PATH, default="coil.toml", show_default=True, help="TOML file to write.")
 @with_constants
-@click.option("--both", is_flag=True, help="Minimise the error of the leaving water as well as that of the supply air.")
 @with_warm_up
 @click.option("--pressure", type=float, default=101325.0, show_default=True, help="Barometric pressure, Pa.")
 @click.option("--hold", "holds", multiple=True, metavar="NAME", help="An input that is constant until the next sample.")
-def fit_coil_command(data: Path, read: dict[str, Any], out: Path, both: bool, **options: Any) -> None:
+def fit_coil_command(data: Path, read: dict[str, Any], out: Path, **options: Any) -> None:
     """Fit the coil to m_w, m_a, T_w_in, T_a_in, W_a_in (or RH_a_in, T_dp_in) and T_sup of DATA.
 
     T_w_out is compared if present.  Time is elapsed_time or timestamp.  The model restarts after a gap, and after a
     time without air flow (or with 0 in the optional column enabled).
     """
-    run_fit(fc.fit_coil, out, data, read, minimise_on="both" if both else "T_sup", **options)
+    run_fit(fc.fit_coil, out, data, read, **options)
