@@ -165,13 +165,6 @@ def interpret_header(header: str) -> HeaderMeaning | None:
     return HeaderMeaning("T_set", frozenset(plant[:first_known]), False) if may_be_set_point else None
 
 
-def coil_kind(header: str) -> str:
-    """Return the kind of coil that the header of a command names: ``cooling``, ``heating`` or blank."""
-    words = [word.lower() for word in _WORD_PATTERN.findall(header)]
-    kinds = {kind for word in words for kind in _WORD_MEANINGS.get(word, ()) if kind in ("cooling", "heating")}
-    return kinds.pop() if len(kinds) == 1 else ""
-
-
 def _may_have_unit(name: str, unit: str | None) -> bool:
     """Whether a header with this unit may be of our column ``name``; of an unknown unit it is asked later."""
     return unit is None or not is_unit(unit) or COLUMNS[name].is_same_unit(unit, unit)
