@@ -1,4 +1,4 @@
-"""The plant of each lane under constant conditions: at rest, linearised, and its response to a small step.
+"""The plant of each lane under constant conditions: at rest, and its response to a small step.
 
 The march is that of the emulator with one addition.  At the same state, Eq (3) gives a control volume more heat when it
 is wet than when it is dry.  So a volume at its dew point may have no state of rest: it changes between wet and dry
