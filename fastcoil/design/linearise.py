@@ -245,7 +245,7 @@ def linearise(loop: Loop, boundary: Boundary, *, at: Any = None, frequency: Any 
             check(require_pi, points.loop)
     values_per_point = 18 + (0 if w is None else 4 * w.size)
     check_memory(2 * 8 * values_per_point * points.size, points.size)
-    variables = points.evaluate(lambda columns, _, plants: _variables_of_points(columns, plants, w))
+    variables = points.evaluate(lambda columns, plants: _variables_of_points(columns, plants, w))
     ds = points.dataset({name: (values, _attributes(name)) for name, values in variables.items()})
     if w is not None:
         ds = ds.assign_coords(frequency=("frequency", w, {"long_name": "angular frequency", "units": "rad s-1"}))
