@@ -93,7 +93,9 @@ def check_reading_options(check: arguments.Checks, **options: Any) -> ReadingOpt
     options["time_format"] = check.unless_none(require_time_format, "time_format", options["time_format"])
     if "time_zone" in options:
         options["time_zone"] = check(require_time_zone, "time_zone", options["time_zone"])
-    options["ignore"] = check(arguments.require_names, "ignore", options["ignore"]) if options.get("ignore") else []
+    ignore = options.get("ignore")
+    is_empty = ignore is None or (isinstance(ignore, Sequence) and not ignore)
+    options["ignore"] = [] if is_empty else check(arguments.require_names, "ignore", ignore)
     options |= {name: {} for name in ("units", "constants") if name in options and options[name] is None}
     return ReadingOptions(**options)
 
