@@ -52,7 +52,6 @@ _MODULE_OF_NAME = {
     "sobol_indices": "study.analysis.sobol",
     "survey": "deliver.report.survey",
     "time_quantiles": "study.analysis.survival",
-    "to_control": "design.to_control",
     "tune": "design.tune",
     "weather_day": "loops.boundary.weather",
     "weather_year": "loops.boundary.weather",

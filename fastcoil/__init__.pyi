@@ -13,7 +13,6 @@ from fastcoil.deliver.report.survey import survey as survey
 from fastcoil.design.explain import explain as explain
 from fastcoil.design.limit_cycle import limit_cycle as limit_cycle
 from fastcoil.design.linearise import linearise as linearise
-from fastcoil.design.to_control import to_control as to_control
 from fastcoil.design.tune import tune as tune
 from fastcoil.logs.log import Log as Log
 from fastcoil.logs.log import read_log as read_log

@@ -26,7 +26,7 @@ REPORT_OPTION = "--report"
 def report(folder: Path, out: Path | None) -> None:
     """Write a self-contained HTML report of the finished study in FOLDER.
 
-    diagnose, explain, fit and tune have an option --report instead.
+    diagnose, explain and tune have an option --report instead.
     """
     echo(f"Report:  {fc.report(folder, out)}")
 
@@ -66,17 +66,16 @@ with_report = click.option(
 
 @click.command()
 @click.argument("folder", type=PATH, required=False)
-@click.option("--bibtex", "as_bibtex", is_flag=True, help="BibTeX instead of plain text.")
-def cite(folder: Path | None, as_bibtex: bool) -> None:
+def cite(folder: Path | None) -> None:
     """Print how to cite fastcoil and the paper, and with FOLDER its results and the version that made them."""
-    from fastcoil.deliver.report.page import bibtex, citation
+    from fastcoil.deliver.report.page import citation
 
     results = None
     if folder is not None:
         from fastcoil.study.folder.results import open_finished
 
         results = open_finished(folder).attrs
-    echo(*(bibtex if as_bibtex else citation)(results))
+    echo(*citation(results))
 
 
 @click.command()

@@ -13,7 +13,7 @@ import click
 import fastcoil as fc
 from fastcoil.base.errors import InputError
 from fastcoil.base.files import exists, has_mark, require_output_file, write_atomically
-from fastcoil.base.text import align_columns, parse_number_or_word
+from fastcoil.base.text import align_columns
 from fastcoil.cli.arguments import PATH, combine_options, parse_pairs
 from fastcoil.cli.deliver import with_report, write_result
 from fastcoil.cli.terminal import echo
@@ -300,29 +300,28 @@ def _require_new_csv(out: Path) -> None:
 
 @click.group()
 def fit() -> None:
-    """Fit a valve, a coil or a loop to a trend log (CSV); write TOML to include in a study, and a figure."""
+    """Fit a valve or a coil to a trend log (CSV); write TOML to include in a study, and a figure."""
 
 
 with_common_options = combine_options(
     click.option("--split", type=float, help="Share of the log to fit, in whole batches or pieces if there are four or "
                  "more; 0.7 by default, 1 with --validate."),
     click.option("--validate", "validation", type=PATH, help="Another CSV file for validation."),
-    with_report, with_reading_options,
+    with_reading_options,
 )  # fmt: skip
 """The options that all fits have."""
 
 
 def run_fit(
-    fit_function: Callable[..., Fit], out: Path, report: Path | None, data: Path, read: Mapping[str, Any],
-    *loops: fc.Loop, **options: Any,
+    fit_function: Callable[..., Fit], out: Path, data: Path, read: Mapping[str, Any], **options: Any
 ) -> None:  # fmt: skip
-    """Run a fit of the package, print its summary, and write TOML, figure and, if its path is given, a report."""
+    """Run a fit of the package, print its summary, and write TOML and figure."""
     require_fit_file(out)
     log = fc.read_log(data, **read, constants=options.pop("constants", None))
-    result = fit_function(log, *loops, **options)
+    result = fit_function(log, **options)
     log.require_options_used()
     echo(*result.summary())
-    write_result(result, out, report, label="Fitted")
+    write_result(result, out, label="Fitted")
 
 
 def _parse_constants_option(ctx: click.Context, param: click.Parameter, value: Sequence[str]) -> dict[str, float]:
@@ -345,34 +344,30 @@ with_constants = click.option(
 @with_common_options
 @click.option("-o", "--out", type=PATH, default="valve.toml", show_default=True, help="TOML file to write.")
 @click.option("--m-max", type=float, help="Asymptotic flow, kg/s; fitted by default.")
-@click.option("--lag", type=parse_number_or_word, default="auto", show_default=True, metavar="SECONDS",
-              help="Delay of the logged flow behind the command; auto: estimated per segment, reported, "
-              "removed.")  # fmt: skip
+@click.option("--lag", type=float, default=0.0, show_default=True, metavar="SECONDS",
+              help="Delay of the logged flow behind the command.")  # fmt: skip
 @click.option("--hold", "holds", metavar="command",
               help="The command is constant between rows; by default it may move between them.")  # fmt: skip
-def fit_valve_command(data: Path, read: dict[str, Any], out: Path, report: Path | None, **options: Any) -> None:
+def fit_valve_command(data: Path, read: dict[str, Any], out: Path, **options: Any) -> None:
     """Fit backlash and flow curve to the columns command and m_w of DATA.
 
     Time is elapsed_time or timestamp.  The optional column batch numbers the experiments in the log; the optional
     column enabled is 0 while the pump is off.
     """
-    run_fit(fc.fit_valve, out, report, data, read, **options)
+    run_fit(fc.fit_valve, out, data, read, **options)
 
 
 @fit.command("coil")
 @with_common_options
 @click.option("-o", "--out", type=PATH, default="coil.toml", show_default=True, help="TOML file to write.")
 @with_constants
-@click.option("--both", is_flag=True, help="Minimise the error of the leaving water as well as that of the supply air.")
 @with_warm_up
 @click.option("--pressure", type=float, default=101325.0, show_default=True, help="Barometric pressure, Pa.")
 @click.option("--hold", "holds", multiple=True, metavar="NAME", help="An input that is constant until the next sample.")
-def fit_coil_command(
-    data: Path, read: dict[str, Any], out: Path, both: bool, report: Path | None, **options: Any
-) -> None:
+def fit_coil_command(data: Path, read: dict[str, Any], out: Path, **options: Any) -> None:
     """Fit the coil to m_w, m_a, T_w_in, T_a_in, W_a_in (or RH_a_in, T_dp_in) and T_sup of DATA.
 
     T_w_out is compared if present.  Time is elapsed_time or timestamp.  The model restarts after a gap, and after a
     time without air flow (or with 0 in the optional column enabled).
     """
-    run_fit(fc.fit_coil, out, report, data, read, minimise_on="both" if both else "T_sup", **options)
+    run_fit(fc.fit_coil, out, data, read, **options)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -363,7 +363,7 @@ def limit_cycle(loop: Loop, boundary: Boundary, *, at: Any = None) -> xr.Dataset
     points = OperatingPoints(loop, boundary, at)
     reasons: Counter[str] = Counter()
 
-    def evaluate(columns: Columns, _: Mapping[str, Array], plants: Plants) -> Iterable[tuple[str, Array]]:
+    def evaluate(columns: Columns, plants: Plants) -> Iterable[tuple[str, Array]]:
         cycles, why = predict_cycles(columns, plants), unpredictable_loops(columns)
         why |= {"T_sup jumps past the set-point, from dry to wet: there is nothing to linearise": np.isnan(plants.gain)}
         is_slow = np.isnan(cycles.hunts) & ~np.any(list(why.values()), axis=0)

@@ -1,15 +1,15 @@
-"""linearise: plant, margins, and tunings after SIMC, lambda, and Ziegler and Nichols at each operating point."""
+"""linearise: plant, margins and the tuning after SIMC at each operating point."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import argument_checks, require_array, require_flag
+from fastcoil.base.arguments import argument_checks, require_array
 from fastcoil.base.arrays import Array
-from fastcoil.base.errors import InputError, Problem, short_repr
+from fastcoil.base.errors import InputError, short_repr
 from fastcoil.design.operating_points import OperatingPoints, require_pi
 from fastcoil.design.plants import (
     Columns,
@@ -20,8 +20,6 @@ from fastcoil.design.plants import (
     loop_response,
     sampled_plant_response,
     sensor_response,
-    state_names,
-    state_space_of,
     stroke_gain,
     unique_columns,
 )
@@ -146,37 +144,17 @@ def simc(columns: Columns, plants: Plants, model: FirstOrder) -> Gains:
     kp = lag/(2 K θ), ti = min(lag, 8 θ).  S. Skogestad: Simple analytic rules for model reduction and PID controller
     tuning.  J. Process Control 13 (2003), 291-309, eqs 23 and 24.
     """
-    dead_time = _dead_time(columns, model)
-    return _valid_gains(plants, columns, model.lag / (2.0 * dead_time), np.minimum(model.lag, 8.0 * dead_time))
-
-
-def lambda_tuning(columns: Columns, plants: Plants, model: FirstOrder) -> Gains:
-    """Lambda tuning with a closed-loop time constant of three lags, its robust choice.
-
-    kp = lag/(K (λ + θ)), ti = lag, λ = 3 lag.  K. J. Åström, T. Hägglund: Advanced PID Control.  ISA (2006).
-    """
-    return _valid_gains(plants, columns, model.lag / (3.0 * model.lag + _dead_time(columns, model)), model.lag)
-
-
-def ziegler_nichols(ultimate_gain: Array, ultimate_period: Array) -> Gains:
-    """Ziegler and Nichols' rule for PI from the ultimate gain, 1/K, and the ultimate period, s.
-
-    kp = 0.45 Ku, ti = Pu/1.2.  J. G. Ziegler, N. B. Nichols: Optimum settings for automatic controllers.  Trans. ASME
-    64 (1942), 759-768.
-    """
-    return Gains(0.45 * ultimate_gain, ultimate_period / 1.2)
+    dead_time, gain = _dead_time(columns, model), stroke_gain(columns, plants)
+    ti = np.minimum(model.lag, 8.0 * dead_time)
+    is_acting = (gain > 0.0) & (ti > 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        kp = model.lag / (2.0 * dead_time) / gain
+    return Gains(np.where(is_acting, kp, np.nan), np.where(is_acting, ti, np.nan))
 
 
 def _dead_time(columns: Columns, model: FirstOrder) -> Array:
     """Dead time θ, s: a controller acts half a sample time late on average."""
     return np.asarray(model.delay + 0.5 * np.asarray(columns["sample_time"], float))
-
-
-def _valid_gains(plants: Plants, columns: Columns, kp_times_gain: Array, ti: Array) -> Gains:
-    gain = stroke_gain(columns, plants)
-    is_acting = (gain > 0.0) & (ti > 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return Gains(np.where(is_acting, kp_times_gain / gain, np.nan), np.where(is_acting, ti, np.nan))
 
 
 def _crossing_time(share: Array, level: float) -> Array:
@@ -204,10 +182,6 @@ _VARIABLES = {  # long_name, units, comment
     "delay": ("delay of the plant and its sensor", "s", "as lag; the controller's sample time is not in it"),
     "kp_simc": ("kp after SIMC", "K-1", f"lag/(2 gain dead time), {_RULE_NOTE}"),
     "ti_simc": ("ti after SIMC", "s", "min(lag, 8 dead time)"),
-    "kp_lambda": ("kp after lambda tuning", "K-1", f"lambda = 3 lag, {_RULE_NOTE}"),
-    "ti_lambda": ("ti after lambda tuning", "s", "lag"),
-    "kp_zn": ("kp after Ziegler and Nichols", "K-1", "0.45 ultimate_gain"),
-    "ti_zn": ("ti after Ziegler and Nichols", "s", "ultimate_period/1.2"),
     "ultimate_gain": ("ultimate gain of a P controller", "K-1", f"at this sample time, {_NO_GAP_NOTE}"),
     "ultimate_period": ("ultimate period of a P controller", "s", ""),
     "gain_margin": ("gain margin", "1", f"kp may grow by this factor until the loop swings, {_NO_GAP_NOTE}; below 1 it "
@@ -217,22 +191,17 @@ _VARIABLES = {  # long_name, units, comment
     "plant_phase": ("phase from the opening to T_sup", "degree", "unwrapped from the lowest frequency on"),
     "loop_magnitude": ("gain of the open loop L", "1", ""),
     "loop_phase": ("phase of the open loop L", "degree", "unwrapped from the lowest frequency on"),
-    "A": ("from the states of a second to those of the next", "", ""),
-    "B": ("from the opening to the states of the next second", "", ""),
 }  # fmt: skip
-_DIMS = {"A": ("state", "state_before"), "B": ("state",)}
 
 
 def _attributes(name: str) -> dict[str, Any]:
     """Attributes of a variable, and its dims beyond those of the points."""
     texts = zip(("long_name", "units", "comment"), _VARIABLES[name], strict=True)
-    dims = ("frequency",) if name.endswith(("_magnitude", "_phase")) else _DIMS.get(name, ())
+    dims = ("frequency",) if name.endswith(("_magnitude", "_phase")) else ()
     return {key: text for key, text in texts if text} | {"dims": dims}
 
 
-def linearise(
-    loop: Loop, boundary: Boundary, *, at: Any = None, frequency: Any = None, state_space: bool = False
-) -> xr.Dataset:
+def linearise(loop: Loop, boundary: Boundary, *, at: Any = None, frequency: Any = None) -> xr.Dataset:
     """Linearise every loop of ``loop`` where it rests at its set-point on every day of ``boundary``.
 
     The plant is the emulator's own one-second step, differentiated.  Controller and sensor are sampled as in the
@@ -249,15 +218,13 @@ def linearise(
     frequency
         Angular frequencies [rad/s] at which to give the response of plant and open loop; they become the dim
         ``frequency``.  The open loop has none above π/sample_time.
-    state_space
-        Whether to give A and B of x[t+1] = A x[t] + B opening[t], in steps of 1 s.  T_sup is the state ``T_a_1``.
 
     Returns
     -------
     xarray.Dataset
         opening, T_sup [°C], m_w [kg/s], wet_volumes, reachable; gain [K], lag and delay [s] of the plant; kp [1/K] and
-        ti [s] after SIMC (Skogestad 2003, doi:10.1016/S0959-1524(02)00062-8), lambda tuning, and Ziegler and Nichols
-        (1942); ultimate gain [1/K] and period [s], gain and phase margin [°].  The attributes of each say what it is.
+        ti [s] after SIMC (Skogestad 2003, doi:10.1016/S0959-1524(02)00062-8); ultimate gain [1/K] and period [s], gain
+        and phase margin [°].  The attributes of each say what it is.
 
     Raises
     ------
@@ -274,44 +241,29 @@ def linearise(
     points = OperatingPoints(loop, boundary, at)
     with argument_checks() as check:
         w = check.unless_none(_parse_frequencies, "frequency", frequency)
-        wants_states = check(require_flag, "state_space", state_space)
         if frequency is not None:
             check(require_pi, points.loop)
-        if wants_states and np.unique(np.asarray(points.loop["n_volumes"])).size > 1:
-            sentence = "n_volumes is swept, and each value has another number of states: request them one by one"
-            check.problems.append(Problem(sentence, "n_volumes", "conflict"))
-    states = list(state_names(int(np.max(np.asarray(points.loop["n_volumes"]))))) if wants_states else []
-    values_per_point = 22 + (0 if w is None else 4 * w.size) + len(states) ** 2
+    values_per_point = 18 + (0 if w is None else 4 * w.size)
     check_memory(2 * 8 * values_per_point * points.size, points.size)
-    variables = points.evaluate(lambda c, entering, plants: _variables_of_points(c, entering, plants, w, wants_states))
+    variables = points.evaluate(lambda columns, plants: _variables_of_points(columns, plants, w))
     ds = points.dataset({name: (values, _attributes(name)) for name, values in variables.items()})
     if w is not None:
         ds = ds.assign_coords(frequency=("frequency", w, {"long_name": "angular frequency", "units": "rad s-1"}))
-    if wants_states:
-        ds = ds.assign_coords(state_before=("state_before", states, {"long_name": "state of the coil a second before"}))
-        ds = ds.assign_coords(state=("state", states, {"long_name": "state of the coil, by control volume"}))
     return ds.assign_attrs(title="fastcoil linearised loops", **provenance())
 
 
-def _variables_of_points(
-    columns: Columns, conditions: Mapping[str, Array], plants: Plants, w: Array | None, wants_states: bool
-) -> Iterator[tuple[str, Array]]:
+def _variables_of_points(columns: Columns, plants: Plants, w: Array | None) -> Iterator[tuple[str, Array]]:
     """Yield every variable of some operating points by name."""
     for name in ("opening", "T_sup", "m_w", "wet_volumes", "reachable", "gain"):
         yield name, getattr(plants, name)
     model, margins = first_order(columns, plants), margins_of(columns, plants)
     yield from model._asdict().items()
-    by_lambda = lambda_tuning(columns, plants, model)
-    zn = ziegler_nichols(margins.ultimate_gain, margins.ultimate_period)
-    for rule, gains in (("simc", simc(columns, plants, model)), ("lambda", by_lambda), ("zn", zn)):
-        yield f"kp_{rule}", gains.kp
-        yield f"ti_{rule}", gains.ti
+    gains = simc(columns, plants, model)
+    yield from (("kp_simc", gains.kp), ("ti_simc", gains.ti))
     yield from margins._asdict().items()
     if w is not None:
         yield from _magnitude_and_phase("plant", lambda at: frequency_response(plants.response, at), w)
         yield from _magnitude_and_phase("loop", lambda at: loop_response(columns, plants, at), w)
-    if wants_states:
-        yield from zip("AB", state_space_of(columns, conditions), strict=True)
 
 
 def _magnitude_and_phase(name: str, transfer: Callable[[Array], Complex], w: Array) -> Iterator[tuple[str, Array]]:

@@ -21,8 +21,8 @@ from fastcoil.model.metric_table import WARM_UP_S
 
 CONDITION_SERIES = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set", "T_out", "Q_room", "dp_ratio")
 """Series of the boundary that are the conditions of a point."""
-Evaluation = Callable[[Columns, Mapping[str, Array], Plants], Iterable[tuple[str, Array]]]
-"""Variables by name, (n, …) each, of n points with these parameters, conditions and plants."""
+Evaluation = Callable[[Columns, Plants], Iterable[tuple[str, Array]]]
+"""Variables by name, (n, …) each, of n points with these parameters and plants."""
 
 
 def index_chunks(n: int, size: int = 2048) -> list[Index]:
@@ -65,8 +65,8 @@ class OperatingPoints:
         """Return variables of all points, (size, …) each, computed in chunks that fit into memory."""
         parts = []
         for index in index_chunks(self.size):
-            columns, conditions = self.columns(index), self.conditions(index)
-            parts.append(dict(variables(columns, conditions, linearise_plants(columns, conditions, self.loop.rules))))
+            columns = self.columns(index)
+            parts.append(dict(variables(columns, linearise_plants(columns, self.conditions(index), self.loop.rules))))
         return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
     def columns(self, index: Index) -> dict[str, np.ndarray]:

@@ -182,10 +182,13 @@ def _solve_plants(*parts: bytes) -> tuple[np.ndarray, ...]:
     matrix, entering = (np.frombuffer(part).reshape(-1, T_set.size) for part in parts[:2])
 
     def run(block: Block, members: Index) -> list[np.ndarray]:
-        of_lanes, rest, S, V = _bring_to_rest(block, members, entering, T_set)
+        lanes, (S, V, *_) = pad_members(members), work_space(block)
+        loops = (block.rows, block.config, np.ascontiguousarray(entering[:, lanes]))
+        rest = np.empty((len(at_rest.STEADY_ROWS), LANES))
+        at_rest.find_rest(*loops, T_set[lanes], S, V, rest)
         response, ends = np.empty((LONGEST_RESPONSE, LANES)), np.empty(LANES, np.int64)
         tolerance = 1e-4  # share of the gain: from where it stays this near to its end, it is a geometric series
-        curve, loops = np.empty((OPENINGS.size, LANES)), (block.rows, block.config, of_lanes)
+        curve = np.empty((OPENINGS.size, LANES))
         at_rest.simulate_step_response(*loops, rest, V.copy(), S, V, tolerance, response, ends)
         at_rest.rest_curve(*loops, OPENINGS, S, V, curve)
         return [rest, response, ends, curve]
@@ -301,31 +304,3 @@ def sampled_plant_response(columns: Columns, plants: Plants, w: Array) -> tuple[
         members = first[of_period]
         P[of_period] = sampled_response(plants.response[members], tau[members], int(period), w)
     return P, kind
-
-
-def _bring_to_rest(block: Block, members: Index, entering: Array, T_set: Array) -> tuple[Array, Array, Array, Array]:
-    """Bring a block to rest; return what enters, ``STEADY_ROWS`` of its lanes, and the work space S and V."""
-    lanes, (S, V, *_) = pad_members(members), work_space(block)
-    steady, of_lanes = np.empty((len(at_rest.STEADY_ROWS), LANES)), np.ascontiguousarray(entering[:, lanes])
-    at_rest.find_rest(block.rows, block.config, of_lanes, T_set[lanes], S, V, steady)
-    return of_lanes, steady, S, V
-
-
-def state_names(n_volumes: int) -> tuple[str, ...]:
-    """Names of the states: T_w_1 … T_w_N, T_c, T_a, K, and W_a, kg/kg; T_sup is T_a_1."""
-    return tuple(f"{name}_{i}" for name in at_rest.STATES for i in range(1, n_volumes + 1))
-
-
-def state_space_of(columns: Columns, conditions: Mapping[str, Array]) -> tuple[Array, Array]:
-    """A, (n, 4 N, 4 N), and B, (n, 4 N), of x[t+1] = A x[t] + B opening[t] about rest, t in s; see ``state_names``."""
-    matrix, entering, T_set, kind = distinct_plants(columns, conditions)
-    size = len(at_rest.STATES) * int(columns["n_volumes"][0])
-
-    def run(block: Block, members: Index) -> list[np.ndarray]:
-        of_lanes, rest, S, V = _bring_to_rest(block, members, entering, T_set)
-        A, B = np.empty((size, size, LANES)), np.empty((size, LANES))
-        at_rest.linearise_step(block.rows, block.config, of_lanes, rest, V.copy(), S, V, A, B)
-        return [A, B]
-
-    A, B = run_sets(matrix, run)
-    return np.moveaxis(A, 2, 0)[kind], B.T[kind]

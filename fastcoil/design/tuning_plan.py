@@ -267,7 +267,7 @@ def split_population(loop: Loop, boundary: Boundary, holdout: object, seed: int)
 def hunting_indices(loop: Loop, boundary: Boundary, warm_up: int) -> xr.DataArray:
     """Hunting index of every loop on every day, at the mean conditions of the seconds that count."""
     points, name = OperatingPoints(loop, boundary, warm_up=warm_up), HUNTING_INDEX
-    values = points.evaluate(lambda columns, _, plants: [(name, predict_cycles(columns, plants).hunting_index)])
+    values = points.evaluate(lambda columns, plants: [(name, predict_cycles(columns, plants).hunting_index)])
     return points.dataset({name: (values[name], {})})[name]
 
 
@@ -277,7 +277,7 @@ def simc_changes(group: Group, names: Sequence[str], warm_up: int) -> Changes:
         return {}
     points = OperatingPoints(group.loop, group.boundary, warm_up=warm_up)
 
-    def gains(columns: Columns, _: Mapping[str, Array], plants: Plants) -> list[tuple[str, Array]]:
+    def gains(columns: Columns, plants: Plants) -> list[tuple[str, Array]]:
         after_simc = simc(columns, plants, first_order(columns, plants))._asdict()
         return [(name, np.where(plants.reachable, values, np.nan)) for name, values in after_simc.items()]
 

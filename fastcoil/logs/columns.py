@@ -94,7 +94,9 @@ def check_reading_options(check: arguments.Checks, **options: Any) -> ReadingOpt
     options["time_format"] = check.unless_none(require_time_format, "time_format", options["time_format"])
     if "time_zone" in options:
         options["time_zone"] = check(require_time_zone, "time_zone", options["time_zone"])
-    options["ignore"] = check(arguments.require_names, "ignore", options["ignore"]) if options.get("ignore") else []
+    ignore = options.get("ignore")
+    is_empty = ignore is None or (isinstance(ignore, Sequence) and not ignore)
+    options["ignore"] = [] if is_empty else check(arguments.require_names, "ignore", ignore)
     options |= {name: {} for name in ("units", "constants") if name in options and options[name] is None}
     return ReadingOptions(**options)
 
@@ -164,13 +166,6 @@ def interpret_header(header: str, rules: str = "rules") -> HeaderMeaning | None:
             return HeaderMeaning(name, frozenset(plant), is_clear) if _may_have_unit(name, unit) else None
     may_be_set_point = "setpoint" in known_words <= _BESIDE_SET_POINT_WORDS and _may_have_unit("T_set", unit)
     return HeaderMeaning("T_set", frozenset(plant[:first_known]), False) if may_be_set_point else None
-
-
-def coil_kind(header: str) -> str:
-    """Return the kind of coil that the header of a command names: ``cooling``, ``heating`` or blank."""
-    words = [word.lower() for word in _WORD_PATTERN.findall(header)]
-    kinds = {kind for word in words for kind in _WORD_MEANINGS.get(word, ()) if kind in ("cooling", "heating")}
-    return kinds.pop() if len(kinds) == 1 else ""
 
 
 def _may_have_unit(name: str, unit: str | None) -> bool:

@@ -155,7 +155,7 @@ def check_table(table: Table, spec: ColumnSpec, options: ReadingOptions) -> Chec
     columns = readings.values
     no_time = stamps is None and "elapsed_time" not in columns  # there is a problem of either
     time = stamps.seconds_since_first() if stamps else columns.get("elapsed_time", np.zeros(2))
-    check_plausible_units(table, readings, column_by_name, options, time)
+    check_plausible_units(table, readings, column_by_name, options)
     mark_supersaturation(table, readings, options.constants or {})
     leave_out_optional(table, readings, options, spec)
     if no_time:

@@ -110,16 +110,6 @@ def _is_contradictory(T: Mapping[str, float]) -> bool:
     return not low - _SUPPLY_AIR_TOLERANCE_K <= T["T_sup"] <= high + _SUPPLY_AIR_TOLERANCE_K
 
 
-def find_column_exchanged_with_supply(values: Mapping[str, Array]) -> str:
-    """Return the name of the entering temperature that seems exchanged with ``T_sup``; blank if none does."""
-    is_in_control, names = _control_mask(values), ("T_sup", "T_w_in", "T_a_in")
-    if not all(name in values and np.isfinite(values[name][is_in_control]).any() for name in names):
-        return ""
-    T = {name: float(np.nanmedian(values[name][is_in_control])) for name in names}
-    trials = [name for name in names[1:] if not _is_contradictory(T | {"T_sup": T[name], name: T["T_sup"]})]
-    return trials[0] if trials and _is_contradictory(T) else ""
-
-
 def find_unit_change(T: Array) -> int:
     """Find the index from which an air temperature [degC] goes on in °F instead of °C, or the reverse; 0 if nowhere."""
     for k in (np.flatnonzero(np.abs(np.diff(T)) > 25.0) + 1).tolist()[:10]:
@@ -155,14 +145,6 @@ def find_scale_change(percent: Array) -> int:
     return 0
 
 
-def find_column_exchange(T: Array, command: Array) -> int:
-    """Find the index from which a temperature and the command go on with each other's numbers; 0 if nowhere."""
-    (T_before, T_after), (command_before, command_after) = ((series[:-1], series[1:]) for series in (T, command))
-    smaller_jump = np.minimum(np.abs(T_after - T_before), np.abs(command_after - command_before))
-    mismatch = np.maximum(np.abs(T_after - command_before), np.abs(command_after - T_before))
-    return int(np.argmax(np.append(False, (smaller_jump > 8.0) & (mismatch < 0.25 * smaller_jump))))
-
-
 def find_sensor_faults(T: Array) -> Mask:
     """Find where a temperature [degC] leaps by 20 K and back to within 5 K, in one reading or several of one number."""
     is_finite = np.isfinite(T)
@@ -195,37 +177,8 @@ def find_supersaturation(values: Mapping[str, Array | float]) -> tuple[str, Mask
         return name, np.asarray(humidity > 1.05 * moist_air.humidity_ratio(np.clip(T, -70.0, 60.0), 1.0, 75e3))
 
 
-def is_set_point_exchanged(values: Mapping[str, Array], step: float, coil: str) -> bool:
-    """Whether supply temperature and set-point seem exchanged; step: of the log, s; coil: its kind, blank if unknown.
-
-    The first hardly ever changes and the second always; or the command moves with their difference in the direction
-    that does not suit the coil or, if its kind is unknown, the way in which both answer the command after 5 min.  Of 34
-    days of measured air handlers none is accused, and with the two exchanged 34, or 22 if the kind is unknown.
-    """
-    T_sup, T_set = values["T_sup"], values["T_set"]
+def is_set_point_exchanged(T_sup: Array, T_set: Array) -> bool:
+    """Whether supply temperature and set-point seem exchanged: the first hardly ever changes, the second mostly."""
     is_finite = np.isfinite(T_sup) & np.isfinite(T_set)
     T_sup_changes, T_set_changes = (np.diff(series[is_finite]) != 0.0 for series in (T_sup, T_set))
-    if is_finite.sum() >= 50 and np.mean(T_sup_changes) < 0.05 and np.mean(T_set_changes) > 0.5:
-        return True
-    if "command" not in values or not 1.0 <= step <= 300.0:
-        return False
-    command = np.where(np.abs(values["command"] - 0.5) < 0.49, values["command"], np.nan)
-    error, moves, n = T_sup - T_set, np.diff(command), round(300.0 / step)
-    error_moves = np.diff(error)
-    action = max(
-        _correlate(moves, error_moves), _correlate(moves[1:], error_moves[:-1]), _correlate(moves, error[1:]),
-        _correlate(moves, error[:-1]), key=abs,
-    )  # fmt: skip
-    if abs(action) < 0.3:
-        return False
-    if coil:
-        return (action > 0.0) == (coil == "heating")
-    answers = [_correlate(command[n:-n] - command[: -2 * n], T[2 * n :] - T[n:-n]) for T in (T_sup, T_set)]
-    return all(action * answer > 0.0 and abs(answer) > 0.2 for answer in answers)
-
-
-def _correlate(a: Array, b: Array) -> float:
-    """Return the correlation of two series where both are known; 0 of fewer than 60 samples, or of a constant."""
-    is_known = np.isfinite(a) & np.isfinite(b)
-    a, b = a[is_known], b[is_known]
-    return float(np.corrcoef(a, b)[0, 1]) if a.size >= 60 and min(np.ptp(a), np.ptp(b)) > 0.0 else 0.0
+    return bool(is_finite.sum() >= 50 and np.mean(T_sup_changes) < 0.05 and np.mean(T_set_changes) > 0.5)

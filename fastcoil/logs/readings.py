@@ -14,7 +14,7 @@ from fastcoil.base.arrays import Array, Mask
 from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.logs import plausibility
 from fastcoil.logs.cells import NumberStyle, ParsedCells, detect_number_style, parse_cells
-from fastcoil.logs.columns import ColumnSpec, ReadingOptions, coil_kind
+from fastcoil.logs.columns import ColumnSpec, ReadingOptions
 from fastcoil.logs.series import COLUMNS, TEMPERATURE, TRAVEL, Series, count_suffix, describe_first_row, format_count
 from fastcoil.logs.table import Table
 
@@ -136,9 +136,9 @@ def leave_out_optional(table: Table, readings: ColumnReadings, options: ReadingO
 
 
 def check_plausible_units(
-    table: Table, readings: ColumnReadings, column_by_name: Mapping[str, int], options: ReadingOptions, time: Array
+    table: Table, readings: ColumnReadings, column_by_name: Mapping[str, int], options: ReadingOptions
 ) -> None:
-    """Add a problem for each declared unit that the numbers contradict, and for columns that seem exchanged."""
+    """Add a problem for each declared unit that the numbers contradict, and if T_sup and T_set seem exchanged."""
     trusted = {name for name in options.units if name in column_by_name and table.declared_units(column_by_name[name])}
     values = {name: np.where(readings.missing[name], np.nan, readings.values[name]) for name in readings.units}
     for name, likely_unit in plausibility.find_misread_units(values, readings.units, trusted).items():
@@ -158,23 +158,13 @@ def check_plausible_units(
         if k := plausibility.find_scale_change(command) if scale == TRAVEL["%"][0] else 0:
             mistake = f"command goes on in row {table.row_numbers[k]} as if in another unit than before"
             table.add_problem(f"{mistake}: write one unit", "command", "unit")
-        if k := plausibility.find_column_exchange(values["T_sup"], command) if "T_sup" in values else 0:
-            sentence = f"T_sup and command go on exchanged in row {table.row_numbers[k]}: write one order of columns"
-            table.add_problem(sentence, "T_sup", "data")
-    exchanged_column = plausibility.find_column_exchanged_with_supply(values) if not table.problems else ""
-    if exchanged_column and not {"T_sup", exchanged_column} <= trusted:
-        mistake = f"T_sup, first in row {table.row_numbers[0]}, is outside what air and water enter with"
-        cure = "exchange the two headers, or check both sensors"
-        table.add_problem(f"{mistake}, as if {exchanged_column} and it were exchanged: {cure}", "T_sup", "data")
-    if {"T_sup", "T_set"} <= values.keys() - (options.columns or {}).keys():
-        steps = np.diff(time[np.isfinite(time)])
-        coil = coil_kind(table.header[column_by_name["command"]]) if "command" in values else ""
-        if steps.size and plausibility.is_set_point_exchanged(values, float(np.median(steps)), coil):
-            mistake = f"T_set, first in row {table.row_numbers[0]}, answers the command as T_sup should"
-            both = {name: table.header[column_by_name[name]] for name in ("T_sup", "T_set")}
-            naming = " ".join(f"--column {name}={header!r}" for name, header in both.items())
-            cure = f"exchange the two headers; if they are right, name both: {options.cure(f'columns={both}', naming)}"
-            table.add_problem(f"{mistake}, as if they were exchanged: {cure}", "T_set", "data")
+    has_both = {"T_sup", "T_set"} <= values.keys() - (options.columns or {}).keys()
+    if has_both and plausibility.is_set_point_exchanged(values["T_sup"], values["T_set"]):
+        mistake = f"T_set, first in row {table.row_numbers[0]}, moves all the time, and T_sup hardly ever"
+        both = {name: table.header[column_by_name[name]] for name in ("T_sup", "T_set")}
+        naming = " ".join(f"--column {name}={header!r}" for name, header in both.items())
+        cure = f"exchange the two headers; if they are right, name both: {options.cure(f'columns={both}', naming)}"
+        table.add_problem(f"{mistake}, as if they were exchanged: {cure}", "T_set", "data")
 
 
 def mark_supersaturation(table: Table, readings: ColumnReadings, constants: Mapping[str, float]) -> None:

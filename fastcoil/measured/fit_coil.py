@@ -41,7 +41,7 @@ LN_C_W, LN_C_C, LN_NTU_W, BETA2, LN_NTU_A, BETA4, LN_NTU_STAR, BETA6 = range(8)
 COUPLED_PARAMETERS = {LN_NTU_STAR: LN_NTU_A, BETA6: BETA4}
 """Parameters that the data may not separate: the first is then held at the value of the second."""
 MODEL_OUTPUTS = ("T_sup", "T_w_out", "wet_volumes")  # °C, °C, number of wet volumes
-COMPARED_OUTPUTS = {"T_sup": ("T_sup",), "both": ("T_sup", "T_w_out")}
+_MEASURED_OUTPUTS = ("T_sup", "T_w_out")
 _FLOWS_AND_TEMPERATURES = ("m_w", "m_a", "T_w_in", "T_a_in")
 _HELD_AS_DRY = "as that of heat alone"
 
@@ -50,7 +50,6 @@ _HELD_AS_DRY = "as that of heat alone"
 def fit_coil(
     log: LogSource,
     *,
-    minimise_on: str = "T_sup",
     warm_up: float = WARM_UP_S,
     T_initial: float = 20.0,
     n_volumes: int = 8,
@@ -70,8 +69,6 @@ def fit_coil(
         ``elapsed_time`` or ``timestamp``; optional: ``T_w_out`` and ``enabled``.  Samples are 1 s apart or more.  After
         a gap, and after a time without air flow or ``enabled``, the model restarts from ``T_initial``.  `read_log` has
         the options of reading.
-    minimise_on : "T_sup" or "both", default "T_sup"
-        ``T_sup`` as in the paper, or ``both`` to compare the leaving water as well.
     warm_up : float, default 1800
         Time left out at each start of the model, s.
     T_initial : float, default 20
@@ -112,7 +109,6 @@ def fit_coil(
     start_time = time.perf_counter()
     with argument_checks() as check:
         log = check(as_log, "log", log)
-        minimise_on = check(require_choice, "minimise_on", minimise_on, COMPARED_OUTPUTS)
         warm_up = check(require_number, "warm_up", warm_up, "give a number of seconds, 0 or more", least=0.0)
         held_inputs = check(_require_held_inputs, holds)
         loop = check(Loop, n_volumes=n_volumes, air_march=air_march, substeps=substeps, pressure=pressure,
@@ -121,12 +117,10 @@ def fit_coil(
             sentence = f"{name} = {short_repr(array.values.tolist())}: give one value"
             check.problems.append(Problem(sentence, name, "value"))
         part = check_split(check, log, split, validation)
-    outputs = COMPARED_OUTPUTS[minimise_on]
-    required: list[str | tuple[str, ...]] = [*_FLOWS_AND_TEMPERATURES, HUMIDITY_COLUMNS, *outputs]
-    optional = [name for name in ("enabled", "T_w_out") if name not in outputs]
-    data = part.read(log, ColumnSpec(required, optional, COMPARED_OUTPUTS["both"]), drop_idle_samples)
+    required: list[str | tuple[str, ...]] = [*_FLOWS_AND_TEMPERATURES, HUMIDITY_COLUMNS, "T_sup"]
+    data = part.read(log, ColumnSpec(required, ("enabled", "T_w_out"), _MEASURED_OUTPUTS), drop_idle_samples)
     record = build_record(data, loop, held_inputs, part.fitting_mask(data))
-    return _assemble_fit(CoilProblem(data, record, outputs, warm_up, part, held_inputs), start_time)
+    return _assemble_fit(CoilProblem(data, record, warm_up, part, held_inputs), start_time)
 
 
 def _require_held_inputs(holds: Any) -> tuple[str, ...]:
@@ -266,7 +260,7 @@ class CoilRecord:
 def drop_idle_samples(log: CheckedLog) -> CheckedLog:
     """Drop times without air flow or with ``enabled`` 0, in which sensors say nothing of the coil."""
     require_agreement(log)
-    log = leave_out_repeats(log, COMPARED_OUTPUTS["both"])
+    log = leave_out_repeats(log, _MEASURED_OUTPUTS)
     m_a, enabled = log.values["m_a"], log.values.pop("enabled", np.ones(log.time.size))
     is_on = (m_a > 0.05 * np.quantile(m_a, 0.95)) & (enabled != 0.0)
     if not is_on.any():
@@ -319,15 +313,14 @@ class CoilProblem:
     """A record of a coil: the samples that are compared, and the parameters that are held."""
 
     def __init__(
-        self, data: CheckedLog, record: CoilRecord, outputs: tuple[str, ...], warm_up: float, part: LogSplit,
-        holds: tuple[str, ...] = (),
+        self, data: CheckedLog, record: CoilRecord, warm_up: float, part: LogSplit, holds: tuple[str, ...] = ()
     ) -> None:  # fmt: skip
-        self.data, self.record, self.outputs, self.notes = data, record, outputs, list(data.notes)
+        self.data, self.record, self.notes = data, record, list(data.notes)
         self.is_warm = data.seconds_since_batch_start() >= warm_up
         self.fitting = part.fitting_mask(data)
         self.n_fit = int(self.fitting.sum())
         flowing = data.values["m_w"] > 0.02 * record.m_w  # in still water a sensor says nothing of the coil
-        readings: dict[str, Array] = {name: data.values[name] for name in ("T_sup", "T_w_out") if name in data.values}
+        readings: dict[str, Array] = {name: data.values[name] for name in _MEASURED_OUTPUTS if name in data.values}
         self.compared = {n: self.is_warm & np.isfinite(T) & (flowing | (n == "T_sup")) for n, T in readings.items()}
         if data.n_batches > 1:
             n_short = data.n_batches - np.unique(data.batch[self.is_warm]).size
@@ -368,18 +361,15 @@ class CoilProblem:
     def model(self) -> Model:
         """Model of the fitted samples."""
         n, record = self.n_fit, self.record.take_samples(self.n_fit)
-        used = np.concatenate([self.compared[name][:n] for name in self.outputs])
 
         def residuals(sets: Array) -> Array:
-            run = record.run(self.coupling @ sets)
-            return np.concatenate([run[name] - self.data.values[name][:n, None] for name in self.outputs])
+            return record.run(self.coupling @ sets)["T_sup"] - self.data.values["T_sup"][:n, None]
 
         low = self.least_C_w
         lower = np.array([low, low - 5.0, -5.0, -2.0, -5.0, -2.0, -5.0, -2.0])
         upper = np.array([low + 4.0, low + 8.0, 3.0, 1.0, 3.0, 1.0, 3.0, 1.0])
-        segment = np.concatenate([self.data.batch[:n] + k * self.data.n_batches for k in range(len(self.outputs))])
         step = np.full(8, 2e-3)  # long compared with the jumps where a volume turns wet
-        return Model(residuals, lower, upper, step, segment, used)
+        return Model(residuals, lower, upper, step, self.data.batch[:n], self.compared["T_sup"][:n])
 
     def starts(self) -> Array:
         """A space-filling set of physical guesses, (8, sets)."""

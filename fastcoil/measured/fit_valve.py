@@ -1,9 +1,6 @@
 """``fit_valve``: x_BL, m_max, a, b, c of Eqs (1) and (2) from recorded commands and flows (section 2.1.3).
 
-The time shift between the command and the flow is estimated per piece, reported, removed.  Each candidate shift and
-backlash turns the command into an opening; a piecewise linear curve from opening to flow is fitted to the whole log,
-without the shape of Eq (2).  Shift and backlash are estimated together, so that neither is mistaken for the other.
-Every piece whose shift differs from the others has a price, so that noise shifts no log.
+A known time shift between the command and the flow is taken out first: the fit would mistake it for backlash.
 """
 
 from __future__ import annotations
@@ -11,25 +8,23 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import replace
-from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import argument_checks, raise_problems, require_choice, require_number, to_builtin
-from fastcoil.base.arrays import Array, Index, Mask
+from fastcoil.base.arguments import argument_checks, raise_problems, require_choice, require_number
+from fastcoil.base.arrays import Array, Mask
 from fastcoil.base.errors import InputError, Problem
 from fastcoil.logs.columns import ColumnSpec
 from fastcoil.logs.log import CheckedLog, as_log
 from fastcoil.logs.own_values import find_own_values
-from fastcoil.logs.series import format_count
 from fastcoil.measured import valve_problem
 from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, build_fit, natural_intervals
-from fastcoil.measured.least_squares import autocorrelation
 from fastcoil.measured.part import LEAST_ABOVE_0, LogSource, check_split, split_segments
-from fastcoil.measured.valve_problem import X_BL, ValveProblem, ValveSolution, judge_interval, median_step
-from fastcoil.model.engine.recorded import VALVE_ROWS, valve_flows
+from fastcoil.measured.valve_problem import X_BL, ValveProblem, ValveSolution, judge_interval
+from fastcoil.model.engine.recorded import VALVE_ROWS
 
+_ROUND_OFF_S = 1e-6  # that is no difference of times
 _SHORTEST_HOLD_S = 600.0  # between values of its own: a test that holds the command, and no poll
 _VALVE_COLUMNS = ColumnSpec(required=("command", "m_w"), optional=("enabled",), measured=("m_w",))
 
@@ -41,7 +36,7 @@ def fit_valve(
     m_max: float | None = None,
     split: float | None = None,
     validation: LogSource | None = None,
-    lag: float | str = "auto",
+    lag: float = 0.0,
     holds: str | None = None,
 ) -> Fit:
     """Fit the backlash and the flow curve of a valve to a log of commands and flows.
@@ -59,9 +54,9 @@ def fit_valve(
     validation : path, DataFrame, Dataset or Log, optional
         Another log with the same columns that validates the fit of all of ``log``; a path is read with the options of
         ``log``.  Samples held back have no influence on the fit.
-    lag : float or "auto", default "auto"
-        Time by which the flow is logged after the command, s, negative if before; ``auto``: estimated for each piece of
-        the fitted part, reported, removed.  The part held back is shifted like the last piece.
+    lag : float, default 0
+        Time by which the flow is logged after the command, s, negative if before.  A shift makes the backlash too
+        large: compare with fits of ``lag`` a few samples either way, the right one has the smallest ``rmse["fit"]``.
     holds : "command", optional
         The command holds from row to row, as in a test of the valve.  By default a controller may move it between the
         rows, and the interval of the backlash allows for that.
@@ -94,26 +89,16 @@ def fit_valve(
     with argument_checks() as check:
         log = check(as_log, "log", log)
         m_max = check.unless_none(require_number, "m_max", m_max, "give a flow above 0 kg/s", least=LEAST_ABOVE_0)
-        lag = check(_require_lag, lag)
+        cure = "give seconds by which the flow is logged after the command"
+        lag = check(require_number, "lag", lag, cure, least=-86400.0, most=86400.0)
         holds = check.unless_none(require_choice, "holds", holds, ("command",))
         part = check_split(check, log, split, validation)
     data = part.read(log, _VALVE_COLUMNS, _require_rows_per_piece if holds else _keep_own_flows)
     _require_movement(data, m_max)
-    if isinstance(lag, float) and lag != 0.0:
-        note = f"the flow is compared with the command {abs(lag):g} s {'before' if lag > 0.0 else 'after'} it, as given"
-        data = _shift_command(data, np.full(data.time.size, lag), part.fitting_mask(data), [note])
+    if lag:
+        data = _shift_command(data, lag, part.fitting_mask(data))
     problem = ValveProblem(data, part)
-    if lag == "auto":
-        unlagged = remove_lag(data, problem.good, problem.fitting)
-        problem = problem if unlagged is data else ValveProblem(unlagged, part)
     return _assemble_fit(problem, problem.solve(m_max), holds is not None, start_time)
-
-
-def _require_lag(lag: Any) -> float | str:
-    if isinstance(lag := to_builtin(lag), str) and lag == "auto":
-        return lag
-    cure = "give seconds by which the flow is logged after the command, or 'auto'"
-    return float(require_number("lag", lag, cure, least=-86400.0, most=86400.0))
 
 
 def _require_rows_per_piece(data: CheckedLog) -> CheckedLog:
@@ -235,7 +220,7 @@ def _assemble_fit(problem: ValveProblem, solution: ValveSolution, holds: bool, s
 
 def _compare_with_line(opening: Array, flow: Array, model_flow: Array) -> list[str]:
     """Return a note where a straight line from the closed valve on, of one parameter, fits better than Eq (2)."""
-    m_max = float(opening @ flow / max(float(opening @ opening), _LEAST_SUM))
+    m_max = float(opening @ flow / max(float(opening @ opening), 1e-300))
     line, curve = (float(np.sqrt(np.mean((flow - fitted) ** 2))) for fitted in (m_max * opening, model_flow))
     if line >= curve:
         return []
@@ -243,204 +228,24 @@ def _compare_with_line(opening: Array, flow: Array, model_flow: Array) -> list[s
     return [f"a straight line fits better than Eq (2), RMSE {line:.2g} against {curve:.2g} kg/s: {cure}"]
 
 
-N_KNOTS = 11  # of a flow curve, from closed to open
-TRIAL_BACKLASHES = np.array([0.0, 0.01, 0.02, 0.03, 0.045, 0.06, 0.08, 0.1, 0.125, 0.15, 0.18, 0.22, 0.27, 0.33, 0.4])
-_NEAR_SHIFTS = 6  # largest shift either way that is always tried, samples
-_SHIFT_PRICE = 12.0  # log-likelihood of a shift, and of each change of it
-_ROUND_OFF = 1e-6  # s, and share of a flow, that is no difference
-_LEAST_SUM = 1e-300  # of squares, so that nothing is divided by 0
-
-
-def knot_weights(opening: Array) -> Array:
-    """Return the weights of evenly spaced knots that interpolate at each opening: (…,) → (…, knots)."""
-    knots_from_closed = np.clip(opening, 0.0, 1.0) * (N_KNOTS - 1)
-    return np.asarray(np.maximum(1.0 - np.abs(knots_from_closed[..., None] - np.arange(N_KNOTS)), 0.0))
-
-
-def simulate_openings(command: Array, batch: Index, backlashes: Array) -> Array:
-    """Simulate the opening behind each backlash, (n, backlashes); each batch starts in the middle of the gap."""
-    rows, start = np.ones((5, backlashes.size)), np.full((int(batch[-1]) + 1, backlashes.size), 0.5)
-    rows[0] = backlashes
-    openings, flows = np.empty((2, command.size, backlashes.size))
-    valve_flows(np.ascontiguousarray(command), batch, rows, start, openings, flows)
-    return openings
-
-
-def _squared_errors(products: Array, flows: Array) -> Array:
-    """Return the sums of squared residuals, (…,), of a flow curve, (…, knots), from sums of products."""
-    v = np.concatenate([flows, np.full((*flows.shape[:-1], 1), -1.0)], axis=-1)
-    return np.asarray(np.maximum(np.einsum("...ij,...i,...j", products, v, v), 0.0))
-
-
-class _Curve(NamedTuple):
-    """A flow curve over the opening behind a backlash."""
-
-    backlash: int  # index in ``TRIAL_BACKLASHES``
-    flows: Array  # at the knots, kg/s
-    variance: float  # of a residual, (kg/s)²
-
-
-class _LagSums(NamedTuple):
-    """Sums over the pieces of a log that determine lags and curve."""
-
-    lags: Array  # that are tried, samples, (lags,)
-    products: Array  # of the curve's terms and the flow, (pieces, lags, backlashes, knots + 1, knots + 1)
-    counts: Array  # samples in each, (pieces, lags)
-
-    def fit_curve(self, lag_indices: Index) -> _Curve:
-        """Fit backlash and curve to all pieces, each at its lag; lag_indices: in ``lags``, (pieces,)."""
-        each_piece = np.arange(lag_indices.size), lag_indices
-        total, n = self.products[each_piece].sum(axis=0), max(float(self.counts[each_piece].sum()), 1.0)
-        A, b = total[:, :-1, :-1], total[:, :-1, -1:]
-        ridge = 1e-9 * np.trace(A, axis1=-2, axis2=-1) + _LEAST_SUM
-        flows = np.linalg.solve(A + ridge[:, None, None] * np.eye(N_KNOTS), b)[..., 0]
-        errors = _squared_errors(total, flows)
-        j = int(np.argmin(errors))
-        return _Curve(j, flows[j], max(float(errors[j]) / n, _ROUND_OFF**2 * float(total[j, -1, -1]) / n, _LEAST_SUM))
-
-    def cheapest_lags(self, curve: _Curve, worth: float) -> Index:
-        """Return the best lag of each piece, an index in ``lags``: least errors, with a price for each shift.
-
-        worth: samples that count as an independent one.  Samples that a lag leaves without a command cost as much as
-        others; they may not be most of a piece.  The variance of a piece that fits worse than the rest is its own,
-        since chance moves it more easily.
-        """
-        n_samples = self.counts.max(axis=1, keepdims=True)
-        errors = _squared_errors(self.products[:, :, curve.backlash], curve.flows)
-        errors = np.where(self.counts < 0.5 * n_samples, np.inf, errors + curve.variance * (n_samples - self.counts))
-        own_variance = errors.min(axis=1, keepdims=True) / np.maximum(n_samples, 1.0)
-        costs = errors / (2.0 * worth * np.maximum(own_variance, curve.variance))
-        # of each lag that most pieces may have, (common, pieces, lags)
-        costs_with_price = costs + _SHIFT_PRICE * (self.lags != self.lags[:, None])[:, None]
-        common_lag = int(np.argmin(costs_with_price.min(axis=2).sum(axis=1) + _SHIFT_PRICE * (self.lags != 0)))
-        return np.asarray(costs_with_price[common_lag].argmin(axis=1))
-
-    def search(self, worth: float) -> tuple[Index, _Curve]:
-        """Return the lag of each piece and the curve, iterated from each common lag until neither changes."""
-        solutions, n = [], self.counts.sum(axis=0)
-        for common in np.flatnonzero(n >= 0.5 * n.max()):
-            lag_indices = np.full(self.counts.shape[0], common)
-            for _ in range(10):
-                previous = lag_indices
-                lag_indices = self.cheapest_lags(self.fit_curve(previous), worth)
-                if (lag_indices == previous).all():
-                    break
-            curve = self.fit_curve(lag_indices)
-            changes = np.count_nonzero(np.diff(self.lags[lag_indices], prepend=0))
-            cost = 0.5 * self.counts.max(axis=1).sum() / worth * np.log(curve.variance)
-            solutions.append((_SHIFT_PRICE * changes + cost, lag_indices, curve))
-        return min(solutions, key=lambda solution: float(solution[0]))[1:]
-
-    def worthwhile_lags(self, lag_indices: Index, curve: _Curve) -> Array:
-        """Return the lag of each piece in samples, set to 0 in runs of pieces that gain little by it."""
-        errors = _squared_errors(self.products[:, :, curve.backlash], curve.flows)
-        lags, no_lag = self.lags[lag_indices], int(np.flatnonzero(self.lags == 0)[0])
-        for run in split_segments(lag_indices):
-            if errors[run, lag_indices[run]].sum() > 0.8 * errors[run, no_lag].sum():
-                lags[run] = 0
-        return lags
-
-
-def delay_command(log: CheckedLog, lag: Array | float) -> tuple[Array, Mask]:
+def _delay_command(log: CheckedLog, lag: float) -> tuple[Array, Mask]:
     """Return the command ``lag`` seconds before each sample, (n,), and whether that is outside of its piece."""
-    logged_command, lag = log.values["command"], np.broadcast_to(lag, log.time.shape)
+    logged_command = log.values["command"]
     command, is_outside = logged_command.copy(), np.zeros(logged_command.size, dtype=bool)
     for piece in split_segments(log.batch):
         time = log.time[piece]
-        command_time = time - lag[piece] + _ROUND_OFF
+        command_time = time - lag + _ROUND_OFF_S
         rows = np.searchsorted(time, command_time, side="right") - 1
         command[piece] = logged_command[piece[np.maximum(rows, 0)]]
-        is_outside[piece] = (rows < 0) | (command_time > time[-1] + 2.0 * _ROUND_OFF)
+        is_outside[piece] = (rows < 0) | (command_time > time[-1] + 2.0 * _ROUND_OFF_S)
     return command, is_outside
 
 
-def remove_lag(log: CheckedLog, good: Mask, fitting: Mask) -> CheckedLog:
-    """Shift the command of each piece to the clock of the flow, and note it; a log without a shift is returned itself.
-
-    good, fitting: (n,), samples that may be compared, and those of the part to fit.  Shifts are estimated in that part
-    alone; what follows is shifted like its last piece.
-    """
-    fitted_log, is_used, step = log.where(fitting), good[fitting], median_step(log, fitting)
-    lags, memory, worth = _lags_to_try(fitted_log, is_used, step).astype(float), 0.0, 1.0
-    for is_white in (False, True):  # first the correlation of the residuals, then without it
-        sums = _sum_products(fitted_log, is_used, step, lags, memory)
-        lag_indices, curve = sums.search(worth)
-        rho = _residual_correlation(fitted_log, is_used, lags[lag_indices][fitted_log.batch] * step, curve, memory)
-        if is_white:
-            worth = max(1.0 + 2.0 * float(rho.sum()), 1.0)
-        elif rho.size:
-            memory = min(float(rho[0]), 0.98)
-    shifts = sums.worthwhile_lags(*sums.search(worth))[fitted_log.batch]
-    shifts = np.pad(shifts, (0, log.time.size - shifts.size), mode="edge")
-    return _shift_command(log, shifts * step, fitting, _describe_shifts(log, shifts, step)) if shifts.any() else log
-
-
-def _shift_command(log: CheckedLog, lag: Array, fitting: Mask, notes: list[str]) -> CheckedLog:
-    """Return a log with the command ``lag`` s before each sample, (n,), and with these notes."""
-    command, is_outside = delay_command(log, lag)
+def _shift_command(log: CheckedLog, lag: float, fitting: Mask) -> CheckedLog:
+    """Return a log with the command ``lag`` s before each sample, and a note on it."""
+    command, is_outside = _delay_command(log, lag)
     # commands of the part held back have no influence on the fit
-    command[fitting], is_outside[fitting] = delay_command(log.where(fitting), lag[fitting])
+    command[fitting], is_outside[fitting] = _delay_command(log.where(fitting), lag)
     values = log.values | {"command": command, "m_w": np.where(is_outside, np.nan, log.values["m_w"])}
-    return replace(log, values=values, notes=log.notes + notes)
-
-
-def _describe_shifts(log: CheckedLog, shifts: Array, step: float) -> list[str]:
-    """Describe which rows of the flow are logged after the command, or before; shifts: samples, (n,)."""
-    notes = []
-    for run in [run for run in split_segments(shifts) if shifts[run[0]]]:
-        n, first, last = int(shifts[run[0]]), int(run[0]), int(run[-1])
-        piece = f" (piece {log.batch[first] + 1} of {log.n_batches})" if log.n_batches > 1 else ""
-        where = f"from row {log.rows[first]}{piece} to row {log.rows[last]}" if run.size < shifts.size else "throughout"
-        when = f"{format_count(abs(n), 'sample')} ({abs(n) * step:.4g} s) {'after' if n > 0 else 'before'} the command"
-        notes.append(f"{where} the flow is logged {when}: the fit takes this shift out; lag=0, --lag 0 leaves it in")
-    return notes
-
-
-def _sum_products(log: CheckedLog, good: Mask, step: float, lags: Array, memory: float) -> _LagSums:
-    """Sum products of knot weights and flow for each lag and backlash, each less ``memory`` times the one before."""
-    pieces = split_segments(log.batch)
-    starts = [int(piece[0]) for piece in pieces]
-    products = np.zeros((len(pieces), lags.size, TRIAL_BACKLASHES.size, N_KNOTS + 1, N_KNOTS + 1))
-    counts = np.zeros((len(pieces), lags.size))
-    for i, lag in enumerate(lags):
-        command, is_outside = delay_command(log, lag * step)
-        openings = simulate_openings(command, log.batch, TRIAL_BACKLASHES)
-        is_used = good & ~is_outside
-        if memory:
-            is_used[1:] &= is_used[:-1].copy()
-            is_used[starts] = False
-        counts[:, i] = np.add.reduceat(is_used, starts, dtype=float)
-        for j in range(TRIAL_BACKLASHES.size):
-            A = np.column_stack([knot_weights(openings[:, j]), log.values["m_w"]])
-            if memory:
-                A[1:] -= memory * A[:-1]
-            A = np.where(is_used[:, None], A, 0.0)
-            for k, piece in enumerate(pieces):
-                products[k, i, j] = A[piece].T @ A[piece]
-    return _LagSums(lags, products, counts)
-
-
-def _lags_to_try(log: CheckedLog, used: Mask, step: float) -> Index:
-    """Return the lags to try, samples: a few either way, and some around the peak of the cross-correlation."""
-    from scipy.signal import correlate
-
-    lags = np.arange(-_NEAR_SHIFTS, _NEAR_SHIFTS + 1)
-    largest_lag = min(int(7200.0 / step), log.time.size // 4)  # clocks may differ by an hour
-    is_compared = used[1:] & used[:-1] & (np.diff(log.batch) == 0)
-    if largest_lag <= _NEAR_SHIFTS or not is_compared.any():
-        return lags
-    moves, answers = (np.where(is_compared, np.diff(log.values[name]), 0.0) for name in ("command", "m_w"))
-    far_lags = np.concatenate([np.arange(-largest_lag, -_NEAR_SHIFTS), np.arange(_NEAR_SHIFTS + 1, largest_lag + 1)])
-    peak = int(far_lags[np.argmax(correlate(answers, moves)[far_lags + moves.size - 1])])  # its lags begin at 1 - n
-    return np.union1d(lags, np.arange(peak - 2, peak + 2 + 1))
-
-
-def _residual_correlation(log: CheckedLog, used: Mask, lag: Array, curve: _Curve, memory: float) -> Array:
-    """Return the autocorrelation of the residuals, each less ``memory`` times the one before; lag: (n,), s."""
-    command, is_outside = delay_command(log, lag)
-    opening = simulate_openings(command, log.batch, TRIAL_BACKLASHES[[curve.backlash]])[:, 0]
-    used = used & ~is_outside
-    r = np.where(used, knot_weights(opening) @ curve.flows - log.values["m_w"], 0.0)
-    r[1:] -= memory * r[:-1]
-    n = int(np.flatnonzero(used)[-1]) + 1
-    return autocorrelation(r[:n], log.batch[:n], used[:n])
+    note = f"the flow is compared with the command {abs(lag):g} s {'before' if lag > 0.0 else 'after'} it, as given"
+    return replace(log, values=values, notes=[*log.notes, note])

@@ -1,12 +1,10 @@
 """The paper's controller, Figs 6 and 8, as scalar functions: the PI law, the backlash inverse behind it, its buffer.
 
 Also two alternatives to the inverse (half the gap added to u, an inverse without a jump), the buffer as a multiple of
-the noise, given or measured by the controller, and the class of a law in place of the PI.
+the noise, given or measured by the controller.
 """
 
 import math
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -149,20 +147,3 @@ _NOISE_PER_MEDIAN_DIFFERENCE = 1.0 / (0.6744897501960817 * math.sqrt(6.0))
 def noise_level(median):
     """Standard deviation of white noise whose second differences have this median size, K."""
     return _NOISE_PER_MEDIAN_DIFFERENCE * median
-
-
-@dataclass(frozen=True)
-class Law:
-    """A rule for the requested opening u, in place of the PI.
-
-    name: the word in ``law = …``.
-    Parameters, Memory: named tuples of floats, as of an estimator.
-    step: (Sample, Parameters, Memory) → (u, Memory), called at every controller sample.
-    fingerprint: text that changes with what it does.
-    """
-
-    name: str
-    Parameters: Any
-    Memory: Any
-    step: Any
-    fingerprint: str

@@ -16,10 +16,9 @@ from typing import Any
 
 from fastcoil.base.arguments import is_number, raise_problems, require_number, require_text, to_builtin
 from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
-from fastcoil.model.control import Law
 from fastcoil.model.engine.lanes import UserRules
-from fastcoil.model.engine.plant import Plant, PlantInputs
-from fastcoil.model.estimators.interface import Estimator, Sample
+from fastcoil.model.engine.plant import PlantInputs
+from fastcoil.model.estimators.interface import Estimator, Sample, StepRule
 from fastcoil.model.metric_table import METRICS, TRACES
 from fastcoil.model.numerics.compile_user_function import UserFunction
 from fastcoil.model.parameter_table import COVERED, ESTIMATOR_GROUPS, PARAMETERS, RESERVED_DIMS, Parameter
@@ -191,17 +190,15 @@ class Rule:
         return (self._code or UserFunction(self.name, function, Memory)).sha256
 
     @property
-    def kernel_rule(self) -> Estimator | Law | Plant:
-        """The rule as an `Estimator`, a `Law` or a `Plant` with compiled code."""
+    def kernel_rule(self) -> StepRule:
+        """The rule with compiled code: a `StepRule`, of an estimator an `Estimator`."""
         if self._code is None:
             self.check()
         assert self._code is not None
         _, Parameters, Memory = self.parts
         fingerprint = repr((self.name, Parameters._fields, Memory._fields, Memory._field_defaults, self._code.sha256))
-        if self.kind != "estimator":
-            kernel_class = Law if self.kind == "law" else Plant
-            return kernel_class(self.name, Parameters, Memory, self._code.function, fingerprint)
-        return Estimator(self.name, Parameters, Memory, self._code.function, fingerprint=fingerprint)
+        kernel_class = Estimator if self.kind == "estimator" else StepRule
+        return kernel_class(self.name, Parameters, Memory, self._code.function, fingerprint=fingerprint)
 
     def __call__(self, now: Any, p: Any, memory: Any) -> Any:
         return self.parts[0](now, p, memory)

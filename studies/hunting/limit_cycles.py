@@ -283,7 +283,7 @@ def predict_with(
 ) -> xr.Dataset:
     """Predict with another theory."""
     points = OperatingPoints(loop, days, days.n_steps - 1)
-    predictions = points.evaluate(lambda columns, _, plants: list(predict(columns, plants)._asdict().items()))
+    predictions = points.evaluate(lambda columns, plants: list(predict(columns, plants)._asdict().items()))
     return points.dataset({name: (values, {}) for name, values in predictions.items()})
 
 

@@ -9,7 +9,7 @@ what a step of the command shows: gain K, time constant T and dead time theta.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from itertools import product
 from typing import NamedTuple
 
@@ -64,7 +64,7 @@ def margins(loop: fc.Loop, day: fc.Boundary) -> xr.DataArray:
     return points.dataset({"hunting_index": (points.evaluate(_margin)["hunting_index"], {})}).hunting_index
 
 
-def _margin(columns: Columns, _: Mapping[str, np.ndarray], plants: Plants) -> Iterator[tuple[str, np.ndarray]]:
+def _margin(columns: Columns, plants: Plants) -> Iterator[tuple[str, np.ndarray]]:
     L = loop_response(columns, plants, FREQUENCIES)
     is_defined = np.isfinite(L)  # there is none above half the sampling frequency
     phase_left = np.pi + np.unwrap(np.where(is_defined, np.angle(L), 0.0), axis=1)

@@ -17,7 +17,7 @@ SWEEP = fc.Loop(kp=[0.01, 0.05], backlash=("valve", [0.0, 0.07, 0.1]), m_max=("v
 
 @pytest.fixture(scope="module")
 def linearised():
-    return fc.linearise(SWEEP, DAYS, at=[100, 3000], frequency=[0.001, 0.02, 0.2], state_space=True)
+    return fc.linearise(SWEEP, DAYS, at=[100, 3000], frequency=[0.001, 0.02, 0.2])
 
 
 def test_the_dims_are_those_of_the_loop_then_day_then_time(linearised):
@@ -84,8 +84,6 @@ def test_phase_and_magnitude_are_those_of_the_response():
         ({"frequency": [0.1, 0.01]}, "frequency", "value"),
         ({"frequency": [[0.1]]}, "frequency", "type"),
         ({"frequency": [0.1], "loop": fc.Loop(law=integrate, ki=0.01)}, "law", "unsupported"),
-        ({"state_space": 1}, "state_space", "type"),
-        ({"loop": fc.Loop(n_volumes=[4, 8]), "state_space": True}, "n_volumes", "conflict"),
         ({"boundary": fc.constant_day(0.5), "at": None}, "boundary", "data"),
         ({"loop": fc.Loop(kp=("gain", [0.1, 0.2]))}, "gain", "conflict"),
     ],

@@ -1,4 +1,4 @@
-"""Reduction to first order, and the rules: closed forms, and what the loops do with their gains."""
+"""Reduction to first order, and SIMC: closed forms, and what the loops do with its gains."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from helpers.first_order_plants import first_order_plants
 from helpers.linear_loops import LINEAR_LOOPS, plants_at
 
 import fastcoil as fc
-from fastcoil.design.linearise import first_order, lambda_tuning, margins_of, simc, ziegler_nichols
+from fastcoil.design.linearise import first_order, margins_of, simc
 
 LAG, DELAY, GAIN = 80.0, 12, -20.0
 
@@ -28,7 +28,7 @@ def test_a_first_order_plant_with_delay_is_found_as_it_is_and_a_sensor_is_part_o
 
 @pytest.mark.parametrize("gap", [0.0, 0.1])
 @pytest.mark.parametrize(("ts", "delay"), [(1, 12), (10, 12), (60, 12), (4, 3)])
-def test_rules_count_half_a_sample_time_as_dead_time_and_the_stroke_behind_the_gap(ts, delay, gap):
+def test_simc_counts_half_a_sample_time_as_dead_time_and_the_stroke_behind_the_gap(ts, delay, gap):
     """With the short delay, SIMC shortens ti."""
     columns, plants = closed_form(ts, gap=gap, delay=delay)
     model = first_order(columns, plants)
@@ -36,9 +36,6 @@ def test_rules_count_half_a_sample_time_as_dead_time_and_the_stroke_behind_the_g
     gains = simc(columns, plants, model)
     assert gains.kp[0] == pytest.approx(LAG / (2.0 * K * dead), rel=2e-3)
     assert gains.ti[0] == pytest.approx(min(LAG, 8.0 * dead), rel=2e-3)
-    gains = lambda_tuning(columns, plants, model)
-    assert gains.kp[0] == pytest.approx(LAG / (K * (3.0 * LAG + dead)), rel=2e-3)
-    assert gains.ti[0] == pytest.approx(LAG, rel=1e-4)
 
 
 @pytest.mark.parametrize("gap", [0.0, 0.2])
@@ -53,25 +50,19 @@ def test_ultimate_gain_and_period_are_those_of_the_textbook_plant(gap):
     margins = margins_of(columns, plants)
     assert margins.ultimate_period[0] == pytest.approx(2.0 * np.pi / ultimate, rel=2e-3)
     assert margins.ultimate_gain[0] == pytest.approx(np.hypot(1.0, ultimate * LAG) * (1.0 - gap) / -GAIN, rel=2e-3)
-    gains = ziegler_nichols(margins.ultimate_gain, margins.ultimate_period)
-    assert (gains.kp[0], gains.ti[0]) == (0.45 * margins.ultimate_gain[0], margins.ultimate_period[0] / 1.2)
 
 
 @pytest.mark.kernel
-def test_each_rule_makes_a_loop_that_follows_a_set_point_without_hunting():
-    """Simulated, in every kind of loop, without a gap: lambda is the slowest."""
+def test_simc_makes_a_loop_that_follows_a_set_point_without_hunting():
+    """Simulated, in every kind of loop, without a gap."""
     for name, (loop, entering) in LINEAR_LOOPS.items():
         ideal = loop.assign(backlash=0.0, stroke_time=0.0)
         T_set = np.full(5400, entering.get("T_set", 14.0))
         T_set[2700:] += 0.5
         day = fc.constant_day(1.5, **entering | {"T_set": T_set})
         linear = fc.linearise(ideal, day, at=0)
-        kp = [float(linear[f"kp_{rule}"]) for rule in ("lambda", "simc", "zn")]
-        ti = [float(linear[f"ti_{rule}"]) for rule in ("lambda", "simc", "zn")]
-        tuned = ideal.assign(kp=("rule", kp), ti=("rule", ti))
+        tuned = ideal.assign(kp=float(linear.kp_simc), ti=float(linear.ti_simc))
         margins = margins_of(*plants_at(tuned, fc.constant_day(0.6, **entering)))
         assert (margins.gain_margin > 1.3).all(), name
-        assert margins.gain_margin[0] == margins.gain_margin.max(), name
         T = fc.simulate(tuned, day, traces=["T_sup"], warm_up=1800, n_jobs=1).T_sup.values - T_set
-        assert np.abs(T[:, -300:]).max() < 0.02, name
-        assert T[0, 2700 + 60] <= T[1:, 2700 + 60].max() + 1e-9, name
+        assert np.abs(T[-300:]).max() < 0.02, name

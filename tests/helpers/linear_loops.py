@@ -1,10 +1,12 @@
 """Loops at rest for the tests of the theory: coils dry and wet, heating, valves of low authority, both air marches."""
 
 import numpy as np
+from reference.coil import euler_step, pass_air, trapezoidal_step
+from reference.valve import leaking_valve, valve_from_authority
 
 import fastcoil as fc
 from fastcoil.design.operating_points import OperatingPoints
-from fastcoil.design.plants import linearise_plants, state_names, state_space_of
+from fastcoil.design.plants import linearise_plants
 
 LINEAR_LOOPS = {
     "wet, lagged": (fc.Loop(), {}),
@@ -43,6 +45,34 @@ def plants_at(loop, day):
 
 
 def state_space(columns, conditions):
-    """Return A, B and C of one plant: from opening to true T_sup, in steps of a second."""
-    A, B = state_space_of(columns, conditions)
-    return A[0], B[0], np.array(state_names(int(columns["n_volumes"][0]))) == "T_a_1"
+    """Return A, B and C of one plant by the model in plain Python: from opening to true T_sup, in steps of a second."""
+    p = {name: values[0].item() if hasattr(values[0], "item") else values[0] for name, values in columns.items()}
+    p |= {"n_volumes": int(p["n_volumes"]), "leakage": None if np.isnan(p["leakage"]) else p["leakage"]}
+    N, curve = p["n_volumes"], [p[name] for name in ("m_max", "valve_a", "valve_b", "valve_c", "curve")]
+    if not np.isnan(p["authority"]):
+        curve[:4] = valve_from_authority(p["rangeability"], p["authority"], p["m_full"])
+    m_a, T_a_in, W_a_in, T_w_in = (float(conditions[name][0]) for name in ("m_a", "T_a_in", "W_a_in", "T_w_in"))
+    opening = float(linearise_plants(columns, conditions).opening[0])
+
+    def march(x, opening):
+        """T_w, T_c, T_a and W_a a second later."""
+        T_w, T_c, *air = np.split(x, 4)
+        m_w, dt = leaking_valve(opening, p["leakage"], *curve), 1.0 / p["substeps"]
+        for _ in range(int(p["substeps"])):
+            lagged = air if p["air_march"] == "lagged" else None
+            *air, Q, _, _ = pass_air(p, T_c, m_a, T_a_in, W_a_in, lagged=lagged)
+            if lagged:
+                T_w, T_c = euler_step(p, T_w, T_c, Q, m_w, T_w_in, dt)
+            else:
+                T_w, T_c = trapezoidal_step(p, T_w, T_c, Q, m_w, m_a, T_w_in, dt)
+        if p["air_march"] != "lagged":
+            air = pass_air(p, T_c, m_a, T_a_in, W_a_in)[:2]
+        return np.concatenate([T_w, T_c, *air])
+
+    x, rest = np.zeros(4 * N), np.repeat([T_w_in, T_w_in, T_a_in, W_a_in], N)
+    while np.abs(rest - x).max() > 1e-12:
+        x, rest = rest, march(rest, opening)
+    changes = np.diag(np.repeat([1e-4, 1e-4, 1e-4, 1e-7], N))
+    A = [(march(rest + d, opening) - march(rest - d, opening)) / (2.0 * d.sum()) for d in changes]
+    B = (march(rest, opening + 1e-5) - march(rest, opening - 1e-5)) / 2e-5
+    return np.transpose(A), B, np.eye(4 * N)[2 * N]

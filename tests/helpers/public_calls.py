@@ -94,7 +94,6 @@ def base_calls(tmp_path_factory, cheap):
     traced = fc.simulate(fc.Loop(backlash=[0.02, 0.07], learning_step=0.01), day, warm_up=60, traces=trace_names)
     worn, panels = fc.Loop(backlash=[0.02, 0.07]), Figure().subplots(4)
     predicted = fc.limit_cycle(worn, day, at=10)
-    stated = fc.linearise(loop, day, at=10, state_space=True)
     swings = fc.simulate(worn, day, warm_up=60, traces=trace_names)
     return {
         "Boundary": (fc.Boundary, series),
@@ -130,7 +129,6 @@ def base_calls(tmp_path_factory, cheap):
         "law": (fc.law, rule),
         "limit_cycle": (fc.limit_cycle, {"loop": loop, "boundary": day, "at": [10, 20]}),
         "linearise": (fc.linearise, {"loop": loop, "boundary": day, "at": [10, 20], "frequency": [0.01, 0.1]}),
-        "to_control": (fc.to_control, {"linearised": stated, "loop": loop}),
         "open_study": (fc.open_study, {"folder": out}),
         "parameter": (fc.parameter, {"default": 1.0}),
         "paper_day": (fc.paper_day, days),

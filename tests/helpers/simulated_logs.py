@@ -85,11 +85,11 @@ def coil_log(hours=2.0, seed=0, sd=0.05, phi=0.0, every=1, air=True, dry=False, 
     return log.isel(elapsed_time=slice(None, None, every))
 
 
-def build_coil_problem(log, outputs, warm_up, share=1.0, **truth):
-    """Build the problem that ``fit_coil`` solves for these outputs."""
+def build_coil_problem(log, warm_up, share=1.0, **truth):
+    """Build the problem that ``fit_coil`` solves."""
     data, part = read_checked_log(log, COIL_SERIES), LogSplit(share)
     record = build_record(data, fc.Loop(**{"air_march": "quasistatic"} | truth), (), part.fitting_mask(data))
-    return CoilProblem(data, record, outputs, warm_up, part)
+    return CoilProblem(data, record, warm_up, part)
 
 
 def join_logs(*logs):

@@ -11,7 +11,7 @@ import fastcoil as fc
 from fastcoil.logs import ReadingOptions, read_checked_log
 from fastcoil.logs.columns import ColumnSpec
 from fastcoil.logs.join import join_points
-from fastcoil.logs.plausibility import find_column_exchanged_with_supply, find_misread_units
+from fastcoil.logs.plausibility import find_misread_units
 from fastcoil.logs.series import COLUMNS
 from fastcoil.model.moist_air import humidity_ratio
 
@@ -56,7 +56,7 @@ def contradictory_log(kind, rng, heats):
     name, is_before = str(rng.choice(TEMPERATURES)), np.arange(N) < N // 2
     W = humidity_ratio(log["T_a_in"], log["RH_a_in"] / 100, 101325.0)
     T_sup, T_a_in, command = log["T_sup"], log["T_a_in"], log["command"]
-    swing, turned = 50 + 45 * np.sin(np.arange(N) / 7), np.where(is_before, (command, T_sup), (T_sup, command))
+    swing = 50 + 45 * np.sin(np.arange(N) / 7)
     columns_by_kind = {
         "all °F": {name_in_F: 1.8 * log[name_in_F] + 32 for name_in_F in TEMPERATURES},
         "one °F": {name: 1.8 * log[name] + 32},
@@ -65,10 +65,8 @@ def contradictory_log(kind, rng, heats):
         "command in V as %": {"command": np.clip(5 + 6 * np.sin(np.arange(N) / 7), 0, 10)},
         "a fraction from here on": {"command": np.where(is_before, swing, swing / 100)},
         "V from here on": {"command": np.where(is_before, swing, swing / 10)},
-        "columns in another order from here on": {"command": turned[0], "T_sup": turned[1]},
         "exchanged": {"T_sup": log["T_set"], "T_set": T_sup},
         "°F from here on": {"T_a_in": np.where(is_before, T_a_in, 1.8 * T_a_in + 32)},
-        "supply and water exchanged": {"T_sup": log["T_w_in"], "T_w_in": T_sup},
     }
     humidity_by_kind = {
         "W in g as kg": ("W_a_in", 1000 * W, "kg/kg"), "W in kg as g": ("W_a_in", W, "g/kg"),
@@ -79,8 +77,6 @@ def contradictory_log(kind, rng, heats):
     units |= {"one °C as °F": {name: "degF"}, "air flow in kg/s as kg/h": {"m_a": "kg/h"}}.get(kind, {})
     if kind == "unit row":
         layout["unit_row"] = ["", *("degF" if name_in_F == name else units[name_in_F] for name_in_F in log)]
-    elif kind == "supply and water exchanged":
-        del log["T_set"]
     elif kind == "shuffled":
         layout["order"] = rng.permutation(N)
     elif kind in humidity_by_kind:
@@ -94,10 +90,8 @@ CODES_BY_KIND = {
     **dict.fromkeys(("all °F", "unit row", "RH as a fraction", "command as a fraction", "command in V as %",
                      "a fraction from here on", "V from here on", "dew point in °C as °F", "°F from here on",
                      "air flow in kg/s as kg/h", "W in kg as g"), {"unit"}),
-    **dict.fromkeys(("columns in another order from here on", "exchanged", "W above saturation", "dew point"),
-                    {"data"}),
+    **dict.fromkeys(("exchanged", "W above saturation", "dew point"), {"data"}),
     **dict.fromkeys(("one °F", "one °C as °F"), {"unit", "value"}),
-    "supply and water exchanged": {"data", "unit"},
     "W in g as kg": {"value"},
     "shuffled": {"time"},
 }  # fmt: skip
@@ -136,14 +130,6 @@ def test_the_unit_with_which_nothing_contradicts_is_found(numbers, found):
     units = {name: unit for name, (_, unit) in numbers.items()}
     assert find_misread_units(values, units, ()) == found
     assert find_misread_units(values, units, list(numbers)) == {}
-
-
-def test_supply_air_outside_what_enters_is_exchanged_with_the_one_that_fits():
-    values = {"T_sup": np.full(9, 7.0), "T_w_in": np.full(9, 14.0), "T_a_in": np.full(9, 25.0)}
-    assert find_column_exchanged_with_supply(values) == "T_w_in"
-    turned = {"T_sup": values["T_a_in"], "T_a_in": values["T_w_in"], "T_w_in": values["T_sup"]}
-    assert find_column_exchanged_with_supply(turned) == "T_a_in"
-    assert find_column_exchanged_with_supply(values | {"T_sup": np.full(9, 16.0)}) == ""
 
 
 def test_only_the_time_in_control_counts():
@@ -189,7 +175,7 @@ def test_a_temperature_that_leaps_away_and_back_is_a_sensor_that_is_off(tmp_path
 
 def test_a_temperature_of_zero_throughout_is_a_sensor_that_is_off(tmp_path):
     log = sound_log(np.random.default_rng(0)) | {"T_a_in": np.zeros(N)}
-    assert_mistakes([("T_sup", "data"), ("T_a_in", "data")], read, tmp_path, log_text(log), log)
+    assert_refused("T_a_in", "data", read, tmp_path, log_text(log), log)
 
 
 def test_a_unit_that_header_and_caller_declare_is_trusted(tmp_path):
@@ -283,27 +269,3 @@ def test_a_frame_is_read_as_a_file_is(tmp_path):
     assert_refused("timestamp", "time", read_checked_log, frame.iloc[rng.permutation(200)], ColumnSpec(("command",)))
     doubled = pd.concat([frame, frame["m_w [kg/s]"]], axis=1)
     assert_refused("m_w [kg/s]", "duplicate", read_checked_log, doubled, ColumnSpec(("command",)))
-
-
-@pytest.mark.parametrize(("header", "sign"), [("CHW VLV", 1.0), ("HTG VLV", -1.0)])
-def test_supply_and_set_point_are_told_apart_by_which_of_them_answers_the_command(tmp_path, header, sign):
-    rng, n = np.random.default_rng(3), 400
-    T_set, T, integral, rows = np.repeat(rng.uniform(13, 16, 40), 10) + rng.normal(0, 0.05, n), 14.0, 0.5, []
-    T_set = np.convolve(T_set, np.ones(5) / 5, "same").clip(12, 17)
-    for k in range(n):  # a loop with a set-point that floats
-        error = sign * (T - T_set[k])
-        integral = np.clip(integral + 0.02 * error, 0.1, 0.9)
-        command = np.clip(0.1 * error + integral, 0.02, 0.98)
-        stamp = f"2024-07-25T{k // 60:02}:{k % 60:02}:00"
-        rows.append([stamp, f"{100 * command:.2f}", f"{T:.3f}", f"{T_set[k]:.3f}"])
-        T += 0.4 * (14.5 + sign * 8 * (0.5 - command) - T) + rng.normal(0, 0.02)
-    for names in (("T_sup", "T_set"), ("T_set", "T_sup")):
-        lines = [f"timestamp,{header} [%],{names[0]} [degC],{names[1]} [degC]", *map(",".join, rows)]
-        path = tmp_path / f"{names[0]}.csv"
-        path.write_text("\n".join(lines), encoding="utf-8")
-        spec = ColumnSpec(("command", "T_sup"), ("T_set",), ("T_sup", "T_set"))
-        reading = ReadingOptions(reader="read_log", columns={"command": header})
-        if names[0] == "T_sup":
-            assert read_checked_log(path, spec, reading).time.size == n
-        else:
-            assert_refused("T_set", "data", read_checked_log, path, spec, reading)

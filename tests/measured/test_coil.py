@@ -37,13 +37,6 @@ def test_validation_is_as_good_as_the_noise_and_the_leaving_water_comes_out_too(
     assert part == ["unused"] * 1800 + ["fit"] * 1980 + ["validation"] * 1620
 
 
-def test_both_temperatures_identify_more_than_one():
-    log = coil_log(hours=1, seed=5, sd=0.2)
-    supply_only, both = fc.fit_coil(log, split=1.0), fc.fit_coil(log, split=1.0, minimise_on="both")
-    assert both.n_used == 2 * supply_only.n_used
-    assert both.standard_errors["beta1"] < supply_only.standard_errors["beta1"]
-
-
 @pytest.mark.usefixtures("all_starts")
 def test_a_value_at_1_kg_s_is_as_uncertain_as_the_exponent_that_carries_it_there():
     """Of too few wet samples β6 is taken from β4, with its uncertainty: β5 alone would be known to 5 % better."""

@@ -70,7 +70,7 @@ def test_leaving_water_that_stands_still_is_not_compared(two_days):
     log = two_days[0].copy(deep=True)
     log["m_w"][2600:3200] = 0.0
     log["T_w_out"][2600:3200] = 60.0
-    problem = build_coil_problem(log, ("T_sup", "T_w_out"), 1800.0)
+    problem = build_coil_problem(log, 1800.0)
     np.testing.assert_array_equal(np.flatnonzero(~problem.compared["T_w_out"][1800:]), np.arange(800, 1400))
     assert problem.compared["T_sup"][1800:].all()
     assert "600 samples of T_w_out not compared: no water flows" in problem.notes
@@ -78,7 +78,7 @@ def test_leaving_water_that_stands_still_is_not_compared(two_days):
 
 def test_four_pieces_or_more_are_held_back_whole():
     pieces = [shift_log(coil_log(hours=h, seed=30 + i), 20000.0 * i) for i, h in enumerate((1.0, 1.5, 0.7, 0.15, 0.8))]
-    problem = build_coil_problem(join_logs(*pieces), ("T_sup", "T_w_out"), 600.0, share=None)
+    problem = build_coil_problem(join_logs(*pieces), 600.0, share=None)
     batch, compared = problem.data.batch, problem.compared["T_sup"]
     assert set(batch[compared & problem.fitting]) == {0, 1, 2}
     assert set(batch[compared & ~problem.fitting]) == {4}

@@ -42,7 +42,6 @@ def test_bad_arguments_are_refused(valve_log, coil_log):
     assert_refused("m_max", "conflict", fc.fit_valve, valve, m_max=0.1)
     assert_refused("warm_up", "type", fc.fit_coil, coil, warm_up="2")
     assert_refused("n_volumes", "value", fc.fit_coil, coil, n_volumes=[4, 8])
-    assert_refused("minimise_on", "type", fc.fit_coil, coil, minimise_on=["T_sup"])
     assert_refused("holds", "choice", fc.fit_coil, coil, holds="m_x")
     assert_refused("split", "conflict", fc.fit_valve, valve, validation=valve, split=0.5)
 

@@ -97,7 +97,7 @@ def test_errors_allow_for_residuals_that_follow_each_other():
 @pytest.mark.parametrize("form", [{}, {"n_volumes": 4}, {"air_march": "quasistatic"}])
 def test_the_coil_alone_is_that_of_the_emulator(form):
     log = coil_log(hours=0.5, sd=0.0, **form)
-    problem = build_coil_problem(log, ("T_sup",), 600.0, **form)
+    problem = build_coil_problem(log, 600.0, **form)
     x = to_search_space(problem, COIL_TRUTH)
     T_sup, T_w_out, wet = problem.record.run(np.repeat(x[:, None], 3, axis=1)).values()
     np.testing.assert_allclose(T_sup[:, 1], log["T_sup"], atol=1e-9)
@@ -106,12 +106,12 @@ def test_the_coil_alone_is_that_of_the_emulator(form):
 
 
 def test_the_jacobian_of_a_coil_is_that_of_single_runs():
-    problem = build_coil_problem(coil_log(hours=0.5), ("T_sup",), 600.0)
+    problem = build_coil_problem(coil_log(hours=0.5), 600.0)
     assert_jacobian_is_of_single_runs(problem.model(), to_search_space(problem, COIL_TRUTH) + 0.05)
 
 
 def test_an_unstable_trial_set_gets_a_large_residual_and_its_neighbours_do_not():
-    problem = build_coil_problem(coil_log(hours=0.5), ("T_sup",), 600.0)
+    problem = build_coil_problem(coil_log(hours=0.5), 600.0)
     model = problem.model()
     good = to_search_space(problem, COIL_TRUTH)
     bad = to_search_space(problem, COIL_TRUTH | {"C_c": 1.5})

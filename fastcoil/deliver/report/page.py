@@ -270,47 +270,10 @@ def citation(results: Mapping[str, Any] | None = None) -> list[str]:
     return lines
 
 
-def bibtex(results: Mapping[str, Any] | None = None) -> list[str]:
-    """Return the citations as lines of BibTeX; with attributes of results, also theirs."""
-    entries = [
-        _bibtex_entry(
-            "software", "fastcoil",
-            title=f"{{{TITLE}}}", author=f"{{{AUTHORS}}}", version=_version_of_results(results), license=LICENCE,
-        ),
-        _bibtex_entry(
-            "inproceedings", "cai2016backlash",
-            title=f"{{{PAPER['title']}}}", author=PAPER["authors"], year=PAPER["year"], booktitle=PAPER["series"],
-            number=PAPER["number"], publisher=PAPER["publisher"], url=PAPER["url"],
-        ),
-    ]  # fmt: skip
-    if results is not None:
-        title = " ".join(str(results["title"]).split()).translate(_TEX_ESCAPES)
-        entries.append(
-            _bibtex_entry(
-                "misc", f"results{results['content_sha256'][:8]}",
-                title=f"{{{title}}}", howpublished=f"Results of fastcoil {_version_of_results(results)}",
-                note=rf"content\_sha256 {results['content_sha256']}",
-            )
-        )  # fmt: skip
-    return [line for entry in entries for line in entry]
-
-
 def _version_of_results(results: Mapping[str, Any] | None) -> str:
     return VERSION if results is None else str(results.get("fastcoil_version", "unknown"))
 
 
-_TEX_ESCAPES = str.maketrans({
-    "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
-    **{letter: f"\\{letter}" for letter in "{}$&#_%"},
-})  # fmt: skip
-"""Escapes of the letters that begin a command of TeX."""
-
-
-def _bibtex_entry(kind: str, key: str, **fields: str) -> list[str]:
-    return [f"@{kind}{{{key},", *(f"  {name} = {{{value}}}," for name, value in fields.items()), "}"]
-
-
 def citation_section(ds: xr.Dataset | None = None) -> Section:
     """Return the section on how to cite the results, or fastcoil alone."""
-    attrs = None if ds is None else ds.attrs
-    return Section("How to cite", [Paragraphs(citation(attrs)), Code("\n".join(bibtex(attrs)))])
+    return Section("How to cite", [Paragraphs(citation(None if ds is None else ds.attrs))])

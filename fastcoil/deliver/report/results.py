@@ -1,4 +1,4 @@
-"""``report``: one HTML file that a client can open, of a study, a fit, a diagnosis, a tuning or an explanation.
+"""``report``: one HTML file that a client can open, of a study, a diagnosis, a tuning or an explanation.
 
 Each has question, answer, figure and all numbers.  A report of a study compares every estimate with the plain PI, and
 every gap with the sound valve, within pairs of scenarios that differ in nothing else.  Intervals are bootstrap
@@ -27,8 +27,6 @@ from fastcoil.loops.labels import coordinate_quantity, is_parameter, plain_pi_la
 from fastcoil.loops.provenance import content_sha256, provenance
 from fastcoil.measured.air_handler.unit import AirHandler
 from fastcoil.measured.diagnosis import Diagnosis
-from fastcoil.measured.fit import Fit
-from fastcoil.measured.part import PART_FITTED, PART_VALIDATION
 from fastcoil.model.metric_table import METRICS, STATUS_MEANINGS, STATUS_OK
 from fastcoil.study.analysis.answer import find_answer
 from fastcoil.study.analysis.choices import describe_place
@@ -204,43 +202,6 @@ def _study_sections(name: str, toml: str, notes: Sequence[str]) -> list[page.Sec
     ]
 
 
-def fit_page(fit: Fit) -> page.Page:
-    """Return the report of a fit."""
-    question = {
-        "valve": "Which backlash and which flow curve does this valve have?",
-        "coil": "Which heat transfer and which heat capacity does this coil have?",
-    }[fit.kind]
-    caption = (
-        "Measured (broad line) and (dashed) as the fitted model gives it, over their difference; on the left the part "
-        "that was fitted, on the right the part held back.  Grey: not compared."
-    )
-    pair_notes = [line for line in fit.summary() if " are identified only in combination " in line]
-    warnings = [f"{name}: {why}" for name, why in fit.held.items() if why != "given"]
-    return _result_page(
-        "Fit", f"{fit.kind.capitalize()} fitted to {fit.source}", question, _fit_answer(fit), warnings,
-        page.make_picture(fit.plot(), caption, f"Measured and modelled {fit.kind}"), fit.residuals,
-        _study_sections(fit.kind, fit.to_toml(), [*pair_notes, *fit.notes]),
-    )  # fmt: skip
-
-
-def _fit_answer(fit: Fit) -> list[str]:
-    """Describe the size of a fitted gap, and the error of the model in fitting, in validation, and without the gap."""
-    rmse, unit, lines, number = fit.rmse, fit.unit, [], page.format_significant
-    fitting_error = number(rmse[PART_FITTED])
-    if "backlash" in fit.intervals:
-        gap, low, high = (number(100 * v) for v in (fit.parameters["backlash"], *fit.intervals["backlash"]))
-        lines.append(f"The gap is {gap} % of the stroke (95 %: {low} to {high} %).")
-    elif fit.kind != "coil" and "backlash" not in fit.parameters:
-        lines.append(f"The log does not identify the size of the gap: {fit.held.get('backlash', 'see what to mind')}.")
-    if PART_VALIDATION not in rmse:
-        return [*lines, f"The RMS error of the model is {fitting_error} {unit}.  Nothing was held back to check it."]
-    rmse_without_gap = rmse.get(f"{PART_VALIDATION}_without_backlash")
-    sentence = f"On the part of the log held back, the RMS error of the model is {number(rmse[PART_VALIDATION])} {unit}"
-    if rmse_without_gap is not None:
-        sentence += f"; without a gap it would be {number(rmse_without_gap)} {unit}"
-    return [*lines, f"{sentence}.  On the part that it was fitted to, it is {fitting_error} {unit}."]
-
-
 def diagnosis_page(d: Diagnosis) -> page.Page:
     """Return the report of a diagnosis."""
     caption = (
@@ -299,7 +260,7 @@ def explanation_page(e: Explanation) -> page.Page:
 
 
 PAGE_MAKERS: Mapping[type, Callable[[Any], page.Page]] = {
-    AirHandler: unit_page, Fit: fit_page, Diagnosis: diagnosis_page, Tuning: tuning_page, Explanation: explanation_page,
+    AirHandler: unit_page, Diagnosis: diagnosis_page, Tuning: tuning_page, Explanation: explanation_page,
 }  # fmt: skip
 
 
@@ -309,8 +270,8 @@ def report(what: Any, path: str | os.PathLike[str] | None = None) -> Path:
     Parameters
     ----------
     what
-        The folder of a finished study, as `run_study` writes it; or the result of `diagnose`, `inspect`, `fit_valve`,
-        `fit_coil`, `tune` or `explain`.
+        The folder of a finished study, as `run_study` writes it; or the result of `diagnose`, `inspect`, `tune` or
+        `explain`.
     path
         The file to write, NAME.html; for a folder, ``report.html`` in it by default.
 
@@ -331,7 +292,7 @@ def report(what: Any, path: str | os.PathLike[str] | None = None) -> Path:
     >>> fc.report(fc.explain(fc.Loop(), fc.constant_day(hours=2)), "loop.html").name
     'loop.html'
     """
-    result_functions = "fc.diagnose, fc.inspect, fc.fit_valve, fc.fit_coil, fc.tune or fc.explain"
+    result_functions = "fc.diagnose, fc.inspect, fc.tune or fc.explain"
     cure = f"give the folder of a study, or what {result_functions} returned"
     make: Callable[[Any], page.Page] | None
     if isinstance(what, (str, os.PathLike)):

@@ -1,4 +1,4 @@
-"""The plant of each lane under constant conditions: at rest, linearised, and its response to a small step.
+"""The plant of each lane under constant conditions: at rest, and its response to a small step.
 
 The march is that of the emulator with one addition.  At the same state, Eq (3) gives a control volume more heat when it
 is wet than when it is dry.  So a volume at its dew point may have no state of rest: it changes between wet and dry
@@ -260,62 +260,6 @@ def rest_curve(rows, config, entering, openings, S, V, T_sup):
         settle(S, V, config, entering, same_openings, none_at_rest)
         for j in range(LANES):
             T_sup[k, j] = V[VOLUME_STRIDE + T_A + j]
-
-
-STATES = ("T_w", "T_c", "T_a", "W_a")
-"""States of a linearised plant, in this order, each for volume 1 to N."""
-_STATE_CHANGES = (1e-4, 1e-4, 1e-4, 1e-7)
-"""Change of each of STATES to either side, K and kg/kg, for a derivative: well inside the band at the dew point."""
-
-
-@section
-def state_offset(k, n_volumes):
-    """Offset in V of state k, 0 to 4 N - 1, see STATES."""
-    return (k % n_volumes + 1) * VOLUME_STRIDE + k // n_volumes * LANES  # STATES are the first VOLUME_ROWS
-
-
-@section
-def add_states(V, n_volumes, factors, total):
-    """Add every state times the factor of its lane to ``total``, (4 N, LANES)."""
-    for k in range(4 * n_volumes):
-        row = state_offset(k, n_volumes)
-        for j in range(LANES):
-            total[k, j] += factors[j] * V[row + j]
-
-
-@kernel
-def linearise_step(rows, config, entering, steady, V_at_rest, S, V, A, B):
-    """Differentiate one second of the march at rest, with all its substeps, by central differences.
-
-    rows, config, entering, S, V: as for ``find_rest``; steady, V_at_rest: its results.
-    A: out, (4 N, 4 N, LANES); B: out, (4 N, LANES), per unit opening.  States as in STATES, in K and kg/kg.
-    """
-    n_volumes = config.n_volumes
-    begin_per_lane(rows, config, entering, S, V)
-    A[:] = 0.0
-    B[:] = 0.0
-    factors, first, second = np.empty(LANES), np.empty(LANES), np.empty(LANES)
-    for j in range(LANES):
-        first[j], second[j] = neighbour_openings(steady[STEADY_ROW.opening, j])
-
-    for side in (1.0, -1.0):
-        V[:] = V_at_rest
-        for j in range(LANES):
-            factors[j] = side / (first[j] - second[j])
-        set_openings(S, config, entering, first if side > 0.0 else second)
-        march_second_per_lane(S, V, config, entering)
-        add_states(V, n_volumes, factors, B)
-
-    set_openings(S, config, entering, steady[STEADY_ROW.opening])
-    for k in range(4 * n_volumes):
-        change, row = _STATE_CHANGES[k // n_volumes], state_offset(k, n_volumes)
-        for side in (1.0, -1.0):
-            V[:] = V_at_rest
-            for j in range(LANES):
-                V[row + j] += side * change
-                factors[j] = side / (2.0 * change)
-            march_second_per_lane(S, V, config, entering)
-            add_states(V, n_volumes, factors, A[:, k])
 
 
 TAIL_STEPS = 60

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from fastcoil.model import control, valve_test
-from fastcoil.model.control import Law, clip01
+from fastcoil.model.control import clip01
 from fastcoil.model.engine.rows import LANES, R
-from fastcoil.model.estimators.interface import Estimator
+from fastcoil.model.estimators.interface import Estimator, StepRule
 from fastcoil.model.numerics import stages
 from fastcoil.model.numerics.jit import exact, section
 from fastcoil.model.numerics.noise import MEASUREMENT_CHANNEL, normal_pair
@@ -53,7 +53,7 @@ class ControllerFeatures:
 
     @classmethod
     def of_lanes(
-        cls, estimator: Estimator | None, law: Law | None, row: Mapping[str, np.ndarray]
+        cls, estimator: Estimator | None, law: StepRule | None, row: Mapping[str, np.ndarray]
     ) -> ControllerFeatures:
         """Return the features of a block with this estimator, this law (``None``: the PI) and these parameters."""
         return cls(

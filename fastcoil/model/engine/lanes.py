@@ -5,11 +5,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fastcoil.model.control import Law
 from fastcoil.model.engine.controller import ControllerFeatures, control_stage
 from fastcoil.model.engine.emulator import DAY_COLUMN, Day, emulate
 from fastcoil.model.engine.metrics import ESTIMATOR_METRICS, N_METRICS, make_schedule
-from fastcoil.model.engine.plant import Plant, plant_stage
+from fastcoil.model.engine.plant import plant_stage
 from fastcoil.model.engine.rows import (
     LANES,
     LINEAR,
@@ -25,7 +24,7 @@ from fastcoil.model.engine.rows import (
 )  # fmt: skip
 from fastcoil.model.engine.rules import estimator_stage, law_stage
 from fastcoil.model.engine.valve import ActuatorFeatures, actuator_stage
-from fastcoil.model.estimators.interface import Estimator
+from fastcoil.model.estimators.interface import Estimator, StepRule
 from fastcoil.model.estimators.registry import ESTIMATORS
 from fastcoil.model.hunting import N_SWING_ROWS, judge_swing
 from fastcoil.model.metric_table import (
@@ -50,12 +49,12 @@ class UserRules(NamedTuple):
     """Estimators, laws and plants of the user; their numbers follow those of the package."""
 
     estimators: tuple[Estimator, ...] = ()
-    laws: tuple[Law, ...] = ()
-    plants: tuple[Plant, ...] = ()
+    laws: tuple[StepRule, ...] = ()
+    plants: tuple[StepRule, ...] = ()
 
     def choices(self, name: str) -> tuple[str, ...]:
         """Return the choices of a parameter, by number, with these rules."""
-        user_rules: dict[str, tuple[Estimator | Law | Plant, ...]]
+        user_rules: Mapping[str, tuple[StepRule, ...]]
         user_rules = {"estimator": self.estimators, "law": self.laws, "plant": self.plants}
         return (*PARAMETERS[name].choices, *(rule.name for rule in user_rules.get(name, ())))
 
@@ -107,8 +106,8 @@ class Block(NamedTuple):
     rows: np.ndarray
     config: BlockConfig
     estimator: Estimator | None
-    law: Law | None
-    plant: Plant | None
+    law: StepRule | None
+    plant: StepRule | None
     row: Mapping[str, np.ndarray]
 
 
@@ -234,9 +233,7 @@ def work_space(block: Block) -> WorkSpace:
     )
 
 
-def _allocate_rule_state(
-    rule: Estimator | Law | Plant | None, row: Mapping[str, np.ndarray], n_array: int = 0
-) -> np.ndarray:
+def _allocate_rule_state(rule: StepRule | None, row: Mapping[str, np.ndarray], n_array: int = 0) -> np.ndarray:
     """Allocate the parameters that a rule reads and, behind them, its memory and an array for each lane, both 0."""
     if rule is None:
         return _allocate_aligned(0)

@@ -5,14 +5,13 @@ second before the controller, with the valve as the second before left it, as th
 the coil.
 """
 
-from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
 
 from fastcoil.model.engine.rows import LANES, T_A, T_C, VOLUME_STRIDE, W_A, R, begin_run
 from fastcoil.model.engine.rules import compile_exact
 from fastcoil.model.engine.valve import scale_water_flow, update_water_flow
-from fastcoil.model.estimators.interface import memory_defaults
+from fastcoil.model.estimators.interface import StepRule, memory_defaults
 from fastcoil.model.numerics.jit import kernel, section
 from fastcoil.model.numerics.stages import FLAG, INTEGER, NUMBER, ROW_POINTER, StageSignature, store_if_due, values_at
 from fastcoil.model.physics import next_room_temperature
@@ -30,23 +29,6 @@ class PlantInputs(NamedTuple):
     T_w_in: float  # entering water, °C
 
 
-@dataclass(frozen=True)
-class Plant:
-    """A plant of the user, in place of the coil.
-
-    name: the word in ``plant = …``.
-    Parameters, Memory: named tuples of floats, as of an estimator.
-    step: (PlantInputs, Parameters, Memory) → (temperature of what leaves, °C, Memory), called in every second.
-    fingerprint: text that changes with what it does.
-    """
-
-    name: str
-    Parameters: Any
-    Memory: Any
-    step: Any
-    fingerprint: str
-
-
 PLANT_SIGNATURE = StageSignature(
     S=ROW_POINTER, V=ROW_POINTER, plant_state=ROW_POINTER, n_kept=INTEGER, t=INTEGER, m_a=NUMBER, T_a_in=NUMBER,
     W_a_in=NUMBER, T_w_in=NUMBER, is_start=FLAG,
@@ -56,7 +38,7 @@ call_plant = PLANT_SIGNATURE.call
 
 
 @cache
-def plant_stage(plant: Plant) -> Any:
+def plant_stage(plant: StepRule) -> Any:
     """Return the address of a plant compiled for a block, see PLANT_SIGNATURE.
 
     plant_state: its parameters, its memory, and, behind them, openings and water flows of the last ``n_kept`` seconds.

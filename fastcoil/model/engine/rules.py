@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from fastcoil.model.control import Law, clip01, sample_number
+from fastcoil.model.control import clip01, sample_number
 from fastcoil.model.engine.rows import LANES, R
-from fastcoil.model.estimators.interface import Estimator, Sample, memory_defaults
+from fastcoil.model.estimators.interface import Estimator, Sample, StepRule, memory_defaults
 from fastcoil.model.numerics.jit import exact, section
 from fastcoil.model.numerics.stages import FLAG, NUMBER, ROW_POINTER, StageSignature, array_at, store_if_due, values_at
 from fastcoil.model.physics import sensor_reading
@@ -104,7 +104,7 @@ call_law = LAW_SIGNATURE.call
 
 
 @cache
-def law_stage(law: Law) -> Any:
+def law_stage(law: StepRule) -> Any:
     """Return the address of a control law compiled for a block, see LAW_SIGNATURE.
 
     rule_state: its parameters, then its memory.  The memory is reset at the start and while the controller is off.

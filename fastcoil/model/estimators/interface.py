@@ -1,7 +1,7 @@
-"""Class of estimators, what they see of their loop, and filters for them."""
+"""Classes of rules and of estimators, what they see of their loop, and filters for them."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -56,12 +56,28 @@ def memory_defaults(Memory: Any) -> tuple[float, ...]:  # noqa: N803 — a class
 
 
 @dataclass(frozen=True)
-class Estimator:
-    """A rule that estimates the backlash.
+class StepRule:
+    """A rule that is called again and again with a memory: a law in place of the PI, a plant in place of the coil.
 
-    name: the word in ``estimator = …``.
+    name: the word in ``law = …``, ``plant = …`` or ``estimator = …``.
     Parameters, Memory: named tuples of floats.  The fields of ``Parameters`` are names of loop parameters; ``Memory``
     is what one call leaves to the next.
+    step: (Sample, Parameters, Memory) → (u, Memory) at every controller sample; of a plant (PlantInputs, Parameters,
+    Memory) → (temperature of what leaves, °C, Memory) in every second.
+    fingerprint: text that changes with what a user's rule does; empty for those of the package.
+    """
+
+    name: str
+    Parameters: Any
+    Memory: Any
+    step: Any
+    fingerprint: str = field(default="", kw_only=True)
+
+
+@dataclass(frozen=True)
+class Estimator(StepRule):
+    """A rule that estimates the backlash.
+
     step: (Sample, Parameters, Memory) → (estimate, Memory), called at every controller sample but the first.
     start: Parameters → Memory at the start; by default the defaults of Memory.
     periods: rows of a block by name → seconds at whose multiples the rule may act, where these are not the controller
@@ -72,21 +88,15 @@ class Estimator:
     n_floats: size of an array that each lane has as well, 0 at the start.  ``step`` then takes it as fourth argument,
     changes it in place, and is called for no lane that does not sample or is off.
     waives_buffer: whether the loop is plain PI, without the buffer of the inverse, while its estimate is 0.
-    fingerprint: text that changes with what a user's rule does; empty for those of the package.
     sees_error: rows of a block by name → whether a rule with ``periods`` looks at T or e; without them it may.
     """
 
-    name: str
-    Parameters: Any
-    Memory: Any
-    step: Any
     start: Any = None
     periods: Callable[[Mapping[str, np.ndarray]], np.ndarray] | None = None
     confirms: Any = None
     results: Callable[[Any], dict[str, np.ndarray]] | None = None
     n_floats: int = 0
     waives_buffer: bool = False
-    fingerprint: str = ""
     sees_error: Callable[[Mapping[str, np.ndarray]], bool] | None = None
 
     @property

@@ -3,7 +3,6 @@
 The parameters of ``[sample]`` are drawn together, zipped along the dimension ``sample``.
 """
 
-import warnings
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,6 @@ from fastcoil.base.arguments import collect_problems, raise_problems
 from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.base.files import read_text
 from fastcoil.loops.assignment import CONVERGED_KEYWORD, all_parameters, expand_converged
-from fastcoil.loops.labels import unit_in_words
 from fastcoil.loops.loop import Loop, add_rules
 from fastcoil.model.parameter_table import INSTALLED_VALVE_PARAMETERS, PARAMETERS
 from fastcoil.model.user_rules import Rule
@@ -132,32 +130,6 @@ def build_loop(
             loop = loop.assign(**sample_values(file.sample, known, folder, batches))
     raise_problems(problems)
     return loop
-
-
-_USUAL_RANGES: dict[str, tuple[float, float, str]] = {
-    "kp": (-1.0, 1.0, "%/K, divide it by 100"),
-    "ti": (2.0, np.inf, "minutes, multiply it by 60"),
-    "backlash": (0.0, 0.3, "%, divide it by 100"),
-    "backlash_estimate": (0.0, 0.3, "%, divide it by 100"),
-    "buffer": (0.0, 0.3, "%, divide it by 100"),
-    "C_w": (0.0, 1000.0, "J/K, divide it by 1000"),
-    "C_c": (0.0, 1000.0, "J/K, divide it by 1000"),
-    "stroke_time": (5.0, np.inf, "minutes, multiply it by 60"),
-    "noise_std": (0.0, 2.0, "mK, divide it by 1000"),
-    "sensor_resolution": (0.0, 2.0, "mK, divide it by 1000"),
-}
-"""Least and largest usual value, and the unit in which a value outside was probably meant; 0 always means off."""
-
-
-def warn_unusual_values(loop: Loop) -> None:
-    """Warn of values that are admissible, and more likely in another unit."""
-    for name, (least, most, meant_unit) in _USUAL_RANGES.items():
-        values = np.array([] if loop[name] is None else np.ravel(loop[name]))
-        unusual = values[(values != 0.0) & ((values < least) | (values > most))]
-        if unusual.size:
-            value, unit = unusual[np.argmax(abs(unusual))], PARAMETERS[name].unit
-            setting = f"{name} = {value:g}" if unit == "1" else f"{name} = {value:g} {unit_in_words(unit)}"
-            warnings.warn(f"{setting} is unusual and taken as it is: if it is in {meant_unit}", stacklevel=2)
 
 
 def _find_repeated_parameters(file: StudyFile, constants: Mapping[str, str]) -> list[Problem]:

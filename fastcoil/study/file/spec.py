@@ -29,7 +29,7 @@ from fastcoil.loops.scenarios import Layout
 from fastcoil.model.metric_table import METRICS
 from fastcoil.study.analysis.precision import DEFAULT_MAX_BATCHES, MIN_BATCHES, Precision
 from fastcoil.study.analysis.selected import list_first
-from fastcoil.study.file.loop import build_loop, read_includes, warn_unusual_values
+from fastcoil.study.file.loop import build_loop, read_includes
 from fastcoil.study.file.sample import MAX_SAMPLE_SIZE, SALTELLI, SAMPLE_DIM, design_size, sample_file_hashes
 from fastcoil.study.file.tables import PrecisionTable, RunTable, StudyFile, pair_with_hints, parse_tables, parse_toml
 from fastcoil.study.file.user_code import UserCode, find_function, find_rules, load_code
@@ -277,7 +277,6 @@ def _build_study(
         problems += [problem.with_prefix("[run] precision: ") for problem in wrong]
     if problems or plan is None:
         raise InputError(problems)
-    warn_unusual_values(plan.layout.loop)
     hashes = sample_file_hashes(file.sample, folder) if file.sample else []
     study = Study(
         text, tables, file.title or name, file.question, plan, folder, reduction, included, hashes, sources,

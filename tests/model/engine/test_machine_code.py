@@ -168,9 +168,6 @@ def run_every_kernel():
         response, ends = np.empty((n_steps, LANES)), np.empty(LANES, np.int64)
         at_rest.simulate_step_response(*plant, steady, V_at_rest, S, V, 1.0, response, ends)
         assert (ends == 2).all()
-    n_states = 4 * block.config.n_volumes
-    A, B = np.empty((n_states, n_states, LANES)), np.empty((n_states, LANES))
-    at_rest.linearise_step(*plant, steady, V_at_rest, S, V, A, B)
     at_rest.rest_curve(*plant, np.array([0.5]), S, V, np.empty((1, LANES)))
 
 

@@ -111,25 +111,6 @@ def test_a_mistake_gets_one_sentence_with_field_value_and_cure(read, tmp_path, t
     assert_refused(field.replace("TMP", str(tmp_path)), code, read, text)
 
 
-@pytest.mark.parametrize(
-    ("text", "warning"),
-    [
-        ("[loop]\nkp = 100", "kp = 100 1/K is unusual and taken as it is: if it is in %/K, divide it by 100"),
-        ("[loop]\n[sweep]\nti = [0.5, 8]", "ti = 0.5 s is unusual and taken as it is: if it is in minutes, multiply"),
-        ("[loop]\nbacklash = 0.5", "backlash = 0.5 is unusual and taken as it is: if it is in %, divide it by 100"),
-        ("[loop]\nti = 1.5", "ti = 1.5 s is unusual and taken as it is: if it is in minutes, multiply it by 60"),
-        ("[loop]\nnoise_std = 5", "noise_std = 5 K is unusual and taken as it is: if it is in mK, divide it by 1000"),
-        ("[loop]\nsensor_resolution = 50", "sensor_resolution = 50 K is unusual and taken as it is: if it is in mK"),
-        ("[loop]\nC_w = 8800", "C_w = 8800 kJ/K is unusual and taken as it is: if it is in J/K, divide it by 1000"),
-        ("[loop]\n[cases.motor]\na = { stroke_time = 1.5 }\nb = {}", "stroke_time = 1.5 s is unusual"),
-        ("[loop]\nkp = 1\nti = 3\nbacklash = 0.3\nstroke_time = 0", ""),
-    ],
-)
-def test_a_magnitude_of_another_unit_is_warned_of(read, recwarn, text, warning):
-    read(text)
-    assert [str(w.message)[: len(warning)] for w in recwarn] == [warning] * bool(warning)
-
-
 def test_windows_line_ends_and_a_byte_order_mark_change_nothing(read):
     plain = read("[loop]\nkp = 0.04\n")
     assert read("﻿[loop]\r\nkp = 0.04\r\n".encode()).sha256 == plain.sha256
