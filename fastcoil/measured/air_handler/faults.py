@@ -20,6 +20,7 @@ _LEAST_EFFECT_OVER_OFFSET_K = 2.0  # the same beyond the offset that the log sho
 _NO_EFFECT_K = 1.5  # of a coil wide open, up to which it does nothing: fan heat, sensors
 _STUCK_OPEN_SHARE = 0.7  # of the effect when open, from which a valve that is commanded shut is stuck open
 _UNMET_K = 1.0  # control error from which a set-point is not met
+_STILL_UNMET_K = 2.0  # the same, of a valve without any effect
 _OPEN_COMMAND = 0.05  # from which a valve counts as open
 _FIGHT_S = 900.0
 _OFF_HOURS = 4.0  # of a day, of a controller that leaves its set-point
@@ -28,6 +29,7 @@ _STILL_S = 4 * 3600.0  # for which a sensor shows one number
 _STILL_NEIGHBOUR_K = 2.0  # range of another temperature meanwhile
 _SENSORS = {"T_sup": "supply air", "T_mixed": "entering air"}
 _LATER_EFFECT_K = 3.0  # on the same day, of a valve that lacked water for a time
+_ALWAYS_DAYS = 3
 _ALWAYS_SHARE = 0.9  # of the time with all valves shut, in which a sensor that is off shows it
 _OUTSIDE_K = 3.0  # of mixed air beyond return and outdoor air
 _OUTSIDE_HOURS = 3.0  # of a day
@@ -71,7 +73,7 @@ def _works_while_shut(unit: AirHandlerSeries, coil: str) -> Mask:
     has_rested = np.all([unit.rests(other, after=EFFECT_AFTER_LOW_FLOW_S) for other in coils], axis=0)
     limit = np.full(effect.size, _LEAST_EFFECT_K if unit.is_entering_measured else _LEAST_EFFECT_BETWEEN_K)
     if unit.is_entering_measured and np.isfinite(offset):
-        limit[:] = np.clip(offset + _LEAST_EFFECT_OVER_OFFSET_K, 1.0, _LEAST_EFFECT_K)
+        limit[:] = np.clip(offset + _LEAST_EFFECT_OVER_OFFSET_K, _LEAST_EFFECT_OVER_OFFSET_K, _LEAST_EFFECT_K)
     limit[unit.has_low_flow] = _LEAST_EFFECT_LOW_FLOW_K
     with np.errstate(invalid="ignore"):
         return np.asarray(is_shut & (has_rested | ~unit.has_low_flow) & (effect > limit))
@@ -130,7 +132,8 @@ def _find_unmet(unit: AirHandlerSeries, coil: str, excused: Mask) -> Iterator[Fi
         # a controller without a set-point in the log is wide open because the air lacks something
         is_unmet = unit.rests(coil, wide_open=True) & ((shortfall > _UNMET_K) | np.isnan(shortfall))
         is_unmet &= ~excused & ~_opposing(unit, coil, _OPEN_COMMAND)
-        is_still = is_unmet & (effect < no_effect)
+        # air that the coil should cool and that leaves much warmer is another coil's work
+        is_still = is_unmet & (effect < no_effect) & (effect > -_LEAST_EFFECT_K) & ~(shortfall < _STILL_UNMET_K)
         is_weak = is_unmet & ~is_still & np.isfinite(shortfall)
         is_left = called & (command < WIDE_OPEN) & (np.abs(shortfall) > _OFF_K) & ~excused
     side = "below" if sign > 0.0 else "above"
@@ -163,7 +166,7 @@ def _find_unmet(unit: AirHandlerSeries, coil: str, excused: Mask) -> Iterator[Fi
         yield make_finding(unit, f"{coil} valve", "stuck_shut", still_days, np.nan_to_num(miss), text, action)
     weak_days = unit.on_days_of(is_weak & ~np.isin(unit.day, np.unique(unit.day[still_days])), _LEAST_HOURS)
     if weak_days.any():
-        miss, change = float(np.median(shortfall[weak_days])), float(np.nanmedian(effect[weak_days]))
+        miss, change = float(np.median(shortfall[weak_days])), float(np.median(effect[weak_days]))
         seen = (
             f"the coil changes the air by {change:.2g} K" if np.isfinite(change) else "the entering air is not logged"
         )
@@ -210,9 +213,10 @@ def _find_mixed_air_off(unit: AirHandlerSeries, works: Mapping[str, Mask]) -> It
     text = "mixed air is {size:.2g} K outside the range of return and outdoor air, for {hours:.1f} h, {{when}}"
     if not mask.any():
         off = np.any([*works.values()], axis=0) & ~unit.is_entering_plausible
-        all_shut = np.all([unit.rests(coil) for coil in unit.coils], axis=0)
         # a leak comes and goes with the water, a sensor is off all the time
-        is_always = all_shut.any() and float(np.mean(off[all_shut])) >= _ALWAYS_SHARE
+        is_always = (
+            np.unique(unit.day[off]).size >= _ALWAYS_DAYS and float(np.mean(off[unit.all_rest])) >= _ALWAYS_SHARE
+        )
         mask, excess = unit.on_days_of(off & is_always, _LEAST_HOURS), np.abs(unit.T_sup - T)
         text = (
             "with the valves shut the sensor is {size:.2g} K off the supply air, which return and outdoor air explain, "

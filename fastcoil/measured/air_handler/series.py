@@ -141,12 +141,17 @@ class AirHandlerSeries:
             mask[first + round(after / self.interval) : last] = True
         return mask
 
+    @cached_property
+    def all_rest(self) -> Mask:
+        """Whether all valves have been commanded shut for long enough, (n,)."""
+        return np.asarray(np.all([self.rests(coil) for coil in self.coils], axis=0))
+
     def offset(self, coil: str) -> float:
-        """Return what the sensors show of a coil whose valve is shut, K, the median of days; NaN if days differ.
+        """Return what the sensors show of a coil while all valves are shut, K, the median of days; NaN if days differ.
 
         Half of the days may have a valve that leaks.
         """
-        is_baseline = self.rests(coil) & ~self.has_low_flow & np.isfinite(self.effect(coil))
+        is_baseline = self.all_rest & ~self.has_low_flow & np.isfinite(self.effect(coil))
         medians = [
             float(np.median(self.effect(coil)[is_baseline & (self.day == day)]))
             for day in self.days
