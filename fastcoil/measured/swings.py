@@ -16,7 +16,8 @@ _LEAST_HALF_CYCLES = 6  # in a row, of a swing that goes on
 _FEWEST_SAMPLES = 4  # of a period that the log resolves
 _LEAST_COMMAND_SWING = 0.03  # peak to peak, fraction of stroke, of a valve that makes the air swing
 _LEAST_SET_POINT_SHARE = 0.5  # of the swing of the temperature, from which the set-point makes it
-_INTEGRAL_RATIO = 1.5  # of integral to proportional action at the period, from which Ti is too short
+_INTEGRAL_RATIO = 20.0  # of integral to proportional action at the period, from which Ti is too short for any valve
+_GAP_RATIO = 3.0  # of the same, from which Ti is too short for a valve that may have a gap
 _PROPORTIONAL_RATIO = 0.7  # of the same, up to which the gain is too high
 TI_PER_PERIOD = 0.25  # new Ti over the period: the integral then lags by 33 degrees
 _MOST_TURNS_RATIO = 2.0  # of turns of the command over those of the temperature, or the reverse
@@ -99,7 +100,7 @@ def moves_with(command: Array, window: SwingWindow, swing: float, interval: floa
 class GainFault(NamedTuple):
     """What is wrong with the gains of a loop that swings, and what to do."""
 
-    cause: str  # ``integral``: Ti is too short; ``gain``: kp is too high; ``unknown``
+    cause: str  # ``integral``: Ti too short; ``integral_or_gap``; ``gain``: kp too high; ``unknown``
     kp: float  # to set, 1/K
     ti: float  # to set, s
     action: str
@@ -108,19 +109,27 @@ class GainFault(NamedTuple):
 def judge_gains(kp: float, ti: float, period: float) -> GainFault:
     """Judge the gains, 1/K and s, of a PI by the period of its swing, s.
 
-    The integral action at that period is period/(2 pi Ti) times the proportional one.  Where it prevails, Ti is too
-    short for the plant; where it is small, the gain makes the swing.
+    The integral action at that period is period/(2 pi Ti) times the proportional one.  Where it prevails by far, Ti is
+    too short for any valve; where it prevails, for this one, which may have a gap; where it is small, kp makes the
+    swing.  The table air_handler_causes of ``studies/air_handler`` shows what the limits are worth.
     """
     ratio = period / (2.0 * math.pi * ti)
-    pi = f"the log shows kp {kp:.2g} 1/K and Ti {ti:.3g} s, and a period of {describe_period(period)}"
-    if ratio >= _INTEGRAL_RATIO:
+    swing = f"a period of {describe_period(period)}"
+    pi = f"kp {kp:.2g} 1/K and Ti {ti:.3g} s" if ti >= 1.0 else "no proportional action to speak of"
+    if ratio >= _GAP_RATIO:
         new_ti = float(f"{TI_PER_PERIOD * period:.2g}")
-        action = f"raise Ti to {new_ti:.0f} s and leave kp: {pi}, at which this PI is nearly a pure integrator"
-        return GainFault("integral", kp, new_ti, action)
+        if ratio >= _INTEGRAL_RATIO:
+            action = f"raise Ti to {new_ti:.0f} s: the log shows {pi}, and {swing}: a pure integrator"
+            return GainFault("integral", kp, new_ti, action)
+        action = f"raise Ti to {new_ti:.0f} s and leave kp: the log shows {pi}, and {swing}, nearly a pure integrator; "
+        action += "if the swing stays, a gap of the valve makes it: make a valve test"
+        return GainFault("integral_or_gap", kp, new_ti, action)
     new_kp = float(f"{0.5 * kp:.1g}")
     if ratio <= _PROPORTIONAL_RATIO:
-        return GainFault("gain", new_kp, ti, f"lower kp to {new_kp:g} 1/K and leave Ti: {pi}, at which kp decides")
-    return GainFault("unknown", new_kp, ti, f"lower kp to {new_kp:g} 1/K, and see whether the swing ends: {pi}")
+        action = f"lower kp to {new_kp:g} 1/K and leave Ti: the log shows {pi}, and {swing}, at which kp decides"
+        return GainFault("gain", new_kp, ti, action)
+    action = f"lower kp to {new_kp:g} 1/K, and see whether the swing ends: the log shows {pi}, and {swing}"
+    return GainFault("unknown", new_kp, ti, action)
 
 
 def describe_period(period: float) -> str:

@@ -74,7 +74,7 @@ CASES = [
 SAMPLE_CASES = (Case(LEAK, COOLING, 0.4), Case(STUCK_OPEN, HEATING))
 PASSES, LACKS = {"leak", "stuck_open"}, {"stuck_shut", "not_met"}
 """Kinds that one log cannot tell apart: a valve that passes when shut, one that has no effect when open."""
-RIGHT_KINDS = {LEAK: PASSES, STUCK_OPEN: PASSES, STUCK: PASSES | {"stuck"}, STUCK_SHUT: LACKS, UNDERSIZED: LACKS,
+RIGHT_KINDS = {LEAK: PASSES, STUCK_OPEN: PASSES, STUCK: PASSES | LACKS, STUCK_SHUT: LACKS, UNDERSIZED: LACKS,
                NO_WATER: LACKS}  # fmt: skip
 DEFECTS = {"leak", "stuck_open", "stuck_shut", "stuck"}
 SENSOR_KINDS = {"sensor_stuck", "sensor_offset"}
@@ -82,7 +82,13 @@ ACCUSATIONS = DEFECTS | SENSOR_KINDS | {"fight"}
 """Kinds that no healthy unit has.  Others, such as a set-point that is not met, happen in healthy units too."""
 NO_PART = {FIGHT, SWINGS, UNOCCUPIED, HUNT}
 """Faults of control, with which every accusation of a valve or sensor is wrong."""
-CAUSES = {LOAD: "load", INTEGRAL: "integral", GAP: "gap", SWINGS: "outer loop"}
+CAUSES = {
+    LOAD: {"load", "gain"}, INTEGRAL: {"integral", "integral_or_gap"}, GAP: {"gap", "integral_or_gap"},
+    SWINGS: {"outer loop"},
+}  # fmt: skip
+"""Words of ``fc.inspect`` that are right for each true cause of hunting."""
+OUTER_LOOP = "outer loop"
+UNSAID = {"", "unknown"}
 
 
 class Result(NamedTuple):
@@ -217,15 +223,18 @@ def hunting_rows(results: list[Result]) -> list[list[str]]:
 def cause_rows(by_case: dict[Case, list[Result]]) -> list[list[str]]:
     """For each cause of hunting: loops found to hunt, and causes that are named and right."""
     rows = []
-    for cause, word in CAUSES.items():
+    for cause, words in CAUSES.items():
         shown = [r for case, results in by_case.items() if case.cause == cause for r in results if r.shows]
         found = [r for r in shown if r.is_right]
         said = [next((str(getattr(f, "cause", "") or "") for f in r.findings if r._names_fault(f)), "") for r in found]
         if cause == SWINGS:  # the set-point is named, and no valve blamed for it
-            said = ["loop" if any(f.kind == HUNT and f.component in SIDES for f in r.findings) else word for r in found]
-        rows.append([word, f"{len(shown)}", format_shares(r.is_right for r in shown),
-                     format_shares(s == word for s in said if s), format_shares(map(bool, said)),
-                     ", ".join(f"{s} {said.count(s)}" for s in sorted(set(said) - {word, ""})) or "—"])  # fmt: skip
+            blamed = [any(f.kind == HUNT and f.component in SIDES for f in r.findings) for r in found]
+            said = ["loop" if is_blamed else OUTER_LOOP for is_blamed in blamed]
+        named = [s for s in said if s not in UNSAID]
+        name = OUTER_LOOP if cause == SWINGS else cause
+        rows.append([name, f"{len(shown)}", format_shares(r.is_right for r in shown),
+                     format_shares(s in words for s in named), format_shares(s not in UNSAID for s in said),
+                     ", ".join(f"{s} {said.count(s)}" for s in sorted(set(named) - words)) or "—"])  # fmt: skip
     return rows
 
 

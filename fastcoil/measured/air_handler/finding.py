@@ -40,8 +40,8 @@ class Finding:
     text, action
         What shows it, and what to do, a sentence each.
     cause
-        Why a valve hunts: ``other_valve``, ``load``, ``integral`` (Ti too short), ``gain`` (kp too high) or
-        ``unknown``; blank for other kinds.
+        Why a valve hunts: ``other_valve``, ``load``, ``integral`` (Ti too short), ``integral_or_gap``,
+        ``gain`` (kp too high) or ``unknown``; blank for other kinds.
     """
 
     component: str

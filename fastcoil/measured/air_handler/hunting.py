@@ -29,6 +29,7 @@ _LEAST_BLOCKS = 8  # at low load and at high load, to compare them
 _LOW_LOAD_SHARE, _HIGH_LOAD_SHARE = 0.4, 0.1  # of blocks that swing at low load at least, at high load at most
 _LEAST_EXPLAINED = 0.8  # of the command's swing by a PI, for its gains to count
 _SAMPLES_PER_PERIOD = 8  # fewest, for these gains
+_LARGE_KP = 0.22  # 1/K, more than any coil needs at a period of a few minutes
 _SHUT_SHARE = 0.5  # of the cycles of a swing in which the valve shuts, from which it is too large for its load
 _LARGEST_LOW_COMMAND = 0.35  # median command that counts as a low load
 _LARGE_VALVE = 0.6  # fraction of stroke, never exceeded by a valve that is too large
@@ -114,7 +115,7 @@ def _describe_hunting(
     text = f"hunts ± {amplitude:.2g} K every {describe_period(period)}, its command swings by {100 * widest:.0f} % "
     hours = f"{unit.hours(mask):.1f} of the {unit.hours(called):.1f} h in which it was called"
     text += f"around {100 * level:.0f} %, for {hours}, {{when}}"
-    cause, action = _judge_cause(unit, coil, windows, mask, passing)
+    cause, action = _judge_cause(unit, coil, windows, swings, mask, passing)
     return make_finding(unit, f"{coil} valve", "hunt", mask, amplitude, text, action, cause=cause)
 
 
@@ -131,14 +132,15 @@ def _describe_outside(unit: AirHandlerSeries, component: str, windows: list[Swin
 
 
 def _judge_cause(
-    unit: AirHandlerSeries, coil: str, windows: list[SwingWindow], mask: Mask, passing: Mapping[str, Finding]
-) -> tuple[str, str]:
-    """Return the cause of hunting in a word, and what to do."""
+    unit: AirHandlerSeries, coil: str, windows: list[SwingWindow], swings: list[float], mask: Mask,
+    passing: Mapping[str, Finding],
+) -> tuple[str, str]:  # fmt: skip
+    """Return the cause of hunting in a word, and what to do; swings: of the command in each window."""
     for other, fault in passing.items():
         shared = np.isin(unit.day[mask], unit.day[_days_of(unit, fault)])
         if other != coil and shared.mean() > 0.5:
             return "other_valve", f"repair the {other} valve first: it passes water while this one controls"
-    period = _medians(unit, windows)[1]
+    amplitude, period = _medians(unit, windows)
     if load := _swings_at_low_load(unit, coil, windows, mask):
         return "load", f"lower kp at low load, or fit a smaller valve: {load}{_describe_large_valve(unit, coil)}"
     known = [gains for window in windows if (gains := recover_gains(unit, coil, window))]
@@ -146,6 +148,11 @@ def _judge_cause(
         kp, ti = (float(np.median(values)) for values in zip(*known, strict=True))
         gain_fault = judge_gains(kp, ti, period)
         return gain_fault.cause, gain_fault.action
+    # |C| of a PI at the period is the swing of its command over that of its error, and no less than kp
+    most_kp = float(np.median([swing / window.peak_to_peak for swing, window in zip(swings, windows, strict=True)]))
+    if not known and most_kp >= _LARGE_KP:
+        seen = f"its command swings by {100 * float(np.median(swings)):.0f} % for ± {amplitude:.2g} K"
+        return "gain", f"halve kp: {seen}, so kp is up to {most_kp:.1g} 1/K"
     cure = "halve kp, and see whether the swing ends"
     if unit.interval > 30.0:
         cure += "; log every 10 s for a day to tell the gap of the valve from the gains"
@@ -179,7 +186,7 @@ def recover_gains(unit: AirHandlerSeries, coil: str, window: SwingWindow) -> tup
     explained = 1.0 - float(np.var(series[0] - columns @ (kp, ki)) / np.var(series[0]))
     if explained < _LEAST_EXPLAINED or ki <= 0.0 or kp <= -0.3 * ki * window.period:
         return None
-    kp = max(kp, 1e-6)  # the log is too coarse for less
+    kp = max(kp, 1e-4)  # less than a log shows
     return float(kp), float(kp / ki)
 
 

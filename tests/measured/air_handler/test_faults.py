@@ -26,7 +26,8 @@ def test_a_valve_that_passes_water_while_shut_is_named_with_its_effect(leak, com
     assert finding.size == pytest.approx(size, abs=0.1)
     assert finding.hours == pytest.approx(11.5, abs=0.1)  # half an hour after the start of the log
     [(first, last)] = finding.windows
-    assert str(first) == "2026-03-02T00:30:00" and str(last) == "2026-03-02T12:00:00"
+    assert str(first) == "2026-03-02T00:30:00"
+    assert str(last) == "2026-03-02T12:00:00"
 
 
 def test_a_valve_shut_as_warm_as_open_is_stuck_open():
@@ -61,7 +62,8 @@ def test_a_valve_wide_open_without_effect_is_stuck_or_without_water():
     log.loc[::2, "AHU-3 Supply Air Temp"] = 18.25
     [finding] = fc.inspect(log).findings
     assert (finding.component, finding.kind) == ("cooling valve", "stuck_shut")
-    assert finding.size == pytest.approx(5.2, abs=0.1) and finding.hours == pytest.approx(9.5, abs=0.1)
+    assert finding.size == pytest.approx(5.2, abs=0.1)
+    assert finding.hours == pytest.approx(9.5, abs=0.1)
 
 
 def test_a_coil_with_too_little_effect_is_told_from_a_stuck_valve():

@@ -45,9 +45,11 @@ def test_units_are_proposed_from_the_numbers_and_said():
     data, points = read_air_handler(fc.read_log(frame))
     assert data.values["T_sup"] == pytest.approx(celsius, abs=1e-9)
     assert data.values["cooling_command"] == pytest.approx(0.4)
-    assert points.units["T_mixed"] == "degF" and points.units["cooling_command"] == "percent"
+    assert points.units["T_mixed"] == "degF"
+    assert points.units["cooling_command"] == "percent"
     [note] = [note for note in points.notes if "units by the numbers" in note]
-    assert "degF for T_sup, T_mixed" in note and "percent for cooling_command" in note
+    assert "degF for T_sup, T_mixed" in note
+    assert "percent for cooling_command" in note
 
 
 def test_a_declared_unit_is_not_proposed():
@@ -58,7 +60,8 @@ def test_a_declared_unit_is_not_proposed():
 
 def test_an_air_flow_without_a_unit_is_left_out_and_named():
     _, points = read_air_handler(fc.read_log(make_unit_log(0.1, **{"Supply Air Flow": 900.0})))
-    assert "m_a" not in points.headers and any("m_a" in note for note in points.notes)
+    assert "m_a" not in points.headers
+    assert any("m_a" in note for note in points.notes)
 
 
 def test_all_that_is_not_clear_is_asked_together():
