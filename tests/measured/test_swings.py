@@ -60,7 +60,7 @@ def test_a_swing_is_the_valves_only_where_its_command_moves_with_it():
 def test_the_integral_is_blamed_where_it_prevails_at_the_period():
     fault = judge_gains(0.02, 10.0, 1800.0)  # 1800 / (2 pi 10) = 29 times the proportional action
     assert (fault.cause, fault.kp, fault.ti) == ("integral", 0.02, 450.0)
-    fault = judge_gains(0.02, 30.0, 1800.0)  # 9.5 times: a gap of the valve may do it as well
+    fault = judge_gains(0.02, 90.0, 1800.0)  # 3.2 times: a gap of the valve may do it as well
     assert (fault.cause, fault.kp, fault.ti) == ("integral_or_gap", 0.02, 450.0)
     fault = judge_gains(0.08, 1900.0, 3000.0)  # 0.25 times
     assert (fault.cause, fault.kp, fault.ti) == ("gain", 0.04, 1900.0)

@@ -179,7 +179,8 @@ def recover_gains(unit: AirHandlerSeries, coil: str, window: SwingWindow) -> tup
     if good.mean() < 0.6 or window.period < _SAMPLES_PER_PERIOD * unit.interval:
         return None
     e = np.where(np.isfinite(error), error, 0.0)
-    integral = np.cumsum(e - e[good].mean()) * unit.interval
+    centred = e - e[good].mean()
+    integral = (np.cumsum(centred) - 0.5 * centred) * unit.interval  # trapezoids: half a sample decides on kp
     series = np.stack([detrend(x, good, unit.interval)[good] for x in (command, e, integral)])
     columns = series[1:].T
     (kp, ki), *_ = np.linalg.lstsq(columns, series[0])
@@ -198,9 +199,9 @@ def _swings_at_low_load(unit: AirHandlerSeries, coil: str, windows: Sequence[Swi
     level = blocks[0].mean(axis=1)
     is_used = blocks[1].all(axis=1) & (level > SHUT) & (level < WIDE_OPEN)
     does_swing, level = blocks[2].mean(axis=1)[is_used] > 0.5, level[is_used]
-    if level.size >= 2 * _LEAST_BLOCKS:
-        middle = float(np.median(level))
-        low, high = (100 * float(does_swing[side].mean()) for side in (level < middle, level >= middle))
+    sides = level < np.median(level), level >= np.median(level)
+    if level.size and min(side.sum() for side in sides) >= _LEAST_BLOCKS:
+        middle, (low, high) = float(np.median(level)), (100 * float(does_swing[side].mean()) for side in sides)
         if low >= 100 * _LOW_LOAD_SHARE and high <= 100 * _HIGH_LOAD_SHARE:
             where = f"below a command of {100 * middle:.0f} %, and in {high:.0f} % above"
             return f"it swings in {low:.0f} % of the half hours {where}, so the gain is too high there"
