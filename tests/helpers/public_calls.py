@@ -13,6 +13,7 @@ import fastcoil as fc
 from fastcoil.design.tuning_result import Tuning
 from fastcoil.measured.diagnosis import Diagnosis, ValveReading
 from fastcoil.measured.fit import Fit
+from helpers.air_handler_logs import make_unit_log
 from helpers.log_files import COIL_HEADER, VALVE_HEADER, coil_rows, valve_rows, write_csv
 from helpers.loop_logs import make_loop_log, write_log
 from helpers.rules import Memory, Parameters
@@ -120,6 +121,7 @@ def base_calls(tmp_path_factory, cheap):
         "cost": (fc.cost, {"ds": dated, "electricity": 0.2, "demand": 12.0, "heat": 0.05}),
         "design_day": (fc.design_day, days),
         "diagnose": (fc.diagnose, {"log": hunting}),
+        "inspect": (fc.inspect, {"log": make_unit_log(0.1), "answers": {"columns": {}, "units": {}}}),
         "estimator": (fc.estimator, rule),
         "explain": (fc.explain, {"loop": loop, "boundary": day, "warm_up": 60}),
         "export_controller": (fc.export_controller, {"loop": loop, "path": folder / "valve.c"}),
