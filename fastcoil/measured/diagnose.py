@@ -21,8 +21,9 @@ from fastcoil.measured.diagnosis import INDICES, Diagnosis, ValveReading, probab
 from fastcoil.measured.fitted_loop import fit_loop_model
 from fastcoil.measured.grid import Grid, forward_fill, join_grids, keep_own_values, resample_log
 from fastcoil.measured.identify import DayEvidence, Identification, combine_days, gather_evidence
-from fastcoil.measured.measures import Measures, hourly_summary, measure_loop, write_warnings
+from fastcoil.measured.measures import Measures, measure_loop
 from fastcoil.measured.part import LogSource, true_runs
+from fastcoil.measured.triage import hourly_summary, write_warnings
 
 _MEASURED_COLUMNS = ("T_sup", "T_set", "m_a", "T_a_in", "T_w_in")
 DIAGNOSIS_COLUMNS = ColumnSpec(("command", "T_sup"), (*_MEASURED_COLUMNS[1:], "enabled"), _MEASURED_COLUMNS)

@@ -18,8 +18,8 @@ from fastcoil.design.advice import AS_IS, INVERSE, INVERSE_SHARE, REPAIRED_VALVE
 from fastcoil.design.swing_verdict import SwingVerdict
 from fastcoil.measured.cause import CASE_LABELS, CAUSE_BACKLASH, CAUSE_DISTURBANCE, CAUSE_NONE, CAUSE_TUNING
 from fastcoil.measured.identify import CANDIDATES, GOOD_BACKLASH, Identification
-from fastcoil.measured.measures import LEAST_SWING_K, STATE_SWINGING, STATES, write_headline
 from fastcoil.measured.swings import TI_PER_PERIOD, describe_period, judge_gains
+from fastcoil.measured.triage import LEAST_SWING_K, STATE_SWINGING, STATES, write_headline
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,7 +7,7 @@ from helpers.loop_logs import make_loop_log
 from helpers.sentences import assert_worded
 
 import fastcoil as fc
-from fastcoil.measured.measures import HOURLY_VARIABLES, STATES
+from fastcoil.measured.triage import HOURLY_VARIABLES, STATES
 
 pytestmark = pytest.mark.kernel
 
