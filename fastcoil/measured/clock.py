@@ -29,7 +29,7 @@ def describe_times(spans: Sequence[Span], start: np.datetime64 | None, n_days: i
     for first, last in spans:
         is_near = bool(joined) and first - joined[-1][1] <= _SHORT_PAUSE_S
         joined[-1:] = [(joined[-1][0], last)] if is_near else [*joined[-1:], (first, last)]
-    listed = [f"{_clock(first, start)}–{_clock(last, start)}" for first, last in joined[:_MAX_LISTED]]
+    listed = [f"{_clock(first, start)}–{_clock(last, start, is_end=True)}" for first, last in joined[:_MAX_LISTED]]
     more = f" and {len(joined) - _MAX_LISTED} more times" if len(joined) > _MAX_LISTED else ""
     return f"{', '.join(listed)}{more}"
 
@@ -48,8 +48,9 @@ def describe_days(days: Sequence[int], start: np.datetime64 | None) -> str:
     return "; ".join(", ".join([month[0], *(date[3:] for date in month[1:])]) for month in months)
 
 
-def _clock(seconds: float, start: np.datetime64 | None) -> str:
+def _clock(seconds: float, start: np.datetime64 | None, *, is_end: bool = False) -> str:
     quarters = round((seconds + seconds_of_day(start)) % SECONDS_PER_DAY / 900.0)
+    quarters = 96 if is_end and quarters == 0 else quarters  # a day ends at 24:00
     if start is None:
         return f"{round(seconds / 900.0) / 4:g} h"
     return f"{quarters // 4}:{15 * (quarters % 4):02d}"

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from fastcoil.measured.clock import describe_times
 from fastcoil.measured.swings import find_own_swings, find_swings, judge_gains
 
 INTERVAL = 60.0
@@ -65,3 +66,14 @@ def test_the_integral_is_blamed_where_it_prevails_at_the_period():
     fault = judge_gains(0.08, 1900.0, 3000.0)  # 0.25 times
     assert (fault.cause, fault.kp, fault.ti) == ("gain", 0.04, 1900.0)
     assert judge_gains(0.04, 150.0, 900.0).cause == "unknown"  # 0.95 times
+
+
+def test_times_are_clock_times_of_a_day_and_days_of_many():
+    start = np.datetime64("2026-03-30T06:00:00")
+    assert describe_times([(0.0, 3500.0), (7200.0, 64800.0)], start, 1) == "6:00–7:00, 8:00–24:00"
+    spans = [(0.0, 3600.0), (86400.0, 90000.0), (3 * 86400.0, 3 * 86400.0 + 60.0)]
+    assert describe_times(spans, start, 9) == "on 3 of 9 days (03-30, 31; 04-02)"
+    assert describe_times([(900.0, 5400.0)], None, 1) == "0.25 h–1.5 h"
+    assert (
+        describe_times([(0.0, 600.0), (1200.0, 3600.0)], start, 1) == "6:00–7:00"
+    )  # a short pause is not worth saying
