@@ -135,13 +135,8 @@ def _propose_units(table: Table, points: Mapping[str, int], options: ReadingOpti
     return units
 
 
-def keep_answers(points: AirHandlerPoints, options: ReadingOptions) -> dict[str, Any]:
-    """Return the headers and units of a unit's points, for the logs of the next ones."""
-    return {"columns": dict(points.headers), "units": {**points.units, **options.units}}
-
-
 def require_answers(name: str, answers: Any) -> dict[str, dict[str, str]]:
-    """Require what ``keep_answers`` wrote."""
+    """Require headers and units of an air handler, as they stand in the file of another one."""
     parts = {part: answers.get(part, {}) for part in ("columns", "units")}
     for part, entries in parts.items():
         if not isinstance(entries, dict) or not all(isinstance(text, str) for text in entries.values()):

@@ -215,9 +215,8 @@ def _find_mixed_air_off(unit: AirHandlerSeries, works: Mapping[str, Mask]) -> It
     if not mask.any():
         off = np.any([*works.values()], axis=0) & ~unit.is_entering_plausible
         # a leak comes and goes with the water, a sensor is off all the time
-        is_always = (
-            np.unique(unit.day[off]).size >= _ALWAYS_DAYS and float(np.mean(off[unit.all_rest])) >= _ALWAYS_SHARE
-        )
+        n_days, at_rest = np.unique(unit.day[off]).size, off[unit.all_rest]
+        is_always = n_days >= _ALWAYS_DAYS and at_rest.size > 0 and float(at_rest.mean()) >= _ALWAYS_SHARE
         mask, excess = unit.on_days_of(off & is_always, _LEAST_HOURS), np.abs(unit.T_sup - T)
         text = (
             "with the valves shut the sensor is {size:.2g} K off the supply air, which return and outdoor air explain, "

@@ -16,7 +16,7 @@ from fastcoil.logs.air_handler import read_air_handler, require_answers
 from fastcoil.logs.log import Log, as_log
 from fastcoil.measured.air_handler.faults import find_faults
 from fastcoil.measured.air_handler.hunting import find_hunting
-from fastcoil.measured.air_handler.series import series_of_log
+from fastcoil.measured.air_handler.series import AirHandlerSeries
 from fastcoil.measured.air_handler.unit import AirHandler
 from fastcoil.measured.grid import resample_log
 from fastcoil.measured.part import LogSource
@@ -70,7 +70,7 @@ def inspect(log: LogSource, *, answers: str | PathLike[str] | Mapping[str, Any] 
         source = _with_answers(source, known)
     data, points = read_air_handler(source)
     grid, grid_notes = resample_log(data)
-    series = series_of_log(data, grid)
+    series = AirHandlerSeries(data.name, grid, data.start)
     faults = find_faults(series)
     findings = sorted(faults + find_hunting(series, faults), key=lambda finding: finding.severity)
     notes = list(dict.fromkeys([*points.notes, *data.notes, *grid_notes]))

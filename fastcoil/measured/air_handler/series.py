@@ -11,7 +11,6 @@ import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.logs.air_handler import COILS
-from fastcoil.logs.log import CheckedLog
 from fastcoil.measured.clock import Span, seconds_of_day
 from fastcoil.measured.grid import SECONDS_PER_DAY, Grid, forward_fill, running_mean
 from fastcoil.measured.part import true_runs
@@ -209,8 +208,3 @@ class AirHandlerSeries:
             if self.hours(in_day) >= least_hours:
                 is_kept |= in_day
         return is_kept
-
-
-def series_of_log(log: CheckedLog, grid: Grid) -> AirHandlerSeries:
-    """Return the series of a log that was resampled."""
-    return AirHandlerSeries(log.name, grid, log.start)

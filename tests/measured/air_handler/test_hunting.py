@@ -7,7 +7,7 @@ from helpers.air_handler_logs import kinds_of, make_unit_log
 import fastcoil as fc
 from fastcoil.logs.air_handler import read_air_handler
 from fastcoil.measured.air_handler.hunting import recover_gains
-from fastcoil.measured.air_handler.series import series_of_log
+from fastcoil.measured.air_handler.series import AirHandlerSeries
 from fastcoil.measured.grid import resample_log
 from fastcoil.measured.swings import find_swings
 
@@ -26,7 +26,7 @@ def wave(size, minutes=MINUTES, first=9.0, last=16.0, late=0.0):
 
 def series_of(frame):
     data, _ = read_air_handler(fc.read_log(frame))
-    return series_of_log(data, resample_log(data)[0])
+    return AirHandlerSeries(data.name, resample_log(data)[0], data.start)
 
 
 def test_hunting_is_named_with_its_valve_times_size_and_rhythm():
