@@ -8,10 +8,12 @@ import numpy as np
 
 from fastcoil.base.arrays import Mask
 from fastcoil.measured.air_handler.finding import Finding, make_finding
+from fastcoil.measured.air_handler.mismatch import find_mismatch
 from fastcoil.measured.air_handler.series import EFFECT_AFTER_LOW_FLOW_S, SHUT, SIGNS, WIDE_OPEN, AirHandlerSeries
 from fastcoil.measured.grid import forward_fill
 from fastcoil.measured.part import true_runs
 
+_VALVE_KINDS = ("leak", "stuck_open", "stuck_shut")
 _LEAST_HOURS = 1.0  # of a day, of a fault that counts on it
 _LEAST_EFFECT_K = 3.0  # of a coil whose valve is shut: sensors of mixed air are off by up to 2.3 K
 _LEAST_EFFECT_LOW_FLOW_K = 6.0  # the same at a low air flow, at which ducts warm and cool the air
@@ -52,6 +54,8 @@ def find_faults(unit: AirHandlerSeries) -> list[Finding]:
         others = np.any([mask for other, mask in passing.items() if other != coil] or [np.zeros_like(unit.on)], axis=0)
         excused = np.isin(unit.day, np.unique(unit.day[others])) if others.any() else np.zeros_like(unit.on)
         findings += _find_unmet(unit, coil, excused)
+    if any(finding.kind in _VALVE_KINDS for finding in findings) and (mismatch := find_mismatch(unit)):
+        findings = [mismatch, *(finding for finding in findings if finding.kind not in _VALVE_KINDS)]
     return [*findings, *_find_unoccupied(unit)]
 
 

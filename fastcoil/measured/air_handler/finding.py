@@ -10,13 +10,16 @@ from fastcoil.measured.air_handler.series import AirHandlerSeries
 from fastcoil.measured.clock import describe_times
 
 KINDS = {
-    "sensor_stuck": "a sensor stands still", "leak": "passes water when shut", "stuck_open": "stuck open",
+    "mismatch": "commands of other hours", "sensor_stuck": "a sensor stands still",
+    "leak": "passes water when shut", "stuck_open": "stuck open",
     "stuck_shut": "without effect", "fight": "both coils at work", "not_met": "set-point not met", "hunt": "hunts",
     "set_point_swings": "the set-point swings", "sensor_offset": "a sensor is off", "swings": "swings from outside",
     "unoccupied": "runs while unoccupied",
 }  # fmt: skip
 """Kinds of findings in a few words, in the order of their rank."""
-_RANK_GROUPS = {"sensor_stuck": 0, "hunt": 2, "set_point_swings": 2, "swings": 3, "sensor_offset": 3, "unoccupied": 4}
+_RANK_GROUPS = {
+    "mismatch": 0, "sensor_stuck": 0, "hunt": 2, "set_point_swings": 2, "swings": 3, "sensor_offset": 3, "unoccupied": 4,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -30,7 +33,7 @@ class Finding:
         ``entering air``, ``supply air``, ``water``, ``fan``, …
     kind
         One of ``leak``, ``stuck_open``, ``stuck_shut``, ``not_met``, ``fight``, ``hunt``, ``set_point_swings``,
-        ``swings``, ``sensor_stuck``, ``sensor_offset``, ``unoccupied``.
+        ``swings``, ``sensor_stuck``, ``sensor_offset``, ``unoccupied``, ``mismatch``.
     windows
         Start and end of each time, datetime64, or s since the start of a log without a clock.
     size, unit

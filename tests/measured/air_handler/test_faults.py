@@ -136,3 +136,18 @@ def test_a_log_without_a_clock_gives_seconds():
     log = log.drop(columns="Timestamp").assign(**{"elapsed_time [s]": 60.0 * np.arange(len(log))})
     [finding] = fc.inspect(log).findings
     assert finding.windows == [(1800.0, 43200.0)]
+
+
+def test_commands_of_other_hours_accuse_no_valve():
+    """A leak is not claimed where the commands of other hours, or of the other valve, explain the air."""
+    frame = make_unit_log(1.0, cooling=in_hours(9, 17, 0.6), heating=in_hours(1, 7, 0.4), T_mixed=18.0)
+    commands = ["AHU-3 CHW Valve", "AHU-3 HHW Valve"]
+    assert fc.inspect(frame).findings == []
+    late = frame.assign(**{name: np.roll(frame[name], 360) for name in commands})
+    [finding] = fc.inspect(late).findings
+    assert (finding.component, finding.kind) == ("log", "mismatch")
+    assert "6 h" in finding.text
+    exchanged = frame.rename(columns=dict(zip(commands, commands[::-1], strict=True)))
+    [finding] = fc.inspect(exchanged).findings
+    assert finding.kind == "mismatch"
+    assert "exchanged" in finding.text
