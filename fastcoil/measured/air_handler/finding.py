@@ -18,7 +18,8 @@ KINDS = {
 }  # fmt: skip
 """Kinds of findings in a few words, in the order of their rank."""
 _RANK_GROUPS = {
-    "mismatch": 0, "sensor_stuck": 0, "hunt": 2, "set_point_swings": 2, "swings": 3, "sensor_offset": 3, "unoccupied": 4,
+    "mismatch": 0, "sensor_stuck": 0, "hunt": 2, "set_point_swings": 2, "swings": 3, "sensor_offset": 3,
+    "unoccupied": 4,
 }  # fmt: skip
 
 
