@@ -12,7 +12,6 @@ from fastcoil.base.arguments import require_path
 from fastcoil.base.arrays import allocate_on_disk
 from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError
 from fastcoil.base.figures import stale_figures
-from fastcoil.base.files import exists
 from fastcoil.base.machine import available_memory, command_line, format_bytes
 from fastcoil.loops.scenarios import check_same_form, join_flat, unflatten
 from fastcoil.model.metric_table import STATUS_NOT_RUN, TRACES
