@@ -305,8 +305,7 @@ def fit() -> None:
 
 with_common_options = combine_options(
     click.option("--split", type=float, help="Share of the log to fit, in whole batches or pieces if there are four or "
-                 "more; 0.7 by default, 1 with --validate."),
-    click.option("--validate", "validation", type=PATH, help="Another CSV file for validation."),
+                 "more; 0.7 by default."),
     with_reading_options,
 )  # fmt: skip
 """The options that all fits have."""

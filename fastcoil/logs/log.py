@@ -48,9 +48,8 @@ _DEFAULT_OPTIONS = ReadingOptions()
 class CheckedLog:
     """A log as checked arrays by name, (n,) each in the units of ``COLUMNS``; measured ones are NaN where bad."""
 
-    names: tuple[str, ...]  # of the log, and of a second one for validation
-    source: Index  # index in ``names`` of the log of each sample
-    time: Array  # seconds since the first row of that log
+    name: str
+    time: Array  # seconds since the first row
     values: dict[str, Array]
     batch: Index  # number of the unbroken piece of each sample, from 0
     rows: Index  # row number of each sample in its file
@@ -58,12 +57,8 @@ class CheckedLog:
     headers: dict[str, str] = field(default_factory=dict)  # of each column in the file
     notes: list[str] = field(default_factory=list)  # how it was read, what was left out, and why
     change_of_value: bool = False  # whether rows were written at changes, so that values hold between them
-    start: np.datetime64 | None = None  # of the first row of the first log, to the second
+    start: np.datetime64 | None = None  # of the first row, to the second
     time_zone: str = ""  # of ``start``, blank if unknown
-
-    @property
-    def name(self) -> str:
-        return self.names[0]
 
     @property
     def step(self) -> float:
@@ -86,35 +81,12 @@ class CheckedLog:
             return moist_air.humidity_ratio_from_dew_point(self.values["T_dp_in"], pressure)
         return self.values["W_a_in"]
 
-    def with_validation_log(self, validation_log: Self) -> Self:
-        """Return a log with the samples of both, those of ``validation_log`` in batches of their own."""
-        name = validation_log.name if validation_log.name != self.name else f"{validation_log.name} (validation)"
-        if missing_columns := (self.values.keys() ^ validation_log.values.keys()) - {"T_w_out"}:
-            sentence = f"{self.name} or {name} has no {', '.join(sorted(missing_columns))}: log the same in both"
-            raise InputError(sentence, "validation", "missing")
-        logs = (self, validation_log)
-        values = {
-            column: np.concatenate([log.values.get(column, np.full(log.time.size, np.nan)) for log in logs])
-            for column in self.values | validation_log.values
-        }
-        return replace(
-            self,
-            names=(*self.names, name),
-            source=np.concatenate([self.source, validation_log.source + 1]),
-            time=np.concatenate([self.time, validation_log.time]),
-            values=values,
-            batch=np.concatenate([self.batch, validation_log.batch + self.n_batches]),
-            rows=np.concatenate([self.rows, validation_log.rows]),
-            notes=self.notes + [f"{name}: {note}" for note in validation_log.notes],
-        )
-
     def where(self, mask: Mask) -> Self:
         """Return the log with only the samples that ``mask`` marks, (n,); a batch ends where some are left out."""
         index = np.flatnonzero(mask)
         is_new_batch = (np.diff(index) > 1) | (np.diff(self.batch[index]) > 0)
         return replace(
             self,
-            source=self.source[mask],
             time=self.time[mask],
             values={name: values[mask] for name, values in self.values.items()},
             batch=np.concatenate([[0], np.cumsum(is_new_batch)]),
@@ -174,8 +146,7 @@ def check_table(table: Table, spec: ColumnSpec, options: ReadingOptions) -> Chec
     values = {name: np.full(time.size, float(value)) for name, value in (options.constants or {}).items()} | columns
     rows = np.array(table.row_numbers)
     return CheckedLog(
-        names=(table.name,),
-        source=np.zeros_like(rows),
+        name=table.name,
         time=np.round(time - time[0], 6),
         values=values,
         batch=batch,
@@ -282,11 +253,11 @@ class Log:
         return "\n".join([f"<fastcoil Log> {self.name}", *self.summary()])
 
 
-def as_log(name: str, source: Any, like: Log | None = None) -> Log:
-    """Return a `Log`: ``source`` itself, or that of a path, DataFrame or Dataset, with the options of ``like``."""
+def as_log(name: str, source: Any) -> Log:
+    """Return a `Log`: ``source`` itself, or that of a path, DataFrame or Dataset."""
     if isinstance(source, Log):
         return source
-    return Log(require_log(name, source), _DEFAULT_LOG_OPTIONS if like is None else like.options)
+    return Log(require_log(name, source), _DEFAULT_LOG_OPTIONS)
 
 
 _DEFAULT_LOG_OPTIONS = ReadingOptions(constants={}, drop=False, jumps="refuse", reader="read_log")
