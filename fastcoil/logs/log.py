@@ -13,29 +13,20 @@ import numpy as np
 from fastcoil.base.arguments import argument_checks, collect_problems, require_choice, require_mapping
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError, Problem
-from fastcoil.logs.columns import (
-    ColumnSpec,
-    ReadingOptions,
-    check_reading_options,
-    find_columns,
-    find_requested_columns,
-    interpret_header,
-    require_columns_with_units,
-    require_log,
-)  # fmt: skip
 from fastcoil.logs.join import POINT_NAMES, find_value_columns, pivot_points
 from fastcoil.logs.own_values import find_own_values
 from fastcoil.logs.pieces import longest_regular_step, number_pieces, read_times
-from fastcoil.logs.readings import (
-    check_plausible_units,
-    fill_or_cut_rows,
-    leave_out_optional,
-    mark_supersaturation,
-    read_columns,
-)  # fmt: skip
 from fastcoil.logs.series import COLUMNS, TIME_COLUMNS, format_count
 from fastcoil.logs.table import Table, table_from_data
 from fastcoil.model import moist_air
+
+from fastcoil.logs.columns import (  # isort: skip
+    ColumnSpec, ReadingOptions, check_reading_options, find_columns, find_requested_columns, interpret_header,
+    require_columns_with_units, require_log,
+)  # fmt: skip
+from fastcoil.logs.readings import (  # isort: skip
+    check_plausible_units, fill_or_cut_rows, leave_out_optional, mark_supersaturation, read_columns,
+)  # fmt: skip
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -20,16 +20,11 @@ from fastcoil.loops.loop import Loop, remove_rules, used_choices
 from fastcoil.loops.netcdf import CLOCK_COORDINATES, without_fill_values
 from fastcoil.model.engine.emulator import DAY_COLUMN, DAY_COLUMNS, Day
 from fastcoil.model.engine.metrics import NO_HISTORY, DayHistory, history_after, make_schedule
-from fastcoil.model.metric_table import (
-    METRICS,
-    SETTLING_TIME_S,
-    STATUS_CRASHED,
-    STATUS_MEANINGS,
-    STATUS_NOT_RUN,
-    TRACES,
-    Output,
-)
 from fastcoil.model.parameter_table import PARAMETERS, Parameter
+
+from fastcoil.model.metric_table import (  # isort: skip
+    METRICS, SETTLING_TIME_S, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES, Output,
+)  # fmt: skip
 
 
 def clock_coordinates(boundary: Boundary, elapsed_time: xr.Variable | None = None) -> dict[str, xr.DataArray]:
