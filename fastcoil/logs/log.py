@@ -77,12 +77,9 @@ class CheckedLog:
         index = np.flatnonzero(mask)
         is_new_batch = (np.diff(index) > 1) | (np.diff(self.batch[index]) > 0)
         return replace(
-            self,
-            time=self.time[mask],
-            values={name: values[mask] for name, values in self.values.items()},
-            batch=np.concatenate([[0], np.cumsum(is_new_batch)]),
-            rows=self.rows[mask],
-        )
+            self, time=self.time[mask], values={name: values[mask] for name, values in self.values.items()},
+            batch=np.concatenate([[0], np.cumsum(is_new_batch)]), rows=self.rows[mask],
+        )  # fmt: skip
 
 
 def read_checked_log(source: Any, spec: ColumnSpec, options: ReadingOptions = _DEFAULT_OPTIONS) -> CheckedLog:
@@ -137,18 +134,11 @@ def check_table(table: Table, spec: ColumnSpec, options: ReadingOptions) -> Chec
     values = {name: np.full(time.size, float(value)) for name, value in (options.constants or {}).items()} | columns
     rows = np.array(table.row_numbers)
     return CheckedLog(
-        name=table.name,
-        time=np.round(time - time[0], 6),
-        values=values,
-        batch=batch,
-        rows=rows,
-        units=readings.units,
+        name=table.name, time=np.round(time - time[0], 6), values=values, batch=batch, rows=rows, units=readings.units,
         headers={name: table.header[k] for name, k in column_by_name.items() if name in (*values, time_name, "batch")},
-        notes=table.notes + readings.notes,
-        change_of_value=is_change_log,
-        start=None if start is None else start + np.timedelta64(round(float(time[0])), "s"),
-        time_zone=zone,
-    )
+        notes=table.notes + readings.notes, change_of_value=is_change_log,
+        start=None if start is None else start + np.timedelta64(round(float(time[0])), "s"), time_zone=zone,
+    )  # fmt: skip
 
 
 class Log:
