@@ -1,6 +1,7 @@
 """fastcoil: closed-loop emulation of coil valves with backlash, thousands of loops at once.
 
-Names are loaded on first use: ``import fastcoil`` costs nothing but this file.
+Names are loaded on first use, each from the module that the stub `__init__.pyi` imports it from: ``import fastcoil``
+costs nothing but these two files.
 """
 
 from __future__ import annotations
@@ -10,52 +11,8 @@ import threading
 from importlib import import_module
 from typing import Any
 
-_MODULE_OF_NAME = {
-    "Boundary": "loops.boundary",
-    "FastcoilError": "base.errors",
-    "InputError": "base.errors",
-    "InputTypeError": "base.errors",
-    "IntegrityError": "base.errors",
-    "LockedError": "base.errors",
-    "Log": "logs.log",
-    "Loop": "loops.loop",
-    "StorageError": "base.errors",
-    "ValveTest": "loops.valve_test",
-    "answer": "study.analysis.answer",
-    "compare": "study.analysis.compare",
-    "constant_day": "loops.boundary.days",
-    "cost": "study.analysis.cost",
-    "design_day": "loops.boundary.days",
-    "diagnose": "measured.diagnose",
-    "estimator": "model.user_rules",
-    "explain": "design.explain",
-    "export_controller": "deliver.export.export",
-    "fit_coil": "measured.fit_coil",
-    "fit_valve": "measured.fit_valve",
-    "heating_day": "loops.boundary.days",
-    "inspect": "measured.air_handler.inspect",
-    "law": "model.user_rules",
-    "limit_cycle": "design.limit_cycle",
-    "linearise": "design.linearise",
-    "open_study": "study.folder.results",
-    "paper_day": "loops.boundary.days",
-    "parameter": "model.user_rules",
-    "plant": "model.user_rules",
-    "presets": "loops.presets",
-    "read_log": "logs.log",
-    "read_test": "measured.read_test",
-    "replay": "measured.replay",
-    "report": "deliver.report.results",
-    "run_study": "study.run",
-    "sample": "study.file.sample",
-    "simulate": "loops.simulate",
-    "sobol_indices": "study.analysis.sobol",
-    "survey": "deliver.report.survey",
-    "time_quantiles": "study.analysis.survival",
-    "tune": "design.tune",
-    "weather_day": "loops.boundary.weather",
-    "weather_year": "loops.boundary.weather",
-}
+with open(f"{__file__}i", encoding="utf-8") as _stub:  # lines such as: from fastcoil.loops.loop import Loop as Loop
+    _MODULE_OF_NAME = {words[5]: words[1] for words in map(str.split, _stub) if words[4:5] == ["as"]}
 
 _import_lock = threading.RLock()
 # a child of a fork inherits a module that another thread is just loading as it is, and would wait for it for ever
@@ -96,7 +53,7 @@ def __getattr__(name: str) -> Any:
             value = import_module("fastcoil.deliver.figures")
     elif name in _MODULE_OF_NAME:
         with _import_lock:
-            value = getattr(import_module(f"fastcoil.{_MODULE_OF_NAME[name]}"), name)
+            value = getattr(import_module(_MODULE_OF_NAME[name]), name)
     else:
         raise AttributeError(f"module 'fastcoil' has no attribute {name!r}")
     globals()[name] = value

@@ -1,4 +1,4 @@
-"""The public names, for type checkers and editors; `__init__.py` loads each on first use."""
+"""The public names, for type checkers and editors; `__init__.py` reads here from where to load each on first use."""
 
 from fastcoil.base.errors import FastcoilError as FastcoilError
 from fastcoil.base.errors import InputError as InputError

@@ -162,17 +162,14 @@ def _machine_memory() -> int:
 
 def _control_group_memory() -> Iterator[int]:
     """Yield the memory left in the control group of this process and in each of its parents."""
-    lines = [line for line in _read_lines(PROC / "self" / "cgroup") if line.startswith("0::")]  # of version 2
+    paths = [line[3:] for line in _read_lines(PROC / "self" / "cgroup") if line.startswith("0::")]  # of version 2
     # in a container, the path may lie outside the mount
-    names = [name for line in lines for name in line[3:].split("/") if name not in ("", ".", "..")]
-    for depth in range(len(names), -1, -1) if lines else ():
-        group = CGROUPS.joinpath(*names[:depth])
-        limits = [_read_integers(group / name).get("") for name in ("memory.max", "memory.high")]
-        used_bytes = _read_integers(group / "memory.current").get("")
-        known_limits = [limit for limit in limits if limit is not None]
-        if used_bytes is not None and known_limits:
+    names = [name for path in paths for name in path.split("/") if name not in ("", ".", "..")]
+    for group in (CGROUPS.joinpath(*names[:depth]) for depth in range(len(names) + 1)):
+        high, limit, used = (_read_integers(group / f"memory.{name}").get("") for name in ("high", "max", "current"))
+        if used is not None and (limits := [n for n in (high, limit) if n is not None]):
             reclaimable = _read_integers(group / "memory.stat").get("inactive_file", 0)
-            yield max(min(known_limits) - used_bytes + reclaimable, 0)
+            yield max(min(limits) - used + reclaimable, 0)
 
 
 def _address_space_left() -> Iterator[int]:

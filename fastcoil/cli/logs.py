@@ -75,7 +75,7 @@ def require_fit_file(out: Path) -> None:
     """Refuse, before any work, a file that cannot be written, or exists and is no earlier fit."""
     require_output_file("-o", out, ".toml")
     figure, cure = out.with_suffix(".png"), "choose another name"
-    if exists(out) and not has_mark(out, b" by fastcoil ", 300):
+    if exists(out) and not has_mark(out, b" by fastcoil", 300):
         raise InputError(f"-o {out}: this file exists and is not a fit: {cure}", "-o", "path")
     if exists(figure) and not exists(out):
         raise InputError(f"-o {out}: {figure} exists and would be replaced: {cure}", "-o", "path")
@@ -305,8 +305,7 @@ def fit() -> None:
 
 with_common_options = combine_options(
     click.option("--split", type=float, help="Share of the log to fit, in whole batches or pieces if there are four or "
-                 "more; 0.7 by default, 1 with --validate."),
-    click.option("--validate", "validation", type=PATH, help="Another CSV file for validation."),
+                 "more; 0.7 by default."),
     with_reading_options,
 )  # fmt: skip
 """The options that all fits have."""

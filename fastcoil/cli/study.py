@@ -375,13 +375,9 @@ def _print_step_test(ctx: click.Context, param: click.Parameter, value: bool) ->
 @click.command()
 @click.argument("target", type=PATH)
 @click.option(
-    "--step-test",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=_print_step_test,
+    "--step-test", is_flag=True, is_eager=True, expose_value=False, callback=_print_step_test,
     help="Print how to measure gain, time constant and dead time of a real loop, and exit.",
-)
+)  # fmt: skip
 @with_scenario
 @click.option(
     "--set", "changes", multiple=True, metavar="NAME=VALUE", help="Another value for a parameter, such as kp=0.03."

@@ -1,5 +1,5 @@
-"""Figures, tables, reports, exported controllers, explore.
+"""Figures, reports, exported controllers, explore.
 
-``figures`` and ``tables`` show results; ``report`` makes pages of studies, diagnoses and fleets; ``export`` translates
+``figures`` show results; ``report`` makes pages of studies, diagnoses and fleets; ``export`` translates
 controllers to C, Structured Text, Python, FMU and PLCopen XML; ``explore`` is the page to play with.
 """

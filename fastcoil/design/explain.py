@@ -13,35 +13,22 @@ from fastcoil.base.arguments import argument_checks, require_integer
 from fastcoil.base.errors import Problem
 from fastcoil.base.figures import BLUE, LINE_GREY, RED, SHADE_GREY, YELLOW, apply_style, wrap_text
 from fastcoil.base.text import align_columns, format_kelvin, format_percent, format_period, format_two_digits
-from fastcoil.design.advice import (
-    AS_IS,
-    GAIN_CURES,
-    LONGER_TI,
-    LOST_SHARE,
-    NO_INVERSE,
-    REPAIRED_VALVE,
-    UNSURE_HUNTING_INDEX,
-    Advice,
-    Trial,
-    find_cures,
-)
 from fastcoil.design.limit_cycle import HUNTING_INDEX_LIMIT
 from fastcoil.design.operating_points import operating_points
-from fastcoil.design.prediction import (
-    PHASE_PARTS,
-    Prediction,
-    hunting_index_omissions,
-    phase_shares,
-    plant_in_words,
-    predict_cycles_at,
-    predict_or_nearest,
-    shortest_ti,
-)
 from fastcoil.design.swing_verdict import LEAST_REGULARITY, SwingVerdict, moving_inputs
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.plan import plan_simulation
 from fastcoil.model.metric_table import STATUS_OK, WARM_UP_S
+
+from fastcoil.design.advice import (  # isort: skip
+    AS_IS, GAIN_CURES, LONGER_TI, LOST_SHARE, NO_INVERSE, REPAIRED_VALVE, UNSURE_HUNTING_INDEX, Advice, Trial,
+    find_cures,
+)  # fmt: skip
+from fastcoil.design.prediction import (  # isort: skip
+    PHASE_PARTS, Prediction, hunting_index_omissions, phase_shares, plant_in_words, predict_cycles_at,
+    predict_or_nearest, shortest_ti,
+)  # fmt: skip
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

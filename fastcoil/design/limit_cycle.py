@@ -13,31 +13,19 @@ import xarray as xr
 
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError
-from fastcoil.design.describing_function import (
-    Elements,
-    interpolate,
-    is_too_smooth,
-    limiter_gain,
-    refine_curve,
-    swing_amplitude,
-    unpredictable_loops,
-)
 from fastcoil.design.linearise import phase_crossover
 from fastcoil.design.operating_points import OperatingPoints, index_chunks
-from fastcoil.design.plants import (
-    Columns,
-    Complex,
-    Plants,
-    floats,
-    frequency_response,
-    loop_response,
-    stroke_gain,
-    unique_columns,
-)
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.provenance import provenance
 from fastcoil.model.metric_table import HUNTING_SWING_K
+
+from fastcoil.design.describing_function import (  # isort: skip
+    Elements, interpolate, is_too_smooth, limiter_gain, refine_curve, swing_amplitude, unpredictable_loops,
+)  # fmt: skip
+from fastcoil.design.plants import (  # isort: skip
+    Columns, Complex, Plants, floats, frequency_response, loop_response, stroke_gain, unique_columns,
+)  # fmt: skip
 
 DescribingFunction = Callable[[Array], Complex]
 """Frequencies, rad/s, of loops and amplitudes → the describing function there."""

@@ -11,23 +11,16 @@ from fastcoil.base.arguments import argument_checks, require_array
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, short_repr
 from fastcoil.design.operating_points import OperatingPoints, require_pi
-from fastcoil.design.plants import (
-    Columns,
-    Complex,
-    Plants,
-    floats,
-    frequency_response,
-    loop_response,
-    sampled_plant_response,
-    sensor_response,
-    stroke_gain,
-    unique_columns,
-)
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.labelled import accepted_units, to_bare_numbers
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.plan import check_memory
 from fastcoil.loops.provenance import provenance
+
+from fastcoil.design.plants import (  # isort: skip
+    Columns, Complex, Plants, floats, frequency_response, loop_response, sampled_plant_response, sensor_response,
+    stroke_gain, unique_columns,
+)  # fmt: skip
 
 _LOWEST_FREQUENCY = 1e-6  # rad/s: any integral has brought L above 1 there
 

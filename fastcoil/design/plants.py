@@ -13,18 +13,13 @@ from numpy.typing import NDArray
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.design.own_plants import rest_plant
 from fastcoil.model.engine import at_rest
-from fastcoil.model.engine.lanes import (
-    NO_USER_RULES,
-    Block,
-    UserRules,
-    pad_members,
-    parameter_matrix,
-    run_sets,
-    work_space,
-)
 from fastcoil.model.engine.rows import LANES, PARAMETER_ROWS
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.model.user_rules import Rule, rules_for_kernels
+
+from fastcoil.model.engine.lanes import (  # isort: skip
+    NO_USER_RULES, Block, UserRules, pad_members, parameter_matrix, run_sets, work_space,
+)  # fmt: skip
 
 Complex = NDArray[np.complex128]
 

@@ -13,21 +13,16 @@ from fastcoil.base.arrays import Array, Index
 from fastcoil.base.errors import InputError
 from fastcoil.base.progress import ProgressDisplay, display_for_call
 from fastcoil.design.measures import resolve_limits, violation, with_intervals
-from fastcoil.design.tuning_plan import (
-    DEFAULT_EVALUATIONS,
-    DEFAULT_OBJECTIVE,
-    DEFAULT_QUANTILE,
-    Group,
-    TuningRequest,
-    plan_tuning,
-    simc_changes,
-    simulate_group,
-)
 from fastcoil.design.tuning_result import CHOSEN, NOW, SIMC, Tuning, collect_notes, contradiction_by_converged_march
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop, used_choices
 from fastcoil.loops.simulate import number_of_threads
 from fastcoil.model.metric_table import WARM_UP_S
+
+from fastcoil.design.tuning_plan import (  # isort: skip
+    DEFAULT_EVALUATIONS, DEFAULT_OBJECTIVE, DEFAULT_QUANTILE, Group, TuningRequest, plan_tuning, simc_changes,
+    simulate_group,
+)  # fmt: skip
 
 
 def tune(

@@ -13,29 +13,20 @@ import numpy as np
 from fastcoil.base.arguments import argument_checks, collect_problems, require_choice, require_mapping
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError, Problem
-from fastcoil.logs.columns import (
-    ColumnSpec,
-    ReadingOptions,
-    check_reading_options,
-    find_columns,
-    find_requested_columns,
-    interpret_header,
-    require_columns_with_units,
-    require_log,
-)  # fmt: skip
 from fastcoil.logs.join import POINT_NAMES, find_value_columns, pivot_points
 from fastcoil.logs.own_values import find_own_values
 from fastcoil.logs.pieces import longest_regular_step, number_pieces, read_times
-from fastcoil.logs.readings import (
-    check_plausible_units,
-    fill_or_cut_rows,
-    leave_out_optional,
-    mark_supersaturation,
-    read_columns,
-)  # fmt: skip
 from fastcoil.logs.series import COLUMNS, TIME_COLUMNS, format_count
 from fastcoil.logs.table import Table, table_from_data
 from fastcoil.model import moist_air
+
+from fastcoil.logs.columns import (  # isort: skip
+    ColumnSpec, ReadingOptions, check_reading_options, find_columns, find_requested_columns, interpret_header,
+    require_columns_with_units, require_log,
+)  # fmt: skip
+from fastcoil.logs.readings import (  # isort: skip
+    check_plausible_units, fill_or_cut_rows, leave_out_optional, mark_supersaturation, read_columns,
+)  # fmt: skip
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -48,9 +39,8 @@ _DEFAULT_OPTIONS = ReadingOptions()
 class CheckedLog:
     """A log as checked arrays by name, (n,) each in the units of ``COLUMNS``; measured ones are NaN where bad."""
 
-    names: tuple[str, ...]  # of the log, and of a second one for validation
-    source: Index  # index in ``names`` of the log of each sample
-    time: Array  # seconds since the first row of that log
+    name: str
+    time: Array  # seconds since the first row
     values: dict[str, Array]
     batch: Index  # number of the unbroken piece of each sample, from 0
     rows: Index  # row number of each sample in its file
@@ -58,12 +48,8 @@ class CheckedLog:
     headers: dict[str, str] = field(default_factory=dict)  # of each column in the file
     notes: list[str] = field(default_factory=list)  # how it was read, what was left out, and why
     change_of_value: bool = False  # whether rows were written at changes, so that values hold between them
-    start: np.datetime64 | None = None  # of the first row of the first log, to the second
+    start: np.datetime64 | None = None  # of the first row, to the second
     time_zone: str = ""  # of ``start``, blank if unknown
-
-    @property
-    def name(self) -> str:
-        return self.names[0]
 
     @property
     def step(self) -> float:
@@ -86,40 +72,14 @@ class CheckedLog:
             return moist_air.humidity_ratio_from_dew_point(self.values["T_dp_in"], pressure)
         return self.values["W_a_in"]
 
-    def with_validation_log(self, validation_log: Self) -> Self:
-        """Return a log with the samples of both, those of ``validation_log`` in batches of their own."""
-        name = validation_log.name if validation_log.name != self.name else f"{validation_log.name} (validation)"
-        if missing_columns := (self.values.keys() ^ validation_log.values.keys()) - {"T_w_out"}:
-            sentence = f"{self.name} or {name} has no {', '.join(sorted(missing_columns))}: log the same in both"
-            raise InputError(sentence, "validation", "missing")
-        logs = (self, validation_log)
-        values = {
-            column: np.concatenate([log.values.get(column, np.full(log.time.size, np.nan)) for log in logs])
-            for column in self.values | validation_log.values
-        }
-        return replace(
-            self,
-            names=(*self.names, name),
-            source=np.concatenate([self.source, validation_log.source + 1]),
-            time=np.concatenate([self.time, validation_log.time]),
-            values=values,
-            batch=np.concatenate([self.batch, validation_log.batch + self.n_batches]),
-            rows=np.concatenate([self.rows, validation_log.rows]),
-            notes=self.notes + [f"{name}: {note}" for note in validation_log.notes],
-        )
-
     def where(self, mask: Mask) -> Self:
         """Return the log with only the samples that ``mask`` marks, (n,); a batch ends where some are left out."""
         index = np.flatnonzero(mask)
         is_new_batch = (np.diff(index) > 1) | (np.diff(self.batch[index]) > 0)
         return replace(
-            self,
-            source=self.source[mask],
-            time=self.time[mask],
-            values={name: values[mask] for name, values in self.values.items()},
-            batch=np.concatenate([[0], np.cumsum(is_new_batch)]),
-            rows=self.rows[mask],
-        )
+            self, time=self.time[mask], values={name: values[mask] for name, values in self.values.items()},
+            batch=np.concatenate([[0], np.cumsum(is_new_batch)]), rows=self.rows[mask],
+        )  # fmt: skip
 
 
 def read_checked_log(source: Any, spec: ColumnSpec, options: ReadingOptions = _DEFAULT_OPTIONS) -> CheckedLog:
@@ -174,19 +134,11 @@ def check_table(table: Table, spec: ColumnSpec, options: ReadingOptions) -> Chec
     values = {name: np.full(time.size, float(value)) for name, value in (options.constants or {}).items()} | columns
     rows = np.array(table.row_numbers)
     return CheckedLog(
-        names=(table.name,),
-        source=np.zeros_like(rows),
-        time=np.round(time - time[0], 6),
-        values=values,
-        batch=batch,
-        rows=rows,
-        units=readings.units,
+        name=table.name, time=np.round(time - time[0], 6), values=values, batch=batch, rows=rows, units=readings.units,
         headers={name: table.header[k] for name, k in column_by_name.items() if name in (*values, time_name, "batch")},
-        notes=table.notes + readings.notes,
-        change_of_value=is_change_log,
-        start=None if start is None else start + np.timedelta64(round(float(time[0])), "s"),
-        time_zone=zone,
-    )
+        notes=table.notes + readings.notes, change_of_value=is_change_log,
+        start=None if start is None else start + np.timedelta64(round(float(time[0])), "s"), time_zone=zone,
+    )  # fmt: skip
 
 
 class Log:
@@ -282,11 +234,11 @@ class Log:
         return "\n".join([f"<fastcoil Log> {self.name}", *self.summary()])
 
 
-def as_log(name: str, source: Any, like: Log | None = None) -> Log:
-    """Return a `Log`: ``source`` itself, or that of a path, DataFrame or Dataset, with the options of ``like``."""
+def as_log(name: str, source: Any) -> Log:
+    """Return a `Log`: ``source`` itself, or that of a path, DataFrame or Dataset."""
     if isinstance(source, Log):
         return source
-    return Log(require_log(name, source), _DEFAULT_LOG_OPTIONS if like is None else like.options)
+    return Log(require_log(name, source), _DEFAULT_LOG_OPTIONS)
 
 
 _DEFAULT_LOG_OPTIONS = ReadingOptions(constants={}, drop=False, jumps="refuse", reader="read_log")

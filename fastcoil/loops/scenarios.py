@@ -20,16 +20,11 @@ from fastcoil.loops.loop import Loop, remove_rules, used_choices
 from fastcoil.loops.netcdf import CLOCK_COORDINATES, without_fill_values
 from fastcoil.model.engine.emulator import DAY_COLUMN, DAY_COLUMNS, Day
 from fastcoil.model.engine.metrics import NO_HISTORY, DayHistory, history_after, make_schedule
-from fastcoil.model.metric_table import (
-    METRICS,
-    SETTLING_TIME_S,
-    STATUS_CRASHED,
-    STATUS_MEANINGS,
-    STATUS_NOT_RUN,
-    TRACES,
-    Output,
-)
 from fastcoil.model.parameter_table import PARAMETERS, Parameter
+
+from fastcoil.model.metric_table import (  # isort: skip
+    METRICS, SETTLING_TIME_S, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES, Output,
+)  # fmt: skip
 
 
 def clock_coordinates(boundary: Boundary, elapsed_time: xr.Variable | None = None) -> dict[str, xr.DataArray]:
@@ -167,14 +162,11 @@ class Days:
         if self.carry_over:
             self._histories[k] = history_after(series["T_set"], series["enabled"], before)
         return Day(
-            series=np.stack([series[name] for name in DAY_COLUMNS], axis=1),
-            command=self._commands(k),
+            series=np.stack([series[name] for name in DAY_COLUMNS], axis=1), command=self._commands(k),
             schedule=make_schedule(series["T_set"], series["enabled"], 0 if is_continued else self._warm_up, before),
-            label=int(self._boundary.day[0 if self.carry_over else k]),
-            seed=self._seed,
-            start=k * self._boundary.n_steps if is_continued else 0,
-            was_enabled=before.enabled,
-        )
+            label=int(self._boundary.day[0 if self.carry_over else k]), seed=self._seed,
+            start=k * self._boundary.n_steps if is_continued else 0, was_enabled=before.enabled,
+        )  # fmt: skip
 
     def _history_before(self, k: int) -> DayHistory:
         """Return the time since the last disturbance before day ``k`` of a sequence, up to the settling time."""

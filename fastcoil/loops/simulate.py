@@ -28,18 +28,13 @@ from fastcoil.loops.provenance import content_sha256, provenance
 from fastcoil.loops.scenarios import flat_dataset, unflatten
 from fastcoil.loops.valve_test import ValveTest
 from fastcoil.model.engine.emulator import Day
-from fastcoil.model.engine.lanes import (
-    Block,
-    TraceRequest,
-    WorkSpace,
-    cut_into_blocks,
-    parameter_matrix,
-    run_block,
-    work_space,
-)
 from fastcoil.model.metric_table import METRICS, TRACES, WARM_UP_S
 from fastcoil.model.numerics.jit import numeric_environment
 from fastcoil.model.user_rules import rules_for_kernels
+
+from fastcoil.model.engine.lanes import (  # isort: skip
+    Block, TraceRequest, WorkSpace, cut_into_blocks, parameter_matrix, run_block, work_space,
+)  # fmt: skip
 
 S = TypeVar("S")
 T = TypeVar("T")

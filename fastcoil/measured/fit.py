@@ -52,8 +52,7 @@ class Fit(Result):
         that it stays below in the 95 % interval, if parts of the log do not widen that.  None for a coil.
     residuals
         Dataset over ``elapsed_time``: measured and modelled values, their difference, the ``part`` (fit, validation,
-        unused), the ``batch`` (unbroken piece), the ``row`` in the file, and the name of the ``log``; seconds
-        count from the first row of that log.
+        unused), the ``batch`` (unbroken piece), and the ``row`` in the file; seconds count from the first row.
     rmse
         By part, in ``unit``; also of the model without backlash (valve) and of the leaving water (coil).
     n_used, n_effective, seconds
@@ -119,9 +118,7 @@ class Fit(Result):
         rows = fig.subplots(2, len(parts), squeeze=False, sharex="col", sharey="row", height_ratios=(3, 2))
         for part, (upper, lower) in zip(parts, rows.T, strict=True):
             part_rows = np.flatnonzero(ds["part"].values == part)
-            is_same_log = ds["log"].values == str(ds["log"][part_rows[0]].values)
-            # the warm-up before the fitted part is worth a look
-            first = int(part_rows[0]) if part == PART_VALIDATION and is_same_log[0] else int(np.argmax(is_same_log))
+            first = int(part_rows[0]) if part == PART_VALIDATION else 0  # the warm-up before a fit is worth a look
             excerpt = ds.isel(elapsed_time=slice(first, int(part_rows[-1]) + 1))
             _plot_over_hours(upper, excerpt, measured_name, color=YELLOW, lw=2.2, label="measured")
             _plot_over_hours(upper, excerpt, f"{prefix}modelled", color=BLUE, lw=1, ls="--", label="fitted")
@@ -203,7 +200,7 @@ def build_fit(
     fitted_values = series[measured_name][0][compared & fitting]
     free = [k for k, name in enumerate(names) if name not in held]
     free_names, covariance = [names[k] for k in free], covariance[np.ix_(free, free)]
-    columns = {"part": part, "batch": data.batch, "row": data.rows, "log": np.array(data.names)[data.source]}
+    columns = {"part": part, "batch": data.batch, "row": data.rows}
     residuals: dict[str, Any] = {n: ("elapsed_time", values, {"units": unit}) for n, (values, unit) in series.items()}
     residuals |= {name: ("elapsed_time", values) for name, values in columns.items()}
     return Fit(

@@ -27,7 +27,7 @@ from fastcoil.loops.simulate import call_with_timeout
 from fastcoil.measured.agreement import require_agreement
 from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, build_fit, natural_intervals
 from fastcoil.measured.least_squares import Estimate, Model, Uncertainty, minimise, uncertainty
-from fastcoil.measured.part import LogSource, LogSplit, check_split, leave_out_repeats, split_segments
+from fastcoil.measured.part import LogSource, fitting_mask, leave_out_repeats, require_split, split_segments
 from fastcoil.model.engine.coil import stability_numbers
 from fastcoil.model.engine.lanes import parameter_matrix
 from fastcoil.model.engine.recorded import COIL_COLUMNS, run_coil
@@ -58,7 +58,6 @@ def fit_coil(
     pressure: float = 101325.0,
     holds: str | Sequence[str] | None = None,
     split: float | None = None,
-    validation: LogSource | None = None,
 ) -> Fit:
     """Fit the eight parameters of a coil to a log of its flows and temperatures.
 
@@ -78,7 +77,7 @@ def fit_coil(
         error of their march, and belong to it.
     holds : str or sequence of str, optional
         Inputs that hold between samples; the others run straight.
-    split, validation
+    split
         As in `fit_valve`; the pieces between gaps are the batches.
 
     Returns
@@ -116,11 +115,12 @@ def fit_coil(
         for name, array in loop.swept.items() if loop else ():
             sentence = f"{name} = {short_repr(array.values.tolist())}: give one value"
             check.problems.append(Problem(sentence, name, "value"))
-        part = check_split(check, log, split, validation)
+        share = check(require_split, split)
     required: list[str | tuple[str, ...]] = [*_FLOWS_AND_TEMPERATURES, HUMIDITY_COLUMNS, "T_sup"]
-    data = part.read(log, ColumnSpec(required, ("enabled", "T_w_out"), _MEASURED_OUTPUTS), drop_idle_samples)
-    record = build_record(data, loop, held_inputs, part.fitting_mask(data))
-    return _assemble_fit(CoilProblem(data, record, warm_up, part, held_inputs), start_time)
+    data = drop_idle_samples(log.read(ColumnSpec(required, ("enabled", "T_w_out"), _MEASURED_OUTPUTS)))
+    fitting = fitting_mask(data, share)
+    record = build_record(data, loop, held_inputs, fitting)
+    return _assemble_fit(CoilProblem(data, record, warm_up, fitting, held_inputs), start_time)
 
 
 def _require_held_inputs(holds: Any) -> tuple[str, ...]:
@@ -313,11 +313,11 @@ class CoilProblem:
     """A record of a coil: the samples that are compared, and the parameters that are held."""
 
     def __init__(
-        self, data: CheckedLog, record: CoilRecord, warm_up: float, part: LogSplit, holds: tuple[str, ...] = ()
+        self, data: CheckedLog, record: CoilRecord, warm_up: float, fitting: Mask, holds: tuple[str, ...] = ()
     ) -> None:  # fmt: skip
         self.data, self.record, self.notes = data, record, list(data.notes)
         self.is_warm = data.seconds_since_batch_start() >= warm_up
-        self.fitting = part.fitting_mask(data)
+        self.fitting = fitting  # whether each sample is fitted
         self.n_fit = int(self.fitting.sum())
         flowing = data.values["m_w"] > 0.02 * record.m_w  # in still water a sensor says nothing of the coil
         readings: dict[str, Array] = {name: data.values[name] for name in _MEASURED_OUTPUTS if name in data.values}

@@ -20,7 +20,7 @@ from fastcoil.logs.log import CheckedLog, as_log
 from fastcoil.logs.own_values import find_own_values
 from fastcoil.measured import valve_problem
 from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, build_fit, natural_intervals
-from fastcoil.measured.part import LEAST_ABOVE_0, LogSource, check_split, split_segments
+from fastcoil.measured.part import LEAST_ABOVE_0, LogSource, fitting_mask, require_split, split_segments
 from fastcoil.measured.valve_problem import X_BL, ValveProblem, ValveSolution, judge_interval
 from fastcoil.model.engine.recorded import VALVE_ROWS
 
@@ -35,7 +35,6 @@ def fit_valve(
     *,
     m_max: float | None = None,
     split: float | None = None,
-    validation: LogSource | None = None,
     lag: float = 0.0,
     holds: str | None = None,
 ) -> Fit:
@@ -50,10 +49,8 @@ def fit_valve(
     m_max : float, optional
         Asymptotic flow of Eq (2), kg/s; estimated by default.
     split : float, default 0.7
-        Share of the log that is fitted (of its batches, if it has at least four).  The rest validates the fit.
-    validation : path, DataFrame, Dataset or Log, optional
-        Another log with the same columns that validates the fit of all of ``log``; a path is read with the options of
-        ``log``.  Samples held back have no influence on the fit.
+        Share of the log that is fitted (of its batches, if it has at least four).  The rest validates the fit,
+        on which it has no influence.  To hold back another log, join both with different numbers in ``batch``.
     lag : float, default 0
         Time by which the flow is logged after the command, s, negative if before.  A shift makes the backlash too
         large: compare with fits of ``lag`` a few samples either way, the right one has the smallest ``rmse["fit"]``.
@@ -92,12 +89,12 @@ def fit_valve(
         cure = "give seconds by which the flow is logged after the command"
         lag = check(require_number, "lag", lag, cure, least=-86400.0, most=86400.0)
         holds = check.unless_none(require_choice, "holds", holds, ("command",))
-        part = check_split(check, log, split, validation)
-    data = part.read(log, _VALVE_COLUMNS, _require_rows_per_piece if holds else _keep_own_flows)
+        share = check(require_split, split)
+    data = (_require_rows_per_piece if holds else _keep_own_flows)(log.read(_VALVE_COLUMNS))
     _require_movement(data, m_max)
     if lag:
-        data = _shift_command(data, lag, part.fitting_mask(data))
-    problem = ValveProblem(data, part)
+        data = _shift_command(data, lag, fitting_mask(data, share))
+    problem = ValveProblem(data, fitting_mask(data, share))
     return _assemble_fit(problem, problem.solve(m_max), holds is not None, start_time)
 
 
@@ -125,11 +122,10 @@ def _keep_own_flows(data: CheckedLog) -> CheckedLog:
 
 def _require_movement(data: CheckedLog, m_max: float | None) -> None:
     """Refuse a log in which the valve does not move, and an ``m_max`` below its flows."""
-    is_first_log = data.source == 0
-    command, flow = data.values["command"][is_first_log], data.values["m_w"][is_first_log]
+    command, flow = data.values["command"], data.values["m_w"]
     known_flow = flow[np.isfinite(flow)]
     largest_flow, largest_command = float(known_flow.max()), float(command.max())
-    rows = f"from row {data.rows[is_first_log][0]} to row {data.rows[is_first_log][-1]}"
+    rows = f"from row {data.rows[0]} to row {data.rows[-1]}"
     constants = {name: v[0] for name, v in (("command", command), ("m_w", known_flow)) if np.ptp(v) == 0.0}
     cure = "give a log in which the valve moves"
     problems = [Problem(f"{data.name}: {name} is {v:g} {rows}: {cure}", name, "data") for name, v in constants.items()]

@@ -1,17 +1,15 @@
 """The part of a log that is fitted and the part held back for validation; unbroken pieces; reversals."""
 
 import math
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fastcoil.base.arguments import Checks, require_number
+from fastcoil.base.arguments import require_number
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.base.errors import Problem
-from fastcoil.logs.columns import ColumnSpec
-from fastcoil.logs.log import CheckedLog, Log, as_log
+from fastcoil.logs.log import CheckedLog, Log
 from fastcoil.logs.own_values import find_own_values
 
 if TYPE_CHECKING:
@@ -27,37 +25,18 @@ PART_UNUSED = "unused"
 LEAST_ABOVE_0 = math.nextafter(0.0, 1.0)  # lower bound of an argument that may not be 0
 
 
-class LogSplit(NamedTuple):
-    """How a log is split: the share to fit, or the log that validates the fit of all of it."""
-
-    split: float | None = None
-    validation: Log | None = None
-
-    def read(self, log: Log, columns: ColumnSpec, prepare: Callable[[CheckedLog], CheckedLog]) -> CheckedLog:
-        """Read and prepare the log, followed by the one that validates the fit, if there is one."""
-        data = prepare(log.read(columns))
-        return data if self.validation is None else data.with_validation_log(prepare(self.validation.read(columns)))
-
-    def fitting_mask(self, data: CheckedLog) -> Mask:
-        """Whether each sample is fitted, (n,): whole batches of a log of at least four, and never the last."""
-        if len(data.names) > 1:
-            return np.asarray(data.source == 0)
-        share = 0.7 if self.split is None else self.split
-        if data.n_batches >= 4 and share < 1.0:
-            share_up_to = np.cumsum(np.bincount(data.batch)) / data.batch.size  # end of each batch
-            return np.asarray(data.batch <= min(int(np.argmax(share_up_to >= share - 1e-9)), data.n_batches - 2))
-        return np.arange(data.time.size) < max(round(share * data.time.size), 1)
-
-
-def check_split(check: Checks, log: Log, split: Any, validation: Any) -> LogSplit:
-    """Check the arguments of a fit that say what is held back; a path is read like ``log``."""
+def require_split(split: Any) -> float:
+    """Check the share of a log that is fitted, 0.7 by default."""
     cure = "give the share to fit, above 0 and at most 1"
-    split = check.unless_none(require_number, "split", split, cure, least=LEAST_ABOVE_0, most=1.0)
-    log_split = LogSplit(split, check.unless_none(as_log, "validation", validation, like=log))
-    if log_split.split is not None and log_split.validation is not None:
-        sentence = "split and validation both say what is held back: give one of them"
-        check.problems.append(Problem(sentence, "split", "conflict"))
-    return log_split
+    return 0.7 if split is None else require_number("split", split, cure, least=LEAST_ABOVE_0, most=1.0)
+
+
+def fitting_mask(data: CheckedLog, share: float) -> Mask:
+    """Whether each sample is fitted, (n,): whole batches of a log of at least four, and never the last."""
+    if data.n_batches >= 4 and share < 1.0:
+        share_up_to = np.cumsum(np.bincount(data.batch)) / data.batch.size  # end of each batch
+        return np.asarray(data.batch <= min(int(np.argmax(share_up_to >= share - 1e-9)), data.n_batches - 2))
+    return np.arange(data.time.size) < max(round(share * data.time.size), 1)
 
 
 def leave_out_repeats(log: CheckedLog, names: Sequence[str]) -> CheckedLog:

@@ -17,7 +17,7 @@ from fastcoil.logs import CheckedLog
 from fastcoil.logs.series import describe_first_row, format_count
 from fastcoil.measured import least_squares, thresholds
 from fastcoil.measured.least_squares import Estimate, Model, Uncertainty, minimise, uncertainty
-from fastcoil.measured.part import LogSplit, count_reversals, split_segments
+from fastcoil.measured.part import count_reversals, split_segments
 from fastcoil.model.engine.recorded import valve_flows
 
 X_BL = 0  # index of the backlash in a parameter set
@@ -98,10 +98,10 @@ class ValveSolution(NamedTuple):
 class ValveProblem:
     """The least-squares problem of a valve: its log, the samples that are compared, and the model."""
 
-    def __init__(self, data: CheckedLog, part: LogSplit) -> None:
+    def __init__(self, data: CheckedLog, fitting: Mask) -> None:
         self.data, self.notes, self.batch = data, list(data.notes), data.batch
         self.command, self.flow = data.values["command"], data.values["m_w"]
-        self.fitting = part.fitting_mask(data)
+        self.fitting = fitting  # whether each sample is fitted
         self.floor = _find_meter_floor(self.flow[self.fitting], self.notes)
         is_off = _is_sensor_off(self.command, self.flow, self.floor, self.fitting)
         if is_off.any():

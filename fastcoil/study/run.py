@@ -111,14 +111,9 @@ def run_study(
     study = read_study(path, prepare=load_function)
     with display_for_call(progress) as display:
         return execute(
-            study,
-            folder or default_folder(path),
-            n_jobs=n_jobs,
-            backend=backend,
-            scheduler=scheduler,
-            extend=extend,
+            study, folder or default_folder(path), n_jobs=n_jobs, backend=backend, scheduler=scheduler, extend=extend,
             progress=lambda n_missing, n, what: display.start(n, n - n_missing, what),
-        ).results
+        ).results  # fmt: skip
 
 
 def default_folder(path: Path) -> Path:

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from fastcoil.base.text import decimals_for_uncertainty, format_number
+from fastcoil.base.text import decimals_for_uncertainty, escape_formulas, format_number
 
 
 @pytest.mark.parametrize(
@@ -24,3 +24,10 @@ def test_a_value_has_the_digits_that_its_uncertainty_leaves(uncertainty, decimal
 )  # fmt: skip
 def test_a_number_has_a_true_minus_and_words_for_what_is_none(value, decimals, sign, text):
     assert format_number(value, decimals, sign=sign) == text
+
+
+@pytest.mark.parametrize("start", ["=", "@", " =", "\uff1d", "\u3000+", "\ufeff\uff0d", '"=', "\x0b\ufe6b"])
+def test_no_text_starts_a_formula_in_a_spreadsheet(start):
+    unseen, sign = start[:-1], start[-1]
+    assert escape_formulas(f"{start}1+1") == f"{unseen}'{sign}1+1"
+    assert escape_formulas(f"fans,{start}1") == f"fans,{unseen}'{sign}1"

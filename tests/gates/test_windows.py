@@ -65,7 +65,7 @@ def test_a_file_without_a_recorded_hash_is_probed_there(day):
     total, probed, refused = day["unknown_netcdf"]
     assert total > 0.0
     assert probed
-    assert "damaged.nc holds no result of fastcoil, or it is damaged" in refused
+    assert "damaged.nc cannot be read as NetCDF" in refused
 
 
 def test_memory_commands_and_signals_are_those_of_windows_and_a_folder_whose_mode_says_nothing_keeps_kernels(day):

@@ -131,7 +131,6 @@ def results_that_stay_open():
 def unknown_netcdf():
     """A file without a recorded hash is read by another process, also as on Windows."""
     from fastcoil.loops import netcdf
-    from fastcoil.study.folder.results import open_results
 
     probe = Path("probe.py").absolute()
     probe.write_text(
@@ -144,9 +143,9 @@ def unknown_netcdf():
     data = Path("out/results.nc").read_bytes()
     Path("copy.nc").write_bytes(data)
     Path("damaged.nc").write_bytes(data[:5000])
-    outcome = [float(np.nansum(open_results(Path("copy.nc")).rmse)), Path("probed").exists()]
+    outcome = [float(np.nansum(netcdf.probe_file(Path("copy.nc"), "copy it").load().rmse)), Path("probed").exists()]
     try:
-        open_results(Path("damaged.nc"))
+        netcdf.probe_file(Path("damaged.nc"), "copy it")
     except Exception as error:
         return [*outcome, str(error)]
 

@@ -9,7 +9,7 @@ import fastcoil as fc
 from fastcoil.logs import read_checked_log
 from fastcoil.logs.columns import ColumnSpec
 from fastcoil.measured.fit_coil import COIL_PARAMETERS, CoilProblem, build_record
-from fastcoil.measured.part import LogSplit
+from fastcoil.measured.part import fitting_mask, require_split
 
 VALVE_TRUTH = {"backlash": 0.07, "m_max": 2.0, "valve_a": 0.7, "valve_b": 9.0, "valve_c": 0.38}
 COIL_TRUTH = {name: fc.parameters()[name].default for name in COIL_PARAMETERS}
@@ -87,9 +87,10 @@ def coil_log(hours=2.0, seed=0, sd=0.05, phi=0.0, every=1, air=True, dry=False, 
 
 def build_coil_problem(log, warm_up, share=1.0, **truth):
     """Build the problem that ``fit_coil`` solves."""
-    data, part = read_checked_log(log, COIL_SERIES), LogSplit(share)
-    record = build_record(data, fc.Loop(**{"air_march": "quasistatic"} | truth), (), part.fitting_mask(data))
-    return CoilProblem(data, record, warm_up, part)
+    data = read_checked_log(log, COIL_SERIES)
+    fitting = fitting_mask(data, require_split(share))
+    record = build_record(data, fc.Loop(**{"air_march": "quasistatic"} | truth), (), fitting)
+    return CoilProblem(data, record, warm_up, fitting)
 
 
 def join_logs(*logs):

@@ -149,13 +149,6 @@ def test_a_log_is_read_from_its_file_once_and_as_often_as_it_is_used(valve_log):
     assert as_log("log", log) is log
 
 
-def test_another_log_is_read_with_the_options_of_the_first(valve_log, write_log):
-    first = fc.read_log(valve_log(valve_rows()), units={"m_w": "kg/s"})
-    second = write_log(["elapsed_time [s]", "command [1]", "m_w"], valve_rows())
-    assert as_log("validation", second, like=first).read(VALVE).values["m_w"].size == 60
-    assert_refused("m_w", "unit", as_log("validation", second).read, VALVE)
-
-
 def test_a_dataset_of_a_simulation_has_the_temperature_that_its_controller_read():
     coordinates = {"elapsed_time": ("elapsed_time", 60.0 * np.arange(3), {"units": "s"})}
     last_values = {"T_sup": 16.0, "T_measured": 17.0}

@@ -11,7 +11,7 @@ import fastcoil as fc
 from fastcoil.logs import read_checked_log
 from fastcoil.logs.columns import ColumnSpec
 from fastcoil.measured import thresholds, valve_problem
-from fastcoil.measured.part import LogSplit
+from fastcoil.measured.part import fitting_mask
 from fastcoil.measured.valve_problem import ValveProblem, Verdict, judge_interval
 
 pytestmark = pytest.mark.kernel
@@ -30,7 +30,7 @@ def simulate_trend(preset, interval, seed, backlash, hours, **changed):
 def solve_problem(log):
     """The problem of a log without a shift, and its solution."""
     data = read_checked_log(log, ColumnSpec(required=("command", "m_w"), measured=("m_w",)))
-    problem = ValveProblem(data, LogSplit(1.0))
+    problem = ValveProblem(data, fitting_mask(data, 1.0))
     return problem, problem.solve(None)
 
 

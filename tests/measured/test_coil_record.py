@@ -8,7 +8,7 @@ from helpers.simulated_logs import COIL_SERIES, assert_covered, build_coil_probl
 import fastcoil as fc
 from fastcoil.logs import read_checked_log
 from fastcoil.measured.fit_coil import build_record, drop_idle_samples
-from fastcoil.measured.part import LogSplit
+from fastcoil.measured.part import fitting_mask
 
 pytestmark = pytest.mark.kernel
 
@@ -82,5 +82,5 @@ def test_four_pieces_or_more_are_held_back_whole():
     batch, compared = problem.data.batch, problem.compared["T_sup"]
     assert set(batch[compared & problem.fitting]) == {0, 1, 2}
     assert set(batch[compared & ~problem.fitting]) == {4}
-    assert not LogSplit(0.99).fitting_mask(problem.data)[batch == 4].any()  # the last piece is never fitted
+    assert not fitting_mask(problem.data, 0.99)[batch == 4].any()  # the last piece is never fitted
     assert any("5 unbroken pieces" in note and "(1 shorter than that)" in note for note in problem.notes)

@@ -43,7 +43,6 @@ def test_bad_arguments_are_refused(valve_log, coil_log):
     assert_refused("warm_up", "type", fc.fit_coil, coil, warm_up="2")
     assert_refused("n_volumes", "value", fc.fit_coil, coil, n_volumes=[4, 8])
     assert_refused("holds", "choice", fc.fit_coil, coil, holds="m_x")
-    assert_refused("split", "conflict", fc.fit_valve, valve, validation=valve, split=0.5)
 
 
 def test_pieces_of_a_row_or_two_are_refused_and_a_log_that_goes_back_now_and_then_is_not(monkeypatch):
@@ -60,8 +59,7 @@ def test_pieces_of_a_row_or_two_are_refused_and_a_log_that_goes_back_now_and_the
 
     assert_refused("log", "time", fc.fit_valve, fc.read_log(at(time + 500.0 * (np.arange(240) // 2)), max_gap=100.0))
     backwards = fc.read_log(at(time[::-1]), jumps="split")
-    for logs in ({"log": backwards}, {"log": log, "validation": backwards}):
-        assert_refused("elapsed_time", "time", fc.fit_valve, **logs)
+    assert_refused("elapsed_time", "time", fc.fit_valve, backwards)
     with pytest.raises(FitStarted):
         fc.fit_valve(fc.read_log(at(time - 3600.0 * (np.arange(240) > 120)), jumps="split"))
 

@@ -22,7 +22,7 @@ def make_log(time, batch=None, **values):
     batch = np.zeros(time.size, np.int64) if batch is None else np.asarray(batch)
     values = {"command": 0.5 + 0.001 * time, "T_sup": 14.0 + 0.01 * time} | values
     return CheckedLog(
-        names=("a log",), source=np.zeros_like(batch), time=time,
+        name="a log", time=time,
         values={name: np.asarray(series, float) for name, series in values.items()}, batch=batch,
         rows=np.arange(time.size),
     )  # fmt: skip

@@ -20,7 +20,7 @@ import fastcoil as fc
 from fastcoil.logs import read_checked_log
 from fastcoil.logs.columns import ColumnSpec
 from fastcoil.measured.least_squares import FORBIDDEN_RESIDUAL, Model, autocorrelation, evaluate, minimise, uncertainty
-from fastcoil.measured.part import LogSplit
+from fastcoil.measured.part import fitting_mask
 from fastcoil.measured.valve_problem import ValveProblem
 from fastcoil.model.engine.recorded import valve_flows as run_valve
 
@@ -62,7 +62,8 @@ def test_the_jacobian_of_a_valve_is_that_of_single_runs():
     rng = np.random.default_rng(14)
     command = random_walk(rng, n=120)
     log = make_valve_log(command, add_noise(rng, valve_flows(command), 0.01), batch=np.repeat([0.0, 1.0, 2.0, 3.0], 30))
-    problem = ValveProblem(read_checked_log(log, ColumnSpec(required=("command", "m_w"))), LogSplit(1.0))
+    data = read_checked_log(log, ColumnSpec(required=("command", "m_w")))
+    problem = ValveProblem(data, fitting_mask(data, 1.0))
     x = np.array([0.05, math.log(2.1), math.log(0.8), math.log(8.0), 0.4, 0.3, 0.5, 0.6, 0.7])
     assert_jacobian_is_of_single_runs(problem.model(None), x)
 

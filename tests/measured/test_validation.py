@@ -1,9 +1,17 @@
-"""Fits that are validated with a second log."""
+"""Fits that are validated with a second log, joined to the first."""
 
 import numpy as np
 import pytest
-from helpers.refusals import assert_refused
-from helpers.simulated_logs import add_noise, assert_covered, coil_log, make_valve_log, random_walk, valve_flows
+from helpers.simulated_logs import (
+    add_noise,
+    assert_covered,
+    coil_log,
+    join_logs,
+    make_valve_log,
+    random_walk,
+    shift_log,
+    valve_flows,
+)
 
 import fastcoil as fc
 from fastcoil.measured.fit import fit_warnings
@@ -11,15 +19,28 @@ from fastcoil.measured.fit import fit_warnings
 pytestmark = pytest.mark.kernel
 
 
+def join_batches(*logs):
+    """Join logs of valves, with different numbers in ``batch``."""
+    numbered = [
+        log.assign(batch=("elapsed_time", np.full(log.sizes["elapsed_time"], k), {"units": "1"}))
+        for k, log in enumerate(logs)
+    ]
+    return fc.read_log(join_logs(*numbered), jumps="split")
+
+
+def first_share(first, second):
+    n = first.sizes["elapsed_time"]
+    return n / (n + second.sizes["elapsed_time"])
+
+
 @pytest.fixture(scope="module")
 def two_days():
-    return coil_log(hours=1.5, seed=41), coil_log(hours=1.5, seed=42)
+    return coil_log(hours=1.5, seed=41), shift_log(coil_log(hours=1.5, seed=42), 20000.0)
 
 
 @pytest.fixture(scope="module")
 def validated(two_days):
-    first, second = two_days
-    return fc.fit_coil(first, validation=second)
+    return fc.fit_coil(join_logs(*two_days), split=0.5)
 
 
 def test_a_coil_is_validated_with_a_second_log(two_days, validated):
@@ -30,19 +51,19 @@ def test_a_coil_is_validated_with_a_second_log(two_days, validated):
     ds = fit.residuals
     assert set(ds["part"].values[:5400]) == {"unused", "fit"}
     assert set(ds["part"].values[5400:]) == {"unused", "validation"}
-    assert float(ds["elapsed_time"][5400]) == 0.0
     assert "nothing was held back: the fit is not validated" in alone.notes
 
 
-def test_a_valve_is_validated_with_a_second_log(tmp_path):
+def test_a_valve_is_validated_with_a_second_log():
     rng = np.random.default_rng(23)
     logs = [make_valve_log(c := random_walk(rng), add_noise(rng, valve_flows(c, start=s), 0.02)) for s in (0.3, 0.9)]
-    fit = fc.fit_valve(logs[0], validation=logs[1])
+    fit = fc.fit_valve(join_batches(*logs), split=0.5)
     assert fit.parameters == fc.fit_valve(logs[0], split=1.0).parameters
     assert_covered(fit)
     assert fit.rmse["validation"] == pytest.approx(0.02, rel=0.2)
     other_valve = make_valve_log(c := random_walk(rng), valve_flows(c, backlash=0.2))
-    assert any("the validation error is" in note for note in fc.fit_valve(logs[0], validation=other_valve).notes)
+    notes = fc.fit_valve(join_batches(logs[0], other_valve), split=0.5).notes
+    assert any("the validation error is" in note for note in notes)
 
 
 def test_what_a_valve_is_validated_with_has_no_influence_on_its_fit():
@@ -61,7 +82,7 @@ def test_what_a_valve_is_validated_with_has_no_influence_on_its_fit():
         make_valve_log(long_holds, np.where(long_holds < 0.5, 5e-4, 3.0 * valve_flows(long_holds)), interval=600.0),
         make_valve_log(long_holds, np.where(long_holds < 0.9, 0.1, 1.0)),
     ):
-        fit = fc.fit_valve(log, validation=second_log, **options)
+        fit = fc.fit_valve(join_batches(log, second_log), split=first_share(log, second_log), **options)
         assert fit.parameters == alone.parameters
         assert fit.intervals == alone.intervals
         assert fit.rmse["fit"] == alone.rmse["fit"]
@@ -72,9 +93,7 @@ def test_scales_and_limits_of_a_coil_come_from_the_part_to_fit(two_days, validat
     """A second log with five times the flows: the same fit would be unstable there, and says so."""
     first, second = two_days
     large = second.assign(m_w=5.0 * second["m_w"], m_a=5.0 * second["m_a"])
-    for name in ("m_w", "m_a"):
-        large[name].attrs["units"] = "kg/s"
-    fit = fc.fit_coil(first, validation=large)
+    fit = fc.fit_coil(fc.read_log(join_logs(first, large), units={"m_w": "kg/s", "m_a": "kg/s"}), split=0.5)
     assert fit.parameters == validated.parameters
     assert set(fit.rmse) == {"fit", "fit_T_w_out"}
     assert np.isnan(fit.residuals["T_sup_modelled"][5400:]).all()
@@ -88,13 +107,3 @@ def test_a_model_that_explains_little_is_noted_and_a_fit_to_round_off_is_not_cal
         assert fit_warnings({"fit": fit_rmse, "validation": 3e-13}, two, "T_sup", "units") == []
     (_, warning) = fit_warnings({"fit": 4.0}, two, "T_sup", "units")
     assert "explains only 36 % of the variance of T_sup: check units" in warning
-
-
-def test_what_is_wrong_with_the_second_log_names_it(two_days, tmp_path):
-    log = make_valve_log(c := random_walk(np.random.default_rng(24)), valve_flows(c))
-    (tmp_path / "other.csv").write_text("elapsed_time [s],command [1],m_w [kg/s]\n0,0.1,0.2\n60,7,0.2\n")
-    assert_refused("command", "value", fc.fit_valve, log, validation=tmp_path / "other.csv")
-    first, second = two_days
-    dew_point = second.rename(W_a_in="T_dp_in").assign(T_dp_in=second["T_a_in"] - 5.0)
-    dew_point["T_dp_in"].attrs["units"] = "degC"
-    assert_refused("validation", "missing", fc.fit_coil, first, validation=dew_point)

@@ -15,22 +15,13 @@ from typing import Any
 import numpy as np
 
 from fastcoil.base.errors import InputError
-from fastcoil.deliver.export.values import (
-    Number,
-    Scope,
-    Table,
-    assignment,
-    call_of,
-    constant,
-    expression,
-    if_statement,
-    implied_conditions,
-    join_conditions,
-    names_read_in,
-    negation,
-)
 from fastcoil.deliver.export.words import RESERVED_WORDS, plain_text
 from fastcoil.model.numerics import elementary
+
+from fastcoil.deliver.export.values import (  # isort: skip
+    Number, Scope, Table, assignment, call_of, constant, expression, if_statement, implied_conditions, join_conditions,
+    names_read_in, negation,
+)  # fmt: skip
 
 _OPERATORS: Mapping[type, Callable[[Any, Any], Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,

@@ -19,21 +19,13 @@ from typing import Any, NamedTuple
 
 from fastcoil.base.errors import InputError
 from fastcoil.deliver.export.formulas import ALLOWED_FUNCTIONS, ALLOWED_SYNTAX, FUNCTIONS, Formulas, TranslateAgainError
-from fastcoil.deliver.export.values import (
-    Number,
-    Scope,
-    Table,
-    assignment,
-    call_of,
-    constant,
-    expression,
-    has_return,
-    join_conditions,
-    names_read_in,
-    needed_statements,
-)
 from fastcoil.deliver.export.words import constant_text, definition_of, function_text, lines_of, names_in, summary_of
 from fastcoil.model.estimators.interface import is_sample, memory_defaults
+
+from fastcoil.deliver.export.values import (  # isort: skip
+    Number, Scope, Table, assignment, call_of, constant, expression, has_return, join_conditions, names_read_in,
+    needed_statements,
+)  # fmt: skip
 
 _ALREADY_STORED = object()  # stands for a value that is stored in the state already
 

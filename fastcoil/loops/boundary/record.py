@@ -18,31 +18,16 @@ from fastcoil.logs import read_checked_log, warn_of_reading_notes
 from fastcoil.logs.columns import ColumnSpec, check_reading_options
 from fastcoil.logs.pieces import require_span_in_limits, require_whole_seconds, resample_at_seconds
 from fastcoil.logs.series import HUMIDITY_COLUMNS
-from fastcoil.loops.boundary.samples import (
-    DayMaker,
-    Samples,
-    boundary_dataset,
-    make_labelled_day,
-    pick_day,
-    replace_series,
-    series_variables,
-    with_day_dim,
-)
-from fastcoil.loops.boundary.series import (
-    ADDED_SERIES,
-    BOUNDARY_SERIES,
-    Clock,
-    Values,
-    complete_series,
-    hours_to_seconds,
-    label_array,
-    make_clock,
-    read_series,
-    require_condition,
-    warn_of_no_air_flow,
-)
 from fastcoil.loops.labelled import SeriesLabels
 from fastcoil.loops.labels import unit_in_words
+
+from fastcoil.loops.boundary.samples import (  # isort: skip
+    DayMaker, Samples, boundary_dataset, make_labelled_day, pick_day, replace_series, series_variables, with_day_dim,
+)  # fmt: skip
+from fastcoil.loops.boundary.series import (  # isort: skip
+    ADDED_SERIES, BOUNDARY_SERIES, Clock, Values, complete_series, hours_to_seconds, label_array, make_clock,
+    read_series, require_condition, warn_of_no_air_flow,
+)  # fmt: skip
 
 _OPTIONAL_COLUMNS = ("noise", "enabled", *ADDED_SERIES)
 _LOG_COLUMNS = ColumnSpec(required=("m_a", "T_a_in", HUMIDITY_COLUMNS, "T_w_in", "T_set"), optional=_OPTIONAL_COLUMNS)

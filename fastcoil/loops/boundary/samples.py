@@ -15,19 +15,13 @@ from fastcoil.base.arrays import Array, Index
 from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 from fastcoil.base.machine import available_memory, format_bytes
 from fastcoil.logs.series import TEMPERATURE_DIFFERENCE
-from fastcoil.loops.boundary.series import (
-    ADDED_SERIES,
-    BOUNDARY_SERIES,
-    DATETIME_SECONDS,
-    Clock,
-    LabelledSeries,
-    Times,
-    complete_series,
-    read_series,
-    warn_of_no_air_flow,
-)
 from fastcoil.loops.labelled import SeriesLabels
 from fastcoil.model.moist_air import MASS_RATIO, liquid_saturation_pressure
+
+from fastcoil.loops.boundary.series import (  # isort: skip
+    ADDED_SERIES, BOUNDARY_SERIES, DATETIME_SECONDS, Clock, LabelledSeries, Times, complete_series, read_series,
+    warn_of_no_air_flow,
+)  # fmt: skip
 
 DaySeries = Mapping[str, Any]  # unchecked series of a day by name
 DayMaker = Callable[[int], DaySeries]  # makes a day from its position

@@ -18,17 +18,12 @@ from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.logs.series import COLUMNS, Series, count_suffix
 from fastcoil.logs.timestamps import format_utc_offset, require_time_zone, time_zone_from_name
-from fastcoil.loops.labelled import (
-    SeriesLabels,
-    accepted_units,
-    as_data_array,
-    convert_units,
-    label_mismatches,
-    read_series_labels,
-    to_bare_numbers,
-)
 from fastcoil.model.moist_air import MASS_RATIO, liquid_saturation_pressure
 from fastcoil.model.parameter_table import COVERED, PARAMETERS, Parameter
+
+from fastcoil.loops.labelled import (  # isort: skip
+    SeriesLabels, accepted_units, as_data_array, convert_units, label_mismatches, read_series_labels, to_bare_numbers,
+)  # fmt: skip
 
 Values: TypeAlias = Any
 """A series in an argument: a number, array-like or DataArray; checked at run time."""

@@ -17,14 +17,6 @@ from typing import Literal
 
 import numpy as np
 
-from fastcoil.base.arguments import (
-    argument_checks,
-    is_number,
-    require_integer,
-    require_number,
-    require_path,
-    require_text,
-)
 from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.logs.columns import require_name_mappings
 from fastcoil.logs.plausibility import find_supersaturation
@@ -33,6 +25,10 @@ from fastcoil.loops.boundary.record import Boundary
 from fastcoil.loops.boundary.series import Values, days_of_year, hours_to_seconds, require_condition, require_items
 from fastcoil.loops.boundary.weather_files import read_weather, warn_of_interpolation
 from fastcoil.model.moist_air import humidity_ratio, mix
+
+from fastcoil.base.arguments import (  # isort: skip
+    argument_checks, is_number, require_integer, require_number, require_path, require_text,
+)  # fmt: skip
 
 _MAX_DATE_GAP_H = 48.0  # from a date to its hour of the year, in years with and without 29 February
 

@@ -26,21 +26,12 @@ from fastcoil.loops.labels import coordinate_quantity, is_parameter, plain_pi_la
 from fastcoil.loops.scenarios import check_counted_result
 from fastcoil.model.metric_table import STATUS_OK
 from fastcoil.study.analysis import learned
-from fastcoil.study.analysis.choices import (
-    CALM_ERROR,
-    HUNTING_LIMIT,
-    SIMILAR_ERROR,
-    Choices,
-    change_in_words,
-    describe_choice,
-    describe_labels_at,
-    format_range,
-    largest,
-    make_table,
-    recommended_buffer,
-    shorten,
-)  # fmt: skip
 from fastcoil.study.analysis.sobol import sobol_indices
+
+from fastcoil.study.analysis.choices import (  # isort: skip
+    CALM_ERROR, HUNTING_LIMIT, SIMILAR_ERROR, Choices, change_in_words, describe_choice, describe_labels_at,
+    format_range, largest, make_table, recommended_buffer, shorten,
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

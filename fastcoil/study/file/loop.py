@@ -19,14 +19,10 @@ from fastcoil.model.parameter_table import INSTALLED_VALVE_PARAMETERS, PARAMETER
 from fastcoil.model.user_rules import Rule
 from fastcoil.study.analysis.selected import list_first
 from fastcoil.study.file.sample import DESIGN_DIM, SAMPLE_DIM, sample_values
-from fastcoil.study.file.tables import (
-    StudyFile,
-    is_number_list,
-    known_parameters,
-    parse_toml,
-    sampled_names,
-    summarise_problems,
-)
+
+from fastcoil.study.file.tables import (  # isort: skip
+    StudyFile, is_number_list, known_parameters, parse_toml, sampled_names, summarise_problems,
+)  # fmt: skip
 
 _INCLUDE_HINT = "a file that `fastcoil fit` wrote, with a path from the study file's folder"
 _MAX_INCLUDE_BYTES = 2**20

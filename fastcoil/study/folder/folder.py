@@ -33,14 +33,10 @@ from fastcoil.base.figures import FIGURES_FOLDER
 from fastcoil.base.machine import retry_while_locked
 from fastcoil.base.text import escape_control_characters
 from fastcoil.study.file.spec import MAX_STUDY_FILE_BYTES, Study, read_study
-from fastcoil.study.folder.stored import (
-    MANIFEST_FILE,
-    RESULTS_FILE,
-    SHARDS_FOLDER,
-    TRACE_FILE_PATTERN,
-    Manifest,
-    Shards,
-)
+
+from fastcoil.study.folder.stored import (  # isort: skip
+    MANIFEST_FILE, RESULTS_FILE, SHARDS_FOLDER, TRACE_FILE_PATTERN, Manifest, Shards,
+)  # fmt: skip
 
 STUDY_FILE = "study.toml"
 _LOCK_NAME = ".lock"

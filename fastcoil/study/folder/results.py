@@ -12,17 +12,12 @@ from fastcoil.base.arguments import require_path
 from fastcoil.base.arrays import allocate_on_disk
 from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError
 from fastcoil.base.figures import stale_figures
-from fastcoil.base.files import exists, is_file, is_folder
 from fastcoil.base.machine import available_memory, command_line, format_bytes
-from fastcoil.loops.netcdf import probe_file
-from fastcoil.loops.scenarios import check_result, check_same_form, join_flat, unflatten
+from fastcoil.loops.scenarios import check_same_form, join_flat, unflatten
 from fastcoil.model.metric_table import STATUS_NOT_RUN, TRACES
 from fastcoil.study.folder import stored
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.state import FolderState, is_complete_result_of, is_result_of
-
-_CURE = "give the folder of a study, its results.nc, or a result saved with ds.to_netcdf()"
-
 
 # --- opened -----------------------------------------------------------------------------------------------------------
 
@@ -68,23 +63,6 @@ def open_finished(folder: Path) -> xr.Dataset:
         command = command_line(["fastcoil", "run", "STUDY.toml", "-o", str(folder)])
         sentence = f"{folder} is unfinished: {n - n_missing:,} of {n:,} scenarios are done; finish it with `{command}`"
         raise InputError(sentence, str(folder), "data")
-    return ds
-
-
-def open_results(path: Path) -> xr.Dataset:
-    """Open the folder of a study, its results.nc, or a NetCDF file with the result of a simulation."""
-    if is_folder(path):
-        return open_study(path)
-    if path.name == stored.RESULTS_FILE and exists(path.with_name(stored.MANIFEST_FILE)):
-        return open_study(path.parent)
-    if not is_file(path):
-        raise InputError(f"{path} does not exist: {_CURE}", str(path), "path")
-    try:
-        ds = probe_file(path, _CURE).load()
-        check_result(ds)
-    except (IntegrityError, InputError):
-        sentence = f"{path} holds no result of fastcoil, or it is damaged: {_CURE}"
-        raise InputError(sentence, str(path), "format") from None
     return ds
 
 

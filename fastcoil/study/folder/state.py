@@ -26,13 +26,10 @@ from fastcoil.model.user_rules import RULE_KINDS, RuleHashes, hash_user_code
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.merged import StudyRun
-from fastcoil.study.folder.stored import (
-    Manifest,
-    find_problems,
-    finished_manifest,
-    open_final_results,
-    study_attributes,
-)
+
+from fastcoil.study.folder.stored import (  # isort: skip
+    Manifest, find_problems, finished_manifest, open_final_results, study_attributes,
+)  # fmt: skip
 
 _SCENARIOS_AT_ONCE = 10_000  # of which keys are made
 _DECISIVE_ATTRIBUTES = {

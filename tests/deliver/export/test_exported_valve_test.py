@@ -178,4 +178,4 @@ def test_the_command_has_it_by_an_option_or_by_the_file(tmp_path, monkeypatch):
         result = fastcoil("export", f"{name}.toml", "-o", "valve.c", *options)
         assert result.exit_code == 0, result.output
         assert f"TEST_HOLD {150 if name == 'full' else 120}.0" in (tmp_path / "valve.c").read_text()
-    assert_command_refused("export", ".", "--csv", "--test")
+    assert_command_refused("export", ".", "--test")

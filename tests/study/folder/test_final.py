@@ -29,7 +29,6 @@ from fastcoil.loops import netcdf
 from fastcoil.loops.provenance import combined_sha256
 from fastcoil.model.metric_table import METRICS
 from fastcoil.study import maintenance
-from fastcoil.study.folder.results import open_results
 from fastcoil.study.folder.stored import Manifest, find_variable_problems, open_final_results
 
 pytestmark = pytest.mark.kernel
@@ -169,7 +168,7 @@ def test_results_whose_run_json_was_lost_are_tried_and_the_next_run_records_thei
     before = folder_contents(finished)
     message = r"run\.json is missing: the results are of fastcoil 0\.1, .* or it was lost, and running the same"
     extend_larger = lambda out: run(with_larger_sweep(TRACED_STUDY), out, extend=True)  # noqa: E731
-    for what in (open_results, maintenance.verify, maintenance.status, extend_larger):
+    for what in (fc.open_study, maintenance.verify, maintenance.status, extend_larger):
         with pytest.raises(IntegrityError, match=message):
             what(finished)
     assert folder_contents(finished) == before

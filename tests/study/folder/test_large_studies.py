@@ -204,13 +204,13 @@ def test_traces_have_chunks_for_dask_that_are_read_one_by_one(out, slabs_of_one,
 
 
 @pytest.mark.usefixtures("blank_figures")
-def test_a_summary_a_report_a_table_a_figure_and_a_status_load_no_trace(out, tmp_path, monkeypatch):
+def test_a_summary_a_report_a_figure_and_a_status_load_no_trace(out, tmp_path, monkeypatch):
     text = TRACED_STUDY.replace("backlash = [0.02", "backlash = [0.0, 0.02")
     run(text, out)
     monkeypatch.setattr(netcdf._LazyVariable, "_read", None)
     assert summary(fc.open_study(out))
     for words in (
-        ["report", out, "-o", tmp_path / "report.html"], ["export", out, "--csv", "-o", tmp_path / "table.csv"],
+        ["report", out, "-o", tmp_path / "report.html"],
         ["plot", out, "-x", "backlash", "-o", tmp_path / "figure.png"],
         ["status", out], ["cite", out], ["run", out.with_name("study.toml"), "-o", out],
     ):  # fmt: skip
