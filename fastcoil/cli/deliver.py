@@ -36,7 +36,7 @@ def write_result(result: Any, out: Path | None, report: Path | None = None, *, l
             tables = tomllib.loads(result.to_toml(out))
             parameters = ", ".join(tables.get("loop", ())) or "no parameter"
             use = f'in a study: [loop] include = ["{out.name}"]; it has {parameters}'
-            use = use if "loop" in tables else f"for the next unit: --answers {out.name}"
+            use = use if "loop" in tables else f"for the next unit: --answers {out}"
             echo(f"{label + ':':<9}{out} ({use})")
         figure_format = out.suffix.lower().removeprefix(".").replace("toml", "png")
         paths = write_figures({out.stem: result.plot()}, out.parent, format=figure_format)

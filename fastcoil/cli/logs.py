@@ -96,7 +96,11 @@ def require_fit_file(out: Path) -> None:
     help="Columns and units of air handlers, as -o wrote them for another one.",
 )
 @click.option("-j", "--jobs", type=int, help="With --fleet: processes; all cores by default.")
-@click.option("--fail", is_flag=True, help="Exit code 1 if a valve hunts or has a gap of more than 1 %.")
+@click.option(
+    "--fail",
+    is_flag=True,
+    help="Exit code 1 if a valve hunts or has a gap of more than 1 %, or an air handler has a finding.",
+)
 @with_stroke_time
 @click.option("--sample-time", type=float, help="Sample time of the controller, s; estimated by default.")
 @click.option("--lag", type=float, help="Seconds by which T_sup is logged after the command; estimated by default.")
@@ -111,7 +115,7 @@ def diagnose(
     DATA is a CSV file with the columns command and T_sup (optionally T_set, m_a, T_a_in and enabled), or the usual
     names of these points, and a column elapsed_time or timestamp; files with one row per value are read as well.  To
     show the backlash, log two hours or more, a row every 30 s or faster, with set-point changes; a row every 15 min is
-    enough for the state of each hour.  Several files are days of one valve.
+    enough for the state of each hour.  Several files are days of one valve or air handler.
 
     A log with a cooling and a heating valve is that of an air handler: both are judged together, the worst finding
     first, and each valve below; units that headers lack are proposed from the numbers.
@@ -131,10 +135,7 @@ def diagnose(
         require_fit_file(out)
     logs = [fc.read_log(path, **read) for path in (data, *other_logs)]
     if answers is not None or ("command" not in (read["columns"] or {}) and count_valves(logs[0]) > 1):
-        if other_logs:
-            sentence = "several logs of air handlers: give one, or rank them with --fleet"
-            raise InputError(sentence, "DATA", "conflict")
-        _inspect_air_handler(logs[0], answers, out, report, fail)
+        _inspect_air_handler(logs, answers, out, report, fail)
         return
     diagnosis = fc.diagnose(logs if other_logs else logs[0], **options)
     logs[0].require_options_used()
@@ -144,12 +145,15 @@ def diagnose(
         sys.exit(_EXIT_FAULT_FOUND)
 
 
-def _inspect_air_handler(log: fc.Log, answers: Path | None, out: Path | None, report: Path | None, fail: bool) -> None:
+def _inspect_air_handler(
+    logs: list[fc.Log], answers: Path | None, out: Path | None, report: Path | None, fail: bool
+) -> None:
     """Print the findings of an air handler, and below them what each valve's own log says."""
-    unit = fc.inspect(log, answers=answers)
+    unit = fc.inspect(logs, answers=answers)
     echo(*unit.summary())
     for coil, diagnosis in unit.valves.items():
-        lines = [line for line in diagnosis.summary()[1:] if not line.startswith("Note: ")]
+        # what the valve does is in the findings, which know of the other one
+        lines = [line for line in diagnosis.summary() if line.startswith(("Controller: ", "Gap: "))]
         echo("", f"{coil[0].upper()}{coil[1:]} valve:", *(f"  {line}" for line in lines))
     write_result(unit, out, report)
     if fail and unit.findings:

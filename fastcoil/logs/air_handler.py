@@ -9,7 +9,7 @@ import numpy as np
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
 from fastcoil.logs.cells import parse_cells
-from fastcoil.logs.columns import ColumnSpec, ReadingOptions, find_columns
+from fastcoil.logs.columns import ColumnSpec, ReadingOptions, find_columns, interpret_header
 from fastcoil.logs.join import find_value_columns, pivot_points
 from fastcoil.logs.log import CheckedLog, Log, check_table
 from fastcoil.logs.readings import detect_table_style
@@ -45,11 +45,14 @@ class AirHandlerPoints:
 
 
 def count_valves(log: Log) -> int:
-    """Count the valves that the headers of a log name beyond doubt; 0 where the log cannot be read as it is."""
+    """Count the kinds of valves that headers or the caller name beyond doubt; 0 of a log that is no table."""
     try:
-        return len(find_points(log)[0].coils)
+        header = log.table().header
     except InputError:
         return 0
+    meanings = [interpret_header(cell, AIR_HANDLER_SPEC.rules) for cell in header]
+    named = {meaning.name for meaning in meanings if meaning and meaning.is_clear}
+    return len({*COMMANDS} & (named | {*(log.options.columns or {})} | {*header}))
 
 
 def find_points(log: Log) -> tuple[AirHandlerPoints, Table, ReadingOptions]:
@@ -59,6 +62,12 @@ def find_points(log: Log) -> tuple[AirHandlerPoints, Table, ReadingOptions]:
         table = pivot_points(table, options, AIR_HANDLER_SPEC)
         options = replace(options, columns=None, units={}, ignore=(), time_format=None, time_zone="")
     columns = find_columns(table, options, AIR_HANDLER_SPEC)
+    for name in COMMANDS:  # which of several valves is meant has to be asked
+        for note in [note for note in table.notes if note.startswith(f"{name} is not read, it may be ")]:
+            text = note.replace(" is not read, it may be ", " may be ")
+            table.add_problem(
+                f"{text}; if the log has points of two air handlers, give a file for each", name, "missing"
+            )
     points = {name: k for name, k in columns.items() if name in AIR_HANDLER_SPEC.names}
     table.raise_problems()
     units = _propose_units(table, points, options)
@@ -138,6 +147,9 @@ def _propose_units(table: Table, points: Mapping[str, int], options: ReadingOpti
 def require_answers(name: str, answers: Any) -> dict[str, dict[str, str]]:
     """Require headers and units of an air handler, as they stand in the file of another one."""
     parts = {part: answers.get(part, {}) for part in ("columns", "units")}
+    if not {"columns", "units"} & answers.keys():
+        cure = "give a file that `fastcoil diagnose -o` wrote for another air handler"
+        raise InputError(f"{name}: it has no [columns] or [units]: {cure}", name, "data")
     for part, entries in parts.items():
         if not isinstance(entries, dict) or not all(isinstance(text, str) for text in entries.values()):
             sentence = f"{name}: [{part}] is not a table of texts: give a file that `fastcoil diagnose -o` wrote"

@@ -376,7 +376,7 @@ def _describe_hunting_at_times(diagnosis: Diagnosis) -> str:
     if not times or not hours["hour"].size or diagnosis.is_own == 0.0 or diagnosis.cause == CAUSE_DISTURBANCE:
         return ""
     swing, period = (float(hours[name].median()) for name in ("swing", "period"))
-    return f"This loop hunts at times: about {swing:.2g} K every {describe_period(period)}, {times}."
+    return f"This loop hunts at times: ± {swing / 2:.2g} K every {describe_period(period)}, {times}."
 
 
 def _describe_predictions(diagnosis: Diagnosis, cases: Sequence[str]) -> list[str]:

@@ -13,6 +13,7 @@ LEAST_SWING_K = 1.5  # peak to peak, of a swing that counts: loads and mixing ma
 _LEVEL_S = 3600.0  # over which the level is averaged, twice: swings of up to 75 min pass
 LONGEST_HALF_CYCLE_S = 2700.0  # a drift takes longer
 _LEAST_HALF_CYCLES = 6  # in a row, of a swing that goes on
+_SLOW_PERIOD_S = 1800.0  # from which loads make three cycles as well: one more is needed
 _FEWEST_SAMPLES = 4  # of a period that the log resolves
 _LEAST_COMMAND_SWING = 0.03  # peak to peak, fraction of stroke, of a valve that makes the air swing
 _LEAST_SET_POINT_SHARE = 0.5  # of the swing of the temperature, from which the set-point makes it
@@ -47,7 +48,8 @@ def find_swings(
     for first, last in true_runs(is_swing).tolist():
         height, halves = float(np.median(heights[first:last])), widths[first:last]
         period = float(np.median(halves[1:] + halves[:-1])) if halves.size > 1 else np.nan
-        if last - first >= _LEAST_HALF_CYCLES and height >= least and period >= _FEWEST_SAMPLES * interval:
+        least_half_cycles = _LEAST_HALF_CYCLES + 2 * (period > _SLOW_PERIOD_S)
+        if last - first >= least_half_cycles and height >= least and period >= _FEWEST_SAMPLES * interval:
             windows.append(SwingWindow(int(turns[first]), int(turns[last]) + 1, height, period))
     return windows
 
@@ -115,7 +117,8 @@ def judge_gains(kp: float, ti: float, period: float) -> GainFault:
     """
     ratio = period / (2.0 * math.pi * ti)
     swing = f"a period of {describe_period(period)}"
-    pi = f"kp {kp:.2g} 1/K and Ti {ti:.3g} s" if ti >= 1.0 else "no proportional action to speak of"
+    pi = f"kp {kp:.2g} 1/K and Ti {ti:.3g} s".replace(f"{ti:.3g}", f"{ti:.0f}" if ti >= 100.0 else f"{ti:.3g}")
+    pi = pi if ti >= 1.0 else "no proportional action to speak of"
     if ratio >= _GAP_RATIO:
         new_ti = float(f"{TI_PER_PERIOD * period:.2g}")
         if ratio >= _INTEGRAL_RATIO:

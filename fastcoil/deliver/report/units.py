@@ -157,7 +157,7 @@ def describe_units(ds: xr.Dataset) -> str:
     names, kinds = ds["air_handler"].values, ds["kind"].values
     n_units, n_sound = len(set(names)), int(np.sum(kinds == "none"))
     unread = f", {ds.sizes['unread']} not read" if ds.sizes["unread"] else ""
-    return f"{n_units} air handlers: {n_units - n_sound} with findings, {n_sound} without{unread}"
+    return f"{n_units + ds.sizes['unread']} air handlers: {n_units - n_sound} with findings, {n_sound} without{unread}"
 
 
 def _units_page(ds: xr.Dataset) -> Page:

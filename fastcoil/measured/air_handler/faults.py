@@ -101,9 +101,10 @@ def _describe_passing(unit: AirHandlerSeries, coil: str, mask: Mask) -> Iterator
     beside = f", while the {against} valve works against it" if against else ""
     text = f"commanded shut, and the air leaves {effect:.2g} K {change} than it enters{beside}, for "
     text += f"{unit.hours(mask):.1f} of the {shut_hours:.1f} h in which it was shut, {{when}}"
-    stuck = "it hardly closes" if kind == "stuck_open" else "it leaks or is stuck open"
-    action = f"{stuck}: compare the mixed air sensor with a hand-held one, close the isolating valve to see if the "
-    action += "effect ends, then repair valve or actuator"
+    action = (
+        "compare the mixed air sensor with a hand-held one, then close the isolating valve: if the effect ends, the "
+    )
+    action += "valve passes: check its stroke and linkage, and repair valve or actuator"
     yield make_finding(unit, component, kind, mask, effect, text, action)
 
 

@@ -46,8 +46,12 @@ def find_hunting(unit: AirHandlerSeries, faults: Sequence[Finding]) -> list[Find
             (windows if culprit in windows else outside)[culprit].append(window)
     passing = {f.component.split()[0]: f for f in faults if f.kind in ("leak", "stuck_open")}
     for coil in unit.coils:
-        if windows[coil]:
-            findings.append(_describe_hunting(unit, coil, windows[coil], passing))
+        others = [fault for other, fault in passing.items() if other != coil]
+        fault_days = {day for fault in others for day in unit.day[unit.mask_of(fault.windows)].tolist()}
+        beside = [window for window in windows[coil] if unit.day[window.first] in fault_days]
+        for its_windows in (beside, [window for window in windows[coil] if window not in beside]):
+            if its_windows:
+                findings.append(_describe_hunting(unit, coil, its_windows, passing))
     for component, its_windows in outside.items():
         large = [window for window in its_windows if window.peak_to_peak >= _LEAST_OUTSIDE_SWING_K]
         if large:
@@ -111,10 +115,8 @@ def _describe_hunting(
     command = unit.command(coil)
     swings = [swing_within(command, unit.on, unit.interval, window) for window in windows]
     widest, level = float(np.median(swings)), float(np.median(command[mask]))
-    called = unit.on & ((command > SHUT) | mask)
     text = f"hunts ± {amplitude:.2g} K every {describe_period(period)}, its command swings by {100 * widest:.0f} % "
-    hours = f"{unit.hours(mask):.1f} of the {unit.hours(called):.1f} h in which it was called"
-    text += f"around {100 * level:.0f} %, for {hours}, {{when}}"
+    text += f"around {100 * level:.0f} %, for {unit.hours(mask):.1f} h, {{when}}"
     cause, action = _judge_cause(unit, coil, windows, swings, mask, passing)
     return make_finding(unit, f"{coil} valve", "hunt", mask, amplitude, text, action, cause=cause)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from os import PathLike
 from typing import Any
 
@@ -18,14 +18,16 @@ from fastcoil.measured.air_handler.faults import find_faults
 from fastcoil.measured.air_handler.hunting import find_hunting
 from fastcoil.measured.air_handler.series import AirHandlerSeries
 from fastcoil.measured.air_handler.unit import AirHandler
-from fastcoil.measured.grid import resample_log
+from fastcoil.measured.grid import Grid, join_grids, resample_log
 from fastcoil.measured.part import LogSource
 
 _MAX_ANSWERS_BYTES = 2**20
 
 
 @np.errstate(all="ignore")
-def inspect(log: LogSource, *, answers: str | PathLike[str] | Mapping[str, Any] | None = None) -> AirHandler:
+def inspect(
+    log: LogSource | Sequence[LogSource], *, answers: str | PathLike[str] | Mapping[str, Any] | None = None
+) -> AirHandler:
     """Inspect an air handler: which valve leaks, sticks or hunts, when, how much, and what to do.
 
     Cooling, heating and preheat valves are judged together, so that no valve is blamed for another one, and no coil
@@ -33,12 +35,12 @@ def inspect(log: LogSource, *, answers: str | PathLike[str] | Mapping[str, Any] 
 
     Parameters
     ----------
-    log : path, DataFrame, Dataset or Log
-        A log of minutes with any of ``cooling_command``, ``heating_command``, ``preheat_command``; ``T_sup``;
-        ``T_set``, or ``T_set_cooling`` and ``T_set_heating``; ``T_mixed`` (or ``T_a_in``, or ``T_return`` and
-        ``T_out``), without which nothing is said about leaks; ``m_a`` or ``fan_speed``; ``enabled`` and ``occupied``.
-        Columns are found by the usual names of these points; units that headers lack are proposed from the numbers,
-        which ``notes`` says.  Values that cannot be read are left out and counted.
+    log : path, DataFrame, Dataset or Log, or a list of them
+        A list holds days of one unit.  A row a minute or so, with any of ``cooling_command``, ``heating_command`` and
+        ``preheat_command``; ``T_sup``; ``T_set``, or ``T_set_cooling`` and ``T_set_heating``; ``T_mixed`` (or
+        ``T_a_in``, or ``T_return`` and ``T_out``), without which nothing is said about leaks; ``m_a`` or ``fan_speed``;
+        ``enabled`` and ``occupied``.  Columns are found by the usual names of these points; units that headers lack are
+        proposed from the numbers, which ``notes`` says.  Values that cannot be read are left out and counted.
     answers : path or mapping, optional
         What `AirHandler.to_toml` wrote for another unit: its headers, where the log has them, and its units.
 
@@ -64,19 +66,44 @@ def inspect(log: LogSource, *, answers: str | PathLike[str] | Mapping[str, Any] 
     ('cooling valve', 'leak', 5)
     """
     with argument_checks() as check:
-        source = check(as_log, "log", log)
+        sources = [check(as_log, "log", source) for source in (log if isinstance(log, (list, tuple)) else [log])]
         known = check.unless_none(_read_answers, "answers", answers)
+    if not sources:
+        raise InputError("log = []: give a log, or a list of logs of one air handler", "log", "missing")
     if known is not None:
-        source = _with_answers(source, known)
-    data, points = read_air_handler(source)
-    grid, grid_notes = resample_log(data)
-    series = AirHandlerSeries(data.name, grid, data.start)
+        sources = [_with_answers(source, known) for source in sources]
+    read_logs = [read_air_handler(source) for source in sources]
+    (data, points), resampled = read_logs[0], [resample_log(data) for data, _ in read_logs]
+    grid = _join_days([grid for grid, _ in resampled], [data.start for data, _ in read_logs])
+    name = data.name if len(sources) == 1 else f"{data.name} and {len(sources) - 1} more"
+    series = AirHandlerSeries(name, grid, data.start)
     faults = find_faults(series)
     findings = sorted(faults + find_hunting(series, faults), key=lambda finding: finding.severity)
-    notes = list(dict.fromkeys([*points.notes, *data.notes, *grid_notes]))
+    notes = [
+        *points.notes,
+        *(note for data, _ in read_logs for note in data.notes),
+        *(n for _, g in resampled for n in g),
+    ]
+    notes = list(dict.fromkeys(notes))
     if not series.is_entering_measured and np.isnan(series.T_entering[0]).all():
         notes.append("without T_mixed, or T_return and T_out, nothing is said about valves that leak: log one of them")
-    return AirHandler(data.name, findings, points, notes, series, source)
+    elif not series.is_entering_measured:
+        notes.append("T_mixed is not logged: the entering air is taken to be between T_return and T_out")
+    return AirHandler(name, findings, points, notes, series, sources)
+
+
+def _join_days(grids: list[Grid], starts: list[np.datetime64 | None]) -> Grid:
+    """Join the logs of one unit; their times are since the start of the first."""
+    joined, start = join_grids(grids), starts[0]
+    if len(grids) > 1 and start is not None:
+        for grid, first, at in zip(grids, joined.starts, starts, strict=True):
+            if at is None:
+                raise InputError("log: some have a timestamp and some elapsed_time: give one of them", "log", "time")
+            offset = float((at - start) / np.timedelta64(1, "s"))
+            last = first + grid.time.size
+            joined.time[first:last] = offset + grid.time
+            joined.time[last:] = joined.time[last - 1] + grid.interval * np.arange(1.0, joined.time.size - last + 1.0)
+    return joined
 
 
 def _read_answers(name: str, answers: Any) -> dict[str, dict[str, str]]:

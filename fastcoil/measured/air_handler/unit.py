@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+_LEAST_CALLED_H = 1.0
 _IN_CONTROL_K = 1.0  # control error up to which a set-point is met
 _PAGE_WIDTH_INCHES = 7.5
 _COIL_COLOURS = {"cooling": BLUE, "heating": RED, "preheat": YELLOW}
@@ -54,18 +55,28 @@ class AirHandler(Result):
     points: AirHandlerPoints
     notes: list[str]
     series: AirHandlerSeries = field(repr=False)
-    log: Log = field(repr=False)
+    logs: list[Log] = field(repr=False)
 
     @cached_property
     def valves(self) -> Mapping[str, Diagnosis]:
-        return _ValveDiagnoses(self.log, self.points)
+        return _ValveDiagnoses(self.logs, self.points)
 
     @property
     def headline(self) -> str:
         """The worst finding, or how much of the time each loop was in control."""
         if self.findings:
             return str(self.findings[0])
-        return "No fault found. " + " ".join(self.describe_control())
+        return " ".join([self._describe_nothing(), *self.describe_control()])
+
+    def _describe_nothing(self) -> str:
+        """Describe that there is no finding: the plant ran without a fault, or too little to judge it."""
+        series = self.series
+        if not series.days.size:
+            return "Nothing can be judged: the plant is on for less than an hour of a day."
+        called = np.any([series.on & (series.command(coil) > SHUT) for coil in series.coils], axis=0)
+        if series.hours(called) < _LEAST_CALLED_H and series.hours(series.all_rest) < _LEAST_CALLED_H:
+            return "Nothing can be judged: no valve is called, or rests shut, for an hour."
+        return "No fault found."
 
     def describe_control(self) -> list[str]:
         """Describe for each valve how long it was called, and how much of that time it was in control."""
@@ -90,7 +101,7 @@ class AirHandler(Result):
         days = f"{series.days.size} day{'s' if series.days.size != 1 else ''}"
         head = f"{self.source}: {' and '.join(series.coils)} valve{'s' if len(series.coils) > 1 else ''}, {days}, "
         lines = [f"{head}{series.hours(series.on):.0f} h of operation, a sample every {series.interval:.4g} s"]
-        lines += [f"{k}. {finding}" for k, finding in enumerate(self.findings, 1)] or ["No fault found."]
+        lines += [f"{k}. {finding}" for k, finding in enumerate(self.findings, 1)] or [self._describe_nothing()]
         return lines + self.describe_control() + [f"Note: {note}" for note in self.notes]
 
     @apply_style()
@@ -108,7 +119,8 @@ class AirHandler(Result):
         upper.plot(times, series.T_entering[0], color=LINE_GREY, lw=0.8, label="entering air")
         for coil in series.coils:
             label = f"set-point, {coil}" if f"T_set_{coil}" in series.grid.values else "set-point"
-            if label not in [line.get_label() for line in upper.lines]:
+            is_drawn = np.isfinite(series.T_set(coil)).any() and label not in [li.get_label() for li in upper.lines]
+            if is_drawn:
                 upper.plot(times, series.T_set(coil), color=_COIL_COLOURS[coil], ls=":", lw=0.9, label=label)
             command = np.where(series.grid.on, series.command(coil), np.nan)
             middle.plot(times, 100.0 * command, color=_COIL_COLOURS[coil], lw=0.8, label=f"{coil} valve")
@@ -132,7 +144,7 @@ class AirHandler(Result):
         axes.grid(visible=False, axis="y")
         if not self.findings:
             axes.set(yticks=[])
-            axes.text(0.01, 0.5, "no fault found", transform=axes.transAxes, va="center", fontsize=8)
+            axes.text(0.01, 0.5, self._describe_nothing(), transform=axes.transAxes, va="center", fontsize=8)
             return
         for row, finding in enumerate(self.findings):
             colour = next((c for coil, c in _COIL_COLOURS.items() if finding.component.startswith(coil)), "0.4")
@@ -151,7 +163,7 @@ class AirHandler(Result):
         lines = [f"# air handler inspected in {self.source} by fastcoil diagnose"]
         lines += [f"# {line}" for line in self.summary()[1:]]
         lines += toml_table("columns", self.points.headers)
-        lines += toml_table("units", {**self.points.units, **self.log.options.units})
+        lines += toml_table("units", {**self.points.units, **self.logs[0].options.units})
         for finding in self.findings:
             values = {name: getattr(finding, name) for name in ("component", "kind", "size", "unit", "hours", "cause")}
             windows = [[str(first), str(last)] for first, last in finding.windows]
@@ -165,8 +177,8 @@ class AirHandler(Result):
 class _ValveDiagnoses(Mapping[str, Diagnosis]):
     """The diagnosis of each valve, made when it is looked up."""
 
-    def __init__(self, log: Log, points: AirHandlerPoints) -> None:
-        self._log, self._points = log, points
+    def __init__(self, logs: list[Log], points: AirHandlerPoints) -> None:
+        self._logs, self._points = logs, points
         self._results: dict[str, Diagnosis | None] = {}
 
     def __getitem__(self, coil: str) -> Diagnosis:
@@ -174,7 +186,7 @@ class _ValveDiagnoses(Mapping[str, Diagnosis]):
             raise KeyError(coil)
         if coil not in self._results:
             try:
-                self._results[coil] = diagnose(valve_log(self._log, self._points, coil))
+                self._results[coil] = diagnose([valve_log(log, self._points, coil) for log in self._logs])
             except InputError:  # a valve that never moves, say: the findings are about it
                 self._results[coil] = None
         if (result := self._results[coil]) is None:
@@ -197,6 +209,6 @@ class _ValveDiagnoses(Mapping[str, Diagnosis]):
 
 def _temperature_limits(series: AirHandlerSeries) -> tuple[float, float]:
     """Return limits of the temperature axis that set-points of a plant at rest do not stretch."""
-    T = np.concatenate([series.T_sup[series.on], series.T_entering[0][series.on]])
-    low, high = np.nanquantile(T, (0.001, 0.999))
+    T = np.concatenate([series.T_sup, series.T_entering[0]])[np.tile(series.on if series.on.any() else True, 2)]
+    low, high = np.quantile(T[np.isfinite(T)], (0.001, 0.999)) if np.isfinite(T).any() else (0.0, 40.0)
     return float(low) - 2.0, float(high) + 2.0

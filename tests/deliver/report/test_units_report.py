@@ -52,17 +52,18 @@ def test_the_command_prints_findings_and_each_valve(folder, tmp_path):
     assert result.returncode == 1
     lines = result.stdout.splitlines()
     assert lines[1].startswith("1. Cooling valve: commanded shut")
-    assert any("--answers columns.toml" in line for line in lines)
+    assert any(f"--answers {tmp_path / 'columns.toml'}" in line for line in lines)
     assert (tmp_path / "columns.png").exists()
     again = command("diagnose", folder / "AHU-2.csv", "--answers", tmp_path / "columns.toml", "--fail")
     assert again.returncode == 0, again.stderr
     assert "No fault found." in again.stdout
 
 
-def test_several_logs_of_air_handlers_need_the_fleet(folder):
-    result = command("diagnose", folder / "AHU-1.csv", folder / "AHU-2.csv")
-    assert result.returncode == 2
-    assert "--fleet" in result.stderr
+def test_several_logs_are_days_of_one_unit_and_a_fleet_is_ranked(folder, tmp_path):
+    make_unit_log(1.0, leak=(0.5, 0.0), start="2026-03-05").to_csv(tmp_path / "later.csv", index=False)
+    result = command("diagnose", folder / "AHU-1.csv", tmp_path / "later.csv")
+    assert result.returncode == 0, result.stderr
+    assert "on 2 of 2 days (03-02, 05)" in result.stdout
     ranked = command("diagnose", "--fleet", folder, "--jobs", "1")
     assert ranked.returncode == 0
-    assert "2 air handlers: 1 with findings, 1 without, 1 not read" in ranked.stdout
+    assert "3 air handlers: 1 with findings, 1 without, 1 not read" in ranked.stdout
