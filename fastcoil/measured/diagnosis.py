@@ -339,7 +339,8 @@ def _describe_gap(result: Any) -> str:
     size = f"{100 * result.backlash:.3g} % of the stroke (95 %: {low:.3g} to {high:.3g} %)"
     if result.identified:
         return f"Gap: negligible, {size}" if result.backlash <= GOOD_BACKLASH else f"Gap: {size}"
-    most_probable = "" if np.isnan(result.backlash) else f"; most probable {size.replace(' of the stroke', '')}"
+    is_blank = np.isnan(result.backlash) or high - low > _UNTOLD_INTERVAL  # such a size says nothing
+    most_probable = "" if is_blank else f"; most probable {size.replace(' of the stroke', '')}"
     return f"Gap: not identified{most_probable}: {result.reason}"
 
 
@@ -404,6 +405,7 @@ def _describe_simc_gains(predictions: xr.Dataset) -> str:
     return f"kp {kp:g} 1/K, ti {ti:g} s"
 
 
+_UNTOLD_INTERVAL = 20.0  # % of the stroke
 _PAGE_WIDTH_INCHES = 7.5
 _STATE_SHADES = (SHADE_GREY, "#997700", "#882255", RED, "#EE99AA", YELLOW, "0.45", "0.75", "#EECC66", "#6699CC", BLUE)
 _STATE_COLOURS = dict(zip(STATES, _STATE_SHADES, strict=True))

@@ -13,7 +13,7 @@ KINDS = {
     "mismatch": "commands of other hours", "sensor_stuck": "a sensor stands still",
     "leak": "passes water when shut", "stuck_open": "stuck open",
     "stuck_shut": "without effect", "fight": "both coils at work", "not_met": "set-point not met", "hunt": "hunts",
-    "set_point_swings": "the set-point swings", "sensor_offset": "a sensor is off", "swings": "swings from outside",
+    "set_point_swings": "swings", "sensor_offset": "a sensor is off", "swings": "swings from outside",
     "unoccupied": "runs while unoccupied",
 }  # fmt: skip
 """Kinds of findings in a few words, in the order of their rank."""
@@ -57,6 +57,12 @@ class Finding:
     text: str
     action: str
     cause: str = ""
+
+    @property
+    def label(self) -> str:
+        """A few words for a figure, such as ``cooling valve: hunts``."""
+        named = self.text.partition(" itself")[0].removeprefix("the ") if self.kind == "set_point_swings" else ""
+        return f"{named or self.component}: {KINDS[self.kind]}"
 
     def __str__(self) -> str:
         return f"{self.component[0].upper()}{self.component[1:]}: {self.text}. Do this: {self.action}."

@@ -15,7 +15,7 @@ from fastcoil.base.figures import BLUE, LINE_GREY, RED, SHADE_GREY, YELLOW, appl
 from fastcoil.base.results import Result, toml_document, toml_table
 from fastcoil.logs.air_handler import AirHandlerPoints, valve_log
 from fastcoil.logs.log import Log
-from fastcoil.measured.air_handler.finding import KINDS, Finding
+from fastcoil.measured.air_handler.finding import Finding
 from fastcoil.measured.air_handler.series import SHUT, AirHandlerSeries
 from fastcoil.measured.diagnose import diagnose
 from fastcoil.measured.diagnosis import Diagnosis
@@ -151,8 +151,8 @@ class AirHandler(Result):
             for first, last in finding.windows:
                 left, right = (self.series.on_axis(moment) for moment in (first, last))
                 axes.barh(row, right - left, left=left, height=0.6, color=colour)
-        labels = [f"{finding.component}: {KINDS[finding.kind]}" for finding in self.findings]
-        axes.set_yticks(range(len(labels)), labels, fontsize=7)
+        labels = [finding.label for finding in self.findings]
+        axes.set_yticks(range(len(labels)), labels, fontsize=8)
         axes.set_ylim(len(labels) - 0.5, -0.5)
 
     def to_toml(self, path: str | Path | None = None) -> str:

@@ -339,7 +339,8 @@ def _describe_costs(choices: Choices, best: Mapping[str, int]) -> str:
         parts.append(f"the motor travels {format_range(cell['motor_travel'], 'strokes')}")
         if dict(best) != choices.reference:
             calmest = describe_choice(choices, choices.reference)[5:]
-            parts[0] += f", {float(choices.travel.isel(best)):.2g} times as far as with {calmest}"
+            ratio = float(choices.travel.isel(best))
+            parts[0] += f", {ratio:.2g} times as far as with {calmest}" if abs(ratio - 1.0) >= 0.05 else ""
     if "hunts" in cell:
         parts.append(f"{_mean_share(cell['hunts'])} of the loops hunt")
     return f"{'; '.join(parts)}." if parts else ""
@@ -354,6 +355,9 @@ def _describe_failures(choices: Choices, best: Mapping[str, int]) -> list[str]:
         if at and float(worse.max()) > 0.5:
             share = format_share(float(worse.isel(at)))
             parts.append(f"at {describe_labels_at(table, at)} the error is not lower in {share} of the loops")
+    for gain in [d for d in ("kp", "ti") if d in best and table.sizes.get(d, 1) > 2]:
+        if best[gain] == table.sizes[gain] - 1:
+            parts.append(f"{describe_labels_at(table, {gain: best[gain]})} is the largest value swept: sweep further")
     ratio = next((d for d in ("estimate_ratio", "backlash_estimate") if d in best), None)
     if ratio and best[ratio] and table[ratio].values[-1] > table[ratio].values[best[ratio]]:
         over = table.isel({**best, ratio: -1}, drop=True)
@@ -373,9 +377,10 @@ def _describe_worst(choices: Choices, best: Mapping[str, int]) -> list[str]:
     where = f"at {describe_labels_at(cell, at)}"
     parts = [f"the error is largest {where}: {float(cell['rmse'].isel(at)):.3g} K (median)"]
     if "hunts" in cell and float(cell["hunts"].max()) > HUNTING_LIMIT:
-        at = largest(cell["hunts"])
-        share = format_share(float(cell["hunts"].isel(at)))
-        parts.append(f"at {describe_labels_at(cell, at)} {share} of the loops hunt")
+        at, share = largest(cell["hunts"]), format_share(float(cell["hunts"].max()))
+        is_everywhere = float(cell["hunts"].min()) > float(cell["hunts"].max()) - 0.05
+        hunts_where = "everywhere" if is_everywhere else f"at {describe_labels_at(cell, at)}"
+        parts.append(f"{hunts_where} {share} of the loops hunt")
     regret = cell["rmse"] / choices.table["rmse"].min(choices.dims)
     if best and float(regret.max()) > CALM_ERROR:
         at = largest(regret)
@@ -404,7 +409,7 @@ def _describe_alternatives(choices: Choices, best: Mapping[str, int]) -> list[st
         if hunting > HUNTING_LIMIT:
             why += f", and up to {format_share(hunting)} of the loops hunt"
         if not bool(choices.is_plain.isel(lowest)) and plain_pi_label(choices.table) == "plain PI":
-            why += f"; sweep buffer = {recommended_buffer(choices.table, lowest):.2g} too, which lowers that"
+            why += f"; sweep buffer = {recommended_buffer(choices.table, lowest):.2g} too, which may lower that"
         change = change_in_words(error.isel(lowest))
         lines.append(f"{describe_choice(choices, lowest)}: the error is {change}, but {why}.")
     if bool(choices.is_plain.isel(reference)) and not bool(choices.is_plain.isel(best)):
