@@ -11,6 +11,7 @@ from fastcoil.measured.grid import SECONDS_PER_DAY
 
 Span = tuple[float, float]  # start and end, s since the start of the log
 _MAX_LISTED = 4  # times in a sentence
+_SHORTEST_S = 900.0  # of a time that is listed
 _SHORT_PAUSE_S = 1800.0  # that is not worth saying
 
 
@@ -29,8 +30,9 @@ def describe_times(spans: Sequence[Span], start: np.datetime64 | None, n_days: i
     for first, last in spans:
         is_near = bool(joined) and first - joined[-1][1] <= _SHORT_PAUSE_S
         joined[-1:] = [(joined[-1][0], last)] if is_near else [*joined[-1:], (first, last)]
-    listed = [f"{_clock(first, start)}–{_clock(last, start, is_end=True)}" for first, last in joined[:_MAX_LISTED]]
-    more = f" and {len(joined) - _MAX_LISTED} more times" if len(joined) > _MAX_LISTED else ""
+    longer = [span for span in joined if span[1] - span[0] >= _SHORTEST_S] or joined
+    listed = [f"{_clock(first, start)}–{_clock(last, start, is_end=True)}" for first, last in longer[:_MAX_LISTED]]
+    more = f" and {len(joined) - len(listed)} more times" if len(joined) > len(listed) else ""
     return f"{', '.join(listed)}{more}"
 
 

@@ -64,9 +64,9 @@ class AirHandler(Result):
     @property
     def headline(self) -> str:
         """The worst finding, or how much of the time each loop was in control."""
-        if self.findings:
+        if self.findings and self.findings[0].kind != "unoccupied":
             return str(self.findings[0])
-        return " ".join([self._describe_nothing(), *self.describe_control()])
+        return " ".join([self._describe_nothing(), *map(str, self.findings), *self.describe_control()])
 
     def _describe_nothing(self) -> str:
         """Describe that there is no finding: the plant ran without a fault, or too little to judge it."""
@@ -76,7 +76,7 @@ class AirHandler(Result):
         called = np.any([series.on & (series.command(coil) > SHUT) for coil in series.coils], axis=0)
         if series.hours(called) < _LEAST_CALLED_H and series.hours(series.all_rest) < _LEAST_CALLED_H:
             return "Nothing can be judged: no valve is called, or rests shut, for an hour."
-        return "No fault found."
+        return "No fault of valves, loops or sensors found."
 
     def describe_control(self) -> list[str]:
         """Describe for each valve how long it was called, and how much of that time it was in control."""
@@ -101,7 +101,9 @@ class AirHandler(Result):
         days = f"{series.days.size} day{'s' if series.days.size != 1 else ''}"
         head = f"{self.source}: {' and '.join(series.coils)} valve{'s' if len(series.coils) > 1 else ''}, {days}, "
         lines = [f"{head}{series.hours(series.on):.0f} h of operation, a sample every {series.interval:.4g} s"]
-        lines += [f"{k}. {finding}" for k, finding in enumerate(self.findings, 1)] or [self._describe_nothing()]
+        if not self.findings or self.findings[0].kind == "unoccupied":
+            lines.append(self._describe_nothing())
+        lines += [f"{k}. {finding}" for k, finding in enumerate(self.findings, 1)]
         return lines + self.describe_control() + [f"Note: {note}" for note in self.notes]
 
     @apply_style()

@@ -56,7 +56,7 @@ def test_the_command_prints_findings_and_each_valve(folder, tmp_path):
     assert (tmp_path / "columns.png").exists()
     again = command("diagnose", folder / "AHU-2.csv", "--answers", tmp_path / "columns.toml", "--fail")
     assert again.returncode == 0, again.stderr
-    assert "No fault found." in again.stdout
+    assert "No fault of valves, loops or sensors found." in again.stdout
 
 
 def test_several_logs_are_days_of_one_unit_and_a_fleet_is_ranked(folder, tmp_path):

@@ -14,7 +14,7 @@ def in_hours(first, last, value, otherwise=0.0):
 def test_a_sound_unit_has_no_finding():
     unit = fc.inspect(make_unit_log(2.0, cooling=in_hours(10, 17, 0.4), heating=in_hours(0, 8, 0.2)))
     assert unit.findings == []
-    assert unit.headline.startswith("No fault found.")
+    assert unit.headline.startswith("No fault of valves, loops or sensors found.")
 
 
 @pytest.mark.parametrize(("leak", "component", "size"), [
