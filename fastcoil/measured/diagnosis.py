@@ -163,10 +163,8 @@ class Diagnosis(Result):
         if np.isfinite(kp * ti * period):
             fault = judge_gains(kp, ti, period)
             return GainAdvice(fault.kp, fault.ti, f"Do this: {fault.action}.")
-        least_ti = f"{TI_PER_PERIOD * period:.2g}"
-        cure = (
-            f"Do this: raise Ti to {float(least_ti):.0f} s, a quarter of the period, if it is shorter; else halve kp."
-        )
+        least_ti = float(f"{TI_PER_PERIOD * period:.2g}")
+        cure = f"Do this: raise Ti to {least_ti:.0f} s, a quarter of the period; if it is longer already, halve kp."
         return GainAdvice(math.nan, math.nan, cure)
 
     @apply_style()

@@ -42,7 +42,7 @@ def test_a_switch_that_is_logged_now_and_then_is_named_where_it_leaves_nothing(l
 
 def test_a_coil_whose_air_is_colder_than_its_water_is_refused():
     log = coil_log(hours=1.0, every=10)
-    assert_refused("T_sup", "data", fc.fit_coil, log.assign(T_sup=log.T_sup - 20.0))
+    assert_refused("T_sup", "unit", fc.fit_coil, log.assign(T_sup=log.T_sup - 20.0))
 
 
 @pytest.mark.parametrize("dry", [False, True], ids=["wet", "dry"])
