@@ -16,6 +16,7 @@ from types import ModuleType
 from typing import NamedTuple
 
 from studies.common import compare_with_tables
+from studies.days import WEATHER_FILE
 
 _ROW = re.compile(r"^\| (?P<text>.+?) \| \[(?P<name>\w+)\]\((?P<path>[\w/]+)\.py\) \| (?P<time>.+?) \|", re.MULTILINE)
 
@@ -79,6 +80,8 @@ def main(args: list[str]) -> int:
             "\n".join(f"{name:22}  {question.text}  ({question.time})" for name, question in questions_by_name.items())
         )
     is_sample = "--sample" in options
+    if args and not WEATHER_FILE.is_file():
+        print("without studies/year/weather.csv, rows of days of weather are missing from what is written", flush=True)
     changed_cells: list[str] = []
     for name in names or (questions_by_name if options else ()):
         changed_cells += run(name, questions_by_name[name], is_sample=is_sample)
