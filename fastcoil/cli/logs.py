@@ -123,6 +123,7 @@ def diagnose(
     With --fleet, DATA are files of many valves or air handlers, or folders of them; -o then names FILE.html, FILE.csv
     or a folder.
     """
+    from fastcoil.deliver.report.units import require_no_valve_options
     from fastcoil.logs.air_handler import count_valves
     from fastcoil.measured.identify import GOOD_BACKLASH
 
@@ -135,6 +136,7 @@ def diagnose(
         require_fit_file(out)
     logs = [fc.read_log(path, **read) for path in (data, *other_logs)]
     if answers is not None or ("command" not in (read["columns"] or {}) and count_valves(logs[0]) > 1):
+        require_no_valve_options(options)
         _inspect_air_handler(logs, answers, out, report, fail)
         return
     diagnosis = fc.diagnose(logs if other_logs else logs[0], **options)

@@ -94,7 +94,7 @@ def read_air_handler(log: Log) -> tuple[CheckedLog, AirHandlerPoints]:
         cure = options.cure("columns={'cooling_command': 'its header'}", "--column cooling_command='its header'")
         commands = " or ".join(COMMANDS)
         raise InputError(f"{log.name}: {commands} is missing: say which it is: {cure}", "cooling_command", "missing")
-    table.notes.clear()  # which columns were read is in the notes of the points
+    table.notes.clear()  # reading the columns writes them again
     data = check_table(table, AIR_HANDLER_SPEC, options)
     if not {"T_set", "T_set_cooling", "T_set_heating"} & data.values.keys():
         points.notes.append("without a set-point (T_set), nothing is said about control errors")

@@ -117,8 +117,8 @@ def judge_gains(kp: float, ti: float, period: float) -> GainFault:
     """
     ratio = period / (2.0 * math.pi * ti)
     swing = f"a period of {describe_period(period)}"
-    pi = f"kp {kp:.2g} 1/K and Ti {ti:.3g} s".replace(f"{ti:.3g}", f"{ti:.0f}" if ti >= 100.0 else f"{ti:.3g}")
-    pi = pi if ti >= 1.0 else "no proportional action to speak of"
+    ti_text = f"{ti:.0f}" if ti >= 100.0 else f"{ti:.3g}"
+    pi = f"kp {kp:.2g} 1/K and Ti {ti_text} s" if ti >= 1.0 else "no proportional action to speak of"
     if ratio >= _GAP_RATIO:
         new_ti = float(f"{TI_PER_PERIOD * period:.2g}")
         if ratio >= _INTEGRAL_RATIO:

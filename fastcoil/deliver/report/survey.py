@@ -17,7 +17,7 @@ from fastcoil.base.errors import FastcoilError, InputError, StorageError
 from fastcoil.base.progress import Advance, display_for_call
 from fastcoil.base.text import MISSING_VALUE, escape_control_characters, escape_formulas
 from fastcoil.deliver.report.page import Page, Section, Table, format_significant, require_page
-from fastcoil.deliver.report.units import UNITS_MARK, survey_units
+from fastcoil.deliver.report.units import UNITS_MARK, require_no_valve_options, survey_units
 from fastcoil.logs.air_handler import count_valves
 from fastcoil.logs.log import Log, check_read_options, read_log
 from fastcoil.loops.provenance import content_sha256
@@ -108,7 +108,10 @@ def survey(
         targets = check.unless_none(_target_files, "out", out) or []
         logs_by_valve = check(_logs_by_valve, logs)
     if any(_has_more_valves(log, read or {}) for log in list(logs_by_valve.values())[:_MAX_LOOKED_AT]):
+        require_no_valve_options(options)
         return survey_units(logs_by_valve, targets, n_jobs=n_jobs, read=read or {}, answers=answers, progress=progress)
+    if answers is not None:
+        raise InputError("answers: they are for logs of air handlers: leave them out", "answers", "conflict")
     with display_for_call(progress) as display:
         advance = display.start(len(logs_by_valve), items="logs")
         rows = list(_diagnose_logs(logs_by_valve, read or {}, options, n_jobs, advance))

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import argument_checks, require_flag
-from fastcoil.base.errors import FastcoilError
+from fastcoil.base.errors import FastcoilError, InputError
 from fastcoil.base.files import convert_os_errors, make_folder, write_atomically
 from fastcoil.base.progress import Advance, display_for_call
 from fastcoil.base.text import MISSING_VALUE, escape_control_characters, escape_formulas
@@ -57,6 +57,13 @@ def unit_page(unit: AirHandler) -> Page:
     answer = [unit.headline, *(["See the other findings below."] if len(unit.findings) > 1 else [])]
     data = findings_dataset({unit.source: unit.findings}, {})
     return Page("Air handler", f"{unit.source}: {counts}", question, [], answer, sections, content_sha256(data))
+
+
+def require_no_valve_options(options: Mapping[str, Any]) -> None:
+    """Refuse options of `diagnose`, which are for one valve, beside the log of an air handler."""
+    for name in [name for name, value in options.items() if value is not None]:
+        sentence = f"{name} is for the log of one valve: leave it out, or say which valve, with the column command"
+        raise InputError(sentence, name, "conflict")
 
 
 def survey_units(

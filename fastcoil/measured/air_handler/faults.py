@@ -59,7 +59,7 @@ def find_faults(unit: AirHandlerSeries) -> list[Finding]:
     return [*findings, *_find_unoccupied(unit)]
 
 
-def _heats_or_cools_alone(unit: AirHandlerSeries, coil: str) -> list[str]:
+def _coils_alike(unit: AirHandlerSeries, coil: str) -> list[str]:
     """Return the coils that change the air the way this one does."""
     return [other for other in unit.coils if SIGNS[other] == SIGNS[coil]]
 
@@ -72,7 +72,7 @@ def _opposing(unit: AirHandlerSeries, coil: str, least: float) -> Mask:
 
 def _works_while_shut(unit: AirHandlerSeries, coil: str) -> Mask:
     """Whether a coil works though its valve, and any other that does the same, has been commanded shut."""
-    coils, effect, offset = _heats_or_cools_alone(unit, coil), unit.effect(coil), unit.offset(coil)
+    coils, effect, offset = _coils_alike(unit, coil), unit.effect(coil), unit.offset(coil)
     is_shut = np.all([unit.rests(other) for other in coils], axis=0)
     has_rested = np.all([unit.rests(other, after=EFFECT_AFTER_LOW_FLOW_S) for other in coils], axis=0)
     limit = np.full(effect.size, _LEAST_EFFECT_K if unit.is_entering_measured else _LEAST_EFFECT_BETWEEN_K)
@@ -86,7 +86,7 @@ def _works_while_shut(unit: AirHandlerSeries, coil: str) -> Mask:
 def _describe_passing(unit: AirHandlerSeries, coil: str, mask: Mask) -> Iterator[Finding]:
     if not mask.any():
         return
-    coils = _heats_or_cools_alone(unit, coil)
+    coils = _coils_alike(unit, coil)
     if coil != coils[0]:
         return  # the other one's finding names both
     component = f"{' or '.join(coils)} valve"
@@ -165,7 +165,6 @@ def _find_unmet(unit: AirHandlerSeries, coil: str, excused: Mask) -> Iterator[Fi
         word = "colder" if sign < 0.0 else "warmer"
         seen = f"the air leaves {abs(change):.2g} K {word if change >= 0.0 else _opposite(word)} than it enters"
         text = f"{describe_state(miss)}: {seen}; {hours.format(hours=unit.hours(still_days))}"
-        water = "chilled" if sign < 0.0 else "hot"
         action = (
             f"check that {water} water arrives; if it does, valve or actuator is stuck shut, or the strainer is full"
         )

@@ -44,10 +44,9 @@ def find_hunting(unit: AirHandlerSeries, faults: Sequence[Finding]) -> list[Find
     for window in find_swings(unit.T_sup, unit.on, unit.interval):
         if culprit := _blame(unit, window):
             (windows if culprit in windows else outside)[culprit].append(window)
-    passing = {f.component.split()[0]: f for f in faults if f.kind in ("leak", "stuck_open")}
+    passing = {f.component.split()[0]: unit.days_of(f.windows) for f in faults if f.kind in ("leak", "stuck_open")}
     for coil in unit.coils:
-        others = [fault for other, fault in passing.items() if other != coil]
-        fault_days = {day for fault in others for day in unit.day[unit.mask_of(fault.windows)].tolist()}
+        fault_days = set().union(*(days for other, days in passing.items() if other != coil))
         beside = [window for window in windows[coil] if unit.day[window.first] in fault_days]
         for its_windows in (beside, [window for window in windows[coil] if window not in beside]):
             if its_windows:
@@ -109,7 +108,7 @@ def _find_swinging_set_points(unit: AirHandlerSeries) -> Iterator[Finding]:
 
 
 def _describe_hunting(
-    unit: AirHandlerSeries, coil: str, windows: list[SwingWindow], passing: Mapping[str, Finding]
+    unit: AirHandlerSeries, coil: str, windows: list[SwingWindow], passing: Mapping[str, set[int]]
 ) -> Finding:
     mask, (amplitude, period) = _mask_of(unit, windows), _medians(unit, windows)
     command = unit.command(coil)
@@ -135,12 +134,14 @@ def _describe_outside(unit: AirHandlerSeries, component: str, windows: list[Swin
 
 def _judge_cause(
     unit: AirHandlerSeries, coil: str, windows: list[SwingWindow], swings: list[float], mask: Mask,
-    passing: Mapping[str, Finding],
+    passing: Mapping[str, set[int]],
 ) -> tuple[str, str]:  # fmt: skip
-    """Return the cause of hunting in a word, and what to do; swings: of the command in each window."""
-    for other, fault in passing.items():
-        shared = np.isin(unit.day[mask], unit.day[_days_of(unit, fault)])
-        if other != coil and shared.mean() > 0.5:
+    """Return the cause of hunting in a word, and what to do.
+
+    swings: of the command in each window.  passing: days on which each valve passes water when shut.
+    """
+    for other, days in passing.items():
+        if other != coil and np.isin(unit.day[mask], [*days]).mean() > 0.5:
             return "other_valve", f"repair the {other} valve first: it passes water while this one controls"
     amplitude, period = _medians(unit, windows)
     if load := _swings_at_low_load(unit, coil, windows, mask):
@@ -152,22 +153,13 @@ def _judge_cause(
         return gain_fault.cause, gain_fault.action
     # |C| of a PI at the period is the swing of its command over that of its error, and no less than kp
     most_kp = float(np.median([swing / window.peak_to_peak for swing, window in zip(swings, windows, strict=True)]))
-    if not known and most_kp >= _LARGE_KP:
+    if most_kp >= _LARGE_KP:
         seen = f"its command swings by {100 * float(np.median(swings)):.0f} % for ± {amplitude:.2g} K"
         return "gain", f"halve kp: {seen}, so kp is up to {most_kp:.1g} 1/K"
     cure = "halve kp, and see whether the swing ends"
     if unit.interval > 30.0:
         cure += "; log every 10 s for a day to tell the gap of the valve from the gains"
     return "unknown", cure
-
-
-def _days_of(unit: AirHandlerSeries, fault: Finding) -> Array:
-    """Return a sample of each day of a fault."""
-    moments = [first for first, _ in fault.windows]
-    seconds = [
-        float((m - unit.start) / np.timedelta64(1, "s")) if unit.start is not None else float(m) for m in moments
-    ]
-    return np.minimum(np.searchsorted(unit.grid.time, seconds), unit.grid.time.size - 1)
 
 
 def recover_gains(unit: AirHandlerSeries, coil: str, window: SwingWindow) -> tuple[float, float] | None:

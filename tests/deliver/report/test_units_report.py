@@ -67,3 +67,12 @@ def test_several_logs_are_days_of_one_unit_and_a_fleet_is_ranked(folder, tmp_pat
     ranked = command("diagnose", "--fleet", folder, "--jobs", "1")
     assert ranked.returncode == 0
     assert "3 air handlers: 1 with findings, 1 without, 1 not read" in ranked.stdout
+
+
+def test_options_of_one_valve_are_refused_beside_an_air_handler(folder):
+    for call in ("diagnose", folder / "AHU-1.csv"), ("diagnose", "--fleet", folder, "--jobs", "1"):
+        result = command(*call, "--stroke-time", "120")
+        assert result.returncode == 2
+        assert "stroke_time is for the log of one valve" in result.stderr
+    with pytest.raises(fc.InputError, match="answers"):
+        fc.survey({"valve": make_unit_log(0.1).drop(columns="AHU-3 HHW Valve")}, answers={"columns": {}})
