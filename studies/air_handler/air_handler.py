@@ -18,29 +18,13 @@ from joblib import Parallel, delayed
 
 import fastcoil as fc
 from studies.air_handler.placebos import PLACEBOS
-from studies.air_handler.truth import (
-    COOLING,
-    ENTERING,
-    FAN,
-    FIGHT,
-    FROZEN,
-    HEATING,
-    HUNT,
-    LEAK,
-    NO_WATER,
-    OFFSET,
-    SET_POINT,
-    SIDES,
-    STUCK,
-    STUCK_OPEN,
-    STUCK_SHUT,
-    SUPPLY,
-    SWINGS,
-    UNDERSIZED,
-    UNOCCUPIED,
-)  # fmt: skip
 from studies.air_handler.units import GAP, INTEGRAL, LOAD, Unit, simulate_unit
 from studies.common import compare_rows, progress_printer, share_of, write_table
+
+from studies.air_handler.truth import (  # isort: skip
+    COOLING, ENTERING, FAN, FIGHT, FROZEN, HEATING, HUNT, LEAK, NO_WATER, OFFSET, SET_POINT, SIDES, STUCK, STUCK_OPEN,
+    STUCK_SHUT, SUPPLY, SWINGS, UNDERSIZED, UNOCCUPIED,
+)  # fmt: skip
 
 SEED = 60000
 FAULT_UNITS, HEALTHY_UNITS, PLACEBO_UNITS = 32, 160, 64

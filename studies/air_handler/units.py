@@ -13,50 +13,15 @@ import numpy as np
 import pandas as pd
 
 from studies.air_handler.logs import write_log
-from studies.air_handler.plant import (
-    CP_AIR,
-    CP_WATER,
-    LOG_STEPS,
-    SIGNALS,
-    STEP,
-    Coil,
-    CoilSeries,
-    Plant,
-    Series,
-    coil_heat,
-    simulate_plant,
-    valve_flow,
+
+from studies.air_handler.truth import (  # isort: skip
+    BOTH, COOLING, ENTERING, FAN, FIGHT, FROZEN, HEATING, HUNT, HUNTS_KELVIN, HUNTS_MINUTES, LEAK, NO_WATER,
+    ROWS_PER_DAY, SET_POINT, SHOWS_MINUTES, STUCK, STUCK_OPEN, STUCK_SHUT, SUPPLY, SWINGS, UNDERSIZED, UNOCCUPIED,
+    Observed, Truth, days_with, observe_days, signs_of, swinging_minutes, windows_of,
 )  # fmt: skip
-from studies.air_handler.truth import (
-    BOTH,
-    COOLING,
-    ENTERING,
-    FAN,
-    FIGHT,
-    FROZEN,
-    HEATING,
-    HUNT,
-    HUNTS_KELVIN,
-    HUNTS_MINUTES,
-    LEAK,
-    NO_WATER,
-    ROWS_PER_DAY,
-    SET_POINT,
-    SHOWS_MINUTES,
-    STUCK,
-    STUCK_OPEN,
-    STUCK_SHUT,
-    SUPPLY,
-    SWINGS,
-    UNDERSIZED,
-    UNOCCUPIED,
-    Observed,
-    Truth,
-    days_with,
-    observe_days,
-    signs_of,
-    swinging_minutes,
-    windows_of,
+from studies.air_handler.plant import (  # isort: skip
+    CP_AIR, CP_WATER, LOG_STEPS, SIGNALS, STEP, Coil, CoilSeries, Plant, Series, coil_heat, simulate_plant,
+    valve_flow,
 )  # fmt: skip
 
 LOAD, INTEGRAL, GAP = "load", "integral", "gap"

@@ -9,15 +9,9 @@ import numpy as np
 from fastcoil.base.arrays import Array, Mask
 from fastcoil.measured.air_handler.finding import Finding, make_finding
 from fastcoil.measured.air_handler.series import SHUT, SIGNS, WIDE_OPEN, AirHandlerSeries
-from fastcoil.measured.swings import (
-    SwingWindow,
-    describe_period,
-    detrend,
-    find_swings,
-    follows_set_point,
-    judge_gains,
-    moves_with,
-    swing_within,
+
+from fastcoil.measured.swings import (  # isort: skip
+    SwingWindow, describe_period, detrend, find_swings, follows_set_point, judge_gains, moves_with, swing_within,
 )  # fmt: skip
 
 _LEAST_SET_POINT_SWING_K = 2.5  # peak to peak
