@@ -21,7 +21,7 @@ COMMANDS = tuple(f"{coil}_command" for coil in COILS)
 _TEMPERATURES = ("T_sup", "T_mixed", "T_a_in", "T_return", "T_out", "T_set", "T_set_cooling", "T_set_heating")
 AIR_HANDLER_SPEC = ColumnSpec(
     required=("T_sup",), optional=(*COMMANDS, *_TEMPERATURES[1:], "m_a", "fan_speed", "enabled", "occupied"),
-    measured=(*_TEMPERATURES, "m_a", "fan_speed"), rules="air_handler_rules",
+    measured=(*_TEMPERATURES, "m_a", "fan_speed"), rules="air_handler_rules", asked=("T_set", *COMMANDS),
 )  # fmt: skip
 _LEAST_FAHRENHEIT = 45.0  # median of the supply air, above which its numbers are °F: no coil blows 45 °C all the time
 
@@ -62,12 +62,6 @@ def find_points(log: Log) -> tuple[AirHandlerPoints, Table, ReadingOptions]:
         table = pivot_points(table, options, AIR_HANDLER_SPEC)
         options = replace(options, columns=None, units={}, ignore=(), time_format=None, time_zone="")
     columns = find_columns(table, options, AIR_HANDLER_SPEC)
-    for name in COMMANDS:  # which of several valves is meant has to be asked
-        for note in [note for note in table.notes if note.startswith(f"{name} is not read, it may be ")]:
-            text = note.replace(" is not read, it may be ", " may be ")
-            table.add_problem(
-                f"{text}; if the log has points of two air handlers, give a file for each", name, "missing"
-            )
     points = {name: k for name, k in columns.items() if name in AIR_HANDLER_SPEC.names}
     table.raise_problems()
     units = _propose_units(table, points, options)

@@ -30,6 +30,7 @@ class ColumnSpec(NamedTuple):
     optional: Sequence[str] = ()
     measured: Sequence[str] = ()  # outputs of the model: a bad value becomes NaN, and its row stays
     rules: str = "rules"  # of ``names.toml``, by which headers are read
+    asked: Sequence[str] = ("T_set",)  # optional ones that are asked for if two headers fit: they change every answer
 
     @property
     def choices(self) -> list[tuple[str, ...]]:
@@ -218,7 +219,7 @@ def find_columns(table: Table, options: ReadingOptions, spec: ColumnSpec) -> dic
             table.add_problem(sentence, choices[0] if len(choices) == 1 else available[0], "conflict")
         elif not available and not preferred:
             headers = candidates.get(choices[0], [])
-            is_needed = choices[0] not in spec.optional or choices[0] == "T_set" or options.reader == "function"
+            is_needed = choices[0] not in spec.optional or choices[0] in spec.asked or options.reader == "function"
             listing = " or ".join(map(short_repr, headers[:_MAX_LISTED_COLUMNS]))
             cure = options.column_cure(choices[0], *headers[:1])
             if len(headers) > 1 and not is_needed:

@@ -70,6 +70,11 @@ def test_all_that_is_not_clear_is_asked_together():
     assert_mistakes([("T_sup", "missing"), ("T_set", "missing")], fc.inspect, frame)
 
 
+def test_two_cooling_valves_are_asked_about_and_named():
+    frame = make_unit_log(0.1).assign(**{"AHU-3 Cooling Valve 2": 0.0})
+    assert_mistakes([("cooling_command", "missing")], fc.inspect, frame)
+
+
 def test_a_log_without_a_valve_says_how_to_name_one():
     frame = make_unit_log(0.1).drop(columns=[HEADERS["cooling_command"], HEADERS["heating_command"]])
     assert_mistakes([("cooling_command", "missing")], fc.inspect, frame)
