@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.text import format_kelvin, format_period
+from fastcoil.base.text import format_period, format_swing
 from fastcoil.design.operating_points import CONDITION_SERIES, operating_points
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
@@ -45,35 +45,35 @@ class SwingVerdict(NamedTuple):
 
     @property
     def size(self) -> str:
-        """Size and period, as in ``6.2 K every 2 min``."""
-        return f"{format_kelvin(self.swing)} every {format_period(self.period)}"
+        """Size and period, as in ``± 3.1 K every 2 min``."""
+        return f"{format_swing(self.swing)} every {format_period(self.period)}"
 
     @property
     def clause(self) -> str:
-        """What the loop does, as in ``the loop hunts: about 6.2 K every 2 min``."""
+        """What the loop does, as in ``the loop hunts: ± 3.1 K every 2 min``."""
         if not self.is_own:
             return "does not hunt"
         if self.is_regular:
-            return f"hunts: about {self.size}"
-        return f"keeps swinging, irregularly: about {format_kelvin(self.swing)}"
+            return f"hunts: {self.size}"
+        return f"keeps swinging, irregularly: about {format_swing(self.swing)}"
 
     @property
     def reason(self) -> str:
         """Whose swing it is, a sentence; empty for a regular swing of the loop, and for a calm one."""
         names = " or ".join([", ".join(self.movers[:-1]), *self.movers[-1:]] if self.movers[1:] else self.movers)
         if self.is_own and not self.is_regular and self.movers:
-            alone = f"with constant air, water and set-point it still swings by {format_kelvin(self.swing_alone)}"
+            alone = f"with constant air, water and set-point it still swings {format_swing(self.swing_alone)}"
             return f"It makes the swing itself: {alone}."
         if self.is_own or not self.swing > HUNTING_SWING_K or not names:
             return ""
         if self.rings:
-            return f"It rings: after changes of {names} T_sup swings by {self.size}, and comes to rest without them."
+            return f"It rings: after changes of {names} T_sup swings {self.size}, and comes to rest without them."
         verb, constant = ("do", "them") if self.movers[1:] else ("does", "that")
-        cause = f"T_sup swings by {self.size} because {names} {verb}"
+        cause = f"T_sup swings {self.size} because {names} {verb}"
         if self.swing_alone > self.swing:  # of a loop that learns its gap from what moves
             return f"{cause}."
         rest = (
-            f"would swing by {format_kelvin(self.swing_alone)}" if self.swing_alone > HUNTING_SWING_K else "would not"
+            f"would swing {format_swing(self.swing_alone)}" if self.swing_alone > HUNTING_SWING_K else "would not"
         )
         return f"{cause}; with {constant} constant it {rest}."
 

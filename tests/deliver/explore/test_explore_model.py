@@ -37,13 +37,13 @@ def tell(title):
     ("title", "by_hand", "begins", "has"),
     [
         full("A good valve", {"backlash": 0.0}, "This loop does not hunt.", "The valve has no gap."),
-        full("7 % gap, plain PI", {}, "This loop hunts: about 1 K", "Without the gap it does not hunt"),
+        full("7 % gap, plain PI", {}, "This loop hunts: ± 0.5", "Without the gap it does not hunt"),
         full("With the inverse", {"backlash_estimate": 0.065}, "This loop does not hunt",
-             "Without the inverse it hunts: about 1 K"),
+             "Without the inverse it hunts: ± 0.5"),
         full("Estimate too large", {"backlash_estimate": 0.1}, "This loop hunts",
-             "Without the inverse it hunts: about 1 K"),
+             "Without the inverse it hunts: ± 0.5"),
         ("Learning", {"estimator": "identify", "estimate_share": 0.95, "identify_stroke_time": 0.0},
-         "This loop does not hunt.", "Without the inverse it hunts: about 1 K"),
+         "This loop does not hunt.", "Without the inverse it hunts: ± 0.5"),
         full("Slower instead", {"ti": 40.0}, "This loop does not hunt.", "Without the gap it does not hunt"),
     ],
 )  # fmt: skip
@@ -137,7 +137,7 @@ def test_the_experiments_of_the_page_show_what_it_says(step):
     learns, *_ = tell("Learning")
     constant_day = {"day": "constant"}
     experiments = (
-        (plain_pi, constant_day, "This loop hunts: about 0.94 K every 3 min."),
+        (plain_pi, constant_day, "This loop hunts: ± 0.47 K every 3 min."),
         (plain_pi, constant_day | {"backlash": 0.0}, "does not hunt.  Leave it: its error is below 0.01 K."),
         (inverse, {"backlash_estimate": 0.075}, "chatters, 113 reversals an hour"),
         (plain_pi, constant_day | {"ti": 12.0}, "hunting index 0.93"),
