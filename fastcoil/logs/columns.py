@@ -130,6 +130,7 @@ _BACNET_ADDRESS = re.compile(r"\b[ab][iov][-_ ]?[0-9]+\b|(?:^|[.:/\\])[a-z](?=[.
 _SET_POINT_PATTERN = re.compile(
     r"(?:(?<![A-Za-z])(?i:se?t)|(?<=[A-Za-z])Se?t|(?<=[A-Z])SE?T(?=P))[-_ ]*(?i:point|pnt|pt)(?![a-z])"
 )
+_OWN_SUPPLY_NAME = re.compile(r"^T_sup(?=[_ ])")  # as in T_sup_set, the set-point of our T_sup
 _BESIDE_SET_POINT_WORDS = frozenset({"", "setpoint", "supply", "air", "temp", "cooling", "heating", "coil", "position"})
 """Meanings beside which an unclear header may still be that of the set-point of the supply air temperature."""
 _WORD_PATTERN = re.compile(r"[A-Z]?[a-zà-ÿ]+|[A-ZÀ-Ý]+(?![a-z])|[A-Z]|[0-9]+")
@@ -146,6 +147,7 @@ class HeaderMeaning(NamedTuple):
 def interpret_header(header: str, rules: str = "rules") -> HeaderMeaning | None:
     """Interpret a header by its words; None if it means none of our columns, or has unknown words alone."""
     label, unit = split_label_and_unit(header)
+    label = _OWN_SUPPLY_NAME.sub("supply air temp ", label)
     text = _SET_POINT_PATTERN.sub(" setpoint ", _BACNET_ADDRESS.sub(" ", label))
     header_words = [word.lower() for word in _WORD_PATTERN.findall(text)]
     header_words += ["cfm"] * (unit is not None and unit.lower() == "cfm")
