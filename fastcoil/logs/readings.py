@@ -15,8 +15,11 @@ from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.logs import plausibility
 from fastcoil.logs.cells import NumberStyle, ParsedCells, detect_number_style, parse_cells
 from fastcoil.logs.columns import ColumnSpec, ReadingOptions
-from fastcoil.logs.series import COLUMNS, TEMPERATURE, TRAVEL, Series, count_suffix, describe_first_row, format_count
 from fastcoil.logs.table import Table
+
+from fastcoil.logs.series import (  # isort: skip
+    COLUMNS, FRACTION, TEMPERATURE, TRAVEL, Series, count_suffix, describe_first_row, format_count,
+)  # fmt: skip
 
 
 @dataclass
@@ -217,6 +220,19 @@ def detect_table_style(table: Table, columns: Mapping[str, int]) -> NumberStyle:
     return style
 
 
+_LEAST_FAHRENHEIT = 45.0  # median of air, above which its numbers are °F: no coil blows 45 °C all the time
+
+
+def propose_unit(series: Series, values: Array) -> str:
+    """Propose the unit of a column that has none by its numbers; blank where they do not show it."""
+    if not np.isfinite(values).any() or series.name.startswith("T_w"):
+        return ""
+    if series.units is TEMPERATURE:
+        return "degF" if float(np.nanmedian(values)) > _LEAST_FAHRENHEIT else "degC"
+    is_share = series.units in (TRAVEL, FRACTION)
+    return ("1" if float(np.nanmax(values)) <= 1.05 else "percent") if is_share else ""  # readings lie a little above 1
+
+
 def _resolve_column_unit(
     table: Table, series: Series, column: int, cells: ParsedCells, options: ReadingOptions
 ) -> str | None:
@@ -227,7 +243,8 @@ def _resolve_column_unit(
     declared_units = table.declared_units(column) | ({"by units": caller_unit} if caller_unit else {})
     units = [*declared_units.items(), *([("by its cells", cell_unit)] if cell_unit else [])]
     if not units and len(series.units) > 1:  # of a number without dimension the only unit is 1
-        cure = f"{table.unit_declaration_cure(column, 'UNIT')}, or use {options.unit_cure(series.name, 'UNIT')}"
+        unit = propose_unit(series, cells.values) or "UNIT"
+        cure = f"{table.unit_declaration_cure(column, unit)}, or use {options.unit_cure(series.name, unit)}"
         table.add_problem(f"{series.name} has no unit: {cure} ({series.known_units})", series.name, "unit")
         return None
     source, unit = units[0] if units else ("", "1")
