@@ -156,7 +156,7 @@ def read_series_labels(name: str, array: xr.DataArray) -> SeriesLabels:
     zones: dict[str, str] = {}
     for label, coord in array.coords.items():
         if "elapsed_time" in coord.dims and coord.size:
-            first = _read_times(str(label), coord.transpose(..., "elapsed_time"))[..., 0]
+            first = _read_times(name, str(label), coord.transpose(..., "elapsed_time"))[..., 0]
             if coord.dtype.kind == "M":
                 starts[str(label)], zones[str(label)] = first, coord.attrs.get("time_zone", "")
             else:
@@ -183,11 +183,11 @@ def read_series_labels(name: str, array: xr.DataArray) -> SeriesLabels:
     return SeriesLabels(array.sizes.get("elapsed_time"), array.sizes.get("day"), day, first_second, start, zone)
 
 
-def _read_times(name: str, coord: xr.DataArray) -> NDArray[Any]:
-    """Return dates, or seconds, along ``elapsed_time``, the last dim, checked to be 1 s apart."""
+def _read_times(argument: str, name: str, coord: xr.DataArray) -> NDArray[Any]:
+    """Return dates, or seconds, of an argument along ``elapsed_time``, the last dim, checked to be 1 s apart."""
     if coord.dtype.kind not in "mMiuf":
         cure = f"give the seconds 0, 1, ..., dates as datetime64, or drop_vars({name!r})"
-        raise InputError(f"{name} is of type {coord.dtype}: {cure}", name, "type")
+        raise InputError(f"{argument}: {name} is of type {coord.dtype}: {cure}", name, "type")
     is_number = coord.dtype.kind in "iuf"
     times = convert_units(name, coord, COLUMNS["elapsed_time"].units) if is_number else coord.values
     steps = np.diff(times).ravel() / (1.0 if is_number else np.timedelta64(1, "s"))

@@ -22,7 +22,7 @@ from fastcoil.base.files import read_text
 from fastcoil.design.tuning_plan import TuningRequest, plan_tuning
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.days import constant_day, design_day, heating_day, paper_day
-from fastcoil.loops.boundary.weather import weather_day, weather_year
+from fastcoil.loops.boundary.weather import weather_day
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.plan import Plan, check_memory, plan_simulation
 from fastcoil.loops.scenarios import Layout
@@ -41,7 +41,6 @@ BOUNDARY_KINDS: dict[str, Callable[..., Boundary]] = {
     "heating_day": heating_day,
     "csv": Boundary.from_csv,
     "weather": weather_day,
-    "weather_year": weather_year,
 }
 
 
