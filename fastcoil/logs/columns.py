@@ -1,9 +1,7 @@
 """How a log is to be read, and which of its columns holds which series, in which unit, with which status.
 
-A header of a building system, a Haystack name or a Brick class means a series only if that is beyond doubt.  It is
-split into words, each of which stands for words of ``names.toml``.  It is read as a series if it has the words of one,
-and no others but the unit of plant before them: ``AHU1 CHW VLV CMD``, ``discharge air temp sp``,
-``Supply_Air_Temperature_Setpoint``.  What else it says, such as that it is a schedule or a limit, forbids it.
+The words of a header, a Haystack name or a Brick class are looked up in ``names.toml``.  They mean a series only if
+they are those of one, and no others but the unit of plant before them: ``AHU1 CHW VLV CMD``.
 """
 
 import re
@@ -44,11 +42,10 @@ class ColumnSpec(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingOptions:
-    """Options of reading a log, as of ``fc.read_log``, and how messages name them.
+    """Options of ``fc.read_log``, and how messages name them; ``columns`` is None if the log has our names.
 
-    ``columns`` is None if the log has our names; ``constants``, ``drop`` and ``jumps`` where the caller does not offer
-    them.  refuse_gaps: refuse gaps and changes of batch.  reader: what the user calls: ``read_log`` or a command built
-    on it, the command ``join``, or a function with the arguments themselves.
+    refuse_gaps: refuse gaps and changes of batch.  reader: what the user calls: ``read_log`` or a command built on it,
+    ``join``, or a function with the arguments themselves.
     """
 
     columns: Mapping[str, str] | None = None
