@@ -126,8 +126,7 @@ def count_processors() -> int:
 def available_memory() -> int:
     """Return the bytes of memory that this process can use without swapping or being killed.
 
-    The minimum of the machine's available memory, the remainder in the control group (v2) of this process and in each
-    of its parents, and the limit on its address space.  A limit that cannot be read is ignored.
+    The least of what the machine, the control groups (v2) of this process, and its address space have left.
     """
     return min([_machine_memory(), *_control_group_memory(), *_address_space_left()])
 
