@@ -160,7 +160,6 @@ class Plan:
     ) -> tuple[int, int]:
         """Return the disk space [bytes] of a study while it is merged, and afterwards.
 
-        Shards are not compressed, and exist until the results do; meanwhile metrics are joined, and each trace in turn.
         metrics_left, traces_left: the share of bytes left after compression, see ``estimate_run_time``; by default all.
         """
         traces = [self._trace_bytes(name) // (8 if name == "mode" else 1) for name in self.traces.names if traces_kept]
@@ -269,8 +268,7 @@ def _check_traces(check: arguments.Checks, traces: object) -> None:
 class Shard:
     """Scenarios that one worker runs: any of independent days, or some lanes on all days of a sequence.
 
-    lanes: (n,), ascending: flat indices, or in a sequence (``n_per_day`` > 0) positions among the scenarios of a day.
-    first_day, end_day: of a sequence, the first day whose results are kept, and the end of the range.
+    lanes: (n,), ascending: flat indices, or with ``n_per_day`` > 0 positions in a day.  first_day, end_day: those kept.
     """
 
     lanes: np.ndarray
