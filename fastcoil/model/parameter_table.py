@@ -1,9 +1,4 @@
-"""Table of all parameters, ``parameters.toml``: name, unit, bounds, default, meaning, and what theory makes of each.
-
-Kernel rows, ``Loop``, study files, the command line, the attributes of a result and the limits of ``limit_cycle`` and
-``explain`` derive from it, so a name is the same from the TOML key to the NetCDF coordinate.  The defaults are the
-preset ``paper_like``.
-"""
+"""Table of all parameters, ``parameters.toml``: name, unit, bounds, default, meaning, and what theory makes of each."""
 
 import math
 import sys

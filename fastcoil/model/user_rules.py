@@ -1,7 +1,4 @@
-"""``@fc.estimator``, ``@fc.law``, ``@fc.plant``: a plain function becomes a rule of the user.
-
-What parameters a rule may read and declare, the rule itself, and hashes that show whether it has changed.
-"""
+"""``@fc.estimator``, ``@fc.law``, ``@fc.plant``: a plain function becomes a rule of the user."""
 
 from __future__ import annotations
 
@@ -87,10 +84,7 @@ def _require_bound(name: str, value: object, no_bound: float) -> float:
 
 
 def declared_parameters(rule: str, kind: str, fields: Mapping[str, Any]) -> dict[str, Parameter]:
-    """Return the parameters that a rule declares; its other fields are parameters of the loop that it may read.
-
-    fields: name → default, ``None`` for a field without one.
-    """
+    """Return the parameters that a rule declares; fields: name → default, None for those of the loop that it reads."""
     unknown_groups = ESTIMATOR_GROUPS if kind == "plant" else (*_HIDDEN_GROUPS, *ESTIMATOR_GROUPS)
     parameters: dict[str, Parameter] = {}
     problems: list[str] = []
@@ -123,11 +117,7 @@ RULE_KINDS = ("estimator", "law", "plant")  # parameters of a loop that a rule c
 
 
 class Rule:
-    """A rule of the user.  Calling it calls the function that it was made from.
-
-    name: the word in the results.  kind: the parameter that it is a value of.  own: the parameters that it declares.
-    reads: those of the loop that it reads.  sha256: of its source, where it comes from a study file.
-    """
+    """A rule of the user, which calls its function.  own: parameters that it declares; reads: those of the loop."""
 
     def __init__(self, kind: str, name: str, own: Mapping[str, Parameter], reads: tuple[str, ...], sha256: str) -> None:
         self.kind, self.name, self.own, self.reads, self.sha256 = kind, name, dict(own), reads, sha256
@@ -376,10 +366,7 @@ RuleHashes = Mapping[str, Mapping[str, str]]
 
 
 def hash_user_code(rules: Iterable[Rule], earlier: RuleHashes) -> RuleHashes:
-    """Return the hashes of the rules whose code has been run, next to those of earlier runs.
-
-    ``InputError`` for a rule that behaves otherwise than in these, though its source is the same.
-    """
+    """Return the hashes of the rules whose code has run, next to earlier ones; refuse a rule that behaves otherwise."""
     version = ".".join(platform.python_version_tuple()[:2])
     hashes = {rule.name: rule.code_sha256 for rule in rules if rule.is_loaded}
     raise_problems([

@@ -71,9 +71,8 @@ NO_USER_RULES = UserRules()
 class BlockConfig(NamedTuple):
     """Settings of the kernel for all lanes of a block.
 
-    Periods are common divisors of those of the lanes, s (0 = nothing is estimated).  Flags allow the whole block to
-    skip or share work; they change no lane's bits.  n_kept: seconds of the valve that a plant of the user may look
-    back to.  The last five are stages.
+    Periods are common divisors of the lanes', s (0 = nothing is estimated).  Flags let the block skip or share work;
+    they change no bits.  n_kept: seconds that a plant of the user may look back to.  The last five are stages.
     """
 
     n_volumes: int
@@ -98,10 +97,7 @@ class BlockConfig(NamedTuple):
 
 
 class Block(NamedTuple):
-    """LANES scenarios that share a day and all of BLOCK_KEYS.
-
-    rows: (len(PARAMETER_ROWS), LANES), below them the parameters of user rules.  row: the same by name.
-    """
+    """LANES scenarios that share a day and all of BLOCK_KEYS; rows: parameters, then those of rules; row: by name."""
 
     rows: np.ndarray
     config: BlockConfig
@@ -138,10 +134,9 @@ def pad_members(members: np.ndarray) -> np.ndarray:
 def run_sets(
     matrix: np.ndarray, run: Callable[[Block, np.ndarray], Sequence[np.ndarray]], rules: UserRules = NO_USER_RULES
 ) -> tuple[np.ndarray, ...]:
-    """Run many parameter sets, block by block.
+    """Run many parameter sets, see ``parameter_matrix``, block by block.
 
-    matrix, rules: see ``parameter_matrix``.  run: takes a block and its members, returns arrays (…, LANES).  Return
-    the same arrays for all sets, (…, n_sets), in their order.
+    run: takes a block and its members, returns arrays (…, LANES); of all sets they are (…, n_sets), in their order.
     """
     results: tuple[np.ndarray, ...] = ()
     for members, block in cut_into_blocks(matrix, rules):
@@ -153,10 +148,7 @@ def run_sets(
 
 
 def parameter_matrix(columns: Columns, rules: UserRules = NO_USER_RULES) -> np.ndarray:
-    """Stack the columns as numbers, (len(PARAMETER_ROWS), n), a word as the index of its choice.
-
-    The parameters of user rules are below.
-    """
+    """Stack columns as numbers, (rows, n), a word as the index of its choice; parameters of rules are below."""
     matrix = np.stack([_as_numbers(name, columns[name], rules) for name in (*PARAMETER_ROWS, *rules.parameter_names)])
     row = _rows_by_name(matrix, rules)
     has_ratio = row["estimate_ratio"] >= 0.0
@@ -253,10 +245,7 @@ def _allocate_aligned(size: int) -> np.ndarray:
 
 
 def trace_rows(names: Sequence[str], n_volumes: int) -> np.ndarray:
-    """Offsets of the named traces, (n_rows,), volume by volume where they have volumes.
-
-    An offset of V is given as -1 - offset, one of S as it is.
-    """
+    """Offsets of the named traces, (n_rows,), volume by volume; an offset of V is given as -1 - offset."""
     volumes = range(VOLUME_STRIDE, (n_volumes + 1) * VOLUME_STRIDE, VOLUME_STRIDE)
     states = {"T_w": (T_W, volumes), "T_c": (T_C, volumes), "T_a": (T_A, volumes), "W_a": (W_A, volumes)}
     states |= {"T_sup": (T_A, volumes[:1]), "W_sup": (W_A, volumes[:1]), "T_w_out": (T_W, volumes[-1:])}
@@ -284,9 +273,8 @@ def run_block(
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
     """Run one block.
 
-    work: its state, from which a day that does not start at 0 goes on, and where the state at its end is left.  Return
-    metrics (N_METRICS, LANES), status (LANES,) and traces by name.  A trace is (n_points, LANES), or
-    (n_points, N, LANES) if it has volumes; those of failed lanes are NaN.
+    work: its state, which a day that does not start at 0 goes on from; left as at the end.  Return metrics (N_METRICS,
+    LANES), status (LANES,) and traces by name, (n_points, LANES) or (n_points, N, LANES), NaN in failed lanes.
     """
     n_volumes = block.config.n_volumes
     rows = trace_rows(request.names, n_volumes)

@@ -1,9 +1,7 @@
-"""Counter-based Gaussian noise, Philox4x32-10 and Box–Muller, and a low-pass filter.
+"""Counter-based Gaussian noise, Philox4x32-10 (Salmon et al. 2011, doi:10.1145/2063384.2063405), and a low-pass filter.
 
-Salmon et al. (2011), doi:10.1145/2063384.2063405.
-
-A number depends on (seed, sample, channel, replicate, day) only: not on the scenario, the thread or earlier draws.
-Every loop of a study has the same noise, so differences between loops are paired.
+A number depends on (seed, sample, channel, replicate, day) only, not on the scenario, thread or earlier draws: every
+loop of a study has the same noise, so differences between loops are paired.
 """
 
 import numpy as np
