@@ -134,9 +134,8 @@ def execute(
 ) -> FinishedStudy:
     """Run a study into ``folder``, resume it, or find it finished there; see ``run_study``.
 
-    The study's own code has been loaded, as ``read_study`` does with ``prepare``.  ``progress`` is called when there is
-    work to do; with ``precision`` there is work again for more batches.  ``present`` gets the finished study while its
-    folder is still held, to write figures there.
+    ``read_study`` has loaded its code.  ``progress`` is called when there is work to do, with ``precision`` for more
+    batches again.  ``present`` gets the finished study while its folder is still held, to write figures there.
     """
     options = PoolOptions(backend, number_of_threads(n_jobs), scheduler)
     check_backend(backend, scheduler)
@@ -169,10 +168,7 @@ def execute_slice(
     study: Study, folder: Path, job_slice: JobSlice, n_jobs: int | None = None, backend: str = "threads",
     scheduler: str | None = None, progress: ProgressStarter | None = None,
 ) -> int | None:  # fmt: skip
-    """Run a share of a study into ``folder``, where others run the rest; ``execute`` merges them.
-
-    Returns the number of scenarios that it ran, ``None`` if the study is finished there.
-    """
+    """Run a share of a study into ``folder``; return the number of scenarios run, None if it is finished there."""
     options = PoolOptions(backend, number_of_threads(n_jobs), scheduler)
     check_backend(backend, scheduler)
     if study.precision is not None:
@@ -223,10 +219,7 @@ def _run_and_merge(
 def _run_missing(
     run: StudyRun, options: PoolOptions, progress: ProgressStarter | None, scope: str, n_all: int
 ) -> tuple[int, int]:
-    """Run the missing scenarios and commit their shards; return the numbers of scenarios and of workers.
-
-    n_all: number of scenarios of the study, or of a job slice.
-    """
+    """Run what is missing of ``n_all`` scenarios, commit shards; return the numbers of scenarios and workers."""
     study, plan, missing, n_workers = run.study, run.study.plan, run.missing, options.n_workers
     traces_kept = study.reduction is None
     disk_bytes, _ = plan.disk_bytes(traces_kept=traces_kept)

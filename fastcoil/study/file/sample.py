@@ -1,8 +1,7 @@
 """Draw the parameters of ``[sample]``: designs, distributions, rank correlations.
 
-A design is ``size`` points of the unit cube with one dimension for each parameter.  Correlations move the points, and
-the quantiles of a parameter's distribution turn its coordinates into values: another distribution of one parameter
-changes no other.
+A design is ``size`` points of the unit cube; the quantiles of a parameter's distribution turn its coordinates into
+values, so that another distribution of one parameter changes no other.
 """
 
 from collections import Counter
@@ -101,12 +100,10 @@ def sample_values(
 ) -> dict[str, xr.DataArray]:
     """Draw the parameters of ``[sample]``: name → numbers in the parameter's unit, or words, along ``sample``.
 
-    The same table always gives the same values; with the methods ``sobol``, ``saltelli`` and ``random`` they are the
-    first of a larger ``size``.  ``saltelli`` draws two independent samples, ``A`` and ``B`` along a dimension
-    ``design``, and for each parameter ``A`` with only that parameter taken from ``B``.
-
-    folder: where paths start.  batches: how many independent designs of ``size`` points are drawn, one after another;
-    the first is that of a single one.
+    The same table always gives the same values, with all methods but ``latin_hypercube`` the first of a larger
+    ``size``.  ``saltelli`` draws two independent samples, ``A`` and ``B`` along a dimension ``design``, and for each
+    parameter ``A`` with only that parameter taken from ``B``.  batches: how many independent designs are drawn, one
+    after another.
     """
     distributions = _parse_sample(table, known, folder)
     names = list(distributions)

@@ -1,7 +1,4 @@
-"""Parse the text of a study file into tables of known shape, and describe what has the wrong shape.
-
-Values are checked where they are used.
-"""
+"""Parse the text of a study file into tables of known shape, and describe what has the wrong shape."""
 
 import re
 import tomllib

@@ -1,7 +1,4 @@
-"""A run of a study: its shards, and how they become one result.
-
-Metrics are joined first, then each trace, in nameless files, so that a study may be larger than the memory.
-"""
+"""A run of a study: its shards, and how they become one result, in nameless files beyond the memory's size."""
 
 from __future__ import annotations
 
@@ -81,10 +78,7 @@ class StudyRun:
             warnings.warn(f"{sentence}: {effect}; {cure}", stacklevel=4)
 
     def parts(self, leave_out: Collection[str] = (), *, quarantine: bool = True) -> Iterator[xr.Dataset]:
-        """Read all parts, without the variables ``leave_out``: the earlier results and the shards.
-
-        Each scenario once: after a merge that was killed before it removed the shards, it is in both.
-        """
+        """Read all parts, each scenario once, without the variables ``leave_out``: earlier results and shards."""
         parts = self.shards.read(quarantine=quarantine, leave_out=leave_out)
         if self.earlier is not None:
             parts = chain(self._earlier_parts(self.earlier, leave_out), parts)
@@ -126,10 +120,7 @@ def merge_metrics(run: StudyRun) -> xr.Dataset:
 
 
 def publish_results(run: StudyRun, ds: xr.Dataset) -> xr.Dataset:
-    """Write the metrics ``ds`` as the results of a study, its traces in a file of their own, and remove the shards.
-
-    Returns the results as they are opened.
-    """
+    """Write the metrics ``ds`` and the traces as the results of a study, remove the shards; return the results."""
     if run.study.plan.traces.names and not run.study.reduction:
         traces = _merge_traces(run, ds.attrs)
         ds = ds.assign_coords(traces.coords).assign_attrs(traces.attrs)
@@ -193,11 +184,7 @@ def _read_parts(run: StudyRun, leave_out: Collection[str]) -> Iterator[xr.Datase
 
 
 def _merge_traces(run: StudyRun, attrs: dict[str, Any]) -> xr.Dataset:
-    """Write the traces one by one.
-
-    Returns what the results must have of them: coordinates, and attributes with the name of their file and the hash and
-    description of every variable.
-    """
+    """Write the traces one by one; return the coordinates and attributes that the results must have of them."""
     file_name, n_dims = f"traces-{run.manifest.key[:8]}.nc", len(run.study.plan.layout.sizes)
     hashes: dict[str, str] = {}
     layout: dict[str, Any] = {}

@@ -1,9 +1,7 @@
 """The files of a study that carry a hash: ``run.json``, the shards, ``results.nc`` and the file of traces.
 
 Each is whole or absent, and its bytes are compared with their hash before a library parses them.  ``run.json`` has the
-SHA-256 of the final files: of a new one before its name points to it, next to that of the file that it replaces, so
-that a run killed at any moment leaves files with hashes that are recorded.  The name of a shard, ``FIRST-HASH.nc``, has
-its own, so there is no list of shards that could be torn, lost or disagree with them.
+SHA-256 of the final files, while one is replaced also that of the new one; the name of a shard has its own.
 """
 
 from __future__ import annotations
@@ -60,9 +58,8 @@ class Manifest:
     """What a run computes, by which two runs are compared, and what is known of it so far.
 
     relative_to: folder from which the study's relative paths start.  computed_on: every environment that computed a
-    part of it.  outputs: for each final file the SHA-256 that its bytes may have, that of the newest first; while a
-    file is being replaced, there are two.  finished: whether the results are complete.  user_code: hashes of the
-    user-defined rules, as they were compiled.
+    part.  outputs: SHA-256 that each final file may have, the newest first.  user_code: hashes of the rules as
+    compiled.
     """
 
     study_sha256: str
@@ -246,8 +243,7 @@ class Shards:
 def open_final_results(folder: Path, manifest: Manifest | None) -> xr.Dataset:
     """Open the results in a folder, checked against their hashes; traces stay on the disk until they are read.
 
-    ``InputError`` if there are none, or a later version of fastcoil wrote them.  ``StorageError`` if a file cannot be
-    read, ``IntegrityError`` if its content is not what was written.
+    ``InputError`` if there are none, or of a later version; ``StorageError``; ``IntegrityError`` if a file was changed.
     """
     path = folder / RESULTS_FILE
     if not files.exists(path):
@@ -279,10 +275,7 @@ def open_final_results(folder: Path, manifest: Manifest | None) -> xr.Dataset:
 
 
 def with_traces(ds: xr.Dataset, path: Path, accepted: Collection[str]) -> xr.Dataset:
-    """Return the results with the traces in ``path``, where they stay until they are read.
-
-    accepted: SHA-256 that the file may have.
-    """
+    """Return the results with the traces in ``path``, whose SHA-256 is ``accepted``, left there until they are read."""
     file = StoredFile(path, accepted, _TRACES_CURE)
     return ds.assign(open_lazily(file, json.loads(ds.attrs["trace_layout"])).data_vars)
 
