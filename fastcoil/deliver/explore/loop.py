@@ -276,10 +276,7 @@ TRACES = ("T_sup", "T_measured", "u", "command", "opening", "estimate", "test")
 
 
 class Run(NamedTuple):
-    """One loop on one day: traces every ``TRACE_INTERVAL_S`` seconds, and metrics.
-
-    reading_text: result of a valve test in words; empty without one.
-    """
+    """One loop on one day: traces every ``TRACE_INTERVAL_S``, metrics, result of a valve test in words."""
 
     scene: Scenario
     hours: Array
@@ -379,10 +376,7 @@ def simulate_map(axes: str, scene: Scenario) -> Mapping[str, Array]:
 
 
 class Model:
-    """Simulates, explains and maps loops, with caches; shared by threads.
-
-    study_scenario: of a study, added to the presets and shown first.  preset: shown first without one.
-    """
+    """Simulates, explains and maps loops, with caches for all threads; shows a study's loop first, else ``preset``."""
 
     def __init__(self, study_scenario: Scenario | None = None, preset: str = "paper_like") -> None:
         self.starts = start_loops(study_scenario)

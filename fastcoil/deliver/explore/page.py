@@ -65,9 +65,8 @@ document.body.dataset.phase = 'refused'
 class Page:
     """The page that one reader sees.
 
-    Other threads do the work, so that the page always responds: ``simulate_pool`` simulates the loop, ``explain_pool``
-    explains it and makes its map.  Of several moves during a simulation only the last counts; a move cancels the
-    explanation and the map of the previous one.
+    ``simulate_pool`` simulates the loop, ``explain_pool`` explains it and makes its map, so that the page always
+    responds.  A move cancels the explanation and the map of the previous one.
     """
 
     def __init__(
@@ -277,9 +276,8 @@ class _LocalOnlyMatcher(Matcher):  # type: ignore[misc]
     """Accepts requests of a reader or of the page itself; anything else is not found.
 
     Host: a foreign page whose name resolves to this machine (DNS rebinding) sends its own name.  Origin: browsers name
-    the page that opens a socket or fetches, so a socket without one is refused.  Sec-Fetch-Dest: a foreign page that
-    embeds this one, or requests it as an image or a script, gets nothing.  Names of sessions and tokens come from the
-    server, never from an address, or a link would lead into another reader's page.
+    the page that opens a socket.  Sec-Fetch-Dest: a foreign page that embeds this one gets nothing.  Sessions are named
+    by the server alone, or a link would lead into another reader's page.
     """
 
     def __init__(self, port: int) -> None:
@@ -297,10 +295,7 @@ class _LocalOnlyMatcher(Matcher):  # type: ignore[misc]
 
 
 async def serve(model: Model, port: int, on_ready: Callable[[str], None]) -> None:
-    """Serve the page until SIGINT or SIGTERM; all sessions share the model.
-
-    port: 0 takes any free one.  on_ready: called with the address of the page once it can be opened.
-    """
+    """Serve the page on ``port``, 0: any free one, until SIGINT or SIGTERM; ``on_ready`` gets its address."""
     try:
         listener = socket.create_server((_SERVER_ADDRESS, port), backlog=128)
     except OSError as error:

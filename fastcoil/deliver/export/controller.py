@@ -1,8 +1,4 @@
-"""The controller of one loop: parameters, rules, and laws in Python, from which C and Structured Text are made.
-
-The frame of the laws (PI, compensation, start, bad readings) is in ``laws/controller.py.jinja``; the estimator, and a
-law in place of the PI, are translated from the functions that the kernel runs.
-"""
+"""The controller of one loop: parameters, rules, and laws in Python, from which C and Structured Text are made."""
 
 import re
 from functools import cache
