@@ -7,17 +7,14 @@ gives it more heat wet than dry, and here is wet to the share that keeps it in b
 import numpy as np
 
 from fastcoil.model import physics
-from fastcoil.model.engine.coil import (
-    exchange_heat,
-    half_step_of_metal,
-    march_lagged_water,
-    saturate,
-    update_half_step_of_water,
-    update_water_conductance,
-)
 from fastcoil.model.engine.rows import LANES, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, Q, R, begin_run, name_offsets
 from fastcoil.model.engine.valve import scale_water_flow, update_water_flow
 from fastcoil.model.numerics.jit import kernel, section
+
+from fastcoil.model.engine.coil import (  # isort: skip
+    exchange_heat, half_step_of_metal, march_lagged_water, saturate, update_half_step_of_water,
+    update_water_conductance,
+)  # fmt: skip
 
 CONDITIONS = ("m_a", "T_a_in", "W_a_in", "T_w_in", "dp_ratio")
 """Rows of the conditions at the inlets of a block's coils and valves, (5, LANES)."""

@@ -9,34 +9,20 @@ from fastcoil.model.engine.controller import ControllerFeatures, control_stage
 from fastcoil.model.engine.emulator import DAY_COLUMN, Day, emulate
 from fastcoil.model.engine.metrics import ESTIMATOR_METRICS, N_METRICS, make_schedule
 from fastcoil.model.engine.plant import plant_stage
-from fastcoil.model.engine.rows import (
-    LANES,
-    LINEAR,
-    PARAMETER_ROWS,
-    ROWS,
-    T_A,
-    T_C,
-    T_W,
-    VOLUME_ROWS,
-    VOLUME_STRIDE,
-    W_A,
-    R,
-)  # fmt: skip
 from fastcoil.model.engine.rules import estimator_stage, law_stage
 from fastcoil.model.engine.valve import ActuatorFeatures, actuator_stage
 from fastcoil.model.estimators.interface import Estimator, StepRule
 from fastcoil.model.estimators.registry import ESTIMATORS
 from fastcoil.model.hunting import N_SWING_ROWS, judge_swing
-from fastcoil.model.metric_table import (
-    COIL_METRICS,
-    COIL_TRACES,
-    LEARNING_STATUS_MEANINGS,
-    METRICS,
-    STATUS_OK,
-    SUPPLY_METRICS,
-)
 from fastcoil.model.numerics.stages import BUILT_IN
 from fastcoil.model.parameter_table import PARAMETERS
+
+from fastcoil.model.engine.rows import (  # isort: skip
+    LANES, LINEAR, PARAMETER_ROWS, ROWS, T_A, T_C, T_W, VOLUME_ROWS, VOLUME_STRIDE, W_A, R,
+)  # fmt: skip
+from fastcoil.model.metric_table import (  # isort: skip
+    COIL_METRICS, COIL_TRACES, LEARNING_STATUS_MEANINGS, METRICS, STATUS_OK, SUPPLY_METRICS,
+)  # fmt: skip
 
 Columns = Mapping[str, np.ndarray]
 """Parameter name → one value per scenario; words as words, NaN where a parameter without default is not given."""
