@@ -311,12 +311,8 @@ def limit_cycle(loop: Loop, boundary: Boundary, *, at: Any = None) -> xr.Dataset
 
     Parameters
     ----------
-    loop, boundary
-        As for ``simulate``; a sweep and several days give results of these dims.
-    at
-        Where on the day: None for the mean conditions and the mean set-point of the enabled seconds after the warm-up
-        of 1,800 s; a second, or a list of them, for the conditions of that second, as if they were constant.  A list
-        becomes the dim ``elapsed_time``.
+    loop, boundary, at
+        As for ``linearise``; a sweep, several days and a list of seconds give results of these dims.
 
     Returns
     -------

@@ -56,12 +56,10 @@ def tune(
     evaluations
         Tunings that are tried, rounded to whole generations; the last quarter of them looks for the front of error
         against motor travel.
-    warm_up, replicates, progress
+    warm_up, replicates, n_jobs, progress
         As in ``simulate``.
     seed
         Of the measurement noise, of the valves that are set aside, and of the search.
-    n_jobs
-        Threads; all cores by default.  The result does not depend on it.
 
     Returns
     -------

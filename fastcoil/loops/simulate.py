@@ -243,8 +243,7 @@ def simulate(
     Raises
     ------
     InputError
-        With one sentence for each mistake in the arguments; for an unstable coil; for a result that does not fit in
-        memory.
+        With one sentence for each mistake in the arguments; for an unstable coil, or too large a result.
 
     References
     ----------

@@ -254,20 +254,7 @@ def law(Parameters: Any, Memory: Any = None) -> Callable[[Any], Rule]:  # noqa: 
     It is called at every controller sample; in ``now``, ``T`` and ``e`` belong to this sample, ``u`` and what follows
     to the previous one.  Its u, the requested opening, is limited to 0–1; the inverse stays behind it.
 
-    Parameters
-    ----------
-    Parameters, Memory : type
-        As for ``fc.estimator``.
-
-    Returns
-    -------
-    callable
-        A decorator for the function.  The rule that it returns stands for the law in ``fc.Loop(law=…)``.
-
-    Raises
-    ------
-    InputError
-        With one sentence for each mistake in the classes or the function.
+    Arguments and errors are as for ``fc.estimator``; the rule stands for the law in ``fc.Loop(law=…)``.
 
     Examples
     --------
@@ -294,20 +281,8 @@ def plant(Parameters: Any, Memory: Any = None) -> Callable[[Any], Rule]:  # noqa
     were ``dead_time`` seconds ago (of the second before where that is 0); m_a [kg/s], T_a_in [°C], W_a_in and T_w_in
     [°C] of this second.  T is the temperature of what leaves, °C: T_sup.  Energy, frost and condensate are then NaN.
 
-    Parameters
-    ----------
-    Parameters, Memory : type
-        As for ``fc.estimator``; ``Parameters`` may also name parameters of the valve, such as ``m_max``.
-
-    Returns
-    -------
-    callable
-        A decorator for the function.  The rule that it returns stands for the plant in ``fc.Loop(plant=…)``.
-
-    Raises
-    ------
-    InputError
-        With one sentence for each mistake in the classes or the function.
+    Arguments and errors are as for ``fc.estimator``; ``Parameters`` may also name parameters of the valve, such as
+    ``m_max``.  The rule stands for the plant in ``fc.Loop(plant=…)``.
 
     Examples
     --------
