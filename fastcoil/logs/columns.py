@@ -18,6 +18,7 @@ from fastcoil.logs.series import AIR_HANDLER_COLUMNS, COLUMNS, TIME_COLUMNS, VOC
 from fastcoil.logs.table import TIME_HEADERS, Table, has_name, normalise_header, split_label_and_unit
 from fastcoil.logs.timestamps import is_time, require_time_format, require_time_zone
 
+MAX_GAP_CURE = "give seconds, at least 1"
 _MAPPING_EXAMPLES = {"columns": "{'m_w': 'its header'}", "units": "{'m_w': 'kg/s'}", "constants": "{'m_a': 1.2}"}
 
 
@@ -87,7 +88,9 @@ def check_reading_options(check: arguments.Checks, **options: Any) -> ReadingOpt
         check(arguments.require_flag, "drop", options["drop"])
     if "jumps" in options:
         check(arguments.require_choice, "jumps", options["jumps"], ("refuse", "split"))
-    options["max_gap"] = check(require_max_gap, options["max_gap"])
+    options["max_gap"] = check.unless_none(
+        arguments.require_number, "max_gap", options["max_gap"], MAX_GAP_CURE, least=1.0
+    )
     check(require_name_mappings, **{name: options[name] for name in _MAPPING_EXAMPLES if name in options})
     options["time_format"] = check.unless_none(require_time_format, "time_format", options["time_format"])
     if "time_zone" in options:
@@ -105,13 +108,6 @@ def require_name_mappings(**mappings: Any) -> None:
         for name, value in mappings.items():
             cure = f"give a mapping of names, such as {_MAPPING_EXAMPLES[name]}"
             check.unless_none(arguments.require_mapping, name, value, cure, to_text=name != "constants")
-
-
-def require_max_gap(max_gap: Any) -> float | None:
-    """Require the longest step to be bridged; None passes."""
-    if max_gap is None:
-        return None
-    return arguments.require_number("max_gap", max_gap, "give seconds, at least 1", least=1.0)
 
 
 def require_log(name: str, source: Any) -> Any:
