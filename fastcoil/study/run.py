@@ -55,9 +55,8 @@ def run_study(
 ) -> xr.Dataset:
     r"""Run a study file and return its results.
 
-    A study that is finished in ``out`` is only opened; one that was interrupted is resumed.
-
-    Code that comes with the study is run: the modules that ``reduce``, ``estimator`` and ``law`` name.
+    A study that is finished in ``out`` is only opened; one that was interrupted is resumed.  Code that comes with the
+    study is run: the modules that ``reduce``, ``estimator``, ``law`` and ``plant`` name.
 
     Parameters
     ----------
@@ -65,8 +64,8 @@ def run_study(
         The study's TOML file.
     out
         Folder of the results; ``results/NAME`` by default, with the name of the file.
-    n_jobs
-        Workers; all cores by default.  Results do not depend on it.
+    n_jobs, progress
+        As in ``simulate``.
     backend
         ``threads`` (default), ``loky`` (processes: one that crashes takes nothing else down) or ``dask``.  Results do
         not depend on it.
@@ -74,9 +73,6 @@ def run_study(
         Address of a dask scheduler, such as ``tcp://host:8786``; for the backend dask.
     extend
         Whether ``out`` may hold a smaller version of the study, all of which is kept.
-    progress
-        Whether to show how many scenario-days are done, on stderr: True always, False never; None on a terminal, after
-        2 s.
 
     Returns
     -------
@@ -203,14 +199,9 @@ def _run_and_merge(
         measured |= study.precision.result_attributes(ds)
     loop, boundary = plan.layout.loop, plan.layout.boundary
     if is_learning_study(loop):
-        options_of_plan: Any = {"warm_up": plan.warm_up, "seed": plan.seed, "carry_over": plan.carry_over}
-        replicates = plan.layout.sizes.get("replicate", 1)
-        measured["comparators"] = format_comparators(
-            lambda other: simulate(
-                other, boundary, replicates=replicates, n_jobs=n_workers, progress=False, **options_of_plan
-            ),
-            loop,
-        )
+        same: Any = {"warm_up": plan.warm_up, "seed": plan.seed, "carry_over": plan.carry_over, "n_jobs": n_workers}
+        same |= {"replicates": plan.layout.sizes.get("replicate", 1), "progress": False}
+        measured["comparators"] = format_comparators(lambda other: simulate(other, boundary, **same), loop)
     ds = publish_results(run, ds.assign_attrs(study_attributes(study, run.manifest, measured)))
     warn_saturated(plan.layout.loop, ds)
     return n_run, ds

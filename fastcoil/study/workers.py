@@ -354,7 +354,5 @@ def check_backend(backend: str, scheduler: str | None) -> None:
         cure = "give its address, such as tcp://host:8786; on this machine alone, loky does the same"
         raise errors.InputError(f"backend = 'dask' without scheduler: {cure}", "scheduler", "missing")
     if backend != "dask" and scheduler is not None:
-        sentence = (
-            f"scheduler = {errors.short_repr(scheduler)}: only the backend dask has one, choose it or leave it out"
-        )
-        raise errors.InputError(sentence, "scheduler", "conflict")
+        sentence = f"scheduler = {errors.short_repr(scheduler)}: only the backend dask has one"
+        raise errors.InputError(f"{sentence}, choose it or leave it out", "scheduler", "conflict")

@@ -199,10 +199,8 @@ def _parse_distribution(parameter: Parameter, shape: object, folder: Path) -> Qu
 
 def _parse_shape(parameter: Parameter, kind: str, arguments: Any, shape: Mapping[str, Any], folder: Path) -> Quantiles:
     if kind not in DISTRIBUTION_KINDS:
-        suggestion = did_you_mean(kind, DISTRIBUTION_KINDS)
-        raise InputError(
-            f"unknown distribution{suggestion}; known: {', '.join(DISTRIBUTION_KINDS)}", parameter.name, "name"
-        )
+        known = f"{did_you_mean(kind, DISTRIBUTION_KINDS)}; known: {', '.join(DISTRIBUTION_KINDS)}"
+        raise InputError(f"unknown distribution{known}", parameter.name, "name")
     if kind == CHOICE:
         return _choice_quantiles(_parse_choices(parameter.name, arguments))
     if parameter.is_word or (parameter.whole and kind != CSV):
@@ -325,10 +323,8 @@ def _check_correlation(table: Mapping[str, Any]) -> None:
             add(f"{pair} = {rho}: must be above -1 and below 1", "value")
     for names_of_pair, n in Counter(frozenset(pair[:2]) for pair in pairs).items():
         if n > 1 or len(names_of_pair) == 1:
-            add(
-                f"correlation of {' and '.join(sorted(names_of_pair))}: give each pair of two parameters once",
-                "duplicate",
-            )
+            pair = " and ".join(sorted(names_of_pair))
+            add(f"correlation of {pair}: give each pair of two parameters once", "duplicate")
     raise_problems(problems)
     if np.linalg.eigvalsh(_correlation_matrix(names, pairs)).min() < 1e-9:
         pairs_text = ", ".join(f"{a} and {b} = {rho}" for a, b, rho in pairs)

@@ -126,9 +126,8 @@ class StudyFolder:
             changed = "the series of its [boundary]"
             if study.plan.layout.boundary.sha256 == manifest.boundary_sha256:
                 changed = f"{STUDY_FILE}, a file that it includes, or its own code"
-            raise IntegrityError(
-                f"{self.path}: {changed} changed since the run was started: restore it, or use another folder; {cure}"
-            )
+            sentence = f"{self.path}: {changed} changed since the run was started"
+            raise IntegrityError(f"{sentence}: restore it, or use another folder; {cure}")
         return matching
 
     def read_consistently(self, read: Callable[[], Content]) -> Content:

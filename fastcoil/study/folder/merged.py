@@ -28,10 +28,7 @@ from fastcoil.study.folder.stored import RESULTS_FILE, Manifest, Shards, with_tr
 
 _VALUES_AT_ONCE = 2**22  # read of earlier results
 _TRACE_COORDINATES = ("elapsed_time", "time", "volume")
-
-
-def _no_scenarios() -> np.ndarray:
-    return np.empty(0, dtype=np.int64)
+_no_scenarios = partial(np.empty, 0, dtype=np.int64)
 
 
 @dataclass
@@ -178,9 +175,8 @@ def _read_parts(run: StudyRun, leave_out: Collection[str]) -> Iterator[xr.Datase
         n_left -= part.sizes["scenario"]
         yield part.drop_vars(leave_out, errors="ignore")
     if n_left > 0:
-        raise IntegrityError(
-            f"{run.store.path}: {n_left:,} scenarios were lost after they had been run: run the study again"
-        )
+        sentence = f"{run.store.path}: {n_left:,} scenarios were lost after they had been run"
+        raise IntegrityError(f"{sentence}: run the study again")
 
 
 def _merge_traces(run: StudyRun, attrs: dict[str, Any]) -> xr.Dataset:

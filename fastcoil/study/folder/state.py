@@ -199,14 +199,12 @@ def match_scenarios(plan: Plan, attrs: dict[str, Any], earlier: xr.Dataset) -> t
     if attrs.get("model_sha256") != earlier.attrs.get("model_sha256"):
         changed.append("the sources of the model")
     if changed:
-        raise _extension_error(
-            f"{' and '.join(changed)} changed, so that nothing can be kept: choose another folder with -o"
-        )
+        sentence = f"{' and '.join(changed)} changed, so that nothing can be kept"
+        raise _extension_error(f"{sentence}: choose another folder with -o")
     loop, rules, earlier_rules = plan.layout.loop, _rule_hashes(attrs), _rule_hashes(earlier.attrs)
     if unknown := sorted(earlier_rules.keys() - loop.rules.keys()):
-        raise _extension_error(
-            f"the rule {unknown[0]} is no longer in the study: keep it, or choose another folder with -o"
-        )
+        sentence = f"the rule {unknown[0]} is no longer in the study: keep it"
+        raise _extension_error(f"{sentence}, or choose another folder with -o")
     sizes = {str(d): n for d, n in earlier["status"].sizes.items()}
     smaller = Loop.from_dataset(earlier, [loop.rules[name] for name in earlier_rules])
     blocks = [*_scenario_keys(loop, plan.layout.sizes, json.loads(attrs["day_sha256"]), rules)]

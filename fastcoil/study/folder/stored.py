@@ -97,9 +97,8 @@ class Manifest:
             return TypeAdapter(cls).validate_json(json.dumps(content), strict=True)
         except (ValueError, TypeError, AttributeError, RecursionError) as error:
             reason = "it has values of the wrong type" if isinstance(error, ValidationError) else error
-            raise IntegrityError(
-                f"{path} is damaged ({reason}): move it away and run the study again, or choose another folder with -o"
-            ) from error
+            cure = f"{_RESULTS_CURE}, or choose another folder with -o"
+            raise IntegrityError(f"{path} is damaged ({reason}): {cure}") from error
 
     @property
     def text(self) -> str:
@@ -255,9 +254,8 @@ def open_final_results(folder: Path, manifest: Manifest | None) -> xr.Dataset:
         if not is_later and not is_damaged:
             check_result(ds)
     except (ValueError, TypeError) as error:
-        raise IntegrityError(
-            f"{path} is not a result of a study (its status or metrics are missing, or no numbers); {_RESULTS_CURE}"
-        ) from error
+        reason = "its status or metrics are missing, or no numbers"
+        raise IntegrityError(f"{path} is not a result of a study ({reason}); {_RESULTS_CURE}") from error
     if is_later:
         sentence = f"{path} was written by a later version of fastcoil: open it with that version"
         raise InputError(sentence, str(path), "format")
@@ -286,9 +284,8 @@ def _trace_file(ds: xr.Dataset, folder: Path, manifest: Manifest | None) -> Stor
         return None
     name = str(ds.attrs["trace_file"])
     if not fnmatchcase(name, TRACE_FILE_PATTERN) or Path(name).name != name:
-        raise IntegrityError(
-            f"{folder / RESULTS_FILE} names traces in {short_repr(name)}, which holds none; {_RESULTS_CURE}"
-        )
+        sentence = f"{folder / RESULTS_FILE} names traces in {short_repr(name)}, which holds none"
+        raise IntegrityError(f"{sentence}; {_RESULTS_CURE}")
     return _final_file(folder / name, manifest)
 
 
