@@ -96,9 +96,7 @@ DIALS = {
         (4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0, 25.0, 30.0, 40.0, 50.0, 60.0, 80.0, 100.0, 120.0, 150.0, 200.0,
          250.0, 300.0, 400.0, 500.0, 600.0, 800.0),
     ),
-    "noise_std": Dial(
-        "Noise of the sensor", "K", (0.0, 0.005, 0.01, 0.02, 0.03, 0.04, 0.05, 0.075, 0.1, 0.15, 0.2)
-    ),
+    "noise_std": Dial("Noise of the sensor", "K", (0.0, 0.005, 0.01, 0.02, 0.03, 0.04, 0.05, 0.075, 0.1, 0.15, 0.2)),
     "stroke_time": Dial(
         "Motor, full stroke", "s", (0.0, 15.0, 30.0, 45.0, 60.0, 90.0, 120.0, 150.0, 200.0, 250.0, 300.0)
     ),
@@ -107,9 +105,7 @@ DIALS = {
 """Sliders by parameter; ``m_a`` is of the day, all others are of the loop."""
 MENUS = {
     "valve": Menu("Valve curve", {"own": "of the loop", **{a: f"authority {a}" for a in ("0.7", "0.3", "0.1")}}),
-    "estimator": Menu(
-        "Learning", {"none": "none", "learner": "learner", "identify": "identify", "own": "of the loop"}
-    ),
+    "estimator": Menu("Learning", {"none": "none", "learner": "learner", "identify": "identify", "own": "of the loop"}),
     "day": Menu("Day", {"own": "of the loop", "steps": "steps", "constant": "constant", "design": "design day"}),
     "test": Menu("Valve test", {"none": "none", "usual": "usual", "gentle": "gentle"}),
     "axes": Menu("Map over", {"tuning": "Kp and Ti", "size": "gap and estimate"}),

@@ -170,12 +170,11 @@ class Controller:
     def describe(self) -> str:
         """Describe the parts of the controller in a phrase: a PI law, a backlash inverse and so on."""
         inverse = "a backlash inverse" if self.estimator_port or self.number["backlash_estimate"] > 0.0 else ""
+        others = {"additive": "half the backlash added to its output", "smooth": "a smooth backlash inverse"}
         parts = [
             f"the law {self.word['law']}" if self.law_port else "a PI law",
             "a dead band" if self.number["error_dead_band"] > 0.0 else "",
-            {"additive": "half the backlash added to its output", "smooth": "a smooth backlash inverse"}.get(
-                self.word["compensation"], inverse
-            ),
+            others.get(self.word["compensation"], inverse),
             f"the estimator {self.word['estimator']}" if self.estimator_port else "",
             "a valve test" if self.has_test else "",
         ]
